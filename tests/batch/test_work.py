@@ -16,6 +16,7 @@ from lidarscene.batch import work
 from lidarscene.batch.store import Store
 from lidarscene.batch.tasks import FrameTask, Job
 from lidarscene.cli import main
+from lidarscene.cloud.points import PointCloud
 from lidarscene.files import atomic
 from lidarscene.rendering.simulator import Simulator
 
@@ -260,3 +261,9 @@ def test_a_frame_that_another_run_is_at_is_left_to_it(job: Job, tmp_path: Path) 
     holder.communicate()
     assert work._told(task, store, 1) == ""
     assert work._told(task, store, 1) == work.THERE
+
+
+def test_no_truth_if_none_is_wanted(job_file: Path, tmp_path: Path) -> None:
+    job_file.write_text("truth = false\n" + job_file.read_text(encoding="utf-8"), encoding="utf-8")
+    task = next(iter(Job.read(job_file).tasks()))
+    assert not PointCloud.load(done(task, Store(tmp_path / "out"))).has_truth

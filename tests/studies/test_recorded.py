@@ -136,3 +136,17 @@ def test_command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[
     assert main.main(["catalog", "check", "livox-avia", "--real"]) == 2
     assert "livox-avia: no recording" in capsys.readouterr().err
     assert main.main(["catalog", "sensors", "--real"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("simulated", "held"), [(79.0, False), (81.0, True), (124.0, True), (126.0, False), (None, False)]
+)
+def test_a_ratio_is_held_either_way(simulated: float | None, held: bool) -> None:
+    row = recorded.Row(sensor="s", quantity="q", condition="", recorded=100.0, simulated=simulated, most=1.25)
+    assert row.held is held
+    assert row.ratio == (None if simulated is None else simulated / 100.0)
+
+
+def test_a_deviation_is_over_what_is_published() -> None:
+    assert catalogue.Compared(published=10.0, simulated=12.0).deviation == pytest.approx(0.2)
+    assert catalogue.Compared(published=None, simulated=12.0).deviation is None

@@ -102,3 +102,32 @@ def test_the_verdict_names_what_differs_most() -> None:
     assert verdict("twin", "real", [points, unknown]) == f"{counts}; nothing else is known of both."
     assert verdict("a", "b", [("points", 3, 3, 1.0)]).startswith("a has 3 points, as many as b; nothing")
     assert verdict("a", "b", [("points", 3, 0, None)]).startswith("a has 3 points, b 0; nothing else")
+
+
+def test_the_ground_is_the_lowest_level_not_the_fullest() -> None:
+    """A platform a metre above the ground has three points of five; a few stray points lie below both."""
+    place = np.stack(
+        np.meshgrid(np.linspace(-20.0, 20.0, 50), np.linspace(-20.0, 20.0, 50)), axis=-1
+    ).reshape(-1, 2)
+    number = np.arange(len(place))
+    z = np.where(number % 5 < 2, -1.8, -0.8)
+    z = np.where(number % 50 == 0, -4.0, z)
+    xyz_m = np.column_stack([place, z])
+    ground = ground_of(xyz_m)
+    assert ground is not None
+    assert ground[0] == pytest.approx(1.8, abs=1e-6)
+    assert ground[2] == pytest.approx(np.mean(z == -1.8))
+    assert ground[1] == pytest.approx(
+        np.percentile(np.linalg.norm(np.column_stack([place, z])[z == -1.8], axis=1), 99.9)
+    )
+
+
+def test_strengths_of_an_octave_are_of_its_own_ranges() -> None:
+    """8 up to 8 m, 4 up to 16 m, and 1 farther out, where most points are: over the median of all, 1."""
+    range_m = np.repeat([5.0, 10.0, 20.0], [200, 200, 600])
+    side = Side(
+        name="s", xyz_m=np.column_stack([range_m, 0.0 * range_m, 0.0 * range_m]), range_m=range_m, ring=None,
+        strength=np.repeat([16.0, 8.0, 2.0], [200, 200, 600]), kept=None, gap_m=np.zeros(0),
+    )  # fmt: skip
+    strengths = {name: value for name, value in numbers_of(side).items() if name.startswith("strength")}
+    assert list(strengths.values()) == [None, 8.0, 4.0, 1.0, None, None, None]

@@ -265,3 +265,10 @@ def test_an_elliptic_beam_is_as_narrow_as_its_smaller_divergence() -> None:
     )
     assert narrow == pytest.approx(small)
     assert narrow[2] < wide[2]
+
+
+@pytest.mark.parametrize(("factor", "verdict"), [(0.999, "class 1"), (1.001, "not class 1")])
+def test_the_peak_that_class_1_allows_is_where_the_verdict_changes(factor: float, verdict: str) -> None:
+    allowed_w = eye_safety_report(TABLE_1, scanned=True).class_1_peak_power_w
+    report = eye_safety_report(with_laser(peak_power_w=factor * allowed_w), scanned=True)
+    assert (report.verdict, report.is_class_1) == (verdict, verdict == "class 1")

@@ -245,9 +245,10 @@ def test_cells_between_pulses_see_the_ground_by_the_aperture_of_the_others():
     met = np.where(np.arange(len(whole.cell)) % 2 == 0, 0.25, np.nan)
     views = [
         reach.ground([sensor], cells, [replace(whole, share=share)], Target(), half_m=20.0, step_m=0.5)
-        for share in (met, np.full(len(met), 0.25))
+        for share in (met, np.full(len(met), 0.25), np.full(len(met), 1e-9))
     ]
-    assert np.array_equal(*(view.seen for view in views))
+    assert np.array_equal(views[0].seen, views[1].seen)
+    assert not views[2].seen.any()  # an aperture of nothing sees nothing
     # 1600 places of a quarter of a square metre, but those nearer than the lowest beam.
     assert views[1].square_metres[0] == pytest.approx(
         1600.0 - math.pi * (1.9 / math.tan(15.0 * DEG)) ** 2, rel=0.02

@@ -115,3 +115,12 @@ def test_a_floor_of_the_ranges_adds_in_squares() -> None:
     np.testing.assert_allclose(floor**2 - without**2, 0.02**2)
     twice = np.asarray(expected(replace(scene, floor_m=0.02), {"scatter_floor": np.log(2.0)}).sigma_m)
     np.testing.assert_allclose(twice**2 - without**2, 0.04**2)
+
+
+def test_a_strong_echo_fires_all_free_spads_and_a_weak_one_a_few() -> None:
+    shares = [
+        float(np.asarray(expected(wall(), {"laser.peak_power_w": np.log(by)}).fired)[0])
+        for by in (1e-3, 1.0, 1e3)
+    ]
+    assert 0.0 < shares[0] < 0.01 < shares[1] < 0.5
+    assert 0.95 < shares[2] <= 1.0

@@ -10,8 +10,9 @@ from helpers.drawn_recordings import drawn_sweep, drawn_truth
 from lidarscene.detection.photon_counting.bins import BOX, BOX_SHARE
 from lidarscene.physics.photon_counting.matched_filter import SCALE, TEMPLATE
 from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.studies.fit import threshold
 from lidarscene.studies.fit.estimates import Solved
-from lidarscene.studies.fit.pulses import pulses_of
+from lidarscene.studies.fit.pulses import Pulses, pulses_of
 from lidarscene.studies.fit.threshold import NORMAL, Threshold, filter_variance, fit_threshold
 
 SENSOR = load_sensor("os1-128")
@@ -95,3 +96,16 @@ def test_the_error_weighs_bins_by_their_pulses() -> None:
         pulses=np.array([1, 9]),
     )  # fmt: skip
     assert fit.error == pytest.approx(0.01)
+
+
+def test_a_pulse_is_on_the_surface_of_its_neighbours_whatever_it_reports_itself() -> None:
+    """A wall with one lost pulse and one that met something else; a neighbour that is off takes all around it off."""
+    range_m = np.full((1, 60), 10.0)
+    range_m[0, 20], range_m[0, 50] = np.nan, 3.0
+    pulses = Pulses(
+        range_m=range_m, recorded=np.ones((1, 60), bool), signal=None, near_ir=None, reflectivity=None,
+        azimuth_rad=0.0 * range_m, frame=np.zeros(60, int), block=np.zeros(60, int),
+    )  # fmt: skip
+    around = np.minimum(np.abs(np.arange(60) - 50), 60 - np.abs(np.arange(60) - 50))
+    expected = (around > threshold.BESIDE) | (around == 0)
+    assert np.array_equal(threshold._on_surface(pulses)[0], expected)

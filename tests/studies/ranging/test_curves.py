@@ -11,7 +11,7 @@ from lidarscene.errors import InputError
 from lidarscene.studies.ranging import aperture, plane
 from lidarscene.studies.ranging.aperture import LAWS
 from lidarscene.studies.ranging.axes import Bounds, condition_axis, numeric_keys, parameter_axis
-from lidarscene.studies.ranging.curves import Question, curves, is_flat
+from lidarscene.studies.ranging.curves import Question, _refined, curves, is_flat
 from lidarscene.studies.ranging.plane import RangeStatus, Target
 from lidarscene.studies.ranging.subjects import subjects
 
@@ -279,3 +279,17 @@ def test_a_bound_that_is_excluded(above, value, refused):
             bounds.require("--distance", value)
     else:
         assert bounds.require("--distance", value) == value
+
+
+@pytest.mark.parametrize(("width", "met"), [(1e-12, False), (1.0, True)])
+def test_only_what_passes_through_zero_crosses(width, met):
+    """A height that falls from 0.5 to -0.5 around 5: at once it is a jump, over a width of one it crosses there."""
+    axis = condition_axis("illuminance", start=1.0, stop=9.0, count=3, log=True)
+
+    def height_at(x):
+        return np.clip((5.0 - x) / width, -0.5, 0.5), 2.0 * x
+
+    found = _refined(axis, height_at, 1.0, 9.0, falls=True)
+    assert (found is not None) is met
+    if met:
+        assert found == pytest.approx((5.0, 10.0), rel=1e-9)

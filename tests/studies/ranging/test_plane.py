@@ -380,3 +380,17 @@ def test_an_amplifier_shortens_the_closed_form_as_it_shortens_the_snr():
     assert abs(snrs[0] / snrs[1] - 1.0) > 0.01
     assert slow.response.noise != pytest.approx(1.0, abs=0.01)
     assert (ranges[0] / ranges[1]) ** 2 == pytest.approx(snrs[0] / snrs[1], rel=1e-3)
+
+
+def test_a_black_target_is_not_detected_even_without_noise():
+    """A comparator's level of zero is reached by nothing at all; an echo is not nothing."""
+    quiet = of(
+        "table1-sipm",
+        detector__statistics="published",
+        detector__dark_count_rate_hz=0.0,
+        detector__cell_floor=0,
+    )
+    assert plane.maximum_range_m(quiet, Target(reflectivity=0.0, illuminance_klux=0.0)) == (
+        0.0,
+        RangeStatus.NEVER_DETECTED,
+    )

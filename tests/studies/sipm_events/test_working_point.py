@@ -23,7 +23,7 @@ from lidarscene.studies.sipm_events.table import (
     response_by_events,
     where_published_is_off,
 )
-from lidarscene.studies.sipm_events.working_point import measure
+from lidarscene.studies.sipm_events.working_point import _first_passages, measure
 
 PAGE = Path(__file__).parents[3] / "docs" / "sipm.md"
 
@@ -262,3 +262,10 @@ def test_no_equation_for_cells_with_memory():
     array = CellArray(cells=400, pde=0.22, dead_time_s=6e-9, crosstalk=0.1)
     with pytest.raises(ValueError, match=re.escape("box shape without recovery")):
         response_by_equation(array, background_photons=[1.0], signal_photons=[1.0], pulse_fwhm_s=6e-9)
+
+
+def test_a_passage_is_upward_and_between_two_samples() -> None:
+    """High from the start and falling: none. Up from 0 to 4 at a level of 1: a quarter on; only the first counts."""
+    time_s = np.array([0.0, 1.0, 2.0, 3.0])
+    wave = np.array([[9.0, 9.0, 0.0, 0.0], [0.0, 4.0, 0.0, 4.0], [9.0, 0.0, 0.0, 2.0], [0.0, 0.0, 0.0, 0.5]])
+    np.testing.assert_allclose(_first_passages(time_s, wave, 1.0), [0.25, 2.5])

@@ -276,8 +276,20 @@ def test_ranges_count_from_the_simulated_exit() -> None:
     np.testing.assert_allclose(from_exit(sensor, middle, numbers), 10.0 - ahead_m, rtol=1e-6)
 
 
-def test_changes_are_of_smooth_surfaces_and_gaps_have_no_sign(made: Made, pulses: Pulses) -> None:
-    """A recording whose stronger return comes first has farther and nearer second ones, all a metre apart."""
+def test_changes_are_of_smooth_surfaces_and_gaps_have_no_sign(
+    made: Made, pulses: Pulses, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A recording whose stronger return comes first has farther and nearer second ones, all a metre apart.
+
+    Changes are over 1.4 degrees, two columns of 512. Pulses that are lost are pulses, too.
+    """
+    steps, change = [], twin_pulses._change
+
+    def noted(range_m: np.ndarray, step: int) -> np.ndarray:
+        steps.append(step)
+        return change(range_m, step)
+
+    monkeypatch.setattr(twin_pulses, "_change", noted)
     for changes in (pulses.change_m, pulses.simulated_change_m):
         assert np.isfinite(changes).sum() > 100
         assert np.all(pulses.kind[np.isfinite(changes)] == SMOOTH)
@@ -285,6 +297,31 @@ def test_changes_are_of_smooth_surfaces_and_gaps_have_no_sign(made: Made, pulses
     recording, folder, sensor = made
     sweep = recording[0]
     nearer = np.where(np.arange(sweep.shape[1]) % 2 == 0, -1.0, 1.0)
-    two = replace(sweep, second=Second(range_m=sweep.range_m + nearer))
+    lost = np.arange(sweep.shape[1]) % 8 == 0
+    two = replace(
+        sweep, second=Second(range_m=sweep.range_m + nearer), range_m=np.where(lost, np.nan, sweep.range_m)
+    )
     laid, _ = pulses_of(load_scene(folder / "scene.toml"), sensor, two)
+    assert steps == [2, 2]
+    assert len(laid.range_m) == sweep.range_m.size
+    assert np.mean(laid.kept) == pytest.approx(np.mean(two.kept))
+    assert not laid.kept.all()
     np.testing.assert_allclose(laid.gap_m[laid.kept], 1.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("stops", "rays"), [(1, 1), (2, 16)])
+def test_a_second_return_needs_several_rays(
+    made: Made, stops: int, rays: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+
+    def traced(*_: Any, **options: Any) -> None:
+        seen.append(options["rays"])
+        raise InputError("enough")
+
+    monkeypatch.setattr(twin_pulses, "Simulator", traced)
+    recording, folder, sensor = made
+    several = replace(sensor, tdc=replace(sensor.tdc, stops=stops))
+    with pytest.raises(InputError, match="enough"):
+        pulses_of(load_scene(folder / "scene.toml"), several, recording[0])
+    assert seen == [rays]

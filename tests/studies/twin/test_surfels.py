@@ -235,3 +235,20 @@ def test_ground_that_slopes_is_completed_along_its_slope_a_step_behind_what_stan
     # Columns go clockwise from behind: 105 to 109 are at 75 to 71 degrees.
     assert set(np.rint(azimuth_deg[behind]).astype(int)) == {71, 72, 73, 74, 75}
     assert np.linalg.norm(middle, axis=1).max() < 1.3 * 25.0 * 1.01
+
+
+def test_no_ground_is_seen_above_the_foot_of_a_wall() -> None:
+    """Above a wall's lowest returns all is lost, windows and sky: what is next below is a wall, so no ground shows."""
+    plain = room_sweep()
+    elevation_deg = np.degrees(np.arcsin(plain.direction[:, 0, 2]))
+    lost = np.zeros(plain.shape, bool)
+    lost[elevation_deg > -8.5, 170:190] = True  # straight ahead the wall's foot is at -10.2 degrees
+    range_m, signal, reflectivity = (
+        np.where(lost, empty, values)
+        for values, empty in ((plain.range_m, np.nan), (plain.signal, 0.0), (plain.reflectivity, 0.0))
+    )
+    quads = made(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity), GROUND_PLANE)
+    ground = quads.corners_m[quads.kind == GROUND].mean(axis=1)
+    ahead = np.abs(np.degrees(np.arctan2(ground[:, 1], ground[:, 0]))) < 9.0
+    above = np.degrees(np.arctan2(ground[:, 2], np.hypot(ground[:, 0], ground[:, 1]))) > -8.5
+    assert not np.any(ahead & above)

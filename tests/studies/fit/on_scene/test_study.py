@@ -1,6 +1,7 @@
 """A simulated unit is recorded in a known scene, forgotten, and found again by `fit --scene`."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -171,3 +172,30 @@ def test_what_photons_do_not_explain_is_texture_and_strangers() -> None:
     assert texture == pytest.approx(np.sqrt((1.4826 * 0.1) ** 2 - photons), rel=0.01)
     assert photons > 0.02 * texture**2
     assert strangers == pytest.approx(0.2)
+
+
+def test_blocks_that_judge_are_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of twelve blocks of pulses the fourth, eighth and twelfth judge; the signal of a pulse is its block."""
+    laid = bare(np.repeat(np.arange(12.0), 5), np.zeros(60))
+    laid = replace(laid, block=np.repeat(np.arange(12), 5))
+    seen: dict[str, Any] = {}
+
+    def fitted(scene: Any, reported: Any, names: Any, **_: Any) -> KnownFit:
+        seen["fitted"] = np.unique(reported.signal).tolist()
+        raise InputError("enough")
+
+    monkeypatch.setattr(study, "fit_known", fitted)
+    with pytest.raises(InputError, match="enough"):
+        study.fit_laid(laid, published(), twin=False)
+    assert seen["fitted"] == [0, 1, 2, 4, 5, 6, 8, 9, 10]
+    known = KnownFit(
+        solved=Solved(value=np.zeros(0), slope=np.zeros((0, 0)), scores=np.zeros((1, 0))), names=(), held=(), null=(),
+        values={}, reflectivity=np.zeros(1),
+    )  # fmt: skip
+    monkeypatch.setattr(study, "fit_known", lambda *_, **__: known)
+    monkeypatch.setattr(
+        study, "judged", lambda others, _: seen.update(judged=np.unique(others.reported.signal).tolist())
+    )
+    fit = study.fit_laid(laid, published(), twin=False)
+    assert seen["judged"] == [3, 7, 11]
+    assert fit.pulses == (45, 15)
