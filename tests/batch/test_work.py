@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from lidarscene import catalog
-from lidarscene.batch import work
+from lidarscene.batch import manifest, work
 from lidarscene.batch.store import Store
 from lidarscene.batch.tasks import FrameTask, Job
 from lidarscene.cli import main
@@ -267,3 +267,10 @@ def test_no_truth_if_none_is_wanted(job_file: Path, tmp_path: Path) -> None:
     job_file.write_text("truth = false\n" + job_file.read_text(encoding="utf-8"), encoding="utf-8")
     task = next(iter(Job.read(job_file).tasks()))
     assert not PointCloud.load(done(task, Store(tmp_path / "out"))).has_truth
+
+
+def test_the_manifest_has_the_cause_of_what_failed(job: Job, tmp_path: Path) -> None:
+    task = next(iter(job.tasks()))
+    types = dict.fromkeys(task.parameters, "float64")
+    rows = [manifest._row(task, Store(tmp_path), failed, types) for failed in ({task.key: "no room"}, {})]
+    assert [row["error"] for row in rows] == ["no room", "not rendered"]

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import chain
+from helpers.clouds import small_cloud
 from scipy import stats
 
 from lidarscene import InputError, load_sensor
@@ -382,3 +383,22 @@ def test_intervals_of_a_mean_and_a_deviation() -> None:
     assert errors.bias_interval_m == pytest.approx(1.959964 * 0.01)
     assert errors.sigma_interval_m == pytest.approx(1.959964 * 0.03 / 4.0)
     assert numbers.RangeError(group="all", points=1, bias_m=0.0, sigma_m=0.0).sigma_interval_m == 0.0
+
+
+def test_ranges_of_one_sensor_less_those_of_another() -> None:
+    """Pulses 0 to 3 and 2 to 5: of both are 2 and 3, whose ranges are 3 and 1 m longer for A."""
+
+    def seen(name: str, first: int, ranges: list[float]) -> data.Observation:
+        cloud = small_cloud(
+            n=4, range_m=np.array(ranges, np.float32), true_range_m=np.ones(4, np.float32),
+            status=np.full(4, Status.ECHO, np.uint8),
+        )  # fmt: skip
+        return data.Observation(name=name, cloud=cloud, pulse=first + np.arange(4), lost={})
+
+    apart = numbers.paired_range_difference(seen("a", 0, [9, 9, 7, 8]), seen("b", 2, [4, 7, 9, 9]))
+    assert apart is not None
+    assert (apart.points, apart.bias_m, apart.sigma_m) == (
+        2,
+        pytest.approx(2.0),
+        pytest.approx(math.sqrt(2.0)),
+    )

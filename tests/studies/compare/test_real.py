@@ -131,3 +131,12 @@ def test_strengths_of_an_octave_are_of_its_own_ranges() -> None:
     )  # fmt: skip
     strengths = {name: value for name, value in numbers_of(side).items() if name.startswith("strength")}
     assert list(strengths.values()) == [None, 8.0, 4.0, 1.0, None, None, None]
+
+
+def test_the_height_is_square_to_the_ground() -> None:
+    place = np.stack(np.meshgrid(np.linspace(-8.0, 8.0, 40), np.linspace(-8.0, 8.0, 40)), axis=-1).reshape(
+        -1, 2
+    )
+    ground = ground_of(np.column_stack([place, -1.8 + 0.05 * place[:, 0] + 0.1 * place[:, 1]]))
+    assert ground is not None
+    assert ground[0] == pytest.approx(1.8 / np.sqrt(1.0 + 0.05**2 + 0.1**2), abs=1e-6)

@@ -189,6 +189,29 @@ def test_the_information_of_sun_and_power_is_that_of_counts() -> None:
     np.testing.assert_allclose(pulled.of_groups / pulled.own, -0.1, rtol=0.01)
 
 
+def test_ranges_that_scatter_as_the_law_says_ask_for_no_other_pulse() -> None:
+    """Distances whose square is the capped mean of a normal number's: none; a tenth more asks for a longer pulse."""
+    count = 60
+    light = echoes_of_plane(
+        published(), Target(reflectivity=0.3, illuminance_klux=30.0), np.geomspace(8.0, 16.0, count)
+    )
+    scene = Scene.of(light, published(), np.zeros(count, int), spot_over_field=0.5)
+    values = {"laser.peak_power_w": 0.0, "scatter_floor": 0.0}
+    scene = replace(scene, floor_m=0.02)
+    law = expected(scene, values)
+    scores = []
+    for by in (0.9, 1.0, 1.1):
+        off_m = by * math.sqrt(likelihood.MEAN_SQUARE) * np.asarray(law.sigma_m)
+        reported = Reported(
+            kept=np.ones(count, bool), signal=np.asarray(law.signal), near_ir=np.asarray(law.near_ir),
+            range_m=scene.range_m + off_m,
+        )  # fmt: skip
+        step = likelihood._step(scene, reported, values, np.zeros(1), np.ones(count, bool), 1e9)
+        scores.append(step.score[1])
+    assert scores[0] < -1.0 < 1.0 < scores[2]
+    assert abs(scores[1]) < 1e-6 * scores[2]
+
+
 def test_moments_of_a_capped_square() -> None:
     """Of a normal number's square, at most nine, over its mean: by a sum over its quantiles."""
     share = (np.arange(1_000_000) + 0.5) / 1_000_000

@@ -56,10 +56,11 @@ def test_the_spread_is_what_is_left_of_the_width() -> None:
 
 
 def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:
-    """One strong pulse in twenty is blanked, and dim echoes that were withheld have a reflectivity and no range.
+    """One strong pulse in twenty is blanked, dim echoes that were withheld have a reflectivity and no range, and one
+    pulse in six of the sky is noise that was kept.
 
-    Both are far from the threshold or said to be found; the drawn truth is found all the same, within five of the
-    stated sigmas: one run in a million.
+    They are far from the threshold, said to be found, or on no surface; the drawn truth is found all the same, within
+    five of the stated sigmas: one run in a million.
     """
     truth = drawn_truth(0)
     sweep = drawn_sweep(truth, 0)
@@ -70,8 +71,12 @@ def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:
     number = np.arange(sweep.range_m.size).reshape(sweep.shape)
     blanked = (number % 20 == 0) & (sweep.signal > 6.0 * level)
     withheld = (number % 8 == 0) & sweep.kept & (sweep.signal < 2.0 * level)
+    block = ~sweep.kept.reshape(sweep.shape[0], -1, 20).any(axis=2)
+    noise = np.repeat(block, 20, axis=1) & (number % 6 == 0)
+    assert noise.sum() > 200
+    range_m = np.where(noise, 20.0 + number % 7, sweep.range_m)
     spoilt = replace(
-        sweep, range_m=np.where(blanked | withheld, np.nan, sweep.range_m),
+        sweep, range_m=np.where(blanked | withheld, np.nan, range_m),
         reflectivity=np.where(blanked, 0.0, sweep.reflectivity),
     )  # fmt: skip
     fit = fit_threshold(pulses_of([spoilt]))
@@ -79,7 +84,7 @@ def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:
     for estimate in fit.estimates:
         assert abs(estimate.value - getattr(truth, estimate.key)) < 5.0 * estimate.sigma, estimate.key
     near = sweep.near_ir[sweep.signal < 3.0 * level]
-    assert fit.near_ir == pytest.approx(np.median(near), rel=0.2)
+    assert np.quantile(near, 0.25) < fit.near_ir < np.quantile(near, 0.75)
     middle = np.array([150.0, 900.0])
     expected = truth.threshold_floor + truth.threshold_slope * np.sqrt(middle)
     np.testing.assert_allclose(fit.level(middle), expected, rtol=0.1)

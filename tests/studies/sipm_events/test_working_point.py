@@ -23,7 +23,7 @@ from lidarscene.studies.sipm_events.table import (
     response_by_events,
     where_published_is_off,
 )
-from lidarscene.studies.sipm_events.working_point import _first_passages, measure
+from lidarscene.studies.sipm_events.working_point import _alarms, _first_passages, measure
 
 PAGE = Path(__file__).parents[3] / "docs" / "sipm.md"
 
@@ -269,3 +269,11 @@ def test_a_passage_is_upward_and_between_two_samples() -> None:
     time_s = np.array([0.0, 1.0, 2.0, 3.0])
     wave = np.array([[9.0, 9.0, 0.0, 0.0], [0.0, 4.0, 0.0, 4.0], [9.0, 0.0, 0.0, 2.0], [0.0, 0.0, 0.0, 0.5]])
     np.testing.assert_allclose(_first_passages(time_s, wave, 1.0), [0.25, 2.5])
+
+
+def test_alarms_are_passages_of_shots_that_begin_low() -> None:
+    """Of four shots one is high at first, one later and two never: ln(3 / 2) in 2 us; three samples of 12 are high."""
+    wave = np.array([[9.0, 0.0, 0.0], [0.0, 9.0, 9.0], [0.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
+    share, rate_hz = _alarms(wave, 1.0, 2e-6)
+    assert share == pytest.approx(0.25)
+    assert rate_hz == pytest.approx(np.log(1.5) / 2e-6)

@@ -9,7 +9,17 @@ from lidarscene.maths.pose import Pose
 from lidarscene.recordings.sweep import Second, Sweep
 from lidarscene.studies.twin.planes import grid_of
 from lidarscene.studies.twin.reflect import Gauge
-from lidarscene.studies.twin.surfels import BRIGHT, FILLED, GROUND, KINDS, ROUGH, SMOOTH, Surfels, surfels_of
+from lidarscene.studies.twin.surfels import (
+    BRIGHT,
+    FILLED,
+    GROUND,
+    KINDS,
+    ROUGH,
+    SMOOTH,
+    Surfels,
+    _quads,
+    surfels_of,
+)
 
 GROUND_PLANE = np.array([-HEIGHT_M, 0.0, 0.0])
 
@@ -252,3 +262,19 @@ def test_no_ground_is_seen_above_the_foot_of_a_wall() -> None:
     ahead = np.abs(np.degrees(np.arctan2(ground[:, 1], ground[:, 0]))) < 9.0
     above = np.degrees(np.arctan2(ground[:, 2], np.hypot(ground[:, 0], ground[:, 1]))) > -8.5
     assert not np.any(ahead & above)
+
+
+def test_corners_of_a_grazing_quad_stay_near_its_middle() -> None:
+    """At a cosine of 0.02 a plane runs off within a pixel: corners are at 10 m times or over 1.6 at most."""
+    grid = grid_of(room_sweep())
+    direction = grid.sweep.direction[6, 52]
+    up = np.cross(np.cross(direction, [0.0, 0.0, 1.0]), direction)
+    normal = 0.9998 * up / np.linalg.norm(up) - 0.02 * direction
+    chosen = np.zeros(grid.sweep.shape, bool)
+    chosen[6, 52] = True
+    quads = _quads(
+        grid, chosen, np.full(grid.sweep.shape, 10.0), np.broadcast_to(normal, (*grid.sweep.shape, 3)),
+        np.full(grid.sweep.shape, 0.01), SMOOTH,
+    )  # fmt: skip
+    reach_m = np.linalg.norm(quads.corners_m[0], axis=-1)
+    assert (reach_m.min(), reach_m.max()) == (pytest.approx(6.25, rel=0.1), pytest.approx(16.0))
