@@ -246,3 +246,11 @@ def test_a_rigs_vehicle_stands_at_the_origin(
     )
     assert (ran.code, ran.err) == (0, "")
     assert vehicles[0].position_m.tolist() == [x_m, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(("cell", "code"), [("0.02", 0), ("10", 0), ("0.019", 2), ("10.1", 2)])
+def test_the_smallest_and_the_largest_cell(
+    run: Run, monkeypatch: pytest.MonkeyPatch, cell: str, code: int
+) -> None:
+    monkeypatch.setattr(study, "write", lambda *_, **__: "")
+    assert run("fov", "table1-apd", "-o", "out", "--cell", cell).code == code

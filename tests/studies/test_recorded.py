@@ -150,3 +150,12 @@ def test_a_ratio_is_held_either_way(simulated: float | None, held: bool) -> None
 def test_a_deviation_is_over_what_is_published() -> None:
     assert catalogue.Compared(published=10.0, simulated=12.0).deviation == pytest.approx(0.2)
     assert catalogue.Compared(published=None, simulated=12.0).deviation is None
+
+
+def test_bounds_of_each_curve() -> None:
+    """15 % of the signal, 20 % of threshold and noise, a ratio of 1.25 of scatters in counted light."""
+    bounds = {row.quantity: row.most for row in recorded.compared("os0-128") if row.condition[0] != "2"}
+    assert bounds == {
+        "signal": 1.15, "signal, spread": 1.15, "threshold, photons": 1.2, "highest noise, photons": 1.2,
+        "scatter, mm": 1.25,
+    }  # fmt: skip

@@ -402,3 +402,15 @@ def test_ranges_of_one_sensor_less_those_of_another() -> None:
         pytest.approx(2.0),
         pytest.approx(math.sqrt(2.0)),
     )
+
+
+def test_a_turned_sensor_fires_unlike() -> None:
+    first, turned = (load_sensor("table1-apd", overrides=[f"mounting.yaw_deg={yaw}"]) for yaw in (0, 3))
+    assert not fires_alike(first, turned)
+    assert fires_alike(first, with_beams_of(first, turned))
+
+
+def test_only_false_alarms_are_false_alarms() -> None:
+    """Points of weather, of other lidars and of the pulse before are none."""
+    cloud = small_cloud(n=7, status=np.array([0, 1, 2, 3, 4, 1, 0], np.uint8))
+    assert data.Observation(name="a", cloud=cloud, lost={}).alarms == 2

@@ -6,9 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.clouds import small_cloud
 
 from lidarscene.recordings.sweep import Second, Sweep
-from lidarscene.studies.compare.real import Side, compare_real, ground_of, numbers_of, side_of_sweep, verdict
+from lidarscene.studies.compare.real import (
+    Side,
+    compare_real,
+    ground_of,
+    numbers_of,
+    side_of_cloud,
+    side_of_sweep,
+    verdict,
+)
 
 HEIGHT_M = 1.8
 RINGS = 24
@@ -140,3 +149,17 @@ def test_the_height_is_square_to_the_ground() -> None:
     ground = ground_of(np.column_stack([place, -1.8 + 0.05 * place[:, 0] + 0.1 * place[:, 1]]))
     assert ground is not None
     assert ground[0] == pytest.approx(1.8 / np.sqrt(1.0 + 0.05**2 + 0.1**2), abs=1e-6)
+
+
+def test_second_returns_of_a_cloud_are_of_one_channel_at_one_time() -> None:
+    """Two channels fire at 0 s; the first has a second return a metre on, and one at 1 s."""
+    cloud = small_cloud(
+        n=4, time_s=np.array([0.0, 0.0, 0.0, 1.0]), channel=np.array([0, 1, 0, 0], np.uint16),
+        return_number=np.array([1, 1, 2, 1], np.uint8), range_m=np.array([10.0, 30.0, 11.0, 20.0], np.float32),
+        signal=np.zeros(4, np.float32),
+    )  # fmt: skip
+    side = side_of_cloud("made", cloud)
+    assert side.gap_m.tolist() == [1.0]
+    assert side.range_m.tolist() == [10.0, 30.0, 20.0]
+    np.testing.assert_array_equal(side.strength, cloud.intensity[[0, 1, 3]])  # no photons were counted
+    assert side.kept is None

@@ -11,7 +11,7 @@ from lidarscene.errors import InputError
 from lidarscene.studies.ranging import aperture, plane
 from lidarscene.studies.ranging.aperture import LAWS
 from lidarscene.studies.ranging.axes import Bounds, condition_axis, numeric_keys, parameter_axis
-from lidarscene.studies.ranging.curves import Question, _refined, curves, is_flat
+from lidarscene.studies.ranging.curves import Question, _refined, curves, is_flat, with_haze
 from lidarscene.studies.ranging.plane import RangeStatus, Target
 from lidarscene.studies.ranging.subjects import subjects
 
@@ -293,3 +293,13 @@ def test_only_what_passes_through_zero_crosses(width, met):
     assert (found is not None) is met
     if met:
         assert found == pytest.approx((5.0, 10.0), rel=1e-9)
+
+
+def test_haze_comes_on_top_of_what_the_air_takes():
+    sensor = load_sensor("table1-apd")
+    alpha = with_haze(sensor, Target(), 1000.0).extinction_per_m
+    assert alpha > 1e-3
+    assert with_haze(sensor, Target(extinction_per_m=0.01), 1000.0).extinction_per_m == pytest.approx(
+        0.01 + alpha
+    )
+    assert with_haze(sensor, Target(extinction_per_m=0.01), None).extinction_per_m == 0.01

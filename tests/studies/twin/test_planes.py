@@ -138,3 +138,14 @@ def test_a_slanted_pole_is_no_plane() -> None:
     rings = slice(4, 12)
     there = planes.there[rings, 100]
     np.testing.assert_allclose(planes.normal[rings, 100][there], -grid.sweep.direction[rings, 100][there])
+
+
+@pytest.mark.parametrize(("tilt_deg", "smooth"), [(7.5, True), (8.5, False)])
+def test_normals_that_agree_within_eight_degrees_are_smooth(tilt_deg: float, smooth: bool) -> None:
+    """Fifteen normals on a cone about one direction: the length of their mean is the cosine of the cone's angle."""
+    tilt = np.radians(tilt_deg)
+    turn = np.linspace(0.0, 2.0 * np.pi, 15, endpoint=False).reshape(3, 5)
+    normal = np.stack(
+        [np.full((3, 5), np.cos(tilt)), np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn)], axis=-1
+    )
+    assert Planes(range_m=np.ones((3, 5)), normal=normal).smooth()[1, 2] == smooth

@@ -12,6 +12,7 @@ from helpers.in_this_process import draw_roughly
 from helpers.rendered_recordings import record, scene_and_units
 
 from lidarscene.errors import InputError
+from lidarscene.recordings.sweep import Sweep
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
 from lidarscene.studies.fit import known_scene
@@ -199,3 +200,19 @@ def test_blocks_that_judge_are_not_fitted(monkeypatch: pytest.MonkeyPatch) -> No
     fit = study.fit_laid(laid, published(), twin=False)
     assert seen["judged"] == [3, 7, 11]
     assert fit.pulses == (45, 15)
+
+
+@pytest.mark.parametrize("clock_s", [0.0, 500.0])
+def test_poses_count_by_the_recordings_clock_or_from_its_first_frame(tmp_path: Path, clock_s: float) -> None:
+    """Frames at 501 and 502 s. The file's times are 501 and 502 s too, or 0 and 1 s: the sensor drives 3 m a second."""
+    path = tmp_path / "poses.csv"
+    times = (501.0, 502.0) if clock_s else (0.0, 1.0)
+    path.write_text(
+        "time_s,x_m,y_m,z_m\n" + "".join(f"{t},{3.0 * k},0,1\n" for k, t in enumerate(times)), "utf-8"
+    )
+    sweeps = [Sweep(range_m=np.ones(1), recorded=np.ones(1, bool), direction=np.array([[1.0, 0.0, 0.0]]), start_s=t)
+              for t in (501.0, 502.0)]  # fmt: skip
+    placed = study._placed([(sweep, None) for sweep in sweeps], path)
+    assert [pose.position_m.tolist() for _, pose in placed if pose is not None] == [
+        pytest.approx([0.0, 0.0, 1.0]), pytest.approx([3.0, 0.0, 1.0])
+    ]  # fmt: skip
