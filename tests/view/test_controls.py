@@ -109,3 +109,10 @@ def test_a_fixed_threshold_stays_with_its_own_detector(equipment: Equipment, tmp
     assert fixed.sensor.tdc.threshold_level == 1e-6
     _, sensor = fixed.with_settings({"detector": SIPM})
     assert (sensor.tdc.threshold_level, sensor.tdc.threshold_to_noise) == (None, 5)
+
+
+def test_a_counting_sensor_with_another_detector_has_that_ones_bandwidth(equipment: Equipment) -> None:
+    counting = Equipment(equipment.scene, "os1-128")
+    _, sensor = counting.with_settings({"detector": "APD of Table 1"})
+    assert sensor.tdc.bandwidth_hz == load_sensor("table1-apd").tdc.bandwidth_hz
+    assert sensor.histogram is None

@@ -414,3 +414,17 @@ def test_only_false_alarms_are_false_alarms() -> None:
     """Points of weather, of other lidars and of the pulse before are none."""
     cloud = small_cloud(n=7, status=np.array([0, 1, 2, 3, 4, 1, 0], np.uint8))
     assert data.Observation(name="a", cloud=cloud, lost={}).alarms == 2
+
+
+def test_snrs_are_compared_where_both_are_known() -> None:
+    """Found by both, by A, by B and by none; of the last two one SNR is not known."""
+    plain = surfaces()
+    few = {name: getattr(plain, name)[:4] for name in (
+        "true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id")}  # fmt: skip
+    a, b = (
+        data.Surfaces(pulse=np.arange(4), found=np.array(found), snr=np.array(snr), **few)
+        for found, snr in (([1, 1, 0, 0], [9.0, 8.0, 0.0, 3.0]), ([1, 0, 1, 0], [7.0, 2.0, 6.0, 0.0]))
+    )
+    a, b = (dataclasses.replace(one, found=one.found.astype(bool)) for one in (a, b))
+    of_a, of_b, who = numbers.paired_snr(a, b)
+    assert (of_a.tolist(), of_b.tolist(), who.tolist()) == ([9.0, 8.0], [7.0, 2.0], [0, 1])

@@ -163,3 +163,15 @@ def test_second_returns_of_a_cloud_are_of_one_channel_at_one_time() -> None:
     assert side.range_m.tolist() == [10.0, 30.0, 20.0]
     np.testing.assert_array_equal(side.strength, cloud.intensity[[0, 1, 3]])  # no photons were counted
     assert side.kept is None
+
+
+def test_what_is_near_the_plane_is_ground_more_so_far_away() -> None:
+    """0.1 m or 0.3 % of the range: 5 cm off at 5 m and 13 cm at 50 m are ground; 15 cm at 5 m and 20 cm at 50 m not."""
+    place = np.stack(
+        np.meshgrid(np.linspace(-15.0, 15.0, 40), np.linspace(-15.0, 15.0, 40)), axis=-1
+    ).reshape(-1, 2)
+    plane = np.column_stack([place, np.full(len(place), -1.8)])
+    others = np.array([[5.0, 0.0, -1.75], [50.0, 0.0, -1.67], [5.0, 0.0, -1.65], [50.0, 0.0, -1.6]])
+    ground = ground_of(np.concatenate([plane, others]))
+    assert ground is not None
+    assert ground[2] == pytest.approx((len(plane) + 2) / (len(plane) + 4))

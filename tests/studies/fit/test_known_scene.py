@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from helpers.drawn_scenes import published
 
+from lidarscene.detection.photon_counting.bins import BOX, BOX_SHARE
 from lidarscene.detection.receivers import detect_alone
 from lidarscene.studies.fit.known_scene import Scene, expected
-from lidarscene.studies.fit.products import near_field_m
+from lidarscene.studies.fit.near_field import share
+from lidarscene.studies.fit.products import near_field_m, width_of_place
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
 SHOTS = 4000
@@ -140,3 +142,34 @@ def test_ranges_of_few_photons_scatter_more_than_linearly() -> None:
     assert np.min(law.chance) > 0.999
     off = ((np.asarray(stop.range_m) - ranges) / law.sigma_m)[np.asarray(stop.reported)]
     assert np.std(off[np.abs(off) < 6.0]) == pytest.approx(1.0, abs=0.017)
+
+
+def test_background_scatters_ranges_and_counts_as_its_filters_have_it() -> None:
+    """By sums over time: the peak moves by noise of r int h'^2 / (S int h' s')^2, of filter h and echo s, and a box of
+    2 BOX sigma counts r times as much. Dark and sunlit echoes are else alike, but for SPADs that the sun keeps busy.
+    """
+    scene = replace(wall(), floor_m=0.0)
+    light, dark = expected(scene, {}), expected(replace(scene, background_w=0.0 * scene.background_w), {})
+    sensor = scene.sensor
+    pixel = sensor.pixel(scene.background_w)
+    without = sensor.pixel(0.0 * scene.background_w)
+    sigma_s = float(np.ravel(pixel.sigma_s)[0])
+    assert sensor.histogram is not None
+    width = float(width_of_place(sigma_s, float(sensor.histogram.bin_s)))
+    t = np.linspace(-12.0, 12.0, 4001)
+    echo, kernel = np.exp(-0.5 * t**2) / np.sqrt(2.0 * np.pi), np.exp(-0.5 * (t / width) ** 2)
+    slope = np.gradient(kernel, t)
+    shape = np.sum(slope**2) / np.sum(slope * np.gradient(echo, t)) ** 2 / (t[1] - t[0])
+    rate = np.asarray(
+        pixel.variance_share * pixel.count_rate_hz - without.variance_share * without.count_rate_hz
+    )
+    signal = np.asarray(sensor.working_point(scene.background_w).signal(scene.power_w * np.asarray(
+        share(scene.range_m / near_field_m(sensor), 0.5))))  # fmt: skip
+    moved_m = 0.5 * 299_792_458.0 * sigma_s * np.sqrt(rate * sigma_s * shape) / signal
+    weak = slice(2, None)  # near by photons scatter the range, and the sun takes some of these
+    added = np.sqrt(np.asarray(light.sigma_m) ** 2 - np.asarray(dark.sigma_m) ** 2)
+    np.testing.assert_allclose(added[weak], moved_m[weak], rtol=0.1)
+    counted = 2.0 * BOX * sigma_s * np.asarray(pixel.count_rate_hz - without.count_rate_hz) / BOX_SHARE**2
+    np.testing.assert_allclose(
+        (np.asarray(light.variance) - np.asarray(dark.variance))[weak], counted[weak], rtol=0.1
+    )

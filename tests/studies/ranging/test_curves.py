@@ -1,5 +1,6 @@
 """Curves along any axis, where they cross, and what the sensors of a sweep are called."""
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -303,3 +304,11 @@ def test_haze_comes_on_top_of_what_the_air_takes():
         0.01 + alpha
     )
     assert with_haze(sensor, Target(extinction_per_m=0.01), None).extinction_per_m == 0.01
+
+
+def test_of_whole_numbers_the_first_on_the_other_side_is_told():
+    """A height that passes zero between 5 and 6."""
+    axis = dataclasses.replace(
+        condition_axis("illuminance", start=1.0, stop=9.0, count=3, log=False), whole=True
+    )
+    assert _refined(axis, lambda x: (5.5 - x, 10.0 * x), 1.0, 9.0, falls=True) == (6.0, 60.0)

@@ -12,7 +12,7 @@ from helpers import photons
 from scipy.stats import binom, norm
 
 from lidarscene import load_sensor
-from lidarscene.physics.electronics import tdc
+from lidarscene.physics.electronics import mcintyre, tdc
 from lidarscene.studies.ranging import plane, statistics
 from lidarscene.studies.ranging.plane import Target
 
@@ -213,3 +213,25 @@ def test_false_points_of_an_echo_that_is_found_half_of_the_time():
     assert without > 1.2 * before
     half = statistics.false_points(noisy, Target(), limit_m).per_pulse
     assert half == pytest.approx(0.5 * (before + without), rel=1e-6)
+
+
+def test_webbs_tail_is_blurred_by_the_amplifier():
+    """Mean of the electrons' tail over the amplifier's noise, by Gauss and Hermite's sum."""
+    law = {"primaries": 200.0, "gain": 50.0, "excess_noise": 3.0}
+    place, weight = np.polynomial.hermite_e.hermegauss(100)
+    tails = mcintyre.webb_tail(excess=8000.0 - 1500.0 * place, **law)
+    mean = float(np.dot(weight, tails) / weight.sum())
+    blurred = statistics._webb_with_amplifier(8000.0, ionisation_ratio=0.02, amplifier=1500.0, **law)
+    assert blurred == pytest.approx(mean, rel=1e-6)
+    assert blurred > 1.2 * float(mcintyre.webb_tail(excess=8000.0, **law))
+
+
+@pytest.mark.parametrize("sensor", [APD, SIPM], ids=["apd", "sipm"])
+def test_two_roads_to_the_probability_of_detection(sensor):
+    """At the limit, nearer and farther: arrays of `plane` and numbers of `statistics`."""
+    limit_m, _ = plane.maximum_range_m(sensor, Target())
+    for by in (0.8, 0.95, 1.0, 1.1):
+        alone = statistics.detection_probability(sensor, Target(), by * limit_m)
+        assert float(plane.detection_probability(sensor, Target(), by * limit_m)[0]) == pytest.approx(
+            alone, rel=1e-9
+        )

@@ -101,6 +101,8 @@ def test_the_completed_ground_is_the_grounds_alone(open3d: Any, bright: float) -
     apparent = np.concatenate([bright * scattering_law(cos), np.full(len(y), 0.7)])
     sweep = list_of(np.concatenate([ground_m, wall_m]), apparent)
     quads = listed.surfels_of(sweep, Gauge.of(sweep), ground)
+    sides_m = np.linalg.norm(np.diff(quads.corners_m[quads.kind != GROUND], axis=1), axis=2)
+    np.testing.assert_allclose(sides_m, np.repeat(sides_m[:, :1], 3, axis=1))  # squares, however they lean
     completed = quads.kind == GROUND
     corners_m = quads.corners_m[completed]
     level_m = ground[0] + corners_m[..., :2] @ ground[1:] - listed.BELOW_M

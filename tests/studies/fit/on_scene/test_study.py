@@ -12,6 +12,7 @@ from helpers.in_this_process import draw_roughly
 from helpers.rendered_recordings import record, scene_and_units
 
 from lidarscene.errors import InputError
+from lidarscene.recordings.recording import Recording
 from lidarscene.recordings.sweep import Sweep
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
@@ -216,3 +217,31 @@ def test_poses_count_by_the_recordings_clock_or_from_its_first_frame(tmp_path: P
     assert [pose.position_m.tolist() for _, pose in placed if pose is not None] == [
         pytest.approx([0.0, 0.0, 1.0]), pytest.approx([3.0, 0.0, 1.0])
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("held_out", "chosen"), [(2, [2]), (None, [0, 1]), ("columns", [0, 1])])
+def test_what_a_twin_has_not_seen_is_fitted(
+    monkeypatch: pytest.MonkeyPatch, held_out: Any, chosen: list[int]
+) -> None:
+    """The frame that was held out, or the odd columns, or else all that it was made of; each at its place."""
+    direction = np.broadcast_to([1.0, 0.0, 0.0], (3, 8, 3))
+
+    def read(number: int) -> Sweep:
+        columns = np.arange(8.0) + 10.0 * number
+        return Sweep(
+            range_m=np.broadcast_to(columns, (3, 8)), recorded=np.ones((3, 8), bool), direction=direction
+        )
+
+    opened = Recording(path=Path("r.pcap"), count=3, read=read)
+    monkeypatch.setattr(study, "open_recording", lambda *_: opened)
+    made = {
+        "held_out": held_out,
+        "places": {"0": [0.0] * 6, "1": [1.0, *[0.0] * 5]}
+        | ({"2": [2.0, *[0.0] * 5]} if held_out == 2 else {}),
+    }
+    frames, notes = study._frames(Given(recordings=[Path("r.pcap")], scene=Path("scene.toml")), made)
+    assert [pose.position_m[0] for _, pose in frames if pose is not None] == chosen
+    step = slice(1, None, 2) if held_out == "columns" else slice(None)
+    for number, (sweep, _) in zip(chosen, frames, strict=True):
+        assert sweep.range_m[0].tolist() == (np.arange(8.0) + 10.0 * number)[step].tolist()
+    assert ("held out" in notes[0]) is (held_out is not None)
