@@ -151,6 +151,28 @@ def test_a_sensor_elsewhere_has_a_world_of_its_own(
     assert [len(seen) for seen in worlds.values()] == [1, 1]
 
 
+def test_another_scene_has_a_world_of_its_own_and_another_sun_has_not(
+    job_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two scenes, or two ways to drive in one: the bodies of a compiled world stand, or move, elsewhere."""
+
+    class Compiled:
+        def __init__(self, *_: Any, world: object = None, **__: Any) -> None:
+            self.world = self if world is None else world
+
+    monkeypatch.setattr(work, "Simulator", Compiled)
+    wall = (job_file.parent / "wall.toml").read_text(encoding="utf-8")
+    (job_file.parent / "far.toml").write_text(wall.replace("[10, 0, 1.8]", "[30, 0, 1.8]"), encoding="utf-8")
+    drives = "".join(f'[[trajectories]]\nlabel = "{v}"\nspeed_m_s = {v}\n' for v in (5, 9))
+    text = job_file.read_text(encoding="utf-8").replace('["wall.toml"]', '["wall.toml", "far.toml"]')
+    job_file.write_text(text + drives, encoding="utf-8")
+    tasks = list(Job.read(job_file).tasks())
+    assert len({task.scene.world for task in tasks}) == 4
+    assert len({task.scene.digest for task in tasks}) == 8  # under two suns
+    worlds = [work._simulator(task).world for task in tasks]
+    assert len({id(world) for world in worlds}) == 4
+
+
 def test_no_more_than_a_few_things_are_kept() -> None:
     kept, made = work._Kept(), []
 

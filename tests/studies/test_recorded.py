@@ -13,6 +13,7 @@ from lidarscene.cli import main
 from lidarscene.detection.receivers import detect_alone
 from lidarscene.errors import InputError
 from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.readout import PublishedFile, RepeatabilityFile
 from lidarscene.studies import catalogue, recorded
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
@@ -159,3 +160,44 @@ def test_bounds_of_each_curve() -> None:
         "signal": 1.15, "signal, spread": 1.15, "threshold, photons": 1.2, "highest noise, photons": 1.2,
         "scatter, mm": 1.25,
     }  # fmt: skip
+
+
+def test_the_signal_is_that_of_the_simulation_over_the_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
+    curves = recorded.recorded("os0-128")
+    assert curves is not None
+    monkeypatch.setattr(recorded, "white_m2", lambda *_: 1.1 * np.asarray(curves.signal.white_m2))
+    rows = {
+        row.quantity: row.simulated
+        for row in recorded.against("os0", curves, load_sensor("os0-128", overrides=MODE))
+    }
+    assert rows["signal"] == pytest.approx(1.1)
+    assert rows["signal, spread"] == pytest.approx(1.0)
+
+
+def test_alarms_are_no_scatter_of_the_range() -> None:
+    """At 3.3 sigmas many shots report noise before the echo, hundreds of metres off."""
+    noisy = load_sensor("table1-apd", overrides=["tdc.threshold_to_noise=3.3"])
+    scatter_m = catalogue.scatter_m(noisy, Target(reflectivity=0.5), range_m=100.0)
+    assert scatter_m is not None
+    assert 0.0 < scatter_m < 0.3
+
+
+def test_where_a_makers_numbers_are_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A repeatability at its own distance, else 20 m; a range on its target, else on 10 %; noise without an echo."""
+    seen: dict[str, list[float]] = {"scatter": [], "range": [], "alarms": []}
+    monkeypatch.setattr(catalogue, "scatter_m", lambda *_, range_m, **__: seen["scatter"].append(range_m))
+    monkeypatch.setattr(
+        catalogue,
+        "maximum_range_m",
+        lambda _, target: (seen["range"].append(float(target.reflectivity)) or 9.0, None),
+    )
+    sensor, published = load_sensor("table1-apd"), PublishedFile(source="x")
+    for where in ({"at_m": 35.0, "reflectivity": 0.5}, {"snr": 50.0}):
+        stated = RepeatabilityFile.model_validate({"sigma_m": 0.01, "source": "x", **where})
+        catalogue.repeatability(sensor, published, stated)
+    for reflectivity in (0.8, None):
+        catalogue._range(sensor, published, reflectivity, 100.0)
+    assert (seen["scatter"], seen["range"]) == ([35.0, 20.0], [0.8, 0.1])
+    alarms = catalogue._false_points(sensor, published).simulated
+    # All of the window under the light of a target, as of one without an echo.
+    assert alarms == pytest.approx(-np.expm1(4e-6 * 167e6 * np.log1p(-2.8665157e-7)), rel=1e-6)

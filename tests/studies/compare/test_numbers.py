@@ -16,7 +16,7 @@ from lidarscene.maths.pose import Pose
 from lidarscene.rendering.simulator import Simulator, Summary
 from lidarscene.scene.model import Air
 from lidarscene.studies.compare import clouds, data, numbers
-from lidarscene.studies.compare.run import Bench, fires_alike, sweep, with_beams_of
+from lidarscene.studies.compare.run import Bench, _on_plane, fires_alike, sweep, with_beams_of
 from lidarscene.studies.ranging import plane
 
 COARSE = [
@@ -428,3 +428,28 @@ def test_snrs_are_compared_where_both_are_known() -> None:
     a, b = (dataclasses.replace(one, found=one.found.astype(bool)) for one in (a, b))
     of_a, of_b, who = numbers.paired_snr(a, b)
     assert (of_a.tolist(), of_b.tolist(), who.tolist()) == ([9.0, 8.0], [7.0, 2.0], [0, 1])
+
+
+def test_tripped_less_expected_in_standard_deviations() -> None:
+    """100 echoes of one half: 60 that tripped are two of the binomial's five away."""
+    few = surfaces()
+    hundred = dataclasses.replace(
+        few, **{name: np.resize(getattr(few, name), 100) for name in (
+            "found", "snr", "true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id")},
+        pulse=np.arange(100), probability=np.full(100, 0.5), tripped=np.arange(100) < 60,
+    )  # fmt: skip
+    assert numbers.deviation(hundred) == pytest.approx(2.0)
+
+
+def test_places_are_changed_within_the_sweep_only() -> None:
+    """An APD and a SiPM reach equally far at some 3 klux on Table 1's plane: not between 10 and 100."""
+    sensors = load_sensor("table1-apd"), load_sensor("table1-sipm")
+    both = _on_plane(*sensors, (0.1, 100.0))
+    assert both == pytest.approx(plane.equal_range_illuminance_klux(*sensors, plane.Target()), rel=1e-6)
+    assert _on_plane(*sensors, (10.0, 100.0)) is None
+
+
+def test_numbers_without_a_name_are_in_no_group() -> None:
+    names = data.Grouping(key="body", attribute="body", unit="", labels=("a", "b"))
+    cloud = small_cloud(n=4, body=np.array([0, 1, 2, -1], np.int32))
+    assert names.of(cloud).tolist() == [0, 1, -1, -1]

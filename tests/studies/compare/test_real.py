@@ -2,6 +2,7 @@
 
 import html
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -175,3 +176,13 @@ def test_what_is_near_the_plane_is_ground_more_so_far_away() -> None:
     ground = ground_of(np.concatenate([plane, others]))
     assert ground is not None
     assert ground[2] == pytest.approx((len(plane) + 2) / (len(plane) + 4))
+
+
+def test_the_share_that_is_kept_is_of_what_was_recorded() -> None:
+    sweep = flat()
+    recorded = np.ones(sweep.shape, bool)
+    recorded[:, 200:] = False
+    side = side_of_sweep(
+        "real", replace(sweep, recorded=recorded, range_m=np.where(recorded, sweep.range_m, np.nan))
+    )
+    assert side.kept == pytest.approx((RINGS * 200 - 30) / (RINGS * 200))

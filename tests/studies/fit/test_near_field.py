@@ -51,6 +51,8 @@ def test_the_law_is_found_whatever_a_fifth_reports(spoilt: dict[str, float]) -> 
         assert estimate.value == pytest.approx(truth, rel=0.01), estimate.key
     assert fit.misfit < 0.005
     assert fit.error < 0.005
+    if not spoilt:  # along a bin's own slope nothing is left
+        assert np.median(fit.sigma) < 1e-4
 
 
 def test_the_error_is_that_of_the_blocks_that_were_not_fitted() -> None:
@@ -89,4 +91,7 @@ def test_noise_of_the_pulses_is_no_misfit_of_the_law() -> None:
     fit = fit_near_field(replace(pulses, signal=pulses.signal * np.exp(noise)))
     assert fit is not None
     assert np.median(fit.sigma) == pytest.approx(sigma, rel=0.1)
+    # Scores are slopes over sigma: their blocks scatter as Fisher says, within a factor of two, as noise is balanced.
+    for estimate in fit.estimates:
+        assert 0.2 < estimate.bootstrap / estimate.fisher < 2.0, estimate.key
     assert 0.3 * sigma < fit.misfit < 0.7 * sigma

@@ -114,3 +114,22 @@ def test_a_pulse_is_on_the_surface_of_its_neighbours_whatever_it_reports_itself(
     around = np.minimum(np.abs(np.arange(60) - 50), 60 - np.abs(np.arange(60) - 50))
     expected = (around > threshold.BESIDE) | (around == 0)
     assert np.array_equal(threshold._on_surface(pulses)[0], expected)
+
+
+def test_more_light_that_is_kept_less_is_no_threshold() -> None:
+    design = threshold._design(np.arange(100.0), np.linspace(100.0, 900.0, 100))
+    rising = np.arange(100) + 20.0 * np.sin(np.arange(100)) > 50.0
+    assert threshold._newton(design, rising) is not None
+    assert threshold._newton(design, ~rising) is None
+
+
+def test_the_error_is_that_of_the_blocks_that_were_not_fitted() -> None:
+    """There SIGNAL is reported six photons too high: the law is the same, and misses them."""
+    sweep = drawn_sweep(drawn_truth(0), 0)
+    held_out = np.arange(sweep.shape[1]) // 20 % 4 == 3
+    plain = fit_threshold(pulses_of([sweep]))
+    other = fit_threshold(pulses_of([replace(sweep, signal=np.asarray(sweep.signal) + 6.0 * held_out)]))
+    assert plain is not None
+    assert other is not None
+    np.testing.assert_allclose(other.solved.value, plain.solved.value, rtol=0.05)
+    assert other.error > 4.0 * plain.error

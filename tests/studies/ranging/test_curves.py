@@ -11,8 +11,22 @@ from lidarscene import catalog, load_sensor
 from lidarscene.errors import InputError
 from lidarscene.studies.ranging import aperture, plane
 from lidarscene.studies.ranging.aperture import LAWS
-from lidarscene.studies.ranging.axes import Bounds, condition_axis, numeric_keys, parameter_axis
-from lidarscene.studies.ranging.curves import Question, _refined, curves, is_flat, with_haze
+from lidarscene.studies.ranging.axes import (
+    Bounds,
+    condition_axis,
+    numeric_keys,
+    parameter_axis,
+    require_within_law,
+)
+from lidarscene.studies.ranging.curves import (
+    Curve,
+    Question,
+    _difference,
+    _refined,
+    curves,
+    is_flat,
+    with_haze,
+)
 from lidarscene.studies.ranging.plane import RangeStatus, Target
 from lidarscene.studies.ranging.subjects import subjects
 
@@ -312,3 +326,31 @@ def test_of_whole_numbers_the_first_on_the_other_side_is_told():
         condition_axis("illuminance", start=1.0, stop=9.0, count=3, log=False), whole=True
     )
     assert _refined(axis, lambda x: (5.5 - x, 10.0 * x), 1.0, 9.0, falls=True) == (6.0, 60.0)
+
+
+def test_angles_and_ends_that_make_no_axis():
+    within, beyond = (
+        condition_axis("elevation", start=0.0, stop=stop, count=3, log=False) for stop in (89.0, 89.5)
+    )
+    require_within_law(within)
+    with pytest.raises(InputError, match="this aperture law holds to 89 degrees"):
+        require_within_law(beyond)
+    with pytest.raises(InputError, match="--from must be below --to"):
+        condition_axis("distance", start=5.0, stop=5.0, count=3, log=None)
+
+
+def test_a_fifth_of_a_number_stops_at_its_bound():
+    """A gain of three: from one, the least that there is, to fifteen."""
+    (few,) = subjects(["table1-apd"], ["detector.gain=3"])
+    axis = parameter_axis(
+        "detector.gain", [(few.where, few.changed)], start=None, stop=None, count=3, log=None
+    )
+    assert (axis.values[0], axis.values[-1]) == (1.0, 15.0)
+
+
+def test_what_has_no_limit_is_ahead():
+    axis = condition_axis("illuminance", start=1.0, stop=9.0, count=3, log=True)
+    question = Question(quantity="range", axis=axis)
+    never, some = (Curve(name="", values=np.array([value])) for value in (np.inf, 70.0))
+    assert _difference(question, never, some)[0] > 0.0 > _difference(question, some, never)[0]
+    assert _difference(question, never, never)[0] == 0.0

@@ -110,3 +110,16 @@ def test_the_completed_ground_is_the_grounds_alone(open3d: Any, bright: float) -
     reach_m = np.hypot(corners_m[..., 0], corners_m[..., 1]).max()
     assert 8.0 < reach_m < 10.5 + np.sqrt(0.5) * listed.CELL_M
     np.testing.assert_allclose(quads.reflectivity[completed], min(bright, largest_reflectivity()), rtol=0.02)
+
+
+def test_squares_are_square_whatever_their_normals() -> None:
+    """Normals over the whole sphere: sides of twice the half width, at right angles to each other and the normal."""
+    turn = np.arange(50.0)
+    z = np.linspace(-1.0, 1.0, 50)
+    normal = np.stack([np.sqrt(1.0 - z**2) * np.cos(turn), np.sqrt(1.0 - z**2) * np.sin(turn), z], axis=1)
+    corners_m = listed._squares(np.full((50, 3), 7.0), normal, np.full(50, 0.3))
+    sides = np.diff(corners_m, axis=1)
+    np.testing.assert_allclose(np.linalg.norm(sides, axis=2), 0.6)
+    np.testing.assert_allclose(np.einsum("nsi,ni->ns", sides, normal), 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.einsum("ni,ni->n", sides[:, 0], sides[:, 1]), 0.0, atol=1e-12)
+    np.testing.assert_allclose(corners_m.mean(axis=1), 7.0)

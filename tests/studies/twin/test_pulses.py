@@ -294,6 +294,7 @@ def test_changes_are_of_smooth_surfaces_and_gaps_have_no_sign(
         assert np.isfinite(changes).sum() > 100
         assert np.all(pulses.kind[np.isfinite(changes)] == SMOOTH)
     assert np.any(pulses.kept & pulses.simulated & (pulses.kind != SMOOTH))
+    assert not np.allclose(pulses.change_m, pulses.simulated_change_m, equal_nan=True)
     recording, folder, sensor = made
     sweep = recording[0]
     nearer = np.where(np.arange(sweep.shape[1]) % 2 == 0, -1.0, 1.0)

@@ -8,7 +8,7 @@ from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
 from lidarscene.recordings.sweep import Second, Sweep
 from lidarscene.studies.twin.planes import grid_of
-from lidarscene.studies.twin.reflect import Gauge
+from lidarscene.studies.twin.reflect import Gauge, scattering_law
 from lidarscene.studies.twin.surfels import (
     BRIGHT,
     FILLED,
@@ -278,3 +278,15 @@ def test_corners_of_a_grazing_quad_stay_near_its_middle() -> None:
     )  # fmt: skip
     reach_m = np.linalg.norm(quads.corners_m[0], axis=-1)
     assert (reach_m.min(), reach_m.max()) == (pytest.approx(6.25, rel=0.1), pytest.approx(16.0))
+
+
+def test_reflectivities_are_the_apparent_ones_over_the_law_of_incidence() -> None:
+    """The room is Lambertian: of its ground, far aslant, the apparent reflectivity is 0.3 cos."""
+    quads = made(room_sweep())
+    middle = quads.corners_m.mean(axis=1)
+    ground = (quads.kind == SMOOTH) & (np.abs(middle[:, 2] + HEIGHT_M) < 1e-3)
+    cos = HEIGHT_M / np.linalg.norm(middle[ground], axis=1)
+    assert ground.sum() > 200
+    assert np.median(cos) < 0.4
+    ratio = quads.reflectivity[ground] / (0.3 * cos / scattering_law(cos))
+    assert np.quantile(np.abs(ratio - 1.0), 0.8) < 0.03
