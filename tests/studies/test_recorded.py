@@ -15,6 +15,7 @@ from lidarscene.errors import InputError
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.readout import PublishedFile, RepeatabilityFile
 from lidarscene.studies import catalogue, recorded
+from lidarscene.studies.ranging import statistics
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
 OUSTERS = ("os0-128", "os1-128", "os2-128")
@@ -201,3 +202,13 @@ def test_where_a_makers_numbers_are_compared(monkeypatch: pytest.MonkeyPatch) ->
     alarms = catalogue._false_points(sensor, published).simulated
     # All of the window under the light of a target, as of one without an echo.
     assert alarms == pytest.approx(-np.expm1(4e-6 * 167e6 * np.log1p(-2.8665157e-7)), rel=1e-6)
+
+
+def test_noise_of_a_counting_sensor_is_that_under_a_target() -> None:
+    """Rationale: its threshold goes with the light; beside a target the sky may be dark."""
+    sensor = load_sensor("os1-128", overrides=MODE)
+    beyond = catalogue._false_points(sensor, PublishedFile(source="x")).simulated
+    target = statistics.false_points(sensor, Target(reflectivity=0.1, illuminance_klux=100.0), 1e6).per_pulse
+    sky = statistics.false_points(sensor, Target(reflectivity=0.1, illuminance_klux=100.0)).per_pulse
+    assert beyond == pytest.approx(target)
+    assert abs(sky / target - 1.0) > 0.01

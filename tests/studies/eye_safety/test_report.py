@@ -285,11 +285,12 @@ def test_a_group_lasts_to_the_end_of_its_last_pulse() -> None:
     assert details == ["2 pulses in 1.006 us"]
 
 
-def test_pulses_that_come_once_in_a_while_still_count_once() -> None:
-    """Two pulses a millisecond apart, every thousand seconds: in the ten that count there are two."""
-    train = PulseTrain(time_s=np.array([0.0, 1e-3]), period_s=1000.0)
+@pytest.mark.parametrize(("apart_s", "count"), [(1e-3, 2), (1e-6, 1)])
+def test_pulses_that_come_once_in_a_while_still_count_once(apart_s: float, count: int) -> None:
+    """Two pulses every thousand seconds: in the ten that count there are two, or one where they are within 5 us."""
+    train = PulseTrain(time_s=np.array([0.0, apart_s]), period_s=1000.0)
     check = Check(
         sensor=TABLE_1, viewer="eye", train=train, energy_j=1e-6, source_rad=1.5e-3, time_base_s=100.0
     )
     (detail,) = (criterion.detail for criterion in check.criteria() if criterion.name == "pulse train")
-    assert " for 2 pulses in 10 s" in detail
+    assert f" for {count} pulses in 10 s" in detail

@@ -212,7 +212,7 @@ def test_ranges_that_scatter_as_the_law_says_ask_for_no_other_pulse() -> None:
     # Of sigma's logarithm the floor moves floor^2 / sigma^2: a step of some 0.1 where ranges scatter a tenth more.
     slope = (0.02 / np.asarray(law.sigma_m)) ** 2
     moved = scores[2] / step.matrix[1, 1] * np.sum(slope**2) / np.sum(slope)
-    assert moved == pytest.approx((1.1**2 - 1.0) / likelihood._SLOPE, rel=0.02)
+    assert moved == pytest.approx((1.1**2 - 1.0) / likelihood._SLOPE, rel=2e-3)
     assert moved == pytest.approx(0.1, rel=0.25)
     assert scores[0] < -1.0 < 1.0 < scores[2]
     assert abs(scores[1]) < 1e-6 * scores[2]

@@ -285,3 +285,10 @@ def test_moments_of_a_number_that_is_drawn_once_in_four() -> None:
     np.testing.assert_allclose(seen.mean, [0.75, 2.0])
     np.testing.assert_allclose(seen.variance, [27.0 / 16.0, 0.0])
     np.testing.assert_allclose(seen.skewness, [0.5 / np.sqrt(3.0 / 16.0), 0.0])
+
+
+def test_no_comparator_is_set_below_a_cell() -> None:
+    """In the dark five sigmas are less than one cell, which is the least that can be counted."""
+    array = CellArray(cells=100, pde=0.2, dead_time_s=6e-9, dark_count_rate_hz=0.0)
+    dark = Light(background_photons=0.0, signal_photons=20.0, pulse_fwhm_s=6e-9)
+    assert measure(array, dark, shots=20).threshold == 1.0
