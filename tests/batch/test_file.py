@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarscene.batch.file import read_job
+from lidarscene.batch.file import JobFile, read_job
 from lidarscene.errors import InputError
 
 SCENES = 'scenes = ["a.toml"]\n'
@@ -52,3 +52,13 @@ def test_mistakes(tmp_path: Path, text: str, told: str) -> None:
         read_job(path)
     assert told in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_seeds_are_counted_from_nought_and_frames_begin_when_they_should() -> None:
+    job = JobFile(scenes=("a.toml",), seed_count=3, begin_s=2.5)
+    assert list(job.all_seeds()) == [0, 1, 2]
+    assert (
+        job.frame_options(2, 7).seed,
+        job.frame_options(2, 7).number,
+        job.frame_options(2, 7).begin_s,
+    ) == (2, 7, 2.5)

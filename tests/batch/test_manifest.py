@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from lidarscene.batch import manifest
 from lidarscene.batch.run import BUNDLES_FOR_EACH, _Given
 
 
@@ -65,3 +66,17 @@ def test_the_time_of_a_frame_is_that_of_its_bundle_over_its_frames() -> None:
     assert given.bundles == {}
     assert given._frame_s == pytest.approx(0.2)
     assert _Given.share(given, 1000) == 5
+
+
+@pytest.mark.parametrize(
+    ("values", "kind"),
+    [
+        ([1, 2.5], "float64"),
+        ([1, 2], "int64"),
+        ([True, False], "bool_"),
+        ([True, 1], "string"),
+        (["a", 1], "string"),
+    ],
+)
+def test_columns_have_the_type_of_what_is_swept(values: list[object], kind: str) -> None:
+    assert manifest._type_of(values) == kind

@@ -10,7 +10,7 @@ import pytest
 
 from lidarscene import catalog, load_scene, load_sensor
 from lidarscene.batch import tasks
-from lidarscene.batch.tasks import Job
+from lidarscene.batch.tasks import Job, scene_content
 from lidarscene.errors import InputError
 
 WALL = """
@@ -179,3 +179,13 @@ def test_any_key_is_swept(folder: Path, kind: str, swept: str, of: Any) -> None:
         for task in Job.read(folder / "job.toml").tasks()
     )  # fmt: skip
     assert of(one) != of(other)
+
+
+def test_a_scenes_content_is_without_its_sensor(folder: Path) -> None:
+    """Rationale: a task names its sensor beside its scene; another sensor must not make the scene another."""
+    sensor, scene = folder / "own.toml", folder / "scene.toml"
+    before = scene_content(scene, ())
+    sensor.write_text(sensor.read_text(encoding="utf-8") + "\n# another\n", encoding="utf-8")
+    assert scene_content(scene, ()) == before
+    scene.write_text(scene.read_text(encoding="utf-8") + "\n# another\n", encoding="utf-8")
+    assert scene_content(scene, ()) != before

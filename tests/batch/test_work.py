@@ -12,10 +12,11 @@ from typing import Any
 import pytest
 
 from lidarscene import catalog
-from lidarscene.batch import work
+from lidarscene.batch import manifest, work
 from lidarscene.batch.store import Store
 from lidarscene.batch.tasks import FrameTask, Job
 from lidarscene.cli import main
+from lidarscene.cloud.points import PointCloud
 from lidarscene.files import atomic
 from lidarscene.rendering.simulator import Simulator
 
@@ -150,6 +151,28 @@ def test_a_sensor_elsewhere_has_a_world_of_its_own(
     assert [len(seen) for seen in worlds.values()] == [1, 1]
 
 
+def test_another_scene_has_a_world_of_its_own_and_another_sun_has_not(
+    job_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two scenes, or two ways to drive in one: the bodies of a compiled world stand, or move, elsewhere."""
+
+    class Compiled:
+        def __init__(self, *_: Any, world: object = None, **__: Any) -> None:
+            self.world = self if world is None else world
+
+    monkeypatch.setattr(work, "Simulator", Compiled)
+    wall = (job_file.parent / "wall.toml").read_text(encoding="utf-8")
+    (job_file.parent / "far.toml").write_text(wall.replace("[10, 0, 1.8]", "[30, 0, 1.8]"), encoding="utf-8")
+    drives = "".join(f'[[trajectories]]\nlabel = "{v}"\nspeed_m_s = {v}\n' for v in (5, 9))
+    text = job_file.read_text(encoding="utf-8").replace('["wall.toml"]', '["wall.toml", "far.toml"]')
+    job_file.write_text(text + drives, encoding="utf-8")
+    tasks = list(Job.read(job_file).tasks())
+    assert len({task.scene.world for task in tasks}) == 4
+    assert len({task.scene.digest for task in tasks}) == 8  # under two suns
+    worlds = [work._simulator(task).world for task in tasks]
+    assert len({id(world) for world in worlds}) == 4
+
+
 def test_no_more_than_a_few_things_are_kept() -> None:
     kept, made = work._Kept(), []
 
@@ -260,3 +283,16 @@ def test_a_frame_that_another_run_is_at_is_left_to_it(job: Job, tmp_path: Path) 
     holder.communicate()
     assert work._told(task, store, 1) == ""
     assert work._told(task, store, 1) == work.THERE
+
+
+def test_no_truth_if_none_is_wanted(job_file: Path, tmp_path: Path) -> None:
+    job_file.write_text("truth = false\n" + job_file.read_text(encoding="utf-8"), encoding="utf-8")
+    task = next(iter(Job.read(job_file).tasks()))
+    assert not PointCloud.load(done(task, Store(tmp_path / "out"))).has_truth
+
+
+def test_the_manifest_has_the_cause_of_what_failed(job: Job, tmp_path: Path) -> None:
+    task = next(iter(job.tasks()))
+    types = dict.fromkeys(task.parameters, "float64")
+    rows = [manifest._row(task, Store(tmp_path), failed, types) for failed in ({task.key: "no room"}, {})]
+    assert [row["error"] for row in rows] == ["no room", "not rendered"]

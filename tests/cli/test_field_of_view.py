@@ -15,6 +15,7 @@ from helpers.in_this_process import draw_roughly
 from lidarscene.cli import main
 from lidarscene.studies.field_of_view import figures, study
 
+SCENES = Path(__file__).parents[2] / "scenes"
 FAST = (*COARSE, "--time", "0.001,0.01", "--cell", "2")
 RISEN = "--set=table1-sipm:mounting.position_m=[0.0,0.0,1.9]"
 
@@ -231,3 +232,25 @@ def test_mistakes(run: Run, tmp_path: Path, argv: tuple[str, ...], said: str) ->
     assert said in ran.err
     assert ran.err.count("\n") == 1
     assert [path.name for path in tmp_path.rglob("*")] == ["file"]
+
+
+@pytest.mark.parametrize(("pose", "x_m"), [((), 0.0), (("--pose", "5,0,0"), 5.0)])
+def test_a_rigs_vehicle_stands_at_the_origin(
+    run: Run, monkeypatch: pytest.MonkeyPatch, pose: tuple[str, ...], x_m: float
+) -> None:
+    """Rationale: a rig's places are on its vehicle; the scene's own sensor stands 2 m above it, or elsewhere."""
+    vehicles: list[Any] = []
+    monkeypatch.setattr(study, "write", lambda *_, vehicle, **__: vehicles.append(vehicle) or "")
+    ran = run(
+        "fov", "--rig", str(SCENES / "rig.toml"), "--scene", str(SCENES / "car.toml"), "-o", "out", *pose
+    )
+    assert (ran.code, ran.err) == (0, "")
+    assert vehicles[0].position_m.tolist() == [x_m, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(("cell", "code"), [("0.02", 0), ("10", 0), ("0.019", 2), ("10.1", 2)])
+def test_the_smallest_and_the_largest_cell(
+    run: Run, monkeypatch: pytest.MonkeyPatch, cell: str, code: int
+) -> None:
+    monkeypatch.setattr(study, "write", lambda *_, **__: "")
+    assert run("fov", "table1-apd", "-o", "out", "--cell", cell).code == code

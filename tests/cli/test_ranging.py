@@ -339,3 +339,10 @@ def test_haze_is_in_kilometres_whatever_is_asked(run: Run) -> None:
     swept = told(run, APD, "--over", "illuminance", "--from", "10", "--to", "100", "--n", "2", *hazy)
     assert swept["sensors"][APD]["values"][-1] == pytest.approx(limit_m, rel=1e-9)
     assert f"maximum range {limit_m:.3f} m" in done(run, APD, "--sensitivities", *hazy)
+
+
+def test_an_axis_of_angles_ends_where_the_narrower_field_does(run: Run) -> None:
+    """The APD's raster is narrowed to 20 degrees: both are asked where both look."""
+    narrow = f"{APD}:scanner.azimuth_fov_deg=20"
+    swept = told(run, SIPM, APD, "--over", "azimuth", "--n", "3", "--set", narrow)
+    assert swept["x"] == pytest.approx([-10.0, 0.0, 10.0], abs=0.2)

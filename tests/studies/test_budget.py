@@ -152,3 +152,15 @@ def test_sky_and_darkness(frames: Any) -> None:
     assert (budget.background_power_w > 0).all()
     night = dataclasses.replace(scene, sun=dataclasses.replace(scene.sun, illuminance_klux=0.0))
     assert (budget_of(cloud, sensor, ambient_of(night, sensor)).background_power_w == 0).all()
+
+
+def test_the_echos_power_is_that_which_makes_the_clouds_snr(frames: Any) -> None:
+    """Rationale: coats and retro-reflectors return other powers than Lambertian surfaces; the cloud's SNR is theirs."""
+    scene, sensor, _, cloud = frames["table1-apd"]
+    budget = budget_of(cloud, sensor, ambient_of(scene, sensor))
+    met = np.isfinite(cloud.true_range_m) & (cloud.snr > 0.0)
+    made = sensor.working_point(budget.background_power_w).signal(budget.echo_power_w) / budget.noise
+    np.testing.assert_allclose(made[met], cloud.snr[met], rtol=2e-3)
+    other = met & ~is_lambertian(scene, cloud) & (budget.lambertian_power_w > 0.0)
+    apart = budget.echo_power_w[other] / budget.lambertian_power_w[other]
+    assert np.mean(np.abs(apart - 1.0) > 0.1) > 0.1

@@ -11,7 +11,7 @@ from lidarscene.catalog import path_of
 from lidarscene.errors import InputError
 from lidarscene.sensor.detectors import Apd, Sipm
 from lidarscene.sensor.model import Sensor
-from lidarscene.view.controls import Equipment
+from lidarscene.view.controls import Control, Equipment
 
 SIPM = "SiPM of Table 1"
 
@@ -109,3 +109,20 @@ def test_a_fixed_threshold_stays_with_its_own_detector(equipment: Equipment, tmp
     assert fixed.sensor.tdc.threshold_level == 1e-6
     _, sensor = fixed.with_settings({"detector": SIPM})
     assert (sensor.tdc.threshold_level, sensor.tdc.threshold_to_noise) == (None, 5)
+
+
+def test_a_counting_sensor_with_another_detector_has_that_ones_bandwidth(equipment: Equipment) -> None:
+    counting = Equipment(equipment.scene, "os1-128")
+    _, sensor = counting.with_settings({"detector": "APD of Table 1"})
+    assert sensor.tdc.bandwidth_hz == load_sensor("table1-apd").tdc.bandwidth_hz
+    assert sensor.histogram is None
+
+
+@pytest.mark.parametrize(("value", "refused"), [(0.9, True), (1.0, False), (9.0, False), (9.1, True)])
+def test_what_may_be_typed(value: float, refused: bool) -> None:
+    control = Control(key="a.b", label="", unit="", low=2.0, high=3.0, value=2.5, least=1.0, most=9.0)
+    if refused:
+        with pytest.raises(InputError, match=r"a\.b: must be [<>]= "):
+            control.check(value)
+    else:
+        control.check(value)

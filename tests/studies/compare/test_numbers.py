@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import chain
+from helpers.clouds import small_cloud
 from scipy import stats
 
 from lidarscene import InputError, load_sensor
@@ -15,7 +16,7 @@ from lidarscene.maths.pose import Pose
 from lidarscene.rendering.simulator import Simulator, Summary
 from lidarscene.scene.model import Air
 from lidarscene.studies.compare import clouds, data, numbers
-from lidarscene.studies.compare.run import Bench, fires_alike, sweep, with_beams_of
+from lidarscene.studies.compare.run import Bench, _on_plane, fires_alike, sweep, with_beams_of
 from lidarscene.studies.ranging import plane
 
 COARSE = [
@@ -359,3 +360,96 @@ def test_a_paired_interval_by_hand() -> None:
     assert numbers.paired_interval(only_a=10, only_b=0, pulses=98) == pytest.approx(
         (0.1 - half, 0.1 + half), rel=1e-5
     )
+
+
+def test_who_is_ahead_and_middles_of_bins() -> None:
+    ahead = numbers.Pair(group="all", both=1, only_a=6, only_b=2, neither=1)
+    assert ahead.difference == pytest.approx(0.4)
+    assert sum(ahead.difference_interval) > 0.0
+    angles = data.Grouping(
+        key="incidence",
+        attribute="incidence_angle_rad",
+        unit="deg",
+        labels=("", ""),
+        edges=np.radians([0.0, 10.0, 40.0]),
+    )
+    assert angles.middles == pytest.approx([5.0, 25.0])
+    assert data.range_bins(20.0).middles[0] == pytest.approx(1.0)
+
+
+def test_intervals_of_a_mean_and_a_deviation() -> None:
+    """1.96 sigma / sqrt(n) and, of a Gaussian, 1.96 sigma / sqrt(2 (n - 1)); of one echo there is no deviation."""
+    errors = numbers.RangeError(group="all", points=9, bias_m=0.0, sigma_m=0.03)
+    assert errors.bias_interval_m == pytest.approx(1.959964 * 0.01)
+    assert errors.sigma_interval_m == pytest.approx(1.959964 * 0.03 / 4.0)
+    assert numbers.RangeError(group="all", points=1, bias_m=0.0, sigma_m=0.0).sigma_interval_m == 0.0
+
+
+def test_ranges_of_one_sensor_less_those_of_another() -> None:
+    """Pulses 0 to 3 and 2 to 5: of both are 2 and 3, whose ranges are 3 and 1 m longer for A."""
+
+    def seen(name: str, first: int, ranges: list[float]) -> data.Observation:
+        cloud = small_cloud(
+            n=4, range_m=np.array(ranges, np.float32), true_range_m=np.ones(4, np.float32),
+            status=np.full(4, Status.ECHO, np.uint8),
+        )  # fmt: skip
+        return data.Observation(name=name, cloud=cloud, pulse=first + np.arange(4), lost={})
+
+    apart = numbers.paired_range_difference(seen("a", 0, [9, 9, 7, 8]), seen("b", 2, [4, 7, 9, 9]))
+    assert apart is not None
+    assert (apart.points, apart.bias_m, apart.sigma_m) == (
+        2,
+        pytest.approx(2.0),
+        pytest.approx(math.sqrt(2.0)),
+    )
+
+
+def test_a_turned_sensor_fires_unlike() -> None:
+    first, turned = (load_sensor("table1-apd", overrides=[f"mounting.yaw_deg={yaw}"]) for yaw in (0, 3))
+    assert not fires_alike(first, turned)
+    assert fires_alike(first, with_beams_of(first, turned))
+
+
+def test_only_false_alarms_are_false_alarms() -> None:
+    """Points of weather, of other lidars and of the pulse before are none."""
+    cloud = small_cloud(n=7, status=np.array([0, 1, 2, 3, 4, 1, 0], np.uint8))
+    assert data.Observation(name="a", cloud=cloud, lost={}).alarms == 2
+
+
+def test_snrs_are_compared_where_both_are_known() -> None:
+    """Found by both, by A, by B and by none; of the last two one SNR is not known."""
+    plain = surfaces()
+    few = {name: getattr(plain, name)[:4] for name in (
+        "true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id")}  # fmt: skip
+    a, b = (
+        data.Surfaces(pulse=np.arange(4), found=np.array(found), snr=np.array(snr), **few)
+        for found, snr in (([1, 1, 0, 0], [9.0, 8.0, 0.0, 3.0]), ([1, 0, 1, 0], [7.0, 2.0, 6.0, 0.0]))
+    )
+    a, b = (dataclasses.replace(one, found=one.found.astype(bool)) for one in (a, b))
+    of_a, of_b, who = numbers.paired_snr(a, b)
+    assert (of_a.tolist(), of_b.tolist(), who.tolist()) == ([9.0, 8.0], [7.0, 2.0], [0, 1])
+
+
+def test_tripped_less_expected_in_standard_deviations() -> None:
+    """100 echoes of one half: 60 that tripped are two of the binomial's five away."""
+    few = surfaces()
+    hundred = dataclasses.replace(
+        few, **{name: np.resize(getattr(few, name), 100) for name in (
+            "found", "snr", "true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id")},
+        pulse=np.arange(100), probability=np.full(100, 0.5), tripped=np.arange(100) < 60,
+    )  # fmt: skip
+    assert numbers.deviation(hundred) == pytest.approx(2.0)
+
+
+def test_places_are_changed_within_the_sweep_only() -> None:
+    """An APD and a SiPM reach equally far at some 3 klux on Table 1's plane: not between 10 and 100."""
+    sensors = load_sensor("table1-apd"), load_sensor("table1-sipm")
+    both = _on_plane(*sensors, (0.1, 100.0))
+    assert both == pytest.approx(plane.equal_range_illuminance_klux(*sensors, plane.Target()), rel=1e-6)
+    assert _on_plane(*sensors, (10.0, 100.0)) is None
+
+
+def test_numbers_without_a_name_are_in_no_group() -> None:
+    names = data.Grouping(key="body", attribute="body", unit="", labels=("a", "b"))
+    cloud = small_cloud(n=4, body=np.array([0, 1, 2, -1], np.int32))
+    assert names.of(cloud).tolist() == [0, 1, -1, -1]

@@ -2,13 +2,23 @@
 
 import html
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.clouds import small_cloud
 
 from lidarscene.recordings.sweep import Second, Sweep
-from lidarscene.studies.compare.real import Side, compare_real, ground_of, numbers_of, side_of_sweep, verdict
+from lidarscene.studies.compare.real import (
+    Side,
+    compare_real,
+    ground_of,
+    numbers_of,
+    side_of_cloud,
+    side_of_sweep,
+    verdict,
+)
 
 HEIGHT_M = 1.8
 RINGS = 24
@@ -102,3 +112,77 @@ def test_the_verdict_names_what_differs_most() -> None:
     assert verdict("twin", "real", [points, unknown]) == f"{counts}; nothing else is known of both."
     assert verdict("a", "b", [("points", 3, 3, 1.0)]).startswith("a has 3 points, as many as b; nothing")
     assert verdict("a", "b", [("points", 3, 0, None)]).startswith("a has 3 points, b 0; nothing else")
+
+
+def test_the_ground_is_the_lowest_level_not_the_fullest() -> None:
+    """A platform a metre above the ground has three points of five; a few stray points lie below both."""
+    place = np.stack(
+        np.meshgrid(np.linspace(-20.0, 20.0, 50), np.linspace(-20.0, 20.0, 50)), axis=-1
+    ).reshape(-1, 2)
+    number = np.arange(len(place))
+    z = np.where(number % 5 < 2, -1.8, -0.8)
+    z = np.where(number % 50 == 0, -4.0, z)
+    xyz_m = np.column_stack([place, z])
+    ground = ground_of(xyz_m)
+    assert ground is not None
+    assert ground[0] == pytest.approx(1.8, abs=1e-6)
+    assert ground[2] == pytest.approx(np.mean(z == -1.8))
+    assert ground[1] == pytest.approx(
+        np.percentile(np.linalg.norm(np.column_stack([place, z])[z == -1.8], axis=1), 99.9)
+    )
+
+
+def test_strengths_of_an_octave_are_of_its_own_ranges() -> None:
+    """8 up to 8 m, 4 up to 16 m, and 1 farther out, where most points are: over the median of all, 1."""
+    range_m = np.repeat([5.0, 10.0, 20.0], [200, 200, 600])
+    side = Side(
+        name="s", xyz_m=np.column_stack([range_m, 0.0 * range_m, 0.0 * range_m]), range_m=range_m, ring=None,
+        strength=np.repeat([16.0, 8.0, 2.0], [200, 200, 600]), kept=None, gap_m=np.zeros(0),
+    )  # fmt: skip
+    strengths = {name: value for name, value in numbers_of(side).items() if name.startswith("strength")}
+    assert list(strengths.values()) == [None, 8.0, 4.0, 1.0, None, None, None]
+
+
+def test_the_height_is_square_to_the_ground() -> None:
+    place = np.stack(np.meshgrid(np.linspace(-8.0, 8.0, 40), np.linspace(-8.0, 8.0, 40)), axis=-1).reshape(
+        -1, 2
+    )
+    ground = ground_of(np.column_stack([place, -1.8 + 0.05 * place[:, 0] + 0.1 * place[:, 1]]))
+    assert ground is not None
+    assert ground[0] == pytest.approx(1.8 / np.sqrt(1.0 + 0.05**2 + 0.1**2), abs=1e-6)
+
+
+def test_second_returns_of_a_cloud_are_of_one_channel_at_one_time() -> None:
+    """Two channels fire at 0 s; the first has a second return a metre on, and one at 1 s."""
+    cloud = small_cloud(
+        n=4, time_s=np.array([0.0, 0.0, 0.0, 1.0]), channel=np.array([0, 1, 0, 0], np.uint16),
+        return_number=np.array([1, 1, 2, 1], np.uint8), range_m=np.array([10.0, 30.0, 11.0, 20.0], np.float32),
+        signal=np.zeros(4, np.float32),
+    )  # fmt: skip
+    side = side_of_cloud("made", cloud)
+    assert side.gap_m.tolist() == [1.0]
+    assert side.range_m.tolist() == [10.0, 30.0, 20.0]
+    np.testing.assert_array_equal(side.strength, cloud.intensity[[0, 1, 3]])  # no photons were counted
+    assert side.kept is None
+
+
+def test_what_is_near_the_plane_is_ground_more_so_far_away() -> None:
+    """0.1 m or 0.3 % of the range: 5 cm off at 5 m and 13 cm at 50 m are ground; 15 cm at 5 m and 20 cm at 50 m not."""
+    place = np.stack(
+        np.meshgrid(np.linspace(-15.0, 15.0, 40), np.linspace(-15.0, 15.0, 40)), axis=-1
+    ).reshape(-1, 2)
+    plane = np.column_stack([place, np.full(len(place), -1.8)])
+    others = np.array([[5.0, 0.0, -1.75], [50.0, 0.0, -1.67], [5.0, 0.0, -1.65], [50.0, 0.0, -1.6]])
+    ground = ground_of(np.concatenate([plane, others]))
+    assert ground is not None
+    assert ground[2] == pytest.approx((len(plane) + 2) / (len(plane) + 4))
+
+
+def test_the_share_that_is_kept_is_of_what_was_recorded() -> None:
+    sweep = flat()
+    recorded = np.ones(sweep.shape, bool)
+    recorded[:, 200:] = False
+    side = side_of_sweep(
+        "real", replace(sweep, recorded=recorded, range_m=np.where(recorded, sweep.range_m, np.nan))
+    )
+    assert side.kept == pytest.approx((RINGS * 200 - 30) / (RINGS * 200))

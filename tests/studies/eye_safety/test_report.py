@@ -15,7 +15,7 @@ from lidarscene.errors import InputError
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
 from lidarscene.studies.eye_safety import exposure
-from lidarscene.studies.eye_safety.criteria import geometry
+from lidarscene.studies.eye_safety.criteria import Check, geometry
 from lidarscene.studies.eye_safety.exposure import PulseTrain, counted_train, scanned_train, stationary_train
 from lidarscene.studies.eye_safety.report import EyeSafetyReport, eye_safety_report, not_known, report_text
 
@@ -265,3 +265,32 @@ def test_an_elliptic_beam_is_as_narrow_as_its_smaller_divergence() -> None:
     )
     assert narrow == pytest.approx(small)
     assert narrow[2] < wide[2]
+
+
+@pytest.mark.parametrize(("factor", "verdict"), [(0.999, "class 1"), (1.001, "not class 1")])
+def test_the_peak_that_class_1_allows_is_where_the_verdict_changes(factor: float, verdict: str) -> None:
+    allowed_w = eye_safety_report(TABLE_1, scanned=True).class_1_peak_power_w
+    report = eye_safety_report(with_laser(peak_power_w=factor * allowed_w), scanned=True)
+    assert (report.verdict, report.is_class_1) == (verdict, verdict == "class 1")
+
+
+def test_a_group_lasts_to_the_end_of_its_last_pulse() -> None:
+    """At 1550 nm, where no grouping time hides it: two pulses of 6 ns that start 1 us apart last 1.006 us."""
+    sensor = with_laser(wavelength_m=1550e-9)
+    train = PulseTrain(time_s=np.array([0.0, 1e-6]), period_s=1.0)
+    check = Check(
+        sensor=sensor, viewer="eye", train=train, energy_j=1e-6, source_rad=1.5e-3, time_base_s=100.0
+    )
+    details = [criterion.detail for criterion in check.criteria() if criterion.name == "pulse group"]
+    assert details == ["2 pulses in 1.006 us"]
+
+
+@pytest.mark.parametrize(("apart_s", "count"), [(1e-3, 2), (1e-6, 1)])
+def test_pulses_that_come_once_in_a_while_still_count_once(apart_s: float, count: int) -> None:
+    """Two pulses every thousand seconds: in the ten that count there are two, or one where they are within 5 us."""
+    train = PulseTrain(time_s=np.array([0.0, apart_s]), period_s=1000.0)
+    check = Check(
+        sensor=TABLE_1, viewer="eye", train=train, energy_j=1e-6, source_rad=1.5e-3, time_base_s=100.0
+    )
+    (detail,) = (criterion.detail for criterion in check.criteria() if criterion.name == "pulse train")
+    assert f" for {count} pulses in 10 s" in detail

@@ -14,7 +14,7 @@ from lidarscene.maths.pose import Pose
 from lidarscene.studies.field_of_view import figures, pattern, reach
 from lidarscene.studies.field_of_view import spacing as fov_spacing
 from lidarscene.studies.field_of_view.cells import Cells, convex_outline
-from lidarscene.studies.ranging.plane import Target, maximum_range_m
+from lidarscene.studies.ranging.plane import Target, detection_margin, maximum_range_m
 
 DEG = math.pi / 180.0
 
@@ -73,6 +73,17 @@ def test_a_cell_holds_its_middle():
     cells = Cells.of_size(1.7)
     every = np.arange(cells.count)
     np.testing.assert_array_equal(cells.of(*cells.middle_deg(every)), every)
+
+
+def test_a_cell_reaches_as_far_to_each_side_of_its_middle():
+    """49 % of its width and height to the left, to the right, up and down are still in it, 51 % are not."""
+    cells = Cells.of_size(1.0)
+    cell = cells.of(np.array([0.0, 17.3, -179.9, 101.0]), np.array([0.0, 33.3, -12.0, 61.0]))
+    azimuth, elevation = cells.middle_deg(cell)
+    width = 360.0 / cells.columns[cells.row_of(cell)]
+    for side in (-1.0, 1.0):
+        assert np.array_equal(cells.of(azimuth + 0.49 * side * width, elevation + 0.49 * side), cell)
+        assert not np.any(cells.of(azimuth + 0.51 * side * width, elevation) == cell)
 
 
 def test_outline_is_the_convex_hull():
@@ -234,13 +245,43 @@ def test_cells_between_pulses_see_the_ground_by_the_aperture_of_the_others():
     met = np.where(np.arange(len(whole.cell)) % 2 == 0, 0.25, np.nan)
     views = [
         reach.ground([sensor], cells, [replace(whole, share=share)], Target(), half_m=20.0, step_m=0.5)
-        for share in (met, np.full(len(met), 0.25))
+        for share in (met, np.full(len(met), 0.25), np.full(len(met), 1e-9))
     ]
-    assert np.array_equal(*(view.seen for view in views))
+    assert np.array_equal(views[0].seen, views[1].seen)
+    assert not views[2].seen.any()  # an aperture of nothing sees nothing
     # 1600 places of a quarter of a square metre, but those nearer than the lowest beam.
     assert views[1].square_metres[0] == pytest.approx(
         1600.0 - math.pi * (1.9 / math.tan(15.0 * DEG)) ** 2, rel=0.02
     )
+
+
+def test_the_nearest_place_that_is_seen_and_its_area():
+    """Places a metre apart: one sensor sees one at 1.5 m ahead and 0.5 m aside, another two farther off."""
+    axis = np.array([-1.5, -0.5, 0.5, 1.5])
+    seen = np.zeros((2, 4, 4), bool)
+    seen[0, 2, 3] = True
+    seen[1, 3, 3] = seen[1, 0, 0] = True
+    view = reach.Ground(x_m=2.0 * axis, y_m=2.0 * axis, seen=seen)
+    assert view.nearest_blind_m() == pytest.approx(2.0 * math.hypot(1.5, 0.5))
+    assert view.square_metres.tolist() == [4.0, 8.0]
+    assert view.count.sum() == 3
+
+
+def test_the_farthest_ground_is_where_its_slant_echo_reaches_the_level():
+    """A laser too weak for 20 m: ground is met at a cosine of height over distance."""
+    weak = equipped(vlp16(), mounting=Pose(position_m=np.array([0.0, 0.0, 1.9])))
+    weak = replace(weak, laser=replace(weak.laser, peak_power_w=1.0))
+    cells = Cells.of_size(0.28)
+    found = studied(weak.scanner, cells, 0.2)
+    view = reach.ground([weak], cells, [found], Target(), half_m=30.0, step_m=0.5)
+    away_m = np.hypot(np.hypot(view.x_m[None, :], view.y_m[:, None]), 1.9)
+    farthest_m = float(away_m[view.seen[0]].max())
+    assert 8.0 < farthest_m < 25.0
+
+    def margin(distance_m):
+        return float(detection_margin(weak, Target(cos_incidence=1.9 / distance_m), distance_m)[0])
+
+    assert margin(farthest_m) >= 1.0 > margin(farthest_m + 0.75)
 
 
 # --- the rest ---------------------------------------------------------------------------------------

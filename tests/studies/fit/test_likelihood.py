@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from helpers.drawn_scenes import GROUPS, REFLECTIVITY_SIGMA, drawn_report, drawn_unit, published, unit_of
+from scipy import special
 
 from lidarscene.light.echoes import EchoTrain, SubEchoes
 from lidarscene.studies.fit import likelihood
@@ -111,6 +112,7 @@ def test_a_number_that_runs_off_does_not_hold_up_the_others(mi) -> None:
     scene, reported = drawn_report(unit_of(truth), 3000)
     fit = fit_known(replace(scene, floor_m=3e-3), reported, reflectivity_sigma=REFLECTIVITY_SIGMA)
     assert "scatter_floor" in fit.held
+    assert fit.values["scatter_floor"] < -math.log(5.0)  # it is none, and stays so
     assert any(one.startswith("scatter_floor: alone, beyond a factor of 5") for one in fit.null)
     assert fit.solved.evaluations < 20
     assert max(abs((one.value - math.exp(truth[one.key])) / one.sigma) for one in fit.estimates) < 4.0
@@ -186,3 +188,64 @@ def test_the_information_of_sun_and_power_is_that_of_counts() -> None:
     assert np.linalg.eigvalsh(free.matrix)[0] < 1e-3 * of_sun
     pulled = likelihood._step(scene, reported, values, np.full(count, 0.1), strong, 1e9)
     np.testing.assert_allclose(pulled.of_groups / pulled.own, -0.1, rtol=0.01)
+
+
+def test_ranges_that_scatter_as_the_law_says_ask_for_no_other_pulse() -> None:
+    """Distances whose square is the capped mean of a normal number's: none; a tenth more asks for a longer pulse."""
+    count = 60
+    light = echoes_of_plane(
+        published(), Target(reflectivity=0.3, illuminance_klux=30.0), np.geomspace(8.0, 16.0, count)
+    )
+    scene = Scene.of(light, published(), np.zeros(count, int), spot_over_field=0.5)
+    values = {"laser.peak_power_w": 0.0, "scatter_floor": 0.0}
+    scene = replace(scene, floor_m=0.02)
+    law = expected(scene, values)
+    scores = []
+    for by in (0.9, 1.0, 1.1):
+        off_m = by * math.sqrt(likelihood.MEAN_SQUARE) * np.asarray(law.sigma_m)
+        reported = Reported(
+            kept=np.ones(count, bool), signal=np.asarray(law.signal), near_ir=np.asarray(law.near_ir),
+            range_m=scene.range_m + off_m,
+        )  # fmt: skip
+        step = likelihood._step(scene, reported, values, np.zeros(1), np.ones(count, bool), 1e9)
+        scores.append(step.score[1])
+    # Of sigma's logarithm the floor moves floor^2 / sigma^2: a step of some 0.1 where ranges scatter a tenth more.
+    slope = (0.02 / np.asarray(law.sigma_m)) ** 2
+    moved = scores[2] / step.matrix[1, 1] * np.sum(slope**2) / np.sum(slope)
+    assert moved == pytest.approx((1.1**2 - 1.0) / likelihood._SLOPE, rel=2e-3)
+    assert moved == pytest.approx(0.1, rel=0.25)
+    assert scores[0] < -1.0 < 1.0 < scores[2]
+    assert abs(scores[1]) < 1e-6 * scores[2]
+
+
+def test_moments_of_a_capped_square() -> None:
+    """Of a normal number's square, at most nine, over its mean: by a sum over its quantiles."""
+    share = (np.arange(1_000_000) + 0.5) / 1_000_000
+    square = special.ndtri(share) ** 2
+    capped = np.minimum(square, likelihood.FARTHEST_SQUARE)
+    assert capped.mean() == pytest.approx(likelihood.MEAN_SQUARE, rel=1e-4)
+    assert np.var(capped / capped.mean()) == pytest.approx(likelihood._VARIANCE, rel=1e-4)
+    # d mean(min(x^2 / s^2, 9)) / d ln s, at one.
+    wide, narrow = (np.minimum(square * math.exp(-2.0 * by), 9.0).mean() for by in (1e-3, -1e-3))
+    assert (narrow - wide) / 2e-3 / capped.mean() == pytest.approx(likelihood._SLOPE, rel=1e-3)
+
+
+def test_a_signal_far_off_pulls_no_harder_than_four_sigmas() -> None:
+    """One of sixty a hundred sigmas too strong; and what fires most of the SPADs tells no signal."""
+    count = 60
+    light = echoes_of_plane(
+        published(), Target(reflectivity=0.3, illuminance_klux=30.0), np.full(count, 12.0)
+    )
+    scene = Scene.of(light, published(), np.zeros(count, int), spot_over_field=0.5)
+    values = {"laser.peak_power_w": 0.0}
+    law = expected(scene, values)
+    signal, sigma = np.asarray(law.signal), np.sqrt(np.asarray(law.variance))
+    reported = Reported(
+        kept=np.ones(count, bool), signal=signal + np.where(np.arange(count) == 7, 100.0 * sigma, 0.0),
+        near_ir=np.full(count, np.nan),
+        range_m=scene.range_m + math.sqrt(likelihood.MEAN_SQUARE) * np.asarray(law.sigma_m),
+    )  # fmt: skip
+    assert likelihood._strong(scene, reported, values, np.zeros(1)).all()
+    step = likelihood._step(scene, reported, values, np.zeros(1), np.ones(count, bool), 1e12)
+    assert step.score[0] == pytest.approx(4.0 * signal[7] / sigma[7], rel=0.02)
+    assert not likelihood._strong(scene, reported, {"laser.peak_power_w": 6.0}, np.zeros(1)).any()

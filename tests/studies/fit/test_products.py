@@ -112,3 +112,11 @@ def test_a_bin_makes_the_filter_wider() -> None:
         box = 2.0 * ratio * ((np.arange(10_000) + 0.5) / 10_000 - 0.5)
         wider = math.sqrt(matched_filter.TEMPLATE**2 + np.mean(box**2))
         assert width_of_place(1.0, ratio) == pytest.approx(wider, rel=1e-6)
+
+
+def test_the_scale_of_reflectivities_is_no_key_of_the_file() -> None:
+    """Where photons of a white wall are not known it is free, and nothing of the file is held for it."""
+    products = products_of(load_sensor("os1-128"), ["scatter_c"])
+    assert "reflectivity of all targets: alone" in products.null
+    assert "reflectivity of all targets" not in products.fixed
+    assert "laser.peak_power_w" in products.fixed

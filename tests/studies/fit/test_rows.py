@@ -37,6 +37,7 @@ def test_the_gains_are_found() -> None:
     inner = slice(4, -4)
     np.testing.assert_allclose(np.log(found.gain)[inner], GAINS[inner], atol=0.025)
     assert 0.001 < found.sigma[0] < 0.01
+    assert np.mean(np.log(found.gain)) == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("follows", [0.0, 1.0])

@@ -150,6 +150,9 @@ def test_uncertainties_are_those_of_a_law_whose_far_patches_are_left_out() -> No
     assert fit is not None
     assert fit.solved.meat is not None
     number = fit.patches.sum()
+    # At the solution the blocks' scores have no sum.
+    scores = fit.solved.scores
+    np.testing.assert_allclose(scores.sum(axis=0) / np.abs(scores).sum(axis=0), 0.0, atol=1e-5)
     along = [
         fit.solved.value @ matrix @ fit.solved.value / number
         for matrix in (fit.solved.slope, fit.solved.meat)

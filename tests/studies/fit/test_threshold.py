@@ -10,8 +10,9 @@ from helpers.drawn_recordings import drawn_sweep, drawn_truth
 from lidarscene.detection.photon_counting.bins import BOX, BOX_SHARE
 from lidarscene.physics.photon_counting.matched_filter import SCALE, TEMPLATE
 from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.studies.fit import threshold
 from lidarscene.studies.fit.estimates import Solved
-from lidarscene.studies.fit.pulses import pulses_of
+from lidarscene.studies.fit.pulses import Pulses, pulses_of
 from lidarscene.studies.fit.threshold import NORMAL, Threshold, filter_variance, fit_threshold
 
 SENSOR = load_sensor("os1-128")
@@ -55,10 +56,11 @@ def test_the_spread_is_what_is_left_of_the_width() -> None:
 
 
 def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:
-    """One strong pulse in twenty is blanked, and dim echoes that were withheld have a reflectivity and no range.
+    """One strong pulse in twenty is blanked, dim echoes that were withheld have a reflectivity and no range, and one
+    pulse in six of the sky is noise that was kept.
 
-    Both are far from the threshold or said to be found; the drawn truth is found all the same, within five of the
-    stated sigmas: one run in a million.
+    They are far from the threshold, said to be found, or on no surface; the drawn truth is found all the same, within
+    five of the stated sigmas: one run in a million.
     """
     truth = drawn_truth(0)
     sweep = drawn_sweep(truth, 0)
@@ -69,8 +71,12 @@ def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:
     number = np.arange(sweep.range_m.size).reshape(sweep.shape)
     blanked = (number % 20 == 0) & (sweep.signal > 6.0 * level)
     withheld = (number % 8 == 0) & sweep.kept & (sweep.signal < 2.0 * level)
+    block = ~sweep.kept.reshape(sweep.shape[0], -1, 20).any(axis=2)
+    noise = np.repeat(block, 20, axis=1) & (number % 6 == 0)
+    assert noise.sum() > 200
+    range_m = np.where(noise, 20.0 + number % 7, sweep.range_m)
     spoilt = replace(
-        sweep, range_m=np.where(blanked | withheld, np.nan, sweep.range_m),
+        sweep, range_m=np.where(blanked | withheld, np.nan, range_m),
         reflectivity=np.where(blanked, 0.0, sweep.reflectivity),
     )  # fmt: skip
     fit = fit_threshold(pulses_of([spoilt]))
@@ -78,7 +84,7 @@ def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:
     for estimate in fit.estimates:
         assert abs(estimate.value - getattr(truth, estimate.key)) < 5.0 * estimate.sigma, estimate.key
     near = sweep.near_ir[sweep.signal < 3.0 * level]
-    assert fit.near_ir == pytest.approx(np.median(near), rel=0.2)
+    assert np.quantile(near, 0.25) < fit.near_ir < np.quantile(near, 0.75)
     middle = np.array([150.0, 900.0])
     expected = truth.threshold_floor + truth.threshold_slope * np.sqrt(middle)
     np.testing.assert_allclose(fit.level(middle), expected, rtol=0.1)
@@ -95,3 +101,35 @@ def test_the_error_weighs_bins_by_their_pulses() -> None:
         pulses=np.array([1, 9]),
     )  # fmt: skip
     assert fit.error == pytest.approx(0.01)
+
+
+def test_a_pulse_is_on_the_surface_of_its_neighbours_whatever_it_reports_itself() -> None:
+    """A wall with one lost pulse and one that met something else; a neighbour that is off takes all around it off."""
+    range_m = np.full((1, 60), 10.0)
+    range_m[0, 20], range_m[0, 50] = np.nan, 3.0
+    pulses = Pulses(
+        range_m=range_m, recorded=np.ones((1, 60), bool), signal=None, near_ir=None, reflectivity=None,
+        azimuth_rad=0.0 * range_m, frame=np.zeros(60, int), block=np.zeros(60, int),
+    )  # fmt: skip
+    around = np.minimum(np.abs(np.arange(60) - 50), 60 - np.abs(np.arange(60) - 50))
+    expected = (around > threshold.BESIDE) | (around == 0)
+    assert np.array_equal(threshold._on_surface(pulses)[0], expected)
+
+
+def test_more_light_that_is_kept_less_is_no_threshold() -> None:
+    design = threshold._design(np.arange(100.0), np.linspace(100.0, 900.0, 100))
+    rising = np.arange(100) + 20.0 * np.sin(np.arange(100)) > 50.0
+    assert threshold._newton(design, rising) is not None
+    assert threshold._newton(design, ~rising) is None
+
+
+def test_the_error_is_that_of_the_blocks_that_were_not_fitted() -> None:
+    """There SIGNAL is reported six photons too high: the law is the same, and misses them."""
+    sweep = drawn_sweep(drawn_truth(0), 0)
+    held_out = np.arange(sweep.shape[1]) // 20 % 4 == 3
+    plain = fit_threshold(pulses_of([sweep]))
+    other = fit_threshold(pulses_of([replace(sweep, signal=np.asarray(sweep.signal) + 6.0 * held_out)]))
+    assert plain is not None
+    assert other is not None
+    np.testing.assert_allclose(other.solved.value, plain.solved.value, rtol=0.05)
+    assert other.error > 4.0 * plain.error

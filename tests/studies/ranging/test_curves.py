@@ -1,5 +1,6 @@
 """Curves along any axis, where they cross, and what the sensors of a sweep are called."""
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -10,8 +11,22 @@ from lidarscene import catalog, load_sensor
 from lidarscene.errors import InputError
 from lidarscene.studies.ranging import aperture, plane
 from lidarscene.studies.ranging.aperture import LAWS
-from lidarscene.studies.ranging.axes import condition_axis, numeric_keys, parameter_axis
-from lidarscene.studies.ranging.curves import Question, curves, is_flat
+from lidarscene.studies.ranging.axes import (
+    Bounds,
+    condition_axis,
+    numeric_keys,
+    parameter_axis,
+    require_within_law,
+)
+from lidarscene.studies.ranging.curves import (
+    Curve,
+    Question,
+    _difference,
+    _refined,
+    curves,
+    is_flat,
+    with_haze,
+)
 from lidarscene.studies.ranging.plane import RangeStatus, Target
 from lidarscene.studies.ranging.subjects import subjects
 
@@ -267,3 +282,75 @@ def test_assignments_for_one_and_for_all():
     assert [one.sensor().laser.peak_power_w for one in found] == [50.0, 50.0]
     assert found[0].sensor().detector.gain == 30.0
     assert [one.name for one in found] == ["x", "x (2)"]
+
+
+@pytest.mark.parametrize(
+    ("above", "value", "refused"), [(True, 0.0, True), (False, 0.0, False), (True, 1e-9, False)]
+)
+def test_a_bound_that_is_excluded(above, value, refused):
+    bounds = Bounds(unit="m", low=0.0, high=9.0, start=1.0, stop=2.0, above=above)
+    if refused:
+        with pytest.raises(InputError, match="--distance 0: must be more than 0 and up to 9 m"):
+            bounds.require("--distance", value)
+    else:
+        assert bounds.require("--distance", value) == value
+
+
+@pytest.mark.parametrize(("width", "met"), [(1e-12, False), (1.0, True)])
+def test_only_what_passes_through_zero_crosses(width, met):
+    """A height that falls from 0.5 to -0.5 around 5: at once it is a jump, over a width of one it crosses there."""
+    axis = condition_axis("illuminance", start=1.0, stop=9.0, count=3, log=True)
+
+    def height_at(x):
+        return np.clip((5.0 - x) / width, -0.5, 0.5), 2.0 * x
+
+    found = _refined(axis, height_at, 1.0, 9.0, falls=True)
+    assert (found is not None) is met
+    if met:
+        assert found == pytest.approx((5.0, 10.0), rel=1e-9)
+
+
+def test_haze_comes_on_top_of_what_the_air_takes():
+    sensor = load_sensor("table1-apd")
+    alpha = with_haze(sensor, Target(), 1000.0).extinction_per_m
+    assert alpha > 1e-3
+    assert with_haze(sensor, Target(extinction_per_m=0.01), 1000.0).extinction_per_m == pytest.approx(
+        0.01 + alpha
+    )
+    assert with_haze(sensor, Target(extinction_per_m=0.01), None).extinction_per_m == 0.01
+
+
+def test_of_whole_numbers_the_first_on_the_other_side_is_told():
+    """A height that passes zero between 5 and 6."""
+    axis = dataclasses.replace(
+        condition_axis("illuminance", start=1.0, stop=9.0, count=3, log=False), whole=True
+    )
+    assert _refined(axis, lambda x: (5.5 - x, 10.0 * x), 1.0, 9.0, falls=True) == (6.0, 60.0)
+
+
+def test_angles_and_ends_that_make_no_axis():
+    within, beyond = (
+        condition_axis("elevation", start=0.0, stop=stop, count=3, log=False) for stop in (89.0, 89.5)
+    )
+    require_within_law(within)
+    with pytest.raises(InputError, match="this aperture law holds to 89 degrees"):
+        require_within_law(beyond)
+    with pytest.raises(InputError, match="--from must be below --to"):
+        condition_axis("distance", start=5.0, stop=5.0, count=3, log=None)
+
+
+def test_a_fifth_of_a_number_stops_at_its_bound():
+    """A gain of three: from one, the least that there is, to fifteen."""
+    (few,) = subjects(["table1-apd"], ["detector.gain=3"])
+    axis = parameter_axis(
+        "detector.gain", [(few.where, few.changed)], start=None, stop=None, count=3, log=None
+    )
+    assert (axis.values[0], axis.values[-1]) == (1.0, 15.0)
+
+
+def test_what_has_no_limit_is_ahead():
+    axis = condition_axis("illuminance", start=1.0, stop=9.0, count=3, log=True)
+    question = Question(quantity="range", axis=axis)
+    never, some = (Curve(name="", values=np.array([value])) for value in (np.inf, 70.0))
+    assert _difference(question, never, some)[0] > 0.0 > _difference(question, some, never)[0]
+    assert _difference(question, never, never)[0] == 0.0

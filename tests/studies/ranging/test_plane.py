@@ -433,3 +433,36 @@ def test_an_amplifier_shortens_the_closed_form_as_it_shortens_the_snr():
     assert abs(snrs[0] / snrs[1] - 1.0) > 0.01
     assert slow.response.noise != pytest.approx(1.0, abs=0.01)
     assert (ranges[0] / ranges[1]) ** 2 == pytest.approx(snrs[0] / snrs[1], rel=1e-3)
+
+
+def test_a_black_target_is_not_detected_even_without_noise():
+    """A comparator's level of zero is reached by nothing at all; an echo is not nothing."""
+    quiet = of(
+        "table1-sipm",
+        detector__statistics="published",
+        detector__dark_count_rate_hz=0.0,
+        detector__cell_floor=0,
+    )
+    assert plane.maximum_range_m(quiet, Target(reflectivity=0.0, illuminance_klux=0.0)) == (
+        0.0,
+        RangeStatus.NEVER_DETECTED,
+    )
+
+
+def test_a_slanted_target_returns_the_cosine():
+    powers = [plane.echoes_of_plane(APD, Target(cos_incidence=cos), 50.0) for cos in (1.0, 0.4)]
+    assert float(powers[1].peak_power_w[0] / powers[0].peak_power_w[0]) == pytest.approx(0.4)
+    assert float(powers[1].background_power_w[0]) == pytest.approx(float(powers[0].background_power_w[0]))
+
+
+def test_two_lenses_see_nothing_right_before_them_and_have_a_range():
+    limit, status = plane.maximum_range_m(load_sensor("biaxial-905"), Target())
+    assert status == RangeStatus.FOUND
+    assert limit > 20.0
+
+
+def test_the_closed_form_takes_a_share_of_the_aperture_for_a_smaller_one():
+    half = of("table1-apd", optics__aperture_radius_mm=12.5)
+    assert plane.closed_form_range_m(APD, Target(aperture_share=0.25)) == pytest.approx(
+        plane.closed_form_range_m(half, Target())
+    )

@@ -7,7 +7,7 @@ from lidarscene import load_sensor
 from lidarscene.studies.ranging.axes import condition_axis
 from lidarscene.studies.ranging.curves import Crossing, Curve, Curves, Question
 from lidarscene.studies.ranging.plane import RangeStatus, Target
-from lidarscene.studies.ranging.report import air_text, notes, table_text, window_note
+from lidarscene.studies.ranging.report import air_text, chart_of, notes, table_text, window_note
 
 SENSOR = load_sensor("table1-apd")
 
@@ -65,3 +65,14 @@ def test_the_air_in_words_and_ranges_that_are_none() -> None:
         "70",
         "never",
     ]
+
+
+def test_what_is_nothing_is_not_drawn_on_a_logarithm() -> None:
+    chart = chart_of(
+        curves("illuminance", "snr", curves=(Curve(name="a", values=np.array([3.0, 0.0, 2.0])),)),
+        "t",
+        thresholds={"a": 5.0},
+    )
+    np.testing.assert_array_equal(chart.lines[0].y, [3.0, np.nan, 2.0])
+    assert chart.y_log
+    assert [level.y for level in chart.levels] == [5.0]

@@ -249,3 +249,33 @@ def test_a_signal_that_rises_with_range_has_no_sensitivities(monkeypatch):
     monkeypatch.setattr(sensitivities.derivatives, "chosen", lambda _: ("differences", rising))
     with pytest.raises(InputError, match="the signal does not fall with range at "):
         sensitivities.sensitivities(APD, Target())
+
+
+def test_no_gain_is_below_one():
+    """Light that drowns the amplifier's noise asks for less than one, which no diode has."""
+    best = gain.best_gain(APD, Target(illuminance_klux=1e7))
+    assert best.closed_form == 1.0
+    assert best.searched == pytest.approx(1.0, abs=1e-6)
+    assert best.snr_share < 1.0
+
+
+def test_rows_go_by_size_and_points_are_of_a_per_cent():
+    """Elasticities of both signs, the largest first; a per cent of a parameter moves P_d by slope times value / 100."""
+    table = sensitivities.sensitivities(APD, Target(), method="differences")
+    sizes = [abs(row.range_elasticity or 0.0) for row in table.rows]
+    assert sizes == pytest.approx(sorted(sizes, reverse=True), abs=1e-6)
+    assert min(row.range_elasticity or 0.0 for row in table.rows) < -0.01
+    power = next(row for row in table.rows if row.parameter == "laser.peak_power_w")
+    shots = [
+        100.0 * float(plane.detection_probability(dataclasses.replace(
+            APD, laser=dataclasses.replace(APD.laser, peak_power_w=power.value * by)), Target(), table.distance_m)[0])
+        for by in (0.995, 1.005)
+    ]  # fmt: skip
+    assert power.detection_points == pytest.approx(shots[1] - shots[0], rel=1e-3)
+
+
+def test_a_diode_without_holes_ionising_has_its_best_gain_in_closed_form():
+    """F = 2 - 1 / M: M = 2 c / (a + b), which the search finds too."""
+    diode = dataclasses.replace(APD.detector, ionisation_ratio=0.0, excess_noise_index=None)
+    best = gain.best_gain(dataclasses.replace(APD, detector=diode), Target(illuminance_klux=5.0))
+    assert best.closed_form == pytest.approx(best.searched, rel=1e-3)

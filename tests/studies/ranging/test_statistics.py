@@ -8,10 +8,11 @@ import math
 
 import numpy as np
 import pytest
+from helpers import photons
 from scipy.stats import binom, norm
 
 from lidarscene import load_sensor
-from lidarscene.physics.electronics import tdc
+from lidarscene.physics.electronics import mcintyre, tdc
 from lidarscene.studies.ranging import plane, statistics
 from lidarscene.studies.ranging.plane import Target
 
@@ -170,3 +171,67 @@ def test_no_alarms_without_noise():
     silent = dataclasses.replace(APD, detector=dark)
     assert statistics.false_points(silent, Target()).per_frame == 0.0
     assert statistics.Shots(10, 0, 0).correct_share == 1.0
+
+
+def test_a_window_closes_behind_the_echos_half():
+    """100 m are 667.1 ns there and back; the half of a pulse of 6 ns comes after its peak."""
+    assert statistics.end_of_window(APD, 100.0).tdc.window_s == pytest.approx(667.128e-9 + 3e-9, rel=1e-6)
+
+
+def test_thresholds_that_scatter_trip_oftener():
+    """False alarms fall like a Gaussian with the threshold: their mean over thresholds that scatter by two photons, by
+    Gauss and Hermite's sum, is that of 200 places to a few per cent.
+    """
+    still = photons.sensor("histogram.lone_photons=0")
+    assert still.histogram is not None
+    loose = dataclasses.replace(
+        still, histogram=dataclasses.replace(still.histogram, threshold_spread=2.0, neighbours=False)
+    )
+    target = Target(illuminance_klux=20.0)
+    point = still.working_point(plane.echoes_of_plane(still, target, 1.0).background_power_w)
+    level = float(np.ravel(still.threshold(point))[0]) + 12.0
+    place, weight = np.polynomial.hermite_e.hermegauss(80)
+    rates = [float(np.ravel(still.false_alarm_rate_hz(point, np.array([level + 2.0 * x])))[0]) for x in place]
+    mean = float(np.dot(weight, rates) / weight.sum())
+    alone = float(np.ravel(still.false_alarm_rate_hz(point, np.array([level])))[0])
+    assert mean > 1.1 * alone
+    assert float(np.ravel(statistics._alarms_hz(loose, point, np.array([level])))[0]) == pytest.approx(
+        mean, rel=0.03
+    )
+
+
+def test_false_points_of_an_echo_that_is_found_half_of_the_time():
+    """One stop: alarms before the echo where it is found, in all of the window where it is not; at the limit P_d is
+    one half.
+    """
+    noisy = apd_with("tdc.threshold_to_noise=3.3")
+    limit_m, _ = plane.maximum_range_m(noisy, Target())
+    rate_hz = statistics.false_points(noisy, Target(), 1e5).per_pulse
+    rate_hz = -math.log1p(-rate_hz) / noisy.tdc.window_s  # of a pulse without an echo
+    before = -math.expm1(-rate_hz * 2.0 * limit_m / 299_792_458.0)
+    without = -math.expm1(-rate_hz * noisy.tdc.window_s)
+    assert without > 1.2 * before
+    half = statistics.false_points(noisy, Target(), limit_m).per_pulse
+    assert half == pytest.approx(0.5 * (before + without), rel=1e-6)
+
+
+def test_webbs_tail_is_blurred_by_the_amplifier():
+    """Mean of the electrons' tail over the amplifier's noise, by Gauss and Hermite's sum."""
+    law = {"primaries": 200.0, "gain": 50.0, "excess_noise": 3.0}
+    place, weight = np.polynomial.hermite_e.hermegauss(100)
+    tails = mcintyre.webb_tail(excess=8000.0 - 1500.0 * place, **law)
+    mean = float(np.dot(weight, tails) / weight.sum())
+    blurred = statistics._webb_with_amplifier(8000.0, ionisation_ratio=0.02, amplifier=1500.0, **law)
+    assert blurred == pytest.approx(mean, rel=1e-6)
+    assert blurred > 1.2 * float(mcintyre.webb_tail(excess=8000.0, **law))
+
+
+@pytest.mark.parametrize("sensor", [APD, SIPM], ids=["apd", "sipm"])
+def test_two_roads_to_the_probability_of_detection(sensor):
+    """At the limit, nearer and farther: arrays of `plane` and numbers of `statistics`."""
+    limit_m, _ = plane.maximum_range_m(sensor, Target())
+    for by in (0.8, 0.95, 1.0, 1.1):
+        alone = statistics.detection_probability(sensor, Target(), by * limit_m)
+        assert float(plane.detection_probability(sensor, Target(), by * limit_m)[0]) == pytest.approx(
+            alone, rel=1e-9
+        )

@@ -288,3 +288,9 @@ def test_tables_by_events_and_by_equation():
 def test_cells_that_cannot_be(change):
     with pytest.raises(ValueError, match=r"must be|needs"):
         dataclasses.replace(TABLE1, **change)
+
+
+def test_the_output_peaks_within_a_dead_time_of_the_light() -> None:
+    """Rationale: cells are busy for one dead time, 6 ns here, and most of those that fire do so in the pulse."""
+    table = response_by_equation(TABLE1, background_photons=[30.0], signal_photons=[30.0], pulse_fwhm_s=2e-9)
+    assert 0.0 < table.peak_time_s[0, 0] < 6e-9

@@ -23,7 +23,7 @@ from lidarscene.studies.sipm_events.table import (
     response_by_events,
     where_published_is_off,
 )
-from lidarscene.studies.sipm_events.working_point import measure
+from lidarscene.studies.sipm_events.working_point import _alarms, _first_passages, measure, moments
 
 PAGE = Path(__file__).parents[3] / "docs" / "sipm.md"
 
@@ -262,3 +262,33 @@ def test_no_equation_for_cells_with_memory():
     array = CellArray(cells=400, pde=0.22, dead_time_s=6e-9, crosstalk=0.1)
     with pytest.raises(ValueError, match=re.escape("box shape without recovery")):
         response_by_equation(array, background_photons=[1.0], signal_photons=[1.0], pulse_fwhm_s=6e-9)
+
+
+def test_a_passage_is_upward_and_between_two_samples() -> None:
+    """High from the start and falling: none. Up from 0 to 4 at a level of 1: a quarter on; only the first counts."""
+    time_s = np.array([0.0, 1.0, 2.0, 3.0])
+    wave = np.array([[9.0, 9.0, 0.0, 0.0], [0.0, 4.0, 0.0, 4.0], [9.0, 0.0, 0.0, 2.0], [0.0, 0.0, 0.0, 0.5]])
+    np.testing.assert_allclose(_first_passages(time_s, wave, 1.0), [0.25, 2.5])
+
+
+def test_alarms_are_passages_of_shots_that_begin_low() -> None:
+    """Of four shots one is high at first, one later and two never: ln(3 / 2) in 2 us; three samples of 12 are high."""
+    wave = np.array([[9.0, 0.0, 0.0], [0.0, 9.0, 9.0], [0.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
+    share, rate_hz = _alarms(wave, 1.0, 2e-6)
+    assert share == pytest.approx(0.25)
+    assert rate_hz == pytest.approx(np.log(1.5) / 2e-6)
+
+
+def test_moments_of_a_number_that_is_drawn_once_in_four() -> None:
+    """Of 0, 0, 0 and 3: mean 0.75, variance 27/16, skewness (1 - 2 p) / sqrt(p (1 - p)) of p = 1/4; and of nothing."""
+    seen = moments(np.zeros(2), np.array([[0.0, 2.0], [0.0, 2.0], [0.0, 2.0], [3.0, 2.0]]))
+    np.testing.assert_allclose(seen.mean, [0.75, 2.0])
+    np.testing.assert_allclose(seen.variance, [27.0 / 16.0, 0.0])
+    np.testing.assert_allclose(seen.skewness, [0.5 / np.sqrt(3.0 / 16.0), 0.0])
+
+
+def test_no_comparator_is_set_below_a_cell() -> None:
+    """In the dark five sigmas are less than one cell, which is the least that can be counted."""
+    array = CellArray(cells=100, pde=0.2, dead_time_s=6e-9, dark_count_rate_hz=0.0)
+    dark = Light(background_photons=0.0, signal_photons=20.0, pulse_fwhm_s=6e-9)
+    assert measure(array, dark, shots=20).threshold == 1.0

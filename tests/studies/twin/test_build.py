@@ -192,3 +192,11 @@ def test_quads_of_several_frames_are_where_each_frame_saw_them(
         np.testing.assert_allclose(middle, pose.rotation @ [2.0, 0.0, 0.0] + pose.position_m, atol=1e-6)
         np.testing.assert_allclose(normal[0], normal[1], atol=1e-6)
     assert read_poses(tmp_path / "twin" / "poses.csv").span_s == pytest.approx((0.0, 2.0))
+
+
+def test_a_twin_of_columns_sees_the_even_ones() -> None:
+    """`fit --scene` and `compare` take the odd ones: none is in both."""
+    sweep = room_sweep()
+    part = Choice(frames=(0,), held_out=COLUMNS).part(sweep)
+    assert np.array_equal(part.range_m, sweep.range_m[:, ::2])
+    assert Choice(frames=(0,), held_out=3).part(sweep) is sweep

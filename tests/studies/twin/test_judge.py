@@ -304,3 +304,9 @@ def test_frames_are_told_apart_by_the_pulses_that_both_recorded() -> None:
     range_m[:, :90] = np.nan
     recorded[:, 180:] = False
     assert judge.apart(room_sweep(recorded=recorded), room_sweep(range_m=range_m)) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("bias_mm", "met"), [(9.9, True), (10.1, False), (-9.9, True), (-10.1, False)])
+def test_ten_millimetres_of_bias_either_way(bias_mm: float, met: bool) -> None:
+    rows = judge._ranges(fixed(simulated_range_m=fixed().true_range_m + 1e-3 * bias_mm))
+    assert value_of(rows, "range, bias").met is met

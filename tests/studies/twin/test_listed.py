@@ -84,8 +84,11 @@ def test_a_slanted_wall_has_one_reflectivity_but_where_no_matt_wall_is_so_bright
     np.testing.assert_allclose(width, np.sqrt(2.0) * step_m, rtol=1e-6)
 
 
-def test_the_completed_ground_is_the_grounds_alone(open3d: Any) -> None:
-    """A sloping ground to 10 m with a wall behind: the ground ends where its returns do, as bright as they are."""
+@pytest.mark.parametrize("bright", [0.15, 3.0])
+def test_the_completed_ground_is_the_grounds_alone(open3d: Any, bright: float) -> None:
+    """A sloping ground to 10 m with a wall behind: the ground ends where its returns do, as bright as they are, but no
+    brighter than matt white.
+    """
     steps = np.arange(-19, 20) * 0.5
     x, y = (axis.ravel() for axis in np.meshgrid(steps, steps))
     x, y = x[np.hypot(x, y) < 10.0], y[np.hypot(x, y) < 10.0]
@@ -95,13 +98,28 @@ def test_the_completed_ground_is_the_grounds_alone(open3d: Any) -> None:
     cos = np.abs(ground_m @ up) / np.linalg.norm(ground_m, axis=1) / np.linalg.norm(up)
     y, z = (axis.ravel() for axis in np.meshgrid(np.arange(-30, 31) * 0.5, np.arange(2, 20) * 0.5))
     wall_m = np.stack([np.full_like(y, 40.0), y, z], axis=1)
-    apparent = np.concatenate([0.15 * scattering_law(cos), np.full(len(y), 0.7)])
+    apparent = np.concatenate([bright * scattering_law(cos), np.full(len(y), 0.7)])
     sweep = list_of(np.concatenate([ground_m, wall_m]), apparent)
     quads = listed.surfels_of(sweep, Gauge.of(sweep), ground)
+    sides_m = np.linalg.norm(np.diff(quads.corners_m[quads.kind != GROUND], axis=1), axis=2)
+    np.testing.assert_allclose(sides_m, np.repeat(sides_m[:, :1], 3, axis=1))  # squares, however they lean
     completed = quads.kind == GROUND
     corners_m = quads.corners_m[completed]
     level_m = ground[0] + corners_m[..., :2] @ ground[1:] - listed.BELOW_M
     np.testing.assert_allclose(corners_m[..., 2], level_m, atol=1e-9)
     reach_m = np.hypot(corners_m[..., 0], corners_m[..., 1]).max()
     assert 8.0 < reach_m < 10.5 + np.sqrt(0.5) * listed.CELL_M
-    np.testing.assert_allclose(quads.reflectivity[completed], 0.15, rtol=0.02)
+    np.testing.assert_allclose(quads.reflectivity[completed], min(bright, largest_reflectivity()), rtol=0.02)
+
+
+def test_squares_are_square_whatever_their_normals() -> None:
+    """Normals over the whole sphere: sides of twice the half width, at right angles to each other and the normal."""
+    turn = np.arange(50.0)
+    z = np.linspace(-1.0, 1.0, 50)
+    normal = np.stack([np.sqrt(1.0 - z**2) * np.cos(turn), np.sqrt(1.0 - z**2) * np.sin(turn), z], axis=1)
+    corners_m = listed._squares(np.full((50, 3), 7.0), normal, np.full(50, 0.3))
+    sides = np.diff(corners_m, axis=1)
+    np.testing.assert_allclose(np.linalg.norm(sides, axis=2), 0.6)
+    np.testing.assert_allclose(np.einsum("nsi,ni->ns", sides, normal), 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.einsum("ni,ni->n", sides[:, 0], sides[:, 1]), 0.0, atol=1e-12)
+    np.testing.assert_allclose(corners_m.mean(axis=1), 7.0)

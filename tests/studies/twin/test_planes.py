@@ -127,3 +127,25 @@ def test_a_pixel_off_the_plane_of_its_neighbours_has_none() -> None:
     planes = planes_of(grid_of(room_sweep(range_m=range_m)))
     assert not planes.there[5, 180]
     assert planes.there[5, [179, 181]].all()
+
+
+def test_a_slanted_pole_is_no_plane() -> None:
+    """One pixel wide, it leaves the plane's other direction open: most of its window is the wall behind."""
+    range_m = np.array(room_sweep().range_m)
+    range_m[:, 100] = 3.0 + 0.05 * np.arange(RINGS)
+    grid = grid_of(room_sweep(range_m=range_m))
+    planes = planes_of(grid)
+    rings = slice(4, 12)
+    there = planes.there[rings, 100]
+    np.testing.assert_allclose(planes.normal[rings, 100][there], -grid.sweep.direction[rings, 100][there])
+
+
+@pytest.mark.parametrize(("tilt_deg", "smooth"), [(7.5, True), (8.5, False)])
+def test_normals_that_agree_within_eight_degrees_are_smooth(tilt_deg: float, smooth: bool) -> None:
+    """Fifteen normals on a cone about one direction: the length of their mean is the cosine of the cone's angle."""
+    tilt = np.radians(tilt_deg)
+    turn = np.linspace(0.0, 2.0 * np.pi, 15, endpoint=False).reshape(3, 5)
+    normal = np.stack(
+        [np.full((3, 5), np.cos(tilt)), np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn)], axis=-1
+    )
+    assert Planes(range_m=np.ones((3, 5)), normal=normal).smooth()[1, 2] == smooth

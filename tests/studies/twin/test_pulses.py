@@ -1,6 +1,7 @@
 """A recording that we rendered ourselves becomes a twin, whose rendering agrees with the closed truth."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from lidarscene.errors import InputError
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.maths.pose import Pose
 from lidarscene.recordings.recording import Recording
-from lidarscene.recordings.sweep import Sweep
+from lidarscene.recordings.sweep import Second, Sweep
 from lidarscene.recordings.units.written import unit_from, write_unit
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.file import load_scene
@@ -273,3 +274,55 @@ def test_ranges_count_from_the_simulated_exit() -> None:
     ahead_m = np.einsum("...i,...i", exit_m, direction)
     assert np.median(ahead_m) > 0.005
     np.testing.assert_allclose(from_exit(sensor, middle, numbers), 10.0 - ahead_m, rtol=1e-6)
+
+
+def test_changes_are_of_smooth_surfaces_and_gaps_have_no_sign(
+    made: Made, pulses: Pulses, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A recording whose stronger return comes first has farther and nearer second ones, all a metre apart.
+
+    Changes are over 1.4 degrees, two columns of 512. Pulses that are lost are pulses, too.
+    """
+    steps, change = [], twin_pulses._change
+
+    def noted(range_m: np.ndarray, step: int) -> np.ndarray:
+        steps.append(step)
+        return change(range_m, step)
+
+    monkeypatch.setattr(twin_pulses, "_change", noted)
+    for changes in (pulses.change_m, pulses.simulated_change_m):
+        assert np.isfinite(changes).sum() > 100
+        assert np.all(pulses.kind[np.isfinite(changes)] == SMOOTH)
+    assert np.any(pulses.kept & pulses.simulated & (pulses.kind != SMOOTH))
+    assert not np.allclose(pulses.change_m, pulses.simulated_change_m, equal_nan=True)
+    recording, folder, sensor = made
+    sweep = recording[0]
+    nearer = np.where(np.arange(sweep.shape[1]) % 2 == 0, -1.0, 1.0)
+    lost = np.arange(sweep.shape[1]) % 8 == 0
+    two = replace(
+        sweep, second=Second(range_m=sweep.range_m + nearer), range_m=np.where(lost, np.nan, sweep.range_m)
+    )
+    laid, _ = pulses_of(load_scene(folder / "scene.toml"), sensor, two)
+    assert steps == [2, 2]
+    assert len(laid.range_m) == sweep.range_m.size
+    assert np.mean(laid.kept) == pytest.approx(np.mean(two.kept))
+    assert not laid.kept.all()
+    np.testing.assert_allclose(laid.gap_m[laid.kept], 1.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("stops", "rays"), [(1, 1), (2, 16)])
+def test_a_second_return_needs_several_rays(
+    made: Made, stops: int, rays: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+
+    def traced(*_: Any, **options: Any) -> None:
+        seen.append(options["rays"])
+        raise InputError("enough")
+
+    monkeypatch.setattr(twin_pulses, "Simulator", traced)
+    recording, folder, sensor = made
+    several = replace(sensor, tdc=replace(sensor.tdc, stops=stops))
+    with pytest.raises(InputError, match="enough"):
+        pulses_of(load_scene(folder / "scene.toml"), several, recording[0])
+    assert seen == [rays]

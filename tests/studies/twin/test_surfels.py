@@ -8,8 +8,18 @@ from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
 from lidarscene.recordings.sweep import Second, Sweep
 from lidarscene.studies.twin.planes import grid_of
-from lidarscene.studies.twin.reflect import Gauge
-from lidarscene.studies.twin.surfels import BRIGHT, FILLED, GROUND, KINDS, ROUGH, SMOOTH, Surfels, surfels_of
+from lidarscene.studies.twin.reflect import Gauge, scattering_law
+from lidarscene.studies.twin.surfels import (
+    BRIGHT,
+    FILLED,
+    GROUND,
+    KINDS,
+    ROUGH,
+    SMOOTH,
+    Surfels,
+    _quads,
+    surfels_of,
+)
 
 GROUND_PLANE = np.array([-HEIGHT_M, 0.0, 0.0])
 
@@ -264,3 +274,48 @@ def test_ground_that_slopes_is_completed_along_its_slope_a_step_behind_what_stan
     # Columns go clockwise from behind: 105 to 109 are at 75 to 71 degrees.
     assert set(np.rint(azimuth_deg[behind]).astype(int)) == {71, 72, 73, 74, 75}
     assert np.linalg.norm(middle, axis=1).max() < 1.3 * 25.0 * 1.01
+
+
+def test_no_ground_is_seen_above_the_foot_of_a_wall() -> None:
+    """Above a wall's lowest returns all is lost, windows and sky: what is next below is a wall, so no ground shows."""
+    plain = room_sweep()
+    elevation_deg = np.degrees(np.arcsin(plain.direction[:, 0, 2]))
+    lost = np.zeros(plain.shape, bool)
+    lost[elevation_deg > -8.5, 170:190] = True  # straight ahead the wall's foot is at -10.2 degrees
+    range_m, signal, reflectivity = (
+        np.where(lost, empty, values)
+        for values, empty in ((plain.range_m, np.nan), (plain.signal, 0.0), (plain.reflectivity, 0.0))
+    )
+    quads = made(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity), GROUND_PLANE)
+    ground = quads.corners_m[quads.kind == GROUND].mean(axis=1)
+    ahead = np.abs(np.degrees(np.arctan2(ground[:, 1], ground[:, 0]))) < 9.0
+    above = np.degrees(np.arctan2(ground[:, 2], np.hypot(ground[:, 0], ground[:, 1]))) > -8.5
+    assert not np.any(ahead & above)
+
+
+def test_corners_of_a_grazing_quad_stay_near_its_middle() -> None:
+    """At a cosine of 0.02 a plane runs off within a pixel: corners are at 10 m times or over 1.6 at most."""
+    grid = grid_of(room_sweep())
+    direction = grid.sweep.direction[6, 52]
+    up = np.cross(np.cross(direction, [0.0, 0.0, 1.0]), direction)
+    normal = 0.9998 * up / np.linalg.norm(up) - 0.02 * direction
+    chosen = np.zeros(grid.sweep.shape, bool)
+    chosen[6, 52] = True
+    quads = _quads(
+        grid, chosen, np.full(grid.sweep.shape, 10.0), np.broadcast_to(normal, (*grid.sweep.shape, 3)),
+        np.full(grid.sweep.shape, 0.01), SMOOTH,
+    )  # fmt: skip
+    reach_m = np.linalg.norm(quads.corners_m[0], axis=-1)
+    assert (reach_m.min(), reach_m.max()) == (pytest.approx(6.25, rel=0.1), pytest.approx(16.0))
+
+
+def test_reflectivities_are_the_apparent_ones_over_the_law_of_incidence() -> None:
+    """The room is Lambertian: of its ground, far aslant, the apparent reflectivity is 0.3 cos."""
+    quads = made(room_sweep())
+    middle = quads.corners_m.mean(axis=1)
+    ground = (quads.kind == SMOOTH) & (np.abs(middle[:, 2] + HEIGHT_M) < 1e-3)
+    cos = HEIGHT_M / np.linalg.norm(middle[ground], axis=1)
+    assert ground.sum() > 200
+    assert np.median(cos) < 0.4
+    ratio = quads.reflectivity[ground] / (0.3 * cos / scattering_law(cos))
+    assert np.quantile(np.abs(ratio - 1.0), 0.8) < 0.03

@@ -1,6 +1,7 @@
 """A simulated unit is recorded in a known scene, forgotten, and found again by `fit --scene`."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ from helpers.in_this_process import draw_roughly
 from helpers.rendered_recordings import record, scene_and_units
 
 from lidarscene.errors import InputError
+from lidarscene.recordings.recording import Recording
+from lidarscene.recordings.sweep import Sweep
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
 from lidarscene.studies.fit import known_scene
@@ -171,3 +174,74 @@ def test_what_photons_do_not_explain_is_texture_and_strangers() -> None:
     assert texture == pytest.approx(np.sqrt((1.4826 * 0.1) ** 2 - photons), rel=0.01)
     assert photons > 0.02 * texture**2
     assert strangers == pytest.approx(0.2)
+
+
+def test_blocks_that_judge_are_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of twelve blocks of pulses the fourth, eighth and twelfth judge; the signal of a pulse is its block."""
+    laid = bare(np.repeat(np.arange(12.0), 5), np.zeros(60))
+    laid = replace(laid, block=np.repeat(np.arange(12), 5))
+    seen: dict[str, Any] = {}
+
+    def fitted(scene: Any, reported: Any, names: Any, **_: Any) -> KnownFit:
+        seen["fitted"] = np.unique(reported.signal).tolist()
+        raise InputError("enough")
+
+    monkeypatch.setattr(study, "fit_known", fitted)
+    with pytest.raises(InputError, match="enough"):
+        study.fit_laid(laid, published(), twin=False)
+    assert seen["fitted"] == [0, 1, 2, 4, 5, 6, 8, 9, 10]
+    known = KnownFit(
+        solved=Solved(value=np.zeros(0), slope=np.zeros((0, 0)), scores=np.zeros((1, 0))), names=(), held=(), null=(),
+        values={}, reflectivity=np.zeros(1),
+    )  # fmt: skip
+    monkeypatch.setattr(study, "fit_known", lambda *_, **__: known)
+    monkeypatch.setattr(
+        study, "judged", lambda others, _: seen.update(judged=np.unique(others.reported.signal).tolist())
+    )
+    fit = study.fit_laid(laid, published(), twin=False)
+    assert seen["judged"] == [3, 7, 11]
+    assert fit.pulses == (45, 15)
+
+
+@pytest.mark.parametrize("clock_s", [0.0, 500.0])
+def test_poses_count_by_the_recordings_clock_or_from_its_first_frame(tmp_path: Path, clock_s: float) -> None:
+    """Frames at 501 and 502 s. The file's times are 501 and 502 s too, or 0 and 1 s: the sensor drives 3 m a second."""
+    path = tmp_path / "poses.csv"
+    times = (501.0, 502.0) if clock_s else (0.0, 1.0)
+    path.write_text(
+        "time_s,x_m,y_m,z_m\n" + "".join(f"{t},{3.0 * k},0,1\n" for k, t in enumerate(times)), "utf-8"
+    )
+    sweeps = [Sweep(range_m=np.ones(1), recorded=np.ones(1, bool), direction=np.array([[1.0, 0.0, 0.0]]), start_s=t)
+              for t in (501.0, 502.0)]  # fmt: skip
+    placed = study._placed([(sweep, None) for sweep in sweeps], path)
+    assert [pose.position_m.tolist() for _, pose in placed if pose is not None] == [
+        pytest.approx([0.0, 0.0, 1.0]), pytest.approx([3.0, 0.0, 1.0])
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("held_out", "chosen"), [(2, [2]), (None, [0, 1]), ("columns", [0, 1])])
+def test_what_a_twin_has_not_seen_is_fitted(
+    monkeypatch: pytest.MonkeyPatch, held_out: Any, chosen: list[int]
+) -> None:
+    """The frame that was held out, or the odd columns, or else all that it was made of; each at its place."""
+    direction = np.broadcast_to([1.0, 0.0, 0.0], (3, 8, 3))
+
+    def read(number: int) -> Sweep:
+        columns = np.arange(8.0) + 10.0 * number
+        return Sweep(
+            range_m=np.broadcast_to(columns, (3, 8)), recorded=np.ones((3, 8), bool), direction=direction
+        )
+
+    opened = Recording(path=Path("r.pcap"), count=3, read=read)
+    monkeypatch.setattr(study, "open_recording", lambda *_: opened)
+    made = {
+        "held_out": held_out,
+        "places": {"0": [0.0] * 6, "1": [1.0, *[0.0] * 5]}
+        | ({"2": [2.0, *[0.0] * 5]} if held_out == 2 else {}),
+    }
+    frames, notes = study._frames(Given(recordings=[Path("r.pcap")], scene=Path("scene.toml")), made)
+    assert [pose.position_m[0] for _, pose in frames if pose is not None] == chosen
+    step = slice(1, None, 2) if held_out == "columns" else slice(None)
+    for number, (sweep, _) in zip(chosen, frames, strict=True):
+        assert sweep.range_m[0].tolist() == (np.arange(8.0) + 10.0 * number)[step].tolist()
+    assert ("held out" in notes[0]) is (held_out is not None)

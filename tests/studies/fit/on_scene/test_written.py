@@ -52,3 +52,24 @@ def test_what_does_not_go_with_the_rest_is_left_and_told() -> None:
     assert after.sources["laser.peak_power_w"].startswith(
         "fitted with a scene: laser.peak_power_w 2 +/- 0.01 times"
     )
+
+
+def test_factors_of_one_key_multiply() -> None:
+    """A near field 1.3 times as far shrinks angles by its root and takes its own from the power; both have their own
+    factor besides.
+    """
+    text, notes = written(near_field_m=1.3, spot_over_field=1.2, laser__peak_power_w=2.0)
+    assert not notes
+    before, after = sensor_of(TEXT, "a").laser, sensor_of(text, "b").laser
+    assert after.divergence_rad == pytest.approx(1.2 / np.sqrt(1.3) * before.divergence_rad, rel=1e-5)
+    assert after.peak_power_w == pytest.approx(2.0 / 1.3 * before.peak_power_w, rel=1e-5)
+
+
+@pytest.mark.parametrize(("sigma", "is_written"), [(0.29, True), (0.31, False)])
+def test_what_is_known_to_30_per_cent_is_written(sigma: float, is_written: bool) -> None:
+    factor = Estimate(
+        key="laser.peak_power_w", value=2.0, unit="times", fisher=2.0 * sigma, bootstrap=2.0 * sigma
+    )
+    text, notes = written_text(TEXT, {factor.key: factor}, "drawn", "os0.toml")
+    assert (text != TEXT) is is_written
+    assert (len(notes) == 1) is not is_written
