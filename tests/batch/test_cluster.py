@@ -44,7 +44,7 @@ class Standing:
 
     @property
     def runs(self) -> bool:
-        return self.processes[0].poll() is None
+        return bool(self.processes) and self.processes[0].poll() is None
 
     def start(self, *command: str, first: Path | None = None) -> None:
         """Start a part of Dask; ``first`` is where its Python looks for modules first."""

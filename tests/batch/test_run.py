@@ -89,6 +89,9 @@ def test_who_lacks_the_key_runs_no_code(client: Any, tmp_path: Path) -> None:
     and its workers listen on; with the key it succeeds at the scheduler, two nannies and two workers.
     """
     psutil = pytest.importorskip("psutil")
+    client.wait_for_workers(
+        2, timeout=PATIENCE_S
+    )  # a test before may have killed one, which its nanny replaces
     processes = [psutil.Process(), *psutil.Process().children(recursive=True)]
     # Before psutil 6 the method had another name.
     sockets = [getattr(one, "net_connections", None) or one.connections for one in processes]

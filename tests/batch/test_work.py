@@ -2,7 +2,6 @@
 
 import dataclasses
 import errno
-import os
 import shutil
 import subprocess
 import sys
@@ -272,7 +271,6 @@ def test_a_frame_that_another_run_is_at_is_left_to_it(job: Job, tmp_path: Path) 
     (task, other, *_), store = list(job.tasks()), Store(tmp_path / "out")
     holder = subprocess.Popen(
         [sys.executable, "-c", HOLD, str(store.folder), task.key], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2] / "src")},
     )  # fmt: skip
     assert holder.stdout is not None
     assert holder.stdout.readline() == b"True\n"

@@ -67,7 +67,7 @@ def test_killed_at_any_moment(mi: Any, tmp_path: Path) -> None:
         running = subprocess.Popen(
             [sys.executable, "-m", "lidarscene", "render", "moving.toml", "-o", "out", "--frames", "200", *COARSE,
              "--sensor=table1-apd", "--labels=kitti", "--keep-missed=out/m.npz"],
-            cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT / "src")}, stderr=subprocess.DEVNULL,
+            cwd=tmp_path, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         before = _clouds(out)
         wait_until(
@@ -88,7 +88,6 @@ def test_killed_at_any_moment(mi: Any, tmp_path: Path) -> None:
         subprocess.run(
             command,
             cwd=tmp_path,
-            env=os.environ | {"PYTHONPATH": str(ROOT / "src")},
             check=True,
             capture_output=True,
         )

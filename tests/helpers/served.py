@@ -1,6 +1,5 @@
 """`lidarscene view` in a process of its own, as users have it."""
 
-import os
 import re
 import signal
 import subprocess
@@ -13,8 +12,6 @@ from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
 from helpers.waiting import PATIENCE_S
-
-SOURCE = Path(__file__).parents[2] / "src"
 
 
 @dataclass
@@ -46,7 +43,6 @@ def served(*arguments: str | Path) -> Iterator[Served]:
     """A running `lidarscene view`, which ends with the block."""
     process = subprocess.Popen(
         [sys.executable, "-m", "lidarscene", "view", *map(str, arguments), "--no-browser"],
-        env=os.environ | {"PYTHONPATH": str(SOURCE)},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         # Tests that run in the background ignore Ctrl-C, and so would what they start.
         preexec_fn=_hears_ctrl_c,
