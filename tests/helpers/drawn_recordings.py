@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from helpers.premises import premise
 from lidarscene.recordings.sweep import Sweep
 from lidarscene.sensor.model import Sensor
 from lidarscene.studies.fit.near_field import Curve, own_curve, share
@@ -27,7 +28,7 @@ class Truth:
 
 def drawn_truth(seed: int) -> Truth:
     """A unit at random, as wide as the three real ones are apart and more."""
-    random = np.random.default_rng([seed, 1])
+    random = premise([seed, 1])
 
     def between(low: float, high: float) -> float:
         return float(np.exp(random.uniform(np.log(low), np.log(high))))
@@ -41,7 +42,7 @@ def drawn_truth(seed: int) -> Truth:
 
 def two_lenses(seed: int, sensor: Sensor) -> tuple[Truth, Curve]:
     """A unit whose near field is that of the sensor's two lenses, stretched by up to 35 %."""
-    stretch = float(np.exp(np.random.default_rng([seed, 6]).uniform(-0.3, 0.3)))
+    stretch = float(np.exp(premise([seed, 6]).uniform(-0.3, 0.3)))
     curve = own_curve(sensor)
     assert curve is not None
     return replace(drawn_truth(seed), near_field_m=stretch * near_field_m(sensor)), curve
@@ -52,9 +53,11 @@ def drawn_sweep(
 ) -> Sweep:
     """One frame of walls, smooth or rough, and sky, each 20 columns wide and some rows high, under a changing light.
 
+    The arrangement is the same in every run; photons and ranges are drawn.
+
     curve  of two lenses, whose near field ends four times as far out; None: one lens
     """
-    random = np.random.default_rng([seed, 2])
+    layout, random = premise([seed, 7]), np.random.default_rng([seed, 2])
     tall, wide = 8, 20
     shape = (rows // tall, columns // wide)
 
@@ -63,22 +66,22 @@ def drawn_sweep(
 
     place = np.linspace(-1.0, 1.0, wide)
     knee_m = truth.near_field_m * (1.0 if curve is None else 4.0)
-    near_m = np.exp(random.uniform(np.log(0.25 * knee_m), np.log(6.0 * knee_m), shape))
-    slant = 1.0 + np.tile(place, (rows, shape[1])) * spread(random.uniform(-0.05, 0.05, shape))
+    near_m = np.exp(layout.uniform(np.log(0.25 * knee_m), np.log(6.0 * knee_m), shape))
+    slant = 1.0 + np.tile(place, (rows, shape[1])) * spread(layout.uniform(-0.05, 0.05, shape))
     range_m = spread(near_m) * slant
-    rough = spread(random.random(shape) < 0.3) * 0.05 * random.standard_normal((rows, columns))
-    white = spread(np.exp(random.uniform(np.log(0.05), np.log(0.9), shape)))
+    rough = spread(layout.random(shape) < 0.3) * 0.05 * random.standard_normal((rows, columns))
+    white = spread(np.exp(layout.uniform(np.log(0.05), np.log(0.9), shape)))
     ratio = range_m / truth.near_field_m
     light = (
         truth.white_m2 * (share(ratio, truth.spot_over_field) if curve is None else curve(ratio)) / range_m**2
     )
-    sky = spread(random.random(shape) < 0.25)
+    sky = spread(layout.random(shape) < 0.25)
     # Some surfaces so dark that they are found now and then.
-    dim = spread(random.random(shape) < 0.3)
-    wanted = np.where(dim, spread(random.uniform(2.0, 25.0, shape)), white * light)
+    dim = spread(layout.random(shape) < 0.3)
+    wanted = np.where(dim, spread(layout.uniform(2.0, 25.0, shape)), white * light)
     photons = np.where(sky, random.gumbel(5.0, 1.0, (rows, columns)), wanted)
-    near_ir = spread(np.exp(random.uniform(np.log(100.0), np.log(1500.0), shape)))
-    near_ir = near_ir * np.exp(truth.row_gains * random.standard_normal(rows))[:, None]
+    near_ir = spread(np.exp(layout.uniform(np.log(100.0), np.log(1500.0), shape)))
+    near_ir = near_ir * np.exp(truth.row_gains * layout.standard_normal(rows))[:, None]
     near_ir = random.poisson(near_ir).astype(float)
     noise = np.where(sky, 0.0, np.sqrt(1.3 * np.maximum(photons, 1.0)))
     signal = np.rint(np.maximum(photons + noise * random.standard_normal(photons.shape), 1.0))

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from helpers.premises import premise
 from lidarscene.detection.receivers import detect_alone
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
@@ -46,7 +47,7 @@ def with_spot(sensor: Sensor, spot_over_field: float) -> Sensor:
 
 def drawn_unit(seed: int) -> dict[str, float]:
     """Logarithms of its numbers over the published ones."""
-    random = np.random.default_rng([seed, 3])
+    random = premise([seed, 3])
     return {name: float(random.uniform(-far, far)) for name, far in DRAWN.items()}
 
 
@@ -82,16 +83,16 @@ def unit_of(truth: dict[str, float], base: Sensor | None = None) -> Sensor:
 
 def drawn_scene(seed: int, pulses: int) -> tuple[Scene, np.ndarray, Target, np.ndarray]:
     """Surfaces of twelve reflectivities at 1 to 110 m, in shade and sun: scene, groups, target and true deviations."""
-    random = np.random.default_rng([seed, 4])
-    group = random.integers(0, GROUPS, pulses)
-    range_m = np.exp(random.uniform(math.log(1.5), math.log(110.0), pulses))
-    klux = np.exp(random.uniform(math.log(2.0), math.log(100.0), pulses))
+    layout, random = premise([seed, 8]), np.random.default_rng([seed, 4])
+    group = layout.integers(0, GROUPS, pulses)
+    range_m = np.exp(layout.uniform(math.log(1.5), math.log(110.0), pulses))
+    klux = np.exp(layout.uniform(math.log(2.0), math.log(100.0), pulses))
     albedo = np.geomspace(0.05, 0.9, GROUPS)[group]
     sensor = published()
     target = Target(
         reflectivity=albedo,
         illuminance_klux=klux,
-        cos_incidence=random.uniform(0.3, 1.0, pulses),
+        cos_incidence=layout.uniform(0.3, 1.0, pulses),
         transmittance=1.0,
     )
     scene = Scene.of(echoes_of_plane(sensor, target, range_m), sensor, group, spot_over_field=SPOT)

@@ -60,6 +60,12 @@ PRODUCT = 1e-6
 DONE = 1e-2
 """A step of so many sigmas is the last."""
 
+SETTLED = 7
+"""Evaluations after which a fit may end: one more than settles which returns are strong."""
+
+SLOW = 0.7
+"""A step of Fisher's scoring is far shorter than the one before it; one longer than this share of it is halved."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class KnownFit:
@@ -121,17 +127,23 @@ def fit_known(
     held: list[str] = []
     null: list[str] = []
     active, held, null = _told_apart(step, names, active, held, null)
+    damping, last_size = 1.0, np.inf
     while evaluations < most:
         rows = [list(names).index(name) for name in active]
         matrix = step.matrix[np.ix_(rows, rows)]
         move = np.linalg.solve(matrix, step.score[rows])
         size = float(np.sqrt(move @ matrix @ move))
+        # The chance of a return has a kink where its neighbours begin to lack it (T98c), so a score may jump. At such a
+        # maximum whole steps go to and fro for ever; halves of halves end at it.
+        if evaluations > SETTLED and size > SLOW * last_size:
+            damping *= 0.5
+        last_size, size = size, damping * size
         # Each for itself: one that runs off must not hold up the others.
-        move = np.clip(move, -LONGEST_STEP, LONGEST_STEP)
+        move = np.clip(damping * move, -LONGEST_STEP, LONGEST_STEP)
         whole = np.zeros(len(names))
         whole[rows] = move
         surfaces = surfaces + np.clip(
-            (step.of_groups - step.cross.T @ whole) / step.own, -LONGEST_STEP, LONGEST_STEP
+            (damping * step.of_groups - step.cross.T @ whole) / step.own, -LONGEST_STEP, LONGEST_STEP
         )
         for name, one in zip(active, move, strict=True):
             values[name] += float(one)
@@ -144,7 +156,7 @@ def fit_known(
             strong = _strong(scene, reported, values, surfaces)
         step = _step(scene, reported, values, surfaces, strong, weight)
         evaluations += 1
-        if size < DONE and evaluations > 7:
+        if size < DONE and evaluations > SETTLED:
             left, held, null = _told_apart(step, names, active, held, null)
             if left == active:
                 break
