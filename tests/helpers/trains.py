@@ -109,8 +109,13 @@ def on_device(light):
     return replace(light, **upload)
 
 
+SHALLOW = 2e-4
+"""Of the highest peak: dips of some 1e-4 may be missed by a search in steps of 0.1 sigma_p."""
+
+
 def slow_crossings(light, equipped, *, seed=0, step=0.005):
-    """(pulse, crossing and what it is good to, in sigma_p) of all crossings, from a waveform in fine bins.
+    """(pulse, crossing and what it is good to, in sigma_p) of all crossings, from a waveform in fine bins; and the
+    pulses with a dip so shallow that the search may pass over it (`detection.rises`): their rises count otherwise.
 
     Peaks are bins above their neighbours; the deviates are those of the pulse's rises in turn. Between bins the
     waveform is a straight line, good to step^2 / 8 of a sigma_p where the slope is not small; a comparator that
@@ -121,7 +126,7 @@ def slow_crossings(light, equipped, *, seed=0, step=0.005):
     (part,) = light.parts
     arrival = (2.0 / SPEED_OF_LIGHT_M_S) * part.range_m.reshape(-1, part.count)
     power = part.peak_power_w.reshape(arrival.shape)
-    found = []
+    found, shallow = [], set()
     for pulse in range(len(threshold)):
         there = arrival[pulse][power[pulse] > 0.0]
         if len(there) == 0:
@@ -138,6 +143,11 @@ def slow_crossings(light, equipped, *, seed=0, step=0.005):
             for name in ("noise", "kappa_1", "kappa_2")
         }
         peaks = np.flatnonzero((watts[1:-1] > watts[:-2]) & (watts[1:-1] >= watts[2:])) + 1
+        valleys = np.flatnonzero((watts[1:-1] < watts[:-2]) & (watts[1:-1] <= watts[2:])) + 1
+        turns = watts[np.sort(np.r_[peaks, valleys])]
+        if np.any(np.abs(np.diff(turns)) < SHALLOW * turns.max()):
+            shallow.add(pulse)
+            continue
         high, before = False, 0
         for number, peak in enumerate(peaks):
             valley = before + int(np.argmin(watts[before : peak + 1]))
@@ -153,4 +163,4 @@ def slow_crossings(light, equipped, *, seed=0, step=0.005):
                     good_to = 1e-4
                 found.append((pulse, at / SIGMA_S, good_to))
             high, before = trips, peak
-    return found
+    return found, shallow

@@ -117,8 +117,10 @@ def test_derivatives_are_those_of_the_power(overrides):
     """
     equipped = trains.sensor("table1-apd", *overrides)
     range_m, power = trains.random_trains(200, 3, equipped, seed=11)
+    some = power.any(axis=1)  # a pulse without any sub-echo has its places at the lens, where the air begins
+    range_m, power = range_m[some], power[some]
     bare = waveform(trains.train(range_m, power), equipped)
-    place = np.random.default_rng(3).uniform(-3.0, 15.0, 200)
+    place = np.random.default_rng(3).uniform(-3.0, 15.0, len(power))
     step, peak = 0.01, power.max()
     before, here, after = (bare.at(place + shift)[0] for shift in (-step, 0.0, step))
     _, slope, bend = bare.at(place)
@@ -127,8 +129,8 @@ def test_derivatives_are_those_of_the_power(overrides):
 
     shape = echoes.Table(1.5 + np.sin(np.linspace(0.0, 150.0, 30_001) / 1.5))
     air = echoes.Volume(
-        shape=shape, far_m=150.0, hump_m=(0.0, 150.0), scale=np.full(200, peak), end_m=np.full(200, 1e4),
-        extinction_per_m=0.0,
+        shape=shape, far_m=150.0, hump_m=(0.0, 150.0), scale=np.full(len(power), peak),
+        end_m=np.full(len(power), 1e4), extinction_per_m=0.0,
     )  # fmt: skip
     wave = waveform(trains.train(range_m, power, volume=air), equipped)
     swing, by_place = wave.range_m(place) / 1.5, wave.unit_m / 1.5

@@ -1,5 +1,6 @@
 """What is expected of a pulse, against the stages that draw it."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,10 @@ SHOTS = 4000
 
 @pytest.mark.parametrize(("range_m", "klux"), [(8.0, 5.0), (25.0, 50.0), (60.0, 20.0)])
 def test_expected_is_what_is_drawn(range_m: float, klux: float) -> None:
-    """4 sigma of 4000 shots: means to 6 % of a deviation, deviations to 4.5 %, the mean of a signal of 60 to 0.9 %."""
+    """5 sigma of 4000 shots: means to 8 % of a deviation, deviations to 5.6 %, the mean of a signal of 60 to 1.1 %.
+
+    At most one in 1000 is lost, and tells nothing of the rest.
+    """
     sensor = published()
     # Not all at one place of the bins.
     ranges = range_m + np.linspace(-0.1, 0.1, SHOTS)
@@ -27,15 +31,16 @@ def test_expected_is_what_is_drawn(range_m: float, klux: float) -> None:
     scene = Scene.of(light, sensor, np.zeros(SHOTS, int), spot_over_field=0.5)
     now = expected(scene, {"detector.jitter_ps": -20.0})
     first = seen.stops[0]
-    assert np.asarray(first.reported).all()
+    kept = np.asarray(first.reported) & (np.asarray(first.status) == 0)
     assert float(np.min(now.chance)) > 0.999
+    assert np.sum(~kept) < 0.001 * SHOTS + 5.0 * math.sqrt(0.001 * SHOTS)
     signal = (np.asarray(first.photons) - now.signal) / np.sqrt(now.variance)
     background = (np.asarray(seen.ambient) - now.near_ir) / np.sqrt(now.near_ir)
     off = (np.asarray(first.range_m) - ranges) / now.sigma_m
     for name, values in (("signal", signal), ("near_ir", background)):
-        assert abs(np.mean(values)) < 0.064, name
-        assert np.std(values) == pytest.approx(1.0, abs=0.045), name
-    assert np.std(off) == pytest.approx(1.0, abs=0.045)
+        assert abs(np.mean(values[kept])) < 0.079, name
+        assert np.std(values[kept]) == pytest.approx(1.0, abs=0.056), name
+    assert np.std(off[kept]) == pytest.approx(1.0, abs=0.056)
 
 
 def test_the_chance_is_that_of_the_stages() -> None:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.premises import premise
 
 from lidarscene.maths.arrays import Numbers
 from lidarscene.recordings.sweep import Sweep
@@ -20,7 +21,7 @@ def drawn() -> Sweep:
     random = np.random.default_rng(0)
     columns = np.arange(COLUMNS)
     stagger = 4 * (np.arange(ROWS) % 4)
-    light = 400.0 * np.exp(np.cumsum(0.1 * random.standard_normal(COLUMNS)))
+    light = 400.0 * np.exp(np.cumsum(0.1 * premise(1).standard_normal(COLUMNS)))
     seen = np.stack([np.roll(light, -turn) for turn in stagger]) * np.linspace(0.7, 1.4, ROWS)[:, None]
     azimuth = -2.0 * np.pi * (columns + stagger[:, None]) / COLUMNS
     return Sweep(

@@ -90,10 +90,13 @@ def test_scatter_in_millimetres_and_ratios_over_the_law() -> None:
     made = Scatter(
         solved=Solved(value=np.array([0.2**2, 0.005**2]), slope=1e12 * np.eye(2), scores=np.zeros((4, 2))),
         signal=np.array([1600.0, 400.0]), sigma_m=np.full(2, np.nan), patches=np.ones(2),
-        check_sigma_m=np.array([0.005 * np.sqrt(2.0) * 1.2, np.nan]),
+        check_sigma_m=np.array([0.005 * np.sqrt(2.0) * 1.2, np.nan]), check_patches=np.array([25.0, 0.0]),
     )  # fmt: skip
     assert [estimate.value for estimate in made.estimates] == pytest.approx([200.0, 5.0])
     np.testing.assert_allclose(made.ratios, [1.2])
+    # 25 patches give a deviation to 10 %, so that 1.2 is two sigmas above this.
+    assert made.beyond(1.2 * np.exp(-0.21))
+    assert not made.beyond(1.2 * np.exp(-0.19))
 
 
 def test_held_out_patches_are_judged_by_the_law_of_the_others() -> None:

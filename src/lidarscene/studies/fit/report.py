@@ -93,10 +93,10 @@ class Fit:
                 held=None if threshold is None else threshold.error <= KEPT_ERROR,
             ),
             Check(
-                name="scatter by octave of the signal", wanted=f"{1 / SCATTER_RATIO:g} to {SCATTER_RATIO:g} of the law",
+                name="scatter by octave of the signal",
+                wanted=f"{1 / SCATTER_RATIO:g} to {SCATTER_RATIO:g} of the law, within 2 sigma",
                 found="too few smooth surfaces" if ratios is None else f"{ratios.min():.2f} to {ratios.max():.2f}",
-                held=None if ratios is None
-                else bool(ratios.max() <= SCATTER_RATIO and ratios.min() >= 1.0 / SCATTER_RATIO),
+                held=None if scatter is None or ratios is None else not scatter.beyond(SCATTER_RATIO),
             ),
         )  # fmt: skip
 

@@ -47,8 +47,8 @@ class Scatter:
     """The fit.
 
     solved    c^2 [m2 photons] and floor^2 [m2]
-    signal, sigma_m, check_sigma_m, patches   by octave of SIGNAL: of the blocks that were fitted, of the others (NaN
-              with too few), and the number of patches
+    signal, sigma_m, check_sigma_m, patches, check_patches   by octave of SIGNAL: of the blocks that were fitted, of
+              the others (NaN with too few), and the number of patches of each
     """
 
     solved: Solved
@@ -56,6 +56,7 @@ class Scatter:
     sigma_m: Numbers
     check_sigma_m: Numbers
     patches: Numbers
+    check_patches: Numbers
 
     def law(self, signal: Numbers) -> Numbers:
         """Sigma at these signals [m]."""
@@ -67,6 +68,14 @@ class Scatter:
         """Of the blocks that were not fitted over the law, by octave."""
         ratio = self.check_sigma_m / self.law(self.signal)
         return np.asarray(ratio[np.isfinite(ratio)])
+
+    def beyond(self, most: float) -> bool:
+        """Whether one of the ratios is above ``most``, or below its inverse, by more than two of its sigmas.
+
+        n sums of two squares give a standard deviation to 1 / (2 sqrt(n)) of itself.
+        """
+        sigma = 0.5 / np.sqrt(self.check_patches[np.isfinite(self.check_sigma_m)])
+        return bool(np.any(np.abs(np.log(self.ratios)) > math.log(most) + 2.0 * sigma))
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
@@ -114,10 +123,12 @@ def fit_scatter(pulses: Pulses) -> Scatter | None:
     solved = Solved(value=value, slope=(1.0 - edge) * fisher, scores=scores, meat=spread * fisher)
     signal, sigma, patches = _octaves(squares, inverse, value)
     other = _patches(pulses.part(~pulses.fitted))
-    check = dict(zip(*_octaves(other[0], other[1], value)[:2], strict=True)) if len(other[0]) else {}
+    held_out = _octaves(other[0], other[1], value) if len(other[0]) else (np.zeros(0),) * 3
+    check = {octave: rest for octave, *rest in zip(*held_out, strict=True)}
+    check_sigma_m, check_patches = np.array([check.get(octave, (math.nan, 0)) for octave in signal]).T
     return Scatter(
         solved=solved, signal=signal, sigma_m=sigma, patches=patches,
-        check_sigma_m=np.array([check.get(one, math.nan) for one in signal]),
+        check_sigma_m=check_sigma_m, check_patches=check_patches,
     )  # fmt: skip
 
 
