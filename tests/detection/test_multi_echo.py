@@ -47,7 +47,9 @@ LOUD = ["tdc.threshold_to_noise=1", "tdc.walk='raw'", "tdc.stops=4"]
 @pytest.mark.parametrize("sub_echoes", [1, 3, 16])
 @pytest.mark.parametrize("name", SENSORS)
 def test_sub_echoes_at_one_range_are_one_echo(name, sub_echoes):
-    """The lone echo's closed form, pulse by pulse, with false alarms; 1 ps and 1e-5 are asked, rounding is left."""
+    """The lone echo's closed form, pulse by pulse, with false alarms; 1 ps and 1e-5 are asked, and rounding is left: of
+    differences between places of 10^4 sigmas, 1e-10.
+    """
     equipped = sensor(*SENSORS[name])
     random = np.random.default_rng(3)
     count = 4000
@@ -64,8 +66,8 @@ def test_sub_echoes_at_one_range_are_one_echo(name, sub_echoes):
     wanted = returns.detect(lone, equipped, seed=0, pulse=np.arange(count, dtype=np.uint32))
     found = detect(light, equipped)
     np.testing.assert_array_equal(found.outcome, wanted.outcome)
-    np.testing.assert_allclose(found.snr, wanted.snr, rtol=1e-12)
-    np.testing.assert_allclose(found.detection_probability, wanted.detection_probability, atol=1e-12)
+    np.testing.assert_allclose(found.snr, wanted.snr, rtol=1e-9)
+    np.testing.assert_allclose(found.detection_probability, wanted.detection_probability, atol=1e-9)
     for have, want in zip(found.stops, wanted.stops, strict=True):
         np.testing.assert_array_equal(have.reported, want.reported)
         kept = want.reported
@@ -73,7 +75,7 @@ def test_sub_echoes_at_one_range_are_one_echo(name, sub_echoes):
         np.testing.assert_allclose(have.range_m[kept], want.range_m[kept], rtol=0.0, atol=1e-4 * PICOSECOND_M)
         np.testing.assert_allclose(have.amplitude[kept], want.amplitude[kept], rtol=1e-9)
         echo = kept & (want.status == 0)
-        np.testing.assert_allclose(have.snr[echo], wanted.snr[echo], rtol=1e-12)
+        np.testing.assert_allclose(have.snr[echo], wanted.snr[echo], rtol=1e-9)
         np.testing.assert_allclose(have.true_range_m[echo], range_m[echo], rtol=1e-12)
         assert ((have.source[echo] >= 0) & (have.source[echo] < sub_echoes)).all()
 
@@ -553,18 +555,18 @@ def test_even_places_by_factors(kind, samples):
 
 @pytest.mark.parametrize(("second", "found"), [(2.5, 1), (3.5, 1), (4.5, 2), (6.0, 2)])
 def test_fixed_levels_see_a_rise_only_if_it_reaches_one_of_them(second, found):
-    """A board of 6 thresholds, and one behind it, 4 sigma later: the light between them stays above the threshold. So
+    """A board of 6 thresholds, and one behind it, 3.4 sigma later: the light between them is 1.8 to 2.8 thresholds. So
     the next edge is where the sum reaches the second level, of 4 thresholds.
 
     second  peak of the second board, in thresholds
-    Noise is 2 % of the threshold, more on the light; the first board's light adds exp(-8) of its peak, less than that.
+    Noise is 2 % of the threshold, 4 % on the light; the first board's light adds 2 % to the second's peak.
     """
     equipped = sensor(
         "table1-apd", *trains.QUIET, "tdc.stops=2", "tdc.dead_time_ns=0", "sampler.type='multi_level_tdc'",
         "sampler.levels=[4]",
     )  # fmt: skip
     level = power_at_snr(equipped, 50.0)
-    light = train(np.array([[60.0, 60.0 + 4.0 * SIGMA_M]]), level * np.array([[6.0, second]]))
+    light = train(np.array([[60.0, 60.0 + 3.4 * SIGMA_M]]), level * np.array([[6.0, second]]))
     stops = detect(light, equipped).stops
     assert sum(int(stop.reported[0]) for stop in stops) == found
     assert [int(stop.source[0]) for stop in stops[:found]] == [0, 1][:found]

@@ -118,8 +118,8 @@ def slow_crossings(light, equipped, *, seed=0, step=0.005):
     pulses with a dip so shallow that the search may pass over it (`detection.rises`): their rises count otherwise.
 
     Peaks are bins above their neighbours; the deviates are those of the pulse's rises in turn. Between bins the
-    waveform is a straight line, good to step^2 / 8 of a sigma_p where the slope is not small; a comparator that
-    finds itself below the waveform in a valley trips there, in a bin.
+    waveform is taken for a straight line, off by an eighth of the bin's bend over its slope: twice that is allowed. A
+    comparator that finds itself below the waveform in a valley trips there, in a bin.
     """
     point = equipped.working_point(light.background_power_w)
     threshold = equipped.threshold(point)
@@ -160,7 +160,8 @@ def slow_crossings(light, equipped, *, seed=0, step=0.005):
                 at, good_to = time[edge], step
                 if edge > valley:
                     at = np.interp(level, signal[edge - 1 : edge + 1], time[edge - 1 : edge + 1])
-                    good_to = 1e-4
+                    start, end, beyond = signal[edge - 1 : edge + 2]
+                    good_to = 1e-4 + step * abs((beyond - end) / (end - start) - 1.0) / 4.0
                 found.append((pulse, at / SIGMA_S, good_to))
             high, before = trips, peak
     return found, shallow

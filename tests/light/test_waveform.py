@@ -184,7 +184,11 @@ def test_even_places_see_all_light(overrides, foggy):
     has the finely sampled signal, at the time of one place.
     """
     equipped = trains.sensor("table1-apd", *overrides)
-    range_m, power = trains.random_trains(40, 3, equipped, seed=5)
+    range_m, power = trains.random_trains(60, 3, equipped, seed=5)
+    some = np.flatnonzero(power.any(axis=1))[
+        :40
+    ]  # the others have their places at the lens, where the air begins
+    range_m, power = range_m[some], power[some]
     air = None
     if foggy:
         course = echoes.Table(1.5 + np.sin(np.linspace(0.0, 150.0, 30_001) / 3.0))

@@ -32,11 +32,13 @@ def drawn() -> Sweep:
 
 
 def test_the_gains_are_found() -> None:
-    """A row's sigma is 0.3 % (median of 512 steps, Poisson noise of 5 %); five, and what is smoothed off."""
+    """The step to the next row is good to 0.6 % (median of 512, Poisson noise of 8 %); steps add up over the four rows
+    that are smoothed to each side, to 1.1 %. Five of that.
+    """
     found = fit_rows(pulses_of([drawn()]))
     assert found is not None
     inner = slice(4, -4)
-    np.testing.assert_allclose(np.log(found.gain)[inner], GAINS[inner], atol=0.025)
+    np.testing.assert_allclose(np.log(found.gain)[inner], GAINS[inner], atol=0.055)
     assert 0.001 < found.sigma[0] < 0.01
     assert np.mean(np.log(found.gain)) == pytest.approx(0.0, abs=1e-12)
 
