@@ -113,7 +113,7 @@ def test_echoes_that_come_after_a_false_point_are_hidden(frame):
     hidden = np.sum(outcomes == Outcome.HIDDEN)
     assert expected > 50
     assert abs(hidden - expected) < SIGMAS * math.sqrt(expected)
-    says("gallery.md", "hide {} in 1000", 1e3 * hidden / echoes.sum())
+    says("gallery.md", "hide {} in 1000", 1e3 * expected / echoes.sum())
 
 
 def test_headlights_in_the_ambient_counts(frame, simulator):

@@ -109,8 +109,8 @@ def on_device(light):
     return replace(light, **upload)
 
 
-SHALLOW = 2e-4
-"""Of the highest peak: dips of some 1e-4 may be missed by a search in steps of 0.1 sigma_p."""
+SHALLOW = 0.01
+"""Share of a peak: dips of 0.7 % may be missed by a search in steps of one sigma_p (`detection.rises.STEP`)."""
 
 
 def slow_crossings(light, equipped, *, seed=0, step=0.005):
@@ -145,7 +145,7 @@ def slow_crossings(light, equipped, *, seed=0, step=0.005):
         peaks = np.flatnonzero((watts[1:-1] > watts[:-2]) & (watts[1:-1] >= watts[2:])) + 1
         valleys = np.flatnonzero((watts[1:-1] < watts[:-2]) & (watts[1:-1] <= watts[2:])) + 1
         turns = watts[np.sort(np.r_[peaks, valleys])]
-        if np.any(np.abs(np.diff(turns)) < SHALLOW * turns.max()):
+        if np.any(np.abs(np.diff(turns)) < SHALLOW * np.maximum(turns[1:], turns[:-1])):
             shallow.add(pulse)
             continue
         high, before = False, 0

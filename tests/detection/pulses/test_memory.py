@@ -212,7 +212,11 @@ def test_charge_adds_to_the_next_echo():
     ],
 )  # fmt: skip
 def test_on_the_device(mi, equipment):
-    """Three echoes up to 5 m apart: outcomes of pulses as numpy has them but for 1 in 200, ranges to 2 mm."""
+    """Three echoes up to 5 m apart: outcomes of pulses as numpy has them but for 1 in 200, ranges to 2 mm.
+
+    Cells are whole, so that single precision moves a crossing by a cell now and then: of some 1,400 echoes five, by
+    five deviations of these at most 18.
+    """
     equipped, random, count = sensor(*equipment), np.random.default_rng(4), 2000
     point = equipped.working_point(np.array([DIM_W]))
     power = point.power_w(point.noise * 60.0)[0] * random.uniform(0.1, 1.5, (count, 3))
@@ -225,10 +229,10 @@ def test_on_the_device(mi, equipment):
     seen = [np.array(stop.reported.numpy()) for stop in there.stops]
     assert 1.05 < sum(stop.mean() for stop in seen) < 2.8
     for one, other, reported in list(zip(here.stops, there.stops, seen, strict=True))[:2]:
-        assert np.mean(one.reported != reported) < 5e-3
+        assert np.sum(one.reported != reported) < 18
         both = one.reported & reported
         off_m = np.abs(one.range_m - np.array(other.range_m.numpy()))[both]
-        assert np.mean(off_m > 2e-3) < 5e-3
+        assert np.sum(off_m > 2e-3) < 18
 
 
 @pytest.mark.parametrize(

@@ -145,6 +145,8 @@ def test_peaks_of_any_train(keep, dead_time_ns):
         if dead_time_ns and len(peaks) > 2:
             continue
         if keep == "strongest":
+            if len(peaks) > 1 and np.diff(np.sort(signal[peaks]))[-1] < 0.005:
+                continue  # two are as strong: noise says which is the stronger
             peaks = peaks[[np.argmax(signal[peaks])]] if len(peaks) else peaks
         have = [float(stop.range_m[pulse]) for stop in found.stops if stop.reported[pulse]]
         assert have == pytest.approx(list(0.5 * c * time_s[peaks]), abs=0.05 * trains.SIGMA_M)

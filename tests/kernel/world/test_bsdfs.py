@@ -168,7 +168,9 @@ def test_retroreflector_sampling_matches_its_density(mi):
 
 @pytest.mark.parametrize("name", catalog.names("materials"))
 def test_every_material_of_the_catalogue_from_both_sides(mi, name):
-    """Hit from the front and from behind, a surface sends the same light back (panes, mirrors and gaps: none)."""
+    """Hit from the front and from behind, a surface sends the same light back (panes and mirrors: none; where it has
+    gaps, chance says whether this pulse's ray meets it).
+    """
     material = catalogue_material(name)
     sensor = chain.sensor("table1-apd", *chain.NARROW)
     front = chain.facing(range_m=30.0, theta_deg=20.0, material=name)
@@ -180,7 +182,9 @@ def test_every_material_of_the_catalogue_from_both_sides(mi, name):
     for quantity in ("backscatter_per_sr", "sun_scatter_per_sr", "cos_sun", "cos_incidence", "lit"):
         one, other = (getattr(hits, quantity)[MIDDLE] for hits in seen)
         assert one == pytest.approx(other, rel=1e-5)
-    ends_the_beam = material.bsdf not in ("glass", "mirror") and "cover" not in material.parameters
+    if "cover" in material.parameters:
+        return
+    ends_the_beam = material.bsdf not in ("glass", "mirror")
     assert (seen[0].backscatter_per_sr[MIDDLE] > 0.0) == ends_the_beam
     assert seen[0].lit[MIDDLE] == ends_the_beam
 

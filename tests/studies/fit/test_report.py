@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lidarscene.studies.fit.estimates import Solved
 from lidarscene.studies.fit.report import Fit
+from lidarscene.studies.fit.scatter import Scatter
 
 
 def fit_of(**laws: Any) -> Fit:
@@ -24,7 +26,17 @@ def fit_of(**laws: Any) -> Fit:
 )  # fmt: skip
 def test_limits_of_each_law(law: str, value: Any, passed: bool) -> None:
     """15 % of the signal, a tenth of the shares, a quarter of the scatter, either way; the others are not recorded."""
-    fit = fit_of(**{law: SimpleNamespace(error=value, ratios=np.array(value), estimates=())})
+    ratios = np.atleast_1d(value)
+    scatter = Scatter(
+        solved=Solved(value=np.array([1.0, 0.0]), slope=np.eye(2), scores=np.zeros((4, 2))),
+        signal=np.ones(len(ratios)),
+        sigma_m=np.ones(len(ratios)),
+        patches=np.ones(len(ratios)),
+        check_sigma_m=ratios,
+        check_patches=np.full(len(ratios), 1e9),
+    )
+    laws = SimpleNamespace(error=value, estimates=())
+    fit = fit_of(**{law: scatter if law == "scatter" else laws})
     assert fit.passed is passed
     assert [check.held for check in fit.checks if check.held is not None] == [passed]
     assert sum("FAILED" in str(check) for check in fit.checks) == (not passed)
