@@ -36,7 +36,7 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
 RESEEDING = Path(__file__).parent / "helpers" / "reseeding"
 os.environ["PYTHONPATH"] = os.pathsep.join(map(str, (Path(__file__).parents[1] / "src", RESEEDING)))
 sys.path.append(str(RESEEDING))
-importlib.import_module("reseed")
+reseed = importlib.import_module("reseed")
 OUTSIDE = dict(os.environ)
 with contextlib.suppress(BackendError):
     llvm.use()  # before any test file imports drjit, which looks for LLVM only then
@@ -128,7 +128,9 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
         gc.freeze()
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
+    reseed.pause(item.get_closest_marker("fixed_streams") is not None)  # before any fixture is made
     if item.get_closest_marker("gpu"):
         _mitsuba()
         if not backend.is_cuda():

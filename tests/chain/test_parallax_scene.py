@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 
 from lidarscene import Simulator, load_scene
 
-pytestmark = pytest.mark.usefixtures("mi")
+pytestmark = [pytest.mark.usefixtures("mi"), pytest.mark.fixed_streams]
 
 SCENE = Path(__file__).parents[2] / "scenes" / "parallax.toml"
 COAXIAL = "optics.overlap.transmitter_offset_mm=[0, 0]"

@@ -11,6 +11,8 @@ import pytest
 from helpers.documentation import PAGES, ROOT, commands, shell_lines
 from helpers.shown_commands import PARSED_ONLY, Reader, by_names, pages
 
+pytestmark = pytest.mark.fixed_streams
+
 OTHERS = ("git", "cd", "pip", "python", "python3", "source", ".")
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 

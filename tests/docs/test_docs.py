@@ -34,6 +34,8 @@ from lidarscene.cli import main
 from lidarscene.files.toml import FileModel
 from lidarscene.formats.columns import COLUMNS
 
+pytestmark = pytest.mark.fixed_streams
+
 CONVENTIONS, ARCHITECTURE, VALIDATION = (
     ROOT / "docs" / f"{name}.md" for name in ("conventions", "architecture", "validation")
 )

@@ -41,6 +41,8 @@ from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.axes import CONDITIONS
 from lidarscene.studies.ranging.plane import RangeStatus, Target
 
+pytestmark = pytest.mark.fixed_streams
+
 # --- the command line -------------------------------------------------------------------------------
 
 

@@ -15,6 +15,8 @@ from helpers.notebooks import run, written
 
 from lidarscene.formats.registry import SUFFIXES
 
+pytestmark = pytest.mark.fixed_streams
+
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 

@@ -31,6 +31,8 @@ from lidarscene.studies.paper.errata import SHORT_PULSE, closed_forms
 from lidarscene.studies.ranging import plane, statistics
 from lidarscene.studies.ranging.plane import Target
 
+pytestmark = pytest.mark.fixed_streams
+
 APD, SIPM = apd_lidar(), load_sensor("table1-sipm")
 LIGHT = plane.echoes_of_plane(APD, TABLE_1, 100.0)
 

@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 from helpers.shown_commands import Reader, pages
 
+pytestmark = pytest.mark.fixed_streams
+
 
 @pytest.fixture(scope="module")
 def reader(tmp_path_factory: pytest.TempPathFactory) -> Reader:

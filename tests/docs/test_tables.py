@@ -33,6 +33,8 @@ from lidarscene.studies.paper.case import (
 from lidarscene.studies.paper.errata import closed_forms
 from lidarscene.studies.ranging import plane
 
+pytestmark = pytest.mark.fixed_streams
+
 # --- validation -------------------------------------------------------------------------------------
 
 

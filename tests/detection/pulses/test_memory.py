@@ -245,7 +245,8 @@ def test_on_the_device(mi, equipment):
 )
 def test_peak_behind_several_echoes(background_w, signals, arrivals_ns):
     """The brightest pulse comes last, and finds what those before have left: the SNR of the waveform is that of the
-    most cells busy at a time. Reference: cells simulated one by one. 10 %: all but the last echo before count as one.
+    most cells busy at a time. Reference: cells simulated one by one. 10 %: all but the last echo before count as
+    one; and five deviations of the mean of 240 shots, of 150 cells to 12.
     """
     equipped = sensor("table1-sipm", IN_TIME, *KEYS)
     point = equipped.working_point(np.array([background_w]))
@@ -253,9 +254,9 @@ def test_peak_behind_several_echoes(background_w, signals, arrivals_ns):
     arrivals = 1e-9 * np.array(arrivals_ns)
     range_m = 30.0 + 0.5 * SPEED_OF_LIGHT_M_S * arrivals
     found = detect(train(range_m[None], np.array([powers]), background_w=background_w), equipped)
-    time_s, count = counts(equipped, background_w, powers, arrivals, shots=60)
+    time_s, count = counts(equipped, background_w, powers, arrivals, shots=240)
     last = np.abs(time_s - arrivals[-1] - 2e-9) < 4e-9
-    assert found.snr[0] * point.noise[0] == pytest.approx(count[:, last].mean(axis=0).max(), rel=0.1)
+    assert found.snr[0] * point.noise[0] == pytest.approx(count[:, last].mean(axis=0).max(), rel=0.126)
 
 
 def test_what_is_left_counts_as_signal_for_the_walk():

@@ -18,10 +18,21 @@ from types import ModuleType
 from typing import Any
 
 RUN = os.environ.get("TEST_SEED") or None
+_paused = False
+
+
+def pause(paused: bool) -> None:
+    """Draw the numbers of no run while ``paused``, here and in processes that are started meanwhile."""
+    global _paused
+    _paused = paused
+    if RUN is not None:
+        os.environ["TEST_SEED"] = "" if paused else RUN
 
 
 def frame_seed(seed: int) -> int:
     """Seed of a frame in this run, 32 bits: different for different seeds."""
+    if _paused:
+        return int(seed)
     return (int(seed) ^ zlib.crc32(f"run {RUN}".encode())) & 0xFFFFFFFF
 
 
@@ -32,7 +43,7 @@ def _numpy(module: ModuleType) -> None:
 
 def _with_run(generator: Callable[..., Any]) -> Callable[..., Any]:
     def seeded(seed: Any = None) -> Any:
-        if seed is None or hasattr(seed, "random") or hasattr(seed, "generate_state"):
+        if _paused or seed is None or hasattr(seed, "random") or hasattr(seed, "generate_state"):
             return generator(seed)  # no seed, or a stream that has its own
         words = [seed] if isinstance(seed, int) or not hasattr(seed, "__len__") else list(seed)
         return generator([*words, int(RUN or 0)])

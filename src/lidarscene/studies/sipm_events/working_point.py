@@ -171,6 +171,8 @@ def measure(
 
 def _first_passages(time_s: Numbers, wave: Numbers, absolute: float) -> Numbers:
     """Time of each shot's first upward passage, if it has one, linear between samples."""
+    if wave.shape[1] < 2:
+        return np.zeros(0)
     high = wave >= absolute
     up = high[:, 1:] & ~high[:, :-1]
     row = np.flatnonzero(up.any(axis=1))
