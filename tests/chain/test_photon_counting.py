@@ -87,7 +87,7 @@ def test_frames_compile_nothing_and_columns_are_photons():
     simulator.render(seed=4)
     assert simulator._chain.recordings == recordings
     echo = cloud.status == Status.ECHO
-    assert 300 < echo.sum() < counter.scanner.pulses
+    assert 300 < echo.sum() <= 1.01 * counter.scanner.pulses  # noise may cut an echo in two
     assert cloud.metadata["intensity_unit"] == "photons"
     np.testing.assert_array_equal(cloud.signal, cloud.intensity)
     assert (cloud.signal[echo] > 0.0).all()

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import trains
+from helpers.premises import premise
 from helpers.trains import FWHM_S, SIGMA_M, SIGMA_S, detect, power_at_snr, sensor, train
 from scipy.optimize import brentq
 from scipy.stats import binomtest, norm
@@ -391,7 +392,7 @@ def test_a_crossing_is_of_the_light_that_makes_it():
     crossings leave by chance 3e-6 of the time; pulses with a peak or a valley among them may be crossed or not, and are
     left out.
     """
-    random, count = np.random.default_rng(12), 400
+    random, count = premise(12), 400
     equipped, _, full = two_boards(1.0)
     equipped = at_level(replace(equipped, tdc=replace(equipped.tdc, stops=8)), 0.05, full)
     point = equipped.working_point(np.array([trains.BACKGROUND_W]))

