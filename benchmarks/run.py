@@ -1,6 +1,6 @@
 """`make bench`: how fast lidarscene is, as ratios taken in one process, in Markdown tables.
 
-Writes out/benchmarks.md (or --output); docs/benchmarks.md is such a page.
+Writes out/benchmarks.md (or --output); RESULTS.md beside this file is such a page.
 """
 
 import argparse
