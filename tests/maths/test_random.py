@@ -70,11 +70,12 @@ def test_exponential_and_its_small_values():
     pulse = np.arange(2_000_000, dtype=np.uint32)
     deviate = random.exponential(random.words(seed=5, stage=2, pulse=pulse))
     assert stats.kstest(deviate[:300_000], "expon").pvalue > FALSE_ALARM
-    # Rare events live down here: 2e6 draws put 2000 +- 45 below 1e-3, evenly, all different.
+    # Rare events live down here: 2e6 draws put 2000 +- 45 below 1e-3, evenly. There are some 2e7 float32 numbers in the
+    # upper half of that, so that two draws of all are the same in one of eight runs, and six in none.
     small = deviate[deviate < 1e-3]
-    assert abs(len(small) - 2e6 * 1e-3) < 4.0 * np.sqrt(2e3)
+    assert abs(len(small) - 2e6 * 1e-3) < 5.0 * np.sqrt(2e3)
     assert stats.kstest(small / 1e-3, "uniform").pvalue > FALSE_ALARM
-    assert len(np.unique(small)) == len(small)
+    assert len(np.unique(small)) > len(small) - 6
 
 
 def test_words_at_the_ends_of_their_range():

@@ -29,7 +29,10 @@ OUSTER = ("--sensor", "os1-128", "--set=scanner.columns_per_turn=512")
 def test_a_capture_has_the_points_of_the_clouds(
     mi: Any, run: Run, wall: str, library: Callable[[str], Any]
 ) -> None:
-    """Three frames in one file; velodyne-decoder puts them where the clouds have them."""
+    """Three frames in one file; velodyne-decoder puts them where the clouds have them.
+
+    It takes no point beyond 130 m, where a false alarm may lie: a packet has 16 bits for steps of 2 mm.
+    """
     library("velodyne_decoder")
     arguments = ("render", wall, "--sensor", "vlp-16", "--coordinates", "sensor", "--frames", "3")
     assert run(*arguments, "-o", "clouds", "--format", "npz").code == 0
@@ -38,6 +41,7 @@ def test_a_capture_has_the_points_of_the_clouds(
     assert ran.out.endswith("wrote         3 frames in out/a.pcap\n")
     assert os.listdir("out") == ["a.pcap"]
     clouds = [PointCloud.load(f"clouds/frame_{number:04d}.npz") for number in range(3)]
+    clouds = [cloud.select(cloud.range_m < 130.0) for cloud in clouds]
     with open_recording("out/a.pcap") as recording:
         sweeps = list(recording)
     found = np.concatenate([one.xyz_m[one.kept] for one in sweeps])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import lidarscene
-from lidarscene import PointCloud, Pose
+from lidarscene import PointCloud, Pose, Status
 from lidarscene.errors import InputError
 from lidarscene.kernel.world.mitsuba_xml import load_shapes
 from lidarscene.materials.catalogue import material
@@ -57,9 +57,9 @@ def base(tmp_path: Path) -> Path:
 
 
 def seen(cloud: PointCloud, name: str) -> np.ndarray:
-    """Which points are of this body."""
+    """Which echoes are of this body."""
     assert cloud.body is not None
-    return np.array(cloud.body_names)[cloud.body] == name
+    return (np.array(cloud.body_names)[cloud.body] == name) & (cloud.status == Status.ECHO)
 
 
 def material_of(cloud: PointCloud, name: str) -> str:

@@ -118,11 +118,12 @@ def test_detection_is_the_binomial_tail():
     """P_d at the peak and P_f of a sample by exact counting; the Gaussian of (9) is not enough at low light."""
     shots = 20_000
     light = Light(background_photons=30.0, signal_photons=30.0, pulse_fwhm_s=6e-9)
-    found = measure(TABLE1, light, threshold=9.5, shots=shots, seed=5)
+    # 6.5 cells are busy before: the level is 15.7, well off the whole numbers.
+    found = measure(TABLE1, light, threshold=9.2, shots=shots, seed=5)
     x = 30.0 * 0.22 / 400 + 2007.0 * TAU
     before = x / (1 + x)
     table = response_by_equation(TABLE1, background_photons=[30.0], signal_photons=[30.0], pulse_fwhm_s=6e-9)
-    least = math.ceil(found.before + 9.5)
+    least = math.ceil(found.before + 9.2)
     expected = binom.sf(least - 1, 400, table.mean[0, 0] / 400)
     assert 0.2 < expected < 0.9
     agree(found.detection_probability, expected, math.sqrt(expected * (1 - expected) / shots))
