@@ -17,9 +17,9 @@ car: $(READY)
 	$(BIN)/lidarscene render scenes/car.toml -o out/car.ply --picture out/car.png \
 	    --set scanner.azimuth_step_deg=0.1 --set scanner.elevation_step_deg=0.1
 
-# Four workers for two cores: some tests wait for processes, disks and browsers.
+# Three workers for two cores: some tests wait for processes, disks and browsers.
 test: $(READY)
-	$(BIN)/pytest -n 4 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
+	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 # The tests that catch most, in about a minute: no process of their own, no page, no cluster, no event
 # simulation, and no test that is marked slow.
