@@ -149,9 +149,7 @@ def _sill(mesh):
     x, y, z = _xyz(mesh)
     arch = axle_distance_m(x, z) - ARCH_RADIUS_M - 0.028
     low = z - 0.245
-    return np.where(
-        y > WELL_M + 0.03, np.minimum(arch, low), np.maximum(low, 0.0) + 0.004 - 0.02 * (z < 0.235)
-    )
+    return np.where(y > WELL_M + 0.03, np.minimum(arch, low), np.maximum(low, 0.0) + 0.004 - 0.02 * (z < 0.235))
 
 
 def _front_door(mesh):

@@ -70,9 +70,7 @@ def inside_parts():
     heads = [rests[0].moved(position_m=(x, y, 1.17)) for x, y in spots]
     dash = rounded_box(size_m=(0.42, 1.42, 0.30), centre_m=(0.86, 0, 0.80), radius_m=0.08)
     turn = np.linspace(0, 2 * np.pi, 25)
-    ring = np.column_stack(
-        [0.52 + 0.07 * np.sin(turn), 0.37 + 0.18 * np.cos(turn), 0.90 + 0.17 * np.sin(turn)]
-    )
+    ring = np.column_stack([0.52 + 0.07 * np.sin(turn), 0.37 + 0.18 * np.cos(turn), 0.90 + 0.17 * np.sin(turn)])
     shelf = box(size_m=(0.42, 1.40, 0.02), centre_m=(-1.72, 0, 0.92))
     pan = box(size_m=(3.0, 1.08, 0.02), centre_m=(-0.15, 0, 0.27))
     bulkhead = box(size_m=(0.02, 1.5, 0.5), centre_m=(1.10, 0, 0.60))

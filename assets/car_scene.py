@@ -37,28 +37,12 @@ def _ground():
     return [
         primitive("road", "plane", "road", "asphalt", size_m=[120.0, 7.0], position_m=(east, 0, 0)),
         primitive("side_road", "plane", "road", "asphalt", size_m=[10.0, 26.5], position_m=(-18, -16.75, 0)),
+        primitive("pavement", "box", "pavement", "concrete", size_m=[120.0, 2.5, 0.12], position_m=(east, 4.9, 0.06)),
+        primitive("lawn", "box", "terrain", "grass", size_m=[120.0, 40.0, 0.1], position_m=(east, 26.15, 0.05)),
         primitive(
-            "pavement", "box", "pavement", "concrete", size_m=[120.0, 2.5, 0.12], position_m=(east, 4.9, 0.06)
+            "verge_west", "box", "terrain", "grass", size_m=[17.0, 26.35, 0.1], position_m=(-31.5, -16.825, 0.05)
         ),
-        primitive(
-            "lawn", "box", "terrain", "grass", size_m=[120.0, 40.0, 0.1], position_m=(east, 26.15, 0.05)
-        ),
-        primitive(
-            "verge_west",
-            "box",
-            "terrain",
-            "grass",
-            size_m=[17.0, 26.35, 0.1],
-            position_m=(-31.5, -16.825, 0.05),
-        ),
-        primitive(
-            "verge_east",
-            "box",
-            "terrain",
-            "grass",
-            size_m=[93.0, 26.35, 0.1],
-            position_m=(33.5, -16.825, 0.05),
-        ),
+        primitive("verge_east", "box", "terrain", "grass", size_m=[93.0, 26.35, 0.1], position_m=(33.5, -16.825, 0.05)),
         objects("kerb", "kerb", kerbs),
     ]
 
@@ -68,9 +52,7 @@ def _markings():
     edges = [place(20, y, 0.003) for y in (3.3, -3.3)]
     return [
         primitive("dashes", "plane", "lane_marking", "lane_marking", size_m=[3.0, 0.12], instances=dashes),
-        primitive(
-            "edge_lines", "plane", "lane_marking", "lane_marking", size_m=[120.0, 0.12], instances=edges
-        ),
+        primitive("edge_lines", "plane", "lane_marking", "lane_marking", size_m=[120.0, 0.12], instances=edges),
     ]
 
 

@@ -28,16 +28,9 @@ def text():
             head,
             primitive("ground", "plane", "road", "asphalt", size_m=[30.0, 20.0], position_m=(10, 0, 0)),
             primitive(
-                "wall",
-                "box",
-                "building",
-                "concrete",
-                size_m=[0.3, 16.0, 3.5],
-                position_m=(WALL_M + 0.15, 0, 1.75),
+                "wall", "box", "building", "concrete", size_m=[0.3, 16.0, 3.5], position_m=(WALL_M + 0.15, 0, 1.75)
             ),
             primitive("boards", "box", "board", "wood", size_m=[0.02, 0.8, 1.5], instances=boards),
-            primitive(
-                "posts", "cylinder", "pole", "galvanised_steel", radius_m=0.05, height_m=3.0, instances=posts
-            ),
+            primitive("posts", "cylinder", "pole", "galvanised_steel", radius_m=0.05, height_m=3.0, instances=posts),
         ]
     )

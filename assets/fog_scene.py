@@ -28,9 +28,7 @@ def ground():
     dashes = [place(x, 0, 0.003) for x in range(0, int(ROAD_M) - 20, 6)]
     edges = [place(middle, s * (HALF_WIDTH_M - 0.2), 0.003) for s in (1, -1)]
     return [
-        primitive(
-            "road", "plane", "road", "asphalt", size_m=[ROAD_M, 2 * HALF_WIDTH_M], position_m=(middle, 0, 0)
-        ),
+        primitive("road", "plane", "road", "asphalt", size_m=[ROAD_M, 2 * HALF_WIDTH_M], position_m=(middle, 0, 0)),
         primitive("soil", "plane", "terrain", "soil", size_m=[ROAD_M, 60.0], position_m=(middle, 0, -0.05)),
         primitive("dashes", "plane", "lane_marking", "lane_marking", size_m=[3.0, 0.12], instances=dashes),
         primitive("edges", "plane", "lane_marking", "lane_marking", size_m=[ROAD_M, 0.15], instances=edges),

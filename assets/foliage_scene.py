@@ -33,19 +33,21 @@ def text():
             objects("tree", "tree", [place(18.5, 5.8)], foliage="leaf"),
             objects("opaque_tree", "tree", [place(18.5, -5.8)], foliage="tree_foliage"),
         ]
-    )  # fmt: skip
+    )
 
 
 def _hedge():
     x, y, height = HEDGE_M
     return [
         primitive(
-            "hedge", "plane", "vegetation", "hedge", size_m=[height, WIDTH_M],
-            instances=[
-                place(x + number * APART_M, y, 0.5 * height) | {"pitch_deg": 90.0} for number in range(LAYERS)
-            ],
+            "hedge",
+            "plane",
+            "vegetation",
+            "hedge",
+            size_m=[height, WIDTH_M],
+            instances=[place(x + number * APART_M, y, 0.5 * height) | {"pitch_deg": 90.0} for number in range(LAYERS)],
         )
-    ]  # fmt: skip
+    ]
 
 
 def _fence():
@@ -53,10 +55,13 @@ def _fence():
     posts = [place(x, y + across, 0.5 * height) for across in (-0.5 * WIDTH_M, 0.0, 0.5 * WIDTH_M)]
     return [
         primitive(
-            "fence", "plane", "fence", "wire_mesh", size_m=[height, WIDTH_M], position_m=(x, y, 0.5 * height),
+            "fence",
+            "plane",
+            "fence",
+            "wire_mesh",
+            size_m=[height, WIDTH_M],
+            position_m=(x, y, 0.5 * height),
             pitch_deg=90.0,
         ),
-        primitive(
-            "posts", "cylinder", "pole", "galvanised_steel", radius_m=0.03, height_m=height, instances=posts
-        ),
-    ]  # fmt: skip
+        primitive("posts", "cylinder", "pole", "galvanised_steel", radius_m=0.03, height_m=height, instances=posts),
+    ]

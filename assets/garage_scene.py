@@ -35,22 +35,11 @@ def _hall():
     sides = [place(middle, s * (HALF_M + 0.15), height) for s in (1, -1)]
     return [
         primitive("floor", "box", "road", "concrete", size_m=slab, position_m=(middle, 0, -0.15)),
+        primitive("ceiling", "box", "building", "concrete", size_m=slab, position_m=(middle, 0, CLEAR_M + 0.15)),
+        primitive("end_walls", "box", "building", "plaster_white", size_m=[0.3, slab[1], 2 * half], instances=ends),
+        primitive("side_walls", "box", "building", "concrete", size_m=[slab[0], 0.3, 2 * half], instances=sides),
         primitive(
-            "ceiling", "box", "building", "concrete", size_m=slab, position_m=(middle, 0, CLEAR_M + 0.15)
-        ),
-        primitive(
-            "end_walls", "box", "building", "plaster_white", size_m=[0.3, slab[1], 2 * half], instances=ends
-        ),
-        primitive(
-            "side_walls", "box", "building", "concrete", size_m=[slab[0], 0.3, 2 * half], instances=sides
-        ),
-        primitive(
-            "door",
-            "box",
-            "building",
-            "galvanised_steel",
-            size_m=[0.06, 1.2, 2.1],
-            position_m=(EAST_M - 0.03, 5, 1.05),
+            "door", "box", "building", "galvanised_steel", size_m=[0.06, 1.2, 2.1], position_m=(EAST_M - 0.03, 5, 1.05)
         ),
     ]
 
@@ -66,9 +55,7 @@ def _structure():
     return [
         primitive("pillars", "box", "building", "concrete", size_m=[0.45, 0.45, CLEAR_M], instances=pillars),
         primitive("beams", "box", "building", "concrete", size_m=[0.35, 2 * HALF_M, 0.3], instances=beams),
-        primitive(
-            "pipes", "cylinder", "building", "galvanised_steel", radius_m=0.07, height_m=59.0, instances=pipes
-        ),
+        primitive("pipes", "cylinder", "building", "galvanised_steel", radius_m=0.07, height_m=59.0, instances=pipes),
         primitive("lamps", "box", "building", "plaster_white", size_m=[1.3, 0.16, 0.08], instances=lamps),
         primitive("wheel_stops", "box", "building", "concrete", size_m=[1.7, 0.14, 0.1], instances=stops),
     ]
@@ -91,9 +78,7 @@ def _markings():
 def _contents():
     bodies = []
     for colour, places in PARKED.items():
-        cars = [
-            place(_bay_m(i), s * PARKED_M, 0, -90 * s if nose_out else 90 * s) for i, s, nose_out in places
-        ]
+        cars = [place(_bay_m(i), s * PARKED_M, 0, -90 * s if nose_out else 90 * s) for i, s, nose_out in places]
         bodies.append(objects(f"cars_{colour}", "car", cars, paint=f"car_paint_{colour}"))
     driving = objects("car_driving", "car", [place(17.0, 1.5, 0, 180)], paint="car_paint_grey")
     walkers = objects("pedestrians", "pedestrian", [place(-1.0, 1.9, 0, 200), place(11.0, -2.6, 0, 20)])

@@ -25,9 +25,7 @@ def text():
 def _ground():
     return [
         primitive("road", "plane", "road", "asphalt", size_m=[60.0, 60.0], position_m=(15, 0, 0)),
-        primitive(
-            "pavement", "box", "sidewalk", "concrete", size_m=[4.0, 12.0, 0.1], position_m=(10.4, 2.7, 0.05)
-        ),
+        primitive("pavement", "box", "sidewalk", "concrete", size_m=[4.0, 12.0, 0.1], position_m=(10.4, 2.7, 0.05)),
     ]
 
 
@@ -43,9 +41,7 @@ def _shop():
         (centre, 0.5 * (WINDOW["top_m"] + HEIGHT_M), across, HEIGHT_M - WINDOW["top_m"]),
     ]
     parts = [
-        primitive(
-            f"front_{number}", "box", "building", "brick", size_m=[0.3, w, h], position_m=(FRONT_M, y, z)
-        )
+        primitive(f"front_{number}", "box", "building", "brick", size_m=[0.3, w, h], position_m=(FRONT_M, y, z))
         for number, (y, z, w, h) in enumerate(front)
     ]
     inside = FRONT_M + 0.5 * DEPTH_M
@@ -53,45 +49,68 @@ def _shop():
     return [
         *parts,
         primitive(
-            "window", "plane", "window", "shop_window",
+            "window",
+            "plane",
+            "window",
+            "shop_window",
             size_m=[WINDOW["top_m"] - WINDOW["sill_m"], across],
-            position_m=(FRONT_M, centre, 0.5 * (WINDOW["top_m"] + WINDOW["sill_m"])), pitch_deg=90.0,
+            position_m=(FRONT_M, centre, 0.5 * (WINDOW["top_m"] + WINDOW["sill_m"])),
+            pitch_deg=90.0,
         ),
         primitive("side_walls", "box", "building", "plaster_white", size_m=[DEPTH_M, 0.2, HEIGHT_M], instances=walls),
         primitive(
-            "back_wall", "box", "building", "plaster_white", size_m=[0.2, width, HEIGHT_M],
+            "back_wall",
+            "box",
+            "building",
+            "plaster_white",
+            size_m=[0.2, width, HEIGHT_M],
             position_m=(back, middle, 0.5 * HEIGHT_M),
         ),
-        primitive("ceiling", "box", "building", "concrete", size_m=[DEPTH_M + 0.3, width + 0.2, 0.2],
-                  position_m=(inside, middle, HEIGHT_M + 0.1)),
+        primitive(
+            "ceiling",
+            "box",
+            "building",
+            "concrete",
+            size_m=[DEPTH_M + 0.3, width + 0.2, 0.2],
+            position_m=(inside, middle, HEIGHT_M + 0.1),
+        ),
         primitive("floor", "box", "building", "wood", size_m=[DEPTH_M, width, 0.1], position_m=(inside, middle, 0.1)),
-    ]  # fmt: skip
+    ]
 
 
 def _inside():
     figures = [place(FRONT_M + 1.4, y, 0.15, 180 + turn) for y, turn in ((4.3, 20), (2.6, -10), (1.0, -30))]
     return [
         objects("figures", "pedestrian", figures),
-        primitive(
-            "counter", "box", "furniture", "wood", size_m=[0.6, 3.0, 1.0],
-            position_m=(FRONT_M + 3.0, 3.6, 0.65),
-        ),
-    ]  # fmt: skip
+        primitive("counter", "box", "furniture", "wood", size_m=[0.6, 3.0, 1.0], position_m=(FRONT_M + 3.0, 3.6, 0.65)),
+    ]
 
 
 def _mirror():
     """It turns beams at 22 degrees to the right by 82 degrees, towards the man who stands there."""
     return [
         primitive(
-            "mirror", "plane", "mirror", "mirror_aluminium",
-            size_m=[2.2, 2.0], position_m=(11.0, -3.2, 1.3), yaw_deg=33.0, pitch_deg=90.0,
+            "mirror",
+            "plane",
+            "mirror",
+            "mirror_aluminium",
+            size_m=[2.2, 2.0],
+            position_m=(11.0, -3.2, 1.3),
+            yaw_deg=33.0,
+            pitch_deg=90.0,
         ),
         primitive(
-            "mirror_back", "plane", "furniture", "wood",
-            size_m=[2.3, 2.1], position_m=(11.02, -3.187, 1.3), yaw_deg=33.0, pitch_deg=90.0,
+            "mirror_back",
+            "plane",
+            "furniture",
+            "wood",
+            size_m=[2.3, 2.1],
+            position_m=(11.02, -3.187, 1.3),
+            yaw_deg=33.0,
+            pitch_deg=90.0,
         ),
         objects("mirrored_man", "pedestrian", [place(10.3, -8.2, 0.0, 90)]),
-    ]  # fmt: skip
+    ]
 
 
 def _street():

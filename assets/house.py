@@ -143,18 +143,14 @@ def _balcony(z):
     ways += [[(x0 + reach - 0.05, -half, h), (x0 + reach - 0.05, half, h)] for h in (top, foot)]
     spots = [(x0 + reach - 0.05, y) for y in np.linspace(-half, half, 33)]
     spots += [(x0 + x, s * half) for s in (-1, 1) for x in np.linspace(0.1, reach - 0.15, 9)]
-    bars = [
-        box(size_m=(0.018, 0.018, top - z - 0.08), centre_m=(x, y, 0.5 * (top + z + 0.08))) for x, y in spots
-    ]
+    bars = [box(size_m=(0.018, 0.018, top - z - 0.08), centre_m=(x, y, 0.5 * (top + z + 0.08))) for x, y in spots]
     return slab, join(*(tube(way, 0.022, segments=6) for way in ways), *bars)
 
 
 def _gable():
     """A side wall with its gable, in y = 0, looking along +y."""
     d = DEPTH_M / 2
-    points = np.array(
-        [(d, 0, 0), (-d, 0, 0), (-d, 0, EAVES_M), (0, 0, RIDGE_M - 0.05), (d, 0, EAVES_M)], float
-    )
+    points = np.array([(d, 0, 0), (-d, 0, 0), (-d, 0, EAVES_M), (0, 0, RIDGE_M - 0.05), (d, 0, EAVES_M)], float)
     return Mesh(points, np.array([[0, 1, 2], [0, 2, 4], [2, 3, 4]]))
 
 

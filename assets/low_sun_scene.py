@@ -31,9 +31,7 @@ def text():
             head,
             primitive("road", "plane", "road", "asphalt", size_m=[100.0, 7.0], position_m=(45, 0, 0)),
             primitive("soil", "plane", "terrain", "soil", size_m=[100.0, 60.0], position_m=(45, 0, -0.05)),
-            primitive(
-                "poles", "cylinder", "pole", "galvanised_steel", radius_m=0.05, height_m=5.0, instances=poles
-            ),
+            primitive("poles", "cylinder", "pole", "galvanised_steel", radius_m=0.05, height_m=5.0, instances=poles),
             objects("cars", "car", [place(15.0, 2.0, 0, 180), place(30.0, -2.0)], paint="car_paint_white"),
             objects("pedestrian", "pedestrian", [place(12.0, -3.0, 0, 180)]),
             objects("trees", "tree", trees),

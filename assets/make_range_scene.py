@@ -58,10 +58,7 @@ def text():
         sensor={"name": "table1-apd", "position_m": [0.0, 0.0, 0.0]},
         picture={"eye_m": [-260.0, 0.0, 160.0], "target_m": [200.0, 0.0, 20.0], "fov_deg": 70.0},
     )
-    boards = [
-        table(f"[materials.board_{percent}]", bsdf="diffuse", reflectivity=percent / 100)
-        for percent in (10, 80)
-    ]
+    boards = [table(f"[materials.board_{percent}]", bsdf="diffuse", reflectivity=percent / 100) for percent in (10, 80)]
     for i, range_m in enumerate(reversed(RANGES_M)):
         azimuth_deg = SPACING_DEG * (i + 0.5)
         boards.append(board(range_m=range_m, azimuth_deg=azimuth_deg, percent=10))

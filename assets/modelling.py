@@ -148,9 +148,7 @@ def ellipsoid(*, radii_m, segments=16, rows=9, power=2.0):
     size = np.sum(np.abs(rings) ** power, axis=2, keepdims=True) ** (1 / power)
     rings = rings / size * np.asarray(radii_m)
     low, high = poles * np.asarray(radii_m)
-    return join(
-        grid(rings, closed=True), cap(rings[-1], centre_m=high), cap(rings[0], centre_m=low).flipped()
-    )
+    return join(grid(rings, closed=True), cap(rings[-1], centre_m=high), cap(rings[0], centre_m=low).flipped())
 
 
 def box(*, size_m, centre_m=(0.0, 0.0, 0.0)):
@@ -169,9 +167,7 @@ def rounded_box(*, size_m, centre_m=(0.0, 0.0, 0.0), radius_m, corner=3):
     half = 0.5 * np.asarray(size_m, float)
     turn = 0.5 * np.pi * np.arange(corner + 1) / corner
     inset = np.concatenate([radius_m * (1 - np.sin(turn)), radius_m * (1 - np.cos(turn))])
-    height = np.concatenate(
-        [-half[2] + radius_m * (1 - np.cos(turn)), half[2] - radius_m * (1 - np.sin(turn))]
-    )
+    height = np.concatenate([-half[2] + radius_m * (1 - np.cos(turn)), half[2] - radius_m * (1 - np.sin(turn))])
     angle = (np.pi / 2 * np.arange(4)[:, None] + turn).ravel()
     sign = np.repeat([[1, 1], [-1, 1], [-1, -1], [1, -1]], corner + 1, axis=0)
     reach = np.maximum(radius_m - inset[:, None, None], 0.0) * np.stack([np.cos(angle), np.sin(angle)], 1)

@@ -40,13 +40,11 @@ def text():
             head,
             primitive("ground", "plane", "road", "asphalt", size_m=[40.0, 40.0], position_m=(10, 0, 0)),
             primitive(
-                "wall", "box", "building", "concrete",
-                size_m=[0.3, 30.0, 3.0], position_m=(WALL_M + 0.15, 0, 1.5),
+                "wall", "box", "building", "concrete", size_m=[0.3, 30.0, 3.0], position_m=(WALL_M + 0.15, 0, 1.5)
             ),
             primitive(
-                "posts", "cylinder", "pole", "plaster_white",
-                radius_m=POST_RADIUS_M, height_m=1.0, instances=posts,
+                "posts", "cylinder", "pole", "plaster_white", radius_m=POST_RADIUS_M, height_m=1.0, instances=posts
             ),
             objects("car", "car", [place(7.5, -9.5, 0, 60)], paint="car_paint_grey"),
         ]
-    )  # fmt: skip
+    )

@@ -33,10 +33,7 @@ def text():
 
 
 def _materials():
-    boards = [
-        table(f"[materials.board_{percent}]", bsdf="diffuse", reflectivity=percent / 100)
-        for percent in BOARDS
-    ]
+    boards = [table(f"[materials.board_{percent}]", bsdf="diffuse", reflectivity=percent / 100) for percent in BOARDS]
     plate = {
         "description": "white enclosed-lens sheeting, type I, in place of a number plate's own, which was not found",
         "bsdf": "retroreflector",
@@ -64,18 +61,26 @@ def _row(range_m):
     boards = [
         part
         for percent, azimuth_deg in zip(BOARDS, spots, strict=False)
-        for part in _facing(f"board_{percent}_{range_m}m", f"target_{percent}", f"board_{percent}",
-                            range_m=range_m, azimuth_deg=azimuth_deg, size_m=[1.0, 1.0], height_m=1.2)
-    ]  # fmt: skip
+        for part in _facing(
+            f"board_{percent}_{range_m}m",
+            f"target_{percent}",
+            f"board_{percent}",
+            range_m=range_m,
+            azimuth_deg=azimuth_deg,
+            size_m=[1.0, 1.0],
+            height_m=1.2,
+        )
+    ]
     plate, sign, post, vest = spots[3:]
     return [
         *boards,
-        *_facing(f"plate_{range_m}m", "plate", "plate", range_m=range_m, azimuth_deg=plate, size_m=[0.11, 0.52],
-                 height_m=0.8),
+        *_facing(
+            f"plate_{range_m}m", "plate", "plate", range_m=range_m, azimuth_deg=plate, size_m=[0.11, 0.52], height_m=0.8
+        ),
         objects(f"sign_{range_m}m", "sign", [_at(range_m, sign)]),
         objects(f"post_{range_m}m", "bollard", [_at(range_m, post)]),
         *_vest(range_m, vest),
-    ]  # fmt: skip
+    ]
 
 
 def _at(range_m, azimuth_deg, height_m=0.0):
@@ -90,11 +95,26 @@ def _facing(name, kind, material, *, range_m, azimuth_deg, size_m, height_m):
     leg_m = height_m - 0.5 * size_m[0]
     behind = 1.0 + 0.03 / range_m
     return [
-        primitive(name, "plane", kind, material, size_m=size_m, position_m=(range_m * x, range_m * y, height_m),
-                  yaw_deg=azimuth_deg, pitch_deg=90.0 + math.degrees(e)),
-        primitive(f"{name}_leg", "cylinder", "pole", "galvanised_steel", radius_m=0.02, height_m=leg_m,
-                  position_m=(behind * range_m * x, behind * range_m * y, 0.5 * leg_m)),
-    ]  # fmt: skip
+        primitive(
+            name,
+            "plane",
+            kind,
+            material,
+            size_m=size_m,
+            position_m=(range_m * x, range_m * y, height_m),
+            yaw_deg=azimuth_deg,
+            pitch_deg=90.0 + math.degrees(e),
+        ),
+        primitive(
+            f"{name}_leg",
+            "cylinder",
+            "pole",
+            "galvanised_steel",
+            radius_m=0.02,
+            height_m=leg_m,
+            position_m=(behind * range_m * x, behind * range_m * y, 0.5 * leg_m),
+        ),
+    ]
 
 
 def _vest(range_m, azimuth_deg):
@@ -102,8 +122,7 @@ def _vest(range_m, azimuth_deg):
     a = math.radians(azimuth_deg)
     chest_m = range_m - 0.2
     bands = [
-        {"position_m": [chest_m * math.cos(a), chest_m * math.sin(a), z], "yaw_deg": azimuth_deg}
-        for z in (1.05, 1.25)
+        {"position_m": [chest_m * math.cos(a), chest_m * math.sin(a), z], "yaw_deg": azimuth_deg} for z in (1.05, 1.25)
     ]
     return [
         objects(f"worker_{range_m}m", "pedestrian", [_at(range_m, azimuth_deg)]),

@@ -48,8 +48,7 @@ def sign():
 def lamp_post():
     """A street lamp of 8 m whose arm reaches 1.5 m along +x."""
     shaft = lathe(
-        [(0.002, 0), (0.16, 0), (0.16, 0.03), (0.095, 0.05), (0.095, 1.2), (0.075, 1.25), (0.045, 7.2)],
-        segments=20,
+        [(0.002, 0), (0.16, 0), (0.16, 0.03), (0.095, 0.05), (0.095, 1.2), (0.075, 1.25), (0.045, 7.2)], segments=20
     )
     bend = np.linspace(0, 0.5 * np.pi, 9)
     arm = np.column_stack([0.7 * (1 - np.cos(bend)), np.zeros(9), 7.19 + 0.7 * np.sin(bend)])
@@ -65,9 +64,7 @@ def bollard():
     """A bollard of 0.9 m with a reflecting band."""
     turn = 0.5 * np.pi * np.arange(7) / 6
     dome = [(0.055 * np.cos(a), 0.84 + 0.055 * np.sin(a)) for a in turn[:-1]]
-    body = lathe(
-        [(0.002, 0.0), (0.075, 0.0), (0.075, 0.05), (0.055, 0.08), *dome, (0.004, 0.8952)], segments=24
-    )
+    body = lathe([(0.002, 0.0), (0.075, 0.0), (0.075, 0.05), (0.055, 0.08), *dome, (0.004, 0.8952)], segments=24)
     tip = cap(np.column_stack([circle(24, radius_m=0.004), np.full(24, 0.8952)]))
     band = lathe([(0.055, 0.678), (0.057, 0.68), (0.057, 0.76), (0.055, 0.762)], segments=24)
     return {"bollard": join(body, tip), "band": band}

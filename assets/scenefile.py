@@ -13,13 +13,7 @@ PARTS = {
         "interior": "leather",
         "chrome": "chrome",
     },
-    "pedestrian": {
-        "skin": "skin",
-        "clothes": "cotton_cloth",
-        "trousers": "denim",
-        "shoes": "leather",
-        "hair": "hair",
-    },
+    "pedestrian": {"skin": "skin", "clothes": "cotton_cloth", "trousers": "denim", "shoes": "leather", "hair": "hair"},
     "tree": {"bark": "bark", "foliage": "tree_foliage"},
     "house": {
         "brick": "brick",
@@ -32,11 +26,7 @@ PARTS = {
         "interior": "plaster_white",
     },
     "kerb": {"kerb": "concrete"},
-    "sign": {
-        "pole": "galvanised_steel",
-        "sign_face": "retroreflective_sheeting",
-        "sign_back": "brushed_aluminium",
-    },
+    "sign": {"pole": "galvanised_steel", "sign_face": "retroreflective_sheeting", "sign_back": "brushed_aluminium"},
     "lamp_post": {"pole": "galvanised_steel", "head": "black_plastic", "lens": "lamp_lens"},
     "bollard": {"bollard": "black_plastic", "band": "retroreflective_sheeting"},
 }
@@ -95,22 +85,12 @@ def _shape(mesh, paint):
 def primitive(name, shape, kind, material, *, position_m=None, instances=None, **size):
     """A body made of a plane, a box, a sphere or a cylinder, at one place or at several."""
     where = {"instances": instances} if instances else {"position_m": [float(x) for x in position_m]}
-    return table(
-        "[[bodies]]", name=name, primitive=shape, **{"class": kind}, material=material, **size, **where
-    )
+    return table("[[bodies]]", name=name, primitive=shape, **{"class": kind}, material=material, **size, **where)
 
 
 def header(name, description, *, made_by, sun, sky, air, sensor, picture, weather=None, ego=None):
     """What stands above the bodies: the tables of numbers."""
     first = f"# Made by assets/{made_by}; change it there and run it again.\n"
     first += table(f"name = {value(name)}", description=description)
-    parts = {
-        "sun": sun,
-        "sky": sky,
-        "air": air,
-        "weather": weather,
-        "ego": ego,
-        "sensor": sensor,
-        "picture": picture,
-    }
+    parts = {"sun": sun, "sky": sky, "air": air, "weather": weather, "ego": ego, "sensor": sensor, "picture": picture}
     return "\n".join([first, *(table(f"[{key}]", **entries) for key, entries in parts.items() if entries)])

@@ -48,12 +48,8 @@ def _ground():
     kerbs = _both(range(int(WEST_M) + 1, int(EAST_M), 2), KERB_M, yaw_deg=0)
     return [
         primitive("road", "plane", "road", "asphalt", size_m=[length, 10.8], position_m=(middle, 0, 0)),
-        primitive(
-            "cross_road", "plane", "road", "asphalt", size_m=[10.0, 60.0], position_m=(EAST_M + 5, 0, 0)
-        ),
-        primitive(
-            "pavements", "box", "pavement", "concrete", size_m=[length, 3.15, 0.12], instances=pavements
-        ),
+        primitive("cross_road", "plane", "road", "asphalt", size_m=[10.0, 60.0], position_m=(EAST_M + 5, 0, 0)),
+        primitive("pavements", "box", "pavement", "concrete", size_m=[length, 3.15, 0.12], instances=pavements),
         primitive("soil", "plane", "terrain", "soil", size_m=[260.0, 120.0], position_m=(middle, 0, -0.05)),
         objects("kerbs", "kerb", kerbs),
     ]
@@ -95,9 +91,7 @@ def _furniture():
     bollards = [place(x, s * 5.8, 0.12) for x in (26.5, 27.25, 32.75, 33.5) for s in (1, -1)]
     return [
         objects("trees", "tree", trees),
-        objects(
-            "pedestrians", "pedestrian", [place(x, y, 0 if abs(y) < 5 else 0.12, a) for x, y, a in walkers]
-        ),
+        objects("pedestrians", "pedestrian", [place(x, y, 0 if abs(y) < 5 else 0.12, a) for x, y, a in walkers]),
         objects("signs", "sign", signs),
         objects("lamp_posts", "lamp_post", posts),
         objects("bollards", "bollard", bollards),

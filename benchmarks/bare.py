@@ -110,11 +110,7 @@ def _rows(library: Any | None, simulator: Simulator, scene: str, beams: str, rou
         cpu, *_ = clock.ratio(busy, slow, fast)
         note = f"CPU {cpu:.2f}; {1e3 * np.median(seconds[fast]):.1f} ms"
         goal = _goal(slow, fast, beams, median)
-        if (
-            (slow, fast) == (OPEN3D, OURS)
-            and goal
-            and (bound := clock.ratio(seconds, OPEN3D, BARE)[0]) < LEAST[beams]
-        ):
+        if (slow, fast) == (OPEN3D, OURS) and goal and (bound := clock.ratio(seconds, OPEN3D, BARE)[0]) < LEAST[beams]:
             goal += f"; bare Embree itself reaches {bound:.2f}"
         rows.append(Row(f"{case}: {slow} / {fast}", f"{median:.2f}", f"{low:.2f} to {high:.2f}", note, goal))
     return rows
@@ -139,9 +135,19 @@ def compiled() -> Any:
     target = folder / "bare.so"
     own = [f"-I{embree / 'include'}", f"-L{embree}", f"-Wl,-rpath,{embree}"] if _has_embree(embree) else []
     command = [
-        compiler, "-O3", "-march=native", "-std=c++17", "-shared", "-fPIC", "-pthread", *own,
-        str(Path(__file__).with_name("bare.cpp")), "-o", str(target), "-lembree3",
-    ]  # fmt: skip
+        compiler,
+        "-O3",
+        "-march=native",
+        "-std=c++17",
+        "-shared",
+        "-fPIC",
+        "-pthread",
+        *own,
+        str(Path(__file__).with_name("bare.cpp")),
+        "-o",
+        str(target),
+        "-lembree3",
+    ]
     try:
         subprocess.run(command, check=True, capture_output=True, timeout=300)
         library = ctypes.CDLL(str(target))
@@ -152,8 +158,18 @@ def compiled() -> Any:
     pointer, size = ctypes.c_void_p, ctypes.c_size_t
     library.bare_scene.argtypes, library.bare_scene.restype = [pointer, size, pointer, size], pointer
     library.bare_trace.argtypes = [
-        pointer, pointer, pointer, pointer, pointer, size, pointer, ctypes.c_float, ctypes.c_int, pointer, pointer,
-    ]  # fmt: skip
+        pointer,
+        pointer,
+        pointer,
+        pointer,
+        pointer,
+        size,
+        pointer,
+        ctypes.c_float,
+        ctypes.c_int,
+        pointer,
+        pointer,
+    ]
     library.bare_trace.restype = None
     return library
 
@@ -178,9 +194,16 @@ def task(library: Any, simulator: Simulator) -> Callable[[], tuple[np.ndarray, n
     def run() -> tuple[np.ndarray, np.ndarray]:
         t, lit = np.zeros(pulses, np.float32), np.zeros(pulses, np.uint8)
         library.bare_trace(
-            scene, origin.ctypes.data, *(axis.ctypes.data for axis in axes), pulses, sun.ctypes.data, START_OFFSET_M,
-            threads, t.ctypes.data, lit.ctypes.data,
-        )  # fmt: skip
+            scene,
+            origin.ctypes.data,
+            *(axis.ctypes.data for axis in axes),
+            pulses,
+            sun.ctypes.data,
+            START_OFFSET_M,
+            threads,
+            t.ctypes.data,
+            lit.ctypes.data,
+        )
         return t, lit
 
     return run

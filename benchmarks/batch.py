@@ -51,10 +51,14 @@ def measure(scene: Path, *, frames: int, step_deg: float, rounds: int) -> Sectio
     load = ", ".join(f"{value:.1f}" for value in os.getloadavg())
     ratios = [one / (two * WORKERS[-1]) for one, two in zip(*seconds.values(), strict=True)]
     rows = [
-        Row(f"{count} worker{'s' * (count > 1)}", f"{statistics.median(values):.2f} s", _spread(values, "s"),
-            f"for a frame {statistics.median(busy[count]) * 1e3:.0f} ms of a worker's core")
+        Row(
+            f"{count} worker{'s' * (count > 1)}",
+            f"{statistics.median(values):.2f} s",
+            _spread(values, "s"),
+            f"for a frame {statistics.median(busy[count]) * 1e3:.0f} ms of a worker's core",
+        )
         for count, values in seconds.items()
-    ]  # fmt: skip
+    ]
     goal = verdict(f"at least {GOAL}", statistics.median(ratios) >= GOAL)
     rows.append(Row("efficiency of two", f"{statistics.median(ratios):.2f}", _spread(ratios), "", goal))
     text = (

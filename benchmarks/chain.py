@@ -66,15 +66,11 @@ def measure(scene_file: Path, *, step_deg: float, rounds: int) -> list[Section]:
     ]
 
 
-def _glass_rows(
-    glass: Simulator, first: Simulator, peers: dict[str, Callable[[], Any]], rounds: int
-) -> list[Row]:
+def _glass_rows(glass: Simulator, first: Simulator, peers: dict[str, Callable[[], Any]], rounds: int) -> list[Row]:
     """The default of `render`, in turns with the first surface and with others' first surface."""
     tasks = {SENSORS[0]: first.render, THROUGH_GLASS: glass.render} | peers
     seconds = clock.in_turns(tasks, rounds=rounds)
-    rows = [
-        _seconds_row(name, seconds[name], glass.sensor.scanner.pulses) for name in tasks if name not in peers
-    ]
+    rows = [_seconds_row(name, seconds[name], glass.sensor.scanner.pulses) for name in tasks if name not in peers]
     return [*rows, *(_ratio_row(seconds, other, THROUGH_GLASS) for other in (SENSORS[0], *peers))]
 
 
@@ -204,20 +200,14 @@ def open3d_tasks(simulator: Simulator, *, threads: int = 0) -> dict[str, Callabl
         answer = cast(tensor(rays))
         return answer, in_the_dark(tensor(sun_rays(rays, answer)))
 
-    bodies: tuple[Callable[[], Any], ...] = (
-        lambda: (cast(ready), in_the_dark(towards_sun)),
-        sun_from_hits,
-        all_built,
-    )
+    bodies: tuple[Callable[[], Any], ...] = (lambda: (cast(ready), in_the_dark(towards_sun)), sun_from_hits, all_built)
     return dict(zip(OPEN3D, bodies, strict=True))
 
 
 def beam_rays(simulator: Simulator) -> np.ndarray:
     """(n, 6) float32, origins and directions from angles, by numpy."""
     scanner = simulator.sensor.scanner
-    azimuth, elevation = (
-        np.float32(angle) for angle in scanner.angles(np.arange(scanner.pulses, dtype=np.uint32))
-    )
+    azimuth, elevation = (np.float32(angle) for angle in scanner.angles(np.arange(scanner.pulses, dtype=np.uint32)))
     rays = np.zeros((scanner.pulses, 6), dtype=np.float32)
     rays[:, :3] = origin(simulator)
     level = np.cos(elevation)
@@ -281,9 +271,7 @@ def _device_rows(name: str, simulator: Simulator, rounds: int) -> list[Row]:
 
     def up_to(last: str) -> Callable[[], None]:
         def task() -> None:
-            pulse = (
-                transfer.counter(0, simulator.sensor.scanner.pulses) if order is None else order.on_device(0)
-            )
+            pulse = transfer.counter(0, simulator.sensor.scanner.pulses) if order is None else order.on_device(0)
             rays = beams.fire(sensor, pulse=pulse, origin_m=place, rotation=rotation)
             hits, *_ = trace(simulator.world, rays, sun=sun, interactions=0)
             kept = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]

@@ -19,9 +19,7 @@ def in_turns(tasks: Mapping[str, Callable[[], Any]], *, rounds: int, warm_up: in
     return both_in_turns(tasks, rounds=rounds, warm_up=warm_up)[0]
 
 
-def both_in_turns(
-    tasks: Mapping[str, Callable[[], Any]], *, rounds: int, warm_up: int = 2
-) -> tuple[Seconds, Seconds]:
+def both_in_turns(tasks: Mapping[str, Callable[[], Any]], *, rounds: int, warm_up: int = 2) -> tuple[Seconds, Seconds]:
     """The same, and the seconds of the processor: of all threads of this process."""
     seconds: dict[str, list[tuple[float, float]]] = {name: [] for name in tasks}
     with _swept() as sweep:

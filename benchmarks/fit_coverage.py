@@ -56,9 +56,7 @@ def with_two_lenses(seeds: int) -> None:
             near = fit_near_field(pulses_of([drawn_sweep(truth, 1000 * unit + seed, curve=curve)]), sensor)
             assert near is not None
             for one in near.estimates:
-                off.setdefault(f"{one.key}, two lenses", []).append(
-                    (one.value - asdict(truth)[one.key]) / one.sigma
-                )
+                off.setdefault(f"{one.key}, two lenses", []).append((one.value - asdict(truth)[one.key]) / one.sigma)
     told(off)
 
 
@@ -84,9 +82,7 @@ def rendered() -> None:
     truth, base, street = drawn_unit(3), published(columns=256), load_scene(STREET)
     light = Simulator(street, base).light()
     numbers: list[np.ndarray] = []
-    cloud = Simulator(street, unit_of(truth, base)).render(
-        seed=1, points=lambda pulse, _: numbers.append(pulse)
-    )
+    cloud = Simulator(street, unit_of(truth, base)).render(seed=1, points=lambda pulse, _: numbers.append(pulse))
     there, pulse = np.asarray(light.found), np.concatenate(numbers).astype(int)
     echo = cloud.status == 0
     told_of = {name: np.full(len(there), np.nan) for name in ("signal", "range_m", "ambient")}
@@ -115,9 +111,7 @@ def told(off: dict[str, list[float]]) -> None:
     for key, far in off.items():
         inside, mean = sum(abs(x) < 2.0 for x in far), sum(far) / len(far)
         largest = max(map(abs, far))
-        print(
-            f"{key:<28} {inside:3d} of {len(far)} within 2 sigma, mean {mean:+.2f} sigma, largest {largest:.1f}"
-        )
+        print(f"{key:<28} {inside:3d} of {len(far)} within 2 sigma, mean {mean:+.2f} sigma, largest {largest:.1f}")
 
 
 if __name__ == "__main__":

@@ -8,9 +8,18 @@ from pathlib import Path
 from lidarscene.kernel.device import backend
 
 PACKAGES = (
-    "lidarscene", "mitsuba", "drjit", "karellen-llvm-core", "numpy", "trimesh", "scipy", "open3d", "embreex",
-    "mujoco", "mujoco-lidar",
-)  # fmt: skip
+    "lidarscene",
+    "mitsuba",
+    "drjit",
+    "karellen-llvm-core",
+    "numpy",
+    "trimesh",
+    "scipy",
+    "open3d",
+    "embreex",
+    "mujoco",
+    "mujoco-lidar",
+)
 
 
 def described() -> list[str]:

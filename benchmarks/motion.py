@@ -21,9 +21,7 @@ AWAY_M = 300.0
 STILL = "still"
 AWAY = "still, out of the way"
 
-FAST = (
-    "laser.repetition_rate_khz=250"  # as fast as its window allows: tables of four seconds instead of twenty
-)
+FAST = "laser.repetition_rate_khz=250"  # as fast as its window allows: tables of four seconds instead of twenty
 
 TEXT = """The frame of `table1-apd` above, at 250 kHz, with the sensor on a vehicle that drives (slowly), and with the
 cars and people nearest to it as moving bodies (which stand still, so that the same surfaces are met). Cars of one
@@ -38,14 +36,11 @@ def measure(scene_file: Path, *, step_deg: float, rounds: int) -> Section:
     scene, sensor = load_scene(scene_file), load_sensor("table1-apd", overrides=[*steps, FAST])
     mobile = [body.name for body in scene.bodies if body.class_name in ("car", "pedestrian")]
     far_m = {
-        body.name: float(np.linalg.norm(body.pose.position_m - scene.sensor_pose.position_m))
-        for body in scene.bodies
+        body.name: float(np.linalg.norm(body.pose.position_m - scene.sensor_pose.position_m)) for body in scene.bodies
     }
     nearest = sorted(mobile, key=lambda name: far_m[name])
     scenes = {STILL: scene, "vehicle drives": dataclasses.replace(scene, ego=Course(speed_m_s=1.0))}
-    scenes |= {
-        f"{count} bodies move": moved(scene, nearest[:count]) for count in MOVERS if count <= len(mobile)
-    }
+    scenes |= {f"{count} bodies move": moved(scene, nearest[:count]) for count in MOVERS if count <= len(mobile)}
     away, out = f"{max(MOVERS)} bodies move, out of the way", nearest[: max(MOVERS)]
     scenes |= {AWAY: shifted(scene, out), away: moved(shifted(scene, out), out)}
     simulators = {name: Simulator(one, sensor, interactions=0) for name, one in scenes.items()}
@@ -82,11 +77,7 @@ def _row(seconds: clock.Seconds, name: str, still: str, most: float | None) -> R
     median, low, high = clock.ratio(seconds, name, still)
     goal = "" if most is None else verdict(f"at most {most:g}", median <= most)
     return Row(
-        f"{name} / {STILL}",
-        f"{median:.2f}",
-        f"{low:.2f} to {high:.2f}",
-        f"{np.median(seconds[name]):.3f} s",
-        goal,
+        f"{name} / {STILL}", f"{median:.2f}", f"{low:.2f} to {high:.2f}", f"{np.median(seconds[name]):.3f} s", goal
     )
 
 
@@ -100,7 +91,5 @@ def _tables(count: int, rounds: int) -> Row:
     task = {"tables": lambda: Paths.of(motions, start_s=0.5, length_s=0.1, centre_m=np.zeros(3))}
     values = clock.in_turns(task, rounds=rounds)["tables"]
     return Row(
-        f"tables of {count + 1} motions",
-        f"{np.median(values):.3f} s",
-        f"{values.min():.3f} to {values.max():.3f}",
+        f"tables of {count + 1} motions", f"{np.median(values):.3f} s", f"{values.min():.3f} to {values.max():.3f}"
     )

@@ -39,9 +39,7 @@ def measure(
     middle     the size with which those are seen
     """
     street = load_scene(scene_file)
-    scenes = {scene_file.name: street} | {
-        f"{count:,} triangles": ground(street, count) for count in synthetic
-    }
+    scenes = {scene_file.name: street} | {f"{count:,} triangles": ground(street, count) for count in synthetic}
     rows: list[Row] = []
     for name, scene in scenes.items():
         world = None
@@ -66,9 +64,7 @@ def ground(scene: Scene, triangles: int) -> Scene:
     lower = np.stack([corner, corner + side, corner + side + 1], axis=1)
     upper = np.stack([corner, corner + side + 1, corner + 1], axis=1)
     material = next(part.material for part in scene.bodies[0].parts)
-    part = Part(
-        vertices_m=vertices, faces=np.concatenate([lower, upper]).astype(np.uint32), material=material
-    )
+    part = Part(vertices_m=vertices, faces=np.concatenate([lower, upper]).astype(np.uint32), material=material)
     return dataclasses.replace(scene, bodies=(Body(name="ground", class_name="ground", parts=(part,)),))
 
 

@@ -64,9 +64,7 @@ def start(scene: Path, *, rounds: int, warm_up: bool = True) -> Section:
         _row("its time of the processor", [one[3] for one in plain], "all threads"),
     ]
     if cold:
-        rows.append(
-            _row("the same with nothing cached", [one[0] for one in cold], "no kernel, no mesh", GOAL_COLD_S)
-        )
+        rows.append(_row("the same with nothing cached", [one[0] for one in cold], "no kernel, no mesh", GOAL_COLD_S))
         rows.append(_row("its time of the processor", [one[3] for one in cold], "all threads"))
     for name in stages[0]:
         rows.append(_row(f"of which: {name}", [one[name] for one in stages]))
@@ -158,10 +156,7 @@ def _run(arguments: list[str], *, caches: Path | None = None) -> tuple[float, fl
     environment: dict[str, Any] = dict(os.environ, PYTHONPATH=str(ROOT / "src"))
     if caches is not None:
         (caches / "kernels").mkdir(parents=True)
-        environment |= {
-            "DRJIT_CACHE_DIR": str(caches / "kernels"),
-            "LIDARSCENE_CACHE": str(caches / "meshes"),
-        }
+        environment |= {"DRJIT_CACHE_DIR": str(caches / "kernels"), "LIDARSCENE_CACHE": str(caches / "meshes")}
     since = time.perf_counter()
     with subprocess.Popen([sys.executable, *arguments], env=environment, stdout=subprocess.PIPE) as child:
         assert child.stdout is not None

@@ -52,16 +52,17 @@ def measure(scene_file: Path, *, single_deg: float, many_deg: float, rays: int, 
     most = MOST_OF_A_RAY * rays
     rows.append(
         Row(
-            f"trace of {rays} rays to each pulse / of one", f"{np.median(cost):.1f}", _spread(cost, ".1f"),
-            f"{few.sensor.scanner.pulses:,} pulses", verdict(f"at most {most:g}", np.median(cost) <= most),
+            f"trace of {rays} rays to each pulse / of one",
+            f"{np.median(cost):.1f}",
+            _spread(cost, ".1f"),
+            f"{few.sensor.scanner.pulses:,} pulses",
+            verdict(f"at most {most:g}", np.median(cost) <= most),
         )
-    )  # fmt: skip
+    )
     for name in SAMPLERS:
         share = waveforms[name] / traces[name]
         met = verdict(f"at most {MOST_OF_THE_TRACE:g}", np.median(share) <= MOST_OF_THE_TRACE)
-        rows.append(
-            Row(f"waveform / trace, {name}", f"{np.median(share):.2f}", _spread(share, ".2f"), "", met)
-        )
+        rows.append(Row(f"waveform / trace, {name}", f"{np.median(share):.2f}", _spread(share, ".2f"), "", met))
     return Section("Many rays to a pulse", TEXT, rows)
 
 
@@ -72,11 +73,7 @@ def _rate_row(one: Simulator, many: Simulator, rounds: int) -> Row:
     note = f"{counts['many'] / float(np.median(seconds['many'])) / 1e6:.2f} million rays a second"
     goal = verdict(f"at least {LEAST_RATE:g}", np.median(rates) >= LEAST_RATE)
     return Row(
-        f"rate of {many.trace.rays} rays a pulse / one",
-        f"{np.median(rates):.2f}",
-        _spread(rates, ".2f"),
-        note,
-        goal,
+        f"rate of {many.trace.rays} rays a pulse / one", f"{np.median(rates):.2f}", _spread(rates, ".2f"), note, goal
     )
 
 
@@ -135,10 +132,16 @@ def _frame(simulator: Simulator) -> Callable[[], tuple[float, float]]:
                 array
                 for stop in found.stops
                 for array in (
-                    stop.reported, stop.status, stop.range_m, stop.intensity, stop.snr,
-                    stop.detection_probability, stop.source, stop.true_range_m,
+                    stop.reported,
+                    stop.status,
+                    stop.range_m,
+                    stop.intensity,
+                    stop.snr,
+                    stop.detection_probability,
+                    stop.source,
+                    stop.true_range_m,
                 )
-            ]  # fmt: skip
+            ]
             transfer.start([found.outcome, found.snr, found.detection_probability, found.ambient, *kept])
             history.take()
             return traced_s, history.device_s - traced_s

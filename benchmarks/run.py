@@ -37,8 +37,9 @@ Parts = dict[str, Callable[[], list[table.Section]]]
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="small sizes: shows that it works, not how fast")
-    parser.add_argument("--only", metavar="PART", nargs="+", choices=PARTS, default=PARTS,
-                        help=f"of {', '.join(PARTS)}")  # fmt: skip
+    parser.add_argument(
+        "--only", metavar="PART", nargs="+", choices=PARTS, default=PARTS, help=f"of {', '.join(PARTS)}"
+    )
     parser.add_argument("--large", action="store_true", help="10 million beams against the peers too")
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "out" / "benchmarks.md")
     arguments = parser.parse_args()
@@ -65,15 +66,11 @@ def full_parts(*, large: bool) -> Parts:
     return {
         "chain": lambda: chain.measure(street, step_deg=STREET_DEG, rounds=9),
         "bare": lambda: [
-            bare.measure(
-                street, sizes=BARE_SIZES, triangles=SYNTHETIC[-1], middle="131k", city=True, rounds=9
-            )
+            bare.measure(street, sizes=BARE_SIZES, triangles=SYNTHETIC[-1], middle="131k", city=True, rounds=9)
         ],
         "receivers": lambda: [receivers.measure(street, step_deg=STREET_DEG, rounds=9)],
         "peers": lambda: [peers.measure(street, sizes=sizes, synthetic=SYNTHETIC, middle="262k", rounds=3)],
-        "rays": lambda: [
-            rays.measure(street, single_deg=STREET_DEG, many_deg=4 * STREET_DEG, rays=16, rounds=5)
-        ],
+        "rays": lambda: [rays.measure(street, single_deg=STREET_DEG, many_deg=4 * STREET_DEG, rays=16, rounds=5)],
         "motion": lambda: [motion.measure(street, step_deg=STREET_DEG, rounds=9)],
         "start": lambda: [process.start(car, rounds=5)],
         "memory": lambda: [process.memory(street, step_deg=0.00774)],
@@ -86,9 +83,7 @@ def quick_parts() -> Parts:
     car = ROOT / "scenes" / "car.toml"
     return {
         "chain": lambda: chain.measure(car, step_deg=0.5, rounds=3),
-        "bare": lambda: [
-            bare.measure(car, sizes={"12k": 0.5}, triangles=2_000, middle="12k", city=False, rounds=2)
-        ],
+        "bare": lambda: [bare.measure(car, sizes={"12k": 0.5}, triangles=2_000, middle="12k", city=False, rounds=2)],
         "receivers": lambda: [receivers.measure(car, step_deg=0.5, rounds=2)],
         "peers": lambda: [peers.measure(car, sizes={"12k": 0.5}, synthetic=(2_000,), middle="12k", rounds=2)],
         "rays": lambda: [rays.measure(car, single_deg=0.5, many_deg=2.0, rays=16, rounds=2)],
@@ -106,9 +101,7 @@ def report(sections: list[table.Section], *, quick: bool) -> str:
         for section in sections:
             section.rows[:] = [dataclasses.replace(row, goal="") for row in section.rows]
     if hasattr(os, "getloadavg"):
-        head.append(
-            f"Load average of the last 15 minutes at its end: {os.getloadavg()[2]:.1f}, this run included."
-        )
+        head.append(f"Load average of the last 15 minutes at its end: {os.getloadavg()[2]:.1f}, this run included.")
     lines = "".join(f"* {line}\n" for line in [*head, *machine.described()])
     return f"# Benchmarks\n\n{lines}\n{table.markdown(sections)}"
 

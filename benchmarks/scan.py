@@ -36,10 +36,7 @@ def measure(scene_file: Path, *, pulses: int, rounds: int = 3) -> dict[str, tupl
     scene, sensor = load_scene(scene_file), load_sensor("table1-apd")
     world = Simulator(scene, sensor)
     place = tuple(float(x) for x in world.pose.position_m - world.world.centre_m)
-    origin, turn = (
-        transfer.opaque(place),
-        transfer.opaque(tuple(float(x) for x in world.pose.rotation.ravel())),
-    )
+    origin, turn = (transfer.opaque(place), transfer.opaque(tuple(float(x) for x in world.pose.rotation.ravel())))
     sun = transfer.opaque(tuple(float(x) for x in scene.sun.direction))
     seed = transfer.opaque_uint32(1)
     made = {name: make() for name, make in scanners.ALL.items() if not name.startswith("flash_")}
@@ -54,9 +51,7 @@ def measure(scene_file: Path, *, pulses: int, rounds: int = 3) -> dict[str, tupl
                 rays = beams.fire(equipped, pulse=pulse, origin_m=origin, rotation=turn, seed=seed)
                 if traced:
                     hits, *_ = trace(world.world, rays, sun=sun)
-                    transfer.start(
-                        [hits.range_m, hits.backscatter_per_sr, hits.sun_scatter_per_sr, rays.aperture_m2]
-                    )
+                    transfer.start([hits.range_m, hits.backscatter_per_sr, hits.sun_scatter_per_sr, rays.aperture_m2])
                 else:
                     transfer.start([*rays.origin_m, *rays.direction, rays.aperture_m2])
             transfer.wait()

@@ -15,25 +15,13 @@ SENSORS = ("table1-apd", "table1-sipm")
 SECTIONS = {
     "Seconds": [*SENSORS, "Mitsuba, bare"],
     "Times as fast": [
-        *(
-            f"{other} / {task}"
-            for other in ("Open3D, bare", "Open3D", "Open3D with rays")
-            for task in SENSORS
-        ),
+        *(f"{other} / {task}" for other in ("Open3D, bare", "Open3D", "Open3D with rays") for task in SENSORS),
         *(f"{task} / Mitsuba, bare" for task in ("Open3D", *SENSORS)),
     ],
     "Where the time goes": [
         f"{sensor}: {stage}"
         for sensor in SENSORS
-        for stage in (
-            "record",
-            "trace",
-            "collect",
-            "assemble",
-            "device, hits",
-            "device, echoes",
-            "device, returns",
-        )
+        for stage in ("record", "trace", "collect", "assemble", "device, hits", "device, echoes", "device, returns")
     ],
     "Against bare Embree": [
         f"{scene}, 12k beams: lidarscene / bare Embree" for scene in ("car.toml", "2,000 triangles")
@@ -57,10 +45,7 @@ SECTIONS = {
     "Many rays to a pulse": [
         "rate of 16 rays a pulse / one",
         "trace of 16 rays to each pulse / of one",
-        *(
-            f"waveform / trace, {sampler}"
-            for sampler in ("TDC", "multi-level TDC", "ADC", "TDC that keeps 16 returns")
-        ),
+        *(f"waveform / trace, {sampler}" for sampler in ("TDC", "multi-level TDC", "ADC", "TDC that keeps 16 returns")),
     ],
     "Motion": [
         "vehicle drives / still",
@@ -93,10 +78,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
     """What --quick writes, which it also prints: of all parts, half of them at a time."""
     folder = tmp_path_factory.mktemp("bench")
     # Meshes are kept for this run alone: what an earlier one left must not decide a test.
-    environment = os.environ | {
-        "PYTHONPATH": str(ROOT / "src"),
-        "LIDARSCENE_CACHE": str(folder / "meshes"),
-    }
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src"), "LIDARSCENE_CACHE": str(folder / "meshes")}
 
     def run(parts: tuple[str, ...]) -> str:
         target = folder / parts[0] / "out" / "benchmarks.md"
@@ -115,9 +97,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 def test_every_part_is_run() -> None:
     """A part that `make bench` has and this file forgets would be tried by no one."""
-    listed = re.search(
-        r"^PARTS = \((.*)\)$", (ROOT / "benchmarks" / "run.py").read_text("utf-8"), re.MULTILINE
-    )
+    listed = re.search(r"^PARTS = \((.*)\)$", (ROOT / "benchmarks" / "run.py").read_text("utf-8"), re.MULTILINE)
     assert listed is not None
     assert sorted(re.findall(r'"(\w+)"', listed[1])) == sorted(part for half in HALVES for part in half)
 
@@ -125,9 +105,7 @@ def test_every_part_is_run() -> None:
 @pytest.mark.parametrize("title", SECTIONS)
 def test_every_row_is_there_with_a_figure(page: str, title: str) -> None:
     section = page.split(f"## {title}\n")[1].split("\n## ")[0]
-    rows = [
-        [cell.strip() for cell in line.split("|")[1:-1]] for line in section.splitlines() if line[:1] == "|"
-    ]
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in section.splitlines() if line[:1] == "|"]
     assert rows[0] == ["what", "median", "lowest to highest", "note", "goal"]
     assert all(len(row) == 5 for row in rows)
     figures = {row[0]: row[1] for row in rows[2:]}

@@ -14,9 +14,7 @@ PAGES = [*Path(__file__).parent.glob("theory*.md"), Path(__file__).parent / "pho
 NUMBERED = re.compile(r"\\tag\{(T\w+)\}")
 # What is code stays as it is: fenced blocks and spans.
 CODE = re.compile(r"(^```.*?^```$|`[^`\n]+`)", re.MULTILINE | re.DOTALL)
-PAGE_OF = {
-    number: page.name for page in PAGES for number in NUMBERED.findall(page.read_text(encoding="utf-8"))
-}
+PAGE_OF = {number: page.name for page in PAGES for number in NUMBERED.findall(page.read_text(encoding="utf-8"))}
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:

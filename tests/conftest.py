@@ -49,17 +49,34 @@ settings.load_profile("lidarscene")
 
 TESTS = Path(__file__).parent
 LONGEST = (
-    "docs/test_commands.py", "docs/test_study_commands.py", "chain/test_rain_and_snow.py", "cli/test_main.py",
-    "view/test_page.py", "batch/test_run.py", "docs/test_site.py", "batch/test_cluster.py", "docs/test_docs.py",
-    "cli/test_paper.py", "kernel/device/test_replay.py", "studies/sipm_events/test_events.py",
-    "cli/test_field_of_view.py", "cli/test_ranging.py", "docs/test_notebooks.py", "cli/test_batch.py",
-)  # fmt: skip
+    "docs/test_commands.py",
+    "docs/test_study_commands.py",
+    "chain/test_rain_and_snow.py",
+    "cli/test_main.py",
+    "view/test_page.py",
+    "batch/test_run.py",
+    "docs/test_site.py",
+    "batch/test_cluster.py",
+    "docs/test_docs.py",
+    "cli/test_paper.py",
+    "kernel/device/test_replay.py",
+    "studies/sipm_events/test_events.py",
+    "cli/test_field_of_view.py",
+    "cli/test_ranging.py",
+    "docs/test_notebooks.py",
+    "cli/test_batch.py",
+)
 """Files that take longest. They come first, so that no worker of xdist is alone with one in the end."""
 NO_SKIPS = os.environ.get("TEST_NO_SKIPS") == "1"
 MAY_BE_SKIPPED = (
-    "no GPU", "root may write anywhere", "no LLVM 15 on this system", "for machines without a GPU",
-    "no disk of its own can be mounted here", "SimSiPM is not installed", "could not import 'mujoco'",
-)  # fmt: skip
+    "no GPU",
+    "root may write anywhere",
+    "no LLVM 15 on this system",
+    "for machines without a GPU",
+    "no disk of its own can be mounted here",
+    "SimSiPM is not installed",
+    "could not import 'mujoco'",
+)
 """Reasons to skip a test that are none to install something: with TEST_NO_SKIPS=1 any other ends the run red."""
 
 
@@ -159,9 +176,7 @@ def _mitsuba() -> ModuleType:
     try:
         mitsuba = backend.mitsuba()
         if "PYTEST_XDIST_WORKER" in os.environ:
-            transfer.use_threads(
-                1
-            )  # there is a worker for each core; a thread that waits costs a fifth of the CPU
+            transfer.use_threads(1)  # there is a worker for each core; a thread that waits costs a fifth of the CPU
         return mitsuba
     except BackendError as error:
         pytest.skip(f"no usable back end: {' '.join(str(error).split())}")
@@ -179,8 +194,12 @@ def open3d() -> ModuleType:
 
 
 pytest_plugins = (
-    "helpers.in_this_process", "helpers.libraries", "helpers.small_job", "helpers.browser", "helpers.dead_workers",
-)  # fmt: skip
+    "helpers.in_this_process",
+    "helpers.libraries",
+    "helpers.small_job",
+    "helpers.browser",
+    "helpers.dead_workers",
+)
 """Fixtures: a command line in this process; readers of other libraries; a job and a cluster; a browser. The last one
 ends a run whose worker dies."""
 

@@ -44,13 +44,31 @@ def test_a_run_ends_with_the_worker_of_a_test(ending: str, tmp_path: Path) -> No
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     done = subprocess.run(
         [
-            sys.executable, "-m", "pytest", "-c", TESTS.parent / "pyproject.toml", "--rootdir", tmp_path,
-            "-p", "helpers.dead_workers", "-p", "no:cacheprovider", "-n", "2", "--dist", "loadfile",
-            "--no-loadscope-reorder", *options, tmp_path,
+            sys.executable,
+            "-m",
+            "pytest",
+            "-c",
+            TESTS.parent / "pyproject.toml",
+            "--rootdir",
+            tmp_path,
+            "-p",
+            "helpers.dead_workers",
+            "-p",
+            "no:cacheprovider",
+            "-n",
+            "2",
+            "--dist",
+            "loadfile",
+            "--no-loadscope-reorder",
+            *options,
+            tmp_path,
         ],
-        env=environment | {"PYTHONPATH": str(TESTS)}, cwd=tmp_path, capture_output=True, text=True,
+        env=environment | {"PYTHONPATH": str(TESTS)},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
         timeout=PATIENCE_S,
-    )  # fmt: skip
+    )
     assert done.returncode == pytest.ExitCode.TESTS_FAILED, done.stdout
     assert "crashed while running 'test_a.py::test_culprit'" in done.stdout
     assert "in test_culprit" in done.stderr

@@ -45,19 +45,28 @@ sys.exit(main())
 """
 # What meets the dependencies: files, formats, pictures, the command line, Dask, the kernels.
 PART = (
-    "tests/maths", "tests/files", "tests/formats", "tests/cloud", "tests/recordings", "tests/scene", "tests/materials",
-    "tests/figures", "tests/sensor/test_file.py", "tests/sensor/test_optics.py", "tests/batch/test_work.py",
-    "tests/cli/test_outputs.py", "tests/kernel/rays/test_meeting.py", "tests/chain/test_scanners.py",
-)  # fmt: skip
+    "tests/maths",
+    "tests/files",
+    "tests/formats",
+    "tests/cloud",
+    "tests/recordings",
+    "tests/scene",
+    "tests/materials",
+    "tests/figures",
+    "tests/sensor/test_file.py",
+    "tests/sensor/test_optics.py",
+    "tests/batch/test_work.py",
+    "tests/cli/test_outputs.py",
+    "tests/kernel/rays/test_meeting.py",
+    "tests/chain/test_scanners.py",
+)
 # Releases of last year warn of what today's Python and libraries will drop; the tests' own environment does not.
 OLD = ("-W", "ignore::DeprecationWarning", "-W", "ignore::PendingDeprecationWarning")
 
 
 def main() -> None:
     """The checks that are named, in the order given."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("checks", nargs="+", choices=("wheel", "lowest", "newest"))
     names = parser.parse_args().checks
     if missing := [path for path in PART if not (ROOT / path).exists()]:
@@ -98,9 +107,14 @@ def run_part(name: str, python: str, *options: str) -> None:
         say(f"{name}: {output(python, '--version')}, in {Path(python).parents[1]}")
         pytest = [python, "-m", "pytest", "-q", "-n", "0", *options, *PART]
         done = subprocess.run(
-            pytest, cwd=ROOT, env=environment | {"TEST_NO_SKIPS": "1"}, text=True, stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT, check=False,
-        )  # fmt: skip
+            pytest,
+            cwd=ROOT,
+            env=environment | {"TEST_NO_SKIPS": "1"},
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            check=False,
+        )
         say(f"{name}:\n{done.stdout}")
         if done.returncode:
             raise SystemExit(f"environments: {name}: the tests failed: {' '.join(pytest)}")
@@ -141,9 +155,7 @@ def use(home: Path, python: str) -> None:
     def lidarscene(*arguments: str, **more: str) -> subprocess.CompletedProcess[str]:
         return run([str(Path(python).with_name("lidarscene")), *arguments], folder, environment | more)
 
-    where = (
-        "import lidarscene; [getattr(lidarscene, n) for n in lidarscene.__all__]; print(lidarscene.__file__)"
-    )
+    where = "import lidarscene; [getattr(lidarscene, n) for n in lidarscene.__all__]; print(lidarscene.__file__)"
     must(run([python, "-c", where], folder, environment), 0, str(home / "env"))
     must(lidarscene("--version"), 0, f"lidarscene {__version__}")
     must(lidarscene("catalog", "scenes"), 0, "street")
@@ -181,10 +193,7 @@ def use(home: Path, python: str) -> None:
 
 def without_llvm(lidarscene, told: str, **environment: str) -> None:
     """One error, exit code 3, nothing written; doctor's whole report all the same; what traces nothing works."""
-    for command in (
-        ("render", "range", "-o", "new/a.ply"),
-        ("view", "range", "--save", "b.html"),
-    ):
+    for command in (("render", "range", "-o", "new/a.ply"), ("view", "range", "--save", "b.html")):
         must(lidarscene(*command, **environment), 3, told, error=True)
     report = must(lidarscene("doctor", **environment), 1, told)
     if not report.rstrip().endswith("lidarscene cannot trace rays here"):
@@ -237,8 +246,10 @@ def installed() -> Iterator[tuple[tuple[int, int], str]]:
     """The Pythons that uv finds, and pyenv's, which it cannot find where none of them is chosen."""
     listed = subprocess.run(
         [UV, "python", "list", "--only-installed", "--output-format", "json"],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     paths = [one["path"] for one in json.loads(listed.stdout or "[]") if one["implementation"] == "cpython"]
     pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"))
     for path in [*paths, *map(str, pyenv.glob("versions/3.*/bin/python"))]:
@@ -250,9 +261,7 @@ def installed() -> Iterator[tuple[tuple[int, int], str]]:
 def made(folder: Path, python: str) -> str:
     """The Python of a new environment, in the place of any that is there."""
     uv("venv", "--quiet", "--clear", "--python", python, str(folder))
-    return str(
-        next(path for path in (folder / "bin" / "python", folder / "Scripts" / "python.exe") if path.exists())
-    )
+    return str(next(path for path in (folder / "bin" / "python", folder / "Scripts" / "python.exe") if path.exists()))
 
 
 def uv(*arguments: str, check: bool = True, **environment: str) -> int:
@@ -272,9 +281,15 @@ def clean(home: str) -> dict[str, str]:
 def run(command: list[str], folder: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
     """Run it to its end, with what it printed."""
     return subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=600,
+        command,
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        timeout=600,
         check=False,
-    )  # fmt: skip
+    )
 
 
 def output(*command: str) -> str:

@@ -68,9 +68,7 @@ def own_sensor() -> None:
         wall = plane.Target(reflectivity=reflectivity)
         reach = float(plane.maximum_range_m(mine, wall)[0])
         ends = plane.snr(mine, wall, np.array([reach]))
-        axes.loglog(
-            distances, plane.snr(mine, wall, distances), color=colour, label=f"{reflectivity:.0%} wall"
-        )
+        axes.loglog(distances, plane.snr(mine, wall, distances), color=colour, label=f"{reflectivity:.0%} wall")
         axes.plot([reach], ends, "o", color=colour)
     axes.set(xlim=(20, 1200), xticks=(20, 50, 100, 200, 500, 1000))
     axes.set_xticklabels(("20", "50", "100", "200", "500", "1000"))
@@ -110,7 +108,7 @@ def sipm() -> None:
     for background, name, colour in ((686.093, "100 klux", APD), (6.86093, "1 klux", SIPM)):
         table = response_by_equation(
             array, background_photons=[background], signal_photons=photons, pulse_fwhm_s=sensor.laser.pulse_fwhm_s
-        )  # fmt: skip
+        )
         printed = published_snr(array, background_photons=[background], signal_photons=photons)
         axes.loglog(photons, table.snr[0], color=colour, label=f"cells followed in time, {name}")
         axes.loglog(photons, printed[0], color=colour, linestyle=DASHED, label=f"(27) as printed, {name}")
@@ -125,14 +123,10 @@ def eye_safety() -> None:
     sensor = lidarscene.load_sensor("table1-apd")
     at_rest, scanned = (eye_safety_report(sensor, scanned=one) for one in (False, True))
     names = [one for one in at_rest.criteria if one.viewer == at_rest.limiting.viewer]
-    for number, (report, colour, label) in enumerate(
-        ((at_rest, APD, "standing still"), (scanned, SIPM, "as scanned"))
-    ):
+    for number, (report, colour, label) in enumerate(((at_rest, APD, "standing still"), (scanned, SIPM, "as scanned"))):
         margins = {(one.viewer, one.name): one.margin for one in report.criteria}
         heights = np.arange(len(names))[::-1] + 0.2 - 0.4 * number
-        axes.barh(
-            heights, [margins[one.viewer, one.name] for one in names], height=0.36, color=colour, label=label
-        )
+        axes.barh(heights, [margins[one.viewer, one.name] for one in names], height=0.36, color=colour, label=label)
     axes.set_yticks(np.arange(len(names))[::-1], [one.name for one in names])
     axes.axvline(1.0, color=INK, linewidth=0.9, linestyle=DASHED)
     axes.text(1.05, 3.2, "from here on it passes", color=INK, fontsize=9)
@@ -201,9 +195,14 @@ def sensors() -> None:
         axes.plot(*place, "o", color=APD)
         above = place[1] > place[0] or len(there) > 1
         axes.annotate(
-            ", ".join(there), place, xytext=(-7, 5) if above else (7, -11), textcoords="offset points",
-            color=INK, fontsize=9, ha="right" if above else "left",
-        )  # fmt: skip
+            ", ".join(there),
+            place,
+            xytext=(-7, 5) if above else (7, -11),
+            textcoords="offset points",
+            color=INK,
+            fontsize=9,
+            ha="right" if above else "left",
+        )
     line = np.array([10.0, 600.0])
     axes.loglog(line, line, color=INK, linewidth=0.9)
     axes.fill_between(line, line / 1.5, line * 1.5, color=INK, alpha=0.12, linewidth=0)

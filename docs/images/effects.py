@@ -44,9 +44,14 @@ def parallax() -> None:
         cloud = lidarscene.render(SCENES / "parallax.toml", overrides=overrides)
         level = np.abs(cloud.elevation_rad) < np.radians(1.0)
         shown = one.scatter(
-            np.degrees(cloud.azimuth_rad[level]), cloud.range_m[level], s=3.0, c=cloud.snr[level],
-            cmap="plasma", norm=LogNorm(3.0, 1e4), linewidths=0,
-        )  # fmt: skip
+            np.degrees(cloud.azimuth_rad[level]),
+            cloud.range_m[level],
+            s=3.0,
+            c=cloud.snr[level],
+            cmap="plasma",
+            norm=LogNorm(3.0, 1e4),
+            linewidths=0,
+        )
         for limit_m, name in ((BLIND_M, "blind below 3.0 m"), (WHOLE_M, "all seen from 13.3 m on")):
             if offset_mm:
                 one.axhline(limit_m, color=INK, linewidth=0.7, linestyle=(0, (4, 4)))
@@ -88,9 +93,7 @@ def waveforms() -> None:
         here = dataclasses.replace(scene, air=dataclasses.replace(scene.air, weather=kind))
         found = lidarscene.Simulator(here, sensor).waveforms([PULSE], times, seed=SEED)
         axes.semilogy(found.range_m, 1e6 * found.signal[0], color=colour, linewidth=1.2, label=name)
-    axes.axhline(
-        1e6 * found.threshold[0], color="#ff2fd0", linewidth=0.8, linestyle=(0, (4, 4)), label="threshold"
-    )
+    axes.axhline(1e6 * found.threshold[0], color="#ff2fd0", linewidth=0.8, linestyle=(0, (4, 4)), label="threshold")
     axes.set(xlim=(0, 45), ylim=(0.02, 200))
     axes.set_xlabel("c t / 2 [m]", color=INK)
     axes.set_ylabel("signal [uA]", color=INK)
@@ -118,14 +121,15 @@ def low_sun() -> None:
     shown = axes[0].imshow(pixels, cmap="gray", norm=norm, extent=extent)
     bar_of(figure, shown, [axes[0]], "background counts in 4 us")
     colours = (BACKGROUND, "#33597f", "#ff9d2e", "#ff2fd0")
-    axes[1].imshow(
-        kinds.reshape(shape)[20:, 300:901], cmap=ListedColormap(colours), vmin=0, vmax=3, extent=extent
-    )
+    axes[1].imshow(kinds.reshape(shape)[20:, 300:901], cmap=ListedColormap(colours), vmin=0, vmax=3, extent=extent)
     named = zip(colours[1:], ("echo", "echo lost in sunlight", "blind: the sun's disc"), strict=True)
     axes[1].legend(
         handles=[Patch(color=colour, label=label) for colour, label in named],
-        loc="upper right", labelcolor=INK, facecolor=BACKGROUND, edgecolor=INK,
-    )  # fmt: skip
+        loc="upper right",
+        labelcolor=INK,
+        facecolor=BACKGROUND,
+        edgecolor=INK,
+    )
     for one in axes:
         one.set_ylabel("elevation [°]", color=INK)
     axes[1].set_xlabel("azimuth [°]  (left is positive)", color=INK)

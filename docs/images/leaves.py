@@ -22,9 +22,7 @@ def glass() -> None:
     cloud = lidarscene.render(scene, overrides=FINER)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "glass.png"
-        frame_picture(
-            cloud, path, colour_by="interactions", strips=("range", "interactions"), view=scene.camera
-        )
+        frame_picture(cloud, path, colour_by="interactions", strips=("range", "interactions"), view=scene.camera)
         frame = Image.open(path).convert("RGB")
         glint(scene).savefig(path, facecolor=BACKGROUND)
         below([frame, Image.open(path).convert("RGB")], "glass.png", width=900, colours=96)
@@ -61,12 +59,7 @@ def foliage() -> None:
     figure, (axes,) = dark(1, 1, height=5.4)
     x, y, z = np.asarray(cloud.xyz_m, dtype=np.float64).T
     names = [cloud.class_names[number] for number in cloud.class_id]
-    for name, colour in (
-        ("vegetation", "#6fdc6f"),
-        ("fence", BOARD),
-        ("pole", INK),
-        ("pedestrian", "#ff6a3d"),
-    ):
+    for name, colour in (("vegetation", "#6fdc6f"), ("fence", BOARD), ("pole", INK), ("pedestrian", "#ff6a3d")):
         kept = (z > 0.25) & (z < 2.2) & (x < 15.0) & (np.asarray(names) == name)
         axes.scatter(-y[kept], x[kept], s=1.2, c=[colour], linewidths=0, label=name)
     axes.set(xlim=(-6.9, 6.9), ylim=(8.4, 14.4), aspect="equal")

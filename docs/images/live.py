@@ -13,8 +13,11 @@ from lidarscene.recordings.opening import open_recording
 from lidarscene.recordings.packets import packets_of
 
 LIDAR_BYTES = 10_000  # more than an IMU packet has, less than one of 128 rows
-STRIPS = (("range_m", "range [m]", "turbo_r", (3, 10, 30)), ("signal", "signal [photons]", "inferno", (10, 30, 100)),
-          ("near_ir", "near infrared [counts]", "gray", (100, 300)))  # fmt: skip
+STRIPS = (
+    ("range_m", "range [m]", "turbo_r", (3, 10, 30)),
+    ("signal", "signal [photons]", "inferno", (10, 30, 100)),
+    ("near_ir", "near infrared [counts]", "gray", (100, 300)),
+)
 
 
 def live() -> None:
@@ -30,11 +33,7 @@ def live() -> None:
     # The lasers of a column look in four directions: a reader puts each row into the order of its azimuths.
     order = np.argsort(-np.arctan2(sweep.direction[..., 1], sweep.direction[..., 0]), axis=1)
     figure, strips = dark(len(STRIPS), 1, height=7.0)
-    titles = (
-        f"{packets} packets of {columns // packets} columns, as they come [ms]",
-        "read, by azimuth [°]",
-        "",
-    )
+    titles = (f"{packets} packets of {columns // packets} columns, as they come [ms]", "read, by azimuth [°]", "")
     for axes, (name, label, colours, ticks), title in zip(strips, STRIPS, titles, strict=True):
         values = np.where(sweep.kept, getattr(sweep, name), np.nan) if name != "near_ir" else sweep.near_ir
         if name == "range_m":
@@ -43,9 +42,13 @@ def live() -> None:
         else:
             values, width = np.take_along_axis(values, order, axis=1), (180.0, -180.0)
         shown = axes.imshow(
-            values, cmap=colours, norm=LogNorm(*np.nanpercentile(values[values > 0], (2, 99))), aspect="auto",
-            extent=(*width, rows, 0.0), interpolation="nearest",
-        )  # fmt: skip
+            values,
+            cmap=colours,
+            norm=LogNorm(*np.nanpercentile(values[values > 0], (2, 99))),
+            aspect="auto",
+            extent=(*width, rows, 0.0),
+            interpolation="nearest",
+        )
         axes.set_ylim(1.06 * rows, 0.0) if name == "range_m" else axes.set_xticks(range(180, -181, -60))
         axes.set_ylabel("channel", color=INK)
         axes.set_title(title, color=INK, loc="left", fontsize=11)

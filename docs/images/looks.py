@@ -44,9 +44,14 @@ def lights() -> None:
     for one, (name, cloud) in zip(axes, clouds.items(), strict=True):
         echoes = cloud.status == 0
         shown = one.scatter(
-            57.29578 * cloud.azimuth_rad[echoes], 57.29578 * cloud.elevation_rad[echoes],
-            c=cloud.snr[echoes], s=0.6, cmap="inferno", linewidths=0, norm=LogNorm(5.0, 5000.0),
-        )  # fmt: skip
+            57.29578 * cloud.azimuth_rad[echoes],
+            57.29578 * cloud.elevation_rad[echoes],
+            c=cloud.snr[echoes],
+            s=0.6,
+            cmap="inferno",
+            linewidths=0,
+            norm=LogNorm(5.0, 5000.0),
+        )
         one.set(xlim=(45, -45), ylim=(-14, 10))
         one.set_ylabel("elevation [°]", color=INK)
         one.set_title(f"{name}: {int(echoes.sum()):,} echoes", color=INK, loc="left", fontsize=11)

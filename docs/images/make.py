@@ -74,8 +74,7 @@ def compare() -> None:
         )
     half = WIDTH // 2
     charts = [
-        one.resize((half, round(half * one.height / one.width)), Image.Resampling.LANCZOS)
-        for one in (left, right)
+        one.resize((half, round(half * one.height / one.width)), Image.Resampling.LANCZOS) for one in (left, right)
     ]
     whole = Image.new("RGB", (WIDTH, top.height + max(one.height for one in charts)), "white")
     whole.paste(top, (0, 0))
@@ -114,7 +113,7 @@ def above(axes, cloud: PointCloud, name: str):
     kept = (z > 0.3) & (z < 3.0) & (x > 44.0) & (x < 92.0) & (np.abs(y) < 10.0)
     shown = axes.scatter(
         x[kept], y[kept], c=1e3 * cloud.time_s[kept], s=1.2, cmap="turbo", vmin=0.0, vmax=100.0, linewidths=0
-    )  # fmt: skip
+    )
     axes.axvline(50.0, color=INK, linewidth=0.6, linestyle=(0, (4, 4)))
     axes.set(xlim=(44, 92), ylim=(-10, 10), aspect="equal", facecolor=BACKGROUND)
     axes.set_ylabel("y [m]", color=INK)

@@ -21,8 +21,7 @@ def response() -> None:
         reach = []
         for mhz in bandwidths:
             sensor = lidarscene.load_sensor(
-                "table1-apd",
-                overrides=[f"receiver.response='{name}'", f"receiver.bandwidth_mhz={float(mhz)!r}"],
+                "table1-apd", overrides=[f"receiver.response='{name}'", f"receiver.bandwidth_mhz={float(mhz)!r}"]
             )
             reach.append(plane.maximum_range_m(sensor, Target())[0])
         left.plot(bandwidths, reach, color=colour, label=name)
@@ -36,9 +35,7 @@ def response() -> None:
     left.legend(frameon=False, labelcolor=INK)
 
     parts = SubEchoes(range_m=np.array([40.0, 60.0]), peak_power_w=np.array([3e-6, 3e-8]), count=2)
-    light = EchoTrain(
-        parts=(parts,), surfaces=2, found=np.array([True]), background_power_w=np.array([BACKGROUND_W])
-    )
+    light = EchoTrain(parts=(parts,), surfaces=2, found=np.array([True]), background_power_w=np.array([BACKGROUND_W]))
     range_m = np.linspace(35.0, 120.0, 3000)
     for coupling, colour in (("DC-coupled", "#ffc14d"), ("AC-coupled at 500 kHz", "#5ec8f2")):
         override = ["receiver.ac_coupling_khz=500"] if coupling.startswith("AC") else []
@@ -50,8 +47,6 @@ def response() -> None:
     right.text(100.0, 1.15e6 * level, "threshold", color=INK, fontsize=9)
     right.set(ylim=(-3.5, 4.0))
     right.set_xlabel("range [m]", color=INK)
-    right.set_title(
-        "signal [µA]: an echo a hundred times weaker, 20 m behind", color=INK, loc="left", fontsize=11
-    )
+    right.set_title("signal [µA]: an echo a hundred times weaker, 20 m behind", color=INK, loc="left", fontsize=11)
     right.legend(frameon=False, labelcolor=INK)
     saved(figure, "response.png")

@@ -16,9 +16,12 @@ CLIPPING = ["detector.saturation_ua=10000", "detector.recovery_ns=5"]
 def retro() -> None:
     """The retro scene, coloured by the width of the pulses behind an amplifier that clips."""
     frame(
-        "retro", overrides=[*FINER, *CLIPPING, "intensity.kind='reflectivity'"], colour_by="pulse_width",
-        strips=("intensity", "pulse_width"), width=900,
-    )  # fmt: skip
+        "retro",
+        overrides=[*FINER, *CLIPPING, "intensity.kind='reflectivity'"],
+        colour_by="pulse_width",
+        strips=("intensity", "pulse_width"),
+        width=900,
+    )
 
 
 def intensity() -> None:

@@ -42,11 +42,7 @@ def _back(axes) -> None:
     cos = np.cos(np.radians(theta))
     for slope, colour in zip(SLOPES_DEG, COLOURS, strict=True):
         per_sr = reflection.rough_diffuse_per_sr(
-            reflectivity=0.1,
-            relief=reflection.relief(np.radians(slope)),
-            cos_in=cos,
-            cos_out=cos,
-            cos_between=1.0,
+            reflectivity=0.1, relief=reflection.relief(np.radians(slope)), cos_in=cos, cos_out=cos, cos_between=1.0
         )
         axes.plot(theta, np.pi * per_sr * cos, color=colour, label=_name(slope))
     axes.set(xlabel="angle of incidence [deg]", ylabel="pi f_r cos(theta)", ylim=(0.0, 0.11))
@@ -61,21 +57,23 @@ def _road(axes) -> None:
     edges = np.arange(4.0, 70.0, 3.0)
     for slope, colour in zip(SLOPES_DEG, COLOURS, strict=True):
         surface = Material(
-            name="road", bsdf="diffuse", reflectivity=Spectrum.constant(0.114),
+            name="road",
+            bsdf="diffuse",
+            reflectivity=Spectrum.constant(0.114),
             parameters={"facet_slope_deg": float(slope)} if slope else {},
-        )  # fmt: skip
+        )
         ground = _plane(surface, size_m=(200.0, 200.0), pose=Pose())
         scene = Scene(
-            bodies=(ground,), materials={"road": surface}, sensor_pose=Pose.from_degrees(position_m=(0, 0, 1.8)),
+            bodies=(ground,),
+            materials={"road": surface},
+            sensor_pose=Pose.from_degrees(position_m=(0, 0, 1.8)),
             sun=Sun(illuminance_klux=50.0),
-        )  # fmt: skip
+        )
         # A laser of 1 MW has an echo from all that a beam meets.
         strong = dataclasses.replace(sensor, laser=dataclasses.replace(sensor.laser, peak_power_w=1e6))
         kept, met = (np.histogram(_ranges(scene, one), edges)[0] for one in (sensor, strong))
         ring = met > 0  # far away there are gaps between rings
-        axes.plot(
-            ((edges[1:] + edges[:-1]) / 2)[ring], (kept[ring] / met[ring]), color=colour, label=_name(slope)
-        )
+        axes.plot(((edges[1:] + edges[:-1]) / 2)[ring], (kept[ring] / met[ring]), color=colour, label=_name(slope))
     axes.set(xlabel="range [m]", ylabel="share of beams")
 
 
@@ -91,9 +89,11 @@ def _wall(axes):
     vertices, _ = plane_mesh(size_m=(4.0, 6.0))
     uv = np.stack([vertices[:, 1] / 6.0 + 0.5, 0.5 + vertices[:, 0] / 4.0], axis=1)
     wall = _plane(
-        brick, size_m=(4.0, 6.0), pose=Pose.from_degrees(position_m=(10.0, 0.0, 0.0), pitch_deg=90.0),
+        brick,
+        size_m=(4.0, 6.0),
+        pose=Pose.from_degrees(position_m=(10.0, 0.0, 0.0), pitch_deg=90.0),
         pattern=Pattern(kind="colour", values=image, uv=uv * (3.0, 2.0), mean=float(image.mean())),
-    )  # fmt: skip
+    )
     keys = [f"scanner.{axis}_step_deg=0.1" for axis in ("azimuth", "elevation")]
     keys += ["scanner.azimuth_fov_deg=30", "scanner.elevation_fov_deg=20", "intensity.kind='reflectivity'"]
     sensor = lidarscene.load_sensor("table1-apd", overrides=keys)
@@ -103,9 +103,7 @@ def _wall(axes):
     cloud = cloud.select(cloud.status == 0)
     axes.set_aspect("equal")
     axes.set(xlabel="y [m]", ylabel="z [m]")
-    return axes.scatter(
-        -cloud.xyz_m[:, 1], cloud.xyz_m[:, 2], c=cloud.intensity, s=1.5, cmap="magma", linewidths=0
-    )
+    return axes.scatter(-cloud.xyz_m[:, 1], cloud.xyz_m[:, 2], c=cloud.intensity, s=1.5, cmap="magma", linewidths=0)
 
 
 def _bricks() -> np.ndarray:

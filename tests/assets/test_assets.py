@@ -26,21 +26,29 @@ EXPECTED = {
     ),
     "pedestrian": ("skin clothes trousers shoes hair", (2_000, 6_000), (0.83, 0.60, 1.75), 0.06),
     "tree": ("bark foliage", (8_000, 15_000), (4.9, 5.0, 6.5), 0.6),
-    "house": (
-        "brick glass frame concrete door railing roof interior",
-        (3_000, 8_000),
-        (10.6, 10.5, 13.0),
-        0.15,
-    ),
+    "house": ("brick glass frame concrete door railing roof interior", (3_000, 8_000), (10.6, 10.5, 13.0), 0.15),
     "kerb": ("kerb", (50, 500), (2.0, 0.15, 0.12), 0.002),
     "sign": ("pole sign_face sign_back", (200, 2_000), (0.08, 0.60, 2.88), 0.01),
     "lamp_post": ("pole head lens", (400, 2_000), (1.86, 0.32, 7.96), 0.02),
     "bollard": ("bollard band", (300, 1_000), (0.15, 0.15, 0.895), 0.005),
 }
 SCENE_NAMES = (
-    "car", "range", "street", "garage", "drive", "glass", "fog", "foliage", "rain", "edges", "low_sun", "snow",
-    "parallax", "interference", "retro",
-)  # fmt: skip
+    "car",
+    "range",
+    "street",
+    "garage",
+    "drive",
+    "glass",
+    "fog",
+    "foliage",
+    "rain",
+    "edges",
+    "low_sun",
+    "snow",
+    "parallax",
+    "interference",
+    "retro",
+)
 
 
 @pytest.fixture(scope="module")
@@ -65,9 +73,7 @@ def scene_of(name):
 
 def soup(name):
     """(m, 3, 3) corners of all triangles of a mesh, without its panes, which are single surfaces."""
-    return np.concatenate(
-        [points[faces] for part, (points, faces) in parts_of(name).items() if part != "glass"]
-    )
+    return np.concatenate([points[faces] for part, (points, faces) in parts_of(name).items() if part != "glass"])
 
 
 def first_hits(corners, origin, directions):
@@ -124,9 +130,7 @@ def test_materials_carry_the_names_of_their_parts(name):
         assert geometry.visual.material.name == part
     assert set(scene.graph.nodes_geometry) == set(scene.geometry)
     for node in scene.graph.nodes_geometry:
-        np.testing.assert_array_equal(
-            scene.graph[node][0][:3, :3], [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
-        )  # y up
+        np.testing.assert_array_equal(scene.graph[node][0][:3, :3], [[1, 0, 0], [0, 0, 1], [0, -1, 0]])  # y up
         np.testing.assert_array_equal(scene.graph[node][0][:, 3], [0, 0, 0, 1])
 
 
@@ -141,9 +145,7 @@ def test_no_triangle_is_degenerate(name):
         assert len(np.unique(np.sort(faces, axis=1), axis=0)) == len(faces), f"{part}: a triangle twice"
 
 
-@pytest.mark.parametrize(
-    ("name", "share"), [("car", 0.02), ("pedestrian", 0.01), ("kerb", 0.0), ("sign", 0.02)]
-)
+@pytest.mark.parametrize(("name", "share"), [("car", 0.02), ("pedestrian", 0.01), ("kerb", 0.0), ("sign", 0.02)])
 def test_surfaces_look_outwards(name, share):
     """From around and above, a ray's first hit is on a front face; one part wound the wrong way fails this."""
     corners = soup(name)
@@ -210,9 +212,7 @@ def boards():
     for body in scene["bodies"]:
         yaw, pitch = math.radians(body["yaw_deg"]), math.radians(body["pitch_deg"])
         about_z = np.array([[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]])
-        up = np.array(
-            [[math.cos(pitch), 0, -math.sin(pitch)], [0, 1, 0], [math.sin(pitch), 0, math.cos(pitch)]]
-        )
+        up = np.array([[math.cos(pitch), 0, -math.sin(pitch)], [0, 1, 0], [math.sin(pitch), 0, math.cos(pitch)]])
         half = 0.5 * np.array(body["size_m"])
         flat = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * [*half, 0]
         corners.append(flat @ (about_z @ up).T + body["position_m"])
@@ -283,6 +283,4 @@ def test_no_range_board_shades_another():
 def test_the_source_package_has_what_the_tests_read() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     packed = project["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]
-    assert {"/assets", "/scenes", "/src", "/tests", "/docs", "/tools", "/benchmarks", "/Makefile"} <= set(
-        packed
-    )
+    assert {"/assets", "/scenes", "/src", "/tests", "/docs", "/tools", "/benchmarks", "/Makefile"} <= set(packed)

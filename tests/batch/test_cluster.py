@@ -51,17 +51,30 @@ class Standing:
         path = os.pathsep.join(str(one) for one in (first, os.environ["PYTHONPATH"]) if one)
         with (self.folder / f"{len(self.processes)}.log").open("wb") as log:
             started = subprocess.Popen(
-                [sys.executable, "-m", "dask", *command, "--no-dashboard"], cwd=self.folder, stdout=log, stderr=log,
+                [sys.executable, "-m", "dask", *command, "--no-dashboard"],
+                cwd=self.folder,
+                stdout=log,
+                stderr=log,
                 env=os.environ | {"PYTHONPATH": path},
-            )  # fmt: skip
+            )
         self.processes.append(started)
 
     def start_workers(self, count: int, *options: str, first: Path | None = None) -> None:
         """By the command of docs/scaling.md."""
         self.start(
-            "worker", self.address, "--nworkers", str(count), "--nthreads", "1", "--memory-limit", "0",
-            "--host", "127.0.0.1", *options, first=first,
-        )  # fmt: skip
+            "worker",
+            self.address,
+            "--nworkers",
+            str(count),
+            "--nthreads",
+            "1",
+            "--memory-limit",
+            "0",
+            "--host",
+            "127.0.0.1",
+            *options,
+            first=first,
+        )
 
     def end(self, processes: int) -> None:
         """End all but the first of its processes, so many; workers end their own ones."""
@@ -152,10 +165,7 @@ def test_the_bits_of_render(equipped: Standing, job_file: Path, tmp_path: Path, 
         alone = tmp_path / "alone.ply"
         changes = [f"--scene-set={one}" for one in task.scene.overrides]
         changes += [f"--set={one}" for one in task.sensor.overrides]
-        assert (
-            main.main(["render", task.scene.path, "-o", str(alone), f"--seed={task.frame.seed}", *changes])
-            == 0
-        )
+        assert main.main(["render", task.scene.path, "-o", str(alone), f"--seed={task.frame.seed}", *changes]) == 0
         (written,) = out.rglob(f"{task.key}.ply")
         assert written.read_bytes() == alone.read_bytes()
 
@@ -176,9 +186,7 @@ def test_a_scheduler_that_dies(
         if progress.rendered == 3:
             equipped.processes[0].kill()
 
-    with pytest.raises(
-        LidarSceneError, match=r"^the Dask scheduler has gone; \d+ of 10 frames were done"
-    ) as told:
+    with pytest.raises(LidarSceneError, match=r"^the Dask scheduler has gone; \d+ of 10 frames were done") as told:
         run_job(job, out, connect=lambda: cluster.remote_client(equipped.address), told=kill)
     assert "\n" not in str(told.value)
     assert capfd.readouterr().err == ""

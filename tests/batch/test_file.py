@@ -12,9 +12,7 @@ SCENES = 'scenes = ["a.toml"]\n'
 
 def test_dotted_and_nested_keys_are_the_same(tmp_path: Path) -> None:
     path = tmp_path / "job.toml"
-    path.write_text(
-        SCENES + '[sweep.scene]\n"a.b" = [1]\na.c = [[1, 2], [3, 4]]\n[sweep.sensor.d]\ne = ["x"]\n'
-    )
+    path.write_text(SCENES + '[sweep.scene]\n"a.b" = [1]\na.c = [[1, 2], [3, 4]]\n[sweep.sensor.d]\ne = ["x"]\n')
     sweep = read_job(path).sweep
     assert sweep.of_scene() == {"a.b": (1,), "a.c": ((1, 2), (3, 4))}
     assert sweep.of_sensor() == {"d.e": ("x",)}
@@ -57,8 +55,8 @@ def test_mistakes(tmp_path: Path, text: str, told: str) -> None:
 def test_seeds_are_counted_from_nought_and_frames_begin_when_they_should() -> None:
     job = JobFile(scenes=("a.toml",), seed_count=3, begin_s=2.5)
     assert list(job.all_seeds()) == [0, 1, 2]
-    assert (
-        job.frame_options(2, 7).seed,
-        job.frame_options(2, 7).number,
-        job.frame_options(2, 7).begin_s,
-    ) == (2, 7, 2.5)
+    assert (job.frame_options(2, 7).seed, job.frame_options(2, 7).number, job.frame_options(2, 7).begin_s) == (
+        2,
+        7,
+        2.5,
+    )

@@ -59,9 +59,12 @@ def test_the_time_of_a_frame_is_that_of_its_bundle_over_its_frames() -> None:
     """Three frames in 0.6 s: 0.2 s each, and five of these are a second."""
     future = SimpleNamespace(key="render-1", cancelled=lambda: False, status="finished")
     given = SimpleNamespace(
-        bundles={"render-1": ["a", "b", "c"]}, _waiting=iter([(future, (["", "broken", ""], 0.6))]),
-        _frame_s=1.0, _count=lambda: 4, _futures={},
-    )  # fmt: skip
+        bundles={"render-1": ["a", "b", "c"]},
+        _waiting=iter([(future, (["", "broken", ""], 0.6))]),
+        _frame_s=1.0,
+        _count=lambda: 4,
+        _futures={},
+    )
     assert _Given.next(given) == [("a", ""), ("b", "broken"), ("c", "")]
     assert given.bundles == {}
     assert given._frame_s == pytest.approx(0.2)
@@ -70,13 +73,7 @@ def test_the_time_of_a_frame_is_that_of_its_bundle_over_its_frames() -> None:
 
 @pytest.mark.parametrize(
     ("values", "kind"),
-    [
-        ([1, 2.5], "float64"),
-        ([1, 2], "int64"),
-        ([True, False], "bool_"),
-        ([True, 1], "string"),
-        (["a", 1], "string"),
-    ],
+    [([1, 2.5], "float64"), ([1, 2], "int64"), ([True, False], "bool_"), ([True, 1], "string"), (["a", 1], "string")],
 )
 def test_columns_have_the_type_of_what_is_swept(values: list[object], kind: str) -> None:
     assert manifest._type_of(values) == kind

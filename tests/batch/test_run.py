@@ -89,9 +89,7 @@ def test_who_lacks_the_key_runs_no_code(client: Any, tmp_path: Path) -> None:
     and its workers listen on; with the key it succeeds at the scheduler, two nannies and two workers.
     """
     psutil = pytest.importorskip("psutil")
-    client.wait_for_workers(
-        2, timeout=PATIENCE_S
-    )  # a test before may have killed one, which its nanny replaces
+    client.wait_for_workers(2, timeout=PATIENCE_S)  # a test before may have killed one, which its nanny replaces
     processes = [psutil.Process(), *psutil.Process().children(recursive=True)]
     # Before psutil 6 the method had another name.
     sockets = [getattr(one, "net_connections", None) or one.connections for one in processes]
@@ -148,20 +146,8 @@ def test_a_killed_client_is_run_again(client: Any, long_job: Path, tmp_path: Pat
     """
     out, text = tmp_path / "out", long_job.read_text()
     long_job.write_text(text.replace("seed_count = 5", "seed_count = 2000"))
-    command = [
-        sys.executable,
-        "-m",
-        "lidarscene",
-        "batch",
-        str(long_job),
-        "-o",
-        str(out),
-        "--workers",
-        "1",
-    ]
-    first = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
-    )
+    command = [sys.executable, "-m", "lidarscene", "batch", str(long_job), "-o", str(out), "--workers", "1"]
+    first = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
     try:
         wait_until(lambda: len(list(out.glob("rows/*/*.json"))) >= 3 or first.poll() is not None)
     finally:
@@ -169,10 +155,7 @@ def test_a_killed_client_is_run_again(client: Any, long_job: Path, tmp_path: Pat
         first.wait()
     wait_until(lambda: not _lives(first.pid))  # the group: its worker too
     long_job.write_text(text)
-    before, done = (
-        times(out),
-        sum(Store(out).row(task.key) is not None for task in Job.read(long_job).tasks()),
-    )
+    before, done = (times(out), sum(Store(out).row(task.key) is not None for task in Job.read(long_job).tasks()))
     assert 3 <= done <= 5
     second = run_job(Job.read(long_job), out, connect=lambda: nullcontext(client), threads=1)
     assert (second.frames, second.reused, second.rendered, second.failed) == (10, done, 10 - done, {})
@@ -235,15 +218,16 @@ def test_a_disk_that_is_full_and_then_larger(mi: Any, job_file: Path, tmp_path: 
     size = int(2.5 * store.cloud(one.key, "ply").stat().st_size)
     apart = ["unshare", "--user", "--map-root-user", "--mount", sys.executable, "-c", FULL_DISK, str(size)]
     done = subprocess.run(
-        [*apart, str(ROOT / "src"), str(ROOT / "tests")], cwd=tmp_path, capture_output=True, text=True,
+        [*apart, str(ROOT / "src"), str(ROOT / "tests")],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
         timeout=PATIENCE_S,
-    )  # fmt: skip
+    )
     if done.returncode in (1, 77) and not done.stdout:
         pytest.skip(f"no disk of its own can be mounted here: {done.stderr}")
     assert done.returncode == 0, done.stderr
-    *_, code, there, again, code_again, whole = (
-        done.stdout.splitlines()
-    )  # a full disk may have no manifest either
+    *_, code, there, again, code_again, whole = done.stdout.splitlines()  # a full disk may have no manifest either
     failed = [line for line in done.stderr.splitlines() if line.startswith("failed")]
     assert failed
     assert all(line.endswith("cannot be written: No space left on device") for line in failed)
@@ -325,7 +309,4 @@ def test_a_bundle_that_fails_is_taken_apart(
     monkeypatch.setattr(run._Given, "submit", counted)
     progress = run_job(Job.read(long_job), tmp_path / "out", connect=lambda: nullcontext(client), threads=1)
     assert max(given) > 1
-    assert (progress.rendered, list(progress.failed.values())) == (
-        18,
-        ["the worker said RuntimeError: broken"] * 2,
-    )
+    assert (progress.rendered, list(progress.failed.values())) == (18, ["the worker said RuntimeError: broken"] * 2)

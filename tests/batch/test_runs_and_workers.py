@@ -12,13 +12,15 @@ from lidarscene.batch.tasks import FrameTask, Job
 from lidarscene.errors import LidarSceneError
 
 
-def test_two_runs_share_a_folder(
-    threads: Any, job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_two_runs_share_a_folder(threads: Any, job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames that another run has, at first or until the end, are no failures nor done twice: they are waited for."""
     first, second, third, fourth = (task.key for task in job.tasks())
-    answers = {first: ["", ""], second: [work.ELSEWHERE, work.ELSEWHERE, work.THERE], third: [work.THERE],
-               fourth: [work.ELSEWHERE, ""]}  # fmt: skip
+    answers = {
+        first: ["", ""],
+        second: [work.ELSEWHERE, work.ELSEWHERE, work.THERE],
+        third: [work.THERE],
+        fourth: [work.ELSEWHERE, ""],
+    }
     monkeypatch.setattr(work, "_told", lambda task, *_: answers[task.key].pop(0))
     monkeypatch.setattr(run, "AGAIN_EVERY_S", 0.0)
     progress = run_job(job, tmp_path / "out", connect=threads)
@@ -26,9 +28,7 @@ def test_two_runs_share_a_folder(
     assert answers == {first: [""], second: [], third: [], fourth: []}
 
 
-def test_workers_that_are_all_gone(
-    threads: Any, job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_workers_that_are_all_gone(threads: Any, job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Rationale: a worker that is killed while it starts is not started anew, and a job without workers waited without
     end. What was done is not done again.
     """
@@ -59,9 +59,7 @@ def test_workers_that_are_all_gone(
     assert waited == [1]
 
 
-def test_workers_that_never_come(
-    threads: Any, job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_workers_that_never_come(threads: Any, job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tried = []
 
     @contextlib.contextmanager

@@ -78,11 +78,17 @@ def test_the_scenes_own_sensor_is_the_default(folder: Path) -> None:
 @pytest.mark.parametrize(
     "more",
     [
-        "seeds = [1]", "begin_s = 0.5", 'coordinates = "sensor"', "truth = false", "rays = 2", "interactions = 0",
-        '[sweep.scene]\n"sun.illuminance_klux" = [1]', '[sweep.sensor]\n"laser.peak_power_w" = [50]',
+        "seeds = [1]",
+        "begin_s = 0.5",
+        'coordinates = "sensor"',
+        "truth = false",
+        "rays = 2",
+        "interactions = 0",
+        '[sweep.scene]\n"sun.illuminance_klux" = [1]',
+        '[sweep.sensor]\n"laser.peak_power_w" = [50]',
         "[[trajectories]]\nlabel = 'a'\nspeed_m_s = 1.0",
     ],
-)  # fmt: skip
+)
 def test_what_is_asked_is_in_the_name(folder: Path, more: str) -> None:
     assert keys(folder, more) != keys(folder)
 
@@ -128,12 +134,14 @@ def test_nothing_else_is(folder: Path, tmp_path_factory: pytest.TempPathFactory)
     [
         ('scenes = ["none.toml"]', "none.toml: no such file"),
         ('scenes = ["scene.toml"]\nsensors = ["table1-apt"]', "no sensor 'table1-apt' in the catalogue; did you mean"),
-        ('scenes = ["scene.toml"]\n[sweep.scene]\n"sun.illuminance_klux" = [1, -1]',
-         "scene.toml --scene-set sun.illuminance_klux=-1: sun.illuminance_klux: must be >= 0, got -1"),
+        (
+            'scenes = ["scene.toml"]\n[sweep.scene]\n"sun.illuminance_klux" = [1, -1]',
+            "scene.toml --scene-set sun.illuminance_klux=-1: sun.illuminance_klux: must be >= 0, got -1",
+        ),
         ('scenes = ["scene.toml"]\n[sweep.sensor]\n"laser.power" = [1]', "own.toml --set laser.power=1: unknown key"),
         ('scenes = ["a.xml"]\n[sweep.scene]\n"sun.illuminance_klux" = [1]', "the scene must be a TOML file, got"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_are_found_before_anything_is_rendered(folder: Path, text: str, told: str) -> None:
     path = folder / "job.toml"
     path.write_text(text)
@@ -151,7 +159,7 @@ def test_mistakes_are_found_before_anything_is_rendered(folder: Path, text: str,
         ('"bodies.wal.yaw_deg" = [1]', "must be bodies.NAME.KEY, with a name of wall"),
         ('"sun.azimuth_deg" = [0, "east"]', 'sun.azimuth_deg: must be a number, got "east"'),
     ],
-)  # fmt: skip
+)
 def test_keys_that_no_scene_has(folder: Path, swept: str, told: str) -> None:
     with pytest.raises(InputError) as caught:
         keys(folder, f"[sweep.scene]\n{swept}\n")
@@ -174,10 +182,12 @@ def test_any_key_is_swept(folder: Path, kind: str, swept: str, of: Any) -> None:
     """Weather, light, places, motions, detectors, scanners: what a worker reads is another scene, or sensor."""
     keys(folder, f"[sweep.{kind}]\n{swept}\n")
     one, other = (
-        (load_scene(task.scene.path, overrides=task.scene.overrides),
-         load_sensor(task.sensor.name, overrides=task.sensor.overrides))
+        (
+            load_scene(task.scene.path, overrides=task.scene.overrides),
+            load_sensor(task.sensor.name, overrides=task.sensor.overrides),
+        )
         for task in Job.read(folder / "job.toml").tasks()
-    )  # fmt: skip
+    )
     assert of(one) != of(other)
 
 

@@ -59,15 +59,7 @@ def test_the_bytes_are_those_of_render(job: Job, tmp_path: Path) -> None:
     for task in job.tasks():
         alone = tmp_path / "alone.ply"
         klux = task.parameters["scene.sun.illuminance_klux"]
-        argv = [
-            "render",
-            str(tmp_path / "wall.toml"),
-            "-o",
-            str(alone),
-            *COARSE,
-            "--seed",
-            str(task.frame.seed),
-        ]
+        argv = ["render", str(tmp_path / "wall.toml"), "-o", str(alone), *COARSE, "--seed", str(task.frame.seed)]
         assert main.main([*argv, "--scene-set", f"sun.illuminance_klux={klux}"]) == 0
         assert done(task, store).read_bytes() == alone.read_bytes()
     assert len(list((tmp_path / "out" / "frames").rglob("*.ply"))) == len(job) == 4
@@ -90,14 +82,7 @@ def test_of_a_rig_too(job_file: Path, tmp_path: Path) -> None:
     """Rationale: sensors of one wavelength share the world around the first; another one has other last bits."""
     (tmp_path / "rig.toml").write_text(RIG)
     job_file.write_text('rigs = ["rig.toml"]\nframes = 2\n' + job_file.read_text())
-    argv = [
-        "render",
-        str(tmp_path / "wall.toml"),
-        "--rig",
-        str(tmp_path / "rig.toml"),
-        "-o",
-        str(tmp_path / "rig"),
-    ]
+    argv = ["render", str(tmp_path / "wall.toml"), "--rig", str(tmp_path / "rig.toml"), "-o", str(tmp_path / "rig")]
     argv += [*COARSE, "--frames", "2", "--seed", "7", "--scene-set", "sun.illuminance_klux=1"]
     assert main.main(argv) == 0
     store, compared = Store(tmp_path / "out"), 0
@@ -139,8 +124,7 @@ def test_a_sensor_elsewhere_has_a_world_of_its_own(
     monkeypatch.setattr(work, "Simulator", Compiled)
     text = job_file.read_text(encoding="utf-8")
     job_file.write_text(
-        text.replace("[sweep.scene]", '[sweep.scene]\n"sensor.position_m" = [[0, 0, 1], [9e5, 0, 1]]'),
-        encoding="utf-8",
+        text.replace("[sweep.scene]", '[sweep.scene]\n"sensor.position_m" = [[0, 0, 1], [9e5, 0, 1]]'), encoding="utf-8"
     )
     worlds = {}
     for task in Job.read(job_file).tasks():
@@ -215,9 +199,7 @@ def test_a_corrupt_file_is_rendered_again(job: Job, tmp_path: Path, spoil: str) 
 
 
 @pytest.mark.parametrize("what", ["cloud", "row"])
-def test_a_full_disk_loses_nothing(
-    job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
-) -> None:
+def test_a_full_disk_loses_nothing(job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str) -> None:
     """The write that meets it, of the cloud (when it is synced) or of its row, fails as a whole."""
     task, store = next(job.tasks()), Store(tmp_path / "out")
 
@@ -241,9 +223,7 @@ def test_what_changed_since_it_was_asked_is_refused(job: Job, tmp_path: Path) ->
     scene = tmp_path / "wall.toml"
     scene.write_text(scene.read_text().replace("[10, 0, 1.8]", "[11, 0, 1.8]"))
     assert "is not the one of which this frame was asked" in work._told(task, store, 1)
-    assert work._told(dataclasses.replace(task, version="0.0.0"), store, 1).startswith(
-        "lidarscene 0.0.0 gave this"
-    )
+    assert work._told(dataclasses.replace(task, version="0.0.0"), store, 1).startswith("lidarscene 0.0.0 gave this")
     assert [one.name for one in store.folder.iterdir()] == [".claims"]
 
 
@@ -270,8 +250,8 @@ def test_a_frame_that_another_run_is_at_is_left_to_it(job: Job, tmp_path: Path) 
     """And no longer: a run that is killed lets go of it."""
     (task, other, *_), store = list(job.tasks()), Store(tmp_path / "out")
     holder = subprocess.Popen(
-        [sys.executable, "-c", HOLD, str(store.folder), task.key], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-    )  # fmt: skip
+        [sys.executable, "-c", HOLD, str(store.folder), task.key], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
     assert holder.stdout is not None
     assert holder.stdout.readline() == b"True\n"
     assert work._told(task, store, 1) == work.ELSEWHERE

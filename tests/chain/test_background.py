@@ -24,9 +24,12 @@ def test_sun_disc_by_counting():
     for angle in (0.0, 1e-3, 2e-3, 5e-3, 7e-3, 9e-3):
         counted = np.count_nonzero(seen & (np.hypot(x - angle, y) <= disc)) * (grid[1] - grid[0]) ** 2
         power = sunlight.sun_disc_power_w(
-            sun_irradiance_w_m2=ESUN, sun_angle_rad=np.array([angle]), field_rad=FIELD_RAD,
-            aperture_m2=APERTURE_M2, efficiency=ETA,
-        )  # fmt: skip
+            sun_irradiance_w_m2=ESUN,
+            sun_angle_rad=np.array([angle]),
+            field_rad=FIELD_RAD,
+            aperture_m2=APERTURE_M2,
+            efficiency=ETA,
+        )
         expected = ESUN / (math.pi * disc**2) * counted * APERTURE_M2 * ETA
         assert power[0] == pytest.approx(expected, rel=2e-3, abs=2e-6)
 
@@ -34,11 +37,7 @@ def test_sun_disc_by_counting():
 def test_the_whole_disc_is_its_irradiance():
     """A field of view wider than the sun collects E_sun A eta, whatever the sun's size."""
     power = sunlight.sun_disc_power_w(
-        sun_irradiance_w_m2=ESUN,
-        sun_angle_rad=np.array([1e-3]),
-        field_rad=6e-3,
-        aperture_m2=2.0,
-        efficiency=0.5,
+        sun_irradiance_w_m2=ESUN, sun_angle_rad=np.array([1e-3]), field_rad=6e-3, aperture_m2=2.0, efficiency=0.5
     )
     assert power[0] == pytest.approx(ESUN, rel=1e-12)
 
@@ -56,9 +55,12 @@ def test_beams_into_the_sun(mi, off_deg):
     """Sky and disc add up for the beam on the axis; 0.5 degrees off there is the sky alone."""
     power = looking_at_the_sun("table1-apd", off_deg=off_deg).light.background_power_w[4]
     disc = sunlight.sun_disc_power_w(
-        sun_irradiance_w_m2=ESUN, sun_angle_rad=np.array([math.radians(off_deg)]), field_rad=FIELD_RAD,
-        aperture_m2=APERTURE_M2, efficiency=ETA,
-    )[0]  # fmt: skip
+        sun_irradiance_w_m2=ESUN,
+        sun_angle_rad=np.array([math.radians(off_deg)]),
+        field_rad=FIELD_RAD,
+        aperture_m2=APERTURE_M2,
+        efficiency=ETA,
+    )[0]
     sky = 0.1 * ESUN / math.pi * APERTURE_M2 * math.pi * FIELD_RAD**2 * ETA
     assert (disc > 0.0) == (off_deg < 0.45)
     assert power == pytest.approx(disc + sky, rel=2e-5)
@@ -69,27 +71,32 @@ def test_the_sun_through_a_pane(mi, off_deg):
     """A pane at 30 degrees passes T of the sun's disc and of the sky; what it mirrors adds R of the sky."""
     sun = Sun(azimuth_rad=math.radians(off_deg), elevation_rad=0.0, illuminance_klux=100.0)
     described = chain.scene(
-        pane(10.0, 30.0), chain.ball(at=(-50.0, 0.0, 0.0)), materials=MATERIALS, sun=sun, sky=0.1,
+        pane(10.0, 30.0),
+        chain.ball(at=(-50.0, 0.0, 0.0)),
+        materials=MATERIALS,
+        sun=sun,
+        sky=0.1,
         air=Air(transmittance=1.0),
-    )  # fmt: skip
+    )
     seen = chain.run(described, chain.sensor("table1-apd", *chain.NARROW), interactions=3)
     free = looking_at_the_sun("table1-apd", off_deg=off_deg).light.background_power_w[4]
     sky = 0.1 * ESUN / math.pi * APERTURE_M2 * math.pi * FIELD_RAD**2 * ETA
     mirrored = both_sides(math.cos(math.radians(30.0)))
     assert not any(hits.found[4] for hits in seen.ways)
-    assert seen.light.background_power_w[4] == pytest.approx(
-        (1.0 - mirrored) * free + mirrored * sky, rel=2e-5
-    )
+    assert seen.light.background_power_w[4] == pytest.approx((1.0 - mirrored) * free + mirrored * sky, rel=2e-5)
 
 
 @pytest.mark.parametrize(
     ("name", "options"),
     [
-        ("table1-apd", []), ("table1-apd", ["detector.tail='mcintyre'"]), ("table1-sipm", []),
-        ("table1-sipm", ["detector.counting='binomial'"]), ("table1-sipm", ["detector.statistics='published'"]),
+        ("table1-apd", []),
+        ("table1-apd", ["detector.tail='mcintyre'"]),
+        ("table1-sipm", []),
+        ("table1-sipm", ["detector.counting='binomial'"]),
+        ("table1-sipm", ["detector.statistics='published'"]),
         ("table1-sipm", ["detector.statistics='time_domain'"]),
     ],
-)  # fmt: skip
+)
 def test_blinded_channels_stay_finite(mi, name, options):
     """A million times the usual background: no NaN in any lane, and an SNR of nothing."""
     found = looking_at_the_sun(name, *options, off_deg=0.0).detection

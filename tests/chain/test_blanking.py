@@ -21,9 +21,11 @@ def one_echo(range_m, power_w, equipped):
     """The same through the closed form of a lone pulse."""
     of_each = np.full(200, range_m)
     light = Echoes(
-        found=of_each > 0.0, range_m=of_each, peak_power_w=0.0 * of_each + power_w,
+        found=of_each > 0.0,
+        range_m=of_each,
+        peak_power_w=0.0 * of_each + power_w,
         background_power_w=0.0 * of_each + trains.BACKGROUND_W,
-    )  # fmt: skip
+    )
     return returns.detect(light, equipped, seed=0, pulse=np.arange(200, dtype=np.uint32))
 
 
@@ -91,9 +93,7 @@ def test_no_blanking_is_the_default_and_takes_crossings_before_time_zero():
     """An echo from 0.3 m: its edge crosses before the middle of its pulse has left."""
     equipped = trains.sensor("table1-apd", *trains.QUIET)
     assert equipped.tdc.blanking_s == 0.0
-    found = trains.detect(
-        trains.train(np.full((20, 1), 0.3), trains.power_at_snr(equipped, 3000.0)), equipped
-    )
+    found = trains.detect(trains.train(np.full((20, 1), 0.3), trains.power_at_snr(equipped, 3000.0)), equipped)
     assert np.all(found.stops[0].reported)
 
 

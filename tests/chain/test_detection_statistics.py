@@ -20,9 +20,11 @@ pytestmark = pytest.mark.usefixtures("mi")
 
 FOUR = 4.0
 MILLION = [
-    "scanner.azimuth_fov_deg=0.001", "scanner.elevation_fov_deg=0.001",
-    "scanner.azimuth_step_deg=1e-6", "scanner.elevation_step_deg=1e-6",
-]  # fmt: skip
+    "scanner.azimuth_fov_deg=0.001",
+    "scanner.elevation_fov_deg=0.001",
+    "scanner.azimuth_step_deg=1e-6",
+    "scanner.elevation_step_deg=1e-6",
+]
 """A raster of 1001 x 1001 beams within a thousandth of a degree: the same target for all of them."""
 
 

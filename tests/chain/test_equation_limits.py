@@ -55,29 +55,39 @@ from lidarscene.physics.optics import radiometry
 def test_scaling_of_units(metre, second, watt):
     """Lengths, times and powers in other units: powers and photon numbers follow, ratios stay."""
     echo = radiometry.lambertian_echo_power_w(
-        peak_power_w=PT * watt, reflectivity=RHO, cos_incidence=1.0, range_m=R * metre, transmittance=TAU,
-        aperture_m2=A * metre**2, efficiency=ETA_R,
-    )  # fmt: skip
+        peak_power_w=PT * watt,
+        reflectivity=RHO,
+        cos_incidence=1.0,
+        range_m=R * metre,
+        transmittance=TAU,
+        aperture_m2=A * metre**2,
+        efficiency=ETA_R,
+    )
     assert echo == pytest.approx(watt * P_R / cos(THETA), rel=1e-12)
     sun = radiometry.lambertian_sun_power_w(
-        sun_irradiance_w_m2=ESUN * watt / metre**2, reflectivity=RHO, cos_sun=CS, aperture_m2=A * metre**2,
-        field_of_view_sr=field_of_view_sr(RPD * metre, F * metre), transmittance=TAU, efficiency=ETA_RS,
-    )  # fmt: skip
-    assert sun == pytest.approx(watt * P_RS, rel=1e-12)
-    photons = sipm.background_photons(
-        power_w=sun, dead_time_s=DEAD * second, photon_energy_j=HNU * watt * second
+        sun_irradiance_w_m2=ESUN * watt / metre**2,
+        reflectivity=RHO,
+        cos_sun=CS,
+        aperture_m2=A * metre**2,
+        field_of_view_sr=field_of_view_sr(RPD * metre, F * metre),
+        transmittance=TAU,
+        efficiency=ETA_RS,
     )
+    assert sun == pytest.approx(watt * P_RS, rel=1e-12)
+    photons = sipm.background_photons(power_w=sun, dead_time_s=DEAD * second, photon_energy_j=HNU * watt * second)
     assert photons == pytest.approx(N_BP, rel=1e-12)
     limit = range_limit.maximum_range_sipm_m(
         *plane_and_receiver(
-            peak_power_w=PT * watt, aperture_m2=A * metre**2,
-            sun_irradiance_w_m2=ESUN * watt / metre**2, photon_energy_j=HNU * watt * second,
+            peak_power_w=PT * watt,
+            aperture_m2=A * metre**2,
+            sun_irradiance_w_m2=ESUN * watt / metre**2,
+            photon_energy_j=HNU * watt * second,
         ),
-        pulse_fwhm_s=FWHM * second, pde=PDE, dead_time_s=DEAD * second,
-    )  # fmt: skip
-    still = range_limit.maximum_range_sipm_m(
-        *plane_and_receiver(), pulse_fwhm_s=FWHM, pde=PDE, dead_time_s=DEAD
+        pulse_fwhm_s=FWHM * second,
+        pde=PDE,
+        dead_time_s=DEAD * second,
     )
+    still = range_limit.maximum_range_sipm_m(*plane_and_receiver(), pulse_fwhm_s=FWHM, pde=PDE, dead_time_s=DEAD)
     assert limit == pytest.approx(metre * still, rel=1e-12)
 
 
@@ -88,9 +98,12 @@ def test_scaling_of_noise(factor):
     assert wide == pytest.approx(sqrt(factor) * noise_18(), rel=1e-12)
     # A current is a charge over a time: currents and B times f, thermal power too, and sigma grows by f.
     faster = noise_18(
-        background_power_w=factor * P_RS, surface_dark_current_a=factor * IDS,
-        bulk_dark_current_a=factor * IDB, temperature_k=factor * T, bandwidth_hz=factor * BW,
-    )  # fmt: skip
+        background_power_w=factor * P_RS,
+        surface_dark_current_a=factor * IDS,
+        bulk_dark_current_a=factor * IDB,
+        temperature_k=factor * T,
+        bandwidth_hz=factor * BW,
+    )
     assert faster == pytest.approx(factor * noise_18(), rel=1e-12)
 
 

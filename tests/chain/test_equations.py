@@ -74,23 +74,24 @@ CASES = {
         P_R,
     ),
     "6, A_b": (
-        radiometry.field_of_view_area_m2(
-            range_m=R, detector_radius_m=RPD, focal_length_m=F, cos_incidence=cos(THETA)
-        ),
+        radiometry.field_of_view_area_m2(range_m=R, detector_radius_m=RPD, focal_length_m=F, cos_incidence=cos(THETA)),
         pi * (R * RPD / F) ** 2 / cos(THETA),
     ),
     "6": (radiometry.sun_flux_w(sun_irradiance_w_m2=ESUN, seen_area_m2=0.4, cos_sun=CS), ESUN * 0.4 * CS),
     "7": (
         radiometry.sun_intensity_w_sr(
-            sun_flux_w=ESUN * pi * (R * RPD / F) ** 2 / cos(THETA) * CS,
-            reflectivity=RHO, cos_incidence=cos(THETA),
+            sun_flux_w=ESUN * pi * (R * RPD / F) ** 2 / cos(THETA) * CS, reflectivity=RHO, cos_incidence=cos(THETA)
         ),
         ESUN * RHO * R**2 * (RPD / F) ** 2 * CS,
     ),
     "8": (
         radiometry.lambertian_sun_power_w(
-            sun_irradiance_w_m2=ESUN, reflectivity=RHO, cos_sun=CS,
-            field_of_view_sr=field_of_view_sr(RPD, F), efficiency=ETA_RS, **RECEIVER,
+            sun_irradiance_w_m2=ESUN,
+            reflectivity=RHO,
+            cos_sun=CS,
+            field_of_view_sr=field_of_view_sr(RPD, F),
+            efficiency=ETA_RS,
+            **RECEIVER,
         ),
         P_RS,
     ),
@@ -106,16 +107,15 @@ CASES = {
         e / HNU * M * QE * P_R,
     ),
     "12, M printed": (apd.gain_from_bias(bias_v=150.0, breakdown_v=200.0, exponent=0.5), (1 - 0.75) ** -0.5),
-    "12, M Miller": (
-        apd.gain_from_bias_miller(bias_v=150.0, breakdown_v=200.0, exponent=3.0), 1 / (1 - 0.75**3)
-    ),
-    "F, k_e": (
-        apd.excess_noise_mcintyre(gain=M, ionisation_ratio=0.02), 0.02 * M + (1 - 0.02) * (2 - 1 / M)
-    ),
+    "12, M Miller": (apd.gain_from_bias_miller(bias_v=150.0, breakdown_v=200.0, exponent=3.0), 1 / (1 - 0.75**3)),
+    "F, k_e": (apd.excess_noise_mcintyre(gain=M, ionisation_ratio=0.02), 0.02 * M + (1 - 0.02) * (2 - 1 / M)),
     "F, M^x": (apd.excess_noise_power_law(gain=M, index=X), M**X),
     "13": (
         apd.total_noise_a(
-            signal_variance_a2=1.0, background_variance_a2=2.0, dark_variance_a2=3.0, thermal_variance_a2=4.0,
+            signal_variance_a2=1.0,
+            background_variance_a2=2.0,
+            dark_variance_a2=3.0,
+            thermal_variance_a2=4.0,
             circuit_noise_a=5.0,
         ),
         sqrt(1 + 2 + 3 + 4 + 5**2),
@@ -132,15 +132,11 @@ CASES = {
         apd.dark_shot_variance_a2(surface_dark_current_a=IDS, bulk_dark_current_a=IDB, **AVALANCHE),
         2 * e * IDS * BW + 2 * e * IDB * M**2 * FM * BW,
     ),
-    "17": (
-        apd.thermal_variance_a2(temperature_k=T, load_resistance_ohm=RL, bandwidth_hz=BW), 4 * k * T * BW / RL
-    ),
+    "17": (apd.thermal_variance_a2(temperature_k=T, load_resistance_ohm=RL, bandwidth_hz=BW), 4 * k * T * BW / RL),
     "best gain, k_e": (
         # k M^3 + (1 - k) M = 2 c / (a + b) at its root
         (lambda g: 0.02 * g**3 + 0.98 * g)(
-            apd.best_gain_mcintyre(
-                multiplied_variance_a2=1e-20, unmultiplied_variance_a2=3e-16, ionisation_ratio=0.02
-            )
+            apd.best_gain_mcintyre(multiplied_variance_a2=1e-20, unmultiplied_variance_a2=3e-16, ionisation_ratio=0.02)
         ),
         2 * 3e-16 / 1e-20,
     ),
@@ -149,13 +145,12 @@ CASES = {
         0.7 * 0.5 * 0.6,
     ),
     "22": (sipm.fired_cells_published(photons=N_SP, **CELLS), N * (1 - exp(N_SP * EXPONENT))),
-    "23, photons": (
-        sipm.background_photons(power_w=P_RS, dead_time_s=DEAD, photon_energy_j=HNU), P_RS * DEAD / HNU
-    ),
+    "23, photons": (sipm.background_photons(power_w=P_RS, dead_time_s=DEAD, photon_energy_j=HNU), P_RS * DEAD / HNU),
     "23": (sipm.fired_cells_published(photons=N_BP, **CELLS), N * (1 - exp(N_BP * EXPONENT))),
     "23, N_d": (sipm.dark_counts(cells=N, **DARK), N * DCR * DEAD),
     "24, photons": (
-        sipm.signal_photons(peak_power_w=P_R, pulse_fwhm_s=FWHM, photon_energy_j=HNU), P_R * FWHM / (2 * HNU)
+        sipm.signal_photons(peak_power_w=P_R, pulse_fwhm_s=FWHM, photon_energy_j=HNU),
+        P_R * FWHM / (2 * HNU),
     ),
     "24": (
         sipm.signal_cells_published(background_cells=125.0, dark_counts=0.005, photons=N_SP, **CELLS),
@@ -189,7 +184,7 @@ CASES = {
         N * (1 - exp(N_SP * EXPONENT)) * exp(N_SP * EXPONENT),
     ),
     "pulse energy": (pulse.pulse_energy_j(peak_power_w=PT, fwhm_s=FWHM), PT * FWHM * sqrt(pi / (4 * log(2)))),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("equation", CASES)
@@ -205,10 +200,13 @@ def test_apd_noise_and_snr():
     own = apd.snr(responsivity_a_w=K_PD, gain=M, echo_power_w=P_R, noise_a=noise_18())
     assert own == pytest.approx(K_PD * M * P_R / sigma_18(P_RS), rel=1e-12)
     abc = apd.snr_of_gain(
-        signal_at_unit_gain_a=K_PD * P_R, optical_variance_a2=2 * e * K_PD * P_RS * BW,
+        signal_at_unit_gain_a=K_PD * P_R,
+        optical_variance_a2=2 * e * K_PD * P_RS * BW,
         bulk_dark_variance_a2=2 * e * IDB * BW,
-        unmultiplied_variance_a2=2 * e * IDS * BW + 4 * k * T * BW / RL, gain=M, excess_noise_index=X,
-    )  # fmt: skip
+        unmultiplied_variance_a2=2 * e * IDS * BW + 4 * k * T * BW / RL,
+        gain=M,
+        excess_noise_index=X,
+    )
     assert abc == pytest.approx(own, rel=1e-12)
 
 
@@ -256,9 +254,7 @@ def test_closed_range_limits():
     printed = range_limit.maximum_range_sipm_m(*light_in, as_printed=True, **for_sipm)
     light = (PDE * RHO * A / ESUN) ** 0.25 * (PT * FWHM * F / (TNR * RPD)) ** 0.5 / DEAD**0.25
     assert printed == pytest.approx(OPTICS * light, rel=1e-12)
-    assert range_limit.maximum_range_sipm_m(*light_in, **for_sipm) == pytest.approx(
-        printed * sqrt(CS), rel=1e-12
-    )
+    assert range_limit.maximum_range_sipm_m(*light_in, **for_sipm) == pytest.approx(printed * sqrt(CS), rel=1e-12)
 
 
 def test_derived_limits_solve_the_background_limited_snr():
@@ -268,9 +264,7 @@ def test_derived_limits_solve_the_background_limited_snr():
     )
     echo = P_R * (R / reach) ** 2
     assert K_PD * M * echo / sqrt(2 * e * K_PD * P_RS * M**2 * FM * BW) == pytest.approx(TNR, rel=1e-12)
-    reach = range_limit.maximum_range_sipm_m(
-        *plane_and_receiver(), pulse_fwhm_s=FWHM, pde=PDE, dead_time_s=DEAD
-    )
+    reach = range_limit.maximum_range_sipm_m(*plane_and_receiver(), pulse_fwhm_s=FWHM, pde=PDE, dead_time_s=DEAD)
     signal = N_SP * (R / reach) ** 2
     snr = sipm.snr_approximate(signal_photons=signal, background_photons=N_BP, pde=PDE)
     assert snr == pytest.approx(TNR, rel=1e-12)

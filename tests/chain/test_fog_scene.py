@@ -59,9 +59,12 @@ def fog_light():
     alpha, beta = coefficients()
     r = np.linspace(2.5, 60.0, 6000)
     share = receiver.spot_share(
-        profile="top_hat", spot_rad=np.hypot(2.5e-3 / r, 1e-3), off_axis_rad=0.03 / r, field_rad=0.1 / 24.0,
+        profile="top_hat",
+        spot_rad=np.hypot(2.5e-3 / r, 1e-3),
+        off_axis_rad=0.03 / r,
+        field_rad=0.1 / 24.0,
         blur_rad=0.012 / r,
-    )  # fmt: skip
+    )
     light = POWER_W * EFFICIENCY * LENS_M2 * beta * share * np.exp(-2.0 * alpha * r) / r**2
     at = np.linspace(2.0, 50.0, 1021)
     pulse = np.exp(-4.0 * math.log(2.0) * ((at[:, None] - r) / FWHM_M) ** 2)
@@ -82,9 +85,12 @@ def crossed_m(*, background_w, deviate):
     sensor = load_sensor("biaxial-905")
     point = sensor.working_point(np.array([background_w]))
     level = tdc.crossing_level(
-        threshold=sensor.threshold(point), noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2,
+        threshold=sensor.threshold(point),
+        noise=point.noise,
+        kappa_1=point.kappa_1,
+        kappa_2=point.kappa_2,
         deviate=np.array([deviate]),
-    )  # fmt: skip
+    )
     at, power_w = fog_light()
     rise = slice(0, np.argmax(power_w) + 1)
     return np.interp(float(point.power_w(level)[0]), power_w[rise], at[rise])
@@ -125,18 +131,14 @@ def test_nothing_is_seen_while_fog_holds_the_comparator(rendered, clouds):
     frames = [foggy, *(rendered(seed=seed) for seed in (1, 2, 3))]
     means = [np.mean([points_of(frame, f"cars.{i}") for frame in frames]) for i in range(1, 5)]
     says(
-        "gallery.md", "that at 30 m has some {}, then {}, {} and {} of them",
+        "gallery.md",
+        "that at 30 m has some {}, then {}, {} and {} of them",
         *(
             pytest.approx(mean, abs=2.5 * math.sqrt(mean) + half)
             for mean, half in zip(means, (5, 5, 1, 1), strict=True)
         ),
-    )  # fmt: skip
-    says(
-        "gallery.md",
-        "threshold up to {} to {} m, by the background",
-        held_m(background_w=BRIGHTEST_W)[1],
-        latest,
     )
+    says("gallery.md", "threshold up to {} to {} m, by the background", held_m(background_w=BRIGHTEST_W)[1], latest)
     fog = np.asarray(foggy.status) == Status.WEATHER
     most = pytest.approx(fog.sum(), rel=1e-3)
     says(

@@ -44,8 +44,9 @@ def expected_w(radiance_over_sun):
         radiance_w_m2_sr=radiance_over_sun * sun,
         aperture_m2=sensor.optics.aperture_m2,
         field_of_view_sr=math.pi * (sensor.detector.radius_m / sensor.optics.focal_length_m) ** 2,
-        transmittance=0.98, efficiency=sensor.optics.efficiency_sun,
-    )  # fmt: skip
+        transmittance=0.98,
+        efficiency=sensor.optics.efficiency_sun,
+    )
 
 
 def test_sunlight_from_behind_comes_through():
@@ -81,9 +82,7 @@ def test_the_sky_is_on_both_sides():
     """(rho + tau) E_sky / pi; the reflectivity that the truth tells stays rho."""
     night = Sun(azimuth_rad=0.0, elevation_rad=math.radians(-30.0), illuminance_klux=100.0)
     seen = run(chain.facing(range_m=20.0, material="leaf"), run_floor(), sun=night, sky=0.3)
-    assert seen.light.background_power_w[MIDDLE] == pytest.approx(
-        expected_w((RHO + TAU) * 0.3 / math.pi), **CLOSE
-    )
+    assert seen.light.background_power_w[MIDDLE] == pytest.approx(expected_w((RHO + TAU) * 0.3 / math.pi), **CLOSE)
     assert seen.hits.reflectivity[MIDDLE] == pytest.approx(RHO, rel=1e-6)
 
 
@@ -100,9 +99,7 @@ def test_a_porous_leaf_lets_the_same_share_through():
     porous = run(chain.facing(range_m=20.0, material="leaf"), material=leaf(cover=0.7))
     met = porous.hits.found
     assert met.any()
-    np.testing.assert_allclose(
-        porous.light.background_power_w[met], whole.light.background_power_w[met], rtol=1e-5
-    )
+    np.testing.assert_allclose(porous.light.background_power_w[met], whole.light.background_power_w[met], rtol=1e-5)
 
 
 def test_a_moving_leaf():

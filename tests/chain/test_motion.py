@@ -40,8 +40,12 @@ def test_hits_are_those_of_a_scene_rebuilt_for_each_pulse() -> None:
         beam = Pattern.of(
             azimuth_rad=cloud.azimuth_rad[[point]].astype(np.float64),
             elevation_rad=cloud.elevation_rad[[point]].astype(np.float64),
-            time_s=np.zeros(1), channel=None, frame_s=1e-3, jitter_rad=None, encoder_rad=None,
-        )  # fmt: skip
+            time_s=np.zeros(1),
+            channel=None,
+            frame_s=1e-3,
+            jitter_rad=None,
+            encoder_rad=None,
+        )
         low = dataclasses.replace(sensor.tdc, threshold_to_noise=0.01)
         alone = dataclasses.replace(sensor, scanner=beam, tdc=low, mounting=Pose())
         one = Simulator(frozen(scene, time_s), alone, pose=pose_at(simulator.motion, time_s)).render()
@@ -73,9 +77,10 @@ def test_a_moving_body_that_stands_still_is_a_still_body() -> None:
 def test_a_plane_that_comes_nearer() -> None:
     """x(t) = 40 m - 30 m/s t: each beam at its own time meets it at x(t) / (d . x)."""
     plane = moving(
-        chain.facing(range_m=40.0, size_m=200.0), "plane",
+        chain.facing(range_m=40.0, size_m=200.0),
+        "plane",
         Course(start=chain.facing(range_m=40.0).pose, velocity_m_s=(-30.0, 0.0, 0.0)),
-    )  # fmt: skip
+    )
     cloud = Simulator(chain.scene(plane), chain.sensor("table1-apd", *SENSOR)).render(seed=4)
     ahead = np.cos(cloud.elevation_rad) * np.cos(cloud.azimuth_rad)
     distance = 40.0 - 30.0 * cloud.time_s
@@ -88,9 +93,7 @@ def test_a_plane_that_comes_nearer() -> None:
 
 def test_a_sensor_that_drives_towards_a_wall() -> None:
     """Raw points lie on x = 40 m + (vehicle's way), deskewed ones on x = 40 m; the wall seems to come at 30 m/s."""
-    scene = dataclasses.replace(
-        chain.scene(chain.facing(range_m=40.0, size_m=200.0)), ego=Course(speed_m_s=30.0)
-    )
+    scene = dataclasses.replace(chain.scene(chain.facing(range_m=40.0, size_m=200.0)), ego=Course(speed_m_s=30.0))
     simulator = Simulator(scene, chain.sensor("table1-apd", *SENSOR))
     cloud = simulator.render(seed=4)
     cloud = cloud.select(cloud.status == 0)
@@ -106,9 +109,10 @@ def test_a_car_that_crosses_is_sheared() -> None:
     sees its edges where they are then, so y of the left edge is 12 m/s times the row's time.
     """
     board = moving(
-        chain.facing(range_m=30.0, size_m=6.0), "board",
+        chain.facing(range_m=30.0, size_m=6.0),
+        "board",
         Course(start=chain.facing(range_m=30.0).pose, velocity_m_s=(0.0, 12.0, 0.0)),
-    )  # fmt: skip
+    )
     cloud = Simulator(chain.scene(board), chain.sensor("table1-apd", *SENSOR)).render(seed=5)
     cloud = cloud.select(cloud.status == 0)
     rows = np.unique(cloud.channel)
@@ -164,9 +168,7 @@ def test_frames_follow_each_other() -> None:
     scene, sensor = traffic(), chain.sensor("table1-apd", *SENSOR)
     simulator = Simulator(scene, sensor)
     frame_s = sensor.scanner.frame_s
-    moved = dataclasses.replace(
-        scene, bodies=scene.bodies[:3], ego=Riding(carrier=scene.ego, pose=Pose()),
-    )  # fmt: skip
+    moved = dataclasses.replace(scene, bodies=scene.bodies[:3], ego=Riding(carrier=scene.ego, pose=Pose()))
     simulator = Simulator(moved, sensor)
     clouds = [simulator.render(seed=6, number=number) for number in (0, 1, 2, 1)]
     assert [float(cloud.metadata["frame_start_s"]) for cloud in clouds] == pytest.approx(

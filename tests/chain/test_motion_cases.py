@@ -132,9 +132,7 @@ def test_frames_that_drift_apart_are_not_merged() -> None:
     longer = chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.5")
     pair = [Mounted(label="short", sensor=table1()), Mounted(label="long", sensor=longer)]
     require_common_frames(pair, 1)
-    with pytest.raises(
-        InputError, match=r"9 merged frames .* 0.37926 s of 'short' and of 0.60732 s of 'long'"
-    ):
+    with pytest.raises(InputError, match=r"9 merged frames .* 0.37926 s of 'short' and of 0.60732 s of 'long'"):
         require_common_frames(pair, 9)
     require_common_frames([pair[0], pair[0]], 10_000)
 
@@ -153,9 +151,7 @@ def moved(scene: Scene, by: np.ndarray) -> Scene:
         if isinstance(motion, Spline):
             motion = Spline(time_s=motion.time_s, poses=tuple(shift @ one for one in motion.poses))
         bodies.append(dataclasses.replace(body, motion=motion, pose=shift @ body.pose))
-    return dataclasses.replace(
-        scene, bodies=tuple(bodies), ego=dataclasses.replace(EGO, start=shift @ EGO.start)
-    )
+    return dataclasses.replace(scene, bodies=tuple(bodies), ego=dataclasses.replace(EGO, start=shift @ EGO.start))
 
 
 def test_utm_coordinates_cost_nothing() -> None:
@@ -182,9 +178,7 @@ def test_utm_coordinates_cost_nothing() -> None:
 def test_a_scene_in_which_everything_moves() -> None:
     """No static shape at all: box and wall ride with the sensor, so that nothing seems to move."""
     still = chain.scene(chain.facing(range_m=30.0), chain.box(at=(15.0, 2.0, 0.0)))
-    riding = tuple(
-        dataclasses.replace(body, motion=Riding(carrier=EGO, pose=body.pose)) for body in still.bodies
-    )
+    riding = tuple(dataclasses.replace(body, motion=Riding(carrier=EGO, pose=body.pose)) for body in still.bodies)
     scene = dataclasses.replace(still, bodies=riding, ego=EGO)
     simulator = Simulator(scene, table1())
     assert len(simulator.world.movers) == 2
@@ -216,13 +210,16 @@ def test_many_bodies_of_one_shape() -> None:
         azimuth = math.radians(-55.0 + 10.0 * number)
         distance = 10.0 + number
         start = Pose.from_degrees(
-            position_m=(distance * math.cos(azimuth), distance * math.sin(azimuth), 0.0),
-            yaw_deg=37.0 * number,
+            position_m=(distance * math.cos(azimuth), distance * math.sin(azimuth), 0.0), yaw_deg=37.0 * number
         )
         bodies.append(
-            Body(name=f"b{number}", class_name=f"c{number % 3}", parts=parts,
-                 motion=Course(start=start, yaw_rate_rad_s=0.1 * number)),
-        )  # fmt: skip
+            Body(
+                name=f"b{number}",
+                class_name=f"c{number % 3}",
+                parts=parts,
+                motion=Course(start=start, yaw_rate_rad_s=0.1 * number),
+            )
+        )
     scene = chain.scene(*bodies, materials=[chain.diffuse("dark", 0.05)])
     simulator = Simulator(scene, table1())
     movers = simulator.world.movers
@@ -277,9 +274,8 @@ def test_shadows_move() -> None:
     above = board.pose.position_m + 10.0 * towards
     cover = chain.box(at=(0, 0, 0), size_m=(40.0, 40.0, 0.1))
     cover = dataclasses.replace(
-        cover, name="cover",
-        motion=Course(start=Pose(position_m=above), velocity_m_s=(0.0, 200.0, 0.0)),
-    )  # fmt: skip
+        cover, name="cover", motion=Course(start=Pose(position_m=above), velocity_m_s=(0.0, 200.0, 0.0))
+    )
     cloud = echoes(Simulator(dataclasses.replace(still, bodies=(board, cover)), table1()).render(seed=7))
     cloud = cloud.select(cloud.body == 0)
     # Along y the cover's shadow is as wide as it is, and at the same place: the sun has no y here.

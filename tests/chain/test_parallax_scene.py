@@ -33,10 +33,7 @@ def compiled():
 @pytest.fixture(scope="module")
 def clouds(compiled):
     scene, world = compiled
-    return [
-        Simulator(scene, chain.sensor("biaxial-905", *extra), world=world).render()
-        for extra in ((), (COAXIAL,))
-    ]
+    return [Simulator(scene, chain.sensor("biaxial-905", *extra), world=world).render() for extra in ((), (COAXIAL,))]
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +41,7 @@ def lanes(compiled):
     """Every beam's light, without noise."""
     scene, world = compiled
     return [
-        chain.run(scene, chain.sensor("biaxial-905", "tdc.stops=1", *extra), world=world)
-        for extra in ((), (COAXIAL,))
+        chain.run(scene, chain.sensor("biaxial-905", "tdc.stops=1", *extra), world=world) for extra in ((), (COAXIAL,))
     ]
 
 
@@ -53,9 +49,7 @@ def posts(cloud):
     """Number of echo points on each post, from the nearest to the farthest."""
     echoes = np.asarray(cloud.status) == 0
     names = [name for name in cloud.body_names if name.startswith("posts.")]
-    return [
-        int(np.sum(echoes & (cloud.body == cloud.body_names.index(f"posts.{i}")))) for i in range(len(names))
-    ]
+    return [int(np.sum(echoes & (cloud.body == cloud.body_names.index(f"posts.{i}")))) for i in range(len(names))]
 
 
 def test_two_lenses_are_blind_up_close(clouds):
@@ -74,12 +68,7 @@ def test_two_lenses_are_blind_up_close(clouds):
     assert 0 < two[7] <= one[7]
     assert two[8:] == one[8:]
     says("gallery.md", "Below {} m, (30 - 12 - 2.5) mm over ({} + 1) mrad", BLIND_M, 1e3 * FIELD)
-    says(
-        "gallery.md",
-        "On one axis all {} are seen, {} points instead of {}:",
-        len(one),
-        *map(near, clouds[::-1]),
-    )
+    says("gallery.md", "On one axis all {} are seen, {} points instead of {}:", len(one), *map(near, clouds[::-1]))
 
 
 def near(cloud):

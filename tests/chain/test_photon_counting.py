@@ -16,15 +16,15 @@ from lidarscene.scene.weather import Weather
 pytestmark = pytest.mark.usefixtures("mi")
 
 RASTER = [
-    "scanner.azimuth_fov_deg=10", "scanner.elevation_fov_deg=6",
-    "scanner.azimuth_step_deg=0.2", "scanner.elevation_step_deg=0.2",
-]  # fmt: skip
+    "scanner.azimuth_fov_deg=10",
+    "scanner.elevation_fov_deg=6",
+    "scanner.azimuth_step_deg=0.2",
+    "scanner.elevation_step_deg=0.2",
+]
 
 
 def scene(**told):
-    return chain.scene(
-        chain.facing(range_m=30.0, theta_deg=30.0, size_m=60.0), chain.ball(at=(15.0, 1.0, 0.0)), **told
-    )
+    return chain.scene(chain.facing(range_m=30.0, theta_deg=30.0, size_m=60.0), chain.ball(at=(15.0, 1.0, 0.0)), **told)
 
 
 def test_numpy_and_device_agree():
@@ -37,16 +37,12 @@ def test_numpy_and_device_agree():
     light.peak_power_w[:] *= (20.0 / light.range_m) ** 2
     here = photons.detected(counter, light, seed=4)
     arrays = {
-        name: transfer.from_numpy(getattr(light, name))
-        for name in ("range_m", "peak_power_w", "background_power_w")
+        name: transfer.from_numpy(getattr(light, name)) for name in ("range_m", "peak_power_w", "background_power_w")
     }
     on_device = dataclasses.replace(light, found=arrays["range_m"] > 0.0, **arrays)
     there = transfer.fetched(
         receivers.detect_alone(
-            on_device,
-            transfer.opaque(counter),
-            seed=transfer.seed_word(4),
-            pulse=transfer.counter(0, 6_000),
+            on_device, transfer.opaque(counter), seed=transfer.seed_word(4), pulse=transfer.counter(0, 6_000)
         )
     )
     assert 0.2 < photons.echo_of(here.stops[0]).mean() < 1.0
@@ -98,11 +94,10 @@ def test_frames_compile_nothing_and_columns_are_photons():
 @pytest.mark.parametrize("rays", [1, 4])
 def test_fog_and_several_rays_go_through_the_same_receiver(rays):
     """Walls behind fog are found, and points of the fog are of the weather."""
-    counter = photons.sensor(*RASTER, "histogram.stops=3", "laser.peak_power_w=10", "laser.divergence_mrad=2",
-                             "histogram.keep='strongest'")  # fmt: skip
-    cloud = Simulator(scene(air=Air(weather=Weather(fog_visibility_m=150.0))), counter, rays=rays).render(
-        seed=1
+    counter = photons.sensor(
+        *RASTER, "histogram.stops=3", "laser.peak_power_w=10", "laser.divergence_mrad=2", "histogram.keep='strongest'"
     )
+    cloud = Simulator(scene(air=Air(weather=Weather(fog_visibility_m=150.0))), counter, rays=rays).render(seed=1)
     kinds = np.bincount(cloud.status, minlength=len(Status))
     assert kinds[Status.WEATHER] > 100
     assert kinds[Status.ECHO] > 500
@@ -114,9 +109,7 @@ def test_fog_and_several_rays_go_through_the_same_receiver(rays):
 
 def test_echoes_from_beyond_the_unambiguous_range_are_labelled():
     board = chain.facing(range_m=300.0, size_m=80.0)
-    counter = photons.sensor(
-        *RASTER, "histogram.shots=40", "histogram.pulse_period_us=1.8", "laser.peak_power_w=200",
-    )  # fmt: skip
+    counter = photons.sensor(*RASTER, "histogram.shots=40", "histogram.pulse_period_us=1.8", "laser.peak_power_w=200")
     counter = dataclasses.replace(counter, tdc=dataclasses.replace(counter.tdc, window_s=1.8e-6))
     cloud = Simulator(chain.scene(board), counter).render(seed=1)
     far = cloud.true_range_m > 290.0

@@ -93,9 +93,12 @@ def needed_w():
 def beam(kind, r):
     """At these ranges: area of the beam, power for each W/sr that a particle there sends back of 1 W/m2."""
     share = receiver.spot_share(
-        profile="top_hat", spot_rad=np.hypot(2.5e-3 / r, 1e-3), off_axis_rad=0.03 / r, field_rad=0.1 / 24.0,
+        profile="top_hat",
+        spot_rad=np.hypot(2.5e-3 / r, 1e-3),
+        off_axis_rad=0.03 / r,
+        field_rad=0.1 / 24.0,
         blur_rad=0.012 / r,
-    )  # fmt: skip
+    )
     area = math.pi * (2.5e-3**2 + (1e-3 * r) ** 2)
     alpha = particles(kind)[2]
     return area, POWER_W * LENS_M2 * EFFICIENCY * share * np.exp(-2.0 * alpha * r) / (area * r**2)
@@ -163,9 +166,7 @@ def tripped_by_all(kind, pulses, far_m=25.0):
     step_m = 0.04
     grid = np.arange(1.0, far_m, step_m)
     floor, sigma_m = np.interp(grid, r, even), 0.5 * c * 5e-9 / math.sqrt(8.0 * math.log(2.0))
-    length = next_fast_len(
-        len(grid) + math.ceil(6.0 * sigma_m / step_m)
-    )  # what goes over the end finds nobody
+    length = next_fast_len(len(grid) + math.ceil(6.0 * sigma_m / step_m))  # what goes over the end finds nobody
     apart = step_m * np.minimum(np.arange(length), length - np.arange(length))
     shape = rfft(np.exp(-0.5 * (apart / sigma_m) ** 2))
     tripped, rows = 0.0, 2000
@@ -200,9 +201,10 @@ def test_as_many_beams_as_where_all_particles_are_drawn(sky):
     if kind == "rain":
         # Half a per cent is what the page rounds off.
         says(
-            "theory.md", "some {} % of the beams come back from a drop",
+            "theory.md",
+            "some {} % of the beams come back from a drop",
             pytest.approx(100.0 * expected, abs=0.5 + 100.0 * SIGMAS * math.sqrt(0.25 / pulses)),
-        )  # fmt: skip
+        )
 
 
 @pytest.mark.parametrize("range_m", [8.0, 12.0, 20.0, 150.0])
@@ -218,11 +220,7 @@ def test_share_of_beams_that_one_takes(sky, range_m):
     error = math.sqrt(expected * (1.0 - expected) / beams)
     assert abs(taken / beams - expected) < SIGMAS * error + 0.02 * expected
     if (kind, range_m) == ("snow", 150.0):
-        says(
-            "gallery.md",
-            "{} % of the beams into the sky have one",
-            pytest.approx(100.0 * taken / beams, abs=0.6),
-        )
+        says("gallery.md", "{} % of the beams into the sky have one", pytest.approx(100.0 * taken / beams, abs=0.6))
         says("gallery.md", "half of them within {} m", strong_median("snow"))
 
 
@@ -262,9 +260,7 @@ def test_things_behind_are_dimmer_by_the_extinction(simulator):
     SNR of 100 and more, so that none is chosen for its noise; tolerance four standard errors, 6e-5.
     """
     scene = load_scene(SCENES / "snow.toml")
-    sensor = load_sensor(
-        "biaxial-905", overrides=["tdc.stops=1", "tdc.keep='last'", "scanner.azimuth_step_deg=0.4"]
-    )
+    sensor = load_sensor("biaxial-905", overrides=["tdc.stops=1", "tdc.keep='last'", "scanner.azimuth_step_deg=0.4"])
     world = simulator("snow").world  # of the same bodies from the same place
     snowed, clear = (
         Simulator(replace(scene, air=replace(scene.air, weather=weather)), sensor, world=world).render()

@@ -17,9 +17,11 @@ from lidarscene.scan.pattern import Pattern
 pytestmark = pytest.mark.usefixtures("mi")
 
 RASTER = [
-    "scanner.azimuth_fov_deg=30", "scanner.elevation_fov_deg=20",
-    "scanner.azimuth_step_deg=0.1", "scanner.elevation_step_deg=0.1",
-]  # fmt: skip
+    "scanner.azimuth_fov_deg=30",
+    "scanner.elevation_fov_deg=20",
+    "scanner.azimuth_step_deg=0.1",
+    "scanner.elevation_step_deg=0.1",
+]
 
 
 def mixed_scene():
@@ -30,12 +32,14 @@ def mixed_scene():
         materials=(
             chain.diffuse("paper", 0.8),
             chain.Material(
-                name="shiny", bsdf="coated", reflectivity=chain.Spectrum.constant(0.3),
+                name="shiny",
+                bsdf="coated",
+                reflectivity=chain.Spectrum.constant(0.3),
                 parameters={"coat_ior": 1.5, "coat_roughness": 0.1},
             ),
         ),
         sky=0.1,
-    )  # fmt: skip
+    )
 
 
 def same(first, second):
@@ -46,9 +50,7 @@ def same(first, second):
 
 @pytest.mark.parametrize(("name", "stops"), [("table1-apd", 1), ("table1-sipm", 3)])
 def test_chunks_do_not_matter(name, stops):
-    sensor = chain.sensor(
-        name, *RASTER, "tdc.threshold_to_noise=3.5", f"tdc.stops={stops}", "tdc.jitter_ps=50"
-    )
+    sensor = chain.sensor(name, *RASTER, "tdc.threshold_to_noise=3.5", f"tdc.stops={stops}", "tdc.jitter_ps=50")
     simulator = Simulator(mixed_scene(), sensor)
     whole = simulator.render(seed=3)
     assert np.count_nonzero(whole.status) > 50
@@ -90,8 +92,7 @@ def test_seeds_matter():
 
 
 @pytest.mark.parametrize(
-    ("name", "extra"),
-    [("table1-apd", ()), ("table1-sipm", ()), ("table1-sipm", ("detector.counting='binomial'",))],
+    ("name", "extra"), [("table1-apd", ()), ("table1-sipm", ()), ("table1-sipm", ("detector.counting='binomial'",))]
 )
 def test_numpy_and_device_agree(name, extra):
     """The same stages on numpy, from the same hits: the same points but for the last bits.
@@ -99,9 +100,7 @@ def test_numpy_and_device_agree(name, extra):
     A lane may flip only where its edge lies within float32 rounding of the comparator's level. The walk is
     left in: correcting it from the amplitude of a saturated SiPM magnifies the last bits without bound.
     """
-    sensor = chain.sensor(
-        name, *RASTER, *extra, "tdc.threshold_to_noise=3.5", "tdc.stops=2", "tdc.walk='raw'"
-    )
+    sensor = chain.sensor(name, *RASTER, *extra, "tdc.threshold_to_noise=3.5", "tdc.stops=2", "tdc.walk='raw'")
     scene = mixed_scene()
     lanes = chain.run(scene, sensor, seed=9)
     pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
@@ -137,12 +136,15 @@ def test_a_second_frame_compiles_nothing(mi):
     with launches.launched() as before:
         first.render(seed=0, chunk=50_000)
     changed = chain.sensor(
-        "table1-apd", *RASTER, "detector.gain=60", "laser.peak_power_w=20", "tdc.threshold_to_noise=6",
-        "optics.aperture_radius_mm=10", "scanner.azimuth_step_deg=0.15",
-    )  # fmt: skip
-    darker = dataclasses.replace(
-        scene, sun=dataclasses.replace(scene.sun, illuminance_klux=1.0, azimuth_rad=1.0)
+        "table1-apd",
+        *RASTER,
+        "detector.gain=60",
+        "laser.peak_power_w=20",
+        "tdc.threshold_to_noise=6",
+        "optics.aperture_radius_mm=10",
+        "scanner.azimuth_step_deg=0.15",
     )
+    darker = dataclasses.replace(scene, sun=dataclasses.replace(scene.sun, illuminance_klux=1.0, azimuth_rad=1.0))
     with launches.launched() as later:
         first.render(seed=1, pose=Pose.from_degrees(position_m=(0.3, 0.2, 0.1), yaw_deg=2.0), chunk=40_000)
         Simulator(darker, changed, world=first.world).render(seed=2)
@@ -153,19 +155,36 @@ WEAK = "laser.peak_power_w=3"
 RECEIVERS = {
     "edge": ("table1-apd", 1, (WEAK,)),
     "fraction behind a pole": (
-        "table1-apd", 1, (WEAK, "receiver.response='single_pole'", "tdc.timing='constant_fraction'", "tdc.stops=2",
-                          "tdc.keep='strongest'"),
+        "table1-apd",
+        1,
+        (
+            WEAK,
+            "receiver.response='single_pole'",
+            "tdc.timing='constant_fraction'",
+            "tdc.stops=2",
+            "tdc.keep='strongest'",
+        ),
     ),
     "matched filter behind a pole": (
-        "table1-apd", 4097, (WEAK, "receiver.response='single_pole'", "tdc.timing='matched_filter'"),
+        "table1-apd",
+        4097,
+        (WEAK, "receiver.response='single_pole'", "tdc.timing='matched_filter'"),
     ),
     "peak of cells": ("table1-sipm", 7, (WEAK, "receiver.response='gaussian'", "tdc.timing='peak'")),
     "samples": (
-        "table1-apd", 3, ("laser.peak_power_w=2", "receiver.response='gaussian'", "sampler.type='adc'",
-                          "sampler.rate_mhz=800", "sampler.bits=10", "sampler.full_scale=1e-5"),
+        "table1-apd",
+        3,
+        (
+            "laser.peak_power_w=2",
+            "receiver.response='gaussian'",
+            "sampler.type='adc'",
+            "sampler.rate_mhz=800",
+            "sampler.bits=10",
+            "sampler.full_scale=1e-5",
+        ),
     ),
     "histogram": ("os1-128", 1, ("laser.peak_power_w=4",)),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", RECEIVERS)
@@ -176,9 +195,11 @@ def test_the_first_point_of_a_receiver_compiles_nothing(case, mi):
     name, count, overrides = RECEIVERS[case]
     board = chain.scene(chain.facing(range_m=100.0, theta_deg=30.0, size_m=2000.0))
     pattern = Pattern.of(
-        azimuth_rad=np.linspace(0.0, 0.9, count), elevation_rad=np.zeros(count),
-        time_s=1e-6 * np.arange(count), frame_s=0.1,
-    )  # fmt: skip
+        azimuth_rad=np.linspace(0.0, 0.9, count),
+        elevation_rad=np.zeros(count),
+        time_s=1e-6 * np.arange(count),
+        frame_s=0.1,
+    )
     sensor = replace(chain.sensor(name, *overrides), scanner=pattern)
     scout, empty, filled = Simulator(board, sensor), [], []
     while len(filled) < 4 or (not empty and count <= 3):

@@ -38,9 +38,7 @@ def test_waveform_is_the_filtered_light(coupling_khz, good_to):
     equipped = sensor("table1-apd", *filtered)
     light = train(np.array([[30.0, 31.0, 36.0, 80.0]]), np.array([[1e-6, 6e-7, 2e-7, 3e-8]]))
     (optical,), (signal,) = sampled(light, sensor("table1-apd"), TIME_S)
-    wanted = behind(
-        signal, gaussian_hz=40e6, coupling_hz=None if coupling_khz is None else 1e3 * coupling_khz
-    )
+    wanted = behind(signal, gaussian_hz=40e6, coupling_hz=None if coupling_khz is None else 1e3 * coupling_khz)
     (power,), (found,) = sampled(light, equipped, TIME_S)
     np.testing.assert_array_equal(power, optical)
     # AC coupling lets pulses peak early by w sigma_p, which the sensor is calibrated for.
@@ -56,9 +54,7 @@ def test_waveform_is_the_filtered_light(coupling_khz, good_to):
         np.array([float(wave.at(np.array([one]))[0][0]) for one in place])
     )
     at_s = radiometry.time_of_flight_s(range_m=wave.origin_m + place * wave.unit_m)
-    np.testing.assert_allclose(
-        seen, np.interp(at_s, TIME_S + late_s, found), atol=max(good_to, 2e-4) * wanted.max()
-    )
+    np.testing.assert_allclose(seen, np.interp(at_s, TIME_S + late_s, found), atol=max(good_to, 2e-4) * wanted.max())
 
 
 def weak_behind_strong(*overrides, snr=2000.0):
@@ -124,9 +120,7 @@ def test_fog_behind_the_filters():
     for equipped in (plain, filtered):
         air = air_light(fog, equipped, extinction_per_m=0.05)
         range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=TIME_S)
-        courses.append(
-            np.interp(range_m, np.linspace(air.near_m, air.far_m, len(air.shape.values)), air.shape.values)
-        )
+        courses.append(np.interp(range_m, np.linspace(air.near_m, air.far_m, len(air.shape.values)), air.shape.values))
         courses[-1][range_m > air.far_m] = 0.0
     wanted = behind(courses[0], gaussian_hz=40e6, coupling_hz=1e6) / float(filtered.peak_share)
     near = (TIME_S > 20e-9) & (TIME_S < 0.9e-6)

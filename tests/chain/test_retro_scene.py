@@ -31,9 +31,10 @@ def clouds(compiled):
     """By name: the scene with both edges timed, with rising edges only, and with a SiPM."""
     (scene, world), made = compiled, {}
     options = {
-        "both": ("table1-apd", *CLIPPING), "rising": ("table1-apd", *CLIPPING, "tdc.edges='rising'"),
+        "both": ("table1-apd", *CLIPPING),
+        "rising": ("table1-apd", *CLIPPING, "tdc.edges='rising'"),
         "sipm": ("table1-sipm", "detector.statistics='time_domain'"),
-    }  # fmt: skip
+    }
     for name, (sensor, *keys) in options.items():
         equipped = chain.sensor(sensor, *FINE, CALIBRATED, *keys)
         made[name] = Simulator(scene, equipped, world=world).render(seed=2)
@@ -115,15 +116,15 @@ def test_bloom_around_a_sign(compiled):
     halo = ["optics.halo.share=1e-3", "optics.halo.divergence_mrad=20"]
     # Beams in a box of sky around the sign's face, 3 degrees up: the disc is 1.7 degrees wide.
     box = [
-        "scanner.azimuth_fov_deg=20", "scanner.elevation_fov_deg=4",
-        "scanner.azimuth_step_deg=0.1", "scanner.elevation_step_deg=0.1",
-    ]  # fmt: skip
+        "scanner.azimuth_fov_deg=20",
+        "scanner.elevation_fov_deg=4",
+        "scanner.azimuth_step_deg=0.1",
+        "scanner.elevation_step_deg=0.1",
+    ]
     scene, world = compiled
 
     def around(rays, *keys):
-        sensor = chain.sensor(
-            "table1-apd", *box, "laser.divergence_mrad=1", "tdc.threshold_to_noise=8", *keys
-        )
+        sensor = chain.sensor("table1-apd", *box, "laser.divergence_mrad=1", "tdc.threshold_to_noise=8", *keys)
         cloud = Simulator(scene, sensor, world=world, rays=rays).render(seed=1, coordinates="sensor")
         azimuth, elevation = np.degrees(cloud.azimuth_rad), np.degrees(cloud.elevation_rad)
         above = (elevation > 1.5) & (np.abs(azimuth + 10.0) < 4.0)
@@ -133,9 +134,7 @@ def test_bloom_around_a_sign(compiled):
     sign = many.body_names.index("sign_20m.0")
     assert (many.body == sign).all()
     # 20 mrad full: the last of 16 rays is 12 mrad off the axis. At 20 m the disc has 0.3 m and some.
-    off_m = np.hypot(
-        20.0 * np.sin(many.azimuth_rad - math.radians(-10.0)), 20.0 * np.tan(many.elevation_rad) - 1.08
-    )
+    off_m = np.hypot(20.0 * np.sin(many.azimuth_rad - math.radians(-10.0)), 20.0 * np.tan(many.elevation_rad) - 1.08)
     bloom = off_m > 0.35
     assert bloom.sum() > 0.3 * len(plain)
     assert off_m.max() < 0.32 + 20.0 * 0.015

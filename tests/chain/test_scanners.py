@@ -52,9 +52,7 @@ def test_every_scanner_renders(name):
     np.testing.assert_allclose(np.linalg.norm(true, axis=1), RADIUS_M, atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    "name", ["mirror_step", "mirror_round", "polygon", "mid40", "flash", "lissajous_pair"]
-)
+@pytest.mark.parametrize("name", ["mirror_step", "mirror_round", "polygon", "mid40", "flash", "lissajous_pair"])
 def test_the_echo_goes_with_the_aperture(name):
     """Rationale: one range, one reflectivity, normal incidence, no background: by (5) only A(theta_r) is left.
     Reference: the share. Tolerance: single precision.
@@ -117,9 +115,7 @@ def test_encoders_place_points_where_they_read():
     """Rationale: the beam goes on turning between the encoder's steps, the reported azimuth does not."""
     step = 2e-3
     cloud = rendered(scanners.vlp16(start_m=None, encoder_rad=step), "tdc.threshold_to_noise=8")
-    steps = (
-        cloud.azimuth_rad[np.abs(cloud.azimuth_rad) < math.pi - step] / step
-    )  # half a turn is no whole step
+    steps = cloud.azimuth_rad[np.abs(cloud.azimuth_rad) < math.pi - step] / step  # half a turn is no whole step
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-3)
     azimuth = np.arctan2(cloud.xyz_m[:, 1], cloud.xyz_m[:, 0])
     off = np.remainder(azimuth - cloud.azimuth_rad + math.pi, 2 * math.pi) - math.pi

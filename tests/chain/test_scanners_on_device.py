@@ -58,8 +58,11 @@ def test_phases_of_ten_million_pulses(mi):
 CHANGED = {
     "raster": lambda: scanners.raster(azimuth_step_rad=0.02, columns=77),
     "vlp16": lambda: scanners.vlp16(
-        rotation_hz=20.0, elevation_rad=[0.02 * n for n in range(32)], azimuth_rad=[0.01] * 32,
-        firing_s=[1e-6 * n for n in range(32)], start_m=([0.1] * 32, [0.0] * 32, [0.0] * 32),
+        rotation_hz=20.0,
+        elevation_rad=[0.02 * n for n in range(32)],
+        azimuth_rad=[0.01] * 32,
+        firing_s=[1e-6 * n for n in range(32)],
+        start_m=([0.1] * 32, [0.0] * 32, [0.0] * 32),
     ),
     "mirror_step": lambda: scanners.mirror(
         columns=99, rows=7, fast_turn_rad=0.1, line_duty=0.5, mirrors=scanners.gimbal(incidence_rad=0.2)
@@ -76,7 +79,7 @@ CHANGED = {
     "pattern": lambda: scanners.pattern(
         azimuth_rad=np.zeros(9), elevation_rad=np.zeros(9), time_s=np.arange(9.0), channel=np.zeros(9)
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", CHANGED)
@@ -109,7 +112,13 @@ def test_tables_go_to_the_device_once():
 def test_every_kind_is_tried():
     kinds = {type(make()) for make in ALL.values()}
     assert kinds == {
-        scan.Raster, scan.Spinning, scan.MirrorRaster, scan.Lissajous, scan.Polygon, scan.Risley, scan.Flash,
+        scan.Raster,
+        scan.Spinning,
+        scan.MirrorRaster,
+        scan.Lissajous,
+        scan.Polygon,
+        scan.Risley,
+        scan.Flash,
         scan.Pattern,
-    }  # fmt: skip
+    }
     assert {type(make()) for make in CHANGED.values()} == kinds

@@ -12,16 +12,16 @@ from lidarscene.rendering.stages import ambient_of
 pytestmark = pytest.mark.usefixtures("mi")
 
 RASTER = [
-    "scanner.azimuth_fov_deg=30", "scanner.elevation_fov_deg=20",
-    "scanner.azimuth_step_deg=0.1", "scanner.elevation_step_deg=0.1",
+    "scanner.azimuth_fov_deg=30",
+    "scanner.elevation_fov_deg=20",
+    "scanner.azimuth_step_deg=0.1",
+    "scanner.elevation_step_deg=0.1",
     "detector.statistics='time_domain'",
-]  # fmt: skip
+]
 
 
 def scene():
-    return chain.scene(
-        chain.facing(range_m=60.0, theta_deg=30.0, size_m=60.0), chain.ball(at=(30.0, 3.0, 0.0))
-    )
+    return chain.scene(chain.facing(range_m=60.0, theta_deg=30.0, size_m=60.0), chain.ball(at=(30.0, 3.0, 0.0)))
 
 
 CORRELATED = ["detector.crosstalk=0.1", "detector.afterpulse=0.1", "detector.afterpulse_ns=20"]
@@ -31,21 +31,16 @@ CORRELATED = ["detector.crosstalk=0.1", "detector.afterpulse=0.1", "detector.aft
 def test_numpy_and_device_agree(counting, more):
     """A table in float32, as everything else on the device: SNR to 2e-4, the same points kept."""
     sensor = chain.sensor(
-        "table1-sipm",
-        *RASTER,
-        f"detector.counting='{counting}'",
-        *more,
-        "tdc.threshold_to_noise=3.5",
-        "tdc.walk='raw'",
+        "table1-sipm", *RASTER, f"detector.counting='{counting}'", *more, "tdc.threshold_to_noise=3.5", "tdc.walk='raw'"
     )
     lanes = chain.run(scene(), sensor, seed=9)
     pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
     light = echoes.receive(
-        beams.fire(
-            sensor, pulse=pulse, origin_m=(0.0, 0.0, 0.0), rotation=tuple(np.eye(3, dtype=np.float32).ravel())
-        ),
-        lanes.hits, sensor, ambient_of(scene(), sensor),
-    )  # fmt: skip
+        beams.fire(sensor, pulse=pulse, origin_m=(0.0, 0.0, 0.0), rotation=tuple(np.eye(3, dtype=np.float32).ravel())),
+        lanes.hits,
+        sensor,
+        ambient_of(scene(), sensor),
+    )
     detection = returns.detect(light, sensor, seed=9, pulse=pulse)
     assert (detection.snr > 5.0).sum() > 1000
     np.testing.assert_allclose(detection.snr, lanes.detection.snr, rtol=2e-4, atol=1e-6)

@@ -40,14 +40,23 @@ def test_lambertian_forms_agree_with_the_stage():
     """(5) and (8) written out, against the scene's form with f_r = rho / pi."""
     optics, detector = APD.optics, APD.detector
     echo = radiometry.lambertian_echo_power_w(
-        peak_power_w=45.0, reflectivity=0.1, cos_incidence=1.0, range_m=100.0, transmittance=0.98,
-        aperture_m2=optics.aperture_m2, efficiency=0.7206,
-    )  # fmt: skip
+        peak_power_w=45.0,
+        reflectivity=0.1,
+        cos_incidence=1.0,
+        range_m=100.0,
+        transmittance=0.98,
+        aperture_m2=optics.aperture_m2,
+        efficiency=0.7206,
+    )
     sun = radiometry.lambertian_sun_power_w(
-        sun_irradiance_w_m2=29.4, reflectivity=0.1, cos_sun=0.5, aperture_m2=optics.aperture_m2,
+        sun_irradiance_w_m2=29.4,
+        reflectivity=0.1,
+        cos_sun=0.5,
+        aperture_m2=optics.aperture_m2,
         field_of_view_sr=field_of_view_sr(detector.radius_m, optics.focal_length_m),
-        transmittance=0.98, efficiency=0.7986,
-    )  # fmt: skip
+        transmittance=0.98,
+        efficiency=0.7986,
+    )
     assert echo == pytest.approx(light().peak_power_w[0], rel=1e-12)
     assert sun == pytest.approx(light().background_power_w[0], rel=1e-12)
 
@@ -56,9 +65,7 @@ def test_sipm_counts():
     """(22)-(24) at 100 m."""
     d = SIPM.detector
     background = sipm.background_photons(
-        power_w=light().background_power_w[0],
-        dead_time_s=d.dead_time_s,
-        photon_energy_j=APD.laser.photon_energy_j,
+        power_w=light().background_power_w[0], dead_time_s=d.dead_time_s, photon_energy_j=APD.laser.photon_energy_j
     )
     signal = sipm.signal_photons(
         peak_power_w=light().peak_power_w[0], pulse_fwhm_s=6e-9, photon_energy_j=APD.laser.photon_energy_j
@@ -104,10 +111,15 @@ def closed_forms(**changes):
     light_and_optics = (
         range_limit.Plane(reflectivity=0.1, sun_irradiance_w_m2=29.4, transmittance=0.98, cos_sun=0.5),
         range_limit.Receiver(
-            peak_power_w=45.0, aperture_m2=APD.optics.aperture_m2, focal_over_radius=300.0, threshold_to_noise=5.0,
-            photon_energy_j=APD.laser.photon_energy_j, efficiency_laser=0.7206, efficiency_sun=0.7986,
+            peak_power_w=45.0,
+            aperture_m2=APD.optics.aperture_m2,
+            focal_over_radius=300.0,
+            threshold_to_noise=5.0,
+            photon_energy_j=APD.laser.photon_energy_j,
+            efficiency_laser=0.7206,
+            efficiency_sun=0.7986,
         ),
-    )  # fmt: skip
+    )
     apd_m = range_limit.maximum_range_apd_m(
         *light_and_optics, quantum_efficiency=0.7, excess_noise=80**0.3, bandwidth_hz=167e6, **changes
     )

@@ -17,9 +17,7 @@ APERTURE = math.pi * 0.025**2
 
 def powers(range_m, klux):
     echo = 0.98**2 * 0.7206 * 0.1 * 45.0 * APERTURE / (math.pi * range_m**2)
-    sun = (
-        29.4 * klux / 100.0 * 0.7986 * 0.98 * 0.1 * APERTURE * (1e-4 / 0.03) ** 2 * math.cos(math.radians(60))
-    )
+    sun = 29.4 * klux / 100.0 * 0.7986 * 0.98 * 0.1 * APERTURE * (1e-4 / 0.03) ** 2 * math.cos(math.radians(60))
     return echo, sun
 
 
@@ -45,10 +43,7 @@ def snr_sipm(range_m, klux):
     return fired / math.sqrt(busy * math.exp(background * trigger) + cells * dark * dead)
 
 
-SENSORS = (
-    (load_sensor("table1-apd"), snr_apd),
-    (load_sensor("table1-sipm"), snr_sipm),
-)
+SENSORS = ((load_sensor("table1-apd"), snr_apd), (load_sensor("table1-sipm"), snr_sipm))
 
 
 @pytest.mark.parametrize(("sensor", "by_hand"), SENSORS)

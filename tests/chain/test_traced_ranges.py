@@ -11,9 +11,12 @@ pytestmark = pytest.mark.usefixtures("mi")
 CHECK_2 = 1e-6  # single precision: a float32 has 6e-8
 PLACES_M = ((0.0, 0.0, 0.0), (1234.5, -987.6, 12.3), (4.5e5, 5.1e6, 300.0))  # the last: a UTM northing
 SENSOR = chain.sensor(
-    "table1-apd", "scanner.azimuth_fov_deg=10", "scanner.elevation_fov_deg=10",
-    "scanner.azimuth_step_deg=0.1", "scanner.elevation_step_deg=0.1",
-)  # fmt: skip
+    "table1-apd",
+    "scanner.azimuth_fov_deg=10",
+    "scanner.elevation_fov_deg=10",
+    "scanner.azimuth_step_deg=0.1",
+    "scanner.elevation_step_deg=0.1",
+)
 
 
 def traced(body, place):
@@ -23,11 +26,7 @@ def traced(body, place):
     length = np.linalg.norm(direction, axis=1)
     found = lanes.hits.found
     # The tracer's t counts direction vectors; those are unit to float32 rounding.
-    return (
-        (lanes.hits.range_m.astype(np.float64) * length)[found],
-        (direction / length[:, None])[found],
-        found,
-    )
+    return ((lanes.hits.range_m.astype(np.float64) * length)[found], (direction / length[:, None])[found], found)
 
 
 def worst(measured, expected):
@@ -50,9 +49,7 @@ def test_tilted_plane(range_m, place):
 @pytest.mark.parametrize("range_m", [1.0, 3.0, 20.0, 100.0, 500.0])
 def test_sphere(range_m, place):
     radius, distance = 0.05 * range_m, 1.05 * range_m
-    measured, direction, found = traced(
-        chain.ball(at=np.add(place, (distance, 0.0, 0.0)), radius_m=radius), place
-    )
+    measured, direction, found = traced(chain.ball(at=np.add(place, (distance, 0.0, 0.0)), radius_m=radius), place)
     along = direction[:, 0] * distance
     inside = along**2 - distance**2 + radius**2
     # Rays that graze within 1 % of the radius are left to the silhouette.
@@ -68,9 +65,7 @@ def test_box(range_m, place):
     """Against the slab method in float64, the box turned by 30 degrees."""
     size, yaw = np.array([0.06, 0.08, 0.05]) * range_m, 30.0
     centre = np.array([1.04 * range_m, 0.0, 0.0])
-    measured, direction, found = traced(
-        chain.box(at=np.array(place) + centre, size_m=size, yaw_deg=yaw), place
-    )
+    measured, direction, found = traced(chain.box(at=np.array(place) + centre, size_m=size, yaw_deg=yaw), place)
     turn = Pose.from_degrees(yaw_deg=yaw).rotation
     origin, local = -centre @ turn, direction @ turn
     with np.errstate(divide="ignore"):
@@ -88,9 +83,7 @@ def test_large_ground_close_by():
     from lidarscene.scene.model import Body, Part
 
     vertices, faces = plane_mesh(size_m=(400.0, 400.0))
-    road = Body(
-        name="road", class_name="road", parts=(Part(vertices_m=vertices, faces=faces, material="grey"),)
-    )
+    road = Body(name="road", class_name="road", parts=(Part(vertices_m=vertices, faces=faces, material="grey"),))
     pose = Pose.from_degrees(position_m=(3.0, 5.0, 1.8), pitch_deg=-60.0)
     lanes = chain.run(chain.scene(road, pose=pose), SENSOR)
     direction = lanes.direction.astype(np.float64)

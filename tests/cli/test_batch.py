@@ -35,8 +35,10 @@ def test_what_a_user_sees(
     assert main.main(["batch", "job.toml", "-o", "out", "--workers", "1"]) == 1
     out, err = capsys.readouterr()
     assert [line.split()[:3] for line in out.splitlines()][1:4] == [
-        ["rendered", "4"], ["there", "already", "0"], ["failed", "4", "their"],
-    ]  # fmt: skip
+        ["rendered", "4"],
+        ["there", "already", "0"],
+        ["failed", "4", "their"],
+    ]
     failed = [line for line in err.splitlines() if line.startswith("failed")]
     assert len(failed) == 4
     assert all("bad.toml table1-apd" in line and "no material 'concrate'" in line for line in failed)
@@ -58,9 +60,11 @@ def test_on_a_terminal(mi: Any, job_file: Path, tmp_path: Path) -> None:
     ours, theirs = pty.openpty()
     running = subprocess.Popen(
         [sys.executable, "-m", "lidarscene", "batch", "job.toml", "-o", "out", "--workers", "1"],
-        cwd=tmp_path, env=os.environ | {"TERM": "xterm", "COLUMNS": "100"},
-        stdout=subprocess.DEVNULL, stderr=theirs,
-    )  # fmt: skip
+        cwd=tmp_path,
+        env=os.environ | {"TERM": "xterm", "COLUMNS": "100"},
+        stdout=subprocess.DEVNULL,
+        stderr=theirs,
+    )
     os.close(theirs)
     shown, answers = b"", None
     while part := _read(ours):
@@ -99,20 +103,13 @@ def _read(terminal: int) -> bytes:
         (["job.toml"], "the following arguments are required: -o/--output"),
         (["job.toml", "-o", "wall.toml"], "--output wall.toml: must be a folder, got a file"),
         (["job.toml", "-o", "out", "--workers", "0"], "must be a whole number from 1 to 1024, got 0"),
-        (
-            ["job.toml", "-o", "out", "--workers", "1", "--scheduler", "a:1"],
-            "must be only one of them, got both",
-        ),
-        (
-            ["job.toml", "-o", "out", "--scheduler", "nonsense"],
-            "no Dask scheduler answers there: missing port",
-        ),
+        (["job.toml", "-o", "out", "--workers", "1", "--scheduler", "a:1"], "must be only one of them, got both"),
+        (["job.toml", "-o", "out", "--scheduler", "nonsense"], "no Dask scheduler answers there: missing port"),
     ],
 )
 def test_mistakes(
-    job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed,
-    argv: list[str], told: str,
-) -> None:  # fmt: skip
+    job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed, argv: list[str], told: str
+) -> None:
     pytest.importorskip("distributed")
     monkeypatch.chdir(tmp_path)
     assert main.main(["batch", *argv]) != 0
@@ -133,9 +130,7 @@ def test_without_a_package(
     """
     pytest.importorskip("distributed")
     find = importlib.util.find_spec
-    monkeypatch.setattr(
-        cluster.importlib.util, "find_spec", lambda name: None if name == package else find(name)
-    )
+    monkeypatch.setattr(cluster.importlib.util, "find_spec", lambda name: None if name == package else find(name))
     argv = ["batch", str(job_file), "-o", str(tmp_path / "out")]
     assert main.main(argv) == 1
     told = capsys.readouterr().err

@@ -68,9 +68,12 @@ def test_all_mistakes_of_what_it_names(run: Run, tmp_path: Path) -> None:
 def test_files_of_every_kind_are_known_by_their_tables(run: Run, tmp_path: Path) -> None:
     scenes = Path(__file__).parents[2] / "scenes"
     files = [
-        scenes / "edges.toml", scenes / "job.toml", scenes / "rig.toml", catalog.path_of("sensors", "vlp-16"),
+        scenes / "edges.toml",
+        scenes / "job.toml",
+        scenes / "rig.toml",
+        catalog.path_of("sensors", "vlp-16"),
         catalog.path_of("materials", "leaf"),
-    ]  # fmt: skip
+    ]
     done = run("check", *map(str, files), "edges")
     assert done.code == 0
     assert done.out.splitlines() == [f"{one}: no mistake found" for one in [*files, "edges"]]

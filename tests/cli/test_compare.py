@@ -25,9 +25,7 @@ from lidarscene.studies.compare.report import Comparison, verdict
 PAIR = ("--sensors", "table1-apd,table1-sipm")
 WEAK = (*COARSE, "--set=laser.peak_power_w=0.05")
 SWEPT = ("--illuminance", "0.1,100")
-NAMES = compare_page.file_names(
-    ["table1-apd", "table1-sipm"], matched=True, rated=True, swept=True, simulated=True
-)
+NAMES = compare_page.file_names(["table1-apd", "table1-sipm"], matched=True, rated=True, swept=True, simulated=True)
 
 
 @pytest.fixture(scope="module")
@@ -77,9 +75,7 @@ def test_both_clouds_have_one_scale(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     """Rationale: the same colour means the same SNR in both pictures."""
     scales = []
     monkeypatch.setattr(
-        compare_page.plots,
-        "perspective_picture",
-        lambda *_, scale, **more: scales.append((more["colour_by"], scale)),
+        compare_page.plots, "perspective_picture", lambda *_, scale, **more: scales.append((more["colour_by"], scale))
     )
     weak, strong = (street(step_deg=4.0) for _ in range(2))
     strong = dataclasses.replace(strong, snr=10.0 * strong.snr)
@@ -108,15 +104,26 @@ def test_verdict_by_hand(found: tuple[int, int], told: str) -> None:
     empty = street(step_deg=4.0).select([])
     seen = tuple(
         Observation(
-            name=name, cloud=empty, pulse=np.zeros(0, np.int64), fired=100, lost={},
+            name=name,
+            cloud=empty,
+            pulse=np.zeros(0, np.int64),
+            fired=100,
+            lost={},
             surfaces=Surfaces(
-                pulse=np.arange(100), found=np.arange(100) < count, snr=np.ones(100), true_range_m=np.ones(100),
-                incidence_angle_rad=np.ones(100), reflectivity=np.ones(100), body=np.zeros(100, np.int32),
-                class_id=np.zeros(100, np.int32), probability=None, tripped=None,
+                pulse=np.arange(100),
+                found=np.arange(100) < count,
+                snr=np.ones(100),
+                true_range_m=np.ones(100),
+                incidence_angle_rad=np.ones(100),
+                reflectivity=np.ones(100),
+                body=np.zeros(100, np.int32),
+                class_id=np.zeros(100, np.int32),
+                probability=None,
+                tripped=None,
             ),
         )
         for name, count in zip("ab", found, strict=True)
-    )  # fmt: skip
+    )
     comparison = Comparison(
         title="", everything=seen, sensors=(None, None), groups=(), matched=True, of="the pulses", notes=()
     )
@@ -213,13 +220,7 @@ def test_other_scanners_are_not_matched(folder: Path, run: Run, no_charts: None,
     assert (told["matched"], told["pairs"]) == (False, [])
     assert told["sensors"][0]["pulses"] != told["sensors"][1]["pulses"]
     assert "With --same-beams all" in (tmp_path / "own" / "index.html").read_text("utf-8")
-    ran = run(
-        "compare",
-        str(tmp_path / "own" / "table1-apd.ply"),
-        str(tmp_path / "own" / "vlp-16.ply"),
-        "-o",
-        "files",
-    )
+    ran = run("compare", str(tmp_path / "own" / "table1-apd.ply"), str(tmp_path / "own" / "vlp-16.ply"), "-o", "files")
     assert (ran.code, ran.err) == (0, "")
     assert "share no pulses" in (tmp_path / "files" / "index.html").read_text("utf-8")
     ran = run("compare", scene, *sensors, "-o", "same", "--same-beams")
@@ -278,7 +279,7 @@ def test_nothing_found_at_all(
         (("a.ply", "b.ply", "-o", "out"), "a.ply"),
         (("wall.toml", "b.ply", "-o", "out"), "wall.toml: suffix '.toml' names no point cloud format"),
     ],
-)  # fmt: skip
+)
 def test_mistakes(run: Run, wall: str, tmp_path: Path, argv: tuple[str, ...], said: str) -> None:
     ran = run("compare", *argv)
     assert (ran.code, ran.out) == (2, "")

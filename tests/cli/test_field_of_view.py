@@ -177,13 +177,10 @@ yaw_deg = 180
 def test_a_rig(mi, run: Run, no_charts: None, tmp_path: Path) -> None:
     """Each looks its own way from its own place: on the ground, and on walls 10 m before and behind the vehicle."""
     (tmp_path / "walls.toml").write_text(
-        LABELLED
-        + LABELLED.replace('name = "wall"', 'name = "behind"').replace("[10, 0, 1.8]", "[-10, 0, 1.8]")
+        LABELLED + LABELLED.replace('name = "wall"', 'name = "behind"').replace("[10, 0, 1.8]", "[-10, 0, 1.8]")
     )
     (tmp_path / "rig.toml").write_text(RIG)
-    ran = run(
-        "fov", "--rig", "rig.toml", "-o", "out", *FAST, "--scene", "walls.toml", "--pose=0,0,-1.9", "--json"
-    )
+    ran = run("fov", "--rig", "rig.toml", "-o", "out", *FAST, "--scene", "walls.toml", "--pose=0,0,-1.9", "--json")
     assert (ran.code, ran.err) == (0, "")
     assert set(json.loads(ran.out)["sensors"]) == {"front", "back"}
     rows = {row["sensor"]: row for row in bodies_of(tmp_path / "out")}
@@ -241,16 +238,12 @@ def test_a_rigs_vehicle_stands_at_the_origin(
     """Rationale: a rig's places are on its vehicle; the scene's own sensor stands 2 m above it, or elsewhere."""
     vehicles: list[Any] = []
     monkeypatch.setattr(study, "write", lambda *_, vehicle, **__: vehicles.append(vehicle) or "")
-    ran = run(
-        "fov", "--rig", str(SCENES / "rig.toml"), "--scene", str(SCENES / "car.toml"), "-o", "out", *pose
-    )
+    ran = run("fov", "--rig", str(SCENES / "rig.toml"), "--scene", str(SCENES / "car.toml"), "-o", "out", *pose)
     assert (ran.code, ran.err) == (0, "")
     assert vehicles[0].position_m.tolist() == [x_m, 0.0, 0.0]
 
 
 @pytest.mark.parametrize(("cell", "code"), [("0.02", 0), ("10", 0), ("0.019", 2), ("10.1", 2)])
-def test_the_smallest_and_the_largest_cell(
-    run: Run, monkeypatch: pytest.MonkeyPatch, cell: str, code: int
-) -> None:
+def test_the_smallest_and_the_largest_cell(run: Run, monkeypatch: pytest.MonkeyPatch, cell: str, code: int) -> None:
     monkeypatch.setattr(study, "write", lambda *_, **__: "")
     assert run("fov", "table1-apd", "-o", "out", "--cell", cell).code == code

@@ -24,9 +24,12 @@ SCENES = sorted(set((ROOT / "scenes").glob("*.toml")) - set(RIGS) - set(JOBS))
 
 # A wall of which some echoes are kept, some are lost in noise, and beside which false alarms come.
 HARD = (
-    "--set=laser.peak_power_w=0.0009", "--set=tdc.threshold_to_noise=2.5", "--set=tdc.window_us=1",
-    "--set=scanner.azimuth_step_deg=0.5", "--set=scanner.elevation_step_deg=0.5",
-)  # fmt: skip
+    "--set=laser.peak_power_w=0.0009",
+    "--set=tdc.threshold_to_noise=2.5",
+    "--set=tdc.window_us=1",
+    "--set=scanner.azimuth_step_deg=0.5",
+    "--set=scanner.elevation_step_deg=0.5",
+)
 
 
 def render(run: Run, scene: str, *argv: str, output: str = "o.ply") -> PointCloud:
@@ -79,9 +82,7 @@ def test_catalog(run: Run) -> None:
 
 
 def test_catalog_on_a_terminal_of_few_letters(run_python: Any) -> None:
-    code = (
-        "from lidarscene.cli.main import main; main(['catalog']); main(['catalog', 'materials', 'concrete'])"
-    )
+    code = "from lidarscene.cli.main import main; main(['catalog']); main(['catalog', 'materials', 'concrete'])"
     done = run_python(code, PYTHONIOENCODING="ascii")
     assert (done.returncode, done.stderr) == (0, "")
 
@@ -96,7 +97,7 @@ def test_catalog_on_a_terminal_of_few_letters(run_python: Any) -> None:
         ("job", JOBS, ({"format": "docx"}, {"sweep": {"scene": {"sun.azimuth_deg": 5}}})),
     ],
     ids=("scene", "sensor", "material", "rig", "job"),
-)  # fmt: skip
+)
 def test_schema_takes_what_we_ship_and_no_more(run: Run, kind: str, files: list[Path], wrong: Any) -> None:
     """Each file as it is; the first and the last with each mistake."""
     schema = json.loads(run("schema", kind).out)
@@ -158,10 +159,7 @@ def test_missed_pulses_and_echoes_are_all_pulses(run: Run, wall: str, mi: Module
     assert len(np.unique(missed["pulse"])) == len(missed["pulse"]) == len(lost)
     names = [str(name) for name in missed["reason_names"]]
     counts = np.bincount(missed["reason"], minlength=len(names))
-    assert (
-        dict(zip((name.replace(" ", "_") for name in names), counts, strict=True))
-        == {"kept": 0} | told["missed"]
-    )
+    assert dict(zip((name.replace(" ", "_") for name in names), counts, strict=True)) == {"kept": 0} | told["missed"]
     np.testing.assert_array_equal(missed["channel"], missed["pulse"] // 81)
     np.testing.assert_allclose(missed["time_s"], missed["pulse"] / 50e3, rtol=1e-12)
 
@@ -226,13 +224,7 @@ def centre_deg(cloud: PointCloud) -> tuple[float, float]:
 
 @pytest.mark.parametrize(
     ("pose", "azimuth_deg", "elevation_deg"),
-    [
-        ("0,0,0", 0, 0),
-        ("0,0,0,6", -6, 0),
-        ("0,0,0,0,4", 0, -4),
-        ("0,0,0,-6,-4", 6, 4),
-        ("0,0,0,4,0,90", 0, 4),
-    ],
+    [("0,0,0", 0, 0), ("0,0,0,6", -6, 0), ("0,0,0,0,4", 0, -4), ("0,0,0,-6,-4", 6, 4), ("0,0,0,4,0,90", 0, 4)],
 )
 def test_yaw_turns_left_pitch_up_and_roll_the_left_side_up(
     run: Run, tmp_path: Path, mi: ModuleType, pose: str, azimuth_deg: float, elevation_deg: float
@@ -295,8 +287,7 @@ def test_flipped_faces_lose_no_points(run: Run, tmp_path: Path, mi: ModuleType) 
 def test_bodies_classes_and_materials_in_the_cloud(run: Run, tmp_path: Path, mi: ModuleType) -> None:
     """A wall in front, two instances of a box beside it: who was hit is who stands there."""
     (tmp_path / "three.toml").write_text(
-        WALL
-        + '[[bodies]]\nname = "post"\nclass = "pole"\nprimitive = "box"\nsize_m = [1, 1, 6]\nmaterial = "brick"\n'
+        WALL + '[[bodies]]\nname = "post"\nclass = "pole"\nprimitive = "box"\nsize_m = [1, 1, 6]\nmaterial = "brick"\n'
         "instances = [{ position_m = [9, 3, 0] }, { position_m = [9, -3, 0] }]\n"
     )
     cloud = render(run, "three.toml")
@@ -326,9 +317,11 @@ def test_the_five_scenes_are_there() -> None:
 @pytest.mark.parametrize("scene", SCENES, ids=lambda path: path.stem)
 def test_shipped_scene_renders(run: Run, mi: ModuleType, scene: Path) -> None:
     raster = scene.stem != "drive"  # whose sensor turns, and has no steps
-    coarse = ("--set=scanner.azimuth_step_deg=2", "--set=scanner.elevation_step_deg=2") if raster else (
-        "--set=scanner.columns_per_turn=64", "--set=laser.repetition_rate_khz=81.92"
-    )  # fmt: skip
+    coarse = (
+        ("--set=scanner.azimuth_step_deg=2", "--set=scanner.elevation_step_deg=2")
+        if raster
+        else ("--set=scanner.columns_per_turn=64", "--set=laser.repetition_rate_khz=81.92")
+    )
     ran = run("render", str(scene), "-o", "o.ply", *coarse, "--json")
     assert (ran.code, ran.err) == (0, "")
     told = json.loads(ran.out)
@@ -367,18 +360,28 @@ print(json.dumps([code, ast._syntax_counter, len(kernels), sorted(sys.modules)])
 """
 
 NOT_FOR_A_CLOUD = (
-    "scipy", "matplotlib", "PIL", "pandas", "pyarrow", "laspy", "dask", "distributed", "open3d", "http.server",
-    "numpy.ma", "unittest", "asyncio", "mitsuba.test",
-)  # fmt: skip
+    "scipy",
+    "matplotlib",
+    "PIL",
+    "pandas",
+    "pyarrow",
+    "laspy",
+    "dask",
+    "distributed",
+    "open3d",
+    "http.server",
+    "numpy.ma",
+    "unittest",
+    "asyncio",
+    "mitsuba.test",
+)
 
 
 def test_the_first_cloud_takes_no_more_than_it_needs(tmp_path: Path, run_python) -> None:
     """What a start costs, by construction: no library that a PLY does not need, no integrator of Mitsuba rewritten, and
     not many kernels to compile where none is cached. A scene without mesh files: the first read of one takes trimesh.
     """
-    done = run_python(
-        FIRST_CLOUD.format(scene=str(ROOT / "scenes" / "edges.toml"), path=str(tmp_path / "edges.ply"))
-    )
+    done = run_python(FIRST_CLOUD.format(scene=str(ROOT / "scenes" / "edges.toml"), path=str(tmp_path / "edges.ply")))
     assert done.returncode == 0, done.stderr
     code, rewritten, kernels, modules = json.loads(done.stdout.splitlines()[-1])
     assert code == 0

@@ -113,7 +113,7 @@ TYPED = [
     ("doctor --jsn", "unrecognized arguments: --jsn; see lidarscene doctor -h"),
     ("paper out", "see lidarscene paper -h"),
     ("paper -o notes.txt", "notes.txt' is a file, not a folder"),
-]  # fmt: skip
+]
 
 CALLED: list[tuple[Callable[[], Any], str]] = [
     (lambda: lidarscene.load_scene("cars"), "no scene 'cars' in the catalogue; did you mean car"),
@@ -135,7 +135,7 @@ CALLED: list[tuple[Callable[[], Any], str]] = [
     (lambda: small_cloud().view(scene="kar"), "no scene 'kar' in the catalogue; did you mean car"),
     (lambda: lidarscene.deskewed(small_cloud(), (1, 0, 0)), "must be a motion such as Simulator.motion, got tuple"),
     (lambda: lidarscene.PointCloud.load("wall.toml"), "suffix '.toml' names no point cloud format; known: .ply,"),
-]  # fmt: skip
+]
 
 
 @pytest.fixture

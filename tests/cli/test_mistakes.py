@@ -105,8 +105,10 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, told: str) 
         (WALL.replace("[10, 0, 1.8]", "[1, 0]"), 'bodies[0 "wall"].position_m: must be a longer list, got [1, 0]'),
         (WALL.replace("[10, 0, 1.8]", "[1e30, 0, 0]"), 'bodies[0 "wall"].position_m[0]: must be <= 1e+08'),
         (WALL.replace('"concrete"', "3"), 'bodies[0 "wall"].material: must be text, got 3'),
-        (WALL.replace("concrete", "concrate"), ('bodies[0 "wall"].material: no material \'concrate\' in the '
-         "catalogue; did you mean concrete or")),
+        (
+            WALL.replace("concrete", "concrate"),
+            ("bodies[0 \"wall\"].material: no material 'concrate' in the catalogue; did you mean concrete or"),
+        ),
         (WALL.replace('material = "concrete"', ""), "bodies[0 \"wall\"]: key 'material' is missing"),
         (WALL.replace('name = "wall"', ""), "key 'bodies[0].name' is missing"),
         (WALL.replace('"wall"', '""'), 'bodies[0 ""].name: must be text that is not empty, got ""'),
@@ -114,13 +116,25 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, told: str) 
         (WALL + 'mesh = "a.obj"\n', 'bodies[0 "wall"]: one of mesh and primitive must be given, got both or none'),
         (WALL + "radius_m = 1\n", 'bodies[0 "wall"]: a plane must have size_m, got size_m and radius_m'),
         (WALL + 'materials = { a = "brick" }\n', 'bodies[0 "wall"]: materials is for the sub-meshes of a mesh'),
-        (WALL.replace('"plane"', '"cone"'),
-         "bodies[0 \"wall\"].primitive: must be 'plane', 'box', 'sphere' or 'cylinder', got \"cone\""),
+        (
+            WALL.replace('"plane"', '"cone"'),
+            "bodies[0 \"wall\"].primitive: must be 'plane', 'box', 'sphere' or 'cylinder', got \"cone\"",
+        ),
         (WALL + "[air]\nvisibility_km = 0\n", "air.visibility_km: must be >= 0.0001, got 0"),
-        (WALL + "[air]\nvisibility_km = 1\ntransmittance = 1\n", ("air: must have only one of transmittance, "
-         "extinction_per_m, visibility_km, got transmittance and visibility_km")),
-        (WALL + "[weather]\nfog = 'thick'\n", ("weather.fog: must be 'strong_advection', 'moderate_advection', "
-         "'radiation', 'strong_spray', 'moderate_spray' or 'chu_hogg', got \"thick\"")),
+        (
+            WALL + "[air]\nvisibility_km = 1\ntransmittance = 1\n",
+            (
+                "air: must have only one of transmittance, "
+                "extinction_per_m, visibility_km, got transmittance and visibility_km"
+            ),
+        ),
+        (
+            WALL + "[weather]\nfog = 'thick'\n",
+            (
+                "weather.fog: must be 'strong_advection', 'moderate_advection', "
+                "'radiation', 'strong_spray', 'moderate_spray' or 'chu_hogg', got \"thick\""
+            ),
+        ),
         (WALL + "[weather]\nfog_visibility_km = 0\n", "weather.fog_visibility_km: must be >= 0.005, got 0"),
         (WALL + "[weather]\nsnow = 'powder'\n", "weather.snow: must be 'dry' or 'wet', got \"powder\""),
         (WALL + "[weather]\nrain = 5\n", "unknown key 'weather.rain'; did you mean rain_mm_h?"),
@@ -128,30 +142,45 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, told: str) 
         (WALL + "[sensor]\nname = 'none.toml'\n", "none.toml: no such file"),
         (WALL + "[sensor]\nname = 'table2'\n", "no sensor 'table2' in the catalogue; did you mean table1-"),
         (WALL + "[materials.x]\nreflectivity = 2\n", "materials.x.reflectivity: must be <= 1, got 2"),
-        (WALL + "[materials.x]\nreflectivity = [{ wavelength_nm = 905, value = 2 }]\n",
-         "materials.x.reflectivity[0].value: must be <= 1, got 2"),
-        (WALL + "[materials.x]\nreflectivity = 0.6\ntransmittance = 0.5\n",
-         "materials.x: reflectivity and transmittance: must be <= 1 together, got 1.1"),
-        (WALL + "[materials.x]\nreflectivity = 0.6\ntransmittance = [{ wavelength_nm = 905, value = 0.45 }]\n",
-         "materials.x: reflectivity and transmittance: must be <= 1 together, got 1.05 at 905 nm"),
-        (WALL + "[materials.x]\nreflectivity = 0.6\nbsdf = 'mirror'\ncover = 0.5\n",
-         "materials.x: a mirror material has no cover"),
-        (WALL + "[materials.x]\nreflectivity = 0.6\ncover = 0\n",
-         "materials.x.cover: must be > 0, got 0"),
-        (WALL + "[materials.x]\nreflectivity = 0.1\nroughness = 0.1\n", ("materials.x: a diffuse material has no "
-         "roughness")),
-        (WALL + "[materials.x]\nreflectivity = 0.1\nbsdf = 'coated'\n", ("materials.x: a coated material needs "
-         "coat_ior and coat_roughness")),
-        (MESH.format("ok.obj") + 'materials = { roof = "brick" }\n', ('bodies[0 "thing"].materials: no sub-mesh '
-         "'roof' in ok.obj; it has ok.obj")),
-        (MESH.format("ok.obj").replace("material =", "class ="), ('bodies[0 "thing"]: sub-mesh '
-         "'ok.obj' of ok.obj has no colour of its own and must have a material")),
+        (
+            WALL + "[materials.x]\nreflectivity = [{ wavelength_nm = 905, value = 2 }]\n",
+            "materials.x.reflectivity[0].value: must be <= 1, got 2",
+        ),
+        (
+            WALL + "[materials.x]\nreflectivity = 0.6\ntransmittance = 0.5\n",
+            "materials.x: reflectivity and transmittance: must be <= 1 together, got 1.1",
+        ),
+        (
+            WALL + "[materials.x]\nreflectivity = 0.6\ntransmittance = [{ wavelength_nm = 905, value = 0.45 }]\n",
+            "materials.x: reflectivity and transmittance: must be <= 1 together, got 1.05 at 905 nm",
+        ),
+        (
+            WALL + "[materials.x]\nreflectivity = 0.6\nbsdf = 'mirror'\ncover = 0.5\n",
+            "materials.x: a mirror material has no cover",
+        ),
+        (WALL + "[materials.x]\nreflectivity = 0.6\ncover = 0\n", "materials.x.cover: must be > 0, got 0"),
+        (
+            WALL + "[materials.x]\nreflectivity = 0.1\nroughness = 0.1\n",
+            ("materials.x: a diffuse material has no roughness"),
+        ),
+        (
+            WALL + "[materials.x]\nreflectivity = 0.1\nbsdf = 'coated'\n",
+            ("materials.x: a coated material needs coat_ior and coat_roughness"),
+        ),
+        (
+            MESH.format("ok.obj") + 'materials = { roof = "brick" }\n',
+            ("bodies[0 \"thing\"].materials: no sub-mesh 'roof' in ok.obj; it has ok.obj"),
+        ),
+        (
+            MESH.format("ok.obj").replace("material =", "class ="),
+            ("bodies[0 \"thing\"]: sub-mesh 'ok.obj' of ok.obj has no colour of its own and must have a material"),
+        ),
         ('base = "none.xml"\n', "base: none.xml: no such file"),
         (f'base = "{"long" * 99}.xml"\n', f"base: {'long' * 99}.xml: no such file"),
         ('base = "ok.obj"\n', "base: ok.obj: the name of a Mitsuba scene must end in .xml"),
         (WALL + '[base_materials]\ngrey = "brick"\n', "base_materials must go with base, got no base"),
     ],
-)  # fmt: skip
+)
 def test_bad_scene(run: Run, tmp_path: Path, text: str, told: str) -> None:
     (tmp_path / "ok.obj").write_text(TRIANGLE)
     line = refused_scene(run, tmp_path, text)
@@ -165,10 +194,7 @@ def test_several_mistakes_are_counted(run: Run, tmp_path: Path) -> None:
 
 def test_text_that_is_not_utf_8(run: Run, tmp_path: Path) -> None:
     (tmp_path / "latin.toml").write_bytes(b'\nname = "caf\xe9"\n')
-    assert (
-        refused(run, tmp_path, "render", "latin.toml", "-o", "o.ply")
-        == "latin.toml: not UTF-8 text (at line 2)"
-    )
+    assert refused(run, tmp_path, "render", "latin.toml", "-o", "o.ply") == "latin.toml: not UTF-8 text (at line 2)"
 
 
 def test_scene_that_is_not_there(run: Run, tmp_path: Path) -> None:
@@ -184,9 +210,7 @@ def test_scene_that_is_not_there(run: Run, tmp_path: Path) -> None:
 
 
 def test_name_of_two_lines_is_told_in_one(run: Run, tmp_path: Path) -> None:
-    assert (
-        refused(run, tmp_path, "render", "two\nlines.toml", "-o", "o.ply") == "two\\nlines.toml: no such file"
-    )
+    assert refused(run, tmp_path, "render", "two\nlines.toml", "-o", "o.ply") == "two\\nlines.toml: no such file"
 
 
 @pytest.mark.parametrize(
@@ -206,25 +230,13 @@ def test_name_of_two_lines_is_told_in_one(run: Run, tmp_path: Path) -> None:
         ("laser=3", "laser: must be a table, got 3"),
         ("scanner.azimuth_fov_deg=0", "scanner.azimuth_fov_deg: must be > 0, got 0"),
         ("scanner.elevation_fov_deg=0.0", "scanner.elevation_fov_deg: must be > 0, got 0.0"),
-        (
-            "scanner.azimuth_step_deg=41",
-            "scanner: azimuth_step_deg: must be <= 40, azimuth_fov_deg, got 41",
-        ),
-        (
-            "scanner.type=galvo",
-            "scanner.type: must be one of 'raster', 'spinning', 'mirror', 'lissajous', 'polygon', ",
-        ),
+        ("scanner.azimuth_step_deg=41", "scanner: azimuth_step_deg: must be <= 40, azimuth_fov_deg, got 41"),
+        ("scanner.type=galvo", "scanner.type: must be one of 'raster', 'spinning', 'mirror', 'lissajous', 'polygon', "),
         ("detector.type=ccd", "detector.type: must be one of 'apd', 'sipm', 'spad', got \"ccd\""),
         ("detector.cells=3", "unknown key 'detector.cells'; known here: type, gain, "),
         ("detector.gain=0.5", "detector.gain: must be >= 1, got 0.5"),
-        (
-            "detector.ionisation_ratio=0.1",
-            "one of excess_noise_index and ionisation_ratio must be given, got both",
-        ),
-        (
-            "tdc.threshold_level=1",
-            "one of threshold_to_noise and threshold_level must be given, got both or none",
-        ),
+        ("detector.ionisation_ratio=0.1", "one of excess_noise_index and ionisation_ratio must be given, got both"),
+        ("tdc.threshold_level=1", "one of threshold_to_noise and threshold_level must be given, got both or none"),
         ("tdc.threshold_to_noise=1e-30", "tdc.threshold_to_noise: must be >= 0.01, got 1e-30"),
         ("tdc.stops=1.5", "tdc.stops: must be a whole number, got 1.5"),
         ("tdc.stops=0", "tdc.stops: must be >= 1, got 0"),
@@ -267,8 +279,10 @@ def test_bad_form_of_set(run: Run, tmp_path: Path, wall: str, assignment: str, t
         (["--seed", "1.5"], "must be a whole number from 0 to 4294967295, got 1.5"),
         (["--chunk", "0"], "argument --chunk: must be a whole number from 1 to 2147483647, got 0"),
         (["--chunk", "many"], "must be a whole number from 1 to 2147483647, got many"),
-        (["--pose", "1,2"], ("argument --pose: must be X,Y,Z[,YAW,PITCH,ROLL] in metres (to 1e+08) and "
-         "degrees, got 1,2")),
+        (
+            ["--pose", "1,2"],
+            ("argument --pose: must be X,Y,Z[,YAW,PITCH,ROLL] in metres (to 1e+08) and degrees, got 1,2"),
+        ),
         (["--pose", "1,2,3,4,5,6,7"], "and degrees, got 1,2,3,4,5,6,7"),
         (["--pose", "nan,0,0"], "and degrees, got nan,0,0"),
         (["--pose", "-inf,0,0"], "and degrees, got -inf,0,0"),
@@ -286,7 +300,7 @@ def test_bad_form_of_set(run: Run, tmp_path: Path, wall: str, assignment: str, t
         (["--keep-missed", "o.csv"], "--keep-missed o.csv: the name must end in .npz"),
         (["--sed", "1"], "unrecognized arguments: --sed 1"),
     ],
-)  # fmt: skip
+)
 def test_bad_option(run: Run, tmp_path: Path, wall: str, argv: list[str], told: str) -> None:
     (tmp_path / "sensor").write_text("")
     assert told in refused(run, tmp_path, "render", wall, "-o", "new/o.ply", *argv)
@@ -300,10 +314,7 @@ def test_bad_option(run: Run, tmp_path: Path, wall: str, argv: list[str], told: 
         (["catalog", "lasers"], "argument kind: invalid choice: 'lasers'"),
         (["catalog", "sensors", "table1"], "no sensor 'table1' in the catalogue; did you mean table1-"),
         (["catalog", "materials", "xyzzy"], "no material 'xyzzy' in the catalogue; it has asphalt, "),
-        (
-            ["catalog", "materials", "../sensors/table1-apd"],
-            "no material '../sensors/table1-apd' in the catalogue",
-        ),
+        (["catalog", "materials", "../sensors/table1-apd"], "no material '../sensors/table1-apd' in the catalogue"),
         (["schema", "cloud"], "argument kind: invalid choice: 'cloud'"),
     ],
 )
@@ -335,9 +346,7 @@ def test_output_that_cannot_be(
 ) -> None:
     """It is told before anything is computed."""
     (tmp_path / "folder.ply").mkdir()
-    monkeypatch.setattr(
-        "lidarscene.outputs.record.load_scene", lambda *_, **__: pytest.fail("the scene was read")
-    )
+    monkeypatch.setattr("lidarscene.outputs.record.load_scene", lambda *_, **__: pytest.fail("the scene was read"))
     assert told in refused(run, tmp_path, "render", wall, "-o", output)
 
 
@@ -368,16 +377,31 @@ def _full_disk(*_: Any, **__: Any) -> None:
     ("target", "argv", "told", "kept"),
     [
         ("lidarscene.files.atomic._sync", [], "new/o.ply: cannot be written: No space left on device", set()),
-        ("zipfile.ZipFile", ["--keep-missed", "new/m.npz"],
-         "new/m.npz: cannot be written: No space left on device", set()),
-        ("lidarscene.files.spool.Spool.append", ["--keep-missed", "new/m.npz"],
-         "new/m.npz: cannot be written: No space left on device", set()),
+        (
+            "zipfile.ZipFile",
+            ["--keep-missed", "new/m.npz"],
+            "new/m.npz: cannot be written: No space left on device",
+            set(),
+        ),
+        (
+            "lidarscene.files.spool.Spool.append",
+            ["--keep-missed", "new/m.npz"],
+            "new/m.npz: cannot be written: No space left on device",
+            set(),
+        ),
     ],
-)  # fmt: skip
+)
 def test_full_disk(
-    run: Run, tmp_path: Path, wall: str, mi: ModuleType, monkeypatch: pytest.MonkeyPatch,
-    target: str, argv: list[str], told: str, kept: set[str],
-) -> None:  # fmt: skip
+    run: Run,
+    tmp_path: Path,
+    wall: str,
+    mi: ModuleType,
+    monkeypatch: pytest.MonkeyPatch,
+    target: str,
+    argv: list[str],
+    told: str,
+    kept: set[str],
+) -> None:
     """Nothing half written stays, not even a new folder; what was complete before does."""
     before = files_in(tmp_path)
     monkeypatch.setattr(target, _full_disk)
@@ -438,20 +462,32 @@ def test_memory_that_is_not_there(
         ("<page/>", "a.xml: not a Mitsuba scene: "),
         ("<scene version='3.0.0'/>", "a.xml: the scene has no shapes"),
         (XML.replace("sphere", "spher"), "a.xml: shape type: must be one of Mitsuba's own plugins, got 'spher'"),
-        (XML.replace("'ball'>", "'ball'><float name='size' value='2'/>").replace("'ball'/>",
-         "'ball'><float name='size' value='2'/></shape>"), "a.xml: not a Mitsuba scene: Found 1 unreferenced"),
-        ("<scene version='3.0.0'><shape type='obj'><string name='filename' value='none.obj'/></shape></scene>",
-         'a.xml: not a Mitsuba scene: failed to instantiate shape plugin of type "obj"'),
+        (
+            XML.replace("'ball'>", "'ball'><float name='size' value='2'/>").replace(
+                "'ball'/>", "'ball'><float name='size' value='2'/></shape>"
+            ),
+            "a.xml: not a Mitsuba scene: Found 1 unreferenced",
+        ),
+        (
+            "<scene version='3.0.0'><shape type='obj'><string name='filename' value='none.obj'/></shape></scene>",
+            'a.xml: not a Mitsuba scene: failed to instantiate shape plugin of type "obj"',
+        ),
         ("<scene version='3.0.0'><include filename='none.xml'/></scene>", "none.xml: no such file"),
         ("<scene version='3.0.0'><include filename='a.xml'/></scene>", "a.xml: files include each other"),
         ("<scene version='3.0.0'><include filename='$part.xml'/></scene>", "a.xml: not a Mitsuba scene: "),
-        (("<scene version='3.0.0'><shape type='shapegroup' id='g'><shape type='sphere'/></shape>"
-         "<shape type='instance' id='one'><ref id='g'/></shape></scene>"),
-         "a.xml: shape 'one' must be a plain shape, got an instance"),
-        ("<scene version='3.0.0'><shape type='sphere' id='one'><bsdf type='hair' id='h'/></shape></scene>",
-         "a.xml: BSDF 'h' of shape 'one': cannot be used: "),
+        (
+            (
+                "<scene version='3.0.0'><shape type='shapegroup' id='g'><shape type='sphere'/></shape>"
+                "<shape type='instance' id='one'><ref id='g'/></shape></scene>"
+            ),
+            "a.xml: shape 'one' must be a plain shape, got an instance",
+        ),
+        (
+            "<scene version='3.0.0'><shape type='sphere' id='one'><bsdf type='hair' id='h'/></shape></scene>",
+            "a.xml: BSDF 'h' of shape 'one': cannot be used: ",
+        ),
     ],
-)  # fmt: skip
+)
 def test_bad_mitsuba_scene(run: Run, tmp_path: Path, mi: ModuleType, text: str | bytes, told: str) -> None:
     (tmp_path / "a.xml").write_bytes(text if isinstance(text, bytes) else text.encode())
     assert refused(run, tmp_path, "render", "a.xml", "-o", "o.ply", *COARSE).startswith(told)
@@ -461,10 +497,7 @@ def test_bad_mitsuba_scene(run: Run, tmp_path: Path, mi: ModuleType, text: str |
     ("mapped", "told"),
     [
         ('gray = "brick"', "a.xml: base_materials: no BSDF with id 'gray'; it has grey"),
-        (
-            'grey = "brik"',
-            "scene.toml: base_materials.grey: no material 'brik' in the catalogue; did you mean brick",
-        ),
+        ('grey = "brik"', "scene.toml: base_materials.grey: no material 'brik' in the catalogue; did you mean brick"),
     ],
 )
 def test_bad_base_materials(run: Run, tmp_path: Path, mi: ModuleType, mapped: str, told: str) -> None:

@@ -24,10 +24,7 @@ def drive(tmp_path: Path) -> str:
 
 
 def files_of(folder: Path) -> set[str]:
-    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()} - {
-        "drive.toml",
-        "two.toml",
-    }
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()} - {"drive.toml", "two.toml"}
 
 
 def ran(run: Run, *argv: str) -> dict:
@@ -39,9 +36,21 @@ def ran(run: Run, *argv: str) -> dict:
 def test_frames_in_a_folder(mi, run: Run, small_pictures: None, drive: str, tmp_path: Path) -> None:
     """Frame after frame, each with its picture and its missed pulses; the wall comes at 30 m/s."""
     told = ran(
-        run, drive, "-o", "new/out", "--frames", "3", "--begin", "0.1", "--coordinates", "vehicle",
-        "--keep-missed", "m/x.npz", "--picture", "m/p.png",
-    )  # fmt: skip
+        run,
+        drive,
+        "-o",
+        "new/out",
+        "--frames",
+        "3",
+        "--begin",
+        "0.1",
+        "--coordinates",
+        "vehicle",
+        "--keep-missed",
+        "m/x.npz",
+        "--picture",
+        "m/p.png",
+    )
     numbers = ("0000", "0001", "0002")
     assert files_of(tmp_path) == {
         name for n in numbers for name in (f"new/out/frame_{n}.ply", f"m/x_{n}.npz", f"m/p_{n}.png")
@@ -84,12 +93,26 @@ def test_one_frame_is_the_first_of_many(mi, run: Run, drive: str) -> None:
 
 
 def test_a_rig_one_cloud_each(mi, run: Run, small_pictures: None, drive: str, tmp_path: Path) -> None:
-    told = ran(run, drive, "--rig", "two.toml", "-o", "out", "--set", "right:laser.peak_power_w=50",
-               "--picture", "p.png", "--keep-missed", "m.npz", "--deskew")  # fmt: skip
+    told = ran(
+        run,
+        drive,
+        "--rig",
+        "two.toml",
+        "-o",
+        "out",
+        "--set",
+        "right:laser.peak_power_w=50",
+        "--picture",
+        "p.png",
+        "--keep-missed",
+        "m.npz",
+        "--deskew",
+    )
     assert files_of(tmp_path) == {
-        f"{name}" for label in ("left", "right")
+        f"{name}"
+        for label in ("left", "right")
         for name in (f"out/{label}.ply", f"out/{label}.deskewed.ply", f"p_{label}.png", f"m_{label}.npz")
-    }  # fmt: skip
+    }
     assert told["beams"] == 2 * BEAMS
     left, right = (PointCloud.load(f"out/{label}.ply") for label in ("left", "right"))
     np.testing.assert_allclose(
@@ -99,18 +122,26 @@ def test_a_rig_one_cloud_each(mi, run: Run, small_pictures: None, drive: str, tm
     assert right.metadata["sensor"] == "table1-sipm"
 
 
-def test_a_rig_merged_in_several_frames(
-    mi, run: Run, small_pictures: None, drive: str, tmp_path: Path
-) -> None:
+def test_a_rig_merged_in_several_frames(mi, run: Run, small_pictures: None, drive: str, tmp_path: Path) -> None:
     """One cloud a frame, whose `sensor_index` and `sensor_names` tell them apart; --no-truth keeps them."""
     told = ran(
-        run, drive, "--rig", "two.toml", "--merge", "-o", "out", "--frames", "2", "--picture", "p.svg", "--deskew",
+        run,
+        drive,
+        "--rig",
+        "two.toml",
+        "--merge",
+        "-o",
+        "out",
+        "--frames",
+        "2",
+        "--picture",
+        "p.svg",
+        "--deskew",
         "--no-truth",
-    )  # fmt: skip
+    )
     assert files_of(tmp_path) == {
-        name for n in ("0000", "0001")
-        for name in (f"out/frame_{n}.ply", f"out/frame_{n}.deskewed.ply", f"p_{n}.svg")
-    }  # fmt: skip
+        name for n in ("0000", "0001") for name in (f"out/frame_{n}.ply", f"out/frame_{n}.deskewed.ply", f"p_{n}.svg")
+    }
     assert [one["beams"] for one in told["frames"]] == [2 * BEAMS] * 2
     for name in ("frame_0001.ply", "frame_0001.deskewed.ply"):
         cloud = PointCloud.load(f"out/{name}")
@@ -142,15 +173,17 @@ def test_text_of_many(mi, run: Run, drive: str) -> None:
         (("-o", "a.ply", "--begin", "nan"), "--begin"),
         (("-o", "a.ply", "--merge"), "--merge goes with --rig"),
         (("-o", "a", "--rig", "two.toml", "--sensor", "table1-apd"), "--rig: must be only one of them, got both"),
-        (("-o", "a.ply", "--rig", "two.toml", "--merge", "--coordinates", "sensor"),
-         "--merge: must go with --coordinates world or vehicle, which all sensors share, got sensor"),
+        (
+            ("-o", "a.ply", "--rig", "two.toml", "--merge", "--coordinates", "sensor"),
+            "--merge: must go with --coordinates world or vehicle, which all sensors share, got sensor",
+        ),
         (("-o", "a.ply", "--rig", "two.toml", "--merge", "--keep-missed", "m.npz"), "not with --merge"),
         (("-o", "a", "--rig", "none.toml"), "none.toml: no such file"),
         (("-o", "a", "--rig", "two.toml", "--set", "rear:tdc.stops=2"), "'rear' is not among the sensors here"),
         (("-o", "a", "--rig", "two.toml", "--set", "tdc.stop=2"), 'two.toml: sensors[0 "left"]'),
         (("-o", "a.ply", "--coordinates", "car"), "--coordinates"),
     ],
-)  # fmt: skip
+)
 def test_mistakes(run: Run, drive: str, tmp_path: Path, argv: tuple[str, ...], said: str) -> None:
     told = run("render", drive, *argv)
     assert (told.code, told.out) == (2, "")
@@ -165,15 +198,9 @@ ENDING = "[ego]\nposes = [{ time_s = 0 }, { time_s = 0.011, position_m = [1, 0, 
 @pytest.mark.parametrize(
     ("argv", "said"),
     [
-        (
-            ("--frames", "3"),
-            "motion of ego: must have poses for the frame, 0.00924 to 0.01384 s, got 0 to 0.011 s",
-        ),
+        (("--frames", "3"), "motion of ego: must have poses for the frame, 0.00924 to 0.01384 s, got 0 to 0.011 s"),
         (("--begin", "5", "--frames", "1"), "must have poses for the frame, 5 to 5.0046 s, got 0 to 0.011 s"),
-        (
-            ("--begin", "-1", "--frames", "1"),
-            "must have poses for the frame, -1 to -0.9954 s, got 0 to 0.011 s",
-        ),
+        (("--begin", "-1", "--frames", "1"), "must have poses for the frame, -1 to -0.9954 s, got 0 to 0.011 s"),
     ],
 )
 def test_a_motion_that_ends_is_told_before_anything_is_traced(

@@ -56,18 +56,7 @@ def test_labels_beside_the_cloud(run: Run, wall: str, tmp_path: Path, name: str)
 
 def test_labels_of_frames_and_of_deskewed_clouds(run: Run, wall: str, tmp_path: Path) -> None:
     ran = run(
-        "render",
-        wall,
-        "-o",
-        "d",
-        "--frames",
-        "2",
-        "--format",
-        "npz",
-        "--labels",
-        "nuscenes",
-        "--deskew",
-        *COARSE,
+        "render", wall, "-o", "d", "--frames", "2", "--format", "npz", "--labels", "nuscenes", "--deskew", *COARSE
     )
     assert ran.code == 0, ran.err
     stems = [f"frame_000{i}{kind}" for i in (0, 1) for kind in ("", ".deskewed")]
@@ -81,10 +70,7 @@ def test_data_sets(run: Run, wall: str, tmp_path: Path) -> None:
     for name, folder in (("kitti", "training"), ("semantickitti", "dataset/sequences/00")):
         ran = run("render", wall, "-o", name, "--dataset", name, "--frames", "2", *COARSE)
         assert ran.code == 0, ran.err
-        assert sorted(p.name for p in (tmp_path / name / folder / "velodyne").iterdir()) == [
-            "000000.bin",
-            "000001.bin",
-        ]
+        assert sorted(p.name for p in (tmp_path / name / folder / "velodyne").iterdir()) == ["000000.bin", "000001.bin"]
     assert len((tmp_path / "kitti/training/label_2/000001.txt").read_text().split()) == 15
     assert len((tmp_path / "semantickitti/dataset/poses/00.txt").read_text().splitlines()) == 2
 
@@ -146,11 +132,7 @@ def test_frames_in_one_bag(run: Run, wall: str, tmp_path: Path, library: Any) ->
     clouds = [PointCloud.load(tmp_path / "apart" / f"frame_000{n}.ply") for n in range(3)]
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     with highlevel.AnyReader([tmp_path / "drive.mcap"], default_typestore=store) as bag:
-        came = [
-            (stamp, bag.deserialize(raw, at.msgtype))
-            for at, stamp, raw in bag.messages()
-            if at.topic == "/points"
-        ]
+        came = [(stamp, bag.deserialize(raw, at.msgtype)) for at, stamp, raw in bag.messages() if at.topic == "/points"]
     assert len(came) == 3
     for (stamp_ns, message), cloud in zip(came, clouds, strict=True):
         assert stamp_ns == message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
@@ -180,10 +162,7 @@ def test_colours_on_the_command_line(run: Run, wall: str, tmp_path: Path) -> Non
     assert b"property uchar red" in (tmp_path / "c.ply").read_bytes()
     told = run("render", wall, "-o", "c.ply", "--colours", "colour", *COARSE).err
     assert "--colours: must be one of x, y, z, range," in told
-    assert (
-        "--colours: ply can have colours"
-        in run("render", wall, "-o", "c.npz", "--colours", "range", *COARSE).err
-    )
+    assert "--colours: ply can have colours" in run("render", wall, "-o", "c.npz", "--colours", "range", *COARSE).err
     hidden = run("render", wall, "-o", "c.ply", "--colours", "class", "--no-truth", *COARSE).err
     assert "--colours: must be one of" in hidden
 

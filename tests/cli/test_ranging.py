@@ -73,10 +73,13 @@ def test_summary_as_json(run: Run) -> None:
     [
         ((APD, "--reflectivity", "0"), "never_detected", "never"),
         ((SIPM, "--set", "detector.cells=10"), "saturated", "saturated"),
-        ((SIPM, "--illuminance", "0", "--set=detector.cell_floor=0", "--set=detector.dark_count_rate_hz=0"),
-         "no_limit", "no limit"),
+        (
+            (SIPM, "--illuminance", "0", "--set=detector.cell_floor=0", "--set=detector.dark_count_rate_hz=0"),
+            "no_limit",
+            "no limit",
+        ),
     ],
-)  # fmt: skip
+)
 def test_statuses_have_words(run: Run, argv: tuple[str, ...], status: str, word: str) -> None:
     (entry,) = told(run, *argv).values()
     assert entry["status"] == status
@@ -84,9 +87,7 @@ def test_statuses_have_words(run: Run, argv: tuple[str, ...], status: str, word:
     assert "nan" not in done(run, *argv)
 
 
-@pytest.mark.parametrize(
-    "air", [("--extinction", "0.001"), ("--visibility", "2"), ("--transmittance", "0.7")]
-)
+@pytest.mark.parametrize("air", [("--extinction", "0.001"), ("--visibility", "2"), ("--transmittance", "0.7")])
 def test_air(run: Run, air: tuple[str, str]) -> None:
     entry = told(run, APD, *air)[APD]
     assert 100 < entry["maximum_range_m"] < 350
@@ -142,8 +143,23 @@ def test_csv(run: Run, tmp_path: Path, over: str, first: str, ends: tuple[float,
 
 
 def test_csv_holds_what_is_printed_as_json(run: Run, tmp_path: Path) -> None:
-    entry = told(run, SIPM, "--over", "illuminance", "--from", "0", "--to", "100", "--linear", "--n", "5",
-                 "--set=detector.cell_floor=0", "--set=detector.dark_count_rate_hz=0", "--csv", "o.csv")  # fmt: skip
+    entry = told(
+        run,
+        SIPM,
+        "--over",
+        "illuminance",
+        "--from",
+        "0",
+        "--to",
+        "100",
+        "--linear",
+        "--n",
+        "5",
+        "--set=detector.cell_floor=0",
+        "--set=detector.dark_count_rate_hz=0",
+        "--csv",
+        "o.csv",
+    )
     _, values = table(tmp_path / "o.csv")
     assert entry["csv"] == "o.csv"
     assert entry["over"] == "illuminance_klux"
@@ -173,12 +189,24 @@ def test_whole_parameters_have_whole_steps(run: Run, tmp_path: Path) -> None:
 
 
 def test_quantities(run: Run) -> None:
-    snr = told(
-        run, APD, "--over", "detector.gain", "--quantity", "snr", "--from", "20", "--to", "80", "--n", "2"
-    )
+    snr = told(run, APD, "--over", "detector.gain", "--quantity", "snr", "--from", "20", "--to", "80", "--n", "2")
     assert snr["sensors"][APD]["values"][1] == pytest.approx(61.4618, rel=1e-5)
-    pd = told(run, APD, "--over", "detector.gain", "--quantity", "pd", "--distance", "350.604565", "--from", "20",
-              "--to", "80", "--n", "2")  # fmt: skip
+    pd = told(
+        run,
+        APD,
+        "--over",
+        "detector.gain",
+        "--quantity",
+        "pd",
+        "--distance",
+        "350.604565",
+        "--from",
+        "20",
+        "--to",
+        "80",
+        "--n",
+        "2",
+    )
     assert pd["sensors"][APD]["values"][1] == pytest.approx(0.5, abs=1e-6)
 
 
@@ -186,9 +214,7 @@ def test_aperture_law(run: Run) -> None:
     flat = done(run, APD, "--over", "elevation")
     assert "the same everywhere, elevation does not matter" in flat
     assert "aperture law: A(theta) as the sensor's own scanner has it" in flat
-    edges = told(
-        run, APD, "--over", "elevation", "--from", "-30", "--to", "30", "--n", "3", "--aperture-law", "mirror"
-    )
+    edges = told(run, APD, "--over", "elevation", "--from", "-30", "--to", "30", "--n", "3", "--aperture-law", "mirror")
     low, middle, high = edges["sensors"][APD]["values"]
     assert low > middle == pytest.approx(350.605, rel=1e-5)
     assert high < middle
@@ -210,11 +236,7 @@ def test_plots_are_the_same_again(run: Run, rough_charts: None, tmp_path: Path) 
 
 def test_extreme_plots_do_not_fail(run: Run) -> None:
     """Nothing to draw, and no limit anywhere: a picture all the same."""
-    for argv in (
-        ("--reflectivity", "0"),
-        ("--illuminance", "0"),
-        ("--quantity", "pd", "--reflectivity", "0"),
-    ):
+    for argv in (("--reflectivity", "0"), ("--illuminance", "0"), ("--quantity", "pd", "--reflectivity", "0")):
         done(run, APD, "--over", "laser.peak_power_w", *argv, "--plot", "o.png")
     done(run, SIPM, "--over", "laser.peak_power_w", "--set", "detector.cells=5", "--plot", "o.png")
 
@@ -311,7 +333,7 @@ def test_every_aperture_law_is_told_in_a_line() -> None:
         ((APD, "--eye-safety", "--sensitivities", "--json"), "--json does not go with --sensitivities"),
         ((APD, SIPM, "--sensitivities", "--plot", "o.png"), "--plot goes with --over"),
     ],
-)  # fmt: skip
+)
 def test_mistakes(run: Run, tmp_path: Path, argv: tuple[str, ...], said: str) -> None:
     (tmp_path / "file").write_text("")
     ran: Ran = run("range", *argv)

@@ -19,11 +19,7 @@ def test_rays_without_a_divergence_are_told_of(run: Run, wall: str) -> None:
 
 @pytest.mark.parametrize(
     "wide",
-    [
-        ("--rays", "3", "--set", "laser.divergence_mrad=2"),
-        ("--rays", "3", "--set", "laser.exit_diameter_mm=9"),
-        (),
-    ],
+    [("--rays", "3", "--set", "laser.divergence_mrad=2"), ("--rays", "3", "--set", "laser.exit_diameter_mm=9"), ()],
 )
 def test_nothing_is_told_of_others(run: Run, wall: str, wide: tuple[str, ...]) -> None:
     ran = run("render", wall, "-o", "o.ply", *wide, *COARSE)
@@ -42,9 +38,7 @@ pitch_deg = {pitch}
 
 
 @pytest.mark.parametrize("sensor", ["table1-apd", "table1-sipm"])
-@pytest.mark.parametrize(
-    ("material", "pitch"), [("clear_glass", 90), ("wire_mesh", 90), ("mirror_chrome", 80)]
-)
+@pytest.mark.parametrize(("material", "pitch"), [("clear_glass", 90), ("wire_mesh", 90), ("mirror_chrome", 80)])
 def test_rays_in_a_scene_without_solid_surfaces(
     run: Run, tmp_path: Path, sensor: str, material: str, pitch: int
 ) -> None:

@@ -54,9 +54,7 @@ def test_torch_gets_the_arrays_themselves(monkeypatch: pytest.MonkeyPatch) -> No
     assert np.shares_memory(tensors["snr"], cloud.snr)
 
 
-@pytest.mark.parametrize(
-    ("method", "way"), [("to_torch", "pip install torch"), ("to_pandas", r"lidarscene\[pandas\]")]
-)
+@pytest.mark.parametrize(("method", "way"), [("to_torch", "pip install torch"), ("to_pandas", r"lidarscene\[pandas\]")])
 def test_without_the_library(monkeypatch: pytest.MonkeyPatch, method: str, way: str) -> None:
     monkeypatch.setitem(sys.modules, method.removeprefix("to_"), None)
     with pytest.raises(LidarSceneError, match=way):
@@ -115,18 +113,20 @@ def scene_of_two() -> trimesh.Scene:
     made = trimesh.Scene()
     made.add_geometry(trimesh.creation.box((1, 2, 3)), geom_name="body", node_name="van")
     shift = trimesh.transformations.translation_matrix((5, 6, 7))
-    made.add_geometry(
-        trimesh.creation.icosphere(radius=0.5), geom_name="ball", node_name="ball", transform=shift
-    )
+    made.add_geometry(trimesh.creation.icosphere(radius=0.5), geom_name="ball", node_name="ball", transform=shift)
     return made
 
 
 def test_nodes_of_a_trimesh_scene_are_bodies() -> None:
     own = Material(name="mine", bsdf="diffuse", reflectivity=Spectrum.constant(0.3), description="")
     scene = load_scene(
-        scene_of_two(), material="asphalt", materials={"ball": own}, classes={"van": "car"}, sensor_name="vlp-16",
+        scene_of_two(),
+        material="asphalt",
+        materials={"ball": own},
+        classes={"van": "car"},
+        sensor_name="vlp-16",
         sensor_pose=Pose(position_m=np.array([0.0, 0.0, 2.0])),
-    )  # fmt: skip
+    )
     assert [(b.name, b.class_name, b.parts[0].material) for b in scene.bodies] == [
         ("van", "car", "asphalt"),
         ("ball", "ball", "mine"),
@@ -143,16 +143,8 @@ def test_nodes_of_a_trimesh_scene_are_bodies() -> None:
         (trimesh.Trimesh(), {}, "load_scene: the mesh must have at least one triangle, got none"),
         (scene_of_two(), {}, "'van' has no colour of its own and must have a material"),
         (scene_of_two(), {"material": "unobtainium"}, "unobtainium"),
-        (
-            scene_of_two(),
-            {"material": "asphalt", "materials": {"x": "bark"}},
-            "materials: no mesh 'x'; there are",
-        ),
-        (
-            scene_of_two(),
-            {"material": "asphalt", "classes": {"x": "car"}},
-            "classes: no mesh 'x'; there are ball, van",
-        ),
+        (scene_of_two(), {"material": "asphalt", "materials": {"x": "bark"}}, "materials: no mesh 'x'; there are"),
+        (scene_of_two(), {"material": "asphalt", "classes": {"x": "car"}}, "classes: no mesh 'x'; there are ball, van"),
     ],
 )
 def test_mistakes_with_trimesh(mesh: Any, options: dict[str, Any], message: str) -> None:
@@ -169,11 +161,7 @@ MITSUBA = """<scene version="3.0.0">
 def test_a_mitsuba_file_is_a_scene(mi: ModuleType, tmp_path: Path) -> None:
     (tmp_path / "block.xml").write_text(MITSUBA)
     scene = load_scene(tmp_path / "block.xml", materials={"grey": "concrete"}, sensor_name="table1-sipm")
-    assert (scene.name, scene.base_materials, list(scene.materials)) == (
-        "block",
-        {"grey": "concrete"},
-        ["concrete"],
-    )
+    assert (scene.name, scene.base_materials, list(scene.materials)) == ("block", {"grey": "concrete"}, ["concrete"])
     cloud = lidarscene.render(scene, overrides=["scanner.azimuth_step_deg=1", "scanner.elevation_step_deg=1"])
     echoes = cloud.select(cloud.status == 0)
     assert echoes.body_names == ("block",)

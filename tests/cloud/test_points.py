@@ -84,9 +84,7 @@ def test_indices_at_their_limits(attribute: str) -> None:
         if -1 <= index <= last:
             assert getattr(small_cloud(**among_others), attribute)[2] == index
             continue
-        with pytest.raises(
-            ValueError, match=rf"PointCloud\.{attribute}: {min(index, 0)} to {max(index, 0)}, with"
-        ):
+        with pytest.raises(ValueError, match=rf"PointCloud\.{attribute}: {min(index, 0)} to {max(index, 0)}, with"):
             small_cloud(**among_others)
 
 
@@ -267,9 +265,7 @@ def test_without_open3d_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize("capacity", [0, 30])
-@pytest.mark.parametrize(
-    "order", [(0.0, 0.0, 1.0, 1.0), (0.0, 1.0, 1.0), (1.0, 1.0, 1.0, None), (None, 1.0, 1.0)]
-)
+@pytest.mark.parametrize("order", [(0.0, 0.0, 1.0, 1.0), (0.0, 1.0, 1.0), (1.0, 1.0, 1.0, None), (None, 1.0, 1.0)])
 def test_values_that_change_are_kept(order: tuple[float | None, ...], capacity: int) -> None:
     """Constant chunks of another value, and chunks of many values (None), wherever they come."""
     parts = [small_columns(7, seed=3) if value is None else chunk_of(7, velocity=value) for value in order]

@@ -37,9 +37,5 @@ def test_the_bulk_of_a_column_decides(name: str, low: float, high: float, kind: 
     scale = scale_of(name, values)
     # Of powers only those above 0 count: percentiles of 1 to 1000.
     expected = (10.99, 990.01) if name == "snr" else (low, high)
-    assert (scale.low, scale.high, scale.kind) == (
-        pytest.approx(expected[0]),
-        pytest.approx(expected[1]),
-        kind,
-    )
+    assert (scale.low, scale.high, scale.kind) == (pytest.approx(expected[0]), pytest.approx(expected[1]), kind)
     assert scale_of(name, values, limits=(3.0, 7.0)).low == 3.0

@@ -15,15 +15,10 @@ from lidarscene.cloud.shades import Shades, rgb
         ("range", {"range_m": np.arange(101)}, 1.0, 99.0, "range [m]"),
     ],
 )
-def test_units_for_people(
-    column: str, values: dict[str, np.ndarray], low: float, high: float, label: str
-) -> None:
+def test_units_for_people(column: str, values: dict[str, np.ndarray], low: float, high: float, label: str) -> None:
     shades = Shades(small_cloud(101, **values), column)
     assert shades.scale is not None
-    assert (shades.scale.low, shades.scale.high) == (
-        pytest.approx(low, rel=1e-5),
-        pytest.approx(high, rel=1e-5),
-    )
+    assert (shades.scale.low, shades.scale.high) == (pytest.approx(low, rel=1e-5), pytest.approx(high, rel=1e-5))
     assert shades.label == label
 
 

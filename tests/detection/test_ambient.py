@@ -19,10 +19,7 @@ def test_poisson(mean):
     """Tolerance: Kolmogorov's at one in 1000, and 1e-3 for the Cornish-Fisher steps (1.4e-3 right above 10)."""
     rng = np.random.default_rng(9)
     drawn = counting.poisson_count(
-        mean=np.full(DRAWS, mean),
-        uniform=1.0 - rng.random(DRAWS),
-        deviate=rng.normal(size=DRAWS),
-        narrowing=1.0,
+        mean=np.full(DRAWS, mean), uniform=1.0 - rng.random(DRAWS), deviate=rng.normal(size=DRAWS), narrowing=1.0
     )
     assert (drawn >= 0.0).all()
     assert (drawn == np.rint(drawn)).all()
@@ -86,9 +83,7 @@ def test_cells_that_fire_others_are_counted_in_clusters():
 def test_window():
     """Half of the time, half of the counts; the listening window by default."""
     whole = counted("table1-apd", P_RS).mean()
-    assert counted("table1-apd", P_RS, 3, "tdc.ambient_window_us=2").mean() == pytest.approx(
-        whole / 2, rel=1e-3
-    )
+    assert counted("table1-apd", P_RS, 3, "tdc.ambient_window_us=2").mean() == pytest.approx(whole / 2, rel=1e-3)
 
 
 def test_counts_belong_to_the_pulse():

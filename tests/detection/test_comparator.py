@@ -21,9 +21,11 @@ from lidarscene.studies.ranging.plane import Target
 pytestmark = pytest.mark.usefixtures("mi")
 
 QUARTER_MILLION = [
-    "scanner.azimuth_fov_deg=0.001", "scanner.elevation_fov_deg=0.001",
-    "scanner.azimuth_step_deg=2e-6", "scanner.elevation_step_deg=2e-6",
-]  # fmt: skip
+    "scanner.azimuth_fov_deg=0.001",
+    "scanner.elevation_fov_deg=0.001",
+    "scanner.azimuth_step_deg=2e-6",
+    "scanner.elevation_step_deg=2e-6",
+]
 FWHM_S = 6e-9
 CHECK_4 = 0.02  # docs/validation.md, check 4
 HALF_C = 0.5 * SPEED_OF_LIGHT_M_S
@@ -47,9 +49,7 @@ def slope_formula(sensor, range_m):
     point, level, peak = working_point(sensor, range_m)
     time = pulse.leading_edge_time_s(level=level / peak, fwhm_s=FWHM_S)
     slope = peak * pulse.leading_edge_slope_per_s(level=level / peak, fwhm_s=FWHM_S)
-    sigma = tdc.noise_at_level(
-        level=level, noise=point.noise[0], kappa_1=point.kappa_1, kappa_2=point.kappa_2
-    )
+    sigma = tdc.noise_at_level(level=level, noise=point.noise[0], kappa_1=point.kappa_1, kappa_2=point.kappa_2)
     return HALF_C * time, HALF_C * sigma / slope
 
 
@@ -82,8 +82,10 @@ def test_moments_at_the_papers_threshold(range_m):
         crossing = tdc.crossing_level(threshold=level, deviate=z, **own)
         return HALF_C * pulse.leading_edge_time_s(level=crossing / peak, fwhm_s=FWHM_S)
 
-    found = norm.sf((level - peak) / tdc.noise_at_level(
-        level=peak, noise=point.noise[0], kappa_1=point.kappa_1, kappa_2=point.kappa_2))  # fmt: skip
+    found = norm.sf(
+        (level - peak)
+        / tdc.noise_at_level(level=peak, noise=point.noise[0], kappa_1=point.kappa_1, kappa_2=point.kappa_2)
+    )
     assert found > 1.0 - 1e-4
     mean = quad(lambda z: norm.pdf(z) * shift(z), -4.9, 4.9, limit=200)[0]
     square = quad(lambda z: norm.pdf(z) * (shift(z) - mean) ** 2, -4.9, 4.9, limit=200)[0]
@@ -105,9 +107,7 @@ def test_crossing_by_brute_force():
         threshold, peak = 5.0, rng.uniform(8.0, 150.0)
         signal = peak * shape
         seen = signal + z * tdc.noise_at_level(level=signal, noise=noise, kappa_1=kappa_1, kappa_2=kappa_2)
-        level = tdc.crossing_level(
-            threshold=threshold, noise=noise, kappa_1=kappa_1, kappa_2=kappa_2, deviate=z
-        )
+        level = tdc.crossing_level(threshold=threshold, noise=noise, kappa_1=kappa_1, kappa_2=kappa_2, deviate=z)
         assert (peak >= level) == (seen[-1] >= threshold)
         if peak >= level:
             marched = time[np.argmax(seen >= threshold)]
@@ -141,9 +141,7 @@ def test_least_significant_bit_and_jitter():
     assert np.abs(steps - np.rint(steps)).max() < 1e-3  # float32 of some 700 steps
     _, jittered = range_errors(50.0, "tdc.walk='none'", f"tdc.jitter_ps={jitter_ps}", f"tdc.lsb_ps={lsb_ps}")
     added = (jitter_ps**2 + lsb_ps**2 / 12.0) * (1e-12 * HALF_C) ** 2
-    assert jittered.var() - plain.var() == pytest.approx(
-        added, rel=0.05
-    )  # 250k samples: 1 % of the variances
+    assert jittered.var() - plain.var() == pytest.approx(added, rel=0.05)  # 250k samples: 1 % of the variances
 
 
 @pytest.mark.parametrize("overdrive", [0.4, 0.9, 3.0, 40.0])
@@ -154,9 +152,8 @@ def test_width_of_a_clipped_pulse_by_a_fine_march(overdrive):
     Tolerance: two steps of the march, and 0.5 % for the edges' noise at a threshold of 1,000 deviations.
     """
     sensor = chain.sensor(
-        "table1-apd", "tdc.threshold_to_noise=1000", "detector.saturation_ua=600",
-        "detector.recovery_ns=25",
-    )  # fmt: skip
+        "table1-apd", "tdc.threshold_to_noise=1000", "detector.saturation_ua=600", "detector.recovery_ns=25"
+    )
     light = plane.echoes_of_plane(sensor, Target(), 50.0)
     point = dataclasses.replace(sensor.working_point(light.background_power_w), kappa_1=0.0, kappa_2=0.0)
     level, clips = (float(np.ravel(one)[0]) for one in (sensor.threshold(point), point.saturation))
@@ -178,9 +175,7 @@ def test_width_of_a_clipped_pulse_by_a_fine_march(overdrive):
 
 def lone(equipped, snr, *, range_m=50.0, count=4000, seed=3):
     """First returns of echoes of this SNR."""
-    light = trains.train(
-        np.full((count, 1), range_m), np.full((count, 1), trains.power_at_snr(equipped, snr))
-    )
+    light = trains.train(np.full((count, 1), range_m), np.full((count, 1), trains.power_at_snr(equipped, snr)))
     return trains.detect(light, equipped, seed=seed).stops[0]
 
 
@@ -199,9 +194,7 @@ def test_an_amplifier_that_clips_below_the_threshold_trips_nothing():
     point = chain.sensor("table1-apd").working_point(np.array([trains.BACKGROUND_W]))
     level_ua = 1e6 * 40.0 * float(point.noise[0])
     for clips_ua, kept in ((0.9 * level_ua, False), (1.1 * level_ua, True)):
-        equipped = chain.sensor(
-            "table1-apd", "tdc.threshold_to_noise=40", f"detector.saturation_ua={clips_ua!r}"
-        )
+        equipped = chain.sensor("table1-apd", "tdc.threshold_to_noise=40", f"detector.saturation_ua={clips_ua!r}")
         assert lone(equipped, 4000.0, count=20).reported.all() == kept
 
 
@@ -219,17 +212,21 @@ def test_a_measured_peak_is_no_lower_than_what_it_tripped():
     The light is eight deviations of the noise over the threshold: noise alone never lets the comparator fall there.
     """
     equipped = chain.sensor(
-        "table1-apd", "detector.circuit_noise_na=1e5", "tdc.threshold_to_noise=8", "tdc.stops=2",
-        "tdc.keep='last'",
-    )  # fmt: skip
+        "table1-apd", "detector.circuit_noise_na=1e5", "tdc.threshold_to_noise=8", "tdc.stops=2", "tdc.keep='last'"
+    )
     one, _, _ = on_light(equipped, [(50.0, 20.0), (60.0, 1.1)], [(50.0, 0.0), (51.0, 2.0), (80.0, 2.0)])
     (part,) = one.parts
     many = dataclasses.replace(
-        one, found=np.full(4000, True), background_power_w=np.full(4000, trains.BACKGROUND_W),
-        parts=(dataclasses.replace(part, range_m=np.tile(part.range_m, 4000),
-                                   peak_power_w=np.tile(part.peak_power_w, 4000)),),
+        one,
+        found=np.full(4000, True),
+        background_power_w=np.full(4000, trains.BACKGROUND_W),
+        parts=(
+            dataclasses.replace(
+                part, range_m=np.tile(part.range_m, 4000), peak_power_w=np.tile(part.peak_power_w, 4000)
+            ),
+        ),
         volume=dataclasses.replace(one.volume, scale=np.tile(one.volume.scale, 4000), end_m=np.full(4000, 1e6)),
-    )  # fmt: skip
+    )
     stop = trains.detect(many, equipped, seed=2).stops[1]
     seen = stop.reported & (stop.status == Status.ECHO) & (np.abs(stop.range_m - 60.0) < 2.0)
     assert 0.3 < seen.mean() < 0.95

@@ -95,37 +95,34 @@ def test_a_sipm_knows_its_cells():
 def test_scales_of_the_makers(name, values):
     scale = load_sensor(name).intensity
     found = intensity.on_scale(
-        reflectivity=np.array(list(values)), white_value=scale.white_value, retro=scale.retro,
+        reflectivity=np.array(list(values)),
+        white_value=scale.white_value,
+        retro=scale.retro,
         retro_reflectivity=scale.retro_reflectivity,
-    )  # fmt: skip
+    )
     np.testing.assert_array_equal(found, list(values.values()))
 
 
 def test_retro_range_is_logarithmic():
     """The same ratio of reflectivities is the same number of steps, and 101 comes right above white."""
     rho = np.geomspace(1.0, 1000.0, 4)
-    found = intensity.on_scale(
-        reflectivity=rho, white_value=105.0, retro="logarithmic", retro_reflectivity=1000.0
-    )
+    found = intensity.on_scale(reflectivity=rho, white_value=105.0, retro="logarithmic", retro_reflectivity=1000.0)
     np.testing.assert_array_equal(np.diff(found), 50.0)
 
 
 def test_traced_boards(mi):
     """A grey board and a sheet on the device: 40, and pi R_A on the retro range."""
     lobe = {"retro_coefficient_cd_per_lx_m2": 70.0, "retro_half_angle_deg": 0.5}
-    sheet = Material(
-        name="sheet", bsdf="retroreflector", reflectivity=Spectrum.constant(0.1), parameters=lobe
-    )
+    sheet = Material(name="sheet", bsdf="retroreflector", reflectivity=Spectrum.constant(0.1), parameters=lobe)
     sensor = chain.sensor("table1-apd", *chain.NARROW, *REFLECTIVITY)
     board = chain.scene(
-        chain.facing(range_m=20.0, material="board"), materials=[chain.diffuse("board", 0.4)],
+        chain.facing(range_m=20.0, material="board"),
+        materials=[chain.diffuse("board", 0.4)],
         air=Air(transmittance=1.0),
-    )  # fmt: skip
+    )
     grey = chain.run(board, sensor).detection.stops[0].intensity
     np.testing.assert_allclose(grey, 40.0, atol=2.0)
-    shining = chain.scene(
-        chain.facing(range_m=20.0, material="sheet"), materials=[sheet], air=Air(transmittance=1.0)
-    )
+    shining = chain.scene(chain.facing(range_m=20.0, material="sheet"), materials=[sheet], air=Air(transmittance=1.0))
     lanes = chain.run(shining, sensor)
     rho = math.pi * lanes.hits.backscatter_per_sr
     assert (rho > 100.0).all()
@@ -143,9 +140,12 @@ def test_mistakes():
 def test_where_the_overlap_vanishes_a_board_reads_dark():
     """A share of the spot below 1e-3 counts as that: the reading is P R^2 over 1e-3 of a white board's, and no more."""
     sensor = chain.sensor(
-        "table1-apd", *REFLECTIVITY, "optics.overlap.transmitter_offset_mm=[60, 0]", "laser.exit_diameter_mm=5",
+        "table1-apd",
+        *REFLECTIVITY,
+        "optics.overlap.transmitter_offset_mm=[60, 0]",
+        "laser.exit_diameter_mm=5",
         "laser.divergence_mrad=1",
-    )  # fmt: skip
+    )
     assert float(sensor.optics.overlap.share(np.array([6.0]))[0]) < 2e-4
     light = ranging.echoes_of_plane(sensor, Target(transmittance=1.0), np.full(SHOTS, 6.0))
     power = trains.power_at_snr(sensor, 50.0)
@@ -162,10 +162,16 @@ def test_where_the_overlap_vanishes_a_board_reads_dark():
 def test_a_clipped_echo_behind_a_low_pass_reads_by_its_width():
     """Twenty times the clipping level, of a pulse that the amplifier widens: its width tells the power, to 2 %."""
     sensor = chain.sensor(
-        "table1-apd", "detector.circuit_noise_na=1e4", "tdc.threshold_to_noise=100", "detector.saturation_ua=5e3",
-        "receiver.response='gaussian'", "tdc.bandwidth_mhz=60", "intensity.kind='range_corrected'",
-        "intensity.reference_m=50", "tdc.edges='both'",
-    )  # fmt: skip
+        "table1-apd",
+        "detector.circuit_noise_na=1e4",
+        "tdc.threshold_to_noise=100",
+        "detector.saturation_ua=5e3",
+        "receiver.response='gaussian'",
+        "tdc.bandwidth_mhz=60",
+        "intensity.kind='range_corrected'",
+        "intensity.reference_m=50",
+        "tdc.edges='both'",
+    )
     assert sensor.peak_share < 0.9
     point = sensor.working_point(np.array([trains.BACKGROUND_W]))
     power = float(np.ravel(point.power_w(np.array([0.1])))[0])
@@ -179,9 +185,7 @@ def test_the_scale_above_white_is_the_sensors():
     values = {}
     for retro in ("linear", "logarithmic"):
         sensor = chain.sensor("table1-apd", *REFLECTIVITY, f"intensity.retro='{retro}'")
-        light = ranging.echoes_of_plane(
-            sensor, Target(transmittance=1.0, reflectivity=0.5), np.full(400, 50.0)
-        )
+        light = ranging.echoes_of_plane(sensor, Target(transmittance=1.0, reflectivity=0.5), np.full(400, 50.0))
         light = replace(light, peak_power_w=4.0 * light.peak_power_w)
         stop = returns.detect(light, sensor, seed=1, pulse=np.arange(400, dtype=np.uint32)).stops[0]
         values[retro] = np.median(stop.intensity)

@@ -119,10 +119,7 @@ def test_the_strongest_of_two_lidars_come_by_themselves():
     for found, expected in (
         (~seen[0], (1.0 - none) ** 2),
         # Of two that are kept the strongest comes from the strong lidar if there is one.
-        (
-            np.any([s & (stop.amplitude > strong_a) for s, stop in zip(seen, stops, strict=True)], axis=0),
-            none,
-        ),
+        (np.any([s & (stop.amplitude > strong_a) for s, stop in zip(seen, stops, strict=True)], axis=0), none),
     ):
         assert abs(found.mean() - expected) < SIGMAS * np.sqrt(expected * (1.0 - expected) / shots)
 
@@ -180,13 +177,9 @@ def test_without_lidars_the_bits_stay():
 
 def test_tail_formulas():
     """Q of the decibels, and its inverse at the ends of the draw."""
-    q = crosstalk.tripping_probability(
-        needed_power_w=np.array([1e-8, 1e-7]), median_power_w=1e-8, spread_db=5.0
-    )
+    q = crosstalk.tripping_probability(needed_power_w=np.array([1e-8, 1e-7]), median_power_w=1e-8, spread_db=5.0)
     np.testing.assert_allclose(q, norm.sf([0.0, 2.0]), rtol=1e-8)
-    least = crosstalk.tripping_power_w(
-        uniform=np.array([1.0]), probability=q[1], median_power_w=1e-8, spread_db=5.0
-    )
+    least = crosstalk.tripping_power_w(uniform=np.array([1.0]), probability=q[1], median_power_w=1e-8, spread_db=5.0)
     assert least[0] == pytest.approx(1e-7, rel=1e-6)
 
 
@@ -194,8 +187,7 @@ def test_in_a_scene(mi):
     """Irradiance times aperture times efficiency is the power, on the device; the status comes through."""
     sensor = chain.sensor("table1-apd", *chain.NARROW)
     described = replace(
-        chain.scene(chain.ball(at=(-50.0, 0.0, 0.0))),
-        interferers=(Interferer(rate_hz=1e7, irradiance_w_m2=1e-2),),
+        chain.scene(chain.ball(at=(-50.0, 0.0, 0.0))), interferers=(Interferer(rate_hz=1e7, irradiance_w_m2=1e-2),)
     )
     lanes = chain.run(described, sensor)
     power = 1e-2 * sensor.optics.aperture_m2 * sensor.optics.efficiency_laser

@@ -30,12 +30,7 @@ SENSORS = {
     "sipm": ("table1-sipm", "tdc.threshold_to_noise=3.5"),
     "counted cells": ("table1-sipm", "tdc.threshold_to_noise=3.5", "detector.counting='binomial'"),
     "in time": ("table1-sipm", "tdc.threshold_to_noise=3.5", "detector.statistics='time_domain'"),
-    "filtered": (
-        "table1-apd",
-        "tdc.threshold_to_noise=3.5",
-        "receiver.response='gaussian'",
-        "tdc.edges='both'",
-    ),
+    "filtered": ("table1-apd", "tdc.threshold_to_noise=3.5", "receiver.response='gaussian'", "tdc.edges='both'"),
     "filtered cells": ("table1-sipm", "tdc.threshold_to_noise=3.5", "receiver.response='single_pole'"),
     "raw": ("table1-apd", "tdc.threshold_to_noise=3.5", "tdc.walk='raw'", "tdc.stops=3", "tdc.jitter_ps=40"),
     "no walk": ("table1-apd", "tdc.threshold_to_noise=3.5", "tdc.walk='none'", "tdc.lsb_ps=100"),
@@ -55,15 +50,11 @@ def test_sub_echoes_at_one_range_are_one_echo(name, sub_echoes):
     random = np.random.default_rng(3)
     count = 4000
     range_m = random.uniform(2.0, 500.0, count)
-    power = np.minimum(
-        power_at_snr(equipped, 60.0) * random.uniform(0.3, 3.0, count) * (100.0 / range_m) ** 2, 1e-3
-    )
+    power = np.minimum(power_at_snr(equipped, 60.0) * random.uniform(0.3, 3.0, count) * (100.0 / range_m) ** 2, 1e-3)
     power[::17] = 0.0
     weight = random.dirichlet(np.ones(sub_echoes), count)
     light = train(range_m[:, None], power[:, None] * weight)
-    lone = Echoes(
-        found=power > 0.0, range_m=range_m, peak_power_w=power, background_power_w=light.background_power_w
-    )
+    lone = Echoes(found=power > 0.0, range_m=range_m, peak_power_w=power, background_power_w=light.background_power_w)
     wanted = returns.detect(lone, equipped, seed=0, pulse=np.arange(count, dtype=np.uint32))
     found = detect(light, equipped)
     np.testing.assert_array_equal(found.outcome, wanted.outcome)
@@ -114,11 +105,7 @@ def two_boards(separation, *, weights=(0.5, 0.5)):
     peak = power_at_snr(equipped, 1e7)
     light = train(np.array([[100.0, 100.0 + separation * SIGMA_M]]), peak * np.array([weights]))
     point = equipped.working_point(light.background_power_w)
-    return (
-        equipped,
-        light,
-        float(point.signal(peak)[0] if np.ndim(point.signal(peak)) else point.signal(peak)),
-    )
+    return (equipped, light, float(point.signal(peak)[0] if np.ndim(point.signal(peak)) else point.signal(peak)))
 
 
 def at_level(equipped, share, full):
@@ -171,9 +158,7 @@ def test_a_dip_needs_two_sigma():
 def test_derivatives_of_the_sum():
     place = np.linspace(-3.0, 6.0, 91)
     centres, heights = [0.0, 0.7, 3.1], [1.0, 0.2, 2.0]
-    at = [
-        pulse_sums.sum_of_pulses(at=place + h, centres=centres, heights=heights) for h in (-1e-4, 0.0, 1e-4)
-    ]
+    at = [pulse_sums.sum_of_pulses(at=place + h, centres=centres, heights=heights) for h in (-1e-4, 0.0, 1e-4)]
     # Central differences: their error is h^2 / 6 times a third derivative of some ten, and rounding over h.
     np.testing.assert_allclose(at[1][1], (at[2][0] - at[0][0]) / 2e-4, atol=1e-7)
     np.testing.assert_allclose(at[1][2], (at[2][1] - at[0][1]) / 2e-4, atol=1e-7)
@@ -204,9 +189,7 @@ def test_a_tilted_board_widens_the_echo(tilt_deg, rays):
     across = points("gaussian", rays)[:, 0] * radius
     equipped = sensor("table1-apd")
     time_s = 2.0 * 100.0 / SPEED_OF_LIGHT_M_S + np.arange(-60.0, 60.0, 0.02) * SIGMA_S
-    watts = sampled(
-        train((100.0 + across * tangent)[None], np.full((1, rays), 1e-6 / rays)), equipped, time_s
-    )[0][0]
+    watts = sampled(train((100.0 + across * tangent)[None], np.full((1, rays), 1e-6 / rays)), equipped, time_s)[0][0]
     mean = (watts * time_s).sum() / watts.sum()
     variance = (watts * (time_s - mean) ** 2).sum() / watts.sum()
     wanted = pulse_sums.broadened_fwhm_s(
@@ -228,9 +211,7 @@ def test_each_return_has_its_own_probability(snr):
     for echo, range_m in enumerate((100.0, 140.0)):
         here = [s.reported & (s.status == 0) & (np.abs(s.range_m - range_m) < 10.0) for s in found.stops]
         tripped.append(here[0] | here[1])
-        probability = {
-            float(p) for s, at in zip(found.stops, here, strict=True) for p in s.detection_probability[at]
-        }
+        probability = {float(p) for s, at in zip(found.stops, here, strict=True) for p in s.detection_probability[at]}
         assert max(probability) - min(probability) < 1e-12
         assert binomtest(int(tripped[echo].sum()), count, max(probability)).pvalue > 1e-4
     both = int((tripped[0] & tripped[1]).sum())
@@ -289,9 +270,13 @@ def volume(course, scale_w, end_m):
     """Air of this course over the 3001 ranges up to 150 m."""
     shape = Table(course / course.max())
     return Volume(
-        shape=shape, far_m=150.0, hump_m=hump_of(shape, 150.0),
-        scale=np.atleast_1d(scale_w), end_m=np.atleast_1d(end_m), extinction_per_m=0.05,
-    )  # fmt: skip
+        shape=shape,
+        far_m=150.0,
+        hump_m=hump_of(shape, 150.0),
+        scale=np.atleast_1d(scale_w),
+        end_m=np.atleast_1d(end_m),
+        extinction_per_m=0.05,
+    )
 
 
 def test_fog_trips_and_hides():
@@ -441,9 +426,7 @@ def test_a_crossing_is_of_the_light_that_makes_it():
             here = np.searchsorted(range_m, crossing)
             before = here - round(SIGMA_M / 0.004)
             by_air, by_walls = (one[here] - one[before] for one in (drops + spread, walls))
-            if 0.1 * SIGMA_M < apart(of_air) < FWHM_M or (
-                apart(of_air) >= FWHM_M and by_air > 0.5 * by_walls
-            ):
+            if 0.1 * SIGMA_M < apart(of_air) < FWHM_M or (apart(of_air) >= FWHM_M and by_air > 0.5 * by_walls):
                 continue
             judged += 1
             source, true_m = int(stop.source[pulse]), float(stop.true_range_m[pulse])
@@ -502,9 +485,7 @@ def test_fog_ends_at_the_surface():
     course = 1e-6 * air.shape.at(np.array([5.0, 15.0, 20.0]) / 150.0)
     # (T37): at the surface kappa sigma = (2 alpha + 2 / 20 m) sigma more than half of it.
     at_surface = norm.cdf((2.0 * 0.05 + 2.0 / 20.0) * SIGMA_M)
-    np.testing.assert_allclose(
-        watts[0], [course[0], course[1], at_surface * course[2], 0.0], rtol=1e-9, atol=1e-15
-    )
+    np.testing.assert_allclose(watts[0], [course[0], course[1], at_surface * course[2], 0.0], rtol=1e-9, atol=1e-15)
 
 
 def test_the_hump_is_where_a_course_is_concave():
@@ -563,9 +544,13 @@ def test_fixed_levels_see_a_rise_only_if_it_reaches_one_of_them(second, found):
     Noise is 2 % of the threshold, 4 % on the light; the first board's light adds 2 % to the second's peak.
     """
     equipped = sensor(
-        "table1-apd", *trains.QUIET, "tdc.stops=2", "tdc.dead_time_ns=0", "sampler.type='multi_level_tdc'",
+        "table1-apd",
+        *trains.QUIET,
+        "tdc.stops=2",
+        "tdc.dead_time_ns=0",
+        "sampler.type='multi_level_tdc'",
         "sampler.levels=[4]",
-    )  # fmt: skip
+    )
     level = power_at_snr(equipped, 50.0)
     light = train(np.array([[60.0, 60.0 + 3.4 * SIGMA_M]]), level * np.array([[6.0, second]]))
     stops = detect(light, equipped).stops
@@ -581,9 +566,7 @@ def test_a_comparator_that_missed_a_rise_is_low():
     count, power = 2000, power_at_snr(equipped, 6.0)
     course = np.exp(-((np.linspace(0.0, 150.0, 3001) - 14.0) ** 2) / 18.0)
     air = volume(course, np.full(count, 0.3 * power), np.full(count, 11.1))
-    light = train(
-        np.full((count, 3), (4.0, 10.0, 11.1)), np.full((count, 3), (40.0 * power, power, power)), volume=air
-    )
+    light = train(np.full((count, 3), (4.0, 10.0, 11.1)), np.full((count, 3), (40.0 * power, power, power)), volume=air)
     second = detect(light, equipped).stops[1]
     range_m = np.arange(10.2, 10.9, 0.001)
     one = train(np.array([[10.0, 11.1]]), np.full((1, 2), power), volume=volume(course, 0.3 * power, 11.1))
@@ -600,16 +583,15 @@ def test_even_light_has_no_range_but_that_which_is_reported():
     for overrides in ([], ["tdc.timing='peak'"], adc):
         equipped = sensor("table1-apd", *quiet, *overrides)
         power = power_at_snr(equipped, 3e4)
-        first = detect(
-            train(np.array([[60.0]]), np.array([[0.0]]), volume=fog(power, end_m=60.0)), equipped
-        ).stops[0]
+        first = detect(train(np.array([[60.0]]), np.array([[0.0]]), volume=fog(power, end_m=60.0)), equipped).stops[0]
         assert first.status[0] == Status.WEATHER
         assert first.true_range_m[0] == pytest.approx(float(first.range_m[0]), abs=0.02 * SIGMA_M)
     equipped = sensor("table1-apd", *quiet)
     near = replace(
-        volume(np.exp(-np.linspace(0.0, 150.0, 3001) / 3.0), power_at_snr(equipped, 1e6), 60.0), near_m=-2.0,
+        volume(np.exp(-np.linspace(0.0, 150.0, 3001) / 3.0), power_at_snr(equipped, 1e6), 60.0),
+        near_m=-2.0,
         hump_m=(-2.0, 1.0),
-    )  # fmt: skip
+    )
     first = detect(train(np.array([[60.0]]), np.array([[0.0]]), volume=near), equipped).stops[0]
     assert first.reported[0]
     assert first.true_range_m[0] == 0.0

@@ -46,9 +46,11 @@ def test_receivers_of_several_sizes_share_a_process(mi: Any, run_python: Any, tm
     outputs = []
     for order in (CASES, CASES[::-1]):
         done = run_python(
-            DETECT.format(cases=order), PYTHONPATH=f"{TESTS.parent / 'src'}{os.pathsep}{TESTS}", HOME=str(tmp_path),
+            DETECT.format(cases=order),
+            PYTHONPATH=f"{TESTS.parent / 'src'}{os.pathsep}{TESTS}",
+            HOME=str(tmp_path),
             LIDARSCENE_VARIANT=mi.variant(),
-        )  # fmt: skip
+        )
         assert done.returncode == 0, (done.returncode, done.stderr)
         outputs.append(sorted(done.stdout.splitlines()))
     rising, falling = outputs

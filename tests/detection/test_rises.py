@@ -39,9 +39,12 @@ def test_fog_is_crossed_where_it_reaches_the_level(lenses):
     point = equipped.working_point(light.background_power_w)
     words = noise.words(seed=0, stage=1, pulse=np.arange(count), draw=0)
     level = tdc.crossing_level(
-        threshold=equipped.threshold(point), deviate=noise.normal_pair(words)[0], noise=point.noise,
-        kappa_1=point.kappa_1, kappa_2=point.kappa_2,
-    )  # fmt: skip
+        threshold=equipped.threshold(point),
+        deviate=noise.normal_pair(words)[0],
+        noise=point.noise,
+        kappa_1=point.kappa_1,
+        kappa_2=point.kappa_2,
+    )
     # A range before 0, of light that came back while the pulse was still leaving, is reported as 0.
     judged = np.flatnonzero(found.reported & (found.range_m > 0.0))
     assert len(judged) > count // 4

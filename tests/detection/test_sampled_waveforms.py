@@ -28,9 +28,13 @@ def wall(**settings):
 
 def lidar_equation_w(sensor):
     return radiometry.echo_power_w(
-        peak_power_w=sensor.laser.peak_power_w, backscatter_per_sr=0.1 / math.pi, range_m=WALL_M,
-        transmittance=0.98, aperture_m2=sensor.optics.aperture_m2, efficiency=sensor.optics.efficiency_laser,
-    )  # fmt: skip
+        peak_power_w=sensor.laser.peak_power_w,
+        backscatter_per_sr=0.1 / math.pi,
+        range_m=WALL_M,
+        transmittance=0.98,
+        aperture_m2=sensor.optics.aperture_m2,
+        efficiency=sensor.optics.efficiency_laser,
+    )
 
 
 @pytest.mark.parametrize("rays", [1, 7])
@@ -67,9 +71,7 @@ def test_the_waveform_crosses_where_the_point_is():
     found = simulator.waveforms(range(9), 2.0 / SPEED_OF_LIGHT_M_S * np.linspace(48.0, 50.0, 2001))
     assert len(cloud) == 9
     point = sensor.working_point(found.background_w.astype(np.float64))
-    noise = tdc.noise_at_level(
-        level=found.threshold, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2
-    )
+    noise = tdc.noise_at_level(level=found.threshold, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2)
     for pulse in range(9):
         crossing = np.interp(found.threshold[pulse], found.signal[pulse], found.range_m)
         slope = np.interp(crossing, found.range_m, np.gradient(found.signal[pulse], found.range_m))
@@ -103,9 +105,7 @@ def test_without_times_it_is_the_window():
     np.testing.assert_allclose(step, FWHM_S / 16)
 
 
-@pytest.mark.parametrize(
-    ("pulses", "message"), [([9], "must be 0 to 8, .* got 9"), ([-1], "got -1"), ([], "got 0")]
-)
+@pytest.mark.parametrize(("pulses", "message"), [([9], "must be 0 to 8, .* got 9"), ([-1], "got -1"), ([], "got 0")])
 def test_pulses_that_are_none(pulses, message):
     with pytest.raises(InputError, match=message):
         Simulator(wall(), chain.sensor("table1-apd", *chain.NARROW)).waveforms(pulses)
@@ -116,8 +116,11 @@ def test_ambient_counts_of_every_pulse():
 
     5 sigma of the mean of 441 Poisson numbers: 6e-7 false alarms.
     """
-    fine = [f"scanner.{axis}_{what}_deg={value}" for axis in ("azimuth", "elevation")
-            for what, value in (("fov", 2.0), ("step", 0.1))]  # fmt: skip
+    fine = [
+        f"scanner.{axis}_{what}_deg={value}"
+        for axis in ("azimuth", "elevation")
+        for what, value in (("fov", 2.0), ("step", 0.1))
+    ]
     sensor = chain.sensor("table1-apd", *fine, "laser.peak_power_w=1e-3")
     simulator = Simulator(wall(), sensor)
     pulses, counts = [], []

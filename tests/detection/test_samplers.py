@@ -29,9 +29,11 @@ def alone(equipped, snr, road, *, seed=6, widths=False):
         stop = detect(train(100.0 * every[:, None], power), equipped, seed=seed).stops[0]
     else:
         light = Echoes(
-            found=every > 0.0, range_m=100.0 * every, peak_power_w=power * every,
+            found=every > 0.0,
+            range_m=100.0 * every,
+            peak_power_w=power * every,
             background_power_w=trains.BACKGROUND_W * every,
-        )  # fmt: skip
+        )
         pulse = np.arange(SHOTS, dtype=np.uint32)
         stop = returns.detect(light, equipped, seed=seed, pulse=pulse).stops[0]
     kept = stop.reported & (stop.status == 0)
@@ -113,9 +115,7 @@ def test_walk_that_the_amplitude_tells(name, road):
     if name == "table1-sipm":
         free = 400.0 - point.busy[0]
         ratio = np.log1p(-amplitude / free) / np.log1p(-level / free)
-    np.testing.assert_allclose(
-        range_m - raw_m, HALF_C * SIGMA_S * np.sqrt(2.0 * np.log(ratio)), rtol=1e-9, atol=1e-9
-    )
+    np.testing.assert_allclose(range_m - raw_m, HALF_C * SIGMA_S * np.sqrt(2.0 * np.log(ratio)), rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
@@ -162,23 +162,17 @@ def test_levels_without_walk_correction_are_the_tdc(walk, name, snr):
         point = equipped.working_point(np.array([trains.BACKGROUND_W]))
         ratio = trains.power_at_snr(equipped, snr) / point.power_w(equipped.threshold(point))[0]
         raw_m = readings(snr, *LEVELS, "tdc.walk='raw'", name=name)[0]
-        np.testing.assert_allclose(
-            by_levels - raw_m, HALF_C * SIGMA_S * math.sqrt(2.0 * math.log(ratio)), atol=1e-9
-        )
+        np.testing.assert_allclose(by_levels - raw_m, HALF_C * SIGMA_S * math.sqrt(2.0 * math.log(ratio)), atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("name", "recovery_s"), [("table1-sipm", None), ("table1-apd", None), ("table1-apd", 5e-9)]
-)
+@pytest.mark.parametrize(("name", "recovery_s"), [("table1-sipm", None), ("table1-apd", None), ("table1-apd", 5e-9)])
 def test_walk_that_the_levels_tell(name, recovery_s):
     """Shot by shot: half of the width of an even pulse, also of a SiPM, whose cells saturate but whose edges pass a
     level at the same power. Of a pulse that drains, what a clean one of this width is early by.
 
     Reference: the width of a clean pulse (`width_at_level_s`, which a grid of 1 ps holds) solved for its peak by SciPy.
     """
-    drains = (
-        [] if recovery_s is None else ["detector.saturation_ua=2", f"detector.recovery_ns={1e9 * recovery_s}"]
-    )
+    drains = [] if recovery_s is None else ["detector.saturation_ua=2", f"detector.recovery_ns={1e9 * recovery_s}"]
     options = [*LEVELS, *drains]
     snr = 20.0 if name == "table1-sipm" else 200.0
     error_m, _, width_s = readings(snr, *options, name=name)
@@ -192,11 +186,7 @@ def test_walk_that_the_levels_tell(name, recovery_s):
 
         def too_wide_s(overdrive, width_s):
             return width_s - saturation.width_at_level_s(
-                level=level,
-                signal=level * np.exp(overdrive),
-                saturation=2e-6,
-                fwhm_s=FWHM_S,
-                recovery_s=recovery_s,
+                level=level, signal=level * np.exp(overdrive), saturation=2e-6, fwhm_s=FWHM_S, recovery_s=recovery_s
             )
 
         overdrives = np.array([brentq(too_wide_s, 1e-9, 80.0, args=(one,), xtol=1e-12) for one in width_s])
@@ -212,10 +202,7 @@ def test_walk_that_the_levels_tell(name, recovery_s):
     [
         (["sampler.type='adc'"], "key 'sampler.rate_mhz' is missing"),
         ([*ADC, "sampler.rate_mhz=100"], "sampler.rate_mhz: must be >= 166.667"),
-        (
-            ["sampler.type='multi_level_tdc'", "sampler.levels=[4, 2]"],
-            "levels: must be rising numbers, got [4.0, 2.0]",
-        ),
+        (["sampler.type='multi_level_tdc'", "sampler.levels=[4, 2]"], "levels: must be rising numbers, got [4.0, 2.0]"),
         (["sampler.type='multi_level_tdc'", "sampler.levels=[1]"], "levels"),
         (["tdc.keep='all'", "tdc.stops=2"], "stops: not together with"),
         (
@@ -341,9 +328,7 @@ def test_a_pulse_that_grazes_the_levels_has_neither_width_nor_walk():
     """
     light = train(np.full((4000, 1), 60.0), trains.power_at_snr(sensor("table1-apd"), 6.0))
     corrected, raw = (
-        detect(light, sensor("table1-apd", *LEVELS, "tdc.threshold_to_noise=6", f"tdc.walk='{walk}'")).stops[
-            0
-        ]
+        detect(light, sensor("table1-apd", *LEVELS, "tdc.threshold_to_noise=6", f"tdc.walk='{walk}'")).stops[0]
         for walk in ("corrected", "raw")
     )
     grazes = corrected.reported & (corrected.status == 0) & (corrected.width_s == 0.0)

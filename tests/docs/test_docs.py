@@ -179,14 +179,20 @@ def test_theory_names_the_formulas() -> None:
         }
         untold = {
             # What needs no equation, or is only an inverse or an aside.
-            "physics.optics.radiometry.time_of_flight_s", "physics.optics.radiometry.time_of_flight_from_beat_s",
-            "physics.optics.radiometry.photon_energy_j", "physics.optics.radiometry.incidence_angle_rad",
-            "physics.optics.radiometry.lambertian_intensity_w_sr", "physics.optics.radiometry.aperture_solid_angle_sr",
-            "physics.optics.radiometry.field_of_view_solid_angle_sr", "physics.electronics.tdc.noise_at_level",
-            "physics.electronics.sipm.photon_detection_efficiency", "physics.electronics.sipm.photons_for_share",
-            "physics.electronics.sipm.photons_for_share_published", "physics.electronics.sipm.dark_counts",
+            "physics.optics.radiometry.time_of_flight_s",
+            "physics.optics.radiometry.time_of_flight_from_beat_s",
+            "physics.optics.radiometry.photon_energy_j",
+            "physics.optics.radiometry.incidence_angle_rad",
+            "physics.optics.radiometry.lambertian_intensity_w_sr",
+            "physics.optics.radiometry.aperture_solid_angle_sr",
+            "physics.optics.radiometry.field_of_view_solid_angle_sr",
+            "physics.electronics.tdc.noise_at_level",
+            "physics.electronics.sipm.photon_detection_efficiency",
+            "physics.electronics.sipm.photons_for_share",
+            "physics.electronics.sipm.photons_for_share_published",
+            "physics.electronics.sipm.dark_counts",
             "physics.electronics.sipm.snr_approximate",
-        }  # fmt: skip
+        }
         assert names - told <= untold
 
 
@@ -270,9 +276,7 @@ def default_of(info: Any) -> str:
 
 
 def test_models_are_all_found() -> None:
-    assert {"BodyFile", "PoseFile", "ApdFile", "SipmFile", "ReflectivityRow", "AirFile", "LampsFile"} <= set(
-        MODELS
-    )
+    assert {"BodyFile", "PoseFile", "ApdFile", "SipmFile", "ReflectivityRow", "AirFile", "LampsFile"} <= set(MODELS)
 
 
 def bounds_of(schema: dict[str, Any]) -> str:
@@ -352,9 +356,7 @@ def limits(schema: Any) -> set[float]:
         return set().union(*map(limits, schema))
     if not isinstance(schema, dict):
         return set()
-    bounds = {
-        float(value) for key, value in schema.items() if re.match("(exclusive)?(min|max)", key, re.IGNORECASE)
-    }
+    bounds = {float(value) for key, value in schema.items() if re.match("(exclusive)?(min|max)", key, re.IGNORECASE)}
     return bounds.union(*map(limits, schema.values()))
 
 

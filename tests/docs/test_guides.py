@@ -82,8 +82,7 @@ def test_defaults_of_range() -> None:
             row_says([axis], bounds.start, bounds.stop)
     says("range.md", "{} a decade", plane._STEPS_PER_DECADE)
     words = [
-        (int(status), word.upper().split(" ")[0] or "FOUND")
-        for status, word, *_ in table("range.md", "status | word")
+        (int(status), word.upper().split(" ")[0] or "FOUND") for status, word, *_ in table("range.md", "status | word")
     ]
     assert words == [(status, status.name.split("_")[0]) for status in RangeStatus]
 
@@ -151,21 +150,41 @@ def test_conventions() -> None:
         "{} trailing edges of a multi-level TDC, "
         "{} samples of an ADC, {} interference, {} ambient counts, {} drops and flakes, {} gaps, {} histograms, "
         "{} thresholds that scatter",
-        *(random.Stage[name] for name in (
-            "EDGE_NOISE", "FALSE_ALARM", "TDC_JITTER", "POINTING", "TRAILING_EDGE", "SAMPLES", "INTERFERENCE",
-            "AMBIENT", "PARTICLES", "GAPS", "HISTOGRAM", "THRESHOLD",
-        )),
-    )  # fmt: skip
+        *(
+            random.Stage[name]
+            for name in (
+                "EDGE_NOISE",
+                "FALSE_ALARM",
+                "TDC_JITTER",
+                "POINTING",
+                "TRAILING_EDGE",
+                "SAMPLES",
+                "INTERFERENCE",
+                "AMBIENT",
+                "PARTICLES",
+                "GAPS",
+                "HISTOGRAM",
+                "THRESHOLD",
+            )
+        ),
+    )
     assert len(random.Stage) == 12
     says(
         "conventions.md",
         "(`detection.outcomes.Status`): {} echo, {} false alarm, {} another lidar's pulse, {} light of fog",
-        Status.ECHO, Status.FALSE_ALARM, Status.INTERFERENCE, Status.WEATHER,
-    )  # fmt: skip
+        Status.ECHO,
+        Status.FALSE_ALARM,
+        Status.INTERFERENCE,
+        Status.WEATHER,
+    )
     says(
-        "quick_start.md", "`status` is {} for an echo, {} for a false alarm, {} for another lidar's pulse, {} for fog",
-        Status.ECHO, Status.FALSE_ALARM, Status.INTERFERENCE, Status.WEATHER,
-    )  # fmt: skip
+        "quick_start.md",
+        "`status` is {} for an echo, {} for a false alarm, {} for another lidar's pulse, {} for fog",
+        Status.ECHO,
+        Status.FALSE_ALARM,
+        Status.INTERFERENCE,
+        Status.WEATHER,
+    )
     rows = table("conventions.md", "value | outcome")
     assert [(int(row[0]), row[1].upper().replace(" ", "_")) for row in rows] == [(o, o.name) for o in Outcome]
     says("conventions.md", "{} samples to the pulse's width", SAMPLES_PER_FWHM)
@@ -197,12 +216,7 @@ def test_formats() -> None:
         FACTOR**2,
     )
     says("formats.md", "OSI {}, with a", float(f"{osi.VERSION[0]}.{osi.VERSION[1]}"))
-    says(
-        "formats.md",
-        "({} by {} pixels, {} pixels of focal length)",
-        *files.PICTURE_PX,
-        files.CAMERA[0, 0],
-    )
+    says("formats.md", "({} by {} pixels, {} pixels of focal length)", *files.PICTURE_PX, files.CAMERA[0, 0])
     says(
         "formats.md",
         "in steps of {} cm (it ends at {} m)",
@@ -222,20 +236,11 @@ def test_motion_and_limits() -> None:
     miss = STEP_S**2 / 8.0
     says("motion.md", "{} µm at 10 m/s²", 1e6 * miss * 10.0)
     says("motion.md", "{} µm for an arc at 30 m/s and 30 °/s", 1e6 * miss * 30.0 * math.radians(30.0))
-    says(
-        "motion.md",
-        "{} mm for a point that turns ten times a second",
-        1e3 * miss * (2.0 * math.pi * 10.0) ** 2,
-    )
+    says("motion.md", "{} mm for a point that turns ten times a second", 1e3 * miss * (2.0 * math.pi * 10.0) ** 2)
     flight = 2.0 * 200.0 / 299_792_458.0
     says("motion.md", "{} µs to 200 m and back are {} µm at 30 m/s", 1e6 * flight, 1e6 * flight * 30.0)
     says("motion.md", "may be {} degrees apart at most", math.degrees(LARGEST_STEP_RAD))
-    says(
-        "motion.md",
-        "yaw rates reach {} °/s and speeds {} km/s",
-        LARGEST_YAW_RATE_DEG_S,
-        1e-3 * LARGEST_SPEED_M_S,
-    )
+    says("motion.md", "yaw rates reach {} °/s and speeds {} km/s", LARGEST_YAW_RATE_DEG_S, 1e-3 * LARGEST_SPEED_M_S)
     says("architecture.md", "cut into pieces of {} m", primitives.LARGEST_EDGE_M)
     says("architecture.md", "Rays restart {} mm off a", 1e3 * onward.START_OFFSET_M)
     says("theory.md", "One ray from {} mm above the hit", 1e3 * onward.START_OFFSET_M)
@@ -256,11 +261,7 @@ def test_particles() -> None:
     )
     mean = means[4]
     more = 1.0 - sum(math.exp(-mean) * mean**k / math.factorial(k) for k in range(5))
-    says(
-        "theory.md",
-        "A pulse with more than four above the cut, one in {}",
-        pytest.approx(1.0 / more, abs=5.0),
-    )
+    says("theory.md", "A pulse with more than four above the cut, one in {}", pytest.approx(1.0 / more, abs=5.0))
     lost = sum((k - 4) * math.exp(-mean) * mean**k / math.factorial(k) for k in range(5, 60))
     says("theory.md", "loses its weakest: {} % of those above the cut", 100.0 * lost / mean)
     says(
@@ -278,22 +279,14 @@ def test_particles() -> None:
         for r in (1.0, 100.0)
     ]
     says("weather.md", "1.076 R^0.67, is {} to {} % lower", *sorted(ratios))
-    says(
-        "weather.md",
-        "The lidar ratio is an estimate: {} sr",
-        precipitation.snow_lidar_ratio_sr(wavelength_m=500e-9),
-    )
+    says("weather.md", "The lidar ratio is an estimate: {} sr", precipitation.snow_lidar_ratio_sr(wavelength_m=500e-9))
 
 
 def test_sun_in_the_field_of_view() -> None:
     says("theory.md", "\\beta = {}^\\circ", math.degrees(sunlight.SUN_RADIUS_RAD))
     field = 1e-4 / 0.03
     power = sunlight.sun_disc_power_w(
-        sun_irradiance_w_m2=29.4,
-        sun_angle_rad=0.0,
-        field_rad=field,
-        aperture_m2=math.pi * 0.025**2,
-        efficiency=0.7986,
+        sun_irradiance_w_m2=29.4, sun_angle_rad=0.0, field_rad=field, aperture_m2=math.pi * 0.025**2, efficiency=0.7986
     )
     says("theory.md", "that is {} mW against", 1e3 * power)
     says("theory.md", "(phi = 3.3 mrad, the disc {})", 1e3 * sunlight.SUN_RADIUS_RAD)
@@ -310,12 +303,7 @@ def test_sensors() -> None:
     shown = re.findall(r"`([\w-]+)`", " ".join(row[0] for row in table("sensors.md", "name | exact")))
     assert sorted(shown) == catalog.names("sensors")
     os1 = load_sensor("os1-128").scanner
-    says(
-        "sensors.md",
-        "| {} beams at once, {} columns",
-        os1.lasers,
-        os1.cycles,
-    )
+    says("sensors.md", "| {} beams at once, {} columns", os1.lasers, os1.cycles)
 
 
 def test_one_laser_at_a_time() -> None:
@@ -380,16 +368,12 @@ def test_limits_of_the_standard(header: str) -> None:
     """Every constant of the three tables stands in the module that computes with them, in its units."""
     source = (ROOT / "src" / "lidarscene" / "physics" / "eye_safety.py").read_text(encoding="utf-8")
     tree = ast.walk(ast.parse(source))
-    written = {
-        node.value for node in tree if isinstance(node, ast.Constant) and isinstance(node.value, int | float)
-    }
+    written = {node.value for node in tree if isinstance(node, ast.Constant) and isinstance(node.value, int | float)}
     assert math.isclose((5e-3 / 0.2) ** 2, 625e-6)  # where alpha_max begins to grow
     for row in table("eye_safety.md", header):
         cells = re.sub(r"625 us|\(3/8\)|10 \* ", "", " ".join(row[1:]))
         for number, unit in re.findall(rf"(?<![\w.^])({PLAIN}) ?(ps|ns|us|ms|nm|mrad|mm)?\b", cells):
             at = float(number) * UNITS.get(unit, 1.0)
             scales = (1.0, 1e-9, 1e-3) if not unit or unit == "nm" else (1.0,)
-            near = any(
-                math.isclose(at * k, w) or math.isclose(float(number), w) for k in scales for w in written
-            )
+            near = any(math.isclose(at * k, w) or math.isclose(float(number), w) for k in scales for w in written)
             assert near, f"{number} {unit} of {row[0]}"

@@ -106,9 +106,7 @@ def test_edge() -> None:
     says("theory.md", "At TNR 5 sigma_0 is {} % of U", 100.0 / 5.0)
     says("theory.md", "sigma(U) is {} %: the edge", 100.0 * share)
     short = 100.0 * (1.0 / line - 1.0)
-    says(
-        "theory.md", "the straight line is {} to {} % short in deviation", math.floor(short), math.ceil(short)
-    )
+    says("theory.md", "the straight line is {} to {} % short in deviation", math.floor(short), math.ceil(short))
     says("validation.md", "then {} to {} % above the straight line's", math.floor(short), math.ceil(short))
     says("validation.md", "the level moves by {} % ({} % without", 100.0 * share, 100.0 / 5.0)
 
@@ -122,9 +120,7 @@ def edge(tnr: float) -> tuple[float, float]:
     own = {"noise": float(point.noise[0]), "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
     z = np.linspace(-4.9, 4.9, 20_001)
     weight = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
-    time_s = pulse.leading_edge_time_s(
-        level=tdc.crossing_level(threshold=level, deviate=z, **own) / peak, fwhm_s=6e-9
-    )
+    time_s = pulse.leading_edge_time_s(level=tdc.crossing_level(threshold=level, deviate=z, **own) / peak, fwhm_s=6e-9)
     model = np.sqrt((weight * (time_s - (weight * time_s).sum()) ** 2).sum())
     slope = peak * pulse.leading_edge_slope_per_s(level=level / peak, fwhm_s=6e-9)
     sigma = float(tdc.noise_at_level(level=level, **own))
@@ -150,24 +146,28 @@ def test_errata() -> None:
     counts, noise = sipm_counts(), case.apd_noise()
     short = 100.0 * (1.0 - 2.0**-0.25)
     says(
-        "theory.md", "{} % too short; with the row above {} % too long ({} for {} m)",
-        short, 100.0 * (printed[0] / derived[0] - 1.0), printed[0], derived[0],
-    )  # fmt: skip
-    says(
-        "theory.md", "with the first row {} % too long ({} for {} m)",
-        100.0 * (printed[1] / derived[1] - 1.0), printed[1], derived[1],
-    )  # fmt: skip
-    parts = {
-        "multiplied_variance_a2": noise.multiplied_a2, "unmultiplied_variance_a2": noise.unmultiplied_a2,
-        "excess_noise_index": 0.3,
-    }  # fmt: skip
-    best, equal = float(apd.best_gain(**parts)), float(apd.gain_of_equal_noise(**parts))
-    gains = (2.0 / 0.3, best, equal, noise.snr(best), noise.snr(equal), noise.snr(80.0), APD.detector.gain)
+        "theory.md",
+        "{} % too short; with the row above {} % too long ({} for {} m)",
+        short,
+        100.0 * (printed[0] / derived[0] - 1.0),
+        printed[0],
+        derived[0],
+    )
     says(
         "theory.md",
-        "factor {}; gain {}, not {}; SNR at 100 m {}, not {} ({} at the gain {} of the table)",
-        *gains,
+        "with the first row {} % too long ({} for {} m)",
+        100.0 * (printed[1] / derived[1] - 1.0),
+        printed[1],
+        derived[1],
     )
+    parts = {
+        "multiplied_variance_a2": noise.multiplied_a2,
+        "unmultiplied_variance_a2": noise.unmultiplied_a2,
+        "excess_noise_index": 0.3,
+    }
+    best, equal = float(apd.best_gain(**parts)), float(apd.gain_of_equal_noise(**parts))
+    gains = (2.0 / 0.3, best, equal, noise.snr(best), noise.snr(equal), noise.snr(80.0), APD.detector.gain)
+    says("theory.md", "factor {}; gain {}, not {}; SNR at 100 m {}, not {} ({} at the gain {} of the table)", *gains)
     says("paper.md", "2/x = {} times; best gain {}, equality at {}", *gains[:3])
     share = float(
         sipm.busy_share_steady_state(
@@ -190,8 +190,12 @@ def test_errata() -> None:
     says(
         "theory.md",
         "{} m by the half, {} m (+{} %); 900 cells of PDE 15 % and 11 ns with a pulse of 2.2 ns: {} m, {} m (+{} %)",
-        steady, in_time, 100.0 * (in_time / steady - 1.0), *short, 100.0 * (short[1] / short[0] - 1.0),
-    )  # fmt: skip
+        steady,
+        in_time,
+        100.0 * (in_time / steady - 1.0),
+        *short,
+        100.0 * (short[1] / short[0] - 1.0),
+    )
     rest = noise.unmultiplied_a2
     says(
         "theory.md",
@@ -224,20 +228,12 @@ def test_tails() -> None:
     says("theory.md", "has {} times too few at Table 1 (`tail", times)
     says("limits.md", "the APD's avalanche has {} times as many", times)
     equal = 5.0
-    while (
-        statistics.false_alarm_probability(with_threshold(equal), TABLE_1, tail="exact")
-        > tail["bright"]["gaussian"]
-    ):
+    while statistics.false_alarm_probability(with_threshold(equal), TABLE_1, tail="exact") > tail["bright"]["gaussian"]:
         equal += 0.05
     says("theory.md", "and TNR {} is needed for the alarms that (9) promises", pytest.approx(equal, abs=0.05))
     off = {n: saddle_point(n) for n in (24.0, 2.4, 0.5)}
     assert 0.4 < off[0.5] < 0.6
-    says(
-        "theory.md",
-        "The saddle point is {} % low with 24 primaries, {} % with 2.4",
-        100 * off[24.0],
-        100 * off[2.4],
-    )
+    says("theory.md", "The saddle point is {} % low with 24 primaries, {} % with 2.4", 100 * off[24.0], 100 * off[2.4])
     assert float(tail["dim"]["exact"]) > 600 * tail["dim"]["gaussian"]
 
 
@@ -263,10 +259,7 @@ def test_saturation() -> None:
     signal, level = float(point.signal(light.peak_power_w)[0]), float(APD.threshold(point)[0])
     bias = saturation.walk_bias_m(threshold=level, signal=signal, saturation=50e-6, fwhm_s=6e-9)
     says(
-        "theory.md",
-        "a wall of 80 % at 20 m has {} times that and is reported {} m too near",
-        signal / 50e-6,
-        abs(bias),
+        "theory.md", "a wall of 80 % at 20 m has {} times that and is reported {} m too near", signal / 50e-6, abs(bias)
     )
     h = 5.0 + np.random.default_rng(1).exponential(1.0 / 5.0, 100_000)
     width = tdc.excursion_width_s(threshold=5.0, height=h, bandwidth_hz=167e6)
@@ -322,9 +315,12 @@ def test_sipm_page() -> None:
         )
     gaussian = tdc.false_alarm_probability(threshold=5.0, noise=1.0)
     says(
-        "sipm.md", "P_f at TNR 5: {} by (9), {} exactly at 686 background photons (skewness {}), {} at 50 ({})",
-        gaussian, *p[686.093], *p[50.0],
-    )  # fmt: skip
+        "sipm.md",
+        "P_f at TNR 5: {} by (9), {} exactly at 686 background photons (skewness {}), {} at 50 ({})",
+        gaussian,
+        *p[686.093],
+        *p[50.0],
+    )
 
 
 def test_crosstalk() -> None:
@@ -342,26 +338,20 @@ def test_crosstalk() -> None:
     says(
         "theory.md",
         "where P_d is {} without, 10 % of crosstalk cost {} % of the SNR and leave {}, and 25 % cost {} % and leave {}",
-        found[0][1], loss[1], found[1][1], loss[2], found[2][1],
-    )  # fmt: skip
+        found[0][1],
+        loss[1],
+        found[1][1],
+        loss[2],
+        found[2][1],
+    )
 
 
 def test_paper_page() -> None:
-    found = [
-        sipm.fired_cells_published(photons=200.0, pde=pde, cells=100.0) / (200.0 * pde) for pde in (0.1, 0.6)
-    ]
-    says(
-        "paper.md",
-        "200 photons on 100 cells give {} % of linear at 10 %, {} % at 60 %",
-        *(100.0 * f for f in found),
-    )
-    ranges = {
-        k: [range_m(s, illuminance_klux=k) for s in (sipm_printed(), sipm_steady())] for k in (100.0, 1.0)
-    }
+    found = [sipm.fired_cells_published(photons=200.0, pde=pde, cells=100.0) / (200.0 * pde) for pde in (0.1, 0.6)]
+    says("paper.md", "200 photons on 100 cells give {} % of linear at 10 %, {} % at 60 %", *(100.0 * f for f in found))
+    ranges = {k: [range_m(s, illuminance_klux=k) for s in (sipm_printed(), sipm_steady())] for k in (100.0, 1.0)}
     more = {k: 100.0 * (b / a - 1.0) for k, (a, b) in ranges.items()}
-    says(
-        "paper.md", "{} % of range at 100 klux from busy cells alone, {} % at 1 klux", more[100.0], more[1.0]
-    )
+    says("paper.md", "{} % of range at 100 klux from busy cells alone, {} % at 1 klux", more[100.0], more[1.0])
     limit = ranges[100.0][0]
     near, far = (case.snr_at(sipm_printed(), limit * k) for k in (1.0 / 1.01, 1.01))
     says("paper.md", "SiPM R^{} at its limit", math.log(far / near) / (2.0 * math.log(1.01)))
@@ -379,9 +369,7 @@ def test_paper_page() -> None:
     says("paper.md", "has a best radius, {} mm at 100 klux", best)
     rough = {
         (d, k): float(
-            sipm.snr_approximate(
-                signal_photons=c.signal_photons, background_photons=c.background_photons, pde=c.pde
-            )
+            sipm.snr_approximate(signal_photons=c.signal_photons, background_photons=c.background_photons, pde=c.pde)
         )
         / case.snr_at(sipm_printed(), d, illuminance_klux=k)
         for d, k in ((limit, 100.0), (100.0, 100.0), (900.0, 1.0))
@@ -389,22 +377,23 @@ def test_paper_page() -> None:
     }
     bound = closed_forms(as_printed=False)[1]
     says(
-        "paper.md", "{} % in SNR and {} % in range at the limit, a factor {} at 100 m, {} % at 1 klux",
-        100.0 * (rough[limit, 100.0] - 1.0), 100.0 * (bound / limit - 1.0), rough[100.0, 100.0],
-        100.0 * abs(rough[900.0, 1.0] - 1.0),
-    )  # fmt: skip
-    says(
-        "limits.md",
-        "is the paper's approximation, {} % off in SNR at the limit",
+        "paper.md",
+        "{} % in SNR and {} % in range at the limit, a factor {} at 100 m, {} % at 1 klux",
         100.0 * (rough[limit, 100.0] - 1.0),
+        100.0 * (bound / limit - 1.0),
+        rough[100.0, 100.0],
+        100.0 * abs(rough[900.0, 1.0] - 1.0),
     )
+    says("limits.md", "is the paper's approximation, {} % off in SNR at the limit", 100.0 * (rough[limit, 100.0] - 1.0))
 
 
 def test_range_page() -> None:
     equal = plane.equal_range_illuminance_klux(apd_lidar(), sipm_printed(), TABLE_1)
     says(
-        "range.md", "`crossing at {} klux: table1-apd rises above table1-sipm, {} m`",
-        equal, range_m(apd_lidar(), illuminance_klux=equal),
-    )  # fmt: skip
+        "range.md",
+        "`crossing at {} klux: table1-apd rises above table1-sipm, {} m`",
+        equal,
+        range_m(apd_lidar(), illuminance_klux=equal),
+    )
     says("range.md", "`table1-apd: maximum range {} m, where SNR {}`", range_m(apd_lidar()), 5.0)
     says("compare.md", "{} klux for the paper's APD and SiPM", equal)

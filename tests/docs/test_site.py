@@ -21,8 +21,12 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("site")
     built = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)],
-        cwd=ROOT, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True, timeout=PATIENCE_S,
-    )  # fmt: skip
+        cwd=ROOT,
+        env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+    )
     assert built.returncode == 0, built.stdout + built.stderr
     return folder
 
@@ -31,9 +35,7 @@ def html(site: Path, page: Path) -> str:
     return text_of(site / page.with_suffix(".html").name)
 
 
-@pytest.mark.parametrize(
-    "page", [page for page in PAGES if EQUATION.search(prose(page))], ids=lambda page: page.name
-)
+@pytest.mark.parametrize("page", [page for page in PAGES if EQUATION.search(prose(page))], ids=lambda page: page.name)
 def test_every_equation_is_drawn(site: Path, page: Path) -> None:
     """No LaTeX is left in what is drawn, and every number is an anchor."""
     drawn = re.findall(r"<math .*?</math>", html(site, page), re.DOTALL)

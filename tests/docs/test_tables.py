@@ -46,10 +46,7 @@ def literals(file: str) -> set[float]:
         for node in ast.walk(ast.parse(text_of(ROOT / file)))
         if isinstance(node, ast.Constant) and isinstance(node.value, int | float)
     }
-    words = {
-        float(n.replace("_", ""))
-        for n in re.findall(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.])", text_of(ROOT / file))
-    }
+    words = {float(n.replace("_", "")) for n in re.findall(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.])", text_of(ROOT / file))}
     return {round(k * n, 12) for n in written for k in (1.0, 100.0)} | words
 
 
@@ -157,18 +154,9 @@ def test_flat_angles_of_rough_surfaces() -> None:
     fall = math.log(math.cos(math.radians(83)) / math.cos(math.radians(70)))
     power = [math.log(back(slope, 83) / back(slope, 70)) / fall for slope in (30, 45)]
     over = [back(slope, 83) / math.cos(math.radians(83)) for slope in (30, 45)]
-    says(
-        "theory.md",
-        "to the power of {} at sigma = 30 degrees and {} at 45, and is {} and {} times",
-        *power,
-        *over,
-    )
+    says("theory.md", "to the power of {} at sigma = 30 degrees and {} at 45, and is {} and {} times", *power, *over)
     says("materials.md", "facets of 45 degrees {}.", power[1])
-    says(
-        "theory.md",
-        "1 + {} K",
-        (1.0 / reflection.largest_reflectivity(1e3) - 1.0) / float(reflection.relief(1e3)),
-    )
+    says("theory.md", "1 + {} K", (1.0 / reflection.largest_reflectivity(1e3) - 1.0) / float(reflection.relief(1e3)))
 
 
 def test_wavelengths_of_materials() -> None:
@@ -250,9 +238,7 @@ def test_beams_of_the_catalogue() -> None:
             if "from" in printed:
                 told.append(laser.exit_diameter_m)
             row_says([printed], *(1e3 * float(one) for one in told))
-    shown = re.findall(
-        r"`([\w-]+)`", " ".join(row[0] for row in table("sensors.md", "name | azimuth x elevation"))
-    )
+    shown = re.findall(r"`([\w-]+)`", " ".join(row[0] for row in table("sensors.md", "name | azimuth x elevation")))
     wide = [name for name in catalog.names("sensors") if float(load_sensor(name).laser.divergence_rad) > 0.0]
     assert sorted(shown) == wide
 
@@ -300,9 +286,7 @@ def test_ranges_of_the_sipm() -> None:
     for row in table("sipm.md", "klux | (27)"):
         klux = float(row[0])
         row_says(
-            row,
-            klux,
-            *(range_m(s, illuminance_klux=klux) for s in (sipm_printed(), sipm_steady(), sipm_in_time())),
+            row, klux, *(range_m(s, illuminance_klux=klux) for s in (sipm_printed(), sipm_steady(), sipm_in_time()))
         )
 
 
@@ -317,9 +301,7 @@ def test_sun() -> None:
         row_says([w_m2], solar_spectrum.total_irradiance_w_m2(spectrum))
         row_says([klux], 1e-3 * solar_spectrum.illuminance_lux(spectrum))
     for name, width in table("sun.md", "spectrum | box"):
-        box_m = solar_spectrum.implied_box_width_m(
-            spectra[name.strip("`")], centre_m=905e-9, irradiance_w_m2=29.4
-        )
+        box_m = solar_spectrum.implied_box_width_m(spectra[name.strip("`")], centre_m=905e-9, irradiance_w_m2=29.4)
         row_says([width], 1e9 * box_m)
 
     def mean(nm: float, width: float = 20.0) -> float:
@@ -330,13 +312,7 @@ def test_sun() -> None:
     (row,) = table("sun.md", "nm | 850")
     row_says(row[1:], *(mean(nm) for nm in (850, 905, 940, 1064, 1550)))
     says("sun.md", "the spectrum is {} % above its mean", 100.0 * (mean(905, 0.01) / mean(905) - 1.0))
-    says(
-        "sun.md",
-        "With {} W/m2/nm, the mean over {} nm alone, it would be {} nm",
-        mean(905),
-        20,
-        29.4 / mean(905),
-    )
+    says("sun.md", "With {} W/m2/nm, the mean over {} nm alone, it would be {} nm", mean(905), 20, 29.4 / mean(905))
     says("sun.md", "{} W/m2/nm around 885 nm", mean(885))
     says("sun.md", "With a 20 nm box the same sensor would see {} W/m2", 20.0 * mean(905))
 
@@ -347,9 +323,7 @@ def test_sun() -> None:
 def test_eye_safety_of_table_1() -> None:
     still, moved = (
         {c.name: c for c in report.criteria if c.viewer == "eye"}
-        for report in (
-            eye_safety_report(load_sensor("table1-apd"), scanned=scanned) for scanned in (False, True)
-        )
+        for report in (eye_safety_report(load_sensor("table1-apd"), scanned=scanned) for scanned in (False, True))
     )
     rows = {row[0]: row[1:] for row in table("eye_safety.md", "| limit")}
     for name, unit in (("single pulse", 1e9), ("pulse train", 1e9), ("average power", 1e3)):
@@ -360,8 +334,7 @@ def test_eye_safety_of_table_1() -> None:
             limits += [c5[0], unit * other.limit, c5[1]]
         row_says(rows[name], *limits, one.margin, other.margin)
     powers = [
-        eye_safety_report(load_sensor("table1-apd"), scanned=scanned).class_1_peak_power_w
-        for scanned in (False, True)
+        eye_safety_report(load_sensor("table1-apd"), scanned=scanned).class_1_peak_power_w for scanned in (False, True)
     ]
     says("eye_safety.md", "at rest or scanned: {} W and {} W of peak power", *powers)
     laser = still["single pulse"].emission
@@ -383,7 +356,7 @@ def test_eye_safety_of_table_1() -> None:
         ("fov.md", "those of a k-d tree, to {} degrees", "tests/studies/field_of_view/test_pattern.py"),
         ("weather.md", "to {} (extinction) and {} (backscatter)", "tests/physics/weather/test_mie.py"),
     ],
-)  # fmt: skip
+)
 def test_numbers_of_tests(page: str, words: str, file: str) -> None:
     """What a page says of a test is written in that test."""
     for number in told(page, words):

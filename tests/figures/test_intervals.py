@@ -31,8 +31,6 @@ def test_sensors_stand_beside_each_other_and_lines_are_expected_values() -> None
     assert (middles[1] - middles[0] > 0.0).all()
     assert (middles[1] - middles[0] < 1.0).all()
     lines = [
-        line.get_ydata().tolist()
-        for line in axes.lines
-        if line.get_linestyle() == "-" and line.get_linewidth() > 1
+        line.get_ydata().tolist() for line in axes.lines if line.get_linestyle() == "-" and line.get_linewidth() > 1
     ]
     assert [one for one in lines if one[0] == one[1]] == [[6.0, 6.0], [8.0, 8.0]]

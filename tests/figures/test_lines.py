@@ -30,10 +30,13 @@ def test_a_chart_is_whole_in_its_picture(saved: list[Any], tmp_path: Path) -> No
     """Labels, title, legend and numbers, with a tall label at the left that needs room."""
     x = np.linspace(0.0, 1.0, 5)
     chart = Chart(
-        lines=(Line(label="one", x=x, y=1e5 * x), Line(label="two", x=x, y=x, colour=1)), x_label="below",
-        y_label="left,\nin three\nlines", title="it fits, " * 30, marks=(Mark(x=0.5, y=5e4, text="here"),),
+        lines=(Line(label="one", x=x, y=1e5 * x), Line(label="two", x=x, y=x, colour=1)),
+        x_label="below",
+        y_label="left,\nin three\nlines",
+        title="it fits, " * 30,
+        marks=(Mark(x=0.5, y=5e4, text="here"),),
         levels=(Level(y=2e4, text="level"),),
-    )  # fmt: skip
+    )
     lines.save(chart, [tmp_path / "a.png", tmp_path / "a.svg"])
     assert len(saved) == 2
     whole_in_its_picture(saved[0])

@@ -46,8 +46,7 @@ def by_intensity(cloud: PointCloud, tmp_path_factory: pytest.TempPathFactory) ->
 
 
 @pytest.mark.parametrize(
-    ("draw", "size"),
-    [(perspective_picture, (1920, 1080)), (range_image, (1920, 640)), (frame_picture, (1920, 1600))],
+    ("draw", "size"), [(perspective_picture, (1920, 1080)), (range_image, (1920, 640)), (frame_picture, (1920, 1600))]
 )
 def test_picture_has_its_size_and_shows_something(
     draw: Any, size: tuple[int, int], cloud: PointCloud, tmp_path: Path
@@ -73,9 +72,7 @@ def test_size_can_be_chosen(draw: Any, full: bool, cloud: PointCloud, tmp_path: 
 @pytest.mark.parametrize(
     "name", ["true_range", "class", "body", "material", "status", "azimuth", "time", "in_shadow", "ghost"]
 )
-def test_colours_answer_to_the_column(
-    name: str, cloud: PointCloud, by_intensity: Any, tmp_path: Path
-) -> None:
+def test_colours_answer_to_the_column(name: str, cloud: PointCloud, by_intensity: Any, tmp_path: Path) -> None:
     """Rationale: the same points in other colours is another picture, and no column makes it fail."""
     perspective_picture(cloud, tmp_path / "b.png", colour_by=name, size_px=SMALL)
     assert (by_intensity != picture(tmp_path / "b.png")).any(axis=2).mean() > 0.1
@@ -85,16 +82,7 @@ def test_every_column_can_be_drawn(cloud: PointCloud, tmp_path: Path) -> None:
     few = cloud.select(slice(0, None, 40))
     for column in few.columns:
         range_image(few, tmp_path / "a.png", colour_by=column.name, size_px=(160, 80))
-    for name in (
-        "x",
-        "range",
-        "intensity",
-        "detection_probability",
-        "azimuth",
-        "pulse_width",
-        "class",
-        "body",
-    ):
+    for name in ("x", "range", "intensity", "detection_probability", "azimuth", "pulse_width", "class", "body"):
         range_image(few.select([0]), tmp_path / "a.png", colour_by=name, size_px=(160, 80))
 
 
@@ -192,8 +180,10 @@ def test_colour_maps_are_those_of_matplotlib(name: str) -> None:
     import matplotlib as mpl
 
     base, low, high = {
-        "viridis": ("viridis", 0.12, 1.0), "turbo": ("turbo_r", 0.06, 0.94), "inferno": ("inferno", 0.3, 1.0),
-    }[name]  # fmt: skip
+        "viridis": ("viridis", 0.12, 1.0),
+        "turbo": ("turbo_r", 0.06, 0.94),
+        "inferno": ("inferno", 0.3, 1.0),
+    }[name]
     parts = np.linspace(0.0, 1.0, 101)
     found = Scale(low=0.0, high=1.0, kind="linear", map=name).table(parts).astype(float)
     expected = 255.0 * mpl.colormaps[base](low + (high - low) * parts)[:, :3]
@@ -208,7 +198,7 @@ def test_colour_maps_are_those_of_matplotlib(name: str) -> None:
         (Scale(low=3.0, high=120.0, kind="root", map="turbo"), ["5", "10", "20", "50", "100"]),
         (Scale(low=-0.2, high=1.0, kind="linear", map="viridis"), [*["−0.2", "0", "0.2", "0.4", "0.6", "0.8", "1"]]),
     ],
-)  # fmt: skip
+)
 def test_round_numbers_on_a_scale(scale: Scale, told: list[str]) -> None:
     ticks = scale.ticks(7)
     assert [text for _, text in ticks] == told
@@ -227,9 +217,7 @@ def test_a_fitted_camera_holds_the_bulk_and_fills_the_picture(cloud: PointCloud)
 
 
 def test_other_suffix_and_bad_folder(cloud: PointCloud, tmp_path: Path) -> None:
-    with pytest.raises(
-        InputError, match=r"a\.gif: suffix '\.gif' names no picture format; known: \.png, \.svg"
-    ):
+    with pytest.raises(InputError, match=r"a\.gif: suffix '\.gif' names no picture format; known: \.png, \.svg"):
         range_image(cloud, tmp_path / "a.gif")
     (tmp_path / "file").touch()
     with pytest.raises(OutputError, match="is a file, not a folder"):
@@ -247,9 +235,7 @@ def test_camera_that_sees_nothing_is_refused(cloud: PointCloud) -> None:
 
 def test_projection_against_trigonometry() -> None:
     """Reference: with 90 degrees across, a point 30 degrees to the left is tan 30 of the half width to the left."""
-    camera = camera_for(
-        PointCloud(**CloudBuilder().fields()), eye_m=(1, 2, 3), target_m=(11, 2, 3), fov_deg=90.0
-    )
+    camera = camera_for(PointCloud(**CloudBuilder().fields()), eye_m=(1, 2, 3), target_m=(11, 2, 3), fov_deg=90.0)
     points = np.array([[11, 2, 3], [11, 2 + 10 * math.tan(math.pi / 6), 3], [11, 2, 5], [-9, 2, 3]])
     u, v, depth = camera.project(points, width=200, height=100)
     np.testing.assert_allclose(u[:3], [100, 100 - 100 * math.tan(math.pi / 6), 100], atol=1e-4)
@@ -269,9 +255,7 @@ def test_nearest_point_is_on_top_whatever_the_order() -> None:
 
 def test_a_disc_is_cut_at_the_edge() -> None:
     """A point in a corner, and one just outside: what is drawn of both is what a larger picture shows there."""
-    camera = camera_for(
-        PointCloud(**CloudBuilder().fields()), eye_m=(0, 0, 0), target_m=(1, 0, 0), fov_deg=90.0
-    )
+    camera = camera_for(PointCloud(**CloudBuilder().fields()), eye_m=(0, 0, 0), target_m=(1, 0, 0), fov_deg=90.0)
     xyz_m = np.array([[10.0, 10.0, 4.99], [10.0, -10.02, 0.0], [10.0, 0.0, -5.02]])
     rank = splat(camera, xyz_m, size=(400, 200)).rank
     drawn = {k: np.argwhere(rank == k) for k in range(3)}
@@ -323,11 +307,7 @@ def scan(azimuth_deg: Any, elevation_deg: Any, **changes: Any) -> PointCloud:
     [
         (np.arange(0, 90, 0.2), np.array([-7.0, -5, -4, -3.5, -3, -1, 0, 2])[:, None], (8, 450)),
         (20 * np.sin(np.linspace(-1.4, 1.4, 301)), np.linspace(-5, 5, 40)[:, None], (40, 301)),
-        (
-            np.arange(0, 360, 0.4) + 0.013 * np.arange(32)[:, None] ** 1.1,
-            np.arange(32)[:, None] * 1.0,
-            (32, 902),
-        ),
+        (np.arange(0, 360, 0.4) + 0.013 * np.arange(32)[:, None] ** 1.1, np.arange(32)[:, None] * 1.0, (32, 902)),
         (np.arange(500) * 0.1, 0.0, (1, 500)),
     ],
     ids=["uneven rows", "resonant", "staggered spinning", "one row"],
@@ -360,9 +340,7 @@ def test_light_makes_edges_dark() -> None:
     rank = np.where(np.arange(40) < 20, 1, 0)[None].repeat(20, axis=0).astype(np.int32)
     rank[:, 36:] = NOTHING
     front = pixels.Front(point=np.array([1, 0]), depth_m=np.array([20.0, 5.0], np.float32), rank=rank)
-    image, seen = pixels.lit(
-        front, np.full((2, 3), 200, np.uint8), nothing=np.array([9, 8, 7], np.uint8), reduction=2
-    )
+    image, seen = pixels.lit(front, np.full((2, 3), 200, np.uint8), nothing=np.array([9, 8, 7], np.uint8), reduction=2)
     shown = pixels.unpacked(image)
     assert shown.shape == (10, 20, 3)
     assert (seen == (np.arange(20) < 18)).all()
@@ -371,9 +349,7 @@ def test_light_makes_edges_dark() -> None:
     assert (shown[5, [3, 15], 0] == 200).all()
 
 
-def test_each_sensor_of_a_rig_has_its_own_range_image(
-    cloud: PointCloud, monkeypatch: Any, tmp_path: Path
-) -> None:
+def test_each_sensor_of_a_rig_has_its_own_range_image(cloud: PointCloud, monkeypatch: Any, tmp_path: Path) -> None:
     """Their azimuths are about different axes: three at most, each with its label and its own points."""
     labels = ("roof", "left", "right", "rear")
     numbers = (np.arange(len(cloud)) % 4).astype(np.uint8)
@@ -386,9 +362,7 @@ def test_each_sensor_of_a_rig_has_its_own_range_image(
     monkeypatch.setattr(pictures, "_draw_range_image", noted)
     rig = dataclasses.replace(cloud, sensor_names=labels, sensor_index=numbers)
     frame_picture(rig, tmp_path / "rig.png", colour_by="sensor_index", size_px=(300, 250))
-    assert drawn == [
-        (label, int((numbers == labels.index(label)).sum())) for label in ("right", "left", "roof")
-    ]
+    assert drawn == [(label, int((numbers == labels.index(label)).sum())) for label in ("right", "left", "roof")]
 
 
 def test_a_row_without_beams_stays_empty() -> None:
@@ -424,9 +398,7 @@ def test_axes_of_a_range_image_run_as_the_sensor_looks(cloud: PointCloud, tmp_pa
         assert len(steps) >= 1, key
         assert (steps < 0).all(), key
         if key != "scale":
-            np.testing.assert_allclose(
-                steps / np.diff(values[order]), steps[0] / np.diff(values[order])[0], rtol=0.05
-            )
+            np.testing.assert_allclose(steps / np.diff(values[order]), steps[0] / np.diff(values[order])[0], rtol=0.05)
 
 
 def test_uneven_rows_end_half_a_gap_beyond_their_beams() -> None:
@@ -457,9 +429,7 @@ def test_the_head_counts_what_is_no_echo(cloud: PointCloud, tmp_path: Path) -> N
     status = np.zeros(len(cloud), np.uint8)
     status[:10] = [1, 2, 2, 3, 3, 3, 4, 4, 4, 4]
     range_image(dataclasses.replace(cloud, status=status), tmp_path / "a.svg")
-    texts = {
-        one.text for one in ElementTree.parse(tmp_path / "a.svg").getroot().iter() if one.tag.endswith("text")
-    }
+    texts = {one.text for one in ElementTree.parse(tmp_path / "a.svg").getroot().iter() if one.tag.endswith("text")}
     assert {"1 false alarm", "2 of other lidars", "3 of the weather"} <= texts
 
 

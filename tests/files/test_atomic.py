@@ -35,9 +35,7 @@ def test_temporary_is_hidden_and_beside(tmp_path: Path) -> None:
         assert not (tmp_path / "a.ply").exists()
 
 
-@pytest.mark.parametrize(
-    "error", [RuntimeError("no"), KeyboardInterrupt(), OSError(errno.ENOSPC, "No space left")]
-)
+@pytest.mark.parametrize("error", [RuntimeError("no"), KeyboardInterrupt(), OSError(errno.ENOSPC, "No space left")])
 def test_failure_leaves_the_old_file(tmp_path: Path, error: BaseException) -> None:
     target = tmp_path / "a.txt"
     target.write_text("old")
@@ -169,9 +167,7 @@ def test_a_folder_appears_whole(tmp_path: Path) -> None:
     assert (tmp_path / "new" / "out" / "a").read_text() == "again"
 
 
-@pytest.mark.parametrize(
-    "error", [RuntimeError("no"), KeyboardInterrupt(), OSError(errno.ENOSPC, "No space left")]
-)
+@pytest.mark.parametrize("error", [RuntimeError("no"), KeyboardInterrupt(), OSError(errno.ENOSPC, "No space left")])
 @pytest.mark.parametrize("is_there", [True, False])
 def test_a_folder_that_fails_leaves_nothing(tmp_path: Path, error: BaseException, is_there: bool) -> None:
     folder = tmp_path / "new" / "out"
@@ -198,10 +194,7 @@ def test_errors_name_the_folder_that_was_asked_for(tmp_path: Path) -> None:
 
     with pytest.raises(OutputError) as error:
         fail()
-    assert (
-        str(error.value)
-        == f"{tmp_path / 'out'}/a: cannot be written: must be the name of a file, got a folder"
-    )
+    assert str(error.value) == f"{tmp_path / 'out'}/a: cannot be written: must be the name of a file, got a folder"
 
 
 @pytest.mark.parametrize("is_there", [True, False])

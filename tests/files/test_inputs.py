@@ -29,12 +29,23 @@ def _pattern(path: Path) -> object:
 
 
 READERS: dict[str, Callable[[Path], object]] = {
-    "a.toml": load_scene, "a.xml": load_scene, "b.xml": lambda path: load_shapes(path, {}, {}, 905e-9),
-    "a.glb": read_mesh, "a.obj": read_mesh, "a.csv": read_poses, "a.txt": read_poses, "b.csv": read_transmittance,
-    "c.csv": _pattern, "a.npz": _pattern,
-    "a.ply": PointCloud.load, "a.pcd": PointCloud.load, "b.npz": PointCloud.load, "a.parquet": PointCloud.load,
-    "a.las": PointCloud.load, "a.laz": PointCloud.load,
-}  # fmt: skip
+    "a.toml": load_scene,
+    "a.xml": load_scene,
+    "b.xml": lambda path: load_shapes(path, {}, {}, 905e-9),
+    "a.glb": read_mesh,
+    "a.obj": read_mesh,
+    "a.csv": read_poses,
+    "a.txt": read_poses,
+    "b.csv": read_transmittance,
+    "c.csv": _pattern,
+    "a.npz": _pattern,
+    "a.ply": PointCloud.load,
+    "a.pcd": PointCloud.load,
+    "b.npz": PointCloud.load,
+    "a.parquet": PointCloud.load,
+    "a.las": PointCloud.load,
+    "a.laz": PointCloud.load,
+}
 
 
 def refused(work: Callable[[Path], object], path: Path) -> str:
@@ -131,9 +142,7 @@ def test_files_that_include_ten_each(tmp_path: Path, monkeypatch: pytest.MonkeyP
         inside = f"<include filename='{number + 1}.xml'/>" * 10
         (tmp_path / f"{number}.xml").write_text(f"<scene version='3.0.0'>{inside}</scene>")
     (tmp_path / "8.xml").write_text("<scene version='3.0.0'/>")
-    assert "files include each other" in refused(
-        lambda path: load_shapes(path, {}, {}, 905e-9), tmp_path / "0.xml"
-    )
+    assert "files include each other" in refused(lambda path: load_shapes(path, {}, {}, 905e-9), tmp_path / "0.xml")
 
 
 @pytest.mark.parametrize("text", ["a = " + "[" * 90 + "]" * 90, ".".join("a" * 500) + " = 1", "[" * 50_000])
@@ -167,11 +176,7 @@ def test_a_text_file_of_gigabytes(tmp_path: Path) -> None:
 )
 def test_how_much_data_may_unpack_to(packed: int, unpacked: int, is_data: bool) -> None:
     """A gigabyte whatever the size, and a hundred times the size whatever that is."""
-    with (
-        nullcontext()
-        if is_data
-        else pytest.raises(ValueError, match="must unpack to at most 100 times its size")
-    ):
+    with nullcontext() if is_data else pytest.raises(ValueError, match="must unpack to at most 100 times its size"):
         require_unpacked(packed, unpacked)
 
 

@@ -19,8 +19,11 @@ def test_what_is_not_finite_is_null(value: float) -> None:
     """Strict readers, such as browsers and `jq`, take neither NaN nor Infinity."""
     text = json_text({"a": value, "b": [1.5, (value, {"c": value})], "d": "inf", "e": True})
     assert json.loads(text, parse_constant=refuse) == {
-        "a": None, "b": [1.5, [None, {"c": None}]], "d": "inf", "e": True,
-    }  # fmt: skip
+        "a": None,
+        "b": [1.5, [None, {"c": None}]],
+        "d": "inf",
+        "e": True,
+    }
 
 
 @pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan])

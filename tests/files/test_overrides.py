@@ -43,10 +43,7 @@ BODIES = {"bodies": [{"name": "a", "x": 1, "motion": {"v": 2}}, {"name": "b"}]}
         ("bodies.a.x=3", [{"name": "a", "x": 3, "motion": {"v": 2}}, {"name": "b"}]),
         ("bodies.1.x=3", [{"name": "a", "x": 1, "motion": {"v": 2}}, {"name": "b", "x": 3}]),
         ("bodies.a.motion.v=3", [{"name": "a", "x": 1, "motion": {"v": 3}}, {"name": "b"}]),
-        (
-            "bodies.b.motion.v=3",
-            [{"name": "a", "x": 1, "motion": {"v": 2}}, {"name": "b", "motion": {"v": 3}}],
-        ),
+        ("bodies.b.motion.v=3", [{"name": "a", "x": 1, "motion": {"v": 2}}, {"name": "b", "motion": {"v": 3}}]),
     ],
 )
 def test_override_in_a_list_of_tables(assignment: str, changed: list[object]) -> None:
@@ -63,9 +60,7 @@ def test_override_of_a_table_that_is_not_there(assignment: str) -> None:
     assert str(caught.value) == told
 
 
-@pytest.mark.parametrize(
-    "value", [1, 2.5, 1e-9, True, 'x "y"', [1, [2.5, "z"]], {"a b": {"c": [1, {"d": False}]}}]
-)
+@pytest.mark.parametrize("value", [1, 2.5, 1e-9, True, 'x "y"', [1, [2.5, "z"]], {"a b": {"c": [1, {"d": False}]}}])
 def test_toml_text_is_read_back(value: object) -> None:
     assert with_overrides({}, [f"a={toml_text(value)}"]) == {"a": value}
 

@@ -80,9 +80,7 @@ def test_noon_is_south_in_the_scene(tmp_path: Path) -> None:
     """Also when the time is text; +y is north, so the noon sun stands towards -y."""
     pytest.importorskip("pvlib")
     direction = sun_of(tmp_path, 'place = [48.0, 11.0], time = "2026-06-21T13:18:00+02:00"').direction
-    assert direction == pytest.approx(
-        [0.0, -math.cos(math.radians(65.44)), math.sin(math.radians(65.44))], abs=2e-3
-    )
+    assert direction == pytest.approx([0.0, -math.cos(math.radians(65.44)), math.sin(math.radians(65.44))], abs=2e-3)
 
 
 def test_angles_as_before(tmp_path: Path) -> None:
@@ -108,7 +106,7 @@ def test_angles_as_before(tmp_path: Path) -> None:
             "sun: must have the sun's angles or its place and time, got azimuth_deg and place and time",
         ),
     ],
-)  # fmt: skip
+)
 def test_mistakes(entry: str, message: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=message) as caught:
         sun_of(tmp_path, entry)

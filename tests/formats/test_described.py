@@ -90,9 +90,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path, name: str) -
     assert os.listdir(tmp_path) == []
 
 
-@pytest.mark.parametrize(
-    ("free", "told"), [(0, "No space left on device (read failed)"), (1 << 30, "read failed")]
-)
+@pytest.mark.parametrize(("free", "told"), [(0, "No space left on device (read failed)"), (1 << 30, "read failed")])
 def test_a_library_in_trouble_on_a_full_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: int, told: str
 ) -> None:

@@ -56,9 +56,7 @@ def e57_field(pye57: Any, file: Any, header: Any, name: str) -> np.ndarray:
     return values
 
 
-def test_e57_pose_puts_the_scan_into_the_world(
-    tmp_path: Path, library: Any, street_cloud: PointCloud
-) -> None:
+def test_e57_pose_puts_the_scan_into_the_world(tmp_path: Path, library: Any, street_cloud: PointCloud) -> None:
     """The same scan in both frames: read with the pose, and read as it is. Tolerance: float32 of 40 m."""
     need("e57")
     pye57 = library("pye57")

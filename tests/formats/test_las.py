@@ -65,10 +65,12 @@ def test_las_counts_returns_of_a_pulse(tmp_path: Path, library: Any) -> None:
     need("las")
     laspy = library("laspy")
     columns = {
-        "time_s": np.repeat([0.0, 1e-5, 2e-5], [1, 3, 2]), "return_number": [1, 1, 2, 3, 1, 2],
-        "azimuth_rad": np.repeat([0.1, 0.2, 0.3], [1, 3, 2]), "elevation_rad": np.zeros(6),
+        "time_s": np.repeat([0.0, 1e-5, 2e-5], [1, 3, 2]),
+        "return_number": [1, 1, 2, 3, 1, 2],
+        "azimuth_rad": np.repeat([0.1, 0.2, 0.3], [1, 3, 2]),
+        "elevation_rad": np.zeros(6),
         "channel": np.zeros(6),
-    }  # fmt: skip
+    }
     small_cloud(6, **columns).save(tmp_path / "a.las")
     las = laspy.read(tmp_path / "a.las")
     assert list(las.number_of_returns) == [1, 3, 3, 3, 2, 2]
@@ -117,9 +119,13 @@ def test_las_does_not_cut_a_pulse(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(las, "PIECE_POINTS", 4)
     pulse, angle = np.repeat(np.arange(5.0), 3), np.repeat(np.zeros(5, np.float32), 3)
     cloud = small_cloud(
-        15, time_s=pulse, channel=angle.astype(np.int32), azimuth_rad=angle, elevation_rad=angle,
+        15,
+        time_s=pulse,
+        channel=angle.astype(np.int32),
+        azimuth_rad=angle,
+        elevation_rad=angle,
         return_number=np.tile(np.array([1, 2, 3], np.uint8), 5),
-    )  # fmt: skip
+    )
     cloud.save(tmp_path / "a.las")
     assert np.array(laspy.read(tmp_path / "a.las").number_of_returns).tolist() == 15 * [3]
 

@@ -74,8 +74,9 @@ def test_a_killed_bag_leaves_no_folder(tmp_path: Path, how: str, library: Any) -
     path = tmp_path / "new" / "a.db3"
     writing = subprocess.Popen(
         [sys.executable, "-c", KILLED, str(ROOT / "src"), str(ROOT / "tests"), str(path)],
-        stdout=subprocess.PIPE, env=os.environ | {"PYTHONPATH": ""},
-    )  # fmt: skip
+        stdout=subprocess.PIPE,
+        env=os.environ | {"PYTHONPATH": ""},
+    )
     assert writing.stdout is not None
     assert writing.stdout.readline() == b"half\n"
     wait_until(lambda: any(one.is_dir() for one in path.parent.iterdir()))

@@ -34,14 +34,10 @@ def test_osi_in_betterosi(tmp_path: Path, library: Any, truth: bool) -> None:
     np.testing.assert_array_equal(get("classification"), np.where(cloud.status, 3, 0))
     assert get("intensity").max() == pytest.approx(100.0)
     np.testing.assert_allclose(get("intensity"), 100.0 * cloud.intensity / cloud.intensity.max(), rtol=1e-6)
-    np.testing.assert_allclose(
-        get("echo_pulse_width"), 149_896_229.0 * cloud.pulse_width_s.astype(float), rtol=1e-12
-    )
+    np.testing.assert_allclose(get("echo_pulse_width"), 149_896_229.0 * cloud.pulse_width_s.astype(float), rtol=1e-12)
     if truth:
         np.testing.assert_array_equal(get("reflectivity"), cloud.reflectivity)
-        np.testing.assert_array_equal(
-            get("radial_velocity"), -cloud.radial_velocity_m_s
-        )  # towards the sensor
+        np.testing.assert_array_equal(get("radial_velocity"), -cloud.radial_velocity_m_s)  # towards the sensor
         expected = [int(body) + 1 if body >= 0 else 2**64 - 1 for body in cloud.body]
         assert [one.object_id.value for one in lidar.detection] == expected
     else:

@@ -42,23 +42,16 @@ def test_units_and_meanings_are_with_the_columns(tmp_path: Path) -> None:
 
     small_cloud(3, metadata={"frame": "sensor", "intensity_unit": "A"}).save(tmp_path / "a.parquet")
     schema = pyarrow.parquet.read_schema(tmp_path / "a.parquet")
-    units = {
-        name: schema.field(name).metadata[b"unit"]
-        for name in ("range", "time", "intensity", "azimuth", "body")
-    }
+    units = {name: schema.field(name).metadata[b"unit"] for name in ("range", "time", "intensity", "azimuth", "body")}
     assert units == {"range": b"m", "time": b"s", "intensity": b"A", "azimuth": b"rad", "body": b"1"}
     assert schema.field("time").metadata[b"meaning"] == b"emission of the pulse, from the start of the frame"
 
 
-def test_a_column_of_one_value_is_counted_by_its_rows(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_column_of_one_value_is_counted_by_its_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ten thousand numbers that repeat take next to nothing in the file, and 80 kB for each column in memory."""
     need("parquet")
     asked: list[int] = []
-    cloud = PointCloud(
-        **{name: np.zeros((10_000, *v.shape[1:]), v.dtype) for name, v in small_columns(1).items()}
-    )
+    cloud = PointCloud(**{name: np.zeros((10_000, *v.shape[1:]), v.dtype) for name, v in small_columns(1).items()})
     cloud.save(tmp_path / "a.parquet")
     monkeypatch.setattr(parquet, "require_unpacked", lambda packed, unpacked: asked.append(unpacked))
     PointCloud.load(tmp_path / "a.parquet")

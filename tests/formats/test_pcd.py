@@ -73,9 +73,7 @@ def test_pcd_counts_its_points(tmp_path: Path) -> None:
     for ascii in (False, True):
         small_cloud(5).save(path, ascii=ascii)
         path.write_bytes(path.read_bytes().replace(b"POINTS 5", b"POINTS 6"))
-        with pytest.raises(
-            InputError, match=r"must have 6 whole lines of points, got 5|must have .* bytes of points"
-        ):
+        with pytest.raises(InputError, match=r"must have 6 whole lines of points, got 5|must have .* bytes of points"):
             PointCloud.load(path)
 
 

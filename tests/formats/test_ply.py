@@ -122,9 +122,7 @@ def test_size_is_header_plus_points(tmp_path: Path) -> None:
     for n in (0, 5):
         write_ply(tmp_path / "a.ply", small_cloud(n))
         head = tmp_path.joinpath("a.ply").read_bytes().index(b"end_header\n") + len(b"end_header\n")
-        assert (tmp_path / "a.ply").stat().st_size == head + n * (
-            12 + 9 * 4 + 8 + 4 + 3 + 4 * 4 + 3 + 4 + 3 * 4
-        )
+        assert (tmp_path / "a.ply").stat().st_size == head + n * (12 + 9 * 4 + 8 + 4 + 3 + 4 * 4 + 3 + 4 + 3 * 4)
 
 
 @pytest.mark.parametrize("ascii", [False, True])
@@ -140,9 +138,7 @@ def test_trimesh_reads_positions(tmp_path: Path, dtype: Any, ascii: bool) -> Non
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_open3d_reads_everything(tmp_path: Path, dtype: Any, ascii: bool, open3d: ModuleType) -> None:
     cloud = small_cloud(
-        50,
-        xyz_m=small_columns(50)["xyz_m"].astype(dtype),
-        metadata={"scene": "ä" * 3000 + "\nend_header"},
+        50, xyz_m=small_columns(50)["xyz_m"].astype(dtype), metadata={"scene": "ä" * 3000 + "\nend_header"}
     )
     path = tmp_path / "a.ply"
     write_ply(path, cloud, ascii=ascii)
@@ -370,12 +366,7 @@ def test_every_scalar_type_of_ply(tmp_path: Path) -> None:
 
 def test_columns_of_ours_in_another_reader(tmp_path: Path) -> None:
     """What is no cloud: trimesh finds the places, and the bytes are little-endian."""
-    columns = {
-        "x": np.float32([1, 2]),
-        "y": np.float32([3, 4]),
-        "z": np.float32([5, 6]),
-        "n": np.int32([7, -8]),
-    }
+    columns = {"x": np.float32([1, 2]), "y": np.float32([3, 4]), "z": np.float32([5, 6]), "n": np.int32([7, -8])}
     ply.write_columns(tmp_path / "a.ply", columns, comments=["Maß"])
     np.testing.assert_array_equal(trimesh.load(tmp_path / "a.ply").vertices, [[1, 3, 5], [2, 4, 6]])
     assert (tmp_path / "a.ply").read_bytes().endswith(struct.pack("<fffi", 2, 4, 6, -8))

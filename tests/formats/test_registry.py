@@ -41,11 +41,7 @@ def test_round_trip(tmp_path: Path, name: str, n: int, dtype: Any, truth: bool) 
 def test_any_text_survives(tmp_path: Path, name: str) -> None:
     """Rationale: names come from file names and editors. More than 64 kB of them must not break a header."""
     need(name)
-    metadata = {
-        "scene": "Straße\n\r\t\\n end_header 雪 \udce9 # VERSION",
-        "two words": " s ",
-        "long": "abcé " * 20000,
-    }
+    metadata = {"scene": "Straße\n\r\t\\n end_header 雪 \udce9 # VERSION", "two words": " s ", "long": "abcé " * 20000}
     cloud = small_cloud(3, metadata=metadata, class_names=("", " a b ", "long " * 500))
     cloud.save(file_of(tmp_path, name), format=name)
     back = PointCloud.load(file_of(tmp_path, name), format=name)
@@ -93,9 +89,7 @@ def test_suffix_names_the_format() -> None:
     assert format_of("b.pcd") is FORMATS["pcd"]
     assert format_of("b.mcap") is FORMATS["mcap"]
     assert format_of("b.ply", "osi") is FORMATS["osi"]
-    with pytest.raises(
-        InputError, match=r"b\.xyz: suffix '\.xyz' names no point cloud format; known: \.ply, \.pcd"
-    ):
+    with pytest.raises(InputError, match=r"b\.xyz: suffix '\.xyz' names no point cloud format; known: \.ply, \.pcd"):
         format_of("b.xyz")
     with pytest.raises(InputError, match="format 'ascii': there is none; the choices are ply"):
         format_of("b.ply", "ascii")
@@ -103,9 +97,7 @@ def test_suffix_names_the_format() -> None:
 
 @pytest.mark.parametrize("name", sorted(set(FORMATS) - set(READ)))
 def test_written_only_formats_say_so(tmp_path: Path, name: str) -> None:
-    with pytest.raises(
-        InputError, match="are written only, they do not hold all of a point cloud; those that do: ply"
-    ):
+    with pytest.raises(InputError, match="are written only, they do not hold all of a point cloud; those that do: ply"):
         PointCloud.load(file_of(tmp_path, name), format=name)
 
 

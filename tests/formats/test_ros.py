@@ -14,9 +14,18 @@ from lidarscene.formats.ros import structured
 
 LAYOUTS = {
     "velodyne": {"x": (0, 7), "y": (4, 7), "z": (8, 7), "intensity": (12, 7), "ring": (16, 4), "time": (18, 7)},
-    "ouster": {"x": (0, 7), "y": (4, 7), "z": (8, 7), "intensity": (16, 7), "t": (20, 6), "reflectivity": (24, 4),
-               "ring": (26, 4), "ambient": (28, 4), "range": (32, 6)},
-}  # fmt: skip
+    "ouster": {
+        "x": (0, 7),
+        "y": (4, 7),
+        "z": (8, 7),
+        "intensity": (16, 7),
+        "t": (20, 6),
+        "reflectivity": (24, 4),
+        "ring": (26, 4),
+        "ambient": (28, 4),
+        "range": (32, 6),
+    },
+}
 
 NUMPY = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
@@ -31,9 +40,7 @@ def messages(path: Path, library: Any) -> dict[str, Any]:
     dynamic = library("mcap_ros2._dynamic")
     connection = sqlite3.connect(path)
     try:
-        definitions = dict(
-            connection.execute("SELECT topic_type, encoded_message_definition FROM message_definitions")
-        )
+        definitions = dict(connection.execute("SELECT topic_type, encoded_message_definition FROM message_definitions"))
         query = "SELECT name, type, data FROM messages JOIN topics ON topics.id = messages.topic_id"
         return {
             topic: dynamic.generate_dynamic(kind, definitions[kind])[kind](data)
@@ -45,9 +52,7 @@ def messages(path: Path, library: Any) -> dict[str, Any]:
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("suffix", [".mcap", ".db3"])
-def test_point_cloud_2(
-    tmp_path: Path, library: Any, street_cloud: PointCloud, suffix: str, layout: str
-) -> None:
+def test_point_cloud_2(tmp_path: Path, library: Any, street_cloud: PointCloud, suffix: str, layout: str) -> None:
     """Reference: the fields of both drivers, and mcap_ros2 as reader; rosbags wrote."""
     name = {".mcap": "mcap", ".db3": "rosbag2"}[suffix] + ("-ouster" if layout == "ouster" else "")
     need(name)
@@ -111,13 +116,8 @@ def test_a_bag_of_several_frames(tmp_path: Path, library: Any) -> None:
 
 def test_layouts_are_those_of_the_drivers() -> None:
     """velodyne_pointcloud (datatypes.hpp: PointXYZIRT, packed) and ouster_ros (point.h: aligned to 16 bytes)."""
-    velodyne, ouster = (
-        structured(small_cloud(1), layout).dtype.fields or {} for layout in ("velodyne", "ouster")
-    )
-    place = {
-        name: (velodyne[name][1], velodyne[name][0].str)
-        for name in ("x", "y", "z", "intensity", "ring", "time")
-    }
+    velodyne, ouster = (structured(small_cloud(1), layout).dtype.fields or {} for layout in ("velodyne", "ouster"))
+    place = {name: (velodyne[name][1], velodyne[name][0].str) for name in ("x", "y", "z", "intensity", "ring", "time")}
     assert place == {
         "x": (0, "<f4"),
         "y": (4, "<f4"),
@@ -149,9 +149,7 @@ def test_numbers_of_the_ouster_driver() -> None:
         "reflectivity": [0.104, 0.0, 700.0],
         "ambient": [2.6, -1.0, 70_000.0],
     }
-    rows = structured(
-        small_cloud(3, **{name: np.array(values) for name, values in columns.items()}), "ouster"
-    )
+    rows = structured(small_cloud(3, **{name: np.array(values) for name, values in columns.items()}), "ouster")
     assert rows["t"].tolist() == [0, 2, 2**32 - 1]
     assert rows["range"].tolist() == [1001, 0, 12346]
     assert rows["reflectivity"].tolist() == [10, 0, 65535]

@@ -65,14 +65,26 @@ def test_killed_at_any_moment(mi: Any, tmp_path: Path) -> None:
     for number in range(KILLS):
         how = (signal.SIGTERM, signal.SIGKILL)[number % 2]
         running = subprocess.Popen(
-            [sys.executable, "-m", "lidarscene", "render", "moving.toml", "-o", "out", "--frames", "200", *COARSE,
-             "--sensor=table1-apd", "--labels=kitti", "--keep-missed=out/m.npz"],
-            cwd=tmp_path, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
-        before = _clouds(out)
-        wait_until(
-            lambda before=before, running=running: _clouds(out) != before or running.poll() is not None
+            [
+                sys.executable,
+                "-m",
+                "lidarscene",
+                "render",
+                "moving.toml",
+                "-o",
+                "out",
+                "--frames",
+                "200",
+                *COARSE,
+                "--sensor=table1-apd",
+                "--labels=kitti",
+                "--keep-missed=out/m.npz",
+            ],
+            cwd=tmp_path,
+            stderr=subprocess.DEVNULL,
         )
+        before = _clouds(out)
+        wait_until(lambda before=before, running=running: _clouds(out) != before or running.poll() is not None)
         time.sleep(rng.random() * 0.3)
         running.send_signal(how)
         running.wait(PATIENCE_S)
@@ -85,18 +97,11 @@ def test_killed_at_any_moment(mi: Any, tmp_path: Path) -> None:
         assert len(left_frames) <= 1
     if LONG:
         command = running.args
-        subprocess.run(
-            command,
-            cwd=tmp_path,
-            check=True,
-            capture_output=True,
-        )
+        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
         assert list(out.rglob("*.part")) == []
 
 
 def _clouds(out: Path) -> dict[str, int]:
-    with contextlib.suppress(
-        FileNotFoundError
-    ):  # the folder comes and goes while the run looks whether it can write
+    with contextlib.suppress(FileNotFoundError):  # the folder comes and goes while the run looks whether it can write
         return {one.name: one.stat().st_mtime_ns for one in out.glob("*.ply")}
     return {}

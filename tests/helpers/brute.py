@@ -32,8 +32,10 @@ def gimbal(incidence, side, outer, azimuth_turn, elevation_turn):
     upright = side in ("above", "below")
     moves = {True: Z, False: Y}
     axes = {}
-    for name, axis in (("elevation" if upright else "azimuth", in_plane),
-                       ("azimuth" if upright else "elevation", in_mirror)):  # fmt: skip
+    for name, axis in (
+        ("elevation" if upright else "azimuth", in_plane),
+        ("azimuth" if upright else "elevation", in_mirror),
+    ):
         moved = mirrored(incoming, about(axis, 1e-3) @ normal)
         axes[name] = axis * np.sign(moved @ moves[name == "elevation"])
     inner = "azimuth" if outer == "elevation" else "elevation"

@@ -21,9 +21,11 @@ from lidarscene.scene.meshes.primitives import box_mesh, plane_mesh
 from lidarscene.scene.model import Air, Ball, Body, Part, Sky, Sun
 
 NARROW = [
-    "scanner.azimuth_fov_deg=0.02", "scanner.elevation_fov_deg=0.02",
-    "scanner.azimuth_step_deg=0.01", "scanner.elevation_step_deg=0.01",
-]  # fmt: skip
+    "scanner.azimuth_fov_deg=0.02",
+    "scanner.elevation_fov_deg=0.02",
+    "scanner.azimuth_step_deg=0.01",
+    "scanner.elevation_step_deg=0.01",
+]
 """A raster of 3 x 3 beams around the x axis; the middle one, number 4, is exactly on it."""
 
 
@@ -43,34 +45,41 @@ def facing(*, range_m, theta_deg=0.0, size_m=None, at=(0.0, 0.0, 0.0), material=
     turn = Pose.from_degrees(yaw_deg=theta_deg) @ Pose.from_degrees(pitch_deg=90.0)
     place = Pose(position_m=np.add(at, (range_m, 0.0, 0.0)), rotation=turn.rotation)
     return Body(
-        name="plane", class_name="plane", pose=place,
-        parts=(Part(vertices_m=vertices, faces=faces, material=material),),
-    )  # fmt: skip
+        name="plane", class_name="plane", pose=place, parts=(Part(vertices_m=vertices, faces=faces, material=material),)
+    )
 
 
 def box(*, at, size_m=(2.0, 3.0, 1.5), yaw_deg=0.0, material="grey"):
     vertices, faces = box_mesh(size_m=size_m)
     return Body(
-        name="box", class_name="box", pose=Pose.from_degrees(position_m=at, yaw_deg=yaw_deg),
+        name="box",
+        class_name="box",
+        pose=Pose.from_degrees(position_m=at, yaw_deg=yaw_deg),
         parts=(Part(vertices_m=vertices, faces=faces, material=material),),
-    )  # fmt: skip
+    )
 
 
 def ball(*, at, radius_m=1.0, material="grey"):
     return Body(
-        name="ball", class_name="ball", pose=Pose.from_degrees(position_m=at),
+        name="ball",
+        class_name="ball",
+        pose=Pose.from_degrees(position_m=at),
         parts=(Ball(radius_m=radius_m, material=material),),
-    )  # fmt: skip
+    )
 
 
 def scene(*bodies, materials=(), klux=100.0, sun=None, sky=0.0, air=None, pose=None):
     """A scene of these bodies, grey (10 %) unless said otherwise, under Table 1's light and air."""
     known = {material.name: material for material in (diffuse(), *materials)}
     return Scene(
-        name="test", bodies=tuple(bodies), materials=known, sky=Sky(diffuse_share=sky),
+        name="test",
+        bodies=tuple(bodies),
+        materials=known,
+        sky=Sky(diffuse_share=sky),
         sun=sun or Sun(azimuth_rad=math.pi, elevation_rad=math.radians(60.0), illuminance_klux=klux),
-        air=air or Air(transmittance=0.98), sensor_pose=pose or Pose(),
-    )  # fmt: skip
+        air=air or Air(transmittance=0.98),
+        sensor_pose=pose or Pose(),
+    )
 
 
 @dataclass(frozen=True)
@@ -116,17 +125,17 @@ def run(
     detection = receivers.detect_alone(light, on_device, seed=transfer.seed_word(seed), pulse=pulse)
     # In one kernel: each array alone would take one of its own, with all that comes before it.
     transfer.start(
-        [
-            x
-            for x in flattened((rays.direction, tuple(ways), tuple(light_of_ways), light, detection))
-            if is_drjit(x)
-        ]
+        [x for x in flattened((rays.direction, tuple(ways), tuple(light_of_ways), light, detection)) if is_drjit(x)]
     )
     direction = np.stack([np.array(x.numpy()) for x in rays.direction], axis=1)
     return Lanes(
-        direction, fetched(ways[0]), fetched(light), fetched(detection),
-        [fetched(way) for way in ways], [fetched(way) for way in light_of_ways],
-    )  # fmt: skip
+        direction,
+        fetched(ways[0]),
+        fetched(light),
+        fetched(detection),
+        [fetched(way) for way in ways],
+        [fetched(way) for way in light_of_ways],
+    )
 
 
 def fetched(stage):

@@ -17,10 +17,20 @@ from helpers.waiting import PATIENCE_S
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update",
-    "--disable-sync", "--disable-dev-shm-usage", "--hide-scrollbars", "--remote-debugging-pipe",
-)  # fmt: skip
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-dev-shm-usage",
+    "--hide-scrollbars",
+    "--remote-debugging-pipe",
+)
 
 
 def executable() -> str | None:
@@ -40,8 +50,10 @@ class Chromium:
         flags = [*FLAGS, f"--user-data-dir={profile}", f"--window-size={width},{height}"]
         self._process = subprocess.Popen(
             ["bash", "-c", shell, "bash", str(executable()), *flags, "about:blank"],
-            pass_fds=(read, write), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
+            pass_fds=(read, write),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
         os.close(read)
         os.close(write)
         self.messages: list[str] = []
@@ -54,13 +66,7 @@ class Chromium:
         self._session = attached["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self._send(f"{domain}.enable")
-        self._send(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=False,
-        )
+        self._send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
 
     def __enter__(self) -> Chromium:
         return self
@@ -120,13 +126,9 @@ class Chromium:
     def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
         """With the left button."""
         common = {"button": "left", "buttons": 1}
-        self._send(
-            "Input.dispatchMouseEvent", type="mousePressed", x=start[0], y=start[1], clickCount=1, **common
-        )
+        self._send("Input.dispatchMouseEvent", type="mousePressed", x=start[0], y=start[1], clickCount=1, **common)
         self._send("Input.dispatchMouseEvent", type="mouseMoved", x=end[0], y=end[1], **common)
-        self._send(
-            "Input.dispatchMouseEvent", type="mouseReleased", x=end[0], y=end[1], clickCount=1, **common
-        )
+        self._send("Input.dispatchMouseEvent", type="mouseReleased", x=end[0], y=end[1], clickCount=1, **common)
 
     def store_in(self, folder: Path) -> None:
         """Put what a page gives to be saved into this folder; a file has its name when it is whole."""

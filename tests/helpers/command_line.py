@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from helpers.walls import WALL as WALL
 
 COARSE = (
-    "--set=scanner.azimuth_fov_deg=40", "--set=scanner.azimuth_step_deg=2",
-    "--set=scanner.elevation_fov_deg=20", "--set=scanner.elevation_step_deg=2",
-)  # fmt: skip
+    "--set=scanner.azimuth_fov_deg=40",
+    "--set=scanner.azimuth_step_deg=2",
+    "--set=scanner.elevation_fov_deg=20",
+    "--set=scanner.elevation_step_deg=2",
+)
 BEAMS = 21 * 11
 
 

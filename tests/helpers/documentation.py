@@ -94,21 +94,7 @@ def in_order(page: Path) -> Iterator[Block]:
 # --- numbers ----------------------------------------------------------------------------------------
 
 NEAR = type(pytest.approx(0.0))
-WORDS = [
-    "zero",
-    "one",
-    "two",
-    "three",
-    "four",
-    "five",
-    "six",
-    "seven",
-    "eight",
-    "nine",
-    "ten",
-    "eleven",
-    "twelve",
-]
+WORDS = ["zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve"]
 PLAIN = r"(?:\d{1,3}(?:[ ,]\d{3})+(?!\d)|\d+)(?:\.\d+)?(?:e[-+]?\d+)?"
 SIGNED = rf"[-+]?{PLAIN}"
 WORD = r"\b(?:" + "|".join(WORDS[1:]) + r")\b"

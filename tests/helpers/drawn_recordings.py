@@ -34,10 +34,16 @@ def drawn_truth(seed: int) -> Truth:
         return float(np.exp(random.uniform(np.log(low), np.log(high))))
 
     return Truth(
-        white_m2=between(1e5, 6e5), near_field_m=between(6.0, 25.0), spot_over_field=between(0.3, 0.9),
-        threshold_floor=between(3.0, 8.0), threshold_slope=between(0.1, 0.4), threshold_width=between(0.9, 2.5),
-        scatter_c=between(120.0, 350.0), scatter_floor=between(4.0, 8.0), row_gains=between(0.05, 0.25),
-    )  # fmt: skip
+        white_m2=between(1e5, 6e5),
+        near_field_m=between(6.0, 25.0),
+        spot_over_field=between(0.3, 0.9),
+        threshold_floor=between(3.0, 8.0),
+        threshold_slope=between(0.1, 0.4),
+        threshold_width=between(0.9, 2.5),
+        scatter_c=between(120.0, 350.0),
+        scatter_floor=between(4.0, 8.0),
+        row_gains=between(0.05, 0.25),
+    )
 
 
 def two_lenses(seed: int, sensor: Sensor) -> tuple[Truth, Curve]:
@@ -48,9 +54,7 @@ def two_lenses(seed: int, sensor: Sensor) -> tuple[Truth, Curve]:
     return replace(drawn_truth(seed), near_field_m=stretch * near_field_m(sensor)), curve
 
 
-def drawn_sweep(
-    truth: Truth, seed: int, rows: int = 32, columns: int = 1000, curve: Curve | None = None
-) -> Sweep:
+def drawn_sweep(truth: Truth, seed: int, rows: int = 32, columns: int = 1000, curve: Curve | None = None) -> Sweep:
     """One frame of walls, smooth or rough, and sky, each 20 columns wide and some rows high, under a changing light.
 
     The arrangement is the same in every run; photons and ranges are drawn.
@@ -72,9 +76,7 @@ def drawn_sweep(
     rough = spread(layout.random(shape) < 0.3) * 0.05 * random.standard_normal((rows, columns))
     white = spread(np.exp(layout.uniform(np.log(0.05), np.log(0.9), shape)))
     ratio = range_m / truth.near_field_m
-    light = (
-        truth.white_m2 * (share(ratio, truth.spot_over_field) if curve is None else curve(ratio)) / range_m**2
-    )
+    light = truth.white_m2 * (share(ratio, truth.spot_over_field) if curve is None else curve(ratio)) / range_m**2
     sky = spread(layout.random(shape) < 0.25)
     # Some surfaces so dark that they are found now and then.
     dim = spread(layout.random(shape) < 0.3)
@@ -92,7 +94,11 @@ def drawn_sweep(
     reflectivity = np.clip(np.rint(100.0 * signal / light), 0.0, 255.0)
     azimuth = np.broadcast_to(-2.0 * np.pi * np.arange(columns) / columns, signal.shape)
     return Sweep(
-        range_m=np.where(kept, np.rint(1e3 * reported) / 1e3, np.nan), recorded=np.ones(signal.shape, bool),
-        direction=np.stack([np.cos(azimuth), np.sin(azimuth), 0.0 * azimuth], axis=-1), signal=signal, near_ir=near_ir,
-        reflectivity=np.where(kept, reflectivity, 0.0), knows_lost=True,
-    )  # fmt: skip
+        range_m=np.where(kept, np.rint(1e3 * reported) / 1e3, np.nan),
+        recorded=np.ones(signal.shape, bool),
+        direction=np.stack([np.cos(azimuth), np.sin(azimuth), 0.0 * azimuth], axis=-1),
+        signal=signal,
+        near_ir=near_ir,
+        reflectivity=np.where(kept, reflectivity, 0.0),
+        knows_lost=True,
+    )

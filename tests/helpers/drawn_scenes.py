@@ -19,10 +19,17 @@ REFLECTIVITY_SIGMA = 0.05
 GROUPS = 12
 
 DRAWN = {
-    "laser.peak_power_w": 0.3, "near_field_m": 0.3, "spot_over_field": 0.3, "laser.pulse_fwhm_ns": 0.15,
-    "detector.spads": 0.2, "detector.dark_count_rate_hz": 0.3, "histogram.threshold_floor": 0.2,
-    "histogram.threshold_slope": 0.2, "histogram.threshold_spread": 0.3, "optics.sun_irradiance_w_m2": 0.3,
-}  # fmt: skip
+    "laser.peak_power_w": 0.3,
+    "near_field_m": 0.3,
+    "spot_over_field": 0.3,
+    "laser.pulse_fwhm_ns": 0.15,
+    "detector.spads": 0.2,
+    "detector.dark_count_rate_hz": 0.3,
+    "histogram.threshold_floor": 0.2,
+    "histogram.threshold_slope": 0.2,
+    "histogram.threshold_spread": 0.3,
+    "optics.sun_irradiance_w_m2": 0.3,
+}
 """How far, as a logarithm, a unit is drawn from what is published."""
 
 
@@ -61,23 +68,28 @@ def unit_of(truth: dict[str, float], base: Sensor | None = None) -> Sensor:
     sensor = replace(
         sensor,
         laser=replace(
-            laser, peak_power_w=laser.peak_power_w * grown["laser.peak_power_w"] / moved**2,
+            laser,
+            peak_power_w=laser.peak_power_w * grown["laser.peak_power_w"] / moved**2,
             pulse_fwhm_s=laser.pulse_fwhm_s * grown["laser.pulse_fwhm_ns"],
         ),
         optics=replace(
-            optics, aperture_radius_m=optics.aperture_radius_m * moved, focal_length_m=optics.focal_length_m * moved,
+            optics,
+            aperture_radius_m=optics.aperture_radius_m * moved,
+            focal_length_m=optics.focal_length_m * moved,
             sun_irradiance_w_m2=optics.sun_irradiance_w_m2 * grown["optics.sun_irradiance_w_m2"],
         ),
         detector=replace(
-            detector, spads=detector.spads * grown["detector.spads"],  # type: ignore[call-arg, union-attr]
+            detector,
+            spads=detector.spads * grown["detector.spads"],  # type: ignore[call-arg, union-attr]
             dark_count_rate_hz=detector.dark_count_rate_hz * grown["detector.dark_count_rate_hz"],  # type: ignore[union-attr]
         ),
         histogram=replace(
-            histogram, threshold_floor=histogram.threshold_floor * grown["histogram.threshold_floor"],
+            histogram,
+            threshold_floor=histogram.threshold_floor * grown["histogram.threshold_floor"],
             threshold_slope=histogram.threshold_slope * grown["histogram.threshold_slope"],
             threshold_spread=(histogram.threshold_spread or 0.0) * grown["histogram.threshold_spread"],
         ),
-    )  # fmt: skip
+    )
     return with_spot(sensor, SPOT * grown["spot_over_field"])
 
 
@@ -90,10 +102,7 @@ def drawn_scene(seed: int, pulses: int) -> tuple[Scene, np.ndarray, Target, np.n
     albedo = np.geomspace(0.05, 0.9, GROUPS)[group]
     sensor = published()
     target = Target(
-        reflectivity=albedo,
-        illuminance_klux=klux,
-        cos_incidence=layout.uniform(0.3, 1.0, pulses),
-        transmittance=1.0,
+        reflectivity=albedo, illuminance_klux=klux, cos_incidence=layout.uniform(0.3, 1.0, pulses), transmittance=1.0
     )
     scene = Scene.of(echoes_of_plane(sensor, target, range_m), sensor, group, spot_over_field=SPOT)
     return scene, range_m, target, REFLECTIVITY_SIGMA * random.standard_normal(GROUPS)
@@ -108,6 +117,8 @@ def drawn_report(unit: Sensor, seed: int, pulses: int = 3000) -> tuple[Scene, Re
     stop = seen.stops[0]
     kept = np.asarray(stop.reported) & (np.asarray(stop.status) == 0)
     return scene, Reported(
-        kept=kept, signal=np.where(kept, stop.photons, np.nan), near_ir=np.asarray(seen.ambient, float),
+        kept=kept,
+        signal=np.where(kept, stop.photons, np.nan),
+        near_ir=np.asarray(seen.ambient, float),
         range_m=np.where(kept, stop.range_m, np.nan),
-    )  # fmt: skip
+    )

@@ -45,15 +45,68 @@ MEMORY = 8 << 30
 """Bytes of address space that an input may take beyond what the process has: more ends in a MemoryError."""
 
 NUMBERS = (
-    "0", "-0.0", "1", "-1", "2", "1e-300", "1e-30", "1e-9", "1e9", "1e30", "1e300", "1e308", "-1e308", "nan", "inf",
-    "-inf", "4294967295", "4294967296", "2147483648", "9223372036854775808", "1" + "0" * 400, "0x10", "1_000", "0.1",
-    "3.7", "65536", "true", "9" * 5000,
-)  # fmt: skip
+    "0",
+    "-0.0",
+    "1",
+    "-1",
+    "2",
+    "1e-300",
+    "1e-30",
+    "1e-9",
+    "1e9",
+    "1e30",
+    "1e300",
+    "1e308",
+    "-1e308",
+    "nan",
+    "inf",
+    "-inf",
+    "4294967295",
+    "4294967296",
+    "2147483648",
+    "9223372036854775808",
+    "1" + "0" * 400,
+    "0x10",
+    "1_000",
+    "0.1",
+    "3.7",
+    "65536",
+    "true",
+    "9" * 5000,
+)
 TEXTS = (
-    "", " ", "a", "\u0000", "../../etc/passwd", "/dev/null", "/dev/zero", ".", "..", "/", "a\nb", "\u202e", "ü" * 300,
-    "x" * 20_000, "{0}", "{path}", "%s", "$HOME", "None", "[a](b)", "\x1b[31m", "in/pipe", "in/folder", "in", "--", "-",
-    "NaN", "a.toml", "C:\\a", "\ud800", "0" * 4301,
-)  # fmt: skip
+    "",
+    " ",
+    "a",
+    "\u0000",
+    "../../etc/passwd",
+    "/dev/null",
+    "/dev/zero",
+    ".",
+    "..",
+    "/",
+    "a\nb",
+    "\u202e",
+    "ü" * 300,
+    "x" * 20_000,
+    "{0}",
+    "{path}",
+    "%s",
+    "$HOME",
+    "None",
+    "[a](b)",
+    "\x1b[31m",
+    "in/pipe",
+    "in/folder",
+    "in",
+    "--",
+    "-",
+    "NaN",
+    "a.toml",
+    "C:\\a",
+    "\ud800",
+    "0" * 4301,
+)
 SHARES_OF_A_FRAME = ("--no-truth", "--json", "--ascii", "--profile", "--deskew")
 
 Work = Callable[[], object]
@@ -178,8 +231,7 @@ XML = (
 )
 OBJ = "mtllib a.mtl\nusemtl steel\nv 8 0 0\nv 8 1 0\nv 8 0 1\nvn 1 0 0\nf 1 2 3\nf 1//1 3//1 2//1\n"
 STL = (
-    "solid a\nfacet normal 1 0 0\nouter loop\nvertex 8 0 0\nvertex 8 1 0\nvertex 8 0 1\nendloop\nendfacet\n"
-    "endsolid a\n"
+    "solid a\nfacet normal 1 0 0\nouter loop\nvertex 8 0 0\nvertex 8 1 0\nvertex 8 0 1\nendloop\nendfacet\nendsolid a\n"
 )
 PLY = (
     "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
@@ -239,8 +291,20 @@ class Workshop:
 
     def made(self, rng: random.Random) -> Input:
         """The next input of this stream."""
-        kinds = (self.sensor, self.scene, self.rig, self.job, self.cloud, self.mesh, self.table, self.xml, self.line,
-                 self.line, self.settings, self.no_file)  # fmt: skip
+        kinds = (
+            self.sensor,
+            self.scene,
+            self.rig,
+            self.job,
+            self.cloud,
+            self.mesh,
+            self.table,
+            self.xml,
+            self.line,
+            self.line,
+            self.settings,
+            self.no_file,
+        )
         return rng.choice(kinds)(rng)
 
     def sensor(self, rng: random.Random) -> Input:
@@ -248,17 +312,17 @@ class Workshop:
         whole = catalog.path_of("sensors", name).read_bytes()
         path = self.put("s.toml", spoilt(rng, whole))
         commands = (
-            ("range", path, "--json"), ("render", "wall.toml", "-o", "out/o.ply", "--sensor", path),
-            ("render", "wall.toml", "-o", "out/o.ply", "--sensor", path), ("range", path, "--over", "distance"),
-        )  # fmt: skip
+            ("range", path, "--json"),
+            ("render", "wall.toml", "-o", "out/o.ply", "--sensor", path),
+            ("render", "wall.toml", "-o", "out/o.ply", "--sensor", path),
+            ("range", path, "--over", "distance"),
+        )
         return called(f"sensor {name}", *rng.choice(commands))
 
     def scene(self, rng: random.Random) -> Input:
         wholes = [WALL, MOVING, *(one.read_text() for one in sorted((ROOT / "scenes").glob("*.toml")))]
         # Those of the project have hundreds of bodies, which take their time.
-        whole = rng.choice(
-            wholes[:2] if rng.random() < 0.9 else [one for one in wholes if "[[bodies]]" in one]
-        )
+        whole = rng.choice(wholes[:2] if rng.random() < 0.9 else [one for one in wholes if "[[bodies]]" in one])
         path = self.put("s.toml", spoilt(rng, whole.replace('mesh = "', f'mesh = "{ROOT}/scenes/').encode()))
         return called("scene", "render", path, "-o", "out/o.ply", "--sensor", "table1-apd", *SMALL)
 
@@ -293,10 +357,7 @@ class Workshop:
         kind = rng.choice(("p.csv", "p.npz", "poses.csv", "poses.txt", "filter.csv"))
         if kind.startswith("p."):
             self.put(kind, spoilt(rng, self.pattern if kind == "p.npz" else PATTERN.encode()))
-            text = (
-                f'{_without_scanner()}[scanner]\ntype = "table"\nfile = "{kind}"\n'
-                'frame_ms = 1\n'
-            )  # fmt: skip
+            text = f'{_without_scanner()}[scanner]\ntype = "table"\nfile = "{kind}"\nframe_ms = 1\n'
             return called(kind, "range", self.put("s.toml", text.encode()), "--json")
         if kind == "filter.csv":
             self.put(kind, spoilt(rng, FILTER.encode()))
@@ -315,37 +376,15 @@ class Workshop:
 
     def settings(self, rng: random.Random) -> Input:
         """As the page sends them."""
-        keys = [
-            "detector",
-            "detector.gain",
-            "sun.azimuth_deg",
-            "sun.illuminance_klux",
-            "laser.peak_power_w",
-            text(rng),
-        ]
-        values = [
-            "1",
-            "-1",
-            "1e308",
-            "NaN",
-            "Infinity",
-            "null",
-            "[]",
-            "{}",
-            '"x"',
-            "true",
-            number(rng),
-            "9" * 400,
-        ]
+        keys = ["detector", "detector.gain", "sun.azimuth_deg", "sun.illuminance_klux", "laser.peak_power_w", text(rng)]
+        values = ["1", "-1", "1e308", "NaN", "Infinity", "null", "[]", "{}", '"x"', "true", number(rng), "9" * 400]
         pairs = [f"{json.dumps(rng.choice(keys))}: {rng.choice(values)}" for _ in range(rng.randint(0, 4))]
         body = spoilt_bytes(rng, b"{}") if rng.random() < 0.1 else ("{" + ", ".join(pairs) + "}").encode()
         return Input("settings", lambda: self.equipment.with_settings(settings_from(body)))
 
     def no_file(self, rng: random.Random) -> Input:
         """What is there and is no file, wherever a file is named."""
-        name = rng.choice(
-            ("in/pipe", "/dev/zero", "in/folder", "in/none", "a\0b", "x" * 3000, "/proc/self/mem")
-        )
+        name = rng.choice(("in/pipe", "/dev/zero", "in/folder", "in/none", "a\0b", "x" * 3000, "/proc/self/mem"))
         ending = rng.choice(("", ".toml", ".csv", ".xml", ".ply", ".npz", ".obj", ".laz"))
         link = self.inside / f"link{ending}"
         link.unlink(missing_ok=True)
@@ -365,9 +404,11 @@ class Workshop:
             Input("no file", lambda: Job.read(Path(named))),
         ]
         for key in ("mesh", "base", "poses"):
-            scene = {"mesh": f'[[bodies]]\nname = "a"\nmaterial = "concrete"\nmesh = {json.dumps(named)}\n',
-                     "base": f"base = {json.dumps(named)}\n",
-                     "poses": f"{WALL}\n[bodies.motion]\nposes_file = {json.dumps(named)}\n"}[key]  # fmt: skip
+            scene = {
+                "mesh": f'[[bodies]]\nname = "a"\nmaterial = "concrete"\nmesh = {json.dumps(named)}\n',
+                "base": f"base = {json.dumps(named)}\n",
+                "poses": f"{WALL}\n[bodies.motion]\nposes_file = {json.dumps(named)}\n",
+            }[key]
             path = self.put(f"{key}.toml", scene.encode())
             works.append(called(f"no file {key}", "render", path, "-o", "out/o.ply", *SMALL))
         return rng.choice(works)
@@ -380,10 +421,15 @@ class Workshop:
             ("render", "render", "render", "range", "fov", "compare", "catalog", "schema", "batch", "view")
         )
         given: list[str] = {
-            "render": ["wall.toml", "-o", "out/o.ply", *SMALL], "range": ["table1-apd"],
-            "fov": ["--no-such"], "compare": ["wall.toml", "-o", "out"], "catalog": ["sensors"], "schema": ["sensor"],
-            "batch": ["in/none.toml", "-o", "out"], "view": ["wall.toml", "--save", "out/v.html"],
-        }[name]  # fmt: skip
+            "render": ["wall.toml", "-o", "out/o.ply", *SMALL],
+            "range": ["table1-apd"],
+            "fov": ["--no-such"],
+            "compare": ["wall.toml", "-o", "out"],
+            "catalog": ["sensors"],
+            "schema": ["sensor"],
+            "batch": ["in/none.toml", "-o", "out"],
+            "view": ["wall.toml", "--save", "out/v.html"],
+        }[name]
         options = [a for a in commands[name]._actions if a.option_strings and "-h" not in a.option_strings]
         for action in rng.sample(options, min(len(options), rng.randint(1, 3))):
             given.append(rng.choice(action.option_strings))
@@ -403,9 +449,7 @@ class Workshop:
         if kind == 0:
             return text(rng)
         if kind >= 10:  # what may well be meant
-            return rng.choice(
-                ("1", "2", "0.5", "4", "0.1,0.2", "0,0,1", "detector.gain=60", "sun.illuminance_klux=1")
-            )
+            return rng.choice(("1", "2", "0.5", "4", "0.1,0.2", "0,0,1", "detector.gain=60", "sun.illuminance_klux=1"))
         if kind >= 7 and action.choices:
             return str(rng.choice(list(action.choices)))
         if kind == 2:
@@ -421,11 +465,31 @@ class Workshop:
 
 ROOT = Path(__file__).parents[2]
 KEYS = (
-    "detector.gain", "detector.pde", "laser.peak_power_w", "laser.pulse_ns", "laser.divergence_mrad", "optics", "tdc",
-    "tdc.window_us", "tdc.threshold_to_noise", "scanner.azimuth_step_deg", "scanner.type", "scanner", "a.b.c", "",
-    "sun.illuminance_klux", "bodies.wall.size_m", "bodies.0.size_m", "bodies.wall.pitch_deg", "air.visibility_m",
-    "weather.rain_mm_h", "bodies", "sensor.name", "laser.wavelength_nm", ".".join("a" * 500),
-)  # fmt: skip
+    "detector.gain",
+    "detector.pde",
+    "laser.peak_power_w",
+    "laser.pulse_ns",
+    "laser.divergence_mrad",
+    "optics",
+    "tdc",
+    "tdc.window_us",
+    "tdc.threshold_to_noise",
+    "scanner.azimuth_step_deg",
+    "scanner.type",
+    "scanner",
+    "a.b.c",
+    "",
+    "sun.illuminance_klux",
+    "bodies.wall.size_m",
+    "bodies.0.size_m",
+    "bodies.wall.pitch_deg",
+    "air.visibility_m",
+    "weather.rain_mm_h",
+    "bodies",
+    "sensor.name",
+    "laser.wavelength_nm",
+    ".".join("a" * 500),
+)
 
 
 def _apd() -> str:
@@ -520,9 +584,7 @@ def failure(one: Input) -> str:
         told = str(error)
         if "\n" in told.strip() and not isinstance(error, BackendError):
             pass  # the command line prints it in one line
-        return (
-            "" if len(told) <= LONGEST + 100 or isinstance(error, BackendError) else "the message is too long"
-        )
+        return "" if len(told) <= LONGEST + 100 or isinstance(error, BackendError) else "the message is too long"
     except MemoryError:
         return ""
     except Hung:
@@ -532,9 +594,7 @@ def failure(one: Input) -> str:
 
         if isinstance(error, KeyboardInterrupt):
             raise
-        return f"{type(error).__name__}: {str(error)[:300]}\n" + "".join(
-            traceback.format_tb(error.__traceback__)[-6:]
-        )
+        return f"{type(error).__name__}: {str(error)[:300]}\n" + "".join(traceback.format_tb(error.__traceback__)[-6:])
     finally:
         shutil.rmtree("out", ignore_errors=True)
     return ""

@@ -30,9 +30,7 @@ def new(later: Sequence[Kernel], before: Sequence[Kernel]) -> list[Kernel]:
     """
     known = {kernel["hash"] for kernel in before}
     return [
-        kernel
-        for kernel in later
-        if not kernel["cache_hit"] or kernel["cache_disk"] or kernel["hash"] not in known
+        kernel for kernel in later if not kernel["cache_hit"] or kernel["cache_disk"] or kernel["hash"] not in known
     ]
 
 

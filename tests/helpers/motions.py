@@ -14,9 +14,7 @@ START = pose(3, -2, 1, yaw=50, pitch=8, roll=-4)
 
 TIMES = np.array([0.0, 0.3, 1.0, 1.2, 2.5])
 
-WAY = (
-    pose(0, 0, 0), pose(3, 1, 0.2, 30, 5), pose(8, 6, 0, 80, -3, 10), pose(9, 8, 0.1, 120), pose(7, 20, 1, 200),
-)  # fmt: skip
+WAY = (pose(0, 0, 0), pose(3, 1, 0.2, 30, 5), pose(8, 6, 0, 80, -3, 10), pose(9, 8, 0.1, 120), pose(7, 20, 1, 200))
 
 SPLINE = Spline(time_s=TIMES, poses=WAY)
 

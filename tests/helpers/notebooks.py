@@ -22,10 +22,7 @@ def run(path: Path) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         for number, cell in enumerate(cells, start=1):
             where = f"{path.name}, cell {number}"
-            cell |= {
-                "execution_count": number,
-                "outputs": _outputs("".join(cell["source"]), namespace, where, number),
-            }
+            cell |= {"execution_count": number, "outputs": _outputs("".join(cell["source"]), namespace, where, number)}
     return notebook
 
 
@@ -43,22 +40,16 @@ def _outputs(source: str, namespace: dict[str, Any], where: str, number: int) ->
     with contextlib.redirect_stdout(printed):
         exec(compile(tree, where, "exec"), namespace)
         value = (
-            eval(compile(ast.Expression(last.value), where, "eval"), namespace)
-            if isinstance(last, ast.Expr)
-            else None
+            eval(compile(ast.Expression(last.value), where, "eval"), namespace) if isinstance(last, ast.Expr) else None
         )
     outputs: list[dict[str, Any]] = []
     if printed.getvalue():
-        outputs.append(
-            {"name": "stdout", "output_type": "stream", "text": printed.getvalue().splitlines(True)}
-        )
+        outputs.append({"name": "stdout", "output_type": "stream", "text": printed.getvalue().splitlines(True)})
     if value is not None and not source.rstrip().endswith(";"):
         data = {"text/plain": repr(value).splitlines(True)}
         if hasattr(value, "_repr_html_"):
             data["text/html"] = value._repr_html_().splitlines(True)
-        outputs.append(
-            {"data": data, "execution_count": number, "metadata": {}, "output_type": "execute_result"}
-        )
+        outputs.append({"data": data, "execution_count": number, "metadata": {}, "output_type": "execute_result"})
     for figure in map(pyplot.figure, pyplot.get_fignums()):
         image = io.BytesIO()
         figure.savefig(image, format="png", dpi=72, bbox_inches="tight", metadata={"Software": None})

@@ -14,9 +14,7 @@ from lidarscene.sensor.model import Sensor
 KINDS = {column.attribute: column.dtype for column in COLUMNS}
 
 
-def random_frame(
-    sensor: Sensor, *, number: int = 0, farthest_m: float = 120.0, second: bool = False
-) -> PointCloud:
+def random_frame(sensor: Sensor, *, number: int = 0, farthest_m: float = 120.0, second: bool = False) -> PointCloud:
     """A cloud in the sensor's frame; of three pulses in ten nothing came back, of a half of the others two returns."""
     rng = np.random.default_rng(20 + number)
     scanner = sensor.scanner
@@ -32,9 +30,7 @@ def random_frame(
     return PointCloud(**columns, metadata={"frame": "sensor", "frame_start_s": repr(start_s)})
 
 
-def points(
-    sensor: Sensor, pulse: Any, ranges_m: Any, number: int, *, return_number: int = 1
-) -> dict[str, Any]:
+def points(sensor: Sensor, pulse: Any, ranges_m: Any, number: int, *, return_number: int = 1) -> dict[str, Any]:
     """Columns of points of these pulses of a frame."""
     scanner, rng = sensor.scanner, np.random.default_rng(return_number)
     azimuth, elevation = scanner.angles(pulse)
@@ -44,12 +40,17 @@ def points(
     start = np.zeros((len(pulse), 3)) if offset is None else np.stack(offset, axis=-1)
     first_s = scanner.time_s(np.array([number * scanner.pulses]))[0]
     known = {
-        "xyz_m": start + range_m[:, None] * direction, "range_m": range_m,
-        "intensity": rng.integers(0, 256, len(pulse)), "signal": rng.integers(1, 60_000, len(pulse)),
-        "snr": rng.uniform(5.0, 90.0, len(pulse)), "time_s": scanner.time_s(pulse) - first_s,
-        "channel": scanner.channel(pulse), "azimuth_rad": azimuth, "elevation_rad": elevation,
+        "xyz_m": start + range_m[:, None] * direction,
+        "range_m": range_m,
+        "intensity": rng.integers(0, 256, len(pulse)),
+        "signal": rng.integers(1, 60_000, len(pulse)),
+        "snr": rng.uniform(5.0, 90.0, len(pulse)),
+        "time_s": scanner.time_s(pulse) - first_s,
+        "channel": scanner.channel(pulse),
+        "azimuth_rad": azimuth,
+        "elevation_rad": elevation,
         "return_number": np.full(len(pulse), return_number),
-    }  # fmt: skip
+    }
     return {
         name: known[name].astype(KINDS.get(name, "float64") if name != "xyz_m" else "float64")
         if name in known

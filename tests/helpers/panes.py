@@ -19,9 +19,7 @@ def pane_material(name="pane", **parameters):
 
 
 def mirror_material(name="mirror", reflectivity=0.9, **parameters):
-    return Material(
-        name=name, bsdf="mirror", reflectivity=Spectrum.constant(reflectivity), parameters=parameters
-    )
+    return Material(name=name, bsdf="mirror", reflectivity=Spectrum.constant(reflectivity), parameters=parameters)
 
 
 MATERIALS = (pane_material(), mirror_material())

@@ -53,9 +53,7 @@ def computed() -> Results:
 
 
 def _kept() -> Path:
-    return (
-        Path(os.environ["LIDARSCENE_CACHE"]) / "paper_results.pickle"
-    )  # of this run alone: tests/conftest.py
+    return Path(os.environ["LIDARSCENE_CACHE"]) / "paper_results.pickle"  # of this run alone: tests/conftest.py
 
 
 def use(patch: pytest.MonkeyPatch, known: Results) -> None:

@@ -9,9 +9,7 @@ from lidarscene.files.toml import read_toml
 from lidarscene.sensor.file import sensor_from_tables
 from lidarscene.studies.ranging import plane
 
-PIXEL = {
-    "type": "spad", "spads": 64, "radius_mm": 0.05, "pde": 0.2, "dead_time_ns": 12, "dark_count_rate_hz": 1000,
-}  # fmt: skip
+PIXEL = {"type": "spad", "spads": 64, "radius_mm": 0.05, "pde": 0.2, "dead_time_ns": 12, "dark_count_rate_hz": 1000}
 SUM = {"shots": 50, "window_us": 1.0, "bin_ns": 1.0, "threshold_floor": 4.0, "threshold_slope": 0.3}
 
 
@@ -33,9 +31,7 @@ def sensor(*overrides):
 def spinning(*overrides):
     """A head of two beams that turns ten times a second; the sensor works out its shots from that."""
     found = tables()
-    found["scanner"] = {
-        "type": "spinning", "rotation_hz": 10, "columns_per_turn": 1024, "elevation_deg": [0.0, 1.0],
-    }  # fmt: skip
+    found["scanner"] = {"type": "spinning", "rotation_hz": 10, "columns_per_turn": 1024, "elevation_deg": [0.0, 1.0]}
     found["histogram"] = {key: value for key, value in SUM.items() if key not in ("shots", "window_us")}
     found["histogram"] |= {"pulse_period_us": 1.8, "threshold_floor": 0.0}
     return sensor_from_tables(found, where="test", overrides=overrides)

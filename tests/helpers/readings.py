@@ -48,9 +48,13 @@ def on_light(equipped, echoes, lasting):
     bins_m, (ranges_m, heights) = np.linspace(0.0, 150.0, 3001), np.array(echoes).T
     course = np.interp(bins_m, *np.array(lasting).T, left=0.0, right=0.0) if lasting else 0.0 * bins_m
     air = Volume(
-        shape=Table(course), far_m=150.0, hump_m=(0.0, 150.0), scale=np.array([level_w if lasting else 0.0]),
-        end_m=np.array([1e6]), extinction_per_m=0.0,
-    )  # fmt: skip
+        shape=Table(course),
+        far_m=150.0,
+        hump_m=(0.0, 150.0),
+        scale=np.array([level_w if lasting else 0.0]),
+        end_m=np.array([1e6]),
+        extinction_per_m=0.0,
+    )
     fine_m = np.arange(0.0, 150.0, SIGMA_M / 500.0)
     power = np.interp(fine_m, bins_m, course)
     for range_m, height in echoes:

@@ -23,9 +23,7 @@ def velodyne_packet(azimuths: Sequence[int], distances: Sequence[Sequence[int]],
     for block, azimuth in enumerate(azimuths):
         both = [*distances[2 * block], *distances[2 * block + 1]]
         blocks += struct.pack("<HH", 0xEEFF, azimuth)
-        blocks += b"".join(
-            struct.pack("<HB", distance, 50 + laser % 16) for laser, distance in enumerate(both)
-        )
+        blocks += b"".join(struct.pack("<HB", distance, 50 + laser % 16) for laser, distance in enumerate(both))
     return blocks + struct.pack("<IBB", stamp_us, STRONGEST, VLP16)
 
 
@@ -59,9 +57,7 @@ def hesai_packet(azimuth: int, distance: int) -> bytes:
         for block in range(8)
     )
     header = struct.pack(">BBBBH", 0xEE, 0xFF, 6, 1, 0) + bytes([32, 8, 1, 4, 1, 0])
-    tail = (
-        bytes(10) + bytes([0x37]) + bytes(2) + bytes([126, 1, 2, 3, 4, 5]) + struct.pack("<I", 250) + bytes(1)
-    )
+    tail = bytes(10) + bytes([0x37]) + bytes(2) + bytes([126, 1, 2, 3, 4, 5]) + struct.pack("<I", 250) + bytes(1)
     return header + body + tail + bytes(4)
 
 

@@ -65,8 +65,7 @@ def scene_and_units(folder: Path, truth: Mapping[str, float]) -> tuple[Path, Sen
     write_unit(unit_from(described), described, unit)
     path.write_text(walls(), encoding="utf-8")
     drawn = {
-        key: Estimate(key=key, value=value, unit="times", fisher=0.01, bootstrap=0.01)
-        for key, value in truth.items()
+        key: Estimate(key=key, value=value, unit="times", fisher=0.01, bootstrap=0.01) for key, value in truth.items()
     }
     text, notes = written_text(unit.read_text(encoding="utf-8"), drawn, "drawn", "unit.toml")
     assert not notes
@@ -79,9 +78,10 @@ def record(path: Path, scene: Path, sensor: Sensor, core: Any, osf: Any, *, seed
     seen: list[Any] = []
     ambient = np.full(sensor.scanner.pulses, np.nan)
     cloud = Simulator(load_scene(scene), sensor).render(
-        seed=seed, points=lambda pulse, _: seen.append(pulse),
+        seed=seed,
+        points=lambda pulse, _: seen.append(pulse),
         ambient=lambda pulse, counts: ambient.__setitem__(np.asarray(pulse, int), counts),
-    )  # fmt: skip
+    )
     found = {name: np.zeros(sensor.scanner.pulses) for name in ("range_m", "signal")}
     for name, values in found.items():
         values[np.concatenate(seen).astype(int)] = getattr(cloud, name)

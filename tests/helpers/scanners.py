@@ -11,9 +11,7 @@ PI = math.pi
 DEG = math.pi / 180.0
 
 VLP16_FIRING_ORDER_DEG = (-15, 1, -13, 3, -11, 5, -9, 7, -7, 9, -5, 11, -3, 13, -1, 15)
-VLP16_HEIGHT_MM = (
-    11.2, -0.7, 9.7, -2.2, 8.1, -3.7, 6.6, -5.1, 5.1, -6.6, 3.7, -8.1, 2.2, -9.7, 0.7, -11.2,
-)  # fmt: skip
+VLP16_HEIGHT_MM = (11.2, -0.7, 9.7, -2.2, 8.1, -3.7, 6.6, -5.1, 5.1, -6.6, 3.7, -8.1, 2.2, -9.7, 0.7, -11.2)
 """The user manual has those of lasers 7 to 15; the others by their symmetry."""
 
 
@@ -26,11 +24,14 @@ def part(kind, numbers):
 def vlp16(**changes):
     """VLP-16 user manual 63-9243: a laser every 2.304 us, a cycle every 55.296 us."""
     numbers = {
-        "rotation_hz": -10.0, "cycle_s": 55.296e-6, "cycles_per_turn": None,
-        "elevation_rad": [e * DEG for e in VLP16_FIRING_ORDER_DEG], "azimuth_rad": [0.0] * 16,
+        "rotation_hz": -10.0,
+        "cycle_s": 55.296e-6,
+        "cycles_per_turn": None,
+        "elevation_rad": [e * DEG for e in VLP16_FIRING_ORDER_DEG],
+        "azimuth_rad": [0.0] * 16,
         "firing_s": [2.304e-6 * n for n in range(16)],
         "start_m": ([0.0] * 16, [0.0] * 16, [1e-3 * h for h in VLP16_HEIGHT_MM]),
-    }  # fmt: skip
+    }
     numbers |= changes
     return scan.Spinning.of(bank=part(scan.Bank, numbers), **numbers)
 
@@ -38,13 +39,16 @@ def vlp16(**changes):
 def encoder_clocked():
     """Lasers in no order, fired in groups of two, clocked by the encoder."""
     return scan.Spinning.of(
-        rotation_hz=20.0, cycle_s=None, cycles_per_turn=1024,
+        rotation_hz=20.0,
+        cycle_s=None,
+        cycles_per_turn=1024,
         bank=scan.Bank(
-            elevation_rad=[0.1, 0.05, -0.05, -0.1], azimuth_rad=[0.05, -0.02, 0.02, -0.05],
+            elevation_rad=[0.1, 0.05, -0.05, -0.1],
+            azimuth_rad=[0.05, -0.02, 0.02, -0.05],
             firing_s=[3e-6, 0.0, 3e-6, 0.0],
         ),
         start_azimuth_rad=PI,
-    )  # fmt: skip
+    )
 
 
 def gimbal(**changes):
@@ -53,26 +57,40 @@ def gimbal(**changes):
 
 def mirror(**changes):
     numbers = {
-        "columns": 120, "rows": 41, "mirrors": gimbal(), "fast_turn_rad": 15 * DEG, "slow_turn_rad": 6 * DEG,
-        "rate_hz": 100e3, "line_duty": 0.8, "frame_duty": 0.9,
-    }  # fmt: skip
+        "columns": 120,
+        "rows": 41,
+        "mirrors": gimbal(),
+        "fast_turn_rad": 15 * DEG,
+        "slow_turn_rad": 6 * DEG,
+        "rate_hz": 100e3,
+        "line_duty": 0.8,
+        "frame_duty": 0.9,
+    }
     return scan.MirrorRaster(**(numbers | changes))
 
 
 def lissajous(**changes):
     numbers = {
-        "rate_hz": 200e3, "frame_hz": 10.0, "mirrors": gimbal(incidence_rad=0.3, side="left"),
+        "rate_hz": 200e3,
+        "frame_hz": 10.0,
+        "mirrors": gimbal(incidence_rad=0.3, side="left"),
         "azimuth": scan.Swing(frequency_hz=1310.0, phase_rad=0.3, turn_rad=12 * DEG),
         "elevation": scan.Swing(frequency_hz=1190.0, phase_rad=1.2, turn_rad=8 * DEG),
-    }  # fmt: skip
+    }
     return scan.Lissajous.of(**(numbers | changes))
 
 
 def polygon(**changes):
     numbers = {
-        "rate_hz": 150e3, "rotation_hz": 30.0, "tilt_rad": [-4 * DEG, -1 * DEG, 2 * DEG, 5 * DEG],
-        "duty": 0.6, "incidence_rad": 40 * DEG, "side": "left", "inradius_m": 0.03, "lens_radius_m": 0.012,
-    }  # fmt: skip
+        "rate_hz": 150e3,
+        "rotation_hz": 30.0,
+        "tilt_rad": [-4 * DEG, -1 * DEG, 2 * DEG, 5 * DEG],
+        "duty": 0.6,
+        "incidence_rad": 40 * DEG,
+        "side": "left",
+        "inradius_m": 0.03,
+        "lens_radius_m": 0.012,
+    }
     numbers |= changes
     return scan.Polygon.of(facets=part(scan.Facets, numbers), **numbers)
 
@@ -80,10 +98,14 @@ def polygon(**changes):
 def mid40(**changes):
     """HELIOS++'s prisms for the Livox Mid-40; 100 000 points per second."""
     numbers = {
-        "rate_hz": 100e3, "frame_hz": 10.0, "angle_rad": [18.7481 * DEG, 17.9634 * DEG],
-        "index": [1.51, 1.51], "rotation_hz": [-121.5657, 77.7430], "phase_rad": [0.0, 0.0],
+        "rate_hz": 100e3,
+        "frame_hz": 10.0,
+        "angle_rad": [18.7481 * DEG, 17.9634 * DEG],
+        "index": [1.51, 1.51],
+        "rotation_hz": [-121.5657, 77.7430],
+        "phase_rad": [0.0, 0.0],
         "tilted": ["out", "in"],
-    }  # fmt: skip
+    }
     numbers |= changes
     lists = {name: numbers.pop(name) for name in ("angle_rad", "index", "rotation_hz", "phase_rad", "tilted")}
     wedges = [
@@ -100,9 +122,12 @@ def six_beams():
 
 def three_wedges():
     return mid40(
-        angle_rad=[0.1, 0.12, 0.08], index=[1.5, 1.51, 1.6], rotation_hz=[100.3, -70.1, 11.7],
-        phase_rad=[0.1, 0.2, 0.3], tilted=["in", "out", "in"],
-    )  # fmt: skip
+        angle_rad=[0.1, 0.12, 0.08],
+        index=[1.5, 1.51, 1.6],
+        rotation_hz=[100.3, -70.1, 11.7],
+        phase_rad=[0.1, 0.2, 0.3],
+        tilted=["in", "out", "in"],
+    )
 
 
 def flash(**changes):
@@ -113,16 +138,17 @@ def flash(**changes):
 def pattern(**changes):
     t = np.linspace(0.0, 0.05, 5000, endpoint=False)
     numbers = {
-        "azimuth_rad": 0.5 * np.cos(2 * PI * 100 * t), "elevation_rad": 0.3 * np.sin(2 * PI * 60 * t),
-        "time_s": t, "channel": np.arange(5000) % 3, "frame_s": 0.05,
-    }  # fmt: skip
+        "azimuth_rad": 0.5 * np.cos(2 * PI * 100 * t),
+        "elevation_rad": 0.3 * np.sin(2 * PI * 60 * t),
+        "time_s": t,
+        "channel": np.arange(5000) % 3,
+        "frame_s": 0.05,
+    }
     return scan.Pattern.of(**(numbers | changes))
 
 
 def raster(**changes):
-    numbers = {
-        "columns": 101, "rows": 21, "azimuth_step_rad": 0.01, "elevation_step_rad": 0.02, "rate_hz": 50e3,
-    }  # fmt: skip
+    numbers = {"columns": 101, "rows": 21, "azimuth_step_rad": 0.01, "elevation_step_rad": 0.02, "rate_hz": 50e3}
     return scan.Raster(**(numbers | changes))
 
 

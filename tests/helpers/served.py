@@ -43,10 +43,12 @@ def served(*arguments: str | Path) -> Iterator[Served]:
     """A running `lidarscene view`, which ends with the block."""
     process = subprocess.Popen(
         [sys.executable, "-m", "lidarscene", "view", *map(str, arguments), "--no-browser"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
         # Tests that run in the background ignore Ctrl-C, and so would what they start.
         preexec_fn=_hears_ctrl_c,
-    )  # fmt: skip
+    )
     try:
         assert process.stdout is not None
         line = process.stdout.readline()

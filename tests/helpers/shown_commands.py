@@ -35,8 +35,7 @@ from lidarscene.scene.model import Body, Scene
 # What needs more than this machine, and what another test runs as it stands.
 PARSED_ONLY = {
     "lidarscene batch scenes/job.toml -o /shared": "tests/batch/test_cluster.py::test_the_bits_of_render",
-    "lidarscene render drive --sensor os0-128":
-        "tests/outputs/test_captures.py::test_ousters_metadata_and_background_are_there",
+    "lidarscene render drive --sensor os0-128": "tests/outputs/test_captures.py::test_ouster_metadata_and_background",
     "lidarscene view out/os0.pcap": "tests/cli/recordings/test_options.py::test_view_saves_all_frames_or_one",
     "lidarscene view os1.pcap": "tests/cli/recordings/test_options.py::test_view_saves_all_frames_or_one",
     "lidarscene compare out/street.ply --real": "tests/cli/recordings/test_options.py::test_compare_real",
@@ -47,7 +46,7 @@ PARSED_ONLY = {
     "lidarscene fit os2.pcap": "tests/studies/fit/test_study.py::test_sensor_file_and_page_have_what_was_found",
     "lidarscene paper -o out/paper": "tests/cli/test_paper.py::test_all_files_are_there_and_nothing_else",
     "lidarscene catalog check": "tests/sensor/test_catalogue.py::test_check_prints_every_sensor",
-}  # fmt: skip
+}
 
 # What a page takes for granted: sensors copied from the catalogue, clouds that another page makes.
 COPIES = {"my-sensor": "table1-sipm", "my-risley": "livox-mid-40", "my-spinning": "vlp-16"}
@@ -63,13 +62,19 @@ MADE_BEFORE = {
 RASTER = ("scanner.azimuth_step_deg=4", "scanner.elevation_step_deg=4")
 SPINNING = ("scanner.columns_per_turn=64", "laser.repetition_rate_khz=81.92")
 COARSE = {
-    "table1-apd": RASTER, "table1-sipm": RASTER, "biaxial-905": RASTER, "os1-128": SPINNING,
-    "livox-mid-40": ("laser.repetition_rate_khz=10",), "livox-avia": ("laser.repetition_rate_khz=24",),
-}  # fmt: skip
+    "table1-apd": RASTER,
+    "table1-sipm": RASTER,
+    "biaxial-905": RASTER,
+    "os1-128": SPINNING,
+    "livox-mid-40": ("laser.repetition_rate_khz=10",),
+    "livox-avia": ("laser.repetition_rate_khz=24",),
+}
 """What is set of a sensor so that it has a few thousand pulses a frame."""
 COARSE_RIG = (
-    *(f"roof:{one}" for one in SPINNING), "left:laser.repetition_rate_khz=24", "right:laser.repetition_rate_khz=24",
-)  # fmt: skip
+    *(f"roof:{one}" for one in SPINNING),
+    "left:laser.repetition_rate_khz=24",
+    "right:laser.repetition_rate_khz=24",
+)
 """The same of `scenes/rig.toml`."""
 COARSE_JOB = {
     '["car.toml"]': '["scenes/car.toml"]',
@@ -208,9 +213,7 @@ class Reader:
         self._keep_worlds(monkeypatch)
         for name, original in COPIES.items():
             if not Path(f"{name}.toml").exists():
-                Path(f"{name}.toml").write_text(
-                    catalog.path_of("sensors", original).read_text("utf-8"), "utf-8"
-                )
+                Path(f"{name}.toml").write_text(catalog.path_of("sensors", original).read_text("utf-8"), "utf-8")
         trimesh.creation.box((4.0, 1.8, 1.5)).export(MESH)
         for command in MADE_BEFORE.get(page.name, ()):
             self._run(capsys, command)

@@ -76,9 +76,7 @@ def threads_of_this_process(*_: object) -> Iterator[Any]:
     """A client of them."""
     from distributed import Client
 
-    with Client(
-        processes=False, n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0"
-    ) as client:
+    with Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0") as client:
         yield client
 
 

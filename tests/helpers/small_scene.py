@@ -1,9 +1,11 @@
 """What the tests of the view look at: a coarse sensor, a small scene."""
 
 COARSE = (
-    "scanner.azimuth_fov_deg=40", "scanner.azimuth_step_deg=2",
-    "scanner.elevation_fov_deg=20", "scanner.elevation_step_deg=2",
-)  # fmt: skip
+    "scanner.azimuth_fov_deg=40",
+    "scanner.azimuth_step_deg=2",
+    "scanner.elevation_fov_deg=20",
+    "scanner.elevation_step_deg=2",
+)
 
 SCENE = """
 name = "view"

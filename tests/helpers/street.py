@@ -15,10 +15,7 @@ CLASSES = ("road", "car", "barrier", "gantry")
 def block(name: str, class_name: str, size_m: tuple[float, float, float], pose: Pose) -> Body:
     vertices, faces = box_mesh(size_m=size_m)
     return Body(
-        name=name,
-        class_name=class_name,
-        parts=(Part(vertices_m=vertices, faces=faces, material="m"),),
-        pose=pose,
+        name=name, class_name=class_name, parts=(Part(vertices_m=vertices, faces=faces, material="m"),), pose=pose
     )
 
 
@@ -58,9 +55,12 @@ def cloud(
     row = np.searchsorted(-np.unique(elevation)[::-1], -elevation)
     points_m = own[hit] * range_m[hit, None]
     metadata = {
-        "sensor": "brute", "scene": described.name, "frame": frame, "intensity_unit": "A",
+        "sensor": "brute",
+        "scene": described.name,
+        "frame": frame,
+        "intensity_unit": "A",
         SENSOR_TO_WORLD: words(np.column_stack([sensor.rotation, sensor.position_m])),
-    }  # fmt: skip
+    }
     if frame == "world":
         points_m = sensor.apply(points_m)
         metadata |= {"sensor_position_m": words(sensor.position_m), "sensor_rotation": words(sensor.rotation)}
@@ -68,11 +68,21 @@ def cloud(
     class_of = np.array([names.index(one.class_name) for one in described.bodies])
     n, zeros = len(hit), np.zeros(len(hit))
     given = {
-        "xyz_m": points_m.astype(np.float32), "range_m": range_m[hit], "intensity": 1e-6 / range_m[hit] ** 2,
-        "snr": zeros + 50, "detection_probability": zeros + 1, "time_s": hit * 1e-5, "channel": row[hit],
-        "azimuth_rad": azimuth[hit], "elevation_rad": elevation[hit], "return_number": np.ones(n),
-        "status": zeros, "true_range_m": range_m[hit], "body": body[hit], "class_id": class_of[body[hit]],
-    }  # fmt: skip
+        "xyz_m": points_m.astype(np.float32),
+        "range_m": range_m[hit],
+        "intensity": 1e-6 / range_m[hit] ** 2,
+        "snr": zeros + 50,
+        "detection_probability": zeros + 1,
+        "time_s": hit * 1e-5,
+        "channel": row[hit],
+        "azimuth_rad": azimuth[hit],
+        "elevation_rad": elevation[hit],
+        "return_number": np.ones(n),
+        "status": zeros,
+        "true_range_m": range_m[hit],
+        "body": body[hit],
+        "class_id": class_of[body[hit]],
+    }
     return PointCloud(
         **(everything(n) | given),
         body_names=tuple(one.name for one in described.bodies),

@@ -26,10 +26,19 @@ CELLS = {"pde": PDE, "cells": N}
 DARK = {"dark_count_rate_hz": DCR, "dead_time_s": DEAD}
 RECEIVER = {"aperture_m2": A, "transmittance": TAU}
 _COMMON = {
-    "peak_power_w": PT, "reflectivity": RHO, "aperture_m2": A, "sun_irradiance_w_m2": ESUN,
-    "focal_over_radius": F / RPD, "threshold_to_noise": TNR, "photon_energy_j": HNU, "transmittance": TAU,
-    "efficiency_laser": ETA_R, "efficiency_sun": ETA_RS, "cos_incidence": cos(THETA), "cos_sun": CS,
-}  # fmt: skip
+    "peak_power_w": PT,
+    "reflectivity": RHO,
+    "aperture_m2": A,
+    "sun_irradiance_w_m2": ESUN,
+    "focal_over_radius": F / RPD,
+    "threshold_to_noise": TNR,
+    "photon_energy_j": HNU,
+    "transmittance": TAU,
+    "efficiency_laser": ETA_R,
+    "efficiency_sun": ETA_RS,
+    "cos_incidence": cos(THETA),
+    "cos_sun": CS,
+}
 
 
 def plane_and_receiver(**changed):
@@ -44,24 +53,25 @@ def plane_and_receiver(**changed):
 
 def field_of_view_sr(detector_radius_m, focal_length_m):
     """Solid angle of the detector behind its lens, as (8) has it."""
-    return radiometry.field_of_view_solid_angle_sr(
-        detector_radius_m=detector_radius_m, focal_length_m=focal_length_m
-    )
+    return radiometry.field_of_view_solid_angle_sr(detector_radius_m=detector_radius_m, focal_length_m=focal_length_m)
 
 
 def sigma_18(power_w):
     """(18) by hand."""
-    return sqrt(
-        2 * e * K_PD * power_w * M**2 * FM * BW + 2 * e * (IDS + IDB * M**2 * FM) * BW + 4 * k * T * BW / RL
-    )
+    return sqrt(2 * e * K_PD * power_w * M**2 * FM * BW + 2 * e * (IDS + IDB * M**2 * FM) * BW + 4 * k * T * BW / RL)
 
 
 def noise_18(**changed):
     """The package's (18)."""
     numbers = {
-        "responsivity_a_w": K_PD, "background_power_w": P_RS, "surface_dark_current_a": IDS,
-        "bulk_dark_current_a": IDB, "temperature_k": T, "load_resistance_ohm": RL, **AVALANCHE,
-    } | changed  # fmt: skip
+        "responsivity_a_w": K_PD,
+        "background_power_w": P_RS,
+        "surface_dark_current_a": IDS,
+        "bulk_dark_current_a": IDB,
+        "temperature_k": T,
+        "load_resistance_ohm": RL,
+        **AVALANCHE,
+    } | changed
     of_amplifier = {field.name for field in dataclasses.fields(apd.Amplifier)}
     power_w = numbers.pop("background_power_w")
     return apd.noise_without_echo_a(

@@ -36,13 +36,17 @@ def train(range_m, peak_power_w, *, background_w=BACKGROUND_W, volume=None):
     """(pulses, sub-echoes) ranges and powers."""
     range_m, peak_power_w = np.broadcast_arrays(range_m, peak_power_w)
     parts = SubEchoes(
-        range_m=range_m.ravel().astype(np.float64), peak_power_w=peak_power_w.ravel().astype(np.float64),
+        range_m=range_m.ravel().astype(np.float64),
+        peak_power_w=peak_power_w.ravel().astype(np.float64),
         count=range_m.shape[1],
-    )  # fmt: skip
+    )
     return EchoTrain(
-        parts=(parts,), surfaces=parts.count, found=(peak_power_w > 0.0).any(axis=1),
-        background_power_w=np.full(len(range_m), background_w), volume=volume,
-    )  # fmt: skip
+        parts=(parts,),
+        surfaces=parts.count,
+        found=(peak_power_w > 0.0).any(axis=1),
+        background_power_w=np.full(len(range_m), background_w),
+        volume=volume,
+    )
 
 
 FOG = Weather(fog="moderate_advection", fog_visibility_m=80.0)
@@ -56,9 +60,7 @@ def in_fog(equipped, scale, *, wall_m=None, reflectivity=0.3):
     lenses = equipped.laser, equipped.optics, equipped.tdc.window_s, equipped.received_fwhm_s
     air = _air_by_lenses.get(lenses) or air_light(FOG, equipped, extinction_per_m=extinction)
     _air_by_lenses[lenses] = air
-    own = scale * float(
-        equipped.laser.peak_power_w * equipped.optics.efficiency_laser * equipped.optics.aperture_m2
-    )
+    own = scale * float(equipped.laser.peak_power_w * equipped.optics.efficiency_laser * equipped.optics.aperture_m2)
     end_m = wall_m or 100.0
     wall_w = own * reflectivity / math.pi * math.exp(-2.0 * extinction * end_m) / end_m**2
     wall_w = wall_w if wall_m else 0.0 * own
@@ -93,19 +95,16 @@ def on_device(light):
     upload = {
         "parts": tuple(
             replace(
-                part, range_m=transfer.from_numpy(part.range_m),
-                peak_power_w=transfer.from_numpy(part.peak_power_w),
+                part, range_m=transfer.from_numpy(part.range_m), peak_power_w=transfer.from_numpy(part.peak_power_w)
             )
             for part in light.parts
         ),
         "found": transfer.unsigned_numbers(light.found) != 0,
         "background_power_w": transfer.from_numpy(light.background_power_w),
-    }  # fmt: skip
+    }
     if light.volume is not None:
         air = light.volume
-        upload["volume"] = replace(
-            air, scale=transfer.from_numpy(air.scale), end_m=transfer.from_numpy(air.end_m)
-        )
+        upload["volume"] = replace(air, scale=transfer.from_numpy(air.scale), end_m=transfer.from_numpy(air.end_m))
     return replace(light, **upload)
 
 
@@ -136,7 +135,7 @@ def slow_crossings(light, equipped, *, seed=0, step=0.005):
             light,
             parts=(replace(part, range_m=part.range_m.reshape(arrival.shape)[pulse], peak_power_w=power[pulse]),),
             background_power_w=light.background_power_w[pulse : pulse + 1],
-        )  # fmt: skip
+        )
         watts, signal = (one[0] for one in sampled(alone, equipped, time))
         own = {
             name: np.broadcast_to(getattr(point, name), len(threshold))[pulse]

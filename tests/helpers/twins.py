@@ -41,25 +41,27 @@ def room(direction: Any, pose: Pose | None = None) -> tuple[Any, Any, Any]:
         ways = [(at - start[axis]) / along[..., axis] for axis, at, _ in planes]
     ways = [np.where(way > 0.0, way, np.inf) for way in ways]
     met = np.argmin(ways, axis=0)
-    cos = np.abs(
-        np.take_along_axis(along, np.array([axis for axis, _, _ in planes])[met][..., None], axis=-1)
-    )[..., 0]
+    cos = np.abs(np.take_along_axis(along, np.array([axis for axis, _, _ in planes])[met][..., None], axis=-1))[..., 0]
     return np.min(ways, axis=0), cos, np.array([REFLECTIVITY[kind] for _, _, kind in planes])[met]
 
 
 def room_sweep(
     *, pose: Pose | None = None, noise_m: float = 0.0, seed: int = 0, shear_deg: float = 0.0, **changed: Any
-) -> Sweep:  # fmt: skip
+) -> Sweep:
     """What a perfect sensor records of the room: Lambert's law, signals as the square of the range."""
     direction = directions(shear_deg=shear_deg)
     range_m, cos, reflectivity = room(direction, pose)
     apparent = reflectivity * cos
     noise = np.random.default_rng(seed).normal(0.0, 1.0, range_m.shape)
     given: dict[str, Any] = {
-        "range_m": range_m + noise_m * noise, "recorded": np.ones_like(range_m, bool), "direction": direction,
-        "signal": WHITE_M2 * apparent / range_m**2, "reflectivity": 100.0 * apparent, "knows_lost": True,
+        "range_m": range_m + noise_m * noise,
+        "recorded": np.ones_like(range_m, bool),
+        "direction": direction,
+        "signal": WHITE_M2 * apparent / range_m**2,
+        "reflectivity": 100.0 * apparent,
+        "knows_lost": True,
         "ring": np.broadcast_to(np.arange(RINGS)[:, None], range_m.shape),
-    }  # fmt: skip
+    }
     return Sweep(**given | changed)
 
 
@@ -71,8 +73,11 @@ def recording_of(path: Path, *sweeps: Sweep) -> Recording:
 def unit_json(path: Path) -> Path:
     """Metadata of an Ouster with the rings of the room, 512 columns."""
     unit = {
-        "prod_line": "OS-0-24", "prod_sn": "1", "lidar_mode": "512x10",
-        "beam_altitude_angles": ELEVATION_DEG.tolist(), "beam_azimuth_angles": [0.0] * RINGS,
-    }  # fmt: skip
+        "prod_line": "OS-0-24",
+        "prod_sn": "1",
+        "lidar_mode": "512x10",
+        "beam_altitude_angles": ELEVATION_DEG.tolist(),
+        "beam_azimuth_angles": [0.0] * RINGS,
+    }
     path.write_text(json.dumps(unit), encoding="utf-8")
     return path

@@ -20,14 +20,7 @@ from lidarscene.files import spool
 from lidarscene.formats.registry import DATASETS, LABELS
 from lidarscene.labels import gathered, kinds, kitti_dataset
 from lidarscene.labels import points as labels
-from lidarscene.labels.files import (
-    CAMERA,
-    PICTURE_PX,
-    label_paths,
-    labels_stream,
-    semantic_kitti,
-    write_labels,
-)
+from lidarscene.labels.files import CAMERA, PICTURE_PX, label_paths, labels_stream, semantic_kitti, write_labels
 from lidarscene.labels.osi_truth import ground_truth
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, pose_at
@@ -95,13 +88,7 @@ def test_a_body_that_no_beam_meets() -> None:
     behind = street.block("behind", "car", CAR, street.at(-30.0, 0.0, 0.75, 0.0))
     scene = replace(street.scene(), bodies=(*street.scene().bodies, behind))
     box = box_named(street.cloud(described=scene), "behind", scene)
-    assert (box.points_inside, box.points_on, box.beams, box.visibility, box.has_points) == (
-        0,
-        0,
-        0,
-        0.0,
-        False,
-    )
+    assert (box.points_inside, box.points_on, box.beams, box.visibility, box.has_points) == (0, 0, 0, 0.0, False)
 
 
 def test_the_sensor_may_be_inside_a_box() -> None:
@@ -131,9 +118,7 @@ def test_up_is_the_axis_that_is_up(roll_deg: float, pitch_deg: float, size_m: tu
 
 
 def test_balls_and_bodies_off_their_origin() -> None:
-    ball = Body(
-        name="b", class_name="car", parts=(Ball(radius_m=0.5, material="m"),), pose=street.at(1, 2, 3, 0)
-    )
+    ball = Body(name="b", class_name="car", parts=(Ball(radius_m=0.5, material="m"),), pose=street.at(1, 2, 3, 0))
     np.testing.assert_allclose(labels.box_of(ball, 0).size_m, [1, 1, 1])
     part = street.block("c", "car", (2.0, 2.0, 2.0), Pose()).parts[0]
     off = replace(part, vertices_m=part.vertices_m + np.array([10.0, 0.0, 1.0]))
@@ -252,17 +237,10 @@ def test_osi_ground_truth(tmp_path: Path, library: Any, street_cloud: PointCloud
 
 
 def boxes_of_classes(*class_names: str) -> list[labels.Box]:
-    poses = [
-        Pose.from_degrees(position_m=(n, 2, 3), yaw_deg=30, pitch_deg=20, roll_deg=10) for n in range(99)
-    ]
+    poses = [Pose.from_degrees(position_m=(n, 2, 3), yaw_deg=30, pitch_deg=20, roll_deg=10) for n in range(99)]
     return [
         labels.Box(
-            body=n,
-            name="",
-            class_name=name,
-            size_m=np.array(CAR),
-            pose=poses[n],
-            velocity_m_s=np.array([n, 5, -7]),
+            body=n, name="", class_name=name, size_m=np.array(CAR), pose=poses[n], velocity_m_s=np.array([n, 5, -7])
         )
         for n, name in enumerate(class_names)
     ]
@@ -299,22 +277,15 @@ def test_classes_of_osi(tmp_path: Path, library: Any) -> None:
     kinds = [osi.MovingObjectType(one.type).name for one in moving]
     assert kinds == ["VEHICLE"] * len(vehicles) + list(walkers.values())
     named = osi.MovingObjectVehicleClassificationType
-    assert [named(one.vehicle_classification.type).name for one in moving[: len(vehicles)]] == list(
-        vehicles.values()
-    )
-    standing = [
-        osi.StationaryObjectClassificationType(one.classification.type).name
-        for one in truth.stationary_object
-    ]
+    assert [named(one.vehicle_classification.type).name for one in moving[: len(vehicles)]] == list(vehicles.values())
+    standing = [osi.StationaryObjectClassificationType(one.classification.type).name for one in truth.stationary_object]
     assert standing == list(things.values())
     assert [one.id.value for one in (*moving, *truth.stationary_object)] == list(range(1, len(boxes) + 1))
     for box, one in zip(boxes, moving, strict=False):
         get = lambda *path, base=one.base: float(value_at(base, path))  # noqa: E731
         assert [get("velocity", axis) for axis in "xyz"] == box.velocity_m_s.tolist()
         turned = [get("orientation", name) for name in ("yaw", "pitch", "roll")]
-        np.testing.assert_allclose(
-            Rotation.from_euler("ZYX", turned).as_matrix(), box.pose.rotation, atol=1e-12
-        )
+        np.testing.assert_allclose(Rotation.from_euler("ZYX", turned).as_matrix(), box.pose.rotation, atol=1e-12)
 
 
 KITTI_TYPES = {"Car", "Van", "Truck", "Pedestrian", "Cyclist", "Tram", "Misc"}
@@ -384,9 +355,7 @@ def test_classes_of_kitti() -> None:
         "person": "Pedestrian",
         "pedestrian": "Pedestrian",
     }
-    assert {
-        name: kind.kitti for name, kind in labels.KINDS.items() if kind.kitti not in ("Misc", "DontCare")
-    } == own
+    assert {name: kind.kitti for name, kind in labels.KINDS.items() if kind.kitti not in ("Misc", "DontCare")} == own
     assert {name: kinds.MOVING[SEMANTIC[name]] for name in MOVING} == MOVING
     assert set(kinds.MOVING) == {SEMANTIC[name] for name in MOVING}
 
@@ -433,9 +402,7 @@ def test_levels_of_visibility(reached: int, level: str, token: str) -> None:
     from lidarscene.labels.files import _annotation
 
     pose = street.at(20.0, 0.0, 0.0, 0.0)
-    box = labels.Box(
-        body=0, name="", class_name="car", size_m=np.array(CAR), pose=pose, beams=100, reached=reached
-    )
+    box = labels.Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=pose, beams=100, reached=reached)
     assert label_of(box)[2] == level
     assert label_of(replace(box, beams=0, reached=0))[2] == "3"  # unknown
     content = _annotation(replace(box, points_inside=12, points_on=7))
@@ -568,24 +535,18 @@ def test_open3d_ml_opens_a_semantic_kitti_sequence(
     """Reference: the SemanticKITTI loader of Open3D-ML, as it is; it leaves a file of its own open."""
     module = library("open3d._ml3d.datasets.semantickitti")
     dataset = module.SemanticKITTI(
-        str(sequence),
-        cache_dir=str(sequence / "cache"),
-        training_split=["00"],
-        validation_split=[],
-        test_split=[],
+        str(sequence), cache_dir=str(sequence / "cache"), training_split=["00"], validation_split=[], test_split=[]
     )
     split = dataset.get_split("training")
     assert len(split) == 3
     data = split.get_data(2)
     np.testing.assert_array_equal(data["point"], street_cloud.in_sensor_frame().xyz_m)
     names = dataset.get_label_to_names()
-    seen = {name: {names[label] for label in data["label"][street_cloud.class_id == i].tolist()}
-            for i, name in enumerate(street_cloud.class_names)}  # fmt: skip
-    assert seen == {
-        "road": {"road"},
-        "car": {"car"},
-        "barrier": {"unlabeled"},
-    }  # it leaves other structures out
+    seen = {
+        name: {names[label] for label in data["label"][street_cloud.class_id == i].tolist()}
+        for i, name in enumerate(street_cloud.class_names)
+    }
+    assert seen == {"road": {"road"}, "car": {"car"}, "barrier": {"unlabeled"}}  # it leaves other structures out
 
 
 def test_pykitti_opens_a_sequence(sequence: Path, library: Any, street_cloud: PointCloud) -> None:
@@ -772,11 +733,7 @@ def test_visibility_of_a_rig() -> None:
 def test_what_stands_is_not_labelled_as_moving() -> None:
     """A course without speed is none; one that turns on the spot is one."""
     cloud, scene = driving(motion_in="removed")
-    for course, number in (
-        (Course(), 10),
-        (Course(yaw_rate_rad_s=0.1), 252),
-        (Course(velocity_m_s=(0, 0, 1)), 252),
-    ):
+    for course, number in ((Course(), 10), (Course(yaw_rate_rad_s=0.1), 252), (Course(velocity_m_s=(0, 0, 1)), 252)):
         stands = replace(scene, bodies=(replace(scene.bodies[0], motion=course), *scene.bodies[1:]))
         semantic, _ = labels.point_labels(cloud, stands)
         assert set(semantic[cloud.body == 0].tolist()) == {number}
@@ -818,13 +775,7 @@ def test_another_sequence_and_times_to_a_nanosecond(tmp_path: Path, street_cloud
     kitti_dataset.write_sequence_frame(tmp_path, 0, cloud, street.scene(), sequence="07")
     folder = tmp_path / "dataset/sequences/07"
     assert float((folder / "times.txt").read_text()) == 1.234567891
-    assert sorted(one.name for one in folder.iterdir()) == [
-        "calib.txt",
-        "labels",
-        "poses.txt",
-        "times.txt",
-        "velodyne",
-    ]
+    assert sorted(one.name for one in folder.iterdir()) == ["calib.txt", "labels", "poses.txt", "times.txt", "velodyne"]
     assert (tmp_path / "dataset/poses/07.txt").read_text() == (folder / "poses.txt").read_text()
 
 

@@ -15,8 +15,11 @@ from lidarscene.scene.weather import Weather
 
 RAIN = Weather(rain_mm_h=20.0)
 BEAM = (
-    "laser.divergence_mrad=3", "laser.divergence_elevation_mrad=1", "laser.exit_diameter_mm=10", "tdc.window_us=0.5",
-)  # fmt: skip
+    "laser.divergence_mrad=3",
+    "laser.divergence_elevation_mrad=1",
+    "laser.exit_diameter_mm=10",
+    "tdc.window_us=0.5",
+)
 
 
 def lit(weather, *overrides):
@@ -103,8 +106,7 @@ def test_what_is_drawn_and_what_is_even_are_the_whole_rain(monkeypatch):
     drawn = air.sub_echoes(**lanes)
     low, high = 3.0, 12.0
     light = sum(
-        np.where((one.range_m > low) & (one.range_m < high), one.peak_power_w * one.range_m**2, 0.0)
-        for one in drawn
+        np.where((one.range_m > low) & (one.range_m < high), one.peak_power_w * one.range_m**2, 0.0) for one in drawn
     )
     range_m = np.linspace(low, high, 2001)
     seen = np.asarray(overlap_of(equipped).share(range_m)) * np.exp(-2.0 * extinction * range_m)
@@ -114,9 +116,7 @@ def test_what_is_drawn_and_what_is_even_are_the_whole_rain(monkeypatch):
     left = np.asarray(air.shape.at((range_m[::100] - air.near_m) / (air.far_m - air.near_m)))
     length_m = soft_target.pulse_length_m(fwhm_s=trains.FWHM_S) * math.sqrt(math.pi / (4.0 * math.log(2.0)))
     even = length_m * (seen * tables.weak_backscatter_per_m_sr(range_m) / range_m**2)[::100]
-    np.testing.assert_allclose(
-        left, even, rtol=0.1
-    )  # it bends over the pulse's length, most of all near the lens
+    np.testing.assert_allclose(left, even, rtol=0.1)  # it bends over the pulse's length, most of all near the lens
     error = light.std() / math.sqrt(len(pulse))
     assert abs(light.mean() - wanted) < 5.0 * error + 0.02 * wanted
 
@@ -142,11 +142,7 @@ def test_as_many_drops_as_the_beam_holds(monkeypatch):
     needed = level * area * range_m**2 / (share * np.exp(-2.0 * extinction * range_m))
     sigma = np.asarray(medium.particle_m2_sr(diameter_m=diameter_m))
     at_least = np.interp(needed, sigma, diameter_m)
-    per_m3 = (
-        medium.sizes.intercept_per_m4
-        / medium.sizes.slope_per_m
-        * np.exp(-medium.sizes.slope_per_m * at_least)
-    )
+    per_m3 = medium.sizes.intercept_per_m4 / medium.sizes.slope_per_m * np.exp(-medium.sizes.slope_per_m * at_least)
     wanted = len(pulse) * np.trapezoid(per_m3 * area, range_m)
     assert wanted > 500.0
     assert abs(have - wanted) < norm.isf(0.5e-6) * math.sqrt(wanted) + 0.01 * wanted  # the table's steps

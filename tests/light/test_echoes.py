@@ -119,9 +119,7 @@ def test_a_second_frame_compiles_nothing():
     with launches.launched() as before:
         first.render(seed=0, chunk=6000)
     denser = dataclasses.replace(scene, air=Air(weather=Weather(fog_visibility_m=200.0, rain_mm_h=12.0)))
-    wider = chain.sensor(
-        "table1-apd", *COARSE, "laser.divergence_mrad=4", "laser.exit_diameter_mm=8", "tdc.stops=2"
-    )
+    wider = chain.sensor("table1-apd", *COARSE, "laser.divergence_mrad=4", "laser.exit_diameter_mm=8", "tdc.stops=2")
     with launches.launched() as later:
         first.render(seed=1, number=2, chunk=9000)
         Simulator(denser, wider, world=first.world, rays=3).render(seed=2)
@@ -135,9 +133,7 @@ def test_fog_is_the_first_return_and_the_wall_the_last():
     pulse's length L = c FWHM / 2 is 1.0645 L beta against rho / pi, about half of it before the wall.
     """
     dense = Air(transmittance=0.98, weather=Weather(fog_visibility_m=100.0))
-    plane = chain.facing(
-        range_m=30.0, size_m=30.0
-    )  # in the dark: fog would take light off the background too
+    plane = chain.facing(range_m=30.0, size_m=30.0)  # in the dark: fog would take light off the background too
     first = chain.sensor("table1-apd", *chain.NARROW, *BEAM)
     cloud = Simulator(chain.scene(plane, air=dense, klux=0.0), first).render(seed=1)
     assert (cloud.status == Status.WEATHER).all()
@@ -152,12 +148,8 @@ def test_fog_is_the_first_return_and_the_wall_the_last():
     alpha = dense.extinction_at_per_m(905e-9)
     (fog,) = dense.weather.media(905e-9)
     fwhm_s = last.laser.pulse_fwhm_s
-    before = soft_target.share_before_surface(
-        range_m=30.0, surface_m=30.0, extinction_per_m=alpha, fwhm_s=fwhm_s
-    )
-    own = (
-        1.0645 * soft_target.pulse_length_m(fwhm_s=fwhm_s) * fog.backscatter_per_m_sr * before / (0.1 / np.pi)
-    )
+    before = soft_target.share_before_surface(range_m=30.0, surface_m=30.0, extinction_per_m=alpha, fwhm_s=fwhm_s)
+    own = 1.0645 * soft_target.pulse_length_m(fwhm_s=fwhm_s) * fog.backscatter_per_m_sr * before / (0.1 / np.pi)
     assert 0.01 < own < 0.1
     # The peak of the sum is not where the wall is, and the air's course is a table: a part in a hundred.
     assert behind.snr[0] == pytest.approx(clear.snr[0] * np.exp(-2.0 * alpha * 30.0) * (1.0 + own), rel=0.01)
@@ -236,20 +228,35 @@ BY_HAND = trains.sensor("table1-apd", "optics.efficiency_laser=0.5", "optics.eff
 SUN = (0.6, 0.0, 0.8)
 FIELD_RAD = float(BY_HAND.detector.radius_m / BY_HAND.optics.focal_length_m)
 BEAMS = Beams(
-    pulse=np.arange(2, dtype=np.uint32), origin_m=(0.0, 0.0, 0.0),
-    direction=(np.ones(2), np.zeros(2), np.zeros(2)), aperture_m2=1e-3, background_aperture_m2=2e-3,
-)  # fmt: skip
+    pulse=np.arange(2, dtype=np.uint32),
+    origin_m=(0.0, 0.0, 0.0),
+    direction=(np.ones(2), np.zeros(2), np.zeros(2)),
+    aperture_m2=1e-3,
+    background_aperture_m2=2e-3,
+)
 HITS = Hits(
-    found=np.array([True, False]), range_m=np.array([20.0, 1.0]), cos_incidence=np.array([0.9, 0.0]),
-    backscatter_per_sr=np.array([0.05, 0.0]), sun_scatter_per_sr=np.array([0.2, 0.0]),
-    reflectivity=np.array([0.3, 0.0]), transmittance=np.array([0.1, 0.0]), cos_sun=np.array([0.5, 0.0]),
-    lit=np.array([True, False]), face=np.array([3, -1]), throughput=np.array([0.7, 0.8]),
+    found=np.array([True, False]),
+    range_m=np.array([20.0, 1.0]),
+    cos_incidence=np.array([0.9, 0.0]),
+    backscatter_per_sr=np.array([0.05, 0.0]),
+    sun_scatter_per_sr=np.array([0.2, 0.0]),
+    reflectivity=np.array([0.3, 0.0]),
+    transmittance=np.array([0.1, 0.0]),
+    cos_sun=np.array([0.5, 0.0]),
+    lit=np.array([True, False]),
+    face=np.array([3, -1]),
+    throughput=np.array([0.7, 0.8]),
     direction=tuple(np.full(2, one) for one in SUN),
-)  # fmt: skip
+)
 AMBIENT = Ambient(
-    sun_irradiance_w_m2=29.0, sky_irradiance_w_m2=5.0, transmittance=0.9, extinction_per_m=0.01,
-    sun_direction=SUN, lamps_w_m2=2.0, interferers=(Interferer(rate_hz=1e4, irradiance_w_m2=1e-3, spread_db=6.0),),
-)  # fmt: skip
+    sun_irradiance_w_m2=29.0,
+    sky_irradiance_w_m2=5.0,
+    transmittance=0.9,
+    extinction_per_m=0.01,
+    sun_direction=SUN,
+    lamps_w_m2=2.0,
+    interferers=(Interferer(rate_hz=1e4, irradiance_w_m2=1e-3, spread_db=6.0),),
+)
 AIR = 0.9 * math.exp(-0.2)
 FIELD_SR = math.pi * FIELD_RAD**2
 LIT = 29.0 * 0.2 + (0.3 + 0.1) * (5.0 + 2.0) / math.pi

@@ -103,9 +103,11 @@ def fan(shape, direction=(1.0, 0.0, 0.0), rotation=ROTATION):
     """The rays of one pulse from the origin: origins and directions, (rays, 3)."""
     rays = shape.rays
     alike = Beams(
-        pulse=np.zeros(rays, dtype=np.uint32), origin_m=(np.zeros(rays),) * 3,
-        direction=tuple(np.full(rays, x) for x in direction), aperture_m2=1.0,
-    )  # fmt: skip
+        pulse=np.zeros(rays, dtype=np.uint32),
+        origin_m=(np.zeros(rays),) * 3,
+        direction=tuple(np.full(rays, x) for x in direction),
+        aperture_m2=1.0,
+    )
     spread_out = spread(alike, shape, ray=np.arange(rays), rotation=rotation)
     return np.stack(spread_out.origin_m, axis=1), np.stack(spread_out.direction, axis=1)
 
@@ -130,9 +132,7 @@ def test_every_ray_follows_the_gaussian_beam(profile, distance):
 @pytest.mark.parametrize("turn_deg", [0.0, 30.0, 90.0])
 def test_ellipse_and_its_turn(turn_deg):
     """Far away the spot's variances lie along the turned axes, (w / 2)^2 each; 1e-6 is what the exit adds at 1 km."""
-    shape = footprint(
-        laser("divergence_mrad=4", "divergence_elevation_mrad=1", f"beam_rotation_deg={turn_deg}"), 64
-    )
+    shape = footprint(laser("divergence_mrad=4", "divergence_elevation_mrad=1", f"beam_rotation_deg={turn_deg}"), 64)
     places = spot(shape, 1000.0)
     cos, sin = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
     along = places @ np.array([[cos, -sin], [sin, cos]])
@@ -146,9 +146,7 @@ def test_axes_are_azimuth_and_elevation():
     assert np.ptp(direction[:, 2]) < 2e-5
     assert np.ptp(direction[:, 0]) > 3e-3
     # Standing on its nose, x down and z forward: level is now the world's y-z plane.
-    _, direction = fan(
-        shape, direction=(0.0, 1.0, 0.0), rotation=(0.0, 0.0, 1.0, 0.0, 1.0, 0.0, -1.0, 0.0, 0.0)
-    )
+    _, direction = fan(shape, direction=(0.0, 1.0, 0.0), rotation=(0.0, 0.0, 1.0, 0.0, 1.0, 0.0, -1.0, 0.0, 0.0))
     assert np.ptp(direction[:, 0]) < 2e-5
     assert np.ptp(direction[:, 2]) > 3e-3
 
@@ -173,9 +171,11 @@ def test_both_array_types_agree(mi):
     origin, direction = fan(shape, direction=(0.6, 0.0, 0.8))
     ray = dr.arange(mi.UInt32, 19)
     alike = Beams(
-        pulse=ray, origin_m=(mi.Float(0.0),) * 3,
-        direction=(mi.Float(0.6), mi.Float(0.0), mi.Float(0.8)), aperture_m2=1.0,
-    )  # fmt: skip
+        pulse=ray,
+        origin_m=(mi.Float(0.0),) * 3,
+        direction=(mi.Float(0.6), mi.Float(0.0), mi.Float(0.8)),
+        aperture_m2=1.0,
+    )
     on_device = spread(alike, shape, ray=ray, rotation=ROTATION)
     for found, wanted in ((on_device.origin_m, origin), (on_device.direction, direction)):
         np.testing.assert_allclose(np.stack([x.numpy() for x in found], axis=1), wanted, atol=2e-7)  # float32
@@ -185,9 +185,7 @@ def test_a_beam_finer_than_light_is_refused():
     """905 nm from 1 mm spread by 4 lambda / (pi d) = 1.152 mrad."""
     with pytest.raises(InputError, match=r"laser.*must be >= 1\.15 for a beam of 1 mm .*, got 0\.5"):
         laser("exit_diameter_mm=1", "divergence_mrad=0.5")
-    quality = beam.beam_quality(
-        exit_diameter_m=1e-3, divergence_rad=4 * 905e-9 / (math.pi * 1e-3), wavelength_m=905e-9
-    )
+    quality = beam.beam_quality(exit_diameter_m=1e-3, divergence_rad=4 * 905e-9 / (math.pi * 1e-3), wavelength_m=905e-9)
     assert quality == pytest.approx(1.0, rel=1e-12)
     assert laser("exit_diameter_mm=1", "divergence_mrad=1.16").divergence_rad == pytest.approx(1.16e-3)
 
@@ -202,9 +200,12 @@ def train_of(range_m, power_w, shape):
     """The rays of pulses put together."""
     lanes = np.broadcast_to(range_m, power_w.shape).ravel()
     light = Echoes(
-        found=power_w.ravel() > 0.0, range_m=lanes, peak_power_w=power_w.ravel(),
-        background_power_w=np.ones(power_w.size), white_w_m2=np.ones(power_w.size),
-    )  # fmt: skip
+        found=power_w.ravel() > 0.0,
+        range_m=lanes,
+        peak_power_w=power_w.ravel(),
+        background_power_w=np.ones(power_w.size),
+        white_w_m2=np.ones(power_w.size),
+    )
     count = len(power_w)
     beams = Beams(pulse=np.arange(count), origin_m=(0.0,) * 3, direction=(1.0, 0.0, 0.0), aperture_m2=1.0)
     return together([light], beams, rays=shape.rays, skirt=shape.skirt)
@@ -239,9 +240,11 @@ def test_a_bright_disc_beside_the_beam():
     shape = footprint(laser("divergence_mrad=2"), rays, Halo(share=share, divergence_rad=wide))
     lanes = np.repeat(np.arange(pulses), rays)
     axes = Beams(
-        pulse=lanes, origin_m=(np.zeros(len(lanes)),) * 3, aperture_m2=1.0,
+        pulse=lanes,
+        origin_m=(np.zeros(len(lanes)),) * 3,
+        aperture_m2=1.0,
         direction=(np.ones(len(lanes)), np.zeros(len(lanes)), np.zeros(len(lanes))),
-    )  # fmt: skip
+    )
     out = spread(axes, shape, ray=np.tile(np.arange(rays), pulses), rotation=ROTATION)
     aside = np.stack(out.direction[1:]) / out.direction[0]
     deviation, radius = 0.25 * wide, 3e-3
@@ -263,9 +266,8 @@ def test_a_wide_plane_is_as_bright_with_a_halo():
     shape = footprint(laser("divergence_mrad=2"), 64, Halo(share=0.05, divergence_rad=20e-3))
     zero = np.zeros(64)
     axes = Beams(
-        pulse=np.zeros(64, np.int64), origin_m=(zero, zero, zero), aperture_m2=1.0,
-        direction=(zero + 1.0, zero, zero),
-    )  # fmt: skip
+        pulse=np.zeros(64, np.int64), origin_m=(zero, zero, zero), aperture_m2=1.0, direction=(zero + 1.0, zero, zero)
+    )
     out = spread(axes, shape, ray=np.arange(64), rotation=ROTATION)
     cos = out.direction[0]
     power = cos * (cos / 100.0) ** 2 * 1e4

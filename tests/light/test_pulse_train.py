@@ -14,9 +14,11 @@ from lidarscene.maths.arrays import Table
 RAYS, PULSES = 4, 2
 LANES = np.arange(RAYS * PULSES, dtype=float)
 BEAMS = Beams(
-    pulse=np.repeat(np.arange(PULSES, dtype=np.uint32), RAYS), origin_m=(0.0, 0.0, 0.0),
-    direction=(np.ones(8), np.zeros(8), np.zeros(8)), aperture_m2=np.repeat([2e-3, 3e-3], RAYS),
-)  # fmt: skip
+    pulse=np.repeat(np.arange(PULSES, dtype=np.uint32), RAYS),
+    origin_m=(0.0, 0.0, 0.0),
+    direction=(np.ones(8), np.zeros(8), np.zeros(8)),
+    aperture_m2=np.repeat([2e-3, 3e-3], RAYS),
+)
 MET = np.array([True, True, False, True, False, False, False, True])
 RANGES = np.array([20.0, 30.0, 1.0, 90.0, 1.0, 1.0, 1.0, 40.0])
 
@@ -24,13 +26,18 @@ RANGES = np.array([20.0, 30.0, 1.0, 90.0, 1.0, 1.0, 1.0, 40.0])
 def paths():
     """Straight on, where some rays meet a surface, and off a mirror, where one of the second pulse does."""
     first = Echoes(
-        found=MET, range_m=RANGES, peak_power_w=np.where(MET, 1e-6 * (1.0 + LANES), 0.0),
-        background_power_w=1e-8 * (1.0 + LANES), white_w_m2=np.repeat([5.0, 6.0], RAYS),
-    )  # fmt: skip
+        found=MET,
+        range_m=RANGES,
+        peak_power_w=np.where(MET, 1e-6 * (1.0 + LANES), 0.0),
+        background_power_w=1e-8 * (1.0 + LANES),
+        white_w_m2=np.repeat([5.0, 6.0], RAYS),
+    )
     second = Echoes(
-        found=LANES == 5.0, range_m=np.where(LANES == 5.0, 55.0, 1.0),
-        peak_power_w=np.where(LANES == 5.0, 7e-6, 0.0), background_power_w=np.zeros(8),
-    )  # fmt: skip
+        found=LANES == 5.0,
+        range_m=np.where(LANES == 5.0, 55.0, 1.0),
+        peak_power_w=np.where(LANES == 5.0, 7e-6, 0.0),
+        background_power_w=np.zeros(8),
+    )
     return [first, second]
 
 
@@ -48,9 +55,7 @@ def test_a_pulse_is_the_weighted_sum_of_its_rays(halo):
     np.testing.assert_allclose(train.background_power_w, background @ weight)
     np.testing.assert_array_equal(train.found, [True, True])
     np.testing.assert_array_equal(train.white_w_m2, [5.0, 6.0])
-    lost = [
-        Echoes(found=MET & False, range_m=LANES + 1.0, peak_power_w=0.0 * LANES, background_power_w=LANES)
-    ]
+    lost = [Echoes(found=MET & False, range_m=LANES + 1.0, peak_power_w=0.0 * LANES, background_power_w=LANES)]
     assert not together(lost, BEAMS, rays=RAYS).found.any()
 
 
@@ -59,12 +64,16 @@ def test_air_ends_where_the_last_ray_of_the_core_does(halo, ends_m):
     """A ray that meets nothing lights the air to its end; a halo's do not count. The scale is P_t eta A tau^2."""
     equipped = trains.sensor("table1-apd", "optics.efficiency_laser=0.5")
     light = AirLight(
-        shape=Table(np.array([1.0, 0.0])), near_m=0.0, far_m=150.0, hump_m=(0.0, 1.0), extinction_per_m=0.01,
-        particles=(), names=("fog",), strongest="fog",
-    )  # fmt: skip
-    ambient = Ambient(
-        sun_irradiance_w_m2=0.0, sky_irradiance_w_m2=0.0, transmittance=0.8, extinction_per_m=0.01
+        shape=Table(np.array([1.0, 0.0])),
+        near_m=0.0,
+        far_m=150.0,
+        hump_m=(0.0, 1.0),
+        extinction_per_m=0.01,
+        particles=(),
+        names=("fog",),
+        strongest="fog",
     )
+    ambient = Ambient(sun_irradiance_w_m2=0.0, sky_irradiance_w_m2=0.0, transmittance=0.8, extinction_per_m=0.01)
     pulse = np.arange(PULSES, dtype=np.uint32)
     air = LitAir(light=light, sensor=equipped, ambient=ambient, seed=1, pulse=pulse)
     skirt = Skirt(count=2, share=0.3, slope=0.01) if halo else None

@@ -37,15 +37,7 @@ CASES = {
 }
 
 
-SUB_ECHOES = {
-    "filtered": 2,
-    "peak": 3,
-    "matched filter": 3,
-    "fraction": 3,
-    "strongest": 4,
-    "last": 4,
-    "levels": 4,
-}
+SUB_ECHOES = {"filtered": 2, "peak": 3, "matched filter": 3, "fraction": 3, "strongest": 4, "last": 4, "levels": 4}
 """Of a pulse: with an undershoot for each of seven, the kernel alone would take as long as all others. Its size grows
 with those of the sub-echoes, so that seven are left to two cases.
 """
@@ -55,9 +47,11 @@ def fetched(light, equipped, mi, *, seed=0):
     """What the device makes of a train, as numpy."""
     count = len(light.background_power_w)
     found = multi_echo.detect(
-        trains.on_device(light), transfer.opaque(equipped),
-        seed=transfer.seed_word(seed), pulse=transfer.counter(0, count),
-    )  # fmt: skip
+        trains.on_device(light),
+        transfer.opaque(equipped),
+        seed=transfer.seed_word(seed),
+        pulse=transfer.counter(0, count),
+    )
     return chain.fetched(found)
 
 
@@ -93,10 +87,13 @@ def test_fog_agrees(mi):
     equipped = trains.sensor("table1-apd", "tdc.stops=3", "tdc.walk='raw'")
     distance, power = trains.random_trains(500, 3, equipped, seed=2)
     air = echoes.Volume(
-        shape=shape, far_m=150.0, hump_m=echoes.hump_of(shape, 150.0),
+        shape=shape,
+        far_m=150.0,
+        hump_m=echoes.hump_of(shape, 150.0),
         scale=np.random.default_rng(4).uniform(0.0, 3e-7, 500).astype(np.float32),
-        end_m=distance.max(axis=1).astype(np.float32), extinction_per_m=0.05,
-    )  # fmt: skip
+        end_m=distance.max(axis=1).astype(np.float32),
+        extinction_per_m=0.05,
+    )
     light = trains.train(distance.astype(np.float32), power.astype(np.float32), volume=air)
     wanted, found = trains.detect(light, equipped), fetched(light, equipped, mi)
     fogs = 0
@@ -129,9 +126,13 @@ def test_derivatives_are_those_of_the_power(overrides):
 
     shape = echoes.Table(1.5 + np.sin(np.linspace(0.0, 150.0, 30_001) / 1.5))
     air = echoes.Volume(
-        shape=shape, far_m=150.0, hump_m=(0.0, 150.0), scale=np.full(len(power), peak),
-        end_m=np.full(len(power), 1e4), extinction_per_m=0.0,
-    )  # fmt: skip
+        shape=shape,
+        far_m=150.0,
+        hump_m=(0.0, 150.0),
+        scale=np.full(len(power), peak),
+        end_m=np.full(len(power), 1e4),
+        extinction_per_m=0.0,
+    )
     wave = waveform(trains.train(range_m, power, volume=air), equipped)
     swing, by_place = wave.range_m(place) / 1.5, wave.unit_m / 1.5
     found = wave.at(place)
@@ -185,17 +186,19 @@ def test_even_places_see_all_light(overrides, foggy):
     """
     equipped = trains.sensor("table1-apd", *overrides)
     range_m, power = trains.random_trains(60, 3, equipped, seed=5)
-    some = np.flatnonzero(power.any(axis=1))[
-        :40
-    ]  # the others have their places at the lens, where the air begins
+    some = np.flatnonzero(power.any(axis=1))[:40]  # the others have their places at the lens, where the air begins
     range_m, power = range_m[some], power[some]
     air = None
     if foggy:
         course = echoes.Table(1.5 + np.sin(np.linspace(0.0, 150.0, 30_001) / 3.0))
         air = echoes.Volume(
-            shape=course, far_m=150.0, hump_m=(0.0, 150.0), scale=np.full(40, 0.3 * power.max()),
-            end_m=np.full(40, 1e4), extinction_per_m=0.0,
-        )  # fmt: skip
+            shape=course,
+            far_m=150.0,
+            hump_m=(0.0, 150.0),
+            scale=np.full(40, 0.3 * power.max()),
+            end_m=np.full(40, 1e4),
+            extinction_per_m=0.0,
+        )
     light = trains.train(range_m, power, volume=air)
     wave = waveform(light, equipped)
     start, spacing = np.full(40, -2.0), np.full(40, 0.4)
@@ -210,9 +213,7 @@ def test_even_places_see_all_light(overrides, foggy):
             point = equipped.working_point(light.background_power_w)
             times_s = radiometry.time_of_flight_s(range_m=wave.range_m(place))
             signal = np.diagonal(sampled(light, equipped, times_s)[1])
-            np.testing.assert_allclose(
-                signal, point.signal(wanted), atol=1e-6 * point.signal(power.max()).max()
-            )
+            np.testing.assert_allclose(signal, point.signal(wanted), atol=1e-6 * point.signal(power.max()).max())
     assert np.all((wave.air_w(start) > 0.0) == foggy)
 
 
@@ -222,9 +223,7 @@ def test_a_clipped_pulse_has_the_undershoot_of_what_passes():
     point = equipped.working_point(np.array([trains.BACKGROUND_W]))
     clips_w = float(np.ravel(point.power_w(5e-6))[0])
     behind = [
-        waveform(trains.train(np.full((1, 1), 30.0), np.full((1, 1), watts)), equipped).at(np.array([10.0]))[
-            0
-        ][0]
+        waveform(trains.train(np.full((1, 1), 30.0), np.full((1, 1), watts)), equipped).at(np.array([10.0]))[0][0]
         for watts in (0.5 * clips_w, clips_w, 100.0 * clips_w)
     ]
     assert behind[0] < 0.0
@@ -250,11 +249,7 @@ def test_a_second_frame_compiles_nothing(case, mi):
     with launches.launched() as before:
         fetched(trains.train(*trains.random_trains(500, count, equipped, seed=1)), equipped, mi)
     other = trains.sensor(
-        *CASES[case],
-        "tdc.bandwidth_mhz=150",
-        "tdc.dead_time_ns=3",
-        "detector.gain=70",
-        "laser.pulse_fwhm_ns=5.9",
+        *CASES[case], "tdc.bandwidth_mhz=150", "tdc.dead_time_ns=3", "detector.gain=70", "laser.pulse_fwhm_ns=5.9"
     )
     with launches.launched() as later:
         fetched(trains.train(*trains.random_trains(500, count, other, seed=2)), other, mi, seed=5)
@@ -280,18 +275,21 @@ def test_a_plane_wider_than_the_spot_gives_5(rays, profile):
     lane = transfer.counter(0, 9 * rays)
     rotation = transfer.opaque((1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0))
     on_device = transfer.opaque(equipped)
-    fired = beams.fire(
-        on_device, pulse=lane // rays, origin_m=transfer.opaque((0.0, 0.0, 0.0)), rotation=rotation
-    )
+    fired = beams.fire(on_device, pulse=lane // rays, origin_m=transfer.opaque((0.0, 0.0, 0.0)), rotation=rotation)
     fan = spread(fired, shape, ray=lane % rays, rotation=rotation)
     hits, *_ = trace(world, fan, sun=transfer.opaque(tuple(float(x) for x in described.sun.direction)))
     light = echoes.receive(fan, hits, on_device, transfer.opaque(ambient_of(described, equipped)))
     power = np.array(light.peak_power_w.numpy()).reshape(9, rays).astype(float) * shape.weight
     range_m = np.array(light.range_m.numpy()).reshape(9, rays)
     wanted = radiometry.lambertian_echo_power_w(
-        peak_power_w=45.0, reflectivity=0.1, cos_incidence=1.0, range_m=60.0, transmittance=0.98,
-        aperture_m2=equipped.optics.aperture_m2, efficiency=equipped.optics.efficiency_laser,
-    )  # fmt: skip
+        peak_power_w=45.0,
+        reflectivity=0.1,
+        cos_incidence=1.0,
+        range_m=60.0,
+        transmittance=0.98,
+        aperture_m2=equipped.optics.aperture_m2,
+        efficiency=equipped.optics.efficiency_laser,
+    )
     train = dataclasses.replace(trains.train(range_m, power), background_power_w=np.full(9, 2.5e-8))
     found = trains.detect(train, equipped)
     point = equipped.working_point(np.array([2.5e-8]))

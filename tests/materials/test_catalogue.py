@@ -207,10 +207,7 @@ def test_vegetation_has_its_plateau_and_water_band(name):
 def test_a_leaf_lets_through_what_it_does_not_reflect_or_absorb():
     """Leaves hardly absorb on the plateau, and water takes a third or more at 1550 nm (PROSPECT: Jacquemoud, 1990)."""
     material = load("leaf")
-    back, through = (
-        values(material),
-        {row["wavelength_nm"]: row["value"] for row in material["transmittance"]},
-    )
+    back, through = (values(material), {row["wavelength_nm"]: row["value"] for row in material["transmittance"]})
     assert list(through) == WAVELENGTHS
     for wavelength in (850, 905, 940, 1064):
         assert 0.9 < back[wavelength] + through[wavelength] < 1.0
@@ -233,9 +230,7 @@ def test_cellulose_band(name):
 
 def test_car_paints_are_ordered():
     """White over red and grey over black: the order that lidar range tests rely on."""
-    white, red, grey, black = (
-        values(load(f"car_paint_{colour}"))[905] for colour in ("white", "red", "grey", "black")
-    )
+    white, red, grey, black = (values(load(f"car_paint_{colour}"))[905] for colour in ("white", "red", "grey", "black"))
     assert white > red > black
     assert white > grey > black
     assert black < 0.05

@@ -42,9 +42,7 @@ def test_a_table_covers_its_own_wavelengths() -> None:
     assert material.at(875e-9)["reflectivity"] == pytest.approx(0.15)
     assert material.at(849.5e-9)["reflectivity"] == pytest.approx(0.1)
     for nm in (848.0, 952.0):
-        with pytest.raises(
-            InputError, match=f"no reflectivity at {nm:.0f} nm; its table reaches from 850 to 950 nm"
-        ):
+        with pytest.raises(InputError, match=f"no reflectivity at {nm:.0f} nm; its table reaches from 850 to 950 nm"):
             material.at(1e-9 * nm)
 
 

@@ -20,9 +20,7 @@ def test_where_any_is_a_choice():
         expected = np.where(chosen, np.sqrt(x) + 1.0, -x), np.where(chosen, 2.0 * x, 7.0)
         for array, where in ((x, chosen), (mi.Float(x), mi.Bool(chosen))):
             ops = xp(array)
-            found = ops.where_any(
-                where, lambda a=array, o=ops: (o.sqrt(a) + 1.0, 2.0 * a), (-array, 7.0 + 0.0 * array)
-            )
+            found = ops.where_any(where, lambda a=array, o=ops: (o.sqrt(a) + 1.0, 2.0 * a), (-array, 7.0 + 0.0 * array))
             for one, other in zip(found, expected, strict=True):
                 np.testing.assert_allclose(np.asarray(one), other, rtol=1e-6)
 
@@ -85,7 +83,5 @@ def test_each_room_has_its_own_size(mi: Any, run_python: Any, tmp_path: Any) -> 
 
     The largest number, 64 * 30,000, is exact in single precision.
     """
-    done = run_python(
-        ROOMS.format(sizes=(8, 9, 30_000, 8)), HOME=str(tmp_path), LIDARSCENE_VARIANT=mi.variant()
-    )
+    done = run_python(ROOMS.format(sizes=(8, 9, 30_000, 8)), HOME=str(tmp_path), LIDARSCENE_VARIANT=mi.variant())
     assert (done.returncode, done.stdout) == (0, "all\n"), (done.returncode, done.stderr)

@@ -101,9 +101,7 @@ def test_placements_there_and_back() -> None:
     point = (1.0, -2.0, 3.0)
     there = place.point_within(place.point(point))
     np.testing.assert_allclose(rows(there), np.tile(point, (5, 1)), atol=1e-13)
-    np.testing.assert_allclose(
-        rows(place.vector_within(place.vector(point))), np.tile(point, (5, 1)), atol=1e-13
-    )
+    np.testing.assert_allclose(rows(place.vector_within(place.vector(point))), np.tile(point, (5, 1)), atol=1e-13)
     assert Placement(origin_m=(0, 0, 0), rotation=place.rotation).velocity_at(point) == (0.0, 0.0, 0.0)
 
 
@@ -128,9 +126,7 @@ def test_numpy_and_device_agree(mi) -> None:
 def test_boxes_hold_all_that_is_carried(name: str) -> None:
     """Corners of a box at 4001 instants, between those of the table too; and no wider than they need by 0.1 m."""
     carried = np.array([[[-1.0, -0.5, 0.0], [2.5, 0.5, 1.5]]])
-    paths = Paths.of(
-        [BEND, MOTIONS[name]], start_s=1.05, length_s=FRAME_S, centre_m=np.ones(3), carried_m=carried
-    )
+    paths = Paths.of([BEND, MOTIONS[name]], start_s=1.05, length_s=FRAME_S, centre_m=np.ones(3), carried_m=carried)
     low, high = np.asarray(paths.boxes_m).reshape(2, 3)
     corners = np.stack(np.meshgrid(*carried[0].T, indexing="ij"), axis=-1).reshape(-1, 3)
     there = paths.at(np.linspace(0.0, FRAME_S, 4001), 1)
@@ -153,8 +149,7 @@ def test_a_straight_motion_has_two_instants() -> None:
     """And is where it has to be between them; with one that bends beside it there are as many as that needs."""
     line = Course(velocity_m_s=(30.0, -20.0, 1.0))
     alone, beside = (
-        Paths.of(motions, start_s=0.0, length_s=FRAME_S, centre_m=np.zeros(3))
-        for motions in ([line], [line, BEND])
+        Paths.of(motions, start_s=0.0, length_s=FRAME_S, centre_m=np.zeros(3)) for motions in ([line], [line, BEND])
     )
     assert (alone.last, beside.last) == (1.0, FRAME_S / STEP_S)
     time_s = np.linspace(0.0, FRAME_S, 77)
@@ -166,9 +161,11 @@ def test_velocity_of_a_point_of_a_turning_frame() -> None:
     velocity, turning = np.array([1.0, -2.0, 0.5]), np.array([0.3, -0.7, 1.1])
     origin, point = np.array([4.0, 5.0, 6.0]), np.array([5.5, 3.0, 7.0])
     placement = Placement(
-        origin_m=tuple(origin), rotation=tuple(np.eye(3).ravel()), velocity_m_s=tuple(velocity),
+        origin_m=tuple(origin),
+        rotation=tuple(np.eye(3).ravel()),
+        velocity_m_s=tuple(velocity),
         turning_rad_s=tuple(turning),
-    )  # fmt: skip
+    )
     step_s = 1e-6
     moved = origin + velocity * step_s + Rotation.from_rotvec(turning * step_s).apply(point - origin)
     np.testing.assert_allclose(placement.velocity_at(tuple(point)), (moved - point) / step_s, atol=1e-5)

@@ -16,9 +16,7 @@ def test_forward_looks_along_yaw_and_pitch_whatever_the_roll(yaw: float, pitch: 
     np.testing.assert_allclose(turned[:, 0], ahead, atol=1e-12)
     level = (-math.sin(yaw), math.cos(yaw), 0.0)
     above = np.cross(turned[:, 0], level)
-    np.testing.assert_allclose(
-        turned[:, 1], math.cos(roll) * np.array(level) + math.sin(roll) * above, atol=1e-12
-    )
+    np.testing.assert_allclose(turned[:, 1], math.cos(roll) * np.array(level) + math.sin(roll) * above, atol=1e-12)
 
 
 def test_there_and_back() -> None:

@@ -59,9 +59,7 @@ def test_neighbouring_pulses_are_independent():
 
 @pytest.mark.parametrize("which", [0, 1])
 def test_normal(which):
-    deviate = random.normal_pair(random.words(seed=5, stage=1, pulse=np.arange(300_000, dtype=np.uint32)))[
-        which
-    ]
+    deviate = random.normal_pair(random.words(seed=5, stage=1, pulse=np.arange(300_000, dtype=np.uint32)))[which]
     assert stats.kstest(deviate, "norm").pvalue > FALSE_ALARM
     assert 4.0 < np.abs(deviate).max() < 6.8
 

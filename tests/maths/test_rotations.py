@@ -22,8 +22,5 @@ def test_quaternions_and_angles() -> None:
         np.testing.assert_allclose(rotated(q, np.eye(3)), np.asarray(turn).T, atol=1e-14)
         yaw, pitch, roll = rotations.yaw_pitch_roll_rad(turn)
         cy, sy, cp, sp, cr, sr = (f(a) for a in (yaw, pitch, roll) for f in (np.cos, np.sin))
-        z, y = (
-            np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]]),
-            np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]]),
-        )
+        z, y = (np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]]), np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]]))
         np.testing.assert_allclose(z @ y @ np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]]), turn, atol=1e-14)

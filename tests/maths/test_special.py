@@ -51,9 +51,7 @@ def test_binomial_tail_on_the_device(mi):
     rng = np.random.default_rng(1)
     least = rng.integers(0, 402, 3000).astype(np.float32)
     probability = rng.random(3000).astype(np.float32)
-    got = special.binomial_tail(
-        least=mi.Float(least), trials=mi.Float(400.0), probability=mi.Float(probability)
-    )
+    got = special.binomial_tail(least=mi.Float(least), trials=mi.Float(400.0), probability=mi.Float(probability))
     expected = stats.binom.sf(least - 1, 400, probability.astype(float))
     seen = expected > 1e-12
     assert np.max(np.abs(got.numpy() - expected)[seen] / expected[seen]) < 2e-3

@@ -34,8 +34,9 @@ def test_velocities_are_the_derivatives_of_the_pose(name: str) -> None:
     np.testing.assert_allclose(now.velocity_m_s, velocity, atol=2e-5)
     rate = (after.rotation - before.rotation) / (2 * STEP_S)
     np.testing.assert_allclose(now.turning_rad_s, turning(now.rotation, rate), atol=2e-5)
-    np.testing.assert_allclose(now.rotation @ now.rotation.transpose(0, 2, 1), np.eye(3)[None] + 0 * now.rotation,
-                               atol=1e-13)  # fmt: skip
+    np.testing.assert_allclose(
+        now.rotation @ now.rotation.transpose(0, 2, 1), np.eye(3)[None] + 0 * now.rotation, atol=1e-13
+    )
 
 
 def test_a_course_is_an_arc() -> None:
@@ -57,13 +58,10 @@ def test_a_course_may_start_later() -> None:
     time_s = np.linspace(-1.0, 2.0, 7)
     later = replace(BEND, since_s=1.5).at(time_s + 1.5)
     for field in fields(States):
-        np.testing.assert_allclose(
-            getattr(later, field.name), getattr(BEND.at(time_s), field.name), atol=1e-14
-        )
+        np.testing.assert_allclose(getattr(later, field.name), getattr(BEND.at(time_s), field.name), atol=1e-14)
     assert Course(start=START, since_s=3.0).rests
     assert not any(
-        Course(**one).rests
-        for one in ({"speed_m_s": 1.0}, {"yaw_rate_rad_s": 1.0}, {"velocity_m_s": (0.0, 1.0, 0.0)})
+        Course(**one).rests for one in ({"speed_m_s": 1.0}, {"yaw_rate_rad_s": 1.0}, {"velocity_m_s": (0.0, 1.0, 0.0)})
     )
 
 
@@ -71,9 +69,7 @@ def test_a_spline_that_is_not_smooth_goes_evenly() -> None:
     """Through the poses, with one twist in the body's frame from each to the next; held before and after."""
     spline = Spline(time_s=TIMES, poses=WAY, smooth=False)
     for number, one in enumerate(WAY):
-        np.testing.assert_allclose(
-            spline.at(TIMES[number : number + 1]).position_m[0], one.position_m, atol=1e-12
-        )
+        np.testing.assert_allclose(spline.at(TIMES[number : number + 1]).position_m[0], one.position_m, atol=1e-12)
     for first, last in itertools.pairwise(TIMES):
         states = spline.at(np.linspace(first, last, 9)[:-1])
         back = states.rotation.transpose(0, 2, 1)
@@ -85,9 +81,7 @@ def test_a_spline_that_is_not_smooth_goes_evenly() -> None:
     np.testing.assert_allclose(held.position_m[1], WAY[-1].position_m, atol=1e-12)
     assert not held.velocity_m_s.any()
     assert not held.turning_rad_s.any()
-    np.testing.assert_array_equal(
-        Held(motion=spline).at(TIMES[1:2]).velocity_m_s, spline.at(TIMES[1:2]).velocity_m_s
-    )
+    np.testing.assert_array_equal(Held(motion=spline).at(TIMES[1:2]).velocity_m_s, spline.at(TIMES[1:2]).velocity_m_s)
 
 
 @pytest.mark.parametrize("rate_rad_s", [0.0, 1e-300, 1e-12, -1e-9, 1e-6])
@@ -171,9 +165,7 @@ def test_it_is_the_same_in_any_frame() -> None:
 
 def test_beyond_its_ends_it_stands_at_them() -> None:
     assert SPLINE.span_s == (0.0, 2.5)
-    np.testing.assert_array_equal(
-        SPLINE.at(np.array([-9.0, 99.0])).position_m, SPLINE.at(TIMES[[0, -1]]).position_m
-    )
+    np.testing.assert_array_equal(SPLINE.at(np.array([-9.0, 99.0])).position_m, SPLINE.at(TIMES[[0, -1]]).position_m)
     np.testing.assert_array_equal(pose_at(SPLINE, -9.0).rotation, SPLINE.at(TIMES[:1]).rotation[0])
     assert pose_at(BEND).position_m.tolist() == START.position_m.tolist()
 
@@ -182,9 +174,7 @@ def test_a_turn_of_170_degrees_is_the_largest() -> None:
     """Shortest way round: 165 degrees to the right, not 195 to the left."""
     spline = Spline(time_s=np.array([0.0, 1.0]), poses=(pose(0, 0, 0), pose(0, 0, 0, yaw=195)))
     middle = spline.at(np.array([0.5]))
-    assert math.degrees(math.atan2(middle.rotation[0, 1, 0], middle.rotation[0, 0, 0])) == pytest.approx(
-        -82.5
-    )
+    assert math.degrees(math.atan2(middle.rotation[0, 1, 0], middle.rotation[0, 0, 0])) == pytest.approx(-82.5)
     with pytest.raises(ValueError, match="turn between two poses must be <= 170 degrees, got 171"):
         Spline(time_s=np.array([0.0, 1.0]), poses=(pose(0, 0, 0), pose(0, 0, 0, yaw=171)))
 
@@ -198,9 +188,11 @@ def test_times_must_rise(times: list[float]) -> None:
 def test_states_of_a_fixed_frame() -> None:
     """What is fixed on a turning vehicle moves with v + w x r."""
     states = States(
-        position_m=np.array([[1.0, 2.0, 3.0]]), rotation=START.rotation[None],
-        velocity_m_s=np.array([[4.0, 5.0, 6.0]]), turning_rad_s=np.array([[0.0, 0.0, 2.0]]),
-    )  # fmt: skip
+        position_m=np.array([[1.0, 2.0, 3.0]]),
+        rotation=START.rotation[None],
+        velocity_m_s=np.array([[4.0, 5.0, 6.0]]),
+        turning_rad_s=np.array([[0.0, 0.0, 2.0]]),
+    )
     child = pose(0, 0, 1, roll=90)
     seen = states @ child
     arm = START.rotation[:, 2]

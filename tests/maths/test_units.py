@@ -17,11 +17,28 @@ from lidarscene.scene import file as _scene  # noqa: F401 all tables are known o
 from lidarscene.sensor import file as _sensor  # noqa: F401
 
 FACTORS = {
-    "nm": 1e-9, "um": 1e-6, "mm": 1e-3, "km": 1e3, "ps": 1e-12, "ns": 1e-9, "us": 1e-6, "ms": 1e-3,
-    "khz": 1e3, "mhz": 1e6, "na": 1e-9, "ua": 1e-6, "mrad": 1e-3,
-}  # fmt: skip
-ENDINGS = {"m": ("nm", "um", "mm", "km"), "s": ("ps", "ns", "us", "ms"), "hz": ("khz", "mhz"),
-           "a": ("na", "ua"), "rad": ("mrad", "deg"), "rad_s": ("deg_s",)}  # fmt: skip
+    "nm": 1e-9,
+    "um": 1e-6,
+    "mm": 1e-3,
+    "km": 1e3,
+    "ps": 1e-12,
+    "ns": 1e-9,
+    "us": 1e-6,
+    "ms": 1e-3,
+    "khz": 1e3,
+    "mhz": 1e6,
+    "na": 1e-9,
+    "ua": 1e-6,
+    "mrad": 1e-3,
+}
+ENDINGS = {
+    "m": ("nm", "um", "mm", "km"),
+    "s": ("ps", "ns", "us", "ms"),
+    "hz": ("khz", "mhz"),
+    "a": ("na", "ua"),
+    "rad": ("mrad", "deg"),
+    "rad_s": ("deg_s",),
+}
 
 
 @pytest.mark.parametrize("value", [905.0, 3.0, 0.1, 7.3, 1e-3 / 3.0, -12.7, 55.7])
@@ -48,9 +65,11 @@ class Row:
 
     @classmethod
     def of(
-        cls, times_s: Annotated[Sequence[float], Quantity("ns", ge=1, least=2)],
-        more_s: Annotated[Sequence[float] | None, Quantity("us")] = None, other: int = 0,
-    ) -> "Row":  # fmt: skip
+        cls,
+        times_s: Annotated[Sequence[float], Quantity("ns", ge=1, least=2)],
+        more_s: Annotated[Sequence[float] | None, Quantity("us")] = None,
+        other: int = 0,
+    ) -> "Row":
         """From lists."""
         return cls((*times_s, *(more_s or ())))
 
@@ -96,11 +115,22 @@ def test_a_table_has_the_declared_keys() -> None:
     schema = LampFile.model_json_schema()
     assert schema["required"] == ["width_ns"]
     assert set(schema["properties"]) == {
-        "width_ns", "power_w", "radius_mm", "tilt_deg", "cells", "count", "form", "extra",
-    }  # fmt: skip
+        "width_ns",
+        "power_w",
+        "radius_mm",
+        "tilt_deg",
+        "cells",
+        "count",
+        "form",
+        "extra",
+    }
     assert schema["properties"]["width_ns"] == {
-        "exclusiveMinimum": 0, "maximum": 9, "description": "of the flash", "title": "Width Ns", "type": "number",
-    }  # fmt: skip
+        "exclusiveMinimum": 0,
+        "maximum": 9,
+        "description": "of the flash",
+        "title": "Width Ns",
+        "type": "number",
+    }
     assert schema["properties"]["tilt_deg"]["default"] == 45.0
     assert schema["properties"]["count"]["minimum"] == 3
     assert set(ShortFile.model_fields) == {"width_ns", "power_w"}
@@ -111,9 +141,15 @@ def test_a_table_makes_what_declares_it() -> None:
     tables = {"width_ns": 7.3, "power_w": 1, "radius_mm": 7.3, "tilt_deg": 7.3, "cells": 9, "form": "square"}
     found = validated(LampFile, tables, "file").in_si(inner=1.0)
     assert found == Lamp(
-        width_s=7.3 * 1e-9, power_w=1.0, radius_m=7.3 * 1e-3, turn_rad=math.radians(7.3), cells=9.0, count=3,
-        shape="square", inner=1.0,
-    )  # fmt: skip
+        width_s=7.3 * 1e-9,
+        power_w=1.0,
+        radius_m=7.3 * 1e-3,
+        turn_rad=math.radians(7.3),
+        cells=9.0,
+        count=3,
+        shape="square",
+        inner=1.0,
+    )
     assert isinstance(found.cells, float)
 
 
@@ -124,11 +160,15 @@ def test_a_table_makes_what_declares_it() -> None:
         ({"width_ns": 1.0, "cells": 1.5}, "file: cells: must be a whole number, got 1.5"),
         ({"width_ns": 1.0, "form": "oval"}, "file: form: must be 'round' or 'square', got \"oval\""),
         ({"power_w": 1.0}, "file: key 'width_ns' is missing"),
-        ({"width_ns": 1.0, "inner": 1.0},
-         ("file: unknown key 'inner'; known here: "
-          "width_ns, power_w, radius_mm, tilt_deg, cells, form, count, extra")),
+        (
+            {"width_ns": 1.0, "inner": 1.0},
+            (
+                "file: unknown key 'inner'; known here: "
+                "width_ns, power_w, radius_mm, tilt_deg, cells, form, count, extra"
+            ),
+        ),
     ],
-)  # fmt: skip
+)
 def test_mistakes_are_told_as_of_every_file(tables: dict[str, Any], told: str) -> None:
     with pytest.raises(InputError) as error:
         validated(LampFile, tables, "file")
@@ -148,17 +188,7 @@ class StreetFile(Table[Street]):
 
 def test_a_part_has_its_keys_in_the_table_of_the_whole() -> None:
     whole = list(StreetFile.model_fields)
-    assert whole == [
-        "name",
-        "width_ns",
-        "power_w",
-        "radius_mm",
-        "tilt_deg",
-        "cells",
-        "count",
-        "form",
-        "length_km",
-    ]
+    assert whole == ["name", "width_ns", "power_w", "radius_mm", "tilt_deg", "cells", "count", "form", "length_km"]
     found = validated(StreetFile, {"width_ns": 3.0, "length_km": 2.0}, "file").in_si(inner=1.0)
     assert found == Street(lamp=Lamp(width_s=3.0 * 1e-9, inner=1.0), length_m=2000.0)
 

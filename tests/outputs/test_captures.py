@@ -26,9 +26,7 @@ position_m = [0, -1, 1.8]
 OUSTER = ("--sensor", "os1-128", "--set=scanner.columns_per_turn=512")
 
 
-def test_a_capture_has_the_points_of_the_clouds(
-    mi: Any, run: Run, wall: str, library: Callable[[str], Any]
-) -> None:
+def test_a_capture_has_the_points_of_the_clouds(mi: Any, run: Run, wall: str, library: Callable[[str], Any]) -> None:
     """Three frames in one file; velodyne-decoder puts them where the clouds have them.
 
     It takes no point beyond 130 m, where a false alarm may lie: a packet has 16 bits for steps of 2 mm.
@@ -56,9 +54,7 @@ def test_a_capture_has_the_points_of_the_clouds(
     assert (apart_m < 0.003 + np.radians(0.01) * np.linalg.norm(expected, axis=1)).all()
 
 
-def test_ousters_metadata_and_background_are_there(
-    mi: Any, run: Run, wall: str, library: Callable[[str], Any]
-) -> None:
+def test_ouster_metadata_and_background(mi: Any, run: Run, wall: str, library: Callable[[str], Any]) -> None:
     """Near infrared is the background of every pulse, as `--ambient` has it."""
     library("ouster.sdk")
     ran = run("render", wall, *OUSTER, "-o", "a.pcap", "--ambient", "a.npz", "--keep-missed", "m.npz")
@@ -74,9 +70,7 @@ def test_ousters_metadata_and_background_are_there(
     assert sweep.lost.sum() <= lost < 512 * 128  # false alarms are points, and of missed pulses
 
 
-def test_a_rig_has_a_capture_for_each_sensor(
-    mi: Any, run: Run, wall: str, library: Callable[[str], Any]
-) -> None:
+def test_a_rig_has_a_capture_for_each_sensor(mi: Any, run: Run, wall: str, library: Callable[[str], Any]) -> None:
     library("velodyne_decoder")
     Path("rig.toml").write_text(RIG)
     ran = run("render", wall, "--rig", "rig.toml", "-o", "out", "--format", "pcap", "--frames", "2")
@@ -100,7 +94,7 @@ def test_a_rig_has_a_capture_for_each_sensor(
         (("--sensor", "vlp-16", "-o", "a.pcap", "--dataset", "kitti"), "--output a.pcap: must be a folder with"),
         ((*OUSTER, "-o", "taken.pcap"), "taken.json: cannot be written: must be the name of a file, got a folder"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_are_told_before_anything_is_traced(
     run: Run, wall: str, library: Callable[[str], Any], arguments: tuple[str, ...], told: str
 ) -> None:

@@ -75,10 +75,7 @@ def test_ambient_of_every_pulse(run: Run, wall: str, tmp_path: Path) -> None:
         (["--waveforms", "w.npz", "--pulses", "9-3"], "such as 0,100,2000-2010, got 9-3"),
         (["--waveforms", "w.npz", "--pulses", "0-99999999999"], "got 0-99999999999"),
         (["--waveforms", "w.npz", "--pulses", "x"], "got x"),
-        (
-            ["--background-rays", "0"],
-            "argument --background-rays: must be a whole number from 1 to 1024, got 0",
-        ),
+        (["--background-rays", "0"], "argument --background-rays: must be a whole number from 1 to 1024, got 0"),
     ],
 )
 def test_mistakes(run: Run, wall: str, tmp_path: Path, options: list[str], message: str) -> None:

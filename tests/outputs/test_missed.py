@@ -17,9 +17,7 @@ FRAME = 2
 
 
 @pytest.mark.parametrize("cuts", [[0, 0], [0, 100], [0, 1, 1, 37, 100]], ids=str)
-def test_the_archive_is_that_of_numpy(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cuts: list[int]
-) -> None:
+def test_the_archive_is_that_of_numpy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cuts: list[int]) -> None:
     """Reference: `numpy.savez` of arrays that are computed of all pulses at once. Blocks of 30 rows."""
     monkeypatch.setattr(spool, "BLOCK_ROWS", 30)
     first = FRAME * SENSOR.scanner.pulses
@@ -31,10 +29,15 @@ def test_the_archive_is_that_of_numpy(
     azimuth, elevation = SENSOR.scanner.angles(pulse)
     begin_s = SENSOR.scanner.time_s(np.array([first], np.uint32))
     np.savez(
-        tmp_path / "whole.npz", pulse=pulse, reason=reason, time_s=SENSOR.scanner.time_s(pulse) - begin_s,
-        channel=SENSOR.scanner.channel(pulse), azimuth_rad=azimuth, elevation_rad=elevation,
+        tmp_path / "whole.npz",
+        pulse=pulse,
+        reason=reason,
+        time_s=SENSOR.scanner.time_s(pulse) - begin_s,
+        channel=SENSOR.scanner.channel(pulse),
+        azimuth_rad=azimuth,
+        elevation_rad=elevation,
         reason_names=np.array(["kept", *OUTCOME_TEXT.values()]),
-    )  # fmt: skip
+    )
     assert (tmp_path / "pieces.npz").read_bytes() == (tmp_path / "whole.npz").read_bytes()
 
 

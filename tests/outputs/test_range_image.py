@@ -61,10 +61,7 @@ def test_npz_has_the_values_and_the_angles(tmp_path: Path, street_cloud: PointCl
         np.testing.assert_array_equal(archive["range"][point >= 0], street_cloud.range_m[point[point >= 0]])
         azimuth, elevation = archive["azimuth_deg"], archive["elevation_deg"]
         assert archive["range"].shape == (len(elevation) - 1, len(azimuth) - 1)
-    for edges, angle, axis in (
-        (azimuth, street_cloud.azimuth_rad, 1),
-        (elevation, street_cloud.elevation_rad, 0),
-    ):
+    for edges, angle, axis in ((azimuth, street_cloud.azimuth_rad, 1), (elevation, street_cloud.elevation_rad, 0)):
         cell = np.nonzero(point >= 0)[axis]
         values = np.degrees(angle[point[point >= 0]])
         assert ((values <= edges[cell] + 1e-3) & (values >= edges[cell + 1] - 1e-3)).all()
@@ -72,9 +69,7 @@ def test_npz_has_the_values_and_the_angles(tmp_path: Path, street_cloud: PointCl
 
 def test_a_range_beyond_16_bits_stays_the_largest() -> None:
     cloud = street.cloud()
-    far = PointCloud(
-        **{f: getattr(cloud, f) for f in cloud.__dataclass_fields__} | {"range_m": cloud.range_m + 1000}
-    )
+    far = PointCloud(**{f: getattr(cloud, f) for f in cloud.__dataclass_fields__} | {"range_m": cloud.range_m + 1000})
     assert images(far)["range"].max() > 1000
 
 

@@ -10,16 +10,7 @@ from helpers.command_line import BEAMS, COARSE, Run
 from helpers.walls import LEFT_AND_RIGHT, MOVING
 
 import lidarscene
-from lidarscene import (
-    FrameOptions,
-    InputError,
-    Outputs,
-    TraceOptions,
-    load_rig,
-    load_scene,
-    load_sensor,
-    record,
-)
+from lidarscene import FrameOptions, InputError, Outputs, TraceOptions, load_rig, load_scene, load_sensor, record
 from lidarscene.errors import OptionWarning
 
 pytestmark = pytest.mark.usefixtures("small_pictures")
@@ -40,29 +31,78 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 EVERY = {
-    "picture": "{}/p.png", "missed": "{}/m.npz", "ambient": "{}/a.png", "range_image": "{}/r.png",
-    "waveforms": "{}/w.npz", "deskew": True, "labels": "kitti", "pulses": (3, 100),
-}  # fmt: skip
+    "picture": "{}/p.png",
+    "missed": "{}/m.npz",
+    "ambient": "{}/a.png",
+    "range_image": "{}/r.png",
+    "waveforms": "{}/w.npz",
+    "deskew": True,
+    "labels": "kitti",
+    "pulses": (3, 100),
+}
 EVERY_ASKED = (
-    "--picture", "{}/p.png", "--keep-missed", "{}/m.npz", "--ambient", "{}/a.png", "--range-image", "{}/r.png",
-    "--waveforms", "{}/w.npz", "--deskew", "--labels", "kitti", "--pulses", "3,100",
-)  # fmt: skip
+    "--picture",
+    "{}/p.png",
+    "--keep-missed",
+    "{}/m.npz",
+    "--ambient",
+    "{}/a.png",
+    "--range-image",
+    "{}/r.png",
+    "--waveforms",
+    "{}/w.npz",
+    "--deskew",
+    "--labels",
+    "kitti",
+    "--pulses",
+    "3,100",
+)
 
 CASES: dict[str, tuple[str, dict[str, Any], dict[str, Any], tuple[str, ...]]] = {
     "every file": ("{}/a.ply", EVERY, {"seed": 3, "begin_s": 0.1}, (*EVERY_ASKED, "--seed", "3", "--begin", "0.1")),
-    "frames of text": ("{}", {"ascii": True, "truth": False}, {"frames": 2, "coordinates": "vehicle"},
-                       ("--frames", "2", "--ascii", "--no-truth", "--coordinates", "vehicle")),
+    "frames of text": (
+        "{}",
+        {"ascii": True, "truth": False},
+        {"frames": 2, "coordinates": "vehicle"},
+        ("--frames", "2", "--ascii", "--no-truth", "--coordinates", "vehicle"),
+    ),
     "laz": ("{}/a.laz", {"labels": "semantickitti"}, {"chunk": 50}, ("--labels", "semantickitti", "--chunk", "50")),
-    "whole": ("{}/a.npz", {}, {"coordinates": "sensor", "rays": 3, "background_rays": 2},
-              ("--frame", "sensor", "--rays", "3", "--background-rays", "2", "--set=laser.divergence_mrad=3")),
-    "data set": ("{}", {"dataset": "semantickitti", "deskew": True}, {"frames": 2},
-                 ("--dataset", "semantickitti", "--deskew", "--frames", "2")),
-    "rig": ("{}", {"format": "pcd", "missed": "{}/m.npz"}, {"frames": 2},
-            ("--rig", "rig.toml", "--format", "pcd", "--keep-missed", "{}/m.npz", "--frames", "2")),
-    "merged": ("{}/a.ply", {"merge": True, "deskew": True, "labels": "nuscenes", "picture": "{}/p.png"},
-               {"interactions": 0}, ("--rig", "rig.toml", "--merge", "--deskew", "--labels", "nuscenes", "--picture",
-                                     "{}/p.png", "--interactions", "0")),
-}  # fmt: skip
+    "whole": (
+        "{}/a.npz",
+        {},
+        {"coordinates": "sensor", "rays": 3, "background_rays": 2},
+        ("--frame", "sensor", "--rays", "3", "--background-rays", "2", "--set=laser.divergence_mrad=3"),
+    ),
+    "data set": (
+        "{}",
+        {"dataset": "semantickitti", "deskew": True},
+        {"frames": 2},
+        ("--dataset", "semantickitti", "--deskew", "--frames", "2"),
+    ),
+    "rig": (
+        "{}",
+        {"format": "pcd", "missed": "{}/m.npz"},
+        {"frames": 2},
+        ("--rig", "rig.toml", "--format", "pcd", "--keep-missed", "{}/m.npz", "--frames", "2"),
+    ),
+    "merged": (
+        "{}/a.ply",
+        {"merge": True, "deskew": True, "labels": "nuscenes", "picture": "{}/p.png"},
+        {"interactions": 0},
+        (
+            "--rig",
+            "rig.toml",
+            "--merge",
+            "--deskew",
+            "--labels",
+            "nuscenes",
+            "--picture",
+            "{}/p.png",
+            "--interactions",
+            "0",
+        ),
+    ),
+}
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -89,9 +129,14 @@ def test_objects_do_as_well_as_files(mi, run: Run, moving: str, tmp_path: Path) 
     frame, trace = FrameOptions(seed=5, number=2), TraceOptions(interactions=1)
     record(scene, sensor, outputs=Outputs(tmp_path / "api" / "a.ply"), frame=frame, trace=trace)
     record(
-        moving, outputs=Outputs(tmp_path / "loose" / "a.ply"), seed=5, number=2, interactions=1, overrides=SETS,
+        moving,
+        outputs=Outputs(tmp_path / "loose" / "a.ply"),
+        seed=5,
+        number=2,
+        interactions=1,
+        overrides=SETS,
         scene_overrides=["sun.illuminance_klux=1"],
-    )  # fmt: skip
+    )
     cloud = lidarscene.render(scene, sensor, frame=frame, trace=trace)
     (tmp_path / "whole").mkdir()
     cloud.save(tmp_path / "whole" / "a.ply")
@@ -112,9 +157,13 @@ def test_progress_is_that_of_the_run(mi, moving: str) -> None:
     """Of two frames of two sensors, in chunks; what is done only grows, and ends with all."""
     told: list[tuple[int, int]] = []
     record(
-        moving, load_rig("rig.toml", overrides=SETS), outputs=Outputs("out"), frames=2, chunk=100,
+        moving,
+        load_rig("rig.toml", overrides=SETS),
+        outputs=Outputs("out"),
+        frames=2,
+        chunk=100,
         progress=lambda done, pulses: told.append((done, pulses)),
-    )  # fmt: skip
+    )
     done = [one for one, _ in told]
     assert {pulses for _, pulses in told} == {4 * BEAMS}
     assert done == sorted(set(done))
@@ -135,7 +184,7 @@ def test_progress_is_that_of_the_run(mi, moving: str) -> None:
         (("moving.toml", {"format": "ply"}), {}, "path moving.toml: must be another name, got an input of this run"),
         (("a.ply", {"waveforms": "w.npz", "pulses": [BEAMS]}), {}, "pulses: must be 0 to 230"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_are_told_in_the_words_of_python(
     run: Run, moving: str, tmp_path: Path, files: tuple[Any, ...], options: dict[str, Any], told: str
 ) -> None:
@@ -151,17 +200,13 @@ def test_a_rig_and_its_sensors_are_not_written_over(run: Run, moving: str, tmp_p
     rig = load_rig("rig.toml")
     (tmp_path / "way.ply").write_text("")
     with pytest.raises(InputError, match=r"path way.ply: must be another name, got an input of this run"):
-        record(
-            moving, replace(rig, files=(*rig.files, Path("way.ply"))), outputs=Outputs("way.ply", merge=True)
-        )
+        record(moving, replace(rig, files=(*rig.files, Path("way.ply"))), outputs=Outputs("way.ply", merge=True))
     assert rig.files == (Path("rig.toml"),)
 
 
 def test_overrides_are_for_files(run: Run, moving: str) -> None:
     """A rig that is loaded does not change; silence would hide it."""
-    with pytest.raises(
-        InputError, match=r"^overrides: must go with the name or file of a sensor, got a Rig$"
-    ):
+    with pytest.raises(InputError, match=r"^overrides: must go with the name or file of a sensor, got a Rig$"):
         record(moving, load_rig("rig.toml"), outputs=Outputs("out"), overrides=SETS)
 
 
@@ -195,9 +240,7 @@ def test_observers_are_told_of_what_is_streamed(mi, run: Run, moving: str) -> No
         ("range_image", {"path": "o.ply", "ambient": "r.intensity.png", "range_image": "r.png"}),
     ],
 )
-def test_two_outputs_of_one_name(
-    run: Run, wall: str, tmp_path: Path, option: str, files: dict[str, str]
-) -> None:
+def test_two_outputs_of_one_name(run: Run, wall: str, tmp_path: Path, option: str, files: dict[str, str]) -> None:
     """Rationale: the second would be written over the first, without a word."""
     (tmp_path / "link.npz").symlink_to("a.npz")
     before = contents(tmp_path)

@@ -16,12 +16,7 @@ def test_points_by_what_they_are_and_beams_by_their_time() -> None:
         seconds={"load": 50.0, "record": 1.0, "trace": 2.0, "collect": 4.0, "assemble": 8.0, "write": 99.0},
     )
     summary.outcomes[Outcome.NO_SURFACE] = 200
-    for status, count in (
-        (Status.ECHO, 60),
-        (Status.FALSE_ALARM, 5),
-        (Status.INTERFERENCE, 7),
-        (Status.WEATHER, 28),
-    ):
+    for status, count in ((Status.ECHO, 60), (Status.FALSE_ALARM, 5), (Status.INTERFERENCE, 7), (Status.WEATHER, 28)):
         summary.statuses[status] = count
     content = as_dict(summary)
     assert (content["beams"], content["hits"], content["points"]) == (600, 400, 100)

@@ -20,8 +20,12 @@ from lidarscene.outputs.plan import Plan
 from lidarscene.outputs.size import in_words, warn_of_size
 from lidarscene.rendering.options import TraceOptions
 
-FINE = ["--set=scanner.azimuth_fov_deg=40", "--set=scanner.azimuth_step_deg=0.002",
-        "--set=scanner.elevation_fov_deg=20", "--set=scanner.elevation_step_deg=0.002"]  # fmt: skip
+FINE = [
+    "--set=scanner.azimuth_fov_deg=40",
+    "--set=scanner.azimuth_step_deg=0.002",
+    "--set=scanner.elevation_fov_deg=20",
+    "--set=scanner.elevation_step_deg=0.002",
+]
 BEAMS = 20001 * 10001
 
 
@@ -35,13 +39,7 @@ BEAMS = 20001 * 10001
     ],
 )
 def test_it_is_said_before_anything_is_traced(
-    run: Run,
-    wall: str,
-    mi: Any,
-    monkeypatch: pytest.MonkeyPatch,
-    options: list[str],
-    disk: int,
-    memory: float | None,
+    run: Run, wall: str, mi: Any, monkeypatch: pytest.MonkeyPatch, options: list[str], disk: int, memory: float | None
 ) -> None:
     """By hand: 200 million beams of one stop at 117 bytes, in 40 s. A run that is refused says nothing."""
     monkeypatch.setattr("lidarscene.outputs.record.FrameFiles.write", lambda *_: None)
@@ -86,9 +84,7 @@ def test_lines_in_a_log(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> N
     assert capsys.readouterr().err == ""
 
 
-def test_a_bar_on_a_terminal_alone(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bar_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """It is there while the block lasts and told of each step; a log has none, and lines only if asked for."""
     steps: list[Any] = []
 
@@ -151,9 +147,7 @@ def test_a_short_run_has_no_lines(run: Run, wall: str, mi: Any) -> None:
     assert (ran.code, ran.err) == (0, "")
 
 
-def size_told(
-    *, frames: int | None = None, pulses: int = 10**8, stops: int = 1, rays: int = 1, **outputs: Any
-) -> str:
+def size_told(*, frames: int | None = None, pulses: int = 10**8, stops: int = 1, rays: int = 1, **outputs: Any) -> str:
     """The note about a sensor of so many pulses and one of a quarter of them; "" if there is none."""
     sensor = SimpleNamespace(scanner=SimpleNamespace(pulses=pulses), tdc=SimpleNamespace(stops=stops))
     small = SimpleNamespace(scanner=SimpleNamespace(pulses=pulses // 4), tdc=SimpleNamespace(stops=stops))
@@ -167,9 +161,7 @@ def size_told(
 
 def numbers_of(told: str) -> tuple[str, float, float]:
     """Time, disk and memory [GB]."""
-    words = re.search(
-        r"take some (\d+ \w+) .*, up to ([\d.]+) GB of disk .* up to ([\d.e+]+) GB of memory", told
-    )
+    words = re.search(r"take some (\d+ \w+) .*, up to ([\d.]+) GB of disk .* up to ([\d.e+]+) GB of memory", told)
     assert words is not None, told
     return words[1], float(words[2]), float(words[3])
 

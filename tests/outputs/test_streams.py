@@ -91,24 +91,27 @@ def moving(tmp_path: Path) -> str:
 
 def all_outputs(folder: str) -> dict[str, tuple[str, ...]]:
     """Options by what they ask for, with everything put into this folder."""
-    single = (
-        "--keep-missed",
-        f"{folder}/m.npz",
-        "--ambient",
-        f"{folder}/a.npz",
-        "--range-image",
-        f"{folder}/r.npz",
-    )
+    single = ("--keep-missed", f"{folder}/m.npz", "--ambient", f"{folder}/a.npz", "--range-image", f"{folder}/r.npz")
     return {
         "single": ("-o", f"{folder}/a.ply", *single, "--picture", f"{folder}/p.png", "--deskew", "--labels", "kitti"),
         "semantickitti": ("-o", f"{folder}/a.laz", "--labels", "semantickitti"),
         "nuscenes": ("-o", f"{folder}/a.pcd", "--labels", "nuscenes", "--no-truth"),
         "osi": ("-o", f"{folder}/a.parquet", "--labels", "osi"),
-        "merge": ("-o", f"{folder}/a.ply", "--rig", "rig.toml", "--merge", "--deskew", "--labels", "nuscenes",
-                  "--picture", f"{folder}/p.png"),
+        "merge": (
+            "-o",
+            f"{folder}/a.ply",
+            "--rig",
+            "rig.toml",
+            "--merge",
+            "--deskew",
+            "--labels",
+            "nuscenes",
+            "--picture",
+            f"{folder}/p.png",
+        ),
         "data set": ("-o", folder, "--dataset", "semantickitti", "--deskew"),
         "whole": ("-o", f"{folder}/a.npz"),
-    }  # fmt: skip
+    }
 
 
 ASKED = tuple(all_outputs(""))
@@ -195,9 +198,7 @@ def alive(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
         def take(cloud: PointCloud) -> None:
             most[0] = max(most[0], sum(one() is not None for one in known))
             # Whoever keeps a slice of a column keeps the array that it is of.
-            known.append(
-                weakref.ref(cloud.intensity if cloud.intensity.base is None else cloud.intensity.base)
-            )
+            known.append(weakref.ref(cloud.intensity if cloud.intensity.base is None else cloud.intensity.base))
             sink(cloud)
 
         stream(self, take, *options)

@@ -51,9 +51,17 @@ def test_group_of_18_us_at_905_nm() -> None:
 
 @pytest.mark.parametrize(
     ("nm", "duration_s", "limit_j"),
-    [(532, 6e-9, 77e-9), (905, 6e-9, 197.9e-9), (940, 1e-9, 232.5e-9), (1064, 6e-9, 770e-9), (1550, 6e-9, 8e-3),
-     (1550, 1e-10, 8e-4), (1450, 6e-9, 8e-4), (905, 5e-12, 38e-9)],
-)  # fmt: skip
+    [
+        (532, 6e-9, 77e-9),
+        (905, 6e-9, 197.9e-9),
+        (940, 1e-9, 232.5e-9),
+        (1064, 6e-9, 770e-9),
+        (1550, 6e-9, 8e-3),
+        (1550, 1e-10, 8e-4),
+        (1450, 6e-9, 8e-4),
+        (905, 5e-12, 38e-9),
+    ],
+)
 def test_short_pulses(nm: float, duration_s: float, limit_j: float) -> None:
     """Reference: table 3, 0.77e-7 C4 J and its neighbours; C4 = 10^0.41 at 905 nm and 10^0.48 at 940 nm."""
     assert energy(nm, duration_s) == pytest.approx(limit_j, rel=1e-3)
@@ -112,12 +120,8 @@ def test_no_steps_in_the_factors(nm: float) -> None:
 
 def test_factors_at_their_ends() -> None:
     """Reference: table 9, and ICNIRP's C_A, C_C and T_2, which are C4, C7 and T2."""
-    assert [iec.c4(wavelength_m=w * 1e-9) for w in (650, 905, 1064)] == pytest.approx(
-        [1, 2.5704, 5], rel=1e-4
-    )
-    assert [iec.c7(wavelength_m=w * 1e-9) for w in (905, 1180, 1250)] == pytest.approx(
-        [1, 3.4674, 9], rel=1e-4
-    )
+    assert [iec.c4(wavelength_m=w * 1e-9) for w in (650, 905, 1064)] == pytest.approx([1, 2.5704, 5], rel=1e-4)
+    assert [iec.c7(wavelength_m=w * 1e-9) for w in (905, 1180, 1250)] == pytest.approx([1, 3.4674, 9], rel=1e-4)
     assert [iec.t2_s(source_rad=a) for a in (0, 1.5e-3, 50.75e-3, 0.1, 1)] == pytest.approx(
         [10, 10, 10 * math.sqrt(10), 100, 100]
     )
@@ -126,9 +130,7 @@ def test_factors_at_their_ends() -> None:
     )
     assert iec.c6(source_rad=3e-3, duration_s=1e-8) == pytest.approx(2)
     assert iec.c6(source_rad=0.05, duration_s=1e-8) == pytest.approx(5 / 1.5)
-    assert [iec.grouping_time_s(wavelength_m=w * 1e-9) for w in (905, 1064, 1450, 1550)] == [
-        5e-6, 13e-6, 1e-3, 10.0,
-    ]  # fmt: skip
+    assert [iec.grouping_time_s(wavelength_m=w * 1e-9) for w in (905, 1064, 1450, 1550)] == [5e-6, 13e-6, 1e-3, 10.0]
 
 
 def test_held_between_1250_and_1400_nm() -> None:
@@ -139,11 +141,20 @@ def test_held_between_1250_and_1400_nm() -> None:
 @pytest.mark.parametrize(
     ("pulse_s", "pulses", "mrad", "expected"),
     [
-        (6e-9, 1, 1.5, 1.0), (6e-9, 600, 1.5, 1.0), (6e-9, 1e4, 1.5, 0.5), (6e-9, 5e5, 1.5, 0.4),
-        (6e-9, 5e5, 50, 0.4), (1e-4, 5e5, 5, 1.0), (1e-4, 16, 5.001, 0.5), (1e-4, 81, 50, 1 / 3),
-        (1e-4, 1e6, 50, 0.2), (0.1, 1e3, 50, 0.4), (1e-4, 1e6, 101, 1.0), (0.3, 100, 1.5, 1.0),
+        (6e-9, 1, 1.5, 1.0),
+        (6e-9, 600, 1.5, 1.0),
+        (6e-9, 1e4, 1.5, 0.5),
+        (6e-9, 5e5, 1.5, 0.4),
+        (6e-9, 5e5, 50, 0.4),
+        (1e-4, 5e5, 5, 1.0),
+        (1e-4, 16, 5.001, 0.5),
+        (1e-4, 81, 50, 1 / 3),
+        (1e-4, 1e6, 50, 0.2),
+        (0.1, 1e3, 50, 0.4),
+        (1e-4, 1e6, 101, 1.0),
+        (0.3, 100, 1.5, 1.0),
     ],
-)  # fmt: skip
+)
 def test_many_pulses(pulse_s: float, pulses: float, mrad: float, expected: float) -> None:
     """Reference: the rules of 4.3 f 3, third edition, by hand; 600 pulses step up to 1.01."""
     found = iec.c5(pulse_s=pulse_s, pulses=pulses, source_rad=mrad * 1e-3, grouping_s=5e-6, time_base_s=100.0)
@@ -172,9 +183,7 @@ def test_apertures_and_distances() -> None:
 @pytest.mark.parametrize(("diameter_63_mm", "share"), [(3.294, 0.989), (23.53, 0.085)])
 def test_share_of_a_beam(diameter_63_mm: float, share: float) -> None:
     """Reference: KE, a 7 mm aperture; a beam's 1/e^2 diameter is sqrt(2) times its 63 % diameter."""
-    found = iec.fraction_through_aperture(
-        beam_diameter_m=math.sqrt(2) * diameter_63_mm * 1e-3, aperture_m=7e-3
-    )
+    found = iec.fraction_through_aperture(beam_diameter_m=math.sqrt(2) * diameter_63_mm * 1e-3, aperture_m=7e-3)
     assert found == pytest.approx(share, abs=5e-4)
 
 
@@ -199,9 +208,7 @@ def test_durations_beyond_the_tables(duration_s: float) -> None:
         energy(905, duration_s)
 
 
-@pytest.mark.parametrize(
-    ("nanometres", "factor"), [(650, 1.0), (900, 10.0**0.4), (1020, 10.0**0.64), (1060, 5.0)]
-)
+@pytest.mark.parametrize(("nanometres", "factor"), [(650, 1.0), (900, 10.0**0.4), (1020, 10.0**0.64), (1060, 5.0)])
 def test_less_is_absorbed_in_the_retina_of_longer_waves(nanometres: float, factor: float) -> None:
     """C4 of table 9: up to 700 nm, up to 1050 nm and beyond."""
     assert iec.c4(wavelength_m=1e-9 * nanometres) == pytest.approx(factor)

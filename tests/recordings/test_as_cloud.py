@@ -12,12 +12,19 @@ def sweep(**changes: object) -> Sweep:
     """Two rows, two columns: one pulse is lost, one has two returns."""
     direction = np.array([[[1, 0, 0], [0, 1, 0]], [[0, 0, 1], [-1, 0, 0]]], float)
     given: dict[str, object] = {
-        "range_m": [[2.0, np.nan], [4.0, 5.0]], "recorded": [[True, True], [True, False]], "direction": direction,
-        "origin_m": direction * 0.5, "signal": [[9, 8], [7, 6]], "near_ir": [[1, 2], [3, 4]],
-        "ring": [[0, 0], [1, 1]], "start_s": 3.0, "knows_lost": True, "metadata": {"sensor": "OS"},
+        "range_m": [[2.0, np.nan], [4.0, 5.0]],
+        "recorded": [[True, True], [True, False]],
+        "direction": direction,
+        "origin_m": direction * 0.5,
+        "signal": [[9, 8], [7, 6]],
+        "near_ir": [[1, 2], [3, 4]],
+        "ring": [[0, 0], [1, 1]],
+        "start_s": 3.0,
+        "knows_lost": True,
+        "metadata": {"sensor": "OS"},
         "second": Second(range_m=np.array([[np.nan, np.nan], [6.0, np.nan]]), signal=np.full((2, 2), 5.0)),
         "pose": Pose(position_m=np.array([1.0, 2.0, 3.0])),
-    }  # fmt: skip
+    }
     return Sweep(**(given | changes))  # type: ignore[arg-type]
 
 
@@ -68,7 +75,5 @@ def test_the_intensity_is_the_first_that_is_known() -> None:
         given = {name: np.full((2, 2), value) for name, value in list(known.items())[first:]}
         later = {name: 10 * values for name, values in given.items()}
         second = Second(range_m=np.array([[np.nan, np.nan], [6.0, np.nan]]), **later)
-        cloud = cloud_of(
-            sweep(**({"intensity": None, "signal": None, "reflectivity": None} | given), second=second)
-        )
+        cloud = cloud_of(sweep(**({"intensity": None, "signal": None, "reflectivity": None} | given), second=second))
         assert cloud.intensity.tolist() == [first + 1.0] * 3 + [10.0 * (first + 1)]

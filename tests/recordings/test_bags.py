@@ -76,9 +76,7 @@ def test_metadata_that_leave_out_what_they_must_say(tmp_path: Path, library: Cal
     described = path / "metadata.yaml"
     text = described.read_text(encoding="utf-8")
     assert "serialization_format: cdr" in text
-    described.write_text(
-        text.replace("serialization_format: cdr", 'serialization_format: ""'), encoding="utf-8"
-    )
+    described.write_text(text.replace("serialization_format: cdr", 'serialization_format: ""'), encoding="utf-8")
     with open_recording(path) as recording:
         assert len(recording) == 2
 
@@ -121,9 +119,7 @@ def cloud_bag(path: Path, library: Callable[[str], Any]) -> Path:
 
     constants = {"x": (7, 1), "y": (7, 1), "z": (7, 1), "ring": (4, 1), "signal": (7, 2)}
     fields = [
-        types["sensor_msgs/msg/PointField"](
-            name=name, offset=POINT.fields[name][1], datatype=datatype, count=count
-        )
+        types["sensor_msgs/msg/PointField"](name=name, offset=POINT.fields[name][1], datatype=datatype, count=count)
         for name, (datatype, count) in constants.items()
     ]
     with rosbag2.Writer(path, version=8) as writer:

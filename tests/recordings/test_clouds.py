@@ -101,9 +101,7 @@ def test_our_own_files_are_recordings_too(tmp_path: Path, name: str) -> None:
     cloud.save(path)
     sweep = open_recording(path)[0]
     # LAS holds positions in steps of 10 um.
-    np.testing.assert_allclose(
-        sweep.xyz_m, cloud.xyz_m, atol=1e-5 if name in ("las", "laz") else 0.0, rtol=1e-6
-    )
+    np.testing.assert_allclose(sweep.xyz_m, cloud.xyz_m, atol=1e-5 if name in ("las", "laz") else 0.0, rtol=1e-6)
     assert sweep.ring is not None
     np.testing.assert_array_equal(sweep.ring, cloud.channel)
     assert sweep.time_s is not None
@@ -124,9 +122,7 @@ def test_what_is_damaged_is_told(tmp_path: Path, library: Callable[[str], Any]) 
             open_recording(path)[0]
         return str(caught.value).removeprefix(f"{path}: ")
 
-    assert told("a.bin", bytes(17)) == (
-        "cannot be read: must be rows of 16 bytes (x, y, z, intensity), got 17 bytes"
-    )
+    assert told("a.bin", bytes(17)) == ("cannot be read: must be rows of 16 bytes (x, y, z, intensity), got 17 bytes")
     assert told("b.bin", b"") == "must be a recording, got an empty file"
     assert told("c.bin", bytes(32)) == "must have points, got none"
     assert told("a.xyz", b"1").startswith("must be a recording that ends in .pcap, .osf, ")

@@ -25,12 +25,7 @@ def test_what_is_no_point_is_no_point() -> None:
 @pytest.mark.parametrize(
     ("stamps", "start_s", "times_s", "began_s"),
     [
-        (
-            np.array([2_000, 3_000, 0, 0], np.int32),
-            50.0,
-            [0.0, 1e-6],
-            50.000_002,
-        ),  # nanoseconds after the message's
+        (np.array([2_000, 3_000, 0, 0], np.int32), 50.0, [0.0, 1e-6], 50.000_002),  # nanoseconds after the message's
         (np.array([2_000, 3_000, 0, 0], np.uint32), 0.0, [0.0, 1e-6], 2e-6),
         (np.array([2e-6, 3e-6, -9.0, -9.0]), 50.0, [0.0, 1e-6], 50.000_002),  # seconds
         (np.array([1.7e9, 1.7e9 + 0.5, 0.0, 0.0]), 50.0, [0.0, 0.5], 1.7e9),  # since 1970: no stamp is added

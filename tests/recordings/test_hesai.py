@@ -37,9 +37,7 @@ def test_points_turned_to_x_forward(tmp_path: Path) -> None:
     assert 0.0 <= sweep.time_s.min() <= sweep.time_s.max() < 1e-3
 
 
-@pytest.mark.parametrize(
-    ("protocol", "lasers", "blocks"), [((3, 1), 32, 8), ((6, 1), 16, 8), ((6, 1), 32, 6)]
-)
+@pytest.mark.parametrize(("protocol", "lasers", "blocks"), [((3, 1), 32, 8), ((6, 1), 16, 8), ((6, 1), 32, 6)])
 def test_other_models_are_told(tmp_path: Path, protocol: tuple[int, int], lasers: int, blocks: int) -> None:
     """Rationale: PandarXT-16 and XT-32M have the XT-32's protocol and shorter packets, which gave struct's message."""
     other = bytearray(hesai_packet(0, 2500))[: 12 + blocks * (2 + 4 * lasers) + 28]

@@ -35,9 +35,7 @@ def test_one_packet_is_sixteen_columns(core: Any) -> None:
     np.testing.assert_allclose(np.diff(sweep.time_s[0, columns]), 0.1 / 1024, atol=5e-6)
     for values in (sweep.signal, sweep.near_ir):
         assert values is not None
-        assert np.isfinite(
-            values[sweep.lost]
-        ).all()  # of lost pulses, too, the maker says what light there was
+        assert np.isfinite(values[sweep.lost]).all()  # of lost pulses, too, the maker says what light there was
     assert sweep.second is not None
     assert np.isfinite(sweep.second.range_m[sweep.lost]).sum() == 0
     assert (sweep.pose, sweep.knows_lost) == (None, True)
@@ -156,9 +154,7 @@ def test_what_is_wrong_is_one_line(tmp_path: Path, core: Any, library: Callable[
     other.write_text("{}")
     assert told(metadata=other).startswith(f"{other}: cannot be read: ")
     described = json.loads(OUSTER.with_suffix(".json").read_text())
-    other.write_text(
-        json.dumps(described | {"beam_altitude_angles": [0.0] * 16, "beam_azimuth_angles": [0.0] * 16})
-    )
+    other.write_text(json.dumps(described | {"beam_altitude_angles": [0.0] * 16, "beam_azimuth_angles": [0.0] * 16}))
     assert str(other) in told(metadata=other)
     shutil.copy(OUSTER.with_suffix(".json"), path.with_suffix(".json"))
     path.write_bytes(OUSTER.read_bytes()[:-100])
@@ -181,9 +177,7 @@ def test_what_is_of_packets_that_came(tmp_path: Path, core: Any, library: Callab
     frame.timestamp[:] = 10**9 * 5 + np.arange(1024) * 97_656
     frame.timestamp[:16] = 0
     frame.measurement_id[:] = np.arange(1024)
-    for number, name in enumerate(
-        ("RANGE", "RANGE2", "SIGNAL", "SIGNAL2", "REFLECTIVITY", "REFLECTIVITY2"), start=1
-    ):
+    for number, name in enumerate(("RANGE", "RANGE2", "SIGNAL", "SIGNAL2", "REFLECTIVITY", "REFLECTIVITY2"), start=1):
         frame.field(name)[:] = 10 * number
     poses = np.broadcast_to(np.eye(4), (1024, 4, 4)).copy()
     poses[16:] = body

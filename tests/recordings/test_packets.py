@@ -25,9 +25,7 @@ IP = 20
 """Bytes of a header of IPv4 without options."""
 
 
-def datagram(
-    payload: bytes, *, options: bytes = b"", protocol: int = 17, fragment: int = 0, after: int = 0
-) -> bytes:
+def datagram(payload: bytes, *, options: bytes = b"", protocol: int = 17, fragment: int = 0, after: int = 0) -> bytes:
     """An IPv4 packet of UDP, with ``after`` bytes that fill up a short frame behind it."""
     udp = struct.pack(">HHHH", 2368, 2368, 8 + len(payload), 0) + payload
     size, words = IP + len(options) + len(udp), (IP + len(options)) // 4
@@ -48,9 +46,7 @@ PLAIN, TAGGED = bytes(12) + b"\x08\x00", bytes(12) + b"\x81\x00\x00\x2a\x08\x00"
 """Heads of Ethernet, without and with a tag of a virtual network (IEEE 802.1Q: 0x8100, then its number 42)."""
 
 
-@pytest.mark.parametrize(
-    ("link", "before"), [(1, PLAIN), (1, TAGGED), (101, b""), (113, bytes(14) + b"\x08\x00")]
-)
+@pytest.mark.parametrize(("link", "before"), [(1, PLAIN), (1, TAGGED), (101, b""), (113, bytes(14) + b"\x08\x00")])
 def test_payloads_of_every_link(tmp_path: Path, link: int, before: bytes) -> None:
     """By the link types of tcpdump.org: Ethernet has 14 bytes before IP and 18 with a tag, raw IP none, Linux cooked
     capture 16. A frame is filled up to 60 bytes, and a header of IP may have options: neither belongs to a payload.

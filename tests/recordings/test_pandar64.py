@@ -42,9 +42,7 @@ def test_a_units_own_angles_are_used(tmp_path: Path) -> None:
     with open_recording(pcap(tmp_path / "a.pcap", payloads()), table) as recording:
         up = recording[0].direction[..., 2]
     np.testing.assert_allclose(
-        np.degrees(np.arcsin(up)),
-        np.broadcast_to((10.0 - 0.25 * np.arange(64))[:, None], up.shape),
-        atol=1e-4,
+        np.degrees(np.arcsin(up)), np.broadcast_to((10.0 - 0.25 * np.arange(64))[:, None], up.shape), atol=1e-4
     )
 
 
@@ -99,17 +97,10 @@ def test_steps_and_intensities_of_two_returns(tmp_path: Path) -> None:
     expected = {
         (r, c, round(m / 0.004)): i
         for r, c, m, i in zip(
-            cloud.channel.tolist(),
-            column.tolist(),
-            cloud.range_m.tolist(),
-            cloud.intensity.tolist(),
-            strict=True,
+            cloud.channel.tolist(), column.tolist(), cloud.range_m.tolist(), cloud.intensity.tolist(), strict=True
         )
     }
-    for range_m, intensity in (
-        (sweep.range_m, sweep.intensity),
-        (sweep.second.range_m, sweep.second.intensity),
-    ):
+    for range_m, intensity in ((sweep.range_m, sweep.intensity), (sweep.second.range_m, sweep.second.intensity)):
         places = np.argwhere(np.isfinite(range_m))[::997]
         for row, place in places.tolist():
             steps = round(range_m[row, place] / 0.002)

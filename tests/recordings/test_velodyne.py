@@ -64,14 +64,10 @@ def test_ranges_directions_and_the_lost_pulse(two_turns: Path) -> None:
     sweep = open_recording(two_turns)[0]
     # Laser 3 fires at +3 degrees: the tenth channel from below.
     assert np.argwhere(sweep.lost).tolist() == [[9, 40]]
-    np.testing.assert_allclose(
-        sweep.range_m[sweep.kept], 10.0, atol=0.012
-    )  # the decoder adds offsets of the height
+    np.testing.assert_allclose(sweep.range_m[sweep.kept], 10.0, atol=0.012)  # the decoder adds offsets of the height
     elevation = np.degrees(np.arcsin(sweep.direction[..., 2]))
     # The exits are up to 11 mm above or below the origin, which is 0.064 degrees at 10 m.
-    np.testing.assert_allclose(
-        elevation, np.broadcast_to(ELEVATIONS_DEG[:, None], elevation.shape), atol=0.07
-    )
+    np.testing.assert_allclose(elevation, np.broadcast_to(ELEVATIONS_DEG[:, None], elevation.shape), atol=0.07)
     lost, before, after = (sweep.direction[9, column] for column in (40, 38, 42))
     middle = (before + after) / np.linalg.norm(before + after)
     # Two hundredths of a degree: azimuths are whole hundredths.

@@ -35,14 +35,10 @@ def test_overrides_of_scene_and_sensor(mi: Any) -> None:
     assert np.median(dusk.snr) > np.median(noon.snr)
 
 
-@pytest.mark.parametrize(
-    "pose", [(1.0, 2.0, 3.0), [1, 2, 3, 40, 5], np.array([1.0, 2.0, 3.0, 40.0, 5.0, 6.0])]
-)
+@pytest.mark.parametrize("pose", [(1.0, 2.0, 3.0), [1, 2, 3, 40, 5], np.array([1.0, 2.0, 3.0, 40.0, 5.0, 6.0])])
 def test_a_pose_in_numbers(pose: Any) -> None:
     given = [*pose] + [0.0] * (6 - len(pose))
-    expected = Pose.from_degrees(
-        position_m=tuple(given[:3]), yaw_deg=given[3], pitch_deg=given[4], roll_deg=given[5]
-    )
+    expected = Pose.from_degrees(position_m=tuple(given[:3]), yaw_deg=given[3], pitch_deg=given[4], roll_deg=given[5])
     made = FrameOptions(pose=pose).pose
     assert made is not None
     np.testing.assert_array_equal(made.position_m, expected.position_m)
@@ -62,7 +58,7 @@ MISTAKES: list[tuple[Callable[..., object], tuple[object, ...], dict[str, object
     (lidarscene.render_frames, ("edges",), {"frames": 2.0}, "frames: must be a whole number"),
     (lidarscene.record, ("edges",), {"outputs": 3}, "outputs: must be a file or Outputs, got int"),
     (lidarscene.PointCloud.load, (3,), {}, "path: must be the name of a file, got int"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("call", "given", "options", "told"), MISTAKES)

@@ -37,9 +37,7 @@ def test_a_frame_of_nan_names_the_extreme_input(mi, part, field, value, named):
         assert str(error.value).endswith(f"; the most extreme input is {named}")
 
 
-@pytest.mark.parametrize(
-    "name", ["table1-apd", "hdl-64e", "livox-avia", "mems-1550", "os1-128", "sony-spad-189x600"]
-)
+@pytest.mark.parametrize("name", ["table1-apd", "hdl-64e", "livox-avia", "mems-1550", "os1-128", "sony-spad-189x600"])
 def test_what_is_farthest_from_usual_is_named(name):
     sensor = chain.sensor(name)
     cases = {

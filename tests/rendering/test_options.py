@@ -36,7 +36,7 @@ POSE = "a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees
         (TraceOptions, {"background_rays": 0}, "background_rays: must be a whole number from 1 to 1024, got 0"),
         (Observers, {"missed": 3}, "missed: must be a function, got 3"),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_value_is_one_line(kind: Any, given: dict[str, Any], told: str) -> None:
     with pytest.raises(InputError) as caught:
         kind(**given)
@@ -53,10 +53,7 @@ def test_a_wrong_value_is_one_line(kind: Any, given: dict[str, Any], told: str) 
         ({"dataset": "kitti", "format": "ply"}, "format: a data set has its own, leave it out with dataset"),
         ({"dataset": "kitti", "merge": True}, "dataset: goes without merge"),
         ({"dataset": "kitti", "ascii": True}, "dataset: goes without ascii"),
-        (
-            {"merge": True, "missed": "m.npz"},
-            "missed: goes with the clouds of single sensors, not with merge",
-        ),
+        ({"merge": True, "missed": "m.npz"}, "missed: goes with the clouds of single sensors, not with merge"),
         ({"picture": "p.gif"}, "picture p.gif: the name must end in .png or .svg"),
         ({"missed": "{0}.csv"}, "missed {0}.csv: the name must end in .npz"),
         ({"pulses": [3]}, "pulses goes with waveforms"),
@@ -113,9 +110,7 @@ def test_an_unknown_keyword_is_one_line() -> None:
 
 
 def test_a_coordinate_system_is_no_frame() -> None:
-    with pytest.raises(
-        InputError, match=r"^frame: must be FrameOptions, got 'sensor'; the coordinate system is coo"
-    ):
+    with pytest.raises(InputError, match=r"^frame: must be FrameOptions, got 'sensor'; the coordinate system is coo"):
         Keywords({"frame": "sensor"}).take(FrameOptions)
 
 

@@ -38,9 +38,7 @@ def test_pieces_are_the_whole(simulator: Of) -> None:
     """Also the counts: of chunks and of the cloud itself."""
     sim, pieces = simulator(rows=72), list[PointCloud]()
     streamed, rendered, progress = Summary(), Summary(), list[tuple[int, int]]()
-    sim.stream(
-        pieces.append, seed=5, chunk=CHUNK, summary=streamed, progress=lambda *told: progress.append(told)
-    )
+    sim.stream(pieces.append, seed=5, chunk=CHUNK, summary=streamed, progress=lambda *told: progress.append(told))
     whole = sim.render(seed=5, summary=rendered)
     assert len(pieces) == 5
     assert_same(PointCloud.concatenate(pieces), whole)
@@ -57,8 +55,7 @@ def test_light_is_that_of_the_render(simulator: Of) -> None:
     sim.render(seed=5, points=lambda pulse, columns: seen.append((pulse, dict(columns))))
     light = sim.light(seed=5)
     powers, ranges = (
-        np.stack([np.asarray(getattr(part, name)) for part in light.parts])
-        for name in ("peak_power_w", "range_m")
+        np.stack([np.asarray(getattr(part, name)) for part in light.parts]) for name in ("peak_power_w", "range_m")
     )
     strongest = powers.argmax(axis=0)
     found, range_m = np.asarray(light.found), ranges[strongest, np.arange(len(strongest))]
@@ -74,9 +71,7 @@ def test_light_is_that_of_the_render(simulator: Of) -> None:
 
 def test_a_wrong_frame_is_refused_before_anything_is_handed_out(simulator: Of) -> None:
     pieces: list[PointCloud] = []
-    with pytest.raises(
-        InputError, match=r"^coordinates: must be 'world' or 'vehicle' or 'sensor', got 'moon'$"
-    ):
+    with pytest.raises(InputError, match=r"^coordinates: must be 'world' or 'vehicle' or 'sensor', got 'moon'$"):
         simulator(rows=2).stream(pieces.append, coordinates="moon")
     assert pieces == []
 

@@ -8,9 +8,9 @@ from lidarscene.rendering.summary import Summary
 
 def test_counts_of_points_and_pulses() -> None:
     """Noise and other lidars are false alarms; what met no surface is no hit; frames add up."""
-    outcome = np.repeat(
-        [Outcome.NO_SURFACE, *(one for one in Outcome if one != Outcome.NO_SURFACE)], 2
-    ).astype(np.uint8)
+    outcome = np.repeat([Outcome.NO_SURFACE, *(one for one in Outcome if one != Outcome.NO_SURFACE)], 2).astype(
+        np.uint8
+    )
     status = np.repeat(np.array(list(Status), np.uint8), 1 + np.arange(len(Status)))
     one, two = Summary(), Summary(seconds={"trace": 1.5, "write": 1.0})
     one.count(outcome, status)
@@ -20,9 +20,5 @@ def test_counts_of_points_and_pulses() -> None:
     assert one.false_alarms == (1 + Status.FALSE_ALARM) + (1 + Status.INTERFERENCE)
     assert one.weather == 1 + Status.WEATHER
     whole = Summary.total([one, two, one])
-    assert (whole.beams, whole.hits, whole.points) == (
-        2 * len(outcome) + 5,
-        2 * len(outcome) - 1,
-        2 * len(status),
-    )
+    assert (whole.beams, whole.hits, whole.points) == (2 * len(outcome) + 5, 2 * len(outcome) - 1, 2 * len(status))
     assert whole.seconds == {"trace": 2.0, "write": 1.0}

@@ -31,9 +31,7 @@ SCENE = Scene(name="yard", bodies=(GROUND, CAR))
 
 def found(scene=SCENE, place_m=(0.0, 0.0, 1.8), sensor="table1-apd"):
     clearance = Clearance.of(scene)
-    return Surroundings.of(
-        scene, load_sensor(sensor), np.array(place_m), time_s=0.0, clearance=clearance
-    )  # fmt: skip
+    return Surroundings.of(scene, load_sensor(sensor), np.array(place_m), time_s=0.0, clearance=clearance)
 
 
 def test_the_line_says_what_is_there():
@@ -48,9 +46,15 @@ def test_the_line_says_what_is_there():
     beside = found(place_m=(-3.0, 19.0, 3.0), scene=replace(SCENE, bodies=(GROUND, POST)))
     assert beside.line().endswith("sensor 3 m above 'ground', 1 m off 'post', the nearest surface")
     assert beside.as_dict() == {
-        "name": "yard", "extent_m": [60.0, 40.0, 4.0], "bodies": 2, "triangles": 24, "height_m": 3.0,
-        "above": "ground", "nearest_m": 1.0, "nearest": "post",
-    }  # fmt: skip
+        "name": "yard",
+        "extent_m": [60.0, 40.0, 4.0],
+        "bodies": 2,
+        "triangles": 24,
+        "height_m": 3.0,
+        "above": "ground",
+        "nearest_m": 1.0,
+        "nearest": "post",
+    }
 
 
 def scaled(factor):
@@ -131,9 +135,7 @@ def test_a_fault_is_one_line_that_says_what_to_do(fault):
 
 def test_what_is_meant_so_is_no_fault():
     """A night, an open hall, a lonely board below a bridge over it, and a place above everything."""
-    hall = [
-        body(f"wall {x}", plane_mesh(size_m=(9.0, 9.0)), (x, 0.0, 1.0), pitch_deg=90.0) for x in (-4.0, 4.0)
-    ]
+    hall = [body(f"wall {x}", plane_mesh(size_m=(9.0, 9.0)), (x, 0.0, 1.0), pitch_deg=90.0) for x in (-4.0, 4.0)]
     roof = body("roof", plane_mesh(size_m=(9.0, 9.0)), (0.0, 0.0, 4.0))
     night = Sun(illuminance_klux=0.0, elevation_rad=-0.3)
     assert found(replace(SCENE, bodies=(GROUND, roof, *hall), sun=night)).doubts == ()
@@ -158,9 +160,7 @@ def test_distances_against_every_triangle():
     Tolerance: the points of a triangle are 1/40 of its longest side of 2.7 m apart.
     """
     rng = np.random.default_rng(3)
-    box = body(
-        "box", box_mesh(size_m=(2.0, 1.0, 1.5)), (3.0, -1.0, 2.0), yaw_deg=20.0, pitch_deg=35.0, roll_deg=50.0
-    )
+    box = body("box", box_mesh(size_m=(2.0, 1.0, 1.5)), (3.0, -1.0, 2.0), yaw_deg=20.0, pitch_deg=35.0, roll_deg=50.0)
     ball = body("ball", Ball(radius_m=0.4, material="grey"), (1.0, 2.0, 1.0))
     clearance = Clearance.of(Scene(name="", bodies=(box, ball)))
     grid = np.array([(i, j, 40 - i - j) for i in range(41) for j in range(41 - i)]) / 40.0
@@ -178,22 +178,20 @@ def test_straight_up_and_down_by_hand():
     """A tilted plane: 1 m of height for each 2 m along x."""
     slope = body("slope", plane_mesh(size_m=(40.0, 40.0)), pitch_deg=-np.degrees(np.arctan(0.5)))
     ball = body("ball", Ball(radius_m=0.5, material="grey"), (4.0, 0.0, 9.0))
-    around = Clearance.of(Scene(name="", bodies=(slope, ball))).around_place(
-        np.array([4.0, 0.3, 6.0]), time_s=0.0
-    )
+    around = Clearance.of(Scene(name="", bodies=(slope, ball))).around_place(np.array([4.0, 0.3, 6.0]), time_s=0.0)
     z = 2.0 * np.sign(slope.pose.rotation[2, 0])
     assert around.below.body == "slope"
     assert around.below.distance_m == pytest.approx(6.0 - z, rel=1e-9)
-    assert around.above.distance_m == pytest.approx(
-        3.0 - 0.4, rel=1e-9
-    )  # sqrt(0.5^2 - 0.3^2) below its middle
+    assert around.above.distance_m == pytest.approx(3.0 - 0.4, rel=1e-9)  # sqrt(0.5^2 - 0.3^2) below its middle
 
 
 def test_render_says_it(run: Run, tmp_path: Path) -> None:
     """On the command line, by its names of options; from Python as a warning."""
     scene = tmp_path / "s.toml"
-    scene.write_text('[sun]\nilluminance_klux = 300.0\n[[bodies]]\nname = "wall"\nprimitive = "plane"\n'
-                     'size_m = [4, 4]\nmaterial = "concrete"\nposition_m = [10, 0, 0]\npitch_deg = 90\n')  # fmt: skip
+    scene.write_text(
+        '[sun]\nilluminance_klux = 300.0\n[[bodies]]\nname = "wall"\nprimitive = "plane"\n'
+        'size_m = [4, 4]\nmaterial = "concrete"\nposition_m = [10, 0, 0]\npitch_deg = 90\n'
+    )
     few = ("--set=scanner.azimuth_step_deg=5", "--set=scanner.elevation_step_deg=5")
     ran = run("render", str(scene), "-o", str(tmp_path / "o.ply"), *few)
     assert "note: sun.illuminance_klux is 300" in ran.err

@@ -52,9 +52,7 @@ def test_rays_traced_together_are_nearer_to_each_other_than_in_firing_order(name
 
 def test_a_packet_of_an_even_grid_is_two_across_and_four_up():
     """By hand: of 1 x 8, 2 x 4, 4 x 2, 8 x 1 the two in the middle have the least girth, and the upright one wins."""
-    scanner = chain.sensor(
-        "table1-apd", "scanner.azimuth_step_deg=0.5", "scanner.elevation_step_deg=0.5"
-    ).scanner
+    scanner = chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.5", "scanner.elevation_step_deg=0.5").scanner
     tiling = Tiling.of(scanner)
     assert tiling.width == 2
     first = tiling.order(tiling.band)[:PACKET].astype(np.int64)
@@ -80,8 +78,7 @@ def test_lines_there_and_back_are_laid_side_by_side():
 def test_points_are_those_of_the_firing_order(name):
     """Rationale: an order is no physics. Reference: the same frame with the pulses as they are fired, bit for bit."""
     sensor = dataclasses.replace(
-        chain.sensor("table1-apd", "tdc.stops=2", "tdc.threshold_to_noise=2.5"),
-        scanner=scanners.ALL[name](),
+        chain.sensor("table1-apd", "tdc.stops=2", "tdc.threshold_to_noise=2.5"), scanner=scanners.ALL[name]()
     )
     scene = chain.scene(chain.ball(at=(0.0, 0.0, 0.0), radius_m=20.0), chain.facing(range_m=15.0, size_m=6.0))
     frames = []
@@ -126,10 +123,7 @@ def test_a_frame_on_the_move_does_not_depend_on_those_before(name):
         assert len(cloud) > 100
         for column in ("time_s", "true_range_m", "xyz_m"):
             np.testing.assert_array_equal(getattr(cloud, column), getattr(alone, column))
-    times = {
-        n: used._frame(FrameOptions(number=n)).times(n * sensor.scanner.pulses + PULSES).numpy()
-        for n in (0, 7)
-    }
+    times = {n: used._frame(FrameOptions(number=n)).times(n * sensor.scanner.pulses + PULSES).numpy() for n in (0, 7)}
     assert (times[0] == times[7]).all()
     # Tolerance: a float32 of a frame's length.
     wanted = sensor.scanner.time_s(PULSES) - sensor.scanner.time_s(PULSES[:1])

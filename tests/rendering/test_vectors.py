@@ -43,15 +43,13 @@ def lumps() -> Body:
     faces = np.array(mesh.faces)
     flipped = rng.random(len(faces)) < 0.5
     faces[flipped] = faces[flipped][:, ::-1]
-    part = Part(
-        vertices_m=mesh.vertices * rng.uniform(0.8, 1.2, (len(mesh.vertices), 1)),
-        faces=faces,
-        material="grey",
-    )
+    part = Part(vertices_m=mesh.vertices * rng.uniform(0.8, 1.2, (len(mesh.vertices), 1)), faces=faces, material="grey")
     return Body(
-        name="lumps", class_name="lumps", parts=(part,),
+        name="lumps",
+        class_name="lumps",
+        parts=(part,),
         pose=Pose.from_degrees(position_m=(12.0, 1.0, 0.0), yaw_deg=40.0, pitch_deg=15.0, roll_deg=-70.0),
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("moves", [False, True])
@@ -155,9 +153,7 @@ def test_they_change_no_other_column_and_nothing_is_compiled_twice(options) -> N
     assert not cloud.has_vectors
     assert [c.name for c in found.columns] == [c.name for c in (*COLUMNS, *VECTORS)]
     for column in COLUMNS:
-        np.testing.assert_array_equal(
-            found.column(column.name), cloud.column(column.name), err_msg=column.name
-        )
+        np.testing.assert_array_equal(found.column(column.name), cloud.column(column.name), err_msg=column.name)
     behind = echoes(found).select(echoes(found).interactions == 1)
     assert len(behind) > 20
     np.testing.assert_allclose(behind.normals, np.tile([-1.0, 0.0, 0.0], (len(behind), 1)), atol=1e-6)
@@ -176,9 +172,7 @@ def test_files_have_them(suffix: str, tmp_path: Path) -> None:
 
 
 def test_a_cloud_without_points_has_the_columns() -> None:
-    simulator = Simulator(
-        chain.scene(chain.ball(at=(-9.0, 0.0, 0.0))), chain.sensor("table1-apd", *FEW), vectors=True
-    )
+    simulator = Simulator(chain.scene(chain.ball(at=(-9.0, 0.0, 0.0))), chain.sensor("table1-apd", *FEW), vectors=True)
     assert simulator.empty().has_vectors
     assert {c.name for c in VECTORS} <= {c.name for c in simulator.render().columns}
     with pytest.raises(InputError, match="render with vectors=True"):

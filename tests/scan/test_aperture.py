@@ -22,9 +22,7 @@ def on_disc(condition):
 def test_round_mirror_before_a_round_lens(mirror):
     """Reference: the ellipse counted on a grid. Tolerance: the grid's."""
     for cos in (1.0, 0.95, 0.8, 0.5, 0.3, 0.05):
-        share = round_mirror_share(
-            cos_incidence=np.array([cos]), mirror_radius_m=mirror * 0.01, lens_radius_m=0.01
-        )
+        share = round_mirror_share(cos_incidence=np.array([cos]), mirror_radius_m=mirror * 0.01, lens_radius_m=0.01)
         counted = on_disc((U / mirror) ** 2 + (V / (mirror * cos)) ** 2 <= 1)
         assert share[0] == pytest.approx(counted, abs=1e-3), (mirror, cos)
 
@@ -38,9 +36,7 @@ def test_round_mirror_limits():
     np.testing.assert_allclose(small, 0.25 * cos, rtol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("left", "right"), [(2, 2), (0.5, 2), (0.3, 0.6), (-0.2, 0.9), (-1.5, 3), (0.1, -0.2)]
-)
+@pytest.mark.parametrize(("left", "right"), [(2, 2), (0.5, 2), (0.3, 0.6), (-0.2, 0.9), (-1.5, 3), (0.1, -0.2)])
 def test_slit(left, right):
     share = slit_share(left=np.array([float(left)]), right=np.array([float(right)]))
     assert share[0] == pytest.approx(on_disc((-left < U) & (right > U)), abs=1e-3)

@@ -38,6 +38,4 @@ def test_flash(projection):
 def test_a_lens_ends_at_a_right_angle(projection):
     """The largest height is that of 90 degrees; of a rectilinear lens, which has none there, beyond 88."""
     angle = np.radians(88.9) if projection == "rectilinear" else 0.5 * np.pi
-    assert LARGEST_HEIGHT[projection] == pytest.approx(
-        FLASH_HEIGHT[projection](angle), rel=0.05 * (angle < 1.56)
-    )
+    assert LARGEST_HEIGHT[projection] == pytest.approx(FLASH_HEIGHT[projection](angle), rel=0.05 * (angle < 1.56))

@@ -34,9 +34,7 @@ def test_thin_wedge_deviates_by_n_minus_one_alpha():
     for tilted in ("in", "out"):
         wedge = Wedge(angle_rad=1e-3, index=1.51, turns=turns, tilted=tilted)
         (_, y, z), _ = wedge.bend((1.0, 0.0, 0.0), np.array([0.4]))
-        np.testing.assert_allclose(
-            [y[0], z[0]], 0.51e-3 * np.array([math.cos(0.4), math.sin(0.4)]), rtol=3e-6
-        )
+        np.testing.assert_allclose([y[0], z[0]], 0.51e-3 * np.array([math.cos(0.4), math.sin(0.4)]), rtol=3e-6)
 
 
 def test_six_beams_take_turns():

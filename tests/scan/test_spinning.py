@@ -29,9 +29,7 @@ def test_each_receiver_has_its_responsivity():
     pulse = np.arange(160, 192, dtype=np.uint32)
     laser = scanner.channel(pulse)
     np.testing.assert_allclose(scanner.aperture_share(pulse), np.array(gains)[laser], rtol=1e-6)
-    np.testing.assert_allclose(
-        scanner.background_share(pulse), (np.array(gains) * np.array(wider))[laser], rtol=1e-6
-    )
+    np.testing.assert_allclose(scanner.background_share(pulse), (np.array(gains) * np.array(wider))[laser], rtol=1e-6)
     plain = scanners.vlp16()
     assert plain.aperture_share(pulse) == plain.background_share(pulse) == 1.0
 

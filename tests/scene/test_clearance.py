@@ -107,9 +107,7 @@ def test_a_scene_file_without_a_place_stands_above_its_ground(tmp_path):
     scene = load_scene(tmp_path / "first.toml")
     np.testing.assert_array_equal(scene.sensor_pose.position_m, (0.0, 0.0, 1.8))
     (tmp_path / "turned.toml").write_text('[sensor]\nname = "table1-sipm"\nyaw_deg = 90\n' + GROUND)
-    np.testing.assert_array_equal(
-        load_scene(tmp_path / "turned.toml").sensor_pose.position_m, (0.0, 0.0, 1.8)
-    )
+    np.testing.assert_array_equal(load_scene(tmp_path / "turned.toml").sensor_pose.position_m, (0.0, 0.0, 1.8))
 
 
 @pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
@@ -126,8 +124,8 @@ def test_a_sensor_on_the_ground_is_told_of(mi, tmp_path, name):
 def test_no_hit_is_nearer_than_the_housing(mi, name):
     """A sensor that drives into a wall within a frame: what is nearer than its lens is no hit, and nothing is NaN."""
     sensor = chain.sensor(
-        name, "scanner.azimuth_step_deg=2", "scanner.elevation_step_deg=1", "laser.repetition_rate_khz=1",
-    )  # fmt: skip
+        name, "scanner.azimuth_step_deg=2", "scanner.elevation_step_deg=1", "laser.repetition_rate_khz=1"
+    )
     seconds = sensor.scanner.pulses / sensor.scanner.rate_hz
     wall = chain.facing(range_m=1.0, size_m=20.0)
     ego = Course(speed_m_s=1.2 / seconds)  # 1.2 m in the frame: the last sixth of it is behind the wall

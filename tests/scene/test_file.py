@@ -128,8 +128,7 @@ def test_primitives_take_the_scale(tmp_path: Path, shape: str, extent_m: tuple[f
 
 def test_sphere_is_exact(tmp_path: Path) -> None:
     scene = scene_of(
-        tmp_path,
-        '[[bodies]]\nname = "a"\nmaterial = "brick"\nscale = 2\nprimitive = "sphere"\nradius_m = 0.5\n',
+        tmp_path, '[[bodies]]\nname = "a"\nmaterial = "brick"\nscale = 2\nprimitive = "sphere"\nradius_m = 0.5\n'
     )
     assert scene.bodies[0].parts == (Ball(radius_m=1.0, material="brick"),)
 

@@ -61,9 +61,7 @@ def test_poses_move_the_frame_that_the_pose_is_in(tmp_path: Path) -> None:
     )
     motion = scene.bodies[0].motion
     assert isinstance(motion, Riding)
-    np.testing.assert_allclose(
-        motion.at(np.array([0.0, 2.0])).position_m, [[10, 1, 0], [9, 0, 0]], atol=1e-12
-    )
+    np.testing.assert_allclose(motion.at(np.array([0.0, 2.0])).position_m, [[10, 1, 0], [9, 0, 0]], atol=1e-12)
     np.testing.assert_allclose(scene.bodies[0].pose.position_m, [10, 1, 0], atol=1e-12)
 
 
@@ -82,9 +80,7 @@ def test_poses_from_files(tmp_path: Path, name: str, text: str) -> None:
 
 def test_csv_with_quaternions_and_columns_of_others(tmp_path: Path) -> None:
     path = tmp_path / "way.csv"
-    path.write_text(
-        "frame,time_s, x_m,y_m,z_m,qw,qx,qy,qz\n7,0,1,2,3,1,0,0,0\n8,0.5,1,2,4,0.70710678,0,0.70710678,0\n"
-    )
+    path.write_text("frame,time_s, x_m,y_m,z_m,qw,qx,qy,qz\n7,0,1,2,3,1,0,0,0\n8,0.5,1,2,4,0.70710678,0,0.70710678,0\n")
     spline = read_poses(path)
     assert isinstance(spline, Spline)
     np.testing.assert_allclose(spline.poses[1].rotation @ [1, 0, 0], [0, 0, -1], atol=1e-8)
@@ -178,14 +174,18 @@ TWO = "poses = [{{ time_s = {} }}, {{ time_s = {}, yaw_deg = {} }}]\n"
         (MOVES + "poses_file = 'none.csv'\n", r'bodies\[0 "box"\]\.motion\.poses_file: .*none\.csv: no such file'),
         (MOVES + "velocity_m_s = [1, 2]\n", r"bodies\[0.*motion\.velocity_m_s"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_in_one_line(tmp_path: Path, text: str, told: str) -> None:
     files = {
-        "few.csv": "time_s,y_m,z_m\n0,0,0\n1,0,0\n", "bad.txt": "1 2 3\n", "word.txt": "1 2 3 x 5 6 7 8\n",
-        "nan.csv": "time_s,x_m,y_m,z_m\n0,0,0,0\n1,0,nan,0\n", "empty.txt": "", "empty.csv": "",
+        "few.csv": "time_s,y_m,z_m\n0,0,0\n1,0,0\n",
+        "bad.txt": "1 2 3\n",
+        "word.txt": "1 2 3 x 5 6 7 8\n",
+        "nan.csv": "time_s,x_m,y_m,z_m\n0,0,0,0\n1,0,nan,0\n",
+        "empty.txt": "",
+        "empty.csv": "",
         "quat.csv": "time_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0,0,0,0,2\n1,0,0,0,0,0,0,1\n",
         "both.csv": "time_s,x_m,y_m,z_m,qx,yaw_deg\n0,0,0,0,0,0\n1,0,0,0,0,0\n",
-    }  # fmt: skip
+    }
     for name, content in files.items():
         (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=told) as caught:
@@ -237,9 +237,7 @@ def test_a_rig_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         dataclasses.replace(rig.sensors[0].sensor.detector, gain=9.0),
         dataclasses.replace(rig.sensors[1].sensor.detector, cells=77),
     ]
-    with pytest.raises(
-        InputError, match=r"--set rear:a\.b=1: 'rear' is not among the sensors here: roof, left"
-    ):
+    with pytest.raises(InputError, match=r"--set rear:a\.b=1: 'rear' is not among the sensors here: roof, left"):
         load_rig(path, overrides=["rear:a.b=1"])
 
 

@@ -34,19 +34,15 @@ def test_clear_without() -> None:
 
 def test_file(tmp_path: Path) -> None:
     air = air_of(
-        tmp_path,
-        '[weather]\nfog = "radiation"\nfog_visibility_km = 0.1\nrain_mm_h = 10\nsnow_mm_h = 2\nsnow = "wet"\n',
+        tmp_path, '[weather]\nfog = "radiation"\nfog_visibility_km = 0.1\nrain_mm_h = 10\nsnow_mm_h = 2\nsnow = "wet"\n'
     )
-    assert air.weather == Weather(
-        fog="radiation", fog_visibility_m=100.0, rain_mm_h=10.0, snow_mm_h=2.0, snow="wet"
-    )
+    assert air.weather == Weather(fog="radiation", fog_visibility_m=100.0, rain_mm_h=10.0, snow_mm_h=2.0, snow="wet")
 
 
 @pytest.mark.parametrize("wavelength_m", LASERS_M)
 def test_all_add_up_with_the_air(tmp_path: Path, wavelength_m: float) -> None:
     air = air_of(
-        tmp_path,
-        '[air]\nextinction_per_m = 1e-3\n[weather]\nfog = "chu_hogg"\nrain_mm_h = 5\nsnow_mm_h = 1\n',
+        tmp_path, '[air]\nextinction_per_m = 1e-3\n[weather]\nfog = "chu_hogg"\nrain_mm_h = 5\nsnow_mm_h = 1\n'
     )
     expected = 1e-3 + fog.scattering(fog.TYPES["chu_hogg"], wavelength_m)[0]
     expected += precipitation.rain_extinction_per_m(rate_mm_h=5.0)
@@ -92,14 +88,15 @@ def test_a_board_in_rain_loses_both_ways(mi, monkeypatch: pytest.MonkeyPatch) ->
     """
     drops.as_bright_as_their_faces(monkeypatch)
     sensor = chain.sensor(
-        "table1-apd", "scanner.azimuth_fov_deg=10", "scanner.elevation_fov_deg=10", "tdc.keep='last'",
+        "table1-apd",
+        "scanner.azimuth_fov_deg=10",
+        "scanner.elevation_fov_deg=10",
+        "tdc.keep='last'",
         "tdc.threshold_to_noise=300",
-    )  # fmt: skip
+    )
     alpha = precipitation.rain_extinction_per_m(rate_mm_h=30.0)
     clear, wet = (
-        Simulator(chain.scene(chain.facing(range_m=60.0), klux=0.0, air=Air(weather=weather)), sensor).render(
-            seed=1
-        )
+        Simulator(chain.scene(chain.facing(range_m=60.0), klux=0.0, air=Air(weather=weather)), sensor).render(seed=1)
         for weather in (Weather(), Weather(rain_mm_h=30.0))
     )
     clear, wet = (cloud.select(cloud.status == 0) for cloud in (clear, wet))

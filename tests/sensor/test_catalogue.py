@@ -25,9 +25,20 @@ from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
 
 SENSORS = {
-    "vlp-16", "hdl-32e", "hdl-64e", "vls-128", "os0-128", "os1-128", "os2-128", "pandar64",
-    "livox-mid-40", "livox-horizon", "livox-avia", "mems-1550", "sony-spad-189x600",
-}  # fmt: skip
+    "vlp-16",
+    "hdl-32e",
+    "hdl-64e",
+    "vls-128",
+    "os0-128",
+    "os1-128",
+    "os2-128",
+    "pandar64",
+    "livox-mid-40",
+    "livox-horizon",
+    "livox-avia",
+    "mems-1550",
+    "sony-spad-189x600",
+}
 OF_MAKERS = sorted(SENSORS - {"mems-1550"})
 RECORDED = {"os0-128", "os1-128", "os2-128"}
 """Those whose power is that of a recording; their published ranges are not fitted."""
@@ -288,15 +299,11 @@ def test_a_frame_of_each(mi: Any, name: str) -> None:
 # --- catalog check ----------------------------------------------------------------------------------
 
 
-def test_check_prints_every_sensor(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_prints_every_sensor(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(catalogue, "SHOTS", 200)  # only that all are there
     assert main.main(["catalog", "check"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert {line.split()[0] for line in lines[1:-3] if not line.startswith(" ")} == set(
-        catalog.names("sensors")
-    )
+    assert {line.split()[0] for line in lines[1:-3] if not line.startswith(" ")} == set(catalog.names("sensors"))
     assert any("unknown" in line for line in lines)
 
 
@@ -336,10 +343,7 @@ def test_check_of_an_unknown_sensor(capsys: pytest.CaptureFixture[str]) -> None:
         ({"range_m": 90.0, "source": "x"}, "range_m needs reflectivity and illuminance_klux"),
         ({"false_points": 1e-4, "source": "x"}, "false_points needs illuminance_klux"),
         ({"repeatability": [{"sigma_m": 0.02, "source": "x"}], "source": "x"}, "one of snr and at_m"),
-        (
-            {"repeatability": [{"sigma_m": 0.02, "at_m": 5.0, "source": "x"}], "source": "x"},
-            "needs reflectivity",
-        ),
+        ({"repeatability": [{"sigma_m": 0.02, "at_m": 5.0, "source": "x"}], "source": "x"}, "needs reflectivity"),
         (
             {"repeatability": [{"sigma_m": 0.02, "snr": 5.0, "at_m": 5.0, "source": "x"}], "source": "x"},
             "one of snr and at_m",
@@ -407,8 +411,6 @@ def test_every_number_has_a_source(name: str) -> None:
 
 def test_sensor_by_path(tmp_path: Path) -> None:
     text = (catalog.folder("sensors") / "table1-apd.toml").read_text(encoding="utf-8")
-    (tmp_path / "mine.toml").write_text(
-        text.replace('name = "table1-apd"', 'name = "mine"'), encoding="utf-8"
-    )
+    (tmp_path / "mine.toml").write_text(text.replace('name = "table1-apd"', 'name = "mine"'), encoding="utf-8")
     assert load_sensor(tmp_path / "mine.toml").name == "mine"
     assert load_sensor(str(tmp_path / "mine.toml")).name == "mine"

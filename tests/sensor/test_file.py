@@ -51,8 +51,15 @@ def test_units_differ_in_shift_and_scale_of_the_elevation() -> None:
     assert float(usual[1]) * degrees == pytest.approx(-15.0, abs=1e-5)
     assert float(other[1]) * degrees == pytest.approx(-15.0 * 0.99 + 0.5, abs=1e-5)
     with pytest.raises(InputError, match=r"elevations must be -90 to 90 degrees, got 92"):
-        load_sensor("vlp-16", overrides=["scanner.elevation_deg=[88]", "scanner.elevation_shift_deg=4",
-                                         "scanner.firing_time_us=[0]", "scanner.height_mm=[0]"])  # fmt: skip
+        load_sensor(
+            "vlp-16",
+            overrides=[
+                "scanner.elevation_deg=[88]",
+                "scanner.elevation_shift_deg=4",
+                "scanner.firing_time_us=[0]",
+                "scanner.height_mm=[0]",
+            ],
+        )
 
 
 @pytest.mark.parametrize(

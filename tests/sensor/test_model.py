@@ -84,9 +84,7 @@ def test_closed_forms_follow():
         shares = []
         for kind in ("none", *KINDS):
             found = sensor(kind, name=name, bandwidth_mhz=80.0)
-            shares.append(
-                plane.maximum_range_m(found, Target())[0] / plane.closed_form_range_m(found, Target())
-            )
+            shares.append(plane.maximum_range_m(found, Target())[0] / plane.closed_form_range_m(found, Target()))
         assert 0.9 < shares[0] < 1.0
         assert shares[1:] == pytest.approx([shares[0]] * len(KINDS), abs=0.002)
 
@@ -129,11 +127,12 @@ def test_false_alarms_are_the_crossings_of_filtered_noise(kind):
     sensor = load_sensor(
         "table1-apd",
         overrides=[
-            "tdc.false_alarms='crossings'", "tdc.threshold_to_noise=2.5",
+            "tdc.false_alarms='crossings'",
+            "tdc.threshold_to_noise=2.5",
             *(["receiver.response='gaussian'"] if kind == "gaussian" else []),
             *(["tdc.timing='matched_filter'"] if kind == "matched filter" else []),
         ],
-    )  # fmt: skip
+    )
     step_s, count = 0.25e-9, 2**21
     frequency = np.fft.rfftfreq(count, step_s)
     passed = np.where(frequency < 167e6, 1.0, 0.0)
@@ -200,7 +199,7 @@ def test_peak_of_a_sipm_is_lowered_behind_the_cells(kind):
         ("ac_coupling_khz=0", "ac_coupling_khz: must be >= 0.001, got 0"),
         ("ac_coupling_khz=2e4", "ac_coupling_khz: must be <= 6246, behind which the received pulse "),
     ],
-)  # fmt: skip
+)
 def test_mistakes(override, said):
     with pytest.raises(InputError) as caught:
         load_sensor("table1-apd", overrides=[f"receiver.{override}"])
@@ -208,9 +207,7 @@ def test_mistakes(override, said):
 
 
 def test_whole_cells_are_not_filtered():
-    with pytest.raises(
-        InputError, match=r'detector.counting: must be "gaussian" behind a filter, got "binomial"'
-    ):
+    with pytest.raises(InputError, match=r'detector.counting: must be "gaussian" behind a filter, got "binomial"'):
         sensor("gaussian", "detector.counting='binomial'", name="table1-sipm")
 
 
@@ -252,8 +249,7 @@ def test_numbers_of_the_page():
         math.exp(
             minimize_scalar(
                 lambda log, low_pass=low_pass: (
-                    -float(low_pass.peak_share(fwhm_s=np.array(1.0), cutoff_hz=math.exp(log)))
-                    / math.exp(0.5 * log)
+                    -float(low_pass.peak_share(fwhm_s=np.array(1.0), cutoff_hz=math.exp(log))) / math.exp(0.5 * log)
                 ),
                 bounds=(-4.0, 1.0),
                 method="bounded",
@@ -370,9 +366,7 @@ def test_what_a_receiver_looks_for(overrides, peaks, width):
 
 
 def test_in_the_dark_one_cell_is_the_least_level():
-    equipped = load_sensor(
-        "table1-sipm", overrides=["detector.dark_count_rate_hz=0", "detector.cell_floor=1"]
-    )
+    equipped = load_sensor("table1-sipm", overrides=["detector.dark_count_rate_hz=0", "detector.cell_floor=1"])
     point = equipped.working_point(np.array([1e-16]))
     assert 5.0 * point.noise[0] < 0.5
     assert equipped.threshold(point)[0] == 1.0

@@ -49,15 +49,9 @@ def test_filters(entry: str, w_m2: float, tmp_path: Path) -> None:
         (f"{GIVEN}\nfilter = {{ csv = 'a.csv' }}", "one of sun_irradiance_w_m2 and filter must be given"),
         ("filter = { centre_nm = 905 }", "optics.filter: must have centre_nm and width_nm, or csv"),
         ("filter = { width_nm = 9, csv = 'a.csv' }", "csv .* must stand alone, got width_nm too"),
-        (
-            "filter = { centre_nm = 905, width_nm = 9, order = 4 }",
-            'order must go with shape = "super_gaussian"',
-        ),
+        ("filter = { centre_nm = 905, width_nm = 9, order = 4 }", 'order must go with shape = "super_gaussian"'),
         ("filter = { centre_nm = 905, width_nm = -9 }", "optics.filter.width_nm: must be >= 0.01"),
-        (
-            "filter = { centre_nm = 905, width_nm = 9, spectrum = 'moon' }",
-            "optics.filter.spectrum: must be 'global', ",
-        ),
+        ("filter = { centre_nm = 905, width_nm = 9, spectrum = 'moon' }", "optics.filter.spectrum: must be 'global', "),
         ("filter = { csv = 'none.csv' }", r"optics.filter.csv: .*none.csv: no such file"),
     ],
 )
@@ -110,14 +104,8 @@ def test_a_focus_is_where_the_spot_is_sharp() -> None:
     """There the detector's share of a coaxial spot is 1 - exp(-2 (field / spot)^2); at infinity the focus blurs it. The
     offset stays known.
     """
-    keys = [
-        "laser.divergence_mrad=8",
-        "laser.exit_diameter_mm=5",
-        "optics.overlap.transmitter_offset_mm=[0, 0]",
-    ]
-    near, far = (
-        load_sensor("table1-apd", overrides=[*keys, *more]) for more in (["optics.overlap.focus_at_m=5"], [])
-    )
+    keys = ["laser.divergence_mrad=8", "laser.exit_diameter_mm=5", "optics.overlap.transmitter_offset_mm=[0, 0]"]
+    near, far = (load_sensor("table1-apd", overrides=[*keys, *more]) for more in (["optics.overlap.focus_at_m=5"], []))
     spot_rad = math.hypot(2.5e-3 / 5.0, 4e-3)
     field_rad = float(near.detector.radius_m / near.optics.focal_length_m)
     shares = [float(one.optics.overlap.share(np.array([5.0]))[0]) for one in (near, far)]

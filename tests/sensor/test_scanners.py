@@ -14,17 +14,29 @@ from lidarscene.sensor.file import sensor_from_tables
 
 SCANNERS = {
     "spinning": {
-        "rotation_hz": -10.0, "cycle_us": 55.296, "elevation_deg": [float(e) for e in scanners.VLP16_FIRING_ORDER_DEG],
-        "firing_time_us": [2.304 * n for n in range(16)], "height_mm": list(scanners.VLP16_HEIGHT_MM),
+        "rotation_hz": -10.0,
+        "cycle_us": 55.296,
+        "elevation_deg": [float(e) for e in scanners.VLP16_FIRING_ORDER_DEG],
+        "firing_time_us": [2.304 * n for n in range(16)],
+        "height_mm": list(scanners.VLP16_HEIGHT_MM),
     },
     "mirror": {"azimuth_turn_deg": 15.0, "elevation_turn_deg": 6.0, "pulses_per_line": 120, "lines": 41},
     "lissajous": {
-        "azimuth_turn_deg": 12.0, "elevation_turn_deg": 8.0, "azimuth_hz": 1310.0, "elevation_hz": 1190.0,
-        "azimuth_phase_deg": 0.3 / DEG, "elevation_phase_deg": 1.2 / DEG, "frame_hz": 10.0, "incidence_deg": 0.3 / DEG,
+        "azimuth_turn_deg": 12.0,
+        "elevation_turn_deg": 8.0,
+        "azimuth_hz": 1310.0,
+        "elevation_hz": 1190.0,
+        "azimuth_phase_deg": 0.3 / DEG,
+        "elevation_phase_deg": 1.2 / DEG,
+        "frame_hz": 10.0,
+        "incidence_deg": 0.3 / DEG,
         "side": "left",
     },
     "polygon": {
-        "rotation_hz": 30.0, "facet_tilt_deg": [-4.0, -1.0, 2.0, 5.0], "duty": 0.6, "incidence_deg": 40.0,
+        "rotation_hz": 30.0,
+        "facet_tilt_deg": [-4.0, -1.0, 2.0, 5.0],
+        "duty": 0.6,
+        "incidence_deg": 40.0,
         "inradius_mm": 30.0,
     },
     "risley": {
@@ -35,10 +47,8 @@ SCANNERS = {
         ],
     },
     "flash": {"columns": 61, "rows": 41, "pixel_pitch_um": 600.0},
-    "raster": {
-        "azimuth_fov_deg": 10.0, "elevation_fov_deg": 4.0, "azimuth_step_deg": 0.5, "elevation_step_deg": 1.0,
-    },
-}  # fmt: skip
+    "raster": {"azimuth_fov_deg": 10.0, "elevation_fov_deg": 4.0, "azimuth_step_deg": 0.5, "elevation_step_deg": 1.0},
+}
 RATE_KHZ = {"spinning": 289.352, "lissajous": 200.0, "polygon": 150.0, "flash": 0.025}
 
 
@@ -91,16 +101,8 @@ def test_mirrors_of_a_file():
 
 
 MISTAKES = [
-    (
-        "spinning",
-        {"cycle_us": None},
-        "scanner: one of cycle_us and columns_per_turn must be given, got both or none",
-    ),
-    (
-        "spinning",
-        {"height_mm": [1.0]},
-        "scanner: height_mm: must have 16 entries, as elevation_deg has, got 1",
-    ),
+    ("spinning", {"cycle_us": None}, "scanner: one of cycle_us and columns_per_turn must be given, got both or none"),
+    ("spinning", {"height_mm": [1.0]}, "scanner: height_mm: must have 16 entries, as elevation_deg has, got 1"),
     ("spinning", {"elevation_deg": []}, "scanner.elevation_deg: must be a list of at least 1, got []"),
     ("spinning", {"cycle_us": 30.0}, "scanner: firing_time_us: must be < 30, the cycle, got "),
     ("spinning", {"rotation_hz": 0.0}, "scanner: rotation_hz: must not be 0"),
@@ -130,11 +132,7 @@ MISTAKES = [
     ("polygon", {"facet_tilt_deg": [0.0, 0.0]}, "scanner.facet_tilt_deg: must be a list of at least 3"),
     ("polygon", {"incidence_deg": 70.0}, "scanner: facets must turn by < 90 degrees from the beam, got "),
     ("polygon", {"rate_khz": 0.1}, "scanner: must have 1 to 2^24 pulses on each facet, got 0.5"),
-    (
-        "risley",
-        {"wedges": SCANNERS["risley"]["wedges"][:1]},
-        "scanner.wedges: must be a list of at least 2",
-    ),
+    ("risley", {"wedges": SCANNERS["risley"]["wedges"][:1]}, "scanner.wedges: must be a list of at least 2"),
     (
         "risley",
         {"wedges": [w | {"angle_deg": 45.0} for w in SCANNERS["risley"]["wedges"]]},
@@ -166,9 +164,7 @@ def test_one_clear_line_for_each_mistake(kind, changes, line):
 
 # --- tables -----------------------------------------------------------------------------------------
 
-CSV = "time_us, azimuth_deg, elevation_deg, channel\n" + "".join(
-    f"{10 * n},{n},{-n},{n % 2}\n" for n in range(5)
-)
+CSV = "time_us, azimuth_deg, elevation_deg, channel\n" + "".join(f"{10 * n},{n},{-n},{n % 2}\n" for n in range(5))
 
 
 def table(folder: Path, text: str, **changes):
@@ -190,9 +186,7 @@ def test_csv(tmp_path):
 
 def test_npz_and_the_length_of_a_frame(tmp_path):
     t = np.arange(1000) * 1e-5 + 3.0
-    np.savez(
-        tmp_path / "own.npz", azimuth_rad=np.sin(t), elevation_rad=0.1 * np.cos(t), time_s=t, other=["text"]
-    )
+    np.savez(tmp_path / "own.npz", azimuth_rad=np.sin(t), elevation_rad=0.1 * np.cos(t), time_s=t, other=["text"])
     scanner = read("table", tmp_path, file="own.npz", frame_ms=12.5).scanner
     assert (scanner.pulses, scanner.frame_s) == (1000, 0.0125)
     np.testing.assert_allclose(scanner.angles(scanners.frame(scanner))[0], np.sin(t), atol=1e-7)
@@ -214,7 +208,7 @@ def test_npz_and_the_length_of_a_frame(tmp_path):
         (CSV, {"frame_ms": 0.01}, "scanner.frame_ms must be >= 0.04, the time of the last pulse, got 0.01"),
         (CSV.replace(",1\n", ",1.5\n"), {}, "channels must be whole numbers below 2^24"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_in_tables(tmp_path, text, changes, line):
     with pytest.raises(InputError) as caught:
         table(tmp_path, text, **changes)
@@ -238,9 +232,7 @@ def test_not_an_npz(tmp_path):
 def test_exits_are_forward_left_and_up_in_the_head():
     """At azimuth 0 the beams of a head start there; a quarter of a turn later forward is to the left."""
     lasers = len(load_sensor("vlp-16").scanner.firing_s)
-    keys = [
-        f"scanner.{axis}_mm={[one] * lasers}" for axis, one in (("forward", 30), ("left", 20), ("height", 10))
-    ]
+    keys = [f"scanner.{axis}_mm={[one] * lasers}" for axis, one in (("forward", 30), ("left", 20), ("height", 10))]
     scanner = load_sensor("vlp-16", overrides=keys).scanner
     pulse = np.arange(scanner.pulses, dtype=np.uint32)
     x, y, z = (np.asarray(one, float) for one in scanner.offset_m(pulse))

@@ -71,9 +71,14 @@ def test_every_point_is_explained_by_its_light(frames: Any, name: str) -> None:
     count = sensor.scanner.pulses
     now = Frame.of(scene, sensor, simulator.world, FrameOptions(pose=simulator.pose))
     whole = light_of(
-        simulator.world, sensor, ambient, sun=scene.sun.direction,
-        placements=now.placements(lambda: now.times(np.arange(count, dtype=np.uint32))), pulses=range(count), seed=3,
-    )  # fmt: skip
+        simulator.world,
+        sensor,
+        ambient,
+        sun=scene.sun.direction,
+        placements=now.placements(lambda: now.times(np.arange(count, dtype=np.uint32))),
+        pulses=range(count),
+        seed=3,
+    )
     pulse = pulses_of(cloud, sensor.scanner)
     light = Echoes(**{name: getattr(whole, name)[pulse] for name in COLUMNS})
     budget = budget_of(cloud, sensor, ambient, light=light)
@@ -120,8 +125,10 @@ def test_pulses_of_every_kind_of_scanner(mi: Any) -> None:
     """Each point's pulse has its time, channel and angles; pixels of a flash share a time, rings a firing."""
     scene = chain.scene(chain.ball(at=(0.0, 0.0, 0.0), radius_m=10.0))
     for name, shorter in (
-        ("table1-apd", ()), ("hdl-64e", ("scanner.rotation_hz=-2000",)), ("livox-avia", ("scanner.frame_hz=500",)),
-    ):  # fmt: skip
+        ("table1-apd", ()),
+        ("hdl-64e", ("scanner.rotation_hz=-2000",)),
+        ("livox-avia", ("scanner.frame_hz=500",)),
+    ):
         sensor = load_sensor(name, overrides=shorter)
         cloud = Simulator(scene, sensor).render(number=2)
         some = cloud.select(slice(0, None, max(len(cloud) // 5000, 1)))

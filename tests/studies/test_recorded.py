@@ -96,9 +96,7 @@ def test_highest_noise_of_simulated_windows() -> None:
         peak_power_w=np.zeros(shots),
         background_power_w=np.full(shots, recorded.background_w(sensor, near_ir)[0]),
     )
-    share = np.mean(
-        detect_alone(dark, low, seed=1, pulse=np.arange(shots, dtype=np.uint32)).stops[0].reported
-    )
+    share = np.mean(detect_alone(dark, low, seed=1, pulse=np.arange(shots, dtype=np.uint32)).stops[0].reported)
     assert abs(share - 0.5) < 4.0 * math.sqrt(0.25 / shots)
 
 
@@ -106,9 +104,7 @@ def test_background_of_a_count() -> None:
     sensor = load_sensor("os0-128", overrides=MODE)
     rate, _ = sensor.background_counts(recorded.background_w(sensor, 900.0))
     assert float(np.ravel(rate)[0]) * float(sensor.tdc.ambient_s) == pytest.approx(900.0, rel=1e-6)
-    assert recorded.background_w(sensor, 1.0)[0] == pytest.approx(
-        0.0, abs=1e-15
-    )  # dark counts alone are more
+    assert recorded.background_w(sensor, 1.0)[0] == pytest.approx(0.0, abs=1e-15)  # dark counts alone are more
 
 
 def test_curves_are_small_and_have_their_licence() -> None:
@@ -158,9 +154,12 @@ def test_bounds_of_each_curve() -> None:
     """15 % of the signal, 20 % of threshold and noise, a ratio of 1.25 of scatters in counted light."""
     bounds = {row.quantity: row.most for row in recorded.compared("os0-128") if row.condition[0] != "2"}
     assert bounds == {
-        "signal": 1.15, "signal, spread": 1.15, "threshold, photons": 1.2, "highest noise, photons": 1.2,
+        "signal": 1.15,
+        "signal, spread": 1.15,
+        "threshold, photons": 1.2,
+        "highest noise, photons": 1.2,
         "scatter, mm": 1.25,
-    }  # fmt: skip
+    }
 
 
 def test_the_signal_is_that_of_the_simulation_over_the_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -168,8 +167,7 @@ def test_the_signal_is_that_of_the_simulation_over_the_recorded(monkeypatch: pyt
     assert curves is not None
     monkeypatch.setattr(recorded, "white_m2", lambda *_: 1.1 * np.asarray(curves.signal.white_m2))
     rows = {
-        row.quantity: row.simulated
-        for row in recorded.against("os0", curves, load_sensor("os0-128", overrides=MODE))
+        row.quantity: row.simulated for row in recorded.against("os0", curves, load_sensor("os0-128", overrides=MODE))
     }
     assert rows["signal"] == pytest.approx(1.1)
     assert rows["signal, spread"] == pytest.approx(1.0)
@@ -188,9 +186,7 @@ def test_where_a_makers_numbers_are_compared(monkeypatch: pytest.MonkeyPatch) ->
     seen: dict[str, list[float]] = {"scatter": [], "range": [], "alarms": []}
     monkeypatch.setattr(catalogue, "scatter_m", lambda *_, range_m, **__: seen["scatter"].append(range_m))
     monkeypatch.setattr(
-        catalogue,
-        "maximum_range_m",
-        lambda _, target: (seen["range"].append(float(target.reflectivity)) or 9.0, None),
+        catalogue, "maximum_range_m", lambda _, target: (seen["range"].append(float(target.reflectivity)) or 9.0, None)
     )
     sensor, published = load_sensor("table1-apd"), PublishedFile(source="x")
     for where in ({"at_m": 35.0, "reflectivity": 0.5}, {"snr": 50.0}):

@@ -14,23 +14,10 @@ from lidarscene.cli.main import main
 from lidarscene.errors import InputError
 from lidarscene.rendering.options import FrameOptions
 from lidarscene.view.blob import unpacked
-from lidarscene.view.conditions import (
-    BUDGET,
-    FOG,
-    FRAME,
-    RAIN,
-    RAYS,
-    SEED,
-    SNOW,
-    command,
-    conditions,
-    controls,
-)
+from lidarscene.view.conditions import BUDGET, FOG, FRAME, RAIN, RAYS, SEED, SNOW, command, conditions, controls
 from lidarscene.view.sources import Live
 
-MOVING = (
-    SCENE + "[bodies.motion]\nspeed_m_s = 20.0\n[ego]\nposition_m = [-70.0, 0.5, 0.0]\nspeed_m_s = 15.0\n"
-)
+MOVING = SCENE + "[bodies.motion]\nspeed_m_s = 20.0\n[ego]\nposition_m = [-70.0, 0.5, 0.0]\nspeed_m_s = 15.0\n"
 
 
 @pytest.fixture
@@ -48,9 +35,7 @@ def test_as_the_files_have_it(scene: Any) -> None:
 
 def test_settings_are_those_of_files_and_options(scene: Any, scene_file: Path) -> None:
     there = load_scene(scene_file, overrides={FOG: 0.2, RAIN: 5.0, SNOW: 1.5})
-    found = conditions(
-        scene, FrameOptions(), {FOG: 0.2, RAIN: 5, SNOW: 1.5, RAYS: 4, SEED: 9, FRAME: 2, BUDGET: 0}
-    )
+    found = conditions(scene, FrameOptions(), {FOG: 0.2, RAIN: 5, SNOW: 1.5, RAYS: 4, SEED: 9, FRAME: 2, BUDGET: 0})
     assert found.scene.air.weather == there.air.weather
     assert (found.frame.seed, found.frame.number, found.trace.rays, found.budget) == (9, 2, 4, False)
     assert conditions(there, FrameOptions(), {FOG: 50}).scene.air.weather.fog_visibility_m is None
@@ -87,12 +72,17 @@ def test_the_command_renders_what_is_shown(
     np.testing.assert_array_equal(cloud.range_m, arrays["range"])
     np.testing.assert_array_equal(cloud.snr, arrays["snr"])
     assert command("car", "vlp-16", (), {FRAME: 3}) == [
-        "lidarscene", "render", "car", "-o", "out", "--frames", "4", "--sensor", "vlp-16"
-    ]  # fmt: skip
-    assert command("car", "vlp-16", (), {FOG: 50.0, "sensor": "vlp-16", BUDGET: 0})[5:] == [
+        "lidarscene",
+        "render",
+        "car",
+        "-o",
+        "out",
+        "--frames",
+        "4",
         "--sensor",
         "vlp-16",
     ]
+    assert command("car", "vlp-16", (), {FOG: 50.0, "sensor": "vlp-16", BUDGET: 0})[5:] == ["--sensor", "vlp-16"]
     assert unpacked(live.rendered({"detector": "SiPM of Table 1"}))[0]["command"].startswith("# no option")
 
 

@@ -33,10 +33,15 @@ def test_files_as_they_are(equipment: Equipment) -> None:
     values = {control.key: control.value for control in equipment.controls({})}
     assert values == pytest.approx(
         {
-            "sun.azimuth_deg": 180, "sun.elevation_deg": 45, "sun.illuminance_klux": 100, "laser.peak_power_w": 60,
-            "optics.aperture_radius_mm": 25, "detector.gain": 80, "tdc.threshold_to_noise": 5,
+            "sun.azimuth_deg": 180,
+            "sun.elevation_deg": 45,
+            "sun.illuminance_klux": 100,
+            "laser.peak_power_w": 60,
+            "optics.aperture_radius_mm": 25,
+            "detector.gain": 80,
+            "tdc.threshold_to_noise": 5,
         }
-    )  # fmt: skip
+    )
     for control in equipment.controls({}):
         assert control.low < control.value < control.high
 
@@ -46,9 +51,7 @@ def test_every_control_does_what_the_file_would(equipment: Equipment) -> None:
     for detector in ("", SIPM):
         chosen = {"detector": detector} if detector else {}
         for control in equipment.controls(chosen):
-            value = (
-                math.sqrt(control.low * control.high) if control.log else 0.5 * (control.low + control.high)
-            )
+            value = math.sqrt(control.low * control.high) if control.log else 0.5 * (control.low + control.high)
             scene, sensor = equipment.with_settings({**chosen, control.key: value})
             before = equipment.with_settings(chosen)
             if control.key.startswith("sun."):
@@ -57,8 +60,7 @@ def test_every_control_does_what_the_file_would(equipment: Equipment) -> None:
                 continue
             own = control.key.startswith(("laser", "optics")) or not detector
             there = load_sensor(
-                "table1-apd" if own else "table1-sipm",
-                overrides=["laser.peak_power_w=60", f"{control.key}={value!r}"],
+                "table1-apd" if own else "table1-sipm", overrides=["laser.peak_power_w=60", f"{control.key}={value!r}"]
             )
             part = control.key.split(".")[0]
             if part == "tdc":

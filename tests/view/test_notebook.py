@@ -16,9 +16,7 @@ from lidarscene.view.sources import Clouds
 
 def inner(shown: object) -> str:
     """The page in the frame."""
-    found = re.fullmatch(
-        r'<iframe srcdoc="([^"]*)" width="100%" height="(\d+)"[^>]*></iframe>', shown._repr_html_()
-    )
+    found = re.fullmatch(r'<iframe srcdoc="([^"]*)" width="100%" height="(\d+)"[^>]*></iframe>', shown._repr_html_())
     assert found, "must be one frame"
     return html.unescape(found[1])
 
@@ -66,8 +64,6 @@ def test_what_cannot_be_viewed(options, told):
 def test_a_large_page_is_warned_of(tmp_path, monkeypatch):
     small_cloud(9).save(tmp_path / "a.ply")
     monkeypatch.setattr(page, "LARGE_BYTES", 1000)
-    with pytest.warns(
-        OptionWarning, match=r"save .*a\.html: the page has 0 MB, and browsers take long to open it"
-    ):
+    with pytest.warns(OptionWarning, match=r"save .*a\.html: the page has 0 MB, and browsers take long to open it"):
         page.save(Clouds([tmp_path / "a.ply"]), tmp_path / "a.html")
     assert (tmp_path / "a.html").exists()

@@ -35,10 +35,7 @@ def saved(cloud: PointCloud, scene_file: Path) -> Path:
     """The page of the cloud over its scene."""
     folder = scene_file.parent
     cloud.save(folder / "a.ply")
-    assert (
-        main(["view", str(folder / "a.ply"), str(scene_file), *SETS, "--save", str(folder / "page.html")])
-        == 0
-    )
+    assert main(["view", str(folder / "a.ply"), str(scene_file), *SETS, "--save", str(folder / "page.html")]) == 0
     return folder / "page.html"
 
 
@@ -63,9 +60,7 @@ def places(browser: Chromium) -> np.ndarray:
 
 def shown(browser: Chromium, folder: Path) -> np.ndarray:
     """The window as (height, width, 3), 0 to 1, after the next picture is drawn."""
-    browser.value(
-        "new Promise(done => { viewer.draw(); requestAnimationFrame(() => requestAnimationFrame(done)); })"
-    )
+    browser.value("new Promise(done => { viewer.draw(); requestAnimationFrame(() => requestAnimationFrame(done)); })")
     path = folder / "shown.png"
     browser.screenshot(path)
     return np.asarray(image.imread(BytesIO(path.read_bytes()))[:, :, :3])
@@ -132,9 +127,7 @@ def test_points_stand_where_they_should_in_their_colours(
     assert drawn > 50
 
 
-def test_a_click_shows_the_budget(
-    browser: Chromium, saved: Path, cloud: PointCloud, scene_file: Path
-) -> None:
+def test_a_click_shows_the_budget(browser: Chromium, saved: Path, cloud: PointCloud, scene_file: Path) -> None:
     """Rationale: the table on the page against `budget_of` and the cloud's own columns, to its four digits."""
     sensor, scene = load_sensor("table1-apd", overrides=COARSE), load_scene(scene_file)
     budget = budget_of(cloud, sensor, ambient_of(scene, sensor))
@@ -149,22 +142,29 @@ def test_a_click_shows_the_budget(
     assert table["material"] == "concrete"
     assert table["status"] == "echo"
     for label, value in {
-        "range": cloud.range_m[i], "true range": cloud.true_range_m[i], "x": cloud.xyz_m[i, 0],
-        "incidence angle": np.degrees(cloud.incidence_angle_rad[i]), "reflectivity": cloud.reflectivity[i],
-        "echo power": budget.echo_power_w[i], "lambertian power": budget.lambertian_power_w[i],
-        "background power": budget.background_power_w[i], "threshold": budget.threshold[i],
-        "peak signal": budget.signal[i], "signal": 0.0, "noise": budget.noise[i], "snr": cloud.snr[i],
-        "detection probability": cloud.detection_probability[i], "intensity": cloud.intensity[i],
-    }.items():  # fmt: skip
+        "range": cloud.range_m[i],
+        "true range": cloud.true_range_m[i],
+        "x": cloud.xyz_m[i, 0],
+        "incidence angle": np.degrees(cloud.incidence_angle_rad[i]),
+        "reflectivity": cloud.reflectivity[i],
+        "echo power": budget.echo_power_w[i],
+        "lambertian power": budget.lambertian_power_w[i],
+        "background power": budget.background_power_w[i],
+        "threshold": budget.threshold[i],
+        "peak signal": budget.signal[i],
+        "signal": 0.0,
+        "noise": budget.noise[i],
+        "snr": cloud.snr[i],
+        "detection probability": cloud.detection_probability[i],
+        "intensity": cloud.intensity[i],
+    }.items():
         assert number(table[label]) == pytest.approx(value, rel=6e-4, abs=6e-5 * (" range" in label)), label
     assert "not Lambertian" not in browser.value("document.getElementById('card').textContent")
     browser.click(300, 70)  # nothing there, below the buttons
     assert browser.value("document.getElementById('card').hidden")
 
 
-def test_what_is_hidden_is_not_there(
-    browser: Chromium, saved: Path, cloud: PointCloud, tmp_path: Path
-) -> None:
+def test_what_is_hidden_is_not_there(browser: Chromium, saved: Path, cloud: PointCloud, tmp_path: Path) -> None:
     """The status filter and a click on a kind in the legend: out of the picture, and not to be picked."""
     browser.open(saved.as_uri())
     browser.value(
@@ -244,9 +244,7 @@ def test_live_controls_render_in_place(browser: Chromium, live: str, scene_file:
     })()""")
     browser.until("!viewer.busy && viewer.frame.controls.some(one => one.key === 'detector.pde')")
     assert browser.value("document.querySelector('#legend div').textContent") == "intensity [cells]"
-    labels = browser.value(
-        "[...document.querySelectorAll('.control > div')].map(one => one.firstChild.textContent)"
-    )
+    labels = browser.value("[...document.querySelectorAll('.control > div')].map(one => one.firstChild.textContent)")
     assert "PDE" in labels
     assert "gain" not in labels
     sipm = ("laser.peak_power_w=20.0",)
@@ -333,9 +331,7 @@ def test_budgets_come_when_they_are_looked_at(browser: Chromium, live: str) -> N
     browser.value("viewer.settings['sun.illuminance_klux'] = 50, viewer.render(), 0")
     browser.until("!viewer.busy && viewer.frame.budget === false")
     assert browser.value("viewer.frame.arrays.echo_power === undefined")
-    assert browser.value(
-        "[...document.querySelectorAll('#field option')].some(o => o.value === 'echo_power')"
-    )
+    assert browser.value("[...document.querySelectorAll('#field option')].some(o => o.value === 'echo_power')")
     browser.value("viewer.select(3)")
     browser.until("!viewer.busy && viewer.frame.budget === true")
     assert "echo power" in card(browser)
@@ -384,18 +380,14 @@ def test_clouds_without_truth_or_points(browser: Chromium, cloud: PointCloud, tm
         assert main(["view", str(tmp_path / f"{name}.ply"), "--save", str(page)]) == 0
         browser.open(page.as_uri())
         assert browser.value("viewer.frame.count") == len(one)
-        assert browser.value("viewer.frame.fields.some(one => one.name === 'true_range')") is (
-            name == "empty"
-        )
+        assert browser.value("viewer.frame.fields.some(one => one.name === 'true_range')") is (name == "empty")
         if len(one):
             x, y, _ = places(browser)[len(one) // 2]
             browser.click(x, y)
             table = card(browser)
             assert "snr" in table
             assert "echo power" not in table
-            assert "lidarscene view CLOUD SCENE" in browser.value(
-                "document.getElementById('card').textContent"
-            )
+            assert "lidarscene view CLOUD SCENE" in browser.value("document.getElementById('card').textContent")
 
 
 def test_far_from_the_origin(browser: Chromium, cloud: PointCloud, tmp_path: Path) -> None:

@@ -112,11 +112,21 @@ def test_posts_of_other_origins_are_refused(server: Server, origin: str) -> None
 @pytest.mark.parametrize(
     ("body", "length", "expected"),
     [
-        (b"{}", "-1", 400), (b"{}", "x", 400), (b"{}", "", 400), (b"{}", "2, 2", 400), (b"{}", "9" * 5000, 400),
-        (b"{}", "70000", 413), (b"{}", "3", 400), (b"no", None, 400), (b"[1]", None, 400), (b"\xff\xfe", None, 400),
-        (b"[" * 30_000, None, 400), (b'{"a":' * 10_000, None, 400), (b"", None, 400),
+        (b"{}", "-1", 400),
+        (b"{}", "x", 400),
+        (b"{}", "", 400),
+        (b"{}", "2, 2", 400),
+        (b"{}", "9" * 5000, 400),
+        (b"{}", "70000", 413),
+        (b"{}", "3", 400),
+        (b"no", None, 400),
+        (b"[1]", None, 400),
+        (b"\xff\xfe", None, 400),
+        (b"[" * 30_000, None, 400),
+        (b'{"a":' * 10_000, None, 400),
+        (b"", None, 400),
     ],
-)  # fmt: skip
+)
 def test_malformed_bodies(
     server: Server, body: bytes, length: str | None, expected: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -187,9 +197,7 @@ def test_connections_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
         server.source = Nothing()
         held = [socket.create_connection((HOST, server.server_port)) for _ in range(3)]
         wait_until(lambda: not server._free.acquire(blocking=False) or server._free.release() is not None)
-        request = (
-            f"GET /none HTTP/1.1\r\nHost: {HOST}:{server.server_port}\r\nConnection: close\r\n\r\n".encode()
-        )
+        request = f"GET /none HTTP/1.1\r\nHost: {HOST}:{server.server_port}\r\nConnection: close\r\n\r\n".encode()
         assert status(asked(server, request)) == 503
         for one in held:
             one.close()

@@ -39,10 +39,13 @@ def test_a_live_scene_is_what_render_gives(view: Served, scene_file: Path) -> No
     assert len(meshes["faces"]) % 3 == 0
     for settings, sensor, sets in (
         ({}, "table1-apd", ()),
-        ({"laser.peak_power_w": 5.0, "detector.gain": 33.0}, "table1-apd",
-         ("laser.peak_power_w=5.0", "detector.gain=33.0")),
+        (
+            {"laser.peak_power_w": 5.0, "detector.gain": 33.0},
+            "table1-apd",
+            ("laser.peak_power_w=5.0", "detector.gain=33.0"),
+        ),
         ({"detector": "SiPM of Table 1", "detector.pde": 0.1}, "table1-sipm", ("detector.pde=0.1",)),
-    ):  # fmt: skip
+    ):
         frame, arrays = unpacked(view.get("render", json.dumps(settings).encode())[1])
         cloud = lidarscene.render(scene_file, sensor, seed=5, overrides=[*COARSE, *sets])
         assert frame["count"] == len(cloud)

@@ -83,17 +83,20 @@ def _started(workers: int) -> Iterator[Any]:
     # Whoever reaches a port of Dask runs code as its owner, and all users of a machine reach its loopback. So the
     # scheduler, the workers and their nannies accept only who has the key that this process makes for itself. Workers
     # get it through the pipe by which they are started; it is in no argument, environment or lasting file.
-    with LocalCluster(
-        security=Security.temporary(),
-        protocol="tls://",
-        n_workers=workers,
-        threads_per_worker=1,
-        processes=True,
-        preload=[f"{__package__}.work"],
-        memory_limit=0,  # Dask would stop a worker at a share of the memory that one large frame may well need
-        dashboard_address="127.0.0.1:0",
-        silence_logs=logging.CRITICAL,  # what matters of it is told with the frames that fail
-    ) as cluster, Client(cluster) as client:  # fmt: skip
+    with (
+        LocalCluster(
+            security=Security.temporary(),
+            protocol="tls://",
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            preload=[f"{__package__}.work"],
+            memory_limit=0,  # Dask would stop a worker at a share of the memory that one large frame may well need
+            dashboard_address="127.0.0.1:0",
+            silence_logs=logging.CRITICAL,  # what matters of it is told with the frames that fail
+        ) as cluster,
+        Client(cluster) as client,
+    ):
         yield client
 
 
@@ -108,9 +111,7 @@ def remote_client(address: str) -> Iterator[Any]:
         asyncio.run(_greeted(address))
         client = Client(address, timeout=PATIENCE_S)
     except (OSError, ValueError, TypeError) as error:
-        raise LidarSceneError(
-            f"--scheduler {address}: no Dask scheduler answers there: {_reason(error)}"
-        ) from None
+        raise LidarSceneError(f"--scheduler {address}: no Dask scheduler answers there: {_reason(error)}") from None
     if not client.scheduler.address.startswith(("tls:", "wss:")):
         warnings.warn(
             OptionWarning(

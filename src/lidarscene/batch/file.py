@@ -50,14 +50,10 @@ class SweepFile(FileModel):
     """[sweep]: values of the scene's and the sensor's keys; every one with every other."""
 
     scene: dict[str, Any] = Field(
-        default={},
-        description='lists of values, as "sun.illuminance_klux" = [1, 100]',
-        json_schema_extra=SWEPT,
+        default={}, description='lists of values, as "sun.illuminance_klux" = [1, 100]', json_schema_extra=SWEPT
     )
     sensor: dict[str, Any] = Field(
-        default={},
-        description='lists of values, as "detector.gain" = [50, 60]',
-        json_schema_extra=SWEPT,
+        default={}, description='lists of values, as "detector.gain" = [50, 60]', json_schema_extra=SWEPT
     )
 
     @model_validator(mode="after")
@@ -97,8 +93,7 @@ class JobFile(FileModel):
     name: str = ""
     scenes: Annotated[tuple[Name, ...], Field(min_length=1)] = Field(description="scene files")
     sensors: tuple[Name, ...] = Field(
-        default=(),
-        description="catalogue names or sensor files; each scene's own if there are no rigs either",
+        default=(), description="catalogue names or sensor files; each scene's own if there are no rigs either"
     )
     rigs: tuple[Name, ...] = Field(default=(), description="rig files; a cloud for each of their sensors")
     trajectories: tuple[TrajectoryFile, ...] = ()
@@ -113,9 +108,7 @@ class JobFile(FileModel):
         default=None, description="seeds 0 to this number less one, in place of seeds"
     )
     sweep: SweepFile = SweepFile()
-    format: str = Field(
-        default="ply", description="of the clouds' files", json_schema_extra={"enum": list(FORMATS)}
-    )
+    format: str = Field(default="ply", description="of the clouds' files", json_schema_extra={"enum": list(FORMATS)})
     coordinates: Literal["world", "vehicle", "sensor"] = "world"
     truth: bool = Field(default=True, description="false leaves the ground truth out")
     rays: Annotated[int, Field(ge=RAYS.low, le=RAYS.high)] = Field(
@@ -150,9 +143,12 @@ class JobFile(FileModel):
     def frame_options(self, seed: int, number: int) -> FrameOptions:
         """One of the frames."""
         return FrameOptions(
-            seed=seed, number=number, begin_s=self.begin_s, coordinates=self.coordinates,
+            seed=seed,
+            number=number,
+            begin_s=self.begin_s,
+            coordinates=self.coordinates,
             chunk=self.chunk or _FRAME.chunk,
-        )  # fmt: skip
+        )
 
 
 def read_job(path: Path) -> JobFile:

@@ -39,13 +39,7 @@ def _columns(sweep: Mapping[str, str]) -> dict[str, str]:
     missed = [f"missed_{text.replace(' ', '_')}" for text in report.OUTCOME_TEXT.values()]
     return (
         dict.fromkeys(asked, "string")
-        | {
-            "number": "int64",
-            "begin_s": "float64",
-            "seed": "int64",
-            "format": "string",
-            "coordinates": "string",
-        }
+        | {"number": "int64", "begin_s": "float64", "seed": "int64", "format": "string", "coordinates": "string"}
         | {"truth": "bool_", "rays": "int64", "interactions": "int64"}
         | dict(sweep)
         | dict.fromkeys([*COUNTS, *missed], "int64")
@@ -54,14 +48,19 @@ def _columns(sweep: Mapping[str, str]) -> dict[str, str]:
     )
 
 
-def _row(
-    task: FrameTask, store: Store, failed: Mapping[str, str], types: Mapping[str, str]
-) -> dict[str, Any]:
+def _row(task: FrameTask, store: Store, failed: Mapping[str, str], types: Mapping[str, str]) -> dict[str, Any]:
     row: dict[str, Any] = {
-        "key": task.key, "scene": task.scene.path, "sensor": task.sensor.name, "rig": task.sensor.rig,
-        "label": task.sensor.label, "trajectory": task.scene.trajectory, **told_of(task.trace, task.frame),
-        "format": task.format, "truth": task.truth, "version": task.version,
-    }  # fmt: skip
+        "key": task.key,
+        "scene": task.scene.path,
+        "sensor": task.sensor.name,
+        "rig": task.sensor.rig,
+        "label": task.sensor.label,
+        "trajectory": task.scene.trajectory,
+        **told_of(task.trace, task.frame),
+        "format": task.format,
+        "truth": task.truth,
+        "version": task.version,
+    }
     for name, value in task.parameters.items():
         row[name] = toml_text(value) if types[name] == "string" and not isinstance(value, str) else value
     told = store.row(task.key, read=False)

@@ -107,9 +107,7 @@ def run_job(
             starts = 1 if len(ended) > before else starts + 1
             if isinstance(error, _WorkersGone) and starts < STARTS:
                 continue
-            gone = (
-                "Dask scheduler has" if isinstance(error, _SchedulerGone) else "workers of this machine are"
-            )
+            gone = "Dask scheduler has" if isinstance(error, _SchedulerGone) else "workers of this machine are"
             raise LidarSceneError(
                 f"the {gone} gone; {progress.done:,} of {progress.frames:,} frames were done, and the same command "
                 "goes on from there"

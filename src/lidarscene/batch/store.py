@@ -43,9 +43,7 @@ class Store:
         try:
             found: dict[str, Any] = json.loads(self._row(key).read_bytes())
             cloud = self.folder / found["file"]
-            whole = cloud.stat().st_size == found["bytes"] and not (
-                read and _digest(cloud) != found["sha256"]
-            )
+            whole = cloud.stat().st_size == found["bytes"] and not (read and _digest(cloud) != found["sha256"])
         except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return None
         return found if whole else None

@@ -126,17 +126,27 @@ class Job:
                 how = told_of(trace, frame) | {"format": file.format, "truth": file.truth}
                 key = _hash([LAYOUT, __version__, scene.digest, sensor.digest, how])
                 yield FrameTask(
-                    key=key, version=__version__, scene=scene, sensor=sensor, trace=trace, frame=frame,
-                    format=file.format, truth=file.truth,
-                )  # fmt: skip
+                    key=key,
+                    version=__version__,
+                    scene=scene,
+                    sensor=sensor,
+                    trace=trace,
+                    frame=frame,
+                    format=file.format,
+                    truth=file.truth,
+                )
 
 
 def told_of(trace: TraceOptions, frame: FrameOptions) -> dict[str, Any]:
     """What a cloud follows from, by the keys of a job file: its chunk changes nothing."""
     return {
-        "seed": frame.seed, "number": frame.number, "begin_s": frame.begin_s, "coordinates": frame.coordinates,
-        "rays": trace.rays, "interactions": trace.interactions,
-    }  # fmt: skip
+        "seed": frame.seed,
+        "number": frame.number,
+        "begin_s": frame.begin_s,
+        "coordinates": frame.coordinates,
+        "rays": trace.rays,
+        "interactions": trace.interactions,
+    }
 
 
 def _choices(file: JobFile, folder: Path) -> Iterator[tuple[SceneChoice, tuple[SensorChoice, ...]]]:
@@ -164,9 +174,7 @@ def _assignments(parameters: Parameters) -> tuple[str, ...]:
     return tuple(f"{key}={toml_text(value)}" for key, value in parameters)
 
 
-def _scene_choice(
-    path: Path, trajectory: TrajectoryFile | None, parameters: Parameters, folder: Path
-) -> SceneChoice:
+def _scene_choice(path: Path, trajectory: TrajectoryFile | None, parameters: Parameters, folder: Path) -> SceneChoice:
     told = _assignments(parameters)
     overrides = (*([trajectory.override(folder)] if trajectory else []), *told)
     named = (*([trajectory.override()] if trajectory else []), *told)  # wherever the folder is
@@ -195,17 +203,20 @@ def _sensors(file: JobFile, names: tuple[str, ...], folder: Path) -> Iterator[Se
         overrides = _assignments(parameters)
         for name in names:
             yield SensorChoice(
-                name=name, rig="", label="", overrides=overrides, parameters=parameters,
+                name=name,
+                rig="",
+                label="",
+                overrides=overrides,
+                parameters=parameters,
                 content=sensor_content(name, overrides),
-            )  # fmt: skip
+            )
         for rig in file.rigs:
             path = str((folder / rig).absolute())
             content = rig_content(path, overrides)
             for label in (one.label for one in load_rig(path, overrides=overrides).sensors):
                 yield SensorChoice(
-                    name="", rig=path, label=label, overrides=overrides, parameters=parameters,
-                    content=content,
-                )  # fmt: skip
+                    name="", rig=path, label=label, overrides=overrides, parameters=parameters, content=content
+                )
 
 
 def _located(name: str, folder: Path) -> str:

@@ -41,18 +41,33 @@ MOST_LINES = 50
 def add_batch(commands: Any) -> None:
     """Add `batch`."""
     batch = commands.add_parser(
-        "batch", help="many frames: scenes x sensors x sweeps x seeds, on many processes", epilog=BATCH_HELP,
+        "batch",
+        help="many frames: scenes x sensors x sweeps x seeds, on many processes",
+        epilog=BATCH_HELP,
         description="Render every frame of a job that is not in the folder yet, and write a manifest of all of them.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    )
     batch.add_argument("job", metavar="JOB.toml", type=Path, help="job file: what is multiplied with what")
     add = batch.add_argument
-    add("-o", "--output", metavar="DIR", type=Path, required=True,
-        help="folder for frames/ and manifest.parquet; what is there already is not done again")  # fmt: skip
-    add("--scheduler", metavar="ADDRESS",
-        help="of a Dask cluster that runs and sees the same files (default: processes of this machine)")  # fmt: skip
-    add("--workers", metavar="N", type=whole(Whole(1, 1024)),
-        help="processes of this machine (default: one for each core)")  # fmt: skip
+    add(
+        "-o",
+        "--output",
+        metavar="DIR",
+        type=Path,
+        required=True,
+        help="folder for frames/ and manifest.parquet; what is there already is not done again",
+    )
+    add(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="of a Dask cluster that runs and sees the same files (default: processes of this machine)",
+    )
+    add(
+        "--workers",
+        metavar="N",
+        type=whole(Whole(1, 1024)),
+        help="processes of this machine (default: one for each core)",
+    )
     add("--json", action="store_true", help="print what was done as JSON")
     batch.set_defaults(run=batch_answer)
 
@@ -104,9 +119,7 @@ class _Followed:
         self._console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
         hidden = not sys.stderr.isatty()
-        self._bar = Progress(
-            *columns, console=self._console, transient=True, disable=hidden, refresh_per_second=2
-        )
+        self._bar = Progress(*columns, console=self._console, transient=True, disable=hidden, refresh_per_second=2)
         self._lines = Lines("frames to render")
         self._task = self._bar.add_task("frames", total=frames)
 
@@ -158,11 +171,7 @@ def _as_text(progress: Progress, manifest: Path) -> str:
         f"rendered      {progress.rendered:>12,}",
         f"there already {progress.reused:>12,}",
         f"failed        {len(progress.failed):>12,}"
-        + (
-            "   their causes are in the manifest; the same command tries them again"
-            if progress.failed
-            else ""
-        ),
+        + ("   their causes are in the manifest; the same command tries them again" if progress.failed else ""),
         f"wrote         {manifest}",
     ]
     return "\n".join(lines)

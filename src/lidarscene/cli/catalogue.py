@@ -29,37 +29,38 @@ TELLING = {
 def add_catalogue(commands: Any) -> None:
     """Add `catalog`, `schema` and `check`."""
     catalog = commands.add_parser(
-        "catalog", help="what sensors, materials and scenes there are",
+        "catalog",
+        help="what sensors, materials and scenes there are",
         description="List the catalogue, print an entry's file, with a source for every number, or check sensors "
         "against what their makers publish.",
-    )  # fmt: skip
+    )
     catalog.add_argument(
-        "kind",
-        nargs="?",
-        choices=("sensors", "materials", "scenes", "check"),
-        help="list only these, or check sensors",
+        "kind", nargs="?", choices=("sensors", "materials", "scenes", "check"), help="list only these, or check sensors"
     )
     catalog.add_argument("name", metavar="NAME", nargs="?", help="print, or check, this entry")
     catalog.add_argument("--json", action="store_true", help="print the check as JSON")
     catalog.add_argument(
-        "--real", action="store_true",
+        "--real",
+        action="store_true",
         help="check sensors against recordings of real ones; exit 1 if one is out of bounds",
-    )  # fmt: skip
+    )
     catalog.set_defaults(run=catalog_text)
 
     schema = commands.add_parser(
-        "schema", help="JSON Schema of a file, for editors",
+        "schema",
+        help="JSON Schema of a file, for editors",
         description="Print the JSON Schema of scene, sensor, material, rig or job files; editors complete and check "
         "with it.",
-    )  # fmt: skip
+    )
     schema.add_argument("kind", choices=KINDS)
     schema.set_defaults(run=schema_text)
 
     check = commands.add_parser(
-        "check", help="all mistakes of a file at once",
+        "check",
+        help="all mistakes of a file at once",
         description="Read a scene, sensor, rig, material or job file and tell every mistake in it, one a line. "
         "Exit code 2 if there are any.",
-    )  # fmt: skip
+    )
     check.add_argument("files", metavar="FILE", nargs="+", type=Path, help="file, or the name of a scene")
     check.add_argument("--kind", choices=KINDS, help="what they are (default: by their tables)")
     check.set_defaults(run=check_text)
@@ -77,9 +78,7 @@ def catalog_text(arguments: argparse.Namespace) -> str | Answer:
             raise InputError(f"--{option} goes with catalog check")
     if arguments.name:
         return catalog.path_of(arguments.kind, arguments.name).read_text(encoding="utf-8")
-    return "\n".join(
-        report.catalog_text(kind) for kind in ([arguments.kind] if arguments.kind else catalog.KINDS)
-    )
+    return "\n".join(report.catalog_text(kind) for kind in ([arguments.kind] if arguments.kind else catalog.KINDS))
 
 
 def _check_text(arguments: argparse.Namespace) -> str:
@@ -113,9 +112,7 @@ def file_models() -> dict[str, Any]:
     from ..sensor.file import SensorFile
     from ..sensor.rig_file import RigFile
 
-    return {
-        "scene": SceneFile, "sensor": SensorFile, "material": MaterialFile, "rig": RigFile, "job": JobFile,
-    }  # fmt: skip
+    return {"scene": SceneFile, "sensor": SensorFile, "material": MaterialFile, "rig": RigFile, "job": JobFile}
 
 
 def schema_text(arguments: argparse.Namespace) -> str:
@@ -170,8 +167,12 @@ def _whole(kind: str, path: Path) -> Iterator[str]:
     from ..sensor.rig_file import load_rig
 
     readers: dict[str, Any] = {
-        "scene": load_scene, "sensor": read_sensor, "rig": load_rig, "material": read_material, "job": read_job,
-    }  # fmt: skip
+        "scene": load_scene,
+        "sensor": read_sensor,
+        "rig": load_rig,
+        "material": read_material,
+        "job": read_job,
+    }
     try:
         readers[kind](path)
         return

@@ -34,41 +34,45 @@ MOST_SENSORS = 7
 def add_compare(commands: Any) -> None:
     """Add `compare`."""
     command = commands.add_parser(
-        "compare", help="what different sensors make of one scene", epilog=COMPARE_HELP,
+        "compare",
+        help="what different sensors make of one scene",
+        epilog=COMPARE_HELP,
         description="Compare sensors in a scene, or clouds that were written with ground truth: what each found, "
         "range errors, rates of detection; a page, JSON, CSV, pictures and a difference cloud.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    )
     command.add_argument(
-        "inputs", metavar="SCENE|CLOUD", nargs="+", type=Path,
+        "inputs",
+        metavar="SCENE|CLOUD",
+        nargs="+",
+        type=Path,
         help="a scene file (.toml, .xml), with --sensors; or two clouds or more",
-    )  # fmt: skip
+    )
     add = command.add_argument
-    add(
-        "--sensors",
-        metavar="A,B,...",
-        help="catalogue names or sensor files; the first is compared with each other",
-    )
+    add("--sensors", metavar="A,B,...", help="catalogue names or sensor files; the first is compared with each other")
     add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
+    add("--same-beams", action="store_true", default=None, help="run all with the first sensor's scanner and mounting")
     add(
-        "--same-beams",
-        action="store_true",
-        default=None,
-        help="run all with the first sensor's scanner and mounting",
+        "--illuminance",
+        metavar="KLUX,KLUX,...",
+        type=rising("illuminances in klux", "0.05,1,10,100"),
+        help="sweep over these, and find where sensors overtake each other",
     )
-    add("--illuminance", metavar="KLUX,KLUX,...", type=rising("illuminances in klux", "0.05,1,10,100"),
-        help="sweep over these, and find where sensors overtake each other")  # fmt: skip
-    add("--set", metavar="[SENSOR:]KEY=VALUE", action="append", default=None, dest="overrides",
-        help="change a value of the sensor files, may be repeated")  # fmt: skip
-    add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]",
-        help="where the sensors stand, metres and degrees (default: the scene's); positive pitch looks up")  # fmt: skip
     add(
-        "--seed",
-        metavar="N",
-        type=whole(SEEDS),
+        "--set",
+        metavar="[SENSOR:]KEY=VALUE",
+        action="append",
         default=None,
-        help="the same for all sensors (default 0)",
+        dest="overrides",
+        help="change a value of the sensor files, may be repeated",
     )
+    add(
+        "--pose",
+        type=pose,
+        metavar="X,Y,Z[,YAW,PITCH,ROLL]",
+        help="where the sensors stand, metres and degrees (default: the scene's); positive pitch looks up",
+    )
+    add("--seed", metavar="N", type=whole(SEEDS), default=None, help="the same for all sensors (default 0)")
     add("--chunk", metavar="N", type=whole(CHUNKS), help="pulses at a time: bounds the memory, no more")
     add("--json", action="store_true", help="print the numbers as JSON")
     add(
@@ -106,21 +110,23 @@ def _sensors(arguments: argparse.Namespace) -> str:
     words = arguments.sensors.split(",")
     if not 2 <= len(words) <= MOST_SENSORS or not all(words):
         raise InputError(
-            f"--sensors: must be 2 to {MOST_SENSORS} names or files with commas between them, "
-            f"got {arguments.sensors}"
+            f"--sensors: must be 2 to {MOST_SENSORS} names or files with commas between them, got {arguments.sensors}"
         )
     for value in arguments.illuminance or ():
         CONDITIONS["illuminance"].require("--illuminance", value)
     scene = load_scene(arguments.inputs[0])
     sensors: list[Named] = [(one.name, one.sensor()) for one in subjects(words, arguments.overrides or ())]
-    bench = Bench(
-        scene, seed=arguments.seed or 0, pose=arguments.pose, chunk=arguments.chunk or DEFAULT_CHUNK
-    )
+    bench = Bench(scene, seed=arguments.seed or 0, pose=arguments.pose, chunk=arguments.chunk or DEFAULT_CHUNK)
     with progress("steps") as told:
         return study.of_sensors(
-            bench, sensors, arguments.output, same_beams=bool(arguments.same_beams),
-            illuminances_klux=arguments.illuminance, as_json=arguments.json, progress=told,
-        )  # fmt: skip
+            bench,
+            sensors,
+            arguments.output,
+            same_beams=bool(arguments.same_beams),
+            illuminances_klux=arguments.illuminance,
+            as_json=arguments.json,
+            progress=told,
+        )
 
 
 def _real(arguments: argparse.Namespace) -> str:
@@ -156,9 +162,14 @@ def _twin(arguments: argparse.Namespace) -> str:
 
     with open_recording(arguments.real, arguments.metadata) as recording:
         return compare_twin(
-            arguments.inputs[0], recording, arguments.output, frame=arguments.frame, seed=arguments.seed or 0,
-            chunk=arguments.chunk or DEFAULT_CHUNK, as_json=arguments.json,
-        )  # fmt: skip
+            arguments.inputs[0],
+            recording,
+            arguments.output,
+            frame=arguments.frame,
+            seed=arguments.seed or 0,
+            chunk=arguments.chunk or DEFAULT_CHUNK,
+            as_json=arguments.json,
+        )
 
 
 _OF_SCENES = ("same_beams", "illuminance", "overrides", "pose", "seed", "chunk")

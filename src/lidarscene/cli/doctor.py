@@ -23,13 +23,7 @@ PACKAGES = (
     "matplotlib",
     "open3d",
 )
-SETTINGS = (
-    "LIDARSCENE_VARIANT",
-    "DRJIT_LIBLLVM_PATH",
-    "DRJIT_LIBCUDA_PATH",
-    "DRJIT_CACHE_DIR",
-    "CUDA_VISIBLE_DEVICES",
-)
+SETTINGS = ("LIDARSCENE_VARIANT", "DRJIT_LIBLLVM_PATH", "DRJIT_LIBCUDA_PATH", "DRJIT_CACHE_DIR", "CUDA_VISIBLE_DEVICES")
 
 
 def run_doctor() -> tuple[str, bool]:

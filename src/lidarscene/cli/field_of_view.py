@@ -30,11 +30,13 @@ SMALLEST_CELL_DEG, LARGEST_CELL_DEG = 0.02, 10.0
 def add_fov(commands: Any) -> None:
     """Add `fov`."""
     command = commands.add_parser(
-        "fov", help="what scan patterns cover, how densely, how soon, how far", epilog=FOV_HELP,
+        "fov",
+        help="what scan patterns cover, how densely, how soon, how far",
+        epilog=FOV_HELP,
         description="Study fields of view: pattern, coverage against time, density, revisit time, spacing, maximum "
         "range; pictures, CSV and a page. Nothing is traced without --scene.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    )
     command.add_argument("sensors", metavar="SENSOR", nargs="*", help="catalogue name or sensor file")
     add = command.add_argument
     add("--rig", metavar="RIG.toml", type=Path, help="the sensors of a vehicle, at their places, instead")
@@ -46,16 +48,30 @@ def add_fov(commands: Any) -> None:
         help="seconds (default 0.1,0.2,0.3,0.4,0.5,0.7,1,1.4)",
     )
     add("--cell", metavar="DEG", type=number, help="size of the cells (default 0.28)")
-    add("--mask", choices=("outline", "reached"), default="outline",
-        help="the field of view: the pattern's convex outline (default), or cells ever reached")  # fmt: skip
+    add(
+        "--mask",
+        choices=("outline", "reached"),
+        default="outline",
+        help="the field of view: the pattern's convex outline (default), or cells ever reached",
+    )
     add("--scene", metavar="SCENE", type=Path, help="count points on its bodies too; needs a back end")
-    add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]",
+    add(
+        "--pose",
+        type=pose,
+        metavar="X,Y,Z[,YAW,PITCH,ROLL]",
         help="with --scene: where the sensors stand, or the rig's vehicle, metres and degrees (default: where the "
-        "scene's sensor stands; the origin for a rig)")  # fmt: skip
+        "scene's sensor stands; the origin for a rig)",
+    )
     add("--reflectivity", metavar="SHARE", type=number, help="of the target (default 0.1)")
     add("--illuminance", metavar="KLUX", type=number, help="on the target (default 100)")
-    add("--set", metavar="[SENSOR:]KEY=VALUE", action="append", default=[], dest="overrides",
-        help="change a value of the sensor files, of all or of one (or LABEL: of a rig), may be repeated")  # fmt: skip
+    add(
+        "--set",
+        metavar="[SENSOR:]KEY=VALUE",
+        action="append",
+        default=[],
+        dest="overrides",
+        help="change a value of the sensor files, of all or of one (or LABEL: of a rig), may be repeated",
+    )
     add("--json", action="store_true", help="print the numbers as JSON")
     command.set_defaults(run=fov_text)
 
@@ -68,16 +84,12 @@ def fov_text(arguments: argparse.Namespace) -> str:
     from ..studies.ranging.plane import Target
 
     if bool(arguments.sensors) == (arguments.rig is not None):
-        raise InputError(
-            "SENSOR and --rig: one of them must be given, got both or none; see lidarscene fov -h"
-        )
+        raise InputError("SENSOR and --rig: one of them must be given, got both or none; see lidarscene fov -h")
     if arguments.pose is not None and arguments.scene is None:
         raise InputError("--pose goes with --scene")
     cell = CELL_DEG if arguments.cell is None else arguments.cell
     if not SMALLEST_CELL_DEG <= cell <= LARGEST_CELL_DEG:
-        raise InputError(
-            f"--cell: must be {SMALLEST_CELL_DEG:g} to {LARGEST_CELL_DEG:g} degrees, got {cell:g}"
-        )
+        raise InputError(f"--cell: must be {SMALLEST_CELL_DEG:g} to {LARGEST_CELL_DEG:g} degrees, got {cell:g}")
 
     def held(name: str, default: float) -> float:
         value = getattr(arguments, name)
@@ -96,13 +108,7 @@ def fov_text(arguments: argparse.Namespace) -> str:
     study = Study(times_s=arguments.time or TIMES_S, cell_deg=cell, mask=arguments.mask, target=target)
     with progress("steps") as told:
         return write(
-            arguments.output,
-            found,
-            study,
-            scene=scene,
-            vehicle=vehicle,
-            as_json=arguments.json,
-            progress=told,
+            arguments.output, found, study, scene=scene, vehicle=vehicle, as_json=arguments.json, progress=told
         )
 
 

@@ -129,9 +129,10 @@ def _parser() -> argparse.ArgumentParser:
     ):
         add(commands)
     doctor = commands.add_parser(
-        "doctor", help="what this machine can run, and why not more",
+        "doctor",
+        help="what this machine can run, and why not more",
         description="Versions, which back ends work and why the others do not, and one ray traced as proof.",
-    )  # fmt: skip
+    )
     doctor.set_defaults(run=_doctor)
     return parser
 

@@ -16,18 +16,46 @@ from .words import pulses
 
 def add_output_options(add: Callable[..., Any]) -> None:
     """Add the options that choose formats."""
-    add("--format", choices=FORMATS | PACKETS, metavar="NAME",
+    add(
+        "--format",
+        choices=FORMATS | PACKETS,
+        metavar="NAME",
         help=f"format of the cloud, where its name does not say it: {', '.join(FORMATS)}; or the sensor's own packets: "
-        f"{', '.join(PACKETS)}")  # fmt: skip
-    add("--labels", choices=LABELS, metavar="NAME",
-        help=f"write boxes or classes of points beside the cloud, as {', '.join(LABELS)} has them")  # fmt: skip
-    add("--dataset", choices=DATASETS, metavar="NAME",
-        help=f"make the folder -o a data set, clouds and labels: {', '.join(DATASETS)}")  # fmt: skip
-    add("--range-image", metavar="F.png|F.npz", type=Path,
-        help="range, intensity and status by ring and azimuth, a pixel a beam")  # fmt: skip
-    add("--ambient", metavar="F.npz|F.png", type=Path,
-        help="background counts of every pulse, a near-infrared picture by ring and azimuth")  # fmt: skip
-    add("--waveforms", metavar="F.npz", type=Path,
-        help="power on the detector and its signal against time, of the pulses of --pulses")  # fmt: skip
-    add("--pulses", metavar="0,100,2000-2010", type=pulses,
-        help=f"which ones of a frame, 0 for its first (default: {FEW_PULSES} of them, evenly)")  # fmt: skip
+        f"{', '.join(PACKETS)}",
+    )
+    add(
+        "--labels",
+        choices=LABELS,
+        metavar="NAME",
+        help=f"write boxes or classes of points beside the cloud, as {', '.join(LABELS)} has them",
+    )
+    add(
+        "--dataset",
+        choices=DATASETS,
+        metavar="NAME",
+        help=f"make the folder -o a data set, clouds and labels: {', '.join(DATASETS)}",
+    )
+    add(
+        "--range-image",
+        metavar="F.png|F.npz",
+        type=Path,
+        help="range, intensity and status by ring and azimuth, a pixel a beam",
+    )
+    add(
+        "--ambient",
+        metavar="F.npz|F.png",
+        type=Path,
+        help="background counts of every pulse, a near-infrared picture by ring and azimuth",
+    )
+    add(
+        "--waveforms",
+        metavar="F.npz",
+        type=Path,
+        help="power on the detector and its signal against time, of the pulses of --pulses",
+    )
+    add(
+        "--pulses",
+        metavar="0,100,2000-2010",
+        type=pulses,
+        help=f"which ones of a frame, 0 for its first (default: {FEW_PULSES} of them, evenly)",
+    )

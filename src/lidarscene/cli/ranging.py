@@ -38,10 +38,11 @@ def add_commands(commands: Any) -> None:
     """Add `range` and `paper`."""
     _add_range(commands)
     paper = commands.add_parser(
-        "paper", help="the paper's figures, its claims and its errata",
+        "paper",
+        help="the paper's figures, its claims and its errata",
         description="Compute Fig. 4(e), 5 and 6 of the paper as pictures and CSV, and a page that checks each "
         "claim of its text.",
-    )  # fmt: skip
+    )
     paper.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
     paper.add_argument("--json", action="store_true", help="print the claims as JSON")
     paper.set_defaults(run=paper_text)
@@ -49,17 +50,25 @@ def add_commands(commands: Any) -> None:
 
 def _add_range(commands: Any) -> None:
     command = commands.add_parser(
-        "range", help="SNR, maximum range or detection probability against anything", epilog=RANGE_HELP,
+        "range",
+        help="SNR, maximum range or detection probability against anything",
+        epilog=RANGE_HELP,
         description="Work out how far sensors see, from the exact signal-to-noise ratio on a Lambertian plane. "
-        "Nothing is traced.", formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+        "Nothing is traced.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     command.add_argument("sensors", metavar="SENSOR", nargs="+", help="catalogue name or sensor file")
     add = command.add_argument_group("what is asked").add_argument
-    add("--over", metavar="AXIS",
-        help="distance, illuminance, elevation, azimuth, reflectivity, incidence, or a key such as "
-        "detector.gain")  # fmt: skip
-    add("--quantity", choices=("snr", "range", "pd"),
-        help="default: snr over distance, the maximum range over everything else")  # fmt: skip
+    add(
+        "--over",
+        metavar="AXIS",
+        help="distance, illuminance, elevation, azimuth, reflectivity, incidence, or a key such as detector.gain",
+    )
+    add(
+        "--quantity",
+        choices=("snr", "range", "pd"),
+        help="default: snr over distance, the maximum range over everything else",
+    )
     add("--from", metavar="X", type=number, help="start of the axis, in its unit")
     add("--to", metavar="X", type=number, help="end of the axis")
     add("--n", metavar="N", type=whole(Whole(2, 100_000)), help="points on the axis (default 200)")
@@ -74,14 +83,23 @@ def _add_range(commands: Any) -> None:
     add("--sun-angle", metavar="DEG", type=number, help="between sun and surface normal (default 60)")
     add("--reflectivity", metavar="SHARE", type=number, help="of the target (default 0.1)")
     add("--incidence", metavar="DEG", type=number, help="of the beam on the target (default 0)")
-    add("--aperture-law", choices=("scanner", "constant", "cosine", "mirror"),
-        help="receiver off the axis, over elevation or azimuth (default: the sensor's own scanner's)")  # fmt: skip
+    add(
+        "--aperture-law",
+        choices=("scanner", "constant", "cosine", "mirror"),
+        help="receiver off the axis, over elevation or azimuth (default: the sensor's own scanner's)",
+    )
     air = command.add_mutually_exclusive_group().add_argument
     air("--transmittance", metavar="SHARE", type=number, help="of the air, one way, fixed (default 0.98)")
     air("--extinction", metavar="PER_M", type=number, help="of the air, exp(-alpha R)")
     air("--visibility", metavar="KM", type=number, help="of the air, by Kim's extinction")
-    add("--set", metavar="[SENSOR:]KEY=VALUE", action="append", default=[], dest="overrides",
-        help="change a value of the sensor files, such as detector.gain=60; may be repeated")  # fmt: skip
+    add(
+        "--set",
+        metavar="[SENSOR:]KEY=VALUE",
+        action="append",
+        default=[],
+        dest="overrides",
+        help="change a value of the sensor files, such as detector.gain=60; may be repeated",
+    )
     add = command.add_argument_group("what is written").add_argument
     add("--csv", metavar="F.csv", type=Path, help="all points of all curves")
     add("--plot", metavar="F.png|svg", type=Path, help="the curves as a picture")
@@ -127,18 +145,14 @@ def _require_sense(arguments: argparse.Namespace) -> None:
         raise InputError(f"{_option(reports[0])} does not go with --over")
     over, quantity = arguments.over, _quantity(arguments)
     if over == "distance" and quantity == "range":
-        raise InputError(
-            "--over distance --quantity range: the quantity must be snr or pd; the range is their limit"
-        )
+        raise InputError("--over distance --quantity range: the quantity must be snr or pd; the range is their limit")
     if over in HELD and getattr(arguments, over) is not None:
         raise InputError(f"--{over} does not go with --over {over}")
     if arguments.distance is not None and quantity == "range":
         raise InputError("--distance goes with --quantity snr or pd, not with the maximum range")
     if arguments.aperture_law and over not in ("elevation", "azimuth"):
         raise InputError("--aperture-law goes with --over elevation or azimuth")
-    swept = [
-        text for text in arguments.overrides if text.partition("=")[0].rpartition(":")[2].strip() == over
-    ]
+    swept = [text for text in arguments.overrides if text.partition("=")[0].rpartition(":")[2].strip() == over]
     if swept:
         raise InputError(f"--set {swept[0]} does not go with --over {over}")
 
@@ -196,10 +210,13 @@ def _question(arguments: argparse.Namespace, found: list[Subject], held: Target)
     if law in ("cosine", "mirror"):
         require_within_law(axis)
     return Question(
-        quantity=_quantity(arguments), axis=axis, target=held, law=law,
+        quantity=_quantity(arguments),
+        axis=axis,
+        target=held,
+        law=law,
         distance_m=100.0 if arguments.distance is None else arguments.distance,
         visibility_m=None if arguments.visibility is None else arguments.visibility * 1e3,
-    )  # fmt: skip
+    )
 
 
 def _axis(arguments: argparse.Namespace, found: list[Subject]) -> Axis:
@@ -237,9 +254,7 @@ def _sweep(arguments: argparse.Namespace, found: list[Subject], held: Target) ->
     return "\n".join(lines + ([f"wrote {', '.join(written.values())}"] if written else []))
 
 
-def _write(
-    arguments: argparse.Namespace, swept: Curves, told: str, thresholds: dict[str, Any]
-) -> dict[str, str]:
+def _write(arguments: argparse.Namespace, swept: Curves, told: str, thresholds: dict[str, Any]) -> dict[str, str]:
     from ..files.atomic import put_text
     from ..studies.ranging import report
 

@@ -45,9 +45,19 @@ PATIENCE_S = 1.0
 
 
 SAME = (
-    "format", "ascii", "colours", "labels", "dataset", "deskew", "merge", "picture", "range_image", "ambient",
-    "waveforms", "pulses",
-)  # fmt: skip
+    "format",
+    "ascii",
+    "colours",
+    "labels",
+    "dataset",
+    "deskew",
+    "merge",
+    "picture",
+    "range_image",
+    "ambient",
+    "waveforms",
+    "pulses",
+)
 """Options of the command line that are fields of `Outputs` by the same name."""
 
 KEYS = {"missed": "keep_missed"}
@@ -57,10 +67,12 @@ KEYS = {"missed": "keep_missed"}
 def add_render(commands: Any) -> None:
     """Add `render`."""
     render = commands.add_parser(
-        "render", help="a point cloud of a scene", epilog=RENDER_HELP,
+        "render",
+        help="a point cloud of a scene",
+        epilog=RENDER_HELP,
         description="Simulate one frame of a lidar in a scene, or several, and write their point clouds.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    )
     render.add_argument(
         "scene",
         metavar="SCENE",
@@ -70,30 +82,66 @@ def add_render(commands: Any) -> None:
     add = render.add_argument_group("what is simulated").add_argument
     add("--sensor", metavar="NAME|FILE", help="catalogue name or sensor file (default: the scene's)")
     add("--rig", metavar="RIG.toml", type=Path, help="several sensors on one vehicle, in place of --sensor")
-    add("--set", metavar="KEY=VALUE", action="append", default=[], dest="overrides",
-        help="change a value of the sensor file, such as detector.gain=60; may be repeated; LABEL:KEY=VALUE for one "
-        "sensor of a rig")  # fmt: skip
-    add("--scene-set", metavar="KEY=VALUE", action="append", default=[], dest="scene_overrides",
-        help="change a value of the scene file, such as sun.illuminance_klux=1 or bodies.car.yaw_deg=30")  # fmt: skip
-    add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]",
-        help="where the sensor stands, or the rig's vehicle, metres and degrees (default: the scene's; the origin for "
-        "a rig); positive pitch looks up")  # fmt: skip
-    add("--frames", metavar="N", type=whole(FRAMES),
-        help="so many frames, one after the other; -o is then a folder for frame_0000.ply and so on, or one file of "
-        "all of them: a bag of ROS 2 (.mcap, .db3) or packets (.pcap)")  # fmt: skip
-    add("--begin", metavar="S", type=seconds, default=FRAME.begin_s,
-        help="when the first frame begins, by the clock of the scene's motions (default 0)")  # fmt: skip
     add(
-        "--seed", metavar="N", type=whole(SEEDS), default=FRAME.seed, help="same seed, same cloud (default 0)"
+        "--set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        dest="overrides",
+        help="change a value of the sensor file, such as detector.gain=60; may be repeated; LABEL:KEY=VALUE for one "
+        "sensor of a rig",
     )
-    add("--rays", metavar="N", type=whole(RAYS), default=TRACE.rays,
-        help="of each pulse, over the footprint of its beam (default 1: its axis)")  # fmt: skip
-    add("--interactions", metavar="N", type=whole(MEETINGS), default=TRACE.interactions,
-        help="panes, mirrors and gaps that a beam may meet; with 0 it ends at the first (default 3)")  # fmt: skip
-    add("--background-rays", metavar="K", type=whole(RAYS),
-        help="of each pulse, over the receiver's field of view, for its background (default: as its rays)")  # fmt: skip
-    add("--vectors", action="store_true",
-        help="normals of the surfaces and their velocities over the ground, too")  # fmt: skip
+    add(
+        "--scene-set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        dest="scene_overrides",
+        help="change a value of the scene file, such as sun.illuminance_klux=1 or bodies.car.yaw_deg=30",
+    )
+    add(
+        "--pose",
+        type=pose,
+        metavar="X,Y,Z[,YAW,PITCH,ROLL]",
+        help="where the sensor stands, or the rig's vehicle, metres and degrees (default: the scene's; the origin for "
+        "a rig); positive pitch looks up",
+    )
+    add(
+        "--frames",
+        metavar="N",
+        type=whole(FRAMES),
+        help="so many frames, one after the other; -o is then a folder for frame_0000.ply and so on, or one file of "
+        "all of them: a bag of ROS 2 (.mcap, .db3) or packets (.pcap)",
+    )
+    add(
+        "--begin",
+        metavar="S",
+        type=seconds,
+        default=FRAME.begin_s,
+        help="when the first frame begins, by the clock of the scene's motions (default 0)",
+    )
+    add("--seed", metavar="N", type=whole(SEEDS), default=FRAME.seed, help="same seed, same cloud (default 0)")
+    add(
+        "--rays",
+        metavar="N",
+        type=whole(RAYS),
+        default=TRACE.rays,
+        help="of each pulse, over the footprint of its beam (default 1: its axis)",
+    )
+    add(
+        "--interactions",
+        metavar="N",
+        type=whole(MEETINGS),
+        default=TRACE.interactions,
+        help="panes, mirrors and gaps that a beam may meet; with 0 it ends at the first (default 3)",
+    )
+    add(
+        "--background-rays",
+        metavar="K",
+        type=whole(RAYS),
+        help="of each pulse, over the receiver's field of view, for its background (default: as its rays)",
+    )
+    add("--vectors", action="store_true", help="normals of the surfaces and their velocities over the ground, too")
     add(
         "--chunk",
         metavar="N",
@@ -102,27 +150,36 @@ def add_render(commands: Any) -> None:
         help="rays at a time: bounds the memory, no more",
     )
     add = render.add_argument_group("what is written").add_argument
-    add("-o", "--output", metavar="OUT.ply|DIR", type=Path, required=True,
-        help="the point cloud, its name ends as its format's do; a folder with --frames and --dataset, and with "
-        "--rig unless merged")  # fmt: skip
-    add_output_options(add)
-    add("--coordinates", "--frame", choices=COORDINATES, default=FRAME.coordinates,
-        help="of the points (default world); --frame is the older name")  # fmt: skip
-    add("--merge", action="store_true", help="one cloud of all sensors of the rig")
-    add("--deskew", action="store_true",
-        help="write OUT.deskewed.ply too: the cloud without the sensor's own motion")  # fmt: skip
     add(
-        "--colours",
-        metavar="COLUMN",
-        help="give points of a PLY file red, green and blue by a column, as intensity",
+        "-o",
+        "--output",
+        metavar="OUT.ply|DIR",
+        type=Path,
+        required=True,
+        help="the point cloud, its name ends as its format's do; a folder with --frames and --dataset, and with "
+        "--rig unless merged",
     )
+    add_output_options(add)
+    add(
+        "--coordinates",
+        "--frame",
+        choices=COORDINATES,
+        default=FRAME.coordinates,
+        help="of the points (default world); --frame is the older name",
+    )
+    add("--merge", action="store_true", help="one cloud of all sensors of the rig")
+    add("--deskew", action="store_true", help="write OUT.deskewed.ply too: the cloud without the sensor's own motion")
+    add("--colours", metavar="COLUMN", help="give points of a PLY file red, green and blue by a column, as intensity")
     add("--no-truth", action="store_true", help="leave the columns of ground truth out of the cloud")
     add("--ascii", action="store_true", help="write text instead of binary")
     add("--keep-missed", metavar="F.npz", type=Path, help="every pulse without an echo point, and why")
     add("--picture", metavar="F.png", type=Path, help="a view of the cloud and its range image (or F.svg)")
     add("--json", action="store_true", help="print the summary as JSON")
-    add("--profile", action="store_true",
-        help="print the time by stage, kernels launched and compiled, and the peak of memory")  # fmt: skip
+    add(
+        "--profile",
+        action="store_true",
+        help="print the time by stage, kernels launched and compiled, and the peak of memory",
+    )
     render.set_defaults(run=render_text)
 
 
@@ -146,9 +203,11 @@ def _recorded(arguments: argparse.Namespace, history: KernelHistory | None) -> R
         raise InputError("--sensor and --rig: must be only one of them, got both")
     asked = vars(arguments)
     outputs = Outputs(
-        arguments.output, truth=not arguments.no_truth, missed=arguments.keep_missed,
+        arguments.output,
+        truth=not arguments.no_truth,
+        missed=arguments.keep_missed,
         **{name: asked[name] for name in SAME},
-    )  # fmt: skip
+    )
     trace = TraceOptions(
         rays=arguments.rays,
         interactions=arguments.interactions,
@@ -156,9 +215,12 @@ def _recorded(arguments: argparse.Namespace, history: KernelHistory | None) -> R
         vectors=arguments.vectors,
     )
     frame = FrameOptions(
-        seed=arguments.seed, begin_s=arguments.begin, pose=arguments.pose, coordinates=arguments.coordinates,
+        seed=arguments.seed,
+        begin_s=arguments.begin,
+        pose=arguments.pose,
+        coordinates=arguments.coordinates,
         chunk=arguments.chunk,
-    )  # fmt: skip
+    )
     of_sensor = arguments.overrides
     sensor = arguments.sensor
     # `load_rig` applies the overrides itself: they may name one sensor of the rig.
@@ -166,9 +228,16 @@ def _recorded(arguments: argparse.Namespace, history: KernelHistory | None) -> R
         sensor, of_sensor = load_rig(arguments.rig, overrides=of_sensor), ()
     with _progress(history) as told:
         return record(
-            arguments.scene, sensor, outputs=outputs, trace=trace, frame=frame, frames=arguments.frames,
-            overrides=of_sensor, scene_overrides=arguments.scene_overrides, progress=told,
-        )  # fmt: skip
+            arguments.scene,
+            sensor,
+            outputs=outputs,
+            trace=trace,
+            frame=frame,
+            frames=arguments.frames,
+            overrides=of_sensor,
+            scene_overrides=arguments.scene_overrides,
+            progress=told,
+        )
 
 
 def _as_text(arguments: argparse.Namespace, done: Recorded, history: KernelHistory | None) -> str:

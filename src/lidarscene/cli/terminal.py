@@ -17,9 +17,13 @@ from typing import Any, NamedTuple
 from ..errors import BackendError, LidarSceneError, OptionError, OptionWarning, OutputError
 
 OPTIONS = {
-    "path": "--output", "missed": "--keep-missed", "truth": "--no-truth", "begin_s": "--begin", "overrides": "--set",
+    "path": "--output",
+    "missed": "--keep-missed",
+    "truth": "--no-truth",
+    "begin_s": "--begin",
+    "overrides": "--set",
     "scene_overrides": "--scene-set",
-}  # fmt: skip
+}
 """Options by their names in Python, where it is not the same with dashes."""
 
 
@@ -109,9 +113,7 @@ class Lines:
             return
         self._next_s = seconds + min(seconds, LONGEST_PAUSE_S)
         left = in_words(seconds * (total - done) / done)
-        sys.stderr.write(
-            f"lidarscene: {done:,} of {total:,} {self._of} ({done / total:.1%}), some {left} left\n"
-        )
+        sys.stderr.write(f"lidarscene: {done:,} of {total:,} {self._of} ({done / total:.1%}), some {left} left\n")
         sys.stderr.flush()
 
 

@@ -39,34 +39,37 @@ SCENES = (".toml", ".xml", ".glb", ".gltf", ".obj", ".off", ".stl")
 def add_view(commands: Any) -> None:
     """Add `view`."""
     view = commands.add_parser(
-        "view", help="a cloud or a scene in the browser", epilog=VIEW_HELP,
+        "view",
+        help="a cloud or a scene in the browser",
+        epilog=VIEW_HELP,
         description="Show clouds, over a scene if one is named, or a scene that is rendered as its controls are moved. "
         "The page is served to this machine only, until Ctrl-C; or it is written to a file to send to others.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
-    view.add_argument("paths", metavar="CLOUD|DIR|SCENE|REC", nargs="+", type=Path,
-                      help="clouds, or a folder of them, are frames; a scene alone is rendered live; a recording of "
-                      "a real lidar comes alone")  # fmt: skip
-    add = view.add_argument_group("what is shown").add_argument
-    add(
-        "--sensor",
-        metavar="NAME|FILE",
-        help="catalogue name or sensor file (default: the scene's, or the cloud's)",
     )
-    add("--set", metavar="KEY=VALUE", action="append", default=[], dest="overrides",
-        help="change a value of the sensor file, may be repeated")  # fmt: skip
+    view.add_argument(
+        "paths",
+        metavar="CLOUD|DIR|SCENE|REC",
+        nargs="+",
+        type=Path,
+        help="clouds, or a folder of them, are frames; a scene alone is rendered live; a recording of "
+        "a real lidar comes alone",
+    )
+    add = view.add_argument_group("what is shown").add_argument
+    add("--sensor", metavar="NAME|FILE", help="catalogue name or sensor file (default: the scene's, or the cloud's)")
+    add(
+        "--set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        dest="overrides",
+        help="change a value of the sensor file, may be repeated",
+    )
     add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]", help="where the sensor stands in a live scene")
     add("--seed", metavar="N", type=whole(SEEDS), default=0, help="of a live scene (default 0)")
     add_recording(view)
     add = view.add_argument_group("where").add_argument
     add("--save", metavar="F.html", type=Path, help="write one file that needs no server, and end")
-    add(
-        "--port",
-        metavar="N",
-        type=whole(Whole(0, 65535)),
-        default=0,
-        help="of the page (default: any free one)",
-    )
+    add("--port", metavar="N", type=whole(Whole(0, 65535)), default=0, help="of the page (default: any free one)")
     add("--no-browser", action="store_true", help="only say where the page is")
     view.set_defaults(run=view_text)
 

@@ -36,9 +36,7 @@ def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None
     when it began.
     """
     if not hasattr(motion, "span_s"):
-        raise InputError(
-            f"deskewed: motion: must be a motion such as Simulator.motion, got {type(motion).__name__}"
-        )
+        raise InputError(f"deskewed: motion: must be a motion such as Simulator.motion, got {type(motion).__name__}")
     if len(cloud.sensor_names) > 1:
         raise InputError("deskewed: must be a cloud of one sensor, deskew before merging")
     if cloud.metadata.get("ego_motion") == REMOVED:
@@ -64,9 +62,7 @@ def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None
         if cloud.has_vectors:
             then = np.stack(np.broadcast_arrays(*place.rotation), axis=-1).reshape(-1, 3, 3)
             turned.append(cloud.select(block).vectors_turned(back.rotation @ then @ goal.rotation.T))
-    vectors: dict[str, Any] = {
-        a: np.concatenate([one[a] for one in turned]) for a in (turned[0] if turned else ())
-    }
+    vectors: dict[str, Any] = {a: np.concatenate([one[a] for one in turned]) for a in (turned[0] if turned else ())}
     return replace(cloud, xyz_m=moved, metadata={**cloud.metadata, "ego_motion": REMOVED}, **vectors)
 
 

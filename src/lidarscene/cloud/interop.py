@@ -69,9 +69,7 @@ def thumbnail(cloud: Cloud) -> bytes:
     order = np.log(np.maximum(cloud.column("range"), 1e-3))
     low, high = np.percentile(order, (2, 98)) if len(cloud) else (0.0, 1.0)
     part = ((order - low) / max(float(high - low), 1e-6)).clip(0, 1)
-    rgb = np.stack(
-        [np.interp(part, (0, 0.5, 1), channel) for channel in zip(NEAR, MIDDLE, FAR, strict=True)], 1
-    )
+    rgb = np.stack([np.interp(part, (0, 0.5, 1), channel) for channel in zip(NEAR, MIDDLE, FAR, strict=True)], 1)
     image, _ = lit(front, rgb.astype(np.uint8), nothing=np.array(BACKGROUND, np.uint8), reduction=2)
     return encoded(unpacked(image))
 

@@ -350,9 +350,7 @@ def _groups(values: Numbers) -> Numbers:
 def _step_in_rows(values: Numbers, row: Numbers) -> float:
     """The usual step between neighbours of one row, radians; 0 without neighbours."""
     order = np.argsort(values)
-    order = order[
-        np.argsort(row[order].astype(np.uint16), kind="stable")
-    ]  # of 16 bits, one pass without comparing
+    order = order[np.argsort(row[order].astype(np.uint16), kind="stable")]  # of 16 bits, one pass without comparing
     step = np.diff(values[order])[np.diff(row[order]) == 0]
     step = step[step > SAME_ANGLE_RAD]
     return float(np.median(step)) if len(step) else 0.0

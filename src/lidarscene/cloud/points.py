@@ -105,9 +105,7 @@ class PointCloud:
             raise ValueError(f"PointCloud: truth fields come all together; missing: {', '.join(absent)}")
         without = [a for a in OF_VECTORS if getattr(self, a) is None]
         if len(without) not in (0, len(OF_VECTORS)) or (absent and not without):
-            raise ValueError(
-                "PointCloud: normals and velocities come all together, and with the truth fields"
-            )
+            raise ValueError("PointCloud: normals and velocities come all together, and with the truth fields")
         n = len(self.xyz_m)
         for attribute in attributes(truth=not absent, vectors=not without):
             array = fitted(attribute, getattr(self, attribute), n)
@@ -208,9 +206,7 @@ class PointCloud:
         if name not in choices:
             near = difflib.get_close_matches(name, choices, n=1) if isinstance(name, str) else []
             meant = f"did you mean {near[0]}? " if near else ""
-            raise InputError(
-                f"column '{name}': not in this cloud; {meant}the choices are {', '.join(choices)}"
-            )
+            raise InputError(f"column '{name}': not in this cloud; {meant}the choices are {', '.join(choices)}")
         values: Numbers = getattr(self, choices[name].attribute)
         return values[:, "xyz".index(name)] if values.ndim == 2 else values
 
@@ -220,12 +216,8 @@ class PointCloud:
             raise InputError(
                 f"select: must be a mask, an index array or a slice, such as cloud.status == 0, got {mask_or_index!r}"
             )
-        if (
-            getattr(mask_or_index, "dtype", None) == np.uint8
-        ):  # a column of categories, which NumPy takes for an index
-            raise InputError(
-                "select: must be a mask such as cloud.status == 0, an index array or a slice, got uint8"
-            )
+        if getattr(mask_or_index, "dtype", None) == np.uint8:  # a column of categories, which NumPy takes for an index
+            raise InputError("select: must be a mask such as cloud.status == 0, an index array or a slice, got uint8")
         return replace(self, checked=True, **{a: v[mask_or_index] for a, v in self._arrays().items()})
 
     def without_points(self) -> PointCloud:

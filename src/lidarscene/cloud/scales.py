@@ -31,7 +31,7 @@ MAPS = {
         "df5337 e45a31 ea632a ef6c23 f2741c f67e14 f8870e fa9207 fb9d07 fca60c fcb216 fbbc21 f9c72f f7d340 "
         "f4dd4f f2e865 f1f179 f5f992 fcffa4"
     ),
-}  # fmt: skip
+}
 
 LOGARITHMIC = ("intensity", "snr")
 ROUND_RANGES_M = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)

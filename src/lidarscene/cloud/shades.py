@@ -10,8 +10,20 @@ from ..formats.columns import COLUMNS, STATUS_NAMES, Cloud
 from ..maths.arrays import Numbers
 from .scales import Scale, scale_of
 
-PALETTE = ("#4cc9f0", "#ffb703", "#80ed99", "#f15bb5", "#a78bfa", "#ff6b35", "#e9ff70", "#2ec4b6",
-           "#c08552", "#9fb4ff", "#ff8fa3", "#6a994e")  # fmt: skip
+PALETTE = (
+    "#4cc9f0",
+    "#ffb703",
+    "#80ed99",
+    "#f15bb5",
+    "#a78bfa",
+    "#ff6b35",
+    "#e9ff70",
+    "#2ec4b6",
+    "#c08552",
+    "#9fb4ff",
+    "#ff8fa3",
+    "#6a994e",
+)
 NO_SURFACE = "#6b7280"
 
 
@@ -93,9 +105,6 @@ def _category_names(cloud: NamedCloud, name: str) -> dict[int, str] | None:
         "sensor_index": cloud.sensor_names,
     }
     tables |= {"class": cloud.class_names, "material": cloud.material_names}
-    tables |= {
-        "interactions": ("direct", "after one", "after two", "after three"),
-        "ghost": ("in its place", "ghost"),
-    }
+    tables |= {"interactions": ("direct", "after one", "after two", "after three"), "ghost": ("in its place", "ghost")}
     tables |= {"return_number": ("none", "first", "second", "third")}
     return dict(enumerate(tables[name])) if name in tables else None

@@ -59,9 +59,8 @@ def level(shots: Shots, *, draw: Lanes = 0) -> Lanes:
     deviate, _ = random.normal_pair(shots.words(Stage.EDGE_NOISE, draw))
     point = shots.point
     return tdc.crossing_level(
-        threshold=shots.threshold, deviate=deviate,
-        noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2,
-    )  # fmt: skip
+        threshold=shots.threshold, deviate=deviate, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2
+    )
 
 
 def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.0) -> Trip:
@@ -87,9 +86,15 @@ def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.
         # The amplifier's output never rises above where it clips.
         tripped = tripped & (threshold < point.saturation)
     return Trip(
-        signal=signal, sigma=sigma, deviate=deviate, of_peak=of_peak,
-        level=reached, probability=probability, tripped=tripped, base=base,
-    )  # fmt: skip
+        signal=signal,
+        sigma=sigma,
+        deviate=deviate,
+        of_peak=of_peak,
+        level=reached,
+        probability=probability,
+        tripped=tripped,
+        base=base,
+    )
 
 
 def probability(shots: Shots, signal: Lanes) -> Lanes:
@@ -110,14 +115,10 @@ def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
     # threshold crossing and peak coincide, r = 1, and both share one deviate.
     kept = shots.sensor.noise_correlation(lag_s)
     peak_noise = kept * trip.deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * trip.of_peak
-    return shots.point.measured(
-        ops.maximum(trip.signal + peak_noise * trip.sigma, shots.threshold + trip.base)
-    )
+    return shots.point.measured(ops.maximum(trip.signal + peak_noise * trip.sigma, shots.threshold + trip.base))
 
 
-def trailing_level(
-    shots: Shots, trip: Trip, *, threshold: Lanes | None = None, lag_s: Lanes, draw: Lanes = 0
-) -> Lanes:
+def trailing_level(shots: Shots, trip: Trip, *, threshold: Lanes | None = None, lag_s: Lanes, draw: Lanes = 0) -> Lanes:
     """Noiseless signal at which the falling edge leaves a level, (n,); theory (T25) and (T26a).
 
     The falling edge has a deviate of its own, correlated with that of the rising edge.
@@ -129,13 +130,14 @@ def trailing_level(
     ops, point = xp(trip.signal), shots.point
     words = shots.words(Stage.TRAILING_EDGE, draw)
     kept = shots.sensor.noise_correlation(lag_s)
-    deviate = (
-        kept * trip.deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * random.normal_pair(words)[0]
-    )
+    deviate = kept * trip.deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * random.normal_pair(words)[0]
     return tdc.crossing_level(
-        threshold=shots.threshold if threshold is None else threshold, deviate=deviate,
-        noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2,
-    )  # fmt: skip
+        threshold=shots.threshold if threshold is None else threshold,
+        deviate=deviate,
+        noise=point.noise,
+        kappa_1=point.kappa_1,
+        kappa_2=point.kappa_2,
+    )
 
 
 def width_s(shots: Shots, trip: Trip, *, peak_power_w: Lanes, early_s: Lanes) -> Lanes:
@@ -154,9 +156,13 @@ def width_s(shots: Shots, trip: Trip, *, peak_power_w: Lanes, early_s: Lanes) ->
         signal = ops.where(below, trip.signal, point.saturation)
         released = -pulse_shape.leading_edge_time_s(level=point.saturation / signal, fwhm_s=fwhm)
         fall = saturation.held_until(
-            fall_s=fall, released_s=released, level=level, signal=signal, saturation=point.saturation,
+            fall_s=fall,
+            released_s=released,
+            level=level,
+            signal=signal,
+            saturation=point.saturation,
             recovery_s=point.recovery_s,
-        )  # fmt: skip
+        )
     return fall - early_s
 
 
@@ -179,13 +185,7 @@ def alarm_width_s(shots: Shots, amplitude: Lanes, *, interfering: Mask | None) -
 
 
 def reported_s(
-    shots: Shots,
-    crossing_s: Lanes,
-    *,
-    measured: Lanes,
-    width_s: Lanes | None,
-    true_power_w: Lanes,
-    draw: Lanes = 0,
+    shots: Shots, crossing_s: Lanes, *, measured: Lanes, width_s: Lanes | None, true_power_w: Lanes, draw: Lanes = 0
 ) -> Lanes:
     """Time that the converter reports for a crossing, (n,) s: without the walk, with its jitter and rounding.
 
@@ -299,12 +299,7 @@ class _Crossings:
         number   (n,) of the alarm, from 0
         elapsed  (n,) time of the alarm before it, in units of the mean wait 1 / rate
         """
-        shots, converter, threshold, point = (
-            self.shots,
-            self.shots.sensor.tdc,
-            self.shots.threshold,
-            self.shots.point,
-        )
+        shots, converter, threshold, point = (self.shots, self.shots.sensor.tdc, self.shots.threshold, self.shots.point)
         ops = xp(threshold)
         rate = sum((one.rate_hz for one in self.others), self.noise_rate_hz)
         never = rate <= 0.0
@@ -343,12 +338,7 @@ class _Crossings:
         number  (n,) of the alarm, from 0
         gamma   (n,) Gamma of the alarm before it: expected number of crossings that are higher
         """
-        shots, converter, threshold, point = (
-            self.shots,
-            self.shots.sensor.tdc,
-            self.shots.threshold,
-            self.shots.point,
-        )
+        shots, converter, threshold, point = (self.shots, self.shots.sensor.tdc, self.shots.threshold, self.shots.point)
         ops = xp(threshold)
         other = self.others[source - 1] if source else None
         rate_hz = self.noise_rate_hz if other is None else other.rate_hz

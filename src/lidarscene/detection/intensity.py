@@ -17,12 +17,7 @@ _LEAST_OVERLAP = 1e-3
 
 
 def reported(
-    shots: Shots,
-    echoes: Echoes | EchoTrain,
-    *,
-    amplitude: Lanes,
-    width_s: Lanes | None,
-    range_m: Lanes,
+    shots: Shots, echoes: Echoes | EchoTrain, *, amplitude: Lanes, width_s: Lanes | None, range_m: Lanes
 ) -> Lanes:
     """Reported intensity, (n,): the amplitude (raw), watts (range_corrected) or 0 to 255 (reflectivity), theory (T46).
 

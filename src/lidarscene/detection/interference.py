@@ -90,7 +90,9 @@ def amplitude_of(shots: Shots, one: Crossings, *, uniform: Lanes) -> Lanes:
     """
     point, threshold = shots.point, shots.threshold
     power = formulas.tripping_power_w(
-        uniform=uniform, probability=one.probability,
-        median_power_w=one.source.peak_power_w, spread_db=one.source.spread_db,
-    )  # fmt: skip
+        uniform=uniform,
+        probability=one.probability,
+        median_power_w=one.source.peak_power_w,
+        spread_db=one.source.spread_db,
+    )
     return point.measured(xp(threshold).maximum(point.signal(power), threshold))

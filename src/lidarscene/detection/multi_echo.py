@@ -40,9 +40,14 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     """
     point = sensor.working_point(pulse_train.background_power_w)
     converter = _Converter(
-        sensor=sensor, point=point, threshold=sensor.threshold(point), wave=waveform(pulse_train, sensor),
-        seed=seed, pulse=pulse, surfaces=pulse_train.surfaces,
-    )  # fmt: skip
+        sensor=sensor,
+        point=point,
+        threshold=sensor.threshold(point),
+        wave=waveform(pulse_train, sensor),
+        seed=seed,
+        pulse=pulse,
+        surfaces=pulse_train.surfaces,
+    )
     # Echoes first: they alone know of the dead time. Then false alarms compete with them for the stops.
     found = converter.search()
     strongest = converter.strongest()
@@ -109,12 +114,17 @@ class _Converter(Received):
         nothing, never, before = ops.full(like, 0.0), ops.full(like, False), ops.full(like, EMPTY)
         peaks = self.sensor.finds_peaks
         start = _Found(
-            high=never, tripped=never, in_window=never, last=before, highest=nothing, highest_w=nothing,
+            high=never,
+            tripped=never,
+            in_window=never,
+            last=before,
+            highest=nothing,
+            highest_w=nothing,
             stops=keeping.room(tdc, like),
             pulse=_Pulse(stop=keeping.unused(like), peak=before, top=nothing, lowest=nothing) if peaks else None,
             memory=(memory := of_memory.empty(self)),
             at_highest=of_memory.Left(floor=nothing, held=nothing, share=nothing + 1.0) if memory else None,
-        )  # fmt: skip
+        )
         found = visit_all(self.wave, self._visit_peak if peaks else self._visit_edge, start)
         stops = found.stops
         if found.pulse is not None:
@@ -143,14 +153,17 @@ class _Converter(Received):
         taken_now = taken & keeping.may_keep(tdc, crossing_s, found.stops)
         new = here._stop(rise, trip, taken_now, place, in_valley, crossing_s)
         return self._after(
-            found, rise, trip, left,
+            found,
+            rise,
+            trip,
+            left,
             tripped=found.tripped | edge,
             in_window=found.in_window | taken,
             high=ops.where(rise.found, trip.tripped, found.high),
             last=ops.where(taken, place, found.last),
             stops=keeping.with_new(tdc, found.stops, new, later=True),
             pulse=None,
-        )  # fmt: skip
+        )
 
     def _visit_peak(self, rise: Rise, found: _Found) -> _Found:
         """Draw the noise of one rise, and decide whether it is a pulse of its own or part of the last one.
@@ -194,9 +207,12 @@ class _Converter(Received):
             raised = ~tripped & before.stop.used
             key = keeping.key(tdc, before.stop.crossing_s, new.amplitude)
             same_edge = replace(
-                before.stop, key=ops.where(new.used, key, EMPTY), amplitude=new.amplitude, snr=new.snr,
+                before.stop,
+                key=ops.where(new.used, key, EMPTY),
+                amplitude=new.amplitude,
+                snr=new.snr,
                 probability=new.probability,
-            )  # fmt: skip
+            )
             stop = chosen(raised, same_edge, new)
         pulse = _Pulse(
             stop=chosen(taken, stop, before.stop),
@@ -205,14 +221,17 @@ class _Converter(Received):
             lowest=ops.where(taken, trip.signal, ops.where(rise.found, lowest, before.lowest)),
         )
         return self._after(
-            found, rise, trip, left,
+            found,
+            rise,
+            trip,
+            left,
             tripped=found.tripped | tripped,
             in_window=found.in_window | taken,
             high=ops.where(rise.found, tripped | held, found.high),
             last=found.last,
             stops=keeping.with_new(tdc, found.stops, done, later=True),
             pulse=pulse,
-        )  # fmt: skip
+        )
 
     def _base(self, lowest: Lanes) -> Lanes:
         """Signal from which the threshold counts for a pulse on other light, (n,), by the lowest of that."""
@@ -241,9 +260,7 @@ class _Converter(Received):
             **changed,
         )
 
-    def _crossing(
-        self, rise: Rise, trip: comparator.Trip, edge: Mask, in_valley: Mask, gain: Lanes = 1.0
-    ) -> Lanes:
+    def _crossing(self, rise: Rise, trip: comparator.Trip, edge: Mask, in_valley: Mask, gain: Lanes = 1.0) -> Lanes:
         """Place at which a rise trips the comparator, (n,): where the waveform reaches the level.
 
         If the valley is above the level, it is the valley. If the peak is below it, as counted cells allow, it is the
@@ -258,13 +275,7 @@ class _Converter(Received):
         return ops.where(reaches, place, ops.where(in_valley, rise.valley, rise.peak))
 
     def _stop(
-        self,
-        rise: Rise,
-        trip: comparator.Trip,
-        taken: Mask,
-        place: Lanes,
-        in_valley: Mask,
-        crossing_s: Lanes,
+        self, rise: Rise, trip: comparator.Trip, taken: Mask, place: Lanes, in_valley: Mask, crossing_s: Lanes
     ) -> Stop:
         """A stop with what the sampler measures of a crossing; lanes that are not ``taken`` get the key `EMPTY`."""
         ops = self.ops
@@ -274,10 +285,16 @@ class _Converter(Received):
             self, rise, surfaces=self.surfaces, place=place, in_valley=in_valley, measured=reading.place
         )
         return Stop(
-            key=ops.where(taken, key, EMPTY), crossing_s=crossing_s, reported_s=reading.reported_s,
-            amplitude=reading.amplitude, width_s=reading.width_s, snr=self.snr(trip.signal),
-            probability=trip.probability, source=source, true_range_m=true_range,
-        )  # fmt: skip
+            key=ops.where(taken, key, EMPTY),
+            crossing_s=crossing_s,
+            reported_s=reading.reported_s,
+            amplitude=reading.amplitude,
+            width_s=reading.width_s,
+            snr=self.snr(trip.signal),
+            probability=trip.probability,
+            source=source,
+            true_range_m=true_range,
+        )
 
     def snr(self, signal: Lanes) -> Lanes:
         """Signal over the noise without an echo, (n,); (19) or (27)."""
@@ -338,9 +355,7 @@ class _Converter(Received):
             snr=ops.where(lit, self.snr(signal), 0.0),
             detection_probability=ops.where(lit, probability, 0.0),
             outcome=outcome,
-            ambient=ambient.counts(
-                pulse_train.background_power_w, self.sensor, seed=self.seed, pulse=self.pulse
-            ),
+            ambient=ambient.counts(pulse_train.background_power_w, self.sensor, seed=self.seed, pulse=self.pulse),
             stops=tuple(returns),
             source=strongest,
         )

@@ -16,11 +16,7 @@ from .returns import Detection
 
 def is_plain(sensor: Sensor) -> bool:
     """Whether one echo of each pulse is all that the converter has to deal with in closed form."""
-    whole = (
-        sensor.sampler is not None
-        or sensor.histogram is not None
-        or sensor.receiver.ac_coupling_hz is not None
-    )
+    whole = sensor.sampler is not None or sensor.histogram is not None or sensor.receiver.ac_coupling_hz is not None
     return not whole and sensor.tdc.keep == "first"
 
 
@@ -43,7 +39,11 @@ def detect_alone(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -
         return returns.detect(echoes, sensor, seed=seed, pulse=pulse)
     part = SubEchoes(range_m=echoes.range_m, peak_power_w=echoes.peak_power_w, count=1)
     train = EchoTrain(
-        parts=(part,), surfaces=1, found=echoes.found, background_power_w=echoes.background_power_w,
-        interference=echoes.interference, white_w_m2=echoes.white_w_m2,
-    )  # fmt: skip
+        parts=(part,),
+        surfaces=1,
+        found=echoes.found,
+        background_power_w=echoes.background_power_w,
+        interference=echoes.interference,
+        white_w_m2=echoes.white_w_m2,
+    )
     return detect(train, sensor, seed=seed, pulse=pulse)

@@ -147,9 +147,7 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Dete
                 status=ops.where(echo_now, int(Status.ECHO), next_alarm.status),
                 range_m=range_m,
                 amplitude=amplitude,
-                intensity=intensity.reported(
-                    shots, echoes, amplitude=amplitude, width_s=width_s, range_m=range_m
-                ),
+                intensity=intensity.reported(shots, echoes, amplitude=amplitude, width_s=width_s, range_m=range_m),
                 width_s=width_s,
             )
         )
@@ -189,13 +187,7 @@ def _edge(shots: Shots, echoes: Echoes) -> _Edge:
         found=found,
         crossing_s=crossing,
         reported_s=timing.of_lone_pulse(
-            shots,
-            own,
-            arrival_s=arrival,
-            crossing_s=crossing,
-            measured=measured,
-            power_w=power,
-            width_s=width_s,
+            shots, own, arrival_s=arrival, crossing_s=crossing, measured=measured, power_w=power, width_s=width_s
         ),
         amplitude=measured,
         width_s=width_s,

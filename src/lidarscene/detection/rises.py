@@ -98,9 +98,7 @@ def visit_all(wave: Waveform, visit: Callable[[Rise, S], S], state: S) -> S:
         # The march has bracketed the peak and the valley before it; Newton's method finds both. All lanes go through
         # the loop together, so each visit handles the j-th rise of every pulse that has one.
         peak, top = highest_between(wave.at, march.left, march.place, wanted=march.found)
-        valley, lowest = lowest_between(
-            wave.at, march.low, march.high, wanted=march.found & (march.high > march.low)
-        )
+        valley, lowest = lowest_between(wave.at, march.low, march.high, wanted=march.found & (march.high > march.low))
         # A rise begins in the valley because that is where the comparator may fall, and because the power only rises
         # from there to the peak: a level between them is crossed exactly once.
         first = number == 0
@@ -166,7 +164,13 @@ def _march(
 
     nothing = ops.full(place, 0.0)
     start = _March(
-        left=place, place=place, slope=slope, bend=bend, ahead=ahead, low=nothing, high=nothing,
+        left=place,
+        place=place,
+        slope=slope,
+        bend=bend,
+        ahead=ahead,
+        low=nothing,
+        high=nothing,
         found=ops.full(place, False),
-    )  # fmt: skip
+    )
     return ops.loop(start, active, step)

@@ -98,9 +98,7 @@ def remembered(train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numb
     if not len(times_s):
         return power, signal
     detector, fwhm_s = sensor.detector, float(sensor.laser.pulse_fwhm_s)
-    cells = (
-        isinstance(detector, Sipm) and detector.statistics == "time_domain" and not sensor.receiver.filters
-    )
+    cells = isinstance(detector, Sipm) and detector.statistics == "time_domain" and not sensor.receiver.filters
     drains = isinstance(detector, Apd) and detector.saturation_a is not None
     if not (cells or drains):
         return power, signal
@@ -117,9 +115,11 @@ def remembered(train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numb
         assert isinstance(detector, Apd)
         assert detector.saturation_a is not None
         course = saturation.clipped_course(
-            signal=sampled(train, sensor, course_s)[1], step_s=step, saturation=float(detector.saturation_a),
+            signal=sampled(train, sensor, course_s)[1],
+            step_s=step,
+            saturation=float(detector.saturation_a),
             recovery_s=float(detector.recovery_s or 0.0),
-        )  # fmt: skip
+        )
     return power, np.stack([np.interp(times_s, course_s, one) for one in course])
 
 
@@ -134,10 +134,13 @@ def _cells(power_w: Numbers, train: EchoTrain, sensor: Sensor, array: Sipm, step
     busy = 1.0 - np.asarray(point.memory.free) / array.cells
     per_watt = array.pde * array.dead_time_s / (energy_j * array.cells)
     share = sipm_response.busy_share_in_steps(
-        rate=power_w * per_watt, busy_share=busy, steps=steps, crosstalk=float(array.crosstalk or 0.0),
+        rate=power_w * per_watt,
+        busy_share=busy,
+        steps=steps,
+        crosstalk=float(array.crosstalk or 0.0),
         afterpulse=float(array.afterpulse or 0.0),
         afterpulse_to_dead_time=float((array.afterpulse_s or array.dead_time_s) / array.dead_time_s),
-    )  # fmt: skip
+    )
     return np.asarray(array.cells * (share - busy[:, None]))
 
 

@@ -62,17 +62,13 @@ def read(shots: Received, rise: Rise, trip: Trip, place: Lanes, *, wanted: Mask)
         leaving = edges.trailing_level(shots, rise, trip, place, shots.threshold)
         end, _ = edges.fall(shots, rise, trip, leaving, rise.peak, wanted)
         width = shots.ops.where(wanted, (end - place) * shots.sigma_s, 0.0)
-    reported_s, timed = timing.of_rise(
-        shots, rise, trip, place=place, measured=amplitude, width_s=width, wanted=wanted
-    )
+    reported_s, timed = timing.of_rise(shots, rise, trip, place=place, measured=amplitude, width_s=width, wanted=wanted)
     if width is None:
         width = shots.ops.full(place, 0.0)
     return Reading(reported_s=reported_s, amplitude=amplitude, width_s=width, place=timed)
 
 
-def _by_levels(
-    shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, place: Lanes, wanted: Mask
-) -> Reading:
+def _by_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, place: Lanes, wanted: Mask) -> Reading:
     """Reading of comparators at several levels.
 
     The width at the highest level that tripped gives the amplitude, theory (T54). The width at the threshold gives the
@@ -100,27 +96,31 @@ def _by_levels(
     place = ops.where(
         raised,
         crossing(
-            shots.wave.at, ops.where(raised, point.power_w(lowest.up), 1.0),
-            far=rise.valley, peak=rise.peak, top=rise.top, wanted=raised,
+            shots.wave.at,
+            ops.where(raised, point.power_w(lowest.up), 1.0),
+            far=rise.valley,
+            peak=rise.peak,
+            top=rise.top,
+            wanted=raised,
         ),
         place,
-    )  # fmt: skip
+    )
     start = crossing(
-        shots.wave.at, ops.where(above, point.power_w(highest.up), 1.0),
-        far=rise.valley, peak=rise.peak, top=rise.top, wanted=above,
-    )  # fmt: skip
+        shots.wave.at,
+        ops.where(above, point.power_w(highest.up), 1.0),
+        far=rise.valley,
+        peak=rise.peak,
+        top=rise.top,
+        wanted=above,
+    )
     # The waveform falls below a higher level before it falls below a lower one, so the lower search starts from there.
     end, near = edges.fall(shots, rise, trip, highest.down, rise.peak, above)
     since = ops.where(above, near, rise.peak)
-    width = ops.where(
-        lowest.reached, edges.fall(shots, rise, trip, lowest.down, since, lowest.reached)[0] - place, 0.0
-    )
+    width = ops.where(lowest.reached, edges.fall(shots, rise, trip, lowest.down, since, lowest.reached)[0] - place, 0.0)
     power = point.power_of_width_w(
         ops.where(above, end - start, width) * shots.sigma_s, threshold=highest.level, pulse_fwhm_s=fwhm
     )
-    amplitude: Lanes = ops.where(
-        highest.reached, point.signal(ops.where(highest.reached, power, 0.0)), shots.threshold
-    )
+    amplitude: Lanes = ops.where(highest.reached, point.signal(ops.where(highest.reached, power, 0.0)), shots.threshold)
     if shots.wave.volume is not None:
         # The air's light lasts longer than any pulse, and a width says too much of it. It did not reach the next level;
         # above the highest one another is assumed, as far from it as that is from the one before.
@@ -147,9 +147,8 @@ def _by_levels(
         walk = pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm) / shots.sigma_s
     if shots.sensor.tdc.walk == "corrected":
         of_edge = comparator.walk_s(
-            shots, measured=ops.where(open_, amplitude - trip.base, shots.threshold), width_s=None,
-            true_power_w=1.0,
-        )  # fmt: skip
+            shots, measured=ops.where(open_, amplitude - trip.base, shots.threshold), width_s=None, true_power_w=1.0
+        )
         walk = ops.where(open_, of_edge / shots.sigma_s, walk)
     return Reading(
         reported_s=comparator.converted(shots, shots.time_s(place - walk), draw=rise.number),
@@ -179,9 +178,8 @@ class _Level:
         """A threshold for a pulse that crossed the lowest one at ``place``."""
         point = shots.point
         up = tdc.crossing_level(
-            threshold=level, deviate=trip.deviate,
-            noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2,
-        )  # fmt: skip
+            threshold=level, deviate=trip.deviate, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2
+        )
         down = edges.trailing_level(shots, rise, trip, place, level)
         reached = wanted & (up < trip.signal) & (down < trip.signal)
         if point.saturation is not None:
@@ -219,9 +217,7 @@ def _by_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lanes,
     any_over = sums.over > 0
     # Weak pulses have no sample above the threshold, and are seen behind the filter only.
     at: Lanes = ops.where(
-        any_over,
-        sums.moment / ops.where(any_over, sums.total, 1.0),
-        rise.peak if shots.sensor.matches else place,
+        any_over, sums.moment / ops.where(any_over, sums.total, 1.0), rise.peak if shots.sensor.matches else place
     )
     amplitude: Lanes = sums.highest
     if adc.estimator == "matched_filter":

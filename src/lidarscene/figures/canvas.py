@@ -62,14 +62,19 @@ class Canvas:
     def fill(self, x: float, y: float, width: float, height: float, colour: str) -> None:
         """A rectangle, at least a pixel wide and high."""
         left, top = round(x), round(y)
-        self.image[top : max(round(y + height), top + 1), left : max(round(x + width), left + 1)] = rgb(
-            colour
-        )
+        self.image[top : max(round(y + height), top + 1), left : max(round(x + width), left + 1)] = rgb(colour)
 
     def text(
-        self, x: float, y: float, text: str, size: float, *, anchor: str = "lm", bold: bool = False,
+        self,
+        x: float,
+        y: float,
+        text: str,
+        size: float,
+        *,
+        anchor: str = "lm",
+        bold: bool = False,
         upright: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """A line of text; ``anchor`` is l, m or r and t, m or b: which point of it is here. Upright: from below."""
         pixels = max(round(size * self.unit), SMALLEST_PX)
         self._texts.append(_Text(x, y, text, pixels, anchor, bold, upright))
@@ -82,9 +87,7 @@ class Canvas:
         """Write the format of the suffix, atomically. Raises InputError, OutputError."""
         kind = Path(path).suffix.lower().lstrip(".")
         if kind not in ("png", "svg"):
-            raise InputError(
-                f"{os.fspath(path)}: suffix '.{kind}' names no picture format; known: .png, .svg"
-            )
+            raise InputError(f"{os.fspath(path)}: suffix '.{kind}' names no picture format; known: .png, .svg")
         data = self._png(with_texts=True) if kind == "png" else self._svg()
         with atomic_output(path) as temporary:
             temporary.write_bytes(data)

@@ -33,9 +33,14 @@ class Series:
 
 
 def save_series(
-    path: str | os.PathLike[str], series: Sequence[Series], *, x_label: str, y_label: str, title: str,
+    path: str | os.PathLike[str],
+    series: Sequence[Series],
+    *,
+    x_label: str,
+    y_label: str,
+    title: str,
     y_limits: tuple[float | None, float | None] | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Markers with bars for the intervals, lines for expected values. Raises OutputError."""
 
     def draw(_: Any, axes: Any) -> None:
@@ -90,7 +95,7 @@ def save_named(
             if one.expected is not None:
                 axes.plot(
                     one.expected, place, "|", color=COLOURS[number % len(COLOURS)], markersize=11, markeredgewidth=1.1
-                )  # fmt: skip
+                )
         axes.set_yticks(range(len(names)), [name.replace("$", r"\$") for name in names])
         axes.set_ylim(len(names) - 0.4, -0.6)
         axes.set_xlabel(x_label, fontsize=10, color=INK)
@@ -128,9 +133,15 @@ def save_snr(path: str | os.PathLike[str], pairs: Pairs, *, x_label: str, y_labe
         for number, label in enumerate(pairs.kinds):
             own = kind[taken] == number
             axes.scatter(
-                a[taken][own], b[taken][own], s=5, alpha=0.5, linewidths=0, rasterized=True, color=shades[number],
+                a[taken][own],
+                b[taken][own],
+                s=5,
+                alpha=0.5,
+                linewidths=0,
+                rasterized=True,
+                color=shades[number],
                 label=f"{label}: {np.count_nonzero(kind == number):,}",
-            )  # fmt: skip
+            )
         axes.set_xscale("log")
         axes.set_yscale("log")
         low, high = float(min(a.min(), b.min())), float(max(a.max(), b.max()))
@@ -153,10 +164,19 @@ def _marked(axes: Any, number: int, one: Series, x: Numbers, y: Numbers, *, vert
     """Markers and bars of one sensor."""
     bars = {"yerr" if vertical else "xerr": np.stack([one.y - one.low, one.high - one.y]).clip(0.0)}
     axes.errorbar(
-        x, y, fmt=MARKERS[number % len(MARKERS)], color=COLOURS[number % len(COLOURS)], markersize=4.5, linewidth=0,
-        elinewidth=1.2, capsize=2, label=one.label.replace("$", r"\$"), markeredgecolor="white", markeredgewidth=0.4,
+        x,
+        y,
+        fmt=MARKERS[number % len(MARKERS)],
+        color=COLOURS[number % len(COLOURS)],
+        markersize=4.5,
+        linewidth=0,
+        elinewidth=1.2,
+        capsize=2,
+        label=one.label.replace("$", r"\$"),
+        markeredgecolor="white",
+        markeredgewidth=0.4,
         **bars,
-    )  # fmt: skip
+    )
 
 
 def _grid(axes: Any) -> None:
@@ -166,10 +186,4 @@ def _grid(axes: Any) -> None:
 
 
 def _legend(axes: Any, entries: int) -> None:
-    axes.legend(
-        loc="lower left",
-        bbox_to_anchor=(-0.01, 1.0),
-        ncols=min(entries, 4),
-        frameon=False,
-        fontsize=8.5,
-    )
+    axes.legend(loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=min(entries, 4), frameon=False, fontsize=8.5)

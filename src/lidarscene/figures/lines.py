@@ -113,10 +113,15 @@ def _drawn(chart: Chart) -> Any:
         axes.set_yscale("log")
     for line in chart.lines:
         axes.plot(
-            line.x, np.where(np.isfinite(line.y), line.y, np.nan), label=_plain(line.label),
-            color=_colour(line.colour), linestyle=STYLES[line.style], linewidth=line.width, alpha=line.opacity,
+            line.x,
+            np.where(np.isfinite(line.y), line.y, np.nan),
+            label=_plain(line.label),
+            color=_colour(line.colour),
+            linestyle=STYLES[line.style],
+            linewidth=line.width,
+            alpha=line.opacity,
             solid_capstyle="round",
-        )  # fmt: skip
+        )
     _frame(axes, chart)
     _notes(axes, chart)
     _legend(figure, axes, chart)
@@ -173,17 +178,32 @@ def _notes(axes: Any, chart: Chart) -> None:
         axes.axhline(level.y, color=GREY, linewidth=1.0, linestyle=STYLES["dotted"], zorder=1.5)
         x, align = (0.01, "left") if level.side == "left" else (0.99, "right")
         axes.annotate(
-            _plain(level.text), (x, level.y), xycoords=("axes fraction", "data"), xytext=(0, 3),
-            textcoords="offset points", ha=align, va="bottom", fontsize=8, color=GREY, path_effects=halo,
-        )  # fmt: skip
+            _plain(level.text),
+            (x, level.y),
+            xycoords=("axes fraction", "data"),
+            xytext=(0, 3),
+            textcoords="offset points",
+            ha=align,
+            va="bottom",
+            fontsize=8,
+            color=GREY,
+            path_effects=halo,
+        )
     for mark in chart.marks:
         colour = INK if mark.colour is None else _colour(mark.colour)
         axes.plot([mark.x], [mark.y], "o", color=colour, markersize=5, markeredgecolor="white", zorder=4)
         axes.annotate(
-            _plain(mark.text), (mark.x, mark.y), xytext=mark.offset, textcoords="offset points", fontsize=8.5,
-            color=colour, ha="left" if mark.offset[0] >= 0 else "right",
-            va="bottom" if mark.offset[1] >= 0 else "top", path_effects=halo, zorder=5,
-        )  # fmt: skip
+            _plain(mark.text),
+            (mark.x, mark.y),
+            xytext=mark.offset,
+            textcoords="offset points",
+            fontsize=8.5,
+            color=colour,
+            ha="left" if mark.offset[0] >= 0 else "right",
+            va="bottom" if mark.offset[1] >= 0 else "top",
+            path_effects=halo,
+            zorder=5,
+        )
 
 
 def _legend(figure: Any, axes: Any, chart: Chart) -> None:
@@ -199,9 +219,16 @@ def _legend(figure: Any, axes: Any, chart: Chart) -> None:
     if sum(len(label) + 9 for label in labels) <= _ROW:
         columns = len(labels)
     axes.legend(
-        loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=columns, frameon=False, fontsize=8.5, labelcolor=INK,
-        handlelength=2.6, columnspacing=1.6, borderaxespad=0.4,
-    )  # fmt: skip
+        loc="lower left",
+        bbox_to_anchor=(-0.01, 1.0),
+        ncols=columns,
+        frameon=False,
+        fontsize=8.5,
+        labelcolor=INK,
+        handlelength=2.6,
+        columnspacing=1.6,
+        borderaxespad=0.4,
+    )
 
 
 def _colour(number: int) -> str:
@@ -252,10 +279,16 @@ def _tornado(axes: Any, bars: Sequence[tuple[str, float]], title: str, label: st
         side = 1.0 if value > 0.0 else -1.0
         number = f"{value:+.2f}" if abs(value) >= 0.095 else f"{value:+.3f}"
         axes.annotate(
-            number.replace("-", "\N{MINUS SIGN}"), (value, place), xytext=(3.0 * side, 0), color=INK,
-            textcoords="offset points", ha="left" if side > 0.0 else "right", va="center", fontsize=7.5,
+            number.replace("-", "\N{MINUS SIGN}"),
+            (value, place),
+            xytext=(3.0 * side, 0),
+            color=INK,
+            textcoords="offset points",
+            ha="left" if side > 0.0 else "right",
+            va="center",
+            fontsize=7.5,
             path_effects=halo,
-        )  # fmt: skip
+        )
     widest = 1.28 * max((abs(value) for value in values), default=1.0)
     axes.set_xlim(-widest, widest)
     axes.set_ylim(len(bars) - 0.4, -0.6)

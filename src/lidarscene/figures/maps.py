@@ -67,17 +67,28 @@ def save_map(path: str | os.PathLike[str], picture: Raster) -> None:
 
 
 def save_pattern(
-    path: str | os.PathLike[str], azimuth_deg: Numbers, elevation_deg: Numbers, time_s: Numbers, *,
-    extent: tuple[float, float, float, float], title: str,
-) -> None:  # fmt: skip
+    path: str | os.PathLike[str],
+    azimuth_deg: Numbers,
+    elevation_deg: Numbers,
+    time_s: Numbers,
+    *,
+    extent: tuple[float, float, float, float],
+    title: str,
+) -> None:
     """Pulses over azimuth and elevation, coloured by time. Raises OutputError."""
 
     def draw(figure: Any, axes: Any) -> None:
         dots = axes.scatter(
-            azimuth_deg, elevation_deg, c=time_s * 1e3, cmap="viridis", linewidths=0, rasterized=True,
-            vmin=0.0, vmax=float(time_s.max()) * 1e3 or 1.0,  # a flash has all its pulses at once
+            azimuth_deg,
+            elevation_deg,
+            c=time_s * 1e3,
+            cmap="viridis",
+            linewidths=0,
+            rasterized=True,
+            vmin=0.0,
+            vmax=float(time_s.max()) * 1e3 or 1.0,  # a flash has all its pulses at once
             s=float(np.clip(60_000.0 / max(len(time_s), 1), 0.6, 9.0)),
-        )  # fmt: skip
+        )
         bar = figure.colorbar(dots, ax=axes, pad=0.02, aspect=24, use_gridspec=False)
         bar.set_label("time [ms]", fontsize=9, color=INK)
         bar.ax.tick_params(labelsize=8)
@@ -98,15 +109,19 @@ class Layer:
 
 def save_layers(
     path: str | os.PathLike[str], layers: Sequence[Layer], *, extent: tuple[float, float, float, float], title: str
-) -> None:  # fmt: skip
+) -> None:
     """Pulses of several sensors over azimuth and elevation, the first at the bottom. Raises OutputError."""
 
     def draw(figure: Any, axes: Any) -> None:
         for layer in layers:
             axes.scatter(
-                layer.azimuth_deg, layer.elevation_deg, color=COLOURS[layer.colour % len(COLOURS)], linewidths=0,
-                rasterized=True, s=float(np.clip(60_000.0 / max(len(layer.azimuth_deg), 1), 0.6, 9.0)),
-            )  # fmt: skip
+                layer.azimuth_deg,
+                layer.elevation_deg,
+                color=COLOURS[layer.colour % len(COLOURS)],
+                linewidths=0,
+                rasterized=True,
+                s=float(np.clip(60_000.0 / max(len(layer.azimuth_deg), 1), 0.6, 9.0)),
+            )
             axes.scatter([], [], color=COLOURS[layer.colour % len(COLOURS)], s=24, label=layer.label)
         axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=8)
         _angles(axes, extent)
@@ -115,9 +130,13 @@ def save_layers(
 
 
 def save_ground(
-    path: str | os.PathLike[str], count: Numbers, *, half_m: float, sensors: Sequence[tuple[str, float, float]],
+    path: str | os.PathLike[str],
+    count: Numbers,
+    *,
+    half_m: float,
+    sensors: Sequence[tuple[str, float, float]],
     title: str,
-) -> None:  # fmt: skip
+) -> None:
     """How many sensors see each place of the ground, with x forward and up the page. Raises OutputError."""
 
     def draw(figure: Any, axes: Any) -> None:
@@ -129,16 +148,25 @@ def save_ground(
         shades = colormaps["viridis"](np.linspace(0.85, 0.1, most)) if most > 1 else [COLOURS[5]]
         colours = [NOTHING, *shades]
         axes.imshow(
-            np.flip(count.T, axis=1), origin="lower", cmap=ListedColormap(colours),
-            extent=(-half_m, half_m, -half_m, half_m), vmin=-0.5, vmax=most + 0.5,
+            np.flip(count.T, axis=1),
+            origin="lower",
+            cmap=ListedColormap(colours),
+            extent=(-half_m, half_m, -half_m, half_m),
+            vmin=-0.5,
+            vmax=most + 0.5,
             interpolation="nearest",
-        )  # fmt: skip
+        )
         for number, (name, x, y) in enumerate(sorted(sensors, key=lambda one: -one[1])):
             axes.plot([-y], [x], "o", color=COLOURS[1], markersize=5, markeredgecolor="white")
             axes.annotate(
-                name, (-y, x), xytext=(6, -11 if number % 2 else 4), textcoords="offset points", fontsize=8, color=INK,
+                name,
+                (-y, x),
+                xytext=(6, -11 if number % 2 else 4),
+                textcoords="offset points",
+                fontsize=8,
+                color=INK,
                 path_effects=[withStroke(linewidth=2.5, foreground="white")],
-            )  # fmt: skip
+            )
         axes.xaxis.set_major_formatter(lambda value, _: f"{0.0 - value:g}".replace("-", "\N{MINUS SIGN}"))
         axes.set_xlabel("y, to the left [m]", fontsize=10, color=INK)
         axes.set_ylabel("x, forward [m]", fontsize=10, color=INK)
@@ -150,17 +178,28 @@ def save_ground(
 
 
 def save_scatter(
-    path: str | os.PathLike[str], groups: Sequence[tuple[str, Numbers, Numbers]], *, x_label: str, y_label: str,
+    path: str | os.PathLike[str],
+    groups: Sequence[tuple[str, Numbers, Numbers]],
+    *,
+    x_label: str,
+    y_label: str,
     title: str,
-) -> None:  # fmt: skip
+) -> None:
     """Points of each group on logarithmic axes, with a colour and a shape for each. Raises OutputError."""
 
     def draw(figure: Any, axes: Any) -> None:
         for number, (name, x, y) in enumerate(groups):
             axes.scatter(
-                x, y, s=26, alpha=0.8, label=name, color=COLOURS[number % len(COLOURS)], linewidths=0.4,
-                marker=MARKERS[number % len(MARKERS)], edgecolors="white",
-            )  # fmt: skip
+                x,
+                y,
+                s=26,
+                alpha=0.8,
+                label=name,
+                color=COLOURS[number % len(COLOURS)],
+                linewidths=0.4,
+                marker=MARKERS[number % len(MARKERS)],
+                edgecolors="white",
+            )
         axes.set_xscale("log")
         axes.set_yscale("log")
         for axis in (axes.xaxis, axes.yaxis):
@@ -174,20 +213,14 @@ def save_scatter(
         axes.set_xlabel(x_label, fontsize=10, color=INK)
         axes.set_ylabel(y_label, fontsize=10, color=INK)
         axes.legend(
-            loc="lower left",
-            bbox_to_anchor=(-0.01, 1.0),
-            ncols=min(len(groups), 4),
-            frameon=False,
-            fontsize=8.5,
+            loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=min(len(groups), 4), frameon=False, fontsize=8.5
         )
         plain_axes(axes)
 
     save_drawn(path, draw, title, 4.8)
 
 
-def save_drawn(
-    path: str | os.PathLike[str], draw: Callable[[Any, Any], None], title: str, height: float
-) -> None:
+def save_drawn(path: str | os.PathLike[str], draw: Callable[[Any, Any], None], title: str, height: float) -> None:
     """Let ``draw(figure, axes)`` draw, and write a PNG ``height`` inches high. Raises InputError, OutputError."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -223,9 +256,14 @@ def _key(axes: Any, entries: Sequence[tuple[Any, str]]) -> None:
 
     handles = [Patch(facecolor=colour, edgecolor=GREY, linewidth=0.5, label=text) for colour, text in entries]
     axes.legend(
-        handles=handles, loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=5, frameon=False, fontsize=8.5,
+        handles=handles,
+        loc="lower left",
+        bbox_to_anchor=(-0.01, 1.0),
+        ncols=5,
+        frameon=False,
+        fontsize=8.5,
         borderaxespad=0.3,
-    )  # fmt: skip
+    )
 
 
 def _height(extent: tuple[float, float, float, float]) -> float:

@@ -104,8 +104,7 @@ class Page:
         self.markdown.append("\n".join("| " + " | ".join(cells) + " |" for cells in lines))
         head = "".join(f"<th>{html.escape(cell)}</th>" for cell in header)
         body = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(_with_unit(cell))}</td>" for cell in row) + "</tr>\n"
-            for row in rows
+            "<tr>" + "".join(f"<td>{html.escape(_with_unit(cell))}</td>" for cell in row) + "</tr>\n" for row in rows
         )
         self.body.append(
             f'<div class="scroll"><table><thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>'

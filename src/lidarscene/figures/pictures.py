@@ -12,17 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..cloud.pixels import (
-    Camera,
-    Cells,
-    camera_for,
-    cells_of,
-    coloured,
-    lit,
-    splat,
-    surfaces_behind,
-    unpacked,
-)
+from ..cloud.pixels import Camera, Cells, camera_for, cells_of, coloured, lit, splat, surfaces_behind, unpacked
 from ..cloud.points import PointCloud
 from ..cloud.scales import Scale, scale_of
 from ..cloud.shades import Shades, rgb
@@ -72,11 +62,7 @@ def perspective_picture(
 
 
 def range_image(
-    cloud: PointCloud,
-    path: str | os.PathLike[str],
-    *,
-    colour_by: str = "range",
-    size_px: tuple[int, int] = (1920, 640),
+    cloud: PointCloud, path: str | os.PathLike[str], *, colour_by: str = "range", size_px: tuple[int, int] = (1920, 640)
 ) -> None:
     """Draw azimuth by elevation as the sensor sees it, one cell for each beam; dark grey without a point."""
     canvas, whole = Canvas(size_px, BACKGROUND, INK), Thinned.of(cloud)
@@ -106,9 +92,11 @@ def frame_picture(
     whole = cloud if isinstance(cloud, Thinned) else Thinned.of(cloud)
     cloud = whole.cloud()
     parts = _sensors_apart(cloud)
-    images = [(cloud, name, "") for name in strips] if not parts else [
-        (part, "range", label) for label, part in parts[:MOST_STRIPS]
-    ]  # fmt: skip
+    images = (
+        [(cloud, name, "") for name in strips]
+        if not parts
+        else [(part, "range", label) for label, part in parts[:MOST_STRIPS]]
+    )
     cells = {id(part): cells_of(part) for part in {id(part): part for part, _, _ in images}.values()}
     canvas = Canvas(size_px, BACKGROUND, INK)
     width, height = size_px
@@ -152,15 +140,19 @@ def _sensors_apart(cloud: PointCloud) -> list[tuple[str, PointCloud]]:
     """Label and points of each sensor of a rig; none of a single sensor."""
     if len(cloud.sensor_names) < 2:
         return []
-    return [
-        (label, cloud.select(cloud.sensor_index == number)) for number, label in enumerate(cloud.sensor_names)
-    ]
+    return [(label, cloud.select(cloud.sensor_index == number)) for number, label in enumerate(cloud.sensor_names)]
 
 
 def _draw_perspective(
-    canvas: Canvas, box: Box, cloud: PointCloud, shades: Shades, view: View | None, *, alarms: bool,
+    canvas: Canvas,
+    box: Box,
+    cloud: PointCloud,
+    shades: Shades,
+    view: View | None,
+    *,
+    alarms: bool,
     surfaces: Surfaces | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """The perspective in this box."""
     left, top, width, height = box
     camera = _camera(cloud, view, (width, height))
@@ -179,9 +171,7 @@ def _draw_perspective(
         canvas.text(left + width / 2, top + height / 2, "no points", 44.0, anchor="mm")
 
 
-def _draw_range_image(
-    canvas: Canvas, box: Box, cells: Cells, shades: Shades, *, labels: bool, name: str = ""
-) -> None:
+def _draw_range_image(canvas: Canvas, box: Box, cells: Cells, shades: Shades, *, labels: bool, name: str = "") -> None:
     """One range image in this box, with axes in degrees and a scale."""
     left, top, width, height = box
     unit = canvas.unit
@@ -215,9 +205,7 @@ def _draw_range_image(
     else:
         bar = left + width + 18 * unit
         parts = (np.arange(height)[::-1] + 0.5) / height
-        canvas.show(
-            np.repeat(shades.scale.table(parts)[:, None], max(round(18 * unit), 1), axis=1), round(bar), top
-        )
+        canvas.show(np.repeat(shades.scale.table(parts)[:, None], max(round(18 * unit), 1), axis=1), round(bar), top)
         for value, told in shades.scale.ticks(max(round(height / (40 * unit)), 2)):
             at = top + height * (1.0 - shades.scale.part(value))
             canvas.text(bar + 24 * unit, at, told, SMALL)

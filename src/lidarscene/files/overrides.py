@@ -16,9 +16,7 @@ from typing import Any
 from ..errors import InputError
 
 
-def with_overrides(
-    tables: Mapping[str, Any], assignments: Iterable[str], *, option: str = "--set"
-) -> dict[str, Any]:
+def with_overrides(tables: Mapping[str, Any], assignments: Iterable[str], *, option: str = "--set") -> dict[str, Any]:
     """Return a copy of the tables with assignments ``a.b=value`` made; values are TOML, or else plain text.
 
     In a list of tables a part of the key is a name or a number: ``bodies.car.yaw_deg=30``.

@@ -43,9 +43,7 @@ class Number(Quantity):
 
         return core_schema.no_info_after_validator_function(bounded, handler(source))
 
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> dict[str, Any]:
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         """The same for editors."""
         told = handler(schema) | {_BOUNDS[name]: limit for name, limit in self.bounds.items()}
         if self.finest is not None:
@@ -74,9 +72,7 @@ class Table(FileModel, Generic[Made]):
     def __init_subclass__(cls, only: Container[str] | None = None, **options: Any) -> None:
         """Add the declared keys to the annotations, from which pydantic then makes a model."""
         super().__init_subclass__(**options)
-        made = next(
-            (one for base in cls.__bases__ for one in _arguments(base) if isinstance(one, type)), None
-        )
+        made = next((one for base in cls.__bases__ for one in _arguments(base) if isinstance(one, type)), None)
         if made is None:
             return
         cls.made, cls.keys, cls.parts = made, {}, {}
@@ -99,9 +95,7 @@ class Table(FileModel, Generic[Made]):
         """What the table is of, in SI units; ``more`` are its other fields, and those of its parts."""
         values = self.values_in_si() | more
         for name, part in self.parts.items():
-            values[name] = part(
-                **{one.name: values.pop(one.name) for one in fields(part) if one.name in values}
-            )
+            values[name] = part(**{one.name: values.pop(one.name) for one in fields(part) if one.name in values})
         made: Made = _maker(self.made)(**values)
         return made
 
@@ -126,9 +120,7 @@ def _maker(made: type[Any]) -> Callable[..., Any]:
     return maker
 
 
-def _parameters(
-    maker: Callable[..., Any], parts: dict[str, type[Any]]
-) -> Iterator[tuple[str, Any, inspect.Parameter]]:
+def _parameters(maker: Callable[..., Any], parts: dict[str, type[Any]]) -> Iterator[tuple[str, Any, inspect.Parameter]]:
     """Name, type and declaration of each parameter, in place of a part those of its fields; parts go to ``parts``."""
     hints = typing.get_type_hints(maker, include_extras=True)
     for name, parameter in inspect.signature(maker).parameters.items():
@@ -157,7 +149,5 @@ def _type_in_file(hint: Any, key: Key) -> Any:
     if typing.get_origin(hint) is tuple:  # of a fixed length
         number = tuple[(number,) * len(options)]  # type: ignore[misc]
     if any(typing.get_origin(one) is Sequence for one in (hint, *options)):
-        number = (
-            Annotated[tuple[number, ...], Field(min_length=key.least)] if key.least else tuple[number, ...]
-        )
+        number = Annotated[tuple[number, ...], Field(min_length=key.least)] if key.least else tuple[number, ...]
     return number | None if NoneType in options else number

@@ -94,12 +94,7 @@ def _require_shallow(value: Any) -> None:
 
 
 def validated(
-    model: type[Model],
-    tables: Mapping[str, Any],
-    where: str,
-    *,
-    overrides: Iterable[str] = (),
-    option: str = "--set",
+    model: type[Model], tables: Mapping[str, Any], where: str, *, overrides: Iterable[str] = (), option: str = "--set"
 ) -> Model:
     """Return ``tables`` as a model. Raises InputError with the first mistake and the number of further ones.
 
@@ -112,9 +107,7 @@ def validated(
     except ValidationError as error:
         first = error.errors()[0]
         more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-        place = [
-            str(part) for part in _keys_in_file(first["loc"], tables, missing=first["type"] == "missing")
-        ]
+        place = [str(part) for part in _keys_in_file(first["loc"], tables, missing=first["type"] == "missing")]
         file = where
         for assignment in overrides:
             path = numbered(key_path(assignment), tables)
@@ -139,29 +132,8 @@ def _another_kind(model: type[BaseModel], tables: Mapping[str, Any]) -> str:
 
 
 OTHERS = {
-    "--set": (
-        "sun",
-        "sky",
-        "air",
-        "weather",
-        "interference",
-        "ego",
-        "sensor",
-        "picture",
-        "materials",
-        "bodies",
-    ),
-    "--scene-set": (
-        "laser",
-        "optics",
-        "scanner",
-        "detector",
-        "receiver",
-        "tdc",
-        "sampler",
-        "histogram",
-        "mounting",
-    ),
+    "--set": ("sun", "sky", "air", "weather", "interference", "ego", "sensor", "picture", "materials", "bodies"),
+    "--scene-set": ("laser", "optics", "scanner", "detector", "receiver", "tdc", "sampler", "histogram", "mounting"),
 }
 """Tables for which the other of the two options is meant: a scene's, and a sensor's."""
 

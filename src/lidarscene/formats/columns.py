@@ -48,9 +48,7 @@ COLUMNS = (
     Column("z", "xyz_m", "float32", "m", "position, up"),
     Column("range", "range_m", "float32", "m", "range that the sensor reports"),
     Column("intensity", "intensity", "float32", "A, cells or photons", "peak of the echo at the comparator"),
-    Column(
-        "pulse_width", "pulse_width_s", "float32", "s", "time over the threshold, 0 if it is not measured"
-    ),
+    Column("pulse_width", "pulse_width_s", "float32", "s", "time over the threshold, 0 if it is not measured"),
     Column("signal", "signal", "float32", "1", "photons counted of the return, 0 if they are not counted"),
     Column("snr", "snr", "float32", "1", "signal-to-noise ratio"),
     Column("detection_probability", "detection_probability", "float32", "1", "probability of detection"),
@@ -67,14 +65,7 @@ COLUMNS = (
     Column("reflectivity", "reflectivity", "float32", "1", "diffuse reflectivity of the surface", True),
     Column("sun_angle", "sun_angle_rad", "float32", "rad", "angle of the sun to the surface normal", True),
     Column("in_shadow", "in_shadow", "uint8", "1", "1 where the sun does not reach", True),
-    Column(
-        "interactions",
-        "interactions",
-        "uint8",
-        "1",
-        "panes, mirrors and gaps on the way to the surface",
-        True,
-    ),
+    Column("interactions", "interactions", "uint8", "1", "panes, mirrors and gaps on the way to the surface", True),
     Column("ghost", "ghost", "uint8", "1", "1 where one mirrored it: no surface is there", True),
     Column("radial_velocity", "radial_velocity_m_s", "float32", "m/s", "of surface and sensor apart", True),
     Column("body", "body", "int32", "1", "body that was hit, -1 none", True),
@@ -107,12 +98,7 @@ OF_VECTORS = tuple(c.attribute for c in VECTORS)
 
 _TYPES = {a: c.dtype for a, c in _SCALARS.items()} | {c.attribute: c.dtype for c in VECTORS}
 
-NAMES = {
-    "sensor_index": "sensor_names",
-    "body": "body_names",
-    "class_id": "class_names",
-    "material": "material_names",
-}
+NAMES = {"sensor_index": "sensor_names", "body": "body_names", "class_id": "class_names", "material": "material_names"}
 """Attribute that holds an index: attribute that holds the names. -1 has none."""
 
 SENSOR_TO_WORLD = "sensor_to_world"

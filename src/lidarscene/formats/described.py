@@ -99,10 +99,7 @@ def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
 
 @contextmanager
 def counted_stream(
-    path: str | os.PathLike[str],
-    *,
-    header: Callable[[Cloud, int], bytes],
-    write: Callable[[IO[bytes], Cloud], None],
+    path: str | os.PathLike[str], *, header: Callable[[Cloud, int], bytes], write: Callable[[IO[bytes], Cloud], None]
 ) -> Iterator[Callable[[Cloud], None]]:
     """Write the clouds that are appended in the block as one cloud; names and metadata are those of the first.
 

@@ -24,9 +24,14 @@ from .described import LARGEST, description, library_errors
 
 PREFIX, URI = "ls", "https://lidarscene.invalid/e57/1"
 FIELDS = {
-    "x": "cartesianX", "y": "cartesianY", "z": "cartesianZ", "intensity": "intensity", "time": "timeStamp",
-    "return_number": "returnIndex", "channel": "rowIndex",
-}  # fmt: skip
+    "x": "cartesianX",
+    "y": "cartesianY",
+    "z": "cartesianZ",
+    "intensity": "intensity",
+    "time": "timeStamp",
+    "return_number": "returnIndex",
+    "channel": "rowIndex",
+}
 BLOCK_POINTS = 1 << 18
 LARGEST_ROW = 2**31 - 1
 
@@ -96,11 +101,13 @@ def _columns(cloud: Cloud) -> dict[str, Numbers]:
 def _scan_tree(cloud: Cloud, columns: dict[str, Numbers], text: str) -> dict[str, Any]:
     """All that is said of the scan, but its points."""
     low, high = (
-        (reduce(cloud.xyz_m, axis=0).astype(float) if len(cloud) else np.zeros(3))
-        for reduce in (np.min, np.max)
+        (reduce(cloud.xyz_m, axis=0).astype(float) if len(cloud) else np.zeros(3)) for reduce in (np.min, np.max)
     )
-    bounds = {f"{axis}{end}": float(value[i]) for end, value in (("Minimum", low), ("Maximum", high))
-              for i, axis in enumerate("xyz")}  # fmt: skip
+    bounds = {
+        f"{axis}{end}": float(value[i])
+        for end, value in (("Minimum", low), ("Maximum", high))
+        for i, axis in enumerate("xyz")
+    }
     rows = columns.get("rowIndex", np.zeros(0, np.int64))
     tree: dict[str, Any] = {
         "guid": _guid(text, "scan"),
@@ -122,10 +129,7 @@ def _scan_tree(cloud: Cloud, columns: dict[str, Numbers], text: str) -> dict[str
     place = cloud.frame_to_world
     if cloud.metadata.get("frame", "sensor") != "world" and place is not None:
         rotation = dict(zip("wxyz", quaternion(place.rotation), strict=True))
-        tree["pose"] = {
-            "rotation": rotation,
-            "translation": dict(zip("xyz", place.position_m.tolist(), strict=True)),
-        }
+        tree["pose"] = {"rotation": rotation, "translation": dict(zip("xyz", place.position_m.tolist(), strict=True))}
     return tree
 
 

@@ -54,9 +54,7 @@ def write_las(path: str | os.PathLike[str], cloud: Cloud, *, compressed: bool = 
 
 
 @contextmanager
-def las_stream(
-    path: str | os.PathLike[str], *, compressed: bool = False
-) -> Iterator[Callable[[Cloud], None]]:
+def las_stream(path: str | os.PathLike[str], *, compressed: bool = False) -> Iterator[Callable[[Cloud], None]]:
     """Write the clouds that are appended in the block as one cloud; names and metadata are those of the first.
 
     The standard intensity is a share of the largest in the file, which is known last. In a LAS file it is filled in at
@@ -96,9 +94,7 @@ class _Writer:
 
     first: Cloud
 
-    def __init__(
-        self, laspy: Any, file: IO[bytes], path: str | os.PathLike[str], *, compressed: bool
-    ) -> None:
+    def __init__(self, laspy: Any, file: IO[bytes], path: str | os.PathLike[str], *, compressed: bool) -> None:
         self._laspy, self._file, self._path, self._compressed = laspy, file, path, compressed
         self._writer: Any = None
         self._text, self.largest = b"", 0.0
@@ -116,9 +112,12 @@ class _Writer:
         if len(self._text) <= LARGEST_VLR:
             header.vlrs.append(self._record())
         self._writer = self._laspy.LasWriter(
-            self._file, header, do_compress=self._compressed, closefd=False,
+            self._file,
+            header,
+            do_compress=self._compressed,
+            closefd=False,
             laz_backend=self._laspy.LazBackend.LazrsParallel if self._compressed else None,
-        )  # fmt: skip
+        )
 
     def append(self, cloud: Cloud, *, peak: float = 0.0) -> None:
         """Write a cloud; ``peak`` is the largest intensity of the file, as far as it is known."""
@@ -253,9 +252,7 @@ def _columns(cloud: Cloud) -> list[Column]:
 def _points(laspy: Any, cloud: Cloud, header: Any, path: str | os.PathLike[str], peak: float) -> Any:
     """The points as laspy has them."""
     if np.abs(cloud.xyz_m - header.offsets).max() >= REACH_M:
-        raise InputError(
-            f"{os.fspath(path)}: LAS holds points up to {REACH_M:.0f} m from the sensor, one is farther"
-        )
+        raise InputError(f"{os.fspath(path)}: LAS holds points up to {REACH_M:.0f} m from the sensor, one is farther")
     points = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=header)
     for axis, values in zip("xyz", cloud.xyz_m.T, strict=True):
         points[axis] = values

@@ -68,9 +68,7 @@ def vector(field: int, values: Numbers) -> bytes:
 
 def placed(pose: Pose, *, position: int, orientation: int) -> bytes:
     """Position and orientation (roll, pitch, yaw) as fields of these numbers."""
-    return vector(position, pose.position_m) + vector(
-        orientation, np.array(yaw_pitch_roll_rad(pose.rotation)[::-1])
-    )
+    return vector(position, pose.position_m) + vector(orientation, np.array(yaw_pitch_roll_rad(pose.rotation)[::-1]))
 
 
 def _detections(cloud: Cloud) -> bytes:
@@ -93,12 +91,7 @@ def _detections(cloud: Cloud) -> bytes:
         parts += double_rows(12, -cloud.column("radial_velocity").astype(np.float64))
     if cloud.has_truth:
         objects = np.where(
-            cloud.column("body") >= 0,
-            cloud.column("body").astype(np.uint64) + np.uint64(1),
-            np.uint64(NO_OBJECT),
+            cloud.column("body") >= 0, cloud.column("body").astype(np.uint64) + np.uint64(1), np.uint64(NO_OBJECT)
         )
-        parts += [
-            *message_rows(2, *number_rows(1, objects, size=10)),
-            *double_rows(10, cloud.column("reflectivity")),
-        ]
+        parts += [*message_rows(2, *number_rows(1, objects, size=10)), *double_rows(10, cloud.column("reflectivity"))]
     return joined(message_rows(2, *parts), n)

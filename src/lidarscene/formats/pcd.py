@@ -36,9 +36,7 @@ LONGEST_RUN = 32
 """Bytes that one control byte of LZF can announce as they are."""
 
 
-def write_pcd(
-    path: str | os.PathLike[str], cloud: Cloud, *, ascii: bool = False, compressed: bool = False
-) -> None:
+def write_pcd(path: str | os.PathLike[str], cloud: Cloud, *, ascii: bool = False, compressed: bool = False) -> None:
     """Write the cloud: binary little-endian, text with ``ascii``, or ``compressed``."""
     if ascii or not compressed:
         with pcd_stream(path, ascii=ascii) as append:
@@ -51,9 +49,7 @@ def write_pcd(
         file.write(_packed(b"".join(values.tobytes() for values in columns), lzf))
 
 
-def pcd_stream(
-    path: str | os.PathLike[str], *, ascii: bool = False
-) -> AbstractContextManager[Callable[[Cloud], None]]:
+def pcd_stream(path: str | os.PathLike[str], *, ascii: bool = False) -> AbstractContextManager[Callable[[Cloud], None]]:
     """Write the clouds that are appended in the block as one cloud; names and metadata are those of the first."""
     data = "ascii" if ascii else "binary"
 
@@ -65,9 +61,7 @@ def pcd_stream(
             else:
                 file.write(rows.view(np.uint8).data)
 
-    return counted_stream(
-        path, header=lambda cloud, points: _header(cloud, points=points, data=data), write=write
-    )
+    return counted_stream(path, header=lambda cloud, points: _header(cloud, points=points, data=data), write=write)
 
 
 def read_pcd(path: str | os.PathLike[str]) -> Fields:

@@ -30,10 +30,23 @@ from .described import counted_stream, reading
 VERSION_LINE = "lidarscene 2"
 PLY_TYPES = {"float32": "float", "float64": "double", "int32": "int", "uint8": "uchar"}
 _SIZES = {
-    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
-    "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
-    "float32": "f4", "float64": "f8",
-}  # fmt: skip
+    "char": "i1",
+    "uchar": "u1",
+    "short": "i2",
+    "ushort": "u2",
+    "int": "i4",
+    "uint": "u4",
+    "float": "f4",
+    "double": "f8",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "float32": "f4",
+    "float64": "f8",
+}
 BLOCK_POINTS = 1 << 16  # a few MB: stays in the cache
 LONGEST_TEXT = 800
 LARGEST = "3.40282346e+38"
@@ -54,9 +67,7 @@ def write_ply(
         append(cloud)
 
 
-def ply_stream(
-    path: str | os.PathLike[str], *, ascii: bool = False
-) -> AbstractContextManager[Callable[[Cloud], None]]:
+def ply_stream(path: str | os.PathLike[str], *, ascii: bool = False) -> AbstractContextManager[Callable[[Cloud], None]]:
     """Write the clouds that are appended in the block as one cloud; names and metadata are those of the first."""
     return _stream(path, ascii=ascii, colours=None)
 
@@ -70,9 +81,7 @@ def _stream(
 
     coloured = colours is not None
     return counted_stream(
-        path,
-        header=lambda cloud, points: _header(cloud, points=points, ascii=ascii, coloured=coloured),
-        write=write,
+        path, header=lambda cloud, points: _header(cloud, points=points, ascii=ascii, coloured=coloured), write=write
     )
 
 
@@ -229,9 +238,7 @@ def _read_header(file: IO[bytes]) -> _Header:
     """Read as far as `end_header`; ValueError if the file is not one of ours."""
     lines = _header_lines(file)
     if f"comment {VERSION_LINE}" not in lines:
-        raise ValueError(
-            f"not written by this version of lidarscene: no 'comment {VERSION_LINE}' in the header"
-        )
+        raise ValueError(f"not written by this version of lidarscene: no 'comment {VERSION_LINE}' in the header")
     declared = [line for line in lines if not line.startswith("comment ")]
     counted = re.fullmatch("element vertex ([0-9]{1,18})", declared[1] if len(declared) > 1 else "")
     ascii = declared[0] == "format ascii 1.0"

@@ -72,50 +72,69 @@ def _late(module: str, name: str, **options: object) -> Callable[..., Any]:
 def _ros(suffix: str, storage: str, layout: str = "velodyne") -> Format:
     module, options = "lidarscene.formats.ros", {"storage": storage, "layout": layout}
     return Format(
-        suffix=suffix, extra="ros",
-        write=_late(module, "write_ros", **options), frames=_late(module, "ros_frames", **options),
-    )  # fmt: skip
+        suffix=suffix,
+        extra="ros",
+        write=_late(module, "write_ros", **options),
+        frames=_late(module, "ros_frames", **options),
+    )
 
 
 def _las(suffix: str, *, compressed: bool) -> Format:
     return Format(
-        suffix=suffix, extra="las",
+        suffix=suffix,
+        extra="las",
         write=_late("lidarscene.formats.las", "write_las", compressed=compressed),
         read=_late("lidarscene.formats.las", "read_las"),
         stream=_late("lidarscene.formats.las", "las_stream", compressed=compressed),
-    )  # fmt: skip
+    )
 
 
 FORMATS = {
     "ply": Format(
-        suffix=".ply", text=True, colour=True, write=_late("lidarscene.formats.ply", "write_ply"),
-        read=_late("lidarscene.formats.ply", "read_ply"), stream=_late("lidarscene.formats.ply", "ply_stream"),
+        suffix=".ply",
+        text=True,
+        colour=True,
+        write=_late("lidarscene.formats.ply", "write_ply"),
+        read=_late("lidarscene.formats.ply", "read_ply"),
+        stream=_late("lidarscene.formats.ply", "ply_stream"),
     ),
     "pcd": Format(
-        suffix=".pcd", text=True, write=_late("lidarscene.formats.pcd", "write_pcd"),
-        read=_late("lidarscene.formats.pcd", "read_pcd"), stream=_late("lidarscene.formats.pcd", "pcd_stream"),
+        suffix=".pcd",
+        text=True,
+        write=_late("lidarscene.formats.pcd", "write_pcd"),
+        read=_late("lidarscene.formats.pcd", "read_pcd"),
+        stream=_late("lidarscene.formats.pcd", "pcd_stream"),
     ),
     "pcd-compressed": Format(
-        suffix=".pcd", extra="pcd", write=_late("lidarscene.formats.pcd", "write_pcd", compressed=True),
+        suffix=".pcd",
+        extra="pcd",
+        write=_late("lidarscene.formats.pcd", "write_pcd", compressed=True),
         read=_late("lidarscene.formats.pcd", "read_pcd"),
     ),
     "las": _las(".las", compressed=False),
     "laz": _las(".laz", compressed=True),
     "e57": Format(suffix=".e57", extra="e57", write=_late("lidarscene.formats.e57", "write_e57")),
     "kitti": Format(
-        suffix=".bin", all_columns=False, write=_late("lidarscene.formats.kitti", "write_kitti"),
+        suffix=".bin",
+        all_columns=False,
+        write=_late("lidarscene.formats.kitti", "write_kitti"),
         stream=_late("lidarscene.formats.kitti", "kitti_stream"),
     ),
     "nuscenes": Format(
-        suffix=".pcd.bin", all_columns=False, write=_late("lidarscene.formats.kitti", "write_nuscenes"),
+        suffix=".pcd.bin",
+        all_columns=False,
+        write=_late("lidarscene.formats.kitti", "write_nuscenes"),
         stream=_late("lidarscene.formats.kitti", "nuscenes_stream"),
     ),
     "npz": Format(
-        suffix=".npz", write=_late("lidarscene.formats.npz", "write_npz"),
+        suffix=".npz",
+        write=_late("lidarscene.formats.npz", "write_npz"),
         read=_late("lidarscene.formats.npz", "read_npz"),
     ),
     "parquet": Format(
-        suffix=".parquet", extra="parquet", write=_late("lidarscene.formats.parquet", "write_parquet"),
+        suffix=".parquet",
+        extra="parquet",
+        write=_late("lidarscene.formats.parquet", "write_parquet"),
         read=_late("lidarscene.formats.parquet", "read_parquet"),
         stream=_late("lidarscene.formats.parquet", "parquet_stream"),
     ),
@@ -124,7 +143,7 @@ FORMATS = {
     "rosbag2": _ros(".db3", storage="sqlite3"),
     "rosbag2-ouster": _ros(".db3", storage="sqlite3", layout="ouster"),
     "osi": Format(suffix=".osi", all_columns=False, write=_late("lidarscene.formats.osi", "write_osi")),
-}  # fmt: skip
+}
 """Formats by name. Of several with one suffix the first is what the suffix means."""
 
 
@@ -133,11 +152,7 @@ def _packets(profile: str) -> Format:
     return Format(suffix=".pcap", write=write, profile=profile, all_columns=False)
 
 
-PACKETS = {
-    "pcap": _packets("default"),
-    "pcap-low-rate": _packets("low-rate"),
-    "pcap-legacy": _packets("legacy"),
-}
+PACKETS = {"pcap": _packets("default"), "pcap-low-rate": _packets("low-rate"), "pcap-legacy": _packets("legacy")}
 """What the sensor itself sends, by name: packets have lost pulses too, so that they are no format of clouds."""
 
 SUFFIXES = tuple(dict.fromkeys(one.suffix for one in (FORMATS | PACKETS).values()))
@@ -167,7 +182,5 @@ def format_of(path: str | os.PathLike[str], name: str | None = None) -> Format:
     fitting = [one for one in (FORMATS | PACKETS).values() if file.endswith(one.suffix)]
     if not fitting:
         suffix, choices = os.path.splitext(file)[1], ", ".join(SUFFIXES)
-        raise InputError(
-            f"{os.fspath(path)}: suffix '{suffix}' names no point cloud format; known: {choices}"
-        )
+        raise InputError(f"{os.fspath(path)}: suffix '{suffix}' names no point cloud format; known: {choices}")
     return max(fitting, key=lambda one: len(one.suffix))

@@ -30,17 +30,32 @@ BAG_VERSION = 8
 LAYOUTS: dict[str, tuple[dict[str, tuple[int, str]], int]] = {
     # velodyne_pointcloud of the ROS driver: x y z intensity ring time, time in seconds.
     "velodyne": (
-        {"x": (0, "<f4"), "y": (4, "<f4"), "z": (8, "<f4"), "intensity": (12, "<f4"), "ring": (16, "<u2"),
-         "time": (18, "<f4")},
+        {
+            "x": (0, "<f4"),
+            "y": (4, "<f4"),
+            "z": (8, "<f4"),
+            "intensity": (12, "<f4"),
+            "ring": (16, "<u2"),
+            "time": (18, "<f4"),
+        },
         22,
     ),
     # ouster_ros::Point: t in nanoseconds, range in millimetres, aligned to 16 bytes.
     "ouster": (
-        {"x": (0, "<f4"), "y": (4, "<f4"), "z": (8, "<f4"), "intensity": (16, "<f4"), "t": (20, "<u4"),
-         "reflectivity": (24, "<u2"), "ring": (26, "<u2"), "ambient": (28, "<u2"), "range": (32, "<u4")},
+        {
+            "x": (0, "<f4"),
+            "y": (4, "<f4"),
+            "z": (8, "<f4"),
+            "intensity": (16, "<f4"),
+            "t": (20, "<u4"),
+            "reflectivity": (24, "<u2"),
+            "ring": (26, "<u2"),
+            "ambient": (28, "<u2"),
+            "range": (32, "<u4"),
+        },
         48,
     ),
-}  # fmt: skip
+}
 
 _REPLACED = {"velodyne": ("channel",), "ouster": ("channel", "time")}
 """Columns that a layout has under another name only."""
@@ -50,11 +65,7 @@ _DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8
 
 
 def write_ros(
-    path: str | os.PathLike[str],
-    clouds: Cloud | Iterable[Cloud],
-    *,
-    storage: str = "mcap",
-    layout: str = "velodyne",
+    path: str | os.PathLike[str], clouds: Cloud | Iterable[Cloud], *, storage: str = "mcap", layout: str = "velodyne"
 ) -> None:
     """Write a bag of one frame, or of each that comes.
 
@@ -101,9 +112,7 @@ def _open(writer: Any) -> None:
     """Open the writer's file, as its own `open` does, which loses an SQLite that meets a full disk at once."""
     writer.path.mkdir()
     kind = writer.STORAGE_PLUGINS[writer.storage_plugin]
-    writer.storage = kind.__new__(
-        kind
-    )  # known to the writer before it opens the file, so that `abort` closes it
+    writer.storage = kind.__new__(kind)  # known to the writer before it opens the file, so that `abort` closes it
     writer.storage.__init__(writer.path, writer.compression_mode)
 
 
@@ -174,16 +183,20 @@ def _driver_value(cloud: Cloud, name: str, dtype: np.dtype[Any]) -> Numbers:
 def _points_message(rows: Numbers, store: Any, stamp_ns: int) -> Any:
     types = store.types
     fields = [
-        types["sensor_msgs/msg/PointField"](
-            name=name, offset=offset, datatype=_DATATYPES[kind.str[1:]], count=1
-        )
+        types["sensor_msgs/msg/PointField"](name=name, offset=offset, datatype=_DATATYPES[kind.str[1:]], count=1)
         for name, (kind, offset, *_) in (rows.dtype.fields or {}).items()
     ]
     return types["sensor_msgs/msg/PointCloud2"](
-        header=_header(store, stamp_ns, SENSOR_FRAME), height=1, width=len(rows), fields=fields,
-        is_bigendian=False, point_step=rows.dtype.itemsize, row_step=rows.nbytes,
-        data=np.frombuffer(rows.tobytes(), np.uint8), is_dense=True,
-    )  # fmt: skip
+        header=_header(store, stamp_ns, SENSOR_FRAME),
+        height=1,
+        width=len(rows),
+        fields=fields,
+        is_bigendian=False,
+        point_step=rows.dtype.itemsize,
+        row_step=rows.nbytes,
+        data=np.frombuffer(rows.tobytes(), np.uint8),
+        is_dense=True,
+    )
 
 
 def _transform_message(cloud: Cloud, store: Any, stamp_ns: int) -> Any:

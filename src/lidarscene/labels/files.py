@@ -52,9 +52,7 @@ VISIBILITY = ((0.8, "4"), (0.6, "3"), (0.4, "2"), (0.0, "1"))
 """nuScenes' bins of visibility by their lower bounds."""
 
 
-def write_labels(
-    cloud: PointCloud, scene: Scene, path: str | os.PathLike[str], *, format: str
-) -> tuple[Path, ...]:
+def write_labels(cloud: PointCloud, scene: Scene, path: str | os.PathLike[str], *, format: str) -> tuple[Path, ...]:
     """Write the labels of a frame; returns the files, all of which appear whole or not at all.
 
     path    where the cloud is or would be written: the labels are put beside it, by `label_paths`
@@ -173,10 +171,7 @@ def _nuscenes_stream(path: Path, scene: Scene) -> Iterator[Append]:
             "sensor": gathered.first.metadata.get("sensor", ""),
             "num_lidar_pts": gathered.points,
             # Position and quaternion (w, x, y, z) of the lidar in the world, in which the boxes are.
-            "lidar_to_world": {
-                "translation": place.position_m.tolist(),
-                "rotation": list(quaternion(place.rotation)),
-            },
+            "lidar_to_world": {"translation": place.position_m.tolist(), "rotation": list(quaternion(place.rotation))},
             "sample_annotations": [_annotation(box) for box in gathered.boxes() if box.has_points],
         }
         temporary.write_text(json_text(content, indent=1) + "\n", encoding="utf-8")
@@ -202,10 +197,7 @@ def _annotation(box: Box) -> dict[str, Any]:
 
 @contextmanager
 def _osi_stream(path: Path, scene: Scene) -> Iterator[Append]:
-    with (
-        atomic_output(path) as temporary,
-        GatheredBoxes(temporary.parent, scene, as_seen=False) as gathered,
-    ):
+    with atomic_output(path) as temporary, GatheredBoxes(temporary.parent, scene, as_seen=False) as gathered:
         yield gathered.append
         start_s = gathered.first.frame_start_s
         temporary.write_bytes(ground_truth(gathered.boxes(), start_s))

@@ -76,5 +76,7 @@ class GatheredBoxes:
             return
         self._spool.append(
             **dict(zip("xyz", cloud.xyz_m.T, strict=True)),
-            true_range=truth_of(cloud)[0], status=cloud.status, sensor_index=cloud.sensor_index,
-        )  # fmt: skip
+            true_range=truth_of(cloud)[0],
+            status=cloud.status,
+            sensor_index=cloud.sensor_index,
+        )

@@ -17,9 +17,17 @@ VEHICLE, PEDESTRIAN, ANIMAL = 2, 3, 4
 
 MOVING = {"pedestrian": PEDESTRIAN, "person": PEDESTRIAN, "animal": ANIMAL}
 VEHICLES = {
-    "car": 4, "van": 6, "truck": 7, "trailer": 9, "motorcycle": 10, "motorcyclist": 10, "bicycle": 11,
-    "cyclist": 11, "bus": 12, "tram": 13,
-}  # fmt: skip
+    "car": 4,
+    "van": 6,
+    "truck": 7,
+    "trailer": 9,
+    "motorcycle": 10,
+    "motorcyclist": 10,
+    "bicycle": 11,
+    "cyclist": 11,
+    "bus": 12,
+    "tram": 13,
+}
 """Values of MovingObject.VehicleClassification.Type by class."""
 
 STATIONARY = {"pole": 4, "sign": 12, "traffic_sign": 12, "barrier": 8}

@@ -21,13 +21,7 @@ from ..physics.amplifier import high_pass
 from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..physics.optics import radiometry
 from ..physics.weather import soft_target
-from ..physics.weather.particles import (
-    Sight,
-    Strengths,
-    hits,
-    medium_backscatter_per_m_sr,
-    strengths,
-)
+from ..physics.weather.particles import Sight, Strengths, hits, medium_backscatter_per_m_sr, strengths
 from ..scene.weather import Medium, Weather
 from ..sensor.model import Sensor
 from ..sensor.overlap import Overlap
@@ -82,9 +76,14 @@ class AirLight:
         end_m  (n,) range at which the last of its light meets a surface
         """
         return Volume(
-            shape=self.shape, near_m=self.near_m, far_m=self.far_m, hump_m=self.hump_m,
-            scale=scale, end_m=end_m, extinction_per_m=self.extinction_per_m,
-        )  # fmt: skip
+            shape=self.shape,
+            near_m=self.near_m,
+            far_m=self.far_m,
+            hump_m=self.hump_m,
+            scale=scale,
+            end_m=end_m,
+            extinction_per_m=self.extinction_per_m,
+        )
 
     def sub_echoes(self, *, scale: Lanes, end_m: Lanes, seed: Lanes, pulse: Lanes) -> list[SubEchoes]:
         """Sub-echoes of the drops and flakes that are drawn for each pulse; power 0 behind ``end_m``.
@@ -118,34 +117,40 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
     nearest_m = _nearest_m(overlap, far_m)
     area = _area_m2(sensor)
     sight = Sight(
-        beam_area_m2=area, overlap=lambda range_m: np.asarray(overlap.share(range_m)),
-        extinction_per_m=extinction_per_m, nearest_m=nearest_m, farthest_m=far_m,
-        aperture_radius_m=float(sensor.optics.aperture_radius_m), lens_offset_m=_lens_offset_m(sensor),
-    )  # fmt: skip
+        beam_area_m2=area,
+        overlap=lambda range_m: np.asarray(overlap.share(range_m)),
+        extinction_per_m=extinction_per_m,
+        nearest_m=nearest_m,
+        farthest_m=far_m,
+        aperture_radius_m=float(sensor.optics.aperture_radius_m),
+        lens_offset_m=_lens_offset_m(sensor),
+    )
     # A medium is drawn only if it has discrete particles and the beam has a width: in a beam of no area none would be.
     drawn = {}
     for medium in media:
         if medium.sizes is None or medium.particle_m2_sr is None or area(np.array([far_m]))[0] == 0.0:
             continue
         drawn[medium.name] = strengths(
-            sight, sizes=medium.sizes, backscatter_m2_sr=medium.particle_m2_sr, gain=medium.particle_gain,
+            sight,
+            sizes=medium.sizes,
+            backscatter_m2_sr=medium.particle_m2_sr,
+            gain=medium.particle_gain,
             down_to=_LEFT_OUT * _least_strength(sensor),
-        )  # fmt: skip
+        )
 
     def left(medium: Medium, range_m: Numbers) -> Numbers:
         """beta of the particles of a medium that are not drawn, per m sr."""
         if medium.name in drawn:
             return drawn[medium.name].weak_backscatter_per_m_sr(range_m)
-        if (
-            medium.particle_gain is not None
-            and medium.sizes is not None
-            and medium.particle_m2_sr is not None
-        ):
+        if medium.particle_gain is not None and medium.sizes is not None and medium.particle_m2_sr is not None:
             near_m = np.geomspace(nearest_m, far_m, 200)  # the gain is smooth
             beta = medium_backscatter_per_m_sr(
-                near_m, sight=sight, sizes=medium.sizes,
-                backscatter_m2_sr=medium.particle_m2_sr, gain=medium.particle_gain,
-            )  # fmt: skip
+                near_m,
+                sight=sight,
+                sizes=medium.sizes,
+                backscatter_m2_sr=medium.particle_m2_sr,
+                gain=medium.particle_gain,
+            )
             return np.interp(range_m, near_m, beta)
         return np.full_like(range_m, medium.backscatter_per_m_sr)
 
@@ -158,9 +163,11 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
         soft_target.volume_response(
             range_m=grid,
             backscatter_per_m_sr=lambda r: np.asarray(overlap.share(r)) * sum(left(medium, r) for medium in media),
-            extinction_per_m=extinction_per_m, fwhm_s=fwhm_s, nearest_m=min(nearest_m, 0.1),
+            extinction_per_m=extinction_per_m,
+            fwhm_s=fwhm_s,
+            nearest_m=min(nearest_m, 0.1),
         )
-    )  # fmt: skip
+    )
     hump_m = hump_of(shape, far_m, float(grid[0]))
     coupling_hz, rate = sensor.receiver.ac_coupling_hz, sensor.coupling_rate
     if coupling_hz is not None and rate is not None:
@@ -192,9 +199,13 @@ def _least_strength(sensor: Sensor) -> float:
     seen_w = np.asarray(point.power_w(sensor.threshold(point))).ravel()[0]
     # The lidar equation at 1 m, 1 per sr and clear air gives P_t eta A, the unit of a strength.
     sent = radiometry.echo_power_w(
-        peak_power_w=sensor.laser.peak_power_w, backscatter_per_sr=1.0, range_m=1.0, transmittance=1.0,
-        aperture_m2=sensor.optics.aperture_m2, efficiency=sensor.optics.efficiency_laser,
-    )  # fmt: skip
+        peak_power_w=sensor.laser.peak_power_w,
+        backscatter_per_sr=1.0,
+        range_m=1.0,
+        transmittance=1.0,
+        aperture_m2=sensor.optics.aperture_m2,
+        efficiency=sensor.optics.efficiency_laser,
+    )
     return float(seen_w / sent)
 
 
@@ -231,9 +242,7 @@ def _area_m2(sensor: Sensor) -> Callable[[Numbers], Numbers]:
     """Cross-section of the beam over range, pi times the radii on both axes; 0 for a beam of no width."""
     laser = sensor.laser
     waist = 0.5 * (laser.exit_diameter_m or 0.0)
-    second = (
-        laser.divergence_rad if laser.divergence_elevation_rad is None else laser.divergence_elevation_rad
-    )
+    second = laser.divergence_rad if laser.divergence_elevation_rad is None else laser.divergence_elevation_rad
     # On each axis the radius follows a hyperbola, from the exit (the waist) to the cone of the divergence.
     slopes = (math.tan(0.5 * laser.divergence_rad), math.tan(0.5 * second))
 

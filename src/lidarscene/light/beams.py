@@ -35,14 +35,7 @@ class Beams:
     background_aperture_m2: Lanes | None = None
 
 
-def fire(
-    sensor: Sensor,
-    *,
-    pulse: Lanes,
-    origin_m: Vector,
-    rotation: tuple[Lanes, ...],
-    seed: Lanes = 0,
-) -> Beams:
+def fire(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[Lanes, ...], seed: Lanes = 0) -> Beams:
     """The true rays of these pulses, with the scanner's pointing jitter.
 
     pulse     (n,) uint32 pulse numbers
@@ -65,13 +58,7 @@ def reported(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[
     return _placed(sensor, pulse, direction, origin_m, rotation)
 
 
-def _placed(
-    sensor: Sensor,
-    pulse: Lanes,
-    direction: Vector,
-    origin_m: Vector,
-    rotation: tuple[Lanes, ...],
-) -> Beams:
+def _placed(sensor: Sensor, pulse: Lanes, direction: Vector, origin_m: Vector, rotation: tuple[Lanes, ...]) -> Beams:
     """Rays in tracing coordinates, from directions in sensor coordinates."""
     start = sensor.scanner.offset_m(pulse)
     # Some scanners send their pulses from points off the sensor's origin; the offset turns with the sensor.

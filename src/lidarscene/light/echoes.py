@@ -248,9 +248,7 @@ def _white_w_m2(beams: Beams, sensor: Sensor) -> Lanes:
     if sensor.intensity is None or sensor.intensity.kind != "reflectivity":
         return 1.0
     return intensity.white_echo_w_m2(
-        peak_power_w=sensor.laser.peak_power_w,
-        aperture_m2=beams.aperture_m2,
-        efficiency=sensor.optics.efficiency_laser,
+        peak_power_w=sensor.laser.peak_power_w, aperture_m2=beams.aperture_m2, efficiency=sensor.optics.efficiency_laser
     )
 
 

@@ -26,14 +26,10 @@ def field_of_view(sensor: Sensor, rays: int) -> Footprint:
     """
     # All rays start in the middle of the lens: a lens that is focused far away sees the patch sharp only there.
     slope = float(sensor.detector.radius_m) / float(sensor.optics.focal_length_m)
-    return Footprint(
-        points=Table(points("top_hat", rays)), exit_radius_m=0.0, slope=(slope, slope), turn_rad=0.0
-    )
+    return Footprint(points=Table(points("top_hat", rays)), exit_radius_m=0.0, slope=(slope, slope), turn_rad=0.0)
 
 
-def background_power_w(
-    rays: Beams, paths: Sequence[Hits], sensor: Sensor, ambient: Ambient, *, count: int
-) -> Lanes:
+def background_power_w(rays: Beams, paths: Sequence[Hits], sensor: Sensor, ambient: Ambient, *, count: int) -> Lanes:
     """Background power of each pulse, (n,) W: the mean over its rays, with all paths of each.
 
     rays   ``count`` of each pulse, lane = pulse lane * count + number

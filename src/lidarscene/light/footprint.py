@@ -47,9 +47,7 @@ class Skirt:
         """Share of the pulse's power in a ray, for ``ray`` of 0 to ``rays`` - 1."""
         core = rays - self.count
         # The core's rays share what the halo leaves; both shares add up to 1 over the rays of a pulse.
-        return xp(ray, self.share).where(
-            ray < core, (1.0 - self.share) * (1.0 / core), self.share * (1.0 / self.count)
-        )
+        return xp(ray, self.share).where(ray < core, (1.0 - self.share) * (1.0 / core), self.share * (1.0 / self.count))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,9 +113,7 @@ def footprint(laser: Laser, rays: int, halo: Halo | None = None) -> Footprint:
 
     A single ray is the beam's axis. If there is a halo, half of four or more rays belong to it.
     """
-    second = (
-        laser.divergence_rad if laser.divergence_elevation_rad is None else laser.divergence_elevation_rad
-    )
+    second = laser.divergence_rad if laser.divergence_elevation_rad is None else laser.divergence_elevation_rad
     places, skirt = points(laser.profile, rays), None
     if halo is not None and rays >= _LEAST_WITH_HALO:
         count = rays // 2
@@ -178,9 +174,7 @@ def spread(rays: Beams, shape: Footprint, *, ray: Lanes, rotation: tuple[Lanes, 
     start = mixed(shape.exit_radius_m * first, a, shape.exit_radius_m * second, b)
     aside = mixed(-slope[0] * second, a, slope[1] * first, b)
     return replace(
-        rays,
-        origin_m=mixed(1.0, rays.origin_m, 1.0, start),
-        direction=unit(mixed(1.0, rays.direction, 1.0, aside)),
+        rays, origin_m=mixed(1.0, rays.origin_m, 1.0, start), direction=unit(mixed(1.0, rays.direction, 1.0, aside))
     )
 
 

@@ -41,12 +41,7 @@ class LitAir:
 
 
 def together(
-    paths: Sequence[Echoes],
-    beams: Beams,
-    *,
-    rays: int,
-    skirt: Skirt | None = None,
-    air: LitAir | None = None,
+    paths: Sequence[Echoes], beams: Beams, *, rays: int, skirt: Skirt | None = None, air: LitAir | None = None
 ) -> EchoTrain:
     """All light that each pulse brings back.
 
@@ -76,9 +71,7 @@ def together(
         return sum(ops.column(values, ray, rays) for ray in range(rays)) * weight
 
     # A ray's echo has the power of a whole pulse; as a sub-echo it has the ray's share of that.
-    surfaces = [
-        SubEchoes(range_m=path.range_m, peak_power_w=path.peak_power_w * weight, count=rays) for path in paths
-    ]
+    surfaces = [SubEchoes(range_m=path.range_m, peak_power_w=path.peak_power_w * weight, count=rays) for path in paths]
     volume: Volume | None = None
     drops: list[SubEchoes] = []
     if air is not None:
@@ -108,9 +101,7 @@ def together(
         found=found,
         background_power_w=over_rays(first.background_power_w),
         volume=volume,
-        interference=tuple(
-            replace(one, peak_power_w=of_pulse(one.peak_power_w)) for one in first.interference
-        ),
+        interference=tuple(replace(one, peak_power_w=of_pulse(one.peak_power_w)) for one in first.interference),
         white_w_m2=of_pulse(first.white_w_m2),
     )
 

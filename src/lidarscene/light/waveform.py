@@ -62,9 +62,7 @@ class Undershoot:
         bend: Lanes = 0.0
         for centre, depth in zip(centres, self.depths, strict=True):
             own = high_pass.undershoot(at=place - centre - self.rate, rate=self.rate)
-            value, slope, bend = (
-                total + depth * part for total, part in zip((value, slope, bend), own, strict=True)
-            )
+            value, slope, bend = (total + depth * part for total, part in zip((value, slope, bend), own, strict=True))
         return value, slope, bend
 
 
@@ -96,9 +94,7 @@ class Waveform:
 
     def at(self, place: Lanes) -> Shape:
         """Power and its first and second derivative by place, (n,) each."""
-        value, slope, bend = sum_of_pulses(
-            at=self._uncoupled(place), centres=self.centres, heights=self.heights
-        )
+        value, slope, bend = sum_of_pulses(at=self._uncoupled(place), centres=self.centres, heights=self.heights)
         if self.under is not None:
             taken = self.under.at(place, self.centres)
             value, slope, bend = value - taken[0], slope - taken[1], bend - taken[2]
@@ -106,8 +102,7 @@ class Waveform:
             return value, slope, bend
         # The air's course is a table and has no derivative in closed form: differences over half steps take its place.
         before, here, after = (
-            _volume_w(self.volume, self.range_m(place + step), self.fwhm_s)
-            for step in (-_HALF_STEP, 0.0, _HALF_STEP)
+            _volume_w(self.volume, self.range_m(place + step), self.fwhm_s) for step in (-_HALF_STEP, 0.0, _HALF_STEP)
         )
         return (
             value + here,
@@ -123,9 +118,12 @@ class Waveform:
         middle   (n,) middle of all places
         """
         parts, growths = evenly(
-            start=self._uncoupled(start), spacing=spacing, middle=self._uncoupled(middle),
-            centres=self.centres, heights=self.heights,
-        )  # fmt: skip
+            start=self._uncoupled(start),
+            spacing=spacing,
+            middle=self._uncoupled(middle),
+            centres=self.centres,
+            heights=self.heights,
+        )
         return Comb(wave=self, middle=middle, growths=growths, parts=parts)
 
     def air_w(self, place: Lanes) -> Lanes:
@@ -203,9 +201,7 @@ class Comb:
         value = even_sum(at=wave._uncoupled(place), middle=middle, parts=parts)
         if wave.under is not None:
             value = value - wave.under.at(place, wave.centres)[0]
-        return (
-            value if wave.volume is None else value + _volume_w(wave.volume, wave.range_m(place), wave.fwhm_s)
-        )
+        return value if wave.volume is None else value + _volume_w(wave.volume, wave.range_m(place), wave.fwhm_s)
 
     def following(self, parts: Sequence[Lanes]) -> tuple[Lanes, ...]:
         """The parts at the next place, from those at this one."""
@@ -236,9 +232,14 @@ def waveform(pulse_train: EchoTrain, sensor: Sensor) -> Waveform:
     ]
     passed, under = coupled(heights, pulse_train.background_power_w, sensor)
     return Waveform(
-        origin_m=origin, unit_m=unit, fwhm_s=sensor.received_fwhm_s,
-        centres=centres, heights=passed, volume=pulse_train.volume, under=under,
-    )  # fmt: skip
+        origin_m=origin,
+        unit_m=unit,
+        fwhm_s=sensor.received_fwhm_s,
+        centres=centres,
+        heights=passed,
+        volume=pulse_train.volume,
+        under=under,
+    )
 
 
 def coupled(
@@ -291,9 +292,7 @@ def _sampled(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[
         peak = np.asarray(part.peak_power_w)
         for first in range(part.count):
             lanes = slice(first, None, part.count)
-            pulses = pulse_shape.gaussian_pulse(
-                time_s=times - arrival[lanes, None], fwhm_s=sensor.laser.pulse_fwhm_s
-            )
+            pulses = pulse_shape.gaussian_pulse(time_s=times - arrival[lanes, None], fwhm_s=sensor.laser.pulse_fwhm_s)
             power += peak[lanes, None] * pulses
             if not sensor.receiver.filters:
                 continue
@@ -304,13 +303,9 @@ def _sampled(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[
                 place = place - under.rate
             received += height * np.exp(-0.5 * place * place)
     if pulse_train.volume is not None:
-        scale, end_m = (
-            np.asarray(values)[:, None] for values in (pulse_train.volume.scale, pulse_train.volume.end_m)
-        )
+        scale, end_m = (np.asarray(values)[:, None] for values in (pulse_train.volume.scale, pulse_train.volume.end_m))
         range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=times)
-        even = _volume_w(
-            replace(pulse_train.volume, scale=scale, end_m=end_m), range_m, sensor.received_fwhm_s
-        )
+        even = _volume_w(replace(pulse_train.volume, scale=scale, end_m=end_m), range_m, sensor.received_fwhm_s)
         power, received = power + even * sensor.peak_share, received + even
     return power, received if sensor.receiver.filters else power
 

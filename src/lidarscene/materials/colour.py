@@ -21,9 +21,7 @@ SPREADS = (0.36, 0.37, 0.39, 0.44, 0.50)
 Within the ten concretes and roads it is 0.11 at 905 nm, and the slope 0.99."""
 
 
-def reflectivity_by_colour(
-    *, red: Numbers, mean_red: float, reflectivity: float, wavelength_m: float
-) -> Numbers:
+def reflectivity_by_colour(*, red: Numbers, mean_red: float, reflectivity: float, wavelength_m: float) -> Numbers:
     """Reflectivity where the colour is ``red`` (linear light), of a material whose mean red is ``mean_red``.
 
     rho (red / mean red)^gamma, gamma by linear interpolation in `EXPONENTS`. At most 1.

@@ -38,9 +38,14 @@ _OPTIONAL: dict[str, tuple[str, ...]] = {
     "retroreflector": ("cover",),
 }
 _PLAIN = (
-    "facet_slope_deg", "coat_ior", "coat_roughness", "roughness", "cover", "retro_coefficient_cd_per_lx_m2",
+    "facet_slope_deg",
+    "coat_ior",
+    "coat_roughness",
+    "roughness",
+    "cover",
+    "retro_coefficient_cd_per_lx_m2",
     "retro_half_angle_deg",
-)  # fmt: skip
+)
 """Numbers that go into a `Material` as they are."""
 _KINDS_KEYS = sorted({key for keys in (*_NEEDED.values(), *_OPTIONAL.values()) for key in keys})
 
@@ -126,9 +131,7 @@ class MaterialFile(FileModel):
             together = back.at(wavelength_m) + through.at(wavelength_m)
             if together > 1.0:
                 where = f" at {wavelength_nm:.0f} nm" if wavelength_nm else ""
-                raise ValueError(
-                    f"reflectivity and transmittance: must be <= 1 together, got {together:.4g}{where}"
-                )
+                raise ValueError(f"reflectivity and transmittance: must be <= 1 together, got {together:.4g}{where}")
 
     def build(self, name: str) -> Material:
         """The material, under this name. By hand: what a kind has goes into one mapping, its tables as spectra."""
@@ -143,17 +146,19 @@ class MaterialFile(FileModel):
                 given[f"index_{part}"] = Spectrum(wavelength_m=wavelengths, value=values)
         parameters = {key: value for key, value in given.items() if value is not None}
         return Material(
-            name=name, bsdf=self.bsdf, reflectivity=_spectrum(self.reflectivity), parameters=parameters,
+            name=name,
+            bsdf=self.bsdf,
+            reflectivity=_spectrum(self.reflectivity),
+            parameters=parameters,
             description=self.description,
-        )  # fmt: skip
+        )
 
 
 def _spectrum(given: float | tuple[ReflectivityRow, ...]) -> Spectrum:
     if not isinstance(given, tuple):
         return Spectrum.constant(given)
     return Spectrum(
-        wavelength_m=si(tuple(row.wavelength_nm for row in given), "nm"),
-        value=tuple(row.value for row in given),
+        wavelength_m=si(tuple(row.wavelength_nm for row in given), "nm"), value=tuple(row.value for row in given)
     )
 
 

@@ -298,11 +298,7 @@ class DrjitOps:
     def where_any(self, condition: Mask, then: Callable[[], S], otherwise: S) -> S:
         """``then()`` where the condition holds, else ``otherwise``; a packet of lanes that all do without skips it."""
         found = self._dr.if_stmt(
-            (),
-            condition,
-            lambda: tuple(flattened(then())),
-            lambda: tuple(flattened(otherwise)),
-            mode="symbolic",
+            (), condition, lambda: tuple(flattened(then())), lambda: tuple(flattened(otherwise)), mode="symbolic"
         )
         return rebuilt(otherwise, iter(found))
 

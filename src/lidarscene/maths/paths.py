@@ -120,21 +120,11 @@ class Paths:
         for row, rotation, motion in zip(table, rotations, motions, strict=True):
             states = motion.at(times)
             rotation[:] = states.rotation
-            row[:, :3], row[:, 7:10], row[:, 10:] = (
-                states.position_m,
-                states.velocity_m_s,
-                states.turning_rad_s,
-            )
+            row[:, :3], row[:, 7:10], row[:, 10:] = (states.position_m, states.velocity_m_s, states.turning_rad_s)
         table[:, :, :3] -= centre_m
         table[:, :, 3:7] = _continuous(_quaternion(rotations))
         swept = None if carried_m is None else _swept(table[len(table) - len(carried_m) :], carried_m).ravel()
-        return cls(
-            table=table.ravel(),
-            rate_hz=steps / length_s,
-            last=float(steps),
-            count=len(motions),
-            boxes_m=swept,
-        )
+        return cls(table=table.ravel(), rate_hz=steps / length_s, last=float(steps), count=len(motions), boxes_m=swept)
 
     def at(self, time_s: Lanes, which: Lanes) -> Placement:
         """Placement of motion number ``which`` at (n,) seconds after the start; clipped to the table's ends.

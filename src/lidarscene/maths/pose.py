@@ -61,8 +61,7 @@ class Pose:
     def __matmul__(self, child: Pose) -> Pose:
         """Pose in this frame's parent of a ``child`` given in this frame."""
         return Pose(
-            position_m=self.position_m + self.rotation @ child.position_m,
-            rotation=self.rotation @ child.rotation,
+            position_m=self.position_m + self.rotation @ child.position_m, rotation=self.rotation @ child.rotation
         )
 
     def inverse(self) -> Pose:
@@ -88,7 +87,13 @@ def direction_from_angles(*, azimuth_rad: Lanes, elevation_rad: Lanes) -> tuple[
 def rotation_numbers(w: Lanes, x: Lanes, y: Lanes, z: Lanes) -> tuple[Lanes, ...]:
     """Rotation matrix of a unit quaternion as nine numbers, row by row."""
     return (
-        1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y),
-        2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x),
-        2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y),
-    )  # fmt: skip
+        1.0 - 2.0 * (y * y + z * z),
+        2.0 * (x * y - w * z),
+        2.0 * (x * z + w * y),
+        2.0 * (x * y + w * z),
+        1.0 - 2.0 * (x * x + z * z),
+        2.0 * (y * z - w * x),
+        2.0 * (x * z - w * y),
+        2.0 * (y * z + w * x),
+        1.0 - 2.0 * (x * x + y * y),
+    )

@@ -17,10 +17,20 @@ from .arrays import Lanes, is_drjit, xp
 # erfc(z) = t exp(-z^2 + g), t = 2 / (2 + z), with g a polynomial in t fitted to scipy.special.erfcx by
 # Chebyshev interpolation on 0 <= z <= 12: 1.8e-10 relative in float64, a few 1e-7 in float32.
 _G = (
-    -0.574876301783, 0.585602105065, 0.0193236598742, -0.0319074323358, -0.00176507555013,
-    0.00431992303771, -0.00020373366824, -0.000704773165933, 0.000160267917169, 0.000100904262117,
-    -4.78213909494e-05, -8.71241465059e-06, 6.99029317878e-06,
-)  # fmt: skip
+    -0.574876301783,
+    0.585602105065,
+    0.0193236598742,
+    -0.0319074323358,
+    -0.00176507555013,
+    0.00431992303771,
+    -0.00020373366824,
+    -0.000704773165933,
+    0.000160267917169,
+    0.000100904262117,
+    -4.78213909494e-05,
+    -8.71241465059e-06,
+    6.99029317878e-06,
+)
 _Z_MAX = 12.0
 _T_MIN = 2.0 / (2.0 + _Z_MAX)
 _T_MIDDLE, _T_HALF = 0.5 * (1.0 + _T_MIN), 0.5 * (1.0 - _T_MIN)
@@ -72,9 +82,7 @@ def log_gamma(x: Lanes) -> Lanes:
     y = x + 6.0
     inverse = 1.0 / y
     square = inverse * inverse
-    series = inverse * (
-        1.0 / 12.0 - square * (1.0 / 360.0 - square * (1.0 / 1260.0 - square * (1.0 / 1680.0)))
-    )
+    series = inverse * (1.0 / 12.0 - square * (1.0 / 360.0 - square * (1.0 / 1260.0 - square * (1.0 / 1680.0))))
     stirling = (y - 0.5) * ops.log(y) - y + 0.5 * math.log(2.0 * math.pi) + series
     product = x * (x + 1.0) * (x + 2.0) * (x + 3.0) * (x + 4.0) * (x + 5.0)
     return stirling - ops.log(product)
@@ -94,9 +102,9 @@ def binomial_tail(*, least: Lanes, trials: Lanes, probability: Lanes) -> Lanes:
     # The fraction converges fast on one side of the mean only; on the other, I_p(a, b) = 1 - I_(1-p)(b, a).
     upper = p < (a + 1.0) / (a + b + 2.0)
     side_a, side_b, x = ops.where(upper, a, b), ops.where(upper, b, a), ops.where(upper, p, 1.0 - p)
-    log_front = (
-        log_gamma(a + b) - log_gamma(a) - log_gamma(b) + side_a * ops.log(x) + side_b * log1p(-x)
-    ) - ops.log(side_a)
+    log_front = (log_gamma(a + b) - log_gamma(a) - log_gamma(b) + side_a * ops.log(x) + side_b * log1p(-x)) - ops.log(
+        side_a
+    )
     tail = ops.exp(log_front) * _incomplete_beta_fraction(side_a, side_b, x)
     tail = ops.where(upper, tail, 1.0 - tail)
     tail = ops.where(least <= 0.0, 1.0, ops.where(least > trials, 0.0, tail))
@@ -144,9 +152,7 @@ def normal_tail_inverse(probability: Lanes) -> Lanes:
     t = ops.sqrt(-2.0 * ops.log(small))
     # Start: Abramowitz and Stegun 26.2.23, good to 4.5e-4. Then Newton's method on log Q(x) = log p, with the slope
     # -phi / Q; log Q is nearly a parabola, so four steps suffice.
-    x = t - (2.515517 + t * (0.802853 + t * 0.010328)) / (
-        1.0 + t * (1.432788 + t * (0.189269 + t * 0.001308))
-    )
+    x = t - (2.515517 + t * (0.802853 + t * 0.010328)) / (1.0 + t * (1.432788 + t * (0.189269 + t * 0.001308)))
     for _ in range(4):
         tail = normal_tail(x)
         density = ops.exp(-0.5 * x * x) / math.sqrt(2.0 * math.pi)

@@ -96,17 +96,11 @@ class Course:
     """
 
     start: Pose = field(default_factory=Pose)
-    speed_m_s: Annotated[
-        float, Quantity(ge=-LARGEST_SPEED_M_S, le=LARGEST_SPEED_M_S, about="along its own x axis")
-    ] = 0.0
+    speed_m_s: Annotated[float, Quantity(ge=-LARGEST_SPEED_M_S, le=LARGEST_SPEED_M_S, about="along its own x axis")] = (
+        0.0
+    )
     yaw_rate_rad_s: Annotated[
-        float,
-        Quantity(
-            "deg_s",
-            ge=-LARGEST_YAW_RATE_DEG_S,
-            le=LARGEST_YAW_RATE_DEG_S,
-            about="positive to the left",
-        ),
+        float, Quantity("deg_s", ge=-LARGEST_YAW_RATE_DEG_S, le=LARGEST_YAW_RATE_DEG_S, about="positive to the left")
     ] = 0.0
     velocity_m_s: Annotated[
         tuple[float, float, float],
@@ -201,11 +195,7 @@ class Spline:
     def __post_init__(self) -> None:
         """Check the times and compute the twists. Raises ValueError."""
         object.__setattr__(self, "time_s", frozen(self.time_s, np.float64, (None,)))
-        if (
-            len(self.time_s) != len(self.poses)
-            or len(self.poses) < 2
-            or not (np.diff(self.time_s) > 0.0).all()
-        ):
+        if len(self.time_s) != len(self.poses) or len(self.poses) < 2 or not (np.diff(self.time_s) > 0.0).all():
             raise ValueError("must be two poses or more, at rising times")
         object.__setattr__(self, "_segments", _Segments.through(self.time_s, self.poses, self.smooth))
 
@@ -288,10 +278,7 @@ class _Segments:
         last = ends * length[:, None] / 3.0
         middle = _log(*_product(_product(_exp(-first), steps), _exp(-last)))
         return cls(
-            length_s=length,
-            rotation=rotation[:-1],
-            place=place[:-1],
-            twists=np.stack([first, middle, last], axis=1),
+            length_s=length, rotation=rotation[:-1], place=place[:-1], twists=np.stack([first, middle, last], axis=1)
         )
 
     def at(self, segment: Numbers, since_s: Numbers) -> States:
@@ -338,9 +325,7 @@ def _seen_from(step: _Rigid, twist: Numbers) -> Numbers:
     """A twist given in the frame before the step, in the frame after it: Ad(step^-1) twist."""
     back = step[0].transpose(0, 2, 1)
     velocity, turning = twist[:, :3], twist[:, 3:]
-    return np.concatenate(
-        [_apply(back, velocity + np.cross(turning, step[1])), _apply(back, turning)], axis=1
-    )
+    return np.concatenate([_apply(back, velocity + np.cross(turning, step[1])), _apply(back, turning)], axis=1)
 
 
 def _skew(v: Numbers) -> Numbers:

@@ -12,12 +12,22 @@ from dataclasses import KW_ONLY, dataclass
 from typing import Any, TypeVar
 
 UNITS = {
-    "nm": ("m", 1e-9), "um": ("m", 1e-6), "mm": ("m", 1e-3), "km": ("m", 1e3),
-    "ps": ("s", 1e-12), "ns": ("s", 1e-9), "us": ("s", 1e-6), "ms": ("s", 1e-3),
-    "khz": ("hz", 1e3), "mhz": ("hz", 1e6),
-    "na": ("a", 1e-9), "ua": ("a", 1e-6),
-    "mrad": ("rad", 1e-3), "deg": ("rad", math.pi / 180.0), "deg_s": ("rad_s", math.pi / 180.0),
-}  # fmt: skip
+    "nm": ("m", 1e-9),
+    "um": ("m", 1e-6),
+    "mm": ("m", 1e-3),
+    "km": ("m", 1e3),
+    "ps": ("s", 1e-12),
+    "ns": ("s", 1e-9),
+    "us": ("s", 1e-6),
+    "ms": ("s", 1e-3),
+    "khz": ("hz", 1e3),
+    "mhz": ("hz", 1e6),
+    "na": ("a", 1e-9),
+    "ua": ("a", 1e-6),
+    "mrad": ("rad", 1e-3),
+    "deg": ("rad", math.pi / 180.0),
+    "deg_s": ("rad_s", math.pi / 180.0),
+}
 """Units that people write, as the names of keys end: the SI unit, and the factor to it."""
 
 Number = TypeVar("Number", float, float | None, tuple[float, ...])

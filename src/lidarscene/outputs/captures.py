@@ -42,8 +42,6 @@ def captures(paths: Mapping[str, Path], makers: Mapping[str, Maker]) -> Iterator
     """Open a file for each label; they are there when the block ends."""
     with ExitStack() as opened:
         yield {
-            label: Capture(
-                named(path, opened.enter_context(capture(path, makers[label]))), makers[label].needs_ambient
-            )
+            label: Capture(named(path, opened.enter_context(capture(path, makers[label]))), makers[label].needs_ambient)
             for label, path in paths.items()
         }

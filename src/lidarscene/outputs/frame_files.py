@@ -71,9 +71,8 @@ class FrameFiles:
             for simulator, take in zip(self._simulators, takers, strict=True):
                 with self._missed(simulator) as missed:
                     told = Observers(
-                        progress=progress, missed=missed, ambient=self._ambient(ambient, packets),
-                        summary=self.summary,
-                    )  # fmt: skip
+                        progress=progress, missed=missed, ambient=self._ambient(ambient, packets), summary=self.summary
+                    )
                     simulator.stream(take, self.frame, told)
             since = time.perf_counter()
         if self.capture is not None and packets is not None:
@@ -166,12 +165,9 @@ class FrameFiles:
     def _deskewed(self) -> Change:
         number, begin_s = self.frame.number, self.frame.begin_s
         lengths_s = [
-            check_frame(self.scene, one.sensor.scanner, number=number, begin_s=begin_s)[1]
-            for one in self._simulators
+            check_frame(self.scene, one.sensor.scanner, number=number, begin_s=begin_s)[1] for one in self._simulators
         ]
-        return lambda number, cloud: deskewed(
-            cloud, self._simulators[number].motion, length_s=lengths_s[number]
-        )
+        return lambda number, cloud: deskewed(cloud, self._simulators[number].motion, length_s=lengths_s[number])
 
     def _merged(self, change: Change) -> Change:
         """Pieces that are changed so, as pieces of one cloud."""
@@ -194,9 +190,11 @@ class FrameFiles:
         to_world = simulator.to_world(self.frame)
         directions, ahead = camera.rays(*size)
         distance_m = distances_m(
-            simulator.world, to_world.apply(camera.eye_m), to_world.rotation.astype(np.float32) @ directions,
+            simulator.world,
+            to_world.apply(camera.eye_m),
+            to_world.rotation.astype(np.float32) @ directions,
             time_s=simulator.start_s(self.frame),
-        )  # fmt: skip
+        )
         return (distance_m * ahead).reshape(size[::-1])
 
     def _view(self, start_s: float) -> View | None:

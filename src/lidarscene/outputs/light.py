@@ -60,11 +60,19 @@ class AmbientImage:
             with atomic_output(path) as temporary:
                 temporary.write_bytes(encoded(levels, text=text))
             return
-        _save(path, {
-            "pulse": pulse, "counts": counts, "channel": sensor.scanner.channel(pulse),
-            "azimuth_rad": azimuth, "elevation_rad": elevation, "image": image,
-            "azimuth_deg": cells.azimuth_deg[::-1], "elevation_deg": cells.elevation_deg[::-1],
-        })  # fmt: skip
+        _save(
+            path,
+            {
+                "pulse": pulse,
+                "counts": counts,
+                "channel": sensor.scanner.channel(pulse),
+                "azimuth_rad": azimuth,
+                "elevation_rad": elevation,
+                "image": image,
+                "azimuth_deg": cells.azimuth_deg[::-1],
+                "elevation_deg": cells.elevation_deg[::-1],
+            },
+        )
 
 
 def _save(path: str | os.PathLike[str], arrays: dict[str, Any]) -> None:

@@ -21,9 +21,7 @@ from ..sensor.model import Sensor
 
 
 @contextmanager
-def missed_stream(
-    path: str | os.PathLike[str], sensor: Sensor
-) -> Iterator[Callable[[Numbers, Numbers], None]]:
+def missed_stream(path: str | os.PathLike[str], sensor: Sensor) -> Iterator[Callable[[Numbers, Numbers], None]]:
     """Take pulse numbers of one frame and their `Outcome` in the block.
 
     The file has pulse, reason, time_s (since the start of the frame), channel, azimuth_rad and elevation_rad, and

@@ -19,9 +19,12 @@ from ..rendering.options import Whole
 File = str | os.PathLike[str]
 
 ENDINGS = {
-    "missed": (".npz",), "picture": (".png", ".svg"), "range_image": (".png", ".npz"),
-    "ambient": (".png", ".npz"), "waveforms": (".npz",),
-}  # fmt: skip
+    "missed": (".npz",),
+    "picture": (".png", ".svg"),
+    "range_image": (".png", ".npz"),
+    "ambient": (".png", ".npz"),
+    "waveforms": (".npz",),
+}
 """How the names of the files beside a cloud end, by the options that name them."""
 
 SINGLE = ("missed", "range_image", "ambient", "waveforms")
@@ -86,17 +89,13 @@ class Outputs:
         for option, endings in ENDINGS.items():
             file = self.beside(option)
             if file is not None and file.suffix.lower() not in endings:
-                raise OptionError(
-                    f"{{{option}}} {{0}}: the name must end in {{1}}", file, " or ".join(endings)
-                )
+                raise OptionError(f"{{{option}}} {{0}}: the name must end in {{1}}", file, " or ".join(endings))
 
     def _check_together(self) -> None:
         if self.merge:
             for option in SINGLE:
                 if self.beside(option) is not None:
-                    raise OptionError(
-                        f"{{{option}}}: goes with the clouds of single sensors, not with {{merge}}"
-                    )
+                    raise OptionError(f"{{{option}}}: goes with the clouds of single sensors, not with {{merge}}")
         if self.dataset is not None:
             for option in ("format", "labels"):
                 if getattr(self, option) is not None:
@@ -138,7 +137,5 @@ class Outputs:
             return format_of(self.place)
         except InputError:
             raise OptionError(
-                "{path} {0}: the name must end in one of {1}, or go with {format}",
-                self.place,
-                ", ".join(SUFFIXES),
+                "{path} {0}: the name must end in one of {1}, or go with {format}", self.place, ", ".join(SUFFIXES)
             ) from None

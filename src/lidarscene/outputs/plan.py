@@ -81,11 +81,7 @@ class Plan:
                     "{merge}: must go with {coordinates} world or vehicle, which all sensors share, got sensor"
                 )
         if self.is_folder and (place.name.lower().endswith(SUFFIXES) or os.path.isfile(place)):
-            asked = {
-                "frames": self.frames is not None,
-                "rig": self.rig,
-                "dataset": outputs.dataset is not None,
-            }
+            asked = {"frames": self.frames is not None, "rig": self.rig, "dataset": outputs.dataset is not None}
             many = " and ".join(f"{{{option}}}" for option, there in asked.items() if there)
             raise OptionError(f"{{path}} {{0}}: must be a folder with {many}", place)
         if self.is_bag and outputs.labels is not None:
@@ -93,18 +89,12 @@ class Plan:
         chosen = self.format
         # Traced at some cost, normals and velocities would silently be in no file.
         if vectors and not outputs.truth:
-            raise OptionError(
-                "{vectors}: normals and velocities are ground truth, which is left out ({truth})"
-            )
+            raise OptionError("{vectors}: normals and velocities are ground truth, which is left out ({truth})")
         if vectors and not chosen.all_columns:
             able = ", ".join(name for name, one in FORMATS.items() if one.all_columns)
             raise OptionError("{vectors}: must go with a format that has all columns: {0}", able)
         name = place.name.lower()
-        if (
-            not self.is_folder
-            and not name.endswith(chosen.suffix)
-            and (outputs.packets or name.endswith(SUFFIXES))
-        ):
+        if not self.is_folder and not name.endswith(chosen.suffix) and (outputs.packets or name.endswith(SUFFIXES)):
             raise OptionError("{path} {0}: the name must end in {1}", place, chosen.suffix)
         if outputs.ascii and not chosen.text:
             able = " and ".join(name for name, one in FORMATS.items() if one.text)
@@ -112,9 +102,7 @@ class Plan:
         if outputs.colours is not None:
             known = [column.name for column in COLUMNS if outputs.truth or not column.truth]
             if outputs.colours not in known:
-                raise OptionError(
-                    "{colours}: must be one of {0}, got {1!r}", ", ".join(known), outputs.colours
-                )
+                raise OptionError("{colours}: must be one of {0}, got {1!r}", ", ".join(known), outputs.colours)
             if not chosen.colour:
                 able = " and ".join(name for name, one in FORMATS.items() if one.colour)
                 raise OptionError("{colours}: {0} can have colours", able)
@@ -131,9 +119,7 @@ class Plan:
         for option in ENDINGS:
             path = self.outputs.beside(option)
             if path is not None:
-                files[option] = path.with_name(
-                    "_".join(filter(None, (path.stem, label, counted))) + path.suffix
-                )
+                files[option] = path.with_name("_".join(filter(None, (path.stem, label, counted))) + path.suffix)
         return files
 
     def distinct(self, wanted: Sequence[Mapping[str, Path]]) -> Sequence[Mapping[str, Path]]:
@@ -182,9 +168,7 @@ def check_writable(wanted: Sequence[Mapping[str, Path]]) -> None:
             for file in all_range_image_paths(path) if key == "range_image" else (path,):
                 real = os.path.realpath(file)
                 if real in taken:
-                    raise OptionError(
-                        f"{{{_option(key)}}} {{0}}: must be another name, got one of two outputs", file
-                    )
+                    raise OptionError(f"{{{_option(key)}}} {{0}}: must be another name, got one of two outputs", file)
                 taken.add(real)
 
 
@@ -199,6 +183,4 @@ def keep_inputs(wanted: Sequence[Mapping[str, Path]], inputs: Sequence[Path]) ->
         for key, path in files.items():
             # By identity of the file, not by name: links and ../ lead to the same one.
             if path.exists() and any(os.path.exists(one) and one.samefile(path) for one in inputs):
-                raise OptionError(
-                    f"{{{_option(key)}}} {{0}}: must be another name, got an input of this run", path
-                )
+                raise OptionError(f"{{{_option(key)}}} {{0}}: must be another name, got an input of this run", path)

@@ -46,11 +46,7 @@ def images(cloud: PointCloud) -> dict[str, Numbers]:
     names = ["range", "intensity", *(n for n in OPTIONAL if n in (c.name for c in cloud.columns))]
     found = {name: _pixels(cloud.column(name), point) for name in names}
     found["status"] = _pixels(cloud.status + np.uint8(1), point)
-    return found | {
-        "point": point,
-        "azimuth_deg": cells.azimuth_deg[::-1],
-        "elevation_deg": cells.elevation_deg[::-1],
-    }
+    return found | {"point": point, "azimuth_deg": cells.azimuth_deg[::-1], "elevation_deg": cells.elevation_deg[::-1]}
 
 
 @contextmanager

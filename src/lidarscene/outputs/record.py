@@ -115,9 +115,7 @@ def record(
         FRAMES.check("frames", frames)
     rig = sensor if isinstance(sensor, Rig) else None
     if changes and isinstance(sensor, Rig | Sensor):
-        raise OptionError(
-            "{overrides}: must go with the name or file of a sensor, got a {0}", type(sensor).__name__
-        )
+        raise OptionError("{overrides}: must go with the name or file of a sensor, got a {0}", type(sensor).__name__)
     if isinstance(outputs, str | os.PathLike):
         outputs = Outputs(outputs)
     if not isinstance(outputs, Outputs):
@@ -138,11 +136,7 @@ def record(
     _warn_of_thin_beams(trace, sensors)
     warn_of_doubts(one.sensor for one in sensors)
     warn_of_size(plan, sensors, trace, frame.chunk)
-    packets = (
-        makers({one.label: one.sensor for one in sensors}, plan.format.profile or "")
-        if outputs.packets
-        else {}
-    )
+    packets = makers({one.label: one.sensor for one in sensors}, plan.format.profile or "") if outputs.packets else {}
     for (label, _, _), files in zip(clouds, wanted, strict=True):
         if label in packets:
             files |= captured_files(files["output"], packets[label])
@@ -171,12 +165,17 @@ def record(
         taken = opened.enter_context(captures(paths if packets else {}, packets))
         for (label, group, number), files in zip(clouds, wanted, strict=True):
             one = FrameFiles(
-                plan=plan, scene=described, simulators={name: made[name] for name in group},
-                frame=replace(frame, number=number, pose=None), files=files,
+                plan=plan,
+                scene=described,
+                simulators={name: made[name] for name in group},
+                frame=replace(frame, number=number, pose=None),
+                files=files,
                 placed=rig is not None or frame.pose is not None,
                 # Loading and building happened once; the first frame is charged for it.
-                summary=Summary(seconds={} if written else before.seconds), bags=bags, capture=taken.get(label),
-            )  # fmt: skip
+                summary=Summary(seconds={} if written else before.seconds),
+                bags=bags,
+                capture=taken.get(label),
+            )
             one.write(progress)
             written.append(RecordedCloud(label=label, number=number, files=files, summary=one.summary))
     return Recorded(tuple(written), surroundings)
@@ -200,9 +199,7 @@ def _sensors(
     return [Mounted(label="", sensor=found, pose=frame.pose or scene.sensor_pose)]
 
 
-def _inputs(
-    scene: Named | Scene, overrides: Sequence[str], sensor: Named | Sensor | Rig | None
-) -> Iterator[Path]:
+def _inputs(scene: Named | Scene, overrides: Sequence[str], sensor: Named | Sensor | Rig | None) -> Iterator[Path]:
     """The files that are read."""
     if not isinstance(scene, Scene):
         yield from files_of_scene(scene, overrides=overrides)

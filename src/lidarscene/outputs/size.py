@@ -54,11 +54,15 @@ def warn_of_size(plan: Plan, sensors: Sequence[Mounted], trace: TraceOptions, ch
         OptionWarning(
             "{path} {0}: {1:,} pulses take some {2} (at 5 million rays a second), up to {3} of disk ({4} are free) and "
             "up to {5} of memory",
-            outputs.place, pulses, in_words(pulses * trace.rays / RAYS_A_SECOND), _bytes(disk), _bytes(free),
+            outputs.place,
+            pulses,
+            in_words(pulses * trace.rays / RAYS_A_SECOND),
+            _bytes(disk),
+            _bytes(free),
             _bytes(memory),
         ),
         stacklevel=3,
-    )  # fmt: skip
+    )
 
 
 def in_words(seconds: float) -> str:

@@ -112,9 +112,7 @@ def measuring_distance_m(*, telescope: bool = False) -> float:
     return 2.0 if telescope else 0.1
 
 
-def class_1_energy_j(
-    *, wavelength_m: float, duration_s: float, source_rad: float = SMALLEST_SOURCE_RAD
-) -> float:
+def class_1_energy_j(*, wavelength_m: float, duration_s: float, source_rad: float = SMALLEST_SOURCE_RAD) -> float:
     """AEL of class 1 for one emission of this duration, as an energy (tables 3 and 4), thermal limits.
 
     Divide by the duration for a power. From 1250 to 1400 nm C7 is held at 9: the retina would allow more, but the

@@ -28,9 +28,7 @@ def cloud_of(sweep: Sweep) -> PointCloud:
     n = len(columns["range_m"])
     kinds = {column.attribute: column.dtype for column in COLUMNS}
     given: dict[str, Any] = {
-        name: columns[name].astype(kinds[name])
-        if name in columns
-        else np.broadcast_to(np.zeros(1, kinds[name]), (n,))
+        name: columns[name].astype(kinds[name]) if name in columns else np.broadcast_to(np.zeros(1, kinds[name]), (n,))
         for name in MEASURED
     }
     metadata = {key: value for key, value in sweep.metadata.items() if value}
@@ -42,9 +40,7 @@ def cloud_of(sweep: Sweep) -> PointCloud:
 
 
 def _first(sweep: Sweep) -> dict[str, Numbers]:
-    strength = next(
-        (one for one in (sweep.intensity, sweep.signal, sweep.reflectivity) if one is not None), None
-    )
+    strength = next((one for one in (sweep.intensity, sweep.signal, sweep.reflectivity) if one is not None), None)
     return _columns(sweep, sweep.range_m, 1, strength=strength, signal=sweep.signal)
 
 

@@ -49,9 +49,7 @@ def open_bag(path: Path, metadata: Path | None) -> Recording:
     if not connections:
         topics = ", ".join(f"{one.topic} ({one.msgtype})" for one in bag.connections) or "none"
         bag.close()
-        raise InputError(
-            f"{path}: must have a topic of PointCloud2 or of Velodyne's or Hesai's packets, got {topics}"
-        )
+        raise InputError(f"{path}: must have a topic of PointCloud2 or of Velodyne's or Hesai's packets, got {topics}")
     chosen = connections[0]
     if chosen.msgtype in SCANS:
         scans = _Scans(bag, path, chosen)
@@ -140,9 +138,12 @@ def _sweep(message: Any, transforms: dict[str, list[tuple[float, Pose]]], metada
     start_s = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
     known = [pose for at_s, pose in transforms.get(message.header.frame_id, ()) if at_s <= start_s]
     return sweep_of(
-        {name: points[name] for name in dtype.names or ()}, shape=(rows, columns) if rows > 1 else None,
-        start_s=start_s, pose=known[-1] if known else None, metadata=metadata,
-    )  # fmt: skip
+        {name: points[name] for name in dtype.names or ()},
+        shape=(rows, columns) if rows > 1 else None,
+        start_s=start_s,
+        pose=known[-1] if known else None,
+        metadata=metadata,
+    )
 
 
 def _transforms(bag: Any) -> dict[str, list[tuple[float, Pose]]]:

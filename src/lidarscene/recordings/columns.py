@@ -50,18 +50,21 @@ def sweep_of(
     range_m = np.where(there, distance_m, np.nan)[taken]
     with np.errstate(invalid="ignore"):
         direction = xyz_m[taken] / range_m[:, None]
-    found = {
-        key: next((named[name][taken] for name in names if name in named), None)
-        for key, names in NAMES.items()
-    }
+    found = {key: next((named[name][taken] for name in names if name in named), None) for key, names in NAMES.items()}
     stamps = found.pop("time")
     time_s, began_s = (None, start_s) if stamps is None else _times(stamps, range_m, start_s)
     scalars = {key: None if values is None else values.reshape(laid) for key, values in found.items()}
     return Sweep(
-        range_m=range_m.reshape(laid), recorded=np.ones(len(range_m), bool).reshape(laid),
-        direction=direction.reshape(*laid, 3), time_s=None if time_s is None else time_s.reshape(laid),
-        start_s=began_s, pose=pose, knows_lost=shape is not None, metadata=metadata, **scalars,
-    )  # fmt: skip
+        range_m=range_m.reshape(laid),
+        recorded=np.ones(len(range_m), bool).reshape(laid),
+        direction=direction.reshape(*laid, 3),
+        time_s=None if time_s is None else time_s.reshape(laid),
+        start_s=began_s,
+        pose=pose,
+        knows_lost=shape is not None,
+        metadata=metadata,
+        **scalars,
+    )
 
 
 def _times(stamps: Numbers, range_m: Numbers, start_s: float) -> tuple[Numbers, float]:
@@ -70,8 +73,6 @@ def _times(stamps: Numbers, range_m: Numbers, start_s: float) -> tuple[Numbers, 
     kept = stamps[np.isfinite(range_m)]
     first = kept.min() if len(kept) else stamps.dtype.type(0)
     seconds = scale * (stamps - first).astype(np.float64) if len(stamps) else np.zeros(0)
-    absolute = (
-        abs(scale * float(first)) > 1e6
-    )  # by a clock that started long ago, not from the message's own stamp
+    absolute = abs(scale * float(first)) > 1e6  # by a clock that started long ago, not from the message's own stamp
     began_s = scale * float(first) if absolute or not start_s else start_s + scale * float(first)
     return seconds, began_s

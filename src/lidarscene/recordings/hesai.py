@@ -76,10 +76,7 @@ def _file_name(model: str) -> str:
 
 def _sweep(decoder: Any, packets: Sequence[Packet], metadata: dict[str, str]) -> Sweep:
     points = [
-        point
-        for packet in packets
-        for block in decoder(SimpleNamespace(data=packet.payload))
-        for point in block.points
+        point for packet in packets for block in decoder(SimpleNamespace(data=packet.payload)) for point in block.points
     ]
     if not points:
         raise ValueError("must have points, got none in this turn")
@@ -88,6 +85,12 @@ def _sweep(decoder: Any, packets: Sequence[Packet], metadata: dict[str, str]) ->
     range_m = np.sqrt(np.sum(xyz_m**2, axis=-1))
     start_s = float(stamps.min())
     return Sweep(
-        range_m=range_m, recorded=np.ones(len(range_m), bool), direction=xyz_m / range_m[:, None],
-        time_s=stamps - start_s, intensity=intensity, ring=ring, start_s=start_s, metadata=metadata,
-    )  # fmt: skip
+        range_m=range_m,
+        recorded=np.ones(len(range_m), bool),
+        direction=xyz_m / range_m[:, None],
+        time_s=stamps - start_s,
+        intensity=intensity,
+        ring=ring,
+        start_s=start_s,
+        metadata=metadata,
+    )

@@ -30,9 +30,7 @@ def open_recording(path: str | os.PathLike[str], metadata: str | os.PathLike[str
     else:
         suffix = next((one for one in READERS if file.name.lower().endswith(one)), None)
         if suffix is None:
-            raise InputError(
-                f"{file}: must be a recording that ends in {', '.join(READERS)}, got '{file.suffix}'"
-            )
+            raise InputError(f"{file}: must be a recording that ends in {', '.join(READERS)}, got '{file.suffix}'")
         if not file.stat().st_size:
             raise InputError(f"{file}: must be a recording, got an empty file")
         read = READERS[suffix]
@@ -64,9 +62,7 @@ def _packets(path: Path, metadata: Path | None) -> Recording:
             f"(or with --metadata)"
         )
     if pandar64.is_pandar64(packets[0].payload):
-        return pandar64.open_pandar64(
-            path, metadata, [one for one in packets if pandar64.is_pandar64(one.payload)]
-        )
+        return pandar64.open_pandar64(path, metadata, [one for one in packets if pandar64.is_pandar64(one.payload)])
     own = velodyne.is_velodyne if velodyne.is_velodyne(packets[0].payload) else hesai.is_hesai
     opened = velodyne.open_velodyne if own is velodyne.is_velodyne else hesai.open_hesai
     return opened(path, metadata, packets.where(own))
@@ -85,7 +81,15 @@ def _cloud(path: Path, metadata: Path | None) -> Recording:
 
 
 READERS: dict[str, Reader] = {
-    ".pcap": _packets, ".osf": _ouster, ".mcap": _bag, ".db3": _bag, ".pcd.bin": _cloud, ".bin": _cloud,
-    ".pcd": _cloud, ".ply": _cloud, ".las": _cloud, ".laz": _cloud,
-}  # fmt: skip
+    ".pcap": _packets,
+    ".osf": _ouster,
+    ".mcap": _bag,
+    ".db3": _bag,
+    ".pcd.bin": _cloud,
+    ".bin": _cloud,
+    ".pcd": _cloud,
+    ".ply": _cloud,
+    ".las": _cloud,
+    ".laz": _cloud,
+}
 """Reader by what a file's name ends in, the longest first."""

@@ -46,15 +46,16 @@ def open_ouster(path: Path, metadata: Path | None) -> Recording:
             info = source.sensor_info[0]
             direction, origin_m = beams(core, info)
         if not len(source) and options:
-            raise InputError(
-                f"{path}: must have packets as {described} describes them, got none of that kind"
-            )
+            raise InputError(f"{path}: must have packets as {described} describes them, got none of that kind")
         kept_open = opened.pop_all()
     about = {
-        "format": f"ouster {path.suffix.lower()[1:]}", "sensor": str(info.prod_line), "serial": str(info.sn),
-        "firmware": str(info.fw_rev), "mode": str(info.config.lidar_mode),
+        "format": f"ouster {path.suffix.lower()[1:]}",
+        "sensor": str(info.prod_line),
+        "serial": str(info.sn),
+        "firmware": str(info.fw_rev),
+        "mode": str(info.config.lidar_mode),
         "profile": str(info.format.udp_profile_lidar),
-    }  # fmt: skip
+    }
 
     def read(frame: int) -> Sweep:
         with reading(path):
@@ -107,9 +108,7 @@ def _description(path: Path, metadata: Path | None) -> Path:
         return metadata
     beside = json_beside(path)
     if not beside.is_file():
-        raise InputError(
-            f"{path}: must have the sensor's metadata as {beside.name} beside it, or --metadata F"
-        )
+        raise InputError(f"{path}: must have the sensor's metadata as {beside.name} beside it, or --metadata F")
     return beside
 
 
@@ -132,17 +131,24 @@ def _sweep(frame: Any, info: Any, tables: tuple[Numbers, Numbers], about: dict[s
 
     second = None
     if "RANGE2" in fields:
-        second = Second(
-            range_m=metres("RANGE2"), signal=scalar("SIGNAL2"), reflectivity=scalar("REFLECTIVITY2")
-        )
+        second = Second(range_m=metres("RANGE2"), signal=scalar("SIGNAL2"), reflectivity=scalar("REFLECTIVITY2"))
     return Sweep(
-        range_m=metres("RANGE"), recorded=recorded, direction=direction, origin_m=origin_m,
-        time_s=np.broadcast_to(time_s, shape), signal=scalar("SIGNAL"), near_ir=scalar("NEAR_IR"),
-        reflectivity=scalar("REFLECTIVITY"), second=second,
+        range_m=metres("RANGE"),
+        recorded=recorded,
+        direction=direction,
+        origin_m=origin_m,
+        time_s=np.broadcast_to(time_s, shape),
+        signal=scalar("SIGNAL"),
+        near_ir=scalar("NEAR_IR"),
+        reflectivity=scalar("REFLECTIVITY"),
+        second=second,
         ring=np.broadcast_to(np.arange(rows)[:, None], shape),
         column=np.broadcast_to(np.arange(columns), shape),
-        start_s=1e-9 * start_ns, pose=_pose(frame, info, received), knows_lost=True, metadata=about,
-    )  # fmt: skip
+        start_s=1e-9 * start_ns,
+        pose=_pose(frame, info, received),
+        knows_lost=True,
+        metadata=about,
+    )
 
 
 def _pose(frame: Any, info: Any, received: Numbers) -> Pose | None:

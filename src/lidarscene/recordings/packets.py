@@ -15,9 +15,11 @@ import numpy as np
 from ..maths.arrays import Numbers
 
 MAGIC = {
-    b"\xd4\xc3\xb2\xa1": ("<", 1e-6), b"\xa1\xb2\xc3\xd4": (">", 1e-6),
-    b"\x4d\x3c\xb2\xa1": ("<", 1e-9), b"\xa1\xb2\x3c\x4d": (">", 1e-9),
-}  # fmt: skip
+    b"\xd4\xc3\xb2\xa1": ("<", 1e-6),
+    b"\xa1\xb2\xc3\xd4": (">", 1e-6),
+    b"\x4d\x3c\xb2\xa1": ("<", 1e-9),
+    b"\xa1\xb2\x3c\x4d": (">", 1e-9),
+}
 """First bytes of a pcap: order of its bytes, and unit of the fraction of a second."""
 
 HEADER, RECORD = 24, 16
@@ -97,9 +99,7 @@ def records_of(data: mmap.mmap) -> Iterator[tuple[float, int, slice]]:
     """Yield time [s], link type and place of each record; ValueError for a file that is no pcap or is cut off."""
     header = data[:HEADER]
     if header[:4] == b"\x0a\x0d\x0d\x0a":
-        raise ValueError(
-            "must be a pcap, got a pcapng; Wireshark's 'editcap -F pcap' turns one into the other"
-        )
+        raise ValueError("must be a pcap, got a pcapng; Wireshark's 'editcap -F pcap' turns one into the other")
     if header[:4] not in MAGIC or len(header) < HEADER:
         raise ValueError("must be a pcap: its first bytes are of none")
     order, fraction = MAGIC[header[:4]]

@@ -38,11 +38,7 @@ def open_pandar64(path: Path, metadata: Path | None, packets: Sequence[Packet]) 
     stamps_s = np.array([one.stamp_s for one in packets])
     turns = turns_of(rows["blocks"]["azimuth"][:, 0])
     angles = _angles(metadata)
-    about = {
-        "format": "hesai pcap",
-        "sensor": "Pandar64",
-        "mode": "dual" if rows["mode"][0] == DUAL else "single",
-    }
+    about = {"format": "hesai pcap", "sensor": "Pandar64", "mode": "dual" if rows["mode"][0] == DUAL else "single"}
 
     def read(frame: int) -> Sweep:
         turn = turns[frame]
@@ -63,9 +59,7 @@ def _angles(metadata: Path | None) -> tuple[Numbers, Numbers, Numbers]:
     if metadata is not None:
         unit = read_hesai(metadata).lists
         if len(unit["elevation_deg"]) != LASERS:
-            raise InputError(
-                f"{metadata}: must have {LASERS} channels of a Pandar64, got {len(unit['elevation_deg'])}"
-            )
+            raise InputError(f"{metadata}: must have {LASERS} channels of a Pandar64, got {len(unit['elevation_deg'])}")
         elevation, azimuth = np.radians(unit["elevation_deg"]), np.radians(unit["azimuth_offset_deg"])
     return elevation, azimuth, firing_s
 
@@ -101,14 +95,20 @@ def _sweep(
         behind = laid(metres[:, ::step])
         different = behind != first
         other = Second(
-            range_m=np.where(different, behind, np.nan),
-            intensity=laid(strength[:, ::step]).astype(np.float32),
+            range_m=np.where(different, behind, np.nan), intensity=laid(strength[:, ::step]).astype(np.float32)
         )
     start_s = float(time_s.min())
     shape = first.shape
     return Sweep(
-        range_m=first, recorded=np.ones(shape, bool), direction=laid(direction), time_s=laid(time_s) - start_s,
-        intensity=laid(strength[:, step - 1 :: step]), second=other,
+        range_m=first,
+        recorded=np.ones(shape, bool),
+        direction=laid(direction),
+        time_s=laid(time_s) - start_s,
+        intensity=laid(strength[:, step - 1 :: step]),
+        second=other,
         ring=np.broadcast_to(np.arange(LASERS)[:, None], shape),
-        column=np.broadcast_to(np.arange(shape[1]), shape), start_s=start_s, knows_lost=True, metadata=metadata,
-    )  # fmt: skip
+        column=np.broadcast_to(np.arange(shape[1]), shape),
+        start_s=start_s,
+        knows_lost=True,
+        metadata=metadata,
+    )

@@ -79,9 +79,7 @@ class Sweep:
         """Check shapes and freeze the arrays. Raises ValueError that names the field."""
         shape = np.shape(self.range_m)
         kinds: dict[str, Any] = {"range_m": np.float64, "recorded": np.bool_, "time_s": np.float64}
-        kinds |= dict.fromkeys(SCALARS, np.float32) | dict.fromkeys(
-            ("ring", "column", "return_number"), np.int32
-        )
+        kinds |= dict.fromkeys(SCALARS, np.float32) | dict.fromkeys(("ring", "column", "return_number"), np.int32)
         kinds |= dict.fromkeys(("direction", "origin_m"), np.float64)
         for name, kind in kinds.items():
             values = getattr(self, name)

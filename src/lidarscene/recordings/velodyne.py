@@ -95,12 +95,18 @@ def sweep_of_points(points: Numbers, *, start_s: float, metadata: Mapping[str, s
         second = Second(range_m=np.sqrt(np.sum(last[..., :3] ** 2, axis=-1)), intensity=last[..., INTENSITY])
     began_s = np.nanmin(time_s)
     return Sweep(
-        range_m=range_m, recorded=np.ones(shape, bool), direction=direction,
-        time_s=time_s - began_s, intensity=first[..., INTENSITY], second=second,
+        range_m=range_m,
+        recorded=np.ones(shape, bool),
+        direction=direction,
+        time_s=time_s - began_s,
+        intensity=first[..., INTENSITY],
+        second=second,
         ring=np.broadcast_to(np.arange(rows)[:, None], shape),
-        column=np.broadcast_to(np.arange(columns), shape), start_s=start_s + began_s, knows_lost=True,
+        column=np.broadcast_to(np.arange(columns), shape),
+        start_s=start_s + began_s,
+        knows_lost=True,
         metadata=metadata,
-    )  # fmt: skip
+    )
 
 
 def _laid(points: Numbers, mask: Numbers, shape: tuple[int, int]) -> Numbers:

@@ -70,9 +70,7 @@ def _prepared(
 ) -> tuple[Simulator, FrameOptions, Observers]:
     """A simulator of what is named, ready to render, and the options of the frame."""
     keywords = Keywords(options)
-    trace, frame, observers = (
-        keywords.take(TraceOptions), keywords.take(FrameOptions), keywords.take(Observers)
-    )  # fmt: skip
+    trace, frame, observers = (keywords.take(TraceOptions), keywords.take(FrameOptions), keywords.take(Observers))
     keywords.end()
     described = load_scene(scene, overrides=scene_overrides)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)

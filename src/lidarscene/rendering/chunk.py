@@ -47,33 +47,18 @@ class Chunk:
     def arrays(self) -> list[Any]:
         """Everything that is still needed once the stages are done."""
         detection = self.detection
-        needed = [
-            self.pulse,
-            detection.snr,
-            detection.detection_probability,
-            detection.outcome,
-            detection.ambient,
-        ]
+        needed = [self.pulse, detection.snr, detection.detection_probability, detection.outcome, detection.ambient]
         needed += [one for one in (self.goes_on, detection.source) if one is not None]
         for hits in self.paths:
             needed += needed_of(hits)
         for stop in detection.stops:
             needed += [stop.reported, stop.status, stop.range_m, stop.intensity]
-            own = (
-                stop.width_s,
-                stop.photons,
-                stop.snr,
-                stop.detection_probability,
-                stop.source,
-                stop.true_range_m,
-            )
+            own = (stop.width_s, stop.photons, stop.snr, stop.detection_probability, stop.source, stop.true_range_m)
             needed += [one for one in own if one is not None]
         return needed
 
 
-def without_continuing(
-    pulse: Array, paths: Sequence[Hits], detection: Detection, goes_on: Mask | None
-) -> Chunk:
+def without_continuing(pulse: Array, paths: Sequence[Hits], detection: Detection, goes_on: Mask | None) -> Chunk:
     """Drop the lanes of pulses that continue through glass: their full trace replaces them."""
     if goes_on is None:
         return Chunk(pulse, paths, with_nan_told(detection))

@@ -81,15 +81,23 @@ class Frame:
         if scene.ego is not None or world.movers:
             paths = Paths.of(
                 [riding, *(mover.motion for mover in world.movers)],
-                start_s=start_s, length_s=length_s, centre_m=world.centre_m, carried_m=boxes_of(world.movers),
-            )  # fmt: skip
+                start_s=start_s,
+                length_s=length_s,
+                centre_m=world.centre_m,
+                carried_m=boxes_of(world.movers),
+            )
         return cls(
-            number=number, first_pulse=number * sensor.scanner.pulses, scanner_s=scanner_s, start_s=start_s,
-            place=place, vehicle=Pose() if scene.ego is None else pose_at(scene.ego, start_s),
+            number=number,
+            first_pulse=number * sensor.scanner.pulses,
+            scanner_s=scanner_s,
+            start_s=start_s,
+            place=place,
+            vehicle=Pose() if scene.ego is None else pose_at(scene.ego, start_s),
             origin=at_rest(place, world.centre_m),
             paths=None if paths is None else on_device(paths),
-            moves=scene.ego is not None, _scanner=sensor.scanner,
-        )  # fmt: skip
+            moves=scene.ego is not None,
+            _scanner=sensor.scanner,
+        )
 
     def time_s(self, pulse: Numbers) -> Numbers:
         """(n,) float64 times since the start of the frame at which these pulses leave."""

@@ -234,6 +234,4 @@ class Keywords:
     def end(self) -> None:
         """Raise InputError for a keyword that no options had as a field."""
         if self._left:
-            raise InputError(
-                f"unknown option '{next(iter(self._left))}'; known here: {', '.join(self._known)}"
-            )
+            raise InputError(f"unknown option '{next(iter(self._left))}'; known here: {', '.join(self._known)}")

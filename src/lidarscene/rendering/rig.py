@@ -47,10 +47,7 @@ def require_common_frames(sensors: Sequence[Mounted], frames: int) -> None:
     Turns of 99.99 and 100 ms are no mistake: the last of the frames may begin half a frame apart.
     """
     lengths = {one.label: one.sensor.scanner.frame_s for one in sensors}
-    short, long = (
-        min(lengths, key=lambda label: lengths[label]),
-        max(lengths, key=lambda label: lengths[label]),
-    )
+    short, long = (min(lengths, key=lambda label: lengths[label]), max(lengths, key=lambda label: lengths[label]))
     if (frames - 1) * (lengths[long] - lengths[short]) > lengths[short] / 2.0:
         raise InputError(
             f"{frames} merged frames must begin together, got frames of {lengths[short]:g} s of '{short}' and "

@@ -106,9 +106,7 @@ class Simulator:
         # The rays of one pulse are neighbours already.
         self.numbering = Numbering(sensor.scanner, tiled=trace.rays < PACKET)
         if trace.interactions and not self.world.see_through:
-            raise ValueError(
-                "world: must let beams go on (see_through) for interactions > 0, got one that does not"
-            )
+            raise ValueError("world: must let beams go on (see_through) for interactions > 0, got one that does not")
         self._stages = Stages.of(scene, sensor, self.world, trace)
         self._chain = Chain(self._stages)
         self.class_names = self.world.class_names
@@ -137,10 +135,7 @@ class Simulator:
             self._check_clearance(pose_at(self.motion, start_s), start_s)
 
     def render(
-        self,
-        frame: FrameOptions | None = None,
-        observers: Observers | None = None,
-        **options: Unpack[StreamKeywords],
+        self, frame: FrameOptions | None = None, observers: Observers | None = None, **options: Unpack[StreamKeywords]
     ) -> PointCloud:
         """One frame as a point cloud.
 
@@ -199,12 +194,7 @@ class Simulator:
         return now.place @ now.goal(frame.coordinates).inverse()
 
     def _hand_out(
-        self,
-        now: Frame,
-        take: Callable[[Mapping[str, Any]], None],
-        stage: str,
-        asked: FrameOptions,
-        told: Observers,
+        self, now: Frame, take: Callable[[Mapping[str, Any]], None], stage: str, asked: FrameOptions, told: Observers
     ) -> None:
         """A frame's columns to ``take``, all else to who asked for it; ``stage`` is what taking is called."""
         done, summary = 0, Summary() if told.summary is None else told.summary
@@ -299,9 +289,7 @@ class Simulator:
         def train_of(first: int, count: int) -> EchoTrain:
             return self._train(now, now.first_pulse + first, count, seed_word)
 
-        return sampled_pulses(
-            train_of, chosen, self.sensor, times_s, first_pulse=now.first_pulse, seed=asked.seed
-        )
+        return sampled_pulses(train_of, chosen, self.sensor, times_s, first_pulse=now.first_pulse, seed=asked.seed)
 
     def light(self, frame: FrameOptions | None = None, **options: Unpack[FrameKeywords]) -> EchoTrain:
         """All that comes back of each pulse of a frame, before any detector; NumPy arrays.
@@ -321,9 +309,7 @@ class Simulator:
         pulses = Pulses(transfer.counter(first, count), lambda: now.times(numbers))
         return cast(EchoTrain, transfer.fetched(self._stages.pulse_train(now, pulses, seed)))
 
-    def _columns(
-        self, now: Frame, parts: Sequence[Chunk], placing: Placing
-    ) -> tuple[Numbers, dict[str, Any] | None]:
+    def _columns(self, now: Frame, parts: Sequence[Chunk], placing: Placing) -> tuple[Numbers, dict[str, Any] | None]:
         """The kept points of a chunk, by pulse and then by return: pulse numbers, columns of a PointCloud or None.
 
         Raises InputError for points with NaN.
@@ -357,9 +343,14 @@ class Simulator:
         lane_of = None if part.order is None else part.order.device_lane
         lane, stop, count = kept.kept_lanes(part.detection, lane_of, twice=part.twice)
         columns = collect.columns(
-            world=self.world, sensor=self._stages.sensor, staged=part.staged(self.trace.rays),
-            air_classes=self._air_classes, lanes=(lane, stop), turn=placing.turn, shift=placing.shift,
-        )  # fmt: skip
+            world=self.world,
+            sensor=self._stages.sensor,
+            staged=part.staged(self.trace.rays),
+            air_classes=self._air_classes,
+            lanes=(lane, stop),
+            turn=placing.turn,
+            shift=placing.shift,
+        )
         return columns, count
 
     def _surfaces(self, part: Chunk) -> dict[str, Numbers]:

@@ -86,9 +86,7 @@ class Stages:
             sun=transfer.opaque(numbers_of(scene.sun.direction)),
         )
 
-    def chain(
-        self, places: Places, pulse: Array, seed: Lanes, *, survey: bool, of_rays: OfRays | None = None
-    ) -> Chunk:
+    def chain(self, places: Places, pulse: Array, seed: Lanes, *, survey: bool, of_rays: OfRays | None = None) -> Chunk:
         """Beams, hits, echoes, returns of some pulses, on the device.
 
         survey   leave out the pulses that meet panes or mirrors, and say which these are
@@ -101,9 +99,7 @@ class Stages:
             return without_continuing(pulse, lit.paths, detection, lit.goes_on)
         whole = self._together(lit, seed)
         goes_on = None if lit.goes_on is None else kept.any_of_pulse(lit.goes_on, self.rays)
-        return without_continuing(
-            pulse, lit.paths, receivers.detect(whole, sensor, seed=seed, pulse=pulse), goes_on
-        )
+        return without_continuing(pulse, lit.paths, receivers.detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
 
     def pulse_train(self, now: Frame, pulses: Pulses, seed: Lanes) -> EchoTrain:
         """All that comes back of some pulses, on the device."""
@@ -123,18 +119,22 @@ class Stages:
         if self.field is not None:
             background = self._background(places, pulse, seed, self.field, of_rays)
         rays, paths = self._traced(places, pulse, seed, self.footprint, survey=survey, of_rays=of_rays)
-        light = echoes.with_all_background(
-            [echoes.receive(rays, one, self.sensor, self.ambient) for one in paths]
-        )
+        light = echoes.with_all_background([echoes.receive(rays, one, self.sensor, self.ambient) for one in paths])
         if background is not None:
             of_ray = background if self.rays == 1 else transfer.repeated(background, self.rays)[0]
             light[0] = replace(light[0], background_power_w=of_ray)
         return Lit(pulse, rays, paths, light, paths[0].goes_on)
 
     def _traced(
-        self, places: Places, pulse: Array, seed: Lanes, shape: Footprint, *, survey: bool = False,
+        self,
+        places: Places,
+        pulse: Array,
+        seed: Lanes,
+        shape: Footprint,
+        *,
+        survey: bool = False,
         of_rays: OfRays = NO_RAYS,
-    ) -> tuple[Beams, Sequence[Hits]]:  # fmt: skip
+    ) -> tuple[Beams, Sequence[Hits]]:
         """What the rays of a footprint meet, lane = pulse lane * its rays + ray."""
         of_ray, ray = pulse, None
         if shape.rays > 1:
@@ -142,28 +142,26 @@ class Stages:
             of_ray = of_rays.get(shape.rays, of_ray)
         place, movers = places(shape.rays)
         # `fire` gives the axis of each beam. The rays of a pulse share it, jitter included, and are spread around it.
-        axes = beams.fire(
-            self.sensor, pulse=of_ray, origin_m=place.origin_m, rotation=place.rotation, seed=seed
-        )
+        axes = beams.fire(self.sensor, pulse=of_ray, origin_m=place.origin_m, rotation=place.rotation, seed=seed)
         rays = axes if ray is None else spread(axes, shape, ray=ray, rotation=place.rotation)
         aimed = None
         # Only the laser's own rays can come back from a mirror; rays that gather background carry no pulse.
         if self.world.speculars is not None and shape is self.footprint:
             aimed = aim(axes, shape, profile=self.sensor.laser.profile, rotation=place.rotation)
         firing = Firing(
-            seed=seed, ray=0 if ray is None else ray, aim=aimed, housing_m=self.sensor.housing_m,
+            seed=seed,
+            ray=0 if ray is None else ray,
+            aim=aimed,
+            housing_m=self.sensor.housing_m,
             velocity_m_s=None if place.velocity_m_s is None else place.velocity_at(rays.origin_m),
             vectors=self.vectors and shape is self.footprint,
-        )  # fmt: skip
+        )
         paths = trace(
-            self.world, rays, sun=self.sun, moving=movers, interactions=self.interactions, survey=survey,
-            firing=firing,
-        )  # fmt: skip
+            self.world, rays, sun=self.sun, moving=movers, interactions=self.interactions, survey=survey, firing=firing
+        )
         return rays, [_in_sensor(hits, place) for hits in paths]
 
-    def _background(
-        self, places: Places, pulse: Array, seed: Lanes, shape: Footprint, of_rays: OfRays
-    ) -> Any:
+    def _background(self, places: Places, pulse: Array, seed: Lanes, shape: Footprint, of_rays: OfRays) -> Any:
         """Of each pulse, gathered over the receiver's field of view."""
         rays, paths = self._traced(places, pulse, seed, shape, of_rays=of_rays)
         power = background_power_w(rays, paths, self.sensor, self.ambient, count=shape.rays)
@@ -191,11 +189,7 @@ def _in_sensor(hits: Hits, place: Placement) -> Hits:
     """The hits, with their vectors in the sensor's axes: where it is when the pulse leaves, as points are measured."""
     if hits.normal is None or hits.velocity_m_s is None:
         return hits
-    return replace(
-        hits,
-        normal=place.vector_within(hits.normal),
-        velocity_m_s=place.vector_within(hits.velocity_m_s),
-    )
+    return replace(hits, normal=place.vector_within(hits.normal), velocity_m_s=place.vector_within(hits.velocity_m_s))
 
 
 class Chain:
@@ -218,13 +212,7 @@ class Chain:
             moving = (
                 ()
                 if now.paths is None
-                else (
-                    now.paths.table,
-                    now.paths.rate_hz,
-                    now.paths.last,
-                    now.paths.boxes_m,
-                    pulses.times(),
-                )
+                else (now.paths.table, now.paths.rate_hz, now.paths.last, now.paths.boxes_m, pulses.times())
             )
             place = now.origin.origin_m, now.origin.rotation
             # Dr.Jit launches a kernel for as many lanes as its inputs have. Of several rays to a pulse these would be
@@ -252,9 +240,12 @@ class Chain:
             stages = self._stages
 
             def chain(
-                pulse: Array, seed: Lanes, place: tuple[Vector, tuple[Lanes, ...]], moving: tuple[Any, ...],
+                pulse: Array,
+                seed: Lanes,
+                place: tuple[Vector, tuple[Lanes, ...]],
+                moving: tuple[Any, ...],
                 of_rays: OfRays,
-            ) -> Chunk:  # fmt: skip
+            ) -> Chunk:
                 paths, times = None, None
                 if moving:
                     table, rate_hz, last, boxes, times = moving
@@ -268,9 +259,7 @@ class Chain:
 
                 return stages.chain(places, pulse, seed, survey=survey, of_rays=of_rays)
 
-            held = (
-                stages.sensor, stages.ambient, stages.footprint, stages.field, stages.air, stages.sun, stages.world,
-            )  # fmt: skip
+            held = (stages.sensor, stages.ambient, stages.footprint, stages.field, stages.air, stages.sun, stages.world)
             self._replays[key] = Replay(chain, Chunk.arrays, held=held, rays=stages.rays)
         return self._replays[key]
 
@@ -278,8 +267,7 @@ class Chain:
 def ambient_of(scene: Scene, sensor: Sensor) -> Ambient:
     """Light and air of a scene in a sensor's band."""
     sun = sunlight.sun_irradiance_w_m2(
-        irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2,
-        illuminance_klux=scene.sun.illuminance_klux,
+        irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2, illuminance_klux=scene.sun.illuminance_klux
     )
     return Ambient(
         sun_irradiance_w_m2=sun,

@@ -60,9 +60,7 @@ class Surroundings:
     doubts: tuple[OptionWarning, ...]
 
     @classmethod
-    def of(
-        cls, scene: Scene, sensor: Sensor, place_m: Numbers, *, time_s: float, clearance: Clearance
-    ) -> Self:
+    def of(cls, scene: Scene, sensor: Sensor, place_m: Numbers, *, time_s: float, clearance: Clearance) -> Self:
         """Of a sensor at a place in the world, at a time of the scene's motions; ``clearance`` is the scene's."""
         around = clearance.around_place(place_m, time_s=time_s)
         corners = clearance.corners(time_s=time_s)
@@ -71,9 +69,7 @@ class Surroundings:
             extent_m=np.ptp(corners, axis=0) if len(corners) else None,
             bodies=len(scene.bodies),
             triangles=sum(
-                0 if isinstance(part, Ball) else len(part.faces)
-                for body in scene.bodies
-                for part in body.parts
+                0 if isinstance(part, Ball) else len(part.faces) for body in scene.bodies for part in body.parts
             ),
             base=scene.base is not None,
             around=around,
@@ -87,10 +83,7 @@ class Surroundings:
     def line(self) -> str:
         """For people."""
         parts = [] if self.extent_m is None else [f"{_by(self.extent_m)} m"]
-        parts += [
-            f"{self.bodies:,} {'body' if self.bodies == 1 else 'bodies'}",
-            f"{self.triangles:,} triangles",
-        ]
+        parts += [f"{self.bodies:,} {'body' if self.bodies == 1 else 'bodies'}", f"{self.triangles:,} triangles"]
         if self.base:
             parts.append("and those of its Mitsuba scene")
         near, below = self.around.nearest, self.around.below
@@ -119,9 +112,7 @@ class Surroundings:
 def surroundings_of(simulator: Simulator, *, begin_s: float = 0.0) -> Surroundings:
     """Of a simulator's scene and sensor, as its first frame begins."""
     place_m = pose_at(simulator.motion, begin_s).position_m
-    return Surroundings.of(
-        simulator.scene, simulator.sensor, place_m, time_s=begin_s, clearance=simulator.clearance
-    )
+    return Surroundings.of(simulator.scene, simulator.sensor, place_m, time_s=begin_s, clearance=simulator.clearance)
 
 
 def warn_of_surroundings(found: Sequence[Surroundings]) -> None:
@@ -137,21 +128,25 @@ def _of_light(scene: Scene) -> Iterator[OptionWarning]:
         yield OptionWarning(
             "sun.illuminance_klux is {0:g}, and no sun has more than {1:g}: if these are lux, give {scene_overrides} "
             "sun.illuminance_klux={2:g}",
-            klux, SUN_KLUX, klux / 1e3,
-        )  # fmt: skip
+            klux,
+            SUN_KLUX,
+            klux / 1e3,
+        )
     if klux > 0.0 and sun.elevation_rad < 0.0:
         yield OptionWarning(
             "sun.elevation_deg is {0:.4g}, so that its {1:g} klux come from below the horizon: give an elevation above "
             "0, or sun.illuminance_klux=0 for night",
-            math.degrees(sun.elevation_rad), klux,
-        )  # fmt: skip
+            math.degrees(sun.elevation_rad),
+            klux,
+        )
     if scene.air.visibility_m is not None and scene.air.visibility_m > CLEAREST_M:
         km = scene.air.visibility_m / 1e3
         yield OptionWarning(
             "air.visibility_km is {0:g}, and the clearest air has 300: if these are metres, give {scene_overrides} "
             "air.visibility_km={1:g}",
-            km, km / 1e3,
-        )  # fmt: skip
+            km,
+            km / 1e3,
+        )
 
 
 def _of_sizes(clearance: Clearance) -> Iterator[OptionWarning]:
@@ -166,36 +161,46 @@ def _of_sizes(clearance: Clearance) -> Iterator[OptionWarning]:
             yield OptionWarning(
                 "body '{0}'{1} is {2} m: if the unit of its mesh is {3}, multiply its scale by {4:g} "
                 "({scene_overrides} bodies.{5}.scale=...)",
-                name, f" (and {more} more)" if more else "", _by(sizes[number]), unit, scale, name.partition(".")[0],
-            )  # fmt: skip
+                name,
+                f" (and {more} more)" if more else "",
+                _by(sizes[number]),
+                unit,
+                scale,
+                name.partition(".")[0],
+            )
 
 
-def _of_place(
-    sensor: Sensor, around: Surrounding, place_m: Numbers, *, alone: bool
-) -> Iterator[OptionWarning]:
+def _of_place(sensor: Sensor, around: Surrounding, place_m: Numbers, *, alone: bool) -> Iterator[OptionWarning]:
     """A sensor inside, below or far from everything; of far and below only if all shapes are known (``alone``)."""
     at = f"sensor '{sensor.name}' at ({', '.join(f'{x:g}' for x in np.round(place_m, 3) + 0.0)})"
     if around.within is not None:
         yield OptionWarning(
             "{0} is inside '{1}', which is closed all around it: unless that is a room, give {pose} or position_m "
             "outside",
-            at, around.within,
-        )  # fmt: skip
+            at,
+            around.within,
+        )
     if not alone or not around.nearest.body:
         return
     if around.above.body and not around.below.body:
         yield OptionWarning(
             "{0} is {1} m below '{2}', with nothing under it: if that is the ground, raise the sensor by {pose} or "
             "position_m to z above {3:.4g}",
-            at, _m(around.above.distance_m), around.above.body, place_m[2] + around.above.distance_m,
-        )  # fmt: skip
+            at,
+            _m(around.above.distance_m),
+            around.above.body,
+            place_m[2] + around.above.distance_m,
+        )
     reach_m = float(radiometry.range_from_time_of_flight_m(time_of_flight_s=sensor.tdc.window_s))
     if around.nearest.distance_m > reach_m:
         yield OptionWarning(
             "{0} is {1} m off the nearest surface, '{2}', and listens for {3} m: check the unit of position_m, "
             "and of the meshes (bodies.*.scale)",
-            at, _m(around.nearest.distance_m), around.nearest.body, _m(reach_m),
-        )  # fmt: skip
+            at,
+            _m(around.nearest.distance_m),
+            around.nearest.body,
+            _m(reach_m),
+        )
 
 
 def _by(sizes: Numbers) -> str:

@@ -70,9 +70,7 @@ class Scanner(Protocol):
 
 Jitter = Annotated[
     Lanes | None,
-    Quantity(
-        "mrad", ge=2e-4, le=3000, about="standard deviation of the pointing on each axis across the beam"
-    ),
+    Quantity("mrad", ge=2e-4, le=3000, about="standard deviation of the pointing on each axis across the beam"),
 ]
 Encoder = Annotated[
     Lanes | None,

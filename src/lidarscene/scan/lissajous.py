@@ -65,11 +65,16 @@ class Lissajous(Mechanism):
             for one in (azimuth, elevation)
         ]
         return cls(
-            pulses=max(1, round(rate_hz / frame_hz)), rate_hz=rate_hz, mirrors=mirrors,
-            azimuth=turns[0], elevation=turns[1],
-            azimuth_turn_rad=azimuth.turn_rad, elevation_turn_rad=elevation.turn_rad,
-            jitter_rad=jitter_rad, encoder_rad=encoder_rad,
-        )  # fmt: skip
+            pulses=max(1, round(rate_hz / frame_hz)),
+            rate_hz=rate_hz,
+            mirrors=mirrors,
+            azimuth=turns[0],
+            elevation=turns[1],
+            azimuth_turn_rad=azimuth.turn_rad,
+            elevation_turn_rad=elevation.turn_rad,
+            jitter_rad=jitter_rad,
+            encoder_rad=encoder_rad,
+        )
 
     @property
     def frame_s(self) -> float:

@@ -19,12 +19,7 @@ from .aperture import mirror_share, round_mirror_share
 _X: Vector = (1.0, 0.0, 0.0)
 _LEFT: Vector = (0.0, 1.0, 0.0)
 _UP: Vector = (0.0, 0.0, 1.0)
-_SIDES: dict[str, Vector] = {
-    "left": _LEFT,
-    "right": (0.0, -1.0, 0.0),
-    "above": _UP,
-    "below": (0.0, 0.0, -1.0),
-}
+_SIDES: dict[str, Vector] = {"left": _LEFT, "right": (0.0, -1.0, 0.0), "above": _UP, "below": (0.0, 0.0, -1.0)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,9 +51,7 @@ class Gimbal:
         side = _SIDES[self.side]
         folds_upright = self.side in ("above", "below")
         in_plane, out_of_plane = (
-            (elevation_turn_rad, azimuth_turn_rad)
-            if folds_upright
-            else (azimuth_turn_rad, elevation_turn_rad)
+            (elevation_turn_rad, azimuth_turn_rad) if folds_upright else (azimuth_turn_rad, elevation_turn_rad)
         )
         across = _LEFT if folds_upright else _UP
         # The sign makes a positive turn move the beam left or up, from whichever side it comes.
@@ -81,9 +74,7 @@ class Gimbal:
         if self.mirror_radius_m is None or self.lens_radius_m is None:
             return mirror_share(cos_incidence=cos_incidence, cos_at_rest=cos_rest)
         return round_mirror_share(
-            cos_incidence=cos_incidence,
-            mirror_radius_m=self.mirror_radius_m,
-            lens_radius_m=self.lens_radius_m,
+            cos_incidence=cos_incidence, mirror_radius_m=self.mirror_radius_m, lens_radius_m=self.lens_radius_m
         )
 
 
@@ -106,9 +97,7 @@ class MirrorPair:
     def beam(self, azimuth_turn_rad: Lanes, elevation_turn_rad: Lanes) -> tuple[Vector, Lanes]:
         """Direction and share of the aperture for these turns of the two mirrors."""
         upright = self.last == "elevation"
-        first, last = (
-            (azimuth_turn_rad, elevation_turn_rad) if upright else (elevation_turn_rad, azimuth_turn_rad)
-        )
+        first, last = (azimuth_turn_rad, elevation_turn_rad) if upright else (elevation_turn_rad, azimuth_turn_rad)
         # Where the first mirror moves the beam, and from where the last one gets it.
         moved, side = (_LEFT, _UP) if upright else (_UP, _LEFT)
         ops = xp(first, last)

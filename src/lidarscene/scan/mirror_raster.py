@@ -41,12 +41,8 @@ class MirrorRaster(Mechanism):
     fast: Annotated[Literal["azimuth", "elevation"], Key(about="the turn that scans a line")] = "azimuth"
     waveform: Annotated[Literal["sawtooth", "triangle", "sine"], Key()] = "sawtooth"
     slow: Annotated[Literal["step", "ramp"], Key()] = "step"
-    line_duty: Annotated[Lanes, Quantity(gt=0, le=1, about="part of a line's time in which pulses leave")] = (
-        1.0
-    )
-    frame_duty: Annotated[
-        Lanes, Quantity(gt=0, le=1, about="part of a frame's time in which lines are scanned")
-    ] = 1.0
+    line_duty: Annotated[Lanes, Quantity(gt=0, le=1, about="part of a line's time in which pulses leave")] = 1.0
+    frame_duty: Annotated[Lanes, Quantity(gt=0, le=1, about="part of a frame's time in which lines are scanned")] = 1.0
 
     @property
     def pulses(self) -> int:

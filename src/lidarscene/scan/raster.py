@@ -45,10 +45,14 @@ class Raster(GivenAngles):
             for whole, step in ((azimuth_fov_rad, azimuth_step_rad), (elevation_fov_rad, elevation_step_rad))
         )
         return cls(
-            columns=columns, rows=rows, rate_hz=rate_hz,
-            azimuth_step_rad=azimuth_step_rad, elevation_step_rad=elevation_step_rad,
-            jitter_rad=jitter_rad, encoder_rad=encoder_rad,
-        )  # fmt: skip
+            columns=columns,
+            rows=rows,
+            rate_hz=rate_hz,
+            azimuth_step_rad=azimuth_step_rad,
+            elevation_step_rad=elevation_step_rad,
+            jitter_rad=jitter_rad,
+            encoder_rad=encoder_rad,
+        )
 
     @property
     def pulses(self) -> int:

@@ -52,10 +52,7 @@ class Wedge:
         index: Annotated[float, Quantity(ge=1, le=4)],
         rotation_hz: Annotated[float, Quantity(ge=-1e6, le=1e6, about="positive from the left to the top")],
         phase_rad: Annotated[
-            float,
-            Quantity(
-                "deg", ge=-36e3, le=36e3, about="of the thick side at the start, from the left to the top"
-            ),
+            float, Quantity("deg", ge=-36e3, le=36e3, about="of the thick side at the start, from the left to the top")
         ] = 0.0,
         tilted: Annotated[Literal["in", "out"], Key(name="inclined_face", about="out is towards the scene")],
     ) -> Wedge:
@@ -100,11 +97,7 @@ class Risley(Mechanism):
         beam_elevation_rad: Annotated[
             Sequence[float] | None,
             Quantity(
-                "deg",
-                ge=-45,
-                le=45,
-                least=1,
-                about="of each laser before the prisms; one along the axis if left out",
+                "deg", ge=-45, le=45, least=1, about="of each laser before the prisms; one along the axis if left out"
             ),
         ] = None,
         jitter_rad: Jitter = None,
@@ -112,13 +105,16 @@ class Risley(Mechanism):
     ) -> Risley:
         """From the wedges, the one next to the laser first."""
         return cls(
-            pulses=max(1, round(rate_hz / frame_hz)), rate_hz=rate_hz, wedges=tuple(wedges),
+            pulses=max(1, round(rate_hz / frame_hz)),
+            rate_hz=rate_hz,
+            wedges=tuple(wedges),
             beams=1 if beam_elevation_rad is None else len(beam_elevation_rad),
             beam_elevation_rad=(
                 None if beam_elevation_rad is None else Table(np.asarray(beam_elevation_rad, dtype=np.float64))
             ),
-            jitter_rad=jitter_rad, encoder_rad=encoder_rad,
-        )  # fmt: skip
+            jitter_rad=jitter_rad,
+            encoder_rad=encoder_rad,
+        )
 
     @property
     def frame_s(self) -> float:
@@ -139,9 +135,7 @@ class Risley(Mechanism):
         ops = xp(pulse)
         return ops.divmod(ops.int32(pulse), self.beams)[1]
 
-    def through(
-        self, phases_rad: tuple[Lanes, ...], elevation_rad: Lanes | None = None
-    ) -> tuple[Vector, Lanes]:
+    def through(self, phases_rad: tuple[Lanes, ...], elevation_rad: Lanes | None = None) -> tuple[Vector, Lanes]:
         """Direction and share of the aperture with the wedges' thick sides in these directions.
 
         elevation_rad  of the beam before the prisms; along the axis if left out

@@ -38,9 +38,7 @@ class Bank:
     """
 
     elevation_rad: Annotated[Sequence[float], Quantity("deg", ge=-90, le=90, least=1)]
-    azimuth_rad: Annotated[
-        Sequence[float] | None, Quantity("deg", name="azimuth_offset_deg", ge=-360, le=360)
-    ] = None
+    azimuth_rad: Annotated[Sequence[float] | None, Quantity("deg", name="azimuth_offset_deg", ge=-360, le=360)] = None
     firing_s: Annotated[
         Sequence[float] | None,
         Quantity(
@@ -55,11 +53,7 @@ class Bank:
     start_m: tuple[Sequence[float], Sequence[float], Sequence[float]] | None = None
     responsivity: Annotated[
         Sequence[float] | None,
-        Quantity(
-            ge=0.01,
-            le=100,
-            about="of each laser's receiver, to echoes and background alike; all 1 if left out",
-        ),
+        Quantity(ge=0.01, le=100, about="of each laser's receiver, to echoes and background alike; all 1 if left out"),
     ] = None
     background_gain: Annotated[
         Sequence[float] | None,
@@ -103,12 +97,7 @@ class Spinning(Mechanism):
         ] = None,
         cycles_per_turn: Annotated[
             int | None,
-            Quantity(
-                name="columns_per_turn",
-                ge=1,
-                le=2**24,
-                about="cycles in a turn, if clocked by the encoder",
-            ),
+            Quantity(name="columns_per_turn", ge=1, le=2**24, about="cycles in a turn, if clocked by the encoder"),
         ] = None,
         bank: Annotated[Bank, Part()],
         start_azimuth_rad: Annotated[float, Quantity("deg", ge=-360, le=360)] = 0.0,

@@ -140,9 +140,7 @@ def _check_unit(path: Path, across: float, given: _Given, option: str) -> None:
     sizes = {unit: across * given.scale * UNITS[unit] for unit in NAMES.values()}
     fits = [name for name, unit in NAMES.items() if SMALLEST_M * 4 <= sizes[unit] <= LARGEST_M / 4]
     hint = f"; if its unit is {fits[0]}, add {option} bodies.mesh.unit={NAMES[fits[0]]}" if fits else ""
-    raise InputError(
-        f"{path}: a mesh must be {SMALLEST_M:g} to {LARGEST_M:g} m across, got {across_m:.4g} m{hint}"
-    )
+    raise InputError(f"{path}: a mesh must be {SMALLEST_M:g} to {LARGEST_M:g} m across, got {across_m:.4g} m{hint}")
 
 
 def tell_of_bare_mesh(path: Path, scene: Scene, *, up: Axis) -> None:

@@ -102,10 +102,7 @@ class Clearance:
             must = f"sensor '{sensor}' at ({at}): must stand at least {1e3 * radius_m:g} mm off every surface"
             if near < radius_m:
                 raise OptionError(_MOVED, must, f"{1e3 * near:.4g} mm off '{body.name}'")
-            if (
-                float(np.ptp(box, axis=0).min()) < NARROWEST_ROOM_M
-                and _enclosed(body.parts, point) > _ENCLOSED
-            ):
+            if float(np.ptp(box, axis=0).min()) < NARROWEST_ROOM_M and _enclosed(body.parts, point) > _ENCLOSED:
                 raise OptionError(_MOVED, must, f"a place within '{body.name}'")
 
     def corners(self, *, time_s: float) -> Numbers:

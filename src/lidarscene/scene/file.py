@@ -95,9 +95,7 @@ def scene_path(scene: str | os.PathLike[str]) -> Path:
         return catalog.path_of("scenes", path.name)
     # Outside of a clone there is no folder `scenes`, as examples have it.
     if path.suffix == ".toml" and not os.path.exists(path) and path.stem in catalog.names("scenes"):
-        raise InputError(
-            f"{path}: no such file; the scene that comes with lidarscene goes by its name, {path.stem}"
-        )
+        raise InputError(f"{path}: no such file; the scene that comes with lidarscene goes by its name, {path.stem}")
     return path
 
 
@@ -251,9 +249,7 @@ def _placed(
 
     if body.instances is None:
         return [placed(body.name, body.pose())]
-    return [
-        placed(f"{body.name}.{i}", body.pose() @ instance.pose()) for i, instance in enumerate(body.instances)
-    ]
+    return [placed(f"{body.name}.{i}", body.pose() @ instance.pose()) for i, instance in enumerate(body.instances)]
 
 
 MeshReader = Callable[[Path, patterns.Kind | None], list[SubMesh]]
@@ -283,9 +279,7 @@ def _parts(
     return (Part(vertices_m=vertices, faces=faces, material=material, name=body.name),)
 
 
-def _mesh_parts(
-    body: BodyFile, path: Path, *, where: str, surfaces: _Surfaces, reader: MeshReader
-) -> tuple[Part, ...]:
+def _mesh_parts(body: BodyFile, path: Path, *, where: str, surfaces: _Surfaces, reader: MeshReader) -> tuple[Part, ...]:
     try:
         pieces = reader(path, body.pattern)
     except InputError as error:
@@ -300,11 +294,14 @@ def _mesh_parts(
     up, scale = _axes(body, path, where=where)
     return tuple(
         Part(
-            vertices_m=upright(piece.vertices_m, up) * scale, faces=piece.faces, material=material,
-            name=piece.keys[0], pattern=pattern,
+            vertices_m=upright(piece.vertices_m, up) * scale,
+            faces=piece.faces,
+            material=material,
+            name=piece.keys[0],
+            pattern=pattern,
         )
         for (piece, material), pattern in zip(named, _patterns(named, body, where, surfaces), strict=True)
-    )  # fmt: skip
+    )
 
 
 def _axes(body: BodyFile, path: Path, *, where: str) -> tuple[Axis, float]:
@@ -319,11 +316,13 @@ def _axes(body: BodyFile, path: Path, *, where: str) -> tuple[Axis, float]:
         warnings.warn(
             OptionWarning(
                 "{0}: {1} is {2} up by its standard and is set upright by itself, and roll_deg turns it once more: "
-                "leave roll_deg out, or say up = \"z\"",
-                where, path.name, own,
+                'leave roll_deg out, or say up = "z"',
+                where,
+                path.name,
+                own,
             ),
             stacklevel=2,
-        )  # fmt: skip
+        )
     return body.up or own or "z", body.scale * UNITS[body.unit or "m"]
 
 
@@ -333,9 +332,7 @@ def _patterns(
     """The pattern of each piece, None where its surface is not diffuse. Raises InputError if there is none at all."""
     if body.pattern is None:
         return [None] * len(named)
-    varied = [
-        piece.pattern if surfaces.materials[material].bsdf == "diffuse" else None for piece, material in named
-    ]
+    varied = [piece.pattern if surfaces.materials[material].bsdf == "diffuse" else None for piece, material in named]
     if all(pattern is None for pattern in varied):
         has = [piece.pattern for piece, _ in named]
         raise InputError(
@@ -348,11 +345,7 @@ def _patterns(
     # One level for all pieces of a material, or the contrast between them would be lost.
     level = {
         material: patterns.mean_over(
-            [
-                (p, one.vertices_m, one.faces)
-                for (one, m), p in zip(named, varied, strict=True)
-                if p and m == material
-            ]
+            [(p, one.vertices_m, one.faces) for (one, m), p in zip(named, varied, strict=True) if p and m == material]
         )
         for _, material in named
     }

@@ -92,9 +92,7 @@ def _part(piece: SubMesh, node: str, given: Given | None, surfaces: _Surfaces) -
                 f"load_scene: '{node}' has no colour of its own and must have a material, by material or materials"
             )
         given = grey_material(f"colour of {node}", piece.grey)
-    return Part(
-        vertices_m=piece.vertices_m, faces=piece.faces, material=surfaces.name_of(given), name=piece.keys[0]
-    )
+    return Part(vertices_m=piece.vertices_m, faces=piece.faces, material=surfaces.name_of(given), name=piece.keys[0])
 
 
 def _refuse_unknown(given: Mapping[str, Any], known: set[str], where: str) -> None:

@@ -145,12 +145,9 @@ class Interferer:
     spread_db  of ten times the decimal logarithm of the peak
     """
 
-    rate_hz: Annotated[
-        float, Quantity(ge=0, le=1e12, about="mean rate of the pulses that reach the receiver")
-    ]
+    rate_hz: Annotated[float, Quantity(ge=0, le=1e12, about="mean rate of the pulses that reach the receiver")]
     irradiance_w_m2: Annotated[
-        float,
-        Quantity(ge=1e-15, le=1e9, about="median of their peaks, at the receiver's aperture, in its band"),
+        float, Quantity(ge=1e-15, le=1e9, about="median of their peaks, at the receiver's aperture, in its band")
     ]
     spread_db: Annotated[float, Quantity(ge=0.1, le=40, about="standard deviation of the peaks' level")] = 6.0
 

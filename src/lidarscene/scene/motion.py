@@ -51,9 +51,7 @@ class MotionFile(Table[Course]):
         """From ``pose`` on at time 0, or at this pose in the frame that the poses are of. Raises InputError."""
         if self.poses is not None:
             times = np.array([one.time_s for one in self.poses])
-            return Riding(
-                carrier=spline(times, [one.pose() for one in self.poses], f"{where}.poses"), pose=pose
-            )
+            return Riding(carrier=spline(times, [one.pose() for one in self.poses], f"{where}.poses"), pose=pose)
         if self.poses_file is not None:
             try:
                 return Riding(carrier=read_poses(folder / self.poses_file), pose=pose)
@@ -69,9 +67,7 @@ class EgoFile(MotionFile, PoseFile):
 class BodyMotionFile(MotionFile):
     """[bodies.motion]: as [ego], or the ego vehicle's own."""
 
-    with_ego: bool = Field(
-        default=False, description="fixed to the ego vehicle, where the body's own pose says"
-    )
+    with_ego: bool = Field(default=False, description="fixed to the ego vehicle, where the body's own pose says")
 
     @model_validator(mode="after")
     def _ego_alone(self) -> BodyMotionFile:

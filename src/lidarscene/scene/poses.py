@@ -31,9 +31,7 @@ def read_poses(path: Path) -> Spline:
     qx, qy, qz, qw. Any other suffix: lines of time, x, y, z, qx, qy, qz, qw with # for comments, as in the TUM RGB-D
     benchmark (Sturm et al., IROS 2012). Raises InputError.
     """
-    columns = (
-        read_columns(path, known=_KNOWN.__contains__) if path.suffix.lower() == ".csv" else _read_tum(path)
-    )
+    columns = read_columns(path, known=_KNOWN.__contains__) if path.suffix.lower() == ".csv" else _read_tum(path)
     missing = [name for name in ("time_s", *PLACE) if name not in columns]
     if missing:
         raise InputError(f"{path}: column {missing[0]} is missing")
@@ -75,20 +73,13 @@ def _rotations(path: Path, columns: dict[str, Numbers]) -> list[Numbers]:
     if not turned:
         zero = np.zeros(len(columns["time_s"]))
         angles = np.stack([columns.get(name, zero) for name in ANGLES], axis=1)
-        return [
-            Pose.from_degrees(yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll).rotation
-            for yaw, pitch, roll in angles
-        ]
+        return [Pose.from_degrees(yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll).rotation for yaw, pitch, roll in angles]
     if len(turned) < len(QUATERNION) or any(name in columns for name in ANGLES):
-        raise InputError(
-            f"{path}: columns must be {', '.join(QUATERNION)} or {', '.join(ANGLES)}, not a mixture"
-        )
+        raise InputError(f"{path}: columns must be {', '.join(QUATERNION)} or {', '.join(ANGLES)}, not a mixture")
     x, y, z, w = (columns[name] for name in QUATERNION)
     length = np.sqrt(x * x + y * y + z * z + w * w)
     wrong = np.flatnonzero(np.abs(length - 1.0) > 0.01)
     if len(wrong):
-        raise InputError(
-            f"{path}: quaternions must have length 1, got {length[wrong[0]]:.3g} for pose {wrong[0] + 1}"
-        )
+        raise InputError(f"{path}: quaternions must have length 1, got {length[wrong[0]]:.3g} for pose {wrong[0] + 1}")
     numbers = rotation_numbers(w / length, x / length, y / length, z / length)
     return list(np.stack(numbers, axis=-1).reshape(-1, 3, 3))

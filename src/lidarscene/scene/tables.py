@@ -55,8 +55,8 @@ class SunFile(Table[Sun]):
     faces it.
     """
 
-    place: tuple[Annotated[float, Field(ge=-90, le=90)], Annotated[float, Field(ge=-180, le=180)]] | None = (
-        Field(default=None, description="latitude (north positive) and longitude (east positive) in degrees")
+    place: tuple[Annotated[float, Field(ge=-90, le=90)], Annotated[float, Field(ge=-180, le=180)]] | None = Field(
+        default=None, description="latitude (north positive) and longitude (east positive) in degrees"
     )
     time: Annotated[datetime, BeforeValidator(_instant)] | None = Field(
         default=None, description="with its offset from UTC"

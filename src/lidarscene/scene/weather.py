@@ -19,9 +19,7 @@ from ..maths.units import Key, Quantity
 from ..physics.weather import fog, glory, precipitation
 from ..physics.weather.precipitation import Sizes
 
-FogKind = Literal[
-    "strong_advection", "moderate_advection", "radiation", "strong_spray", "moderate_spray", "chu_hogg"
-]
+FogKind = Literal["strong_advection", "moderate_advection", "radiation", "strong_spray", "moderate_spray", "chu_hogg"]
 DEFAULT_FOG = "moderate_advection"
 """Kind of fog if only its visibility is given."""
 
@@ -55,9 +53,7 @@ class Weather:
     fog_visibility_m  meteorological visibility, to which the number of droplets is scaled
     """
 
-    fog: Annotated[
-        FogKind | None, Key(about="kind, as dense as published unless fog_visibility_km is given")
-    ] = None
+    fog: Annotated[FogKind | None, Key(about="kind, as dense as published unless fog_visibility_km is given")] = None
     fog_visibility_m: Annotated[float | None, Quantity("km", ge=0.005, le=50)] = None
     rain_mm_h: Annotated[float, Quantity(ge=0, le=300)] = 0.0
     snow_mm_h: Annotated[float, Quantity(ge=0, le=50, about="of water")] = 0.0
@@ -78,9 +74,7 @@ class Weather:
         droplets = fog.TYPES[self.fog or DEFAULT_FOG]
         scale = fog.visibility_m(droplets) / self.fog_visibility_m if self.fog_visibility_m else 1.0
         extinction, backscatter = fog.scattering(droplets, wavelength_m)
-        return Medium(
-            name="fog", extinction_per_m=scale * extinction, backscatter_per_m_sr=scale * backscatter
-        )
+        return Medium(name="fog", extinction_per_m=scale * extinction, backscatter_per_m_sr=scale * backscatter)
 
     def _rain(self, wavelength_m: float) -> Medium | None:
         if self.rain_mm_h <= 0.0:
@@ -109,7 +103,5 @@ class Weather:
             extinction_per_m=extinction,
             backscatter_per_m_sr=extinction / precipitation.snow_lidar_ratio_sr(wavelength_m=wavelength_m),
             sizes=replace(sizes, intercept_per_m4=number),
-            particle_m2_sr=functools.partial(
-                precipitation.flake_backscatter_m2_sr, wavelength_m=wavelength_m
-            ),
+            particle_m2_sr=functools.partial(precipitation.flake_backscatter_m2_sr, wavelength_m=wavelength_m),
         )

@@ -34,24 +34,21 @@ class Tdc:
     window_s: Annotated[Lanes, Quantity("us", ge=1e-3, le=1e5)]
     bandwidth_hz: Annotated[Lanes, Quantity("mhz", ge=1e-3, le=1e5)]
     threshold_to_noise: Annotated[Lanes | None, Quantity(ge=0.01, le=1e4)] = None
-    threshold_level: Annotated[
-        Lanes | None, Quantity(ge=1e-15, le=1e9, about="amperes (APD) or cells (SiPM)")
-    ] = None
+    threshold_level: Annotated[Lanes | None, Quantity(ge=1e-15, le=1e9, about="amperes (APD) or cells (SiPM)")] = None
     least_significant_bit_s: Annotated[Lanes, Quantity("ps", name="lsb_ps", ge=0, le=1e6, finest=1e-3)] = 0.0
     jitter_s: Annotated[Lanes, Quantity("ps", ge=0, le=1e6, finest=1e-3)] = 0.0
     stops: Annotated[int, Quantity(ge=1, le=MOST_STOPS)] = 1
     keep: str = "first"
     order: Annotated[
-        Literal["time", "strength"],
-        Key(about="of the returns: that of their crossings, or the strongest first"),
+        Literal["time", "strength"], Key(about="of the returns: that of their crossings, or the strongest first")
     ] = "time"
     timing: Annotated[
         Literal["leading_edge", "constant_fraction", "peak", "matched_filter"],
         Key(about="what is timed of a pulse; a matched filter also lowers the threshold, with the noise"),
     ] = "leading_edge"
-    fraction: Annotated[
-        Lanes, Quantity(gt=0, lt=1, about="of its peak, at which constant_fraction times a pulse")
-    ] = 0.5
+    fraction: Annotated[Lanes, Quantity(gt=0, lt=1, about="of its peak, at which constant_fraction times a pulse")] = (
+        0.5
+    )
     blanking_s: Annotated[
         Lanes,
         Quantity(
@@ -63,21 +60,14 @@ class Tdc:
         ),
     ] = 0.0
     dead_time_s: Annotated[
-        Lanes,
-        Quantity(
-            "ns", ge=0, le=1e6, finest=1e-3, about="from an echo's crossing to the next that can be taken"
-        ),
+        Lanes, Quantity("ns", ge=0, le=1e6, finest=1e-3, about="from an echo's crossing to the next that can be taken")
     ] = 0.0
     both_edges: bool = False
     walk: Annotated[Literal["none", "raw", "corrected"], Key()] = "corrected"
-    false_alarms: Annotated[Literal["published", "crossings"], Key(about="how often noise trips")] = (
-        "published"
-    )
+    false_alarms: Annotated[Literal["published", "crossings"], Key(about="how often noise trips")] = "published"
     ambient_window_s: Annotated[
         Lanes | None,
-        Quantity(
-            "us", ge=1e-3, le=1e6, about="time in which the background is counted; the window if left out"
-        ),
+        Quantity("us", ge=1e-3, le=1e6, about="time in which the background is counted; the window if left out"),
     ] = None
 
     @property
@@ -98,17 +88,10 @@ class Receiver:
     response  of its low pass: "none" filters the noise and not the pulse, as the paper does
     """
 
-    response: Annotated[
-        Literal["none", "gaussian", "single_pole"], Key(about="the low pass of the amplifier")
-    ] = "none"
+    response: Annotated[Literal["none", "gaussian", "single_pole"], Key(about="the low pass of the amplifier")] = "none"
     ac_coupling_hz: Annotated[
         Lanes | None,
-        Quantity(
-            "khz",
-            ge=1e-3,
-            le=5e4,
-            about="-3 dB of an AC-coupled amplifier's high pass; DC-coupled if left out",
-        ),
+        Quantity("khz", ge=1e-3, le=5e4, about="-3 dB of an AC-coupled amplifier's high pass; DC-coupled if left out"),
     ] = None
 
     @property
@@ -136,13 +119,9 @@ class Intensity:
 
     kind: Annotated[Literal["range_corrected", "reflectivity"], Key()]
     reference_m: Annotated[Lanes, Quantity(gt=0, le=1e6, about="that range")] = 10.0
-    white_value: Annotated[
-        Lanes, Quantity(gt=0, lt=255, about="of a white Lambertian surface across the beam")
-    ] = 100.0
+    white_value: Annotated[Lanes, Quantity(gt=0, lt=255, about="of a white Lambertian surface across the beam")] = 100.0
     retro: Annotated[Literal["linear", "logarithmic"], Key(about="the scale above that")] = "logarithmic"
-    retro_reflectivity: Annotated[
-        Lanes, Quantity(gt=1, le=1e9, about="that reads 255 on a logarithmic scale")
-    ] = 1000.0
+    retro_reflectivity: Annotated[Lanes, Quantity(gt=1, le=1e9, about="that reads 255 on a logarithmic scale")] = 1000.0
 
     @property
     def unit(self) -> str:
@@ -174,9 +153,7 @@ class Adc:
 
     rate_hz: Annotated[Lanes, Quantity("mhz", ge=0.1, le=1e6)]
     step: Lanes
-    full_scale: Annotated[
-        Lanes, Quantity(ge=1e-12, le=1e9, about="largest sample, amperes (APD) or cells (SiPM)")
-    ]
+    full_scale: Annotated[Lanes, Quantity(ge=1e-12, le=1e9, about="largest sample, amperes (APD) or cells (SiPM)")]
     samples: int
     room: int
     estimator: Annotated[Literal["matched_filter", "centroid"], Key()] = "matched_filter"

@@ -40,8 +40,7 @@ class LaserFile(Table[Laser]):
     """[laser]: the pulsed transmitter."""
 
     repetition_rate_khz: Annotated[float, Number("khz", ge=1e-4, le=2e4)] | None = Field(
-        default=None,
-        description="pulses per second; a spinning scanner's lasers and cycle give it if left out",
+        default=None, description="pulses per second; a spinning scanner's lasers and cycle give it if left out"
     )
 
     @model_validator(mode="after")
@@ -89,9 +88,7 @@ class SipmFile(Table[Sipm]):
             if getattr(self, key) is not None and self.statistics == "published":
                 raise ValueError(f'{key}: must be left out with statistics = "published", which has none')
         if self.crosstalk is not None and self.counting == "binomial":
-            raise ValueError(
-                'crosstalk: must be left out with counting = "binomial", whose cells are independent'
-            )
+            raise ValueError('crosstalk: must be left out with counting = "binomial", whose cells are independent')
         return self
 
 
@@ -120,9 +117,7 @@ class TdcFile(Table[Tdc]):
         if self.keep == "strongest_and_last" and self.stops != 2 and "stops" in self.model_fields_set:
             raise ValueError(f'stops: must be 2 with keep = "strongest_and_last", got {self.stops}')
         if self.blanking_ns >= 1e3 * self.window_us:
-            raise ValueError(
-                f"blanking_ns: must be < {1e3 * self.window_us:g}, the window, got {self.blanking_ns:g}"
-            )
+            raise ValueError(f"blanking_ns: must be < {1e3 * self.window_us:g}, the window, got {self.blanking_ns:g}")
         return self
 
     def build(self, detector: Detector) -> Tdc:
@@ -178,16 +173,11 @@ class SensorFile(FileModel):
     )
     histogram: HistogramFile | None = Field(default=None, description="of SPADs, in place of tdc")
     sampler: AnySamplerFile | None = Field(
-        default=None,
-        description="what measures the pulses that trip the comparator; the TDC alone if left out",
+        default=None, description="what measures the pulses that trip the comparator; the TDC alone if left out"
     )
     mounting: PoseFile = PoseFile()
-    intensity: AnyIntensityFile | None = Field(
-        default=None, description="the maker's scale; the amplitude if left out"
-    )
-    published: PublishedFile | None = Field(
-        default=None, description="for comparison; not used by the simulation"
-    )
+    intensity: AnyIntensityFile | None = Field(default=None, description="the maker's scale; the amplitude if left out")
+    published: PublishedFile | None = Field(default=None, description="for comparison; not used by the simulation")
     sources: dict[str, str] = Field(default_factory=dict)
 
     @model_validator(mode="after")
@@ -212,9 +202,7 @@ class SensorFile(FileModel):
                 verb = "must be given" if wanted else "must be left out"
                 raise ValueError(f'{key}: {verb} with detector.type = "{self.detector.type}"')
         if counts and "receiver" in self.model_fields_set:
-            raise ValueError(
-                'receiver: must be left out with detector.type = "spad", whose firings are counted'
-            )
+            raise ValueError('receiver: must be left out with detector.type = "spad", whose firings are counted')
         if counts and self.sampler is not None:
             raise ValueError('sampler: must be left out with detector.type = "spad", which has a histogram')
         return self
@@ -228,9 +216,7 @@ class SensorFile(FileModel):
             )
         period_us = self.scanner.shot_period_us(1e6 / self._rate_hz)
         if self.tdc is not None and self.tdc.window_us > period_us * (1.0 + 1e-9):
-            raise ValueError(
-                f"tdc.window_us: must be <= {period_us:g}, the pulse period, got {self.tdc.window_us:g}"
-            )
+            raise ValueError(f"tdc.window_us: must be <= {period_us:g}, the pulse period, got {self.tdc.window_us:g}")
         return self
 
     def build(self, folder: Path) -> Sensor:
@@ -307,11 +293,7 @@ def _check_response(sensor: Sensor) -> None:
             f"receiver.ac_coupling_khz: must be <= {most * coupling_khz:.4g}, behind which the received pulse keeps "
             f"its shape, got {coupling_khz:g}"
         )
-    if (
-        sensor.receiver.filters
-        and isinstance(sensor.detector, Sipm)
-        and sensor.detector.counting == "binomial"
-    ):
+    if sensor.receiver.filters and isinstance(sensor.detector, Sipm) and sensor.detector.counting == "binomial":
         raise InputError('detector.counting: must be "gaussian" behind a filter, got "binomial"')
 
 

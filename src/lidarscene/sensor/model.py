@@ -54,14 +54,11 @@ class Laser:
     ] = 0.0
     profile: Annotated[Literal["gaussian", "top_hat"], Key(name="beam_profile")] = "gaussian"
     divergence_elevation_rad: Annotated[
-        float | None,
-        Quantity("mrad", ge=0.01, le=3000, about="the same on the second axis; a round beam if left out"),
+        float | None, Quantity("mrad", ge=0.01, le=3000, about="the same on the second axis; a round beam if left out")
     ] = None
     beam_rotation_rad: Annotated[
         float,
-        Quantity(
-            "deg", ge=-36e3, le=36e3, about="of the beam's two axes about the beam, from the left to the top"
-        ),
+        Quantity("deg", ge=-36e3, le=36e3, about="of the beam's two axes about the beam, from the left to the top"),
     ] = 0.0
     exit_diameter_m: Annotated[
         float | None,
@@ -265,9 +262,7 @@ class Sensor:
         # A flash's beam is as wide as all of its pixels.
         if self.optics.overlap is None and not isinstance(self.scanner, Flash):
             divergence_rad = laser.mean_divergence_rad
-            found.append(
-                spot_doubt(self.detector, divergence_rad=divergence_rad, focal_length_m=focal_length_m)
-            )
+            found.append(spot_doubt(self.detector, divergence_rad=divergence_rad, focal_length_m=focal_length_m))
         return tuple(f"'{self.name}': {one}" for one in found if one is not None)
 
     @property
@@ -348,9 +343,7 @@ class Sensor:
         bandwidth_hz = self.tdc.bandwidth_hz
         if self.tdc.false_alarms == "crossings":
             return point.crossing_rate_hz(threshold, self.crossing_bandwidth_hz)
-        return tdc.false_alarm_rate_hz(
-            p_false=point.false_alarm_probability(threshold), bandwidth_hz=bandwidth_hz
-        )
+        return tdc.false_alarm_rate_hz(p_false=point.false_alarm_probability(threshold), bandwidth_hz=bandwidth_hz)
 
     def pixel(self, background_power_w: Lanes, *, range_m: Lanes | None = None) -> Macropixel:
         """The SPADs under this background, as `working_point`."""
@@ -360,9 +353,13 @@ class Sensor:
         if range_m is not None:
             armed = radiometry.time_of_flight_s(range_m=range_m) - self.tdc.blanking_s
         return Macropixel.under(
-            background_power_w, self.detector, self.histogram,
-            photon_energy_j=self.laser.photon_energy_j, pulse_fwhm_s=self.laser.pulse_fwhm_s, armed_s=armed,
-        )  # fmt: skip
+            background_power_w,
+            self.detector,
+            self.histogram,
+            photon_energy_j=self.laser.photon_energy_j,
+            pulse_fwhm_s=self.laser.pulse_fwhm_s,
+            armed_s=armed,
+        )
 
     def background_counts(self, background_power_w: Lanes) -> tuple[Lanes, Lanes]:
         """Counts a second of light and dark, and the narrowing of their noise by dead times."""

@@ -20,12 +20,7 @@ from ..files.inputs import LARGEST_TEXT, require_file
 from ..files.table import Number, Table
 from ..files.toml import FileModel
 from ..maths.units import si
-from ..physics.optics.solar_spectrum import (
-    Curve,
-    box_filter,
-    irradiance_at_100_klux_w_m2,
-    super_gaussian_filter,
-)
+from ..physics.optics.solar_spectrum import Curve, box_filter, irradiance_at_100_klux_w_m2, super_gaussian_filter
 from .model import Halo, Laser, Optics
 from .overlap import Overlap
 
@@ -57,9 +52,7 @@ class FilterFile(FileModel):
         if self.csv is not None:
             extra = sorted(given & {"centre_nm", "width_nm", "shape", "order"})
             if extra:
-                raise ValueError(
-                    f"csv says all of the filter and must stand alone, got {' and '.join(extra)} too"
-                )
+                raise ValueError(f"csv says all of the filter and must stand alone, got {' and '.join(extra)} too")
         elif self.centre_nm is None or self.width_nm is None:
             raise ValueError("must have centre_nm and width_nm, or csv")
         elif "order" in given and self.shape != "super_gaussian":
@@ -145,9 +138,7 @@ class OverlapFile(FileModel):
     parallax_free_at_m: Distance | None = Field(
         default=None, description="range at which the two axes meet; side by side if left out"
     )
-    focus_at_m: Distance | None = Field(
-        default=None, description="range that is in focus; infinity if left out"
-    )
+    focus_at_m: Distance | None = Field(default=None, description="range that is in focus; infinity if left out")
     scattered_share: Annotated[float, Field(ge=0, le=0.5)] = Field(
         default=0.0,
         description="of the light, which window and lenses scatter onto the detector wherever the spot lies",
@@ -178,8 +169,7 @@ class OpticsFile(Table[Optics]):
     )
     filter: FilterFile | None = None
     overlap: OverlapFile | None = Field(
-        default=None,
-        description="of spot and field of view; the spot is wholly in it, and sharp, if left out",
+        default=None, description="of spot and field of view; the spot is wholly in it, and sharp, if left out"
     )
     halo: HaloFile | None = Field(
         default=None, description="around the beam, with four rays a pulse or more; none if left out"

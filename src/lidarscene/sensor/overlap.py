@@ -73,15 +73,11 @@ class Overlap:
         share = receiver.spot_share(
             profile=spot.profile,
             spot_rad=receiver.spot_radius_rad(
-                exit_radius_m=spot.exit_radius_m,
-                half_divergence_rad=spot.half_divergence_rad,
-                range_m=ranges,
+                exit_radius_m=spot.exit_radius_m, half_divergence_rad=spot.half_divergence_rad, range_m=ranges
             ),
             off_axis_rad=receiver.parallax_rad(offset_m=offset_m, crossing_m=crossing_m, range_m=ranges),
             field_rad=field_rad,
-            blur_rad=receiver.blur_radius_rad(
-                aperture_radius_m=aperture_radius_m, focus_m=focus_m, range_m=ranges
-            ),
+            blur_rad=receiver.blur_radius_rad(aperture_radius_m=aperture_radius_m, focus_m=focus_m, range_m=ranges),
         )
         share = scattered + (1.0 - scattered) * np.asarray(share)
         return cls(table=Table(share), scale_m=scale, offset_m=offset_m)

@@ -26,9 +26,7 @@ NAMES: dict[str, dict[str, float]] = {
 }
 
 
-def read_pattern(
-    path: Path, *, frame_s: float | None, jitter_rad: float | None, encoder_rad: float | None
-) -> Pattern:
+def read_pattern(path: Path, *, frame_s: float | None, jitter_rad: float | None, encoder_rad: float | None) -> Pattern:
     """A pattern of the file's columns; without ``frame_s`` a frame is its last time and one mean step more."""
     columns = _read_npz(path) if path.suffix == ".npz" else read_columns(path, known=_known)
     length = len(next(iter(columns.values()), ()))
@@ -62,9 +60,14 @@ def read_pattern(
             f"got {frame_s * 1e3:g}"
         )
     return Pattern.of(
-        azimuth_rad=azimuth, elevation_rad=elevation, time_s=time_s, channel=channel, frame_s=frame_s,
-        jitter_rad=jitter_rad, encoder_rad=encoder_rad,
-    )  # fmt: skip
+        azimuth_rad=azimuth,
+        elevation_rad=elevation,
+        time_s=time_s,
+        channel=channel,
+        frame_s=frame_s,
+        jitter_rad=jitter_rad,
+        encoder_rad=encoder_rad,
+    )
 
 
 def _column(path: Path, columns: Mapping[str, Numbers], kind: str) -> Numbers:

@@ -20,9 +20,9 @@ class MultiLevelFile(FileModel):
     """[sampler] type = "multi_level_tdc"."""
 
     type: Literal["multi_level_tdc"]
-    levels: Annotated[
-        tuple[Annotated[float, Number(gt=1, le=1e6)], ...], Field(min_length=1, max_length=8)
-    ] = Field(description="above the threshold, in thresholds, rising")
+    levels: Annotated[tuple[Annotated[float, Number(gt=1, le=1e6)], ...], Field(min_length=1, max_length=8)] = Field(
+        description="above the threshold, in thresholds, rising"
+    )
 
     @model_validator(mode="after")
     def _rising(self) -> MultiLevelFile:
@@ -49,9 +49,7 @@ class AdcFile(Table[Adc]):
         """In SI units, with as many samples as four pulse widths hold."""
         least = 1e3 / pulse_fwhm_ns
         if self.rate_mhz < least * (1.0 - 1e-9):
-            raise InputError(
-                f"sampler.rate_mhz: must be >= {least:g} (one sample in a pulse), got {self.rate_mhz:g}"
-            )
+            raise InputError(f"sampler.rate_mhz: must be >= {least:g} (one sample in a pulse), got {self.rate_mhz:g}")
         samples = math.ceil(4.0 * self.rate_mhz / least - 1e-9) + 1
         if samples > MOST_SAMPLES:
             raise InputError(
@@ -94,13 +92,9 @@ class RepeatabilityFile(FileModel):
     snr: Positive | None = Field(default=None, description="at which, or")
     at_m: Positive | None = Field(default=None, description="range of the target, with its reflectivity")
     reflectivity: Share | None = Field(default=None, description="of that target")
-    illuminance_klux: Illuminance | None = Field(
-        default=None, description="there; if left out that of [published]"
-    )
+    illuminance_klux: Illuminance | None = Field(default=None, description="there; if left out that of [published]")
     at_most: bool = Field(default=False, description="an upper bound")
-    recording: bool = Field(
-        default=False, description="measured by others in recordings, not said by the maker"
-    )
+    recording: bool = Field(default=False, description="measured by others in recordings, not said by the maker")
     assumed: tuple[Literal["snr", "reflectivity", "illuminance_klux"], ...] = Field(
         default=(), description="conditions above that are not published but assumed; snr: that it is (11)"
     )
@@ -128,8 +122,7 @@ class PublishedFile(FileModel):
         default=(), description="further reflectivities and ranges, at the same illuminance"
     )
     settings: tuple[str, ...] = Field(
-        default=(),
-        description="the sensor's mode in which ranges, scatter and false points hold, as for --set",
+        default=(), description="the sensor's mode in which ranges, scatter and false points hold, as for --set"
     )
     repeatability: tuple[RepeatabilityFile, ...] = Field(default=(), description="scatter of the range")
     false_points: Annotated[float, Field(gt=0, lt=1)] | None = Field(

@@ -35,9 +35,7 @@ MOST_SENSORS = 256
 class MountedFile(PoseFile):
     """[[sensors]]: one sensor, and where it is on the vehicle."""
 
-    label: Annotated[str, Field(min_length=1)] = Field(
-        description="names its files: letters, digits, - and _"
-    )
+    label: Annotated[str, Field(min_length=1)] = Field(description="names its files: letters, digits, - and _")
     sensor: Annotated[str, Field(min_length=1)] = Field(description="catalogue name, or file beside this one")
     set: tuple[str, ...] = Field(default=(), description="changes to the sensor file, as detector.gain=60")
 

@@ -64,8 +64,7 @@ class _MirrorsFile(ScannerFile[Made], Generic[Made]):
         default="elevation", description="axis that stands still, or that of the last of two mirrors"
     )
     mirror_radius_mm: Annotated[float, Number("mm", ge=0.05, le=1e4)] | None = Field(
-        default=None,
-        description="of one round mirror before the receiver's lens; the mirror is the stop if left out",
+        default=None, description="of one round mirror before the receiver's lens; the mirror is the stop if left out"
     )
     azimuth_turn_deg: Turn = Field(description="mechanical amplitude, zero to peak")
     elevation_turn_deg: Turn = Field(description="mechanical amplitude, zero to peak")
@@ -131,12 +130,12 @@ class LissajousFile(_MirrorsFile[Lissajous]):
     def build(self, around: Surroundings) -> Lissajous:
         """In SI units. By hand: two swings of one class, told apart by their keys."""
         return self.in_si(
-            rate_hz=around.rate_hz, mirrors=self.mirrors_for(around),
-            azimuth=self._swing("azimuth"), elevation=self._swing("elevation"),
-        )  # fmt: skip
+            rate_hz=around.rate_hz,
+            mirrors=self.mirrors_for(around),
+            azimuth=self._swing("azimuth"),
+            elevation=self._swing("elevation"),
+        )
 
     def _swing(self, axis: str) -> Swing:
-        hertz, phase_deg, turn_deg = (
-            getattr(self, f"{axis}_{key}") for key in ("hz", "phase_deg", "turn_deg")
-        )
+        hertz, phase_deg, turn_deg = (getattr(self, f"{axis}_{key}") for key in ("hz", "phase_deg", "turn_deg"))
         return Swing(frequency_hz=hertz, phase_rad=math.radians(phase_deg), turn_rad=math.radians(turn_deg))

@@ -18,13 +18,7 @@ from ..maths.units import si
 from ..scan import Flash, Pattern, Polygon, Raster, Risley, Spinning, Wedge
 from ..scan.flash import LARGEST_HEIGHT
 from .pattern import read_pattern
-from .scanner_tables import (
-    LissajousFile,
-    MirrorFile,
-    ScannerFile,
-    Surroundings,
-    require_fewer,
-)
+from .scanner_tables import LissajousFile, MirrorFile, ScannerFile, Surroundings, require_fewer
 
 Millimetres = Annotated[float, Number("mm", ge=-1e4, le=1e4, finest=0.1)]
 
@@ -80,14 +74,17 @@ class SpinningFile(ScannerFile[Spinning]):
             raise ValueError("rotation_hz: must not be 0")
         lasers = len(self.elevation_deg)
         for key in (
-            "azimuth_offset_deg", "firing_time_us", "forward_mm", "left_mm", "height_mm",
-            "responsivity", "background_gain",
-        ):  # fmt: skip
+            "azimuth_offset_deg",
+            "firing_time_us",
+            "forward_mm",
+            "left_mm",
+            "height_mm",
+            "responsivity",
+            "background_gain",
+        ):
             values = getattr(self, key)
             if values is not None and len(values) != lasers:
-                raise ValueError(
-                    f"{key}: must have {lasers} entries, as elevation_deg has, got {len(values)}"
-                )
+                raise ValueError(f"{key}: must have {lasers} entries, as elevation_deg has, got {len(values)}")
         last_us = max(self.firing_time_us or (0.0,))
         if si(last_us, "us") >= self.cycle_s:
             raise ValueError(f"firing_time_us: must be < {self.cycle_s * 1e6:g}, the cycle, got {last_us:g}")
@@ -108,12 +105,9 @@ class SpinningFile(ScannerFile[Spinning]):
         x, y, z = (si(values or (0.0,) * lasers, "mm") for values in starts)
         elevation_deg = [self.elevation_scale * one + self.elevation_shift_deg for one in self.elevation_deg]
         if max(map(abs, elevation_deg)) > 90.0:
-            raise InputError(
-                f"scanner: elevations must be -90 to 90 degrees, got {max(elevation_deg, key=abs):g}"
-            )
+            raise InputError(f"scanner: elevations must be -90 to 90 degrees, got {max(elevation_deg, key=abs):g}")
         return self.in_si(
-            elevation_rad=si(tuple(elevation_deg), "deg"),
-            start_m=None if starts == (None, None, None) else (x, y, z),
+            elevation_rad=si(tuple(elevation_deg), "deg"), start_m=None if starts == (None, None, None) else (x, y, z)
         )
 
 
@@ -163,9 +157,7 @@ class RisleyFile(ScannerFile[Risley]):
         )
         beams: tuple[float, ...] | None = si(self.beam_elevation_deg, "deg")
         if any(self._reflects(scanner, beam) for beam in beams or (None,)):
-            raise InputError(
-                "scanner: light is totally reflected in these wedges; they need a smaller angle_deg"
-            )
+            raise InputError("scanner: light is totally reflected in these wedges; they need a smaller angle_deg")
         return scanner
 
     def _reflects(self, scanner: Risley, elevation_rad: float | None) -> bool:
@@ -224,12 +216,5 @@ class TableFile(ScannerFile[Pattern]):
 
 
 AnyScannerFile = (
-    RasterFile
-    | SpinningFile
-    | MirrorFile
-    | LissajousFile
-    | PolygonFile
-    | RisleyFile
-    | FlashFile
-    | TableFile
-)  # fmt: skip
+    RasterFile | SpinningFile | MirrorFile | LissajousFile | PolygonFile | RisleyFile | FlashFile | TableFile
+)

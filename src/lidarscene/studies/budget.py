@@ -124,9 +124,12 @@ def _beams(cloud: PointCloud, sensor: Sensor) -> Beams:
         shares = [np.asarray(of(pulse)) for of in (scanner.aperture_share, scanner.background_share)]
     laser, background = (np.broadcast_to(sensor.optics.aperture_m2 * share, len(cloud)) for share in shares)
     return Beams(
-        pulse=pulse, origin_m=(0.0, 0.0, 0.0), direction=(1.0, 0.0, 0.0), aperture_m2=laser,
+        pulse=pulse,
+        origin_m=(0.0, 0.0, 0.0),
+        direction=(1.0, 0.0, 0.0),
+        aperture_m2=laser,
         background_aperture_m2=background,
-    )  # fmt: skip
+    )
 
 
 def pulses_of(cloud: PointCloud, scanner: Scanner) -> Numbers:

@@ -105,9 +105,7 @@ def check(name: str) -> Check:
     )
 
 
-def _range(
-    sensor: Sensor, published: PublishedFile, reflectivity: float | None, range_m: float | None
-) -> Compared:
+def _range(sensor: Sensor, published: PublishedFile, reflectivity: float | None, range_m: float | None) -> Compared:
     """Range under the published condition, or at 10 % and 100 klux if there is none."""
     known = reflectivity is not None
     share = reflectivity if reflectivity is not None else 0.1

@@ -131,10 +131,14 @@ def compared(name: str) -> list[Row]:
             found = repeatability(load_sensor(name), published, one)
             rows.append(
                 Row(
-                    sensor=name, quantity="scatter, mm", condition=f"{one.at_m:g} m", recorded=1e3 * one.sigma_m,
-                    simulated=None if found.simulated is None else 1e3 * found.simulated, most=ASSUMED_RATIO,
+                    sensor=name,
+                    quantity="scatter, mm",
+                    condition=f"{one.at_m:g} m",
+                    recorded=1e3 * one.sigma_m,
+                    simulated=None if found.simulated is None else 1e3 * found.simulated,
+                    most=ASSUMED_RATIO,
                 )
-            )  # fmt: skip
+            )
     return rows
 
 
@@ -145,31 +149,50 @@ def against(name: str, curves: RecordedFile, sensor: Sensor) -> Iterator[Row]:
     error = np.log(white / np.asarray(curves.signal.white_m2))
     span = f"{range_m[0]:g} to {range_m[-1]:g} m"
     yield Row(
-        sensor=name, quantity="signal", condition=f"mean of {span}", recorded=1.0,
-        simulated=float(np.exp(np.mean(error))), most=1.0 + SIGNAL_ERROR,
-    )  # fmt: skip
+        sensor=name,
+        quantity="signal",
+        condition=f"mean of {span}",
+        recorded=1.0,
+        simulated=float(np.exp(np.mean(error))),
+        most=1.0 + SIGNAL_ERROR,
+    )
     yield Row(
-        sensor=name, quantity="signal, spread", condition=f"over {span}", recorded=1.0,
-        simulated=float(np.exp(np.mean(np.abs(error - np.mean(error))))), most=1.0 + SIGNAL_ERROR,
-    )  # fmt: skip
+        sensor=name,
+        quantity="signal, spread",
+        condition=f"over {span}",
+        recorded=1.0,
+        simulated=float(np.exp(np.mean(np.abs(error - np.mean(error))))),
+        most=1.0 + SIGNAL_ERROR,
+    )
     for near_ir, photons in zip(curves.threshold.near_ir, curves.threshold.photons, strict=True):
         point = sensor.working_point(background_w(sensor, near_ir))
         yield Row(
-            sensor=name, quantity="threshold, photons", condition=f"NEAR_IR {near_ir:g}", recorded=photons,
-            simulated=float(np.ravel(sensor.threshold(point))[0]), most=1.0 + THRESHOLD_ERROR,
-        )  # fmt: skip
+            sensor=name,
+            quantity="threshold, photons",
+            condition=f"NEAR_IR {near_ir:g}",
+            recorded=photons,
+            simulated=float(np.ravel(sensor.threshold(point))[0]),
+            most=1.0 + THRESHOLD_ERROR,
+        )
     for near_ir, photons in zip(curves.noise.near_ir, curves.noise.photons, strict=True):
         yield Row(
-            sensor=name, quantity="highest noise, photons", condition=f"NEAR_IR {near_ir:g}", recorded=photons,
-            simulated=highest_noise(sensor, near_ir), most=1.0 + THRESHOLD_ERROR,
-        )  # fmt: skip
+            sensor=name,
+            quantity="highest noise, photons",
+            condition=f"NEAR_IR {near_ir:g}",
+            recorded=photons,
+            simulated=highest_noise(sensor, near_ir),
+            most=1.0 + THRESHOLD_ERROR,
+        )
     scatter = curves.scatter
     for k, signal in enumerate(scatter.signal):
         yield Row(
-            sensor=name, quantity="scatter, mm", condition=f"SIGNAL {signal:g}", recorded=scatter.sigma_mm[k],
+            sensor=name,
+            quantity="scatter, mm",
+            condition=f"SIGNAL {signal:g}",
+            recorded=scatter.sigma_mm[k],
             simulated=scatter_mm(sensor, signal, scatter.near_ir[k]),
             most=SCATTER_RATIO,
-        )  # fmt: skip
+        )
 
 
 def white_m2(sensor: Sensor, range_m: Numbers) -> Numbers:
@@ -227,9 +250,7 @@ def as_text(rows: Sequence[Row]) -> str:
     lines, before = [f"{'sensor':<10} {'quantity':<23} {'condition':<22} {heads}"], ""
     for row in rows:
         name, before = ("" if row.sensor == before else row.sensor), row.sensor
-        simulated, ratio = (
-            ("none", "") if row.simulated is None else (f"{row.simulated:.3g}", f"{row.ratio:.2f}")
-        )
+        simulated, ratio = ("none", "") if row.simulated is None else (f"{row.simulated:.3g}", f"{row.ratio:.2f}")
         lines.append(
             f"{name:<10} {row.quantity:<23} {row.condition:<22} {row.recorded:>9.3g} {simulated:>9} {ratio:>6} "
             f"{row.most:>7g}{'' if row.held else '  FAILED'}"

@@ -33,17 +33,45 @@ def controls(scene: Scene, asked: FrameOptions) -> list[Control]:
     air = scene.air.weather
     fog_km = CLEAR_KM if air.fog_visibility_m is None else 1e-3 * air.fog_visibility_m
     return [
-        Control(key=FOG, label="fog visibility", unit="km", low=0.02, high=CLEAR_KM, value=fog_km, log=True,
-                least=0.005, most=CLEAR_KM),
+        Control(
+            key=FOG,
+            label="fog visibility",
+            unit="km",
+            low=0.02,
+            high=CLEAR_KM,
+            value=fog_km,
+            log=True,
+            least=0.005,
+            most=CLEAR_KM,
+        ),
         Control(key=RAIN, label="rain", unit="mm/h", low=0.0, high=100.0, value=air.rain_mm_h, least=0.0, most=300.0),
         Control(key=SNOW, label="snow", unit="mm/h", low=0.0, high=20.0, value=air.snow_mm_h, least=0.0, most=50.0),
-        Control(key=RAYS, label="rays a pulse", unit="", low=1.0, high=64.0, value=1.0, least=1.0, most=1024.0,
-                whole=True),
-        Control(key=FRAME, label="frame", unit="", low=0.0, high=50.0, value=float(asked.number), least=0.0,
-                most=2.0**31 - 1, whole=True),
-        Control(key=SEED, label="seed", unit="", low=0.0, high=100.0, value=float(asked.seed), least=0.0,
-                most=2.0**32 - 1, whole=True),
-    ]  # fmt: skip
+        Control(
+            key=RAYS, label="rays a pulse", unit="", low=1.0, high=64.0, value=1.0, least=1.0, most=1024.0, whole=True
+        ),
+        Control(
+            key=FRAME,
+            label="frame",
+            unit="",
+            low=0.0,
+            high=50.0,
+            value=float(asked.number),
+            least=0.0,
+            most=2.0**31 - 1,
+            whole=True,
+        ),
+        Control(
+            key=SEED,
+            label="seed",
+            unit="",
+            low=0.0,
+            high=100.0,
+            value=float(asked.seed),
+            least=0.0,
+            most=2.0**32 - 1,
+            whole=True,
+        ),
+    ]
 
 
 def conditions(scene: Scene, asked: FrameOptions, settings: Settings) -> Conditions:

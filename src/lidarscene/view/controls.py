@@ -120,26 +120,44 @@ class Equipment:
         laser, optics, tdc = sensor.laser, sensor.optics, sensor.tdc
         sun = _sun_values(self.scene.sun)
         found = [
-            Control(key="sun.azimuth_deg", label="sun azimuth", unit="°", low=-180.0, high=360.0,
-                    value=sun["azimuth_deg"]),
-            Control(key="sun.elevation_deg", label="sun elevation", unit="°", low=-10.0, high=90.0,
-                    value=sun["elevation_deg"]),
-            Control(key="sun.illuminance_klux", label="illuminance", unit="klux", low=0.01, high=130.0,
-                    value=sun["illuminance_klux"], log=True),
+            Control(
+                key="sun.azimuth_deg", label="sun azimuth", unit="°", low=-180.0, high=360.0, value=sun["azimuth_deg"]
+            ),
+            Control(
+                key="sun.elevation_deg",
+                label="sun elevation",
+                unit="°",
+                low=-10.0,
+                high=90.0,
+                value=sun["elevation_deg"],
+            ),
+            Control(
+                key="sun.illuminance_klux",
+                label="illuminance",
+                unit="klux",
+                low=0.01,
+                high=130.0,
+                value=sun["illuminance_klux"],
+                log=True,
+            ),
             _around("laser.peak_power_w", "laser power", "W", laser.peak_power_w, 20.0),
             _around("optics.aperture_radius_mm", "aperture radius", "mm", 1e3 * optics.aperture_radius_m, 5.0),
             *_of_detector(sensor.detector),
-        ]  # fmt: skip
+        ]
         if tdc.threshold_to_noise is not None:
-            found.append(
-                _around("tdc.threshold_to_noise", "threshold / noise", "", tdc.threshold_to_noise, 3.0)
-            )
+            found.append(_around("tdc.threshold_to_noise", "threshold / noise", "", tdc.threshold_to_noise, 3.0))
         elif sensor.histogram is not None:
             slope = float(sensor.histogram.threshold_slope)
             found.append(
-                Control(key="histogram.threshold_slope", label="threshold / sqrt(background)", unit="", low=0.0,
-                        high=max(3.0 * slope, 1.0), value=slope)
-            )  # fmt: skip
+                Control(
+                    key="histogram.threshold_slope",
+                    label="threshold / sqrt(background)",
+                    unit="",
+                    low=0.0,
+                    high=max(3.0 * slope, 1.0),
+                    value=slope,
+                )
+            )
         else:
             found.append(_around("tdc.threshold_level", "threshold", "", tdc.threshold_level, 10.0))
         return found
@@ -147,17 +165,17 @@ class Equipment:
 
 def _of_detector(detector: Detector) -> list[Control]:
     if isinstance(detector, Apd):
-        return [Control(key="detector.gain", label="gain", unit="", low=1.0, high=1000.0, log=True,
-                        value=float(detector.gain))]  # fmt: skip
-    return [Control(key="detector.pde", label="PDE", unit="", low=0.01, high=1.0,
-                    value=float(detector.pde))]  # fmt: skip
+        return [
+            Control(
+                key="detector.gain", label="gain", unit="", low=1.0, high=1000.0, log=True, value=float(detector.gain)
+            )
+        ]
+    return [Control(key="detector.pde", label="PDE", unit="", low=0.01, high=1.0, value=float(detector.pde))]
 
 
 def _around(key: str, label: str, unit: str, value: Any, factor: float) -> Control:
     """From a part of the file's value to a multiple of it."""
-    return Control(
-        key=key, label=label, unit=unit, low=value / factor, high=value * factor, value=value, log=True
-    )
+    return Control(key=key, label=label, unit=unit, low=value / factor, high=value * factor, value=value, log=True)
 
 
 def _sun_values(sun: Sun) -> dict[str, float]:

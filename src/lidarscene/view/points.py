@@ -15,18 +15,36 @@ from .blob import packed
 
 BUDGET, SURFACE, POINT = GROUPS = ("Budget", "Surface (truth)", "Point")
 SYMBOLS = {
-    "range": "R", "true_range": "R", "range_error": "ΔR", "incidence_angle": "θ", "reflectivity": "ρ",
-    "sun_angle": "θₛ", "snr": "SNR", "detection_probability": "P_d", "echo_power": "P_r",
-    "lambertian_power": "P_r, (5)", "background_power": "P_rs", "noise": "σ₀", "noise_at_peak": "σ",
-    "threshold": "U", "peak_signal": "s", "intensity": "s + noise",
-}  # fmt: skip
-LOGARITHMIC = (
-    "intensity", "snr", "echo_power", "lambertian_power", "background_power", "signal", "peak_signal",
-)  # fmt: skip
+    "range": "R",
+    "true_range": "R",
+    "range_error": "ΔR",
+    "incidence_angle": "θ",
+    "reflectivity": "ρ",
+    "sun_angle": "θₛ",
+    "snr": "SNR",
+    "detection_probability": "P_d",
+    "echo_power": "P_r",
+    "lambertian_power": "P_r, (5)",
+    "background_power": "P_rs",
+    "noise": "σ₀",
+    "noise_at_peak": "σ",
+    "threshold": "U",
+    "peak_signal": "s",
+    "intensity": "s + noise",
+}
+LOGARITHMIC = ("intensity", "snr", "echo_power", "lambertian_power", "background_power", "signal", "peak_signal")
 OF_BUDGET = (
-    "echo_power", "lambertian_power", "background_power", "peak_signal", "noise", "noise_at_peak", "threshold",
-    "snr", "detection_probability", "intensity",
-)  # fmt: skip
+    "echo_power",
+    "lambertian_power",
+    "background_power",
+    "peak_signal",
+    "noise",
+    "noise_at_peak",
+    "threshold",
+    "snr",
+    "detection_probability",
+    "intensity",
+)
 """As light and signal go."""
 
 
@@ -48,10 +66,16 @@ class Field:
     def header(self) -> dict[str, Any]:
         """For the page."""
         return {
-            "name": self.name, "label": self.name.replace("_", " "), "symbol": SYMBOLS.get(self.name, ""),
-            "group": self.group, "unit": self.unit, "meaning": self.meaning, "names": self.names,
-            "log": self.name in LOGARITHMIC, "computed": self.computed,
-        }  # fmt: skip
+            "name": self.name,
+            "label": self.name.replace("_", " "),
+            "symbol": SYMBOLS.get(self.name, ""),
+            "group": self.group,
+            "unit": self.unit,
+            "meaning": self.meaning,
+            "names": self.names,
+            "log": self.name in LOGARITHMIC,
+            "computed": self.computed,
+        }
 
 
 def frame_blob(
@@ -80,10 +104,14 @@ def frame_blob(
             arrays[field.name] = values
     fields.sort(key=lambda field: OF_BUDGET.index(field.name) if field.group == BUDGET else -1)
     header = {
-        "name": name, "count": len(cloud), "fields": [field.header() for field in fields], "groups": GROUPS,
-        "alarms": int(np.count_nonzero(cloud.status)), "metadata": dict(cloud.metadata),
+        "name": name,
+        "count": len(cloud),
+        "fields": [field.header() for field in fields],
+        "groups": GROUPS,
+        "alarms": int(np.count_nonzero(cloud.status)),
+        "metadata": dict(cloud.metadata),
         "sensor": cloud.sensor_position_m.tolist(),
-    }  # fmt: skip
+    }
     return packed(header | told, arrays)
 
 
@@ -99,11 +127,7 @@ def _columns(cloud: PointCloud) -> list[tuple[Field, Numbers]]:
         if unit == "rad":
             values, unit = np.degrees(values), "°"
         field = Field(
-            column.name,
-            _group(column),
-            "" if unit == "1" else unit,
-            column.meaning,
-            _names(cloud, column.name),
+            column.name, _group(column), "" if unit == "1" else unit, column.meaning, _names(cloud, column.name)
         )
         shown.append((field, _plain(values)))
         if column.name == "true_range":
@@ -124,9 +148,13 @@ def _group(column: Column) -> str:
 def _names(cloud: PointCloud, name: str) -> tuple[str, ...] | None:
     """Names by value of a column that sorts points, None for one that measures."""
     tables = {
-        "status": STATUS_NAMES, "in_shadow": ("lit", "in shadow"), "sensor_index": cloud.sensor_names,
-        "body": cloud.body_names, "class": cloud.class_names, "material": cloud.material_names,
-    }  # fmt: skip
+        "status": STATUS_NAMES,
+        "in_shadow": ("lit", "in shadow"),
+        "sensor_index": cloud.sensor_names,
+        "body": cloud.body_names,
+        "class": cloud.class_names,
+        "material": cloud.material_names,
+    }
     return tables.get(name)
 
 
@@ -143,10 +171,7 @@ def _of_budget(cloud: PointCloud, budget: Budget | None) -> list[tuple[Field, Nu
         ("noise_at_peak", budget.noise_at_peak, unit, "standard deviation at the echo's peak"),
         ("threshold", budget.threshold, unit, "level of the comparator"),
     )
-    return [
-        (Field(name, BUDGET, its, meaning, computed=True), _plain(values))
-        for name, values, its, meaning in shown
-    ]
+    return [(Field(name, BUDGET, its, meaning, computed=True), _plain(values)) for name, values, its, meaning in shown]
 
 
 def _plain(values: Numbers) -> Numbers:

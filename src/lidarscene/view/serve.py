@@ -84,9 +84,7 @@ class Server(ThreadingHTTPServer):
         """Answer in a thread, unless there are as many as there may be."""
         if not self._free.acquire(blocking=False):
             with contextlib.suppress(OSError):
-                request.sendall(
-                    b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
-                )
+                request.sendall(b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 0\r\n\r\n")
             self.shutdown_request(request)
             return
         try:
@@ -172,11 +170,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._refuse(HTTPStatus.FORBIDDEN, b"the origin must be this viewer's own page, got another")
             return
         lengths = self.headers.get_all("Content-Length", [])
-        if (
-            len(lengths) != 1
-            or not re.fullmatch("[0-9]{1,9}", lengths[0])
-            or "Transfer-Encoding" in self.headers
-        ):
+        if len(lengths) != 1 or not re.fullmatch("[0-9]{1,9}", lengths[0]) or "Transfer-Encoding" in self.headers:
             self._refuse(HTTPStatus.BAD_REQUEST, b"the request must have one Content-Length")
             return
         length = int(lengths[0])

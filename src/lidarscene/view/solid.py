@@ -39,9 +39,7 @@ def solid_of(scene: Scene, wavelength_m: float, *, time_s: float = 0.0) -> Solid
     """All bodies where they stand at a time, in the grey that a laser of this wavelength sees."""
     colour_of = {name: _colour(one.at(wavelength_m)) for name, one in scene.materials.items()}
     unknown = _colour({"bsdf": "diffuse", "reflectivity": UNKNOWN_REFLECTIVITY})
-    found = [
-        (v, f, colour_of.get(material, unknown)) for v, f, material in _pieces(scene, wavelength_m, time_s)
-    ]
+    found = [(v, f, colour_of.get(material, unknown)) for v, f, material in _pieces(scene, wavelength_m, time_s)]
     pieces = sorted(found, key=lambda piece: piece[2][3] == GLASS_ALPHA)
     counts = [len(vertices) for vertices, _, _ in pieces]
     starts = np.cumsum([0, *counts])[:-1]

@@ -102,10 +102,13 @@ class Clouds:
         wavelength = sensor.laser.wavelength_m if sensor else WAVELENGTH_M
         told = {"title": self.title, "frames": self.frames, "live": False}
         return stage_blob(
-            told, scene=self.scene, wavelength_m=wavelength, origin=self._origin,
+            told,
+            scene=self.scene,
+            wavelength_m=wavelength,
+            origin=self._origin,
             camera=_camera(self._first, self.scene, time_s=self._first.frame_start_s),
             time_s=self._first.frame_start_s,
-        )  # fmt: skip
+        )
 
     def frame(self, number: int) -> bytes:
         """Read a file, and compute its points' budgets where scene, sensor and truth are known."""
@@ -144,9 +147,7 @@ class Clouds:
         place = (pose_at(self.scene.ego, start_s) if self.scene.ego else Pose()) @ riding
         position = " ".join(repr(float(x)) for x in place.apply(cloud.sensor_position_m[None])[0])
         rotation = " ".join(repr(float(x)) for x in (place.rotation @ cloud.sensor_place.rotation).ravel())
-        metadata = {
-            **cloud.metadata, "frame": "world", "sensor_position_m": position, "sensor_rotation": rotation
-        }  # fmt: skip
+        metadata = {**cloud.metadata, "frame": "world", "sensor_position_m": position, "sensor_rotation": rotation}
         turned = cloud.vectors_turned(place.rotation)
         return dataclasses.replace(cloud, xyz_m=place.apply(cloud.xyz_m), metadata=metadata, **turned)
 
@@ -234,9 +235,7 @@ class Live:
 
     def _simulator(self, scene: Scene, sensor: Sensor, trace: TraceOptions) -> Simulator:
         wavelength_m = sensor.laser.wavelength_m
-        simulator = Simulator(
-            scene, sensor, trace, world=self._worlds.get(wavelength_m), pose=self.asked.pose
-        )
+        simulator = Simulator(scene, sensor, trace, world=self._worlds.get(wavelength_m), pose=self.asked.pose)
         self._worlds[wavelength_m] = simulator.world
         return simulator
 
@@ -245,14 +244,21 @@ class Live:
         now = self._asked(number)
         start_s = self._simulator(self.scene, self.equipment.sensor, TraceOptions()).start_s(now)
         told = {
-            "title": self.title, "frames": self.frames, "live": True,
+            "title": self.title,
+            "frames": self.frames,
+            "live": True,
             "choices": {SENSOR: list(self.sensors), DETECTOR: list(self.equipment.detectors)},
-            "ahead": self._place.rotation[:, 0].tolist(), "moves": self._moves,
-        }  # fmt: skip
+            "ahead": self._place.rotation[:, 0].tolist(),
+            "moves": self._moves,
+        }
         return stage_blob(
-            told, scene=self.scene, wavelength_m=self.equipment.sensor.laser.wavelength_m, origin=self._origin,
-            camera=self._camera(start_s), time_s=start_s,
-        )  # fmt: skip
+            told,
+            scene=self.scene,
+            wavelength_m=self.equipment.sensor.laser.wavelength_m,
+            origin=self._origin,
+            camera=self._camera(start_s),
+            time_s=start_s,
+        )
 
     def _asked(self, number: int | None) -> FrameOptions:
         return self.asked if number is None else dataclasses.replace(self.asked, number=number)
@@ -273,9 +279,7 @@ class Live:
         apart = eye_m - sensor_m
         length_m = float(np.linalg.norm(apart))
         world = next(iter(self._worlds.values()))
-        free_m = float(
-            distances_m(world, sensor_m, (apart / max(length_m, 1e-9))[:, None], time_s=self._start_s)[0]
-        )
+        free_m = float(distances_m(world, sensor_m, (apart / max(length_m, 1e-9))[:, None], time_s=self._start_s)[0])
         if free_m < length_m:
             camera["eye"] = (sensor_m + apart * (IN_ROOM * free_m / length_m)).tolist()
         return camera
@@ -296,13 +300,15 @@ class Live:
         seconds = time.perf_counter() - since
         told: dict[str, Any] = {
             "controls": [
-                dataclasses.asdict(one)
-                for one in (*equipment.controls(of_sensor), *controls(self.scene, self.asked))
+                dataclasses.asdict(one) for one in (*equipment.controls(of_sensor), *controls(self.scene, self.asked))
             ],
             "choices": {SENSOR: list(self.sensors), DETECTOR: list(equipment.detectors)},
-            "beams": summary.beams, "seconds": seconds, "sun": now.scene.sun.direction.tolist(),
-            "command": self._command(equipment, settings), "budget": now.budget,
-        }  # fmt: skip
+            "beams": summary.beams,
+            "seconds": seconds,
+            "sun": now.scene.sun.direction.tolist(),
+            "command": self._command(equipment, settings),
+            "budget": now.budget,
+        }
         budget = None
         if now.budget:
             ambient = ambient_of(now.scene, sensor)
@@ -312,9 +318,13 @@ class Live:
         if cloud.metadata.get("ego_motion"):
             still = deskewed(cloud, simulator.motion, length_s=sensor.scanner.frame_s)
         return frame_blob(
-            cloud, name="", origin_m=self._origin, budget=budget, told=told,
+            cloud,
+            name="",
+            origin_m=self._origin,
+            budget=budget,
+            told=told,
             still_m=None if still is None else still.xyz_m,
-        )  # fmt: skip
+        )
 
     def _command(self, equipment: Equipment, settings: Settings) -> str:
         """What renders the same, to be copied; or why there is none."""
@@ -333,18 +343,21 @@ class Live:
             words.append(f"--pose={','.join(f'{x:.6g}' for x in numbers)}")
         return shlex.join(words)
 
-    def _light(
-        self, simulator: Simulator, cloud: PointCloud, ambient: Ambient, frame: FrameOptions
-    ) -> Echoes:
+    def _light(self, simulator: Simulator, cloud: PointCloud, ambient: Ambient, frame: FrameOptions) -> Echoes:
         """Of the pulse of each point."""
         scene, sensor, world = simulator.scene, simulator.sensor, simulator.world
         now = Frame.of(scene, sensor, world, frame)
         count = sensor.scanner.pulses
         numbers = np.arange(now.first_pulse, now.first_pulse + count, dtype=np.uint32)
         light = light_of(
-            world, sensor, ambient, sun=scene.sun.direction, placements=now.placements(lambda: now.times(numbers)),
-            pulses=range(now.first_pulse, now.first_pulse + count), seed=frame.seed,
-        )  # fmt: skip
+            world,
+            sensor,
+            ambient,
+            sun=scene.sun.direction,
+            placements=now.placements(lambda: now.times(numbers)),
+            pulses=range(now.first_pulse, now.first_pulse + count),
+            seed=frame.seed,
+        )
         pulse = pulses_of(cloud, sensor.scanner) - now.first_pulse
         return Echoes(**{name: getattr(light, name)[pulse] for name in COLUMNS})
 
@@ -392,10 +405,7 @@ def _camera(cloud: PointCloud, scene: Scene | None, *, time_s: float = 0.0) -> d
     ahead = (cloud.xyz_m[cloud.status == 0] - camera.eye_m) @ look
     ahead = ahead[ahead > 0.0]
     reach = float(np.median(ahead).clip(2.0, 60.0)) if len(ahead) else 20.0
-    return {
-        "eye": camera.eye_m.tolist(), "target": (camera.eye_m + reach * look).tolist(),
-        "fov_deg": camera.fov_deg,
-    }  # fmt: skip
+    return {"eye": camera.eye_m.tolist(), "target": (camera.eye_m + reach * look).tolist(), "fov_deg": camera.fov_deg}
 
 
 def _origin_of(position_m: Numbers) -> Numbers:

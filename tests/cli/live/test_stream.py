@@ -48,17 +48,13 @@ class Listener:
         self._socket.close()
 
 
-def test_velodynes_reader_takes_the_stream(
-    mi: Any, run: Run, wall: str, library: Callable[[str], Any]
-) -> None:
+def test_velodynes_reader_takes_the_stream(mi: Any, run: Run, wall: str, library: Callable[[str], Any]) -> None:
     """Its stream decoder gives a cloud for each turn, of as many points as `render` has."""
     velodyne = library("velodyne_decoder")
     with Listener() as listener:
         ran = run("stream", wall, "--sensor", "vlp-16", "--udp", listener.address, "--frames", "2", *FAST)
     assert ran.code == 0
-    assert ran.out.startswith(
-        f"vlp-16 in wall to {listener.address} (Ctrl-C ends)\nsent 2 frames, 151 packets;"
-    )
+    assert ran.out.startswith(f"vlp-16 in wall to {listener.address} (Ctrl-C ends)\nsent 2 frames, 151 packets;")
     assert len(listener.payloads) == -(-2 * 1808 // 24) == 151
     decoder = velodyne.StreamDecoder(velodyne.Config(max_range=400.0))
     stamps = [int.from_bytes(one[1200:1204], "little") for one in listener.payloads]
@@ -70,9 +66,7 @@ def test_velodynes_reader_takes_the_stream(
     assert sum(len(points) for _, points in scans) == int(ran.out.split('"points": ')[1].split(",")[0]) > 1000
 
 
-def test_ousters_own_client_takes_the_stream(
-    mi: Any, run: Run, wall: str, library: Callable[[str], Any]
-) -> None:
+def test_ousters_own_client_takes_the_stream(mi: Any, run: Run, wall: str, library: Callable[[str], Any]) -> None:
     core, client = library("ouster.sdk.core"), library("ouster.sdk._bindings.client")
     with Listener() as listener:
         port = int(listener.address.partition(":")[2])
@@ -107,9 +101,7 @@ def test_ousters_own_client_takes_the_stream(
     assert min(points for _, points in found) > 500
 
 
-def test_ctrl_c_ends_it_as_it_ends_the_view(
-    mi: Any, run: Run, wall: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ctrl_c_ends_it_as_it_ends_the_view(mi: Any, run: Run, wall: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Once it sends: as many frames as wait, and one more."""
     from lidarscene.outputs.live import sending
 
@@ -137,7 +129,7 @@ def test_ctrl_c_ends_it_as_it_ends_the_view(
         (["--udp", "127.0.0.1:9", "--sensor", "vlp-16", "--metadata", "a.json"], "--metadata: sensor 'vlp-16' has"),
         ([], "the following arguments are required: --udp"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_are_told_in_one_line(run: Run, wall: str, arguments: list[str], told: str) -> None:
     ran = run("stream", wall, *arguments)
     assert ran.code == 2

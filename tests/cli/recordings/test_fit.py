@@ -16,11 +16,7 @@ def run(folder: Path, *options: str) -> int:
 
 @pytest.mark.parametrize(("passed", "code"), [(True, 0), (False, 1)])
 def test_the_code_says_whether_the_laws_held(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    passed: bool,
-    code: int,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], passed: bool, code: int
 ) -> None:
     asked: list[Any] = []
 
@@ -40,16 +36,17 @@ def test_with_a_scene_it_is_another_fit(tmp_path: Path, monkeypatch: pytest.Monk
     from lidarscene.studies.fit.on_scene import study as on_scene
 
     asked: list[Any] = []
-    monkeypatch.setattr(
-        on_scene, "fit_on_scene", lambda *given, **more: (asked.append((given, more)), ("", True))[1]
-    )
+    monkeypatch.setattr(on_scene, "fit_on_scene", lambda *given, **more: (asked.append((given, more)), ("", True))[1])
     files = ["--scene", "twin/scene.toml", "--poses", "p.csv", "--metadata", "u.json"]
     assert run(tmp_path, "-o", str(tmp_path / "u.toml"), *files) == 0
     (((given, output, report), more),) = asked
     assert given == on_scene.Given(
-        recordings=[OUSTER], scene=Path("twin/scene.toml"), sensor="os0-128", metadata=Path("u.json"),
+        recordings=[OUSTER],
+        scene=Path("twin/scene.toml"),
+        sensor="os0-128",
+        metadata=Path("u.json"),
         poses=Path("p.csv"),
-    )  # fmt: skip
+    )
     assert (output, report, more) == (tmp_path / "u.toml", tmp_path / "r", {"as_json": False})
 
 
@@ -68,9 +65,7 @@ def test_what_goes_with_a_scene(
     assert complaint in capsys.readouterr().err
 
 
-def test_one_packet_tells_too_little(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], library: Any
-) -> None:
+def test_one_packet_tells_too_little(tmp_path: Path, capsys: pytest.CaptureFixture[str], library: Any) -> None:
     """A real sensor's sixteen columns: one line, and nothing is written."""
     library("ouster.sdk.core")
     assert run(tmp_path, "-o", str(tmp_path / "u.toml")) == 2
@@ -87,11 +82,7 @@ def test_the_name_must_end_in_toml(tmp_path: Path, capsys: pytest.CaptureFixture
 
 @pytest.mark.parametrize(
     ("content", "complaint"),
-    [
-        (None, "cannot be read: No such file"),
-        (b"\xff", "not UTF-8 text"),
-        (b"a = = 1", "no TOML: Invalid value"),
-    ],
+    [(None, "cannot be read: No such file"), (b"\xff", "not UTF-8 text"), (b"a = = 1", "no TOML: Invalid value")],
 )
 def test_a_sensor_file_that_is_none(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None, complaint: str

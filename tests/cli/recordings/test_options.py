@@ -14,9 +14,7 @@ from lidarscene.recordings.opening import open_recording
 def room(path: Path, radius_m: float) -> str:
     """A file of KITTI: a ring of 360 points."""
     angle = np.radians(np.arange(360.0))
-    rows = np.stack(
-        [radius_m * np.cos(angle), radius_m * np.sin(angle), 0.0 * angle - 1.0, 0.1 + 0.0 * angle], axis=-1
-    )
+    rows = np.stack([radius_m * np.cos(angle), radius_m * np.sin(angle), 0.0 * angle - 1.0, 0.1 + 0.0 * angle], axis=-1)
     path.write_bytes(rows.astype("<f4").tobytes())
     return str(path)
 
@@ -79,16 +77,10 @@ def test_mistakes_are_told_in_one_line(run: Run, tmp_path: Path) -> None:
         (("view", a, "--frame", "4", "--save", "p.html"), "frame must be 0 to 0, got 4"),
         (("view", a, "ours.ply", "--save", "p.html"), "a recording must come alone, got 2 paths"),
         (("view", a, "--pose", "0,0,1", "--save", "p.html"), "--pose: goes with a scene or clouds"),
-        (
-            ("view", "ours.ply", "--frame", "1", "--save", "p.html"),
-            "--frame: goes with a recording, got ours.ply",
-        ),
+        (("view", "ours.ply", "--frame", "1", "--save", "p.html"), "--frame: goes with a recording, got ours.ply"),
         (("view", "damaged.bin", "--save", "p.html"), "must be rows of 16 bytes"),
         (("compare", a, "--real", "damaged.bin", "-o", "o"), "must be rows of 16 bytes"),
-        (
-            ("compare", a, a, "--real", a, "-o", "o"),
-            "--real: must go with one cloud or recording, got 2 files",
-        ),
+        (("compare", a, a, "--real", a, "-o", "o"), "--real: must go with one cloud or recording, got 2 files"),
         (("compare", a, "--real", a, "--seed", "1", "-o", "o"), "--seed: goes with a scene, not with --real"),
         (("compare", a, "--frame", "1", "-o", "o"), "--frame: goes with --real"),
     ):

@@ -48,10 +48,7 @@ def test_mistakes_are_told_in_one_line(run: Run) -> None:
     for arguments, told in (
         (("unit.json", "-o", "mine.txt"), "--output mine.txt: the name must end in .toml"),
         (("nothing.json", "-o", "a.toml"), "nothing.json: no such file"),
-        (
-            ("unit.json", "--like", "table1-apd", "-o", "a.toml"),
-            "--like table1-apd: must be a sensor that spins",
-        ),
+        (("unit.json", "--like", "table1-apd", "-o", "a.toml"), "--like table1-apd: must be a sensor that spins"),
         (("unit.json", "--like", "os9", "-o", "a.toml"), "os9"),
     ):
         ran = run("sensor", "--from", *arguments)

@@ -18,17 +18,13 @@ def test_a_twin_of_a_recording(run: Run) -> None:
     ran = run("twin", str(OUSTER), "--held-out", "columns", "-o", "twin")
     assert (ran.code, ran.err) == (0, "")
     assert "quads of 1 frame" in ran.out
-    assert {path.name for path in Path("twin").iterdir()} == {
-        "scene.toml", "sensor.toml", "twin.json", "meshes",
-    }  # fmt: skip
+    assert {path.name for path in Path("twin").iterdir()} == {"scene.toml", "sensor.toml", "twin.json", "meshes"}
     text = Path("twin/sensor.toml").read_text()
     assert "stops = 2" in text  # it recorded two returns
 
 
 @pytest.mark.usefixtures("mi")
-def test_a_twin_of_a_recording_without_signal_renders(
-    run: Run, tmp_path: Path, library: Callable[[str], Any]
-) -> None:
+def test_a_twin_of_a_recording_without_signal_renders(run: Run, tmp_path: Path, library: Callable[[str], Any]) -> None:
     """A Velodyne's packets say nothing of lost pulses. Five degrees of one laser are lost in a round room of 10 m: they
     are filled from the lasers beside it, and what the twin returns is where the room is.
     """
@@ -58,7 +54,7 @@ def test_a_twin_of_a_recording_without_signal_renders(
         (("compare", "scene.toml", "--real", str(OUSTER), "-o", "out"), "must be the scene of a twin"),
         (("compare", "a.toml", "--real", str(OUSTER), "-o", "o", "--illuminance", "1"), "--illuminance: goes with"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_are_one_line(run: Run, words: tuple[str, ...], said: str) -> None:
     ran = run(*words)
     assert ran.code == 2

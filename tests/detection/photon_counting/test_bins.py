@@ -62,9 +62,7 @@ def echoes_in_sun(counter, range_m, detections, *, rate_hz):
     dark = counter.pixel(np.zeros(1))
     background_w = (rate_hz - float(dark.rate_hz[0])) / float(dark.per_watt)
     power_w = np.asarray(detections) / float(dark.detections(1.0))
-    return lambda count: train(
-        np.tile(range_m, (count, 1)), np.tile(power_w, (count, 1)), background_w=background_w
-    )
+    return lambda count: train(np.tile(range_m, (count, 1)), np.tile(power_w, (count, 1)), background_w=background_w)
 
 
 def bins_of(counter, light, place_m):
@@ -93,8 +91,7 @@ def drawn_and_expected(counter, light_of, place_m, *, count=10_000):
 @pytest.mark.parametrize("coincidence", [1, 2])
 @pytest.mark.parametrize("detections", [0.0, 0.1])
 @pytest.mark.parametrize(
-    ("rate_mhz", "dead_ns", "fwhm_ns"),
-    [(60.0, 5.0, 4.0), (100.0, 5.3, 4.0), (50.0, 3.0, 3.0), (73.3, 6.0, 4.5)],
+    ("rate_mhz", "dead_ns", "fwhm_ns"), [(60.0, 5.0, 4.0), (100.0, 5.3, 4.0), (50.0, 3.0, 3.0), (73.3, 6.0, 4.5)]
 )
 def test_drawn_bins_have_their_means_in_strong_sun(rate_mhz, dead_ns, fwhm_ns, detections, coincidence):
     """Rationale: SPADs come alive while the bins are drawn: those that the sun fired before, evenly over a dead time.
@@ -103,9 +100,11 @@ def test_drawn_bins_have_their_means_in_strong_sun(rate_mhz, dead_ns, fwhm_ns, d
     together to 0.1 % and their error. Half a bin too late is 1 to 3 %.
     """
     counter = photons.sensor(
-        f"detector.dead_time_ns={dead_ns}", f"laser.pulse_fwhm_ns={fwhm_ns}", "histogram.window_us=0.4",
+        f"detector.dead_time_ns={dead_ns}",
+        f"laser.pulse_fwhm_ns={fwhm_ns}",
+        "histogram.window_us=0.4",
         f"detector.coincidence={coincidence}",
-    )  # fmt: skip
+    )
     light_of = echoes_in_sun(counter, [30.0], [detections], rate_hz=1e6 * rate_mhz)
     drawn, expected = drawn_and_expected(counter, light_of, 30.0)
     error = 4.5 / np.sqrt(10_000 * expected)
@@ -117,26 +116,16 @@ def test_drawn_bins_have_their_means_in_strong_sun(rate_mhz, dead_ns, fwhm_ns, d
 @pytest.mark.parametrize("rate_mhz", [0.01, 5.0])
 @pytest.mark.parametrize(
     ("stamps", "apart_m", "within"),
-    [
-        ("first", 3.0, 0.003),
-        ("first", 9.0, 0.003),
-        ("all", 3.0, 0.003),
-        ("all", 6.0, 0.07),
-        ("all", 9.0, 0.003),
-    ],
+    [("first", 3.0, 0.003), ("first", 9.0, 0.003), ("all", 3.0, 0.003), ("all", 6.0, 0.07), ("all", 9.0, 0.003)],
 )
-def test_spads_that_a_nearer_echo_has_fired_are_missing_in_the_bins_of_the_next(
-    stamps, apart_m, within, rate_mhz
-):
+def test_spads_that_a_nearer_echo_has_fired_are_missing_in_the_bins_of_the_next(stamps, apart_m, within, rate_mhz):
     """Rationale: of the free SPADs exp(-0.8) are left behind an echo of 0.8 detections, for 40 ns or 6 m, or for ever.
     Reference: the course of the free SPADs through the whole window.
     Tolerance: of the sum of the bins 0.3 %, where they come back 7 %: that is taken for an even return over three
     sigmas about the mean of the light. With sun 6 % more: SPADs that the echo has fired are not there for the sun, and
     so fewer of the sun's are blind than before, lambda tau (1 - exp(-0.8)) / 2 of the free ones.
     """
-    counter = photons.sensor(
-        "detector.dead_time_ns=40", "histogram.window_us=0.4", f"detector.stamps='{stamps}'"
-    )
+    counter = photons.sensor("detector.dead_time_ns=40", "histogram.window_us=0.4", f"detector.stamps='{stamps}'")
     light_of = echoes_in_sun(counter, [30.0, 30.0 + apart_m], [0.8, 0.3], rate_hz=1e6 * rate_mhz)
     drawn, expected = drawn_and_expected(counter, light_of, 30.0 + apart_m)
     error = 4.5 / math.sqrt(1e4 * expected.sum())
@@ -146,12 +135,7 @@ def test_spads_that_a_nearer_echo_has_fired_are_missing_in_the_bins_of_the_next(
 
 @pytest.mark.parametrize(
     ("stamps", "dead_ns", "scale", "within"),
-    [
-        ("first", 12.0, 0.02, 0.005),
-        ("all", 20.0, 0.02, 0.005),
-        ("all", 20.0, 0.2, 0.02),
-        ("all", 300.0, 0.02, 0.005),
-    ],
+    [("first", 12.0, 0.02, 0.005), ("all", 20.0, 0.02, 0.005), ("all", 20.0, 0.2, 0.02), ("all", 300.0, 0.02, 0.005)],
 )
 def test_spads_that_fog_has_fired_are_missing_in_the_bins_of_a_wall(stamps, dead_ns, scale, within):
     """Rationale: fog before the wall fires a third of the SPADs or more, of which those of the last dead time are

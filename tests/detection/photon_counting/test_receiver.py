@@ -104,9 +104,12 @@ def test_the_share_that_is_found_is_the_probability(illuminance_klux, snr):
     light = photons.echoes_of(counter, 60.0, photons=snr, count=100, illuminance_klux=illuminance_klux)
     point = counter.working_point(light.background_power_w, range_m=light.range_m)
     light = photons.echoes_of(
-        counter, 60.0, photons=float(counter.threshold(point)[0]) + (snr - 7.0), count=15_000,
+        counter,
+        60.0,
+        photons=float(counter.threshold(point)[0]) + (snr - 7.0),
+        count=15_000,
         illuminance_klux=illuminance_klux,
-    )  # fmt: skip
+    )
     found = photons.detected(counter, light)
     expected = float(found.detection_probability[0])
     assert 0.2 < expected < 0.9
@@ -116,9 +119,7 @@ def test_the_share_that_is_found_is_the_probability(illuminance_klux, snr):
 
 def test_a_threshold_that_scatters_finds_as_many_as_its_probability():
     """Echoes from 5 photons below the threshold to 5 above, 6,000 each: 4 standard errors, and 0.01 as above."""
-    counter = photons.sensor(
-        "histogram.stops=3", "histogram.threshold_floor=14", "histogram.threshold_spread=3.0"
-    )
+    counter = photons.sensor("histogram.stops=3", "histogram.threshold_floor=14", "histogram.threshold_spread=3.0")
     sharp = photons.sensor("histogram.stops=3", "histogram.threshold_floor=14")
     level = float(counter.threshold(counter.working_point(np.zeros(1)))[0])
     apart = []
@@ -139,9 +140,12 @@ def test_an_echo_without_photons_is_none_however_low_its_threshold_is_drawn():
     of a handful of counts, which (T96) takes for a continuous one.
     """
     counter = photons.sensor(
-        "histogram.stops=3", "histogram.threshold_floor=3", "histogram.threshold_slope=0",
-        "histogram.threshold_spread=3.0", "detector.dark_count_rate_hz=0",
-    )  # fmt: skip
+        "histogram.stops=3",
+        "histogram.threshold_floor=3",
+        "histogram.threshold_slope=0",
+        "histogram.threshold_spread=3.0",
+        "detector.dark_count_rate_hz=0",
+    )
     for signal in (1e-3, 0.03, 0.3, 1.0):
         light = photons.echoes_of(counter, 60.0, photons=signal, count=20_000, illuminance_klux=0.0)
         found = photons.detected(counter, light)
@@ -192,17 +196,19 @@ def of_renewed(rng, counter, light, points):
     template = np.exp(-0.5 * (np.arange(-side, side + 1) * bin_ns / w) ** 2) * math.sqrt(1 + 1.44) / 1.2
     mean = trials * rate / (1.0 + rate * dead) * bin_ns * template.sum()
     point = counter.working_point(light.background_power_w[:1], range_m=light.range_m[:1])
-    level, echo = (
-        float(counter.threshold(point)[0]),
-        float(np.ravel(pixel.detections(light.peak_power_w[:1]))[0]),
-    )
+    level, echo = (float(counter.threshold(point)[0]), float(np.ravel(pixel.detections(light.peak_power_w[:1]))[0]))
     found, at_once = 0, 100
     for _ in range(points // at_once):
         place = (reach + 4 + rng.random()) * bin_ns
         counts = photons.renewed(
-            rng, (at_once, trials), rate_per_ns=rate, dead=dead, bins=2 * reach + 9, bin_ns=bin_ns,
+            rng,
+            (at_once, trials),
+            rate_per_ns=rate,
+            dead=dead,
+            bins=2 * reach + 9,
+            bin_ns=bin_ns,
             echo=(echo, place, sigma),
-        )  # fmt: skip
+        )
         values = np.lib.stride_tricks.sliding_window_view(counts, len(template), axis=1) @ template - mean
         first = reach + 4 - side - search - 1
         found += int((values[:, first : first + 2 * search + 3].max(axis=1) >= level).sum())
@@ -237,11 +243,7 @@ SUN = {
         0.02,
         0.0,
     ),
-    "half of the SPADs": (
-        lambda n: sunlit(0.002, 12.0, 4.0, -30.0, n, "histogram.threshold_floor=1600"),
-        0.01,
-        0.03,
-    ),
+    "half of the SPADs": (lambda n: sunlit(0.002, 12.0, 4.0, -30.0, n, "histogram.threshold_floor=1600"), 0.01, 0.03),
     "100 MHz, 5 ns": (lambda n: sunlit(100.0, 5.0, 4.0, -0.8, n), 0.08, 0.0),
     "50 MHz, 3 ns": (lambda n: sunlit(50.0, 3.0, 3.0, -0.2, n), 0.035, 0.0),
     "Sony, 80 %, 216.6 m": (lambda n: sony(0.8, 216.6, n), 0.11, 0.0),
@@ -284,9 +286,11 @@ def test_the_share_found_in_strong_sun_is_that_of_photons_one_by_one(case):
 def test_a_threshold_that_scatters_has_the_false_alarms_of_its_thresholds():
     """40,000 empty windows against the mean rate over a normal distribution; few have two, so 3 % beside 4 sigma."""
     counter = photons.sensor(
-        "histogram.threshold_floor=18.0", "histogram.threshold_slope=0.0", "histogram.threshold_spread=2.0",
+        "histogram.threshold_floor=18.0",
+        "histogram.threshold_slope=0.0",
+        "histogram.threshold_spread=2.0",
         "histogram.stops=4",
-    )  # fmt: skip
+    )
     sky = photons.echoes_of(counter, 60.0, count=40_000, illuminance_klux=1.0)
     sky.found[:], sky.peak_power_w[:] = False, 0.0
     found = photons.detected(counter, sky)
@@ -295,17 +299,18 @@ def test_a_threshold_that_scatters_has_the_false_alarms_of_its_thresholds():
     drawn = 18.0 + 2.0 * np.random.default_rng(0).standard_normal(200_000)
     rate_hz = np.asarray(counter.false_alarm_rate_hz(point, np.maximum(drawn, 0.0)))
     expected = float(rate_hz.mean()) * float(counter.tdc.listening_s)
-    sharp = float(np.ravel(counter.false_alarm_rate_hz(point, np.array([18.0])))[0]) * float(
-        counter.tdc.listening_s
-    )
+    sharp = float(np.ravel(counter.false_alarm_rate_hz(point, np.array([18.0])))[0]) * float(counter.tdc.listening_s)
     assert 0.005 < expected < 0.2
     assert expected > 1.5 * sharp
     assert ours == pytest.approx(expected, rel=0.05, abs=4.0 * math.sqrt(expected / 40_000))
     # One that asks the neighbours scatters for echoes alone.
     asking = photons.sensor(
-        "histogram.threshold_floor=14.0", "histogram.threshold_slope=0.0", "histogram.threshold_spread=2.0",
-        "histogram.lone_photons=4", "histogram.stops=4",
-    )  # fmt: skip
+        "histogram.threshold_floor=14.0",
+        "histogram.threshold_slope=0.0",
+        "histogram.threshold_spread=2.0",
+        "histogram.lone_photons=4",
+        "histogram.stops=4",
+    )
     found = photons.detected(asking, sky)
     of_noise = sum((stop.reported & (stop.status == Status.FALSE_ALARM)).mean() for stop in found.stops)
     assert of_noise == pytest.approx(sharp, rel=0.05, abs=4.0 * math.sqrt(sharp / 40_000))
@@ -323,14 +328,20 @@ def test_precision_is_close_to_the_bound(estimator, photons_of_echo, klux):
     stop = photons.detected(counter, light).stops[0]
     seen = photons.echo_of(stop)
     pixel = counter.pixel(light.background_power_w)
-    bound_m = 0.5 * C * float(
-        np.mean(
-            matched_filter.bound_s(
-                signal=photons_of_echo, rate_hz=float(np.mean(pixel.count_rate_hz)), sigma_s=float(pixel.sigma_s),
-                bin_s=float(counter.histogram.bin_s),
+    bound_m = (
+        0.5
+        * C
+        * float(
+            np.mean(
+                matched_filter.bound_s(
+                    signal=photons_of_echo,
+                    rate_hz=float(np.mean(pixel.count_rate_hz)),
+                    sigma_s=float(pixel.sigma_s),
+                    bin_s=float(counter.histogram.bin_s),
+                )
             )
         )
-    )  # fmt: skip
+    )
     ratio = (stop.range_m - light.range_m)[seen].std() / bound_m
     if estimator == "matched_filter" or klux == 0.0:
         assert 0.98 < ratio < 1.2
@@ -340,9 +351,7 @@ def test_precision_is_close_to_the_bound(estimator, photons_of_echo, klux):
 
 def test_false_alarms_are_as_many_as_in_whole_histograms():
     """2000 whole windows of Poisson counts, filtered and searched by other code; 4 standard errors."""
-    counter = photons.sensor(
-        "histogram.threshold_floor=0.0", "histogram.threshold_slope=0.27", "histogram.stops=4"
-    )
+    counter = photons.sensor("histogram.threshold_floor=0.0", "histogram.threshold_slope=0.27", "histogram.stops=4")
     sky = photons.echoes_of(counter, 60.0, count=40_000, **SUNNY)
     sky.found[:], sky.peak_power_w[:] = False, 0.0
     found = photons.detected(counter, sky)
@@ -368,10 +377,7 @@ def trains(counter, ranges_m, powers_w, count):
     lanes = {"range_m": np.tile(ranges_m, count), "peak_power_w": np.tile(powers_w, count)}
     part = SubEchoes(**lanes, count=len(ranges_m))
     return EchoTrain(
-        parts=(part,),
-        surfaces=len(ranges_m),
-        found=np.ones(count, bool),
-        background_power_w=np.full(count, 1e-10),
+        parts=(part,), surfaces=len(ranges_m), found=np.ones(count, bool), background_power_w=np.full(count, 1e-10)
     )
 
 
@@ -417,11 +423,13 @@ def test_echoes_that_merge_are_found_as_often_as_their_broad_peak(background_w, 
 @pytest.mark.parametrize(
     ("rate_mhz", "detections", "overrides"),
     [
-        (0.001, 0.1, ()), (0.001, 1.5, ()), (20.0, 0.2, ()),
+        (0.001, 0.1, ()),
+        (0.001, 1.5, ()),
+        (20.0, 0.2, ()),
         (20.0, 0.2, ("histogram.estimator='centroid'",)),
         (0.001, 1.5, ("detector.stamps='first'", "histogram.coates=true")),
     ],
-)  # fmt: skip
+)
 def test_ranges_have_no_bias_over_the_places_in_a_bin(rate_mhz, detections, overrides):
     """Rationale: walk by pile-up and shadow are taken off, and a peak lies between bins. Mean error of the range of
     4,000 echoes in tenths of a bin, 150 mm: within 5 mm, as (T92a) and (T92b) are to first order, and 4.5 standard
@@ -457,9 +465,7 @@ def test_the_raw_range_of_strong_echoes_is_short_by_their_pile_up(detections):
     stop = photons.detected(counter, light).stops[0]
     assert photons.echo_of(stop).all()
     apart = np.asarray(stop.range_m) - light.range_m
-    expected = (
-        0.5 * C * float(pixel.sigma_s) * float(np.ravel(pile_up.shift(detections=np.array([detections])))[0])
-    )
+    expected = 0.5 * C * float(pixel.sigma_s) * float(np.ravel(pile_up.shift(detections=np.array([detections])))[0])
     assert apart.mean() == pytest.approx(expected, abs=4.0 * apart.std() / math.sqrt(2000) - 0.02 * expected)
 
 
@@ -494,7 +500,7 @@ def test_which_of_two_boards_is_kept():
     def found(*overrides):
         counter = photons.sensor(
             "detector.spads=100", "histogram.window_us=0.6", "histogram.threshold_floor=100", *overrides
-        )  # fmt: skip
+        )
         pixel = counter.pixel(np.full(1, 1e-10))
         powers = [float(np.ravel(pixel.power_w(n * np.ones(1)))[0]) for n in (600.0, 1500.0)]
         return photons.detected_train(counter, trains(counter, [30.0, 33.0], powers, 50))
@@ -516,9 +522,13 @@ def test_what_comes_while_the_receiver_is_blanked_is_none():
     from then on.
     """
     counter = photons.sensor(
-        "histogram.stops=2", "detector.spads=100", "histogram.blanking_ns=210", "detector.stamps='first'",
-        "histogram.window_us=0.4", "histogram.threshold_floor=100",
-    )  # fmt: skip
+        "histogram.stops=2",
+        "detector.spads=100",
+        "histogram.blanking_ns=210",
+        "detector.stamps='first'",
+        "histogram.window_us=0.4",
+        "histogram.threshold_floor=100",
+    )
     pixel = counter.pixel(np.full(1, 1e-10))
     power_w = 0.5 / float(np.ravel(pixel.detections(1.0))[0])
     light = trains(counter, [30.0, 33.0], [power_w, power_w], 50)
@@ -547,9 +557,7 @@ def test_coates_correction_straightens_the_photons_of_strong_echoes():
     """Two detections a shot and SPAD: corrected counts are in proportion to the light to 1 %, raw ones 0.43 of it."""
     found = {}
     for coates in ("true", "false"):
-        counter = photons.sensor(
-            f"histogram.coates={coates}", "detector.stamps='first'", "detector.spads=1000"
-        )
+        counter = photons.sensor(f"histogram.coates={coates}", "detector.stamps='first'", "detector.spads=1000")
         light = photons.echoes_of(counter, 5.0, count=4000, illuminance_klux=1.0)
         pixel = counter.pixel(light.background_power_w, range_m=light.range_m)
         unit = float(np.ravel(pixel.detections(1.0))[0])

@@ -19,9 +19,7 @@ from lidarscene.physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 
 DEAD_S, FWHM_S, CELLS, PDE, DARK_HZ = 20e-9, 3e-9, 400, 0.22, 2007.0
 SIGMA_PULSE_S = FWHM_S / SIGMAS_PER_FWHM
-KEYS = (
-    "detector.dead_time_ns=20", "laser.pulse_fwhm_ns=3", "tdc.stops=4", "detector.cell_floor=1", "tdc.lsb_ps=0",
-)  # fmt: skip
+KEYS = ("detector.dead_time_ns=20", "laser.pulse_fwhm_ns=3", "tdc.stops=4", "detector.cell_floor=1", "tdc.lsb_ps=0")
 IN_TIME, STEADY = (f"detector.statistics='{one}'" for one in ("time_domain", "steady_state"))
 DIM_W, BRIGHT_W = 2.5e-9, 2.5e-8
 """Background at which a ready cell fires 0.13 and 1.3 times in a dead time."""
@@ -131,9 +129,7 @@ def test_what_an_echo_leaves(background_w):
     power = float(point.power_w(np.array([110.0]))[0])
     time_s, count = counts(equipped, background_w, [power, 0.0], np.array([0.0, 1.1 * DEAD_S]))
     memory = {"rate_hz": rate_hz(equipped, background_w), "dead_time_s": DEAD_S}
-    fired = sipm_response.fired_by_pulse(
-        peak=110.0, rate_hz=memory["rate_hz"], pulse_fwhm_s=FWHM_S, dead_time_s=DEAD_S
-    )
+    fired = sipm_response.fired_by_pulse(peak=110.0, rate_hz=memory["rate_hz"], pulse_fwhm_s=FWHM_S, dead_time_s=DEAD_S)
     later = (time_s > 2.5 * SIGMA_PULSE_S) & (np.abs(time_s - DEAD_S) > 3.0 * SIGMA_PULSE_S)
     later &= time_s < 2.0 * DEAD_S
     expected = fired * sipm_response.left_busy(age_s=time_s[later], sigma_s=SIGMA_PULSE_S, **memory)
@@ -173,16 +169,12 @@ def test_the_paper_forgets():
         np.testing.assert_allclose(found.stops[0].snr, found.stops[1].snr, rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("recovery_ns", "apart_m", "expected"), [(5.0, 6.0, 1), (5.0, 20.0, 2), (20.0, 20.0, 1)]
-)
+@pytest.mark.parametrize(("recovery_ns", "apart_m", "expected"), [(5.0, 6.0, 1), (5.0, 20.0, 2), (20.0, 20.0, 1)])
 def test_a_clipped_amplifier_is_blind_for_the_next_echo(recovery_ns, apart_m, expected):
     """Rationale: it holds a clipped pulse's charge until t_S + tau ln(s / U), and sees no edge before. Reference: that
     time by hand, after a plate 100 times above clipping.
     """
-    equipped = sensor(
-        "table1-apd", "detector.saturation_ua=50", f"detector.recovery_ns={recovery_ns}", "tdc.stops=3"
-    )
+    equipped = sensor("table1-apd", "detector.saturation_ua=50", f"detector.recovery_ns={recovery_ns}", "tdc.stops=3")
     found, _, arrivals = echoes(equipped, 2.5e-8, (5e-3, 10e-6), apart_m)
     level = float(equipped.threshold(equipped.working_point(np.array([2.5e-8])))[0])
     blind_s = SIGMA_S * math.sqrt(2.0 * math.log(100.0)) + recovery_ns * 1e-9 * math.log(5e-3 / level)
@@ -210,7 +202,7 @@ def test_charge_adds_to_the_next_echo():
         ("table1-sipm", IN_TIME, *KEYS),
         ("table1-apd", "detector.saturation_ua=5", "detector.recovery_ns=5", "tdc.stops=4"),
     ],
-)  # fmt: skip
+)
 def test_on_the_device(mi, equipment):
     """Three echoes up to 5 m apart: outcomes of pulses as numpy has them but for 1 in 200, ranges to 2 mm.
 
@@ -223,9 +215,8 @@ def test_on_the_device(mi, equipment):
     light = train(30.0 + np.cumsum(random.uniform(1.0, 5.0, (count, 3)), axis=1), power, background_w=DIM_W)
     here = detect(light, equipped)
     there = multi_echo.detect(
-        trains.on_device(light), transfer.opaque(equipped), seed=transfer.seed_word(0),
-        pulse=transfer.counter(0, count),
-    )  # fmt: skip
+        trains.on_device(light), transfer.opaque(equipped), seed=transfer.seed_word(0), pulse=transfer.counter(0, count)
+    )
     seen = [np.array(stop.reported.numpy()) for stop in there.stops]
     assert 1.05 < sum(stop.mean() for stop in seen) < 2.8
     for one, other, reported in list(zip(here.stops, there.stops, seen, strict=True))[:2]:
@@ -274,18 +265,14 @@ def test_what_is_left_counts_as_signal_for_the_walk():
     assert seen.mean() > 0.9
     level = float(equipped.threshold(equipped.working_point(np.array([2.5e-8])))[0])
     early_s = SIGMA_S * np.sqrt(2.0 * np.log(corrected.amplitude[seen] / level))
-    np.testing.assert_allclose(
-        (corrected.range_m - raw.range_m)[seen], 0.5 * SPEED_OF_LIGHT_M_S * early_s, rtol=1e-9
-    )
+    np.testing.assert_allclose((corrected.range_m - raw.range_m)[seen], 0.5 * SPEED_OF_LIGHT_M_S * early_s, rtol=1e-9)
 
 
 @pytest.mark.parametrize("order", [(1.0, 2.0, 3.0), (1.0, 3.0, 2.0), (3.0, 2.0, 1.0)])
 def test_the_snr_of_a_pulse_is_that_of_its_brightest_echo(order):
     """Wherever that is among others far from it."""
     equipped = sensor("table1-apd")
-    light = train(
-        np.array([[40.0, 60.0, 80.0]]), 10.0 * trains.power_at_snr(equipped, 1.0) * np.array([order])
-    )
+    light = train(np.array([[40.0, 60.0, 80.0]]), 10.0 * trains.power_at_snr(equipped, 1.0) * np.array([order]))
     assert detect(light, equipped).snr[0] == pytest.approx(30.0, rel=1e-6)
 
 
@@ -293,10 +280,7 @@ def test_the_snr_of_a_pulse_is_that_of_its_brightest_echo(order):
     ("keys", "avalanches"),
     [
         (("detector.crosstalk=0.25",), 1.0 / 0.75),
-        (
-            ("detector.afterpulse=0.3", "detector.afterpulse_ns=30"),
-            1.0 / (1.0 - 0.3 * math.exp(-20.0 / 30.0)),
-        ),
+        (("detector.afterpulse=0.3", "detector.afterpulse_ns=30"), 1.0 / (1.0 - 0.3 * math.exp(-20.0 / 30.0))),
     ],
 )
 def test_the_signal_of_a_waveform_counts_avalanches_that_others_cause(keys, avalanches):

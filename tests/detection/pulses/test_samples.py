@@ -28,9 +28,7 @@ def test_matched_filter_reaches_the_cramer_rao_bound(snr):
     assert low * bound < error.std() < 1.05 * high * bound
     assert abs(error.mean()) < norm.isf(0.5e-4) * error.std() / math.sqrt(count)
     # Of the amplitude: sigma over the root of the sum of g^2, rate sqrt(pi) sigma_p samples.
-    assert amplitude.std() == pytest.approx(
-        1.0 / snr / math.sqrt(1e9 * math.sqrt(math.pi) * SIGMA_S), rel=0.05
-    )
+    assert amplitude.std() == pytest.approx(1.0 / snr / math.sqrt(1e9 * math.sqrt(math.pi) * SIGMA_S), rel=0.05)
 
 
 def test_the_bound_is_that_of_the_sum_over_samples():
@@ -63,9 +61,7 @@ def test_noise_of_samples_in_a_row(bandwidth_mhz):
     error_m, amplitude, _ = readings(snr, *options)
     place = np.arange(-30, 31) * 1e-9 / SIGMA_S
     pulse, slope = np.exp(-0.5 * place**2), place * np.exp(-0.5 * place**2)
-    rho = np.exp(-2.0 * math.pi * bandwidth_mhz * 1e6 * 1e-9) ** np.abs(
-        np.subtract.outer(np.arange(61), np.arange(61))
-    )
+    rho = np.exp(-2.0 * math.pi * bandwidth_mhz * 1e6 * 1e-9) ** np.abs(np.subtract.outer(np.arange(61), np.arange(61)))
     wanted = math.sqrt(pulse @ rho @ pulse) / (pulse @ pulse) / snr
     assert wanted > 1.3 / math.sqrt(pulse @ pulse) / snr
     assert amplitude.std() == pytest.approx(wanted, rel=0.06)
@@ -81,9 +77,7 @@ def test_width_that_samples_tell():
     for snr in (30.0, 100.0):
         _, _, width_s = readings(snr, *WHITE, *ADC)
         wanted_s = 2.0 * SIGMA_S * math.sqrt(2.0 * math.log(snr / 7.0))
-        assert width_s.mean() == pytest.approx(
-            wanted_s, abs=5.0 * width_s.std() / math.sqrt(SHOTS) + 0.01 * wanted_s
-        )
+        assert width_s.mean() == pytest.approx(wanted_s, abs=5.0 * width_s.std() / math.sqrt(SHOTS) + 0.01 * wanted_s)
         np.testing.assert_allclose(width_s * 1e9, np.rint(width_s * 1e9), atol=1e-9)
 
 
@@ -93,10 +87,7 @@ def test_quantisation_noise():
     8 bits of 2560 sigma are steps of 10 sigma, 2.9 sigma of noise; the pulse's 30 sigma per sample move it over many
     steps, so that errors are evenly spread: 10 % for what is left of the steps' own pattern.
     """
-    snr, sigma = (
-        300.0,
-        float(sensor("table1-apd", *WHITE).working_point(np.array([trains.BACKGROUND_W])).noise[0]),
-    )
+    snr, sigma = (300.0, float(sensor("table1-apd", *WHITE).working_point(np.array([trains.BACKGROUND_W])).noise[0]))
     coarse = ["sampler.bits=8", f"sampler.full_scale={2560.0 * sigma!r}"]
     _, amplitude, _ = readings(snr, *WHITE, *ADC, *coarse)
     noise = math.hypot(1.0, sampling.quantisation_noise(step=10.0))
@@ -104,9 +95,7 @@ def test_quantisation_noise():
     assert amplitude.std() == pytest.approx(noise / snr / gain, rel=0.1)
     steps = np.random.default_rng(2).uniform(-50.0, 50.0, 1_000_000)
     error = sampling.quantised(signal=steps, step=1.0, full_scale=100.0) - steps
-    assert error.std() == pytest.approx(
-        sampling.quantisation_noise(step=1.0), rel=2e-3
-    )  # 1e6 errors: 1e-3 / sqrt(2)
+    assert error.std() == pytest.approx(sampling.quantisation_noise(step=1.0), rel=2e-3)  # 1e6 errors: 1e-3 / sqrt(2)
 
 
 def test_an_adc_that_is_full_clips():
@@ -130,9 +119,13 @@ def test_samples_end_below_half_of_the_threshold(dip, apart):
     snr = 1400.0
     places = math.sqrt(8.0 * math.log(2.0 * snr / (50.0 * dip)))  # exp(-d^2 / 8) twice is the dip
     error_m, _, _ = readings(
-        2.0 * snr, *WHITE, *ADC, "tdc.threshold_to_noise=50", "sampler.estimator='centroid'",
+        2.0 * snr,
+        *WHITE,
+        *ADC,
+        "tdc.threshold_to_noise=50",
+        "sampler.estimator='centroid'",
         sub_echoes=((0.0, 0.5), (places * SIGMA_M, 0.5)),
-    )  # fmt: skip
+    )
     crossing = -math.sqrt(2.0 * math.log(snr / 50.0))
     spacing, width = 1e-9 / SIGMA_S, FWHM_S / SIGMA_S
     centroids = []
@@ -177,9 +170,7 @@ def test_samples_are_taken_at_the_ticks_of_the_clock():
     """
     height = 1.015
     error, stop, range_m, _ = clean_pulses(height, CENTROID)
-    reach = math.sqrt(
-        2.0 * math.log(height)
-    )  # 0.17 sigma_p: half of the time over the threshold, less than a tick
+    reach = math.sqrt(2.0 * math.log(height))  # 0.17 sigma_p: half of the time over the threshold, less than a tick
     tick = 1e-9 / SIGMA_S
     assert 2.0 * reach < tick
     ticks = stop.range_m / HALF_C / 1e-9
@@ -305,9 +296,14 @@ def test_samples_have_the_noise_of_their_light():
 def test_samples_of_a_clipped_pulse_are_clipped():
     """The highest is the clipping level, to a step."""
     equipped = sensor(
-        "table1-apd", *ADC, "detector.circuit_noise_na=1e4", "tdc.threshold_to_noise=100", CENTROID,
-        "detector.saturation_ua=5e3", "sampler.full_scale=1",
-    )  # fmt: skip
+        "table1-apd",
+        *ADC,
+        "detector.circuit_noise_na=1e4",
+        "tdc.threshold_to_noise=100",
+        CENTROID,
+        "detector.saturation_ua=5e3",
+        "sampler.full_scale=1",
+    )
     light = train(np.full((50, 1), 60.0), np.full((50, 1), trains.power_at_snr(equipped, 1e4)))
     stop = detect(light, equipped).stops[0]
     np.testing.assert_allclose(stop.amplitude, 5e-3, atol=1.0 / 2**20)

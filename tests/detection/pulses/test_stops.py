@@ -56,8 +56,7 @@ def test_a_wall_behind_fog_is_found(overrides):
 
 
 @pytest.mark.parametrize(
-    "overrides",
-    [("tdc.keep='strongest_and_last'", "tdc.stops=2"), ("tdc.stops=2", *ADC), ("tdc.stops=2", *LEVELS)],
+    "overrides", [("tdc.keep='strongest_and_last'", "tdc.stops=2"), ("tdc.stops=2", *ADC), ("tdc.stops=2", *LEVELS)]
 )
 def test_fog_and_the_wall_behind_it(overrides):
     """Two stops hold both. What is no wall is fog: no surface stands between."""
@@ -117,9 +116,14 @@ def test_peaks_of_any_train(keep, dead_time_ns):
     """
     sensor = load_sensor(
         "table1-apd",
-        overrides=["tdc.timing='peak'", "tdc.threshold_to_noise=5000", "detector.circuit_noise_na=1e5",
-                   f"tdc.keep='{keep}'", f"tdc.dead_time_ns={dead_time_ns}"],
-    )  # fmt: skip
+        overrides=[
+            "tdc.timing='peak'",
+            "tdc.threshold_to_noise=5000",
+            "detector.circuit_noise_na=1e5",
+            f"tdc.keep='{keep}'",
+            f"tdc.dead_time_ns={dead_time_ns}",
+        ],
+    )
     light = random_trains(sensor, 300, seed=7)
     found = trains.detect(light, sensor)
     point = sensor.working_point(light.background_power_w)
@@ -130,10 +134,14 @@ def test_peaks_of_any_train(keep, dead_time_ns):
         ranges = light.parts[0].range_m.reshape(300, -1)[pulse]
         time_s = np.arange(2.0 * ranges.min() / c - 30e-9, 2.0 * ranges.max() / c + 30e-9, step_s)
         one = replace(
-            light, background_power_w=light.background_power_w[:1],
-            parts=(replace(light.parts[0], range_m=ranges,
-                           peak_power_w=light.parts[0].peak_power_w.reshape(300, -1)[pulse]),),
-        )  # fmt: skip
+            light,
+            background_power_w=light.background_power_w[:1],
+            parts=(
+                replace(
+                    light.parts[0], range_m=ranges, peak_power_w=light.parts[0].peak_power_w.reshape(300, -1)[pulse]
+                ),
+            ),
+        )
         signal = sampled(one, sensor, time_s)[1][0] / threshold[pulse]
         peaks, about = find_peaks(signal, height=1.0, prominence=0.0)
         low = np.array([signal[a : b + 1].min() for a, b in itertools.pairwise(peaks)])
@@ -188,9 +196,7 @@ def test_orders_of_returns(overrides, ranges):
 
 def test_alarms_beside_the_strongest_and_the_last():
     """In an empty window: both are a Poisson number's highest and last, against brute force; z-tests at 1e-4."""
-    sensor = load_sensor(
-        "table1-apd", overrides=["tdc.threshold_to_noise=3.3", "tdc.keep='strongest_and_last'"]
-    )
+    sensor = load_sensor("table1-apd", overrides=["tdc.threshold_to_noise=3.3", "tdc.keep='strongest_and_last'"])
     count = 20_000
     found = trains.detect(trains.train(np.full((count, 1), 50.0), np.zeros((count, 1))), sensor, seed=4)
     point = sensor.working_point(np.array([trains.BACKGROUND_W]))
@@ -262,9 +268,7 @@ def test_the_last_and_the_highest_of_many_alarms(rate):
     plain = load_sensor("table1-apd").tdc
     probability = rate / (plain.bandwidth_hz * plain.window_s)
     tnr = float(norm.isf(-math.expm1(-probability)))
-    sensor = load_sensor(
-        "table1-apd", overrides=[f"tdc.threshold_to_noise={tnr!r}", "tdc.keep='strongest_and_last'"]
-    )
+    sensor = load_sensor("table1-apd", overrides=[f"tdc.threshold_to_noise={tnr!r}", "tdc.keep='strongest_and_last'"])
     light = trains.train(np.full((6000, 1), 50.0), np.zeros((6000, 1)))
     found = trains.detect(light, sensor, seed=5)
     times = np.stack([np.where(stop.reported, stop.range_m, -1.0) for stop in found.stops]).max(axis=0)
@@ -279,6 +283,4 @@ def test_the_last_and_the_highest_of_many_alarms(rate):
     level = float(sensor.threshold(point)[0])
     highest = np.stack([np.where(stop.reported, stop.amplitude, 0.0) for stop in found.stops]).max(axis=0)
     over = (highest[there] - level) * level / float(point.noise[0]) ** 2
-    assert (
-        kstest(over, lambda x: (np.exp(-rate * np.exp(-np.asarray(x))) - none) / (1.0 - none)).pvalue > 1e-6
-    )
+    assert kstest(over, lambda x: (np.exp(-rate * np.exp(-np.asarray(x))) - none) / (1.0 - none)).pvalue > 1e-6

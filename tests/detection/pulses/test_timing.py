@@ -94,9 +94,11 @@ def shots(rule, snr, *overrides):
     count = 8000
     power = trains.power_at_snr(plain, snr)
     light = Echoes(
-        found=np.full(count, True), range_m=np.full(count, 50.0), peak_power_w=np.full(count, power),
+        found=np.full(count, True),
+        range_m=np.full(count, 50.0),
+        peak_power_w=np.full(count, power),
         background_power_w=np.full(count, trains.BACKGROUND_W),
-    )  # fmt: skip
+    )
     stop = returns.detect(light, sensor, seed=1, pulse=np.arange(count, dtype=np.uint32)).stops[0]
     point = plain.working_point(light.background_power_w)
     peak = float(np.ravel(point.signal(power))[0])
@@ -131,17 +133,17 @@ def test_closed_forms_of_the_deviations():
     share = 1.0 / snr
     early_s = SIGMA_S * math.sqrt(2.0 * math.log(2.0))
     wanted = {
-        "constant_fraction": SIGMA_S * sampling.fraction_deviation(
-            fraction=0.5, noise_share_at_fraction=share, noise_share_at_peak=share,
+        "constant_fraction": SIGMA_S
+        * sampling.fraction_deviation(
+            fraction=0.5,
+            noise_share_at_fraction=share,
+            noise_share_at_peak=share,
             correlation=tdc.noise_correlation(lag_s=early_s, bandwidth_hz=BAND_HZ),
         ),
-        "peak": SIGMA_S * sampling.peak_deviation(
-            noise_share=share, slope_noise=sampling.slope_noise(x=x), curvature=1.0
-        ),
-        "matched_filter": sampling.least_time_deviation_s(
-            snr=snr, rate_hz=2.0 * BAND_HZ, pulse_fwhm_s=FWHM_S
-        ),
-    }  # fmt: skip
+        "peak": SIGMA_S
+        * sampling.peak_deviation(noise_share=share, slope_noise=sampling.slope_noise(x=x), curvature=1.0),
+        "matched_filter": sampling.least_time_deviation_s(snr=snr, rate_hz=2.0 * BAND_HZ, pulse_fwhm_s=FWHM_S),
+    }
     for rule, deviation_s in wanted.items():
         time_s = shots(rule, snr, QUIET_ECHO)[0]
         count = len(time_s)
@@ -173,9 +175,7 @@ def test_a_broad_pulse_behind_a_matched_filter(width):
     bend = -(output[513] - 2.0 * output[512] + output[511]) / (STEP_S / SIGMA_S) ** 2 / output[512]
     assert sampling.matched_curvature(curvature=curvature) == pytest.approx(bend, rel=2e-3)
     shares = [(own**power).sum() / (own**2).sum() for power in (3, 4, 1)]
-    assert shares == pytest.approx(
-        [sampling.SHOT_SHARE, sampling.SQUARE_SHARE, sampling.LASTING_GAIN], rel=1e-9
-    )
+    assert shares == pytest.approx([sampling.SHOT_SHARE, sampling.SQUARE_SHARE, sampling.LASTING_GAIN], rel=1e-9)
 
 
 @pytest.mark.parametrize("how", ["tdc", "adc"])
@@ -210,9 +210,7 @@ def test_a_fraction_has_no_walk(name, fraction):
     sensor = load_sensor(name, overrides=["tdc.timing='constant_fraction'", f"tdc.fraction={fraction}"])
     for snr in (15.0, 40.0) if name == "table1-sipm" else (30.0, 100.0, 1000.0):
         power = trains.power_at_snr(sensor, snr)
-        stop = trains.detect(trains.train(np.full((4000, 1), 50.0), np.full((4000, 1), power)), sensor).stops[
-            0
-        ]
+        stop = trains.detect(trains.train(np.full((4000, 1), 50.0), np.full((4000, 1), power)), sensor).stops[0]
         error = (stop.range_m - 50.0)[stop.reported & (stop.status == 0)]
         assert abs(error.mean()) < 5.0 * error.std() / math.sqrt(len(error)) + 0.05 * trains.SIGMA_M
 
@@ -225,9 +223,11 @@ def test_one_echo_or_a_train_of_one(rule):
     power = trains.power_at_snr(sensor, 6.0) * np.random.default_rng(1).uniform(0.3, 3.0, count)
     light = trains.train(np.full((count, 1), 50.0), power[:, None])
     lone = Echoes(
-        found=np.full(count, True), range_m=np.full(count, 50.0), peak_power_w=power,
+        found=np.full(count, True),
+        range_m=np.full(count, 50.0),
+        peak_power_w=power,
         background_power_w=light.background_power_w,
-    )  # fmt: skip
+    )
     have = trains.detect(light, sensor).stops[0]
     want = returns.detect(lone, sensor, seed=0, pulse=np.arange(count, dtype=np.uint32)).stops[0]
     np.testing.assert_array_equal(have.reported, want.reported)
@@ -242,10 +242,12 @@ def on_lasting(sensor, height, lasting, shots):
     one, _, _ = on_light(sensor, [(50.0, 20.0 * height), (60.0, height)], corners)
     (part,) = one.parts
     many = replace(
-        one, found=np.full(shots, True), background_power_w=np.full(shots, trains.BACKGROUND_W),
+        one,
+        found=np.full(shots, True),
+        background_power_w=np.full(shots, trains.BACKGROUND_W),
         parts=(replace(part, range_m=np.tile(part.range_m, shots), peak_power_w=np.tile(part.peak_power_w, shots)),),
         volume=replace(one.volume, scale=np.tile(one.volume.scale, shots), end_m=np.full(shots, 1e6)),
-    )  # fmt: skip
+    )
     return trains.detect(many, sensor, seed=3).stops[1]
 
 
@@ -258,9 +260,7 @@ def test_a_pulse_on_light_that_lasts_is_timed_as_if_alone(rule, walk):
     """Without noise to speak of its range is its own, to 0.2 % of sigma_p for noise of 1e-4 of U, and its amplitude
     that of all light; behind a matched filter light that lasts is sqrt(2) times as high, by (T80) less where both mix.
     """
-    sensor = load_sensor(
-        "table1-apd", overrides=[*CLEAN, f"tdc.timing='{rule}'", f"tdc.walk='{walk}'", *WITH_BRIGHTER]
-    )
+    sensor = load_sensor("table1-apd", overrides=[*CLEAN, f"tdc.timing='{rule}'", f"tdc.walk='{walk}'", *WITH_BRIGHTER])
     stop = on_lasting(sensor, 4.0, 1.5, 20)
     np.testing.assert_allclose(stop.range_m, 60.0, atol=2e-3 * trains.SIGMA_M)
     gain = math.sqrt(2.0 / (1.0 + 4.0 / 5.5)) if rule == "matched_filter" else 1.0
@@ -297,9 +297,7 @@ def test_light_that_lasts_does_not_blur_a_peak(lasting, rule, too_much):
     count = 3000
     sensor = equipped(QUIET_ECHO, f"tdc.timing='{rule}'", "tdc.threshold_to_noise=10", *WITH_BRIGHTER)
     point = sensor.working_point(np.array([trains.BACKGROUND_W]))
-    height = 10.0 * float(
-        ((point.unfiltered or point).noise / point.noise)[0]
-    )  # of SNR 100 before a filter, in U
+    height = 10.0 * float(((point.unfiltered or point).noise / point.noise)[0])  # of SNR 100 before a filter, in U
     stop = on_lasting(sensor, height, lasting * height, count)
     assert stop.reported.all()
     wanted_s = samples_of(rule, lambda place: np.exp(-0.5 * place**2) + lasting)
@@ -358,8 +356,7 @@ def test_a_clipped_pulse_has_the_walk_of_what_is_measured():
     """The fraction of a clipped peak is early: with "none" the sensor takes off what that is, and the range is true."""
     clips = ["detector.circuit_noise_na=1e4", "tdc.threshold_to_noise=100", "detector.saturation_ua=5e3"]
     sensor = load_sensor(
-        "table1-apd",
-        overrides=[*clips, "tdc.timing='constant_fraction'", "tdc.walk='none'", "tdc.edges='rising'"],
+        "table1-apd", overrides=[*clips, "tdc.timing='constant_fraction'", "tdc.walk='none'", "tdc.edges='rising'"]
     )
     power = trains.power_at_snr(sensor, 1e4)
     stop = trains.detect(trains.train(np.full((200, 1), 50.0), np.full((200, 1), power)), sensor).stops[0]
@@ -385,9 +382,10 @@ def test_time_of_cells_behind_a_matched_filter():
     x = 2.0 * math.pi * float(sensor.noise_bandwidth_hz) * SIGMA_S
     share = math.sqrt(math.pi) * erf(x) / x
     variance = share * (
-        float(raw.noise[0]) ** 2 + (2.0 / 3.0) ** 1.5 * float(np.ravel(raw.kappa_1)[0]) * signal
+        float(raw.noise[0]) ** 2
+        + (2.0 / 3.0) ** 1.5 * float(np.ravel(raw.kappa_1)[0]) * signal
         + 0.5**1.5 * float(np.ravel(raw.kappa_2)[0]) * signal**2
-    )  # fmt: skip
+    )
     slope = 1.0 - 2.0 * x * math.exp(-(x**2)) / (math.sqrt(math.pi) * erf(x))
     wanted_s = math.sqrt(2.0 * variance * slope) * SIGMA_S / signal
     assert abs(0.5**1.5 * float(np.ravel(raw.kappa_2)[0]) * signal**2) * share > 0.3 * variance

@@ -46,8 +46,7 @@ def test_of_three_returns_the_two_strongest_stay(
 ) -> None:
     sensor = load_sensor("vlp-16")
     columns = [
-        points(sensor, np.array([5]), np.array([10.0 + number]), 0, return_number=number)
-        for number in (1, 2, 3)
+        points(sensor, np.array([5]), np.array([10.0 + number]), 0, return_number=number) for number in (1, 2, 3)
     ]
     for one, signal in zip(columns, signals, strict=True):
         one["signal"] = np.array([signal], np.float32)

@@ -67,9 +67,7 @@ def test_our_reader_gives_the_frame_back(tmp_path: Path, sets: tuple[str, ...]) 
     assert np.abs(sweep.time_s[place] + sweep.start_s - cloud.time_s).max() < 1e-6
 
 
-@pytest.mark.parametrize(
-    ("sets", "mode", "dual"), [((), 0x37, 0), (('tdc.keep="last"',), 0x38, 0), (DUAL, 0x39, 1)]
-)
+@pytest.mark.parametrize(("sets", "mode", "dual"), [((), 0x37, 0), (('tdc.keep="last"',), 0x38, 0), (DUAL, 0x39, 1)])
 def test_what_a_packet_says_of_itself(sets: tuple[str, ...], mode: int, dual: int) -> None:
     """By the manual, byte by byte: the head EE FF, 64 lasers, 6 blocks, which return comes first, steps of 4 mm; in the
     tail 600 turns a minute, the mode of returns, 0x42 of the factory, and year, month, day, hour, minute, second.
@@ -103,9 +101,7 @@ def test_the_last_packet_goes_on_without_points() -> None:
     filled = short + maker.rest()
     expected = maker_of(sensor).packets(whole)[:2]
     assert [one.time_s for one in filled] == [one.time_s for one in expected]
-    ours, theirs = (
-        np.frombuffer(b"".join(one.payload for one in made), PACKET) for made in (filled, expected)
-    )
+    ours, theirs = (np.frombuffer(b"".join(one.payload for one in made), PACKET) for made in (filled, expected))
     for name in ("stamp", "utc"):
         np.testing.assert_array_equal(ours[name], theirs[name])
     blocks = ours["blocks"]

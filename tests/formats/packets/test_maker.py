@@ -15,12 +15,7 @@ def of_one_firing(ranges_m: Any, intensities: Any, *, both: bool) -> Any:
     """(2, lasers) distances and reflectivities of (lasers, 2) returns, the strongest first."""
     range_m, intensity = np.array([ranges_m], float), np.array([intensities], np.float32)
     frame = Firings(
-        range_m=range_m,
-        intensity=intensity,
-        signal=intensity,
-        ambient=intensity[..., 0],
-        number=0,
-        time_s=np.zeros(1),
+        range_m=range_m, intensity=intensity, signal=intensity, ambient=intensity[..., 0], number=0, time_s=np.zeros(1)
     )
     made = last_and_other(frame, step_m=STEP_M, both=both)
     return made["distance"][0].tolist(), made["reflectivity"][0].tolist()

@@ -14,13 +14,16 @@ from lidarscene.sensor.catalogue import load_sensor
 @pytest.mark.parametrize(
     ("name", "port"),
     [
-        ("vlp-16", 2368), ("hdl-32e", 2368), ("vls-128", 2368), ("os0-128", 7502), ("os1-128", 7502),
-        ("os2-128", 7502), ("pandar64", 2368),
+        ("vlp-16", 2368),
+        ("hdl-32e", 2368),
+        ("vls-128", 2368),
+        ("os0-128", 7502),
+        ("os1-128", 7502),
+        ("os2-128", 7502),
+        ("pandar64", 2368),
     ],
-)  # fmt: skip
-def test_sensors_of_the_catalogue_have_their_packets(
-    library: Callable[[str], Any], name: str, port: int
-) -> None:
+)
+def test_sensors_of_the_catalogue_have_their_packets(library: Callable[[str], Any], name: str, port: int) -> None:
     """Rationale: who changes when a catalogue sensor fires is told here that its packets say otherwise."""
     library("ouster.sdk.core")
     assert maker_of(load_sensor(name)).port == port
@@ -38,7 +41,7 @@ def test_sensors_of_the_catalogue_have_their_packets(
         ("vlp-16", ("scanner.rotation_hz=10",), "default", "scanner.rotation_hz: must be negative"),
         ("vlp-16", ('intensity={"kind"="range_corrected","reference_m"=10}',), "default", "intensity.kind: must be"),
     ],
-)  # fmt: skip
+)
 def test_a_sensor_without_packets_is_told_in_one_line(
     name: str, sets: tuple[str, ...], profile: str, told: str
 ) -> None:

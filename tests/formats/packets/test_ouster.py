@@ -74,9 +74,7 @@ def test_every_pixel_comes_back(library: Callable[[str], Any], tmp_path: Path, n
 @pytest.mark.parametrize(
     ("profile", "called"), [(name, both[1]) for name, both in PROFILES.items()], ids=list(PROFILES)
 )
-def test_profiles_have_what_they_name(
-    library: Callable[[str], Any], tmp_path: Path, profile: str, called: str
-) -> None:
+def test_profiles_have_what_they_name(library: Callable[[str], Any], tmp_path: Path, profile: str, called: str) -> None:
     """Two returns, the strongest first; the low rate has steps of 8 mm and 16 counts, the old one a single return."""
     sensor = load_sensor("os1-128", overrides=(*NARROW, "histogram.stops=2"))
     assert sensor.tdc.stops == 2
@@ -181,9 +179,7 @@ def test_packets_of_frame_after_frame(library: Callable[[str], Any], tmp_path: P
         for number in (0, 1):
             gathering = Gathering(sensor, number)
             gathering.add(random_frame(sensor, number=number))
-            gathering.ambient(
-                np.arange(2, dtype=np.uint32) + number * sensor.scanner.pulses, np.ones(2, np.uint64)
-            )
+            gathering.ambient(np.arange(2, dtype=np.uint32) + number * sensor.scanner.pulses, np.ones(2, np.uint64))
             made += maker.packets(gathering.firings())
             take(gathering.firings())
     expected_s = (16 * np.arange(1, 65) - 1) * sensor.scanner.cycle_s

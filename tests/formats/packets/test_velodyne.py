@@ -69,10 +69,7 @@ def test_every_point_comes_back(library: Callable[[str], Any], name: str, sets: 
     turns from the rounded azimuths of two: 0.01 degrees more.
     """
     sensor = load_sensor(name, overrides=sets)
-    clouds = [
-        random_frame(sensor, number=number, second=bool(sets))
-        for number in range(1 if name == "vls-128" else 2)
-    ]
+    clouds = [random_frame(sensor, number=number, second=bool(sets)) for number in range(1 if name == "vls-128" else 2)]
     points = decoded(library, packets_of(maker_of(sensor), sensor, clouds))
     ring, time_s, xyz_m, range_m, intensity, channel = together(sensor, clouds)
     expected = in_order(ring, time_s, range_m)
@@ -91,14 +88,7 @@ def test_every_point_comes_back(library: Callable[[str], Any], name: str, sets: 
 def together(sensor: Sensor, clouds: list[PointCloud]) -> list[Any]:
     """Ring, time by the scene's clock, place, range, intensity and channel of all points."""
     of_each = [
-        (
-            ring_of(sensor, one),
-            one.time_s + one.frame_start_s,
-            one.xyz_m,
-            one.range_m,
-            one.intensity,
-            one.channel,
-        )
+        (ring_of(sensor, one), one.time_s + one.frame_start_s, one.xyz_m, one.range_m, one.intensity, one.channel)
         for one in clouds
     ]
     return [np.concatenate(values) for values in zip(*of_each, strict=True)]
@@ -202,13 +192,9 @@ def test_the_last_packet_goes_on_without_points() -> None:
     whole = gathering.firings()
     names = ("range_m", "intensity", "signal", "ambient", "time_s")
     maker = maker_of(sensor)
-    filled = (
-        maker.packets(replace(whole, **{name: getattr(whole, name)[:30] for name in names})) + maker.rest()
-    )
+    filled = maker.packets(replace(whole, **{name: getattr(whole, name)[:30] for name in names})) + maker.rest()
     expected = maker_of(sensor).packets(whole)[:2]
-    ours, theirs = (
-        np.frombuffer(b"".join(one.payload for one in made), PACKET) for made in (filled, expected)
-    )
+    ours, theirs = (np.frombuffer(b"".join(one.payload for one in made), PACKET) for made in (filled, expected))
     np.testing.assert_array_equal(ours["blocks"]["azimuth"], theirs["blocks"]["azimuth"])
     np.testing.assert_array_equal(ours["stamp"], theirs["stamp"])
     np.testing.assert_allclose([one.time_s for one in filled], [one.time_s for one in expected], atol=1e-9)

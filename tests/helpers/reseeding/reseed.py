@@ -67,11 +67,7 @@ def _seed_word(module: ModuleType) -> None:
     module.seed_word = lambda seed: word(frame_seed(seed))  # type: ignore[attr-defined]
 
 
-CHANGES = {
-    "numpy.random": _numpy,
-    "lidarscene.maths.random": _words,
-    "lidarscene.kernel.device.transfer": _seed_word,
-}
+CHANGES = {"numpy.random": _numpy, "lidarscene.maths.random": _words, "lidarscene.kernel.device.transfer": _seed_word}
 
 
 class _Importer(importlib.abc.MetaPathFinder):

@@ -292,9 +292,7 @@ def test_hidden_gpus_are_respected(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_drjit_comes_after_mitsuba(mi) -> None:
-    assert backend.drjit().has_backend(
-        getattr(backend.drjit().JitBackend, "CUDA" if backend.is_cuda() else "LLVM")
-    )
+    assert backend.drjit().has_backend(getattr(backend.drjit().JitBackend, "CUDA" if backend.is_cuda() else "LLVM"))
     assert backend.variant() == mi.variant()
 
 

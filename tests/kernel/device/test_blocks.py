@@ -26,9 +26,7 @@ from lidarscene.rendering.simulator import Simulator
 )
 def test_blocks_for_every_thread(lanes: int, threads: int, size: int) -> None:
     assert blocks.block_of(lanes, threads) == size
-    assert size in (blocks.LEAST, blocks.LARGEST) or lanes / size >= blocks.BLOCKS * threads > lanes / (
-        2 * size
-    )
+    assert size in (blocks.LEAST, blocks.LARGEST) or lanes / size >= blocks.BLOCKS * threads > lanes / (2 * size)
 
 
 @pytest.mark.usefixtures("mi")

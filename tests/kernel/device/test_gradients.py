@@ -33,29 +33,39 @@ def light_of(numbers, equipped):
     """`light.echoes.receive` of Lambertian surfaces under the sun: numpy or device arrays by name."""
     ops = xp(numbers["range_m"])
     hits = Hits(
-        found=numbers["range_m"] > 0.0, range_m=numbers["range_m"], cos_incidence=1.0,
+        found=numbers["range_m"] > 0.0,
+        range_m=numbers["range_m"],
+        cos_incidence=1.0,
         backscatter_per_sr=numbers["reflectivity"] / np.pi,
         sun_scatter_per_sr=0.5 * numbers["reflectivity"] / np.pi,
-        reflectivity=numbers["reflectivity"], cos_sun=0.5, lit=True, face=0,
-    )  # fmt: skip
+        reflectivity=numbers["reflectivity"],
+        cos_sun=0.5,
+        lit=True,
+        face=0,
+    )
     nothing = ops.full(numbers["range_m"], 0.0)
     rays = Beams(
-        pulse=None, origin_m=(nothing,) * 3, direction=(nothing + 1.0, nothing, nothing),
+        pulse=None,
+        origin_m=(nothing,) * 3,
+        direction=(nothing + 1.0, nothing, nothing),
         aperture_m2=equipped.optics.aperture_m2,
-    )  # fmt: skip
+    )
     ambient = Ambient(
-        sun_irradiance_w_m2=numbers["sun"], sky_irradiance_w_m2=0.1 * numbers["sun"],
-        transmittance=0.98, extinction_per_m=EXTINCTION_PER_M,
-    )  # fmt: skip
+        sun_irradiance_w_m2=numbers["sun"],
+        sky_irradiance_w_m2=0.1 * numbers["sun"],
+        transmittance=0.98,
+        extinction_per_m=EXTINCTION_PER_M,
+    )
     return rays, ambient, echoes.receive(rays, hits, equipped, ambient)
 
 
 def numbers_at(ranges_m=RANGES_M, reflectivity=0.3):
     ranges_m = np.asarray(ranges_m, dtype=np.float64)
     return {
-        "range_m": ranges_m, "reflectivity": np.full(len(ranges_m), reflectivity),
+        "range_m": ranges_m,
+        "reflectivity": np.full(len(ranges_m), reflectivity),
         "sun": np.full(len(ranges_m), 10.0),
-    }  # fmt: skip
+    }
 
 
 def differentiated(numbers, result, mi):
@@ -75,9 +85,7 @@ def test_power_of_an_echo(mi):
     """(5): P is in proportion to rho, and falls as exp(-2 alpha R) / R^2."""
     equipped = chain.sensor("table1-apd")
     numbers = numbers_at()
-    power, slope = differentiated(
-        numbers, lambda at: light_of(at, transfer.opaque(equipped))[2].peak_power_w, mi
-    )
+    power, slope = differentiated(numbers, lambda at: light_of(at, transfer.opaque(equipped))[2].peak_power_w, mi)
     np.testing.assert_allclose(slope["reflectivity"], power / 0.3, rtol=SINGLE)
     falling = -power * (2.0 / RANGES_M + 2.0 * EXTINCTION_PER_M)
     np.testing.assert_allclose(slope["range_m"], falling, rtol=SINGLE)
@@ -98,10 +106,8 @@ CASES = {
     "apd": ("table1-apd",),
     "sipm": ("table1-sipm",),
     "levels": ("table1-apd", "sampler.type='multi_level_tdc'", "sampler.levels=[2, 4]"),
-    "adc": (
-        "table1-apd", "sampler.type='adc'", "sampler.rate_mhz=1000", "sampler.bits=12", "sampler.full_scale=1e-3"
-    ),
-}  # fmt: skip
+    "adc": ("table1-apd", "sampler.type='adc'", "sampler.rate_mhz=1000", "sampler.bits=12", "sampler.full_scale=1e-3"),
+}
 
 
 OF_A_PULSE = ("snr", "detection_probability")
@@ -134,9 +140,7 @@ def test_many_rays_on_one_pulse(case, mi):
     here = detected(numbers)
     found, slopes = {}, {}
     for name in OF_A_PULSE:
-        found[name], slopes[name] = differentiated(
-            numbers, lambda at, name=name: getattr(detected(at), name), mi
-        )
+        found[name], slopes[name] = differentiated(numbers, lambda at, name=name: getattr(detected(at), name), mi)
         np.testing.assert_allclose(found[name], getattr(here, name), rtol=1e-4, atol=1e-5)
     assert np.sum((found["detection_probability"] > 0.05) & (found["detection_probability"] < 0.95)) > 5
     for parameter, step in (("reflectivity", 1e-4), ("sun", 1e-3), ("range_m", 1e-4)):

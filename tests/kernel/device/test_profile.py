@@ -85,9 +85,7 @@ def test_texts_of_kernels_do_not_gather(
 
     monkeypatch.setattr(KernelHistory, "take", counted)
     steps = ("--set=scanner.azimuth_step_deg=2", "--set=scanner.elevation_step_deg=0.8")
-    assert (
-        main.main(["render", "wall.toml", *steps, "--profile", "--json", "-o", "a.ply", "--chunk", "48"]) == 0
-    )
+    assert main.main(["render", "wall.toml", *steps, "--profile", "--json", "-o", "a.ply", "--chunk", "48"]) == 0
     told = json.loads(capsys.readouterr().out)
     chunks = -(-told["beams"] // 48)
     assert len(lengths) == chunks // 16 + 1 >= 3

@@ -36,11 +36,13 @@ CASES = {
     "fog": ("fog", "table1-sipm", ("tdc.stops=3", "tdc.keep='strongest'")),
     "other lidars": ("interference", "table1-apd", ("tdc.stops=2",)),
     "both edges of a table of cells": (
-        "retro", "table1-sipm", ("tdc.edges='both'", "detector.statistics='time_domain'"),
+        "retro",
+        "table1-sipm",
+        ("tdc.edges='both'", "detector.statistics='time_domain'"),
     ),
     "jitter and ADC": ("car", "table1-apd", (*ADC, "scanner.jitter_mrad=1.0")),
     "rays of the background": ("car", "table1-apd", (), {"background_rays": 4, "interactions": 0}),
-}  # fmt: skip
+}
 """Those of one scene follow each other."""
 
 
@@ -103,9 +105,7 @@ def test_frames_are_those_of_stages_that_python_writes_down_and_compile_nothing(
     for ours, theirs in zip(found, frames(plain), strict=True):
         assert len(ours) > 100
         for column in ours.columns:
-            np.testing.assert_array_equal(
-                ours.column(column.name), theirs.column(column.name), err_msg=column.name
-            )
+            np.testing.assert_array_equal(ours.column(column.name), theirs.column(column.name), err_msg=column.name)
     assert not plain._chain.recordings
 
 
@@ -173,9 +173,7 @@ def test_what_the_function_raises_comes_out(error):
     with pytest.raises(error, match="of its own"):
         replay(transfer.from_numpy(np.arange(5)))
     for size in (5, 7):
-        np.testing.assert_array_equal(
-            replay(transfer.from_numpy(np.arange(size)))[0].numpy(), np.arange(size) + 1.0
-        )
+        np.testing.assert_array_equal(replay(transfer.from_numpy(np.arange(size)))[0].numpy(), np.arange(size) + 1.0)
     assert replay.recordings >= 1
 
 
@@ -197,9 +195,7 @@ def test_tables_that_are_uploaded_while_it_is_recorded():
 
 def test_a_simulator_goes_when_nobody_holds_it():
     """A world is large: it must not wait for the garbage collector."""
-    simulator = Simulator(
-        load_scene(SCENES / "glass.toml"), load_sensor("table1-apd", overrides=list(COARSE))
-    )
+    simulator = Simulator(load_scene(SCENES / "glass.toml"), load_sensor("table1-apd", overrides=list(COARSE)))
     for seed in range(2):
         simulator.render(seed=seed)
     gone, world = weakref.ref(simulator), simulator.world

@@ -60,7 +60,7 @@ def test_rounding_is_no_difference() -> None:
         (lambda one: changed(one, "range", np.full(4000, np.nan, np.float32)), "4000 of 4000 points differ in range"),
         (lambda one: changed(one, "status", one["status"] + 1), "4000 of 4000 points differ in status"),
     ],
-)  # fmt: skip
+)
 def test_what_rounding_does_not_explain_is_told(fault, told: str) -> None:
     one = frame()
     assert told in trial.unlike(one, fault(one))
@@ -83,9 +83,7 @@ def test_a_verdict_is_kept(cache: Path) -> None:
     assert len(asked) == 8
 
 
-def test_a_bad_verdict_is_kept_too_but_not_for_another_driver(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_bad_verdict_is_kept_too_but_not_for_another_driver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(name: str, variant: str) -> Columns | str:
         return "the process ended with -11" if variant.startswith("cuda") else frame()
 

@@ -16,16 +16,16 @@ pytestmark = pytest.mark.usefixtures("mi")
 
 COVER = 0.3
 GRID = (
-    "scanner.azimuth_fov_deg=4", "scanner.elevation_fov_deg=4",
-    "scanner.azimuth_step_deg=0.05", "scanner.elevation_step_deg=0.05",
-)  # fmt: skip
+    "scanner.azimuth_fov_deg=4",
+    "scanner.elevation_fov_deg=4",
+    "scanner.azimuth_step_deg=0.05",
+    "scanner.elevation_step_deg=0.05",
+)
 """81 x 81 beams."""
 
 
 def fence(cover=COVER, name="fence"):
-    return Material(
-        name=name, bsdf="diffuse", reflectivity=Spectrum.constant(0.5), parameters={"cover": cover}
-    )
+    return Material(name=name, bsdf="diffuse", reflectivity=Spectrum.constant(0.5), parameters={"cover": cover})
 
 
 def layer(range_m, material="fence", theta_deg=0.0):
@@ -54,9 +54,7 @@ def test_rays_are_shared_between_a_fence_and_what_is_behind(theta_deg):
     for mask, other in ((near, solid), (~near, free)):
         np.testing.assert_allclose(seen.hits.range_m[mask], other.hits.range_m[mask], rtol=1e-6)
         np.testing.assert_allclose(seen.light.peak_power_w[mask], other.light.peak_power_w[mask], rtol=2e-5)
-        np.testing.assert_allclose(
-            seen.light.background_power_w[mask], other.light.background_power_w[mask], rtol=2e-5
-        )
+        np.testing.assert_allclose(seen.light.background_power_w[mask], other.light.background_power_w[mask], rtol=2e-5)
     np.testing.assert_array_equal(seen.hits.mirrored, False)
 
 
@@ -121,9 +119,7 @@ def roof(height_m):
     from lidarscene.maths.pose import Pose
 
     body = chain.facing(range_m=0.0, size_m=40.0, material="fence")
-    return dataclasses.replace(
-        body, name=f"roof {height_m}", pose=Pose(position_m=np.array([20.0, 0.0, height_m]))
-    )
+    return dataclasses.replace(body, name=f"roof {height_m}", pose=Pose(position_m=np.array([20.0, 0.0, height_m])))
 
 
 @pytest.mark.parametrize("roofs", [1, 2])

@@ -77,9 +77,7 @@ def test_a_pane_throws_the_beam_back(tilt_deg):
 def test_a_mirror_throws_the_beam_back(tilt_deg):
     sensor, seen = run(pane(RANGE_M, tilt_deg, material="mirror"))
     echo, hits = seen.light, seen.hits
-    assert echo.peak_power_w[MIDDLE] == pytest.approx(
-        expected_w(sensor, math.radians(tilt_deg), one_way=0.9), **CLOSE
-    )
+    assert echo.peak_power_w[MIDDLE] == pytest.approx(expected_w(sensor, math.radians(tilt_deg), one_way=0.9), **CLOSE)
     assert (hits.range_m[MIDDLE], hits.interactions[MIDDLE]) == (pytest.approx(RANGE_M, rel=1e-6), 0)
 
 

@@ -26,9 +26,7 @@ def test_returns_come_by_pulse_and_then_by_stop(mi, stops, ordered):
     assert list(zip(*found, strict=True)) == wanted
 
 
-@pytest.mark.parametrize(
-    ("reported", "twice", "count"), [((), False, 0), ((3,), False, 1), ((0, 1), True, 1)]
-)
+@pytest.mark.parametrize(("reported", "twice", "count"), [((), False, 0), ((3,), False, 1), ((0, 1), True, 1)])
 def test_one_return_or_none_is_two_lanes(mi, reported, twice, count):
     """Dr.Jit would take one lane for all lanes, and compile anew."""
     flags = np.isin(np.arange(2 if twice else 5), reported)[None]

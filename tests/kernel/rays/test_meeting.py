@@ -28,12 +28,7 @@ def crossing():
         dataclasses.replace(still[1], name=f"moving {i}", motion=Course(start=start, speed_m_s=9.0))
         for i, start in enumerate(starts)
     ]
-    bodies = [
-        *still,
-        *moving,
-        pane(8.0, 10.0, size_m=3.0),
-        pane(30.0, 40.0, material="mirror", name="mirror"),
-    ]
+    bodies = [*still, *moving, pane(8.0, 10.0, size_m=3.0), pane(30.0, 40.0, material="mirror", name="mirror")]
     return chain.scene(*bodies, chain.facing(range_m=50.0, size_m=90.0, theta_deg=12.0), materials=MATERIALS)
 
 
@@ -41,9 +36,7 @@ def test_surface_is_mitsubas():
     """Tolerances: single precision of a few dozen metres, some ten of them in a row; directions some ten of 1."""
     import mitsuba as mi
 
-    world = build_world(
-        dataclasses.replace(crossing(), bodies=crossing().bodies[:4]), wavelength_m=WAVELENGTH_M
-    )
+    world = build_world(dataclasses.replace(crossing(), bodies=crossing().bodies[:4]), wavelength_m=WAVELENGTH_M)
     assert world.face_normal is not None
     rng = np.random.default_rng(4)
     directions = rng.normal(size=(3, 20_000)) * [[1.0], [0.3], [0.05]]
@@ -51,11 +44,9 @@ def test_surface_is_mitsubas():
     ray = mi.Ray3f(mi.Point3f(0.0, 0.0, 0.1), mi.Vector3f(*directions.astype(np.float32)))
     zero = transfer.opaque_uint32(0)
     met = [
-        Moment(
-            world=one, sun=(0.0, 0.0, 1.0), coherent=False, draws=Draws(seed=zero, pulse=zero, ray=zero)
-        ).meet(ray)
+        Moment(world=one, sun=(0.0, 0.0, 1.0), coherent=False, draws=Draws(seed=zero, pulse=zero, ray=zero)).meet(ray)
         for one in (world, dataclasses.replace(world, face_normal=None))
-    ]  # fmt: skip
+    ]
     found = np.array(met[0].found)
     assert 1000 < found.sum() < len(found)
     ours, theirs = (one.surface for one in met)
@@ -65,9 +56,7 @@ def test_surface_is_mitsubas():
     np.testing.assert_array_equal(np.array(ours.prim_index)[found], np.array(theirs.prim_index)[found])
     # Where the frame's other axes point has no meaning: no material of ours knows a direction in the surface.
     assert np.array(ours.wi)[2, found] == pytest.approx(np.array(theirs.wi)[2, found], abs=2e-5)
-    assert np.array(ours.sh_frame.n)[:, found] == pytest.approx(
-        np.array(theirs.sh_frame.n)[:, found], abs=2e-6
-    )
+    assert np.array(ours.sh_frame.n)[:, found] == pytest.approx(np.array(theirs.sh_frame.n)[:, found], abs=2e-6)
 
 
 def test_frame_is_the_same():

@@ -121,9 +121,7 @@ def test_boxes_change_nothing(monkeypatch: pytest.MonkeyPatch, rays: int) -> Non
     """To the last bit, against boxes that every ray passes, so that every ray asks every body."""
     sensor = chain.sensor("table1-apd", *SENSOR, "scanner.azimuth_step_deg=0.8")
     cloud = Simulator(crowd(), sensor, rays=rays).render(seed=2)
-    monkeypatch.setattr(
-        paths, "_swept", lambda _, carried: np.tile([[[-1e4] * 3, [1e4] * 3]], (len(carried), 1, 1))
-    )
+    monkeypatch.setattr(paths, "_swept", lambda _, carried: np.tile([[[-1e4] * 3, [1e4] * 3]], (len(carried), 1, 1)))
     expected = Simulator(crowd(), sensor, rays=rays).render(seed=2)
     assert len(np.unique(cloud.body)) > nearby.MOST + 1
     for name in ("time_s", "true_range_m", "range_m", "body", "in_shadow", "radial_velocity_m_s", "snr"):
@@ -133,9 +131,7 @@ def test_boxes_change_nothing(monkeypatch: pytest.MonkeyPatch, rays: int) -> Non
 def test_a_body_that_comes_into_view_compiles_nothing() -> None:
     """Far behind the sensor at first, where no ray comes near it; a second and a half later 12 m ahead."""
     way = [Pose.from_degrees(position_m=(x, 0.0, 0.0)) for x in (-300.0, 12.0)]
-    comes = moving(
-        chain.box(at=(0.0, 0.0, 0.0)), "comes", Spline(time_s=np.array([0.0, 1.5]), poses=tuple(way))
-    )
+    comes = moving(chain.box(at=(0.0, 0.0, 0.0)), "comes", Spline(time_s=np.array([0.0, 1.5]), poses=tuple(way)))
     simulator = Simulator(
         chain.scene(chain.facing(range_m=50.0, size_m=120.0), comes), chain.sensor("table1-apd", *SENSOR)
     )

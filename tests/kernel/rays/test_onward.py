@@ -22,26 +22,20 @@ def beside(distance_m, at_m=10.0, size_m=4.0) -> Body:
     board = chain.facing(range_m=0.0, size_m=size_m)
     turned = Pose.from_degrees(position_m=(at_m, distance_m, 0.0), yaw_deg=90.0)
     return dataclasses.replace(
-        board,
-        name="beside",
-        pose=Pose(position_m=turned.position_m, rotation=turned.rotation @ board.pose.rotation),
+        board, name="beside", pose=Pose(position_m=turned.position_m, rotation=turned.rotation @ board.pose.rotation)
     )
 
 
 def run(*bodies, interactions=3, materials=MATERIALS, overrides=(), **scene):
     described = chain.scene(*bodies, materials=materials, **scene)
-    return chain.run(
-        described, chain.sensor("table1-apd", *chain.NARROW, *overrides), interactions=interactions
-    )
+    return chain.run(described, chain.sensor("table1-apd", *chain.NARROW, *overrides), interactions=interactions)
 
 
 # Single precision through some twenty operations, and directions that turn by 1e-7.
 CLOSE = {"rel": 2e-5}
 
 
-@pytest.mark.parametrize(
-    ("theta_deg", "panes"), [(0.0, 1), (30.0, 1), (60.0, 1), (75.0, 1), (0.0, 2), (60.0, 3)]
-)
+@pytest.mark.parametrize(("theta_deg", "panes"), [(0.0, 1), (30.0, 1), (60.0, 1), (75.0, 1), (0.0, 2), (60.0, 3)])
 def test_a_board_behind_panes(theta_deg, panes):
     """Each pane takes T(theta) there and T(theta) back; the range stays what it was."""
     board = chain.facing(range_m=50.0)
@@ -49,9 +43,7 @@ def test_a_board_behind_panes(theta_deg, panes):
     seen = run(board, *(pane(10.0 + 8.0 * k, theta_deg, size_m=20.0) for k in range(panes)))
     t = 1.0 - both_sides(math.cos(math.radians(theta_deg)))
     echo, hits = seen.light_of_ways[0], seen.hits
-    assert echo.peak_power_w[MIDDLE] / free.light.peak_power_w[MIDDLE] == pytest.approx(
-        t ** (2 * panes), **CLOSE
-    )
+    assert echo.peak_power_w[MIDDLE] / free.light.peak_power_w[MIDDLE] == pytest.approx(t ** (2 * panes), **CLOSE)
     assert hits.throughput[MIDDLE] == pytest.approx(t**panes, **CLOSE)
     assert hits.interactions[MIDDLE] == panes
     assert not hits.mirrored[MIDDLE]
@@ -147,9 +139,7 @@ def test_a_beam_that_passes_into_the_sky():
     assert not seen.ways[0].found[MIDDLE]
     assert not seen.ways[1].found[MIDDLE]
     assert seen.hits.face[MIDDLE] == -1
-    assert seen.light.background_power_w[MIDDLE] == pytest.approx(
-        free.light.background_power_w[MIDDLE], **CLOSE
-    )
+    assert seen.light.background_power_w[MIDDLE] == pytest.approx(free.light.background_power_w[MIDDLE], **CLOSE)
 
 
 def test_background_is_what_is_behind_and_what_is_mirrored():
@@ -204,9 +194,7 @@ def test_panes_that_are_6_mm_apart_are_two(range_m):
 def test_grazing_beams_meet_a_surface_once(theta_deg):
     """Tolerance: 0.3 mm of height over the mirror is the start's own; a second meeting would count one more."""
     for material in ("pane", "mirror"):
-        seen = run(
-            pane(20.0, theta_deg, material=material, size_m=10.0), chain.facing(range_m=50.0, size_m=200.0)
-        )
+        seen = run(pane(20.0, theta_deg, material=material, size_m=10.0), chain.facing(range_m=50.0, size_m=200.0))
         for way in seen.ways:
             assert way.interactions[MIDDLE] == 1
             assert way.found[MIDDLE]
@@ -257,20 +245,23 @@ def test_against_a_ray_tracer_of_planes():
     ranges in single precision over five segments, and cosines of 1e-6 on which Fresnel's equations depend steeply.
     """
     rng = np.random.default_rng(12)
-    overrides = ("scanner.azimuth_fov_deg=8", "scanner.elevation_fov_deg=8",
-                 "scanner.azimuth_step_deg=0.8", "scanner.elevation_step_deg=0.8")  # fmt: skip
+    overrides = (
+        "scanner.azimuth_fov_deg=8",
+        "scanner.elevation_fov_deg=8",
+        "scanner.azimuth_step_deg=0.8",
+        "scanner.elevation_step_deg=0.8",
+    )
     compared = {0: 0, 1: 0}
     for _ in range(6):
         bodies, planes = [], []
         kinds = ["pane", "mirror", "pane", "grey", "pane"]
         rng.shuffle(kinds)
-        for number, (kind, x_m) in enumerate(
-            zip(["grey", *kinds, "grey"], (-8, 6, 13, 20, 27, 34, 41), strict=True)
-        ):
+        for number, (kind, x_m) in enumerate(zip(["grey", *kinds, "grey"], (-8, 6, 13, 20, 27, 34, 41), strict=True)):
             turn = Pose.from_degrees(
                 position_m=(x_m, *rng.uniform(-1.0, 1.0, 2)),
-                yaw_deg=rng.uniform(-25.0, 25.0), pitch_deg=rng.uniform(-15.0, 15.0),
-            )  # fmt: skip
+                yaw_deg=rng.uniform(-25.0, 25.0),
+                pitch_deg=rng.uniform(-15.0, 15.0),
+            )
             board = chain.facing(range_m=0.0, size_m=250.0, material=kind)
             pose = Pose(position_m=turn.position_m, rotation=turn.rotation @ board.pose.rotation)
             bodies.append(dataclasses.replace(board, name=f"{number}", pose=pose))
@@ -320,20 +311,14 @@ def test_a_moving_pane_and_a_moving_mirror():
             assert on_axis.ghost[0] == (material == "mirror")
     receding = Course(start=chain.facing(range_m=30.0).pose, velocity_m_s=(3.0, 0.0, 0.0))
     board = dataclasses.replace(chain.facing(range_m=30.0), motion=receding)
-    glass = dataclasses.replace(
-        pane(10.0, -45.0), motion=Course(start=pane(10.0, -45.0).pose, velocity_m_s=coming)
-    )
+    glass = dataclasses.replace(pane(10.0, -45.0), motion=Course(start=pane(10.0, -45.0).pose, velocity_m_s=coming))
     cloud = Simulator(chain.scene(board, glass, materials=MATERIALS), sensor).render(seed=1)
     np.testing.assert_allclose(cloud.radial_velocity_m_s, 3.0 * np.cos(cloud.azimuth_rad), atol=1e-4)
 
 
 def test_moving_bodies_that_stand_still_are_still_ones():
     """Panes and mirrors in their own frames: the same ways."""
-    bodies = [
-        pane(10.0, 30.0),
-        pane(14.0, -40.0, material="mirror", name="m"),
-        beside(-6.0, at_m=14.0, size_m=40.0),
-    ]
+    bodies = [pane(10.0, 30.0), pane(14.0, -40.0, material="mirror", name="m"), beside(-6.0, at_m=14.0, size_m=40.0)]
     standing = [dataclasses.replace(body, motion=Course(start=body.pose)) for body in bodies]
     bodies, standing = ([*some, chain.facing(range_m=30.0)] for some in (bodies, standing))
     sun = Sun(azimuth_rad=2.0, elevation_rad=math.radians(50.0))  # grazes none of them
@@ -381,9 +366,7 @@ def kernels(simulator, **render):
 
 def test_without_panes_and_mirrors_nothing_changes():
     """The very kernels that run where a beam may go on nowhere, and the same bits."""
-    described = chain.scene(
-        chain.facing(range_m=20.0), chain.box(at=(12.0, 3.0, 0.0)), chain.ball(at=(9, -2, 0))
-    )
+    described = chain.scene(chain.facing(range_m=20.0), chain.box(at=(12.0, 3.0, 0.0)), chain.ball(at=(9, -2, 0)))
     sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=1", "scanner.elevation_step_deg=1")
     one, ran = kernels(Simulator(described, sensor, interactions=0), seed=1)
     other, ran_too = kernels(Simulator(described, sensor, interactions=3), seed=1)
@@ -411,17 +394,17 @@ def test_a_second_frame_compiles_nothing_and_chunks_do_not_show():
 
 def test_a_single_pulse_that_meets_glass_is_told_once():
     """It is traced on two lanes. A pane that a single beam meets."""
-    described = chain.scene(
-        pane(10.0, 20.0, size_m=0.15), chain.facing(range_m=30.0, size_m=60.0), materials=MATERIALS
-    )
+    described = chain.scene(pane(10.0, 20.0, size_m=0.15), chain.facing(range_m=30.0, size_m=60.0), materials=MATERIALS)
     sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=1", "scanner.elevation_step_deg=1")
     simulator, told = Simulator(described, sensor), []
     for chunk in (2**20, 100):
         seen = []
         cloud = simulator.render(
-            seed=1, chunk=chunk, pose=Pose.from_degrees(pitch_deg=0.5),
+            seed=1,
+            chunk=chunk,
+            pose=Pose.from_degrees(pitch_deg=0.5),
             points=lambda *all_of, seen=seen: seen.append(all_of),
-        )  # fmt: skip
+        )
         pulse = np.concatenate([every["pulse"] for _, every in seen])
         assert sum(cloud.interactions > 0) == 1
         assert len(np.unique(pulse)) == len(pulse) > 1000
@@ -453,9 +436,12 @@ def test_what_meets_glass_for_the_first_time_is_compiled_then_and_only_then():
 def test_a_world_that_nothing_sees_through_is_the_first_surface_of_one_that_can_be():
     """Rationale: with no interactions it makes no difference whether panes are traced apart. Reference: each other."""
     described = chain.scene(
-        pane(10.0, 20.0), pane(14.0, 20.0, material="mirror", name="m"), chain.facing(range_m=30.0, size_m=60.0),
-        materials=MATERIALS, sky=0.2,
-    )  # fmt: skip
+        pane(10.0, 20.0),
+        pane(14.0, 20.0, material="mirror", name="m"),
+        chain.facing(range_m=30.0, size_m=60.0),
+        materials=MATERIALS,
+        sky=0.2,
+    )
     sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=1", "scanner.elevation_step_deg=1")
     apart = Simulator(described, sensor).world
     assert apart.panes is not None
@@ -474,7 +460,5 @@ def test_the_number_of_interactions_is_checked():
 
     described = chain.scene(chain.facing(range_m=20.0))
     for wrong in (-1, 9):
-        with pytest.raises(
-            InputError, match=f"interactions: must be a whole number from 0 to 8, got {wrong}"
-        ):
+        with pytest.raises(InputError, match=f"interactions: must be a whole number from 0 to 8, got {wrong}"):
             Simulator(described, chain.sensor("table1-apd"), interactions=wrong)

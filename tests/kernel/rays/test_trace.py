@@ -21,10 +21,7 @@ Array = np.ndarray[Any, Any]
 
 STREET = Path(__file__).parents[3] / "scenes" / "street.toml"
 OVERRIDES = ["scanner.azimuth_step_deg=0.15", "scanner.elevation_step_deg=0.15"]  # 133,767 rays a frame
-PLACES = {
-    "the scene's own": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    "tilted, in the air": (31.0, 4.2, 6.5, 128.0, -24.0, 11.0),
-}
+PLACES = {"the scene's own": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), "tilted, in the air": (31.0, 4.2, 6.5, 128.0, -24.0, 11.0)}
 """Metres and degrees from the scene's own pose: also a place far from the traced coordinates' origin."""
 
 EDGE_SHARE = 1e-4

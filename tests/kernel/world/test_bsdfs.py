@@ -94,9 +94,11 @@ def test_clear_glass_sends_nothing_back(mi):
 
 
 RETRO = {
-    "bsdf": "retroreflector", "reflectivity": 0.1,
-    "retro_coefficient_cd_per_lx_m2": 250.0, "retro_half_angle_deg": 0.39,
-}  # fmt: skip
+    "bsdf": "retroreflector",
+    "reflectivity": 0.1,
+    "retro_coefficient_cd_per_lx_m2": 250.0,
+    "retro_half_angle_deg": 0.39,
+}
 
 
 def coefficient(mi, *, observation_deg, entrance_deg, across=False):
@@ -115,12 +117,8 @@ def coefficient(mi, *, observation_deg, entrance_deg, across=False):
 @pytest.mark.parametrize("across", [False, True])
 def test_retroreflector_gives_its_stated_coefficient(mi, across):
     """250 cd/lx/m2 at 0.2 degrees of observation and 4 of entrance, in any plane; 150 at 30 (D4956, type III)."""
-    assert coefficient(mi, observation_deg=0.2, entrance_deg=4.0, across=across) == pytest.approx(
-        250.0, rel=2e-3
-    )
-    assert coefficient(mi, observation_deg=0.2, entrance_deg=30.0, across=across) == pytest.approx(
-        150.0, rel=5e-3
-    )
+    assert coefficient(mi, observation_deg=0.2, entrance_deg=4.0, across=across) == pytest.approx(250.0, rel=2e-3)
+    assert coefficient(mi, observation_deg=0.2, entrance_deg=30.0, across=across) == pytest.approx(150.0, rel=5e-3)
 
 
 def test_retroreflector_is_narrow(mi):
@@ -206,9 +204,7 @@ def test_material_outside_its_table_is_a_clear_error():
         name="m", bsdf="diffuse", reflectivity=Spectrum(wavelength_m=(850e-9, 1550e-9), value=(0.1, 0.3))
     )
     assert material.at(1200e-9)["reflectivity"] == pytest.approx(0.2)
-    with pytest.raises(
-        InputError, match="'m': no reflectivity at 600 nm; its table reaches from 850 to 1550 nm"
-    ):
+    with pytest.raises(InputError, match="'m': no reflectivity at 600 nm; its table reaches from 850 to 1550 nm"):
         material.at(600e-9)
 
 

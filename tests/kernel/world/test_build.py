@@ -16,9 +16,11 @@ pytestmark = pytest.mark.usefixtures("mi")
 
 MIDDLE = 4
 WIDE = [
-    "scanner.azimuth_fov_deg=60", "scanner.elevation_fov_deg=20",
-    "scanner.azimuth_step_deg=0.5", "scanner.elevation_step_deg=0.5",
-]  # fmt: skip
+    "scanner.azimuth_fov_deg=60",
+    "scanner.elevation_fov_deg=20",
+    "scanner.azimuth_step_deg=0.5",
+    "scanner.elevation_step_deg=0.5",
+]
 
 
 def named(body, name, class_name):
@@ -87,8 +89,14 @@ def test_shadow_rays_do_not_jump_through_thin_gaps():
 @pytest.mark.parametrize("range_m", [1.0, 50.0, 250.0, 500.0])
 def test_no_surface_shades_itself(range_m):
     """Every beam on a plane under a grazing sun is lit, at every range."""
-    sensor = chain.sensor("table1-apd", *WIDE, "scanner.azimuth_fov_deg=8", "scanner.elevation_fov_deg=8",
-                          "scanner.azimuth_step_deg=0.05", "scanner.elevation_step_deg=0.05")  # fmt: skip
+    sensor = chain.sensor(
+        "table1-apd",
+        *WIDE,
+        "scanner.azimuth_fov_deg=8",
+        "scanner.elevation_fov_deg=8",
+        "scanner.azimuth_step_deg=0.05",
+        "scanner.elevation_step_deg=0.05",
+    )
     grazing = Sun(azimuth_rad=math.radians(95.0), elevation_rad=0.0)
     body = chain.facing(range_m=range_m, size_m=0.3 * range_m)
     hits = chain.run(chain.scene(body, sun=grazing), sensor).hits
@@ -121,9 +129,7 @@ def test_points_in_both_frames_and_far_from_the_origin():
     place = Pose.from_degrees(position_m=(4.5e5, 5.1e6, 300.0), yaw_deg=30.0, pitch_deg=5.0, roll_deg=-3.0)
     wall = chain.facing(range_m=40.0, size_m=60.0)
     world_wall = dataclasses.replace(wall, pose=place @ wall.pose)
-    simulator = Simulator(
-        chain.scene(world_wall, pose=place), chain.sensor("table1-apd", *WIDE, "tdc.walk='none'")
-    )
+    simulator = Simulator(chain.scene(world_wall, pose=place), chain.sensor("table1-apd", *WIDE, "tdc.walk='none'"))
     world, sensor = (simulator.render(seed=2, coordinates=frame) for frame in ("world", "sensor"))
     assert world.xyz_m.dtype == np.float64
     assert sensor.xyz_m.dtype == np.float32
@@ -153,13 +159,9 @@ def test_no_ray_passes_between_two_triangles(step_deg):
 
     mesh = trimesh.creation.icosphere(subdivisions=2, radius=3.0)
     part = Part(vertices_m=mesh.vertices, faces=mesh.faces, material="grey")
-    body = Body(
-        name="ball", class_name="ball", parts=(part,), pose=Pose.from_degrees(position_m=(12.0, 0.0, 0.0))
-    )
+    body = Body(name="ball", class_name="ball", parts=(part,), pose=Pose.from_degrees(position_m=(12.0, 0.0, 0.0)))
     steps = [
-        f"scanner.{axis}_{what}"
-        for axis in ("azimuth", "elevation")
-        for what in (f"step_deg={step_deg}", "fov_deg=20")
+        f"scanner.{axis}_{what}" for axis in ("azimuth", "elevation") for what in (f"step_deg={step_deg}", "fov_deg=20")
     ]
     hits = chain.run(chain.scene(body), chain.sensor("table1-apd", *steps)).hits
     assert hits.found.sum() > 50

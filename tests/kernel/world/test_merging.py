@@ -13,9 +13,11 @@ from lidarscene.kernel.world import merging
 from lidarscene.kernel.world.mitsuba_xml import load_shapes
 
 COARSE = (
-    "scanner.azimuth_fov_deg=60", "scanner.azimuth_step_deg=1",
-    "scanner.elevation_fov_deg=6", "scanner.elevation_step_deg=1",
-)  # fmt: skip
+    "scanner.azimuth_fov_deg=60",
+    "scanner.azimuth_step_deg=1",
+    "scanner.elevation_fov_deg=6",
+    "scanner.elevation_step_deg=1",
+)
 
 SHAPE = """<shape type="{kind}" id="{name}">{more}
     <transform name="to_world"><rotate y="1" angle="-90"/><translate x="18" y="{y}"/></transform>
@@ -68,10 +70,15 @@ def mixed(tmp_path: Path) -> Path:
     flat, roof = (f'<string name="filename" value="{name}.ply"/>' for name in ("flat", "roof"))
     flat += '<boolean name="face_normals" value="true"/>'
     rows = [
-        ("a", "rectangle", "grey", ""), ("b", "ply", "white", flat), ("c", "ply", "grey", flat),
-        ("d", "sphere", "grey", ""), ("e", "rectangle", "checked", ""), ("f", "ply", "grey", flat),
-        ("g", "rectangle", "checked", ""), ("h", "ply", "grey", roof),
-    ]  # fmt: skip
+        ("a", "rectangle", "grey", ""),
+        ("b", "ply", "white", flat),
+        ("c", "ply", "grey", flat),
+        ("d", "sphere", "grey", ""),
+        ("e", "rectangle", "checked", ""),
+        ("f", "ply", "grey", flat),
+        ("g", "rectangle", "checked", ""),
+        ("h", "ply", "grey", roof),
+    ]
     shapes = "".join(
         SHAPE.format(name=name, kind=kind, bsdf=bsdf, more=more, y=-2.5 * len(rows) / 2 + 2.5 * i)
         for i, (name, kind, bsdf, more) in enumerate(rows)

@@ -16,9 +16,11 @@ from lidarscene.kernel.world.mitsuba_xml import load_shapes
 from lidarscene.materials.catalogue import material
 
 COARSE = (
-    "scanner.azimuth_fov_deg=40", "scanner.azimuth_step_deg=1",
-    "scanner.elevation_fov_deg=20", "scanner.elevation_step_deg=1",
-)  # fmt: skip
+    "scanner.azimuth_fov_deg=40",
+    "scanner.azimuth_step_deg=1",
+    "scanner.elevation_fov_deg=20",
+    "scanner.elevation_step_deg=1",
+)
 
 TRIANGLE = "v 0 0 -1\nv 0 0 1\nv 0 2 0\nv 0 -2 0\nf 1 3 2\nf 1 2 4\n"
 
@@ -124,9 +126,7 @@ def test_a_mapped_bsdf_scatters_as_on_an_own_body(mi: ModuleType, base: Path, tm
     )
     for text in (head, plane):
         (tmp_path / "scene.toml").write_text(text)
-        clouds.append(
-            lidarscene.render(tmp_path / "scene.toml", overrides=(*COARSE, "tdc.threshold_to_noise=3"))
-        )
+        clouds.append(lidarscene.render(tmp_path / "scene.toml", overrides=(*COARSE, "tdc.threshold_to_noise=3")))
     theirs, ours = (cloud.snr[seen(cloud, "shape_2")] for cloud in clouds)
     assert len(theirs) > 50
     np.testing.assert_allclose(theirs, ours, rtol=1e-3)
@@ -179,9 +179,11 @@ def test_mitsuba_looks_in_no_folder_more_than_before(mi: ModuleType, base: Path)
     "name", ["dielectric", "thindielectric", "roughconductor", "roughplastic", "principled", "null"]
 )
 def test_any_bsdf_of_mitsuba_is_used_as_it_is(mi: ModuleType, base: Path, name: str) -> None:
-    base.write_text(XML.replace('<bsdf type="plastic"/>', '<bsdf type="diffuse"/>').replace(
-        '<bsdf type="diffuse"><rgb name="reflectance" value="0.75"/></bsdf>', f'<bsdf type="{name}" id="own"/>'
-    ))  # fmt: skip
+    base.write_text(
+        XML.replace('<bsdf type="plastic"/>', '<bsdf type="diffuse"/>').replace(
+            '<bsdf type="diffuse"><rgb name="reflectance" value="0.75"/></bsdf>', f'<bsdf type="{name}" id="own"/>'
+        )
+    )
     cloud = lidarscene.render(base, overrides=(*COARSE, "tdc.threshold_to_noise=1"))
     assert "own" in cloud.material_names
     assert np.isfinite(cloud.intensity).all()
@@ -212,9 +214,7 @@ def planted(tmp_path: Path) -> Path:
     (tmp_path / "plugins").mkdir()
     (tmp_path / "planted.c").write_text(PLANTED % (tmp_path / "mark"))
     library = tmp_path / "plugins" / "evil.so"
-    subprocess.run(
-        [compiler, "-shared", "-fPIC", "-o", str(library), str(tmp_path / "planted.c")], check=True
-    )
+    subprocess.run([compiler, "-shared", "-fPIC", "-o", str(library), str(tmp_path / "planted.c")], check=True)
     for name in ("diffuse", "thindielectric", "rectangle"):
         shutil.copy(library, library.with_stem(name))
     return tmp_path / "mark"
@@ -246,9 +246,7 @@ def test_plugins_of_a_known_name_are_mitsubas_own(planted: Path) -> None:
     wall = planted.parent / "wall.xml"
     wall.write_text(WITH_PLUGIN.format(kind="diffuse", written="diffuse", more=""))
     code = f"import lidarscene; print(len(lidarscene.render({str(wall)!r}, overrides={COARSE!r})))"
-    ran = subprocess.run(
-        [sys.executable, "-c", code], cwd=planted.parent, capture_output=True, text=True, timeout=300
-    )
+    ran = subprocess.run([sys.executable, "-c", code], cwd=planted.parent, capture_output=True, text=True, timeout=300)
     assert (ran.returncode, ran.stderr) == (0, "")
     assert not planted.exists()
 

@@ -18,12 +18,12 @@ pytestmark = pytest.mark.usefixtures("mi")
 RANGE_M = 20.0
 SENSOR = chain.sensor(
     "table1-apd",
-    "scanner.azimuth_fov_deg=4", "scanner.elevation_fov_deg=4",
-    "scanner.azimuth_step_deg=0.5", "scanner.elevation_step_deg=0.5",
-)  # fmt: skip
-ROUGH = Material(
-    name="road", bsdf="diffuse", reflectivity=Spectrum.constant(0.3), parameters={"facet_slope_deg": 30.0}
+    "scanner.azimuth_fov_deg=4",
+    "scanner.elevation_fov_deg=4",
+    "scanner.azimuth_step_deg=0.5",
+    "scanner.elevation_step_deg=0.5",
 )
+ROUGH = Material(name="road", bsdf="diffuse", reflectivity=Spectrum.constant(0.3), parameters={"facet_slope_deg": 30.0})
 MATT = Material(name="wall", bsdf="diffuse", reflectivity=Spectrum.constant(0.3))
 
 
@@ -73,9 +73,7 @@ def test_an_image_and_its_orientation():
     red = np.where(y < 0, 0.1, 0.3) * np.where(z < 0, 2.0, 1.0)
     clear = (np.abs(y) > 0.1) & (np.abs(z) > 0.1)  # of the seams, where pixels of 4 cm blend
     assert {*np.sign(y[clear])} == {*np.sign(z[clear])} == {-1.0, 1.0}
-    np.testing.assert_allclose(
-        np.asarray(seen.hits.reflectivity)[clear], (0.3 * (red / 0.2) ** 0.93)[clear], rtol=1e-3
-    )
+    np.testing.assert_allclose(np.asarray(seen.hits.reflectivity)[clear], (0.3 * (red / 0.2) ** 0.93)[clear], rtol=1e-3)
 
 
 def test_bodies_share_a_mesh_and_keep_their_values():
@@ -83,9 +81,7 @@ def test_bodies_share_a_mesh_and_keep_their_values():
     front = wall(slope, range_m=RANGE_M)
     behind = wall(lambda p: Pattern(kind="reflectivity", values=np.full(len(p), 0.7)), range_m=30.0)
     plain = wall(lambda _: None, range_m=40.0)
-    bodies = [
-        dataclasses.replace(body, name=name) for body, name in ((front, "a"), (behind, "b"), (plain, "c"))
-    ]
+    bodies = [dataclasses.replace(body, name=name) for body, name in ((front, "a"), (behind, "b"), (plain, "c"))]
     world = build_world(chain.scene(*bodies, materials=(MATT,)), wavelength_m=905e-9)
     assert len(world.scene.shapes()) == 2, "one mesh with values of its vertices, and one without"
     for order in (bodies[1:], bodies[2:]):
@@ -97,8 +93,7 @@ def test_no_more_light_than_came():
     """A rough surface of 30 degrees cannot have 1: the values end where the energy does."""
     seen = chain.run(
         chain.scene(
-            wall(lambda p: Pattern(kind="reflectivity", values=np.ones(len(p))), material=ROUGH),
-            materials=(ROUGH,),
+            wall(lambda p: Pattern(kind="reflectivity", values=np.ones(len(p))), material=ROUGH), materials=(ROUGH,)
         ),
         SENSOR,
     )
@@ -109,9 +104,7 @@ def test_no_more_light_than_came():
 
 
 def test_only_diffuse_materials_vary():
-    metal = Material(
-        name="metal", bsdf="conductor", reflectivity=Spectrum.constant(0.5), parameters={"roughness": 0.3}
-    )
+    metal = Material(name="metal", bsdf="conductor", reflectivity=Spectrum.constant(0.5), parameters={"roughness": 0.3})
     with pytest.raises(InputError, match="'metal': must be diffuse where reflectivity varies, got conductor"):
         build_world(chain.scene(wall(slope, material=metal), materials=(metal,)), wavelength_m=905e-9)
 
@@ -124,9 +117,7 @@ def test_a_part_and_a_pattern_of_different_size():
 def test_another_pattern_compiles_nothing():
     """Values are data: the kernels of one wall serve another with other values."""
     described = [
-        chain.scene(
-            wall(lambda p, k=k: Pattern(kind="reflectivity", values=np.full(len(p), k))), materials=(MATT,)
-        )
+        chain.scene(wall(lambda p, k=k: Pattern(kind="reflectivity", values=np.full(len(p), k))), materials=(MATT,))
         for k in (0.2, 0.4)
     ]
     chain.run(described[0], SENSOR)
@@ -139,9 +130,7 @@ def test_another_pattern_compiles_nothing():
 
 def test_what_may_be_one_mesh():
     """Values of vertices lie with a mesh; an image is one for all of it, scaled by its mean."""
-    image, other = (
-        Pattern(kind="colour", values=np.full((2, 2), v), uv=np.zeros((3, 2))) for v in (0.2, 0.4)
-    )
+    image, other = (Pattern(kind="colour", values=np.full((2, 2), v), uv=np.zeros((3, 2))) for v in (0.2, 0.4))
     values = Pattern(kind="reflectivity", values=np.full(3, 0.2))
     keys = [texture_key(one) for one in (None, values, image, other, dataclasses.replace(image, mean=0.5))]
     assert len(set(keys)) == 5

@@ -70,9 +70,7 @@ def test_beam_and_sun_see_the_same_relief():
     cos, cos_sun = (float(value[MIDDLE]) for value in (rough.cos_incidence, rough.cos_sun))
     assert rough.lit[MIDDLE]
     assert float(rough.reflectivity[MIDDLE]) == pytest.approx(0.2)
-    back = reflection.rough_diffuse_per_sr(
-        reflectivity=0.2, relief=RELIEF, cos_in=cos, cos_out=cos, cos_between=1.0
-    )
+    back = reflection.rough_diffuse_per_sr(reflectivity=0.2, relief=RELIEF, cos_in=cos, cos_out=cos, cos_between=1.0)
     assert float(rough.backscatter_per_sr[MIDDLE]) == pytest.approx(back * cos, rel=1e-4)
     assert float(matt.backscatter_per_sr[MIDDLE]) == pytest.approx(0.2 / math.pi * cos, rel=1e-4)
     # The sun's direction is the scene's: what is asked of the formula is the angle between beam and sun.
@@ -81,9 +79,7 @@ def test_beam_and_sun_see_the_same_relief():
         reflectivity=0.2, relief=RELIEF, cos_in=cos, cos_out=cos_sun, cos_between=between
     )
     assert float(rough.sun_scatter_per_sr[MIDDLE]) == pytest.approx(from_sun * cos_sun, rel=1e-3)
-    assert float(rough.sun_scatter_per_sr[MIDDLE]) != pytest.approx(
-        float(matt.sun_scatter_per_sr[MIDDLE]), rel=0.01
-    )
+    assert float(rough.sun_scatter_per_sr[MIDDLE]) != pytest.approx(float(matt.sun_scatter_per_sr[MIDDLE]), rel=0.01)
 
 
 def test_more_light_than_came_is_an_error():

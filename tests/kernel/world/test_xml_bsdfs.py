@@ -17,9 +17,11 @@ FACING = '<transform name="to_world"><rotate y="1" angle="{angle}"/><translate x
 FRONT, BACK = FACING.format(angle=-90), FACING.format(angle=90)
 RADIO = '<bsdf type="itu-radio-material" id="{id}"><string name="type" value="{kind}"/></bsdf>'
 COARSE = (
-    "scanner.azimuth_fov_deg=8", "scanner.azimuth_step_deg=1",
-    "scanner.elevation_fov_deg=8", "scanner.elevation_step_deg=1",
-)  # fmt: skip
+    "scanner.azimuth_fov_deg=8",
+    "scanner.azimuth_step_deg=1",
+    "scanner.elevation_fov_deg=8",
+    "scanner.elevation_step_deg=1",
+)
 
 
 def wall(folder: Path, bsdf: str, *, more: str = "", place: str = FRONT) -> Path:
@@ -46,8 +48,7 @@ def scattered(mi: ModuleType, bsdf: object, side: float) -> float:
 @pytest.mark.parametrize(
     "bsdf",
     [
-        *(f'<bsdf type="{kind}"/>' for kind in
-          ("diffuse", "plastic", "roughplastic", "pplastic", "principled")),
+        *(f'<bsdf type="{kind}"/>' for kind in ("diffuse", "plastic", "roughplastic", "pplastic", "principled")),
         '<bsdf type="roughconductor"><float name="alpha" value="0.6"/></bsdf>',
         "",
         '<bsdf type="mask"><float name="opacity" value="0.5"/><bsdf type="diffuse"/></bsdf>',
@@ -56,7 +57,7 @@ def scattered(mi: ModuleType, bsdf: object, side: float) -> float:
         '<ref id="plain"/>',
         '<bsdf type="twosided"><ref id="plain"/></bsdf>',
     ],
-)  # fmt: skip
+)
 def test_opaque_bsdfs_are_as_bright_from_behind(mi: ModuleType, tmp_path: Path, bsdf: str) -> None:
     shape = found(tmp_path, bsdf, more='<bsdf type="diffuse" id="plain"/>')
     front, back = (scattered(mi, shape.bsdf, side) for side in (1.0, -1.0))
@@ -150,7 +151,5 @@ def test_errors_of_bsdfs_name_base_materials(mi: ModuleType, tmp_path: Path, bsd
     with pytest.raises(InputError, match="base_materials can name a material for ") as raised:
         found(tmp_path, bsdf)
     assert told in str(raised.value)
-    (shape,) = load_shapes(
-        tmp_path / "wall.xml", {"sky": "brick"}, {"brick": material("brick").at(905e-9)}, 905e-9
-    )
+    (shape,) = load_shapes(tmp_path / "wall.xml", {"sky": "brick"}, {"brick": material("brick").at(905e-9)}, 905e-9)
     assert shape.material == "brick"

@@ -8,9 +8,7 @@ import pytest
 from lidarscene.physics.amplifier import high_pass
 
 STEP = 0.05
-PLACE = STEP * (
-    np.arange(1 << 17) - (1 << 13)
-)  # in sigma_p; 6100 long, some 12 recoveries at the lowest rate
+PLACE = STEP * (np.arange(1 << 17) - (1 << 13))  # in sigma_p; 6100 long, some 12 recoveries at the lowest rate
 PULSE = np.exp(-0.5 * PLACE**2)
 RATES = [0.002, 0.016, 0.1]
 

@@ -72,9 +72,7 @@ def test_a_gaussian_stays_a_gaussian(cutoff_mhz):
     np.testing.assert_allclose(behind, expected, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("ratio", "steeper", "width"), [(1.0, 1.03, 0.01), (0.64, 1.07, 0.02), (0.35, 1.2, 0.05)]
-)
+@pytest.mark.parametrize(("ratio", "steeper", "width"), [(1.0, 1.03, 0.01), (0.64, 1.07, 0.02), (0.35, 1.2, 0.05)])
 def test_edge_behind_a_single_pole(ratio, steeper, width):
     """By how much the edge, at a fifth of the peak, is steeper than that of the Gaussian that stands for the pulse.
 

@@ -46,7 +46,5 @@ def test_more_cells_than_there_are_are_never_busy() -> None:
 def test_a_count_without_noise_is_its_mean():
     """Where all cells are dead all the time their firings are a clock: whatever the deviate."""
     deviate = np.linspace(-4.0, 4.0, 9)
-    count = counting.poisson_count(
-        mean=np.full(9, 1234.0), uniform=np.full(9, 0.5), deviate=deviate, narrowing=0.0
-    )
+    count = counting.poisson_count(mean=np.full(9, 1234.0), uniform=np.full(9, 0.5), deviate=deviate, narrowing=0.0)
     np.testing.assert_array_equal(count, 1234.0)

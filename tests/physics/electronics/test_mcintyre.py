@@ -23,8 +23,7 @@ def second_moment(gain, k):
 
 
 @pytest.mark.parametrize(
-    ("primary", "gain", "k"),
-    [(1, 80.0, 0.022), (5, 80.0, 0.022), (3, 10.0, 0.2), (2, 5.0, 0.5), (4, 20.0, 0.0)],
+    ("primary", "gain", "k"), [(1, 80.0, 0.022), (5, 80.0, 0.022), (3, 10.0, 0.2), (2, 5.0, 0.5), (4, 20.0, 0.0)]
 )
 def test_moments(primary, gain, k):
     """One in all, mean n M, variance n M^2 (F - 1): F is McIntyre's. Tolerance: sums of 4e5 terms."""
@@ -61,10 +60,13 @@ def by_double_sum(excess, primaries, gain, ionisation_ratio, amplifier):
     for n in range(1, int(primaries + 12.0 * math.sqrt(primaries) + 20.0)):
         m, u = total[n - 1 :], through[n - 1 :]
         log_p = (
-            np.log(n / m) + gammaln(m + u + 1) - gammaln(m - n + 1) - gammaln(u + n + 1)
+            np.log(n / m)
+            + gammaln(m + u + 1)
+            - gammaln(m - n + 1)
+            - gammaln(u + n + 1)
             + (n + u) * math.log((1 + k * (gain - 1)) / gain)
             + (m - n) * math.log((1 - k) * (gain - 1) / gain)
-        )  # fmt: skip
+        )
         tail += poisson.pmf(n, primaries) * (np.exp(log_p) * norm.sf((limit - m) / amplifier)).sum()
     return tail + poisson.pmf(0, primaries) * norm.sf(limit / amplifier)
 
@@ -72,10 +74,12 @@ def by_double_sum(excess, primaries, gain, ionisation_ratio, amplifier):
 @pytest.mark.parametrize(
     ("times", "primaries", "gain", "k", "amplifier"),
     [
-        (2.0, 5.0, 20.0, 0.05, 60.0), (8.0, 5.0, 20.0, 0.05, 60.0), (5.0, 30.0, 10.0, 0.3, 20.0),
+        (2.0, 5.0, 20.0, 0.05, 60.0),
+        (8.0, 5.0, 20.0, 0.05, 60.0),
+        (5.0, 30.0, 10.0, 0.3, 20.0),
         (8.0, 8.0, 30.0, 0.0, 80.0),
     ],
-)  # fmt: skip
+)
 @pytest.mark.slow
 def test_exact_tail_against_a_double_sum(times, primaries, gain, k, amplifier):
     """Fourier against plain addition. Tolerance: the amplifier smooths the count to a part in 1e4."""
@@ -109,12 +113,19 @@ def test_exact_tail_against_random_avalanches():
 @pytest.mark.parametrize(
     ("primaries", "gain", "k", "amplifier", "tolerance"),
     [
-        (241.0, 80.0, 0.02225, 311.0, 1e-3), (241.0, 80.0, 0.02225, 0.0, 1e-3), (24.0, 80.0, 0.02225, 311.0, 0.01),
-        (2.4, 80.0, 0.02225, 311.0, 0.12), (0.5, 80.0, 0.02225, 311.0, 0.5), (1.9, 80.0, 0.02225, 3110.0, 1e-3),
-        (241.0, 20.0, 0.2, 100.0, 2e-3), (2000.0, 10.0, 0.4, 100.0, 1e-3), (50.0, 30.0, 0.0, 50.0, 1e-3),
-        (241.0, 1.0, 0.0, 5.0, 1e-2), (0.0, 80.0, 0.02, 311.0, 1e-4),
+        (241.0, 80.0, 0.02225, 311.0, 1e-3),
+        (241.0, 80.0, 0.02225, 0.0, 1e-3),
+        (24.0, 80.0, 0.02225, 311.0, 0.01),
+        (2.4, 80.0, 0.02225, 311.0, 0.12),
+        (0.5, 80.0, 0.02225, 311.0, 0.5),
+        (1.9, 80.0, 0.02225, 3110.0, 1e-3),
+        (241.0, 20.0, 0.2, 100.0, 2e-3),
+        (2000.0, 10.0, 0.4, 100.0, 1e-3),
+        (50.0, 30.0, 0.0, 50.0, 1e-3),
+        (241.0, 1.0, 0.0, 5.0, 1e-2),
+        (0.0, 80.0, 0.02, 311.0, 1e-4),
     ],
-)  # fmt: skip
+)
 def test_saddle_point(primaries, gain, k, amplifier, tolerance):
     """The accuracy that the docstring states, from one to eight standard deviations; float32 too."""
     numbers = {"primaries": primaries, "gain": gain, "ionisation_ratio": k, "amplifier": amplifier}
@@ -123,9 +134,7 @@ def test_saddle_point(primaries, gain, k, amplifier, tolerance):
         exact = mcintyre.tail_probability_exact(excess=times * sigma, **numbers)
         if primaries == 0.0:
             exact = norm.sf(times)
-        assert mcintyre.tail_probability(excess=times * sigma, **numbers) == pytest.approx(
-            exact, rel=tolerance
-        )
+        assert mcintyre.tail_probability(excess=times * sigma, **numbers) == pytest.approx(exact, rel=tolerance)
         single = {name: np.float32(value) for name, value in numbers.items()}
         narrow = mcintyre.tail_probability(excess=np.float32(times * sigma), **single)
         assert narrow == pytest.approx(exact, rel=tolerance + 5e-3)
@@ -187,18 +196,21 @@ def test_on_the_device(mi):
     rest = {"gain": 80.0, "ionisation_ratio": 0.02225, "amplifier": 311.0}
     expected = mcintyre.tail_probability(excess=excess, primaries=primaries, **rest)
     found = mcintyre.tail_probability(
-        excess=mi.Float(excess), primaries=mi.Float(primaries),
+        excess=mi.Float(excess),
+        primaries=mi.Float(primaries),
         **{name: mi.Float(value) for name, value in rest.items()},
-    )  # fmt: skip
+    )
     np.testing.assert_allclose(found.numpy(), expected, rtol=5e-3)
 
 
 def test_rendered_false_alarms(mi):
     """`detector.tail` in a frame: a million beams at a target in full sun; 4 standard errors."""
     fine = [
-        "scanner.azimuth_fov_deg=0.001", "scanner.elevation_fov_deg=0.001",
-        "scanner.azimuth_step_deg=1e-6", "scanner.elevation_step_deg=1e-6",
-    ]  # fmt: skip
+        "scanner.azimuth_fov_deg=0.001",
+        "scanner.elevation_fov_deg=0.001",
+        "scanner.azimuth_step_deg=1e-6",
+        "scanner.elevation_step_deg=1e-6",
+    ]
     sensor = load_sensor("table1-apd", overrides=[*fine, "detector.tail='mcintyre'"])
     summary = Summary()
     Simulator(chain.scene(chain.facing(range_m=300.0)), sensor).render(seed=2, summary=summary)
@@ -249,11 +261,7 @@ def test_crossings_without_electrons_are_rices() -> None:
     for primaries, amplifier, rel in ((0.0, 300.0, 1e-6), (1e-4, 300.0, 1e-3), (1e7, 300.0, 2e-2)):
         deviation = math.hypot(amplifier, 80.0 * math.sqrt(primaries * second_moment(80.0, 0.02225)))
         share = mcintyre.crossings_per_frequency(
-            excess=4.0 * deviation,
-            primaries=primaries,
-            gain=80.0,
-            ionisation_ratio=0.02225,
-            amplifier=amplifier,
+            excess=4.0 * deviation, primaries=primaries, gain=80.0, ionisation_ratio=0.02225, amplifier=amplifier
         )
         assert float(share) == pytest.approx(math.exp(-8.0), rel=rel)
 

@@ -41,9 +41,7 @@ def test_width_of_the_waveform(signal, recovery_s):
 def test_width_grows_with_the_logarithm():
     """Ten times the overdrive, tau ln 10 longer plus what the Gaussian's own flanks add."""
     widths = [
-        saturation.width_at_level_s(
-            level=0.1, signal=np.array(s), saturation=1.0, fwhm_s=FWHM_S, recovery_s=20e-9
-        )
+        saturation.width_at_level_s(level=0.1, signal=np.array(s), saturation=1.0, fwhm_s=FWHM_S, recovery_s=20e-9)
         for s in (10.0, 100.0, 1000.0)
     ]
     steps = np.diff(widths) - 20e-9 * np.log(10.0)
@@ -62,9 +60,11 @@ def test_walk_bias_of_shots(range_m):
     (light, found), (_, reference) = shots(clipped, range_m), shots(free, range_m)
     point = clipped.working_point(light.background_power_w)
     expected = saturation.walk_bias_m(
-        threshold=clipped.threshold(point)[0], signal=point.signal(light.peak_power_w)[0],
-        saturation=50e-6, fwhm_s=FWHM_S,
-    )  # fmt: skip
+        threshold=clipped.threshold(point)[0],
+        signal=point.signal(light.peak_power_w)[0],
+        saturation=50e-6,
+        fwhm_s=FWHM_S,
+    )
     moved = found.stops[0].range_m - reference.stops[0].range_m
     assert expected < -0.05
     assert abs(moved.mean() - expected) < 4.0 * moved.std() / np.sqrt(SHOTS) + 1e-4
@@ -111,9 +111,7 @@ def test_a_width_tells_the_peak():
         np.testing.assert_allclose(
             saturation.overdrive_of_width(width_s=width_s, **shape), np.log(signal / 0.1), rtol=1e-6
         )
-    even = saturation.width_at_level_s(
-        level=0.1, signal=signal, saturation=np.inf, fwhm_s=FWHM_S, recovery_s=0.0
-    )
+    even = saturation.width_at_level_s(level=0.1, signal=signal, saturation=np.inf, fwhm_s=FWHM_S, recovery_s=0.0)
     np.testing.assert_allclose(
         saturation.overdrive_of_symmetric_width(width_s=even, fwhm_s=FWHM_S), np.log(signal / 0.1), rtol=1e-12
     )
@@ -141,9 +139,12 @@ def test_width_and_range_of_a_clipped_echo(range_m, rays, recovery_ns):
         found = returns.detect(light, sensor, seed=3, pulse=pulse)
     point, stop = sensor.working_point(light.background_power_w), found.stops[0]
     expected_s = saturation.width_at_level_s(
-        level=sensor.threshold(point)[0], signal=point.signal(light.peak_power_w)[0], saturation=50e-6,
-        fwhm_s=FWHM_S, recovery_s=0.0 if recovery_ns is None else recovery_ns * 1e-9,
-    )  # fmt: skip
+        level=sensor.threshold(point)[0],
+        signal=point.signal(light.peak_power_w)[0],
+        saturation=50e-6,
+        fwhm_s=FWHM_S,
+        recovery_s=0.0 if recovery_ns is None else recovery_ns * 1e-9,
+    )
     kept = stop.reported & (stop.status == 0)
     assert kept.mean() > 0.99
     error_s = 5.0 * stop.width_s[kept].std() / np.sqrt(SHOTS)
@@ -160,9 +161,7 @@ def test_one_sub_echo_is_several(name):
     range_m = np.geomspace(2.0, 250.0, 4000)
     light = plane.echoes_of_plane(sensor, Target(), range_m)
     pulse = np.arange(len(range_m), dtype=np.uint32)
-    whole = trains.train(
-        range_m[:, None], light.peak_power_w[:, None], background_w=light.background_power_w[0]
-    )
+    whole = trains.train(range_m[:, None], light.peak_power_w[:, None], background_w=light.background_power_w[0])
     one = returns.detect(light, sensor, seed=5, pulse=pulse).stops[0]
     other = multi_echo.detect(whole, sensor, seed=5, pulse=pulse).stops[0]
     assert (one.reported == other.reported).all()
@@ -190,10 +189,11 @@ def test_ranges_of_a_full_sipm(range_m):
     free = 400.0 - float(point.busy[0])
     assert point.signal(light.peak_power_w[:1])[0] > free - 0.5
     expected = saturation.walk_bias_m(
-        threshold=point.power_w(sensor.threshold(point))[0], signal=light.peak_power_w[0],
+        threshold=point.power_w(sensor.threshold(point))[0],
+        signal=light.peak_power_w[0],
         saturation=-np.log(0.5 / free) * 400.0 / 0.22 * 2.0 * sensor.laser.photon_energy_j / FWHM_S,
         fwhm_s=FWHM_S,
-    )  # fmt: skip
+    )
     assert expected < -0.2
     assert bias_m["rising"] == pytest.approx(expected, abs=0.02)
     assert abs(bias_m["both"]) < 0.02
@@ -258,7 +258,5 @@ def test_the_course_of_a_lone_pulse_is_its_waveform(signal, recovery_ns):
 
 def test_charge_is_whole_until_it_drains():
     """Before the light has fallen back all is held, however early; then a factor of e in each recovery time."""
-    left = saturation.drained(
-        held=5.0, since_s=np.array([-20.0, 0.0, 2.0, 4.0]) * 1e-9, recovery_s=RECOVERY_S
-    )
+    left = saturation.drained(held=5.0, since_s=np.array([-20.0, 0.0, 2.0, 4.0]) * 1e-9, recovery_s=RECOVERY_S)
     np.testing.assert_allclose(left, [5.0, 5.0, 5.0 / math.e, 5.0 / math.e**2])

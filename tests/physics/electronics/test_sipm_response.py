@@ -37,9 +37,7 @@ def test_what_is_two_dead_times_ago_is_over():
     np.testing.assert_array_equal(left[2:], 0.0)
 
 
-@pytest.mark.parametrize(
-    "keys", [{}, {"crosstalk": 0.25}, {"afterpulse": 0.2, "afterpulse_to_dead_time": 1.5}]
-)
+@pytest.mark.parametrize("keys", [{}, {"crosstalk": 0.25}, {"afterpulse": 0.2, "afterpulse_to_dead_time": 1.5}])
 def test_cells_in_steps_keep_their_balance(keys):
     """Without light beyond the background's nothing changes. With more of it, for long, the share with crosstalk is
     that of all firings, the fixed point of f (x + dx) / (1 - p f) with f ready.
@@ -55,9 +53,7 @@ def test_cells_in_steps_keep_their_balance(keys):
     wanted = sipm.busy_share_correlated(
         firings=x + more, crosstalk=p, afterpulse=0.0 * x, afterpulse_to_dead_time=1.0 + 0.0 * x
     )
-    found = sipm_response.busy_share_in_steps(
-        rate=np.full((2, 1000), more), busy_share=busy, steps=steps, **keys
-    )
+    found = sipm_response.busy_share_in_steps(rate=np.full((2, 1000), more), busy_share=busy, steps=steps, **keys)
     np.testing.assert_allclose(found[:, -1], wanted, rtol=2e-3)
 
 

@@ -49,12 +49,8 @@ def test_a_pane_is_the_sum_of_its_passages(surface, internal):
         else:
             through += inside * (1.0 - surface)
         inside, at_front = inside * surface, not at_front
-    assert dielectrics.pane_transmittance(surface=surface, internal=internal) == pytest.approx(
-        through, rel=1e-12
-    )
-    assert dielectrics.pane_reflectance(surface=surface, internal=internal) == pytest.approx(
-        mirrored, rel=1e-12
-    )
+    assert dielectrics.pane_transmittance(surface=surface, internal=internal) == pytest.approx(through, rel=1e-12)
+    assert dielectrics.pane_reflectance(surface=surface, internal=internal) == pytest.approx(mirrored, rel=1e-12)
     if internal == 1.0:
         assert mirrored == pytest.approx(2 * surface / (1 + surface), rel=1e-12)
         assert mirrored + through == pytest.approx(1.0, rel=1e-12)
@@ -89,12 +85,8 @@ def test_wet_asphalt_of_the_catalogue():
     from scipy.special import expn
 
     for wavelength_nm, index_k in ((905, 6.0e-7), (1550, 9.86e-5)):
-        depth = dielectrics.optical_depth(
-            index_k=index_k, thickness_m=0.2e-3, wavelength_m=wavelength_nm * 1e-9
-        )
-        dry, wet = (
-            material(name).at(wavelength_nm * 1e-9)["reflectivity"] for name in ("asphalt", "asphalt_wet")
-        )
+        depth = dielectrics.optical_depth(index_k=index_k, thickness_m=0.2e-3, wavelength_m=wavelength_nm * 1e-9)
+        dry, wet = (material(name).at(wavelength_nm * 1e-9)["reflectivity"] for name in ("asphalt", "asphalt_wet"))
         came = dielectrics.wet_reflectivity(
             dry=dry, index=1.33, internal=math.exp(-depth), internal_diffuse=2.0 * float(expn(3, depth))
         )

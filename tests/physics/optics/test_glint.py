@@ -17,9 +17,7 @@ def share(off_m, radius_m, *, profile="gaussian", turn=0.6):
     return glint.share_on_aperture(profile=profile, aside_m=aside, spot_radius_m=both, aperture_radius_m=A_M)
 
 
-@pytest.mark.parametrize(
-    ("wide", "off_by"), [(0.7, 7e-3), (1.0, 6e-4), (1.5, 3e-5), (3.0, 1e-6), (20.0, 1e-9)]
-)
+@pytest.mark.parametrize(("wide", "off_by"), [(0.7, 7e-3), (1.0, 6e-4), (1.5, 3e-5), (3.0, 1e-6), (20.0, 1e-9)])
 def test_round_gaussian_spots_against_rice(wide, off_by):
     """scipy's non-central chi-squared: the distance from a point of a Gaussian. Tolerances: the cubature's own."""
     off = np.linspace(0.0, 3.0 * wide + 1.0, 101) * A_M
@@ -47,9 +45,7 @@ def test_elliptical_spots_against_a_grid(off_m):
     assert share(off_m, (w1, w2)) == pytest.approx(on_grid(density), abs=5e-4 * peak)
 
 
-@pytest.mark.parametrize(
-    ("wide", "off_m"), [(0.8, 0.0), (0.8, 15e-3), (3.0, 10e-3), (3.0, 35e-3), (3.0, 60e-3)]
-)
+@pytest.mark.parametrize(("wide", "off_m"), [(0.8, 0.0), (0.8, 15e-3), (3.0, 10e-3), (3.0, 35e-3), (3.0, 60e-3)])
 def test_top_hats_against_a_grid(wide, off_m):
     w = wide * A_M
     x0, y0 = off_m * math.cos(0.6), off_m * math.sin(0.6)
@@ -70,9 +66,10 @@ def test_its_echo_has_no_range_in_it():
     for range_m, aperture_m2 in ((3.0, 5e-4), (80.0, 2e-3)):
         power = radiometry.echo_power_w(
             peak_power_w=75.0,
-            backscatter_per_sr=glint.apparent_backscatter_per_sr(
-                share=0.04, range_m=range_m, aperture_m2=aperture_m2
-            ),
-            range_m=range_m, transmittance=0.9, aperture_m2=aperture_m2, efficiency=0.8,
-        )  # fmt: skip
+            backscatter_per_sr=glint.apparent_backscatter_per_sr(share=0.04, range_m=range_m, aperture_m2=aperture_m2),
+            range_m=range_m,
+            transmittance=0.9,
+            aperture_m2=aperture_m2,
+            efficiency=0.8,
+        )
         assert power == pytest.approx(75.0 * 0.8 * 0.9**2 * 0.04, rel=1e-12)

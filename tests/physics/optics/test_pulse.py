@@ -14,8 +14,7 @@ def test_pulse():
     np.testing.assert_allclose(pulse.gaussian_pulse(time_s=times, fwhm_s=6e-9), levels, rtol=1e-12)
     step = 1e-15
     slope = (
-        pulse.gaussian_pulse(time_s=times + step, fwhm_s=6e-9)
-        - pulse.gaussian_pulse(time_s=times - step, fwhm_s=6e-9)
+        pulse.gaussian_pulse(time_s=times + step, fwhm_s=6e-9) - pulse.gaussian_pulse(time_s=times - step, fwhm_s=6e-9)
     ) / (2 * step)
     np.testing.assert_allclose(pulse.leading_edge_slope_per_s(level=levels, fwhm_s=6e-9), slope, rtol=1e-5)
     grid = np.linspace(-30e-9, 30e-9, 60_001)

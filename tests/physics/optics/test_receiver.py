@@ -19,9 +19,15 @@ COAXIAL = "optics.overlap.transmitter_offset_mm=[0, 0]"
 
 # spot, off axis, field, blur: sharp and not, spot inside, across and beside the field, blur = field
 CASES = (
-    (1.0, 0.0, 2.0, 0.0), (1.0, 0.5, 1.0, 0.3), (2.0, 1.0, 1.0, 1.0), (0.5, 3.0, 1.0, 2.5),
-    (0.1, 2.0, 1.0, 1.5), (0.05, 0.9, 1.0, 0.0), (1.0, 0.2, 1.0, 4.0), (0.3, 0.0, 1.0, 0.98),
-)  # fmt: skip
+    (1.0, 0.0, 2.0, 0.0),
+    (1.0, 0.5, 1.0, 0.3),
+    (2.0, 1.0, 1.0, 1.0),
+    (0.5, 3.0, 1.0, 2.5),
+    (0.1, 2.0, 1.0, 1.5),
+    (0.05, 0.9, 1.0, 0.0),
+    (1.0, 0.2, 1.0, 4.0),
+    (0.3, 0.0, 1.0, 0.98),
+)
 
 
 def disc(rng, radius, count):
@@ -61,9 +67,7 @@ def test_circles_overlap(radii):
     x, y = np.meshgrid(grid, grid)
     for distance in (0.0, 0.5, 0.7, 1.0, 1.6, 1.99, 2.5):
         counted = np.count_nonzero((np.hypot(x, y) <= radii[0]) & (np.hypot(x - distance, y) <= radii[1]))
-        area = receiver.circles_overlap(
-            first_radius=radii[0], second_radius=radii[1], distance=np.array([distance])
-        )
+        area = receiver.circles_overlap(first_radius=radii[0], second_radius=radii[1], distance=np.array([distance]))
         assert area[0] == pytest.approx(counted * (6 / 500) ** 2, abs=5e-3)
 
 
@@ -113,9 +117,13 @@ def test_rays_through_a_thin_lens(range_m):
     on_detector = [a + image * ((a - b) / range_m - a / f) for a, b in ((u, x), (v, y))]
     counted = np.mean(np.hypot(*on_detector) <= r_pd)
     overlap = Overlap.of(
-        Spot(profile="gaussian", half_divergence_rad=half, exit_radius_m=w0), aperture_radius_m=r_a,
-        field_rad=r_pd / f, offset_m=offset, crossing_m=crossing, focus_m=focus,
-    )  # fmt: skip
+        Spot(profile="gaussian", half_divergence_rad=half, exit_radius_m=w0),
+        aperture_radius_m=r_a,
+        field_rad=r_pd / f,
+        offset_m=offset,
+        crossing_m=crossing,
+        focus_m=focus,
+    )
     share = float(overlap.share(np.array([range_m]))[0])
     assert share == pytest.approx(counted, abs=SIGMAS * 0.5 / math.sqrt(RAYS), rel=2e-3)
 
@@ -127,9 +135,12 @@ def test_table_against_the_formula():
     ranges = np.geomspace(0.05, 1000.0, 301)
     for offset, crossing in ((0.0, math.inf), (0.02, math.inf), (0.02, 10.0)):
         overlap = Overlap.of(
-            Spot(profile="gaussian", **optics), aperture_radius_m=0.015, field_rad=1.7e-3, offset_m=offset,
+            Spot(profile="gaussian", **optics),
+            aperture_radius_m=0.015,
+            field_rad=1.7e-3,
+            offset_m=offset,
             crossing_m=crossing,
-        )  # fmt: skip
+        )
         exact = receiver.spot_share(
             profile="gaussian",
             spot_rad=receiver.spot_radius_rad(range_m=ranges, **optics),
@@ -155,9 +166,11 @@ def test_blind_below():
     blind = receiver.blind_range_m(field_rad=1.7e-3, edge_rad=1.5e-3, **measures)
     assert blind == pytest.approx(0.045 / 3.2e-3)
     overlap = Overlap.of(
-        Spot(profile="top_hat", half_divergence_rad=1.5e-3, exit_radius_m=0.0), aperture_radius_m=0.015,
-        field_rad=1.7e-3, offset_m=0.06,
-    )  # fmt: skip
+        Spot(profile="top_hat", half_divergence_rad=1.5e-3, exit_radius_m=0.0),
+        aperture_radius_m=0.015,
+        field_rad=1.7e-3,
+        offset_m=0.06,
+    )
     near, far = overlap.share(np.array([0.98 * blind, 1.1 * blind]))
     assert near == 0.0 < far
 
@@ -199,10 +212,7 @@ def test_axes_meet_and_the_lens_is_sharp_at_ranges_of_their_own():
     """Parallax and blur are zero there, o / R and r / R much nearer, and o / R_0 and r / R_f far away."""
     for angle, ranges in (
         (lambda r: receiver.parallax_rad(offset_m=0.05, crossing_m=20.0, range_m=r), (20.0, 1e-3, 1e9)),
-        (
-            lambda r: receiver.blur_radius_rad(aperture_radius_m=0.05, focus_m=20.0, range_m=r),
-            (20.0, 1e-3, 1e9),
-        ),
+        (lambda r: receiver.blur_radius_rad(aperture_radius_m=0.05, focus_m=20.0, range_m=r), (20.0, 1e-3, 1e9)),
     ):
         sharp, near, far = angle(np.array(ranges))
         assert sharp == pytest.approx(0.0, abs=1e-15)
@@ -215,8 +225,11 @@ def test_nothing_is_seen_nearer_than_the_blind_range():
     blind_m = float(receiver.blind_range_m(offset_m=np.array(0.05), edge_rad=1e-3, **optics))
     for range_m, seen in ((0.99 * blind_m, False), (1.01 * blind_m, True)):
         share = receiver.spot_share(
-            profile="top_hat", spot_rad=np.array([0.005 / range_m + 1e-3]), off_axis_rad=0.05 / range_m,
-            field_rad=3e-3, blur_rad=0.01 / range_m,
-        )  # fmt: skip
+            profile="top_hat",
+            spot_rad=np.array([0.005 / range_m + 1e-3]),
+            off_axis_rad=0.05 / range_m,
+            field_rad=3e-3,
+            blur_rad=0.01 / range_m,
+        )
         assert (share[0] > 0.0) == seen
     assert receiver.blind_range_m(offset_m=np.array(0.014), edge_rad=1e-3, **optics) == 0.0

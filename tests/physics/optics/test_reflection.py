@@ -52,9 +52,7 @@ def test_straight_back_it_is_the_integral_over_grooves(slope_deg):
     Lambert's law is 28 % (20 degrees of slope) to 64 % (45) off, by the same measure.
     """
     normal = direction(0)
-    closed = np.array(
-        [per_sr(slope_deg, direction(t), direction(t)) * direction(t)[2] for t in STRAIGHT_BACK]
-    )
+    closed = np.array([per_sr(slope_deg, direction(t), direction(t)) * direction(t)[2] for t in STRAIGHT_BACK])
     exact = np.array(
         [grooves_per_sr(slope_deg, direction(t), direction(t)) * direction(t)[2] for t in STRAIGHT_BACK]
     ) / (grooves_per_sr(slope_deg, normal, normal) * math.pi)
@@ -70,8 +68,7 @@ def test_into_all_directions_it_is_the_integral_over_grooves(slope_deg):
     def error(model):
         whole = grooves_per_sr(slope_deg, direction(0), direction(0)) * math.pi
         wrong = [
-            model(direction(i), direction(o, p))
-            - grooves_per_sr(slope_deg, direction(i), direction(o, p)) / whole
+            model(direction(i), direction(o, p)) - grooves_per_sr(slope_deg, direction(i), direction(o, p)) / whole
             for i, o, p in AROUND
         ]
         return math.pi * math.sqrt(np.mean(np.square(wrong)))
@@ -106,9 +103,7 @@ def test_energy(slope_deg):
     white = reflection.largest_reflectivity(math.radians(slope_deg))
 
     def reflectance(theta_deg):
-        return float(
-            (per_sr(slope_deg, direction(theta_deg), outgoing, white) * outgoing[2]).sum() * solid_angle
-        )
+        return float((per_sr(slope_deg, direction(theta_deg), outgoing, white) * outgoing[2]).sum() * solid_angle)
 
     assert reflectance(0) == pytest.approx(white, rel=1e-4)
     along = [reflectance(theta) for theta in (30, 60, 80, 89.9)]

@@ -12,13 +12,48 @@ NM = 1e-9
 
 # V(lambda) of CIE 1924 at 10 nm (Wyszecki and Stiles, Color Science, 2nd ed., table I(3.3.1)).
 TABLE = {
-    380: 0.000039, 390: 0.00012, 400: 0.000396, 410: 0.00121, 420: 0.004, 430: 0.0116, 440: 0.023,
-    450: 0.038, 460: 0.060, 470: 0.09098, 480: 0.13902, 490: 0.20802, 500: 0.323, 510: 0.503, 520: 0.710,
-    530: 0.862, 540: 0.954, 550: 0.99495, 560: 0.995, 570: 0.952, 580: 0.870, 590: 0.757, 600: 0.631,
-    610: 0.503, 620: 0.381, 630: 0.265, 640: 0.175, 650: 0.107, 660: 0.061, 670: 0.032, 680: 0.017,
-    690: 0.00821, 700: 0.004102, 710: 0.002091, 720: 0.001047, 730: 0.00052, 740: 0.000249, 750: 0.00012,
-    760: 0.00006, 770: 0.00003, 780: 0.000015,
-}  # fmt: skip
+    380: 0.000039,
+    390: 0.00012,
+    400: 0.000396,
+    410: 0.00121,
+    420: 0.004,
+    430: 0.0116,
+    440: 0.023,
+    450: 0.038,
+    460: 0.060,
+    470: 0.09098,
+    480: 0.13902,
+    490: 0.20802,
+    500: 0.323,
+    510: 0.503,
+    520: 0.710,
+    530: 0.862,
+    540: 0.954,
+    550: 0.99495,
+    560: 0.995,
+    570: 0.952,
+    580: 0.870,
+    590: 0.757,
+    600: 0.631,
+    610: 0.503,
+    620: 0.381,
+    630: 0.265,
+    640: 0.175,
+    650: 0.107,
+    660: 0.061,
+    670: 0.032,
+    680: 0.017,
+    690: 0.00821,
+    700: 0.004102,
+    710: 0.002091,
+    720: 0.001047,
+    730: 0.00052,
+    740: 0.000249,
+    750: 0.00012,
+    760: 0.00006,
+    770: 0.00003,
+    780: 0.000015,
+}
 
 
 def flat(value: float = 1.0) -> Curve:
@@ -54,8 +89,7 @@ def test_illuminance_by_the_table(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "w_m2", "klux"),
-    [("global", 1000.4, 109.5), ("direct", 900.1, 97.2), ("extraterrestrial", 1347.9, 133.1)],
+    ("name", "w_m2", "klux"), [("global", 1000.4, 109.5), ("direct", 900.1, 97.2), ("extraterrestrial", 1347.9, 133.1)]
 )
 def test_totals_of_astm_g173(name: str, w_m2: float, klux: float) -> None:
     """Reference: the standard's own 1000.4 and 900.1 W/m2 (and 1366.1 W/m2 with all beyond 4 um).
@@ -66,17 +100,13 @@ def test_totals_of_astm_g173(name: str, w_m2: float, klux: float) -> None:
     assert sun.illuminance_lux(spectrum(name)) == pytest.approx(klux * 1e3, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("centre_nm", "w_m2_nm"), [(850, 0.89), (905, 0.63), (940, 0.28), (1064, 0.57), (1550, 0.25)]
-)
+@pytest.mark.parametrize(("centre_nm", "w_m2_nm"), [(850, 0.89), (905, 0.63), (940, 0.28), (1064, 0.57), (1550, 0.25)])
 def test_mean_over_20_nm_at_100_klux(centre_nm: float, w_m2_nm: float) -> None:
     """Reference: ASTM G173-03 global, integrated apart from this code, two digits."""
     assert band("global", centre_nm, 20) / 20 == pytest.approx(w_m2_nm, abs=0.005)
 
 
-@pytest.mark.parametrize(
-    ("name", "width_nm"), [("global", 42.84), ("direct", 40.85), ("extraterrestrial", 43.22)]
-)
+@pytest.mark.parametrize(("name", "width_nm"), [("global", 42.84), ("direct", 40.85), ("extraterrestrial", 43.22)])
 def test_filter_that_table_1_implies(name: str, width_nm: float) -> None:
     """29.4 W/m2 at 905 nm and 100 klux: docs/sun.md states these widths."""
     width_m = sun.implied_box_width_m(spectrum(name), centre_m=905 * NM, irradiance_w_m2=29.4)
@@ -94,9 +124,7 @@ def test_no_light_through_no_filter() -> None:
     assert sun.irradiance_at_100_klux_w_m2(flat(), far) == 0.0
 
 
-@given(
-    centre=st.floats(400, 1900), width=st.floats(0.01, 90), order=st.floats(2, 60), value=st.floats(1e-3, 1e3)
-)
+@given(centre=st.floats(400, 1900), width=st.floats(0.01, 90), order=st.floats(2, 60), value=st.floats(1e-3, 1e3))
 @settings(max_examples=60)
 def test_flat_spectrum(centre: float, width: float, order: float, value: float) -> None:
     """Through a box: value times width, however narrow. Through another shape: value times its equivalent width."""

@@ -17,9 +17,7 @@ def course(*, rate_per_ns, echo, bins, bin_ns):
     """lambda [1/s] at the middle of each fine step."""
     mean, place, sigma = echo
     t = (np.arange(bins * FINE) + 0.5) * bin_ns / FINE
-    return 1e9 * (
-        rate_per_ns + mean * np.exp(-0.5 * ((t - place) / sigma) ** 2) / (sigma * math.sqrt(2 * math.pi))
-    )
+    return 1e9 * (rate_per_ns + mean * np.exp(-0.5 * ((t - place) / sigma) ** 2) / (sigma * math.sqrt(2 * math.pi)))
 
 
 @pytest.mark.parametrize("dead_ns", [12.0, math.inf])

@@ -10,8 +10,7 @@ UNIFORM = (np.arange(400_000) + 0.5) / 400_000
 
 
 @pytest.mark.parametrize(
-    ("trials", "share"),
-    [(54, 0.01), (864, 0.004), (864, 0.006), (864, 0.1), (54, 0.3), (16, 0.5), (1e5, 0.001)],
+    ("trials", "share"), [(54, 0.01), (864, 0.004), (864, 0.006), (864, 0.1), (54, 0.3), (16, 0.5), (1e5, 0.001)]
 )
 def test_counts_have_the_binomial_distribution(trials, share):
     """Tolerance: Cornish and Fisher from a mean of 4 on, 2e-3 of probability; term by term below, 2e-5."""

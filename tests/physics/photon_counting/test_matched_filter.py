@@ -30,9 +30,7 @@ def test_noise_of_the_background(mean):
         assert (noise > excess).mean() == pytest.approx(expected, abs=4 * np.sqrt(expected * 13 / 2e6))
 
 
-@pytest.mark.parametrize(
-    ("mean", "sigma"), [(0.3, SIGMA), (2.0, SIGMA), (20.0, SIGMA), (2.0, 0.8), (20.0, 0.8)]
-)
+@pytest.mark.parametrize(("mean", "sigma"), [(0.3, SIGMA), (2.0, SIGMA), (20.0, SIGMA), (2.0, 0.8), (20.0, 0.8)])
 @pytest.mark.parametrize("sigmas", [3.0, 3.8])
 def test_false_peaks_within_four_standard_errors(mean, sigma, sigmas):
     """Passages of the threshold upwards, counted; a Gaussian tail would give a third of them at 0.3 counts a bin. With
@@ -42,9 +40,7 @@ def test_false_peaks_within_four_standard_errors(mean, sigma, sigmas):
     variance = matched_filter.background_variance(rate_hz=mean, sigma_s=sigma)
     level = sigmas * np.sqrt(variance)
     counted = int(((noise[1:] > level) & (noise[:-1] <= level)).sum())
-    share = matched_filter.false_peak_share(
-        threshold=level, rate_hz=mean, variance=variance, sigma_s=sigma, bin_s=1.0
-    )
+    share = matched_filter.false_peak_share(threshold=level, rate_hz=mean, variance=variance, sigma_s=sigma, bin_s=1.0)
     expected = 1e6 * float(share)
     assert abs(counted - expected) < 4 * np.sqrt(expected)
 

@@ -19,9 +19,7 @@ def test_sizes_hold_the_published_number(kind):
     assert radius[np.argmax(droplets.per_m4(radius))] == pytest.approx(droplets.mode_m, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("kind", "a", "alpha", "b"), [("strong_advection", 0.027, 3, 0.3), ("radiation", 607.5, 6, 3)]
-)
+@pytest.mark.parametrize(("kind", "a", "alpha", "b"), [("strong_advection", 0.027, 3, 0.3), ("radiation", 607.5, 6, 3)])
 def test_coefficients_as_printed(kind, a, alpha, b):
     """Shettle and Fenn print n = a r^alpha exp(-b r) per cm3 and micrometre, r in micrometres, with these."""
     radius_um = np.array([0.5, 2.0, 8.0])
@@ -96,8 +94,6 @@ def test_enough_radii():
     """Rationale: Q_back has spikes narrower than any grid. The same integral on an odd, finer grid, to 2 %."""
     droplets = fog.TYPES["strong_advection"]
     radius = np.linspace(0.0, droplets.largest_m, 9778)[1:]
-    _, q = mie.efficiencies(
-        size_parameter=2 * math.pi * radius / 905e-9, index=mie.water_index(wavelength_m=905e-9)
-    )
+    _, q = mie.efficiencies(size_parameter=2 * math.pi * radius / 905e-9, index=mie.water_index(wavelength_m=905e-9))
     beta = 0.25 * np.trapezoid(droplets.per_m4(radius) * radius**2 * q, radius)
     assert fog.scattering(droplets, 905e-9)[1] == pytest.approx(beta, rel=0.02)

@@ -33,9 +33,7 @@ def by_angular_functions(diameter_m: float, angle_rad: float) -> float:
 def test_brightness_near_straight_back(diameter_m: float) -> None:
     """Tolerance: the small angles of the Bessel functions and their table, 0.3 % of the brightness straight back."""
     places = np.array([0.0, 1.0, 2.5, 5.0, 12.0])
-    found = glory.sphere_over_faces(
-        diameter_m=np.array([diameter_m]), wavelength_m=WAVELENGTH_M, places=places
-    )[0]
+    found = glory.sphere_over_faces(diameter_m=np.array([diameter_m]), wavelength_m=WAVELENGTH_M, places=places)[0]
     faces = float(precipitation.drop_backscatter_m2_sr(diameter_m=diameter_m, wavelength_m=WAVELENGTH_M))
     angles = places * WAVELENGTH_M / (math.pi * diameter_m)
     exact = np.array([by_angular_functions(diameter_m, angle) / faces for angle in angles])
@@ -60,9 +58,7 @@ def test_bessel_functions() -> None:
     np.testing.assert_allclose(j2, jv(2, at), rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("range_m", "low", "high"), [(3.0, 5.0, 12.0), (10.0, 11.0, 26.0), (30.0, 20.0, 36.0)]
-)
+@pytest.mark.parametrize(("range_m", "low", "high"), [(3.0, 5.0, 12.0), (10.0, 11.0, 26.0), (30.0, 20.0, 36.0)])
 def test_lens_of_25_mm(range_m: float, low: float, high: float) -> None:
     """Mean over 0.2 to 0.4 mm: spheres summed apart, over lenses of the same order, had 5, 11 and 20 to 25."""
     diameter = np.linspace(0.2e-3, 0.4e-3, 41)
@@ -83,9 +79,7 @@ def test_mean_over_a_lens() -> None:
     bright = glory.sphere_over_faces(diameter_m=sizes, wavelength_m=WAVELENGTH_M, places=u)
     own = math.pi * sizes / WAVELENGTH_M * angle
     lens = np.linspace(0.0, 1.0, 41)
-    means = [
-        np.trapezoid(2.0 * lens * np.interp(lens * own[i], u, bright[i]), lens) for i in range(len(sizes))
-    ]
+    means = [np.trapezoid(2.0 * lens * np.interp(lens * own[i], u, bright[i]), lens) for i in range(len(sizes))]
     found = glory.gain(diameter_m=np.array(0.3e-3), wavelength_m=WAVELENGTH_M, within_rad=np.array(angle))
     assert float(found) == pytest.approx(np.mean(means), rel=0.15)
 
@@ -117,9 +111,13 @@ def test_drawn_and_even_light_are_the_whole_medium() -> None:
         return 1.0 + 20.0 * np.exp(-diameter_m / 0.3e-3) * np.exp(-within_rad / 5e-3) + 0.0 * from_rad
 
     sight = Sight(
-        beam_area_m2=lambda r: 1e-4 + 0.0 * r, overlap=lambda r: 1.0 + 0.0 * r, extinction_per_m=0.0,
-        nearest_m=2.0, farthest_m=50.0, aperture_radius_m=0.0125,
-    )  # fmt: skip
+        beam_area_m2=lambda r: 1e-4 + 0.0 * r,
+        overlap=lambda r: 1.0 + 0.0 * r,
+        extinction_per_m=0.0,
+        nearest_m=2.0,
+        farthest_m=50.0,
+        aperture_radius_m=0.0125,
+    )
     tables = strengths(sight, **sigma, gain=gain, count=8)
     whole = medium_backscatter_per_m_sr(tables.range_m, sight=sight, **sigma, gain=gain)
     # Power of the drawn ones: their strengths over the logarithm of Lambda, int s dLambda.
@@ -142,10 +140,12 @@ def test_far_from_straight_back_the_brightness_goes_on(diameter_m: float) -> Non
     per_place = WAVELENGTH_M / (math.pi * diameter_m)
     rings = [
         glory.gain(
-            diameter_m=np.array([diameter_m]), wavelength_m=WAVELENGTH_M,
-            from_rad=first * per_place, within_rad=last * per_place,
+            diameter_m=np.array([diameter_m]),
+            wavelength_m=WAVELENGTH_M,
+            from_rad=first * per_place,
+            within_rad=last * per_place,
         )[0]
         for first, last in ((30.0, 40.0), (40.0, 60.0), (80.0, 200.0))
-    ]  # fmt: skip
+    ]
     assert rings[1] == pytest.approx(rings[0], rel=0.1)
     assert rings[2] == pytest.approx(rings[1], rel=1e-6)

@@ -36,7 +36,7 @@ def spread(r):
 def made(count):
     sight = particles.Sight(
         beam_area_m2=beam_area_m2, overlap=overlap, extinction_per_m=ALPHA_PER_M, nearest_m=NEAR_M, farthest_m=FAR_M
-    )  # fmt: skip
+    )
     return particles.strengths(sight, sizes=SIZES, backscatter_m2_sr=SIGMA, count=count)
 
 
@@ -137,8 +137,11 @@ def test_weak_drops_are_counted_by_size(tables):
     q = 16 * float(SIGMA(diameter_m=1e-3)) / 1e-6
     expected = dblquad(
         lambda d, r: SIZES.intercept_per_m4 * math.exp(-SIZES.slope_per_m * d) * q * d * d / 16,
-        3.0, 5.0, 0.0, lambda r: math.sqrt(16 * cut(tables) / (q * spread(r))),
-    )[0]  # fmt: skip
+        3.0,
+        5.0,
+        0.0,
+        lambda r: math.sqrt(16 * cut(tables) / (q * spread(r))),
+    )[0]
     r = np.linspace(3.0, 5.0, 2001)
     assert np.trapezoid(tables.weak_backscatter_per_m_sr(r), r) == pytest.approx(expected, rel=2e-3)
 
@@ -180,8 +183,14 @@ def test_on_the_device(mi, tables):
 
 def test_a_lens_beside_the_laser_sees_a_ring_of_angles():
     """From the near edge to the far edge of the lens; one around the laser sees from straight back on."""
-    sight = {"beam_area_m2": beam_area_m2, "overlap": np.ones_like, "extinction_per_m": 0.0, "nearest_m": 1.0,
-             "farthest_m": 100.0, "aperture_radius_m": 0.02}  # fmt: skip
+    sight = {
+        "beam_area_m2": beam_area_m2,
+        "overlap": np.ones_like,
+        "extinction_per_m": 0.0,
+        "nearest_m": 1.0,
+        "farthest_m": 100.0,
+        "aperture_radius_m": 0.02,
+    }
     for offset_m, nearest_m in ((0.05, 0.03), (0.01, 0.0)):
         within, beyond = particles.Sight(**sight, lens_offset_m=offset_m).angles_rad(np.array([10.0]))
         assert (within[0], beyond[0]) == pytest.approx(((offset_m + 0.02) / 10.0, nearest_m / 10.0))

@@ -74,8 +74,7 @@ def test_a_clear_drop_by_hand():
 
 
 @pytest.mark.parametrize(
-    ("kind", "rate", "db_per_km"),
-    [("dry", 1.0, 5.545), ("dry", 3.0, 25.25), ("wet", 1.0, 3.878), ("wet", 10.0, 20.35)],
+    ("kind", "rate", "db_per_km"), [("dry", 1.0, 5.545), ("dry", 3.0, 25.25), ("wet", 1.0, 3.878), ("wet", 10.0, 20.35)]
 )
 def test_published_attenuation_of_snow(kind, rate, db_per_km):
     """ITU-R P.1814 worked out by hand at 905 nm: a = 5.5449 dry, 3.8781 wet."""

@@ -22,9 +22,7 @@ def even(r):
 
 def response(range_m, backscatter=even, **changes):
     given = {"extinction_per_m": ALPHA_PER_M, "fwhm_s": FWHM_S, "nearest_m": NEAR_M} | changes
-    return soft_target.volume_response(
-        range_m=np.asarray(range_m, float), backscatter_per_m_sr=backscatter, **given
-    )
+    return soft_target.volume_response(range_m=np.asarray(range_m, float), backscatter_per_m_sr=backscatter, **given)
 
 
 @pytest.mark.parametrize("alpha", [1e-4, 0.02, 0.1])
@@ -65,9 +63,7 @@ def test_adaptive_quadrature(range_m):
         g = pulse.gaussian_pulse(time_s=(range_m - r) / HALF_C, fwhm_s=FWHM_S)
         return g * BETA * overlap(r) * math.exp(-2 * ALPHA_PER_M * r) / r**2
 
-    expected, _ = quad(
-        integrand, 0.5, range_m + 5, points=[0.9, 5.0, range_m], epsabs=0, epsrel=1e-11, limit=400
-    )
+    expected, _ = quad(integrand, 0.5, range_m + 5, points=[0.9, 5.0, range_m], epsabs=0, epsrel=1e-11, limit=400)
     # The quadrature's panels do not know the kinks of the overlap.
     got = response([range_m], lambda r: BETA * overlap(r), nearest_m=0.5)[0]
     assert got == pytest.approx(expected, rel=3e-4)

@@ -25,9 +25,7 @@ def written(folder: Path, source: Path = JSON, mode: str | None = None) -> Senso
 
 
 @pytest.mark.parametrize("mode", ["512x10", "1024x20", "2048x10"])
-def test_points_are_those_of_the_makers_table(
-    tmp_path: Path, library: Callable[[str], Any], mode: str
-) -> None:
+def test_points_are_those_of_the_makers_table(tmp_path: Path, library: Callable[[str], Any], mode: str) -> None:
     """Rationale: 2 mm at 50 m is the acceptance; single precision of the beams is worth 0.02 mm there."""
     core = library("ouster.sdk.core")
     scanner = written(tmp_path, mode=mode).scanner
@@ -42,11 +40,7 @@ def test_points_are_those_of_the_makers_table(
     pulse = np.arange(scanner.pulses)
     beams = np.stack(scanner.angles(pulse), axis=-1)
     direction = np.stack(
-        [
-            np.cos(beams[:, 1]) * np.cos(beams[:, 0]),
-            np.cos(beams[:, 1]) * np.sin(beams[:, 0]),
-            np.sin(beams[:, 1]),
-        ],
+        [np.cos(beams[:, 1]) * np.cos(beams[:, 0]), np.cos(beams[:, 1]) * np.sin(beams[:, 0]), np.sin(beams[:, 1])],
         axis=-1,
     )
     # The maker counts the range from n behind the exit.
@@ -90,9 +84,7 @@ def test_what_is_wrong_is_one_line(tmp_path: Path) -> None:
     )
     assert "lidar_mode: must be one of 512x10" in told(lidar_mode="fast")
     assert "lidar_mode: must be one of 512x10, " in told(mode="10x")
-    assert "must turn about z" in told(
-        lidar_to_sensor_transform=[1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]
-    )
+    assert "must turn about z" in told(lidar_to_sensor_transform=[1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1])
     assert "no sensor of the catalogue is of this kind (32 beams); --like" in told(prod_line="XX")
     source.write_text("{")
     with pytest.raises(InputError, match=r"a.json: cannot be read: "):
@@ -107,9 +99,7 @@ def test_transforms_of_the_metadata(tmp_path: Path) -> None:
     source = tmp_path / "a.json"
     turned = [0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1, 36.18, 0, 0, 0, 1]
     beams = [1, 0, 0, 27.0, 0, 1, 0, 0, 0, 0, 1, 5.0, 0, 0, 0, 1]
-    source.write_text(
-        json.dumps(content | {"lidar_to_sensor_transform": turned, "beam_to_lidar_transform": beams})
-    )
+    source.write_text(json.dumps(content | {"lidar_to_sensor_transform": turned, "beam_to_lidar_transform": beams}))
     unit = unit_from(source)
     assert float(unit.scanner["start_azimuth_deg"]) == 90.0
     assert (unit.lists["forward_mm"][0], unit.lists["height_mm"][0]) == pytest.approx((27.0, 41.18))

@@ -30,8 +30,7 @@ POINT = """<item><px><id_>{0}</id_><rotCorrection_>{1}</rotCorrection_><vertCorr
 
 def hdl64_packet() -> bytes:
     blocks = b"".join(
-        struct.pack("<HH", 0xEEFF if block % 2 == 0 else 0xDDFF, AZIMUTH)
-        + struct.pack("<HB", 10_000, 99) * 32
+        struct.pack("<HH", 0xEEFF if block % 2 == 0 else 0xDDFF, AZIMUTH) + struct.pack("<HB", 10_000, 99) * 32
         for block in range(12)
     )
     return blocks + struct.pack("<IBB", 1000, 0, 0)

@@ -50,9 +50,7 @@ def sensor():
     return chain.sensor("table1-apd", *SENSOR)
 
 
-def file(
-    folder: Path, *, car: str, ego: str = "position_m = [0, 0, 0]", motion: str = "speed_m_s = 0"
-) -> Path:
+def file(folder: Path, *, car: str, ego: str = "position_m = [0, 0, 0]", motion: str = "speed_m_s = 0") -> Path:
     path = folder / "scene.toml"
     path.write_text(FILE.format(ego=ego, car=car, motion=motion), encoding="utf-8")
     return path
@@ -62,9 +60,7 @@ def assert_same(cloud: PointCloud, expected: PointCloud) -> None:
     """To the last bit, metadata too."""
     assert len(cloud) == len(expected) > 500
     for column in COLUMNS:
-        np.testing.assert_array_equal(
-            cloud.column(column.name), expected.column(column.name), err_msg=column.name
-        )
+        np.testing.assert_array_equal(cloud.column(column.name), expected.column(column.name), err_msg=column.name)
     assert (cloud.metadata, cloud.body_names) == (expected.metadata, expected.body_names)
 
 
@@ -120,9 +116,7 @@ def assert_near(cloud: PointCloud, expected: PointCloud) -> None:
     here, other = cloud.select(same), expected.select(np.isin(expected.time_s, cloud.time_s))
     named = [np.array(one.body_names)[one.body] for one in (here, other)]
     agree = (named[0] == named[1]) & (np.abs(here.true_range_m - other.true_range_m) < 1e-4)
-    agree &= (
-        np.abs(here.xyz_m - other.xyz_m).max(axis=1) < 1e-2
-    )  # a reported range has noise that goes with the SNR
+    agree &= np.abs(here.xyz_m - other.xyz_m).max(axis=1) < 1e-2  # a reported range has noise that goes with the SNR
     assert agree.mean() > 0.99
     assert (here.in_shadow == other.in_shadow)[agree].mean() > 0.99
 
@@ -140,9 +134,7 @@ def street() -> Scene:
 def rebuilt(scene: Scene, poses: dict[str, Pose], ego: Pose) -> Scene:
     """The scene with these bodies standing there, copies by name too, and no motion."""
     known = {body.name: body for body in scene.bodies}
-    moved = [
-        dataclasses.replace(known[name.split(".")[0]], name=name, pose=pose) for name, pose in poses.items()
-    ]
+    moved = [dataclasses.replace(known[name.split(".")[0]], name=name, pose=pose) for name, pose in poses.items()]
     still = [body for body in scene.bodies if body.name == "plane"]
     return dataclasses.replace(scene, bodies=(*still, *moved), sensor_pose=ego)
 
@@ -205,16 +197,12 @@ def test_panes_on_bodies_that_are_placed() -> None:
         chain.scene(chain.facing(range_m=30.0, size_m=80.0), materials=panes.MATERIALS), name="glazed"
     )
     glass = panes.pane(8.0)
-    live = LiveSimulator(
-        dataclasses.replace(scene, bodies=(*scene.bodies, glass)), sensor(), spares={"pane": 1}
-    )
+    live = LiveSimulator(dataclasses.replace(scene, bodies=(*scene.bodies, glass)), sensor(), spares={"pane": 1})
     for number, at in enumerate((panes.pane(9.0, 25.0).pose, panes.pane(6.0, -40.0).pose)):
         live.place("pane", at)
         there = dataclasses.replace(glass, pose=at)
         cloud = live.render(seed=number)
-        expected = Simulator(
-            dataclasses.replace(scene, bodies=(*scene.bodies, there)), sensor()
-        ).render(seed=number)  # fmt: skip
+        expected = Simulator(dataclasses.replace(scene, bodies=(*scene.bodies, there)), sensor()).render(seed=number)
         assert (cloud.interactions == 1).sum() > 100
         assert_near(cloud, expected)
         for one in ("interactions", "snr"):
@@ -246,9 +234,8 @@ def test_what_is_fixed_to_the_ego_vehicle_goes_with_it() -> None:
     """A mast 5 m ahead on the ego vehicle is seen at the same places, wherever that stands and drives."""
     ego = Course(start=pose(1, 0, 0))
     mast = dataclasses.replace(
-        chain.box(at=(0, 0, 0), size_m=(0.3, 0.3, 3.0)),
-        name="mast", motion=Riding(carrier=ego, pose=pose(5, 0, 0)),
-    )  # fmt: skip
+        chain.box(at=(0, 0, 0), size_m=(0.3, 0.3, 3.0)), name="mast", motion=Riding(carrier=ego, pose=pose(5, 0, 0))
+    )
     live = LiveSimulator(dataclasses.replace(chain.scene(mast), ego=ego), sensor())
     before = live.render(coordinates="sensor")
     for velocity in ((0.0, 0.0, 0.0), (20.0, 3.0, 0.0)):
@@ -277,9 +264,8 @@ def test_the_callers_clock() -> None:
     assert_near(clouds[1], drives.render(number=1))
     car = clouds[1].body == clouds[1].body_names.index("car")
     np.testing.assert_allclose(
-        clouds[1].radial_velocity_m_s[car],
-        drives.render(number=1).radial_velocity_m_s[car], atol=1e-3,
-    )  # fmt: skip
+        clouds[1].radial_velocity_m_s[car], drives.render(number=1).radial_velocity_m_s[car], atol=1e-3
+    )
 
 
 def test_a_physics_engine_owns_the_clock() -> None:
@@ -308,23 +294,35 @@ def live() -> LiveSimulator:
     return LiveSimulator(street(), sensor(), movable=["ball"], spares={"car": 1})
 
 
-@pytest.mark.parametrize(("wrong", "told"), [
-    (lambda one: one.place("van", (0, 0, 0)), "body 'van': not in the scene; bodies that can be placed: 'car', 'ball'"),
-    (lambda one: one.place("plane", (0, 0, 0)), "body 'plane': cannot be placed"),
-    (lambda one: one.place("car.1", (0, 0, 0)), "body 'car.1': is away"),
-    (lambda one: one.remove("car.1"), "body 'car.1': is away"),
-    (lambda one: one.add("ball", (9, 0, 0)), "body 'ball': has no spares; bodies with spares: 'car'"),
-    (lambda one: [one.add("car", (9, 0, 0)) for _ in range(2)], "no spare is left, all 1 are there; spares={'car': 2}"),
-    (lambda one: one.place("car", (9, 0)), "pose: must be a Pose"),
-    (lambda one: one.place("car", Pose(rotation=np.diag([1.0, 1.0, -1.0]))), "'car': its pose must be"),
-    (lambda one: one.place("car", Pose(position_m=np.full(3, np.nan))), "'car': its pose must be"),
-    (lambda one: one.place("car", (9, 0, 0), velocity_m_s=(np.inf, 0, 0)), "'car': velocity"),
-    (lambda one: one.move_ego(Pose(rotation=np.eye(3) * 2.0)), "ego: its pose must be"),
-    (lambda one: one.advance(0.0) + one.advance(0.0), "must be to a time later than 0 s, got 0 s"),
-    (lambda one: one.advance(0.1, {"van": (0, 0, 0)}), "body 'van': not in the scene"),
-    (lambda one: one.advance(0.0, {"car": (9, 0, 0)}) + one.advance(1.0, {"car": (9, 0, 0, 175)}), "'car': the turn"),
-    (lambda one: one.move_ego((15, 0.89, 0)), None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        (
+            lambda one: one.place("van", (0, 0, 0)),
+            "body 'van': not in the scene; bodies that can be placed: 'car', 'ball'",
+        ),
+        (lambda one: one.place("plane", (0, 0, 0)), "body 'plane': cannot be placed"),
+        (lambda one: one.place("car.1", (0, 0, 0)), "body 'car.1': is away"),
+        (lambda one: one.remove("car.1"), "body 'car.1': is away"),
+        (lambda one: one.add("ball", (9, 0, 0)), "body 'ball': has no spares; bodies with spares: 'car'"),
+        (
+            lambda one: [one.add("car", (9, 0, 0)) for _ in range(2)],
+            "no spare is left, all 1 are there; spares={'car': 2}",
+        ),
+        (lambda one: one.place("car", (9, 0)), "pose: must be a Pose"),
+        (lambda one: one.place("car", Pose(rotation=np.diag([1.0, 1.0, -1.0]))), "'car': its pose must be"),
+        (lambda one: one.place("car", Pose(position_m=np.full(3, np.nan))), "'car': its pose must be"),
+        (lambda one: one.place("car", (9, 0, 0), velocity_m_s=(np.inf, 0, 0)), "'car': velocity"),
+        (lambda one: one.move_ego(Pose(rotation=np.eye(3) * 2.0)), "ego: its pose must be"),
+        (lambda one: one.advance(0.0) + one.advance(0.0), "must be to a time later than 0 s, got 0 s"),
+        (lambda one: one.advance(0.1, {"van": (0, 0, 0)}), "body 'van': not in the scene"),
+        (
+            lambda one: one.advance(0.0, {"car": (9, 0, 0)}) + one.advance(1.0, {"car": (9, 0, 0, 175)}),
+            "'car': the turn",
+        ),
+        (lambda one: one.move_ego((15, 0.89, 0)), None),
+    ],
+)
 def test_mistakes_are_told_in_a_line(wrong, told) -> None:
     one = live()
     if told is None:
@@ -340,10 +338,15 @@ def test_mistakes_are_told_in_a_line(wrong, told) -> None:
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(("options", "told"), [
-    ({"movable": ["van"]}, "body 'van'"), ({"spares": {"van": 1}}, "body 'van'"), ({"movable": "car"}, "movable"),
-    ({"spares": {"car": -1}}, "spares: 'car': must be a whole number >= 0, got -1"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"movable": ["van"]}, "body 'van'"),
+        ({"spares": {"van": 1}}, "body 'van'"),
+        ({"movable": "car"}, "movable"),
+        ({"spares": {"car": -1}}, "spares: 'car': must be a whole number >= 0, got -1"),
+    ],
+)
 def test_declarations_are_checked(options, told) -> None:
     with pytest.raises(InputError, match=told):
         LiveSimulator(street(), sensor(), **options)

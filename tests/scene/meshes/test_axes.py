@@ -29,9 +29,7 @@ def test_a_turn_is_a_rotation_that_lifts_the_axis(up: Axis) -> None:
 
 def extent_m(folder: Path, mesh: str, keys: str = "") -> Numbers:
     """(3,) size of a body that is this mesh."""
-    (folder / "a.toml").write_text(
-        f'[[bodies]]\nname = "b"\nmesh = "{mesh}"\nmaterial = "concrete"\n{keys}\n'
-    )
+    (folder / "a.toml").write_text(f'[[bodies]]\nname = "b"\nmesh = "{mesh}"\nmaterial = "concrete"\n{keys}\n')
     body = load_scene(folder / "a.toml").bodies[0]
     points = np.concatenate([body.pose.apply(p.vertices_m) for p in body.parts if isinstance(p, Part)])
     return np.ptp(points, axis=0)
@@ -50,9 +48,7 @@ def extent_m(folder: Path, mesh: str, keys: str = "") -> Numbers:
         ("stl", 'up = "x"\nunit = "ft"\nscale = 2', (3 * 0.6096, 0.6096, 2 * 0.6096)),
     ],
 )
-def test_formats_mean_what_their_standards_say(
-    tmp_path: Path, suffix: str, keys: str, size: tuple[float, ...]
-) -> None:
+def test_formats_mean_what_their_standards_say(tmp_path: Path, suffix: str, keys: str, size: tuple[float, ...]) -> None:
     trimesh.Scene(trimesh.creation.box(BOX)).export(tmp_path / f"a.{suffix}")
     np.testing.assert_allclose(extent_m(tmp_path, f"a.{suffix}", keys), size, rtol=1e-6)
 
@@ -67,9 +63,7 @@ def test_the_units() -> None:
 def test_a_turn_too_much_is_told(tmp_path: Path) -> None:
     """What set glTF upright before it was read as y up."""
     trimesh.creation.box(BOX).export(tmp_path / "a.glb")
-    with pytest.warns(
-        OptionWarning, match=r'a\.glb is y up by its standard.*leave roll_deg out, or say up = "z"'
-    ):
+    with pytest.warns(OptionWarning, match=r'a\.glb is y up by its standard.*leave roll_deg out, or say up = "z"'):
         extent_m(tmp_path, "a.glb", "roll_deg = 90")
 
 

@@ -104,9 +104,7 @@ def meshes_of(path: Path) -> list[str]:
     return [piece.keys[0] for piece in reading.read_mesh(path)]
 
 
-def test_what_was_not_used_for_longest_goes_first(
-    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_was_not_used_for_longest_goes_first(cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def entry_of(size: float) -> Path:
         """The entry that a triangle of this size has, read anew or from the cache."""
         path = tmp_path / "a.off"

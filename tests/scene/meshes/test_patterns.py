@@ -17,9 +17,7 @@ FACES = [[0, 1, 2], [0, 2, 3]]
 
 
 def ply(*, of_vertices="", of_faces="", vertices=("", "", "", ""), faces=("", "")) -> str:
-    head = "".join(
-        f"property {one}\n" for one in ("float x", "float y", "float z", *of_vertices.split(",")) if one
-    )
+    head = "".join(f"property {one}\n" for one in ("float x", "float y", "float z", *of_vertices.split(",")) if one)
     more = "".join(f"property {one}\n" for one in of_faces.split(",") if one)
     rows = [" ".join(map(str, corner)) + " " + value for corner, value in zip(CORNERS, vertices, strict=True)]
     rows += ["3 " + " ".join(map(str, face)) + " " + value for face, value in zip(FACES, faces, strict=True)]
@@ -128,19 +126,25 @@ def test_mean_of_a_scene_is_by_area(tmp_path: Path) -> None:
         (ply(), "brick", "colour", 'bodies[0 "wall"].pattern: a.ply has no colour of its vertices'),
         (ply(), "brick", "color", "must be 'reflectivity' or 'colour', got \"color\""),
         (
-            ply(of_faces="float reflectivity", faces=("0.1", "0.2")), "chrome", "reflectivity",
+            ply(of_faces="float reflectivity", faces=("0.1", "0.2")),
+            "chrome",
+            "reflectivity",
             'bodies[0 "wall"].pattern: must have a diffuse material, got chrome',
         ),
         (
-            ply(of_faces="float reflectivity", faces=("0.1", "35")), "brick", "reflectivity",
+            ply(of_faces="float reflectivity", faces=("0.1", "35")),
+            "brick",
+            "reflectivity",
             "property 'reflectivity' must be >= 0 and <= 1, got 35",
         ),
         (
-            ply(of_faces="float reflectivity", faces=("0.1", "nan")), "brick", "reflectivity",
+            ply(of_faces="float reflectivity", faces=("0.1", "nan")),
+            "brick",
+            "reflectivity",
             "property 'reflectivity' must be >= 0 and <= 1, got nan",
         ),
     ],
-)  # fmt: skip
+)
 def test_mistakes_are_one_line(tmp_path: Path, content: str, material: str, pattern: str, told: str) -> None:
     (tmp_path / "a.ply").write_text(content)
     with pytest.raises(InputError) as error:

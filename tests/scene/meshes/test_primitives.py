@@ -33,9 +33,7 @@ def test_plane_faces_up(size_m: tuple[float, float]) -> None:
     vertices, faces = primitives.plane_mesh(size_m=size_m)
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     np.testing.assert_allclose(mesh.face_normals, np.tile([0.0, 0.0, 1.0], (len(faces), 1)), atol=1e-15)
-    np.testing.assert_allclose(
-        mesh.bounds, [[-size_m[0] / 2, -size_m[1] / 2, 0], [size_m[0] / 2, size_m[1] / 2, 0]]
-    )
+    np.testing.assert_allclose(mesh.bounds, [[-size_m[0] / 2, -size_m[1] / 2, 0], [size_m[0] / 2, size_m[1] / 2, 0]])
     assert mesh.area == pytest.approx(size_m[0] * size_m[1])
 
 

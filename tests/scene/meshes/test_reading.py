@@ -73,9 +73,7 @@ def test_polygons_become_triangles(tmp_path: Path) -> None:
     (piece,) = read_mesh(tmp_path / "a.ply")
     assert piece.faces.shape == (4, 3)
     assert area_m2(piece.vertices_m, piece.faces) == pytest.approx(3 + 1.5)
-    (tmp_path / "a.obj").write_text(
-        "v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 2 0\nv 0 1 0\nf 1 2 3 4 5\nf -5 -4 -3 -1\n"
-    )
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 2 0\nv 0 1 0\nf 1 2 3 4 5\nf -5 -4 -3 -1\n")
     (piece,) = read_mesh(tmp_path / "a.obj")
     assert area_m2(piece.vertices_m, piece.faces) == pytest.approx(3 + 2)
 
@@ -98,9 +96,7 @@ def two_boxes() -> trimesh.Scene:
     scene = trimesh.Scene()
     turn = trimesh.transformations.rotation_matrix(np.pi / 2, [0, 0, 1])
     turn[:3, 3] = [10, 0, 0]
-    scene.add_geometry(
-        coloured_box("paint", [0.2, 0.4, 0.6, 1.0]), node_name="a", geom_name="box", transform=turn
-    )
+    scene.add_geometry(coloured_box("paint", [0.2, 0.4, 0.6, 1.0]), node_name="a", geom_name="box", transform=turn)
     shift = trimesh.transformations.translation_matrix([5, 0, 0])
     scene.graph.update(frame_to="b", frame_from="a", matrix=shift, geometry="box")
     return scene
@@ -123,9 +119,7 @@ def test_nothing_is_printed(tmp_path: Path, run_python: Any) -> None:
     """In a Python of its own: pytest would catch what is logged. A texture that is not there makes trimesh talk."""
     (tmp_path / "a.obj").write_text(HOUSE.format(mtl="mtllib a.mtl"))
     (tmp_path / "a.mtl").write_text("newmtl tile\nmap_Kd none.png\nKd x y z\n")
-    done = run_python(
-        f"from lidarscene.scene.meshes.reading import *; read_mesh(Path({str(tmp_path / 'a.obj')!r}))"
-    )
+    done = run_python(f"from lidarscene.scene.meshes.reading import *; read_mesh(Path({str(tmp_path / 'a.obj')!r}))")
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 

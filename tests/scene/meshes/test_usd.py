@@ -83,9 +83,7 @@ def test_transforms_are_applied_from_the_inside_out(stage: Any) -> None:
     np.testing.assert_allclose((low, high), ((7, 0, 1), (10, 2, 1)), atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("up", "high"), [("Z", (0.2, 0.3, 0.0)), ("Y", (0.2, 0.0, 0.3)), (None, (0.2, 0.0, 0.3))]
-)
+@pytest.mark.parametrize(("up", "high"), [("Z", (0.2, 0.3, 0.0)), ("Y", (0.2, 0.0, 0.3)), (None, (0.2, 0.0, 0.3))])
 def test_unit_and_axis_are_the_stage_s(stage: Any, up: str | None, high: tuple[float, ...]) -> None:
     """Y is up where the stage says nothing."""
     from pxr import UsdGeom
@@ -109,11 +107,7 @@ def test_polygons_become_fans_and_holes_stay_open(stage: Any) -> None:
     """A pentagon, a hole and a triangle: their areas by the shoelace formula."""
     pentagon = [(0, 0, 0), (4, 0, 0), (5, 2, 0), (2, 4, 0), (-1, 2, 0)]
     mesh = add_mesh(
-        stage,
-        "/m",
-        [*pentagon, (0, 0, 5), (1, 0, 5), (0, 2, 5)],
-        [5, 3, 3],
-        [0, 1, 2, 3, 4, 0, 1, 2, 5, 6, 7],
+        stage, "/m", [*pentagon, (0, 0, 5), (1, 0, 5), (0, 2, 5)], [5, 3, 3], [0, 1, 2, 3, 4, 0, 1, 2, 5, 6, 7]
     )
     mesh.CreateHoleIndicesAttr([1])
     (piece,) = saved(stage)
@@ -204,7 +198,7 @@ def test_a_point_instancer_puts_its_prototypes_at_its_points(stage: Any) -> None
         ("Cone", {"Height": 4.0, "Radius": 1.0, "Axis": "Z"}, (-1, -1, -2), (1, 1, 2)),
         ("Capsule", {"Height": 4.0, "Radius": 1.0, "Axis": "Z"}, (-1, -1, -3), (1, 1, 3)),
     ],
-)  # fmt: skip
+)
 def test_solids_have_the_size_that_usd_gives_them(
     stage: Any, kind: str, numbers: dict[str, Any], low: tuple[int, ...], high: tuple[int, ...]
 ) -> None:
@@ -216,9 +210,7 @@ def test_solids_have_the_size_that_usd_gives_them(
         getattr(solid, f"Create{name}Attr")(value)
     (piece,) = saved(stage)
     np.testing.assert_allclose(extent(piece), (low, high), atol=0.006)
-    box = UsdGeom.BBoxCache(Usd.TimeCode.Default(), [UsdGeom.Tokens.default_]).ComputeWorldBound(
-        solid.GetPrim()
-    )
+    box = UsdGeom.BBoxCache(Usd.TimeCode.Default(), [UsdGeom.Tokens.default_]).ComputeWorldBound(solid.GetPrim())
     aligned = box.ComputeAlignedRange()
     np.testing.assert_allclose((aligned.GetMin(), aligned.GetMax()), (low, high), atol=1e-6)
 
@@ -246,9 +238,7 @@ def test_mistakes_are_one_line(stage: Any, tmp_path: Path, capfd: pytest.Capture
         read_mesh(tmp_path / "noise.usda")
     with pytest.raises(InputError, match="must have at least one triangle, got none"):
         saved(stage)
-    (tmp_path / "lost.usda").write_text(
-        '#usda 1.0\n(metersPerUnit = 1)\ndef "a" (references = @nowhere.usda@) {}\n'
-    )
+    (tmp_path / "lost.usda").write_text('#usda 1.0\n(metersPerUnit = 1)\ndef "a" (references = @nowhere.usda@) {}\n')
     with pytest.raises(InputError, match=r"lost\.usda: refers to what cannot be read: .*nowhere\.usda"):
         read_mesh(tmp_path / "lost.usda")
     assert capfd.readouterr() == ("", "")

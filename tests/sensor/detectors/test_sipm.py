@@ -55,10 +55,7 @@ def test_fired_share_of_a_flash():
 
 @pytest.mark.parametrize("name", ["fired_share", "fired_share_published"])
 def test_response_and_its_inverse(name):
-    inverse = {
-        "fired_share": sipm.photons_for_share,
-        "fired_share_published": sipm.photons_for_share_published,
-    }
+    inverse = {"fired_share": sipm.photons_for_share, "fired_share_published": sipm.photons_for_share_published}
     photons = np.geomspace(1e-3, 5e3, 50)
     share = getattr(sipm, name)(photons=photons, pde=0.22, cells=400.0)
     np.testing.assert_allclose(inverse[name](share=share, pde=0.22, cells=400.0), photons, rtol=1e-6)
@@ -68,11 +65,7 @@ def test_approximate_snr_of_few_photons():
     """(28) against (27) far from saturation, dark counts off: they meet to the cells' 1 %."""
     sensor = load_sensor(
         "table1-sipm",
-        overrides=[
-            "detector.statistics='published'",
-            "detector.cells=4000000",
-            "detector.dark_count_rate_hz=0",
-        ],
+        overrides=["detector.statistics='published'", "detector.cells=4000000", "detector.dark_count_rate_hz=0"],
     )
     point = sensor.working_point(2.5e-8)
     exact = point.signal(1e-7) / point.noise

@@ -64,8 +64,7 @@ def test_shot_noise_of_a_filtered_pulse_by_campbell(kind, cutoff_mhz):
     Behind a single pole the light filtered by h^2 peaks earlier than the pulse: 3.5 % more is taken at most.
     """
     sensor = load_sensor(
-        "table1-apd",
-        overrides=[f"receiver.response='{kind}'", f"receiver.bandwidth_mhz={cutoff_mhz}"],
+        "table1-apd", overrides=[f"receiver.response='{kind}'", f"receiver.bandwidth_mhz={cutoff_mhz}"]
     )
     point, detector, power_w = sensor.working_point(np.array([2.5e-8])), sensor.detector, 1e-6
     impulse, longest_s = response(kind, 1e6 * cutoff_mhz)
@@ -76,8 +75,11 @@ def test_shot_noise_of_a_filtered_pulse_by_campbell(kind, cutoff_mhz):
         low, high = max(at_s - longest_s, -8.0 * sigma_s), min(at_s + longest_s, 8.0 * sigma_s)
         return quad(
             lambda t: math.exp(-0.5 * (t / sigma_s) ** 2) * impulse(at_s - t) ** power,
-            low, high, limit=200, points=[min(at_s, high)],
-        )[0]  # fmt: skip
+            low,
+            high,
+            limit=200,
+            points=[min(at_s, high)],
+        )[0]
 
     times = np.linspace(-1.0, 4.0, 201) * sigma_s
     at_s = times[int(np.argmax([passed(one, 1) for one in times]))]
@@ -109,9 +111,7 @@ def test_noise_of_filtered_cells_is_theirs_in_one_share(kind):
         shares.append(variances[1] / variances[0])
     assert 0.2 < shares[0] < 0.9
     np.testing.assert_allclose(shares, shares[0], rtol=1e-9)
-    cutoff_hz = (
-        60e6 / {"gaussian": 0.5 * math.sqrt(math.pi / math.log(2.0)), "single_pole": 0.5 * math.pi}[kind]
-    )
+    cutoff_hz = 60e6 / {"gaussian": 0.5 * math.sqrt(math.pi / math.log(2.0)), "single_pole": 0.5 * math.pi}[kind]
     impulse, longest_s = response(kind, cutoff_hz)
     dead_s = float(load_sensor("table1-sipm").detector.dead_time_s)
     # A symmetric response is highest when its middle is in the middle of the cell's time, a pole's at its end.
@@ -172,10 +172,7 @@ def test_alarms_behind_a_matched_filter_are_those_of_as_many_deviations(tail):
     assert point.noise[0] < 0.9 * raw.noise[0]
     for ratio in (3.0, 5.0):
         pairs = [
-            (
-                one.false_alarm_probability(ratio * one.noise)[0],
-                one.crossing_rate_hz(ratio * one.noise, 1e8)[0],
-            )
+            (one.false_alarm_probability(ratio * one.noise)[0], one.crossing_rate_hz(ratio * one.noise, 1e8)[0])
             for one in (point, raw)
         ]
         np.testing.assert_allclose(*pairs, rtol=1e-9)
@@ -198,8 +195,5 @@ def test_all_free_cells_fired_have_no_noise_of_their_own():
     free = 400.0 - float(point.busy[0])
     assert free < 350.0
     for share in (0.5, 1.0):
-        own = (
-            float(np.ravel(point.kappa_1)[0]) * share * free
-            + float(np.ravel(point.kappa_2)[0]) * (share * free) ** 2
-        )
+        own = float(np.ravel(point.kappa_1)[0]) * share * free + float(np.ravel(point.kappa_2)[0]) * (share * free) ** 2
         assert own == pytest.approx(free * share * (1.0 - share), abs=1e-9 * free)

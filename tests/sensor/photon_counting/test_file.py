@@ -15,17 +15,23 @@ C = 299792458.0
 
 @pytest.mark.parametrize(
     ("columns", "rotation", "multiplier", "shots", "unambiguous_m"),
-    [(1024, 10, 1, 54, 270), (512, 10, 1, 108, 270), (2048, 10, 1, 27, 270), (1024, 20, 1, 27, 270),
-     (1024, 10, 2, 108, 135), (1024, 10, 3, 162, 90), (1024, 10, 0.25, 14, 270)],
-)  # fmt: skip
+    [
+        (1024, 10, 1, 54, 270),
+        (512, 10, 1, 108, 270),
+        (2048, 10, 1, 27, 270),
+        (1024, 20, 1, 27, 270),
+        (1024, 10, 2, 108, 135),
+        (1024, 10, 3, 162, 90),
+        (1024, 10, 0.25, 14, 270),
+    ],
+)
 def test_the_mode_says_how_many_shots_a_point_has_and_how_far_they_are_unambiguous(
     columns, rotation, multiplier, shots, unambiguous_m
 ):
     """Pulses every 1.80 us: a column of 1024 at 10 Hz takes 97.7 us."""
     counter = photons.spinning(
-        f"scanner.columns_per_turn={columns}", f"scanner.rotation_hz={rotation}",
-        f"histogram.multiplier={multiplier}",
-    )  # fmt: skip
+        f"scanner.columns_per_turn={columns}", f"scanner.rotation_hz={rotation}", f"histogram.multiplier={multiplier}"
+    )
     assert counter.histogram.shots == shots
     assert 0.5 * C * counter.histogram.period_s == pytest.approx(unambiguous_m, rel=2e-3)
     assert counter.tdc.window_s == pytest.approx(counter.histogram.period_s)
@@ -51,10 +57,12 @@ def test_the_range_of_a_mode_is_that_which_the_maker_publishes():
     for (columns, rotation), published in OUSTER.items():
         for multiplier, factor in zip((0.25, 0.5, 1, 2, 3), published, strict=True):
             counter = photons.spinning(
-                f"scanner.columns_per_turn={columns}", f"scanner.rotation_hz={rotation}",
-                f"histogram.multiplier={multiplier}", "histogram.window_us=0.6",
+                f"scanner.columns_per_turn={columns}",
+                f"scanner.rotation_hz={rotation}",
+                f"histogram.multiplier={multiplier}",
+                "histogram.window_us=0.6",
                 "histogram.ambient_window_us=0.6",
-            )  # fmt: skip
+            )
             base = photons.spinning("histogram.window_us=0.6", "histogram.ambient_window_us=0.6")
             own = plane.maximum_range_m(base, target)[0]
             found = plane.maximum_range_m(counter, target)[0] / own
@@ -97,12 +105,14 @@ def test_ranges_over_shots_are_those_of_poisson_histograms():
     target = Target(illuminance_klux=10.0)
     many = ("detector.spads=100000", "detector.dark_count_rate_hz=0", "histogram.threshold_floor=0")
     # 4.45 sigma: (T95) with the counts of 1 us for the threshold's.
-    limits = np.array([
-        plane.maximum_range_m(
-            photons.sensor(f"histogram.shots={round(48 * share)}", "histogram.threshold_slope=0.35", *many), target
-        )[0]
-        for share in shares
-    ])  # fmt: skip
+    limits = np.array(
+        [
+            plane.maximum_range_m(
+                photons.sensor(f"histogram.shots={round(48 * share)}", "histogram.threshold_slope=0.35", *many), target
+            )[0]
+            for share in shares
+        ]
+    )
     counter = photons.sensor("histogram.shots=48", *many)
     light = photons.echoes_of(counter, 20.0, count=1, illuminance_klux=10.0)
     background = counter.pixel(light.background_power_w).count_rate_hz[0] * counter.histogram.bin_s
@@ -113,8 +123,7 @@ def test_ranges_over_shots_are_those_of_poisson_histograms():
 
 
 @pytest.mark.parametrize(
-    ("fwhm_ns", "jitter_ps", "bin_ns"),
-    [(4.0, 0.0, 1.0), (4.0, 0.0, 0.35), (2.0, 900.0, 0.5), (9.0, 300.0, 3.0)],
+    ("fwhm_ns", "jitter_ps", "bin_ns"), [(4.0, 0.0, 1.0), (4.0, 0.0, 0.35), (2.0, 900.0, 0.5), (9.0, 300.0, 3.0)]
 )
 def test_the_bins_that_are_drawn_hold_the_search_and_the_template(fwhm_ns, jitter_ps, bin_ns):
     """Rationale: variances of pulse (FWHM / 2.3548), jitter and bin (D / sqrt(12)) add up to that of an echo. The peak
@@ -169,9 +178,7 @@ def test_sensitivities_of_a_histogram_are_those_of_its_formulas():
     rows = {row.parameter: row for row in table.rows}
     for key, text in (("histogram.shots", "histogram.shots"), ("detector.pde", "detector.pde")):
         value = rows[key].value
-        low, high = (
-            plane.maximum_range_m(photons.sensor(f"{text}={value * f:g}"), target)[0] for f in (0.9, 1.1)
-        )
+        low, high = (plane.maximum_range_m(photons.sensor(f"{text}={value * f:g}"), target)[0] for f in (0.9, 1.1))
         measured = math.log(high / low) / math.log(1.1 / 0.9)
         assert rows[key].range_elasticity == pytest.approx(measured, rel=0.02)
     assert rows["histogram.threshold_floor"].range_elasticity < 0.0

@@ -40,17 +40,14 @@ def test_background_counts_are_those_of_free_spads(rate_mhz, dead_ns, least):
     Tolerance: four standard errors of 2,000 shots, in which bins exclude each other: fewer than of Poisson counts.
     """
     counter, power_w = in_sun(
-        1e6 * rate_mhz, f"detector.dead_time_ns={dead_ns}", f"detector.coincidence={least}",
-        "histogram.shots=2000",
-    )  # fmt: skip
+        1e6 * rate_mhz, f"detector.dead_time_ns={dead_ns}", f"detector.coincidence={least}", "histogram.shots=2000"
+    )
     pixel = counter.pixel(power_w)
     mean = float(1e-3 * rate_mhz / (1.0 + 1e-3 * rate_mhz * dead_ns))
     told = {"rate_per_ns": 1e-3 * rate_mhz, "dead": dead_ns, "bins": 30, "bin_ns": 1.0}
     of_spads = photons.renewed(np.random.default_rng(8), (128_000, 1), **told).reshape(2000, 64, 30)
     assert of_spads.max() == 1.0
-    counts = (
-        float((of_spads.sum(axis=1) >= least).mean()) * 2000 if least > 1 else float(of_spads.mean()) * 128e3
-    )
+    counts = float((of_spads.sum(axis=1) >= least).mean()) * 2000 if least > 1 else float(of_spads.mean()) * 128e3
     expected = 1e-9 * float(pixel.count_rate_hz[0])
     assert counts == pytest.approx(expected, abs=4.0 * math.sqrt(expected / 30))
     if least == 1:
@@ -102,17 +99,13 @@ def test_coincidences_of_an_echo_in_the_sun_are_those_of_its_bins(detections):
     the whole histogram with the echo less those without, while the SPADs that it fired are blind. Tolerance: 6 %, since
     they are missing for the sun too, of which fewer are blind then.
     """
-    counter, power_w = in_sun(
-        20e6, "detector.coincidence=2", "histogram.window_us=0.4", "detector.dead_time_ns=40"
-    )
+    counter, power_w = in_sun(20e6, "detector.coincidence=2", "histogram.window_us=0.4", "detector.dead_time_ns=40")
     pixel = counter.pixel(power_w)
     range_m = 30.0 + np.linspace(0.0, 0.15, 40, endpoint=False)[:, None]
     peak_w = detections / float(pixel.detections(1.0))
     pulse = np.arange(40, dtype=np.uint32)
     lit, dark = (
-        histograms(
-            train(range_m, peak, background_w=float(power_w[0])), counter, seed=1, pulse=pulse
-        ).expected
+        histograms(train(range_m, peak, background_w=float(power_w[0])), counter, seed=1, pulse=pulse).expected
         for peak in (peak_w, 0.0)
     )
     near = slice(190, 211)

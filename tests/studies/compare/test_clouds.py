@@ -13,10 +13,14 @@ def points(number: np.ndarray, **changed: object):
     """Echoes of pulses whose time is their number, all alike otherwise."""
     n = len(number)
     same = {
-        "azimuth_rad": np.zeros(n, np.float32), "elevation_rad": np.zeros(n, np.float32),
-        "channel": np.zeros(n, np.uint16), "sensor_index": np.zeros(n, np.uint8), "time_s": number.astype(float),
-        "status": np.full(n, Status.ECHO, np.uint8), "true_range_m": np.full(n, 10.0, np.float32),
-    }  # fmt: skip
+        "azimuth_rad": np.zeros(n, np.float32),
+        "elevation_rad": np.zeros(n, np.float32),
+        "channel": np.zeros(n, np.uint16),
+        "sensor_index": np.zeros(n, np.uint8),
+        "time_s": number.astype(float),
+        "status": np.full(n, Status.ECHO, np.uint8),
+        "true_range_m": np.full(n, 10.0, np.float32),
+    }
     return small_cloud(n=n, **same | changed)
 
 
@@ -31,9 +35,7 @@ def test_truth_is_that_of_the_first_that_found_the_pulse() -> None:
     """Pulses 0 to 9 and 5 to 14; from 10 on only the second knows. Of the five of both one is a metre off."""
     further = np.full(10, 10.0, np.float32)
     further[4] = 11.0
-    seen = observations(
-        ["a", "b"], [points(np.arange(10)), points(np.arange(5, 15), true_range_m=further + 0.001)]
-    )
+    seen = observations(["a", "b"], [points(np.arange(10)), points(np.arange(5, 15), true_range_m=further + 0.001)])
     for one in seen:
         assert one.surfaces is not None
         expected = np.concatenate([np.full(10, 10.0), further[5:] + 0.001]).astype(np.float32)
@@ -56,7 +58,5 @@ def test_points_that_differ_in_any_of_five_are_of_two_pulses(column: str) -> Non
     """The same number for both clouds where nothing differs; zeros of both signs are one."""
     number = np.zeros(3)
     values = np.array([0, 1, 0]).astype(getattr(points(number), column).dtype)
-    first, second = clouds._numbered(
-        [points(number, **{column: values}), points(number, **{column: -0 * values})]
-    )
+    first, second = clouds._numbered([points(number, **{column: values}), points(number, **{column: -0 * values})])
     assert first[0] == first[2] == second[0] != first[1]

@@ -20,9 +20,11 @@ from lidarscene.studies.compare.run import Bench, _on_plane, fires_alike, sweep,
 from lidarscene.studies.ranging import plane
 
 COARSE = [
-    "scanner.azimuth_fov_deg=60", "scanner.azimuth_step_deg=0.5",
-    "scanner.elevation_fov_deg=20", "scanner.elevation_step_deg=0.5",
-]  # fmt: skip
+    "scanner.azimuth_fov_deg=60",
+    "scanner.azimuth_step_deg=0.5",
+    "scanner.elevation_fov_deg=20",
+    "scanner.elevation_step_deg=0.5",
+]
 WEAK = "laser.peak_power_w=0.3"
 
 
@@ -81,13 +83,16 @@ def test_paired_interval_covers(p: tuple[float, float, float]) -> None:
 def surfaces(n: int = 400, seed: int = 0) -> data.Surfaces:
     rng = np.random.default_rng(seed)
     return data.Surfaces(
-        pulse=np.sort(rng.choice(3 * n, n, replace=False)), found=rng.random(n) < 0.6,
-        snr=rng.random(n).astype(np.float32), true_range_m=rng.uniform(0.0, 130.0, n).astype(np.float32),
+        pulse=np.sort(rng.choice(3 * n, n, replace=False)),
+        found=rng.random(n) < 0.6,
+        snr=rng.random(n).astype(np.float32),
+        true_range_m=rng.uniform(0.0, 130.0, n).astype(np.float32),
         incidence_angle_rad=rng.uniform(0.0, math.pi / 2, n).astype(np.float32),
         reflectivity=rng.choice([0.0, 0.1, 0.5, 1.0], n).astype(np.float32),
-        body=rng.integers(-1, 3, n).astype(np.int32), class_id=rng.integers(-1, 2, n).astype(np.int32),
+        body=rng.integers(-1, 3, n).astype(np.int32),
+        class_id=rng.integers(-1, 2, n).astype(np.int32),
         probability=rng.random(n).astype(np.float32),
-    )  # fmt: skip
+    )
 
 
 def test_rates_by_brute_force() -> None:
@@ -118,9 +123,7 @@ def test_pairs_by_brute_force() -> None:
     assert told.difference == pytest.approx((counted[1] - counted[2]) / len(both))
 
 
-@pytest.mark.parametrize(
-    ("reach", "step"), [(0.3, 0.02), (16.0, 1.0), (17.0, 2.0), (130.0, 10.0), (900.0, 100.0)]
-)
+@pytest.mark.parametrize(("reach", "step"), [(0.3, 0.02), (16.0, 1.0), (17.0, 2.0), (130.0, 10.0), (900.0, 100.0)])
 def test_bins_hold_all(reach: float, step: float) -> None:
     bins = data.range_bins(reach)
     assert bins.edges is not None
@@ -144,9 +147,12 @@ def test_observer_sees_every_surface(mi) -> None:
     simulator = Simulator(scene(), chain.sensor("table1-apd", WEAK, *COARSE, "tdc.threshold_to_noise=3.5"))
     pulses, columns, lost, summary = [], [], [], Summary()
     cloud = simulator.render(
-        seed=5, chunk=1000, summary=summary, missed=lambda *told: lost.append(told),
+        seed=5,
+        chunk=1000,
+        summary=summary,
+        missed=lambda *told: lost.append(told),
         points=lambda pulse, told: (pulses.append(pulse), columns.append(told)),
-    )  # fmt: skip
+    )
     pulse = np.concatenate(pulses)
     assert len(columns) > 2  # chunks of whole tiles
     assert np.array_equal(simulator.sensor.scanner.time_s(pulse), cloud.time_s)
@@ -167,9 +173,7 @@ def test_chunks_change_nothing(bench) -> None:
     sensor = chain.sensor("table1-apd", WEAK, *COARSE)
     whole, parts = bench.observe("a", sensor), Bench(scene(), seed=3, chunk=700).observe("a", sensor)
     for field in dataclasses.fields(data.Surfaces):
-        assert np.array_equal(getattr(whole.counted, field.name), getattr(parts.counted, field.name)), (
-            field.name
-        )
+        assert np.array_equal(getattr(whole.counted, field.name), getattr(parts.counted, field.name)), field.name
     assert np.array_equal(whole.pulse, parts.pulse)
 
 
@@ -244,9 +248,10 @@ def test_files_match_as_pulses_do(seen, tmp_path: Path) -> None:
 def test_clouds_of_other_scenes_are_told_apart(mi, seen) -> None:
     """Matched all the same, by name where numbers differ: with a body more before the others."""
     other = chain.scene(
-        dataclasses.replace(chain.box(at=(9.0, -2.0, 0.0)), name="new"), *scene().bodies,
+        dataclasses.replace(chain.box(at=(9.0, -2.0, 0.0)), name="new"),
+        *scene().bodies,
         materials=tuple(scene().materials.values()),
-    )  # fmt: skip
+    )
     cloud = Bench(other, seed=3).observe("b", chain.sensor("table1-apd", WEAK, *COARSE)).cloud
     a, b = clouds.observations(["x", "x"], [seen[0].cloud, cloud])
     assert (a.name, b.name) == ("x", "x (2)")
@@ -270,9 +275,11 @@ def test_clouds_need_truth(seen, tmp_path: Path) -> None:
 # --- closed forms -----------------------------------------------------------------------------------
 
 DENSE = [
-    "scanner.azimuth_fov_deg=1", "scanner.azimuth_step_deg=0.01",
-    "scanner.elevation_fov_deg=1", "scanner.elevation_step_deg=0.01",
-]  # fmt: skip
+    "scanner.azimuth_fov_deg=1",
+    "scanner.azimuth_step_deg=0.01",
+    "scanner.elevation_fov_deg=1",
+    "scanner.elevation_step_deg=0.01",
+]
 
 
 @pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
@@ -352,14 +359,10 @@ def test_the_place_may_be_another(mi) -> None:
 
 def test_a_paired_interval_by_hand() -> None:
     """98 pulses that both found: half of one on each side of 100, deviation sqrt(1) / 100, 1.96 of it either way."""
-    assert numbers.paired_interval(only_a=0, only_b=0, pulses=98) == pytest.approx(
-        (-0.0195996, 0.0195996), rel=1e-5
-    )
+    assert numbers.paired_interval(only_a=0, only_b=0, pulses=98) == pytest.approx((-0.0195996, 0.0195996), rel=1e-5)
     # 10.5 and 0.5 of 100: 10 %, variance 11 - 100 / 100.
     half = 1.959964 * math.sqrt(10.0) / 100.0
-    assert numbers.paired_interval(only_a=10, only_b=0, pulses=98) == pytest.approx(
-        (0.1 - half, 0.1 + half), rel=1e-5
-    )
+    assert numbers.paired_interval(only_a=10, only_b=0, pulses=98) == pytest.approx((0.1 - half, 0.1 + half), rel=1e-5)
 
 
 def test_who_is_ahead_and_middles_of_bins() -> None:
@@ -390,18 +393,16 @@ def test_ranges_of_one_sensor_less_those_of_another() -> None:
 
     def seen(name: str, first: int, ranges: list[float]) -> data.Observation:
         cloud = small_cloud(
-            n=4, range_m=np.array(ranges, np.float32), true_range_m=np.ones(4, np.float32),
+            n=4,
+            range_m=np.array(ranges, np.float32),
+            true_range_m=np.ones(4, np.float32),
             status=np.full(4, Status.ECHO, np.uint8),
-        )  # fmt: skip
+        )
         return data.Observation(name=name, cloud=cloud, pulse=first + np.arange(4), lost={})
 
     apart = numbers.paired_range_difference(seen("a", 0, [9, 9, 7, 8]), seen("b", 2, [4, 7, 9, 9]))
     assert apart is not None
-    assert (apart.points, apart.bias_m, apart.sigma_m) == (
-        2,
-        pytest.approx(2.0),
-        pytest.approx(math.sqrt(2.0)),
-    )
+    assert (apart.points, apart.bias_m, apart.sigma_m) == (2, pytest.approx(2.0), pytest.approx(math.sqrt(2.0)))
 
 
 def test_a_turned_sensor_fires_unlike() -> None:
@@ -419,8 +420,10 @@ def test_only_false_alarms_are_false_alarms() -> None:
 def test_snrs_are_compared_where_both_are_known() -> None:
     """Found by both, by A, by B and by none; of the last two one SNR is not known."""
     plain = surfaces()
-    few = {name: getattr(plain, name)[:4] for name in (
-        "true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id")}  # fmt: skip
+    few = {
+        name: getattr(plain, name)[:4]
+        for name in ("true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id")
+    }
     a, b = (
         data.Surfaces(pulse=np.arange(4), found=np.array(found), snr=np.array(snr), **few)
         for found, snr in (([1, 1, 0, 0], [9.0, 8.0, 0.0, 3.0]), ([1, 0, 1, 0], [7.0, 2.0, 6.0, 0.0]))
@@ -434,10 +437,15 @@ def test_tripped_less_expected_in_standard_deviations() -> None:
     """100 echoes of one half: 60 that tripped are two of the binomial's five away."""
     few = surfaces()
     hundred = dataclasses.replace(
-        few, **{name: np.resize(getattr(few, name), 100) for name in (
-            "found", "snr", "true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id")},
-        pulse=np.arange(100), probability=np.full(100, 0.5), tripped=np.arange(100) < 60,
-    )  # fmt: skip
+        few,
+        **{
+            name: np.resize(getattr(few, name), 100)
+            for name in ("found", "snr", "true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id")
+        },
+        pulse=np.arange(100),
+        probability=np.full(100, 0.5),
+        tripped=np.arange(100) < 60,
+    )
     assert numbers.deviation(hundred) == pytest.approx(2.0)
 
 

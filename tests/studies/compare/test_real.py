@@ -42,10 +42,14 @@ def flat(height_m: float = HEIGHT_M, tilt: float = 0.02, seed: int = 1) -> Sweep
     second = np.full_like(range_m, np.nan)
     second[5, :100] = range_m[5, :100] + 0.85
     return Sweep(
-        range_m=range_m, recorded=np.ones_like(range_m, bool), direction=direction, knows_lost=True,
-        ring=np.broadcast_to(np.arange(RINGS)[:, None], range_m.shape), signal=400.0 / range_m**2,
+        range_m=range_m,
+        recorded=np.ones_like(range_m, bool),
+        direction=direction,
+        knows_lost=True,
+        ring=np.broadcast_to(np.arange(RINGS)[:, None], range_m.shape),
+        signal=400.0 / range_m**2,
         second=Second(range_m=second),
-    )  # fmt: skip
+    )
 
 
 def test_ground_height_and_its_farthest_return() -> None:
@@ -80,9 +84,14 @@ def test_losses_second_returns_rings_and_strengths() -> None:
 def test_page_and_numbers(tmp_path: Path) -> None:
     real = side_of_sweep("real", flat())
     nothing = Side(
-        name="bare", xyz_m=np.ones((3, 3)), range_m=np.full(3, np.sqrt(3.0)), ring=None, strength=None, kept=None,
+        name="bare",
+        xyz_m=np.ones((3, 3)),
+        range_m=np.full(3, np.sqrt(3.0)),
+        ring=None,
+        strength=None,
+        kept=None,
         gap_m=np.zeros(0),
-    )  # fmt: skip
+    )
     text = compare_real(nothing, real, tmp_path)
     assert f"wrote {tmp_path / 'index.html'}" in text
     written = json.loads((tmp_path / "real.json").read_text())
@@ -99,11 +108,7 @@ def test_page_and_numbers(tmp_path: Path) -> None:
 
 def test_the_verdict_names_what_differs_most() -> None:
     points = ("points", 90, 100, 0.9)
-    same, far, ring = (
-        ("range", 1.0, 1.05, 0.952),
-        ("ground [m]", 10.0, 40.0, 0.25),
-        ("points at 3", 1, 9, 0.11),
-    )
+    same, far, ring = (("range", 1.0, 1.05, 0.952), ("ground [m]", 10.0, 40.0, 0.25), ("points at 3", 1, 9, 0.11))
     counts = "twin has 90 points, real 100 (-10 %)"
     unknown = ("share", None, 0.9, None)
     told = verdict("twin", "real", [points, same, far, ring, unknown])
@@ -116,9 +121,7 @@ def test_the_verdict_names_what_differs_most() -> None:
 
 def test_the_ground_is_the_lowest_level_not_the_fullest() -> None:
     """A platform a metre above the ground has three points of five; a few stray points lie below both."""
-    place = np.stack(
-        np.meshgrid(np.linspace(-20.0, 20.0, 50), np.linspace(-20.0, 20.0, 50)), axis=-1
-    ).reshape(-1, 2)
+    place = np.stack(np.meshgrid(np.linspace(-20.0, 20.0, 50), np.linspace(-20.0, 20.0, 50)), axis=-1).reshape(-1, 2)
     number = np.arange(len(place))
     z = np.where(number % 5 < 2, -1.8, -0.8)
     z = np.where(number % 50 == 0, -4.0, z)
@@ -136,17 +139,20 @@ def test_strengths_of_an_octave_are_of_its_own_ranges() -> None:
     """8 up to 8 m, 4 up to 16 m, and 1 farther out, where most points are: over the median of all, 1."""
     range_m = np.repeat([5.0, 10.0, 20.0], [200, 200, 600])
     side = Side(
-        name="s", xyz_m=np.column_stack([range_m, 0.0 * range_m, 0.0 * range_m]), range_m=range_m, ring=None,
-        strength=np.repeat([16.0, 8.0, 2.0], [200, 200, 600]), kept=None, gap_m=np.zeros(0),
-    )  # fmt: skip
+        name="s",
+        xyz_m=np.column_stack([range_m, 0.0 * range_m, 0.0 * range_m]),
+        range_m=range_m,
+        ring=None,
+        strength=np.repeat([16.0, 8.0, 2.0], [200, 200, 600]),
+        kept=None,
+        gap_m=np.zeros(0),
+    )
     strengths = {name: value for name, value in numbers_of(side).items() if name.startswith("strength")}
     assert list(strengths.values()) == [None, 8.0, 4.0, 1.0, None, None, None]
 
 
 def test_the_height_is_square_to_the_ground() -> None:
-    place = np.stack(np.meshgrid(np.linspace(-8.0, 8.0, 40), np.linspace(-8.0, 8.0, 40)), axis=-1).reshape(
-        -1, 2
-    )
+    place = np.stack(np.meshgrid(np.linspace(-8.0, 8.0, 40), np.linspace(-8.0, 8.0, 40)), axis=-1).reshape(-1, 2)
     ground = ground_of(np.column_stack([place, -1.8 + 0.05 * place[:, 0] + 0.1 * place[:, 1]]))
     assert ground is not None
     assert ground[0] == pytest.approx(1.8 / np.sqrt(1.0 + 0.05**2 + 0.1**2), abs=1e-6)
@@ -155,10 +161,13 @@ def test_the_height_is_square_to_the_ground() -> None:
 def test_second_returns_of_a_cloud_are_of_one_channel_at_one_time() -> None:
     """Two channels fire at 0 s; the first has a second return a metre on, and one at 1 s."""
     cloud = small_cloud(
-        n=4, time_s=np.array([0.0, 0.0, 0.0, 1.0]), channel=np.array([0, 1, 0, 0], np.uint16),
-        return_number=np.array([1, 1, 2, 1], np.uint8), range_m=np.array([10.0, 30.0, 11.0, 20.0], np.float32),
+        n=4,
+        time_s=np.array([0.0, 0.0, 0.0, 1.0]),
+        channel=np.array([0, 1, 0, 0], np.uint16),
+        return_number=np.array([1, 1, 2, 1], np.uint8),
+        range_m=np.array([10.0, 30.0, 11.0, 20.0], np.float32),
         signal=np.zeros(4, np.float32),
-    )  # fmt: skip
+    )
     side = side_of_cloud("made", cloud)
     assert side.gap_m.tolist() == [1.0]
     assert side.range_m.tolist() == [10.0, 30.0, 20.0]
@@ -168,9 +177,7 @@ def test_second_returns_of_a_cloud_are_of_one_channel_at_one_time() -> None:
 
 def test_what_is_near_the_plane_is_ground_more_so_far_away() -> None:
     """0.1 m or 0.3 % of the range: 5 cm off at 5 m and 13 cm at 50 m are ground; 15 cm at 5 m and 20 cm at 50 m not."""
-    place = np.stack(
-        np.meshgrid(np.linspace(-15.0, 15.0, 40), np.linspace(-15.0, 15.0, 40)), axis=-1
-    ).reshape(-1, 2)
+    place = np.stack(np.meshgrid(np.linspace(-15.0, 15.0, 40), np.linspace(-15.0, 15.0, 40)), axis=-1).reshape(-1, 2)
     plane = np.column_stack([place, np.full(len(place), -1.8)])
     others = np.array([[5.0, 0.0, -1.75], [50.0, 0.0, -1.67], [5.0, 0.0, -1.65], [50.0, 0.0, -1.6]])
     ground = ground_of(np.concatenate([plane, others]))
@@ -182,7 +189,5 @@ def test_the_share_that_is_kept_is_of_what_was_recorded() -> None:
     sweep = flat()
     recorded = np.ones(sweep.shape, bool)
     recorded[:, 200:] = False
-    side = side_of_sweep(
-        "real", replace(sweep, recorded=recorded, range_m=np.where(recorded, sweep.range_m, np.nan))
-    )
+    side = side_of_sweep("real", replace(sweep, recorded=recorded, range_m=np.where(recorded, sweep.range_m, np.nan)))
     assert side.kept == pytest.approx((RINGS * 200 - 30) / (RINGS * 200))

@@ -9,14 +9,7 @@ from helpers.clouds import small_cloud
 from lidarscene.detection.outcomes import Status
 from lidarscene.studies.compare.data import Observation, Surfaces
 from lidarscene.studies.compare.numbers import Rate
-from lidarscene.studies.compare.report import (
-    Comparison,
-    crossing_lines,
-    fate,
-    group_table,
-    sweep_table,
-    verdict,
-)
+from lidarscene.studies.compare.report import Comparison, crossing_lines, fate, group_table, sweep_table, verdict
 from lidarscene.studies.compare.run import Crossing, Lit, Sweep
 
 PULSES = 400
@@ -28,14 +21,22 @@ def observation(name: str, hits: Any, *, sigma_mm: float = 10.0, dark: int = 0) 
     true_m = np.full(20, 50.0, np.float32)
     error_m = 1e-3 * sigma_mm * np.where(np.arange(20) % 2 == 0, 1.0, -1.0)
     cloud = small_cloud(
-        n=20, range_m=(true_m + error_m).astype(np.float32), true_range_m=true_m,
-        status=np.full(20, Status.ECHO, np.uint8), body_names=("left", "right"),
-    )  # fmt: skip
+        n=20,
+        range_m=(true_m + error_m).astype(np.float32),
+        true_range_m=true_m,
+        status=np.full(20, Status.ECHO, np.uint8),
+        body_names=("left", "right"),
+    )
     surfaces = Surfaces(
-        pulse=np.arange(PULSES), found=mask, snr=np.where(np.arange(PULSES) < dark, 0.0, 5.0),
-        true_range_m=np.full(PULSES, 50.0), incidence_angle_rad=np.zeros(PULSES), reflectivity=np.full(PULSES, 0.1),
-        body=(np.arange(PULSES) >= PULSES // 2).astype(int), class_id=np.zeros(PULSES, int),
-    )  # fmt: skip
+        pulse=np.arange(PULSES),
+        found=mask,
+        snr=np.where(np.arange(PULSES) < dark, 0.0, 5.0),
+        true_range_m=np.full(PULSES, 50.0),
+        incidence_angle_rad=np.zeros(PULSES),
+        reflectivity=np.full(PULSES, 0.1),
+        body=(np.arange(PULSES) >= PULSES // 2).astype(int),
+        class_id=np.zeros(PULSES, int),
+    )
     lost = {"below threshold": int((~mask).sum()), "out of window": 0, "hidden": 0}
     return Observation(name=name, cloud=cloud, surfaces=surfaces, fired=PULSES, lost=lost)
 
@@ -44,9 +45,14 @@ def comparison(*everything: Observation, matched: bool = True) -> Comparison:
     from lidarscene.studies.compare.data import groupings
 
     return Comparison(
-        title="t", everything=everything, sensors=(None,) * len(everything), groups=groupings(everything),
-        matched=matched, of="the pulses", notes=(),
-    )  # fmt: skip
+        title="t",
+        everything=everything,
+        sensors=(None,) * len(everything),
+        groups=groupings(everything),
+        matched=matched,
+        of="the pulses",
+        notes=(),
+    )
 
 
 def first(count: int) -> range:
@@ -55,15 +61,10 @@ def first(count: int) -> range:
 
 def test_who_finds_more_and_who_measures_finer() -> None:
     """Whatever the order in which they are given."""
-    weak, strong = (
-        observation("weak", first(200), sigma_mm=10.0),
-        observation("strong", first(300), sigma_mm=30.0),
-    )
+    weak, strong = (observation("weak", first(200), sigma_mm=10.0), observation("strong", first(300), sigma_mm=30.0))
     for pair in ((weak, strong), (strong, weak)):
         said = verdict(comparison(*pair))
-        assert said.startswith(
-            "strong finds most, 75.00 % of the pulses, 25 percentage points more; weak 50.00 %."
-        )
+        assert said.startswith("strong finds most, 75.00 % of the pulses, 25 percentage points more; weak 50.00 %.")
         assert "Ranges scatter least with weak: 10.3 mm against 30.8 mm of strong." in said  # sqrt(20 / 19)
 
 
@@ -99,15 +100,18 @@ def test_pulses_without_light_and_bodies_that_differ_most() -> None:
 def test_crossings_and_the_sweep_in_words() -> None:
     def lit(klux: float, share: int) -> Lit:
         return Lit(
-            illuminance_klux=klux, rate=Rate(group="all", surfaces=100, found=share, expected=0.01 * share),
-            false_alarms=0, sigma_m=0.012,
-        )  # fmt: skip
+            illuminance_klux=klux,
+            rate=Rate(group="all", surfaces=100, found=share, expected=0.01 * share),
+            false_alarms=0,
+            sigma_m=0.012,
+        )
 
     swept = Sweep(
-        illuminances_klux=(1.0, 50.0), courses={"a": [lit(1.0, 60), lit(50.0, 50)], "b": [lit(1.0, 80), lit(50.0, 20)]},
+        illuminances_klux=(1.0, 50.0),
+        courses={"a": [lit(1.0, 60), lit(50.0, 50)], "b": [lit(1.0, 80), lit(50.0, 20)]},
         crossings={"b": [Crossing(illuminance_klux=7.0, expected=0.55, ahead_below="b", ahead_above="a")]},
         on_plane_klux={"b": 3.2},
-    )  # fmt: skip
+    )
     crossed, plane = crossing_lines(swept, "a")
     assert crossed == "a overtakes b at 7 klux, where both are expected to find 55.00 %."
     assert plane.endswith("a and b reach equally far at 3.2 klux.")

@@ -106,9 +106,7 @@ def test_given_number_of_pulses() -> None:
     """One pulse in each frame: a train of 0.66 Hz; more of them are never better."""
     one = eye_safety_report(TABLE_1, pulses_in_aperture=1)
     assert margins(one)["average power"] == pytest.approx(3.9e-4 * C4 / (PULSE_J * 50e3 / 75726))
-    limits = [
-        eye_safety_report(TABLE_1, pulses_in_aperture=n).limiting.margin for n in (1, 2, 30, 900, 75726)
-    ]
+    limits = [eye_safety_report(TABLE_1, pulses_in_aperture=n).limiting.margin for n in (1, 2, 30, 900, 75726)]
     assert limits == sorted(limits, reverse=True)
     assert limits[-1] == pytest.approx(eye_safety_report(TABLE_1).limiting.margin, rel=1e-6)
 
@@ -121,9 +119,14 @@ def test_report_as_data_and_text() -> None:
     assert {c["unit"] for c in data["criteria"]} == {"J", "W"}
     text = report_text(TABLE_1)
     for phrase in (
-        "not a certification", "287.4 nJ a pulse", "14.37 mW in the mean", "197.9 nJ", "1.002 mW",
-        "NOT within class 1: average power limits (eye), margin 0.0698", "laser.exit_diameter_mm is not given",
-    ):  # fmt: skip
+        "not a certification",
+        "287.4 nJ a pulse",
+        "14.37 mW in the mean",
+        "197.9 nJ",
+        "1.002 mW",
+        "NOT within class 1: average power limits (eye), margin 0.0698",
+        "laser.exit_diameter_mm is not given",
+    ):
         assert phrase in text
     assert max(len(line) for line in text.splitlines()) <= 120
     assert "within class 1: " in report_text(with_laser(peak_power_w=0.1))
@@ -168,10 +171,7 @@ def test_no_product_of_the_catalogue_is_judged_by_a_guess() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (
-            {"wavelength_m": 355e-9},
-            "table1-apd: eye safety: wavelength must be 400 to 2600 nm, got 355 nm",
-        ),
+        ({"wavelength_m": 355e-9}, "table1-apd: eye safety: wavelength must be 400 to 2600 nm, got 355 nm"),
         ({"pulse_fwhm_s": 3e-5}, "the pulses overlap"),
     ],
 )
@@ -223,9 +223,7 @@ def test_scanned_beams_never_exceed_standing_ones() -> None:
 
 def test_aperture_counts_shrink_with_distance() -> None:
     """7 mm a long way off holds one pulse; a beam as wide as 35 mm touches it in many more."""
-    counts = [
-        scanned_train(TABLE_1, aperture_m=7e-3, distance_m=r).per_period for r in (0.1, 0.3, 1.0, 100.0)
-    ]
+    counts = [scanned_train(TABLE_1, aperture_m=7e-3, distance_m=r).per_period for r in (0.1, 0.3, 1.0, 100.0)]
     assert counts == sorted(counts, reverse=True)
     assert counts[-1] == 1
     wide = scanned_train(TABLE_1, aperture_m=7e-3, distance_m=0.1, beam_diameter_m=35e-3)
@@ -256,11 +254,7 @@ def test_shots_without_a_period_of_their_own_are_even() -> None:
 def test_an_elliptic_beam_is_as_narrow_as_its_smaller_divergence() -> None:
     """Rationale: through a telescope 2 m away more of it enters than of a round beam of the larger one."""
     wide, narrow, small = (
-        geometry(
-            with_laser(exit_diameter_m=2e-3, divergence_rad=across, divergence_elevation_rad=up),
-            "telescope",
-            1.0,
-        )
+        geometry(with_laser(exit_diameter_m=2e-3, divergence_rad=across, divergence_elevation_rad=up), "telescope", 1.0)
         for across, up in ((3e-3, 3e-3), (3e-3, 1e-3), (1e-3, 1e-3))
     )
     assert narrow == pytest.approx(small)
@@ -278,9 +272,7 @@ def test_a_group_lasts_to_the_end_of_its_last_pulse() -> None:
     """At 1550 nm, where no grouping time hides it: two pulses of 6 ns that start 1 us apart last 1.006 us."""
     sensor = with_laser(wavelength_m=1550e-9)
     train = PulseTrain(time_s=np.array([0.0, 1e-6]), period_s=1.0)
-    check = Check(
-        sensor=sensor, viewer="eye", train=train, energy_j=1e-6, source_rad=1.5e-3, time_base_s=100.0
-    )
+    check = Check(sensor=sensor, viewer="eye", train=train, energy_j=1e-6, source_rad=1.5e-3, time_base_s=100.0)
     details = [criterion.detail for criterion in check.criteria() if criterion.name == "pulse group"]
     assert details == ["2 pulses in 1.006 us"]
 
@@ -289,8 +281,6 @@ def test_a_group_lasts_to_the_end_of_its_last_pulse() -> None:
 def test_pulses_that_come_once_in_a_while_still_count_once(apart_s: float, count: int) -> None:
     """Two pulses every thousand seconds: in the ten that count there are two, or one where they are within 5 us."""
     train = PulseTrain(time_s=np.array([0.0, apart_s]), period_s=1000.0)
-    check = Check(
-        sensor=TABLE_1, viewer="eye", train=train, energy_j=1e-6, source_rad=1.5e-3, time_base_s=100.0
-    )
+    check = Check(sensor=TABLE_1, viewer="eye", train=train, energy_j=1e-6, source_rad=1.5e-3, time_base_s=100.0)
     (detail,) = (criterion.detail for criterion in check.criteria() if criterion.name == "pulse train")
     assert f" for {count} pulses in 10 s" in detail

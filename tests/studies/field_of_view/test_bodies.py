@@ -9,10 +9,13 @@ from lidarscene.studies.field_of_view.bodies import OnBody, _found
 def test_each_body_has_its_points_and_its_median_distance() -> None:
     """Five points: three on a far car, one on a near walker, one on a road without a class."""
     cloud = small_cloud(
-        n=5, body=np.array([1, 0, 1, 2, 1], np.int32), class_id=np.array([0, -1, 0, 1, 0], np.int32),
-        true_range_m=np.array([40.0, 5.0, 30.0, 12.0, 37.0], np.float32), body_names=("road", "car 1", "walker"),
+        n=5,
+        body=np.array([1, 0, 1, 2, 1], np.int32),
+        class_id=np.array([0, -1, 0, 1, 0], np.int32),
+        true_range_m=np.array([40.0, 5.0, 30.0, 12.0, 37.0], np.float32),
+        body_names=("road", "car 1", "walker"),
         class_names=("car", "person"),
-    )  # fmt: skip
+    )
     assert _found(cloud) == [
         OnBody(body="walker", label="person", distance_m=12.0, points=1),
         OnBody(body="car 1", label="car", distance_m=37.0, points=3),

@@ -21,17 +21,13 @@ DEG = math.pi / 180.0
 
 def raster(columns=101, rows=51, step_deg=0.2, rate_hz=50e3):
     step = step_deg * DEG
-    return scan.Raster(
-        columns=columns, rows=rows, azimuth_step_rad=step, elevation_step_rad=step, rate_hz=rate_hz
-    )
+    return scan.Raster(columns=columns, rows=rows, azimuth_step_rad=step, elevation_step_rad=step, rate_hz=rate_hz)
 
 
 def mid40():
     """HELIOS++'s prisms for the Livox Mid-40."""
     wedges = [
-        scan.Wedge.of(
-            rate_hz=100e3, angle_rad=angle * DEG, index=1.51, rotation_hz=turns, phase_rad=0.0, tilted=face
-        )
+        scan.Wedge.of(rate_hz=100e3, angle_rad=angle * DEG, index=1.51, rotation_hz=turns, phase_rad=0.0, tilted=face)
         for angle, turns, face in ((18.7481, -121.5657, "out"), (17.9634, 77.7430, "in"))
     ]
     return scan.Risley.of(rate_hz=100e3, frame_hz=10.0, wedges=wedges)
@@ -91,8 +87,10 @@ def test_outline_is_the_convex_hull():
     points = rng.normal(size=(500, 2)) * (20.0, 5.0)
     outline = convex_outline(*points.T)
     x, y = (np.append(a, a[0]) for a in outline.T)
-    assert np.all(np.diff(x)[:, None] * (points[:, 1] - y[:-1, None])
-                  - np.diff(y)[:, None] * (points[:, 0] - x[:-1, None]) >= -1e-9)  # fmt: skip
+    assert np.all(
+        np.diff(x)[:, None] * (points[:, 1] - y[:-1, None]) - np.diff(y)[:, None] * (points[:, 0] - x[:-1, None])
+        >= -1e-9
+    )
     assert {tuple(p) for p in outline} <= {tuple(p) for p in points}
 
 
@@ -250,9 +248,7 @@ def test_cells_between_pulses_see_the_ground_by_the_aperture_of_the_others():
     assert np.array_equal(views[0].seen, views[1].seen)
     assert not views[2].seen.any()  # an aperture of nothing sees nothing
     # 1600 places of a quarter of a square metre, but those nearer than the lowest beam.
-    assert views[1].square_metres[0] == pytest.approx(
-        1600.0 - math.pi * (1.9 / math.tan(15.0 * DEG)) ** 2, rel=0.02
-    )
+    assert views[1].square_metres[0] == pytest.approx(1600.0 - math.pi * (1.9 / math.tan(15.0 * DEG)) ** 2, rel=0.02)
 
 
 def test_the_nearest_place_that_is_seen_and_its_area():

@@ -90,9 +90,7 @@ def test_scores_of_another_variance_make_a_sandwich() -> None:
     assert solved.covariance == pytest.approx(9.0 / 16.0)
 
 
-@pytest.mark.parametrize(
-    ("value", "sigma", "known"), [(-2.0, 1.9, True), (-2.0, 2.1, False), (2.0, 2.1, False)]
-)
+@pytest.mark.parametrize(("value", "sigma", "known"), [(-2.0, 1.9, True), (-2.0, 2.1, False), (2.0, 2.1, False)])
 def test_a_number_is_known_if_its_sigma_is_below_its_size(value: float, sigma: float, known: bool) -> None:
     assert Estimate(key="a", value=value, unit="", fisher=sigma, bootstrap=sigma).known is known
 
@@ -104,8 +102,6 @@ def test_a_bootstrap_that_scatters_a_little_more_is_not_taken(ratio: float, sigm
 
 def test_slopes_at_an_upper_bound_are_taken_from_within() -> None:
     """Rationale: a law may not be defined beyond its bounds, as a root is not."""
-    value, slope, _ = least_squares(
-        lambda p: np.sqrt(2.0 - p) - 0.5, np.array([2.0]), np.array([1.0]), np.array([2.0])
-    )
+    value, slope, _ = least_squares(lambda p: np.sqrt(2.0 - p) - 0.5, np.array([2.0]), np.array([1.0]), np.array([2.0]))
     assert value == pytest.approx([1.75], rel=1e-4)
     assert slope[0, 0] == pytest.approx(-1.0, rel=2e-3)  # -1 / (2 sqrt(2 - p)), a forward difference of 1e-3

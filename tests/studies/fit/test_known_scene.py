@@ -94,9 +94,7 @@ def test_brighter_surfaces_return_more_of_the_sun_unless_that_was_measured(measu
 
 
 def test_parameters_that_come_as_a_product_do_the_same() -> None:
-    by_power, by_lens = (
-        expected(wall(), {key: 0.2}) for key in ("laser.peak_power_w", "optics.efficiency_laser")
-    )
+    by_power, by_lens = (expected(wall(), {key: 0.2}) for key in ("laser.peak_power_w", "optics.efficiency_laser"))
     np.testing.assert_allclose(by_power.signal, by_lens.signal)
     assert np.all(np.asarray(by_power.signal) > np.asarray(expected(wall(), {}).signal))
     wider = expected(wall(spot_over_field=0.5 * np.exp(0.3)), {})
@@ -104,9 +102,7 @@ def test_parameters_that_come_as_a_product_do_the_same() -> None:
 
 
 @pytest.mark.parametrize("spot_over_field", [0.5, None])
-def test_a_near_field_that_is_twice_as_far_is_the_same_at_twice_the_range(
-    spot_over_field: float | None,
-) -> None:
+def test_a_near_field_that_is_twice_as_far_is_the_same_at_twice_the_range(spot_over_field: float | None) -> None:
     """With the power of an echo the same, only the share of the light on the detector is left."""
     scene = wall(spot_over_field=spot_over_field)
     scene = replace(scene, range_m=near_field_m(published()) * np.geomspace(0.3, 4.0, 5))
@@ -126,8 +122,7 @@ def test_a_floor_of_the_ranges_adds_in_squares() -> None:
 
 def test_a_strong_echo_fires_all_free_spads_and_a_weak_one_a_few() -> None:
     shares = [
-        float(np.asarray(expected(wall(), {"laser.peak_power_w": np.log(by)}).fired)[0])
-        for by in (1e-3, 1.0, 1e3)
+        float(np.asarray(expected(wall(), {"laser.peak_power_w": np.log(by)}).fired)[0]) for by in (1e-3, 1.0, 1e3)
     ]
     assert 0.0 < shares[0] < 0.01 < shares[1] < 0.5
     assert 0.95 < shares[2] <= 1.0
@@ -165,16 +160,15 @@ def test_background_scatters_ranges_and_counts_as_its_filters_have_it() -> None:
     echo, kernel = np.exp(-0.5 * t**2) / np.sqrt(2.0 * np.pi), np.exp(-0.5 * (t / width) ** 2)
     slope = np.gradient(kernel, t)
     shape = np.sum(slope**2) / np.sum(slope * np.gradient(echo, t)) ** 2 / (t[1] - t[0])
-    rate = np.asarray(
-        pixel.variance_share * pixel.count_rate_hz - without.variance_share * without.count_rate_hz
+    rate = np.asarray(pixel.variance_share * pixel.count_rate_hz - without.variance_share * without.count_rate_hz)
+    signal = np.asarray(
+        sensor.working_point(scene.background_w).signal(
+            scene.power_w * np.asarray(share(scene.range_m / near_field_m(sensor), 0.5))
+        )
     )
-    signal = np.asarray(sensor.working_point(scene.background_w).signal(scene.power_w * np.asarray(
-        share(scene.range_m / near_field_m(sensor), 0.5))))  # fmt: skip
     moved_m = 0.5 * 299_792_458.0 * sigma_s * np.sqrt(rate * sigma_s * shape) / signal
     weak = slice(2, None)  # near by photons scatter the range, and the sun takes some of these
     added = np.sqrt(np.asarray(light.sigma_m) ** 2 - np.asarray(dark.sigma_m) ** 2)
     np.testing.assert_allclose(added[weak], moved_m[weak], rtol=0.1)
     counted = 2.0 * BOX * sigma_s * np.asarray(pixel.count_rate_hz - without.count_rate_hz) / BOX_SHARE**2
-    np.testing.assert_allclose(
-        (np.asarray(light.variance) - np.asarray(dark.variance))[weak], counted[weak], rtol=0.1
-    )
+    np.testing.assert_allclose((np.asarray(light.variance) - np.asarray(dark.variance))[weak], counted[weak], rtol=0.1)

@@ -94,8 +94,10 @@ def test_the_light_of_a_render_is_a_scene() -> None:
             SubEchoes(range_m=np.array(ranges), peak_power_w=np.array(powers), count=1)
             for ranges, powers in (([3.0, 1.0, 5.0], [1e-9, 0.0, 1e-9]), ([4.0, 1.0, 60.0], [2e-9, 0.0, 1e-10]))
         ),
-        surfaces=2, found=np.array([True, False, True]), background_power_w=np.array([1e-9, 2e-9, 3e-9]),
-    )  # fmt: skip
+        surfaces=2,
+        found=np.array([True, False, True]),
+        background_power_w=np.array([1e-9, 2e-9, 3e-9]),
+    )
     scene = Scene.of(light, sensor, np.array([7, 8, 9]), spot_over_field=0.5)
     np.testing.assert_array_equal(scene.range_m, [4.0, 5.0])
     np.testing.assert_array_equal(scene.group, [7, 9])
@@ -136,9 +138,7 @@ def test_a_range_of_something_else_counts_for_nothing(fit: KnownFit) -> None:
     wrong = np.arange(len(reported.kept)) % 20 == 0
     moved = replace(reported, range_m=reported.range_m + 1.0 * wrong)
     found = fit_known(scene, moved, reflectivity_sigma=REFLECTIVITY_SIGMA)
-    pulse, clean = (
-        next(one for one in way.estimates if one.key == "laser.pulse_fwhm_ns") for way in (found, fit)
-    )
+    pulse, clean = (next(one for one in way.estimates if one.key == "laser.pulse_fwhm_ns") for way in (found, fit))
     assert pulse.sigma < 1.5 * clean.sigma
     assert abs(pulse.value - math.exp(TRUTH["laser.pulse_fwhm_ns"])) < 4.0 * pulse.sigma
 
@@ -216,9 +216,11 @@ def test_ranges_that_scatter_as_the_law_says_ask_for_no_other_pulse() -> None:
     for by in (0.9, 1.0, 1.1):
         off_m = by * math.sqrt(likelihood.MEAN_SQUARE) * np.asarray(law.sigma_m)
         reported = Reported(
-            kept=np.ones(count, bool), signal=np.asarray(law.signal), near_ir=np.asarray(law.near_ir),
+            kept=np.ones(count, bool),
+            signal=np.asarray(law.signal),
+            near_ir=np.asarray(law.near_ir),
             range_m=scene.range_m + off_m,
-        )  # fmt: skip
+        )
         step = likelihood._step(scene, reported, values, np.zeros(1), np.ones(count, bool), 1e9)
         scores.append(step.score[1])
     # Of sigma's logarithm the floor moves floor^2 / sigma^2: a step of some 0.1 where ranges scatter a tenth more.
@@ -245,18 +247,17 @@ def test_moments_of_a_capped_square() -> None:
 def test_a_signal_far_off_pulls_no_harder_than_four_sigmas() -> None:
     """One of sixty a hundred sigmas too strong; and what fires most of the SPADs tells no signal."""
     count = 60
-    light = echoes_of_plane(
-        published(), Target(reflectivity=0.3, illuminance_klux=30.0), np.full(count, 12.0)
-    )
+    light = echoes_of_plane(published(), Target(reflectivity=0.3, illuminance_klux=30.0), np.full(count, 12.0))
     scene = Scene.of(light, published(), np.zeros(count, int), spot_over_field=0.5)
     values = {"laser.peak_power_w": 0.0}
     law = expected(scene, values)
     signal, sigma = np.asarray(law.signal), np.sqrt(np.asarray(law.variance))
     reported = Reported(
-        kept=np.ones(count, bool), signal=signal + np.where(np.arange(count) == 7, 100.0 * sigma, 0.0),
+        kept=np.ones(count, bool),
+        signal=signal + np.where(np.arange(count) == 7, 100.0 * sigma, 0.0),
         near_ir=np.full(count, np.nan),
         range_m=scene.range_m + math.sqrt(likelihood.MEAN_SQUARE) * np.asarray(law.sigma_m),
-    )  # fmt: skip
+    )
     assert likelihood._strong(scene, reported, values, np.zeros(1)).all()
     step = likelihood._step(scene, reported, values, np.zeros(1), np.ones(count, bool), 1e12)
     assert step.score[0] == pytest.approx(4.0 * signal[7] / sigma[7], rel=0.02)

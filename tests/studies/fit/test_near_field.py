@@ -21,9 +21,15 @@ def exact() -> Pulses:
     signal = WHITE_M2 * share(range_m / R0_M, SPOT) * reflectivity / 100.0 / range_m**2
     columns = np.arange(COLUMNS)
     return Pulses(
-        range_m=range_m, recorded=np.ones_like(range_m, bool), signal=np.asarray(signal), near_ir=None,
-        reflectivity=reflectivity, azimuth_rad=np.zeros_like(range_m), frame=0 * columns, block=columns // 20,
-    )  # fmt: skip
+        range_m=range_m,
+        recorded=np.ones_like(range_m, bool),
+        signal=np.asarray(signal),
+        near_ir=None,
+        reflectivity=reflectivity,
+        azimuth_rad=np.zeros_like(range_m),
+        frame=0 * columns,
+        block=columns // 20,
+    )
 
 
 def changed(pulses: Pulses, mask: Any, *, white: Any = 1.0, reflectivity: float | None = None) -> Pulses:
@@ -31,14 +37,11 @@ def changed(pulses: Pulses, mask: Any, *, white: Any = 1.0, reflectivity: float 
     mask = np.broadcast_to(mask, pulses.range_m.shape)
     before = np.asarray(pulses.reflectivity)
     after = before if reflectivity is None else np.where(mask, reflectivity, before)
-    return replace(
-        pulses, signal=np.where(mask, white, 1.0) * after / before * pulses.signal, reflectivity=after
-    )
+    return replace(pulses, signal=np.where(mask, white, 1.0) * after / before * pulses.signal, reflectivity=after)
 
 
 @pytest.mark.parametrize(
-    "spoilt",
-    [{}, {"white": 5.0}, {"white": 1.35, "reflectivity": 110.0}, {"white": 0.7, "reflectivity": 15.0}],
+    "spoilt", [{}, {"white": 5.0}, {"white": 1.35, "reflectivity": 110.0}, {"white": 0.7, "reflectivity": 15.0}]
 )
 def test_the_law_is_found_whatever_a_fifth_reports(spoilt: dict[str, float]) -> None:
     """Rationale: light of another surface, reflectivities in steps and in logarithms are left out. A bin is 3 % wide:

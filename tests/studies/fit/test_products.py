@@ -27,9 +27,14 @@ def test_photons_of_a_white_wall_are_one_product() -> None:
     products = products_of(load_sensor("os1-128"), ALL)
     powers = dict(zip(products.keys, products.exponents[products.known.index("white_m2")], strict=True))
     expected = {
-        "laser.peak_power_w": 1, "laser.pulse_fwhm_ns": 1, "optics.aperture_radius_mm": 2, "optics.efficiency_laser": 1,
-        "detector.pde": 1, "histogram.shots": 1, "reflectivity of all targets": 1,
-    }  # fmt: skip
+        "laser.peak_power_w": 1,
+        "laser.pulse_fwhm_ns": 1,
+        "optics.aperture_radius_mm": 2,
+        "optics.efficiency_laser": 1,
+        "detector.pde": 1,
+        "histogram.shots": 1,
+        "reflectivity of all targets": 1,
+    }
     for key, power in powers.items():
         # The shadow of the dark counts and the few SPADs that fire twice are left: 0.1 %; of the near field, which
         # r_A f / r_PD moves, 1.3 %.
@@ -49,8 +54,7 @@ def test_along_a_null_direction_nothing_changes() -> None:
         if key not in parts:
             continue
         changes = {key: 1.0} | {
-            name: float(power)
-            for name, power in (one.rsplit(" ", 1)[0].rsplit(" ", 1) for one in moves.split(", "))
+            name: float(power) for name, power in (one.rsplit(" ", 1)[0].rsplit(" ", 1) for one in moves.split(", "))
         }
         moved = sensor
         for name, percent in changes.items():

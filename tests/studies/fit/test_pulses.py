@@ -12,9 +12,10 @@ def turn(columns: int, **changed: Any) -> Sweep:
     """Two rows; the beams go round from straight ahead to the left."""
     azimuth = np.broadcast_to(np.linspace(0.0, 1.0, columns), (2, columns))
     given = {
-        "range_m": np.full((2, columns), 10.0), "recorded": np.ones((2, columns), bool),
+        "range_m": np.full((2, columns), 10.0),
+        "recorded": np.ones((2, columns), bool),
         "direction": np.stack([np.cos(azimuth), np.sin(azimuth), 0.0 * azimuth], axis=-1),
-    }  # fmt: skip
+    }
     return Sweep(**given | changed)
 
 

@@ -19,11 +19,15 @@ def fit_of(**laws: Any) -> Fit:
 @pytest.mark.parametrize(
     ("law", "value", "passed"),
     [
-        ("near_field", 0.149, True), ("near_field", 0.151, False), ("threshold", 0.099, True),
-        ("threshold", 0.101, False), ("scatter", (0.81, 1.24), True), ("scatter", (0.79, 1.0), False),
+        ("near_field", 0.149, True),
+        ("near_field", 0.151, False),
+        ("threshold", 0.099, True),
+        ("threshold", 0.101, False),
+        ("scatter", (0.81, 1.24), True),
+        ("scatter", (0.79, 1.0), False),
         ("scatter", (1.0, 1.26), False),
     ],
-)  # fmt: skip
+)
 def test_limits_of_each_law(law: str, value: Any, passed: bool) -> None:
     """15 % of the signal, a tenth of the shares, a quarter of the scatter, either way; the others are not recorded."""
     ratios = np.atleast_1d(value)

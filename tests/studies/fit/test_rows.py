@@ -25,10 +25,11 @@ def drawn() -> Sweep:
     seen = np.stack([np.roll(light, -turn) for turn in stagger]) * np.linspace(0.7, 1.4, ROWS)[:, None]
     azimuth = -2.0 * np.pi * (columns + stagger[:, None]) / COLUMNS
     return Sweep(
-        range_m=np.full((ROWS, COLUMNS), np.nan), recorded=np.ones((ROWS, COLUMNS), bool),
+        range_m=np.full((ROWS, COLUMNS), np.nan),
+        recorded=np.ones((ROWS, COLUMNS), bool),
         direction=np.stack([np.cos(azimuth), np.sin(azimuth), 0.0 * azimuth], axis=-1),
         near_ir=random.poisson(seen * np.exp(GAINS)[:, None]),
-    )  # fmt: skip
+    )
 
 
 def test_the_gains_are_found() -> None:
@@ -69,10 +70,15 @@ def still(near_ir: Numbers, **changed: Any) -> Pulses:
     """Rows at one place, of which nothing else is known; two blocks of columns."""
     columns = np.arange(near_ir.shape[1])
     given: dict[str, Any] = {
-        "range_m": np.full(near_ir.shape, 10.0), "recorded": np.ones(near_ir.shape, bool), "signal": None,
-        "near_ir": near_ir, "reflectivity": None, "azimuth_rad": np.full(near_ir.shape, np.nan),
-        "frame": 0 * columns, "block": columns // (len(columns) // 2),
-    }  # fmt: skip
+        "range_m": np.full(near_ir.shape, 10.0),
+        "recorded": np.ones(near_ir.shape, bool),
+        "signal": None,
+        "near_ir": near_ir,
+        "reflectivity": None,
+        "azimuth_rad": np.full(near_ir.shape, np.nan),
+        "frame": 0 * columns,
+        "block": columns // (len(columns) // 2),
+    }
     return Pulses(**given | changed)
 
 
@@ -103,9 +109,7 @@ def test_the_exponents_sigma_is_the_scatter_over_the_gains(size: float) -> None:
     gains = size * (-1.0) ** np.arange(ROWS)
     rest = 0.2 * size * np.where(np.arange(ROWS) // 2 % 2 == 0, 1.0, -1.0)
     flat = np.ones((1, 128))
-    pulses = still(
-        400.0 * np.exp(gains)[:, None] * flat, signal=400.0 * np.exp(0.5 * gains + rest)[:, None] * flat
-    )
+    pulses = still(400.0 * np.exp(gains)[:, None] * flat, signal=400.0 * np.exp(0.5 * gains + rest)[:, None] * flat)
     follows = fit_rows(pulses)
     assert follows is not None
     assert follows.follows is not None
@@ -121,8 +125,6 @@ def test_the_exponents_sigma_is_the_scatter_over_the_gains(size: float) -> None:
         assert untold.key is None
 
 
-@pytest.mark.parametrize(
-    ("exponent", "key"), [(0.69, None), (0.71, "responsivity"), (0.29, "background_gain")]
-)
+@pytest.mark.parametrize(("exponent", "key"), [(0.69, None), (0.71, "responsivity"), (0.29, "background_gain")])
 def test_the_key_is_told_two_sigmas_from_the_middle(exponent: float, key: str | None) -> None:
     assert RowGains(gain=np.ones(2), sigma=np.ones(2), follows=(exponent, 0.1)).key == key

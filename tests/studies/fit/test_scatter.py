@@ -32,9 +32,15 @@ def pulses_of_rings(*rings: tuple[Numbers, Numbers]) -> Pulses:
     range_m, signal = (np.stack(part) for part in zip(*rings, strict=True))
     columns = np.arange(range_m.shape[1])
     return Pulses(
-        range_m=range_m, recorded=np.ones_like(range_m, bool), signal=signal, near_ir=None, reflectivity=None,
-        azimuth_rad=np.zeros_like(range_m), frame=np.zeros_like(columns), block=columns // 20,
-    )  # fmt: skip
+        range_m=range_m,
+        recorded=np.ones_like(range_m, bool),
+        signal=signal,
+        near_ir=None,
+        reflectivity=None,
+        azimuth_rad=np.zeros_like(range_m),
+        frame=np.zeros_like(columns),
+        block=columns // 20,
+    )
 
 
 @pytest.fixture
@@ -89,9 +95,12 @@ def test_scatter_in_millimetres_and_ratios_over_the_law() -> None:
     """c = 200 mm and a floor of 5 mm; at 1600 photons 5 mm each way, 7.07 mm together."""
     made = Scatter(
         solved=Solved(value=np.array([0.2**2, 0.005**2]), slope=1e12 * np.eye(2), scores=np.zeros((4, 2))),
-        signal=np.array([1600.0, 400.0]), sigma_m=np.full(2, np.nan), patches=np.ones(2),
-        check_sigma_m=np.array([0.005 * np.sqrt(2.0) * 1.2, np.nan]), check_patches=np.array([25.0, 0.0]),
-    )  # fmt: skip
+        signal=np.array([1600.0, 400.0]),
+        sigma_m=np.full(2, np.nan),
+        patches=np.ones(2),
+        check_sigma_m=np.array([0.005 * np.sqrt(2.0) * 1.2, np.nan]),
+        check_patches=np.array([25.0, 0.0]),
+    )
     assert [estimate.value for estimate in made.estimates] == pytest.approx([200.0, 5.0])
     np.testing.assert_allclose(made.ratios, [1.2])
     # 25 patches give a deviation to 10 %, so that 1.2 is two sigmas above this.
@@ -156,8 +165,5 @@ def test_uncertainties_are_those_of_a_law_whose_far_patches_are_left_out() -> No
     # At the solution the blocks' scores have no sum.
     scores = fit.solved.scores
     np.testing.assert_allclose(scores.sum(axis=0) / np.abs(scores).sum(axis=0), 0.0, atol=1e-5)
-    along = [
-        fit.solved.value @ matrix @ fit.solved.value / number
-        for matrix in (fit.solved.slope, fit.solved.meat)
-    ]
+    along = [fit.solved.value @ matrix @ fit.solved.value / number for matrix in (fit.solved.slope, fit.solved.meat)]
     assert along == pytest.approx([information, variance], rel=0.1)

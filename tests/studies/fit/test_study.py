@@ -50,9 +50,7 @@ def test_the_truth_is_within_two_sigma() -> None:
     assert np.max(np.abs(off)) < 5.0
 
 
-def written(
-    folder: Path, patch: pytest.MonkeyPatch, sweep: Sweep, sensor: str = "os1-128"
-) -> tuple[str, bool]:
+def written(folder: Path, patch: pytest.MonkeyPatch, sweep: Sweep, sensor: str = "os1-128") -> tuple[str, bool]:
     def opened(path: Path, metadata: Path | None) -> Recording:
         return Recording(path=path, count=1, read=lambda _: sweep)
 
@@ -157,18 +155,14 @@ def test_a_law_that_does_not_hold_fails(tmp_path: Path, undrawn: pytest.MonkeyPa
     """Rationale: the blocks that were not fitted are of another reflectivity scale, by 1.3: more than 15 % off."""
     assert sweep.reflectivity is not None
     other = (np.arange(sweep.shape[1]) // 20) % 4 == 3
-    changed = replace(
-        sweep, reflectivity=np.where(other, np.rint(sweep.reflectivity / 1.3), sweep.reflectivity)
-    )
+    changed = replace(sweep, reflectivity=np.where(other, np.rint(sweep.reflectivity / 1.3), sweep.reflectivity))
     text, passed = written(tmp_path, undrawn, changed)
     assert not passed
     assert "signal over the range" in text
     assert text.count("FAILED") == 1
 
 
-def test_what_is_not_recorded_stays_as_it_was(
-    tmp_path: Path, undrawn: pytest.MonkeyPatch, sweep: Sweep
-) -> None:
+def test_what_is_not_recorded_stays_as_it_was(tmp_path: Path, undrawn: pytest.MonkeyPatch, sweep: Sweep) -> None:
     text, passed = written(tmp_path, undrawn, replace(sweep, near_ir=None, reflectivity=None))
     assert passed
     assert "histogram.threshold_floor is left as it was: threshold_floor is not recorded" in text
@@ -180,10 +174,7 @@ def test_what_is_not_recorded_stays_as_it_was(
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
-        (
-            {"signal": None, "near_ir": None, "reflectivity": None},
-            "must have SIGNAL, NEAR_IR or REFLECTIVITY",
-        ),
+        ({"signal": None, "near_ir": None, "reflectivity": None}, "must have SIGNAL, NEAR_IR or REFLECTIVITY"),
         ({"recorded": np.zeros((32, 1000), bool)}, "must have pulses, got none"),
     ],
 )

@@ -26,10 +26,7 @@ def test_the_filter_scatters_so_much_at_one_signal() -> None:
     half = 8.0
     noise = near_ir * 2.0 * half * sigma_s / float(SENSOR.tdc.ambient_s)
     filtered, boxed = np.zeros(count), np.zeros(count)
-    for mean, place in (
-        (noise, lambda n: random.uniform(-half, half, n)),
-        (photons, random.standard_normal),
-    ):
+    for mean, place in ((noise, lambda n: random.uniform(-half, half, n)), (photons, random.standard_normal)):
         number = random.poisson(mean, count)
         at, of = place(number.sum()), np.repeat(np.arange(count), number)
         filtered += np.bincount(of, SCALE * np.exp(-0.5 * (at / TEMPLATE) ** 2), minlength=count)
@@ -41,12 +38,8 @@ def test_the_filter_scatters_so_much_at_one_signal() -> None:
 
 def test_the_spread_is_what_is_left_of_the_width() -> None:
     def of(width: float) -> Threshold:
-        solved = Solved(
-            value=np.array([1.0, -8.0, 0.0]) / width, slope=1e6 * np.eye(3), scores=np.zeros((4, 3))
-        )
-        return Threshold(
-            solved=solved, near_ir=400.0, expected=np.zeros(0), found=np.zeros(0), pulses=np.zeros(0)
-        )
+        solved = Solved(value=np.array([1.0, -8.0, 0.0]) / width, slope=1e6 * np.eye(3), scores=np.zeros((4, 3)))
+        return Threshold(solved=solved, near_ir=400.0, expected=np.zeros(0), found=np.zeros(0), pulses=np.zeros(0))
 
     own = filter_variance(SENSOR, photons=8.0, near_ir=400.0)
     found = of(2.0).spread(SENSOR)
@@ -76,9 +69,10 @@ def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:
     assert noise.sum() > 200
     range_m = np.where(noise, 20.0 + number % 7, sweep.range_m)
     spoilt = replace(
-        sweep, range_m=np.where(blanked | withheld, np.nan, range_m),
+        sweep,
+        range_m=np.where(blanked | withheld, np.nan, range_m),
         reflectivity=np.where(blanked, 0.0, sweep.reflectivity),
-    )  # fmt: skip
+    )
     fit = fit_threshold(pulses_of([spoilt]))
     assert fit is not None
     for estimate in fit.estimates:
@@ -99,9 +93,8 @@ def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:
 def test_the_error_weighs_bins_by_their_pulses() -> None:
     solved = Solved(value=np.array([1.0, -8.0, 0.0]), slope=np.eye(3), scores=np.zeros((4, 3)))
     fit = Threshold(
-        solved=solved, near_ir=400.0, expected=np.array([0.5, 0.9]), found=np.array([0.4, 0.9]),
-        pulses=np.array([1, 9]),
-    )  # fmt: skip
+        solved=solved, near_ir=400.0, expected=np.array([0.5, 0.9]), found=np.array([0.4, 0.9]), pulses=np.array([1, 9])
+    )
     assert fit.error == pytest.approx(0.01)
 
 
@@ -110,9 +103,15 @@ def test_a_pulse_is_on_the_surface_of_its_neighbours_whatever_it_reports_itself(
     range_m = np.full((1, 60), 10.0)
     range_m[0, 20], range_m[0, 50] = np.nan, 3.0
     pulses = Pulses(
-        range_m=range_m, recorded=np.ones((1, 60), bool), signal=None, near_ir=None, reflectivity=None,
-        azimuth_rad=0.0 * range_m, frame=np.zeros(60, int), block=np.zeros(60, int),
-    )  # fmt: skip
+        range_m=range_m,
+        recorded=np.ones((1, 60), bool),
+        signal=None,
+        near_ir=None,
+        reflectivity=None,
+        azimuth_rad=0.0 * range_m,
+        frame=np.zeros(60, int),
+        block=np.zeros(60, int),
+    )
     around = np.minimum(np.abs(np.arange(60) - 50), 60 - np.abs(np.arange(60) - 50))
     expected = (around > threshold.BESIDE) | (around == 0)
     assert np.array_equal(threshold._on_surface(pulses)[0], expected)

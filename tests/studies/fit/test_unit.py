@@ -28,9 +28,12 @@ def test_one_lens_moves_with_the_power_that_makes_up_for_it() -> None:
     before = sensor_of(ONE_LENS, "before")
     range_m, photons = 1.5 * near_field_m(before), 2.0 * white_m2(before)
     text, _ = fitted(
-        ONE_LENS, estimate("near_field_m", range_m), estimate("white_m2", photons),
-        estimate("spot_over_field", 0.4), estimate("scatter_c", 1.2 * scatter_c_mm(before)),
-    )  # fmt: skip
+        ONE_LENS,
+        estimate("near_field_m", range_m),
+        estimate("white_m2", photons),
+        estimate("spot_over_field", 0.4),
+        estimate("scatter_c", 1.2 * scatter_c_mm(before)),
+    )
     after = sensor_of(text, "after")
     assert near_field_m(after) == pytest.approx(range_m, rel=1e-5)
     assert after.optics.aperture_radius_m / after.optics.focal_length_m == pytest.approx(
@@ -72,12 +75,16 @@ def test_a_threshold_that_falls_with_the_light_is_not_written(slope: float, is_w
 def test_factors_of_keys_lists_and_whole_numbers() -> None:
     text = "[detector]\nspads = 8\n[optics.overlap]\nfocus_at_m = 4.0\ntransmitter_offset_mm = [2, -3]\n"
     factors = {
-        "detector.spads": 1.3, "optics.overlap.focus_at_m": 0.5, "optics.overlap.transmitter_offset_mm": 2.0,
+        "detector.spads": 1.3,
+        "optics.overlap.focus_at_m": 0.5,
+        "optics.overlap.transmitter_offset_mm": 2.0,
         "laser.exit_diameter_mm": 9.0,
-    }  # fmt: skip
+    }
     assert grown(text, factors) == {
-        "detector.spads": 10, "optics.overlap.focus_at_m": 2.0, "optics.overlap.transmitter_offset_mm": [4.0, -6.0],
-    }  # fmt: skip
+        "detector.spads": 10,
+        "optics.overlap.focus_at_m": 2.0,
+        "optics.overlap.transmitter_offset_mm": [4.0, -6.0],
+    }
     assert isinstance(grown(text, factors)["detector.spads"], int)
 
 
@@ -85,9 +92,7 @@ def test_two_lenses_are_stretched_together() -> None:
     """All of the near field 1.3 times as far: the curve is the same at 1.3 times the range, K as it was."""
     before = sensor_of(TEXT, "before")
     text, _ = fitted(
-        TEXT,
-        estimate("near_field_m", 1.3 * near_field_m(before)),
-        estimate("white_m2", 2.0 * white_m2(before)),
+        TEXT, estimate("near_field_m", 1.3 * near_field_m(before)), estimate("white_m2", 2.0 * white_m2(before))
     )
     after = sensor_of(text, "after")
     assert before.optics.overlap is not None

@@ -53,9 +53,7 @@ class Lidar:
 
     @property
     def sun_w(self):
-        lit = (
-            self.sun * self.klux / 100.0 * self.efficiency_sun * 0.98 * self.rho * math.cos(math.radians(60))
-        )
+        lit = self.sun * self.klux / 100.0 * self.efficiency_sun * 0.98 * self.rho * math.cos(math.radians(60))
         return lit * self.aperture * (self.pixel / 0.03) ** 2
 
     @property
@@ -135,10 +133,11 @@ BUSY = fired(PRINTED.sun_photons, 0.22, 400)
 BUSY_STEADY = 400 * (x := PRINTED.sun_photons * 0.22 / 400) / (1 + x)
 ROOT = math.sqrt(0.22 / PRINTED.sun_photons)  # of (28)
 BOUNDS = [  # of (29) and (30): the sun's own shot noise alone
-    math.sqrt(APD.echo_w(1.0) * e * 0.7 / PHOTON / 5 / math.sqrt(
-        2 * e * 167e6 * 80**0.3 * e * 0.7 / PHOTON * APD.sun_w)),
+    math.sqrt(
+        APD.echo_w(1.0) * e * 0.7 / PHOTON / 5 / math.sqrt(2 * e * 167e6 * 80**0.3 * e * 0.7 / PHOTON * APD.sun_w)
+    ),
     math.sqrt(PRINTED.signal_photons(1.0) * ROOT / 5),
-]  # fmt: skip
+]
 DARK = of(APD, PRINTED, STEADY, klux=0.0)
 KLUX = [
     brentq(lambda x, cells=cells: replace(APD, klux=x).range_m - replace(cells, klux=x).range_m, 0.1, 100)
@@ -197,32 +196,92 @@ CLAIMS = {
     "50 %": [0.5],
     "99.977 %": [100 * correct(400), 167, 100 * correct(668)],
     "most harm": [correct(1), 1, correct(400), 400],
-    "Without gain": [1, 100 * REST / (REST + MULTIPLIED), 100, replace(APD, gain=1.0).snr(100.0), APD.snr(100.0),
-                     replace(APD, gain=1.0).range_m],
-    "approximately M^x": [K, 80, *(n for m in (10, 30, 200) for n in (
-        percent(m**0.3 / (K * m + (1 - K) * (2 - 1 / m))), m))],
-    "improve the APD's SNR": [n for one in ({"qe": 0.77}, {"watts": 49.5}, {"efficiency_sun": 0.9 * 0.7986})
-                              for n in (10, percent(replace(APD, **one).snr(100.0) / APD.snr(100.0)))],
+    "Without gain": [
+        1,
+        100 * REST / (REST + MULTIPLIED),
+        100,
+        replace(APD, gain=1.0).snr(100.0),
+        APD.snr(100.0),
+        replace(APD, gain=1.0).range_m,
+    ],
+    "approximately M^x": [
+        K,
+        80,
+        *(n for m in (10, 30, 200) for n in (percent(m**0.3 / (K * m + (1 - K) * (2 - 1 / m))), m)),
+    ],
+    "improve the APD's SNR": [
+        n
+        for one in ({"qe": 0.77}, {"watts": 49.5}, {"efficiency_sun": 0.9 * 0.7986})
+        for n in (10, percent(replace(APD, **one).snr(100.0) / APD.snr(100.0)))
+    ],
     "maximises the SNR": [BEST, AT["best"], 100, 100, 80, APD.snr(100.0)],
-    "optical noise equals": [MULTIPLIED * BEST**2.3 / REST, 2, EQUAL, AT["equal"],
-                             100 * (1 - AT["equal"] / AT["best"])],
-    "better sensitivity": [200, 100, fired(200, 0.1, 100), 10, fired(200, 0.6, 100), 60,
-                           100 * fired(200, 0.1, 100) / 20, 100 * fired(200, 0.6, 100) / 120],
-    "more dynamic range": [10, *(n for cells in (100, 400) for n in (
-        brentq(lambda u: -math.expm1(-u) - 0.9 * u, 0.01, 1) * cells / 0.22, cells))],
+    "optical noise equals": [
+        MULTIPLIED * BEST**2.3 / REST,
+        2,
+        EQUAL,
+        AT["equal"],
+        100 * (1 - AT["equal"] / AT["best"]),
+    ],
+    "better sensitivity": [
+        200,
+        100,
+        fired(200, 0.1, 100),
+        10,
+        fired(200, 0.6, 100),
+        60,
+        100 * fired(200, 0.1, 100) / 20,
+        100 * fired(200, 0.6, 100) / 120,
+    ],
+    "more dynamic range": [
+        10,
+        *(
+            n
+            for cells in (100, 400)
+            for n in (brentq(lambda u: -math.expm1(-u) - 0.9 * u, 0.01, 1) * cells / 0.22, cells)
+        ),
+    ],
     "below 1e-2": [400, 2007, 6, 400 * 2007 * 6e-9],
     "less dynamic range": [100, *(100 - fired(n, 0.22, 100) for n in (0, 100, 1000)), 0, 100, 1000],
-    "approximated": [PRINTED.signal_photons(100.0) * ROOT, PRINTED.snr(100.0), 100,
-                     PRINTED.signal_photons(LIMIT) * ROOT, 5, 100 * PRINTED.signal_photons(LIMIT) * 0.22 / 400,
-                     100 * BUSY / 400, BOUNDS[1], LIMIT, 1, 900, percent(replace(PRINTED, klux=1.0).snr(900.0) / (
-                         replace(PRINTED, klux=1.0).signal_photons(900.0) * math.sqrt(
-                             0.22 / replace(PRINTED, klux=1.0).sun_photons)))],
+    "approximated": [
+        PRINTED.signal_photons(100.0) * ROOT,
+        PRINTED.snr(100.0),
+        100,
+        PRINTED.signal_photons(LIMIT) * ROOT,
+        5,
+        100 * PRINTED.signal_photons(LIMIT) * 0.22 / 400,
+        100 * BUSY / 400,
+        BOUNDS[1],
+        LIMIT,
+        1,
+        900,
+        percent(
+            replace(PRINTED, klux=1.0).snr(900.0)
+            / (
+                replace(PRINTED, klux=1.0).signal_photons(900.0)
+                * math.sqrt(0.22 / replace(PRINTED, klux=1.0).sun_photons)
+            )
+        ),
+    ],
     "dominated by optical noise": [100 * (n := BUSY * (1 - BUSY / 400)) / (n + 400 * 2007 * 6e-9), 100],
     "far shorter than the dead time": [BUSY, 400, 6],
-    "minimal impact": [100, STEADY.snr(100.0), PRINTED.snr(100.0), percent(STEADY.snr(100.0) / PRINTED.snr(100.0)),
-                       *(n for x in (100, 1) for n in (x, *of(STEADY, PRINTED, klux=x), percent(
-                           replace(STEADY, klux=x).range_m / replace(PRINTED, klux=x).range_m))),
-                       IN_TIME, 100, percent(IN_TIME / LIMIT)],
+    "minimal impact": [
+        100,
+        STEADY.snr(100.0),
+        PRINTED.snr(100.0),
+        percent(STEADY.snr(100.0) / PRINTED.snr(100.0)),
+        *(
+            n
+            for x in (100, 1)
+            for n in (
+                x,
+                *of(STEADY, PRINTED, klux=x),
+                percent(replace(STEADY, klux=x).range_m / replace(PRINTED, klux=x).range_m),
+            )
+        ),
+        IN_TIME,
+        100,
+        percent(IN_TIME / LIMIT),
+    ],
     "quantum efficiency or PDE": [1, APD.per_percent(qe=0.7), PRINTED.per_percent(pde=0.22)],
     "aperture area": [1, *(0.5 * one for one in both(radius=0.025)[1:])],
     "target reflectivity": both(rho=0.1),
@@ -231,37 +290,75 @@ CLAIMS = {
     "with the peak power": both(watts=45.0),
     "r_PD / f": both(pixel=1e-4),
     "lower TNR": [4, 5, *(a / b for a, b in zip(of(*BOTH, tnr=4.0), PLAIN, strict=True)), norm.sf(4.0) / norm.sf(5.0)],
-    "shorter pulse": [math.sqrt(2), 2, *(n for one, plain in zip(BOTH, PLAIN, strict=True) for n in (
-        replace(one, watts=90.0, fwhm=3e-9, band=334e6).range_m, plain))],
+    "shorter pulse": [
+        math.sqrt(2),
+        2,
+        *(
+            n
+            for one, plain in zip(BOTH, PLAIN, strict=True)
+            for n in (replace(one, watts=90.0, fwhm=3e-9, band=334e6).range_m, plain)
+        ),
+    ],
     "ahead of the SiPM's": [1, 1, *(np.min(APD.snr(GRID_M) / one.snr(GRID_M)) for one in (PRINTED, STEADY))],
     "determined by 70 %": [
-        100 * (n := MULTIPLIED - 2 * e * 167e6 * 1e-10) * 80**2.3 / (MULTIPLIED * 80**2.3 + REST), 70, 22,
-        math.sqrt(70 / 22), 80**0.15, (BOUNDS[0] / BOUNDS[1]) ** 2 * 80**0.15 / math.sqrt(70 / 22),
-        (BOUNDS[0] / BOUNDS[1]) ** 2, APD.snr(LIMIT) / 5],
-    "the SiPM saturates": [PRINTED.snr(1.0), brentq(
-        lambda r: fired(PRINTED.signal_photons(r), 0.22, 400) - 360, 10, 1000), 90],
+        100 * (n := MULTIPLIED - 2 * e * 167e6 * 1e-10) * 80**2.3 / (MULTIPLIED * 80**2.3 + REST),
+        70,
+        22,
+        math.sqrt(70 / 22),
+        80**0.15,
+        (BOUNDS[0] / BOUNDS[1]) ** 2 * 80**0.15 / math.sqrt(70 / 22),
+        (BOUNDS[0] / BOUNDS[1]) ** 2,
+        APD.snr(LIMIT) / 5,
+    ],
+    "the SiPM saturates": [
+        PRINTED.snr(1.0),
+        brentq(lambda r: fired(PRINTED.signal_photons(r), 0.22, 400) - 360, 10, 1000),
+        90,
+    ],
     "inverse square": [-2, slope(PRINTED, LIMIT), slope(PRINTED, 1000.0), 1],
-    "edges of the scan": [30, APD.range_m, *[replace(APD, share=math.cos(math.radians(30))).range_m] * 2,
-                          *(replace(APD, share=math.cos(math.radians(a)) / math.cos(math.radians(45))).range_m
-                            for a in (30, 60)), 45, APD.range_m],
+    "edges of the scan": [
+        30,
+        APD.range_m,
+        *[replace(APD, share=math.cos(math.radians(30))).range_m] * 2,
+        *(replace(APD, share=math.cos(math.radians(a)) / math.cos(math.radians(45))).range_m for a in (30, 60)),
+        45,
+        APD.range_m,
+    ],
     "Below some background": KLUX,
-    "greater the SiPM's advantage": [*(n for x in (10, 3, 1, 0.1, 0.01, 0) for n in (
-        replace(PRINTED, klux=x).range_m / replace(APD, klux=x).range_m, x)), DARK[2] / DARK[0], floor_reached_klux()],
+    "greater the SiPM's advantage": [
+        *(
+            n
+            for x in (10, 3, 1, 0.1, 0.01, 0)
+            for n in (replace(PRINTED, klux=x).range_m / replace(APD, klux=x).range_m, x)
+        ),
+        DARK[2] / DARK[0],
+        floor_reached_klux(),
+    ],
     "listens for 4 µs": [ENDS, brentq(lambda x: replace(APD, klux=x).range_m - ENDS, 1, 100)],
     "smaller receiving angle": [*of(*BOTH, sun=14.7), *of(*BOTH, pixel=5e-5), *PLAIN],
     "ultimate limit": DARK,
-    "higher quantum or photon": [100, *(n for p in (40, 60, 80) for n in (replace(STEADY, pde=p / 100).range_m, p)),
-                                 400, CROWDED, 60, 4000],
+    "higher quantum or photon": [
+        100,
+        *(n for p in (40, 60, 80) for n in (replace(STEADY, pde=p / 100).range_m, p)),
+        400,
+        CROWDED,
+        60,
+        4000,
+    ],
     "kept small": [100, *widest(PRINTED, 0.02, 0.06), *widest(STEADY, 0.05, 0.18), 30, 25, 3.1],
     "see farther": [KLUX[0], 100, APD.range_m, 60, 4000, CROWDED],
-}  # fmt: skip
+}
 """Word of a claim: numbers of what is found, in the order in which they are printed."""
 
 VERDICTS = {
-    "approximated": [percent(CLAIMS["approximated"][3] / 5), percent(BOUNDS[1] / LIMIT),
-                     CLAIMS["approximated"][0] / PRINTED.snr(100.0), 100],
+    "approximated": [
+        percent(CLAIMS["approximated"][3] / 5),
+        percent(BOUNDS[1] / LIMIT),
+        CLAIMS["approximated"][0] / PRINTED.snr(100.0),
+        100,
+    ],
     "minimal impact": [percent(STEADY.range_m / LIMIT), 100, percent(IN_TIME / LIMIT)],
-}  # fmt: skip
+}
 
 ERRATA = [
     [percent(1 / math.cos(math.radians(60)) ** 0.5), 60, BOUNDS[1] * math.sqrt(2), BOUNDS[1]],
@@ -270,10 +367,29 @@ ERRATA = [
     [2 / 0.3, BEST, EQUAL, 100, AT["best"], AT["equal"]],
     [100 * REST / (REST + 2 * e * 167e6 * 1e-10 * 80**2.3)],
     [0.95, 0.7, 0.05**-0.7, 1 / (1 - 0.95**0.7)],
-    [STEADY.range_m, IN_TIME, percent(IN_TIME / STEADY.range_m), 900, 15, 11, 2.2, SHORT_PULSE.range_m, SHORT_IN_TIME,
-     percent(SHORT_IN_TIME / SHORT_PULSE.range_m)],
-    [BUSY, BUSY_STEADY, 2000, fired(2000, 0.22, 400), 400 * 1.1 / 2.1, BUSY * (1 - BUSY / 400),
-     BUSY_STEADY * (1 - BUSY_STEADY / 400), LIMIT, STEADY.range_m],
+    [
+        STEADY.range_m,
+        IN_TIME,
+        percent(IN_TIME / STEADY.range_m),
+        900,
+        15,
+        11,
+        2.2,
+        SHORT_PULSE.range_m,
+        SHORT_IN_TIME,
+        percent(SHORT_IN_TIME / SHORT_PULSE.range_m),
+    ],
+    [
+        BUSY,
+        BUSY_STEADY,
+        2000,
+        fired(2000, 0.22, 400),
+        400 * 1.1 / 2.1,
+        BUSY * (1 - BUSY / 400),
+        BUSY_STEADY * (1 - BUSY_STEADY / 400),
+        LIMIT,
+        STEADY.range_m,
+    ],
     [100 * 0.22 / 800, 2],
     [percent(math.sqrt(math.pi / (4 * math.log(2))))],
     [DARK[1], 0, replace(PRINTED, klux=0.0, floor=1.0).range_m],
@@ -281,7 +397,7 @@ ERRATA = [
     [],
     [],
     [],
-]  # fmt: skip
+]
 """Sizes, in the order of the page."""
 
 CAPTIONS = {

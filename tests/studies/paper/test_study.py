@@ -42,12 +42,8 @@ def test_fig_4e_by_hand():
     sun = 29.4 * 0.7986 * 0.98 * 0.1 * aperture * (1e-4 / 0.03) ** 2 * 0.5
     responsivity = e * 0.7 / PHOTON
     grown = gain**2.3
-    variance = (
-        2 * e * 167e6 * (responsivity * sun * grown + 1e-10 * grown + 1e-10) + 4 * k * 300 * 167e6 / 1e4
-    )
-    assert column(figure, "100 klux") == pytest.approx(
-        responsivity * gain * echo / np.sqrt(variance), rel=1e-9
-    )
+    variance = 2 * e * 167e6 * (responsivity * sun * grown + 1e-10 * grown + 1e-10) + 4 * k * 300 * 167e6 / 1e4
+    assert column(figure, "100 klux") == pytest.approx(responsivity * gain * echo / np.sqrt(variance), rel=1e-9)
     best = gain[np.argmax(column(figure, "100 klux"))]
     assert best == pytest.approx(30.87, rel=0.02)  # the grid's step is 2 %
 
@@ -55,21 +51,15 @@ def test_fig_4e_by_hand():
 def test_fig_5_by_hand():
     five_a, five_b, five_c = (results().figure(f"fig-5{letter}") for letter in "abc")
     n = five_a.columns[0]
-    assert column(five_a, "PDE 40%") == pytest.approx(
-        100 * (1 - np.exp(n * (math.exp(-0.4 / 100) - 1))), abs=1e-9
-    )
+    assert column(five_a, "PDE 40%") == pytest.approx(100 * (1 - np.exp(n * (math.exp(-0.4 / 100) - 1))), abs=1e-9)
     n = five_b.columns[0]
-    assert column(five_b, "400 cells") == pytest.approx(
-        400 * (1 - np.exp(n * (math.exp(-0.22 / 400) - 1))), abs=1e-9
-    )
+    assert column(five_b, "400 cells") == pytest.approx(400 * (1 - np.exp(n * (math.exp(-0.22 / 400) - 1))), abs=1e-9)
     n, trigger = five_c.columns[0], math.exp(-0.22 / 100) - 1
     busy = 100 * (1 - math.exp(300 * trigger))
     free = 100 - busy - 100 * 2007 * 6e-9
     assert column(five_c, "300 photons") == pytest.approx(free * (1 - np.exp(n * trigger)), abs=1e-9)
     x = 300 * 0.22 / 100 + 2007 * 6e-9
-    assert column(five_c, "300, derived")[-1] == pytest.approx(
-        100 / (1 + x) * (1 - math.exp(-n[-1] * 0.22 / 100))
-    )
+    assert column(five_c, "300, derived")[-1] == pytest.approx(100 / (1 + x) * (1 - math.exp(-n[-1] * 0.22 / 100)))
 
 
 def test_fig_6a_meets_the_table():
@@ -172,10 +162,7 @@ def test_dead_time_is_not_minimal(claims):
 def test_errata_carry_the_sizes_of_the_reference():
     """docs/theory.md 11."""
     told = {erratum.place: erratum.size for erratum in results().errata if erratum.place != "(29), (30)"}
-    assert (
-        "125.7 busy cells for 109.6; at 2000 photons 266.8 for 209.5"
-        in told["(23), and with it (24) and (25)"]
-    )
+    assert "125.7 busy cells for 109.6; at 2000 photons 266.8 for 209.5" in told["(23), and with it (24) and (25)"]
     assert "86.2 for 79.6" in told["(23), and with it (24) and (25)"]
     assert "296.2 for 333.2 m (+12 %)" in told["(24)"]
     assert "factor 6.67" in told["after (20)"]

@@ -11,22 +11,8 @@ from lidarscene import catalog, load_sensor
 from lidarscene.errors import InputError
 from lidarscene.studies.ranging import aperture, plane
 from lidarscene.studies.ranging.aperture import LAWS
-from lidarscene.studies.ranging.axes import (
-    Bounds,
-    condition_axis,
-    numeric_keys,
-    parameter_axis,
-    require_within_law,
-)
-from lidarscene.studies.ranging.curves import (
-    Curve,
-    Question,
-    _difference,
-    _refined,
-    curves,
-    is_flat,
-    with_haze,
-)
+from lidarscene.studies.ranging.axes import Bounds, condition_axis, numeric_keys, parameter_axis, require_within_law
+from lidarscene.studies.ranging.curves import Curve, Question, _difference, _refined, curves, is_flat, with_haze
 from lidarscene.studies.ranging.plane import RangeStatus, Target
 from lidarscene.studies.ranging.subjects import subjects
 
@@ -89,9 +75,13 @@ def test_whole_numbers_cross_at_a_whole_number():
     """The first number of cells from which the SiPM outranges a shorter SiPM; bracketed by its neighbour."""
     pair = subjects(["table1-sipm", "table1-sipm"], ["detector.statistics=published"])
     stronger = pair[1].__class__(
-        name="other", argument="other", where="other", tables=pair[1].tables, folder=pair[1].folder,
+        name="other",
+        argument="other",
+        where="other",
+        tables=pair[1].tables,
+        folder=pair[1].folder,
         overrides=("detector.pde=0.3",),
-    )  # fmt: skip
+    )
     swept = over("detector.cells", [pair[0], stronger], start=100, stop=4000, count=30, log=True)
     assert (swept.question.axis.values == np.rint(swept.question.axis.values)).all()
     for crossing in swept.crossings:
@@ -107,8 +97,7 @@ def test_no_crossing_of_a_curve_with_itself():
 def test_a_jump_is_no_crossing():
     """A saturated SiPM's range jumps to 0 past some light, below a weak APD's: they are never equal."""
     few = subjects(
-        ["table1-sipm", "table1-apd"],
-        ["table1-sipm:detector.cells=40", "table1-apd:laser.peak_power_w=0.001"],
+        ["table1-sipm", "table1-apd"], ["table1-sipm:detector.cells=40", "table1-apd:laser.peak_power_w=0.001"]
     )
     swept = over("illuminance", few, start=1.0, stop=1e4, count=80)
     assert set(swept.curves[0].status) == {RangeStatus.FOUND, RangeStatus.SATURATED}
@@ -129,21 +118,22 @@ def test_distance_is_the_snr_of_ranging():
 
 @pytest.mark.parametrize(
     ("key", "start", "stop"),
-    [("detector.gain", 20, 200), ("optics.aperture_radius_mm", 5, 50), ("laser.wavelength_nm", 850, 1064),
-     ("tdc.bandwidth_mhz", 10, 500), ("scanner.azimuth_step_deg", 0.1, 1.0)],
-)  # fmt: skip
+    [
+        ("detector.gain", 20, 200),
+        ("optics.aperture_radius_mm", 5, 50),
+        ("laser.wavelength_nm", 850, 1064),
+        ("tdc.bandwidth_mhz", 10, 500),
+        ("scanner.azimuth_step_deg", 0.1, 1.0),
+    ],
+)
 def test_parameters_are_those_of_the_file(key, start, stop):
     """Reference: a sensor loaded anew for each value."""
     (own,) = over(key, BOTH[:1], start=start, stop=stop, count=5, visibility_m=5000.0).curves
     for value, found in zip(np.geomspace(start, stop, 5), own.values, strict=True):
-        sensor = load_sensor(
-            "table1-apd", overrides=[f"{key}={value!r}".replace("np.float64(", "").replace(")", "")]
-        )
+        sensor = load_sensor("table1-apd", overrides=[f"{key}={value!r}".replace("np.float64(", "").replace(")", "")])
         from lidarscene.physics.optics import air
 
-        alpha = air.extinction_from_visibility_per_m(
-            visibility_m=5000.0, wavelength_m=sensor.laser.wavelength_m
-        )
+        alpha = air.extinction_from_visibility_per_m(visibility_m=5000.0, wavelength_m=sensor.laser.wavelength_m)
         expected = plane.maximum_range_m(sensor, Target(extinction_per_m=alpha))[0]
         assert found == pytest.approx(expected, rel=1e-9)
 
@@ -208,10 +198,7 @@ def test_aperture_of_a_scanner():
 
 
 def test_a_rasters_aperture_is_constant():
-    assert list(aperture.of_scanner(BOTH[0].sensor().scanner, "azimuth", np.array([0.0, 170.0]))) == [
-        1.0,
-        1.0,
-    ]
+    assert list(aperture.of_scanner(BOTH[0].sensor().scanner, "azimuth", np.array([0.0, 170.0]))) == [1.0, 1.0]
 
 
 # --- axes -------------------------------------------------------------------------------------------
@@ -255,10 +242,14 @@ def test_every_number_of_a_sensor_file_is_a_key():
 
 @pytest.mark.parametrize(
     ("key", "told"),
-    [("detector.gian", "did you mean detector.gain"), ("name", "has no numeric key"),
-     ("distanze", "did you mean distance"),
-     ("detector.circuit_noise_na", "is 0 in table1-apd.toml"), ("detector.ionisation_ratio", "is not given in")],
-)  # fmt: skip
+    [
+        ("detector.gian", "did you mean detector.gain"),
+        ("name", "has no numeric key"),
+        ("distanze", "did you mean distance"),
+        ("detector.circuit_noise_na", "is 0 in table1-apd.toml"),
+        ("detector.ionisation_ratio", "is not given in"),
+    ],
+)
 def test_keys_that_cannot_be_swept(key, told):
     with pytest.raises(InputError, match=told):
         over(key, BOTH[:1])
@@ -284,9 +275,7 @@ def test_assignments_for_one_and_for_all():
     assert [one.name for one in found] == ["x", "x (2)"]
 
 
-@pytest.mark.parametrize(
-    ("above", "value", "refused"), [(True, 0.0, True), (False, 0.0, False), (True, 1e-9, False)]
-)
+@pytest.mark.parametrize(("above", "value", "refused"), [(True, 0.0, True), (False, 0.0, False), (True, 1e-9, False)])
 def test_a_bound_that_is_excluded(above, value, refused):
     bounds = Bounds(unit="m", low=0.0, high=9.0, start=1.0, stop=2.0, above=above)
     if refused:
@@ -314,24 +303,18 @@ def test_haze_comes_on_top_of_what_the_air_takes():
     sensor = load_sensor("table1-apd")
     alpha = with_haze(sensor, Target(), 1000.0).extinction_per_m
     assert alpha > 1e-3
-    assert with_haze(sensor, Target(extinction_per_m=0.01), 1000.0).extinction_per_m == pytest.approx(
-        0.01 + alpha
-    )
+    assert with_haze(sensor, Target(extinction_per_m=0.01), 1000.0).extinction_per_m == pytest.approx(0.01 + alpha)
     assert with_haze(sensor, Target(extinction_per_m=0.01), None).extinction_per_m == 0.01
 
 
 def test_of_whole_numbers_the_first_on_the_other_side_is_told():
     """A height that passes zero between 5 and 6."""
-    axis = dataclasses.replace(
-        condition_axis("illuminance", start=1.0, stop=9.0, count=3, log=False), whole=True
-    )
+    axis = dataclasses.replace(condition_axis("illuminance", start=1.0, stop=9.0, count=3, log=False), whole=True)
     assert _refined(axis, lambda x: (5.5 - x, 10.0 * x), 1.0, 9.0, falls=True) == (6.0, 60.0)
 
 
 def test_angles_and_ends_that_make_no_axis():
-    within, beyond = (
-        condition_axis("elevation", start=0.0, stop=stop, count=3, log=False) for stop in (89.0, 89.5)
-    )
+    within, beyond = (condition_axis("elevation", start=0.0, stop=stop, count=3, log=False) for stop in (89.0, 89.5))
     require_within_law(within)
     with pytest.raises(InputError, match="this aperture law holds to 89 degrees"):
         require_within_law(beyond)
@@ -342,9 +325,7 @@ def test_angles_and_ends_that_make_no_axis():
 def test_a_fifth_of_a_number_stops_at_its_bound():
     """A gain of three: from one, the least that there is, to fifteen."""
     (few,) = subjects(["table1-apd"], ["detector.gain=3"])
-    axis = parameter_axis(
-        "detector.gain", [(few.where, few.changed)], start=None, stop=None, count=3, log=None
-    )
+    axis = parameter_axis("detector.gain", [(few.where, few.changed)], start=None, stop=None, count=3, log=None)
     assert (axis.values[0], axis.values[-1]) == (1.0, 15.0)
 
 

@@ -23,9 +23,7 @@ monotone = settings(steady, max_examples=20)  # one inequality, in two to four n
 
 
 def of(name, **changes):
-    return load_sensor(
-        name, overrides=[f"{key.replace('__', '.')}={value!r}" for key, value in changes.items()]
-    )
+    return load_sensor(name, overrides=[f"{key.replace('__', '.')}={value!r}" for key, value in changes.items()])
 
 
 def reach(sensor, **target):
@@ -45,9 +43,7 @@ def test_arrays_are_many_scalars(sensor):
     assert limit.shape == status.shape == (3, 3)
     for row in range(3):
         for column in range(3):
-            one = Target(
-                illuminance_klux=float(klux[column]), reflectivity=float(share[row, 0]), extinction_per_m=1e-4
-            )
+            one = Target(illuminance_klux=float(klux[column]), reflectivity=float(share[row, 0]), extinction_per_m=1e-4)
             alone, alone_status = plane.maximum_range_m(sensor, one)
             assert limit[row, column] == pytest.approx(alone, rel=1e-11)
             assert status[row, column] == alone_status
@@ -92,10 +88,7 @@ def test_every_status_has_its_case():
 
 def test_a_threshold_above_all_free_cells_is_saturated():
     """10 cells under 100 klux: 0.6 are free on average, and five sigma are 3.8."""
-    assert plane.maximum_range_m(of("table1-sipm", detector__cells=10), Target()) == (
-        0.0,
-        RangeStatus.SATURATED,
-    )
+    assert plane.maximum_range_m(of("table1-sipm", detector__cells=10), Target()) == (0.0, RangeStatus.SATURATED)
     level = of("table1-sipm", tdc__threshold_to_noise=40.0)
     assert plane.maximum_range_m(level, Target())[1] == RangeStatus.SATURATED
 
@@ -125,25 +118,24 @@ def test_what_is_blinded_close_by_may_see_farther_off():
     aperture=st.floats(0.0, 1.5),
 )
 @example(name="table1-apd", reflectivity=0.1, klux=1.0, cosine=1.0, sun=5e-324, extinction=0.0, aperture=1.0)
-@example(
-    name="table1-sipm", reflectivity=5e-324, klux=1.0, cosine=1.0, sun=1.0, extinction=1e-3, aperture=1.0
-)
+@example(name="table1-sipm", reflectivity=5e-324, klux=1.0, cosine=1.0, sun=1.0, extinction=1e-3, aperture=1.0)
 def test_never_nan(name, reflectivity, klux, cosine, sun, extinction, aperture):
     """Rationale: NaN is always a bug. The status says what 0 and inf mean."""
     target = Target(
-        reflectivity=reflectivity, illuminance_klux=klux, cos_incidence=cosine, cos_sun=sun,
-        extinction_per_m=extinction, aperture_share=aperture,
-    )  # fmt: skip
+        reflectivity=reflectivity,
+        illuminance_klux=klux,
+        cos_incidence=cosine,
+        cos_sun=sun,
+        extinction_per_m=extinction,
+        aperture_share=aperture,
+    )
     sensor = APD if name == "table1-apd" else SIPM
     limit, status = plane.maximum_range_m(sensor, target)
     assert limit >= 0.0
     assert (limit == 0.0) == (status in (RangeStatus.NEVER_DETECTED, RangeStatus.SATURATED))
     assert (limit == math.inf) == (status == RangeStatus.NO_LIMIT)
     ranges = np.geomspace(0.01, 1e6, 50)
-    for values in (
-        plane.snr(sensor, target, ranges),
-        plane.detection_probability(sensor, target, ranges),
-    ):
+    for values in (plane.snr(sensor, target, ranges), plane.detection_probability(sensor, target, ranges)):
         assert not np.isnan(values).any()
     assert not np.isnan(plane.closed_form_range_m(sensor, target))
 
@@ -155,12 +147,7 @@ klux = st.floats(0.0, 100.0)
 
 
 @monotone
-@given(
-    name=st.sampled_from(["table1-apd", "table1-sipm"]),
-    more=factor,
-    light=klux,
-    extinction=st.floats(0.0, 3e-3),
-)
+@given(name=st.sampled_from(["table1-apd", "table1-sipm"]), more=factor, light=klux, extinction=st.floats(0.0, 3e-3))
 def test_more_power_sees_farther(name, more, light, extinction):
     low, high = (of(name, laser__peak_power_w=45.0 * f) for f in (1.0, more))
     target = {"illuminance_klux": light, "extinction_per_m": extinction}
@@ -183,9 +170,10 @@ def firings_per_klux(sensor):
     detector = sensor.detector
     light = plane.echoes_of_plane(sensor, Target(reflectivity=1.0, illuminance_klux=1.0), 1.0)
     photons = sipm.background_photons(
-        power_w=light.background_power_w[0], dead_time_s=detector.dead_time_s,
+        power_w=light.background_power_w[0],
+        dead_time_s=detector.dead_time_s,
         photon_energy_j=sensor.laser.photon_energy_j,
-    )  # fmt: skip
+    )
     return photons * -math.expm1(-detector.pde / detector.cells)
 
 
@@ -270,10 +258,7 @@ def test_detection_falls_with_distance(name, near, more):
 
 def test_gain_one_is_a_photodiode():
     """M -> 1: no excess noise whatever x is, and the SNR of a plain photodiode."""
-    ranges = {
-        x: reach(of("table1-apd", detector__gain=1.0, detector__excess_noise_index=x))
-        for x in (0.0, 0.3, 1.0)
-    }
+    ranges = {x: reach(of("table1-apd", detector__gain=1.0, detector__excess_noise_index=x)) for x in (0.0, 0.3, 1.0)}
     assert len(set(ranges.values())) == 1
     close = reach(of("table1-apd", detector__gain=1.0 + 1e-9))
     assert close == pytest.approx(ranges[0.3], rel=1e-6)
@@ -287,21 +272,14 @@ def test_many_cells_are_the_approximation(statistics, tolerance):
 
     1e9 cells: 1e-4; in the time domain half of the table's 0.5 %.
     """
-    many = of(
-        "table1-sipm",
-        detector__cells=10**9,
-        detector__dark_count_rate_hz=0.0,
-        detector__statistics=statistics,
-    )
+    many = of("table1-sipm", detector__cells=10**9, detector__dark_count_rate_hz=0.0, detector__statistics=statistics)
     assert reach(many) == pytest.approx(plane.closed_form_range_m(many, Target()), rel=tolerance)
 
 
 def test_no_sun_is_a_limit_not_a_jump():
     """E_sun -> 0: what is left is electrical noise (APD), dark counts or one cell (SiPM)."""
     for sensor in (APD, SIPM, of("table1-sipm", detector__cell_floor=0.0)):
-        assert reach(sensor, illuminance_klux=1e-9) == pytest.approx(
-            reach(sensor, illuminance_klux=0.0), rel=1e-4
-        )
+        assert reach(sensor, illuminance_klux=1e-9) == pytest.approx(reach(sensor, illuminance_klux=0.0), rel=1e-4)
     assert plane.closed_form_range_m(APD, Target(illuminance_klux=0.0)) == math.inf
 
 
@@ -331,19 +309,27 @@ def test_slow_motion_of_the_apd():
     """Time k times slower: powers, currents, bandwidth and temperature over k. The electron stays the electron."""
     k = 3.0
     slow = of(
-        "table1-apd", laser__peak_power_w=45.0 / k, optics__sun_irradiance_w_m2=29.4 / k,
-        detector__surface_dark_current_na=0.1 / k, detector__bulk_dark_current_na=0.1 / k,
-        detector__temperature_k=300.0 / k, tdc__bandwidth_mhz=167.0 / k,
-    )  # fmt: skip
+        "table1-apd",
+        laser__peak_power_w=45.0 / k,
+        optics__sun_irradiance_w_m2=29.4 / k,
+        detector__surface_dark_current_na=0.1 / k,
+        detector__bulk_dark_current_na=0.1 / k,
+        detector__temperature_k=300.0 / k,
+        tdc__bandwidth_mhz=167.0 / k,
+    )
     assert reach(slow) == pytest.approx(reach(APD), rel=1e-11)
 
 
 def test_slow_motion_of_the_sipm():
     k = 3.0
     slow = of(
-        "table1-sipm", laser__peak_power_w=45.0 / k, laser__pulse_fwhm_ns=6.0 * k, optics__sun_irradiance_w_m2=29.4 / k,
-        detector__dead_time_ns=6.0 * k, detector__dark_count_rate_hz=2007.0 / k,
-    )  # fmt: skip
+        "table1-sipm",
+        laser__peak_power_w=45.0 / k,
+        laser__pulse_fwhm_ns=6.0 * k,
+        optics__sun_irradiance_w_m2=29.4 / k,
+        detector__dead_time_ns=6.0 * k,
+        detector__dark_count_rate_hz=2007.0 / k,
+    )
     assert reach(slow) == pytest.approx(reach(SIPM), rel=1e-11)
 
 
@@ -438,10 +424,7 @@ def test_an_amplifier_shortens_the_closed_form_as_it_shortens_the_snr():
 def test_a_black_target_is_not_detected_even_without_noise():
     """A comparator's level of zero is reached by nothing at all; an echo is not nothing."""
     quiet = of(
-        "table1-sipm",
-        detector__statistics="published",
-        detector__dark_count_rate_hz=0.0,
-        detector__cell_floor=0,
+        "table1-sipm", detector__statistics="published", detector__dark_count_rate_hz=0.0, detector__cell_floor=0
     )
     assert plane.maximum_range_m(quiet, Target(reflectivity=0.0, illuminance_klux=0.0)) == (
         0.0,

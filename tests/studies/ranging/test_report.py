@@ -24,9 +24,7 @@ def curves(key: str, quantity: str, **changed: object) -> Curves:
 
 @pytest.mark.parametrize(("falls", "verb"), [(True, "falls below"), (False, "rises above")])
 def test_who_passes_whom(falls: bool, verb: str) -> None:
-    swept = curves(
-        "illuminance", "snr", crossings=(Crossing(first="a", second="b", at=7.0, value=2.5, falls=falls),)
-    )
+    swept = curves("illuminance", "snr", crossings=(Crossing(first="a", second="b", at=7.0, value=2.5, falls=falls),))
     (line, *_) = notes(swept, {"a": SENSOR, "b": SENSOR})
     assert line == f"crossing at 7 klux: a {verb} b, SNR 2.5"
 
@@ -59,12 +57,7 @@ def test_the_air_in_words_and_ranges_that_are_none() -> None:
     swept = curves(
         "illuminance", "range", curves=(Curve(name="a", values=np.array([np.inf, 70.0, 0.0]), status=status),)
     )
-    assert [line.split("  ")[-1].strip() for line in table_text(swept).splitlines()] == [
-        "a",
-        "no limit",
-        "70",
-        "never",
-    ]
+    assert [line.split("  ")[-1].strip() for line in table_text(swept).splitlines()] == ["a", "no limit", "70", "never"]
 
 
 def test_what_is_nothing_is_not_drawn_on_a_logarithm() -> None:

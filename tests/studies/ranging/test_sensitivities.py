@@ -16,14 +16,20 @@ HAZE = Target(extinction_per_m=2e-4, diffuse_share=0.1, transmittance=1.0, cos_i
 EVERY = pytest.mark.parametrize(
     ("sensor", "target"),
     [
-        (APD, Target()), (SIPM, Target()), (APD, HAZE), (SIPM, HAZE), (SIPM, Target(illuminance_klux=0.01)),
+        (APD, Target()),
+        (SIPM, Target()),
+        (APD, HAZE),
+        (SIPM, HAZE),
+        (SIPM, Target(illuminance_klux=0.01)),
         (load_sensor("table1-sipm", overrides=["detector.statistics='published'"]), Target()),
-        (dataclasses.replace(APD, tdc=dataclasses.replace(
-            APD.tdc, threshold_to_noise=None, threshold_level=1e-6)), Target()),
+        (
+            dataclasses.replace(APD, tdc=dataclasses.replace(APD.tdc, threshold_to_noise=None, threshold_level=1e-6)),
+            Target(),
+        ),
         (load_sensor("table1-apd", overrides=["detector.circuit_noise_na=20"]), Target(illuminance_klux=0.0)),
     ],
     ids=["apd", "sipm", "apd-haze", "sipm-haze", "sipm-one-cell", "sipm-published", "apd-fixed-level", "apd-dark"],
-)  # fmt: skip
+)
 
 
 def limit_m(sensor, target):
@@ -48,13 +54,8 @@ def slopes():
                     step = 1e-12
                 places = value + step * np.array([-2.0, -1.0, 1.0, 2.0])
                 changed = sensitivities.with_parameters(sensor, target, {name: places})
-                reach, found = (
-                    plane.maximum_range_m(*changed)[0],
-                    plane.detection_probability(*changed, distance),
-                )
-                of_range, of_detection = (
-                    at @ [1.0, -8.0, 8.0, -1.0] / (12.0 * step) for at in (reach, found)
-                )
+                reach, found = (plane.maximum_range_m(*changed)[0], plane.detection_probability(*changed, distance))
+                of_range, of_detection = (at @ [1.0, -8.0, 8.0, -1.0] / (12.0 * step) for at in (reach, found))
                 known[case][name] = of_range, of_detection, abs(value) or step
         return known[case]
 
@@ -93,18 +94,35 @@ def elasticities(sensor, target):
 
 def test_exponents_in_the_background_limit():
     """(29): 1/2 of power, TNR and field of view, 1/4 of reflectivity, aperture, sun; tau^(3/4); M^(-x/4)."""
-    strong = load_sensor("table1-apd", overrides=[
-        "optics.sun_irradiance_w_m2=1e9", "detector.bulk_dark_current_na=0", "detector.surface_dark_current_na=0",
-    ])  # fmt: skip
+    strong = load_sensor(
+        "table1-apd",
+        overrides=[
+            "optics.sun_irradiance_w_m2=1e9",
+            "detector.bulk_dark_current_na=0",
+            "detector.surface_dark_current_na=0",
+        ],
+    )
     slopes = elasticities(strong, Target())
     expected = {
-        "laser.peak_power_w": 0.5, "optics.efficiency_laser": 0.5, "tdc.threshold_to_noise": -0.5,
-        "target.cos_incidence": 0.5, "target.transmittance": 0.75, "target.reflectivity": 0.25,
-        "optics.aperture_radius_m": 0.5, "target.aperture_share": 0.25, "detector.quantum_efficiency": 0.25,
-        "optics.sun_irradiance_w_m2": -0.25, "optics.efficiency_sun": -0.25, "target.cos_sun": -0.25,
-        "optics.focal_length_m": 0.5, "detector.radius_m": -0.5, "tdc.bandwidth_hz": -0.25,
-        "detector.gain": -0.3 / 4.0, "laser.wavelength_m": 0.25, "target.illuminance_klux": -0.25,
-    }  # fmt: skip
+        "laser.peak_power_w": 0.5,
+        "optics.efficiency_laser": 0.5,
+        "tdc.threshold_to_noise": -0.5,
+        "target.cos_incidence": 0.5,
+        "target.transmittance": 0.75,
+        "target.reflectivity": 0.25,
+        "optics.aperture_radius_m": 0.5,
+        "target.aperture_share": 0.25,
+        "detector.quantum_efficiency": 0.25,
+        "optics.sun_irradiance_w_m2": -0.25,
+        "optics.efficiency_sun": -0.25,
+        "target.cos_sun": -0.25,
+        "optics.focal_length_m": 0.5,
+        "detector.radius_m": -0.5,
+        "tdc.bandwidth_hz": -0.25,
+        "detector.gain": -0.3 / 4.0,
+        "laser.wavelength_m": 0.25,
+        "target.illuminance_klux": -0.25,
+    }
     for name, exponent in expected.items():
         assert slopes[name] == pytest.approx(exponent, abs=2e-6), name
 
@@ -116,10 +134,16 @@ def test_exponents_in_the_noise_of_the_amplifier():
     bright = dataclasses.replace(noisy, laser=dataclasses.replace(noisy.laser, peak_power_w=1e12))
     slopes = elasticities(bright, Target())
     expected = {
-        "laser.peak_power_w": 0.5, "target.reflectivity": 0.5, "optics.aperture_radius_m": 1.0,
-        "target.transmittance": 1.0, "detector.quantum_efficiency": 0.5, "detector.gain": 0.5,
-        "detector.circuit_noise_a": -0.5, "target.cos_incidence": 0.5, "tdc.threshold_to_noise": -0.5,
-    }  # fmt: skip
+        "laser.peak_power_w": 0.5,
+        "target.reflectivity": 0.5,
+        "optics.aperture_radius_m": 1.0,
+        "target.transmittance": 1.0,
+        "detector.quantum_efficiency": 0.5,
+        "detector.gain": 0.5,
+        "detector.circuit_noise_a": -0.5,
+        "target.cos_incidence": 0.5,
+        "tdc.threshold_to_noise": -0.5,
+    }
     for name, exponent in expected.items():
         assert slopes[name] == pytest.approx(exponent, abs=1e-6), name
     assert abs(slopes["optics.focal_length_m"]) < 1e-6
@@ -130,9 +154,14 @@ def test_exponents_of_the_sipm():
     many = load_sensor("table1-sipm", overrides=["detector.cells=1000000", "detector.dark_count_rate_hz=0"])
     slopes = elasticities(many, Target())
     expected = {
-        "detector.pde": 0.25, "target.reflectivity": 0.25, "laser.pulse_fwhm_s": 0.5, "detector.dead_time_s": -0.25,
-        "laser.peak_power_w": 0.5, "optics.focal_length_m": 0.5, "target.transmittance": 0.75,
-    }  # fmt: skip
+        "detector.pde": 0.25,
+        "target.reflectivity": 0.25,
+        "laser.pulse_fwhm_s": 0.5,
+        "detector.dead_time_s": -0.25,
+        "laser.peak_power_w": 0.5,
+        "optics.focal_length_m": 0.5,
+        "target.transmittance": 0.75,
+    }
     for name, exponent in expected.items():
         assert slopes[name] == pytest.approx(exponent, abs=1e-3), name
 
@@ -140,18 +169,19 @@ def test_exponents_of_the_sipm():
 def test_exponents_are_those_of_the_closed_form():
     """The closed form (29) derived, differentiated as `derivatives` does, gives the quarters too."""
     values = {"reflectivity": 0.1, "aperture_m2": 2e-3, "sun_irradiance_w_m2": 29.4, "peak_power_w": 45.0}
-    rest = {
-        "focal_over_radius": 300.0, "threshold_to_noise": 5.0, "photon_energy_j": 2.2e-19,
-    }  # fmt: skip
+    rest = {"focal_over_radius": 300.0, "threshold_to_noise": 5.0, "photon_energy_j": 2.2e-19}
 
     def reach_m(numbers):
         of_plane = ("reflectivity", "sun_irradiance_w_m2")
         of_lidar = {name: value for name, value in numbers.items() if name not in of_plane}
         plane = range_limit.Plane(**{name: numbers[name] for name in of_plane})
         return range_limit.maximum_range_apd_m(
-            plane, range_limit.Receiver(**of_lidar, **rest),
-            quantum_efficiency=0.7, excess_noise=3.7, bandwidth_hz=167e6,
-        )  # fmt: skip
+            plane,
+            range_limit.Receiver(**of_lidar, **rest),
+            quantum_efficiency=0.7,
+            excess_noise=3.7,
+            bandwidth_hz=167e6,
+        )
 
     reach, slopes = derivatives.differences(reach_m, values)
     exponents = {name: slopes[name] * value / reach for name, value in values.items()}
@@ -164,9 +194,7 @@ def test_gradient_is_exact(mi):
     from lidarscene.kernel.device import gradients
     from lidarscene.maths.arrays import xp
 
-    value, slopes = gradients.gradient(
-        lambda n: xp(n["a"]).exp(n["a"]) * n["b"], {"a": 0.3, "b": 2.0, "c": 1.0}
-    )
+    value, slopes = gradients.gradient(lambda n: xp(n["a"]).exp(n["a"]) * n["b"], {"a": 0.3, "b": 2.0, "c": 1.0})
     assert value == pytest.approx(2.0 * np.exp(0.3), rel=1e-14)
     assert slopes == pytest.approx({"a": 2.0 * np.exp(0.3), "b": np.exp(0.3), "c": 0.0}, rel=1e-14)
 
@@ -213,9 +241,7 @@ def test_no_range_no_sensitivities():
         sensitivities.sensitivities(APD, Target(), method="guess")
 
 
-@pytest.mark.parametrize(
-    "overrides", [[], ["detector.bulk_dark_current_na=5"], ["detector.circuit_noise_na=30"]]
-)
+@pytest.mark.parametrize("overrides", [[], ["detector.bulk_dark_current_na=5"], ["detector.circuit_noise_na=30"]])
 @pytest.mark.parametrize("klux", [1.0, 100.0])
 def test_best_gain(overrides, klux):
     """Closed form and search agree; 1e-6 is what a flat maximum lets a search see."""
@@ -267,10 +293,16 @@ def test_rows_go_by_size_and_points_are_of_a_per_cent():
     assert min(row.range_elasticity or 0.0 for row in table.rows) < -0.01
     power = next(row for row in table.rows if row.parameter == "laser.peak_power_w")
     shots = [
-        100.0 * float(plane.detection_probability(dataclasses.replace(
-            APD, laser=dataclasses.replace(APD.laser, peak_power_w=power.value * by)), Target(), table.distance_m)[0])
+        100.0
+        * float(
+            plane.detection_probability(
+                dataclasses.replace(APD, laser=dataclasses.replace(APD.laser, peak_power_w=power.value * by)),
+                Target(),
+                table.distance_m,
+            )[0]
+        )
         for by in (0.995, 1.005)
-    ]  # fmt: skip
+    ]
     assert power.detection_points == pytest.approx(shots[1] - shots[0], rel=1e-3)
 
 

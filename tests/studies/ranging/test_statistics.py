@@ -50,9 +50,7 @@ def test_operating_curve():
     point = APD.working_point(plane.echoes_of_plane(APD, Target(), 340.0).background_power_w)
     signal = plane.snr(APD, Target(), 340.0) * point.noise
     sigma = np.sqrt(point.noise**2 + point.kappa_1 * signal)
-    np.testing.assert_allclose(
-        curve.detection_probability, norm.sf((ratios * point.noise - signal) / sigma), rtol=1e-8
-    )
+    np.testing.assert_allclose(curve.detection_probability, norm.sf((ratios * point.noise - signal) / sigma), rtol=1e-8)
     quiet = (1.0 - p_false) ** (m - 1.0)
     correct = quiet * curve.detection_probability / (1.0 - quiet * (1.0 - curve.detection_probability))
     np.testing.assert_allclose(curve.correct_probability, correct, rtol=1e-6)
@@ -64,9 +62,7 @@ def test_operating_curve_of_counted_cells():
     """A SiPM counted exactly: steps, by SciPy's binomial."""
     sensor = load_sensor("table1-sipm", overrides=["detector.counting='binomial'"])
     curve = statistics.operating_curve(sensor, Target(illuminance_klux=1.0), 300.0, np.array([3.0, 5.0]))
-    point = sensor.working_point(
-        plane.echoes_of_plane(sensor, Target(illuminance_klux=1.0), 300.0).background_power_w
-    )
+    point = sensor.working_point(plane.echoes_of_plane(sensor, Target(illuminance_klux=1.0), 300.0).background_power_w)
     busy, noise = float(point.busy[0]), float(point.noise[0])
     for i, ratio in enumerate((3.0, 5.0)):
         p = binom.sf(math.ceil(ratio * noise + busy) - 1, 400, busy / 400.0)
@@ -103,9 +99,7 @@ def test_tails_of_the_avalanche():
     assert p["webb"] == pytest.approx(p["exact"], rel=0.25)
     assert statistics.false_alarm_probability(APD, Target()) == p["gaussian"]
     assert statistics.false_alarm_probability(apd_with("detector.tail='mcintyre'"), Target()) == p["mcintyre"]
-    dark = [
-        statistics.false_alarm_probability(APD, Target(), sky=True, tail=t) for t in ("mcintyre", "exact")
-    ]
+    dark = [statistics.false_alarm_probability(APD, Target(), sky=True, tail=t) for t in ("mcintyre", "exact")]
     assert dark[0] == pytest.approx(dark[1], rel=0.15)
     with pytest.raises(ValueError, match="for an APD"):
         statistics.false_alarm_probability(SIPM, Target(), tail="exact")
@@ -165,9 +159,7 @@ def test_false_points_at_table_1():
 
 
 def test_no_alarms_without_noise():
-    dark = dataclasses.replace(
-        APD.detector, surface_dark_current_a=0.0, bulk_dark_current_a=0.0, temperature_k=0.0
-    )
+    dark = dataclasses.replace(APD.detector, surface_dark_current_a=0.0, bulk_dark_current_a=0.0, temperature_k=0.0)
     silent = dataclasses.replace(APD, detector=dark)
     assert statistics.false_points(silent, Target()).per_frame == 0.0
     assert statistics.Shots(10, 0, 0).correct_share == 1.0
@@ -195,9 +187,7 @@ def test_thresholds_that_scatter_trip_oftener():
     mean = float(np.dot(weight, rates) / weight.sum())
     alone = float(np.ravel(still.false_alarm_rate_hz(point, np.array([level])))[0])
     assert mean > 1.1 * alone
-    assert float(np.ravel(statistics._alarms_hz(loose, point, np.array([level])))[0]) == pytest.approx(
-        mean, rel=0.03
-    )
+    assert float(np.ravel(statistics._alarms_hz(loose, point, np.array([level])))[0]) == pytest.approx(mean, rel=0.03)
 
 
 def test_false_points_of_an_echo_that_is_found_half_of_the_time():
@@ -232,6 +222,4 @@ def test_two_roads_to_the_probability_of_detection(sensor):
     limit_m, _ = plane.maximum_range_m(sensor, Target())
     for by in (0.8, 0.95, 1.0, 1.1):
         alone = statistics.detection_probability(sensor, Target(), by * limit_m)
-        assert float(plane.detection_probability(sensor, Target(), by * limit_m)[0]) == pytest.approx(
-            alone, rel=1e-9
-        )
+        assert float(plane.detection_probability(sensor, Target(), by * limit_m)[0]) == pytest.approx(alone, rel=1e-9)

@@ -20,9 +20,14 @@ SiPM = pytest.importorskip("SiPM", reason="SimSiPM is not installed: pip install
 
 RISE_NS, FALL_NS, STEP_NS = 1.0, 20.0, 0.5
 CELLS = CellArray(
-    cells=400, pde=1.0, dead_time_s=0.2e-9, recovery_s=FALL_NS * 1e-9,
-    shape="exponential", rise_s=RISE_NS * 1e-9, fall_s=FALL_NS * 1e-9,
-)  # fmt: skip
+    cells=400,
+    pde=1.0,
+    dead_time_s=0.2e-9,
+    recovery_s=FALL_NS * 1e-9,
+    shape="exponential",
+    rise_s=RISE_NS * 1e-9,
+    fall_s=FALL_NS * 1e-9,
+)
 LENGTH_NS, PEAK_NS, EVENTS = 300.0, 150.0, 1000
 
 
@@ -30,10 +35,17 @@ def simsipm(dark_hz=0.0):
     """20 x 20 cells without noise, crosstalk, afterpulses or spread of gain."""
     properties = SiPM.SiPMProperties()
     for name, value in {
-        "Size": 0.5, "Pitch": 25.0, "Sampling": STEP_NS, "SignalLength": LENGTH_NS, "RiseTime": RISE_NS,
-        "FallTimeFast": FALL_NS, "RecoveryTime": FALL_NS, "Ccgv": 0.0, "Snr": 100.0,
+        "Size": 0.5,
+        "Pitch": 25.0,
+        "Sampling": STEP_NS,
+        "SignalLength": LENGTH_NS,
+        "RiseTime": RISE_NS,
+        "FallTimeFast": FALL_NS,
+        "RecoveryTime": FALL_NS,
+        "Ccgv": 0.0,
+        "Snr": 100.0,
         "PdeType": SiPM.SiPMProperties.PdeType.kNoPde,
-    }.items():  # fmt: skip
+    }.items():
         getattr(properties, f"set{name}")(value)
     for name in ("Xt", "Ap", "DXt", "Dcr"):
         getattr(properties, f"set{name}Off")()
@@ -64,9 +76,7 @@ def our_waves(array, light):
     return np.concatenate(
         [
             waveforms(array, a, shots=n, start_s=start, step_s=STEP_NS * 1e-9, samples=samples)
-            for n, a in simulate(
-                array, light, start_s=start, end_s=start + LENGTH_NS * 1e-9, shots=EVENTS, seed=3
-            )
+            for n, a in simulate(array, light, start_s=start, end_s=start + LENGTH_NS * 1e-9, shots=EVENTS, seed=3)
         ]
     )
 
@@ -97,9 +107,7 @@ def test_charge_of_a_long_pulse(photons):
     theirs = []
     for _ in range(300):
         sensor.resetState()
-        sensor.addPhotons(
-            list(random.normal(PEAK_NS, 20.0 / math.sqrt(8 * math.log(2)), random.poisson(photons)))
-        )
+        sensor.addPhotons(list(random.normal(PEAK_NS, 20.0 / math.sqrt(8 * math.log(2)), random.poisson(photons))))
         sensor.runEvent()
         last, charge = {}, 0.0
         for time, cell in sorted((hit.time(), (hit.row(), hit.col())) for hit in sensor.hits()):

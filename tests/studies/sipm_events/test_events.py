@@ -49,9 +49,7 @@ def test_busy_cells_are_binomial(photons, busy):
     Two samples two dead times apart: the start is stationary and stays so.
     """
     shots = 2_500
-    share = sipm.busy_share_steady_state(
-        photons=photons, pde=0.22, cells=400, dark_count_rate_hz=0.0, dead_time_s=TAU
-    )
+    share = sipm.busy_share_steady_state(photons=photons, pde=0.22, cells=400, dark_count_rate_hz=0.0, dead_time_s=TAU)
     assert 400 * share == pytest.approx(busy, rel=5e-3)
     light = Light(background_photons=photons)
     time_s, wave = all_outputs(SILENT, light, start_s=0.0, end_s=2 * TAU, shots=shots, seed=1, steps=4)

@@ -38,15 +38,16 @@ def working_point(sensor, *, background, signal):
 @pytest.mark.parametrize("fwhm_ns", [0.5, 3.0, 6.0, 11.0, 40.0])
 def test_table_against_the_equation(fwhm_ns):
     """Interpolation and step together: 0.5 % of the signal, from half a photon to saturation."""
-    sensor = chain.sensor(
-        "table1-sipm", "detector.statistics='time_domain'", f"laser.pulse_fwhm_ns={fwhm_ns}"
-    )
+    sensor = chain.sensor("table1-sipm", "detector.statistics='time_domain'", f"laser.pulse_fwhm_ns={fwhm_ns}")
     background = np.array([0.0, 13.0, 170.0, 686.093, 3000.0, 15000.0])
     signal = np.array([0.5, 7.0, 90.0, 800.0, 5000.0, 40000.0])
     exact = response_by_equation(
-        CellArray.of(sensor.detector), background_photons=background, signal_photons=signal,
-        pulse_fwhm_s=fwhm_ns * 1e-9, steps=max(96, math.ceil(400 / fwhm_ns)),
-    )  # fmt: skip
+        CellArray.of(sensor.detector),
+        background_photons=background,
+        signal_photons=signal,
+        pulse_fwhm_s=fwhm_ns * 1e-9,
+        steps=max(96, math.ceil(400 / fwhm_ns)),
+    )
     point, power = working_point(sensor, background=background[:, None], signal=signal[None, :])
     np.testing.assert_allclose(point.signal(power), exact.mean - exact.before[:, None], rtol=5e-3)
     np.testing.assert_allclose(point.noise[:, 0], exact.noise, rtol=1e-12)
@@ -58,9 +59,7 @@ def test_table_against_the_equation(fwhm_ns):
 def test_power_is_the_inverse_of_signal():
     """1 % up to 90 % of the free cells, 2 % up to 95 %: the amplitude of a saturated SiPM tells no power."""
     for fwhm_ns in (0.6, 6.0, 25.0):
-        sensor = chain.sensor(
-            "table1-sipm", "detector.statistics='time_domain'", f"laser.pulse_fwhm_ns={fwhm_ns}"
-        )
+        sensor = chain.sensor("table1-sipm", "detector.statistics='time_domain'", f"laser.pulse_fwhm_ns={fwhm_ns}")
         point, power = working_point(
             sensor,
             background=np.array([0.0, 100.0, 686.0, 3000.0])[:, None],
@@ -126,11 +125,16 @@ def test_detection_by_events(cells, pde, dead_ns, fwhm_ns, klux, expected, half)
     """
     sensors = {
         statistics: chain.sensor(
-            "table1-sipm", f"detector.statistics='{statistics}'", f"detector.cells={cells}", f"detector.pde={pde}",
-            f"detector.dead_time_ns={dead_ns}", f"laser.pulse_fwhm_ns={fwhm_ns}", "detector.cell_floor=1",
+            "table1-sipm",
+            f"detector.statistics='{statistics}'",
+            f"detector.cells={cells}",
+            f"detector.pde={pde}",
+            f"detector.dead_time_ns={dead_ns}",
+            f"laser.pulse_fwhm_ns={fwhm_ns}",
+            "detector.cell_floor=1",
         )
         for statistics in ("time_domain", "steady_state")
-    }  # fmt: skip
+    }
     target = Target(illuminance_klux=klux)
 
     def detected(statistics, distance_m):
@@ -142,8 +146,9 @@ def test_detection_by_events(cells, pde, dead_ns, fwhm_ns, klux, expected, half)
     photon, shots = sensors["time_domain"].laser.photon_energy_j, 5000
     shown = Light(
         background_photons=float(light.background_power_w[0]) * dead_ns * 1e-9 / photon,
-        signal_photons=0.5 * float(light.peak_power_w[0]) * fwhm_ns * 1e-9 / photon, pulse_fwhm_s=fwhm_ns * 1e-9,
-    )  # fmt: skip
+        signal_photons=0.5 * float(light.peak_power_w[0]) * fwhm_ns * 1e-9 / photon,
+        pulse_fwhm_s=fwhm_ns * 1e-9,
+    )
     found = measure(CellArray.of(sensors["time_domain"].detector), shown, shots=shots, seed=5)
     error = 3.5 * math.sqrt(expected * (1.0 - expected) / shots)
     assert found.detection_probability == pytest.approx(expected, abs=error + 0.015)
@@ -169,7 +174,7 @@ def crosstalking(*keys, light=WEAK):
         (["detector.afterpulse=0.2", "detector.afterpulse_ns=20"], {"afterpulse": 0.2, "afterpulse_s": 20e-9}, 600),
     ],
     ids=["crosstalk", "afterpulses"],
-)  # fmt: skip
+)
 def test_cells_that_fire_others_by_events(keys, options, shots):
     """(T20a) to (T20c) against avalanches one by one, of a quarter of the cells, since each is a step.
 
@@ -228,9 +233,9 @@ def test_published_error_by_events():
         exact = response_by_equation(array, **grid, pulse_fwhm_s=ratio * 6e-9)
         by_events = error_of_published_snr(array, table)
         np.testing.assert_allclose(by_events, error_of_published_snr(array, exact), atol=0.055)
-    assert published_snr(array, background_photons=[686.093], signal_photons=[2660.31])[
-        0, 0
-    ] == pytest.approx(22.7009, abs=1e-3)
+    assert published_snr(array, background_photons=[686.093], signal_photons=[2660.31])[0, 0] == pytest.approx(
+        22.7009, abs=1e-3
+    )
 
 
 @pytest.mark.parametrize("own_photons", [True, False])
@@ -248,12 +253,16 @@ def test_only_light_per_cell_matters():
     """Ten times the cells and the light: the same table, which is why it is shown for 400 cells alone."""
     small = response_by_equation(
         CellArray(cells=400, pde=0.22, dead_time_s=6e-9),
-        background_photons=[100.0], signal_photons=[300.0], pulse_fwhm_s=4e-9,
-    )  # fmt: skip
+        background_photons=[100.0],
+        signal_photons=[300.0],
+        pulse_fwhm_s=4e-9,
+    )
     large = response_by_equation(
         CellArray(cells=4000, pde=0.44, dead_time_s=3e-9),
-        background_photons=[500.0], signal_photons=[1500.0], pulse_fwhm_s=2e-9,
-    )  # fmt: skip
+        background_photons=[500.0],
+        signal_photons=[1500.0],
+        pulse_fwhm_s=2e-9,
+    )
     np.testing.assert_allclose(large.mean, 10 * small.mean, rtol=1e-12)
     np.testing.assert_allclose(large.snr, math.sqrt(10) * small.snr, rtol=1e-12)
 

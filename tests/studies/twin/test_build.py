@@ -152,29 +152,23 @@ def test_a_sky_of_so_much_light_is_found_again() -> None:
     sky = Target(reflectivity=0.2, illuminance_klux=20.0, cos_sun=0.0, diffuse_share=1.0, transmittance=1.0)
     power_w = echoes_of_plane(sensor, sky, np.full(1, 20.0)).background_power_w
     counted = float(np.ravel(sensor.background_counts(power_w)[0])[0]) * float(sensor.tdc.ambient_s)
-    sweep = room_sweep(
-        signal=None, near_ir=np.full((24, 360), counted), reflectivity=np.full((24, 360), 20.0)
-    )
+    sweep = room_sweep(signal=None, near_ir=np.full((24, 360), counted), reflectivity=np.full((24, 360), 20.0))
     assert illuminance_klux(sweep, Gauge.of(sweep), sensor) == pytest.approx(20.0, rel=1e-4)
     dark = room_sweep(signal=None, near_ir=np.zeros((24, 360)), reflectivity=np.full((24, 360), 20.0))
     assert illuminance_klux(dark, Gauge.of(dark), sensor) == 0.0
 
 
-def test_quads_of_several_frames_are_where_each_frame_saw_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_quads_of_several_frames_are_where_each_frame_saw_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each frame sees one square ahead of it, under lights of 10, 90 and 20 klux: the median counts."""
     square = Surfels(
         corners_m=np.array([[[2.0, 1.0, 1.0], [2.0, -1.0, 1.0], [2.0, -1.0, -1.0], [2.0, 1.0, -1.0]]]),
-        reflectivity=np.full(1, 0.3), kind=np.zeros(1, int),
-    )  # fmt: skip
+        reflectivity=np.full(1, 0.3),
+        kind=np.zeros(1, int),
+    )
     klux = iter((10.0, 90.0, 20.0))
     monkeypatch.setattr(build, "surfels_of", lambda *_: square)
     monkeypatch.setattr(build, "illuminance_klux", lambda *_: next(klux))
-    poses = [
-        Pose.from_degrees(position_m=(3.0 * k, k, 0.1 * k), yaw_deg=40.0 * k, pitch_deg=5.0 * k)
-        for k in range(3)
-    ]
+    poses = [Pose.from_degrees(position_m=(3.0 * k, k, 0.1 * k), yaw_deg=40.0 * k, pitch_deg=5.0 * k) for k in range(3)]
     frames = [room_sweep() for _ in poses]
     frames = [replace(frame, pose=poses[k], start_s=50.0 + k) for k, frame in enumerate(frames)]
     recording = recording_of(tmp_path / "three.osf", *frames)

@@ -23,13 +23,20 @@ def pulses(seed: int = 5, **changed: Any) -> Pulses:
     true_m = np.linspace(5.0, 40.0, N)
     signal = 8000.0 / true_m**2 + 15.0
     given: dict[str, Any] = {
-        "angle_rad": np.zeros(N), "ring": np.arange(N) % 8, "signal": signal,
-        "range_m": true_m + rng.normal(0.0, 0.02, N), "change_m": change_m,
-        "gap_m": np.full(N, np.nan), "dropped": np.zeros(N, bool),
-        "simulated_range_m": true_m + rng.normal(0.0, 0.02, N), "simulated_signal": signal,
-        "simulated_change_m": change_m, "simulated_gap_m": np.full(N, np.nan),
-        "true_range_m": true_m, "kind": np.full(N, SMOOTH),
-    }  # fmt: skip
+        "angle_rad": np.zeros(N),
+        "ring": np.arange(N) % 8,
+        "signal": signal,
+        "range_m": true_m + rng.normal(0.0, 0.02, N),
+        "change_m": change_m,
+        "gap_m": np.full(N, np.nan),
+        "dropped": np.zeros(N, bool),
+        "simulated_range_m": true_m + rng.normal(0.0, 0.02, N),
+        "simulated_signal": signal,
+        "simulated_change_m": change_m,
+        "simulated_gap_m": np.full(N, np.nan),
+        "true_range_m": true_m,
+        "kind": np.full(N, SMOOTH),
+    }
     return Pulses(**given | changed)
 
 
@@ -79,13 +86,15 @@ def test_scatter_is_told_by_octaves_and_fails_in_the_one_that_is_off() -> None:
     assert one.signal is not None
     weak = one.signal < 32.0
     found = named(
-        judge._ranges(pulses(simulated_change_m=one.simulated_change_m * np.where(weak, 2.0, 1.0))),
-        "range, scatter",
+        judge._ranges(pulses(simulated_change_m=one.simulated_change_m * np.where(weak, 2.0, 1.0))), "range, scatter"
     )
     assert {row.condition: row.met for row in found} == {
-        "signal 16 to 32": False, "signal 32 to 64": True, "signal 64 to 128": True, "signal 128 to 256": True,
+        "signal 16 to 32": False,
+        "signal 32 to 64": True,
+        "signal 64 to 128": True,
+        "signal 128 to 256": True,
         "signal 256 to 512": True,
-    }  # fmt: skip
+    }
 
 
 def test_what_is_of_another_surface_has_no_bias() -> None:
@@ -98,8 +107,7 @@ def test_what_is_of_another_surface_has_no_bias() -> None:
 def test_signals_are_compared_by_range() -> None:
     one = pulses()
     (row,) = named(
-        judge._signals(pulses(simulated_signal=1.2 * one.simulated_signal)),
-        "signal, mean error over the range",
+        judge._signals(pulses(simulated_signal=1.2 * one.simulated_signal)), "signal, mean error over the range"
     )
     assert row.value == pytest.approx(0.2, abs=0.02)
     assert row.met is False
@@ -124,11 +132,13 @@ def test_losses_count_on_surfaces_only_and_without_those_withheld() -> None:
     found = list(
         judge._kept(
             pulses(
-                range_m=without(one.range_m, lost), dropped=withheld, kind=np.where(sky, NOTHING, FILLED),
+                range_m=without(one.range_m, lost),
+                dropped=withheld,
+                kind=np.where(sky, NOTHING, FILLED),
                 simulated_range_m=without(one.simulated_range_m, (number >= 230) & (number < 400)),
             )
         )
-    )  # fmt: skip
+    )
     (losses,) = named(found, "real losses on surfaces kept")
     assert (losses.condition, losses.value) == ("of 200", pytest.approx(kept_anyway.sum() / 200.0))
     (kept,) = named(found, "real returns kept")
@@ -141,9 +151,7 @@ def test_second_returns_by_share_and_least_separation() -> None:
     mine = np.where(number % 20 == 0, 0.30 + number / N, np.nan)
     share, gap = judge._second(pulses(gap_m=real, simulated_gap_m=mine))
     assert (share.value, share.met) == (pytest.approx(0.5), False)
-    assert (gap.real, gap.simulated, gap.met) == (
-        pytest.approx(0.86, abs=0.01), pytest.approx(0.31, abs=0.01), False,
-    )  # fmt: skip
+    assert (gap.real, gap.simulated, gap.met) == (pytest.approx(0.86, abs=0.01), pytest.approx(0.31, abs=0.01), False)
     assert list(judge._second(pulses())) == []
 
 
@@ -182,9 +190,7 @@ def test_the_bias_is_of_the_simulation_against_the_recording() -> None:
 @pytest.mark.parametrize(("factor", "met"), [(0.75, False), (0.85, True), (1.2, True), (1.3, False)])
 def test_scatter_is_that_of_the_simulation_over_the_recorded(factor: float, met: bool) -> None:
     plain = pulses()
-    row = value_of(
-        judge._ranges(pulses(signal=None, simulated_change_m=factor * plain.change_m)), "range, scatter"
-    )
+    row = value_of(judge._ranges(pulses(signal=None, simulated_change_m=factor * plain.change_m)), "range, scatter")
     assert (row.value, row.met) == (pytest.approx(factor), met)
 
 
@@ -209,10 +215,11 @@ def test_the_simulated_signal_is_of_all_that_was_simulated() -> None:
     lost = np.arange(N) % 2 == 0
     rows = judge._signals(
         fixed(
-            range_m=without(plain.range_m, lost), signal=np.where(lost, 0.0, plain.signal),
+            range_m=without(plain.range_m, lost),
+            signal=np.where(lost, 0.0, plain.signal),
             simulated_signal=plain.signal * np.where(lost, 3.0, 1.0),
         )
-    )  # fmt: skip
+    )
     assert value_of(rows, "signal, mean").value == pytest.approx(1.0, abs=0.01)
 
 
@@ -226,11 +233,14 @@ def test_signals_that_go_against_each_other_correlate_with_minus_one() -> None:
 @pytest.mark.parametrize(
     ("quantity", "lost_share", "met"),
     [
-        ("points", 0.04, True), ("points", 0.06, False),
-        ("real returns kept", 0.04, True), ("real returns kept", 0.06, False),
-        ("points per ring, worst", 0.09, True), ("points per ring, worst", 0.11, False),
+        ("points", 0.04, True),
+        ("points", 0.06, False),
+        ("real returns kept", 0.04, True),
+        ("real returns kept", 0.06, False),
+        ("points per ring, worst", 0.09, True),
+        ("points per ring, worst", 0.11, False),
     ],
-)  # fmt: skip
+)
 def test_limits_of_what_is_lost(quantity: str, lost_share: float, met: bool) -> None:
     plain = fixed()
     lost = (np.arange(N) // 8) % 100 < 100 * lost_share  # as many on each ring
@@ -251,9 +261,7 @@ def test_of_real_losses_no_more_than_half_may_be_kept(kept_anyway: int, met: boo
 
 
 @pytest.mark.parametrize(("angle_deg", "met"), [(0.009, True), (0.011, False)])
-def test_beams_agree_to_a_hundredth_of_a_degree(
-    angle_deg: float, met: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_beams_agree_to_a_hundredth_of_a_degree(angle_deg: float, met: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("_ranges", "_signals", "_points", "_second"):
         monkeypatch.setattr(judge, name, lambda *_: ())
     monkeypatch.setattr(judge, "_ground", lambda *_: ())

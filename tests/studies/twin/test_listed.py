@@ -17,10 +17,13 @@ GROUND_PLANE = np.array([-HEIGHT_M, 0.0, 0.0])
 def points(**changed: Any) -> Sweep:
     plain = room_sweep()
     return Sweep(
-        range_m=plain.range_m.ravel(), direction=plain.direction.reshape(-1, 3),
-        recorded=np.ones(RINGS * COLUMNS, bool), intensity=np.asarray(plain.reflectivity).ravel(),
-        metadata={"format": "velodyne pcap"}, **changed,
-    )  # fmt: skip
+        range_m=plain.range_m.ravel(),
+        direction=plain.direction.reshape(-1, 3),
+        recorded=np.ones(RINGS * COLUMNS, bool),
+        intensity=np.asarray(plain.reflectivity).ravel(),
+        metadata={"format": "velodyne pcap"},
+        **changed,
+    )
 
 
 def test_quads_of_a_list_lie_on_the_room(open3d: Any) -> None:
@@ -50,9 +53,12 @@ def list_of(points_m: Any, apparent: Any) -> Sweep:
     """Points as a Velodyne lists them, whose intensity is the apparent reflectivity in per cent."""
     range_m = np.linalg.norm(points_m, axis=1)
     return Sweep(
-        range_m=range_m, direction=points_m / range_m[:, None], recorded=np.ones(len(points_m), bool),
-        intensity=100.0 * np.asarray(apparent), metadata={"format": "velodyne pcap"},
-    )  # fmt: skip
+        range_m=range_m,
+        direction=points_m / range_m[:, None],
+        recorded=np.ones(len(points_m), bool),
+        intensity=100.0 * np.asarray(apparent),
+        metadata={"format": "velodyne pcap"},
+    )
 
 
 def test_a_slanted_wall_has_one_reflectivity_but_where_no_matt_wall_is_so_bright(open3d: Any) -> None:
@@ -72,9 +78,7 @@ def test_a_slanted_wall_has_one_reflectivity_but_where_no_matt_wall_is_so_bright
     assert np.array_equal(quads.kind, np.where(bright, BRIGHT, SMOOTH))
     np.testing.assert_allclose(quads.reflectivity[~bright], 0.3, rtol=1e-6)
     np.testing.assert_allclose(quads.reflectivity[[ahead, aside]], apparent[[ahead, aside]], rtol=1e-6)
-    normal = np.cross(
-        quads.corners_m[:, 1] - quads.corners_m[:, 0], quads.corners_m[:, 3] - quads.corners_m[:, 0]
-    )
+    normal = np.cross(quads.corners_m[:, 1] - quads.corners_m[:, 0], quads.corners_m[:, 3] - quads.corners_m[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     facing = np.where(bright[:, None], sweep.direction, [[1.0, 0.0, 0.0]])
     np.testing.assert_allclose(np.abs(np.einsum("ni,ni->n", normal, facing)), 1.0, rtol=1e-6)

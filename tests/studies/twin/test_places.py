@@ -37,7 +37,7 @@ def test_frames_are_laid_on_the_one_before_and_chained(monkeypatch: pytest.Monke
     truth = {
         number: Pose.from_degrees(position_m=(3.0 * number, number**2, 0.1), yaw_deg=25.0 * number, pitch_deg=3.0)
         for number in range(5)
-    }  # fmt: skip
+    }
     pairs = []
 
     def laid(cloud: int, on: int) -> Pose:

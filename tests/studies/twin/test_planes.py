@@ -88,8 +88,9 @@ def test_columns_are_taken_of_all_arrays() -> None:
 
 def test_a_list_of_points_has_no_grid() -> None:
     sweep = room_sweep()
-    flat = Sweep(range_m=sweep.range_m.ravel(), recorded=np.ones(RINGS * COLUMNS, bool),
-                 direction=sweep.direction.reshape(-1, 3))  # fmt: skip
+    flat = Sweep(
+        range_m=sweep.range_m.ravel(), recorded=np.ones(RINGS * COLUMNS, bool), direction=sweep.direction.reshape(-1, 3)
+    )
     with pytest.raises(InputError, match="must be a sweep of rows and columns"):
         grid_of(flat)
 

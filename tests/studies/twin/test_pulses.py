@@ -40,9 +40,13 @@ def scene_of_room() -> Scene:
     }
     bodies = []
     for number, (yaw, away, width) in enumerate(
-        ((0.0, HALF_M[0], HALF_M[1]), (180.0, HALF_M[0], HALF_M[1]), (90.0, HALF_M[1], HALF_M[0]),
-         (-90.0, HALF_M[1], HALF_M[0]))
-    ):  # fmt: skip
+        (
+            (0.0, HALF_M[0], HALF_M[1]),
+            (180.0, HALF_M[0], HALF_M[1]),
+            (90.0, HALF_M[1], HALF_M[0]),
+            (-90.0, HALF_M[1], HALF_M[0]),
+        )
+    ):
         vertices, faces = plane_mesh(size_m=(20.0, 2.0 * width))
         pose = Pose.from_degrees(yaw_deg=yaw) @ Pose.from_degrees(position_m=(away, 0.0, 0.0), pitch_deg=90.0)
         part = Part(vertices_m=vertices, faces=faces, material="ends" if number < 2 else "sides")
@@ -51,7 +55,7 @@ def scene_of_room() -> Scene:
     ground = Part(vertices_m=vertices, faces=faces, material="ground")
     bodies.append(
         Body(name="ground", class_name="ground", parts=(ground,), pose=Pose(position_m=np.array([0.0, 0.0, -HEIGHT_M])))
-    )  # fmt: skip
+    )
     return Scene(bodies=tuple(bodies), materials=flat, sun=Sun(illuminance_klux=0.0))
 
 
@@ -71,11 +75,14 @@ def recorded(scene: Scene, sensor: Sensor) -> Sweep:
     start = sensor.scanner.offset_m(every)
     assert start is not None
     return Sweep(
-        range_m=laid(cloud.range_m, pulse), recorded=np.ones((rows, columns), bool),
+        range_m=laid(cloud.range_m, pulse),
+        recorded=np.ones((rows, columns), bool),
         direction=laid(np.stack([np.asarray(x, float) for x in sensor.scanner.direction(every)], axis=-1)),
         origin_m=laid(np.stack([np.asarray(x, float) for x in start], axis=-1)),
-        signal=laid(cloud.signal, pulse), reflectivity=laid(cloud.intensity, pulse), knows_lost=True,
-    )  # fmt: skip
+        signal=laid(cloud.signal, pulse),
+        reflectivity=laid(cloud.intensity, pulse),
+        knows_lost=True,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -173,9 +180,12 @@ def test_a_list_of_points_is_compared_by_its_statistics(made: Made, open3d: Any,
     sweep = recording[0]
     there = sweep.kept
     listed = Sweep(
-        range_m=sweep.range_m[there], direction=sweep.direction[there], recorded=np.ones(there.sum(), bool),
-        intensity=np.asarray(sweep.reflectivity)[there], metadata={"format": "kitti"},
-    )  # fmt: skip
+        range_m=sweep.range_m[there],
+        direction=sweep.direction[there],
+        recorded=np.ones(there.sum(), bool),
+        intensity=np.asarray(sweep.reflectivity)[there],
+        metadata={"format": "kitti"},
+    )
     of_list = recording_of(tmp_path / "0.bin", listed)
     said = build_twin(of_list, Choice(frames=(0,)), tmp_path / "twin", sensor=str(folder / "sensor.toml"))
     assert "scaled to a median of 0.2, since its unit is not known" in said
@@ -189,10 +199,7 @@ def test_other_beams_are_refused(made: Made) -> None:
     recording, _, sensor = made
     sweep = recording[0]
     with pytest.raises(InputError, match="must have 12 channels"):
-        matched(
-            sensor,
-            Sweep(range_m=sweep.range_m[::2], recorded=sweep.recorded[::2], direction=sweep.direction[::2]),
-        )
+        matched(sensor, Sweep(range_m=sweep.range_m[::2], recorded=sweep.recorded[::2], direction=sweep.direction[::2]))
 
 
 def test_points_of_a_pulse_are_its_first_and_second() -> None:
@@ -215,9 +222,7 @@ def fired(sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
     """Directions of all pulses, (channels, columns, 3) by channel and time, and their numbers."""
     pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
     direction = np.stack([np.asarray(x, float) for x in sensor.scanner.direction(pulse)], axis=-1)
-    order = np.argsort(np.asarray(sensor.scanner.channel(pulse)), kind="stable").reshape(
-        sensor.scanner.line_pulses, -1
-    )
+    order = np.argsort(np.asarray(sensor.scanner.channel(pulse)), kind="stable").reshape(sensor.scanner.line_pulses, -1)
     return direction[order], order
 
 
@@ -228,9 +233,7 @@ def test_pulses_are_matched_around_the_turn_and_whatever_the_order_of_the_rows(t
     direction, numbers = fired(sensor)
     turn = Pose.from_degrees(yaw_deg=turned_deg).rotation
     turned = (direction @ turn.T)[::-1]
-    sweep = Sweep(
-        range_m=np.ones(turned.shape[:2]), recorded=np.ones(turned.shape[:2], bool), direction=turned
-    )
+    sweep = Sweep(range_m=np.ones(turned.shape[:2]), recorded=np.ones(turned.shape[:2], bool), direction=turned)
     matches, angle_rad = matched(sensor, sweep)
     assert np.array_equal(matches, numbers[::-1])
     # Beams within 23 degrees of level turn by nearly as much as the sensor.
@@ -243,9 +246,7 @@ def test_beams_half_a_degree_away_are_others(pitch_deg: float, refused: bool) ->
     sensor = load_sensor("vlp-16")
     direction, _ = fired(sensor)
     pitched = direction @ Pose.from_degrees(pitch_deg=pitch_deg).rotation.T
-    sweep = Sweep(
-        range_m=np.ones(pitched.shape[:2]), recorded=np.ones(pitched.shape[:2], bool), direction=pitched
-    )
+    sweep = Sweep(range_m=np.ones(pitched.shape[:2]), recorded=np.ones(pitched.shape[:2], bool), direction=pitched)
     if refused:
         with pytest.raises(InputError, match=r"the sensor must fire where the recording's did, got 0\.7"):
             matched(sensor, sweep)
@@ -262,12 +263,7 @@ def test_ranges_count_from_the_simulated_exit() -> None:
     exit_m = np.stack([np.asarray(x, float) for x in start], axis=-1)[numbers]
     shape = direction.shape[:2]
     same, middle = (
-        Sweep(
-            range_m=np.full(shape, 10.0),
-            recorded=np.ones(shape, bool),
-            direction=direction,
-            origin_m=origin_m,
-        )
+        Sweep(range_m=np.full(shape, 10.0), recorded=np.ones(shape, bool), direction=direction, origin_m=origin_m)
         for origin_m in (exit_m, None)
     )
     np.testing.assert_allclose(from_exit(sensor, same, numbers), 10.0, rtol=1e-6)  # beams are single
@@ -299,9 +295,7 @@ def test_changes_are_of_smooth_surfaces_and_gaps_have_no_sign(
     sweep = recording[0]
     nearer = np.where(np.arange(sweep.shape[1]) % 2 == 0, -1.0, 1.0)
     lost = np.arange(sweep.shape[1]) % 8 == 0
-    two = replace(
-        sweep, second=Second(range_m=sweep.range_m + nearer), range_m=np.where(lost, np.nan, sweep.range_m)
-    )
+    two = replace(sweep, second=Second(range_m=sweep.range_m + nearer), range_m=np.where(lost, np.nan, sweep.range_m))
     laid, _ = pulses_of(load_scene(folder / "scene.toml"), sensor, two)
     assert steps == [2, 2]
     assert len(laid.range_m) == sweep.range_m.size
@@ -311,9 +305,7 @@ def test_changes_are_of_smooth_surfaces_and_gaps_have_no_sign(
 
 
 @pytest.mark.parametrize(("stops", "rays"), [(1, 1), (2, 16)])
-def test_a_second_return_needs_several_rays(
-    made: Made, stops: int, rays: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_second_return_needs_several_rays(made: Made, stops: int, rays: int, monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
 
     def traced(*_: Any, **options: Any) -> None:

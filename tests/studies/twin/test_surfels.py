@@ -9,17 +9,7 @@ from lidarscene.maths.pose import Pose
 from lidarscene.recordings.sweep import Second, Sweep
 from lidarscene.studies.twin.planes import grid_of
 from lidarscene.studies.twin.reflect import Gauge, scattering_law
-from lidarscene.studies.twin.surfels import (
-    BRIGHT,
-    FILLED,
-    GROUND,
-    KINDS,
-    ROUGH,
-    SMOOTH,
-    Surfels,
-    _quads,
-    surfels_of,
-)
+from lidarscene.studies.twin.surfels import BRIGHT, FILLED, GROUND, KINDS, ROUGH, SMOOTH, Surfels, _quads, surfels_of
 
 GROUND_PLANE = np.array([-HEIGHT_M, 0.0, 0.0])
 
@@ -53,24 +43,18 @@ def test_quads_lie_on_the_room_and_are_as_wide_as_pixels() -> None:
 def test_a_hole_is_filled_no_brighter_than_the_lost_pulse_allows() -> None:
     """The lost pulse reported a tenth of its neighbours' signal, half of which may be its echo."""
     plain = room_sweep()
-    range_m, signal, reflectivity = (
-        np.array(one) for one in (plain.range_m, plain.signal, plain.reflectivity)
-    )
+    range_m, signal, reflectivity = (np.array(one) for one in (plain.range_m, plain.signal, plain.reflectivity))
     range_m[6, 45], signal[6, 45], reflectivity[6, 45] = np.nan, 0.1 * signal[6, 45], 0.0
     quads = made(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity))
     assert kinds(quads)[FILLED] == 1
     here = quads.corners_m[quads.kind == FILLED].mean(axis=(0, 1))
     near = np.linalg.norm(quads.corners_m.mean(axis=1) - here, axis=1)
     neighbours = quads.reflectivity[(near < 0.5) & (quads.kind == SMOOTH)]
-    assert quads.reflectivity[quads.kind == FILLED][0] == pytest.approx(
-        0.05 * np.median(neighbours), rel=0.05
-    )
+    assert quads.reflectivity[quads.kind == FILLED][0] == pytest.approx(0.05 * np.median(neighbours), rel=0.05)
 
 
 @pytest.mark.parametrize("strength", ["reflectivity", "intensity", "silent"])
-def test_a_hole_wider_than_its_neighbours_in_the_row_is_as_bright_as_those_above_and_below(
-    strength: str,
-) -> None:
+def test_a_hole_wider_than_its_neighbours_in_the_row_is_as_bright_as_those_above_and_below(strength: str) -> None:
     """Rationale: without the signal of lost pulses nothing bounds them, and the middle of the hole has no neighbour in
     its row; "silent": with signals, of which the lost ones are 0. What is filled is the wall, of one reflectivity.
     """
@@ -99,9 +83,7 @@ def test_a_hole_wider_than_its_neighbours_in_the_row_is_as_bright_as_those_above
 def test_a_surface_fades_beside_a_lost_pulse() -> None:
     """Rationale: halfway to a lost pulse that allows a twentieth, there is the mean of 1 and 1/20."""
     plain = room_sweep()
-    range_m, signal, reflectivity = (
-        np.array(one) for one in (plain.range_m, plain.signal, plain.reflectivity)
-    )
+    range_m, signal, reflectivity = (np.array(one) for one in (plain.range_m, plain.signal, plain.reflectivity))
     range_m[6, 45], signal[6, 45], reflectivity[6, 45] = np.nan, 0.1 * signal[6, 45], 0.0
     quads = made(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity))
     whole = made(plain)
@@ -127,9 +109,7 @@ def test_an_echo_that_was_withheld_leaves_a_hole() -> None:
 def test_the_ground_is_completed_behind_a_box_and_where_nothing_came_back() -> None:
     plain = room_sweep()
     lowest = slice(RINGS - 12, RINGS)
-    range_m, signal, reflectivity = (
-        np.array(one) for one in (plain.range_m, plain.signal, plain.reflectivity)
-    )
+    range_m, signal, reflectivity = (np.array(one) for one in (plain.range_m, plain.signal, plain.reflectivity))
     range_m[lowest, 40:60] = 3.0  # a box before the ground
     for values, value in ((range_m, np.nan), (signal, 0.0), (reflectivity, 0.0)):
         values[lowest, 200:220] = value  # nothing at all
@@ -147,9 +127,7 @@ def test_the_ground_is_completed_behind_a_box_and_where_nothing_came_back() -> N
 def test_no_ground_is_seen_through_a_roof() -> None:
     """Below returns of a roof, a car's dark side gave nothing back: the ground there is hidden, not black."""
     plain = room_sweep()
-    range_m, signal, reflectivity = (
-        np.array(one) for one in (plain.range_m, plain.signal, plain.reflectivity)
-    )
+    range_m, signal, reflectivity = (np.array(one) for one in (plain.range_m, plain.signal, plain.reflectivity))
     range_m[10:13, 40:60] = 4.0
     for values, value in ((range_m, np.nan), (signal, 0.0), (reflectivity, 0.0)):
         values[13:20, 40:60] = value
@@ -233,12 +211,9 @@ def test_the_nearer_of_two_returns_hides_half_of_the_other(second_m: float) -> N
     middle = quads.corners_m.mean(axis=1)
     aside = np.abs(np.arctan2(middle[:, 1], middle[:, 0])) < 0.6 * np.pi / COLUMNS * 2.0
     level = np.abs(
-        middle[:, 2] / np.hypot(middle[:, 0], middle[:, 1])
-        - np.tan(np.arcsin(plain.direction[row, column, 2]))
+        middle[:, 2] / np.hypot(middle[:, 0], middle[:, 1]) - np.tan(np.arcsin(plain.direction[row, column, 2]))
     )
-    both = np.flatnonzero(
-        aside & (level < 0.005) & (quads.kind == ROUGH) & (np.abs(quads.reflectivity - 0.5) < 0.05)
-    )
+    both = np.flatnonzero(aside & (level < 0.005) & (quads.kind == ROUGH) & (np.abs(quads.reflectivity - 0.5) < 0.05))
     reach_m = np.linalg.norm(middle[both], axis=1)
     width = np.linalg.norm(quads.corners_m[both, 0] - quads.corners_m[both, 1], axis=1) / reach_m
     order = np.argsort(reach_m)
@@ -302,9 +277,13 @@ def test_corners_of_a_grazing_quad_stay_near_its_middle() -> None:
     chosen = np.zeros(grid.sweep.shape, bool)
     chosen[6, 52] = True
     quads = _quads(
-        grid, chosen, np.full(grid.sweep.shape, 10.0), np.broadcast_to(normal, (*grid.sweep.shape, 3)),
-        np.full(grid.sweep.shape, 0.01), SMOOTH,
-    )  # fmt: skip
+        grid,
+        chosen,
+        np.full(grid.sweep.shape, 10.0),
+        np.broadcast_to(normal, (*grid.sweep.shape, 3)),
+        np.full(grid.sweep.shape, 0.01),
+        SMOOTH,
+    )
     reach_m = np.linalg.norm(quads.corners_m[0], axis=-1)
     assert (reach_m.min(), reach_m.max()) == (pytest.approx(6.25, rel=0.1), pytest.approx(16.0))
 

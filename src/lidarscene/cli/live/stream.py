@@ -27,46 +27,72 @@ TRACE, FRAME = TraceOptions(), FrameOptions()
 def add_stream(commands: Any) -> None:
     """Add `stream`."""
     stream = commands.add_parser(
-        "stream", help="packets over UDP in real time, as the sensor itself sends them", epilog=STREAM_HELP,
+        "stream",
+        help="packets over UDP in real time, as the sensor itself sends them",
+        epilog=STREAM_HELP,
         description="Simulate a lidar and send its maker's packets while the scene moves, until Ctrl-C. Drivers, "
         "viewers and recorders of the real sensor read them. What is late is told, and goes at up to twice the pace.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
-    stream.add_argument(
-        "scene", metavar="SCENE", type=Path, help="scene file, mesh or a scene's name, as for render"
     )
+    stream.add_argument("scene", metavar="SCENE", type=Path, help="scene file, mesh or a scene's name, as for render")
     add = stream.add_argument_group("what is simulated").add_argument
     add("--sensor", metavar="NAME|FILE", help="catalogue name or sensor file (default: the scene's)")
-    add("--set", metavar="KEY=VALUE", action="append", default=[], dest="overrides",
-        help="change a value of the sensor file, such as scanner.rotation_hz=-20; may be repeated")  # fmt: skip
-    add("--scene-set", metavar="KEY=VALUE", action="append", default=[], dest="scene_overrides",
-        help="change a value of the scene file")  # fmt: skip
     add(
-        "--pose",
-        type=pose,
-        metavar="X,Y,Z[,YAW,PITCH,ROLL]",
-        help="where the sensor stands, metres and degrees",
+        "--set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        dest="overrides",
+        help="change a value of the sensor file, such as scanner.rotation_hz=-20; may be repeated",
     )
-    add("--begin", metavar="S", type=seconds, default=FRAME.begin_s,
-        help="when the first frame begins, by the clock of the scene's motions (default 0)")  # fmt: skip
+    add(
+        "--scene-set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        dest="scene_overrides",
+        help="change a value of the scene file",
+    )
+    add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]", help="where the sensor stands, metres and degrees")
+    add(
+        "--begin",
+        metavar="S",
+        type=seconds,
+        default=FRAME.begin_s,
+        help="when the first frame begins, by the clock of the scene's motions (default 0)",
+    )
     add("--seed", metavar="N", type=whole(SEEDS), default=FRAME.seed, help="of the noise (default 0)")
     add("--rays", metavar="N", type=whole(RAYS), default=TRACE.rays, help="of each pulse (default 1)")
-    add("--interactions", metavar="N", type=whole(MEETINGS), default=TRACE.interactions,
-        help="panes, mirrors and gaps that a beam may meet (default 3)")  # fmt: skip
-    add = stream.add_argument_group("what is sent").add_argument
-    add("--udp", metavar="HOST:PORT", type=_address, required=True,
-        help="where to; drivers of Velodyne listen at port 2368, of Ouster at 7502")  # fmt: skip
-    add("--rate", metavar="HZ", type=_rate,
-        help="frames in a second (default: as many as the sensor turns, real time); less is slow motion")  # fmt: skip
-    add("--frames", metavar="N", type=whole(FRAMES), help="end after so many (default: Ctrl-C ends)")
-    add("--format", choices=PACKETS, default="pcap", metavar="NAME",
-        help=f"profile of an Ouster's packets, as render has them: {', '.join(PACKETS)}")  # fmt: skip
     add(
-        "--metadata",
-        metavar="F.json",
-        type=Path,
-        help="write what an Ouster's readers need beside the packets",
+        "--interactions",
+        metavar="N",
+        type=whole(MEETINGS),
+        default=TRACE.interactions,
+        help="panes, mirrors and gaps that a beam may meet (default 3)",
     )
+    add = stream.add_argument_group("what is sent").add_argument
+    add(
+        "--udp",
+        metavar="HOST:PORT",
+        type=_address,
+        required=True,
+        help="where to; drivers of Velodyne listen at port 2368, of Ouster at 7502",
+    )
+    add(
+        "--rate",
+        metavar="HZ",
+        type=_rate,
+        help="frames in a second (default: as many as the sensor turns, real time); less is slow motion",
+    )
+    add("--frames", metavar="N", type=whole(FRAMES), help="end after so many (default: Ctrl-C ends)")
+    add(
+        "--format",
+        choices=PACKETS,
+        default="pcap",
+        metavar="NAME",
+        help=f"profile of an Ouster's packets, as render has them: {', '.join(PACKETS)}",
+    )
+    add("--metadata", metavar="F.json", type=Path, help="write what an Ouster's readers need beside the packets")
     stream.set_defaults(run=stream_text)
 
 

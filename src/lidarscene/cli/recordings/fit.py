@@ -21,33 +21,44 @@ examples:
 def add_fit(commands: Any) -> None:
     """Add `fit`."""
     command = commands.add_parser(
-        "fit", help="what a recording says of its sensor, with uncertainties", epilog=FIT_HELP,
+        "fit",
+        help="what a recording says of its sensor, with uncertainties",
+        epilog=FIT_HELP,
         description="Fit near field, threshold, scatter of the range and gains of the rows to recordings of one unit. "
         "Writes its sensor file, with value, uncertainty and recording in [sources], and a page. "
         "Ends with 1 if a law fails on pulses that were not fitted.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    )
     add = command.add_argument
     add("recordings", metavar="REC", nargs="+", type=Path, help="recordings of one unit in one mode")
-    add("--sensor", metavar="NAME",
-        help="the catalogue's sensor of its kind, or a sensor file, for what the recording does not tell "
-        "(default: with --scene, the scene's)")  # fmt: skip
-    add("--scene", metavar="SCENE.toml", type=Path,
-        help="twin of the recording, or the scene that it was recorded in: then signals, ranges and losses are fitted "
-        "pulse by pulse")  # fmt: skip
-    add("--poses", metavar="F", type=Path,
-        help="with --scene, where the sensor stood at each frame: CSV, or TUM's format (default: as the twin knows, "
-        "else the scene's sensor)")  # fmt: skip
-    add("--metadata", metavar="F", type=Path,
-        help="what the maker says of the unit (default: the json beside the recording)")  # fmt: skip
-    add("-o", "--output", metavar="F.toml", type=Path, required=True, help="sensor file to write")
     add(
-        "--report",
-        metavar="DIR",
-        type=Path,
-        required=True,
-        help="folder of the page, its figures and fit.json",
+        "--sensor",
+        metavar="NAME",
+        help="the catalogue's sensor of its kind, or a sensor file, for what the recording does not tell "
+        "(default: with --scene, the scene's)",
     )
+    add(
+        "--scene",
+        metavar="SCENE.toml",
+        type=Path,
+        help="twin of the recording, or the scene that it was recorded in: then signals, ranges and losses are fitted "
+        "pulse by pulse",
+    )
+    add(
+        "--poses",
+        metavar="F",
+        type=Path,
+        help="with --scene, where the sensor stood at each frame: CSV, or TUM's format (default: as the twin knows, "
+        "else the scene's sensor)",
+    )
+    add(
+        "--metadata",
+        metavar="F",
+        type=Path,
+        help="what the maker says of the unit (default: the json beside the recording)",
+    )
+    add("-o", "--output", metavar="F.toml", type=Path, required=True, help="sensor file to write")
+    add("--report", metavar="DIR", type=Path, required=True, help="folder of the page, its figures and fit.json")
     add("--json", action="store_true", help="print the numbers as JSON")
     command.set_defaults(run=fit_text)
 
@@ -58,21 +69,26 @@ def fit_text(arguments: argparse.Namespace) -> Answer:
         from ...studies.fit.on_scene.study import Given, fit_on_scene
 
         given = Given(
-            recordings=arguments.recordings, scene=arguments.scene, sensor=arguments.sensor,
-            metadata=arguments.metadata, poses=arguments.poses,
-        )  # fmt: skip
+            recordings=arguments.recordings,
+            scene=arguments.scene,
+            sensor=arguments.sensor,
+            metadata=arguments.metadata,
+            poses=arguments.poses,
+        )
         text, passed = fit_on_scene(given, arguments.output, arguments.report, as_json=arguments.json)
         return Answer(text, 0 if passed else 1)
     if arguments.poses is not None:
         raise InputError("--poses: goes with --scene")
     if arguments.sensor is None:
-        raise InputError(
-            "--sensor: must name the sensor of the recording, or --scene one that has it, got neither"
-        )
+        raise InputError("--sensor: must name the sensor of the recording, or --scene one that has it, got neither")
     from ...studies.fit.study import fit_recordings
 
     text, passed = fit_recordings(
-        arguments.recordings, arguments.sensor, arguments.output, arguments.report, metadata=arguments.metadata,
+        arguments.recordings,
+        arguments.sensor,
+        arguments.output,
+        arguments.report,
+        metadata=arguments.metadata,
         as_json=arguments.json,
-    )  # fmt: skip
+    )
     return Answer(text, 0 if passed else 1)

@@ -31,9 +31,14 @@ def add_recording(command: argparse.ArgumentParser) -> None:
     """Add `--frame` and `--metadata`."""
     add = command.add_argument_group("of a recording").add_argument
     add("--frame", metavar="N", type=whole(SEEDS), default=None, help="number of the frame, from 0")
-    add("--metadata", metavar="F", type=Path, default=None,
+    add(
+        "--metadata",
+        metavar="F",
+        type=Path,
+        default=None,
         help="what the maker says of the unit: json of an Ouster (default: beside the recording), YAML of a Velodyne, "
-        "CSV of a Hesai")  # fmt: skip
+        "CSV of a Hesai",
+    )
 
 
 def is_recording(path: Path) -> bool:

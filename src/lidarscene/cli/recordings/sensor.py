@@ -18,26 +18,18 @@ examples:
 def add_sensor(commands: Any) -> None:
     """Add `sensor`."""
     command = commands.add_parser(
-        "sensor", help="a sensor file of your unit, from its maker's metadata", epilog=SENSOR_HELP,
+        "sensor",
+        help="a sensor file of your unit, from its maker's metadata",
+        epilog=SENSOR_HELP,
         description="Write a sensor file with the beams of one unit: metadata of an Ouster (json), calibration of a "
         "Velodyne (YAML, XML), table of angles of a Hesai (CSV). Laser, optics and detector are the catalogue's.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    )
     add = command.add_argument
-    add(
-        "--from", metavar="F", type=Path, required=True, dest="source", help="what the maker says of the unit"
-    )
+    add("--from", metavar="F", type=Path, required=True, dest="source", help="what the maker says of the unit")
     add("-o", "--output", metavar="F.toml", type=Path, required=True, help="sensor file to write")
-    add(
-        "--like",
-        metavar="NAME",
-        help="the catalogue's sensor that is of its kind (default: by maker and beams)",
-    )
-    add(
-        "--mode",
-        metavar="COLUMNSxHZ",
-        help="of an Ouster's firmware, as 1024x10 (default: the one in its metadata)",
-    )
+    add("--like", metavar="NAME", help="the catalogue's sensor that is of its kind (default: by maker and beams)")
+    add("--mode", metavar="COLUMNSxHZ", help="of an Ouster's firmware, as 1024x10 (default: the one in its metadata)")
     command.set_defaults(run=sensor_text)
 
 

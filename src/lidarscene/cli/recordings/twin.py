@@ -23,20 +23,30 @@ then:
 def add_twin(commands: Any) -> None:
     """Add `twin`."""
     command = commands.add_parser(
-        "twin", help="the scene of a recording, to simulate its sensor in", epilog=TWIN_HELP,
+        "twin",
+        help="the scene of a recording, to simulate its sensor in",
+        epilog=TWIN_HELP,
         description="Make a scene of what a real lidar recorded: every pixel becomes a small surface with the "
         "reflectivity that was measured, the ground is completed. With the sensor's file and its poses.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    )
     command.add_argument("recording", metavar="REC", type=Path, help="recording of a real lidar")
     add = command.add_argument
     add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
     add("--frames", metavar="N,N,...", type=_frames, help="frames to make it of, from 0 (default: all)")
-    add("--held-out", metavar="K|columns", type=_held_out,
+    add(
+        "--held-out",
+        metavar="K|columns",
+        type=_held_out,
         help="leave out this frame, at whose pose the sensor then stands, or every second column of the only frame, "
-        "so that compare --real judges by what the twin has not seen")  # fmt: skip
-    add("--metadata", metavar="F", type=Path, help="json of an Ouster, YAML of a Velodyne, CSV of a Hesai "
-        "(default: json beside the recording)")  # fmt: skip
+        "so that compare --real judges by what the twin has not seen",
+    )
+    add(
+        "--metadata",
+        metavar="F",
+        type=Path,
+        help="json of an Ouster, YAML of a Velodyne, CSV of a Hesai (default: json beside the recording)",
+    )
     add("--sensor", metavar="NAME", help="a catalogue sensor or a sensor file, in place of the unit's own")
     command.set_defaults(run=twin_text)
 
@@ -48,9 +58,7 @@ def twin_text(arguments: argparse.Namespace) -> str:
 
     with open_recording(arguments.recording, arguments.metadata) as recording:
         choice = chosen(recording, arguments.frames, arguments.held_out)
-        return build_twin(
-            recording, choice, arguments.output, metadata=arguments.metadata, sensor=arguments.sensor
-        )  # fmt: skip
+        return build_twin(recording, choice, arguments.output, metadata=arguments.metadata, sensor=arguments.sensor)
 
 
 def _frames(text: str) -> tuple[int, ...]:

@@ -164,9 +164,10 @@ class Bins:
                 before, moment = before + part, moment - part * (k + 0.5) * step
         mean = moment / ops.maximum(before, 1e-20)
         return _Blind(
-            by_sun=1.0 - free, by_echoes=free * dead_time.firing_share(detections=before),
+            by_sun=1.0 - free,
+            by_echoes=free * dead_time.firing_share(detections=before),
             freed=(mean + dead) * (sigma / pixel.histogram.bin_s),
-        )  # fmt: skip
+        )
 
     def _share_before(self, ahead: Lanes) -> Lanes:
         """Share of a Gaussian that lies before a place so many sigmas behind its centre, to 1 %."""
@@ -185,10 +186,12 @@ class Bins:
         bin_s, count = pixel.histogram.bin_s, 2 * pixel.histogram.reach + 2
         comb = self.wave.evenly(start, bin_s / pixel.sigma_s, middle)
         begin = _Drawn(
-            number=0.0 * start, fired=0.0 * start, parts=tuple(comb.parts),
+            number=0.0 * start,
+            fired=0.0 * start,
+            parts=tuple(comb.parts),
             firings=ops.room(start, count),
             counts=ops.room(start, count) if pixel.corrected or pixel.spad.coincidence > 1 else None,
-        )  # fmt: skip
+        )
 
         def step(now: _Drawn) -> _Drawn:
             # A random number has two words, so two bins share one.
@@ -202,10 +205,12 @@ class Bins:
                 index = ops.int32(now.number)
                 room = ops.put(now.firings, index, firings)
                 now = _Drawn(
-                    number=now.number + 1.0, fired=self._still_blind(now, room, firings),
-                    parts=comb.following(now.parts), firings=room,
+                    number=now.number + 1.0,
+                    fired=self._still_blind(now, room, firings),
+                    parts=comb.following(now.parts),
+                    firings=room,
                     counts=None if now.counts is None else ops.put(now.counts, index, counts),
-                )  # fmt: skip
+                )
             return now
 
         done = ops.loop(begin, lambda now: now.number < count - 0.5, step)
@@ -260,9 +265,7 @@ class Bins:
         detections = light + pixel.rate_hz * pixel.histogram.bin_s
         share = dead_time.firing_share(detections=detections)
         if spad.coincidence == 1:
-            count = draws.binomial_count(
-                trials=free, probability=share, uniform=uniform, log_none=-detections
-            )
+            count = draws.binomial_count(trials=free, probability=share, uniform=uniform, log_none=-detections)
             if not pixel.corrected:
                 return count, count
             of_free = count / ops.maximum(free, 1e-6 * pixel.trials)

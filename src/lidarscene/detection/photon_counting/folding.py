@@ -38,9 +38,7 @@ def folded(train: EchoTrain, histogram: Histogram) -> Folded:
         # An echo that returns k periods later is missing in the first k shots.
         share = ops.maximum(1.0 - periods / histogram.shots, 0.0)
         parts.append(
-            replace(
-                part, range_m=part.range_m - periods * unambiguous_m, peak_power_w=part.peak_power_w * share
-            )
+            replace(part, range_m=part.range_m - periods * unambiguous_m, peak_power_w=part.peak_power_w * share)
         )
         folds_m += [ops.column(periods * unambiguous_m, number, part.count) for number in range(part.count)]
     return Folded(train=replace(train, parts=tuple(parts)), folds_m=folds_m[: train.surfaces])

@@ -64,13 +64,13 @@ def histograms(train: EchoTrain, sensor: Sensor, *, seed: int, pulse: Numbers) -
     # A step of the background alone comes first: it is what the SPADs are in balance with when the pulse leaves.
     fired = dead_time.firing_shares(
         np.concatenate([0.0 * background if once else background, np.where(armed | (not once), rate, 0.0)], axis=1),
-        bin_s=fine_s, dead_time_s=np.inf if once else float(spad.dead_time_s), steady=not once,
-    )[:, 1:]  # fmt: skip
+        bin_s=fine_s,
+        dead_time_s=np.inf if once else float(spad.dead_time_s),
+        steady=not once,
+    )[:, 1:]
     share = fired.reshape(len(pulse), count, _FINE).sum(axis=2)
     if spad.coincidence > 1:
-        share = np.asarray(
-            dead_time.coincidence_share(least=spad.coincidence, spads=float(spad.spads), share=share)
-        )
+        share = np.asarray(dead_time.coincidence_share(least=spad.coincidence, spads=float(spad.spads), share=share))
     bins = np.arange(count, dtype=np.uint32)
     words = random.words(
         seed=seed, stage=Stage.HISTOGRAM, pulse=np.repeat(pulse, count), draw=np.tile(bins // 2, len(pulse))
@@ -80,7 +80,5 @@ def histograms(train: EchoTrain, sensor: Sensor, *, seed: int, pulse: Numbers) -
     return Histograms(
         time_s=(bins + 0.5) * bin_s,
         expected=trials * share,
-        counts=np.asarray(
-            draws.binomial_count(trials=trials, probability=share, uniform=random.open_uniform(word))
-        ),
+        counts=np.asarray(draws.binomial_count(trials=trials, probability=share, uniform=random.open_uniform(word))),
     )

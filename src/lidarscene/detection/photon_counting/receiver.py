@@ -92,12 +92,16 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     point = sensor.working_point(background)
     sigma = sensor.pixel(background).sigma_s
     receiver = _Receiver(
-        sensor=sensor, point=point, seed=seed, pulse=pulse,
+        sensor=sensor,
+        point=point,
+        seed=seed,
+        pulse=pulse,
         threshold=_drawn(sensor.threshold(point), histogram.noise_spread, seed, pulse),
-        train=light.train, folds_m=light.folds_m,
+        train=light.train,
+        folds_m=light.folds_m,
         light=waveform(*broadened(light.train, sensor, sigma)),
         seen=waveform(*broadened(light.train, sensor, matched_filter.OUTPUT_WIDTH * sigma)),
-    )  # fmt: skip
+    )
     found = receiver.search()
     number, range_m = receiver.strongest()
     stops = receiver.with_alarms(found.stops, number, range_m)
@@ -151,13 +155,23 @@ class _Receiver(Shots):
         ops, like = self.ops, self.light.origin_m
         nothing, never, number = ops.full(like, 0.0), ops.full(like, False), ops.full(like, 0)
         empty = _Stop(
-            key=ops.full(like, _EMPTY), time_s=nothing, photons=nothing, snr=nothing, probability=nothing,
-            source=number, true_range_m=nothing, status=number,
-        )  # fmt: skip
+            key=ops.full(like, _EMPTY),
+            time_s=nothing,
+            photons=nothing,
+            snr=nothing,
+            probability=nothing,
+            source=number,
+            true_range_m=nothing,
+            status=number,
+        )
         start = _Found(
-            tripped=never, in_window=never, last_s=nothing - 1.0, highest=nothing, highest_w=nothing,
+            tripped=never,
+            in_window=never,
+            last_s=nothing - 1.0,
+            highest=nothing,
+            highest_w=nothing,
             stops=(empty,) * self.sensor.tdc.stops,
-        )  # fmt: skip
+        )
         if self._several:
             return visit_all(self.seen, self._visit, start)
         # The only echo is the only peak.
@@ -189,19 +203,20 @@ class _Receiver(Shots):
         time_s = tdc.quantised(
             time_s=ops.maximum(time_s, 0.0), least_significant_bit_s=converter.least_significant_bit_s
         )
-        taken = (
-            tripped
-            & comparator.listening(sensor, arrival_s)
-            & (time_s - found.last_s >= converter.dead_time_s)
-        )
+        taken = tripped & comparator.listening(sensor, arrival_s) & (time_s - found.last_s >= converter.dead_time_s)
         source, true_range, status = self._source(place)
         # The only echo's are those of the pulse, which `detection` needs in any case.
         snr, probability = self._expected(place, power_w) if self._several else (0.0 * place, 0.0 * place)
         stop = _Stop(
-            key=ops.where(taken, self._key(time_s, peak.value), _EMPTY), time_s=time_s, photons=peak.photons,
-            snr=snr, probability=probability, source=source, true_range_m=true_range,
+            key=ops.where(taken, self._key(time_s, peak.value), _EMPTY),
+            time_s=time_s,
+            photons=peak.photons,
+            snr=snr,
+            probability=probability,
+            source=source,
+            true_range_m=true_range,
             status=status,
-        )  # fmt: skip
+        )
         higher = there & (power_w > found.highest_w)
         return _Found(
             tripped=found.tripped | tripped,
@@ -236,10 +251,11 @@ class _Receiver(Shots):
             return 0.0
         ops, signal = self.ops, self._signal(point, power_w)
         return matched_filter.gain_of_breadth(
-            signal=signal, background=point.noise * point.noise,
+            signal=signal,
+            background=point.noise * point.noise,
             own=ops.maximum(point.kappa_1 * signal + point.kappa_2 * signal * signal, 0.0),
             bend=self.seen.at(place)[2] / ops.maximum(power_w, 1e-30),
-        )  # fmt: skip
+        )
 
     def _walk_s(self, pixel: Macropixel, photons: Lanes, largest: Lanes | None) -> Lanes:
         """Shift by pile-up that the receiver takes off, (n,) s: negative or 0.
@@ -310,10 +326,15 @@ class _Receiver(Shots):
             for alarm in comparator.first_of(alarms, converter.stops):
                 there = alarm.time_s < converter.window_s
                 stop = _Stop(
-                    key=ops.where(there, self._key(alarm.time_s, alarm.amplitude), _EMPTY), time_s=alarm.time_s,
-                    photons=alarm.amplitude, snr=zero, probability=zero, source=number, true_range_m=range_m,
+                    key=ops.where(there, self._key(alarm.time_s, alarm.amplitude), _EMPTY),
+                    time_s=alarm.time_s,
+                    photons=alarm.amplitude,
+                    snr=zero,
+                    probability=zero,
+                    source=number,
+                    true_range_m=range_m,
                     status=ops.full(number, 0) + alarm_status(alarm.interfering),
-                )  # fmt: skip
+                )
                 stops = _inserted(stops, stop)
         return stops
 
@@ -340,9 +361,7 @@ class _Receiver(Shots):
                     amplitude=amplitude,
                     intensity=value,
                     snr=stop.snr if self._several else ops.where(of_echo, snr, 0.0),
-                    detection_probability=stop.probability
-                    if self._several
-                    else ops.where(of_echo, probability, 0.0),
+                    detection_probability=stop.probability if self._several else ops.where(of_echo, probability, 0.0),
                     source=stop.source,
                     true_range_m=stop.true_range_m,
                     photons=amplitude,
@@ -357,9 +376,7 @@ class _Receiver(Shots):
             snr=snr,
             detection_probability=probability,
             outcome=outcome,
-            ambient=ambient.counts(
-                self.train.background_power_w, self.sensor, seed=self.seed, pulse=self.pulse
-            ),
+            ambient=ambient.counts(self.train.background_power_w, self.sensor, seed=self.seed, pulse=self.pulse),
             stops=tuple(reported),
             source=number,
         )

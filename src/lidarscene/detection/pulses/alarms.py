@@ -44,13 +44,7 @@ def with_alarms(
 
 
 def _merged(
-    shots: Received,
-    stops: Stops,
-    alarms: comparator.Alarms,
-    number: Array,
-    range_m: Lanes,
-    *,
-    others: bool,
+    shots: Received, stops: Stops, alarms: comparator.Alarms, number: Array, range_m: Lanes, *, others: bool
 ) -> Stops:
     """Stops with the alarms of one generator among them.
 
@@ -64,9 +58,12 @@ def _merged(
     def following(draw: Lanes, elapsed: Lanes) -> _NextAlarm:
         elapsed, alarm = alarms(ops.uint32(draw), elapsed)
         return _NextAlarm(
-            number=draw + 1, elapsed=elapsed, time_s=alarm.time_s, amplitude=alarm.amplitude,
+            number=draw + 1,
+            elapsed=elapsed,
+            time_s=alarm.time_s,
+            amplitude=alarm.amplitude,
             status=kind + alarm_status(alarm.interfering),
-        )  # fmt: skip
+        )
 
     def active(now: tuple[_NextAlarm, Stops]) -> Mask:
         return (now[0].time_s < tdc.window_s) & (now[0].number <= keeping.most_alarms(tdc))
@@ -79,10 +76,16 @@ def _merged(
             width_s = comparator.alarm_width_s(shots, next_alarm.amplitude, interfering=interfering)
         stop = Stop(
             key=keeping.key(tdc, next_alarm.time_s, next_alarm.amplitude),
-            crossing_s=next_alarm.time_s, reported_s=next_alarm.time_s,
-            amplitude=next_alarm.amplitude, width_s=width_s, snr=zero, probability=zero,
-            source=number, true_range_m=range_m, status=next_alarm.status,
-        )  # fmt: skip
+            crossing_s=next_alarm.time_s,
+            reported_s=next_alarm.time_s,
+            amplitude=next_alarm.amplitude,
+            width_s=width_s,
+            snr=zero,
+            probability=zero,
+            source=number,
+            true_range_m=range_m,
+            status=next_alarm.status,
+        )
         return following(next_alarm.number, next_alarm.elapsed), keeping.with_new(tdc, stops, stop)
 
     return ops.loop((following(kind, ops.float32(zero)), stops), active, step)[1]

@@ -32,9 +32,7 @@ def trailing_level(shots: Received, rise: Rise, trip: Trip, place: Lanes, thresh
     )
 
 
-def fall(
-    shots: Received, rise: Rise, trip: Trip, level: Lanes, since: Lanes, wanted: Mask
-) -> tuple[Lanes, Lanes]:
+def fall(shots: Received, rise: Rise, trip: Trip, level: Lanes, since: Lanes, wanted: Mask) -> tuple[Lanes, Lanes]:
     """Place at which the amplifier's output falls to a signal level, (n,); the peak if the peak is below it.
 
     level  (n,) noiseless signal
@@ -52,9 +50,13 @@ def fall(
         clipped_w = ops.where(clipped, point.power_w(point.saturation), 1.0)
         released, _ = _falling(shots, clipped_w, rise, rise.peak, clipped)
         end = saturation.held_until(
-            fall_s=end, released_s=released, level=level, signal=trip.signal, saturation=point.saturation,
+            fall_s=end,
+            released_s=released,
+            level=level,
+            signal=trip.signal,
+            saturation=point.saturation,
             recovery_s=point.recovery_s / shots.sigma_s,
-        )  # fmt: skip
+        )
     return ops.where(below, end, rise.peak), near
 
 
@@ -68,14 +70,15 @@ def foot(shots: Received, rise: Rise, trip: Trip, wanted: Mask) -> Lanes:
         signal = shots.point.signal(shots.wave.at(place)[0])
         lowest = ops.minimum(foot.lowest, signal)
         return _Foot(
-            place=place, lowest=lowest, steps=foot.steps + 1,
-            on=(signal >= least) & (signal < lowest + threshold),
-        )  # fmt: skip
+            place=place, lowest=lowest, steps=foot.steps + 1, on=(signal >= least) & (signal < lowest + threshold)
+        )
 
     start = _Foot(
-        place=rise.peak + ops.full(rise.peak, 0.0), lowest=trip.signal + ops.full(rise.peak, 0.0),
-        steps=ops.full(rise.number, 0), on=wanted & (trip.signal >= least),
-    )  # fmt: skip
+        place=rise.peak + ops.full(rise.peak, 0.0),
+        lowest=trip.signal + ops.full(rise.peak, 0.0),
+        steps=ops.full(rise.number, 0),
+        on=wanted & (trip.signal >= least),
+    )
     lowest = ops.loop(start, lambda foot: foot.on & (foot.steps < _LONGEST), step).lowest
     return ops.where(lowest >= least, lowest, 0.0)
 
@@ -112,14 +115,10 @@ def _falling(shots: Received, level_w: Lanes, rise: Rise, since: Lanes, wanted: 
 
     # Walk in steps until the waveform is below the level, then find the root in the last step. Further peaks on the way
     # belong to the same pulse if the valleys before them stay above the level.
-    start = _Fall(
-        place=since + ops.full(since, 0.0), above=wanted & (since == since), steps=ops.full(rise.number, 0)
-    )
+    start = _Fall(place=since + ops.full(since, 0.0), above=wanted & (since == since), steps=ops.full(rise.number, 0))
     far = ops.loop(start, lambda fall: fall.above & (fall.steps < _LONGEST), step).place
     near = far - STEP
-    end = crossing(
-        shots.wave.at, level_w, far=far, near=near, peak=rise.peak, top=rise.top, wanted=wanted
-    )  # fmt: skip
+    end = crossing(shots.wave.at, level_w, far=far, near=near, peak=rise.peak, top=rise.top, wanted=wanted)
     return end, near
 
 

@@ -57,9 +57,11 @@ class Left:
             return point.power_w(ops.maximum(signal - self.held, 1e-30) / self.share)
 
         return replace(
-            point, signal=lambda power_w: self.held + self.share * point.signal(power_w), power_w=power_w,
+            point,
+            signal=lambda power_w: self.held + self.share * point.signal(power_w),
+            power_w=power_w,
             calibrated=point,
-        )  # fmt: skip
+        )
 
 
 Memory = tuple[Earlier, ...]
@@ -85,14 +87,10 @@ def left(shots: Received, rise: Rise, memory: Memory) -> Left | None:
     if point.memory is None:
         (clipped,) = memory
         return Left(
-            floor=_charge(shots, clipped, foot),
-            held=_charge(shots, clipped, rise.peak),
-            share=ops.full(rise.peak, 1.0),
+            floor=_charge(shots, clipped, foot), held=_charge(shots, clipped, rise.peak), share=ops.full(rise.peak, 1.0)
         )
     cells = point.memory
-    lag_s = sipm_response.peak_lag_s(
-        pulse_fwhm_s=shots.sensor.laser.pulse_fwhm_s, dead_time_s=cells.dead_time_s
-    )
+    lag_s = sipm_response.peak_lag_s(pulse_fwhm_s=shots.sensor.laser.pulse_fwhm_s, dead_time_s=cells.dead_time_s)
     floor, held, missing = (
         sum(_busy(shots, cells, one, place) for one in memory)
         for place in (foot, rise.peak + lag_s / shots.sigma_s, rise.peak)
@@ -116,16 +114,14 @@ def after(shots: Received, rise: Rise, signal: Lanes, found: Left | None, memory
         over = ops.maximum(signal / point.saturation, 1.0)
         clips = rise.found & (over > 1.0)
         release = rise.peak + ops.sqrt(2.0 * ops.log(over))
-        return (
-            Earlier(
-                place=ops.where(clips, release, before.place), amount=ops.where(clips, signal, before.amount)
-            ),
-        )
+        return (Earlier(place=ops.where(clips, release, before.place), amount=ops.where(clips, signal, before.amount)),)
     cells = point.memory
     fired = sipm_response.fired_by_pulse(
-        peak=ops.maximum(signal - found.held, 0.0), rate_hz=cells.rate_hz,
-        pulse_fwhm_s=shots.sensor.laser.pulse_fwhm_s, dead_time_s=cells.dead_time_s,
-    )  # fmt: skip
+        peak=ops.maximum(signal - found.held, 0.0),
+        rate_hz=cells.rate_hz,
+        pulse_fwhm_s=shots.sensor.laser.pulse_fwhm_s,
+        dead_time_s=cells.dead_time_s,
+    )
     last, others = memory
     forgotten = (rise.peak - others.place) * shots.sigma_s > 2.0 * cells.dead_time_s
     kept = ops.where(forgotten, 0.0, others.amount)
@@ -133,10 +129,7 @@ def after(shots: Received, rise: Rise, signal: Lanes, found: Left | None, memory
     place = (last.place * last.amount + others.place * kept) / ops.where(total > 0.0, total, 1.0)
     new = Earlier(place=rise.peak, amount=fired), Earlier(place=place, amount=total)
     return tuple(
-        Earlier(
-            place=ops.where(rise.found, one.place, old.place),
-            amount=ops.where(rise.found, one.amount, old.amount),
-        )
+        Earlier(place=ops.where(rise.found, one.place, old.place), amount=ops.where(rise.found, one.amount, old.amount))
         for one, old in zip(new, memory, strict=True)
     )
 
@@ -144,16 +137,16 @@ def after(shots: Received, rise: Rise, signal: Lanes, found: Left | None, memory
 def _busy(shots: Received, cells: CellMemory, one: Earlier, place: Lanes) -> Lanes:
     """Cells above the background's count that an earlier echo leaves at a place, (n,); theory (T45b)."""
     return one.amount * sipm_response.left_busy(
-        age_s=(place - one.place) * shots.sigma_s, rate_hz=cells.rate_hz, dead_time_s=cells.dead_time_s,
+        age_s=(place - one.place) * shots.sigma_s,
+        rate_hz=cells.rate_hz,
+        dead_time_s=cells.dead_time_s,
         sigma_s=shots.sigma_s,
-    )  # fmt: skip
+    )
 
 
 def _charge(shots: Received, clipped: Earlier, place: Lanes) -> Lanes:
     """Signal that a clipped amplifier still holds at a place, (n,); theory (T45c)."""
     assert shots.point.recovery_s is not None
     return saturation.drained(
-        held=clipped.amount,
-        since_s=(place - clipped.place) * shots.sigma_s,
-        recovery_s=shots.point.recovery_s,
+        held=clipped.amount, since_s=(place - clipped.place) * shots.sigma_s, recovery_s=shots.point.recovery_s
     )

@@ -48,9 +48,14 @@ class Window:
         tick = (shots.time_s(place) - shots.sensor.received_fwhm_s) * adc.rate_hz
         late = shots.ops.floor(tick) + 1.0 - tick
         return cls(
-            shots=shots, adc=adc, rise=rise, crossing=place, spacing=spacing,
-            start=place - SIGMAS_PER_FWHM + late * spacing, base=base,
-        )  # fmt: skip
+            shots=shots,
+            adc=adc,
+            rise=rise,
+            crossing=place,
+            spacing=spacing,
+            start=place - SIGMAS_PER_FWHM + late * spacing,
+            base=base,
+        )
 
     def place(self, number: Lanes) -> Lanes:
         """Place of a sample, (n,)."""
@@ -64,9 +69,7 @@ class Window:
         # Each rise of a pulse has a block of draws of its own, one for each sample.
         before = self.rise.number * ops.uint32(adc.samples)
         # Samples are evenly spaced, so each sub-echo's part follows from the one before by a multiplication.
-        comb = shots.wave.evenly(
-            self.start, self.spacing, self.start + 0.5 * (adc.samples - 1) * self.spacing
-        )
+        comb = shots.wave.evenly(self.start, self.spacing, self.start + 0.5 * (adc.samples - 1) * self.spacing)
 
         def step(number: Lanes, so_far: _Sampled) -> _Sampled:
             own = random.normal_pair(shots.words(Stage.SAMPLES, before + ops.uint32(number)))[0]

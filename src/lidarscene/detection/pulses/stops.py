@@ -58,9 +58,16 @@ def unused(like: Lanes) -> Stop:
     ops = xp(like)
     nothing, number = ops.full(like, 0.0), ops.full(like, 0)
     return Stop(
-        key=ops.full(like, EMPTY), crossing_s=nothing, reported_s=nothing, amplitude=nothing, width_s=nothing,
-        snr=nothing, probability=nothing, source=number, true_range_m=nothing,
-    )  # fmt: skip
+        key=ops.full(like, EMPTY),
+        crossing_s=nothing,
+        reported_s=nothing,
+        amplitude=nothing,
+        width_s=nothing,
+        snr=nothing,
+        probability=nothing,
+        source=number,
+        true_range_m=nothing,
+    )
 
 
 def room(tdc: Tdc, like: Lanes) -> Stops:

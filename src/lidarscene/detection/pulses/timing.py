@@ -51,9 +51,15 @@ def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
 
 
 def of_lone_pulse(
-    shots: Shots, trip: Trip, *, arrival_s: Lanes, crossing_s: Lanes, measured: Lanes, power_w: Lanes,
+    shots: Shots,
+    trip: Trip,
+    *,
+    arrival_s: Lanes,
+    crossing_s: Lanes,
+    measured: Lanes,
+    power_w: Lanes,
     width_s: Lanes | None,
-) -> Lanes:  # fmt: skip
+) -> Lanes:
     """Reported time of a single Gaussian echo, (n,) s.
 
     arrival_s   (n,) time of its peak
@@ -64,9 +70,7 @@ def of_lone_pulse(
     """
     ops, timing = xp(arrival_s), shots.sensor.tdc.timing
     if timing == "leading_edge":
-        return comparator.reported_s(
-            shots, crossing_s, measured=measured, width_s=width_s, true_power_w=power_w
-        )
+        return comparator.reported_s(shots, crossing_s, measured=measured, width_s=width_s, true_power_w=power_w)
     if timing == "constant_fraction":
         level = fraction_level(shots, trip, measured)
         share = ops.where(level < trip.signal, shots.point.power_w(level) / power_w, 1.0)
@@ -78,9 +82,8 @@ def of_lone_pulse(
 
 
 def of_rise(
-    shots: Received, rise: Rise, trip: Trip, *, place: Lanes, measured: Lanes, width_s: Lanes | None,
-    wanted: Mask,
-) -> tuple[Lanes, Lanes]:  # fmt: skip
+    shots: Received, rise: Rise, trip: Trip, *, place: Lanes, measured: Lanes, width_s: Lanes | None, wanted: Mask
+) -> tuple[Lanes, Lanes]:
     """Reported time of a rise, (n,) s, and the place of what was timed.
 
     place     (n,) place at which it trips the comparator
@@ -100,9 +103,13 @@ def of_rise(
         level = fraction_level(shots, trip, measured)
         reaches = wanted & (level < trip.signal) & (level > shots.point.signal(rise.valley_w))
         place = crossing(
-            shots.wave.at, ops.where(reaches, shots.point.power_w(level), 1.0),
-            far=rise.valley, peak=rise.peak, top=rise.top, wanted=reaches,
-        )  # fmt: skip
+            shots.wave.at,
+            ops.where(reaches, shots.point.power_w(level), 1.0),
+            far=rise.valley,
+            peak=rise.peak,
+            top=rise.top,
+            wanted=reaches,
+        )
         place = ops.where(reaches, place, ops.where(level < trip.signal, rise.valley, rise.peak))
         time_s = shots.time_s(place) - _fraction_walk_s(shots, above, own_w, width_s)
     else:
@@ -117,9 +124,12 @@ def fraction_level(shots: Shots, trip: Trip, measured: Lanes) -> Lanes:
     """Noiseless signal at which an edge reaches the fraction of its measured peak, (n,): (T25) with that for U."""
     point = shots.point
     return tdc.crossing_level(
-        threshold=trip.base + shots.sensor.tdc.fraction * (measured - trip.base), deviate=trip.deviate,
-        noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2,
-    )  # fmt: skip
+        threshold=trip.base + shots.sensor.tdc.fraction * (measured - trip.base),
+        deviate=trip.deviate,
+        noise=point.noise,
+        kappa_1=point.kappa_1,
+        kappa_2=point.kappa_2,
+    )
 
 
 def _fraction_s(shots: Shots) -> Lanes:
@@ -138,9 +148,7 @@ def _fraction_walk_s(shots: Shots, measured: Lanes, true_power_w: Lanes, width_s
     if sensor.tdc.walk == "raw":
         return -_fraction_s(shots)
     if sensor.tdc.walk == "corrected":
-        power = point.inferred_power_w(
-            measured, width_s=width_s, threshold=shots.threshold, pulse_fwhm_s=fwhm
-        )
+        power = point.inferred_power_w(measured, width_s=width_s, threshold=shots.threshold, pulse_fwhm_s=fwhm)
         level = fraction * measured
     else:
         power, level = true_power_w, fraction * point.measured(point.signal(true_power_w))
@@ -155,18 +163,15 @@ def _peak_error_s(shots: Shots, trip: Trip, curved: Lanes, *, draw: Lanes) -> La
     if sensor.matches:
         # The slope of the pulse looks away from its peak, where most of the echo's own noise is.
         sigma = tdc.noise_at_level(
-            level=trip.signal,
-            noise=point.noise,
-            kappa_1=2.0 / 3.0 * point.kappa_1,
-            kappa_2=0.5 * point.kappa_2,
+            level=trip.signal, noise=point.noise, kappa_1=2.0 / 3.0 * point.kappa_1, kappa_2=0.5 * point.kappa_2
         )
         slope = sampling.matched_slope_noise(x=x)
         curved = sampling.matched_curvature(curvature=curved)
     ops = xp(trip.signal)
     height = ops.maximum(trip.signal - trip.base, 1e-30)
-    deviation = sampling.peak_deviation(
-        noise_share=sigma / height, slope_noise=slope, curvature=curved
-    ) * (_fwhm_s(shots) / SIGMAS_PER_FWHM)  # fmt: skip
+    deviation = sampling.peak_deviation(noise_share=sigma / height, slope_noise=slope, curvature=curved) * (
+        _fwhm_s(shots) / SIGMAS_PER_FWHM
+    )
     # The derivative of stationary noise is independent of its value, and so of the peak's height.
     _, deviate = random.normal_pair(shots.words(Stage.TDC_JITTER, draw))
     return deviation * deviate

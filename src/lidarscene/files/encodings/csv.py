@@ -30,9 +30,5 @@ def read_columns(path: Path, *, known: Callable[[str], bool]) -> dict[str, Numbe
                 warnings.simplefilter("ignore")  # of an empty table: the caller has a better message
                 values = np.loadtxt(file, delimiter=",", usecols=used, ndmin=2, dtype=np.float64)
     except (OSError, ValueError) as error:
-        raise InputError(
-            f"{path}: cannot be read as CSV: {getattr(error, 'strerror', None) or error}"
-        ) from None
-    return {
-        names[number]: column for number, column in zip(used, values.reshape(-1, len(used)).T, strict=True)
-    }
+        raise InputError(f"{path}: cannot be read as CSV: {getattr(error, 'strerror', None) or error}") from None
+    return {names[number]: column for number, column in zip(used, values.reshape(-1, len(used)).T, strict=True)}

@@ -60,9 +60,7 @@ class Gathering:
         self._firing_s[lasers] = scanner.firing_s - scanner.firing_s[0]  # a frame begins with its first pulse
         shape = scanner.cycles, scanner.lasers
         self._range_m = np.zeros((*shape, RETURNS))
-        self._strength, self._intensity, self._signal = (
-            np.zeros((*shape, RETURNS), np.float32) for _ in range(3)
-        )
+        self._strength, self._intensity, self._signal = (np.zeros((*shape, RETURNS), np.float32) for _ in range(3))
         self._ambient = np.zeros(shape, np.float32)
         self._start_s = 0.0
 
@@ -102,6 +100,10 @@ class Gathering:
         """The frame, once all of its clouds are there."""
         cycles = self._scanner.cycles
         return Firings(
-            range_m=self._range_m, intensity=self._intensity, signal=self._signal, ambient=self._ambient,
-            number=self._number * cycles, time_s=self._start_s + self._scanner.cycle_s * np.arange(cycles),
-        )  # fmt: skip
+            range_m=self._range_m,
+            intensity=self._intensity,
+            signal=self._signal,
+            ambient=self._ambient,
+            number=self._number * cycles,
+            time_s=self._start_s + self._scanner.cycle_s * np.arange(cycles),
+        )

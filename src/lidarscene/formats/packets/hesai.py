@@ -34,11 +34,21 @@ AZIMUTH_US, STAMP_US = 54.668, 97.248
 BLOCK = np.dtype([("azimuth", "<u2"), ("points", [("distance", "<u2"), ("reflectivity", "u1")], LASERS)])
 PACKET = np.dtype(
     [
-        ("start", ">u2"), ("lasers", "u1"), ("blocks_", "u1"), ("first_block", "u1"), ("step_mm", "u1"),
-        ("reserved", "u1", 2), ("blocks", BLOCK, BLOCKS), ("reserved2", "u1", 8), ("turns_per_minute", "<u2"),
-        ("stamp", "<u4"), ("mode", "u1"), ("factory", "u1"), ("utc", "u1", 6),
+        ("start", ">u2"),
+        ("lasers", "u1"),
+        ("blocks_", "u1"),
+        ("first_block", "u1"),
+        ("step_mm", "u1"),
+        ("reserved", "u1", 2),
+        ("blocks", BLOCK, BLOCKS),
+        ("reserved2", "u1", 8),
+        ("turns_per_minute", "<u2"),
+        ("stamp", "<u4"),
+        ("mode", "u1"),
+        ("factory", "u1"),
+        ("utc", "u1", 6),
     ]
-)  # fmt: skip
+)
 
 
 class Pandar64:
@@ -101,17 +111,11 @@ class Pandar64:
         stamps_us = np.rint(1e6 * rows["time_s"][:, -1] + STAMP_US).astype(np.int64)
         made["stamp"] = stamps_us % 1_000_000
         made["utc"] = [_utc(second) for second in (stamps_us // 1_000_000).tolist()]
-        return [
-            Packet(1e-6 * stamp, one.tobytes()) for stamp, one in zip(stamps_us.tolist(), made, strict=True)
-        ]
+        return [Packet(1e-6 * stamp, one.tobytes()) for stamp, one in zip(stamps_us.tolist(), made, strict=True)]
 
 
 _ROW = np.dtype(
-    [
-        ("number", "i8"),
-        ("time_s", "f8"),
-        ("points", [("distance", "<u2"), ("reflectivity", "u1")], (2, LASERS)),
-    ]
+    [("number", "i8"), ("time_s", "f8"), ("points", [("distance", "<u2"), ("reflectivity", "u1")], (2, LASERS))]
 )
 """A firing of all lasers: the last return, and the strongest other."""
 

@@ -34,10 +34,7 @@ PROFILES = {
 """The maker's names, with one return and with two."""
 
 LARGEST = {"RANGE": 2**19 - 1, "REFLECTIVITY": 255, "SIGNAL": 65535, "NEAR_IR": 65535}
-LARGEST_OF = {
-    "RNG15_RFL8_NIR8": {"RANGE": 8 * (2**15 - 1), "NEAR_IR": 16 * 255},
-    "LEGACY": {"RANGE": 2**20 - 1},
-}
+LARGEST_OF = {"RNG15_RFL8_NIR8": {"RANGE": 8 * (2**15 - 1), "NEAR_IR": 16 * 255}, "LEGACY": {"RANGE": 2**20 - 1}}
 """Of a profile's fields, by how its name begins."""
 
 
@@ -75,9 +72,7 @@ class Ouster:
                 made.field(name)[:] = values.T
         packets = self._core.frame_to_packets(made, self._format, self._info.init_id, self._info.sn)
         last = np.arange(1, len(packets) + 1) * COLUMNS_PER_PACKET - 1
-        return [
-            Packet(float(time), bytes(one.buf)) for time, one in zip(frame.time_s[last], packets, strict=True)
-        ]
+        return [Packet(float(time), bytes(one.buf)) for time, one in zip(frame.time_s[last], packets, strict=True)]
 
     def rest(self) -> list[Packet]:
         """None."""
@@ -85,9 +80,7 @@ class Ouster:
 
     def _fields(self, frame: Firings) -> dict[str, Numbers]:
         """(columns, rows) each, as the maker names them."""
-        largest = LARGEST | next(
-            (more for start, more in LARGEST_OF.items() if self._profile.startswith(start)), {}
-        )
+        largest = LARGEST | next((more for start, more in LARGEST_OF.items() if self._profile.startswith(start)), {})
         behind_m = 1e-3 * _beam_origin_mm(self._scanner)
 
         def whole(values: Numbers, name: str) -> Numbers:
@@ -97,9 +90,7 @@ class Ouster:
         for place, end in enumerate(("", "2")):
             range_m = frame.range_m[..., place]
             millimetres = np.rint(1e3 * (range_m + behind_m))
-            fields[f"RANGE{end}"] = np.where(
-                (range_m > 0.0) & (millimetres <= largest["RANGE"]), millimetres, 0.0
-            )
+            fields[f"RANGE{end}"] = np.where((range_m > 0.0) & (millimetres <= largest["RANGE"]), millimetres, 0.0)
             fields[f"REFLECTIVITY{end}"] = whole(frame.intensity[..., place], "REFLECTIVITY")
             fields[f"SIGNAL{end}"] = whole(frame.signal[..., place], "SIGNAL")
         return fields
@@ -133,10 +124,20 @@ def _metadata(sensor: Sensor, scanner: Spinning, profile: str) -> dict[str, Any]
     number = re.search(r"os-?([012])", sensor.name, re.IGNORECASE)
     family = f"OS-{number[1]}" if number else "OS-1"
     return {
-        "prod_line": f"{family}-{rows}", "prod_sn": "1", "prod_pn": "", "status": "RUNNING",
-        "image_rev": f"ousteros-image-prod-bootes-{FIRMWARE}", "build_rev": FIRMWARE, "build_date": "",
-        "initialization_id": 1, "udp_port_lidar": PORT, "udp_port_imu": PORT + 1, "lidar_mode": mode,
-        "json_calibration_version": 4, "hostname": "", "client_version": "lidarscene",
+        "prod_line": f"{family}-{rows}",
+        "prod_sn": "1",
+        "prod_pn": "",
+        "status": "RUNNING",
+        "image_rev": f"ousteros-image-prod-bootes-{FIRMWARE}",
+        "build_rev": FIRMWARE,
+        "build_date": "",
+        "initialization_id": 1,
+        "udp_port_lidar": PORT,
+        "udp_port_imu": PORT + 1,
+        "lidar_mode": mode,
+        "json_calibration_version": 4,
+        "hostname": "",
+        "client_version": "lidarscene",
         "beam_altitude_angles": np.degrees(scanner.elevation_rad.values).tolist(),
         "beam_azimuth_angles": (-np.degrees(scanner.azimuth_rad.values)).tolist(),
         "lidar_origin_to_beam_origin_mm": origin_mm,
@@ -144,15 +145,18 @@ def _metadata(sensor: Sensor, scanner: Spinning, profile: str) -> dict[str, Any]
         "lidar_to_sensor_transform": [cos, -sin, 0, 0, sin, cos, 0, 0, 0, 0, 1, float(up[0]), 0, 0, 0, 1],
         "imu_to_sensor_transform": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1],
         "data_format": {
-            "columns_per_frame": scanner.cycles, "columns_per_packet": COLUMNS_PER_PACKET,
-            "column_window": [0, scanner.cycles - 1], "pixels_per_column": rows,
+            "columns_per_frame": scanner.cycles,
+            "columns_per_packet": COLUMNS_PER_PACKET,
+            "column_window": [0, scanner.cycles - 1],
+            "pixels_per_column": rows,
             # Where pixels of one direction stand in a picture: as many columns on as the laser looks back.
-            "pixel_shift_by_row": np.rint(
-                -scanner.azimuth_rad.values / (2.0 * np.pi) * scanner.cycles
-            ).astype(int).tolist(),
-            "udp_profile_imu": "LEGACY", "udp_profile_lidar": profile,
+            "pixel_shift_by_row": np.rint(-scanner.azimuth_rad.values / (2.0 * np.pi) * scanner.cycles)
+            .astype(int)
+            .tolist(),
+            "udp_profile_imu": "LEGACY",
+            "udp_profile_lidar": profile,
         },
-    }  # fmt: skip
+    }
 
 
 def _beam_origin_mm(scanner: Spinning) -> float:

@@ -31,11 +31,7 @@ EMPTY = 0xFFFF
 """Of a block without lasers: the last four of a VLS-128 with two returns."""
 
 BLOCK = np.dtype(
-    [
-        ("bank", "<u2"),
-        ("azimuth", "<u2"),
-        ("points", [("distance", "<u2"), ("reflectivity", "u1")], POINTS),
-    ]
+    [("bank", "<u2"), ("azimuth", "<u2"), ("points", [("distance", "<u2"), ("reflectivity", "u1")], POINTS)]
 )
 PACKET = np.dtype([("blocks", BLOCK, BLOCKS), ("stamp", "<u4"), ("mode", "u1"), ("model", "u1")])
 
@@ -64,18 +60,34 @@ class Model:
 
 MODELS = (
     Model(
-        name="vlp-16", code=0x22, lasers=16, cycle_us=55.296, step_m=0.002, firings=(24, 12),
+        name="vlp-16",
+        code=0x22,
+        lasers=16,
+        cycle_us=55.296,
+        step_m=0.002,
+        firings=(24, 12),
         firing_us=tuple(2.304 * laser for laser in range(16)),
     ),
     Model(
-        name="hdl-32e", code=0x21, lasers=32, cycle_us=46.08, step_m=0.002, firings=(12, 6),
+        name="hdl-32e",
+        code=0x21,
+        lasers=32,
+        cycle_us=46.08,
+        step_m=0.002,
+        firings=(12, 6),
         firing_us=tuple(1.152 * laser for laser in range(32)),
     ),
     Model(
-        name="vls-128", code=0xA1, lasers=128, cycle_us=53.3, step_m=0.004, firings=(3, 1),
-        firing_us=tuple(2.665 * (laser // 8 + laser // 64) for laser in range(128)), stamp_us=6.46,
+        name="vls-128",
+        code=0xA1,
+        lasers=128,
+        cycle_us=53.3,
+        step_m=0.004,
+        firings=(3, 1),
+        firing_us=tuple(2.665 * (laser // 8 + laser // 64) for laser in range(128)),
+        stamp_us=6.46,
     ),
-)  # fmt: skip
+)
 
 
 class Velodyne:

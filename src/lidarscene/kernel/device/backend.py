@@ -140,9 +140,7 @@ def probe() -> BackendReport:
     cpu = "works" if kind == "llvm" else _refused.get("llvm_ad_mono") or llvm_problem() or "not tried"
     dr: Any = sys.modules.get("drjit")
     version = tuple(dr.detail.llvm_version()) if dr else ()
-    return BackendReport(
-        chosen, error, cuda, cpu, version if version > (0,) else (), tuple(llvm.candidates())
-    )
+    return BackendReport(chosen, error, cuda, cpu, version if version > (0,) else (), tuple(llvm.candidates()))
 
 
 def cuda_problem() -> str:
@@ -271,9 +269,7 @@ def _imported() -> Any:
         raise BackendError(f"Mitsuba cannot be imported ({error}); try: pip install mitsuba") from error
     # Mitsuba loads plugins, which are native code, from `plugins/` of each folder of its search path, and has the
     # current folder there. What lies beside a user's files must not run.
-    kept = [
-        str(folder) for folder in mi.file_resolver() if Path(str(folder)) not in (Path.cwd(), _folder(mi))
-    ]
+    kept = [str(folder) for folder in mi.file_resolver() if Path(str(folder)) not in (Path.cwd(), _folder(mi))]
     mi.set_file_resolver(_resolver(mi, kept))
     if mi.variant() is None:
         dr.set_log_level(dr.LogLevel.Error)

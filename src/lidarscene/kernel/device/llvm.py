@@ -25,9 +25,7 @@ PATH_VARIABLE = "DRJIT_LIBLLVM_PATH"  # Dr.Jit reads the path of the library fro
 WHEEL = "karellen-llvm-core"  # LLVM as a wheel, for Linux on x86_64
 PATIENCE_S = 120  # with a program that is asked: it takes 0.1 s, and far longer on a machine that is busy
 
-_NAME = re.compile(
-    r"libLLVM(-(?P<dashed>\d+(\.\d+)*))?(\.(?P<mac>\d+(\.\d+)*))?\.(so|dylib)(\.(?P<so>\d+(\.\d+)*))?"
-)
+_NAME = re.compile(r"libLLVM(-(?P<dashed>\d+(\.\d+)*))?(\.(?P<mac>\d+(\.\d+)*))?\.(so|dylib)(\.(?P<so>\d+(\.\d+)*))?")
 _FOLDER = re.compile(r"[/\\](llvm[-@]?|Cellar[/\\]llvm(@\d+)?[/\\])(?P<version>\d+(\.\d+)*)[/\\]")
 _ASK = """
 import ctypes, sys
@@ -205,12 +203,7 @@ def _in_system() -> Iterator[str]:
     else:
         yield from _in_linker_cache(machine)
         folders = [f"/usr/lib/{machine}-linux-gnu", "/usr/lib64", "/usr/lib", "/usr/local/lib"]
-        for pattern in (
-            "/usr/lib/llvm*/lib",
-            "/usr/lib64/llvm*/lib*",
-            "/usr/lib/llvm/*/lib64",
-            "/opt/llvm*/lib",
-        ):
+        for pattern in ("/usr/lib/llvm*/lib", "/usr/lib64/llvm*/lib*", "/usr/lib/llvm/*/lib64", "/opt/llvm*/lib"):
             folders += glob.glob(pattern)
     yield from _libraries_in(folders)
 
@@ -221,9 +214,7 @@ def _in_linker_cache(machine: str) -> Iterator[str]:
     import subprocess
 
     try:
-        cache = subprocess.run(
-            ["/sbin/ldconfig", "-p"], capture_output=True, text=True, timeout=PATIENCE_S
-        ).stdout
+        cache = subprocess.run(["/sbin/ldconfig", "-p"], capture_output=True, text=True, timeout=PATIENCE_S).stdout
     except (OSError, subprocess.TimeoutExpired):
         return
     for line in cache.splitlines():

@@ -98,9 +98,7 @@ class Replay:
         lanes = dr.width(arguments[0])
         lengths = (1, lanes, lanes * self._rays)
         if any(dr.width(one) not in lengths for one in arrays):
-            raise RuntimeError(
-                "an array of numbers that are all the same keeps the length it was recorded with"
-            )
+            raise RuntimeError("an array of numbers that are all the same keeps the length it was recorded with")
         return self._plan[0](arrays)
 
     def _prepared(self) -> Any:

@@ -63,9 +63,7 @@ class Verdict:
     renders: bool = True
 
 
-def verdict(
-    variant: str, other: str, *, render: Callable[[str, str], Columns | str] | None = None
-) -> Verdict:
+def verdict(variant: str, other: str, *, render: Callable[[str, str], Columns | str] | None = None) -> Verdict:
     """Whether frames by ``variant`` are those of ``other``, found now or once before.
 
     render  frame and variant in, the columns of its points out, or why there are none
@@ -128,9 +126,11 @@ def _rendered(frame: str, variant: str) -> Columns | str:
         try:
             done = subprocess.run(
                 [sys.executable, "-m", "lidarscene", "render", *options],
-                env=os.environ | {"LIDARSCENE_VARIANT": variant}, capture_output=True, text=True,
+                env=os.environ | {"LIDARSCENE_VARIANT": variant},
+                capture_output=True,
+                text=True,
                 timeout=PATIENCE_S,
-            )  # fmt: skip
+            )
         except subprocess.TimeoutExpired:
             return f"not done after {PATIENCE_S:g} s"
         if done.returncode != 0 or not path.exists():
@@ -138,8 +138,7 @@ def _rendered(frame: str, variant: str) -> Columns | str:
             return said[-1].removeprefix("lidarscene: error: ")
         with np.load(path, allow_pickle=False) as archive:
             return {
-                name: archive[name]
-                for name in ("time", "return_number", "range", "intensity", "true_range", "status")
+                name: archive[name] for name in ("time", "return_number", "range", "intensity", "true_range", "status")
             }
 
 
@@ -150,7 +149,12 @@ def _entry(variant: str, other: str) -> Path | None:
         return None
     driver = _DRIVER.read_text(encoding="utf-8", errors="replace") if _DRIVER.exists() else ""
     about: list[Any] = [
-        variant, other, __version__, metadata.version("mitsuba"), metadata.version("drjit"), driver,
+        variant,
+        other,
+        __version__,
+        metadata.version("mitsuba"),
+        metadata.version("drjit"),
+        driver,
         *(os.environ.get(name) for name in ("CUDA_VISIBLE_DEVICES", "DRJIT_LIBCUDA_PATH", "DRJIT_LIBLLVM_PATH")),
-    ]  # fmt: skip
+    ]
     return folder / f"{hashlib.sha256(json.dumps(about).encode()).hexdigest()}.json"

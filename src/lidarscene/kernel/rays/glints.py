@@ -48,21 +48,19 @@ def returned(moment: Moment, way: Way, met: Meeting, further: Way, active: Mask)
     # keep their precision at small angles; 1 - cos(delta) would lose it in single precision.
     aside = [2.0 * range_m * dr.dot(normal, mi.Vector3f(*axis)) for axis in aim.across]
     spot = [
-        2.0 * range_m
-        * receiver.spot_radius_rad(
-            exit_radius_m=aim.exit_radius_m, half_divergence_rad=slope, range_m=2.0 * range_m
-        )
+        2.0
+        * range_m
+        * receiver.spot_radius_rad(exit_radius_m=aim.exit_radius_m, half_divergence_rad=slope, range_m=2.0 * range_m)
         for slope in aim.slope
-    ]  # fmt: skip
+    ]
     # An ellipse about the aperture, as far as the spot reaches; outside of it the share is not worth asking for.
     ops = xp(range_m)
     aperture = ops.sqrt(aim.aperture_m2 * (1.0 / math.pi))
     reach = [off / (aperture + _WIDTHS * width) for off, width in zip(aside, spot, strict=True)]
     near = reach[0] * reach[0] + reach[1] * reach[1] < 1.0
     share = glint.share_on_aperture(
-        profile=aim.profile, aside_m=(aside[0], aside[1]), spot_radius_m=(spot[0], spot[1]),
-        aperture_radius_m=aperture,
-    )  # fmt: skip
+        profile=aim.profile, aside_m=(aside[0], aside[1]), spot_radius_m=(spot[0], spot[1]), aperture_radius_m=aperture
+    )
     # An echo's power goes with throughput^2, once there and once back. Here the panes before the surface are passed
     # twice and the surface reflects once: T (T R) = throughput^2 with throughput = sqrt(T * T R).
     through = ops.sqrt(mi.Float(way.throughput) * further.throughput)

@@ -161,9 +161,15 @@ class Moment:
         found = first.is_valid() if active is True else first.is_valid() & active
         seen, to_sun, shift, place = self._seen(ray, met)
         return Meeting(
-            found=found, t=first.t, surface=self._surface(first, seen, found), seen=seen, to_sun=to_sun, shift=shift,
-            place=place, moved=met >= 0,
-        )  # fmt: skip
+            found=found,
+            t=first.t,
+            surface=self._surface(first, seen, found),
+            seen=seen,
+            to_sun=to_sun,
+            shift=shift,
+            place=place,
+            moved=met >= 0,
+        )
 
     def _seen(self, ray: Ray, met: Array) -> tuple[Any, Any, Any, Placement | None]:
         """Return each ray in the frame of the mover that it met, the sun and the face's shift there, and that frame.
@@ -252,9 +258,7 @@ class Moment:
         surface.wi = surface.to_local(-seen.d)
         return surface
 
-    def _any(
-        self, ray: Ray, active: Mask, still: TracedScene | None, moving: Sequence[TracedScene | None]
-    ) -> Any:
+    def _any(self, ray: Ray, active: Mask, still: TracedScene | None, moving: Sequence[TracedScene | None]) -> Any:
         """Return whether each ray meets any surface of several Mitsuba scenes; `_nearest` says which these are."""
         import drjit as dr
 
@@ -265,9 +269,7 @@ class Moment:
             met = still.ray_test(ray, coherent=self.coherent, active=active)
         for group, near in self._near(ray, active & ~met, moving):
             transfer.apart(met)
-            _, met = dr.while_loop(
-                (near, met), _any_left, partial(self._blocking, ray, group), mode="symbolic"
-            )
+            _, met = dr.while_loop((near, met), _any_left, partial(self._blocking, ray, group), mode="symbolic")
         self._apart(met)
         return met
 
@@ -326,9 +328,7 @@ def _placement(numbers: Sequence[Array]) -> Placement:
     """Return the placement of these `_numbers`."""
     (x, y, z), rotation = numbers[:3], tuple(numbers[3:12])
     (vx, vy, vz), (wx, wy, wz) = numbers[12:15], numbers[15:]
-    return Placement(
-        origin_m=(x, y, z), rotation=rotation, velocity_m_s=(vx, vy, vz), turning_rad_s=(wx, wy, wz)
-    )
+    return Placement(origin_m=(x, y, z), rotation=rotation, velocity_m_s=(vx, vy, vz), turning_rad_s=(wx, wy, wz))
 
 
 def _shorter(ray: Ray, before: Lanes | None) -> Any:

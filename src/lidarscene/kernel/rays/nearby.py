@@ -54,10 +54,7 @@ def around(boxes: Sequence[Box]) -> Box:
     ops = xp(boxes[0].low[0])
     low, high = (
         tuple(functools.reduce(shrink, corner) for corner in zip(*corners, strict=True))
-        for corners, shrink in (
-            ([one.low for one in boxes], ops.minimum),
-            ([one.high for one in boxes], ops.maximum),
-        )
+        for corners, shrink in (([one.low for one in boxes], ops.minimum), ([one.high for one in boxes], ops.maximum))
     )
     dr.eval(low, high)
     return Box(low=low, high=high)
@@ -91,8 +88,7 @@ def passed(ray: Ray, groups: Sequence[Sequence[Box]], whole: Box, active: Mask) 
 
     def bits() -> tuple[Any, ...]:
         flags = [
-            [dr.select(passes(box), mi.UInt32(1 << number), 0) for number, box in enumerate(group)]
-            for group in groups
+            [dr.select(passes(box), mi.UInt32(1 << number), 0) for number, box in enumerate(group)] for group in groups
         ]
         return tuple(functools.reduce(operator.or_, group) for group in flags)
 

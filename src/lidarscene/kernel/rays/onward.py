@@ -69,9 +69,7 @@ def chosen(mask: Mask, here: Followed, elsewhere: Followed) -> Followed:
         return a if a is b else dr.select(mask, a, b)
 
     fields = [field.name for field in dataclasses.fields(here)]
-    return dataclasses.replace(
-        here, **{name: one(getattr(here, name), getattr(elsewhere, name)) for name in fields}
-    )
+    return dataclasses.replace(here, **{name: one(getattr(here, name), getattr(elsewhere, name)) for name in fields})
 
 
 def kind_of(moment: Moment, met: Meeting) -> Any:

@@ -37,9 +37,12 @@ def light_of(
     place, movers = placements
     equipment = transfer.opaque(sensor)
     rays = beams.fire(
-        equipment, pulse=transfer.counter(pulses.start, len(pulses)), origin_m=place.origin_m, rotation=place.rotation,
+        equipment,
+        pulse=transfer.counter(pulses.start, len(pulses)),
+        origin_m=place.origin_m,
+        rotation=place.rotation,
         seed=transfer.seed_word(seed),
-    )  # fmt: skip
+    )
     towards = transfer.opaque(tuple(float(x) for x in sun))
     air = transfer.opaque(ambient)
     firing = Firing(seed=transfer.seed_word(seed))

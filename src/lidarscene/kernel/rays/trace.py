@@ -85,10 +85,14 @@ def trace(
     firing = firing or Firing()
     moving = moving or world.rest
     moment = Moment(
-        world=world, sun=sun, coherent=True,
-        moving=moving, boxes=() if moving is None else boxes_of(moving.paths.boxes_m),
-        draws=Draws(seed=firing.seed, pulse=beams.pulse, ray=firing.ray), aim=firing.aim,
-    )  # fmt: skip
+        world=world,
+        sun=sun,
+        coherent=True,
+        moving=moving,
+        boxes=() if moving is None else boxes_of(moving.paths.boxes_m),
+        draws=Draws(seed=firing.seed, pulse=beams.pulse, ray=firing.ray),
+        aim=firing.aim,
+    )
     ray = mi.Ray3f(mi.Point3f(*beams.origin_m), mi.Vector3f(*beams.direction))
     first = Way(ray=ray, receding_m_s=_receding(firing.velocity_m_s, beams.direction))
     if world.speculars is None:
@@ -175,9 +179,7 @@ def _at_last_pane(moment: Moment, way: Way, met: Meeting, on: Mask) -> Meeting:
     return met if pane is None else chosen(pane.found, pane, met)
 
 
-def _a_step_on(
-    moment: Moment, way: Way, met: Meeting, pane: Meeting | None, on: Mask
-) -> tuple[Way, Meeting, Any]:
+def _a_step_on(moment: Moment, way: Way, met: Meeting, pane: Meeting | None, on: Mask) -> tuple[Way, Meeting, Any]:
     """Take one step where ``on`` holds: through a pane or gap, or off a mirror.
 
     Returns the path, what it meets next, and (n,) whether it has gone on.
@@ -205,11 +207,7 @@ def _a_step_on(
 
 
 def _ended(
-    moment: Moment,
-    way: Way,
-    met: Meeting,
-    sunshine: Callable[[Ray, Mask], tuple[Mask, Lanes]],
-    firing: Firing,
+    moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Ray, Mask], tuple[Mask, Lanes]], firing: Firing
 ) -> Hits:
     """Return the Hits at the end of a path.
 
@@ -306,13 +304,7 @@ def _let_through(world: World, met: Meeting, cos_sun: Array) -> tuple[Lanes, Any
 
 
 def _scattering(
-    mi: ModuleType,
-    dr: ModuleType,
-    world: World,
-    surface: Surface,
-    to_sun: DeviceVector,
-    found: Mask,
-    lit: Mask,
+    mi: ModuleType, dr: ModuleType, world: World, surface: Surface, to_sun: DeviceVector, found: Mask, lit: Mask
 ) -> tuple[Any, Any, Any]:
     """Return f_r cos(theta) back along the ray and towards the sun, 1/sr, and the diffuse reflectivity."""
     # Mitsuba's `eval` includes the cosine of the outgoing direction. Outgoing is `wi` itself in the first call: the

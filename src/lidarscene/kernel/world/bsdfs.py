@@ -83,9 +83,7 @@ def _rough_diffuse(values: dict[str, Any]) -> dict[str, Any]:
             f"material '{values.get('name', '')}': reflectivity must be <= {limit:.3g} with a facet_slope_deg of "
             f"{slope_deg:.3g}, got {values['reflectivity']:.3g}"
         )
-    return {
-        "type": ROUGH_PLUGIN, "reflectance": _spectrum(values["reflectivity"]), "slope_deg": slope_deg,
-    }  # fmt: skip
+    return {"type": ROUGH_PLUGIN, "reflectance": _spectrum(values["reflectivity"]), "slope_deg": slope_deg}
 
 
 def _coated(values: dict[str, Any]) -> dict[str, Any]:
@@ -121,9 +119,13 @@ def _base(values: dict[str, Any], white: Bsdf) -> float:
 
 def _roughplastic(values: Mapping[str, float], base: object) -> dict[str, object]:
     return {
-        "type": "roughplastic", "distribution": "ggx", "int_ior": float(values["coat_ior"]),
-        "alpha": float(values["coat_roughness"]), "nonlinear": False, "diffuse_reflectance": base,
-    }  # fmt: skip
+        "type": "roughplastic",
+        "distribution": "ggx",
+        "int_ior": float(values["coat_ior"]),
+        "alpha": float(values["coat_roughness"]),
+        "nonlinear": False,
+        "diffuse_reflectance": base,
+    }
 
 
 def diffuse_throughput(coat: Bsdf) -> float:
@@ -203,11 +205,7 @@ def retro_peak_per_sr(*, coefficient_cd_per_lx_m2: float, half_angle_deg: float)
 
     The lobe is Gaussian in alpha, and half as high at ``half_angle_deg``.
     """
-    return (
-        coefficient_cd_per_lx_m2
-        * 2.0 ** ((0.2 / half_angle_deg) ** 2)
-        / _STATED_ENTRANCE_COS**_ENTRANCE_EXPONENT
-    )
+    return coefficient_cd_per_lx_m2 * 2.0 ** ((0.2 / half_angle_deg) ** 2) / _STATED_ENTRANCE_COS**_ENTRANCE_EXPONENT
 
 
 @functools.cache
@@ -260,9 +258,7 @@ def _retroreflector_class() -> Any:
             diffuse = self.reflectivity * cos_o * dr.inv_pi
             return mi.Spectrum(dr.select(active & same_side, diffuse + retro, 0.0))
 
-        def sample(
-            self, ctx: object, si: Surface, sample1: Lanes, sample2: object, active: Mask = True
-        ) -> Any:
+        def sample(self, ctx: object, si: Surface, sample1: Lanes, sample2: object, active: Mask = True) -> Any:
             # Our tracer never samples it. Mitsuba's own integrators do, in tests: any density that covers the
             # hemisphere is right, and the cosine's is the simplest.
             wo = mi.warp.square_to_cosine_hemisphere(sample2)

@@ -178,9 +178,7 @@ def build_world(
         see_through=see_through,
         movers=tuple(movers),
         rest=_rest(movers, centre),
-        mover_shift=transfer.unsigned_numbers(np.array([one.face_shift for one in movers]))
-        if movers
-        else None,
+        mover_shift=transfer.unsigned_numbers(np.array([one.face_shift for one in movers])) if movers else None,
         centre_m=centre,
         body_class=mitsuba().Int32(class_numbers),
         body_names=tuple(body_names),
@@ -198,17 +196,15 @@ def _tell_of_stand_ins(shapes: Sequence[mitsuba_xml.FoundShape], path: Path) -> 
             OptionWarning(
                 "{0}: BSDFs that Mitsuba does not have are of the catalogue's materials, by their names: {1}; "
                 "base_materials can name others",
-                path, pairs,
+                path,
+                pairs,
             ),
             stacklevel=3,
-        )  # fmt: skip
+        )
 
 
 def _own_shapes(
-    bodies: Mapping[int, Body],
-    centre: Numbers,
-    resolved: dict[str, dict[str, object]],
-    bsdfs: dict[str, object],
+    bodies: Mapping[int, Body], centre: Numbers, resolved: dict[str, dict[str, object]], bsdfs: dict[str, object]
 ) -> list[PlacedShape]:
     """Return one mesh for each material and image, over all these bodies where they stand, and a shape for each exact
     sphere.
@@ -238,9 +234,7 @@ def _own_shapes(
     return shapes
 
 
-def _moving(
-    bodies: Sequence[Body], resolved: dict[str, dict[str, object]], bsdfs: dict[str, object]
-) -> list[_Moving]:
+def _moving(bodies: Sequence[Body], resolved: dict[str, dict[str, object]], bsdfs: dict[str, object]) -> list[_Moving]:
     """Group the bodies that move by their parts, and build the shapes of each group in the body's frame."""
     # By identity: the copies of one body of a scene file share their tuple of parts.
     sharing: dict[int, list[int]] = {}
@@ -258,11 +252,7 @@ def _moving(
 
 
 def _merged(
-    mi: ModuleType,
-    material: str,
-    pieces: Sequence[tuple[int, Numbers, Part]],
-    values: dict[str, object],
-    bsdf: object,
+    mi: ModuleType, material: str, pieces: Sequence[tuple[int, Numbers, Part]], values: dict[str, object], bsdf: object
 ) -> PlacedShape:
     # The vertices of all pieces one after the other; each piece's faces count from its own first vertex.
     counts = [len(vertices) for _, vertices, _ in pieces]
@@ -298,10 +288,12 @@ def _ball(
     values = resolved[ball.material]
     shape = mi.load_dict(
         {
-            "type": "sphere", "center": [float(c) for c in centre_m], "radius": float(ball.radius_m),
+            "type": "sphere",
+            "center": [float(c) for c in centre_m],
+            "radius": float(ball.radius_m),
             "bsdf": bsdf_dict(values),
         }
-    )  # fmt: skip
+    )
     return PlacedShape(shape, np.array([index], np.int32), ball.material, values)
 
 
@@ -328,12 +320,7 @@ def _mitsuba_scene(shapes: Sequence[PlacedShape]) -> Any:
 
 
 def _mover(
-    scene: TracedScene | None,
-    panes: TracedScene | None,
-    bodies: Sequence[Body],
-    *,
-    body: int,
-    face_shift: int,
+    scene: TracedScene | None, panes: TracedScene | None, bodies: Sequence[Body], *, body: int, face_shift: int
 ) -> Mover:
     own = bodies[body]
     box_m = box_of(own.parts)

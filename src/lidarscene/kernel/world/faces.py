@@ -102,9 +102,7 @@ class FaceTables:
             "face_material": mi.Int32(np.concatenate(self._material)),
             "material_names": tuple(self.material_names),
             "has_foreign": any(shape.reflectivity is None for shape, _ in self._first.values()),
-            "speculars": Speculars.of([_surface(shape) for shape, _ in self._first.values()])
-            if see_through
-            else None,
+            "speculars": Speculars.of([_surface(shape) for shape, _ in self._first.values()]) if see_through else None,
         }
 
     def _normals(self) -> Any:
@@ -120,9 +118,7 @@ class FaceTables:
         for shape, start in self._first.values():
             vertices, faces = shape.shape.vertex_positions_buffer(), shape.shape.faces_buffer()
             number = dr.arange(mi.UInt32, len(shape.face_body))
-            a, b, c = (
-                dr.gather(mi.Point3f, vertices, dr.gather(mi.UInt32, faces, 3 * number + i)) for i in range(3)
-            )
+            a, b, c = (dr.gather(mi.Point3f, vertices, dr.gather(mi.UInt32, faces, 3 * number + i)) for i in range(3))
             normal = dr.normalize(dr.cross(b - a, c - a))
             # The start is opaque, or each shape would compile a kernel of its own.
             dr.scatter(table, mi.Vector4f(*normal, 0.0), number + transfer.opaque_uint32(start))
@@ -139,12 +135,7 @@ def _surface(shape: PlacedShape) -> tuple[int, Any, Hashable, Any]:
     # Our materials are known by name. In a Mitsuba file one name may stand for several BSDFs: their registry number
     # is the identity.
     own = int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))[0])
-    return (
-        _registry_number(shape.shape),
-        bsdf,
-        own if shape.reflectivity is None else shape.material,
-        shape.absorbs,
-    )
+    return (_registry_number(shape.shape), bsdf, own if shape.reflectivity is None else shape.material, shape.absorbs)
 
 
 def _registry_number(shape: Shape) -> int:

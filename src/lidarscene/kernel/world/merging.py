@@ -30,8 +30,7 @@ def placed(shapes: Sequence[FoundShape], first_body: int) -> list[PlacedShape]:
     for number, one in enumerate(shapes):
         groups.setdefault(_key(one, varies[id(one.bsdf)]) or number, []).append(number)
     return [
-        _placed([shapes[i] for i in members], [first_body + i for i in members], key)
-        for key, members in groups.items()
+        _placed([shapes[i] for i in members], [first_body + i for i in members], key) for key, members in groups.items()
     ]
 
 
@@ -66,9 +65,13 @@ def _merged(shapes: Sequence[FoundShape], is_smooth: bool, has_image: bool) -> A
     props = mi.Properties()
     props["mesh_bsdf"] = shapes[0].bsdf
     mesh = mi.Mesh(
-        shapes[0].material, sum(counts), sum(one.faces for one in shapes), props=props,
-        has_vertex_normals=is_smooth, has_vertex_texcoords=has_image,
-    )  # fmt: skip
+        shapes[0].material,
+        sum(counts),
+        sum(one.faces for one in shapes),
+        props=props,
+        has_vertex_normals=is_smooth,
+        has_vertex_texcoords=has_image,
+    )
     parameters = mi.traverse(mesh)
     faces = [one.faces_buffer().numpy() + np.uint32(start) for one, start in zip(meshes, starts, strict=True)]
     parameters["faces"] = np.concatenate(faces)
@@ -103,10 +106,7 @@ def _varies(bsdf: Bsdf) -> bool:
     if mi.has_flag(bsdf.flags(), mi.BSDFFlags.Anisotropic):
         return True
     # Numbers of a mesh's vertices or faces do not count as varying for Mitsuba.
-    return any(
-        texture.is_spatially_varying() or texture.class_name() == "MeshAttribute"
-        for texture in _textures(bsdf)
-    )
+    return any(texture.is_spatially_varying() or texture.class_name() == "MeshAttribute" for texture in _textures(bsdf))
 
 
 def _textures(node: Any) -> list[Any]:

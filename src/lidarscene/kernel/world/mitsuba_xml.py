@@ -48,10 +48,7 @@ class FoundShape:
 
 
 def load_shapes(
-    path: Path,
-    replaced: Mapping[str, str],
-    materials: Mapping[str, dict[str, object]],
-    wavelength_m: float,
+    path: Path, replaced: Mapping[str, str], materials: Mapping[str, dict[str, object]], wavelength_m: float
 ) -> list[FoundShape]:
     """Return the shapes of a Mitsuba XML file, in its order.
 
@@ -64,9 +61,7 @@ def load_shapes(
     _insert_included(root, path.parent, [])
     parameters, known = _defaults(root), own_plugins()
     named = xml_bsdfs.replaced_by_name(root, path, replaced)
-    assumed = xml_bsdfs.stand_ins(
-        root, lambda kind: not kind or _filled_in(kind, parameters) in known, materials
-    )
+    assumed = xml_bsdfs.stand_ins(root, lambda kind: not kind or _filled_in(kind, parameters) in known, materials)
     _keep_to_mitsuba(root, path)
     xml_bsdfs.make_two_sided(root)
     used = dict(materials)
@@ -232,8 +227,6 @@ def _loaded(root: Element, path: Path) -> Any:
             return mi.load_string(ElementTree.tostring(root, encoding="unicode"), optimize=False)
     except Exception as error:
         # Mitsuba raises RuntimeError and others, with its own source line and our line numbers in front.
-        reason = re.sub(
-            r"^(\[\S+\]\s*|(At|While loading) string \([^)]*\):\s*)+", "", " ".join(str(error).split())
-        )
+        reason = re.sub(r"^(\[\S+\]\s*|(At|While loading) string \([^)]*\):\s*)+", "", " ".join(str(error).split()))
         hint = f"; {xml_bsdfs.HINT}, by its id" if "bsdf" in reason.lower() else ""
         raise InputError(f"{path}: not a Mitsuba scene: {reason}{hint}") from None

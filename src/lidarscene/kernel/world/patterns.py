@@ -35,9 +35,11 @@ def reflectivities(pattern: Pattern, values: Mapping[str, Any]) -> Numbers:
     if pattern.kind == "colour":
         # A part that is black all over has no mean to be scaled by, and stays black.
         found = reflectivity_by_colour(
-            red=pattern.values, mean_red=max(pattern.mean, 1e-6), reflectivity=values["reflectivity"],
+            red=pattern.values,
+            mean_red=max(pattern.mean, 1e-6),
+            reflectivity=values["reflectivity"],
             wavelength_m=values["wavelength_m"],
-        )  # fmt: skip
+        )
     limit = reflection.largest_reflectivity(math.radians(values.get("facet_slope_deg", 0.0)))
     return np.minimum(found, limit).astype(np.float32)
 

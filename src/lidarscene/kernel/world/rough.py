@@ -51,9 +51,7 @@ def _rough_diffuse_class() -> Any:
             )
             return mi.Spectrum(dr.select(active & (si.wi.z * wo.z > 0.0), per_sr * cos_o, 0.0))
 
-        def sample(
-            self, ctx: object, si: Surface, sample1: Lanes, sample2: object, active: Mask = True
-        ) -> Any:
+        def sample(self, ctx: object, si: Surface, sample1: Lanes, sample2: object, active: Mask = True) -> Any:
             # Our tracer never samples it. Mitsuba's own integrators do, in tests: the cosine covers the hemisphere.
             wo = mi.warp.square_to_cosine_hemisphere(sample2)
             wo.z = dr.mulsign(wo.z, si.wi.z)

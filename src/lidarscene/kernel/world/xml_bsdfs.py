@@ -19,22 +19,49 @@ from ...errors import InputError
 Element = ElementTree.Element
 
 STAND_INS = {
-    "asphalt": "asphalt", "tarmac": "asphalt", "road": "asphalt",
+    "asphalt": "asphalt",
+    "tarmac": "asphalt",
+    "road": "asphalt",
     "brick": "brick",
-    "plaster": "plaster_white", "stucco": "plaster_white", "ceiling": "plaster_white", "marble": "plaster_white",
-    "concrete": "concrete", "cement": "concrete", "stone": "concrete", "granite": "concrete",
-    "pavement": "concrete", "sidewalk": "concrete",
+    "plaster": "plaster_white",
+    "stucco": "plaster_white",
+    "ceiling": "plaster_white",
+    "marble": "plaster_white",
+    "concrete": "concrete",
+    "cement": "concrete",
+    "stone": "concrete",
+    "granite": "concrete",
+    "pavement": "concrete",
+    "sidewalk": "concrete",
     "glass": "clear_glass",
-    "chrome": "chrome", "paint": "car_paint_grey",
-    "metal": "galvanised_steel", "steel": "galvanised_steel", "iron": "galvanised_steel",
-    "aluminium": "brushed_aluminium", "aluminum": "brushed_aluminium",
-    "wood": "wood", "timber": "wood", "chipboard": "wood", "floorboard": "wood",
-    "tree": "tree_foliage", "foliage": "tree_foliage", "leaves": "tree_foliage", "vegetation": "tree_foliage",
-    "grass": "grass", "lawn": "grass",
-    "ground": "soil", "soil": "soil", "terrain": "soil", "earth": "soil", "dirt": "soil", "sand": "soil",
-    "rubber": "tyre_rubber", "plastic": "black_plastic",
-    "window": "clear_glass", "roof": "brick",
-}  # fmt: skip
+    "chrome": "chrome",
+    "paint": "car_paint_grey",
+    "metal": "galvanised_steel",
+    "steel": "galvanised_steel",
+    "iron": "galvanised_steel",
+    "aluminium": "brushed_aluminium",
+    "aluminum": "brushed_aluminium",
+    "wood": "wood",
+    "timber": "wood",
+    "chipboard": "wood",
+    "floorboard": "wood",
+    "tree": "tree_foliage",
+    "foliage": "tree_foliage",
+    "leaves": "tree_foliage",
+    "vegetation": "tree_foliage",
+    "grass": "grass",
+    "lawn": "grass",
+    "ground": "soil",
+    "soil": "soil",
+    "terrain": "soil",
+    "earth": "soil",
+    "dirt": "soil",
+    "sand": "soil",
+    "rubber": "tyre_rubber",
+    "plastic": "black_plastic",
+    "window": "clear_glass",
+    "roof": "brick",
+}
 """From a word in the name of an unknown BSDF to a material of the catalogue; the first word that fits counts.
 
 The materials of ITU-R P.2040-3, table 3, by which Sionna RT names its own, are among the words (all but `vacuum`).
@@ -44,16 +71,7 @@ Choices of ours: marble is as bright as white plaster, and sheet metal outdoors 
 HINT = "base_materials can name a material for it"
 
 ONE_SIDED = frozenset(
-    {
-        "diffuse",
-        "plastic",
-        "roughplastic",
-        "pplastic",
-        "conductor",
-        "roughconductor",
-        "measured",
-        "principled",
-    }
+    {"diffuse", "plastic", "roughplastic", "pplastic", "conductor", "roughconductor", "measured", "principled"}
 )
 """Mitsuba's opaque BSDFs that reflect nothing, or no diffuse light, from behind. `principled` may be of glass."""
 
@@ -77,9 +95,7 @@ def replaced_by_name(root: Element, path: Path, replaced: Mapping[str, str]) -> 
     return [(_emptied(by_id[identity], identity), material) for identity, material in replaced.items()]
 
 
-def stand_ins(
-    root: Element, is_known: Callable[[str], bool], own: Mapping[str, object]
-) -> list[tuple[Element, str]]:
+def stand_ins(root: Element, is_known: Callable[[str], bool], own: Mapping[str, object]) -> list[tuple[Element, str]]:
     """Empty the BSDFs that have a type which Mitsuba lacks, and return them with materials by their names.
 
     is_known  whether Mitsuba has a type
@@ -121,9 +137,7 @@ def make_two_sided(root: Element) -> None:
     """Put each one-sided BSDF into a `twosided` one, and give shapes without BSDF Mitsuba's default, two-sided."""
     known = {bsdf.get("id") for bsdf in root.iter("bsdf")}
     for shape in list(root.iter("shape")):
-        has_one = any(
-            child.tag == "bsdf" or (child.tag == "ref" and child.get("id") in known) for child in shape
-        )
+        has_one = any(child.tag == "bsdf" or (child.tag == "ref" and child.get("id") in known) for child in shape)
         if not has_one and shape.get("type") not in ("instance", "shapegroup"):
             ElementTree.SubElement(shape, "bsdf", type="diffuse")
     for holder in list(root.iter()):

@@ -78,13 +78,7 @@ class Pacer:
     """
 
     def __init__(
-        self,
-        send: Callable[[bytes], object],
-        clock: Clock,
-        *,
-        begin_s: float,
-        first_s: float,
-        slowness: float = 1.0,
+        self, send: Callable[[bytes], object], clock: Clock, *, begin_s: float, first_s: float, slowness: float = 1.0
     ) -> None:
         self._send, self._clock, self._slowness = send, clock, slowness
         self._begin_s, self._first_s = begin_s, first_s

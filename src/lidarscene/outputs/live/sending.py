@@ -122,9 +122,12 @@ def frames_of(
     for count in itertools.count() if frames is None else range(frames):
         turn, number = divmod(frame.number + count, most)
         asked = replace(
-            frame, number=number, seed=(frame.seed + turn) % 2**32, coordinates="sensor",
+            frame,
+            number=number,
+            seed=(frame.seed + turn) % 2**32,
+            coordinates="sensor",
             begin_s=frame.begin_s + turn * most * scanner.frame_s,
-        )  # fmt: skip
+        )
         gathering = Gathering(simulator.sensor, number)
         told = Observers(ambient=gathering.ambient if needs_ambient else None)
         try:
@@ -205,9 +208,7 @@ def _send(queue: _Queue, pacer: Pacer, clock: Clock, told: Callable[[str], objec
             late_s = pacer.late_s[-1] if pacer.late_s else 0.0
             if late_s > LATE_S and clock.now_s() - told_s >= TOLD_EVERY_S:
                 told_s = clock.now_s()
-                told(
-                    f"{late_s:.3g} s behind after {len(pacer.late_s)} frames, of which {pacer.late_frames} ended late"
-                )
+                told(f"{late_s:.3g} s behind after {len(pacer.late_s)} frames, of which {pacer.late_frames} ended late")
     except BaseException as error:
         queue.failed = error
         clock.stop()

@@ -62,12 +62,7 @@ def light_shot_variance_a2(
 
 
 def dark_shot_variance_a2(
-    *,
-    surface_dark_current_a: Lanes,
-    bulk_dark_current_a: Lanes,
-    gain: Lanes,
-    excess_noise: Lanes,
-    bandwidth_hz: Lanes,
+    *, surface_dark_current_a: Lanes, bulk_dark_current_a: Lanes, gain: Lanes, excess_noise: Lanes, bandwidth_hz: Lanes
 ) -> Lanes:
     """Variance of the shot noise of the dark currents, (16): surface (not multiplied) and bulk (multiplied)."""
     multiplied = surface_dark_current_a + bulk_dark_current_a * gain * gain * excess_noise
@@ -122,11 +117,7 @@ class Amplifier:
 
 def noise_without_echo_a(diode: Diode, amplifier: Amplifier, *, background_power_w: Lanes) -> Lanes:
     """sigma_APD(i(P_rs)), (18): (13) with (15)-(17) and without (14). Noise is white within the bandwidth."""
-    avalanche = {
-        "gain": diode.gain,
-        "excess_noise": diode.excess_noise,
-        "bandwidth_hz": amplifier.bandwidth_hz,
-    }
+    avalanche = {"gain": diode.gain, "excess_noise": diode.excess_noise, "bandwidth_hz": amplifier.bandwidth_hz}
     return total_noise_a(
         signal_variance_a2=0.0,
         background_variance_a2=light_shot_variance_a2(
@@ -184,9 +175,7 @@ def gain_of_equal_noise(
     return ops.exp(ops.log(ratio) / (2.0 + excess_noise_index))
 
 
-def best_gain(
-    *, multiplied_variance_a2: Lanes, unmultiplied_variance_a2: Lanes, excess_noise_index: Lanes
-) -> Lanes:
+def best_gain(*, multiplied_variance_a2: Lanes, unmultiplied_variance_a2: Lanes, excess_noise_index: Lanes) -> Lanes:
     """Gain of the best SNR, from d SNR / dM = 0: M^(2+x) = 2 c / (x (a + b)).
 
     multiplied_variance_a2    a + b: shot noise of background and bulk dark current at gain one

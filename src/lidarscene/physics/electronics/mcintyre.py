@@ -62,10 +62,14 @@ def log_probability(*, primary: Lanes, total: Lanes, gain: Lanes, ionisation_rat
     log_beta = math.log((1.0 - k) * (gain - 1.0) / gain) if gain > 1.0 else -math.inf
     created = np.where(m > n, (m - n) * log_beta, 0.0) if gain > 1.0 else np.where(m > n, log_beta, 0.0)
     value = (
-        np.log(n) - np.log(m)
-        + log_gamma(m + through + 1.0) - log_gamma(m - n + 1.0) - log_gamma(through + n + 1.0)
-        + (n + through) * math.log((1.0 + k * (gain - 1.0)) / gain) + created
-    )  # fmt: skip
+        np.log(n)
+        - np.log(m)
+        + log_gamma(m + through + 1.0)
+        - log_gamma(m - n + 1.0)
+        - log_gamma(through + n + 1.0)
+        + (n + through) * math.log((1.0 + k * (gain - 1.0)) / gain)
+        + created
+    )
     return np.where(possible, value, -np.inf)
 
 
@@ -141,9 +145,7 @@ def crossings_per_frequency(
     ops = xp(found.exponent)
     narrower = ops.sqrt(found.variance / ops.maximum(found.curvature, _TINY))
     over = (excess + primaries * gain) / ops.maximum(amplifier, 1e-3)
-    share = ops.where(
-        primaries > 1e-3, narrower * ops.exp(-found.exponent), ops.exp(-primaries - 0.5 * over * over)
-    )
+    share = ops.where(primaries > 1e-3, narrower * ops.exp(-found.exponent), ops.exp(-primaries - 0.5 * over * over))
     return ops.where(found.variance > 0.0, share, 0.0)
 
 
@@ -159,9 +161,7 @@ class _Saddle(NamedTuple):
 _TINY = 1e-30
 
 
-def _saddle_point(
-    excess: Lanes, primaries: Lanes, gain: Lanes, ionisation_ratio: Lanes, amplifier: Lanes
-) -> _Saddle:
+def _saddle_point(excess: Lanes, primaries: Lanes, gain: Lanes, ionisation_ratio: Lanes, amplifier: Lanes) -> _Saddle:
     """Where electrons and amplifier, tilted by exp(s x), have their mean at the level; `tail_probability`'s symbols."""
     ops = xp(excess, primaries, gain, ionisation_ratio, amplifier)
     k, b, q = ionisation_ratio, (1.0 - ionisation_ratio) * (gain - 1.0) / gain, (gain - 1.0) / gain
@@ -275,8 +275,9 @@ def tail_probability_exact(
     growth = math.exp(tilt * gain)
     transform = np.exp(
         primaries * growth * (np.fft.rfft(single) - weight)
-        - 0.5 * (amplifier * frequency) ** 2 - 1j * frequency * amplifier**2 * tilt
-    )  # fmt: skip
+        - 0.5 * (amplifier * frequency) ** 2
+        - 1j * frequency * amplifier**2 * tilt
+    )
     tilted = np.fft.irfft(transform, length)
     log_scale = primaries * (growth * weight - 1.0 - tilt * gain) + 0.5 * (amplifier * tilt) ** 2
     # Untilt, and sum what lies above; half of the count at the limit, as a continuous variable has it.

@@ -112,9 +112,7 @@ def highest_between(
     return _root(evaluate, uphill, low, high, 0.5 * (low + high), wanted)
 
 
-def lowest_between(
-    evaluate: Callable[[Lanes], Shape], low: Lanes, high: Lanes, *, wanted: Mask
-) -> tuple[Lanes, Shape]:
+def lowest_between(evaluate: Callable[[Lanes], Shape], low: Lanes, high: Lanes, *, wanted: Mask) -> tuple[Lanes, Shape]:
     """Valley of the waveform between two places, as `highest_between`: slope negative, then positive."""
 
     def downhill(shape: Shape) -> tuple[Lanes, Lanes]:
@@ -215,8 +213,12 @@ def _root(
 
     nothing = ops.full(guess, 0.0)
     start = _Bracket(
-        low=low, high=high, at=guess, moved=ops.where(wanted, 1.0, nothing), steps=ops.full(guess, 0),
+        low=low,
+        high=high,
+        at=guess,
+        moved=ops.where(wanted, 1.0, nothing),
+        steps=ops.full(guess, 0),
         shape=(nothing, nothing, nothing),
-    )  # fmt: skip
+    )
     done = ops.loop(start, active, step)
     return done.at, done.shape

@@ -79,13 +79,7 @@ def maximum_range_apd_m(
 
 
 def maximum_range_sipm_m(
-    plane: Plane,
-    receiver: Receiver,
-    *,
-    pulse_fwhm_s: Lanes,
-    pde: Lanes,
-    dead_time_s: Lanes,
-    as_printed: bool = False,
+    plane: Plane, receiver: Receiver, *, pulse_fwhm_s: Lanes, pde: Lanes, dead_time_s: Lanes, as_printed: bool = False
 ) -> Lanes:
     """Range at which the SiPM's SNR (28) falls to the threshold, (30). As printed it has a 1 / cos(theta_s)."""
     optics = _optics_term(plane, receiver, factor=0.5) / xp(dead_time_s).sqrt(dead_time_s)
@@ -102,6 +96,4 @@ def _optics_term(plane: Plane, receiver: Receiver, *, factor: float) -> Lanes:
     root = xp(plane.cos_sun, receiver.efficiency_sun).sqrt(
         receiver.photon_energy_j * receiver.efficiency_sun * plane.cos_sun
     )
-    return (
-        factor * plane.cos_incidence * plane.transmittance**1.5 * receiver.efficiency_laser / (math.pi * root)
-    )
+    return factor * plane.cos_incidence * plane.transmittance**1.5 * receiver.efficiency_laser / (math.pi * root)

@@ -34,9 +34,7 @@ def clipped(*, signal: Lanes, saturation: Lanes) -> Lanes:
     return xp(signal, saturation).minimum(signal, saturation)
 
 
-def clipped_waveform(
-    *, time_s: Lanes, signal: Lanes, saturation: Lanes, fwhm_s: Lanes, recovery_s: Lanes
-) -> Lanes:
+def clipped_waveform(*, time_s: Lanes, signal: Lanes, saturation: Lanes, fwhm_s: Lanes, recovery_s: Lanes) -> Lanes:
     """v(t) of a pulse of peak ``signal``, centred on zero; the pulse itself if its peak is below S."""
     ops = xp(time_s, signal, saturation)
     pulse = signal * gaussian_pulse(time_s=time_s, fwhm_s=fwhm_s)
@@ -79,9 +77,7 @@ def clipped_course(*, signal: Numbers, step_s: float, saturation: float, recover
     return found
 
 
-def width_at_level_s(
-    *, level: Lanes, signal: Lanes, saturation: Lanes, fwhm_s: Lanes, recovery_s: Lanes
-) -> Lanes:
+def width_at_level_s(*, level: Lanes, signal: Lanes, saturation: Lanes, fwhm_s: Lanes, recovery_s: Lanes) -> Lanes:
     """Time that v(t) spends above a level at or below S, between the comparator's two crossings; 0 if s < U.
 
     Below saturation it is 2 t(U), with t(U) = FWHM sqrt(ln(s / U) / (4 ln 2)). Above it is
@@ -90,9 +86,13 @@ def width_at_level_s(
     ops = xp(level, signal, saturation)
     rise = -leading_edge_time_s(level=level / signal, fwhm_s=fwhm_s)
     fall = held_until(
-        fall_s=rise, released_s=-leading_edge_time_s(level=saturation / signal, fwhm_s=fwhm_s),
-        level=level, signal=signal, saturation=saturation, recovery_s=recovery_s,
-    )  # fmt: skip
+        fall_s=rise,
+        released_s=-leading_edge_time_s(level=saturation / signal, fwhm_s=fwhm_s),
+        level=level,
+        signal=signal,
+        saturation=saturation,
+        recovery_s=recovery_s,
+    )
     return ops.where(signal > level, rise + fall, 0.0)
 
 
@@ -119,9 +119,7 @@ def drained(*, held: Lanes, since_s: Lanes, recovery_s: Lanes) -> Lanes:
     return held * ops.exp(-ops.maximum(since_s, 0.0) / ops.maximum(recovery_s, 1e-18))
 
 
-def overdrive_of_width(
-    *, width_s: Lanes, level: Lanes, saturation: Lanes, fwhm_s: Lanes, recovery_s: Lanes
-) -> Lanes:
+def overdrive_of_width(*, width_s: Lanes, level: Lanes, saturation: Lanes, fwhm_s: Lanes, recovery_s: Lanes) -> Lanes:
     """ln(s / U) of a pulse that stays above the level U for this time: `width_at_level_s` solved for the peak.
 
     The width grows with the peak, so there is one solution. Bisection finds it to 1e-7 of the upper bound, which
@@ -135,9 +133,12 @@ def overdrive_of_width(
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         width = width_at_level_s(
-            level=level, signal=level * ops.exp(ops.minimum(middle, LARGEST_OVERDRIVE)), saturation=saturation,
-            fwhm_s=fwhm_s, recovery_s=recovery_s,
-        )  # fmt: skip
+            level=level,
+            signal=level * ops.exp(ops.minimum(middle, LARGEST_OVERDRIVE)),
+            saturation=saturation,
+            fwhm_s=fwhm_s,
+            recovery_s=recovery_s,
+        )
         longer = width > width_s
         low, high = ops.where(longer, low, middle), ops.where(longer, middle, high)
     return 0.5 * (low + high)

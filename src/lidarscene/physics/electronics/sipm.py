@@ -20,9 +20,7 @@ from ...maths.arrays import Lanes, xp
 from ...maths.special import expm1, log1p, log_gamma
 
 
-def photon_detection_efficiency(
-    *, quantum_efficiency: Lanes, trigger_probability: Lanes, fill_factor: Lanes
-) -> Lanes:
+def photon_detection_efficiency(*, quantum_efficiency: Lanes, trigger_probability: Lanes, fill_factor: Lanes) -> Lanes:
     """PDE = quantum efficiency x trigger probability x fill factor, (21)."""
     return quantum_efficiency * trigger_probability * fill_factor
 
@@ -93,9 +91,8 @@ def snr_steady_state(
 ) -> Lanes:
     """SNR_SiPM as derived: (27) with busy cells in steady state and Poisson light on each cell."""
     busy = busy_share_steady_state(
-        photons=background_photons, pde=pde, cells=cells,
-        dark_count_rate_hz=dark_count_rate_hz, dead_time_s=dead_time_s,
-    )  # fmt: skip
+        photons=background_photons, pde=pde, cells=cells, dark_count_rate_hz=dark_count_rate_hz, dead_time_s=dead_time_s
+    )
     signal = cells * (1.0 - busy) * fired_share(photons=signal_photons, pde=pde, cells=cells)
     variance = busy_variance_steady_state(busy_share=busy, cells=cells)
     return signal / xp(variance).sqrt(variance)
@@ -112,9 +109,7 @@ def quiet_probability_published(*, photons: Lanes, pde: Lanes, cells: Lanes) -> 
     return xp(photons, pde).exp(-photons * pde / cells)
 
 
-def fired_joint_probability_published(
-    *, photons: Lanes, mean_photons: Lanes, pde: Lanes, cells: Lanes
-) -> Lanes:
+def fired_joint_probability_published(*, photons: Lanes, mean_photons: Lanes, pde: Lanes, cells: Lanes) -> Lanes:
     """Probability that k photons arrive and the cell fires, (S3). Its sum over k is (S4)."""
     arriving = photon_count_probability(photons=photons, mean_photons=mean_photons)
     return arriving * (1.0 - quiet_probability_published(photons=photons, pde=pde, cells=cells))
@@ -227,9 +222,7 @@ def firing_deviation(*, busy_share: Lanes, crosstalk: Lanes) -> Lanes:
     return ready * xp(succeeds).sqrt(1.0 - succeeds * succeeds) / (1.0 - succeeds * ready)
 
 
-def with_crosstalk(
-    *, photons: Lanes, pde: Lanes, cells: Lanes, ready_share: Lanes, crosstalk: Lanes
-) -> Lanes:
+def with_crosstalk(*, photons: Lanes, pde: Lanes, cells: Lanes, ready_share: Lanes, crosstalk: Lanes) -> Lanes:
     """Photons of a flash that would fire without crosstalk as many cells as these do with it, theory (T20c).
 
     ready_share  of all cells before the flash
@@ -247,13 +240,9 @@ def with_crosstalk(
     return (start - logarithm) * cells / pde
 
 
-def without_crosstalk(
-    *, photons: Lanes, pde: Lanes, cells: Lanes, ready_share: Lanes, crosstalk: Lanes
-) -> Lanes:
+def without_crosstalk(*, photons: Lanes, pde: Lanes, cells: Lanes, ready_share: Lanes, crosstalk: Lanes) -> Lanes:
     """`with_crosstalk` solved for the photons: Y = Y' - p f_0 (1 - exp(-Y'))."""
-    return (
-        photons - crosstalk * ready_share * fired_share(photons=photons, pde=pde, cells=cells) * cells / pde
-    )
+    return photons - crosstalk * ready_share * fired_share(photons=photons, pde=pde, cells=cells) * cells / pde
 
 
 def snr_approximate(*, signal_photons: Lanes, background_photons: Lanes, pde: Lanes) -> Lanes:

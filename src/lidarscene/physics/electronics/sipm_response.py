@@ -51,9 +51,7 @@ def captured_photons(*, photons: Lanes, pulse_fwhm_s: Lanes, dead_time_s: Lanes)
     return 2.0 * _ENERGY * inner * photons
 
 
-def peak_photons(
-    *, photons: Lanes, busy_share: Lanes, pulse_to_dead_time: Lanes, pde: Lanes, cells: Lanes
-) -> Lanes:
+def peak_photons(*, photons: Lanes, busy_share: Lanes, pulse_to_dead_time: Lanes, pde: Lanes, cells: Lanes) -> Lanes:
     """Photons of a flash that would fire as many free cells as the pulse adds to the busy cells at its peak.
 
     photons             of the pulse in the dead time around its peak, `captured_photons`
@@ -168,9 +166,14 @@ def busy_share_over_time(
 
 
 def busy_share_in_steps(
-    *, rate: Numbers, busy_share: Numbers, steps: int, crosstalk: float = 0.0, afterpulse: float = 0.0,
+    *,
+    rate: Numbers,
+    busy_share: Numbers,
+    steps: int,
+    crosstalk: float = 0.0,
+    afterpulse: float = 0.0,
     afterpulse_to_dead_time: float = 1.0,
-) -> Numbers:  # fmt: skip
+) -> Numbers:
     """Solve (B) for any light: the busy share at the end of each step, (n, times).
 
     rate        (n, times) firings of a ready cell by light beyond the background, per dead time

@@ -105,9 +105,7 @@ def noise_correlation(*, lag_s: Lanes, bandwidth_hz: Lanes) -> Lanes:
     return ops.exp((-2.0 * math.pi) * bandwidth_hz * ops.abs(lag_s))
 
 
-def crossing_level(
-    *, threshold: Lanes, noise: Lanes, kappa_1: Lanes, kappa_2: Lanes, deviate: Lanes
-) -> Lanes:
+def crossing_level(*, threshold: Lanes, noise: Lanes, kappa_1: Lanes, kappa_2: Lanes, deviate: Lanes) -> Lanes:
     """Signal level s at which s + z sigma(s) = U.
 
     threshold, noise  U and sigma_0, in signal units

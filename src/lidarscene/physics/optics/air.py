@@ -49,9 +49,7 @@ def kim_exponent(visibility_km: float) -> float:
     return 0.0
 
 
-def extinction_from_visibility_per_m(
-    *, visibility_m: float, wavelength_m: float, model: str = "kim"
-) -> float:
+def extinction_from_visibility_per_m(*, visibility_m: float, wavelength_m: float, model: str = "kim") -> float:
     """Extinction coefficient alpha = (3.912 / V) (lambda / 550 nm)^-q, per metre.
 
     model  exponent q: "kruse" or "kim" (equal above 6 km)

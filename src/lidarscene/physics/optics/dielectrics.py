@@ -73,9 +73,7 @@ def pane_transmittance(*, surface: Lanes, internal: Lanes) -> Lanes:
     return (1.0 - surface) * (1.0 - surface) * internal / (1.0 - surface * surface * internal * internal)
 
 
-def wet_reflectivity(
-    *, dry: float, index: float, internal: float = 1.0, internal_diffuse: float = 1.0
-) -> float:
+def wet_reflectivity(*, dry: float, index: float, internal: float = 1.0, internal_diffuse: float = 1.0) -> float:
     """Diffuse reflectivity at normal incidence of a rough surface of reflectivity ``dry`` under a film of water.
 
     (1 - R(0)) a b (1 - p) a_d / (1 - b p a_d^2), b the dry reflectivity: light that the surface scatters upwards is

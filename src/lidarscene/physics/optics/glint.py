@@ -16,20 +16,13 @@ import numpy as np
 from ...maths.arrays import Lanes, xp
 from .receiver import top_hat_in_circle
 
-_RINGS, _SPOKES = (
-    3,
-    8,
-)  # of places on the aperture: good to 6e-3 for the narrowest spots, to 1e-6 for wide ones
+_RINGS, _SPOKES = (3, 8)  # of places on the aperture: good to 6e-3 for the narrowest spots, to 1e-6 for wide ones
 _NARROWEST = 0.7
 """Least ratio of spot to aperture radius. Narrower spots count as this wide, which blurs the aperture's edge."""
 
 
 def share_on_aperture(
-    *,
-    profile: str,
-    aside_m: tuple[Lanes, Lanes],
-    spot_radius_m: tuple[Lanes, Lanes],
-    aperture_radius_m: Lanes,
+    *, profile: str, aside_m: tuple[Lanes, Lanes], spot_radius_m: tuple[Lanes, Lanes], aperture_radius_m: Lanes
 ) -> Lanes:
     r"""Share of a beam on a round aperture, from 0 to 1.
 
@@ -49,9 +42,7 @@ def share_on_aperture(
     (x, y), (w1, w2) = aside_m, (ops.maximum(radius, least) for radius in spot_radius_m)
     if profile == "top_hat":
         mean_radius, off = ops.sqrt(w1 * w2), ops.sqrt((x / w1) * (x / w1) + (y / w2) * (y / w2))
-        return top_hat_in_circle(
-            spot_radius=mean_radius, circle_radius=aperture_radius_m, distance=off * mean_radius
-        )
+        return top_hat_in_circle(spot_radius=mean_radius, circle_radius=aperture_radius_m, distance=off * mean_radius)
     mean: Lanes = 0.0
     for u, v, weight in _places():
         a, b = (x + u * aperture_radius_m) / w1, (y + v * aperture_radius_m) / w2

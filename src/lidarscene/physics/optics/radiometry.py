@@ -99,12 +99,7 @@ def field_of_view_solid_angle_sr(*, detector_radius_m: Lanes, focal_length_m: La
 
 
 def background_power_w(
-    *,
-    radiance_w_m2_sr: Lanes,
-    aperture_m2: Lanes,
-    field_of_view_sr: Lanes,
-    transmittance: Lanes,
-    efficiency: Lanes,
+    *, radiance_w_m2_sr: Lanes, aperture_m2: Lanes, field_of_view_sr: Lanes, transmittance: Lanes, efficiency: Lanes
 ) -> Lanes:
     """Power on the detector from an extended source of this radiance: (8) with L for E_sun rho cos(theta_s) / pi.
 
@@ -120,9 +115,7 @@ def field_of_view_area_m2(
 
     Small angles; the target is plane and larger than that.
     """
-    solid_angle = field_of_view_solid_angle_sr(
-        detector_radius_m=detector_radius_m, focal_length_m=focal_length_m
-    )
+    solid_angle = field_of_view_solid_angle_sr(detector_radius_m=detector_radius_m, focal_length_m=focal_length_m)
     return solid_angle * range_m * range_m / cos_incidence
 
 

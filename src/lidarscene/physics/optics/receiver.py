@@ -23,9 +23,7 @@ from ...maths.arrays import Lanes, xp
 from ...maths.special import expm1
 
 _BOUNDARY = 128  # points on half of a circle's boundary: good to 1e-8 for spots as narrow as `_NARROWEST`
-_NARROWEST = (
-    20.0  # largest sqrt(radius x distance) of a circle over the spot's radius; narrower spots are widened
-)
+_NARROWEST = 20.0  # largest sqrt(radius x distance) of a circle over the spot's radius; narrower spots are widened
 _RADII = 32  # circles that stand for the blur: 5e-4 for a top hat, 5e-5 for a Gaussian, usually far better
 
 
@@ -113,9 +111,7 @@ def point_share(*, off_axis_rad: Lanes, field_rad: Lanes, blur_rad: Lanes) -> La
     return top_hat_in_circle(spot_radius=blur_rad, circle_radius=field_rad, distance=off_axis_rad)
 
 
-def spot_share(
-    *, profile: str, spot_rad: Lanes, off_axis_rad: Lanes, field_rad: Lanes, blur_rad: Lanes
-) -> Lanes:
+def spot_share(*, profile: str, spot_rad: Lanes, off_axis_rad: Lanes, field_rad: Lanes, blur_rad: Lanes) -> Lanes:
     r"""Share of the spot's light that falls on the detector, in or out of focus.
 
     profile       "gaussian" (radius at 1/e^2) or "top_hat"
@@ -132,9 +128,7 @@ def spot_share(
     within = {"gaussian": gaussian_in_circle, "top_hat": top_hat_in_circle}[profile]
     spot = {"spot_radius": spot_rad, "distance": off_axis_rad}
     ops = xp(spot_rad, off_axis_rad, field_rad, blur_rad)
-    return ops.minimum(
-        ops.maximum(_smeared(lambda r: within(circle_radius=r, **spot), field_rad, blur_rad), 0.0), 1.0
-    )
+    return ops.minimum(ops.maximum(_smeared(lambda r: within(circle_radius=r, **spot), field_rad, blur_rad), 0.0), 1.0)
 
 
 def gaussian_share_on_axis(*, spot_rad: Lanes, field_rad: Lanes, blur_rad: Lanes) -> Lanes:

@@ -53,12 +53,7 @@ def sun_disc_radiance_w_m2_sr(*, sun_irradiance_w_m2: Lanes) -> Lanes:
 
 
 def sun_disc_power_w(
-    *,
-    sun_irradiance_w_m2: Lanes,
-    sun_angle_rad: Lanes,
-    field_rad: Lanes,
-    aperture_m2: Lanes,
-    efficiency: Lanes,
+    *, sun_irradiance_w_m2: Lanes, sun_angle_rad: Lanes, field_rad: Lanes, aperture_m2: Lanes, efficiency: Lanes
 ) -> Lanes:
     """Power of direct sunlight on the detector: radiance of the disc times the solid angle shared with the field of
     view.

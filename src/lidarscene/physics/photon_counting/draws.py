@@ -24,9 +24,7 @@ _TAIL = 5.0
 """Beyond this -ln(1 - x^2), which 0.3 % of the numbers exceed, the normal deviate has a polynomial of its own."""
 
 
-def binomial_count(
-    *, trials: Lanes, probability: Lanes, uniform: Lanes, log_none: Lanes | None = None
-) -> Lanes:
+def binomial_count(*, trials: Lanes, probability: Lanes, uniform: Lanes, log_none: Lanes | None = None) -> Lanes:
     """A whole number from a binomial distribution, (n,): by inversion if its mean is small, else by Cornish and Fisher.
 
     trials       number of trials, whole or not
@@ -83,14 +81,30 @@ def _deviate(uniform: Lanes) -> Lanes:
     w = -ops.log(ops.maximum(4.0 * uniform * (1.0 - uniform), 1e-12))
     centre = w - 2.5
     low: Lanes = 2.81022636e-08 + 0.0 * w
-    for c in (3.43273939e-07, -3.5233877e-06, -4.39150654e-06, 0.00021858087, -0.00125372503,
-              -0.00417768164, 0.246640727, 1.50140941):  # fmt: skip
+    for c in (
+        3.43273939e-07,
+        -3.5233877e-06,
+        -4.39150654e-06,
+        0.00021858087,
+        -0.00125372503,
+        -0.00417768164,
+        0.246640727,
+        1.50140941,
+    ):
         low = c + low * centre
 
     def tail() -> Lanes:
         high, beyond = -0.000200214257 + 0.0 * w, ops.sqrt(ops.maximum(w, _TAIL)) - 3.0
-        for c in (0.000100950558, 0.00134934322, -0.00367342844, 0.00573950773, -0.0076224613,
-                  0.00943887047, 1.00167406, 2.83297682):  # fmt: skip
+        for c in (
+            0.000100950558,
+            0.00134934322,
+            -0.00367342844,
+            0.00573950773,
+            -0.0076224613,
+            0.00943887047,
+            1.00167406,
+            2.83297682,
+        ):
             high = c + high * beyond
         return high
 

@@ -101,9 +101,7 @@ def _saddle(excess: Lanes, variance: Lanes, unit: Lanes) -> tuple[Lanes, Lanes, 
     return ops.where(near < 0.0, -root, root), theta, mean
 
 
-def false_peak_share(
-    *, threshold: Lanes, rate_hz: Lanes, variance: Lanes, sigma_s: Lanes, bin_s: Lanes
-) -> Lanes:
+def false_peak_share(*, threshold: Lanes, rate_hz: Lanes, variance: Lanes, sigma_s: Lanes, bin_s: Lanes) -> Lanes:
     """Probability that noise makes a peak above the threshold, for each bin (T97).
 
     A smooth noise passes the threshold upwards with Rice's rate, here with the density of (T96) at the threshold and
@@ -188,9 +186,7 @@ def bound_s(*, signal: Lanes, rate_hz: Lanes, sigma_s: float, bin_s: float) -> L
         # Bins that lie symmetrically about the echo; another place changes the sum by less than 1e-3 for fine bins.
         low, high = (k - 0.5) * bin_s / sigma_s, (k + 0.5) * bin_s / sigma_s
         share = 0.5 * (math.erf(high * math.sqrt(0.5)) - math.erf(low * math.sqrt(0.5)))
-        slope = (
-            (math.exp(-0.5 * low * low) - math.exp(-0.5 * high * high)) / math.sqrt(2.0 * math.pi) / sigma_s
-        )
+        slope = (math.exp(-0.5 * low * low) - math.exp(-0.5 * high * high)) / math.sqrt(2.0 * math.pi) / sigma_s
         expected = signal * share + rate_hz * bin_s
         information = information + (signal * slope) ** 2 / ops.maximum(expected, 1e-30)
     return 1.0 / ops.sqrt(information)

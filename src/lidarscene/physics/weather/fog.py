@@ -46,9 +46,7 @@ class Droplets:
         ratio = radius_m / self.mode_m
         b = self.alpha / self.gamma
         order = (self.alpha + 1.0) / self.gamma
-        scale = (
-            self.number_per_m3 / self.mode_m * self.gamma * math.exp(order * math.log(b) - math.lgamma(order))
-        )
+        scale = self.number_per_m3 / self.mode_m * self.gamma * math.exp(order * math.log(b) - math.lgamma(order))
         return np.asarray(scale * ratio**self.alpha * np.exp(-b * ratio**self.gamma))
 
     @property

@@ -29,17 +29,12 @@ SPHERES_UP_TO_M, FLAT_FROM_M = 0.5e-3, 1e-3
 """Diameters up to which drops are spheres, and from which they have no glory."""
 
 _SMALLEST_M = 0.1e-3  # smaller drops have its gain: they are 2 % of the backscatter of a drizzle
-_NODES, _OF_A_NODE = (
-    12,
-    16,
-)  # diameters of the table, and sizes between two over which the ripples are averaged
+_NODES, _OF_A_NODE = (12, 16)  # diameters of the table, and sizes between two over which the ripples are averaged
 _STEP = 0.001  # of the table of Bessel functions, which are read at the nearest step
 _PLACES = np.linspace(0.0, 40.0, 81)  # u; Bessel functions turn every pi
 
 
-def gain(
-    *, diameter_m: Numbers, wavelength_m: float, within_rad: Numbers, from_rad: Numbers | float = 0.0
-) -> Numbers:
+def gain(*, diameter_m: Numbers, wavelength_m: float, within_rad: Numbers, from_rad: Numbers | float = 0.0) -> Numbers:
     """Backscatter of a raindrop into a lens over that of its two faces, `precipitation.drop_backscatter_m2_sr`.
 
     diameter_m  D

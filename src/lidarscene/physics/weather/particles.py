@@ -182,9 +182,7 @@ class _Ranked:
         sigma, number = np.take_along_axis(sigma, order, axis=1), number[order]
         # A particle counts half as brighter than itself: what lies between two steps is then the mean of both.
         brighter = np.cumsum(number[:, ::-1], axis=1)[:, ::-1] - 0.5 * number
-        return cls(
-            sigma=sigma, brighter=brighter, fainter=np.cumsum(number * sigma, axis=1) - 0.5 * number * sigma
-        )
+        return cls(sigma=sigma, brighter=brighter, fainter=np.cumsum(number * sigma, axis=1) - 0.5 * number * sigma)
 
     @property
     def brightest(self) -> Numbers:
@@ -202,9 +200,7 @@ class _Ranked:
     def _read(self, values: Numbers, needed: Numbers, right: float | None) -> Numbers:
         if len(self.sigma) == 1:
             return np.asarray(np.interp(needed, self.sigma[0], values[0], right=right))
-        columns = [
-            np.interp(needed[:, i], self.sigma[i], values[i], right=right) for i in range(needed.shape[1])
-        ]
+        columns = [np.interp(needed[:, i], self.sigma[i], values[i], right=right) for i in range(needed.shape[1])]
         return np.stack(columns, axis=1)
 
 
@@ -233,9 +229,7 @@ def hits(tables: Strengths, *, seed: Lanes, pulse: Lanes, first_draw: int = 0) -
     mean_hits = MEAN_HITS[tables.count]
     for number in range(tables.count):
         draw = first_draw + 2 * number
-        words = [
-            random.words(seed=seed, stage=random.Stage.PARTICLES, pulse=pulse, draw=draw + i) for i in (0, 1)
-        ]
+        words = [random.words(seed=seed, stage=random.Stage.PARTICLES, pulse=pulse, draw=draw + i) for i in (0, 1)]
         expected = expected + random.exponential(words[0])
         level = (ops.log(expected) - _FIRST_LOG) / (math.log(mean_hits) - _FIRST_LOG)
         range_m = ops.exp(tables.log_range.at(level, random.open_uniform(words[1][0])))

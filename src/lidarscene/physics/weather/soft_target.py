@@ -63,9 +63,7 @@ def volume_response(
     return np.asarray((seen * lost * length) @ np.tile(0.5 * weights / _PANELS, _PANELS))
 
 
-def share_before_surface(
-    *, range_m: Lanes, surface_m: Lanes, extinction_per_m: Lanes, fwhm_s: Lanes
-) -> Lanes:
+def share_before_surface(*, range_m: Lanes, surface_m: Lanes, extinction_per_m: Lanes, fwhm_s: Lanes) -> Lanes:
     """Share of V(R) that is left if a surface at R_s ends the medium.
 
     Q((R - R_s - kappa sigma^2) / sigma), with sigma that of g in range and kappa = 2 alpha + 2 / R_s. Exact where

@@ -18,15 +18,11 @@ MODELS = {64: "pandar64"}
 def read_hesai(path: Path) -> Unit:
     """Read the table. Raises InputError."""
     with reading(path), path.open(newline="", encoding="utf-8-sig") as file:
-        rows = [
-            [cell.strip() for cell in row] for row in csv.reader(file) if any(cell.strip() for cell in row)
-        ]
+        rows = [[cell.strip() for cell in row] for row in csv.reader(file) if any(cell.strip() for cell in row)]
         header = [cell.lower() for cell in rows[0]] if rows else []
         wanted = {name: header.index(name) for name in ("elevation", "azimuth") if name in header}
         if len(wanted) < 2:
-            raise ValueError(
-                f"must have columns Elevation and Azimuth, got {', '.join(rows[0]) if rows else 'none'}"
-            )
+            raise ValueError(f"must have columns Elevation and Azimuth, got {', '.join(rows[0]) if rows else 'none'}")
         angles = []
         for number, row in enumerate(rows[1:], 2):
             try:
@@ -36,9 +32,10 @@ def read_hesai(path: Path) -> Unit:
         if not angles:
             raise ValueError("must have a line for each channel, got none")
     return Unit(
-        model=MODELS.get(len(angles), ""), name=path.stem,
+        model=MODELS.get(len(angles), ""),
+        name=path.stem,
         lists={
             "elevation_deg": tuple(elevation for elevation, _ in angles),
             "azimuth_offset_deg": tuple(-azimuth for _, azimuth in angles),
         },
-    )  # fmt: skip
+    )

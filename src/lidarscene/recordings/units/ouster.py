@@ -41,10 +41,7 @@ def read_ouster(path: Path, mode: str | None = None) -> Unit:
     """Read the metadata, in this mode of the firmware or the one that they name. Raises InputError."""
     with reading(path):
         found = dict(_leaves(json.loads(path.read_text(encoding="utf-8"))))
-    altitude, azimuth = (
-        _angles(path, found, "beam_altitude_angles"),
-        _angles(path, found, "beam_azimuth_angles"),
-    )
+    altitude, azimuth = (_angles(path, found, "beam_altitude_angles"), _angles(path, found, "beam_azimuth_angles"))
     if len(altitude) != len(azimuth):
         raise InputError(
             f"{path}: beam_azimuth_angles: must have {len(altitude)} entries, as beam_altitude_angles has, "
@@ -53,9 +50,7 @@ def read_ouster(path: Path, mode: str | None = None) -> Unit:
     chosen = mode or str(found.get("lidar_mode", ""))
     fitting = re.fullmatch(r"(?:MODE_)?(\d+)x(\d+)", chosen)
     if not fitting:
-        raise InputError(
-            f"{path}: lidar_mode: must be one of {', '.join(MODES)}, got '{chosen}'; --mode says another"
-        )
+        raise InputError(f"{path}: lidar_mode: must be one of {', '.join(MODES)}, got '{chosen}'; --mode says another")
     to_sensor, to_lidar = _transforms(path, found)
     before_mm, up_mm = to_lidar[0, 3], to_lidar[2, 3] + to_sensor[2, 3]
     product = str(found.get("prod_line") or found.get("lidar_model") or "OS")
@@ -74,13 +69,15 @@ def read_ouster(path: Path, mode: str | None = None) -> Unit:
         )
     return Unit(
         model=next((name for start, name in MODELS.items() if product.startswith(start)), ""),
-        name=f"{product} {found.get('prod_sn', '')}".strip(), lists=lists,
+        name=f"{product} {found.get('prod_sn', '')}".strip(),
+        lists=lists,
         scanner={
-            "rotation_hz": f"-{int(fitting[2])}", "columns_per_turn": str(int(fitting[1])),
+            "rotation_hz": f"-{int(fitting[2])}",
+            "columns_per_turn": str(int(fitting[1])),
             "start_azimuth_deg": repr(round(start_deg, 6)),
         },
         comments=tuple(comments),
-    )  # fmt: skip
+    )
 
 
 def _leaves(table: Any) -> Iterator[tuple[str, Any]]:

@@ -29,9 +29,7 @@ def read_velodyne(path: Path) -> Unit:
     with reading(path):
         lasers = sorted(_from_xml(path) if path.suffix.lower() == ".xml" else _from_yaml(path))
         if [one[0] for one in lasers] != list(range(len(lasers))) or not lasers:
-            raise ValueError(
-                f"must have lasers 0, 1, 2, ..., got {', '.join(str(one[0]) for one in lasers[:5])}, ..."
-            )
+            raise ValueError(f"must have lasers 0, 1, 2, ..., got {', '.join(str(one[0]) for one in lasers[:5])}, ...")
     return Unit(model=MODELS.get(len(lasers), ""), name=path.stem, lists=_lists(lasers))
 
 
@@ -62,9 +60,12 @@ def _from_yaml(path: Path) -> Iterator[Laser]:
         if missing:
             raise ValueError(f"laser {number}: must have {missing[0]}, got none")
         yield (
-            int(one["laser_id"]), float(one["vert_correction"]), float(one.get("rot_correction", 0.0)),
-            float(one.get("vert_offset_correction", 0.0)), float(one.get("horiz_offset_correction", 0.0)),
-        )  # fmt: skip
+            int(one["laser_id"]),
+            float(one["vert_correction"]),
+            float(one.get("rot_correction", 0.0)),
+            float(one.get("vert_offset_correction", 0.0)),
+            float(one.get("horiz_offset_correction", 0.0)),
+        )
 
 
 def _from_xml(path: Path) -> Iterator[Laser]:
@@ -77,9 +78,12 @@ def _from_xml(path: Path) -> Iterator[Laser]:
         if enabled and not (number < len(enabled) and enabled[number]):
             continue
         yield (
-            number, math.radians(values["vertCorrection_"]), math.radians(values["rotCorrection_"]),
-            0.01 * values["vertOffsetCorrection_"], 0.01 * values["horizOffsetCorrection_"],
-        )  # fmt: skip
+            number,
+            math.radians(values["vertCorrection_"]),
+            math.radians(values["rotCorrection_"]),
+            0.01 * values["vertOffsetCorrection_"],
+            0.01 * values["horizOffsetCorrection_"],
+        )
 
 
 _XML = ("id_", "rotCorrection_", "vertCorrection_", "vertOffsetCorrection_", "horizOffsetCorrection_")

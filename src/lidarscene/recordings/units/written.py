@@ -19,14 +19,7 @@ from .velodyne import read_velodyne
 PER_LINE = 8
 """Numbers of a list in one line."""
 
-KEPT = (
-    "rotation_hz",
-    "cycle_us",
-    "columns_per_turn",
-    "start_azimuth_deg",
-    "firing_time_us",
-    "encoder_step_deg",
-)
+KEPT = ("rotation_hz", "cycle_us", "columns_per_turn", "start_azimuth_deg", "firing_time_us", "encoder_step_deg")
 """Keys of `[scanner]` that the model has and a unit's description may not have."""
 
 
@@ -43,9 +36,7 @@ def unit_from(path: Path, mode: str | None = None) -> Unit:
         return read_velodyne(path)
     if suffix == ".csv":
         return read_hesai(path)
-    raise InputError(
-        f"{path}: must be json (Ouster), YAML or XML (Velodyne) or CSV (Hesai), got '{path.suffix}'"
-    )
+    raise InputError(f"{path}: must be json (Ouster), YAML or XML (Velodyne) or CSV (Hesai), got '{path.suffix}'")
 
 
 def write_unit(unit: Unit, source: Path, output: Path, *, like: str | None = None) -> str:
@@ -67,9 +58,7 @@ def write_unit(unit: Unit, source: Path, output: Path, *, like: str | None = Non
     if 'type = "spinning"' not in scanner:
         raise InputError(f"--like {model}: must be a sensor that spins")
     text, notes = _text(unit, source, model, parts)
-    sensor_from_tables(
-        tomllib.loads(text), where=str(source)
-    )  # what it is not, is told before anything is written
+    sensor_from_tables(tomllib.loads(text), where=str(source))  # what it is not, is told before anything is written
     put_text(output, text)
     return "\n".join(
         [f"wrote {output}: {unit.name}, {len(unit.lists['elevation_deg'])} beams, else as {model}", *notes]
@@ -98,9 +87,10 @@ def _text(unit: Unit, source: Path, model: str, parts: dict[str, str]) -> tuple[
     laser = re.sub(r"(?m)^repetition_rate_khz = .*\n", "", parts["laser"])
     # What is published is of the model, and is checked with the model's own beams.
     others = [
-        text for name, text in parts.items()
+        text
+        for name, text in parts.items()
         if name not in ("", "laser", "scanner", "sources") and not name.startswith("published")
-    ]  # fmt: skip
+    ]
     gone = r'(?m)^"?(scanner\b|laser\.repetition_rate_khz|published)[^\n]*\n'
     sources = re.sub(gone, "", parts.get("sources", "[sources]\n"))
     sources = sources.rstrip("\n") + f'\nscanner = "unit-specific: {_plain(source.name)}"\n'
@@ -135,8 +125,7 @@ def _scanner(unit: Unit, of_model: str) -> tuple[str, list[str]]:
 def _rows(values: Sequence[float]) -> str:
     starts = range(0, len(values), PER_LINE)
     return "".join(
-        f"    {', '.join(repr(float(one)) for one in values[first : first + PER_LINE])},\n"
-        for first in starts
+        f"    {', '.join(repr(float(one)) for one in values[first : first + PER_LINE])},\n" for first in starts
     )
 
 

@@ -50,9 +50,7 @@ def spare_names(name: str, count: int, taken: Iterable[str]) -> list[str]:
     return found
 
 
-def known(
-    bodies: Mapping[str, Body], name: str, why: str = "not in the scene", what: str = "its bodies"
-) -> Body:
+def known(bodies: Mapping[str, Body], name: str, why: str = "not in the scene", what: str = "its bodies") -> Body:
     """The body of this name. Raises InputError where there is none: why, and what there is."""
     if name in bodies:
         return bodies[name]

@@ -105,8 +105,7 @@ class LiveSimulator(Simulator):
         if free is None:
             count = len(self._pools[name]) - 1
             raise InputError(
-                f"body '{name}': no spare is left, all {count} are there; spares={{'{name}': {count + 1}}} "
-                "has one more"
+                f"body '{name}': no spare is left, all {count} are there; spares={{'{name}': {count + 1}}} has one more"
             )
         self._change({free: _course(f"'{name}'", pose, **motion)}, away={free: False})
         return free
@@ -181,9 +180,7 @@ class LiveSimulator(Simulator):
             why = f"cannot be placed, movable=['{name}'] lets it"
         known(able, name, why, "bodies that can be placed")
 
-    def _change(
-        self, motions: Mapping[str | None, Motion], *, away: Mapping[str, bool] | None = None
-    ) -> None:
+    def _change(self, motions: Mapping[str | None, Motion], *, away: Mapping[str, bool] | None = None) -> None:
         """Give bodies, and the ego vehicle (None), these motions; say which are there."""
         bodies, before = list(self.scene.bodies), self.scene.ego
         ego = motions.get(None, before)

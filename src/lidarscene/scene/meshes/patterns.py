@@ -38,9 +38,7 @@ class Pattern:
 
     def __post_init__(self) -> None:
         """Check shapes and freeze the arrays."""
-        object.__setattr__(
-            self, "values", frozen(self.values, np.float32, (None,) * (1 if self.uv is None else 2))
-        )
+        object.__setattr__(self, "values", frozen(self.values, np.float32, (None,) * (1 if self.uv is None else 2)))
         if self.uv is not None:
             object.__setattr__(self, "uv", frozen(self.uv, np.float32, (None, 2)))
 
@@ -67,18 +65,12 @@ def _reflectivities(geometry: Any) -> tuple[Numbers, bool] | None:
     raw = geometry.metadata.get("_ply_raw") or {}
     for element, count in (("vertex", len(geometry.vertices)), ("face", len(geometry.faces))):
         data = raw.get(element, {}).get("data")
-        names = (
-            data.keys()
-            if isinstance(data, dict)
-            else (getattr(data, "dtype", None) and data.dtype.names) or ()
-        )
+        names = data.keys() if isinstance(data, dict) else (getattr(data, "dtype", None) and data.dtype.names) or ()
         for name in NAMES:
             if name in names:
                 values = np.asarray(data[name], dtype=np.float64).reshape(-1)
                 if len(values) != count:
-                    raise InputError(
-                        f"property '{name}' of {len(values)} faces: all must be triangles, got {count}"
-                    )
+                    raise InputError(f"property '{name}' of {len(values)} faces: all must be triangles, got {count}")
                 return _checked(values, name), element == "face"
     for name in NAMES:
         attribute = getattr(geometry, "vertex_attributes", {}).get(f"_{name.upper()}")

@@ -179,6 +179,8 @@ def _grey(material: Any) -> float | None:
 def grey_material(name: str, grey: float) -> Material:
     """A mesh's own colour as a diffuse material: an estimate, since visible colour is not infrared reflectivity."""
     return Material(
-        name=name, bsdf="diffuse", reflectivity=Spectrum.constant(grey),
+        name=name,
+        bsdf="diffuse",
+        reflectivity=Spectrum.constant(grey),
         description="estimate: mean of the mesh file's base colour",
-    )  # fmt: skip
+    )

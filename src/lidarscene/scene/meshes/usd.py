@@ -64,9 +64,14 @@ class _Reader:
         self._up = str(pxr.UsdGeom.GetStageUpAxis(stage)).lower()
         self._metres = float(pxr.UsdGeom.GetStageMetersPerUnit(stage))
         self._kinds = {
-            "Mesh": self._mesh, "Cube": self._cube, "Plane": self._plane, "Sphere": self._sphere,
-            "Cylinder": self._round, "Cone": self._round, "Capsule": self._round,
-        }  # fmt: skip
+            "Mesh": self._mesh,
+            "Cube": self._cube,
+            "Plane": self._plane,
+            "Sphere": self._sphere,
+            "Cylinder": self._round,
+            "Cone": self._round,
+            "Capsule": self._round,
+        }
         if not pxr.UsdGeom.StageHasAuthoredMetersPerUnit(stage):
             warnings.warn(
                 OptionWarning(
@@ -87,9 +92,7 @@ class _Reader:
         frames = {root.GetParent().GetPath(): placed} if root.GetParent() else {}
         for prim in prims:
             if not prim.IsA(pxr.UsdGeom.Imageable):
-                frames[prim.GetPath()] = (
-                    frames.get(prim.GetParent().GetPath(), placed) if prim.GetParent() else placed
-                )
+                frames[prim.GetPath()] = frames.get(prim.GetParent().GetPath(), placed) if prim.GetParent() else placed
                 continue
             imageable = pxr.UsdGeom.Imageable(prim)
             # What hides is inherited by all below, and so is the purpose of most stages.
@@ -111,8 +114,7 @@ class _Reader:
 
     def _instances(self, instancer: Any, frame: Numbers) -> Iterator[SubMesh]:
         prototypes = [
-            instancer.GetPrim().GetStage().GetPrimAtPath(one)
-            for one in instancer.GetPrototypesRel().GetTargets()
+            instancer.GetPrim().GetStage().GetPrimAtPath(one) for one in instancer.GetPrototypesRel().GetTargets()
         ]
         numbers = instancer.GetProtoIndicesAttr().Get(self._time) or ()
         # With the prototype's own transform, its last; invisible points are masked.
@@ -172,9 +174,7 @@ class _Reader:
         counts = np.asarray(mesh.GetFaceVertexCountsAttr().Get(self._time) or (), dtype=np.int64)
         corners = np.asarray(mesh.GetFaceVertexIndicesAttr().Get(self._time) or (), dtype=np.int64)
         holes = mesh.GetHoleIndicesAttr().Get(self._time) or ()
-        if counts.sum() != len(corners) or (
-            len(corners) and not 0 <= corners.min() <= corners.max() < len(points)
-        ):
+        if counts.sum() != len(corners) or (len(corners) and not 0 <= corners.min() <= corners.max() < len(points)):
             raise InputError(f"{prim.GetPath()}: its faces do not fit its points")
         # A polygon of n corners is a fan of n - 2 triangles around its first.
         starts = np.cumsum(counts) - counts

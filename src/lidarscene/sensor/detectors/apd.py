@@ -35,17 +35,12 @@ class Apd:
     saturation_a: Annotated[
         Lanes | None,
         Quantity(
-            "ua",
-            ge=0.01,
-            le=1e6,
-            about="current at which the amplifier clips, after multiplication; never if left out",
+            "ua", ge=0.01, le=1e6, about="current at which the amplifier clips, after multiplication; never if left out"
         ),
     ] = None
     recovery_s: Annotated[
         Lanes | None,
-        Quantity(
-            "ns", ge=0.01, le=1e5, about="with saturation_ua: time constant with which a clipped pulse drains"
-        ),
+        Quantity("ns", ge=0.01, le=1e5, about="with saturation_ua: time constant with which a clipped pulse drains"),
     ] = None
 
     @property
@@ -64,13 +59,15 @@ class Apd:
     def unmultiplied_variance_a2(self, bandwidth_hz: Lanes) -> Lanes:
         """What of (18) the avalanche does not multiply: surface dark current, load and circuit."""
         surface = apd.dark_shot_variance_a2(
-            surface_dark_current_a=self.surface_dark_current_a, bulk_dark_current_a=0.0, gain=1.0,
-            excess_noise=1.0, bandwidth_hz=bandwidth_hz,
-        )  # fmt: skip
-        thermal = apd.thermal_variance_a2(
-            temperature_k=self.temperature_k, load_resistance_ohm=self.load_resistance_ohm,
+            surface_dark_current_a=self.surface_dark_current_a,
+            bulk_dark_current_a=0.0,
+            gain=1.0,
+            excess_noise=1.0,
             bandwidth_hz=bandwidth_hz,
-        )  # fmt: skip
+        )
+        thermal = apd.thermal_variance_a2(
+            temperature_k=self.temperature_k, load_resistance_ohm=self.load_resistance_ohm, bandwidth_hz=bandwidth_hz
+        )
         return surface + thermal + self.circuit_noise_a * self.circuit_noise_a
 
     def background_counts(self, *, background_power_w: Lanes, photon_energy_j: Lanes) -> tuple[Lanes, Lanes]:
@@ -85,9 +82,7 @@ class Apd:
     ) -> WorkingPoint:
         """Noise (18) and response (12) under this background; the pulse width plays no part."""
         excess = self.excess_noise
-        responsivity = apd.responsivity_a_w(
-            quantum_efficiency=self.quantum_efficiency, photon_energy_j=photon_energy_j
-        )
+        responsivity = apd.responsivity_a_w(quantum_efficiency=self.quantum_efficiency, photon_energy_j=photon_energy_j)
         avalanche = {"gain": self.gain, "excess_noise": excess, "bandwidth_hz": bandwidth_hz}
         primary = responsivity * background_power_w + self.bulk_dark_current_a
         multiplied = self.gain * primary * apd.shot_variance_per_ampere_a(**avalanche)

@@ -48,8 +48,7 @@ class Sipm:
         ),
     ] = None
     afterpulse_s: Annotated[
-        Lanes | None,
-        Quantity("ns", ge=0.01, le=1e5, about="with afterpulse: mean delay of afterpulses, exponential"),
+        Lanes | None, Quantity("ns", ge=0.01, le=1e5, about="with afterpulse: mean delay of afterpulses, exponential")
     ] = None
 
     @property
@@ -103,17 +102,26 @@ class Sipm:
         def crossings_hz(threshold: Lanes, _: Lanes) -> Lanes:
             busy = self.cells - free_cells
             return counting.upcrossings_hz(
-                least=least_count(threshold + busy), cells=self.cells, busy_share=busy / self.cells,
+                least=least_count(threshold + busy),
+                cells=self.cells,
+                busy_share=busy / self.cells,
                 dead_time_s=self.dead_time_s,
-            )  # fmt: skip
+            )
 
         return WorkingPoint(
-            noise=xp(variance).sqrt(variance), kappa_1=kappa_1, kappa_2=kappa_2, crossings_hz=crossings_hz,
-            least_threshold=self.cell_floor, signal=signal, power_w=power_w,
-            cells=self.cells if self.counting == "binomial" else None, busy=self.cells - free_cells,
+            noise=xp(variance).sqrt(variance),
+            kappa_1=kappa_1,
+            kappa_2=kappa_2,
+            crossings_hz=crossings_hz,
+            least_threshold=self.cell_floor,
+            signal=signal,
+            power_w=power_w,
+            cells=self.cells if self.counting == "binomial" else None,
+            busy=self.cells - free_cells,
             knee=sipm.MOST_TELLING_SHARE * free_cells,
-            largest=free_cells - 0.5, memory=memory,
-        )  # fmt: skip
+            largest=free_cells - 0.5,
+            memory=memory,
+        )
 
     def _refill(self, busy_share: Lanes) -> Lanes:
         """Rate per dead time at which the background takes back a change of the ready cells: x, more with crosstalk.
@@ -128,9 +136,7 @@ class Sipm:
         """Photons that can be busy cells at the peak over those that (24) counts, half a pulse's."""
         if self.statistics != "time_domain":
             return 1.0
-        return sipm_response.captured_photons(
-            photons=1.0, pulse_fwhm_s=pulse_fwhm_s, dead_time_s=self.dead_time_s
-        )
+        return sipm_response.captured_photons(photons=1.0, pulse_fwhm_s=pulse_fwhm_s, dead_time_s=self.dead_time_s)
 
     def _in_time(
         self, busy_share: Lanes, pulse_fwhm_s: Lanes
@@ -138,11 +144,7 @@ class Sipm:
         """From photons of (24) to those that count at the peak, and back: with crosstalk, then in time."""
         crosstalk = self.crosstalk
         cells, refill = {"pde": self.pde, "cells": self.cells}, self._refill(busy_share)
-        state = {
-            "busy_share": refill / (1.0 + refill),
-            "pulse_to_dead_time": pulse_fwhm_s / self.dead_time_s,
-            **cells,
-        }
+        state = {"busy_share": refill / (1.0 + refill), "pulse_to_dead_time": pulse_fwhm_s / self.dead_time_s, **cells}
         in_time, captured = self.statistics == "time_domain", self.captured(pulse_fwhm_s)
 
         def at_peak(photons: Lanes) -> Lanes:
@@ -204,11 +206,12 @@ class Sipm:
                 firings=photons * self.pde / self.cells + self.dark_count_rate_hz * self.dead_time_s,
                 crosstalk=0.0 if self.crosstalk is None else self.crosstalk,
                 afterpulse=0.0 if self.afterpulse is None else self.afterpulse,
-                afterpulse_to_dead_time=1.0
-                if self.afterpulse_s is None
-                else self.afterpulse_s / self.dead_time_s,
+                afterpulse_to_dead_time=1.0 if self.afterpulse_s is None else self.afterpulse_s / self.dead_time_s,
             )
         return sipm.busy_share_steady_state(
-            photons=photons, pde=self.pde, cells=self.cells,
-            dark_count_rate_hz=self.dark_count_rate_hz, dead_time_s=self.dead_time_s,
-        )  # fmt: skip
+            photons=photons,
+            pde=self.pde,
+            cells=self.cells,
+            dark_count_rate_hz=self.dark_count_rate_hz,
+            dead_time_s=self.dead_time_s,
+        )

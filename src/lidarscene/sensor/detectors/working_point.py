@@ -173,9 +173,12 @@ class WorkingPoint:
             overdrive = saturation.overdrive_of_symmetric_width(width_s=width_s, fwhm_s=pulse_fwhm_s)
         else:
             overdrive = saturation.overdrive_of_width(
-                width_s=width_s, level=threshold, saturation=self.saturation, fwhm_s=pulse_fwhm_s,
+                width_s=width_s,
+                level=threshold,
+                saturation=self.saturation,
+                fwhm_s=pulse_fwhm_s,
                 recovery_s=self.recovery_s,
-            )  # fmt: skip
+            )
         ops = xp(overdrive)
         return self.power_w(threshold) * ops.exp(ops.minimum(overdrive, saturation.LARGEST_OVERDRIVE))
 

@@ -21,9 +21,7 @@ SHORTEST_DEAD_TIME = 1.0
 """Of a SPAD, in FWHM of the pulse: it counts an echo but once."""
 
 _TEMPLATE_REACH = 3.0  # of the template to either side, in sigmas of the pulse
-_SEARCH_REACH = (
-    1.25  # of the search for the filter's peak: its place scatters by a third of that at an SNR of 5
-)
+_SEARCH_REACH = 1.25  # of the search for the filter's peak: its place scatters by a third of that at an SNR of 5
 
 
 class SpadFile(Table[Spad]):
@@ -61,8 +59,7 @@ class HistogramFile(
         default=None, description="of the histogram, after each pulse; the pulse period if left out"
     )
     ambient_window_us: Annotated[float, Number("us", ge=1e-3, le=1e6)] | None = Field(
-        default=None,
-        description="time of each shot in which the background is counted; the window if left out",
+        default=None, description="time of each shot in which the background is counted; the window if left out"
     )
     blanking_ns: Annotated[float, Number("ns", ge=0, le=1e6, finest=1e-3)] = Field(
         default=0.0, description="after each pulse, in which nothing is counted: the shortest range"
@@ -128,9 +125,12 @@ class HistogramFile(
                 f"got {1e9 * float(spad.dead_time_s):g}"
             )
         return self.in_si(
-            shots=float(self.summed(dwell_us)), period_s=si(period_us, "us"), reach=reach, search=search,
+            shots=float(self.summed(dwell_us)),
+            period_s=si(period_us, "us"),
+            reach=reach,
+            search=search,
             neighbours=float(self.lone_photons) > 0.0,
-        )  # fmt: skip
+        )
 
     def converter(self, dwell_us: float) -> Tdc:
         """The peak finder as a converter: one comparison for each bin, and the threshold of the histogram."""
@@ -142,9 +142,14 @@ class HistogramFile(
         if window_us > most * (1.0 + 1e-9):
             raise InputError(f"histogram.window_us: must be <= {most:g}, the pulse period, got {window_us:g}")
         values: dict[str, Any] = {
-            "window_s": si(window_us, "us"), "bandwidth_hz": 1.0 / si(float(self.bin_ns), "ns"),
-            "least_significant_bit_s": si(self.lsb_ps, "ps"), "stops": self.stops, "keep": self.keep,
-            "blanking_s": si(self.blanking_ns, "ns"), "dead_time_s": si(self.separation_ns, "ns"),
-            "walk": "none", "ambient_window_s": si(self.ambient_window_us, "us"),
-        }  # fmt: skip
+            "window_s": si(window_us, "us"),
+            "bandwidth_hz": 1.0 / si(float(self.bin_ns), "ns"),
+            "least_significant_bit_s": si(self.lsb_ps, "ps"),
+            "stops": self.stops,
+            "keep": self.keep,
+            "blanking_s": si(self.blanking_ns, "ns"),
+            "dead_time_s": si(self.separation_ns, "ns"),
+            "walk": "none",
+            "ambient_window_s": si(self.ambient_window_us, "us"),
+        }
         return Tdc(**values)

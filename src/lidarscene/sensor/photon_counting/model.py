@@ -84,22 +84,16 @@ class Histogram:
     bin_s: Annotated[Lanes, Quantity("ns", ge=1e-3, le=1e4)]
     threshold_floor: Annotated[Lanes, Quantity(ge=0, le=1e7, about="photons, without background")]
     threshold_slope: Annotated[
-        Lanes,
-        Quantity(ge=0, le=1e4, about="photons for the square root of the background counts of all shots"),
+        Lanes, Quantity(ge=0, le=1e4, about="photons for the square root of the background counts of all shots")
     ]
     threshold_spread: Annotated[
         Lanes | None,
         Quantity(
-            ge=1e-3,
-            le=1e6,
-            about="photons, standard deviation of the threshold from point to point; sharp if left out",
+            ge=1e-3, le=1e6, about="photons, standard deviation of the threshold from point to point; sharp if left out"
         ),
     ] = None
     lone_photons: Annotated[
-        Lanes,
-        Quantity(
-            ge=0, le=1e7, about="above the threshold, for noise: a peak that no neighbouring point shares"
-        ),
+        Lanes, Quantity(ge=0, le=1e7, about="above the threshold, for noise: a peak that no neighbouring point shares")
     ] = 0.0
     estimator: Annotated[Literal["matched_filter", "centroid"], Key()] = "matched_filter"
     coates: Annotated[bool, Key(about="whether counts are corrected for pile-up before the filter")] = False
@@ -150,9 +144,15 @@ class Macropixel:
 
     @classmethod
     def under(
-        cls, background_power_w: Lanes, spad: Spad, histogram: Histogram, *,
-        photon_energy_j: Lanes, pulse_fwhm_s: Lanes, armed_s: Lanes = 0.0,
-    ) -> Macropixel:  # fmt: skip
+        cls,
+        background_power_w: Lanes,
+        spad: Spad,
+        histogram: Histogram,
+        *,
+        photon_energy_j: Lanes,
+        pulse_fwhm_s: Lanes,
+        armed_s: Lanes = 0.0,
+    ) -> Macropixel:
         """Under this background.
 
         armed_s  time since the SPADs were armed, which matters with ``stamps = "first"``
@@ -161,18 +161,22 @@ class Macropixel:
         bin_s, jitter = histogram.bin_s, spad.jitter_s
         variance = sigma * sigma + jitter * jitter + bin_s * bin_s / 12.0
         per_watt = spad.pde / (photon_energy_j * spad.spads)
-        rate = xp(background_power_w).maximum(
-            background_power_w * per_watt + spad.dark_count_rate_hz, _LEAST_RATE_HZ
-        )
+        rate = xp(background_power_w).maximum(background_power_w * per_watt + spad.dark_count_rate_hz, _LEAST_RATE_HZ)
         if spad.stamps == "first":
             free = dead_time.free_share_of_first(rate_hz=rate, time_s=armed_s)
         else:
             free = dead_time.free_share(rate_hz=rate, dead_time_s=spad.dead_time_s)
         return cls(
-            spad=spad, histogram=histogram, fwhm_s=pulse_fwhm_s, sigma_s=xp(variance).sqrt(variance),
-            per_watt=per_watt, rate_hz=rate, free=free, armed_s=armed_s,
+            spad=spad,
+            histogram=histogram,
+            fwhm_s=pulse_fwhm_s,
+            sigma_s=xp(variance).sqrt(variance),
+            per_watt=per_watt,
+            rate_hz=rate,
+            free=free,
+            armed_s=armed_s,
             trials=histogram.shots * (spad.spads if spad.coincidence == 1 else 1.0),
-        )  # fmt: skip
+        )
 
     @property
     def corrected(self) -> bool:
@@ -268,9 +272,7 @@ class Macropixel:
             return ops.where(above, low, middle), ops.where(above, middle, high), left - 1.0
 
         low, high, _ = ops.loop(
-            (nothing - 20.0, nothing + 9.0, nothing + float(_INVERSIONS)),
-            lambda state: state[2] > 0.5,
-            halved,
+            (nothing - 20.0, nothing + 9.0, nothing + float(_INVERSIONS)), lambda state: state[2] > 0.5, halved
         )
         return ops.exp(0.5 * (low + high)) / unit
 

@@ -37,9 +37,7 @@ def read(paths: Sequence[Path]) -> list[Observation]:
 
 def observations(names: Sequence[str], clouds: Sequence[PointCloud]) -> list[Observation]:
     """Observations from clouds in memory; equal names get a number."""
-    own = [
-        f"{name} ({names[:i].count(name) + 1})" if name in names[:i] else name for i, name in enumerate(names)
-    ]
+    own = [f"{name} ({names[:i].count(name) + 1})" if name in names[:i] else name for i, name in enumerate(names)]
     named = _same_names(clouds)
     pulses = _numbered(named)
     if not all(_shared(pulses[0], other) for other in pulses[1:]):
@@ -48,10 +46,7 @@ def observations(names: Sequence[str], clouds: Sequence[PointCloud]) -> list[Obs
         Observation(name=name, cloud=cloud, pulse=pulse, lost={})
         for name, cloud, pulse in zip(own, named, pulses, strict=True)
     ]
-    return [
-        replace(one, surfaces=surfaces)
-        for one, surfaces in zip(matched, found_by_any(matched), strict=True)
-    ]  # fmt: skip
+    return [replace(one, surfaces=surfaces) for one, surfaces in zip(matched, found_by_any(matched), strict=True)]
 
 
 def found_by_any(everything: Sequence[Observation]) -> list[Surfaces]:
@@ -118,8 +113,7 @@ def _same_names(clouds: Sequence[PointCloud]) -> list[PointCloud]:
     if all(getattr(cloud, key) == getattr(clouds[0], key) for cloud in clouds for key in _NAMES.values()):
         return list(clouds)
     tables = {
-        key: tuple(dict.fromkeys(name for cloud in clouds for name in getattr(cloud, key)))
-        for key in _NAMES.values()
+        key: tuple(dict.fromkeys(name for cloud in clouds for name in getattr(cloud, key))) for key in _NAMES.values()
     }
     made = []
     for cloud in clouds:

@@ -70,9 +70,7 @@ class Observation:
     @property
     def is_echo(self) -> Numbers:
         """(n,) whether each point is an echo of a surface."""
-        return np.asarray(
-            (self.cloud.status == Status.ECHO) & np.isfinite(truth_of(self.cloud, "true_range_m"))
-        )
+        return np.asarray((self.cloud.status == Status.ECHO) & np.isfinite(truth_of(self.cloud, "true_range_m")))
 
     @property
     def alarms(self) -> int:
@@ -133,9 +131,7 @@ def groupings(everything: Sequence[Observation]) -> tuple[Grouping, ...]:
     )
 
 
-def _bins(
-    key: str, attribute: str, unit: str, edges: Numbers, told: Sequence[float] | None = None
-) -> Grouping:
+def _bins(key: str, attribute: str, unit: str, edges: Numbers, told: Sequence[float] | None = None) -> Grouping:
     shown = edges if told is None else told
     labels = tuple(f"{a:g} to {b:g}" for a, b in itertools.pairwise(shown))
     return Grouping(key=key, attribute=attribute, unit=unit, labels=labels, edges=np.asarray(edges))

@@ -25,25 +25,9 @@ from .run import Sweep
 Figure = tuple[str, Callable[[Path], None], tuple[Sequence[str], Any], str]
 """File name without suffix, drawing to a path, CSV header and rows, explanation."""
 
-RATE_HEADER = (
-    "sensor",
-    "group",
-    "low",
-    "high",
-    "surfaces",
-    "found",
-    "rate",
-    "rate_low",
-    "rate_high",
-    "expected",
-)
+RATE_HEADER = ("sensor", "group", "low", "high", "surfaces", "found", "rate", "rate_low", "rate_high", "expected")
 ERROR_HEADER = ("sensor", "group", "points", "bias_m", "bias_interval_m", "sigma_m", "sigma_interval_m")
-_WORDS = {
-    "range": "true range",
-    "incidence": "angle of incidence",
-    "reflectivity": "reflectivity",
-    "class": "class",
-}
+_WORDS = {"range": "true range", "incidence": "angle of incidence", "reflectivity": "reflectivity", "class": "class"}
 _SHOWN_SNR = 12_000  # rows of the scatter plot's table
 _MOST_CLASSES = 30
 
@@ -59,16 +43,7 @@ def rate_rows(everything: Sequence[Observation], grouping: Grouping) -> list[tup
                     ends = tuple(float(end) for end in grouping.labels[number].split(" to "))
                 expected = "" if each.expected is None else each.expected
                 rows.append(
-                    (
-                        one.name,
-                        each.group,
-                        *ends,
-                        each.surfaces,
-                        each.found,
-                        each.rate,
-                        *each.interval,
-                        expected,
-                    )
+                    (one.name, each.group, *ends, each.surfaces, each.found, each.rate, *each.interval, expected)
                 )
     return rows
 
@@ -77,9 +52,7 @@ def rate(everything: Sequence[Observation], grouping: Grouping, of: str) -> Figu
     """Detection rate over the bins of a truth column."""
     series = []
     for one in everything:
-        full = [
-            (x, r) for x, r in zip(grouping.middles, rates(one.counted, grouping), strict=True) if r.surfaces
-        ]
+        full = [(x, r) for x, r in zip(grouping.middles, rates(one.counted, grouping), strict=True) if r.surfaces]
         series.append(_series(one.name, [x for x, _ in full], [r for _, r in full]))
     what = _WORDS[grouping.key]
     unit = f" [{grouping.unit}]" if grouping.unit else ""
@@ -90,9 +63,13 @@ def rate(everything: Sequence[Observation], grouping: Grouping, of: str) -> Figu
     )
     lowest = min((float(one.low.min()) for one in series if len(one.low)), default=0.0)
     draw = partial(
-        intervals.save_series, series=series, x_label=f"{what}{unit}", y_label="found [%]",
-        y_limits=(10.0 * math.floor(0.1 * lowest) - 1.0, 101.0), title=f"Share of {of} that was found",
-    )  # fmt: skip
+        intervals.save_series,
+        series=series,
+        x_label=f"{what}{unit}",
+        y_label="found [%]",
+        y_limits=(10.0 * math.floor(0.1 * lowest) - 1.0, 101.0),
+        title=f"Share of {of} that was found",
+    )
     return f"rate-{grouping.key}", draw, (RATE_HEADER, rate_rows(everything, grouping)), caption
 
 
@@ -109,19 +86,25 @@ def rate_by_class(everything: Sequence[Observation], grouping: Grouping, of: str
         series.append(_series(one.name, [p for p, _ in shown], [r for _, r in shown]))
     caption = f"The same by class, the most frequent first{' (the first 30)' if len(kept) == _MOST_CLASSES else ''}."
     draw = partial(
-        intervals.save_named, series=series, names=[grouping.labels[n] or "unlabelled" for n in kept],
-        x_label="found [%]", title=f"Share of {of} that was found",
-    )  # fmt: skip
+        intervals.save_named,
+        series=series,
+        names=[grouping.labels[n] or "unlabelled" for n in kept],
+        x_label="found [%]",
+        title=f"Share of {of} that was found",
+    )
     return "rate-class", draw, (RATE_HEADER, rate_rows(everything, grouping)), caption
 
 
 def _series(name: str, x: Sequence[float], groups: Sequence[Any]) -> Series:
     has_expected = all(each.expected is not None for each in groups)
     return Series(
-        label=name, x=np.array(x, dtype=np.float64), y=np.array([100.0 * r.rate for r in groups]),
-        low=np.array([100.0 * r.interval[0] for r in groups]), high=np.array([100.0 * r.interval[1] for r in groups]),
+        label=name,
+        x=np.array(x, dtype=np.float64),
+        y=np.array([100.0 * r.rate for r in groups]),
+        low=np.array([100.0 * r.interval[0] for r in groups]),
+        high=np.array([100.0 * r.interval[1] for r in groups]),
         expected=np.array([100.0 * r.expected for r in groups]) if has_expected else None,
-    )  # fmt: skip
+    )
 
 
 def error_rows(everything: Sequence[Observation], grouping: Grouping) -> list[tuple[Any, ...]]:
@@ -147,9 +130,11 @@ def errors(everything: Sequence[Observation], grouping: Grouping) -> Figure:
         "intervals that take the errors for independent and Gaussian; bins with two echoes or more."
     )
     draw = partial(
-        intervals.save_panels, panels=(("mean error [mm]", bias), ("deviation [mm]", sigma)),
-        x_label="true range [m]", title="Error of the reported range",
-    )  # fmt: skip
+        intervals.save_panels,
+        panels=(("mean error [mm]", bias), ("deviation [mm]", sigma)),
+        x_label="true range [m]",
+        title="Error of the reported range",
+    )
     return "error-range", draw, (ERROR_HEADER, error_rows(everything, grouping)), caption
 
 
@@ -159,9 +144,7 @@ def _millimetres(name: str, x: Numbers, found: Sequence[RangeError], what: str) 
     return Series(label=name, x=x, y=y, low=y - half, high=y + half)
 
 
-def snr(
-    a: Observation, b: Observation, slug: str, sensors: tuple[Sensor | None, Sensor | None]
-) -> Figure | None:
+def snr(a: Observation, b: Observation, slug: str, sensors: tuple[Sensor | None, Sensor | None]) -> Figure | None:
     """SNR of B over SNR of A, pulse by pulse; None if no pulse has both."""
     of_a, of_b, kind = paired_snr(a.counted, b.counted)
     if not len(kind):
@@ -178,12 +161,12 @@ def snr(
     draw = partial(
         intervals.save_snr,
         pairs=intervals.Pairs(a=of_a, b=of_b, kind=kind, kinds=kinds, levels=(levels[0], levels[1])),
-        x_label=f"SNR, {a.name}", y_label=f"SNR, {b.name}", title="Each point is a pulse",
-    )  # fmt: skip
+        x_label=f"SNR, {a.name}",
+        y_label=f"SNR, {b.name}",
+        title="Each point is a pulse",
+    )
     step = max(len(kind) // _SHOWN_SNR, 1)
-    rows = [
-        (float(x), float(y), kinds[k]) for x, y, k in zip(of_a[::step], of_b[::step], kind[::step], strict=True)
-    ]  # fmt: skip
+    rows = [(float(x), float(y), kinds[k]) for x, y, k in zip(of_a[::step], of_b[::step], kind[::step], strict=True)]
     return f"snr-{slug}", draw, (("snr_a", "snr_b", "found"), rows), caption
 
 
@@ -196,26 +179,49 @@ def illuminance(swept: Sweep) -> Figure:
         every = [c for crossed in swept.crossings.values() for c in crossed]
         computed |= {c.illuminance_klux: c.expected for c in every if name in (c.ahead_below, c.ahead_above)}
         x = np.array(sorted(computed))
-        lines.append(
-            charts.Line(label=name, x=x, y=100.0 * np.array([computed[e] for e in x]), colour=number)
-        )
+        lines.append(charts.Line(label=name, x=x, y=100.0 * np.array([computed[e] for e in x]), colour=number))
         for lit in course:
             sigma = "" if lit.sigma_m is None else lit.sigma_m
-            rows.append((name, lit.illuminance_klux, lit.rate.surfaces, lit.rate.found, lit.rate.rate,
-                         *lit.rate.interval, lit.rate.expected, lit.false_alarms, sigma))  # fmt: skip
+            rows.append(
+                (
+                    name,
+                    lit.illuminance_klux,
+                    lit.rate.surfaces,
+                    lit.rate.found,
+                    lit.rate.rate,
+                    *lit.rate.interval,
+                    lit.rate.expected,
+                    lit.false_alarms,
+                    sigma,
+                )
+            )
     marks = tuple(
         charts.Mark(x=c.illuminance_klux, y=100.0 * c.expected, text=f"{c.illuminance_klux:.3g} klux")
         for crossed in swept.crossings.values()
         for c in crossed
     )
     chart = charts.Chart(
-        lines=tuple(lines), x_label="illuminance [klux]", y_label="found, expected [%]", x_log=True, marks=marks,
+        lines=tuple(lines),
+        x_label="illuminance [klux]",
+        y_label="found, expected [%]",
+        x_log=True,
+        marks=marks,
         title="Mean detection probability of all pulses that met a surface",
-    )  # fmt: skip
+    )
     caption = (
         "Mean of the computed detection probabilities over the scene's illuminance. Where the curves of the first "
         "sensor and another change places the crossing is marked: found by bisection, with the scene traced each time."
     )
-    header = ("sensor", "illuminance_klux", "surfaces", "found", "rate", "rate_low", "rate_high", "expected",
-              "false_alarms", "sigma_m")  # fmt: skip
+    header = (
+        "sensor",
+        "illuminance_klux",
+        "surfaces",
+        "found",
+        "rate",
+        "rate_low",
+        "rate_high",
+        "expected",
+        "false_alarms",
+        "sigma_m",
+    )
     return "illuminance", lambda path: charts.save(chart, [path]), (header, rows), caption

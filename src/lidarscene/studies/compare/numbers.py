@@ -127,16 +127,12 @@ def rates(surfaces: Surfaces, grouping: Grouping) -> list[Rate]:
     index, size = grouping.of(surfaces), len(grouping.labels)
     count, found = _counts(index, size), _counts(index[surfaces.found], size)
     known = surfaces.probability is not None
-    weights = (
-        surfaces.probability[index >= 0].astype(np.float64) if surfaces.probability is not None else None
-    )
+    weights = surfaces.probability[index >= 0].astype(np.float64) if surfaces.probability is not None else None
     sums = np.bincount(index[index >= 0], weights=weights, minlength=size)
     return [
-        Rate(
-            group=label, surfaces=int(n), found=int(k), expected=float(s / n) if known and n else None
-        )
+        Rate(group=label, surfaces=int(n), found=int(k), expected=float(s / n) if known and n else None)
         for label, n, k, s in zip(grouping.labels, count, found, sums, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def deviation(surfaces: Surfaces) -> float | None:
@@ -160,9 +156,7 @@ def range_errors(one: Observation, grouping: Grouping | None = None) -> list[Ran
     for number in np.unique(index[index >= 0]):
         own = error[index == number]
         sigma = float(own.std(ddof=1)) if len(own) > 1 else 0.0
-        made.append(
-            RangeError(group=labels[number], points=len(own), bias_m=float(own.mean()), sigma_m=sigma)
-        )
+        made.append(RangeError(group=labels[number], points=len(own), bias_m=float(own.mean()), sigma_m=sigma))
     return made
 
 
@@ -217,10 +211,7 @@ def difference(a: Observation, b: Observation) -> tuple[PointCloud, Numbers]:
     parts = [a.cloud.select(first_a), b.cloud.select(first_b[alone])]
     names = (a.name, b.name)
     together = PointCloud.concatenate(
-        [
-            replace(p, sensor_index=np.full(len(p), i, np.uint8), sensor_names=names)
-            for i, p in enumerate(parts)
-        ]
+        [replace(p, sensor_index=np.full(len(p), i, np.uint8), sensor_names=names) for i, p in enumerate(parts)]
     )
     kinds = np.concatenate([kind_a, np.full(int(alone.sum()), 2)]).astype(np.uint8)
     return together.select(order), kinds[order]

@@ -34,8 +34,7 @@ COLOURS = {"both": (150, 150, 150), "only_a": (0, 114, 178), "only_b": (213, 94,
 """Of the points of a difference cloud: grey, and the charts' blue and vermilion."""
 
 _PICTURE_PX = (1200, 675)
-_PAIR_HEADER = ("by", "group", "both", "only_a", "only_b", "neither", "difference", "difference_low",
-                "difference_high")  # fmt: skip
+_PAIR_HEADER = ("by", "group", "both", "only_a", "only_b", "neither", "difference", "difference_low", "difference_high")
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,15 +45,10 @@ class Output:
     view: View | None = None
 
 
-def file_names(
-    names: Sequence[str], *, matched: bool, rated: bool, swept: bool, simulated: bool
-) -> list[str]:
+def file_names(names: Sequence[str], *, matched: bool, rated: bool, swept: bool, simulated: bool) -> list[str]:
     """Names of all files that `write` may write."""
     own = slugs(names)
-    drawn = [
-        *(["rate-range", "rate-incidence", "rate-reflectivity", "rate-class"] if rated else []),
-        "error-range",
-    ]
+    drawn = [*(["rate-range", "rate-incidence", "rate-reflectivity", "rate-class"] if rated else []), "error-range"]
     drawn += [f"snr-{slug}" for slug in own[1:]] if matched else []
     drawn += ["illuminance"] if swept else []
     pictures = [f"cloud-{slug}.png" for slug in own]
@@ -150,9 +144,7 @@ def _signal_to_noise(page: Page, comparison: Comparison, folder: Path, own: Sequ
         _show(page, folder, figures.snr(a, b, slug, (comparison.sensors[0], comparison.sensors[number])))
 
 
-def _against_first(
-    comparison: Comparison, own: Sequence[str]
-) -> Iterator[tuple[tuple[Observation, Observation], str]]:
+def _against_first(comparison: Comparison, own: Sequence[str]) -> Iterator[tuple[tuple[Observation, Observation], str]]:
     """The first observation with each other one, where pulses match, and the slug of the other."""
     return zip(comparison.against_first(), own[1:] if comparison.matched else (), strict=True)
 

@@ -71,11 +71,14 @@ def side_of_sweep(name: str, sweep: Sweep) -> Side:
     both = there & np.isfinite(sweep.second.range_m) if sweep.second is not None else np.zeros_like(there)
     gap_m = np.abs(sweep.second.range_m - sweep.range_m)[both] if sweep.second is not None else np.zeros(0)
     return Side(
-        name=name, xyz_m=sweep.xyz_m[there], range_m=sweep.range_m[there],
+        name=name,
+        xyz_m=sweep.xyz_m[there],
+        range_m=sweep.range_m[there],
         ring=None if sweep.ring is None else sweep.ring[there],
         strength=None if strength is None else strength[there],
-        kept=float(sweep.kept.sum() / max(sweep.recorded.sum(), 1)) if sweep.knows_lost else None, gap_m=gap_m,
-    )  # fmt: skip
+        kept=float(sweep.kept.sum() / max(sweep.recorded.sum(), 1)) if sweep.knows_lost else None,
+        gap_m=gap_m,
+    )
 
 
 def side_of_cloud(name: str, cloud: PointCloud) -> Side:
@@ -86,10 +89,14 @@ def side_of_cloud(name: str, cloud: PointCloud) -> Side:
     gap_m = np.abs(np.diff(local.range_m[order].astype(np.float64)))[same]
     first = local.select(local.return_number <= 1)
     return Side(
-        name=name, xyz_m=first.xyz_m.astype(np.float64), range_m=first.range_m.astype(np.float64),
-        ring=first.channel, strength=first.signal if np.any(first.signal) else first.intensity, kept=None,
+        name=name,
+        xyz_m=first.xyz_m.astype(np.float64),
+        range_m=first.range_m.astype(np.float64),
+        ring=first.channel,
+        strength=first.signal if np.any(first.signal) else first.intensity,
+        kept=None,
         gap_m=gap_m,
-    )  # fmt: skip
+    )
 
 
 def compare_real(side: Side, real: Side, folder: Path, *, as_json: bool = False) -> str:
@@ -100,9 +107,10 @@ def compare_real(side: Side, real: Side, folder: Path, *, as_json: bool = False)
     rows = [*_rows(sides), *_ring_rows(sides)]
     found = verdict(side.name, real.name, rows)
     told = {
-        "verdict": found, "sides": sides,
+        "verdict": found,
+        "sides": sides,
         "rows": [dict(zip(("quantity", side.name, real.name, "ratio"), row, strict=True)) for row in rows],
-    }  # fmt: skip
+    }
     page = Page(f"{side.name} beside {real.name}", folder=folder)
     page.paragraph(found)
     page.paragraph(_NOTE)
@@ -148,15 +156,10 @@ def numbers_of(side: Side) -> dict[str, Any]:
     ground = ground_of(side.xyz_m)
     found: dict[str, Any] = {"points": len(range_m), "share of pulses kept": side.kept}
     found |= {
-        f"range, {q:g} % quantile [m]": float(np.percentile(range_m, q)) if len(range_m) else None
-        for q in QUANTILES
+        f"range, {q:g} % quantile [m]": float(np.percentile(range_m, q)) if len(range_m) else None for q in QUANTILES
     }
     height, farthest, share = ground if ground else (None, None, None)
-    found |= {
-        "sensor above ground [m]": height,
-        "farthest ground [m]": farthest,
-        "share on the ground": share,
-    }
+    found |= {"sensor above ground [m]": height, "farthest ground [m]": farthest, "share on the ground": share}
     found["second returns, share"] = len(side.gap_m) / len(range_m) if len(side.gap_m) else None
     found["second returns, 1 % gap [m]"] = float(np.percentile(side.gap_m, 1.0)) if len(side.gap_m) else None
     for number in range(OCTAVES):
@@ -235,9 +238,7 @@ def _ring_rows(sides: list[dict[str, Any]]) -> list[Line]:
     a, b = (side["rings"] for side in sides)
     if a is None and b is None:
         return []
-    rows: list[Line] = [
-        ("channels with points", *_with_ratio(*(None if one is None else len(one) for one in (a, b))))
-    ]
+    rows: list[Line] = [("channels with points", *_with_ratio(*(None if one is None else len(one) for one in (a, b))))]
     if a and b and len(a) == len(b):
         rows += [
             (f"{OF_RING}{up:.2f} degrees", *_with_ratio(mine, theirs))

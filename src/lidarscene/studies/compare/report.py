@@ -60,9 +60,7 @@ def verdict(comparison: Comparison) -> str:
     """The outcome in one sentence: who found more and by how much, and who measured ranges better."""
     if not comparison.rated:
         counts = [f"{one.name} {int(np.count_nonzero(one.is_echo)):,}" for one in comparison.everything]
-        return (
-            f"Echoes: {', '.join(counts)}; which pulses found nothing is not known, so none is called better."
-        )
+        return f"Echoes: {', '.join(counts)}; which pulses found nothing is not known, so none is called better."
     shares = [(one.name, rate(one.counted)) for one in comparison.everything]
     order = sorted(shares, key=lambda pair: -pair[1].rate)
     (best, most), (second, less), *_ = order
@@ -102,17 +100,20 @@ Table = tuple[Sequence[str], Sequence[Sequence[str]]]
 """Header and rows."""
 
 _FATE_SHORT = ("sensor", "pulses", "met a surface", "kept", "points", "false alarms")
-_RATES_SHORT = (
-    "sensor",
-    "found",
-    "95 % interval",
-    "expected",
-    "mean range error",
-    "deviation of range error",
-)
+_RATES_SHORT = ("sensor", "found", "95 % interval", "expected", "mean range error", "deviation of range error")
 
-FATE = ("sensor", "pulses", "met a surface", "kept", "lost: below threshold", "of these without any light",
-        "lost: out of window", "lost: hidden", "points", "false alarms")  # fmt: skip
+FATE = (
+    "sensor",
+    "pulses",
+    "met a surface",
+    "kept",
+    "lost: below threshold",
+    "of these without any light",
+    "lost: out of window",
+    "lost: hidden",
+    "points",
+    "false alarms",
+)
 
 
 def fate(comparison: Comparison) -> Table:
@@ -130,8 +131,15 @@ def fate(comparison: Comparison) -> Table:
     return _known(FATE, rows)
 
 
-RATES = ("sensor", "found", "95 % interval", "expected", "found less expected", "mean range error",
-         "deviation of range error")  # fmt: skip
+RATES = (
+    "sensor",
+    "found",
+    "95 % interval",
+    "expected",
+    "found less expected",
+    "mean range error",
+    "deviation of range error",
+)
 
 
 def summary(comparison: Comparison) -> Table:
@@ -148,8 +156,10 @@ def summary(comparison: Comparison) -> Table:
         error_cells = ("-", "-")
         if errors:
             e = errors[0]
-            error_cells = (f"{1e3 * e.bias_m:+.2f} ± {1e3 * e.bias_interval_m:.2f} mm",
-                    f"{1e3 * e.sigma_m:.2f} ± {1e3 * e.sigma_interval_m:.2f} mm")  # fmt: skip
+            error_cells = (
+                f"{1e3 * e.bias_m:+.2f} ± {1e3 * e.bias_interval_m:.2f} mm",
+                f"{1e3 * e.sigma_m:.2f} ± {1e3 * e.sigma_interval_m:.2f} mm",
+            )
         rows.append((one.name, *cells, *error_cells))
     return _known(RATES, rows)
 
@@ -160,8 +170,17 @@ def _known(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
     return [header[i] for i in kept], [[row[i] for i in kept] for row in rows]
 
 
-PAIRS = ("A", "B", "found by both", "A only", "B only", "neither", "rate of A less B", "95 % interval",
-         "range of A less B, mean and deviation")  # fmt: skip
+PAIRS = (
+    "A",
+    "B",
+    "found by both",
+    "A only",
+    "B only",
+    "neither",
+    "rate of A less B",
+    "95 % interval",
+    "range of A less B, mean and deviation",
+)
 
 
 def pair_rows(comparison: Comparison) -> list[tuple[str, ...]]:
@@ -207,16 +226,10 @@ def group_table(comparison: Comparison, key: str, most: int | None = None) -> Ta
         order.sort(key=lambda n: -sum(p[n].only_a + p[n].only_b for p in between))
     rows = []
     for n in order[:most]:
-        row = [
-            grouping.labels[n] or "unlabelled",
-            f"{table[0][n].surfaces:,}",
-            *(_found(one[n]) for one in table),
-        ]
+        row = [grouping.labels[n] or "unlabelled", f"{table[0][n].surfaces:,}", *(_found(one[n]) for one in table)]
         for p in between:
             row += (
-                [f"{p[n].only_a:,}", f"{p[n].only_b:,}"]
-                if len(between) == 1
-                else [f"{p[n].only_a - p[n].only_b:+,}"]
+                [f"{p[n].only_a:,}", f"{p[n].only_b:,}"] if len(between) == 1 else [f"{p[n].only_a - p[n].only_b:+,}"]
             )
         rows.append(row)
     return header, rows
@@ -274,12 +287,7 @@ def sweep_table(swept: Sweep) -> Table:
         for course in swept.courses.values():
             lit = course[number]
             sigma = "-" if lit.sigma_m is None else f"{1e3 * lit.sigma_m:.1f} mm"
-            row += [
-                _percent(lit.rate.rate),
-                _percent(lit.rate.expected or 0.0),
-                f"{lit.false_alarms:,}",
-                sigma,
-            ]
+            row += [_percent(lit.rate.rate), _percent(lit.rate.expected or 0.0), f"{lit.false_alarms:,}", sigma]
         rows.append(row)
     return header, rows
 
@@ -304,7 +312,6 @@ def as_text(comparison: Comparison) -> str:
 def _columns(rows: Sequence[Sequence[str]]) -> list[str]:
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     return [
-        row[0].ljust(widths[0])
-        + "".join(f"  {cell:>{width}}" for cell, width in zip(row[1:], widths[1:], strict=True))
+        row[0].ljust(widths[0]) + "".join(f"  {cell:>{width}}" for cell, width in zip(row[1:], widths[1:], strict=True))
         for row in rows
     ]

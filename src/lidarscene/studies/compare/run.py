@@ -37,9 +37,7 @@ _PULSES_AT_ONCE = 2**18
 class Bench:
     """A scene and a way to observe it: same seed and place for any sensor and any illuminance."""
 
-    def __init__(
-        self, scene: Scene, *, seed: int = 0, pose: Pose | None = None, chunk: int = DEFAULT_CHUNK
-    ) -> None:
+    def __init__(self, scene: Scene, *, seed: int = 0, pose: Pose | None = None, chunk: int = DEFAULT_CHUNK) -> None:
         """``pose`` is where the sensors stand, without their mountings; the scene's own if None."""
         self.scene, self.seed, self.pose, self.chunk = scene, seed, pose, chunk
         self._worlds: dict[float, World] = {}
@@ -57,7 +55,7 @@ class Bench:
         lost = {text: int(summary.outcomes[o]) for o, text in OUTCOME_TEXT.items() if o != Outcome.NO_SURFACE}
         return Observation(
             name=name, cloud=cloud, pulse=seen.pulse(), surfaces=seen.surfaces(), fired=summary.beams, lost=lost
-        )  # fmt: skip
+        )
 
 
 class _Seen:
@@ -80,16 +78,23 @@ class _Seen:
         """Every pulse that met a surface."""
 
         def column(name: str) -> Numbers:
-            return np.concatenate([np.zeros(0, np.int32 if name in _WHOLE else np.float32),
-                                   *(chunk[name] for chunk in self._chunks)])  # fmt: skip
+            return np.concatenate(
+                [np.zeros(0, np.int32 if name in _WHOLE else np.float32), *(chunk[name] for chunk in self._chunks)]
+            )
 
         outcome = column("outcome")
         return Surfaces(
-            pulse=column("pulse").astype(np.int64), found=outcome == Outcome.KEPT, snr=column("snr"),
-            true_range_m=column("true_range_m"), incidence_angle_rad=column("incidence_angle_rad"),
-            reflectivity=column("reflectivity"), body=column("body"), class_id=column("class_id"),
-            probability=column("detection_probability"), tripped=np.isin(outcome, _TRIPPED),
-        )  # fmt: skip
+            pulse=column("pulse").astype(np.int64),
+            found=outcome == Outcome.KEPT,
+            snr=column("snr"),
+            true_range_m=column("true_range_m"),
+            incidence_angle_rad=column("incidence_angle_rad"),
+            reflectivity=column("reflectivity"),
+            body=column("body"),
+            class_id=column("class_id"),
+            probability=column("detection_probability"),
+            tripped=np.isin(outcome, _TRIPPED),
+        )
 
 
 _WHOLE = ("pulse", "outcome", "body", "class_id")
@@ -110,12 +115,10 @@ def fires_alike(first: Sensor, other: Sensor) -> bool:
         return False
     for start in range(0, a.pulses, _PULSES_AT_ONCE):
         pulse = np.arange(start, min(start + _PULSES_AT_ONCE, a.pulses), dtype=np.uint32)
-        fired = [
-            (*one.direction(pulse), one.time_s(pulse), one.offset_m(pulse) or (0.0, 0.0, 0.0)) for one in (a, b)
-        ]  # fmt: skip
+        fired = [(*one.direction(pulse), one.time_s(pulse), one.offset_m(pulse) or (0.0, 0.0, 0.0)) for one in (a, b)]
         if not all(
             np.array_equal(np.asarray(x), np.asarray(y)) for x, y in zip(_flat(fired[0]), _flat(fired[1]), strict=True)
-        ):  # fmt: skip
+        ):
             return False
     return True
 
@@ -143,9 +146,11 @@ class Lit:
         """The numbers of an observation."""
         errors = range_errors(one)
         return cls(
-            illuminance_klux=illuminance_klux, rate=rate(one.counted), false_alarms=one.alarms,
+            illuminance_klux=illuminance_klux,
+            rate=rate(one.counted),
+            false_alarms=one.alarms,
             sigma_m=errors[0].sigma_m if errors else None,
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -191,9 +196,7 @@ def sweep(
     first, others = sensors[0], sensors[1:]
     crossings = {other[0]: _crossings(bench, first, other, courses) for other in others}
     plane = {name: _on_plane(first[1], s, illuminances_klux) for name, s in others}
-    return Sweep(
-        illuminances_klux=tuple(illuminances_klux), courses=courses, crossings=crossings, on_plane_klux=plane
-    )
+    return Sweep(illuminances_klux=tuple(illuminances_klux), courses=courses, crossings=crossings, on_plane_klux=plane)
 
 
 def _crossings(bench: Bench, a: Named, b: Named, courses: Mapping[str, Sequence[Lit]]) -> list[Crossing]:
@@ -221,9 +224,7 @@ def _crossings(bench: Bench, a: Named, b: Named, courses: Mapping[str, Sequence[
         lux = math.sqrt(low * high)
         names = (a[0], b[0]) if at_low > 0.0 else (b[0], a[0])
         found.append(
-            Crossing(
-                illuminance_klux=lux, expected=expected(a, lux), ahead_below=names[0], ahead_above=names[1]
-            )
+            Crossing(illuminance_klux=lux, expected=expected(a, lux), ahead_below=names[0], ahead_above=names[1])
         )
     return found
 

@@ -31,10 +31,15 @@ _INTERVALS = (
 
 
 def of_sensors(
-    bench: Bench, sensors: Sequence[Named], folder: Path, *, same_beams: bool = False,
-    illuminances_klux: Sequence[float] | None = None, as_json: bool = False,
+    bench: Bench,
+    sensors: Sequence[Named],
+    folder: Path,
+    *,
+    same_beams: bool = False,
+    illuminances_klux: Sequence[float] | None = None,
+    as_json: bool = False,
     progress: Told = lambda done, total: None,
-) -> str:  # fmt: skip
+) -> str:
     """Render the bench's scene with each sensor and write the report; returns the text to print.
 
     same_beams  all sensors get the first one's scanner and mounting
@@ -47,10 +52,7 @@ def of_sensors(
         sensors = [(name, with_beams_of(first, sensor)) for name, sensor in sensors]
     matched = all(fires_alike(first, sensor) for _, sensor in sensors[1:])
     names = [name for name, _ in sensors]
-    require_files(
-        folder,
-        file_names(names, matched=matched, rated=True, swept=bool(illuminances_klux), simulated=True),
-    )
+    require_files(folder, file_names(names, matched=matched, rated=True, swept=bool(illuminances_klux), simulated=True))
     total = len(sensors) * (1 + len(illuminances_klux or ())) + 1
     progress(0, total)
     observed = []
@@ -67,11 +69,7 @@ def of_sensors(
         groups=groupings(seen),
         matched=matched,
         of="the pulses that met a surface",
-        notes=(
-            _beams_note(scene, bench.seed, matched=matched, same_beams=same_beams),
-            _RATES_NOTE,
-            _INTERVALS,
-        ),
+        notes=(_beams_note(scene, bench.seed, matched=matched, same_beams=same_beams), _RATES_NOTE, _INTERVALS),
         windows=windows(seen, [sensor for _, sensor in sensors]),
         seed=bench.seed,
         swept=sweep(bench, sensors, illuminances_klux, told=lambda done: progress(len(sensors) + done, total))
@@ -111,9 +109,14 @@ def of_clouds(paths: Sequence[Path], folder: Path, *, as_json: bool = False) -> 
                 "different true ranges: the two clouds are not of the same scene from the same place."
             )
     comparison = Comparison(
-        title=f"{', '.join(names)}", everything=seen, sensors=(None,) * len(seen), groups=groupings(seen),
-        matched=matched, of="the pulses with which any of the clouds has an echo", notes=tuple(notes),
-    )  # fmt: skip
+        title=f"{', '.join(names)}",
+        everything=seen,
+        sensors=(None,) * len(seen),
+        groups=groupings(seen),
+        matched=matched,
+        of="the pulses with which any of the clouds has an echo",
+        notes=tuple(notes),
+    )
     return write(comparison, Output(folder), as_json=as_json)
 
 

@@ -77,9 +77,13 @@ class Check:
             duration = max(self.train.shortest_span_s(count) + self._pulse_s, least)
             if count > 1:
                 found = self._criterion(
-                    "pulse group", "4.3 f 2", count * self._through(duration), self._limit(duration), "J",
+                    "pulse group",
+                    "4.3 f 2",
+                    count * self._through(duration),
+                    self._limit(duration),
+                    "J",
                     f"{count} pulses in {si(duration, 's')}",
-                )  # fmt: skip
+                )
                 worst = found if worst is None or found.margin < worst.margin else worst
         if worst is not None:
             yield worst
@@ -97,26 +101,23 @@ class Check:
         else:
             number = train.groups_per_period(grouping) * max(longest / train.period_s, 1.0)
         factor = iec.c5(
-            pulse_s=duration, pulses=number, source_rad=self.source_rad,
-            grouping_s=grouping, time_base_s=self.time_base_s,
-        )  # fmt: skip
+            pulse_s=duration,
+            pulses=number,
+            source_rad=self.source_rad,
+            grouping_s=grouping,
+            time_base_s=self.time_base_s,
+        )
         detail = f"C5 = {factor:.3g} for {number:.4g} pulses in {longest:.3g} s"
         detail += f", {together} within {si(grouping, 's')} as one" if together > 1 else ""
         emission = together * self._through(duration)
-        return self._criterion(
-            "pulse train", "4.3 f 3", emission, factor * self._limit(duration), "J", detail
-        )
+        return self._criterion("pulse train", "4.3 f 3", emission, factor * self._limit(duration), "J", detail)
 
     def _blue(self) -> Iterator[Criterion]:
         duration = min(100.0, self.time_base_s)
-        limit = iec.class_1_blue_energy_j(
-            wavelength_m=self.sensor.laser.wavelength_m, duration_s=duration
-        )  # fmt: skip
+        limit = iec.class_1_blue_energy_j(wavelength_m=self.sensor.laser.wavelength_m, duration_s=duration)
         if math.isfinite(limit):
             power = self._through(duration) * self.train.mean_rate_hz
-            yield self._criterion(
-                "blue light", "table 3", power, limit / duration, "W", f"over {duration:g} s"
-            )
+            yield self._criterion("blue light", "table 3", power, limit / duration, "W", f"over {duration:g} s")
 
     @property
     def _pulse_s(self) -> float:
@@ -140,22 +141,14 @@ class Check:
         self, name: str, clause: str, emission: float, limit: float, unit: str, detail: str = ""
     ) -> Criterion:
         return Criterion(
-            name=name,
-            clause=clause,
-            viewer=self.viewer,
-            emission=emission,
-            limit=limit,
-            unit=unit,
-            detail=detail,
+            name=name, clause=clause, viewer=self.viewer, emission=emission, limit=limit, unit=unit, detail=detail
         )
 
 
 def geometry(sensor: Sensor, viewer: str, duration_s: float) -> tuple[float, float, float]:
     """Diameter of the aperture, its distance, and the 1/e^2 diameter of the beam there (0: unknown)."""
     laser, telescope = sensor.laser, VIEWERS[viewer]
-    aperture = iec.aperture_diameter_m(
-        wavelength_m=laser.wavelength_m, duration_s=duration_s, telescope=telescope
-    )
+    aperture = iec.aperture_diameter_m(wavelength_m=laser.wavelength_m, duration_s=duration_s, telescope=telescope)
     distance = iec.measuring_distance_m(telescope=telescope)
     if laser.exit_diameter_m is None:
         return aperture, distance, 0.0

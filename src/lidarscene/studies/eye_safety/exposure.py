@@ -34,12 +34,7 @@ class PulseTrain:
         """Check and freeze. Raises ValueError."""
         times = frozen(self.time_s, np.float64, (None,))
         object.__setattr__(self, "time_s", times)
-        if (
-            len(times) == 0
-            or times[0] != 0.0
-            or not (np.diff(times) >= 0.0).all()
-            or times[-1] >= self.period_s
-        ):
+        if len(times) == 0 or times[0] != 0.0 or not (np.diff(times) >= 0.0).all() or times[-1] >= self.period_s:
             raise ValueError("times must go up from 0 to less than the period")
 
     @property
@@ -100,9 +95,7 @@ def counted_train(sensor: Sensor, *, pulses_in_aperture: int) -> PulseTrain:
     return PulseTrain(time_s=times, period_s=_frame_s(sensor))
 
 
-def scanned_train(
-    sensor: Sensor, *, aperture_m: float, distance_m: float, beam_diameter_m: float = 0.0
-) -> PulseTrain:
+def scanned_train(sensor: Sensor, *, aperture_m: float, distance_m: float, beam_diameter_m: float = 0.0) -> PulseTrain:
     """The pulses whose 1/e^2 beam touches a round aperture at this distance from the start of the beams.
 
     All beams start at the sensor's origin. Of 129 positions of the aperture, straight ahead and spread over the

@@ -123,10 +123,14 @@ def eye_safety_report(
             criterion
             for viewer in VIEWERS
             for criterion in Check(
-                sensor=sensor, viewer=viewer, energy_j=energy_j, source_rad=source, time_base_s=time_base_s,
+                sensor=sensor,
+                viewer=viewer,
+                energy_j=energy_j,
+                source_rad=source,
+                time_base_s=time_base_s,
                 train=_train(sensor, viewer, scanned=scanned, pulses_in_aperture=pulses_in_aperture),
             ).criteria()
-        )  # fmt: skip
+        )
     except ValueError as error:
         raise InputError(f"{sensor.name}: eye safety: {error}") from None
     return EyeSafetyReport(
@@ -155,9 +159,7 @@ def _assumptions(sensor: Sensor, motion: str, source_rad: float, time_base_s: fl
         beam = "the whole beam enters the aperture (laser.exit_diameter_mm is not given)"
     else:
         beam = f"Gaussian beam of {laser.exit_diameter_m * 1e3:g} mm, {laser.divergence_rad * 1e3:g} mrad"
-    point = (
-        f"{source_rad * 1e3:g} mrad" if source_rad > iec.SMALLEST_SOURCE_RAD else "a point, up to 1.5 mrad"
-    )
+    point = f"{source_rad * 1e3:g} mrad" if source_rad > iec.SMALLEST_SOURCE_RAD else "a point, up to 1.5 mrad"
     moves = {
         "stationary": "the beam stands still: every pulse enters",
         "scanned": "each pulse that touches the aperture counts as if centred; all beams start in one point",

@@ -52,8 +52,10 @@ def _found(cloud: PointCloud) -> list[OnBody]:
         if label:
             found.append(
                 OnBody(
-                    body=cloud.body_names[int(body)], label=label, points=int(own.sum()),
+                    body=cloud.body_names[int(body)],
+                    label=label,
+                    points=int(own.sum()),
                     distance_m=float(np.median(cloud.true_range_m[own])),
                 )
-            )  # fmt: skip
+            )
     return sorted(found, key=lambda one: one.distance_m)

@@ -50,9 +50,7 @@ class Cells:
 
     def of(self, azimuth_deg: Numbers, elevation_deg: Numbers) -> Numbers:
         """The cell of each direction."""
-        row = np.clip(
-            np.searchsorted(self.edges_deg, elevation_deg, side="right") - 1, 0, len(self.columns) - 1
-        )
+        row = np.clip(np.searchsorted(self.edges_deg, elevation_deg, side="right") - 1, 0, len(self.columns) - 1)
         columns = self.columns[row]
         column = np.floor(azimuth_deg * columns / 360.0 + _SHIFT).astype(np.int64) % columns
         return np.asarray(self.first[row] + column)

@@ -53,8 +53,9 @@ def introduction(cell_deg: float, mask: str, dwell_s: float, target: Target) -> 
     area = (
         "the cells whose middle lies in the convex outline, in azimuth and elevation, of all pulses, and "
         "those that got one,"
-        if mask == "outline" else "the cells that ever got a pulse"
-    )  # fmt: skip
+        if mask == "outline"
+        else "the cells that ever got a pulse"
+    )
     return (
         f"Cells are {cell_deg:g} degrees high and about as wide: rows of equal elevation, cut so that all cells have "
         f"the same solid angle, {cell_deg**2:.4g} square degrees. The field of view is {area} in {LONG} times the "
@@ -72,11 +73,15 @@ def summary_row(one: Seen) -> tuple[str, ...]:
     reach = f"{ranges.min():.1f} to {ranges.max():.1f} m" if len(ranges) else "none or without limit"
     spacing = f"{np.median(one.spacing_deg):.4f}°" if len(one.spacing_deg) else "-"
     return (
-        one.name, f"{rate_hz(one.sensor.scanner):,.0f}", f"{one.sensor.scanner.frame_s:.4g} s",
+        one.name,
+        f"{rate_hz(one.sensor.scanner):,.0f}",
+        f"{one.sensor.scanner.frame_s:.4g} s",
         f"{one.maps.square_degrees.sum():,.0f} square degrees",
         azimuth_text(one.frame.azimuth_deg),
-        f"{one.frame.elevation_deg.min():.2f} to {one.frame.elevation_deg.max():.2f}°", spacing, reach,
-    )  # fmt: skip
+        f"{one.frame.elevation_deg.min():.2f} to {one.frame.elevation_deg.max():.2f}°",
+        spacing,
+        reach,
+    )
 
 
 def azimuth_arc_deg(azimuth_deg: Numbers) -> tuple[float, float]:
@@ -109,27 +114,21 @@ def coverage(everything: Sequence[Seen], times_s: Sequence[float], cell_deg: flo
         for i, (one, y) in enumerate(zip(everything, curves, strict=True))
     ]
     chart = charts.Chart(
-        lines=tuple(lines), x_label="time [s]", y_label="field of view covered [%]", y_limits=(0.0, 103.0),
-        x_limits=(0.0, max(times_s)), title=f"Cells of {cell_deg:g} degrees",
-    )  # fmt: skip
-    caption = (
-        f"Share of the field of view whose cells of {cell_deg:g} degrees have got a pulse, against time."
+        lines=tuple(lines),
+        x_label="time [s]",
+        y_label="field of view covered [%]",
+        y_limits=(0.0, 103.0),
+        x_limits=(0.0, max(times_s)),
+        title=f"Cells of {cell_deg:g} degrees",
     )
+    caption = f"Share of the field of view whose cells of {cell_deg:g} degrees have got a pulse, against time."
     header = ("time_s", *(f"{one.name} [%]" for one in everything))
-    return (
-        "coverage",
-        lambda path: charts.save(chart, [path]),
-        (header, zip(fine, *curves, strict=True)),
-        caption,
-    )
+    return ("coverage", lambda path: charts.save(chart, [path]), (header, zip(fine, *curves, strict=True)), caption)
 
 
 def coverage_rows(everything: Sequence[Seen], times_s: Sequence[float]) -> list[tuple[str, ...]]:
     """Coverage at the requested times."""
-    return [
-        (one.name, *(f"{100.0 * c:.1f} %" for c in one.maps.coverage(np.array(times_s))))
-        for one in everything
-    ]
+    return [(one.name, *(f"{100.0 * c:.1f} %" for c in one.maps.coverage(np.array(times_s)))) for one in everything]
 
 
 def spacing(everything: Sequence[Seen]) -> Figure:
@@ -140,9 +139,7 @@ def spacing(everything: Sequence[Seen]) -> Figure:
     edges = np.geomspace(low, max(high, 2.0 * low), 81)
     middle = np.sqrt(edges[1:] * edges[:-1])
     shares = [
-        100.0
-        * np.histogram(np.clip(one.spacing_deg, edges[0], edges[-1]), edges)[0]
-        / max(len(one.spacing_deg), 1)
+        100.0 * np.histogram(np.clip(one.spacing_deg, edges[0], edges[-1]), edges)[0] / max(len(one.spacing_deg), 1)
         for one in everything
     ]
     # As steps: each bin from edge to edge.
@@ -152,28 +149,28 @@ def spacing(everything: Sequence[Seen]) -> Figure:
         for i, (one, y) in enumerate(zip(everything, shares, strict=True))
     )
     chart = charts.Chart(
-        lines=lines, x_label="angle to the nearest other pulse [deg]", y_label="pulses [%]", x_log=True,
-        y_limits=(0.0, None), title="Pulses of one frame",
-    )  # fmt: skip
+        lines=lines,
+        x_label="angle to the nearest other pulse [deg]",
+        y_label="pulses [%]",
+        x_log=True,
+        y_limits=(0.0, None),
+        title="Pulses of one frame",
+    )
     caption = (
         "How far the pulses of one frame are from their nearest neighbour; percentiles, in degrees, below. The search "
         f"is exact, for up to {QUERIES} pulses evenly taken of the frame."
     )
     header = ("spacing_deg", *(f"{one.name} [%]" for one in everything))
-    return (
-        "spacing",
-        lambda path: charts.save(chart, [path]),
-        (header, zip(middle, *shares, strict=True)),
-        caption,
-    )
+    return ("spacing", lambda path: charts.save(chart, [path]), (header, zip(middle, *shares, strict=True)), caption)
 
 
 def spacing_rows(everything: Sequence[Seen]) -> list[tuple[str, ...]]:
     """Percentiles of the spacing."""
     return [
         (one.name, *(f"{p:.4f}°" for p in np.percentile(one.spacing_deg, PERCENTILES)))
-        for one in everything if len(one.spacing_deg)
-    ]  # fmt: skip
+        for one in everything
+        if len(one.spacing_deg)
+    ]
 
 
 def overlap(everything: Sequence[Seen], below: Ground) -> Figure:
@@ -187,16 +184,15 @@ def overlap(everything: Sequence[Seen], below: Ground) -> Figure:
     blind = below.nearest_blind_m()
     nearest = (
         f"No sensor sees ground nearer than {blind:.1f} m to the origin; "
-        if np.isfinite(blind) else f"No sensor sees ground within {half:g} m; "
-    )  # fmt: skip
+        if np.isfinite(blind)
+        else f"No sensor sees ground within {half:g} m; "
+    )
     caption = (
         "The ground z = 0 from above, by how many sensors see it: in the field of view, and an echo of ground with the "
         "target's reflectivity, at the beam's incidence there, reaches the comparator. The space between the lines of "
         "a pattern counts as seen. The vehicle itself hides nothing, and a sensor not above the ground sees none. "
         + nearest
-        + ", ".join(
-            f"{o.name} sees {a:,.0f} m²" for o, a in zip(everything, below.square_metres, strict=True)
-        )
+        + ", ".join(f"{o.name} sees {a:,.0f} m²" for o, a in zip(everything, below.square_metres, strict=True))
         + f", two or more see {np.sum(below.count > 1) * (below.x_m[1] - below.x_m[0]) ** 2:,.0f} m²."
     )
     x, y = np.meshgrid(below.x_m, below.y_m)
@@ -211,8 +207,7 @@ def overlap(everything: Sequence[Seen], below: Ground) -> Figure:
 def on_bodies(bodies: Sequence[tuple[str, list[OnBody]]], scene: str) -> Figure:
     """Points on each body over its distance."""
     groups = [
-        (name, np.array([b.distance_m for b in found]), np.array([b.points for b in found]))
-        for name, found in bodies
+        (name, np.array([b.distance_m for b in found]), np.array([b.points for b in found])) for name, found in bodies
     ]
     rows = [(name, b.body, b.label, b.distance_m, b.points) for name, found in bodies for b in found]
     caption = (
@@ -221,9 +216,12 @@ def on_bodies(bodies: Sequence[tuple[str, list[OnBody]]], scene: str) -> Figure:
         "on the rig's vehicle."
     )
     draw = partial(
-        maps.save_scatter, groups=groups, x_label="distance [m]", y_label="points on the body",
+        maps.save_scatter,
+        groups=groups,
+        x_label="distance [m]",
+        y_label="points on the body",
         title=f"One frame in the scene {scene}",
-    )  # fmt: skip
+    )
     return "bodies", draw, (("sensor", "body", "class", "distance_m", "points"), rows), caption
 
 
@@ -236,12 +234,14 @@ def patterns(everything: Sequence[Seen]) -> Figure:
     order = np.argsort([-one.maps.square_degrees.sum() for one in everything], kind="stable")
     layers = [
         maps.Layer(
-            label=one.name, colour=int(number), azimuth_deg=one.frame.azimuth_deg[:kept],
+            label=one.name,
+            colour=int(number),
+            azimuth_deg=one.frame.azimuth_deg[:kept],
             elevation_deg=one.frame.elevation_deg[:kept],
         )
         for number in order
         for one in [everything[number]]
-    ]  # fmt: skip
+    ]
     rows = [
         (one.name, *row)
         for one in everything
@@ -250,9 +250,7 @@ def patterns(everything: Sequence[Seen]) -> Figure:
         )
     ]
     caption = f"Where the pulses of all sensors go, up to {kept:,} of each that come first in its frame."
-    draw = partial(
-        maps.save_layers, layers=layers, extent=extent, title="Patterns of all sensors, at their mountings"
-    )
+    draw = partial(maps.save_layers, layers=layers, extent=extent, title="Patterns of all sensors, at their mountings")
     return "patterns", draw, (("sensor", "time_s", "azimuth_deg", "elevation_deg"), rows), caption
 
 
@@ -265,9 +263,13 @@ def pattern(one: Seen) -> Figure:
     part = "of one frame" if n <= DOTS else f"that come first of the {n:,} of a frame"
     caption = f"Where the {min(n, DOTS):,} pulses {part} go, coloured by time."
     draw = partial(
-        maps.save_pattern, azimuth_deg=columns[0], elevation_deg=columns[1], time_s=columns[2],
-        extent=_extent(one), title=f"{one.name}: the {min(n, DOTS):,} pulses {part}",
-    )  # fmt: skip
+        maps.save_pattern,
+        azimuth_deg=columns[0],
+        elevation_deg=columns[1],
+        time_s=columns[2],
+        extent=_extent(one),
+        title=f"{one.name}: the {min(n, DOTS):,} pulses {part}",
+    )
     rows = zip(columns[2], columns[0], columns[1], strict=True)
     return f"{one.slug}-pattern", draw, (("time_s", "azimuth_deg", "elevation_deg"), rows), caption
 
@@ -299,9 +301,7 @@ def far(one: Seen) -> Figure:
         "and those without a limit, are grey."
     )
     missing = "no limit, or no pulse" if np.any(np.isinf(one.range_m)) else "no pulse"
-    return _map(
-        one, one.range_m, _Words("range", "maximum range [m]", missing, "range_m"), caption, log=False
-    )
+    return _map(one, one.range_m, _Words("range", "maximum range [m]", missing, "range_m"), caption, log=False)
 
 
 class _Words(NamedTuple):
@@ -323,9 +323,14 @@ def _map(one: Seen, values: Numbers, words: _Words, caption: str, *, log: bool) 
     shown, outside, extent = image(one.cells, one.maps.cell, values)
     size = one.cells.size_deg
     picture = maps.Raster(
-        values=shown, outside=outside, extent=extent, label=words.label, missing=words.missing, log=log,
+        values=shown,
+        outside=outside,
+        extent=extent,
+        label=words.label,
+        missing=words.missing,
+        log=log,
         title=f"{one.name}, cells of {size:g} degrees",
-    )  # fmt: skip
+    )
     azimuth, elevation = one.cells.middle_deg(one.maps.cell)
     rows = zip(azimuth, elevation, values, strict=True)
     draw = partial(maps.save_map, picture=picture)
@@ -338,9 +343,7 @@ def _extent(one: Seen) -> tuple[float, float, float, float]:
     return left - beside, right + beside, low - above, high + above
 
 
-def image(
-    cells: Cells, cell: Numbers, values: Numbers
-) -> tuple[Numbers, Numbers, tuple[float, float, float, float]]:
+def image(cells: Cells, cell: Numbers, values: Numbers) -> tuple[Numbers, Numbers, tuple[float, float, float, float]]:
     """Numbers of cells as rows over azimuth: values, where there is no cell, and edges in degrees."""
     row = cells.row_of(cell)
     azimuth, _ = cells.middle_deg(cell)

@@ -44,9 +44,12 @@ class Pulses:
         """The pulses fired before this time."""
         n = int(np.searchsorted(self.time_s, time_s * (1.0 - 1e-12), side="left"))
         return Pulses(
-            time_s=self.time_s[:n], azimuth_deg=self.azimuth_deg[:n], elevation_deg=self.elevation_deg[:n],
-            direction=self.direction[:n], share=self.share[:n],
-        )  # fmt: skip
+            time_s=self.time_s[:n],
+            azimuth_deg=self.azimuth_deg[:n],
+            elevation_deg=self.elevation_deg[:n],
+            direction=self.direction[:n],
+            share=self.share[:n],
+        )
 
 
 def rate_hz(scanner: Scanner) -> float:
@@ -63,10 +66,12 @@ def fired(scanner: Scanner, time_s: float) -> Pulses:
     pulse = np.arange(count, dtype=np.uint32)
     x, y, z = (np.asarray(a, dtype=np.float64) * np.ones(count) for a in scanner.direction(pulse))
     whole = Pulses(
-        time_s=scanner.time_s(pulse), azimuth_deg=np.degrees(np.arctan2(y, x)),
-        elevation_deg=np.degrees(np.arctan2(z, np.hypot(x, y))), direction=np.column_stack([x, y, z]),
+        time_s=scanner.time_s(pulse),
+        azimuth_deg=np.degrees(np.arctan2(y, x)),
+        elevation_deg=np.degrees(np.arctan2(z, np.hypot(x, y))),
+        direction=np.column_stack([x, y, z]),
         share=np.asarray(scanner.aperture_share(pulse), dtype=np.float64) * np.ones(count),
-    )  # fmt: skip
+    )
     return whole.until(time_s)
 
 
@@ -138,6 +143,5 @@ def maps(pulses: Pulses, cells: Cells, mask: Numbers, *, dwell_s: float = DWELL_
     revisit[again] = (last[again] - first[again]) / (visits[again] - 1)
     area = cells.square_degrees(mask)
     return CellMaps(
-        cell=mask, square_degrees=area, first_s=first, pulses=count, density=count / area, revisit_s=revisit,
-        share=mean,
-    )  # fmt: skip
+        cell=mask, square_degrees=area, first_s=first, pulses=count, density=count / area, revisit_s=revisit, share=mean
+    )

@@ -62,9 +62,14 @@ class Ground:
 
 
 def ground(
-    sensors: Sequence[Sensor], cells: Cells, maps: Sequence[CellMaps], target: Target, *,
-    half_m: float = GROUND_M, step_m: float = GROUND_STEP_M,
-) -> Ground:  # fmt: skip
+    sensors: Sequence[Sensor],
+    cells: Cells,
+    maps: Sequence[CellMaps],
+    target: Target,
+    *,
+    half_m: float = GROUND_M,
+    step_m: float = GROUND_STEP_M,
+) -> Ground:
     """Which sensors see which places of the plane z = 0 of the vehicle's frame.
 
     A place is seen if its direction is in a cell of the field of view, and an echo of ground with the target's

@@ -63,7 +63,16 @@ def seen(name: str, slug: str, sensor: Sensor, study: Study) -> Seen:
     until = maps(pulses.until(longest), cells, mask)
     frame = pulses.until(sensor.scanner.frame_s)
     return Seen(
-        name=name, slug=slug, sensor=sensor, cells=cells, frame=frame, watched_s=watched, mapped_s=longest,
-        revisits_s=revisits_s, maps=until, revisits=whole, range_m=range_map_m(sensor, whole, study.target),
+        name=name,
+        slug=slug,
+        sensor=sensor,
+        cells=cells,
+        frame=frame,
+        watched_s=watched,
+        mapped_s=longest,
+        revisits_s=revisits_s,
+        maps=until,
+        revisits=whole,
+        range_m=range_map_m(sensor, whole, study.target),
         spacing_deg=nearest_deg(frame.direction),
-    )  # fmt: skip
+    )

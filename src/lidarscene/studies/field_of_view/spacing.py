@@ -65,9 +65,7 @@ def _in_voxels(points: Numbers, lanes: Numbers, side: float) -> Numbers:
     return best
 
 
-def _look(
-    points: Numbers, lanes: Numbers, order: Numbers, low: Numbers, count: Numbers, best: Numbers
-) -> None:
+def _look(points: Numbers, lanes: Numbers, order: Numbers, low: Numbers, count: Numbers, best: Numbers) -> None:
     """Lower ``best`` to the nearest of ``count`` candidates from ``low`` on."""
     some = np.flatnonzero(count)
     if len(some) == 0:

@@ -59,9 +59,15 @@ def file_names(names: Sequence[str], *, with_ground: bool, with_scene: bool) -> 
 
 
 def write(
-    folder: Path, sensors: Sequence[tuple[str, Sensor]], study: Study, *, scene: Scene | None = None,
-    vehicle: Pose | None = None, as_json: bool = False, progress: Told = lambda done, total: None,
-) -> str:  # fmt: skip
+    folder: Path,
+    sensors: Sequence[tuple[str, Sensor]],
+    study: Study,
+    *,
+    scene: Scene | None = None,
+    vehicle: Pose | None = None,
+    as_json: bool = False,
+    progress: Told = lambda done, total: None,
+) -> str:
     """Write all figures and both pages; returns the text to print. Raises InputError, OutputError.
 
     sensors  names and sensors, each at its mounting
@@ -101,9 +107,7 @@ def _write(
     page.paragraph(figures.introduction(study.cell_deg, study.mask, DWELL_S, study.target))
     page.table(figures.SUMMARY, [figures.summary_row(one) for one in everything])
 
-    def show(
-        stem: str, draw: Callable[[Path], None], table: tuple[Sequence[str], Iterable[Any]], caption: str
-    ) -> None:
+    def show(stem: str, draw: Callable[[Path], None], table: tuple[Sequence[str], Iterable[Any]], caption: str) -> None:
         draw(folder / f"{stem}.png")
         put_text(folder / f"{stem}.csv", csv_text(*table))
         page.figure(name=stem, number=stem, caption=caption, svg=False)
@@ -112,9 +116,7 @@ def _write(
     if len(everything) > 1:
         show(*figures.patterns(everything))
     show(*figures.coverage(everything, study.times_s, study.cell_deg))
-    page.table(
-        ("sensor", *(f"{t:g} s" for t in study.times_s)), figures.coverage_rows(everything, study.times_s)
-    )
+    page.table(("sensor", *(f"{t:g} s" for t in study.times_s)), figures.coverage_rows(everything, study.times_s))
     show(*figures.spacing(everything))
     page.table(("sensor", *(f"{p} %" for p in PERCENTILES)), figures.spacing_rows(everything))
     if below is not None:
@@ -141,9 +143,7 @@ def _on_vehicle(sensors: Sequence[tuple[str, Sensor]]) -> bool:
 
 def _ground(everything: Sequence[Seen], study: Study) -> Ground:
     cells = everything[0].cells
-    return ground(
-        [one.sensor for one in everything], cells, [one.revisits for one in everything], study.target
-    )
+    return ground([one.sensor for one in everything], cells, [one.revisits for one in everything], study.target)
 
 
 def _bodies(
@@ -156,9 +156,7 @@ def _bodies(
     return points_on_bodies(scene, mounted, vehicle=vehicle)
 
 
-def _printed(
-    folder: Path, everything: Sequence[Seen], study: Study, files: Sequence[str], *, as_json: bool
-) -> str:
+def _printed(folder: Path, everything: Sequence[Seen], study: Study, files: Sequence[str], *, as_json: bool) -> str:
     if as_json:
         rows = {
             one.name: {
@@ -169,13 +167,13 @@ def _printed(
                 "coverage": dict(zip(map(str, study.times_s), _coverage(one, study), strict=True)),
                 "spacing_deg": dict(
                     zip(map(str, PERCENTILES), np.percentile(one.spacing_deg, PERCENTILES).tolist(), strict=True)
-                ) if len(one.spacing_deg) else {},
+                )
+                if len(one.spacing_deg)
+                else {},
             }
             for one in everything
-        }  # fmt: skip
-        return json_text(
-            {"cell_deg": study.cell_deg, "sensors": rows, "files": [str(folder / f) for f in files]}
-        )
+        }
+        return json_text({"cell_deg": study.cell_deg, "sensors": rows, "files": [str(folder / f) for f in files]})
     width = max(len(one.name) for one in everything)
     lines = [
         f"{one.name:<{width}}  azimuth {figures.azimuth_text(one.frame.azimuth_deg)}, elevation "

@@ -116,9 +116,7 @@ class Solved:
         )
         with np.errstate(invalid="ignore"):
             variances = [slopes @ one @ slopes for one in (self.covariance, self.bootstrap)]
-        fisher, bootstrap = (
-            float(np.sqrt(max(one, 0.0))) if np.isfinite(one) else np.inf for one in variances
-        )
+        fisher, bootstrap = (float(np.sqrt(max(one, 0.0))) if np.isfinite(one) else np.inf for one in variances)
         return Estimate(key=key, value=centre, unit=unit, fisher=fisher, bootstrap=bootstrap)
 
     @property
@@ -153,18 +151,14 @@ def least_squares(
     def differences(at: Numbers) -> Numbers:
         step = 1e-3 * (high - low)
         step = np.where(at + step > high, -step, step)
-        return np.column_stack(
-            [(law(at + move) - residual) / h for move, h in zip(np.diag(step), step, strict=True)]
-        )
+        return np.column_stack([(law(at + move) - residual) / h for move, h in zip(np.diag(step), step, strict=True)])
 
     per_slope = len(value) if slopes is None else 1
     slope = (slopes or differences)(value)
     count += per_slope
     while count < MOST_EVALUATIONS - per_slope:
         normal = slope.T @ slope
-        step = np.linalg.lstsq(
-            normal + damping * np.diag(np.diag(normal) + 1e-12), -slope.T @ residual, rcond=None
-        )[0]
+        step = np.linalg.lstsq(normal + damping * np.diag(np.diag(normal) + 1e-12), -slope.T @ residual, rcond=None)[0]
         tried = np.clip(value + step, low, high)
         moved = np.abs(tried - value) / (high - low)
         after = law(tried)

@@ -37,11 +37,21 @@ IN_SENSOR: Mapping[str, tuple[str, str]] = {
 """Parameters that are fields of a part of the sensor."""
 
 PARAMETERS = (
-    "laser.peak_power_w", "near_field_m", "spot_over_field", "laser.pulse_fwhm_ns", "detector.spads",
-    "detector.dark_count_rate_hz", "histogram.threshold_floor", "histogram.threshold_slope",
-    "histogram.threshold_spread", "optics.sun_irradiance_w_m2", "scatter_floor", "detector.pde",
-    "optics.efficiency_laser", "detector.jitter_ps",
-)  # fmt: skip
+    "laser.peak_power_w",
+    "near_field_m",
+    "spot_over_field",
+    "laser.pulse_fwhm_ns",
+    "detector.spads",
+    "detector.dark_count_rate_hz",
+    "histogram.threshold_floor",
+    "histogram.threshold_slope",
+    "histogram.threshold_spread",
+    "optics.sun_irradiance_w_m2",
+    "scatter_floor",
+    "detector.pde",
+    "optics.efficiency_laser",
+    "detector.jitter_ps",
+)
 """All of them, what is best known from publications last: of what cannot be told apart, the last is held."""
 
 STRONG = 3.0
@@ -96,9 +106,7 @@ class Scene:
     light_measured: bool = False
 
     @classmethod
-    def of(
-        cls, light: Echoes | EchoTrain, sensor: Sensor, group: Numbers, *, spot_over_field: float | None
-    ) -> Scene:
+    def of(cls, light: Echoes | EchoTrain, sensor: Sensor, group: Numbers, *, spot_over_field: float | None) -> Scene:
         """From traced light (`Simulator.light`, with one ray a pulse) of the pulses that meet a surface, ``found``.
 
         Of several echoes, behind a pane, the strongest.
@@ -119,9 +127,13 @@ class Scene:
         seen = 1.0 if overlap is None else np.asarray(overlap.share(range_m))
         background = np.broadcast_to(np.asarray(light.background_power_w, np.float64), there.shape)
         return cls(
-            sensor=sensor, range_m=range_m, power_w=power_w / seen,
-            background_w=background[there], group=np.asarray(group)[there], spot_over_field=spot_over_field,
-        )  # fmt: skip
+            sensor=sensor,
+            range_m=range_m,
+            power_w=power_w / seen,
+            background_w=background[there],
+            group=np.asarray(group)[there],
+            spot_over_field=spot_over_field,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -188,13 +200,7 @@ def expected(scene: Scene, parameters: Mapping[str, Lanes], reflectivity: Number
         sensor = replace(sensor, histogram=histogram)
     shared = _shared(scene, lanes(scene.range_m), grown)
     surface = lanes(np.exp(np.asarray(reflectivity) * np.ones_like(scene.range_m)))
-    power = (
-        lanes(scene.power_w)
-        * shared
-        * surface
-        * grown("laser.peak_power_w")
-        * grown("optics.efficiency_laser")
-    )
+    power = lanes(scene.power_w) * shared * surface * grown("laser.peak_power_w") * grown("optics.efficiency_laser")
     background = lanes(scene.background_w) * grown("optics.sun_irradiance_w_m2")
     if not scene.light_measured:
         background = background * surface
@@ -210,13 +216,16 @@ def expected(scene: Scene, parameters: Mapping[str, Lanes], reflectivity: Number
     rate, _ = sensor.background_counts(background)
     chance = (1.0 - scene.strangers) * _chance(point, level, signal, scene.texture) + 0.5 * scene.strangers
     return Expected(
-        signal=told, chance=chance,
-        near_ir=rate * sensor.tdc.ambient_s, level=level, fired=-point.kappa_2 / point.kappa_1 * signal,
+        signal=told,
+        chance=chance,
+        near_ir=rate * sensor.tdc.ambient_s,
+        level=level,
+        fired=-point.kappa_2 / point.kappa_1 * signal,
         # Binomial: each SPAD fires once, and -kappa_2 / kappa_1 is one over how many there are.
         variance=(told + counted / BOX_SHARE) / BOX_SHARE
         + (point.kappa_2 / point.kappa_1 + scene.texture**2) * told * told,
         sigma_m=_sigma_m(signal, pixel, floor_m),
-    )  # fmt: skip
+    )
 
 
 def _chance(point: WorkingPoint, level: Lanes, signal: Lanes, texture: float) -> Lanes:
@@ -236,8 +245,7 @@ def _shared(scene: Scene, range_m: Lanes, grown: Callable[[str], Lanes]) -> Lane
         overlap = scene.sensor.optics.overlap
         return 1.0 + 0.0 * range_m if overlap is None else overlap.share(range_m / grown("near_field_m"))
     return share(
-        range_m / (near_field_m(scene.sensor) * grown("near_field_m")),
-        scene.spot_over_field * grown("spot_over_field"),
+        range_m / (near_field_m(scene.sensor) * grown("near_field_m")), scene.spot_over_field * grown("spot_over_field")
     )
 
 

@@ -108,9 +108,14 @@ class _Step:
 
 
 def fit_known(
-    scene: Scene, reported: Reported, names: Sequence[str] = PARAMETERS, *, reflectivity_sigma: float = np.inf,
-    start: KnownFit | None = None, most: int = MOST_EVALUATIONS,
-) -> KnownFit:  # fmt: skip
+    scene: Scene,
+    reported: Reported,
+    names: Sequence[str] = PARAMETERS,
+    *,
+    reflectivity_sigma: float = np.inf,
+    start: KnownFit | None = None,
+    most: int = MOST_EVALUATIONS,
+) -> KnownFit:
     """Find the parameters of these names.
 
     reflectivity_sigma  how well the logarithms of the reflectivities are known beforehand; inf: not at all
@@ -166,16 +171,14 @@ def fit_known(
     block = np.arange(len(scene.range_m)) * BLOCKS // len(scene.range_m)
     scores = np.array([np.bincount(block, step.each[:, row]) for row in rows]).reshape(len(rows), -1).T
     solved = Solved(
-        value=np.array([values[name] for name in active]), slope=step.matrix[np.ix_(rows, rows)], scores=scores,
-        evaluations=evaluations, beside=_beside(step.matrix, rows, [list(names).index(name) for name in held]),
-    )  # fmt: skip
+        value=np.array([values[name] for name in active]),
+        slope=step.matrix[np.ix_(rows, rows)],
+        scores=scores,
+        evaluations=evaluations,
+        beside=_beside(step.matrix, rows, [list(names).index(name) for name in held]),
+    )
     return KnownFit(
-        solved=solved,
-        names=tuple(active),
-        held=tuple(held),
-        null=tuple(null),
-        values=values,
-        reflectivity=surfaces,
+        solved=solved, names=tuple(active), held=tuple(held), null=tuple(null), values=values, reflectivity=surfaces
     )
 
 
@@ -257,7 +260,7 @@ def _strong(scene: Scene, reported: Reported, values: Mapping[str, float], surfa
 
 def _step(
     scene: Scene, reported: Reported, values: Mapping[str, float], surfaces: Numbers, strong: Numbers, weight: float
-) -> _Step:  # fmt: skip
+) -> _Step:
     """Scores and Fisher's matrix, reflectivities profiled out."""
     now, slopes = slopes_of(scene, values, surfaces)
     said = 1.0 - strong
@@ -276,9 +279,11 @@ def _step(
         squares * (_SLOPE / _VARIANCE) * now.sigma_m,
     )
     weights = (
-        strong * fair / now.variance, said / (chance * (1.0 - chance)), light / np.maximum(now.near_ir, 1.0),
+        strong * fair / now.variance,
+        said / (chance * (1.0 - chance)),
+        light / np.maximum(now.near_ir, 1.0),
         near / now.sigma_m**2,
-    )  # fmt: skip
+    )
     information = (1.0, 1.0, 1.0, _SLOPE**2 / _VARIANCE)
     n, groups = len(scene.range_m), len(surfaces)
     each, each_surface = np.zeros((n, len(values))), np.zeros(n)
@@ -298,6 +303,10 @@ def _step(
     of_groups = np.bincount(scene.group, each_surface, minlength=groups) - weight * surfaces
     profiled = cross / own
     return _Step(
-        score=each.sum(axis=0) - profiled @ of_groups, matrix=matrix - profiled @ cross.T,
-        each=each - each_surface[:, None] * profiled.T[scene.group], of_groups=of_groups, cross=cross, own=own,
-    )  # fmt: skip
+        score=each.sum(axis=0) - profiled @ of_groups,
+        matrix=matrix - profiled @ cross.T,
+        each=each - each_surface[:, None] * profiled.T[scene.group],
+        of_groups=of_groups,
+        cross=cross,
+        own=own,
+    )

@@ -104,9 +104,7 @@ class NearField:
 def share(range_over_r0: Lanes, spot_over_field: Lanes) -> Lanes:
     """Share of the light on the detector over that far away (T18)."""
     far = -expm1(-2.0 / (spot_over_field * spot_over_field))
-    near = receiver.gaussian_share_on_axis(
-        spot_rad=spot_over_field, field_rad=1.0, blur_rad=1.0 / range_over_r0
-    )
+    near = receiver.gaussian_share_on_axis(spot_rad=spot_over_field, field_rad=1.0, blur_rad=1.0 / range_over_r0)
     return near / far
 
 
@@ -126,11 +124,7 @@ def own_curve(sensor: Sensor) -> Curve | None:
 
 
 def _spot(sensor: Sensor) -> float:
-    return (
-        0.5
-        * sensor.laser.mean_divergence_rad
-        * float(sensor.optics.focal_length_m / sensor.detector.radius_m)
-    )
+    return 0.5 * sensor.laser.mean_divergence_rad * float(sensor.optics.focal_length_m / sensor.detector.radius_m)
 
 
 def _one_lens(sensor: Sensor) -> bool:
@@ -172,9 +166,7 @@ def fit_near_field(pulses: Pulses, sensor: Sensor | None = None) -> NearField | 
     if sensor is not None and own is not None:
         knee = math.log(near_field_m(sensor))
         start = np.array([far, knee])
-        low, high = (
-            np.array([one[0], knee + way]) for one, way in ((low, -LONGEST_STRETCH), (high, LONGEST_STRETCH))
-        )
+        low, high = (np.array([one[0], knee + way]) for one, way in ((low, -LONGEST_STRETCH), (high, LONGEST_STRETCH)))
     weight = np.ones_like(y)
     value, slope = start, np.zeros((len(y), len(start)))
     for _ in range(4):  # the misfit and the weights follow from the residuals, which follow from the weights
@@ -191,9 +183,15 @@ def fit_near_field(pulses: Pulses, sensor: Sensor | None = None) -> NearField | 
     scores = (apart * root) @ -slope
     solved = Solved(value=value, slope=slope.T @ slope, scores=scores, evaluations=evaluations)
     return NearField(
-        range_m=np.exp(x), white_m2=np.exp(y), sigma=sigma, misfit=misfit, own=own, solved=solved,
-        check_range_m=np.exp(check[0]), check_white_m2=np.exp(check[1]),
-    )  # fmt: skip
+        range_m=np.exp(x),
+        white_m2=np.exp(y),
+        sigma=sigma,
+        misfit=misfit,
+        own=own,
+        solved=solved,
+        check_range_m=np.exp(check[0]),
+        check_white_m2=np.exp(check[1]),
+    )
 
 
 def _bins(pulses: Pulses) -> tuple[Numbers, Numbers, Numbers, Numbers, Numbers] | None:

@@ -169,9 +169,7 @@ class Products:
     def fixed(self) -> tuple[str, ...]:
         """Keys that stay at the values of the file that the fit started from."""
         pivots = reduced(self.exponents)[1]
-        return tuple(
-            key for index, key in enumerate(self.keys) if index not in pivots and key != REFLECTIVITY
-        )
+        return tuple(key for index, key in enumerate(self.keys) if index not in pivots and key != REFLECTIVITY)
 
 
 def products_of(sensor: Sensor, known: Sequence[str]) -> Products:

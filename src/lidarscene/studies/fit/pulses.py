@@ -56,12 +56,15 @@ class Pulses:
     def part(self, columns: Numbers) -> Pulses:
         """The pulses of these columns."""
         return Pulses(
-            range_m=self.range_m[:, columns], recorded=self.recorded[:, columns],
+            range_m=self.range_m[:, columns],
+            recorded=self.recorded[:, columns],
             signal=None if self.signal is None else self.signal[:, columns],
             near_ir=None if self.near_ir is None else self.near_ir[:, columns],
             reflectivity=None if self.reflectivity is None else self.reflectivity[:, columns],
-            azimuth_rad=self.azimuth_rad[:, columns], frame=self.frame[columns], block=self.block[columns],
-        )  # fmt: skip
+            azimuth_rad=self.azimuth_rad[:, columns],
+            frame=self.frame[columns],
+            block=self.block[columns],
+        )
 
     def blocks(self, mask: Numbers) -> Numbers:
         """(n,) of each pulse of the mask the number of its block, counted from 0 without gaps."""
@@ -78,9 +81,7 @@ def pulses_of(sweeps: Iterable[Sweep]) -> Pulses:
     blocks = 0
     for sweep in sweeps:
         if len(sweep.shape) != 2:
-            raise ValueError(
-                "must have rows and columns, as packets of a spinning sensor do, got a list of points"
-            )
+            raise ValueError("must have rows and columns, as packets of a spinning sensor do, got a list of points")
         there = np.flatnonzero(np.asarray(sweep.recorded).any(axis=0))
         if not len(there):
             continue
@@ -90,13 +91,16 @@ def pulses_of(sweeps: Iterable[Sweep]) -> Pulses:
         blocks = int(block.max()) + 1
         parts.append(
             Pulses(
-                range_m=sweep.range_m[:, there], recorded=np.asarray(sweep.recorded)[:, there],
-                signal=_columns(sweep.signal, there), near_ir=_columns(sweep.near_ir, there),
+                range_m=sweep.range_m[:, there],
+                recorded=np.asarray(sweep.recorded)[:, there],
+                signal=_columns(sweep.signal, there),
+                near_ir=_columns(sweep.near_ir, there),
                 reflectivity=_columns(sweep.reflectivity, there),
                 azimuth_rad=np.arctan2(sweep.direction[..., 1], sweep.direction[..., 0])[:, there],
-                frame=np.full(len(there), len(parts)), block=block,
+                frame=np.full(len(there), len(parts)),
+                block=block,
             )
-        )  # fmt: skip
+        )
     if not parts:
         raise ValueError("must have pulses, got none")
 
@@ -106,16 +110,7 @@ def pulses_of(sweeps: Iterable[Sweep]) -> Pulses:
 
     told = {
         name: joined(name)
-        for name in (
-            "range_m",
-            "recorded",
-            "signal",
-            "near_ir",
-            "reflectivity",
-            "azimuth_rad",
-            "frame",
-            "block",
-        )
+        for name in ("range_m", "recorded", "signal", "near_ir", "reflectivity", "azimuth_rad", "frame", "block")
     }
     return Pulses(**told)  # type: ignore[arg-type]
 

@@ -83,12 +83,14 @@ class Fit:
         ratios = None if scatter is None or not len(scatter.ratios) else scatter.ratios
         return (
             Check(
-                name="signal over the range", wanted=f"mean error <= {SIGNAL_ERROR:.0%}",
+                name="signal over the range",
+                wanted=f"mean error <= {SIGNAL_ERROR:.0%}",
                 found="not recorded" if near is None else f"{near.error:.1%}",
                 held=None if near is None else near.error <= SIGNAL_ERROR,
             ),
             Check(
-                name="kept and lost", wanted=f"mean difference <= {KEPT_ERROR:g}",
+                name="kept and lost",
+                wanted=f"mean difference <= {KEPT_ERROR:g}",
                 found="not recorded" if threshold is None else f"{threshold.error:.3f}",
                 held=None if threshold is None else threshold.error <= KEPT_ERROR,
             ),
@@ -98,7 +100,7 @@ class Fit:
                 found="too few smooth surfaces" if ratios is None else f"{ratios.min():.2f} to {ratios.max():.2f}",
                 held=None if scatter is None or ratios is None else not scatter.beyond(SCATTER_RATIO),
             ),
-        )  # fmt: skip
+        )
 
     @property
     def passed(self) -> bool:
@@ -109,18 +111,25 @@ class Fit:
 def as_dict(fit: Fit) -> dict[str, Any]:
     """For JSON."""
     told: dict[str, Any] = {
-        "recording": fit.recording, "sensor": fit.sensor, "pulses": fit.pulses, "frames": fit.frames,
+        "recording": fit.recording,
+        "sensor": fit.sensor,
+        "pulses": fit.pulses,
+        "frames": fit.frames,
         "passed": fit.passed,
         "estimates": {
             one.key: {
-                "value": one.value, "unit": one.unit, "sigma": _finite(one.sigma), "fisher": _finite(one.fisher),
-                "bootstrap": _finite(one.bootstrap), "known": one.known,
+                "value": one.value,
+                "unit": one.unit,
+                "sigma": _finite(one.sigma),
+                "fisher": _finite(one.fisher),
+                "bootstrap": _finite(one.bootstrap),
+                "known": one.known,
             }
             for one in fit.estimates
         },
         "checks": [asdict(one) for one in fit.checks],
         "correlations": {name: solved.correlation.tolist() for name, _, solved in _solved(fit)},
-    }  # fmt: skip
+    }
     if fit.rows is not None:
         told["row_gains"] = {"gain": fit.rows.gain.tolist(), "sigma": fit.rows.sigma.tolist()}
     if fit.products is not None:
@@ -207,11 +216,16 @@ def write_report(fit: Fit, folder: Path) -> None:
     page.table(
         ("quantity", "value", "sigma, Fisher", "sigma, bootstrap", ""),
         [
-            (one.key, f"{one.value:.4g} {one.unit}", f"{one.fisher:.2g}", f"{one.bootstrap:.2g}",
-             "" if one.known else "not known")
+            (
+                one.key,
+                f"{one.value:.4g} {one.unit}",
+                f"{one.fisher:.2g}",
+                f"{one.bootstrap:.2g}",
+                "" if one.known else "not known",
+            )
             for one in fit.estimates
         ],
-    )  # fmt: skip
+    )
     add_notes(page, fit.notes)
     add_figures(page, folder, _figures(fit))
     page.heading("Correlations")
@@ -256,16 +270,21 @@ def _near_field(near: NearField) -> list[Figure]:
             Line(label="not fitted", x=near.check_range_m, y=near.check_white_m2, colour=2, style="dotted"),
             Line(label="law", x=near.range_m, y=law, colour=1, style="dashed"),
         ),
-        x_label="range [m]", y_label="SIGNAL R² 100 / REFLECTIVITY [photons m²]", x_log=True, y_log=True,
-    )  # fmt: skip
+        x_label="range [m]",
+        y_label="SIGNAL R² 100 / REFLECTIVITY [photons m²]",
+        x_log=True,
+        y_log=True,
+    )
     check = near.check_white_m2 / near.law(near.check_range_m)
     rest = Chart(
         lines=(
             Line(label="recorded over law", x=near.range_m, y=near.white_m2 / law),
             Line(label="not fitted", x=near.check_range_m, y=check, colour=2, style="dotted"),
         ),
-        x_label="range [m]", y_label="ratio", x_log=True,
-    )  # fmt: skip
+        x_label="range [m]",
+        y_label="ratio",
+        x_log=True,
+    )
     rows = list(zip(near.range_m, near.white_m2, law, near.sigma, strict=True))
     head = ("range_m", "white_m2", "law", "sigma_of_ln")
     caption = f"Photons of a white target times the square of its range. The law misses {near.misfit:.1%} (deviation)."
@@ -281,9 +300,11 @@ def _threshold(threshold: Threshold) -> Figure:
             Line(label="found", x=threshold.expected, y=threshold.found),
             Line(label="expected", x=threshold.expected, y=threshold.expected, colour=1, style="dashed"),
         ),
-        x_label="chance of a return, by the law", y_label="share with a return",
-        x_limits=(0.0, 1.0), y_limits=(0.0, 1.0),
-    )  # fmt: skip
+        x_label="chance of a return, by the law",
+        y_label="share with a return",
+        x_limits=(0.0, 1.0),
+        y_limits=(0.0, 1.0),
+    )
     rows = list(zip(threshold.expected, threshold.found, threshold.pulses.tolist(), strict=True))
     caption = "Kept pulses of the blocks that were not fitted, by the chance that the law gives them."
     return "threshold", caption, chart, (("expected", "found", "pulses"), rows)
@@ -297,11 +318,12 @@ def _scatter(scatter: Scatter) -> Figure:
             Line(label="not fitted", x=scatter.signal, y=1e3 * scatter.check_sigma_m, colour=2, style="dotted"),
             Line(label="law", x=scatter.signal, y=1e3 * law, colour=1, style="dashed"),
         ),
-        x_label="SIGNAL [photons]", y_label="scatter of the range [mm]", x_log=True, y_log=True,
-    )  # fmt: skip
-    rows = list(
-        zip(scatter.signal, 1e3 * scatter.sigma_m, 1e3 * scatter.check_sigma_m, 1e3 * law, strict=True)
+        x_label="SIGNAL [photons]",
+        y_label="scatter of the range [mm]",
+        x_log=True,
+        y_log=True,
     )
+    rows = list(zip(scatter.signal, 1e3 * scatter.sigma_m, 1e3 * scatter.check_sigma_m, 1e3 * law, strict=True))
     caption = "Scatter of every second pulse of a row about a parabola, on smooth surfaces."
     return "scatter", caption, chart, (("signal", "sigma_mm", "not_fitted_mm", "law_mm"), rows)
 

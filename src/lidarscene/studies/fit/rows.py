@@ -56,10 +56,7 @@ class RowGains:
 
 def fit_rows(pulses: Pulses) -> RowGains | None:
     """From the pulses of a recording; None without NEAR_IR, with few rows or few columns."""
-    if (
-        pulses.near_ir is None
-        or min(pulses.near_ir.shape[0] - 2 * 2, pulses.near_ir.shape[1] - LEAST_COLUMNS) < 0
-    ):
+    if pulses.near_ir is None or min(pulses.near_ir.shape[0] - 2 * 2, pulses.near_ir.shape[1] - LEAST_COLUMNS) < 0:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
         light = np.log(_unstaggered(pulses, np.where(pulses.recorded, pulses.near_ir, np.nan)))

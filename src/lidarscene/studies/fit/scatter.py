@@ -127,9 +127,13 @@ def fit_scatter(pulses: Pulses) -> Scatter | None:
     check = {octave: rest for octave, *rest in zip(*held_out, strict=True)}
     check_sigma_m, check_patches = np.array([check.get(octave, (math.nan, 0)) for octave in signal]).T
     return Scatter(
-        solved=solved, signal=signal, sigma_m=sigma, patches=patches,
-        check_sigma_m=check_sigma_m, check_patches=check_patches,
-    )  # fmt: skip
+        solved=solved,
+        signal=signal,
+        sigma_m=sigma,
+        patches=patches,
+        check_sigma_m=check_sigma_m,
+        check_patches=check_patches,
+    )
 
 
 def _patches(pulses: Pulses) -> tuple[Numbers, Numbers, Numbers]:

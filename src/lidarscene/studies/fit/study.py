@@ -23,9 +23,14 @@ from .unit import base_text, fitted_text, sensor_of
 
 
 def fit_recordings(
-    recordings: Sequence[Path], sensor: str, output: Path, report: Path, *, metadata: Path | None = None,
+    recordings: Sequence[Path],
+    sensor: str,
+    output: Path,
+    report: Path,
+    *,
+    metadata: Path | None = None,
     as_json: bool = False,
-) -> tuple[str, bool]:  # fmt: skip
+) -> tuple[str, bool]:
     """Fit, and write sensor file, page and JSON; returns what is printed and whether all checks held.
 
     sensor    the catalogue's sensor of its kind, or a sensor file: what the recording does not tell comes from it
@@ -37,9 +42,7 @@ def fit_recordings(
     where = f"--sensor {sensor}"
     before = sensor_of(base, where)
     pulses = _pulses(recordings, metadata)
-    fit = fit_pulses(
-        pulses, recording=", ".join(one.name for one in recordings), sensor=sensor, optics=before
-    )
+    fit = fit_pulses(pulses, recording=", ".join(one.name for one in recordings), sensor=sensor, optics=before)
     if before.histogram is not None:
         if fit.threshold is not None:
             fit = replace(fit, spread=fit.threshold.spread(before))
@@ -60,10 +63,15 @@ def fit_pulses(pulses: Pulses, *, recording: str, sensor: str, optics: Sensor | 
     optics  the sensor whose near field it is, if its file has more than one lens; None: one lens
     """
     fit = Fit(
-        recording=recording, sensor=sensor, pulses=int(pulses.recorded.sum()), frames=pulses.frames,
-        near_field=fit_near_field(pulses, optics), threshold=fit_threshold(pulses), scatter=fit_scatter(pulses),
+        recording=recording,
+        sensor=sensor,
+        pulses=int(pulses.recorded.sum()),
+        frames=pulses.frames,
+        near_field=fit_near_field(pulses, optics),
+        threshold=fit_threshold(pulses),
+        scatter=fit_scatter(pulses),
         rows=fit_rows(pulses),
-    )  # fmt: skip
+    )
     if not fit.estimates and fit.rows is None:
         raise InputError(
             f"{recording}: must have SIGNAL, NEAR_IR or REFLECTIVITY of enough pulses, as Ousters record; got none. "

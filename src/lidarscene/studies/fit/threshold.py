@@ -154,10 +154,12 @@ def fit_threshold(pulses: Pulses) -> Threshold | None:
     counts = np.bincount(place, minlength=BINS)
     some = counts > 0
     return Threshold(
-        solved=Solved(value=found, slope=slope, scores=scores), near_ir=float(np.median(design[:, 2])) ** 2,
+        solved=Solved(value=found, slope=slope, scores=scores),
+        near_ir=float(np.median(design[:, 2])) ** 2,
         expected=np.bincount(place, expected, minlength=BINS)[some] / counts[some],
-        found=np.bincount(place, pulses.kept[other], minlength=BINS)[some] / counts[some], pulses=counts[some],
-    )  # fmt: skip
+        found=np.bincount(place, pulses.kept[other], minlength=BINS)[some] / counts[some],
+        pulses=counts[some],
+    )
 
 
 def _on_surface(pulses: Pulses) -> Numbers:

@@ -40,11 +40,16 @@ WHOLE = ("detector.spads",)
 """Keys whose numbers are whole."""
 
 STRETCHED = {
-    "optics.aperture_radius_mm": 0.5, "optics.focal_length_mm": 0.5, "laser.peak_power_w": -1.0,
-    "optics.overlap.transmitter_offset_mm": 0.5, "optics.overlap.parallax_free_at_m": 1.0,
-    "optics.overlap.focus_at_m": 1.0, "laser.exit_diameter_mm": 0.5, "laser.divergence_mrad": -0.5,
+    "optics.aperture_radius_mm": 0.5,
+    "optics.focal_length_mm": 0.5,
+    "laser.peak_power_w": -1.0,
+    "optics.overlap.transmitter_offset_mm": 0.5,
+    "optics.overlap.parallax_free_at_m": 1.0,
+    "optics.overlap.focus_at_m": 1.0,
+    "laser.exit_diameter_mm": 0.5,
+    "laser.divergence_mrad": -0.5,
     "laser.divergence_elevation_mrad": -0.5,
-}  # fmt: skip
+}
 """Exponents of the factor by which the near field is stretched over the range. All lengths across grow by its root, all
 angles shrink by it. Aperture times field of view stays, so the background does; the power makes up for the aperture."""
 
@@ -104,9 +109,7 @@ def fitted_text(
     if "near_field_m" in known and "spot_over_field" not in estimates:
         # The law was the file's own curve.
         factor = known["near_field_m"].value / near_field_m(sensor)
-        source = told(
-            "near_field_m", f"; the near field of the file's own optics, at {factor:.4g} times the range"
-        )
+        source = told("near_field_m", f"; the near field of the file's own optics, at {factor:.4g} times the range")
         for key, value in grown(text, {key: factor**power for key, power in STRETCHED.items()}).items():
             text = put_at(text, key, value, source)
     elif "near_field_m" in known:
@@ -119,9 +122,7 @@ def fitted_text(
             text = put(text, "optics", key, moved * value, source)
         # The law is that of one lens, focused at infinity, on the laser's axis.
         if re.search(r"(?m)^(transmitter_offset_mm|focus_at_m)", text):
-            notes += (
-                "optics.overlap: the file's two lenses or focus are replaced by one lens, whose law was fitted",
-            )
+            notes += ("optics.overlap: the file's two lenses or focus are replaced by one lens, whose law was fitted",)
         two = ("transmitter_offset_mm", "parallax_free_at_m", "focus_at_m", "scattered_share")
         text = without(text, "optics.overlap", two)
         if re.search(r"(?m)^exit_diameter_mm", text):
@@ -134,29 +135,21 @@ def fitted_text(
         if spot is not None and ("spot_over_field" in known or re.search(r"(?m)^divergence_mrad", text)):
             # Twice the half angle, of the new lens.
             field = float(sensor.detector.radius_m / sensor.optics.focal_length_m) / moved
-            source = told(
-                "spot_over_field", "; the spot's radius over the field's, from how sharp the near field ends"
-            )
+            source = told("spot_over_field", "; the spot's radius over the field's, from how sharp the near field ends")
             text = put(text, "laser", "divergence_mrad", 2e3 * spot.value * field, source)
     if "scatter_c" in known:
         fwhm_s = pulse_fwhm_s(sensor, known["scatter_c"].value)
         if fwhm_s is not None:
-            changed = put(
-                text, "laser", "pulse_fwhm_ns", 1e9 * fwhm_s, told("scatter_c", "; scatter of the range")
-            )
+            changed = put(text, "laser", "pulse_fwhm_ns", 1e9 * fwhm_s, told("scatter_c", "; scatter of the range"))
             try:
                 sensor_of(changed, where)
             except InputError:  # shorter than the bins of the file can show
-                notes += (
-                    f"laser.pulse_fwhm_ns is left as it was: {1e9 * fwhm_s:.2g} ns is too short for its bins",
-                )
+                notes += (f"laser.pulse_fwhm_ns is left as it was: {1e9 * fwhm_s:.2g} ns is too short for its bins",)
             else:
                 text = changed
     for key in ("threshold_floor", "threshold_slope", "threshold_spread"):
         if key in known:
-            text = put(
-                text, "histogram", key, known[key].value, told(key, "; SIGNAL and NEAR_IR of kept and lost")
-            )
+            text = put(text, "histogram", key, known[key].value, told(key, "; SIGNAL and NEAR_IR of kept and lost"))
     if rows is not None:
         text, told_of_rows = _with_rows(text, rows, recording)
         notes += told_of_rows
@@ -172,9 +165,7 @@ def _with_rows(text: str, rows: RowGains, recording: str) -> tuple[str, tuple[st
     """The file with the gains of the rows, and what there is to say if they are not written."""
     beams = tomllib.loads(text).get("scanner", {}).get("elevation_deg", ())
     if len(beams) != len(rows.gain):
-        return text, (
-            f"row gains are not written: of {len(rows.gain)} rows, and the file has {len(beams)} beams",
-        )
+        return text, (f"row gains are not written: of {len(rows.gain)} rows, and the file has {len(beams)} beams",)
     if rows.key is None:
         told = "SIGNAL of some rows is too weak"
         if rows.follows is not None:
@@ -222,13 +213,9 @@ def put(text: str, table: str, key: str, value: float | Sequence[float], source:
     body = text[head.end() : end.start() if end else len(text)]
     shown = f"{value:.6g}" if isinstance(value, int | float) else f"[{', '.join(f'{x:.6g}' for x in value)}]"
     line = f"{key} = {shown}\n"
-    changed, count = re.subn(
-        rf"(?m)^{re.escape(key)}\s*=(\s*\[[^\]]*\])?[^\n]*\n?", lambda _: line, body, count=1
-    )
+    changed, count = re.subn(rf"(?m)^{re.escape(key)}\s*=(\s*\[[^\]]*\])?[^\n]*\n?", lambda _: line, body, count=1)
     body = changed if count else line + body
-    return noted(
-        text[: head.end()] + body + text[end.start() if end else len(text) :], f"{table}.{key}", source
-    )
+    return noted(text[: head.end()] + body + text[end.start() if end else len(text) :], f"{table}.{key}", source)
 
 
 def without(text: str, table: str, keys: Sequence[str]) -> str:

@@ -80,10 +80,13 @@ class ApdNoise:
     def snr(self, gain: Any, *, index: float = 0.3) -> Any:
         """SNR at this gain, (20)."""
         return apd.snr_of_gain(
-            signal_at_unit_gain_a=self.signal_a, optical_variance_a2=self.optical_a2,
-            bulk_dark_variance_a2=self.bulk_dark_a2, unmultiplied_variance_a2=self.unmultiplied_a2,
-            gain=gain, excess_noise_index=index,
-        )  # fmt: skip
+            signal_at_unit_gain_a=self.signal_a,
+            optical_variance_a2=self.optical_a2,
+            bulk_dark_variance_a2=self.bulk_dark_a2,
+            unmultiplied_variance_a2=self.unmultiplied_a2,
+            gain=gain,
+            excess_noise_index=index,
+        )
 
 
 def apd_noise(*, illuminance_klux: float = 100.0, distance_m: float = 100.0) -> ApdNoise:
@@ -105,13 +108,16 @@ def apd_noise(*, illuminance_klux: float = 100.0, distance_m: float = 100.0) -> 
     rest = apd.dark_shot_variance_a2(
         surface_dark_current_a=detector.surface_dark_current_a, bulk_dark_current_a=0.0, **unit
     ) + apd.thermal_variance_a2(
-        temperature_k=detector.temperature_k, load_resistance_ohm=detector.load_resistance_ohm,
+        temperature_k=detector.temperature_k,
+        load_resistance_ohm=detector.load_resistance_ohm,
         bandwidth_hz=sensor.tdc.bandwidth_hz,
-    )  # fmt: skip
+    )
     return ApdNoise(
-        optical_a2=float(optical), bulk_dark_a2=float(bulk), unmultiplied_a2=float(rest),
+        optical_a2=float(optical),
+        bulk_dark_a2=float(bulk),
+        unmultiplied_a2=float(rest),
         signal_a=float(responsivity) * float(np.ravel(light.peak_power_w)[0]),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,9 +141,7 @@ def sipm_counts(*, illuminance_klux: float = 100.0, distance_m: float = 100.0) -
     light = plane.echoes_of_plane(sensor, Target(illuminance_klux=illuminance_klux), distance_m)
     photon = sensor.laser.photon_energy_j
     background = sipm.background_photons(
-        power_w=float(np.ravel(light.background_power_w)[0]),
-        dead_time_s=detector.dead_time_s,
-        photon_energy_j=photon,
+        power_w=float(np.ravel(light.background_power_w)[0]), dead_time_s=detector.dead_time_s, photon_energy_j=photon
     )
     signal = sipm.signal_photons(
         peak_power_w=float(np.ravel(light.peak_power_w)[0]),
@@ -148,10 +152,15 @@ def sipm_counts(*, illuminance_klux: float = 100.0, distance_m: float = 100.0) -
         sipm.fired_share_published(photons=background, pde=detector.pde, cells=detector.cells)
     )
     return SipmCounts(
-        cells=float(detector.cells), pde=float(detector.pde), background_photons=float(background),
-        signal_photons=float(signal), busy=float(busy),
+        cells=float(detector.cells),
+        pde=float(detector.pde),
+        background_photons=float(background),
+        signal_photons=float(signal),
+        busy=float(busy),
         variance=float(sipm.fired_variance_published(fired=busy, cells=detector.cells)),
-        dark=float(sipm.dark_counts(
-            cells=detector.cells, dark_count_rate_hz=detector.dark_count_rate_hz, dead_time_s=detector.dead_time_s
-        )),
-    )  # fmt: skip
+        dark=float(
+            sipm.dark_counts(
+                cells=detector.cells, dark_count_rate_hz=detector.dark_count_rate_hz, dead_time_s=detector.dead_time_s
+            )
+        ),
+    )

@@ -41,10 +41,13 @@ def figures() -> list[PaperFigure]:
 def _figure(file: str, number: str, caption: str, chart: Chart, first: str) -> PaperFigure:
     """A figure whose CSV is made of the chart's own lines, which share their x values."""
     return PaperFigure(
-        file=file, number=number, caption=caption, chart=chart,
+        file=file,
+        number=number,
+        caption=caption,
+        chart=chart,
         header=(first, *(line.label for line in chart.lines)),
         columns=(chart.lines[0].x, *(line.y for line in chart.lines)),
-    )  # fmt: skip
+    )
 
 
 def fig_4e() -> PaperFigure:
@@ -59,16 +62,18 @@ def fig_4e() -> PaperFigure:
         for colour, klux in ((0, 100.0), (5, 10.0), (2, 1.0))
     )
     marks = (
-        Mark(
-            x=equal, y=noise.snr(equal), text=f"{equal:.1f}: optical = electrical noise", offset=(9.0, -22.0)
-        ),
+        Mark(x=equal, y=noise.snr(equal), text=f"{equal:.1f}: optical = electrical noise", offset=(9.0, -22.0)),
         Mark(x=best, y=noise.snr(best), text=f"{best:.1f}: best", offset=(2.0, -6.0)),
         Mark(x=80.0, y=noise.snr(80.0), text="80: Table 1", offset=(4.0, 9.0)),
     )
     chart = Chart(
-        lines=lines, marks=marks, x_label="multiplication factor", x_log=True, y_log=True,
+        lines=lines,
+        marks=marks,
+        x_label="multiplication factor",
+        x_log=True,
+        y_log=True,
         y_label="trigger SNR of the APD at 100 m",
-    )  # fmt: skip
+    )
     caption = (
         "SNR against gain by (20), Table 1 at 100 m. The text puts the best gain where optical and electrical noise "
         f"are equal ({equal:.1f}); it is where the multiplied noise is 2/x times the rest ({best:.1f})."
@@ -78,19 +83,27 @@ def fig_4e() -> PaperFigure:
 
 def _response(lines: tuple[Line, ...], title: str = "") -> Chart:
     return Chart(
-        lines=lines, title=title, x_label="photons of the flash", y_label="triggered cells",
-        x_limits=(0.0, float(lines[0].x[-1])), y_limits=(0.0, None),
-    )  # fmt: skip
+        lines=lines,
+        title=title,
+        x_label="photons of the flash",
+        y_label="triggered cells",
+        x_limits=(0.0, float(lines[0].x[-1])),
+        y_limits=(0.0, None),
+    )
 
 
 def fig_5a() -> PaperFigure:
     """Photon response for several PDE."""
     photons = np.linspace(0.0, 1500.0, 301)
     lines = tuple(
-        Line(label=f"PDE {pde:.0%}", x=photons, colour=i,
-             y=np.asarray(sipm.fired_cells_published(photons=photons, pde=pde, cells=100.0)))
+        Line(
+            label=f"PDE {pde:.0%}",
+            x=photons,
+            colour=i,
+            y=np.asarray(sipm.fired_cells_published(photons=photons, pde=pde, cells=100.0)),
+        )
         for i, pde in enumerate((0.10, 0.22, 0.40, 0.60))
-    )  # fmt: skip
+    )
     caption = (
         "Response (22) of 100 cells without background. Derived without splitting the photons evenly it is "
         "1 - exp(-n PDE / N), at most 0.3 % of the photons apart: not to be seen here."
@@ -102,13 +115,15 @@ def fig_5b() -> PaperFigure:
     """Photon response for several numbers of cells."""
     photons = np.linspace(0.0, 4000.0, 401)
     lines = tuple(
-        Line(label=f"{cells:.0f} cells", x=photons, colour=i,
-             y=np.asarray(sipm.fired_cells_published(photons=photons, pde=0.22, cells=cells)))
+        Line(
+            label=f"{cells:.0f} cells",
+            x=photons,
+            colour=i,
+            y=np.asarray(sipm.fired_cells_published(photons=photons, pde=0.22, cells=cells)),
+        )
         for i, cells in enumerate((50.0, 100.0, 200.0, 400.0))
-    )  # fmt: skip
-    return _figure(
-        "fig-5b", "5(b)", "Response (22) at a PDE of 22 %, without background.", _response(lines), "photons"
     )
+    return _figure("fig-5b", "5(b)", "Response (22) at a PDE of 22 %, without background.", _response(lines), "photons")
 
 
 def fig_5c() -> PaperFigure:
@@ -119,9 +134,7 @@ def fig_5c() -> PaperFigure:
     lines = []
     for i, background in enumerate((100.0, 300.0, 1000.0, 0.0), start=1):
         busy = sipm.fired_cells_published(photons=background, pde=pde, cells=cells)
-        y = sipm.signal_cells_published(
-            background_cells=busy, dark_counts=dark, photons=photons, pde=pde, cells=cells
-        )
+        y = sipm.signal_cells_published(background_cells=busy, dark_counts=dark, photons=photons, pde=pde, cells=cells)
         lines.append(Line(label=f"{background:g} photons", x=photons, y=np.asarray(y), colour=i % 4))
         share = sipm.busy_share_steady_state(
             photons=background, pde=pde, cells=cells, dark_count_rate_hz=_DARK_HZ, dead_time_s=_DEAD_TIME_S
@@ -129,23 +142,14 @@ def fig_5c() -> PaperFigure:
         y = cells * (1.0 - share) * sipm.fired_share(photons=photons, pde=pde, cells=cells)
         if background:
             lines.append(
-                Line(
-                    label=f"{background:g}, derived",
-                    x=photons,
-                    y=np.asarray(y),
-                    colour=i,
-                    style="dashed",
-                    width=1.4,
-                )
+                Line(label=f"{background:g}, derived", x=photons, y=np.asarray(y), colour=i, style="dashed", width=1.4)
             )
     caption = (
         "Cells that the echo triggers, (24), 100 cells, PDE 22 %, background photons in a dead time. "
         "Dashed: busy cells "
         "in steady state, x / (1 + x), which leaves more cells free than (23)."
     )
-    return _figure(
-        "fig-5c", "5(c)", caption, _response(tuple(lines), "background in a dead time:"), "photons"
-    )
+    return _figure("fig-5c", "5(c)", caption, _response(tuple(lines), "background in a dead time:"), "photons")
 
 
 def fig_6a() -> PaperFigure:
@@ -156,23 +160,21 @@ def fig_6a() -> PaperFigure:
     lines = (
         Line(label="APD (19)", x=x, y=plane.snr(three[0], TABLE_1, x), colour=0),
         Line(label="SiPM (27)", x=x, y=plane.snr(three[1], TABLE_1, x), colour=1),
-        Line(
-            label="SiPM, steady state",
-            x=x,
-            y=plane.snr(three[2], TABLE_1, x),
-            colour=1,
-            style="dashed",
-            width=1.4,
-        ),
+        Line(label="SiPM, steady state", x=x, y=plane.snr(three[2], TABLE_1, x), colour=1, style="dashed", width=1.4),
     )
     marks = (
         Mark(x=limits[0], y=5.0, text=f"{limits[0]:.1f} m", colour=0, offset=(8.0, 8.0)),
         Mark(x=limits[1], y=5.0, text=f"{limits[1]:.1f} m", colour=1, offset=(-8.0, -6.0)),
     )
     chart = Chart(
-        lines=lines, marks=marks, levels=(Level(y=5.0, text="threshold: TNR 5"),), x_log=True, y_log=True,
-        x_label="distance [m]", y_label="trigger SNR",
-    )  # fmt: skip
+        lines=lines,
+        marks=marks,
+        levels=(Level(y=5.0, text="threshold: TNR 5"),),
+        x_log=True,
+        y_log=True,
+        x_label="distance [m]",
+        y_label="trigger SNR",
+    )
     caption = (
         "Trigger SNR against distance, 100 klux, elevation 0. Limits at TNR 5: APD "
         f"{limits[0]:.3f} m, SiPM {limits[1]:.3f} m by (27) and {limits[2]:.3f} m with busy cells in steady state."
@@ -190,17 +192,25 @@ def fig_6b() -> PaperFigure:
 
     pair = ((0, "APD", apd_lidar()), (1, "SiPM", sipm_printed()))
     lines = [Line(label=f"{n}, A cos θ", x=angle, y=reach(s, aperture.cosine), colour=i) for i, n, s in pair]
-    lines.append(Line(label="SiPM, A cos θ, steady state", x=angle, y=reach(sipm_steady(), aperture.cosine),
-                      colour=1, style="dashed", width=1.4))  # fmt: skip
-    for style, name, law in (
-        ("dashdot", "mirror", aperture.mirror),
-        ("dotted", "A constant", aperture.constant),
-    ):
+    lines.append(
+        Line(
+            label="SiPM, A cos θ, steady state",
+            x=angle,
+            y=reach(sipm_steady(), aperture.cosine),
+            colour=1,
+            style="dashed",
+            width=1.4,
+        )
+    )
+    for style, name, law in (("dashdot", "mirror", aperture.mirror), ("dotted", "A constant", aperture.constant)):
         lines.append(Line(label=f"APD, {name}", x=angle, y=reach(apd_lidar(), law), style=style, width=1.2))
     chart = Chart(
-        lines=tuple(lines), x_label="elevation of the beam [°]", y_label="maximum range [m]",
-        x_limits=(-30.0, 30.0), y_limits=(250.0, 390.0),
-    )  # fmt: skip
+        lines=tuple(lines),
+        x_label="elevation of the beam [°]",
+        y_label="maximum range [m]",
+        x_limits=(-30.0, 30.0),
+        y_limits=(250.0, 390.0),
+    )
     caption = (
         "Maximum range against elevation, 100 klux. The paper names no scanner and no law. Solid: A(θ) = "
         "A(0) cos θ, an "
@@ -228,15 +238,17 @@ def fig_6c() -> PaperFigure:
         Line(label="SiPM, steady state and floor", x=x, y=ranges[2], colour=1, style="dashed", width=1.4),
     )
     mark = Mark(
-        x=equal,
-        y=range_m(three[0], illuminance_klux=equal),
-        text=f"equal at {equal:.2f} klux",
-        offset=(8.0, 9.0),
+        x=equal, y=range_m(three[0], illuminance_klux=equal), text=f"equal at {equal:.2f} klux", offset=(8.0, 9.0)
     )
     chart = Chart(
-        lines=lines, marks=(mark,), x_log=True, y_log=True, x_label="illuminance of the sun [klux]",
-        y_label="maximum range [m]", y_limits=(200.0, 5000.0),
-    )  # fmt: skip
+        lines=lines,
+        marks=(mark,),
+        x_log=True,
+        y_log=True,
+        x_label="illuminance of the sun [klux]",
+        y_label="maximum range [m]",
+        y_limits=(200.0, 5000.0),
+    )
     caption = (
         f"Maximum range against illuminance, elevation 0. Equal at {equal:.5f} klux by (27), at {other:.5f} "
         "klux with busy "

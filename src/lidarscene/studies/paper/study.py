@@ -75,8 +75,13 @@ def write(
         put_text(temporary / PAGES[0], page.as_markdown())
         put_text(temporary / PAGES[1], page.as_html())
     if as_json:
-        return json_text({"claims": [asdict(c) for c in claims], "errata": [asdict(e) for e in mistakes],
-                           "files": [str(folder / name) for name in file_names()]})  # fmt: skip
+        return json_text(
+            {
+                "claims": [asdict(c) for c in claims],
+                "errata": [asdict(e) for e in mistakes],
+                "files": [str(folder / name) for name in file_names()],
+            }
+        )
     return _printed(folder, claims, mistakes)
 
 
@@ -97,13 +102,11 @@ def _page(drawn: list[PaperFigure], claims: list[Claim], mistakes: list[Erratum]
     page.paragraph(SCANNER)
     page.heading("Claims")
     page.table(
-        ("place", "the text says", "what we find", "verdict"),
-        [(c.place, c.says, c.found, c.verdict) for c in claims],
+        ("place", "the text says", "what we find", "verdict"), [(c.place, c.says, c.found, c.verdict) for c in claims]
     )
     page.heading("Errata")
     page.table(
-        ("place", "printed", "derived", "size at Table 1"),
-        [(e.place, e.printed, e.derived, e.size) for e in mistakes],
+        ("place", "printed", "derived", "size at Table 1"), [(e.place, e.printed, e.derived, e.size) for e in mistakes]
     )
     return page
 

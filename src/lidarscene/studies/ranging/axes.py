@@ -53,16 +53,32 @@ CONDITIONS: dict[str, Bounds] = {
 """What can be swept besides the keys of the sensor file."""
 
 MEANING = {
-    "distance": "distance", "illuminance": "illuminance of the sun", "elevation": "elevation of the beam",
-    "azimuth": "azimuth of the beam", "reflectivity": "reflectivity of the target",
+    "distance": "distance",
+    "illuminance": "illuminance of the sun",
+    "elevation": "elevation of the beam",
+    "azimuth": "azimuth of the beam",
+    "reflectivity": "reflectivity of the target",
     "incidence": "angle of incidence",
-}  # fmt: skip
+}
 
 # Units by the end of a key, longest first.
 _UNITS = {
-    "_w_m2": "W/m²", "_nm": "nm", "_ns": "ns", "_ps": "ps", "_us": "µs", "_mm": "mm", "_mrad": "mrad",
-    "_khz": "kHz", "_mhz": "MHz", "_hz": "Hz", "_na": "nA", "_ohm": "Ω", "_deg": "°", "_w": "W", "_k": "K",
-}  # fmt: skip
+    "_w_m2": "W/m²",
+    "_nm": "nm",
+    "_ns": "ns",
+    "_ps": "ps",
+    "_us": "µs",
+    "_mm": "mm",
+    "_mrad": "mrad",
+    "_khz": "kHz",
+    "_mhz": "MHz",
+    "_hz": "Hz",
+    "_na": "nA",
+    "_ohm": "Ω",
+    "_deg": "°",
+    "_w": "W",
+    "_k": "K",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,25 +103,31 @@ class Axis:
         return np.geomspace(low, high, count) if self.log else np.linspace(low, high, count)
 
 
-def condition_axis(
-    key: str, *, start: float | None, stop: float | None, count: int, log: bool | None
-) -> Axis:
+def condition_axis(key: str, *, start: float | None, stop: float | None, count: int, log: bool | None) -> Axis:
     """An axis of one of `CONDITIONS`."""
     bounds = CONDITIONS[key]
     first = bounds.start if start is None else bounds.require("--from", start)
     last = bounds.stop if stop is None else bounds.require("--to", stop)
     log = bounds.log if log is None else log
     return Axis(
-        key=key, column=f"{key}_{bounds.unit}" if bounds.unit else key, unit=bounds.unit.replace("deg", "°"),
+        key=key,
+        column=f"{key}_{bounds.unit}" if bounds.unit else key,
+        unit=bounds.unit.replace("deg", "°"),
         label=MEANING[key] + (f" [{bounds.unit.replace('deg', '°')}]" if bounds.unit else ""),
-        values=_steps(first, last, count, log=log), log=log,
-    )  # fmt: skip
+        values=_steps(first, last, count, log=log),
+        log=log,
+    )
 
 
 def parameter_axis(
-    key: str, files: Sequence[tuple[str, Mapping[str, Any]]], *,
-    start: float | None, stop: float | None, count: int, log: bool | None,
-) -> Axis:  # fmt: skip
+    key: str,
+    files: Sequence[tuple[str, Mapping[str, Any]]],
+    *,
+    start: float | None,
+    stop: float | None,
+    count: int,
+    log: bool | None,
+) -> Axis:
     """An axis over a key of the sensor files (names and tables); by default a fifth to five times its value."""
     whole, lows, highs = False, [], []
     for where, tables in files:
@@ -128,9 +150,14 @@ def parameter_axis(
     end = next((end for end in _UNITS if key.endswith(end)), "")
     name = key.removesuffix(end)
     return Axis(
-        key=key, column=key, label=f"{name} [{unit}]" if unit else name, unit=unit,
-        values=np.unique(np.rint(values)) if whole else values, log=log, whole=whole,
-    )  # fmt: skip
+        key=key,
+        column=key,
+        label=f"{name} [{unit}]" if unit else name,
+        unit=unit,
+        values=np.unique(np.rint(values)) if whole else values,
+        log=log,
+        whole=whole,
+    )
 
 
 def _steps(start: float, stop: float, count: int, *, log: bool) -> Numbers:
@@ -172,8 +199,12 @@ def _numeric(model: type[BaseModel], tables: Mapping[str, Any], prefix: str) -> 
                 yield from _numeric(one, value, key + ".")
         elif (float in types or int in types) and not isinstance(value, (list, tuple, str, bool, Mapping)):
             value = info.default if value is None else value
-            limits = {slot: float(getattr(rule, slot)) for rule in info.metadata
-                      for slot in ("gt", "ge", "lt", "le") if getattr(rule, slot, None) is not None}  # fmt: skip
+            limits = {
+                slot: float(getattr(rule, slot))
+                for rule in info.metadata
+                for slot in ("gt", "ge", "lt", "le")
+                if getattr(rule, slot, None) is not None
+            }
             yield (
                 key,
                 Key(

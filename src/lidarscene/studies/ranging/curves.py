@@ -119,9 +119,7 @@ def with_haze(sensor: Sensor, target: Target, visibility_m: float | None) -> Tar
     """The target with the extinction of this visibility at the sensor's wavelength; unchanged if None."""
     if visibility_m is None:
         return target
-    alpha = air.extinction_from_visibility_per_m(
-        visibility_m=visibility_m, wavelength_m=sensor.laser.wavelength_m
-    )
+    alpha = air.extinction_from_visibility_per_m(visibility_m=visibility_m, wavelength_m=sensor.laser.wavelength_m)
     return replace(target, extinction_per_m=target.extinction_per_m + alpha)
 
 
@@ -133,18 +131,13 @@ def curve(subject: Subject, question: Question, x: Numbers) -> Curve:
         values = np.concatenate([np.atleast_1d(limit) for limit, _ in found])
         status = np.concatenate([np.atleast_1d(status) for _, status in found])
         return Curve(
-            name=subject.name, values=np.broadcast_to(values, x.shape),
-            status=np.broadcast_to(status, x.shape),
-        )  # fmt: skip
+            name=subject.name, values=np.broadcast_to(values, x.shape), status=np.broadcast_to(status, x.shape)
+        )
     distance: Any = x if question.axis.key == "distance" else question.distance_m
     compute = plane.snr if question.quantity == "snr" else plane.detection_probability
     values = np.concatenate([compute(sensor, target, distance) for sensor, target in pairs])
     margin = np.concatenate([plane.detection_margin(s, t, distance) for s, t in pairs])
-    return Curve(
-        name=subject.name,
-        values=np.broadcast_to(values, x.shape),
-        margin=np.broadcast_to(margin, x.shape),
-    )
+    return Curve(name=subject.name, values=np.broadcast_to(values, x.shape), margin=np.broadcast_to(margin, x.shape))
 
 
 def curves(subjects: Sequence[Subject], question: Question) -> Curves:
@@ -180,9 +173,7 @@ def _difference(question: Question, first: Curve, second: Curve, *, same: float 
 
 
 def _beyond(margin: Numbers) -> Numbers:
-    return np.where(
-        np.isinf(margin), 1.0, np.where(margin > 0.0, 1.0 - 1.0 / np.maximum(margin, 1e-300), -1.0)
-    )
+    return np.where(np.isinf(margin), 1.0, np.where(margin > 0.0, 1.0 - 1.0 / np.maximum(margin, 1e-300), -1.0))
 
 
 def _crossings(question: Question, pair: tuple[Subject, ...], height: Numbers) -> list[Crossing]:
@@ -200,27 +191,18 @@ def _crossings(question: Question, pair: tuple[Subject, ...], height: Numbers) -
     found = []
     for left, right in itertools.pairwise(places):
         if height[left] * height[right] < 0.0:
-            met = _refined(
-                question.axis, height_at, float(x[left]), float(x[right]), falls=bool(height[left] > 0.0)
-            )
+            met = _refined(question.axis, height_at, float(x[left]), float(x[right]), falls=bool(height[left] > 0.0))
             if met is not None:
                 at, value = met
                 second = pair[1].name if len(pair) == 2 else ""
                 found.append(
-                    Crossing(
-                        first=pair[0].name, second=second, at=at, value=value, falls=bool(height[left] > 0.0)
-                    )
+                    Crossing(first=pair[0].name, second=second, at=at, value=value, falls=bool(height[left] > 0.0))
                 )
     return found
 
 
 def _refined(
-    axis: Axis,
-    height_at: Callable[[Numbers], tuple[Numbers, Numbers]],
-    low: float,
-    high: float,
-    *,
-    falls: bool,
+    axis: Axis, height_at: Callable[[Numbers], tuple[Numbers, Numbers]], low: float, high: float, *, falls: bool
 ) -> tuple[float, float] | None:
     """Place and value of a change of sign in this bracket; None if it is a jump.
 
@@ -250,6 +232,6 @@ def is_flat(own: Curve) -> bool:
 
 def limit_word(status: int) -> str:
     """Text in a table for a status without a range."""
-    return {
-        RangeStatus.NEVER_DETECTED: "never", RangeStatus.NO_LIMIT: "no limit", RangeStatus.SATURATED: "saturated",
-    }[RangeStatus(status)]  # fmt: skip
+    return {RangeStatus.NEVER_DETECTED: "never", RangeStatus.NO_LIMIT: "no limit", RangeStatus.SATURATED: "saturated"}[
+        RangeStatus(status)
+    ]

@@ -96,8 +96,7 @@ def echoes_of_plane(sensor: Sensor, target: Target, range_m: Numbers | float) ->
     ranges = np.array(np.broadcast_to(np.asarray(range_m, dtype=np.float64), shape or (1,)))
     every = np.ones_like(ranges)
     sun = sunlight.sun_irradiance_w_m2(
-        irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2,
-        illuminance_klux=target.illuminance_klux,
+        irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2, illuminance_klux=target.illuminance_klux
     )
     hits = Hits(
         found=ranges > 0.0,
@@ -118,9 +117,7 @@ def echoes_of_plane(sensor: Sensor, target: Target, range_m: Numbers | float) ->
     )
     ambient = Ambient(
         sun_irradiance_w_m2=sun,
-        sky_irradiance_w_m2=sunlight.sky_irradiance_w_m2(
-            sun_irradiance_w_m2=sun, diffuse_share=target.diffuse_share
-        ),
+        sky_irradiance_w_m2=sunlight.sky_irradiance_w_m2(sun_irradiance_w_m2=sun, diffuse_share=target.diffuse_share),
         transmittance=target.transmittance,
         extinction_per_m=target.extinction_per_m,
     )
@@ -251,9 +248,7 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
     without an echo. Raises ValueError for a fixed threshold.
     """
     if sensor.tdc.threshold_to_noise is None:
-        raise ValueError(
-            f"sensor '{sensor.name}' has a fixed threshold: the closed forms need a ratio to noise"
-        )
+        raise ValueError(f"sensor '{sensor.name}' has a fixed threshold: the closed forms need a ratio to noise")
     laser, optics, detector = sensor.laser, sensor.optics, sensor.detector
     every = np.ones(conditions_shape(sensor, target) or (1,))
     echo = every * target.reflectivity * target.cos_incidence * target.transmittance * target.aperture_share
@@ -281,9 +276,12 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
         raise ValueError(f"sensor '{sensor.name}' counts photons: the closed forms are of an APD or a SiPM")
     if isinstance(detector, Apd):
         bound = range_limit.maximum_range_apd_m(
-            wall, receiver, quantum_efficiency=detector.quantum_efficiency, excess_noise=detector.excess_noise,
+            wall,
+            receiver,
+            quantum_efficiency=detector.quantum_efficiency,
+            excess_noise=detector.excess_noise,
             bandwidth_hz=sensor.tdc.bandwidth_hz,
-        )  # fmt: skip
+        )
     else:
         bound = range_limit.maximum_range_sipm_m(
             wall,

@@ -48,9 +48,7 @@ def conditions_text(swept: Curves, *, sun_angle_deg: float) -> str:
         air_text(target, question.visibility_m),
     ]
     if key in ("elevation", "azimuth"):
-        parts.append(
-            "the scanner's aperture" if question.law == "scanner" else f"{question.law} aperture law"
-        )
+        parts.append("the scanner's aperture" if question.law == "scanner" else f"{question.law} aperture law")
     return ", ".join(part for part in parts if part)
 
 
@@ -114,9 +112,7 @@ def notes(swept: Curves, sensors: Mapping[str, Sensor]) -> list[str]:
     notes_so_far = []
     for one in swept.detection_limits:
         if question.axis.key == "distance" and one.falls:
-            notes_so_far.append(
-                f"{one.first}: maximum range {one.at:.6g} m, where {_value(question.quantity, one)}"
-            )
+            notes_so_far.append(f"{one.first}: maximum range {one.at:.6g} m, where {_value(question.quantity, one)}")
         else:
             verb = "falls to" if one.falls else "rises to"
             notes_so_far.append(
@@ -129,9 +125,7 @@ def notes(swept: Curves, sensors: Mapping[str, Sensor]) -> list[str]:
     for own in swept.curves:
         farthest = own.values if own.status is not None else np.zeros(1)
         farthest = farthest[np.isfinite(farthest)] if len(farthest) else farthest
-        limits = [
-            c.at for c in swept.detection_limits if c.first == own.name and question.axis.key == "distance"
-        ]
+        limits = [c.at for c in swept.detection_limits if c.first == own.name and question.axis.key == "distance"]
         reach = max([*limits, *farthest.tolist()], default=0.0)
         line = window_note(own.name, sensors[own.name], farthest_m=reach, what="the farthest of these")
         notes_so_far += [] if line is None else [line]
@@ -164,9 +158,7 @@ def as_dict(swept: Curves) -> dict[str, Any]:
         if own.status is not None:
             entry["status"] = [RangeStatus(int(s)).name.lower() for s in own.status]
         entry["detection_limits"] = [
-            {"at": c.at, "value": c.value, "falls": c.falls}
-            for c in swept.detection_limits
-            if c.first == own.name
+            {"at": c.at, "value": c.value, "falls": c.falls} for c in swept.detection_limits if c.first == own.name
         ]
         sensors[own.name] = entry
     return {
@@ -176,13 +168,7 @@ def as_dict(swept: Curves) -> dict[str, Any]:
         "x": numbers(question.axis.values),
         "sensors": sensors,
         "crossings": [
-            {
-                "first": c.first,
-                "second": c.second,
-                "at": c.at,
-                "value": numbers([c.value])[0],
-                "falls": c.falls,
-            }
+            {"first": c.first, "second": c.second, "at": c.at, "value": numbers([c.value])[0], "falls": c.falls}
             for c in swept.crossings
         ],
     }
@@ -200,9 +186,7 @@ def chart_of(swept: Curves, title: str, *, thresholds: dict[str, float | None]) 
         drawn = np.where(own.values > 0.0, own.values, np.nan) if quantity != "pd" else own.values
         lines.append(Line(label=own.name, x=axis.values, y=drawn, colour=number))
     finite = np.concatenate([one.y[np.isfinite(one.y)] for one in lines])
-    log = quantity == "snr" or (
-        quantity == "range" and len(finite) > 0 and finite.max() > 30.0 * finite.min()
-    )
+    log = quantity == "snr" or (quantity == "range" and len(finite) > 0 and finite.max() > 30.0 * finite.min())
     unit = f" {axis.unit}" if axis.unit else ""
     colour = {own.name: number for number, own in enumerate(swept.curves)}
     marks = [
@@ -216,16 +200,21 @@ def chart_of(swept: Curves, title: str, *, thresholds: dict[str, float | None]) 
     ]
     levels: tuple[Level, ...] = ()
     if quantity == "snr":
-        levels = tuple(
-            Level(y=t, text=f"threshold {t:g}") for t in sorted({t for t in thresholds.values() if t})
-        )
+        levels = tuple(Level(y=t, text=f"threshold {t:g}") for t in sorted({t for t in thresholds.values() if t}))
     limits = {"pd": (0.0, 1.03), "snr": None, "range": None if log else (0.0, None)}[quantity]
     if quantity == "range" and not log and len(finite) and finite.min() > 0.6 * finite.max():
         limits = None
     return Chart(
-        lines=tuple(lines), x_label=axis.label, y_label=QUANTITIES[quantity], title=title, x_log=axis.log,
-        y_log=log, y_limits=limits, marks=tuple(marks), levels=levels,
-    )  # fmt: skip
+        lines=tuple(lines),
+        x_label=axis.label,
+        y_label=QUANTITIES[quantity],
+        title=title,
+        x_log=axis.log,
+        y_log=log,
+        y_limits=limits,
+        marks=tuple(marks),
+        levels=levels,
+    )
 
 
 def _offset(number: int, falls: bool) -> tuple[float, float]:

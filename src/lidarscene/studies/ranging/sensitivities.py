@@ -32,9 +32,17 @@ _RANGE = "range_m"
 _CODE = ("stops", "reach", "search", "coincidence")
 _PARTS = ("laser", "optics", "detector", "tdc", "receiver", "histogram")
 _UNITS = {
-    "m": "m", "w": "W", "s": "s", "hz": "Hz", "m2": "m2", "rad": "rad", "a": "A", "ohm": "ohm", "k": "K",
+    "m": "m",
+    "w": "W",
+    "s": "s",
+    "hz": "Hz",
+    "m2": "m2",
+    "rad": "rad",
+    "a": "A",
+    "ohm": "ohm",
+    "k": "K",
     "klux": "klux",
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,9 +120,7 @@ def margin_and_detection(sensor: Sensor, target: Target, range_m: Lanes) -> tupl
     return ops.log(signal / level), point.detection_probability(level, signal, sigma)
 
 
-def sensitivities(
-    sensor: Sensor, target: Target, *, distance_m: float | None = None, method: str = "auto"
-) -> Table:
+def sensitivities(sensor: Sensor, target: Target, *, distance_m: float | None = None, method: str = "auto") -> Table:
     """All sensitivities. Raises InputError if the sensor has no maximum range.
 
     distance_m   at which P_d is taken; the maximum range if None, where it is near one half
@@ -122,9 +128,7 @@ def sensitivities(
     """
     limit, status = plane.maximum_range_m(sensor, target)
     if status != RangeStatus.FOUND:
-        raise InputError(
-            f"'{sensor.name}' has no maximum range here ({status.name.lower()}), so no sensitivities"
-        )
+        raise InputError(f"'{sensor.name}' has no maximum range here ({status.name.lower()}), so no sensitivities")
     limit = float(limit)
     distance = limit if distance_m is None else distance_m
     values = parameters(sensor, target)
@@ -147,19 +151,21 @@ def sensitivities(
         slope = -margin[name] / margin[_RANGE]
         rows.append(
             Sensitivity(
-                parameter=name, value=value, unit=_unit(name), range_slope=slope,
+                parameter=name,
+                value=value,
+                unit=_unit(name),
+                range_slope=slope,
                 range_elasticity=slope * value / limit if value else None,
-                detection_slope=detection[name], detection_points=detection[name] * value if value else None,
+                detection_slope=detection[name],
+                detection_points=detection[name] * value if value else None,
             )
-        )  # fmt: skip
+        )
     # Equal ones, such as all that multiplies the echo, by name: rounding shall not decide.
     rows.sort(key=lambda row: (-round(abs(row.range_elasticity or 0.0), 6), row.parameter))
     return Table(sensor.name, limit, distance, probability, method, tuple(rows))
 
 
-def report_text(
-    sensor: Sensor, target: Target, *, distance_m: float | None = None, method: str = "auto"
-) -> str:
+def report_text(sensor: Sensor, target: Target, *, distance_m: float | None = None, method: str = "auto") -> str:
     """The table for people: elasticities, plain derivatives where the value is zero, and the best gain."""
     table = sensitivities(sensor, target, distance_m=distance_m, method=method)
     text = table_text(table)
@@ -197,8 +203,7 @@ def table_text(table: Table) -> str:
     if zero:
         lines += ["", "zero now, so for each unit instead of each percent:"]
         lines += [
-            f"{row.parameter:32s} {row.range_slope:+.6g} m, {row.detection_slope:+.6g} of P_d"
-            f" per {row.unit or 'unit'}"
+            f"{row.parameter:32s} {row.range_slope:+.6g} m, {row.detection_slope:+.6g} of P_d per {row.unit or 'unit'}"
             for row in zero
         ]
     still = [row.parameter for row in table.rows if row not in moving]
@@ -231,26 +236,32 @@ def _light(sensor: Sensor, target: Target, range_m: Lanes) -> Echoes:
     """`ranging.echoes_of_plane` for numbers of any kind, at one range."""
     ops = xp(range_m)
     sun = sunlight.sun_irradiance_w_m2(
-        irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2,
-        illuminance_klux=target.illuminance_klux,
+        irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2, illuminance_klux=target.illuminance_klux
     )
     lit = ops.maximum(target.cos_sun, 0.0)
     hits = Hits(
-        found=range_m > 0.0, range_m=range_m, cos_incidence=target.cos_incidence,
+        found=range_m > 0.0,
+        range_m=range_m,
+        cos_incidence=target.cos_incidence,
         backscatter_per_sr=target.reflectivity * target.cos_incidence / math.pi,
-        sun_scatter_per_sr=target.reflectivity * lit / math.pi, reflectivity=target.reflectivity,
-        cos_sun=target.cos_sun, lit=target.cos_sun > 0.0, face=0,
-    )  # fmt: skip
+        sun_scatter_per_sr=target.reflectivity * lit / math.pi,
+        reflectivity=target.reflectivity,
+        cos_sun=target.cos_sun,
+        lit=target.cos_sun > 0.0,
+        face=0,
+    )
     beams = Beams(
-        pulse=0, origin_m=(0.0, 0.0, 0.0), direction=(1.0, 0.0, 0.0),
+        pulse=0,
+        origin_m=(0.0, 0.0, 0.0),
+        direction=(1.0, 0.0, 0.0),
         aperture_m2=sensor.optics.aperture_m2 * target.aperture_share,
-    )  # fmt: skip
+    )
     ambient = Ambient(
-        sun_irradiance_w_m2=sun, transmittance=target.transmittance, extinction_per_m=target.extinction_per_m,
-        sky_irradiance_w_m2=sunlight.sky_irradiance_w_m2(
-            sun_irradiance_w_m2=sun, diffuse_share=target.diffuse_share
-        ),
-    )  # fmt: skip
+        sun_irradiance_w_m2=sun,
+        transmittance=target.transmittance,
+        extinction_per_m=target.extinction_per_m,
+        sky_irradiance_w_m2=sunlight.sky_irradiance_w_m2(sun_irradiance_w_m2=sun, diffuse_share=target.diffuse_share),
+    )
     return receive(beams, hits, sensor, ambient)
 
 

@@ -93,9 +93,7 @@ def detection_curve(sensor: Sensor, target: Target, snr: Numbers, *, own_noise: 
     return np.asarray(point.detection_probability(sensor.threshold(point), signal, sigma))
 
 
-def operating_curve(
-    sensor: Sensor, target: Target, range_m: float, threshold_to_noise: Numbers
-) -> OperatingCurve:
+def operating_curve(sensor: Sensor, target: Target, range_m: float, threshold_to_noise: Numbers) -> OperatingCurve:
     """Detection and false alarms for a target at this range, over the threshold."""
     ratios = np.asarray(threshold_to_noise, dtype=np.float64)
     varied = dataclasses.replace(sensor.tdc, threshold_to_noise=ratios, threshold_level=None)
@@ -114,9 +112,7 @@ def operating_curve(
         false_alarms_per_shot=mean,
         quiet_probability=np.exp(-mean),
         detection_probability=p_detect,
-        correct_probability=np.asarray(
-            tdc.correct_probability(p_false=p_false, p_detect=p_detect, comparisons=m)
-        ),
+        correct_probability=np.asarray(tdc.correct_probability(p_false=p_false, p_detect=p_detect, comparisons=m)),
     )
 
 
@@ -129,9 +125,7 @@ def detection_probability(sensor: Sensor, target: Target, range_m: float) -> flo
     return float(np.ravel(found)[0])
 
 
-def false_alarm_probability(
-    sensor: Sensor, target: Target, *, sky: bool = False, tail: Tail | None = None
-) -> float:
+def false_alarm_probability(sensor: Sensor, target: Target, *, sky: bool = False, tail: Tail | None = None) -> float:
     """P_f of one comparison, with the target's background. With `false_alarms = "crossings"` it sets no rate.
 
     sky    True: the sky beside the target instead; dark unless the target's light has a diffuse share
@@ -188,13 +182,9 @@ def simulated_shots(
     echoes = plane.echoes_of_plane(sensor, target, every if range_m is None else range_m * every)
     if range_m is None:
         background = _background_w(sensor, target, True) * every
-        echoes = dataclasses.replace(
-            echoes, found=every < 0.0, peak_power_w=0.0 * every, background_power_w=background
-        )
+        echoes = dataclasses.replace(echoes, found=every < 0.0, peak_power_w=0.0 * every, background_power_w=background)
     found = detect_alone(echoes, sensor, seed=seed, pulse=np.arange(shots, dtype=np.uint32))
-    alarms = sum(
-        int(np.sum(np.asarray(s.reported & (s.status == int(Status.FALSE_ALARM))))) for s in found.stops
-    )
+    alarms = sum(int(np.sum(np.asarray(s.reported & (s.status == int(Status.FALSE_ALARM))))) for s in found.stops)
     return Shots(shots, int(np.sum(found.outcome == int(Outcome.KEPT))), alarms)
 
 
@@ -221,10 +211,13 @@ def electrons(sensor: Sensor, background_power_w: float) -> dict[str, float]:
     excess = float(diode.excess_noise)
     ratio = mcintyre.ionisation_ratio(gain=diode.gain, excess_noise=excess)
     return {
-        "primaries": primary_a * per_ampere, "gain": float(diode.gain), "ionisation_ratio": float(ratio),
+        "primaries": primary_a * per_ampere,
+        "gain": float(diode.gain),
+        "ionisation_ratio": float(ratio),
         "amplifier": math.sqrt(diode.unmultiplied_variance_a2(bandwidth)) * per_ampere,
-        "per_ampere": per_ampere, "excess_noise": excess,
-    }  # fmt: skip
+        "per_ampere": per_ampere,
+        "excess_noise": excess,
+    }
 
 
 def _background_w(sensor: Sensor, target: Target, sky: bool = False) -> Numbers:
@@ -232,18 +225,18 @@ def _background_w(sensor: Sensor, target: Target, sky: bool = False) -> Numbers:
     if not sky:
         return np.asarray(plane.echoes_of_plane(sensor, target, 1.0).background_power_w)
     sun = sunlight.sun_irradiance_w_m2(
-        irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2,
-        illuminance_klux=target.illuminance_klux,
+        irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2, illuminance_klux=target.illuminance_klux
     )
     sky_irradiance = sunlight.sky_irradiance_w_m2(sun_irradiance_w_m2=sun, diffuse_share=target.diffuse_share)
     power = radiometry.background_power_w(
         radiance_w_m2_sr=sunlight.sky_radiance_w_m2_sr(sky_irradiance_w_m2=sky_irradiance),
-        aperture_m2=sensor.optics.aperture_m2 * target.aperture_share, transmittance=target.transmittance,
+        aperture_m2=sensor.optics.aperture_m2 * target.aperture_share,
+        transmittance=target.transmittance,
         field_of_view_sr=radiometry.field_of_view_solid_angle_sr(
             detector_radius_m=sensor.detector.radius_m, focal_length_m=sensor.optics.focal_length_m
         ),
         efficiency=sensor.optics.efficiency_sun,
-    )  # fmt: skip
+    )
     return np.atleast_1d(np.asarray(power, dtype=np.float64))
 
 
@@ -259,15 +252,12 @@ def _alarms_hz(sensor: Sensor, point: WorkingPoint, threshold: Lanes) -> Lanes:
 
 def _sigma(point: WorkingPoint, signal: Lanes) -> Numbers:
     """Noise at the peak, with the echo's own shot noise."""
-    return np.asarray(
-        tdc.noise_at_level(level=signal, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2)
-    )
+    return np.asarray(tdc.noise_at_level(level=signal, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2))
 
 
 def _webb_with_amplifier(
-    excess: float, *, primaries: float, gain: float, ionisation_ratio: float, amplifier: float,
-    excess_noise: float,
-) -> float:  # fmt: skip
+    excess: float, *, primaries: float, gain: float, ionisation_ratio: float, amplifier: float, excess_noise: float
+) -> float:
     """Webb's tail, averaged over the amplifier's Gaussian noise."""
     deviates = np.linspace(-8.0, 8.0, 3201)
     weight = np.exp(-0.5 * deviates**2)

@@ -50,8 +50,9 @@ class Subject:
         number = repr(int(value)) if whole else repr(float(value))
         return sensor_from_tables(
             with_overrides(self.tables, [*self.overrides, f"{key}={number}"]),
-            where=f"{self.where} --over {key}", folder=self.folder,
-        )  # fmt: skip
+            where=f"{self.where} --over {key}",
+            folder=self.folder,
+        )
 
 
 def subjects(arguments: Sequence[str], assignments: Sequence[str] = ()) -> list[Subject]:
@@ -63,9 +64,7 @@ def subjects(arguments: Sequence[str], assignments: Sequence[str] = ()) -> list[
     for argument in arguments:
         path = Path(argument) if argument.endswith(".toml") else catalog.path_of("sensors", argument)
         where = argument if argument.endswith(".toml") else path.name
-        subject = Subject(
-            name=argument, argument=argument, where=where, tables=read_toml(path), folder=path.parent
-        )
+        subject = Subject(name=argument, argument=argument, where=where, tables=read_toml(path), folder=path.parent)
         found.append(subject)
     split = [addressed(assignment, [subject.argument for subject in found]) for assignment in assignments]
     seen: Counter[str] = Counter()

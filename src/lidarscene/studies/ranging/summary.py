@@ -16,9 +16,7 @@ from .report import air_text, window_m, window_note
 from .subjects import Subject
 
 
-def summary_of(
-    subject: Subject, target: Target, *, distance_m: float, visibility_m: float | None
-) -> dict[str, Any]:
+def summary_of(subject: Subject, target: Target, *, distance_m: float, visibility_m: float | None) -> dict[str, Any]:
     """Maximum range and status, closed form, end of the window; SNR and P_d at ``distance_m``.
 
     ``note`` is a line if the window ends before the maximum range, else None.
@@ -43,9 +41,8 @@ def summary_of(
 
 
 def text_of(
-    rows: Sequence[dict[str, Any]], target: Target, distance_m: float, sun_angle_deg: float,
-    visibility_m: float | None,
-) -> str:  # fmt: skip
+    rows: Sequence[dict[str, Any]], target: Target, distance_m: float, sun_angle_deg: float, visibility_m: float | None
+) -> str:
     """The rows as a table."""
     incidence = math.degrees(math.acos(min(float(target.cos_incidence), 1.0)))
     at = f"at {distance_m:g} m"
@@ -56,18 +53,13 @@ def text_of(
         bound = "-" if row["closed_form_m"] is None else f"{row['closed_form_m']:.3f} m"
         snr = "inf" if row["snr"] is None else f"{row['snr']:.6g}"
         table.append(
-            [
-                row["name"],
-                limit,
-                bound,
-                f"{row['window_m']:.1f} m",
-                snr,
-                f"{row['detection_probability']:.6g}",
-            ]
+            [row["name"], limit, bound, f"{row['window_m']:.1f} m", snr, f"{row['detection_probability']:.6g}"]
         )
     widths = [max(len(row[column]) for row in table) for column in range(6)]
-    lines = ["  ".join([row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))])
-             for row in table]  # fmt: skip
+    lines = [
+        "  ".join([row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))])
+        for row in table
+    ]
     conditions = (
         f"{target.illuminance_klux:g} klux, sun {sun_angle_deg:g}° off the normal, reflectivity "
         f"{target.reflectivity:g}, incidence {incidence:g}°, {air_text(target, visibility_m)}"

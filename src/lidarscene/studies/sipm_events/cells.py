@@ -53,9 +53,7 @@ class CellArray:
         if self.shape not in ("box", "exponential"):
             raise ValueError(f"shape must be 'box' or 'exponential', got '{self.shape}'")
         if self.shape == "exponential" and not self.fall_s > self.rise_s >= 0.0:
-            raise ValueError(
-                f"an exponential shape needs fall_s > rise_s >= 0, not {self.fall_s}, {self.rise_s}"
-            )
+            raise ValueError(f"an exponential shape needs fall_s > rise_s >= 0, not {self.fall_s}, {self.rise_s}")
         if not (0.0 <= self.crosstalk < 1.0 and 0.0 <= self.afterpulse < 1.0 and self.dead_time_s > 0.0):
             raise ValueError("crosstalk and afterpulse must be < 1 and the dead time > 0")
 

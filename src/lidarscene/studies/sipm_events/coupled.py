@@ -69,9 +69,7 @@ def fire_coupled(
 ) -> tuple[Numbers, Numbers, Numbers]:
     """Shot, time and gain of every avalanche, with crosstalk and afterpulses."""
     state = _State(array, rates, shots, random)
-    firings = (
-        random.standard_exponential(shots) / array.cells
-    )  # of one cell; the array has as many times more
+    firings = random.standard_exponential(shots) / array.cells  # of one cell; the array has as many times more
     arrival = rates.when(firings)
     shot = np.arange(shots)
     while len(shot):

@@ -39,9 +39,7 @@ def _binned(avalanches: Avalanches, weight: Numbers, first: Numbers, shots: int,
     return np.bincount(place, weights=weight[inside], minlength=shots * columns).reshape(shots, columns)
 
 
-def _box(
-    array: CellArray, avalanches: Avalanches, shots: int, start_s: float, step_s: float, samples: int
-) -> Numbers:
+def _box(array: CellArray, avalanches: Avalanches, shots: int, start_s: float, step_s: float, samples: int) -> Numbers:
     """Sum of the gains of the last dead time: a running sum minus its value one dead time earlier."""
     length = round(array.dead_time_s / step_s)
     if not math.isclose(length * step_s, array.dead_time_s, rel_tol=1e-9):

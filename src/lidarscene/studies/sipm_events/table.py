@@ -64,9 +64,13 @@ def response_by_events(
             found = moments(*pulse_outputs(array, light, shots=shots, seed=point_seed, steps=steps))
             top = int(np.argmax(found.mean))
             columns[:, i, j] = (
-                found.mean[0], found.variance[0], found.mean[top], found.variance[top], found.skewness[top],
+                found.mean[0],
+                found.variance[0],
+                found.mean[top],
+                found.variance[top],
+                found.skewness[top],
                 found.time_s[top],
-            )  # fmt: skip
+            )
     return ResponseTable(
         background_photons=np.asarray(background_photons, float),
         signal_photons=np.asarray(signal_photons, float),
@@ -90,19 +94,17 @@ def response_by_equation(
 ) -> ResponseTable:
     """The table from the equation of the busy share, without chance: box shape, cells without memory."""
     if array.shape != "box" or array.warm_up_s > 0.0 or array.crosstalk > 0.0:
-        raise ValueError(
-            "only cells of box shape without recovery, crosstalk and afterpulses have an equation"
-        )
+        raise ValueError("only cells of box shape without recovery, crosstalk and afterpulses have an equation")
     background, signal = np.asarray(background_photons, float), np.asarray(signal_photons, float)
     tau = array.dead_time_s
     x = background * array.pde / array.cells + array.dark_count_rate_hz * tau
-    whole = np.asarray(
-        sipm_response.captured_photons(photons=signal, pulse_fwhm_s=pulse_fwhm_s, dead_time_s=1e3)
-    )
+    whole = np.asarray(sipm_response.captured_photons(photons=signal, pulse_fwhm_s=pulse_fwhm_s, dead_time_s=1e3))
     time, busy = sipm_response.busy_share_over_time(
-        background=x[:, None], flash=(whole * array.pde / array.cells)[None, :],
-        pulse_to_dead_time=pulse_fwhm_s / tau, steps=steps,
-    )  # fmt: skip
+        background=x[:, None],
+        flash=(whole * array.pde / array.cells)[None, :],
+        pulse_to_dead_time=pulse_fwhm_s / tau,
+        steps=steps,
+    )
     share, before = busy.max(axis=0), x / (1.0 + x)
     return ResponseTable(
         background_photons=background,
@@ -117,9 +119,7 @@ def response_by_equation(
     )
 
 
-def published_snr(
-    array: CellArray, *, background_photons: Sequence[float], signal_photons: Sequence[float]
-) -> Numbers:
+def published_snr(array: CellArray, *, background_photons: Sequence[float], signal_photons: Sequence[float]) -> Numbers:
     """(b, s) SNR by (27) as printed."""
     background = np.asarray(background_photons, float)[:, None]
     signal = np.asarray(signal_photons, float)[None, :]
@@ -133,9 +133,7 @@ def published_snr(
     return np.asarray(fired / np.sqrt(variance))
 
 
-def error_of_published_snr(
-    array: CellArray, table: ResponseTable, *, pulse_fwhm_s: float | None = None
-) -> Numbers:
+def error_of_published_snr(array: CellArray, table: ResponseTable, *, pulse_fwhm_s: float | None = None) -> Numbers:
     """(b, s) SNR by (27) over that of the table, minus one.
 
     pulse_fwhm_s  gives (24) the photons of this pulse in the dead time around its peak, instead of half of P_r FWHM,
@@ -144,13 +142,9 @@ def error_of_published_snr(
     photons = table.signal_photons
     if pulse_fwhm_s is not None:
         photons = np.asarray(
-            sipm_response.captured_photons(
-                photons=photons, pulse_fwhm_s=pulse_fwhm_s, dead_time_s=array.dead_time_s
-            )
+            sipm_response.captured_photons(photons=photons, pulse_fwhm_s=pulse_fwhm_s, dead_time_s=array.dead_time_s)
         )
-    printed = published_snr(
-        array, background_photons=list(table.background_photons), signal_photons=list(photons)
-    )
+    printed = published_snr(array, background_photons=list(table.background_photons), signal_photons=list(photons))
     return np.asarray(printed / table.snr - 1.0)
 
 
@@ -159,9 +153,7 @@ GRID_SIGNAL = (10.0, 100.0, 500.0, 2660.31, 10000.0)
 GRID_PULSE_TO_DEAD_TIME = (0.1, 0.5, 1.0, 1.9)
 
 
-def where_published_is_off(
-    array: CellArray | None = None, *, own_photons: bool = True
-) -> tuple[str, list[list[str]]]:
+def where_published_is_off(array: CellArray | None = None, *, own_photons: bool = True) -> tuple[str, list[list[str]]]:
     """Table of the error of (27) in percent: a heading and rows as text, errors above 10 % in bold.
 
     array        the cells of Table 1 if None

@@ -90,9 +90,7 @@ def all_outputs(
     return runs[0][0], np.concatenate([wave for _, wave in runs])
 
 
-def pulse_outputs(
-    array: CellArray, light: Light, *, shots: int, seed: int, steps: int = 16
-) -> tuple[Numbers, Numbers]:
+def pulse_outputs(array: CellArray, light: Light, *, shots: int, seed: int, steps: int = 16) -> tuple[Numbers, Numbers]:
     """Times and outputs from 2 FWHM before the light's peak until the output's mean has peaked."""
     # On the sampling grid, so that one sample falls on the light's peak.
     step = array.dead_time_s / steps
@@ -136,9 +134,14 @@ def measure(
     """
     window_s = _DARK_WINDOW * array.dead_time_s
     dark_time, dark = all_outputs(
-        array, replace(light, signal_photons=0.0), start_s=0.0, end_s=window_s,
-        shots=max(shots // 10, 1), seed=seed + _DARK_SEED, steps=steps,
-    )  # fmt: skip
+        array,
+        replace(light, signal_photons=0.0),
+        start_s=0.0,
+        end_s=window_s,
+        shots=max(shots // 10, 1),
+        seed=seed + _DARK_SEED,
+        steps=steps,
+    )
     time_s, wave = pulse_outputs(array, light, shots=shots, seed=seed, steps=steps)
     # Stationary: every sample has the same distribution.
     still, pulse = moments(dark_time, dark), moments(time_s, wave)

@@ -102,7 +102,7 @@ def chosen(recording: Recording, frames: Sequence[int] | None, held_out: int | s
 
 def build_twin(
     recording: Recording, choice: Choice, folder: Path, *, metadata: Path | None = None, sensor: str | None = None
-) -> str:  # fmt: skip
+) -> str:
     """Write the twin; returns what there is to say. Raises InputError and OutputError.
 
     metadata  of the unit, for its sensor file; None: json beside a pcap
@@ -118,11 +118,7 @@ def build_twin(
         sweep = choice.part(sweeps[number])
         gauge = Gauge.of(sweep)
         plane = ground_plane(sweep.xyz_m[sweep.kept])
-        made = (
-            surfels_of(grid_of(sweep), gauge, plane)
-            if has_grid(sweep)
-            else listed.surfels_of(sweep, gauge, plane)
-        )
+        made = surfels_of(grid_of(sweep), gauge, plane) if has_grid(sweep) else listed.surfels_of(sweep, gauge, plane)
         parts.append(made.placed(places[number]))
         klux.append(illuminance_klux(sweep, gauge, unit))
     quads = together(parts)
@@ -135,12 +131,16 @@ def build_twin(
     validated(SceneFile, tomllib.loads(text), str(folder / SCENE))
     put_text(folder / SCENE, text)
     about = {
-        "recording": recording.path.name, "frames": list(choice.frames), "held_out": choice.held_out,
-        "judged": choice.judged, "illuminance_klux": light, "illuminance_assumed": not known,
+        "recording": recording.path.name,
+        "frames": list(choice.frames),
+        "held_out": choice.held_out,
+        "judged": choice.judged,
+        "illuminance_klux": light,
+        "illuminance_assumed": not known,
         "quads": {name: int(n) for name, n in zip(KINDS, np.bincount(quads.kind, minlength=len(KINDS)), strict=True)},
         "reflectivity": _told(gauge),
         "places": {str(number): [*place.position_m.tolist(), *angles_deg(place)] for number, place in places.items()},
-    }  # fmt: skip
+    }
     put_text(folder / ABOUT, json_text(about, indent=1) + "\n")
     notes.append(
         f"wrote {folder / SCENE}: {len(quads)} quads of {counted(len(choice.frames), 'frame')}, {light:.3g} klux"
@@ -155,9 +155,7 @@ def _told(gauge: Gauge | None) -> str:
     return f"reflectivities: by the recording's {gauge.field}{guess}"
 
 
-def _sensor_file(
-    recording: Recording, path: Path, metadata: Path | None, sensor: str | None, sweep: Sweep
-) -> str:
+def _sensor_file(recording: Recording, path: Path, metadata: Path | None, sensor: str | None, sweep: Sweep) -> str:
     """The unit's own, or a copy of the one that was named."""
     if sensor is not None:
         source = Path(sensor) if sensor.endswith(".toml") else path_of("sensors", sensor)
@@ -189,11 +187,7 @@ def illuminance_klux(sweep: Sweep, gauge: Gauge | None, sensor: Sensor) -> float
 
     def counts(klux: float, reflectivity: float) -> float:
         target = Target(
-            reflectivity=reflectivity,
-            illuminance_klux=klux,
-            cos_sun=0.0,
-            diffuse_share=1.0,
-            transmittance=1.0,
+            reflectivity=reflectivity, illuminance_klux=klux, cos_sun=0.0, diffuse_share=1.0, transmittance=1.0
         )
         power = echoes_of_plane(sensor, target, 20.0 * np.ones(1)).background_power_w
         return float(np.ravel(sensor.background_counts(power)[0])[0]) * float(window_s)
@@ -252,26 +246,49 @@ def scene_text(name: str, bodies: Sequence[tuple[str, str, float | None]], pose:
     yaw, pitch, roll = angles_deg(pose)
     place = ", ".join(f"{x:.6f}" for x in pose.position_m)
     lines = [
-        f'name = "{_plain(name)}"', 'description = "Twin of a recording, by lidarscene twin"', "",
+        f'name = "{_plain(name)}"',
+        'description = "Twin of a recording, by lidarscene twin"',
+        "",
         "# Where the sun stood is not recorded: its light comes from all of the sky.",
-        "[sun]", "elevation_deg = -90.0", f"illuminance_klux = {klux:.6g}", "", "[sky]", "diffuse_share = 1.0", "",
-        "[sensor]", f'name = "{SENSOR}"', f"position_m = [{place}]",
-        f"yaw_deg = {yaw:.6f}", f"pitch_deg = {pitch:.6f}", f"roll_deg = {roll:.6f}", "",
+        "[sun]",
+        "elevation_deg = -90.0",
+        f"illuminance_klux = {klux:.6g}",
+        "",
+        "[sky]",
+        "diffuse_share = 1.0",
+        "",
+        "[sensor]",
+        f'name = "{SENSOR}"',
+        f"position_m = [{place}]",
+        f"yaw_deg = {yaw:.6f}",
+        f"pitch_deg = {pitch:.6f}",
+        f"roll_deg = {roll:.6f}",
+        "",
         "# Reflectivities are those of the meshes.",
-        "[materials.measured]", 'bsdf = "diffuse"', "reflectivity = 0.2", f"facet_slope_deg = {SLOPE_DEG:g}", "",
-    ]  # fmt: skip
+        "[materials.measured]",
+        'bsdf = "diffuse"',
+        "reflectivity = 0.2",
+        f"facet_slope_deg = {SLOPE_DEG:g}",
+        "",
+    ]
     for body, _, apparent in bodies:
         if apparent is not None:
             retro = min(max((apparent - BRIGHT_DIFFUSE) / math.pi, LEAST_RETRO), MOST_RETRO)
             lines += [
-                f"[materials.{body}]", 'bsdf = "retroreflector"', f"reflectivity = {BRIGHT_DIFFUSE}",
-                f"retro_coefficient_cd_per_lx_m2 = {retro:.6g}", f"retro_half_angle_deg = {RETRO_HALF_ANGLE_DEG:g}", "",
-            ]  # fmt: skip
+                f"[materials.{body}]",
+                'bsdf = "retroreflector"',
+                f"reflectivity = {BRIGHT_DIFFUSE}",
+                f"retro_coefficient_cd_per_lx_m2 = {retro:.6g}",
+                f"retro_half_angle_deg = {RETRO_HALF_ANGLE_DEG:g}",
+                "",
+            ]
     for body, kind, apparent in bodies:
         lines += ["[[bodies]]", f'name = "{body}"', f'class = "{kind}"', f'mesh = "{MESHES}/{body}.ply"']
-        lines += ['material = "measured"', 'pattern = "reflectivity"', ""] if apparent is None else [
-            f'material = "{body}"', "",
-        ]  # fmt: skip
+        lines += (
+            ['material = "measured"', 'pattern = "reflectivity"', ""]
+            if apparent is None
+            else [f'material = "{body}"', ""]
+        )
     return "\n".join(lines)
 
 

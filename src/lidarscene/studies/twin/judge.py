@@ -81,11 +81,17 @@ def rows_of(pulses: Pulses, sweep: Sweep, cloud: PointCloud, *, between: float |
     """The whole table; ``between``: the share of pulses that two real frames keep or lose differently (`apart`)."""
     rows = [
         Row(
-            quantity="beam direction", condition="median angle", value=float(np.degrees(np.median(pulses.angle_rad))),
-            high=DIRECTION_DEG, unit="deg",
+            quantity="beam direction",
+            condition="median angle",
+            value=float(np.degrees(np.median(pulses.angle_rad))),
+            high=DIRECTION_DEG,
+            unit="deg",
         ),
-        *_ranges(pulses), *_signals(pulses), *_points(pulses), *_kept(pulses, between),
-    ]  # fmt: skip
+        *_ranges(pulses),
+        *_signals(pulses),
+        *_points(pulses),
+        *_kept(pulses, between),
+    ]
     rows += [*_ground(sweep, cloud), *_second(pulses)]
     return rows
 
@@ -106,9 +112,13 @@ def _ranges(pulses: Pulses) -> Iterator[Row]:
     simulated_mm = 1e3 * (both.simulated_range_m - both.true_range_m)
     told = bool(len(real_mm) >= LEAST)
     yield Row(
-        quantity="range, bias", condition="smooth surfaces", unit="mm", low=-BIAS_MM, high=BIAS_MM,
+        quantity="range, bias",
+        condition="smooth surfaces",
+        unit="mm",
+        low=-BIAS_MM,
+        high=BIAS_MM,
         value=float(np.median(simulated_mm - real_mm)) if told else None,
-    )  # fmt: skip
+    )
     if not told:
         return
     bias, scatter = bias_and_scatter(real_mm, simulated_mm)
@@ -126,13 +136,17 @@ def _ranges(pulses: Pulses) -> Iterator[Row]:
 
 def _scatter(name: str, both: Pulses) -> Row:
     """By differences along the ring, on both sides alike: what is wrong with the twin's surface is no scatter."""
-    real, simulated = (
-        1e3 * spread(one[np.isfinite(one)]) for one in (both.change_m, both.simulated_change_m)
-    )
+    real, simulated = (1e3 * spread(one[np.isfinite(one)]) for one in (both.change_m, both.simulated_change_m))
     return Row(
-        quantity="range, scatter", condition=name, real=real, simulated=simulated,
-        value=simulated / real if real > 0.0 else None, low=SCATTER[0], high=SCATTER[1], unit="mm",
-    )  # fmt: skip
+        quantity="range, scatter",
+        condition=name,
+        real=real,
+        simulated=simulated,
+        value=simulated / real if real > 0.0 else None,
+        low=SCATTER[0],
+        high=SCATTER[1],
+        unit="mm",
+    )
 
 
 def spread(values: Numbers) -> float:
@@ -156,20 +170,23 @@ def _signals(pulses: Pulses) -> Iterator[Row]:
         mine = float(np.mean(pulses.simulated_signal[of_simulated]))
         errors.append(mine / real - 1.0)
         yield Row(
-            quantity="signal, mean", condition=f"{low:.3g} to {high:.3g} m", real=real, simulated=mine,
-            value=errors[-1], unit="photons",
-        )  # fmt: skip
+            quantity="signal, mean",
+            condition=f"{low:.3g} to {high:.3g} m",
+            real=real,
+            simulated=mine,
+            value=errors[-1],
+            unit="photons",
+        )
     yield Row(
-        quantity="signal, mean error over the range", value=float(np.mean(np.abs(errors))) if errors else None,
+        quantity="signal, mean error over the range",
+        value=float(np.mean(np.abs(errors))) if errors else None,
         high=SIGNAL_ERROR,
-    )  # fmt: skip
+    )
     both = kept & simulated & (pulses.signal > 0.0) & (pulses.simulated_signal > 0.0)
     if both.sum() >= LEAST:
         bias, scatter = bias_and_scatter(pulses.signal[both], pulses.simulated_signal[both])
         yield Row(quantity="signal, double validation metric", condition="bias", value=bias, unit="photons")
-        yield Row(
-            quantity="signal, double validation metric", condition="scatter", value=scatter, unit="photons"
-        )
+        yield Row(quantity="signal, double validation metric", condition="scatter", value=scatter, unit="photons")
         logs = np.log(pulses.signal[both]), np.log(pulses.simulated_signal[both])
         yield Row(quantity="signal, correlation of logarithms", value=float(np.corrcoef(*logs)[0, 1]))
 
@@ -177,9 +194,13 @@ def _signals(pulses: Pulses) -> Iterator[Row]:
 def _points(pulses: Pulses) -> Iterator[Row]:
     real, mine = int(pulses.kept.sum()), int(pulses.simulated.sum())
     yield Row(
-        quantity="points", real=real, simulated=mine, value=mine / real - 1.0 if real else None,
-        low=-POINTS, high=POINTS,
-    )  # fmt: skip
+        quantity="points",
+        real=real,
+        simulated=mine,
+        value=mine / real - 1.0 if real else None,
+        low=-POINTS,
+        high=POINTS,
+    )
     rings = int(pulses.ring.max()) + 1
     of_real = np.bincount(pulses.ring[pulses.kept], minlength=rings)
     of_mine = np.bincount(pulses.ring[pulses.simulated], minlength=rings)
@@ -190,11 +211,19 @@ def _points(pulses: Pulses) -> Iterator[Row]:
     worst = int(np.argmax(np.abs(error)))
     number = int(np.flatnonzero(full)[worst])
     yield Row(
-        quantity="points per ring, worst", condition=f"ring {number}", real=int(of_real[number]),
-        simulated=int(of_mine[number]), value=float(error[worst]), low=-POINTS_OF_RING, high=POINTS_OF_RING,
-    )  # fmt: skip
-    yield Row(quantity="rings within 10 %", condition=f"of {int(full.sum())}",
-              value=float(np.mean(np.abs(error) <= POINTS_OF_RING)))  # fmt: skip
+        quantity="points per ring, worst",
+        condition=f"ring {number}",
+        real=int(of_real[number]),
+        simulated=int(of_mine[number]),
+        value=float(error[worst]),
+        low=-POINTS_OF_RING,
+        high=POINTS_OF_RING,
+    )
+    yield Row(
+        quantity="rings within 10 %",
+        condition=f"of {int(full.sum())}",
+        value=float(np.mean(np.abs(error) <= POINTS_OF_RING)),
+    )
 
 
 def _kept(pulses: Pulses, between: float | None = None) -> Iterator[Row]:
@@ -202,18 +231,24 @@ def _kept(pulses: Pulses, between: float | None = None) -> Iterator[Row]:
     yield Row(quantity="real returns kept", value=_share(mine[kept]), low=KEPT_SHARE)
     losses = ~kept & ~pulses.dropped & (pulses.kind != NOTHING)
     yield Row(
-        quantity="real losses on surfaces kept", condition=f"of {int(losses.sum())}",
-        value=_share(mine[losses]) if losses.sum() >= LEAST else None, high=KEPT_LOSSES,
-    )  # fmt: skip
+        quantity="real losses on surfaces kept",
+        condition=f"of {int(losses.sum())}",
+        value=_share(mine[losses]) if losses.sum() >= LEAST else None,
+        high=KEPT_LOSSES,
+    )
     if pulses.dropped.any():
         yield Row(
-            quantity="found but withheld by the real sensor, kept", condition=f"of {int(pulses.dropped.sum())}",
+            quantity="found but withheld by the real sensor, kept",
+            condition=f"of {int(pulses.dropped.sum())}",
             value=_share(mine[pulses.dropped]),
-        )  # fmt: skip
+        )
     yield Row(
-        quantity="kept or lost otherwise than real", condition="" if between is None else "real: between two frames",
-        real=between, value=_share(kept != mine), high=None if between is None else between + DISAGREEMENT,
-    )  # fmt: skip
+        quantity="kept or lost otherwise than real",
+        condition="" if between is None else "real: between two frames",
+        real=between,
+        value=_share(kept != mine),
+        high=None if between is None else between + DISAGREEMENT,
+    )
 
 
 def apart(sweep: Sweep, other: Sweep) -> float | None:
@@ -234,26 +269,38 @@ def _ground(sweep: Sweep, cloud: PointCloud) -> Iterator[Row]:
     mine = ground_of(local.select(local.return_number <= 1).xyz_m.astype(np.float64))
     told = real is not None and mine is not None
     yield Row(
-        quantity="farthest ground, 99.9 %", real=real[1] if real else None, simulated=mine[1] if mine else None,
-        value=mine[1] / real[1] - 1.0 if told and real and mine else None, low=-GROUND, high=GROUND, unit="m",
-    )  # fmt: skip
+        quantity="farthest ground, 99.9 %",
+        real=real[1] if real else None,
+        simulated=mine[1] if mine else None,
+        value=mine[1] / real[1] - 1.0 if told and real and mine else None,
+        low=-GROUND,
+        high=GROUND,
+        unit="m",
+    )
 
 
 def _second(pulses: Pulses) -> Iterator[Row]:
-    real, mine = (
-        pulses.gap_m[np.isfinite(pulses.gap_m)],
-        pulses.simulated_gap_m[np.isfinite(pulses.simulated_gap_m)],
-    )
+    real, mine = (pulses.gap_m[np.isfinite(pulses.gap_m)], pulses.simulated_gap_m[np.isfinite(pulses.simulated_gap_m)])
     if not len(real) and not len(mine):
         return
     shares = len(real) / max(int(pulses.kept.sum()), 1), len(mine) / max(int(pulses.simulated.sum()), 1)
     yield Row(
-        quantity="second returns, share", real=shares[0], simulated=shares[1],
-        value=shares[1] / shares[0] if shares[0] else None, low=1.0 / SECOND_SHARE, high=SECOND_SHARE,
-    )  # fmt: skip
+        quantity="second returns, share",
+        real=shares[0],
+        simulated=shares[1],
+        value=shares[1] / shares[0] if shares[0] else None,
+        low=1.0 / SECOND_SHARE,
+        high=SECOND_SHARE,
+    )
     enough = len(real) >= LEAST and len(mine) >= LEAST
     gaps = [float(np.percentile(gap, 1.0)) if len(gap) else None for gap in (real, mine)]
     yield Row(
-        quantity="second returns, least separation", condition="1 %", real=gaps[0], simulated=gaps[1], unit="m",
-        value=gaps[1] / gaps[0] - 1.0 if enough and gaps[0] and gaps[1] else None, low=-SECOND_GAP, high=SECOND_GAP,
-    )  # fmt: skip
+        quantity="second returns, least separation",
+        condition="1 %",
+        real=gaps[0],
+        simulated=gaps[1],
+        unit="m",
+        value=gaps[1] / gaps[0] - 1.0 if enough and gaps[0] and gaps[1] else None,
+        low=-SECOND_GAP,
+        high=SECOND_GAP,
+    )

@@ -44,17 +44,16 @@ def surfels_of(sweep: Sweep, gauge: Gauge | None, ground: Numbers | None) -> Sur
     flat = np.abs(facing) < LEAST_COS
     normal = np.where(flat[:, None], -direction, normal)
     smooth = (spread[:, 0] < SMOOTH_CURVATURE * spread.sum(axis=1)) & ~flat
-    apparent = (
-        np.full(len(points), 0.2) if gauge is None else gauge.apparent(sweep, sweep.range_m)[sweep.kept]
-    )
+    apparent = np.full(len(points), 0.2) if gauge is None else gauge.apparent(sweep, sweep.range_m)[sweep.kept]
     reflectivity = apparent / scattering_law(-np.einsum("ni,ni->n", normal, direction))
     bright = reflectivity > largest_reflectivity()
     kind = np.where(bright, BRIGHT, np.where(smooth, SMOOTH, ROUGH))
     half_m = 0.5 * _spacing_m(points)
     quads = Surfels(
         corners_m=_squares(points, np.where(bright[:, None], -direction, normal), half_m),
-        reflectivity=np.where(bright, apparent, reflectivity), kind=kind,
-    )  # fmt: skip
+        reflectivity=np.where(bright, apparent, reflectivity),
+        kind=kind,
+    )
     if ground is None:
         return quads
     on = np.abs(points[:, 2] - ground[0] - points[:, :2] @ ground[1:]) < 0.1
@@ -89,6 +88,4 @@ def _plane(ground: Numbers, reach_m: float, reflectivity: Numbers) -> Surfels:
         corners.append(np.stack([a, b, ground[0] + ground[1] * a + ground[2] * b - BELOW_M], axis=-1))
     n = int(inside.sum())
     level = min(float(np.median(reflectivity)), largest_reflectivity())
-    return Surfels(
-        corners_m=np.stack(corners, axis=1), reflectivity=np.full(n, level), kind=np.full(n, GROUND)
-    )  # fmt: skip
+    return Surfels(corners_m=np.stack(corners, axis=1), reflectivity=np.full(n, level), kind=np.full(n, GROUND))

@@ -37,9 +37,15 @@ _VIEW = View(eye_m=(-9.0, 0.0, 6.0), target_m=(6.0, 0.0, 0.0), fov_deg=70.0)
 
 
 def compare_twin(
-    scene_file: Path, recording: Recording, folder: Path, *, frame: int | None = None, seed: int = 0,
-    chunk: int = DEFAULT_CHUNK, as_json: bool = False,
-) -> str:  # fmt: skip
+    scene_file: Path,
+    recording: Recording,
+    folder: Path,
+    *,
+    frame: int | None = None,
+    seed: int = 0,
+    chunk: int = DEFAULT_CHUNK,
+    as_json: bool = False,
+) -> str:
     """Render a twin at a frame's pose and write page, JSON and pictures; returns the text to print.
 
     frame  None: the one that was held out, or the first
@@ -65,9 +71,13 @@ def compare_twin(
     between = apart(whole, recording[following]) if following != number else None
     rows = [row for row in rows_of(pulses, sweep, cloud, between=between) if row.is_told]
     told: dict[str, Any] = {
-        "verdict": verdict(rows), "recording": recording.path.name, "frame": number, "twin": made,
-        "seen": seen(made, number), "rows": [asdict(row) | {"met": row.met} for row in rows],
-    }  # fmt: skip
+        "verdict": verdict(rows),
+        "recording": recording.path.name,
+        "frame": number,
+        "twin": made,
+        "seen": seen(made, number),
+        "rows": [asdict(row) | {"met": row.met} for row in rows],
+    }
     text = json_text(told, indent=1)
     put_text(folder / NUMBERS, text + "\n")
     _page(rows, told, (whole, cloud), folder)
@@ -89,8 +99,7 @@ def as_text(rows: list[Row]) -> str:
     head = ("quantity", "condition", "real", "simulated", "value", "limit", "")
     widths = [max(len(line[k]) for line in (head, *cells)) for k in range(len(head))]
     lines = [
-        "  ".join(f"{cell:<{w}}" for cell, w in zip(line, widths, strict=True)).rstrip()
-        for line in (head, *cells)
+        "  ".join(f"{cell:<{w}}" for cell, w in zip(line, widths, strict=True)).rstrip() for line in (head, *cells)
     ]
     return "\n".join([verdict(rows), *lines])
 
@@ -102,11 +111,7 @@ def verdict(rows: list[Row]) -> str:
     if not judged:
         return "Nothing of this frame can be held to a limit."
     if not missed:
-        return (
-            f"The twin meets all {len(judged)} limits."
-            if len(judged) > 1
-            else "The twin meets the one limit."
-        )
+        return f"The twin meets all {len(judged)} limits." if len(judged) > 1 else "The twin meets the one limit."
     named = []
     for row in missed[:MOST_NAMED]:
         condition = f" ({row.condition})" if row.condition else ""
@@ -118,15 +123,7 @@ def verdict(rows: list[Row]) -> str:
 def _cells(row: Row) -> tuple[str, ...]:
     met = {None: "", True: "met", False: "NOT MET"}[row.met]
     quantity = f"{row.quantity} [{row.unit}]" if row.unit else row.quantity
-    return (
-        quantity,
-        row.condition,
-        _shown(row.real),
-        _shown(row.simulated),
-        _shown(row.value),
-        _limit(row),
-        met,
-    )
+    return (quantity, row.condition, _shown(row.real), _shown(row.simulated), _shown(row.value), _limit(row), met)
 
 
 def _limit(row: Row) -> str:
@@ -153,9 +150,7 @@ def _page(rows: list[Row], told: dict[str, Any], clouds: tuple[Sweep, PointCloud
     page.paragraph(told["verdict"])
     page.paragraph(told["seen"])
     page.paragraph(_NOTE)
-    page.table(
-        ("quantity", "condition", "real", "simulated", "value", "limit", ""), [_cells(row) for row in rows]
-    )
+    page.table(("quantity", "condition", "real", "simulated", "value", "limit", ""), [_cells(row) for row in rows])
     page.pictures([(REAL, "Recorded, by range."), (SIMULATED, "Simulated in the twin, by range.")])
     put_text(folder / PAGE, page.as_html())
 
@@ -163,13 +158,7 @@ def _page(rows: list[Row], told: dict[str, Any], clouds: tuple[Sweep, PointCloud
 def picture(cloud: PointCloud, path: Path, *, scale: tuple[float, float]) -> None:
     """A cloud in the sensor's frame, as seen from behind and above the sensor. Raises OutputError."""
     perspective_picture(
-        cloud,
-        path,
-        colour_by="range",
-        view=_VIEW,
-        highlight_false_alarms=False,
-        size_px=(1280, 720),
-        scale=scale,
+        cloud, path, colour_by="range", view=_VIEW, highlight_false_alarms=False, size_px=(1280, 720), scale=scale
     )
 
 

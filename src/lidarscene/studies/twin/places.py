@@ -31,10 +31,7 @@ def places_of(sweeps: Mapping[int, Sweep], first: int) -> dict[int, Pose]:
         return {number: start @ _pose(sweep) for number, sweep in sweeps.items()}
     clouds = {number: _thinned(sweep) for number, sweep in sweeps.items()}
     places = {first: Pose()}
-    for order in (
-        sorted(n for n in sweeps if n > first),
-        sorted((n for n in sweeps if n < first), reverse=True),
-    ):
+    for order in (sorted(n for n in sweeps if n > first), sorted((n for n in sweeps if n < first), reverse=True)):
         before = first
         for number in order:
             places[number] = places[before] @ _laid(clouds[number], clouds[before])
@@ -57,9 +54,7 @@ def _pose(sweep: Sweep) -> Pose:
 def _thinned(sweep: Sweep) -> Any:
     """An Open3D cloud of the first returns, with normals."""
     o3d = open3d()
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(sweep.xyz_m[sweep.kept])).voxel_down_sample(
-        VOXEL_M
-    )
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(sweep.xyz_m[sweep.kept])).voxel_down_sample(VOXEL_M)
     cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(20))
     return cloud
 

@@ -91,9 +91,7 @@ def of_columns(sweep: Sweep, chosen: slice) -> Sweep:
 def _each(sweep: Sweep, take: Callable[[Numbers], Numbers]) -> Sweep:
     """The sweep with every array changed alike."""
     changed: dict[str, Any] = {
-        one.name: take(value)
-        for one in fields(Sweep)
-        if isinstance(value := getattr(sweep, one.name), np.ndarray)
+        one.name: take(value) for one in fields(Sweep) if isinstance(value := getattr(sweep, one.name), np.ndarray)
     }
     if sweep.second is not None:
         parts: dict[str, Any] = {
@@ -111,9 +109,7 @@ def has_grid(sweep: Sweep) -> bool:
 def grid_of(sweep: Sweep) -> Grid:
     """Turn the rows of a sweep until their columns agree. Raises InputError for a list of points."""
     if not has_grid(sweep):
-        raise InputError(
-            "must be a sweep of rows and columns that knows all directions, got a list of points"
-        )
+        raise InputError("must be a sweep of rows and columns that knows all directions, got a list of points")
     azimuth = np.arctan2(sweep.direction[..., 1], sweep.direction[..., 0])
     step_rad = float(np.median(_wrapped(np.diff(azimuth, axis=1))))
     elevation = np.median(np.arcsin(sweep.direction[..., 2].clip(-1.0, 1.0)), axis=1)
@@ -123,9 +119,11 @@ def grid_of(sweep: Sweep) -> Grid:
     columns = (np.arange(columns_n)[None, :] - shift[rows, None]) % columns_n
     half = 0.5 * np.abs(np.diff(elevation[rows]))
     return Grid(
-        sweep=_each(sweep, lambda values: values[rows[:, None], columns]), step_rad=step_rad,
-        above_rad=np.r_[half[:1], half], below_rad=np.r_[half, half[-1:]],
-    )  # fmt: skip
+        sweep=_each(sweep, lambda values: values[rows[:, None], columns]),
+        step_rad=step_rad,
+        above_rad=np.r_[half[:1], half],
+        below_rad=np.r_[half, half[-1:]],
+    )
 
 
 def planes_of(grid: Grid) -> Planes:

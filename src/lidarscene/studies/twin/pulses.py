@@ -77,16 +77,14 @@ class Pulses:
     def at(self, mask: Numbers) -> Pulses:
         """Only these pulses."""
         values: dict[str, Any] = {
-            one.name: None if (value := getattr(self, one.name)) is None else value[mask]
-            for one in fields(self)
+            one.name: None if (value := getattr(self, one.name)) is None else value[mask] for one in fields(self)
         }
         return Pulses(**values)
 
 
 def pulses_of(
-    scene: Scene, sensor: Sensor, sweep: Sweep, *, pose: Pose | None = None, seed: int = 0,
-    chunk: int = DEFAULT_CHUNK,
-) -> tuple[Pulses, PointCloud]:  # fmt: skip
+    scene: Scene, sensor: Sensor, sweep: Sweep, *, pose: Pose | None = None, seed: int = 0, chunk: int = DEFAULT_CHUNK
+) -> tuple[Pulses, PointCloud]:
     """Render the twin and lay its pulses on the recording's; the cloud too. ``pose`` None: the scene's own.
 
     Raises InputError where the sensor does not fire the recording's pulses.
@@ -94,9 +92,7 @@ def pulses_of(
     numbers, angle_rad = matched(sensor, sweep)
     simulator = Simulator(scene, sensor, pose=pose, rays=RAYS if sensor.tdc.stops > 1 else 1)
     seen: list[tuple[Numbers, Mapping[str, Numbers]]] = []
-    cloud = simulator.render(
-        seed=seed, chunk=chunk, points=lambda pulse, columns: seen.append((pulse, columns))
-    )
+    cloud = simulator.render(seed=seed, chunk=chunk, points=lambda pulse, columns: seen.append((pulse, columns)))
     n = sensor.scanner.pulses
     of_points = np.concatenate([np.zeros(0, np.int64), *(pulse.astype(np.int64) for pulse, _ in seen)])
     first, second = _by_pulse(of_points, n)
@@ -111,21 +107,24 @@ def pulses_of(
     recorded_m = from_exit(sensor, sweep, numbers)
     simulated_m = range_m[numbers]
     smooth = (kind[numbers] == SMOOTH) & np.isfinite(recorded_m) & np.isfinite(simulated_m)
-    step = max(
-        1, round(float(APART_RAD / np.median(np.linalg.norm(np.diff(sweep.direction, axis=1), axis=-1))))
-    )
-    gap_m = (
-        np.full(sweep.shape, np.nan) if sweep.second is None else np.abs(sweep.second.range_m - sweep.range_m)
-    )
+    step = max(1, round(float(APART_RAD / np.median(np.linalg.norm(np.diff(sweep.direction, axis=1), axis=-1)))))
+    gap_m = np.full(sweep.shape, np.nan) if sweep.second is None else np.abs(sweep.second.range_m - sweep.range_m)
     rows = np.broadcast_to(np.arange(sweep.shape[0])[:, None], sweep.shape)
     laid = Pulses(
-        angle_rad=angle_rad, dropped=dropped(sweep), ring=rows, range_m=recorded_m, gap_m=gap_m,
+        angle_rad=angle_rad,
+        dropped=dropped(sweep),
+        ring=rows,
+        range_m=recorded_m,
+        gap_m=gap_m,
         signal=None if sweep.signal is None else sweep.signal.astype(np.float64),
         change_m=_change(np.where(smooth, recorded_m, np.nan), step),
-        simulated_range_m=simulated_m, simulated_signal=_at(cloud.signal, first)[numbers],
+        simulated_range_m=simulated_m,
+        simulated_signal=_at(cloud.signal, first)[numbers],
         simulated_change_m=_change(np.where(smooth, simulated_m, np.nan), step),
-        simulated_gap_m=np.abs(other_m - range_m)[numbers], true_range_m=true_range_m[numbers], kind=kind[numbers],
-    )  # fmt: skip
+        simulated_gap_m=np.abs(other_m - range_m)[numbers],
+        true_range_m=true_range_m[numbers],
+        kind=kind[numbers],
+    )
     return laid.at(sweep.recorded), cloud
 
 
@@ -134,11 +133,7 @@ def from_exit(sensor: Sensor, sweep: Sweep, numbers: Numbers) -> Numbers:
     start = sensor.scanner.offset_m(np.arange(sensor.scanner.pulses, dtype=np.uint32))
     if start is None and sweep.origin_m is None:
         return sweep.range_m
-    exit_m = (
-        np.zeros(3)
-        if start is None
-        else np.stack([np.asarray(x, np.float64) for x in start], axis=-1)[numbers]
-    )
+    exit_m = np.zeros(3) if start is None else np.stack([np.asarray(x, np.float64) for x in start], axis=-1)[numbers]
     return np.asarray(np.einsum("...i,...i", sweep.xyz_m - exit_m, sweep.direction))
 
 
@@ -159,9 +154,7 @@ def matched(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
     channel = np.asarray(sensor.scanner.channel(pulse))
     channels = np.unique(channel)
     if len(channels) != sweep.shape[0]:
-        raise InputError(
-            f"the sensor must have {sweep.shape[0]} channels, as the recording has, got {len(channels)}"
-        )
+        raise InputError(f"the sensor must have {sweep.shape[0]} channels, as the recording has, got {len(channels)}")
     height = [float(np.median(fired[channel == one, 2])) for one in channels]
     rows = np.argsort(-np.median(sweep.direction[..., 2], axis=1), kind="stable")
     numbers, angle = np.zeros(sweep.shape, np.int64), np.zeros(sweep.shape)

@@ -103,9 +103,7 @@ class Gauge:
         if len(table) > 1:
             # Before the table as between its first two bins; beyond it signals fall as 1 / range^2.
             slope = np.clip((value[1] - value[0]) / (table[1] - table[0]), -STEEPEST, STEEPEST)
-            log_factor = (
-                log_factor + slope * np.minimum(at - table[0], 0.0) + 2.0 * np.maximum(at - table[-1], 0.0)
-            )
+            log_factor = log_factor + slope * np.minimum(at - table[0], 0.0) + 2.0 * np.maximum(at - table[-1], 0.0)
         factor = np.exp(log_factor)
         return np.maximum(np.nan_to_num(strength * factor, posinf=0.0), LEAST)
 
@@ -114,12 +112,7 @@ def _ratio(sweep: Sweep) -> tuple[Numbers, Numbers] | None:
     """Reflectivity of a photon by range, from pixels well above the steps of the reflectivity and below white."""
     assert sweep.reflectivity is not None
     assert sweep.signal is not None
-    good = (
-        sweep.kept
-        & (sweep.reflectivity >= _LEAST_COUNTS)
-        & (sweep.reflectivity < WHITE)
-        & (sweep.signal > 0.0)
-    )
+    good = sweep.kept & (sweep.reflectivity >= _LEAST_COUNTS) & (sweep.reflectivity < WHITE) & (sweep.signal > 0.0)
     if good.sum() < _LEAST_PIXELS:
         return None
     log_range = np.log2(sweep.range_m[good])

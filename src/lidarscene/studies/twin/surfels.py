@@ -63,14 +63,12 @@ class Surfels:
         """Moved to where the sensor stood."""
         return Surfels(
             corners_m=self.corners_m @ pose.rotation.T + pose.position_m, reflectivity=self.reflectivity, kind=self.kind
-        )  # fmt: skip
+        )
 
 
 def together(parts: Sequence[Surfels]) -> Surfels:
     """All in one."""
-    return Surfels(
-        **{one.name: np.concatenate([getattr(p, one.name) for p in parts]) for one in fields(Surfels)}
-    )
+    return Surfels(**{one.name: np.concatenate([getattr(p, one.name) for p in parts]) for one in fields(Surfels)})
 
 
 def surfels_of(grid: Grid, gauge: Gauge | None, ground: Numbers | None) -> Surfels:
@@ -88,10 +86,11 @@ def surfels_of(grid: Grid, gauge: Gauge | None, ground: Numbers | None) -> Surfe
     parts = [
         _quads(grid, chosen, range_m, planes.normal, apparent, kind, span=span)
         for kind, chosen in (
-            (SMOOTH, kept & smooth & ~two), (ROUGH, kept & ~smooth & ~two),
+            (SMOOTH, kept & smooth & ~two),
+            (ROUGH, kept & ~smooth & ~two),
             (FILLED, sweep.lost & planes.there & ~dropped(sweep)),
         )
-    ]  # fmt: skip
+    ]
     for side, ends in ((1, left), (-1, right)):
         between = 0.5 * (apparent + np.fmin(apparent, _beside(grid, gauge, range_m, side)))
         beyond = (2.0 - EDGE, EDGE) if side > 0 else (-EDGE, EDGE - 2.0)
@@ -225,9 +224,15 @@ def _in_sight(kept: Numbers, on: Numbers, range_m: Numbers, meets_m: Numbers) ->
 
 
 def _quads(
-    grid: Grid, chosen: Numbers, range_m: Numbers, normal: Numbers, apparent: Numbers, kind: int, *,
+    grid: Grid,
+    chosen: Numbers,
+    range_m: Numbers,
+    normal: Numbers,
+    apparent: Numbers,
+    kind: int,
+    *,
     span: tuple[Numbers | float, Numbers | float] = (1.0, -1.0),
-) -> Surfels:  # fmt: skip
+) -> Surfels:
     """Quads of these pixels: where the four corners of a pixel, seen from its exit, meet its plane.
 
     span  from where to where it is covered, from its middle to the left, in halves of its width

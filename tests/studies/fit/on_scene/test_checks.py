@@ -35,9 +35,7 @@ def test_a_tail_of_other_surfaces_counts_little() -> None:
 def test_a_ratio_is_beyond_its_limit_by_two_of_its_sigmas() -> None:
     def of(ratio: float, sigma: float) -> Judged:
         return Judged(
-            signal=np.zeros((0, 3)),
-            kept=np.zeros((0, 3)),
-            scatter=np.array([[50.0, 1e-2 * ratio, 1e-2, sigma]]),
+            signal=np.zeros((0, 3)), kept=np.zeros((0, 3)), scatter=np.array([[50.0, 1e-2 * ratio, 1e-2, sigma]])
         )
 
     assert not of(1.26, 0.05).beyond(1.25)
@@ -48,9 +46,10 @@ def test_a_ratio_is_beyond_its_limit_by_two_of_its_sigmas() -> None:
 
 def test_the_error_of_the_signal_is_over_what_was_recorded() -> None:
     judged_by_hand = Judged(
-        signal=np.array([[10.0, 100.0, 50.0], [20.0, 100.0, 110.0]]), kept=np.array([[0.2, 0.5, 90.0]]),
+        signal=np.array([[10.0, 100.0, 50.0], [20.0, 100.0, 110.0]]),
+        kept=np.array([[0.2, 0.5, 90.0]]),
         scatter=np.array([[50.0, 0.03, 0.02, 0.1]]),
-    )  # fmt: skip
+    )
     assert judged_by_hand.signal_error == pytest.approx(0.3)
     assert judged_by_hand.kept_error == pytest.approx(0.3)
     assert judged_by_hand.ratios == pytest.approx([1.5])
@@ -63,23 +62,27 @@ def known_to(sigma: float) -> KnownFit:
     """The published sensor, its power known so well."""
     return KnownFit(
         solved=Solved(value=np.zeros(1), slope=np.array([[sigma**-2]]), scores=np.zeros((9, 1))),
-        names=(POWER,), held=(), null=(), values={POWER: 0.0}, reflectivity=np.zeros(1),
-    )  # fmt: skip
+        names=(POWER,),
+        held=(),
+        null=(),
+        values={POWER: 0.0},
+        reflectivity=np.zeros(1),
+    )
 
 
 def laid(**changed: Any) -> Laid:
     """A dark wall from 8 to 30 m that returns what is expected of it, its ranges a sigma off."""
     count = 1600
-    light = echoes_of_plane(
-        published(), Target(reflectivity=0.2, illuminance_klux=5.0), np.geomspace(8.0, 30.0, count)
-    )
+    light = echoes_of_plane(published(), Target(reflectivity=0.2, illuminance_klux=5.0), np.geomspace(8.0, 30.0, count))
     scene = Scene.of(light, published(), np.zeros(count, int), spot_over_field=0.5)
     law = expected(scene, {})
     signs = np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
     reported = Reported(
-        kept=np.ones(count, bool), signal=np.asarray(law.signal), near_ir=np.asarray(law.near_ir),
+        kept=np.ones(count, bool),
+        signal=np.asarray(law.signal),
+        near_ir=np.asarray(law.near_ir),
         range_m=scene.range_m + signs * np.asarray(law.sigma_m),
-    )  # fmt: skip
+    )
     return Laid(scene=scene, reported=replace(reported, **changed), block=np.zeros(count, int))
 
 
@@ -88,9 +91,10 @@ def test_signal_and_scatter_by_bins() -> None:
     plain = laid()
     other = np.arange(1600) % 3 == 0
     spoilt = replace(
-        plain.reported, signal=2.0 * plain.reported.signal * np.where(other, 9.0, 1.0),
+        plain.reported,
+        signal=2.0 * plain.reported.signal * np.where(other, 9.0, 1.0),
         range_m=plain.reported.range_m + 1.0 * other,
-    )  # fmt: skip
+    )
     result = judged(replace(plain, reported=spoilt), known_to(1e-9))
     assert len(result.signal) == 8
     np.testing.assert_allclose(result.signal[:, 1] / result.signal[:, 2], 2.0)

@@ -13,8 +13,10 @@ from lidarscene.studies.fit.on_scene import laid as laid_module
 from lidarscene.studies.fit.on_scene.laid import _frame, _power_w
 
 ONE_LENS = (
-    "optics.overlap.transmitter_offset_mm=[0, 0]", "optics.overlap.focus_at_m=1e6", "optics.overlap.scattered_share=0",
-)  # fmt: skip
+    "optics.overlap.transmitter_offset_mm=[0, 0]",
+    "optics.overlap.focus_at_m=1e6",
+    "optics.overlap.scattered_share=0",
+)
 
 
 def test_the_spot_is_told_of_one_lens_on_the_axis_only() -> None:
@@ -46,15 +48,10 @@ class Lit:
         pulses = self.sensor.scanner.pulses
         parts = [
             SubEchoes(range_m=self._range_m, peak_power_w=1e-12 * np.arange(1.0, pulses + 1.0), count=1),
-            SubEchoes(
-                range_m=np.full(pulses, 1.0), peak_power_w=np.ones(pulses), count=1
-            ),  # of rain, not a surface
+            SubEchoes(range_m=np.full(pulses, 1.0), peak_power_w=np.ones(pulses), count=1),  # of rain, not a surface
         ]
         return EchoTrain(
-            parts=tuple(parts),
-            surfaces=1,
-            found=np.arange(pulses) % 7 != 0,
-            background_power_w=np.full(pulses, 2e-9),
+            parts=tuple(parts), surfaces=1, found=np.arange(pulses) % 7 != 0, background_power_w=np.full(pulses, 2e-9)
         )
 
 
@@ -71,9 +68,14 @@ def test_each_pulse_is_laid_on_its_own_light() -> None:
     withheld = np.zeros(shape, bool)
     withheld[3, 5] = True
     sweep = Sweep(
-        range_m=np.where(withheld, np.nan, 10.0), recorded=np.ones(shape, bool), direction=direction.reshape(*shape, 3),
-        signal=100.0 + numbers, near_ir=np.full(shape, 300.0), reflectivity=np.full(shape, 20.0), knows_lost=True,
-    )  # fmt: skip
+        range_m=np.where(withheld, np.nan, 10.0),
+        recorded=np.ones(shape, bool),
+        direction=direction.reshape(*shape, 3),
+        signal=100.0 + numbers,
+        near_ir=np.full(shape, 300.0),
+        reflectivity=np.full(shape, 20.0),
+        knows_lost=True,
+    )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(laid_module, "matched", lambda *_: (numbers, np.zeros(shape)))
         pulses = sensor.scanner.pulses

@@ -25,9 +25,13 @@ from lidarscene.studies.fit.on_scene.study import Given, fit_on_scene
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
 TRUTH = {
-    "laser.peak_power_w": 1.25, "near_field_m": 0.9, "laser.pulse_fwhm_ns": 1.1, "detector.spads": 0.75,
-    "histogram.threshold_floor": 1.2, "optics.sun_irradiance_w_m2": 0.8,
-}  # fmt: skip
+    "laser.peak_power_w": 1.25,
+    "near_field_m": 0.9,
+    "laser.pulse_fwhm_ns": 1.1,
+    "detector.spads": 0.75,
+    "histogram.threshold_floor": 1.2,
+    "optics.sun_irradiance_w_m2": 0.8,
+}
 """Times what is published."""
 
 Made = tuple[Path, Path, Sensor]
@@ -104,9 +108,7 @@ def test_poses_move_the_sensor(made: Made, tmp_path: Path, monkeypatch: pytest.M
         rows = [f"{t},{-0.5 * aside_m},{aside_m},1.8,30" for t in (0.0, 1.0)]
         poses.write_text("\n".join(["time_s,x_m,y_m,z_m,yaw_deg", *rows]) + "\n", encoding="utf-8")
         with pytest.raises(InputError, match="enough"):
-            fit_on_scene(
-                Given(recordings=[recording], scene=scene, poses=poses), tmp_path / "u.toml", tmp_path / "r"
-            )
+            fit_on_scene(Given(recordings=[recording], scene=scene, poses=poses), tmp_path / "u.toml", tmp_path / "r")
     off_m = [np.nanquantile(np.abs(one.reported.range_m - one.scene.range_m), 0.9) for one in seen]
     assert off_m[0] < 0.1
     assert off_m[1] > 0.5
@@ -117,15 +119,10 @@ def test_poses_move_the_sensor(made: Made, tmp_path: Path, monkeypatch: pytest.M
     [
         ({"sensor": "table1-apd"}, r"--sensor table1-apd: must count photons, with \[histogram\]"),
         ({"sensor": "os2-128"}, "the sensor must fire where the recording's did|must have 32 channels"),
-        (
-            {"poses": "late.csv"},
-            "must reach from the first to the last frame, got 5 to 6 s and frame 0 at 0 s",
-        ),
+        ({"poses": "late.csv"}, "must reach from the first to the last frame, got 5 to 6 s and frame 0 at 0 s"),
     ],
 )
-def test_what_does_not_fit_is_one_line(
-    made: Made, tmp_path: Path, changed: dict[str, Any], complaint: str
-) -> None:
+def test_what_does_not_fit_is_one_line(made: Made, tmp_path: Path, changed: dict[str, Any], complaint: str) -> None:
     recording, scene, _ = made
     if "poses" in changed:
         changed = {"poses": tmp_path / changed["poses"]}
@@ -141,9 +138,11 @@ def bare(signal: Any, off_m: Any, *, kept: Any = True, power: float = 1.0) -> La
     light = echoes_of_plane(published(), Target(reflectivity=0.5, illuminance_klux=1.0), np.full(count, 12.0))
     scene = known_scene.Scene.of(light, published(), np.zeros(count, int), spot_over_field=0.5)
     reported = known_scene.Reported(
-        kept=np.broadcast_to(kept, count), signal=np.asarray(signal), near_ir=np.full(count, np.nan),
+        kept=np.broadcast_to(kept, count),
+        signal=np.asarray(signal),
+        near_ir=np.full(count, np.nan),
         range_m=scene.range_m + off_m,
-    )  # fmt: skip
+    )
     return Laid(scene=scene, reported=reported, block=np.zeros(count, int))
 
 
@@ -167,9 +166,13 @@ def test_what_photons_do_not_explain_is_texture_and_strangers() -> None:
     turn = np.where(np.arange(count) % 2 == 0, 1.1, 0.9)
     laid = bare(np.asarray(law.signal) * turn, np.zeros(count), kept=np.arange(count) % 10 != 0)
     known = KnownFit(
-        solved=Solved(value=np.zeros(0), slope=np.zeros((0, 0)), scores=np.zeros((1, 0))), names=(), held=(), null=(),
-        values={}, reflectivity=np.zeros(1),
-    )  # fmt: skip
+        solved=Solved(value=np.zeros(0), slope=np.zeros((0, 0)), scores=np.zeros((1, 0))),
+        names=(),
+        held=(),
+        null=(),
+        values={},
+        reflectivity=np.zeros(1),
+    )
     texture, strangers = study._unexplained(laid, known)
     assert texture == pytest.approx(np.sqrt((1.4826 * 0.1) ** 2 - photons), rel=0.01)
     assert photons > 0.02 * texture**2
@@ -191,9 +194,13 @@ def test_blocks_that_judge_are_not_fitted(monkeypatch: pytest.MonkeyPatch) -> No
         study.fit_laid(laid, published(), twin=False)
     assert seen["fitted"] == [0, 1, 2, 4, 5, 6, 8, 9, 10]
     known = KnownFit(
-        solved=Solved(value=np.zeros(0), slope=np.zeros((0, 0)), scores=np.zeros((1, 0))), names=(), held=(), null=(),
-        values={}, reflectivity=np.zeros(1),
-    )  # fmt: skip
+        solved=Solved(value=np.zeros(0), slope=np.zeros((0, 0)), scores=np.zeros((1, 0))),
+        names=(),
+        held=(),
+        null=(),
+        values={},
+        reflectivity=np.zeros(1),
+    )
     monkeypatch.setattr(study, "fit_known", lambda *_, **__: known)
     monkeypatch.setattr(
         study, "judged", lambda others, _: seen.update(judged=np.unique(others.reported.signal).tolist())
@@ -208,36 +215,32 @@ def test_poses_count_by_the_recordings_clock_or_from_its_first_frame(tmp_path: P
     """Frames at 501 and 502 s. The file's times are 501 and 502 s too, or 0 and 1 s: the sensor drives 3 m a second."""
     path = tmp_path / "poses.csv"
     times = (501.0, 502.0) if clock_s else (0.0, 1.0)
-    path.write_text(
-        "time_s,x_m,y_m,z_m\n" + "".join(f"{t},{3.0 * k},0,1\n" for k, t in enumerate(times)), "utf-8"
-    )
-    sweeps = [Sweep(range_m=np.ones(1), recorded=np.ones(1, bool), direction=np.array([[1.0, 0.0, 0.0]]), start_s=t)
-              for t in (501.0, 502.0)]  # fmt: skip
+    path.write_text("time_s,x_m,y_m,z_m\n" + "".join(f"{t},{3.0 * k},0,1\n" for k, t in enumerate(times)), "utf-8")
+    sweeps = [
+        Sweep(range_m=np.ones(1), recorded=np.ones(1, bool), direction=np.array([[1.0, 0.0, 0.0]]), start_s=t)
+        for t in (501.0, 502.0)
+    ]
     placed = study._placed([(sweep, None) for sweep in sweeps], path)
     assert [pose.position_m.tolist() for _, pose in placed if pose is not None] == [
-        pytest.approx([0.0, 0.0, 1.0]), pytest.approx([3.0, 0.0, 1.0])
-    ]  # fmt: skip
+        pytest.approx([0.0, 0.0, 1.0]),
+        pytest.approx([3.0, 0.0, 1.0]),
+    ]
 
 
 @pytest.mark.parametrize(("held_out", "chosen"), [(2, [2]), (None, [0, 1]), ("columns", [0, 1])])
-def test_what_a_twin_has_not_seen_is_fitted(
-    monkeypatch: pytest.MonkeyPatch, held_out: Any, chosen: list[int]
-) -> None:
+def test_what_a_twin_has_not_seen_is_fitted(monkeypatch: pytest.MonkeyPatch, held_out: Any, chosen: list[int]) -> None:
     """The frame that was held out, or the odd columns, or else all that it was made of; each at its place."""
     direction = np.broadcast_to([1.0, 0.0, 0.0], (3, 8, 3))
 
     def read(number: int) -> Sweep:
         columns = np.arange(8.0) + 10.0 * number
-        return Sweep(
-            range_m=np.broadcast_to(columns, (3, 8)), recorded=np.ones((3, 8), bool), direction=direction
-        )
+        return Sweep(range_m=np.broadcast_to(columns, (3, 8)), recorded=np.ones((3, 8), bool), direction=direction)
 
     opened = Recording(path=Path("r.pcap"), count=3, read=read)
     monkeypatch.setattr(study, "open_recording", lambda *_: opened)
     made = {
         "held_out": held_out,
-        "places": {"0": [0.0] * 6, "1": [1.0, *[0.0] * 5]}
-        | ({"2": [2.0, *[0.0] * 5]} if held_out == 2 else {}),
+        "places": {"0": [0.0] * 6, "1": [1.0, *[0.0] * 5]} | ({"2": [2.0, *[0.0] * 5]} if held_out == 2 else {}),
     }
     frames, notes = study._frames(Given(recordings=[Path("r.pcap")], scene=Path("scene.toml")), made)
     assert [pose.position_m[0] for _, pose in frames if pose is not None] == chosen

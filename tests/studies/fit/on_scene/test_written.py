@@ -49,9 +49,7 @@ def test_what_does_not_go_with_the_rest_is_left_and_told() -> None:
     before, after = sensor_of(TEXT, "a"), sensor_of(text, "b")
     assert after.laser.pulse_fwhm_s == before.laser.pulse_fwhm_s
     assert after.laser.peak_power_w == pytest.approx(2.0 * before.laser.peak_power_w, rel=1e-5)
-    assert after.sources["laser.peak_power_w"].startswith(
-        "fitted with a scene: laser.peak_power_w 2 +/- 0.01 times"
-    )
+    assert after.sources["laser.peak_power_w"].startswith("fitted with a scene: laser.peak_power_w 2 +/- 0.01 times")
 
 
 def test_factors_of_one_key_multiply() -> None:
@@ -67,9 +65,7 @@ def test_factors_of_one_key_multiply() -> None:
 
 @pytest.mark.parametrize(("sigma", "is_written"), [(0.29, True), (0.31, False)])
 def test_what_is_known_to_30_per_cent_is_written(sigma: float, is_written: bool) -> None:
-    factor = Estimate(
-        key="laser.peak_power_w", value=2.0, unit="times", fisher=2.0 * sigma, bootstrap=2.0 * sigma
-    )
+    factor = Estimate(key="laser.peak_power_w", value=2.0, unit="times", fisher=2.0 * sigma, bootstrap=2.0 * sigma)
     text, notes = written_text(TEXT, {factor.key: factor}, "drawn", "os0.toml")
     assert (text != TEXT) is is_written
     assert (len(notes) == 1) is not is_written

@@ -42,9 +42,7 @@ class Judged:
     @property
     def signal_error(self) -> float | None:
         """Mean absolute error over the range, relative."""
-        return (
-            float(np.mean(np.abs(self.signal[:, 2] / self.signal[:, 1] - 1.0))) if len(self.signal) else None
-        )
+        return float(np.mean(np.abs(self.signal[:, 2] / self.signal[:, 1] - 1.0))) if len(self.signal) else None
 
     @property
     def kept_error(self) -> float | None:
@@ -133,11 +131,6 @@ def _scatter(laid: Laid, now: Expected, strong: Numbers, known: KnownFit) -> Num
             slope = np.array([np.median(each[there]) for each in slopes])
             variance = OF_ONE**2 / there.sum() + max(float(slope @ each @ slope) for each in covariances)
             rows.append(
-                [
-                    2.0 ** (one + 0.5),
-                    law * capped_scatter(relative[there] / sigma_m[there]),
-                    law,
-                    variance**0.5,
-                ]
+                [2.0 ** (one + 0.5), law * capped_scatter(relative[there] / sigma_m[there]), law, variance**0.5]
             )
     return np.array(rows).reshape(-1, 4)

@@ -49,9 +49,7 @@ class Laid:
 
     def at(self, mask: Numbers) -> Laid:
         """Only these pulses."""
-        return replace(
-            self, scene=_some(self.scene, mask), reported=_some(self.reported, mask), block=self.block[mask]
-        )
+        return replace(self, scene=_some(self.scene, mask), reported=_some(self.reported, mask), block=self.block[mask])
 
     @property
     def fitted(self) -> Numbers:
@@ -65,9 +63,7 @@ def _of_kinds(world: World, *kinds: int) -> World:
     return replace(world, bodies=tuple(one for one in world.bodies if one.class_name in names))
 
 
-def laid_on(
-    world: World, sensor: Sensor, frames: Sequence[tuple[Sweep, Pose | None]], *, twin: bool = False
-) -> Laid:
+def laid_on(world: World, sensor: Sensor, frames: Sequence[tuple[Sweep, Pose | None]], *, twin: bool = False) -> Laid:
     """Lay frames on a scene, each from its pose; None: the scene's own.
 
     twin  what was put where pulses were lost is left out. Signals and ranges count only of smooth surfaces: leaves and
@@ -119,11 +115,10 @@ def _frame(simulators: Sequence[Simulator], sweep: Sweep, pose: Pose | None, *, 
     return Laid(
         scene=scene,
         reported=Reported(
-            kept=kept, signal=np.where(clear, signal, np.nan), range_m=np.where(clear, range_m, np.nan),
-            near_ir=near_ir,
+            kept=kept, signal=np.where(clear, signal, np.nan), range_m=np.where(clear, range_m, np.nan), near_ir=near_ir
         ),
         block=block[there],
-    )  # fmt: skip
+    )
 
 
 def _of_pulses(light: EchoTrain, pulse: Numbers) -> EchoTrain:
@@ -134,10 +129,7 @@ def _of_pulses(light: EchoTrain, pulse: Numbers) -> EchoTrain:
         parts.append(replace(one, range_m=range_m, peak_power_w=power_w))
     found = np.asarray(light.found)
     background = np.broadcast_to(np.asarray(light.background_power_w, np.float64), found.shape)
-    return EchoTrain(
-        parts=tuple(parts), surfaces=len(parts), found=found[pulse],
-        background_power_w=background[pulse],
-    )  # fmt: skip
+    return EchoTrain(parts=tuple(parts), surfaces=len(parts), found=found[pulse], background_power_w=background[pulse])
 
 
 def _power_w(sensor: Sensor, near_ir: Numbers) -> Numbers:
@@ -148,9 +140,7 @@ def _power_w(sensor: Sensor, near_ir: Numbers) -> Numbers:
 
 def _some(values: Any, mask: Numbers) -> Any:
     taken = {
-        one.name: value[mask]
-        for one in fields(values)
-        if isinstance(value := getattr(values, one.name), np.ndarray)
+        one.name: value[mask] for one in fields(values) if isinstance(value := getattr(values, one.name), np.ndarray)
     }
     return replace(values, **taken)
 
@@ -168,6 +158,7 @@ def _joined(parts: Iterable[Laid]) -> Laid:
         return replace(first, **taken)
 
     return Laid(
-        scene=together([one.scene for one in every]), reported=together([one.reported for one in every]),
+        scene=together([one.scene for one in every]),
+        reported=together([one.reported for one in every]),
         block=np.concatenate([one.block for one in every]),
-    )  # fmt: skip
+    )

@@ -61,12 +61,14 @@ class SceneFit:
         signal, kept, ratios = judged.signal_error, judged.kept_error, judged.ratios
         return (
             Check(
-                name="signal over the range", wanted=f"mean error <= {SIGNAL_ERROR:.0%}",
+                name="signal over the range",
+                wanted=f"mean error <= {SIGNAL_ERROR:.0%}",
                 found="too few" if signal is None else f"{signal:.1%}",
                 held=None if signal is None else signal <= SIGNAL_ERROR,
             ),
             Check(
-                name="kept and lost", wanted=f"mean difference <= {KEPT_ERROR:g}",
+                name="kept and lost",
+                wanted=f"mean difference <= {KEPT_ERROR:g}",
                 found="too few" if kept is None else f"{kept:.3f}",
                 held=None if kept is None else kept <= KEPT_ERROR,
             ),
@@ -76,7 +78,7 @@ class SceneFit:
                 found="too few" if not len(ratios) else f"{ratios.min():.2f} to {ratios.max():.2f}",
                 held=None if not len(ratios) else not judged.beyond(SCATTER_RATIO),
             ),
-        )  # fmt: skip
+        )
 
     @property
     def passed(self) -> bool:
@@ -87,20 +89,31 @@ class SceneFit:
 def as_dict(fit: SceneFit) -> dict[str, Any]:
     """For JSON."""
     return {
-        "recording": fit.recording, "scene": fit.scene, "sensor": fit.sensor, "frames": fit.frames,
-        "pulses": {"fitted": fit.pulses[0], "not fitted": fit.pulses[1]}, "passed": fit.passed,
+        "recording": fit.recording,
+        "scene": fit.scene,
+        "sensor": fit.sensor,
+        "frames": fit.frames,
+        "pulses": {"fitted": fit.pulses[0], "not fitted": fit.pulses[1]},
+        "passed": fit.passed,
         "estimates": {
             one.key: {
-                "times": one.value, "sigma": one.sigma, "fisher": one.fisher, "bootstrap": one.bootstrap,
+                "times": one.value,
+                "sigma": one.sigma,
+                "fisher": one.fisher,
+                "bootstrap": one.bootstrap,
                 "known": one.known,
             }
             for one in fit.estimates
         },
         "checks": [asdict(one) for one in fit.checks],
         "correlations": {"names": list(fit.known.names), "matrix": fit.known.solved.correlation.tolist()},
-        "not_identified": list(fit.known.null), "held": list(fit.known.held), "evaluations": fit.evaluations,
-        "texture": fit.texture, "strangers": fit.strangers, "notes": list(fit.notes),
-    }  # fmt: skip
+        "not_identified": list(fit.known.null),
+        "held": list(fit.known.held),
+        "evaluations": fit.evaluations,
+        "texture": fit.texture,
+        "strangers": fit.strangers,
+        "notes": list(fit.notes),
+    }
 
 
 def as_text(fit: SceneFit) -> str:
@@ -130,7 +143,7 @@ def write_report(fit: SceneFit, folder: Path) -> None:
             (one.key, f"{one.value:.4g}", f"{one.fisher:.2g}", f"{one.bootstrap:.2g}", "" if one.known else "not known")
             for one in fit.estimates
         ],
-    )  # fmt: skip
+    )
     page.paragraph(
         f"Signals scatter by {fit.texture:.0%} more than photons do: texture of the surfaces, and what the scene has "
         f"wrong. {fit.strangers:.1%} of the pulses met something that is not in the scene."
@@ -153,25 +166,34 @@ def write_report(fit: SceneFit, folder: Path) -> None:
 def _figures(judged: Judged) -> list[Figure]:
     made: list[Figure] = []
     if len(judged.signal):
-        made.append((
-            "signal", "Mean signal by range, of columns that were not fitted.",
-            _chart(judged.signal, "range [m]", "SIGNAL [photons]", log=True),
-            (("range_m", "recorded", "expected"), judged.signal.tolist()),
-        ))  # fmt: skip
+        made.append(
+            (
+                "signal",
+                "Mean signal by range, of columns that were not fitted.",
+                _chart(judged.signal, "range [m]", "SIGNAL [photons]", log=True),
+                (("range_m", "recorded", "expected"), judged.signal.tolist()),
+            )
+        )
     if len(judged.kept):
         expected = np.column_stack([judged.kept[:, 0], judged.kept[:, 1], judged.kept[:, 0]])
-        made.append((
-            "kept", "Share that was kept, by the chance that the sensor gives it.",
-            _chart(expected, "chance of a return, expected", "share with a return", log=False),
-            (("chance", "kept", "pulses"), judged.kept.tolist()),
-        ))  # fmt: skip
+        made.append(
+            (
+                "kept",
+                "Share that was kept, by the chance that the sensor gives it.",
+                _chart(expected, "chance of a return, expected", "share with a return", log=False),
+                (("chance", "kept", "pulses"), judged.kept.tolist()),
+            )
+        )
     if len(judged.scatter):
         scaled = judged.scatter[:, :3] * np.array([1.0, 1e3, 1e3])
-        made.append((
-            "scatter", "Scatter of the range about the scene's surface, by signal.",
-            _chart(scaled, "SIGNAL [photons]", "scatter of the range [mm]", log=True),
-            (("signal", "recorded_mm", "expected_mm"), scaled.tolist()),
-        ))  # fmt: skip
+        made.append(
+            (
+                "scatter",
+                "Scatter of the range about the scene's surface, by signal.",
+                _chart(scaled, "SIGNAL [photons]", "scatter of the range [mm]", log=True),
+                (("signal", "recorded_mm", "expected_mm"), scaled.tolist()),
+            )
+        )
     return made
 
 
@@ -183,8 +205,13 @@ def _chart(columns: Numbers, x_label: str, y_label: str, *, log: bool) -> Chart:
             Line(label="recorded", x=x, y=recorded),
             Line(label="expected", x=x, y=expected, colour=1, style="dashed"),
         ),
-        x_label=x_label, y_label=y_label, x_log=log, y_log=log, x_limits=limits, y_limits=limits,
-    )  # fmt: skip
+        x_label=x_label,
+        y_label=y_label,
+        x_log=log,
+        y_log=log,
+        x_limits=limits,
+        y_limits=limits,
+    )
 
 
 def _number(one: Estimate) -> str:

@@ -93,12 +93,14 @@ def fit_on_scene(given: Given, output: Path, report: Path, *, as_json: bool = Fa
         raise InputError(f"{recording}: {error}") from None
     fit = fit_laid(laid, sensor, twin=made is not None)
     fit = replace(
-        fit, recording=recording, scene=given.scene.parent.name if made is not None else given.scene.stem,
-        sensor=named if given.sensor is not None else sensor.name, frames=len(frames), notes=notes,
-    )  # fmt: skip
-    written, left = written_text(
-        text, {one.key: one for one in fit.estimates}, f"{recording} on {fit.scene}", where
+        fit,
+        recording=recording,
+        scene=given.scene.parent.name if made is not None else given.scene.stem,
+        sensor=named if given.sensor is not None else sensor.name,
+        frames=len(frames),
+        notes=notes,
     )
+    written, left = written_text(text, {one.key: one for one in fit.estimates}, f"{recording} on {fit.scene}", where)
     fit = replace(fit, notes=(*fit.notes, *left))
     put_text(output, written)
     write_report(fit, report)
@@ -120,9 +122,13 @@ def fit_laid(laid: Laid, sensor: Sensor, *, twin: bool) -> SceneFit:
     for _ in range(rounds):
         scene = replace(fitted.scene, texture=texture, strangers=strangers)
         known = fit_known(
-            scene, fitted.reported, names, reflectivity_sigma=REFLECTIVITY_SIGMA, start=known,
+            scene,
+            fitted.reported,
+            names,
+            reflectivity_sigma=REFLECTIVITY_SIGMA,
+            start=known,
             most=MOST_EVALUATIONS // rounds,
-        )  # fmt: skip
+        )
         evaluations += known.solved.evaluations
         if twin:
             texture, strangers = _unexplained(replace(fitted, scene=scene), known)
@@ -131,9 +137,17 @@ def fit_laid(laid: Laid, sensor: Sensor, *, twin: bool) -> SceneFit:
     scene = replace(others.scene, texture=texture, strangers=strangers, floor_m=fitted.scene.floor_m)
     others = replace(others, scene=scene)
     return SceneFit(
-        recording="", scene="", sensor=sensor.name, frames=1, pulses=(len(fitted.block), len(others.block)),
-        known=known, judged=judged(others, known), evaluations=evaluations, texture=texture, strangers=strangers,
-    )  # fmt: skip
+        recording="",
+        scene="",
+        sensor=sensor.name,
+        frames=1,
+        pulses=(len(fitted.block), len(others.block)),
+        known=known,
+        judged=judged(others, known),
+        evaluations=evaluations,
+        texture=texture,
+        strangers=strangers,
+    )
 
 
 def _untold(laid: Laid, sensor: Sensor, *, twin: bool) -> set[str]:
@@ -160,9 +174,7 @@ def _floor_m(laid: Laid) -> float:
 
 def _unexplained(laid: Laid, known: KnownFit) -> tuple[float, float]:
     """Scatter of the signals that photons do not explain, and the share of bright surfaces of which nothing came."""
-    now = expected(
-        replace(laid.scene, texture=0.0, strangers=0.0), known.values, known.reflectivity[laid.scene.group]
-    )
+    now = expected(replace(laid.scene, texture=0.0, strangers=0.0), known.values, known.reflectivity[laid.scene.group])
     bright = np.asarray(now.chance) > 0.999
     both = bright & np.isfinite(laid.reported.signal)
     if both.sum() < 100:
@@ -174,9 +186,7 @@ def _unexplained(laid: Laid, known: KnownFit) -> tuple[float, float]:
     return texture, min(2.0 * float(np.mean(~laid.reported.kept[bright])), 0.5)
 
 
-def _frames(
-    given: Given, made: dict[str, object] | None
-) -> tuple[list[tuple[Sweep, Pose | None]], tuple[str, ...]]:
+def _frames(given: Given, made: dict[str, object] | None) -> tuple[list[tuple[Sweep, Pose | None]], tuple[str, ...]]:
     """The frames to fit with their poses, and what is to be said of them."""
     found: list[tuple[Sweep, Pose | None]] = []
     for path in given.recordings:

@@ -9,10 +9,16 @@ from ..estimates import Estimate
 from ..unit import STRETCHED, WRITTEN, grown, put_at, sensor_of
 
 PLAIN = (
-    "laser.peak_power_w", "laser.pulse_fwhm_ns", "optics.sun_irradiance_w_m2", "detector.spads", "detector.pde",
-    "detector.dark_count_rate_hz", "histogram.threshold_floor", "histogram.threshold_slope",
+    "laser.peak_power_w",
+    "laser.pulse_fwhm_ns",
+    "optics.sun_irradiance_w_m2",
+    "detector.spads",
+    "detector.pde",
+    "detector.dark_count_rate_hz",
+    "histogram.threshold_floor",
+    "histogram.threshold_slope",
     "histogram.threshold_spread",
-)  # fmt: skip
+)
 """Keys that are multiplied by what was found."""
 
 
