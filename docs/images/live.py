@@ -10,7 +10,7 @@ from matplotlib.colors import LogNorm
 import lidarscene
 from lidarscene import Outputs
 from lidarscene.recordings.opening import open_recording
-from lidarscene.recordings.packets import packets_of
+from lidarscene.recordings.pcap_reader import packets_of
 
 LIDAR_BYTES = 10_000  # more than an IMU packet has, less than one of 128 rows
 STRIPS = (

@@ -17,8 +17,8 @@ from lidarscene.cloud.builder import CloudBuilder
 from lidarscene.cloud.merging import merged
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError, LidarSceneError
-from lidarscene.formats.columns import COLUMNS, MEASURED, TRUTH
-from lidarscene.formats.columns import NAMES as NAMES_OF
+from lidarscene.formats.cloud_columns import COLUMNS, MEASURED, TRUTH
+from lidarscene.formats.cloud_columns import NAMES as NAMES_OF
 
 TESTS = Path(__file__).parents[1]
 

@@ -32,7 +32,7 @@ from pydantic_core import PydanticUndefined
 import lidarscene
 from lidarscene.cli import main
 from lidarscene.files.toml import FileModel
-from lidarscene.formats.columns import COLUMNS
+from lidarscene.formats.cloud_columns import COLUMNS
 
 pytestmark = pytest.mark.fixed_streams
 

@@ -17,7 +17,7 @@ from lidarscene.cloud.thinning import FACTOR, MOST_POINTS
 from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.detection.sampled_waveforms import SAMPLES_PER_FWHM
 from lidarscene.formats import e57, las, osi, ply
-from lidarscene.formats.columns import COLUMNS
+from lidarscene.formats.cloud_columns import COLUMNS
 from lidarscene.kernel.rays import onward, trace
 from lidarscene.labels import files
 from lidarscene.maths import random

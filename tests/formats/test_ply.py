@@ -19,7 +19,7 @@ from helpers.clouds import assert_same, small_cloud, small_columns
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError, OutputError
 from lidarscene.formats import described, ply
-from lidarscene.formats.columns import COLUMNS
+from lidarscene.formats.cloud_columns import COLUMNS
 from lidarscene.formats.ply import write_ply
 
 TYPES = {"float32": "float", "float64": "double", "int32": "int", "uint8": "uchar"}

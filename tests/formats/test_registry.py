@@ -17,7 +17,7 @@ from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError, LidarSceneError, OutputError
 from lidarscene.files import optional
 from lidarscene.formats import las
-from lidarscene.formats.columns import OF_VECTORS
+from lidarscene.formats.cloud_columns import OF_VECTORS
 from lidarscene.formats.registry import FORMATS, format_of
 
 READ = [name for name, one in FORMATS.items() if one.read]

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from lidarscene.cloud.points import PointCloud
-from lidarscene.formats.columns import COLUMNS, MEASURED, TRUTH
+from lidarscene.formats.cloud_columns import COLUMNS, MEASURED, TRUTH
 
 NAMES: dict[str, tuple[str, ...]] = {
     "sensor_names": ("roof", "left"),

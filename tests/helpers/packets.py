@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 
 from lidarscene.cloud.points import PointCloud
-from lidarscene.formats.columns import COLUMNS, MEASURED
-from lidarscene.formats.packets.firings import Gathering
-from lidarscene.formats.packets.maker import Maker, Packet
+from lidarscene.formats.cloud_columns import COLUMNS, MEASURED
+from lidarscene.formats.packets.firings import FiringsBuilder
+from lidarscene.formats.packets.packet_encoder import Packet, PacketEncoder
 from lidarscene.maths.pose import direction_from_angles
 from lidarscene.sensor.model import Sensor
 
@@ -59,11 +59,11 @@ def points(sensor: Sensor, pulse: Any, ranges_m: Any, number: int, *, return_num
     }
 
 
-def packets_of(maker: Maker, sensor: Sensor, clouds: list[PointCloud], ambient: Any = None) -> list[Packet]:
+def packets_of(maker: PacketEncoder, sensor: Sensor, clouds: list[PointCloud], ambient: Any = None) -> list[Packet]:
     """Of these frames, the rest too; ``ambient`` are counts of every pulse of each."""
     made = []
     for number, cloud in enumerate(clouds):
-        gathering = Gathering(sensor, number)
+        gathering = FiringsBuilder(sensor, number)
         gathering.add(cloud)
         if ambient is not None:
             pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32) + number * sensor.scanner.pulses

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from lidarscene.recordings.opening import open_recording
-from lidarscene.recordings.units.written import unit_from, write_unit
+from lidarscene.recordings.units.unit_file import unit_from, write_unit
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.file import load_scene
 from lidarscene.sensor.catalogue import load_sensor

@@ -3,7 +3,7 @@
 import numpy as np
 
 from lidarscene.cloud.points import PointCloud
-from lidarscene.formats.columns import SENSOR_TO_WORLD
+from lidarscene.formats.cloud_columns import SENSOR_TO_WORLD
 from lidarscene.maths.pose import Pose
 from lidarscene.scene.meshes.primitives import box_mesh, plane_mesh
 from lidarscene.scene.model import Body, Part, Scene
@@ -94,7 +94,7 @@ def cloud(
 
 def everything(n: int) -> dict[str, np.ndarray]:
     """Zeros for every attribute of a cloud, whatever columns there are."""
-    from lidarscene.formats.columns import MEASURED, TRUTH
+    from lidarscene.formats.cloud_columns import MEASURED, TRUTH
 
     return {a: np.zeros((n, 3) if a == "xyz_m" else n) for a in (*MEASURED, *TRUTH)}
 

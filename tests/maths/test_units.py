@@ -10,7 +10,7 @@ import pytest
 from pydantic import Field
 
 from lidarscene.errors import InputError
-from lidarscene.files.table import Table
+from lidarscene.files.table_model import Table
 from lidarscene.files.toml import validated
 from lidarscene.maths.units import UNITS, Key, Part, Quantity, si
 from lidarscene.scene import file as _scene  # noqa: F401 all tables are known once it is

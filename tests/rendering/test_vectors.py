@@ -11,7 +11,7 @@ from helpers.traffic import SENSOR, traffic
 from lidarscene import PointCloud, Simulator
 from lidarscene.cloud.deskew import deskewed
 from lidarscene.errors import InputError
-from lidarscene.formats.columns import COLUMNS, OF_VECTORS, VECTORS
+from lidarscene.formats.cloud_columns import COLUMNS, OF_VECTORS, VECTORS
 from lidarscene.maths.pose import Pose, direction_from_angles
 from lidarscene.maths.trajectory import Course
 from lidarscene.scene.model import Body, Part

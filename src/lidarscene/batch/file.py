@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from pydantic.config import JsonDict
 
 from ..files.overrides import toml_text
-from ..files.table import Number
+from ..files.table_model import Number
 from ..files.toml import FileModel, read_toml, validated
 from ..formats.registry import FORMATS
 from ..rendering.options import CHUNKS, MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions

@@ -1,8 +1,8 @@
 """Point clouds: the result of a frame.
 
-A cloud is a struct of arrays with one table of columns (`formats.columns`) for files, pictures and documentation. It is
-read-only, and checked once when it is made. What is done with clouds stands here; file formats stand below, and take
-whatever has a cloud's columns.
+A cloud is a struct of arrays with one table of columns (`formats.cloud_columns`) for files, pictures and documentation.
+It is read-only, and checked once when it is made. What is done with clouds stands here; file formats stand below, and
+take whatever has a cloud's columns.
 
 points    `PointCloud`
 builder   a cloud out of chunks

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..formats.columns import NAMES, OF_VECTORS, TRUTH, Cloud, Fields, attributes, fitted, is_constant
+from ..formats.cloud_columns import NAMES, OF_VECTORS, TRUTH, Cloud, Fields, attributes, fitted, is_constant
 from ..maths.arrays import Numbers
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from ..files.encodings.png import encoded
 from ..files.open3d import open3d
 from ..files.optional import optional
-from ..formats.columns import Cloud
+from ..formats.cloud_columns import Cloud
 from ..maths.arrays import Numbers
 from .pixels import camera_for, lit, splat, unpacked
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..formats.columns import Cloud
+from ..formats.cloud_columns import Cloud
 from ..maths.arrays import Numbers
 
 Vector = tuple[float, float, float]

@@ -1,7 +1,7 @@
 """The point cloud: columns of points, what they mean, and how to save, load and convert them.
 
 This is what users work with. It is a frozen struct of arrays, checked once when it is made: whatever has a PointCloud
-can rely on shapes, types and finite numbers. The table `formats.columns.COLUMNS` says what each column is.
+can rely on shapes, types and finite numbers. The table `formats.cloud_columns.COLUMNS` says what each column is.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from ..detection.outcomes import Status
 from ..errors import InputError
 from ..files import facts
-from ..formats.columns import (
+from ..formats.cloud_columns import (
     COLUMNS,
     NAMES,
     OF_VECTORS,

@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..formats.columns import COLUMNS, STATUS_NAMES, Cloud
+from ..formats.cloud_columns import COLUMNS, STATUS_NAMES, Cloud
 from ..maths.arrays import Numbers
 from .scales import Scale, scale_of
 

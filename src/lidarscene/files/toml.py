@@ -30,7 +30,7 @@ class FileModel(BaseModel):
 Model = TypeVar("Model", bound=BaseModel)
 
 OUT_OF_BOUNDS = "out_of_bounds"
-"""The error of `files.table.Number`."""
+"""The error of `files.table_model.Number`."""
 
 # What a value must be, by pydantic's error type; its own texts speak of Python.
 _MUST_BE = {

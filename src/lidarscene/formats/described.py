@@ -21,7 +21,7 @@ from ..errors import InputError, LidarSceneError, OutputError
 from ..files.atomic import atomic_output
 from ..files.inputs import require_file
 from ..maths.arrays import Numbers
-from .columns import COLUMNS, NAMES, VECTORS, Cloud, Fields
+from .cloud_columns import COLUMNS, NAMES, VECTORS, Cloud, Fields
 
 VERSION = 1
 NO_ROOM = 1 << 20  # bytes: a disk that has no more is full

@@ -19,7 +19,7 @@ from ..files.atomic import atomic_output
 from ..files.optional import optional
 from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
-from .columns import Cloud
+from .cloud_columns import Cloud
 from .described import LARGEST, description, library_errors
 
 PREFIX, URI = "ls", "https://lidarscene.invalid/e57/1"

@@ -14,7 +14,7 @@ from contextlib import AbstractContextManager, contextmanager
 import numpy as np
 
 from ..files.atomic import atomic_output
-from .columns import Cloud
+from .cloud_columns import Cloud
 
 BLOCK_POINTS = 1 << 18
 

@@ -23,7 +23,7 @@ from ..files.atomic import atomic_output
 from ..files.inputs import require_unpacked
 from ..files.optional import optional
 from ..maths.arrays import Numbers
-from .columns import Cloud, Column, Fields
+from .cloud_columns import Cloud, Column, Fields
 from .described import described_fields, description, reading, unit_of
 
 STEP_M = 1e-5

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..files.atomic import atomic_output
 from ..files.inputs import require_archive
-from .columns import Cloud, Fields
+from .cloud_columns import Cloud, Fields
 from .described import described_fields, description, reading
 
 DESCRIPTION = "lidarscene"

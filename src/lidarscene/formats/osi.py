@@ -22,7 +22,7 @@ from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.rotations import yaw_pitch_roll_rad
 from ..physics.constants import SPEED_OF_LIGHT_M_S
-from .columns import Cloud
+from .cloud_columns import Cloud
 
 VERSION = (3, 7, 0)
 NO_OBJECT = 2**64 - 1

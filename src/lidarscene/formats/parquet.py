@@ -13,7 +13,7 @@ from typing import Any
 from ..files.atomic import atomic_output
 from ..files.inputs import require_unpacked
 from ..files.optional import optional
-from .columns import Cloud, Fields
+from .cloud_columns import Cloud, Fields
 from .described import described_fields, description, reading, unit_of
 
 KEY = b"lidarscene"

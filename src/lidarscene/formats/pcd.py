@@ -21,7 +21,7 @@ from ..files.inputs import require_unpacked
 from ..files.optional import optional
 from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
-from .columns import Cloud, Fields
+from .cloud_columns import Cloud, Fields
 from .described import LARGEST, counted_stream, described_fields, description, reading
 
 FIRST_LINE = "# .PCD v0.7 - Point Cloud Data file format"

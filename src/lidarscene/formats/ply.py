@@ -24,7 +24,7 @@ from ..errors import InputError
 from ..files.atomic import atomic_output
 from ..files.inputs import require_file
 from ..maths.arrays import Numbers
-from .columns import COLUMNS, NAMES, VECTORS, Cloud, Fields
+from .cloud_columns import COLUMNS, NAMES, VECTORS, Cloud, Fields
 from .described import counted_stream, reading
 
 VERSION_LINE = "lidarscene 2"

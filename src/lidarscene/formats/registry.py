@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..files.optional import require
 
 if TYPE_CHECKING:
-    from .columns import Fields
+    from .cloud_columns import Fields
 
 Write = Callable[..., None]
 Read = Callable[[str | os.PathLike[str]], "Fields"]
@@ -34,7 +34,7 @@ class Format:
     read    read the fields of a cloud from a path; None if such a file does not hold all of a cloud
     stream  context manager from a path (and ``ascii``) to a function that appends clouds; None if a file cannot be
             written piece by piece with the same bytes as from the whole cloud
-    profile of packets (`packets.makers.maker_of`): a run's frames are in one file. None: a file is a cloud
+    profile of packets (`packets.select_encoder`): a run's frames are in one file. None: a file is a cloud
     extra   group of optional packages that the format needs (`files.optional`)
     frames  context manager from a path to a function that appends whole clouds, the frames of one file; None if a file
             holds a single frame

@@ -19,7 +19,7 @@ from ..files.atomic import atomic_output, folder_beside
 from ..files.optional import optional
 from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
-from .columns import Cloud
+from .cloud_columns import Cloud
 from .described import description, library_errors
 
 POINTS, TRANSFORMS, SENSOR_FRAME, WORLD_FRAME = "/points", "/tf", "lidar", "map"

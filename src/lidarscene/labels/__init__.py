@@ -4,10 +4,9 @@ The simulation knows what each point is of. Data sets say it in their own words,
 translation, and what a box shows of a body while the sensor, the body or both move.
 
 kinds          the classes of scene files in the words of data sets
-points         class and instance of each point
 boxes          3D boxes and how visible they are
 gathered       boxes of a frame that comes in pieces
-files          label files beside a cloud
+files          class and instance of each point; label files beside a cloud
 kitti_dataset  whole data sets in KITTI's folders
 osi_truth      ground truth as ASAM OSI
 """

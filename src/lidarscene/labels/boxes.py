@@ -16,7 +16,7 @@ import numpy as np
 
 from ..cloud.points import PointCloud
 from ..errors import InputError
-from ..formats.columns import frame_starts_s, sensor_positions_m
+from ..formats.cloud_columns import frame_starts_s, sensor_positions_m
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.trajectory import pose_at

@@ -27,12 +27,12 @@ from ..files.json_text import json_text
 from ..formats.registry import LABELS, format_of
 from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
+from ..maths.trajectory import Course
 from ..scene.model import Scene
-from .boxes import PIECE_POINTS, Box, sensor_place, upright
+from .boxes import PIECE_POINTS, Box, sensor_place, truth_of, upright
 from .gathered import GatheredBoxes
-from .kinds import kind_of
+from .kinds import MOVING, OUTLIER, UNLABELLED, kind_of
 from .osi_truth import ground_truth
-from .points import point_labels
 
 Append = Callable[[PointCloud], None]
 
@@ -95,6 +95,27 @@ def kitti_calibration() -> str:
         "Tr_imu_to_velo": np.hstack([np.eye(3), zero]),
     }
     return "".join(f"{name}: {' '.join(f'{x:.12e}' for x in m.ravel())}\n" for name, m in entries.items())
+
+
+def point_labels(cloud: PointCloud, scene: Scene) -> tuple[Numbers, Numbers]:
+    """Class and instance of each point: (n,) SemanticKITTI numbers, and (n,) body + 1 of a countable object, else 0.
+
+    A point that is no echo (false alarm, interference, weather) is an outlier, so that a network learns what noise looks
+    like; an echo without a body is unlabelled. Raises InputError for a cloud without truth.
+    """
+    (_, body_index), class_id = truth_of(cloud), np.asarray(cloud.class_id)
+    kinds = [kind_of(name) for name in cloud.class_names]
+    # The last entry of each table is that of -1.
+    numbers = np.array([*(kind.semantic_kitti for kind in kinds), UNLABELLED], np.uint32)
+    countable = np.array([*(kind.thing for kind in kinds), False])
+    semantic, echo = numbers[class_id], cloud.status == 0
+    for index, body in enumerate(scene.bodies):
+        number = kind_of(body.class_name).semantic_kitti
+        rests = body.motion is None or (isinstance(body.motion, Course) and body.motion.rests)
+        if not rests and number in MOVING:
+            semantic[body_index == index] = MOVING[number]
+    instance = np.where(echo & countable[class_id], body_index + 1, 0).astype(np.uint32)
+    return np.where(echo, semantic, np.uint32(OUTLIER)), instance
 
 
 def semantic_kitti(cloud: PointCloud, scene: Scene) -> Numbers:

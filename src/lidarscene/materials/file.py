@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from ..files.table import Number
+from ..files.table_model import Number
 from ..files.toml import FileModel, read_toml, validated
 from ..maths.units import si
 from .material import Material, Spectrum

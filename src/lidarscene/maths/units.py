@@ -2,7 +2,7 @@
 
 A number is declared once, on the field of the dataclass that takes it in SI units:
 ``pulse_fwhm_s: Annotated[float, Quantity("ns", gt=0)] = 5e-9``. The key of the file (`pulse_fwhm_ns`), its bounds,
-its default, its place in the JSON Schema and the conversion follow from that (`files.table.Table`).
+its default, its place in the JSON Schema and the conversion follow from that (`files.table_model.Table`).
 """
 
 from __future__ import annotations

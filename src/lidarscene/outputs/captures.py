@@ -9,9 +9,9 @@ from pathlib import Path
 
 from ..files.atomic import named
 from ..formats.packets.firings import Firings
-from ..formats.packets.maker import Maker
-from ..formats.packets.makers import maker_of
+from ..formats.packets.packet_encoder import PacketEncoder
 from ..formats.packets.pcap import beside, capture
+from ..formats.packets.select_encoder import select_encoder
 from ..sensor.model import Sensor
 
 
@@ -27,18 +27,18 @@ class Capture:
     needs_ambient: bool
 
 
-def makers(sensors: Mapping[str, Sensor], profile: str) -> dict[str, Maker]:
+def makers(sensors: Mapping[str, Sensor], profile: str) -> dict[str, PacketEncoder]:
     """By label. Raises InputError for a sensor without a format of packets."""
-    return {label: maker_of(sensor, profile) for label, sensor in sensors.items()}
+    return {label: select_encoder(sensor, profile) for label, sensor in sensors.items()}
 
 
-def captured_files(path: Path, maker: Maker) -> dict[str, Path]:
+def captured_files(path: Path, maker: PacketEncoder) -> dict[str, Path]:
     """What is written beside the packets, by what it is."""
     return {} if maker.description is None else {"metadata": beside(path, maker.description[1])}
 
 
 @contextmanager
-def captures(paths: Mapping[str, Path], makers: Mapping[str, Maker]) -> Iterator[Mapping[str, Capture]]:
+def captures(paths: Mapping[str, Path], makers: Mapping[str, PacketEncoder]) -> Iterator[Mapping[str, Capture]]:
     """Open a file for each label; they are there when the block ends."""
     with ExitStack() as opened:
         yield {

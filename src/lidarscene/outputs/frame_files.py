@@ -20,7 +20,7 @@ from ..cloud.pixels import Camera
 from ..cloud.points import PointCloud
 from ..cloud.thinning import Thinned
 from ..files.atomic import named
-from ..formats.packets.firings import Gathering
+from ..formats.packets.firings import FiringsBuilder
 from ..kernel.rays.look import distances_m
 from ..labels.files import labels_stream
 from ..maths.arrays import Numbers
@@ -87,12 +87,12 @@ class FrameFiles:
             self._draw(picture)
             self.summary.spent("picture", since)
 
-    def _packets(self) -> Gathering | None:
+    def _packets(self) -> FiringsBuilder | None:
         """What takes the frame pulse by pulse."""
-        return None if self.capture is None else Gathering(self._simulators[0].sensor, self.frame.number)
+        return None if self.capture is None else FiringsBuilder(self._simulators[0].sensor, self.frame.number)
 
     def _ambient(
-        self, image: AmbientImage | None, packets: Gathering | None
+        self, image: AmbientImage | None, packets: FiringsBuilder | None
     ) -> Callable[[Numbers, Numbers], None] | None:
         """Who is told of the background, all in one."""
         told: list[Callable[[Numbers, Numbers], None]] = [] if image is None else [image]
@@ -115,7 +115,7 @@ class FrameFiles:
         return _named(self.files["missed"], missed_stream(self.files["missed"], simulator.sensor))
 
     @contextmanager
-    def _takers(self, picture: Thinned | None, packets: Gathering | None) -> Iterator[Sequence[Append]]:
+    def _takers(self, picture: Thinned | None, packets: FiringsBuilder | None) -> Iterator[Sequence[Append]]:
         """What takes the points of each simulator; their files are there when the block ends."""
         with ExitStack() as opened:
             # Points take two routes: as they were seen, and without the sensor's motion. One without files is dropped.

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ..errors import OptionError
 from ..files.atomic import require_writable
-from ..formats.columns import COLUMNS
+from ..formats.cloud_columns import COLUMNS
 from ..formats.registry import FORMATS, SUFFIXES, Format
 from ..labels.files import label_paths
 from ..labels.kitti_dataset import cloud_path

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import OptionWarning
-from ..formats.columns import COLUMNS, VECTORS
+from ..formats.cloud_columns import COLUMNS, VECTORS
 from ..rendering.options import TraceOptions
 from ..sensor.rig import Mounted
 from .plan import Plan

@@ -1,15 +1,16 @@
-"""What real lidars recorded: files of makers, data sets and ROS in, one sweep for each frame out.
+"""Recordings of real lidars: files of makers, data sets and ROS in, one sweep for each frame out.
 
-sweep      one frame, pulse by pulse
-recording  the frames of a file
-opening    `open_recording`: the reader by the file's name
-ouster     pcap with json, and OSF
-velodyne   packets
-hesai      packets
-pandar64   packets of that one
-packets    of a pcap file, and turns among them
-bags       ROS 2 bags
-clouds     KITTI, nuScenes, PCD, PLY, LAS
-columns    a list of points by the names of its columns
-as_cloud   a sweep as `PointCloud`
+sweep               one frame, pulse by pulse
+recording           the frames of a file
+opening             `open_recording`: the reader by the file's name
+pcap_reader         UDP packets of a pcap file, and the turns among them
+ouster_reader       Ouster: pcap with json, and OSF
+velodyne_reader     Velodyne: packets of pcap files and ROS bags
+hesai_reader        Hesai PandarXT-32 and OT128: packets of pcap files and ROS bags
+pandar64_reader     Hesai Pandar64: packets of pcap files
+bags                ROS 2 bags
+point_files         KITTI, nuScenes, PCD, PLY, LAS
+sweep_from_columns  sweep of a list of points with named columns
+as_cloud            a sweep as `PointCloud`
+units/              sensor files of single units, from the makers' descriptions
 """

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..cloud.points import PointCloud
-from ..formats.columns import COLUMNS, MEASURED, SENSOR_TO_WORLD
+from ..formats.cloud_columns import COLUMNS, MEASURED, SENSOR_TO_WORLD
 from ..maths.arrays import Numbers
 from .sweep import Sweep
 

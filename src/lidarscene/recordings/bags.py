@@ -12,16 +12,16 @@ from ..errors import InputError
 from ..files.optional import optional
 from ..formats.described import reading
 from ..maths.pose import Pose, rotation_numbers
-from . import hesai, velodyne
-from .columns import sweep_of
-from .packets import Packet
+from . import hesai_reader, velodyne_reader
+from .pcap_reader import Packet
 from .recording import Recording
 from .sweep import Sweep
+from .sweep_from_columns import sweep_of
 
 POINTS, TRANSFORMS = "sensor_msgs/msg/PointCloud2", "tf2_msgs/msg/TFMessage"
 SCANS: dict[str, Callable[..., Recording]] = {
-    "velodyne_msgs/msg/VelodyneScan": velodyne.of_scans,
-    "pandar_msgs/msg/PandarScan": hesai.of_scans,
+    "velodyne_msgs/msg/VelodyneScan": velodyne_reader.recording_of_scans,
+    "pandar_msgs/msg/PandarScan": hesai_reader.recording_of_scans,
 }
 """Messages of packets, and who reads them."""
 

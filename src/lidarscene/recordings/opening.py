@@ -41,31 +41,31 @@ def open_recording(path: str | os.PathLike[str], metadata: str | os.PathLike[str
 
 
 def _ouster(path: Path, metadata: Path | None) -> Recording:
-    from .ouster import open_ouster
+    from .ouster_reader import open_ouster
 
     return open_ouster(path, metadata)
 
 
 def _packets(path: Path, metadata: Path | None) -> Recording:
     """Of the maker whose packets are there; json, given or beside it, means Ouster."""
-    from . import hesai, pandar64, velodyne
-    from .packets import metadata_of, packets_of
+    from . import hesai_reader, pandar64_reader, velodyne_reader
+    from .pcap_reader import metadata_of, packets_of
 
     described = metadata_of(path, metadata)
     if described is not None and described.suffix.lower() == ".json" and described.is_file():
         return _ouster(path, metadata)
     with reading(path):
-        packets = packets_of(path, lambda one: velodyne.is_velodyne(one) or hesai.is_hesai(one))
+        packets = packets_of(path, lambda one: velodyne_reader.is_velodyne(one) or hesai_reader.is_hesai(one))
     if not packets:
         raise InputError(
             f"{path}: must have packets of Velodyne or Hesai, or an Ouster's metadata as {path.stem}.json beside it "
             f"(or with --metadata)"
         )
-    if pandar64.is_pandar64(packets[0].payload):
-        return pandar64.open_pandar64(path, metadata, [one for one in packets if pandar64.is_pandar64(one.payload)])
-    own = velodyne.is_velodyne if velodyne.is_velodyne(packets[0].payload) else hesai.is_hesai
-    opened = velodyne.open_velodyne if own is velodyne.is_velodyne else hesai.open_hesai
-    return opened(path, metadata, packets.where(own))
+    if pandar64_reader.is_pandar64(packets[0].payload):
+        return pandar64_reader.open_pandar64(path, metadata, packets.where(pandar64_reader.is_pandar64))
+    if velodyne_reader.is_velodyne(packets[0].payload):
+        return velodyne_reader.open_velodyne(path, metadata, packets.where(velodyne_reader.is_velodyne))
+    return hesai_reader.open_hesai(path, metadata, packets.where(hesai_reader.is_hesai))
 
 
 def _bag(path: Path, metadata: Path | None) -> Recording:
@@ -75,7 +75,7 @@ def _bag(path: Path, metadata: Path | None) -> Recording:
 
 
 def _cloud(path: Path, metadata: Path | None) -> Recording:
-    from .clouds import open_cloud
+    from .point_files import open_cloud
 
     return open_cloud(path, metadata)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..cloud.deskew import KEPT
-from ..formats.columns import SENSOR_TO_WORLD
+from ..formats.cloud_columns import SENSOR_TO_WORLD
 from ..maths.arrays import Numbers
 from ..scene.model import Scene
 from ..sensor.detectors import Apd

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ..errors import InputError
-from ..files.table import Number, Table
+from ..files.table_model import Number, Table
 from ..maths.pose import Pose
 from ..maths.trajectory import Course, Motion, Riding
 from ..sensor.file import PoseFile

@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from ..files import pvlib
-from ..files.table import Number, Table
+from ..files.table_model import Number, Table
 from ..files.toml import FileModel
 from ..materials.file import MaterialFile
 from ..maths.units import si

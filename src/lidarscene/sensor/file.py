@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from ..errors import InputError
 from ..files.overrides import with_overrides
-from ..files.table import Number, Table
+from ..files.table_model import Number, Table
 from ..files.toml import FileModel, read_toml, validated
 from ..maths.pose import Pose
 from ..maths.units import si

@@ -17,7 +17,7 @@ from pydantic import Field, model_validator
 from ..errors import InputError
 from ..files import pvlib
 from ..files.inputs import LARGEST_TEXT, require_file
-from ..files.table import Number, Table
+from ..files.table_model import Number, Table
 from ..files.toml import FileModel
 from ..maths.units import si
 from ..physics.optics.solar_spectrum import Curve, box_filter, irradiance_at_100_klux_w_m2, super_gaussian_filter

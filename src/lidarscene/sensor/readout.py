@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from ..errors import InputError
-from ..files.table import Number, Table
+from ..files.table_model import Number, Table
 from ..files.toml import FileModel, read_toml, validated
 from .electronics import Adc, Intensity, MultiLevel
 

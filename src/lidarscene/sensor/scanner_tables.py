@@ -13,7 +13,7 @@ from typing import Annotated, Generic, Literal, Self, cast
 
 from pydantic import Field, model_validator
 
-from ..files.table import Made, Number, Table
+from ..files.table_model import Made, Number, Table
 from ..maths.units import si
 from ..scan import Gimbal, Lissajous, MirrorPair, MirrorRaster, Scanner, Swing
 

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ..errors import InputError
-from ..files.table import Number, Table
+from ..files.table_model import Number, Table
 from ..maths.units import si
 from ..scan import Flash, Pattern, Polygon, Raster, Risley, Spinning, Wedge
 from ..scan.flash import LARGEST_HEIGHT

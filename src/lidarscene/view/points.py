@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..cloud.points import PointCloud
-from ..formats.columns import STATUS_NAMES, Column
+from ..formats.cloud_columns import STATUS_NAMES, Column
 from ..maths.arrays import Numbers
 from ..studies.budget import Budget
 from .blob import packed

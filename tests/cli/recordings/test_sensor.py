@@ -10,7 +10,7 @@ from helpers.command_line import Run
 from helpers.recordings import OUSTER
 
 from lidarscene.cloud.points import PointCloud
-from lidarscene.recordings.ouster import beams
+from lidarscene.recordings.ouster_reader import beams
 from lidarscene.sensor.catalogue import load_sensor
 
 

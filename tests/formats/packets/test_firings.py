@@ -5,7 +5,7 @@ import pytest
 from helpers.packets import points, random_frame
 
 from lidarscene.cloud.points import PointCloud
-from lidarscene.formats.packets.firings import Gathering
+from lidarscene.formats.packets.firings import FiringsBuilder
 from lidarscene.sensor.catalogue import load_sensor
 
 
@@ -14,7 +14,7 @@ def test_pieces_make_the_frame(name: str) -> None:
     """A later frame, of lasers that fire in the order of their numbers and of others."""
     sensor = load_sensor(name)
     cloud = random_frame(sensor, number=2, second=True)
-    gathering = Gathering(sensor, 2)
+    gathering = FiringsBuilder(sensor, 2)
     for part in np.array_split(np.random.default_rng(0).permutation(len(cloud)), 3):
         gathering.add(cloud.select(part))
     frame = gathering.firings()
@@ -50,7 +50,7 @@ def test_of_three_returns_the_two_strongest_stay(
     ]
     for one, signal in zip(columns, signals, strict=True):
         one["signal"] = np.array([signal], np.float32)
-    gathering = Gathering(sensor, 0)
+    gathering = FiringsBuilder(sensor, 0)
     gathering.add(
         PointCloud(
             **{name: np.concatenate([one[name] for one in columns]) for name in columns[0]},
@@ -67,7 +67,7 @@ def test_the_stronger_of_two_is_that_of_the_higher_snr_where_nothing_counts_phot
     parts = [points(sensor, np.array([5]), np.array([10.0 + n]), 0, return_number=n) for n in (1, 2)]
     for part, snr in zip(parts, (7.0, 9.0), strict=True):
         part["snr"], part["signal"] = np.array([snr], np.float32), np.zeros(1, np.float32)
-    gathering = Gathering(sensor, 0)
+    gathering = FiringsBuilder(sensor, 0)
     for part in parts:
         gathering.add(PointCloud(**part, metadata={"frame": "sensor"}))
     assert gathering.firings().range_m[0, 5].tolist() == [12.0, 11.0]
@@ -78,7 +78,7 @@ def test_a_cycle_may_begin_before_its_first_laser_fires() -> None:
     sensor = load_sensor(
         "os1-128", overrides={"scanner.columns_per_turn": 1024, "scanner.firing_time_us": [80.0] * 128}
     )
-    gathering = Gathering(sensor, 0)
+    gathering = FiringsBuilder(sensor, 0)
     gathering.add(PointCloud(**points(sensor, np.array([0, 128]), np.array([10.0, 20.0]), 0)))
     frame = gathering.firings()
     laser = int(sensor.scanner.channel(np.zeros(1, np.uint32))[0])
@@ -89,7 +89,7 @@ def test_a_cycle_may_begin_before_its_first_laser_fires() -> None:
 def test_background_is_of_lost_pulses_too(number: int) -> None:
     """By laser, though pulses come in the order of firing."""
     sensor = load_sensor("pandar64")
-    gathering = Gathering(sensor, number)
+    gathering = FiringsBuilder(sensor, number)
     pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32) + number * sensor.scanner.pulses
     gathering.ambient(pulse, sensor.scanner.channel(pulse).astype(np.uint64))
     assert (gathering.firings().ambient == np.arange(64)).all()

@@ -10,10 +10,10 @@ import pytest
 from helpers.packets import packets_of, random_frame
 
 from lidarscene.errors import InputError
-from lidarscene.formats.packets.firings import Gathering
-from lidarscene.formats.packets.maker import Packet
-from lidarscene.formats.packets.makers import maker_of
+from lidarscene.formats.packets.firings import FiringsBuilder
+from lidarscene.formats.packets.packet_encoder import Packet
 from lidarscene.formats.packets.pcap import HEADER, capture, record_of
+from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.sensor.catalogue import load_sensor
 
 
@@ -55,9 +55,9 @@ def test_headers_are_those_of_a_sensor_that_sends_to_all(library: Callable[[str]
 def test_what_waits_in_the_end_is_written(tmp_path: Path) -> None:
     """A frame of 1808 firings is 75 packets of 24 and a third of one."""
     sensor = load_sensor("vlp-16")
-    gathering = Gathering(sensor, 0)
+    gathering = FiringsBuilder(sensor, 0)
     gathering.add(random_frame(sensor))
-    with capture(tmp_path / "a.pcap", maker_of(sensor)) as take:
+    with capture(tmp_path / "a.pcap", select_encoder(sensor)) as take:
         take(gathering.firings())
     size = 16 + 14 + 28 + 1206
     assert (tmp_path / "a.pcap").stat().st_size == len(HEADER) + 76 * size
@@ -80,12 +80,12 @@ def test_a_capture_has_the_packets_of_all_frames(library: Callable[[str], Any], 
 
     sensor = load_sensor("vlp-16")
     clouds = [random_frame(sensor, number=number) for number in range(3)]
-    with capture(tmp_path / "a.pcap", maker_of(sensor)) as take:
+    with capture(tmp_path / "a.pcap", select_encoder(sensor)) as take:
         for number, cloud in enumerate(clouds):
-            gathering = Gathering(sensor, number)
+            gathering = FiringsBuilder(sensor, number)
             gathering.add(cloud)
             take(gathering.firings())
-    expected = b"".join(record_of(one, 2368) for one in packets_of(maker_of(sensor), sensor, clouds))
+    expected = b"".join(record_of(one, 2368) for one in packets_of(select_encoder(sensor), sensor, clouds))
     assert (tmp_path / "a.pcap").read_bytes() == HEADER + expected
     with open_recording(tmp_path / "a.pcap") as recording:
         assert len(recording) == 3
@@ -95,7 +95,7 @@ def test_a_capture_has_the_packets_of_all_frames(library: Callable[[str], Any], 
 
 def test_a_frame_that_fails_leaves_nothing(tmp_path: Path) -> None:
     def fail() -> None:
-        with capture(tmp_path / "a.pcap", maker_of(load_sensor("vlp-16"))):
+        with capture(tmp_path / "a.pcap", select_encoder(load_sensor("vlp-16"))):
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidarscene.files.cache import VARIABLE
+from lidarscene.files.cache_folder import VARIABLE
 from lidarscene.kernel.device import trial
 from lidarscene.kernel.device.trial import Columns, Verdict
 

@@ -11,9 +11,9 @@ import pytest
 from helpers.packets import random_frame
 
 from lidarscene.errors import InputError, OutputError
-from lidarscene.formats.packets.firings import Firings, Gathering
-from lidarscene.formats.packets.makers import maker_of
-from lidarscene.formats.packets.velodyne import PACKET
+from lidarscene.formats.packets.firings import Firings, FiringsBuilder
+from lidarscene.formats.packets.select_encoder import select_encoder
+from lidarscene.formats.packets.velodyne_encoder import PACKET
 from lidarscene.outputs.live.sending import AHEAD, MotionEnded, Sent, frames_of, send_frames, udp
 from lidarscene.rendering.options import FrameOptions
 from lidarscene.sensor.catalogue import load_sensor
@@ -42,14 +42,14 @@ class Clock:
 
 def firings(frames: int) -> Iterator[Firings]:
     for number in range(frames):
-        gathering = Gathering(SENSOR, number)
+        gathering = FiringsBuilder(SENSOR, number)
         gathering.add(random_frame(SENSOR, number=number))
         yield gathering.firings()
 
 
 def sent_of(frames: Iterator[Firings], send: Callable[[bytes], Any], **options: Any) -> Sent:
     clock = options.pop("clock", None) or Clock()
-    return send_frames(frames, maker_of(SENSOR), send, frame_s=SENSOR.scanner.frame_s, clock=clock, **options)
+    return send_frames(frames, select_encoder(SENSOR), send, frame_s=SENSOR.scanner.frame_s, clock=clock, **options)
 
 
 def test_every_packet_is_sent_in_order_with_the_time_it_leaves() -> None:

@@ -10,9 +10,9 @@ from helpers import chain, launches, panes
 from lidarscene import LiveSimulator, Simulator
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError
-from lidarscene.formats.columns import COLUMNS
+from lidarscene.formats.cloud_columns import COLUMNS
 from lidarscene.labels.boxes import boxes
-from lidarscene.labels.points import point_labels
+from lidarscene.labels.files import point_labels
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Riding
 from lidarscene.scene.model import Scene

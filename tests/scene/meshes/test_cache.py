@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from lidarscene.files.cache import VARIABLE, cache_folder
+from lidarscene.files.cache_folder import VARIABLE, cache_folder
 from lidarscene.scene.meshes import cache as mesh_cache
 from lidarscene.scene.meshes import reading
 from lidarscene.scene.meshes.cache import SubMesh

@@ -14,7 +14,7 @@ from lidarscene.materials.material import Material, Spectrum
 from lidarscene.maths.pose import Pose
 from lidarscene.recordings.recording import Recording
 from lidarscene.recordings.sweep import Second, Sweep
-from lidarscene.recordings.units.written import unit_from, write_unit
+from lidarscene.recordings.units.unit_file import unit_from, write_unit
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.file import load_scene
 from lidarscene.scene.meshes.primitives import plane_mesh

@@ -99,7 +99,7 @@ def add_stream(commands: Any) -> None:
 def stream_text(arguments: argparse.Namespace) -> str:
     """Run `stream`; returns what is printed in the end."""
     from ...files.atomic import put_text
-    from ...formats.packets.makers import maker_of
+    from ...formats.packets.select_encoder import select_encoder
     from ...outputs.live.sending import frames_of, send_frames, udp
     from ...rendering.simulator import Simulator
     from ...scene.file import load_scene
@@ -111,7 +111,7 @@ def stream_text(arguments: argparse.Namespace) -> str:
     with udp(host, port) as send:
         scene = load_scene(arguments.scene, overrides=arguments.scene_overrides)
         sensor = load_sensor(arguments.sensor or scene.sensor_name, overrides=arguments.overrides)
-        maker = maker_of(sensor, PACKETS[arguments.format].profile or "")
+        maker = select_encoder(sensor, PACKETS[arguments.format].profile or "")
         if arguments.metadata is not None:
             if maker.description is None:
                 raise InputError(f"--metadata: sensor '{sensor.name}' has none; an Ouster has")

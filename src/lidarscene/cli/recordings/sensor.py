@@ -36,7 +36,7 @@ def add_sensor(commands: Any) -> None:
 def sensor_text(arguments: argparse.Namespace) -> str:
     """Run `sensor`; returns what is printed."""
     from ...files.atomic import require_writable
-    from ...recordings.units.written import unit_from, write_unit
+    from ...recordings.units.unit_file import unit_from, write_unit
 
     unit = unit_from(arguments.source, arguments.mode)
     require_writable(arguments.output)

@@ -13,7 +13,7 @@ import numpy as np
 from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
 from ...sensor.model import Sensor
-from ..columns import Cloud
+from ..cloud_columns import Cloud
 
 RETURNS = 2
 """Of a pulse, that packets have room for."""
@@ -43,10 +43,10 @@ class Firings:
         return len(self.time_s)
 
 
-class Gathering:
+class FiringsBuilder:
     """`Firings` of a frame, from its clouds as they come.
 
-    scanner  spinning, as `makers.maker_of` has found
+    scanner  spinning, as `select_encoder.select_encoder` has found
     number   of the frame
     """
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from ...errors import InputError
 from ...files.atomic import atomic_output
 from .firings import Firings
-from .maker import Maker, Packet
+from .packet_encoder import Packet, PacketEncoder
 
 HEADER = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 262_144, 1)
 """Microseconds, version 2.4, packets of up to 256 KiB, Ethernet."""
@@ -39,10 +39,10 @@ def record_of(packet: Packet, port: int) -> bytes:
 
 
 @contextmanager
-def capture(path: str | os.PathLike[str], maker: Maker) -> Iterator[Callable[[Firings], None]]:
+def capture(path: str | os.PathLike[str], maker: PacketEncoder) -> Iterator[Callable[[Firings], None]]:
     """Write the frames that are appended in the block, and what the maker's readers need beside them.
 
-    maker  of `makers.maker_of`, for this file alone
+    maker  of `select_encoder.select_encoder`, for this file alone
     """
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
         file.write(HEADER)

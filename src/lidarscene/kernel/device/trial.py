@@ -3,7 +3,7 @@
 What Dr.Jit and Mitsuba do on a GPU depends on its driver, and a fault there may be silent. So before the first use on a
 machine both render the same small frames, each in a process of its own, which may even die: with moving bodies and
 glass, and with fog and several rays. Random numbers belong to pulses, so the frames must be the same but for rounding.
-The verdict is kept (`files.cache`) for these versions, this driver and these settings.
+The verdict is kept (`files.cache_folder`) for these versions, this driver and these settings.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import numpy as np
 from ..._version import __version__
 from ...errors import OutputError
 from ...files.atomic import put_text
-from ...files.cache import cache_folder
+from ...files.cache_folder import cache_folder
 from ...maths.arrays import Numbers
 
 Columns = Mapping[str, Numbers]

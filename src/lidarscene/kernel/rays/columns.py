@@ -20,7 +20,7 @@ import numpy as np
 
 from ...detection.outcomes import Outcome, Status
 from ...detection.returns import Detection
-from ...formats.columns import OF_VECTORS
+from ...formats.cloud_columns import OF_VECTORS
 from ...light.beams import reported
 from ...light.hits import Hits
 from ...maths.arrays import Array, Lanes, Numbers, inverse, is_drjit

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...errors import InputError, OutputError
-from ...formats.packets.firings import Firings, Gathering
-from ...formats.packets.maker import Maker, Packet
+from ...formats.packets.firings import Firings, FiringsBuilder
+from ...formats.packets.packet_encoder import Packet, PacketEncoder
 from ...rendering.frame import PULSE_NUMBERS
 from ...rendering.options import FrameOptions, Observers
 from ...rendering.simulator import Simulator
@@ -128,7 +128,7 @@ def frames_of(
             coordinates="sensor",
             begin_s=frame.begin_s + turn * most * scanner.frame_s,
         )
-        gathering = Gathering(simulator.sensor, number)
+        gathering = FiringsBuilder(simulator.sensor, number)
         told = Observers(ambient=gathering.ambient if needs_ambient else None)
         try:
             simulator.stream(gathering.add, asked, told)
@@ -139,7 +139,7 @@ def frames_of(
 
 def send_frames(
     frames: Iterator[Firings],
-    maker: Maker,
+    maker: PacketEncoder,
     send: Callable[[bytes], object],
     *,
     frame_s: float,

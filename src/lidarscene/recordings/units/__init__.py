@@ -1,8 +1,8 @@
-"""Units: what a maker says of one sensor (its beams, exits and modes) in, a sensor file of it out.
+"""Units: a maker's description of one sensor (its beams, exits and modes) in, a sensor file of it out.
 
-beams     the bank of beams of one unit, and who reads which file
-ouster    metadata, json
-velodyne  calibration, YAML and XML
-hesai     table of angles, CSV
-written   the catalogue's file of the model with the unit's beams in place
+unit_beams     bank of beams of one unit
+ouster_unit    Ouster: metadata, json
+velodyne_unit  Velodyne: calibration, YAML and XML
+hesai_unit     Hesai: table of angles, CSV
+unit_file      the catalogue's file of the model with the unit's beams in place
 """

@@ -3,8 +3,8 @@
 Importing trimesh and reading a car takes half of the start-up time. An entry is named by a hash of the file's
 name and content and the version of trimesh, so it is never out of date. Only files that refer to no others
 are cached, and OBJ files, whose materials' files are hashed with them. Beyond `LARGEST_BYTES` those entries go that
-were not used for longest. `files.cache` says where the cache is. Any failure of the cache means that the mesh is read
-from its file.
+were not used for longest. `files.cache_folder` says where the cache is. Any failure of the cache means that the mesh
+is read from its file.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy as np
 
 from ...errors import OutputError
 from ...files.atomic import atomic_output
-from ...files.cache import cache_folder
+from ...files.cache_folder import cache_folder
 from ...maths.arrays import Numbers
 from .patterns import Pattern
 

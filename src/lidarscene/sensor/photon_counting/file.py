@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from ...errors import InputError
-from ...files.table import Number, Table
+from ...files.table_model import Number, Table
 from ...maths.units import si
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ..electronics import MOST_STOPS, Tdc

@@ -9,7 +9,7 @@ from pathlib import Path
 from ...errors import InputError
 from ...files.atomic import put_text
 from ...recordings.opening import open_recording
-from ...recordings.packets import metadata_of
+from ...recordings.pcap_reader import metadata_of
 from ...recordings.sweep import Sweep
 from ...sensor.model import Sensor
 from .near_field import fit_near_field

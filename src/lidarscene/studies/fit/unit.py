@@ -16,7 +16,7 @@ from typing import Any
 
 from ... import catalog
 from ...errors import InputError
-from ...recordings.units.written import unit_from, write_unit
+from ...recordings.units.unit_file import unit_from, write_unit
 from ...sensor.file import sensor_from_tables
 from ...sensor.model import Sensor
 from .estimates import Estimate

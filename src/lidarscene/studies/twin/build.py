@@ -25,10 +25,10 @@ from ...files.json_text import json_text
 from ...files.toml import validated
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
-from ...recordings.packets import metadata_of
+from ...recordings.pcap_reader import metadata_of
 from ...recordings.recording import Recording
 from ...recordings.sweep import Sweep
-from ...recordings.units.written import unit_from, write_unit
+from ...recordings.units.unit_file import unit_from, write_unit
 from ...scene.tables import SceneFile
 from ...sensor.catalogue import load_sensor
 from ...sensor.model import Sensor

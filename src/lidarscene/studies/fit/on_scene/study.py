@@ -13,7 +13,7 @@ from ....files.atomic import put_text
 from ....maths.pose import Pose
 from ....maths.trajectory import pose_at
 from ....recordings.opening import open_recording
-from ....recordings.packets import metadata_of
+from ....recordings.pcap_reader import metadata_of
 from ....recordings.sweep import Sweep
 from ....scene.file import load_scene
 from ....scene.poses import read_poses

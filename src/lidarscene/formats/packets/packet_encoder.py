@@ -19,7 +19,7 @@ class Packet(NamedTuple):
     payload: bytes
 
 
-class Maker(Protocol):
+class PacketEncoder(Protocol):
     """Packets of one sensor, frame after frame."""
 
     @property

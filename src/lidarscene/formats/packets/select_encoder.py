@@ -5,22 +5,22 @@ from __future__ import annotations
 from ...errors import InputError
 from ...scan.spinning import Spinning
 from ...sensor.model import Sensor
-from .hesai import pandar64_of
-from .maker import Maker, turns_clockwise
-from .ouster import ouster_of
-from .velodyne import MODELS, velodyne_of
+from .ouster_encoder import match_ouster
+from .packet_encoder import PacketEncoder, turns_clockwise
+from .pandar64_encoder import match_pandar64
+from .velodyne_encoder import MODELS, match_velodyne
 
 KNOWN = (*(model.name for model in MODELS), "os0-128", "os1-128", "os2-128", "pandar64")
 
 
-def maker_of(sensor: Sensor, profile: str = "default") -> Maker:
+def select_encoder(sensor: Sensor, profile: str = "default") -> PacketEncoder:
     """Packets of this sensor.
 
     profile  of an Ouster, `ouster.PROFILES`
     Raises InputError for a sensor that has none, in one line.
     """
-    ouster = ouster_of(sensor, profile)
-    found = ouster or velodyne_of(sensor) or pandar64_of(sensor)
+    ouster = match_ouster(sensor, profile)
+    found = ouster or match_velodyne(sensor) or match_pandar64(sensor)
     if found is None:
         raise InputError(
             f"sensor '{sensor.name}': has no format of packets; lasers and firing times must be those of one of "

@@ -11,9 +11,9 @@ from helpers.packets import packets_of, random_frame
 from helpers.recordings import FIRINGS, pcap, turns, vls_packet
 
 from lidarscene.errors import InputError
-from lidarscene.formats.packets.makers import maker_of
+from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.recordings.opening import open_recording
-from lidarscene.recordings.velodyne import sweep_of_points
+from lidarscene.recordings.velodyne_reader import sweep_of_points
 from lidarscene.sensor.catalogue import load_sensor
 
 PACKETS = 75
@@ -47,7 +47,7 @@ def test_a_frame_begins_when_its_first_pulse_leaves(tmp_path: Path, library: Cal
     library("velodyne_decoder")
     sensor = load_sensor("vls-128")
     cloud = random_frame(sensor, number=1)
-    made = packets_of(maker_of(sensor), sensor, [cloud])[:40]
+    made = packets_of(select_encoder(sensor), sensor, [cloud])[:40]
     with open_recording(pcap(tmp_path / "vls.pcap", [one.payload for one in made])) as recording:
         sweep = recording[0]
     assert cloud.frame_start_s > 0.09

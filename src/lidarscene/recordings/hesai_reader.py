@@ -16,7 +16,7 @@ import numpy as np
 
 from ..files.optional import optional
 from ..formats.described import reading
-from .packets import Packet, turns_of
+from .pcap_reader import Packet, turns_of
 from .recording import Recording
 from .sweep import Sweep
 
@@ -37,10 +37,10 @@ def is_hesai(payload: bytes) -> bool:
 def open_hesai(path: Path, metadata: Path | None, packets: Sequence[Packet]) -> Recording:
     """Open the turns of these packets; ``metadata`` is the unit's table of angles, CSV. Raises InputError."""
     azimuths = [struct.unpack_from("<H", packet.payload, AZIMUTH_AT)[0] for packet in packets]
-    return of_scans(path, metadata, [packets[turn] for turn in turns_of(azimuths)], name="hesai pcap")
+    return recording_of_scans(path, metadata, [packets[turn] for turn in turns_of(azimuths)], name="hesai pcap")
 
 
-def of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequence[Packet]], *, name: str) -> Recording:
+def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequence[Packet]], *, name: str) -> Recording:
     """A frame of each of these runs of packets."""
     with reading(path, folder=True):
         first = scans[0][0].payload

@@ -9,8 +9,8 @@ from helpers.packets import packets_of, random_frame
 from helpers.recordings import pcap
 
 from lidarscene.errors import InputError
-from lidarscene.formats.packets.makers import maker_of
 from lidarscene.formats.packets.pcap import HEADER, record_of
+from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.recordings.opening import open_recording
 from lidarscene.sensor.catalogue import load_sensor
 
@@ -20,7 +20,7 @@ SENSOR = load_sensor("pandar64")
 def payloads() -> list[bytes]:
     """A turn and a little more."""
     clouds = [random_frame(SENSOR, number=number) for number in range(2)]
-    return [one.payload for one in packets_of(maker_of(SENSOR), SENSOR, clouds)][:310]
+    return [one.payload for one in packets_of(select_encoder(SENSOR), SENSOR, clouds)][:310]
 
 
 def test_turns_are_frames_and_sequence_numbers_are_passed_over(tmp_path: Path) -> None:
@@ -58,7 +58,7 @@ def test_the_second_is_the_recorders_and_its_part_the_sensors(tmp_path: Path, la
     """A recorder's clock may be half a second off: the nearest second to which the sensor's part fits is right."""
     cloud = random_frame(SENSOR)
     cloud = replace(cloud, metadata=dict(cloud.metadata) | {"frame_start_s": "1000.5"})
-    made = packets_of(maker_of(SENSOR), SENSOR, [cloud])
+    made = packets_of(select_encoder(SENSOR), SENSOR, [cloud])
     content = HEADER + b"".join(record_of(one._replace(time_s=one.time_s + late_s), 2368) for one in made)
     (tmp_path / "a.pcap").write_bytes(content)
     with open_recording(tmp_path / "a.pcap") as recording:
@@ -82,7 +82,7 @@ def test_steps_and_intensities_of_two_returns(tmp_path: Path) -> None:
     """Each return has its own; a packet says how long its steps are [mm]."""
     sensor = load_sensor("pandar64", overrides=('tdc.keep="strongest_and_last"',))
     cloud = random_frame(sensor, second=True)
-    made = [bytearray(one.payload) for one in packets_of(maker_of(sensor), sensor, [cloud])]
+    made = [bytearray(one.payload) for one in packets_of(select_encoder(sensor), sensor, [cloud])]
     for payload in made:
         assert payload[5] == 4
         payload[5] = 2

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from helpers.recordings import pcap
 
-from lidarscene.recordings.packets import metadata_of, packets_of, turns_of
+from lidarscene.recordings.pcap_reader import metadata_of, packets_of, turns_of
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -91,7 +91,7 @@ def test_a_turn_ends_where_the_recording_began() -> None:
 
 MEMORY = """
 import json, sys, tracemalloc
-from lidarscene.recordings.packets import packets_of
+from lidarscene.recordings.pcap_reader import packets_of
 # Before Python 3.12.9 and 3.13.2 tracemalloc can end a process in which Dr.Jit starts threads.
 assert "drjit" not in sys.modules
 tracemalloc.start()

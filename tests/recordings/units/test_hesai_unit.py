@@ -10,7 +10,7 @@ import pytest
 from helpers.recordings import hesai_packet
 
 from lidarscene.errors import InputError
-from lidarscene.recordings.units.written import unit_from, write_unit
+from lidarscene.recordings.units.unit_file import unit_from, write_unit
 from lidarscene.sensor.catalogue import load_sensor
 
 

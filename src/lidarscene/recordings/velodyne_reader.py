@@ -16,7 +16,7 @@ import numpy as np
 from ..files.optional import optional
 from ..formats.described import reading
 from ..maths.arrays import Numbers
-from .packets import Packet, turns_of
+from .pcap_reader import Packet, turns_of
 from .recording import Recording
 from .sweep import Second, Sweep
 
@@ -42,10 +42,10 @@ def is_velodyne(payload: bytes) -> bool:
 def open_velodyne(path: Path, metadata: Path | None, packets: Sequence[Packet]) -> Recording:
     """Open the turns of these packets; ``metadata`` is the unit's calibration, YAML. Raises InputError."""
     turns = turns_of([struct.unpack_from("<H", packet.payload, 2)[0] for packet in packets])
-    return of_scans(path, metadata, [packets[turn] for turn in turns], name="velodyne pcap")
+    return recording_of_scans(path, metadata, [packets[turn] for turn in turns], name="velodyne pcap")
 
 
-def of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequence[Packet]], *, name: str) -> Recording:
+def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequence[Packet]], *, name: str) -> Recording:
     """A frame of each of these runs of packets."""
     decoder = optional("velodyne_decoder", extra="velodyne")
     config = decoder.Config()

@@ -15,7 +15,7 @@ from ..files.optional import optional
 from ..formats.described import reading
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
-from .packets import json_beside, mapped, records_of
+from .pcap_reader import json_beside, mapped, records_of
 from .recording import Recording
 from .sweep import Second, Sweep
 

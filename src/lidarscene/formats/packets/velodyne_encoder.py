@@ -17,7 +17,7 @@ from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
 from ...sensor.model import Sensor
 from .firings import Firings
-from .maker import Packet, head_deg, last_and_other
+from .packet_encoder import Packet, head_deg, last_and_other
 
 PORT = 2368
 BLOCKS, POINTS = 12, 32
@@ -90,7 +90,7 @@ MODELS = (
 )
 
 
-class Velodyne:
+class VelodyneEncoder:
     """Packets of frame after frame; what does not fill a packet waits for the next frame."""
 
     port = PORT
@@ -167,7 +167,7 @@ class Velodyne:
         return [Packet(time, one.tobytes()) for time, one in zip(sent_s.tolist(), made, strict=True)]
 
 
-def velodyne_of(sensor: Sensor) -> Velodyne | None:
+def match_velodyne(sensor: Sensor) -> VelodyneEncoder | None:
     """The packets of a sensor that fires as one of these models does; None for another."""
     scanner = sensor.scanner
     if not isinstance(scanner, Spinning):
@@ -176,5 +176,5 @@ def velodyne_of(sensor: Sensor) -> Velodyne | None:
     for model in MODELS:
         same_cycle = math.isclose(1e6 * scanner.cycle_s, model.cycle_us, rel_tol=2e-3)
         if scanner.lasers == model.lasers and same_cycle:
-            return Velodyne(sensor, model) if np.abs(firing_us - model.firing_us).max() < 0.1 else None
+            return VelodyneEncoder(sensor, model) if np.abs(firing_us - model.firing_us).max() < 0.1 else None
     return None

@@ -1,7 +1,7 @@
 """Packets of Ouster's OS0, OS1 and OS2, encoded by the maker's ouster-sdk, and the metadata that go with them.
 
 A packet has 16 columns; a pixel has range, reflectivity, signal and near infrared, as the profile has them. The range
-counts from as far behind the axis as the beam leaves before it (`recordings.units.ouster` has the equation).
+counts from as far behind the axis as the beam leaves before it (`recordings.units.ouster_unit` has the equation).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
 from ...sensor.model import Sensor
 from .firings import Firings
-from .maker import Packet, head_deg
+from .packet_encoder import Packet, head_deg
 
 PORT = 7502
 COLUMNS_PER_PACKET = 16
@@ -38,7 +38,7 @@ LARGEST_OF = {"RNG15_RFL8_NIR8": {"RANGE": 8 * (2**15 - 1), "NEAR_IR": 16 * 255}
 """Of a profile's fields, by how its name begins."""
 
 
-class Ouster:
+class OusterEncoder:
     """Packets of frame after frame; every frame is a whole number of packets."""
 
     port = PORT
@@ -96,12 +96,12 @@ class Ouster:
         return fields
 
 
-def ouster_of(sensor: Sensor, profile: str) -> Ouster | None:
+def match_ouster(sensor: Sensor, profile: str) -> OusterEncoder | None:
     """The packets of a sensor that is built as an Ouster is; None for another."""
     scanner = sensor.scanner
     if not isinstance(scanner, Spinning) or np.ptp(scanner.firing_s) > 0.0 or sensor.histogram is None:
         return None
-    return Ouster(sensor, profile)
+    return OusterEncoder(sensor, profile)
 
 
 def _metadata(sensor: Sensor, scanner: Spinning, profile: str) -> dict[str, Any]:

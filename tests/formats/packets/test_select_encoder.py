@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lidarscene.errors import InputError
-from lidarscene.formats.packets.makers import maker_of
+from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.sensor.catalogue import load_sensor
 
 
@@ -26,7 +26,7 @@ from lidarscene.sensor.catalogue import load_sensor
 def test_sensors_of_the_catalogue_have_their_packets(library: Callable[[str], Any], name: str, port: int) -> None:
     """Rationale: who changes when a catalogue sensor fires is told here that its packets say otherwise."""
     library("ouster.sdk.core")
-    assert maker_of(load_sensor(name)).port == port
+    assert select_encoder(load_sensor(name)).port == port
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ def test_a_sensor_without_packets_is_told_in_one_line(
     name: str, sets: tuple[str, ...], profile: str, told: str
 ) -> None:
     with pytest.raises(InputError, match=told) as error:
-        maker_of(load_sensor(name, overrides=sets), profile)
+        select_encoder(load_sensor(name, overrides=sets), profile)
     assert "\n" not in str(error.value)
 
 
@@ -59,7 +59,7 @@ def test_a_pandar64_is_known_by_the_time_from_its_first_laser_to_its_last(
     times_us = slower * 1e6 * scanner.firing_s[np.argsort(scanner.lasers_by_place.values)] + later_us
     sensor = load_sensor("pandar64", overrides={"scanner.firing_time_us": times_us.round(6)})
     if is_one:
-        assert maker_of(sensor).port == 2368
+        assert select_encoder(sensor).port == 2368
     else:
         with pytest.raises(InputError, match="has no format of packets"):
-            maker_of(sensor)
+            select_encoder(sensor)

@@ -11,10 +11,10 @@ from ... import catalog
 from ...errors import InputError
 from ...files.atomic import put_text
 from ...sensor.file import sensor_from_tables
-from .beams import OF_LISTS, Unit
-from .hesai import read_hesai
-from .ouster import read_ouster
-from .velodyne import read_velodyne
+from .hesai_unit import read_hesai
+from .ouster_unit import read_ouster
+from .unit_beams import OF_LISTS, Unit
+from .velodyne_unit import read_velodyne
 
 PER_LINE = 8
 """Numbers of a list in one line."""

@@ -13,15 +13,15 @@ import numpy as np
 
 from ..errors import InputError
 from ..formats.described import reading
-from ..formats.packets.hesai import AZIMUTH_US, BLOCKS, CYCLE_S, DUAL, LASERS, PACKET, STAMP_US
+from ..formats.packets.pandar64_encoder import AZIMUTH_US, BLOCKS, CYCLE_S, DUAL, LASERS, PACKET, STAMP_US
 from ..maths.arrays import Numbers
 from ..maths.pose import direction_from_angles
 from ..scan.spinning import Spinning
 from ..sensor.catalogue import load_sensor
-from .packets import Packet, turns_of
+from .pcap_reader import Packet, turns_of
 from .recording import Recording
 from .sweep import Second, Sweep
-from .units.hesai import read_hesai
+from .units.hesai_unit import read_hesai
 
 NAME = "pandar64"
 

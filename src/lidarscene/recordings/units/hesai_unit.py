@@ -9,7 +9,7 @@ import csv
 from pathlib import Path
 
 from ...formats.described import reading
-from .beams import Unit
+from .unit_beams import Unit
 
 MODELS = {64: "pandar64"}
 """By number of channels."""

@@ -19,7 +19,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...formats.described import reading
-from .beams import Unit
+from .unit_beams import Unit
 
 MODES = ("512x10", "512x20", "1024x10", "1024x20", "2048x10", "4096x5")
 """Columns and turns a second of the firmware."""

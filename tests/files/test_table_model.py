@@ -10,7 +10,7 @@ import pytest
 from lidarscene import catalog
 from lidarscene.batch.file import JobFile
 from lidarscene.errors import InputError
-from lidarscene.files.table import Number
+from lidarscene.files.table_model import Number
 from lidarscene.files.toml import FileModel, validated
 from lidarscene.materials.file import MaterialFile
 from lidarscene.maths.units import UNITS

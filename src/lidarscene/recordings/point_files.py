@@ -14,9 +14,9 @@ from ..formats.las import las_columns
 from ..formats.pcd import pcd_columns
 from ..formats.ply import ply_columns
 from ..maths.arrays import Numbers
-from .columns import sweep_of
 from .recording import Recording
 from .sweep import Sweep
+from .sweep_from_columns import sweep_of
 
 Columns = dict[str, Numbers]
 

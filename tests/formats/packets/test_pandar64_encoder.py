@@ -8,10 +8,10 @@ import pytest
 from helpers.packets import packets_of, random_frame
 from helpers.pandar64 import points_of
 
-from lidarscene.formats.packets.firings import Gathering
-from lidarscene.formats.packets.hesai import PACKET
-from lidarscene.formats.packets.makers import maker_of
+from lidarscene.formats.packets.firings import FiringsBuilder
+from lidarscene.formats.packets.pandar64_encoder import PACKET
 from lidarscene.formats.packets.pcap import HEADER, record_of
+from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.recordings.opening import open_recording
 from lidarscene.sensor.catalogue import load_sensor
 
@@ -23,7 +23,7 @@ def test_every_point_comes_back_by_the_makers_arithmetic() -> None:
     sensor = load_sensor("pandar64")
     cloud = random_frame(sensor, number=3)
     found = np.array(
-        [point for one in packets_of(maker_of(sensor), sensor, [cloud]) for point in points_of(one.payload)]
+        [point for one in packets_of(select_encoder(sensor), sensor, [cloud]) for point in points_of(one.payload)]
     )
     assert len(found) == len(cloud)
     laser, turned_deg, time_s, range_m, reflectivity = found.T
@@ -45,7 +45,7 @@ def test_every_point_comes_back_by_the_makers_arithmetic() -> None:
 def test_our_reader_gives_the_frame_back(tmp_path: Path, sets: tuple[str, ...]) -> None:
     sensor = load_sensor("pandar64", overrides=sets)
     cloud = random_frame(sensor, second=bool(sets))
-    made = packets_of(maker_of(sensor), sensor, [cloud])
+    made = packets_of(select_encoder(sensor), sensor, [cloud])
     assert len(made) == (600 if sets else 300)
     path = tmp_path / "a.pcap"
     path.write_bytes(HEADER + b"".join(record_of(one, 2368) for one in made))
@@ -76,7 +76,7 @@ def test_what_a_packet_says_of_itself(sets: tuple[str, ...], mode: int, dual: in
     # datetime(2001, 9, 9, 1, 46, 40, tzinfo=UTC).timestamp() is 1e9.
     cloud = random_frame(sensor)
     cloud = replace(cloud, metadata=dict(cloud.metadata) | {"frame_start_s": repr(1e9 - 16 * 86_400.0 + 7.0)})
-    packet = packets_of(maker_of(sensor), sensor, [cloud])[0]
+    packet = packets_of(select_encoder(sensor), sensor, [cloud])[0]
     payload = packet.payload
     assert payload[:6] == bytes([0xEE, 0xFF, 64, 6, dual, 4])
     tail = payload[8 + 6 * 194 + 8 :]
@@ -92,14 +92,14 @@ def test_what_a_packet_says_of_itself(sets: tuple[str, ...], mode: int, dual: in
 def test_the_last_packet_goes_on_without_points() -> None:
     """A frame that ends after eight firings: azimuths and times of the next four are those that they would have had."""
     sensor = load_sensor("pandar64")
-    gathering = Gathering(sensor, 1)
+    gathering = FiringsBuilder(sensor, 1)
     gathering.add(random_frame(sensor, number=1))
     whole = gathering.firings()
     names = ("range_m", "intensity", "signal", "ambient", "time_s")
-    maker = maker_of(sensor)
+    maker = select_encoder(sensor)
     short = maker.packets(replace(whole, **{name: getattr(whole, name)[:8] for name in names}))
     filled = short + maker.rest()
-    expected = maker_of(sensor).packets(whole)[:2]
+    expected = select_encoder(sensor).packets(whole)[:2]
     assert [one.time_s for one in filled] == [one.time_s for one in expected]
     ours, theirs = (np.frombuffer(b"".join(one.payload for one in made), PACKET) for made in (filled, expected))
     for name in ("stamp", "utc"):
@@ -116,7 +116,7 @@ def test_the_stamp_goes_on_from_second_to_second() -> None:
     sensor = load_sensor("pandar64")
     cloud = random_frame(sensor)
     cloud = replace(cloud, metadata=dict(cloud.metadata) | {"frame_start_s": "0.99"})
-    made = packets_of(maker_of(sensor), sensor, [cloud])
+    made = packets_of(select_encoder(sensor), sensor, [cloud])
     packets = np.frombuffer(b"".join(one.payload for one in made), PACKET)
     whole_s = packets["utc"][:, 5] + 1e-6 * packets["stamp"]
     np.testing.assert_allclose(np.diff(whole_s), 6 * 0.1 / 1800, atol=1.1e-6)

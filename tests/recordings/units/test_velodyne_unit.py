@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from lidarscene.errors import InputError
-from lidarscene.recordings.units.beams import Unit
-from lidarscene.recordings.units.velodyne import read_velodyne
-from lidarscene.recordings.units.written import unit_from, write_unit
+from lidarscene.recordings.units.unit_beams import Unit
+from lidarscene.recordings.units.unit_file import unit_from, write_unit
+from lidarscene.recordings.units.velodyne_unit import read_velodyne
 from lidarscene.sensor.catalogue import load_sensor
 
 AZIMUTH = 4500

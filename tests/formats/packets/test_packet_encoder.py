@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidarscene.formats.packets.firings import Firings
-from lidarscene.formats.packets.maker import last_and_other
+from lidarscene.formats.packets.packet_encoder import last_and_other
 
 STEP_M = 0.002
 

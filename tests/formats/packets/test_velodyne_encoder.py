@@ -9,9 +9,9 @@ import pytest
 from helpers.packets import packets_of, random_frame
 
 from lidarscene.cloud.points import PointCloud
-from lidarscene.formats.packets.firings import Gathering
-from lidarscene.formats.packets.makers import maker_of
-from lidarscene.formats.packets.velodyne import MODELS, PACKET
+from lidarscene.formats.packets.firings import FiringsBuilder
+from lidarscene.formats.packets.select_encoder import select_encoder
+from lidarscene.formats.packets.velodyne_encoder import MODELS, PACKET
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
 
@@ -70,7 +70,7 @@ def test_every_point_comes_back(library: Callable[[str], Any], name: str, sets: 
     """
     sensor = load_sensor(name, overrides=sets)
     clouds = [random_frame(sensor, number=number, second=bool(sets)) for number in range(1 if name == "vls-128" else 2)]
-    points = decoded(library, packets_of(maker_of(sensor), sensor, clouds))
+    points = decoded(library, packets_of(select_encoder(sensor), sensor, clouds))
     ring, time_s, xyz_m, range_m, intensity, channel = together(sensor, clouds)
     expected = in_order(ring, time_s, range_m)
     late = np.isin(points[:, RING], ring[channel >= 64])  # of a VLS-128 alone
@@ -98,7 +98,7 @@ def test_two_returns_are_the_last_and_the_strongest(library: Callable[[str], Any
     """Or the second strongest, if the strongest is the last; both blocks have a lone return."""
     sensor = load_sensor("hdl-32e", overrides=DUAL)
     cloud = random_frame(sensor, second=True)
-    made = packets_of(maker_of(sensor), sensor, [cloud])
+    made = packets_of(select_encoder(sensor), sensor, [cloud])
     blocks = np.frombuffer(b"".join(one.payload for one in made), PACKET)["blocks"]
     last, other = (blocks["points"]["distance"][:, place::2].reshape(-1, 32) for place in (0, 1))
     assert ((last == 0) == (other == 0)).all()
@@ -111,7 +111,7 @@ def test_lost_pulses_are_zeros_and_the_last_packet_is_filled_up() -> None:
     """A firing of VLP-16 is 55.296 us, a packet 24 of them; its azimuths are those of each second one."""
     sensor = load_sensor("vlp-16")
     cloud = random_frame(sensor)
-    made = packets_of(maker_of(sensor), sensor, [cloud])
+    made = packets_of(select_encoder(sensor), sensor, [cloud])
     packets = np.frombuffer(b"".join(one.payload for one in made), PACKET)
     assert len(packets) == -(-sensor.scanner.cycles // 24)
     distance = packets["blocks"]["points"]["distance"]
@@ -129,14 +129,14 @@ def test_lost_pulses_are_zeros_and_the_last_packet_is_filled_up() -> None:
 def test_what_is_farther_than_a_distance_can_say_is_lost() -> None:
     sensor = load_sensor("vlp-16")
     cloud = random_frame(sensor, farthest_m=200.0)
-    made = packets_of(maker_of(sensor), sensor, [cloud])
+    made = packets_of(select_encoder(sensor), sensor, [cloud])
     distance = np.frombuffer(b"".join(one.payload for one in made), PACKET)["blocks"]["points"]["distance"]
     assert (distance > 0).sum() == (np.rint(cloud.range_m.astype(float) / 0.002) < 65_536).sum() < len(cloud)
 
 
 def test_the_last_return_alone_is_told_by_the_mode() -> None:
     sensor = load_sensor("vlp-16", overrides=['tdc.keep="last"'])
-    made = packets_of(maker_of(sensor), sensor, [random_frame(sensor)])
+    made = packets_of(select_encoder(sensor), sensor, [random_frame(sensor)])
     assert made[0].payload[-2:] == bytes([0x38, 0x22])
 
 
@@ -144,7 +144,7 @@ def test_packets_run_on_from_frame_to_frame() -> None:
     """Rationale: 1808 firings are not whole packets of 24; the one in between has firings of both frames."""
     sensor = load_sensor("vlp-16")
     clouds = [random_frame(sensor, number=number) for number in range(3)]
-    made = packets_of(maker_of(sensor), sensor, clouds)
+    made = packets_of(select_encoder(sensor), sensor, clouds)
     assert len(made) == 3 * sensor.scanner.cycles // 24
     times_s = np.diff([one.time_s for one in made])
     np.testing.assert_allclose(times_s, 24 * 55.296e-6, atol=1e-9)
@@ -158,7 +158,7 @@ def test_an_encoder_is_read_at_its_nearest_step() -> None:
     azimuths = []
     for sets in ((), ("scanner.encoder_step_deg=0.5",)):
         sensor = load_sensor("vlp-16", overrides=sets)
-        made = packets_of(maker_of(sensor), sensor, [random_frame(sensor)])
+        made = packets_of(select_encoder(sensor), sensor, [random_frame(sensor)])
         blocks = np.frombuffer(b"".join(one.payload for one in made), PACKET)["blocks"]
         azimuths.append(blocks["azimuth"].astype(int).ravel())
     head, encoder = azimuths
@@ -175,7 +175,7 @@ def test_stamps_begin_anew_with_every_hour() -> None:
     sensor = load_sensor("vlp-16")
     cloud = random_frame(sensor)
     late = replace(cloud, metadata=dict(cloud.metadata) | {"frame_start_s": "7199.95"})
-    made = packets_of(maker_of(sensor), sensor, [late])
+    made = packets_of(select_encoder(sensor), sensor, [late])
     stamp = np.frombuffer(b"".join(one.payload for one in made), PACKET)["stamp"].astype(int)
     assert stamp[0] == 3_599_950_000
     later = np.arange(len(stamp)) * 24 * 55.296
@@ -187,13 +187,13 @@ def test_stamps_begin_anew_with_every_hour() -> None:
 def test_the_last_packet_goes_on_without_points() -> None:
     """A frame that ends after thirty firings: azimuths and times are those that the whole frame has there."""
     sensor = load_sensor("vlp-16")
-    gathering = Gathering(sensor, 0)
+    gathering = FiringsBuilder(sensor, 0)
     gathering.add(random_frame(sensor))
     whole = gathering.firings()
     names = ("range_m", "intensity", "signal", "ambient", "time_s")
-    maker = maker_of(sensor)
+    maker = select_encoder(sensor)
     filled = maker.packets(replace(whole, **{name: getattr(whole, name)[:30] for name in names})) + maker.rest()
-    expected = maker_of(sensor).packets(whole)[:2]
+    expected = select_encoder(sensor).packets(whole)[:2]
     ours, theirs = (np.frombuffer(b"".join(one.payload for one in made), PACKET) for made in (filled, expected))
     np.testing.assert_array_equal(ours["blocks"]["azimuth"], theirs["blocks"]["azimuth"])
     np.testing.assert_array_equal(ours["stamp"], theirs["stamp"])
@@ -208,7 +208,7 @@ def test_what_a_packet_says_of_itself(name: str, code: int, sets: tuple[str, ...
     EEFF, DDFF, CCFF and BBFF, and with two returns the last four of a VLS-128 have no lasers.
     """
     sensor = load_sensor(name, overrides=sets)
-    payload = packets_of(maker_of(sensor), sensor, [random_frame(sensor)])[0].payload
+    payload = packets_of(select_encoder(sensor), sensor, [random_frame(sensor)])[0].payload
     assert payload[-2:] == bytes([mode, code])
     banks = [payload[100 * block : 100 * block + 2].hex() for block in range(12)]
     four = ["ffee", "ffdd", "ffcc", "ffbb"]

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 
 from ...files.optional import optional
 from ...formats.described import reading
-from .beams import Unit
+from .unit_beams import Unit
 
 MODELS = {16: "vlp-16", 32: "hdl-32e", 64: "hdl-64e", 128: "vls-128"}
 """By number of lasers."""

@@ -18,7 +18,7 @@ from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
 from ...sensor.model import Sensor
 from .firings import Firings
-from .maker import Packet, head_deg, last_and_other
+from .packet_encoder import Packet, head_deg, last_and_other
 
 PORT = 2368
 BLOCKS, LASERS = 6, 64
@@ -51,7 +51,7 @@ PACKET = np.dtype(
 )
 
 
-class Pandar64:
+class Pandar64Encoder:
     """Packets of frame after frame; what does not fill a packet waits for the next frame."""
 
     port = PORT
@@ -126,7 +126,7 @@ def _utc(second: int) -> tuple[int, ...]:
     return at.year % 100, at.month, at.day, at.hour, at.minute, at.second
 
 
-def pandar64_of(sensor: Sensor) -> Pandar64 | None:
+def match_pandar64(sensor: Sensor) -> Pandar64Encoder | None:
     """The packets of a sensor that fires as a Pandar64 does; None for another."""
     scanner = sensor.scanner
     if not isinstance(scanner, Spinning) or scanner.lasers != LASERS:
@@ -135,4 +135,4 @@ def pandar64_of(sensor: Sensor) -> Pandar64 | None:
     spread_us = 1e6 * float(scanner.firing_s[-1] - scanner.firing_s[0])
     same_cycle = math.isclose(scanner.cycle_s, CYCLE_S, rel_tol=2e-3)
     alike = math.isclose(spread_us, AZIMUTH_US - 3.62, abs_tol=0.1) and set(first.tolist()) == {11.0, 39.0}
-    return Pandar64(sensor) if alike and same_cycle else None
+    return Pandar64Encoder(sensor) if alike and same_cycle else None

@@ -11,10 +11,10 @@ from helpers.packets import points, random_frame
 
 from lidarscene.cloud.points import PointCloud
 from lidarscene.errors import InputError
-from lidarscene.formats.packets.firings import Gathering
-from lidarscene.formats.packets.makers import maker_of
-from lidarscene.formats.packets.ouster import PROFILES
+from lidarscene.formats.packets.firings import FiringsBuilder
+from lidarscene.formats.packets.ouster_encoder import PROFILES
 from lidarscene.formats.packets.pcap import beside, capture
+from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.recordings.opening import open_recording
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
@@ -27,8 +27,8 @@ def written(path: Path, sensor: Sensor, profile: str = "default", **options: Any
     cloud = random_frame(sensor, **options)
     rng = np.random.default_rng(5)
     ambient = rng.integers(0, 4000, sensor.scanner.pulses).astype(np.uint64)
-    with capture(path, maker_of(sensor, profile)) as take:
-        gathering = Gathering(sensor, 0)
+    with capture(path, select_encoder(sensor, profile)) as take:
+        gathering = FiringsBuilder(sensor, 0)
         gathering.add(cloud)
         gathering.ambient(np.arange(len(ambient), dtype=np.uint32), ambient)
         take(gathering.firings())
@@ -114,7 +114,7 @@ def test_profiles_have_what_they_name(library: Callable[[str], Any], tmp_path: P
 def test_what_no_ouster_does_is_told(library: Callable[[str], Any], change: str, told: str) -> None:
     library("ouster.sdk.core")
     with pytest.raises(InputError, match=f"sensor 'os1-128': .*{told}"):
-        maker_of(load_sensor("os1-128", overrides=[change]))
+        select_encoder(load_sensor("os1-128", overrides=[change]))
 
 
 @pytest.mark.parametrize(
@@ -130,11 +130,11 @@ def test_what_no_field_can_say(
     sensor = load_sensor("os1-128", overrides=NARROW)
     from_m = float(sensor.scanner.start_m[0].values[0])
     ranges_m = farthest_m - from_m + np.array([-0.02, 0.02])
-    frame = Gathering(sensor, 0)
+    frame = FiringsBuilder(sensor, 0)
     frame.add(PointCloud(**points(sensor, np.array([0, 128]), ranges_m, 0)))
     counts = np.full(sensor.scanner.pulses, 1_000_000, np.uint64)
     frame.ambient(np.arange(len(counts), dtype=np.uint32), counts)
-    with capture(tmp_path / "a.pcap", maker_of(sensor, profile)) as take:
+    with capture(tmp_path / "a.pcap", select_encoder(sensor, profile)) as take:
         take(frame.firings())
     found, _ = read(library, tmp_path / "a.pcap")
     laser = int(sensor.scanner.channel(np.zeros(1, np.uint32))[0])
@@ -158,7 +158,7 @@ def test_a_shifted_picture_has_one_direction_in_a_column(library: Callable[[str]
     """Reference: ouster-sdk's destagger of the azimuths of all pixels. Half a column is what whole shifts leave."""
     core = library("ouster.sdk.core")
     sensor = load_sensor("os1-128", overrides=NARROW)
-    info = core.SensorInfo(maker_of(sensor).description[0])
+    info = core.SensorInfo(select_encoder(sensor).description[0])
     pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
     azimuth, _ = sensor.scanner.angles(pulse)
     picture = np.zeros((128, 512))
@@ -174,10 +174,10 @@ def test_packets_of_frame_after_frame(library: Callable[[str], Any], tmp_path: P
     """Frames are counted, so that a reader tells them apart; a packet leaves when its last column has been measured."""
     sensor = load_sensor("os1-128", overrides=NARROW)
     made = []
-    maker = maker_of(sensor)
+    maker = select_encoder(sensor)
     with capture(tmp_path / "a.pcap", maker) as take:
         for number in (0, 1):
-            gathering = Gathering(sensor, number)
+            gathering = FiringsBuilder(sensor, number)
             gathering.add(random_frame(sensor, number=number))
             gathering.ambient(np.arange(2, dtype=np.uint32) + number * sensor.scanner.pulses, np.ones(2, np.uint64))
             made += maker.packets(gathering.firings())
@@ -197,4 +197,4 @@ def test_beams_that_leave_aside_are_refused(library: Callable[[str], Any]) -> No
     library("ouster.sdk.core")
     sensor = load_sensor("os1-128", overrides={"scanner.left_mm": [5.0] * 128})
     with pytest.raises(InputError, match="an Ouster's beams must leave from one height and one place"):
-        maker_of(sensor)
+        select_encoder(sensor)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarscene.recordings.columns import sweep_of
+from lidarscene.recordings.sweep_from_columns import sweep_of
 
 XYZ = {"x": np.array([1.0, 2.0, 0.0, np.inf]), "y": np.array([0.0, 0.0, 5e-4, 0.0]), "z": np.zeros(4)}
 """The third is the zero that drivers write for a lost pulse, to half a millimetre; the last is no place."""
