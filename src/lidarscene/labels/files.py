@@ -100,8 +100,8 @@ def kitti_calibration() -> str:
 def point_labels(cloud: PointCloud, scene: Scene) -> tuple[Numbers, Numbers]:
     """Class and instance of each point: (n,) SemanticKITTI numbers, and (n,) body + 1 of a countable object, else 0.
 
-    A point that is no echo (false alarm, interference, weather) is an outlier, so that a network learns what noise looks
-    like; an echo without a body is unlabelled. Raises InputError for a cloud without truth.
+    A point that is no echo (false alarm, interference, weather) is an outlier, so that a network learns what noise
+    looks like; an echo without a body is unlabelled. Raises InputError for a cloud without truth.
     """
     (_, body_index), class_id = truth_of(cloud), np.asarray(cloud.class_id)
     kinds = [kind_of(name) for name in cloud.class_names]
