@@ -16,6 +16,7 @@ from helpers.command_line import BEAMS, COARSE, WALL, Run
 from lidarscene import __version__, catalog
 from lidarscene.cli import terminal
 from lidarscene.cloud.points import PointCloud
+from lidarscene.detection.outcomes import Status
 
 ROOT = Path(__file__).parents[2]
 RIGS = [ROOT / "scenes" / "rig.toml"]
@@ -209,11 +210,12 @@ def test_pose_may_begin_with_a_minus(run: Run, wall: str, mi: ModuleType, form: 
 
 def test_pose_stands_over_the_scenes_own(run: Run, tmp_path: Path, mi: ModuleType) -> None:
     (tmp_path / "own.toml").write_text("[sensor]\nposition_m = [1, 2, 3]\nyaw_deg = 180\n" + WALL)
-    assert position_m(own := render(run, "own.toml")) == [1, 2, 3]
-    assert len(own) == 0
-    given = render(run, "own.toml", "--pose", "1,0,0")
-    assert position_m(given) == [1, 0, 0]
-    assert len(given) > 0
+    away = render(run, "own.toml")
+    assert position_m(away) == [1, 2, 3]
+    assert not (away.status == Status.ECHO).any()
+    towards = render(run, "own.toml", "--pose", "1,0,0")
+    assert position_m(towards) == [1, 0, 0]
+    assert (towards.status == Status.ECHO).any()
 
 
 def centre_deg(cloud: PointCloud) -> tuple[float, float]:
