@@ -60,7 +60,7 @@ LONGEST = (
     "docs/test_docs.py",
     "cli/test_paper.py",
     "kernel/device/test_replay.py",
-    "studies/sipm_events/test_events.py",
+    "validation/sipm_events/test_events.py",
     "cli/test_field_of_view.py",
     "cli/test_ranging.py",
     "docs/test_notebooks.py",

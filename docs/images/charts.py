@@ -1,6 +1,7 @@
 """Charts of the guides: range, the sun's spectrum, busy cells, eye safety, formats, a sweep, published ranges."""
 
 import dataclasses
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,6 @@ from lidarscene.studies import catalogue
 from lidarscene.studies.eye_safety.report import eye_safety_report
 from lidarscene.studies.paper import figures as paper_figures
 from lidarscene.studies.ranging import plane
-from lidarscene.studies.sipm_events.cells import CellArray
-from lidarscene.studies.sipm_events.table import published_snr, response_by_equation
 
 APD, SIPM, THIRD = "#ffc14d", "#5ec8f2", "#80ed99"
 PAPER = {"table1-apd": APD, "table1-sipm": SIPM}
@@ -101,6 +100,10 @@ def sun() -> None:
 
 def sipm() -> None:
     """SNR of the paper's SiPM over the photons of an echo, as printed and by the equation, for two suns."""
+    sys.path.append(str(HERE.parents[1] / "tests"))
+    from validation.sipm_events.cells import CellArray
+    from validation.sipm_events.table import published_snr, response_by_equation
+
     figure, (axes,) = dark(1, 1, height=4.4)
     sensor = lidarscene.load_sensor("table1-sipm")
     array = CellArray.of(sensor.detector)

@@ -8,7 +8,6 @@ field_of_view  what a scan pattern covers, how densely, how soon
 eye_safety     class 1 by IEC 60825-1
 compare        different sensors on one scene
 paper          the claims of the paper, recomputed
-sipm_events    a SiPM cell by cell in time: validation, not product
 budget         the link budget of points
 catalogue      catalogue sensors against published figures
 """

@@ -25,7 +25,7 @@ def fire(rng, *, photons_per_dead_time, cells, pde, dead_steps, steps):
 def test_busy_cells_in_steady_state():
     """x / (1 + x) and its binomial variance, against the cell array itself; (23) is far outside.
 
-    By another simulation from 1 to 2000 photons in `studies/sipm_events/test_events.py`.
+    By another simulation from 1 to 2000 photons in `validation/sipm_events/test_events.py`.
 
     The time step is tau / 200, which shortens the dead time by at most half a step: 0.3 % here.
     """

@@ -7,7 +7,7 @@ dead for tau after each firing is busy at t if it fired in (t - tau, t], so its 
 
 exactly. Cells are independent and alike, so the count at any one time is binomial, N cells of share b(t): variance
 N b (1 - b), skewness (1 - 2b) / sqrt(N b (1 - b)). Only what joins different times (first crossings, timing) and what
-couples cells has to be simulated; `studies.sipm_events.events` does that, and checks this. Numbers: docs/sipm.md.
+couples cells has to be simulated; tests/validation/sipm_events does that, and checks this. Numbers: docs/sipm.md.
 
 In units of tau the peak depends on three numbers only: busy share before the pulse, pulse width over tau, light per
 cell. So one table serves every sensor; it is computed once per process, when first needed.

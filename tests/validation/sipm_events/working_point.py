@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...maths.arrays import Numbers
-from ...physics.electronics.sipm_response import LATEST_PEAK
+from lidarscene.maths.arrays import Numbers
+from lidarscene.physics.electronics.sipm_response import LATEST_PEAK
+
 from .cells import CellArray, Light
 from .events import simulate
 from .output import waveforms

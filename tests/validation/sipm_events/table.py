@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...maths.arrays import Numbers
-from ...physics.electronics import sipm, sipm_response
+from lidarscene.maths.arrays import Numbers
+from lidarscene.physics.electronics import sipm, sipm_response
+
 from .cells import CellArray, Light
 from .working_point import moments, pulse_outputs
 
@@ -148,30 +149,25 @@ def error_of_published_snr(array: CellArray, table: ResponseTable, *, pulse_fwhm
     return np.asarray(printed / table.snr - 1.0)
 
 
-GRID_BACKGROUND = (10.0, 50.0, 200.0, 686.093, 2000.0)
+GRID_BACKGROUND = (10.0, 200.0, 686.093)
 GRID_SIGNAL = (10.0, 100.0, 500.0, 2660.31, 10000.0)
 GRID_PULSE_TO_DEAD_TIME = (0.1, 0.5, 1.0, 1.9)
 
 
-def where_published_is_off(array: CellArray | None = None, *, own_photons: bool = True) -> tuple[str, list[list[str]]]:
-    """Table of the error of (27) in percent: a heading and rows as text, errors above 10 % in bold.
+def rows_of_published_error(array: CellArray) -> list[list[str]]:
+    """Error of (27) in percent, a row for each pulse width and background, a cell for each signal.
 
-    array        the cells of Table 1 if None
-    own_photons  True: (27) with its own count of signal photons; False: with those in the dead time around the peak
-
-    A row for every pulse width and background, a column for every signal. For other numbers of cells or PDE scale the
-    photons: only photons PDE / N matters.
+    A cell has the error of (27) as printed, and the error with the photons of the dead time around the peak in (24).
+    Only photons PDE / N matters, so one number of cells is enough.
     """
-    array = array or CellArray(cells=400, pde=0.22, dead_time_s=6e-9, dark_count_rate_hz=2007.0)
     rows = []
     for ratio in GRID_PULSE_TO_DEAD_TIME:
         fwhm_s = ratio * array.dead_time_s
         table = response_by_equation(
             array, background_photons=GRID_BACKGROUND, signal_photons=GRID_SIGNAL, pulse_fwhm_s=fwhm_s
         )
-        error = error_of_published_snr(array, table, pulse_fwhm_s=None if own_photons else fwhm_s)
-        for background, line in zip(GRID_BACKGROUND, error, strict=True):
-            cells = [f"**{100 * e:+.0f}**" if abs(e) > 0.1 else f"{100 * e:+.0f}" for e in line]
+        errors = (error_of_published_snr(array, table), error_of_published_snr(array, table, pulse_fwhm_s=fwhm_s))
+        for background, printed, counted in zip(GRID_BACKGROUND, *errors, strict=True):
+            cells = [f"{100 * a:+.0f} / {100 * b:+.0f}" for a, b in zip(printed, counted, strict=True)]
             rows.append([f"{ratio:g}", f"{background:.0f}", *cells])
-    heading = "| FWHM / tau | background | " + " | ".join(f"{s:.0f}" for s in GRID_SIGNAL) + " |"
-    return heading, rows
+    return rows

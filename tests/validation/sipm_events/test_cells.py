@@ -12,9 +12,9 @@ import math
 import numpy as np
 import pytest
 
-from lidarscene.studies.sipm_events.cells import CellArray, Light
-from lidarscene.studies.sipm_events.events import simulate
-from lidarscene.studies.sipm_events.output import waveforms
+from validation.sipm_events.cells import CellArray, Light
+from validation.sipm_events.events import simulate
+from validation.sipm_events.output import waveforms
 
 SiPM = pytest.importorskip("SiPM", reason="SimSiPM is not installed: pip install SiPM")
 

@@ -7,7 +7,7 @@ independent   no crosstalk, no afterpulses. Cells are then alike and independent
               simulated, all cells of many shots at once: pass k finds the k-th firing of each.
 coupled       everything. All shots advance together, one avalanche after the other; one pass for every photon.
 
-`studies.sipm_events.output` adds the avalanches up, `studies.sipm_events.working_point` evaluates them. docs/sipm.md.
+`output` adds the avalanches up, `working_point` evaluates them: docs/sipm.md.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...maths.arrays import Numbers
+from lidarscene.maths.arrays import Numbers
+
 from .cells import CellArray, Light, Rates, recovered
 from .coupled import fire_coupled
 

@@ -9,7 +9,8 @@ import math
 
 import numpy as np
 
-from ...maths.arrays import Numbers
+from lidarscene.maths.arrays import Numbers
+
 from .cells import CellArray
 from .events import Avalanches
 

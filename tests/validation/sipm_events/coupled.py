@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...maths.arrays import Numbers
+from lidarscene.maths.arrays import Numbers
+
 from .cells import CellArray, Rates, recovered
 
 _SPARE_SLOTS = 32

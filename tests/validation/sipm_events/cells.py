@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from ...maths.arrays import Numbers
-from ...maths.special import normal_tail
-from ...physics.optics import pulse as pulse_shape
-from ...sensor.detectors import Sipm
+from lidarscene.maths.arrays import Numbers
+from lidarscene.maths.special import normal_tail
+from lidarscene.physics.optics import pulse as pulse_shape
+from lidarscene.sensor.detectors import Sipm
 
 _LN2 = math.log(2.0)
 

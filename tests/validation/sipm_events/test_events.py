@@ -13,12 +13,12 @@ from scipy.integrate import trapezoid
 from scipy.stats import binom, chisquare, norm
 
 from lidarscene.physics.electronics import sipm, sipm_response
-from lidarscene.studies.sipm_events.cells import CellArray, Light
-from lidarscene.studies.sipm_events.coupled import fire_coupled
-from lidarscene.studies.sipm_events.events import Avalanches, fire_independent, simulate
-from lidarscene.studies.sipm_events.output import waveforms
-from lidarscene.studies.sipm_events.table import response_by_equation, response_by_events
-from lidarscene.studies.sipm_events.working_point import all_outputs, measure, moments, outputs, pulse_outputs
+from validation.sipm_events.cells import CellArray, Light
+from validation.sipm_events.coupled import fire_coupled
+from validation.sipm_events.events import Avalanches, fire_independent, simulate
+from validation.sipm_events.output import waveforms
+from validation.sipm_events.table import response_by_equation, response_by_events
+from validation.sipm_events.working_point import all_outputs, measure, moments, outputs, pulse_outputs
 
 TAU = 6e-9
 TABLE1 = CellArray(cells=400, pde=0.22, dead_time_s=TAU, dark_count_rate_hz=2007.0)
@@ -81,7 +81,7 @@ def test_the_count_is_binomial_all_along_the_pulse(engine, width, background, si
 
     The slow engine at one width: of the pulse both know nothing but `Rates`.
     """
-    monkeypatch.setattr("lidarscene.studies.sipm_events.events.fire_independent", engine)
+    monkeypatch.setattr("validation.sipm_events.events.fire_independent", engine)
     shots = 1_000
     light = Light(background_photons=background, signal_photons=signal, pulse_fwhm_s=width * TAU)
     found = moments(*pulse_outputs(TABLE1, light, shots=shots, seed=3))
@@ -218,7 +218,7 @@ def test_recovery_weakens_and_the_engines_agree():
     found = []
     for engine in (fire_independent, fire_coupled):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("lidarscene.studies.sipm_events.events.fire_independent", engine)
+            patch.setattr("validation.sipm_events.events.fire_independent", engine)
             waves = [
                 waveforms(array, a, shots=n, start_s=-6e-9, step_s=step, samples=7)
                 for n, a in simulate(array, light, **window)
