@@ -108,10 +108,10 @@ def __getattr__(name: str) -> Any:
     return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
 
 
-def _viewed(thing: Any, **options: Any) -> Any:
+def _viewed(content: Any, **options: Any) -> Any:
     from .view.notebook import viewed
 
-    return viewed(thing, **options)
+    return viewed(content, **options)
 
 
 # Clouds and scenes stand below the page that views them.

@@ -62,7 +62,7 @@ def test_the_command_renders_what_is_shown(
 ) -> None:
     """Rationale: copied, run and read again, it gives the points of the page."""
     monkeypatch.chdir(tmp_path)
-    live = Live(load_scene(scene_file), overrides=COARSE, named=str(scene_file))
+    live = Live(load_scene(scene_file), overrides=COARSE, scene_argument=str(scene_file))
     settings = {"sun.elevation_deg": 20.0, "laser.peak_power_w": 30.0, RAIN: 8.0, RAYS: 2, SEED: 5}
     header, arrays = unpacked(live.rendered(settings))
     words = shlex.split(header["command"])

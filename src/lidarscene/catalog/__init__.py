@@ -28,8 +28,8 @@ def folder(kind: str) -> Path:
 
 def names(kind: str) -> list[str]:
     """Names of all entries of one kind, sorted."""
-    found = sorted(path.stem for path in folder(kind).glob("*.toml"))
-    return [name for name in found if name not in BESIDE_SCENES] if kind == "scenes" else found
+    stems = sorted(path.stem for path in folder(kind).glob("*.toml"))
+    return [name for name in stems if name not in BESIDE_SCENES] if kind == "scenes" else stems
 
 
 def path_of(kind: str, name: str) -> Path:
@@ -39,13 +39,13 @@ def path_of(kind: str, name: str) -> Path:
         return path
     if os.path.isfile(name):
         raise InputError(f"{name}: the name of a {kind.removesuffix('s')} file ends in .toml")
-    one = kind.removesuffix("s")
+    noun = kind.removesuffix("s")
     parts = name.split(",")
     if len(parts) > 1 and all(part.strip() in names(kind) for part in parts):
-        raise InputError(f"'{name}': must be one {one}; several go with spaces between them")
-    for other in KINDS:
-        if name in names(other):
-            raise InputError(f"no {one} '{name}' in the catalogue; {name} is a {other.removesuffix('s')}")
+        raise InputError(f"'{name}': must be one {noun}; several go with spaces between them")
+    for other_kind in KINDS:
+        if name in names(other_kind):
+            raise InputError(f"no {noun} '{name}' in the catalogue; {name} is a {other_kind.removesuffix('s')}")
     near = difflib.get_close_matches(name, names(kind), n=3, cutoff=0.4)
     hint = f"did you mean {' or '.join(near)}?" if near else f"it has {', '.join(names(kind))}"
-    raise InputError(f"no {one} '{name}' in the catalogue; {hint}")
+    raise InputError(f"no {noun} '{name}' in the catalogue; {hint}")

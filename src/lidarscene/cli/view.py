@@ -116,7 +116,7 @@ def _source(arguments: argparse.Namespace) -> Source:
     if scene is not None and not clouds:
         frame = FrameOptions(seed=arguments.seed, pose=arguments.pose)
         named = str(scenes[0])
-        return Live(scene, sensor=arguments.sensor, overrides=arguments.overrides, frame=frame, named=named)
+        return Live(scene, sensor=arguments.sensor, overrides=arguments.overrides, frame=frame, scene_argument=named)
     if arguments.pose is not None:
         raise InputError("--pose: goes with a scene that is rendered, not with clouds")
     return Clouds(clouds, scene=scene, sensor=arguments.sensor, overrides=arguments.overrides)

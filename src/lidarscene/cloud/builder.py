@@ -49,10 +49,10 @@ class CloudBuilder:
             return
         end = self._points + n
         for a, values in checked.items():
-            if is_constant(kept := self._columns[a]) and is_constant(values) and (kept[0] == values[0]).all():
-                self._columns[a] = np.broadcast_to(kept[0], (end, *kept.shape[1:]))
+            if is_constant(column := self._columns[a]) and is_constant(values) and (column[0] == values[0]).all():
+                self._columns[a] = np.broadcast_to(column[0], (end, *column.shape[1:]))
                 continue
-            self._columns[a] = self._with_room(kept, end)
+            self._columns[a] = self._with_room(column, end)
             self._columns[a][self._points : end] = values
         self._points = end
 
@@ -60,8 +60,8 @@ class CloudBuilder:
         """Add the points of a cloud; names and metadata are taken from the first one."""
         if not self._description:
             self._description = {a: getattr(cloud, a) for a in (*NAMES.values(), "metadata")}
-        own = attributes(truth=cloud.has_truth, vectors=cloud.has_vectors)
-        self.append({a: getattr(cloud, a) for a in own})
+        names = attributes(truth=cloud.has_truth, vectors=cloud.has_vectors)
+        self.append({a: getattr(cloud, a) for a in names})
 
     def _with_room(self, column: Numbers, end: int) -> Numbers:
         """The column, or its points in a longer one if it is the first chunk's or too short."""
@@ -79,8 +79,8 @@ class CloudBuilder:
         """
         columns: dict[str, Any] = {a: v[: self._points] for a, v in self._columns.items()}
         if not columns:
-            every = attributes(truth=True, vectors=self._vectors)
-            columns = {a: np.zeros((0, 3) if a == "xyz_m" else 0) for a in every}
+            names = attributes(truth=True, vectors=self._vectors)
+            columns = {a: np.zeros((0, 3) if a == "xyz_m" else 0) for a in names}
         described = self._description | description
         self._columns, self._description, self._points, self._chunks = {}, {}, 0, 0
         return columns | described

@@ -50,19 +50,19 @@ def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None
     at_start = pose_at(motion, start_s)
     paths = Paths.of([motion], start_s=start_s, length_s=length_s, centre_m=at_start.position_m)
     # From the traced frame, whose origin is where the sensor was at the start, to that of the points.
-    back = goal @ Pose(rotation=at_start.rotation.T)
+    to_points = goal @ Pose(rotation=at_start.rotation.T)
     moved = np.zeros_like(cloud.xyz_m)
-    turned = []
+    turned_blocks = []
     for first in range(0, len(cloud), BLOCK_POINTS):
         block = slice(first, first + BLOCK_POINTS)
-        own = goal.inverse_apply(cloud.xyz_m[block])
-        place = paths.at(cloud.time_s[block], 0)
-        x, y, z = place.point((own[:, 0], own[:, 1], own[:, 2]))
-        moved[block] = back.apply(np.stack([x, y, z], axis=-1))
+        in_sensor = goal.inverse_apply(cloud.xyz_m[block])
+        pose = paths.at(cloud.time_s[block], 0)
+        x, y, z = pose.point((in_sensor[:, 0], in_sensor[:, 1], in_sensor[:, 2]))
+        moved[block] = to_points.apply(np.stack([x, y, z], axis=-1))
         if cloud.has_vectors:
-            then = np.stack(np.broadcast_arrays(*place.rotation), axis=-1).reshape(-1, 3, 3)
-            turned.append(cloud.select(block).vectors_turned(back.rotation @ then @ goal.rotation.T))
-    vectors: dict[str, Any] = {a: np.concatenate([one[a] for one in turned]) for a in (turned[0] if turned else ())}
+            rotations = np.stack(np.broadcast_arrays(*pose.rotation), axis=-1).reshape(-1, 3, 3)
+            turned_blocks.append(cloud.select(block).vectors_turned(to_points.rotation @ rotations @ goal.rotation.T))
+    vectors: dict[str, Any] = {a: np.concatenate([block_vectors[a] for block_vectors in turned_blocks]) for a in (turned_blocks[0] if turned_blocks else ())}
     return replace(cloud, xyz_m=moved, metadata={**cloud.metadata, "ego_motion": REMOVED}, **vectors)
 
 

@@ -47,19 +47,19 @@ def to_torch(cloud: Cloud) -> Any:
 def to_open3d(cloud: Cloud, *, colours: Numbers | None = None, legacy: bool = False) -> Any:
     """See `PointCloud.to_open3d`; ``colours`` are (n, 3) uint8."""
     module: Any = open3d()
-    parts = None if colours is None else colours.astype(np.float32) / np.float32(255.0)
+    rgb = None if colours is None else colours.astype(np.float32) / np.float32(255.0)
     if legacy:
-        old = module.geometry.PointCloud(module.utility.Vector3dVector(cloud.xyz_m.astype(np.float64)))
-        if parts is not None:
-            old.colors = module.utility.Vector3dVector(parts.astype(np.float64))
-        return old
-    made = module.t.geometry.PointCloud()
-    made.point["positions"] = module.core.Tensor(np.ascontiguousarray(cloud.xyz_m))
+        legacy_cloud = module.geometry.PointCloud(module.utility.Vector3dVector(cloud.xyz_m.astype(np.float64)))
+        if rgb is not None:
+            legacy_cloud.colors = module.utility.Vector3dVector(rgb.astype(np.float64))
+        return legacy_cloud
+    tensor_cloud = module.t.geometry.PointCloud()
+    tensor_cloud.point["positions"] = module.core.Tensor(np.ascontiguousarray(cloud.xyz_m))
     for column in cloud.columns[3:]:
-        made.point[column.name] = module.core.Tensor(np.array(cloud.column(column.name)[:, None]))
-    if parts is not None:
-        made.point["colors"] = module.core.Tensor(parts)
-    return made
+        tensor_cloud.point[column.name] = module.core.Tensor(np.array(cloud.column(column.name)[:, None]))
+    if rgb is not None:
+        tensor_cloud.point["colors"] = module.core.Tensor(rgb)
+    return tensor_cloud
 
 
 def thumbnail(cloud: Cloud) -> bytes:
@@ -70,7 +70,7 @@ def thumbnail(cloud: Cloud) -> bytes:
     low, high = np.percentile(order, (2, 98)) if len(cloud) else (0.0, 1.0)
     part = ((order - low) / max(float(high - low), 1e-6)).clip(0, 1)
     rgb = np.stack([np.interp(part, (0, 0.5, 1), channel) for channel in zip(NEAR, MIDDLE, FAR, strict=True)], 1)
-    image, _ = lit(front, rgb.astype(np.uint8), nothing=np.array(BACKGROUND, np.uint8), reduction=2)
+    image, _ = lit(front, rgb.astype(np.uint8), background=np.array(BACKGROUND, np.uint8), reduction=2)
     return encoded(unpacked(image))
 
 

@@ -78,18 +78,18 @@ def camera_for(
     sensor = cloud.sensor_position_m
     echoes_m = cloud.xyz_m[cloud.column("status") == 0] - sensor
     distance_m = np.sqrt(echoes_m[:, 0] ** 2 + echoes_m[:, 1] ** 2)
-    reach, ahead, ground = _near_field(echoes_m, distance_m)
-    around = not ahead.any()
-    back, up, forward = (1.3, 0.8, 0.1) if around else (0.40, 0.22, 1.3)
-    ahead = np.array([1.0, 0.0, 0.0]) if around else ahead
-    eye = sensor - back * reach * ahead + (0.0, 0.0, up * reach)
-    target = sensor + forward * reach * ahead + (0.0, 0.0, 0.5 * ground)
+    reach, direction, ground = _near_field(echoes_m, distance_m)
+    around = not direction.any()
+    backward, up, forward = (1.3, 0.8, 0.1) if around else (0.40, 0.22, 1.3)
+    direction = np.array([1.0, 0.0, 0.0]) if around else direction
+    eye = sensor - backward * reach * direction + (0.0, 0.0, up * reach)
+    target = sensor + forward * reach * direction + (0.0, 0.0, 0.5 * ground)
     eye = eye if eye_m is None else np.array(eye_m, np.float64)
     target = target if target_m is None else np.array(target_m, np.float64)
     if shape is not None:
         near = np.flatnonzero(distance_m <= 1.5 * reach)
-        some = echoes_m[near[:: max(len(near) // 20_000, 1)]]
-        target, fov_deg = _fitted(eye, target, some + sensor, shape, fov_deg)
+        sample_m = echoes_m[near[:: max(len(near) // 20_000, 1)]]
+        target, fov_deg = _fitted(eye, target, sample_m + sensor, shape, fov_deg)
     look = target - eye
     right = np.cross(look, (0.0, 0.0, 1.0))
     if not 0 < fov_deg < 180 or not np.linalg.norm(right) > 1e-9 * np.linalg.norm(look):
@@ -158,8 +158,8 @@ def splat(camera: Camera, xyz_m: Numbers, *, size: tuple[int, int], large: Numbe
     width, height = size
     u, v, depth = camera.project(xyz_m, width=width, height=height)
     margin = 0.02 * width
-    seen = (depth > 0.1) & (u > -margin) & (u < width + margin) & (v > -margin) & (v < height + margin)
-    index = np.flatnonzero(seen)
+    in_view = (depth > 0.1) & (u > -margin) & (u < width + margin) & (v > -margin) & (v < height + margin)
+    index = np.flatnonzero(in_view)
     index = index[_farthest_first(depth[index])]
     u, v, depth = u[index], v[index], depth[index]
     if not len(index):
@@ -170,10 +170,10 @@ def splat(camera: Camera, xyz_m: Numbers, *, size: tuple[int, int], large: Numbe
         radius *= np.where(large[index], 2.0, 1.0)
     # Points and discs that reach over the edge need no care where there is a rim to draw on.
     rim = math.ceil(margin) + math.ceil(radius.max())
-    whole = np.full((height + 2 * rim, width + 2 * rim), NOTHING, np.int32)
-    at = (v.astype(np.int64) + rim) * whole.shape[1] + u.astype(np.int64) + rim
-    _discs(whole, at, 0.25 * np.rint(4.0 * radius))
-    return Front(point=index, depth_m=depth, rank=whole[rim:-rim, rim:-rim])
+    padded = np.full((height + 2 * rim, width + 2 * rim), NOTHING, np.int32)
+    centre = (v.astype(np.int64) + rim) * padded.shape[1] + u.astype(np.int64) + rim
+    _discs(padded, centre, 0.25 * np.rint(4.0 * radius))
+    return Front(point=index, depth_m=depth, rank=padded[rim:-rim, rim:-rim])
 
 
 def _farthest_first(depth: Numbers) -> Numbers:
@@ -184,26 +184,26 @@ def _farthest_first(depth: Numbers) -> Numbers:
     return np.asarray(np.sort(key) & np.uint64(0xFFFFFFFF)).astype(np.int64)
 
 
-def _discs(rank: Numbers, at: Numbers, radius: Numbers) -> None:
+def _discs(rank: Numbers, centre: Numbers, radius: Numbers) -> None:
     """Write each point's number over the pixels of its disc.
 
     at  (m,) where its middle is in the flat image; the points come farthest first
     """
     flat, across = rank.reshape(-1), rank.shape[1]
     starts = np.flatnonzero(np.diff(radius, prepend=-1.0)).tolist()
-    for first, last in zip(starts, [*starts[1:], len(at)], strict=True):
+    for first, last in zip(starts, [*starts[1:], len(centre)], strict=True):
         r = math.ceil(radius[first])
         dy, dx = np.mgrid[-r : r + 1, -r : r + 1]
         disc = (dy * across + dx)[dx**2 + dy**2 <= radius[first] ** 2]
         for part in range(first, last, DISCS):
-            to = min(part + DISCS, last)
-            flat[at[part:to, None] + disc] = np.arange(part, to, dtype=np.int32)[:, None]
+            stop = min(part + DISCS, last)
+            flat[centre[part:stop, None] + disc] = np.arange(part, stop, dtype=np.int32)[:, None]
 
 
-def coloured(point: Numbers, rgb: Numbers, *, nothing: Numbers) -> Numbers:
+def coloured(point: Numbers, rgb: Numbers, *, background: Numbers) -> Numbers:
     """(height, width, 3) uint8 colours of an image of point indices, from (n, 3) colours of the points."""
     # Four bytes in one go: three times as fast as rows of three. NOTHING is the last index.
-    return unpacked(packed(np.concatenate([rgb, np.reshape(nothing, (1, 3))]))[point])
+    return unpacked(packed(np.concatenate([rgb, np.reshape(background, (1, 3))]))[point])
 
 
 def packed(rgb: Numbers) -> Numbers:
@@ -217,7 +217,7 @@ def unpacked(colour: Numbers) -> Numbers:
     return np.asarray(colour.astype("<u4").view(np.uint8).reshape(*colour.shape, 4)[..., :3])
 
 
-def lit(front: Front, rgb: Numbers, *, nothing: Numbers, reduction: int) -> tuple[Numbers, Numbers]:
+def lit(front: Front, rgb: Numbers, *, background: Numbers, reduction: int) -> tuple[Numbers, Numbers]:
     """The picture, smaller by this factor, and darker beside what is nearer so that edges show.
 
     Known as eye-dome lighting. The picture is (height, width) of packed colours; with it come the pixels that show a
@@ -228,35 +228,35 @@ def lit(front: Front, rgb: Numbers, *, nothing: Numbers, reduction: int) -> tupl
     """
     nearest = functools.reduce(np.maximum, (front.rank[i::reduction] for i in range(reduction)))
     nearest = functools.reduce(np.maximum, (nearest[:, j::reduction] for j in range(reduction)))
-    seen = nearest != NOTHING
-    at = np.flatnonzero(seen)
-    row, column = np.divmod(at, nearest.shape[1])
-    image = np.full(nearest.shape, packed(np.reshape(nothing, (1, 3)))[0], np.uint32)
+    covered = nearest != NOTHING
+    pixel = np.flatnonzero(covered)
+    row, column = np.divmod(pixel, nearest.shape[1])
+    image = np.full(nearest.shape, packed(np.reshape(background, (1, 3)))[0], np.uint32)
     # Neighbours beyond the edge are those of the other side. What is empty is nearer than nothing and darkens nothing.
     depth = np.full(len(front.depth_m) + 1, EMPTY, np.float32)
     depth[:-1] = np.log2(front.depth_m)
     around = np.pad(depth[nearest], 1, mode="wrap")
     across = around.shape[1]
     middle, around = (row + 1) * across + column + 1, around.reshape(-1)
-    own = around[middle]
-    shade = np.zeros(own.shape, np.float32)
+    own_depth = around[middle]
+    shade = np.zeros(own_depth.shape, np.float32)
     for step in (-1, 1, -across, across):
-        shade += np.clip(own - around[middle + step], 0.0, 0.5)
+        shade += np.clip(own_depth - around[middle + step], 0.0, 0.5)
     dimmed = np.exp(np.float32(-1.6) * shade) / np.float32(reduction * reduction)
     # Sixteen bits a colour: sums of the squares' pixels have room.
     palette = np.zeros((len(front.point) + 1, 4), np.uint16)
-    palette[:-1, :3], palette[-1, :3] = rgb[front.point], nothing
-    total = np.zeros(own.shape, np.uint64)
+    palette[:-1, :3], palette[-1, :3] = rgb[front.point], background
+    total = np.zeros(own_depth.shape, np.uint64)
     for i, j in np.ndindex(reduction, reduction):
-        total += palette.view(np.uint64)[:, 0][front.rank[i::reduction, j::reduction].reshape(-1)[at]]
+        total += palette.view(np.uint64)[:, 0][front.rank[i::reduction, j::reduction].reshape(-1)[pixel]]
     total = total.view(np.uint16).reshape(-1, 4)
     mean = [(total[:, k] * dimmed).astype(np.uint8) for k in range(3)]
-    image.reshape(-1)[at] = packed(np.stack(mean, axis=-1))
-    return image, seen
+    image.reshape(-1)[pixel] = packed(np.stack(mean, axis=-1))
+    return image, covered
 
 
 def surfaces_behind(
-    image: Numbers, seen: Numbers, camera: Camera, surfaces: Callable[[Camera, tuple[int, int]], Numbers]
+    image: Numbers, covered: Numbers, camera: Camera, surfaces: Callable[[Camera, tuple[int, int]], Numbers]
 ) -> Numbers:
     """The image with surfaces drawn faintly where no point is.
 
@@ -264,20 +264,20 @@ def surfaces_behind(
     seen      (height, width) whether a pixel shows a point
     surfaces  from a camera and a size to depths, (height, width) metres, infinite where there is nothing
     """
-    height, width = seen.shape
+    height, width = covered.shape
     small = -(-width // SURFACE_PX), -(-height // SURFACE_PX)
     depth = surfaces(camera, small)
-    there = np.isfinite(depth)
-    if not there.any():
+    has_surface = np.isfinite(depth)
+    if not has_surface.any():
         return image
     # A surface is as bright as it faces the camera: its slope is that of the depth from pixel to pixel.
     focal = np.float32(0.5 * small[0] / math.tan(0.5 * math.radians(camera.fov_deg)))
-    down, across = np.gradient(np.log(np.where(there, depth, np.float32(1e4))))
+    down, across = np.gradient(np.log(np.where(has_surface, depth, np.float32(1e4))))
     square = 1.0 / np.sqrt(1.0 + focal * focal * (down * down + across * across))
     faint = packed(((FAINT[0] + FAINT[1] * square)[..., None] * np.array(SURFACE_RGB)).astype(np.uint8))
     large = np.repeat(np.repeat(faint, SURFACE_PX, axis=0), SURFACE_PX, axis=1)[:height, :width]
-    shown = np.repeat(np.repeat(there, SURFACE_PX, axis=0), SURFACE_PX, axis=1)[:height, :width] & ~seen
-    return np.asarray(np.where(shown, large, image))
+    shows_surface = np.repeat(np.repeat(has_surface, SURFACE_PX, axis=0), SURFACE_PX, axis=1)[:height, :width] & ~covered
+    return np.asarray(np.where(shows_surface, large, image))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -343,8 +343,8 @@ def _span(values: Numbers) -> float:
 
 def _groups(values: Numbers) -> Numbers:
     """The different angles, rising, those of one beam taken together."""
-    found = np.unique(values)
-    return found[np.diff(found, prepend=-np.inf) > SAME_ANGLE_RAD]
+    distinct = np.unique(values)
+    return distinct[np.diff(distinct, prepend=-np.inf) > SAME_ANGLE_RAD]
 
 
 def _step_in_rows(values: Numbers, row: Numbers) -> float:

@@ -128,7 +128,7 @@ class PointCloud:
     def __repr__(self) -> str:
         kinds = np.bincount(self.status, minlength=len(Status))
         parts = [f"{count} {kind}" for count, kind in zip(kinds, STATUS_PLURALS, strict=True)]
-        counts = f"{len(self)} points: {', '.join(parts[:2] + [one for one in parts[2:] if one[0] != '0'])}"
+        counts = f"{len(self)} points: {', '.join(parts[:2] + [part for part in parts[2:] if part[0] != '0'])}"
         axes = zip("xyz", self.xyz_m.T, strict=True) if len(self) else ()
         extent = "".join(f"; {name} {x.min():.1f}..{x.max():.1f} m" for name, x in axes)
         return f"PointCloud({counts}{extent}; sensor '{self.metadata.get('sensor', 'unknown')}')"
@@ -197,16 +197,16 @@ class PointCloud:
     @property
     def columns(self) -> tuple[Column, ...]:
         """The columns that this cloud has, in the order of files."""
-        own = COLUMNS + (VECTORS if self.has_vectors else ())
-        return tuple(c for c in own if self.has_truth or not c.truth)
+        columns = COLUMNS + (VECTORS if self.has_vectors else ())
+        return tuple(c for c in columns if self.has_truth or not c.truth)
 
     def column(self, name: str) -> Numbers:
         """(n,) values of the column of this name, as in files: "x", "snr", "class", ..."""
         choices = {c.name: c for c in self.columns}
         if name not in choices:
             near = difflib.get_close_matches(name, choices, n=1) if isinstance(name, str) else []
-            meant = f"did you mean {near[0]}? " if near else ""
-            raise InputError(f"column '{name}': not in this cloud; {meant}the choices are {', '.join(choices)}")
+            hint = f"did you mean {near[0]}? " if near else ""
+            raise InputError(f"column '{name}': not in this cloud; {hint}the choices are {', '.join(choices)}")
         values: Numbers = getattr(self, choices[name].attribute)
         return values[:, "xyz".index(name)] if values.ndim == 2 else values
 
@@ -226,8 +226,8 @@ class PointCloud:
 
     def without_truth(self) -> PointCloud:
         """The same points as a real sensor would give them."""
-        nothing: dict[str, Any] = dict.fromkeys((*TRUTH, *OF_VECTORS))
-        return replace(self, checked=True, **nothing)
+        absent: dict[str, Any] = dict.fromkeys((*TRUTH, *OF_VECTORS))
+        return replace(self, checked=True, **absent)
 
     @staticmethod
     def concatenate(parts: list[PointCloud], *, consume: bool = False) -> PointCloud:
@@ -276,12 +276,12 @@ class PointCloud:
         """
         if not self.has_vectors:
             return {}
-        turned = [np.einsum("...ij,...j->...i", rotation, one) for one in (self.normals, self.velocities_m_s)]
+        turned = [np.einsum("...ij,...j->...i", rotation, vectors) for vectors in (self.normals, self.velocities_m_s)]
         return dict(zip(OF_VECTORS, np.concatenate(turned, axis=1).astype(np.float32).T, strict=True))
 
-    def _vectors(self, what: str, names: tuple[str, ...]) -> Numbers:
+    def _vectors(self, quantity: str, names: tuple[str, ...]) -> Numbers:
         if not self.has_vectors:
-            raise InputError(f"{what}: not in this cloud; render with vectors=True")
+            raise InputError(f"{quantity}: not in this cloud; render with vectors=True")
         return np.stack([getattr(self, name) for name in names], axis=1)
 
     def save(
@@ -387,8 +387,8 @@ class PointCloud:
 
     def _arrays(self) -> dict[str, Numbers]:
         """The arrays by attribute."""
-        own = attributes(truth=self.has_truth, vectors=self.has_vectors)
-        return {a: getattr(self, a) for a in own}
+        names = attributes(truth=self.has_truth, vectors=self.has_vectors)
+        return {a: getattr(self, a) for a in names}
 
 
 def _check_nan(attribute: str, array: Numbers) -> None:

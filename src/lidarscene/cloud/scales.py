@@ -86,12 +86,12 @@ class Scale:
             exact = 10.0 ** math.floor(math.log10((self.high - self.low) / max(most, 1)))
             step = next(s * exact for s in (1, 2, 5, 10) if (self.high - self.low) / (s * exact) <= most)
             values = [n * step for n in range(math.ceil(self.low / step), math.floor(self.high / step) + 1)]
-        skipped = values[:: -(-len(values) // max(most, 1))]
-        powers = self.kind == "logarithmic" and not all(1e-3 <= value < 1e4 for value in skipped)
-        return [(value, _told(value, powers=powers)) for value in skipped]
+        thinned = values[:: -(-len(values) // max(most, 1))]
+        powers = self.kind == "logarithmic" and not all(1e-3 <= value < 1e4 for value in thinned)
+        return [(value, _tick_text(value, powers=powers)) for value in thinned]
 
 
-def _told(value: float, *, powers: bool) -> str:
+def _tick_text(value: float, *, powers: bool) -> str:
     """A round number; small and large ones as powers of ten, or all."""
     if value and (powers or not 1e-3 <= abs(value) < 1e5):
         digits, _, power = f"{value:.0e}".partition("e")

@@ -84,15 +84,15 @@ class Shades:
 
     def _sort_kinds(self, values: Numbers, names: dict[int, str]) -> Numbers:
         """Number the categories by frequency; all beyond the palette share one colour."""
-        found, inverse, counts = np.unique(values, return_inverse=True, return_counts=True)
+        categories, inverse, counts = np.unique(values, return_inverse=True, return_counts=True)
         order = np.argsort(-counts, kind="stable")
         rank = np.argsort(order, kind="stable")
         colours = iter(PALETTE)
-        for value in found[order][: len(PALETTE)].tolist():
+        for value in categories[order][: len(PALETTE)].tolist():
             colour = NO_SURFACE if value < 0 else next(colours)
             self.kinds.append(("none" if value < 0 else names.get(value, str(value)), colour))
-        if len(found) > len(PALETTE):
-            self.kinds.append((f"{len(found) - len(PALETTE)} more", "#e5e7eb"))
+        if len(categories) > len(PALETTE):
+            self.kinds.append((f"{len(categories) - len(PALETTE)} more", "#e5e7eb"))
         return np.asarray(np.minimum(rank[inverse], len(PALETTE)), dtype=np.int64)
 
 

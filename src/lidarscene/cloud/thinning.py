@@ -50,7 +50,7 @@ class Thinned:
         while -(-self.points // self.step) > MOST_POINTS:
             self.step *= FACTOR
             self._thin_out()
-        self._pieces.append(_every(cloud, self.step, -before % self.step))
+        self._pieces.append(_strided(cloud, self.step, -before % self.step))
 
     def cloud(self) -> PointCloud:
         """The points that are left, of at least one cloud."""
@@ -60,12 +60,12 @@ class Thinned:
 
     def _thin_out(self) -> None:
         """Keep every third of those that were kept."""
-        seen = 0
+        points_before = 0
         for number, piece in enumerate(self._pieces):
-            self._pieces[number] = _every(piece, FACTOR, -seen % FACTOR)
-            seen += len(piece)
+            self._pieces[number] = _strided(piece, FACTOR, -points_before % FACTOR)
+            points_before += len(piece)
 
 
-def _every(cloud: PointCloud, step: int, first: int) -> PointCloud:
+def _strided(cloud: PointCloud, step: int, first: int) -> PointCloud:
     """The points ``first``, ``first + step`` and so on: copies, where these are not all."""
     return cloud if step == 1 else cloud.select(np.arange(first, len(cloud), step))

@@ -163,7 +163,7 @@ def _draw_perspective(
         if large.any():
             colours = np.where(large[:, None], rgb(ALARM), colours)
     front = splat(camera, cloud.xyz_m, size=size, large=large)
-    image, seen = lit(front, colours, nothing=rgb(BACKGROUND), reduction=SUPERSAMPLING)
+    image, seen = lit(front, colours, background=rgb(BACKGROUND), reduction=SUPERSAMPLING)
     if surfaces is not None:
         image = surfaces_behind(image, seen, camera, surfaces)
     canvas.show(unpacked(image), left, top)
@@ -175,7 +175,7 @@ def _draw_range_image(canvas: Canvas, box: Box, cells: Cells, shades: Shades, *,
     """One range image in this box, with axes in degrees and a scale."""
     left, top, width, height = box
     unit = canvas.unit
-    canvas.show(coloured(cells.image(size=(width, height)), shades.rgb, nothing=rgb(MISSING)), left, top)
+    canvas.show(coloured(cells.image(size=(width, height)), shades.rgb, background=rgb(MISSING)), left, top)
     x, y = cells.azimuth_deg, cells.elevation_deg
     for value in _ticks(float(y[0]), float(y[-1]), max(round(height / (44 * unit)), 2)):
         at = top + height * (y[-1] - value) / (y[-1] - y[0])

@@ -58,14 +58,14 @@ def mesh_tables(path: Path, overrides: Sequence[str], *, option: str) -> dict[st
     pieces = reading.read_mesh(path)
     corners = np.concatenate([piece.vertices_m for piece in pieces])
     plain = {key: PLAIN for piece in pieces if piece.grey is None for key in piece.keys[:1]}
-    found = with_overrides(_tables(path, corners, plain, _Given()), overrides, option=option)
+    tables = with_overrides(_tables(path, corners, plain, _Given()), overrides, option=option)
     # What the user says of unit and axis decides where the mesh and the sensor stand.
-    body = found["bodies"][1]
-    given = _Given(**{key: body[key] for key in ("up", "unit", "scale", "roll_deg") if key in body})
-    if not given.is_valid:
-        return found  # the check of the tables says what is wrong
-    _check_unit(path, float(np.ptp(corners, axis=0).max()), given, option)
-    return with_overrides(_tables(path, corners, plain, given), overrides, option=option)
+    body = tables["bodies"][1]
+    placement = _Given(**{key: body[key] for key in ("up", "unit", "scale", "roll_deg") if key in body})
+    if not placement.is_valid:
+        return tables  # the check of the tables says what is wrong
+    _check_unit(path, float(np.ptp(corners, axis=0).max()), placement, option)
+    return with_overrides(_tables(path, corners, plain, placement), overrides, option=option)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,55 +89,55 @@ class _Given:
         return float(self.scale * UNITS[self.unit])
 
 
-def _tables(path: Path, corners: Numbers, plain: dict[str, str], given: _Given) -> dict[str, Any]:
+def _tables(path: Path, corners: Numbers, plain: dict[str, str], placement: _Given) -> dict[str, Any]:
     """The ground at z = 0, the mesh on it around the origin, and the sensor that looks along x at its middle."""
-    up = given.up or axis_of(path) or "z"
-    turned = Pose.from_degrees(roll_deg=given.roll_deg).apply(upright(corners, up)) * given.metres
+    up = placement.up or axis_of(path) or "z"
+    turned = Pose.from_degrees(roll_deg=placement.roll_deg).apply(upright(corners, up)) * placement.metres
     low, high = turned.min(axis=0), turned.max(axis=0)
     middle, size = (low + high) / 2.0, high - low
     fits = (
         size / 2.0 / np.tan(np.radians([180.0, ACROSS_DEG, HIGH_DEG]) / 2.0)
     ).max()  # the length along x asks for nothing
-    away = float(max(CLEAR_M, fits) + size[0] / 2.0)
-    pitch_deg = math.degrees(math.atan2(size[2] / 2.0 - HEIGHT_M, away))
+    distance_m = float(max(CLEAR_M, fits) + size[0] / 2.0)
+    pitch_deg = math.degrees(math.atan2(size[2] / 2.0 - HEIGHT_M, distance_m))
     return {
         "name": path.stem,
         "description": f"the mesh {path.name} on a plain",
         "sun": {"azimuth_deg": 140.0, "elevation_deg": 40.0, "illuminance_klux": 100.0},
         "sky": {"diffuse_share": 0.1},
-        "sensor": {"name": "table1-apd", "position_m": [-away, 0.0, HEIGHT_M], "pitch_deg": pitch_deg},
+        "sensor": {"name": "table1-apd", "position_m": [-distance_m, 0.0, HEIGHT_M], "pitch_deg": pitch_deg},
         "bodies": [
             {
                 "name": "ground",
                 "class": "terrain",
                 "primitive": "plane",
                 "material": "asphalt",
-                "size_m": [float(4.0 * (away + size.max()))] * 2,
+                "size_m": [float(4.0 * (distance_m + size.max()))] * 2,
             },
             {
                 "name": "mesh",
                 "class": "object",
                 "mesh": path.name,
                 "materials": plain,
-                "unit": given.unit,
+                "unit": placement.unit,
                 "up": up,
-                "scale": given.scale,
-                "roll_deg": given.roll_deg,
+                "scale": placement.scale,
+                "roll_deg": placement.roll_deg,
                 "position_m": [-float(middle[0]), -float(middle[1]), -float(low[2])],
             },
         ],
     }
 
 
-def _check_unit(path: Path, across: float, given: _Given, option: str) -> None:
+def _check_unit(path: Path, across: float, placement: _Given, option: str) -> None:
     """Refuse what a wrong unit explains better. Raises InputError.
 
     across  in the file's own lengths
     """
-    across_m = across * given.metres
+    across_m = across * placement.metres
     if SMALLEST_M <= across_m <= LARGEST_M:
         return
-    sizes = {unit: across * given.scale * UNITS[unit] for unit in NAMES.values()}
+    sizes = {unit: across * placement.scale * UNITS[unit] for unit in NAMES.values()}
     fits = [name for name, unit in NAMES.items() if SMALLEST_M * 4 <= sizes[unit] <= LARGEST_M / 4]
     hint = f"; if its unit is {fits[0]}, add {option} bodies.mesh.unit={NAMES[fits[0]]}" if fits else ""
     raise InputError(f"{path}: a mesh must be {SMALLEST_M:g} to {LARGEST_M:g} m across, got {across_m:.4g} m{hint}")

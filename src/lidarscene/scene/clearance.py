@@ -73,14 +73,14 @@ class Clearance:
     @classmethod
     def of(cls, scene: Scene) -> Clearance:
         """Of a scene's own bodies; shapes of a Mitsuba base are not known here."""
-        there = [body for body in scene.bodies if not body.away]
+        bodies = [body for body in scene.bodies if not body.away]
         # Copies of a body share their parts.
-        boxes = {key: box_of(parts) for key, parts in {id(body.parts): body.parts for body in there}.items()}
-        found = [(body, box) for body in there if (box := boxes[id(body.parts)]) is not None]
+        boxes = {key: box_of(parts) for key, parts in {id(body.parts): body.parts for body in bodies}.items()}
+        bodies_and_boxes = [(body, box) for body in bodies if (box := boxes[id(body.parts)]) is not None]
         return cls(
-            bodies=tuple(body for body, _ in found),
-            boxes=np.array([box for _, box in found]).reshape(-1, 2, 3),
-            around=np.array([_around(body, box) for body, box in found]).reshape(-1, 2, 3),
+            bodies=tuple(body for body, _ in bodies_and_boxes),
+            boxes=np.array([box for _, box in bodies_and_boxes]).reshape(-1, 2, 3),
+            around=np.array([_around(body, box) for body, box in bodies_and_boxes]).reshape(-1, 2, 3),
         )
 
     def check(self, place_m: Numbers, *, radius_m: float, time_s: float, sensor: str) -> None:
@@ -98,8 +98,8 @@ class Clearance:
             if not ((box[0] - radius_m <= point) & (point <= box[1] + radius_m)).all():
                 continue
             near = min(self._distance_m(part, point, radius_m) for part in body.parts)
-            at = ", ".join(f"{x:g}" for x in np.round(place_m, 3) + 0.0)
-            must = f"sensor '{sensor}' at ({at}): must stand at least {1e3 * radius_m:g} mm off every surface"
+            place_text = ", ".join(f"{x:g}" for x in np.round(place_m, 3) + 0.0)
+            must = f"sensor '{sensor}' at ({place_text}): must stand at least {1e3 * radius_m:g} mm off every surface"
             if near < radius_m:
                 raise OptionError(_MOVED, must, f"{1e3 * near:.4g} mm off '{body.name}'")
             if float(np.ptp(box, axis=0).min()) < NARROWEST_ROOM_M and _enclosed(body.parts, point) > _ENCLOSED:
@@ -144,18 +144,18 @@ class Clearance:
 
     def _straight(self, place_m: Numbers) -> tuple[Surface, Surface]:
         """Below and above a place, of bodies that stand still: what moves is no ground."""
-        found = [Surface(), Surface()]
+        nearest = [Surface(), Surface()]
         low, high = self.around[:, 0, :2], self.around[:, 1, :2]
-        there = np.isfinite(low).all(axis=1) & ((low <= place_m[:2]) & (place_m[:2] <= high)).all(axis=1)
-        for number in np.flatnonzero(there):
+        in_column = np.isfinite(low).all(axis=1) & ((low <= place_m[:2]) & (place_m[:2] <= high)).all(axis=1)
+        for number in np.flatnonzero(in_column):
             body = self.bodies[number]
             point, up = body.pose.inverse_apply(place_m), body.pose.rotation[2]
             along_m = np.concatenate([self._along_m(part, point, up) for part in body.parts])
             for side, apart_m in enumerate((-along_m, along_m)):
                 least_m = float(apart_m[apart_m >= 0.0].min(initial=math.inf))
-                if least_m < found[side].distance_m:
-                    found[side] = Surface(least_m, body.name)
-        return found[0], found[1]
+                if least_m < nearest[side].distance_m:
+                    nearest[side] = Surface(least_m, body.name)
+        return nearest[0], nearest[1]
 
     def _distance_m(self, part: Part | Ball, point: Numbers, most_m: float) -> float:
         """Of a point to the nearest surface, in the body's frame; infinite beyond ``most_m``."""
@@ -164,8 +164,8 @@ class Clearance:
         boxes = self._blocks_of(part)
         gap = np.maximum(np.maximum(boxes[:, 0] - point, point - boxes[:, 1]), 0.0)
         # The nearest surface is no farther than a corner of any triangle, and no nearer than its block's box.
-        some = part.vertices_m[part.faces[::_BLOCK, 0]] - point
-        most = min(most_m, math.sqrt(float(np.einsum("bi,bi->b", some, some).min(initial=math.inf))))
+        corners = part.vertices_m[part.faces[::_BLOCK, 0]] - point
+        most = min(most_m, math.sqrt(float(np.einsum("bi,bi->b", corners, corners).min(initial=math.inf))))
         near = np.einsum("bi,bi->b", gap, gap) <= (most * (1.0 + 1e-9)) ** 2
         return _distance_m(part.vertices_m[_of_blocks(part.faces, near)] - point, most_m)
 
@@ -207,12 +207,12 @@ def _box_of(vertices_m: Numbers, faces: Numbers) -> tuple[Numbers, Numbers]:
     return corners.min(axis=0), corners.max(axis=0)
 
 
-def _of_blocks(faces: Numbers, chosen: Numbers) -> Numbers:
+def _of_blocks(faces: Numbers, flags: Numbers) -> Numbers:
     """The faces of the blocks that are flagged."""
-    if chosen.all():
+    if flags.all():
         return faces
-    found = [faces[number * _BLOCK : (number + 1) * _BLOCK] for number in np.flatnonzero(chosen)]
-    return np.concatenate(found) if found else faces[:0]
+    blocks = [faces[block * _BLOCK : (block + 1) * _BLOCK] for block in np.flatnonzero(flags)]
+    return np.concatenate(blocks) if blocks else faces[:0]
 
 
 _MOVED = "{0}, got {1}; {pose} or position_m moves it"
@@ -250,12 +250,12 @@ def _of_triangles_m(corners: Numbers) -> Numbers:
     sides = np.roll(corners, -1, axis=1) - corners
     # Above the triangle where the origin is on the inner side of each edge; else the nearest edge counts.
     inner = np.einsum("tei,ti->te", np.cross(sides, -corners), normal) >= 0.0
-    over = (length > 0.0) & inner.all(axis=1)
+    projects_inside = (length > 0.0) & inner.all(axis=1)
     square = np.maximum((sides * sides).sum(axis=2), 1e-300)
     along = np.clip(-(corners * sides).sum(axis=2) / square, 0.0, 1.0)
     edge = np.linalg.norm(corners + along[..., None] * sides, axis=2).min(axis=1)
     height = np.abs(np.einsum("ti,ti->t", corners[:, 0], normal))
-    return np.asarray(np.where(over, height / np.maximum(length, 1e-300), edge))
+    return np.asarray(np.where(projects_inside, height / np.maximum(length, 1e-300), edge))
 
 
 def _along_m(corners: Numbers, up: Numbers, across: Numbers) -> Numbers:
@@ -267,10 +267,10 @@ def _along_m(corners: Numbers, up: Numbers, across: Numbers) -> Numbers:
     near = np.flatnonzero((flat.min(axis=1) <= 0.0).all(axis=1) & (flat.max(axis=1) >= 0.0).all(axis=1))
     a, b, c = np.moveaxis(flat[near], 1, 0)
     weights = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)  # of the corners, not yet of sum 1
-    whole = weights.sum(axis=1)
-    met = (whole != 0.0) & (((weights >= 0.0).all(axis=1)) | ((weights <= 0.0).all(axis=1)))
-    heights = corners[near[met]] @ up
-    return np.asarray((heights * weights[met]).sum(axis=1) / whole[met])
+    total = weights.sum(axis=1)
+    crosses = (total != 0.0) & (((weights >= 0.0).all(axis=1)) | ((weights <= 0.0).all(axis=1)))
+    heights = corners[near[crosses]] @ up
+    return np.asarray((heights * weights[crosses]).sum(axis=1) / total[crosses])
 
 
 def _cross(a: Numbers, b: Numbers) -> Numbers:
@@ -290,6 +290,6 @@ def _enclosed(parts: Sequence[Part | Ball], point: Numbers) -> float:
         a, b, c = np.moveaxis(part.vertices_m[part.faces] - point, 1, 0)
         la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
         volume = (a * np.cross(b, c)).sum(axis=1)
-        other = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
-        total += 2.0 * float(np.arctan2(volume, other).sum())
+        denominator = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+        total += 2.0 * float(np.arctan2(volume, denominator).sum())
     return abs(total) / (4.0 * math.pi)

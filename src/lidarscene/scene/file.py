@@ -66,26 +66,26 @@ def load_scene(
     """
     changes = assignments(overrides, name="scene_overrides")
     options = {"material": material, "materials": materials, "classes": classes, **settings}
-    given = [name for name, value in options.items() if value is not None]
+    option_names = [name for name, value in options.items() if value is not None]
     if isinstance(scene, Scene):
-        _refuse([*given, *(f"override {one}" for one in changes)], "a Scene")
+        _refuse([*option_names, *(f"override {change}" for change in changes)], "a Scene")
         return scene
     if not isinstance(scene, (str, os.PathLike)):
-        _refuse([f"override {one}" for one in changes], "a mesh")
+        _refuse([f"override {change}" for change in changes], "a mesh")
         return trimesh_scene(
             scene, material=material, materials=materials or {}, classes=classes or {}, settings=settings
         )
     path = scene_path(scene)
     if is_xml(path):
         _no_overrides(path, changes)
-        _refuse([name for name in given if name in ("material", "classes")], str(path))
+        _refuse([name for name in option_names if name in ("material", "classes")], str(path))
         return mitsuba_scene(path, materials=materials or {}, settings=settings)
-    _refuse(given, str(path))
+    _refuse(option_names, str(path))
     model = scene_model(path, overrides=changes)
-    made = scene_from_model(model, path=path)
+    loaded = scene_from_model(model, path=path)
     if is_mesh(path):
-        tell_of_bare_mesh(path, made, up=model.bodies[1].up or "z")
-    return made
+        tell_of_bare_mesh(path, loaded, up=model.bodies[1].up or "z")
+    return loaded
 
 
 def scene_path(scene: str | os.PathLike[str]) -> Path:
@@ -213,11 +213,11 @@ class _Surfaces:
 
 
 def _check_names(bodies: list[Body], path: Path) -> None:
-    seen: set[str] = set()
+    names: set[str] = set()
     for body in bodies:
-        if body.name in seen:
+        if body.name in names:
             raise InputError(f"{path}: names of bodies must be unique, got '{body.name}' twice")
-        seen.add(body.name)
+        names.add(body.name)
 
 
 def _check_extent(parts: tuple[Part | Ball, ...], where: str) -> None:
@@ -284,13 +284,13 @@ def _mesh_parts(body: BodyFile, path: Path, *, where: str, surfaces: _Surfaces, 
         pieces = reader(path, body.pattern)
     except InputError as error:
         raise InputError(f"{where}.mesh: {error}") from None
-    known = {key for piece in pieces for key in piece.keys}
-    unknown = sorted(set(body.materials) - known)
+    sub_mesh_names = {key for piece in pieces for key in piece.keys}
+    unknown = sorted(set(body.materials) - sub_mesh_names)
     if unknown:
         raise InputError(
-            f"{where}.materials: no sub-mesh '{unknown[0]}' in {path.name}; it has {', '.join(sorted(known))}"
+            f"{where}.materials: no sub-mesh '{unknown[0]}' in {path.name}; it has {', '.join(sorted(sub_mesh_names))}"
         )
-    named = [(piece, _material_of(piece, body, where, surfaces)) for piece in pieces]
+    pieces_and_materials = [(piece, _material_of(piece, body, where, surfaces)) for piece in pieces]
     up, scale = _axes(body, path, where=where)
     return tuple(
         Part(
@@ -300,63 +300,63 @@ def _mesh_parts(body: BodyFile, path: Path, *, where: str, surfaces: _Surfaces, 
             name=piece.keys[0],
             pattern=pattern,
         )
-        for (piece, material), pattern in zip(named, _patterns(named, body, where, surfaces), strict=True)
+        for (piece, material), pattern in zip(pieces_and_materials, _patterns(pieces_and_materials, body, where, surfaces), strict=True)
     )
 
 
 def _axes(body: BodyFile, path: Path, *, where: str) -> tuple[Axis, float]:
     """Axis that points up in the body's mesh file, and what its lengths are multiplied by. Raises InputError."""
-    own = axis_of(path)
-    said = [key for key in ("unit", "up") if getattr(body, key) is not None]
-    if said and is_usd(path) and (body.unit, body.up) != ("m", "z"):
+    standard_axis = axis_of(path)
+    declared = [key for key in ("unit", "up") if getattr(body, key) is not None]
+    if declared and is_usd(path) and (body.unit, body.up) != ("m", "z"):
         raise InputError(
-            f"{where}.{said[0]}: must be left out, since a USD stage says it, got {getattr(body, said[0])}"
+            f"{where}.{declared[0]}: must be left out, since a USD stage says it, got {getattr(body, declared[0])}"
         )
-    if own is not None and body.up is None and abs(abs(body.roll_deg) - 90.0) < 1.0:
+    if standard_axis is not None and body.up is None and abs(abs(body.roll_deg) - 90.0) < 1.0:
         warnings.warn(
             OptionWarning(
                 "{0}: {1} is {2} up by its standard and is set upright by itself, and roll_deg turns it once more: "
                 'leave roll_deg out, or say up = "z"',
                 where,
                 path.name,
-                own,
+                standard_axis,
             ),
             stacklevel=2,
         )
-    return body.up or own or "z", body.scale * UNITS[body.unit or "m"]
+    return body.up or standard_axis or "z", body.scale * UNITS[body.unit or "m"]
 
 
 def _patterns(
-    named: Sequence[tuple[SubMesh, str]], body: BodyFile, where: str, surfaces: _Surfaces
+    pieces_and_materials: Sequence[tuple[SubMesh, str]], body: BodyFile, where: str, surfaces: _Surfaces
 ) -> list[patterns.Pattern | None]:
     """The pattern of each piece, None where its surface is not diffuse. Raises InputError if there is none at all."""
     if body.pattern is None:
-        return [None] * len(named)
-    varied = [piece.pattern if surfaces.materials[material].bsdf == "diffuse" else None for piece, material in named]
+        return [None] * len(pieces_and_materials)
+    varied = [piece.pattern if surfaces.materials[material].bsdf == "diffuse" else None for piece, material in pieces_and_materials]
     if all(pattern is None for pattern in varied):
-        has = [piece.pattern for piece, _ in named]
+        has = [piece.pattern for piece, _ in pieces_and_materials]
         raise InputError(
             f"{where}.pattern: {body.mesh} has no {body.pattern} of its vertices, faces or texture"
             if has == [None] * len(has)
-            else f"{where}.pattern: must have a diffuse material, got {', '.join(sorted({m for _, m in named}))}"
+            else f"{where}.pattern: must have a diffuse material, got {', '.join(sorted({material_name for _, material_name in pieces_and_materials}))}"
         )
     if body.pattern == "reflectivity":
         return varied
     # One level for all pieces of a material, or the contrast between them would be lost.
     level = {
         material: patterns.mean_over(
-            [(p, one.vertices_m, one.faces) for (one, m), p in zip(named, varied, strict=True) if p and m == material]
+            [(p, piece.vertices_m, piece.faces) for (piece, material_name), p in zip(pieces_and_materials, varied, strict=True) if p and material_name == material]
         )
-        for _, material in named
+        for _, material in pieces_and_materials
     }
-    return [p and replace(p, mean=level[material]) for (_, material), p in zip(named, varied, strict=True)]
+    return [p and replace(p, mean=level[material]) for (_, material), p in zip(pieces_and_materials, varied, strict=True)]
 
 
 def _material_of(piece: SubMesh, body: BodyFile, where: str, surfaces: _Surfaces) -> str:
     """The material that the scene file gives this sub-mesh, or else the mesh file's own colour."""
-    named = next((body.materials[key] for key in piece.keys if key in body.materials), body.material)
-    if named is not None:
-        return named
+    material = next((body.materials[key] for key in piece.keys if key in body.materials), body.material)
+    if material is not None:
+        return material
     if piece.grey is None:
         raise InputError(
             f"{where}: sub-mesh '{piece.keys[0]}' of {body.mesh} has no colour of its own and must have a material, "

@@ -39,8 +39,8 @@ def trimesh_scene(
         )
     pieces = pieces_of(loaded)
     checked([piece for _, piece in pieces], where)
-    known = {key for _, piece in pieces for key in piece.keys}
-    _refuse_unknown(materials, known, f"{where}: materials")
+    piece_names = {key for _, piece in pieces for key in piece.keys}
+    _refuse_unknown(materials, piece_names, f"{where}: materials")
     _refuse_unknown(classes, {node for node, _ in pieces}, f"{where}: classes")
     surfaces = _Surfaces()
     bodies = [
@@ -58,11 +58,11 @@ def trimesh_scene(
 def mitsuba_scene(path: Path, *, materials: Mapping[str, Given], settings: Mapping[str, Any]) -> Scene:
     """A scene of the shapes of a Mitsuba XML file; arguments as for `load_scene`. Raises InputError."""
     surfaces = _Surfaces()
-    named = {identity: surfaces.name_of(given) for identity, given in materials.items()}
+    base_materials = {identity: surfaces.name_of(material) for identity, material in materials.items()}
     return Scene(
         **({"name": path.stem} | dict(settings)),
         base=xml_file(path),
-        base_materials=named,
+        base_materials=base_materials,
         materials=surfaces.materials,
     )
 
@@ -73,11 +73,11 @@ class _Surfaces:
     def __init__(self) -> None:
         self.materials: dict[str, Material] = {}
 
-    def name_of(self, given: Given) -> str:
+    def name_of(self, material: Given) -> str:
         """Add a material to the scene and return its name."""
-        name = given if isinstance(given, str) else given.name
+        name = material if isinstance(material, str) else material.name
         if name not in self.materials:
-            self.materials[name] = catalogue.material(given) if isinstance(given, str) else given
+            self.materials[name] = catalogue.material(material) if isinstance(material, str) else material
         return name
 
 
@@ -85,20 +85,20 @@ def _given(piece: SubMesh, material: Given | None, materials: Mapping[str, Given
     return next((materials[key] for key in piece.keys if key in materials), material)
 
 
-def _part(piece: SubMesh, node: str, given: Given | None, surfaces: _Surfaces) -> Part:
-    if given is None:
+def _part(piece: SubMesh, node: str, material: Given | None, surfaces: _Surfaces) -> Part:
+    if material is None:
         if piece.grey is None:
             raise InputError(
                 f"load_scene: '{node}' has no colour of its own and must have a material, by material or materials"
             )
-        given = grey_material(f"colour of {node}", piece.grey)
-    return Part(vertices_m=piece.vertices_m, faces=piece.faces, material=surfaces.name_of(given), name=piece.keys[0])
+        material = grey_material(f"colour of {node}", piece.grey)
+    return Part(vertices_m=piece.vertices_m, faces=piece.faces, material=surfaces.name_of(material), name=piece.keys[0])
 
 
-def _refuse_unknown(given: Mapping[str, Any], known: set[str], where: str) -> None:
-    unknown = sorted(set(given) - known)
+def _refuse_unknown(choices: Mapping[str, Any], names: set[str], where: str) -> None:
+    unknown = sorted(set(choices) - names)
     if unknown:
-        raise InputError(f"{where}: no mesh '{unknown[0]}'; there are {', '.join(sorted(known))}")
+        raise InputError(f"{where}: no mesh '{unknown[0]}'; there are {', '.join(sorted(names))}")
 
 
 def is_xml(path: Path) -> bool:

@@ -210,10 +210,10 @@ class Scene:
     def facts(self) -> dict[str, str]:
         """What a line about the scene says."""
         x, y, z = self.sensor_pose.position_m
-        found = {
+        facts_by_name = {
             "bodies": f"{len(self.bodies):,}",
             "triangles": f"{sum(len(p.faces) for b in self.bodies for p in b.parts if isinstance(p, Part)):,}",
             "sun": f"{self.sun.illuminance_klux:g} klux",
             "sensor": f"{self.sensor_name} at {x:g}, {y:g}, {z:g} m",
         }
-        return found | ({"base": str(self.base)} if self.base else {})
+        return facts_by_name | ({"base": str(self.base)} if self.base else {})

@@ -42,16 +42,16 @@ class MotionFile(Table[Course]):
             sorted(self.model_fields_set & keys)
             for keys in ({"speed_m_s", "yaw_rate_deg_s", "velocity_m_s"}, {"poses"}, {"poses_file"})
         ]
-        given = [keys[0] for keys in ways if keys]
-        if len(given) > 1:
-            raise ValueError(f"must have only one of speeds, poses and poses_file, got {' and '.join(given)}")
+        ways_given = [keys[0] for keys in ways if keys]
+        if len(ways_given) > 1:
+            raise ValueError(f"must have only one of speeds, poses and poses_file, got {' and '.join(ways_given)}")
         return self
 
     def motion(self, pose: Pose, *, folder: Path, where: str) -> Motion:
         """From ``pose`` on at time 0, or at this pose in the frame that the poses are of. Raises InputError."""
         if self.poses is not None:
-            times = np.array([one.time_s for one in self.poses])
-            return Riding(carrier=spline(times, [one.pose() for one in self.poses], f"{where}.poses"), pose=pose)
+            times = np.array([timed_pose.time_s for timed_pose in self.poses])
+            return Riding(carrier=spline(times, [timed_pose.pose() for timed_pose in self.poses], f"{where}.poses"), pose=pose)
         if self.poses_file is not None:
             try:
                 return Riding(carrier=read_poses(folder / self.poses_file), pose=pose)
@@ -71,7 +71,7 @@ class BodyMotionFile(MotionFile):
 
     @model_validator(mode="after")
     def _ego_alone(self) -> BodyMotionFile:
-        others = sorted(self.model_fields_set - {"with_ego"})
-        if self.with_ego and others:
-            raise ValueError(f"must have with_ego alone, got with_ego and {others[0]}")
+        other_keys = sorted(self.model_fields_set - {"with_ego"})
+        if self.with_ego and other_keys:
+            raise ValueError(f"must have with_ego alone, got with_ego and {other_keys[0]}")
         return self

@@ -39,10 +39,10 @@ def read_poses(path: Path) -> Spline:
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
             raise InputError(f"{path}: {name} of pose {bad[0] + 1} is not a finite number")
-    places = np.stack([columns[name] for name in PLACE], axis=1)
+    positions_m = np.stack([columns[name] for name in PLACE], axis=1)
     poses = [
-        Pose(position_m=place, rotation=rotation)
-        for place, rotation in zip(places, _rotations(path, columns), strict=True)
+        Pose(position_m=position_m, rotation=rotation)
+        for position_m, rotation in zip(positions_m, _rotations(path, columns), strict=True)
     ]
     return spline(columns["time_s"], poses, str(path))
 
@@ -69,12 +69,12 @@ def _read_tum(path: Path) -> dict[str, Numbers]:
 
 
 def _rotations(path: Path, columns: dict[str, Numbers]) -> list[Numbers]:
-    turned = [name for name in QUATERNION if name in columns]
-    if not turned:
+    quaternion_columns = [name for name in QUATERNION if name in columns]
+    if not quaternion_columns:
         zero = np.zeros(len(columns["time_s"]))
         angles = np.stack([columns.get(name, zero) for name in ANGLES], axis=1)
         return [Pose.from_degrees(yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll).rotation for yaw, pitch, roll in angles]
-    if len(turned) < len(QUATERNION) or any(name in columns for name in ANGLES):
+    if len(quaternion_columns) < len(QUATERNION) or any(name in columns for name in ANGLES):
         raise InputError(f"{path}: columns must be {', '.join(QUATERNION)} or {', '.join(ANGLES)}, not a mixture")
     x, y, z, w = (columns[name] for name in QUATERNION)
     length = np.sqrt(x * x + y * y + z * z + w * w)

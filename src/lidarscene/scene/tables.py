@@ -67,11 +67,11 @@ class SunFile(Table[Sun]):
 
     @model_validator(mode="after")
     def _one_way(self) -> SunFile:
-        given = self.model_fields_set
-        by_angles, by_place = given & {"azimuth_deg", "elevation_deg"}, given & {"place", "time", "north_deg"}
+        keys = self.model_fields_set
+        by_angles, by_place = keys & {"azimuth_deg", "elevation_deg"}, keys & {"place", "time", "north_deg"}
         if by_angles and by_place:
-            got = " and ".join(sorted(by_angles | by_place))
-            raise ValueError(f"must have the sun's angles or its place and time, got {got}")
+            keys_text = " and ".join(sorted(by_angles | by_place))
+            raise ValueError(f"must have the sun's angles or its place and time, got {keys_text}")
         if by_place and (self.place is None or self.time is None):
             raise ValueError(f"place and time must be given together, got {' and '.join(sorted(by_place))}")
         return self
@@ -97,9 +97,9 @@ class AirFile(Table[Air]):
     @model_validator(mode="after")
     def _only_one(self) -> AirFile:
         ways = ("transmittance", "extinction_per_m", "visibility_km")
-        given = [k for k in ways if k in self.model_fields_set]
-        if len(given) > 1:
-            raise ValueError(f"must have only one of {', '.join(ways)}, got {' and '.join(given)}")
+        ways_given = [k for k in ways if k in self.model_fields_set]
+        if len(ways_given) > 1:
+            raise ValueError(f"must have only one of {', '.join(ways)}, got {' and '.join(ways_given)}")
         return self
 
 
@@ -170,10 +170,10 @@ class BodyFile(PoseFile):
             raise ValueError("one of mesh and primitive must be given, got both or none")
         shape = f"a {self.primitive}" if self.primitive else "a mesh"
         needed = _SIZES[self.primitive]
-        given = [k for k in ("size_m", "radius_m", "height_m") if getattr(self, k) is not None]
-        if set(given) != set(needed):
+        sizes_given = [k for k in ("size_m", "radius_m", "height_m") if getattr(self, k) is not None]
+        if set(sizes_given) != set(needed):
             sizes = " and ".join(needed) or "no size_m, radius_m or height_m"
-            raise ValueError(f"{shape} must have {sizes}, got {' and '.join(given) or 'none'}")
+            raise ValueError(f"{shape} must have {sizes}, got {' and '.join(sizes_given) or 'none'}")
         length = _LENGTHS.get(self.primitive or "")
         if length and len(self.size_m or ()) != length:
             raise ValueError(f"size_m of {shape} must have {length} numbers, got {len(self.size_m or ())}")
@@ -237,9 +237,9 @@ class SceneFile(FileModel):
 
 def lamps_w_m2(files: Sequence[LampsFile | LidarsFile]) -> float:
     """Irradiance of all lamps together."""
-    return sum(one.irradiance_w_m2 for one in files if isinstance(one, LampsFile))
+    return sum(file.irradiance_w_m2 for file in files if isinstance(file, LampsFile))
 
 
 def interferers(files: Sequence[LampsFile | LidarsFile]) -> tuple[Interferer, ...]:
     """The other lidars, in the order of the file."""
-    return tuple(one.in_si() for one in files if isinstance(one, LidarsFile))
+    return tuple(file.in_si() for file in files if isinstance(file, LidarsFile))

@@ -65,8 +65,8 @@ class Weather:
 
     def media(self, wavelength_m: float) -> tuple[Medium, ...]:
         """The media present, at a laser wavelength."""
-        found = (self._fog(wavelength_m), self._rain(wavelength_m), self._snow(wavelength_m))
-        return tuple(medium for medium in found if medium is not None)
+        media = (self._fog(wavelength_m), self._rain(wavelength_m), self._snow(wavelength_m))
+        return tuple(medium for medium in media if medium is not None)
 
     def _fog(self, wavelength_m: float) -> Medium | None:
         if self.fog is None and self.fog_visibility_m is None:
@@ -79,13 +79,13 @@ class Weather:
     def _rain(self, wavelength_m: float) -> Medium | None:
         if self.rain_mm_h <= 0.0:
             return None
-        rate, at = {"rate_mm_h": self.rain_mm_h}, {"wavelength_m": wavelength_m}
+        rate, wavelength = {"rate_mm_h": self.rain_mm_h}, {"wavelength_m": wavelength_m}
         return Medium(
             name="rain",
             extinction_per_m=precipitation.rain_extinction_per_m(**rate),
-            backscatter_per_m_sr=precipitation.rain_backscatter_per_m_sr(**rate, **at),
+            backscatter_per_m_sr=precipitation.rain_backscatter_per_m_sr(**rate, **wavelength),
             sizes=precipitation.marshall_palmer(**rate),
-            particle_m2_sr=functools.partial(precipitation.drop_backscatter_m2_sr, **at),
+            particle_m2_sr=functools.partial(precipitation.drop_backscatter_m2_sr, **wavelength),
             particle_gain=functools.partial(glory.gain, wavelength_m=wavelength_m),
         )
 

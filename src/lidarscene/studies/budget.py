@@ -76,52 +76,52 @@ def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Ech
     point = sensor.working_point(background, range_m=np.asarray(hits.range_m))
     threshold = np.broadcast_to(sensor.threshold(point), len(cloud))
     noise = np.broadcast_to(point.noise, len(cloud))
-    met = np.asarray(hits.found)
-    signal = np.where(met, cloud.snr * noise, 0.0)
+    has_surface = np.asarray(hits.found)
+    signal = np.where(has_surface, cloud.snr * noise, 0.0)
     explained = np.abs(point.signal(light.peak_power_w) - signal) <= SAME_SIGNAL * signal
     power = np.where(explained, light.peak_power_w, point.power_w(signal))
     at_peak = tdc.noise_at_level(level=signal, noise=noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2)
-    found = np.broadcast_to(point.detection_probability(threshold, signal, at_peak), len(cloud))
+    probability = np.broadcast_to(point.detection_probability(threshold, signal, at_peak), len(cloud))
     return Budget(
-        echo_power_w=np.where(met, power, 0.0),
+        echo_power_w=np.where(has_surface, power, 0.0),
         lambertian_power_w=np.asarray(lambertian.peak_power_w),
         background_power_w=np.asarray(light.background_power_w),
         noise=noise,
         threshold=threshold,
         signal=signal,
         noise_at_peak=np.asarray(at_peak),
-        detection_probability=np.where(met, found, 0.0),
+        detection_probability=np.where(has_surface, probability, 0.0),
     )
 
 
 def _lambertian(cloud: PointCloud) -> Hits:
     """The truth columns as hits on Lambertian surfaces, in double precision."""
     columns = {name: cloud.column(name).astype(np.float64) for name in ("true_range", "reflectivity")}
-    found = np.isfinite(columns["true_range"])
-    cos_incidence = np.where(found, np.cos(cloud.column("incidence_angle").astype(np.float64)), 0.0)
-    cos_sun = np.where(found, np.cos(cloud.column("sun_angle").astype(np.float64)), 0.0)
-    lit = found & (cos_sun > 0.0) & (cloud.column("in_shadow") == 0)
+    has_surface = np.isfinite(columns["true_range"])
+    cos_incidence = np.where(has_surface, np.cos(cloud.column("incidence_angle").astype(np.float64)), 0.0)
+    cos_sun = np.where(has_surface, np.cos(cloud.column("sun_angle").astype(np.float64)), 0.0)
+    lit = has_surface & (cos_sun > 0.0) & (cloud.column("in_shadow") == 0)
     per_sr = columns["reflectivity"] / math.pi
     return Hits(
-        found=found,
-        range_m=np.where(found, columns["true_range"], 1.0),
+        found=has_surface,
+        range_m=np.where(has_surface, columns["true_range"], 1.0),
         cos_incidence=cos_incidence,
         backscatter_per_sr=per_sr * cos_incidence,
         sun_scatter_per_sr=np.where(lit, per_sr * cos_sun, 0.0),
         reflectivity=columns["reflectivity"],
         cos_sun=cos_sun,
         lit=lit,
-        face=np.where(found, 0, -1),
+        face=np.where(has_surface, 0, -1),
     )
 
 
 def _beams(cloud: PointCloud, sensor: Sensor) -> Beams:
     """The beams of the points; only their receiving apertures matter here."""
     scanner, pulse = sensor.scanner, np.arange(sensor.scanner.pulses, dtype=np.uint32)
-    shares = [np.asarray(of(pulse)) for of in (scanner.aperture_share, scanner.background_share)]
+    shares = [np.asarray(share_of(pulse)) for share_of in (scanner.aperture_share, scanner.background_share)]
     if any(share.ndim for share in shares):
         pulse = pulses_of(cloud, scanner)
-        shares = [np.asarray(of(pulse)) for of in (scanner.aperture_share, scanner.background_share)]
+        shares = [np.asarray(share_of(pulse)) for share_of in (scanner.aperture_share, scanner.background_share)]
     laser, background = (np.broadcast_to(sensor.optics.aperture_m2 * share, len(cloud)) for share in shares)
     return Beams(
         pulse=pulse,
@@ -142,8 +142,8 @@ def pulses_of(cloud: PointCloud, scanner: Scanner) -> Numbers:
     # Angles lie within -pi to pi, so steps of 8 keep the groups apart.
     keys = (rank * width + channel) * 8.0 + scanner.angles(pulse)[0]
     order = np.argsort(keys, kind="stable")
-    wanted = (_nearest(times, cloud.time_s) * width + cloud.channel) * 8.0 + cloud.azimuth_rad
-    return np.asarray(pulse[order[_nearest(keys[order], wanted)]])
+    point_keys = (_nearest(times, cloud.time_s) * width + cloud.channel) * 8.0 + cloud.azimuth_rad
+    return np.asarray(pulse[order[_nearest(keys[order], point_keys)]])
 
 
 def _nearest(rising: Numbers, values: Numbers) -> Numbers:

@@ -82,9 +82,9 @@ def scatter_m(sensor: Sensor, target: Target, *, range_m: float, snr: float | No
         if point.largest is not None and np.any(level > point.largest):
             return None  # more than the cells can show
         light = replace(light, peak_power_w=point.power_w(level))
-    seen = detect_alone(light, sensor, seed=_SEED, pulse=np.arange(SHOTS, dtype=np.uint32)).stops[0]
-    echo = seen.reported & (seen.status == int(Status.ECHO))
-    errors = (np.asarray(seen.range_m) - ranges)[np.asarray(echo)]
+    stop = detect_alone(light, sensor, seed=_SEED, pulse=np.arange(SHOTS, dtype=np.uint32)).stops[0]
+    echo = stop.reported & (stop.status == int(Status.ECHO))
+    errors = (np.asarray(stop.range_m) - ranges)[np.asarray(echo)]
     return float(np.std(errors)) if errors.size > SHOTS // 100 else None
 
 
@@ -96,7 +96,7 @@ def check(name: str) -> Check:
         name=name,
         range_m=_range(sensor, published, published.reflectivity, published.range_m),
         also=tuple(_range(sensor, published, *pair) for pair in published.also),
-        repeatability_m=tuple(repeatability(sensor, published, one) for one in published.repeatability),
+        repeatability_m=tuple(repeatability(sensor, published, entry) for entry in published.repeatability),
         false_points=_false_points(sensor, published),
         points_per_second=Compared(
             published=published.points_per_second, simulated=points_per_second(load_sensor(name))
@@ -107,29 +107,29 @@ def check(name: str) -> Check:
 
 def _range(sensor: Sensor, published: PublishedFile, reflectivity: float | None, range_m: float | None) -> Compared:
     """Range under the published condition, or at 10 % and 100 klux if there is none."""
-    known = reflectivity is not None
+    is_given = reflectivity is not None
     share = reflectivity if reflectivity is not None else 0.1
     klux = 100.0 if published.illuminance_klux is None else published.illuminance_klux
     limit, _ = maximum_range_m(sensor, Target(reflectivity=share, illuminance_klux=klux))
-    stated = known and not (share == published.reflectivity and "reflectivity" in published.assumed)
+    stated = is_given and not (share == published.reflectivity and "reflectivity" in published.assumed)
     words = f"{share:.0%}{'' if stated else '*'}, {_words(published, ('illuminance_klux', f'{klux:g} klux'))}"
     return Compared(published=range_m, simulated=float(limit), condition=words)
 
 
-def repeatability(sensor: Sensor, published: PublishedFile, one: RepeatabilityFile) -> Compared:
+def repeatability(sensor: Sensor, published: PublishedFile, entry: RepeatabilityFile) -> Compared:
     """At its SNR (on 10 % at 20 m, which sets the background), or on its target."""
-    klux = one.illuminance_klux if one.illuminance_klux is not None else published.illuminance_klux
-    target = Target(reflectivity=one.reflectivity or 0.1, illuminance_klux=100.0 if klux is None else klux)
-    sunlit = "*" if "illuminance_klux" in (*published.assumed, *one.assumed) or klux is None else ""
-    if one.snr is not None:
-        words = [f"SNR {one.snr:g}{'*' if 'snr' in one.assumed else ''}"]
+    klux = entry.illuminance_klux if entry.illuminance_klux is not None else published.illuminance_klux
+    target = Target(reflectivity=entry.reflectivity or 0.1, illuminance_klux=100.0 if klux is None else klux)
+    sunlit = "*" if "illuminance_klux" in (*published.assumed, *entry.assumed) or klux is None else ""
+    if entry.snr is not None:
+        words = [f"SNR {entry.snr:g}{'*' if 'snr' in entry.assumed else ''}"]
     else:
-        words = [f"{one.at_m:g} m", f"{one.reflectivity:.0%}{'*' if 'reflectivity' in one.assumed else ''}"]
+        words = [f"{entry.at_m:g} m", f"{entry.reflectivity:.0%}{'*' if 'reflectivity' in entry.assumed else ''}"]
     words += [f"{target.illuminance_klux:g} klux{sunlit}"]
-    words += ["at most"] * one.at_most + ["recorded"] * one.recording
+    words += ["at most"] * entry.at_most + ["recorded"] * entry.recording
     return Compared(
-        published=one.sigma_m,
-        simulated=scatter_m(sensor, target, range_m=one.at_m or 20.0, snr=one.snr),
+        published=entry.sigma_m,
+        simulated=scatter_m(sensor, target, range_m=entry.at_m or 20.0, snr=entry.snr),
         condition=", ".join(words),
     )
 
@@ -154,16 +154,16 @@ def _words(published: PublishedFile, *conditions: tuple[str, str]) -> str:
     )
 
 
-def as_dict(one: Check) -> dict[str, Any]:
+def as_dict(comparison: Check) -> dict[str, Any]:
     """For JSON; null is unknown."""
     return {
-        "name": one.name,
-        "range_m": _as_dict(one.range_m),
-        "also_range_m": [_as_dict(c) for c in one.also],
-        "repeatability_m": [_as_dict(c) for c in one.repeatability_m],
-        "false_points": _as_dict(one.false_points),
-        "points_per_second": _as_dict(one.points_per_second),
-        "source": one.source,
+        "name": comparison.name,
+        "range_m": _as_dict(comparison.range_m),
+        "also_range_m": [_as_dict(c) for c in comparison.also],
+        "repeatability_m": [_as_dict(c) for c in comparison.repeatability_m],
+        "false_points": _as_dict(comparison.false_points),
+        "points_per_second": _as_dict(comparison.points_per_second),
+        "source": comparison.source,
     }
 
 
@@ -175,19 +175,19 @@ def _as_dict(c: Compared) -> dict[str, Any]:
 def as_text(checks: list[Check]) -> str:
     """A table for people."""
     rows = [("sensor", "", "published", "simulated", "deviation", "condition")]
-    for one in checks:
-        name = one.name
+    for comparison in checks:
+        name = comparison.name
         for label, digits, c in (
-            ("range, m", ".1f", one.range_m),
-            *(("range, m", ".1f", further) for further in one.also),
-            *(("scatter, m", ".4f", c) for c in one.repeatability_m),
-            ("false points", ".2e", one.false_points),
-            ("points/s", ",.0f", one.points_per_second),
+            ("range, m", ".1f", comparison.range_m),
+            *(("range, m", ".1f", further) for further in comparison.also),
+            *(("scatter, m", ".4f", c) for c in comparison.repeatability_m),
+            ("false points", ".2e", comparison.false_points),
+            ("points/s", ",.0f", comparison.points_per_second),
         ):
             shift = None if c.deviation is None else round(c.deviation, 3) + 0.0  # no minus before zero
             cells = ((c.published, digits), (c.simulated, digits), (shift, "+.1%"))
-            shown = ["unknown" if value is None else format(value, spec) for value, spec in cells]
-            rows.append((name, label, shown[0], shown[1], shown[2], c.condition))
+            texts = ["unknown" if value is None else format(value, spec) for value, spec in cells]
+            rows.append((name, label, texts[0], texts[1], texts[2], c.condition))
             name = ""
     widths = [max(len(row[k]) for row in rows) for k in range(5)]
     lines = []

@@ -45,8 +45,8 @@ class _Curves(FileModel):
     def _as_long(self) -> _Curves:
         lengths = {key: len(getattr(self, key)) for key in type(self).model_fields}
         if len(set(lengths.values())) > 1:
-            told = ", ".join(f"{key} {length}" for key, length in lengths.items())
-            raise ValueError(f"lists must be equally long, got {told}")
+            lengths_text = ", ".join(f"{key} {length}" for key, length in lengths.items())
+            raise ValueError(f"lists must be equally long, got {lengths_text}")
         return self
 
 
@@ -126,16 +126,16 @@ def compared(name: str) -> list[Row]:
     published = catalogue_published(name)
     if published is None:
         return rows
-    for one in published.repeatability:
-        if one.recording:
-            found = repeatability(load_sensor(name), published, one)
+    for entry in published.repeatability:
+        if entry.recording:
+            scatter = repeatability(load_sensor(name), published, entry)
             rows.append(
                 Row(
                     sensor=name,
                     quantity="scatter, mm",
-                    condition=f"{one.at_m:g} m",
-                    recorded=1e3 * one.sigma_m,
-                    simulated=None if found.simulated is None else 1e3 * found.simulated,
+                    condition=f"{entry.at_m:g} m",
+                    recorded=1e3 * entry.sigma_m,
+                    simulated=None if scatter.simulated is None else 1e3 * scatter.simulated,
                     most=ASSUMED_RATIO,
                 )
             )
@@ -234,8 +234,8 @@ def scatter_mm(sensor: Sensor, signal: float, near_ir: float) -> float | None:
     light = echoes_of_plane(sensor, Target(illuminance_klux=100.0), 20.0 * np.ones(1))
     klux = 100.0 * float(np.ravel(power / light.background_power_w)[0])
     noise = float(np.ravel(sensor.working_point(power).noise)[0])
-    found = scatter_m(sensor, Target(illuminance_klux=klux), range_m=20.0, snr=signal / noise)
-    return None if found is None else 1e3 * found
+    sigma_m = scatter_m(sensor, Target(illuminance_klux=klux), range_m=20.0, snr=signal / noise)
+    return None if sigma_m is None else 1e3 * sigma_m
 
 
 def as_dict(row: Row) -> dict[str, Any]:

@@ -28,7 +28,7 @@ class Conditions(NamedTuple):
     budget: bool
 
 
-def controls(scene: Scene, asked: FrameOptions) -> list[Control]:
+def controls(scene: Scene, frame: FrameOptions) -> list[Control]:
     """Their sliders; the values are those of the scene and of the command line."""
     air = scene.air.weather
     fog_km = CLEAR_KM if air.fog_visibility_m is None else 1e-3 * air.fog_visibility_m
@@ -55,7 +55,7 @@ def controls(scene: Scene, asked: FrameOptions) -> list[Control]:
             unit="",
             low=0.0,
             high=50.0,
-            value=float(asked.number),
+            value=float(frame.number),
             least=0.0,
             most=2.0**31 - 1,
             whole=True,
@@ -66,7 +66,7 @@ def controls(scene: Scene, asked: FrameOptions) -> list[Control]:
             unit="",
             low=0.0,
             high=100.0,
-            value=float(asked.seed),
+            value=float(frame.seed),
             least=0.0,
             most=2.0**32 - 1,
             whole=True,
@@ -74,26 +74,26 @@ def controls(scene: Scene, asked: FrameOptions) -> list[Control]:
     ]
 
 
-def conditions(scene: Scene, asked: FrameOptions, settings: Settings) -> Conditions:
+def conditions(scene: Scene, frame: FrameOptions, settings: Settings) -> Conditions:
     """The scene in this weather, and how it is rendered. Raises InputError for a number that will not do."""
-    known = {control.key: control for control in controls(scene, asked)}
+    limits = {control.key: control for control in controls(scene, frame)}
     values = {key: number_of(key, settings[key]) for key in KEYS if key in settings}
     for key, value in values.items():
-        if key in known:
-            known[key].check(value)
+        if key in limits:
+            limits[key].check(value)
     changes: dict[str, float | None] = {}
     if FOG in values:
         fogless = values[FOG] >= CLEAR_KM and scene.air.weather.fog is None
         changes["fog_visibility_m"] = None if fogless else 1e3 * values[FOG]
     changes |= {key.partition(".")[2]: values[key] for key in (RAIN, SNOW) if key in values}
     weather: Weather = dataclasses.replace(scene.air.weather, **changes)  # type: ignore[arg-type]
-    frame = dataclasses.replace(
-        asked, seed=int(values.get(SEED, asked.seed)), number=int(values.get(FRAME, asked.number))
+    frame_options = dataclasses.replace(
+        frame, seed=int(values.get(SEED, frame.seed)), number=int(values.get(FRAME, frame.number))
     )
     return Conditions(
         scene=dataclasses.replace(scene, air=dataclasses.replace(scene.air, weather=weather)),
         trace=TraceOptions(rays=int(values.get(RAYS, 1))),
-        frame=frame,
+        frame=frame_options,
         budget=bool(values.get(BUDGET, 1)),
     )
 
@@ -106,8 +106,8 @@ def command(scene: str, sensor: str, overrides: tuple[str, ...], settings: Setti
     frame = int(number_of(FRAME, settings.get(FRAME, 0)))
     words += ["-o", "out", "--frames", str(frame + 1)] if frame else ["-o", "out.ply"]
     words += ["--sensor", sensor]
-    for one in overrides:
-        words += ["--set", one]
+    for assignment in overrides:
+        words += ["--set", assignment]
     for key, value in settings.items():
         if key in (RAYS, SEED):
             words += [f"--{key.partition('.')[2]}", f"{value:g}" if isinstance(value, float) else str(value)]

@@ -63,20 +63,20 @@ class Equipment:
         """``sensor`` is a catalogue name or a file. Raises InputError."""
         self.scene, self.name, self.overrides = scene, sensor, tuple(overrides)
         self.sensor = load_sensor(sensor, overrides=overrides)
-        own, other = ("APD", "SiPM") if isinstance(self.sensor.detector, Apd) else ("SiPM", "APD")
+        own_kind, other_kind = ("APD", "SiPM") if isinstance(self.sensor.detector, Apd) else ("SiPM", "APD")
         if self.sensor.histogram is not None:
-            own = "SPAD histogram"
-        self.detectors = {f"{own}, its own": "", f"{other} of Table 1": f"table1-{other.lower()}"}
+            own_kind = "SPAD histogram"
+        self.detectors = {f"{own_kind}, its own": "", f"{other_kind} of Table 1": f"table1-{other_kind.lower()}"}
 
     def with_settings(self, settings: Settings) -> tuple[Scene, Sensor]:
         """Scene and sensor so set. Raises InputError for a key that is none, or a number that will not do."""
         numbers = {key: number_of(key, value) for key, value in settings.items() if key != DETECTOR}
-        chosen = self._chosen(settings)
-        controls = {control.key: control for control in self._controls(chosen)}
+        donor_name = self._chosen(settings)
+        controls = {control.key: control for control in self._controls(donor_name)}
         if unknown := sorted(set(numbers) - set(controls)):
             raise InputError(f"{unknown[0]}: no such control; known here: {', '.join(controls)}")
         assigned = [f"{key}={value!r}" for key, value in numbers.items() if not key.startswith("sun.")]
-        sensor = self._sensor(chosen, assigned)
+        sensor = self._sensor(donor_name, assigned)
         angles = {key: numbers.get(f"sun.{key}", value) for key, value in _sun_values(self.scene.sun).items()}
         sun = dataclasses.replace(
             self.scene.sun,
@@ -97,29 +97,29 @@ class Equipment:
             raise InputError(f"{DETECTOR}: must be one of {', '.join(self.detectors)}, got {choice}")
         return self.detectors[str(choice)]
 
-    def _sensor(self, chosen: str, assigned: Sequence[str]) -> Sensor:
+    def _sensor(self, donor_name: str, assigned: Sequence[str]) -> Sensor:
         """The sensor with these assignments, and with another's detector, threshold and edges if one is chosen."""
-        if not chosen:
+        if not donor_name:
             return load_sensor(self.name, overrides=[*self.overrides, *assigned])
-        theirs = [one for one in assigned if one.startswith(("detector.", "tdc."))]
-        ours = [one for one in assigned if one not in theirs]
-        own = load_sensor(self.name, overrides=[*self.overrides, *ours])
-        other = load_sensor(chosen, overrides=theirs)
+        detector_changes = [assignment for assignment in assigned if assignment.startswith(("detector.", "tdc."))]
+        other_changes = [assignment for assignment in assigned if assignment not in detector_changes]
+        sensor = load_sensor(self.name, overrides=[*self.overrides, *other_changes])
+        donor = load_sensor(donor_name, overrides=detector_changes)
         tdc = dataclasses.replace(
-            own.tdc,
-            threshold_to_noise=other.tdc.threshold_to_noise,
-            threshold_level=other.tdc.threshold_level,
-            both_edges=other.tdc.both_edges,
+            sensor.tdc,
+            threshold_to_noise=donor.tdc.threshold_to_noise,
+            threshold_level=donor.tdc.threshold_level,
+            both_edges=donor.tdc.both_edges,
         )
-        if own.histogram is not None:
-            tdc = dataclasses.replace(tdc, bandwidth_hz=other.tdc.bandwidth_hz)
-        return dataclasses.replace(own, detector=other.detector, tdc=tdc, histogram=None)
+        if sensor.histogram is not None:
+            tdc = dataclasses.replace(tdc, bandwidth_hz=donor.tdc.bandwidth_hz)
+        return dataclasses.replace(sensor, detector=donor.detector, tdc=tdc, histogram=None)
 
-    def _controls(self, chosen: str) -> list[Control]:
-        sensor = self._sensor(chosen, [])
+    def _controls(self, donor_name: str) -> list[Control]:
+        sensor = self._sensor(donor_name, [])
         laser, optics, tdc = sensor.laser, sensor.optics, sensor.tdc
         sun = _sun_values(self.scene.sun)
-        found = [
+        sliders = [
             Control(
                 key="sun.azimuth_deg", label="sun azimuth", unit="°", low=-180.0, high=360.0, value=sun["azimuth_deg"]
             ),
@@ -145,10 +145,10 @@ class Equipment:
             *_of_detector(sensor.detector),
         ]
         if tdc.threshold_to_noise is not None:
-            found.append(_around("tdc.threshold_to_noise", "threshold / noise", "", tdc.threshold_to_noise, 3.0))
+            sliders.append(_around("tdc.threshold_to_noise", "threshold / noise", "", tdc.threshold_to_noise, 3.0))
         elif sensor.histogram is not None:
             slope = float(sensor.histogram.threshold_slope)
-            found.append(
+            sliders.append(
                 Control(
                     key="histogram.threshold_slope",
                     label="threshold / sqrt(background)",
@@ -159,8 +159,8 @@ class Equipment:
                 )
             )
         else:
-            found.append(_around("tdc.threshold_level", "threshold", "", tdc.threshold_level, 10.0))
-        return found
+            sliders.append(_around("tdc.threshold_level", "threshold", "", tdc.threshold_level, 10.0))
+        return sliders
 
 
 def _of_detector(detector: Detector) -> list[Control]:

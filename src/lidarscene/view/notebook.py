@@ -41,7 +41,7 @@ class Viewed:
 
 
 def viewed(
-    what: PointCloud | Scene,
+    content: PointCloud | Scene,
     *,
     scene: Scene | str | os.PathLike[str] | None = None,
     sensor: str | None = None,
@@ -50,10 +50,10 @@ def viewed(
     """What `PointCloud.view` and `Scene.view` give. Raises InputError, BackendError."""
     if sensor is not None and not isinstance(sensor, str | os.PathLike):
         raise InputError(f"view: sensor: must be a catalogue name or a file, got {type(sensor).__name__}")
-    if isinstance(what, Scene):
-        return Viewed(Live(what, sensor=sensor), height_px=height_px)
-    around = None if scene is None else load_scene(scene)
-    return Viewed(_Held([what], scene=around, sensor=sensor), height_px=height_px)
+    if isinstance(content, Scene):
+        return Viewed(Live(content, sensor=sensor), height_px=height_px)
+    surroundings = None if scene is None else load_scene(scene)
+    return Viewed(_Held([content], scene=surroundings, sensor=sensor), height_px=height_px)
 
 
 class _Held(Clouds):

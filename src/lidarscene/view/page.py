@@ -20,7 +20,7 @@ SCRIPTS = ("blob.js", "camera.js", "shaders.js", "renderer.js", "legend.js", "pa
 
 def page(title: str, blobs: Mapping[str, bytes] | None = None) -> str:
     """The page; ``blobs`` by name go into it, compressed, and what is not there is asked of the server."""
-    held = "\n".join(
+    embedded = "\n".join(
         f'<script type="application/octet-stream" id="blob-{name}">{_text(blob)}</script>'
         for name, blob in (blobs or {}).items()
     )
@@ -29,7 +29,7 @@ def page(title: str, blobs: Mapping[str, bytes] | None = None) -> str:
         {
             "STYLE": _static("page.css"),
             "SCRIPT": "\n".join(_static(name) for name in SCRIPTS),
-            "BLOBS": held,
+            "BLOBS": embedded,
             "TITLE": html.escape(title),
         },
     )

@@ -84,7 +84,7 @@ def frame_blob(
     name: str,
     origin_m: Numbers,
     budget: Budget | None,
-    told: dict[str, Any],
+    extra_header: dict[str, Any],
     still_m: Numbers | None = None,
 ) -> bytes:
     """One frame.
@@ -112,16 +112,16 @@ def frame_blob(
         "metadata": dict(cloud.metadata),
         "sensor": cloud.sensor_position_m.tolist(),
     }
-    return packed(header | told, arrays)
+    return packed(header | extra_header, arrays)
 
 
 def _columns(cloud: PointCloud) -> list[tuple[Field, Numbers]]:
     """Every column, angles in degrees, and the error of the range."""
-    shown = []
+    fields = []
     # Of a recording, only what it knows: the other columns are there because every cloud has them.
-    known = cloud.metadata.get("recorded", " ".join(column.attribute for column in cloud.columns)).split()
+    attributes = cloud.metadata.get("recorded", " ".join(column.attribute for column in cloud.columns)).split()
     for column in cloud.columns:
-        if column.attribute not in (*known, "status"):
+        if column.attribute not in (*attributes, "status"):
             continue
         values, unit = cloud.column(column.name), cloud.metadata.get(f"{column.name}_unit", column.unit)
         if unit == "rad":
@@ -129,14 +129,14 @@ def _columns(cloud: PointCloud) -> list[tuple[Field, Numbers]]:
         field = Field(
             column.name, _group(column), "" if unit == "1" else unit, column.meaning, _names(cloud, column.name)
         )
-        shown.append((field, _plain(values)))
+        fields.append((field, _plain(values)))
         if column.name == "true_range":
             echo = (cloud.status == 0) & np.isfinite(values)
             error = np.full(len(cloud), np.inf, np.float32)
             error[echo] = cloud.range_m[echo] - values[echo]
             meaning = "reported less true range, of echoes"
-            shown.append((Field("range_error", _group(column), "m", meaning), error))
-    return shown
+            fields.append((Field("range_error", _group(column), "m", meaning), error))
+    return fields
 
 
 def _group(column: Column) -> str:
@@ -162,7 +162,7 @@ def _of_budget(cloud: PointCloud, budget: Budget | None) -> list[tuple[Field, Nu
     if budget is None:
         return []
     unit = cloud.metadata.get("intensity_unit", "A or cells")
-    shown = (
+    quantities = (
         ("echo_power", budget.echo_power_w, "W", "peak power of the echo on the detector"),
         ("lambertian_power", budget.lambertian_power_w, "W", "the same by (5), of a Lambertian surface"),
         ("background_power", budget.background_power_w, "W", "sun and sky on the detector, by (8)"),
@@ -171,7 +171,7 @@ def _of_budget(cloud: PointCloud, budget: Budget | None) -> list[tuple[Field, Nu
         ("noise_at_peak", budget.noise_at_peak, unit, "standard deviation at the echo's peak"),
         ("threshold", budget.threshold, unit, "level of the comparator"),
     )
-    return [(Field(name, BUDGET, its, meaning, computed=True), _plain(values)) for name, values, its, meaning in shown]
+    return [(Field(name, BUDGET, quantity_unit, meaning, computed=True), _plain(values)) for name, values, quantity_unit, meaning in quantities]
 
 
 def _plain(values: Numbers) -> Numbers:

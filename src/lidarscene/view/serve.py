@@ -152,8 +152,8 @@ class _Handler(BaseHTTPRequestHandler):
         if name == "/":
             self._answer(lambda: page(source.title).encode(), "text/html; charset=utf-8")
         elif name == "/stage":
-            asked = re.fullmatch("frame=([0-9]{1,9})", query)
-            self._answer(lambda: source.stage(int(asked[1]) if asked else None))
+            frame_query = re.fullmatch("frame=([0-9]{1,9})", query)
+            self._answer(lambda: source.stage(int(frame_query[1]) if frame_query else None))
         elif (number := _frame_number(name, len(source.frames))) is not None:
             self._answer(lambda: source.frame(number))
         else:
@@ -175,8 +175,8 @@ class _Handler(BaseHTTPRequestHandler):
             return
         length = int(lengths[0])
         if length > LARGEST_REQUEST:
-            told = b"the request must have at most %d bytes" % LARGEST_REQUEST
-            self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, told)
+            message = b"the request must have at most %d bytes" % LARGEST_REQUEST
+            self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, message)
             return
         body = self.rfile.read(length)
         if len(body) < length:
@@ -184,9 +184,9 @@ class _Handler(BaseHTTPRequestHandler):
             return
         self._answer(lambda: self.server.source.rendered(settings_from(body)))
 
-    def _refuse(self, status: HTTPStatus, told: bytes) -> None:
+    def _refuse(self, status: HTTPStatus, message: bytes) -> None:
         self.close_connection = True
-        self._send(status, told, "text/plain")
+        self._send(status, message, "text/plain")
 
     def _answer(self, job: Job, kind: str = "application/octet-stream") -> None:
         self._arrival.cancel()  # the request is whole; its answer may take minutes

@@ -37,16 +37,16 @@ class Solid:
 
 def solid_of(scene: Scene, wavelength_m: float, *, time_s: float = 0.0) -> Solid:
     """All bodies where they stand at a time, in the grey that a laser of this wavelength sees."""
-    colour_of = {name: _colour(one.at(wavelength_m)) for name, one in scene.materials.items()}
-    unknown = _colour({"bsdf": "diffuse", "reflectivity": UNKNOWN_REFLECTIVITY})
-    found = [(v, f, colour_of.get(material, unknown)) for v, f, material in _pieces(scene, wavelength_m, time_s)]
-    pieces = sorted(found, key=lambda piece: piece[2][3] == GLASS_ALPHA)
-    counts = [len(vertices) for vertices, _, _ in pieces]
-    starts = np.cumsum([0, *counts])[:-1]
+    colour_of = {name: _colour(material.at(wavelength_m)) for name, material in scene.materials.items()}
+    default_colour = _colour({"bsdf": "diffuse", "reflectivity": UNKNOWN_REFLECTIVITY})
+    coloured_pieces = [(v, f, colour_of.get(material, default_colour)) for v, f, material in _pieces(scene, wavelength_m, time_s)]
+    pieces = sorted(coloured_pieces, key=lambda piece: piece[2][3] == GLASS_ALPHA)
+    vertex_counts = [len(vertices) for vertices, _, _ in pieces]
+    starts = np.cumsum([0, *vertex_counts])[:-1]
     faces = [f.astype(np.int64) + start for (_, f, _), start in zip(pieces, starts, strict=True)]
     return Solid(
         vertices_m=np.concatenate([np.zeros((0, 3)), *(vertices for vertices, _, _ in pieces)]),
-        colours=np.repeat(np.array([c for _, _, c in pieces], np.uint8).reshape(-1, 4), counts, axis=0),
+        colours=np.repeat(np.array([c for _, _, c in pieces], np.uint8).reshape(-1, 4), vertex_counts, axis=0),
         faces=np.concatenate([np.zeros((0, 3), np.int64), *faces]).astype(np.uint32),
         opaque=sum(len(f) for _, f, colour in pieces if colour[3] == 255),
     )
@@ -64,8 +64,8 @@ def _pieces(scene: Scene, wavelength_m: float, time_s: float) -> Iterator[tuple[
             else:
                 vertices, faces = sphere(part.radius_m)
                 yield pose.apply(vertices), faces, part.material
-    for drawn in triangles_of_base(scene, wavelength_m):
-        yield drawn.vertices_m, drawn.faces, drawn.material
+    for base_shape in triangles_of_base(scene, wavelength_m):
+        yield base_shape.vertices_m, base_shape.faces, base_shape.material
 
 
 def _colour(values: dict[str, Any]) -> tuple[int, int, int, int]:

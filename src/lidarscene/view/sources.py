@@ -100,9 +100,9 @@ class Clouds:
         """The scene's meshes, if there is one, and a camera for the first cloud."""
         sensor = self._sensor_of(self._first)
         wavelength = sensor.laser.wavelength_m if sensor else WAVELENGTH_M
-        told = {"title": self.title, "frames": self.frames, "live": False}
+        page_header = {"title": self.title, "frames": self.frames, "live": False}
         return stage_blob(
-            told,
+            page_header,
             scene=self.scene,
             wavelength_m=wavelength,
             origin=self._origin,
@@ -114,14 +114,14 @@ class Clouds:
         """Read a file, and compute its points' budgets where scene, sensor and truth are known."""
         cloud = self._loaded(number) if number else self._first
         sensor = self._sensor_of(cloud)
-        still, why = still_m(cloud, self.scene)
+        still, no_layer_reason = still_m(cloud, self.scene)
         budget: Budget | None = None
-        told: dict[str, Any] = {"layers": why}
+        page_header: dict[str, Any] = {"layers": no_layer_reason}
         if sensor is not None and self.scene is not None and cloud.has_truth:
             budget = budget_of(cloud, sensor, ambient_of(self.scene, sensor))
-            told["approximate"] = _not_lambertian(self.scene, cloud)
+            page_header["approximate"] = _not_lambertian(self.scene, cloud)
         return frame_blob(
-            cloud, name=self.frames[number], origin_m=self._origin, budget=budget, told=told, still_m=still
+            cloud, name=self.frames[number], origin_m=self._origin, budget=budget, extra_header=page_header, still_m=still
         )
 
     def rendered(self, settings: Settings) -> bytes:
@@ -171,16 +171,16 @@ class Recorded:
 
     def stage(self, number: int | None = None) -> bytes:
         """Names of the frames, and a camera for the first."""
-        told = {"title": self.title, "frames": self.frames, "live": False}
+        page_header = {"title": self.title, "frames": self.frames, "live": False}
         return stage_blob(
-            told, scene=None, wavelength_m=WAVELENGTH_M, origin=np.zeros(3), camera=_camera(self._first, None)
+            page_header, scene=None, wavelength_m=WAVELENGTH_M, origin=np.zeros(3), camera=_camera(self._first, None)
         )
 
     def frame(self, number: int) -> bytes:
         """Read a frame, in the sensor's coordinates."""
         cloud = cloud_of(self.recording[self.numbers[number]]) if number else self._first
-        told = {"layers": RECORDED}
-        return frame_blob(cloud, name=self.frames[number], origin_m=np.zeros(3), budget=None, told=told)
+        page_header = {"layers": RECORDED}
+        return frame_blob(cloud, name=self.frames[number], origin_m=np.zeros(3), budget=None, extra_header=page_header)
 
     def rendered(self, settings: Settings) -> bytes:
         """A recording is as it is."""
@@ -199,18 +199,18 @@ class Live:
         sensor: str | None = None,
         overrides: Sequence[str] = (),
         frame: FrameOptions | None = None,
-        named: str = "",
+        scene_argument: str = "",
     ) -> None:
         """Compile the scene and render it once. Raises InputError and BackendError.
 
         named  what the command line calls the scene
         """
-        self.scene, self.asked, self.named = scene, frame or FrameOptions(), named or scene.name
-        own = sensor or scene.sensor_name
+        self.scene, self.asked, self.named = scene, frame or FrameOptions(), scene_argument or scene.name
+        sensor_name = sensor or scene.sensor_name
         self.overrides = tuple(overrides)
         # The changes of the command line are the own sensor's: another may lack what they change.
-        self._equipment = {own: Equipment(scene, own, overrides)}
-        self.sensors = tuple(dict.fromkeys([own, *catalog.names("sensors")]))
+        self._equipment = {sensor_name: Equipment(scene, sensor_name, overrides)}
+        self.sensors = tuple(dict.fromkeys([sensor_name, *catalog.names("sensors")]))
         self._worlds: dict[float, World] = {}
         simulator = self._simulator(self.scene, self.equipment.sensor, TraceOptions())
         self._first = simulator.render(self.asked)
@@ -241,9 +241,9 @@ class Live:
 
     def stage(self, number: int | None = None) -> bytes:
         """The scene's meshes, its own camera, and what can be chosen."""
-        now = self._asked(number)
-        start_s = self._simulator(self.scene, self.equipment.sensor, TraceOptions()).start_s(now)
-        told = {
+        frame = self._asked(number)
+        start_s = self._simulator(self.scene, self.equipment.sensor, TraceOptions()).start_s(frame)
+        page_header = {
             "title": self.title,
             "frames": self.frames,
             "live": True,
@@ -252,7 +252,7 @@ class Live:
             "moves": self._moves,
         }
         return stage_blob(
-            told,
+            page_header,
             scene=self.scene,
             wavelength_m=self.equipment.sensor.laser.wavelength_m,
             origin=self._origin,
@@ -270,18 +270,18 @@ class Live:
 
     def _camera(self, start_s: float) -> dict[str, Any]:
         """The scene's view, which rides on its vehicle; without one, what suits the cloud, and inside of a room."""
-        own = None if self.asked.pose else self.scene
-        camera = _camera(self._first, own, time_s=start_s)
-        if own is not None and own.camera is not None:
+        camera_scene = None if self.asked.pose else self.scene
+        camera = _camera(self._first, camera_scene, time_s=start_s)
+        if camera_scene is not None and camera_scene.camera is not None:
             return camera
         # From above and behind the sensor there may be a ceiling between: the camera stays on the sensor's side.
         sensor_m, eye_m = self._place.position_m, np.array(camera["eye"])
-        apart = eye_m - sensor_m
-        length_m = float(np.linalg.norm(apart))
+        offset_m = eye_m - sensor_m
+        length_m = float(np.linalg.norm(offset_m))
         world = next(iter(self._worlds.values()))
-        free_m = float(distances_m(world, sensor_m, (apart / max(length_m, 1e-9))[:, None], time_s=self._start_s)[0])
+        free_m = float(distances_m(world, sensor_m, (offset_m / max(length_m, 1e-9))[:, None], time_s=self._start_s)[0])
         if free_m < length_m:
-            camera["eye"] = (sensor_m + apart * (IN_ROOM * free_m / length_m)).tolist()
+            camera["eye"] = (sensor_m + offset_m * (IN_ROOM * free_m / length_m)).tolist()
         return camera
 
     def frame(self, number: int) -> bytes:
@@ -291,28 +291,28 @@ class Live:
     def rendered(self, settings: Settings) -> bytes:
         """One frame with these settings."""
         equipment = self._equipped(settings)
-        of_sensor = {key: value for key, value in settings.items() if key not in (*KEYS, SENSOR)}
-        lit, sensor = equipment.with_settings(of_sensor)
-        now = conditions(lit, self.asked, settings)
+        equipment_settings = {key: value for key, value in settings.items() if key not in (*KEYS, SENSOR)}
+        lit_scene, sensor = equipment.with_settings(equipment_settings)
+        chosen = conditions(lit_scene, self.asked, settings)
         summary, since = Summary(), time.perf_counter()
-        simulator = self._simulator(now.scene, sensor, now.trace)
-        cloud = simulator.render(now.frame, summary=summary)
+        simulator = self._simulator(chosen.scene, sensor, chosen.trace)
+        cloud = simulator.render(chosen.frame, summary=summary)
         seconds = time.perf_counter() - since
-        told: dict[str, Any] = {
+        page_header: dict[str, Any] = {
             "controls": [
-                dataclasses.asdict(one) for one in (*equipment.controls(of_sensor), *controls(self.scene, self.asked))
+                dataclasses.asdict(slider) for slider in (*equipment.controls(equipment_settings), *controls(self.scene, self.asked))
             ],
             "choices": {SENSOR: list(self.sensors), DETECTOR: list(equipment.detectors)},
             "beams": summary.beams,
             "seconds": seconds,
-            "sun": now.scene.sun.direction.tolist(),
+            "sun": chosen.scene.sun.direction.tolist(),
             "command": self._command(equipment, settings),
-            "budget": now.budget,
+            "budget": chosen.budget,
         }
         budget = None
-        if now.budget:
-            ambient = ambient_of(now.scene, sensor)
-            light = self._light(simulator, cloud, ambient, now.frame)
+        if chosen.budget:
+            ambient = ambient_of(chosen.scene, sensor)
+            light = self._light(simulator, cloud, ambient, chosen.frame)
             budget = budget_of(cloud, sensor, ambient, light=light)
         still = None
         if cloud.metadata.get("ego_motion"):
@@ -322,18 +322,18 @@ class Live:
             name="",
             origin_m=self._origin,
             budget=budget,
-            told=told,
+            extra_header=page_header,
             still_m=None if still is None else still.xyz_m,
         )
 
     def _command(self, equipment: Equipment, settings: Settings) -> str:
         """What renders the same, to be copied; or why there is none."""
-        chosen = dict(settings)
-        if chosen.get(DETECTOR) == next(iter(equipment.detectors)):
-            del chosen[DETECTOR]
+        shown_settings = dict(settings)
+        if shown_settings.get(DETECTOR) == next(iter(equipment.detectors)):
+            del shown_settings[DETECTOR]
         overrides = self.overrides if equipment is self.equipment else ()
         try:
-            words = command(self.named, equipment.name, overrides, chosen)
+            words = command(self.named, equipment.name, overrides, shown_settings)
         except InputError as error:
             return f"# {error}"
         if self.asked.pose is not None:
@@ -346,24 +346,24 @@ class Live:
     def _light(self, simulator: Simulator, cloud: PointCloud, ambient: Ambient, frame: FrameOptions) -> Echoes:
         """Of the pulse of each point."""
         scene, sensor, world = simulator.scene, simulator.sensor, simulator.world
-        now = Frame.of(scene, sensor, world, frame)
+        timed_frame = Frame.of(scene, sensor, world, frame)
         count = sensor.scanner.pulses
-        numbers = np.arange(now.first_pulse, now.first_pulse + count, dtype=np.uint32)
+        numbers = np.arange(timed_frame.first_pulse, timed_frame.first_pulse + count, dtype=np.uint32)
         light = light_of(
             world,
             sensor,
             ambient,
             sun=scene.sun.direction,
-            placements=now.placements(lambda: now.times(numbers)),
-            pulses=range(now.first_pulse, now.first_pulse + count),
+            placements=timed_frame.placements(lambda: timed_frame.times(numbers)),
+            pulses=range(timed_frame.first_pulse, timed_frame.first_pulse + count),
             seed=frame.seed,
         )
-        pulse = pulses_of(cloud, sensor.scanner) - now.first_pulse
+        pulse = pulses_of(cloud, sensor.scanner) - timed_frame.first_pulse
         return Echoes(**{name: getattr(light, name)[pulse] for name in COLUMNS})
 
 
 def stage_blob(
-    told: dict[str, Any],
+    extra_header: dict[str, Any],
     *,
     scene: Scene | None,
     wavelength_m: float,
@@ -373,7 +373,7 @@ def stage_blob(
 ) -> bytes:
     """Camera and meshes around the origin, bodies as they stand at a time."""
     moved = {key: (np.array(camera[key]) - origin).tolist() for key in ("eye", "target")}
-    header = told | {"camera": camera | moved, "origin": origin.tolist()}
+    header = extra_header | {"camera": camera | moved, "origin": origin.tolist()}
     if scene is None:
         return packed(header, {})
     solid = solid_of(scene, wavelength_m, time_s=time_s)
@@ -414,8 +414,8 @@ def _origin_of(position_m: Numbers) -> Numbers:
 
 
 def _title(metadata: Any, otherwise: str) -> str:
-    named = [Path(metadata.get(key, "")).name for key in ("scene", "sensor")]
-    return " · ".join(filter(None, named)) or otherwise
+    names = [Path(metadata.get(key, "")).name for key in ("scene", "sensor")]
+    return " · ".join(filter(None, names)) or otherwise
 
 
 def settings_from(body: bytes) -> Settings:

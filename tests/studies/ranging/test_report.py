@@ -40,12 +40,12 @@ def test_where_a_sensor_passes_its_threshold(falls: bool, verb: str) -> None:
 
 def test_a_window_that_ends_before_what_is_seen() -> None:
     """4 us are 599.58 m. An Ouster's next shot leaves a period later: light from beyond half of c times it folds."""
-    assert window_note("a", SENSOR, farthest_m=599.5, what="it") is None
-    assert window_note("a", SENSOR, farthest_m=599.7, what="it") == "a: its window ends at 599.6 m, before it"
+    assert window_note("a", SENSOR, farthest_m=599.5, limit_text="it") is None
+    assert window_note("a", SENSOR, farthest_m=599.7, limit_text="it") == "a: its window ends at 599.6 m, before it"
     ouster = load_sensor("os1-128")
     assert ouster.histogram is not None
     folds_m = 0.5 * 299_792_458.0 * float(ouster.histogram.period_s)  # type: ignore[arg-type]
-    line = window_note("o", ouster, farthest_m=1e4, what="it")
+    line = window_note("o", ouster, farthest_m=1e4, limit_text="it")
     assert line is not None
     assert line.endswith(f"; echoes from beyond {folds_m:.1f} m are reported too near by that range")
 

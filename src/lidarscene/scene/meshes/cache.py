@@ -81,8 +81,8 @@ def _entry(path: Path) -> Path | None:
             return None
         # With the file's name: a piece without a name of its own gets that.
         how = hashlib.sha256(f"{_LAYOUT} {_reader()} {path.name}".encode())
-        for one in (content, *(_materials(path.parent, content) if suffix == ".obj" else ())):
-            how.update(hashlib.sha256(one).digest())
+        for part in (content, *(_materials(path.parent, content) if suffix == ".obj" else ())):
+            how.update(hashlib.sha256(part).digest())
     except OSError:
         return None
     return where / f"{how.hexdigest()}.npz"
@@ -108,36 +108,36 @@ def _forget(newest: Path) -> None:
     entries = []
     for entry in newest.parent.glob("*.npz"):
         with suppress(FileNotFoundError):  # another process removes, too
-            about = entry.stat()
-            entries.append((entry == newest, about.st_mtime_ns, about.st_size, entry))
-    size = sum(one[2] for one in entries)
-    for is_newest, _, own, entry in sorted(entries):
+            status = entry.stat()
+            entries.append((entry == newest, status.st_mtime_ns, status.st_size, entry))
+    size = sum(entry_facts[2] for entry_facts in entries)
+    for is_newest, _, entry_bytes, entry in sorted(entries):
         if size <= LARGEST_BYTES or is_newest:
             return
         entry.unlink(missing_ok=True)
-        size -= own
+        size -= entry_bytes
 
 
 def _save(entry: Path, pieces: list[SubMesh]) -> None:
-    named = {
+    arrays = {
         f"{kind}_{number}": getattr(piece, kind)
         for number, piece in enumerate(pieces)
         for kind in ("vertices_m", "faces")
     }
-    about = json.dumps([{"keys": piece.keys, "grey": piece.grey} for piece in pieces])
+    descriptions = json.dumps([{"keys": piece.keys, "grey": piece.grey} for piece in pieces])
     with atomic_output(entry) as temporary, temporary.open("wb") as file:
-        np.savez(file, about=np.array(about), **named)
+        np.savez(file, about=np.array(descriptions), **arrays)
 
 
 def _load(entry: Path) -> list[SubMesh]:
     with entry.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-        about = json.loads(str(file["about"]))
+        descriptions = json.loads(str(file["about"]))
         return [
             SubMesh(
                 vertices_m=file[f"vertices_m_{number}"],
                 faces=file[f"faces_{number}"],
-                keys=tuple(one["keys"]),
-                grey=one["grey"],
+                keys=tuple(description["keys"]),
+                grey=description["grey"],
             )
-            for number, one in enumerate(about)
+            for number, description in enumerate(descriptions)
         ]

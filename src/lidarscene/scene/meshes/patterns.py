@@ -50,10 +50,10 @@ def read(geometry: Any, kind: Kind, *, linear: bool) -> tuple[Pattern, Numbers |
     Values at faces become values at vertices: then the faces returned name three vertices of their own each, in the
     order of the mesh's corners. None: those of the mesh.
     """
-    found = _reflectivities(geometry) if kind == "reflectivity" else _colours(geometry, linear=linear)
-    if isinstance(found, Pattern) or found is None:
-        return None if found is None else (found, None)
-    values, of_faces = found
+    pattern_or_values = _reflectivities(geometry) if kind == "reflectivity" else _colours(geometry, linear=linear)
+    if isinstance(pattern_or_values, Pattern) or pattern_or_values is None:
+        return None if pattern_or_values is None else (pattern_or_values, None)
+    values, of_faces = pattern_or_values
     if not of_faces:
         return Pattern(kind=kind, values=values), None
     faces = np.arange(3 * len(values), dtype=np.uint32).reshape(-1, 3)

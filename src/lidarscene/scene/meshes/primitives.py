@@ -54,17 +54,17 @@ def cylinder_mesh(*, radius_m: float, height_m: float, sections: int = 64) -> tu
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius_m
     heights = np.linspace(-0.5, 0.5, rings + 1) * height_m
     side = np.concatenate([np.column_stack([circle, np.full(sections, z)]) for z in heights])
-    here = np.arange(sections)
-    following = (here + 1) % sections
+    corner = np.arange(sections)
+    next_corner = (corner + 1) % sections
     faces = []
     for ring in range(rings):
         low, high = ring * sections, (ring + 1) * sections
-        faces.append(np.stack([low + here, low + following, high + following], axis=1))
-        faces.append(np.stack([low + here, high + following, high + here], axis=1))
+        faces.append(np.stack([low + corner, low + next_corner, high + next_corner], axis=1))
+        faces.append(np.stack([low + corner, high + next_corner, high + corner], axis=1))
     centres = np.array([[0.0, 0.0, heights[0]], [0.0, 0.0, heights[-1]]])
     bottom, top, last = len(side), len(side) + 1, rings * sections
-    faces.append(np.stack([np.full(sections, bottom), following, here], axis=1))
-    faces.append(np.stack([np.full(sections, top), last + here, last + following], axis=1))
+    faces.append(np.stack([np.full(sections, bottom), next_corner, corner], axis=1))
+    faces.append(np.stack([np.full(sections, top), last + corner, last + next_corner], axis=1))
     return np.concatenate([side, centres]), np.concatenate(faces)
 
 

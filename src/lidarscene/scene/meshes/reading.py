@@ -121,14 +121,14 @@ def _mtl_resolver(path: Path, data: bytes) -> Any:
             if not name.lower().endswith(".mtl"):
                 return bytes(super().get(name))
             try:
-                given = bytes(super().get(name))
+                library = bytes(super().get(name))
             except Exception:
-                given = b""
-            known, used = (
+                library = b""
+            defined_names, used_names = (
                 set(re.findall(rb"^\s*" + word + rb"[ \t]+(.*?)\s*$", text, re.MULTILINE))
-                for word, text in ((b"newmtl", given), (b"usemtl", data))
+                for word, text in ((b"newmtl", library), (b"usemtl", data))
             )
-            return b"\n".join([given, *(b"newmtl " + one for one in sorted(used - known))])
+            return b"\n".join([library, *(b"newmtl " + material_name for material_name in sorted(used_names - defined_names))])
 
     return Resolver(str(path))
 
@@ -153,10 +153,10 @@ def _placed(loaded: Any, node: Any) -> SubMesh:
 
 def _patterned(piece: SubMesh, geometry: Any, kind: patterns.Kind, *, linear: bool) -> SubMesh:
     """The piece with its pattern; as it is if its geometry has none."""
-    found = patterns.read(geometry, kind, linear=linear)
-    if found is None:
+    pattern_and_faces = patterns.read(geometry, kind, linear=linear)
+    if pattern_and_faces is None:
         return piece
-    pattern, faces = found
+    pattern, faces = pattern_and_faces
     if faces is None:
         return replace(piece, pattern=pattern)
     return replace(piece, pattern=pattern, vertices_m=piece.vertices_m[piece.faces.reshape(-1)], faces=faces)

@@ -41,7 +41,7 @@ def read_usd(path: Path) -> list[SubMesh]:
     for name in ("Usd", "UsdGeom", "UsdShade", "UsdUtils", "Tf", "Gf"):
         optional(f"pxr.{name}", extra="usd")
     # USD prints what it does not find; told to this object it is quiet.
-    told = pxr.UsdUtils.CoalescingDiagnosticDelegate()
+    diagnostics = pxr.UsdUtils.CoalescingDiagnosticDelegate()
     try:
         stage = pxr.Usd.Stage.Open(str(path))
         reader = _Reader(pxr, stage, path)
@@ -49,7 +49,7 @@ def read_usd(path: Path) -> list[SubMesh]:
     except pxr.Tf.ErrorException as error:
         reason = " ".join(str(error).split())[:200]
         raise InputError(f"cannot be read as a USD stage: {reason}") from None
-    missing = [one for one in told.TakeUncoalescedDiagnostics() if "Could not open asset" in one.commentary]
+    missing = [diagnostic for diagnostic in diagnostics.TakeUncoalescedDiagnostics() if "Could not open asset" in diagnostic.commentary]
     if missing:
         raise InputError(f"refers to what cannot be read: {' '.join(missing[0].commentary.split())[:200]}")
     return pieces
@@ -103,8 +103,8 @@ class _Reader:
             frame = frames.get(prim.GetParent().GetPath(), placed)
             if prim.IsA(pxr.UsdGeom.Xformable):
                 xformable = pxr.UsdGeom.Xformable(prim)
-                own = np.array(xformable.GetLocalTransformation(self._time))
-                frame = own if xformable.GetResetXformStack() else own @ frame
+                local_frame = np.array(xformable.GetLocalTransformation(self._time))
+                frame = local_frame if xformable.GetResetXformStack() else local_frame @ frame
             frames[prim.GetPath()] = frame
             if prim.IsA(pxr.UsdGeom.PointInstancer):
                 prims.PruneChildren()  # its prototypes are seen where its points are
@@ -114,15 +114,15 @@ class _Reader:
 
     def _instances(self, instancer: Any, frame: Numbers) -> Iterator[SubMesh]:
         prototypes = [
-            instancer.GetPrim().GetStage().GetPrimAtPath(one) for one in instancer.GetPrototypesRel().GetTargets()
+            instancer.GetPrim().GetStage().GetPrimAtPath(path) for path in instancer.GetPrototypesRel().GetTargets()
         ]
         numbers = instancer.GetProtoIndicesAttr().Get(self._time) or ()
         # With the prototype's own transform, its last; invisible points are masked.
         transforms = instancer.ComputeInstanceTransformsAtTime(
             self._time, self._time, instancer.ExcludeProtoXform, instancer.ApplyMask
         )
-        kept = instancer.ComputeMaskAtTime(self._time) or [True] * len(numbers)
-        numbers = [number for number, is_kept in zip(numbers, kept, strict=True) if is_kept]
+        mask = instancer.ComputeMaskAtTime(self._time) or [True] * len(numbers)
+        numbers = [number for number, is_kept in zip(numbers, mask, strict=True) if is_kept]
         for number, transform in zip(numbers, transforms, strict=True):
             yield from self.under(prototypes[number], np.array(transform) @ frame)
 
@@ -132,22 +132,22 @@ class _Reader:
         placed = vertices @ frame[:3, :3] + frame[3, :3]
         placed = upright(placed, self._up) * self._metres  # type: ignore[arg-type]
         binding = self._pxr.UsdShade.MaterialBindingAPI(prim)
-        left = np.ones(len(faces), dtype=bool)
+        unassigned = np.ones(len(faces), dtype=bool)
         for subset in binding.GetMaterialBindSubsets():
-            here = np.isin(face_of, np.asarray(subset.GetIndicesAttr().Get(self._time) or ())) & left
-            left &= ~here
-            yield self._piece(subset.GetPrim(), prim, placed, faces[here])
-        if left.any():
-            yield self._piece(prim, prim, placed, faces[left])
+            in_subset = np.isin(face_of, np.asarray(subset.GetIndicesAttr().Get(self._time) or ())) & unassigned
+            unassigned &= ~in_subset
+            yield self._piece(subset.GetPrim(), prim, placed, faces[in_subset])
+        if unassigned.any():
+            yield self._piece(prim, prim, placed, faces[unassigned])
 
-    def _piece(self, bound: Any, prim: Any, vertices: Numbers, faces: Numbers) -> SubMesh:
+    def _piece(self, binding_prim: Any, prim: Any, vertices: Numbers, faces: Numbers) -> SubMesh:
         """A piece with the names and the colour of the material that is bound to ``bound``."""
-        material = self._pxr.UsdShade.MaterialBindingAPI(bound).ComputeBoundMaterial()[0]
+        material = self._pxr.UsdShade.MaterialBindingAPI(binding_prim).ComputeBoundMaterial()[0]
         name = material.GetPrim().GetName() if material else ""
-        used, places = np.unique(faces, return_inverse=True)
+        used_vertices, vertex_index = np.unique(faces, return_inverse=True)
         return SubMesh(
-            vertices_m=vertices[used],
-            faces=places.reshape(-1, 3),
+            vertices_m=vertices[used_vertices],
+            faces=vertex_index.reshape(-1, 3),
             keys=tuple(key for key in dict.fromkeys((name, prim.GetName(), str(prim.GetPath()))) if key),
             grey=self._grey(material, prim),
         )
@@ -157,12 +157,12 @@ class _Reader:
         colour = None
         if material:
             shader = material.ComputeSurfaceSource()[0]
-            given = shader.GetInput("diffuseColor") if shader else None
-            if given and not given.HasConnectedSource():
-                colour = given.Get(self._time)
+            diffuse_input = shader.GetInput("diffuseColor") if shader else None
+            if diffuse_input and not diffuse_input.HasConnectedSource():
+                colour = diffuse_input.Get(self._time)
         if colour is None:
-            shown = self._pxr.UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("displayColor")
-            values = shown.Get(self._time) if shown else None
+            display_colour = self._pxr.UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("displayColor")
+            values = display_colour.Get(self._time) if display_colour else None
             colour = values[0] if values is not None and len(values) == 1 else None
         return None if colour is None else float(np.clip(np.mean(colour), 0.0, 1.0))
 
@@ -215,14 +215,14 @@ class _Reader:
         shape = getattr(self._pxr.UsdGeom, kind)(prim)
         height, radius = (float(a.Get(self._time)) for a in (shape.GetHeightAttr(), shape.GetRadiusAttr()))
         if kind == "Capsule":
-            made = trimesh.creation.capsule(height=height, radius=radius, count=[64, 64])
+            solid = trimesh.creation.capsule(height=height, radius=radius, count=[64, 64])
         else:
-            made = getattr(trimesh.creation, kind.lower())(radius=radius, height=height, sections=64)
+            solid = getattr(trimesh.creation, kind.lower())(radius=radius, height=height, sections=64)
         # trimesh stands a cone on the origin.
-        vertices = made.vertices - made.bounds.mean(axis=0)
+        vertices = solid.vertices - solid.bounds.mean(axis=0)
         # From along z to along the axis that is asked for.
-        turned = np.roll(vertices, {"X": 1, "Y": 2, "Z": 0}[str(shape.GetAxisAttr().Get(self._time))], axis=1)
-        return turned, np.asarray(made.faces), np.zeros(len(made.faces), dtype=np.int64)
+        vertices_on_axis = np.roll(vertices, {"X": 1, "Y": 2, "Z": 0}[str(shape.GetAxisAttr().Get(self._time))], axis=1)
+        return vertices_on_axis, np.asarray(solid.faces), np.zeros(len(solid.faces), dtype=np.int64)
 
 
 def _whole(mesh: Any) -> tuple[Numbers, Numbers, Numbers]:

@@ -76,7 +76,7 @@ class Check:
         for count in self.train.group_sizes(min(iec.t2_s(source_rad=0.0), self.time_base_s)):
             duration = max(self.train.shortest_span_s(count) + self._pulse_s, least)
             if count > 1:
-                found = self._criterion(
+                criterion = self._criterion(
                     "pulse group",
                     "4.3 f 2",
                     count * self._through(duration),
@@ -84,7 +84,7 @@ class Check:
                     "J",
                     f"{count} pulses in {si(duration, 's')}",
                 )
-                worst = found if worst is None or found.margin < worst.margin else worst
+                worst = criterion if worst is None or criterion.margin < worst.margin else worst
         if worst is not None:
             yield worst
 

@@ -49,16 +49,16 @@ class PulseTrain:
 
     def shortest_span_s(self, pulses: int) -> float:
         """Shortest time from the first to the last of this many consecutive pulses."""
-        periods, rest = divmod(pulses - 1, self.per_period)
+        periods, pulses_left = divmod(pulses - 1, self.per_period)
         twice = np.concatenate([self.time_s, self.time_s + self.period_s])
-        return float(periods * self.period_s + (twice[rest : rest + self.per_period] - self.time_s).min())
+        return float(periods * self.period_s + (twice[pulses_left : pulses_left + self.per_period] - self.time_s).min())
 
     def most_within(self, duration_s: float) -> int:
         """Most pulses that start within a window of this duration, open at its end (minus 1e-9, for rounding)."""
-        periods, rest = divmod(duration_s * (1.0 - 1e-9), self.period_s)
+        periods, rest_s = divmod(duration_s * (1.0 - 1e-9), self.period_s)
         twice = np.concatenate([self.time_s, self.time_s + self.period_s])
         starts = np.arange(self.per_period)
-        ends = np.searchsorted(twice, self.time_s + rest, side="left")
+        ends = np.searchsorted(twice, self.time_s + rest_s, side="left")
         return int(periods) * self.per_period + int((ends - starts).max(initial=0))
 
     def groups_per_period(self, closer_than_s: float) -> int:

@@ -37,8 +37,8 @@ def not_known(sensor: Sensor) -> tuple[str, ...]:
 
     A number without a source is the user's own and counts as known.
     """
-    found = ((key, _GUESSED.search(sensor.source_of(key) or "")) for key in _NEEDED)
-    return tuple(f"{key} is {word.group()}" for key, word in found if word is not None)
+    guesses = ((key, _GUESSED.search(sensor.source_of(key) or "")) for key in _NEEDED)
+    return tuple(f"{key} is {word.group()}" for key, word in guesses if word is not None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,8 +212,8 @@ def report_text(sensor: Sensor) -> str:
         f"{si(float(laser.pulse_fwhm_s), 's')}, {rate_hz * 1e-3:g} kHz: "
         f"{si(reports[0].pulse_energy_j, 'J')} a pulse, {si(reports[0].pulse_energy_j * rate_hz, 'W')} in the mean"
     )
-    said = dict.fromkeys(line for report in reports for line in report.assumptions)
-    assumed = "\n".join(f"{'assumed' if i == 0 else '':<9}{line}" for i, line in enumerate(said))
+    assumptions = dict.fromkeys(line for report in reports for line in report.assumptions)
+    assumed = "\n".join(f"{'assumed' if i == 0 else '':<9}{line}" for i, line in enumerate(assumptions))
     return "\n\n".join([f"{head}\n{assumed}", *(as_text(report) for report in reports)])
 
 

@@ -137,8 +137,8 @@ def parameter_axis(
         whole = whole or info.whole
         if start is None or stop is None:
             if not info.value:
-                shown = "is 0" if info.value == 0.0 else "is not given"
-                raise InputError(f"--over {key}: {shown} in {where}, so --from and --to must be given")
+                state = "is 0" if info.value == 0.0 else "is not given"
+                raise InputError(f"--over {key}: {state} in {where}, so --from and --to must be given")
             ends = sorted((info.value / 5.0, info.value * 5.0))
             lows.append(min(max(ends[0], info.low), info.value))
             highs.append(max(min(ends[1], info.high), info.value))
@@ -191,12 +191,12 @@ def _numeric(model: type[BaseModel], tables: Mapping[str, Any], prefix: str) -> 
     for name, info in model.model_fields.items():
         key, value = prefix + (info.alias or name), tables.get(info.alias or name)
         types = list(_types(info.annotation))
-        models = [one for one in types if isinstance(one, type) and issubclass(one, BaseModel)]
+        models = [kind_of_value for kind_of_value in types if isinstance(kind_of_value, type) and issubclass(kind_of_value, BaseModel)]
         if models and isinstance(value, Mapping):
             kind = value.get("type")
-            fitting = [one for one in models if len(models) == 1 or kind in _literals(one)]
-            for one in fitting[:1]:
-                yield from _numeric(one, value, key + ".")
+            fitting = [table_model for table_model in models if len(models) == 1 or kind in _literals(table_model)]
+            for table_model in fitting[:1]:
+                yield from _numeric(table_model, value, key + ".")
         elif (float in types or int in types) and not isinstance(value, (list, tuple, str, bool, Mapping)):
             value = info.default if value is None else value
             limits = {

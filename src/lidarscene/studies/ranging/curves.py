@@ -109,8 +109,8 @@ def _along(sensor: Sensor, target: Target, question: Question, x: Numbers) -> Ta
         case "incidence":
             return replace(target, cos_incidence=np.maximum(np.cos(np.radians(x)), 0.0))
         case "elevation" | "azimuth":
-            own = question.law == "scanner"
-            share = of_scanner(sensor.scanner, question.axis.key, x) if own else LAWS[question.law](x)
+            is_scanner_law = question.law == "scanner"
+            share = of_scanner(sensor.scanner, question.axis.key, x) if is_scanner_law else LAWS[question.law](x)
             return replace(target, aperture_share=np.maximum(share, 0.0))
     return target
 
@@ -127,9 +127,9 @@ def curve(subject: Subject, question: Question, x: Numbers) -> Curve:
     """The sensor's values at these x."""
     pairs = conditions_for(subject, question, x)
     if question.quantity == "range":
-        found = [plane.maximum_range_m(sensor, target) for sensor, target in pairs]
-        values = np.concatenate([np.atleast_1d(limit) for limit, _ in found])
-        status = np.concatenate([np.atleast_1d(status) for _, status in found])
+        limits = [plane.maximum_range_m(sensor, target) for sensor, target in pairs]
+        values = np.concatenate([np.atleast_1d(limit) for limit, _ in limits])
+        status = np.concatenate([np.atleast_1d(status) for _, status in limits])
         return Curve(
             name=subject.name, values=np.broadcast_to(values, x.shape), status=np.broadcast_to(status, x.shape)
         )
@@ -143,33 +143,33 @@ def curve(subject: Subject, question: Question, x: Numbers) -> Curve:
 def curves(subjects: Sequence[Subject], question: Question) -> Curves:
     """Every sensor's curve, the crossings of any two, and where one is at its threshold."""
     x = question.axis.values
-    found = [curve(subject, question, x) for subject in subjects]
+    sensor_curves = [curve(subject, question, x) for subject in subjects]
     crossings: list[Crossing] = []
-    for (one, first), (other, second) in itertools.combinations(zip(subjects, found, strict=True), 2):
-        crossings += _crossings(question, (one, other), _difference(question, first, second))
+    for (first_subject, first_curve), (second_subject, second_curve) in itertools.combinations(zip(subjects, sensor_curves, strict=True), 2):
+        crossings += _crossings(question, (first_subject, second_subject), _difference(question, first_curve, second_curve))
     limits: list[Crossing] = []
-    for subject, own in zip(subjects, found, strict=True):
-        if own.margin is not None:
-            limits += _crossings(question, (subject,), _beyond(own.margin))
+    for subject, sensor_curve in zip(subjects, sensor_curves, strict=True):
+        if sensor_curve.margin is not None:
+            limits += _crossings(question, (subject,), _beyond(sensor_curve.margin))
     return Curves(
         question=question,
-        curves=tuple(found),
+        curves=tuple(sensor_curves),
         crossings=tuple(sorted(crossings, key=lambda c: c.at)),
         detection_limits=tuple(limits),
     )
 
 
-def _difference(question: Question, first: Curve, second: Curve, *, same: float = 1e-9) -> Numbers:
+def _difference(question: Question, first: Curve, second: Curve, *, tolerance: float = 1e-9) -> Numbers:
     """Relative difference of two curves; 0 where it is below ``same`` or both are negligible."""
     a, b = first.values, second.values
-    both = np.isfinite(a) & np.isfinite(b)
-    size = np.where(both, np.maximum(np.abs(a), np.abs(b)), 1.0)
+    both_finite = np.isfinite(a) & np.isfinite(b)
+    size = np.where(both_finite, np.maximum(np.abs(a), np.abs(b)), 1.0)
     least = 1e-6 if question.quantity == "pd" else 0.0
     with np.errstate(invalid="ignore"):
-        part = np.where(both & (size > least), (a - b) / np.where(size > 0.0, size, 1.0), 0.0)
+        part = np.where(both_finite & (size > least), (a - b) / np.where(size > 0.0, size, 1.0), 0.0)
     unlimited = np.isinf(a).astype(float) - np.isinf(b).astype(float)
-    part = np.where(both, part, unlimited)
-    return np.where(np.abs(part) > same, part, 0.0)
+    part = np.where(both_finite, part, unlimited)
+    return np.where(np.abs(part) > tolerance, part, 0.0)
 
 
 def _beyond(margin: Numbers) -> Numbers:
@@ -180,25 +180,25 @@ def _crossings(question: Question, pair: tuple[Subject, ...], height: Numbers) -
     """Places where a height, sampled along the axis, changes its sign."""
 
     def height_at(x: Numbers) -> tuple[Numbers, Numbers]:
-        those = [curve(subject, question, x) for subject in pair]
-        if len(those) == 2:
-            return _difference(question, *those, same=0.0), those[0].values
-        assert those[0].margin is not None
-        return _beyond(those[0].margin), those[0].values
+        pair_curves = [curve(subject, question, x) for subject in pair]
+        if len(pair_curves) == 2:
+            return _difference(question, *pair_curves, tolerance=0.0), pair_curves[0].values
+        assert pair_curves[0].margin is not None
+        return _beyond(pair_curves[0].margin), pair_curves[0].values
 
     x = question.axis.values
     places = np.flatnonzero(height != 0.0)
-    found = []
-    for left, right in itertools.pairwise(places):
-        if height[left] * height[right] < 0.0:
-            met = _refined(question.axis, height_at, float(x[left]), float(x[right]), falls=bool(height[left] > 0.0))
-            if met is not None:
-                at, value = met
+    crossings = []
+    for low, high in itertools.pairwise(places):
+        if height[low] * height[high] < 0.0:
+            place_and_value = _refined(question.axis, height_at, float(x[low]), float(x[high]), falls=bool(height[low] > 0.0))
+            if place_and_value is not None:
+                place, value = place_and_value
                 second = pair[1].name if len(pair) == 2 else ""
-                found.append(
-                    Crossing(first=pair[0].name, second=second, at=at, value=value, falls=bool(height[left] > 0.0))
+                crossings.append(
+                    Crossing(first=pair[0].name, second=second, at=place, value=value, falls=bool(height[low] > 0.0))
                 )
-    return found
+    return crossings
 
 
 def _refined(
@@ -213,9 +213,9 @@ def _refined(
         steps = np.unique(np.rint(steps)) if axis.whole else steps
         height, values = height_at(steps)
         # The last step before the change becomes the lower end of the next bracket.
-        over = height > 0.0 if falls else height < 0.0
-        over[0], over[-1] = True, False
-        last = int(np.flatnonzero(over)[-1]) if not axis.whole else int(np.argmin(over)) - 1
+        before_change = height > 0.0 if falls else height < 0.0
+        before_change[0], before_change[-1] = True, False
+        last = int(np.flatnonzero(before_change)[-1]) if not axis.whole else int(np.argmin(before_change)) - 1
         low, high = float(steps[last]), float(steps[last + 1])
         if axis.whole and high - low <= 1.0:
             return high, float(values[last + 1])
@@ -225,9 +225,9 @@ def _refined(
             return 0.5 * (low + high), 0.5 * float(values[last] + values[last + 1])
 
 
-def is_flat(own: Curve) -> bool:
+def is_flat(sensor_curve: Curve) -> bool:
     """Whether the values are the same along the whole axis."""
-    return bool(np.all(own.values == own.values[0]))
+    return bool(np.all(sensor_curve.values == sensor_curve.values[0]))
 
 
 def limit_word(status: int) -> str:

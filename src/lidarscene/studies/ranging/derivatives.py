@@ -43,8 +43,8 @@ def differences(formula: Formula, values: Mapping[str, float]) -> tuple[float, d
     """Sixth-order central differences, one parameter after the other."""
     weights = ((1.0, 0.75), (2.0, -0.15), (3.0, 1.0 / 60.0))
 
-    def at(name: str, number: float) -> float:
-        return float(formula({**values, name: np.float64(number)}))
+    def at(parameter: str, value_at_step: float) -> float:
+        return float(formula({**values, parameter: np.float64(value_at_step)}))
 
     centre = float(formula(values))
     slopes = {}

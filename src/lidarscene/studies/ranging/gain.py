@@ -88,15 +88,15 @@ def _golden_section(function: Any) -> float:
     """Gain of the largest value, on a logarithmic axis; the function has one maximum."""
     golden = 0.5 * (math.sqrt(5.0) - 1.0)
     low, high = 0.0, math.log(_HIGHEST)
-    left, right = high - golden * (high - low), low + golden * (high - low)
-    at_left, at_right = function(math.exp(left)), function(math.exp(right))
+    inner_low, inner_high = high - golden * (high - low), low + golden * (high - low)
+    snr_low, snr_high = function(math.exp(inner_low)), function(math.exp(inner_high))
     while high - low > 1e-9:
-        if at_left >= at_right:
-            high, right, at_right = right, left, at_left
-            left = high - golden * (high - low)
-            at_left = function(math.exp(left))
+        if snr_low >= snr_high:
+            high, inner_high, snr_high = inner_high, inner_low, snr_low
+            inner_low = high - golden * (high - low)
+            snr_low = function(math.exp(inner_low))
         else:
-            low, left, at_left = left, right, at_right
-            right = low + golden * (high - low)
-            at_right = function(math.exp(right))
+            low, inner_low, snr_low = inner_low, inner_high, snr_high
+            inner_high = low + golden * (high - low)
+            snr_high = function(math.exp(inner_high))
     return float(np.exp(0.5 * (low + high)))

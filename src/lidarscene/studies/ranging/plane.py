@@ -74,18 +74,18 @@ def stacked(sensors: Sequence[Sensor]) -> Sensor | None:
     first, changes = sensors[0], {}
     for part in _PARTS:
         parts = [getattr(sensor, part) for sensor in sensors]
-        if len({type(one) for one in parts}) > 1:
+        if len({type(component) for component in parts}) > 1:
             return None
         if parts[0] is None:
             continue
         fields = {}
         for field in dataclasses.fields(parts[0]):
-            values = [getattr(one, field.name) for one in parts]
-            if all(value is values[0] or value == values[0] for value in values):
+            values_of_field = [getattr(component, field.name) for component in parts]
+            if all(value is values_of_field[0] or value == values_of_field[0] for value in values_of_field):
                 continue
-            if not all(isinstance(value, (int, float)) for value in values):
+            if not all(isinstance(value, (int, float)) for value in values_of_field):
                 return None
-            fields[field.name] = np.array(values, dtype=np.float64)
+            fields[field.name] = np.array(values_of_field, dtype=np.float64)
         changes[part] = replace(parts[0], **fields)
     return replace(first, **changes)
 
@@ -94,25 +94,25 @@ def echoes_of_plane(sensor: Sensor, target: Target, range_m: Numbers | float) ->
     """Light on the detector from the target at these ranges: the same stage that `render` runs."""
     shape = np.broadcast_shapes(np.shape(range_m), conditions_shape(sensor, target))
     ranges = np.array(np.broadcast_to(np.asarray(range_m, dtype=np.float64), shape or (1,)))
-    every = np.ones_like(ranges)
+    ones = np.ones_like(ranges)
     sun = sunlight.sun_irradiance_w_m2(
         irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2, illuminance_klux=target.illuminance_klux
     )
     hits = Hits(
         found=ranges > 0.0,
         range_m=ranges,
-        cos_incidence=target.cos_incidence * every,
-        backscatter_per_sr=target.reflectivity * target.cos_incidence / math.pi * every,
-        sun_scatter_per_sr=target.reflectivity * np.maximum(target.cos_sun, 0.0) / math.pi * every,
-        reflectivity=target.reflectivity * every,
-        cos_sun=target.cos_sun * every,
-        lit=(target.cos_sun * every > 0.0) & (ranges > 0.0),
+        cos_incidence=target.cos_incidence * ones,
+        backscatter_per_sr=target.reflectivity * target.cos_incidence / math.pi * ones,
+        sun_scatter_per_sr=target.reflectivity * np.maximum(target.cos_sun, 0.0) / math.pi * ones,
+        reflectivity=target.reflectivity * ones,
+        cos_sun=target.cos_sun * ones,
+        lit=(target.cos_sun * ones > 0.0) & (ranges > 0.0),
         face=np.zeros(ranges.shape, dtype=np.int32),
     )
     beams = Beams(
         pulse=np.arange(ranges.size, dtype=np.uint32).reshape(ranges.shape),
         origin_m=(0.0, 0.0, 0.0),
-        direction=(every, 0.0 * every, 0.0 * every),
+        direction=(ones, 0.0 * ones, 0.0 * ones),
         aperture_m2=sensor.optics.aperture_m2 * target.aperture_share,
     )
     ambient = Ambient(
@@ -127,8 +127,8 @@ def echoes_of_plane(sensor: Sensor, target: Target, range_m: Numbers | float) ->
 def _response(sensor: Sensor, light: Echoes) -> tuple[WorkingPoint, Numbers, Numbers]:
     """The working point, the peak signal and the comparator's level, in the shape of the light."""
     point = sensor.working_point(light.background_power_w, range_m=light.range_m)
-    every = np.ones_like(light.range_m)
-    signal, level = point.signal(light.peak_power_w) * every, sensor.threshold(point) * every
+    ones = np.ones_like(light.range_m)
+    signal, level = point.signal(light.peak_power_w) * ones, sensor.threshold(point) * ones
     return point, np.asarray(signal), np.asarray(level)
 
 
@@ -170,16 +170,16 @@ def maximum_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:
     points per decade.
     """
     shape = conditions_shape(sensor, target)
-    every = np.ones(shape or (1,))
+    ones = np.ones(shape or (1,))
     decades = math.log10(_FARTHEST_M / _NEAREST_M)
     several = np.any(np.asarray(target.extinction_per_m) > 0.0) or sensor.optics.overlap is not None
     cuts = round(decades * _STEPS_PER_DECADE) if several else 1
     grid = np.geomspace(_NEAREST_M, _FARTHEST_M, cuts + 1)
     # Index of the last grid range at which the target is detected; -1: none.
-    calls = min(grid.size * every.size // _AT_ONCE + 1, grid.size)
-    parts = [np.multiply.outer(part, every) for part in np.array_split(grid, calls)]
-    seen = np.concatenate([_is_detected(sensor, target, part) for part in parts])
-    last = np.where(seen.any(axis=0), cuts - np.argmax(seen[::-1], axis=0), -1)
+    calls = min(grid.size * ones.size // _AT_ONCE + 1, grid.size)
+    parts = [np.multiply.outer(part, ones) for part in np.array_split(grid, calls)]
+    detected = np.concatenate([_is_detected(sensor, target, part) for part in parts])
+    last = np.where(detected.any(axis=0), cuts - np.argmax(detected[::-1], axis=0), -1)
     near, far = grid[np.maximum(last, 0)], grid[np.minimum(last + 1, cuts)]
     last = np.where((last >= 0) & _is_noiseless(sensor, target), cuts, last)
     # Conditions without a crossing get a closed bracket, so that bisection skips them.
@@ -214,11 +214,11 @@ def _narrowed(sensor: Sensor, target: Target, near: Numbers, far: Numbers) -> tu
     parts = np.concatenate([even, guess - guess * closer, guess[None], guess + (1.0 - guess) * closer])
     ranges = near * np.exp(np.sort(parts, axis=0) * width)
     ranges[0], ranges[-1] = near, far
-    seen = _is_detected(sensor, target, ranges)
-    seen[0], seen[-1] = True, False
-    last = len(ranges) - 1 - np.argmax(seen[::-1], axis=0)
-    found = np.take_along_axis(ranges, np.stack([last, last + 1]), axis=0)
-    return found[0], found[1]
+    detected = _is_detected(sensor, target, ranges)
+    detected[0], detected[-1] = True, False
+    last = len(ranges) - 1 - np.argmax(detected[::-1], axis=0)
+    bracket = np.take_along_axis(ranges, np.stack([last, last + 1]), axis=0)
+    return bracket[0], bracket[1]
 
 
 def _is_detected(sensor: Sensor, target: Target, range_m: Numbers) -> Numbers:
@@ -250,11 +250,11 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
     if sensor.tdc.threshold_to_noise is None:
         raise ValueError(f"sensor '{sensor.name}' has a fixed threshold: the closed forms need a ratio to noise")
     laser, optics, detector = sensor.laser, sensor.optics, sensor.detector
-    every = np.ones(conditions_shape(sensor, target) or (1,))
-    echo = every * target.reflectivity * target.cos_incidence * target.transmittance * target.aperture_share
+    ones = np.ones(conditions_shape(sensor, target) or (1,))
+    echo = ones * target.reflectivity * target.cos_incidence * target.transmittance * target.aperture_share
     # The sky's share of the radiance adds to cos(theta_s) under the root, so the forms hold with a sky too.
     daylight = np.maximum(target.cos_sun, 0.0) + target.diffuse_share
-    dark = every * target.illuminance_klux * optics.sun_irradiance_w_m2 * daylight <= _NOTHING
+    dark = ones * target.illuminance_klux * optics.sun_irradiance_w_m2 * daylight <= _NOTHING
     sun_irradiance_w_m2 = optics.sun_irradiance_w_m2 * target.illuminance_klux / 100.0
     wall = range_limit.Plane(
         reflectivity=np.where(echo > _NOTHING, target.reflectivity, 1.0),
@@ -291,9 +291,9 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
             dead_time_s=detector.dead_time_s,
         )
     # SNR goes with 1 / R^2, and with what the amplifier leaves of the peak over the root of that of the noise.
-    left = sensor.response
-    bound = bound * np.sqrt(left.peak / np.sqrt(left.noise))
-    rate = 0.75 * target.extinction_per_m * every
+    response = sensor.response
+    bound = bound * np.sqrt(response.peak / np.sqrt(response.noise))
+    rate = 0.75 * target.extinction_per_m * ones
     thick = rate > 0.0
     faded = _lambert_w(np.where(thick, rate * bound, 1.0)) / np.where(thick, rate, 1.0)
     limit = np.where(echo > _NOTHING, np.where(dark, math.inf, np.where(thick, faded, bound)), 0.0)
@@ -325,7 +325,7 @@ def equal_range_illuminance_klux(
             f"'{first.name}' and '{second.name}' do not change places between {low_klux} and {high_klux} klux"
         )
     while high_klux / low_klux > 1.0 + 1e-10:
-        tried = np.geomspace(low_klux, high_klux, 17)
-        change = int(np.argmax(ahead(tried[1:]) != at_ends[0]))
-        low_klux, high_klux = float(tried[change]), float(tried[change + 1])
+        illuminances_klux = np.geomspace(low_klux, high_klux, 17)
+        change = int(np.argmax(ahead(illuminances_klux[1:]) != at_ends[0]))
+        low_klux, high_klux = float(illuminances_klux[change]), float(illuminances_klux[change + 1])
     return math.sqrt(low_klux * high_klux)

@@ -28,8 +28,8 @@ def csv_text(swept: Curves) -> str:
     """The axis with its unit, then one column for each sensor; 0: never detected, inf: no limit."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([swept.question.axis.column, *(one.name for one in swept.curves)])
-    columns = [swept.question.axis.values, *(one.values for one in swept.curves)]
+    writer.writerow([swept.question.axis.column, *(curve.name for curve in swept.curves)])
+    columns = [swept.question.axis.values, *(curve.values for curve in swept.curves)]
     writer.writerows([f"{value:.10g}" for value in row] for row in zip(*columns, strict=True))
     return out.getvalue()
 
@@ -61,18 +61,18 @@ def air_text(target: Target, visibility_m: float | None) -> str:
     return f"transmittance {target.transmittance:g}"
 
 
-def _cell(own: Curve, index: int) -> str:
-    if own.status is not None and own.status[index] != RangeStatus.FOUND:
-        return limit_word(int(own.status[index]))
-    return f"{own.values[index]:.6g}"
+def _cell(curve: Curve, index: int) -> str:
+    if curve.status is not None and curve.status[index] != RangeStatus.FOUND:
+        return limit_word(int(curve.status[index]))
+    return f"{curve.values[index]:.6g}"
 
 
 def table_text(swept: Curves) -> str:
     """About a dozen rows of the curves; the CSV has all."""
     axis = swept.question.axis
     rows = np.unique(np.rint(np.linspace(0, len(axis.values) - 1, min(_ROWS, len(axis.values)))).astype(int))
-    table = [[axis.column, *(one.name for one in swept.curves)]]
-    table += [[f"{axis.values[i]:.6g}", *(_cell(one, i) for one in swept.curves)] for i in rows]
+    table = [[axis.column, *(curve.name for curve in swept.curves)]]
+    table += [[f"{axis.values[i]:.6g}", *(_cell(curve, i) for curve in swept.curves)] for i in rows]
     widths = [max(len(row[column]) for row in table) for column in range(len(table[0]))]
     lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in table]
     return "\n".join(lines)
@@ -91,11 +91,11 @@ def unambiguous_m(sensor: Sensor) -> float:
     return float(radiometry.range_from_time_of_flight_m(time_of_flight_s=period_s))
 
 
-def window_note(name: str, sensor: Sensor, *, farthest_m: float, what: str) -> str | None:
+def window_note(name: str, sensor: Sensor, *, farthest_m: float, limit_text: str) -> str | None:
     """A line if the window ends before what is seen farthest, ``what`` in words; None if it does not."""
     if farthest_m <= window_m(sensor):
         return None
-    line = f"{name}: its window ends at {window_m(sensor):.1f} m, before {what}"
+    line = f"{name}: its window ends at {window_m(sensor):.1f} m, before {limit_text}"
     folds_m = unambiguous_m(sensor)
     if folds_m == math.inf:
         return line
@@ -110,27 +110,27 @@ def notes(swept: Curves, sensors: Mapping[str, Sensor]) -> list[str]:
     question = swept.question
     unit = f" {question.axis.unit}" if question.axis.unit else ""
     notes_so_far = []
-    for one in swept.detection_limits:
-        if question.axis.key == "distance" and one.falls:
-            notes_so_far.append(f"{one.first}: maximum range {one.at:.6g} m, where {_value(question.quantity, one)}")
+    for crossing in swept.detection_limits:
+        if question.axis.key == "distance" and crossing.falls:
+            notes_so_far.append(f"{crossing.first}: maximum range {crossing.at:.6g} m, where {_value(question.quantity, crossing)}")
         else:
-            verb = "falls to" if one.falls else "rises to"
+            verb = "falls to" if crossing.falls else "rises to"
             notes_so_far.append(
-                f"{one.first}: {verb} the threshold at {one.at:.6g}{unit}, {_value(question.quantity, one)}"
+                f"{crossing.first}: {verb} the threshold at {crossing.at:.6g}{unit}, {_value(question.quantity, crossing)}"
             )
-    for one in swept.crossings:
-        verb = "falls below" if one.falls else "rises above"
-        value = _value(question.quantity, one)
-        notes_so_far.append(f"crossing at {one.at:.6g}{unit}: {one.first} {verb} {one.second}, {value}")
-    for own in swept.curves:
-        farthest = own.values if own.status is not None else np.zeros(1)
+    for crossing in swept.crossings:
+        verb = "falls below" if crossing.falls else "rises above"
+        value = _value(question.quantity, crossing)
+        notes_so_far.append(f"crossing at {crossing.at:.6g}{unit}: {crossing.first} {verb} {crossing.second}, {value}")
+    for curve in swept.curves:
+        farthest = curve.values if curve.status is not None else np.zeros(1)
         farthest = farthest[np.isfinite(farthest)] if len(farthest) else farthest
-        limits = [c.at for c in swept.detection_limits if c.first == own.name and question.axis.key == "distance"]
+        limits = [c.at for c in swept.detection_limits if c.first == curve.name and question.axis.key == "distance"]
         reach = max([*limits, *farthest.tolist()], default=0.0)
-        line = window_note(own.name, sensors[own.name], farthest_m=reach, what="the farthest of these")
+        line = window_note(curve.name, sensors[curve.name], farthest_m=reach, limit_text="the farthest of these")
         notes_so_far += [] if line is None else [line]
-        if is_flat(own) and len(own.values) > 1:
-            notes_so_far.append(f"{own.name}: the same everywhere, {question.axis.key} does not matter")
+        if is_flat(curve) and len(curve.values) > 1:
+            notes_so_far.append(f"{curve.name}: the same everywhere, {question.axis.key} does not matter")
     if question.axis.key in ("elevation", "azimuth"):
         notes_so_far.append(f"aperture law: {law_text(question.law)}")
     return notes_so_far
@@ -141,8 +141,8 @@ def law_text(law: str) -> str:
     return " ".join(((of_scanner if law == "scanner" else LAWS[law]).__doc__ or "").split("\n\n")[0].split())
 
 
-def _value(quantity: str, one: Crossing) -> str:
-    return f"{one.value:.6g} m" if quantity == "range" else f"{_SYMBOL[quantity]} {one.value:.6g}"
+def _value(quantity: str, crossing: Crossing) -> str:
+    return f"{crossing.value:.6g} m" if quantity == "range" else f"{_SYMBOL[quantity]} {crossing.value:.6g}"
 
 
 def as_dict(swept: Curves) -> dict[str, Any]:
@@ -153,14 +153,14 @@ def as_dict(swept: Curves) -> dict[str, Any]:
 
     question = swept.question
     sensors = {}
-    for own in swept.curves:
-        entry: dict[str, Any] = {"values": numbers(own.values)}
-        if own.status is not None:
-            entry["status"] = [RangeStatus(int(s)).name.lower() for s in own.status]
+    for curve in swept.curves:
+        entry: dict[str, Any] = {"values": numbers(curve.values)}
+        if curve.status is not None:
+            entry["status"] = [RangeStatus(int(s)).name.lower() for s in curve.status]
         entry["detection_limits"] = [
-            {"at": c.at, "value": c.value, "falls": c.falls} for c in swept.detection_limits if c.first == own.name
+            {"at": c.at, "value": c.value, "falls": c.falls} for c in swept.detection_limits if c.first == curve.name
         ]
-        sensors[own.name] = entry
+        sensors[curve.name] = entry
     return {
         "over": question.axis.column,
         "unit": question.axis.unit,
@@ -182,13 +182,13 @@ def chart_of(swept: Curves, title: str, *, thresholds: dict[str, float | None]) 
     question = swept.question
     axis, quantity = question.axis, question.quantity
     lines = []
-    for number, own in enumerate(swept.curves):
-        drawn = np.where(own.values > 0.0, own.values, np.nan) if quantity != "pd" else own.values
-        lines.append(Line(label=own.name, x=axis.values, y=drawn, colour=number))
-    finite = np.concatenate([one.y[np.isfinite(one.y)] for one in lines])
+    for number, curve in enumerate(swept.curves):
+        drawn = np.where(curve.values > 0.0, curve.values, np.nan) if quantity != "pd" else curve.values
+        lines.append(Line(label=curve.name, x=axis.values, y=drawn, colour=number))
+    finite = np.concatenate([line.y[np.isfinite(line.y)] for line in lines])
     log = quantity == "snr" or (quantity == "range" and len(finite) > 0 and finite.max() > 30.0 * finite.min())
     unit = f" {axis.unit}" if axis.unit else ""
-    colour = {own.name: number for number, own in enumerate(swept.curves)}
+    colour = {curve.name: number for number, curve in enumerate(swept.curves)}
     marks = [
         Mark(x=c.at, y=c.value, text=f"{c.at:.4g}{unit}", colour=colour[c.first], offset=_offset(i, c.falls))
         for i, c in enumerate(swept.detection_limits)

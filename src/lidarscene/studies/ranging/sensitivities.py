@@ -88,15 +88,15 @@ def parameters(sensor: Sensor, target: Target) -> dict[str, float]:
     Counts that choose code (``tdc.stops``, ``detector.coincidence``) are left out; the number of cells counts as
     continuous.
     """
-    found = {}
+    numbers = {}
     for prefix, part in [(name, getattr(sensor, name)) for name in _PARTS] + [("target", target)]:
         if part is None:
             continue
         for field in dataclasses.fields(part):
             value = getattr(part, field.name)
             if isinstance(value, (int, float)) and not isinstance(value, bool) and field.name not in _CODE:
-                found[f"{prefix}.{field.name}"] = float(value)
-    return found
+                numbers[f"{prefix}.{field.name}"] = float(value)
+    return numbers
 
 
 def with_parameters(sensor: Sensor, target: Target, values: Mapping[str, Lanes]) -> tuple[Sensor, Target]:
@@ -133,13 +133,13 @@ def sensitivities(sensor: Sensor, target: Target, *, distance_m: float | None = 
     distance = limit if distance_m is None else distance_m
     values = parameters(sensor, target)
 
-    def formula(which: int) -> derivatives.Formula:
-        def of(numbers: Mapping[str, Lanes]) -> Lanes:
+    def formula(output: int) -> derivatives.Formula:
+        def evaluate(numbers: Mapping[str, Lanes]) -> Lanes:
             own = {name: number for name, number in numbers.items() if name != _RANGE}
             changed = with_parameters(sensor, target, own)
-            return margin_and_detection(*changed, numbers[_RANGE])[which]
+            return margin_and_detection(*changed, numbers[_RANGE])[output]
 
-        return of
+        return evaluate
 
     method, derive = derivatives.chosen(method)
     _, margin = derive(formula(0), {**values, _RANGE: limit})

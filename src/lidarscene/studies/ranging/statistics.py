@@ -121,8 +121,8 @@ def detection_probability(sensor: Sensor, target: Target, range_m: float) -> flo
     light = plane.echoes_of_plane(sensor, target, range_m)
     point = sensor.working_point(light.background_power_w, range_m=light.range_m)
     signal = point.signal(light.peak_power_w)
-    found = point.detection_probability(sensor.threshold(point), signal, _sigma(point, signal))
-    return float(np.ravel(found)[0])
+    probability = point.detection_probability(sensor.threshold(point), signal, _sigma(point, signal))
+    return float(np.ravel(probability)[0])
 
 
 def false_alarm_probability(sensor: Sensor, target: Target, *, sky: bool = False, tail: Tail | None = None) -> float:
@@ -178,14 +178,14 @@ def simulated_shots(
     sensor: Sensor, target: Target, range_m: float | None, *, shots: int = 100_000, seed: int = 0
 ) -> Shots:
     """That many pulses at a target, or for None into the sky, through `receivers.detect_alone` on numpy."""
-    every = np.ones(shots)
-    echoes = plane.echoes_of_plane(sensor, target, every if range_m is None else range_m * every)
+    ones = np.ones(shots)
+    echoes = plane.echoes_of_plane(sensor, target, ones if range_m is None else range_m * ones)
     if range_m is None:
-        background = _background_w(sensor, target, True) * every
-        echoes = dataclasses.replace(echoes, found=every < 0.0, peak_power_w=0.0 * every, background_power_w=background)
-    found = detect_alone(echoes, sensor, seed=seed, pulse=np.arange(shots, dtype=np.uint32))
-    alarms = sum(int(np.sum(np.asarray(s.reported & (s.status == int(Status.FALSE_ALARM))))) for s in found.stops)
-    return Shots(shots, int(np.sum(found.outcome == int(Outcome.KEPT))), alarms)
+        background = _background_w(sensor, target, True) * ones
+        echoes = dataclasses.replace(echoes, found=ones < 0.0, peak_power_w=0.0 * ones, background_power_w=background)
+    detection = detect_alone(echoes, sensor, seed=seed, pulse=np.arange(shots, dtype=np.uint32))
+    alarms = sum(int(np.sum(np.asarray(stop.reported & (stop.status == int(Status.FALSE_ALARM))))) for stop in detection.stops)
+    return Shots(shots, int(np.sum(detection.outcome == int(Outcome.KEPT))), alarms)
 
 
 def end_of_window(sensor: Sensor, range_m: float) -> Sensor:
@@ -246,7 +246,7 @@ def _alarms_hz(sensor: Sensor, point: WorkingPoint, threshold: Lanes) -> Lanes:
     if spread is None:
         return sensor.false_alarm_rate_hz(point, threshold)
     drawn = [np.maximum(threshold + spread * place, LEAST_THRESHOLD) for place in _DEVIATES]
-    rates = [np.asarray(sensor.false_alarm_rate_hz(point, one)) for one in drawn]
+    rates = [np.asarray(sensor.false_alarm_rate_hz(point, level)) for level in drawn]
     return np.asarray(np.mean(rates, axis=0))
 
 

@@ -60,19 +60,19 @@ def subjects(arguments: Sequence[str], assignments: Sequence[str] = ()) -> list[
 
     assignments  KEY=VALUE for all, or SENSOR:KEY=VALUE for one
     """
-    found: list[Subject] = []
+    named_by_user: list[Subject] = []
     for argument in arguments:
         path = Path(argument) if argument.endswith(".toml") else catalog.path_of("sensors", argument)
         where = argument if argument.endswith(".toml") else path.name
         subject = Subject(name=argument, argument=argument, where=where, tables=read_toml(path), folder=path.parent)
-        found.append(subject)
-    split = [addressed(assignment, [subject.argument for subject in found]) for assignment in assignments]
-    seen: Counter[str] = Counter()
-    named = []
-    for subject in found:
-        overrides = tuple(text for to, text in split if to is None or to == subject.argument)
+        named_by_user.append(subject)
+    split = [addressed(assignment, [subject.argument for subject in named_by_user]) for assignment in assignments]
+    name_counts: Counter[str] = Counter()
+    unique = []
+    for subject in named_by_user:
+        overrides = tuple(text for addressee, text in split if addressee is None or addressee == subject.argument)
         name = replace(subject, overrides=overrides).sensor().name
-        seen[name] += 1
-        name = name if seen[name] == 1 else f"{name} ({seen[name]})"
-        named.append(replace(subject, overrides=overrides, name=name))
-    return named
+        name_counts[name] += 1
+        name = name if name_counts[name] == 1 else f"{name} ({name_counts[name]})"
+        unique.append(replace(subject, overrides=overrides, name=name))
+    return unique

@@ -36,7 +36,7 @@ def summary_of(subject: Subject, target: Target, *, distance_m: float, visibilit
         "distance_m": distance_m,
         "snr": snr if math.isfinite(snr) else None,
         "detection_probability": float(plane.detection_probability(sensor, target, distance_m)[0]),
-        "note": window_note(subject.name, sensor, farthest_m=float(limit), what="its maximum range"),
+        "note": window_note(subject.name, sensor, farthest_m=float(limit), limit_text="its maximum range"),
     }
 
 
@@ -45,11 +45,11 @@ def text_of(
 ) -> str:
     """The rows as a table."""
     incidence = math.degrees(math.acos(min(float(target.cos_incidence), 1.0)))
-    at = f"at {distance_m:g} m"
-    table = [["sensor", "maximum range", "closed form", "window", f"SNR {at}", f"P_d {at}"]]
+    distance_text = f"at {distance_m:g} m"
+    table = [["sensor", "maximum range", "closed form", "window", f"SNR {distance_text}", f"P_d {distance_text}"]]
     for row in rows:
-        found = row["status"] == RangeStatus.FOUND.name.lower()
-        limit = f"{row['maximum_range_m']:.3f} m" if found else limit_word(RangeStatus[row["status"].upper()])
+        has_limit = row["status"] == RangeStatus.FOUND.name.lower()
+        limit = f"{row['maximum_range_m']:.3f} m" if has_limit else limit_word(RangeStatus[row["status"].upper()])
         bound = "-" if row["closed_form_m"] is None else f"{row['closed_form_m']:.3f} m"
         snr = "inf" if row["snr"] is None else f"{row['snr']:.6g}"
         table.append(
