@@ -108,14 +108,14 @@ def __getattr__(name: str) -> Any:
     return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
 
 
-def _viewed(content: Any, **options: Any) -> Any:
-    from .view.notebook import viewed
+def _view(content: Any, **options: Any) -> Any:
+    from .view.notebook import view_in_notebook
 
-    return viewed(content, **options)
+    return view_in_notebook(content, **options)
 
 
 # Clouds and scenes stand below the page that views them.
-view_with(_viewed)
+view_with(_view)
 
 
 def __dir__() -> list[str]:

@@ -50,17 +50,17 @@ class BackendError(LidarSceneError):
         return Exception.__str__(self)
 
 
-class _Named(Exception):
+class _NamingOptions(Exception):
     """A message that names options: in a template `{seed}` is an option and `{0}` is the first of the values.
 
-    Python users know an option as `seed`, users of the command line as `--seed`: `told` writes it either way.
+    Python users know an option as `seed`, users of the command line as `--seed`: `message_with` writes it either way.
     """
 
     def __init__(self, template: str, *values: object) -> None:
         self.template, self.values = template, values
-        super().__init__(self.told(str))
+        super().__init__(self.message_with(str))
 
-    def told(self, name_of: Callable[[str], str]) -> str:
+    def message_with(self, name_of: Callable[[str], str]) -> str:
         """The message with the names that ``name_of`` gives to the options."""
         return shortened(string.Formatter().vformat(self.template, self.values, _Names(name_of)))
 
@@ -84,9 +84,9 @@ class _Names(Mapping[str, str]):
         return 0
 
 
-class OptionError(_Named, InputError):
+class OptionError(_NamingOptions, InputError):
     """Raised when an option has a value that it cannot have, or does not go with another option."""
 
 
-class OptionWarning(_Named, UserWarning):
+class OptionWarning(_NamingOptions, UserWarning):
     """Warned of when an option changes nothing, or a sensor is not what it seems."""

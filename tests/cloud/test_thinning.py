@@ -34,7 +34,7 @@ def test_all_channels_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a scanner that fires its 64 channels one after the other, all."""
     monkeypatch.setattr(thinning, "MOST_POINTS", 200)
     cloud = small_cloud(64 * 100, channel=np.tile(np.arange(64, dtype=np.int32), 100))
-    assert len(np.unique(Thinned.of(cloud).cloud().channel)) == 64
+    assert len(np.unique(Thinned.of_cloud(cloud).cloud().channel)) == 64
 
 
 @pytest.mark.slow

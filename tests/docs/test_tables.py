@@ -221,7 +221,7 @@ def test_scatter_as_recorded() -> None:
 def test_held_to_recordings() -> None:
     """Every row of `catalog check --real` for the sensors that count photons; scatters to the error of their draws."""
     shown = table("sensors.md", "unit | quantity | at")
-    rows = [row for name in ("os0-128", "os1-128", "os2-128") for row in recorded.compared(name)]
+    rows = [row for name in ("os0-128", "os1-128", "os2-128") for row in recorded.compare(name)]
     for cells, row in zip(shown, rows, strict=True):
         assert (cells[0].strip("`"), cells[1]) == (row.sensor, row.quantity)
         assert row.condition.endswith(cells[2])

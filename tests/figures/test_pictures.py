@@ -340,7 +340,9 @@ def test_light_makes_edges_dark() -> None:
     rank = np.where(np.arange(40) < 20, 1, 0)[None].repeat(20, axis=0).astype(np.int32)
     rank[:, 36:] = NOTHING
     front = pixels.Front(point=np.array([1, 0]), depth_m=np.array([20.0, 5.0], np.float32), rank=rank)
-    image, seen = pixels.lit(front, np.full((2, 3), 200, np.uint8), background=np.array([9, 8, 7], np.uint8), reduction=2)
+    image, seen = pixels.eye_dome_picture(
+        front, np.full((2, 3), 200, np.uint8), background=np.array([9, 8, 7], np.uint8), reduction=2
+    )
     shown = pixels.unpacked(image)
     assert shown.shape == (10, 20, 3)
     assert (seen == (np.arange(20) < 18)).all()

@@ -30,7 +30,7 @@ SCENE = Scene(name="yard", bodies=(GROUND, CAR))
 
 
 def found(scene=SCENE, place_m=(0.0, 0.0, 1.8), sensor="table1-apd"):
-    clearance = Clearance.of(scene)
+    clearance = Clearance.of_scene(scene)
     return Surroundings.of(scene, load_sensor(sensor), np.array(place_m), time_s=0.0, clearance=clearance)
 
 
@@ -149,7 +149,7 @@ def test_no_shipped_scene_is_odd(name):
     scene = load_scene(name)
     sensor = load_sensor(scene.sensor_name)
     place_m = pose_at(motion_of(scene, sensor, scene.sensor_pose)).position_m
-    around = Surroundings.of(scene, sensor, place_m, time_s=0.0, clearance=Clearance.of(scene))
+    around = Surroundings.of(scene, sensor, place_m, time_s=0.0, clearance=Clearance.of_scene(scene))
     assert around.doubts == ()
     assert around.around.nearest.distance_m < 100.0
 
@@ -162,7 +162,7 @@ def test_distances_against_every_triangle():
     rng = np.random.default_rng(3)
     box = body("box", box_mesh(size_m=(2.0, 1.0, 1.5)), (3.0, -1.0, 2.0), yaw_deg=20.0, pitch_deg=35.0, roll_deg=50.0)
     ball = body("ball", Ball(radius_m=0.4, material="grey"), (1.0, 2.0, 1.0))
-    clearance = Clearance.of(Scene(name="", bodies=(box, ball)))
+    clearance = Clearance.of_scene(Scene(name="", bodies=(box, ball)))
     grid = np.array([(i, j, 40 - i - j) for i in range(41) for j in range(41 - i)]) / 40.0
     corners = box.pose.apply(box.parts[0].vertices_m)[box.parts[0].faces]
     points = np.concatenate([grid @ triangle for triangle in corners])
@@ -178,7 +178,9 @@ def test_straight_up_and_down_by_hand():
     """A tilted plane: 1 m of height for each 2 m along x."""
     slope = body("slope", plane_mesh(size_m=(40.0, 40.0)), pitch_deg=-np.degrees(np.arctan(0.5)))
     ball = body("ball", Ball(radius_m=0.5, material="grey"), (4.0, 0.0, 9.0))
-    around = Clearance.of(Scene(name="", bodies=(slope, ball))).around_place(np.array([4.0, 0.3, 6.0]), time_s=0.0)
+    around = Clearance.of_scene(Scene(name="", bodies=(slope, ball))).around_place(
+        np.array([4.0, 0.3, 6.0]), time_s=0.0
+    )
     z = 2.0 * np.sign(slope.pose.rotation[2, 0])
     assert around.below.body == "slope"
     assert around.below.distance_m == pytest.approx(6.0 - z, rel=1e-9)

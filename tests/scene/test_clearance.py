@@ -36,7 +36,7 @@ def at(x, y, z, **turns):
 def told(place_m, *bodies, radius_m=0.025, time_s=0.0):
     """The line, or None."""
     try:
-        clearance = Clearance.of(Scene(bodies=bodies))
+        clearance = Clearance.of_scene(Scene(bodies=bodies))
         clearance.check(np.asarray(place_m), radius_m=radius_m, time_s=time_s, sensor="own")
     except InputError as error:
         return str(error)
@@ -144,7 +144,7 @@ def test_of_a_large_ground_a_few_triangles_are_looked_at(monkeypatch):
     corner = np.arange(side * side).reshape(side, side)[:-1, :-1].ravel()
     lower, upper = ((corner, corner + side, corner + side + 1), (corner, corner + side + 1, corner + 1))
     faces = np.concatenate([np.stack(lower, axis=1), np.stack(upper, axis=1)]).astype(np.uint32)
-    found = Clearance.of(Scene(bodies=(body("ground", (vertices, faces), at(2, 1, 0, yaw_deg=20)),)))
+    found = Clearance.of_scene(Scene(bodies=(body("ground", (vertices, faces), at(2, 1, 0, yaw_deg=20)),)))
     seen = []
     kernel = clearance._distance_m
     monkeypatch.setattr(

@@ -31,7 +31,7 @@ def fewer_shots(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("name", OUSTERS)
 def test_held_to_its_recording(name: str) -> None:
     """15 % in signal, 20 % in threshold and noise, a ratio of 1.25 in scatter."""
-    rows = recorded.compared(name)
+    rows = recorded.compare(name)
     assert {row.quantity.split(",")[0] for row in rows} == {"signal", "threshold", "highest noise", "scatter"}
     assert [row for row in rows if not row.held] == []
 
@@ -47,10 +47,10 @@ FAULTS = {
 
 @pytest.mark.parametrize("change", FAULTS)
 def test_a_wrong_value_fails(change: str) -> None:
-    curves = recorded.recorded("os1-128")
+    curves = recorded.recorded_curves("os1-128")
     assert curves is not None
     sensor = load_sensor("os1-128", overrides=[*MODE, change])
-    failed = {row.quantity for row in recorded.against("os1-128", curves, sensor) if not row.held}
+    failed = {row.quantity for row in recorded.compare_curves("os1-128", curves, sensor) if not row.held}
     assert FAULTS[change] in failed
 
 
@@ -152,7 +152,7 @@ def test_a_deviation_is_over_what_is_published() -> None:
 
 def test_bounds_of_each_curve() -> None:
     """15 % of the signal, 20 % of threshold and noise, a ratio of 1.25 of scatters in counted light."""
-    bounds = {row.quantity: row.most for row in recorded.compared("os0-128") if row.condition[0] != "2"}
+    bounds = {row.quantity: row.most for row in recorded.compare("os0-128") if row.condition[0] != "2"}
     assert bounds == {
         "signal": 1.15,
         "signal, spread": 1.15,
@@ -163,11 +163,12 @@ def test_bounds_of_each_curve() -> None:
 
 
 def test_the_signal_is_that_of_the_simulation_over_the_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
-    curves = recorded.recorded("os0-128")
+    curves = recorded.recorded_curves("os0-128")
     assert curves is not None
     monkeypatch.setattr(recorded, "white_m2", lambda *_: 1.1 * np.asarray(curves.signal.white_m2))
     rows = {
-        row.quantity: row.simulated for row in recorded.against("os0", curves, load_sensor("os0-128", overrides=MODE))
+        row.quantity: row.simulated
+        for row in recorded.compare_curves("os0", curves, load_sensor("os0-128", overrides=MODE))
     }
     assert rows["signal"] == pytest.approx(1.1)
     assert rows["signal, spread"] == pytest.approx(1.0)

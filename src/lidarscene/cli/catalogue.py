@@ -97,7 +97,7 @@ def _real_answer(arguments: argparse.Namespace) -> Answer:
     from ..studies import recorded
 
     names = [arguments.name] if arguments.name else catalog.names("sensors")
-    rows = [row for name in names for row in recorded.compared(name)]
+    rows = [row for name in names for row in recorded.compare(name)]
     if not rows:
         raise InputError(f"{arguments.name}: no recording of such a sensor is known")
     text = json_text([recorded.as_dict(row) for row in rows], indent=2) if arguments.json else ""

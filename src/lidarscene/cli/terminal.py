@@ -64,7 +64,7 @@ def complain(text: str) -> None:
 
 def told(error: LidarSceneError) -> str:
     """The message of an error, with the names that the command line has for options."""
-    text = error.told(option) if isinstance(error, OptionError) else str(error)
+    text = error.message_with(option) if isinstance(error, OptionError) else str(error)
     # How to get a back end takes several lines; everything else is told in one.
     return text if isinstance(error, BackendError) else printable(text)
 
@@ -162,7 +162,7 @@ def notes() -> Iterator[None]:
 
         def show(message: Any, *about: Any, **more: Any) -> None:
             if isinstance(message, OptionWarning):
-                sys.stderr.write(f"lidarscene: note: {printable(message.told(option))}\n")
+                sys.stderr.write(f"lidarscene: note: {printable(message.message_with(option))}\n")
             else:
                 others(message, *about, **more)
 

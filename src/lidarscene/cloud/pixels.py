@@ -89,7 +89,7 @@ def camera_for(
     if shape is not None:
         near = np.flatnonzero(distance_m <= 1.5 * reach)
         sample_m = echoes_m[near[:: max(len(near) // 20_000, 1)]]
-        target, fov_deg = _fitted(eye, target, sample_m + sensor, shape, fov_deg)
+        target, fov_deg = _fit_view(eye, target, sample_m + sensor, shape, fov_deg)
     look = target - eye
     right = np.cross(look, (0.0, 0.0, 1.0))
     if not 0 < fov_deg < 180 or not np.linalg.norm(right) > 1e-9 * np.linalg.norm(look):
@@ -98,7 +98,7 @@ def camera_for(
     return Camera(eye_m=eye, axes=np.stack([right, np.cross(look, right), look]), fov_deg=fov_deg)
 
 
-def _fitted(
+def _fit_view(
     eye: Numbers, target: Numbers, xyz_m: Numbers, shape: tuple[int, int], fov_deg: float
 ) -> tuple[Numbers, float]:
     """Target and angle with which the bulk of the points fills a picture."""
@@ -200,7 +200,7 @@ def _discs(rank: Numbers, centre: Numbers, radius: Numbers) -> None:
             flat[centre[part:stop, None] + disc] = np.arange(part, stop, dtype=np.int32)[:, None]
 
 
-def coloured(point: Numbers, rgb: Numbers, *, background: Numbers) -> Numbers:
+def colour_image(point: Numbers, rgb: Numbers, *, background: Numbers) -> Numbers:
     """(height, width, 3) uint8 colours of an image of point indices, from (n, 3) colours of the points."""
     # Four bytes in one go: three times as fast as rows of three. NOTHING is the last index.
     return unpacked(packed(np.concatenate([rgb, np.reshape(background, (1, 3))]))[point])
@@ -217,7 +217,7 @@ def unpacked(colour: Numbers) -> Numbers:
     return np.asarray(colour.astype("<u4").view(np.uint8).reshape(*colour.shape, 4)[..., :3])
 
 
-def lit(front: Front, rgb: Numbers, *, background: Numbers, reduction: int) -> tuple[Numbers, Numbers]:
+def eye_dome_picture(front: Front, rgb: Numbers, *, background: Numbers, reduction: int) -> tuple[Numbers, Numbers]:
     """The picture, smaller by this factor, and darker beside what is nearer so that edges show.
 
     Known as eye-dome lighting. The picture is (height, width) of packed colours; with it come the pixels that show a
@@ -276,7 +276,9 @@ def surfaces_behind(
     square = 1.0 / np.sqrt(1.0 + focal * focal * (down * down + across * across))
     faint = packed(((FAINT[0] + FAINT[1] * square)[..., None] * np.array(SURFACE_RGB)).astype(np.uint8))
     large = np.repeat(np.repeat(faint, SURFACE_PX, axis=0), SURFACE_PX, axis=1)[:height, :width]
-    shows_surface = np.repeat(np.repeat(has_surface, SURFACE_PX, axis=0), SURFACE_PX, axis=1)[:height, :width] & ~covered
+    shows_surface = (
+        np.repeat(np.repeat(has_surface, SURFACE_PX, axis=0), SURFACE_PX, axis=1)[:height, :width] & ~covered
+    )
     return np.asarray(np.where(shows_surface, large, image))
 
 

@@ -32,7 +32,7 @@ class Thinned:
         self._pieces: list[PointCloud] = []
 
     @classmethod
-    def of(cls, cloud: PointCloud) -> Thinned:
+    def of_cloud(cls, cloud: PointCloud) -> Thinned:
         """Of a whole cloud."""
         thinned = cls()
         thinned.append(cloud)

@@ -12,7 +12,17 @@ from pathlib import Path
 
 import numpy as np
 
-from ..cloud.pixels import Camera, Cells, camera_for, cells_of, coloured, lit, splat, surfaces_behind, unpacked
+from ..cloud.pixels import (
+    Camera,
+    Cells,
+    camera_for,
+    cells_of,
+    colour_image,
+    eye_dome_picture,
+    splat,
+    surfaces_behind,
+    unpacked,
+)
 from ..cloud.points import PointCloud
 from ..cloud.scales import Scale, scale_of
 from ..cloud.shades import Shades, rgb
@@ -52,7 +62,7 @@ def perspective_picture(
     view   without one: from above and behind the sensor, towards what is near
     scale  lowest and highest value of the colours (`common_scale`); None: those of this cloud
     """
-    canvas, whole = Canvas(size_px, BACKGROUND, INK), Thinned.of(cloud)
+    canvas, whole = Canvas(size_px, BACKGROUND, INK), Thinned.of_cloud(cloud)
     cloud = whole.cloud()
     shades = Shades(cloud, colour_by, limits=scale)
     head = _head(canvas, whole, shades, alarms=highlight_false_alarms)
@@ -65,7 +75,7 @@ def range_image(
     cloud: PointCloud, path: str | os.PathLike[str], *, colour_by: str = "range", size_px: tuple[int, int] = (1920, 640)
 ) -> None:
     """Draw azimuth by elevation as the sensor sees it, one cell for each beam; dark grey without a point."""
-    canvas, whole = Canvas(size_px, BACKGROUND, INK), Thinned.of(cloud)
+    canvas, whole = Canvas(size_px, BACKGROUND, INK), Thinned.of_cloud(cloud)
     cloud = whole.cloud()
     shades, unit = Shades(cloud, colour_by), canvas.unit
     head = _head(canvas, whole, None, alarms=False)
@@ -89,7 +99,7 @@ def frame_picture(
     A cloud of several sensors has one range image for each sensor instead, as far as there is room. Of very many
     points every k-th is drawn (`cloud.thinning.Thinned`), and the title says so. ``surfaces`` are drawn faintly.
     """
-    whole = cloud if isinstance(cloud, Thinned) else Thinned.of(cloud)
+    whole = cloud if isinstance(cloud, Thinned) else Thinned.of_cloud(cloud)
     cloud = whole.cloud()
     parts = _sensors_apart(cloud)
     images = (
@@ -163,7 +173,7 @@ def _draw_perspective(
         if large.any():
             colours = np.where(large[:, None], rgb(ALARM), colours)
     front = splat(camera, cloud.xyz_m, size=size, large=large)
-    image, seen = lit(front, colours, background=rgb(BACKGROUND), reduction=SUPERSAMPLING)
+    image, seen = eye_dome_picture(front, colours, background=rgb(BACKGROUND), reduction=SUPERSAMPLING)
     if surfaces is not None:
         image = surfaces_behind(image, seen, camera, surfaces)
     canvas.show(unpacked(image), left, top)
@@ -175,7 +185,7 @@ def _draw_range_image(canvas: Canvas, box: Box, cells: Cells, shades: Shades, *,
     """One range image in this box, with axes in degrees and a scale."""
     left, top, width, height = box
     unit = canvas.unit
-    canvas.show(coloured(cells.image(size=(width, height)), shades.rgb, background=rgb(MISSING)), left, top)
+    canvas.show(colour_image(cells.image(size=(width, height)), shades.rgb, background=rgb(MISSING)), left, top)
     x, y = cells.azimuth_deg, cells.elevation_deg
     for value in _ticks(float(y[0]), float(y[-1]), max(round(height / (44 * unit)), 2)):
         at = top + height * (y[-1] - value) / (y[-1] - y[0])

@@ -96,7 +96,7 @@ class Simulator:
         self.scene = scene = load_scene(scene)
         self.sensor = sensor = load_sensor(scene.sensor_name if sensor is None else sensor)
         self.pose = scene.sensor_pose if pose is None else placed(pose)
-        self.clearance = Clearance.of(scene)
+        self.clearance = Clearance.of_scene(scene)
         self.world = world or build_world(
             scene,
             wavelength_m=sensor.laser.wavelength_m,

@@ -71,7 +71,7 @@ class Clearance:
     blocks: dict[int, tuple[Part, Numbers]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, scene: Scene) -> Clearance:
+    def of_scene(cls, scene: Scene) -> Clearance:
         """Of a scene's own bodies; shapes of a Mitsuba base are not known here."""
         bodies = [body for body in scene.bodies if not body.away]
         # Copies of a body share their parts.
@@ -80,7 +80,7 @@ class Clearance:
         return cls(
             bodies=tuple(body for body, _ in bodies_and_boxes),
             boxes=np.array([box for _, box in bodies_and_boxes]).reshape(-1, 2, 3),
-            around=np.array([_around(body, box) for body, box in bodies_and_boxes]).reshape(-1, 2, 3),
+            around=np.array([_bounds_in_world(body, box) for body, box in bodies_and_boxes]).reshape(-1, 2, 3),
         )
 
     def check(self, place_m: Numbers, *, radius_m: float, time_s: float, sensor: str) -> None:
@@ -139,10 +139,10 @@ class Clearance:
                     nearest = Surface(found_m, body.name)
             if within is None and gaps_m[number] == 0.0 and _enclosed(body.parts, point) > _SHUT:
                 within = body.name
-        below, above = self._straight(place_m)
+        below, above = self._below_and_above(place_m)
         return Surrounding(nearest, below, above, within)
 
-    def _straight(self, place_m: Numbers) -> tuple[Surface, Surface]:
+    def _below_and_above(self, place_m: Numbers) -> tuple[Surface, Surface]:
         """Below and above a place, of bodies that stand still: what moves is no ground."""
         nearest = [Surface(), Surface()]
         low, high = self.around[:, 0, :2], self.around[:, 1, :2]
@@ -167,7 +167,7 @@ class Clearance:
         corners = part.vertices_m[part.faces[::_BLOCK, 0]] - point
         most = min(most_m, math.sqrt(float(np.einsum("bi,bi->b", corners, corners).min(initial=math.inf))))
         near = np.einsum("bi,bi->b", gap, gap) <= (most * (1.0 + 1e-9)) ** 2
-        return _distance_m(part.vertices_m[_of_blocks(part.faces, near)] - point, most_m)
+        return _distance_m(part.vertices_m[_faces_of_blocks(part.faces, near)] - point, most_m)
 
     def _along_m(self, part: Part | Ball, point: Numbers, up: Numbers) -> Numbers:
         """(k,) where the line through a point along ``up``, a unit vector, meets surfaces; in the body's frame."""
@@ -180,7 +180,7 @@ class Clearance:
         boxes = self._blocks_of(part) - point
         middle_m, half_m = boxes.mean(axis=1), 0.5 * (boxes[:, 1] - boxes[:, 0])
         near = (np.abs(middle_m @ across) <= half_m @ np.abs(across) + 1e-9).all(axis=1)
-        return _along_m(part.vertices_m[_of_blocks(part.faces, near)] - point, up, across)
+        return _along_m(part.vertices_m[_faces_of_blocks(part.faces, near)] - point, up, across)
 
     def _blocks_of(self, part: Part) -> Numbers:
         """(b, 2, 3) boxes of the part's triangles, `_BLOCK` at a time; made once.
@@ -207,7 +207,7 @@ def _box_of(vertices_m: Numbers, faces: Numbers) -> tuple[Numbers, Numbers]:
     return corners.min(axis=0), corners.max(axis=0)
 
 
-def _of_blocks(faces: Numbers, flags: Numbers) -> Numbers:
+def _faces_of_blocks(faces: Numbers, flags: Numbers) -> Numbers:
     """The faces of the blocks that are flagged."""
     if flags.all():
         return faces
@@ -218,7 +218,7 @@ def _of_blocks(faces: Numbers, flags: Numbers) -> Numbers:
 _MOVED = "{0}, got {1}; {pose} or position_m moves it"
 
 
-def _around(body: Body, box: Numbers) -> Numbers:
+def _bounds_in_world(body: Body, box: Numbers) -> Numbers:
     """(2, 3) the box's corners in the world; of a body that moves, all of it."""
     if body.motion is not None:
         return np.array([[-np.inf] * 3, [np.inf] * 3])
@@ -239,11 +239,11 @@ def _distance_m(corners: Numbers, most_m: float) -> float:
     nearest_corner_m = math.sqrt(float(np.einsum("tci,tci->tc", corners, corners).min()))
     gap = np.maximum(np.maximum(corners.min(axis=1), -corners.max(axis=1)), 0.0)
     near = np.einsum("ti,ti->t", gap, gap) <= min(most_m, nearest_corner_m * (1.0 + 1e-9)) ** 2
-    distance_m = float(_of_triangles_m(corners[near]).min(initial=math.inf))
+    distance_m = float(_distances_m(corners[near]).min(initial=math.inf))
     return distance_m if distance_m <= most_m else math.inf
 
 
-def _of_triangles_m(corners: Numbers) -> Numbers:
+def _distances_m(corners: Numbers) -> Numbers:
     """(t,) distances of the origin to triangles, (t, 3, 3) their corners."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1)

@@ -159,7 +159,7 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
         where = f'{path}: bodies[{index} "{body.name}"]'
         parts = _parts(body, folder=path.parent, where=where, surfaces=surfaces, reader=reader)
         _check_extent(parts, where)
-        bodies.extend(_placed(body, parts, ego=ego, folder=path.parent, where=where))
+        bodies.extend(_place_body(body, parts, ego=ego, folder=path.parent, where=where))
     _check_names(bodies, path)
     for identity, name in file.base_materials.items():
         surfaces.require(name, f"{path}: base_materials.{identity}")
@@ -223,7 +223,7 @@ def _check_names(bodies: list[Body], path: Path) -> None:
 def _check_extent(parts: tuple[Part | Ball, ...], where: str) -> None:
     """Refuse a body that is too small or too far away for single precision."""
     box = box_of(parts)
-    assert box is not None  # `meshes.reading.checked` refuses meshes without a triangle
+    assert box is not None  # `meshes.reading.check_pieces` refuses meshes without a triangle
     low, high = box
     extent, reach = float((high - low).max()), float(np.maximum(high, -low).max())
     if extent < SMALLEST_BODY_M or reach > LARGEST_COORDINATE_M:
@@ -233,7 +233,7 @@ def _check_extent(parts: tuple[Part | Ball, ...], where: str) -> None:
         )
 
 
-def _placed(
+def _place_body(
     body: BodyFile, parts: tuple[Part | Ball, ...], *, ego: Motion | None, folder: Path, where: str
 ) -> list[Body]:
     """The body, or one body for each of its instances."""
@@ -300,7 +300,9 @@ def _mesh_parts(body: BodyFile, path: Path, *, where: str, surfaces: _Surfaces, 
             name=piece.keys[0],
             pattern=pattern,
         )
-        for (piece, material), pattern in zip(pieces_and_materials, _patterns(pieces_and_materials, body, where, surfaces), strict=True)
+        for (piece, material), pattern in zip(
+            pieces_and_materials, _patterns(pieces_and_materials, body, where, surfaces), strict=True
+        )
     )
 
 
@@ -332,24 +334,34 @@ def _patterns(
     """The pattern of each piece, None where its surface is not diffuse. Raises InputError if there is none at all."""
     if body.pattern is None:
         return [None] * len(pieces_and_materials)
-    varied = [piece.pattern if surfaces.materials[material].bsdf == "diffuse" else None for piece, material in pieces_and_materials]
+    varied = [
+        piece.pattern if surfaces.materials[material].bsdf == "diffuse" else None
+        for piece, material in pieces_and_materials
+    ]
     if all(pattern is None for pattern in varied):
         has = [piece.pattern for piece, _ in pieces_and_materials]
+        materials = ", ".join(sorted({name for _, name in pieces_and_materials}))
         raise InputError(
             f"{where}.pattern: {body.mesh} has no {body.pattern} of its vertices, faces or texture"
             if has == [None] * len(has)
-            else f"{where}.pattern: must have a diffuse material, got {', '.join(sorted({material_name for _, material_name in pieces_and_materials}))}"
+            else f"{where}.pattern: must have a diffuse material, got {materials}"
         )
     if body.pattern == "reflectivity":
         return varied
     # One level for all pieces of a material, or the contrast between them would be lost.
     level = {
         material: patterns.mean_over(
-            [(p, piece.vertices_m, piece.faces) for (piece, material_name), p in zip(pieces_and_materials, varied, strict=True) if p and material_name == material]
+            [
+                (p, piece.vertices_m, piece.faces)
+                for (piece, material_name), p in zip(pieces_and_materials, varied, strict=True)
+                if p and material_name == material
+            ]
         )
         for _, material in pieces_and_materials
     }
-    return [p and replace(p, mean=level[material]) for (_, material), p in zip(pieces_and_materials, varied, strict=True)]
+    return [
+        p and replace(p, mean=level[material]) for (_, material), p in zip(pieces_and_materials, varied, strict=True)
+    ]
 
 
 def _material_of(piece: SubMesh, body: BodyFile, where: str, surfaces: _Surfaces) -> str:

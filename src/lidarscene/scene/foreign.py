@@ -14,17 +14,17 @@ from ..files.inputs import LARGEST_TEXT, require_file
 from ..materials import catalogue
 from ..materials.material import Material
 from .meshes.cache import SubMesh
-from .meshes.reading import checked, grey_material, pieces_of
+from .meshes.reading import check_pieces, grey_material, pieces_of
 from .model import Body, Part, Scene
 
-Given = str | Material
+MaterialChoice = str | Material
 
 
 def trimesh_scene(
     mesh: Any,
     *,
-    material: Given | None,
-    materials: Mapping[str, Given],
+    material: MaterialChoice | None,
+    materials: Mapping[str, MaterialChoice],
     classes: Mapping[str, str],
     settings: Mapping[str, Any],
 ) -> Scene:
@@ -38,7 +38,7 @@ def trimesh_scene(
             f"scene: must be a name, a file, a Scene, a Trimesh or a trimesh.Scene, got {type(mesh).__name__}"
         )
     pieces = pieces_of(loaded)
-    checked([piece for _, piece in pieces], where)
+    check_pieces([piece for _, piece in pieces], where)
     piece_names = {key for _, piece in pieces for key in piece.keys}
     _refuse_unknown(materials, piece_names, f"{where}: materials")
     _refuse_unknown(classes, {node for node, _ in pieces}, f"{where}: classes")
@@ -47,7 +47,7 @@ def trimesh_scene(
         Body(
             name=node,
             class_name=classes.get(node, node),
-            parts=(_part(piece, node, _given(piece, material, materials), surfaces),),
+            parts=(_part(piece, node, _material_for(piece, material, materials), surfaces),),
         )
         for node, piece in pieces
         if len(piece.faces)
@@ -55,7 +55,7 @@ def trimesh_scene(
     return Scene(bodies=tuple(bodies), materials=surfaces.materials, **settings)
 
 
-def mitsuba_scene(path: Path, *, materials: Mapping[str, Given], settings: Mapping[str, Any]) -> Scene:
+def mitsuba_scene(path: Path, *, materials: Mapping[str, MaterialChoice], settings: Mapping[str, Any]) -> Scene:
     """A scene of the shapes of a Mitsuba XML file; arguments as for `load_scene`. Raises InputError."""
     surfaces = _Surfaces()
     base_materials = {identity: surfaces.name_of(material) for identity, material in materials.items()}
@@ -73,7 +73,7 @@ class _Surfaces:
     def __init__(self) -> None:
         self.materials: dict[str, Material] = {}
 
-    def name_of(self, material: Given) -> str:
+    def name_of(self, material: MaterialChoice) -> str:
         """Add a material to the scene and return its name."""
         name = material if isinstance(material, str) else material.name
         if name not in self.materials:
@@ -81,11 +81,13 @@ class _Surfaces:
         return name
 
 
-def _given(piece: SubMesh, material: Given | None, materials: Mapping[str, Given]) -> Given | None:
+def _material_for(
+    piece: SubMesh, material: MaterialChoice | None, materials: Mapping[str, MaterialChoice]
+) -> MaterialChoice | None:
     return next((materials[key] for key in piece.keys if key in materials), material)
 
 
-def _part(piece: SubMesh, node: str, material: Given | None, surfaces: _Surfaces) -> Part:
+def _part(piece: SubMesh, node: str, material: MaterialChoice | None, surfaces: _Surfaces) -> Part:
     if material is None:
         if piece.grey is None:
             raise InputError(

@@ -37,7 +37,7 @@ class MotionFile(Table[Course]):
     )
 
     @model_validator(mode="after")
-    def _one_way(self) -> MotionFile:
+    def _check_single_way(self) -> MotionFile:
         ways = [
             sorted(self.model_fields_set & keys)
             for keys in ({"speed_m_s", "yaw_rate_deg_s", "velocity_m_s"}, {"poses"}, {"poses_file"})
@@ -51,7 +51,9 @@ class MotionFile(Table[Course]):
         """From ``pose`` on at time 0, or at this pose in the frame that the poses are of. Raises InputError."""
         if self.poses is not None:
             times = np.array([timed_pose.time_s for timed_pose in self.poses])
-            return Riding(carrier=spline(times, [timed_pose.pose() for timed_pose in self.poses], f"{where}.poses"), pose=pose)
+            return Riding(
+                carrier=spline(times, [timed_pose.pose() for timed_pose in self.poses], f"{where}.poses"), pose=pose
+            )
         if self.poses_file is not None:
             try:
                 return Riding(carrier=read_poses(folder / self.poses_file), pose=pose)
@@ -70,7 +72,7 @@ class BodyMotionFile(MotionFile):
     with_ego: bool = Field(default=False, description="fixed to the ego vehicle, where the body's own pose says")
 
     @model_validator(mode="after")
-    def _ego_alone(self) -> BodyMotionFile:
+    def _check_alone(self) -> BodyMotionFile:
         other_keys = sorted(self.model_fields_set - {"with_ego"})
         if self.with_ego and other_keys:
             raise ValueError(f"must have with_ego alone, got with_ego and {other_keys[0]}")

@@ -66,7 +66,7 @@ class SunFile(Table[Sun]):
     )
 
     @model_validator(mode="after")
-    def _one_way(self) -> SunFile:
+    def _check_single_way(self) -> SunFile:
         keys = self.model_fields_set
         by_angles, by_place = keys & {"azimuth_deg", "elevation_deg"}, keys & {"place", "time", "north_deg"}
         if by_angles and by_place:
@@ -95,7 +95,7 @@ class AirFile(Table[Air]):
     """[air]: one of the three ways to say it; clear (transmittance 1) without."""
 
     @model_validator(mode="after")
-    def _only_one(self) -> AirFile:
+    def _check_single_way(self) -> AirFile:
         ways = ("transmittance", "extinction_per_m", "visibility_km")
         ways_given = [k for k in ways if k in self.model_fields_set]
         if len(ways_given) > 1:
@@ -165,7 +165,7 @@ class BodyFile(PoseFile):
     instances: Annotated[tuple[PoseFile, ...], Field(min_length=1)] | None = None
 
     @model_validator(mode="after")
-    def _one_shape(self) -> BodyFile:
+    def _check_shape(self) -> BodyFile:
         if (self.mesh is None) == (self.primitive is None):
             raise ValueError("one of mesh and primitive must be given, got both or none")
         shape = f"a {self.primitive}" if self.primitive else "a mesh"
@@ -224,7 +224,7 @@ class SceneFile(FileModel):
     bodies: tuple[BodyFile, ...] = ()
 
     @model_validator(mode="after")
-    def _something(self) -> SceneFile:
+    def _check_references(self) -> SceneFile:
         if not self.bodies and self.base is None:
             raise ValueError("the scene must have [[bodies]] or base = ..., got neither")
         riding = [body.name for body in self.bodies if body.motion and body.motion.with_ego]

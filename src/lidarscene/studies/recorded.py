@@ -42,7 +42,7 @@ Curve = Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=1)
 
 class _Curves(FileModel):
     @model_validator(mode="after")
-    def _as_long(self) -> _Curves:
+    def _check_lengths(self) -> _Curves:
         lengths = {key: len(getattr(self, key)) for key in type(self).model_fields}
         if len(set(lengths.values())) > 1:
             lengths_text = ", ".join(f"{key} {length}" for key, length in lengths.items())
@@ -108,7 +108,7 @@ class Row:
         return self.ratio is not None and 1.0 / self.most <= self.ratio <= self.most
 
 
-def recorded(name: str) -> RecordedFile | None:
+def recorded_curves(name: str) -> RecordedFile | None:
     """Curves of a recording of this sensor, None without one. Raises InputError."""
     path = catalog.folder("recorded") / f"{name}.toml"
     return read_recorded(path) if path.is_file() else None
@@ -119,10 +119,10 @@ def read_recorded(path: Path) -> RecordedFile:
     return validated(RecordedFile, read_toml(path), str(path))
 
 
-def compared(name: str) -> list[Row]:
+def compare(name: str) -> list[Row]:
     """All that is recorded of a catalogue sensor, beside what the simulation gives. Raises InputError."""
-    curves = recorded(name)
-    rows = [] if curves is None else list(against(name, curves, load_sensor(name, overrides=curves.settings)))
+    curves = recorded_curves(name)
+    rows = [] if curves is None else list(compare_curves(name, curves, load_sensor(name, overrides=curves.settings)))
     published = catalogue_published(name)
     if published is None:
         return rows
@@ -142,7 +142,7 @@ def compared(name: str) -> list[Row]:
     return rows
 
 
-def against(name: str, curves: RecordedFile, sensor: Sensor) -> Iterator[Row]:
+def compare_curves(name: str, curves: RecordedFile, sensor: Sensor) -> Iterator[Row]:
     """The four curves of a sensor that counts photons, in its recorded mode."""
     range_m = np.asarray(curves.signal.range_m)
     white = white_m2(sensor, range_m)

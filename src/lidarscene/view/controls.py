@@ -140,12 +140,14 @@ class Equipment:
                 value=sun["illuminance_klux"],
                 log=True,
             ),
-            _around("laser.peak_power_w", "laser power", "W", laser.peak_power_w, 20.0),
-            _around("optics.aperture_radius_mm", "aperture radius", "mm", 1e3 * optics.aperture_radius_m, 5.0),
-            *_of_detector(sensor.detector),
+            _slider_around("laser.peak_power_w", "laser power", "W", laser.peak_power_w, 20.0),
+            _slider_around("optics.aperture_radius_mm", "aperture radius", "mm", 1e3 * optics.aperture_radius_m, 5.0),
+            *_detector_sliders(sensor.detector),
         ]
         if tdc.threshold_to_noise is not None:
-            sliders.append(_around("tdc.threshold_to_noise", "threshold / noise", "", tdc.threshold_to_noise, 3.0))
+            sliders.append(
+                _slider_around("tdc.threshold_to_noise", "threshold / noise", "", tdc.threshold_to_noise, 3.0)
+            )
         elif sensor.histogram is not None:
             slope = float(sensor.histogram.threshold_slope)
             sliders.append(
@@ -159,11 +161,11 @@ class Equipment:
                 )
             )
         else:
-            sliders.append(_around("tdc.threshold_level", "threshold", "", tdc.threshold_level, 10.0))
+            sliders.append(_slider_around("tdc.threshold_level", "threshold", "", tdc.threshold_level, 10.0))
         return sliders
 
 
-def _of_detector(detector: Detector) -> list[Control]:
+def _detector_sliders(detector: Detector) -> list[Control]:
     if isinstance(detector, Apd):
         return [
             Control(
@@ -173,7 +175,7 @@ def _of_detector(detector: Detector) -> list[Control]:
     return [Control(key="detector.pde", label="PDE", unit="", low=0.01, high=1.0, value=float(detector.pde))]
 
 
-def _around(key: str, label: str, unit: str, value: Any, factor: float) -> Control:
+def _slider_around(key: str, label: str, unit: str, value: Any, factor: float) -> Control:
     """From a part of the file's value to a multiple of it."""
     return Control(key=key, label=label, unit=unit, low=value / factor, high=value * factor, value=value, log=True)
 

@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..files.atomic import put_text
 from ..scene.file import load_scene
 from ..scene.model import Scene
-from .page import LARGE_BYTES, saved
+from .page import LARGE_BYTES, standalone_page
 from .sources import Clouds, Live, Source
 
 
@@ -21,7 +21,7 @@ class Viewed:
     """A page that a notebook shows in a frame of its own; `save` writes it as a file that needs nothing else."""
 
     def __init__(self, source: Source, *, height_px: int) -> None:
-        self._title, self._page, self._height_px = source.title, saved(source), height_px
+        self._title, self._page, self._height_px = source.title, standalone_page(source), height_px
 
     def __repr__(self) -> str:
         return f"Viewed({self._title}: {len(self._page) / 1e6:.1f} MB; a notebook shows it, save() writes a page)"
@@ -40,7 +40,7 @@ class Viewed:
         put_text(Path(path), self._page)
 
 
-def viewed(
+def view_in_notebook(
     content: PointCloud | Scene,
     *,
     scene: Scene | str | os.PathLike[str] | None = None,
@@ -53,10 +53,10 @@ def viewed(
     if isinstance(content, Scene):
         return Viewed(Live(content, sensor=sensor), height_px=height_px)
     surroundings = None if scene is None else load_scene(scene)
-    return Viewed(_Held([content], scene=surroundings, sensor=sensor), height_px=height_px)
+    return Viewed(_CloudsInMemory([content], scene=surroundings, sensor=sensor), height_px=height_px)
 
 
-class _Held(Clouds):
+class _CloudsInMemory(Clouds):
     """Clouds that are no files."""
 
     def __init__(self, clouds: Sequence[PointCloud], **options: Any) -> None:

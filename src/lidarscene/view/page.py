@@ -21,14 +21,14 @@ SCRIPTS = ("blob.js", "camera.js", "shaders.js", "renderer.js", "legend.js", "pa
 def page(title: str, blobs: Mapping[str, bytes] | None = None) -> str:
     """The page; ``blobs`` by name go into it, compressed, and what is not there is asked of the server."""
     embedded = "\n".join(
-        f'<script type="application/octet-stream" id="blob-{name}">{_text(blob)}</script>'
+        f'<script type="application/octet-stream" id="blob-{name}">{_encode_blob(blob)}</script>'
         for name, blob in (blobs or {}).items()
     )
-    return _replaced(
-        _static("page.html"),
+    return _fill_template(
+        _read_static("page.html"),
         {
-            "STYLE": _static("page.css"),
-            "SCRIPT": "\n".join(_static(name) for name in SCRIPTS),
+            "STYLE": _read_static("page.css"),
+            "SCRIPT": "\n".join(_read_static(name) for name in SCRIPTS),
             "BLOBS": embedded,
             "TITLE": html.escape(title),
         },
@@ -39,7 +39,7 @@ LARGE_BYTES = 50_000_000
 """A page beyond this takes a browser many seconds to open, and most mails refuse it."""
 
 
-def saved(source: Source) -> str:
+def standalone_page(source: Source) -> str:
     """Everything that a source shows in one page."""
     blobs = {"stage": source.stage()}
     blobs |= {f"frame-{number}": source.frame(number) for number in range(len(source.frames))}
@@ -48,7 +48,7 @@ def saved(source: Source) -> str:
 
 def save(source: Source, path: Path) -> None:
     """Everything that a source shows in one file. Warns of a large one. Raises OutputError."""
-    text = saved(source)
+    text = standalone_page(source)
     if len(text) > LARGE_BYTES:
         warnings.warn(
             OptionWarning(
@@ -63,16 +63,16 @@ def save(source: Source, path: Path) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def _static(name: str) -> str:
+def _read_static(name: str) -> str:
     return resources.files(__package__).joinpath("static", name).read_text(encoding="utf-8")
 
 
-def _text(blob: bytes) -> str:
+def _encode_blob(blob: bytes) -> str:
     # The same content makes the same file: no time stamp.
     return base64.b64encode(gzip.compress(blob, 6, mtime=0)).decode("ascii")
 
 
-def _replaced(template: str, values: Mapping[str, str]) -> str:
+def _fill_template(template: str, values: Mapping[str, str]) -> str:
     for name, value in values.items():
         template = template.replace(f"<!--{name}-->", value).replace(f"/*{name}*/", value)
     return template

@@ -98,7 +98,7 @@ def frame_blob(
     arrays: dict[str, Numbers] = {"xyz": (cloud.xyz_m - origin_m).astype(np.float32).ravel()}
     if still_m is not None:
         arrays["still"] = (still_m - origin_m).astype(np.float32).ravel()
-    for field, values in [*_columns(cloud), *_of_budget(cloud, budget)]:
+    for field, values in [*_column_fields(cloud), *_budget_fields(cloud, budget)]:
         fields.append(field)
         if field.name not in ("x", "y", "z"):  # the page takes these from xyz
             arrays[field.name] = values
@@ -115,7 +115,7 @@ def frame_blob(
     return packed(header | extra_header, arrays)
 
 
-def _columns(cloud: PointCloud) -> list[tuple[Field, Numbers]]:
+def _column_fields(cloud: PointCloud) -> list[tuple[Field, Numbers]]:
     """Every column, angles in degrees, and the error of the range."""
     fields = []
     # Of a recording, only what it knows: the other columns are there because every cloud has them.
@@ -158,7 +158,7 @@ def _names(cloud: PointCloud, name: str) -> tuple[str, ...] | None:
     return tables.get(name)
 
 
-def _of_budget(cloud: PointCloud, budget: Budget | None) -> list[tuple[Field, Numbers]]:
+def _budget_fields(cloud: PointCloud, budget: Budget | None) -> list[tuple[Field, Numbers]]:
     if budget is None:
         return []
     unit = cloud.metadata.get("intensity_unit", "A or cells")
@@ -171,7 +171,10 @@ def _of_budget(cloud: PointCloud, budget: Budget | None) -> list[tuple[Field, Nu
         ("noise_at_peak", budget.noise_at_peak, unit, "standard deviation at the echo's peak"),
         ("threshold", budget.threshold, unit, "level of the comparator"),
     )
-    return [(Field(name, BUDGET, quantity_unit, meaning, computed=True), _plain(values)) for name, values, quantity_unit, meaning in quantities]
+    return [
+        (Field(name, BUDGET, quantity_unit, meaning, computed=True), _plain(values))
+        for name, values, quantity_unit, meaning in quantities
+    ]
 
 
 def _plain(values: Numbers) -> Numbers:

@@ -105,7 +105,7 @@ class Server(ThreadingHTTPServer):
         if not isinstance(sys.exc_info()[1], (ConnectionError, TimeoutError)):
             super().handle_error(request, client_address)
 
-    def done(self, job: Job) -> bytes:
+    def run_job(self, job: Job) -> bytes:
         """What a job gives, done by the serving thread. Called by the others."""
         future: Future[bytes] = Future()
         self.jobs.put((job, future))
@@ -195,7 +195,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(HTTPStatus.FORBIDDEN, b"the host must be this viewer's own, got another", "text/plain")
             return
         try:
-            self._send(HTTPStatus.OK, self.server.done(job), kind)
+            self._send(HTTPStatus.OK, self.server.run_job(job), kind)
         except LidarSceneError as error:
             self._send(HTTPStatus.BAD_REQUEST, str(error).encode(), "text/plain; charset=utf-8")
         except Exception:

@@ -39,7 +39,9 @@ def solid_of(scene: Scene, wavelength_m: float, *, time_s: float = 0.0) -> Solid
     """All bodies where they stand at a time, in the grey that a laser of this wavelength sees."""
     colour_of = {name: _colour(material.at(wavelength_m)) for name, material in scene.materials.items()}
     default_colour = _colour({"bsdf": "diffuse", "reflectivity": UNKNOWN_REFLECTIVITY})
-    coloured_pieces = [(v, f, colour_of.get(material, default_colour)) for v, f, material in _pieces(scene, wavelength_m, time_s)]
+    coloured_pieces = [
+        (v, f, colour_of.get(material, default_colour)) for v, f, material in _pieces(scene, wavelength_m, time_s)
+    ]
     pieces = sorted(coloured_pieces, key=lambda piece: piece[2][3] == GLASS_ALPHA)
     vertex_counts = [len(vertices) for vertices, _, _ in pieces]
     starts = np.cumsum([0, *vertex_counts])[:-1]

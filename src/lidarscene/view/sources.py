@@ -92,7 +92,7 @@ class Clouds:
         self.paths, self.scene, self.overrides = tuple(paths), scene, tuple(overrides)
         self.frames = tuple(path.name for path in self.paths)
         self.sensor = load_sensor(sensor, overrides=overrides) if sensor is not None else None
-        self._first = self._loaded(0)
+        self._first = self._load(0)
         self._origin = _origin_of(self._first.sensor_position_m)
         self.title = _title(self._first.metadata, self.paths[0].name)
 
@@ -112,7 +112,7 @@ class Clouds:
 
     def frame(self, number: int) -> bytes:
         """Read a file, and compute its points' budgets where scene, sensor and truth are known."""
-        cloud = self._loaded(number) if number else self._first
+        cloud = self._load(number) if number else self._first
         sensor = self._sensor_of(cloud)
         still, no_layer_reason = still_m(cloud, self.scene)
         budget: Budget | None = None
@@ -121,7 +121,12 @@ class Clouds:
             budget = budget_of(cloud, sensor, ambient_of(self.scene, sensor))
             page_header["approximate"] = _not_lambertian(self.scene, cloud)
         return frame_blob(
-            cloud, name=self.frames[number], origin_m=self._origin, budget=budget, extra_header=page_header, still_m=still
+            cloud,
+            name=self.frames[number],
+            origin_m=self._origin,
+            budget=budget,
+            extra_header=page_header,
+            still_m=still,
         )
 
     def rendered(self, settings: Settings) -> bytes:
@@ -132,7 +137,7 @@ class Clouds:
         """A cloud as its file has it."""
         return PointCloud.load(self.paths[number])
 
-    def _loaded(self, number: int) -> PointCloud:
+    def _load(self, number: int) -> PointCloud:
         """A cloud; what is not in the world's coordinates stands where the scene's sensor or vehicle does."""
         cloud = self._read(number)
         frame = cloud.metadata.get("frame", "sensor")
@@ -205,7 +210,7 @@ class Live:
 
         named  what the command line calls the scene
         """
-        self.scene, self.asked, self.named = scene, frame or FrameOptions(), scene_argument or scene.name
+        self.scene, self.options, self.scene_argument = scene, frame or FrameOptions(), scene_argument or scene.name
         sensor_name = sensor or scene.sensor_name
         self.overrides = tuple(overrides)
         # The changes of the command line are the own sensor's: another may lack what they change.
@@ -213,10 +218,10 @@ class Live:
         self.sensors = tuple(dict.fromkeys([sensor_name, *catalog.names("sensors")]))
         self._worlds: dict[float, World] = {}
         simulator = self._simulator(self.scene, self.equipment.sensor, TraceOptions())
-        self._first = simulator.render(self.asked)
-        self._place = pose_at(simulator.motion, simulator.start_s(self.asked))
+        self._first = simulator.render(self.options)
+        self._place = pose_at(simulator.motion, simulator.start_s(self.options))
         self._origin = _origin_of(self._place.position_m)
-        self._start_s = simulator.start_s(self.asked)
+        self._start_s = simulator.start_s(self.options)
         self.title = _title(self._first.metadata, scene.name)
 
     @property
@@ -224,7 +229,7 @@ class Live:
         """With the sensor that was asked for."""
         return next(iter(self._equipment.values()))
 
-    def _equipped(self, settings: Settings) -> Equipment:
+    def _choose_equipment(self, settings: Settings) -> Equipment:
         """With the sensor that is chosen. Raises InputError."""
         name = settings.get(SENSOR, self.sensors[0])
         if not isinstance(name, str) or name not in self.sensors:
@@ -235,13 +240,13 @@ class Live:
 
     def _simulator(self, scene: Scene, sensor: Sensor, trace: TraceOptions) -> Simulator:
         wavelength_m = sensor.laser.wavelength_m
-        simulator = Simulator(scene, sensor, trace, world=self._worlds.get(wavelength_m), pose=self.asked.pose)
+        simulator = Simulator(scene, sensor, trace, world=self._worlds.get(wavelength_m), pose=self.options.pose)
         self._worlds[wavelength_m] = simulator.world
         return simulator
 
     def stage(self, number: int | None = None) -> bytes:
         """The scene's meshes, its own camera, and what can be chosen."""
-        frame = self._asked(number)
+        frame = self._frame_options(number)
         start_s = self._simulator(self.scene, self.equipment.sensor, TraceOptions()).start_s(frame)
         page_header = {
             "title": self.title,
@@ -260,8 +265,8 @@ class Live:
             time_s=start_s,
         )
 
-    def _asked(self, number: int | None) -> FrameOptions:
-        return self.asked if number is None else dataclasses.replace(self.asked, number=number)
+    def _frame_options(self, number: int | None) -> FrameOptions:
+        return self.options if number is None else dataclasses.replace(self.options, number=number)
 
     @property
     def _moves(self) -> bool:
@@ -270,7 +275,7 @@ class Live:
 
     def _camera(self, start_s: float) -> dict[str, Any]:
         """The scene's view, which rides on its vehicle; without one, what suits the cloud, and inside of a room."""
-        camera_scene = None if self.asked.pose else self.scene
+        camera_scene = None if self.options.pose else self.scene
         camera = _camera(self._first, camera_scene, time_s=start_s)
         if camera_scene is not None and camera_scene.camera is not None:
             return camera
@@ -290,17 +295,18 @@ class Live:
 
     def rendered(self, settings: Settings) -> bytes:
         """One frame with these settings."""
-        equipment = self._equipped(settings)
+        equipment = self._choose_equipment(settings)
         equipment_settings = {key: value for key, value in settings.items() if key not in (*KEYS, SENSOR)}
         lit_scene, sensor = equipment.with_settings(equipment_settings)
-        chosen = conditions(lit_scene, self.asked, settings)
+        chosen = conditions(lit_scene, self.options, settings)
         summary, since = Summary(), time.perf_counter()
         simulator = self._simulator(chosen.scene, sensor, chosen.trace)
         cloud = simulator.render(chosen.frame, summary=summary)
         seconds = time.perf_counter() - since
         page_header: dict[str, Any] = {
             "controls": [
-                dataclasses.asdict(slider) for slider in (*equipment.controls(equipment_settings), *controls(self.scene, self.asked))
+                dataclasses.asdict(slider)
+                for slider in (*equipment.controls(equipment_settings), *controls(self.scene, self.options))
             ],
             "choices": {SENSOR: list(self.sensors), DETECTOR: list(equipment.detectors)},
             "beams": summary.beams,
@@ -333,11 +339,11 @@ class Live:
             del shown_settings[DETECTOR]
         overrides = self.overrides if equipment is self.equipment else ()
         try:
-            words = command(self.named, equipment.name, overrides, shown_settings)
+            words = command(self.scene_argument, equipment.name, overrides, shown_settings)
         except InputError as error:
             return f"# {error}"
-        if self.asked.pose is not None:
-            place = self.asked.pose
+        if self.options.pose is not None:
+            place = self.options.pose
             yaw, pitch, roll = np.degrees(yaw_pitch_roll_rad(place.rotation))
             numbers = [*place.position_m, yaw, -pitch, roll]  # on the command line, positive pitch looks up
             words.append(f"--pose={','.join(f'{x:.6g}' for x in numbers)}")

@@ -52,7 +52,7 @@ def test_arrays_are_many_scalars(sensor):
 def test_sensors_stack():
     gains = [10.0, 80.0, 300.0]
     sensors = [of("table1-apd", detector__gain=gain) for gain in gains]
-    stack = plane.stacked(sensors)
+    stack = plane.stack_sensors(sensors)
     assert stack is not None
     assert plane.conditions_shape(stack, Target()) == (3,)
     limit, status = plane.maximum_range_m(stack, Target())
@@ -61,8 +61,8 @@ def test_sensors_stack():
 
 
 def test_what_differs_in_words_does_not_stack():
-    assert plane.stacked([APD, SIPM]) is None
-    assert plane.stacked([SIPM, of("table1-sipm", detector__statistics="time_domain")]) is None
+    assert plane.stack_sensors([APD, SIPM]) is None
+    assert plane.stack_sensors([SIPM, of("table1-sipm", detector__statistics="time_domain")]) is None
 
 
 def test_scalars_stay_scalars():

@@ -75,7 +75,7 @@ class LiveSimulator(Simulator):
         super().__init__(built, sensor, trace, pose=pose, **options)
         self._number = {body.name: number for number, body in enumerate(built.bodies)}
         there = [replace(body, away=False) for body in built.bodies]
-        self._everywhere = Clearance.of(replace(built, bodies=tuple(there)))
+        self._everywhere = Clearance.of_scene(replace(built, bodies=tuple(there)))
         self._tracks: dict[str | None, Track] = {}  # None is the ego vehicle
         self._now_s, self._rendered = -math.inf, 0
 

@@ -53,7 +53,7 @@ _LAYOUT = 1
 """Version of an entry's layout; a new number invalidates all old entries."""
 
 
-def cached(path: Path, read: Callable[[], list[SubMesh]]) -> list[SubMesh]:
+def read_cached(path: Path, read: Callable[[], list[SubMesh]]) -> list[SubMesh]:
     """The pieces that ``read`` returns for this mesh file, from the cache if they are there."""
     entry = _entry(path)
     if entry is None:

@@ -43,7 +43,7 @@ class Pattern:
             object.__setattr__(self, "uv", frozen(self.uv, np.float32, (None, 2)))
 
 
-def read(geometry: Any, kind: Kind, *, linear: bool) -> tuple[Pattern, Numbers | None] | None:
+def read_pattern(geometry: Any, kind: Kind, *, linear: bool) -> tuple[Pattern, Numbers | None] | None:
     """The pattern of a trimesh mesh, and the (f, 3) faces that it needs; None if the mesh has none. Raises InputError.
 
     linear  whether the file's vertex colours are of linear light (glTF); else they are sRGB
@@ -71,15 +71,15 @@ def _reflectivities(geometry: Any) -> tuple[Numbers, bool] | None:
                 values = np.asarray(data[name], dtype=np.float64).reshape(-1)
                 if len(values) != count:
                     raise InputError(f"property '{name}' of {len(values)} faces: all must be triangles, got {count}")
-                return _checked(values, name), element == "face"
+                return _check_share(values, name), element == "face"
     for name in NAMES:
         attribute = getattr(geometry, "vertex_attributes", {}).get(f"_{name.upper()}")
         if attribute is not None:
-            return _checked(np.asarray(attribute, dtype=np.float64).reshape(-1), f"_{name.upper()}"), False
+            return _check_share(np.asarray(attribute, dtype=np.float64).reshape(-1), f"_{name.upper()}"), False
     return None
 
 
-def _checked(values: Numbers, name: str) -> Numbers:
+def _check_share(values: Numbers, name: str) -> Numbers:
     outside = values[~((values >= 0.0) & (values <= 1.0))]
     if len(outside):
         raise InputError(f"property '{name}' must be >= 0 and <= 1, got {outside[0]:g}")

@@ -21,7 +21,7 @@ from ...errors import InputError, LidarSceneError
 from ...files.inputs import require_archive, require_file
 from ...materials.material import Material, Spectrum
 from . import patterns
-from .cache import SubMesh, cached
+from .cache import SubMesh, read_cached
 from .usd import is_usd, read_usd
 
 
@@ -32,11 +32,11 @@ def read_mesh(path: Path, pattern: patterns.Kind | None = None) -> list[SubMesh]
     """
     require_file(path, "a mesh file")
     if pattern is not None:
-        return checked(_pieces(path, pattern), str(path))
-    return checked(cached(path, lambda: _pieces(path)), str(path))
+        return check_pieces(_pieces(path, pattern), str(path))
+    return check_pieces(read_cached(path, lambda: _pieces(path)), str(path))
 
 
-def checked(pieces: list[SubMesh], where: str) -> list[SubMesh]:
+def check_pieces(pieces: list[SubMesh], where: str) -> list[SubMesh]:
     """The pieces that have triangles. Raises InputError, one line, if there are none or if numbers are invalid."""
     pieces = [piece for piece in pieces if len(piece.faces)]
     if not pieces:
@@ -57,7 +57,7 @@ def checked(pieces: list[SubMesh], where: str) -> list[SubMesh]:
 def pieces_of(loaded: Any) -> list[tuple[str, SubMesh]]:
     """Node name and mesh of every mesh in a trimesh.Scene, including empty ones."""
     nodes = [node for node in loaded.graph.nodes_geometry if _is_mesh(loaded, node)]
-    return [(str(node), _placed(loaded, node)) for node in nodes]
+    return [(str(node), _place_mesh(loaded, node)) for node in nodes]
 
 
 def _pieces(path: Path, pattern: patterns.Kind | None = None) -> list[SubMesh]:
@@ -71,13 +71,13 @@ def _pieces(path: Path, pattern: patterns.Kind | None = None) -> list[SubMesh]:
                     )
                 return read_usd(path)
             warnings.simplefilter("ignore")
-            loaded = _loaded(path)
+            loaded = _load_trimesh(path)
             pieces = pieces_of(loaded)
             if pattern is None:
                 return [piece for _, piece in pieces]
             linear = path.suffix.lower() in (".glb", ".gltf")
             return [
-                _patterned(piece, loaded.geometry[loaded.graph[node][1]], pattern, linear=linear)
+                _add_pattern(piece, loaded.geometry[loaded.graph[node][1]], pattern, linear=linear)
                 for node, piece in pieces
             ]
     except InputError as error:
@@ -90,7 +90,7 @@ def _pieces(path: Path, pattern: patterns.Kind | None = None) -> list[SubMesh]:
         raise InputError(f"{path}: cannot be read as a mesh: {reason}") from None
 
 
-def _loaded(path: Path) -> Any:
+def _load_trimesh(path: Path) -> Any:
     """A trimesh Scene with the file's own vertices and faces, in its order. Prints nothing."""
     import trimesh
 
@@ -128,7 +128,9 @@ def _mtl_resolver(path: Path, data: bytes) -> Any:
                 set(re.findall(rb"^\s*" + word + rb"[ \t]+(.*?)\s*$", text, re.MULTILINE))
                 for word, text in ((b"newmtl", library), (b"usemtl", data))
             )
-            return b"\n".join([library, *(b"newmtl " + material_name for material_name in sorted(used_names - defined_names))])
+            return b"\n".join(
+                [library, *(b"newmtl " + material_name for material_name in sorted(used_names - defined_names))]
+            )
 
     return Resolver(str(path))
 
@@ -137,7 +139,7 @@ def _is_mesh(loaded: Any, node: Any) -> bool:
     return hasattr(loaded.geometry[loaded.graph[node][1]], "faces")
 
 
-def _placed(loaded: Any, node: Any) -> SubMesh:
+def _place_mesh(loaded: Any, node: Any) -> SubMesh:
     """The mesh of a node, with the node's transform applied."""
     transform, name = loaded.graph[node]
     geometry = loaded.geometry[name]
@@ -151,9 +153,9 @@ def _placed(loaded: Any, node: Any) -> SubMesh:
     )
 
 
-def _patterned(piece: SubMesh, geometry: Any, kind: patterns.Kind, *, linear: bool) -> SubMesh:
+def _add_pattern(piece: SubMesh, geometry: Any, kind: patterns.Kind, *, linear: bool) -> SubMesh:
     """The piece with its pattern; as it is if its geometry has none."""
-    pattern_and_faces = patterns.read(geometry, kind, linear=linear)
+    pattern_and_faces = patterns.read_pattern(geometry, kind, linear=linear)
     if pattern_and_faces is None:
         return piece
     pattern, faces = pattern_and_faces

@@ -45,11 +45,15 @@ def read_usd(path: Path) -> list[SubMesh]:
     try:
         stage = pxr.Usd.Stage.Open(str(path))
         reader = _Reader(pxr, stage, path)
-        pieces = list(reader.under(stage.GetPseudoRoot(), np.eye(4)))
+        pieces = list(reader.pieces_below(stage.GetPseudoRoot(), np.eye(4)))
     except pxr.Tf.ErrorException as error:
         reason = " ".join(str(error).split())[:200]
         raise InputError(f"cannot be read as a USD stage: {reason}") from None
-    missing = [diagnostic for diagnostic in diagnostics.TakeUncoalescedDiagnostics() if "Could not open asset" in diagnostic.commentary]
+    missing = [
+        diagnostic
+        for diagnostic in diagnostics.TakeUncoalescedDiagnostics()
+        if "Could not open asset" in diagnostic.commentary
+    ]
     if missing:
         raise InputError(f"refers to what cannot be read: {' '.join(missing[0].commentary.split())[:200]}")
     return pieces
@@ -82,7 +86,7 @@ class _Reader:
                 stacklevel=2,
             )
 
-    def under(self, root: Any, placed: Numbers) -> Iterator[SubMesh]:
+    def pieces_below(self, root: Any, placed: Numbers) -> Iterator[SubMesh]:
         """The pieces of a prim and of all below it.
 
         placed  (4, 4) from the frame of the parent of ``root`` to the stage's; USD multiplies rows from the left
@@ -124,7 +128,7 @@ class _Reader:
         mask = instancer.ComputeMaskAtTime(self._time) or [True] * len(numbers)
         numbers = [number for number, is_kept in zip(numbers, mask, strict=True) if is_kept]
         for number, transform in zip(numbers, transforms, strict=True):
-            yield from self.under(prototypes[number], np.array(transform) @ frame)
+            yield from self.pieces_below(prototypes[number], np.array(transform) @ frame)
 
     def _pieces(self, prim: Any, frame: Numbers) -> Iterator[SubMesh]:
         """One piece for each material of a prim that has a shape."""

@@ -191,7 +191,11 @@ def _numeric(model: type[BaseModel], tables: Mapping[str, Any], prefix: str) -> 
     for name, info in model.model_fields.items():
         key, value = prefix + (info.alias or name), tables.get(info.alias or name)
         types = list(_types(info.annotation))
-        models = [kind_of_value for kind_of_value in types if isinstance(kind_of_value, type) and issubclass(kind_of_value, BaseModel)]
+        models = [
+            kind_of_value
+            for kind_of_value in types
+            if isinstance(kind_of_value, type) and issubclass(kind_of_value, BaseModel)
+        ]
         if models and isinstance(value, Mapping):
             kind = value.get("type")
             fitting = [table_model for table_model in models if len(models) == 1 or kind in _literals(table_model)]

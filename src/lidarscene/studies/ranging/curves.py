@@ -90,9 +90,9 @@ def conditions_for(subject: Subject, question: Question, x: Numbers) -> list[tup
     axis, target = question.axis, question.target
     if not axis.is_parameter:
         sensor = subject.sensor()
-        return [(sensor, with_haze(sensor, _along(sensor, target, question, x), question.visibility_m))]
+        return [(sensor, with_haze(sensor, _target_along(sensor, target, question, x), question.visibility_m))]
     sensors = [subject.sensor_with(axis.key, float(value), whole=axis.whole) for value in x]
-    stack = plane.stacked(sensors)
+    stack = plane.stack_sensors(sensors)
     if stack is None:
         return [(sensor, with_haze(sensor, target, question.visibility_m)) for sensor in sensors]
     hazy = [with_haze(sensor, target, question.visibility_m).extinction_per_m for sensor in sensors]
@@ -100,7 +100,7 @@ def conditions_for(subject: Subject, question: Question, x: Numbers) -> list[tup
     return [(stack, replace(target, extinction_per_m=np.array(hazy, dtype=np.float64)))]
 
 
-def _along(sensor: Sensor, target: Target, question: Question, x: Numbers) -> Target:
+def _target_along(sensor: Sensor, target: Target, question: Question, x: Numbers) -> Target:
     match question.axis.key:
         case "illuminance":
             return replace(target, illuminance_klux=x)
@@ -145,12 +145,16 @@ def curves(subjects: Sequence[Subject], question: Question) -> Curves:
     x = question.axis.values
     sensor_curves = [curve(subject, question, x) for subject in subjects]
     crossings: list[Crossing] = []
-    for (first_subject, first_curve), (second_subject, second_curve) in itertools.combinations(zip(subjects, sensor_curves, strict=True), 2):
-        crossings += _crossings(question, (first_subject, second_subject), _difference(question, first_curve, second_curve))
+    for (first_subject, first_curve), (second_subject, second_curve) in itertools.combinations(
+        zip(subjects, sensor_curves, strict=True), 2
+    ):
+        crossings += _crossings(
+            question, (first_subject, second_subject), _difference(question, first_curve, second_curve)
+        )
     limits: list[Crossing] = []
     for subject, sensor_curve in zip(subjects, sensor_curves, strict=True):
         if sensor_curve.margin is not None:
-            limits += _crossings(question, (subject,), _beyond(sensor_curve.margin))
+            limits += _crossings(question, (subject,), _height_over_level(sensor_curve.margin))
     return Curves(
         question=question,
         curves=tuple(sensor_curves),
@@ -172,7 +176,7 @@ def _difference(question: Question, first: Curve, second: Curve, *, tolerance: f
     return np.where(np.abs(part) > tolerance, part, 0.0)
 
 
-def _beyond(margin: Numbers) -> Numbers:
+def _height_over_level(margin: Numbers) -> Numbers:
     return np.where(np.isinf(margin), 1.0, np.where(margin > 0.0, 1.0 - 1.0 / np.maximum(margin, 1e-300), -1.0))
 
 
@@ -184,14 +188,16 @@ def _crossings(question: Question, pair: tuple[Subject, ...], height: Numbers) -
         if len(pair_curves) == 2:
             return _difference(question, *pair_curves, tolerance=0.0), pair_curves[0].values
         assert pair_curves[0].margin is not None
-        return _beyond(pair_curves[0].margin), pair_curves[0].values
+        return _height_over_level(pair_curves[0].margin), pair_curves[0].values
 
     x = question.axis.values
     places = np.flatnonzero(height != 0.0)
     crossings = []
     for low, high in itertools.pairwise(places):
         if height[low] * height[high] < 0.0:
-            place_and_value = _refined(question.axis, height_at, float(x[low]), float(x[high]), falls=bool(height[low] > 0.0))
+            place_and_value = _refine(
+                question.axis, height_at, float(x[low]), float(x[high]), falls=bool(height[low] > 0.0)
+            )
             if place_and_value is not None:
                 place, value = place_and_value
                 second = pair[1].name if len(pair) == 2 else ""
@@ -201,7 +207,7 @@ def _crossings(question: Question, pair: tuple[Subject, ...], height: Numbers) -
     return crossings
 
 
-def _refined(
+def _refine(
     axis: Axis, height_at: Callable[[Numbers], tuple[Numbers, Numbers]], low: float, high: float, *, falls: bool
 ) -> tuple[float, float] | None:
     """Place and value of a change of sign in this bracket; None if it is a jump.

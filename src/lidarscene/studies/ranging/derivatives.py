@@ -19,7 +19,7 @@ Derivation = Callable[[Formula, Mapping[str, float]], tuple[float, dict[str, flo
 """A formula and where to take it in, its value and its derivative with respect to every number out."""
 
 
-def chosen(method: str) -> tuple[str, Derivation]:
+def choose_derivation(method: str) -> tuple[str, Derivation]:
     """The method that "auto" stands for, or the named one, and its function.
 
     Raises ValueError for an unknown name, BackendError if "drjit" is asked for and not available.

@@ -2,7 +2,7 @@
 
 The light comes from the same stage that `render` runs, so a range limit and a rendered board agree. Every number of a
 `Target`, and of a sensor's laser, optics, detector and TDC, may be an array; they broadcast with each other and with
-the ranges. `stacked` makes such a sensor from many.
+the ranges. `stack_sensors` makes such a sensor from many.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def conditions_shape(sensor: Sensor, target: Target) -> tuple[int, ...]:
     return np.broadcast_shapes(*(value.shape for value in values if isinstance(value, np.ndarray)))
 
 
-def stacked(sensors: Sequence[Sensor]) -> Sensor | None:
+def stack_sensors(sensors: Sequence[Sensor]) -> Sensor | None:
     """One sensor with arrays where these differ in numbers; None if they differ in anything else."""
     first, changes = sensors[0], {}
     for part in _PARTS:
@@ -186,7 +186,7 @@ def maximum_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:
     open_bracket = (last >= 0) & (last < cuts)
     near, far = np.where(open_bracket, near, 1.0), np.where(open_bracket, far, 1.0)
     while np.any(far / near > 1.0 + _ACCURACY):
-        near, far = _narrowed(sensor, target, near, far)
+        near, far = _narrow(sensor, target, near, far)
     limit = np.where(last < 0, 0.0, np.where(last == cuts, math.inf, np.sqrt(near * far)))
     never = np.where(_is_saturated(sensor, target), RangeStatus.SATURATED, RangeStatus.NEVER_DETECTED)
     status = np.where(last < 0, never, np.where(last == cuts, RangeStatus.NO_LIMIT, RangeStatus.FOUND))
@@ -195,7 +195,7 @@ def maximum_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:
     return limit, status
 
 
-def _narrowed(sensor: Sensor, target: Target, near: Numbers, far: Numbers) -> tuple[Numbers, Numbers]:
+def _narrow(sensor: Sensor, target: Target, near: Numbers, far: Numbers) -> tuple[Numbers, Numbers]:
     """Brackets within these, at most an eighth as wide in log range and mostly far narrower.
 
     The secant of log margin over log range says where the crossing may be, and is exact for any power law. Ranges are

@@ -112,12 +112,13 @@ def notes(swept: Curves, sensors: Mapping[str, Sensor]) -> list[str]:
     notes_so_far = []
     for crossing in swept.detection_limits:
         if question.axis.key == "distance" and crossing.falls:
-            notes_so_far.append(f"{crossing.first}: maximum range {crossing.at:.6g} m, where {_value(question.quantity, crossing)}")
+            notes_so_far.append(
+                f"{crossing.first}: maximum range {crossing.at:.6g} m, where {_value(question.quantity, crossing)}"
+            )
         else:
             verb = "falls to" if crossing.falls else "rises to"
-            notes_so_far.append(
-                f"{crossing.first}: {verb} the threshold at {crossing.at:.6g}{unit}, {_value(question.quantity, crossing)}"
-            )
+            value = _value(question.quantity, crossing)
+            notes_so_far.append(f"{crossing.first}: {verb} the threshold at {crossing.at:.6g}{unit}, {value}")
     for crossing in swept.crossings:
         verb = "falls below" if crossing.falls else "rises above"
         value = _value(question.quantity, crossing)

@@ -141,7 +141,7 @@ def sensitivities(sensor: Sensor, target: Target, *, distance_m: float | None = 
 
         return evaluate
 
-    method, derive = derivatives.chosen(method)
+    method, derive = derivatives.choose_derivation(method)
     _, margin = derive(formula(0), {**values, _RANGE: limit})
     probability, detection = derive(formula(1), {**values, _RANGE: distance})
     if not margin[_RANGE] < 0.0:

@@ -184,7 +184,9 @@ def simulated_shots(
         background = _background_w(sensor, target, True) * ones
         echoes = dataclasses.replace(echoes, found=ones < 0.0, peak_power_w=0.0 * ones, background_power_w=background)
     detection = detect_alone(echoes, sensor, seed=seed, pulse=np.arange(shots, dtype=np.uint32))
-    alarms = sum(int(np.sum(np.asarray(stop.reported & (stop.status == int(Status.FALSE_ALARM))))) for stop in detection.stops)
+    alarms = sum(
+        int(np.sum(np.asarray(stop.reported & (stop.status == int(Status.FALSE_ALARM))))) for stop in detection.stops
+    )
     return Shots(shots, int(np.sum(detection.outcome == int(Outcome.KEPT))), alarms)
 
 
