@@ -27,7 +27,7 @@ from lidarscene.kernel.device.backend import drjit, mitsuba
 from lidarscene.kernel.rays.onward import START_OFFSET_M
 from lidarscene.maths.pose import Pose
 from lidarscene.rendering.simulator import Simulator, Summary
-from lidarscene.scene.model import Scene
+from lidarscene.scene.scene import Scene
 
 OURS, BARE, OPEN3D = "lidarscene", "bare Embree", "Open3D"
 MOST = {"30k": 1.8}

@@ -12,7 +12,7 @@ from lidarscene import load_scene, load_sensor
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Spline
 from lidarscene.rendering.simulator import Simulator
-from lidarscene.scene.model import Scene
+from lidarscene.scene.scene import Scene
 
 MOVERS = (1, 5, 10, 20)
 MOST = {20: 1.3}

@@ -16,7 +16,7 @@ from lidarscene import load_scene, load_sensor
 from lidarscene.errors import LidarSceneError
 from lidarscene.kernel.rays.onward import START_OFFSET_M
 from lidarscene.rendering.simulator import Simulator
-from lidarscene.scene.model import Body, Part, Scene
+from lidarscene.scene.scene import Body, Part, Scene
 
 OURS, EMBREEX, MUJOCO = "lidarscene", "trimesh + embreex", "mujoco-lidar"
 MUJOCO_BEAMS, MUJOCO_TRIANGLES = 70_000, 2_000_000

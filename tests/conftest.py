@@ -53,7 +53,7 @@ LONGEST = (
     "docs/test_study_commands.py",
     "chain/test_rain_and_snow.py",
     "cli/test_main.py",
-    "view/test_page.py",
+    "view/test_html_page.py",
     "batch/test_run.py",
     "docs/test_site.py",
     "batch/test_cluster.py",

@@ -15,8 +15,8 @@ from lidarscene import catalog
 from lidarscene.figures import lines
 from lidarscene.files.pvlib import reference_spectrum
 from lidarscene.physics.optics import solar_spectrum
-from lidarscene.studies import catalogue
-from lidarscene.studies.eye_safety.report import eye_safety_report
+from lidarscene.studies import published_values
+from lidarscene.studies.eye_safety.eye_safety_report import eye_safety_report
 from lidarscene.studies.paper import figures as paper_figures
 from lidarscene.studies.ranging import plane
 
@@ -188,7 +188,7 @@ def sensors() -> None:
     figure, (axes,) = dark(1, 1, height=5.0)
     names: dict[tuple[float, float], list[str]] = {}
     for name in catalog.names("sensors"):
-        for one in catalogue.check(name).also:
+        for one in published_values.check(name).also:
             if one.published and one.simulated:
                 place = one.published, one.simulated
                 # One label for points that lie on each other.

@@ -10,7 +10,7 @@ from PIL import Image
 
 import lidarscene
 from lidarscene.figures.pictures import frame_picture, range_image
-from lidarscene.scene.model import View
+from lidarscene.scene.scene import View
 
 LIGHTS = {
     "night": {"illuminance_klux": 0.0},

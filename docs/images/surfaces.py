@@ -10,9 +10,9 @@ from lidarscene.materials.catalogue import material
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.maths.pose import Pose
 from lidarscene.physics.optics import reflection
-from lidarscene.scene.meshes.patterns import Pattern
 from lidarscene.scene.meshes.primitives import plane_mesh
-from lidarscene.scene.model import Body, Part, Scene, Sun
+from lidarscene.scene.meshes.reflectivity_patterns import ReflectivityPattern
+from lidarscene.scene.scene import Body, Part, Scene, Sun
 
 SLOPES_DEG = (0, 25, 45)
 COLOURS = ("#9aa4b2", "#4cc9f0", "#ffb703")
@@ -92,7 +92,7 @@ def _wall(axes):
         brick,
         size_m=(4.0, 6.0),
         pose=Pose.from_degrees(position_m=(10.0, 0.0, 0.0), pitch_deg=90.0),
-        pattern=Pattern(kind="colour", values=image, uv=uv * (3.0, 2.0), mean=float(image.mean())),
+        pattern=ReflectivityPattern(kind="colour", values=image, uv=uv * (3.0, 2.0), mean=float(image.mean())),
     )
     keys = [f"scanner.{axis}_step_deg=0.1" for axis in ("azimuth", "elevation")]
     keys += ["scanner.azimuth_fov_deg=30", "scanner.elevation_fov_deg=20", "intensity.kind='reflectivity'"]
@@ -118,7 +118,7 @@ def _bricks() -> np.ndarray:
     return image
 
 
-def _plane(surface: Material, *, size_m, pose: Pose, pattern: Pattern | None = None) -> Body:
+def _plane(surface: Material, *, size_m, pose: Pose, pattern: ReflectivityPattern | None = None) -> Body:
     vertices, faces = plane_mesh(size_m=size_m)
     part = Part(vertices_m=vertices, faces=faces, material=surface.name, pattern=pattern)
     return Body(name="surface", class_name="surface", parts=(part,), pose=pose)

@@ -13,14 +13,14 @@ from .files.facts import view_with
 if TYPE_CHECKING:
     # isort: off
     # what is there
-    from .scene.file import load_scene as load_scene
-    from .scene.model import Scene as Scene
-    from .scene.model import Body as Body
-    from .scene.model import Part as Part
+    from .scene.scene_file import load_scene as load_scene
+    from .scene.scene import Scene as Scene
+    from .scene.scene import Body as Body
+    from .scene.scene import Part as Part
     from .materials.material import Material as Material
-    from .scene.model import Sun as Sun
-    from .scene.model import Sky as Sky
-    from .scene.model import Air as Air
+    from .scene.scene import Sun as Sun
+    from .scene.scene import Sky as Sky
+    from .scene.scene import Air as Air
     from .maths.pose import Pose as Pose
 
     # what looks at it
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from .rendering.options import Observers as Observers
 
     # what comes back
-    from .cloud.points import PointCloud as PointCloud
+    from .cloud.point_cloud import PointCloud as PointCloud
     from .detection.outcomes import Status as Status
     from .detection.outcomes import Outcome as Outcome
     from .cloud.deskew import deskewed as deskewed
@@ -58,14 +58,14 @@ if TYPE_CHECKING:
 
 _HOME = {
     # what is there
-    "load_scene": "scene.file",
-    "Scene": "scene.model",
-    "Body": "scene.model",
-    "Part": "scene.model",
+    "load_scene": "scene.scene_file",
+    "Scene": "scene.scene",
+    "Body": "scene.scene",
+    "Part": "scene.scene",
     "Material": "materials.material",
-    "Sun": "scene.model",
-    "Sky": "scene.model",
-    "Air": "scene.model",
+    "Sun": "scene.scene",
+    "Sky": "scene.scene",
+    "Air": "scene.scene",
     "Pose": "maths.pose",
     # what looks at it
     "load_sensor": "sensor.catalogue",
@@ -81,7 +81,7 @@ _HOME = {
     "FrameOptions": "rendering.options",
     "Observers": "rendering.options",
     # what comes back
-    "PointCloud": "cloud.points",
+    "PointCloud": "cloud.point_cloud",
     "Status": "detection.outcomes",
     "Outcome": "detection.outcomes",
     "deskewed": "cloud.deskew",

@@ -15,7 +15,7 @@ from lidarscene.batch import manifest, work
 from lidarscene.batch.store import Store
 from lidarscene.batch.tasks import FrameTask, Job
 from lidarscene.cli import main
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.files import atomic
 from lidarscene.rendering.simulator import Simulator
 

@@ -9,7 +9,7 @@ from helpers import chain
 from helpers.panes import MATERIALS, both_sides, pane
 
 from lidarscene.physics.optics import sunlight
-from lidarscene.scene.model import Air, Sun
+from lidarscene.scene.scene import Air, Sun
 
 ESUN, APERTURE_M2, ETA = 29.4, math.pi * 0.025**2, 0.7986
 FIELD_RAD = 1e-4 / 0.03

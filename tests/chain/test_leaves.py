@@ -12,7 +12,7 @@ from lidarscene.materials.material import Material, Spectrum
 from lidarscene.maths.trajectory import Course
 from lidarscene.physics.optics import radiometry
 from lidarscene.rendering.stages import ambient_of
-from lidarscene.scene.model import Sun
+from lidarscene.scene.scene import Sun
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -10,15 +10,15 @@ from helpers import chain
 from helpers.traffic import EGO, SENSOR, direction, frozen, traffic
 
 from lidarscene.cloud.deskew import deskewed
-from lidarscene.cloud.merging import merged
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
+from lidarscene.cloud.rig_clouds import merged
 from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Riding, Spline, pose_at
 from lidarscene.rendering.rig import require_common_frames, simulators
 from lidarscene.rendering.simulator import Simulator
-from lidarscene.scene.file import load_scene
-from lidarscene.scene.model import Ball, Body, Scene
+from lidarscene.scene.scene import Ball, Body, Scene
+from lidarscene.scene.scene_file import load_scene
 from lidarscene.sensor.rig import Mounted
 
 pytestmark = pytest.mark.usefixtures("mi")

@@ -10,7 +10,7 @@ from lidarscene.detection import receivers
 from lidarscene.detection.outcomes import Status
 from lidarscene.kernel.device import transfer
 from lidarscene.rendering.simulator import Simulator
-from lidarscene.scene.model import Air
+from lidarscene.scene.scene import Air
 from lidarscene.scene.weather import Weather
 
 pytestmark = pytest.mark.usefixtures("mi")

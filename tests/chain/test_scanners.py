@@ -10,7 +10,7 @@ from helpers import chain, launches, scanners
 from lidarscene import Simulator
 from lidarscene.light import beams
 from lidarscene.maths.pose import direction_from_angles
-from lidarscene.scene.model import Air, Sun
+from lidarscene.scene.scene import Air, Sun
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -7,7 +7,7 @@ import pytest
 from helpers import chain
 
 from lidarscene.kernel.world.build import build_world
-from lidarscene.scene.model import Sun
+from lidarscene.scene.scene import Sun
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
 

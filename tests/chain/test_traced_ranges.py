@@ -80,7 +80,7 @@ def test_box(range_m, place):
 def test_large_ground_close_by():
     """A 400 m road under a sensor 1.8 m up: primitives are cut up so that near hits keep their digits."""
     from lidarscene.scene.meshes.primitives import plane_mesh
-    from lidarscene.scene.model import Body, Part
+    from lidarscene.scene.scene import Body, Part
 
     vertices, faces = plane_mesh(size_m=(400.0, 400.0))
     road = Body(name="road", class_name="road", parts=(Part(vertices_m=vertices, faces=faces, material="grey"),))

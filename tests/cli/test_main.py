@@ -15,7 +15,7 @@ from helpers.command_line import BEAMS, COARSE, WALL, Run
 
 from lidarscene import __version__, catalog
 from lidarscene.cli import terminal
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.detection.outcomes import Status
 
 ROOT = Path(__file__).parents[2]

@@ -8,7 +8,7 @@ import pytest
 from helpers.command_line import BEAMS, COARSE, WALL, Run
 from helpers.walls import LEFT_AND_RIGHT
 
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.rendering.simulator import Simulator
 
 DRIVE = "[ego]\nspeed_m_s = 20\n" + WALL + "[bodies.motion]\nvelocity_m_s = [-10, 0, 0]\n"

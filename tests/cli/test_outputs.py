@@ -9,7 +9,7 @@ import pytest
 from helpers.command_line import BEAMS, COARSE, Run
 
 from lidarscene import load_sensor
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import LidarSceneError
 from lidarscene.formats.registry import FORMATS, LABELS
 

@@ -12,7 +12,7 @@ from helpers.command_line import Ran, Run
 
 from lidarscene import catalog, load_sensor
 from lidarscene.physics.optics import air
-from lidarscene.studies.ranging import plane, report
+from lidarscene.studies.ranging import plane, sweep_report
 
 APD, SIPM = "table1-apd", "table1-sipm"
 
@@ -279,7 +279,7 @@ def test_eye_safety_of_a_fitted_laser_is_no_verdict(run: Run) -> None:
 
 def test_every_aperture_law_is_told_in_a_line() -> None:
     for law in ("scanner", "constant", "cosine", "mirror"):
-        assert re.match(r"A\(theta\) (= A\(0\)|as )", report.law_text(law))
+        assert re.match(r"A\(theta\) (= A\(0\)|as )", sweep_report.law_text(law))
 
 
 # --- mistakes ---------------------------------------------------------------------------------------

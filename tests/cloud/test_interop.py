@@ -16,7 +16,7 @@ from helpers.clouds import small_cloud
 
 import lidarscene
 from lidarscene import load_scene
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError, LidarSceneError
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.maths.pose import Pose

@@ -12,7 +12,7 @@ from lidarscene.detection import returns
 from lidarscene.errors import InputError
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.physics.electronics import intensity
-from lidarscene.scene.model import Air
+from lidarscene.scene.scene import Air
 from lidarscene.studies.ranging import plane as ranging
 from lidarscene.studies.ranging.plane import Target
 

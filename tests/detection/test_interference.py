@@ -13,8 +13,8 @@ from lidarscene.errors import InputError
 from lidarscene.light.echoes import Interference
 from lidarscene.physics.electronics import crosstalk
 from lidarscene.rendering.stages import ambient_of
-from lidarscene.scene.file import load_scene
-from lidarscene.scene.model import Interferer
+from lidarscene.scene.scene import Interferer
+from lidarscene.scene.scene_file import load_scene
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
 

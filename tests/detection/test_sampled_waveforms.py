@@ -12,7 +12,7 @@ from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import tdc
 from lidarscene.physics.optics import radiometry
 from lidarscene.rendering.simulator import Simulator
-from lidarscene.scene.model import Air
+from lidarscene.scene.scene import Air
 from lidarscene.scene.weather import Weather
 
 pytestmark = pytest.mark.usefixtures("mi")

@@ -32,14 +32,14 @@ from lidarscene.rendering.options import DEFAULT_CHUNK
 from lidarscene.scene.meshes import primitives
 from lidarscene.sensor import readout
 from lidarscene.sensor.file import MOST_STOPS
-from lidarscene.studies.catalogue import points_per_second
 from lidarscene.studies.compare import clouds
 from lidarscene.studies.eye_safety import exposure
-from lidarscene.studies.eye_safety.report import TIME_BASE_S
+from lidarscene.studies.eye_safety.eye_safety_report import TIME_BASE_S
 from lidarscene.studies.field_of_view import figures, pattern, reach, seen, spacing
+from lidarscene.studies.published_values import points_per_second
 from lidarscene.studies.ranging import plane
-from lidarscene.studies.ranging.axes import CONDITIONS
 from lidarscene.studies.ranging.plane import RangeStatus, Target
+from lidarscene.studies.ranging.sweep_axes import CONDITIONS
 
 pytestmark = pytest.mark.fixed_streams
 

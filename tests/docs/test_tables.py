@@ -17,8 +17,8 @@ from lidarscene.materials.catalogue import material as catalogue_material
 from lidarscene.physics.electronics import sipm, tdc
 from lidarscene.physics.optics import reflection, solar_spectrum
 from lidarscene.scene.weather import Weather
-from lidarscene.studies import catalogue, recorded
-from lidarscene.studies.eye_safety.report import eye_safety_report
+from lidarscene.studies import published_values, recorded
+from lidarscene.studies.eye_safety.eye_safety_report import eye_safety_report
 from lidarscene.studies.paper import case
 from lidarscene.studies.paper.case import (
     FLOOR,
@@ -180,8 +180,8 @@ def leaf(nm: float) -> tuple[float, float]:
 
 
 @cache
-def checked(name: str) -> catalogue.Check:
-    return catalogue.check(name)
+def checked(name: str) -> published_values.Check:
+    return published_values.check(name)
 
 
 def test_published_against_simulated() -> None:

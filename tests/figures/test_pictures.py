@@ -14,7 +14,7 @@ from helpers.drawn_street import street
 from lidarscene.cloud import pixels
 from lidarscene.cloud.builder import CloudBuilder
 from lidarscene.cloud.pixels import NOTHING, camera_for, cells_of, cells_of_beams, splat
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.cloud.scales import Scale
 from lidarscene.cloud.shades import Shades, rgb
 from lidarscene.errors import InputError, OutputError

@@ -11,7 +11,7 @@ import pytest
 from lidarscene import load_scene
 from lidarscene.errors import InputError, LidarSceneError
 from lidarscene.files import pvlib
-from lidarscene.scene.model import Sun
+from lidarscene.scene.scene import Sun
 
 BODY = '[[bodies]]\nname = "ball"\nprimitive = "sphere"\nradius_m = 1\nmaterial = "asphalt"\n'
 

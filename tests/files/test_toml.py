@@ -9,7 +9,7 @@ from lidarscene import catalog
 from lidarscene.errors import InputError
 from lidarscene.files.overrides import with_overrides
 from lidarscene.files.toml import read_toml, validated
-from lidarscene.scene.file import scene_model
+from lidarscene.scene.scene_file import scene_model
 from lidarscene.sensor.file import SensorFile
 
 

@@ -12,7 +12,7 @@ import pytest
 from helpers.clouds import assert_same, small_cloud
 from helpers.formats import need, written
 
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError, OutputError
 from lidarscene.formats import las, parquet
 from lidarscene.formats.described import library_errors

@@ -11,7 +11,7 @@ from helpers.clouds import small_cloud
 from helpers.formats import need
 from scipy.spatial.transform import Rotation
 
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats import e57
 from lidarscene.formats.described import LARGEST
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers.clouds import small_cloud
 
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats import kitti
 
 

@@ -10,7 +10,7 @@ import pytest
 from helpers.clouds import assert_same, small_cloud
 from helpers.formats import PLACED, file_of, need, written
 
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.formats import las
 

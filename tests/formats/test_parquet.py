@@ -8,7 +8,7 @@ import pytest
 from helpers.clouds import small_cloud, small_columns
 from helpers.formats import need, written
 
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats import parquet
 
 N = 50

@@ -16,7 +16,7 @@ import pytest
 import trimesh
 from helpers.clouds import assert_same, small_cloud, small_columns
 
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError, OutputError
 from lidarscene.formats import described, ply
 from lidarscene.formats.cloud_columns import COLUMNS

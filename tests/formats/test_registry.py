@@ -13,7 +13,7 @@ from helpers import street
 from helpers.clouds import assert_same, small_cloud, small_columns
 from helpers.formats import PLACED, file_of, need
 
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError, LidarSceneError, OutputError
 from lidarscene.files import optional
 from lidarscene.formats import las

@@ -9,7 +9,7 @@ import pytest
 from helpers.clouds import small_cloud
 from helpers.formats import file_of, need, rotated
 
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats.ros import structured
 
 LAYOUTS = {

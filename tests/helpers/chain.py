@@ -18,7 +18,7 @@ from lidarscene.maths.arrays import flattened, is_drjit
 from lidarscene.maths.pose import Pose
 from lidarscene.rendering.stages import ambient_of
 from lidarscene.scene.meshes.primitives import box_mesh, plane_mesh
-from lidarscene.scene.model import Air, Ball, Body, Part, Sky, Sun
+from lidarscene.scene.scene import Air, Ball, Body, Part, Sky, Sun
 
 NARROW = [
     "scanner.azimuth_fov_deg=0.02",

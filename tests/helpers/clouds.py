@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats.cloud_columns import COLUMNS, MEASURED, TRUTH
 
 NAMES: dict[str, tuple[str, ...]] = {

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 
 BOXES = (  # low and high corner in metres, z from the sensor, 1.8 m above the road
     ((14.0, 2.0, -1.5), (18.2, 3.8, -0.3)),

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import LidarSceneError
 from lidarscene.formats.registry import FORMATS
 

@@ -36,7 +36,7 @@ from lidarscene.cli import main
 from lidarscene.errors import LONGEST, BackendError, LidarSceneError
 from lidarscene.formats.registry import FORMATS
 from lidarscene.view.controls import Equipment
-from lidarscene.view.sources import settings_from
+from lidarscene.view.page_sources import settings_from
 
 PATIENCE_S = 120
 """After which an input counts as one that hangs: a hundred times what the slowest of them takes."""
@@ -570,7 +570,7 @@ def untraced() -> Iterator[None]:
     with (
         mock.patch("lidarscene.outputs.frame_files.FrameFiles.write"),
         mock.patch("lidarscene.studies.compare.study.write", return_value=""),
-        mock.patch("lidarscene.view.sources.Live", side_effect=LidarSceneError("not here")),
+        mock.patch("lidarscene.view.page_sources.Live", side_effect=LidarSceneError("not here")),
     ):
         yield
 

@@ -9,7 +9,7 @@ from types import ModuleType
 
 import pytest
 
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from typing import Any
 from lidarscene.batch.file import JobFile
 from lidarscene.files.toml import FileModel
 from lidarscene.materials.file import MaterialFile
-from lidarscene.scene.file import SceneFile
+from lidarscene.scene.scene_file import SceneFile
 from lidarscene.sensor.file import SensorFile
 from lidarscene.sensor.rig_file import RigFile
 

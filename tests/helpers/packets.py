@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats.cloud_columns import COLUMNS, MEASURED
 from lidarscene.formats.packets.firings import FiringsBuilder
 from lidarscene.formats.packets.packet_encoder import Packet, PacketEncoder

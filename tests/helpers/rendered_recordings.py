@@ -9,7 +9,7 @@ import numpy as np
 from lidarscene.recordings.opening import open_recording
 from lidarscene.recordings.units.unit_file import unit_from, write_unit
 from lidarscene.rendering.simulator import Simulator
-from lidarscene.scene.file import load_scene
+from lidarscene.scene.scene_file import load_scene
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
 from lidarscene.studies.fit.estimates import Estimate

@@ -28,9 +28,9 @@ from lidarscene.cli import main
 from lidarscene.kernel.world.build import World
 from lidarscene.outputs import record
 from lidarscene.rendering import simulator
-from lidarscene.scene import file as scene_file
-from lidarscene.scene.file import load_scene, scene_path, sensor_of_scene
-from lidarscene.scene.model import Body, Scene
+from lidarscene.scene import scene_file as scene_file
+from lidarscene.scene.scene import Body, Scene
+from lidarscene.scene.scene_file import load_scene, scene_path, sensor_of_scene
 
 # What needs more than this machine, and what another test runs as it stands.
 PARSED_ONLY = {

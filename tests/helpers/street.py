@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats.cloud_columns import SENSOR_TO_WORLD
 from lidarscene.maths.pose import Pose
 from lidarscene.scene.meshes.primitives import box_mesh, plane_mesh
-from lidarscene.scene.model import Body, Part, Scene
+from lidarscene.scene.scene import Body, Part, Scene
 
 SENSOR = Pose.from_degrees(position_m=(3.0, -2.0, 1.8), yaw_deg=20.0, pitch_deg=-2.0)
 CLASSES = ("road", "car", "barrier", "gantry")

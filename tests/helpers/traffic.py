@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 
 from helpers import chain
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.maths.pose import Pose, direction_from_angles
 from lidarscene.maths.trajectory import Course, Motion, Spline, pose_at
-from lidarscene.scene.model import Body, Scene
+from lidarscene.scene.scene import Body, Scene
 
 EGO = Course(start=Pose.from_degrees(position_m=(3.0, 2.0, 0.5), yaw_deg=2.0), speed_m_s=25.0, yaw_rate_rad_s=0.3)
 

@@ -13,8 +13,8 @@ from helpers import street
 from helpers.formats import osi_messages, rotated, value_at
 from scipy.spatial.transform import Rotation
 
-from lidarscene.cloud.merging import merged
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
+from lidarscene.cloud.rig_clouds import merged
 from lidarscene.errors import InputError
 from lidarscene.files import spool
 from lidarscene.formats.registry import DATASETS, LABELS
@@ -24,7 +24,7 @@ from lidarscene.labels.files import CAMERA, PICTURE_PX, label_paths, labels_stre
 from lidarscene.labels.osi_truth import ground_truth
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, pose_at
-from lidarscene.scene.model import Ball, Body, Scene
+from lidarscene.scene.scene import Ball, Body, Scene
 
 CAR = (4.0, 2.0, 1.5)
 

@@ -20,7 +20,7 @@ from lidarscene.physics.optics.pulse import gaussian_pulse
 from lidarscene.physics.optics.sunlight import SUN_RADIUS_RAD
 from lidarscene.physics.weather import soft_target
 from lidarscene.rendering.simulator import Simulator, Summary
-from lidarscene.scene.model import Air, Interferer
+from lidarscene.scene.scene import Air, Interferer
 from lidarscene.scene.weather import Weather
 
 pytestmark = pytest.mark.usefixtures("mi")

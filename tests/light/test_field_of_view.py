@@ -10,7 +10,7 @@ from helpers import chain, launches
 from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose
 from lidarscene.rendering.simulator import Simulator
-from lidarscene.scene.model import Sun
+from lidarscene.scene.scene import Sun
 
 pytestmark = pytest.mark.usefixtures("mi")
 

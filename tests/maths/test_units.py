@@ -13,7 +13,7 @@ from lidarscene.errors import InputError
 from lidarscene.files.table_model import Table
 from lidarscene.files.toml import validated
 from lidarscene.maths.units import UNITS, Key, Part, Quantity, si
-from lidarscene.scene import file as _scene  # noqa: F401 all tables are known once it is
+from lidarscene.scene import scene_file as _scene  # noqa: F401 all tables are known once it is
 from lidarscene.sensor import file as _sensor  # noqa: F401
 
 FACTORS = {

@@ -9,7 +9,7 @@ import PIL.Image
 import pytest
 from helpers import street
 
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.files.encodings import png
 from lidarscene.outputs.range_image import images, write_range_image

@@ -19,8 +19,8 @@ from helpers.walls import LEFT_AND_RIGHT, MOVING
 from lidarscene import load_rig, load_scene, load_sensor
 from lidarscene.cloud import thinning
 from lidarscene.cloud.deskew import deskewed
-from lidarscene.cloud.merging import merged
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
+from lidarscene.cloud.rig_clouds import merged
 from lidarscene.formats import parquet
 from lidarscene.labels import kitti_dataset
 from lidarscene.labels.files import write_labels

@@ -9,7 +9,7 @@ from helpers import chain
 import lidarscene
 from lidarscene.errors import InputError
 from lidarscene.rendering.extremes import not_a_number
-from lidarscene.scene.model import Air, Scene
+from lidarscene.scene.scene import Air, Scene
 
 COARSE = ("scanner.azimuth_step_deg=2", "scanner.elevation_step_deg=2")
 

@@ -10,7 +10,7 @@ import pytest
 from helpers.clouds import assert_same
 
 from lidarscene import load_scene, load_sensor
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.rendering.simulator import Simulator, Summary
 

@@ -15,7 +15,7 @@ from lidarscene.rendering.frame import motion_of
 from lidarscene.rendering.surroundings import Surroundings
 from lidarscene.scene.clearance import Clearance
 from lidarscene.scene.meshes.primitives import box_mesh, plane_mesh
-from lidarscene.scene.model import Air, Ball, Body, Part
+from lidarscene.scene.scene import Air, Ball, Body, Part
 
 
 def body(name, mesh, at=(0.0, 0.0, 0.0), **turns):

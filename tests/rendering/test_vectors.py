@@ -14,7 +14,7 @@ from lidarscene.errors import InputError
 from lidarscene.formats.cloud_columns import COLUMNS, OF_VECTORS, VECTORS
 from lidarscene.maths.pose import Pose, direction_from_angles
 from lidarscene.maths.trajectory import Course
-from lidarscene.scene.model import Body, Part
+from lidarscene.scene.scene import Body, Part
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -62,16 +62,16 @@ def test_shares_are_1_on_the_axis_and_never_negative(name):
 
 def test_the_mirror_law_of_the_range_curves_is_this_one():
     """`ranging.aperture.mirror` is `MirrorPair`'s or `Gimbal`'s share in the plane of incidence, at 45 degrees."""
-    from lidarscene.studies.ranging import aperture
+    from lidarscene.studies.ranging import aperture_laws
 
     angle_deg = np.linspace(-40.0, 40.0, 9)
     gimbal = scanners.gimbal(incidence_rad=math.radians(45.0), side="right")
     _, share = gimbal.beam(np.radians(angle_deg) / 2, np.zeros(9))
-    np.testing.assert_allclose(share, aperture.mirror(angle_deg), rtol=1e-12)
+    np.testing.assert_allclose(share, aperture_laws.mirror(angle_deg), rtol=1e-12)
     _, share = scanners.gimbal(incidence_rad=math.radians(45.0), side="left").beam(
         np.radians(-angle_deg) / 2, np.zeros(9)
     )
-    np.testing.assert_allclose(share, aperture.mirror(angle_deg), rtol=1e-12)
+    np.testing.assert_allclose(share, aperture_laws.mirror(angle_deg), rtol=1e-12)
 
 
 def test_a_flash_sees_its_pupil_foreshortened():

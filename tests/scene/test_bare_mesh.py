@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from lidarscene.errors import InputError, OptionWarning
-from lidarscene.scene.file import load_scene
-from lidarscene.scene.model import Part
+from lidarscene.scene.scene import Part
+from lidarscene.scene.scene_file import load_scene
 
 BOX = (2.0, 1.0, 3.0)
 

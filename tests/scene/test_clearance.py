@@ -13,7 +13,7 @@ from lidarscene.maths.trajectory import Course
 from lidarscene.scene import clearance
 from lidarscene.scene.clearance import Clearance
 from lidarscene.scene.meshes.primitives import box_mesh, cylinder_mesh, plane_mesh
-from lidarscene.scene.model import Ball, Body, Part
+from lidarscene.scene.scene import Ball, Body, Part
 
 GROUND = """
 [[bodies]]

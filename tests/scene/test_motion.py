@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from lidarscene import catalog, load_rig
 from lidarscene.errors import InputError
 from lidarscene.maths.trajectory import Course, Riding, Spline, pose_at
-from lidarscene.scene.file import files_of_scene, load_scene
-from lidarscene.scene.model import Scene
 from lidarscene.scene.poses import read_poses
+from lidarscene.scene.scene import Scene
+from lidarscene.scene.scene_file import files_of_scene, load_scene
 
 BOX = '[[bodies]]\nname = "box"\nprimitive = "box"\nsize_m = [1, 2, 3]\nmaterial = "brick"\n'
 CSV = "time_s,x_m,y_m,z_m,yaw_deg\n0,0,0,0,0\n1,10,0,0,0\n2,20,5,0,45\n"

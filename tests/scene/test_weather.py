@@ -9,8 +9,8 @@ from helpers import chain, drops
 
 from lidarscene import Simulator
 from lidarscene.physics.weather import fog, precipitation
-from lidarscene.scene.file import load_scene
-from lidarscene.scene.model import Air
+from lidarscene.scene.scene import Air
+from lidarscene.scene.scene_file import load_scene
 from lidarscene.scene.weather import FogKind, Weather
 
 BODY = '[[bodies]]\nname = "wall"\nprimitive = "plane"\nsize_m = [4, 4]\nposition_m = [9, 0, 0]\nmaterial = "brick"\n'

@@ -20,7 +20,7 @@ from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.catalogue import published as catalogue_published
 from lidarscene.sensor.detectors import Apd
 from lidarscene.sensor.readout import PublishedFile
-from lidarscene.studies import catalogue
+from lidarscene.studies import published_values
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
 
@@ -45,11 +45,11 @@ RECORDED = {"os0-128", "os1-128", "os2-128"}
 
 
 @cache
-def checked(name: str) -> catalogue.Check:
+def checked(name: str) -> published_values.Check:
     """With a tenth of the draws: a scatter is good to 1.6 %, and is held to a factor."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(catalogue, "SHOTS", 2000)
-        return catalogue.check(name)
+        patch.setattr(published_values, "SHOTS", 2000)
+        return published_values.check(name)
 
 
 # Fewer pulses of the same mechanism.
@@ -121,7 +121,7 @@ def test_points_per_second_round_to_the_published(name: str) -> None:
         assert name == "sony-spad-189x600"
         return
     digits = len(f"{published.points_per_second:.0f}".rstrip("0"))
-    simulated = catalogue.points_per_second(load_sensor(name))
+    simulated = published_values.points_per_second(load_sensor(name))
     step = 10.0 ** (math.floor(math.log10(published.points_per_second)) + 1 - digits)
     assert abs(simulated - published.points_per_second) <= 0.5 * step + 1.0
 
@@ -164,7 +164,7 @@ def test_scatter_of_photons_as_in_recordings(photons: int) -> None:
     name = "os0-128"
     sensor, target = load_sensor(name), Target(illuminance_klux=0.0)
     snr = photons / float(sensor.working_point(np.zeros(1)).noise[0])
-    scatter = catalogue.scatter_m(sensor, target, range_m=20.0, snr=snr)
+    scatter = published_values.scatter_m(sensor, target, range_m=20.0, snr=snr)
     assert scatter is not None
     assert 0.12 < scatter * math.sqrt(photons) < 0.2
 
@@ -174,12 +174,12 @@ def test_scatter_at_an_snr() -> None:
     sensor = load_sensor("vlp-16")
     target = Target(reflectivity=0.5, illuminance_klux=0.0)
     snr = float(plane.snr(sensor, target, 30.0)[0])
-    here = catalogue.scatter_m(sensor, target, range_m=30.0)
-    there = catalogue.scatter_m(sensor, target, range_m=20.0, snr=snr)
+    here = published_values.scatter_m(sensor, target, range_m=30.0)
+    there = published_values.scatter_m(sensor, target, range_m=20.0, snr=snr)
     assert here is not None
     # 0.5 % each from the draws; the target's power falls by 7 % over the metre of ranges, which is 0.2 % on average.
     assert there == pytest.approx(here, rel=0.03)
-    assert catalogue.scatter_m(load_sensor("table1-sipm"), target, range_m=20.0, snr=1e4) is None
+    assert published_values.scatter_m(load_sensor("table1-sipm"), target, range_m=20.0, snr=1e4) is None
 
 
 def test_ranges_that_were_not_fitted() -> None:
@@ -300,7 +300,7 @@ def test_a_frame_of_each(mi: Any, name: str) -> None:
 
 
 def test_check_prints_every_sensor(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(catalogue, "SHOTS", 200)  # only that all are there
+    monkeypatch.setattr(published_values, "SHOTS", 200)  # only that all are there
     assert main.main(["catalog", "check"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert {line.split()[0] for line in lines[1:-3] if not line.startswith(" ")} == set(catalog.names("sensors"))

@@ -9,7 +9,7 @@ import pytest
 from helpers import chain
 
 from lidarscene import load_scene, load_sensor
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.kernel.rays.relit import COLUMNS, light_of
 from lidarscene.light.echoes import Echoes
@@ -18,7 +18,7 @@ from lidarscene.rendering.frame import Frame
 from lidarscene.rendering.options import FrameOptions
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.rendering.stages import ambient_of
-from lidarscene.scene.model import Scene
+from lidarscene.scene.scene import Scene
 from lidarscene.sensor.model import Sensor
 from lidarscene.studies.budget import budget_of, pulses_of
 

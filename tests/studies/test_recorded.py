@@ -14,7 +14,7 @@ from lidarscene.detection.receivers import detect_alone
 from lidarscene.errors import InputError
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.readout import PublishedFile, RepeatabilityFile
-from lidarscene.studies import catalogue, recorded
+from lidarscene.studies import published_values, recorded
 from lidarscene.studies.ranging import statistics
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
@@ -25,7 +25,7 @@ MODE = ["scanner.columns_per_turn=1024"]
 @pytest.fixture(autouse=True)
 def fewer_shots(monkeypatch: pytest.MonkeyPatch) -> None:
     """3000 have 1.3 % of error in a scatter; the nearest ratio to a bound is 8 % away."""
-    monkeypatch.setattr(catalogue, "SHOTS", 3000)
+    monkeypatch.setattr(published_values, "SHOTS", 3000)
 
 
 @pytest.mark.parametrize("name", OUSTERS)
@@ -140,14 +140,16 @@ def test_command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[
     ("simulated", "held"), [(79.0, False), (81.0, True), (124.0, True), (126.0, False), (None, False)]
 )
 def test_a_ratio_is_held_either_way(simulated: float | None, held: bool) -> None:
-    row = recorded.Row(sensor="s", quantity="q", condition="", recorded=100.0, simulated=simulated, most=1.25)
+    row = recorded.RecordedComparison(
+        sensor="s", quantity="q", condition="", recorded=100.0, simulated=simulated, most=1.25
+    )
     assert row.held is held
     assert row.ratio == (None if simulated is None else simulated / 100.0)
 
 
 def test_a_deviation_is_over_what_is_published() -> None:
-    assert catalogue.Compared(published=10.0, simulated=12.0).deviation == pytest.approx(0.2)
-    assert catalogue.Compared(published=None, simulated=12.0).deviation is None
+    assert published_values.Compared(published=10.0, simulated=12.0).deviation == pytest.approx(0.2)
+    assert published_values.Compared(published=None, simulated=12.0).deviation is None
 
 
 def test_bounds_of_each_curve() -> None:
@@ -177,7 +179,7 @@ def test_the_signal_is_that_of_the_simulation_over_the_recorded(monkeypatch: pyt
 def test_alarms_are_no_scatter_of_the_range() -> None:
     """At 3.3 sigmas many shots report noise before the echo, hundreds of metres off."""
     noisy = load_sensor("table1-apd", overrides=["tdc.threshold_to_noise=3.3"])
-    scatter_m = catalogue.scatter_m(noisy, Target(reflectivity=0.5), range_m=100.0)
+    scatter_m = published_values.scatter_m(noisy, Target(reflectivity=0.5), range_m=100.0)
     assert scatter_m is not None
     assert 0.0 < scatter_m < 0.3
 
@@ -185,18 +187,20 @@ def test_alarms_are_no_scatter_of_the_range() -> None:
 def test_where_a_makers_numbers_are_compared(monkeypatch: pytest.MonkeyPatch) -> None:
     """A repeatability at its own distance, else 20 m; a range on its target, else on 10 %; noise without an echo."""
     seen: dict[str, list[float]] = {"scatter": [], "range": [], "alarms": []}
-    monkeypatch.setattr(catalogue, "scatter_m", lambda *_, range_m, **__: seen["scatter"].append(range_m))
+    monkeypatch.setattr(published_values, "scatter_m", lambda *_, range_m, **__: seen["scatter"].append(range_m))
     monkeypatch.setattr(
-        catalogue, "maximum_range_m", lambda _, target: (seen["range"].append(float(target.reflectivity)) or 9.0, None)
+        published_values,
+        "maximum_range_m",
+        lambda _, target: (seen["range"].append(float(target.reflectivity)) or 9.0, None),
     )
     sensor, published = load_sensor("table1-apd"), PublishedFile(source="x")
     for where in ({"at_m": 35.0, "reflectivity": 0.5}, {"snr": 50.0}):
         stated = RepeatabilityFile.model_validate({"sigma_m": 0.01, "source": "x", **where})
-        catalogue.repeatability(sensor, published, stated)
+        published_values.repeatability(sensor, published, stated)
     for reflectivity in (0.8, None):
-        catalogue._range(sensor, published, reflectivity, 100.0)
+        published_values._range(sensor, published, reflectivity, 100.0)
     assert (seen["scatter"], seen["range"]) == ([35.0, 20.0], [0.8, 0.1])
-    alarms = catalogue._false_points(sensor, published).simulated
+    alarms = published_values._false_points(sensor, published).simulated
     # All of the window under the light of a target, as of one without an echo.
     assert alarms == pytest.approx(-np.expm1(4e-6 * 167e6 * np.log1p(-2.8665157e-7)), rel=1e-6)
 
@@ -204,7 +208,7 @@ def test_where_a_makers_numbers_are_compared(monkeypatch: pytest.MonkeyPatch) ->
 def test_noise_of_a_counting_sensor_is_that_under_a_target() -> None:
     """Rationale: its threshold goes with the light; beside a target the sky may be dark."""
     sensor = load_sensor("os1-128", overrides=MODE)
-    beyond = catalogue._false_points(sensor, PublishedFile(source="x")).simulated
+    beyond = published_values._false_points(sensor, PublishedFile(source="x")).simulated
     target = statistics.false_points(sensor, Target(reflectivity=0.1, illuminance_klux=100.0), 1e6).per_pulse
     sky = statistics.false_points(sensor, Target(reflectivity=0.1, illuminance_klux=100.0)).per_pulse
     assert beyond == pytest.approx(target)

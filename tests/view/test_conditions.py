@@ -15,7 +15,7 @@ from lidarscene.errors import InputError
 from lidarscene.rendering.options import FrameOptions
 from lidarscene.view.blob import unpacked
 from lidarscene.view.conditions import BUDGET, FOG, FRAME, RAIN, RAYS, SEED, SNOW, command, conditions, controls
-from lidarscene.view.sources import Live
+from lidarscene.view.page_sources import Live
 
 MOVING = SCENE + "[bodies.motion]\nspeed_m_s = 20.0\n[ego]\nposition_m = [-70.0, 0.5, 0.0]\nspeed_m_s = 15.0\n"
 

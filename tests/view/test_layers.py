@@ -9,9 +9,9 @@ import pytest
 from helpers.small_scene import COARSE, SCENE
 
 from lidarscene import Simulator, deskewed, load_scene, load_sensor
-from lidarscene.view import layers
+from lidarscene.view import page_sources
 from lidarscene.view.blob import unpacked
-from lidarscene.view.sources import Clouds
+from lidarscene.view.page_sources import Clouds
 
 SPEED_M_S = 150.0  # a frame of the raster is short
 EGO = f"[ego]\nposition_m = [-2.0, 0.5, 0.0]\nyaw_deg = 5.0\nspeed_m_s = {SPEED_M_S}\n"
@@ -46,10 +46,10 @@ def test_deskewed_points_of_a_file(moving: Simulator, tmp_path: Path, coordinate
 def test_why_there_is_one_layer(moving: Simulator, tmp_path: Path) -> None:
     """Without the scene, over one that stands still, of several sensors; what did not move lacks nothing."""
     cloud = moving.render(coordinates="world")
-    assert layers.still_m(cloud, None) == (None, layers.NO_SCENE)
+    assert page_sources.still_m(cloud, None) == (None, page_sources.NO_SCENE)
     (tmp_path / "still.toml").write_text(SCENE)
     still = load_scene(tmp_path / "still.toml")
-    assert layers.still_m(cloud, still) == (None, layers.OTHER_SCENE)
+    assert page_sources.still_m(cloud, still) == (None, page_sources.OTHER_SCENE)
     rig = dataclasses.replace(cloud, sensor_names=("left", "right"))
-    assert layers.still_m(rig, moving.scene) == (None, layers.SEVERAL)
-    assert layers.still_m(deskewed(cloud, moving.motion), moving.scene) == (None, "")
+    assert page_sources.still_m(rig, moving.scene) == (None, page_sources.SEVERAL)
+    assert page_sources.still_m(deskewed(cloud, moving.motion), moving.scene) == (None, "")

@@ -10,8 +10,8 @@ from helpers.small_scene import COARSE, SCENE
 
 import lidarscene
 from lidarscene.errors import InputError, OptionWarning
-from lidarscene.view import notebook, page
-from lidarscene.view.sources import Clouds
+from lidarscene.view import html_page, notebook
+from lidarscene.view.page_sources import Clouds
 
 
 def inner(shown: object) -> str:
@@ -63,7 +63,7 @@ def test_what_cannot_be_viewed(options, told):
 
 def test_a_large_page_is_warned_of(tmp_path, monkeypatch):
     small_cloud(9).save(tmp_path / "a.ply")
-    monkeypatch.setattr(page, "LARGE_BYTES", 1000)
+    monkeypatch.setattr(html_page, "LARGE_BYTES", 1000)
     with pytest.warns(OptionWarning, match=r"save .*a\.html: the page has 0 MB, and browsers take long to open it"):
-        page.save(Clouds([tmp_path / "a.ply"]), tmp_path / "a.html")
+        html_page.save(Clouds([tmp_path / "a.ply"]), tmp_path / "a.html")
     assert (tmp_path / "a.html").exists()

@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..files.overrides import toml_text
 from ..formats.registry import FORMATS
 from ..rendering.options import FrameOptions, TraceOptions
-from ..scene.file import files_of_scene, scene_path, sensor_of_scene
+from ..scene.scene_file import files_of_scene, scene_path, sensor_of_scene
 from ..sensor.catalogue import load_sensor
 from ..sensor.file import files_of_sensor
 from ..sensor.model import Sensor

@@ -18,8 +18,8 @@ from ..maths.trajectory import pose_at
 from ..outputs import report
 from ..rendering.frame import motion_of
 from ..rendering.simulator import Simulator, Summary
-from ..scene.file import load_scene
-from ..scene.model import Scene
+from ..scene.scene import Scene
+from ..scene.scene_file import load_scene
 from ..sensor.catalogue import load_sensor
 from ..sensor.model import Sensor
 from ..sensor.rig import Mounted

@@ -1,7 +1,7 @@
 """The catalogue: sensors, materials and scenes as data files; sensors and materials have a source for every number.
 
 Each is a TOML file in a folder of its kind, and its name is the file's. To add one takes no code. This module knows
-names and paths only; `sensor.catalogue`, `materials.catalogue` and `scene.file` read the files.
+names and paths only; `sensor.catalogue`, `materials.catalogue` and `scene.scene_file` read the files.
 """
 
 from __future__ import annotations

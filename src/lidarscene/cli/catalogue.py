@@ -83,13 +83,13 @@ def catalog_text(arguments: argparse.Namespace) -> str | Answer:
 
 def _check_text(arguments: argparse.Namespace) -> str:
     from .. import catalog
-    from ..studies import catalogue
+    from ..studies import published_values
 
     names = [arguments.name] if arguments.name else catalog.names("sensors")
-    checks = [catalogue.check(name) for name in names]
+    checks = [published_values.check(name) for name in names]
     if arguments.json:
-        return json_text([catalogue.as_dict(one) for one in checks], indent=2)
-    return catalogue.as_text(checks)
+        return json_text([published_values.as_dict(one) for one in checks], indent=2)
+    return published_values.as_text(checks)
 
 
 def _real_answer(arguments: argparse.Namespace) -> Answer:
@@ -133,7 +133,7 @@ def check_text(arguments: argparse.Namespace) -> Answer:
 
 def _mistakes(path: Path, kind: str | None) -> Iterator[str]:
     from ..files.toml import faults, read_toml
-    from ..scene.file import scene_path
+    from ..scene.scene_file import scene_path
 
     try:
         path = scene_path(path)
@@ -162,7 +162,7 @@ def _whole(kind: str, path: Path) -> Iterator[str]:
     """Mistakes that only show when everything that the file names is read: the first one, of a scene one a body."""
     from ..batch.file import read_job
     from ..materials.file import read_material
-    from ..scene.file import load_scene, scene_from_model, scene_model
+    from ..scene.scene_file import load_scene, scene_from_model, scene_model
     from ..sensor.file import read_sensor
     from ..sensor.rig_file import load_rig
 

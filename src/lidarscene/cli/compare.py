@@ -101,11 +101,11 @@ def compare_text(arguments: argparse.Namespace) -> str:
 
 def _sensors(arguments: argparse.Namespace) -> str:
     from ..rendering.options import DEFAULT_CHUNK
-    from ..scene.file import load_scene
+    from ..scene.scene_file import load_scene
     from ..studies.compare import study
     from ..studies.compare.run import Bench
-    from ..studies.ranging.axes import CONDITIONS
     from ..studies.ranging.subjects import subjects
+    from ..studies.ranging.sweep_axes import CONDITIONS
 
     words = arguments.sensors.split(",")
     if not 2 <= len(words) <= MOST_SENSORS or not all(words):
@@ -149,7 +149,7 @@ def _real(arguments: argparse.Namespace) -> str:
         with open_recording(given) as recording:
             side = side_of_sweep(given.name, recording[0])
     else:
-        from ..cloud.points import PointCloud
+        from ..cloud.point_cloud import PointCloud
 
         side = side_of_cloud(given.name, PointCloud.load(given))
     return compare_real(side, real, arguments.output, as_json=arguments.json)

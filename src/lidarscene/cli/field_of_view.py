@@ -80,8 +80,8 @@ def fov_text(arguments: argparse.Namespace) -> str:
     """Run `fov`; returns what is printed. Raises InputError and OutputError before anything is written."""
     from ..studies.field_of_view.seen import CELL_DEG, TIMES_S, Study
     from ..studies.field_of_view.study import write
-    from ..studies.ranging.axes import CONDITIONS
     from ..studies.ranging.plane import Target
+    from ..studies.ranging.sweep_axes import CONDITIONS
 
     if bool(arguments.sensors) == (arguments.rig is not None):
         raise InputError("SENSOR and --rig: one of them must be given, got both or none; see lidarscene fov -h")
@@ -100,7 +100,7 @@ def fov_text(arguments: argparse.Namespace) -> str:
     scene, vehicle = None, arguments.pose
     if arguments.scene is not None:
         from ..maths.pose import Pose
-        from ..scene.file import load_scene
+        from ..scene.scene_file import load_scene
 
         scene = load_scene(arguments.scene)
         if arguments.rig is not None:

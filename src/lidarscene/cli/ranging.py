@@ -17,10 +17,10 @@ from .terminal import Answer, progress
 from .words import number, whole
 
 if TYPE_CHECKING:
-    from ..studies.ranging.axes import Axis
     from ..studies.ranging.curves import Curves, Question
     from ..studies.ranging.plane import Target
     from ..studies.ranging.subjects import Subject
+    from ..studies.ranging.sweep_axes import Axis
 
 RANGE_HELP = """\
 examples:
@@ -163,8 +163,8 @@ def _quantity(arguments: argparse.Namespace) -> str:
 
 def _target(arguments: argparse.Namespace) -> Target:
     """The target that the options describe. Raises InputError."""
-    from ..studies.ranging.axes import CONDITIONS, Bounds
     from ..studies.ranging.plane import Target
+    from ..studies.ranging.sweep_axes import CONDITIONS, Bounds
 
     def held(name: str, default: float, bounds: Bounds) -> float:
         value = getattr(arguments, name)
@@ -202,8 +202,8 @@ def _check_outputs(arguments: argparse.Namespace, found: list[Subject]) -> None:
 
 
 def _question(arguments: argparse.Namespace, found: list[Subject], held: Target) -> Question:
-    from ..studies.ranging.axes import require_within_law
     from ..studies.ranging.curves import Question
+    from ..studies.ranging.sweep_axes import require_within_law
 
     axis = _axis(arguments, found)
     law = arguments.aperture_law or "scanner"
@@ -220,8 +220,8 @@ def _question(arguments: argparse.Namespace, found: list[Subject], held: Target)
 
 
 def _axis(arguments: argparse.Namespace, found: list[Subject]) -> Axis:
-    from ..studies.ranging.aperture import field_of_view_deg
-    from ..studies.ranging.axes import CONDITIONS, condition_axis, parameter_axis
+    from ..studies.ranging.aperture_laws import field_of_view_deg
+    from ..studies.ranging.sweep_axes import CONDITIONS, condition_axis, parameter_axis
 
     over, start, stop = arguments.over, getattr(arguments, "from"), arguments.to
     log = True if arguments.log else False if arguments.linear else None
@@ -238,34 +238,34 @@ def _axis(arguments: argparse.Namespace, found: list[Subject]) -> Axis:
 
 def _sweep(arguments: argparse.Namespace, found: list[Subject], held: Target) -> str:
     """The curves: written, and told as a table or JSON."""
-    from ..studies.ranging import report
+    from ..studies.ranging import sweep_report
     from ..studies.ranging.curves import curves
 
     swept = curves(found, _question(arguments, found, held))
     sensors = {one.name: one.sensor() for one in found}
-    told = report.conditions_text(swept, sun_angle_deg=_sun_angle(arguments))
+    told = sweep_report.conditions_text(swept, sun_angle_deg=_sun_angle(arguments))
     written = _write(arguments, swept, told, {n: s.tdc.threshold_to_noise for n, s in sensors.items()})
-    notes = report.notes(swept, sensors)
+    notes = sweep_report.notes(swept, sensors)
     if arguments.json:
-        return json_text(report.as_dict(swept) | {"conditions": told, "notes": notes} | written)
+        return json_text(sweep_report.as_dict(swept) | {"conditions": told, "notes": notes} | written)
     from ..studies.ranging.curves import QUANTITIES
 
-    lines = [f"{QUANTITIES[swept.question.quantity]}: {told}", report.table_text(swept), *notes]
+    lines = [f"{QUANTITIES[swept.question.quantity]}: {told}", sweep_report.table_text(swept), *notes]
     return "\n".join(lines + ([f"wrote {', '.join(written.values())}"] if written else []))
 
 
 def _write(arguments: argparse.Namespace, swept: Curves, told: str, thresholds: dict[str, Any]) -> dict[str, str]:
     from ..files.atomic import put_text
-    from ..studies.ranging import report
+    from ..studies.ranging import sweep_report
 
     written = {}
     if arguments.csv is not None:
-        put_text(arguments.csv, report.csv_text(swept))
+        put_text(arguments.csv, sweep_report.csv_text(swept))
         written["csv"] = str(arguments.csv)
     if arguments.plot is not None:
         from ..figures import lines as charts
 
-        charts.save(report.chart_of(swept, told, thresholds=thresholds), [arguments.plot])
+        charts.save(sweep_report.chart_of(swept, told, thresholds=thresholds), [arguments.plot])
         written["plot"] = str(arguments.plot)
     return written
 
@@ -276,7 +276,7 @@ def _sun_angle(arguments: argparse.Namespace) -> float:
 
 def _summary(arguments: argparse.Namespace, found: list[Subject], held: Target) -> str:
     """Each sensor's maximum range, its closed form, and SNR and P_d at one distance."""
-    from ..studies.ranging.summary import summary_of, text_of
+    from ..studies.ranging.range_summary import summary_of, text_of
 
     visibility_m = None if arguments.visibility is None else arguments.visibility * 1e3
     distance_m = 100.0 if arguments.distance is None else float(arguments.distance)
@@ -305,7 +305,7 @@ def _sensitivities(arguments: argparse.Namespace, found: list[Subject], held: Ta
 
 def _eye_safety(arguments: argparse.Namespace, found: list[Subject], held: Target) -> Answer:
     """Class 1 or not, or no verdict, of each sensor; with the sensitivities if they are asked for too."""
-    from ..studies.eye_safety.report import both_reports, not_known, report_text
+    from ..studies.eye_safety.eye_safety_report import both_reports, not_known, report_text
 
     sensors = [subject.sensor() for subject in found]
     if arguments.json:

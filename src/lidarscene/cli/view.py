@@ -22,7 +22,7 @@ from .recordings.options import add_recording, followed, is_recording
 from .words import pose, whole
 
 if TYPE_CHECKING:
-    from ..view.sources import Source
+    from ..view.page_sources import Source
 
 VIEW_HELP = """\
 examples:
@@ -76,7 +76,7 @@ def add_view(commands: Any) -> None:
 
 def view_text(arguments: argparse.Namespace) -> str:
     """Run `view`; returns what is printed in the end."""
-    from ..view.page import save
+    from ..view.html_page import save
     from ..view.serve import Server
 
     if arguments.save is not None:
@@ -99,8 +99,8 @@ def view_text(arguments: argparse.Namespace) -> str:
 
 def _source(arguments: argparse.Namespace) -> Source:
     from ..rendering.options import FrameOptions
-    from ..scene.file import load_scene
-    from ..view.sources import Clouds, Live
+    from ..scene.scene_file import load_scene
+    from ..view.page_sources import Clouds, Live
 
     recorded = [path for path in arguments.paths if is_recording(path)]
     if recorded:
@@ -129,7 +129,7 @@ def _is_scene(path: Path) -> bool:
 
 def _recorded(arguments: argparse.Namespace, path: Path) -> Source:
     from ..recordings.opening import open_recording
-    from ..view.sources import Recorded
+    from ..view.page_sources import RecordingFrames
 
     if len(arguments.paths) > 1:
         raise InputError(f"view: a recording must come alone, got {len(arguments.paths)} paths with {path}")
@@ -138,7 +138,7 @@ def _recorded(arguments: argparse.Namespace, path: Path) -> Source:
             word = "set" if option == "overrides" else option
             raise InputError(f"--{word}: goes with a scene or clouds, not with the recording {path}")
     recording = open_recording(path, arguments.metadata)
-    return Recorded(followed(recording) if arguments.save else recording, frame=arguments.frame)
+    return RecordingFrames(followed(recording) if arguments.save else recording, frame=arguments.frame)
 
 
 def clouds_in(paths: Sequence[Path]) -> list[Path]:

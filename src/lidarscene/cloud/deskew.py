@@ -15,12 +15,12 @@ from ..errors import InputError
 from ..maths.paths import Paths
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, pose_at
-from .points import PointCloud
+from .point_cloud import PointCloud
 
 BLOCK_POINTS = 2**18
 SHORTEST_S = 1e-9
 
-KEPT, REMOVED = "in the points", "removed"
+MOTION_KEPT, MOTION_REMOVED = "in the points", "removed"
 """What the metadata's `ego_motion` says before and afterwards."""
 
 
@@ -39,7 +39,7 @@ def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None
         raise InputError(f"deskewed: motion: must be a motion such as Simulator.motion, got {type(motion).__name__}")
     if len(cloud.sensor_names) > 1:
         raise InputError("deskewed: must be a cloud of one sensor, deskew before merging")
-    if cloud.metadata.get("ego_motion") == REMOVED:
+    if cloud.metadata.get("ego_motion") == MOTION_REMOVED:
         raise InputError("deskewed: must be a raw cloud, got one that is deskewed")
     try:
         start_s = float(cloud.metadata["frame_start_s"])
@@ -66,7 +66,7 @@ def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None
         a: np.concatenate([block_vectors[a] for block_vectors in turned_blocks])
         for a in (turned_blocks[0] if turned_blocks else ())
     }
-    return replace(cloud, xyz_m=moved, metadata={**cloud.metadata, "ego_motion": REMOVED}, **vectors)
+    return replace(cloud, xyz_m=moved, metadata={**cloud.metadata, "ego_motion": MOTION_REMOVED}, **vectors)
 
 
 def _goal(cloud: PointCloud) -> Pose:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..detection.outcomes import Status
-from .points import PointCloud
+from .point_cloud import PointCloud
 
 MOST_POINTS = 1 << 22
 """More are drawn one over the other: a picture has some two million pixels."""

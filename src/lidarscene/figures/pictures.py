@@ -23,12 +23,12 @@ from ..cloud.pixels import (
     surfaces_behind,
     unpacked,
 )
-from ..cloud.points import PointCloud
+from ..cloud.point_cloud import PointCloud
 from ..cloud.scales import Scale, scale_of
 from ..cloud.shades import Shades, rgb
 from ..cloud.thinning import Thinned
 from ..maths.arrays import Numbers
-from ..scene.model import View
+from ..scene.scene import View
 from .canvas import Canvas
 
 Box = tuple[int, int, int, int]  # left, top, width, height in pixels

@@ -2,7 +2,7 @@
 
 One table gives name, type, unit and meaning of each column to files, documentation and pictures alike. Formats stand
 below clouds: writers take whatever has a `Cloud`'s columns, readers return `Fields`, the keyword arguments of a
-`cloud.points.PointCloud`.
+`cloud.point_cloud.PointCloud`.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ SENSOR_TO_WORLD = "sensor_to_world"
 
 
 class Cloud(Protocol):
-    """What writers need of a point cloud; `cloud.points.PointCloud` says what each is."""
+    """What writers need of a point cloud; `cloud.point_cloud.PointCloud` says what each is."""
 
     def __len__(self) -> int: ...
 

@@ -14,13 +14,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..cloud.points import PointCloud
+from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
 from ..formats.cloud_columns import frame_starts_s, sensor_positions_m
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.trajectory import pose_at
-from ..scene.model import Ball, Body, Part, Scene
+from ..scene.scene import Ball, Body, Part, Scene
 from .kinds import kind_of
 
 PIECE_POINTS = 1 << 20

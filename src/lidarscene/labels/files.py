@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ..cloud.points import PointCloud
+from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
 from ..files.atomic import atomic_output
 from ..files.json_text import json_text
@@ -28,7 +28,7 @@ from ..formats.registry import LABELS, format_of
 from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
 from ..maths.trajectory import Course
-from ..scene.model import Scene
+from ..scene.scene import Scene
 from .boxes import PIECE_POINTS, Box, sensor_place, truth_of, upright
 from .gathered import GatheredBoxes
 from .kinds import MOVING, OUTLIER, UNLABELLED, kind_of

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ..cloud.points import PointCloud
+from ..cloud.point_cloud import PointCloud
 from ..files.spool import Spool
-from ..scene.model import Scene
+from ..scene.scene import Scene
 from .boxes import PIECE_POINTS, Box, BoxTally, truth_of
 
 

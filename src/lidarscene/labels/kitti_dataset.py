@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..cloud.points import PointCloud
+from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
 from ..files.atomic import atomic_output, named
 from ..formats.kitti import kitti_stream
 from ..maths.pose import Pose
-from ..scene.model import Scene
+from ..scene.scene import Scene
 from . import files
 from .boxes import sensor_place, truth_of
 from .files import SENSOR_TO_CAMERA, kitti_calibration

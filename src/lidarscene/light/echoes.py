@@ -18,7 +18,7 @@ from ..maths.arrays import Lanes, Mask, Table, xp
 from ..maths.vectors import Vector, dot, mixed
 from ..physics.electronics import intensity
 from ..physics.optics import air, radiometry, sunlight
-from ..scene.model import Interferer
+from ..scene.scene import Interferer
 from ..sensor.model import Sensor
 from .beams import Beams
 from .hits import Hits

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from ..cloud.deskew import deskewed
-from ..cloud.merging import Merging
 from ..cloud.pixels import Camera
-from ..cloud.points import PointCloud
+from ..cloud.point_cloud import PointCloud
+from ..cloud.rig_clouds import Merging
 from ..cloud.thinning import Thinned
 from ..files.atomic import named
 from ..formats.packets.firings import FiringsBuilder
@@ -29,7 +29,7 @@ from ..rendering.frame import check_frame
 from ..rendering.options import FrameOptions, Observers
 from ..rendering.simulator import Simulator
 from ..rendering.summary import Summary
-from ..scene.model import Scene, View
+from ..scene.scene import Scene, View
 from .captures import Capture
 from .light import AmbientImage, write_waveforms
 from .missed import missed_stream

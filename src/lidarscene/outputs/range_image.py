@@ -17,7 +17,7 @@ import numpy as np
 
 from ..cloud.builder import CloudBuilder
 from ..cloud.pixels import NOTHING, cells_of
-from ..cloud.points import PointCloud
+from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
 from ..files.atomic import atomic_output
 from ..files.encodings.png import encoded

@@ -22,8 +22,8 @@ from ..rendering.options import FrameKeywords, FrameOptions, Keywords, Observers
 from ..rendering.rig import require_common_frames, simulators
 from ..rendering.summary import Summary
 from ..rendering.surroundings import Surroundings, surroundings_of, warn_of_surroundings
-from ..scene.file import files_of_scene, load_scene
-from ..scene.model import Scene
+from ..scene.scene import Scene
+from ..scene.scene_file import files_of_scene, load_scene
 from ..sensor.catalogue import load_sensor
 from ..sensor.model import Sensor, warn_of_doubts
 from ..sensor.rig import Mounted, Rig

@@ -16,7 +16,7 @@ from ..kernel.device.profile import KernelHistory, peak_memory_bytes
 from ..materials.catalogue import material as catalogue_material
 from ..rendering.simulator import Summary
 from ..rendering.surroundings import Surroundings
-from ..scene.file import scene_model
+from ..scene.scene_file import scene_model
 from ..sensor.catalogue import load_sensor
 
 # Stages whose time goes with the number of beams; the rest is start-up and files.

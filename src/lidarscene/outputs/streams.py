@@ -10,10 +10,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ..cloud.builder import CloudBuilder
-from ..cloud.points import PointCloud
+from ..cloud.point_cloud import PointCloud
 from ..detection.sampled_waveforms import check_pulses
 from ..labels.kitti_dataset import frame_stream
-from ..scene.model import Scene
+from ..scene.scene import Scene
 from ..sensor.model import Sensor
 from .options import FEW_PULSES, Outputs
 from .plan import Plan

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..cloud.points import PointCloud
+from ..cloud.point_cloud import PointCloud
 from ..formats.cloud_columns import COLUMNS, MEASURED, SENSOR_TO_WORLD
 from ..maths.arrays import Numbers
 from .sweep import Sweep

@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Unpack
 
-from ..cloud.points import PointCloud
+from ..cloud.point_cloud import PointCloud
 from ..files.overrides import Overrides
-from ..scene.file import load_scene
-from ..scene.model import Scene
+from ..scene.scene import Scene
+from ..scene.scene_file import load_scene
 from ..sensor.catalogue import load_sensor
 from ..sensor.model import Sensor, warn_of_doubts
 from .options import NUMBERS, FrameOptions, Keywords, Observers, RenderKeywords, TraceOptions, Whole

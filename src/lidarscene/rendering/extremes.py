@@ -19,7 +19,7 @@ from ..errors import InputError
 from ..kernel.rays.columns import NOT_A_NUMBER
 from ..maths.arrays import Numbers
 from ..maths.units import Quantity
-from ..scene.model import Scene
+from ..scene.scene import Scene
 from ..sensor.catalogue import load_sensor
 from ..sensor.model import Sensor
 

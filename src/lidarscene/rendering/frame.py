@@ -20,7 +20,7 @@ from ..maths.paths import Moving, Paths, Placement
 from ..maths.pose import Pose
 from ..maths.trajectory import Course, Riding, pose_at
 from ..scan import Scanner
-from ..scene.model import Scene
+from ..scene.scene import Scene
 from ..sensor.model import Sensor
 from .options import FrameOptions
 

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..cloud.deskew import KEPT
+from ..cloud.deskew import MOTION_KEPT
 from ..formats.cloud_columns import SENSOR_TO_WORLD
 from ..maths.arrays import Numbers
-from ..scene.model import Scene
+from ..scene.scene import Scene
 from ..sensor.detectors import Apd
 from ..sensor.model import Sensor
 from .frame import Frame
@@ -34,7 +34,7 @@ def metadata_of(scene: Scene, sensor: Sensor, now: Frame, asked: FrameOptions) -
         SENSOR_TO_WORLD: _text(np.column_stack([now.place.rotation, now.place.position_m])),
     }
     if now.moves:
-        metadata["ego_motion"] = KEPT
+        metadata["ego_motion"] = MOTION_KEPT
     if asked.coordinates != "sensor":
         goal = now.goal(asked.coordinates)
         metadata["sensor_position_m"] = _text(goal.position_m)

@@ -11,7 +11,7 @@ from typing import Unpack
 from ..errors import InputError
 from ..kernel.world.build import World
 from ..maths.pose import Pose
-from ..scene.model import Scene
+from ..scene.scene import Scene
 from ..sensor.rig import Mounted
 from .options import TraceKeywords, TraceOptions
 from .simulator import Simulator

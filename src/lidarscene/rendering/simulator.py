@@ -15,7 +15,7 @@ from typing import Any, Unpack, cast
 import numpy as np
 
 from ..cloud.builder import CloudBuilder
-from ..cloud.points import PointCloud
+from ..cloud.point_cloud import PointCloud
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sampled_pulses
 from ..kernel.device import blocks, transfer
 from ..kernel.rays import columns as collect
@@ -26,8 +26,8 @@ from ..maths.arrays import Lanes, Numbers
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, pose_at
 from ..scene.clearance import Clearance
-from ..scene.file import load_scene
-from ..scene.model import Scene
+from ..scene.scene import Scene
+from ..scene.scene_file import load_scene
 from ..sensor.catalogue import load_sensor
 from ..sensor.model import Sensor
 from .chunk import Chunk, Placing, all_of, of_every_pulse

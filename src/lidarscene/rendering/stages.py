@@ -27,7 +27,7 @@ from ..maths.arrays import Array, Lanes
 from ..maths.paths import Moving, Paths, Placement
 from ..maths.vectors import Vector
 from ..physics.optics import sunlight
-from ..scene.model import Scene
+from ..scene.scene import Scene
 from ..sensor.model import Sensor
 from .chunk import Chunk, Lit, needed_of, numbers_of, of_light, without_continuing
 from .frame import Frame, placements

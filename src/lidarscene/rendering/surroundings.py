@@ -20,7 +20,7 @@ from ..maths.arrays import Numbers
 from ..maths.trajectory import pose_at
 from ..physics.optics import radiometry
 from ..scene.clearance import Clearance, Surrounding
-from ..scene.model import Ball, Scene
+from ..scene.scene import Ball, Scene
 from ..sensor.model import Sensor
 from .simulator import Simulator
 

@@ -3,9 +3,9 @@
 A `Scene` is plain data in metres and radians. Files are TOML, Mitsuba XML, meshes or what trimesh holds; each mistake
 in one is one line that names file and key.
 
-model       `Scene`, `Body`, `Part`, `Sun`, `Sky`, `Air`
+scene       `Scene`, `Body`, `Part`, `Sun`, `Sky`, `Air`
 weather     fog, rain and snow as data
-file        `load_scene`
+scene_file  `load_scene`
 tables      the tables of a scene file
 motion      motion in scene files
 poses       trajectory files

@@ -20,8 +20,8 @@ from ..files.overrides import with_overrides
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from .meshes import reading, usd
-from .meshes.axes import UNITS, Axis, Unit, axis_of, upright
-from .model import Part, Scene
+from .meshes.mesh_axes import UNITS, Axis, Unit, axis_of, upright
+from .scene import Part, Scene
 
 MESHES = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl", *usd.SUFFIXES)
 """Ends of the names of mesh files that may stand for a scene."""

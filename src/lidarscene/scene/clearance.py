@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import OptionError
 from ..maths.arrays import Numbers
 from ..maths.trajectory import pose_at
-from .model import Ball, Body, Part, Scene, box_of
+from .scene import Ball, Body, Part, Scene, box_of
 
 NARROWEST_ROOM_M = 1.0
 """A closed body that is thinner than this, along one of its own axes, is no room in which a sensor could stand."""
@@ -32,7 +32,7 @@ _NEAR_M = 10.0
 """Bodies whose boxes are this much farther than the nearest box are looked at more closely."""
 
 
-class Surface(NamedTuple):
+class NearSurface(NamedTuple):
     """A surface that is so far away, and the name of its body; infinitely far, and "", if there is none."""
 
     distance_m: float = math.inf
@@ -49,9 +49,9 @@ class Surrounding:
     within   a body that is closed all around the place; None: none is
     """
 
-    nearest: Surface
-    below: Surface
-    above: Surface
+    nearest: NearSurface
+    below: NearSurface
+    above: NearSurface
     within: str | None
 
 
@@ -127,7 +127,7 @@ class Clearance:
             pose = body.pose if body.motion is None else pose_at(body.motion, time_s)
             points[number] = point = pose.inverse_apply(place_m)
             gaps_m[number] = np.linalg.norm(np.maximum(np.maximum(box[0] - point, point - box[1]), 0.0))
-        nearest, within = Surface(), None
+        nearest, within = NearSurface(), None
         for number in np.argsort(gaps_m, kind="stable"):
             # A box is never farther than its body: beyond the nearest surface so far none can be nearer.
             if gaps_m[number] >= nearest.distance_m:
@@ -136,15 +136,15 @@ class Clearance:
             point = points.get(number, body.pose.inverse_apply(place_m))
             for part in body.parts:
                 if (found_m := self._distance_m(part, point, nearest.distance_m)) < nearest.distance_m:
-                    nearest = Surface(found_m, body.name)
+                    nearest = NearSurface(found_m, body.name)
             if within is None and gaps_m[number] == 0.0 and _enclosed(body.parts, point) > _SHUT:
                 within = body.name
         below, above = self._below_and_above(place_m)
         return Surrounding(nearest, below, above, within)
 
-    def _below_and_above(self, place_m: Numbers) -> tuple[Surface, Surface]:
+    def _below_and_above(self, place_m: Numbers) -> tuple[NearSurface, NearSurface]:
         """Below and above a place, of bodies that stand still: what moves is no ground."""
-        nearest = [Surface(), Surface()]
+        nearest = [NearSurface(), NearSurface()]
         low, high = self.around[:, 0, :2], self.around[:, 1, :2]
         in_column = np.isfinite(low).all(axis=1) & ((low <= place_m[:2]) & (place_m[:2] <= high)).all(axis=1)
         for number in np.flatnonzero(in_column):
@@ -154,7 +154,7 @@ class Clearance:
             for side, apart_m in enumerate((-along_m, along_m)):
                 least_m = float(apart_m[apart_m >= 0.0].min(initial=math.inf))
                 if least_m < nearest[side].distance_m:
-                    nearest[side] = Surface(least_m, body.name)
+                    nearest[side] = NearSurface(least_m, body.name)
         return nearest[0], nearest[1]
 
     def _distance_m(self, part: Part | Ball, point: Numbers, most_m: float) -> float:

@@ -13,9 +13,9 @@ from ..errors import InputError
 from ..files.inputs import LARGEST_TEXT, require_file
 from ..materials import catalogue
 from ..materials.material import Material
-from .meshes.cache import SubMesh
+from .meshes.mesh_cache import SubMesh
 from .meshes.reading import check_pieces, grey_material, pieces_of
-from .model import Body, Part, Scene
+from .scene import Body, Part, Scene
 
 MaterialChoice = str | Material
 

@@ -1,6 +1,6 @@
 """What a scene file may hold: the pydantic models of its tables.
 
-Keys that go together are checked here, with the table and the key in the message; `scene.file` then reads a scene
+Keys that go together are checked here, with the table and the key in the message; `scene.scene_file` then reads a scene
 that fits together.
 """
 
@@ -19,9 +19,9 @@ from ..files.toml import FileModel
 from ..materials.file import MaterialFile
 from ..maths.units import si
 from ..sensor.file import PoseFile, Turned, Vector
-from .meshes.axes import Axis, Unit
-from .model import Air, Interferer, Sky, Sun, View
+from .meshes.mesh_axes import Axis, Unit
 from .motion import BodyMotionFile, EgoFile
+from .scene import Air, Interferer, Sky, Sun, View
 from .weather import Weather
 
 Irradiance = Annotated[float, Number(ge=0, le=1e5)]

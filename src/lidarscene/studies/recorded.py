@@ -22,7 +22,7 @@ from ..maths.arrays import Numbers
 from ..sensor.catalogue import load_sensor
 from ..sensor.catalogue import published as catalogue_published
 from ..sensor.model import Sensor
-from .catalogue import repeatability, scatter_m
+from .published_values import repeatability, scatter_m
 from .ranging.plane import Target, echoes_of_plane
 
 SIGNAL_ERROR = 0.15
@@ -37,7 +37,7 @@ SCATTER_RATIO = 1.25
 ASSUMED_RATIO = 1.5
 """The same where signal and light are not recorded, so that the target is assumed."""
 
-Curve = Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=1)]
+PositiveNumbers = Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=1)]
 
 
 class _Curves(FileModel):
@@ -53,23 +53,23 @@ class _Curves(FileModel):
 class SignalFile(_Curves):
     """[signal]: photons of a white target times the square of its range, over the range."""
 
-    range_m: Curve
-    white_m2: Curve
+    range_m: PositiveNumbers
+    white_m2: PositiveNumbers
 
 
 class NoiseFile(_Curves):
     """[threshold], where half of the points are kept, and [noise], the median of the highest peak without a return."""
 
-    near_ir: Curve
-    photons: Curve
+    near_ir: PositiveNumbers
+    photons: PositiveNumbers
 
 
 class ScatterFile(_Curves):
     """[scatter]: of the range on smooth surfaces, over the photons of the return."""
 
-    signal: Curve
-    near_ir: Curve
-    sigma_mm: Curve
+    signal: PositiveNumbers
+    near_ir: PositiveNumbers
+    sigma_mm: PositiveNumbers
 
 
 class RecordedFile(FileModel):
@@ -84,7 +84,7 @@ class RecordedFile(FileModel):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class RecordedComparison:
     """One quantity of a recording and of the simulation.
 
     most  largest ratio of the two, either way, at which the sensor is held
@@ -119,7 +119,7 @@ def read_recorded(path: Path) -> RecordedFile:
     return validated(RecordedFile, read_toml(path), str(path))
 
 
-def compare(name: str) -> list[Row]:
+def compare(name: str) -> list[RecordedComparison]:
     """All that is recorded of a catalogue sensor, beside what the simulation gives. Raises InputError."""
     curves = recorded_curves(name)
     rows = [] if curves is None else list(compare_curves(name, curves, load_sensor(name, overrides=curves.settings)))
@@ -130,7 +130,7 @@ def compare(name: str) -> list[Row]:
         if entry.recording:
             scatter = repeatability(load_sensor(name), published, entry)
             rows.append(
-                Row(
+                RecordedComparison(
                     sensor=name,
                     quantity="scatter, mm",
                     condition=f"{entry.at_m:g} m",
@@ -142,13 +142,13 @@ def compare(name: str) -> list[Row]:
     return rows
 
 
-def compare_curves(name: str, curves: RecordedFile, sensor: Sensor) -> Iterator[Row]:
+def compare_curves(name: str, curves: RecordedFile, sensor: Sensor) -> Iterator[RecordedComparison]:
     """The four curves of a sensor that counts photons, in its recorded mode."""
     range_m = np.asarray(curves.signal.range_m)
     white = white_m2(sensor, range_m)
     error = np.log(white / np.asarray(curves.signal.white_m2))
     span = f"{range_m[0]:g} to {range_m[-1]:g} m"
-    yield Row(
+    yield RecordedComparison(
         sensor=name,
         quantity="signal",
         condition=f"mean of {span}",
@@ -156,7 +156,7 @@ def compare_curves(name: str, curves: RecordedFile, sensor: Sensor) -> Iterator[
         simulated=float(np.exp(np.mean(error))),
         most=1.0 + SIGNAL_ERROR,
     )
-    yield Row(
+    yield RecordedComparison(
         sensor=name,
         quantity="signal, spread",
         condition=f"over {span}",
@@ -166,7 +166,7 @@ def compare_curves(name: str, curves: RecordedFile, sensor: Sensor) -> Iterator[
     )
     for near_ir, photons in zip(curves.threshold.near_ir, curves.threshold.photons, strict=True):
         point = sensor.working_point(background_w(sensor, near_ir))
-        yield Row(
+        yield RecordedComparison(
             sensor=name,
             quantity="threshold, photons",
             condition=f"NEAR_IR {near_ir:g}",
@@ -175,7 +175,7 @@ def compare_curves(name: str, curves: RecordedFile, sensor: Sensor) -> Iterator[
             most=1.0 + THRESHOLD_ERROR,
         )
     for near_ir, photons in zip(curves.noise.near_ir, curves.noise.photons, strict=True):
-        yield Row(
+        yield RecordedComparison(
             sensor=name,
             quantity="highest noise, photons",
             condition=f"NEAR_IR {near_ir:g}",
@@ -185,7 +185,7 @@ def compare_curves(name: str, curves: RecordedFile, sensor: Sensor) -> Iterator[
         )
     scatter = curves.scatter
     for k, signal in enumerate(scatter.signal):
-        yield Row(
+        yield RecordedComparison(
             sensor=name,
             quantity="scatter, mm",
             condition=f"SIGNAL {signal:g}",
@@ -238,13 +238,13 @@ def scatter_mm(sensor: Sensor, signal: float, near_ir: float) -> float | None:
     return None if sigma_m is None else 1e3 * sigma_m
 
 
-def as_dict(row: Row) -> dict[str, Any]:
+def as_dict(row: RecordedComparison) -> dict[str, Any]:
     """For JSON."""
     keys = ("sensor", "quantity", "condition", "recorded", "simulated", "ratio", "most", "held")
     return {key: getattr(row, key) for key in keys}
 
 
-def as_text(rows: Sequence[Row]) -> str:
+def as_text(rows: Sequence[RecordedComparison]) -> str:
     """A table for people."""
     heads = f"{'recorded':>9} {'simulated':>9} {'ratio':>6} {'at most':>7}"
     lines, before = [f"{'sensor':<10} {'quantity':<23} {'condition':<22} {heads}"], ""

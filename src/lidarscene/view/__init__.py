@@ -4,12 +4,12 @@ A saved page has to be clicked, coloured and filtered without a server, and no v
 the page is 900 lines of plain JavaScript and WebGL (static/), which works alike in both forms and loads nothing from
 elsewhere.
 
-sources   what is shown: files, or a scene to render
-points    a cloud as a blob
-solid     a scene as shaded triangles
-blob      header and arrays as bytes
-controls  the sliders, and what they change
-page      the page as one file
-serve     the server, on this machine only
-notebook  the page inside of a notebook's cell
+page_sources  what is shown: files, or a scene to render
+point_fields  a cloud as a blob
+solid         a scene as shaded triangles
+blob          header and arrays as bytes
+controls      the sliders, and what they change
+html_page     the page as one file
+serve         the server, on this machine only
+notebook      the page inside of a notebook's cell
 """

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from ..errors import InputError
 from ..rendering.options import FrameOptions, TraceOptions
-from ..scene.model import Scene
+from ..scene.scene import Scene
 from ..scene.weather import Weather
 from .controls import Control, Settings, number_of
 

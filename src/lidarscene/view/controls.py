@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import InputError, shortened
-from ..scene.model import Scene, Sun
+from ..scene.scene import Scene, Sun
 from ..sensor.catalogue import load_sensor
 from ..sensor.detectors import Apd
 from ..sensor.model import Detector, Sensor

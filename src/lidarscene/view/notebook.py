@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..cloud.points import PointCloud
+from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
 from ..files.atomic import put_text
-from ..scene.file import load_scene
-from ..scene.model import Scene
-from .page import LARGE_BYTES, standalone_page
-from .sources import Clouds, Live, Source
+from ..scene.scene import Scene
+from ..scene.scene_file import load_scene
+from .html_page import LARGE_BYTES, standalone_page
+from .page_sources import Clouds, Live, Source
 
 
 class Viewed:

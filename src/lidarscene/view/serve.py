@@ -19,8 +19,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from ..errors import InputError, LidarSceneError
-from .page import page
-from .sources import Source, settings_from
+from .html_page import page
+from .page_sources import Source, settings_from
 
 HOST = "127.0.0.1"
 LARGEST_REQUEST = 1 << 16

@@ -11,7 +11,7 @@ import numpy as np
 from ..kernel.world.triangles import sphere, triangles_of_base
 from ..maths.arrays import Numbers
 from ..maths.trajectory import pose_at
-from ..scene.model import Part, Scene
+from ..scene.scene import Part, Scene
 
 TINTS = {"glass": (0.55, 0.85, 1.0), "conductor": (0.70, 0.80, 0.95), "retroreflector": (1.0, 0.80, 0.45)}
 """By kind of BSDF: what does not look matt gets a hue, everything else is grey."""

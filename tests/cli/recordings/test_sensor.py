@@ -9,7 +9,7 @@ import numpy as np
 from helpers.command_line import Run
 from helpers.recordings import OUSTER
 
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.recordings.ouster_reader import beams
 from lidarscene.sensor.catalogue import load_sensor
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers.packets import points, random_frame
 
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.formats.packets.firings import FiringsBuilder
 from lidarscene.formats.packets.ouster_encoder import PROFILES

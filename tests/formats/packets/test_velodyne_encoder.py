@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.packets import packets_of, random_frame
 
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats.packets.firings import FiringsBuilder
 from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.formats.packets.velodyne_encoder import MODELS, PACKET

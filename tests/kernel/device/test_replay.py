@@ -19,7 +19,7 @@ from lidarscene.kernel.device import transfer
 from lidarscene.maths.pose import Pose
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.rendering.stages import Chain
-from lidarscene.scene.model import Air
+from lidarscene.scene.scene import Air
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -10,7 +10,7 @@ from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.gaps import Draws
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.rendering.simulator import Simulator
-from lidarscene.scene.model import Sun
+from lidarscene.scene.scene import Sun
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -14,7 +14,7 @@ from lidarscene.maths import paths
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Spline
 from lidarscene.rendering.simulator import Simulator
-from lidarscene.scene.model import Part, Scene
+from lidarscene.scene.scene import Part, Scene
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -12,7 +12,7 @@ from lidarscene.materials.catalogue import material as catalogue_material
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course
 from lidarscene.rendering.simulator import Simulator
-from lidarscene.scene.model import Body, Sun
+from lidarscene.scene.scene import Body, Sun
 
 pytestmark = pytest.mark.usefixtures("mi")
 

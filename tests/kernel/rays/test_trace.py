@@ -15,7 +15,7 @@ from lidarscene.kernel.rays.trace import trace
 from lidarscene.light import beams
 from lidarscene.maths.pose import Pose
 from lidarscene.rendering.simulator import Simulator
-from lidarscene.scene.model import Part, Scene
+from lidarscene.scene.scene import Part, Scene
 
 Array = np.ndarray[Any, Any]
 

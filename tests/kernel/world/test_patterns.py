@@ -11,7 +11,7 @@ from lidarscene.errors import InputError
 from lidarscene.kernel.world.build import build_world
 from lidarscene.kernel.world.patterns import texture_key
 from lidarscene.materials.material import Material, Spectrum
-from lidarscene.scene.meshes.patterns import Pattern
+from lidarscene.scene.meshes.reflectivity_patterns import ReflectivityPattern
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -36,7 +36,7 @@ def wall(pattern_of, *, material=MATT, range_m=RANGE_M, at=(0.0, 0.0, 0.0)):
 
 
 def slope(places):
-    return Pattern(kind="reflectivity", values=0.4 + 0.05 * places[:, 0] + 0.02 * places[:, 1])
+    return ReflectivityPattern(kind="reflectivity", values=0.4 + 0.05 * places[:, 0] + 0.02 * places[:, 1])
 
 
 def places_hit(lanes):
@@ -66,7 +66,7 @@ def test_an_image_and_its_orientation():
         uv = np.stack([0.5 + places[:, 0] / 4.0, 0.5 - places[:, 1] / 4.0], axis=1)
         image = np.tile(np.repeat([0.1, 0.3], 50), (100, 1))
         image[50:] *= 2.0
-        return Pattern(kind="colour", values=image, uv=uv, mean=0.2)
+        return ReflectivityPattern(kind="colour", values=image, uv=uv, mean=0.2)
 
     seen = chain.run(chain.scene(wall(halves), materials=(MATT,)), SENSOR)
     y, z = places_hit(seen).T
@@ -79,7 +79,7 @@ def test_an_image_and_its_orientation():
 def test_bodies_share_a_mesh_and_keep_their_values():
     """A wall with a pattern, one with another behind and one without: each beam sees that of the body it meets."""
     front = wall(slope, range_m=RANGE_M)
-    behind = wall(lambda p: Pattern(kind="reflectivity", values=np.full(len(p), 0.7)), range_m=30.0)
+    behind = wall(lambda p: ReflectivityPattern(kind="reflectivity", values=np.full(len(p), 0.7)), range_m=30.0)
     plain = wall(lambda _: None, range_m=40.0)
     bodies = [dataclasses.replace(body, name=name) for body, name in ((front, "a"), (behind, "b"), (plain, "c"))]
     world = build_world(chain.scene(*bodies, materials=(MATT,)), wavelength_m=905e-9)
@@ -93,7 +93,8 @@ def test_no_more_light_than_came():
     """A rough surface of 30 degrees cannot have 1: the values end where the energy does."""
     seen = chain.run(
         chain.scene(
-            wall(lambda p: Pattern(kind="reflectivity", values=np.ones(len(p))), material=ROUGH), materials=(ROUGH,)
+            wall(lambda p: ReflectivityPattern(kind="reflectivity", values=np.ones(len(p))), material=ROUGH),
+            materials=(ROUGH,),
         ),
         SENSOR,
     )
@@ -111,13 +112,15 @@ def test_only_diffuse_materials_vary():
 
 def test_a_part_and_a_pattern_of_different_size():
     with pytest.raises(InputError, match="its pattern must have 4 vertices, got 2"):
-        wall(lambda _: Pattern(kind="reflectivity", values=np.zeros(2)))
+        wall(lambda _: ReflectivityPattern(kind="reflectivity", values=np.zeros(2)))
 
 
 def test_another_pattern_compiles_nothing():
     """Values are data: the kernels of one wall serve another with other values."""
     described = [
-        chain.scene(wall(lambda p, k=k: Pattern(kind="reflectivity", values=np.full(len(p), k))), materials=(MATT,))
+        chain.scene(
+            wall(lambda p, k=k: ReflectivityPattern(kind="reflectivity", values=np.full(len(p), k))), materials=(MATT,)
+        )
         for k in (0.2, 0.4)
     ]
     chain.run(described[0], SENSOR)
@@ -130,8 +133,10 @@ def test_another_pattern_compiles_nothing():
 
 def test_what_may_be_one_mesh():
     """Values of vertices lie with a mesh; an image is one for all of it, scaled by its mean."""
-    image, other = (Pattern(kind="colour", values=np.full((2, 2), v), uv=np.zeros((3, 2))) for v in (0.2, 0.4))
-    values = Pattern(kind="reflectivity", values=np.full(3, 0.2))
+    image, other = (
+        ReflectivityPattern(kind="colour", values=np.full((2, 2), v), uv=np.zeros((3, 2))) for v in (0.2, 0.4)
+    )
+    values = ReflectivityPattern(kind="reflectivity", values=np.full(3, 0.2))
     keys = [texture_key(one) for one in (None, values, image, other, dataclasses.replace(image, mean=0.5))]
     assert len(set(keys)) == 5
     assert texture_key(dataclasses.replace(values, values=np.full(3, 0.4))) == texture_key(values)

@@ -8,14 +8,14 @@ import pytest
 from helpers import chain, launches, panes
 
 from lidarscene import LiveSimulator, Simulator
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.formats.cloud_columns import COLUMNS
 from lidarscene.labels.boxes import boxes
 from lidarscene.labels.files import point_labels
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Riding
-from lidarscene.scene.model import Scene
+from lidarscene.scene.scene import Scene
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -8,10 +8,10 @@ import pytest
 
 from lidarscene.errors import InputError, OptionWarning
 from lidarscene.maths.arrays import Numbers
-from lidarscene.scene.file import load_scene
-from lidarscene.scene.meshes.cache import SubMesh
+from lidarscene.scene.meshes.mesh_cache import SubMesh
 from lidarscene.scene.meshes.reading import read_mesh
-from lidarscene.scene.model import Part
+from lidarscene.scene.scene import Part
+from lidarscene.scene.scene_file import load_scene
 
 pytest.importorskip("pxr")
 

@@ -14,7 +14,7 @@ from lidarscene import InputError, load_sensor
 from lidarscene.detection.outcomes import Status
 from lidarscene.maths.pose import Pose
 from lidarscene.rendering.simulator import Simulator, Summary
-from lidarscene.scene.model import Air
+from lidarscene.scene.scene import Air
 from lidarscene.studies.compare import clouds, data, numbers
 from lidarscene.studies.compare.run import Bench, _on_plane, fires_alike, sweep, with_beams_of
 from lidarscene.studies.ranging import plane

@@ -9,12 +9,18 @@ import pytest
 
 from lidarscene import catalog, load_sensor
 from lidarscene.errors import InputError
-from lidarscene.studies.ranging import aperture, plane
-from lidarscene.studies.ranging.aperture import LAWS
-from lidarscene.studies.ranging.axes import Bounds, condition_axis, numeric_keys, parameter_axis, require_within_law
-from lidarscene.studies.ranging.curves import Curve, Question, _difference, _refined, curves, is_flat, with_haze
+from lidarscene.studies.ranging import aperture_laws, plane
+from lidarscene.studies.ranging.aperture_laws import LAWS
+from lidarscene.studies.ranging.curves import Question, SweepCurve, _difference, _refine, curves, is_flat, with_haze
 from lidarscene.studies.ranging.plane import RangeStatus, Target
 from lidarscene.studies.ranging.subjects import subjects
+from lidarscene.studies.ranging.sweep_axes import (
+    Bounds,
+    condition_axis,
+    numeric_keys,
+    parameter_axis,
+    require_within_law,
+)
 
 BOTH = subjects(["table1-apd", "table1-sipm"])
 
@@ -36,8 +42,8 @@ def over(key, among=BOTH, *, start=None, stop=None, count=50, log=None, **questi
 def test_equal_ranges_of_table_1(count):
     """docs/validation.md: 3.22191 klux. However coarse the axis is, a crossing is refined to 1e-10."""
     (crossing,) = over("illuminance", count=count).crossings
-    assert crossing.at == pytest.approx(3.22191, rel=1e-5)
-    assert crossing.at == pytest.approx(
+    assert crossing.place == pytest.approx(3.22191, rel=1e-5)
+    assert crossing.place == pytest.approx(
         plane.equal_range_illuminance_klux(BOTH[0].sensor(), BOTH[1].sensor(), Target()), rel=1e-9
     )
     assert (crossing.first, crossing.second) == ("table1-apd", "table1-sipm")
@@ -51,8 +57,8 @@ def test_snr_falls_through_the_threshold_at_the_maximum_range(log):
     found = over("distance", log=log)
     assert found.crossings == ()
     first, second = found.detection_limits
-    assert (first.first, first.at) == ("table1-apd", pytest.approx(350.605, rel=1e-5))
-    assert (second.first, second.at) == ("table1-sipm", pytest.approx(280.871, rel=1e-5))
+    assert (first.first, first.place) == ("table1-apd", pytest.approx(350.605, rel=1e-5))
+    assert (second.first, second.place) == ("table1-sipm", pytest.approx(280.871, rel=1e-5))
     assert [first.value, second.value] == pytest.approx([5.0, 5.0], rel=1e-9)
     assert first.falls
 
@@ -60,14 +66,14 @@ def test_snr_falls_through_the_threshold_at_the_maximum_range(log):
 def test_probability_is_half_at_the_limit():
     found = over("distance", quantity="pd")
     assert [limit.value for limit in found.detection_limits] == pytest.approx([0.5, 0.5], abs=1e-8)
-    assert found.detection_limits[0].at == pytest.approx(350.605, rel=1e-5)
+    assert found.detection_limits[0].place == pytest.approx(350.605, rel=1e-5)
 
 
 def test_limit_along_a_parameter():
     """The power at which 350.605 m becomes the limit is Table 1's."""
     found = over("laser.peak_power_w", BOTH[:1], quantity="snr", distance_m=350.604565)
     (limit,) = found.detection_limits
-    assert limit.at == pytest.approx(45.0, rel=1e-7)
+    assert limit.place == pytest.approx(45.0, rel=1e-7)
     assert not limit.falls
 
 
@@ -85,7 +91,7 @@ def test_whole_numbers_cross_at_a_whole_number():
     swept = over("detector.cells", [pair[0], stronger], start=100, stop=4000, count=30, log=True)
     assert (swept.question.axis.values == np.rint(swept.question.axis.values)).all()
     for crossing in swept.crossings:
-        assert crossing.at == int(crossing.at)
+        assert crossing.place == int(crossing.place)
 
 
 def test_no_crossing_of_a_curve_with_itself():
@@ -102,7 +108,7 @@ def test_a_jump_is_no_crossing():
     swept = over("illuminance", few, start=1.0, stop=1e4, count=80)
     assert set(swept.curves[0].status) == {RangeStatus.FOUND, RangeStatus.SATURATED}
     for crossing in swept.crossings:
-        values = [abs(np.interp(crossing.at, swept.question.axis.values, own.values)) for own in swept.curves]
+        values = [abs(np.interp(crossing.place, swept.question.axis.values, own.values)) for own in swept.curves]
         assert all(math.isfinite(value) for value in values)
         assert crossing.value > 0.0
 
@@ -190,15 +196,15 @@ class Halving:
 
 def test_aperture_of_a_scanner():
     angle = np.array([-10.0, -5.0, 0.0, 2.5, 10.0])
-    assert aperture.of_scanner(Halving(), "elevation", angle) == pytest.approx([0.5, 0.75, 1.0, 0.875, 0.5])
-    assert aperture.of_scanner(Halving(), "azimuth", angle) == pytest.approx(np.ones(5))
-    assert aperture.field_of_view_deg(Halving(), "elevation") == (-10.0, 10.0)
+    assert aperture_laws.of_scanner(Halving(), "elevation", angle) == pytest.approx([0.5, 0.75, 1.0, 0.875, 0.5])
+    assert aperture_laws.of_scanner(Halving(), "azimuth", angle) == pytest.approx(np.ones(5))
+    assert aperture_laws.field_of_view_deg(Halving(), "elevation") == (-10.0, 10.0)
     with pytest.raises(InputError, match="field of view is -10 to 10"):
-        aperture.of_scanner(Halving(), "elevation", np.array([0.0, 10.5]))
+        aperture_laws.of_scanner(Halving(), "elevation", np.array([0.0, 10.5]))
 
 
 def test_a_rasters_aperture_is_constant():
-    assert list(aperture.of_scanner(BOTH[0].sensor().scanner, "azimuth", np.array([0.0, 170.0]))) == [1.0, 1.0]
+    assert list(aperture_laws.of_scanner(BOTH[0].sensor().scanner, "azimuth", np.array([0.0, 170.0]))) == [1.0, 1.0]
 
 
 # --- axes -------------------------------------------------------------------------------------------
@@ -293,7 +299,7 @@ def test_only_what_passes_through_zero_crosses(width, met):
     def height_at(x):
         return np.clip((5.0 - x) / width, -0.5, 0.5), 2.0 * x
 
-    found = _refined(axis, height_at, 1.0, 9.0, falls=True)
+    found = _refine(axis, height_at, 1.0, 9.0, falls=True)
     assert (found is not None) is met
     if met:
         assert found == pytest.approx((5.0, 10.0), rel=1e-9)
@@ -310,7 +316,7 @@ def test_haze_comes_on_top_of_what_the_air_takes():
 def test_of_whole_numbers_the_first_on_the_other_side_is_told():
     """A height that passes zero between 5 and 6."""
     axis = dataclasses.replace(condition_axis("illuminance", start=1.0, stop=9.0, count=3, log=False), whole=True)
-    assert _refined(axis, lambda x: (5.5 - x, 10.0 * x), 1.0, 9.0, falls=True) == (6.0, 60.0)
+    assert _refine(axis, lambda x: (5.5 - x, 10.0 * x), 1.0, 9.0, falls=True) == (6.0, 60.0)
 
 
 def test_angles_and_ends_that_make_no_axis():
@@ -332,6 +338,6 @@ def test_a_fifth_of_a_number_stops_at_its_bound():
 def test_what_has_no_limit_is_ahead():
     axis = condition_axis("illuminance", start=1.0, stop=9.0, count=3, log=True)
     question = Question(quantity="range", axis=axis)
-    never, some = (Curve(name="", values=np.array([value])) for value in (np.inf, 70.0))
+    never, some = (SweepCurve(name="", values=np.array([value])) for value in (np.inf, 70.0))
     assert _difference(question, never, some)[0] > 0.0 > _difference(question, some, never)[0]
     assert _difference(question, never, never)[0] == 0.0

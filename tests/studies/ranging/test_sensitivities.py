@@ -8,7 +8,7 @@ import pytest
 from lidarscene import load_sensor
 from lidarscene.errors import InputError
 from lidarscene.physics.electronics import range_limit
-from lidarscene.studies.ranging import derivatives, gain, plane, sensitivities
+from lidarscene.studies.ranging import gain, plane, sensitivities
 from lidarscene.studies.ranging.plane import Target
 
 APD, SIPM = load_sensor("table1-apd"), load_sensor("table1-sipm")
@@ -167,7 +167,7 @@ def test_exponents_of_the_sipm():
 
 
 def test_exponents_are_those_of_the_closed_form():
-    """The closed form (29) derived, differentiated as `derivatives` does, gives the quarters too."""
+    """The closed form (29) derived, differentiated as `differences` does, gives the quarters too."""
     values = {"reflectivity": 0.1, "aperture_m2": 2e-3, "sun_irradiance_w_m2": 29.4, "peak_power_w": 45.0}
     rest = {"focal_over_radius": 300.0, "threshold_to_noise": 5.0, "photon_energy_j": 2.2e-19}
 
@@ -183,7 +183,7 @@ def test_exponents_are_those_of_the_closed_form():
             bandwidth_hz=167e6,
         )
 
-    reach, slopes = derivatives.differences(reach_m, values)
+    reach, slopes = sensitivities.differences(reach_m, values)
     exponents = {name: slopes[name] * value / reach for name, value in values.items()}
     expected = {"reflectivity": 0.25, "aperture_m2": 0.25, "sun_irradiance_w_m2": -0.25, "peak_power_w": 0.5}
     assert exponents == pytest.approx(expected, rel=1e-9)
@@ -272,7 +272,7 @@ def test_a_signal_that_rises_with_range_has_no_sensitivities(monkeypatch):
     def rising(_, values):
         return 0.5, dict.fromkeys(values, 1.0)
 
-    monkeypatch.setattr(sensitivities.derivatives, "chosen", lambda _: ("differences", rising))
+    monkeypatch.setattr(sensitivities, "choose_derivation", lambda _: ("differences", rising))
     with pytest.raises(InputError, match="the signal does not fall with range at "):
         sensitivities.sensitivities(APD, Target())
 

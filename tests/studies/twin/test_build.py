@@ -11,8 +11,8 @@ from helpers.twins import recording_of, room_sweep, unit_json
 from lidarscene.errors import InputError
 from lidarscene.files.toml import validated
 from lidarscene.maths.pose import Pose
-from lidarscene.scene.file import load_scene
 from lidarscene.scene.poses import read_poses
+from lidarscene.scene.scene_file import load_scene
 from lidarscene.scene.tables import SceneFile
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane

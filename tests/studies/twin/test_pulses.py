@@ -16,9 +16,9 @@ from lidarscene.recordings.recording import Recording
 from lidarscene.recordings.sweep import Second, Sweep
 from lidarscene.recordings.units.unit_file import unit_from, write_unit
 from lidarscene.rendering.simulator import Simulator
-from lidarscene.scene.file import load_scene
 from lidarscene.scene.meshes.primitives import plane_mesh
-from lidarscene.scene.model import Body, Part, Scene, Sun
+from lidarscene.scene.scene import Body, Part, Scene, Sun
+from lidarscene.scene.scene_file import load_scene
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
 from lidarscene.studies.twin import pulses as twin_pulses

@@ -102,7 +102,7 @@ def stream_text(arguments: argparse.Namespace) -> str:
     from ...formats.packets.select_encoder import select_encoder
     from ...outputs.live.sending import frames_of, send_frames, udp
     from ...rendering.simulator import Simulator
-    from ...scene.file import load_scene
+    from ...scene.scene_file import load_scene
     from ...sensor.catalogue import load_sensor
 
     host, port = arguments.udp

@@ -25,7 +25,7 @@ from ...maths.arrays import Numbers
 from ...maths.paths import NOWHERE, Moving, Paths, Placement
 from ...maths.pose import Pose
 from ...maths.trajectory import Course, Motion
-from ...scene.model import Ball, Body, Part, Scene, box_of
+from ...scene.scene import Ball, Body, Part, Scene, box_of
 from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import TracedScene

@@ -12,20 +12,20 @@ from ...errors import InputError
 from ...materials.colour import reflectivity_by_colour
 from ...maths.arrays import Numbers
 from ...physics.optics import reflection
-from ...scene.meshes.patterns import Pattern
+from ...scene.meshes.reflectivity_patterns import ReflectivityPattern
 from ..device.backend import mitsuba
 
 ATTRIBUTE = "vertex_reflectivity"
 
 
-def texture_key(pattern: Pattern | None) -> Hashable:
+def texture_key(pattern: ReflectivityPattern | None) -> Hashable:
     """What parts of one material must share to be one Mitsuba mesh: no pattern, values of vertices, or an image."""
     if pattern is None or pattern.uv is None:
         return pattern is not None
     return id(pattern.values), pattern.mean
 
 
-def reflectivities(pattern: Pattern, values: Mapping[str, Any]) -> Numbers:
+def reflectivities(pattern: ReflectivityPattern, values: Mapping[str, Any]) -> Numbers:
     """Return the pattern's values as reflectivities of a material at the laser's wavelength, float32.
 
     values  the material by `Material.at`
@@ -44,7 +44,7 @@ def reflectivities(pattern: Pattern, values: Mapping[str, Any]) -> Numbers:
     return np.minimum(found, limit).astype(np.float32)
 
 
-def texture(pattern: Pattern, values: Mapping[str, Any]) -> dict[str, Any]:
+def texture(pattern: ReflectivityPattern, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the Mitsuba texture of a pattern; a mesh brings the values of its vertices itself, by `ATTRIBUTE`.
 
     Raises InputError for a material that is not diffuse.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...maths.arrays import Numbers
-from ...scene.model import Scene
+from ...scene.scene import Scene
 from ..device.backend import mitsuba
 from ..device.types import Shape
 from . import mitsuba_xml

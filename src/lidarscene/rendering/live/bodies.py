@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from ...errors import InputError
 from ...maths.trajectory import Course
-from ...scene.model import Body, Scene
+from ...scene.scene import Body, Scene
 
 _SHOWN = 8
 """Names in an error, at most."""

@@ -15,13 +15,13 @@ from typing import TypedDict, Unpack
 
 import numpy as np
 
-from ...cloud.points import PointCloud
+from ...cloud.point_cloud import PointCloud
 from ...errors import InputError
 from ...maths.pose import Pose
 from ...maths.trajectory import Course, Motion, Riding
 from ...scene.clearance import Clearance
-from ...scene.file import load_scene
-from ...scene.model import Body, Scene
+from ...scene.scene import Body, Scene
+from ...scene.scene_file import load_scene
 from ...sensor.model import Sensor
 from ..frame import TOLERANCE_S, frame_edges
 from ..options import FrameKeywords, FrameOptions, Keywords, Placed, TraceKeywords, TraceOptions, placed

@@ -20,12 +20,12 @@ import numpy as np
 from ...errors import InputError, LidarSceneError
 from ...files.inputs import require_archive, require_file
 from ...materials.material import Material, Spectrum
-from . import patterns
-from .cache import SubMesh, read_cached
+from . import reflectivity_patterns
+from .mesh_cache import SubMesh, read_cached
 from .usd import is_usd, read_usd
 
 
-def read_mesh(path: Path, pattern: patterns.Kind | None = None) -> list[SubMesh]:
+def read_mesh(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> list[SubMesh]:
     """All pieces of a mesh file, in the order of its nodes. Raises InputError, one line.
 
     pattern  how reflectivity varies over it, to be read too; such a file is read anew each time
@@ -60,7 +60,7 @@ def pieces_of(loaded: Any) -> list[tuple[str, SubMesh]]:
     return [(str(node), _place_mesh(loaded, node)) for node in nodes]
 
 
-def _pieces(path: Path, pattern: patterns.Kind | None = None) -> list[SubMesh]:
+def _pieces(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> list[SubMesh]:
     """The pieces that trimesh finds in the file, including empty ones. Raises InputError."""
     try:
         with warnings.catch_warnings():
@@ -153,9 +153,9 @@ def _place_mesh(loaded: Any, node: Any) -> SubMesh:
     )
 
 
-def _add_pattern(piece: SubMesh, geometry: Any, kind: patterns.Kind, *, linear: bool) -> SubMesh:
+def _add_pattern(piece: SubMesh, geometry: Any, kind: reflectivity_patterns.Kind, *, linear: bool) -> SubMesh:
     """The piece with its pattern; as it is if its geometry has none."""
-    pattern_and_faces = patterns.read_pattern(geometry, kind, linear=linear)
+    pattern_and_faces = reflectivity_patterns.read_pattern(geometry, kind, linear=linear)
     if pattern_and_faces is None:
         return piece
     pattern, faces = pattern_and_faces

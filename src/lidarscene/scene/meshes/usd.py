@@ -19,8 +19,8 @@ import numpy as np
 from ...errors import InputError, OptionWarning
 from ...files.optional import optional
 from ...maths.arrays import Numbers
-from .axes import upright
-from .cache import SubMesh
+from .mesh_axes import upright
+from .mesh_cache import SubMesh
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ...cloud.points import PointCloud
+from ...cloud.point_cloud import PointCloud
 from ...errors import InputError
 from ...maths.arrays import Numbers
 from .data import Observation, Surfaces

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...cloud.points import PointCloud
+from ...cloud.point_cloud import PointCloud
 from ...detection.outcomes import Status
 from ...maths.arrays import Numbers
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...cloud.points import PointCloud
+from ...cloud.point_cloud import PointCloud
 from ...maths.arrays import Numbers
 from .data import Grouping, Observation, Surfaces, truth_of
 

@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 
 from ...cloud import pixels
-from ...cloud.points import PointCloud
+from ...cloud.point_cloud import PointCloud
 from ...figures import pictures as plots
 from ...figures.page import Page, csv_text
 from ...files.atomic import atomic_folder, put_text, require_writable
 from ...files.json_text import json_text
 from ...formats.ply import write_columns
 from ...maths.arrays import Numbers
-from ...scene.model import View
+from ...scene.scene import View
 from ..field_of_view.study import slugs
 from . import figures as figures
 from . import report as report

@@ -21,7 +21,7 @@ from ...maths.pose import Pose
 from ...outputs.report import OUTCOME_TEXT
 from ...rendering.options import DEFAULT_CHUNK
 from ...rendering.simulator import Simulator, Summary
-from ...scene.model import Scene
+from ...scene.scene import Scene
 from ...sensor.model import Sensor
 from ..ranging.plane import Target, equal_range_illuminance_klux
 from .data import Observation, Surfaces

@@ -13,9 +13,9 @@ import numpy as np
 
 from ...detection.outcomes import Status
 from ...errors import InputError
-from ...scene.model import Scene
+from ...scene.scene import Scene
 from ...sensor.model import Sensor
-from ..ranging.report import unambiguous_m
+from ..ranging.sweep_report import unambiguous_m
 from . import clouds
 from .data import Observation, groupings
 from .page import Output, file_names, require_files, write

@@ -39,7 +39,7 @@ class Criterion:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Check:
+class ViewerCheck:
     """One viewer in front of one pulse train."""
 
     sensor: Sensor

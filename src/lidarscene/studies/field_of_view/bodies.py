@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...cloud.points import PointCloud
+from ...cloud.point_cloud import PointCloud
 from ...maths.pose import Pose
 from ...rendering.rig import simulators
-from ...scene.model import Scene
+from ...scene.scene import Scene
 from ...sensor.rig import Mounted
 
 

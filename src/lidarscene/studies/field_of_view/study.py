@@ -24,7 +24,7 @@ from .spacing import PERCENTILES
 
 if TYPE_CHECKING:
     from ...maths.pose import Pose
-    from ...scene.model import Scene
+    from ...scene.scene import Scene
     from .bodies import OnBody
 
 Told = Callable[[int, int], object]

@@ -15,7 +15,7 @@ import numpy as np
 from ...physics.electronics import sipm, tdc
 from ...physics.optics import radiometry
 from ...sensor.model import Sensor
-from ..ranging import aperture, plane
+from ..ranging import aperture_laws, plane
 from ..ranging.plane import Target
 from .case import TABLE_1, apd_lidar, apd_noise, range_m, ranges_m, sipm_counts, sipm_printed, sipm_steady
 from .claims_model import FAILS, HOLDS, IN_PART, Claim
@@ -157,7 +157,7 @@ def _slope(sensor: Sensor, distance_m: float) -> float:
 
 def _figure_6b() -> list[Claim]:
     def reach(law: str, *angles: float) -> Any:
-        share = aperture.LAWS[law](np.array(angles))
+        share = aperture_laws.LAWS[law](np.array(angles))
         return plane.maximum_range_m(apd_lidar(), Target(aperture_share=share))[0]
 
     cosine, mirror, constant = (reach(law, -30.0, 0.0, 30.0) for law in ("cosine", "mirror", "constant"))

@@ -14,7 +14,7 @@ from ...figures.lines import Chart, Level, Line, Mark
 from ...maths.arrays import Numbers
 from ...physics.electronics import apd, sipm
 from ...sensor.model import Sensor
-from ..ranging import aperture, plane
+from ..ranging import aperture_laws, plane
 from ..ranging.plane import Target
 from .case import TABLE_1, apd_lidar, apd_noise, range_m, sipm_printed, sipm_steady
 
@@ -191,18 +191,21 @@ def fig_6b() -> PaperFigure:
         return found
 
     pair = ((0, "APD", apd_lidar()), (1, "SiPM", sipm_printed()))
-    lines = [Line(label=f"{n}, A cos θ", x=angle, y=reach(s, aperture.cosine), colour=i) for i, n, s in pair]
+    lines = [Line(label=f"{n}, A cos θ", x=angle, y=reach(s, aperture_laws.cosine), colour=i) for i, n, s in pair]
     lines.append(
         Line(
             label="SiPM, A cos θ, steady state",
             x=angle,
-            y=reach(sipm_steady(), aperture.cosine),
+            y=reach(sipm_steady(), aperture_laws.cosine),
             colour=1,
             style="dashed",
             width=1.4,
         )
     )
-    for style, name, law in (("dashdot", "mirror", aperture.mirror), ("dotted", "A constant", aperture.constant)):
+    for style, name, law in (
+        ("dashdot", "mirror", aperture_laws.mirror),
+        ("dotted", "A constant", aperture_laws.constant),
+    ):
         lines.append(Line(label=f"APD, {name}", x=angle, y=reach(apd_lidar(), law), style=style, width=1.2))
     chart = Chart(
         lines=tuple(lines),

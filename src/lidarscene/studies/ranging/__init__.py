@@ -5,13 +5,12 @@ stages of the simulation, over any axis and for any sensor.
 
 plane          SNR and range limit of a flat target
 statistics     detection, false alarms and range error
-axes           what can be varied
+sweep_axes     what can be varied
 subjects       which sensors, with which changes
 curves         values over an axis, and their crossings
 gain           the best gain of an APD
-derivatives    derivatives by Dr.Jit, or by differences
 sensitivities  what a change of each number costs
-aperture       what is left of the receiver off its axis
-report         the report of `range`
-summary        its summary
+aperture_laws  what is left of the receiver off its axis
+sweep_report   the report of `range`
+range_summary  its summary
 """

@@ -18,10 +18,10 @@ from ...maths.arrays import Numbers
 from ...physics.optics import air
 from ...sensor.model import Sensor
 from . import plane
-from .aperture import LAWS, of_scanner
-from .axes import Axis
+from .aperture_laws import LAWS, of_scanner
 from .plane import RangeStatus, Target
 from .subjects import Subject
+from .sweep_axes import Axis
 
 QUANTITIES = {"snr": "signal-to-noise ratio", "range": "maximum range [m]", "pd": "detection probability"}
 
@@ -35,7 +35,7 @@ class Question:
     """What is asked of each sensor: a quantity along an axis, under these conditions.
 
     distance_m    of the target, for "snr" and "pd" over an axis other than distance
-    law           along an elevation or azimuth axis: "scanner" (the sensor's own) or one of `aperture.LAWS`
+    law           along an elevation or azimuth axis: "scanner" (the sensor's own) or one of `aperture_laws.LAWS`
     visibility_m  adds extinction by Kim at the sensor's wavelength; None for clear air
     """
 
@@ -48,7 +48,7 @@ class Question:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Curve:
+class SweepCurve:
     """One sensor's values along the axis.
 
     margin  peak signal over the comparator's level, for "snr" and "pd"; None for "range"
@@ -62,12 +62,12 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Crossing:
+class CurveCrossing:
     """A place where two curves are equal or, with an empty ``second``, where one is at its comparator's level."""
 
     first: str
     second: str
-    at: float
+    place: float
     value: float
     falls: bool = True  # of the first against the second or the level, towards larger x
 
@@ -77,9 +77,9 @@ class Curves:
     """All curves of a question and their crossings, in order along the axis."""
 
     question: Question
-    curves: tuple[Curve, ...]
-    crossings: tuple[Crossing, ...]
-    detection_limits: tuple[Crossing, ...]
+    curves: tuple[SweepCurve, ...]
+    crossings: tuple[CurveCrossing, ...]
+    detection_limits: tuple[CurveCrossing, ...]
 
 
 def conditions_for(subject: Subject, question: Question, x: Numbers) -> list[tuple[Sensor, Target]]:
@@ -123,47 +123,49 @@ def with_haze(sensor: Sensor, target: Target, visibility_m: float | None) -> Tar
     return replace(target, extinction_per_m=target.extinction_per_m + alpha)
 
 
-def curve(subject: Subject, question: Question, x: Numbers) -> Curve:
+def curve(subject: Subject, question: Question, x: Numbers) -> SweepCurve:
     """The sensor's values at these x."""
     pairs = conditions_for(subject, question, x)
     if question.quantity == "range":
         limits = [plane.maximum_range_m(sensor, target) for sensor, target in pairs]
         values = np.concatenate([np.atleast_1d(limit) for limit, _ in limits])
         status = np.concatenate([np.atleast_1d(status) for _, status in limits])
-        return Curve(
+        return SweepCurve(
             name=subject.name, values=np.broadcast_to(values, x.shape), status=np.broadcast_to(status, x.shape)
         )
     distance: Any = x if question.axis.key == "distance" else question.distance_m
     compute = plane.snr if question.quantity == "snr" else plane.detection_probability
     values = np.concatenate([compute(sensor, target, distance) for sensor, target in pairs])
     margin = np.concatenate([plane.detection_margin(s, t, distance) for s, t in pairs])
-    return Curve(name=subject.name, values=np.broadcast_to(values, x.shape), margin=np.broadcast_to(margin, x.shape))
+    return SweepCurve(
+        name=subject.name, values=np.broadcast_to(values, x.shape), margin=np.broadcast_to(margin, x.shape)
+    )
 
 
 def curves(subjects: Sequence[Subject], question: Question) -> Curves:
     """Every sensor's curve, the crossings of any two, and where one is at its threshold."""
     x = question.axis.values
     sensor_curves = [curve(subject, question, x) for subject in subjects]
-    crossings: list[Crossing] = []
+    crossings: list[CurveCrossing] = []
     for (first_subject, first_curve), (second_subject, second_curve) in itertools.combinations(
         zip(subjects, sensor_curves, strict=True), 2
     ):
         crossings += _crossings(
             question, (first_subject, second_subject), _difference(question, first_curve, second_curve)
         )
-    limits: list[Crossing] = []
+    limits: list[CurveCrossing] = []
     for subject, sensor_curve in zip(subjects, sensor_curves, strict=True):
         if sensor_curve.margin is not None:
             limits += _crossings(question, (subject,), _height_over_level(sensor_curve.margin))
     return Curves(
         question=question,
         curves=tuple(sensor_curves),
-        crossings=tuple(sorted(crossings, key=lambda c: c.at)),
+        crossings=tuple(sorted(crossings, key=lambda c: c.place)),
         detection_limits=tuple(limits),
     )
 
 
-def _difference(question: Question, first: Curve, second: Curve, *, tolerance: float = 1e-9) -> Numbers:
+def _difference(question: Question, first: SweepCurve, second: SweepCurve, *, tolerance: float = 1e-9) -> Numbers:
     """Relative difference of two curves; 0 where it is below ``same`` or both are negligible."""
     a, b = first.values, second.values
     both_finite = np.isfinite(a) & np.isfinite(b)
@@ -180,7 +182,7 @@ def _height_over_level(margin: Numbers) -> Numbers:
     return np.where(np.isinf(margin), 1.0, np.where(margin > 0.0, 1.0 - 1.0 / np.maximum(margin, 1e-300), -1.0))
 
 
-def _crossings(question: Question, pair: tuple[Subject, ...], height: Numbers) -> list[Crossing]:
+def _crossings(question: Question, pair: tuple[Subject, ...], height: Numbers) -> list[CurveCrossing]:
     """Places where a height, sampled along the axis, changes its sign."""
 
     def height_at(x: Numbers) -> tuple[Numbers, Numbers]:
@@ -202,7 +204,9 @@ def _crossings(question: Question, pair: tuple[Subject, ...], height: Numbers) -
                 place, value = place_and_value
                 second = pair[1].name if len(pair) == 2 else ""
                 crossings.append(
-                    Crossing(first=pair[0].name, second=second, at=place, value=value, falls=bool(height[low] > 0.0))
+                    CurveCrossing(
+                        first=pair[0].name, second=second, place=place, value=value, falls=bool(height[low] > 0.0)
+                    )
                 )
     return crossings
 
@@ -231,7 +235,7 @@ def _refine(
             return 0.5 * (low + high), 0.5 * float(values[last] + values[last + 1])
 
 
-def is_flat(sensor_curve: Curve) -> bool:
+def is_flat(sensor_curve: SweepCurve) -> bool:
     """Whether the values are the same along the whole axis."""
     return bool(np.all(sensor_curve.values == sensor_curve.values[0]))
 

@@ -49,7 +49,7 @@ class RangeStatus(enum.IntEnum):
 class Target:
     """A Lambertian plane wider than the spot, and the light and air around it (Table 1 by default).
 
-    aperture_share  effective aperture A(theta_r) of (4) over that on the axis; see `studies.ranging.aperture`
+    aperture_share  effective aperture A(theta_r) of (4) over that on the axis; see `studies.ranging.aperture_laws`
     """
 
     reflectivity: Lanes = 0.1

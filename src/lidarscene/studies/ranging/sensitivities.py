@@ -13,10 +13,12 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from ...errors import InputError
+import numpy as np
+
+from ...errors import BackendError, InputError
 from ...light.beams import Beams
 from ...light.echoes import Ambient, Echoes, receive
 from ...light.hits import Hits
@@ -25,8 +27,14 @@ from ...physics.electronics import tdc
 from ...physics.optics import sunlight
 from ...sensor.detectors import Apd
 from ...sensor.model import Sensor
-from . import derivatives, gain, plane
+from . import gain, plane
 from .plane import RangeStatus, Target
+
+Formula = Callable[[Mapping[str, Lanes]], Lanes]
+"""Numbers by name in, one number out; numpy or Dr.Jit."""
+
+Derivation = Callable[[Formula, Mapping[str, float]], tuple[float, dict[str, float]]]
+"""A formula and where to take it in, its value and its derivative with respect to every number out."""
 
 _RANGE = "range_m"
 _CODE = ("stops", "reach", "search", "coincidence")
@@ -67,7 +75,7 @@ class Sensitivity:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class SensitivityTable:
     """Sensitivities of a sensor on a target, strongest first.
 
     distance_m   at which the detection probability is taken
@@ -120,7 +128,9 @@ def margin_and_detection(sensor: Sensor, target: Target, range_m: Lanes) -> tupl
     return ops.log(signal / level), point.detection_probability(level, signal, sigma)
 
 
-def sensitivities(sensor: Sensor, target: Target, *, distance_m: float | None = None, method: str = "auto") -> Table:
+def sensitivities(
+    sensor: Sensor, target: Target, *, distance_m: float | None = None, method: str = "auto"
+) -> SensitivityTable:
     """All sensitivities. Raises InputError if the sensor has no maximum range.
 
     distance_m   at which P_d is taken; the maximum range if None, where it is near one half
@@ -133,7 +143,7 @@ def sensitivities(sensor: Sensor, target: Target, *, distance_m: float | None = 
     distance = limit if distance_m is None else distance_m
     values = parameters(sensor, target)
 
-    def formula(output: int) -> derivatives.Formula:
+    def formula(output: int) -> Formula:
         def evaluate(numbers: Mapping[str, Lanes]) -> Lanes:
             own = {name: number for name, number in numbers.items() if name != _RANGE}
             changed = with_parameters(sensor, target, own)
@@ -141,7 +151,7 @@ def sensitivities(sensor: Sensor, target: Target, *, distance_m: float | None = 
 
         return evaluate
 
-    method, derive = derivatives.choose_derivation(method)
+    method, derive = choose_derivation(method)
     _, margin = derive(formula(0), {**values, _RANGE: limit})
     probability, detection = derive(formula(1), {**values, _RANGE: distance})
     if not margin[_RANGE] < 0.0:
@@ -162,7 +172,47 @@ def sensitivities(sensor: Sensor, target: Target, *, distance_m: float | None = 
         )
     # Equal ones, such as all that multiplies the echo, by name: rounding shall not decide.
     rows.sort(key=lambda row: (-round(abs(row.range_elasticity or 0.0), 6), row.parameter))
-    return Table(sensor.name, limit, distance, probability, method, tuple(rows))
+    return SensitivityTable(sensor.name, limit, distance, probability, method, tuple(rows))
+
+
+def choose_derivation(method: str) -> tuple[str, Derivation]:
+    """The method that "auto" stands for, or the named one, and its function.
+
+    Raises ValueError for an unknown name, BackendError if "drjit" is asked for and not available.
+    """
+    if method not in ("auto", "drjit", "differences"):
+        raise ValueError(f"no method '{method}'; expected auto, drjit or differences")
+    if method != "differences":
+        from ...kernel.device import backend, gradients
+
+        try:
+            backend.mitsuba()
+        except BackendError:
+            if method == "drjit":
+                raise
+        else:
+            return "drjit", gradients.gradient
+    return "differences", differences
+
+
+def differences(formula: Formula, values: Mapping[str, float]) -> tuple[float, dict[str, float]]:
+    """Sixth-order central differences, one parameter after the other."""
+    weights = ((1.0, 0.75), (2.0, -0.15), (3.0, 1.0 / 60.0))
+
+    def at(parameter: str, value_at_step: float) -> float:
+        return float(formula({**values, parameter: np.float64(value_at_step)}))
+
+    centre = float(formula(values))
+    slopes = {}
+    for name, value in values.items():
+        step = 1e-3 * abs(value)
+        if step == 0.0:  # no scale of its own: the step that moves the formula by some thousandths
+            step = 1e-15
+            while step < 1e-3 and abs(at(name, step) - centre) < 1e-3:
+                step *= 10.0
+        rise = sum(w * (at(name, value + k * step) - at(name, value - k * step)) for k, w in weights)
+        slopes[name] = rise / step
+    return centre, slopes
 
 
 def report_text(sensor: Sensor, target: Target, *, distance_m: float | None = None, method: str = "auto") -> str:
@@ -178,8 +228,8 @@ def report_text(sensor: Sensor, target: Target, *, distance_m: float | None = No
     return text
 
 
-def table_text(table: Table) -> str:
-    """A `Table` in text."""
+def table_text(table: SensitivityTable) -> str:
+    """A `SensitivityTable` in text."""
     how = {
         "drjit": "exact, by Dr.Jit's automatic differentiation",
         "differences": "sixth-order central differences (no back end)",

@@ -68,7 +68,7 @@ class FalsePoints:
 
 
 @dataclass(frozen=True, slots=True)
-class Shots:
+class ShotCounts:
     """Counts of simulated shots: how many echoes were reported, and how many alarms are points."""
 
     shots: int
@@ -176,7 +176,7 @@ def false_points(sensor: Sensor, target: Target, range_m: float | None = None) -
 
 def simulated_shots(
     sensor: Sensor, target: Target, range_m: float | None, *, shots: int = 100_000, seed: int = 0
-) -> Shots:
+) -> ShotCounts:
     """That many pulses at a target, or for None into the sky, through `receivers.detect_alone` on numpy."""
     ones = np.ones(shots)
     echoes = plane.echoes_of_plane(sensor, target, ones if range_m is None else range_m * ones)
@@ -187,7 +187,7 @@ def simulated_shots(
     alarms = sum(
         int(np.sum(np.asarray(stop.reported & (stop.status == int(Status.FALSE_ALARM))))) for stop in detection.stops
     )
-    return Shots(shots, int(np.sum(detection.outcome == int(Outcome.KEPT))), alarms)
+    return ShotCounts(shots, int(np.sum(detection.outcome == int(Outcome.KEPT))), alarms)
 
 
 def end_of_window(sensor: Sensor, range_m: float) -> Sensor:

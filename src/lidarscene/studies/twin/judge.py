@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...cloud.points import PointCloud
+from ...cloud.point_cloud import PointCloud
 from ...maths.arrays import Numbers
 from ...recordings.sweep import Sweep
 from ..compare.real import ground_of

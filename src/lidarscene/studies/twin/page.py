@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ...cloud.points import PointCloud
+from ...cloud.point_cloud import PointCloud
 from ...figures.page import Page
 from ...figures.pictures import common_scale, perspective_picture
 from ...files.atomic import put_text, require_writable
@@ -16,8 +16,8 @@ from ...recordings.recording import Recording
 from ...recordings.sweep import Sweep
 from ...rendering.options import DEFAULT_CHUNK
 from ...rendering.simulator import Simulator
-from ...scene.file import load_scene
-from ...scene.model import View
+from ...scene.scene import View
+from ...scene.scene_file import load_scene
 from ...sensor.catalogue import load_sensor
 from ..compare.real import compare_real, side_of_cloud, side_of_sweep
 from .build import COLUMNS, about, place_of

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from ...cloud.points import PointCloud
+from ...cloud.point_cloud import PointCloud
 from ...errors import InputError
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
 from ...recordings.sweep import Sweep
 from ...rendering.options import DEFAULT_CHUNK
 from ...rendering.simulator import Simulator
-from ...scene.model import Scene
+from ...scene.scene import Scene
 from ...sensor.model import Sensor
 from .planes import has_grid
 from .reflect import dropped

@@ -17,7 +17,7 @@ from ....maths.arrays import Numbers
 from ....maths.pose import Pose
 from ....recordings.sweep import Sweep
 from ....rendering.simulator import Simulator
-from ....scene.model import Scene as World
+from ....scene.scene import Scene as World
 from ....sensor.model import Sensor
 from ...twin.pulses import from_exit, matched
 from ...twin.reflect import dropped

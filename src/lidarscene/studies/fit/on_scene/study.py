@@ -15,8 +15,8 @@ from ....maths.trajectory import pose_at
 from ....recordings.opening import open_recording
 from ....recordings.pcap_reader import metadata_of
 from ....recordings.sweep import Sweep
-from ....scene.file import load_scene
 from ....scene.poses import read_poses
+from ....scene.scene_file import load_scene
 from ....sensor.model import Sensor
 from ...twin.build import ABOUT, COLUMNS, about, place_of
 from ...twin.planes import of_columns

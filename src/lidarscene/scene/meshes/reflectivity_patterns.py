@@ -21,7 +21,7 @@ NAMES = ("reflectivity", "reflectance")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Pattern:
+class ReflectivityPattern:
     """Values over a part, in place of one reflectivity for all of it.
 
     kind    "reflectivity": values are reflectivities at the laser's wavelength, in place of the material's;
@@ -43,7 +43,7 @@ class Pattern:
             object.__setattr__(self, "uv", frozen(self.uv, np.float32, (None, 2)))
 
 
-def read_pattern(geometry: Any, kind: Kind, *, linear: bool) -> tuple[Pattern, Numbers | None] | None:
+def read_pattern(geometry: Any, kind: Kind, *, linear: bool) -> tuple[ReflectivityPattern, Numbers | None] | None:
     """The pattern of a trimesh mesh, and the (f, 3) faces that it needs; None if the mesh has none. Raises InputError.
 
     linear  whether the file's vertex colours are of linear light (glTF); else they are sRGB
@@ -51,13 +51,13 @@ def read_pattern(geometry: Any, kind: Kind, *, linear: bool) -> tuple[Pattern, N
     order of the mesh's corners. None: those of the mesh.
     """
     pattern_or_values = _reflectivities(geometry) if kind == "reflectivity" else _colours(geometry, linear=linear)
-    if isinstance(pattern_or_values, Pattern) or pattern_or_values is None:
+    if isinstance(pattern_or_values, ReflectivityPattern) or pattern_or_values is None:
         return None if pattern_or_values is None else (pattern_or_values, None)
     values, of_faces = pattern_or_values
     if not of_faces:
-        return Pattern(kind=kind, values=values), None
+        return ReflectivityPattern(kind=kind, values=values), None
     faces = np.arange(3 * len(values), dtype=np.uint32).reshape(-1, 3)
-    return Pattern(kind=kind, values=np.repeat(values, 3)), faces
+    return ReflectivityPattern(kind=kind, values=np.repeat(values, 3)), faces
 
 
 def _reflectivities(geometry: Any) -> tuple[Numbers, bool] | None:
@@ -86,7 +86,7 @@ def _check_share(values: Numbers, name: str) -> Numbers:
     return values
 
 
-def _colours(geometry: Any, *, linear: bool) -> Pattern | tuple[Numbers, bool] | None:
+def _colours(geometry: Any, *, linear: bool) -> ReflectivityPattern | tuple[Numbers, bool] | None:
     """The red of linear light: a pattern of an image, or values of each vertex, or face (True)."""
     visual = geometry.visual
     if visual.kind == "texture":
@@ -98,7 +98,7 @@ def _colours(geometry: Any, *, linear: bool) -> Pattern | tuple[Numbers, bool] |
     return (red if linear else linear_of_srgb(red)), visual.kind == "face"
 
 
-def _texture(visual: Any) -> Pattern | None:
+def _texture(visual: Any) -> ReflectivityPattern | None:
     material = visual.material
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     if image is None or visual.uv is None:
@@ -106,7 +106,7 @@ def _texture(visual: Any) -> Pattern | None:
     red = linear_of_srgb(np.asarray(image.convert("RGB"), dtype=np.float64)[..., 0] / 255.0)
     factor = getattr(material, "baseColorFactor", None)
     # trimesh counts v from the bottom of the image, and keeps the factor (linear light) as 0 to 255.
-    return Pattern(
+    return ReflectivityPattern(
         kind="colour",
         values=red * (1.0 if factor is None else float(factor[0]) / 255.0),
         uv=np.asarray(visual.uv, dtype=np.float64) * (1.0, -1.0) + (0.0, 1.0),
@@ -118,7 +118,7 @@ def linear_of_srgb(value: Numbers) -> Numbers:
     return np.asarray(np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4))
 
 
-def mean_over(patterns: list[tuple[Pattern, Numbers, Numbers]]) -> float:
+def mean_over(patterns: list[tuple[ReflectivityPattern, Numbers, Numbers]]) -> float:
     """Mean of the values of these patterns over their triangles, by area. Each comes with vertices and faces.
 
     An image counts with the mean of its pixels, whatever part of it the triangles show.

@@ -15,9 +15,9 @@ from lidarscene.errors import InputError
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
 from lidarscene.studies.eye_safety import exposure
-from lidarscene.studies.eye_safety.criteria import Check, geometry
+from lidarscene.studies.eye_safety.criteria import ViewerCheck, geometry
 from lidarscene.studies.eye_safety.exposure import PulseTrain, counted_train, scanned_train, stationary_train
-from lidarscene.studies.eye_safety.report import EyeSafetyReport, eye_safety_report, not_known, report_text
+from lidarscene.studies.eye_safety.eye_safety_report import EyeSafetyReport, eye_safety_report, not_known, report_text
 
 TABLE_1 = load_sensor("table1-apd")
 PULSE_J = 45 * 6e-9 * math.sqrt(math.pi / (4 * math.log(2)))  # 287.4 nJ
@@ -272,7 +272,7 @@ def test_a_group_lasts_to_the_end_of_its_last_pulse() -> None:
     """At 1550 nm, where no grouping time hides it: two pulses of 6 ns that start 1 us apart last 1.006 us."""
     sensor = with_laser(wavelength_m=1550e-9)
     train = PulseTrain(time_s=np.array([0.0, 1e-6]), period_s=1.0)
-    check = Check(sensor=sensor, viewer="eye", train=train, energy_j=1e-6, source_rad=1.5e-3, time_base_s=100.0)
+    check = ViewerCheck(sensor=sensor, viewer="eye", train=train, energy_j=1e-6, source_rad=1.5e-3, time_base_s=100.0)
     details = [criterion.detail for criterion in check.criteria() if criterion.name == "pulse group"]
     assert details == ["2 pulses in 1.006 us"]
 
@@ -281,6 +281,6 @@ def test_a_group_lasts_to_the_end_of_its_last_pulse() -> None:
 def test_pulses_that_come_once_in_a_while_still_count_once(apart_s: float, count: int) -> None:
     """Two pulses every thousand seconds: in the ten that count there are two, or one where they are within 5 us."""
     train = PulseTrain(time_s=np.array([0.0, apart_s]), period_s=1000.0)
-    check = Check(sensor=TABLE_1, viewer="eye", train=train, energy_j=1e-6, source_rad=1.5e-3, time_base_s=100.0)
+    check = ViewerCheck(sensor=TABLE_1, viewer="eye", train=train, energy_j=1e-6, source_rad=1.5e-3, time_base_s=100.0)
     (detail,) = (criterion.detail for criterion in check.criteria() if criterion.name == "pulse train")
     assert f" for {count} pulses in 10 s" in detail

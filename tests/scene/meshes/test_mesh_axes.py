@@ -9,9 +9,9 @@ import trimesh
 from lidarscene.errors import InputError, OptionWarning
 from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
-from lidarscene.scene.file import load_scene
-from lidarscene.scene.meshes.axes import UNITS, Axis, upright
-from lidarscene.scene.model import Part
+from lidarscene.scene.meshes.mesh_axes import UNITS, Axis, upright
+from lidarscene.scene.scene import Part
+from lidarscene.scene.scene_file import load_scene
 
 BOX = (2.0, 1.0, 3.0)
 TURNS = {"x": Pose.from_degrees(pitch_deg=90.0), "y": Pose.from_degrees(roll_deg=90.0), "z": Pose()}

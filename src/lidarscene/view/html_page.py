@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ..errors import OptionWarning
 from ..files.atomic import atomic_output
-from .sources import Source
+from .page_sources import Source
 
 SCRIPTS = ("blob.js", "camera.js", "shaders.js", "renderer.js", "legend.js", "panel.js", "viewer.js")
 """In the order in which they use each other."""

@@ -10,9 +10,8 @@ import pytest
 import trimesh
 
 from lidarscene.files.cache_folder import VARIABLE, cache_folder
-from lidarscene.scene.meshes import cache as mesh_cache
-from lidarscene.scene.meshes import reading
-from lidarscene.scene.meshes.cache import SubMesh
+from lidarscene.scene.meshes import mesh_cache, reading
+from lidarscene.scene.meshes.mesh_cache import SubMesh
 
 CAR = Path(__file__).parents[3] / "assets" / "meshes" / "car.glb"
 

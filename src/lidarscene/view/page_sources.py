@@ -13,9 +13,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from .. import catalog
-from ..cloud.deskew import deskewed
+from ..cloud.deskew import MOTION_KEPT, deskewed
 from ..cloud.pixels import camera_for
-from ..cloud.points import PointCloud
+from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
 from ..kernel.rays.look import distances_m
 from ..kernel.rays.relit import COLUMNS, light_of
@@ -24,22 +24,21 @@ from ..light.echoes import Ambient, Echoes
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.rotations import yaw_pitch_roll_rad
-from ..maths.trajectory import pose_at
+from ..maths.trajectory import Riding, pose_at
 from ..recordings.as_cloud import cloud_of
 from ..recordings.recording import Recording
 from ..rendering.frame import LARGEST_FLOAT32_M, Frame
 from ..rendering.options import FrameOptions, TraceOptions
 from ..rendering.simulator import Simulator, Summary
 from ..rendering.stages import ambient_of
-from ..scene.model import Scene
+from ..scene.scene import Scene
 from ..sensor.catalogue import load_sensor
 from ..sensor.model import Sensor
 from ..studies.budget import Budget, budget_of, pulses_of
 from .blob import packed
 from .conditions import KEYS, command, conditions, controls
 from .controls import DETECTOR, Equipment, Settings
-from .layers import RECORDED, still_m
-from .points import frame_blob
+from .point_fields import frame_blob
 from .solid import solid_of
 
 SENSOR = "sensor"
@@ -49,6 +48,11 @@ IN_ROOM = 0.9
 """Part of the way to the first surface that the camera goes."""
 
 WAVELENGTH_M = 905e-9  # of the grey of a scene's surfaces, where no sensor is known
+
+NO_SCENE = "no deskewed layer: name the cloud's scene too, which knows how the vehicle drove"
+OTHER_SCENE = "no deskewed layer: the vehicle of this scene stands still"
+SEVERAL = "no deskewed layer: the cloud is of several sensors; render it with --deskew"
+RECORDED = "no deskewed layer: of a recording, how its vehicle drove is not known"
 
 
 class Source(Protocol):
@@ -163,7 +167,7 @@ class Clouds:
         return self.sensor
 
 
-class Recorded:
+class RecordingFrames:
     """The frames of a recording, or one of them."""
 
     def __init__(self, recording: Recording, *, frame: int | None = None) -> None:
@@ -366,6 +370,25 @@ class Live:
         )
         pulse = pulses_of(cloud, sensor.scanner) - timed_frame.first_pulse
         return Echoes(**{name: getattr(light, name)[pulse] for name in COLUMNS})
+
+
+def still_m(cloud: PointCloud, scene: Scene | None) -> tuple[Numbers | None, str]:
+    """(n, 3) positions in the world as if all points had been measured when the frame began, and why there are none.
+
+    The cloud is in the world's coordinates if there is a scene. Its file has the time of each point and where the
+    sensor stood at the start, not the way that it took.
+    """
+    if cloud.metadata.get("ego_motion") != MOTION_KEPT:
+        return None, ""
+    if scene is None:
+        return None, NO_SCENE
+    if scene.ego is None:
+        return None, OTHER_SCENE
+    if len(cloud.sensor_names) > 1:
+        return None, SEVERAL
+    # The sensor stays where it is on its vehicle, which may be another place than the scene's own (--pose).
+    on_vehicle = pose_at(scene.ego, cloud.frame_start_s).inverse() @ cloud.sensor_place
+    return deskewed(cloud, Riding(carrier=scene.ego, pose=on_vehicle)).xyz_m, ""
 
 
 def stage_blob(

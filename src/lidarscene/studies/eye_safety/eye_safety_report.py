@@ -18,7 +18,7 @@ from ...errors import InputError
 from ...physics import eye_safety as iec
 from ...physics.optics.pulse import pulse_energy_j
 from ...sensor.model import Sensor
-from .criteria import VIEWERS, Check, Criterion, geometry, si
+from .criteria import VIEWERS, Criterion, ViewerCheck, geometry, si
 from .exposure import PulseTrain, counted_train, scanned_train, stationary_train
 
 NOTICE = "An aid to design, not a certification: docs/eye_safety.md says what it rests on."
@@ -122,7 +122,7 @@ def eye_safety_report(
         criteria = tuple(
             criterion
             for viewer in VIEWERS
-            for criterion in Check(
+            for criterion in ViewerCheck(
                 sensor=sensor,
                 viewer=viewer,
                 energy_j=energy_j,

@@ -9,7 +9,7 @@ from helpers.small_scene import COARSE, SCENE
 import lidarscene
 from lidarscene import load_scene, load_sensor
 from lidarscene.view.blob import unpacked
-from lidarscene.view.sources import Clouds, Live
+from lidarscene.view.page_sources import Clouds, Live
 
 MOVING = """
 [bodies.motion]

@@ -12,8 +12,8 @@ from typing import Any
 from . import plane
 from .curves import limit_word, with_haze
 from .plane import RangeStatus, Target
-from .report import air_text, window_m, window_note
 from .subjects import Subject
+from .sweep_report import air_text, window_m, window_note
 
 
 def summary_of(subject: Subject, target: Target, *, distance_m: float, visibility_m: float | None) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..maths.arrays import Numbers
-from .points import PointCloud
+from .point_cloud import PointCloud
 
 JOINED = {"sensor": ", ", "frame_start_s": " ", "sensor_position_m": " ", "sensor_rotation": " "}
 """Metadata of which a merged cloud has one for each sensor, and what stands between them."""

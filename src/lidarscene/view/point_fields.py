@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..cloud.points import PointCloud
+from ..cloud.point_cloud import PointCloud
 from ..formats.cloud_columns import STATUS_NAMES, Column
 from ..maths.arrays import Numbers
 from ..studies.budget import Budget

@@ -29,11 +29,11 @@ from ..maths.trajectory import Motion, Riding
 from ..sensor.file import LARGEST_COORDINATE_M
 from .bare_mesh import is_mesh, mesh_tables, tell_of_bare_mesh
 from .foreign import is_xml, mitsuba_scene, trimesh_scene, xml_file
-from .meshes import patterns, primitives, reading
-from .meshes.axes import UNITS, Axis, axis_of, upright
-from .meshes.cache import SubMesh
+from .meshes import primitives, reading, reflectivity_patterns
+from .meshes.mesh_axes import UNITS, Axis, axis_of, upright
+from .meshes.mesh_cache import SubMesh
 from .meshes.usd import is_usd
-from .model import Ball, Body, Part, Scene, box_of
+from .scene import Ball, Body, Part, Scene, box_of
 from .tables import BodyFile, SceneFile, interferers, lamps_w_m2
 
 SMALLEST_BODY_M = 1e-6
@@ -252,7 +252,7 @@ def _place_body(
     return [placed(f"{body.name}.{i}", body.pose() @ instance.pose()) for i, instance in enumerate(body.instances)]
 
 
-MeshReader = Callable[[Path, patterns.Kind | None], list[SubMesh]]
+MeshReader = Callable[[Path, reflectivity_patterns.Kind | None], list[SubMesh]]
 
 
 def _parts(
@@ -330,7 +330,7 @@ def _axes(body: BodyFile, path: Path, *, where: str) -> tuple[Axis, float]:
 
 def _patterns(
     pieces_and_materials: Sequence[tuple[SubMesh, str]], body: BodyFile, where: str, surfaces: _Surfaces
-) -> list[patterns.Pattern | None]:
+) -> list[reflectivity_patterns.ReflectivityPattern | None]:
     """The pattern of each piece, None where its surface is not diffuse. Raises InputError if there is none at all."""
     if body.pattern is None:
         return [None] * len(pieces_and_materials)
@@ -350,7 +350,7 @@ def _patterns(
         return varied
     # One level for all pieces of a material, or the contrast between them would be lost.
     level = {
-        material: patterns.mean_over(
+        material: reflectivity_patterns.mean_over(
             [
                 (p, piece.vertices_m, piece.faces)
                 for (piece, material_name), p in zip(pieces_and_materials, varied, strict=True)

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 
 from lidarscene import load_sensor
-from lidarscene.studies.ranging.axes import condition_axis
-from lidarscene.studies.ranging.curves import Crossing, Curve, Curves, Question
+from lidarscene.studies.ranging.curves import CurveCrossing, Curves, Question, SweepCurve
 from lidarscene.studies.ranging.plane import RangeStatus, Target
-from lidarscene.studies.ranging.report import air_text, chart_of, notes, table_text, window_note
+from lidarscene.studies.ranging.sweep_axes import condition_axis
+from lidarscene.studies.ranging.sweep_report import air_text, chart_of, notes, table_text, window_note
 
 SENSOR = load_sensor("table1-apd")
 
 
 def curves(key: str, quantity: str, **changed: object) -> Curves:
     axis = condition_axis(key, start=1.0, stop=100.0, count=3, log=True)
-    names = {"curves": tuple(Curve(name=name, values=np.array([3.0, 2.0, 1.0])) for name in ("a", "b"))}
+    names = {"curves": tuple(SweepCurve(name=name, values=np.array([3.0, 2.0, 1.0])) for name in ("a", "b"))}
     return Curves(
         **{"question": Question(quantity=quantity, axis=axis), "crossings": (), "detection_limits": ()}
         | names
@@ -24,14 +24,16 @@ def curves(key: str, quantity: str, **changed: object) -> Curves:
 
 @pytest.mark.parametrize(("falls", "verb"), [(True, "falls below"), (False, "rises above")])
 def test_who_passes_whom(falls: bool, verb: str) -> None:
-    swept = curves("illuminance", "snr", crossings=(Crossing(first="a", second="b", at=7.0, value=2.5, falls=falls),))
+    swept = curves(
+        "illuminance", "snr", crossings=(CurveCrossing(first="a", second="b", place=7.0, value=2.5, falls=falls),)
+    )
     (line, *_) = notes(swept, {"a": SENSOR, "b": SENSOR})
     assert line == f"crossing at 7 klux: a {verb} b, SNR 2.5"
 
 
 @pytest.mark.parametrize(("falls", "verb"), [(True, "falls to"), (False, "rises to")])
 def test_where_a_sensor_passes_its_threshold(falls: bool, verb: str) -> None:
-    limit = Crossing(first="a", second="", at=7.0, value=5.0, falls=falls)
+    limit = CurveCrossing(first="a", second="", place=7.0, value=5.0, falls=falls)
     (line, *_) = notes(curves("illuminance", "snr", detection_limits=(limit,)), {"a": SENSOR, "b": SENSOR})
     assert line == f"a: {verb} the threshold at 7 klux, SNR 5"
     (line, *_) = notes(curves("distance", "snr", detection_limits=(limit,)), {"a": SENSOR, "b": SENSOR})
@@ -55,14 +57,14 @@ def test_the_air_in_words_and_ranges_that_are_none() -> None:
     assert air_text(Target(extinction_per_m=0.002), None) == "extinction 0.002 per metre"
     status = np.array([RangeStatus.NO_LIMIT, RangeStatus.FOUND, RangeStatus.NEVER_DETECTED])
     swept = curves(
-        "illuminance", "range", curves=(Curve(name="a", values=np.array([np.inf, 70.0, 0.0]), status=status),)
+        "illuminance", "range", curves=(SweepCurve(name="a", values=np.array([np.inf, 70.0, 0.0]), status=status),)
     )
     assert [line.split("  ")[-1].strip() for line in table_text(swept).splitlines()] == ["a", "no limit", "70", "never"]
 
 
 def test_what_is_nothing_is_not_drawn_on_a_logarithm() -> None:
     chart = chart_of(
-        curves("illuminance", "snr", curves=(Curve(name="a", values=np.array([3.0, 0.0, 2.0])),)),
+        curves("illuminance", "snr", curves=(SweepCurve(name="a", values=np.array([3.0, 0.0, 2.0])),)),
         "t",
         thresholds={"a": 5.0},
     )

@@ -1,6 +1,6 @@
 """A scene as the simulation sees it: bodies with materials, sun, sky and air. Plain data, metres, radians.
 
-`scene.file.load_scene` makes one from a file; a `Scene` made in Python is as good.
+`scene.scene_file.load_scene` makes one from a file; a `Scene` made in Python is as good.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ..maths.pose import Pose, direction_from_angles
 from ..maths.trajectory import Motion, pose_at
 from ..maths.units import Key, Quantity
 from ..physics.optics import air
-from .meshes.patterns import Pattern
+from .meshes.reflectivity_patterns import ReflectivityPattern
 from .weather import Weather
 
 
@@ -38,7 +38,7 @@ class Part:
     faces: Numbers
     material: str
     name: str = ""
-    pattern: Pattern | None = None
+    pattern: ReflectivityPattern | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and freeze the arrays."""

@@ -8,9 +8,9 @@ import trimesh
 from PIL import Image
 
 from lidarscene.errors import InputError
-from lidarscene.scene.file import load_scene
-from lidarscene.scene.meshes import patterns
+from lidarscene.scene.meshes import reflectivity_patterns
 from lidarscene.scene.meshes.reading import read_mesh
+from lidarscene.scene.scene_file import load_scene
 
 CORNERS = [[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]]
 FACES = [[0, 1, 2], [0, 2, 3]]
@@ -27,12 +27,12 @@ def ply(*, of_vertices="", of_faces="", vertices=("", "", "", ""), faces=("", ""
     )
 
 
-def one_piece(path: Path, kind: patterns.Kind):
+def one_piece(path: Path, kind: reflectivity_patterns.Kind):
     (piece,) = read_mesh(path, kind)
     return piece
 
 
-@pytest.mark.parametrize("name", patterns.NAMES)
+@pytest.mark.parametrize("name", reflectivity_patterns.NAMES)
 def test_property_of_vertices(tmp_path: Path, name: str) -> None:
     (tmp_path / "a.ply").write_text(ply(of_vertices=f"float {name}", vertices=("0.1", "0.2", "0.3", "0.4")))
     piece = one_piece(tmp_path / "a.ply", "reflectivity")
@@ -93,7 +93,7 @@ def test_texture(tmp_path: Path) -> None:
 def test_linear_light() -> None:
     """IEC 61966-2-1, both pieces of its curve."""
     np.testing.assert_allclose(
-        patterns.linear_of_srgb(np.array([0.0, 0.04, 0.5, 1.0])), [0, 0.0030960, 0.2140411, 1], rtol=1e-5
+        reflectivity_patterns.linear_of_srgb(np.array([0.0, 0.04, 0.5, 1.0])), [0, 0.0030960, 0.2140411, 1], rtol=1e-5
     )
 
 
@@ -163,13 +163,13 @@ def test_a_primitive_has_no_pattern(tmp_path: Path) -> None:
 
 def test_the_pieces_of_the_srgb_curve_meet() -> None:
     """IEC 61966-2-1: at 0.04045 a line gives way to a power; 0.1 and 0.3 are on the power."""
-    found = patterns.linear_of_srgb(np.array([0.04044, 0.04046, 0.1, 0.3]))
+    found = reflectivity_patterns.linear_of_srgb(np.array([0.04044, 0.04046, 0.1, 0.3]))
     np.testing.assert_allclose(found, [0.0031300, 0.0031316, 0.0100228, 0.0732390], rtol=2e-5)
 
 
 def test_a_large_triangle_counts_for_more() -> None:
     """Two right triangles, of 2 m2 and 8 m2, with values of 0.1 and 0.6 all over."""
     vertices = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [9, 0, 0], [13, 0, 0], [9, 4, 0]], float)
-    pattern = patterns.Pattern(kind="reflectivity", values=np.repeat([0.1, 0.6], 3))
-    mean = patterns.mean_over([(pattern, vertices, np.arange(6).reshape(2, 3))])
+    pattern = reflectivity_patterns.ReflectivityPattern(kind="reflectivity", values=np.repeat([0.1, 0.6], 3))
+    mean = reflectivity_patterns.mean_over([(pattern, vertices, np.arange(6).reshape(2, 3))])
     assert mean == pytest.approx((2 * 0.1 + 8 * 0.6) / 10)

@@ -14,8 +14,8 @@ from helpers.clouds import NAMES, assert_same, chunk_of, small_cloud, small_colu
 
 from lidarscene.cloud import interop
 from lidarscene.cloud.builder import CloudBuilder
-from lidarscene.cloud.merging import merged
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
+from lidarscene.cloud.rig_clouds import merged
 from lidarscene.errors import InputError, LidarSceneError
 from lidarscene.formats.cloud_columns import COLUMNS, MEASURED, TRUTH
 from lidarscene.formats.cloud_columns import NAMES as NAMES_OF
@@ -151,7 +151,7 @@ MEMORY = """
 import json, sys, tracemalloc
 from helpers.clouds import NAMES, chunk_of, small_columns
 from lidarscene.cloud.builder import CloudBuilder
-from lidarscene.cloud.points import PointCloud
+from lidarscene.cloud.point_cloud import PointCloud
 # Before Python 3.12.9 and 3.13.2 tracemalloc can end a process in which Dr.Jit starts threads.
 assert "drjit" not in sys.modules
 

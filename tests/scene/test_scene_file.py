@@ -8,8 +8,8 @@ import pytest
 
 from lidarscene import catalog
 from lidarscene.errors import InputError
-from lidarscene.scene.file import files_of_scene, load_scene
-from lidarscene.scene.model import Ball, Part, Scene
+from lidarscene.scene.scene import Ball, Part, Scene
+from lidarscene.scene.scene_file import files_of_scene, load_scene
 
 HOUSE = "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 0 1\nusemtl wall\nf 1 2 3\nusemtl roof\nf 1 2 4\n"
 

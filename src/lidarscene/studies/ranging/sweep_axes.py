@@ -17,7 +17,7 @@ from pydantic import BaseModel
 from ...errors import InputError
 from ...maths.arrays import Numbers
 from ...sensor.file import SensorFile
-from .aperture import LARGEST_DEG
+from .aperture_laws import LARGEST_DEG
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,7 +173,7 @@ def _steps(start: float, stop: float, count: int, *, log: bool) -> Numbers:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Key:
+class NumericKey:
     """A numeric key of a sensor file: its value (None if not given) and its bounds."""
 
     value: float | None
@@ -182,12 +182,12 @@ class Key:
     whole: bool
 
 
-def numeric_keys(tables: Mapping[str, Any]) -> dict[str, Key]:
+def numeric_keys(tables: Mapping[str, Any]) -> dict[str, NumericKey]:
     """All numeric keys that this sensor file has or may have, by dotted name."""
     return dict(_numeric(SensorFile, tables, ""))
 
 
-def _numeric(model: type[BaseModel], tables: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Key]]:
+def _numeric(model: type[BaseModel], tables: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, NumericKey]]:
     for name, info in model.model_fields.items():
         key, value = prefix + (info.alias or name), tables.get(info.alias or name)
         types = list(_types(info.annotation))
@@ -211,7 +211,7 @@ def _numeric(model: type[BaseModel], tables: Mapping[str, Any], prefix: str) -> 
             }
             yield (
                 key,
-                Key(
+                NumericKey(
                     value=float(value) if isinstance(value, (int, float)) else None,
                     low=limits.get("ge", limits.get("gt", -math.inf)),
                     high=limits.get("le", limits.get("lt", math.inf)),

@@ -51,7 +51,7 @@ class Compared:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Check:
+class PublishedComparison:
     """One catalogue sensor. ``also``: ranges on further targets, to which no value was fitted."""
 
     name: str
@@ -88,11 +88,11 @@ def scatter_m(sensor: Sensor, target: Target, *, range_m: float, snr: float | No
     return float(np.std(errors)) if errors.size > SHOTS // 100 else None
 
 
-def check(name: str) -> Check:
+def check(name: str) -> PublishedComparison:
     """Compare a catalogue sensor with its `[published]` values. Raises InputError."""
     published = catalogue_published(name) or PublishedFile(source="unknown")
     sensor = load_sensor(name, overrides=published.settings)
-    return Check(
+    return PublishedComparison(
         name=name,
         range_m=_range(sensor, published, published.reflectivity, published.range_m),
         also=tuple(_range(sensor, published, *pair) for pair in published.also),
@@ -154,7 +154,7 @@ def _words(published: PublishedFile, *conditions: tuple[str, str]) -> str:
     )
 
 
-def as_dict(comparison: Check) -> dict[str, Any]:
+def as_dict(comparison: PublishedComparison) -> dict[str, Any]:
     """For JSON; null is unknown."""
     return {
         "name": comparison.name,
@@ -172,7 +172,7 @@ def _as_dict(c: Compared) -> dict[str, Any]:
     return values | ({"condition": c.condition} if c.condition else {})
 
 
-def as_text(checks: list[Check]) -> str:
+def as_text(checks: list[PublishedComparison]) -> str:
     """A table for people."""
     rows = [("sensor", "", "published", "simulated", "deviation", "condition")]
     for comparison in checks:

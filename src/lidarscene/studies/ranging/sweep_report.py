@@ -16,8 +16,8 @@ import numpy as np
 from ...figures.lines import Chart, Level, Line, Mark
 from ...physics.optics import radiometry
 from ...sensor.model import Sensor
-from .aperture import LAWS, of_scanner
-from .curves import QUANTITIES, Crossing, Curve, Curves, is_flat, limit_word
+from .aperture_laws import LAWS, of_scanner
+from .curves import QUANTITIES, CurveCrossing, Curves, SweepCurve, is_flat, limit_word
 from .plane import RangeStatus, Target
 
 _ROWS = 12
@@ -61,7 +61,7 @@ def air_text(target: Target, visibility_m: float | None) -> str:
     return f"transmittance {target.transmittance:g}"
 
 
-def _cell(curve: Curve, index: int) -> str:
+def _cell(curve: SweepCurve, index: int) -> str:
     if curve.status is not None and curve.status[index] != RangeStatus.FOUND:
         return limit_word(int(curve.status[index]))
     return f"{curve.values[index]:.6g}"
@@ -113,20 +113,22 @@ def notes(swept: Curves, sensors: Mapping[str, Sensor]) -> list[str]:
     for crossing in swept.detection_limits:
         if question.axis.key == "distance" and crossing.falls:
             notes_so_far.append(
-                f"{crossing.first}: maximum range {crossing.at:.6g} m, where {_value(question.quantity, crossing)}"
+                f"{crossing.first}: maximum range {crossing.place:.6g} m, where {_value(question.quantity, crossing)}"
             )
         else:
             verb = "falls to" if crossing.falls else "rises to"
             value = _value(question.quantity, crossing)
-            notes_so_far.append(f"{crossing.first}: {verb} the threshold at {crossing.at:.6g}{unit}, {value}")
+            notes_so_far.append(f"{crossing.first}: {verb} the threshold at {crossing.place:.6g}{unit}, {value}")
     for crossing in swept.crossings:
         verb = "falls below" if crossing.falls else "rises above"
         value = _value(question.quantity, crossing)
-        notes_so_far.append(f"crossing at {crossing.at:.6g}{unit}: {crossing.first} {verb} {crossing.second}, {value}")
+        notes_so_far.append(
+            f"crossing at {crossing.place:.6g}{unit}: {crossing.first} {verb} {crossing.second}, {value}"
+        )
     for curve in swept.curves:
         farthest = curve.values if curve.status is not None else np.zeros(1)
         farthest = farthest[np.isfinite(farthest)] if len(farthest) else farthest
-        limits = [c.at for c in swept.detection_limits if c.first == curve.name and question.axis.key == "distance"]
+        limits = [c.place for c in swept.detection_limits if c.first == curve.name and question.axis.key == "distance"]
         reach = max([*limits, *farthest.tolist()], default=0.0)
         line = window_note(curve.name, sensors[curve.name], farthest_m=reach, limit_text="the farthest of these")
         notes_so_far += [] if line is None else [line]
@@ -142,7 +144,7 @@ def law_text(law: str) -> str:
     return " ".join(((of_scanner if law == "scanner" else LAWS[law]).__doc__ or "").split("\n\n")[0].split())
 
 
-def _value(quantity: str, crossing: Crossing) -> str:
+def _value(quantity: str, crossing: CurveCrossing) -> str:
     return f"{crossing.value:.6g} m" if quantity == "range" else f"{_SYMBOL[quantity]} {crossing.value:.6g}"
 
 
@@ -159,7 +161,7 @@ def as_dict(swept: Curves) -> dict[str, Any]:
         if curve.status is not None:
             entry["status"] = [RangeStatus(int(s)).name.lower() for s in curve.status]
         entry["detection_limits"] = [
-            {"at": c.at, "value": c.value, "falls": c.falls} for c in swept.detection_limits if c.first == curve.name
+            {"at": c.place, "value": c.value, "falls": c.falls} for c in swept.detection_limits if c.first == curve.name
         ]
         sensors[curve.name] = entry
     return {
@@ -169,7 +171,7 @@ def as_dict(swept: Curves) -> dict[str, Any]:
         "x": numbers(question.axis.values),
         "sensors": sensors,
         "crossings": [
-            {"first": c.first, "second": c.second, "at": c.at, "value": numbers([c.value])[0], "falls": c.falls}
+            {"first": c.first, "second": c.second, "at": c.place, "value": numbers([c.value])[0], "falls": c.falls}
             for c in swept.crossings
         ],
     }
@@ -191,11 +193,11 @@ def chart_of(swept: Curves, title: str, *, thresholds: dict[str, float | None]) 
     unit = f" {axis.unit}" if axis.unit else ""
     colour = {curve.name: number for number, curve in enumerate(swept.curves)}
     marks = [
-        Mark(x=c.at, y=c.value, text=f"{c.at:.4g}{unit}", colour=colour[c.first], offset=_offset(i, c.falls))
+        Mark(x=c.place, y=c.value, text=f"{c.place:.4g}{unit}", colour=colour[c.first], offset=_offset(i, c.falls))
         for i, c in enumerate(swept.detection_limits)
     ]
     marks += [
-        Mark(x=c.at, y=c.value, text=f"{c.at:.4g}{unit}", offset=(10.0, 10.0))
+        Mark(x=c.place, y=c.value, text=f"{c.place:.4g}{unit}", offset=(10.0, 10.0))
         for c in swept.crossings
         if math.isfinite(c.value)
     ]

@@ -26,7 +26,7 @@ from ...errors import OutputError
 from ...files.atomic import atomic_output
 from ...files.cache_folder import cache_folder
 from ...maths.arrays import Numbers
-from .patterns import Pattern
+from .reflectivity_patterns import ReflectivityPattern
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,7 +43,7 @@ class SubMesh:
     faces: Numbers
     keys: tuple[str, ...]
     grey: float | None = None
-    pattern: Pattern | None = None
+    pattern: ReflectivityPattern | None = None
 
 
 LARGEST_BYTES = 2 << 30
