@@ -15,12 +15,10 @@ from lidarscene import catalog, load_sensor
 from lidarscene.cli import main
 from lidarscene.cloud.thinning import FACTOR, MOST_POINTS
 from lidarscene.detection.outcomes import Outcome, Status
-from lidarscene.detection.sampled_waveforms import SAMPLES_PER_FWHM
 from lidarscene.formats import e57, las, osi, ply
 from lidarscene.formats.cloud_columns import COLUMNS
 from lidarscene.kernel.rays import onward, trace
 from lidarscene.labels import files
-from lidarscene.maths import random
 from lidarscene.maths.paths import STEP_S
 from lidarscene.maths.trajectory import LARGEST_SPEED_M_S, LARGEST_STEP_RAD, LARGEST_YAW_RATE_DEG_S
 from lidarscene.outputs import range_image
@@ -146,31 +144,6 @@ def test_counts() -> None:
 def test_conventions() -> None:
     says(
         "conventions.md",
-        "Stages are {} edge noise, {} false alarms, {} TDC jitter, {} pointing, "
-        "{} trailing edges of a multi-level TDC, "
-        "{} samples of an ADC, {} interference, {} ambient counts, {} drops and flakes, {} gaps, {} histograms, "
-        "{} thresholds that scatter",
-        *(
-            random.Stage[name]
-            for name in (
-                "EDGE_NOISE",
-                "FALSE_ALARM",
-                "TDC_JITTER",
-                "POINTING",
-                "TRAILING_EDGE",
-                "SAMPLES",
-                "INTERFERENCE",
-                "AMBIENT",
-                "PARTICLES",
-                "GAPS",
-                "HISTOGRAM",
-                "THRESHOLD",
-            )
-        ),
-    )
-    assert len(random.Stage) == 12
-    says(
-        "conventions.md",
         "(`detection.outcomes.Status`): {} echo, {} false alarm, {} another lidar's pulse, {} light of fog",
         Status.ECHO,
         Status.FALSE_ALARM,
@@ -187,13 +160,8 @@ def test_conventions() -> None:
     )
     rows = table("conventions.md", "value | outcome")
     assert [(int(row[0]), row[1].upper().replace(" ", "_")) for row in rows] == [(o, o.name) for o in Outcome]
-    says("conventions.md", "{} samples to the pulse's width", SAMPLES_PER_FWHM)
-    says("conventions.md", "600 steps of 0.2 degrees are {} columns", 600 + 1)
-    # By Box and Muller, of the least uniform, 2^-32.
-    says("conventions.md", "(up to {} sigma)", math.sqrt(2.0 * 32.0 * math.log(2.0)))
-    says("conventions.md", "with {} rounds (Salmon", 20)
     says("conventions.md", "text of more than {} characters", ply.LONGEST_TEXT)
-    says("conventions.md", "In text files infinity is {}.", float(ply.LARGEST))
+    says("conventions.md", "(infinity is {} there)", float(ply.LARGEST))
     says("conventions.md", "(`comment lidarscene {}`)", float(ply.VERSION_LINE.split()[1]))
     says("sensor_files.md", "the shortest range, {} ns for each metre", 2e9 / 299_792_458.0)
     says("sensor_files.md", '`"all"` is the first {}, without `stops`', MOST_STOPS)
@@ -298,7 +266,6 @@ def test_sun_in_the_field_of_view() -> None:
 
 def test_sensors() -> None:
     rate = points_per_second(load_sensor("vlp-16"))
-    says("sensors.md", "(VLP-16: {} for", rate)
     says("fov.md", "A VLP-16 by its manual: {} pulses a second", rate)
     shown = re.findall(r"`([\w-]+)`", " ".join(row[0] for row in table("sensors.md", "name | exact")))
     assert sorted(shown) == catalog.names("sensors")

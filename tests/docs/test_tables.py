@@ -17,7 +17,7 @@ from lidarscene.materials.catalogue import material as catalogue_material
 from lidarscene.physics.electronics import sipm, tdc
 from lidarscene.physics.optics import reflection, solar_spectrum
 from lidarscene.scene.weather import Weather
-from lidarscene.studies import published_values, recorded
+from lidarscene.studies import published_values
 from lidarscene.studies.eye_safety.eye_safety_report import eye_safety_report
 from lidarscene.studies.paper import case
 from lidarscene.studies.paper.case import (
@@ -155,12 +155,11 @@ def test_flat_angles_of_rough_surfaces() -> None:
     power = [math.log(back(slope, 83) / back(slope, 70)) / fall for slope in (30, 45)]
     over = [back(slope, 83) / math.cos(math.radians(83)) for slope in (30, 45)]
     says("theory.md", "to the power of {} at sigma = 30 degrees and {} at 45, and is {} and {} times", *power, *over)
-    says("materials.md", "facets of 45 degrees {}.", power[1])
     says("theory.md", "1 + {} K", (1.0 / reflection.largest_reflectivity(1e3) - 1.0) / float(reflection.relief(1e3)))
 
 
 def test_wavelengths_of_materials() -> None:
-    """Every file has these five, which the page names in two places."""
+    """Every file has these five, which the page names."""
     nm = []
     for name in catalog.names("materials"):
         data = tomllib.loads(text_of(catalog.path_of("materials", name)))
@@ -169,7 +168,6 @@ def test_wavelengths_of_materials() -> None:
     assert nm
     assert all(one == nm[0] for one in nm)
     says("materials.md", "the wavelengths {}, {}, {}, {} and {} nm", *nm[0])
-    says("materials.md", "interpolated linearly to the {} wavelengths", len(nm[0]))
     says("theory.md", "A green leaf reflects {} % at 905 nm and lets {} % through", *leaf(905))
     says("theory.md", "at 1550 nm {} and {} (`leaf`)", *leaf(1550))
 
@@ -216,16 +214,6 @@ def test_scatter_as_recorded() -> None:
             assert found.simulated is not None
             assert found.condition.startswith(f"{row[1]}, ")
             row_says(row[2:4], 1e3 * found.published, 1e3 * found.simulated)
-
-
-def test_held_to_recordings() -> None:
-    """Every row of `catalog check --real` for the sensors that count photons; scatters to the error of their draws."""
-    shown = table("sensors.md", "unit | quantity | at")
-    rows = [row for name in ("os0-128", "os1-128", "os2-128") for row in recorded.compare(name)]
-    for cells, row in zip(shown, rows, strict=True):
-        assert (cells[0].strip("`"), cells[1]) == (row.sensor, row.quantity)
-        assert row.condition.endswith(cells[2])
-        row_says(cells[3:], row.recorded, row.simulated)
 
 
 def test_beams_of_the_catalogue() -> None:
