@@ -27,7 +27,7 @@ from lidarscene.studies.paper.case import (
     sipm_printed,
     sipm_steady,
 )
-from lidarscene.studies.paper.errata import SHORT_PULSE, closed_forms
+from lidarscene.studies.paper.numbers import SHORT_PULSE, closed_forms
 from lidarscene.studies.ranging import plane, statistics
 from lidarscene.studies.ranging.plane import Target
 

@@ -30,7 +30,7 @@ from lidarscene.studies.paper.case import (
     sipm_printed,
     sipm_steady,
 )
-from lidarscene.studies.paper.errata import closed_forms
+from lidarscene.studies.paper.numbers import closed_forms
 from lidarscene.studies.ranging import plane
 
 pytestmark = pytest.mark.fixed_streams

@@ -14,20 +14,13 @@ import pytest
 
 from lidarscene.studies.paper import figures as drawn
 from lidarscene.studies.paper import study
-from lidarscene.studies.paper.claims_model import Claim, claims_of_the_model
-from lidarscene.studies.paper.claims_results import claims_of_the_results
-from lidarscene.studies.paper.errata import Erratum, errata
+from lidarscene.studies.paper.claims import Claim, Erratum, claims_and_errata
 
 
 class Results(NamedTuple):
     figures: list[drawn.PaperFigure]
-    of_the_model: list[Claim]
-    of_the_results: list[Claim]
+    claims: list[Claim]
     errata: list[Erratum]
-
-    @property
-    def claims(self) -> list[Claim]:
-        return [*self.of_the_model, *self.of_the_results]
 
     def figure(self, file: str) -> drawn.PaperFigure:
         (one,) = (figure for figure in self.figures if figure.file == file)
@@ -45,7 +38,7 @@ def results() -> Results:
 
 def computed() -> Results:
     """Computed here, and kept for the others."""
-    found = Results(drawn.figures(), claims_of_the_model(), claims_of_the_results(), errata())
+    found = Results(drawn.figures(), *claims_and_errata())
     with tempfile.NamedTemporaryFile(dir=_kept().parent, delete=False) as file:
         file.write(pickle.dumps(found))
     Path(file.name).replace(_kept())
@@ -58,9 +51,6 @@ def _kept() -> Path:
 
 def use(patch: pytest.MonkeyPatch, known: Results) -> None:
     """The study finds these, which are its own: it asks the same functions."""
-    asked = study.figures, study.claims_of_the_model, study.claims_of_the_results, study.errata
-    assert asked == (drawn.figures, claims_of_the_model, claims_of_the_results, errata)
+    assert (study.figures, study.claims_and_errata) == (drawn.figures, claims_and_errata)
     patch.setattr(study, "figures", lambda: known.figures)
-    patch.setattr(study, "claims_of_the_model", lambda: known.of_the_model)
-    patch.setattr(study, "claims_of_the_results", lambda: known.of_the_results)
-    patch.setattr(study, "errata", lambda: known.errata)
+    patch.setattr(study, "claims_and_errata", lambda: (known.claims, known.errata))

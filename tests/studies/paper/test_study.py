@@ -10,8 +10,8 @@ from scipy.constants import c, e, h, k
 
 from lidarscene.figures.page import Page
 from lidarscene.studies.paper import case, study
-from lidarscene.studies.paper.claims_model import FAILS, HOLDS
-from lidarscene.studies.paper.errata import closed_forms
+from lidarscene.studies.paper.claims import FAILS, HOLDS
+from lidarscene.studies.paper.numbers import closed_forms
 
 PHOTON = h * c / 905e-9
 

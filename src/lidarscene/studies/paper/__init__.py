@@ -4,9 +4,9 @@ X. Guo, "Ranging Performance Analysis in Automotive DToF Lidars". Every claim an
 the derivation differs from the print both are shown.
 
 case            Table 1: two sensors and a target
-claims_model    claims about the model
-claims_results  claims about the results
-errata          where the print differs from the derivation
+sentences.toml  claims and errata, in our words
+numbers         the numbers behind them
+claims          sentences with numbers and verdicts
 figures         its figures
 study           all of it
 """

@@ -16,9 +16,7 @@ from ...figures import lines as charts
 from ...figures.page import Page
 from ...files.atomic import atomic_folder, put_text, require_writable
 from ...files.json_text import json_text
-from .claims_model import HOLDS, Claim, claims_of_the_model
-from .claims_results import claims_of_the_results
-from .errata import Erratum, errata
+from .claims import HOLDS, Claim, Erratum, claims_and_errata
 from .figures import PaperFigure, figures
 
 PAGES = ("index.md", "index.html")
@@ -54,23 +52,21 @@ def write(
 ) -> str:
     """Write all figures and both pages; returns the text to print. Raises OutputError.
 
-    progress  told (done, total) of the steps: what is computed, and each figure that is drawn
+    progress  called with (done, total) steps: what is computed, and each figure that is drawn
     """
     for name in file_names():
         require_writable(folder / name)
-    computed, total = 3, 3 + len(file_names()[len(PAGES) :: 3])
+    computed, total = 2, 2 + len(file_names()[len(PAGES) :: 3])
     progress(0, total)
     drawn = figures()
     progress(1, total)
-    claims = [*claims_of_the_model(), *claims_of_the_results()]
-    progress(2, total)
-    mistakes = errata()
+    claims, errata = claims_and_errata()
     progress(computed, total)
-    page = _page(drawn, claims, mistakes)
+    page = _page(drawn, claims, errata)
     with atomic_folder(folder) as temporary:
-        for done, one in enumerate(drawn, start=computed + 1):
-            charts.save(one.chart, [temporary / f"{one.file}.png", temporary / f"{one.file}.svg"])
-            put_text(temporary / f"{one.file}.csv", _csv(one))
+        for done, figure in enumerate(drawn, start=computed + 1):
+            charts.save(figure.chart, [temporary / f"{figure.file}.png", temporary / f"{figure.file}.svg"])
+            put_text(temporary / f"{figure.file}.csv", _csv(figure))
             progress(done, total)
         put_text(temporary / PAGES[0], page.as_markdown())
         put_text(temporary / PAGES[1], page.as_html())
@@ -78,27 +74,27 @@ def write(
         return json_text(
             {
                 "claims": [asdict(c) for c in claims],
-                "errata": [asdict(e) for e in mistakes],
+                "errata": [asdict(e) for e in errata],
                 "files": [str(folder / name) for name in file_names()],
             }
         )
-    return _printed(folder, claims, mistakes)
+    return _printed(folder, claims, errata)
 
 
-def _csv(one: PaperFigure) -> str:
+def _csv(figure: PaperFigure) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(one.header)
-    writer.writerows([f"{value:.10g}" for value in row] for row in zip(*one.columns, strict=True))
+    writer.writerow(figure.header)
+    writer.writerows([f"{value:.10g}" for value in row] for row in zip(*figure.columns, strict=True))
     return out.getvalue()
 
 
-def _page(drawn: list[PaperFigure], claims: list[Claim], mistakes: list[Erratum]) -> Page:
+def _page(drawn: list[PaperFigure], claims: list[Claim], errata: list[Erratum]) -> Page:
     page = Page("Ranging performance analysis: figures, claims, errata")
     page.paragraph(INTRODUCTION)
     page.heading("Figures")
-    for one in drawn:
-        page.figure(name=one.file, number=one.number, caption=one.caption)
+    for figure in drawn:
+        page.figure(name=figure.file, number=figure.number, caption=figure.caption)
     page.paragraph(SCANNER)
     page.heading("Claims")
     page.table(
@@ -106,17 +102,17 @@ def _page(drawn: list[PaperFigure], claims: list[Claim], mistakes: list[Erratum]
     )
     page.heading("Errata")
     page.table(
-        ("place", "printed", "derived", "size at Table 1"), [(e.place, e.printed, e.derived, e.size) for e in mistakes]
+        ("place", "printed", "derived", "size at Table 1"), [(e.place, e.printed, e.derived, e.size) for e in errata]
     )
     return page
 
 
-def _printed(folder: Path, claims: list[Claim], mistakes: list[Erratum]) -> str:
+def _printed(folder: Path, claims: list[Claim], errata: list[Erratum]) -> str:
     """A line for each claim that does not simply hold, and where to read more."""
     verdicts = Counter(c.verdict == HOLDS for c in claims)
-    hold, rest = verdicts[True], verdicts[False]
-    lines = [f"{len(claims)} claims of the text: {hold} hold; {rest} with a limit, in part or not at all:"]
+    hold, limited = verdicts[True], verdicts[False]
+    lines = [f"{len(claims)} claims of the text: {hold} hold; {limited} with a limit, in part or not at all:"]
     lines += [f"  {c.place}: {c.says} ({c.verdict})" for c in claims if c.verdict != HOLDS]
-    lines.append(f"{len(mistakes)} errata, 7 figures")
+    lines.append(f"{len(errata)} errata, 7 figures")
     lines.append(f"wrote {folder / PAGES[0]}, {folder / PAGES[1]} and the figures beside them")
     return "\n".join(lines)
