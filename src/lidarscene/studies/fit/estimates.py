@@ -85,15 +85,15 @@ class Solved:
     def covariance(self) -> Numbers:
         """(p, p) Fisher's; infinite where H has no inverse."""
         inverse = _inverse(self.slope)
-        found = inverse if self.meat is None else inverse @ self.meat @ inverse.T
-        return np.asarray(found if self.beside is None else found + self.beside)
+        covariance = inverse if self.meat is None else inverse @ self.meat @ inverse.T
+        return np.asarray(covariance if self.beside is None else covariance + self.beside)
 
     def drawn(self, seed: int = 0) -> Numbers:
         """(DRAWS, p) solutions of resampled blocks."""
         blocks = len(self.scores)
         random = np.random.default_rng(seed)
-        times = random.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=DRAWS)
-        return np.asarray(self.value + (times - 1.0) @ self.scores @ _inverse(self.slope).T)
+        counts = random.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=DRAWS)
+        return np.asarray(self.value + (counts - 1.0) @ self.scores @ _inverse(self.slope).T)
 
     @property
     def bootstrap(self) -> Numbers:
@@ -101,8 +101,8 @@ class Solved:
         blocks = len(self.scores)
         if blocks < 2 or not np.isfinite(_inverse(self.slope)).all():
             return np.full_like(self.slope, np.inf)
-        found = np.atleast_2d(np.cov(self.drawn(), rowvar=False)) * (blocks / (blocks - 1.0))
-        return np.asarray(found if self.beside is None else found + self.beside)
+        covariance = np.atleast_2d(np.cov(self.drawn(), rowvar=False)) * (blocks / (blocks - 1.0))
+        return np.asarray(covariance if self.beside is None else covariance + self.beside)
 
     def estimate(self, key: str, unit: str, formula: Callable[[Numbers], float]) -> Estimate:
         """A number that follows from the parameters, its sigma by the formula's slopes."""
@@ -115,8 +115,8 @@ class Solved:
             ]
         )
         with np.errstate(invalid="ignore"):
-            variances = [slopes @ one @ slopes for one in (self.covariance, self.bootstrap)]
-        fisher, bootstrap = (float(np.sqrt(max(one, 0.0))) if np.isfinite(one) else np.inf for one in variances)
+            variances = [slopes @ covariance @ slopes for covariance in (self.covariance, self.bootstrap)]
+        fisher, bootstrap = (float(np.sqrt(max(variance, 0.0))) if np.isfinite(variance) else np.inf for variance in variances)
         return Estimate(key=key, value=centre, unit=unit, fisher=fisher, bootstrap=bootstrap)
 
     @property
@@ -148,10 +148,10 @@ def least_squares(
     value, count, damping = np.clip(start, low, high), 1, 1e-3
     residual = law(value)
 
-    def differences(at: Numbers) -> Numbers:
+    def differences(values: Numbers) -> Numbers:
         step = 1e-3 * (high - low)
-        step = np.where(at + step > high, -step, step)
-        return np.column_stack([(law(at + move) - residual) / h for move, h in zip(np.diag(step), step, strict=True)])
+        step = np.where(values + step > high, -step, step)
+        return np.column_stack([(law(values + move) - residual) / h for move, h in zip(np.diag(step), step, strict=True)])
 
     per_slope = len(value) if slopes is None else 1
     slope = (slopes or differences)(value)
@@ -159,12 +159,12 @@ def least_squares(
     while count < MOST_EVALUATIONS - per_slope:
         normal = slope.T @ slope
         step = np.linalg.lstsq(normal + damping * np.diag(np.diag(normal) + 1e-12), -slope.T @ residual, rcond=None)[0]
-        tried = np.clip(value + step, low, high)
-        moved = np.abs(tried - value) / (high - low)
-        after = law(tried)
+        candidate = np.clip(value + step, low, high)
+        moved = np.abs(candidate - value) / (high - low)
+        candidate_residual = law(candidate)
         count += 1
-        if after @ after < residual @ residual:
-            value, residual, damping = tried, after, damping * 0.2
+        if candidate_residual @ candidate_residual < residual @ residual:
+            value, residual, damping = candidate, candidate_residual, damping * 0.2
             slope = (slopes or differences)(value)
             count += per_slope
         else:

@@ -118,20 +118,20 @@ class Scene:
         if isinstance(light, EchoTrain) and any(part.count != 1 for part in light.parts):
             raise ValueError("light: must be of one ray a pulse, got several")
         parts = light.parts if isinstance(light, EchoTrain) else (light,)
-        there = np.asarray(light.found)
-        powers = np.stack([np.asarray(part.peak_power_w, np.float64)[there] for part in parts])
+        mask = np.asarray(light.found)
+        powers = np.stack([np.asarray(part.peak_power_w, np.float64)[mask] for part in parts])
         strongest = np.argmax(powers, axis=0)[None]
-        ranges = np.stack([np.asarray(part.range_m, np.float64)[there] for part in parts])
-        range_m, power_w = (np.take_along_axis(one, strongest, axis=0)[0] for one in (ranges, powers))
+        ranges = np.stack([np.asarray(part.range_m, np.float64)[mask] for part in parts])
+        range_m, power_w = (np.take_along_axis(columns, strongest, axis=0)[0] for columns in (ranges, powers))
         overlap = sensor.optics.overlap
-        seen = 1.0 if overlap is None else np.asarray(overlap.share(range_m))
-        background = np.broadcast_to(np.asarray(light.background_power_w, np.float64), there.shape)
+        detected_share = 1.0 if overlap is None else np.asarray(overlap.share(range_m))
+        background = np.broadcast_to(np.asarray(light.background_power_w, np.float64), mask.shape)
         return cls(
             sensor=sensor,
             range_m=range_m,
-            power_w=power_w / seen,
-            background_w=background[there],
-            group=np.asarray(group)[there],
+            power_w=power_w / detected_share,
+            background_w=background[mask],
+            group=np.asarray(group)[mask],
             spot_over_field=spot_over_field,
         )
 
@@ -178,7 +178,7 @@ def expected(scene: Scene, parameters: Mapping[str, Lanes], reflectivity: Number
     def lanes(values: Numbers) -> Lanes:
         return type(like)(np.ascontiguousarray(values)) if is_drjit(like) else values
 
-    def grown(name: str) -> Lanes:
+    def factor(name: str) -> Lanes:
         if name in parameters:
             return ops.exp(parameters[name])
         # NumPy's numbers and Dr.Jit's arrays do not mix: all are of one kind.
@@ -186,22 +186,22 @@ def expected(scene: Scene, parameters: Mapping[str, Lanes], reflectivity: Number
 
     sensor = scene.sensor
     for name, (part, field) in IN_SENSOR.items():
-        own = getattr(sensor, part)
-        sensor = replace(sensor, **{part: replace(own, **{field: float(getattr(own, field)) * grown(name)})})
-    floor_m = scene.floor_m * grown("scatter_floor")
+        component = getattr(sensor, part)
+        sensor = replace(sensor, **{part: replace(component, **{field: float(getattr(component, field)) * factor(name)})})
+    floor_m = scene.floor_m * factor("scatter_floor")
     if "detector.jitter_ps" in parameters:
         detector: Any = sensor.detector
-        detector = replace(detector, jitter_s=scene.jitter_s * grown("detector.jitter_ps"))
+        detector = replace(detector, jitter_s=scene.jitter_s * factor("detector.jitter_ps"))
         sensor = replace(sensor, detector=detector)
     if "histogram.threshold_spread" in parameters:
         histogram: Any = sensor.histogram
-        own = scene.spread if histogram.threshold_spread is None else float(histogram.threshold_spread)
-        histogram = replace(histogram, threshold_spread=own * grown("histogram.threshold_spread"))
+        component = scene.spread if histogram.threshold_spread is None else float(histogram.threshold_spread)
+        histogram = replace(histogram, threshold_spread=component * factor("histogram.threshold_spread"))
         sensor = replace(sensor, histogram=histogram)
-    shared = _shared(scene, lanes(scene.range_m), grown)
+    shared = _shared(scene, lanes(scene.range_m), factor)
     surface = lanes(np.exp(np.asarray(reflectivity) * np.ones_like(scene.range_m)))
-    power = lanes(scene.power_w) * shared * surface * grown("laser.peak_power_w") * grown("optics.efficiency_laser")
-    background = lanes(scene.background_w) * grown("optics.sun_irradiance_w_m2")
+    power = lanes(scene.power_w) * shared * surface * factor("laser.peak_power_w") * factor("optics.efficiency_laser")
+    background = lanes(scene.background_w) * factor("optics.sun_irradiance_w_m2")
     if not scene.light_measured:
         background = background * surface
     point = sensor.working_point(background)
@@ -209,21 +209,21 @@ def expected(scene: Scene, parameters: Mapping[str, Lanes], reflectivity: Number
     signal, level = point.signal(power), sensor.threshold(point)
     # The counts' box has sloping edges, a bin wide, beyond which a little more of the echo lies.
     edge = sensor.histogram.bin_s / pixel.sigma_s  # type: ignore[union-attr]
-    wider = 1.0 + edge * edge / 12.0
-    captured = (1.0 - 2.0 * normal_tail(BOX / xp(wider).sqrt(wider))) / BOX_SHARE
-    told = signal * captured
+    widening = 1.0 + edge * edge / 12.0
+    captured = (1.0 - 2.0 * normal_tail(BOX / xp(widening).sqrt(widening))) / BOX_SHARE
+    captured_signal = signal * captured
     counted = pixel.count_rate_hz * (2.0 * BOX * pixel.sigma_s)
     rate, _ = sensor.background_counts(background)
     chance = (1.0 - scene.strangers) * _chance(point, level, signal, scene.texture) + 0.5 * scene.strangers
     return Expected(
-        signal=told,
+        signal=captured_signal,
         chance=chance,
         near_ir=rate * sensor.tdc.ambient_s,
         level=level,
         fired=-point.kappa_2 / point.kappa_1 * signal,
         # Binomial: each SPAD fires once, and -kappa_2 / kappa_1 is one over how many there are.
-        variance=(told + counted / BOX_SHARE) / BOX_SHARE
-        + (point.kappa_2 / point.kappa_1 + scene.texture**2) * told * told,
+        variance=(captured_signal + counted / BOX_SHARE) / BOX_SHARE
+        + (point.kappa_2 / point.kappa_1 + scene.texture**2) * captured_signal * captured_signal,
         sigma_m=_sigma_m(signal, pixel, floor_m),
     )
 
@@ -239,13 +239,13 @@ def _chance(point: WorkingPoint, level: Lanes, signal: Lanes, texture: float) ->
     return total
 
 
-def _shared(scene: Scene, range_m: Lanes, grown: Callable[[str], Lanes]) -> Lanes:
+def _shared(scene: Scene, range_m: Lanes, factor: Callable[[str], Lanes]) -> Lanes:
     """Share of the light on the detector, at these ranges."""
     if scene.spot_over_field is None:
         overlap = scene.sensor.optics.overlap
-        return 1.0 + 0.0 * range_m if overlap is None else overlap.share(range_m / grown("near_field_m"))
+        return 1.0 + 0.0 * range_m if overlap is None else overlap.share(range_m / factor("near_field_m"))
     return share(
-        range_m / (near_field_m(scene.sensor) * grown("near_field_m")), scene.spot_over_field * grown("spot_over_field")
+        range_m / (near_field_m(scene.sensor) * factor("near_field_m")), scene.spot_over_field * factor("spot_over_field")
     )
 
 
@@ -258,8 +258,8 @@ def _sigma_m(signal: Lanes, pixel: Macropixel, floor_m: Lanes) -> Lanes:
     w = width_of_place(sigma_s, pixel.histogram.bin_s)
     ops = xp(signal, sigma_s)
     relative = scatter_over_sigma(w)
-    own = relative * relative * (1.0 + SECOND_ORDER / signal) / signal
-    around = 1.0 + 1.0 / (w * w)
-    noise = rate_hz * sigma_s * (0.5 * math.sqrt(math.pi)) * (w * around) ** 3 / (signal * signal)
+    photon_variance = relative * relative * (1.0 + SECOND_ORDER / signal) / signal
+    shape = 1.0 + 1.0 / (w * w)
+    background_variance = rate_hz * sigma_s * (0.5 * math.sqrt(math.pi)) * (w * shape) ** 3 / (signal * signal)
     scale_m = 0.5 * SPEED_OF_LIGHT_M_S * sigma_s
-    return ops.sqrt(scale_m * scale_m * (own + noise) + floor_m * floor_m)
+    return ops.sqrt(scale_m * scale_m * (photon_variance + background_variance) + floor_m * floor_m)

@@ -114,7 +114,7 @@ def fit_known(
     *,
     reflectivity_sigma: float = np.inf,
     start: KnownFit | None = None,
-    most: int = MOST_EVALUATIONS,
+    max_evaluations: int = MOST_EVALUATIONS,
 ) -> KnownFit:
     """Find the parameters of these names.
 
@@ -122,18 +122,18 @@ def fit_known(
     start               what was found before, with another texture; None: the scene's sensor
     most                evaluations of the likelihood
     """
-    weight = 0.0 if np.isinf(reflectivity_sigma) else reflectivity_sigma**-2
+    prior_weight = 0.0 if np.isinf(reflectivity_sigma) else reflectivity_sigma**-2
     active, values = list(names), dict.fromkeys(names, 0.0)
     surfaces = np.zeros(int(scene.group.max()) + 1) if start is None else start.reflectivity
     if start is not None:
         values |= start.values
     strong = _strong(scene, reported, values, surfaces)
-    step, evaluations = _step(scene, reported, values, surfaces, strong, weight), 1
+    step, evaluations = _step(scene, reported, values, surfaces, strong, prior_weight), 1
     held: list[str] = []
     null: list[str] = []
     active, held, null = _told_apart(step, names, active, held, null)
     damping, last_size = 1.0, np.inf
-    while evaluations < most:
+    while evaluations < max_evaluations:
         rows = [list(names).index(name) for name in active]
         matrix = step.matrix[np.ix_(rows, rows)]
         move = np.linalg.solve(matrix, step.score[rows])
@@ -145,28 +145,28 @@ def fit_known(
         last_size, size = size, damping * size
         # Each for itself: one that runs off must not hold up the others.
         move = np.clip(damping * move, -LONGEST_STEP, LONGEST_STEP)
-        whole = np.zeros(len(names))
-        whole[rows] = move
+        all_moves = np.zeros(len(names))
+        all_moves[rows] = move
         surfaces = surfaces + np.clip(
-            (damping * step.of_groups - step.cross.T @ whole) / step.own, -LONGEST_STEP, LONGEST_STEP
+            (damping * step.of_groups - step.cross.T @ all_moves) / step.own, -LONGEST_STEP, LONGEST_STEP
         )
-        for name, one in zip(active, move, strict=True):
-            values[name] += float(one)
-        gone = [name for name in active if abs(values[name]) > FARTHEST]
-        null += [f"{name}: alone, beyond a factor of {math.exp(FARTHEST):.0f}" for name in gone]
-        values |= {name: 0.0 for name in gone if name not in MAY_VANISH}
-        held += gone
-        active = [name for name in active if name not in gone]
+        for name, change in zip(active, move, strict=True):
+            values[name] += float(change)
+        runaway = [name for name in active if abs(values[name]) > FARTHEST]
+        null += [f"{name}: alone, beyond a factor of {math.exp(FARTHEST):.0f}" for name in runaway]
+        values |= {name: 0.0 for name in runaway if name not in MAY_VANISH}
+        held += runaway
+        active = [name for name in active if name not in runaway]
         if evaluations in (3, 6):  # which returns are strong is settled early, and then stays
             strong = _strong(scene, reported, values, surfaces)
-        step = _step(scene, reported, values, surfaces, strong, weight)
+        step = _step(scene, reported, values, surfaces, strong, prior_weight)
         evaluations += 1
         if size < DONE and evaluations > SETTLED:
-            left, held, null = _told_apart(step, names, active, held, null)
-            if left == active:
+            determined, held, null = _told_apart(step, names, active, held, null)
+            if determined == active:
                 break
-            values |= {name: 0.0 for name in active if name not in left}
-            active = left
+            values |= {name: 0.0 for name in active if name not in determined}
+            active = determined
     rows = [list(names).index(name) for name in active]
     block = np.arange(len(scene.range_m)) * BLOCKS // len(scene.range_m)
     scores = np.array([np.bincount(block, step.each[:, row]) for row in rows]).reshape(len(rows), -1).T
@@ -188,12 +188,12 @@ def _beside(matrix: Numbers, rows: Sequence[int], held: Sequence[int]) -> Number
     A held one may be off by as much as it is not known, a factor of e or what the recording says if that is better; the
     others then move along. Those that come in a product alone are held by agreement and add nothing.
     """
-    own = matrix[np.ix_(rows, rows)]
-    drag = np.linalg.solve(own, matrix[np.ix_(rows, held)])
-    left = matrix[np.ix_(held, held)] - matrix[np.ix_(held, rows)] @ drag
-    told = np.diag(left) > PRODUCT * np.diag(matrix)[held]
-    drag, left = drag[:, told], left[np.ix_(told, told)]
-    return np.asarray(drag @ np.linalg.solve(left + np.eye(len(left)) * UNKNOWN**-2, drag.T))
+    free_matrix = matrix[np.ix_(rows, rows)]
+    drag = np.linalg.solve(free_matrix, matrix[np.ix_(rows, held)])
+    held_matrix = matrix[np.ix_(held, held)] - matrix[np.ix_(held, rows)] @ drag
+    independent = np.diag(held_matrix) > PRODUCT * np.diag(matrix)[held]
+    drag, held_matrix = drag[:, independent], held_matrix[np.ix_(independent, independent)]
+    return np.asarray(drag @ np.linalg.solve(held_matrix + np.eye(len(held_matrix)) * UNKNOWN**-2, drag.T))
 
 
 def _told_apart(
@@ -203,14 +203,14 @@ def _told_apart(
     while True:
         rows = [list(names).index(name) for name in active]
         eigenvalues, vectors = np.linalg.eigh(step.matrix[np.ix_(rows, rows)])
-        lost = eigenvalues < UNKNOWN**-2
-        if not lost.any():
+        undetermined = eigenvalues < UNKNOWN**-2
+        if not undetermined.any():
             return active, held, null
         # The same space by directions that have one parameter each for their own, the last ones first.
-        directions, pivots = reduced(vectors[:, lost].T[:, ::-1])
-        directions, own = directions[:, ::-1], [len(active) - 1 - pivot for pivot in pivots]
-        null = null + [_told(active, one, pivot) for one, pivot in zip(directions, own, strict=False)]
-        held = held + [active[pivot] for pivot in own]
+        directions, pivots = reduced(vectors[:, undetermined].T[:, ::-1])
+        directions, last_columns = directions[:, ::-1], [len(active) - 1 - pivot for pivot in pivots]
+        null = null + [_told(active, direction, pivot) for direction, pivot in zip(directions, last_columns, strict=False)]
+        held = held + [active[pivot] for pivot in last_columns]
         active = [name for name in active if name not in held]
 
 
@@ -230,18 +230,18 @@ def slopes_of(
 
     exact  by Dr.Jit, where there is a back end; else by central differences
     """
-    ahead = surfaces[scene.group]
+    reflectivity = surfaces[scene.group]
 
-    def formula(at: Mapping[str, Lanes]) -> list[Lanes]:
-        now = expected(scene, at, ahead)
-        return [now.signal, now.chance, now.near_ir, now.sigma_m]
+    def formula(parameters: Mapping[str, Lanes]) -> list[Lanes]:
+        prediction = expected(scene, parameters, reflectivity)
+        return [prediction.signal, prediction.chance, prediction.near_ir, prediction.sigma_m]
 
-    now = expected(scene, values, ahead)
+    prediction = expected(scene, values, reflectivity)
     if exact:
         from ...kernel.device import gradients
 
         try:
-            return now, gradients.jacobian(formula, values)[1]
+            return prediction, gradients.jacobian(formula, values)[1]
         except BackendError:
             pass
     step = 1e-4
@@ -249,64 +249,64 @@ def slopes_of(
     for name, value in values.items():
         above, below = (formula({**values, name: value + sign * step}) for sign in (1.0, -1.0))
         slopes[name] = [np.asarray((a - b) / (2.0 * step)) for a, b in zip(above, below, strict=True)]
-    return now, slopes
+    return prediction, slopes
 
 
 def _strong(scene: Scene, reported: Reported, values: Mapping[str, float], surfaces: Numbers) -> Numbers:
-    now = expected(scene, values, surfaces[scene.group])
-    told = np.isfinite(reported.signal) & np.isfinite(reported.range_m)
-    return np.asarray((now.signal > STRONG * now.level) & (now.fired < MOST_FIRED) & told)
+    prediction = expected(scene, values, surfaces[scene.group])
+    finite = np.isfinite(reported.signal) & np.isfinite(reported.range_m)
+    return np.asarray((prediction.signal > STRONG * prediction.level) & (prediction.fired < MOST_FIRED) & finite)
 
 
 def _step(
-    scene: Scene, reported: Reported, values: Mapping[str, float], surfaces: Numbers, strong: Numbers, weight: float
+    scene: Scene, reported: Reported, values: Mapping[str, float], surfaces: Numbers, strong: Numbers, prior_weight: float
 ) -> _Step:
     """Scores and Fisher's matrix, reflectivities profiled out."""
-    now, slopes = slopes_of(scene, values, surfaces)
-    said = 1.0 - strong
-    chance = np.clip(now.chance, LEAST_CHANCE, 1.0 - LEAST_CHANCE)
-    signal = np.where(strong, np.nan_to_num(reported.signal) - now.signal, 0.0)
-    fair = np.minimum(1.0, HUBER * np.sqrt(now.variance) / np.maximum(np.abs(signal), 1e-12))
-    light = np.isfinite(reported.near_ir)
-    apart = np.where(strong, (np.nan_to_num(reported.range_m) - scene.range_m) / now.sigma_m, 0.0)
-    near = strong & (np.abs(apart) < OUTLIER)
-    squares = np.where(near, np.minimum(apart * apart, FARTHEST_SQUARE) / MEAN_SQUARE - 1.0, 0.0)
+    prediction, slopes = slopes_of(scene, values, surfaces)
+    chance_mask = 1.0 - strong
+    chance = np.clip(prediction.chance, LEAST_CHANCE, 1.0 - LEAST_CHANCE)
+    signal = np.where(strong, np.nan_to_num(reported.signal) - prediction.signal, 0.0)
+    huber_weight = np.minimum(1.0, HUBER * np.sqrt(prediction.variance) / np.maximum(np.abs(signal), 1e-12))
+    near_ir_mask = np.isfinite(reported.near_ir)
+    range_sigmas = np.where(strong, (np.nan_to_num(reported.range_m) - scene.range_m) / prediction.sigma_m, 0.0)
+    near_mask = strong & (np.abs(range_sigmas) < OUTLIER)
+    square_excess = np.where(near_mask, np.minimum(range_sigmas * range_sigmas, FARTHEST_SQUARE) / MEAN_SQUARE - 1.0, 0.0)
     # Residual and weight of signal, chance, background and scatter: the score of each is slope x residual x weight.
     residuals = (
         signal,
         reported.kept - chance,
-        np.where(light, reported.near_ir - now.near_ir, 0.0),
-        squares * (_SLOPE / _VARIANCE) * now.sigma_m,
+        np.where(near_ir_mask, reported.near_ir - prediction.near_ir, 0.0),
+        square_excess * (_SLOPE / _VARIANCE) * prediction.sigma_m,
     )
     weights = (
-        strong * fair / now.variance,
-        said / (chance * (1.0 - chance)),
-        light / np.maximum(now.near_ir, 1.0),
-        near / now.sigma_m**2,
+        strong * huber_weight / prediction.variance,
+        chance_mask / (chance * (1.0 - chance)),
+        near_ir_mask / np.maximum(prediction.near_ir, 1.0),
+        near_mask / prediction.sigma_m**2,
     )
     information = (1.0, 1.0, 1.0, _SLOPE**2 / _VARIANCE)
     n, groups = len(scene.range_m), len(surfaces)
-    each, each_surface = np.zeros((n, len(values))), np.zeros(n)
-    matrix, cross, own = np.zeros((len(values),) * 2), np.zeros((len(values), groups)), np.zeros(groups)
+    pulse_scores, pulse_surface_scores = np.zeros((n, len(values))), np.zeros(n)
+    matrix, cross, surface_curvature = np.zeros((len(values),) * 2), np.zeros((len(values), groups)), np.zeros(groups)
     power, sun = slopes["laser.peak_power_w"], slopes.get("optics.sun_irradiance_w_m2")
-    for kind, (residual, part, factor) in enumerate(zip(residuals, weights, information, strict=True)):
+    for kind, (residual, kind_weight, factor) in enumerate(zip(residuals, weights, information, strict=True)):
         slope = np.column_stack([slopes[name][kind] for name in values])
         surface = power[kind] + (0.0 if sun is None else sun[kind])
-        each += slope * (residual * part)[:, None]
-        each_surface += surface * residual * part
-        weighted = slope * (factor * part)[:, None]
+        pulse_scores += slope * (residual * kind_weight)[:, None]
+        pulse_surface_scores += surface * residual * kind_weight
+        weighted = slope * (factor * kind_weight)[:, None]
         matrix += weighted.T @ slope
         for row in range(len(values)):
             cross[row] += np.bincount(scene.group, weighted[:, row] * surface, minlength=groups)
-        own += np.bincount(scene.group, factor * part * surface**2, minlength=groups)
-    own = own + weight + 1e-9
-    of_groups = np.bincount(scene.group, each_surface, minlength=groups) - weight * surfaces
-    profiled = cross / own
+        surface_curvature += np.bincount(scene.group, factor * kind_weight * surface**2, minlength=groups)
+    surface_curvature = surface_curvature + prior_weight + 1e-9
+    surface_score = np.bincount(scene.group, pulse_surface_scores, minlength=groups) - prior_weight * surfaces
+    profiled = cross / surface_curvature
     return _Step(
-        score=each.sum(axis=0) - profiled @ of_groups,
+        score=pulse_scores.sum(axis=0) - profiled @ surface_score,
         matrix=matrix - profiled @ cross.T,
-        each=each - each_surface[:, None] * profiled.T[scene.group],
-        of_groups=of_groups,
+        each=pulse_scores - pulse_surface_scores[:, None] * profiled.T[scene.group],
+        of_groups=surface_score,
         cross=cross,
-        own=own,
+        own=surface_curvature,
     )

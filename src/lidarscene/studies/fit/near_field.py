@@ -92,13 +92,13 @@ class NearField:
     @property
     def estimates(self) -> tuple[Estimate, ...]:
         """K, R0, and of one lens spot over field of view."""
-        both = (
+        range_estimates = (
             self.solved.estimate("white_m2", "photons m2", lambda p: math.exp(p[0])),
             self.solved.estimate("near_field_m", "m", lambda p: math.exp(p[1])),
         )
         if self.own is not None:
-            return both
-        return (*both, self.solved.estimate("spot_over_field", "", lambda p: math.exp(p[2])))
+            return range_estimates
+        return (*range_estimates, self.solved.estimate("spot_over_field", "", lambda p: math.exp(p[2])))
 
 
 def share(range_over_r0: Lanes, spot_over_field: Lanes) -> Lanes:
@@ -130,18 +130,18 @@ def _spot(sensor: Sensor) -> float:
 def _one_lens(sensor: Sensor) -> bool:
     overlap, places = sensor.optics.overlap, np.geomspace(0.1, 10.0, 40)
     assert overlap is not None
-    own = np.asarray(overlap.share(places * near_field_m(sensor)))
-    law = np.asarray(share(places, float(np.clip(_spot(sensor), *SPOTS))))
-    return bool(np.abs(own / own[-1] * law[-1] - law).max() < SAME_LAW)
+    sensor_share = np.asarray(overlap.share(places * near_field_m(sensor)))
+    lens_share = np.asarray(share(places, float(np.clip(_spot(sensor), *SPOTS))))
+    return bool(np.abs(sensor_share / sensor_share[-1] * lens_share[-1] - lens_share).max() < SAME_LAW)
 
 
-def _law(own: Curve | None, p: Numbers, x: Numbers) -> Numbers:
+def _law(sensor_curve: Curve | None, p: Numbers, x: Numbers) -> Numbers:
     ratio = np.exp(x - p[1])
-    return np.asarray(p[0] + np.log(share(ratio, np.exp(p[2])) if own is None else own(ratio)))
+    return np.asarray(p[0] + np.log(share(ratio, np.exp(p[2])) if sensor_curve is None else sensor_curve(ratio)))
 
 
-def _residuals(own: Curve | None, root: Numbers, x: Numbers, y: Numbers, p: Numbers) -> Numbers:
-    return np.asarray((y - _law(own, p, x)) * root)
+def _residuals(sensor_curve: Curve | None, root: Numbers, x: Numbers, y: Numbers, p: Numbers) -> Numbers:
+    return np.asarray((y - _law(sensor_curve, p, x)) * root)
 
 
 def fit_near_field(pulses: Pulses, sensor: Sensor | None = None) -> NearField | None:
@@ -162,32 +162,32 @@ def fit_near_field(pulses: Pulses, sensor: Sensor | None = None) -> NearField | 
     far = float(np.median(np.sort(y)[-max(len(y) // 3, 3) :]))
     knee = float(x[np.argmin(np.abs(y - far + math.log(2.0)))])
     start, misfit, evaluations = np.array([far, knee, math.log(0.35)]), 0.05, 0
-    own = None if sensor is None else own_curve(sensor)
-    if sensor is not None and own is not None:
+    sensor_curve = None if sensor is None else own_curve(sensor)
+    if sensor is not None and sensor_curve is not None:
         knee = math.log(near_field_m(sensor))
         start = np.array([far, knee])
-        low, high = (np.array([one[0], knee + way]) for one, way in ((low, -LONGEST_STRETCH), (high, LONGEST_STRETCH)))
+        low, high = (np.array([bounds[0], knee + reach]) for bounds, reach in ((low, -LONGEST_STRETCH), (high, LONGEST_STRETCH)))
     weight = np.ones_like(y)
     value, slope = start, np.zeros((len(y), len(start)))
     for _ in range(4):  # the misfit and the weights follow from the residuals, which follow from the weights
         root = np.sqrt(weight) / np.sqrt(sigma**2 + misfit**2)
-        value, slope, count = least_squares(partial(_residuals, own, root, x, y), value, low, high)
+        value, slope, count = least_squares(partial(_residuals, sensor_curve, root, x, y), value, low, high)
         evaluations = max(evaluations, count)
-        residual = y - _law(own, value, x)
+        residual = y - _law(sensor_curve, value, x)
         excess = np.median(np.abs(residual)) * 1.4826
         misfit = math.sqrt(max(excess**2 - float(np.median(sigma)) ** 2, 1e-6**2))
         weight = np.minimum(1.0, HUBER * np.sqrt(sigma**2 + misfit**2) / np.maximum(np.abs(residual), 1e-12))
     root = np.sqrt(weight) / np.sqrt(sigma**2 + misfit**2)
     # Each block's part of the mean of a bin, times the bin's slope: its score.
-    apart = np.divide(sums - counts * _law(own, value, x), counts.sum(axis=0))
-    scores = (apart * root) @ -slope
+    block_residuals = np.divide(sums - counts * _law(sensor_curve, value, x), counts.sum(axis=0))
+    scores = (block_residuals * root) @ -slope
     solved = Solved(value=value, slope=slope.T @ slope, scores=scores, evaluations=evaluations)
     return NearField(
         range_m=np.exp(x),
         white_m2=np.exp(y),
         sigma=sigma,
         misfit=misfit,
-        own=own,
+        own=sensor_curve,
         solved=solved,
         check_range_m=np.exp(check[0]),
         check_white_m2=np.exp(check[1]),
@@ -205,28 +205,28 @@ def _bins(pulses: Pulses) -> tuple[Numbers, Numbers, Numbers, Numbers, Numbers] 
     x = np.log(pulses.range_m[mask])
     y = np.log(pulses.signal[mask] * 100.0 / pulses.reflectivity[mask]) + 2.0 * x
     block = pulses.blocks(mask)
-    place = np.floor(x / STEP).astype(int)
-    place -= place.min()
-    middle = _medians(y, place)
-    near = np.abs(y - middle[place]) < OUTLIER
-    x, y, block, place = x[near], y[near], block[near], place[near]
-    enough = np.flatnonzero(np.bincount(place) >= LEAST)
+    bin_index = np.floor(x / STEP).astype(int)
+    bin_index -= bin_index.min()
+    median = _medians(y, bin_index)
+    near_median = np.abs(y - median[bin_index]) < OUTLIER
+    x, y, block, bin_index = x[near_median], y[near_median], block[near_median], bin_index[near_median]
+    enough = np.flatnonzero(np.bincount(bin_index) >= LEAST)
     if len(enough) < LEAST_BINS:
         return None
-    number = np.full(place.max() + 1, -1)
+    number = np.full(bin_index.max() + 1, -1)
     number[enough] = np.arange(len(enough))
-    used = number[place] >= 0
-    x, y, block, place = x[used], y[used], block[used], number[place[used]]
+    in_bin = number[bin_index] >= 0
+    x, y, block, bin_index = x[in_bin], y[in_bin], block[in_bin], number[bin_index[in_bin]]
     # To the middle of its bin, along the bin's own slope: what a pulse adds is then its noise, not its place.
-    n = np.bincount(place)
-    middle_x, middle_y = (np.bincount(place, one) / n for one in (x, y))
-    off = x - middle_x[place]
-    rise = np.bincount(place, off * y) / np.maximum(np.bincount(place, off * off), 1e-12)
-    y = y - rise[place] * off
-    spread = np.sqrt(np.bincount(place, (y - middle_y[place]) ** 2) / n)
+    n = np.bincount(bin_index)
+    middle_x, middle_y = (np.bincount(bin_index, values) / n for values in (x, y))
+    offset = x - middle_x[bin_index]
+    rise = np.bincount(bin_index, offset * y) / np.maximum(np.bincount(bin_index, offset * offset), 1e-12)
+    y = y - rise[bin_index] * offset
+    spread = np.sqrt(np.bincount(bin_index, (y - middle_y[bin_index]) ** 2) / n)
     shape = (int(block.max()) + 1, len(enough))
-    flat = block * shape[1] + place
-    counts, sums = (np.bincount(flat, one, minlength=shape[0] * shape[1]).reshape(shape) for one in (None, y))
+    flat = block * shape[1] + bin_index
+    counts, sums = (np.bincount(flat, weights, minlength=shape[0] * shape[1]).reshape(shape) for weights in (None, y))
     return middle_x, middle_y, np.maximum(spread / np.sqrt(n), 1e-6), sums, counts
 
 

@@ -47,10 +47,10 @@ def scatter_over_sigma(width: Lanes) -> Lanes:
     The variance is int h'^2 s / (int h' s')^2, of filter h and echo s, which is (1 + 1/w^2)^3 (1 + 2/w^2)^(-3/2).
     """
     inverse = 1.0 / (width * width)
-    own, other = 1.0 + inverse, 1.0 + 2.0 * inverse
-    square = own * own * own / other
+    single, double = 1.0 + inverse, 1.0 + 2.0 * inverse
+    square = single * single * single / double
     ops = xp(square)
-    return ops.sqrt(square / ops.sqrt(other))
+    return ops.sqrt(square / ops.sqrt(double))
 
 
 def white_m2(sensor: Sensor) -> float:
@@ -150,7 +150,7 @@ class Products:
         By Gauss's elimination: each free key, and what the pivots do when it grows by 1 %.
         """
         matrix, pivots = reduced(self.exponents)
-        told = []
+        directions = []
         for free, key in enumerate(self.keys):
             if free in pivots:
                 continue
@@ -160,10 +160,10 @@ class Products:
                 if abs(matrix[row, free]) > EXACT
             ]
             if not moves:
-                told.append(f"{key}: alone")
+                directions.append(f"{key}: alone")
                 continue
-            told.append(f"{key} +1 %: " + ", ".join(f"{name} {power:+.2g} %" for name, power in moves))
-        return tuple(told)
+            directions.append(f"{key} +1 %: " + ", ".join(f"{name} {power:+.2g} %" for name, power in moves))
+        return tuple(directions)
 
     @property
     def fixed(self) -> tuple[str, ...]:
@@ -172,23 +172,23 @@ class Products:
         return tuple(key for index, key in enumerate(self.keys) if index not in pivots and key != REFLECTIVITY)
 
 
-def products_of(sensor: Sensor, known: Sequence[str]) -> Products:
+def products_of(sensor: Sensor, quantities: Sequence[str]) -> Products:
     """Of these quantities, at this sensor."""
-    names = tuple(name for name in known if name in QUANTITIES)
-    present = [one for one in KEYS if getattr(sensor, one[1]) is not None]
+    names = tuple(name for name in quantities if name in QUANTITIES)
+    present = [entry for entry in KEYS if getattr(sensor, entry[1]) is not None]
     exponents = np.zeros((len(names), len(present) + 1))
     step = 1e-4
     for column, (_, part, field) in enumerate(present):
         logs = []
         for sign in (1.0, -1.0):
-            own = getattr(sensor, part)
-            moved = replace(own, **{field: getattr(own, field) * math.exp(sign * step)})
+            component = getattr(sensor, part)
+            moved = replace(component, **{field: getattr(component, field) * math.exp(sign * step)})
             varied = replace(sensor, **{part: moved})
             logs.append([math.log(QUANTITIES[name](varied)) for name in names])
         exponents[:, column] = (np.array(logs[0]) - np.array(logs[1])) / (2.0 * step)
     if "white_m2" in names:
         exponents[names.index("white_m2"), -1] = 1.0
-    return Products(keys=(*(one[0] for one in present), REFLECTIVITY), known=names, exponents=exponents)
+    return Products(keys=(*(entry[0] for entry in present), REFLECTIVITY), known=names, exponents=exponents)
 
 
 def reduced(exponents: Numbers) -> tuple[Numbers, list[int]]:
@@ -203,9 +203,9 @@ def reduced(exponents: Numbers) -> tuple[Numbers, list[int]]:
             continue
         matrix[[row, best]] = matrix[[best, row]]
         matrix[row] /= matrix[row, column]
-        for other in range(len(matrix)):
-            if other != row:
-                matrix[other] -= matrix[other, column] * matrix[row]
+        for other_row in range(len(matrix)):
+            if other_row != row:
+                matrix[other_row] -= matrix[other_row, column] * matrix[row]
         pivots.append(column)
         row += 1
     return matrix, pivots

@@ -82,38 +82,38 @@ def pulses_of(sweeps: Iterable[Sweep]) -> Pulses:
     for sweep in sweeps:
         if len(sweep.shape) != 2:
             raise ValueError("must have rows and columns, as packets of a spinning sensor do, got a list of points")
-        there = np.flatnonzero(np.asarray(sweep.recorded).any(axis=0))
-        if not len(there):
+        columns = np.flatnonzero(np.asarray(sweep.recorded).any(axis=0))
+        if not len(columns):
             continue
         if parts and parts[0].range_m.shape[0] != sweep.shape[0]:
             raise ValueError(f"must have {parts[0].range_m.shape[0]} rows as the first, got {sweep.shape[0]}")
-        block = blocks + there // BLOCK
+        block = blocks + columns // BLOCK
         blocks = int(block.max()) + 1
         parts.append(
             Pulses(
-                range_m=sweep.range_m[:, there],
-                recorded=np.asarray(sweep.recorded)[:, there],
-                signal=_columns(sweep.signal, there),
-                near_ir=_columns(sweep.near_ir, there),
-                reflectivity=_columns(sweep.reflectivity, there),
-                azimuth_rad=np.arctan2(sweep.direction[..., 1], sweep.direction[..., 0])[:, there],
-                frame=np.full(len(there), len(parts)),
+                range_m=sweep.range_m[:, columns],
+                recorded=np.asarray(sweep.recorded)[:, columns],
+                signal=_columns(sweep.signal, columns),
+                near_ir=_columns(sweep.near_ir, columns),
+                reflectivity=_columns(sweep.reflectivity, columns),
+                azimuth_rad=np.arctan2(sweep.direction[..., 1], sweep.direction[..., 0])[:, columns],
+                frame=np.full(len(columns), len(parts)),
                 block=block,
             )
         )
     if not parts:
         raise ValueError("must have pulses, got none")
 
-    def joined(name: str) -> Numbers | None:
-        values = [getattr(one, name) for one in parts]
-        return None if any(one is None for one in values) else np.concatenate(values, axis=-1)
+    def concatenate(name: str) -> Numbers | None:
+        values = [getattr(part, name) for part in parts]
+        return None if any(array is None for array in values) else np.concatenate(values, axis=-1)
 
-    told = {
-        name: joined(name)
+    arrays = {
+        name: concatenate(name)
         for name in ("range_m", "recorded", "signal", "near_ir", "reflectivity", "azimuth_rad", "frame", "block")
     }
-    return Pulses(**told)  # type: ignore[arg-type]
+    return Pulses(**arrays)  # type: ignore[arg-type]
 
 
-def _columns(values: Numbers | None, there: Numbers) -> Numbers | None:
-    return None if values is None else np.asarray(values, np.float64)[:, there]
+def _columns(values: Numbers | None, columns: Numbers) -> Numbers | None:
+    return None if values is None else np.asarray(values, np.float64)[:, columns]

@@ -73,8 +73,8 @@ class Fit:
     def estimates(self) -> tuple[Estimate, ...]:
         """Of all laws."""
         laws = (self.near_field, self.threshold, self.scatter)
-        found = [one for law in laws if law is not None for one in law.estimates]
-        return tuple(found if self.spread is None else [*found, self.spread])
+        estimates = [estimate for law in laws if law is not None for estimate in law.estimates]
+        return tuple(estimates if self.spread is None else [*estimates, self.spread])
 
     @property
     def checks(self) -> tuple[Check, ...]:
@@ -105,53 +105,53 @@ class Fit:
     @property
     def passed(self) -> bool:
         """Whether no check failed."""
-        return all(one.held is not False for one in self.checks)
+        return all(check.held is not False for check in self.checks)
 
 
 def as_dict(fit: Fit) -> dict[str, Any]:
     """For JSON."""
-    told: dict[str, Any] = {
+    report: dict[str, Any] = {
         "recording": fit.recording,
         "sensor": fit.sensor,
         "pulses": fit.pulses,
         "frames": fit.frames,
         "passed": fit.passed,
         "estimates": {
-            one.key: {
-                "value": one.value,
-                "unit": one.unit,
-                "sigma": _finite(one.sigma),
-                "fisher": _finite(one.fisher),
-                "bootstrap": _finite(one.bootstrap),
-                "known": one.known,
+            estimate.key: {
+                "value": estimate.value,
+                "unit": estimate.unit,
+                "sigma": _finite(estimate.sigma),
+                "fisher": _finite(estimate.fisher),
+                "bootstrap": _finite(estimate.bootstrap),
+                "known": estimate.known,
             }
-            for one in fit.estimates
+            for estimate in fit.estimates
         },
-        "checks": [asdict(one) for one in fit.checks],
+        "checks": [asdict(check) for check in fit.checks],
         "correlations": {name: solved.correlation.tolist() for name, _, solved in _solved(fit)},
     }
     if fit.rows is not None:
-        told["row_gains"] = {"gain": fit.rows.gain.tolist(), "sigma": fit.rows.sigma.tolist()}
+        report["row_gains"] = {"gain": fit.rows.gain.tolist(), "sigma": fit.rows.sigma.tolist()}
     if fit.products is not None:
         products = fit.products
-        told["products"] = {name: products.product(name) for name in products.known}
-        told["not_identified"] = list(products.null)
-        told["held"] = list(products.fixed)
-    told["notes"] = list(fit.notes)
-    return told
+        report["products"] = {name: products.product(name) for name in products.known}
+        report["not_identified"] = list(products.null)
+        report["held"] = list(products.fixed)
+    report["notes"] = list(fit.notes)
+    return report
 
 
 def as_text(fit: Fit) -> str:
     """For people."""
     lines_ = [f"{fit.recording}: {fit.pulses:,} pulses, {fit.frames} frame{'s' if fit.frames > 1 else ''}"]
-    lines_ += [f"  {one.key:<18} {_number(one)}" for one in fit.estimates]
+    lines_ += [f"  {estimate.key:<18} {_number(estimate)}" for estimate in fit.estimates]
     if fit.rows is not None:
         lines_.append(f"  {'row gains':<18} spread {fit.rows.spread:.1%}, each +/- {fit.rows.sigma[0]:.1%}")
-    lines_ += [f"  {one}" for one in fit.checks]
+    lines_ += [f"  {check}" for check in fit.checks]
     if fit.products is not None and fit.products.null:
         lines_.append("  cannot be told apart, held at the values of the file:")
-        lines_ += [f"    {one}" for one in fit.products.null]
-    lines_ += [f"  {one}" for one in fit.notes]
+        lines_ += [f"    {direction}" for direction in fit.products.null]
+    lines_ += [f"  {note}" for note in fit.notes]
     return "\n".join(lines_)
 
 
@@ -164,7 +164,7 @@ def add_checks(page: Page, checks: Sequence[Check]) -> None:
     """The laws, and whether blocks that were not fitted hold them."""
     page.heading("Pass or fail")
     verdict = {None: "-", True: "pass", False: "FAIL"}
-    rows = [(one.name, one.found, one.wanted, verdict[one.held]) for one in checks]
+    rows = [(check.name, check.found, check.wanted, verdict[check.held]) for check in checks]
     page.table(("law", "found", "wanted", ""), rows)
 
 
@@ -217,13 +217,13 @@ def write_report(fit: Fit, folder: Path) -> None:
         ("quantity", "value", "sigma, Fisher", "sigma, bootstrap", ""),
         [
             (
-                one.key,
-                f"{one.value:.4g} {one.unit}",
-                f"{one.fisher:.2g}",
-                f"{one.bootstrap:.2g}",
-                "" if one.known else "not known",
+                estimate.key,
+                f"{estimate.value:.4g} {estimate.unit}",
+                f"{estimate.fisher:.2g}",
+                f"{estimate.bootstrap:.2g}",
+                "" if estimate.known else "not known",
             )
-            for one in fit.estimates
+            for estimate in fit.estimates
         ],
     )
     add_notes(page, fit.notes)
@@ -234,8 +234,8 @@ def write_report(fit: Fit, folder: Path) -> None:
         page.table(
             ("", *parameters),
             [
-                (one, *(f"{value:.2f}" for value in row))
-                for one, row in zip(parameters, solved.correlation, strict=True)
+                (parameter, *(f"{value:.2f}" for value in row))
+                for parameter, row in zip(parameters, solved.correlation, strict=True)
             ],
         )
     if fit.products is not None:
@@ -245,21 +245,21 @@ def write_report(fit: Fit, folder: Path) -> None:
             "the first number of each line stays at the value of the file that the fit started from."
         )
         page.table(("known", "product"), [(name, fit.products.product(name)) for name in fit.products.known])
-        page.table(("not known",), [(one,) for one in fit.products.null])
+        page.table(("not known",), [(direction,) for direction in fit.products.null])
     put_page(page, folder, as_dict(fit))
 
 
 def _figures(fit: Fit) -> list[Figure]:
-    made = []
+    figures = []
     if fit.near_field is not None:
-        made += _near_field(fit.near_field)
+        figures += _near_field(fit.near_field)
     if fit.threshold is not None:
-        made.append(_threshold(fit.threshold))
+        figures.append(_threshold(fit.threshold))
     if fit.scatter is not None:
-        made.append(_scatter(fit.scatter))
+        figures.append(_scatter(fit.scatter))
     if fit.rows is not None:
-        made.append(_rows(fit.rows))
-    return made
+        figures.append(_rows(fit.rows))
+    return figures
 
 
 def _near_field(near: NearField) -> list[Figure]:
@@ -276,7 +276,7 @@ def _near_field(near: NearField) -> list[Figure]:
         y_log=True,
     )
     check = near.check_white_m2 / near.law(near.check_range_m)
-    rest = Chart(
+    residuals = Chart(
         lines=(
             Line(label="recorded over law", x=near.range_m, y=near.white_m2 / law),
             Line(label="not fitted", x=near.check_range_m, y=check, colour=2, style="dotted"),
@@ -290,7 +290,7 @@ def _near_field(near: NearField) -> list[Figure]:
     caption = f"Photons of a white target times the square of its range. The law misses {near.misfit:.1%} (deviation)."
     return [
         ("near-field", caption, curve, (head, rows)),
-        ("near-field-residuals", "The same over the law.", rest, (head, rows)),
+        ("near-field-residuals", "The same over the law.", residuals, (head, rows)),
     ]
 
 
@@ -339,9 +339,9 @@ def _rows(rows: RowGains) -> Figure:
 
 
 def _solved(fit: Fit) -> list[tuple[str, tuple[str, ...], Solved]]:
-    found: list[tuple[str, tuple[str, ...], Solved]] = []
+    solutions: list[tuple[str, tuple[str, ...], Solved]] = []
     if fit.near_field is not None:
-        found.append(
+        solutions.append(
             (
                 "near field",
                 ("ln white_m2", "ln R0", "ln spot")[: len(fit.near_field.solved.value)],
@@ -349,15 +349,15 @@ def _solved(fit: Fit) -> list[tuple[str, tuple[str, ...], Solved]]:
             )
         )
     if fit.threshold is not None:
-        found.append(("threshold", ("SIGNAL", "constant", "sqrt(NEAR_IR)"), fit.threshold.solved))
+        solutions.append(("threshold", ("SIGNAL", "constant", "sqrt(NEAR_IR)"), fit.threshold.solved))
     if fit.scatter is not None:
-        found.append(("scatter", ("c^2", "floor^2"), fit.scatter.solved))
-    return found
+        solutions.append(("scatter", ("c^2", "floor^2"), fit.scatter.solved))
+    return solutions
 
 
-def _number(one: Estimate) -> str:
-    told = f"{one.value:.4g} +/- {one.sigma:.2g} {one.unit}".rstrip()
-    return told if one.known else f"{told} (not known)"
+def _number(estimate: Estimate) -> str:
+    text = f"{estimate.value:.4g} +/- {estimate.sigma:.2g} {estimate.unit}".rstrip()
+    return text if estimate.known else f"{text} (not known)"
 
 
 def _finite(value: float) -> float | None:

@@ -61,13 +61,13 @@ def fit_rows(pulses: Pulses) -> RowGains | None:
     with np.errstate(divide="ignore", invalid="ignore"):
         light = np.log(_unstaggered(pulses, np.where(pulses.recorded, pulses.near_ir, np.nan)))
     halves = [light[:, (pulses.block % 2) == k] for k in (0, 1)]
-    found = [_gains(one) for one in (light, *halves) if one.shape[1] >= LEAST_COLUMNS // 2]
-    if len(found) < 3 or not all(np.isfinite(one).all() for one in found):
+    log_gains = [_gains(values) for values in (light, *halves) if values.shape[1] >= LEAST_COLUMNS // 2]
+    if len(log_gains) < 3 or not all(np.isfinite(gains).all() for gains in log_gains):
         return None
     # The halves differ by twice the sigma of the whole.
-    apart = 0.5 * (found[1] - found[2])
-    sigma = np.full(len(apart), float(np.sqrt(np.mean(apart**2))))
-    return RowGains(gain=np.exp(found[0]), sigma=sigma, follows=_follows(pulses, found[0]))
+    half_difference = 0.5 * (log_gains[1] - log_gains[2])
+    sigma = np.full(len(half_difference), float(np.sqrt(np.mean(half_difference**2))))
+    return RowGains(gain=np.exp(log_gains[0]), sigma=sigma, follows=_follows(pulses, log_gains[0]))
 
 
 def _follows(pulses: Pulses, gains: Numbers) -> tuple[float, float] | None:
@@ -76,15 +76,15 @@ def _follows(pulses: Pulses, gains: Numbers) -> tuple[float, float] | None:
         return None
     strong = pulses.kept & (pulses.signal >= LEAST_SIGNAL)
     light = _unstaggered(pulses, np.log(np.where(strong, pulses.signal, 1.0)))
-    range_m, there = _unstaggered(pulses, np.nan_to_num(pulses.range_m)), _unstaggered(pulses, 1.0 * strong)
+    range_m, strong_mask = _unstaggered(pulses, np.nan_to_num(pulses.range_m)), _unstaggered(pulses, 1.0 * strong)
     with np.errstate(divide="ignore", invalid="ignore"):
-        same = (there[1:] * there[:-1] > 0.0) & (np.abs(range_m[1:] / range_m[:-1] - 1.0) < SAME_RANGE)
-    found = _gains_of_steps(np.where(same, light[1:] - light[:-1], np.nan))
-    if not np.isfinite(found).all():
+        pair_mask = (strong_mask[1:] * strong_mask[:-1] > 0.0) & (np.abs(range_m[1:] / range_m[:-1] - 1.0) < SAME_RANGE)
+    signal_gains = _gains_of_steps(np.where(pair_mask, light[1:] - light[:-1], np.nan))
+    if not np.isfinite(signal_gains).all():
         return None
     square = float(gains @ gains)
-    exponent = float(found @ gains) / square
-    return exponent, float(np.std(found - exponent * gains)) / square**0.5
+    exponent = float(signal_gains @ gains) / square
+    return exponent, float(np.std(signal_gains - exponent * gains)) / square**0.5
 
 
 def _gains(light: Numbers) -> Numbers:
@@ -96,11 +96,11 @@ def _gains_of_steps(steps: Numbers) -> Numbers:
     if (good.sum(axis=1) < LEAST_COLUMNS // 4).any():
         return np.full(len(steps) + 1, np.nan)
     course = np.concatenate([[0.0], np.cumsum(np.nanmedian(np.where(good, steps, np.nan), axis=1))])
-    place = np.arange(len(course), dtype=float)
+    row = np.arange(len(course), dtype=float)
     smooth = np.zeros_like(course)
     for k in range(len(course)):  # a parabola through the rows around
-        near = np.abs(place - k) <= SMOOTH
-        smooth[k] = np.polyval(np.polyfit(place[near] - k, course[near], 2), 0.0)
+        near = np.abs(row - k) <= SMOOTH
+        smooth[k] = np.polyval(np.polyfit(row[near] - k, course[near], 2), 0.0)
     gains = course - smooth
     return np.asarray(gains - gains.mean())
 
@@ -113,4 +113,4 @@ def _unstaggered(pulses: Pulses, values: Numbers) -> Numbers:
     step = np.angle(np.exp(1j * np.diff(pulses.azimuth_rad[0]))).mean()
     aside = np.angle(np.exp(1j * (pulses.azimuth_rad[:, 0] - pulses.azimuth_rad[0, 0])))
     turns = np.rint(aside / step).astype(int)
-    return np.stack([np.roll(one, turn) for one, turn in zip(values, turns, strict=True)])
+    return np.stack([np.roll(row, turn) for row, turn in zip(values, turns, strict=True)])

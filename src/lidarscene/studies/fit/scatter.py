@@ -102,19 +102,19 @@ def fit_scatter(pulses: Pulses) -> Scatter | None:
         if near.sum() < LEAST // 4:
             return None
         weighted = law[near] / variance[near, None] ** 2
-        found = np.linalg.lstsq(weighted.T @ law[near], weighted.T @ (squares[near] / _MEAN), rcond=None)[0]
-        if found[0] <= 0.0 or found[1] < 0.0:  # a floor below nothing, or no photons' part: one of them alone
-            one = 1 if found[0] <= 0.0 else 0
-            alone = float(weighted[:, one] @ (squares[near] / _MEAN) / (weighted[:, one] @ law[near, one]))
-            found = np.array([alone, 0.0]) if one == 0 else np.array([0.0, alone])
-        done = np.abs(found - value).max() <= 1e-7 * np.abs(value).max()
-        value = found
-        if done:
+        solution = np.linalg.lstsq(weighted.T @ law[near], weighted.T @ (squares[near] / _MEAN), rcond=None)[0]
+        if solution[0] <= 0.0 or solution[1] < 0.0:  # a floor below nothing, or no photons' part: one of them alone
+            only = 1 if solution[0] <= 0.0 else 0
+            alone = float(weighted[:, only] @ (squares[near] / _MEAN) / (weighted[:, only] @ law[near, only]))
+            solution = np.array([alone, 0.0]) if only == 0 else np.array([0.0, alone])
+        converged = np.abs(solution - value).max() <= 1e-7 * np.abs(value).max()
+        value = solution
+        if converged:
             break
     variance = law @ value
     near = squares < FURTHEST * variance
-    each = np.where(near, squares / _MEAN - variance, 0.0)[:, None] * law / variance[:, None] ** 2
-    scores = np.column_stack([np.bincount(block, one) for one in each.T])
+    patch_scores = np.where(near, squares / _MEAN - variance, 0.0)[:, None] * law / variance[:, None] ** 2
+    scores = np.column_stack([np.bincount(block, column) for column in patch_scores.T])
     # The slope of the sum of the scores: those left out move with the law, which takes off some of it.
     edge = 0.5 * math.exp(-0.5 * FURTHEST) * FURTHEST * (FURTHEST / _MEAN - 1.0) / _LEFT
     relative = law[near] / variance[near, None]
@@ -122,9 +122,9 @@ def fit_scatter(pulses: Pulses) -> Scatter | None:
     spread = float(np.var(squares[near] / variance[near] / _MEAN))
     solved = Solved(value=value, slope=(1.0 - edge) * fisher, scores=scores, meat=spread * fisher)
     signal, sigma, patches = _octaves(squares, inverse, value)
-    other = _patches(pulses.part(~pulses.fitted))
-    held_out = _octaves(other[0], other[1], value) if len(other[0]) else (np.zeros(0),) * 3
-    check = {octave: rest for octave, *rest in zip(*held_out, strict=True)}
+    check_patches_of = _patches(pulses.part(~pulses.fitted))
+    held_out = _octaves(check_patches_of[0], check_patches_of[1], value) if len(check_patches_of[0]) else (np.zeros(0),) * 3
+    check = {octave: values for octave, *values in zip(*held_out, strict=True)}
     check_sigma_m, check_patches = np.array([check.get(octave, (math.nan, 0)) for octave in signal]).T
     return Scatter(
         solved=solved,
@@ -159,8 +159,8 @@ def _patches(pulses: Pulses) -> tuple[Numbers, Numbers, Numbers]:
     if not usable.any():
         return np.zeros(0), np.zeros(0), np.zeros(0, int)
     usable &= around <= np.quantile(around[usable], SMOOTHEST)
-    of = np.unique(np.broadcast_to(block[:, 0], good.shape)[usable], return_inverse=True)[1]
-    return squares[usable], inverse[usable], of
+    block_index = np.unique(np.broadcast_to(block[:, 0], good.shape)[usable], return_inverse=True)[1]
+    return squares[usable], inverse[usable], block_index
 
 
 def _start(squares: Numbers, inverse: Numbers) -> Numbers:
@@ -173,10 +173,10 @@ def _octaves(squares: Numbers, inverse: Numbers, value: Numbers) -> tuple[Number
     variance = value[0] * inverse + value[1]
     near = squares < FURTHEST * variance
     octave = np.floor(np.log2(1.0 / inverse)).astype(int)
-    found = []
-    for one in np.unique(octave[near]):
-        inside = near & (octave == one)
+    rows = []
+    for number in np.unique(octave[near]):
+        inside = near & (octave == number)
         if inside.sum() >= LEAST_OF_OCTAVE:
             sigma = math.sqrt(float(squares[inside].mean()) / _MEAN)
-            found.append((2.0 ** (one + 0.5), sigma, int(inside.sum())))
-    return tuple(np.array(one) for one in zip(*found, strict=True)) if found else (np.zeros(0),) * 3  # type: ignore[return-value]
+            rows.append((2.0 ** (number + 0.5), sigma, int(inside.sum())))
+    return tuple(np.array(column) for column in zip(*rows, strict=True)) if rows else (np.zeros(0),) * 3  # type: ignore[return-value]

@@ -42,13 +42,13 @@ def fit_recordings(
     where = f"--sensor {sensor}"
     before = sensor_of(base, where)
     pulses = _pulses(recordings, metadata)
-    fit = fit_pulses(pulses, recording=", ".join(one.name for one in recordings), sensor=sensor, optics=before)
+    fit = fit_pulses(pulses, recording=", ".join(path.name for path in recordings), sensor=sensor, optics=before)
     if before.histogram is not None:
         if fit.threshold is not None:
             fit = replace(fit, spread=fit.threshold.spread(before))
-        known = [one.key for one in fit.estimates if one.known and one.key in QUANTITIES]
-        fit = replace(fit, products=products_of(before, known) if known else None)
-    estimates = {one.key: one for one in fit.estimates}
+        known_keys = [estimate.key for estimate in fit.estimates if estimate.known and estimate.key in QUANTITIES]
+        fit = replace(fit, products=products_of(before, known_keys) if known_keys else None)
+    estimates = {estimate.key: estimate for estimate in fit.estimates}
     text, notes = fitted_text(base, estimates, fit.recording, where, rows=fit.rows)
     fit = replace(fit, notes=notes)
     sensor_of(text, str(output))
@@ -82,11 +82,11 @@ def fit_pulses(pulses: Pulses, *, recording: str, sensor: str, optics: Sensor | 
 
 def _pulses(recordings: Sequence[Path], metadata: Path | None) -> Pulses:
     def sweeps() -> list[Sweep]:
-        found: list[Sweep] = []
+        gathered: list[Sweep] = []
         for path in recordings:
             with open_recording(path, metadata) as recording:
-                found += list(recording)
-        return found
+                gathered += list(recording)
+        return gathered
 
     try:
         return pulses_of(sweeps())

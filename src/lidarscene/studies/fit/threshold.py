@@ -85,11 +85,11 @@ class Threshold:
 
     def spread(self, sensor: Sensor) -> Estimate | None:
         """Standard deviation of this sensor's threshold; None if its filter's noise explains all of the width."""
-        own = filter_variance(sensor, photons=float(self.level(np.array(self.near_ir))), near_ir=self.near_ir)
-        if (NORMAL / self.solved.value[0]) ** 2 <= own:
+        filter_photons2 = filter_variance(sensor, photons=float(self.level(np.array(self.near_ir))), near_ir=self.near_ir)
+        if (NORMAL / self.solved.value[0]) ** 2 <= filter_photons2:
             return None
         return self.solved.estimate(
-            "threshold_spread", "photons", lambda p: math.sqrt(max((NORMAL / p[0]) ** 2 - own, 0.0))
+            "threshold_spread", "photons", lambda p: math.sqrt(max((NORMAL / p[0]) ** 2 - filter_photons2, 0.0))
         )
 
 
@@ -104,73 +104,73 @@ def filter_variance(sensor: Sensor, *, photons: float, near_ir: float) -> float:
     counted = background + photons * np.exp(-0.5 * place**2) / math.sqrt(2.0 * math.pi)
     weight = SCALE * np.exp(-0.5 * (place / TEMPLATE) ** 2)
     box = (np.abs(place) < BOX) / BOX_SHARE
-    filtered, boxed, both = (
+    filtered, boxed, covariance = (
         float(np.sum(a * b * counted)) * 0.01 for a, b in ((weight, weight), (box, box), (weight, box))
     )
-    return filtered - both * both / boxed
+    return filtered - covariance * covariance / boxed
 
 
 def fit_threshold(pulses: Pulses) -> Threshold | None:
     """From the pulses of a recording; None if it lacks what it had of lost ones, or has too few near the threshold."""
     if pulses.signal is None or pulses.near_ir is None:
         return None
-    told = pulses.recorded & np.isfinite(pulses.signal) & np.isfinite(pulses.near_ir) & _on_surface(pulses)
+    usable = pulses.recorded & np.isfinite(pulses.signal) & np.isfinite(pulses.near_ir) & _on_surface(pulses)
     if pulses.reflectivity is not None:
         # With a reflectivity and no range an echo was found and withheld, not missed.
-        told &= pulses.kept | ~(pulses.reflectivity > 0.0)
-    most = np.inf
+        usable &= pulses.kept | ~(pulses.reflectivity > 0.0)
+    max_signal = np.inf
     value = np.zeros(3)
-    columns = np.broadcast_to(pulses.fitted, told.shape)
-    mask = told
+    columns = np.broadcast_to(pulses.fitted, usable.shape)
+    mask = usable
     for _ in range(3):  # the reach follows from the fit, which follows from the reach
-        mask = told & (pulses.signal <= most)
-        used = mask & columns
-        kept = pulses.kept[used]
-        if min(kept.sum(), (~kept).sum()) < LEAST:
+        mask = usable & (pulses.signal <= max_signal)
+        fit_mask = mask & columns
+        returned = pulses.kept[fit_mask]
+        if min(returned.sum(), (~returned).sum()) < LEAST:
             return None
-        design = _design(pulses.signal[used], pulses.near_ir[used])
-        if not np.isfinite(most):
-            most = 4.0 * float(np.median(pulses.signal[used & ~pulses.kept]))
+        design = _design(pulses.signal[fit_mask], pulses.near_ir[fit_mask])
+        if not np.isfinite(max_signal):
+            max_signal = 4.0 * float(np.median(pulses.signal[fit_mask & ~pulses.kept]))
             continue
-        found = _newton(design, kept)
-        if found is None:
+        solution = _newton(design, returned)
+        if solution is None:
             return None
-        value = found
+        value = solution
         middle = -(value[1] + value[2] * float(np.median(design[:, 2]))) / value[0]
-        most = REACH * middle
-    used = mask & columns
-    design, kept = _design(pulses.signal[used], pulses.near_ir[used]), pulses.kept[used]
-    found = _newton(design, kept)
-    if found is None:
+        max_signal = REACH * middle
+    fit_mask = mask & columns
+    design, returned = _design(pulses.signal[fit_mask], pulses.near_ir[fit_mask]), pulses.kept[fit_mask]
+    solution = _newton(design, returned)
+    if solution is None:
         return None
-    chance = _chance(found, design)
-    block = pulses.blocks(used)
-    each = (kept - chance)[:, None] * design
-    scores = np.column_stack([np.bincount(block, one) for one in each.T])
+    chance = _chance(solution, design)
+    block = pulses.blocks(fit_mask)
+    pulse_scores = (returned - chance)[:, None] * design
+    scores = np.column_stack([np.bincount(block, column) for column in pulse_scores.T])
     slope = (design * (chance * (1.0 - chance))[:, None]).T @ design
-    other = mask & ~columns
-    expected = _chance(found, _design(pulses.signal[other], pulses.near_ir[other]))
+    held_out = mask & ~columns
+    expected = _chance(solution, _design(pulses.signal[held_out], pulses.near_ir[held_out]))
     place = np.minimum((expected * BINS).astype(int), BINS - 1)
     counts = np.bincount(place, minlength=BINS)
-    some = counts > 0
+    filled = counts > 0
     return Threshold(
-        solved=Solved(value=found, slope=slope, scores=scores),
+        solved=Solved(value=solution, slope=slope, scores=scores),
         near_ir=float(np.median(design[:, 2])) ** 2,
-        expected=np.bincount(place, expected, minlength=BINS)[some] / counts[some],
-        found=np.bincount(place, pulses.kept[other], minlength=BINS)[some] / counts[some],
-        pulses=counts[some],
+        expected=np.bincount(place, expected, minlength=BINS)[filled] / counts[filled],
+        found=np.bincount(place, pulses.kept[held_out], minlength=BINS)[filled] / counts[filled],
+        pulses=counts[filled],
     )
 
 
 def _on_surface(pulses: Pulses) -> Numbers:
     """Mask of the pulses whose neighbours in the row are returns of one surface."""
     range_m = pulses.range_m
-    around = np.stack([np.roll(range_m, by, axis=1) for by in range(-BESIDE, BESIDE + 1) if by])
+    around = np.stack([np.roll(range_m, shift, axis=1) for shift in range(-BESIDE, BESIDE + 1) if shift])
     enough = np.isfinite(around).sum(axis=0) >= LEAST_BESIDE
-    found = np.zeros(range_m.shape, bool)
+    mask = np.zeros(range_m.shape, bool)
     middle = np.nanmedian(around[:, enough], axis=0)
-    found[enough] = np.nanmax(np.abs(around[:, enough] - middle), axis=0) < FLAT * middle
-    return found
+    mask[enough] = np.nanmax(np.abs(around[:, enough] - middle), axis=0) < FLAT * middle
+    return mask
 
 
 def _design(signal: Numbers, near_ir: Numbers) -> Numbers:
@@ -181,7 +181,7 @@ def _chance(value: Numbers, design: Numbers) -> Numbers:
     return np.asarray(1.0 / (1.0 + np.exp(-np.clip(design @ value, -60.0, 60.0))))
 
 
-def _newton(design: Numbers, kept: Numbers) -> Numbers | None:
+def _newton(design: Numbers, returned: Numbers) -> Numbers | None:
     """The maximum; None if there is none: some line parts kept from lost, or the light is all the same."""
     value = np.zeros(3)
     for _ in range(30):
@@ -189,7 +189,7 @@ def _newton(design: Numbers, kept: Numbers) -> Numbers | None:
         slope = (design * (chance * (1.0 - chance))[:, None]).T @ design
         if np.linalg.cond(slope) > 1e12:
             return None
-        step = np.linalg.solve(slope, design.T @ (kept - chance))
+        step = np.linalg.solve(slope, design.T @ (returned - chance))
         value = value + step * min(1.0, 5.0 / max(float(np.abs(design @ step).max()), 1e-12))
         if np.abs(step / np.maximum(np.abs(value), 1e-6)).max() < 1e-8:
             return value if value[0] > 0.0 else None

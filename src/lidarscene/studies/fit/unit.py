@@ -61,8 +61,8 @@ def base_text(sensor: str, metadata: Path | None) -> str:
         try:
             return path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            told = getattr(error, "strerror", None) or "not UTF-8 text"
-            raise InputError(f"--sensor {sensor}: cannot be read: {told}") from None
+            reason = getattr(error, "strerror", None) or "not UTF-8 text"
+            raise InputError(f"--sensor {sensor}: cannot be read: {reason}") from None
     with TemporaryDirectory(prefix="lidarscene-") as folder:
         written = Path(folder) / "unit.toml"
         write_unit(unit_from(metadata), metadata, written, like=sensor)
@@ -90,30 +90,30 @@ def fitted_text(
     sensor = sensor_of(text, where)
     if sensor.histogram is None:
         return text, ("all but the beams is left as it was: only sensors with [histogram] are fitted",)
-    known = {key: one for key, one in estimates.items() if one.sigma < WRITTEN * one.value}
+    accepted = {key: estimate for key, estimate in estimates.items() if estimate.sigma < WRITTEN * estimate.value}
     slope = estimates.get("threshold_slope")
-    if "threshold_floor" in known and slope is not None and slope.value >= 0.0:
-        known["threshold_slope"] = slope
+    if "threshold_floor" in accepted and slope is not None and slope.value >= 0.0:
+        accepted["threshold_slope"] = slope
     else:
-        known.pop("threshold_floor", None)
+        accepted.pop("threshold_floor", None)
     notes = tuple(
-        f"{told} is left as it was: {key} is {_why(estimates.get(key))}"
-        for key, told in FITTED.items()
-        if key not in known and not (key == "threshold_spread" and key not in estimates)
+        f"{subject} is left as it was: {key} is {_why(estimates.get(key))}"
+        for key, subject in FITTED.items()
+        if key not in accepted and not (key == "threshold_spread" and key not in estimates)
     )
 
     def told(key: str, also: str = "") -> str:
-        one = estimates[key]
-        return f"fitted: {one.value:.4g} +/- {one.sigma:.2g} {one.unit}, {recording}{also}".replace(" ,", ",")
+        estimate = estimates[key]
+        return f"fitted: {estimate.value:.4g} +/- {estimate.sigma:.2g} {estimate.unit}, {recording}{also}".replace(" ,", ",")
 
-    if "near_field_m" in known and "spot_over_field" not in estimates:
+    if "near_field_m" in accepted and "spot_over_field" not in estimates:
         # The law was the file's own curve.
-        factor = known["near_field_m"].value / near_field_m(sensor)
+        factor = accepted["near_field_m"].value / near_field_m(sensor)
         source = told("near_field_m", f"; the near field of the file's own optics, at {factor:.4g} times the range")
         for key, value in grown(text, {key: factor**power for key, power in STRETCHED.items()}).items():
             text = put_at(text, key, value, source)
-    elif "near_field_m" in known:
-        moved = math.sqrt(known["near_field_m"].value / near_field_m(sensor))
+    elif "near_field_m" in accepted:
+        moved = math.sqrt(accepted["near_field_m"].value / near_field_m(sensor))
         source = told("near_field_m", "; R0 = r_A f / r_PD, with r_A r_PD / f held")
         for key, value in (
             ("aperture_radius_mm", 1e3 * float(sensor.optics.aperture_radius_m)),
@@ -123,8 +123,8 @@ def fitted_text(
         # The law is that of one lens, focused at infinity, on the laser's axis.
         if re.search(r"(?m)^(transmitter_offset_mm|focus_at_m)", text):
             notes += ("optics.overlap: the file's two lenses or focus are replaced by one lens, whose law was fitted",)
-        two = ("transmitter_offset_mm", "parallax_free_at_m", "focus_at_m", "scattered_share")
-        text = without(text, "optics.overlap", two)
+        lens_keys = ("transmitter_offset_mm", "parallax_free_at_m", "focus_at_m", "scattered_share")
+        text = without(text, "optics.overlap", lens_keys)
         if re.search(r"(?m)^exit_diameter_mm", text):
             notes += ("laser.exit_diameter_mm is left out: the fitted spot starts as a point",)
         text = without(text, "laser", ("exit_diameter_mm", "divergence_elevation_mrad"))
@@ -132,13 +132,13 @@ def fitted_text(
             text = re.sub(r"(?ms)(^\[optics\]\n.*?)(?=^\[)", r"\1[optics.overlap]\n\n", text, count=1)
         text = noted(text, "optics.overlap", source)
         spot = estimates.get("spot_over_field")
-        if spot is not None and ("spot_over_field" in known or re.search(r"(?m)^divergence_mrad", text)):
+        if spot is not None and ("spot_over_field" in accepted or re.search(r"(?m)^divergence_mrad", text)):
             # Twice the half angle, of the new lens.
             field = float(sensor.detector.radius_m / sensor.optics.focal_length_m) / moved
             source = told("spot_over_field", "; the spot's radius over the field's, from how sharp the near field ends")
             text = put(text, "laser", "divergence_mrad", 2e3 * spot.value * field, source)
-    if "scatter_c" in known:
-        fwhm_s = pulse_fwhm_s(sensor, known["scatter_c"].value)
+    if "scatter_c" in accepted:
+        fwhm_s = pulse_fwhm_s(sensor, accepted["scatter_c"].value)
         if fwhm_s is not None:
             changed = put(text, "laser", "pulse_fwhm_ns", 1e9 * fwhm_s, told("scatter_c", "; scatter of the range"))
             try:
@@ -148,14 +148,14 @@ def fitted_text(
             else:
                 text = changed
     for key in ("threshold_floor", "threshold_slope", "threshold_spread"):
-        if key in known:
-            text = put(text, "histogram", key, known[key].value, told(key, "; SIGNAL and NEAR_IR of kept and lost"))
+        if key in accepted:
+            text = put(text, "histogram", key, accepted[key].value, told(key, "; SIGNAL and NEAR_IR of kept and lost"))
     if rows is not None:
-        text, told_of_rows = _with_rows(text, rows, recording)
-        notes += told_of_rows
-    if "white_m2" in known:
+        text, row_notes = _with_rows(text, rows, recording)
+        notes += row_notes
+    if "white_m2" in accepted:
         after = sensor_of(text, where)
-        power_w = float(after.laser.peak_power_w) * known["white_m2"].value / white_m2(after)
+        power_w = float(after.laser.peak_power_w) * accepted["white_m2"].value / white_m2(after)
         source = told("white_m2", "; power, lens, efficiency, PDE and shots are known as one product")
         text = put(text, "laser", "peak_power_w", power_w, source)
     return text, notes
@@ -167,10 +167,10 @@ def _with_rows(text: str, rows: RowGains, recording: str) -> tuple[str, tuple[st
     if len(beams) != len(rows.gain):
         return text, (f"row gains are not written: of {len(rows.gain)} rows, and the file has {len(beams)} beams",)
     if rows.key is None:
-        told = "SIGNAL of some rows is too weak"
+        reason = "SIGNAL of some rows is too weak"
         if rows.follows is not None:
-            told = "it goes with their power of {:.2f} +/- {:.2f}".format(*rows.follows)
-        return text, (f"row gains are not written: whether SIGNAL has those of NEAR_IR is not told ({told})",)
+            reason = "it goes with their power of {:.2f} +/- {:.2f}".format(*rows.follows)
+        return text, (f"row gains are not written: whether SIGNAL has those of NEAR_IR is not told ({reason})",)
     assert rows.follows is not None
     source = (
         f"fitted: NEAR_IR of neighbouring rows, each +/- {rows.sigma[0]:.1%}, {recording}; SIGNAL goes with their "
@@ -179,8 +179,8 @@ def _with_rows(text: str, rows: RowGains, recording: str) -> tuple[str, tuple[st
     return put(text, "scanner", rows.key, rows.gain.tolist(), source), ()
 
 
-def _why(one: Estimate | None) -> str:
-    return "not recorded" if one is None else f"{one.value:.3g} +/- {one.sigma:.2g} {one.unit}".rstrip()
+def _why(estimate: Estimate | None) -> str:
+    return "not recorded" if estimate is None else f"{estimate.value:.3g} +/- {estimate.sigma:.2g} {estimate.unit}".rstrip()
 
 
 def grown(text: str, factors: Mapping[str, float]) -> dict[str, float | list[float]]:
@@ -188,13 +188,13 @@ def grown(text: str, factors: Mapping[str, float]) -> dict[str, float | list[flo
     tables = tomllib.loads(text)
     values: dict[str, float | list[float]] = {}
     for key, factor in factors.items():
-        here: Any = tables
+        node: Any = tables
         for name in key.split("."):
-            here = here.get(name) if isinstance(here, Mapping) else None
-        if isinstance(here, list):
-            values[key] = [float(one) * factor for one in here]
-        elif here is not None:
-            values[key] = round(here * factor) if key in WHOLE else float(here) * factor
+            node = node.get(name) if isinstance(node, Mapping) else None
+        if isinstance(node, list):
+            values[key] = [float(number) * factor for number in node]
+        elif node is not None:
+            values[key] = round(node * factor) if key in WHOLE else float(node) * factor
     return values
 
 
@@ -211,8 +211,8 @@ def put(text: str, table: str, key: str, value: float | Sequence[float], source:
         raise InputError(f"[{table}]: must be a table of the sensor file, got none")
     end = re.compile(r"(?m)^\[").search(text, head.end())
     body = text[head.end() : end.start() if end else len(text)]
-    shown = f"{value:.6g}" if isinstance(value, int | float) else f"[{', '.join(f'{x:.6g}' for x in value)}]"
-    line = f"{key} = {shown}\n"
+    value_text = f"{value:.6g}" if isinstance(value, int | float) else f"[{', '.join(f'{x:.6g}' for x in value)}]"
+    line = f"{key} = {value_text}\n"
     changed, count = re.subn(rf"(?m)^{re.escape(key)}\s*=(\s*\[[^\]]*\])?[^\n]*\n?", lambda _: line, body, count=1)
     body = changed if count else line + body
     return noted(text[: head.end()] + body + text[end.start() if end else len(text) :], f"{table}.{key}", source)

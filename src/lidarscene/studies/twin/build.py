@@ -88,16 +88,16 @@ def chosen(recording: Recording, frames: Sequence[int] | None, held_out: int | s
     for number in (*numbers, *([held_out] if isinstance(held_out, int) else [])):
         if number >= len(recording):
             raise InputError(f"{recording.path}: frame must be 0 to {len(recording) - 1}, got {number}")
-    left = tuple(number for number in numbers if number != held_out)
-    if not left:
+    remaining = tuple(number for number in numbers if number != held_out)
+    if not remaining:
         raise InputError(
             f"--held-out {held_out}: must leave a frame to make the twin of, got a recording of {len(recording)}; "
             f"--held-out {COLUMNS} leaves out every second column"
         )
-    if held_out == COLUMNS and (len(left) > 1 or not has_grid(recording[left[0]])):
-        got = f"{len(left)} frames" if len(left) > 1 else "a list of points"
-        raise InputError(f"--held-out {COLUMNS}: must go with one frame of rows and columns, got {got}")
-    return Choice(frames=left, held_out=held_out)
+    if held_out == COLUMNS and (len(remaining) > 1 or not has_grid(recording[remaining[0]])):
+        actual = f"{len(remaining)} frames" if len(remaining) > 1 else "a list of points"
+        raise InputError(f"--held-out {COLUMNS}: must go with one frame of rows and columns, got {actual}")
+    return Choice(frames=remaining, held_out=held_out)
 
 
 def build_twin(
@@ -118,30 +118,30 @@ def build_twin(
         sweep = choice.part(sweeps[number])
         gauge = Gauge.of(sweep)
         plane = ground_plane(sweep.xyz_m[sweep.kept])
-        made = surfels_of(grid_of(sweep), gauge, plane) if has_grid(sweep) else listed.surfels_of(sweep, gauge, plane)
-        parts.append(made.placed(places[number]))
+        surfels = surfels_of(grid_of(sweep), gauge, plane) if has_grid(sweep) else listed.surfels_of(sweep, gauge, plane)
+        parts.append(surfels.placed(places[number]))
         klux.append(illuminance_klux(sweep, gauge, unit))
     quads = together(parts)
     bodies = _meshes(quads, folder / MESHES)
     _poses_file(folder / POSES, sweeps, places)
-    known = [one for one in klux if one is not None]
-    light = float(np.median(known)) if known else ASSUMED_KLUX
+    known_klux = [value for value in klux if value is not None]
+    light = float(np.median(known_klux)) if known_klux else ASSUMED_KLUX
     text = scene_text(recording.path.stem, bodies, places[choice.judged], light)
     # Nothing is written that `load_scene` would refuse, such as a number that is not finite.
     validated(SceneFile, tomllib.loads(text), str(folder / SCENE))
     put_text(folder / SCENE, text)
-    about = {
+    provenance = {
         "recording": recording.path.name,
         "frames": list(choice.frames),
         "held_out": choice.held_out,
         "judged": choice.judged,
         "illuminance_klux": light,
-        "illuminance_assumed": not known,
+        "illuminance_assumed": not known_klux,
         "quads": {name: int(n) for name, n in zip(KINDS, np.bincount(quads.kind, minlength=len(KINDS)), strict=True)},
         "reflectivity": _told(gauge),
         "places": {str(number): [*place.position_m.tolist(), *angles_deg(place)] for number, place in places.items()},
     }
-    put_text(folder / ABOUT, json_text(about, indent=1) + "\n")
+    put_text(folder / ABOUT, json_text(provenance, indent=1) + "\n")
     notes.append(
         f"wrote {folder / SCENE}: {len(quads)} quads of {counted(len(choice.frames), 'frame')}, {light:.3g} klux"
     )
@@ -169,11 +169,11 @@ def _sensor_file(recording: Recording, path: Path, metadata: Path | None, sensor
         raise InputError(
             f"{recording.path}: must have the unit's metadata (--metadata F), or --sensor NAME: a catalogue sensor"
         )
-    said = write_unit(unit_from(described), described, path)
+    message = write_unit(unit_from(described), described, path)
     if sweep.second is not None:
         text = path.read_text(encoding="utf-8")
         put_text(path, re.sub(r"(?m)^\[histogram\]\n", '[histogram]\nstops = 2\nkeep = "strongest"\n', text))
-    return said
+    return message
 
 
 def illuminance_klux(sweep: Sweep, gauge: Gauge | None, sensor: Sensor) -> float | None:
@@ -205,19 +205,19 @@ def _meshes(quads: Surfels, folder: Path) -> list[tuple[str, str, float | None]]
     """Write a mesh for each kind; returns name, kind and, of bright ones, apparent reflectivity of each body."""
     bodies: list[tuple[str, str, float | None]] = []
     for kind, name in enumerate(KINDS):
-        there = quads.kind == kind
-        if not there.any():
+        mask = quads.kind == kind
+        if not mask.any():
             continue
         if kind != BRIGHT:
-            _mesh(folder / f"{name}.ply", quads.corners_m[there], quads.reflectivity[there])
+            _mesh(folder / f"{name}.ply", quads.corners_m[mask], quads.reflectivity[mask])
             bodies.append((name, name, None))
             continue
-        levels = np.rint(np.log(quads.reflectivity[there]) / math.log(BRIGHT_STEP)).astype(int)
+        levels = np.rint(np.log(quads.reflectivity[mask]) / math.log(BRIGHT_STEP)).astype(int)
         for level in np.unique(levels):
             body = f"{name}{level - levels.min()}"
             of_level = levels == level
-            _mesh(folder / f"{body}.ply", quads.corners_m[there][of_level], None)
-            bodies.append((body, name, float(np.median(quads.reflectivity[there][of_level]))))
+            _mesh(folder / f"{body}.ply", quads.corners_m[mask][of_level], None)
+            bodies.append((body, name, float(np.median(quads.reflectivity[mask][of_level]))))
     return bodies
 
 
@@ -314,14 +314,14 @@ def about(scene: Path) -> dict[str, Any]:
     path = scene.parent / ABOUT
     if not path.is_file():
         raise InputError(f"{scene}: must be the scene of a twin, with {ABOUT} beside it, or a cloud")
-    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return found
+    provenance: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return provenance
 
 
-def place_of(made: dict[str, Any], number: int, scene: Path) -> Pose:
+def place_of(provenance: dict[str, Any], number: int, scene: Path) -> Pose:
     """Pose of a frame that the twin knows. Raises InputError."""
-    found = made["places"].get(str(number))
-    if found is None:
-        raise InputError(f"--frame {number}: must be one of {', '.join(made['places'])}, which {scene} knows")
-    x, y, z, yaw, pitch, roll = found
+    pose = provenance["places"].get(str(number))
+    if pose is None:
+        raise InputError(f"--frame {number}: must be one of {', '.join(provenance['places'])}, which {scene} knows")
+    x, y, z, yaw, pitch, roll = pose
     return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)

@@ -106,37 +106,37 @@ def bias_and_scatter(real: Numbers, simulated: Numbers) -> tuple[float, float]:
 
 def _ranges(pulses: Pulses) -> Iterator[Row]:
     """On smooth surfaces that both found: against the surface of the twin."""
-    same = np.abs(pulses.range_m - pulses.true_range_m) < SAME_M
-    both = pulses.at(pulses.kept & pulses.simulated & (pulses.kind == SMOOTH) & same)
-    real_mm = 1e3 * (both.range_m - both.true_range_m)
-    simulated_mm = 1e3 * (both.simulated_range_m - both.true_range_m)
-    told = bool(len(real_mm) >= LEAST)
+    near_surface = np.abs(pulses.range_m - pulses.true_range_m) < SAME_M
+    returns = pulses.at(pulses.kept & pulses.simulated & (pulses.kind == SMOOTH) & near_surface)
+    real_mm = 1e3 * (returns.range_m - returns.true_range_m)
+    simulated_mm = 1e3 * (returns.simulated_range_m - returns.true_range_m)
+    enough = bool(len(real_mm) >= LEAST)
     yield Row(
         quantity="range, bias",
         condition="smooth surfaces",
         unit="mm",
         low=-BIAS_MM,
         high=BIAS_MM,
-        value=float(np.median(simulated_mm - real_mm)) if told else None,
+        value=float(np.median(simulated_mm - real_mm)) if enough else None,
     )
-    if not told:
+    if not enough:
         return
     bias, scatter = bias_and_scatter(real_mm, simulated_mm)
     yield Row(quantity="range, double validation metric", condition="bias", value=bias, unit="mm")
     yield Row(quantity="range, double validation metric", condition="scatter", value=scatter, unit="mm")
-    if both.signal is None:
-        yield _scatter("all strengths", both)
+    if returns.signal is None:
+        yield _scatter("all strengths", returns)
         return
-    octave = np.floor(np.log2(np.maximum(both.signal, 1.0))).astype(int)
-    for one in np.unique(octave):
-        there = both.at((octave == one) & np.isfinite(both.change_m))
-        if len(there.change_m) >= LEAST:
-            yield _scatter(f"signal {2**one} to {2 ** (one + 1)}", there)
+    octave = np.floor(np.log2(np.maximum(returns.signal, 1.0))).astype(int)
+    for number in np.unique(octave):
+        octave_returns = returns.at((octave == number) & np.isfinite(returns.change_m))
+        if len(octave_returns.change_m) >= LEAST:
+            yield _scatter(f"signal {2**number} to {2 ** (number + 1)}", octave_returns)
 
 
-def _scatter(name: str, both: Pulses) -> Row:
+def _scatter(name: str, returns: Pulses) -> Row:
     """By differences along the ring, on both sides alike: what is wrong with the twin's surface is no scatter."""
-    real, simulated = (1e3 * spread(one[np.isfinite(one)]) for one in (both.change_m, both.simulated_change_m))
+    real, simulated = (1e3 * spread(values[np.isfinite(values)]) for values in (returns.change_m, returns.simulated_change_m))
     return Row(
         quantity="range, scatter",
         condition=name,
@@ -158,22 +158,22 @@ def _signals(pulses: Pulses) -> Iterator[Row]:
     if pulses.signal is None or not np.nanmax(pulses.simulated_signal, initial=0.0) > 0.0:
         yield Row(quantity="signal, mean error over the range", unit="", high=SIGNAL_ERROR)
         return
-    kept, simulated = pulses.kept, pulses.simulated
-    edges = np.quantile(pulses.range_m[kept], np.linspace(0.0, 1.0, RANGE_BINS + 1))
+    returned, simulated = pulses.kept, pulses.simulated
+    edges = np.quantile(pulses.range_m[returned], np.linspace(0.0, 1.0, RANGE_BINS + 1))
     errors = []
     for low, high in itertools.pairwise(edges):
-        of_real = kept & (pulses.range_m >= low) & (pulses.range_m < high)
+        of_real = returned & (pulses.range_m >= low) & (pulses.range_m < high)
         of_simulated = simulated & (pulses.simulated_range_m >= low) & (pulses.simulated_range_m < high)
         if of_real.sum() < LEAST or of_simulated.sum() < LEAST:
             continue
         real = float(np.mean(pulses.signal[of_real]))
-        mine = float(np.mean(pulses.simulated_signal[of_simulated]))
-        errors.append(mine / real - 1.0)
+        simulated_mean = float(np.mean(pulses.simulated_signal[of_simulated]))
+        errors.append(simulated_mean / real - 1.0)
         yield Row(
             quantity="signal, mean",
             condition=f"{low:.3g} to {high:.3g} m",
             real=real,
-            simulated=mine,
+            simulated=simulated_mean,
             value=errors[-1],
             unit="photons",
         )
@@ -182,39 +182,39 @@ def _signals(pulses: Pulses) -> Iterator[Row]:
         value=float(np.mean(np.abs(errors))) if errors else None,
         high=SIGNAL_ERROR,
     )
-    both = kept & simulated & (pulses.signal > 0.0) & (pulses.simulated_signal > 0.0)
-    if both.sum() >= LEAST:
-        bias, scatter = bias_and_scatter(pulses.signal[both], pulses.simulated_signal[both])
+    both_mask = returned & simulated & (pulses.signal > 0.0) & (pulses.simulated_signal > 0.0)
+    if both_mask.sum() >= LEAST:
+        bias, scatter = bias_and_scatter(pulses.signal[both_mask], pulses.simulated_signal[both_mask])
         yield Row(quantity="signal, double validation metric", condition="bias", value=bias, unit="photons")
         yield Row(quantity="signal, double validation metric", condition="scatter", value=scatter, unit="photons")
-        logs = np.log(pulses.signal[both]), np.log(pulses.simulated_signal[both])
+        logs = np.log(pulses.signal[both_mask]), np.log(pulses.simulated_signal[both_mask])
         yield Row(quantity="signal, correlation of logarithms", value=float(np.corrcoef(*logs)[0, 1]))
 
 
 def _points(pulses: Pulses) -> Iterator[Row]:
-    real, mine = int(pulses.kept.sum()), int(pulses.simulated.sum())
+    real, simulated = int(pulses.kept.sum()), int(pulses.simulated.sum())
     yield Row(
         quantity="points",
         real=real,
-        simulated=mine,
-        value=mine / real - 1.0 if real else None,
+        simulated=simulated,
+        value=simulated / real - 1.0 if real else None,
         low=-POINTS,
         high=POINTS,
     )
     rings = int(pulses.ring.max()) + 1
     of_real = np.bincount(pulses.ring[pulses.kept], minlength=rings)
-    of_mine = np.bincount(pulses.ring[pulses.simulated], minlength=rings)
+    of_simulated = np.bincount(pulses.ring[pulses.simulated], minlength=rings)
     full = of_real >= LEAST
     if not full.any():
         return
-    error = of_mine[full] / of_real[full] - 1.0
+    error = of_simulated[full] / of_real[full] - 1.0
     worst = int(np.argmax(np.abs(error)))
     number = int(np.flatnonzero(full)[worst])
     yield Row(
         quantity="points per ring, worst",
         condition=f"ring {number}",
         real=int(of_real[number]),
-        simulated=int(of_mine[number]),
+        simulated=int(of_simulated[number]),
         value=float(error[worst]),
         low=-POINTS_OF_RING,
         high=POINTS_OF_RING,
@@ -227,36 +227,36 @@ def _points(pulses: Pulses) -> Iterator[Row]:
 
 
 def _kept(pulses: Pulses, between: float | None = None) -> Iterator[Row]:
-    kept, mine = pulses.kept, pulses.simulated
-    yield Row(quantity="real returns kept", value=_share(mine[kept]), low=KEPT_SHARE)
-    losses = ~kept & ~pulses.dropped & (pulses.kind != NOTHING)
+    returned, simulated = pulses.kept, pulses.simulated
+    yield Row(quantity="real returns kept", value=_share(simulated[returned]), low=KEPT_SHARE)
+    losses = ~returned & ~pulses.dropped & (pulses.kind != NOTHING)
     yield Row(
         quantity="real losses on surfaces kept",
         condition=f"of {int(losses.sum())}",
-        value=_share(mine[losses]) if losses.sum() >= LEAST else None,
+        value=_share(simulated[losses]) if losses.sum() >= LEAST else None,
         high=KEPT_LOSSES,
     )
     if pulses.dropped.any():
         yield Row(
             quantity="found but withheld by the real sensor, kept",
             condition=f"of {int(pulses.dropped.sum())}",
-            value=_share(mine[pulses.dropped]),
+            value=_share(simulated[pulses.dropped]),
         )
     yield Row(
         quantity="kept or lost otherwise than real",
         condition="" if between is None else "real: between two frames",
         real=between,
-        value=_share(kept != mine),
+        value=_share(returned != simulated),
         high=None if between is None else between + DISAGREEMENT,
     )
 
 
-def apart(sweep: Sweep, other: Sweep) -> float | None:
+def apart(first: Sweep, second: Sweep) -> float | None:
     """Share of the pulses that two frames keep or lose differently; None unless they are of one kind."""
-    both = sweep.recorded & other.recorded if sweep.shape == other.shape else np.zeros(0, bool)
-    if not (both.any() and sweep.knows_lost and other.knows_lost):
+    recorded = first.recorded & second.recorded if first.shape == second.shape else np.zeros(0, bool)
+    if not (recorded.any() and first.knows_lost and second.knows_lost):
         return None
-    return _share((sweep.kept != other.kept)[both])
+    return _share((first.kept != second.kept)[recorded])
 
 
 def _share(mask: Numbers) -> float | None:
@@ -266,13 +266,13 @@ def _share(mask: Numbers) -> float | None:
 def _ground(sweep: Sweep, cloud: PointCloud) -> Iterator[Row]:
     real = ground_of(sweep.xyz_m[sweep.kept])
     local = cloud.in_sensor_frame()
-    mine = ground_of(local.select(local.return_number <= 1).xyz_m.astype(np.float64))
-    told = real is not None and mine is not None
+    simulated = ground_of(local.select(local.return_number <= 1).xyz_m.astype(np.float64))
+    measured = real is not None and simulated is not None
     yield Row(
         quantity="farthest ground, 99.9 %",
         real=real[1] if real else None,
-        simulated=mine[1] if mine else None,
-        value=mine[1] / real[1] - 1.0 if told and real and mine else None,
+        simulated=simulated[1] if simulated else None,
+        value=simulated[1] / real[1] - 1.0 if measured and real and simulated else None,
         low=-GROUND,
         high=GROUND,
         unit="m",
@@ -280,10 +280,10 @@ def _ground(sweep: Sweep, cloud: PointCloud) -> Iterator[Row]:
 
 
 def _second(pulses: Pulses) -> Iterator[Row]:
-    real, mine = (pulses.gap_m[np.isfinite(pulses.gap_m)], pulses.simulated_gap_m[np.isfinite(pulses.simulated_gap_m)])
-    if not len(real) and not len(mine):
+    real, simulated = (pulses.gap_m[np.isfinite(pulses.gap_m)], pulses.simulated_gap_m[np.isfinite(pulses.simulated_gap_m)])
+    if not len(real) and not len(simulated):
         return
-    shares = len(real) / max(int(pulses.kept.sum()), 1), len(mine) / max(int(pulses.simulated.sum()), 1)
+    shares = len(real) / max(int(pulses.kept.sum()), 1), len(simulated) / max(int(pulses.simulated.sum()), 1)
     yield Row(
         quantity="second returns, share",
         real=shares[0],
@@ -292,8 +292,8 @@ def _second(pulses: Pulses) -> Iterator[Row]:
         low=1.0 / SECOND_SHARE,
         high=SECOND_SHARE,
     )
-    enough = len(real) >= LEAST and len(mine) >= LEAST
-    gaps = [float(np.percentile(gap, 1.0)) if len(gap) else None for gap in (real, mine)]
+    enough = len(real) >= LEAST and len(simulated) >= LEAST
+    gaps = [float(np.percentile(gap, 1.0)) if len(gap) else None for gap in (real, simulated)]
     yield Row(
         quantity="second returns, least separation",
         condition="1 %",

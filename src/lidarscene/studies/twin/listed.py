@@ -56,8 +56,8 @@ def surfels_of(sweep: Sweep, gauge: Gauge | None, ground: Numbers | None) -> Sur
     )
     if ground is None:
         return quads
-    on = np.abs(points[:, 2] - ground[0] - points[:, :2] @ ground[1:]) < 0.1
-    return together([quads, _plane(ground, float(np.percentile(range_m[on], 99.0)), reflectivity[on])])
+    on_ground = np.abs(points[:, 2] - ground[0] - points[:, :2] @ ground[1:]) < 0.1
+    return together([quads, _plane(ground, float(np.percentile(range_m[on_ground], 99.0)), reflectivity[on_ground])])
 
 
 def _spacing_m(points: Numbers) -> Numbers:
@@ -70,8 +70,8 @@ def _spacing_m(points: Numbers) -> Numbers:
 
 def _squares(points: Numbers, normal: Numbers, half_m: Numbers) -> Numbers:
     """(n, 4, 3) corners of squares about the points, across the normals."""
-    other = np.where(np.abs(normal[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    u = np.cross(other, normal)
+    helper_axis = np.where(np.abs(normal[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    u = np.cross(helper_axis, normal)
     u = u / np.linalg.norm(u, axis=1, keepdims=True)
     v = np.cross(normal, u)
     u, v = half_m[:, None] * u, half_m[:, None] * v
@@ -80,7 +80,7 @@ def _squares(points: Numbers, normal: Numbers, half_m: Numbers) -> Numbers:
 
 def _plane(ground: Numbers, reach_m: float, reflectivity: Numbers) -> Surfels:
     steps = np.arange(-reach_m, reach_m, CELL_M) + 0.5 * CELL_M
-    x, y = (one.ravel() for one in np.meshgrid(steps, steps))
+    x, y = (coordinates.ravel() for coordinates in np.meshgrid(steps, steps))
     inside = np.hypot(x, y) < reach_m
     corners = []
     for right, up in ((0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5), (0.5, -0.5)):

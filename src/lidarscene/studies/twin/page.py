@@ -52,15 +52,15 @@ def compare_twin(
     A list of points has no pulses to compare: then the statistics of `compare.real` are written.
     Raises InputError and OutputError.
     """
-    made = about(scene_file)
-    number = made["judged"] if frame is None else frame
-    pose = place_of(made, number, scene_file)
+    provenance = about(scene_file)
+    number = provenance["judged"] if frame is None else frame
+    pose = place_of(provenance, number, scene_file)
     for name in (PAGE, NUMBERS):
         require_writable(folder / name)
     scene = load_scene(scene_file)
     sensor = load_sensor(scene.sensor_name)
     sweep = whole = recording[number]
-    if made["held_out"] == COLUMNS:
+    if provenance["held_out"] == COLUMNS:
         sweep = of_columns(sweep, slice(1, None, 2))
     if not has_grid(sweep):
         cloud = Simulator(scene, sensor, pose=pose).render(seed=seed, chunk=chunk)
@@ -70,27 +70,27 @@ def compare_twin(
     following = (number + 1) % len(recording)
     between = apart(whole, recording[following]) if following != number else None
     rows = [row for row in rows_of(pulses, sweep, cloud, between=between) if row.is_told]
-    told: dict[str, Any] = {
+    numbers: dict[str, Any] = {
         "verdict": verdict(rows),
         "recording": recording.path.name,
         "frame": number,
-        "twin": made,
-        "seen": seen(made, number),
+        "twin": provenance,
+        "seen": seen(provenance, number),
         "rows": [asdict(row) | {"met": row.met} for row in rows],
     }
-    text = json_text(told, indent=1)
+    text = json_text(numbers, indent=1)
     put_text(folder / NUMBERS, text + "\n")
-    _page(rows, told, (whole, cloud), folder)
-    return text if as_json else "\n".join([as_text(rows), told["seen"], f"wrote {folder / PAGE}"])
+    _page(rows, numbers, (whole, cloud), folder)
+    return text if as_json else "\n".join([as_text(rows), numbers["seen"], f"wrote {folder / PAGE}"])
 
 
-def seen(made: dict[str, Any], number: int) -> str:
+def seen(provenance: dict[str, Any], number: int) -> str:
     """What of the judged frame the twin was made of, for people."""
-    if made["held_out"] == COLUMNS:
+    if provenance["held_out"] == COLUMNS:
         return "Judged by every second column; the twin is made of the others."
-    if number in made["frames"]:
+    if number in provenance["frames"]:
         return "The twin is made of this frame: surfaces and reflectivities are its own, only the sensor is judged."
-    return f"Held out: the twin is made of frames {', '.join(map(str, made['frames']))}."
+    return f"Held out: the twin is made of frames {', '.join(map(str, provenance['frames']))}."
 
 
 def as_text(rows: list[Row]) -> str:
@@ -112,18 +112,18 @@ def verdict(rows: list[Row]) -> str:
         return "Nothing of this frame can be held to a limit."
     if not missed:
         return f"The twin meets all {len(judged)} limits." if len(judged) > 1 else "The twin meets the one limit."
-    named = []
+    descriptions = []
     for row in missed[:MOST_NAMED]:
         condition = f" ({row.condition})" if row.condition else ""
-        named.append(f"'{row.quantity}{condition}', {_shown(row.value)} where {_limit(row)} is allowed")
+        descriptions.append(f"'{row.quantity}{condition}', {_shown(row.value)} where {_limit(row)} is allowed")
     more = [f"{len(missed) - MOST_NAMED} more"] if len(missed) > MOST_NAMED else []
-    return f"The twin meets {len(judged) - len(missed)} of {len(judged)} limits; it misses {'; '.join(named + more)}."
+    return f"The twin meets {len(judged) - len(missed)} of {len(judged)} limits; it misses {'; '.join(descriptions + more)}."
 
 
 def _cells(row: Row) -> tuple[str, ...]:
-    met = {None: "", True: "met", False: "NOT MET"}[row.met]
+    mark = {None: "", True: "met", False: "NOT MET"}[row.met]
     quantity = f"{row.quantity} [{row.unit}]" if row.unit else row.quantity
-    return (quantity, row.condition, _shown(row.real), _shown(row.simulated), _shown(row.value), _limit(row), met)
+    return (quantity, row.condition, _shown(row.real), _shown(row.simulated), _shown(row.value), _limit(row), mark)
 
 
 def _limit(row: Row) -> str:
@@ -140,15 +140,15 @@ def _shown(value: float | None) -> str:
     return f"{value:,}" if isinstance(value, int) else f"{value:.4g}"
 
 
-def _page(rows: list[Row], told: dict[str, Any], clouds: tuple[Sweep, PointCloud], folder: Path) -> None:
+def _page(rows: list[Row], numbers: dict[str, Any], clouds: tuple[Sweep, PointCloud], folder: Path) -> None:
     sweep, cloud = clouds
-    shown = {REAL: cloud_of(sweep), SIMULATED: cloud.in_sensor_frame()}
-    scale = common_scale(list(shown.values()), "range")
-    for name, one in shown.items():
-        picture(one, folder / f"{name}.png", scale=scale)
-    page = Page(f"{told['recording']}, frame {told['frame']}, and its twin", folder=folder)
-    page.paragraph(told["verdict"])
-    page.paragraph(told["seen"])
+    shown_clouds = {REAL: cloud_of(sweep), SIMULATED: cloud.in_sensor_frame()}
+    scale = common_scale(list(shown_clouds.values()), "range")
+    for name, shown_cloud in shown_clouds.items():
+        picture(shown_cloud, folder / f"{name}.png", scale=scale)
+    page = Page(f"{numbers['recording']}, frame {numbers['frame']}, and its twin", folder=folder)
+    page.paragraph(numbers["verdict"])
+    page.paragraph(numbers["seen"])
     page.paragraph(_NOTE)
     page.table(("quantity", "condition", "real", "simulated", "value", "limit", ""), [_cells(row) for row in rows])
     page.pictures([(REAL, "Recorded, by range."), (SIMULATED, "Simulated in the twin, by range.")])

@@ -59,12 +59,12 @@ def _thinned(sweep: Sweep) -> Any:
     return cloud
 
 
-def _laid(cloud: Any, on: Any) -> Pose:
+def _laid(cloud: Any, reference: Any) -> Pose:
     """The pose of one frame in the axes of another that it overlaps."""
     registration = open3d().pipelines.registration
     matrix = np.eye(4)
     for within_m in WITHIN_M:
         matrix = registration.registration_icp(
-            cloud, on, within_m, matrix, registration.TransformationEstimationPointToPlane()
+            cloud, reference, within_m, matrix, registration.TransformationEstimationPointToPlane()
         ).transformation
     return Pose(position_m=np.array(matrix[:3, 3]), rotation=np.array(matrix[:3, :3]))

@@ -78,7 +78,7 @@ class Planes:
         Each pixel's own range has a small share in it, so its noise is not cut off.
         """
         around = [(row, column) for row in (-1, 0, 1) for column in (-2, -1, 0, 1, 2)]
-        mean = sum(_moved(np.where(self.there[..., None], self.normal, np.nan), *by) for by in around)
+        mean = sum(_moved(np.where(self.there[..., None], self.normal, np.nan), *offset) for offset in around)
         with np.errstate(invalid="ignore"):
             return np.asarray(np.linalg.norm(mean, axis=-1) > SMOOTH_COS * len(around))
 
@@ -91,7 +91,7 @@ def of_columns(sweep: Sweep, chosen: slice) -> Sweep:
 def _each(sweep: Sweep, take: Callable[[Numbers], Numbers]) -> Sweep:
     """The sweep with every array changed alike."""
     changed: dict[str, Any] = {
-        one.name: take(value) for one in fields(Sweep) if isinstance(value := getattr(sweep, one.name), np.ndarray)
+        field.name: take(value) for field in fields(Sweep) if isinstance(value := getattr(sweep, field.name), np.ndarray)
     }
     if sweep.second is not None:
         parts: dict[str, Any] = {
@@ -136,15 +136,15 @@ def planes_of(grid: Grid) -> Planes:
     origin_m = np.zeros((*sweep.shape, 3)) if sweep.origin_m is None else sweep.origin_m
     direction, range_m = sweep.direction, np.array(sweep.range_m)
     offsets = _window(grid)
-    around = np.stack([_moved(range_m, *by) for by in offsets])
+    around = np.stack([_moved(range_m, *offset) for offset in offsets])
     middle = np.where(np.isfinite(range_m), range_m, known_median(around))
-    normal, found = -direction, middle
+    normal, plane_range_m = -direction, middle
     unit, points = np.eye(3), origin_m + range_m[..., None] * direction
-    neighbours = [_moved(points, *by) for by in offsets]
-    near = [np.abs(_moved(range_m, *by) - middle) < NEAR_SHARE * middle + SCALES_M[0] for by in offsets]
+    neighbours = [_moved(points, *offset) for offset in offsets]
+    near = [np.abs(_moved(range_m, *offset) - middle) < NEAR_SHARE * middle + SCALES_M[0] for offset in offsets]
     for scale_m in SCALES_M:
         sums = np.zeros((10, *sweep.shape))
-        start_m = np.einsum("...i,...i", origin_m + found[..., None] * direction, normal)
+        start_m = np.einsum("...i,...i", origin_m + plane_range_m[..., None] * direction, normal)
         for point, close in zip(neighbours, near, strict=True):
             off_m = np.einsum("...i,...i", point, normal) - start_m
             weight = 1.0 / (1.0 + (off_m / scale_m) ** 2)
@@ -161,14 +161,14 @@ def planes_of(grid: Grid) -> Planes:
         with np.errstate(invalid="ignore", divide="ignore"):
             normal = -slope / length[..., None]
             cos = -np.einsum("...i,...i", normal, direction)
-            found = (1.0 - np.einsum("...i,...i", slope, origin_m)) / np.einsum("...i,...i", slope, direction)
-            weak = (total < LEAST_SHARE * len(offsets)) | ~(cos > LEAST_COS) | ~(found > 0.0)
+            plane_range_m = (1.0 - np.einsum("...i,...i", slope, origin_m)) / np.einsum("...i,...i", slope, direction)
+            weak = (total < LEAST_SHARE * len(offsets)) | ~(cos > LEAST_COS) | ~(plane_range_m > 0.0)
         normal = np.where(weak[..., None], -direction, normal)
-        found = np.where(weak, middle, found)
+        plane_range_m = np.where(weak, middle, plane_range_m)
     with np.errstate(invalid="ignore"):
-        off_m = np.abs(found - range_m) * cos
-    good = ~weak & ~(off_m > MOST_OFF_M) & np.isfinite(found)
-    return Planes(range_m=np.where(good, found, np.nan), normal=np.where(good[..., None], normal, -direction))
+        off_m = np.abs(plane_range_m - range_m) * cos
+    good = ~weak & ~(off_m > MOST_OFF_M) & np.isfinite(plane_range_m)
+    return Planes(range_m=np.where(good, plane_range_m, np.nan), normal=np.where(good[..., None], normal, -direction))
 
 
 _SYMMETRIC = [0, 1, 2, 1, 3, 4, 2, 4, 5]
@@ -197,7 +197,7 @@ def median_around(grid: Grid, values: Numbers) -> Numbers:
 
     Finite wherever values of all kept pixels are and the pixel has a plane, which `LEAST_SHARE` of its window is on.
     """
-    return known_median(np.stack([_moved(values, *by) for by in _window(grid)]))
+    return known_median(np.stack([_moved(values, *offset) for offset in _window(grid)]))
 
 
 def known_median(around: Numbers) -> Numbers:

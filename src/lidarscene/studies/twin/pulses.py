@@ -77,7 +77,7 @@ class Pulses:
     def at(self, mask: Numbers) -> Pulses:
         """Only these pulses."""
         values: dict[str, Any] = {
-            one.name: None if (value := getattr(self, one.name)) is None else value[mask] for one in fields(self)
+            field.name: None if (value := getattr(self, field.name)) is None else value[mask] for field in fields(self)
         }
         return Pulses(**values)
 
@@ -91,15 +91,15 @@ def pulses_of(
     """
     numbers, angle_rad = matched(sensor, sweep)
     simulator = Simulator(scene, sensor, pose=pose, rays=RAYS if sensor.tdc.stops > 1 else 1)
-    seen: list[tuple[Numbers, Mapping[str, Numbers]]] = []
-    cloud = simulator.render(seed=seed, chunk=chunk, points=lambda pulse, columns: seen.append((pulse, columns)))
+    observed: list[tuple[Numbers, Mapping[str, Numbers]]] = []
+    cloud = simulator.render(seed=seed, chunk=chunk, points=lambda pulse, columns: observed.append((pulse, columns)))
     n = sensor.scanner.pulses
-    of_points = np.concatenate([np.zeros(0, np.int64), *(pulse.astype(np.int64) for pulse, _ in seen)])
+    of_points = np.concatenate([np.zeros(0, np.int64), *(pulse.astype(np.int64) for pulse, _ in observed)])
     first, second = _by_pulse(of_points, n)
     range_m, other_m = (_at(cloud.range_m, place) for place in (first, second))
     true_range_m, kind = np.full(n, np.nan), np.full(n, NOTHING)
     kinds = np.array([KINDS.index(name) if name in KINDS else NOTHING for name in simulator.class_names])
-    for _, columns in seen:
+    for _, columns in observed:
         if columns:
             pulse = columns["pulse"].astype(np.int64)
             true_range_m[pulse] = columns["true_range_m"]
@@ -155,21 +155,21 @@ def matched(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
     channels = np.unique(channel)
     if len(channels) != sweep.shape[0]:
         raise InputError(f"the sensor must have {sweep.shape[0]} channels, as the recording has, got {len(channels)}")
-    height = [float(np.median(fired[channel == one, 2])) for one in channels]
+    height = [float(np.median(fired[channel == number, 2])) for number in channels]
     rows = np.argsort(-np.median(sweep.direction[..., 2], axis=1), kind="stable")
     numbers, angle = np.zeros(sweep.shape, np.int64), np.zeros(sweep.shape)
-    for row, one in zip(rows, channels[np.argsort(-np.array(height), kind="stable")], strict=True):
-        own = np.flatnonzero(channel == one)
-        azimuth = np.arctan2(fired[own, 1], fired[own, 0])
+    for row, row_channel in zip(rows, channels[np.argsort(-np.array(height), kind="stable")], strict=True):
+        row_pulses = np.flatnonzero(channel == row_channel)
+        azimuth = np.arctan2(fired[row_pulses, 1], fired[row_pulses, 0])
         order = np.argsort(azimuth)
-        wanted = np.arctan2(sweep.direction[row, :, 1], sweep.direction[row, :, 0])
+        target = np.arctan2(sweep.direction[row, :, 1], sweep.direction[row, :, 0])
         turn = np.r_[azimuth[order], azimuth[order][0] + 2.0 * np.pi]
         ends = 0.5 * (turn[1:] + turn[:-1])  # half way to the next; the last one lies beyond the turn
-        wanted = ends[-1] - (ends[-1] - wanted) % (2.0 * np.pi)
-        place = np.searchsorted(ends, wanted) % len(own)
-        numbers[row] = own[order][place]
-        apart = np.linalg.norm(np.cross(fired[numbers[row]], sweep.direction[row]), axis=-1)
-        angle[row] = np.arcsin(apart.clip(0.0, 1.0))
+        target = ends[-1] - (ends[-1] - target) % (2.0 * np.pi)
+        place = np.searchsorted(ends, target) % len(row_pulses)
+        numbers[row] = row_pulses[order][place]
+        sine = np.linalg.norm(np.cross(fired[numbers[row]], sweep.direction[row]), axis=-1)
+        angle[row] = np.arcsin(sine.clip(0.0, 1.0))
     if np.median(angle) > LARGEST_ANGLE_RAD:
         raise InputError(
             f"the sensor must fire where the recording's did, got {np.degrees(np.median(angle)):.3g} degrees between "
@@ -192,6 +192,6 @@ def _by_pulse(pulse: Numbers, n: int) -> tuple[Numbers, Numbers]:
 
 def _at(values: Numbers, place: Numbers) -> Numbers:
     """Of these points; NaN without one."""
-    found = np.full(len(place), np.nan)
-    found[place >= 0] = np.asarray(values, np.float64)[place[place >= 0]]
-    return found
+    gathered = np.full(len(place), np.nan)
+    gathered[place >= 0] = np.asarray(values, np.float64)[place[place >= 0]]
+    return gathered

@@ -80,9 +80,9 @@ class Gauge:
         field, and signals are finer than reflectivities in steps of 1 % and not cut off above white.
         """
         if sweep.reflectivity is not None and sweep.signal is not None:
-            found = _ratio(sweep)
-            if found is not None:
-                return cls(field="signal", range_m=found[0], per_count=found[1])
+            table = _ratio(sweep)
+            if table is not None:
+                return cls(field="signal", range_m=table[0], per_count=table[1])
         if sweep.reflectivity is not None:
             return cls(field="reflectivity", range_m=np.ones(1), per_count=np.full(1, 1.0 / WHITE))
         if sweep.intensity is None:
@@ -98,12 +98,12 @@ class Gauge:
     def apparent(self, returns: Sweep | Second, range_m: Numbers) -> Numbers:
         """Apparent reflectivity of a sweep's strengths at these ranges; `LEAST` where a strength is no number."""
         strength = np.asarray(getattr(returns, self.field), np.float64)
-        at, table, value = np.log(np.maximum(range_m, 1e-3)), np.log(self.range_m), np.log(self.per_count)
-        log_factor = np.interp(at, table, value)
+        log_range, table, value = np.log(np.maximum(range_m, 1e-3)), np.log(self.range_m), np.log(self.per_count)
+        log_factor = np.interp(log_range, table, value)
         if len(table) > 1:
             # Before the table as between its first two bins; beyond it signals fall as 1 / range^2.
             slope = np.clip((value[1] - value[0]) / (table[1] - table[0]), -STEEPEST, STEEPEST)
-            log_factor = log_factor + slope * np.minimum(at - table[0], 0.0) + 2.0 * np.maximum(at - table[-1], 0.0)
+            log_factor = log_factor + slope * np.minimum(log_range - table[0], 0.0) + 2.0 * np.maximum(log_range - table[-1], 0.0)
         factor = np.exp(log_factor)
         return np.maximum(np.nan_to_num(strength * factor, posinf=0.0), LEAST)
 
@@ -119,9 +119,9 @@ def _ratio(sweep: Sweep) -> tuple[Numbers, Numbers] | None:
     ratio = sweep.reflectivity[good].astype(np.float64) / WHITE / sweep.signal[good]
     bins = np.floor(log_range * _BINS_PER_OCTAVE).astype(int)
     range_m, per_count = [], []
-    for one in np.unique(bins):
-        there = bins == one
-        if there.sum() >= _LEAST_PIXELS:
-            range_m.append(2.0 ** float(np.median(log_range[there])))
-            per_count.append(float(np.median(ratio[there])))
+    for number in np.unique(bins):
+        mask = bins == number
+        if mask.sum() >= _LEAST_PIXELS:
+            range_m.append(2.0 ** float(np.median(log_range[mask])))
+            per_count.append(float(np.median(ratio[mask])))
     return (np.array(range_m), np.array(per_count)) if range_m else None

@@ -68,7 +68,7 @@ class Surfels:
 
 def together(parts: Sequence[Surfels]) -> Surfels:
     """All in one."""
-    return Surfels(**{one.name: np.concatenate([getattr(p, one.name) for p in parts]) for one in fields(Surfels)})
+    return Surfels(**{field.name: np.concatenate([getattr(p, field.name) for p in parts]) for field in fields(Surfels)})
 
 
 def surfels_of(grid: Grid, gauge: Gauge | None, ground: Numbers | None) -> Surfels:
@@ -77,21 +77,21 @@ def surfels_of(grid: Grid, gauge: Gauge | None, ground: Numbers | None) -> Surfe
     ground  (3,) z = a + b x + c y of the plane of the ground [m]; None if there is none
     """
     sweep, planes = grid.sweep, planes_of(grid)
-    kept, smooth = sweep.kept, planes.smooth()
+    returned, smooth = sweep.kept, planes.smooth()
     apparent = _apparent(grid, gauge, planes)
     range_m = np.where(planes.there, planes.range_m, sweep.range_m)
     two = _two_returns(grid)
-    left, right = (_ends(grid, side) & kept & ~two for side in (1, -1))
-    span = np.where(left, EDGE, 1.0), np.where(right, -EDGE, -1.0)
+    ends_left, ends_right = (_ends(grid, side) & returned & ~two for side in (1, -1))
+    span = np.where(ends_left, EDGE, 1.0), np.where(ends_right, -EDGE, -1.0)
     parts = [
         _quads(grid, chosen, range_m, planes.normal, apparent, kind, span=span)
         for kind, chosen in (
-            (SMOOTH, kept & smooth & ~two),
-            (ROUGH, kept & ~smooth & ~two),
+            (SMOOTH, returned & smooth & ~two),
+            (ROUGH, returned & ~smooth & ~two),
             (FILLED, sweep.lost & planes.there & ~dropped(sweep)),
         )
     ]
-    for side, ends in ((1, left), (-1, right)):
+    for side, ends in ((1, ends_left), (-1, ends_right)):
         between = 0.5 * (apparent + np.fmin(apparent, _beside(grid, gauge, range_m, side)))
         beyond = (2.0 - EDGE, EDGE) if side > 0 else (-EDGE, EDGE - 2.0)
         parts.append(_quads(grid, ends, range_m, planes.normal, between, ROUGH, span=beyond))
@@ -112,13 +112,13 @@ def _apparent(grid: Grid, gauge: Gauge | None, planes: Planes) -> Numbers:
     if gauge is None:
         return np.full(sweep.shape, 0.2)
     apparent = gauge.apparent(sweep, np.where(sweep.kept, sweep.range_m, 1.0))
-    lost = ~sweep.kept & planes.there
-    if lost.any():
-        known = np.where(sweep.kept, apparent, np.nan)
-        middle = known_median(np.stack([np.roll(known, by, axis=1)[lost] for by in range(-4, 5)]))
+    lost_mask = ~sweep.kept & planes.there
+    if lost_mask.any():
+        measured = np.where(sweep.kept, apparent, np.nan)
+        middle = known_median(np.stack([np.roll(measured, shift, axis=1)[lost_mask] for shift in range(-4, 5)]))
         if np.isnan(middle).any():
-            middle = np.where(np.isnan(middle), median_around(grid, known)[lost], middle)
-        apparent[lost] = np.fmin(middle, _allowed(grid, gauge, planes.range_m)[lost])
+            middle = np.where(np.isnan(middle), median_around(grid, measured)[lost_mask], middle)
+        apparent[lost_mask] = np.fmin(middle, _allowed(grid, gauge, planes.range_m)[lost_mask])
     return np.maximum(apparent, LEAST)
 
 
@@ -130,8 +130,8 @@ def _allowed(grid: Grid, gauge: Gauge, range_m: Numbers) -> Numbers:
     signal = grid.sweep.signal
     if not grid.sweep.knows_lost or gauge.field != "signal" or signal is None:
         return np.full(grid.sweep.shape, np.inf)
-    found = gauge.apparent(grid.sweep, np.nan_to_num(range_m, nan=1.0))
-    return np.where(np.nan_to_num(signal) > 0.0, LOST_SHARE * found, np.inf)
+    bound = gauge.apparent(grid.sweep, np.nan_to_num(range_m, nan=1.0))
+    return np.where(np.nan_to_num(signal) > 0.0, LOST_SHARE * bound, np.inf)
 
 
 def _two_returns(grid: Grid) -> Numbers:
@@ -151,8 +151,8 @@ def _beside(grid: Grid, gauge: Gauge | None, range_m: Numbers, side: int) -> Num
     """Most that the lost neighbour's strength allows at this pixel's range."""
     if gauge is None:
         return np.full(grid.sweep.shape, np.inf)
-    at = _neighbour(grid, range_m, -side)
-    return _neighbour(grid, _allowed(grid, gauge, at), side)
+    neighbour_range_m = _neighbour(grid, range_m, -side)
+    return _neighbour(grid, _allowed(grid, gauge, neighbour_range_m), side)
 
 
 def _neighbour(grid: Grid, values: Numbers, side: int) -> Numbers:
@@ -169,17 +169,17 @@ def _both(grid: Grid, two: Numbers, range_m: Numbers, normal: Numbers, gauge: Ga
     assert sweep.second is not None
     second = sweep.second
     facing = -sweep.direction
-    one = gauge.apparent(sweep, sweep.range_m) if gauge else np.full(sweep.shape, 0.2)
-    other = gauge.apparent(second, second.range_m) if gauge else np.full(sweep.shape, 0.2)
+    first_apparent = gauge.apparent(sweep, sweep.range_m) if gauge else np.full(sweep.shape, 0.2)
+    second_apparent = gauge.apparent(second, second.range_m) if gauge else np.full(sweep.shape, 0.2)
     first_nearer = sweep.range_m < second.range_m
-    made = []
+    quads = []
     for nearer in (True, False):
         of_first = two & (first_nearer == nearer)
         of_second = two & (first_nearer != nearer)
         span = (1.0, 1.0 - 2.0 * BEAM_SHARE) if nearer else (1.0, -1.0)
-        made.append(_quads(grid, of_first, range_m, normal, one / BEAM_SHARE, ROUGH, span=span))
-        made.append(_quads(grid, of_second, second.range_m, facing, other / BEAM_SHARE, ROUGH, span=span))
-    return made
+        quads.append(_quads(grid, of_first, range_m, normal, first_apparent / BEAM_SHARE, ROUGH, span=span))
+        quads.append(_quads(grid, of_second, second.range_m, facing, second_apparent / BEAM_SHARE, ROUGH, span=span))
+    return quads
 
 
 def _ground(grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gauge: Gauge | None) -> Surfels:
@@ -190,35 +190,35 @@ def _ground(grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gaug
     origin_m = np.zeros((*sweep.shape, 3)) if sweep.origin_m is None else sweep.origin_m
     with np.errstate(divide="ignore", invalid="ignore"):
         meets_m = (ground[0] - origin_m @ up) / (sweep.direction @ up)
-        on = sweep.kept & (np.abs((sweep.range_m - meets_m) * (sweep.direction @ normal)) < 0.1)
-    if not on.any():
-        return _quads(grid, on, meets_m, np.broadcast_to(normal, (*sweep.shape, 3)), apparent, GROUND)
-    farthest_m = GROUND_BEYOND * float(np.percentile(sweep.range_m[on], 99.0))
+        on_ground = sweep.kept & (np.abs((sweep.range_m - meets_m) * (sweep.direction @ normal)) < 0.1)
+    if not on_ground.any():
+        return _quads(grid, on_ground, meets_m, np.broadcast_to(normal, (*sweep.shape, 3)), apparent, GROUND)
+    farthest_m = GROUND_BEYOND * float(np.percentile(sweep.range_m[on_ground], 99.0))
     with np.errstate(invalid="ignore"):
-        shows = ~planes.there & ~dropped(sweep) & _in_sight(sweep.kept, on, sweep.range_m, meets_m)
+        shows = ~planes.there & ~dropped(sweep) & _in_sight(sweep.kept, on_ground, sweep.range_m, meets_m)
         behind = np.where(sweep.kept, sweep.range_m + BEHIND_M < meets_m, shows)
         chosen = (meets_m > 0.0) & (meets_m < farthest_m) & behind & sweep.recorded
-    strength = np.full(sweep.shape, float(np.median(apparent[on])))
+    strength = np.full(sweep.shape, float(np.median(apparent[on_ground])))
     octave = np.floor(2.0 * np.log2(np.maximum(np.nan_to_num(meets_m), 1e-3))).astype(int)
-    for one in np.unique(octave[chosen]):
-        near = on & (octave == one)
+    for number in np.unique(octave[chosen]):
+        near = on_ground & (octave == number)
         if near.sum() >= 10:
-            strength[octave == one] = np.median(apparent[near])
+            strength[octave == number] = np.median(apparent[near])
     if gauge is not None:
         strength = np.where(sweep.kept, strength, np.fmin(strength, _allowed(grid, gauge, meets_m)))
     return _quads(grid, chosen, meets_m, np.broadcast_to(normal, (*sweep.shape, 3)), strength, GROUND)
 
 
-def _in_sight(kept: Numbers, on: Numbers, range_m: Numbers, meets_m: Numbers) -> Numbers:
+def _in_sight(returned: Numbers, on_ground: Numbers, range_m: Numbers, meets_m: Numbers) -> Numbers:
     """Mask of the pixels where the ground may show: the next return below is ground, and the next above none nearer.
 
     Below a roof that returned something are the windows and the paint that did not, and no ground.
     """
-    rows = np.broadcast_to(np.arange(kept.shape[0])[:, None], kept.shape)
-    above = np.maximum.accumulate(np.where(kept, rows, -1), axis=0)
-    below = np.minimum.accumulate(np.where(kept, rows, len(kept))[::-1], axis=0)[::-1]
-    columns = np.arange(kept.shape[1])[None, :]
-    on_below = (below == len(kept)) | on[np.minimum(below, len(kept) - 1), columns]
+    rows = np.broadcast_to(np.arange(returned.shape[0])[:, None], returned.shape)
+    above = np.maximum.accumulate(np.where(returned, rows, -1), axis=0)
+    below = np.minimum.accumulate(np.where(returned, rows, len(returned))[::-1], axis=0)[::-1]
+    columns = np.arange(returned.shape[1])[None, :]
+    on_below = (below == len(returned)) | on_ground[np.minimum(below, len(returned) - 1), columns]
     nearer = (above >= 0) & (range_m[np.maximum(above, 0), columns] < meets_m)
     return np.asarray(on_below & ~nearer)
 
@@ -255,8 +255,8 @@ def _quads(
     above, below = (LAP * rad[row] for rad in (grid.above_rad, grid.below_rad))
     depth = np.einsum("ni,ni->n", facing, direction) * middle_m
     corners = []
-    left, right = (np.broadcast_to(one, sweep.shape)[chosen] for one in span)
-    for aside, up in ((left, above), (right, above), (right, -below), (left, -below)):
+    left_edge, right_edge = (np.broadcast_to(edge, sweep.shape)[chosen] for edge in span)
+    for aside, up in ((left_edge, above), (right_edge, above), (right_edge, -below), (left_edge, -below)):
         a, e = azimuth + aside * wide, np.clip(elevation + up, -0.5 * math.pi, 0.5 * math.pi)
         along = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1)
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -62,41 +62,41 @@ class Judged:
         return bool(np.any(np.abs(np.log(self.ratios)) > np.log(most) + 2.0 * self.scatter[:, 3]))
 
 
-def judged(laid: Laid, known: KnownFit) -> Judged:
+def judged(laid: Laid, parameter_fit: KnownFit) -> Judged:
     """Hold the sensor with these numbers to these pulses; their surfaces are as bright as they are believed to be."""
-    now = expected(laid.scene, known.values)
-    strong = _strong(laid, now)
+    prediction = expected(laid.scene, parameter_fit.values)
+    strong = _strong(laid, prediction)
     rows = []
     enough = strong.sum() >= LEAST * RANGES
     if enough:
         range_m = laid.scene.range_m[strong]
         edges = np.quantile(range_m, np.linspace(0.0, 1.0, RANGES + 1)[1:-1])
-        place = np.searchsorted(edges, range_m)
-        columns = range_m, laid.reported.signal[strong], np.asarray(now.signal)[strong]
-        rows = [[float(np.mean(one[place == k])) for one in columns] for k in range(RANGES)]
+        bin_index = np.searchsorted(edges, range_m)
+        columns = range_m, laid.reported.signal[strong], np.asarray(prediction.signal)[strong]
+        rows = [[float(np.mean(values[bin_index == k])) for values in columns] for k in range(RANGES)]
     return Judged(
         signal=np.array(rows).reshape(-1, 3),
-        kept=_kept(laid, now),
-        scatter=_scatter(laid, now, strong, known) if enough else np.zeros((0, 4)),
+        kept=_kept(laid, prediction),
+        scatter=_scatter(laid, prediction, strong, parameter_fit) if enough else np.zeros((0, 4)),
     )
 
 
-def _strong(laid: Laid, now: Expected) -> Numbers:
+def _strong(laid: Laid, prediction: Expected) -> Numbers:
     """Mask of the pulses that are all kept, and of which the signal and the range are told."""
-    told = np.isfinite(laid.reported.signal) & np.isfinite(laid.reported.range_m)
-    mask = (now.signal > STRONG * now.level) & (now.fired < MOST_FIRED) & told
+    finite = np.isfinite(laid.reported.signal) & np.isfinite(laid.reported.range_m)
+    mask = (prediction.signal > STRONG * prediction.level) & (prediction.fired < MOST_FIRED) & finite
     return np.asarray(mask & (np.abs(np.nan_to_num(laid.reported.range_m) - laid.scene.range_m) < NEAR_M))
 
 
-def _kept(laid: Laid, now: Expected) -> Numbers:
+def _kept(laid: Laid, prediction: Expected) -> Numbers:
     """Of the pulses whose signal is not far above the threshold."""
-    weak = np.asarray(now.signal <= STRONG * now.level)
-    chance, kept = np.asarray(now.chance)[weak], laid.reported.kept[weak]
-    place = np.minimum((chance * CHANCES).astype(int), CHANCES - 1)
+    weak = np.asarray(prediction.signal <= STRONG * prediction.level)
+    chance, returned = np.asarray(prediction.chance)[weak], laid.reported.kept[weak]
+    bin_index = np.minimum((chance * CHANCES).astype(int), CHANCES - 1)
     rows = [
-        [float(chance[place == k].mean()), float(kept[place == k].mean()), int((place == k).sum())]
+        [float(chance[bin_index == k].mean()), float(returned[bin_index == k].mean()), int((bin_index == k).sum())]
         for k in range(CHANCES)
-        if (place == k).sum() >= LEAST
+        if (bin_index == k).sum() >= LEAST
     ]
     return np.array(rows).reshape(-1, 3)
 
@@ -111,26 +111,26 @@ def capped_scatter(relative: Numbers) -> float:
     return float(np.sqrt(np.mean(np.minimum(near * near, FARTHEST_SQUARE)) / MEAN_SQUARE))
 
 
-def _scatter(laid: Laid, now: Expected, strong: Numbers, known: KnownFit) -> Numbers:
-    signal = np.asarray(now.signal)[strong]
+def _scatter(laid: Laid, prediction: Expected, strong: Numbers, parameter_fit: KnownFit) -> Numbers:
+    signal = np.asarray(prediction.signal)[strong]
     relative = (laid.reported.range_m - laid.scene.range_m)[strong]
     octave = np.floor(np.log2(np.maximum(signal, 1.0))).astype(int)
     step = 1e-3
-    sigma_m = np.asarray(now.sigma_m)[strong]
-    moved = [
-        np.asarray(expected(laid.scene, {**known.values, name: known.values[name] + step}).sigma_m)[strong]
-        for name in known.names
+    sigma_m = np.asarray(prediction.sigma_m)[strong]
+    moved_sigmas_m = [
+        np.asarray(expected(laid.scene, {**parameter_fit.values, name: parameter_fit.values[name] + step}).sigma_m)[strong]
+        for name in parameter_fit.names
     ]
-    slopes = [np.log(one / sigma_m) / step for one in moved]
-    covariances = known.solved.covariance, known.solved.bootstrap
+    slopes = [np.log(moved_m / sigma_m) / step for moved_m in moved_sigmas_m]
+    covariances = parameter_fit.solved.covariance, parameter_fit.solved.bootstrap
     rows = []
-    for one in np.unique(octave):
-        there = octave == one
-        if there.sum() >= LEAST:
-            law = float(np.median(sigma_m[there]))
-            slope = np.array([np.median(each[there]) for each in slopes])
-            variance = OF_ONE**2 / there.sum() + max(float(slope @ each @ slope) for each in covariances)
+    for number in np.unique(octave):
+        mask = octave == number
+        if mask.sum() >= LEAST:
+            expected_m = float(np.median(sigma_m[mask]))
+            slope = np.array([np.median(values[mask]) for values in slopes])
+            variance = OF_ONE**2 / mask.sum() + max(float(slope @ covariance @ slope) for covariance in covariances)
             rows.append(
-                [2.0 ** (one + 0.5), law * capped_scatter(relative[there] / sigma_m[there]), law, variance**0.5]
+                [2.0 ** (number + 0.5), expected_m * capped_scatter(relative[mask] / sigma_m[mask]), expected_m, variance**0.5]
             )
     return np.array(rows).reshape(-1, 4)

@@ -60,7 +60,7 @@ class Laid:
 def _of_kinds(world: World, *kinds: int) -> World:
     """A twin's scene with only these kinds of its surfaces."""
     names = {KINDS[kind] for kind in kinds}
-    return replace(world, bodies=tuple(one for one in world.bodies if one.class_name in names))
+    return replace(world, bodies=tuple(body for body in world.bodies if body.class_name in names))
 
 
 def laid_on(world: World, sensor: Sensor, frames: Sequence[tuple[Sweep, Pose | None]], *, twin: bool = False) -> Laid:
@@ -72,9 +72,9 @@ def laid_on(world: World, sensor: Sensor, frames: Sequence[tuple[Sweep, Pose | N
     """
     # Of a twin: all that was measured, and what of it is smooth.
     worlds = [_of_kinds(world, SMOOTH, ROUGH, BRIGHT), _of_kinds(world, SMOOTH)] if twin else [world]
-    simulators = [Simulator(one, sensor) for one in worlds]
+    simulators = [Simulator(simulated_world, sensor) for simulated_world in worlds]
     parts = [_frame(simulators, sweep, pose, number=number) for number, (sweep, pose) in enumerate(frames)]
-    if not sum(len(one.block) for one in parts):
+    if not sum(len(part.block) for part in parts):
         raise InputError("--scene: must have surfaces before the recorded pulses, got none")
     joined = _joined(parts)
     group = np.unique(joined.scene.group, return_inverse=True)[1]
@@ -94,42 +94,42 @@ def _frame(simulators: Sequence[Simulator], sweep: Sweep, pose: Pose | None, *, 
     column = np.broadcast_to(np.arange(columns)[:, None], chosen.shape)[chosen]
     row = np.broadcast_to(np.arange(rows)[None, :], chosen.shape)[chosen]
     block = number * (columns // BLOCK + 1) + column // BLOCK
-    lights = [_of_pulses(one.light() if pose is None else one.light(pose=pose), pulse) for one in simulators]
+    lights = [_of_pulses(simulator.light() if pose is None else simulator.light(pose=pose), pulse) for simulator in simulators]
     light = lights[0]
-    there = np.asarray(light.found)
+    met_surface = np.asarray(light.found)
     smooth = np.ones(len(pulse), bool)
-    for other in lights[1:]:
-        apart = np.asarray(other.parts[0].range_m - light.parts[0].range_m)
-        smooth &= np.asarray(other.found) & (np.abs(apart) < SAME_M)
+    for other_light in lights[1:]:
+        difference_m = np.asarray(other_light.parts[0].range_m - light.parts[0].range_m)
+        smooth &= np.asarray(other_light.found) & (np.abs(difference_m) < SAME_M)
     group = block * (rows // ROWS + 1) + row // ROWS
     scene = Scene.of(light, sensor, group, spot_over_field=spot_over_field(sensor))
-    near_ir = None if sweep.near_ir is None else np.asarray(sweep.near_ir, np.float64).T[chosen][there]
+    near_ir = None if sweep.near_ir is None else np.asarray(sweep.near_ir, np.float64).T[chosen][met_surface]
     if len(simulators) > 1 and near_ir is not None:
         scene = replace(scene, background_w=_power_w(sensor, near_ir), light_measured=True)
-    range_m = from_exit(sensor, sweep, numbers).T[chosen][there]
-    kept = np.isfinite(range_m)
-    clear = kept & smooth[there]
-    signal = np.asarray(sweep.signal, np.float64).T[chosen][there]
+    range_m = from_exit(sensor, sweep, numbers).T[chosen][met_surface]
+    returned = np.isfinite(range_m)
+    on_smooth = returned & smooth[met_surface]
+    signal = np.asarray(sweep.signal, np.float64).T[chosen][met_surface]
     if near_ir is None or scene.light_measured:
-        near_ir = np.full(len(kept), np.nan)
+        near_ir = np.full(len(returned), np.nan)
     return Laid(
         scene=scene,
         reported=Reported(
-            kept=kept, signal=np.where(clear, signal, np.nan), range_m=np.where(clear, range_m, np.nan), near_ir=near_ir
+            kept=returned, signal=np.where(on_smooth, signal, np.nan), range_m=np.where(on_smooth, range_m, np.nan), near_ir=near_ir
         ),
-        block=block[there],
+        block=block[met_surface],
     )
 
 
 def _of_pulses(light: EchoTrain, pulse: Numbers) -> EchoTrain:
     """The light of these pulses, of surfaces only."""
     parts: list[SubEchoes] = []
-    for one in light.parts[: light.surfaces]:
-        range_m, power_w = (np.asarray(values)[pulse] for values in (one.range_m, one.peak_power_w))
-        parts.append(replace(one, range_m=range_m, peak_power_w=power_w))
-    found = np.asarray(light.found)
-    background = np.broadcast_to(np.asarray(light.background_power_w, np.float64), found.shape)
-    return EchoTrain(parts=tuple(parts), surfaces=len(parts), found=found[pulse], background_power_w=background[pulse])
+    for part in light.parts[: light.surfaces]:
+        range_m, power_w = (np.asarray(values)[pulse] for values in (part.range_m, part.peak_power_w))
+        parts.append(replace(part, range_m=range_m, peak_power_w=power_w))
+    met_surface = np.asarray(light.found)
+    background = np.broadcast_to(np.asarray(light.background_power_w, np.float64), met_surface.shape)
+    return EchoTrain(parts=tuple(parts), surfaces=len(parts), found=met_surface[pulse], background_power_w=background[pulse])
 
 
 def _power_w(sensor: Sensor, near_ir: Numbers) -> Numbers:
@@ -139,26 +139,26 @@ def _power_w(sensor: Sensor, near_ir: Numbers) -> Numbers:
 
 
 def _some(values: Any, mask: Numbers) -> Any:
-    taken = {
-        one.name: value[mask] for one in fields(values) if isinstance(value := getattr(values, one.name), np.ndarray)
+    selected = {
+        field.name: value[mask] for field in fields(values) if isinstance(value := getattr(values, field.name), np.ndarray)
     }
-    return replace(values, **taken)
+    return replace(values, **selected)
 
 
 def _joined(parts: Iterable[Laid]) -> Laid:
-    every = list(parts)
+    pulses = list(parts)
 
-    def together(values: Sequence[Any]) -> Any:
+    def concatenate(values: Sequence[Any]) -> Any:
         first = values[0]
-        taken = {
-            one.name: np.concatenate([getattr(value, one.name) for value in values])
-            for one in fields(first)
-            if isinstance(getattr(first, one.name), np.ndarray)
+        arrays = {
+            field.name: np.concatenate([getattr(value, field.name) for value in values])
+            for field in fields(first)
+            if isinstance(getattr(first, field.name), np.ndarray)
         }
-        return replace(first, **taken)
+        return replace(first, **arrays)
 
     return Laid(
-        scene=together([one.scene for one in every]),
-        reported=together([one.reported for one in every]),
-        block=np.concatenate([one.block for one in every]),
+        scene=concatenate([part.scene for part in pulses]),
+        reported=concatenate([part.reported for part in pulses]),
+        block=np.concatenate([part.block for part in pulses]),
     )

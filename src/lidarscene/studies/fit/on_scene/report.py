@@ -58,19 +58,19 @@ class SceneFit:
     def checks(self) -> tuple[Check, ...]:
         """On columns that were not fitted."""
         judged = self.judged
-        signal, kept, ratios = judged.signal_error, judged.kept_error, judged.ratios
+        signal_error, kept_error, ratios = judged.signal_error, judged.kept_error, judged.ratios
         return (
             Check(
                 name="signal over the range",
                 wanted=f"mean error <= {SIGNAL_ERROR:.0%}",
-                found="too few" if signal is None else f"{signal:.1%}",
-                held=None if signal is None else signal <= SIGNAL_ERROR,
+                found="too few" if signal_error is None else f"{signal_error:.1%}",
+                held=None if signal_error is None else signal_error <= SIGNAL_ERROR,
             ),
             Check(
                 name="kept and lost",
                 wanted=f"mean difference <= {KEPT_ERROR:g}",
-                found="too few" if kept is None else f"{kept:.3f}",
-                held=None if kept is None else kept <= KEPT_ERROR,
+                found="too few" if kept_error is None else f"{kept_error:.3f}",
+                held=None if kept_error is None else kept_error <= KEPT_ERROR,
             ),
             Check(
                 name="scatter by octave of the signal",
@@ -83,7 +83,7 @@ class SceneFit:
     @property
     def passed(self) -> bool:
         """Whether no check failed."""
-        return all(one.held is not False for one in self.checks)
+        return all(check.held is not False for check in self.checks)
 
 
 def as_dict(fit: SceneFit) -> dict[str, Any]:
@@ -96,16 +96,16 @@ def as_dict(fit: SceneFit) -> dict[str, Any]:
         "pulses": {"fitted": fit.pulses[0], "not fitted": fit.pulses[1]},
         "passed": fit.passed,
         "estimates": {
-            one.key: {
-                "times": one.value,
-                "sigma": one.sigma,
-                "fisher": one.fisher,
-                "bootstrap": one.bootstrap,
-                "known": one.known,
+            estimate.key: {
+                "times": estimate.value,
+                "sigma": estimate.sigma,
+                "fisher": estimate.fisher,
+                "bootstrap": estimate.bootstrap,
+                "known": estimate.known,
             }
-            for one in fit.estimates
+            for estimate in fit.estimates
         },
-        "checks": [asdict(one) for one in fit.checks],
+        "checks": [asdict(check) for check in fit.checks],
         "correlations": {"names": list(fit.known.names), "matrix": fit.known.solved.correlation.tolist()},
         "not_identified": list(fit.known.null),
         "held": list(fit.known.held),
@@ -118,11 +118,11 @@ def as_dict(fit: SceneFit) -> dict[str, Any]:
 
 def as_text(fit: SceneFit) -> str:
     """For people."""
-    told = [f"{fit.recording} on {fit.scene}: {fit.pulses[0]:,} pulses, {fit.evaluations} evaluations"]
-    told += [f"  {one.key:<28} {_number(one)}" for one in fit.estimates]
-    told += [f"  {one}" for one in fit.checks]
-    told += ["  cannot be told, held at the values of the file:", *(f"    {one}" for one in fit.known.null)]
-    return "\n".join([*told, *(f"  {one}" for one in fit.notes)])
+    text_lines = [f"{fit.recording} on {fit.scene}: {fit.pulses[0]:,} pulses, {fit.evaluations} evaluations"]
+    text_lines += [f"  {estimate.key:<28} {_number(estimate)}" for estimate in fit.estimates]
+    text_lines += [f"  {check}" for check in fit.checks]
+    text_lines += ["  cannot be told, held at the values of the file:", *(f"    {direction}" for direction in fit.known.null)]
+    return "\n".join([*text_lines, *(f"  {note}" for note in fit.notes)])
 
 
 def write_report(fit: SceneFit, folder: Path) -> None:
@@ -140,8 +140,8 @@ def write_report(fit: SceneFit, folder: Path) -> None:
     page.table(
         ("number of the file", "times what it was", "sigma, Fisher", "sigma, bootstrap", ""),
         [
-            (one.key, f"{one.value:.4g}", f"{one.fisher:.2g}", f"{one.bootstrap:.2g}", "" if one.known else "not known")
-            for one in fit.estimates
+            (estimate.key, f"{estimate.value:.4g}", f"{estimate.fisher:.2g}", f"{estimate.bootstrap:.2g}", "" if estimate.known else "not known")
+            for estimate in fit.estimates
         ],
     )
     page.paragraph(
@@ -159,14 +159,14 @@ def write_report(fit: SceneFit, folder: Path) -> None:
     )
     page.heading("What cannot be told")
     page.paragraph("Along each line nothing changes that was recorded; its first number stays as it was.")
-    page.table(("not known",), [(one,) for one in fit.known.null])
+    page.table(("not known",), [(direction,) for direction in fit.known.null])
     put_page(page, folder, as_dict(fit))
 
 
 def _figures(judged: Judged) -> list[Figure]:
-    made: list[Figure] = []
+    figures: list[Figure] = []
     if len(judged.signal):
-        made.append(
+        figures.append(
             (
                 "signal",
                 "Mean signal by range, of columns that were not fitted.",
@@ -176,7 +176,7 @@ def _figures(judged: Judged) -> list[Figure]:
         )
     if len(judged.kept):
         expected = np.column_stack([judged.kept[:, 0], judged.kept[:, 1], judged.kept[:, 0]])
-        made.append(
+        figures.append(
             (
                 "kept",
                 "Share that was kept, by the chance that the sensor gives it.",
@@ -186,7 +186,7 @@ def _figures(judged: Judged) -> list[Figure]:
         )
     if len(judged.scatter):
         scaled = judged.scatter[:, :3] * np.array([1.0, 1e3, 1e3])
-        made.append(
+        figures.append(
             (
                 "scatter",
                 "Scatter of the range about the scene's surface, by signal.",
@@ -194,7 +194,7 @@ def _figures(judged: Judged) -> list[Figure]:
                 (("signal", "recorded_mm", "expected_mm"), scaled.tolist()),
             )
         )
-    return made
+    return figures
 
 
 def _chart(columns: Numbers, x_label: str, y_label: str, *, log: bool) -> Chart:
@@ -214,6 +214,6 @@ def _chart(columns: Numbers, x_label: str, y_label: str, *, log: bool) -> Chart:
     )
 
 
-def _number(one: Estimate) -> str:
-    told = f"{one.value:.4g} +/- {one.sigma:.2g} times"
-    return told if one.known else f"{told} (not known)"
+def _number(estimate: Estimate) -> str:
+    text = f"{estimate.value:.4g} +/- {estimate.sigma:.2g} times"
+    return text if estimate.known else f"{text} (not known)"

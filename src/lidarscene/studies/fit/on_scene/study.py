@@ -69,40 +69,40 @@ class Given:
     poses: Path | None = None
 
 
-def fit_on_scene(given: Given, output: Path, report: Path, *, as_json: bool = False) -> tuple[str, bool]:
+def fit_on_scene(inputs: Given, output: Path, report: Path, *, as_json: bool = False) -> tuple[str, bool]:
     """Fit, and write sensor file, page and JSON; returns what is printed and whether all checks held.
 
     Raises InputError and OutputError.
     """
     check_places(output, report)
-    world = load_scene(given.scene)
-    named = world.sensor_name if given.sensor is None else given.sensor
-    where = f"--sensor {named}"
-    text = base_text(named, metadata_of(given.recordings[0], given.metadata))
+    world = load_scene(inputs.scene)
+    sensor_name = world.sensor_name if inputs.sensor is None else inputs.sensor
+    where = f"--sensor {sensor_name}"
+    text = base_text(sensor_name, metadata_of(inputs.recordings[0], inputs.metadata))
     sensor = sensor_of(text, where)
     if sensor.histogram is None:
         raise InputError(f"{where}: must count photons, with [histogram], to be fitted with a scene")
-    made = about(given.scene) if (given.scene.parent / ABOUT).is_file() else None
-    frames, notes = _frames(given, made)
-    recording = ", ".join(one.name for one in given.recordings)
-    if made is not None:
+    provenance = about(inputs.scene) if (inputs.scene.parent / ABOUT).is_file() else None
+    frames, notes = _frames(inputs, provenance)
+    recording = ", ".join(path.name for path in inputs.recordings)
+    if provenance is not None:
         notes += (_OF_TWIN,)
     try:
-        laid = laid_on(world, sensor, frames, twin=made is not None)
+        laid = laid_on(world, sensor, frames, twin=provenance is not None)
     except ValueError as error:
         raise InputError(f"{recording}: {error}") from None
-    fit = fit_laid(laid, sensor, twin=made is not None)
+    fit = fit_laid(laid, sensor, twin=provenance is not None)
     fit = replace(
         fit,
         recording=recording,
-        scene=given.scene.parent.name if made is not None else given.scene.stem,
-        sensor=named if given.sensor is not None else sensor.name,
+        scene=inputs.scene.parent.name if provenance is not None else inputs.scene.stem,
+        sensor=sensor_name if inputs.sensor is not None else sensor.name,
         frames=len(frames),
         notes=notes,
     )
-    written, left = written_text(text, {one.key: one for one in fit.estimates}, f"{recording} on {fit.scene}", where)
-    fit = replace(fit, notes=(*fit.notes, *left))
-    put_text(output, written)
+    sensor_text, text_notes = written_text(text, {estimate.key: estimate for estimate in fit.estimates}, f"{recording} on {fit.scene}", where)
+    fit = replace(fit, notes=(*fit.notes, *text_notes))
+    put_text(output, sensor_text)
     write_report(fit, report)
     return told(as_dict(fit), as_text(fit), output, report, as_json=as_json), fit.passed
 
@@ -117,33 +117,33 @@ def fit_laid(laid: Laid, sensor: Sensor, *, twin: bool) -> SceneFit:
     if twin:
         fitted = replace(fitted, scene=replace(fitted.scene, floor_m=_floor_m(fitted)))
     texture, strangers = (0.3, 0.02) if twin else (0.0, 0.0)
-    known: KnownFit | None = None
+    parameter_fit: KnownFit | None = None
     rounds = ROUNDS if twin else 1
     for _ in range(rounds):
         scene = replace(fitted.scene, texture=texture, strangers=strangers)
-        known = fit_known(
+        parameter_fit = fit_known(
             scene,
             fitted.reported,
             names,
             reflectivity_sigma=REFLECTIVITY_SIGMA,
-            start=known,
-            most=MOST_EVALUATIONS // rounds,
+            start=parameter_fit,
+            max_evaluations=MOST_EVALUATIONS // rounds,
         )
-        evaluations += known.solved.evaluations
+        evaluations += parameter_fit.solved.evaluations
         if twin:
-            texture, strangers = _unexplained(replace(fitted, scene=scene), known)
-    assert known is not None
-    others = laid.at(~laid.fitted)
-    scene = replace(others.scene, texture=texture, strangers=strangers, floor_m=fitted.scene.floor_m)
-    others = replace(others, scene=scene)
+            texture, strangers = _unexplained(replace(fitted, scene=scene), parameter_fit)
+    assert parameter_fit is not None
+    held_out = laid.at(~laid.fitted)
+    scene = replace(held_out.scene, texture=texture, strangers=strangers, floor_m=fitted.scene.floor_m)
+    held_out = replace(held_out, scene=scene)
     return SceneFit(
         recording="",
         scene="",
         sensor=sensor.name,
         frames=1,
-        pulses=(len(fitted.block), len(others.block)),
-        known=known,
-        judged=judged(others, known),
+        pulses=(len(fitted.block), len(held_out.block)),
+        known=parameter_fit,
+        judged=judged(held_out, parameter_fit),
         evaluations=evaluations,
         texture=texture,
         strangers=strangers,
@@ -152,15 +152,15 @@ def fit_laid(laid: Laid, sensor: Sensor, *, twin: bool) -> SceneFit:
 
 def _untold(laid: Laid, sensor: Sensor, *, twin: bool) -> set[str]:
     """Numbers that the sensor does not have, or that the scene was made of."""
-    left = set()
+    names = set()
     if laid.scene.spot_over_field is None:
-        left.add("spot_over_field")
+        names.add("spot_over_field")
     if sensor.optics.overlap is None:
-        left.add("near_field_m")
+        names.add("near_field_m")
     if not np.isfinite(laid.reported.near_ir).any():
         # The background is that of NEAR_IR, whatever the sun and the PDE.
-        left |= {"optics.sun_irradiance_w_m2", "detector.dark_count_rate_hz", "detector.pde"}
-    return left
+        names |= {"optics.sun_irradiance_w_m2", "detector.dark_count_rate_hz", "detector.pde"}
+    return names
 
 
 def _floor_m(laid: Laid) -> float:
@@ -172,42 +172,42 @@ def _floor_m(laid: Laid) -> float:
     return max(NORMAL * float(np.median(np.abs(off_m))), LEAST_FLOOR_M) if strong.any() else LEAST_FLOOR_M
 
 
-def _unexplained(laid: Laid, known: KnownFit) -> tuple[float, float]:
+def _unexplained(laid: Laid, parameter_fit: KnownFit) -> tuple[float, float]:
     """Scatter of the signals that photons do not explain, and the share of bright surfaces of which nothing came."""
-    now = expected(replace(laid.scene, texture=0.0, strangers=0.0), known.values, known.reflectivity[laid.scene.group])
-    bright = np.asarray(now.chance) > 0.999
-    both = bright & np.isfinite(laid.reported.signal)
-    if both.sum() < 100:
+    prediction = expected(replace(laid.scene, texture=0.0, strangers=0.0), parameter_fit.values, parameter_fit.reflectivity[laid.scene.group])
+    bright = np.asarray(prediction.chance) > 0.999
+    mask = bright & np.isfinite(laid.reported.signal)
+    if mask.sum() < 100:
         return laid.scene.texture, laid.scene.strangers
-    relative = (laid.reported.signal / np.asarray(now.signal))[both] - 1.0
+    relative = (laid.reported.signal / np.asarray(prediction.signal))[mask] - 1.0
     spread = NORMAL * float(np.median(np.abs(relative - np.median(relative))))
-    photons = float(np.median(np.asarray(now.variance)[both] / np.asarray(now.signal)[both] ** 2))
+    photons = float(np.median(np.asarray(prediction.variance)[mask] / np.asarray(prediction.signal)[mask] ** 2))
     texture = float(np.sqrt(max(spread**2 - photons, LEAST_TEXTURE**2)))
     return texture, min(2.0 * float(np.mean(~laid.reported.kept[bright])), 0.5)
 
 
-def _frames(given: Given, made: dict[str, object] | None) -> tuple[list[tuple[Sweep, Pose | None]], tuple[str, ...]]:
+def _frames(inputs: Given, provenance: dict[str, object] | None) -> tuple[list[tuple[Sweep, Pose | None]], tuple[str, ...]]:
     """The frames to fit with their poses, and what is to be said of them."""
-    found: list[tuple[Sweep, Pose | None]] = []
-    for path in given.recordings:
-        with open_recording(path, given.metadata) as recording:
-            if made is None:
-                found += [(sweep, None) for sweep in recording]
+    frames: list[tuple[Sweep, Pose | None]] = []
+    for path in inputs.recordings:
+        with open_recording(path, inputs.metadata) as recording:
+            if provenance is None:
+                frames += [(sweep, None) for sweep in recording]
                 continue
-            held_out, known = made["held_out"], sorted(int(one) for one in made["places"])  # type: ignore[attr-defined]
-            chosen = [held_out] if isinstance(held_out, int) else known
-            for number in chosen:
+            held_out, twin_numbers = provenance["held_out"], sorted(int(number) for number in provenance["places"])  # type: ignore[attr-defined]
+            numbers = [held_out] if isinstance(held_out, int) else twin_numbers
+            for number in numbers:
                 sweep = recording[int(number)]
                 if held_out == COLUMNS:
                     sweep = of_columns(sweep, slice(1, None, 2))
-                found.append((sweep, place_of(made, int(number), given.scene)))
-    if given.poses is not None:
-        found = _placed(found, given.poses)
-    if made is None:
-        return found, ()
-    if made["held_out"] is None:
-        return found, (_SEEN,)
-    return found, (_HELD_OUT,)
+                frames.append((sweep, place_of(provenance, int(number), inputs.scene)))
+    if inputs.poses is not None:
+        frames = _placed(frames, inputs.poses)
+    if provenance is None:
+        return frames, ()
+    if provenance["held_out"] is None:
+        return frames, (_SEEN,)
+    return frames, (_HELD_OUT,)
 
 
 def _placed(frames: list[tuple[Sweep, Pose | None]], path: Path) -> list[tuple[Sweep, Pose | None]]:

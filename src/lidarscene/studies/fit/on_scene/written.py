@@ -26,21 +26,21 @@ def written_text(
     text: str, estimates: Mapping[str, Estimate], recording: str, where: str
 ) -> tuple[str, tuple[str, ...]]:
     """The file with what is known to better than `WRITTEN`, and what was left as it was."""
-    known = {key: one for key, one in estimates.items() if one.known and one.sigma < WRITTEN * one.value}
+    accepted = {key: estimate for key, estimate in estimates.items() if estimate.known and estimate.sigma < WRITTEN * estimate.value}
     notes = [
-        f"{key} is left as it was: {one.value:.3g} +/- {one.sigma:.2g} times"
-        for key, one in estimates.items()
-        if key not in known and key != "scatter_floor"
+        f"{key} is left as it was: {estimate.value:.3g} +/- {estimate.sigma:.2g} times"
+        for key, estimate in estimates.items()
+        if key not in accepted and key != "scatter_floor"
     ]
-    factors: dict[str, float] = {key: known[key].value for key in PLAIN if key in known}
-    source = {key: _source(key, known[key], recording) for key in PLAIN if key in known}
-    near = known.get("near_field_m")
-    if near is not None:
+    factors: dict[str, float] = {key: accepted[key].value for key in PLAIN if key in accepted}
+    source = {key: _source(key, accepted[key], recording) for key in PLAIN if key in accepted}
+    near_field = accepted.get("near_field_m")
+    if near_field is not None:
         for key, power in STRETCHED.items():
-            factors[key] = factors.get(key, 1.0) * near.value**power
-            source.setdefault(key, _source("near_field_m", near, recording))
-    if "spot_over_field" in known:
-        spot = known["spot_over_field"]
+            factors[key] = factors.get(key, 1.0) * near_field.value**power
+            source.setdefault(key, _source("near_field_m", near_field, recording))
+    if "spot_over_field" in accepted:
+        spot = accepted["spot_over_field"]
         for key in ("laser.divergence_mrad", "laser.divergence_elevation_mrad"):
             factors[key] = factors.get(key, 1.0) * spot.value
             source[key] = _source("spot_over_field", spot, recording)
@@ -48,13 +48,13 @@ def written_text(
     notes += [
         f"{key} is left as it was: it is not a number of the file"
         for key in factors
-        if key in known and key not in values
+        if key in accepted and key not in values
     ]
-    whole = text
+    full_text = text
     for key, value in values.items():
-        whole = put_at(whole, key, value, source[key])
+        full_text = put_at(full_text, key, value, source[key])
     try:
-        sensor_of(whole, where)
+        sensor_of(full_text, where)
     except InputError:  # one of them does not go with the others: those that do are put in
         for key, value in values.items():
             changed = put_at(text, key, value, source[key])
@@ -65,8 +65,8 @@ def written_text(
             else:
                 text = changed
         return text, tuple(notes)
-    return whole, tuple(notes)
+    return full_text, tuple(notes)
 
 
-def _source(key: str, one: Estimate, recording: str) -> str:
-    return f"fitted with a scene: {key} {one.value:.4g} +/- {one.sigma:.2g} times what it was, {recording}"
+def _source(key: str, estimate: Estimate, recording: str) -> str:
+    return f"fitted with a scene: {key} {estimate.value:.4g} +/- {estimate.sigma:.2g} times what it was, {recording}"
