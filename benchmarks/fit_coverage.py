@@ -90,11 +90,11 @@ def rendered() -> None:
         chosen = np.ones_like(echo) if name == "ambient" else echo
         values[pulse[chosen]] = getattr(cloud, name)[chosen]
     signal, range_m, ambient = (one[there] for one in told_of.values())
-    scene = Scene.of(light, base, np.zeros(len(there), int), spot_over_field=SPOT)
+    scene = Scene.from_light(light, base, np.zeros(len(there), int), spot_over_field=SPOT)
     # `render` tells no background of lost pulses: none, at the truth, moves nothing.
     silent = np.asarray(expected(scene, truth).near_ir)
     reported = Reported(
-        kept=np.isfinite(range_m),
+        has_return=np.isfinite(range_m),
         signal=signal,
         near_ir=np.where(np.isfinite(ambient), ambient, silent),
         range_m=range_m,

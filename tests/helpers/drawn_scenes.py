@@ -104,7 +104,7 @@ def drawn_scene(seed: int, pulses: int) -> tuple[Scene, np.ndarray, Target, np.n
     target = Target(
         reflectivity=albedo, illuminance_klux=klux, cos_incidence=layout.uniform(0.3, 1.0, pulses), transmittance=1.0
     )
-    scene = Scene.of(echoes_of_plane(sensor, target, range_m), sensor, group, spot_over_field=SPOT)
+    scene = Scene.from_light(echoes_of_plane(sensor, target, range_m), sensor, group, spot_over_field=SPOT)
     return scene, range_m, target, REFLECTIVITY_SIGMA * random.standard_normal(GROUPS)
 
 
@@ -117,7 +117,7 @@ def drawn_report(unit: Sensor, seed: int, pulses: int = 3000) -> tuple[Scene, Re
     stop = seen.stops[0]
     kept = np.asarray(stop.reported) & (np.asarray(stop.status) == 0)
     return scene, Reported(
-        kept=kept,
+        has_return=kept,
         signal=np.where(kept, stop.photons, np.nan),
         near_ir=np.asarray(seen.ambient, float),
         range_m=np.where(kept, stop.range_m, np.nan),

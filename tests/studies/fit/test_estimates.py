@@ -43,9 +43,9 @@ def test_the_bootstrap_sees_that_a_block_shares_its_noise() -> None:
 def test_what_is_not_told_is_not_known() -> None:
     slope = np.array([[1.0, 1.0], [1.0, 1.0]])
     solved = Solved(value=np.ones(2), slope=slope, scores=np.ones((3, 2)))
-    assert not solved.estimate("a", "", lambda p: float(p[0])).known
+    assert not solved.estimate("a", "", lambda p: float(p[0])).is_known
     one_block = Solved(value=np.ones(2), slope=np.eye(2), scores=np.zeros((1, 2)))
-    assert not one_block.estimate("a", "", lambda p: float(p[0])).known
+    assert not one_block.estimate("a", "", lambda p: float(p[0])).is_known
 
 
 def test_the_solver_stays_within_bounds_and_evaluations() -> None:
@@ -71,7 +71,7 @@ def test_what_comes_with_what_is_held_is_added_to_both_uncertainties() -> None:
     scores = np.array([[0.3, -0.1], [-0.3, 0.1]])
     beside = np.array([[0.5, 0.2], [0.2, 0.4]])
     alone = Solved(value=np.ones(2), slope=slope, scores=scores)
-    both = replace(alone, beside=beside)
+    both = replace(alone, held_covariance=beside)
     inverse = np.array([[2.0, -1.0], [-1.0, 2.0]]) / 3.0
     np.testing.assert_allclose(alone.covariance, inverse)
     np.testing.assert_allclose(both.covariance, inverse + beside)
@@ -92,7 +92,7 @@ def test_scores_of_another_variance_make_a_sandwich() -> None:
 
 @pytest.mark.parametrize(("value", "sigma", "known"), [(-2.0, 1.9, True), (-2.0, 2.1, False), (2.0, 2.1, False)])
 def test_a_number_is_known_if_its_sigma_is_below_its_size(value: float, sigma: float, known: bool) -> None:
-    assert Estimate(key="a", value=value, unit="", fisher=sigma, bootstrap=sigma).known is known
+    assert Estimate(key="a", value=value, unit="", fisher=sigma, bootstrap=sigma).is_known is known
 
 
 @pytest.mark.parametrize(("ratio", "sigma"), [(1.2, 1.0), (1.4, 1.4), (0.7, 1.0)])

@@ -28,7 +28,7 @@ def test_expected_is_what_is_drawn(range_m: float, klux: float) -> None:
     ranges = range_m + np.linspace(-0.1, 0.1, SHOTS)
     light = echoes_of_plane(sensor, Target(reflectivity=0.5, illuminance_klux=klux), ranges)
     seen = detect_alone(light, sensor, seed=3, pulse=np.arange(SHOTS, dtype=np.uint32))
-    scene = Scene.of(light, sensor, np.zeros(SHOTS, int), spot_over_field=0.5)
+    scene = Scene.from_light(light, sensor, np.zeros(SHOTS, int), spot_over_field=0.5)
     now = expected(scene, {"detector.jitter_ps": -20.0})
     first = seen.stops[0]
     kept = np.asarray(first.reported) & (np.asarray(first.status) == 0)
@@ -47,7 +47,7 @@ def test_the_chance_is_that_of_the_stages() -> None:
     """Weak echoes: the share that is kept, to 4 sigma of 4000."""
     sensor = published()
     light = echoes_of_plane(sensor, Target(reflectivity=0.1, illuminance_klux=50.0), 53.0 * np.ones(SHOTS))
-    scene = Scene.of(light, sensor, np.zeros(SHOTS, int), spot_over_field=0.5)
+    scene = Scene.from_light(light, sensor, np.zeros(SHOTS, int), spot_over_field=0.5)
     chance = float(np.mean(expected(scene, {}).chance))
     seen = detect_alone(light, sensor, seed=3, pulse=np.arange(SHOTS, dtype=np.uint32)).stops[0]
     kept = np.mean(np.asarray(seen.reported) & (np.asarray(seen.status) == 0))
@@ -60,7 +60,7 @@ def wall(count: int = 5, spot_over_field: float | None = 0.5) -> Scene:
     light = echoes_of_plane(
         published(), Target(reflectivity=0.1, illuminance_klux=50.0), np.geomspace(10.0, 60.0, count)
     )
-    return Scene.of(light, published(), np.zeros(count, int), spot_over_field=spot_over_field)
+    return Scene.from_light(light, published(), np.zeros(count, int), spot_over_field=spot_over_field)
 
 
 def test_strangers_are_kept_half_of_the_time() -> None:
@@ -136,7 +136,7 @@ def test_ranges_of_few_photons_scatter_more_than_linearly() -> None:
     ranges = 60.0 + np.linspace(-0.1, 0.1, shots)
     light = echoes_of_plane(sensor, Target(reflectivity=0.4, illuminance_klux=0.0), ranges)
     stop = detect_alone(light, sensor, seed=1, pulse=np.arange(shots, dtype=np.uint32)).stops[0]
-    scene = Scene.of(light, sensor, np.zeros(shots, int), spot_over_field=0.5)
+    scene = Scene.from_light(light, sensor, np.zeros(shots, int), spot_over_field=0.5)
     law = expected(replace(scene, floor_m=0.0), {"detector.jitter_ps": -20.0})
     assert np.mean(law.signal) == pytest.approx(25.0, rel=0.1)
     assert np.min(law.chance) > 0.999

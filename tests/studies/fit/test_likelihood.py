@@ -98,7 +98,7 @@ def test_the_light_of_a_render_is_a_scene() -> None:
         found=np.array([True, False, True]),
         background_power_w=np.array([1e-9, 2e-9, 3e-9]),
     )
-    scene = Scene.of(light, sensor, np.array([7, 8, 9]), spot_over_field=0.5)
+    scene = Scene.from_light(light, sensor, np.array([7, 8, 9]), spot_over_field=0.5)
     np.testing.assert_array_equal(scene.range_m, [4.0, 5.0])
     np.testing.assert_array_equal(scene.group, [7, 9])
     np.testing.assert_array_equal(scene.background_w, [1e-9, 3e-9])
@@ -106,7 +106,7 @@ def test_the_light_of_a_render_is_a_scene() -> None:
     np.testing.assert_allclose(scene.power_w, np.array([2e-9, 1e-9]) / share, rtol=1e-12)
     rays = replace(light, parts=(replace(light.parts[0], count=3),))
     with pytest.raises(ValueError, match="must be of one ray a pulse, got several"):
-        Scene.of(rays, sensor, np.zeros(3, int), spot_over_field=0.5)
+        Scene.from_light(rays, sensor, np.zeros(3, int), spot_over_field=0.5)
 
 
 def test_a_number_that_runs_off_does_not_hold_up_the_others(mi) -> None:
@@ -135,7 +135,7 @@ def test_a_number_that_runs_off_does_not_hold_up_the_others(mi) -> None:
 def test_a_range_of_something_else_counts_for_nothing(fit: KnownFit) -> None:
     """Rationale: scenes have edges. One pulse in twenty, a metre off, would be a floor in which the pulse is lost."""
     scene, reported = recorded()
-    wrong = np.arange(len(reported.kept)) % 20 == 0
+    wrong = np.arange(len(reported.has_return)) % 20 == 0
     moved = replace(reported, range_m=reported.range_m + 1.0 * wrong)
     found = fit_known(scene, moved, reflectivity_sigma=REFLECTIVITY_SIGMA)
     pulse, clean = (next(one for one in way.estimates if one.key == "laser.pulse_fwhm_ns") for way in (found, fit))
@@ -179,12 +179,12 @@ def test_the_information_of_sun_and_power_is_that_of_counts() -> None:
     light = echoes_of_plane(
         published(), Target(reflectivity=0.3, illuminance_klux=30.0), np.geomspace(8.0, 16.0, count)
     )
-    scene = Scene.of(light, published(), np.arange(count), spot_over_field=0.5)
+    scene = Scene.from_light(light, published(), np.arange(count), spot_over_field=0.5)
     values = {"laser.peak_power_w": 0.0, "optics.sun_irradiance_w_m2": 0.0}
     law = expected(scene, values)
     dark = np.asarray(expected(replace(scene, background_w=0.0 * scene.background_w), values).near_ir)
     signal, near_ir = np.asarray(law.signal), np.asarray(law.near_ir)
-    reported = Reported(kept=np.ones(count, bool), signal=signal, near_ir=near_ir, range_m=scene.range_m)
+    reported = Reported(has_return=np.ones(count, bool), signal=signal, near_ir=near_ir, range_m=scene.range_m)
     surfaces = np.zeros(count)
     strong = likelihood._strong(scene, reported, values, surfaces)
     assert strong.all()
@@ -196,10 +196,10 @@ def test_the_information_of_sun_and_power_is_that_of_counts() -> None:
     brighter = expected(scene, values, np.full(count, 0.1))
     moved = replace(reported, signal=np.asarray(brighter.signal), near_ir=np.asarray(brighter.near_ir))
     free = likelihood._step(scene, moved, values, surfaces, strong, 0.0)
-    np.testing.assert_allclose(free.of_groups / free.own, 0.1, rtol=0.1)
+    np.testing.assert_allclose(free.surface_score / free.surface_curvature, 0.1, rtol=0.1)
     assert np.linalg.eigvalsh(free.matrix)[0] < 1e-3 * of_sun
     pulled = likelihood._step(scene, reported, values, np.full(count, 0.1), strong, 1e9)
-    np.testing.assert_allclose(pulled.of_groups / pulled.own, -0.1, rtol=0.01)
+    np.testing.assert_allclose(pulled.surface_score / pulled.surface_curvature, -0.1, rtol=0.01)
 
 
 def test_ranges_that_scatter_as_the_law_says_ask_for_no_other_pulse() -> None:
@@ -208,7 +208,7 @@ def test_ranges_that_scatter_as_the_law_says_ask_for_no_other_pulse() -> None:
     light = echoes_of_plane(
         published(), Target(reflectivity=0.3, illuminance_klux=30.0), np.geomspace(8.0, 16.0, count)
     )
-    scene = Scene.of(light, published(), np.zeros(count, int), spot_over_field=0.5)
+    scene = Scene.from_light(light, published(), np.zeros(count, int), spot_over_field=0.5)
     values = {"laser.peak_power_w": 0.0, "scatter_floor": 0.0}
     scene = replace(scene, floor_m=0.02)
     law = expected(scene, values)
@@ -216,7 +216,7 @@ def test_ranges_that_scatter_as_the_law_says_ask_for_no_other_pulse() -> None:
     for by in (0.9, 1.0, 1.1):
         off_m = by * math.sqrt(likelihood.MEAN_SQUARE) * np.asarray(law.sigma_m)
         reported = Reported(
-            kept=np.ones(count, bool),
+            has_return=np.ones(count, bool),
             signal=np.asarray(law.signal),
             near_ir=np.asarray(law.near_ir),
             range_m=scene.range_m + off_m,
@@ -248,12 +248,12 @@ def test_a_signal_far_off_pulls_no_harder_than_four_sigmas() -> None:
     """One of sixty a hundred sigmas too strong; and what fires most of the SPADs tells no signal."""
     count = 60
     light = echoes_of_plane(published(), Target(reflectivity=0.3, illuminance_klux=30.0), np.full(count, 12.0))
-    scene = Scene.of(light, published(), np.zeros(count, int), spot_over_field=0.5)
+    scene = Scene.from_light(light, published(), np.zeros(count, int), spot_over_field=0.5)
     values = {"laser.peak_power_w": 0.0}
     law = expected(scene, values)
     signal, sigma = np.asarray(law.signal), np.sqrt(np.asarray(law.variance))
     reported = Reported(
-        kept=np.ones(count, bool),
+        has_return=np.ones(count, bool),
         signal=signal + np.where(np.arange(count) == 7, 100.0 * sigma, 0.0),
         near_ir=np.full(count, np.nan),
         range_m=scene.range_m + math.sqrt(likelihood.MEAN_SQUARE) * np.asarray(law.sigma_m),

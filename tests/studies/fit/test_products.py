@@ -25,7 +25,7 @@ ALL = tuple(QUANTITIES)
 def test_photons_of_a_white_wall_are_one_product() -> None:
     """K = P0 tau r_A^2 eta pde shots, its exponents from the lidar equation."""
     products = products_of(load_sensor("os1-128"), ALL)
-    powers = dict(zip(products.keys, products.exponents[products.known.index("white_m2")], strict=True))
+    powers = dict(zip(products.keys, products.exponents[products.quantities.index("white_m2")], strict=True))
     expected = {
         "laser.peak_power_w": 1,
         "laser.pulse_fwhm_ns": 1,

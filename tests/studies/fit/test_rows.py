@@ -63,7 +63,7 @@ def test_signal_tells_what_the_gains_are_of(follows: float) -> None:
 
 
 def test_few_columns_tell_nothing() -> None:
-    assert fit_rows(pulses_of([drawn()]).part(np.arange(40))) is None
+    assert fit_rows(pulses_of([drawn()]).select_columns(np.arange(40))) is None
 
 
 def still(near_ir: Numbers, **changed: Any) -> Pulses:

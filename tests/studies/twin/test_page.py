@@ -23,6 +23,6 @@ def test_the_verdict_names_the_limits_that_are_missed() -> None:
 
 
 def test_a_row_without_numbers_is_left_out() -> None:
-    assert not Row(quantity="signal, mean error over the range", high=0.15).is_told
-    assert Row(quantity="share", value=0.0).is_told
-    assert Row(quantity="gap", real=0.8).is_told
+    assert not Row(quantity="signal, mean error over the range", high=0.15).has_values
+    assert Row(quantity="share", value=0.0).has_values
+    assert Row(quantity="gap", real=0.8).has_values

@@ -74,7 +74,7 @@ def test_a_hole_in_a_wall_is_found_and_the_sky_is_none() -> None:
     range_m[5, 45], range_m[:3] = np.nan, np.nan
     planes = planes_of(grid_of(room_sweep(range_m=range_m)))
     assert planes.range_m[5, 45] == pytest.approx(sweep.range_m[5, 45], abs=0.01)
-    assert not planes.there[0].any()
+    assert not planes.has_plane[0].any()
 
 
 def test_columns_are_taken_of_all_arrays() -> None:
@@ -126,8 +126,8 @@ def test_a_pixel_off_the_plane_of_its_neighbours_has_none() -> None:
     range_m = np.array(room_sweep().range_m)
     range_m[5, 180] -= 0.3
     planes = planes_of(grid_of(room_sweep(range_m=range_m)))
-    assert not planes.there[5, 180]
-    assert planes.there[5, [179, 181]].all()
+    assert not planes.has_plane[5, 180]
+    assert planes.has_plane[5, [179, 181]].all()
 
 
 def test_a_slanted_pole_is_no_plane() -> None:
@@ -137,7 +137,7 @@ def test_a_slanted_pole_is_no_plane() -> None:
     grid = grid_of(room_sweep(range_m=range_m))
     planes = planes_of(grid)
     rings = slice(4, 12)
-    there = planes.there[rings, 100]
+    there = planes.has_plane[rings, 100]
     np.testing.assert_allclose(planes.normal[rings, 100][there], -grid.sweep.direction[rings, 100][there])
 
 

@@ -128,7 +128,7 @@ def test_ranges_agree_with_the_room_to_millimetres(made: Made, pulses: Pulses) -
 
 def test_signals_agree_to_per_cent(pulses: Pulses) -> None:
     """The reflectivities are right: the same sensor has the same photons from the twin as from the room."""
-    both = pulses.kept & pulses.simulated & (pulses.kind == SMOOTH)
+    both = pulses.has_return & pulses.has_simulated_return & (pulses.kind == SMOOTH)
     assert pulses.signal is not None
     ratio = pulses.simulated_signal[both].sum() / pulses.signal[both].sum()
     assert ratio == pytest.approx(1.0, abs=0.03)
@@ -140,10 +140,10 @@ def test_a_sensor_is_held_to_its_own_recording(made: Made, pulses: Pulses) -> No
     scene = load_scene(folder / "scene.toml")
     cloud = Simulator(scene, sensor).render()
     rows = rows_of(pulses, recording[0], cloud)
-    failed = [(row.quantity, row.condition, row.value) for row in rows if row.met is False]
+    failed = [(row.quantity, row.condition, row.value) for row in rows if row.is_met is False]
     assert failed == []
     assert {"beam direction", "range, bias", "range, scatter", "points", "real returns kept"} <= {
-        row.quantity for row in rows if row.met
+        row.quantity for row in rows if row.is_met
     }
 
 
@@ -153,7 +153,7 @@ def test_another_sensor_is_not(made: Made) -> None:
     scene = load_scene(folder / "scene.toml")
     weak = load_sensor(scene.sensor_name, overrides=["laser.peak_power_w=0.1"])
     found, cloud = pulses_of(scene, weak, recording[0])
-    failed = {row.quantity for row in rows_of(found, recording[0], cloud) if row.met is False}
+    failed = {row.quantity for row in rows_of(found, recording[0], cloud) if row.is_met is False}
     assert "signal, mean error over the range" in failed
 
 
@@ -289,7 +289,7 @@ def test_changes_are_of_smooth_surfaces_and_gaps_have_no_sign(
     for changes in (pulses.change_m, pulses.simulated_change_m):
         assert np.isfinite(changes).sum() > 100
         assert np.all(pulses.kind[np.isfinite(changes)] == SMOOTH)
-    assert np.any(pulses.kept & pulses.simulated & (pulses.kind != SMOOTH))
+    assert np.any(pulses.has_return & pulses.has_simulated_return & (pulses.kind != SMOOTH))
     assert not np.allclose(pulses.change_m, pulses.simulated_change_m, equal_nan=True)
     recording, folder, sensor = made
     sweep = recording[0]
@@ -299,9 +299,9 @@ def test_changes_are_of_smooth_surfaces_and_gaps_have_no_sign(
     laid, _ = pulses_of(load_scene(folder / "scene.toml"), sensor, two)
     assert steps == [2, 2]
     assert len(laid.range_m) == sweep.range_m.size
-    assert np.mean(laid.kept) == pytest.approx(np.mean(two.kept))
-    assert not laid.kept.all()
-    np.testing.assert_allclose(laid.gap_m[laid.kept], 1.0, rtol=1e-6)
+    assert np.mean(laid.has_return) == pytest.approx(np.mean(two.kept))
+    assert not laid.has_return.all()
+    np.testing.assert_allclose(laid.gap_m[laid.has_return], 1.0, rtol=1e-6)
 
 
 @pytest.mark.parametrize(("stops", "rays"), [(1, 1), (2, 16)])

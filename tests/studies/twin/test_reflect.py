@@ -23,7 +23,7 @@ def test_a_near_field_is_taken_out() -> None:
     near = 1.0 / (1.0 + (9.0 / plain.range_m) ** 4)
     bright = 2.0 * plain.reflectivity
     sweep = room_sweep(signal=2.0 * plain.signal * near, reflectivity=np.rint(bright))
-    gauge = Gauge.of(sweep)
+    gauge = Gauge.from_sweep(sweep)
     assert gauge is not None
     assert gauge.field == "signal"
     apparent = gauge.apparent(sweep, sweep.range_m)
@@ -41,7 +41,7 @@ def test_brighter_than_white_comes_from_the_signal() -> None:
     signal[10, 10] *= 50.0
     reflectivity[10, 10] = 200.0
     sweep = room_sweep(signal=signal, reflectivity=reflectivity)
-    gauge = Gauge.of(sweep)
+    gauge = Gauge.from_sweep(sweep)
     assert gauge is not None
     assert gauge.apparent(sweep, sweep.range_m)[10, 10] == pytest.approx(truth, rel=0.1)
 
@@ -50,7 +50,7 @@ def test_brighter_than_white_comes_from_the_signal() -> None:
 def test_intensities_are_of_a_known_unit_or_said_to_be_guessed(form: str, assumed: bool, factor: float | None) -> None:
     plain = room_sweep()
     sweep = room_sweep(signal=None, reflectivity=None, intensity=plain.reflectivity, metadata={"format": form})
-    gauge = Gauge.of(sweep)
+    gauge = Gauge.from_sweep(sweep)
     assert gauge is not None
     assert gauge.assumed == assumed
     apparent = gauge.apparent(sweep, sweep.range_m)
@@ -69,7 +69,7 @@ def test_a_table_is_continued() -> None:
 
 
 def test_without_strengths_there_is_no_gauge() -> None:
-    assert Gauge.of(room_sweep(signal=None, reflectivity=None)) is None
+    assert Gauge.from_sweep(room_sweep(signal=None, reflectivity=None)) is None
 
 
 def test_an_echo_without_a_range_was_dropped() -> None:
@@ -89,7 +89,7 @@ def test_reflectivities_that_are_not_linear_do_not_calibrate(reported: float) ->
     signal = np.full(shape, 500.0)
     reflectivity = np.where(third, 50.0, reported)
     sweep = room_sweep(range_m=np.full(shape, 10.0), signal=signal, reflectivity=reflectivity)
-    gauge = Gauge.of(sweep)
+    gauge = Gauge.from_sweep(sweep)
     assert gauge is not None
     np.testing.assert_allclose(gauge.apparent(sweep, sweep.range_m), 0.5, rtol=1e-6)
 
@@ -106,7 +106,7 @@ def test_a_steep_table_is_continued_by_the_fourth_power_and_nothing_is_blacker_t
 
 def test_a_makers_reflectivity_alone_is_in_per_cent() -> None:
     sweep = room_sweep(signal=None)
-    gauge = Gauge.of(sweep)
+    gauge = Gauge.from_sweep(sweep)
     assert gauge is not None
     assert sweep.reflectivity is not None
     np.testing.assert_allclose(gauge.apparent(sweep, sweep.range_m), 0.01 * sweep.reflectivity, rtol=1e-6)

@@ -15,7 +15,7 @@ GROUND_PLANE = np.array([-HEIGHT_M, 0.0, 0.0])
 
 
 def made(sweep: Sweep, ground: Numbers | None = None) -> Surfels:
-    return surfels_of(grid_of(sweep), Gauge.of(sweep), ground)
+    return surfels_of(grid_of(sweep), Gauge.from_sweep(sweep), ground)
 
 
 def kinds(quads: Surfels) -> list[int]:

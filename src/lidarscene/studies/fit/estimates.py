@@ -55,7 +55,7 @@ class Estimate:
         return self.bootstrap if self.bootstrap > DOUBT * self.fisher else self.fisher
 
     @property
-    def known(self) -> bool:
+    def is_known(self) -> bool:
         """Whether the recording says more than its order of magnitude; not by a single block."""
         if not np.isfinite(self.bootstrap):
             return False
@@ -71,7 +71,7 @@ class Solved:
     scores  (b, p) of each block, at the solution
     meat    (p, p) variance of the sum of the scores if the law is right; None: H
     evaluations  of the law
-    beside  (p, p) covariance that comes with what is held, not from the scores; None: none
+    held_covariance  (p, p) covariance that comes with what is held, not from the scores; None: none
     """
 
     value: Numbers
@@ -79,16 +79,16 @@ class Solved:
     scores: Numbers
     meat: Numbers | None = None
     evaluations: int = 0
-    beside: Numbers | None = None
+    held_covariance: Numbers | None = None
 
     @property
     def covariance(self) -> Numbers:
         """(p, p) Fisher's; infinite where H has no inverse."""
         inverse = _inverse(self.slope)
         covariance = inverse if self.meat is None else inverse @ self.meat @ inverse.T
-        return np.asarray(covariance if self.beside is None else covariance + self.beside)
+        return np.asarray(covariance if self.held_covariance is None else covariance + self.held_covariance)
 
-    def drawn(self, seed: int = 0) -> Numbers:
+    def resampled(self, seed: int = 0) -> Numbers:
         """(DRAWS, p) solutions of resampled blocks."""
         blocks = len(self.scores)
         random = np.random.default_rng(seed)
@@ -101,8 +101,8 @@ class Solved:
         blocks = len(self.scores)
         if blocks < 2 or not np.isfinite(_inverse(self.slope)).all():
             return np.full_like(self.slope, np.inf)
-        covariance = np.atleast_2d(np.cov(self.drawn(), rowvar=False)) * (blocks / (blocks - 1.0))
-        return np.asarray(covariance if self.beside is None else covariance + self.beside)
+        covariance = np.atleast_2d(np.cov(self.resampled(), rowvar=False)) * (blocks / (blocks - 1.0))
+        return np.asarray(covariance if self.held_covariance is None else covariance + self.held_covariance)
 
     def estimate(self, key: str, unit: str, formula: Callable[[Numbers], float]) -> Estimate:
         """A number that follows from the parameters, its sigma by the formula's slopes."""

@@ -106,7 +106,7 @@ class Scene:
     light_measured: bool = False
 
     @classmethod
-    def of(cls, light: Echoes | EchoTrain, sensor: Sensor, group: Numbers, *, spot_over_field: float | None) -> Scene:
+    def from_light(cls, light: Echoes | EchoTrain, sensor: Sensor, group: Numbers, *, spot_over_field: float | None) -> Scene:
         """From traced light (`Simulator.light`, with one ray a pulse) of the pulses that meet a surface, ``found``.
 
         Of several echoes, behind a pane, the strongest.
@@ -140,7 +140,7 @@ class Scene:
 class Reported:
     """What the sensor said, (n,) each; signal, range_m and near_ir are NaN where they tell nothing."""
 
-    kept: Numbers
+    has_return: Numbers
     signal: Numbers
     near_ir: Numbers
     range_m: Numbers

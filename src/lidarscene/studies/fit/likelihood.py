@@ -101,10 +101,10 @@ class _Step:
 
     score: Numbers
     matrix: Numbers
-    each: Numbers
-    of_groups: Numbers
+    pulse_scores: Numbers
+    surface_score: Numbers
     cross: Numbers
-    own: Numbers
+    surface_curvature: Numbers
 
 
 def fit_known(
@@ -148,7 +148,7 @@ def fit_known(
         all_moves = np.zeros(len(names))
         all_moves[rows] = move
         surfaces = surfaces + np.clip(
-            (damping * step.of_groups - step.cross.T @ all_moves) / step.own, -LONGEST_STEP, LONGEST_STEP
+            (damping * step.surface_score - step.cross.T @ all_moves) / step.surface_curvature, -LONGEST_STEP, LONGEST_STEP
         )
         for name, change in zip(active, move, strict=True):
             values[name] += float(change)
@@ -169,13 +169,13 @@ def fit_known(
             active = determined
     rows = [list(names).index(name) for name in active]
     block = np.arange(len(scene.range_m)) * BLOCKS // len(scene.range_m)
-    scores = np.array([np.bincount(block, step.each[:, row]) for row in rows]).reshape(len(rows), -1).T
+    scores = np.array([np.bincount(block, step.pulse_scores[:, row]) for row in rows]).reshape(len(rows), -1).T
     solved = Solved(
         value=np.array([values[name] for name in active]),
         slope=step.matrix[np.ix_(rows, rows)],
         scores=scores,
         evaluations=evaluations,
-        beside=_beside(step.matrix, rows, [list(names).index(name) for name in held]),
+        held_covariance=_beside(step.matrix, rows, [list(names).index(name) for name in held]),
     )
     return KnownFit(
         solved=solved, names=tuple(active), held=tuple(held), null=tuple(null), values=values, reflectivity=surfaces
@@ -274,7 +274,7 @@ def _step(
     # Residual and weight of signal, chance, background and scatter: the score of each is slope x residual x weight.
     residuals = (
         signal,
-        reported.kept - chance,
+        reported.has_return - chance,
         np.where(near_ir_mask, reported.near_ir - prediction.near_ir, 0.0),
         square_excess * (_SLOPE / _VARIANCE) * prediction.sigma_m,
     )
@@ -305,8 +305,8 @@ def _step(
     return _Step(
         score=pulse_scores.sum(axis=0) - profiled @ surface_score,
         matrix=matrix - profiled @ cross.T,
-        each=pulse_scores - pulse_surface_scores[:, None] * profiled.T[scene.group],
-        of_groups=surface_score,
+        pulse_scores=pulse_scores - pulse_surface_scores[:, None] * profiled.T[scene.group],
+        surface_score=surface_score,
         cross=cross,
-        own=surface_curvature,
+        surface_curvature=surface_curvature,
     )

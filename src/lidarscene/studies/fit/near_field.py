@@ -66,7 +66,7 @@ class NearField:
     range_m, white_m2   (n,) of the bins: K share
     sigma               (n,) of ln white_m2
     misfit              what the law misses, of ln white_m2 (standard deviation)
-    own                 curve of the sensor's own optics; None: that of one lens
+    sensor_curve                 curve of the sensor's own optics; None: that of one lens
     solved              ln K, ln R0; of one lens, ln of the spot's radius over the field's
     check_range_m, check_white_m2  of the blocks that were not fitted
     """
@@ -75,14 +75,14 @@ class NearField:
     white_m2: Numbers
     sigma: Numbers
     misfit: float
-    own: Curve | None
+    sensor_curve: Curve | None
     solved: Solved
     check_range_m: Numbers
     check_white_m2: Numbers
 
     def law(self, range_m: Numbers) -> Numbers:
         """White_m2 at these ranges, of the fit."""
-        return np.asarray(np.exp(_law(self.own, self.solved.value, np.log(range_m))))
+        return np.asarray(np.exp(_law(self.sensor_curve, self.solved.value, np.log(range_m))))
 
     @property
     def error(self) -> float:
@@ -96,7 +96,7 @@ class NearField:
             self.solved.estimate("white_m2", "photons m2", lambda p: math.exp(p[0])),
             self.solved.estimate("near_field_m", "m", lambda p: math.exp(p[1])),
         )
-        if self.own is not None:
+        if self.sensor_curve is not None:
             return range_estimates
         return (*range_estimates, self.solved.estimate("spot_over_field", "", lambda p: math.exp(p[2])))
 
@@ -151,9 +151,9 @@ def fit_near_field(pulses: Pulses, sensor: Sensor | None = None) -> NearField | 
     """
     if pulses.signal is None or pulses.reflectivity is None:
         return None
-    fitted = pulses.part(pulses.fitted)
+    fitted = pulses.select_columns(pulses.fitted)
     binned = _bins(fitted)
-    check = _bins(pulses.part(~pulses.fitted))
+    check = _bins(pulses.select_columns(~pulses.fitted))
     if binned is None or check is None:
         return None
     x, y, sigma, sums, counts = binned
@@ -187,7 +187,7 @@ def fit_near_field(pulses: Pulses, sensor: Sensor | None = None) -> NearField | 
         white_m2=np.exp(y),
         sigma=sigma,
         misfit=misfit,
-        own=sensor_curve,
+        sensor_curve=sensor_curve,
         solved=solved,
         check_range_m=np.exp(check[0]),
         check_white_m2=np.exp(check[1]),
@@ -198,7 +198,7 @@ def _bins(pulses: Pulses) -> tuple[Numbers, Numbers, Numbers, Numbers, Numbers] 
     """Mean ln R, mean ln white_m2 and its sigma by bin; sums of ln white_m2 and counts by block and bin."""
     assert pulses.signal is not None
     assert pulses.reflectivity is not None
-    mask = pulses.kept & (pulses.signal >= LEAST_SIGNAL)
+    mask = pulses.has_return & (pulses.signal >= LEAST_SIGNAL)
     mask &= (pulses.reflectivity >= LEAST_REFLECTIVITY) & (pulses.reflectivity < MOST_REFLECTIVITY)
     if mask.sum() < LEAST:
         return None

@@ -126,17 +126,17 @@ class Products:
     """What is known of the keys.
 
     keys       of the sensor file, and `REFLECTIVITY`
-    known      the quantities that the recording gave
+    quantities      the quantities that the recording gave
     exponents  (known, keys) d ln quantity / d ln key
     """
 
     keys: tuple[str, ...]
-    known: tuple[str, ...]
+    quantities: tuple[str, ...]
     exponents: Numbers
 
     def product(self, quantity: str) -> str:
         """A quantity as a product of powers of keys."""
-        row = self.exponents[self.known.index(quantity)]
+        row = self.exponents[self.quantities.index(quantity)]
         return " x ".join(
             key if abs(power - 1.0) < EXACT else f"{key}^{power:.2g}"
             for key, power in zip(self.keys, row, strict=True)
@@ -188,7 +188,7 @@ def products_of(sensor: Sensor, quantities: Sequence[str]) -> Products:
         exponents[:, column] = (np.array(logs[0]) - np.array(logs[1])) / (2.0 * step)
     if "white_m2" in names:
         exponents[names.index("white_m2"), -1] = 1.0
-    return Products(keys=(*(entry[0] for entry in present), REFLECTIVITY), known=names, exponents=exponents)
+    return Products(keys=(*(entry[0] for entry in present), REFLECTIVITY), quantities=names, exponents=exponents)
 
 
 def reduced(exponents: Numbers) -> tuple[Numbers, list[int]]:

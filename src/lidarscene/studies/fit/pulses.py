@@ -39,7 +39,7 @@ class Pulses:
     block: Numbers
 
     @property
-    def kept(self) -> Numbers:
+    def has_return(self) -> Numbers:
         """Mask of the pulses with a return."""
         return np.isfinite(self.range_m)
 
@@ -53,7 +53,7 @@ class Pulses:
         """How many."""
         return int(self.frame.max()) + 1
 
-    def part(self, columns: Numbers) -> Pulses:
+    def select_columns(self, columns: Numbers) -> Pulses:
         """The pulses of these columns."""
         return Pulses(
             range_m=self.range_m[:, columns],

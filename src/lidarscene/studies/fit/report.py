@@ -123,7 +123,7 @@ def as_dict(fit: Fit) -> dict[str, Any]:
                 "sigma": _finite(estimate.sigma),
                 "fisher": _finite(estimate.fisher),
                 "bootstrap": _finite(estimate.bootstrap),
-                "known": estimate.known,
+                "known": estimate.is_known,
             }
             for estimate in fit.estimates
         },
@@ -134,7 +134,7 @@ def as_dict(fit: Fit) -> dict[str, Any]:
         report["row_gains"] = {"gain": fit.rows.gain.tolist(), "sigma": fit.rows.sigma.tolist()}
     if fit.products is not None:
         products = fit.products
-        report["products"] = {name: products.product(name) for name in products.known}
+        report["products"] = {name: products.product(name) for name in products.quantities}
         report["not_identified"] = list(products.null)
         report["held"] = list(products.fixed)
     report["notes"] = list(fit.notes)
@@ -221,7 +221,7 @@ def write_report(fit: Fit, folder: Path) -> None:
                 f"{estimate.value:.4g} {estimate.unit}",
                 f"{estimate.fisher:.2g}",
                 f"{estimate.bootstrap:.2g}",
-                "" if estimate.known else "not known",
+                "" if estimate.is_known else "not known",
             )
             for estimate in fit.estimates
         ],
@@ -244,7 +244,7 @@ def write_report(fit: Fit, folder: Path) -> None:
             "Each known quantity is a product of numbers of the sensor file. Each line below changes none of them, so "
             "the first number of each line stays at the value of the file that the fit started from."
         )
-        page.table(("known", "product"), [(name, fit.products.product(name)) for name in fit.products.known])
+        page.table(("known", "product"), [(name, fit.products.product(name)) for name in fit.products.quantities])
         page.table(("not known",), [(direction,) for direction in fit.products.null])
     put_page(page, folder, as_dict(fit))
 
@@ -297,15 +297,15 @@ def _near_field(near: NearField) -> list[Figure]:
 def _threshold(threshold: Threshold) -> Figure:
     chart = Chart(
         lines=(
-            Line(label="found", x=threshold.expected, y=threshold.found),
-            Line(label="expected", x=threshold.expected, y=threshold.expected, colour=1, style="dashed"),
+            Line(label="found", x=threshold.expected_share, y=threshold.kept_share),
+            Line(label="expected", x=threshold.expected_share, y=threshold.expected_share, colour=1, style="dashed"),
         ),
         x_label="chance of a return, by the law",
         y_label="share with a return",
         x_limits=(0.0, 1.0),
         y_limits=(0.0, 1.0),
     )
-    rows = list(zip(threshold.expected, threshold.found, threshold.pulses.tolist(), strict=True))
+    rows = list(zip(threshold.expected_share, threshold.kept_share, threshold.pulses.tolist(), strict=True))
     caption = "Kept pulses of the blocks that were not fitted, by the chance that the law gives them."
     return "threshold", caption, chart, (("expected", "found", "pulses"), rows)
 
@@ -357,7 +357,7 @@ def _solved(fit: Fit) -> list[tuple[str, tuple[str, ...], Solved]]:
 
 def _number(estimate: Estimate) -> str:
     text = f"{estimate.value:.4g} +/- {estimate.sigma:.2g} {estimate.unit}".rstrip()
-    return text if estimate.known else f"{text} (not known)"
+    return text if estimate.is_known else f"{text} (not known)"
 
 
 def _finite(value: float) -> float | None:

@@ -74,7 +74,7 @@ def _follows(pulses: Pulses, gains: Numbers) -> tuple[float, float] | None:
     """Slope of the gains of SIGNAL over those of NEAR_IR, and its sigma."""
     if pulses.signal is None:
         return None
-    strong = pulses.kept & (pulses.signal >= LEAST_SIGNAL)
+    strong = pulses.has_return & (pulses.signal >= LEAST_SIGNAL)
     light = _unstaggered(pulses, np.log(np.where(strong, pulses.signal, 1.0)))
     range_m, strong_mask = _unstaggered(pulses, np.nan_to_num(pulses.range_m)), _unstaggered(pulses, 1.0 * strong)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -90,7 +90,7 @@ def fit_scatter(pulses: Pulses) -> Scatter | None:
     """From the pulses of a recording; None without signals, or with too few patches."""
     if pulses.signal is None:
         return None
-    squares, inverse, block = _patches(pulses.part(pulses.fitted))
+    squares, inverse, block = _patches(pulses.select_columns(pulses.fitted))
     if len(squares) < LEAST:
         return None
     value = _start(squares, inverse)
@@ -122,7 +122,7 @@ def fit_scatter(pulses: Pulses) -> Scatter | None:
     spread = float(np.var(squares[near] / variance[near] / _MEAN))
     solved = Solved(value=value, slope=(1.0 - edge) * fisher, scores=scores, meat=spread * fisher)
     signal, sigma, patches = _octaves(squares, inverse, value)
-    check_patches_of = _patches(pulses.part(~pulses.fitted))
+    check_patches_of = _patches(pulses.select_columns(~pulses.fitted))
     held_out = _octaves(check_patches_of[0], check_patches_of[1], value) if len(check_patches_of[0]) else (np.zeros(0),) * 3
     check = {octave: values for octave, *values in zip(*held_out, strict=True)}
     check_sigma_m, check_patches = np.array([check.get(octave, (math.nan, 0)) for octave in signal]).T

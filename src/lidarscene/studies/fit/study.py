@@ -46,7 +46,7 @@ def fit_recordings(
     if before.histogram is not None:
         if fit.threshold is not None:
             fit = replace(fit, spread=fit.threshold.spread(before))
-        known_keys = [estimate.key for estimate in fit.estimates if estimate.known and estimate.key in QUANTITIES]
+        known_keys = [estimate.key for estimate in fit.estimates if estimate.is_known and estimate.key in QUANTITIES]
         fit = replace(fit, products=products_of(before, known_keys) if known_keys else None)
     estimates = {estimate.key: estimate for estimate in fit.estimates}
     text, notes = fitted_text(base, estimates, fit.recording, where, rows=fit.rows)

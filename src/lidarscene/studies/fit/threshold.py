@@ -50,14 +50,14 @@ class Threshold:
 
     solved   a, b, c
     near_ir  median of the pulses near the threshold
-    expected, found, pulses  (n,) chance by the law, share that was kept, and number, of the blocks that were not
+    expected_share, found, pulses  (n,) chance by the law, share that was kept, and number, of the blocks that were not
              fitted, by the chance
     """
 
     solved: Solved
     near_ir: float
-    expected: Numbers
-    found: Numbers
+    expected_share: Numbers
+    kept_share: Numbers
     pulses: Numbers
 
     def level(self, near_ir: Numbers) -> Numbers:
@@ -72,7 +72,7 @@ class Threshold:
     @property
     def error(self) -> float:
         """Mean absolute difference of expected and found share."""
-        return float(np.average(np.abs(self.expected - self.found), weights=self.pulses))
+        return float(np.average(np.abs(self.expected_share - self.kept_share), weights=self.pulses))
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
@@ -117,7 +117,7 @@ def fit_threshold(pulses: Pulses) -> Threshold | None:
     usable = pulses.recorded & np.isfinite(pulses.signal) & np.isfinite(pulses.near_ir) & _on_surface(pulses)
     if pulses.reflectivity is not None:
         # With a reflectivity and no range an echo was found and withheld, not missed.
-        usable &= pulses.kept | ~(pulses.reflectivity > 0.0)
+        usable &= pulses.has_return | ~(pulses.reflectivity > 0.0)
     max_signal = np.inf
     value = np.zeros(3)
     columns = np.broadcast_to(pulses.fitted, usable.shape)
@@ -125,12 +125,12 @@ def fit_threshold(pulses: Pulses) -> Threshold | None:
     for _ in range(3):  # the reach follows from the fit, which follows from the reach
         mask = usable & (pulses.signal <= max_signal)
         fit_mask = mask & columns
-        returned = pulses.kept[fit_mask]
+        returned = pulses.has_return[fit_mask]
         if min(returned.sum(), (~returned).sum()) < LEAST:
             return None
         design = _design(pulses.signal[fit_mask], pulses.near_ir[fit_mask])
         if not np.isfinite(max_signal):
-            max_signal = 4.0 * float(np.median(pulses.signal[fit_mask & ~pulses.kept]))
+            max_signal = 4.0 * float(np.median(pulses.signal[fit_mask & ~pulses.has_return]))
             continue
         solution = _newton(design, returned)
         if solution is None:
@@ -139,7 +139,7 @@ def fit_threshold(pulses: Pulses) -> Threshold | None:
         middle = -(value[1] + value[2] * float(np.median(design[:, 2]))) / value[0]
         max_signal = REACH * middle
     fit_mask = mask & columns
-    design, returned = _design(pulses.signal[fit_mask], pulses.near_ir[fit_mask]), pulses.kept[fit_mask]
+    design, returned = _design(pulses.signal[fit_mask], pulses.near_ir[fit_mask]), pulses.has_return[fit_mask]
     solution = _newton(design, returned)
     if solution is None:
         return None
@@ -156,8 +156,8 @@ def fit_threshold(pulses: Pulses) -> Threshold | None:
     return Threshold(
         solved=Solved(value=solution, slope=slope, scores=scores),
         near_ir=float(np.median(design[:, 2])) ** 2,
-        expected=np.bincount(place, expected, minlength=BINS)[filled] / counts[filled],
-        found=np.bincount(place, pulses.kept[held_out], minlength=BINS)[filled] / counts[filled],
+        expected_share=np.bincount(place, expected, minlength=BINS)[filled] / counts[filled],
+        kept_share=np.bincount(place, pulses.has_return[held_out], minlength=BINS)[filled] / counts[filled],
         pulses=counts[filled],
     )
 

@@ -73,11 +73,11 @@ class Choice:
     held_out: int | str | None = None
 
     @property
-    def judged(self) -> int:
+    def judged_frame(self) -> int:
         """The frame at whose pose the scene's sensor stands."""
         return self.held_out if isinstance(self.held_out, int) else self.frames[0]
 
-    def part(self, sweep: Sweep) -> Sweep:
+    def visible_part(self, sweep: Sweep) -> Sweep:
         """What the twin may see of a sweep."""
         return of_columns(sweep, slice(0, None, 2)) if self.held_out == COLUMNS else sweep
 
@@ -109,14 +109,14 @@ def build_twin(
     sensor    a catalogue name or a sensor file in place of the unit's own
     """
     require_writable(folder / SCENE)
-    sweeps = {number: recording[number] for number in {*choice.frames, choice.judged}}
-    notes = [_sensor_file(recording, folder / SENSOR, metadata, sensor, sweeps[choice.judged])]
+    sweeps = {number: recording[number] for number in {*choice.frames, choice.judged_frame}}
+    notes = [_sensor_file(recording, folder / SENSOR, metadata, sensor, sweeps[choice.judged_frame])]
     unit = load_sensor(str(folder / SENSOR))
     places = places_of(sweeps, choice.frames[0])
     parts, klux = [], []
     for number in choice.frames:
-        sweep = choice.part(sweeps[number])
-        gauge = Gauge.of(sweep)
+        sweep = choice.visible_part(sweeps[number])
+        gauge = Gauge.from_sweep(sweep)
         plane = ground_plane(sweep.xyz_m[sweep.kept])
         surfels = surfels_of(grid_of(sweep), gauge, plane) if has_grid(sweep) else listed.surfels_of(sweep, gauge, plane)
         parts.append(surfels.placed(places[number]))
@@ -126,7 +126,7 @@ def build_twin(
     _poses_file(folder / POSES, sweeps, places)
     known_klux = [value for value in klux if value is not None]
     light = float(np.median(known_klux)) if known_klux else ASSUMED_KLUX
-    text = scene_text(recording.path.stem, bodies, places[choice.judged], light)
+    text = scene_text(recording.path.stem, bodies, places[choice.judged_frame], light)
     # Nothing is written that `load_scene` would refuse, such as a number that is not finite.
     validated(SceneFile, tomllib.loads(text), str(folder / SCENE))
     put_text(folder / SCENE, text)
@@ -134,7 +134,7 @@ def build_twin(
         "recording": recording.path.name,
         "frames": list(choice.frames),
         "held_out": choice.held_out,
-        "judged": choice.judged,
+        "judged": choice.judged_frame,
         "illuminance_klux": light,
         "illuminance_assumed": not known_klux,
         "quads": {name: int(n) for name, n in zip(KINDS, np.bincount(quads.kind, minlength=len(KINDS)), strict=True)},

@@ -64,12 +64,12 @@ class Row:
     unit: str = ""
 
     @property
-    def is_told(self) -> bool:
+    def has_values(self) -> bool:
         """Whether there is anything to tell."""
         return (self.real, self.simulated, self.value) != (None, None, None)
 
     @property
-    def met(self) -> bool | None:
+    def is_met(self) -> bool | None:
         """Whether the value is within its limits; None without limits or value."""
         if self.value is None or (self.low is None and self.high is None):
             return None
@@ -107,7 +107,7 @@ def bias_and_scatter(real: Numbers, simulated: Numbers) -> tuple[float, float]:
 def _ranges(pulses: Pulses) -> Iterator[Row]:
     """On smooth surfaces that both found: against the surface of the twin."""
     near_surface = np.abs(pulses.range_m - pulses.true_range_m) < SAME_M
-    returns = pulses.at(pulses.kept & pulses.simulated & (pulses.kind == SMOOTH) & near_surface)
+    returns = pulses.select(pulses.has_return & pulses.has_simulated_return & (pulses.kind == SMOOTH) & near_surface)
     real_mm = 1e3 * (returns.range_m - returns.true_range_m)
     simulated_mm = 1e3 * (returns.simulated_range_m - returns.true_range_m)
     enough = bool(len(real_mm) >= LEAST)
@@ -129,7 +129,7 @@ def _ranges(pulses: Pulses) -> Iterator[Row]:
         return
     octave = np.floor(np.log2(np.maximum(returns.signal, 1.0))).astype(int)
     for number in np.unique(octave):
-        octave_returns = returns.at((octave == number) & np.isfinite(returns.change_m))
+        octave_returns = returns.select((octave == number) & np.isfinite(returns.change_m))
         if len(octave_returns.change_m) >= LEAST:
             yield _scatter(f"signal {2**number} to {2 ** (number + 1)}", octave_returns)
 
@@ -158,7 +158,7 @@ def _signals(pulses: Pulses) -> Iterator[Row]:
     if pulses.signal is None or not np.nanmax(pulses.simulated_signal, initial=0.0) > 0.0:
         yield Row(quantity="signal, mean error over the range", unit="", high=SIGNAL_ERROR)
         return
-    returned, simulated = pulses.kept, pulses.simulated
+    returned, simulated = pulses.has_return, pulses.has_simulated_return
     edges = np.quantile(pulses.range_m[returned], np.linspace(0.0, 1.0, RANGE_BINS + 1))
     errors = []
     for low, high in itertools.pairwise(edges):
@@ -192,7 +192,7 @@ def _signals(pulses: Pulses) -> Iterator[Row]:
 
 
 def _points(pulses: Pulses) -> Iterator[Row]:
-    real, simulated = int(pulses.kept.sum()), int(pulses.simulated.sum())
+    real, simulated = int(pulses.has_return.sum()), int(pulses.has_simulated_return.sum())
     yield Row(
         quantity="points",
         real=real,
@@ -202,8 +202,8 @@ def _points(pulses: Pulses) -> Iterator[Row]:
         high=POINTS,
     )
     rings = int(pulses.ring.max()) + 1
-    of_real = np.bincount(pulses.ring[pulses.kept], minlength=rings)
-    of_simulated = np.bincount(pulses.ring[pulses.simulated], minlength=rings)
+    of_real = np.bincount(pulses.ring[pulses.has_return], minlength=rings)
+    of_simulated = np.bincount(pulses.ring[pulses.has_simulated_return], minlength=rings)
     full = of_real >= LEAST
     if not full.any():
         return
@@ -227,20 +227,20 @@ def _points(pulses: Pulses) -> Iterator[Row]:
 
 
 def _kept(pulses: Pulses, between: float | None = None) -> Iterator[Row]:
-    returned, simulated = pulses.kept, pulses.simulated
+    returned, simulated = pulses.has_return, pulses.has_simulated_return
     yield Row(quantity="real returns kept", value=_share(simulated[returned]), low=KEPT_SHARE)
-    losses = ~returned & ~pulses.dropped & (pulses.kind != NOTHING)
+    losses = ~returned & ~pulses.withheld & (pulses.kind != NOTHING)
     yield Row(
         quantity="real losses on surfaces kept",
         condition=f"of {int(losses.sum())}",
         value=_share(simulated[losses]) if losses.sum() >= LEAST else None,
         high=KEPT_LOSSES,
     )
-    if pulses.dropped.any():
+    if pulses.withheld.any():
         yield Row(
             quantity="found but withheld by the real sensor, kept",
-            condition=f"of {int(pulses.dropped.sum())}",
-            value=_share(simulated[pulses.dropped]),
+            condition=f"of {int(pulses.withheld.sum())}",
+            value=_share(simulated[pulses.withheld]),
         )
     yield Row(
         quantity="kept or lost otherwise than real",
@@ -283,7 +283,7 @@ def _second(pulses: Pulses) -> Iterator[Row]:
     real, simulated = (pulses.gap_m[np.isfinite(pulses.gap_m)], pulses.simulated_gap_m[np.isfinite(pulses.simulated_gap_m)])
     if not len(real) and not len(simulated):
         return
-    shares = len(real) / max(int(pulses.kept.sum()), 1), len(simulated) / max(int(pulses.simulated.sum()), 1)
+    shares = len(real) / max(int(pulses.has_return.sum()), 1), len(simulated) / max(int(pulses.has_simulated_return.sum()), 1)
     yield Row(
         quantity="second returns, share",
         real=shares[0],

@@ -69,14 +69,14 @@ def compare_twin(
     pulses, cloud = pulses_of(scene, sensor, sweep, pose=pose, seed=seed, chunk=chunk)
     following = (number + 1) % len(recording)
     between = apart(whole, recording[following]) if following != number else None
-    rows = [row for row in rows_of(pulses, sweep, cloud, between=between) if row.is_told]
+    rows = [row for row in rows_of(pulses, sweep, cloud, between=between) if row.has_values]
     numbers: dict[str, Any] = {
         "verdict": verdict(rows),
         "recording": recording.path.name,
         "frame": number,
         "twin": provenance,
         "seen": seen(provenance, number),
-        "rows": [asdict(row) | {"met": row.met} for row in rows],
+        "rows": [asdict(row) | {"met": row.is_met} for row in rows],
     }
     text = json_text(numbers, indent=1)
     put_text(folder / NUMBERS, text + "\n")
@@ -106,8 +106,8 @@ def as_text(rows: list[Row]) -> str:
 
 def verdict(rows: list[Row]) -> str:
     """The outcome in one sentence: how many limits are met, and which are not."""
-    judged = [row for row in rows if row.met is not None]
-    missed = [row for row in judged if not row.met]
+    judged = [row for row in rows if row.is_met is not None]
+    missed = [row for row in judged if not row.is_met]
     if not judged:
         return "Nothing of this frame can be held to a limit."
     if not missed:
@@ -121,7 +121,7 @@ def verdict(rows: list[Row]) -> str:
 
 
 def _cells(row: Row) -> tuple[str, ...]:
-    mark = {None: "", True: "met", False: "NOT MET"}[row.met]
+    mark = {None: "", True: "met", False: "NOT MET"}[row.is_met]
     quantity = f"{row.quantity} [{row.unit}]" if row.unit else row.quantity
     return (quantity, row.condition, _shown(row.real), _shown(row.simulated), _shown(row.value), _limit(row), mark)
 

@@ -68,7 +68,7 @@ class Planes:
     normal: Numbers
 
     @property
-    def there(self) -> Numbers:
+    def has_plane(self) -> Numbers:
         """Mask of the pixels that have a plane."""
         return np.isfinite(self.range_m)
 
@@ -78,7 +78,7 @@ class Planes:
         Each pixel's own range has a small share in it, so its noise is not cut off.
         """
         around = [(row, column) for row in (-1, 0, 1) for column in (-2, -1, 0, 1, 2)]
-        mean = sum(_moved(np.where(self.there[..., None], self.normal, np.nan), *offset) for offset in around)
+        mean = sum(_moved(np.where(self.has_plane[..., None], self.normal, np.nan), *offset) for offset in around)
         with np.errstate(invalid="ignore"):
             return np.asarray(np.linalg.norm(mean, axis=-1) > SMOOTH_COS * len(around))
 

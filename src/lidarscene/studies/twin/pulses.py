@@ -44,7 +44,7 @@ class Pulses:
                        count from the beam's exit in the simulated sensor; makers count from elsewhere
     change_m           second difference of the recorded ranges along the ring, over its deviation for a deviation of 1
     gap_m              between the recording's two returns
-    dropped            whether the recording found an echo and told no range (`reflect.dropped`)
+    withheld            whether the recording found an echo and told no range (`reflect.dropped`)
     simulated_*        the same of the simulation
     true_range_m       of the twin's surface
     kind               place of the twin's surface in `KINDS`, or `NOTHING`
@@ -56,7 +56,7 @@ class Pulses:
     signal: Numbers | None
     change_m: Numbers
     gap_m: Numbers
-    dropped: Numbers
+    withheld: Numbers
     simulated_range_m: Numbers
     simulated_signal: Numbers
     simulated_change_m: Numbers
@@ -65,16 +65,16 @@ class Pulses:
     kind: Numbers
 
     @property
-    def kept(self) -> Numbers:
+    def has_return(self) -> Numbers:
         """Mask of what the recording has a return of."""
         return np.isfinite(self.range_m)
 
     @property
-    def simulated(self) -> Numbers:
+    def has_simulated_return(self) -> Numbers:
         """Mask of what the simulation has a return of."""
         return np.isfinite(self.simulated_range_m)
 
-    def at(self, mask: Numbers) -> Pulses:
+    def select(self, mask: Numbers) -> Pulses:
         """Only these pulses."""
         values: dict[str, Any] = {
             field.name: None if (value := getattr(self, field.name)) is None else value[mask] for field in fields(self)
@@ -112,7 +112,7 @@ def pulses_of(
     rows = np.broadcast_to(np.arange(sweep.shape[0])[:, None], sweep.shape)
     laid = Pulses(
         angle_rad=angle_rad,
-        dropped=dropped(sweep),
+        withheld=dropped(sweep),
         ring=rows,
         range_m=recorded_m,
         gap_m=gap_m,
@@ -125,7 +125,7 @@ def pulses_of(
         true_range_m=true_range_m[numbers],
         kind=kind[numbers],
     )
-    return laid.at(sweep.recorded), cloud
+    return laid.select(sweep.recorded), cloud
 
 
 def from_exit(sensor: Sensor, sweep: Sweep, numbers: Numbers) -> Numbers:

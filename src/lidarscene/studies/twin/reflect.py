@@ -73,7 +73,7 @@ class Gauge:
     assumed: bool = False
 
     @classmethod
-    def of(cls, sweep: Sweep) -> Gauge | None:
+    def from_sweep(cls, sweep: Sweep) -> Gauge | None:
         """Of a recording; None where it has no strengths.
 
         With signal and reflectivity, their ratio over the range is the maker's own calibration: it takes out the near

@@ -79,7 +79,7 @@ def surfels_of(grid: Grid, gauge: Gauge | None, ground: Numbers | None) -> Surfe
     sweep, planes = grid.sweep, planes_of(grid)
     returned, smooth = sweep.kept, planes.smooth()
     apparent = _apparent(grid, gauge, planes)
-    range_m = np.where(planes.there, planes.range_m, sweep.range_m)
+    range_m = np.where(planes.has_plane, planes.range_m, sweep.range_m)
     two = _two_returns(grid)
     ends_left, ends_right = (_ends(grid, side) & returned & ~two for side in (1, -1))
     span = np.where(ends_left, EDGE, 1.0), np.where(ends_right, -EDGE, -1.0)
@@ -88,7 +88,7 @@ def surfels_of(grid: Grid, gauge: Gauge | None, ground: Numbers | None) -> Surfe
         for kind, chosen in (
             (SMOOTH, returned & smooth & ~two),
             (ROUGH, returned & ~smooth & ~two),
-            (FILLED, sweep.lost & planes.there & ~dropped(sweep)),
+            (FILLED, sweep.lost & planes.has_plane & ~dropped(sweep)),
         )
     ]
     for side, ends in ((1, ends_left), (-1, ends_right)):
@@ -112,7 +112,7 @@ def _apparent(grid: Grid, gauge: Gauge | None, planes: Planes) -> Numbers:
     if gauge is None:
         return np.full(sweep.shape, 0.2)
     apparent = gauge.apparent(sweep, np.where(sweep.kept, sweep.range_m, 1.0))
-    lost_mask = ~sweep.kept & planes.there
+    lost_mask = ~sweep.kept & planes.has_plane
     if lost_mask.any():
         measured = np.where(sweep.kept, apparent, np.nan)
         middle = known_median(np.stack([np.roll(measured, shift, axis=1)[lost_mask] for shift in range(-4, 5)]))
@@ -195,7 +195,7 @@ def _ground(grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gaug
         return _quads(grid, on_ground, meets_m, np.broadcast_to(normal, (*sweep.shape, 3)), apparent, GROUND)
     farthest_m = GROUND_BEYOND * float(np.percentile(sweep.range_m[on_ground], 99.0))
     with np.errstate(invalid="ignore"):
-        shows = ~planes.there & ~dropped(sweep) & _in_sight(sweep.kept, on_ground, sweep.range_m, meets_m)
+        shows = ~planes.has_plane & ~dropped(sweep) & _in_sight(sweep.kept, on_ground, sweep.range_m, meets_m)
         behind = np.where(sweep.kept, sweep.range_m + BEHIND_M < meets_m, shows)
         chosen = (meets_m > 0.0) & (meets_m < farthest_m) & behind & sweep.recorded
     strength = np.full(sweep.shape, float(np.median(apparent[on_ground])))

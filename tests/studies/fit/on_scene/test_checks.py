@@ -35,7 +35,7 @@ def test_a_tail_of_other_surfaces_counts_little() -> None:
 def test_a_ratio_is_beyond_its_limit_by_two_of_its_sigmas() -> None:
     def of(ratio: float, sigma: float) -> Judged:
         return Judged(
-            signal=np.zeros((0, 3)), kept=np.zeros((0, 3)), scatter=np.array([[50.0, 1e-2 * ratio, 1e-2, sigma]])
+            signal=np.zeros((0, 3)), kept_shares=np.zeros((0, 3)), scatter=np.array([[50.0, 1e-2 * ratio, 1e-2, sigma]])
         )
 
     assert not of(1.26, 0.05).beyond(1.25)
@@ -47,7 +47,7 @@ def test_a_ratio_is_beyond_its_limit_by_two_of_its_sigmas() -> None:
 def test_the_error_of_the_signal_is_over_what_was_recorded() -> None:
     judged_by_hand = Judged(
         signal=np.array([[10.0, 100.0, 50.0], [20.0, 100.0, 110.0]]),
-        kept=np.array([[0.2, 0.5, 90.0]]),
+        kept_shares=np.array([[0.2, 0.5, 90.0]]),
         scatter=np.array([[50.0, 0.03, 0.02, 0.1]]),
     )
     assert judged_by_hand.signal_error == pytest.approx(0.3)
@@ -74,11 +74,11 @@ def laid(**changed: Any) -> Laid:
     """A dark wall from 8 to 30 m that returns what is expected of it, its ranges a sigma off."""
     count = 1600
     light = echoes_of_plane(published(), Target(reflectivity=0.2, illuminance_klux=5.0), np.geomspace(8.0, 30.0, count))
-    scene = Scene.of(light, published(), np.zeros(count, int), spot_over_field=0.5)
+    scene = Scene.from_light(light, published(), np.zeros(count, int), spot_over_field=0.5)
     law = expected(scene, {})
     signs = np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
     reported = Reported(
-        kept=np.ones(count, bool),
+        has_return=np.ones(count, bool),
         signal=np.asarray(law.signal),
         near_ir=np.asarray(law.near_ir),
         range_m=scene.range_m + signs * np.asarray(law.sigma_m),

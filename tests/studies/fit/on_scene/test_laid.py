@@ -100,7 +100,7 @@ def test_each_pulse_is_laid_on_its_own_light() -> None:
     assert not np.intersect1d(alone.block, second.block).size
     assert np.array_equal(np.isnan(smooth.reported.signal), pulse % 5 == 0)
     assert np.array_equal(np.isnan(smooth.reported.range_m), pulse % 5 == 0)
-    assert smooth.reported.kept.all()
+    assert smooth.reported.has_return.all()
     # Of a twin the background is that of NEAR_IR, which then tells nothing more.
     assert smooth.scene.light_measured
     assert np.isnan(smooth.reported.near_ir).all()

@@ -136,9 +136,9 @@ def bare(signal: Any, off_m: Any, *, kept: Any = True, power: float = 1.0) -> La
     """Bright walls before the published sensor that reported these signals and ranges."""
     count = len(signal)
     light = echoes_of_plane(published(), Target(reflectivity=0.5, illuminance_klux=1.0), np.full(count, 12.0))
-    scene = known_scene.Scene.of(light, published(), np.zeros(count, int), spot_over_field=0.5)
+    scene = known_scene.Scene.from_light(light, published(), np.zeros(count, int), spot_over_field=0.5)
     reported = known_scene.Reported(
-        kept=np.broadcast_to(kept, count),
+        has_return=np.broadcast_to(kept, count),
         signal=np.asarray(signal),
         near_ir=np.full(count, np.nan),
         range_m=scene.range_m + off_m,

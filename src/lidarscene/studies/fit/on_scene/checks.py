@@ -30,13 +30,13 @@ class Judged:
     """By bins of the pulses that were not fitted; the first column of each is what they are sorted by.
 
     signal   (k, 3) range [m], mean of the recorded signal, of the expected one
-    kept     (k, 3) chance that is expected, share that was kept, number of pulses
+    kept_shares     (k, 3) chance that is expected, share that was kept, number of pulses
     scatter  (k, 4) signal, scatter of the recorded range [m], the expected one, sigma of the logarithm of their ratio:
              of so many pulses, and of the law, which is known no better than its parameters
     """
 
     signal: Numbers
-    kept: Numbers
+    kept_shares: Numbers
     scatter: Numbers
 
     @property
@@ -47,7 +47,7 @@ class Judged:
     @property
     def kept_error(self) -> float | None:
         """Mean absolute difference of the shares; all bins count alike, since nearly all pulses are in the last."""
-        return float(np.mean(np.abs(self.kept[:, 0] - self.kept[:, 1]))) if len(self.kept) else None
+        return float(np.mean(np.abs(self.kept_shares[:, 0] - self.kept_shares[:, 1]))) if len(self.kept_shares) else None
 
     @property
     def ratios(self) -> Numbers:
@@ -76,7 +76,7 @@ def judged(laid: Laid, parameter_fit: KnownFit) -> Judged:
         rows = [[float(np.mean(values[bin_index == k])) for values in columns] for k in range(RANGES)]
     return Judged(
         signal=np.array(rows).reshape(-1, 3),
-        kept=_kept(laid, prediction),
+        kept_shares=_kept(laid, prediction),
         scatter=_scatter(laid, prediction, strong, parameter_fit) if enough else np.zeros((0, 4)),
     )
 
@@ -91,7 +91,7 @@ def _strong(laid: Laid, prediction: Expected) -> Numbers:
 def _kept(laid: Laid, prediction: Expected) -> Numbers:
     """Of the pulses whose signal is not far above the threshold."""
     weak = np.asarray(prediction.signal <= STRONG * prediction.level)
-    chance, returned = np.asarray(prediction.chance)[weak], laid.reported.kept[weak]
+    chance, returned = np.asarray(prediction.chance)[weak], laid.reported.has_return[weak]
     bin_index = np.minimum((chance * CHANCES).astype(int), CHANCES - 1)
     rows = [
         [float(chance[bin_index == k].mean()), float(returned[bin_index == k].mean()), int((bin_index == k).sum())]

@@ -47,7 +47,7 @@ class Laid:
     reported: Reported
     block: Numbers
 
-    def at(self, mask: Numbers) -> Laid:
+    def select(self, mask: Numbers) -> Laid:
         """Only these pulses."""
         return replace(self, scene=_some(self.scene, mask), reported=_some(self.reported, mask), block=self.block[mask])
 
@@ -102,7 +102,7 @@ def _frame(simulators: Sequence[Simulator], sweep: Sweep, pose: Pose | None, *, 
         difference_m = np.asarray(other_light.parts[0].range_m - light.parts[0].range_m)
         smooth &= np.asarray(other_light.found) & (np.abs(difference_m) < SAME_M)
     group = block * (rows // ROWS + 1) + row // ROWS
-    scene = Scene.of(light, sensor, group, spot_over_field=spot_over_field(sensor))
+    scene = Scene.from_light(light, sensor, group, spot_over_field=spot_over_field(sensor))
     near_ir = None if sweep.near_ir is None else np.asarray(sweep.near_ir, np.float64).T[chosen][met_surface]
     if len(simulators) > 1 and near_ir is not None:
         scene = replace(scene, background_w=_power_w(sensor, near_ir), light_measured=True)
@@ -115,7 +115,7 @@ def _frame(simulators: Sequence[Simulator], sweep: Sweep, pose: Pose | None, *, 
     return Laid(
         scene=scene,
         reported=Reported(
-            kept=returned, signal=np.where(on_smooth, signal, np.nan), range_m=np.where(on_smooth, range_m, np.nan), near_ir=near_ir
+            has_return=returned, signal=np.where(on_smooth, signal, np.nan), range_m=np.where(on_smooth, range_m, np.nan), near_ir=near_ir
         ),
         block=block[met_surface],
     )

@@ -42,7 +42,7 @@ class SceneFit:
     sensor: str
     frames: int
     pulses: tuple[int, int]
-    known: KnownFit
+    parameter_fit: KnownFit
     judged: Judged
     evaluations: int
     texture: float
@@ -52,7 +52,7 @@ class SceneFit:
     @property
     def estimates(self) -> tuple[Estimate, ...]:
         """Of the numbers, as factors of what the file had."""
-        return self.known.estimates
+        return self.parameter_fit.estimates
 
     @property
     def checks(self) -> tuple[Check, ...]:
@@ -101,14 +101,14 @@ def as_dict(fit: SceneFit) -> dict[str, Any]:
                 "sigma": estimate.sigma,
                 "fisher": estimate.fisher,
                 "bootstrap": estimate.bootstrap,
-                "known": estimate.known,
+                "known": estimate.is_known,
             }
             for estimate in fit.estimates
         },
         "checks": [asdict(check) for check in fit.checks],
-        "correlations": {"names": list(fit.known.names), "matrix": fit.known.solved.correlation.tolist()},
-        "not_identified": list(fit.known.null),
-        "held": list(fit.known.held),
+        "correlations": {"names": list(fit.parameter_fit.names), "matrix": fit.parameter_fit.solved.correlation.tolist()},
+        "not_identified": list(fit.parameter_fit.null),
+        "held": list(fit.parameter_fit.held),
         "evaluations": fit.evaluations,
         "texture": fit.texture,
         "strangers": fit.strangers,
@@ -121,7 +121,7 @@ def as_text(fit: SceneFit) -> str:
     text_lines = [f"{fit.recording} on {fit.scene}: {fit.pulses[0]:,} pulses, {fit.evaluations} evaluations"]
     text_lines += [f"  {estimate.key:<28} {_number(estimate)}" for estimate in fit.estimates]
     text_lines += [f"  {check}" for check in fit.checks]
-    text_lines += ["  cannot be told, held at the values of the file:", *(f"    {direction}" for direction in fit.known.null)]
+    text_lines += ["  cannot be told, held at the values of the file:", *(f"    {direction}" for direction in fit.parameter_fit.null)]
     return "\n".join([*text_lines, *(f"  {note}" for note in fit.notes)])
 
 
@@ -140,7 +140,7 @@ def write_report(fit: SceneFit, folder: Path) -> None:
     page.table(
         ("number of the file", "times what it was", "sigma, Fisher", "sigma, bootstrap", ""),
         [
-            (estimate.key, f"{estimate.value:.4g}", f"{estimate.fisher:.2g}", f"{estimate.bootstrap:.2g}", "" if estimate.known else "not known")
+            (estimate.key, f"{estimate.value:.4g}", f"{estimate.fisher:.2g}", f"{estimate.bootstrap:.2g}", "" if estimate.is_known else "not known")
             for estimate in fit.estimates
         ],
     )
@@ -151,15 +151,15 @@ def write_report(fit: SceneFit, folder: Path) -> None:
     add_figures(page, folder, _figures(fit.judged))
     page.heading("Correlations")
     page.table(
-        ("", *fit.known.names),
+        ("", *fit.parameter_fit.names),
         [
             (name, *(f"{value:.2f}" for value in row))
-            for name, row in zip(fit.known.names, fit.known.solved.correlation, strict=True)
+            for name, row in zip(fit.parameter_fit.names, fit.parameter_fit.solved.correlation, strict=True)
         ],
     )
     page.heading("What cannot be told")
     page.paragraph("Along each line nothing changes that was recorded; its first number stays as it was.")
-    page.table(("not known",), [(direction,) for direction in fit.known.null])
+    page.table(("not known",), [(direction,) for direction in fit.parameter_fit.null])
     put_page(page, folder, as_dict(fit))
 
 
@@ -174,14 +174,14 @@ def _figures(judged: Judged) -> list[Figure]:
                 (("range_m", "recorded", "expected"), judged.signal.tolist()),
             )
         )
-    if len(judged.kept):
-        expected = np.column_stack([judged.kept[:, 0], judged.kept[:, 1], judged.kept[:, 0]])
+    if len(judged.kept_shares):
+        expected = np.column_stack([judged.kept_shares[:, 0], judged.kept_shares[:, 1], judged.kept_shares[:, 0]])
         figures.append(
             (
                 "kept",
                 "Share that was kept, by the chance that the sensor gives it.",
                 _chart(expected, "chance of a return, expected", "share with a return", log=False),
-                (("chance", "kept", "pulses"), judged.kept.tolist()),
+                (("chance", "kept", "pulses"), judged.kept_shares.tolist()),
             )
         )
     if len(judged.scatter):
@@ -216,4 +216,4 @@ def _chart(columns: Numbers, x_label: str, y_label: str, *, log: bool) -> Chart:
 
 def _number(estimate: Estimate) -> str:
     text = f"{estimate.value:.4g} +/- {estimate.sigma:.2g} times"
-    return text if estimate.known else f"{text} (not known)"
+    return text if estimate.is_known else f"{text} (not known)"

@@ -109,7 +109,7 @@ def fit_on_scene(inputs: Given, output: Path, report: Path, *, as_json: bool = F
 
 def fit_laid(laid: Laid, sensor: Sensor, *, twin: bool) -> SceneFit:
     """The numbers of the sensor that make three of four blocks of columns likeliest, held to the fourth."""
-    fitted = laid.at(laid.fitted)
+    fitted = laid.select(laid.fitted)
     group = np.unique(fitted.scene.group, return_inverse=True)[1]
     fitted = replace(fitted, scene=replace(fitted.scene, group=group))
     names = [name for name in PARAMETERS if name not in _untold(laid, sensor, twin=twin)]
@@ -133,7 +133,7 @@ def fit_laid(laid: Laid, sensor: Sensor, *, twin: bool) -> SceneFit:
         if twin:
             texture, strangers = _unexplained(replace(fitted, scene=scene), parameter_fit)
     assert parameter_fit is not None
-    held_out = laid.at(~laid.fitted)
+    held_out = laid.select(~laid.fitted)
     scene = replace(held_out.scene, texture=texture, strangers=strangers, floor_m=fitted.scene.floor_m)
     held_out = replace(held_out, scene=scene)
     return SceneFit(
@@ -142,7 +142,7 @@ def fit_laid(laid: Laid, sensor: Sensor, *, twin: bool) -> SceneFit:
         sensor=sensor.name,
         frames=1,
         pulses=(len(fitted.block), len(held_out.block)),
-        known=parameter_fit,
+        parameter_fit=parameter_fit,
         judged=judged(held_out, parameter_fit),
         evaluations=evaluations,
         texture=texture,
@@ -183,7 +183,7 @@ def _unexplained(laid: Laid, parameter_fit: KnownFit) -> tuple[float, float]:
     spread = NORMAL * float(np.median(np.abs(relative - np.median(relative))))
     photons = float(np.median(np.asarray(prediction.variance)[mask] / np.asarray(prediction.signal)[mask] ** 2))
     texture = float(np.sqrt(max(spread**2 - photons, LEAST_TEXTURE**2)))
-    return texture, min(2.0 * float(np.mean(~laid.reported.kept[bright])), 0.5)
+    return texture, min(2.0 * float(np.mean(~laid.reported.has_return[bright])), 0.5)
 
 
 def _frames(inputs: Given, provenance: dict[str, object] | None) -> tuple[list[tuple[Sweep, Pose | None]], tuple[str, ...]]:

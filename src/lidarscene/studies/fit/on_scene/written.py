@@ -26,7 +26,7 @@ def written_text(
     text: str, estimates: Mapping[str, Estimate], recording: str, where: str
 ) -> tuple[str, tuple[str, ...]]:
     """The file with what is known to better than `WRITTEN`, and what was left as it was."""
-    accepted = {key: estimate for key, estimate in estimates.items() if estimate.known and estimate.sigma < WRITTEN * estimate.value}
+    accepted = {key: estimate for key, estimate in estimates.items() if estimate.is_known and estimate.sigma < WRITTEN * estimate.value}
     notes = [
         f"{key} is left as it was: {estimate.value:.3g} +/- {estimate.sigma:.2g} times"
         for key, estimate in estimates.items()
