@@ -22,10 +22,10 @@ from helpers.drawn_scenes import REFLECTIVITY_SIGMA, SPOT, drawn_report, drawn_u
 from lidarscene import load_scene
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.sensor.catalogue import load_sensor
-from lidarscene.studies.fit.known_scene import Reported, Scene, expected
-from lidarscene.studies.fit.likelihood import fit_known
+from lidarscene.studies.fit.known_scene import Observations, KnownScene, predict
+from lidarscene.studies.fit.likelihood import fit_parameters
 from lidarscene.studies.fit.near_field import fit_near_field
-from lidarscene.studies.fit.pulses import pulses_of
+from lidarscene.studies.fit.pulses import gather_pulses
 from lidarscene.studies.fit.study import fit_pulses
 
 UNITS = 5
@@ -38,7 +38,7 @@ def without_scene(seeds: int) -> None:
     for unit in range(UNITS):
         truth = drawn_truth(unit)
         for seed in range(seeds):
-            pulses = pulses_of([drawn_sweep(truth, 1000 * unit + seed)])
+            pulses = gather_pulses([drawn_sweep(truth, 1000 * unit + seed)])
             fit = fit_pulses(pulses, recording="drawn", sensor="drawn")
             held += fit.passed
             for one in fit.estimates:
@@ -53,7 +53,7 @@ def with_two_lenses(seeds: int) -> None:
     for unit in range(UNITS):
         truth, curve = two_lenses(unit, sensor)
         for seed in range(seeds):
-            near = fit_near_field(pulses_of([drawn_sweep(truth, 1000 * unit + seed, curve=curve)]), sensor)
+            near = fit_near_field(gather_pulses([drawn_sweep(truth, 1000 * unit + seed, curve=curve)]), sensor)
             assert near is not None
             for one in near.estimates:
                 off.setdefault(f"{one.key}, two lenses", []).append((one.value - asdict(truth)[one.key]) / one.sigma)
@@ -68,7 +68,7 @@ def with_scene(seeds: int) -> None:
         sensor = unit_of(truth)
         for seed in range(seeds):
             scene, reported = drawn_report(sensor, 1000 * unit + seed)
-            fit = fit_known(scene, reported, reflectivity_sigma=REFLECTIVITY_SIGMA)
+            fit = fit_parameters(scene, reported, reflectivity_sigma=REFLECTIVITY_SIGMA)
             evaluations.append(fit.solved.evaluations)
             for one in fit.estimates:
                 if one.key in truth:
@@ -90,16 +90,16 @@ def rendered() -> None:
         chosen = np.ones_like(echo) if name == "ambient" else echo
         values[pulse[chosen]] = getattr(cloud, name)[chosen]
     signal, range_m, ambient = (one[there] for one in told_of.values())
-    scene = Scene.from_light(light, base, np.zeros(len(there), int), spot_over_field=SPOT)
+    scene = KnownScene.from_light(light, base, np.zeros(len(there), int), spot_over_field=SPOT)
     # `render` tells no background of lost pulses: none, at the truth, moves nothing.
-    silent = np.asarray(expected(scene, truth).near_ir)
-    reported = Reported(
+    silent = np.asarray(predict(scene, truth).near_ir)
+    reported = Observations(
         has_return=np.isfinite(range_m),
         signal=signal,
         near_ir=np.where(np.isfinite(ambient), ambient, silent),
         range_m=range_m,
     )
-    fit = fit_known(scene, reported, reflectivity_sigma=0.01)
+    fit = fit_parameters(scene, reported, reflectivity_sigma=0.01)
     for one in fit.estimates:
         if one.key in truth:
             off = (one.value - math.exp(truth[one.key])) / one.sigma

@@ -12,7 +12,7 @@ from PIL import Image
 
 from lidarscene.recordings.opening import open_recording
 from lidarscene.studies.fit.study import fit_recordings
-from lidarscene.studies.twin.build import COLUMNS, SCENE, build_twin, chosen
+from lidarscene.studies.twin.build import COLUMNS, SCENE, build_twin, choose_frames
 from lidarscene.studies.twin.page import REAL, SIMULATED, compare_twin
 
 SENSOR = "os2-128"
@@ -32,7 +32,7 @@ def twin() -> None:
     with tempfile.TemporaryDirectory() as folder:
         made, judged = Path(folder) / "twin", Path(folder) / "judged"
         with open_recording(path) as opened:
-            build_twin(opened, chosen(opened, None, COLUMNS), made)
+            build_twin(opened, choose_frames(opened, None, COLUMNS), made)
             compare_twin(made / SCENE, opened, judged)
         below([Image.open(judged / f"{name}.png").convert("RGB") for name in (REAL, SIMULATED)], "twin.png")
 

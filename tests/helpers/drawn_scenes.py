@@ -9,7 +9,7 @@ from helpers.premises import premise
 from lidarscene.detection.receivers import detect_alone
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
-from lidarscene.studies.fit.known_scene import Reported, Scene
+from lidarscene.studies.fit.known_scene import Observations, KnownScene
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
 SPOT = 0.5
@@ -93,7 +93,7 @@ def unit_of(truth: dict[str, float], base: Sensor | None = None) -> Sensor:
     return with_spot(sensor, SPOT * grown["spot_over_field"])
 
 
-def drawn_scene(seed: int, pulses: int) -> tuple[Scene, np.ndarray, Target, np.ndarray]:
+def drawn_scene(seed: int, pulses: int) -> tuple[KnownScene, np.ndarray, Target, np.ndarray]:
     """Surfaces of twelve reflectivities at 1 to 110 m, in shade and sun: scene, groups, target and true deviations."""
     layout, random = premise([seed, 8]), np.random.default_rng([seed, 4])
     group = layout.integers(0, GROUPS, pulses)
@@ -104,11 +104,11 @@ def drawn_scene(seed: int, pulses: int) -> tuple[Scene, np.ndarray, Target, np.n
     target = Target(
         reflectivity=albedo, illuminance_klux=klux, cos_incidence=layout.uniform(0.3, 1.0, pulses), transmittance=1.0
     )
-    scene = Scene.from_light(echoes_of_plane(sensor, target, range_m), sensor, group, spot_over_field=SPOT)
+    scene = KnownScene.from_light(echoes_of_plane(sensor, target, range_m), sensor, group, spot_over_field=SPOT)
     return scene, range_m, target, REFLECTIVITY_SIGMA * random.standard_normal(GROUPS)
 
 
-def drawn_report(unit: Sensor, seed: int, pulses: int = 3000) -> tuple[Scene, Reported]:
+def drawn_report(unit: Sensor, seed: int, pulses: int = 3000) -> tuple[KnownScene, Observations]:
     """A scene as it is believed to be, and what the unit reports of it as it is."""
     scene, range_m, target, off = drawn_scene(seed, pulses)
     real = replace(target, reflectivity=target.reflectivity * np.exp(off[scene.group]))
@@ -116,7 +116,7 @@ def drawn_report(unit: Sensor, seed: int, pulses: int = 3000) -> tuple[Scene, Re
     seen = detect_alone(light, unit, seed=seed, pulse=np.arange(pulses, dtype=np.uint32))
     stop = seen.stops[0]
     kept = np.asarray(stop.reported) & (np.asarray(stop.status) == 0)
-    return scene, Reported(
+    return scene, Observations(
         has_return=kept,
         signal=np.where(kept, stop.photons, np.nan),
         near_ir=np.asarray(seen.ambient, float),

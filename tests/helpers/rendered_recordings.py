@@ -13,8 +13,8 @@ from lidarscene.scene.scene_file import load_scene
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
 from lidarscene.studies.fit.estimates import Estimate
-from lidarscene.studies.fit.on_scene.written import written_text
-from lidarscene.studies.twin.pulses import matched
+from lidarscene.studies.fit.on_scene.written import scaled_text
+from lidarscene.studies.twin.pulses import match_pulses
 
 from .recordings import OUSTER
 
@@ -67,7 +67,7 @@ def scene_and_units(folder: Path, truth: Mapping[str, float]) -> tuple[Path, Sen
     drawn = {
         key: Estimate(key=key, value=value, unit="times", fisher=0.01, bootstrap=0.01) for key, value in truth.items()
     }
-    text, notes = written_text(unit.read_text(encoding="utf-8"), drawn, "drawn", "unit.toml")
+    text, notes = scaled_text(unit.read_text(encoding="utf-8"), drawn, "drawn", "unit.toml")
     assert not notes
     (folder / "truth.toml").write_text(text, encoding="utf-8")
     return path, load_sensor(str(folder / "truth.toml"))
@@ -105,7 +105,7 @@ def _numbers(path: Path, frame: Any, info: Any, sensor: Sensor, osf: Any) -> np.
     """Pulse of each pixel."""
     _write(path, frame, info, osf)
     with open_recording(path) as recording:
-        return matched(sensor, recording[0])[0]
+        return match_pulses(sensor, recording[0])[0]
 
 
 def _write(path: Path, frame: Any, info: Any, osf: Any) -> None:

@@ -40,7 +40,7 @@ def test_with_a_scene_it_is_another_fit(tmp_path: Path, monkeypatch: pytest.Monk
     files = ["--scene", "twin/scene.toml", "--poses", "p.csv", "--metadata", "u.json"]
     assert run(tmp_path, "-o", str(tmp_path / "u.toml"), *files) == 0
     (((given, output, report), more),) = asked
-    assert given == on_scene.Given(
+    assert given == on_scene.SceneFitInputs(
         recordings=[OUSTER],
         scene=Path("twin/scene.toml"),
         sensor="os0-128",

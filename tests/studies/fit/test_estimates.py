@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from lidarscene.studies.fit import estimates
-from lidarscene.studies.fit.estimates import Estimate, Solved, least_squares
+from lidarscene.studies.fit.estimates import Estimate, Solution, least_squares
 
 
-def solved_line(noise: np.ndarray, blocks: int) -> Solved:
+def solved_line(noise: np.ndarray, blocks: int) -> Solution:
     """A straight line through points with this noise and a sigma of one, block after block."""
     x = np.linspace(-1.0, 1.0, len(noise))
     law = np.column_stack([np.ones_like(x), x])
     value = np.linalg.lstsq(law, 2.0 + 3.0 * x + noise, rcond=None)[0]
     each = (2.0 + 3.0 * x + noise - law @ value)[:, None] * law
     scores = each.reshape(blocks, -1, 2).sum(axis=1)
-    return Solved(value=value, slope=law.T @ law, scores=scores)
+    return Solution(value=value, slope=law.T @ law, scores=scores)
 
 
 def test_both_uncertainties_are_those_of_a_line() -> None:
@@ -42,9 +42,9 @@ def test_the_bootstrap_sees_that_a_block_shares_its_noise() -> None:
 
 def test_what_is_not_told_is_not_known() -> None:
     slope = np.array([[1.0, 1.0], [1.0, 1.0]])
-    solved = Solved(value=np.ones(2), slope=slope, scores=np.ones((3, 2)))
+    solved = Solution(value=np.ones(2), slope=slope, scores=np.ones((3, 2)))
     assert not solved.estimate("a", "", lambda p: float(p[0])).is_known
-    one_block = Solved(value=np.ones(2), slope=np.eye(2), scores=np.zeros((1, 2)))
+    one_block = Solution(value=np.ones(2), slope=np.eye(2), scores=np.zeros((1, 2)))
     assert not one_block.estimate("a", "", lambda p: float(p[0])).is_known
 
 
@@ -70,7 +70,7 @@ def test_what_comes_with_what_is_held_is_added_to_both_uncertainties() -> None:
     slope = np.array([[2.0, 1.0], [1.0, 2.0]])
     scores = np.array([[0.3, -0.1], [-0.3, 0.1]])
     beside = np.array([[0.5, 0.2], [0.2, 0.4]])
-    alone = Solved(value=np.ones(2), slope=slope, scores=scores)
+    alone = Solution(value=np.ones(2), slope=slope, scores=scores)
     both = replace(alone, held_covariance=beside)
     inverse = np.array([[2.0, -1.0], [-1.0, 2.0]]) / 3.0
     np.testing.assert_allclose(alone.covariance, inverse)
@@ -86,7 +86,7 @@ def test_what_comes_with_what_is_held_is_added_to_both_uncertainties() -> None:
 
 def test_scores_of_another_variance_make_a_sandwich() -> None:
     """Scores of the variance J at a slope H: the solution's is 1/H J 1/H."""
-    solved = Solved(value=np.ones(1), slope=np.array([[4.0]]), scores=np.ones((3, 1)), meat=np.array([[9.0]]))
+    solved = Solution(value=np.ones(1), slope=np.array([[4.0]]), scores=np.ones((3, 1)), meat=np.array([[9.0]]))
     assert solved.covariance == pytest.approx(9.0 / 16.0)
 
 

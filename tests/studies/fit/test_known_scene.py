@@ -9,7 +9,7 @@ from helpers.drawn_scenes import published
 
 from lidarscene.detection.photon_counting.bins import BOX, BOX_SHARE
 from lidarscene.detection.receivers import detect_alone
-from lidarscene.studies.fit.known_scene import Scene, expected
+from lidarscene.studies.fit.known_scene import KnownScene, predict
 from lidarscene.studies.fit.near_field import share
 from lidarscene.studies.fit.products import near_field_m, width_of_place
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
@@ -28,8 +28,8 @@ def test_expected_is_what_is_drawn(range_m: float, klux: float) -> None:
     ranges = range_m + np.linspace(-0.1, 0.1, SHOTS)
     light = echoes_of_plane(sensor, Target(reflectivity=0.5, illuminance_klux=klux), ranges)
     seen = detect_alone(light, sensor, seed=3, pulse=np.arange(SHOTS, dtype=np.uint32))
-    scene = Scene.from_light(light, sensor, np.zeros(SHOTS, int), spot_over_field=0.5)
-    now = expected(scene, {"detector.jitter_ps": -20.0})
+    scene = KnownScene.from_light(light, sensor, np.zeros(SHOTS, int), spot_over_field=0.5)
+    now = predict(scene, {"detector.jitter_ps": -20.0})
     first = seen.stops[0]
     kept = np.asarray(first.reported) & (np.asarray(first.status) == 0)
     assert float(np.min(now.chance)) > 0.999
@@ -47,24 +47,24 @@ def test_the_chance_is_that_of_the_stages() -> None:
     """Weak echoes: the share that is kept, to 4 sigma of 4000."""
     sensor = published()
     light = echoes_of_plane(sensor, Target(reflectivity=0.1, illuminance_klux=50.0), 53.0 * np.ones(SHOTS))
-    scene = Scene.from_light(light, sensor, np.zeros(SHOTS, int), spot_over_field=0.5)
-    chance = float(np.mean(expected(scene, {}).chance))
+    scene = KnownScene.from_light(light, sensor, np.zeros(SHOTS, int), spot_over_field=0.5)
+    chance = float(np.mean(predict(scene, {}).chance))
     seen = detect_alone(light, sensor, seed=3, pulse=np.arange(SHOTS, dtype=np.uint32)).stops[0]
     kept = np.mean(np.asarray(seen.reported) & (np.asarray(seen.status) == 0))
     assert 0.05 < chance < 0.95
     assert kept == pytest.approx(chance, abs=4.0 * np.sqrt(0.25 / SHOTS))
 
 
-def wall(count: int = 5, spot_over_field: float | None = 0.5) -> Scene:
+def wall(count: int = 5, spot_over_field: float | None = 0.5) -> KnownScene:
     """Weak and strong echoes in some light."""
     light = echoes_of_plane(
         published(), Target(reflectivity=0.1, illuminance_klux=50.0), np.geomspace(10.0, 60.0, count)
     )
-    return Scene.from_light(light, published(), np.zeros(count, int), spot_over_field=spot_over_field)
+    return KnownScene.from_light(light, published(), np.zeros(count, int), spot_over_field=spot_over_field)
 
 
 def test_strangers_are_kept_half_of_the_time() -> None:
-    plain, some = expected(wall(), {}), expected(replace(wall(), strangers=0.2), {})
+    plain, some = predict(wall(), {}), predict(replace(wall(), strangers=0.2), {})
     np.testing.assert_allclose(some.chance, 0.8 * np.asarray(plain.chance) + 0.1)
 
 
@@ -73,9 +73,9 @@ def test_texture_is_a_mean_over_bright_and_dark_places() -> None:
     texture = 0.3
     scene = replace(wall(), light_measured=True)
     place, weight = np.polynomial.hermite_e.hermegauss(60)
-    chances = [np.asarray(expected(scene, {}, texture * x - 0.5 * texture**2).chance) for x in place]
+    chances = [np.asarray(predict(scene, {}, texture * x - 0.5 * texture**2).chance) for x in place]
     mean = np.tensordot(weight / weight.sum(), np.array(chances), 1)
-    plain, rough = expected(scene, {}), expected(replace(scene, texture=texture), {})
+    plain, rough = predict(scene, {}), predict(replace(scene, texture=texture), {})
     assert np.any((mean > 0.05) & (mean < 0.95))
     np.testing.assert_allclose(rough.chance, mean, atol=0.01)  # five places in their stead
     added = np.asarray(rough.variance) - np.asarray(plain.variance)
@@ -85,20 +85,20 @@ def test_texture_is_a_mean_over_bright_and_dark_places() -> None:
 @pytest.mark.parametrize("measured", [False, True])
 def test_brighter_surfaces_return_more_of_the_sun_unless_that_was_measured(measured: bool) -> None:
     scene = replace(wall(), light_measured=measured)
-    dark = np.asarray(expected(replace(scene, background_w=0.0 * scene.background_w), {}).near_ir)
-    plain, bright = (np.asarray(expected(scene, {}, log).near_ir) - dark for log in (0.0, 0.1))
-    sunny = np.asarray(expected(scene, {"optics.sun_irradiance_w_m2": 0.1}).near_ir) - dark
+    dark = np.asarray(predict(replace(scene, background_w=0.0 * scene.background_w), {}).near_ir)
+    plain, bright = (np.asarray(predict(scene, {}, log).near_ir) - dark for log in (0.0, 0.1))
+    sunny = np.asarray(predict(scene, {"optics.sun_irradiance_w_m2": 0.1}).near_ir) - dark
     # SPADs that have fired count less: a few per cent of the tenth.
     np.testing.assert_allclose(bright / plain, 1.0 if measured else np.exp(0.1), rtol=0.01)
     np.testing.assert_allclose(sunny / plain, np.exp(0.1), rtol=0.01)
 
 
 def test_parameters_that_come_as_a_product_do_the_same() -> None:
-    by_power, by_lens = (expected(wall(), {key: 0.2}) for key in ("laser.peak_power_w", "optics.efficiency_laser"))
+    by_power, by_lens = (predict(wall(), {key: 0.2}) for key in ("laser.peak_power_w", "optics.efficiency_laser"))
     np.testing.assert_allclose(by_power.signal, by_lens.signal)
-    assert np.all(np.asarray(by_power.signal) > np.asarray(expected(wall(), {}).signal))
-    wider = expected(wall(spot_over_field=0.5 * np.exp(0.3)), {})
-    np.testing.assert_allclose(expected(wall(), {"spot_over_field": 0.3}).signal, wider.signal)
+    assert np.all(np.asarray(by_power.signal) > np.asarray(predict(wall(), {}).signal))
+    wider = predict(wall(spot_over_field=0.5 * np.exp(0.3)), {})
+    np.testing.assert_allclose(predict(wall(), {"spot_over_field": 0.3}).signal, wider.signal)
 
 
 @pytest.mark.parametrize("spot_over_field", [0.5, None])
@@ -107,22 +107,22 @@ def test_a_near_field_that_is_twice_as_far_is_the_same_at_twice_the_range(spot_o
     scene = wall(spot_over_field=spot_over_field)
     scene = replace(scene, range_m=near_field_m(published()) * np.geomspace(0.3, 4.0, 5))
     twice = replace(scene, range_m=2.0 * scene.range_m)
-    moved = expected(twice, {"near_field_m": np.log(2.0)})
-    np.testing.assert_allclose(moved.signal, expected(scene, {}).signal, rtol=1e-3)
-    assert np.asarray(expected(twice, {}).signal)[0] > 1.2 * np.asarray(moved.signal)[0]
+    moved = predict(twice, {"near_field_m": np.log(2.0)})
+    np.testing.assert_allclose(moved.signal, predict(scene, {}).signal, rtol=1e-3)
+    assert np.asarray(predict(twice, {}).signal)[0] > 1.2 * np.asarray(moved.signal)[0]
 
 
 def test_a_floor_of_the_ranges_adds_in_squares() -> None:
     scene = wall()
-    without, floor = (np.asarray(expected(replace(scene, floor_m=at), {}).sigma_m) for at in (0.0, 0.02))
+    without, floor = (np.asarray(predict(replace(scene, floor_m=at), {}).sigma_m) for at in (0.0, 0.02))
     np.testing.assert_allclose(floor**2 - without**2, 0.02**2)
-    twice = np.asarray(expected(replace(scene, floor_m=0.02), {"scatter_floor": np.log(2.0)}).sigma_m)
+    twice = np.asarray(predict(replace(scene, floor_m=0.02), {"scatter_floor": np.log(2.0)}).sigma_m)
     np.testing.assert_allclose(twice**2 - without**2, 0.04**2)
 
 
 def test_a_strong_echo_fires_all_free_spads_and_a_weak_one_a_few() -> None:
     shares = [
-        float(np.asarray(expected(wall(), {"laser.peak_power_w": np.log(by)}).fired)[0]) for by in (1e-3, 1.0, 1e3)
+        float(np.asarray(predict(wall(), {"laser.peak_power_w": np.log(by)}).fired)[0]) for by in (1e-3, 1.0, 1e3)
     ]
     assert 0.0 < shares[0] < 0.01 < shares[1] < 0.5
     assert 0.95 < shares[2] <= 1.0
@@ -136,8 +136,8 @@ def test_ranges_of_few_photons_scatter_more_than_linearly() -> None:
     ranges = 60.0 + np.linspace(-0.1, 0.1, shots)
     light = echoes_of_plane(sensor, Target(reflectivity=0.4, illuminance_klux=0.0), ranges)
     stop = detect_alone(light, sensor, seed=1, pulse=np.arange(shots, dtype=np.uint32)).stops[0]
-    scene = Scene.from_light(light, sensor, np.zeros(shots, int), spot_over_field=0.5)
-    law = expected(replace(scene, floor_m=0.0), {"detector.jitter_ps": -20.0})
+    scene = KnownScene.from_light(light, sensor, np.zeros(shots, int), spot_over_field=0.5)
+    law = predict(replace(scene, floor_m=0.0), {"detector.jitter_ps": -20.0})
     assert np.mean(law.signal) == pytest.approx(25.0, rel=0.1)
     assert np.min(law.chance) > 0.999
     off = ((np.asarray(stop.range_m) - ranges) / law.sigma_m)[np.asarray(stop.reported)]
@@ -149,7 +149,7 @@ def test_background_scatters_ranges_and_counts_as_its_filters_have_it() -> None:
     2 BOX sigma counts r times as much. Dark and sunlit echoes are else alike, but for SPADs that the sun keeps busy.
     """
     scene = replace(wall(), floor_m=0.0)
-    light, dark = expected(scene, {}), expected(replace(scene, background_w=0.0 * scene.background_w), {})
+    light, dark = predict(scene, {}), predict(replace(scene, background_w=0.0 * scene.background_w), {})
     sensor = scene.sensor
     pixel = sensor.pixel(scene.background_w)
     without = sensor.pixel(0.0 * scene.background_w)

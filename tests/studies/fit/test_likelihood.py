@@ -12,28 +12,28 @@ from scipy import special
 from lidarscene.light.echoes import EchoTrain, SubEchoes
 from lidarscene.studies.fit import likelihood
 from lidarscene.studies.fit.estimates import MOST_EVALUATIONS
-from lidarscene.studies.fit.known_scene import PARAMETERS, Reported, Scene, expected
-from lidarscene.studies.fit.likelihood import KnownFit, _beside, fit_known, slopes_of
+from lidarscene.studies.fit.known_scene import PARAMETERS, Observations, KnownScene, predict
+from lidarscene.studies.fit.likelihood import ParameterFit, _held_covariance, fit_parameters, prediction_slopes
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
 TRUTH = drawn_unit(0)
 
 
 @cache
-def recorded() -> tuple[Scene, Reported]:
+def recorded() -> tuple[KnownScene, Observations]:
     return drawn_report(unit_of(TRUTH), 0, pulses=4000)
 
 
 @pytest.fixture(scope="module")
-def fit(mi) -> KnownFit:
-    return fit_known(*recorded(), reflectivity_sigma=REFLECTIVITY_SIGMA)
+def fit(mi) -> ParameterFit:
+    return fit_parameters(*recorded(), reflectivity_sigma=REFLECTIVITY_SIGMA)
 
 
-def off(fit: KnownFit) -> list[float]:
+def off(fit: ParameterFit) -> list[float]:
     return [(one.value - math.exp(TRUTH[one.key])) / one.sigma for one in fit.estimates if one.key in TRUTH]
 
 
-def test_the_truth_is_found_again(fit: KnownFit) -> None:
+def test_the_truth_is_found_again(fit: ParameterFit) -> None:
     """Ten numbers; the chance that one of them is 5 sigma off is 6e-6, that six are 2 sigma off, 3e-6.
 
     The unit is up to 35 % from the published one, and twelve reflectivities are 5 % from what is believed.
@@ -49,7 +49,7 @@ def test_the_truth_is_found_again(fit: KnownFit) -> None:
     assert sigmas["laser.peak_power_w"] < 0.1
 
 
-def test_what_cannot_be_told_apart_is_held_and_named(fit: KnownFit) -> None:
+def test_what_cannot_be_told_apart_is_held_and_named(fit: ParameterFit) -> None:
     held = {"optics.efficiency_laser", "detector.pde", "detector.jitter_ps", "scatter_floor"}
     # The simulated clock scatters by 0.3 mm, far below the photons; whether the floor is found is a matter of luck.
     assert set(fit.held) | {"scatter_floor"} == held
@@ -60,7 +60,7 @@ def test_what_cannot_be_told_apart_is_held_and_named(fit: KnownFit) -> None:
 
 def test_without_known_reflectivities_the_power_is_not_invented(mi) -> None:
     """Rationale: brighter surfaces before a weaker laser and a weaker sun look the same."""
-    fit = fit_known(*recorded())
+    fit = fit_parameters(*recorded())
     assert "optics.sun_irradiance_w_m2" in fit.held
     assert "optics.sun_irradiance_w_m2 +1 %: laser.peak_power_w +1 %" in fit.null
     found = {one.key: one for one in fit.estimates}
@@ -74,8 +74,8 @@ def test_slopes_are_those_of_differences(mi) -> None:
     scene, _ = drawn_report(published(), 1, pulses=200)
     values = {name: 0.05 * (-1.0) ** k for k, name in enumerate(PARAMETERS)}
     surfaces = np.linspace(-0.1, 0.1, GROUPS)
-    now, exact = slopes_of(scene, values, surfaces)
-    same, differences = slopes_of(scene, values, surfaces, exact=False)
+    now, exact = prediction_slopes(scene, values, surfaces)
+    same, differences = prediction_slopes(scene, values, surfaces, exact=False)
     np.testing.assert_array_equal(np.asarray(now.signal), np.asarray(same.signal))
     for name in PARAMETERS:
         for one, other in zip(exact[name], differences[name], strict=True):
@@ -98,7 +98,7 @@ def test_the_light_of_a_render_is_a_scene() -> None:
         found=np.array([True, False, True]),
         background_power_w=np.array([1e-9, 2e-9, 3e-9]),
     )
-    scene = Scene.from_light(light, sensor, np.array([7, 8, 9]), spot_over_field=0.5)
+    scene = KnownScene.from_light(light, sensor, np.array([7, 8, 9]), spot_over_field=0.5)
     np.testing.assert_array_equal(scene.range_m, [4.0, 5.0])
     np.testing.assert_array_equal(scene.group, [7, 9])
     np.testing.assert_array_equal(scene.background_w, [1e-9, 3e-9])
@@ -106,7 +106,7 @@ def test_the_light_of_a_render_is_a_scene() -> None:
     np.testing.assert_allclose(scene.power_w, np.array([2e-9, 1e-9]) / share, rtol=1e-12)
     rays = replace(light, parts=(replace(light.parts[0], count=3),))
     with pytest.raises(ValueError, match="must be of one ray a pulse, got several"):
-        Scene.from_light(rays, sensor, np.zeros(3, int), spot_over_field=0.5)
+        KnownScene.from_light(rays, sensor, np.zeros(3, int), spot_over_field=0.5)
 
 
 def test_a_number_that_runs_off_does_not_hold_up_the_others(mi) -> None:
@@ -121,7 +121,7 @@ def test_a_number_that_runs_off_does_not_hold_up_the_others(mi) -> None:
     strong = reported.signal > np.nanquantile(reported.signal, 0.8)
     error_m = reported.range_m - scene.range_m
     reported = replace(reported, range_m=scene.range_m + np.where(strong, 0.85, 1.0) * error_m)
-    fit = fit_known(replace(scene, floor_m=3e-3), reported, reflectivity_sigma=REFLECTIVITY_SIGMA)
+    fit = fit_parameters(replace(scene, floor_m=3e-3), reported, reflectivity_sigma=REFLECTIVITY_SIGMA)
     assert "scatter_floor" in fit.held
     assert fit.values["scatter_floor"] < -math.log(5.0)  # it is none, and stays so
     assert any(one.startswith("scatter_floor: alone, beyond a factor of 5") for one in fit.null)
@@ -132,12 +132,12 @@ def test_a_number_that_runs_off_does_not_hold_up_the_others(mi) -> None:
         assert abs(sigmas + shortened) < 5.0, estimate.key
 
 
-def test_a_range_of_something_else_counts_for_nothing(fit: KnownFit) -> None:
+def test_a_range_of_something_else_counts_for_nothing(fit: ParameterFit) -> None:
     """Rationale: scenes have edges. One pulse in twenty, a metre off, would be a floor in which the pulse is lost."""
     scene, reported = recorded()
     wrong = np.arange(len(reported.has_return)) % 20 == 0
     moved = replace(reported, range_m=reported.range_m + 1.0 * wrong)
-    found = fit_known(scene, moved, reflectivity_sigma=REFLECTIVITY_SIGMA)
+    found = fit_parameters(scene, moved, reflectivity_sigma=REFLECTIVITY_SIGMA)
     pulse, clean = (next(one for one in way.estimates if one.key == "laser.pulse_fwhm_ns") for way in (found, fit))
     assert pulse.sigma < 1.5 * clean.sigma
     assert abs(pulse.value - math.exp(TRUTH["laser.pulse_fwhm_ns"])) < 4.0 * pulse.sigma
@@ -153,14 +153,14 @@ def test_what_is_held_widens_what_moves_with_it() -> None:
     matrix = slopes @ slopes.T
     whole = np.linalg.inv(matrix + np.diag([0.0, 0.0, 0.0, 1.0]))[:3, :3]
     alone = np.linalg.inv(matrix[:3, :3])
-    beside = _beside(matrix, [0, 1, 2], [3])
+    beside = _held_covariance(matrix, [0, 1, 2], [3])
     np.testing.assert_allclose(alone + beside, whole, rtol=1e-9)
     assert beside[0, 0] > 10.0 * alone[0, 0]
     slopes[3] = slopes[0]
-    np.testing.assert_array_equal(_beside(slopes @ slopes.T, [0, 1, 2], [3]), 0.0)
+    np.testing.assert_array_equal(_held_covariance(slopes @ slopes.T, [0, 1, 2], [3]), 0.0)
 
 
-def test_what_is_held_is_a_part_of_the_stated_sigmas(fit: KnownFit) -> None:
+def test_what_is_held_is_a_part_of_the_stated_sigmas(fit: ParameterFit) -> None:
     """Rationale: the jitter is held, and not known; a longer pulse scatters ranges as it does."""
     alone = np.diag(np.linalg.inv(fit.solved.slope))
     whole = np.diag(fit.solved.covariance)
@@ -179,21 +179,21 @@ def test_the_information_of_sun_and_power_is_that_of_counts() -> None:
     light = echoes_of_plane(
         published(), Target(reflectivity=0.3, illuminance_klux=30.0), np.geomspace(8.0, 16.0, count)
     )
-    scene = Scene.from_light(light, published(), np.arange(count), spot_over_field=0.5)
+    scene = KnownScene.from_light(light, published(), np.arange(count), spot_over_field=0.5)
     values = {"laser.peak_power_w": 0.0, "optics.sun_irradiance_w_m2": 0.0}
-    law = expected(scene, values)
-    dark = np.asarray(expected(replace(scene, background_w=0.0 * scene.background_w), values).near_ir)
+    law = predict(scene, values)
+    dark = np.asarray(predict(replace(scene, background_w=0.0 * scene.background_w), values).near_ir)
     signal, near_ir = np.asarray(law.signal), np.asarray(law.near_ir)
-    reported = Reported(has_return=np.ones(count, bool), signal=signal, near_ir=near_ir, range_m=scene.range_m)
+    reported = Observations(has_return=np.ones(count, bool), signal=signal, near_ir=near_ir, range_m=scene.range_m)
     surfaces = np.zeros(count)
-    strong = likelihood._strong(scene, reported, values, surfaces)
+    strong = likelihood._strong_mask(scene, reported, values, surfaces)
     assert strong.all()
     step = likelihood._step(scene, reported, values, surfaces, strong, 1e9)
     of_power, of_sun = np.diag(step.matrix)
     assert of_sun == pytest.approx(np.sum((near_ir - dark) ** 2 / near_ir), rel=0.05)
     assert of_power == pytest.approx(np.sum(signal**2 / np.asarray(law.variance)), rel=0.05)
     # Brighter surfaces by a tenth than is believed, of which nothing is known beforehand: no power, no sun.
-    brighter = expected(scene, values, np.full(count, 0.1))
+    brighter = predict(scene, values, np.full(count, 0.1))
     moved = replace(reported, signal=np.asarray(brighter.signal), near_ir=np.asarray(brighter.near_ir))
     free = likelihood._step(scene, moved, values, surfaces, strong, 0.0)
     np.testing.assert_allclose(free.surface_score / free.surface_curvature, 0.1, rtol=0.1)
@@ -208,14 +208,14 @@ def test_ranges_that_scatter_as_the_law_says_ask_for_no_other_pulse() -> None:
     light = echoes_of_plane(
         published(), Target(reflectivity=0.3, illuminance_klux=30.0), np.geomspace(8.0, 16.0, count)
     )
-    scene = Scene.from_light(light, published(), np.zeros(count, int), spot_over_field=0.5)
+    scene = KnownScene.from_light(light, published(), np.zeros(count, int), spot_over_field=0.5)
     values = {"laser.peak_power_w": 0.0, "scatter_floor": 0.0}
     scene = replace(scene, floor_m=0.02)
-    law = expected(scene, values)
+    law = predict(scene, values)
     scores = []
     for by in (0.9, 1.0, 1.1):
         off_m = by * math.sqrt(likelihood.MEAN_SQUARE) * np.asarray(law.sigma_m)
-        reported = Reported(
+        reported = Observations(
             has_return=np.ones(count, bool),
             signal=np.asarray(law.signal),
             near_ir=np.asarray(law.near_ir),
@@ -248,17 +248,17 @@ def test_a_signal_far_off_pulls_no_harder_than_four_sigmas() -> None:
     """One of sixty a hundred sigmas too strong; and what fires most of the SPADs tells no signal."""
     count = 60
     light = echoes_of_plane(published(), Target(reflectivity=0.3, illuminance_klux=30.0), np.full(count, 12.0))
-    scene = Scene.from_light(light, published(), np.zeros(count, int), spot_over_field=0.5)
+    scene = KnownScene.from_light(light, published(), np.zeros(count, int), spot_over_field=0.5)
     values = {"laser.peak_power_w": 0.0}
-    law = expected(scene, values)
+    law = predict(scene, values)
     signal, sigma = np.asarray(law.signal), np.sqrt(np.asarray(law.variance))
-    reported = Reported(
+    reported = Observations(
         has_return=np.ones(count, bool),
         signal=signal + np.where(np.arange(count) == 7, 100.0 * sigma, 0.0),
         near_ir=np.full(count, np.nan),
         range_m=scene.range_m + math.sqrt(likelihood.MEAN_SQUARE) * np.asarray(law.sigma_m),
     )
-    assert likelihood._strong(scene, reported, values, np.zeros(1)).all()
+    assert likelihood._strong_mask(scene, reported, values, np.zeros(1)).all()
     step = likelihood._step(scene, reported, values, np.zeros(1), np.ones(count, bool), 1e12)
     assert step.score[0] == pytest.approx(4.0 * signal[7] / sigma[7], rel=0.02)
-    assert not likelihood._strong(scene, reported, {"laser.peak_power_w": 6.0}, np.zeros(1)).any()
+    assert not likelihood._strong_mask(scene, reported, {"laser.peak_power_w": 6.0}, np.zeros(1)).any()

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 
 from lidarscene.studies.fit.near_field import fit_near_field, share
-from lidarscene.studies.fit.pulses import Pulses
+from lidarscene.studies.fit.pulses import RecordedPulses
 
 WHITE_M2, R0_M, SPOT = 3e5, 9.0, 0.5
 ROWS, COLUMNS = 32, 800
 
 
-def exact() -> Pulses:
+def exact() -> RecordedPulses:
     """Every pulse on a wall of 25 to 90 % at 2 to 70 m, its signal that of the law, not rounded."""
     place = np.arange(ROWS * COLUMNS).reshape(ROWS, COLUMNS)
     range_m = 2.0 * 35.0 ** ((place * 7919 % (ROWS * COLUMNS)) / (ROWS * COLUMNS))
     reflectivity = 25.0 + place % 66
     signal = WHITE_M2 * share(range_m / R0_M, SPOT) * reflectivity / 100.0 / range_m**2
     columns = np.arange(COLUMNS)
-    return Pulses(
+    return RecordedPulses(
         range_m=range_m,
         recorded=np.ones_like(range_m, bool),
         signal=np.asarray(signal),
@@ -32,7 +32,7 @@ def exact() -> Pulses:
     )
 
 
-def changed(pulses: Pulses, mask: Any, *, white: Any = 1.0, reflectivity: float | None = None) -> Pulses:
+def changed(pulses: RecordedPulses, mask: Any, *, white: Any = 1.0, reflectivity: float | None = None) -> RecordedPulses:
     """These pulses with another SIGNAL over REFLECTIVITY, and perhaps another REFLECTIVITY."""
     mask = np.broadcast_to(mask, pulses.range_m.shape)
     before = np.asarray(pulses.reflectivity)

@@ -13,7 +13,7 @@ from lidarscene.studies.fit.near_field import share
 from lidarscene.studies.fit.products import (
     KEYS,
     QUANTITIES,
-    products_of,
+    find_products,
     scatter_c_mm,
     scatter_over_sigma,
     width_of_place,
@@ -24,7 +24,7 @@ ALL = tuple(QUANTITIES)
 
 def test_photons_of_a_white_wall_are_one_product() -> None:
     """K = P0 tau r_A^2 eta pde shots, its exponents from the lidar equation."""
-    products = products_of(load_sensor("os1-128"), ALL)
+    products = find_products(load_sensor("os1-128"), ALL)
     powers = dict(zip(products.keys, products.exponents[products.quantities.index("white_m2")], strict=True))
     expected = {
         "laser.peak_power_w": 1,
@@ -46,7 +46,7 @@ def test_photons_of_a_white_wall_are_one_product() -> None:
 def test_along_a_null_direction_nothing_changes() -> None:
     """Rationale: a direction is named only if it leaves every measured quantity as it is, to first order."""
     sensor = load_sensor("os2-128")
-    products = products_of(sensor, ALL)
+    products = find_products(sensor, ALL)
     assert len(products.null) == len(products.keys) - np.linalg.matrix_rank(products.exponents)
     parts = {key: (part, field) for key, part, field in KEYS}
     for line in products.null:
@@ -67,8 +67,8 @@ def test_along_a_null_direction_nothing_changes() -> None:
 
 
 def test_without_the_scatter_the_pulse_is_not_told_from_the_power() -> None:
-    with_it = products_of(load_sensor("os1-128"), ALL)
-    without = products_of(load_sensor("os1-128"), [name for name in ALL if name != "scatter_c"])
+    with_it = find_products(load_sensor("os1-128"), ALL)
+    without = find_products(load_sensor("os1-128"), [name for name in ALL if name != "scatter_c"])
     assert not any(line.startswith("laser.pulse_fwhm_ns") for line in with_it.null)
     assert "laser.pulse_fwhm_ns +1 %: laser.peak_power_w -1 %" in without.null
     assert "laser.pulse_fwhm_ns" in without.fixed
@@ -120,7 +120,7 @@ def test_a_bin_makes_the_filter_wider() -> None:
 
 def test_the_scale_of_reflectivities_is_no_key_of_the_file() -> None:
     """Where photons of a white wall are not known it is free, and nothing of the file is held for it."""
-    products = products_of(load_sensor("os1-128"), ["scatter_c"])
+    products = find_products(load_sensor("os1-128"), ["scatter_c"])
     assert "reflectivity of all targets: alone" in products.null
     assert "reflectivity of all targets" not in products.fixed
     assert "laser.peak_power_w" in products.fixed

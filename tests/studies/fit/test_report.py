@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarscene.studies.fit.estimates import Solved
-from lidarscene.studies.fit.report import Fit
+from lidarscene.studies.fit.estimates import Solution
+from lidarscene.studies.fit.report import RecordingFit
 from lidarscene.studies.fit.scatter import Scatter
 
 
-def fit_of(**laws: Any) -> Fit:
+def fit_of(**laws: Any) -> RecordingFit:
     given: dict[str, Any] = {"near_field": None, "threshold": None, "scatter": None, "rows": None}
-    return Fit(recording="r", sensor="s", pulses=1, frames=1, **given | laws)
+    return RecordingFit(recording="r", sensor="s", pulses=1, frames=1, **given | laws)
 
 
 @pytest.mark.parametrize(
@@ -32,7 +32,7 @@ def test_limits_of_each_law(law: str, value: Any, passed: bool) -> None:
     """15 % of the signal, a tenth of the shares, a quarter of the scatter, either way; the others are not recorded."""
     ratios = np.atleast_1d(value)
     scatter = Scatter(
-        solved=Solved(value=np.array([1.0, 0.0]), slope=np.eye(2), scores=np.zeros((4, 2))),
+        solved=Solution(value=np.array([1.0, 0.0]), slope=np.eye(2), scores=np.zeros((4, 2))),
         signal=np.ones(len(ratios)),
         sigma_m=np.ones(len(ratios)),
         patches=np.ones(len(ratios)),

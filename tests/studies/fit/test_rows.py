@@ -9,7 +9,7 @@ from helpers.premises import premise
 
 from lidarscene.maths.arrays import Numbers
 from lidarscene.recordings.sweep import Sweep
-from lidarscene.studies.fit.pulses import Pulses, pulses_of
+from lidarscene.studies.fit.pulses import RecordedPulses, gather_pulses
 from lidarscene.studies.fit.rows import RowGains, fit_rows
 
 ROWS, COLUMNS = 32, 512
@@ -36,7 +36,7 @@ def test_the_gains_are_found() -> None:
     """The step to the next row is good to 0.6 % (median of 512, Poisson noise of 8 %); steps add up over the four rows
     that are smoothed to each side, to 1.1 %. Five of that.
     """
-    found = fit_rows(pulses_of([drawn()]))
+    found = fit_rows(gather_pulses([drawn()]))
     assert found is not None
     inner = slice(4, -4)
     np.testing.assert_allclose(np.log(found.gain)[inner], GAINS[inner], atol=0.055)
@@ -54,7 +54,7 @@ def test_signal_tells_what_the_gains_are_of(follows: float) -> None:
     random = np.random.default_rng(1)
     light = 400.0 * np.exp(follows * GAINS)[:, None] * np.ones((1, COLUMNS))
     sweep = replace(sweep, range_m=np.full((ROWS, COLUMNS), 10.0), signal=random.poisson(light))
-    found = fit_rows(pulses_of([sweep]))
+    found = fit_rows(gather_pulses([sweep]))
     assert found is not None
     assert found.follows is not None
     assert found.follows[0] == pytest.approx(follows, abs=0.1)
@@ -63,10 +63,10 @@ def test_signal_tells_what_the_gains_are_of(follows: float) -> None:
 
 
 def test_few_columns_tell_nothing() -> None:
-    assert fit_rows(pulses_of([drawn()]).select_columns(np.arange(40))) is None
+    assert fit_rows(gather_pulses([drawn()]).select_columns(np.arange(40))) is None
 
 
-def still(near_ir: Numbers, **changed: Any) -> Pulses:
+def still(near_ir: Numbers, **changed: Any) -> RecordedPulses:
     """Rows at one place, of which nothing else is known; two blocks of columns."""
     columns = np.arange(near_ir.shape[1])
     given: dict[str, Any] = {
@@ -79,7 +79,7 @@ def still(near_ir: Numbers, **changed: Any) -> Pulses:
         "frame": 0 * columns,
         "block": columns // (len(columns) // 2),
     }
-    return Pulses(**given | changed)
+    return RecordedPulses(**given | changed)
 
 
 def test_a_light_that_is_a_parabola_over_the_rows_has_no_gains() -> None:

@@ -7,8 +7,8 @@ import pytest
 
 from lidarscene.maths.arrays import Numbers
 from lidarscene.studies.fit import scatter
-from lidarscene.studies.fit.estimates import Solved
-from lidarscene.studies.fit.pulses import Pulses
+from lidarscene.studies.fit.estimates import Solution
+from lidarscene.studies.fit.pulses import RecordedPulses
 from lidarscene.studies.fit.scatter import Scatter, fit_scatter
 
 CUBIC = np.array([-1.0, 2.0, 0.0, -2.0, 1.0]) / np.sqrt(10.0)
@@ -28,10 +28,10 @@ def ring_of(residuals: Numbers, signal: Numbers) -> tuple[Numbers, Numbers]:
     return range_m, signals
 
 
-def pulses_of_rings(*rings: tuple[Numbers, Numbers]) -> Pulses:
+def pulses_of_rings(*rings: tuple[Numbers, Numbers]) -> RecordedPulses:
     range_m, signal = (np.stack(part) for part in zip(*rings, strict=True))
     columns = np.arange(range_m.shape[1])
-    return Pulses(
+    return RecordedPulses(
         range_m=range_m,
         recorded=np.ones_like(range_m, bool),
         signal=signal,
@@ -94,7 +94,7 @@ def test_patches_of_two_blocks_of_edges_and_of_weak_light_do_not_count() -> None
 def test_scatter_in_millimetres_and_ratios_over_the_law() -> None:
     """c = 200 mm and a floor of 5 mm; at 1600 photons 5 mm each way, 7.07 mm together."""
     made = Scatter(
-        solved=Solved(value=np.array([0.2**2, 0.005**2]), slope=1e12 * np.eye(2), scores=np.zeros((4, 2))),
+        solved=Solution(value=np.array([0.2**2, 0.005**2]), slope=1e12 * np.eye(2), scores=np.zeros((4, 2))),
         signal=np.array([1600.0, 400.0]),
         sigma_m=np.full(2, np.nan),
         patches=np.ones(2),
@@ -131,7 +131,7 @@ def test_held_out_patches_are_judged_by_the_law_of_the_others() -> None:
     # Twice as far off, one in exp(-0.75) is left out as far above the law: 6 / 4 of chi^2 in place of 6.
     inside = 1.0 - np.exp(-0.75)
     mean = (2.0 - (2.0 + 1.5) * np.exp(-0.75)) / inside
-    np.testing.assert_allclose(fit.ratios, 2.0 * np.sqrt(mean / scatter._MEAN), rtol=0.08)
+    np.testing.assert_allclose(fit.ratios, 2.0 * np.sqrt(mean / scatter._MEAN_BELOW), rtol=0.08)
 
 
 def test_uncertainties_are_those_of_a_law_whose_far_patches_are_left_out() -> None:

@@ -18,9 +18,9 @@ from lidarscene.studies.fit import report, study
 from lidarscene.studies.fit.estimates import MOST_EVALUATIONS
 from lidarscene.studies.fit.near_field import fit_near_field, share
 from lidarscene.studies.fit.products import near_field_m, scatter_c_mm, white_m2
-from lidarscene.studies.fit.pulses import pulses_of
+from lidarscene.studies.fit.pulses import gather_pulses
 from lidarscene.studies.fit.study import fit_pulses, fit_recordings
-from lidarscene.studies.fit.unit import without
+from lidarscene.studies.fit.unit import remove_keys
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
 TRUTH = drawn_truth(0)
@@ -40,7 +40,7 @@ def test_the_truth_is_within_two_sigma() -> None:
     off = []
     for unit in range(5):
         truth = drawn_truth(unit)
-        pulses = pulses_of([drawn_sweep(truth, 10 * unit)])
+        pulses = gather_pulses([drawn_sweep(truth, 10 * unit)])
         fit = fit_pulses(pulses, recording="drawn", sensor="drawn")
         assert len(fit.estimates) == 8
         assert fit.near_field is not None
@@ -61,7 +61,7 @@ def written(folder: Path, patch: pytest.MonkeyPatch, sweep: Sweep, sensor: str =
 def one_lens(folder: Path) -> str:
     """An OS2 whose near field is that of one lens, focused at infinity, on the laser's axis."""
     text = path_of("sensors", "os2-128").read_text("utf-8")
-    text = without(text, "optics.overlap", ("transmitter_offset_mm", "parallax_free_at_m", "focus_at_m"))
+    text = remove_keys(text, "optics.overlap", ("transmitter_offset_mm", "parallax_free_at_m", "focus_at_m"))
     (folder / "one-lens.toml").write_text(text, "utf-8")
     return str(folder / "one-lens.toml")
 
@@ -146,7 +146,7 @@ def test_two_lenses_are_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     # The published curve, at its best power, is not that near, and nor is one lens.
     own = np.log(curve(range_m / near_field_m(published)) / law)
     assert np.ptp(own) > 0.1
-    one = fit_near_field(pulses_of([sweep]))
+    one = fit_near_field(gather_pulses([sweep]))
     assert one is not None
     assert np.max(np.abs(one.law(range_m) / law - 1.0)) > 0.1
 
@@ -189,7 +189,7 @@ def test_a_recording_that_tells_nothing(
 def test_points_without_rows_are_refused() -> None:
     points = Sweep(range_m=np.ones(3), recorded=np.ones(3, bool), direction=np.ones((3, 3)))
     with pytest.raises(ValueError, match="must have rows and columns"):
-        pulses_of([points])
+        gather_pulses([points])
 
 
 def test_a_unit_is_drawn_anew() -> None:

@@ -11,8 +11,8 @@ from lidarscene.detection.photon_counting.bins import BOX, BOX_SHARE
 from lidarscene.physics.photon_counting.matched_filter import SCALE, TEMPLATE
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.studies.fit import threshold
-from lidarscene.studies.fit.estimates import Solved
-from lidarscene.studies.fit.pulses import Pulses, pulses_of
+from lidarscene.studies.fit.estimates import Solution
+from lidarscene.studies.fit.pulses import RecordedPulses, gather_pulses
 from lidarscene.studies.fit.threshold import NORMAL, Threshold, filter_variance, fit_threshold
 
 SENSOR = load_sensor("os1-128")
@@ -38,7 +38,7 @@ def test_the_filter_scatters_so_much_at_one_signal() -> None:
 
 def test_the_spread_is_what_is_left_of_the_width() -> None:
     def of(width: float) -> Threshold:
-        solved = Solved(value=np.array([1.0, -8.0, 0.0]) / width, slope=1e6 * np.eye(3), scores=np.zeros((4, 3)))
+        solved = Solution(value=np.array([1.0, -8.0, 0.0]) / width, slope=1e6 * np.eye(3), scores=np.zeros((4, 3)))
         return Threshold(solved=solved, near_ir=400.0, expected_share=np.zeros(0), kept_share=np.zeros(0), pulses=np.zeros(0))
 
     own = filter_variance(SENSOR, photons=8.0, near_ir=400.0)
@@ -73,7 +73,7 @@ def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:
         range_m=np.where(blanked | withheld, np.nan, range_m),
         reflectivity=np.where(blanked, 0.0, sweep.reflectivity),
     )
-    fit = fit_threshold(pulses_of([spoilt]))
+    fit = fit_threshold(gather_pulses([spoilt]))
     assert fit is not None
     for estimate in fit.estimates:
         assert abs(estimate.value - getattr(truth, estimate.key)) < 5.0 * estimate.sigma, estimate.key
@@ -91,7 +91,7 @@ def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:
 
 
 def test_the_error_weighs_bins_by_their_pulses() -> None:
-    solved = Solved(value=np.array([1.0, -8.0, 0.0]), slope=np.eye(3), scores=np.zeros((4, 3)))
+    solved = Solution(value=np.array([1.0, -8.0, 0.0]), slope=np.eye(3), scores=np.zeros((4, 3)))
     fit = Threshold(
         solved=solved, near_ir=400.0, expected_share=np.array([0.5, 0.9]), kept_share=np.array([0.4, 0.9]), pulses=np.array([1, 9])
     )
@@ -102,7 +102,7 @@ def test_a_pulse_is_on_the_surface_of_its_neighbours_whatever_it_reports_itself(
     """A wall with one lost pulse and one that met something else; a neighbour that is off takes all around it off."""
     range_m = np.full((1, 60), 10.0)
     range_m[0, 20], range_m[0, 50] = np.nan, 3.0
-    pulses = Pulses(
+    pulses = RecordedPulses(
         range_m=range_m,
         recorded=np.ones((1, 60), bool),
         signal=None,
@@ -113,7 +113,7 @@ def test_a_pulse_is_on_the_surface_of_its_neighbours_whatever_it_reports_itself(
         block=np.zeros(60, int),
     )
     around = np.minimum(np.abs(np.arange(60) - 50), 60 - np.abs(np.arange(60) - 50))
-    expected = (around > threshold.BESIDE) | (around == 0)
+    expected = (around > threshold.NEIGHBOUR_COLUMNS) | (around == 0)
     assert np.array_equal(threshold._on_surface(pulses)[0], expected)
 
 
@@ -128,8 +128,8 @@ def test_the_error_is_that_of_the_blocks_that_were_not_fitted() -> None:
     """There SIGNAL is reported six photons too high: the law is the same, and misses them."""
     sweep = drawn_sweep(drawn_truth(0), 0)
     held_out = np.arange(sweep.shape[1]) // 20 % 4 == 3
-    plain = fit_threshold(pulses_of([sweep]))
-    other = fit_threshold(pulses_of([replace(sweep, signal=np.asarray(sweep.signal) + 6.0 * held_out)]))
+    plain = fit_threshold(gather_pulses([sweep]))
+    other = fit_threshold(gather_pulses([replace(sweep, signal=np.asarray(sweep.signal) + 6.0 * held_out)]))
     assert plain is not None
     assert other is not None
     np.testing.assert_allclose(other.solved.value, plain.solved.value, rtol=0.05)

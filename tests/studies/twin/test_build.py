@@ -21,11 +21,11 @@ from lidarscene.studies.twin import build
 from lidarscene.studies.twin.build import (
     COLUMNS,
     Choice,
-    about,
+    read_provenance,
     build_twin,
-    chosen,
+    choose_frames,
     illuminance_klux,
-    place_of,
+    frame_pose,
     scene_text,
 )
 from lidarscene.studies.twin.reflect import Gauge
@@ -34,16 +34,16 @@ from lidarscene.studies.twin.surfels import Surfels
 
 def test_frames_without_the_one_held_out(tmp_path: Path) -> None:
     recording = recording_of(tmp_path / "four.pcap", *[room_sweep()] * 4)
-    assert chosen(recording, None, 2) == Choice(frames=(0, 1, 3), held_out=2)
-    assert chosen(recording, (1, 3), None).judged_frame == 1
-    assert chosen(recording, (1, 3), 0).judged_frame == 0
+    assert choose_frames(recording, None, 2) == Choice(frames=(0, 1, 3), held_out=2)
+    assert choose_frames(recording, (1, 3), None).judged_frame == 1
+    assert choose_frames(recording, (1, 3), 0).judged_frame == 0
     for frames, held_out, message in (
         (None, 4, "frame must be 0 to 3, got 4"),
         ((2,), 2, "must leave a frame"),
         (None, COLUMNS, "must go with one frame of rows and columns, got 4 frames"),
     ):
         with pytest.raises(InputError, match=message):
-            chosen(recording, frames, held_out)
+            choose_frames(recording, frames, held_out)
 
 
 def test_columns_of_a_list_cannot_be_held_out(tmp_path: Path) -> None:
@@ -51,7 +51,7 @@ def test_columns_of_a_list_cannot_be_held_out(tmp_path: Path) -> None:
     direction[0, 0] = np.nan
     recording = recording_of(tmp_path / "bag.mcap", room_sweep(direction=direction))
     with pytest.raises(InputError, match="got a list of points"):
-        chosen(recording, None, COLUMNS)
+        choose_frames(recording, None, COLUMNS)
 
 
 def test_light_is_such_that_surfaces_have_the_recorded_background() -> None:
@@ -82,7 +82,7 @@ def test_the_files_of_a_twin(tmp_path: Path) -> None:
     assert {body.class_name for body in scene.bodies} >= {"smooth", "rough", "bright"}
     assert scene.sun.illuminance_klux == 20.0
     assert load_sensor(scene.sensor_name).scanner.pulses == 24 * 512
-    made = about(tmp_path / "twin" / "scene.toml")
+    made = read_provenance(tmp_path / "twin" / "scene.toml")
     assert sum(n for kind, n in made["quads"].items() if kind != "ground") == sweep.range_m.size
     assert (made["frames"], made["held_out"], made["illuminance_assumed"]) == ([0], None, True)
     bright = next(body for body in scene.bodies if body.class_name == "bright")
@@ -101,11 +101,11 @@ def test_the_sensor_stands_where_the_held_out_frame_was_recorded(tmp_path: Path)
         for one, at, at_s in zip(sweeps, (start, start @ moved), (100.0, 100.1), strict=True)
     ]
     recording = recording_of(tmp_path / "two.osf", *frames)
-    build_twin(recording, chosen(recording, None, 1), tmp_path / "twin", sensor="vlp-16")
+    build_twin(recording, choose_frames(recording, None, 1), tmp_path / "twin", sensor="vlp-16")
     scene = load_scene(tmp_path / "twin" / "scene.toml")
     assert np.allclose(scene.sensor_pose.position_m, moved.position_m, atol=1e-5)
     assert np.allclose(scene.sensor_pose.rotation, moved.rotation, atol=1e-6)
-    found = place_of(about(tmp_path / "twin" / "scene.toml"), 1, tmp_path)
+    found = frame_pose(read_provenance(tmp_path / "twin" / "scene.toml"), 1, tmp_path)
     assert np.allclose(found.rotation, moved.rotation)
     assert len(read_poses(tmp_path / "twin" / "poses.csv").poses) == 2
 
@@ -134,7 +134,7 @@ def test_what_is_missing_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"--sensor no\.toml: no such file"):
         build_twin(recording, Choice(frames=(0,)), tmp_path / "twin", sensor="no.toml")
     with pytest.raises(InputError, match=r"must be the scene of a twin, with twin\.json beside it"):
-        about(tmp_path / "scene.toml")
+        read_provenance(tmp_path / "scene.toml")
 
 
 @pytest.mark.parametrize("apparent", [0.79, 0.8, 0.801, 50.0, 1e9])
@@ -166,7 +166,7 @@ def test_quads_of_several_frames_are_where_each_frame_saw_them(tmp_path: Path, m
         kind=np.zeros(1, int),
     )
     klux = iter((10.0, 90.0, 20.0))
-    monkeypatch.setattr(build, "surfels_of", lambda *_: square)
+    monkeypatch.setattr(build, "surfels_of_grid", lambda *_: square)
     monkeypatch.setattr(build, "illuminance_klux", lambda *_: next(klux))
     poses = [Pose.from_degrees(position_m=(3.0 * k, k, 0.1 * k), yaw_deg=40.0 * k, pitch_deg=5.0 * k) for k in range(3)]
     frames = [room_sweep() for _ in poses]

@@ -9,14 +9,14 @@ from helpers.twins import room_sweep
 
 from lidarscene.maths.arrays import Numbers
 from lidarscene.studies.twin import judge
-from lidarscene.studies.twin.judge import Row, bias_and_scatter, spread
-from lidarscene.studies.twin.pulses import NOTHING, Pulses
+from lidarscene.studies.twin.judge import TwinQuantity, bias_and_scatter, spread
+from lidarscene.studies.twin.pulses import NOTHING, MatchedPulses
 from lidarscene.studies.twin.surfels import FILLED, SMOOTH
 
 N = 4000
 
 
-def pulses(seed: int = 5, **changed: Any) -> Pulses:
+def pulses(seed: int = 5, **changed: Any) -> MatchedPulses:
     """20 mm of scatter, the same changes on both sides, signals from 20 to 300 over 5 to 40 m."""
     rng = np.random.default_rng(seed)
     change_m = rng.normal(0.0, 0.02, N)
@@ -37,10 +37,10 @@ def pulses(seed: int = 5, **changed: Any) -> Pulses:
         "true_range_m": true_m,
         "kind": np.full(N, SMOOTH),
     }
-    return Pulses(**given | changed)
+    return MatchedPulses(**given | changed)
 
 
-def named(rows: Any, quantity: str) -> list[Row]:
+def named(rows: Any, quantity: str) -> list[TwinQuantity]:
     return [row for row in rows if row.quantity == quantity]
 
 
@@ -64,11 +64,11 @@ def test_spread_is_the_deviation_whatever_a_few_do() -> None:
 
 
 def test_limits_are_one_or_two_sided() -> None:
-    assert Row(quantity="", value=0.5, low=0.4).is_met is True
-    assert Row(quantity="", value=0.5, high=0.4).is_met is False
-    assert Row(quantity="", value=-11.0, low=-10.0, high=10.0).is_met is False
-    assert Row(quantity="", value=None, high=1.0).is_met is None
-    assert Row(quantity="", value=1.0).is_met is None
+    assert TwinQuantity(quantity="", value=0.5, low=0.4).is_met is True
+    assert TwinQuantity(quantity="", value=0.5, high=0.4).is_met is False
+    assert TwinQuantity(quantity="", value=-11.0, low=-10.0, high=10.0).is_met is False
+    assert TwinQuantity(quantity="", value=None, high=1.0).is_met is None
+    assert TwinQuantity(quantity="", value=1.0).is_met is None
 
 
 def test_a_range_bias_beyond_ten_millimetres_fails() -> None:
@@ -130,10 +130,10 @@ def test_losses_count_on_surfaces_only_and_without_those_withheld() -> None:
     lost, withheld, sky = number < 400, number < 100, (number >= 100) & (number < 200)
     kept_anyway = (number >= 200) & (number < 230)
     found = list(
-        judge._kept(
+        judge._kept_quantities(
             pulses(
                 range_m=without(one.range_m, lost),
-                dropped=withheld,
+                withheld=withheld,
                 kind=np.where(sky, NOTHING, FILLED),
                 simulated_range_m=without(one.simulated_range_m, (number >= 230) & (number < 400)),
             )
@@ -158,24 +158,24 @@ def test_second_returns_by_share_and_least_separation() -> None:
 def test_disagreement_is_held_to_that_of_two_real_frames() -> None:
     range_m = np.array(room_sweep().range_m)
     range_m[0, :36] = np.nan
-    between = judge.apart(room_sweep(), room_sweep(range_m=range_m))
+    between = judge.disagreement(room_sweep(), room_sweep(range_m=range_m))
     assert between == pytest.approx(0.1 / 24.0)
     one = pulses()
     for share, met in ((0.03, True), (0.04, False)):
         lost = np.arange(N) < share * N
-        found = judge._kept(pulses(simulated_range_m=without(one.simulated_range_m, lost)), between)
+        found = judge._kept_quantities(pulses(simulated_range_m=without(one.simulated_range_m, lost)), between)
         (row,) = named(found, "kept or lost otherwise than real")
         assert (row.value, row.is_met) == (pytest.approx(share), met)
-    assert judge.apart(room_sweep(), room_sweep(knows_lost=False)) is None
+    assert judge.disagreement(room_sweep(), room_sweep(knows_lost=False)) is None
 
 
-def fixed(**changed: Any) -> Pulses:
+def fixed(**changed: Any) -> MatchedPulses:
     """As `pulses`, but both sides agree to the last digit."""
     true_m = np.linspace(5.0, 40.0, N)
     return pulses(**{"range_m": true_m, "simulated_range_m": true_m} | changed)
 
 
-def value_of(rows: Any, quantity: str) -> Row:
+def value_of(rows: Any, quantity: str) -> TwinQuantity:
     return next(row for row in rows if row.quantity == quantity and row.value is not None)
 
 
@@ -245,13 +245,13 @@ def test_limits_of_what_is_lost(quantity: str, lost_share: float, met: bool) -> 
     plain = fixed()
     lost = (np.arange(N) // 8) % 100 < 100 * lost_share  # as many on each ring
     thinned = fixed(simulated_range_m=without(plain.simulated_range_m, lost))
-    assert value_of([*judge._points(thinned), *judge._kept(thinned)], quantity).is_met is met
+    assert value_of([*judge._points(thinned), *judge._kept_quantities(thinned)], quantity).is_met is met
 
 
 @pytest.mark.parametrize(("kept_anyway", "met"), [(95, True), (105, False)])
 def test_of_real_losses_no_more_than_half_may_be_kept(kept_anyway: int, met: bool) -> None:
     plain, number = fixed(), np.arange(N)
-    rows = judge._kept(
+    rows = judge._kept_quantities(
         fixed(
             range_m=without(plain.range_m, number < 200),
             simulated_range_m=without(plain.simulated_range_m, (number >= kept_anyway) & (number < 200)),
@@ -265,7 +265,7 @@ def test_beams_agree_to_a_hundredth_of_a_degree(angle_deg: float, met: bool, mon
     for name in ("_ranges", "_signals", "_points", "_second"):
         monkeypatch.setattr(judge, name, lambda *_: ())
     monkeypatch.setattr(judge, "_ground", lambda *_: ())
-    rows = judge.rows_of(fixed(angle_rad=np.full(N, np.radians(angle_deg))), room_sweep(), None)  # type: ignore[arg-type]
+    rows = judge.twin_quantities(fixed(angle_rad=np.full(N, np.radians(angle_deg))), room_sweep(), None)  # type: ignore[arg-type]
     row = value_of(rows, "beam direction")
     assert (row.value, row.is_met) == (pytest.approx(angle_deg), met)
 
@@ -311,7 +311,7 @@ def test_frames_are_told_apart_by_the_pulses_that_both_recorded() -> None:
     range_m, recorded = np.array(plain.range_m), np.ones(plain.shape, bool)
     range_m[:, :90] = np.nan
     recorded[:, 180:] = False
-    assert judge.apart(room_sweep(recorded=recorded), room_sweep(range_m=range_m)) == pytest.approx(0.5)
+    assert judge.disagreement(room_sweep(recorded=recorded), room_sweep(range_m=range_m)) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(("bias_mm", "met"), [(9.9, True), (10.1, False), (-9.9, True), (-10.1, False)])

@@ -1,17 +1,17 @@
 """The sentence that a twin's page begins with."""
 
-from lidarscene.studies.twin.judge import Row
+from lidarscene.studies.twin.judge import TwinQuantity
 from lidarscene.studies.twin.page import verdict
 
 
 def test_the_verdict_names_the_limits_that_are_missed() -> None:
-    met = Row(quantity="points", value=0.01, low=-0.05, high=0.05)
-    told = Row(quantity="signal, mean", condition="3 to 5 m", real=3.0, simulated=4.0, value=0.3)
+    met = TwinQuantity(quantity="points", value=0.01, low=-0.05, high=0.05)
+    told = TwinQuantity(quantity="signal, mean", condition="3 to 5 m", real=3.0, simulated=4.0, value=0.3)
     missed = [
-        Row(quantity="range, bias", condition="smooth surfaces", value=14.0, low=-10.0, high=10.0, unit="mm"),
-        Row(quantity="real returns kept", value=0.9, low=0.95),
-        Row(quantity="signal", value=0.5, high=0.15),
-        Row(quantity="ground", value=0.5, high=0.15),
+        TwinQuantity(quantity="range, bias", condition="smooth surfaces", value=14.0, low=-10.0, high=10.0, unit="mm"),
+        TwinQuantity(quantity="real returns kept", value=0.9, low=0.95),
+        TwinQuantity(quantity="signal", value=0.5, high=0.15),
+        TwinQuantity(quantity="ground", value=0.5, high=0.15),
     ]
     assert verdict([met, met, told]) == "The twin meets all 2 limits."
     assert verdict([told]) == "Nothing of this frame can be held to a limit."
@@ -23,6 +23,6 @@ def test_the_verdict_names_the_limits_that_are_missed() -> None:
 
 
 def test_a_row_without_numbers_is_left_out() -> None:
-    assert not Row(quantity="signal, mean error over the range", high=0.15).has_values
-    assert Row(quantity="share", value=0.0).has_values
-    assert Row(quantity="gap", real=0.8).has_values
+    assert not TwinQuantity(quantity="signal, mean error over the range", high=0.15).has_values
+    assert TwinQuantity(quantity="share", value=0.0).has_values
+    assert TwinQuantity(quantity="gap", real=0.8).has_values

@@ -9,7 +9,7 @@ from helpers.twins import room_sweep
 
 from lidarscene.maths.pose import Pose
 from lidarscene.studies.twin import places
-from lidarscene.studies.twin.places import angles_deg, places_of
+from lidarscene.studies.twin.places import angles_deg, frame_poses
 
 MOVED = Pose.from_degrees(position_m=(0.6, -0.3, 0.05), yaw_deg=3.0, pitch_deg=0.5)
 
@@ -18,7 +18,7 @@ def test_own_poses_are_told_from_the_first_frame() -> None:
     start = Pose.from_degrees(position_m=(5e5, 5e6, 100.0), yaw_deg=90.0)
     sweeps = {2: room_sweep(pose=None), 5: room_sweep(pose=MOVED)}
     sweeps = {2: _with_pose(sweeps[2], start), 5: _with_pose(sweeps[5], start @ MOVED)}
-    places = places_of(sweeps, 2)
+    places = frame_poses(sweeps, 2)
     assert np.allclose(places[2].position_m, 0.0, atol=1e-6)
     assert np.allclose(places[5].position_m, MOVED.position_m, atol=1e-6)
     assert np.allclose(places[5].rotation, MOVED.rotation)
@@ -27,7 +27,7 @@ def test_own_poses_are_told_from_the_first_frame() -> None:
 def test_frames_without_poses_are_laid_on_each_other(open3d: Any) -> None:
     """Rationale: a room fixes all six numbers; 10 mm of noise over some hundred voxels leave a few millimetres."""
     sweeps = {0: room_sweep(noise_m=0.01), 1: room_sweep(pose=MOVED, noise_m=0.01, seed=1)}
-    found = places_of(sweeps, 0)[1]
+    found = frame_poses(sweeps, 0)[1]
     assert np.abs(found.position_m - MOVED.position_m).max() < 0.03
     assert angles_deg(found) == pytest.approx(angles_deg(MOVED), abs=0.2)
 
@@ -45,9 +45,9 @@ def test_frames_are_laid_on_the_one_before_and_chained(monkeypatch: pytest.Monke
         return truth[on].inverse() @ truth[cloud]
 
     sweeps = {number: room_sweep(metadata={"frame": str(number)}) for number in truth}
-    monkeypatch.setattr(places, "_thinned", lambda sweep: int(sweep.metadata["frame"]))
-    monkeypatch.setattr(places, "_laid", laid)
-    laid_places = places_of(sweeps, 2)
+    monkeypatch.setattr(places, "_thin", lambda sweep: int(sweep.metadata["frame"]))
+    monkeypatch.setattr(places, "_register", laid)
+    laid_places = frame_poses(sweeps, 2)
     assert sorted(pairs) == [(0, 1), (1, 2), (3, 2), (4, 3)]
     for number, pose in truth.items():
         expected = truth[2].inverse() @ pose

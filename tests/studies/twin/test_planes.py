@@ -8,12 +8,12 @@ from lidarscene.errors import InputError
 from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
 from lidarscene.recordings.sweep import Second, Sweep
-from lidarscene.studies.twin.planes import Planes, grid_of, of_columns, planes_of
+from lidarscene.studies.twin.planes import Planes, align_columns, select_columns, fit_planes
 
 
 def truth_of(sweep: Sweep) -> Numbers:
     """Normals of the room, in the grid's order, towards the sensor."""
-    grid = grid_of(sweep)
+    grid = align_columns(sweep)
     x, y, z = np.moveaxis(np.abs(grid.sweep.xyz_m), -1, 0)
     axis = np.argmin([np.abs(x - 10.0), np.abs(y - 8.0), np.abs(z - 1.8)], axis=0)
     normal = np.zeros((*sweep.shape, 3))
@@ -24,7 +24,7 @@ def truth_of(sweep: Sweep) -> Numbers:
 @pytest.fixture(scope="module")
 def exact() -> tuple[Sweep, Planes]:
     sweep = room_sweep(shear_deg=4.0)
-    return sweep, planes_of(grid_of(sweep))
+    return sweep, fit_planes(align_columns(sweep))
 
 
 def test_planes_of_a_room_are_exact(exact: tuple[Sweep, Planes]) -> None:
@@ -32,7 +32,7 @@ def test_planes_of_a_room_are_exact(exact: tuple[Sweep, Planes]) -> None:
     sweep, planes = exact
     smooth = planes.smooth()
     assert smooth.mean() > 0.6
-    off_mm = 1e3 * np.abs(planes.range_m - grid_of(sweep).sweep.range_m)[smooth]
+    off_mm = 1e3 * np.abs(planes.range_m - align_columns(sweep).sweep.range_m)[smooth]
     assert np.quantile(off_mm, 0.9) < 0.1
     cos = np.einsum("...i,...i", planes.normal, truth_of(sweep))[smooth]
     assert np.quantile(cos, 0.1) > 1.0 - 1e-6
@@ -40,7 +40,7 @@ def test_planes_of_a_room_are_exact(exact: tuple[Sweep, Planes]) -> None:
 
 def test_rows_that_are_ahead_are_turned_back() -> None:
     """An Ouster's rows are up to six columns apart: neighbours in the array are none in space."""
-    grid = grid_of(room_sweep(shear_deg=4.0))
+    grid = align_columns(room_sweep(shear_deg=4.0))
     azimuth = np.arctan2(grid.sweep.direction[..., 1], grid.sweep.direction[..., 0])
     apart = np.angle(np.exp(1j * (azimuth - azimuth[:1])))
     assert np.abs(np.degrees(apart)).max() < 1e-6
@@ -50,9 +50,9 @@ def test_rows_that_are_ahead_are_turned_back() -> None:
 def test_noise_is_averaged_and_not_bent() -> None:
     """Rationale: 15 neighbours leave a quarter of 20 mm, Cauchy's weights a third; 3000 of them are sure to 1 mm."""
     noisy, exact = room_sweep(noise_m=0.02, seed=4), room_sweep()
-    planes = planes_of(grid_of(noisy))
+    planes = fit_planes(align_columns(noisy))
     smooth = planes.smooth()
-    off = (planes.range_m - grid_of(exact).sweep.range_m)[smooth]
+    off = (planes.range_m - align_columns(exact).sweep.range_m)[smooth]
     # Grazing planes stretch the noise of the normal; the median pixel is what a surfel is.
     assert 1.4826 * np.median(np.abs(off)) < 0.4 * 0.02
     assert abs(np.median(off)) < 2e-3
@@ -62,7 +62,7 @@ def test_a_pole_before_a_wall_is_none_of_it() -> None:
     sweep = room_sweep()
     range_m = np.array(sweep.range_m)
     range_m[:, 100] = 3.0
-    planes = planes_of(grid_of(room_sweep(range_m=range_m)))
+    planes = fit_planes(align_columns(room_sweep(range_m=range_m)))
     beside, pole = planes.range_m[:8, 98], planes.range_m[:8, 100]
     assert np.abs(beside - range_m[:8, 98]).max() < 0.02
     assert not np.any(np.abs(pole - 3.0) > 0.1)
@@ -72,14 +72,14 @@ def test_a_hole_in_a_wall_is_found_and_the_sky_is_none() -> None:
     sweep = room_sweep()
     range_m = np.array(sweep.range_m)
     range_m[5, 45], range_m[:3] = np.nan, np.nan
-    planes = planes_of(grid_of(room_sweep(range_m=range_m)))
+    planes = fit_planes(align_columns(room_sweep(range_m=range_m)))
     assert planes.range_m[5, 45] == pytest.approx(sweep.range_m[5, 45], abs=0.01)
     assert not planes.has_plane[0].any()
 
 
 def test_columns_are_taken_of_all_arrays() -> None:
     sweep = room_sweep(second=Second(range_m=np.ones((RINGS, COLUMNS))))
-    half = of_columns(sweep, slice(1, None, 2))
+    half = select_columns(sweep, slice(1, None, 2))
     assert half.shape == (RINGS, COLUMNS // 2)
     assert half.second is not None
     assert half.second.range_m.shape == half.shape
@@ -92,7 +92,7 @@ def test_a_list_of_points_has_no_grid() -> None:
         range_m=sweep.range_m.ravel(), recorded=np.ones(RINGS * COLUMNS, bool), direction=sweep.direction.reshape(-1, 3)
     )
     with pytest.raises(InputError, match="must be a sweep of rows and columns"):
-        grid_of(flat)
+        align_columns(flat)
 
 
 def test_uneven_rings_end_half_way_to_the_next() -> None:
@@ -106,7 +106,7 @@ def test_uneven_rings_end_half_way_to_the_next() -> None:
         axis=-1,
     )
     shape = direction.shape[:2]
-    grid = grid_of(Sweep(range_m=np.ones(shape), recorded=np.ones(shape, bool), direction=direction))
+    grid = align_columns(Sweep(range_m=np.ones(shape), recorded=np.ones(shape, bool), direction=direction))
     np.testing.assert_allclose(np.degrees(grid.above_rad), [1.0, 1.0, 3.0, 1.5])
     np.testing.assert_allclose(np.degrees(grid.below_rad), [1.0, 3.0, 1.5, 1.5])
 
@@ -116,8 +116,8 @@ def test_planes_are_met_from_the_beams_exit() -> None:
     start_m = np.array([0.5, -0.3, 0.2])
     range_m, _, _ = room(directions(), Pose(position_m=start_m))
     sweep = room_sweep(range_m=range_m, origin_m=np.broadcast_to(start_m, (RINGS, COLUMNS, 3)))
-    planes = planes_of(grid_of(sweep))
-    off_mm = 1e3 * np.abs(planes.range_m - grid_of(sweep).sweep.range_m)[planes.smooth()]
+    planes = fit_planes(align_columns(sweep))
+    off_mm = 1e3 * np.abs(planes.range_m - align_columns(sweep).sweep.range_m)[planes.smooth()]
     assert np.quantile(off_mm, 0.9) < 0.1
 
 
@@ -125,7 +125,7 @@ def test_a_pixel_off_the_plane_of_its_neighbours_has_none() -> None:
     """A post 0.3 m before a wall, one pixel wide and all rings high, is a plane of its own; one pixel of it is none."""
     range_m = np.array(room_sweep().range_m)
     range_m[5, 180] -= 0.3
-    planes = planes_of(grid_of(room_sweep(range_m=range_m)))
+    planes = fit_planes(align_columns(room_sweep(range_m=range_m)))
     assert not planes.has_plane[5, 180]
     assert planes.has_plane[5, [179, 181]].all()
 
@@ -134,8 +134,8 @@ def test_a_slanted_pole_is_no_plane() -> None:
     """One pixel wide, it leaves the plane's other direction open: most of its window is the wall behind."""
     range_m = np.array(room_sweep().range_m)
     range_m[:, 100] = 3.0 + 0.05 * np.arange(RINGS)
-    grid = grid_of(room_sweep(range_m=range_m))
-    planes = planes_of(grid)
+    grid = align_columns(room_sweep(range_m=range_m))
+    planes = fit_planes(grid)
     rings = slice(4, 12)
     there = planes.has_plane[rings, 100]
     np.testing.assert_allclose(planes.normal[rings, 100][there], -grid.sweep.direction[rings, 100][there])

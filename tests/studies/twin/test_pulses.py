@@ -23,10 +23,10 @@ from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
 from lidarscene.studies.twin import pulses as twin_pulses
 from lidarscene.studies.twin.build import COLUMNS, Choice, build_twin
-from lidarscene.studies.twin.judge import rows_of
+from lidarscene.studies.twin.judge import twin_quantities
 from lidarscene.studies.twin.page import compare_twin
-from lidarscene.studies.twin.planes import of_columns
-from lidarscene.studies.twin.pulses import Pulses, from_exit, matched, pulses_of
+from lidarscene.studies.twin.planes import select_columns
+from lidarscene.studies.twin.pulses import MatchedPulses, ranges_from_exit, match_pulses, simulate_pulses
 from lidarscene.studies.twin.surfels import SMOOTH
 
 Made = tuple[Recording, Path, Sensor]
@@ -99,17 +99,17 @@ def made(mi: Any, tmp_path_factory: pytest.TempPathFactory) -> Made:
 
 
 @pytest.fixture(scope="module")
-def pulses(made: Made) -> Pulses:
+def pulses(made: Made) -> MatchedPulses:
     recording, folder, _ = made
     scene = load_scene(folder / "scene.toml")
-    sweep = of_columns(recording[0], slice(1, None, 2))
-    return pulses_of(scene, load_sensor(scene.sensor_name), sweep)[0]
+    sweep = select_columns(recording[0], slice(1, None, 2))
+    return simulate_pulses(scene, load_sensor(scene.sensor_name), sweep)[0]
 
 
-def test_ranges_agree_with_the_room_to_millimetres(made: Made, pulses: Pulses) -> None:
+def test_ranges_agree_with_the_room_to_millimetres(made: Made, pulses: MatchedPulses) -> None:
     """Rationale: planes of 15 noisy pixels are sure to some 5 mm; the median over thousands to 1 mm."""
     recording, _, _ = made
-    sweep = of_columns(recording[0], slice(1, None, 2))
+    sweep = select_columns(recording[0], slice(1, None, 2))
     assert sweep.origin_m is not None
     truth_m, _, _ = zip(
         *(
@@ -126,7 +126,7 @@ def test_ranges_agree_with_the_room_to_millimetres(made: Made, pulses: Pulses) -
     assert np.quantile(np.abs(error), 0.8) < 0.02
 
 
-def test_signals_agree_to_per_cent(pulses: Pulses) -> None:
+def test_signals_agree_to_per_cent(pulses: MatchedPulses) -> None:
     """The reflectivities are right: the same sensor has the same photons from the twin as from the room."""
     both = pulses.has_return & pulses.has_simulated_return & (pulses.kind == SMOOTH)
     assert pulses.signal is not None
@@ -134,12 +134,12 @@ def test_signals_agree_to_per_cent(pulses: Pulses) -> None:
     assert ratio == pytest.approx(1.0, abs=0.03)
 
 
-def test_a_sensor_is_held_to_its_own_recording(made: Made, pulses: Pulses) -> None:
+def test_a_sensor_is_held_to_its_own_recording(made: Made, pulses: MatchedPulses) -> None:
     """Rationale: whoever recorded is who simulates, so the limits for real sensors are met with ease."""
     recording, folder, sensor = made
     scene = load_scene(folder / "scene.toml")
     cloud = Simulator(scene, sensor).render()
-    rows = rows_of(pulses, recording[0], cloud)
+    rows = twin_quantities(pulses, recording[0], cloud)
     failed = [(row.quantity, row.condition, row.value) for row in rows if row.is_met is False]
     assert failed == []
     assert {"beam direction", "range, bias", "range, scatter", "points", "real returns kept"} <= {
@@ -152,8 +152,8 @@ def test_another_sensor_is_not(made: Made) -> None:
     recording, folder, _ = made
     scene = load_scene(folder / "scene.toml")
     weak = load_sensor(scene.sensor_name, overrides=["laser.peak_power_w=0.1"])
-    found, cloud = pulses_of(scene, weak, recording[0])
-    failed = {row.quantity for row in rows_of(found, recording[0], cloud) if row.is_met is False}
+    found, cloud = simulate_pulses(scene, weak, recording[0])
+    failed = {row.quantity for row in twin_quantities(found, recording[0], cloud) if row.is_met is False}
     assert "signal, mean error over the range" in failed
 
 
@@ -199,7 +199,7 @@ def test_other_beams_are_refused(made: Made) -> None:
     recording, _, sensor = made
     sweep = recording[0]
     with pytest.raises(InputError, match="must have 12 channels"):
-        matched(sensor, Sweep(range_m=sweep.range_m[::2], recorded=sweep.recorded[::2], direction=sweep.direction[::2]))
+        match_pulses(sensor, Sweep(range_m=sweep.range_m[::2], recorded=sweep.recorded[::2], direction=sweep.direction[::2]))
 
 
 def test_points_of_a_pulse_are_its_first_and_second() -> None:
@@ -213,9 +213,9 @@ def test_changes_along_a_ring_have_the_deviation_of_what_is_independent() -> Non
     """Of a straight wall there is none; weights of one pulse and its neighbours have squares that sum to one."""
     alone = np.zeros((1, 9))
     alone[0, 4] = 1.0
-    assert np.sum(twin_pulses._change(alone, 2) ** 2) == pytest.approx(1.0)
+    assert np.sum(twin_pulses._second_difference(alone, 2) ** 2) == pytest.approx(1.0)
     straight = 3.0 + 0.2 * np.arange(9.0)[None, :]
-    np.testing.assert_allclose(twin_pulses._change(straight, 2)[0, 2:-2], 0.0, atol=1e-12)
+    np.testing.assert_allclose(twin_pulses._second_difference(straight, 2)[0, 2:-2], 0.0, atol=1e-12)
 
 
 def fired(sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
@@ -234,7 +234,7 @@ def test_pulses_are_matched_around_the_turn_and_whatever_the_order_of_the_rows(t
     turn = Pose.from_degrees(yaw_deg=turned_deg).rotation
     turned = (direction @ turn.T)[::-1]
     sweep = Sweep(range_m=np.ones(turned.shape[:2]), recorded=np.ones(turned.shape[:2], bool), direction=turned)
-    matches, angle_rad = matched(sensor, sweep)
+    matches, angle_rad = match_pulses(sensor, sweep)
     assert np.array_equal(matches, numbers[::-1])
     # Beams within 23 degrees of level turn by nearly as much as the sensor.
     np.testing.assert_allclose(np.degrees(angle_rad), abs(turned_deg), rtol=0.1, atol=1e-4)
@@ -249,9 +249,9 @@ def test_beams_half_a_degree_away_are_others(pitch_deg: float, refused: bool) ->
     sweep = Sweep(range_m=np.ones(pitched.shape[:2]), recorded=np.ones(pitched.shape[:2], bool), direction=pitched)
     if refused:
         with pytest.raises(InputError, match=r"the sensor must fire where the recording's did, got 0\.7"):
-            matched(sensor, sweep)
+            match_pulses(sensor, sweep)
     else:
-        matched(sensor, sweep)
+        match_pulses(sensor, sweep)
 
 
 def test_ranges_count_from_the_simulated_exit() -> None:
@@ -266,26 +266,26 @@ def test_ranges_count_from_the_simulated_exit() -> None:
         Sweep(range_m=np.full(shape, 10.0), recorded=np.ones(shape, bool), direction=direction, origin_m=origin_m)
         for origin_m in (exit_m, None)
     )
-    np.testing.assert_allclose(from_exit(sensor, same, numbers), 10.0, rtol=1e-6)  # beams are single
+    np.testing.assert_allclose(ranges_from_exit(sensor, same, numbers), 10.0, rtol=1e-6)  # beams are single
     ahead_m = np.einsum("...i,...i", exit_m, direction)
     assert np.median(ahead_m) > 0.005
-    np.testing.assert_allclose(from_exit(sensor, middle, numbers), 10.0 - ahead_m, rtol=1e-6)
+    np.testing.assert_allclose(ranges_from_exit(sensor, middle, numbers), 10.0 - ahead_m, rtol=1e-6)
 
 
 def test_changes_are_of_smooth_surfaces_and_gaps_have_no_sign(
-    made: Made, pulses: Pulses, monkeypatch: pytest.MonkeyPatch
+    made: Made, pulses: MatchedPulses, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A recording whose stronger return comes first has farther and nearer second ones, all a metre apart.
 
     Changes are over 1.4 degrees, two columns of 512. Pulses that are lost are pulses, too.
     """
-    steps, change = [], twin_pulses._change
+    steps, change = [], twin_pulses._second_difference
 
     def noted(range_m: np.ndarray, step: int) -> np.ndarray:
         steps.append(step)
         return change(range_m, step)
 
-    monkeypatch.setattr(twin_pulses, "_change", noted)
+    monkeypatch.setattr(twin_pulses, "_second_difference", noted)
     for changes in (pulses.change_m, pulses.simulated_change_m):
         assert np.isfinite(changes).sum() > 100
         assert np.all(pulses.kind[np.isfinite(changes)] == SMOOTH)
@@ -296,7 +296,7 @@ def test_changes_are_of_smooth_surfaces_and_gaps_have_no_sign(
     nearer = np.where(np.arange(sweep.shape[1]) % 2 == 0, -1.0, 1.0)
     lost = np.arange(sweep.shape[1]) % 8 == 0
     two = replace(sweep, second=Second(range_m=sweep.range_m + nearer), range_m=np.where(lost, np.nan, sweep.range_m))
-    laid, _ = pulses_of(load_scene(folder / "scene.toml"), sensor, two)
+    laid, _ = simulate_pulses(load_scene(folder / "scene.toml"), sensor, two)
     assert steps == [2, 2]
     assert len(laid.range_m) == sweep.range_m.size
     assert np.mean(laid.has_return) == pytest.approx(np.mean(two.kept))
@@ -316,5 +316,5 @@ def test_a_second_return_needs_several_rays(made: Made, stops: int, rays: int, m
     recording, folder, sensor = made
     several = replace(sensor, tdc=replace(sensor.tdc, stops=stops))
     with pytest.raises(InputError, match="enough"):
-        pulses_of(load_scene(folder / "scene.toml"), several, recording[0])
+        simulate_pulses(load_scene(folder / "scene.toml"), several, recording[0])
     assert seen == [rays]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.twins import room_sweep
 
-from lidarscene.studies.twin.reflect import Gauge, dropped, scattering_law
+from lidarscene.studies.twin.reflect import Gauge, withheld_mask, scattering_law
 
 
 def test_the_law_is_that_of_rough_matt_surfaces() -> None:
@@ -77,7 +77,7 @@ def test_an_echo_without_a_range_was_dropped() -> None:
     range_m, reflectivity = np.array(plain.range_m), np.array(plain.reflectivity)
     range_m[3, :2] = np.nan
     reflectivity[3, 1] = 0.0
-    found = dropped(room_sweep(range_m=range_m, reflectivity=reflectivity))
+    found = withheld_mask(room_sweep(range_m=range_m, reflectivity=reflectivity))
     assert np.argwhere(found).tolist() == [[3, 0]]
 
 

@@ -7,15 +7,15 @@ from helpers.twins import COLUMNS, HEIGHT_M, RINGS, WHITE_M2, directions, room_s
 from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
 from lidarscene.recordings.sweep import Second, Sweep
-from lidarscene.studies.twin.planes import grid_of
+from lidarscene.studies.twin.planes import align_columns
 from lidarscene.studies.twin.reflect import Gauge, scattering_law
-from lidarscene.studies.twin.surfels import BRIGHT, FILLED, GROUND, KINDS, ROUGH, SMOOTH, Surfels, _quads, surfels_of
+from lidarscene.studies.twin.surfels import BRIGHT, FILLED, GROUND, KINDS, ROUGH, SMOOTH, Surfels, _quads, surfels_of_grid
 
 GROUND_PLANE = np.array([-HEIGHT_M, 0.0, 0.0])
 
 
 def made(sweep: Sweep, ground: Numbers | None = None) -> Surfels:
-    return surfels_of(grid_of(sweep), Gauge.from_sweep(sweep), ground)
+    return surfels_of_grid(align_columns(sweep), Gauge.from_sweep(sweep), ground)
 
 
 def kinds(quads: Surfels) -> list[int]:
@@ -187,7 +187,7 @@ def test_quads_of_uneven_rings_end_where_the_next_begin() -> None:
     shape = direction.shape[:2]
     range_m = np.broadcast_to(10.0 / np.cos(elevation), shape)
     sweep = Sweep(range_m=range_m, recorded=np.ones(shape, bool), direction=direction, knows_lost=True)
-    corners_m = surfels_of(grid_of(sweep), None, None).corners_m
+    corners_m = surfels_of_grid(align_columns(sweep), None, None).corners_m
     up_deg = np.degrees(np.arctan2(corners_m[..., 2], np.linalg.norm(corners_m[..., :2], axis=-1)))
     ends = np.stack([up_deg.max(axis=1), up_deg.min(axis=1)], axis=1)
     expected = np.array([[13.0, 11.0], [11.0, 7.0], [7.0, 3.0], [3.0, 1.0]])
@@ -270,7 +270,7 @@ def test_no_ground_is_seen_above_the_foot_of_a_wall() -> None:
 
 def test_corners_of_a_grazing_quad_stay_near_its_middle() -> None:
     """At a cosine of 0.02 a plane runs off within a pixel: corners are at 10 m times or over 1.6 at most."""
-    grid = grid_of(room_sweep())
+    grid = align_columns(room_sweep())
     direction = grid.sweep.direction[6, 52]
     up = np.cross(np.cross(direction, [0.0, 0.0, 1.0]), direction)
     normal = 0.9998 * up / np.linalg.norm(up) - 0.02 * direction

@@ -66,9 +66,9 @@ def add_fit(commands: Any) -> None:
 def fit_text(arguments: argparse.Namespace) -> Answer:
     """Run `fit`; returns what is printed and the code."""
     if arguments.scene is not None:
-        from ...studies.fit.on_scene.study import Given, fit_on_scene
+        from ...studies.fit.on_scene.study import SceneFitInputs, fit_on_scene
 
-        given = Given(
+        given = SceneFitInputs(
             recordings=arguments.recordings,
             scene=arguments.scene,
             sensor=arguments.sensor,

@@ -54,10 +54,10 @@ def add_twin(commands: Any) -> None:
 def twin_text(arguments: argparse.Namespace) -> str:
     """Run `twin`; returns what is printed. Raises InputError and OutputError."""
     from ...recordings.opening import open_recording
-    from ...studies.twin.build import build_twin, chosen
+    from ...studies.twin.build import build_twin, choose_frames
 
     with open_recording(arguments.recording, arguments.metadata) as recording:
-        choice = chosen(recording, arguments.frames, arguments.held_out)
+        choice = choose_frames(recording, arguments.frames, arguments.held_out)
         return build_twin(recording, choice, arguments.output, metadata=arguments.metadata, sensor=arguments.sensor)
 
 

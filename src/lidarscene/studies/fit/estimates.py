@@ -63,7 +63,7 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Solved:
+class Solution:
     """A solution: p parameters, b blocks.
 
     value   (p,)

@@ -75,7 +75,7 @@ LEAST_FLOOR_M = 3e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Scene:
+class KnownScene:
     """What stood before the sensor, and the sensor that it was traced with.
 
     range_m       (n,) of the surface
@@ -106,7 +106,7 @@ class Scene:
     light_measured: bool = False
 
     @classmethod
-    def from_light(cls, light: Echoes | EchoTrain, sensor: Sensor, group: Numbers, *, spot_over_field: float | None) -> Scene:
+    def from_light(cls, light: Echoes | EchoTrain, sensor: Sensor, group: Numbers, *, spot_over_field: float | None) -> KnownScene:
         """From traced light (`Simulator.light`, with one ray a pulse) of the pulses that meet a surface, ``found``.
 
         Of several echoes, behind a pane, the strongest.
@@ -137,7 +137,7 @@ class Scene:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Reported:
+class Observations:
     """What the sensor said, (n,) each; signal, range_m and near_ir are NaN where they tell nothing."""
 
     has_return: Numbers
@@ -147,7 +147,7 @@ class Reported:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Expected:
+class Prediction:
     """What is expected of it, (n,) each; NumPy or Dr.Jit.
 
     signal, variance  photons of the return: counts around its peak less those of the background
@@ -167,7 +167,7 @@ class Expected:
     fired: Lanes
 
 
-def expected(scene: Scene, parameters: Mapping[str, Lanes], reflectivity: Numbers | float = 0.0) -> Expected:
+def predict(scene: KnownScene, parameters: Mapping[str, Lanes], reflectivity: Numbers | float = 0.0) -> Prediction:
     """What the sensor reports with these parameters, by name; those left out are 0.
 
     reflectivity  (n,) logarithm of that of each pulse's surface over the one it was traced with
@@ -215,7 +215,7 @@ def expected(scene: Scene, parameters: Mapping[str, Lanes], reflectivity: Number
     counted = pixel.count_rate_hz * (2.0 * BOX * pixel.sigma_s)
     rate, _ = sensor.background_counts(background)
     chance = (1.0 - scene.strangers) * _chance(point, level, signal, scene.texture) + 0.5 * scene.strangers
-    return Expected(
+    return Prediction(
         signal=captured_signal,
         chance=chance,
         near_ir=rate * sensor.tdc.ambient_s,
@@ -239,7 +239,7 @@ def _chance(point: WorkingPoint, level: Lanes, signal: Lanes, texture: float) ->
     return total
 
 
-def _shared(scene: Scene, range_m: Lanes, factor: Callable[[str], Lanes]) -> Lanes:
+def _shared(scene: KnownScene, range_m: Lanes, factor: Callable[[str], Lanes]) -> Lanes:
     """Share of the light on the detector, at these ranges."""
     if scene.spot_over_field is None:
         overlap = scene.sensor.optics.overlap

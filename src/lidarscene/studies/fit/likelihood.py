@@ -16,9 +16,9 @@ import numpy as np
 
 from ...errors import BackendError
 from ...maths.arrays import Lanes, Numbers
-from .estimates import MOST_EVALUATIONS, UNKNOWN, Estimate, Solved
-from .known_scene import LEAST_CHANCE, MOST_FIRED, PARAMETERS, STRONG, Expected, Reported, Scene, expected
-from .products import reduced
+from .estimates import MOST_EVALUATIONS, UNKNOWN, Estimate, Solution
+from .known_scene import LEAST_CHANCE, MOST_FIRED, PARAMETERS, STRONG, Prediction, Observations, KnownScene, predict
+from .products import row_echelon
 
 BLOCKS = 40
 """Of pulses in order, for the bootstrap."""
@@ -68,7 +68,7 @@ SLOW = 0.7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class KnownFit:
+class ParameterFit:
     """What was found.
 
     solved       logarithms of the parameters over those of the scene's sensor
@@ -79,7 +79,7 @@ class KnownFit:
     reflectivity (groups,) logarithms over those traced with
     """
 
-    solved: Solved
+    solved: Solution
     names: tuple[str, ...]
     held: tuple[str, ...]
     null: tuple[str, ...]
@@ -107,15 +107,15 @@ class _Step:
     surface_curvature: Numbers
 
 
-def fit_known(
-    scene: Scene,
-    reported: Reported,
+def fit_parameters(
+    scene: KnownScene,
+    reported: Observations,
     names: Sequence[str] = PARAMETERS,
     *,
     reflectivity_sigma: float = np.inf,
-    start: KnownFit | None = None,
+    start: ParameterFit | None = None,
     max_evaluations: int = MOST_EVALUATIONS,
-) -> KnownFit:
+) -> ParameterFit:
     """Find the parameters of these names.
 
     reflectivity_sigma  how well the logarithms of the reflectivities are known beforehand; inf: not at all
@@ -127,11 +127,11 @@ def fit_known(
     surfaces = np.zeros(int(scene.group.max()) + 1) if start is None else start.reflectivity
     if start is not None:
         values |= start.values
-    strong = _strong(scene, reported, values, surfaces)
+    strong = _strong_mask(scene, reported, values, surfaces)
     step, evaluations = _step(scene, reported, values, surfaces, strong, prior_weight), 1
     held: list[str] = []
     null: list[str] = []
-    active, held, null = _told_apart(step, names, active, held, null)
+    active, held, null = _hold_undetermined(step, names, active, held, null)
     damping, last_size = 1.0, np.inf
     while evaluations < max_evaluations:
         rows = [list(names).index(name) for name in active]
@@ -158,11 +158,11 @@ def fit_known(
         held += runaway
         active = [name for name in active if name not in runaway]
         if evaluations in (3, 6):  # which returns are strong is settled early, and then stays
-            strong = _strong(scene, reported, values, surfaces)
+            strong = _strong_mask(scene, reported, values, surfaces)
         step = _step(scene, reported, values, surfaces, strong, prior_weight)
         evaluations += 1
         if size < DONE and evaluations > SETTLED:
-            determined, held, null = _told_apart(step, names, active, held, null)
+            determined, held, null = _hold_undetermined(step, names, active, held, null)
             if determined == active:
                 break
             values |= {name: 0.0 for name in active if name not in determined}
@@ -170,19 +170,19 @@ def fit_known(
     rows = [list(names).index(name) for name in active]
     block = np.arange(len(scene.range_m)) * BLOCKS // len(scene.range_m)
     scores = np.array([np.bincount(block, step.pulse_scores[:, row]) for row in rows]).reshape(len(rows), -1).T
-    solved = Solved(
+    solved = Solution(
         value=np.array([values[name] for name in active]),
         slope=step.matrix[np.ix_(rows, rows)],
         scores=scores,
         evaluations=evaluations,
-        held_covariance=_beside(step.matrix, rows, [list(names).index(name) for name in held]),
+        held_covariance=_held_covariance(step.matrix, rows, [list(names).index(name) for name in held]),
     )
-    return KnownFit(
+    return ParameterFit(
         solved=solved, names=tuple(active), held=tuple(held), null=tuple(null), values=values, reflectivity=surfaces
     )
 
 
-def _beside(matrix: Numbers, rows: Sequence[int], held: Sequence[int]) -> Numbers:
+def _held_covariance(matrix: Numbers, rows: Sequence[int], held: Sequence[int]) -> Numbers:
     """(p, p) covariance of the parameters of these rows that comes from those that are held.
 
     A held one may be off by as much as it is not known, a factor of e or what the recording says if that is better; the
@@ -196,7 +196,7 @@ def _beside(matrix: Numbers, rows: Sequence[int], held: Sequence[int]) -> Number
     return np.asarray(drag @ np.linalg.solve(held_matrix + np.eye(len(held_matrix)) * UNKNOWN**-2, drag.T))
 
 
-def _told_apart(
+def _hold_undetermined(
     step: _Step, names: Sequence[str], active: list[str], held: list[str], null: list[str]
 ) -> tuple[list[str], list[str], list[str]]:
     """Those that can be told apart at this step, those that stay, and what is said of them."""
@@ -207,14 +207,14 @@ def _told_apart(
         if not undetermined.any():
             return active, held, null
         # The same space by directions that have one parameter each for their own, the last ones first.
-        directions, pivots = reduced(vectors[:, undetermined].T[:, ::-1])
+        directions, pivots = row_echelon(vectors[:, undetermined].T[:, ::-1])
         directions, last_columns = directions[:, ::-1], [len(active) - 1 - pivot for pivot in pivots]
-        null = null + [_told(active, direction, pivot) for direction, pivot in zip(directions, last_columns, strict=False)]
+        null = null + [_direction_text(active, direction, pivot) for direction, pivot in zip(directions, last_columns, strict=False)]
         held = held + [active[pivot] for pivot in last_columns]
         active = [name for name in active if name not in held]
 
 
-def _told(active: Sequence[str], direction: Numbers, last: int) -> str:
+def _direction_text(active: Sequence[str], direction: Numbers, last: int) -> str:
     moves = [
         f"{name} {power:+.2g} %"
         for name, power in zip(active, direction, strict=True)
@@ -223,9 +223,9 @@ def _told(active: Sequence[str], direction: Numbers, last: int) -> str:
     return f"{active[last]} +1 %: " + (", ".join(moves) or "alone")
 
 
-def slopes_of(
-    scene: Scene, values: Mapping[str, float], surfaces: Numbers, *, exact: bool = True
-) -> tuple[Expected, dict[str, list[Numbers]]]:
+def prediction_slopes(
+    scene: KnownScene, values: Mapping[str, float], surfaces: Numbers, *, exact: bool = True
+) -> tuple[Prediction, dict[str, list[Numbers]]]:
     """What is expected, and the slopes of signal, chance, near_ir and sigma_m by each parameter.
 
     exact  by Dr.Jit, where there is a back end; else by central differences
@@ -233,10 +233,10 @@ def slopes_of(
     reflectivity = surfaces[scene.group]
 
     def formula(parameters: Mapping[str, Lanes]) -> list[Lanes]:
-        prediction = expected(scene, parameters, reflectivity)
+        prediction = predict(scene, parameters, reflectivity)
         return [prediction.signal, prediction.chance, prediction.near_ir, prediction.sigma_m]
 
-    prediction = expected(scene, values, reflectivity)
+    prediction = predict(scene, values, reflectivity)
     if exact:
         from ...kernel.device import gradients
 
@@ -252,17 +252,17 @@ def slopes_of(
     return prediction, slopes
 
 
-def _strong(scene: Scene, reported: Reported, values: Mapping[str, float], surfaces: Numbers) -> Numbers:
-    prediction = expected(scene, values, surfaces[scene.group])
+def _strong_mask(scene: KnownScene, reported: Observations, values: Mapping[str, float], surfaces: Numbers) -> Numbers:
+    prediction = predict(scene, values, surfaces[scene.group])
     finite = np.isfinite(reported.signal) & np.isfinite(reported.range_m)
     return np.asarray((prediction.signal > STRONG * prediction.level) & (prediction.fired < MOST_FIRED) & finite)
 
 
 def _step(
-    scene: Scene, reported: Reported, values: Mapping[str, float], surfaces: Numbers, strong: Numbers, prior_weight: float
+    scene: KnownScene, reported: Observations, values: Mapping[str, float], surfaces: Numbers, strong: Numbers, prior_weight: float
 ) -> _Step:
     """Scores and Fisher's matrix, reflectivities profiled out."""
-    prediction, slopes = slopes_of(scene, values, surfaces)
+    prediction, slopes = prediction_slopes(scene, values, surfaces)
     chance_mask = 1.0 - strong
     chance = np.clip(prediction.chance, LEAST_CHANCE, 1.0 - LEAST_CHANCE)
     signal = np.where(strong, np.nan_to_num(reported.signal) - prediction.signal, 0.0)

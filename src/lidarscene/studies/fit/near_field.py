@@ -20,9 +20,9 @@ from ...maths.arrays import Lanes, Numbers
 from ...maths.special import expm1
 from ...physics.optics import receiver
 from ...sensor.model import Sensor
-from .estimates import Estimate, Solved, least_squares
+from .estimates import Estimate, Solution, least_squares
 from .products import FAR, near_field_m
-from .pulses import Pulses
+from .pulses import RecordedPulses
 
 LEAST_REFLECTIVITY, MOST_REFLECTIVITY = 20.0, 100.0
 """Whole numbers: below, their steps are too coarse; above, the scale is logarithmic."""
@@ -76,7 +76,7 @@ class NearField:
     sigma: Numbers
     misfit: float
     sensor_curve: Curve | None
-    solved: Solved
+    solved: Solution
     check_range_m: Numbers
     check_white_m2: Numbers
 
@@ -144,7 +144,7 @@ def _residuals(sensor_curve: Curve | None, root: Numbers, x: Numbers, y: Numbers
     return np.asarray((y - _law(sensor_curve, p, x)) * root)
 
 
-def fit_near_field(pulses: Pulses, sensor: Sensor | None = None) -> NearField | None:
+def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> NearField | None:
     """From the pulses of a recording; None if it lacks a field, or has too few ranges.
 
     sensor  whose optics are the law, if they are more than one lens; None: one lens
@@ -181,7 +181,7 @@ def fit_near_field(pulses: Pulses, sensor: Sensor | None = None) -> NearField | 
     # Each block's part of the mean of a bin, times the bin's slope: its score.
     block_residuals = np.divide(sums - counts * _law(sensor_curve, value, x), counts.sum(axis=0))
     scores = (block_residuals * root) @ -slope
-    solved = Solved(value=value, slope=slope.T @ slope, scores=scores, evaluations=evaluations)
+    solved = Solution(value=value, slope=slope.T @ slope, scores=scores, evaluations=evaluations)
     return NearField(
         range_m=np.exp(x),
         white_m2=np.exp(y),
@@ -194,7 +194,7 @@ def fit_near_field(pulses: Pulses, sensor: Sensor | None = None) -> NearField | 
     )
 
 
-def _bins(pulses: Pulses) -> tuple[Numbers, Numbers, Numbers, Numbers, Numbers] | None:
+def _bins(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers, Numbers, Numbers] | None:
     """Mean ln R, mean ln white_m2 and its sigma by bin; sums of ln white_m2 and counts by block and bin."""
     assert pulses.signal is not None
     assert pulses.reflectivity is not None

@@ -26,7 +26,7 @@ FAR = 30.0
 REFLECTIVITY = "reflectivity of all targets"
 """Its scale is the maker's, and goes with the power."""
 
-EXACT = 0.02
+LEAST_EXPONENT = 0.02
 """A smaller exponent is none."""
 
 
@@ -138,9 +138,9 @@ class Products:
         """A quantity as a product of powers of keys."""
         row = self.exponents[self.quantities.index(quantity)]
         return " x ".join(
-            key if abs(power - 1.0) < EXACT else f"{key}^{power:.2g}"
+            key if abs(power - 1.0) < LEAST_EXPONENT else f"{key}^{power:.2g}"
             for key, power in zip(self.keys, row, strict=True)
-            if abs(power) > EXACT
+            if abs(power) > LEAST_EXPONENT
         )
 
     @property
@@ -149,7 +149,7 @@ class Products:
 
         By Gauss's elimination: each free key, and what the pivots do when it grows by 1 %.
         """
-        matrix, pivots = reduced(self.exponents)
+        matrix, pivots = row_echelon(self.exponents)
         directions = []
         for free, key in enumerate(self.keys):
             if free in pivots:
@@ -157,7 +157,7 @@ class Products:
             moves = [
                 (self.keys[pivot], -matrix[row, free])
                 for row, pivot in enumerate(pivots)
-                if abs(matrix[row, free]) > EXACT
+                if abs(matrix[row, free]) > LEAST_EXPONENT
             ]
             if not moves:
                 directions.append(f"{key}: alone")
@@ -168,11 +168,11 @@ class Products:
     @property
     def fixed(self) -> tuple[str, ...]:
         """Keys that stay at the values of the file that the fit started from."""
-        pivots = reduced(self.exponents)[1]
+        pivots = row_echelon(self.exponents)[1]
         return tuple(key for index, key in enumerate(self.keys) if index not in pivots and key != REFLECTIVITY)
 
 
-def products_of(sensor: Sensor, quantities: Sequence[str]) -> Products:
+def find_products(sensor: Sensor, quantities: Sequence[str]) -> Products:
     """Of these quantities, at this sensor."""
     names = tuple(name for name in quantities if name in QUANTITIES)
     present = [entry for entry in KEYS if getattr(sensor, entry[1]) is not None]
@@ -191,7 +191,7 @@ def products_of(sensor: Sensor, quantities: Sequence[str]) -> Products:
     return Products(keys=(*(entry[0] for entry in present), REFLECTIVITY), quantities=names, exponents=exponents)
 
 
-def reduced(exponents: Numbers) -> tuple[Numbers, list[int]]:
+def row_echelon(exponents: Numbers) -> tuple[Numbers, list[int]]:
     """Reduced row echelon form and the columns of its pivots, the earlier keys first."""
     matrix, pivots = np.array(exponents), []
     row = 0
@@ -199,7 +199,7 @@ def reduced(exponents: Numbers) -> tuple[Numbers, list[int]]:
         if row == len(matrix):
             break
         best = row + int(np.argmax(np.abs(matrix[row:, column])))
-        if abs(matrix[best, column]) < EXACT:
+        if abs(matrix[best, column]) < LEAST_EXPONENT:
             continue
         matrix[[row, best]] = matrix[[best, row]]
         matrix[row] /= matrix[row, column]

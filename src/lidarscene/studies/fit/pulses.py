@@ -18,7 +18,7 @@ HELD_OUT = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Pulses:
+class RecordedPulses:
     """Pulses of spinning sweeps: arrays of (rows, columns), the columns of all frames side by side.
 
     range_m       NaN where nothing came back
@@ -53,9 +53,9 @@ class Pulses:
         """How many."""
         return int(self.frame.max()) + 1
 
-    def select_columns(self, columns: Numbers) -> Pulses:
+    def select_columns(self, columns: Numbers) -> RecordedPulses:
         """The pulses of these columns."""
-        return Pulses(
+        return RecordedPulses(
             range_m=self.range_m[:, columns],
             recorded=self.recorded[:, columns],
             signal=None if self.signal is None else self.signal[:, columns],
@@ -72,12 +72,12 @@ class Pulses:
         return np.asarray(np.unique(wide, return_inverse=True)[1])
 
 
-def pulses_of(sweeps: Iterable[Sweep]) -> Pulses:
+def gather_pulses(sweeps: Iterable[Sweep]) -> RecordedPulses:
     """Of the sweeps that have rows and columns; columns of which nothing was recorded are left out.
 
     Raises ValueError without any, or if they are not of one sensor.
     """
-    parts: list[Pulses] = []
+    parts: list[RecordedPulses] = []
     blocks = 0
     for sweep in sweeps:
         if len(sweep.shape) != 2:
@@ -90,12 +90,12 @@ def pulses_of(sweeps: Iterable[Sweep]) -> Pulses:
         block = blocks + columns // BLOCK
         blocks = int(block.max()) + 1
         parts.append(
-            Pulses(
+            RecordedPulses(
                 range_m=sweep.range_m[:, columns],
                 recorded=np.asarray(sweep.recorded)[:, columns],
-                signal=_columns(sweep.signal, columns),
-                near_ir=_columns(sweep.near_ir, columns),
-                reflectivity=_columns(sweep.reflectivity, columns),
+                signal=_take_columns(sweep.signal, columns),
+                near_ir=_take_columns(sweep.near_ir, columns),
+                reflectivity=_take_columns(sweep.reflectivity, columns),
                 azimuth_rad=np.arctan2(sweep.direction[..., 1], sweep.direction[..., 0])[:, columns],
                 frame=np.full(len(columns), len(parts)),
                 block=block,
@@ -112,8 +112,8 @@ def pulses_of(sweeps: Iterable[Sweep]) -> Pulses:
         name: concatenate(name)
         for name in ("range_m", "recorded", "signal", "near_ir", "reflectivity", "azimuth_rad", "frame", "block")
     }
-    return Pulses(**arrays)  # type: ignore[arg-type]
+    return RecordedPulses(**arrays)  # type: ignore[arg-type]
 
 
-def _columns(values: Numbers | None, columns: Numbers) -> Numbers | None:
+def _take_columns(values: Numbers | None, columns: Numbers) -> Numbers | None:
     return None if values is None else np.asarray(values, np.float64)[:, columns]

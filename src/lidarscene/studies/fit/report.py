@@ -15,7 +15,7 @@ from ...figures.lines import Chart, Line
 from ...figures.page import Page, counted, csv_text
 from ...files.atomic import put_text, require_writable
 from ...files.json_text import json_text
-from .estimates import Estimate, Solved
+from .estimates import Estimate, Solution
 from .near_field import NearField
 from .products import Products
 from .rows import RowGains
@@ -35,7 +35,7 @@ SCATTER_RATIO = 1.25
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Check:
+class LawCheck:
     """A law against blocks that were not fitted.
 
     held  None: the recording does not tell
@@ -51,7 +51,7 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Fit:
+class RecordingFit:
     """All that was fitted; None where the recording does not tell.
 
     spread  of the threshold, without what the sensor's filter adds to its width
@@ -77,24 +77,24 @@ class Fit:
         return tuple(estimates if self.spread is None else [*estimates, self.spread])
 
     @property
-    def checks(self) -> tuple[Check, ...]:
+    def checks(self) -> tuple[LawCheck, ...]:
         """Each law against what it was not fitted to."""
         near, threshold, scatter = self.near_field, self.threshold, self.scatter
         ratios = None if scatter is None or not len(scatter.ratios) else scatter.ratios
         return (
-            Check(
+            LawCheck(
                 name="signal over the range",
                 wanted=f"mean error <= {SIGNAL_ERROR:.0%}",
                 found="not recorded" if near is None else f"{near.error:.1%}",
                 held=None if near is None else near.error <= SIGNAL_ERROR,
             ),
-            Check(
+            LawCheck(
                 name="kept and lost",
                 wanted=f"mean difference <= {KEPT_ERROR:g}",
                 found="not recorded" if threshold is None else f"{threshold.error:.3f}",
                 held=None if threshold is None else threshold.error <= KEPT_ERROR,
             ),
-            Check(
+            LawCheck(
                 name="scatter by octave of the signal",
                 wanted=f"{1 / SCATTER_RATIO:g} to {SCATTER_RATIO:g} of the law, within 2 sigma",
                 found="too few smooth surfaces" if ratios is None else f"{ratios.min():.2f} to {ratios.max():.2f}",
@@ -108,7 +108,7 @@ class Fit:
         return all(check.held is not False for check in self.checks)
 
 
-def as_dict(fit: Fit) -> dict[str, Any]:
+def as_dict(fit: RecordingFit) -> dict[str, Any]:
     """For JSON."""
     report: dict[str, Any] = {
         "recording": fit.recording,
@@ -141,7 +141,7 @@ def as_dict(fit: Fit) -> dict[str, Any]:
     return report
 
 
-def as_text(fit: Fit) -> str:
+def as_text(fit: RecordingFit) -> str:
     """For people."""
     lines_ = [f"{fit.recording}: {fit.pulses:,} pulses, {fit.frames} frame{'s' if fit.frames > 1 else ''}"]
     lines_ += [f"  {estimate.key:<18} {_number(estimate)}" for estimate in fit.estimates]
@@ -160,7 +160,7 @@ Figure = tuple[str, str, Chart, Table]
 """Name of its files, caption, chart, and its data."""
 
 
-def add_checks(page: Page, checks: Sequence[Check]) -> None:
+def add_checks(page: Page, checks: Sequence[LawCheck]) -> None:
     """The laws, and whether blocks that were not fitted hold them."""
     page.heading("Pass or fail")
     verdict = {None: "-", True: "pass", False: "FAIL"}
@@ -182,14 +182,14 @@ def add_figures(page: Page, folder: Path, figures: Sequence[Figure]) -> None:
         page.figure(name=name, number=str(number), caption=caption)
 
 
-def put_page(page: Page, folder: Path, numbers: Mapping[str, Any]) -> None:
+def write_page(page: Page, folder: Path, numbers: Mapping[str, Any]) -> None:
     """Write the page, as HTML and as Markdown, and the numbers as JSON. Raises OutputError."""
     put_text(folder / PAGE, page.as_html())
     put_text(folder / MARKDOWN, page.as_markdown())
     put_text(folder / NUMBERS, json_text(numbers, indent=1) + "\n")
 
 
-def check_places(output: Path, report: Path) -> None:
+def check_outputs(output: Path, report: Path) -> None:
     """Refuse a sensor file and a folder that cannot be written, before any work. Raises InputError, OutputError."""
     if output.suffix.lower() != ".toml":
         raise InputError(f"--output {output}: the name must end in .toml")
@@ -198,12 +198,12 @@ def check_places(output: Path, report: Path) -> None:
         require_writable(report / name)
 
 
-def told(numbers: Mapping[str, Any], text: str, output: Path, report: Path, *, as_json: bool) -> str:
+def printed_text(numbers: Mapping[str, Any], text: str, output: Path, report: Path, *, as_json: bool) -> str:
     """What is printed of a fit."""
     return json_text(numbers) if as_json else f"{text}\nwrote {output} and {report / PAGE}"
 
 
-def write_report(fit: Fit, folder: Path) -> None:
+def write_report(fit: RecordingFit, folder: Path) -> None:
     """Page, Markdown, figures and their data, and JSON. Raises OutputError."""
     page = Page(f"{fit.recording}: what it says of {fit.sensor}", folder=folder)
     page.paragraph(
@@ -246,10 +246,10 @@ def write_report(fit: Fit, folder: Path) -> None:
         )
         page.table(("known", "product"), [(name, fit.products.product(name)) for name in fit.products.quantities])
         page.table(("not known",), [(direction,) for direction in fit.products.null])
-    put_page(page, folder, as_dict(fit))
+    write_page(page, folder, as_dict(fit))
 
 
-def _figures(fit: Fit) -> list[Figure]:
+def _figures(fit: RecordingFit) -> list[Figure]:
     figures = []
     if fit.near_field is not None:
         figures += _near_field(fit.near_field)
@@ -338,8 +338,8 @@ def _rows(rows: RowGains) -> Figure:
     return "rows", caption, chart, (("row", "gain", "sigma"), table)
 
 
-def _solved(fit: Fit) -> list[tuple[str, tuple[str, ...], Solved]]:
-    solutions: list[tuple[str, tuple[str, ...], Solved]] = []
+def _solved(fit: RecordingFit) -> list[tuple[str, tuple[str, ...], Solution]]:
+    solutions: list[tuple[str, tuple[str, ...], Solution]] = []
     if fit.near_field is not None:
         solutions.append(
             (

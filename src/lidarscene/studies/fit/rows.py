@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...maths.arrays import Numbers
-from .pulses import Pulses
+from .pulses import RecordedPulses
 
 LEAST_COLUMNS = 64
 
@@ -23,7 +23,7 @@ LEAST_SIGNAL = 40.0
 SAME_RANGE = 0.02
 """Most difference of the ranges of two pixels whose signals are compared."""
 
-SMOOTH = 8
+SMOOTHING_ROWS = 8
 """Rows to either side that the scene's own course is taken from."""
 
 
@@ -54,12 +54,12 @@ class RowGains:
         return float(np.std(np.log(self.gain)))
 
 
-def fit_rows(pulses: Pulses) -> RowGains | None:
+def fit_rows(pulses: RecordedPulses) -> RowGains | None:
     """From the pulses of a recording; None without NEAR_IR, with few rows or few columns."""
     if pulses.near_ir is None or min(pulses.near_ir.shape[0] - 2 * 2, pulses.near_ir.shape[1] - LEAST_COLUMNS) < 0:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
-        light = np.log(_unstaggered(pulses, np.where(pulses.recorded, pulses.near_ir, np.nan)))
+        light = np.log(_destagger(pulses, np.where(pulses.recorded, pulses.near_ir, np.nan)))
     halves = [light[:, (pulses.block % 2) == k] for k in (0, 1)]
     log_gains = [_gains(values) for values in (light, *halves) if values.shape[1] >= LEAST_COLUMNS // 2]
     if len(log_gains) < 3 or not all(np.isfinite(gains).all() for gains in log_gains):
@@ -67,16 +67,16 @@ def fit_rows(pulses: Pulses) -> RowGains | None:
     # The halves differ by twice the sigma of the whole.
     half_difference = 0.5 * (log_gains[1] - log_gains[2])
     sigma = np.full(len(half_difference), float(np.sqrt(np.mean(half_difference**2))))
-    return RowGains(gain=np.exp(log_gains[0]), sigma=sigma, follows=_follows(pulses, log_gains[0]))
+    return RowGains(gain=np.exp(log_gains[0]), sigma=sigma, follows=_signal_exponent(pulses, log_gains[0]))
 
 
-def _follows(pulses: Pulses, gains: Numbers) -> tuple[float, float] | None:
+def _signal_exponent(pulses: RecordedPulses, gains: Numbers) -> tuple[float, float] | None:
     """Slope of the gains of SIGNAL over those of NEAR_IR, and its sigma."""
     if pulses.signal is None:
         return None
     strong = pulses.has_return & (pulses.signal >= LEAST_SIGNAL)
-    light = _unstaggered(pulses, np.log(np.where(strong, pulses.signal, 1.0)))
-    range_m, strong_mask = _unstaggered(pulses, np.nan_to_num(pulses.range_m)), _unstaggered(pulses, 1.0 * strong)
+    light = _destagger(pulses, np.log(np.where(strong, pulses.signal, 1.0)))
+    range_m, strong_mask = _destagger(pulses, np.nan_to_num(pulses.range_m)), _destagger(pulses, 1.0 * strong)
     with np.errstate(divide="ignore", invalid="ignore"):
         pair_mask = (strong_mask[1:] * strong_mask[:-1] > 0.0) & (np.abs(range_m[1:] / range_m[:-1] - 1.0) < SAME_RANGE)
     signal_gains = _gains_of_steps(np.where(pair_mask, light[1:] - light[:-1], np.nan))
@@ -99,13 +99,13 @@ def _gains_of_steps(steps: Numbers) -> Numbers:
     row = np.arange(len(course), dtype=float)
     smooth = np.zeros_like(course)
     for k in range(len(course)):  # a parabola through the rows around
-        near = np.abs(row - k) <= SMOOTH
+        near = np.abs(row - k) <= SMOOTHING_ROWS
         smooth[k] = np.polyval(np.polyfit(row[near] - k, course[near], 2), 0.0)
     gains = course - smooth
     return np.asarray(gains - gains.mean())
 
 
-def _unstaggered(pulses: Pulses, values: Numbers) -> Numbers:
+def _destagger(pulses: RecordedPulses, values: Numbers) -> Numbers:
     """Values with each row's columns turned so that those of one index look in one direction, if that is known."""
     columns = values.shape[1]
     if pulses.frames > 1 or columns < 4 or not np.isfinite(pulses.azimuth_rad).all():

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...maths.arrays import Numbers
-from .estimates import Estimate, Solved
-from .pulses import Pulses
+from .estimates import Estimate, Solution
+from .pulses import RecordedPulses
 
 PATCH, APART = 5, 2
 """Pulses of a patch, and columns from one to the next."""
@@ -37,8 +37,8 @@ LEAST = 60
 
 LEAST_OF_OCTAVE = 20
 
-_LEFT = 1.0 - math.exp(-0.5 * FURTHEST)
-_MEAN = (2.0 - (2.0 + FURTHEST) * math.exp(-0.5 * FURTHEST)) / _LEFT
+_SHARE_BELOW = 1.0 - math.exp(-0.5 * FURTHEST)
+_MEAN_BELOW = (2.0 - (2.0 + FURTHEST) * math.exp(-0.5 * FURTHEST)) / _SHARE_BELOW
 """Of chi^2 with two degrees of freedom below `FURTHEST`."""
 
 
@@ -51,7 +51,7 @@ class Scatter:
               the others (NaN with too few), and the number of patches of each
     """
 
-    solved: Solved
+    solved: Solution
     signal: Numbers
     sigma_m: Numbers
     check_sigma_m: Numbers
@@ -86,7 +86,7 @@ class Scatter:
         )
 
 
-def fit_scatter(pulses: Pulses) -> Scatter | None:
+def fit_scatter(pulses: RecordedPulses) -> Scatter | None:
     """From the pulses of a recording; None without signals, or with too few patches."""
     if pulses.signal is None:
         return None
@@ -102,10 +102,10 @@ def fit_scatter(pulses: Pulses) -> Scatter | None:
         if near.sum() < LEAST // 4:
             return None
         weighted = law[near] / variance[near, None] ** 2
-        solution = np.linalg.lstsq(weighted.T @ law[near], weighted.T @ (squares[near] / _MEAN), rcond=None)[0]
+        solution = np.linalg.lstsq(weighted.T @ law[near], weighted.T @ (squares[near] / _MEAN_BELOW), rcond=None)[0]
         if solution[0] <= 0.0 or solution[1] < 0.0:  # a floor below nothing, or no photons' part: one of them alone
             only = 1 if solution[0] <= 0.0 else 0
-            alone = float(weighted[:, only] @ (squares[near] / _MEAN) / (weighted[:, only] @ law[near, only]))
+            alone = float(weighted[:, only] @ (squares[near] / _MEAN_BELOW) / (weighted[:, only] @ law[near, only]))
             solution = np.array([alone, 0.0]) if only == 0 else np.array([0.0, alone])
         converged = np.abs(solution - value).max() <= 1e-7 * np.abs(value).max()
         value = solution
@@ -113,14 +113,14 @@ def fit_scatter(pulses: Pulses) -> Scatter | None:
             break
     variance = law @ value
     near = squares < FURTHEST * variance
-    patch_scores = np.where(near, squares / _MEAN - variance, 0.0)[:, None] * law / variance[:, None] ** 2
+    patch_scores = np.where(near, squares / _MEAN_BELOW - variance, 0.0)[:, None] * law / variance[:, None] ** 2
     scores = np.column_stack([np.bincount(block, column) for column in patch_scores.T])
     # The slope of the sum of the scores: those left out move with the law, which takes off some of it.
-    edge = 0.5 * math.exp(-0.5 * FURTHEST) * FURTHEST * (FURTHEST / _MEAN - 1.0) / _LEFT
+    edge = 0.5 * math.exp(-0.5 * FURTHEST) * FURTHEST * (FURTHEST / _MEAN_BELOW - 1.0) / _SHARE_BELOW
     relative = law[near] / variance[near, None]
     fisher = relative.T @ relative
-    spread = float(np.var(squares[near] / variance[near] / _MEAN))
-    solved = Solved(value=value, slope=(1.0 - edge) * fisher, scores=scores, meat=spread * fisher)
+    spread = float(np.var(squares[near] / variance[near] / _MEAN_BELOW))
+    solved = Solution(value=value, slope=(1.0 - edge) * fisher, scores=scores, meat=spread * fisher)
     signal, sigma, patches = _octaves(squares, inverse, value)
     check_patches_of = _patches(pulses.select_columns(~pulses.fitted))
     held_out = _octaves(check_patches_of[0], check_patches_of[1], value) if len(check_patches_of[0]) else (np.zeros(0),) * 3
@@ -136,7 +136,7 @@ def fit_scatter(pulses: Pulses) -> Scatter | None:
     )
 
 
-def _patches(pulses: Pulses) -> tuple[Numbers, Numbers, Numbers]:
+def _patches(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers]:
     """Sums of squares [m2], mean of 1 / SIGNAL and block, of each patch on a smooth surface."""
     assert pulses.signal is not None
     reach = PATCH * APART
@@ -177,6 +177,6 @@ def _octaves(squares: Numbers, inverse: Numbers, value: Numbers) -> tuple[Number
     for number in np.unique(octave[near]):
         inside = near & (octave == number)
         if inside.sum() >= LEAST_OF_OCTAVE:
-            sigma = math.sqrt(float(squares[inside].mean()) / _MEAN)
+            sigma = math.sqrt(float(squares[inside].mean()) / _MEAN_BELOW)
             rows.append((2.0 ** (number + 0.5), sigma, int(inside.sum())))
     return tuple(np.array(column) for column in zip(*rows, strict=True)) if rows else (np.zeros(0),) * 3  # type: ignore[return-value]

@@ -13,13 +13,13 @@ from ...recordings.pcap_reader import metadata_of
 from ...recordings.sweep import Sweep
 from ...sensor.model import Sensor
 from .near_field import fit_near_field
-from .products import QUANTITIES, products_of
-from .pulses import Pulses, pulses_of
-from .report import Fit, as_dict, as_text, check_places, told, write_report
+from .products import QUANTITIES, find_products
+from .pulses import RecordedPulses, gather_pulses
+from .report import RecordingFit, as_dict, as_text, check_outputs, printed_text, write_report
 from .rows import fit_rows
 from .scatter import fit_scatter
 from .threshold import fit_threshold
-from .unit import base_text, fitted_text, sensor_of
+from .unit import base_text, fitted_text, parse_sensor
 
 
 def fit_recordings(
@@ -37,32 +37,32 @@ def fit_recordings(
     metadata  what the maker says of the unit; None: the json beside the recording, if there is one
     Raises InputError and OutputError.
     """
-    check_places(output, report)
+    check_outputs(output, report)
     base = base_text(sensor, metadata_of(recordings[0], metadata))
     where = f"--sensor {sensor}"
-    before = sensor_of(base, where)
-    pulses = _pulses(recordings, metadata)
+    before = parse_sensor(base, where)
+    pulses = _read_pulses(recordings, metadata)
     fit = fit_pulses(pulses, recording=", ".join(path.name for path in recordings), sensor=sensor, optics=before)
     if before.histogram is not None:
         if fit.threshold is not None:
             fit = replace(fit, spread=fit.threshold.spread(before))
         known_keys = [estimate.key for estimate in fit.estimates if estimate.is_known and estimate.key in QUANTITIES]
-        fit = replace(fit, products=products_of(before, known_keys) if known_keys else None)
+        fit = replace(fit, products=find_products(before, known_keys) if known_keys else None)
     estimates = {estimate.key: estimate for estimate in fit.estimates}
     text, notes = fitted_text(base, estimates, fit.recording, where, rows=fit.rows)
     fit = replace(fit, notes=notes)
-    sensor_of(text, str(output))
+    parse_sensor(text, str(output))
     put_text(output, text)
     write_report(fit, report)
-    return told(as_dict(fit), as_text(fit), output, report, as_json=as_json), fit.passed
+    return printed_text(as_dict(fit), as_text(fit), output, report, as_json=as_json), fit.passed
 
 
-def fit_pulses(pulses: Pulses, *, recording: str, sensor: str, optics: Sensor | None = None) -> Fit:
+def fit_pulses(pulses: RecordedPulses, *, recording: str, sensor: str, optics: Sensor | None = None) -> RecordingFit:
     """The laws of these pulses. Raises InputError if they tell of none.
 
     optics  the sensor whose near field it is, if its file has more than one lens; None: one lens
     """
-    fit = Fit(
+    fit = RecordingFit(
         recording=recording,
         sensor=sensor,
         pulses=int(pulses.recorded.sum()),
@@ -80,7 +80,7 @@ def fit_pulses(pulses: Pulses, *, recording: str, sensor: str, optics: Sensor | 
     return fit
 
 
-def _pulses(recordings: Sequence[Path], metadata: Path | None) -> Pulses:
+def _read_pulses(recordings: Sequence[Path], metadata: Path | None) -> RecordedPulses:
     def sweeps() -> list[Sweep]:
         gathered: list[Sweep] = []
         for path in recordings:
@@ -89,6 +89,6 @@ def _pulses(recordings: Sequence[Path], metadata: Path | None) -> Pulses:
         return gathered
 
     try:
-        return pulses_of(sweeps())
+        return gather_pulses(sweeps())
     except ValueError as error:
         raise InputError(f"{recordings[0]}: {error}") from None

@@ -19,23 +19,23 @@ from ...detection.photon_counting.bins import BOX, BOX_SHARE
 from ...maths.arrays import Numbers
 from ...physics.photon_counting.matched_filter import SCALE, TEMPLATE
 from ...sensor.model import Sensor
-from .estimates import Estimate, Solved
-from .pulses import Pulses
+from .estimates import Estimate, Solution
+from .pulses import RecordedPulses
 
 REACH = 3.0
 """Pulses with more than this times the median threshold are lost for other reasons (blanking, a window): left out."""
 
-BESIDE = 10
+NEIGHBOUR_COLUMNS = 10
 """Columns to either side in which a pulse's neighbours are looked for."""
 
-LEAST_BESIDE = 8
+LEAST_NEIGHBOURS = 8
 """Neighbours with a return, of twice as many columns, that make a surface."""
 
 FLAT = 0.1
 """Most difference of a neighbour's range from their median, relative. The pulse's own range does not count: a lost one
 has none."""
 
-LEAST = 200
+LEAST_PULSES = 200
 """Kept, and lost, pulses near the threshold."""
 
 BINS = 20
@@ -54,7 +54,7 @@ class Threshold:
              fitted, by the chance
     """
 
-    solved: Solved
+    solved: Solution
     near_ir: float
     expected_share: Numbers
     kept_share: Numbers
@@ -110,7 +110,7 @@ def filter_variance(sensor: Sensor, *, photons: float, near_ir: float) -> float:
     return filtered - covariance * covariance / boxed
 
 
-def fit_threshold(pulses: Pulses) -> Threshold | None:
+def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
     """From the pulses of a recording; None if it lacks what it had of lost ones, or has too few near the threshold."""
     if pulses.signal is None or pulses.near_ir is None:
         return None
@@ -126,7 +126,7 @@ def fit_threshold(pulses: Pulses) -> Threshold | None:
         mask = usable & (pulses.signal <= max_signal)
         fit_mask = mask & columns
         returned = pulses.has_return[fit_mask]
-        if min(returned.sum(), (~returned).sum()) < LEAST:
+        if min(returned.sum(), (~returned).sum()) < LEAST_PULSES:
             return None
         design = _design(pulses.signal[fit_mask], pulses.near_ir[fit_mask])
         if not np.isfinite(max_signal):
@@ -154,7 +154,7 @@ def fit_threshold(pulses: Pulses) -> Threshold | None:
     counts = np.bincount(place, minlength=BINS)
     filled = counts > 0
     return Threshold(
-        solved=Solved(value=solution, slope=slope, scores=scores),
+        solved=Solution(value=solution, slope=slope, scores=scores),
         near_ir=float(np.median(design[:, 2])) ** 2,
         expected_share=np.bincount(place, expected, minlength=BINS)[filled] / counts[filled],
         kept_share=np.bincount(place, pulses.has_return[held_out], minlength=BINS)[filled] / counts[filled],
@@ -162,11 +162,11 @@ def fit_threshold(pulses: Pulses) -> Threshold | None:
     )
 
 
-def _on_surface(pulses: Pulses) -> Numbers:
+def _on_surface(pulses: RecordedPulses) -> Numbers:
     """Mask of the pulses whose neighbours in the row are returns of one surface."""
     range_m = pulses.range_m
-    around = np.stack([np.roll(range_m, shift, axis=1) for shift in range(-BESIDE, BESIDE + 1) if shift])
-    enough = np.isfinite(around).sum(axis=0) >= LEAST_BESIDE
+    around = np.stack([np.roll(range_m, shift, axis=1) for shift in range(-NEIGHBOUR_COLUMNS, NEIGHBOUR_COLUMNS + 1) if shift])
+    enough = np.isfinite(around).sum(axis=0) >= LEAST_NEIGHBOURS
     mask = np.zeros(range_m.shape, bool)
     middle = np.nanmedian(around[:, enough], axis=0)
     mask[enough] = np.nanmax(np.abs(around[:, enough] - middle), axis=0) < FLAT * middle

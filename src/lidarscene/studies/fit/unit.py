@@ -23,10 +23,10 @@ from .estimates import Estimate
 from .products import near_field_m, pulse_fwhm_s, white_m2
 from .rows import RowGains
 
-WRITTEN = 0.3
+MOST_RELATIVE_SIGMA = 0.3
 """Most sigma of an estimate over its value: what is known less well stays as it was."""
 
-FITTED = {
+FILE_KEYS = {
     "white_m2": "laser.peak_power_w",
     "near_field_m": "the lens",
     "scatter_c": "laser.pulse_fwhm_ns",
@@ -69,7 +69,7 @@ def base_text(sensor: str, metadata: Path | None) -> str:
         return written.read_text(encoding="utf-8")
 
 
-def sensor_of(text: str, where: str) -> Sensor:
+def parse_sensor(text: str, where: str) -> Sensor:
     """The sensor that a file's text describes. Raises InputError."""
     try:
         tables = tomllib.loads(text)
@@ -87,18 +87,18 @@ def fitted_text(
 
     Near field first, since the power follows from what is left.
     """
-    sensor = sensor_of(text, where)
+    sensor = parse_sensor(text, where)
     if sensor.histogram is None:
         return text, ("all but the beams is left as it was: only sensors with [histogram] are fitted",)
-    accepted = {key: estimate for key, estimate in estimates.items() if estimate.sigma < WRITTEN * estimate.value}
+    accepted = {key: estimate for key, estimate in estimates.items() if estimate.sigma < MOST_RELATIVE_SIGMA * estimate.value}
     slope = estimates.get("threshold_slope")
     if "threshold_floor" in accepted and slope is not None and slope.value >= 0.0:
         accepted["threshold_slope"] = slope
     else:
         accepted.pop("threshold_floor", None)
     notes = tuple(
-        f"{subject} is left as it was: {key} is {_why(estimates.get(key))}"
-        for key, subject in FITTED.items()
+        f"{subject} is left as it was: {key} is {_estimate_text(estimates.get(key))}"
+        for key, subject in FILE_KEYS.items()
         if key not in accepted and not (key == "threshold_spread" and key not in estimates)
     )
 
@@ -110,8 +110,8 @@ def fitted_text(
         # The law was the file's own curve.
         factor = accepted["near_field_m"].value / near_field_m(sensor)
         source = told("near_field_m", f"; the near field of the file's own optics, at {factor:.4g} times the range")
-        for key, value in grown(text, {key: factor**power for key, power in STRETCHED.items()}).items():
-            text = put_at(text, key, value, source)
+        for key, value in scaled_values(text, {key: factor**power for key, power in STRETCHED.items()}).items():
+            text = put_key(text, key, value, source)
     elif "near_field_m" in accepted:
         moved = math.sqrt(accepted["near_field_m"].value / near_field_m(sensor))
         source = told("near_field_m", "; R0 = r_A f / r_PD, with r_A r_PD / f held")
@@ -119,45 +119,45 @@ def fitted_text(
             ("aperture_radius_mm", 1e3 * float(sensor.optics.aperture_radius_m)),
             ("focal_length_mm", 1e3 * float(sensor.optics.focal_length_m)),
         ):
-            text = put(text, "optics", key, moved * value, source)
+            text = put_value(text, "optics", key, moved * value, source)
         # The law is that of one lens, focused at infinity, on the laser's axis.
         if re.search(r"(?m)^(transmitter_offset_mm|focus_at_m)", text):
             notes += ("optics.overlap: the file's two lenses or focus are replaced by one lens, whose law was fitted",)
         lens_keys = ("transmitter_offset_mm", "parallax_free_at_m", "focus_at_m", "scattered_share")
-        text = without(text, "optics.overlap", lens_keys)
+        text = remove_keys(text, "optics.overlap", lens_keys)
         if re.search(r"(?m)^exit_diameter_mm", text):
             notes += ("laser.exit_diameter_mm is left out: the fitted spot starts as a point",)
-        text = without(text, "laser", ("exit_diameter_mm", "divergence_elevation_mrad"))
+        text = remove_keys(text, "laser", ("exit_diameter_mm", "divergence_elevation_mrad"))
         if "[optics.overlap]" not in text:
             text = re.sub(r"(?ms)(^\[optics\]\n.*?)(?=^\[)", r"\1[optics.overlap]\n\n", text, count=1)
-        text = noted(text, "optics.overlap", source)
+        text = put_source(text, "optics.overlap", source)
         spot = estimates.get("spot_over_field")
         if spot is not None and ("spot_over_field" in accepted or re.search(r"(?m)^divergence_mrad", text)):
             # Twice the half angle, of the new lens.
             field = float(sensor.detector.radius_m / sensor.optics.focal_length_m) / moved
             source = told("spot_over_field", "; the spot's radius over the field's, from how sharp the near field ends")
-            text = put(text, "laser", "divergence_mrad", 2e3 * spot.value * field, source)
+            text = put_value(text, "laser", "divergence_mrad", 2e3 * spot.value * field, source)
     if "scatter_c" in accepted:
         fwhm_s = pulse_fwhm_s(sensor, accepted["scatter_c"].value)
         if fwhm_s is not None:
-            changed = put(text, "laser", "pulse_fwhm_ns", 1e9 * fwhm_s, told("scatter_c", "; scatter of the range"))
+            changed = put_value(text, "laser", "pulse_fwhm_ns", 1e9 * fwhm_s, told("scatter_c", "; scatter of the range"))
             try:
-                sensor_of(changed, where)
+                parse_sensor(changed, where)
             except InputError:  # shorter than the bins of the file can show
                 notes += (f"laser.pulse_fwhm_ns is left as it was: {1e9 * fwhm_s:.2g} ns is too short for its bins",)
             else:
                 text = changed
     for key in ("threshold_floor", "threshold_slope", "threshold_spread"):
         if key in accepted:
-            text = put(text, "histogram", key, accepted[key].value, told(key, "; SIGNAL and NEAR_IR of kept and lost"))
+            text = put_value(text, "histogram", key, accepted[key].value, told(key, "; SIGNAL and NEAR_IR of kept and lost"))
     if rows is not None:
         text, row_notes = _with_rows(text, rows, recording)
         notes += row_notes
     if "white_m2" in accepted:
-        after = sensor_of(text, where)
+        after = parse_sensor(text, where)
         power_w = float(after.laser.peak_power_w) * accepted["white_m2"].value / white_m2(after)
         source = told("white_m2", "; power, lens, efficiency, PDE and shots are known as one product")
-        text = put(text, "laser", "peak_power_w", power_w, source)
+        text = put_value(text, "laser", "peak_power_w", power_w, source)
     return text, notes
 
 
@@ -176,14 +176,14 @@ def _with_rows(text: str, rows: RowGains, recording: str) -> tuple[str, tuple[st
         f"fitted: NEAR_IR of neighbouring rows, each +/- {rows.sigma[0]:.1%}, {recording}; SIGNAL goes with their "
         f"power of {rows.follows[0]:.2f} +/- {rows.follows[1]:.2f}"
     )
-    return put(text, "scanner", rows.key, rows.gain.tolist(), source), ()
+    return put_value(text, "scanner", rows.key, rows.gain.tolist(), source), ()
 
 
-def _why(estimate: Estimate | None) -> str:
+def _estimate_text(estimate: Estimate | None) -> str:
     return "not recorded" if estimate is None else f"{estimate.value:.3g} +/- {estimate.sigma:.2g} {estimate.unit}".rstrip()
 
 
-def grown(text: str, factors: Mapping[str, float]) -> dict[str, float | list[float]]:
+def scaled_values(text: str, factors: Mapping[str, float]) -> dict[str, float | list[float]]:
     """By key of the file, its value times its factor; keys that the file does not have are left out."""
     tables = tomllib.loads(text)
     values: dict[str, float | list[float]] = {}
@@ -198,13 +198,13 @@ def grown(text: str, factors: Mapping[str, float]) -> dict[str, float | list[flo
     return values
 
 
-def put_at(text: str, key: str, value: float | Sequence[float], source: str) -> str:
+def put_key(text: str, key: str, value: float | Sequence[float], source: str) -> str:
     """`put` with table and key as one."""
     table, _, name = key.rpartition(".")
-    return put(text, table, name, value, source)
+    return put_value(text, table, name, value, source)
 
 
-def put(text: str, table: str, key: str, value: float | Sequence[float], source: str) -> str:
+def put_value(text: str, table: str, key: str, value: float | Sequence[float], source: str) -> str:
     """The text with this value, or a list in one line, in the table, and with its source."""
     head = re.search(rf"(?m)^\[{re.escape(table)}\][^\n]*\n", text)
     if head is None:
@@ -215,10 +215,10 @@ def put(text: str, table: str, key: str, value: float | Sequence[float], source:
     line = f"{key} = {value_text}\n"
     changed, count = re.subn(rf"(?m)^{re.escape(key)}\s*=(\s*\[[^\]]*\])?[^\n]*\n?", lambda _: line, body, count=1)
     body = changed if count else line + body
-    return noted(text[: head.end()] + body + text[end.start() if end else len(text) :], f"{table}.{key}", source)
+    return put_source(text[: head.end()] + body + text[end.start() if end else len(text) :], f"{table}.{key}", source)
 
 
-def without(text: str, table: str, keys: Sequence[str]) -> str:
+def remove_keys(text: str, table: str, keys: Sequence[str]) -> str:
     """The text without these keys of a table, and without their sources."""
     head = re.search(rf"(?m)^\[{re.escape(table)}\][^\n]*\n", text)
     if head is not None:
@@ -232,7 +232,7 @@ def without(text: str, table: str, keys: Sequence[str]) -> str:
     return text
 
 
-def noted(text: str, key: str, source: str) -> str:
+def put_source(text: str, key: str, source: str) -> str:
     """The text with this line in `[sources]`."""
     plain = re.sub(r'[^ -~]|["\\]', " ", source)
     line = f'"{key}" = "{plain}"\n'

@@ -35,12 +35,12 @@ from ...sensor.model import Sensor
 from ..compare.real import ground_plane
 from ..ranging.plane import Target, echoes_of_plane
 from . import listed
-from .places import angles_deg, places_of
-from .planes import grid_of, has_grid, of_columns
+from .places import angles_deg, frame_poses
+from .planes import align_columns, has_grid, select_columns
 from .reflect import SLOPE_DEG, Gauge, largest_reflectivity
-from .surfels import BRIGHT, KINDS, Surfels, surfels_of, together
+from .surfels import BRIGHT, KINDS, Surfels, surfels_of_grid, join_surfels
 
-SCENE, SENSOR, POSES, ABOUT, MESHES = "scene.toml", "sensor.toml", "poses.csv", "twin.json", "meshes"
+SCENE, SENSOR, POSES, PROVENANCE, MESHES = "scene.toml", "sensor.toml", "poses.csv", "twin.json", "meshes"
 
 COLUMNS = "columns"
 """Held out: every second column of the only frame."""
@@ -79,10 +79,10 @@ class Choice:
 
     def visible_part(self, sweep: Sweep) -> Sweep:
         """What the twin may see of a sweep."""
-        return of_columns(sweep, slice(0, None, 2)) if self.held_out == COLUMNS else sweep
+        return select_columns(sweep, slice(0, None, 2)) if self.held_out == COLUMNS else sweep
 
 
-def chosen(recording: Recording, frames: Sequence[int] | None, held_out: int | str | None) -> Choice:
+def choose_frames(recording: Recording, frames: Sequence[int] | None, held_out: int | str | None) -> Choice:
     """Check the frames; those of the whole recording if None, without the one held out. Raises InputError."""
     numbers = tuple(frames) if frames is not None else tuple(range(len(recording)))
     for number in (*numbers, *([held_out] if isinstance(held_out, int) else [])):
@@ -112,16 +112,16 @@ def build_twin(
     sweeps = {number: recording[number] for number in {*choice.frames, choice.judged_frame}}
     notes = [_sensor_file(recording, folder / SENSOR, metadata, sensor, sweeps[choice.judged_frame])]
     unit = load_sensor(str(folder / SENSOR))
-    places = places_of(sweeps, choice.frames[0])
+    places = frame_poses(sweeps, choice.frames[0])
     parts, klux = [], []
     for number in choice.frames:
         sweep = choice.visible_part(sweeps[number])
         gauge = Gauge.from_sweep(sweep)
         plane = ground_plane(sweep.xyz_m[sweep.kept])
-        surfels = surfels_of(grid_of(sweep), gauge, plane) if has_grid(sweep) else listed.surfels_of(sweep, gauge, plane)
+        surfels = surfels_of_grid(align_columns(sweep), gauge, plane) if has_grid(sweep) else listed.surfels_of_points(sweep, gauge, plane)
         parts.append(surfels.placed(places[number]))
         klux.append(illuminance_klux(sweep, gauge, unit))
-    quads = together(parts)
+    quads = join_surfels(parts)
     bodies = _meshes(quads, folder / MESHES)
     _poses_file(folder / POSES, sweeps, places)
     known_klux = [value for value in klux if value is not None]
@@ -138,17 +138,17 @@ def build_twin(
         "illuminance_klux": light,
         "illuminance_assumed": not known_klux,
         "quads": {name: int(n) for name, n in zip(KINDS, np.bincount(quads.kind, minlength=len(KINDS)), strict=True)},
-        "reflectivity": _told(gauge),
+        "reflectivity": _reflectivity_note(gauge),
         "places": {str(number): [*place.position_m.tolist(), *angles_deg(place)] for number, place in places.items()},
     }
-    put_text(folder / ABOUT, json_text(provenance, indent=1) + "\n")
+    put_text(folder / PROVENANCE, json_text(provenance, indent=1) + "\n")
     notes.append(
         f"wrote {folder / SCENE}: {len(quads)} quads of {counted(len(choice.frames), 'frame')}, {light:.3g} klux"
     )
-    return "\n".join([*notes, _told(gauge)])
+    return "\n".join([*notes, _reflectivity_note(gauge)])
 
 
-def _told(gauge: Gauge | None) -> str:
+def _reflectivity_note(gauge: Gauge | None) -> str:
     if gauge is None:
         return "reflectivities: not recorded, so all are 0.2"
     guess = ", scaled to a median of 0.2, since its unit is not known" if gauge.assumed else ""
@@ -246,7 +246,7 @@ def scene_text(name: str, bodies: Sequence[tuple[str, str, float | None]], pose:
     yaw, pitch, roll = angles_deg(pose)
     place = ", ".join(f"{x:.6f}" for x in pose.position_m)
     lines = [
-        f'name = "{_plain(name)}"',
+        f'name = "{_plain_text(name)}"',
         'description = "Twin of a recording, by lidarscene twin"',
         "",
         "# Where the sun stood is not recorded: its light comes from all of the sky.",
@@ -292,7 +292,7 @@ def scene_text(name: str, bodies: Sequence[tuple[str, str, float | None]], pose:
     return "\n".join(lines)
 
 
-def _plain(text: str) -> str:
+def _plain_text(text: str) -> str:
     return re.sub(r'["\\\x00-\x1f]', " ", text)
 
 
@@ -309,16 +309,16 @@ def _poses_file(path: Path, sweeps: dict[int, Sweep], places: dict[int, Pose]) -
     put_text(path, "\n".join(rows) + "\n")
 
 
-def about(scene: Path) -> dict[str, Any]:
+def read_provenance(scene: Path) -> dict[str, Any]:
     """What a twin was made of, by its scene file. Raises InputError if it is no twin's."""
-    path = scene.parent / ABOUT
+    path = scene.parent / PROVENANCE
     if not path.is_file():
-        raise InputError(f"{scene}: must be the scene of a twin, with {ABOUT} beside it, or a cloud")
+        raise InputError(f"{scene}: must be the scene of a twin, with {PROVENANCE} beside it, or a cloud")
     provenance: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return provenance
 
 
-def place_of(provenance: dict[str, Any], number: int, scene: Path) -> Pose:
+def frame_pose(provenance: dict[str, Any], number: int, scene: Path) -> Pose:
     """Pose of a frame that the twin knows. Raises InputError."""
     pose = provenance["places"].get(str(number))
     if pose is None:

@@ -17,7 +17,7 @@ from ...cloud.point_cloud import PointCloud
 from ...maths.arrays import Numbers
 from ...recordings.sweep import Sweep
 from ..compare.real import ground_of
-from .pulses import NOTHING, Pulses
+from .pulses import NOTHING, MatchedPulses
 from .surfels import SMOOTH
 
 DIRECTION_DEG = 0.01
@@ -47,7 +47,7 @@ NORMAL = 1.4826
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class TwinQuantity:
     """One line of the table.
 
     value  what is held to the limits: a difference, a ratio or a share; None where it cannot be told
@@ -77,10 +77,10 @@ class Row:
         return bool(above and (self.high is None or self.value <= self.high))
 
 
-def rows_of(pulses: Pulses, sweep: Sweep, cloud: PointCloud, *, between: float | None = None) -> list[Row]:
+def twin_quantities(pulses: MatchedPulses, sweep: Sweep, cloud: PointCloud, *, between: float | None = None) -> list[TwinQuantity]:
     """The whole table; ``between``: the share of pulses that two real frames keep or lose differently (`apart`)."""
     rows = [
-        Row(
+        TwinQuantity(
             quantity="beam direction",
             condition="median angle",
             value=float(np.degrees(np.median(pulses.angle_rad))),
@@ -90,7 +90,7 @@ def rows_of(pulses: Pulses, sweep: Sweep, cloud: PointCloud, *, between: float |
         *_ranges(pulses),
         *_signals(pulses),
         *_points(pulses),
-        *_kept(pulses, between),
+        *_kept_quantities(pulses, between),
     ]
     rows += [*_ground(sweep, cloud), *_second(pulses)]
     return rows
@@ -104,14 +104,14 @@ def bias_and_scatter(real: Numbers, simulated: Numbers) -> tuple[float, float]:
     return bias, float(np.mean(np.abs(apart - bias)))
 
 
-def _ranges(pulses: Pulses) -> Iterator[Row]:
+def _ranges(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
     """On smooth surfaces that both found: against the surface of the twin."""
     near_surface = np.abs(pulses.range_m - pulses.true_range_m) < SAME_M
     returns = pulses.select(pulses.has_return & pulses.has_simulated_return & (pulses.kind == SMOOTH) & near_surface)
     real_mm = 1e3 * (returns.range_m - returns.true_range_m)
     simulated_mm = 1e3 * (returns.simulated_range_m - returns.true_range_m)
     enough = bool(len(real_mm) >= LEAST)
-    yield Row(
+    yield TwinQuantity(
         quantity="range, bias",
         condition="smooth surfaces",
         unit="mm",
@@ -122,8 +122,8 @@ def _ranges(pulses: Pulses) -> Iterator[Row]:
     if not enough:
         return
     bias, scatter = bias_and_scatter(real_mm, simulated_mm)
-    yield Row(quantity="range, double validation metric", condition="bias", value=bias, unit="mm")
-    yield Row(quantity="range, double validation metric", condition="scatter", value=scatter, unit="mm")
+    yield TwinQuantity(quantity="range, double validation metric", condition="bias", value=bias, unit="mm")
+    yield TwinQuantity(quantity="range, double validation metric", condition="scatter", value=scatter, unit="mm")
     if returns.signal is None:
         yield _scatter("all strengths", returns)
         return
@@ -134,10 +134,10 @@ def _ranges(pulses: Pulses) -> Iterator[Row]:
             yield _scatter(f"signal {2**number} to {2 ** (number + 1)}", octave_returns)
 
 
-def _scatter(name: str, returns: Pulses) -> Row:
+def _scatter(name: str, returns: MatchedPulses) -> TwinQuantity:
     """By differences along the ring, on both sides alike: what is wrong with the twin's surface is no scatter."""
     real, simulated = (1e3 * spread(values[np.isfinite(values)]) for values in (returns.change_m, returns.simulated_change_m))
-    return Row(
+    return TwinQuantity(
         quantity="range, scatter",
         condition=name,
         real=real,
@@ -154,9 +154,9 @@ def spread(values: Numbers) -> float:
     return float(NORMAL * np.median(np.abs(values - np.median(values))))
 
 
-def _signals(pulses: Pulses) -> Iterator[Row]:
+def _signals(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
     if pulses.signal is None or not np.nanmax(pulses.simulated_signal, initial=0.0) > 0.0:
-        yield Row(quantity="signal, mean error over the range", unit="", high=SIGNAL_ERROR)
+        yield TwinQuantity(quantity="signal, mean error over the range", unit="", high=SIGNAL_ERROR)
         return
     returned, simulated = pulses.has_return, pulses.has_simulated_return
     edges = np.quantile(pulses.range_m[returned], np.linspace(0.0, 1.0, RANGE_BINS + 1))
@@ -169,7 +169,7 @@ def _signals(pulses: Pulses) -> Iterator[Row]:
         real = float(np.mean(pulses.signal[of_real]))
         simulated_mean = float(np.mean(pulses.simulated_signal[of_simulated]))
         errors.append(simulated_mean / real - 1.0)
-        yield Row(
+        yield TwinQuantity(
             quantity="signal, mean",
             condition=f"{low:.3g} to {high:.3g} m",
             real=real,
@@ -177,7 +177,7 @@ def _signals(pulses: Pulses) -> Iterator[Row]:
             value=errors[-1],
             unit="photons",
         )
-    yield Row(
+    yield TwinQuantity(
         quantity="signal, mean error over the range",
         value=float(np.mean(np.abs(errors))) if errors else None,
         high=SIGNAL_ERROR,
@@ -185,15 +185,15 @@ def _signals(pulses: Pulses) -> Iterator[Row]:
     both_mask = returned & simulated & (pulses.signal > 0.0) & (pulses.simulated_signal > 0.0)
     if both_mask.sum() >= LEAST:
         bias, scatter = bias_and_scatter(pulses.signal[both_mask], pulses.simulated_signal[both_mask])
-        yield Row(quantity="signal, double validation metric", condition="bias", value=bias, unit="photons")
-        yield Row(quantity="signal, double validation metric", condition="scatter", value=scatter, unit="photons")
+        yield TwinQuantity(quantity="signal, double validation metric", condition="bias", value=bias, unit="photons")
+        yield TwinQuantity(quantity="signal, double validation metric", condition="scatter", value=scatter, unit="photons")
         logs = np.log(pulses.signal[both_mask]), np.log(pulses.simulated_signal[both_mask])
-        yield Row(quantity="signal, correlation of logarithms", value=float(np.corrcoef(*logs)[0, 1]))
+        yield TwinQuantity(quantity="signal, correlation of logarithms", value=float(np.corrcoef(*logs)[0, 1]))
 
 
-def _points(pulses: Pulses) -> Iterator[Row]:
+def _points(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
     real, simulated = int(pulses.has_return.sum()), int(pulses.has_simulated_return.sum())
-    yield Row(
+    yield TwinQuantity(
         quantity="points",
         real=real,
         simulated=simulated,
@@ -210,7 +210,7 @@ def _points(pulses: Pulses) -> Iterator[Row]:
     error = of_simulated[full] / of_real[full] - 1.0
     worst = int(np.argmax(np.abs(error)))
     number = int(np.flatnonzero(full)[worst])
-    yield Row(
+    yield TwinQuantity(
         quantity="points per ring, worst",
         condition=f"ring {number}",
         real=int(of_real[number]),
@@ -219,30 +219,30 @@ def _points(pulses: Pulses) -> Iterator[Row]:
         low=-POINTS_OF_RING,
         high=POINTS_OF_RING,
     )
-    yield Row(
+    yield TwinQuantity(
         quantity="rings within 10 %",
         condition=f"of {int(full.sum())}",
         value=float(np.mean(np.abs(error) <= POINTS_OF_RING)),
     )
 
 
-def _kept(pulses: Pulses, between: float | None = None) -> Iterator[Row]:
+def _kept_quantities(pulses: MatchedPulses, between: float | None = None) -> Iterator[TwinQuantity]:
     returned, simulated = pulses.has_return, pulses.has_simulated_return
-    yield Row(quantity="real returns kept", value=_share(simulated[returned]), low=KEPT_SHARE)
+    yield TwinQuantity(quantity="real returns kept", value=_share(simulated[returned]), low=KEPT_SHARE)
     losses = ~returned & ~pulses.withheld & (pulses.kind != NOTHING)
-    yield Row(
+    yield TwinQuantity(
         quantity="real losses on surfaces kept",
         condition=f"of {int(losses.sum())}",
         value=_share(simulated[losses]) if losses.sum() >= LEAST else None,
         high=KEPT_LOSSES,
     )
     if pulses.withheld.any():
-        yield Row(
+        yield TwinQuantity(
             quantity="found but withheld by the real sensor, kept",
             condition=f"of {int(pulses.withheld.sum())}",
             value=_share(simulated[pulses.withheld]),
         )
-    yield Row(
+    yield TwinQuantity(
         quantity="kept or lost otherwise than real",
         condition="" if between is None else "real: between two frames",
         real=between,
@@ -251,7 +251,7 @@ def _kept(pulses: Pulses, between: float | None = None) -> Iterator[Row]:
     )
 
 
-def apart(first: Sweep, second: Sweep) -> float | None:
+def disagreement(first: Sweep, second: Sweep) -> float | None:
     """Share of the pulses that two frames keep or lose differently; None unless they are of one kind."""
     recorded = first.recorded & second.recorded if first.shape == second.shape else np.zeros(0, bool)
     if not (recorded.any() and first.knows_lost and second.knows_lost):
@@ -263,12 +263,12 @@ def _share(mask: Numbers) -> float | None:
     return float(np.mean(mask)) if len(mask) else None
 
 
-def _ground(sweep: Sweep, cloud: PointCloud) -> Iterator[Row]:
+def _ground(sweep: Sweep, cloud: PointCloud) -> Iterator[TwinQuantity]:
     real = ground_of(sweep.xyz_m[sweep.kept])
     local = cloud.in_sensor_frame()
     simulated = ground_of(local.select(local.return_number <= 1).xyz_m.astype(np.float64))
     measured = real is not None and simulated is not None
-    yield Row(
+    yield TwinQuantity(
         quantity="farthest ground, 99.9 %",
         real=real[1] if real else None,
         simulated=simulated[1] if simulated else None,
@@ -279,12 +279,12 @@ def _ground(sweep: Sweep, cloud: PointCloud) -> Iterator[Row]:
     )
 
 
-def _second(pulses: Pulses) -> Iterator[Row]:
+def _second(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
     real, simulated = (pulses.gap_m[np.isfinite(pulses.gap_m)], pulses.simulated_gap_m[np.isfinite(pulses.simulated_gap_m)])
     if not len(real) and not len(simulated):
         return
     shares = len(real) / max(int(pulses.has_return.sum()), 1), len(simulated) / max(int(pulses.has_simulated_return.sum()), 1)
-    yield Row(
+    yield TwinQuantity(
         quantity="second returns, share",
         real=shares[0],
         simulated=shares[1],
@@ -294,7 +294,7 @@ def _second(pulses: Pulses) -> Iterator[Row]:
     )
     enough = len(real) >= LEAST and len(simulated) >= LEAST
     gaps = [float(np.percentile(gap, 1.0)) if len(gap) else None for gap in (real, simulated)]
-    yield Row(
+    yield TwinQuantity(
         quantity="second returns, least separation",
         condition="1 %",
         real=gaps[0],

@@ -12,7 +12,7 @@ from ...maths.arrays import Numbers
 from ...recordings.sweep import Sweep
 from .planes import LEAST_COS
 from .reflect import Gauge, largest_reflectivity, scattering_law
-from .surfels import BRIGHT, GROUND, ROUGH, SMOOTH, Surfels, together
+from .surfels import BRIGHT, GROUND, ROUGH, SMOOTH, Surfels, join_surfels
 
 NEIGHBOURS = 20
 """Of a point, which its plane is fitted to."""
@@ -30,7 +30,7 @@ BELOW_M = 0.1
 """The completed ground lies so much below its plane, under what was measured of it."""
 
 
-def surfels_of(sweep: Sweep, gauge: Gauge | None, ground: Numbers | None) -> Surfels:
+def surfels_of_points(sweep: Sweep, gauge: Gauge | None, ground: Numbers | None) -> Surfels:
     """Quads of the points, in the sensor's frame; ``ground`` as of `surfels.surfels_of`."""
     points = sweep.xyz_m[sweep.kept]
     range_m, direction = sweep.range_m[sweep.kept], sweep.direction[sweep.kept]
@@ -57,7 +57,7 @@ def surfels_of(sweep: Sweep, gauge: Gauge | None, ground: Numbers | None) -> Sur
     if ground is None:
         return quads
     on_ground = np.abs(points[:, 2] - ground[0] - points[:, :2] @ ground[1:]) < 0.1
-    return together([quads, _plane(ground, float(np.percentile(range_m[on_ground], 99.0)), reflectivity[on_ground])])
+    return join_surfels([quads, _plane(ground, float(np.percentile(range_m[on_ground], 99.0)), reflectivity[on_ground])])
 
 
 def _spacing_m(points: Numbers) -> Numbers:

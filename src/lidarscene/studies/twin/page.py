@@ -20,10 +20,10 @@ from ...scene.scene import View
 from ...scene.scene_file import load_scene
 from ...sensor.catalogue import load_sensor
 from ..compare.real import compare_real, side_of_cloud, side_of_sweep
-from .build import COLUMNS, about, place_of
-from .judge import Row, apart, rows_of
-from .planes import has_grid, of_columns
-from .pulses import pulses_of
+from .build import COLUMNS, read_provenance, frame_pose
+from .judge import TwinQuantity, disagreement, twin_quantities
+from .planes import has_grid, select_columns
+from .pulses import simulate_pulses
 
 PAGE, NUMBERS = "index.html", "twin.json"
 REAL, SIMULATED = "recorded", "simulated"
@@ -52,30 +52,30 @@ def compare_twin(
     A list of points has no pulses to compare: then the statistics of `compare.real` are written.
     Raises InputError and OutputError.
     """
-    provenance = about(scene_file)
+    provenance = read_provenance(scene_file)
     number = provenance["judged"] if frame is None else frame
-    pose = place_of(provenance, number, scene_file)
+    pose = frame_pose(provenance, number, scene_file)
     for name in (PAGE, NUMBERS):
         require_writable(folder / name)
     scene = load_scene(scene_file)
     sensor = load_sensor(scene.sensor_name)
     sweep = whole = recording[number]
     if provenance["held_out"] == COLUMNS:
-        sweep = of_columns(sweep, slice(1, None, 2))
+        sweep = select_columns(sweep, slice(1, None, 2))
     if not has_grid(sweep):
         cloud = Simulator(scene, sensor, pose=pose).render(seed=seed, chunk=chunk)
         sides = side_of_cloud("twin", cloud), side_of_sweep(f"{recording.path.name} frame {number}", sweep)
         return compare_real(*sides, folder, as_json=as_json)
-    pulses, cloud = pulses_of(scene, sensor, sweep, pose=pose, seed=seed, chunk=chunk)
+    pulses, cloud = simulate_pulses(scene, sensor, sweep, pose=pose, seed=seed, chunk=chunk)
     following = (number + 1) % len(recording)
-    between = apart(whole, recording[following]) if following != number else None
-    rows = [row for row in rows_of(pulses, sweep, cloud, between=between) if row.has_values]
+    between = disagreement(whole, recording[following]) if following != number else None
+    rows = [row for row in twin_quantities(pulses, sweep, cloud, between=between) if row.has_values]
     numbers: dict[str, Any] = {
         "verdict": verdict(rows),
         "recording": recording.path.name,
         "frame": number,
         "twin": provenance,
-        "seen": seen(provenance, number),
+        "seen": held_out_note(provenance, number),
         "rows": [asdict(row) | {"met": row.is_met} for row in rows],
     }
     text = json_text(numbers, indent=1)
@@ -84,7 +84,7 @@ def compare_twin(
     return text if as_json else "\n".join([as_text(rows), numbers["seen"], f"wrote {folder / PAGE}"])
 
 
-def seen(provenance: dict[str, Any], number: int) -> str:
+def held_out_note(provenance: dict[str, Any], number: int) -> str:
     """What of the judged frame the twin was made of, for people."""
     if provenance["held_out"] == COLUMNS:
         return "Judged by every second column; the twin is made of the others."
@@ -93,7 +93,7 @@ def seen(provenance: dict[str, Any], number: int) -> str:
     return f"Held out: the twin is made of frames {', '.join(map(str, provenance['frames']))}."
 
 
-def as_text(rows: list[Row]) -> str:
+def as_text(rows: list[TwinQuantity]) -> str:
     """The table for a terminal, limits last."""
     cells = [_cells(row) for row in rows]
     head = ("quantity", "condition", "real", "simulated", "value", "limit", "")
@@ -104,7 +104,7 @@ def as_text(rows: list[Row]) -> str:
     return "\n".join([verdict(rows), *lines])
 
 
-def verdict(rows: list[Row]) -> str:
+def verdict(rows: list[TwinQuantity]) -> str:
     """The outcome in one sentence: how many limits are met, and which are not."""
     judged = [row for row in rows if row.is_met is not None]
     missed = [row for row in judged if not row.is_met]
@@ -115,18 +115,18 @@ def verdict(rows: list[Row]) -> str:
     descriptions = []
     for row in missed[:MOST_NAMED]:
         condition = f" ({row.condition})" if row.condition else ""
-        descriptions.append(f"'{row.quantity}{condition}', {_shown(row.value)} where {_limit(row)} is allowed")
+        descriptions.append(f"'{row.quantity}{condition}', {_format_value(row.value)} where {_format_limit(row)} is allowed")
     more = [f"{len(missed) - MOST_NAMED} more"] if len(missed) > MOST_NAMED else []
     return f"The twin meets {len(judged) - len(missed)} of {len(judged)} limits; it misses {'; '.join(descriptions + more)}."
 
 
-def _cells(row: Row) -> tuple[str, ...]:
+def _cells(row: TwinQuantity) -> tuple[str, ...]:
     mark = {None: "", True: "met", False: "NOT MET"}[row.is_met]
     quantity = f"{row.quantity} [{row.unit}]" if row.unit else row.quantity
-    return (quantity, row.condition, _shown(row.real), _shown(row.simulated), _shown(row.value), _limit(row), mark)
+    return (quantity, row.condition, _format_value(row.real), _format_value(row.simulated), _format_value(row.value), _format_limit(row), mark)
 
 
-def _limit(row: Row) -> str:
+def _format_limit(row: TwinQuantity) -> str:
     if row.low is not None and row.high is not None:
         return f"{row.low:.3g} to {row.high:.3g}"
     if row.high is not None:
@@ -134,13 +134,13 @@ def _limit(row: Row) -> str:
     return "" if row.low is None else f"at least {row.low:.3g}"
 
 
-def _shown(value: float | None) -> str:
+def _format_value(value: float | None) -> str:
     if value is None:
         return ""
     return f"{value:,}" if isinstance(value, int) else f"{value:.4g}"
 
 
-def _page(rows: list[Row], numbers: dict[str, Any], clouds: tuple[Sweep, PointCloud], folder: Path) -> None:
+def _page(rows: list[TwinQuantity], numbers: dict[str, Any], clouds: tuple[Sweep, PointCloud], folder: Path) -> None:
     sweep, cloud = clouds
     shown_clouds = {REAL: cloud_of(sweep), SIMULATED: cloud.in_sensor_frame()}
     scale = common_scale(list(shown_clouds.values()), "range")

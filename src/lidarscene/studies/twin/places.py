@@ -19,7 +19,7 @@ WITHIN_M = (2.0, 0.5)
 """Pairs of points farther apart do not count, in the first and the second round."""
 
 
-def places_of(sweeps: Mapping[int, Sweep], first: int) -> dict[int, Pose]:
+def frame_poses(sweeps: Mapping[int, Sweep], first: int) -> dict[int, Pose]:
     """Pose of every frame in the axes of the first one.
 
     Without poses in the recording each frame is laid on the one before (point to plane, Open3D), from the first on.
@@ -29,12 +29,12 @@ def places_of(sweeps: Mapping[int, Sweep], first: int) -> dict[int, Pose]:
     if all(sweep.pose is not None for sweep in sweeps.values()):
         start = _pose(sweeps[first]).inverse()
         return {number: start @ _pose(sweep) for number, sweep in sweeps.items()}
-    clouds = {number: _thinned(sweep) for number, sweep in sweeps.items()}
+    clouds = {number: _thin(sweep) for number, sweep in sweeps.items()}
     places = {first: Pose()}
     for order in (sorted(n for n in sweeps if n > first), sorted((n for n in sweeps if n < first), reverse=True)):
         before = first
         for number in order:
-            places[number] = places[before] @ _laid(clouds[number], clouds[before])
+            places[number] = places[before] @ _register(clouds[number], clouds[before])
             before = number
     return places
 
@@ -51,7 +51,7 @@ def _pose(sweep: Sweep) -> Pose:
     return sweep.pose
 
 
-def _thinned(sweep: Sweep) -> Any:
+def _thin(sweep: Sweep) -> Any:
     """An Open3D cloud of the first returns, with normals."""
     o3d = open3d()
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(sweep.xyz_m[sweep.kept])).voxel_down_sample(VOXEL_M)
@@ -59,7 +59,7 @@ def _thinned(sweep: Sweep) -> Any:
     return cloud
 
 
-def _laid(cloud: Any, reference: Any) -> Pose:
+def _register(cloud: Any, reference: Any) -> Pose:
     """The pose of one frame in the axes of another that it overlaps."""
     registration = open3d().pipelines.registration
     matrix = np.eye(4)

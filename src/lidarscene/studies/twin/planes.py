@@ -78,17 +78,17 @@ class Planes:
         Each pixel's own range has a small share in it, so its noise is not cut off.
         """
         around = [(row, column) for row in (-1, 0, 1) for column in (-2, -1, 0, 1, 2)]
-        mean = sum(_moved(np.where(self.has_plane[..., None], self.normal, np.nan), *offset) for offset in around)
+        mean = sum(_shifted(np.where(self.has_plane[..., None], self.normal, np.nan), *offset) for offset in around)
         with np.errstate(invalid="ignore"):
             return np.asarray(np.linalg.norm(mean, axis=-1) > SMOOTH_COS * len(around))
 
 
-def of_columns(sweep: Sweep, chosen: slice) -> Sweep:
+def select_columns(sweep: Sweep, chosen: slice) -> Sweep:
     """A sweep of only these columns."""
-    return _each(sweep, lambda values: values[:, chosen])
+    return _map_arrays(sweep, lambda values: values[:, chosen])
 
 
-def _each(sweep: Sweep, take: Callable[[Numbers], Numbers]) -> Sweep:
+def _map_arrays(sweep: Sweep, take: Callable[[Numbers], Numbers]) -> Sweep:
     """The sweep with every array changed alike."""
     changed: dict[str, Any] = {
         field.name: take(value) for field in fields(Sweep) if isinstance(value := getattr(sweep, field.name), np.ndarray)
@@ -106,7 +106,7 @@ def has_grid(sweep: Sweep) -> bool:
     return len(sweep.shape) == 2 and min(sweep.shape) > 1 and not np.isnan(sweep.direction).any()
 
 
-def grid_of(sweep: Sweep) -> Grid:
+def align_columns(sweep: Sweep) -> Grid:
     """Turn the rows of a sweep until their columns agree. Raises InputError for a list of points."""
     if not has_grid(sweep):
         raise InputError("must be a sweep of rows and columns that knows all directions, got a list of points")
@@ -119,14 +119,14 @@ def grid_of(sweep: Sweep) -> Grid:
     columns = (np.arange(columns_n)[None, :] - shift[rows, None]) % columns_n
     half = 0.5 * np.abs(np.diff(elevation[rows]))
     return Grid(
-        sweep=_each(sweep, lambda values: values[rows[:, None], columns]),
+        sweep=_map_arrays(sweep, lambda values: values[rows[:, None], columns]),
         step_rad=step_rad,
         above_rad=np.r_[half[:1], half],
         below_rad=np.r_[half, half[-1:]],
     )
 
 
-def planes_of(grid: Grid) -> Planes:
+def fit_planes(grid: Grid) -> Planes:
     """Fit a plane at every pixel, of lost ones too if enough of their neighbours are on one.
 
     Least squares of m p = 1 with Cauchy's weights, whose width falls step by step: what stands before or behind drops
@@ -136,12 +136,12 @@ def planes_of(grid: Grid) -> Planes:
     origin_m = np.zeros((*sweep.shape, 3)) if sweep.origin_m is None else sweep.origin_m
     direction, range_m = sweep.direction, np.array(sweep.range_m)
     offsets = _window(grid)
-    around = np.stack([_moved(range_m, *offset) for offset in offsets])
-    middle = np.where(np.isfinite(range_m), range_m, known_median(around))
+    around = np.stack([_shifted(range_m, *offset) for offset in offsets])
+    middle = np.where(np.isfinite(range_m), range_m, finite_median(around))
     normal, plane_range_m = -direction, middle
     unit, points = np.eye(3), origin_m + range_m[..., None] * direction
-    neighbours = [_moved(points, *offset) for offset in offsets]
-    near = [np.abs(_moved(range_m, *offset) - middle) < NEAR_SHARE * middle + SCALES_M[0] for offset in offsets]
+    neighbours = [_shifted(points, *offset) for offset in offsets]
+    near = [np.abs(_shifted(range_m, *offset) - middle) < NEAR_SHARE * middle + SCALES_M[0] for offset in offsets]
     for scale_m in SCALES_M:
         sums = np.zeros((10, *sweep.shape))
         start_m = np.einsum("...i,...i", origin_m + plane_range_m[..., None] * direction, normal)
@@ -182,7 +182,7 @@ def _window(grid: Grid) -> list[tuple[int, int]]:
     return [(row, column) for row in range(-rows, rows + 1) for column in range(-columns, columns + 1)]
 
 
-def _moved(values: Numbers, row: int, column: int) -> Numbers:
+def _shifted(values: Numbers, row: int, column: int) -> Numbers:
     """Of the neighbour so many rows below and columns on; NaN beyond the first and the last row."""
     turned = np.roll(values, (-row, -column), axis=(0, 1))
     if row > 0:
@@ -197,10 +197,10 @@ def median_around(grid: Grid, values: Numbers) -> Numbers:
 
     Finite wherever values of all kept pixels are and the pixel has a plane, which `LEAST_SHARE` of its window is on.
     """
-    return known_median(np.stack([_moved(values, *offset) for offset in _window(grid)]))
+    return finite_median(np.stack([_shifted(values, *offset) for offset in _window(grid)]))
 
 
-def known_median(around: Numbers) -> Numbers:
+def finite_median(around: Numbers) -> Numbers:
     """Median over the first axis without NaN; NaN where all is."""
     ordered = np.sort(around, axis=0)
     count = np.isfinite(around).sum(axis=0)

@@ -18,7 +18,7 @@ from ...rendering.simulator import Simulator
 from ...scene.scene import Scene
 from ...sensor.model import Sensor
 from .planes import has_grid
-from .reflect import dropped
+from .reflect import withheld_mask
 from .surfels import KINDS, SMOOTH
 
 LARGEST_ANGLE_RAD = np.radians(0.5)
@@ -35,7 +35,7 @@ NOTHING = -1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Pulses:
+class MatchedPulses:
     """All (n,), the pulses that the recording tells of; NaN where there is no return. Changes are of smooth surfaces.
 
     angle_rad          between the recorded direction and the simulated
@@ -74,29 +74,29 @@ class Pulses:
         """Mask of what the simulation has a return of."""
         return np.isfinite(self.simulated_range_m)
 
-    def select(self, mask: Numbers) -> Pulses:
+    def select(self, mask: Numbers) -> MatchedPulses:
         """Only these pulses."""
         values: dict[str, Any] = {
             field.name: None if (value := getattr(self, field.name)) is None else value[mask] for field in fields(self)
         }
-        return Pulses(**values)
+        return MatchedPulses(**values)
 
 
-def pulses_of(
+def simulate_pulses(
     scene: Scene, sensor: Sensor, sweep: Sweep, *, pose: Pose | None = None, seed: int = 0, chunk: int = DEFAULT_CHUNK
-) -> tuple[Pulses, PointCloud]:
+) -> tuple[MatchedPulses, PointCloud]:
     """Render the twin and lay its pulses on the recording's; the cloud too. ``pose`` None: the scene's own.
 
     Raises InputError where the sensor does not fire the recording's pulses.
     """
-    numbers, angle_rad = matched(sensor, sweep)
+    numbers, angle_rad = match_pulses(sensor, sweep)
     simulator = Simulator(scene, sensor, pose=pose, rays=RAYS if sensor.tdc.stops > 1 else 1)
     observed: list[tuple[Numbers, Mapping[str, Numbers]]] = []
     cloud = simulator.render(seed=seed, chunk=chunk, points=lambda pulse, columns: observed.append((pulse, columns)))
     n = sensor.scanner.pulses
     of_points = np.concatenate([np.zeros(0, np.int64), *(pulse.astype(np.int64) for pulse, _ in observed)])
     first, second = _by_pulse(of_points, n)
-    range_m, other_m = (_at(cloud.range_m, place) for place in (first, second))
+    range_m, other_m = (_at_points(cloud.range_m, place) for place in (first, second))
     true_range_m, kind = np.full(n, np.nan), np.full(n, NOTHING)
     kinds = np.array([KINDS.index(name) if name in KINDS else NOTHING for name in simulator.class_names])
     for _, columns in observed:
@@ -104,23 +104,23 @@ def pulses_of(
             pulse = columns["pulse"].astype(np.int64)
             true_range_m[pulse] = columns["true_range_m"]
             kind[pulse] = np.where(columns["class_id"] >= 0, kinds[columns["class_id"]], NOTHING)
-    recorded_m = from_exit(sensor, sweep, numbers)
+    recorded_m = ranges_from_exit(sensor, sweep, numbers)
     simulated_m = range_m[numbers]
     smooth = (kind[numbers] == SMOOTH) & np.isfinite(recorded_m) & np.isfinite(simulated_m)
     step = max(1, round(float(APART_RAD / np.median(np.linalg.norm(np.diff(sweep.direction, axis=1), axis=-1)))))
     gap_m = np.full(sweep.shape, np.nan) if sweep.second is None else np.abs(sweep.second.range_m - sweep.range_m)
     rows = np.broadcast_to(np.arange(sweep.shape[0])[:, None], sweep.shape)
-    laid = Pulses(
+    laid = MatchedPulses(
         angle_rad=angle_rad,
-        withheld=dropped(sweep),
+        withheld=withheld_mask(sweep),
         ring=rows,
         range_m=recorded_m,
         gap_m=gap_m,
         signal=None if sweep.signal is None else sweep.signal.astype(np.float64),
-        change_m=_change(np.where(smooth, recorded_m, np.nan), step),
+        change_m=_second_difference(np.where(smooth, recorded_m, np.nan), step),
         simulated_range_m=simulated_m,
-        simulated_signal=_at(cloud.signal, first)[numbers],
-        simulated_change_m=_change(np.where(smooth, simulated_m, np.nan), step),
+        simulated_signal=_at_points(cloud.signal, first)[numbers],
+        simulated_change_m=_second_difference(np.where(smooth, simulated_m, np.nan), step),
         simulated_gap_m=np.abs(other_m - range_m)[numbers],
         true_range_m=true_range_m[numbers],
         kind=kind[numbers],
@@ -128,7 +128,7 @@ def pulses_of(
     return laid.select(sweep.recorded), cloud
 
 
-def from_exit(sensor: Sensor, sweep: Sweep, numbers: Numbers) -> Numbers:
+def ranges_from_exit(sensor: Sensor, sweep: Sweep, numbers: Numbers) -> Numbers:
     """Recorded ranges, counted from where the simulated beam starts."""
     start = sensor.scanner.offset_m(np.arange(sensor.scanner.pulses, dtype=np.uint32))
     if start is None and sweep.origin_m is None:
@@ -137,12 +137,12 @@ def from_exit(sensor: Sensor, sweep: Sweep, numbers: Numbers) -> Numbers:
     return np.asarray(np.einsum("...i,...i", sweep.xyz_m - exit_m, sweep.direction))
 
 
-def _change(range_m: Numbers, step: int) -> Numbers:
+def _second_difference(range_m: Numbers, step: int) -> Numbers:
     """(r_before - 2 r + r_after) / sqrt(6): of independent errors it has their deviation, of straight walls none."""
     return np.asarray((np.roll(range_m, step, 1) - 2.0 * range_m + np.roll(range_m, -step, 1)) / np.sqrt(6.0))
 
 
-def matched(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
+def match_pulses(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
     """Pulse number of each pixel of a sweep, and the angle between its directions [rad]; InputError if there is none.
 
     In each row the pulse of the nearest azimuth is taken; rows go by elevation.
@@ -190,7 +190,7 @@ def _by_pulse(pulse: Numbers, n: int) -> tuple[Numbers, Numbers]:
     return first, second
 
 
-def _at(values: Numbers, place: Numbers) -> Numbers:
+def _at_points(values: Numbers, place: Numbers) -> Numbers:
     """Of these points; NaN without one."""
     gathered = np.full(len(place), np.nan)
     gathered[place >= 0] = np.asarray(values, np.float64)[place[place >= 0]]

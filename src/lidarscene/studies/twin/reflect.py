@@ -34,7 +34,7 @@ _BINS_PER_OCTAVE = 4
 _LEAST_PIXELS = 10
 
 
-def dropped(sweep: Sweep) -> Numbers:
+def withheld_mask(sweep: Sweep) -> Numbers:
     """Mask of the lost pulses for which a reflectivity is told: an echo was found there, and its range withheld.
 
     Ousters do so by the thousand, at edges and close by. What stands there is not known.
@@ -80,7 +80,7 @@ class Gauge:
         field, and signals are finer than reflectivities in steps of 1 % and not cut off above white.
         """
         if sweep.reflectivity is not None and sweep.signal is not None:
-            table = _ratio(sweep)
+            table = _reflectivity_per_photon(sweep)
             if table is not None:
                 return cls(field="signal", range_m=table[0], per_count=table[1])
         if sweep.reflectivity is not None:
@@ -108,7 +108,7 @@ class Gauge:
         return np.maximum(np.nan_to_num(strength * factor, posinf=0.0), LEAST)
 
 
-def _ratio(sweep: Sweep) -> tuple[Numbers, Numbers] | None:
+def _reflectivity_per_photon(sweep: Sweep) -> tuple[Numbers, Numbers] | None:
     """Reflectivity of a photon by range, from pixels well above the steps of the reflectivity and below white."""
     assert sweep.reflectivity is not None
     assert sweep.signal is not None

@@ -13,8 +13,8 @@ import numpy as np
 
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
-from .planes import Grid, Planes, known_median, median_around, planes_of
-from .reflect import LEAST, Gauge, dropped, largest_reflectivity, scattering_law
+from .planes import Grid, Planes, finite_median, median_around, fit_planes
+from .reflect import LEAST, Gauge, withheld_mask, largest_reflectivity, scattering_law
 
 SMOOTH, ROUGH, FILLED, GROUND, BRIGHT = range(5)
 KINDS = ("smooth", "rough", "filled", "ground", "bright")
@@ -66,40 +66,40 @@ class Surfels:
         )
 
 
-def together(parts: Sequence[Surfels]) -> Surfels:
+def join_surfels(parts: Sequence[Surfels]) -> Surfels:
     """All in one."""
     return Surfels(**{field.name: np.concatenate([getattr(p, field.name) for p in parts]) for field in fields(Surfels)})
 
 
-def surfels_of(grid: Grid, gauge: Gauge | None, ground: Numbers | None) -> Surfels:
+def surfels_of_grid(grid: Grid, gauge: Gauge | None, ground: Numbers | None) -> Surfels:
     """Quads of a sweep, in the sensor's frame.
 
     ground  (3,) z = a + b x + c y of the plane of the ground [m]; None if there is none
     """
-    sweep, planes = grid.sweep, planes_of(grid)
+    sweep, planes = grid.sweep, fit_planes(grid)
     returned, smooth = sweep.kept, planes.smooth()
     apparent = _apparent(grid, gauge, planes)
     range_m = np.where(planes.has_plane, planes.range_m, sweep.range_m)
     two = _two_returns(grid)
-    ends_left, ends_right = (_ends(grid, side) & returned & ~two for side in (1, -1))
+    ends_left, ends_right = (_surface_ends(grid, side) & returned & ~two for side in (1, -1))
     span = np.where(ends_left, EDGE, 1.0), np.where(ends_right, -EDGE, -1.0)
     parts = [
         _quads(grid, chosen, range_m, planes.normal, apparent, kind, span=span)
         for kind, chosen in (
             (SMOOTH, returned & smooth & ~two),
             (ROUGH, returned & ~smooth & ~two),
-            (FILLED, sweep.lost & planes.has_plane & ~dropped(sweep)),
+            (FILLED, sweep.lost & planes.has_plane & ~withheld_mask(sweep)),
         )
     ]
     for side, ends in ((1, ends_left), (-1, ends_right)):
-        between = 0.5 * (apparent + np.fmin(apparent, _beside(grid, gauge, range_m, side)))
+        between = 0.5 * (apparent + np.fmin(apparent, _neighbour_bound(grid, gauge, range_m, side)))
         beyond = (2.0 - EDGE, EDGE) if side > 0 else (-EDGE, EDGE - 2.0)
         parts.append(_quads(grid, ends, range_m, planes.normal, between, ROUGH, span=beyond))
     if two.any():
-        parts += _both(grid, two, range_m, planes.normal, gauge)
+        parts += _two_return_quads(grid, two, range_m, planes.normal, gauge)
     if ground is not None:
         parts.append(_ground(grid, planes, apparent, ground, gauge))
-    return together(parts)
+    return join_surfels(parts)
 
 
 def _apparent(grid: Grid, gauge: Gauge | None, planes: Planes) -> Numbers:
@@ -115,14 +115,14 @@ def _apparent(grid: Grid, gauge: Gauge | None, planes: Planes) -> Numbers:
     lost_mask = ~sweep.kept & planes.has_plane
     if lost_mask.any():
         measured = np.where(sweep.kept, apparent, np.nan)
-        middle = known_median(np.stack([np.roll(measured, shift, axis=1)[lost_mask] for shift in range(-4, 5)]))
+        middle = finite_median(np.stack([np.roll(measured, shift, axis=1)[lost_mask] for shift in range(-4, 5)]))
         if np.isnan(middle).any():
             middle = np.where(np.isnan(middle), median_around(grid, measured)[lost_mask], middle)
-        apparent[lost_mask] = np.fmin(middle, _allowed(grid, gauge, planes.range_m)[lost_mask])
+        apparent[lost_mask] = np.fmin(middle, _reflectivity_bound(grid, gauge, planes.range_m)[lost_mask])
     return np.maximum(apparent, LEAST)
 
 
-def _allowed(grid: Grid, gauge: Gauge, range_m: Numbers) -> Numbers:
+def _reflectivity_bound(grid: Grid, gauge: Gauge, range_m: Numbers) -> Numbers:
     """Most that the strength of a lost pulse allows, inf where it is not recorded: no bound.
 
     Makers report the highest peak of a pulse, though none was kept.
@@ -141,18 +141,18 @@ def _two_returns(grid: Grid) -> Numbers:
     return np.asarray(grid.sweep.kept & np.isfinite(second.range_m))
 
 
-def _ends(grid: Grid, side: int) -> Numbers:
+def _surface_ends(grid: Grid, side: int) -> Numbers:
     """Mask of the pixels whose neighbour to the left (side 1) or right (-1) was lost, and no echo of it withheld."""
     sweep = grid.sweep
-    return _neighbour(grid, sweep.lost & ~dropped(sweep), side)
+    return _neighbour(grid, sweep.lost & ~withheld_mask(sweep), side)
 
 
-def _beside(grid: Grid, gauge: Gauge | None, range_m: Numbers, side: int) -> Numbers:
+def _neighbour_bound(grid: Grid, gauge: Gauge | None, range_m: Numbers, side: int) -> Numbers:
     """Most that the lost neighbour's strength allows at this pixel's range."""
     if gauge is None:
         return np.full(grid.sweep.shape, np.inf)
     neighbour_range_m = _neighbour(grid, range_m, -side)
-    return _neighbour(grid, _allowed(grid, gauge, neighbour_range_m), side)
+    return _neighbour(grid, _reflectivity_bound(grid, gauge, neighbour_range_m), side)
 
 
 def _neighbour(grid: Grid, values: Numbers, side: int) -> Numbers:
@@ -160,7 +160,7 @@ def _neighbour(grid: Grid, values: Numbers, side: int) -> Numbers:
     return np.roll(values, -side if grid.step_rad > 0.0 else side, axis=1)
 
 
-def _both(grid: Grid, two: Numbers, range_m: Numbers, normal: Numbers, gauge: Gauge | None) -> list[Surfels]:
+def _two_return_quads(grid: Grid, two: Numbers, range_m: Numbers, normal: Numbers, gauge: Gauge | None) -> list[Surfels]:
     """Of pixels with two returns: the nearer quad covers half of the pixel, the farther shows beside it.
 
     So the share of the beam that each returns is part of its apparent reflectivity.
@@ -195,7 +195,7 @@ def _ground(grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gaug
         return _quads(grid, on_ground, meets_m, np.broadcast_to(normal, (*sweep.shape, 3)), apparent, GROUND)
     farthest_m = GROUND_BEYOND * float(np.percentile(sweep.range_m[on_ground], 99.0))
     with np.errstate(invalid="ignore"):
-        shows = ~planes.has_plane & ~dropped(sweep) & _in_sight(sweep.kept, on_ground, sweep.range_m, meets_m)
+        shows = ~planes.has_plane & ~withheld_mask(sweep) & _in_sight(sweep.kept, on_ground, sweep.range_m, meets_m)
         behind = np.where(sweep.kept, sweep.range_m + BEHIND_M < meets_m, shows)
         chosen = (meets_m > 0.0) & (meets_m < farthest_m) & behind & sweep.recorded
     strength = np.full(sweep.shape, float(np.median(apparent[on_ground])))
@@ -205,7 +205,7 @@ def _ground(grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gaug
         if near.sum() >= 10:
             strength[octave == number] = np.median(apparent[near])
     if gauge is not None:
-        strength = np.where(sweep.kept, strength, np.fmin(strength, _allowed(grid, gauge, meets_m)))
+        strength = np.where(sweep.kept, strength, np.fmin(strength, _reflectivity_bound(grid, gauge, meets_m)))
     return _quads(grid, chosen, meets_m, np.broadcast_to(normal, (*sweep.shape, 3)), strength, GROUND)
 
 

@@ -10,7 +10,7 @@ from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
 from lidarscene.studies.fit.near_field import spot_over_field
 from lidarscene.studies.fit.on_scene import laid as laid_module
-from lidarscene.studies.fit.on_scene.laid import _frame, _power_w
+from lidarscene.studies.fit.on_scene.laid import _lay_frame, _power_w
 
 ONE_LENS = (
     "optics.overlap.transmitter_offset_mm=[0, 0]",
@@ -77,12 +77,12 @@ def test_each_pulse_is_laid_on_its_own_light() -> None:
         knows_lost=True,
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(laid_module, "matched", lambda *_: (numbers, np.zeros(shape)))
+        patch.setattr(laid_module, "match_pulses", lambda *_: (numbers, np.zeros(shape)))
         pulses = sensor.scanner.pulses
         rough = np.where(np.arange(pulses) % 5 == 0, 12.0, 10.0)
         one, two = Lit(sensor, np.full(pulses, 10.0)), Lit(sensor, rough)
         alone, smooth, second = (
-            _frame(simulators, sweep, None, number=frame)  # type: ignore[arg-type]
+            _lay_frame(simulators, sweep, None, number=frame)  # type: ignore[arg-type]
             for simulators, frame in (([one], 0), ([one, two], 0), ([one], 1))
         )
     there = ((numbers % 7 != 0) & ~withheld).T

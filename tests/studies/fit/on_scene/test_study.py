@@ -17,11 +17,11 @@ from lidarscene.recordings.sweep import Sweep
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
 from lidarscene.studies.fit import known_scene
-from lidarscene.studies.fit.estimates import Solved
-from lidarscene.studies.fit.likelihood import KnownFit
+from lidarscene.studies.fit.estimates import Solution
+from lidarscene.studies.fit.likelihood import ParameterFit
 from lidarscene.studies.fit.on_scene import study
-from lidarscene.studies.fit.on_scene.laid import Laid
-from lidarscene.studies.fit.on_scene.study import Given, fit_on_scene
+from lidarscene.studies.fit.on_scene.laid import PulsesOnScene
+from lidarscene.studies.fit.on_scene.study import SceneFitInputs, fit_on_scene
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
 TRUTH = {
@@ -51,7 +51,7 @@ def fitted(made: Made, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[s
     """What the fit says, the folder that it wrote to, and whether it passed."""
     recording, scene, _ = made
     folder = tmp_path_factory.mktemp("found")
-    given = Given(recordings=[recording], scene=scene)
+    given = SceneFitInputs(recordings=[recording], scene=scene)
     with pytest.MonkeyPatch.context() as patch:
         draw_roughly(patch)
         text, passed = fit_on_scene(given, folder / "unit.toml", folder / "report", as_json=True)
@@ -102,13 +102,13 @@ def test_poses_move_the_sensor(made: Made, tmp_path: Path, monkeypatch: pytest.M
         seen.append(one)
         raise InputError("enough")
 
-    monkeypatch.setattr(study, "fit_laid", laid)
+    monkeypatch.setattr(study, "fit_pulses_on_scene", laid)
     for aside_m in (0.0, 2.0):
         poses = tmp_path / f"{aside_m}.csv"
         rows = [f"{t},{-0.5 * aside_m},{aside_m},1.8,30" for t in (0.0, 1.0)]
         poses.write_text("\n".join(["time_s,x_m,y_m,z_m,yaw_deg", *rows]) + "\n", encoding="utf-8")
         with pytest.raises(InputError, match="enough"):
-            fit_on_scene(Given(recordings=[recording], scene=scene, poses=poses), tmp_path / "u.toml", tmp_path / "r")
+            fit_on_scene(SceneFitInputs(recordings=[recording], scene=scene, poses=poses), tmp_path / "u.toml", tmp_path / "r")
     off_m = [np.nanquantile(np.abs(one.reported.range_m - one.scene.range_m), 0.9) for one in seen]
     assert off_m[0] < 0.1
     assert off_m[1] > 0.5
@@ -128,22 +128,22 @@ def test_what_does_not_fit_is_one_line(made: Made, tmp_path: Path, changed: dict
         changed = {"poses": tmp_path / changed["poses"]}
         changed["poses"].write_text("time_s,x_m,y_m,z_m\n5,0,0,0\n6,0,0,0\n", encoding="utf-8")
     with pytest.raises(InputError, match=complaint):
-        fit_on_scene(Given(recordings=[recording], scene=scene, **changed), tmp_path / "u.toml", tmp_path)
+        fit_on_scene(SceneFitInputs(recordings=[recording], scene=scene, **changed), tmp_path / "u.toml", tmp_path)
     assert not (tmp_path / "u.toml").exists()
 
 
-def bare(signal: Any, off_m: Any, *, kept: Any = True, power: float = 1.0) -> Laid:
+def bare(signal: Any, off_m: Any, *, kept: Any = True, power: float = 1.0) -> PulsesOnScene:
     """Bright walls before the published sensor that reported these signals and ranges."""
     count = len(signal)
     light = echoes_of_plane(published(), Target(reflectivity=0.5, illuminance_klux=1.0), np.full(count, 12.0))
-    scene = known_scene.Scene.from_light(light, published(), np.zeros(count, int), spot_over_field=0.5)
-    reported = known_scene.Reported(
+    scene = known_scene.KnownScene.from_light(light, published(), np.zeros(count, int), spot_over_field=0.5)
+    reported = known_scene.Observations(
         has_return=np.broadcast_to(kept, count),
         signal=np.asarray(signal),
         near_ir=np.full(count, np.nan),
         range_m=scene.range_m + off_m,
     )
-    return Laid(scene=scene, reported=reported, block=np.zeros(count, int))
+    return PulsesOnScene(scene=scene, reported=reported, block=np.zeros(count, int))
 
 
 def test_the_floor_is_that_of_the_strongest_quarter() -> None:
@@ -160,20 +160,20 @@ def test_what_photons_do_not_explain_is_texture_and_strangers() -> None:
     """
     count = 400
     plain = bare(np.ones(count), np.zeros(count))
-    law = known_scene.expected(plain.scene, {})
+    law = known_scene.predict(plain.scene, {})
     assert np.all(np.asarray(law.chance) > 0.999)
     photons = float(np.median(np.asarray(law.variance) / np.asarray(law.signal) ** 2))
     turn = np.where(np.arange(count) % 2 == 0, 1.1, 0.9)
-    laid = bare(np.asarray(law.signal) * turn, np.zeros(count), kept=np.arange(count) % 10 != 0)
-    known = KnownFit(
-        solved=Solved(value=np.zeros(0), slope=np.zeros((0, 0)), scores=np.zeros((1, 0))),
+    laid = bare(np.asarray(law.signal) * turn, np.zeros(count), has_return=np.arange(count) % 10 != 0)
+    known = ParameterFit(
+        solved=Solution(value=np.zeros(0), slope=np.zeros((0, 0)), scores=np.zeros((1, 0))),
         names=(),
         held=(),
         null=(),
         values={},
         reflectivity=np.zeros(1),
     )
-    texture, strangers = study._unexplained(laid, known)
+    texture, strangers = study._texture_and_strangers(laid, known)
     assert texture == pytest.approx(np.sqrt((1.4826 * 0.1) ** 2 - photons), rel=0.01)
     assert photons > 0.02 * texture**2
     assert strangers == pytest.approx(0.2)
@@ -185,27 +185,27 @@ def test_blocks_that_judge_are_not_fitted(monkeypatch: pytest.MonkeyPatch) -> No
     laid = replace(laid, block=np.repeat(np.arange(12), 5))
     seen: dict[str, Any] = {}
 
-    def fitted(scene: Any, reported: Any, names: Any, **_: Any) -> KnownFit:
+    def fitted(scene: Any, reported: Any, names: Any, **_: Any) -> ParameterFit:
         seen["fitted"] = np.unique(reported.signal).tolist()
         raise InputError("enough")
 
-    monkeypatch.setattr(study, "fit_known", fitted)
+    monkeypatch.setattr(study, "fit_parameters", fitted)
     with pytest.raises(InputError, match="enough"):
-        study.fit_laid(laid, published(), twin=False)
+        study.fit_pulses_on_scene(laid, published(), twin=False)
     assert seen["fitted"] == [0, 1, 2, 4, 5, 6, 8, 9, 10]
-    known = KnownFit(
-        solved=Solved(value=np.zeros(0), slope=np.zeros((0, 0)), scores=np.zeros((1, 0))),
+    known = ParameterFit(
+        solved=Solution(value=np.zeros(0), slope=np.zeros((0, 0)), scores=np.zeros((1, 0))),
         names=(),
         held=(),
         null=(),
         values={},
         reflectivity=np.zeros(1),
     )
-    monkeypatch.setattr(study, "fit_known", lambda *_, **__: known)
+    monkeypatch.setattr(study, "fit_parameters", lambda *_, **__: known)
     monkeypatch.setattr(
-        study, "judged", lambda others, _: seen.update(judged=np.unique(others.reported.signal).tolist())
+        study, "judge", lambda others, _: seen.update(judged=np.unique(others.reported.signal).tolist())
     )
-    fit = study.fit_laid(laid, published(), twin=False)
+    fit = study.fit_pulses_on_scene(laid, published(), twin=False)
     assert seen["judged"] == [3, 7, 11]
     assert fit.pulses == (45, 15)
 
@@ -220,7 +220,7 @@ def test_poses_count_by_the_recordings_clock_or_from_its_first_frame(tmp_path: P
         Sweep(range_m=np.ones(1), recorded=np.ones(1, bool), direction=np.array([[1.0, 0.0, 0.0]]), start_s=t)
         for t in (501.0, 502.0)
     ]
-    placed = study._placed([(sweep, None) for sweep in sweeps], path)
+    placed = study._place_frames([(sweep, None) for sweep in sweeps], path)
     assert [pose.position_m.tolist() for _, pose in placed if pose is not None] == [
         pytest.approx([0.0, 0.0, 1.0]),
         pytest.approx([3.0, 0.0, 1.0]),
@@ -242,7 +242,7 @@ def test_what_a_twin_has_not_seen_is_fitted(monkeypatch: pytest.MonkeyPatch, hel
         "held_out": held_out,
         "places": {"0": [0.0] * 6, "1": [1.0, *[0.0] * 5]} | ({"2": [2.0, *[0.0] * 5]} if held_out == 2 else {}),
     }
-    frames, notes = study._frames(Given(recordings=[Path("r.pcap")], scene=Path("scene.toml")), made)
+    frames, notes = study._frames_with_poses(SceneFitInputs(recordings=[Path("r.pcap")], scene=Path("scene.toml")), made)
     assert [pose.position_m[0] for _, pose in frames if pose is not None] == chosen
     step = slice(1, None, 2) if held_out == "columns" else slice(None)
     for number, (sweep, _) in zip(chosen, frames, strict=True):

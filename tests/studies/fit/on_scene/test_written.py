@@ -5,8 +5,8 @@ import pytest
 
 from lidarscene import catalog
 from lidarscene.studies.fit.estimates import Estimate
-from lidarscene.studies.fit.on_scene.written import written_text
-from lidarscene.studies.fit.unit import sensor_of
+from lidarscene.studies.fit.on_scene.written import scaled_text
+from lidarscene.studies.fit.unit import parse_sensor
 
 TEXT = catalog.path_of("sensors", "os0-128").read_text(encoding="utf-8")
 
@@ -18,14 +18,14 @@ def written(**factors: float) -> tuple[str, tuple[str, ...]]:
         )
         for key, value in factors.items()
     }
-    return written_text(TEXT, given, "drawn", "os0.toml")
+    return scaled_text(TEXT, given, "drawn", "os0.toml")
 
 
 def test_a_stretched_near_field_is_the_same_curve_farther_out() -> None:
     """Two lenses that meet and are in focus at 6.25 m: at 1.3 times the range all is as it was, and so is the sun."""
     text, notes = written(near_field_m=1.3)
     assert not notes
-    before, after = sensor_of(TEXT, "a"), sensor_of(text, "b")
+    before, after = parse_sensor(TEXT, "a"), parse_sensor(text, "b")
     assert before.optics.overlap is not None
     assert after.optics.overlap is not None
     range_m = np.geomspace(1.0, 50.0, 15)
@@ -46,7 +46,7 @@ def test_what_does_not_go_with_the_rest_is_left_and_told() -> None:
     text, notes = written(laser__pulse_fwhm_ns=20.0, laser__peak_power_w=2.0)
     assert len(notes) == 1
     assert notes[0].startswith("laser.pulse_fwhm_ns is left as it was: ")
-    before, after = sensor_of(TEXT, "a"), sensor_of(text, "b")
+    before, after = parse_sensor(TEXT, "a"), parse_sensor(text, "b")
     assert after.laser.pulse_fwhm_s == before.laser.pulse_fwhm_s
     assert after.laser.peak_power_w == pytest.approx(2.0 * before.laser.peak_power_w, rel=1e-5)
     assert after.sources["laser.peak_power_w"].startswith("fitted with a scene: laser.peak_power_w 2 +/- 0.01 times")
@@ -58,7 +58,7 @@ def test_factors_of_one_key_multiply() -> None:
     """
     text, notes = written(near_field_m=1.3, spot_over_field=1.2, laser__peak_power_w=2.0)
     assert not notes
-    before, after = sensor_of(TEXT, "a").laser, sensor_of(text, "b").laser
+    before, after = parse_sensor(TEXT, "a").laser, parse_sensor(text, "b").laser
     assert after.divergence_rad == pytest.approx(1.2 / np.sqrt(1.3) * before.divergence_rad, rel=1e-5)
     assert after.peak_power_w == pytest.approx(2.0 / 1.3 * before.peak_power_w, rel=1e-5)
 
@@ -66,6 +66,6 @@ def test_factors_of_one_key_multiply() -> None:
 @pytest.mark.parametrize(("sigma", "is_written"), [(0.29, True), (0.31, False)])
 def test_what_is_known_to_30_per_cent_is_written(sigma: float, is_written: bool) -> None:
     factor = Estimate(key="laser.peak_power_w", value=2.0, unit="times", fisher=2.0 * sigma, bootstrap=2.0 * sigma)
-    text, notes = written_text(TEXT, {factor.key: factor}, "drawn", "os0.toml")
+    text, notes = scaled_text(TEXT, {factor.key: factor}, "drawn", "os0.toml")
     assert (text != TEXT) is is_written
     assert (len(notes) == 1) is not is_written

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ....maths.arrays import Numbers
-from ..known_scene import MOST_FIRED, STRONG, Expected, expected
-from ..likelihood import FARTHEST_SQUARE, MEAN_SQUARE, OUTLIER, KnownFit
-from .laid import Laid
+from ..known_scene import MOST_FIRED, STRONG, Prediction, predict
+from ..likelihood import FARTHEST_SQUARE, MEAN_SQUARE, OUTLIER, ParameterFit
+from .laid import PulsesOnScene
 
 RANGES, CHANCES = 8, 10
 """Bins of the range, with as many pulses each, and of the chance to be kept."""
@@ -18,7 +18,7 @@ LEAST = 50
 """Fewer pulses in a bin are not told, and nothing of `RANGES` times fewer on smooth surfaces: they stand on a few, and
 the law of one that was simulated misses the others."""
 
-OF_ONE = 0.75
+LOG_SIGMA_OF_ONE = 0.75
 """Sigma of the logarithm of a scatter (`capped_scatter`), times the root of the number of pulses."""
 
 NEAR_M = 0.3
@@ -26,7 +26,7 @@ NEAR_M = 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Judged:
+class HeldOutBins:
     """By bins of the pulses that were not fitted; the first column of each is what they are sorted by.
 
     signal   (k, 3) range [m], mean of the recorded signal, of the expected one
@@ -62,10 +62,10 @@ class Judged:
         return bool(np.any(np.abs(np.log(self.ratios)) > np.log(most) + 2.0 * self.scatter[:, 3]))
 
 
-def judged(laid: Laid, parameter_fit: KnownFit) -> Judged:
+def judge(laid: PulsesOnScene, parameter_fit: ParameterFit) -> HeldOutBins:
     """Hold the sensor with these numbers to these pulses; their surfaces are as bright as they are believed to be."""
-    prediction = expected(laid.scene, parameter_fit.values)
-    strong = _strong(laid, prediction)
+    prediction = predict(laid.scene, parameter_fit.values)
+    strong = _strong_mask(laid, prediction)
     rows = []
     enough = strong.sum() >= LEAST * RANGES
     if enough:
@@ -74,21 +74,21 @@ def judged(laid: Laid, parameter_fit: KnownFit) -> Judged:
         bin_index = np.searchsorted(edges, range_m)
         columns = range_m, laid.reported.signal[strong], np.asarray(prediction.signal)[strong]
         rows = [[float(np.mean(values[bin_index == k])) for values in columns] for k in range(RANGES)]
-    return Judged(
+    return HeldOutBins(
         signal=np.array(rows).reshape(-1, 3),
-        kept_shares=_kept(laid, prediction),
+        kept_shares=_kept_shares(laid, prediction),
         scatter=_scatter(laid, prediction, strong, parameter_fit) if enough else np.zeros((0, 4)),
     )
 
 
-def _strong(laid: Laid, prediction: Expected) -> Numbers:
+def _strong_mask(laid: PulsesOnScene, prediction: Prediction) -> Numbers:
     """Mask of the pulses that are all kept, and of which the signal and the range are told."""
     finite = np.isfinite(laid.reported.signal) & np.isfinite(laid.reported.range_m)
     mask = (prediction.signal > STRONG * prediction.level) & (prediction.fired < MOST_FIRED) & finite
     return np.asarray(mask & (np.abs(np.nan_to_num(laid.reported.range_m) - laid.scene.range_m) < NEAR_M))
 
 
-def _kept(laid: Laid, prediction: Expected) -> Numbers:
+def _kept_shares(laid: PulsesOnScene, prediction: Prediction) -> Numbers:
     """Of the pulses whose signal is not far above the threshold."""
     weak = np.asarray(prediction.signal <= STRONG * prediction.level)
     chance, returned = np.asarray(prediction.chance)[weak], laid.reported.has_return[weak]
@@ -111,14 +111,14 @@ def capped_scatter(relative: Numbers) -> float:
     return float(np.sqrt(np.mean(np.minimum(near * near, FARTHEST_SQUARE)) / MEAN_SQUARE))
 
 
-def _scatter(laid: Laid, prediction: Expected, strong: Numbers, parameter_fit: KnownFit) -> Numbers:
+def _scatter(laid: PulsesOnScene, prediction: Prediction, strong: Numbers, parameter_fit: ParameterFit) -> Numbers:
     signal = np.asarray(prediction.signal)[strong]
     relative = (laid.reported.range_m - laid.scene.range_m)[strong]
     octave = np.floor(np.log2(np.maximum(signal, 1.0))).astype(int)
     step = 1e-3
     sigma_m = np.asarray(prediction.sigma_m)[strong]
     moved_sigmas_m = [
-        np.asarray(expected(laid.scene, {**parameter_fit.values, name: parameter_fit.values[name] + step}).sigma_m)[strong]
+        np.asarray(predict(laid.scene, {**parameter_fit.values, name: parameter_fit.values[name] + step}).sigma_m)[strong]
         for name in parameter_fit.names
     ]
     slopes = [np.log(moved_m / sigma_m) / step for moved_m in moved_sigmas_m]
@@ -129,7 +129,7 @@ def _scatter(laid: Laid, prediction: Expected, strong: Numbers, parameter_fit: K
         if mask.sum() >= LEAST:
             expected_m = float(np.median(sigma_m[mask]))
             slope = np.array([np.median(values[mask]) for values in slopes])
-            variance = OF_ONE**2 / mask.sum() + max(float(slope @ covariance @ slope) for covariance in covariances)
+            variance = LOG_SIGMA_OF_ONE**2 / mask.sum() + max(float(slope @ covariance @ slope) for covariance in covariances)
             rows.append(
                 [2.0 ** (number + 0.5), expected_m * capped_scatter(relative[mask] / sigma_m[mask]), expected_m, variance**0.5]
             )

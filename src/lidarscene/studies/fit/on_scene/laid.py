@@ -19,10 +19,10 @@ from ....recordings.sweep import Sweep
 from ....rendering.simulator import Simulator
 from ....scene.scene import Scene as World
 from ....sensor.model import Sensor
-from ...twin.pulses import from_exit, matched
-from ...twin.reflect import dropped
+from ...twin.pulses import ranges_from_exit, match_pulses
+from ...twin.reflect import withheld_mask
 from ...twin.surfels import BRIGHT, KINDS, ROUGH, SMOOTH
-from ..known_scene import Reported, Scene
+from ..known_scene import Observations, KnownScene
 from ..near_field import spot_over_field
 from ..pulses import BLOCK, HELD_OUT
 
@@ -37,19 +37,19 @@ SAME_M = 1e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Laid:
+class PulsesOnScene:
     """Pulses of all frames, by frame and column; those of a patch have one ``scene.group``.
 
     block  (n,) number of the block of columns
     """
 
-    scene: Scene
-    reported: Reported
+    scene: KnownScene
+    reported: Observations
     block: Numbers
 
-    def select(self, mask: Numbers) -> Laid:
+    def select(self, mask: Numbers) -> PulsesOnScene:
         """Only these pulses."""
-        return replace(self, scene=_some(self.scene, mask), reported=_some(self.reported, mask), block=self.block[mask])
+        return replace(self, scene=_select(self.scene, mask), reported=_select(self.reported, mask), block=self.block[mask])
 
     @property
     def fitted(self) -> Numbers:
@@ -57,13 +57,13 @@ class Laid:
         return np.asarray(self.block % HELD_OUT != HELD_OUT - 1)
 
 
-def _of_kinds(world: World, *kinds: int) -> World:
+def _keep_kinds(world: World, *kinds: int) -> World:
     """A twin's scene with only these kinds of its surfaces."""
     names = {KINDS[kind] for kind in kinds}
     return replace(world, bodies=tuple(body for body in world.bodies if body.class_name in names))
 
 
-def laid_on(world: World, sensor: Sensor, frames: Sequence[tuple[Sweep, Pose | None]], *, twin: bool = False) -> Laid:
+def lay_on_scene(world: World, sensor: Sensor, frames: Sequence[tuple[Sweep, Pose | None]], *, twin: bool = False) -> PulsesOnScene:
     """Lay frames on a scene, each from its pose; None: the scene's own.
 
     twin  what was put where pulses were lost is left out. Signals and ranges count only of smooth surfaces: leaves and
@@ -71,30 +71,30 @@ def laid_on(world: World, sensor: Sensor, frames: Sequence[tuple[Sweep, Pose | N
     Raises InputError where the sensor does not fire the recording's pulses, or nothing stands before them.
     """
     # Of a twin: all that was measured, and what of it is smooth.
-    worlds = [_of_kinds(world, SMOOTH, ROUGH, BRIGHT), _of_kinds(world, SMOOTH)] if twin else [world]
+    worlds = [_keep_kinds(world, SMOOTH, ROUGH, BRIGHT), _keep_kinds(world, SMOOTH)] if twin else [world]
     simulators = [Simulator(simulated_world, sensor) for simulated_world in worlds]
-    parts = [_frame(simulators, sweep, pose, number=number) for number, (sweep, pose) in enumerate(frames)]
+    parts = [_lay_frame(simulators, sweep, pose, number=number) for number, (sweep, pose) in enumerate(frames)]
     if not sum(len(part.block) for part in parts):
         raise InputError("--scene: must have surfaces before the recorded pulses, got none")
-    joined = _joined(parts)
+    joined = _join(parts)
     group = np.unique(joined.scene.group, return_inverse=True)[1]
     return replace(joined, scene=replace(joined.scene, group=group))
 
 
-def _frame(simulators: Sequence[Simulator], sweep: Sweep, pose: Pose | None, *, number: int) -> Laid:
+def _lay_frame(simulators: Sequence[Simulator], sweep: Sweep, pose: Pose | None, *, number: int) -> PulsesOnScene:
     """A frame on the light of the first simulator; what another one sees otherwise tells no signal and no range."""
     sensor = simulators[0].sensor
-    numbers, _ = matched(sensor, sweep)
+    numbers, _ = match_pulses(sensor, sweep)
     rows, columns = sweep.shape
     if sweep.signal is None:
         raise InputError("must have SIGNAL, as Ousters record, got none")
     # Column by column, so that blocks of pulses in order are sectors.
-    chosen = (sweep.recorded & ~dropped(sweep)).T
+    chosen = (sweep.recorded & ~withheld_mask(sweep)).T
     pulse = numbers.T[chosen]
     column = np.broadcast_to(np.arange(columns)[:, None], chosen.shape)[chosen]
     row = np.broadcast_to(np.arange(rows)[None, :], chosen.shape)[chosen]
     block = number * (columns // BLOCK + 1) + column // BLOCK
-    lights = [_of_pulses(simulator.light() if pose is None else simulator.light(pose=pose), pulse) for simulator in simulators]
+    lights = [_select_light(simulator.light() if pose is None else simulator.light(pose=pose), pulse) for simulator in simulators]
     light = lights[0]
     met_surface = np.asarray(light.found)
     smooth = np.ones(len(pulse), bool)
@@ -102,26 +102,26 @@ def _frame(simulators: Sequence[Simulator], sweep: Sweep, pose: Pose | None, *, 
         difference_m = np.asarray(other_light.parts[0].range_m - light.parts[0].range_m)
         smooth &= np.asarray(other_light.found) & (np.abs(difference_m) < SAME_M)
     group = block * (rows // ROWS + 1) + row // ROWS
-    scene = Scene.from_light(light, sensor, group, spot_over_field=spot_over_field(sensor))
+    scene = KnownScene.from_light(light, sensor, group, spot_over_field=spot_over_field(sensor))
     near_ir = None if sweep.near_ir is None else np.asarray(sweep.near_ir, np.float64).T[chosen][met_surface]
     if len(simulators) > 1 and near_ir is not None:
         scene = replace(scene, background_w=_power_w(sensor, near_ir), light_measured=True)
-    range_m = from_exit(sensor, sweep, numbers).T[chosen][met_surface]
+    range_m = ranges_from_exit(sensor, sweep, numbers).T[chosen][met_surface]
     returned = np.isfinite(range_m)
     on_smooth = returned & smooth[met_surface]
     signal = np.asarray(sweep.signal, np.float64).T[chosen][met_surface]
     if near_ir is None or scene.light_measured:
         near_ir = np.full(len(returned), np.nan)
-    return Laid(
+    return PulsesOnScene(
         scene=scene,
-        reported=Reported(
+        reported=Observations(
             has_return=returned, signal=np.where(on_smooth, signal, np.nan), range_m=np.where(on_smooth, range_m, np.nan), near_ir=near_ir
         ),
         block=block[met_surface],
     )
 
 
-def _of_pulses(light: EchoTrain, pulse: Numbers) -> EchoTrain:
+def _select_light(light: EchoTrain, pulse: Numbers) -> EchoTrain:
     """The light of these pulses, of surfaces only."""
     parts: list[SubEchoes] = []
     for part in light.parts[: light.surfaces]:
@@ -138,14 +138,14 @@ def _power_w(sensor: Sensor, near_ir: Numbers) -> Numbers:
     return np.interp(near_ir, counts, POWERS_W, left=0.0)
 
 
-def _some(values: Any, mask: Numbers) -> Any:
+def _select(values: Any, mask: Numbers) -> Any:
     selected = {
         field.name: value[mask] for field in fields(values) if isinstance(value := getattr(values, field.name), np.ndarray)
     }
     return replace(values, **selected)
 
 
-def _joined(parts: Iterable[Laid]) -> Laid:
+def _join(parts: Iterable[PulsesOnScene]) -> PulsesOnScene:
     pulses = list(parts)
 
     def concatenate(values: Sequence[Any]) -> Any:
@@ -157,7 +157,7 @@ def _joined(parts: Iterable[Laid]) -> Laid:
         }
         return replace(first, **arrays)
 
-    return Laid(
+    return PulsesOnScene(
         scene=concatenate([part.scene for part in pulses]),
         reported=concatenate([part.reported for part in pulses]),
         block=np.concatenate([part.block for part in pulses]),

@@ -12,19 +12,19 @@ from ....figures.lines import Chart, Line
 from ....figures.page import Page, counted
 from ....maths.arrays import Numbers
 from ..estimates import Estimate
-from ..likelihood import KnownFit
+from ..likelihood import ParameterFit
 from ..report import (
     KEPT_ERROR,
     SCATTER_RATIO,
     SIGNAL_ERROR,
-    Check,
+    LawCheck,
     Figure,
     add_checks,
     add_figures,
     add_notes,
-    put_page,
+    write_page,
 )
-from .checks import Judged
+from .checks import HeldOutBins
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,8 +42,8 @@ class SceneFit:
     sensor: str
     frames: int
     pulses: tuple[int, int]
-    parameter_fit: KnownFit
-    judged: Judged
+    parameter_fit: ParameterFit
+    judged: HeldOutBins
     evaluations: int
     texture: float
     strangers: float
@@ -55,24 +55,24 @@ class SceneFit:
         return self.parameter_fit.estimates
 
     @property
-    def checks(self) -> tuple[Check, ...]:
+    def checks(self) -> tuple[LawCheck, ...]:
         """On columns that were not fitted."""
         judged = self.judged
         signal_error, kept_error, ratios = judged.signal_error, judged.kept_error, judged.ratios
         return (
-            Check(
+            LawCheck(
                 name="signal over the range",
                 wanted=f"mean error <= {SIGNAL_ERROR:.0%}",
                 found="too few" if signal_error is None else f"{signal_error:.1%}",
                 held=None if signal_error is None else signal_error <= SIGNAL_ERROR,
             ),
-            Check(
+            LawCheck(
                 name="kept and lost",
                 wanted=f"mean difference <= {KEPT_ERROR:g}",
                 found="too few" if kept_error is None else f"{kept_error:.3f}",
                 held=None if kept_error is None else kept_error <= KEPT_ERROR,
             ),
-            Check(
+            LawCheck(
                 name="scatter by octave of the signal",
                 wanted=f"{1 / SCATTER_RATIO:g} to {SCATTER_RATIO:g} of the law, within 2 sigma",
                 found="too few" if not len(ratios) else f"{ratios.min():.2f} to {ratios.max():.2f}",
@@ -160,10 +160,10 @@ def write_report(fit: SceneFit, folder: Path) -> None:
     page.heading("What cannot be told")
     page.paragraph("Along each line nothing changes that was recorded; its first number stays as it was.")
     page.table(("not known",), [(direction,) for direction in fit.parameter_fit.null])
-    put_page(page, folder, as_dict(fit))
+    write_page(page, folder, as_dict(fit))
 
 
-def _figures(judged: Judged) -> list[Figure]:
+def _figures(judged: HeldOutBins) -> list[Figure]:
     figures: list[Figure] = []
     if len(judged.signal):
         figures.append(

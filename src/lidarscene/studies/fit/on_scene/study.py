@@ -18,17 +18,17 @@ from ....recordings.sweep import Sweep
 from ....scene.poses import read_poses
 from ....scene.scene_file import load_scene
 from ....sensor.model import Sensor
-from ...twin.build import ABOUT, COLUMNS, about, place_of
-from ...twin.planes import of_columns
+from ...twin.build import PROVENANCE, COLUMNS, read_provenance, frame_pose
+from ...twin.planes import select_columns
 from ..estimates import MOST_EVALUATIONS
-from ..known_scene import LEAST_FLOOR_M, PARAMETERS, expected
-from ..likelihood import KnownFit, fit_known
-from ..report import check_places, told
-from ..unit import base_text, sensor_of
-from .checks import judged
-from .laid import Laid, laid_on
+from ..known_scene import LEAST_FLOOR_M, PARAMETERS, predict
+from ..likelihood import ParameterFit, fit_parameters
+from ..report import check_outputs, printed_text
+from ..unit import base_text, parse_sensor
+from .checks import judge
+from .laid import PulsesOnScene, lay_on_scene
 from .report import SceneFit, as_dict, as_text, write_report
-from .written import written_text
+from .written import scaled_text
 
 REFLECTIVITY_SIGMA = 0.1
 """How well the factor of a patch is known beforehand: the maker's reflectivity of a twin is good to some 10 %."""
@@ -42,19 +42,19 @@ NORMAL = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
 
-_OF_TWIN = (
+_TWIN_NOTE = (
     "the scene is a twin: its light and the scale of its reflectivities are the recording's own: sun and dark counts "
     "cannot be told, and power only with the maker's REFLECTIVITY as the scale"
 )
-_SEEN = (
+_SEEN_NOTE = (
     "the twin is made of these frames: it was told their signals, so these say nothing new of power and near field; "
     "twin --held-out columns, or --held-out K, keeps them apart"
 )
-_HELD_OUT = "the twin has not seen what is fitted here (held out)"
+_HELD_OUT_NOTE = "the twin has not seen what is fitted here (held out)"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Given:
+class SceneFitInputs:
     """What a fit with a scene is made of.
 
     sensor    catalogue name or sensor file; None: the scene's own
@@ -69,29 +69,29 @@ class Given:
     poses: Path | None = None
 
 
-def fit_on_scene(inputs: Given, output: Path, report: Path, *, as_json: bool = False) -> tuple[str, bool]:
+def fit_on_scene(inputs: SceneFitInputs, output: Path, report: Path, *, as_json: bool = False) -> tuple[str, bool]:
     """Fit, and write sensor file, page and JSON; returns what is printed and whether all checks held.
 
     Raises InputError and OutputError.
     """
-    check_places(output, report)
+    check_outputs(output, report)
     world = load_scene(inputs.scene)
     sensor_name = world.sensor_name if inputs.sensor is None else inputs.sensor
     where = f"--sensor {sensor_name}"
     text = base_text(sensor_name, metadata_of(inputs.recordings[0], inputs.metadata))
-    sensor = sensor_of(text, where)
+    sensor = parse_sensor(text, where)
     if sensor.histogram is None:
         raise InputError(f"{where}: must count photons, with [histogram], to be fitted with a scene")
-    provenance = about(inputs.scene) if (inputs.scene.parent / ABOUT).is_file() else None
-    frames, notes = _frames(inputs, provenance)
+    provenance = read_provenance(inputs.scene) if (inputs.scene.parent / PROVENANCE).is_file() else None
+    frames, notes = _frames_with_poses(inputs, provenance)
     recording = ", ".join(path.name for path in inputs.recordings)
     if provenance is not None:
-        notes += (_OF_TWIN,)
+        notes += (_TWIN_NOTE,)
     try:
-        laid = laid_on(world, sensor, frames, twin=provenance is not None)
+        laid = lay_on_scene(world, sensor, frames, twin=provenance is not None)
     except ValueError as error:
         raise InputError(f"{recording}: {error}") from None
-    fit = fit_laid(laid, sensor, twin=provenance is not None)
+    fit = fit_pulses_on_scene(laid, sensor, twin=provenance is not None)
     fit = replace(
         fit,
         recording=recording,
@@ -100,28 +100,28 @@ def fit_on_scene(inputs: Given, output: Path, report: Path, *, as_json: bool = F
         frames=len(frames),
         notes=notes,
     )
-    sensor_text, text_notes = written_text(text, {estimate.key: estimate for estimate in fit.estimates}, f"{recording} on {fit.scene}", where)
+    sensor_text, text_notes = scaled_text(text, {estimate.key: estimate for estimate in fit.estimates}, f"{recording} on {fit.scene}", where)
     fit = replace(fit, notes=(*fit.notes, *text_notes))
     put_text(output, sensor_text)
     write_report(fit, report)
-    return told(as_dict(fit), as_text(fit), output, report, as_json=as_json), fit.passed
+    return printed_text(as_dict(fit), as_text(fit), output, report, as_json=as_json), fit.passed
 
 
-def fit_laid(laid: Laid, sensor: Sensor, *, twin: bool) -> SceneFit:
+def fit_pulses_on_scene(laid: PulsesOnScene, sensor: Sensor, *, twin: bool) -> SceneFit:
     """The numbers of the sensor that make three of four blocks of columns likeliest, held to the fourth."""
     fitted = laid.select(laid.fitted)
     group = np.unique(fitted.scene.group, return_inverse=True)[1]
     fitted = replace(fitted, scene=replace(fitted.scene, group=group))
-    names = [name for name in PARAMETERS if name not in _untold(laid, sensor, twin=twin)]
+    names = [name for name in PARAMETERS if name not in _undetermined(laid, sensor, twin=twin)]
     evaluations = 0
     if twin:
         fitted = replace(fitted, scene=replace(fitted.scene, floor_m=_floor_m(fitted)))
     texture, strangers = (0.3, 0.02) if twin else (0.0, 0.0)
-    parameter_fit: KnownFit | None = None
+    parameter_fit: ParameterFit | None = None
     rounds = ROUNDS if twin else 1
     for _ in range(rounds):
         scene = replace(fitted.scene, texture=texture, strangers=strangers)
-        parameter_fit = fit_known(
+        parameter_fit = fit_parameters(
             scene,
             fitted.reported,
             names,
@@ -131,7 +131,7 @@ def fit_laid(laid: Laid, sensor: Sensor, *, twin: bool) -> SceneFit:
         )
         evaluations += parameter_fit.solved.evaluations
         if twin:
-            texture, strangers = _unexplained(replace(fitted, scene=scene), parameter_fit)
+            texture, strangers = _texture_and_strangers(replace(fitted, scene=scene), parameter_fit)
     assert parameter_fit is not None
     held_out = laid.select(~laid.fitted)
     scene = replace(held_out.scene, texture=texture, strangers=strangers, floor_m=fitted.scene.floor_m)
@@ -143,14 +143,14 @@ def fit_laid(laid: Laid, sensor: Sensor, *, twin: bool) -> SceneFit:
         frames=1,
         pulses=(len(fitted.block), len(held_out.block)),
         parameter_fit=parameter_fit,
-        judged=judged(held_out, parameter_fit),
+        judged=judge(held_out, parameter_fit),
         evaluations=evaluations,
         texture=texture,
         strangers=strangers,
     )
 
 
-def _untold(laid: Laid, sensor: Sensor, *, twin: bool) -> set[str]:
+def _undetermined(laid: PulsesOnScene, sensor: Sensor, *, twin: bool) -> set[str]:
     """Numbers that the sensor does not have, or that the scene was made of."""
     names = set()
     if laid.scene.spot_over_field is None:
@@ -163,7 +163,7 @@ def _untold(laid: Laid, sensor: Sensor, *, twin: bool) -> set[str]:
     return names
 
 
-def _floor_m(laid: Laid) -> float:
+def _floor_m(laid: PulsesOnScene) -> float:
     """Scatter of the ranges of the strongest quarter of the signals: of the twin's surfaces, for a start."""
     signal = laid.reported.signal
     with np.errstate(invalid="ignore"):
@@ -172,9 +172,9 @@ def _floor_m(laid: Laid) -> float:
     return max(NORMAL * float(np.median(np.abs(off_m))), LEAST_FLOOR_M) if strong.any() else LEAST_FLOOR_M
 
 
-def _unexplained(laid: Laid, parameter_fit: KnownFit) -> tuple[float, float]:
+def _texture_and_strangers(laid: PulsesOnScene, parameter_fit: ParameterFit) -> tuple[float, float]:
     """Scatter of the signals that photons do not explain, and the share of bright surfaces of which nothing came."""
-    prediction = expected(replace(laid.scene, texture=0.0, strangers=0.0), parameter_fit.values, parameter_fit.reflectivity[laid.scene.group])
+    prediction = predict(replace(laid.scene, texture=0.0, strangers=0.0), parameter_fit.values, parameter_fit.reflectivity[laid.scene.group])
     bright = np.asarray(prediction.chance) > 0.999
     mask = bright & np.isfinite(laid.reported.signal)
     if mask.sum() < 100:
@@ -186,7 +186,7 @@ def _unexplained(laid: Laid, parameter_fit: KnownFit) -> tuple[float, float]:
     return texture, min(2.0 * float(np.mean(~laid.reported.has_return[bright])), 0.5)
 
 
-def _frames(inputs: Given, provenance: dict[str, object] | None) -> tuple[list[tuple[Sweep, Pose | None]], tuple[str, ...]]:
+def _frames_with_poses(inputs: SceneFitInputs, provenance: dict[str, object] | None) -> tuple[list[tuple[Sweep, Pose | None]], tuple[str, ...]]:
     """The frames to fit with their poses, and what is to be said of them."""
     frames: list[tuple[Sweep, Pose | None]] = []
     for path in inputs.recordings:
@@ -199,18 +199,18 @@ def _frames(inputs: Given, provenance: dict[str, object] | None) -> tuple[list[t
             for number in numbers:
                 sweep = recording[int(number)]
                 if held_out == COLUMNS:
-                    sweep = of_columns(sweep, slice(1, None, 2))
-                frames.append((sweep, place_of(provenance, int(number), inputs.scene)))
+                    sweep = select_columns(sweep, slice(1, None, 2))
+                frames.append((sweep, frame_pose(provenance, int(number), inputs.scene)))
     if inputs.poses is not None:
-        frames = _placed(frames, inputs.poses)
+        frames = _place_frames(frames, inputs.poses)
     if provenance is None:
         return frames, ()
     if provenance["held_out"] is None:
-        return frames, (_SEEN,)
-    return frames, (_HELD_OUT,)
+        return frames, (_SEEN_NOTE,)
+    return frames, (_HELD_OUT_NOTE,)
 
 
-def _placed(frames: list[tuple[Sweep, Pose | None]], path: Path) -> list[tuple[Sweep, Pose | None]]:
+def _place_frames(frames: list[tuple[Sweep, Pose | None]], path: Path) -> list[tuple[Sweep, Pose | None]]:
     """The frames at the poses of a file, whose times are the recording's, or count from its first frame."""
     motion = read_poses(path)
     first, last = motion.span_s
