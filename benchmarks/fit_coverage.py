@@ -22,11 +22,11 @@ from helpers.drawn_scenes import REFLECTIVITY_SIGMA, SPOT, drawn_report, drawn_u
 from lidarscene import load_scene
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.sensor.catalogue import load_sensor
-from lidarscene.studies.fit.known_scene import Observations, KnownScene, predict
-from lidarscene.studies.fit.likelihood import fit_parameters
 from lidarscene.studies.fit.near_field import fit_near_field
-from lidarscene.studies.fit.pulses import gather_pulses
-from lidarscene.studies.fit.study import fit_pulses
+from lidarscene.studies.fit.on_scene.known_scene import KnownScene, Observations, predict
+from lidarscene.studies.fit.on_scene.likelihood import fit_parameters
+from lidarscene.studies.fit.recorded_pulses import gather_pulses
+from lidarscene.studies.fit.recording_fit import fit_pulses
 
 UNITS = 5
 STREET = Path(__file__).parents[1] / "scenes" / "drive.toml"

@@ -11,9 +11,9 @@ from drawing import WIDTH, below, store
 from PIL import Image
 
 from lidarscene.recordings.opening import open_recording
-from lidarscene.studies.fit.study import fit_recordings
-from lidarscene.studies.twin.build import COLUMNS, SCENE, build_twin, choose_frames
-from lidarscene.studies.twin.page import REAL, SIMULATED, compare_twin
+from lidarscene.studies.fit.recording_fit import fit_recordings
+from lidarscene.studies.twin.twin_files import COLUMNS, SCENE, build_twin, choose_frames
+from lidarscene.studies.twin.twin_page import REAL, SIMULATED, compare_twin
 
 SENSOR = "os2-128"
 

@@ -9,7 +9,7 @@ from helpers.premises import premise
 from lidarscene.detection.receivers import detect_alone
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
-from lidarscene.studies.fit.known_scene import Observations, KnownScene
+from lidarscene.studies.fit.on_scene.known_scene import KnownScene, Observations
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
 SPOT = 0.5

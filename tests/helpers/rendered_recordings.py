@@ -13,8 +13,8 @@ from lidarscene.scene.scene_file import load_scene
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
 from lidarscene.studies.fit.estimates import Estimate
-from lidarscene.studies.fit.on_scene.written import scaled_text
-from lidarscene.studies.twin.pulses import match_pulses
+from lidarscene.studies.fit.sensor_text import scaled_text
+from lidarscene.studies.twin.matched_pulses import match_pulses
 
 from .recordings import OUSTER
 

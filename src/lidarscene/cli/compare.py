@@ -158,7 +158,7 @@ def _real(arguments: argparse.Namespace) -> str:
 def _twin(arguments: argparse.Namespace) -> str:
     from ..recordings.opening import open_recording
     from ..rendering.options import DEFAULT_CHUNK
-    from ..studies.twin.page import compare_twin
+    from ..studies.twin.twin_page import compare_twin
 
     with open_recording(arguments.real, arguments.metadata) as recording:
         return compare_twin(

@@ -7,7 +7,7 @@ import pytest
 from helpers.recordings import OUSTER
 
 from lidarscene.cli import main
-from lidarscene.studies.fit import study
+from lidarscene.studies.fit import recording_fit
 
 
 def run(folder: Path, *options: str) -> int:
@@ -24,7 +24,7 @@ def test_the_code_says_whether_the_laws_held(
         asked.append((arguments, more))
         return "found", passed
 
-    monkeypatch.setattr(study, "fit_recordings", fitted)
+    monkeypatch.setattr(recording_fit, "fit_recordings", fitted)
     assert run(tmp_path, "-o", str(tmp_path / "u.toml"), "--metadata", "u.json", "--json") == code
     assert capsys.readouterr().out == "found\n"
     ((arguments, more),) = asked
@@ -33,7 +33,7 @@ def test_the_code_says_whether_the_laws_held(
 
 
 def test_with_a_scene_it_is_another_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from lidarscene.studies.fit.on_scene import study as on_scene
+    from lidarscene.studies.fit.on_scene import scene_fit as on_scene
 
     asked: list[Any] = []
     monkeypatch.setattr(on_scene, "fit_on_scene", lambda *given, **more: (asked.append((given, more)), ("", True))[1])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lidarscene.studies.fit.near_field import fit_near_field, share
-from lidarscene.studies.fit.pulses import RecordedPulses
+from lidarscene.studies.fit.recorded_pulses import RecordedPulses
 
 WHITE_M2, R0_M, SPOT = 3e5, 9.0, 0.5
 ROWS, COLUMNS = 32, 800
@@ -32,7 +32,9 @@ def exact() -> RecordedPulses:
     )
 
 
-def changed(pulses: RecordedPulses, mask: Any, *, white: Any = 1.0, reflectivity: float | None = None) -> RecordedPulses:
+def changed(
+    pulses: RecordedPulses, mask: Any, *, white: Any = 1.0, reflectivity: float | None = None
+) -> RecordedPulses:
     """These pulses with another SIGNAL over REFLECTIVITY, and perhaps another REFLECTIVITY."""
     mask = np.broadcast_to(mask, pulses.range_m.shape)
     before = np.asarray(pulses.reflectivity)

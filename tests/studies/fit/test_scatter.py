@@ -8,7 +8,7 @@ import pytest
 from lidarscene.maths.arrays import Numbers
 from lidarscene.studies.fit import scatter
 from lidarscene.studies.fit.estimates import Solution
-from lidarscene.studies.fit.pulses import RecordedPulses
+from lidarscene.studies.fit.recorded_pulses import RecordedPulses
 from lidarscene.studies.fit.scatter import Scatter, fit_scatter
 
 CUBIC = np.array([-1.0, 2.0, 0.0, -2.0, 1.0]) / np.sqrt(10.0)

@@ -12,7 +12,7 @@ from lidarscene.physics.photon_counting.matched_filter import SCALE, TEMPLATE
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.studies.fit import threshold
 from lidarscene.studies.fit.estimates import Solution
-from lidarscene.studies.fit.pulses import RecordedPulses, gather_pulses
+from lidarscene.studies.fit.recorded_pulses import RecordedPulses, gather_pulses
 from lidarscene.studies.fit.threshold import NORMAL, Threshold, filter_variance, fit_threshold
 
 SENSOR = load_sensor("os1-128")
@@ -39,7 +39,9 @@ def test_the_filter_scatters_so_much_at_one_signal() -> None:
 def test_the_spread_is_what_is_left_of_the_width() -> None:
     def of(width: float) -> Threshold:
         solved = Solution(value=np.array([1.0, -8.0, 0.0]) / width, slope=1e6 * np.eye(3), scores=np.zeros((4, 3)))
-        return Threshold(solved=solved, near_ir=400.0, expected_share=np.zeros(0), kept_share=np.zeros(0), pulses=np.zeros(0))
+        return Threshold(
+            solved=solved, near_ir=400.0, expected_share=np.zeros(0), kept_share=np.zeros(0), pulses=np.zeros(0)
+        )
 
     own = filter_variance(SENSOR, photons=8.0, near_ir=400.0)
     found = of(2.0).spread(SENSOR)
@@ -93,7 +95,11 @@ def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:
 def test_the_error_weighs_bins_by_their_pulses() -> None:
     solved = Solution(value=np.array([1.0, -8.0, 0.0]), slope=np.eye(3), scores=np.zeros((4, 3)))
     fit = Threshold(
-        solved=solved, near_ir=400.0, expected_share=np.array([0.5, 0.9]), kept_share=np.array([0.4, 0.9]), pulses=np.array([1, 9])
+        solved=solved,
+        near_ir=400.0,
+        expected_share=np.array([0.5, 0.9]),
+        kept_share=np.array([0.4, 0.9]),
+        pulses=np.array([1, 9]),
     )
     assert fit.error == pytest.approx(0.01)
 

@@ -10,7 +10,7 @@ from helpers.twins import room_sweep
 from lidarscene.maths.arrays import Numbers
 from lidarscene.studies.twin import judge
 from lidarscene.studies.twin.judge import TwinQuantity, bias_and_scatter, spread
-from lidarscene.studies.twin.pulses import NOTHING, MatchedPulses
+from lidarscene.studies.twin.matched_pulses import NOTHING, MatchedPulses
 from lidarscene.studies.twin.surfels import FILLED, SMOOTH
 
 N = 4000
@@ -151,7 +151,11 @@ def test_second_returns_by_share_and_least_separation() -> None:
     mine = np.where(number % 20 == 0, 0.30 + number / N, np.nan)
     share, gap = judge._second(pulses(gap_m=real, simulated_gap_m=mine))
     assert (share.value, share.is_met) == (pytest.approx(0.5), False)
-    assert (gap.real, gap.simulated, gap.is_met) == (pytest.approx(0.86, abs=0.01), pytest.approx(0.31, abs=0.01), False)
+    assert (gap.real, gap.simulated, gap.is_met) == (
+        pytest.approx(0.86, abs=0.01),
+        pytest.approx(0.31, abs=0.01),
+        False,
+    )
     assert list(judge._second(pulses())) == []
 
 

@@ -8,7 +8,7 @@ from lidarscene.errors import InputError
 from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
 from lidarscene.recordings.sweep import Second, Sweep
-from lidarscene.studies.twin.planes import Planes, align_columns, select_columns, fit_planes
+from lidarscene.studies.twin.planes import Planes, align_columns, fit_planes, select_columns
 
 
 def truth_of(sweep: Sweep) -> Numbers:

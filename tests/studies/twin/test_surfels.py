@@ -7,9 +7,19 @@ from helpers.twins import COLUMNS, HEIGHT_M, RINGS, WHITE_M2, directions, room_s
 from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
 from lidarscene.recordings.sweep import Second, Sweep
+from lidarscene.studies.twin.apparent_reflectivity import Gauge, scattering_law
 from lidarscene.studies.twin.planes import align_columns
-from lidarscene.studies.twin.reflect import Gauge, scattering_law
-from lidarscene.studies.twin.surfels import BRIGHT, FILLED, GROUND, KINDS, ROUGH, SMOOTH, Surfels, _quads, surfels_of_grid
+from lidarscene.studies.twin.surfels import (
+    BRIGHT,
+    FILLED,
+    GROUND,
+    KINDS,
+    ROUGH,
+    SMOOTH,
+    Surfels,
+    _quads,
+    surfels_of_grid,
+)
 
 GROUND_PLANE = np.array([-HEIGHT_M, 0.0, 0.0])
 

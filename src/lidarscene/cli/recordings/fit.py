@@ -66,7 +66,7 @@ def add_fit(commands: Any) -> None:
 def fit_text(arguments: argparse.Namespace) -> Answer:
     """Run `fit`; returns what is printed and the code."""
     if arguments.scene is not None:
-        from ...studies.fit.on_scene.study import SceneFitInputs, fit_on_scene
+        from ...studies.fit.on_scene.scene_fit import SceneFitInputs, fit_on_scene
 
         given = SceneFitInputs(
             recordings=arguments.recordings,
@@ -81,7 +81,7 @@ def fit_text(arguments: argparse.Namespace) -> Answer:
         raise InputError("--poses: goes with --scene")
     if arguments.sensor is None:
         raise InputError("--sensor: must name the sensor of the recording, or --scene one that has it, got neither")
-    from ...studies.fit.study import fit_recordings
+    from ...studies.fit.recording_fit import fit_recordings
 
     text, passed = fit_recordings(
         arguments.recordings,

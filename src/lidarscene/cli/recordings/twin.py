@@ -54,7 +54,7 @@ def add_twin(commands: Any) -> None:
 def twin_text(arguments: argparse.Namespace) -> str:
     """Run `twin`; returns what is printed. Raises InputError and OutputError."""
     from ...recordings.opening import open_recording
-    from ...studies.twin.build import build_twin, choose_frames
+    from ...studies.twin.twin_files import build_twin, choose_frames
 
     with open_recording(arguments.recording, arguments.metadata) as recording:
         choice = choose_frames(recording, arguments.frames, arguments.held_out)

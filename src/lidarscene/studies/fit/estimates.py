@@ -116,7 +116,9 @@ class Solution:
         )
         with np.errstate(invalid="ignore"):
             variances = [slopes @ covariance @ slopes for covariance in (self.covariance, self.bootstrap)]
-        fisher, bootstrap = (float(np.sqrt(max(variance, 0.0))) if np.isfinite(variance) else np.inf for variance in variances)
+        fisher, bootstrap = (
+            float(np.sqrt(max(variance, 0.0))) if np.isfinite(variance) else np.inf for variance in variances
+        )
         return Estimate(key=key, value=centre, unit=unit, fisher=fisher, bootstrap=bootstrap)
 
     @property
@@ -151,7 +153,9 @@ def least_squares(
     def differences(values: Numbers) -> Numbers:
         step = 1e-3 * (high - low)
         step = np.where(values + step > high, -step, step)
-        return np.column_stack([(law(values + move) - residual) / h for move, h in zip(np.diag(step), step, strict=True)])
+        return np.column_stack(
+            [(law(values + move) - residual) / h for move, h in zip(np.diag(step), step, strict=True)]
+        )
 
     per_slope = len(value) if slopes is None else 1
     slope = (slopes or differences)(value)

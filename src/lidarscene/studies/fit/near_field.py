@@ -22,7 +22,7 @@ from ...physics.optics import receiver
 from ...sensor.model import Sensor
 from .estimates import Estimate, Solution, least_squares
 from .products import FAR, near_field_m
-from .pulses import RecordedPulses
+from .recorded_pulses import RecordedPulses
 
 LEAST_REFLECTIVITY, MOST_REFLECTIVITY = 20.0, 100.0
 """Whole numbers: below, their steps are too coarse; above, the scale is logarithmic."""
@@ -166,7 +166,9 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
     if sensor is not None and sensor_curve is not None:
         knee = math.log(near_field_m(sensor))
         start = np.array([far, knee])
-        low, high = (np.array([bounds[0], knee + reach]) for bounds, reach in ((low, -LONGEST_STRETCH), (high, LONGEST_STRETCH)))
+        low, high = (
+            np.array([bounds[0], knee + reach]) for bounds, reach in ((low, -LONGEST_STRETCH), (high, LONGEST_STRETCH))
+        )
     weight = np.ones_like(y)
     value, slope = start, np.zeros((len(y), len(start)))
     for _ in range(4):  # the misfit and the weights follow from the residuals, which follow from the weights

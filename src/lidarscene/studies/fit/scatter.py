@@ -16,7 +16,7 @@ import numpy as np
 
 from ...maths.arrays import Numbers
 from .estimates import Estimate, Solution
-from .pulses import RecordedPulses
+from .recorded_pulses import RecordedPulses
 
 PATCH, APART = 5, 2
 """Pulses of a patch, and columns from one to the next."""
@@ -123,7 +123,9 @@ def fit_scatter(pulses: RecordedPulses) -> Scatter | None:
     solved = Solution(value=value, slope=(1.0 - edge) * fisher, scores=scores, meat=spread * fisher)
     signal, sigma, patches = _octaves(squares, inverse, value)
     check_patches_of = _patches(pulses.select_columns(~pulses.fitted))
-    held_out = _octaves(check_patches_of[0], check_patches_of[1], value) if len(check_patches_of[0]) else (np.zeros(0),) * 3
+    held_out = (
+        _octaves(check_patches_of[0], check_patches_of[1], value) if len(check_patches_of[0]) else (np.zeros(0),) * 3
+    )
     check = {octave: values for octave, *values in zip(*held_out, strict=True)}
     check_sigma_m, check_patches = np.array([check.get(octave, (math.nan, 0)) for octave in signal]).T
     return Scatter(

@@ -20,7 +20,7 @@ from ...maths.arrays import Numbers
 from ...physics.photon_counting.matched_filter import SCALE, TEMPLATE
 from ...sensor.model import Sensor
 from .estimates import Estimate, Solution
-from .pulses import RecordedPulses
+from .recorded_pulses import RecordedPulses
 
 REACH = 3.0
 """Pulses with more than this times the median threshold are lost for other reasons (blanking, a window): left out."""
@@ -85,7 +85,9 @@ class Threshold:
 
     def spread(self, sensor: Sensor) -> Estimate | None:
         """Standard deviation of this sensor's threshold; None if its filter's noise explains all of the width."""
-        filter_photons2 = filter_variance(sensor, photons=float(self.level(np.array(self.near_ir))), near_ir=self.near_ir)
+        filter_photons2 = filter_variance(
+            sensor, photons=float(self.level(np.array(self.near_ir))), near_ir=self.near_ir
+        )
         if (NORMAL / self.solved.value[0]) ** 2 <= filter_photons2:
             return None
         return self.solved.estimate(
@@ -165,7 +167,9 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
 def _on_surface(pulses: RecordedPulses) -> Numbers:
     """Mask of the pulses whose neighbours in the row are returns of one surface."""
     range_m = pulses.range_m
-    around = np.stack([np.roll(range_m, shift, axis=1) for shift in range(-NEIGHBOUR_COLUMNS, NEIGHBOUR_COLUMNS + 1) if shift])
+    around = np.stack(
+        [np.roll(range_m, shift, axis=1) for shift in range(-NEIGHBOUR_COLUMNS, NEIGHBOUR_COLUMNS + 1) if shift]
+    )
     enough = np.isfinite(around).sum(axis=0) >= LEAST_NEIGHBOURS
     mask = np.zeros(range_m.shape, bool)
     middle = np.nanmedian(around[:, enough], axis=0)

@@ -17,7 +17,7 @@ from ...cloud.point_cloud import PointCloud
 from ...maths.arrays import Numbers
 from ...recordings.sweep import Sweep
 from ..compare.real import ground_of
-from .pulses import NOTHING, MatchedPulses
+from .matched_pulses import NOTHING, MatchedPulses
 from .surfels import SMOOTH
 
 DIRECTION_DEG = 0.01
@@ -77,7 +77,9 @@ class TwinQuantity:
         return bool(above and (self.high is None or self.value <= self.high))
 
 
-def twin_quantities(pulses: MatchedPulses, sweep: Sweep, cloud: PointCloud, *, between: float | None = None) -> list[TwinQuantity]:
+def twin_quantities(
+    pulses: MatchedPulses, sweep: Sweep, cloud: PointCloud, *, between: float | None = None
+) -> list[TwinQuantity]:
     """The whole table; ``between``: the share of pulses that two real frames keep or lose differently (`apart`)."""
     rows = [
         TwinQuantity(
@@ -136,7 +138,9 @@ def _ranges(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
 
 def _scatter(name: str, returns: MatchedPulses) -> TwinQuantity:
     """By differences along the ring, on both sides alike: what is wrong with the twin's surface is no scatter."""
-    real, simulated = (1e3 * spread(values[np.isfinite(values)]) for values in (returns.change_m, returns.simulated_change_m))
+    real, simulated = (
+        1e3 * spread(values[np.isfinite(values)]) for values in (returns.change_m, returns.simulated_change_m)
+    )
     return TwinQuantity(
         quantity="range, scatter",
         condition=name,
@@ -186,7 +190,9 @@ def _signals(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
     if both_mask.sum() >= LEAST:
         bias, scatter = bias_and_scatter(pulses.signal[both_mask], pulses.simulated_signal[both_mask])
         yield TwinQuantity(quantity="signal, double validation metric", condition="bias", value=bias, unit="photons")
-        yield TwinQuantity(quantity="signal, double validation metric", condition="scatter", value=scatter, unit="photons")
+        yield TwinQuantity(
+            quantity="signal, double validation metric", condition="scatter", value=scatter, unit="photons"
+        )
         logs = np.log(pulses.signal[both_mask]), np.log(pulses.simulated_signal[both_mask])
         yield TwinQuantity(quantity="signal, correlation of logarithms", value=float(np.corrcoef(*logs)[0, 1]))
 
@@ -280,10 +286,16 @@ def _ground(sweep: Sweep, cloud: PointCloud) -> Iterator[TwinQuantity]:
 
 
 def _second(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
-    real, simulated = (pulses.gap_m[np.isfinite(pulses.gap_m)], pulses.simulated_gap_m[np.isfinite(pulses.simulated_gap_m)])
+    real, simulated = (
+        pulses.gap_m[np.isfinite(pulses.gap_m)],
+        pulses.simulated_gap_m[np.isfinite(pulses.simulated_gap_m)],
+    )
     if not len(real) and not len(simulated):
         return
-    shares = len(real) / max(int(pulses.has_return.sum()), 1), len(simulated) / max(int(pulses.has_simulated_return.sum()), 1)
+    shares = (
+        len(real) / max(int(pulses.has_return.sum()), 1),
+        len(simulated) / max(int(pulses.has_simulated_return.sum()), 1),
+    )
     yield TwinQuantity(
         quantity="second returns, share",
         real=shares[0],

@@ -91,7 +91,9 @@ def select_columns(sweep: Sweep, chosen: slice) -> Sweep:
 def _map_arrays(sweep: Sweep, take: Callable[[Numbers], Numbers]) -> Sweep:
     """The sweep with every array changed alike."""
     changed: dict[str, Any] = {
-        field.name: take(value) for field in fields(Sweep) if isinstance(value := getattr(sweep, field.name), np.ndarray)
+        field.name: take(value)
+        for field in fields(Sweep)
+        if isinstance(value := getattr(sweep, field.name), np.ndarray)
     }
     if sweep.second is not None:
         parts: dict[str, Any] = {

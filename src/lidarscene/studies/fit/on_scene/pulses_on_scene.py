@@ -1,0 +1,178 @@
+"""A recording laid on a scene: of each recorded pulse what it reported, and the light that the scene sends back.
+
+The light is traced once for each frame. Pulses that meet nothing there tell nothing, and are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from ....errors import InputError
+from ....light.echoes import EchoTrain, SubEchoes
+from ....maths.arrays import Numbers
+from ....maths.pose import Pose
+from ....recordings.sweep import Sweep
+from ....rendering.simulator import Simulator
+from ....scene.scene import Scene as World
+from ....sensor.model import Sensor
+from ...twin.apparent_reflectivity import withheld_mask
+from ...twin.matched_pulses import match_pulses, ranges_from_exit
+from ...twin.surfels import BRIGHT, KINDS, ROUGH, SMOOTH
+from ..near_field import spot_over_field
+from ..recorded_pulses import BLOCK, HELD_OUT
+from .known_scene import KnownScene, Observations
+
+ROWS = 8
+"""Rows of a patch, `BLOCK` columns wide, whose surfaces share one unknown factor of the reflectivity."""
+
+POWERS_W = np.geomspace(1e-16, 1e-5, 2000)
+"""Background that a count of NEAR_IR is looked up in."""
+
+SAME_M = 1e-4
+"""Two ranges that differ by less are of one surface."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PulsesOnScene:
+    """Pulses of all frames, by frame and column; those of a patch have one ``scene.group``.
+
+    block  (n,) number of the block of columns
+    """
+
+    scene: KnownScene
+    reported: Observations
+    block: Numbers
+
+    def select(self, mask: Numbers) -> PulsesOnScene:
+        """Only these pulses."""
+        return replace(
+            self, scene=_select(self.scene, mask), reported=_select(self.reported, mask), block=self.block[mask]
+        )
+
+    @property
+    def fitted(self) -> Numbers:
+        """(n,) mask of those that are fitted; the others judge the fit."""
+        return np.asarray(self.block % HELD_OUT != HELD_OUT - 1)
+
+
+def _keep_kinds(world: World, *kinds: int) -> World:
+    """A twin's scene with only these kinds of its surfaces."""
+    names = {KINDS[kind] for kind in kinds}
+    return replace(world, bodies=tuple(body for body in world.bodies if body.class_name in names))
+
+
+def lay_on_scene(
+    world: World, sensor: Sensor, frames: Sequence[tuple[Sweep, Pose | None]], *, twin: bool = False
+) -> PulsesOnScene:
+    """Lay frames on a scene, each from its pose; None: the scene's own.
+
+    twin  what was put where pulses were lost is left out. Signals and ranges count only of smooth surfaces: leaves and
+          edges are not as they are in the twin. The background is taken from NEAR_IR
+    Raises InputError where the sensor does not fire the recording's pulses, or nothing stands before them.
+    """
+    # Of a twin: all that was measured, and what of it is smooth.
+    worlds = [_keep_kinds(world, SMOOTH, ROUGH, BRIGHT), _keep_kinds(world, SMOOTH)] if twin else [world]
+    simulators = [Simulator(simulated_world, sensor) for simulated_world in worlds]
+    parts = [_lay_frame(simulators, sweep, pose, number=number) for number, (sweep, pose) in enumerate(frames)]
+    if not sum(len(part.block) for part in parts):
+        raise InputError("--scene: must have surfaces before the recorded pulses, got none")
+    joined = _join(parts)
+    group = np.unique(joined.scene.group, return_inverse=True)[1]
+    return replace(joined, scene=replace(joined.scene, group=group))
+
+
+def _lay_frame(simulators: Sequence[Simulator], sweep: Sweep, pose: Pose | None, *, number: int) -> PulsesOnScene:
+    """A frame on the light of the first simulator; what another one sees otherwise tells no signal and no range."""
+    sensor = simulators[0].sensor
+    numbers, _ = match_pulses(sensor, sweep)
+    rows, columns = sweep.shape
+    if sweep.signal is None:
+        raise InputError("must have SIGNAL, as Ousters record, got none")
+    # Column by column, so that blocks of pulses in order are sectors.
+    chosen = (sweep.recorded & ~withheld_mask(sweep)).T
+    pulse = numbers.T[chosen]
+    column = np.broadcast_to(np.arange(columns)[:, None], chosen.shape)[chosen]
+    row = np.broadcast_to(np.arange(rows)[None, :], chosen.shape)[chosen]
+    block = number * (columns // BLOCK + 1) + column // BLOCK
+    lights = [
+        _select_light(simulator.light() if pose is None else simulator.light(pose=pose), pulse)
+        for simulator in simulators
+    ]
+    light = lights[0]
+    met_surface = np.asarray(light.found)
+    smooth = np.ones(len(pulse), bool)
+    for other_light in lights[1:]:
+        difference_m = np.asarray(other_light.parts[0].range_m - light.parts[0].range_m)
+        smooth &= np.asarray(other_light.found) & (np.abs(difference_m) < SAME_M)
+    group = block * (rows // ROWS + 1) + row // ROWS
+    scene = KnownScene.from_light(light, sensor, group, spot_over_field=spot_over_field(sensor))
+    near_ir = None if sweep.near_ir is None else np.asarray(sweep.near_ir, np.float64).T[chosen][met_surface]
+    if len(simulators) > 1 and near_ir is not None:
+        scene = replace(scene, background_w=_power_w(sensor, near_ir), light_measured=True)
+    range_m = ranges_from_exit(sensor, sweep, numbers).T[chosen][met_surface]
+    returned = np.isfinite(range_m)
+    on_smooth = returned & smooth[met_surface]
+    signal = np.asarray(sweep.signal, np.float64).T[chosen][met_surface]
+    if near_ir is None or scene.light_measured:
+        near_ir = np.full(len(returned), np.nan)
+    return PulsesOnScene(
+        scene=scene,
+        reported=Observations(
+            has_return=returned,
+            signal=np.where(on_smooth, signal, np.nan),
+            range_m=np.where(on_smooth, range_m, np.nan),
+            near_ir=near_ir,
+        ),
+        block=block[met_surface],
+    )
+
+
+def _select_light(light: EchoTrain, pulse: Numbers) -> EchoTrain:
+    """The light of these pulses, of surfaces only."""
+    parts: list[SubEchoes] = []
+    for part in light.parts[: light.surfaces]:
+        range_m, power_w = (np.asarray(values)[pulse] for values in (part.range_m, part.peak_power_w))
+        parts.append(replace(part, range_m=range_m, peak_power_w=power_w))
+    met_surface = np.asarray(light.found)
+    background = np.broadcast_to(np.asarray(light.background_power_w, np.float64), met_surface.shape)
+    return EchoTrain(
+        parts=tuple(parts), surfaces=len(parts), found=met_surface[pulse], background_power_w=background[pulse]
+    )
+
+
+def _power_w(sensor: Sensor, near_ir: Numbers) -> Numbers:
+    """Background that is expected to count so much; none below the dark counts."""
+    counts = np.asarray(sensor.background_counts(POWERS_W)[0]) * float(sensor.tdc.ambient_s)
+    return np.interp(near_ir, counts, POWERS_W, left=0.0)
+
+
+def _select(values: Any, mask: Numbers) -> Any:
+    selected = {
+        field.name: value[mask]
+        for field in fields(values)
+        if isinstance(value := getattr(values, field.name), np.ndarray)
+    }
+    return replace(values, **selected)
+
+
+def _join(parts: Iterable[PulsesOnScene]) -> PulsesOnScene:
+    pulses = list(parts)
+
+    def concatenate(values: Sequence[Any]) -> Any:
+        first = values[0]
+        arrays = {
+            field.name: np.concatenate([getattr(value, field.name) for value in values])
+            for field in fields(first)
+            if isinstance(getattr(first, field.name), np.ndarray)
+        }
+        return replace(first, **arrays)
+
+    return PulsesOnScene(
+        scene=concatenate([part.scene for part in pulses]),
+        reported=concatenate([part.reported for part in pulses]),
+        block=np.concatenate([part.block for part in pulses]),
+    )

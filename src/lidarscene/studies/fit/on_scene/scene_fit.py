@@ -1,0 +1,235 @@
+"""Fit a recording on a scene: the twin of a recording, or any scene that the sensor is known to have stood in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ....errors import InputError
+from ....files.atomic import put_text
+from ....maths.pose import Pose
+from ....maths.trajectory import pose_at
+from ....recordings.opening import open_recording
+from ....recordings.pcap_reader import metadata_of
+from ....recordings.sweep import Sweep
+from ....scene.poses import read_poses
+from ....scene.scene_file import load_scene
+from ....sensor.model import Sensor
+from ...twin.planes import select_columns
+from ...twin.twin_files import COLUMNS, PROVENANCE, frame_pose, read_provenance
+from ..estimates import MOST_EVALUATIONS
+from ..recording_fit_report import check_outputs, printed_text
+from ..sensor_text import base_text, parse_sensor, scaled_text
+from .held_out_bins import judge
+from .known_scene import LEAST_FLOOR_M, PARAMETERS, predict
+from .likelihood import ParameterFit, fit_parameters
+from .pulses_on_scene import PulsesOnScene, lay_on_scene
+from .scene_fit_report import SceneFit, as_dict, as_text, write_report
+
+REFLECTIVITY_SIGMA = 0.1
+"""How well the factor of a patch is known beforehand: the maker's reflectivity of a twin is good to some 10 %."""
+
+ROUNDS = 2
+"""Of the fit, with texture and strangers found from the one before."""
+
+LEAST_TEXTURE = 0.01
+
+NORMAL = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+
+
+_TWIN_NOTE = (
+    "the scene is a twin: its light and the scale of its reflectivities are the recording's own: sun and dark counts "
+    "cannot be told, and power only with the maker's REFLECTIVITY as the scale"
+)
+_SEEN_NOTE = (
+    "the twin is made of these frames: it was told their signals, so these say nothing new of power and near field; "
+    "twin --held-out columns, or --held-out K, keeps them apart"
+)
+_HELD_OUT_NOTE = "the twin has not seen what is fitted here (held out)"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneFitInputs:
+    """What a fit with a scene is made of.
+
+    sensor    catalogue name or sensor file; None: the scene's own
+    metadata  what the maker says of the unit; None: the json beside the recording, if there is one
+    poses     where the sensor stood, as scenes have it; None: as the twin knows, else where the scene's sensor stands
+    """
+
+    recordings: Sequence[Path]
+    scene: Path
+    sensor: str | None = None
+    metadata: Path | None = None
+    poses: Path | None = None
+
+
+def fit_on_scene(inputs: SceneFitInputs, output: Path, report: Path, *, as_json: bool = False) -> tuple[str, bool]:
+    """Fit, and write sensor file, page and JSON; returns what is printed and whether all checks held.
+
+    Raises InputError and OutputError.
+    """
+    check_outputs(output, report)
+    world = load_scene(inputs.scene)
+    sensor_name = world.sensor_name if inputs.sensor is None else inputs.sensor
+    where = f"--sensor {sensor_name}"
+    text = base_text(sensor_name, metadata_of(inputs.recordings[0], inputs.metadata))
+    sensor = parse_sensor(text, where)
+    if sensor.histogram is None:
+        raise InputError(f"{where}: must count photons, with [histogram], to be fitted with a scene")
+    provenance = read_provenance(inputs.scene) if (inputs.scene.parent / PROVENANCE).is_file() else None
+    frames, notes = _frames_with_poses(inputs, provenance)
+    recording = ", ".join(path.name for path in inputs.recordings)
+    if provenance is not None:
+        notes += (_TWIN_NOTE,)
+    try:
+        laid = lay_on_scene(world, sensor, frames, twin=provenance is not None)
+    except ValueError as error:
+        raise InputError(f"{recording}: {error}") from None
+    fit = fit_pulses_on_scene(laid, sensor, twin=provenance is not None)
+    fit = replace(
+        fit,
+        recording=recording,
+        scene=inputs.scene.parent.name if provenance is not None else inputs.scene.stem,
+        sensor=sensor_name if inputs.sensor is not None else sensor.name,
+        frames=len(frames),
+        notes=notes,
+    )
+    sensor_text, text_notes = scaled_text(
+        text, {estimate.key: estimate for estimate in fit.estimates}, f"{recording} on {fit.scene}", where
+    )
+    fit = replace(fit, notes=(*fit.notes, *text_notes))
+    put_text(output, sensor_text)
+    write_report(fit, report)
+    return printed_text(as_dict(fit), as_text(fit), output, report, as_json=as_json), fit.passed
+
+
+def fit_pulses_on_scene(laid: PulsesOnScene, sensor: Sensor, *, twin: bool) -> SceneFit:
+    """The numbers of the sensor that make three of four blocks of columns likeliest, held to the fourth."""
+    fitted = laid.select(laid.fitted)
+    group = np.unique(fitted.scene.group, return_inverse=True)[1]
+    fitted = replace(fitted, scene=replace(fitted.scene, group=group))
+    names = [name for name in PARAMETERS if name not in _undetermined(laid, sensor, twin=twin)]
+    evaluations = 0
+    if twin:
+        fitted = replace(fitted, scene=replace(fitted.scene, floor_m=_floor_m(fitted)))
+    texture, strangers = (0.3, 0.02) if twin else (0.0, 0.0)
+    parameter_fit: ParameterFit | None = None
+    rounds = ROUNDS if twin else 1
+    for _ in range(rounds):
+        scene = replace(fitted.scene, texture=texture, strangers=strangers)
+        parameter_fit = fit_parameters(
+            scene,
+            fitted.reported,
+            names,
+            reflectivity_sigma=REFLECTIVITY_SIGMA,
+            start=parameter_fit,
+            max_evaluations=MOST_EVALUATIONS // rounds,
+        )
+        evaluations += parameter_fit.solved.evaluations
+        if twin:
+            texture, strangers = _texture_and_strangers(replace(fitted, scene=scene), parameter_fit)
+    assert parameter_fit is not None
+    held_out = laid.select(~laid.fitted)
+    scene = replace(held_out.scene, texture=texture, strangers=strangers, floor_m=fitted.scene.floor_m)
+    held_out = replace(held_out, scene=scene)
+    return SceneFit(
+        recording="",
+        scene="",
+        sensor=sensor.name,
+        frames=1,
+        pulses=(len(fitted.block), len(held_out.block)),
+        parameter_fit=parameter_fit,
+        judged=judge(held_out, parameter_fit),
+        evaluations=evaluations,
+        texture=texture,
+        strangers=strangers,
+    )
+
+
+def _undetermined(laid: PulsesOnScene, sensor: Sensor, *, twin: bool) -> set[str]:
+    """Numbers that the sensor does not have, or that the scene was made of."""
+    names = set()
+    if laid.scene.spot_over_field is None:
+        names.add("spot_over_field")
+    if sensor.optics.overlap is None:
+        names.add("near_field_m")
+    if not np.isfinite(laid.reported.near_ir).any():
+        # The background is that of NEAR_IR, whatever the sun and the PDE.
+        names |= {"optics.sun_irradiance_w_m2", "detector.dark_count_rate_hz", "detector.pde"}
+    return names
+
+
+def _floor_m(laid: PulsesOnScene) -> float:
+    """Scatter of the ranges of the strongest quarter of the signals: of the twin's surfaces, for a start."""
+    signal = laid.reported.signal
+    with np.errstate(invalid="ignore"):
+        strong = signal > np.nanquantile(signal, 0.75)
+    off_m = (laid.reported.range_m - laid.scene.range_m)[strong]
+    return max(NORMAL * float(np.median(np.abs(off_m))), LEAST_FLOOR_M) if strong.any() else LEAST_FLOOR_M
+
+
+def _texture_and_strangers(laid: PulsesOnScene, parameter_fit: ParameterFit) -> tuple[float, float]:
+    """Scatter of the signals that photons do not explain, and the share of bright surfaces of which nothing came."""
+    prediction = predict(
+        replace(laid.scene, texture=0.0, strangers=0.0),
+        parameter_fit.values,
+        parameter_fit.reflectivity[laid.scene.group],
+    )
+    bright = np.asarray(prediction.chance) > 0.999
+    mask = bright & np.isfinite(laid.reported.signal)
+    if mask.sum() < 100:
+        return laid.scene.texture, laid.scene.strangers
+    relative = (laid.reported.signal / np.asarray(prediction.signal))[mask] - 1.0
+    spread = NORMAL * float(np.median(np.abs(relative - np.median(relative))))
+    photons = float(np.median(np.asarray(prediction.variance)[mask] / np.asarray(prediction.signal)[mask] ** 2))
+    texture = float(np.sqrt(max(spread**2 - photons, LEAST_TEXTURE**2)))
+    return texture, min(2.0 * float(np.mean(~laid.reported.has_return[bright])), 0.5)
+
+
+def _frames_with_poses(
+    inputs: SceneFitInputs, provenance: dict[str, object] | None
+) -> tuple[list[tuple[Sweep, Pose | None]], tuple[str, ...]]:
+    """The frames to fit with their poses, and what is to be said of them."""
+    frames: list[tuple[Sweep, Pose | None]] = []
+    for path in inputs.recordings:
+        with open_recording(path, inputs.metadata) as recording:
+            if provenance is None:
+                frames += [(sweep, None) for sweep in recording]
+                continue
+            held_out, twin_numbers = provenance["held_out"], sorted(int(number) for number in provenance["places"])  # type: ignore[attr-defined]
+            numbers = [held_out] if isinstance(held_out, int) else twin_numbers
+            for number in numbers:
+                sweep = recording[int(number)]
+                if held_out == COLUMNS:
+                    sweep = select_columns(sweep, slice(1, None, 2))
+                frames.append((sweep, frame_pose(provenance, int(number), inputs.scene)))
+    if inputs.poses is not None:
+        frames = _place_frames(frames, inputs.poses)
+    if provenance is None:
+        return frames, ()
+    if provenance["held_out"] is None:
+        return frames, (_SEEN_NOTE,)
+    return frames, (_HELD_OUT_NOTE,)
+
+
+def _place_frames(frames: list[tuple[Sweep, Pose | None]], path: Path) -> list[tuple[Sweep, Pose | None]]:
+    """The frames at the poses of a file, whose times are the recording's, or count from its first frame."""
+    motion = read_poses(path)
+    first, last = motion.span_s
+    start_s = frames[0][0].start_s
+    offset_s = 0.0 if first <= start_s <= last else start_s
+    placed: list[tuple[Sweep, Pose | None]] = []
+    for number, (sweep, _) in enumerate(frames):
+        time_s = sweep.start_s - offset_s
+        if not first - 1e-3 <= time_s <= last + 1e-3:
+            raise InputError(
+                f"--poses {path}: must reach from the first to the last frame, got {first:g} to {last:g} s and frame "
+                f"{number} at {time_s:g} s"
+            )
+        placed.append((sweep, pose_at(motion, time_s)))
+    return placed

@@ -1,0 +1,94 @@
+"""Fit a recording: its laws, the sensor file of the unit, the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ...errors import InputError
+from ...files.atomic import put_text
+from ...recordings.opening import open_recording
+from ...recordings.pcap_reader import metadata_of
+from ...recordings.sweep import Sweep
+from ...sensor.model import Sensor
+from .near_field import fit_near_field
+from .products import QUANTITIES, find_products
+from .recorded_pulses import RecordedPulses, gather_pulses
+from .recording_fit_report import RecordingFit, as_dict, as_text, check_outputs, printed_text, write_report
+from .row_gains import fit_rows
+from .scatter import fit_scatter
+from .sensor_text import base_text, fitted_text, parse_sensor
+from .threshold import fit_threshold
+
+
+def fit_recordings(
+    recordings: Sequence[Path],
+    sensor: str,
+    output: Path,
+    report: Path,
+    *,
+    metadata: Path | None = None,
+    as_json: bool = False,
+) -> tuple[str, bool]:
+    """Fit, and write sensor file, page and JSON; returns what is printed and whether all checks held.
+
+    sensor    the catalogue's sensor of its kind, or a sensor file: what the recording does not tell comes from it
+    metadata  what the maker says of the unit; None: the json beside the recording, if there is one
+    Raises InputError and OutputError.
+    """
+    check_outputs(output, report)
+    base = base_text(sensor, metadata_of(recordings[0], metadata))
+    where = f"--sensor {sensor}"
+    before = parse_sensor(base, where)
+    pulses = _read_pulses(recordings, metadata)
+    fit = fit_pulses(pulses, recording=", ".join(path.name for path in recordings), sensor=sensor, optics=before)
+    if before.histogram is not None:
+        if fit.threshold is not None:
+            fit = replace(fit, spread=fit.threshold.spread(before))
+        known_keys = [estimate.key for estimate in fit.estimates if estimate.is_known and estimate.key in QUANTITIES]
+        fit = replace(fit, products=find_products(before, known_keys) if known_keys else None)
+    estimates = {estimate.key: estimate for estimate in fit.estimates}
+    text, notes = fitted_text(base, estimates, fit.recording, where, rows=fit.rows)
+    fit = replace(fit, notes=notes)
+    parse_sensor(text, str(output))
+    put_text(output, text)
+    write_report(fit, report)
+    return printed_text(as_dict(fit), as_text(fit), output, report, as_json=as_json), fit.passed
+
+
+def fit_pulses(pulses: RecordedPulses, *, recording: str, sensor: str, optics: Sensor | None = None) -> RecordingFit:
+    """The laws of these pulses. Raises InputError if they tell of none.
+
+    optics  the sensor whose near field it is, if its file has more than one lens; None: one lens
+    """
+    fit = RecordingFit(
+        recording=recording,
+        sensor=sensor,
+        pulses=int(pulses.recorded.sum()),
+        frames=pulses.frames,
+        near_field=fit_near_field(pulses, optics),
+        threshold=fit_threshold(pulses),
+        scatter=fit_scatter(pulses),
+        rows=fit_rows(pulses),
+    )
+    if not fit.estimates and fit.rows is None:
+        raise InputError(
+            f"{recording}: must have SIGNAL, NEAR_IR or REFLECTIVITY of enough pulses, as Ousters record; got none. "
+            "Without them only threshold over power could be had, and not apart from the reflectivities"
+        )
+    return fit
+
+
+def _read_pulses(recordings: Sequence[Path], metadata: Path | None) -> RecordedPulses:
+    def sweeps() -> list[Sweep]:
+        gathered: list[Sweep] = []
+        for path in recordings:
+            with open_recording(path, metadata) as recording:
+                gathered += list(recording)
+        return gathered
+
+    try:
+        return gather_pulses(sweeps())
+    except ValueError as error:
+        raise InputError(f"{recordings[0]}: {error}") from None

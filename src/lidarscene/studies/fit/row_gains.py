@@ -1,0 +1,116 @@
+"""Gains of the rows: how much more background a row counts than its neighbours do.
+
+Neighbouring rows see nearly the same light. The median over the columns of ln(NEAR_IR of a row over the next one's) is
+the step from row to row; summed up, and less what is smooth over the rows, which is the scene's, these are the gains.
+The steps of SIGNAL between neighbours at one range tell whether it follows: a receiver that detects more counts more of
+both, one that only sees a wider field counts more background.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...maths.arrays import Numbers
+from .recorded_pulses import RecordedPulses
+
+LEAST_COLUMNS = 64
+
+LEAST_SIGNAL = 40.0
+"""Photons from which on all pulses are kept, so that the median is none of a selection."""
+
+SAME_RANGE = 0.02
+"""Most difference of the ranges of two pixels whose signals are compared."""
+
+SMOOTHING_ROWS = 8
+"""Rows to either side that the scene's own course is taken from."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RowGains:
+    """Gain and its sigma, (rows,), from the top row down; their geometric mean is 1.
+
+    follows  exponent of the gain with which SIGNAL goes from row to row, and its sigma; None if that is not told
+    """
+
+    gain: Numbers
+    sigma: Numbers
+    follows: tuple[float, float] | None = None
+
+    @property
+    def key(self) -> str | None:
+        """Of `[scanner]`, that these gains are; None if the recording does not tell which."""
+        if self.follows is None:
+            return None
+        exponent, sigma = self.follows
+        if abs(exponent - 0.5) < 2.0 * sigma:
+            return None
+        return "responsivity" if exponent > 0.5 else "background_gain"
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the gains' logarithm."""
+        return float(np.std(np.log(self.gain)))
+
+
+def fit_rows(pulses: RecordedPulses) -> RowGains | None:
+    """From the pulses of a recording; None without NEAR_IR, with few rows or few columns."""
+    if pulses.near_ir is None or min(pulses.near_ir.shape[0] - 2 * 2, pulses.near_ir.shape[1] - LEAST_COLUMNS) < 0:
+        return None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        light = np.log(_destagger(pulses, np.where(pulses.recorded, pulses.near_ir, np.nan)))
+    halves = [light[:, (pulses.block % 2) == k] for k in (0, 1)]
+    log_gains = [_gains(values) for values in (light, *halves) if values.shape[1] >= LEAST_COLUMNS // 2]
+    if len(log_gains) < 3 or not all(np.isfinite(gains).all() for gains in log_gains):
+        return None
+    # The halves differ by twice the sigma of the whole.
+    half_difference = 0.5 * (log_gains[1] - log_gains[2])
+    sigma = np.full(len(half_difference), float(np.sqrt(np.mean(half_difference**2))))
+    return RowGains(gain=np.exp(log_gains[0]), sigma=sigma, follows=_signal_exponent(pulses, log_gains[0]))
+
+
+def _signal_exponent(pulses: RecordedPulses, gains: Numbers) -> tuple[float, float] | None:
+    """Slope of the gains of SIGNAL over those of NEAR_IR, and its sigma."""
+    if pulses.signal is None:
+        return None
+    strong = pulses.has_return & (pulses.signal >= LEAST_SIGNAL)
+    light = _destagger(pulses, np.log(np.where(strong, pulses.signal, 1.0)))
+    range_m, strong_mask = _destagger(pulses, np.nan_to_num(pulses.range_m)), _destagger(pulses, 1.0 * strong)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        pair_mask = (strong_mask[1:] * strong_mask[:-1] > 0.0) & (np.abs(range_m[1:] / range_m[:-1] - 1.0) < SAME_RANGE)
+    signal_gains = _gains_of_steps(np.where(pair_mask, light[1:] - light[:-1], np.nan))
+    if not np.isfinite(signal_gains).all():
+        return None
+    square = float(gains @ gains)
+    exponent = float(signal_gains @ gains) / square
+    return exponent, float(np.std(signal_gains - exponent * gains)) / square**0.5
+
+
+def _gains(light: Numbers) -> Numbers:
+    return _gains_of_steps(light[1:] - light[:-1])
+
+
+def _gains_of_steps(steps: Numbers) -> Numbers:
+    good = np.isfinite(steps)
+    if (good.sum(axis=1) < LEAST_COLUMNS // 4).any():
+        return np.full(len(steps) + 1, np.nan)
+    course = np.concatenate([[0.0], np.cumsum(np.nanmedian(np.where(good, steps, np.nan), axis=1))])
+    row = np.arange(len(course), dtype=float)
+    smooth = np.zeros_like(course)
+    for k in range(len(course)):  # a parabola through the rows around
+        near = np.abs(row - k) <= SMOOTHING_ROWS
+        smooth[k] = np.polyval(np.polyfit(row[near] - k, course[near], 2), 0.0)
+    gains = course - smooth
+    return np.asarray(gains - gains.mean())
+
+
+def _destagger(pulses: RecordedPulses, values: Numbers) -> Numbers:
+    """Values with each row's columns turned so that those of one index look in one direction, if that is known."""
+    columns = values.shape[1]
+    if pulses.frames > 1 or columns < 4 or not np.isfinite(pulses.azimuth_rad).all():
+        return values
+    step = np.angle(np.exp(1j * np.diff(pulses.azimuth_rad[0]))).mean()
+    aside = np.angle(np.exp(1j * (pulses.azimuth_rad[:, 0] - pulses.azimuth_rad[0, 0])))
+    turns = np.rint(aside / step).astype(int)
+    return np.stack([np.roll(row, turn) for row, turn in zip(values, turns, strict=True)])

@@ -1,0 +1,323 @@
+"""The sensor file of the unit: that of its model, with what the recording said in place and in `[sources]`.
+
+What is not known keeps the value that it had. The lens is moved along its own null direction: aperture times field of
+view, which the background goes with, stays.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from ... import catalog
+from ...errors import InputError
+from ...recordings.units.unit_file import unit_from, write_unit
+from ...sensor.file import sensor_from_tables
+from ...sensor.model import Sensor
+from .estimates import Estimate
+from .products import near_field_m, pulse_fwhm_s, white_m2
+from .row_gains import RowGains
+
+MOST_RELATIVE_SIGMA = 0.3
+"""Most sigma of an estimate over its value: what is known less well stays as it was."""
+
+FILE_KEYS = {
+    "white_m2": "laser.peak_power_w",
+    "near_field_m": "the lens",
+    "scatter_c": "laser.pulse_fwhm_ns",
+    "threshold_floor": "histogram.threshold_floor",
+    "threshold_slope": "histogram.threshold_slope",
+    "threshold_spread": "histogram.threshold_spread",
+}
+"""What of the file follows from which estimate."""
+
+WHOLE = ("detector.spads",)
+"""Keys whose numbers are whole."""
+
+STRETCHED = {
+    "optics.aperture_radius_mm": 0.5,
+    "optics.focal_length_mm": 0.5,
+    "laser.peak_power_w": -1.0,
+    "optics.overlap.transmitter_offset_mm": 0.5,
+    "optics.overlap.parallax_free_at_m": 1.0,
+    "optics.overlap.focus_at_m": 1.0,
+    "laser.exit_diameter_mm": 0.5,
+    "laser.divergence_mrad": -0.5,
+    "laser.divergence_elevation_mrad": -0.5,
+}
+"""Exponents of the factor by which the near field is stretched over the range. All lengths across grow by its root, all
+angles shrink by it. Aperture times field of view stays, so the background does; the power makes up for the aperture."""
+
+SCALED_KEYS = (
+    "laser.peak_power_w",
+    "laser.pulse_fwhm_ns",
+    "optics.sun_irradiance_w_m2",
+    "detector.spads",
+    "detector.pde",
+    "detector.dark_count_rate_hz",
+    "histogram.threshold_floor",
+    "histogram.threshold_slope",
+    "histogram.threshold_spread",
+)
+"""Keys that are multiplied by what was found."""
+
+
+def base_text(sensor: str, metadata: Path | None) -> str:
+    """The file to start from: of the catalogue, or a path; with the beams of this unit if its metadata are known."""
+    path = Path(sensor) if sensor.endswith(".toml") else catalog.path_of("sensors", sensor)
+    if metadata is None or sensor.endswith(".toml"):
+        try:
+            return path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            reason = getattr(error, "strerror", None) or "not UTF-8 text"
+            raise InputError(f"--sensor {sensor}: cannot be read: {reason}") from None
+    with TemporaryDirectory(prefix="lidarscene-") as folder:
+        written = Path(folder) / "unit.toml"
+        write_unit(unit_from(metadata), metadata, written, like=sensor)
+        return written.read_text(encoding="utf-8")
+
+
+def parse_sensor(text: str, where: str) -> Sensor:
+    """The sensor that a file's text describes. Raises InputError."""
+    try:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{where}: no TOML: {error}") from None
+    return sensor_from_tables(tables, where=where)
+
+
+def fitted_text(
+    text: str, estimates: Mapping[str, Estimate], recording: str, where: str, *, rows: RowGains | None = None
+) -> tuple[str, tuple[str, ...]]:
+    """The file with the estimates in place, and what was left as it was, and why.
+
+    rows  gains of the rows
+
+    Near field first, since the power follows from what is left.
+    """
+    sensor = parse_sensor(text, where)
+    if sensor.histogram is None:
+        return text, ("all but the beams is left as it was: only sensors with [histogram] are fitted",)
+    accepted = {
+        key: estimate for key, estimate in estimates.items() if estimate.sigma < MOST_RELATIVE_SIGMA * estimate.value
+    }
+    slope = estimates.get("threshold_slope")
+    if "threshold_floor" in accepted and slope is not None and slope.value >= 0.0:
+        accepted["threshold_slope"] = slope
+    else:
+        accepted.pop("threshold_floor", None)
+    notes = tuple(
+        f"{subject} is left as it was: {key} is {_estimate_text(estimates.get(key))}"
+        for key, subject in FILE_KEYS.items()
+        if key not in accepted and not (key == "threshold_spread" and key not in estimates)
+    )
+
+    def told(key: str, also: str = "") -> str:
+        estimate = estimates[key]
+        return f"fitted: {estimate.value:.4g} +/- {estimate.sigma:.2g} {estimate.unit}, {recording}{also}".replace(
+            " ,", ","
+        )
+
+    if "near_field_m" in accepted and "spot_over_field" not in estimates:
+        # The law was the file's own curve.
+        factor = accepted["near_field_m"].value / near_field_m(sensor)
+        source = told("near_field_m", f"; the near field of the file's own optics, at {factor:.4g} times the range")
+        for key, value in scaled_values(text, {key: factor**power for key, power in STRETCHED.items()}).items():
+            text = put_key(text, key, value, source)
+    elif "near_field_m" in accepted:
+        moved = math.sqrt(accepted["near_field_m"].value / near_field_m(sensor))
+        source = told("near_field_m", "; R0 = r_A f / r_PD, with r_A r_PD / f held")
+        for key, value in (
+            ("aperture_radius_mm", 1e3 * float(sensor.optics.aperture_radius_m)),
+            ("focal_length_mm", 1e3 * float(sensor.optics.focal_length_m)),
+        ):
+            text = put_value(text, "optics", key, moved * value, source)
+        # The law is that of one lens, focused at infinity, on the laser's axis.
+        if re.search(r"(?m)^(transmitter_offset_mm|focus_at_m)", text):
+            notes += ("optics.overlap: the file's two lenses or focus are replaced by one lens, whose law was fitted",)
+        lens_keys = ("transmitter_offset_mm", "parallax_free_at_m", "focus_at_m", "scattered_share")
+        text = remove_keys(text, "optics.overlap", lens_keys)
+        if re.search(r"(?m)^exit_diameter_mm", text):
+            notes += ("laser.exit_diameter_mm is left out: the fitted spot starts as a point",)
+        text = remove_keys(text, "laser", ("exit_diameter_mm", "divergence_elevation_mrad"))
+        if "[optics.overlap]" not in text:
+            text = re.sub(r"(?ms)(^\[optics\]\n.*?)(?=^\[)", r"\1[optics.overlap]\n\n", text, count=1)
+        text = put_source(text, "optics.overlap", source)
+        spot = estimates.get("spot_over_field")
+        if spot is not None and ("spot_over_field" in accepted or re.search(r"(?m)^divergence_mrad", text)):
+            # Twice the half angle, of the new lens.
+            field = float(sensor.detector.radius_m / sensor.optics.focal_length_m) / moved
+            source = told("spot_over_field", "; the spot's radius over the field's, from how sharp the near field ends")
+            text = put_value(text, "laser", "divergence_mrad", 2e3 * spot.value * field, source)
+    if "scatter_c" in accepted:
+        fwhm_s = pulse_fwhm_s(sensor, accepted["scatter_c"].value)
+        if fwhm_s is not None:
+            changed = put_value(
+                text, "laser", "pulse_fwhm_ns", 1e9 * fwhm_s, told("scatter_c", "; scatter of the range")
+            )
+            try:
+                parse_sensor(changed, where)
+            except InputError:  # shorter than the bins of the file can show
+                notes += (f"laser.pulse_fwhm_ns is left as it was: {1e9 * fwhm_s:.2g} ns is too short for its bins",)
+            else:
+                text = changed
+    for key in ("threshold_floor", "threshold_slope", "threshold_spread"):
+        if key in accepted:
+            text = put_value(
+                text, "histogram", key, accepted[key].value, told(key, "; SIGNAL and NEAR_IR of kept and lost")
+            )
+    if rows is not None:
+        text, row_notes = _with_rows(text, rows, recording)
+        notes += row_notes
+    if "white_m2" in accepted:
+        after = parse_sensor(text, where)
+        power_w = float(after.laser.peak_power_w) * accepted["white_m2"].value / white_m2(after)
+        source = told("white_m2", "; power, lens, efficiency, PDE and shots are known as one product")
+        text = put_value(text, "laser", "peak_power_w", power_w, source)
+    return text, notes
+
+
+def _with_rows(text: str, rows: RowGains, recording: str) -> tuple[str, tuple[str, ...]]:
+    """The file with the gains of the rows, and what there is to say if they are not written."""
+    beams = tomllib.loads(text).get("scanner", {}).get("elevation_deg", ())
+    if len(beams) != len(rows.gain):
+        return text, (f"row gains are not written: of {len(rows.gain)} rows, and the file has {len(beams)} beams",)
+    if rows.key is None:
+        reason = "SIGNAL of some rows is too weak"
+        if rows.follows is not None:
+            reason = "it goes with their power of {:.2f} +/- {:.2f}".format(*rows.follows)
+        return text, (f"row gains are not written: whether SIGNAL has those of NEAR_IR is not told ({reason})",)
+    assert rows.follows is not None
+    source = (
+        f"fitted: NEAR_IR of neighbouring rows, each +/- {rows.sigma[0]:.1%}, {recording}; SIGNAL goes with their "
+        f"power of {rows.follows[0]:.2f} +/- {rows.follows[1]:.2f}"
+    )
+    return put_value(text, "scanner", rows.key, rows.gain.tolist(), source), ()
+
+
+def _estimate_text(estimate: Estimate | None) -> str:
+    return (
+        "not recorded"
+        if estimate is None
+        else f"{estimate.value:.3g} +/- {estimate.sigma:.2g} {estimate.unit}".rstrip()
+    )
+
+
+def scaled_text(
+    text: str, estimates: Mapping[str, Estimate], recording: str, where: str
+) -> tuple[str, tuple[str, ...]]:
+    """The file with what is known to better than `WRITTEN`, and what was left as it was."""
+    accepted = {
+        key: estimate
+        for key, estimate in estimates.items()
+        if estimate.is_known and estimate.sigma < MOST_RELATIVE_SIGMA * estimate.value
+    }
+    notes = [
+        f"{key} is left as it was: {estimate.value:.3g} +/- {estimate.sigma:.2g} times"
+        for key, estimate in estimates.items()
+        if key not in accepted and key != "scatter_floor"
+    ]
+    factors: dict[str, float] = {key: accepted[key].value for key in SCALED_KEYS if key in accepted}
+    source = {key: _scaled_source(key, accepted[key], recording) for key in SCALED_KEYS if key in accepted}
+    near_field = accepted.get("near_field_m")
+    if near_field is not None:
+        for key, power in STRETCHED.items():
+            factors[key] = factors.get(key, 1.0) * near_field.value**power
+            source.setdefault(key, _scaled_source("near_field_m", near_field, recording))
+    if "spot_over_field" in accepted:
+        spot = accepted["spot_over_field"]
+        for key in ("laser.divergence_mrad", "laser.divergence_elevation_mrad"):
+            factors[key] = factors.get(key, 1.0) * spot.value
+            source[key] = _scaled_source("spot_over_field", spot, recording)
+    values = scaled_values(text, factors)
+    notes += [
+        f"{key} is left as it was: it is not a number of the file"
+        for key in factors
+        if key in accepted and key not in values
+    ]
+    full_text = text
+    for key, value in values.items():
+        full_text = put_key(full_text, key, value, source[key])
+    try:
+        parse_sensor(full_text, where)
+    except InputError:  # one of them does not go with the others: those that do are put in
+        for key, value in values.items():
+            changed = put_key(text, key, value, source[key])
+            try:
+                parse_sensor(changed, where)
+            except InputError as error:
+                notes.append(f"{key} is left as it was: {error}")
+            else:
+                text = changed
+        return text, tuple(notes)
+    return full_text, tuple(notes)
+
+
+def _scaled_source(key: str, estimate: Estimate, recording: str) -> str:
+    return f"fitted with a scene: {key} {estimate.value:.4g} +/- {estimate.sigma:.2g} times what it was, {recording}"
+
+
+def scaled_values(text: str, factors: Mapping[str, float]) -> dict[str, float | list[float]]:
+    """By key of the file, its value times its factor; keys that the file does not have are left out."""
+    tables = tomllib.loads(text)
+    values: dict[str, float | list[float]] = {}
+    for key, factor in factors.items():
+        node: Any = tables
+        for name in key.split("."):
+            node = node.get(name) if isinstance(node, Mapping) else None
+        if isinstance(node, list):
+            values[key] = [float(number) * factor for number in node]
+        elif node is not None:
+            values[key] = round(node * factor) if key in WHOLE else float(node) * factor
+    return values
+
+
+def put_key(text: str, key: str, value: float | Sequence[float], source: str) -> str:
+    """`put` with table and key as one."""
+    table, _, name = key.rpartition(".")
+    return put_value(text, table, name, value, source)
+
+
+def put_value(text: str, table: str, key: str, value: float | Sequence[float], source: str) -> str:
+    """The text with this value, or a list in one line, in the table, and with its source."""
+    head = re.search(rf"(?m)^\[{re.escape(table)}\][^\n]*\n", text)
+    if head is None:
+        raise InputError(f"[{table}]: must be a table of the sensor file, got none")
+    end = re.compile(r"(?m)^\[").search(text, head.end())
+    body = text[head.end() : end.start() if end else len(text)]
+    value_text = f"{value:.6g}" if isinstance(value, int | float) else f"[{', '.join(f'{x:.6g}' for x in value)}]"
+    line = f"{key} = {value_text}\n"
+    changed, count = re.subn(rf"(?m)^{re.escape(key)}\s*=(\s*\[[^\]]*\])?[^\n]*\n?", lambda _: line, body, count=1)
+    body = changed if count else line + body
+    return put_source(text[: head.end()] + body + text[end.start() if end else len(text) :], f"{table}.{key}", source)
+
+
+def remove_keys(text: str, table: str, keys: Sequence[str]) -> str:
+    """The text without these keys of a table, and without their sources."""
+    head = re.search(rf"(?m)^\[{re.escape(table)}\][^\n]*\n", text)
+    if head is not None:
+        end = re.compile(r"(?m)^\[").search(text, head.end())
+        body = text[head.end() : end.start() if end else len(text)]
+        for key in keys:
+            body = re.sub(rf"(?m)^{re.escape(key)}\s*=[^\n]*\n", "", body)
+        text = text[: head.end()] + body + (text[end.start() :] if end else "")
+    for key in keys:
+        text = re.sub(rf'(?m)^"{re.escape(table)}\.{re.escape(key)}"\s*=[^\n]*\n', "", text)
+    return text
+
+
+def put_source(text: str, key: str, source: str) -> str:
+    """The text with this line in `[sources]`."""
+    plain = re.sub(r'[^ -~]|["\\]', " ", source)
+    line = f'"{key}" = "{plain}"\n'
+    text, count = re.subn(rf'(?m)^"?{re.escape(key)}"?\s*=\s*"[^\n]*\n?', lambda _: line, text, count=1)
+    if count:
+        return text
+    if "[sources]" not in text:
+        text = text.rstrip("\n") + "\n\n[sources]\n"
+    return text.replace("[sources]\n", "[sources]\n" + line, 1)

@@ -1,0 +1,70 @@
+"""Where the sensor stood in each frame of a recording: its own poses, or frames laid on each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ...files.open3d import open3d
+from ...maths.pose import Pose
+from ...recordings.sweep import Sweep
+
+VOXEL_M = 0.3
+"""Points are thinned to one in such a cube before they are laid on each other."""
+
+WITHIN_M = (2.0, 0.5)
+"""Pairs of points farther apart do not count, in the first and the second round."""
+
+
+def place_frames(sweeps: Mapping[int, Sweep], first: int) -> dict[int, Pose]:
+    """Pose of every frame in the axes of the first one.
+
+    Without poses in the recording each frame is laid on the one before (point to plane, Open3D), from the first on.
+    """
+    if len(sweeps) == 1:
+        return {first: Pose()}
+    if all(sweep.pose is not None for sweep in sweeps.values()):
+        start = _pose(sweeps[first]).inverse()
+        return {number: start @ _pose(sweep) for number, sweep in sweeps.items()}
+    clouds = {number: _thin(sweep) for number, sweep in sweeps.items()}
+    places = {first: Pose()}
+    for order in (sorted(n for n in sweeps if n > first), sorted((n for n in sweeps if n < first), reverse=True)):
+        before = first
+        for number in order:
+            places[number] = places[before] @ _register(clouds[number], clouds[before])
+            before = number
+    return places
+
+
+def angles_deg(pose: Pose) -> tuple[float, float, float]:
+    """Yaw, pitch and roll of a pose."""
+    turn = pose.rotation
+    yaw, roll = math.atan2(turn[1, 0], turn[0, 0]), math.atan2(turn[2, 1], turn[2, 2])
+    return math.degrees(yaw), math.degrees(math.asin(max(-1.0, min(1.0, turn[2, 0])))), math.degrees(roll)
+
+
+def _pose(sweep: Sweep) -> Pose:
+    assert sweep.pose is not None
+    return sweep.pose
+
+
+def _thin(sweep: Sweep) -> Any:
+    """An Open3D cloud of the first returns, with normals."""
+    o3d = open3d()
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(sweep.xyz_m[sweep.kept])).voxel_down_sample(VOXEL_M)
+    cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(20))
+    return cloud
+
+
+def _register(cloud: Any, reference: Any) -> Pose:
+    """The pose of one frame in the axes of another that it overlaps."""
+    registration = open3d().pipelines.registration
+    matrix = np.eye(4)
+    for within_m in WITHIN_M:
+        matrix = registration.registration_icp(
+            cloud, reference, within_m, matrix, registration.TransformationEstimationPointToPlane()
+        ).transformation
+    return Pose(position_m=np.array(matrix[:3, 3]), rotation=np.array(matrix[:3, :3]))

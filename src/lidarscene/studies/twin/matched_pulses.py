@@ -1,0 +1,197 @@
+"""A frame of a recording and the same frame simulated in its twin, pulse by pulse."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from ...cloud.point_cloud import PointCloud
+from ...errors import InputError
+from ...maths.arrays import Numbers
+from ...maths.pose import Pose
+from ...recordings.sweep import Sweep
+from ...rendering.options import DEFAULT_CHUNK
+from ...rendering.simulator import Simulator
+from ...scene.scene import Scene
+from ...sensor.model import Sensor
+from .apparent_reflectivity import withheld_mask
+from .planes import has_grid
+from .surfels import KINDS, SMOOTH
+
+LARGEST_ANGLE_RAD = np.radians(0.5)
+"""Between the recorded and the simulated beam of a pulse, in the median: beyond it they are not the same pulses."""
+
+RAYS = 16
+"""Of a pulse, where a second return is asked for: a single ray meets one surface."""
+
+APART_RAD = np.radians(1.4)
+"""Of the ranges whose differences tell of scatter: in recordings nearer columns share noise, up to four of 1024."""
+
+NOTHING = -1
+"""In `Pulses.kind`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MatchedPulses:
+    """All (n,), the pulses that the recording tells of; NaN where there is no return. Changes are of smooth surfaces.
+
+    angle_rad          between the recorded direction and the simulated
+    ring               row of the recording
+    range_m, signal    of the recording's first return; the signal None if it has none (an intensity is none). Ranges
+                       count from the beam's exit in the simulated sensor; makers count from elsewhere
+    change_m           second difference of the recorded ranges along the ring, over its deviation for a deviation of 1
+    gap_m              between the recording's two returns
+    withheld            whether the recording found an echo and told no range (`reflect.dropped`)
+    simulated_*        the same of the simulation
+    true_range_m       of the twin's surface
+    kind               place of the twin's surface in `KINDS`, or `NOTHING`
+    """
+
+    angle_rad: Numbers
+    ring: Numbers
+    range_m: Numbers
+    signal: Numbers | None
+    change_m: Numbers
+    gap_m: Numbers
+    withheld: Numbers
+    simulated_range_m: Numbers
+    simulated_signal: Numbers
+    simulated_change_m: Numbers
+    simulated_gap_m: Numbers
+    true_range_m: Numbers
+    kind: Numbers
+
+    @property
+    def has_return(self) -> Numbers:
+        """Mask of what the recording has a return of."""
+        return np.isfinite(self.range_m)
+
+    @property
+    def has_simulated_return(self) -> Numbers:
+        """Mask of what the simulation has a return of."""
+        return np.isfinite(self.simulated_range_m)
+
+    def select(self, mask: Numbers) -> MatchedPulses:
+        """Only these pulses."""
+        values: dict[str, Any] = {
+            field.name: None if (value := getattr(self, field.name)) is None else value[mask] for field in fields(self)
+        }
+        return MatchedPulses(**values)
+
+
+def simulate_pulses(
+    scene: Scene, sensor: Sensor, sweep: Sweep, *, pose: Pose | None = None, seed: int = 0, chunk: int = DEFAULT_CHUNK
+) -> tuple[MatchedPulses, PointCloud]:
+    """Render the twin and lay its pulses on the recording's; the cloud too. ``pose`` None: the scene's own.
+
+    Raises InputError where the sensor does not fire the recording's pulses.
+    """
+    numbers, angle_rad = match_pulses(sensor, sweep)
+    simulator = Simulator(scene, sensor, pose=pose, rays=RAYS if sensor.tdc.stops > 1 else 1)
+    observed: list[tuple[Numbers, Mapping[str, Numbers]]] = []
+    cloud = simulator.render(seed=seed, chunk=chunk, points=lambda pulse, columns: observed.append((pulse, columns)))
+    n = sensor.scanner.pulses
+    of_points = np.concatenate([np.zeros(0, np.int64), *(pulse.astype(np.int64) for pulse, _ in observed)])
+    first, second = _by_pulse(of_points, n)
+    range_m, other_m = (_at_points(cloud.range_m, place) for place in (first, second))
+    true_range_m, kind = np.full(n, np.nan), np.full(n, NOTHING)
+    kinds = np.array([KINDS.index(name) if name in KINDS else NOTHING for name in simulator.class_names])
+    for _, columns in observed:
+        if columns:
+            pulse = columns["pulse"].astype(np.int64)
+            true_range_m[pulse] = columns["true_range_m"]
+            kind[pulse] = np.where(columns["class_id"] >= 0, kinds[columns["class_id"]], NOTHING)
+    recorded_m = ranges_from_exit(sensor, sweep, numbers)
+    simulated_m = range_m[numbers]
+    smooth = (kind[numbers] == SMOOTH) & np.isfinite(recorded_m) & np.isfinite(simulated_m)
+    step = max(1, round(float(APART_RAD / np.median(np.linalg.norm(np.diff(sweep.direction, axis=1), axis=-1)))))
+    gap_m = np.full(sweep.shape, np.nan) if sweep.second is None else np.abs(sweep.second.range_m - sweep.range_m)
+    rows = np.broadcast_to(np.arange(sweep.shape[0])[:, None], sweep.shape)
+    laid = MatchedPulses(
+        angle_rad=angle_rad,
+        withheld=withheld_mask(sweep),
+        ring=rows,
+        range_m=recorded_m,
+        gap_m=gap_m,
+        signal=None if sweep.signal is None else sweep.signal.astype(np.float64),
+        change_m=_second_difference(np.where(smooth, recorded_m, np.nan), step),
+        simulated_range_m=simulated_m,
+        simulated_signal=_at_points(cloud.signal, first)[numbers],
+        simulated_change_m=_second_difference(np.where(smooth, simulated_m, np.nan), step),
+        simulated_gap_m=np.abs(other_m - range_m)[numbers],
+        true_range_m=true_range_m[numbers],
+        kind=kind[numbers],
+    )
+    return laid.select(sweep.recorded), cloud
+
+
+def ranges_from_exit(sensor: Sensor, sweep: Sweep, numbers: Numbers) -> Numbers:
+    """Recorded ranges, counted from where the simulated beam starts."""
+    start = sensor.scanner.offset_m(np.arange(sensor.scanner.pulses, dtype=np.uint32))
+    if start is None and sweep.origin_m is None:
+        return sweep.range_m
+    exit_m = np.zeros(3) if start is None else np.stack([np.asarray(x, np.float64) for x in start], axis=-1)[numbers]
+    return np.asarray(np.einsum("...i,...i", sweep.xyz_m - exit_m, sweep.direction))
+
+
+def _second_difference(range_m: Numbers, step: int) -> Numbers:
+    """(r_before - 2 r + r_after) / sqrt(6): of independent errors it has their deviation, of straight walls none."""
+    return np.asarray((np.roll(range_m, step, 1) - 2.0 * range_m + np.roll(range_m, -step, 1)) / np.sqrt(6.0))
+
+
+def match_pulses(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
+    """Pulse number of each pixel of a sweep, and the angle between its directions [rad]; InputError if there is none.
+
+    In each row the pulse of the nearest azimuth is taken; rows go by elevation.
+    """
+    if not has_grid(sweep):
+        raise InputError("the recording is a list of points: its pulses cannot be told")
+    pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
+    fired = np.stack([np.asarray(x, np.float64) for x in sensor.scanner.direction(pulse)], axis=-1)
+    channel = np.asarray(sensor.scanner.channel(pulse))
+    channels = np.unique(channel)
+    if len(channels) != sweep.shape[0]:
+        raise InputError(f"the sensor must have {sweep.shape[0]} channels, as the recording has, got {len(channels)}")
+    height = [float(np.median(fired[channel == number, 2])) for number in channels]
+    rows = np.argsort(-np.median(sweep.direction[..., 2], axis=1), kind="stable")
+    numbers, angle = np.zeros(sweep.shape, np.int64), np.zeros(sweep.shape)
+    for row, row_channel in zip(rows, channels[np.argsort(-np.array(height), kind="stable")], strict=True):
+        row_pulses = np.flatnonzero(channel == row_channel)
+        azimuth = np.arctan2(fired[row_pulses, 1], fired[row_pulses, 0])
+        order = np.argsort(azimuth)
+        target = np.arctan2(sweep.direction[row, :, 1], sweep.direction[row, :, 0])
+        turn = np.r_[azimuth[order], azimuth[order][0] + 2.0 * np.pi]
+        ends = 0.5 * (turn[1:] + turn[:-1])  # half way to the next; the last one lies beyond the turn
+        target = ends[-1] - (ends[-1] - target) % (2.0 * np.pi)
+        place = np.searchsorted(ends, target) % len(row_pulses)
+        numbers[row] = row_pulses[order][place]
+        sine = np.linalg.norm(np.cross(fired[numbers[row]], sweep.direction[row]), axis=-1)
+        angle[row] = np.arcsin(sine.clip(0.0, 1.0))
+    if np.median(angle) > LARGEST_ANGLE_RAD:
+        raise InputError(
+            f"the sensor must fire where the recording's did, got {np.degrees(np.median(angle)):.3g} degrees between "
+            "them in the median"
+        )
+    return numbers, angle
+
+
+def _by_pulse(pulse: Numbers, n: int) -> tuple[Numbers, Numbers]:
+    """Place of the first and of the second point of each of n pulses, -1 without one; points come by pulse."""
+    order = np.argsort(pulse, kind="stable")
+    pulse = pulse[order]
+    first, second = np.full(n, -1), np.full(n, -1)
+    starts = np.r_[True, pulse[1:] != pulse[:-1]] if len(pulse) else np.zeros(0, bool)
+    first[pulse[starts]] = order[starts]
+    follows = np.r_[False, starts[:-1]] & ~starts if len(pulse) else starts
+    second[pulse[follows]] = order[follows]
+    return first, second
+
+
+def _at_points(values: Numbers, place: Numbers) -> Numbers:
+    """Of these points; NaN without one."""
+    gathered = np.full(len(place), np.nan)
+    gathered[place >= 0] = np.asarray(values, np.float64)[place[place >= 0]]
+    return gathered

@@ -1,0 +1,330 @@
+"""The files of a twin: meshes with reflectivities, sensor, poses and scene, and what they were made of.
+
+The world's axes are the sensor's at the first frame of the twin.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import shutil
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...catalog import path_of
+from ...errors import InputError
+from ...figures.page import counted
+from ...files.atomic import atomic_output, put_text, require_writable
+from ...files.json_text import json_text
+from ...files.toml import validated
+from ...maths.arrays import Numbers
+from ...maths.pose import Pose
+from ...recordings.pcap_reader import metadata_of
+from ...recordings.recording import Recording
+from ...recordings.sweep import Sweep
+from ...recordings.units.unit_file import unit_from, write_unit
+from ...scene.tables import SceneFile
+from ...sensor.catalogue import load_sensor
+from ...sensor.model import Sensor
+from ..compare.real import ground_plane
+from ..ranging.plane import Target, echoes_of_plane
+from .apparent_reflectivity import SLOPE_DEG, Gauge, largest_reflectivity
+from .frame_poses import angles_deg, place_frames
+from .planes import align_columns, has_grid, select_columns
+from .surfels import BRIGHT, KINDS, Surfels, join_surfels, surfels_of_grid, surfels_of_points
+
+SCENE, SENSOR, POSES, PROVENANCE, MESHES = "scene.toml", "sensor.toml", "poses.csv", "twin.json", "meshes"
+
+COLUMNS = "columns"
+"""Held out: every second column of the only frame."""
+
+BRIGHT_STEP = 1.15
+"""Bright quads whose apparent reflectivities differ by no more share a material."""
+
+BRIGHT_DIFFUSE = 0.8
+"""Of their reflectivity, which the sun sees; the rest goes straight back."""
+
+LEAST_RETRO, MOST_RETRO = 1e-3, 1e7
+"""cd/lx/m2, all that a material file takes: the least is for what is no brighter than matt white after all."""
+
+RETRO_HALF_ANGLE_DEG = 5.0
+"""Wider than the beam's parallax by far: what is measured is what comes straight back."""
+
+ASSUMED_KLUX = 20.0
+"""Where a recording has no background light."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choice:
+    """What of a recording a twin is made of.
+
+    frames    numbers of the frames
+    held_out  the frame that is not used, `COLUMNS`, or None
+    """
+
+    frames: tuple[int, ...]
+    held_out: int | str | None = None
+
+    @property
+    def judged_frame(self) -> int:
+        """The frame at whose pose the scene's sensor stands."""
+        return self.held_out if isinstance(self.held_out, int) else self.frames[0]
+
+    def visible_part(self, sweep: Sweep) -> Sweep:
+        """What the twin may see of a sweep."""
+        return select_columns(sweep, slice(0, None, 2)) if self.held_out == COLUMNS else sweep
+
+
+def choose_frames(recording: Recording, frames: Sequence[int] | None, held_out: int | str | None) -> Choice:
+    """Check the frames; those of the whole recording if None, without the one held out. Raises InputError."""
+    numbers = tuple(frames) if frames is not None else tuple(range(len(recording)))
+    for number in (*numbers, *([held_out] if isinstance(held_out, int) else [])):
+        if number >= len(recording):
+            raise InputError(f"{recording.path}: frame must be 0 to {len(recording) - 1}, got {number}")
+    remaining = tuple(number for number in numbers if number != held_out)
+    if not remaining:
+        raise InputError(
+            f"--held-out {held_out}: must leave a frame to make the twin of, got a recording of {len(recording)}; "
+            f"--held-out {COLUMNS} leaves out every second column"
+        )
+    if held_out == COLUMNS and (len(remaining) > 1 or not has_grid(recording[remaining[0]])):
+        actual = f"{len(remaining)} frames" if len(remaining) > 1 else "a list of points"
+        raise InputError(f"--held-out {COLUMNS}: must go with one frame of rows and columns, got {actual}")
+    return Choice(frames=remaining, held_out=held_out)
+
+
+def build_twin(
+    recording: Recording, choice: Choice, folder: Path, *, metadata: Path | None = None, sensor: str | None = None
+) -> str:
+    """Write the twin; returns what there is to say. Raises InputError and OutputError.
+
+    metadata  of the unit, for its sensor file; None: json beside a pcap
+    sensor    a catalogue name or a sensor file in place of the unit's own
+    """
+    require_writable(folder / SCENE)
+    sweeps = {number: recording[number] for number in {*choice.frames, choice.judged_frame}}
+    notes = [_sensor_file(recording, folder / SENSOR, metadata, sensor, sweeps[choice.judged_frame])]
+    unit = load_sensor(str(folder / SENSOR))
+    places = place_frames(sweeps, choice.frames[0])
+    parts, klux = [], []
+    for number in choice.frames:
+        sweep = choice.visible_part(sweeps[number])
+        gauge = Gauge.from_sweep(sweep)
+        plane = ground_plane(sweep.xyz_m[sweep.kept])
+        surfels = (
+            surfels_of_grid(align_columns(sweep), gauge, plane)
+            if has_grid(sweep)
+            else surfels_of_points(sweep, gauge, plane)
+        )
+        parts.append(surfels.placed(places[number]))
+        klux.append(illuminance_klux(sweep, gauge, unit))
+    quads = join_surfels(parts)
+    bodies = _meshes(quads, folder / MESHES)
+    _poses_file(folder / POSES, sweeps, places)
+    known_klux = [value for value in klux if value is not None]
+    light = float(np.median(known_klux)) if known_klux else ASSUMED_KLUX
+    text = scene_text(recording.path.stem, bodies, places[choice.judged_frame], light)
+    # Nothing is written that `load_scene` would refuse, such as a number that is not finite.
+    validated(SceneFile, tomllib.loads(text), str(folder / SCENE))
+    put_text(folder / SCENE, text)
+    provenance = {
+        "recording": recording.path.name,
+        "frames": list(choice.frames),
+        "held_out": choice.held_out,
+        "judged": choice.judged_frame,
+        "illuminance_klux": light,
+        "illuminance_assumed": not known_klux,
+        "quads": {name: int(n) for name, n in zip(KINDS, np.bincount(quads.kind, minlength=len(KINDS)), strict=True)},
+        "reflectivity": _reflectivity_note(gauge),
+        "places": {str(number): [*place.position_m.tolist(), *angles_deg(place)] for number, place in places.items()},
+    }
+    put_text(folder / PROVENANCE, json_text(provenance, indent=1) + "\n")
+    notes.append(
+        f"wrote {folder / SCENE}: {len(quads)} quads of {counted(len(choice.frames), 'frame')}, {light:.3g} klux"
+    )
+    return "\n".join([*notes, _reflectivity_note(gauge)])
+
+
+def _reflectivity_note(gauge: Gauge | None) -> str:
+    if gauge is None:
+        return "reflectivities: not recorded, so all are 0.2"
+    guess = ", scaled to a median of 0.2, since its unit is not known" if gauge.assumed else ""
+    return f"reflectivities: by the recording's {gauge.field}{guess}"
+
+
+def _sensor_file(recording: Recording, path: Path, metadata: Path | None, sensor: str | None, sweep: Sweep) -> str:
+    """The unit's own, or a copy of the one that was named."""
+    if sensor is not None:
+        source = Path(sensor) if sensor.endswith(".toml") else path_of("sensors", sensor)
+        if not source.is_file():
+            raise InputError(f"--sensor {sensor}: no such file")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(source, path)
+        return f"wrote {path}: as {sensor}"
+    described = metadata_of(recording.path, metadata)
+    if described is None or not described.is_file():
+        raise InputError(
+            f"{recording.path}: must have the unit's metadata (--metadata F), or --sensor NAME: a catalogue sensor"
+        )
+    message = write_unit(unit_from(described), described, path)
+    if sweep.second is not None:
+        text = path.read_text(encoding="utf-8")
+        put_text(path, re.sub(r"(?m)^\[histogram\]\n", '[histogram]\nstops = 2\nkeep = "strongest"\n', text))
+    return message
+
+
+def illuminance_klux(sweep: Sweep, gauge: Gauge | None, sensor: Sensor) -> float | None:
+    """Of a uniform sky under which surfaces of these reflectivities have the recorded NEAR_IR, in the median.
+
+    None where NEAR_IR is not known, or the sensor has no such count or does not see the sky.
+    """
+    window_s = getattr(sensor.tdc, "ambient_s", None)
+    if sweep.near_ir is None or gauge is None or not window_s or sensor.histogram is None:
+        return None
+
+    def counts(klux: float, reflectivity: float) -> float:
+        target = Target(
+            reflectivity=reflectivity, illuminance_klux=klux, cos_sun=0.0, diffuse_share=1.0, transmittance=1.0
+        )
+        power = echoes_of_plane(sensor, target, 20.0 * np.ones(1)).background_power_w
+        return float(np.ravel(sensor.background_counts(power)[0])[0]) * float(window_s)
+
+    dark, unit = counts(0.0, 0.2), 0.2 * 20.0
+    per_unit = (counts(20.0, 0.2) - dark) / unit
+    apparent = gauge.apparent(sweep, np.where(sweep.kept, sweep.range_m, 1.0))
+    good = sweep.kept & np.isfinite(sweep.near_ir) & (apparent > 0.02) & (apparent < largest_reflectivity())
+    if not good.any() or not per_unit > 0.0:
+        return None
+    return max(0.0, float(np.median((sweep.near_ir[good] - dark) / apparent[good])) / per_unit)
+
+
+def _meshes(quads: Surfels, folder: Path) -> list[tuple[str, str, float | None]]:
+    """Write a mesh for each kind; returns name, kind and, of bright ones, apparent reflectivity of each body."""
+    bodies: list[tuple[str, str, float | None]] = []
+    for kind, name in enumerate(KINDS):
+        mask = quads.kind == kind
+        if not mask.any():
+            continue
+        if kind != BRIGHT:
+            _mesh(folder / f"{name}.ply", quads.corners_m[mask], quads.reflectivity[mask])
+            bodies.append((name, name, None))
+            continue
+        levels = np.rint(np.log(quads.reflectivity[mask]) / math.log(BRIGHT_STEP)).astype(int)
+        for level in np.unique(levels):
+            body = f"{name}{level - levels.min()}"
+            of_level = levels == level
+            _mesh(folder / f"{body}.ply", quads.corners_m[mask][of_level], None)
+            bodies.append((body, name, float(np.median(quads.reflectivity[mask][of_level]))))
+    return bodies
+
+
+def _mesh(path: Path, corners_m: Numbers, reflectivity: Numbers | None) -> None:
+    """A binary PLY of quads as two triangles each, with the reflectivity of their corners."""
+    vertex = np.zeros(4 * len(corners_m), [("xyz", "<f8", 3), ("reflectivity", "<f4")])
+    vertex["xyz"] = corners_m.reshape(-1, 3)
+    if reflectivity is not None:
+        vertex["reflectivity"] = np.repeat(reflectivity, 4)
+    face = np.zeros(2 * len(corners_m), [("count", "u1"), ("corners", "<i4", 3)])
+    face["count"] = 3
+    face["corners"] = (4 * np.arange(len(corners_m))[:, None] + [0, 1, 2, 0, 2, 3]).reshape(-1, 3)
+    header = (
+        f"ply\nformat binary_little_endian 1.0\ncomment lidarscene twin\nelement vertex {len(vertex)}\n"
+        "property double x\nproperty double y\nproperty double z\nproperty float reflectivity\n"
+        f"element face {len(face)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    with atomic_output(path) as temporary, open(temporary, "wb") as file:
+        file.write(header.encode())
+        file.write(vertex.tobytes())
+        file.write(face.tobytes())
+
+
+def scene_text(name: str, bodies: Sequence[tuple[str, str, float | None]], pose: Pose, klux: float) -> str:
+    """The scene file."""
+    yaw, pitch, roll = angles_deg(pose)
+    place = ", ".join(f"{x:.6f}" for x in pose.position_m)
+    lines = [
+        f'name = "{_plain_text(name)}"',
+        'description = "Twin of a recording, by lidarscene twin"',
+        "",
+        "# Where the sun stood is not recorded: its light comes from all of the sky.",
+        "[sun]",
+        "elevation_deg = -90.0",
+        f"illuminance_klux = {klux:.6g}",
+        "",
+        "[sky]",
+        "diffuse_share = 1.0",
+        "",
+        "[sensor]",
+        f'name = "{SENSOR}"',
+        f"position_m = [{place}]",
+        f"yaw_deg = {yaw:.6f}",
+        f"pitch_deg = {pitch:.6f}",
+        f"roll_deg = {roll:.6f}",
+        "",
+        "# Reflectivities are those of the meshes.",
+        "[materials.measured]",
+        'bsdf = "diffuse"',
+        "reflectivity = 0.2",
+        f"facet_slope_deg = {SLOPE_DEG:g}",
+        "",
+    ]
+    for body, _, apparent in bodies:
+        if apparent is not None:
+            retro = min(max((apparent - BRIGHT_DIFFUSE) / math.pi, LEAST_RETRO), MOST_RETRO)
+            lines += [
+                f"[materials.{body}]",
+                'bsdf = "retroreflector"',
+                f"reflectivity = {BRIGHT_DIFFUSE}",
+                f"retro_coefficient_cd_per_lx_m2 = {retro:.6g}",
+                f"retro_half_angle_deg = {RETRO_HALF_ANGLE_DEG:g}",
+                "",
+            ]
+    for body, kind, apparent in bodies:
+        lines += ["[[bodies]]", f'name = "{body}"', f'class = "{kind}"', f'mesh = "{MESHES}/{body}.ply"']
+        lines += (
+            ['material = "measured"', 'pattern = "reflectivity"', ""]
+            if apparent is None
+            else [f'material = "{body}"', ""]
+        )
+    return "\n".join(lines)
+
+
+def _plain_text(text: str) -> str:
+    return re.sub(r'["\\\x00-\x1f]', " ", text)
+
+
+def _poses_file(path: Path, sweeps: dict[int, Sweep], places: dict[int, Pose]) -> None:
+    """Time and pose of each frame, as scene files take it; none of a single frame or of frames without times."""
+    times_s = [sweeps[number].start_s for number in sorted(sweeps)]
+    if len(times_s) < 2 or min(np.diff(times_s)) <= 0.0:
+        return
+    start_s = times_s[0]
+    rows = ["time_s,x_m,y_m,z_m,yaw_deg,pitch_deg,roll_deg"]
+    for number in sorted(sweeps):
+        numbers = (sweeps[number].start_s - start_s, *places[number].position_m, *angles_deg(places[number]))
+        rows.append(",".join(f"{float(x):.9g}" for x in numbers))
+    put_text(path, "\n".join(rows) + "\n")
+
+
+def read_provenance(scene: Path) -> dict[str, Any]:
+    """What a twin was made of, by its scene file. Raises InputError if it is no twin's."""
+    path = scene.parent / PROVENANCE
+    if not path.is_file():
+        raise InputError(f"{scene}: must be the scene of a twin, with {PROVENANCE} beside it, or a cloud")
+    provenance: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return provenance
+
+
+def frame_pose(provenance: dict[str, Any], number: int, scene: Path) -> Pose:
+    """Pose of a frame that the twin knows. Raises InputError."""
+    pose = provenance["places"].get(str(number))
+    if pose is None:
+        raise InputError(f"--frame {number}: must be one of {', '.join(provenance['places'])}, which {scene} knows")
+    x, y, z, yaw, pitch, roll = pose
+    return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)

@@ -1,0 +1,182 @@
+"""The page of a twin beside its recording: the table of `judge`, both clouds as pictures, and the same as JSON."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from ...cloud.point_cloud import PointCloud
+from ...figures.page import Page
+from ...figures.pictures import common_scale, perspective_picture
+from ...files.atomic import put_text, require_writable
+from ...files.json_text import json_text
+from ...recordings.as_cloud import cloud_of
+from ...recordings.recording import Recording
+from ...recordings.sweep import Sweep
+from ...rendering.options import DEFAULT_CHUNK
+from ...rendering.simulator import Simulator
+from ...scene.scene import View
+from ...scene.scene_file import load_scene
+from ...sensor.catalogue import load_sensor
+from ..compare.real import compare_real, side_of_cloud, side_of_sweep
+from .judge import TwinQuantity, disagreement, twin_quantities
+from .matched_pulses import simulate_pulses
+from .planes import has_grid, select_columns
+from .twin_files import COLUMNS, frame_pose, read_provenance
+
+PAGE, NUMBERS = "index.html", "twin.json"
+REAL, SIMULATED = "recorded", "simulated"
+"""Pictures."""
+
+MOST_NAMED = 3
+"""Limits that the sentence names."""
+
+_VIEW = View(eye_m=(-9.0, 0.0, 6.0), target_m=(6.0, 0.0, 0.0), fov_deg=70.0)
+"""From behind and above the sensor."""
+
+
+def compare_twin(
+    scene_file: Path,
+    recording: Recording,
+    folder: Path,
+    *,
+    frame: int | None = None,
+    seed: int = 0,
+    chunk: int = DEFAULT_CHUNK,
+    as_json: bool = False,
+) -> str:
+    """Render a twin at a frame's pose and write page, JSON and pictures; returns the text to print.
+
+    frame  None: the one that was held out, or the first
+    A list of points has no pulses to compare: then the statistics of `compare.real` are written.
+    Raises InputError and OutputError.
+    """
+    provenance = read_provenance(scene_file)
+    number = provenance["judged"] if frame is None else frame
+    pose = frame_pose(provenance, number, scene_file)
+    for name in (PAGE, NUMBERS):
+        require_writable(folder / name)
+    scene = load_scene(scene_file)
+    sensor = load_sensor(scene.sensor_name)
+    sweep = whole = recording[number]
+    if provenance["held_out"] == COLUMNS:
+        sweep = select_columns(sweep, slice(1, None, 2))
+    if not has_grid(sweep):
+        cloud = Simulator(scene, sensor, pose=pose).render(seed=seed, chunk=chunk)
+        sides = side_of_cloud("twin", cloud), side_of_sweep(f"{recording.path.name} frame {number}", sweep)
+        return compare_real(*sides, folder, as_json=as_json)
+    pulses, cloud = simulate_pulses(scene, sensor, sweep, pose=pose, seed=seed, chunk=chunk)
+    following = (number + 1) % len(recording)
+    between = disagreement(whole, recording[following]) if following != number else None
+    rows = [row for row in twin_quantities(pulses, sweep, cloud, between=between) if row.has_values]
+    numbers: dict[str, Any] = {
+        "verdict": verdict(rows),
+        "recording": recording.path.name,
+        "frame": number,
+        "twin": provenance,
+        "seen": held_out_note(provenance, number),
+        "rows": [asdict(row) | {"met": row.is_met} for row in rows],
+    }
+    text = json_text(numbers, indent=1)
+    put_text(folder / NUMBERS, text + "\n")
+    _page(rows, numbers, (whole, cloud), folder)
+    return text if as_json else "\n".join([as_text(rows), numbers["seen"], f"wrote {folder / PAGE}"])
+
+
+def held_out_note(provenance: dict[str, Any], number: int) -> str:
+    """What of the judged frame the twin was made of, for people."""
+    if provenance["held_out"] == COLUMNS:
+        return "Judged by every second column; the twin is made of the others."
+    if number in provenance["frames"]:
+        return "The twin is made of this frame: surfaces and reflectivities are its own, only the sensor is judged."
+    return f"Held out: the twin is made of frames {', '.join(map(str, provenance['frames']))}."
+
+
+def as_text(rows: list[TwinQuantity]) -> str:
+    """The table for a terminal, limits last."""
+    cells = [_cells(row) for row in rows]
+    head = ("quantity", "condition", "real", "simulated", "value", "limit", "")
+    widths = [max(len(line[k]) for line in (head, *cells)) for k in range(len(head))]
+    lines = [
+        "  ".join(f"{cell:<{w}}" for cell, w in zip(line, widths, strict=True)).rstrip() for line in (head, *cells)
+    ]
+    return "\n".join([verdict(rows), *lines])
+
+
+def verdict(rows: list[TwinQuantity]) -> str:
+    """The outcome in one sentence: how many limits are met, and which are not."""
+    judged = [row for row in rows if row.is_met is not None]
+    missed = [row for row in judged if not row.is_met]
+    if not judged:
+        return "Nothing of this frame can be held to a limit."
+    if not missed:
+        return f"The twin meets all {len(judged)} limits." if len(judged) > 1 else "The twin meets the one limit."
+    descriptions = []
+    for row in missed[:MOST_NAMED]:
+        condition = f" ({row.condition})" if row.condition else ""
+        descriptions.append(
+            f"'{row.quantity}{condition}', {_format_value(row.value)} where {_format_limit(row)} is allowed"
+        )
+    more = [f"{len(missed) - MOST_NAMED} more"] if len(missed) > MOST_NAMED else []
+    return f"The twin meets {len(judged) - len(missed)} of {len(judged)} limits; it misses {'; '.join(descriptions + more)}."
+
+
+def _cells(row: TwinQuantity) -> tuple[str, ...]:
+    mark = {None: "", True: "met", False: "NOT MET"}[row.is_met]
+    quantity = f"{row.quantity} [{row.unit}]" if row.unit else row.quantity
+    return (
+        quantity,
+        row.condition,
+        _format_value(row.real),
+        _format_value(row.simulated),
+        _format_value(row.value),
+        _format_limit(row),
+        mark,
+    )
+
+
+def _format_limit(row: TwinQuantity) -> str:
+    if row.low is not None and row.high is not None:
+        return f"{row.low:.3g} to {row.high:.3g}"
+    if row.high is not None:
+        return f"at most {row.high:.3g}"
+    return "" if row.low is None else f"at least {row.low:.3g}"
+
+
+def _format_value(value: float | None) -> str:
+    if value is None:
+        return ""
+    return f"{value:,}" if isinstance(value, int) else f"{value:.4g}"
+
+
+def _page(rows: list[TwinQuantity], numbers: dict[str, Any], clouds: tuple[Sweep, PointCloud], folder: Path) -> None:
+    sweep, cloud = clouds
+    shown_clouds = {REAL: cloud_of(sweep), SIMULATED: cloud.in_sensor_frame()}
+    scale = common_scale(list(shown_clouds.values()), "range")
+    for name, shown_cloud in shown_clouds.items():
+        picture(shown_cloud, folder / f"{name}.png", scale=scale)
+    page = Page(f"{numbers['recording']}, frame {numbers['frame']}, and its twin", folder=folder)
+    page.paragraph(numbers["verdict"])
+    page.paragraph(numbers["seen"])
+    page.paragraph(_NOTE)
+    page.table(("quantity", "condition", "real", "simulated", "value", "limit", ""), [_cells(row) for row in rows])
+    page.pictures([(REAL, "Recorded, by range."), (SIMULATED, "Simulated in the twin, by range.")])
+    put_text(folder / PAGE, page.as_html())
+
+
+def picture(cloud: PointCloud, path: Path, *, scale: tuple[float, float]) -> None:
+    """A cloud in the sensor's frame, as seen from behind and above the sensor. Raises OutputError."""
+    perspective_picture(
+        cloud, path, colour_by="range", view=_VIEW, highlight_false_alarms=False, size_px=(1280, 720), scale=scale
+    )
+
+
+_NOTE = (
+    "The recorded pulses beside the same pulses of the simulation. The value is a difference in the unit of the "
+    "quantity, a ratio (scatter), a relative difference (points, signals, ground) or a share. Ranges count from the "
+    "beam's exit. Range bias is that of smooth surfaces; scatter is that of second differences along the ring there, "
+    "on both sides. The double validation metric is the difference of the means (bias) and the area between both "
+    "distributions without it (scatter). Losses on surfaces are lost pulses that meet a surface of the twin; those "
+    "of which the sensor tells a reflectivity and no range are left out and told apart."
+)

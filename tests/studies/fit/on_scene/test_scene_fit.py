@@ -1,0 +1,253 @@
+"""A simulated unit is recorded in a known scene, forgotten, and found again by `fit --scene`."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.drawn_scenes import published
+from helpers.in_this_process import draw_roughly
+from helpers.rendered_recordings import record, scene_and_units
+
+from lidarscene.errors import InputError
+from lidarscene.recordings.recording import Recording
+from lidarscene.recordings.sweep import Sweep
+from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.model import Sensor
+from lidarscene.studies.fit.estimates import Solution
+from lidarscene.studies.fit.on_scene import known_scene, scene_fit
+from lidarscene.studies.fit.on_scene.likelihood import ParameterFit
+from lidarscene.studies.fit.on_scene.pulses_on_scene import PulsesOnScene
+from lidarscene.studies.fit.on_scene.scene_fit import SceneFitInputs, fit_on_scene
+from lidarscene.studies.ranging.plane import Target, echoes_of_plane
+
+TRUTH = {
+    "laser.peak_power_w": 1.25,
+    "near_field_m": 0.9,
+    "laser.pulse_fwhm_ns": 1.1,
+    "detector.spads": 0.75,
+    "histogram.threshold_floor": 1.2,
+    "optics.sun_irradiance_w_m2": 0.8,
+}
+"""Times what is published."""
+
+Made = tuple[Path, Path, Sensor]
+
+
+@pytest.fixture(scope="module")
+def made(mi: Any, tmp_path_factory: pytest.TempPathFactory) -> Made:
+    """The recording, the scene and the unit that recorded."""
+    folder = tmp_path_factory.mktemp("fit")
+    scene, sensor = scene_and_units(folder, TRUTH)
+    core, osf = (pytest.importorskip(f"ouster.sdk.{name}") for name in ("core", "osf"))
+    return record(folder / "drawn.osf", scene, sensor, core, osf), scene, sensor
+
+
+@pytest.fixture(scope="module")
+def fitted(made: Made, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path, bool]:
+    """What the fit says, the folder that it wrote to, and whether it passed."""
+    recording, scene, _ = made
+    folder = tmp_path_factory.mktemp("found")
+    given = SceneFitInputs(recordings=[recording], scene=scene)
+    with pytest.MonkeyPatch.context() as patch:
+        draw_roughly(patch)
+        text, passed = fit_on_scene(given, folder / "unit.toml", folder / "report", as_json=True)
+    return json.loads(text), folder, passed
+
+
+def test_the_unit_that_recorded_is_found_again(fitted: Any) -> None:
+    """Within 4 of the stated sigmas each, which chance breaks in one of 2000 runs; the seed is fixed."""
+    told, _, passed = fitted
+    assert passed
+    assert told["evaluations"] <= 50
+    for key, truth in TRUTH.items():
+        one = told["estimates"][key]
+        assert abs(one["times"] - truth) < 4.0 * one["sigma"], key
+        # The floor is a third of the threshold; slope and floor are known together.
+        assert one["sigma"] < (0.5 if key == "histogram.threshold_floor" else 0.12), key
+    assert told["scene"] == "scene"
+    assert "optics.efficiency_laser +1 %: laser.peak_power_w -1 %" in told["not_identified"]
+
+
+def test_the_written_sensor_is_the_one_that_recorded(fitted: Any, made: Made) -> None:
+    """Power, lens and threshold of the file, read again: near field and photons as those of the truth."""
+    _, folder, _ = fitted
+    found, truth = load_sensor(str(folder / "unit.toml")), made[2]
+    assert found.optics.overlap is not None
+    assert truth.optics.overlap is not None
+    range_m = np.geomspace(1.5, 40.0, 12)
+    near = [np.asarray(one.optics.overlap.share(range_m)) for one in (found, truth)]  # type: ignore[union-attr]
+    np.testing.assert_allclose(near[0] / near[0][-1], near[1] / near[1][-1], rtol=0.02)
+    photons = [
+        float(one.laser.peak_power_w * one.laser.pulse_fwhm_s * one.optics.aperture_radius_m**2)
+        for one in (found, truth)
+    ]
+    assert photons[0] == pytest.approx(photons[1], rel=0.05)
+    assert "fitted with a scene: laser.peak_power_w 1." in found.sources["laser.peak_power_w"]
+    page = (folder / "report" / "index.html").read_text(encoding="utf-8")
+    for part in ("Pass or fail", "Estimates", "Correlations", "What cannot be told"):
+        assert part in page
+    assert {one.stem for one in (folder / "report").glob("*.png")} == {"signal", "kept", "scatter"}
+
+
+def test_poses_move_the_sensor(made: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rationale: two metres aside the walls are elsewhere, so ranges no longer fit; at its own place they do."""
+    recording, scene, _ = made
+    seen: list[Any] = []
+
+    def laid(one: Any, *_: Any, **__: Any) -> None:
+        seen.append(one)
+        raise InputError("enough")
+
+    monkeypatch.setattr(scene_fit, "fit_pulses_on_scene", laid)
+    for aside_m in (0.0, 2.0):
+        poses = tmp_path / f"{aside_m}.csv"
+        rows = [f"{t},{-0.5 * aside_m},{aside_m},1.8,30" for t in (0.0, 1.0)]
+        poses.write_text("\n".join(["time_s,x_m,y_m,z_m,yaw_deg", *rows]) + "\n", encoding="utf-8")
+        with pytest.raises(InputError, match="enough"):
+            fit_on_scene(
+                SceneFitInputs(recordings=[recording], scene=scene, poses=poses), tmp_path / "u.toml", tmp_path / "r"
+            )
+    off_m = [np.nanquantile(np.abs(one.reported.range_m - one.scene.range_m), 0.9) for one in seen]
+    assert off_m[0] < 0.1
+    assert off_m[1] > 0.5
+
+
+@pytest.mark.parametrize(
+    ("changed", "complaint"),
+    [
+        ({"sensor": "table1-apd"}, r"--sensor table1-apd: must count photons, with \[histogram\]"),
+        ({"sensor": "os2-128"}, "the sensor must fire where the recording's did|must have 32 channels"),
+        ({"poses": "late.csv"}, "must reach from the first to the last frame, got 5 to 6 s and frame 0 at 0 s"),
+    ],
+)
+def test_what_does_not_fit_is_one_line(made: Made, tmp_path: Path, changed: dict[str, Any], complaint: str) -> None:
+    recording, scene, _ = made
+    if "poses" in changed:
+        changed = {"poses": tmp_path / changed["poses"]}
+        changed["poses"].write_text("time_s,x_m,y_m,z_m\n5,0,0,0\n6,0,0,0\n", encoding="utf-8")
+    with pytest.raises(InputError, match=complaint):
+        fit_on_scene(SceneFitInputs(recordings=[recording], scene=scene, **changed), tmp_path / "u.toml", tmp_path)
+    assert not (tmp_path / "u.toml").exists()
+
+
+def bare(signal: Any, off_m: Any, *, kept: Any = True, power: float = 1.0) -> PulsesOnScene:
+    """Bright walls before the published sensor that reported these signals and ranges."""
+    count = len(signal)
+    light = echoes_of_plane(published(), Target(reflectivity=0.5, illuminance_klux=1.0), np.full(count, 12.0))
+    scene = known_scene.KnownScene.from_light(light, published(), np.zeros(count, int), spot_over_field=0.5)
+    reported = known_scene.Observations(
+        has_return=np.broadcast_to(kept, count),
+        signal=np.asarray(signal),
+        near_ir=np.full(count, np.nan),
+        range_m=scene.range_m + off_m,
+    )
+    return PulsesOnScene(scene=scene, reported=reported, block=np.zeros(count, int))
+
+
+def test_the_floor_is_that_of_the_strongest_quarter() -> None:
+    """Weak returns scatter by photons, 0.5 m here; the strongest quarter is 10 mm off, a deviation of 14.8 mm."""
+    signal = np.arange(1.0, 401.0)
+    off_m = np.where(signal > 300.0, 0.01, 0.5) * np.where(signal % 2 == 0, 1.0, -1.0)
+    assert scene_fit._floor_m(bare(signal, off_m)) == pytest.approx(0.014826, rel=1e-3)
+    assert scene_fit._floor_m(bare(signal, 0.0 * off_m)) == known_scene.LEAST_FLOOR_M
+
+
+def test_what_photons_do_not_explain_is_texture_and_strangers() -> None:
+    """Signals 10 % up and down in turn scatter by 15 % as deviations go; photons explain their own part. A tenth of
+    the bright surfaces returned nothing: as a stranger is kept as often as lost, a fifth met one.
+    """
+    count = 400
+    plain = bare(np.ones(count), np.zeros(count))
+    law = known_scene.predict(plain.scene, {})
+    assert np.all(np.asarray(law.chance) > 0.999)
+    photons = float(np.median(np.asarray(law.variance) / np.asarray(law.signal) ** 2))
+    turn = np.where(np.arange(count) % 2 == 0, 1.1, 0.9)
+    laid = bare(np.asarray(law.signal) * turn, np.zeros(count), has_return=np.arange(count) % 10 != 0)
+    known = ParameterFit(
+        solved=Solution(value=np.zeros(0), slope=np.zeros((0, 0)), scores=np.zeros((1, 0))),
+        names=(),
+        held=(),
+        null=(),
+        values={},
+        reflectivity=np.zeros(1),
+    )
+    texture, strangers = scene_fit._texture_and_strangers(laid, known)
+    assert texture == pytest.approx(np.sqrt((1.4826 * 0.1) ** 2 - photons), rel=0.01)
+    assert photons > 0.02 * texture**2
+    assert strangers == pytest.approx(0.2)
+
+
+def test_blocks_that_judge_are_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of twelve blocks of pulses the fourth, eighth and twelfth judge; the signal of a pulse is its block."""
+    laid = bare(np.repeat(np.arange(12.0), 5), np.zeros(60))
+    laid = replace(laid, block=np.repeat(np.arange(12), 5))
+    seen: dict[str, Any] = {}
+
+    def fitted(scene: Any, reported: Any, names: Any, **_: Any) -> ParameterFit:
+        seen["fitted"] = np.unique(reported.signal).tolist()
+        raise InputError("enough")
+
+    monkeypatch.setattr(scene_fit, "fit_parameters", fitted)
+    with pytest.raises(InputError, match="enough"):
+        scene_fit.fit_pulses_on_scene(laid, published(), twin=False)
+    assert seen["fitted"] == [0, 1, 2, 4, 5, 6, 8, 9, 10]
+    known = ParameterFit(
+        solved=Solution(value=np.zeros(0), slope=np.zeros((0, 0)), scores=np.zeros((1, 0))),
+        names=(),
+        held=(),
+        null=(),
+        values={},
+        reflectivity=np.zeros(1),
+    )
+    monkeypatch.setattr(scene_fit, "fit_parameters", lambda *_, **__: known)
+    monkeypatch.setattr(
+        scene_fit, "judge", lambda others, _: seen.update(judged=np.unique(others.reported.signal).tolist())
+    )
+    fit = scene_fit.fit_pulses_on_scene(laid, published(), twin=False)
+    assert seen["judged"] == [3, 7, 11]
+    assert fit.pulses == (45, 15)
+
+
+@pytest.mark.parametrize("clock_s", [0.0, 500.0])
+def test_poses_count_by_the_recordings_clock_or_from_its_first_frame(tmp_path: Path, clock_s: float) -> None:
+    """Frames at 501 and 502 s. The file's times are 501 and 502 s too, or 0 and 1 s: the sensor drives 3 m a second."""
+    path = tmp_path / "poses.csv"
+    times = (501.0, 502.0) if clock_s else (0.0, 1.0)
+    path.write_text("time_s,x_m,y_m,z_m\n" + "".join(f"{t},{3.0 * k},0,1\n" for k, t in enumerate(times)), "utf-8")
+    sweeps = [
+        Sweep(range_m=np.ones(1), recorded=np.ones(1, bool), direction=np.array([[1.0, 0.0, 0.0]]), start_s=t)
+        for t in (501.0, 502.0)
+    ]
+    placed = scene_fit._place_frames([(sweep, None) for sweep in sweeps], path)
+    assert [pose.position_m.tolist() for _, pose in placed if pose is not None] == [
+        pytest.approx([0.0, 0.0, 1.0]),
+        pytest.approx([3.0, 0.0, 1.0]),
+    ]
+
+
+@pytest.mark.parametrize(("held_out", "chosen"), [(2, [2]), (None, [0, 1]), ("columns", [0, 1])])
+def test_what_a_twin_has_not_seen_is_fitted(monkeypatch: pytest.MonkeyPatch, held_out: Any, chosen: list[int]) -> None:
+    """The frame that was held out, or the odd columns, or else all that it was made of; each at its place."""
+    direction = np.broadcast_to([1.0, 0.0, 0.0], (3, 8, 3))
+
+    def read(number: int) -> Sweep:
+        columns = np.arange(8.0) + 10.0 * number
+        return Sweep(range_m=np.broadcast_to(columns, (3, 8)), recorded=np.ones((3, 8), bool), direction=direction)
+
+    opened = Recording(path=Path("r.pcap"), count=3, read=read)
+    monkeypatch.setattr(scene_fit, "open_recording", lambda *_: opened)
+    made = {
+        "held_out": held_out,
+        "places": {"0": [0.0] * 6, "1": [1.0, *[0.0] * 5]} | ({"2": [2.0, *[0.0] * 5]} if held_out == 2 else {}),
+    }
+    frames, notes = scene_fit._frames_with_poses(
+        SceneFitInputs(recordings=[Path("r.pcap")], scene=Path("scene.toml")), made
+    )
+    assert [pose.position_m[0] for _, pose in frames if pose is not None] == chosen
+    step = slice(1, None, 2) if held_out == "columns" else slice(None)
+    for number, (sweep, _) in zip(chosen, frames, strict=True):
+        assert sweep.range_m[0].tolist() == (np.arange(8.0) + 10.0 * number)[step].tolist()
+    assert ("held out" in notes[0]) is (held_out is not None)

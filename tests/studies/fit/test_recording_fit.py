@@ -1,0 +1,197 @@
+"""Draw a recording, forget the laws, fit: the truth is found again, and what is wrong is told."""
+
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.drawn_recordings import Truth, drawn_sweep, drawn_truth, two_lenses
+
+from lidarscene.catalog import path_of
+from lidarscene.errors import InputError
+from lidarscene.recordings.recording import Recording
+from lidarscene.recordings.sweep import Sweep
+from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.model import Sensor
+from lidarscene.studies.fit import recording_fit, recording_fit_report
+from lidarscene.studies.fit.estimates import MOST_EVALUATIONS
+from lidarscene.studies.fit.near_field import fit_near_field, share
+from lidarscene.studies.fit.products import near_field_m, scatter_c_mm, white_m2
+from lidarscene.studies.fit.recorded_pulses import gather_pulses
+from lidarscene.studies.fit.recording_fit import fit_pulses, fit_recordings
+from lidarscene.studies.fit.sensor_text import remove_keys
+from lidarscene.studies.ranging.plane import Target, echoes_of_plane
+
+TRUTH = drawn_truth(0)
+
+
+@pytest.fixture(scope="module")
+def sweep() -> Sweep:
+    return drawn_sweep(TRUTH, 0)
+
+
+def test_the_truth_is_within_two_sigma() -> None:
+    """Five units, eight numbers each. benchmarks/fit_coverage.py finds 96.8 % of 800 within 2 sigma.
+
+    With 95 %, fewer than 32 of 40 come by chance in one of 50 000 draws, were they independent; the eight of a fit are
+    in groups of two and three, so that one in 1000 is a fair bound. The seeds are fixed.
+    """
+    off = []
+    for unit in range(5):
+        truth = drawn_truth(unit)
+        pulses = gather_pulses([drawn_sweep(truth, 10 * unit)])
+        fit = fit_pulses(pulses, recording="drawn", sensor="drawn")
+        assert len(fit.estimates) == 8
+        assert fit.near_field is not None
+        assert fit.near_field.solved.evaluations <= MOST_EVALUATIONS
+        off += [(one.value - asdict(truth)[one.key]) / one.sigma for one in fit.estimates]
+    assert np.sum(np.abs(off) < 2.0) >= 32
+    assert np.max(np.abs(off)) < 5.0
+
+
+def written(folder: Path, patch: pytest.MonkeyPatch, sweep: Sweep, sensor: str = "os1-128") -> tuple[str, bool]:
+    def opened(path: Path, metadata: Path | None) -> Recording:
+        return Recording(path=path, count=1, read=lambda _: sweep)
+
+    patch.setattr(recording_fit, "open_recording", opened)
+    return fit_recordings([folder / "drawn.pcap"], sensor, folder / "unit.toml", folder / "report")
+
+
+def one_lens(folder: Path) -> str:
+    """An OS2 whose near field is that of one lens, focused at infinity, on the laser's axis."""
+    text = path_of("sensors", "os2-128").read_text("utf-8")
+    text = remove_keys(text, "optics.overlap", ("transmitter_offset_mm", "parallax_free_at_m", "focus_at_m"))
+    (folder / "one-lens.toml").write_text(text, "utf-8")
+    return str(folder / "one-lens.toml")
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """Figures take longest, and one test looks at them."""
+    monkeypatch.setattr(recording_fit_report, "add_figures", lambda *_: None)
+    return monkeypatch
+
+
+@pytest.mark.usefixtures("no_charts")
+def test_sensor_file_and_page_have_what_was_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sweep: Sweep
+) -> None:
+    """Rationale: the written file, read again, has the measured products, whatever way they were divided."""
+    text, passed = written(tmp_path, monkeypatch, sweep, one_lens(tmp_path))
+    assert passed
+    told = json.loads((tmp_path / "report" / "fit.json").read_text("utf-8"))
+    found = told["estimates"]
+    sensor = load_sensor(tmp_path / "unit.toml")
+    assert sensor.histogram is not None
+    # The file has six digits.
+    assert near_field_m(sensor) == pytest.approx(found["near_field_m"]["value"], rel=1e-4)
+    assert white_m2(sensor) == pytest.approx(found["white_m2"]["value"], rel=1e-3)
+    assert scatter_c_mm(sensor) == pytest.approx(found["scatter_c"]["value"], rel=1e-4)
+    assert sensor.histogram.threshold_floor == pytest.approx(found["threshold_floor"]["value"], rel=1e-4)
+    assert sensor.histogram.threshold_slope == pytest.approx(found["threshold_slope"]["value"], rel=1e-4)
+    assert sensor.histogram.threshold_spread == pytest.approx(found["threshold_spread"]["value"], rel=1e-4)
+    # The published sensor's spot has no width; the written one must have the near field that was fitted.
+    range_m = np.geomspace(1.0, 60.0, 9)
+    spot = found["spot_over_field"]["value"]
+    law = found["white_m2"]["value"] * share(range_m / found["near_field_m"]["value"], spot)
+    np.testing.assert_allclose(white_over_range(sensor, range_m), law, rtol=0.01)
+    for key in ("laser.peak_power_w", "optics.aperture_radius_mm", "histogram.threshold_floor"):
+        source = sensor.sources[key]
+        assert source.startswith("fitted: ")
+        assert " +/- " in source
+        assert "drawn.pcap" in source
+    # The background stays: aperture times field of view is as before.
+    before = load_sensor(one_lens(tmp_path))
+    assert sensor.optics.aperture_radius_m / sensor.optics.focal_length_m == pytest.approx(
+        before.optics.aperture_radius_m / before.optics.focal_length_m, rel=1e-5
+    )
+    assert "reflectivity of all targets +1 %: laser.peak_power_w -1 %" in text
+    page = (tmp_path / "report" / "index.html").read_text("utf-8")
+    for part in ("Pass or fail", "Estimates", "Correlations", "What cannot be told apart", "not fitted"):
+        assert part in page
+    names = {one.stem for one in (tmp_path / "report").glob("*.png")}
+    assert names == {"near-field", "near-field-residuals", "threshold", "scatter", "rows"}
+
+
+def white_over_range(sensor: Sensor, range_m: np.ndarray) -> np.ndarray:
+    """Photons of a white wall times the square of its range, by the stages of `render`."""
+    light = echoes_of_plane(sensor, Target(reflectivity=1e-3, illuminance_klux=0.0), range_m)
+    photons = np.ravel(np.asarray(sensor.working_point(light.background_power_w).signal(light.peak_power_w)))
+    return np.asarray(1e3 * photons * range_m**2)
+
+
+@pytest.mark.usefixtures("no_charts")
+def test_two_lenses_are_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rationale: one lens fits where pulses are, and misses what is beyond; the written unit must do neither.
+
+    Two numbers: the chance that one is 3 sigma off is 0.5 %; their sigma is below 0.5 %, so the curve is within 2 %.
+    """
+    published = load_sensor("os1-128")
+    truth, curve = two_lenses(2, published)
+    stretch = truth.near_field_m / near_field_m(published)
+    assert abs(stretch - 1.0) > 0.1
+    sweep = drawn_sweep(truth, 2, curve=curve)
+    _, passed = written(tmp_path, monkeypatch, sweep)
+    assert passed
+    found = json.loads((tmp_path / "report" / "fit.json").read_text("utf-8"))["estimates"]
+    assert "spot_over_field" not in found
+    for key in ("white_m2", "near_field_m"):
+        assert abs(found[key]["value"] - asdict(truth)[key]) < 3.0 * found[key]["sigma"]
+    sensor = load_sensor(tmp_path / "unit.toml")
+    range_m = np.geomspace(4.0, 100.0, 12)
+    law = truth.white_m2 * curve(range_m / truth.near_field_m)
+    np.testing.assert_allclose(white_over_range(sensor, range_m), law, rtol=0.02)
+    assert sensor.sources["optics.overlap.transmitter_offset_mm"].startswith("fitted: ")
+    # The published curve, at its best power, is not that near, and nor is one lens.
+    own = np.log(curve(range_m / near_field_m(published)) / law)
+    assert np.ptp(own) > 0.1
+    one = fit_near_field(gather_pulses([sweep]))
+    assert one is not None
+    assert np.max(np.abs(one.law(range_m) / law - 1.0)) > 0.1
+
+
+def test_a_law_that_does_not_hold_fails(tmp_path: Path, undrawn: pytest.MonkeyPatch, sweep: Sweep) -> None:
+    """Rationale: the blocks that were not fitted are of another reflectivity scale, by 1.3: more than 15 % off."""
+    assert sweep.reflectivity is not None
+    other = (np.arange(sweep.shape[1]) // 20) % 4 == 3
+    changed = replace(sweep, reflectivity=np.where(other, np.rint(sweep.reflectivity / 1.3), sweep.reflectivity))
+    text, passed = written(tmp_path, undrawn, changed)
+    assert not passed
+    assert "signal over the range" in text
+    assert text.count("FAILED") == 1
+
+
+def test_what_is_not_recorded_stays_as_it_was(tmp_path: Path, undrawn: pytest.MonkeyPatch, sweep: Sweep) -> None:
+    text, passed = written(tmp_path, undrawn, replace(sweep, near_ir=None, reflectivity=None))
+    assert passed
+    assert "histogram.threshold_floor is left as it was: threshold_floor is not recorded" in text
+    sensor, before = load_sensor(tmp_path / "unit.toml"), load_sensor("os1-128")
+    assert sensor.laser.peak_power_w == before.laser.peak_power_w
+    assert sensor.laser.pulse_fwhm_s != before.laser.pulse_fwhm_s
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"signal": None, "near_ir": None, "reflectivity": None}, "must have SIGNAL, NEAR_IR or REFLECTIVITY"),
+        ({"recorded": np.zeros((32, 1000), bool)}, "must have pulses, got none"),
+    ],
+)
+def test_a_recording_that_tells_nothing(
+    tmp_path: Path, undrawn: pytest.MonkeyPatch, sweep: Sweep, change: dict[str, object], complaint: str
+) -> None:
+    with pytest.raises(InputError, match=complaint):
+        written(tmp_path, undrawn, replace(sweep, **change))  # type: ignore[arg-type]
+    assert not (tmp_path / "unit.toml").exists()
+
+
+def test_points_without_rows_are_refused() -> None:
+    points = Sweep(range_m=np.ones(3), recorded=np.ones(3, bool), direction=np.ones((3, 3)))
+    with pytest.raises(ValueError, match="must have rows and columns"):
+        gather_pulses([points])
+
+
+def test_a_unit_is_drawn_anew() -> None:
+    assert isinstance(TRUTH, Truth)
+    assert drawn_truth(1) != TRUTH

@@ -1,0 +1,51 @@
+"""What passes and what fails."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lidarscene.studies.fit.estimates import Solution
+from lidarscene.studies.fit.recording_fit_report import RecordingFit
+from lidarscene.studies.fit.scatter import Scatter
+
+
+def fit_of(**laws: Any) -> RecordingFit:
+    given: dict[str, Any] = {"near_field": None, "threshold": None, "scatter": None, "rows": None}
+    return RecordingFit(recording="r", sensor="s", pulses=1, frames=1, **given | laws)
+
+
+@pytest.mark.parametrize(
+    ("law", "value", "passed"),
+    [
+        ("near_field", 0.149, True),
+        ("near_field", 0.151, False),
+        ("threshold", 0.099, True),
+        ("threshold", 0.101, False),
+        ("scatter", (0.81, 1.24), True),
+        ("scatter", (0.79, 1.0), False),
+        ("scatter", (1.0, 1.26), False),
+    ],
+)
+def test_limits_of_each_law(law: str, value: Any, passed: bool) -> None:
+    """15 % of the signal, a tenth of the shares, a quarter of the scatter, either way; the others are not recorded."""
+    ratios = np.atleast_1d(value)
+    scatter = Scatter(
+        solved=Solution(value=np.array([1.0, 0.0]), slope=np.eye(2), scores=np.zeros((4, 2))),
+        signal=np.ones(len(ratios)),
+        sigma_m=np.ones(len(ratios)),
+        patches=np.ones(len(ratios)),
+        check_sigma_m=ratios,
+        check_patches=np.full(len(ratios), 1e9),
+    )
+    laws = SimpleNamespace(error=value, estimates=())
+    fit = fit_of(**{law: scatter if law == "scatter" else laws})
+    assert fit.passed is passed
+    assert [check.held for check in fit.checks if check.held is not None] == [passed]
+    assert sum("FAILED" in str(check) for check in fit.checks) == (not passed)
+
+
+def test_of_a_recording_that_tells_nothing_nothing_fails() -> None:
+    assert fit_of().passed
+    assert {check.found for check in fit_of().checks} == {"not recorded", "too few smooth surfaces"}

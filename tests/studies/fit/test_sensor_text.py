@@ -1,0 +1,114 @@
+"""The written file, read again: its equations give what was found."""
+
+import re
+
+import numpy as np
+import pytest
+
+from lidarscene.catalog import path_of
+from lidarscene.studies.fit.estimates import Estimate
+from lidarscene.studies.fit.products import near_field_m, pulse_fwhm_s, scatter_c_mm, white_m2
+from lidarscene.studies.fit.row_gains import RowGains
+from lidarscene.studies.fit.sensor_text import fitted_text, parse_sensor, remove_keys, scaled_values
+
+TEXT = path_of("sensors", "os2-128").read_text(encoding="utf-8")
+ONE_LENS = remove_keys(TEXT, "optics.overlap", ("transmitter_offset_mm", "parallax_free_at_m", "focus_at_m"))
+
+
+def estimate(key: str, value: float, sigma: float = 0.01) -> Estimate:
+    return Estimate(key=key, value=value, unit="", fisher=sigma * abs(value), bootstrap=sigma * abs(value))
+
+
+def fitted(text: str, *estimates: Estimate, rows: RowGains | None = None) -> tuple[str, tuple[str, ...]]:
+    return fitted_text(text, {one.key: one for one in estimates}, "drawn", "unit.toml", rows=rows)
+
+
+def test_one_lens_moves_with_the_power_that_makes_up_for_it() -> None:
+    """R0 = r_A f / r_PD is 1.5 times as far, r_A / f stays, a white wall sends twice the photons, all together."""
+    before = parse_sensor(ONE_LENS, "before")
+    range_m, photons = 1.5 * near_field_m(before), 2.0 * white_m2(before)
+    text, _ = fitted(
+        ONE_LENS,
+        estimate("near_field_m", range_m),
+        estimate("white_m2", photons),
+        estimate("spot_over_field", 0.4),
+        estimate("scatter_c", 1.2 * scatter_c_mm(before)),
+    )
+    after = parse_sensor(text, "after")
+    assert near_field_m(after) == pytest.approx(range_m, rel=1e-5)
+    assert after.optics.aperture_radius_m / after.optics.focal_length_m == pytest.approx(
+        before.optics.aperture_radius_m / before.optics.focal_length_m, rel=1e-5
+    )
+    assert white_m2(after) == pytest.approx(photons, rel=1e-3)
+    assert scatter_c_mm(after) == pytest.approx(1.2 * scatter_c_mm(before), rel=1e-4)
+    # The spot's half angle over that of the field of view of the new lens.
+    field_rad = after.detector.radius_m / after.optics.focal_length_m
+    assert 0.5 * after.laser.divergence_rad / field_rad == pytest.approx(0.4, rel=1e-5)
+
+
+def test_the_pulse_that_scatters_so_is_found_again() -> None:
+    """There and back; and none, where jitter and bin alone scatter more."""
+    sensor = parse_sensor(TEXT, "os2")
+    assert pulse_fwhm_s(sensor, scatter_c_mm(sensor)) == pytest.approx(sensor.laser.pulse_fwhm_s, rel=1e-6)
+    assert pulse_fwhm_s(sensor, 1e-3) is None
+
+
+@pytest.mark.parametrize(("sigma", "is_written"), [(0.29, True), (0.31, False)])
+def test_what_is_known_to_30_per_cent_is_written(sigma: float, is_written: bool) -> None:
+    before = parse_sensor(ONE_LENS, "before")
+    text, notes = fitted(ONE_LENS, estimate("white_m2", 2.0 * white_m2(before), sigma))
+    after = parse_sensor(text, "after")
+    assert (after.laser.peak_power_w != before.laser.peak_power_w) is is_written
+    assert any("laser.peak_power_w is left as it was" in note for note in notes) is not is_written
+
+
+@pytest.mark.parametrize(("slope", "is_written"), [(0.2, True), (-0.2, False)])
+def test_a_threshold_that_falls_with_the_light_is_not_written(slope: float, is_written: bool) -> None:
+    text, _ = fitted(TEXT, estimate("threshold_floor", 7.5), estimate("threshold_slope", slope))
+    histogram, before = parse_sensor(text, "after").histogram, parse_sensor(TEXT, "before").histogram
+    assert histogram is not None
+    assert before is not None
+    assert (histogram.threshold_floor == 7.5) is is_written
+    assert histogram.threshold_slope == (slope if is_written else before.threshold_slope)
+
+
+def test_factors_of_keys_lists_and_whole_numbers() -> None:
+    text = "[detector]\nspads = 8\n[optics.overlap]\nfocus_at_m = 4.0\ntransmitter_offset_mm = [2, -3]\n"
+    factors = {
+        "detector.spads": 1.3,
+        "optics.overlap.focus_at_m": 0.5,
+        "optics.overlap.transmitter_offset_mm": 2.0,
+        "laser.exit_diameter_mm": 9.0,
+    }
+    assert scaled_values(text, factors) == {
+        "detector.spads": 10,
+        "optics.overlap.focus_at_m": 2.0,
+        "optics.overlap.transmitter_offset_mm": [4.0, -6.0],
+    }
+    assert isinstance(scaled_values(text, factors)["detector.spads"], int)
+
+
+def test_two_lenses_are_stretched_together() -> None:
+    """All of the near field 1.3 times as far: the curve is the same at 1.3 times the range, K as it was."""
+    before = parse_sensor(TEXT, "before")
+    text, _ = fitted(
+        TEXT, estimate("near_field_m", 1.3 * near_field_m(before)), estimate("white_m2", 2.0 * white_m2(before))
+    )
+    after = parse_sensor(text, "after")
+    assert before.optics.overlap is not None
+    assert after.optics.overlap is not None
+    range_m = np.geomspace(1.0, 50.0, 9)
+    np.testing.assert_allclose(
+        after.optics.overlap.share(1.3 * range_m), before.optics.overlap.share(range_m), atol=1e-4
+    )
+    assert near_field_m(after) == pytest.approx(1.3 * near_field_m(before), rel=1e-5)
+    assert white_m2(after) == pytest.approx(2.0 * white_m2(before), rel=1e-3)
+
+
+@pytest.mark.parametrize("more", [-1, 1])
+def test_gains_of_another_number_of_rows_are_not_written(more: int) -> None:
+    rows = parse_sensor(TEXT, "os2").scanner.line_pulses
+    gains = RowGains(gain=np.ones(rows + more), sigma=np.full(rows + more, 0.01), follows=(1.0, 0.01))
+    text, notes = fitted(TEXT, rows=gains)
+    assert not re.search("(?m)^responsivity", text)
+    assert any(f"of {rows + more} rows, and the file has {rows} beams" in note for note in notes)

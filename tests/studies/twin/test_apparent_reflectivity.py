@@ -1,0 +1,112 @@
+"""From strength to reflectivity."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers.twins import room_sweep
+
+from lidarscene.studies.twin.apparent_reflectivity import Gauge, scattering_law, withheld_mask
+
+
+def test_the_law_is_that_of_rough_matt_surfaces() -> None:
+    """(T7a) straight back: rho (cos + K sin^2), with K of 45 degrees by Oren's and Nayar's formula."""
+    square = (math.pi / 4.0) ** 2
+    strength = 0.45 * square / (square + 0.09) / (1.0 - 0.5 * square / (square + 0.33))
+    cos = np.array([1.0, 0.5, 0.1])
+    assert scattering_law(cos) == pytest.approx(cos + strength * (1.0 - cos**2))
+
+
+def test_a_near_field_is_taken_out() -> None:
+    """Signals fall with a near field; the maker's reflectivities, in whole per cent, know of none."""
+    plain = room_sweep()
+    near = 1.0 / (1.0 + (9.0 / plain.range_m) ** 4)
+    bright = 2.0 * plain.reflectivity
+    sweep = room_sweep(signal=2.0 * plain.signal * near, reflectivity=np.rint(bright))
+    gauge = Gauge.from_sweep(sweep)
+    assert gauge is not None
+    assert gauge.field == "signal"
+    apparent = gauge.apparent(sweep, sweep.range_m)
+    error = apparent / (bright / 100.0) - 1.0
+    # A quarter of an octave is interpolated, and steps of 1 % stand on 4 and more.
+    assert np.median(np.abs(error)) < 0.03
+    assert np.quantile(np.abs(error), 0.95) < 0.1
+
+
+def test_brighter_than_white_comes_from_the_signal() -> None:
+    """Above 100 an Ouster's reflectivity is logarithmic."""
+    plain = room_sweep()
+    signal, reflectivity = np.array(plain.signal), np.array(plain.reflectivity)
+    truth = float(reflectivity[10, 10]) * 50.0 / 100.0
+    signal[10, 10] *= 50.0
+    reflectivity[10, 10] = 200.0
+    sweep = room_sweep(signal=signal, reflectivity=reflectivity)
+    gauge = Gauge.from_sweep(sweep)
+    assert gauge is not None
+    assert gauge.apparent(sweep, sweep.range_m)[10, 10] == pytest.approx(truth, rel=0.1)
+
+
+@pytest.mark.parametrize(("form", "assumed", "factor"), [("velodyne pcap", False, 0.01), ("kitti", True, None)])
+def test_intensities_are_of_a_known_unit_or_said_to_be_guessed(form: str, assumed: bool, factor: float | None) -> None:
+    plain = room_sweep()
+    sweep = room_sweep(signal=None, reflectivity=None, intensity=plain.reflectivity, metadata={"format": form})
+    gauge = Gauge.from_sweep(sweep)
+    assert gauge is not None
+    assert gauge.assumed == assumed
+    apparent = gauge.apparent(sweep, sweep.range_m)
+    if factor is None:
+        assert np.median(apparent) == pytest.approx(0.2)
+    else:
+        assert apparent == pytest.approx(factor * np.asarray(plain.reflectivity))
+
+
+def test_a_table_is_continued() -> None:
+    """Before its first bin as between the first two, beyond the last as the square of the range."""
+    gauge = Gauge(field="signal", range_m=np.array([5.0, 10.0]), per_count=np.array([1e-3, 2e-3]))
+    sweep = room_sweep(signal=np.full((24, 360), 100.0))
+    found = [float(gauge.apparent(sweep, np.full(sweep.shape, at))[0, 0]) for at in (2.5, 5.0, 20.0)]
+    assert found == pytest.approx([0.05, 0.1, 0.8])
+
+
+def test_without_strengths_there_is_no_gauge() -> None:
+    assert Gauge.from_sweep(room_sweep(signal=None, reflectivity=None)) is None
+
+
+def test_an_echo_without_a_range_was_dropped() -> None:
+    plain = room_sweep()
+    range_m, reflectivity = np.array(plain.range_m), np.array(plain.reflectivity)
+    range_m[3, :2] = np.nan
+    reflectivity[3, 1] = 0.0
+    found = withheld_mask(room_sweep(range_m=range_m, reflectivity=reflectivity))
+    assert np.argwhere(found).tolist() == [[3, 0]]
+
+
+@pytest.mark.parametrize("reported", [200.0, 2.0])
+def test_reflectivities_that_are_not_linear_do_not_calibrate(reported: float) -> None:
+    """Of three pixels two report a logarithm above white, or a step of one or two counts; the third is calibrated."""
+    shape = room_sweep().shape
+    third = np.broadcast_to(np.arange(shape[1]) % 3 == 0, shape)
+    signal = np.full(shape, 500.0)
+    reflectivity = np.where(third, 50.0, reported)
+    sweep = room_sweep(range_m=np.full(shape, 10.0), signal=signal, reflectivity=reflectivity)
+    gauge = Gauge.from_sweep(sweep)
+    assert gauge is not None
+    np.testing.assert_allclose(gauge.apparent(sweep, sweep.range_m), 0.5, rtol=1e-6)
+
+
+def test_a_steep_table_is_continued_by_the_fourth_power_and_nothing_is_blacker_than_black() -> None:
+    gauge = Gauge(field="signal", range_m=np.array([5.0, 6.0]), per_count=np.array([1e-3, 1.0]))
+    sweep = room_sweep(signal=np.full((24, 360), 1600.0))
+    apparent = gauge.apparent(sweep, np.full(sweep.shape, 2.5))
+    np.testing.assert_allclose(apparent, 1.6 / 16.0)
+    for signal in (0.0, np.nan):
+        dark = room_sweep(signal=np.full((24, 360), signal))
+        np.testing.assert_allclose(gauge.apparent(dark, np.full(dark.shape, 5.0)), 0.002)
+
+
+def test_a_makers_reflectivity_alone_is_in_per_cent() -> None:
+    sweep = room_sweep(signal=None)
+    gauge = Gauge.from_sweep(sweep)
+    assert gauge is not None
+    assert sweep.reflectivity is not None
+    np.testing.assert_allclose(gauge.apparent(sweep, sweep.range_m), 0.01 * sweep.reflectivity, rtol=1e-6)

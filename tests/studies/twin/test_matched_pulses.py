@@ -1,0 +1,322 @@
+"""A recording that we rendered ourselves becomes a twin, whose rendering agrees with the closed truth."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.twins import HALF_M, HEIGHT_M, REFLECTIVITY, recording_of, room, unit_json
+
+from lidarscene.errors import InputError
+from lidarscene.materials.material import Material, Spectrum
+from lidarscene.maths.pose import Pose
+from lidarscene.recordings.recording import Recording
+from lidarscene.recordings.sweep import Second, Sweep
+from lidarscene.recordings.units.unit_file import unit_from, write_unit
+from lidarscene.rendering.simulator import Simulator
+from lidarscene.scene.meshes.primitives import plane_mesh
+from lidarscene.scene.scene import Body, Part, Scene, Sun
+from lidarscene.scene.scene_file import load_scene
+from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.model import Sensor
+from lidarscene.studies.twin import matched_pulses as twin_pulses
+from lidarscene.studies.twin.judge import twin_quantities
+from lidarscene.studies.twin.matched_pulses import MatchedPulses, match_pulses, ranges_from_exit, simulate_pulses
+from lidarscene.studies.twin.planes import select_columns
+from lidarscene.studies.twin.surfels import SMOOTH
+from lidarscene.studies.twin.twin_files import COLUMNS, Choice, build_twin
+from lidarscene.studies.twin.twin_page import compare_twin
+
+Made = tuple[Recording, Path, Sensor]
+
+
+def scene_of_room() -> Scene:
+    """The walls and the ground of `helpers.twins`, 8 m high."""
+    flat = {
+        name: Material(name=name, bsdf="diffuse", reflectivity=Spectrum.constant(value))
+        for name, value in zip(("ends", "sides", "ground"), REFLECTIVITY, strict=True)
+    }
+    bodies = []
+    for number, (yaw, away, width) in enumerate(
+        (
+            (0.0, HALF_M[0], HALF_M[1]),
+            (180.0, HALF_M[0], HALF_M[1]),
+            (90.0, HALF_M[1], HALF_M[0]),
+            (-90.0, HALF_M[1], HALF_M[0]),
+        )
+    ):
+        vertices, faces = plane_mesh(size_m=(20.0, 2.0 * width))
+        pose = Pose.from_degrees(yaw_deg=yaw) @ Pose.from_degrees(position_m=(away, 0.0, 0.0), pitch_deg=90.0)
+        part = Part(vertices_m=vertices, faces=faces, material="ends" if number < 2 else "sides")
+        bodies.append(Body(name=f"wall{number}", class_name="wall", parts=(part,), pose=pose))
+    vertices, faces = plane_mesh(size_m=(2.0 * HALF_M[0], 2.0 * HALF_M[1]))
+    ground = Part(vertices_m=vertices, faces=faces, material="ground")
+    bodies.append(
+        Body(name="ground", class_name="ground", parts=(ground,), pose=Pose(position_m=np.array([0.0, 0.0, -HEIGHT_M])))
+    )
+    return Scene(bodies=tuple(bodies), materials=flat, sun=Sun(illuminance_klux=0.0))
+
+
+def recorded(scene: Scene, sensor: Sensor) -> Sweep:
+    """What the sensor records of a scene, as its maker would have it."""
+    seen: list[Any] = []
+    cloud = Simulator(scene, sensor).render(seed=3, points=lambda pulse, _: seen.append(pulse))
+    pulse = np.concatenate(seen).astype(int)
+    every = np.arange(sensor.scanner.pulses, dtype=np.uint32)
+    rows, columns = sensor.scanner.line_pulses, sensor.scanner.pulses // sensor.scanner.line_pulses
+
+    def laid(values: Any, where: Any = None) -> Any:
+        flat = np.full((sensor.scanner.pulses, *np.shape(values)[1:]), np.nan)
+        flat[slice(None) if where is None else where] = values
+        return np.moveaxis(flat.reshape(columns, rows, *flat.shape[1:]), 0, 1)
+
+    start = sensor.scanner.offset_m(every)
+    assert start is not None
+    return Sweep(
+        range_m=laid(cloud.range_m, pulse),
+        recorded=np.ones((rows, columns), bool),
+        direction=laid(np.stack([np.asarray(x, float) for x in sensor.scanner.direction(every)], axis=-1)),
+        origin_m=laid(np.stack([np.asarray(x, float) for x in start], axis=-1)),
+        signal=laid(cloud.signal, pulse),
+        reflectivity=laid(cloud.intensity, pulse),
+        knows_lost=True,
+    )
+
+
+@pytest.fixture(scope="module")
+def made(mi: Any, tmp_path_factory: pytest.TempPathFactory) -> Made:
+    """A recording of the room, its twin made of every second column, and the sensor."""
+    folder = tmp_path_factory.mktemp("twin")
+    unit = unit_json(folder / "unit.json")
+    write_unit(unit_from(unit), unit, folder / "unit.toml")
+    sensor = load_sensor(str(folder / "unit.toml"))
+    recording = recording_of(folder / "unit.pcap", recorded(scene_of_room(), sensor))
+    told = build_twin(recording, Choice(frames=(0,), held_out=COLUMNS), folder / "twin")
+    assert "reflectivities: by the recording's signal" in told
+    return recording, folder / "twin", sensor
+
+
+@pytest.fixture(scope="module")
+def pulses(made: Made) -> MatchedPulses:
+    recording, folder, _ = made
+    scene = load_scene(folder / "scene.toml")
+    sweep = select_columns(recording[0], slice(1, None, 2))
+    return simulate_pulses(scene, load_sensor(scene.sensor_name), sweep)[0]
+
+
+def test_ranges_agree_with_the_room_to_millimetres(made: Made, pulses: MatchedPulses) -> None:
+    """Rationale: planes of 15 noisy pixels are sure to some 5 mm; the median over thousands to 1 mm."""
+    recording, _, _ = made
+    sweep = select_columns(recording[0], slice(1, None, 2))
+    assert sweep.origin_m is not None
+    truth_m, _, _ = zip(
+        *(
+            room(one[None], Pose(position_m=start))
+            for one, start in zip(
+                sweep.direction.reshape(-1, 3)[::50], sweep.origin_m.reshape(-1, 3)[::50], strict=True
+            )
+        ),
+        strict=True,
+    )
+    error = (pulses.true_range_m[::50] - np.concatenate(truth_m))[pulses.kind[::50] == SMOOTH]
+    assert len(error) > 50
+    assert abs(np.median(error)) < 2e-3
+    assert np.quantile(np.abs(error), 0.8) < 0.02
+
+
+def test_signals_agree_to_per_cent(pulses: MatchedPulses) -> None:
+    """The reflectivities are right: the same sensor has the same photons from the twin as from the room."""
+    both = pulses.has_return & pulses.has_simulated_return & (pulses.kind == SMOOTH)
+    assert pulses.signal is not None
+    ratio = pulses.simulated_signal[both].sum() / pulses.signal[both].sum()
+    assert ratio == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_sensor_is_held_to_its_own_recording(made: Made, pulses: MatchedPulses) -> None:
+    """Rationale: whoever recorded is who simulates, so the limits for real sensors are met with ease."""
+    recording, folder, sensor = made
+    scene = load_scene(folder / "scene.toml")
+    cloud = Simulator(scene, sensor).render()
+    rows = twin_quantities(pulses, recording[0], cloud)
+    failed = [(row.quantity, row.condition, row.value) for row in rows if row.is_met is False]
+    assert failed == []
+    assert {"beam direction", "range, bias", "range, scatter", "points", "real returns kept"} <= {
+        row.quantity for row in rows if row.is_met
+    }
+
+
+def test_another_sensor_is_not(made: Made) -> None:
+    """Half of the light: signals are off, and the page says so."""
+    recording, folder, _ = made
+    scene = load_scene(folder / "scene.toml")
+    weak = load_sensor(scene.sensor_name, overrides=["laser.peak_power_w=0.1"])
+    found, cloud = simulate_pulses(scene, weak, recording[0])
+    failed = {row.quantity for row in twin_quantities(found, recording[0], cloud) if row.is_met is False}
+    assert "signal, mean error over the range" in failed
+
+
+def test_page_and_numbers(made: Made, tmp_path: Path) -> None:
+    recording, folder, _ = made
+    text = compare_twin(folder / "scene.toml", recording, tmp_path / "page")
+    (first, *_) = text.splitlines()
+    assert first.startswith("The twin meets all ")
+    assert "every second column" in text
+    told = json.loads((tmp_path / "page" / "twin.json").read_text())
+    assert told["verdict"] == first
+    assert first in (tmp_path / "page" / "index.html").read_text().partition("<table>")[0]
+    assert all(row["value"] is not None or row["real"] is not None for row in told["rows"])
+    assert told["twin"]["held_out"] == COLUMNS
+    assert {"quantity", "value", "low", "high", "met"} <= told["rows"][0].keys()
+    assert "data:image/png" in (tmp_path / "page" / "index.html").read_text()
+    with pytest.raises(InputError, match="--frame 7: must be one of 0"):
+        compare_twin(folder / "scene.toml", recording, tmp_path / "other", frame=7)
+
+
+def test_a_list_of_points_is_compared_by_its_statistics(made: Made, open3d: Any, tmp_path: Path) -> None:
+    """Rationale: without rows and lost pulses nothing can be matched; what can be counted is."""
+    recording, folder, _ = made
+    sweep = recording[0]
+    there = sweep.kept
+    listed = Sweep(
+        range_m=sweep.range_m[there],
+        direction=sweep.direction[there],
+        recorded=np.ones(there.sum(), bool),
+        intensity=np.asarray(sweep.reflectivity)[there],
+        metadata={"format": "kitti"},
+    )
+    of_list = recording_of(tmp_path / "0.bin", listed)
+    said = build_twin(of_list, Choice(frames=(0,)), tmp_path / "twin", sensor=str(folder / "sensor.toml"))
+    assert "scaled to a median of 0.2, since its unit is not known" in said
+    text = compare_twin(tmp_path / "twin" / "scene.toml", of_list, tmp_path / "page")
+    points = next(line.split() for line in text.splitlines() if line.startswith("points "))
+    # The quads of a list do not meet at edges, and cover no corner.
+    assert float(points[1]) == pytest.approx(float(points[2]), rel=0.1)
+
+
+def test_other_beams_are_refused(made: Made) -> None:
+    recording, _, sensor = made
+    sweep = recording[0]
+    with pytest.raises(InputError, match="must have 12 channels"):
+        match_pulses(
+            sensor, Sweep(range_m=sweep.range_m[::2], recorded=sweep.recorded[::2], direction=sweep.direction[::2])
+        )
+
+
+def test_points_of_a_pulse_are_its_first_and_second() -> None:
+    """Points of pulses 3, 1 and 5, of which 3 has three: the third is neither."""
+    first, second = twin_pulses._by_pulse(np.array([3, 3, 3, 1, 5, 5]), 6)
+    assert first.tolist() == [-1, 3, -1, 0, -1, 4]
+    assert second.tolist() == [-1, -1, -1, 1, -1, 5]
+
+
+def test_changes_along_a_ring_have_the_deviation_of_what_is_independent() -> None:
+    """Of a straight wall there is none; weights of one pulse and its neighbours have squares that sum to one."""
+    alone = np.zeros((1, 9))
+    alone[0, 4] = 1.0
+    assert np.sum(twin_pulses._second_difference(alone, 2) ** 2) == pytest.approx(1.0)
+    straight = 3.0 + 0.2 * np.arange(9.0)[None, :]
+    np.testing.assert_allclose(twin_pulses._second_difference(straight, 2)[0, 2:-2], 0.0, atol=1e-12)
+
+
+def fired(sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
+    """Directions of all pulses, (channels, columns, 3) by channel and time, and their numbers."""
+    pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
+    direction = np.stack([np.asarray(x, float) for x in sensor.scanner.direction(pulse)], axis=-1)
+    order = np.argsort(np.asarray(sensor.scanner.channel(pulse)), kind="stable").reshape(sensor.scanner.line_pulses, -1)
+    return direction[order], order
+
+
+@pytest.mark.parametrize("turned_deg", [0.0, 0.3, -0.3])
+def test_pulses_are_matched_around_the_turn_and_whatever_the_order_of_the_rows(turned_deg: float) -> None:
+    """Less than half a column aside the nearest pulse is the same, also where azimuths pass 180 degrees."""
+    sensor = load_sensor("os1-128", overrides=["scanner.columns_per_turn=512"])
+    direction, numbers = fired(sensor)
+    turn = Pose.from_degrees(yaw_deg=turned_deg).rotation
+    turned = (direction @ turn.T)[::-1]
+    sweep = Sweep(range_m=np.ones(turned.shape[:2]), recorded=np.ones(turned.shape[:2], bool), direction=turned)
+    matches, angle_rad = match_pulses(sensor, sweep)
+    assert np.array_equal(matches, numbers[::-1])
+    # Beams within 23 degrees of level turn by nearly as much as the sensor.
+    np.testing.assert_allclose(np.degrees(angle_rad), abs(turned_deg), rtol=0.1, atol=1e-4)
+
+
+@pytest.mark.parametrize(("pitch_deg", "refused"), [(0.6, False), (1.0, True)])
+def test_beams_half_a_degree_away_are_others(pitch_deg: float, refused: bool) -> None:
+    """Pitched by so much, the median beam is off by 0.7 of it: the sine of its azimuth is that on average."""
+    sensor = load_sensor("vlp-16")
+    direction, _ = fired(sensor)
+    pitched = direction @ Pose.from_degrees(pitch_deg=pitch_deg).rotation.T
+    sweep = Sweep(range_m=np.ones(pitched.shape[:2]), recorded=np.ones(pitched.shape[:2], bool), direction=pitched)
+    if refused:
+        with pytest.raises(InputError, match=r"the sensor must fire where the recording's did, got 0\.7"):
+            match_pulses(sensor, sweep)
+    else:
+        match_pulses(sensor, sweep)
+
+
+def test_ranges_count_from_the_simulated_exit() -> None:
+    """A recording whose maker counts from the sensor's middle: 10 m there are less from the beam's exit."""
+    sensor = load_sensor("os1-128", overrides=["scanner.columns_per_turn=512"])
+    direction, numbers = fired(sensor)
+    start = sensor.scanner.offset_m(np.arange(sensor.scanner.pulses, dtype=np.uint32))
+    assert start is not None
+    exit_m = np.stack([np.asarray(x, float) for x in start], axis=-1)[numbers]
+    shape = direction.shape[:2]
+    same, middle = (
+        Sweep(range_m=np.full(shape, 10.0), recorded=np.ones(shape, bool), direction=direction, origin_m=origin_m)
+        for origin_m in (exit_m, None)
+    )
+    np.testing.assert_allclose(ranges_from_exit(sensor, same, numbers), 10.0, rtol=1e-6)  # beams are single
+    ahead_m = np.einsum("...i,...i", exit_m, direction)
+    assert np.median(ahead_m) > 0.005
+    np.testing.assert_allclose(ranges_from_exit(sensor, middle, numbers), 10.0 - ahead_m, rtol=1e-6)
+
+
+def test_changes_are_of_smooth_surfaces_and_gaps_have_no_sign(
+    made: Made, pulses: MatchedPulses, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A recording whose stronger return comes first has farther and nearer second ones, all a metre apart.
+
+    Changes are over 1.4 degrees, two columns of 512. Pulses that are lost are pulses, too.
+    """
+    steps, change = [], twin_pulses._second_difference
+
+    def noted(range_m: np.ndarray, step: int) -> np.ndarray:
+        steps.append(step)
+        return change(range_m, step)
+
+    monkeypatch.setattr(twin_pulses, "_second_difference", noted)
+    for changes in (pulses.change_m, pulses.simulated_change_m):
+        assert np.isfinite(changes).sum() > 100
+        assert np.all(pulses.kind[np.isfinite(changes)] == SMOOTH)
+    assert np.any(pulses.has_return & pulses.has_simulated_return & (pulses.kind != SMOOTH))
+    assert not np.allclose(pulses.change_m, pulses.simulated_change_m, equal_nan=True)
+    recording, folder, sensor = made
+    sweep = recording[0]
+    nearer = np.where(np.arange(sweep.shape[1]) % 2 == 0, -1.0, 1.0)
+    lost = np.arange(sweep.shape[1]) % 8 == 0
+    two = replace(sweep, second=Second(range_m=sweep.range_m + nearer), range_m=np.where(lost, np.nan, sweep.range_m))
+    laid, _ = simulate_pulses(load_scene(folder / "scene.toml"), sensor, two)
+    assert steps == [2, 2]
+    assert len(laid.range_m) == sweep.range_m.size
+    assert np.mean(laid.has_return) == pytest.approx(np.mean(two.kept))
+    assert not laid.has_return.all()
+    np.testing.assert_allclose(laid.gap_m[laid.has_return], 1.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("stops", "rays"), [(1, 1), (2, 16)])
+def test_a_second_return_needs_several_rays(made: Made, stops: int, rays: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+
+    def traced(*_: Any, **options: Any) -> None:
+        seen.append(options["rays"])
+        raise InputError("enough")
+
+    monkeypatch.setattr(twin_pulses, "Simulator", traced)
+    recording, folder, sensor = made
+    several = replace(sensor, tdc=replace(sensor.tdc, stops=stops))
+    with pytest.raises(InputError, match="enough"):
+        simulate_pulses(load_scene(folder / "scene.toml"), several, recording[0])
+    assert seen == [rays]

@@ -1,0 +1,196 @@
+"""Which frames, which light, and what is refused."""
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.twins import recording_of, room_sweep, unit_json
+
+from lidarscene.errors import InputError
+from lidarscene.files.toml import validated
+from lidarscene.maths.pose import Pose
+from lidarscene.scene.poses import read_poses
+from lidarscene.scene.scene_file import load_scene
+from lidarscene.scene.tables import SceneFile
+from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.studies.ranging.plane import Target, echoes_of_plane
+from lidarscene.studies.recorded import background_w
+from lidarscene.studies.twin import twin_files
+from lidarscene.studies.twin.apparent_reflectivity import Gauge
+from lidarscene.studies.twin.surfels import Surfels
+from lidarscene.studies.twin.twin_files import (
+    COLUMNS,
+    Choice,
+    build_twin,
+    choose_frames,
+    frame_pose,
+    illuminance_klux,
+    read_provenance,
+    scene_text,
+)
+
+
+def test_frames_without_the_one_held_out(tmp_path: Path) -> None:
+    recording = recording_of(tmp_path / "four.pcap", *[room_sweep()] * 4)
+    assert choose_frames(recording, None, 2) == Choice(frames=(0, 1, 3), held_out=2)
+    assert choose_frames(recording, (1, 3), None).judged_frame == 1
+    assert choose_frames(recording, (1, 3), 0).judged_frame == 0
+    for frames, held_out, message in (
+        (None, 4, "frame must be 0 to 3, got 4"),
+        ((2,), 2, "must leave a frame"),
+        (None, COLUMNS, "must go with one frame of rows and columns, got 4 frames"),
+    ):
+        with pytest.raises(InputError, match=message):
+            choose_frames(recording, frames, held_out)
+
+
+def test_columns_of_a_list_cannot_be_held_out(tmp_path: Path) -> None:
+    direction = np.array(room_sweep().direction)
+    direction[0, 0] = np.nan
+    recording = recording_of(tmp_path / "bag.mcap", room_sweep(direction=direction))
+    with pytest.raises(InputError, match="got a list of points"):
+        choose_frames(recording, None, COLUMNS)
+
+
+def test_light_is_such_that_surfaces_have_the_recorded_background() -> None:
+    """Rationale: two ways to the same count: the sensor's background by bisection, and the plane's by its echo."""
+    sensor = load_sensor("os1-128", overrides=["scanner.columns_per_turn=1024"])
+    plain = room_sweep()
+    near_ir = 500.0 * np.asarray(plain.reflectivity) / 20.0
+    counted = float(background_w(sensor, 500.0)[0])
+    target = Target(reflectivity=0.2, illuminance_klux=30.0, cos_sun=0.0, diffuse_share=1.0)
+    klux = 30.0 * counted / float(echoes_of_plane(sensor, target, 20.0 * np.ones(1)).background_power_w[0])
+    sweep = room_sweep(near_ir=near_ir)
+    found = illuminance_klux(sweep, Gauge.from_sweep(sweep), sensor)
+    # Counts of the dark do not scale with the reflectivity; they are some 100 of 500.
+    assert found == pytest.approx(klux, rel=0.25)
+    assert illuminance_klux(plain, Gauge.from_sweep(plain), sensor) is None
+    assert illuminance_klux(sweep, Gauge.from_sweep(sweep), load_sensor("vlp-16")) is None
+
+
+def test_the_files_of_a_twin(tmp_path: Path) -> None:
+    signal = np.array(room_sweep().signal)
+    signal[6, 0] *= 40.0  # brighter than white
+    sweep = room_sweep(signal=signal)
+    unit = unit_json(tmp_path / "unit.json")
+    recording = recording_of(tmp_path / "room.pcap", sweep)
+    text = build_twin(recording, Choice(frames=(0,)), tmp_path / "twin", metadata=unit)
+    assert "quads of 1 frame, 20 klux" in text
+    scene = load_scene(tmp_path / "twin" / "scene.toml")
+    assert {body.class_name for body in scene.bodies} >= {"smooth", "rough", "bright"}
+    assert scene.sun.illuminance_klux == 20.0
+    assert load_sensor(scene.sensor_name).scanner.pulses == 24 * 512
+    made = read_provenance(tmp_path / "twin" / "scene.toml")
+    assert sum(n for kind, n in made["quads"].items() if kind != "ground") == sweep.range_m.size
+    assert (made["frames"], made["held_out"], made["illuminance_assumed"]) == ([0], None, True)
+    bright = next(body for body in scene.bodies if body.class_name == "bright")
+    material = scene.materials[bright.parts[0].material]  # type: ignore[union-attr]
+    # R_A of a retro-reflector by its sheet, so that what it returns is pi R_A of a matt board, with the diffuse part.
+    returned = 0.8 + np.pi * float(material.parameters["retro_coefficient_cd_per_lx_m2"])  # type: ignore[arg-type]
+    assert returned == pytest.approx(0.4 * float(sweep.reflectivity[6, 0]), rel=0.1)  # type: ignore[index]
+
+
+def test_the_sensor_stands_where_the_held_out_frame_was_recorded(tmp_path: Path) -> None:
+    start = Pose.from_degrees(position_m=(5e5, 5e6, 100.0), yaw_deg=90.0)
+    moved = Pose.from_degrees(position_m=(0.6, -0.3, 0.05), yaw_deg=3.0, pitch_deg=-2.0, roll_deg=1.0)
+    sweeps = (room_sweep(), room_sweep(pose=moved))
+    frames = [
+        replace(one, pose=at, start_s=at_s)
+        for one, at, at_s in zip(sweeps, (start, start @ moved), (100.0, 100.1), strict=True)
+    ]
+    recording = recording_of(tmp_path / "two.osf", *frames)
+    build_twin(recording, choose_frames(recording, None, 1), tmp_path / "twin", sensor="vlp-16")
+    scene = load_scene(tmp_path / "twin" / "scene.toml")
+    assert np.allclose(scene.sensor_pose.position_m, moved.position_m, atol=1e-5)
+    assert np.allclose(scene.sensor_pose.rotation, moved.rotation, atol=1e-6)
+    found = frame_pose(read_provenance(tmp_path / "twin" / "scene.toml"), 1, tmp_path)
+    assert np.allclose(found.rotation, moved.rotation)
+    assert len(read_poses(tmp_path / "twin" / "poses.csv").poses) == 2
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_strengths_that_are_no_numbers_are_in_no_file(tmp_path: Path, value: float) -> None:
+    """A damaged recording: a few intensities and background counts that are not finite."""
+    plain = room_sweep()
+    intensity, near_ir = np.array(plain.reflectivity), np.full(plain.shape, 500.0)
+    intensity[3:20, 7], near_ir[3:20, 9] = value, value
+    sweep = room_sweep(signal=None, reflectivity=None, intensity=intensity, near_ir=near_ir)
+    recording = recording_of(tmp_path / "room.pcap", sweep)
+    build_twin(recording, Choice(frames=(0,)), tmp_path / "twin", metadata=unit_json(tmp_path / "unit.json"))
+    scene = load_scene(tmp_path / "twin" / "scene.toml")
+    assert "bright" not in {body.class_name for body in scene.bodies}
+    whole = replace(sweep, intensity=plain.reflectivity, near_ir=np.full(plain.shape, 500.0))
+    klux = illuminance_klux(whole, Gauge.from_sweep(whole), load_sensor(scene.sensor_name))
+    # 34 of 8640 pixels are out of two medians, which they cannot move by more than their neighbours in rank.
+    assert scene.sun.illuminance_klux == pytest.approx(klux, rel=0.01)
+
+
+def test_what_is_missing_is_one_line(tmp_path: Path) -> None:
+    recording = recording_of(tmp_path / "room.pcap", room_sweep())
+    with pytest.raises(InputError, match="must have the unit's metadata"):
+        build_twin(recording, Choice(frames=(0,)), tmp_path / "twin")
+    with pytest.raises(InputError, match=r"--sensor no\.toml: no such file"):
+        build_twin(recording, Choice(frames=(0,)), tmp_path / "twin", sensor="no.toml")
+    with pytest.raises(InputError, match=r"must be the scene of a twin, with twin\.json beside it"):
+        read_provenance(tmp_path / "scene.toml")
+
+
+@pytest.mark.parametrize("apparent", [0.79, 0.8, 0.801, 50.0, 1e9])
+def test_bright_quads_of_any_strength_make_a_scene_that_can_be_read(apparent: float) -> None:
+    """What is hardly brighter than matt white too, and what no sheet is: a material file takes 0.001 to 1e7."""
+    text = scene_text("twin", [("bright0", "bright", apparent)], Pose(), 50.0)
+    made = validated(SceneFile, tomllib.loads(text), "scene.toml")
+    coefficient = made.materials["bright0"].retro_coefficient_cd_per_lx_m2
+    assert coefficient == pytest.approx(np.clip((apparent - 0.8) / np.pi, 1e-3, 1e7), rel=1e-5)
+
+
+def test_a_sky_of_so_much_light_is_found_again() -> None:
+    """Surfaces of 20 % counted under 20 klux by the stages of `render`, dark counts included."""
+    sensor = load_sensor("os1-128", overrides=["scanner.columns_per_turn=1024"])
+    sky = Target(reflectivity=0.2, illuminance_klux=20.0, cos_sun=0.0, diffuse_share=1.0, transmittance=1.0)
+    power_w = echoes_of_plane(sensor, sky, np.full(1, 20.0)).background_power_w
+    counted = float(np.ravel(sensor.background_counts(power_w)[0])[0]) * float(sensor.tdc.ambient_s)
+    sweep = room_sweep(signal=None, near_ir=np.full((24, 360), counted), reflectivity=np.full((24, 360), 20.0))
+    assert illuminance_klux(sweep, Gauge.from_sweep(sweep), sensor) == pytest.approx(20.0, rel=1e-4)
+    dark = room_sweep(signal=None, near_ir=np.zeros((24, 360)), reflectivity=np.full((24, 360), 20.0))
+    assert illuminance_klux(dark, Gauge.from_sweep(dark), sensor) == 0.0
+
+
+def test_quads_of_several_frames_are_where_each_frame_saw_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each frame sees one square ahead of it, under lights of 10, 90 and 20 klux: the median counts."""
+    square = Surfels(
+        corners_m=np.array([[[2.0, 1.0, 1.0], [2.0, -1.0, 1.0], [2.0, -1.0, -1.0], [2.0, 1.0, -1.0]]]),
+        reflectivity=np.full(1, 0.3),
+        kind=np.zeros(1, int),
+    )
+    klux = iter((10.0, 90.0, 20.0))
+    monkeypatch.setattr(twin_files, "surfels_of_grid", lambda *_: square)
+    monkeypatch.setattr(twin_files, "illuminance_klux", lambda *_: next(klux))
+    poses = [Pose.from_degrees(position_m=(3.0 * k, k, 0.1 * k), yaw_deg=40.0 * k, pitch_deg=5.0 * k) for k in range(3)]
+    frames = [room_sweep() for _ in poses]
+    frames = [replace(frame, pose=poses[k], start_s=50.0 + k) for k, frame in enumerate(frames)]
+    recording = recording_of(tmp_path / "three.osf", *frames)
+    build_twin(recording, Choice(frames=(0, 1, 2)), tmp_path / "twin", sensor="vlp-16")
+    scene = load_scene(tmp_path / "twin" / "scene.toml")
+    assert scene.sun.illuminance_klux == 20.0
+    (body,) = scene.bodies
+    part = body.parts[0]
+    triangles = np.asarray(part.vertices_m)[np.asarray(part.faces)]
+    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    # Two triangles of each square: of the same side, two square metres each, their mean is the square's middle.
+    np.testing.assert_allclose(np.linalg.norm(across, axis=1), 4.0, rtol=1e-6)
+    middles = triangles.mean(axis=1).reshape(3, 2, 3).mean(axis=1)
+    for pose, middle, normal in zip(poses, middles, across.reshape(3, 2, 3), strict=True):
+        np.testing.assert_allclose(middle, pose.rotation @ [2.0, 0.0, 0.0] + pose.position_m, atol=1e-6)
+        np.testing.assert_allclose(normal[0], normal[1], atol=1e-6)
+    assert read_poses(tmp_path / "twin" / "poses.csv").span_s == pytest.approx((0.0, 2.0))
+
+
+def test_a_twin_of_columns_sees_the_even_ones() -> None:
+    """`fit --scene` and `compare` take the odd ones: none is in both."""
+    sweep = room_sweep()
+    part = Choice(frames=(0,), held_out=COLUMNS).visible_part(sweep)
+    assert np.array_equal(part.range_m, sweep.range_m[:, ::2])
+    assert Choice(frames=(0,), held_out=3).visible_part(sweep) is sweep
