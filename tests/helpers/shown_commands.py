@@ -42,7 +42,9 @@ PARSED_ONLY = {
     "lidarscene sensor --from": "tests/cli/recordings/test_sensor.py::test_a_unit_of_an_ouster",
     "lidarscene twin os1.pcap": "tests/cli/recordings/test_twin.py::test_a_twin_of_a_recording",
     "lidarscene compare out/twin/scene.toml --real": "tests/studies/twin/test_matched_pulses.py::test_page_and_numbers",
-    "lidarscene fit os1.pcap": "tests/studies/fit/on_scene/test_scene_fit.py::test_the_unit_that_recorded_is_found_again",
+    "lidarscene fit os1.pcap": (
+        "tests/studies/fit/on_scene/test_scene_fit.py::test_the_unit_that_recorded_is_found_again"
+    ),
     "lidarscene fit os2.pcap": "tests/studies/fit/test_recording_fit.py::test_sensor_file_and_page_have_what_was_found",
     "lidarscene paper -o out/paper": "tests/cli/test_paper.py::test_all_files_are_there_and_nothing_else",
     "lidarscene catalog check": "tests/sensor/test_catalogue.py::test_check_prints_every_sensor",

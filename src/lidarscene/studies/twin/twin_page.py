@@ -112,14 +112,12 @@ def verdict(rows: list[TwinQuantity]) -> str:
         return "Nothing of this frame can be held to a limit."
     if not missed:
         return f"The twin meets all {len(judged)} limits." if len(judged) > 1 else "The twin meets the one limit."
-    descriptions = []
+    misses = []
     for row in missed[:MOST_NAMED]:
         condition = f" ({row.condition})" if row.condition else ""
-        descriptions.append(
-            f"'{row.quantity}{condition}', {_format_value(row.value)} where {_format_limit(row)} is allowed"
-        )
+        misses.append(f"'{row.quantity}{condition}', {_format_value(row.value)} where {_format_limit(row)} is allowed")
     more = [f"{len(missed) - MOST_NAMED} more"] if len(missed) > MOST_NAMED else []
-    return f"The twin meets {len(judged) - len(missed)} of {len(judged)} limits; it misses {'; '.join(descriptions + more)}."
+    return f"The twin meets {len(judged) - len(missed)} of {len(judged)} limits; it misses {'; '.join(misses + more)}."
 
 
 def _cells(row: TwinQuantity) -> tuple[str, ...]:
