@@ -29,7 +29,7 @@ def pulses(seed: int = 5, **changed: Any) -> MatchedPulses:
         "range_m": true_m + rng.normal(0.0, 0.02, N),
         "change_m": change_m,
         "gap_m": np.full(N, np.nan),
-        "dropped": np.zeros(N, bool),
+        "withheld": np.zeros(N, bool),
         "simulated_range_m": true_m + rng.normal(0.0, 0.02, N),
         "simulated_signal": signal,
         "simulated_change_m": change_m,

@@ -117,7 +117,7 @@ def fitted_text(
         if key not in accepted and not (key == "threshold_spread" and key not in estimates)
     )
 
-    def told(key: str, also: str = "") -> str:
+    def source_of(key: str, also: str = "") -> str:
         estimate = estimates[key]
         return f"fitted: {estimate.value:.4g} +/- {estimate.sigma:.2g} {estimate.unit}, {recording}{also}".replace(
             " ,", ","
@@ -126,12 +126,12 @@ def fitted_text(
     if "near_field_m" in accepted and "spot_over_field" not in estimates:
         # The law was the file's own curve.
         factor = accepted["near_field_m"].value / near_field_m(sensor)
-        source = told("near_field_m", f"; the near field of the file's own optics, at {factor:.4g} times the range")
+        source = source_of("near_field_m", f"; the near field of the file's own optics, at {factor:.4g} times the range")
         for key, value in scaled_values(text, {key: factor**power for key, power in STRETCHED.items()}).items():
             text = put_key(text, key, value, source)
     elif "near_field_m" in accepted:
         moved = math.sqrt(accepted["near_field_m"].value / near_field_m(sensor))
-        source = told("near_field_m", "; R0 = r_A f / r_PD, with r_A r_PD / f held")
+        source = source_of("near_field_m", "; R0 = r_A f / r_PD, with r_A r_PD / f held")
         for key, value in (
             ("aperture_radius_mm", 1e3 * float(sensor.optics.aperture_radius_m)),
             ("focal_length_mm", 1e3 * float(sensor.optics.focal_length_m)),
@@ -152,13 +152,13 @@ def fitted_text(
         if spot is not None and ("spot_over_field" in accepted or re.search(r"(?m)^divergence_mrad", text)):
             # Twice the half angle, of the new lens.
             field = float(sensor.detector.radius_m / sensor.optics.focal_length_m) / moved
-            source = told("spot_over_field", "; the spot's radius over the field's, from how sharp the near field ends")
+            source = source_of("spot_over_field", "; the spot's radius over the field's, from how sharp the near field ends")
             text = put_value(text, "laser", "divergence_mrad", 2e3 * spot.value * field, source)
     if "scatter_c" in accepted:
         fwhm_s = pulse_fwhm_s(sensor, accepted["scatter_c"].value)
         if fwhm_s is not None:
             changed = put_value(
-                text, "laser", "pulse_fwhm_ns", 1e9 * fwhm_s, told("scatter_c", "; scatter of the range")
+                text, "laser", "pulse_fwhm_ns", 1e9 * fwhm_s, source_of("scatter_c", "; scatter of the range")
             )
             try:
                 parse_sensor(changed, where)
@@ -169,7 +169,7 @@ def fitted_text(
     for key in ("threshold_floor", "threshold_slope", "threshold_spread"):
         if key in accepted:
             text = put_value(
-                text, "histogram", key, accepted[key].value, told(key, "; SIGNAL and NEAR_IR of kept and lost")
+                text, "histogram", key, accepted[key].value, source_of(key, "; SIGNAL and NEAR_IR of kept and lost")
             )
     if rows is not None:
         text, row_notes = _with_rows(text, rows, recording)
