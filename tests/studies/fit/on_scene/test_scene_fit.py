@@ -133,13 +133,13 @@ def test_what_does_not_fit_is_one_line(made: Made, tmp_path: Path, changed: dict
     assert not (tmp_path / "u.toml").exists()
 
 
-def bare(signal: Any, off_m: Any, *, kept: Any = True, power: float = 1.0) -> PulsesOnScene:
+def bare(signal: Any, off_m: Any, *, has_return: Any = True, power: float = 1.0) -> PulsesOnScene:
     """Bright walls before the published sensor that reported these signals and ranges."""
     count = len(signal)
     light = echoes_of_plane(published(), Target(reflectivity=0.5, illuminance_klux=1.0), np.full(count, 12.0))
     scene = known_scene.KnownScene.from_light(light, published(), np.zeros(count, int), spot_over_field=0.5)
     reported = known_scene.Observations(
-        has_return=np.broadcast_to(kept, count),
+        has_return=np.broadcast_to(has_return, count),
         signal=np.asarray(signal),
         near_ir=np.full(count, np.nan),
         range_m=scene.range_m + off_m,
