@@ -126,7 +126,9 @@ def fitted_text(
     if "near_field_m" in accepted and "spot_over_field" not in estimates:
         # The law was the file's own curve.
         factor = accepted["near_field_m"].value / near_field_m(sensor)
-        source = source_of("near_field_m", f"; the near field of the file's own optics, at {factor:.4g} times the range")
+        source = source_of(
+            "near_field_m", f"; the near field of the file's own optics, at {factor:.4g} times the range"
+        )
         for key, value in scaled_values(text, {key: factor**power for key, power in STRETCHED.items()}).items():
             text = put_key(text, key, value, source)
     elif "near_field_m" in accepted:
@@ -152,7 +154,9 @@ def fitted_text(
         if spot is not None and ("spot_over_field" in accepted or re.search(r"(?m)^divergence_mrad", text)):
             # Twice the half angle, of the new lens.
             field = float(sensor.detector.radius_m / sensor.optics.focal_length_m) / moved
-            source = source_of("spot_over_field", "; the spot's radius over the field's, from how sharp the near field ends")
+            source = source_of(
+                "spot_over_field", "; the spot's radius over the field's, from how sharp the near field ends"
+            )
             text = put_value(text, "laser", "divergence_mrad", 2e3 * spot.value * field, source)
     if "scatter_c" in accepted:
         fwhm_s = pulse_fwhm_s(sensor, accepted["scatter_c"].value)
@@ -177,7 +181,7 @@ def fitted_text(
     if "white_m2" in accepted:
         after = parse_sensor(text, where)
         power_w = float(after.laser.peak_power_w) * accepted["white_m2"].value / white_m2(after)
-        source = told("white_m2", "; power, lens, efficiency, PDE and shots are known as one product")
+        source = source_of("white_m2", "; power, lens, efficiency, PDE and shots are known as one product")
         text = put_value(text, "laser", "peak_power_w", power_w, source)
     return text, notes
 
