@@ -107,11 +107,11 @@ def test_verdict_by_hand(found: tuple[int, int], told: str) -> None:
             name=name,
             cloud=empty,
             pulse=np.zeros(0, np.int64),
-            fired=100,
-            lost={},
+            pulses_fired=100,
+            losses={},
             surfaces=Surfaces(
                 pulse=np.arange(100),
-                found=np.arange(100) < count,
+                detected=np.arange(100) < count,
                 snr=np.ones(100),
                 true_range_m=np.ones(100),
                 incidence_angle_rad=np.ones(100),
@@ -125,7 +125,7 @@ def test_verdict_by_hand(found: tuple[int, int], told: str) -> None:
         for name, count in zip("ab", found, strict=True)
     )
     comparison = Comparison(
-        title="", everything=seen, sensors=(None, None), groups=(), matched=True, of="the pulses", notes=()
+        title="", observations=seen, sensors=(None, None), groups=(), matched=True, population="the pulses", notes=()
     )
     assert verdict(comparison) == told
 

@@ -40,7 +40,7 @@ def test_truth_is_that_of_the_first_that_found_the_pulse() -> None:
         assert one.surfaces is not None
         expected = np.concatenate([np.full(10, 10.0), further[5:] + 0.001]).astype(np.float32)
         np.testing.assert_array_equal(one.surfaces.true_range_m, expected)
-    assert [int(one.counted.found.sum()) for one in seen] == [10, 10]
+    assert [int(one.rated_surfaces.detected.sum()) for one in seen] == [10, 10]
     assert disagreeing(*seen) == pytest.approx(0.2)
 
 

@@ -84,7 +84,7 @@ def surfaces(n: int = 400, seed: int = 0) -> data.Surfaces:
     rng = np.random.default_rng(seed)
     return data.Surfaces(
         pulse=np.sort(rng.choice(3 * n, n, replace=False)),
-        found=rng.random(n) < 0.6,
+        detected=rng.random(n) < 0.6,
         snr=rng.random(n).astype(np.float32),
         true_range_m=rng.uniform(0.0, 130.0, n).astype(np.float32),
         incidence_angle_rad=rng.uniform(0.0, math.pi / 2, n).astype(np.float32),
@@ -103,7 +103,7 @@ def test_rates_by_brute_force() -> None:
     for number, told in enumerate(numbers.rates(of, bins)):
         inside = [i for i, r in enumerate(of.true_range_m) if 10 * number <= r < 10 * (number + 1)]
         assert told.surfaces == len(inside)
-        assert told.found == sum(bool(of.found[i]) for i in inside)
+        assert told.found == sum(bool(of.detected[i]) for i in inside)
         assert told.expected == pytest.approx(sum(float(of.probability[i]) for i in inside) / len(inside))
     bodies = data.Grouping(key="body", attribute="body", unit="", labels=("a", "b", "c"))
     assert [r.surfaces for r in numbers.rates(of, bodies)] == [int(np.sum(of.body == n)) for n in range(3)]
@@ -111,8 +111,8 @@ def test_rates_by_brute_force() -> None:
 
 def test_pairs_by_brute_force() -> None:
     a, b = surfaces(seed=1), surfaces(seed=2)
-    of_a = dict(zip(a.pulse.tolist(), a.found.tolist(), strict=True))
-    of_b = dict(zip(b.pulse.tolist(), b.found.tolist(), strict=True))
+    of_a = dict(zip(a.pulse.tolist(), a.detected.tolist(), strict=True))
+    of_b = dict(zip(b.pulse.tolist(), b.detected.tolist(), strict=True))
     both = [(of_a[p], of_b[p]) for p in of_a if p in of_b]
     (told,) = numbers.pairs(a, b)
     counted = [both.count(kind) for kind in ((True, True), (True, False), (False, True), (False, False))]
@@ -136,7 +136,7 @@ def test_edges_of_bins() -> None:
     """The upper edge belongs to the next bin, that of the last to the last; inf to none."""
     ranges = np.array([0.0, 10.0, 130.0, 131.0, np.inf], dtype=np.float32)
     of = dataclasses.replace(surfaces(5), true_range_m=ranges)
-    assert data.range_bins(130.0).of(of).tolist() == [0, 1, 12, -1, -1]
+    assert data.range_bins(130.0).group_index(of).tolist() == [0, 1, 12, -1, -1]
 
 
 # --- what the simulation hands out ------------------------------------------------------------------
@@ -173,7 +173,7 @@ def test_chunks_change_nothing(bench) -> None:
     sensor = chain.sensor("table1-apd", WEAK, *COARSE)
     whole, parts = bench.observe("a", sensor), Bench(scene(), seed=3, chunk=700).observe("a", sensor)
     for field in dataclasses.fields(data.Surfaces):
-        assert np.array_equal(getattr(whole.counted, field.name), getattr(parts.counted, field.name)), field.name
+        assert np.array_equal(getattr(whole.counted, field.name), getattr(parts.rated_surfaces, field.name)), field.name
     assert np.array_equal(whole.pulse, parts.pulse)
 
 
@@ -237,11 +237,11 @@ def test_files_match_as_pulses_do(seen, tmp_path: Path) -> None:
         one.cloud.save(tmp_path / f"{one.name}.ply")
     read = clouds.read([tmp_path / f"{one.name}.ply" for one in seen])
     (by_number,) = numbers.pairs(seen[0].counted, seen[1].counted)
-    (by_time,) = numbers.pairs(read[0].counted, read[1].counted)
+    (by_time,) = numbers.pairs(read[0].rated_surfaces, read[1].rated_surfaces)
     assert by_time.neither == 0
     assert by_time == dataclasses.replace(by_number, neither=0)
     classes = data.groupings(read)[3]
-    assert sum(r.found for r in numbers.rates(read[1].counted, classes)) == by_time.both + by_time.only_b
+    assert sum(r.found for r in numbers.rates(read[1].rated_surfaces, classes)) == by_time.both + by_time.only_b
     assert clouds.disagreeing(*read) == 0.0
 
 
@@ -257,7 +257,7 @@ def test_clouds_of_other_scenes_are_told_apart(mi, seen) -> None:
     assert (a.name, b.name) == ("x", "x (2)")
     assert a.cloud.body_names == b.cloud.body_names == ("plane", "box", "ball", "new")
     assert 0.1 < clouds.disagreeing(a, b) < 0.9
-    assert "new" not in {r.group for r in numbers.rates(a.counted, data.groupings([a, b])[4]) if r.found}
+    assert "new" not in {r.group for r in numbers.rates(a.rated_surfaces, data.groupings([a, b])[4]) if r.found}
 
 
 def test_clouds_of_other_beams_are_not_matched(bench, seen) -> None:
@@ -298,15 +298,15 @@ def test_rate_on_a_plane(mi, name: str, part: float) -> None:
     range_m = part * float(limit)
     one = Bench(chain.scene(chain.facing(range_m=range_m))).observe(name, sensor)
     p = float(plane.detection_probability(sensor, target, range_m)[0])
-    told = numbers.rate(one.counted)
+    told = numbers.rate(one.rated_surfaces)
     assert told.surfaces == 101 * 101
     assert told.expected == pytest.approx(p, abs=1e-3)
     assert abs(told.found - p * told.surfaces) < 3.9 * math.sqrt(p * (1.0 - p) * told.surfaces)
-    apart = numbers.deviation(one.counted)
+    apart = numbers.deviation(one.rated_surfaces)
     assert apart is not None
     assert abs(apart) < 3.9
     for grouping in data.groupings([one]):
-        (alone,) = [r for r in numbers.rates(one.counted, grouping) if r.surfaces]
+        (alone,) = [r for r in numbers.rates(one.rated_surfaces, grouping) if r.surfaces]
         assert (alone.surfaces, alone.found) == (told.surfaces, told.found), grouping.key
 
 
@@ -354,7 +354,7 @@ def test_the_place_may_be_another(mi) -> None:
     """Reference: the nearest corner of the box, 9 m ahead and 4.5 m aside. Tolerance: the beams' half a degree."""
     bench = Bench(scene(), pose=Pose.from_degrees(position_m=(5.0, 0.0, 0.0)))
     one = bench.observe("a", chain.sensor("table1-apd", *COARSE))
-    assert float(one.counted.true_range_m.min()) == pytest.approx(math.hypot(9.0, 4.5), rel=5e-3)
+    assert float(one.rated_surfaces.true_range_m.min()) == pytest.approx(math.hypot(9.0, 4.5), rel=5e-3)
 
 
 def test_a_paired_interval_by_hand() -> None:
@@ -398,7 +398,7 @@ def test_ranges_of_one_sensor_less_those_of_another() -> None:
             true_range_m=np.ones(4, np.float32),
             status=np.full(4, Status.ECHO, np.uint8),
         )
-        return data.Observation(name=name, cloud=cloud, pulse=first + np.arange(4), lost={})
+        return data.Observation(name=name, cloud=cloud, pulse=first + np.arange(4), losses={})
 
     apart = numbers.paired_range_difference(seen("a", 0, [9, 9, 7, 8]), seen("b", 2, [4, 7, 9, 9]))
     assert apart is not None
@@ -414,7 +414,7 @@ def test_a_turned_sensor_fires_unlike() -> None:
 def test_only_false_alarms_are_false_alarms() -> None:
     """Points of weather, of other lidars and of the pulse before are none."""
     cloud = small_cloud(n=7, status=np.array([0, 1, 2, 3, 4, 1, 0], np.uint8))
-    assert data.Observation(name="a", cloud=cloud, lost={}).alarms == 2
+    assert data.Observation(name="a", cloud=cloud, losses={}).false_alarms == 2
 
 
 def test_snrs_are_compared_where_both_are_known() -> None:
@@ -425,10 +425,10 @@ def test_snrs_are_compared_where_both_are_known() -> None:
         for name in ("true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id")
     }
     a, b = (
-        data.Surfaces(pulse=np.arange(4), found=np.array(found), snr=np.array(snr), **few)
+        data.Surfaces(pulse=np.arange(4), detected=np.array(found), snr=np.array(snr), **few)
         for found, snr in (([1, 1, 0, 0], [9.0, 8.0, 0.0, 3.0]), ([1, 0, 1, 0], [7.0, 2.0, 6.0, 0.0]))
     )
-    a, b = (dataclasses.replace(one, found=one.found.astype(bool)) for one in (a, b))
+    a, b = (dataclasses.replace(one, detected=one.detected.astype(bool)) for one in (a, b))
     of_a, of_b, who = numbers.paired_snr(a, b)
     assert (of_a.tolist(), of_b.tolist(), who.tolist()) == ([9.0, 8.0], [7.0, 2.0], [0, 1])
 
@@ -460,4 +460,4 @@ def test_places_are_changed_within_the_sweep_only() -> None:
 def test_numbers_without_a_name_are_in_no_group() -> None:
     names = data.Grouping(key="body", attribute="body", unit="", labels=("a", "b"))
     cloud = small_cloud(n=4, body=np.array([0, 1, 2, -1], np.int32))
-    assert names.of(cloud).tolist() == [0, 1, -1, -1]
+    assert names.group_index(cloud).tolist() == [0, 1, -1, -1]

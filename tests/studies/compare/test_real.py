@@ -89,7 +89,7 @@ def test_page_and_numbers(tmp_path: Path) -> None:
         range_m=np.full(3, np.sqrt(3.0)),
         ring=None,
         strength=None,
-        kept=None,
+        return_share=None,
         gap_m=np.zeros(0),
     )
     text = compare_real(nothing, real, tmp_path)
@@ -144,7 +144,7 @@ def test_strengths_of_an_octave_are_of_its_own_ranges() -> None:
         range_m=range_m,
         ring=None,
         strength=np.repeat([16.0, 8.0, 2.0], [200, 200, 600]),
-        kept=None,
+        return_share=None,
         gap_m=np.zeros(0),
     )
     strengths = {name: value for name, value in numbers_of(side).items() if name.startswith("strength")}
@@ -172,7 +172,7 @@ def test_second_returns_of_a_cloud_are_of_one_channel_at_one_time() -> None:
     assert side.gap_m.tolist() == [1.0]
     assert side.range_m.tolist() == [10.0, 30.0, 20.0]
     np.testing.assert_array_equal(side.strength, cloud.intensity[[0, 1, 3]])  # no photons were counted
-    assert side.kept is None
+    assert side.return_share is None
 
 
 def test_what_is_near_the_plane_is_ground_more_so_far_away() -> None:
@@ -190,4 +190,4 @@ def test_the_share_that_is_kept_is_of_what_was_recorded() -> None:
     recorded = np.ones(sweep.shape, bool)
     recorded[:, 200:] = False
     side = side_of_sweep("real", replace(sweep, recorded=recorded, range_m=np.where(recorded, sweep.range_m, np.nan)))
-    assert side.kept == pytest.approx((RINGS * 200 - 30) / (RINGS * 200))
+    assert side.return_share == pytest.approx((RINGS * 200 - 30) / (RINGS * 200))

@@ -29,7 +29,7 @@ def observation(name: str, hits: Any, *, sigma_mm: float = 10.0, dark: int = 0) 
     )
     surfaces = Surfaces(
         pulse=np.arange(PULSES),
-        found=mask,
+        detected=mask,
         snr=np.where(np.arange(PULSES) < dark, 0.0, 5.0),
         true_range_m=np.full(PULSES, 50.0),
         incidence_angle_rad=np.zeros(PULSES),
@@ -38,7 +38,7 @@ def observation(name: str, hits: Any, *, sigma_mm: float = 10.0, dark: int = 0) 
         class_id=np.zeros(PULSES, int),
     )
     lost = {"below threshold": int((~mask).sum()), "out of window": 0, "hidden": 0}
-    return Observation(name=name, cloud=cloud, surfaces=surfaces, fired=PULSES, lost=lost)
+    return Observation(name=name, cloud=cloud, surfaces=surfaces, pulses_fired=PULSES, losses=lost)
 
 
 def comparison(*everything: Observation, matched: bool = True) -> Comparison:
@@ -46,11 +46,11 @@ def comparison(*everything: Observation, matched: bool = True) -> Comparison:
 
     return Comparison(
         title="t",
-        everything=everything,
+        observations=everything,
         sensors=(None,) * len(everything),
         groups=groupings(everything),
         matched=matched,
-        of="the pulses",
+        population="the pulses",
         notes=(),
     )
 

@@ -68,18 +68,18 @@ def test_cells_are_of_equal_solid_angle_and_fill_the_sphere(size):
 def test_a_cell_holds_its_middle():
     cells = Cells.of_size(1.7)
     every = np.arange(cells.count)
-    np.testing.assert_array_equal(cells.of(*cells.middle_deg(every)), every)
+    np.testing.assert_array_equal(cells.locate(*cells.middle_deg(every)), every)
 
 
 def test_a_cell_reaches_as_far_to_each_side_of_its_middle():
     """49 % of its width and height to the left, to the right, up and down are still in it, 51 % are not."""
     cells = Cells.of_size(1.0)
-    cell = cells.of(np.array([0.0, 17.3, -179.9, 101.0]), np.array([0.0, 33.3, -12.0, 61.0]))
+    cell = cells.locate(np.array([0.0, 17.3, -179.9, 101.0]), np.array([0.0, 33.3, -12.0, 61.0]))
     azimuth, elevation = cells.middle_deg(cell)
     width = 360.0 / cells.columns[cells.row_of(cell)]
     for side in (-1.0, 1.0):
-        assert np.array_equal(cells.of(azimuth + 0.49 * side * width, elevation + 0.49 * side), cell)
-        assert not np.any(cells.of(azimuth + 0.51 * side * width, elevation) == cell)
+        assert np.array_equal(cells.locate(azimuth + 0.49 * side * width, elevation + 0.49 * side), cell)
+        assert not np.any(cells.locate(azimuth + 0.51 * side * width, elevation) == cell)
 
 
 def test_outline_is_the_convex_hull():
@@ -245,8 +245,8 @@ def test_cells_between_pulses_see_the_ground_by_the_aperture_of_the_others():
         reach.ground([sensor], cells, [replace(whole, share=share)], Target(), half_m=20.0, step_m=0.5)
         for share in (met, np.full(len(met), 0.25), np.full(len(met), 1e-9))
     ]
-    assert np.array_equal(views[0].seen, views[1].seen)
-    assert not views[2].seen.any()  # an aperture of nothing sees nothing
+    assert np.array_equal(views[0].is_seen, views[1].is_seen)
+    assert not views[2].is_seen.any()  # an aperture of nothing sees nothing
     # 1600 places of a quarter of a square metre, but those nearer than the lowest beam.
     assert views[1].square_metres[0] == pytest.approx(1600.0 - math.pi * (1.9 / math.tan(15.0 * DEG)) ** 2, rel=0.02)
 
@@ -257,7 +257,7 @@ def test_the_nearest_place_that_is_seen_and_its_area():
     seen = np.zeros((2, 4, 4), bool)
     seen[0, 2, 3] = True
     seen[1, 3, 3] = seen[1, 0, 0] = True
-    view = reach.Ground(x_m=2.0 * axis, y_m=2.0 * axis, seen=seen)
+    view = reach.Ground(x_m=2.0 * axis, y_m=2.0 * axis, is_seen=seen)
     assert view.nearest_blind_m() == pytest.approx(2.0 * math.hypot(1.5, 0.5))
     assert view.square_metres.tolist() == [4.0, 8.0]
     assert view.count.sum() == 3
@@ -271,7 +271,7 @@ def test_the_farthest_ground_is_where_its_slant_echo_reaches_the_level():
     found = studied(weak.scanner, cells, 0.2)
     view = reach.ground([weak], cells, [found], Target(), half_m=30.0, step_m=0.5)
     away_m = np.hypot(np.hypot(view.x_m[None, :], view.y_m[:, None]), 1.9)
-    farthest_m = float(away_m[view.seen[0]].max())
+    farthest_m = float(away_m[view.is_seen[0]].max())
     assert 8.0 < farthest_m < 25.0
 
     def margin(distance_m):

@@ -16,19 +16,19 @@ from .run import Sweep
 
 def as_dict(comparison: Comparison) -> dict[str, Any]:
     """All results; null for unknown numbers."""
-    told: dict[str, Any] = {
+    result: dict[str, Any] = {
         "title": comparison.title,
         "verdict": verdict(comparison),
         "matched": comparison.matched,
-        "rates_are_shares_of": comparison.of,
+        "rates_are_shares_of": comparison.population,
         "seed": comparison.seed,
         "notes": [*comparison.notes, *comparison.windows],
-        "sensors": [_observation(comparison, one) for one in comparison.everything],
+        "sensors": [_observation(comparison, observation) for observation in comparison.observations],
         "pairs": [_pair(comparison, a, b) for a, b in comparison.against_first()],
     }
-    if comparison.swept is not None:
-        told["sweep"] = _sweep(comparison.swept)
-    return told
+    if comparison.sweep is not None:
+        result["sweep"] = _sweep(comparison.sweep)
+    return result
 
 
 def _sweep(swept: Sweep) -> dict[str, Any]:
@@ -37,57 +37,57 @@ def _sweep(swept: Sweep) -> dict[str, Any]:
         "courses": {
             name: [
                 {
-                    "illuminance_klux": lit.illuminance_klux,
-                    **_rate(lit.rate),
-                    "false_alarms": lit.false_alarms,
-                    "sigma_m": lit.sigma_m,
+                    "illuminance_klux": step.illuminance_klux,
+                    **_rate(step.rate),
+                    "false_alarms": step.false_alarms,
+                    "sigma_m": step.sigma_m,
                 }
-                for lit in course
+                for step in course
             ]
             for name, course in swept.courses.items()
         },
-        "crossings": {name: [asdict(c) for c in crossed] for name, crossed in swept.crossings.items()},
+        "crossings": {name: [asdict(crossing) for crossing in crossings] for name, crossings in swept.crossings.items()},
         "on_plane_klux": swept.on_plane_klux,
     }
 
 
-def _observation(comparison: Comparison, one: Observation) -> dict[str, Any]:
-    total = range_errors(one)
-    told: dict[str, Any] = {
-        "name": one.name,
-        "pulses": one.fired,
-        "points": len(one.cloud),
-        "false_alarms": one.alarms,
-        "lost": {key.replace(" ", "_"): n for key, n in one.lost.items()},
-        "range_error": asdict(total[0]) if total else None,
-        "range_error_by_range": [asdict(e) for e in range_errors(one, comparison.group("range"))],
+def _observation(comparison: Comparison, observation: Observation) -> dict[str, Any]:
+    errors = range_errors(observation)
+    result: dict[str, Any] = {
+        "name": observation.name,
+        "pulses": observation.pulses_fired,
+        "points": len(observation.cloud),
+        "false_alarms": observation.false_alarms,
+        "lost": {key.replace(" ", "_"): count for key, count in observation.losses.items()},
+        "range_error": asdict(errors[0]) if errors else None,
+        "range_error_by_range": [asdict(error) for error in range_errors(observation, comparison.group("range"))],
     }
-    if one.surfaces is not None:
-        told |= {"rate": _rate(rate(one.surfaces)), "deviation_from_expected": deviation(one.surfaces)}
-        told["rates"] = {
-            group.key: [_rate(r) for r in rates(one.surfaces, group) if r.surfaces] for group in comparison.groups
+    if observation.surfaces is not None:
+        result |= {"rate": _rate(rate(observation.surfaces)), "deviation_from_expected": deviation(observation.surfaces)}
+        result["rates"] = {
+            group.key: [_rate(group_rate) for group_rate in rates(observation.surfaces, group) if group_rate.surfaces] for group in comparison.groups
         }
-    return told
+    return result
 
 
 def _pair(comparison: Comparison, a: Observation, b: Observation) -> dict[str, Any]:
-    (total,) = pairs(a.counted, b.counted)
-    apart = paired_range_difference(a, b)
+    (total,) = pairs(a.rated_surfaces, b.rated_surfaces)
+    range_difference = paired_range_difference(a, b)
     return {
         "a": a.name,
         "b": b.name,
         **_pairing(total),
-        "range_difference": asdict(apart) if apart else None,
+        "range_difference": asdict(range_difference) if range_difference else None,
         "by": {
-            group.key: [_pairing(p) for p in pairs(a.counted, b.counted, group) if p.pulses]
+            group.key: [_pairing(pair) for pair in pairs(a.rated_surfaces, b.rated_surfaces, group) if pair.pulses]
             for group in comparison.groups
         },
     }
 
 
-def _rate(one: Rate) -> dict[str, Any]:
-    return asdict(one) | {"rate": one.rate, "interval": list(one.interval)}
+def _rate(group_rate: Rate) -> dict[str, Any]:
+    return asdict(group_rate) | {"rate": group_rate.rate, "interval": list(group_rate.interval)}
 
 
-def _pairing(one: Pair) -> dict[str, Any]:
-    return asdict(one) | {"difference": one.difference, "interval": list(one.difference_interval)}
+def _pairing(pair: Pair) -> dict[str, Any]:
+    return asdict(pair) | {"difference": pair.difference, "interval": list(pair.difference_interval)}

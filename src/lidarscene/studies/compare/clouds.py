@@ -37,35 +37,35 @@ def read(paths: Sequence[Path]) -> list[Observation]:
 
 def observations(names: Sequence[str], clouds: Sequence[PointCloud]) -> list[Observation]:
     """Observations from clouds in memory; equal names get a number."""
-    own = [f"{name} ({names[:i].count(name) + 1})" if name in names[:i] else name for i, name in enumerate(names)]
-    named = _same_names(clouds)
-    pulses = _numbered(named)
-    if not all(_shared(pulses[0], other) for other in pulses[1:]):
-        return [Observation(name=name, cloud=cloud, lost={}) for name, cloud in zip(own, named, strict=True)]
+    labels = [f"{name} ({names[:i].count(name) + 1})" if name in names[:i] else name for i, name in enumerate(names)]
+    unified_clouds = _same_names(clouds)
+    pulses = _numbered(unified_clouds)
+    if not all(_shared(pulses[0], pulse_numbers) for pulse_numbers in pulses[1:]):
+        return [Observation(name=name, cloud=cloud, losses={}) for name, cloud in zip(labels, unified_clouds, strict=True)]
     matched = [
-        Observation(name=name, cloud=cloud, pulse=pulse, lost={})
-        for name, cloud, pulse in zip(own, named, pulses, strict=True)
+        Observation(name=name, cloud=cloud, pulse=pulse, losses={})
+        for name, cloud, pulse in zip(labels, unified_clouds, pulses, strict=True)
     ]
-    return [replace(one, surfaces=surfaces) for one, surfaces in zip(matched, found_by_any(matched), strict=True)]
+    return [replace(observation, surfaces=surfaces) for observation, surfaces in zip(matched, found_by_any(matched), strict=True)]
 
 
-def found_by_any(everything: Sequence[Observation]) -> list[Surfaces]:
+def found_by_any(observations: Sequence[Observation]) -> list[Surfaces]:
     """For each sensor, the pulses with which any of them found a surface; truth from the first that did."""
-    echoes = [first_echoes(one) for one in everything]
-    every = np.unique(np.concatenate([pulse for pulse, _ in echoes]))
+    echoes = [first_echoes(observation) for observation in observations]
+    all_pulses = np.unique(np.concatenate([pulse for pulse, _ in echoes]))
     truth: dict[str, Numbers] = {}
-    for one, (pulse, place) in reversed(list(zip(everything, echoes, strict=True))):
-        at = np.searchsorted(every, pulse)
+    for observation, (pulse, point) in reversed(list(zip(observations, echoes, strict=True))):
+        rows = np.searchsorted(all_pulses, pulse)
         for attribute in _TRUTHS:
-            values = getattr(one.cloud, attribute)
-            truth.setdefault(attribute, np.zeros(len(every), values.dtype))[at] = values[place]
-    made = []
-    for one, (pulse, place) in zip(everything, echoes, strict=True):
-        at = np.searchsorted(every, pulse)
-        found, snr = np.zeros(len(every), bool), np.zeros(len(every), np.float32)
-        found[at], snr[at] = True, one.cloud.snr[place]
-        made.append(Surfaces(pulse=every, found=found, snr=snr, **truth))
-    return made
+            values = getattr(observation.cloud, attribute)
+            truth.setdefault(attribute, np.zeros(len(all_pulses), values.dtype))[rows] = values[point]
+    surfaces = []
+    for observation, (pulse, point) in zip(observations, echoes, strict=True):
+        rows = np.searchsorted(all_pulses, pulse)
+        detected, snr = np.zeros(len(all_pulses), bool), np.zeros(len(all_pulses), np.float32)
+        detected[rows], snr[rows] = True, observation.cloud.snr[point]
+        surfaces.append(Surfaces(pulse=all_pulses, detected=detected, snr=snr, **truth))
+    return surfaces
 
 
 _TRUTHS = ("true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id")
@@ -81,8 +81,8 @@ def disagreeing(a: Observation, b: Observation, *, tolerance_m: float = 0.01) ->
     _, in_a, in_b = common(pulse_a, pulse_b)
     if not len(in_a) or a.cloud.true_range_m is None or b.cloud.true_range_m is None:
         return 0.0
-    apart = a.cloud.true_range_m[first_a[in_a]] - b.cloud.true_range_m[first_b[in_b]]
-    return float(np.mean(np.abs(apart) > tolerance_m))
+    difference_m = a.cloud.true_range_m[first_a[in_a]] - b.cloud.true_range_m[first_b[in_b]]
+    return float(np.mean(np.abs(difference_m) > tolerance_m))
 
 
 def _numbered(clouds: Sequence[PointCloud]) -> list[Numbers]:
@@ -115,7 +115,7 @@ def _same_names(clouds: Sequence[PointCloud]) -> list[PointCloud]:
     tables = {
         key: tuple(dict.fromkeys(name for cloud in clouds for name in getattr(cloud, key))) for key in _NAMES.values()
     }
-    made = []
+    renamed_clouds = []
     for cloud in clouds:
         changes: dict[str, Any] = {}
         for attribute, key in _NAMES.items():
@@ -124,5 +124,5 @@ def _same_names(clouds: Sequence[PointCloud]) -> list[PointCloud]:
             renumbered = np.array([*(tables[key].index(name) for name in names), -1], np.int32)
             values = renumbered[np.minimum(getattr(cloud, attribute), len(names))]
             changes |= {key: tables[key], attribute: values}
-        made.append(replace(cloud, **changes))
-    return made
+        renamed_clouds.append(replace(cloud, **changes))
+    return renamed_clouds

@@ -26,14 +26,14 @@ class Surfaces:
     """The pulses that count in rates, each once; all (n,). Truth by the names of PointCloud's columns.
 
     pulse        pulse numbers, rising
-    found        whether an echo of the pulse is a point
+    detected        whether an echo of the pulse is a point
     snr          0 if unknown
     probability  P_d of each echo, or None: unknown
     tripped      whether the echo tripped the comparator, whatever became of it then; None: unknown
     """
 
     pulse: Numbers
-    found: Numbers
+    detected: Numbers
     snr: Numbers
     true_range_m: Numbers
     incidence_angle_rad: Numbers
@@ -50,19 +50,19 @@ class Observation:
 
     pulse     (n,) pulse number of each point of the cloud, or None: they match no other cloud's
     surfaces  the pulses that rates refer to, or None: there are no rates
-    fired     pulses in the frame, or None: unknown
-    lost      number of pulses that met a surface and gave no point, by reason; empty if unknown
+    pulses_fired     pulses in the frame, or None: unknown
+    losses      number of pulses that met a surface and gave no point, by reason; empty if unknown
     """
 
     name: str
     cloud: PointCloud
     pulse: Numbers | None = None
     surfaces: Surfaces | None = None
-    fired: int | None = None
-    lost: dict[str, int]
+    pulses_fired: int | None = None
+    losses: dict[str, int]
 
     @property
-    def counted(self) -> Surfaces:
+    def rated_surfaces(self) -> Surfaces:
         """The surfaces; only where there are rates."""
         assert self.surfaces is not None
         return self.surfaces
@@ -73,7 +73,7 @@ class Observation:
         return np.asarray((self.cloud.status == Status.ECHO) & np.isfinite(truth_of(self.cloud, "true_range_m")))
 
     @property
-    def alarms(self) -> int:
+    def false_alarms(self) -> int:
         """Number of false alarms among the points."""
         return int(np.count_nonzero(self.cloud.status == Status.FALSE_ALARM))
 
@@ -92,7 +92,7 @@ class Grouping:
     labels: tuple[str, ...]
     edges: Numbers | None = None
 
-    def of(self, source: Surfaces | PointCloud) -> Numbers:
+    def group_index(self, source: Surfaces | PointCloud) -> Numbers:
         """(n,) group of each pulse or point, -1 for none. An upper edge belongs to the next bin, except the last."""
         values = truth_of(source, self.attribute)
         if self.edges is None:
@@ -112,18 +112,18 @@ class Grouping:
 def range_bins(farthest_m: float) -> Grouping:
     """Bins of 1, 2 or 5 times a power of ten metres, at most 16, from 0 to the farthest surface."""
     step = 10.0 ** math.floor(math.log10(max(farthest_m, 1e-3) / _MOST_RANGE_BINS))
-    step *= next(f for f in (1.0, 2.0, 5.0, 10.0) if farthest_m <= _MOST_RANGE_BINS * f * step)
+    step *= next(factor for factor in (1.0, 2.0, 5.0, 10.0) if farthest_m <= _MOST_RANGE_BINS * factor * step)
     edges = step * np.arange(max(math.ceil(farthest_m / step), 1) + 1)
     return _bins("range", "true_range_m", "m", edges)
 
 
-def groupings(everything: Sequence[Observation]) -> tuple[Grouping, ...]:
+def groupings(observations: Sequence[Observation]) -> tuple[Grouping, ...]:
     """Groupings by true range, incidence and reflectivity, by class and by body."""
-    farthest = [truth_of(one.surfaces or one.cloud, "true_range_m") for one in everything]
-    reach = max((float(far[np.isfinite(far)].max(initial=0.0)) for far in farthest), default=0.0)
-    cloud = everything[0].cloud
+    true_ranges_m = [truth_of(observation.surfaces or observation.cloud, "true_range_m") for observation in observations]
+    farthest_m = max((float(range_m[np.isfinite(range_m)].max(initial=0.0)) for range_m in true_ranges_m), default=0.0)
+    cloud = observations[0].cloud
     return (
-        range_bins(reach),
+        range_bins(farthest_m),
         _bins("incidence", "incidence_angle_rad", "deg", np.radians(INCIDENCE_DEG), INCIDENCE_DEG),
         _bins("reflectivity", "reflectivity", "", np.array(REFLECTIVITY)),
         Grouping(key="class", attribute="class_id", unit="", labels=cloud.class_names),
@@ -131,9 +131,9 @@ def groupings(everything: Sequence[Observation]) -> tuple[Grouping, ...]:
     )
 
 
-def _bins(key: str, attribute: str, unit: str, edges: Numbers, told: Sequence[float] | None = None) -> Grouping:
-    shown = edges if told is None else told
-    labels = tuple(f"{a:g} to {b:g}" for a, b in itertools.pairwise(shown))
+def _bins(key: str, attribute: str, unit: str, edges: Numbers, label_edges: Sequence[float] | None = None) -> Grouping:
+    bounds = edges if label_edges is None else label_edges
+    labels = tuple(f"{a:g} to {b:g}" for a, b in itertools.pairwise(bounds))
     return Grouping(key=key, attribute=attribute, unit=unit, labels=labels, edges=np.asarray(edges))
 
 

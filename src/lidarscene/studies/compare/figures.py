@@ -32,99 +32,99 @@ _SHOWN_SNR = 12_000  # rows of the scatter plot's table
 _MOST_CLASSES = 30
 
 
-def rate_rows(everything: Sequence[Observation], grouping: Grouping) -> list[tuple[Any, ...]]:
+def rate_rows(observations: Sequence[Observation], grouping: Grouping) -> list[tuple[Any, ...]]:
     """Rows by sensor and group, without groups that have no surface; edges in metres, degrees or shares."""
     rows: list[tuple[Any, ...]] = []
-    for one in everything:
-        for number, each in enumerate(rates(one.counted, grouping)):
-            if each.surfaces:
+    for observation in observations:
+        for number, group_rate in enumerate(rates(observation.rated_surfaces, grouping)):
+            if group_rate.surfaces:
                 ends: tuple[Any, ...] = ("", "")
                 if grouping.edges is not None:
                     ends = tuple(float(end) for end in grouping.labels[number].split(" to "))
-                expected = "" if each.expected is None else each.expected
+                expected = "" if group_rate.expected is None else group_rate.expected
                 rows.append(
-                    (one.name, each.group, *ends, each.surfaces, each.found, each.rate, *each.interval, expected)
+                    (observation.name, group_rate.group, *ends, group_rate.surfaces, group_rate.found, group_rate.rate, *group_rate.interval, expected)
                 )
     return rows
 
 
-def rate(everything: Sequence[Observation], grouping: Grouping, of: str) -> Figure:
+def rate(observations: Sequence[Observation], grouping: Grouping, population: str) -> Figure:
     """Detection rate over the bins of a truth column."""
     series = []
-    for one in everything:
-        full = [(x, r) for x, r in zip(grouping.middles, rates(one.counted, grouping), strict=True) if r.surfaces]
-        series.append(_series(one.name, [x for x, _ in full], [r for _, r in full]))
-    what = _WORDS[grouping.key]
+    for observation in observations:
+        filled_bins = [(x, group_rate) for x, group_rate in zip(grouping.middles, rates(observation.rated_surfaces, grouping), strict=True) if group_rate.surfaces]
+        series.append(_series(observation.name, [x for x, _ in filled_bins], [group_rate for _, group_rate in filled_bins]))
+    quantity = _WORDS[grouping.key]
     unit = f" [{grouping.unit}]" if grouping.unit else ""
     caption = (
-        f"Share of {of} from which an echo is a point, by {what}; bars are 95 % intervals (Wilson)"
+        f"Share of {population} from which an echo is a point, by {quantity}; bars are 95 % intervals (Wilson)"
         + ("" if series[0].expected is None else ", lines the mean of the computed detection probabilities")
         + ". Bins without a pulse are left out. Other properties of the surfaces differ from bin to bin too."
     )
-    lowest = min((float(one.low.min()) for one in series if len(one.low)), default=0.0)
+    lowest = min((float(curve.low.min()) for curve in series if len(curve.low)), default=0.0)
     draw = partial(
         intervals.save_series,
         series=series,
-        x_label=f"{what}{unit}",
+        x_label=f"{quantity}{unit}",
         y_label="found [%]",
         y_limits=(10.0 * math.floor(0.1 * lowest) - 1.0, 101.0),
-        title=f"Share of {of} that was found",
+        title=f"Share of {population} that was found",
     )
-    return f"rate-{grouping.key}", draw, (RATE_HEADER, rate_rows(everything, grouping)), caption
+    return f"rate-{grouping.key}", draw, (RATE_HEADER, rate_rows(observations, grouping)), caption
 
 
-def rate_by_class(everything: Sequence[Observation], grouping: Grouping, of: str) -> Figure:
+def rate_by_class(observations: Sequence[Observation], grouping: Grouping, population: str) -> Figure:
     """Detection rate of each class."""
-    every = []
-    for one in everything:
-        every.append(rates(one.counted, grouping))
-    pulses = np.array([[each.surfaces for each in one] for one in every]).max(axis=0)
-    kept = [int(n) for n in np.argsort(-pulses, kind="stable")[:_MOST_CLASSES] if pulses[n] > 0]
+    rates_by_sensor = []
+    for observation in observations:
+        rates_by_sensor.append(rates(observation.rated_surfaces, grouping))
+    pulses = np.array([[group_rate.surfaces for group_rate in sensor_rates] for sensor_rates in rates_by_sensor]).max(axis=0)
+    classes = [int(n) for n in np.argsort(-pulses, kind="stable")[:_MOST_CLASSES] if pulses[n] > 0]
     series = []
-    for one, groups in zip(everything, every, strict=True):
-        shown = [(place, groups[n]) for place, n in enumerate(kept) if groups[n].surfaces]
-        series.append(_series(one.name, [p for p, _ in shown], [r for _, r in shown]))
-    caption = f"The same by class, the most frequent first{' (the first 30)' if len(kept) == _MOST_CLASSES else ''}."
+    for observation, sensor_rates in zip(observations, rates_by_sensor, strict=True):
+        shown_rates = [(place, sensor_rates[n]) for place, n in enumerate(classes) if sensor_rates[n].surfaces]
+        series.append(_series(observation.name, [place for place, _ in shown_rates], [group_rate for _, group_rate in shown_rates]))
+    caption = f"The same by class, the most frequent first{' (the first 30)' if len(classes) == _MOST_CLASSES else ''}."
     draw = partial(
         intervals.save_named,
         series=series,
-        names=[grouping.labels[n] or "unlabelled" for n in kept],
+        names=[grouping.labels[n] or "unlabelled" for n in classes],
         x_label="found [%]",
-        title=f"Share of {of} that was found",
+        title=f"Share of {population} that was found",
     )
-    return "rate-class", draw, (RATE_HEADER, rate_rows(everything, grouping)), caption
+    return "rate-class", draw, (RATE_HEADER, rate_rows(observations, grouping)), caption
 
 
-def _series(name: str, x: Sequence[float], groups: Sequence[Any]) -> Series:
-    has_expected = all(each.expected is not None for each in groups)
+def _series(name: str, x: Sequence[float], group_rates: Sequence[Any]) -> Series:
+    has_expected = all(group_rate.expected is not None for group_rate in group_rates)
     return Series(
         label=name,
         x=np.array(x, dtype=np.float64),
-        y=np.array([100.0 * r.rate for r in groups]),
-        low=np.array([100.0 * r.interval[0] for r in groups]),
-        high=np.array([100.0 * r.interval[1] for r in groups]),
-        expected=np.array([100.0 * r.expected for r in groups]) if has_expected else None,
+        y=np.array([100.0 * group_rate.rate for group_rate in group_rates]),
+        low=np.array([100.0 * group_rate.interval[0] for group_rate in group_rates]),
+        high=np.array([100.0 * group_rate.interval[1] for group_rate in group_rates]),
+        expected=np.array([100.0 * group_rate.expected for group_rate in group_rates]) if has_expected else None,
     )
 
 
-def error_rows(everything: Sequence[Observation], grouping: Grouping) -> list[tuple[Any, ...]]:
+def error_rows(observations: Sequence[Observation], grouping: Grouping) -> list[tuple[Any, ...]]:
     """By sensor and bin."""
     return [
-        (one.name, e.group, e.points, e.bias_m, e.bias_interval_m, e.sigma_m, e.sigma_interval_m)
-        for one in everything
-        for e in range_errors(one, grouping)
+        (observation.name, error.group, error.points, error.bias_m, error.bias_interval_m, error.sigma_m, error.sigma_interval_m)
+        for observation in observations
+        for error in range_errors(observation, grouping)
     ]
 
 
-def errors(everything: Sequence[Observation], grouping: Grouping) -> Figure:
+def errors(observations: Sequence[Observation], grouping: Grouping) -> Figure:
     """Bias and standard deviation of the range over the range."""
     middle = dict(zip(grouping.labels, grouping.middles, strict=True))
     bias, sigma = [], []
-    for one in everything:
-        found = [e for e in range_errors(one, grouping) if e.points > 1]  # one point has no deviation
-        x = np.array([middle[e.group] for e in found], dtype=np.float64)
-        bias.append(_millimetres(one.name, x, found, "bias"))
-        sigma.append(_millimetres(one.name, x, found, "sigma"))
+    for observation in observations:
+        bin_errors = [error for error in range_errors(observation, grouping) if error.points > 1]  # one point has no deviation
+        x = np.array([middle[error.group] for error in bin_errors], dtype=np.float64)
+        bias.append(_millimetres(observation.name, x, bin_errors, "bias"))
+        sigma.append(_millimetres(observation.name, x, bin_errors, "sigma"))
     caption = (
         "Reported less true range of the echoes, by true range: mean (above) and standard deviation (below), with 95 % "
         "intervals that take the errors for independent and Gaussian; bins with two echoes or more."
@@ -135,24 +135,24 @@ def errors(everything: Sequence[Observation], grouping: Grouping) -> Figure:
         x_label="true range [m]",
         title="Error of the reported range",
     )
-    return "error-range", draw, (ERROR_HEADER, error_rows(everything, grouping)), caption
+    return "error-range", draw, (ERROR_HEADER, error_rows(observations, grouping)), caption
 
 
-def _millimetres(name: str, x: Numbers, found: Sequence[RangeError], what: str) -> Series:
-    y = np.array([1e3 * getattr(e, f"{what}_m") for e in found])
-    half = np.array([1e3 * getattr(e, f"{what}_interval_m") for e in found])
+def _millimetres(name: str, x: Numbers, bin_errors: Sequence[RangeError], quantity: str) -> Series:
+    y = np.array([1e3 * getattr(error, f"{quantity}_m") for error in bin_errors])
+    half = np.array([1e3 * getattr(error, f"{quantity}_interval_m") for error in bin_errors])
     return Series(label=name, x=x, y=y, low=y - half, high=y + half)
 
 
 def snr(a: Observation, b: Observation, slug: str, sensors: tuple[Sensor | None, Sensor | None]) -> Figure | None:
     """SNR of B over SNR of A, pulse by pulse; None if no pulse has both."""
-    of_a, of_b, kind = paired_snr(a.counted, b.counted)
+    snr_a, snr_b, kind = paired_snr(a.rated_surfaces, b.rated_surfaces)
     if not len(kind):
         return None
     kinds = ("found by both", f"only by {a.name}", f"only by {b.name}", "by neither")
     levels = tuple(
-        None if one is None or one.tdc.threshold_to_noise is None else float(one.tdc.threshold_to_noise)
-        for one in sensors
+        None if sensor is None or sensor.tdc.threshold_to_noise is None else float(sensor.tdc.threshold_to_noise)
+        for sensor in sensors
     )
     caption = (
         f"Signal-to-noise ratio for {b.name} over that for {a.name}, of each pulse whose echo has one for both. The "
@@ -160,45 +160,45 @@ def snr(a: Observation, b: Observation, slug: str, sensors: tuple[Sensor | None,
     )
     draw = partial(
         intervals.save_snr,
-        pairs=intervals.Pairs(a=of_a, b=of_b, kind=kind, kinds=kinds, levels=(levels[0], levels[1])),
+        pairs=intervals.Pairs(a=snr_a, b=snr_b, kind=kind, kinds=kinds, levels=(levels[0], levels[1])),
         x_label=f"SNR, {a.name}",
         y_label=f"SNR, {b.name}",
         title="Each point is a pulse",
     )
     step = max(len(kind) // _SHOWN_SNR, 1)
-    rows = [(float(x), float(y), kinds[k]) for x, y, k in zip(of_a[::step], of_b[::step], kind[::step], strict=True)]
+    rows = [(float(x), float(y), kinds[k]) for x, y, k in zip(snr_a[::step], snr_b[::step], kind[::step], strict=True)]
     return f"snr-{slug}", draw, (("snr_a", "snr_b", "found"), rows), caption
 
 
-def illuminance(swept: Sweep) -> Figure:
+def illuminance(sweep: Sweep) -> Figure:
     """Detection rate over illuminance, and where sensors change places."""
     lines, rows = [], []
-    for number, (name, course) in enumerate(swept.courses.items()):
-        computed = {lit.illuminance_klux: lit.rate.expected or 0.0 for lit in course}
+    for number, (name, course) in enumerate(sweep.courses.items()):
+        computed = {step.illuminance_klux: step.rate.expected or 0.0 for step in course}
         # The lines meet where they cross.
-        every = [c for crossed in swept.crossings.values() for c in crossed]
-        computed |= {c.illuminance_klux: c.expected for c in every if name in (c.ahead_below, c.ahead_above)}
+        crossings = [crossing for sensor_crossings in sweep.crossings.values() for crossing in sensor_crossings]
+        computed |= {crossing.illuminance_klux: crossing.expected for crossing in crossings if name in (crossing.ahead_below, crossing.ahead_above)}
         x = np.array(sorted(computed))
-        lines.append(charts.Line(label=name, x=x, y=100.0 * np.array([computed[e] for e in x]), colour=number))
-        for lit in course:
-            sigma = "" if lit.sigma_m is None else lit.sigma_m
+        lines.append(charts.Line(label=name, x=x, y=100.0 * np.array([computed[lux] for lux in x]), colour=number))
+        for step in course:
+            sigma = "" if step.sigma_m is None else step.sigma_m
             rows.append(
                 (
                     name,
-                    lit.illuminance_klux,
-                    lit.rate.surfaces,
-                    lit.rate.found,
-                    lit.rate.rate,
-                    *lit.rate.interval,
-                    lit.rate.expected,
-                    lit.false_alarms,
+                    step.illuminance_klux,
+                    step.rate.surfaces,
+                    step.rate.found,
+                    step.rate.rate,
+                    *step.rate.interval,
+                    step.rate.expected,
+                    step.false_alarms,
                     sigma,
                 )
             )
     marks = tuple(
-        charts.Mark(x=c.illuminance_klux, y=100.0 * c.expected, text=f"{c.illuminance_klux:.3g} klux")
-        for crossed in swept.crossings.values()
-        for c in crossed
+        charts.Mark(x=crossing.illuminance_klux, y=100.0 * crossing.expected, text=f"{crossing.illuminance_klux:.3g} klux")
+        for sensor_crossings in sweep.crossings.values()
+        for crossing in sensor_crossings
     )
     chart = charts.Chart(
         lines=tuple(lines),

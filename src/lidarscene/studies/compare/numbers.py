@@ -92,15 +92,15 @@ class Pair:
         return paired_interval(only_a=self.only_a, only_b=self.only_b, pulses=self.pulses)
 
 
-def wilson(found: int, total: int) -> tuple[float, float]:
+def wilson(successes: int, trials: int) -> tuple[float, float]:
     """95 % interval of a share (E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209); 0 to 1 for no pulses."""
-    if not total:
+    if not trials:
         return 0.0, 1.0
-    share, z2 = found / total, NORMAL_95**2 / total
+    share, z2 = successes / trials, NORMAL_95**2 / trials
     middle = (share + 0.5 * z2) / (1.0 + z2)
-    half = NORMAL_95 * math.sqrt(share * (1.0 - share) / total + 0.25 * z2 / total) / (1.0 + z2)
+    half = NORMAL_95 * math.sqrt(share * (1.0 - share) / trials + 0.25 * z2 / trials) / (1.0 + z2)
     # Exactly 0 and 1 at the ends, where rounding may step over.
-    return (max(middle - half, 0.0) if found else 0.0), (min(middle + half, 1.0) if found < total else 1.0)
+    return (max(middle - half, 0.0) if successes else 0.0), (min(middle + half, 1.0) if successes < trials else 1.0)
 
 
 def paired_interval(*, only_a: int, only_b: int, pulses: int) -> tuple[float, float]:
@@ -118,20 +118,20 @@ def paired_interval(*, only_a: int, only_b: int, pulses: int) -> tuple[float, fl
 def rate(surfaces: Surfaces) -> Rate:
     """Rate over all pulses."""
     expected = None if surfaces.probability is None else _mean(surfaces.probability)
-    found = int(np.count_nonzero(surfaces.found))
-    return Rate(group="all", surfaces=len(surfaces.pulse), found=found, expected=expected)
+    found_count = int(np.count_nonzero(surfaces.detected))
+    return Rate(group="all", surfaces=len(surfaces.pulse), found=found_count, expected=expected)
 
 
 def rates(surfaces: Surfaces, grouping: Grouping) -> list[Rate]:
     """Rate of each group in order, including empty groups."""
-    index, size = grouping.of(surfaces), len(grouping.labels)
-    count, found = _counts(index, size), _counts(index[surfaces.found], size)
-    known = surfaces.probability is not None
+    index, size = grouping.group_index(surfaces), len(grouping.labels)
+    count, found_counts = _counts(index, size), _counts(index[surfaces.detected], size)
+    is_known = surfaces.probability is not None
     weights = surfaces.probability[index >= 0].astype(np.float64) if surfaces.probability is not None else None
     sums = np.bincount(index[index >= 0], weights=weights, minlength=size)
     return [
-        Rate(group=label, surfaces=int(n), found=int(k), expected=float(s / n) if known and n else None)
-        for label, n, k, s in zip(grouping.labels, count, found, sums, strict=True)
+        Rate(group=label, surfaces=int(n), found=int(k), expected=float(s / n) if is_known and n else None)
+        for label, n, k, s in zip(grouping.labels, count, found_counts, sums, strict=True)
     ]
 
 
@@ -144,20 +144,20 @@ def deviation(surfaces: Surfaces) -> float | None:
     return (int(np.count_nonzero(surfaces.tripped)) - float(p.sum())) / sigma if sigma > 0.0 else 0.0
 
 
-def range_errors(one: Observation, grouping: Grouping | None = None) -> list[RangeError]:
+def range_errors(observation: Observation, grouping: Grouping | None = None) -> list[RangeError]:
     """Range error of each group that has an echo, or of all echoes together."""
-    echoes = one.cloud.select(one.is_echo)
-    error = echoes.range_m.astype(np.float64) - truth_of(echoes, "true_range_m")
+    echoes = observation.cloud.select(observation.is_echo)
+    error_m = echoes.range_m.astype(np.float64) - truth_of(echoes, "true_range_m")
     if grouping is None:
         index, labels = np.zeros(len(echoes), dtype=np.int64), _ALL
     else:
-        index, labels = grouping.of(echoes), grouping.labels
-    made = []
+        index, labels = grouping.group_index(echoes), grouping.labels
+    range_errors = []
     for number in np.unique(index[index >= 0]):
-        own = error[index == number]
-        sigma = float(own.std(ddof=1)) if len(own) > 1 else 0.0
-        made.append(RangeError(group=labels[number], points=len(own), bias_m=float(own.mean()), sigma_m=sigma))
-    return made
+        group_error_m = error_m[index == number]
+        sigma = float(group_error_m.std(ddof=1)) if len(group_error_m) > 1 else 0.0
+        range_errors.append(RangeError(group=labels[number], points=len(group_error_m), bias_m=float(group_error_m.mean()), sigma_m=sigma))
+    return range_errors
 
 
 def pairs(a: Surfaces, b: Surfaces, grouping: Grouping | None = None) -> list[Pair]:
@@ -168,8 +168,8 @@ def pairs(a: Surfaces, b: Surfaces, grouping: Grouping | None = None) -> list[Pa
     _, in_a, in_b = common(a.pulse, b.pulse)
     index, labels = np.zeros(len(in_a), dtype=np.int64), _ALL
     if grouping is not None:
-        index, labels = grouping.of(a)[in_a], grouping.labels
-    kind = 2 * a.found[in_a].astype(np.int64) + b.found[in_b]
+        index, labels = grouping.group_index(a)[in_a], grouping.labels
+    kind = 2 * a.detected[in_a].astype(np.int64) + b.detected[in_b]
     table = [_counts(index[kind == number], len(labels)) for number in (3, 2, 1, 0)]
     return [
         Pair(group=label, both=int(ab), only_a=int(oa), only_b=int(ob), neither=int(no))
@@ -177,12 +177,12 @@ def pairs(a: Surfaces, b: Surfaces, grouping: Grouping | None = None) -> list[Pa
     ]
 
 
-def first_echoes(one: Observation) -> tuple[Numbers, Numbers]:
+def first_echoes(observation: Observation) -> tuple[Numbers, Numbers]:
     """Rising pulse numbers that have an echo among the points, and the index of each one's first echo."""
-    assert one.pulse is not None
-    place = np.flatnonzero(one.is_echo)
-    pulse, first = np.unique(one.pulse[place], return_index=True)
-    return pulse, place[first]
+    assert observation.pulse is not None
+    echo_points = np.flatnonzero(observation.is_echo)
+    pulse, first = np.unique(observation.pulse[echo_points], return_index=True)
+    return pulse, echo_points[first]
 
 
 def paired_range_difference(a: Observation, b: Observation) -> RangeError | None:
@@ -192,9 +192,9 @@ def paired_range_difference(a: Observation, b: Observation) -> RangeError | None
     _, in_a, in_b = common(pulse_a, pulse_b)
     if not len(in_a):
         return None
-    apart = a.cloud.range_m[first_a[in_a]].astype(np.float64) - b.cloud.range_m[first_b[in_b]]
-    sigma = float(apart.std(ddof=1)) if len(apart) > 1 else 0.0
-    return RangeError(group="all", points=len(apart), bias_m=float(apart.mean()), sigma_m=sigma)
+    difference_m = a.cloud.range_m[first_a[in_a]].astype(np.float64) - b.cloud.range_m[first_b[in_b]]
+    sigma = float(difference_m.std(ddof=1)) if len(difference_m) > 1 else 0.0
+    return RangeError(group="all", points=len(difference_m), bias_m=float(difference_m.mean()), sigma_m=sigma)
 
 
 def difference(a: Observation, b: Observation) -> tuple[PointCloud, Numbers]:
@@ -206,14 +206,14 @@ def difference(a: Observation, b: Observation) -> tuple[PointCloud, Numbers]:
     pulse_a, first_a = first_echoes(a)
     pulse_b, first_b = first_echoes(b)
     kind_a = np.where(np.isin(pulse_a, pulse_b, assume_unique=True), 0, 1)
-    alone = ~np.isin(pulse_b, pulse_a, assume_unique=True)
-    order = np.argsort(np.concatenate([pulse_a, pulse_b[alone]]), kind="stable")
-    parts = [a.cloud.select(first_a), b.cloud.select(first_b[alone])]
+    only_b = ~np.isin(pulse_b, pulse_a, assume_unique=True)
+    order = np.argsort(np.concatenate([pulse_a, pulse_b[only_b]]), kind="stable")
+    parts = [a.cloud.select(first_a), b.cloud.select(first_b[only_b])]
     names = (a.name, b.name)
     together = PointCloud.concatenate(
-        [replace(p, sensor_index=np.full(len(p), i, np.uint8), sensor_names=names) for i, p in enumerate(parts)]
+        [replace(part, sensor_index=np.full(len(part), i, np.uint8), sensor_names=names) for i, part in enumerate(parts)]
     )
-    kinds = np.concatenate([kind_a, np.full(int(alone.sum()), 2)]).astype(np.uint8)
+    kinds = np.concatenate([kind_a, np.full(int(only_b.sum()), 2)]).astype(np.uint8)
     return together.select(order), kinds[order]
 
 
@@ -223,10 +223,10 @@ def paired_snr(a: Surfaces, b: Surfaces) -> tuple[Numbers, Numbers, Numbers]:
     0 both, 1 A only, 2 B only, 3 neither.
     """
     _, in_a, in_b = common(a.pulse, b.pulse)
-    found_a, found_b = a.found[in_a], b.found[in_b]
+    found_a, found_b = a.detected[in_a], b.detected[in_b]
     kind = np.where(found_a, np.where(found_b, 0, 1), np.where(found_b, 2, 3))
-    known = (a.snr[in_a] > 0.0) & (b.snr[in_b] > 0.0)
-    return a.snr[in_a][known], b.snr[in_b][known], kind[known]
+    has_both = (a.snr[in_a] > 0.0) & (b.snr[in_b] > 0.0)
+    return a.snr[in_a][has_both], b.snr[in_b][has_both], kind[has_both]
 
 
 def common(a: Numbers, b: Numbers) -> tuple[Numbers, Numbers, Numbers]:

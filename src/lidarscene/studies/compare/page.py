@@ -47,17 +47,17 @@ class Output:
 
 def file_names(names: Sequence[str], *, matched: bool, rated: bool, swept: bool, simulated: bool) -> list[str]:
     """Names of all files that `write` may write."""
-    own = slugs(names)
+    file_slugs = slugs(names)
     drawn = [*(["rate-range", "rate-incidence", "rate-reflectivity", "rate-class"] if rated else []), "error-range"]
-    drawn += [f"snr-{slug}" for slug in own[1:]] if matched else []
+    drawn += [f"snr-{slug}" for slug in file_slugs[1:]] if matched else []
     drawn += ["illuminance"] if swept else []
-    pictures = [f"cloud-{slug}.png" for slug in own]
+    pictures = [f"cloud-{slug}.png" for slug in file_slugs]
     files = [PAGE, NUMBERS, *(f"{stem}.{suffix}" for stem in drawn for suffix in ("png", "csv")), *pictures]
     files += ["rate-body.csv"] if rated else []
-    files += [f"{slug}.ply" for slug in own] if simulated else []
+    files += [f"{slug}.ply" for slug in file_slugs] if simulated else []
     if matched:
-        files += [f"difference-{slug}.{suffix}" for slug in own[1:] for suffix in ("ply", "png")]
-        files += [f"pairs-{slug}.csv" for slug in own[1:]]
+        files += [f"difference-{slug}.{suffix}" for slug in file_slugs[1:] for suffix in ("ply", "png")]
+        files += [f"pairs-{slug}.csv" for slug in file_slugs[1:]]
     return files
 
 
@@ -77,7 +77,7 @@ def write(comparison: Comparison, output: Output, *, as_json: bool = False) -> s
 
 def _write(comparison: Comparison, output: Output) -> str:
     """All files; returns the numbers as JSON."""
-    folder, own = output.folder, slugs([one.name for one in comparison.everything])
+    folder, file_slugs = output.folder, slugs([observation.name for observation in comparison.observations])
     page = Page(comparison.title, folder=folder, columns=True)
     page.paragraph(report.verdict(comparison))
     page.table(*report.fate(comparison))
@@ -87,9 +87,9 @@ def _write(comparison: Comparison, output: Output) -> str:
     if comparison.matched:
         page.heading("Who found what")
         page.table(report.PAIRS, report.pair_rows(comparison))
-        _pair_tables(comparison, folder, own)
+        _pair_tables(comparison, folder, file_slugs)
     page.heading("The clouds")
-    _pictures(page, comparison, output, own)
+    _pictures(page, comparison, output, file_slugs)
     if comparison.rated:
         _rates(page, comparison, folder)
     else:
@@ -97,17 +97,17 @@ def _write(comparison: Comparison, output: Output) -> str:
         for key in ("range", "class"):
             page.table(*report.counts_table(comparison, key))
     page.heading("Range error")
-    _show(page, folder, figures.errors(comparison.everything, comparison.group("range")))
-    _signal_to_noise(page, comparison, folder, own)
-    if comparison.swept is not None:
+    _show(page, folder, figures.errors(comparison.observations, comparison.group("range")))
+    _signal_to_noise(page, comparison, folder, file_slugs)
+    if comparison.sweep is not None:
         page.heading("Illuminance")
-        for line in report.crossing_lines(comparison.swept, comparison.everything[0].name):
+        for line in report.crossing_lines(comparison.sweep, comparison.observations[0].name):
             page.paragraph(line)
-        page.table(*report.sweep_table(comparison.swept))
-        _show(page, folder, figures.illuminance(comparison.swept))
+        page.table(*report.sweep_table(comparison.sweep))
+        _show(page, folder, figures.illuminance(comparison.sweep))
     if comparison.seed is not None:
-        for one, slug in zip(comparison.everything, own, strict=True):
-            one.cloud.save(folder / f"{slug}.ply")
+        for observation, slug in zip(comparison.observations, file_slugs, strict=True):
+            observation.cloud.save(folder / f"{slug}.ply")
     numbers = json_text(as_dict(comparison), indent=2)
     put_text(folder / NUMBERS, numbers + "\n")
     put_text(folder / PAGE, page.as_html())
@@ -124,72 +124,72 @@ def _show(page: Page, folder: Path, figure: figures.Figure | None) -> None:
 
 def _rates(page: Page, comparison: Comparison, folder: Path) -> None:
     page.heading("Detection rate")
-    everything = comparison.everything
+    observations = comparison.observations
     for key in ("range", "incidence", "reflectivity"):
-        _show(page, folder, figures.rate(everything, comparison.group(key), comparison.of))
-    _show(page, folder, figures.rate_by_class(everything, comparison.group("class"), comparison.of))
+        _show(page, folder, figures.rate(observations, comparison.group(key), comparison.population))
+    _show(page, folder, figures.rate_by_class(observations, comparison.group("class"), comparison.population))
     page.table(*report.group_table(comparison, "class"))
     body = comparison.group("body")
-    put_text(folder / "rate-body.csv", csv_text(figures.RATE_HEADER, figures.rate_rows(everything, body)))
+    put_text(folder / "rate-body.csv", csv_text(figures.RATE_HEADER, figures.rate_rows(observations, body)))
     header, rows = report.group_table(comparison, "body", report.MOST_BODIES)
     choice = "with most pulses that only one sensor found" if comparison.matched else "of most pulses"
     page.paragraph(f"The {len(rows)} bodies {choice}; rate-body.csv has all.")
     page.table(header, rows)
 
 
-def _signal_to_noise(page: Page, comparison: Comparison, folder: Path, own: Sequence[str]) -> None:
+def _signal_to_noise(page: Page, comparison: Comparison, folder: Path, file_slugs: Sequence[str]) -> None:
     if comparison.matched:
         page.heading("Signal-to-noise ratio")
-    for number, ((a, b), slug) in enumerate(_against_first(comparison, own), start=1):
+    for number, ((a, b), slug) in enumerate(_against_first(comparison, file_slugs), start=1):
         _show(page, folder, figures.snr(a, b, slug, (comparison.sensors[0], comparison.sensors[number])))
 
 
-def _against_first(comparison: Comparison, own: Sequence[str]) -> Iterator[tuple[tuple[Observation, Observation], str]]:
+def _against_first(comparison: Comparison, file_slugs: Sequence[str]) -> Iterator[tuple[tuple[Observation, Observation], str]]:
     """The first observation with each other one, where pulses match, and the slug of the other."""
-    return zip(comparison.against_first(), own[1:] if comparison.matched else (), strict=True)
+    return zip(comparison.against_first(), file_slugs[1:] if comparison.matched else (), strict=True)
 
 
-def _pair_tables(comparison: Comparison, folder: Path, own: Sequence[str]) -> None:
-    for (a, b), slug in _against_first(comparison, own):
+def _pair_tables(comparison: Comparison, folder: Path, file_slugs: Sequence[str]) -> None:
+    for (a, b), slug in _against_first(comparison, file_slugs):
         rows = []
         for group in (None, *comparison.groups):
-            for p in pairs(a.counted, b.counted, group):
-                if p.pulses:
+            for pair in pairs(a.rated_surfaces, b.rated_surfaces, group):
+                if pair.pulses:
                     rows.append(
                         (
                             group.key if group else "all",
-                            p.group,
-                            p.both,
-                            p.only_a,
-                            p.only_b,
-                            p.neither,
-                            p.difference,
-                            *p.difference_interval,
+                            pair.group,
+                            pair.both,
+                            pair.only_a,
+                            pair.only_b,
+                            pair.neither,
+                            pair.difference,
+                            *pair.difference_interval,
                         )
                     )
         put_text(folder / f"pairs-{slug}.csv", csv_text(_PAIR_HEADER, rows))
 
 
-def _pictures(page: Page, comparison: Comparison, output: Output, own: Sequence[str]) -> None:
+def _pictures(page: Page, comparison: Comparison, output: Output, file_slugs: Sequence[str]) -> None:
     """Every cloud and every difference cloud, from one point of view."""
-    view = _view(comparison.everything[0].cloud, output.view)
+    view = _view(comparison.observations[0].cloud, output.view)
     # One scale for all, or the same colour would mean different things.
-    scale = plots.common_scale([one.cloud for one in comparison.everything], "snr")
-    shown = []
-    for one, slug in zip(comparison.everything, own, strict=True):
+    scale = plots.common_scale([observation.cloud for observation in comparison.observations], "snr")
+    captions = []
+    for observation, slug in zip(comparison.observations, file_slugs, strict=True):
         name = f"cloud-{slug}"
-        _picture(one.cloud, output.folder / f"{name}.png", view, colour_by="snr", scale=scale)
-        shown.append((name, f"{one.name}: {len(one.cloud):,} points by their signal-to-noise ratio."))
-    page.pictures(shown)
-    for (a, b), slug in _against_first(comparison, own):
+        _picture(observation.cloud, output.folder / f"{name}.png", view, colour_by="snr", scale=scale)
+        captions.append((name, f"{observation.name}: {len(observation.cloud):,} points by their signal-to-noise ratio."))
+    page.pictures(captions)
+    for (a, b), slug in _against_first(comparison, file_slugs):
         cloud, kinds = difference(a, b)
         name = f"difference-{slug}"
         _save_difference(output.folder / f"{name}.ply", cloud, kinds, a.name, b.name)
         labels = ("both", f"only {a.name}", f"only {b.name}")
-        named = dict(cloud.metadata) | {"sensor": f"{a.name} against {b.name}"}
-        sorted_by_kind = dataclasses.replace(cloud, class_id=kinds, class_names=labels, metadata=named)
+        metadata = dict(cloud.metadata) | {"sensor": f"{a.name} against {b.name}"}
+        sorted_by_kind = dataclasses.replace(cloud, class_id=kinds, class_names=labels, metadata=metadata)
         _picture(sorted_by_kind, output.folder / f"{name}.png", view, colour_by="class")
-        counts = ", ".join(f"{label} {np.count_nonzero(kinds == k):,}" for k, label in enumerate(labels))
+        counts = ", ".join(f"{label} {np.count_nonzero(kinds == kind):,}" for kind, label in enumerate(labels))
         page.pictures([(name, f"Difference cloud, first echoes of the pulses that have one: {counts}.")])
 
 

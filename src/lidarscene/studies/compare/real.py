@@ -48,7 +48,7 @@ class Side:
     xyz_m       (n, 3) in the sensor's frame
     ring        (n,) number of the channel, None if unknown
     strength    (n,) signal, or intensity, in a unit of its own; None if unknown
-    kept        share of the pulses with a return; None where lost pulses are not known
+    return_share        share of the pulses with a return; None where lost pulses are not known
     gap_m       distances between first and second returns of one pulse
     """
 
@@ -57,26 +57,26 @@ class Side:
     range_m: Numbers
     ring: Numbers | None
     strength: Numbers | None
-    kept: float | None
+    return_share: float | None
     gap_m: Numbers
 
 
 def side_of_sweep(name: str, sweep: Sweep) -> Side:
     """Of a recording."""
-    there = sweep.kept
+    is_first = sweep.kept
     if sweep.return_number is not None:
-        there = there & (sweep.return_number <= 1)
+        is_first = is_first & (sweep.return_number <= 1)
     strengths = (sweep.signal, sweep.intensity, sweep.reflectivity)
-    strength = next((one for one in strengths if one is not None), None)
-    both = there & np.isfinite(sweep.second.range_m) if sweep.second is not None else np.zeros_like(there)
-    gap_m = np.abs(sweep.second.range_m - sweep.range_m)[both] if sweep.second is not None else np.zeros(0)
+    strength = next((values for values in strengths if values is not None), None)
+    has_second = is_first & np.isfinite(sweep.second.range_m) if sweep.second is not None else np.zeros_like(is_first)
+    gap_m = np.abs(sweep.second.range_m - sweep.range_m)[has_second] if sweep.second is not None else np.zeros(0)
     return Side(
         name=name,
-        xyz_m=sweep.xyz_m[there],
-        range_m=sweep.range_m[there],
-        ring=None if sweep.ring is None else sweep.ring[there],
-        strength=None if strength is None else strength[there],
-        kept=float(sweep.kept.sum() / max(sweep.recorded.sum(), 1)) if sweep.knows_lost else None,
+        xyz_m=sweep.xyz_m[is_first],
+        range_m=sweep.range_m[is_first],
+        ring=None if sweep.ring is None else sweep.ring[is_first],
+        strength=None if strength is None else strength[is_first],
+        return_share=float(sweep.kept.sum() / max(sweep.recorded.sum(), 1)) if sweep.knows_lost else None,
         gap_m=gap_m,
     )
 
@@ -85,8 +85,8 @@ def side_of_cloud(name: str, cloud: PointCloud) -> Side:
     """Of a cloud that was simulated."""
     local = cloud.in_sensor_frame()
     order = np.lexsort((local.return_number, local.channel, local.time_s))
-    same = (np.diff(local.time_s[order]) == 0.0) & (np.diff(local.channel[order]) == 0)
-    gap_m = np.abs(np.diff(local.range_m[order].astype(np.float64)))[same]
+    same_pulse = (np.diff(local.time_s[order]) == 0.0) & (np.diff(local.channel[order]) == 0)
+    gap_m = np.abs(np.diff(local.range_m[order].astype(np.float64)))[same_pulse]
     first = local.select(local.return_number <= 1)
     return Side(
         name=name,
@@ -94,7 +94,7 @@ def side_of_cloud(name: str, cloud: PointCloud) -> Side:
         range_m=first.range_m.astype(np.float64),
         ring=first.channel,
         strength=first.signal if np.any(first.signal) else first.intensity,
-        kept=None,
+        return_share=None,
         gap_m=gap_m,
     )
 
@@ -103,44 +103,44 @@ def compare_real(side: Side, real: Side, folder: Path, *, as_json: bool = False)
     """Write page and JSON; returns the text to print. Raises OutputError."""
     for name in (PAGE, NUMBERS):
         require_writable(folder / name)
-    sides = [numbers_of(one) for one in (side, real)]
+    sides = [numbers_of(compared) for compared in (side, real)]
     rows = [*_rows(sides), *_ring_rows(sides)]
-    found = verdict(side.name, real.name, rows)
-    told = {
-        "verdict": found,
+    sentence = verdict(side.name, real.name, rows)
+    report = {
+        "verdict": sentence,
         "sides": sides,
         "rows": [dict(zip(("quantity", side.name, real.name, "ratio"), row, strict=True)) for row in rows],
     }
     page = Page(f"{side.name} beside {real.name}", folder=folder)
-    page.paragraph(found)
+    page.paragraph(sentence)
     page.paragraph(_NOTE)
     page.table(("quantity", side.name, real.name, "ratio"), [[_shown(cell) for cell in row] for row in rows])
     put_text(folder / PAGE, page.as_html())
-    put_text(folder / NUMBERS, json_text(told, indent=1) + "\n")
+    put_text(folder / NUMBERS, json_text(report, indent=1) + "\n")
     if as_json:
-        return json_text(told)
+        return json_text(report)
     lines = [f"{row[0]:34s} {_shown(row[1]):>12s} {_shown(row[2]):>12s} {_shown(row[3]):>8s}" for row in rows]
     head = f"{'':34s} {side.name[:12]:>12s} {real.name[:12]:>12s} {'ratio':>8s}"
-    return "\n".join([found, head, *lines, f"wrote {folder / PAGE}"])
+    return "\n".join([sentence, head, *lines, f"wrote {folder / PAGE}"])
 
 
 Line = tuple[str, Any, Any, Any]
 """Of the table: quantity, both sides, ratio."""
 
 
-def verdict(name: str, other: str, rows: Sequence[Line]) -> str:
+def verdict(name: str, real_name: str, rows: Sequence[Line]) -> str:
     """The outcome in one sentence: how many points, and what differs most."""
-    (_, mine, theirs, ratio), *others = (row for row in rows if not row[0].startswith(OF_RING))
-    found = f"{name} has {mine:,} points, {'as many as ' if mine == theirs else ''}{other}"
-    if mine != theirs:
-        found += f" {theirs:,}" + (f" ({100.0 * (ratio - 1.0):+.3g} %)" if ratio is not None else "")
-    known = [row for row in others if row[3] is not None and row[3] > 0.0]
-    if not known:
-        return f"{found}; nothing else is known of both."
-    quantity, mine, theirs, ratio = max(known, key=lambda row: abs(math.log(row[3])))
+    (_, value, real_value, ratio), *other_rows = (row for row in rows if not row[0].startswith(OF_RING))
+    sentence = f"{name} has {value:,} points, {'as many as ' if value == real_value else ''}{real_name}"
+    if value != real_value:
+        sentence += f" {real_value:,}" + (f" ({100.0 * (ratio - 1.0):+.3g} %)" if ratio is not None else "")
+    comparable_rows = [row for row in other_rows if row[3] is not None and row[3] > 0.0]
+    if not comparable_rows:
+        return f"{sentence}; nothing else is known of both."
+    quantity, value, real_value, ratio = max(comparable_rows, key=lambda row: abs(math.log(row[3])))
     if abs(ratio - 1.0) < ALIKE:
-        return f"{found}; nothing else differs by {100.0 * ALIKE:.0f} % or more."
-    return f"{found}; what differs most is '{quantity}': {_shown(mine)} against {_shown(theirs)}."
+        return f"{sentence}; nothing else differs by {100.0 * ALIKE:.0f} % or more."
+    return f"{sentence}; what differs most is '{quantity}': {_shown(value)} against {_shown(real_value)}."
 
 
 _NOTE = (
@@ -154,26 +154,26 @@ def numbers_of(side: Side) -> dict[str, Any]:
     """All that is compared, by name; None where a side does not know it."""
     range_m = side.range_m
     ground = ground_of(side.xyz_m)
-    found: dict[str, Any] = {"points": len(range_m), "share of pulses kept": side.kept}
-    found |= {
+    quantities: dict[str, Any] = {"points": len(range_m), "share of pulses kept": side.return_share}
+    quantities |= {
         f"range, {q:g} % quantile [m]": float(np.percentile(range_m, q)) if len(range_m) else None for q in QUANTILES
     }
     height, farthest, share = ground if ground else (None, None, None)
-    found |= {"sensor above ground [m]": height, "farthest ground [m]": farthest, "share on the ground": share}
-    found["second returns, share"] = len(side.gap_m) / len(range_m) if len(side.gap_m) else None
-    found["second returns, 1 % gap [m]"] = float(np.percentile(side.gap_m, 1.0)) if len(side.gap_m) else None
+    quantities |= {"sensor above ground [m]": height, "farthest ground [m]": farthest, "share on the ground": share}
+    quantities["second returns, share"] = len(side.gap_m) / len(range_m) if len(side.gap_m) else None
+    quantities["second returns, 1 % gap [m]"] = float(np.percentile(side.gap_m, 1.0)) if len(side.gap_m) else None
     for number in range(OCTAVES):
         low = FIRST_OCTAVE_M * 2.0**number
         name = f"strength, {low:g} to {2.0 * low:g} m"
-        there = (range_m >= low) & (range_m < 2.0 * low)
-        known = side.strength is not None and there.sum() >= LEAST_GROUND and np.median(side.strength) > 0
-        found[name] = (
-            float(np.median(side.strength[there]) / np.median(side.strength))
-            if known and side.strength is not None
+        in_octave = (range_m >= low) & (range_m < 2.0 * low)
+        is_known = side.strength is not None and in_octave.sum() >= LEAST_GROUND and np.median(side.strength) > 0
+        quantities[name] = (
+            float(np.median(side.strength[in_octave]) / np.median(side.strength))
+            if is_known and side.strength is not None
             else None
         )
-    found["rings"] = rings_of(side)
-    return found
+    quantities["rings"] = rings_of(side)
+    return quantities
 
 
 def rings_of(side: Side) -> list[tuple[float, int]] | None:
@@ -196,9 +196,9 @@ def ground_of(xyz_m: Numbers) -> tuple[float, float, float] | None:
     if plane is None:
         return None
     range_m = np.sqrt(np.sum(xyz_m**2, axis=1))
-    on = np.abs(_above(plane, xyz_m)) < np.maximum(0.1, 0.003 * range_m)
+    on_ground = np.abs(_above(plane, xyz_m)) < np.maximum(0.1, 0.003 * range_m)
     height_m = -plane[0] / np.sqrt(1.0 + plane[1] ** 2 + plane[2] ** 2)
-    return float(height_m), float(np.percentile(range_m[on], 99.9)), float(on.mean())
+    return float(height_m), float(np.percentile(range_m[on_ground], 99.9)), float(on_ground.mean())
 
 
 def ground_plane(xyz_m: Numbers) -> Numbers | None:
@@ -229,20 +229,20 @@ def _above(plane: Numbers, xyz_m: Numbers) -> Numbers:
 
 def _rows(sides: list[dict[str, Any]]) -> list[Line]:
     """What one side at least knows."""
-    mine, theirs = sides
-    named = [name for name in mine if name != "rings" and (mine[name], theirs[name]) != (None, None)]
-    return [(name, *_with_ratio(mine[name], theirs[name])) for name in named]
+    quantities, real_quantities = sides
+    names = [name for name in quantities if name != "rings" and (quantities[name], real_quantities[name]) != (None, None)]
+    return [(name, *_with_ratio(quantities[name], real_quantities[name])) for name in names]
 
 
 def _ring_rows(sides: list[dict[str, Any]]) -> list[Line]:
-    a, b = (side["rings"] for side in sides)
-    if a is None and b is None:
+    channels, real_channels = (side["rings"] for side in sides)
+    if channels is None and real_channels is None:
         return []
-    rows: list[Line] = [("channels with points", *_with_ratio(*(None if one is None else len(one) for one in (a, b))))]
-    if a and b and len(a) == len(b):
+    rows: list[Line] = [("channels with points", *_with_ratio(*(None if channels is None else len(channels) for channels in (channels, real_channels))))]
+    if channels and real_channels and len(channels) == len(real_channels):
         rows += [
-            (f"{OF_RING}{up:.2f} degrees", *_with_ratio(mine, theirs))
-            for (_, mine), (up, theirs) in zip(a, b, strict=True)
+            (f"{OF_RING}{elevation_deg:.2f} degrees", *_with_ratio(points, real_points))
+            for (_, points), (elevation_deg, real_points) in zip(channels, real_channels, strict=True)
         ]
     return rows
 

@@ -50,11 +50,11 @@ class Bench:
         wavelength_m = sensor.laser.wavelength_m
         simulator = Simulator(scene, sensor, world=self._worlds.get(wavelength_m), pose=self.pose)
         self._worlds[wavelength_m] = simulator.world
-        seen, summary = _Seen(), Summary()
-        cloud = simulator.render(seed=self.seed, chunk=self.chunk, points=seen, summary=summary)
-        lost = {text: int(summary.outcomes[o]) for o, text in OUTCOME_TEXT.items() if o != Outcome.NO_SURFACE}
+        collector, summary = _Seen(), Summary()
+        cloud = simulator.render(seed=self.seed, chunk=self.chunk, points=collector, summary=summary)
+        losses = {text: int(summary.outcomes[outcome]) for outcome, text in OUTCOME_TEXT.items() if outcome != Outcome.NO_SURFACE}
         return Observation(
-            name=name, cloud=cloud, pulse=seen.pulse(), surfaces=seen.surfaces(), fired=summary.beams, lost=lost
+            name=name, cloud=cloud, pulse=collector.pulse(), surfaces=collector.surfaces(), pulses_fired=summary.beams, losses=losses
         )
 
 
@@ -85,7 +85,7 @@ class _Seen:
         outcome = column("outcome")
         return Surfaces(
             pulse=column("pulse").astype(np.int64),
-            found=outcome == Outcome.KEPT,
+            detected=outcome == Outcome.KEPT,
             snr=column("snr"),
             true_range_m=column("true_range_m"),
             incidence_angle_rad=column("incidence_angle_rad"),
@@ -100,24 +100,24 @@ class _Seen:
 _WHOLE = ("pulse", "outcome", "body", "class_id")
 
 
-def fires_alike(first: Sensor, other: Sensor) -> bool:
+def fires_alike(first: Sensor, second: Sensor) -> bool:
     """Whether two sensors fire the same pulses.
 
     Number, times, starts, directions, pointing jitter and mounting must be equal.
     """
-    a, b = first.scanner, other.scanner
+    a, b = first.scanner, second.scanner
     if (a.pulses, a.frame_s, a.jitter_rad) != (b.pulses, b.frame_s, b.jitter_rad):
         return False
     if not all(
-        np.array_equal(getattr(first.mounting, part), getattr(other.mounting, part))
+        np.array_equal(getattr(first.mounting, part), getattr(second.mounting, part))
         for part in ("position_m", "rotation")
     ):
         return False
     for start in range(0, a.pulses, _PULSES_AT_ONCE):
         pulse = np.arange(start, min(start + _PULSES_AT_ONCE, a.pulses), dtype=np.uint32)
-        fired = [(*one.direction(pulse), one.time_s(pulse), one.offset_m(pulse) or (0.0, 0.0, 0.0)) for one in (a, b)]
+        rays = [(*scanner.direction(pulse), scanner.time_s(pulse), scanner.offset_m(pulse) or (0.0, 0.0, 0.0)) for scanner in (a, b)]
         if not all(
-            np.array_equal(np.asarray(x), np.asarray(y)) for x, y in zip(_flat(fired[0]), _flat(fired[1]), strict=True)
+            np.array_equal(np.asarray(x), np.asarray(y)) for x, y in zip(_flat(rays[0]), _flat(rays[1]), strict=True)
         ):
             return False
     return True
@@ -127,9 +127,9 @@ def _flat(values: tuple[Any, ...]) -> list[Any]:
     return [*values[:-1], *values[-1]]
 
 
-def with_beams_of(first: Sensor, other: Sensor) -> Sensor:
+def with_beams_of(first: Sensor, sensor: Sensor) -> Sensor:
     """The other sensor with the first one's scanner and mounting."""
-    return replace(other, scanner=first.scanner, mounting=first.mounting)
+    return replace(sensor, scanner=first.scanner, mounting=first.mounting)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,13 +142,13 @@ class Lit:
     sigma_m: float | None
 
     @classmethod
-    def of(cls, one: Observation, illuminance_klux: float) -> Lit:
+    def from_observation(cls, observation: Observation, illuminance_klux: float) -> Lit:
         """The numbers of an observation."""
-        errors = range_errors(one)
+        errors = range_errors(observation)
         return cls(
             illuminance_klux=illuminance_klux,
-            rate=rate(one.counted),
-            false_alarms=one.alarms,
+            rate=rate(observation.rated_surfaces),
+            false_alarms=observation.false_alarms,
             sigma_m=errors[0].sigma_m if errors else None,
         )
 
@@ -183,19 +183,19 @@ def sweep(
     sensors: Sequence[Named],
     illuminances_klux: Sequence[float],
     *,
-    told: Callable[[int], object] = lambda done: None,
+    progress: Callable[[int], object] = lambda done: None,
 ) -> Sweep:
     """Every sensor under every illuminance (rising, above 0), and where the others cross the first.
 
     told  how many frames are rendered, before crossings are looked for
     """
     courses: dict[str, list[Lit]] = {name: [] for name, _ in sensors}
-    for done, ((name, s), lux) in enumerate(itertools.product(sensors, illuminances_klux), start=1):
-        courses[name].append(Lit.of(bench.observe(name, s, illuminance_klux=lux), lux))
-        told(done)
-    first, others = sensors[0], sensors[1:]
-    crossings = {other[0]: _crossings(bench, first, other, courses) for other in others}
-    plane = {name: _on_plane(first[1], s, illuminances_klux) for name, s in others}
+    for rendered, ((name, s), lux) in enumerate(itertools.product(sensors, illuminances_klux), start=1):
+        courses[name].append(Lit.from_observation(bench.observe(name, s, illuminance_klux=lux), lux))
+        progress(rendered)
+    first, other_sensors = sensors[0], sensors[1:]
+    crossings = {other_sensor[0]: _crossings(bench, first, other_sensor, courses) for other_sensor in other_sensors}
+    plane = {name: _on_plane(first[1], s, illuminances_klux) for name, s in other_sensors}
     return Sweep(illuminances_klux=tuple(illuminances_klux), courses=courses, crossings=crossings, on_plane_klux=plane)
 
 
@@ -205,10 +205,10 @@ def _crossings(bench: Bench, a: Named, b: Named, courses: Mapping[str, Sequence[
     They use expected rates, the mean P_d, which have no noise of draws.
     """
 
-    def expected(of: Named, lux: float) -> float:
-        return _expected(Lit.of(bench.observe(*of, illuminance_klux=lux), lux))
+    def expected(named_sensor: Named, lux: float) -> float:
+        return _expected(Lit.from_observation(bench.observe(*named_sensor, illuminance_klux=lux), lux))
 
-    found = []
+    crossings = []
     steps = list(zip(courses[a[0]], courses[b[0]], strict=True))
     for (low_a, low_b), (high_a, high_b) in itertools.pairwise(steps):
         at_low, at_high = _expected(low_a) - _expected(low_b), _expected(high_a) - _expected(high_b)
@@ -223,20 +223,20 @@ def _crossings(bench: Bench, a: Named, b: Named, courses: Mapping[str, Sequence[
                 high = middle
         lux = math.sqrt(low * high)
         names = (a[0], b[0]) if at_low > 0.0 else (b[0], a[0])
-        found.append(
+        crossings.append(
             Crossing(illuminance_klux=lux, expected=expected(a, lux), ahead_below=names[0], ahead_above=names[1])
         )
-    return found
+    return crossings
 
 
 def _expected(lit: Lit) -> float:
     return lit.rate.expected or 0.0
 
 
-def _on_plane(a: Sensor, b: Sensor, illuminances_klux: Sequence[float]) -> float | None:
+def _on_plane(first: Sensor, second: Sensor, illuminances_klux: Sequence[float]) -> float | None:
     try:
         return equal_range_illuminance_klux(
-            a, b, Target(), low_klux=min(illuminances_klux), high_klux=max(illuminances_klux)
+            first, second, Target(), low_klux=min(illuminances_klux), high_klux=max(illuminances_klux)
         )
     except ValueError:
         return None

@@ -59,62 +59,62 @@ def of_sensors(
     for name, sensor in sensors:
         observed.append(bench.observe(name, sensor))
         progress(len(observed), total)
-    seen = tuple(observed)
+    observations = tuple(observed)
     if not matched:
-        seen = tuple(replace(one, pulse=None) for one in seen)
+        observations = tuple(replace(observation, pulse=None) for observation in observations)
     comparison = Comparison(
         title=f"{', '.join(names)} in the scene {scene.name}",
-        everything=seen,
+        observations=observations,
         sensors=tuple(sensor for _, sensor in sensors),
-        groups=groupings(seen),
+        groups=groupings(observations),
         matched=matched,
-        of="the pulses that met a surface",
+        population="the pulses that met a surface",
         notes=(_beams_note(scene, bench.seed, matched=matched, same_beams=same_beams), _RATES_NOTE, _INTERVALS),
-        windows=windows(seen, [sensor for _, sensor in sensors]),
+        windows=windows(observations, [sensor for _, sensor in sensors]),
         seed=bench.seed,
-        swept=sweep(bench, sensors, illuminances_klux, told=lambda done: progress(len(sensors) + done, total))
+        sweep=sweep(bench, sensors, illuminances_klux, progress=lambda rendered: progress(len(sensors) + rendered, total))
         if illuminances_klux
         else None,
     )
     return write(comparison, Output(folder, scene.camera if bench.pose is None else None), as_json=as_json)
 
 
-def windows(seen: Sequence[Observation], sensors: Sequence[Sensor]) -> tuple[str, ...]:
+def windows(observations: Sequence[Observation], sensors: Sequence[Sensor]) -> tuple[str, ...]:
     """A line for each sensor with echoes from beyond its unambiguous range."""
-    counts = [int(np.count_nonzero(one.cloud.status == Status.ALIASED)) for one in seen]
+    counts = [int(np.count_nonzero(observation.cloud.status == Status.ALIASED)) for observation in observations]
     return tuple(
-        f"{one.name}: {count:,} echoes from beyond {unambiguous_m(sensor):.1f} m are reported too near by that range, "
+        f"{observation.name}: {count:,} echoes from beyond {unambiguous_m(sensor):.1f} m are reported too near by that range, "
         "status 4"
-        for one, sensor, count in zip(seen, sensors, counts, strict=True)
+        for observation, sensor, count in zip(observations, sensors, counts, strict=True)
         if count
     )
 
 
 def of_clouds(paths: Sequence[Path], folder: Path, *, as_json: bool = False) -> str:
     """Read clouds and write the report; returns the text to print. Raises InputError, OutputError."""
-    seen = tuple(clouds.read(paths))
-    matched = all(one.surfaces is not None for one in seen)
-    names = [one.name for one in seen]
+    observations = tuple(clouds.read(paths))
+    matched = all(observation.surfaces is not None for observation in observations)
+    names = [observation.name for observation in observations]
     files = file_names(names, matched=matched, rated=matched, swept=False, simulated=False)
     require_files(folder, files)
     for path in paths:
         if any((folder / name).exists() and (folder / name).samefile(path) for name in files):
             raise InputError(f"--output {folder}: must not overwrite an input, got {path}")
     notes = [_MATCHED_CLOUDS if matched else _UNMATCHED_CLOUDS, _INTERVALS]
-    for other in seen[1:] if matched else ():
-        share = clouds.disagreeing(seen[0], other)
+    for observation in observations[1:] if matched else ():
+        share = clouds.disagreeing(observations[0], observation)
         if share > 0.01:
             notes.append(
-                f"{100.0 * share:.1f} % of the pulses that {names[0]} and {other.name} both found met surfaces at "
+                f"{100.0 * share:.1f} % of the pulses that {names[0]} and {observation.name} both found met surfaces at "
                 "different true ranges: the two clouds are not of the same scene from the same place."
             )
     comparison = Comparison(
         title=f"{', '.join(names)}",
-        everything=seen,
-        sensors=(None,) * len(seen),
-        groups=groupings(seen),
+        observations=observations,
+        sensors=(None,) * len(observations),
+        groups=groupings(observations),
         matched=matched,
-        of="the pulses with which any of the clouds has an echo",
+        population="the pulses with which any of the clouds has an echo",
         notes=tuple(notes),
     )
     return write(comparison, Output(folder), as_json=as_json)

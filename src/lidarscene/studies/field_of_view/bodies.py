@@ -37,25 +37,25 @@ def points_on_bodies(
     Bodies without a class or without a point are left out.
     """
     place = scene.sensor_pose if vehicle is None else vehicle
-    made = simulators(scene, sensors, pose=place)
-    return [(label, _found(simulator.render(seed=seed))) for label, simulator in made]
+    rendered = simulators(scene, sensors, pose=place)
+    return [(label, _found(simulator.render(seed=seed))) for label, simulator in rendered]
 
 
 def _found(cloud: PointCloud) -> list[OnBody]:
     assert cloud.body is not None
     assert cloud.class_id is not None
     assert cloud.true_range_m is not None
-    found = []
+    bodies = []
     for body in np.unique(cloud.body[cloud.body >= 0]):
-        own = cloud.body == body
-        label = cloud.class_names[int(cloud.class_id[own][0])] if cloud.class_id[own][0] >= 0 else ""
+        on_body = cloud.body == body
+        label = cloud.class_names[int(cloud.class_id[on_body][0])] if cloud.class_id[on_body][0] >= 0 else ""
         if label:
-            found.append(
+            bodies.append(
                 OnBody(
                     body=cloud.body_names[int(body)],
                     label=label,
-                    points=int(own.sum()),
-                    distance_m=float(np.median(cloud.true_range_m[own])),
+                    points=int(on_body.sum()),
+                    distance_m=float(np.median(cloud.true_range_m[on_body])),
                 )
             )
-    return sorted(found, key=lambda one: one.distance_m)
+    return sorted(bodies, key=lambda points: points.distance_m)

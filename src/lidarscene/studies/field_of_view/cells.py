@@ -48,7 +48,7 @@ class Cells:
         """Number of cells on the whole sphere."""
         return int(self.first[-1])
 
-    def of(self, azimuth_deg: Numbers, elevation_deg: Numbers) -> Numbers:
+    def locate(self, azimuth_deg: Numbers, elevation_deg: Numbers) -> Numbers:
         """The cell of each direction."""
         row = np.clip(np.searchsorted(self.edges_deg, elevation_deg, side="right") - 1, 0, len(self.columns) - 1)
         columns = self.columns[row]
@@ -96,10 +96,10 @@ def convex_outline(azimuth_deg: Numbers, elevation_deg: Numbers) -> Numbers:
     order = np.lexsort((azimuth_deg, row))
     starts = np.flatnonzero(np.diff(row[order], prepend=row[order][0] - 1))
     ends = np.append(starts[1:], len(order)) - 1
-    kept = order[np.unique(np.concatenate([starts, ends]))]
+    candidates = order[np.unique(np.concatenate([starts, ends]))]
     # Extremes in elevation too, which a row may have between its ends.
-    kept = np.append(kept, [np.argmax(elevation_deg), np.argmin(elevation_deg)])
-    points = np.unique(np.column_stack([azimuth_deg[kept], elevation_deg[kept]]), axis=0)
+    candidates = np.append(candidates, [np.argmax(elevation_deg), np.argmin(elevation_deg)])
+    points = np.unique(np.column_stack([azimuth_deg[candidates], elevation_deg[candidates]]), axis=0)
     return np.array(_chain(points) + _chain(points[::-1])) if len(points) > 2 else points
 
 

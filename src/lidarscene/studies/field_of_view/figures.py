@@ -67,18 +67,18 @@ def introduction(cell_deg: float, mask: str, dwell_s: float, target: Target) -> 
     )
 
 
-def summary_row(one: Seen) -> tuple[str, ...]:
+def summary_row(view: Seen) -> tuple[str, ...]:
     """One sensor in numbers."""
-    ranges = one.range_m[np.isfinite(one.range_m)]
+    ranges = view.range_m[np.isfinite(view.range_m)]
     reach = f"{ranges.min():.1f} to {ranges.max():.1f} m" if len(ranges) else "none or without limit"
-    spacing = f"{np.median(one.spacing_deg):.4f}°" if len(one.spacing_deg) else "-"
+    spacing = f"{np.median(view.spacing_deg):.4f}°" if len(view.spacing_deg) else "-"
     return (
-        one.name,
-        f"{rate_hz(one.sensor.scanner):,.0f}",
-        f"{one.sensor.scanner.frame_s:.4g} s",
-        f"{one.maps.square_degrees.sum():,.0f} square degrees",
-        azimuth_text(one.frame.azimuth_deg),
-        f"{one.frame.elevation_deg.min():.2f} to {one.frame.elevation_deg.max():.2f}°",
+        view.name,
+        f"{rate_hz(view.sensor.scanner):,.0f}",
+        f"{view.sensor.scanner.frame_s:.4g} s",
+        f"{view.maps.square_degrees.sum():,.0f} square degrees",
+        azimuth_text(view.frame.azimuth_deg),
+        f"{view.frame.elevation_deg.min():.2f} to {view.frame.elevation_deg.max():.2f}°",
         spacing,
         reach,
     )
@@ -105,13 +105,13 @@ def azimuth_text(azimuth_deg: Numbers) -> str:
     return "all around" if last - first >= 360.0 else f"{first:.2f} to {last:.2f}°"
 
 
-def coverage(everything: Sequence[Seen], times_s: Sequence[float], cell_deg: float) -> Figure:
+def coverage(views: Sequence[Seen], times_s: Sequence[float], cell_deg: float) -> Figure:
     """Share of the field of view that has received a pulse, over time."""
     fine = np.unique(np.concatenate([np.linspace(0.0, max(times_s), 141), times_s]))
-    curves = [100.0 * one.maps.coverage(fine) for one in everything]
+    curves = [100.0 * view.maps.coverage(fine) for view in views]
     lines = [
-        charts.Line(label=one.name, x=fine, y=y, colour=i, style=tuple(charts.STYLES)[i // 7 % 4])
-        for i, (one, y) in enumerate(zip(everything, curves, strict=True))
+        charts.Line(label=view.name, x=fine, y=y, colour=i, style=tuple(charts.STYLES)[i // 7 % 4])
+        for i, (view, y) in enumerate(zip(views, curves, strict=True))
     ]
     chart = charts.Chart(
         lines=tuple(lines),
@@ -122,31 +122,31 @@ def coverage(everything: Sequence[Seen], times_s: Sequence[float], cell_deg: flo
         title=f"Cells of {cell_deg:g} degrees",
     )
     caption = f"Share of the field of view whose cells of {cell_deg:g} degrees have got a pulse, against time."
-    header = ("time_s", *(f"{one.name} [%]" for one in everything))
+    header = ("time_s", *(f"{view.name} [%]" for view in views))
     return ("coverage", lambda path: charts.save(chart, [path]), (header, zip(fine, *curves, strict=True)), caption)
 
 
-def coverage_rows(everything: Sequence[Seen], times_s: Sequence[float]) -> list[tuple[str, ...]]:
+def coverage_rows(views: Sequence[Seen], times_s: Sequence[float]) -> list[tuple[str, ...]]:
     """Coverage at the requested times."""
-    return [(one.name, *(f"{100.0 * c:.1f} %" for c in one.maps.coverage(np.array(times_s)))) for one in everything]
+    return [(view.name, *(f"{100.0 * share:.1f} %" for share in view.maps.coverage(np.array(times_s)))) for view in views]
 
 
-def spacing(everything: Sequence[Seen]) -> Figure:
+def spacing(views: Sequence[Seen]) -> Figure:
     """Histogram of the angle to the nearest other pulse of the frame."""
-    every = np.concatenate([one.spacing_deg for one in everything])
-    every = every[every > 0.0] if np.any(every > 0.0) else np.array([0.01, 1.0])
-    low, high = np.quantile(every, 0.0005) * 0.8, every.max() * 1.2
+    angles_deg = np.concatenate([view.spacing_deg for view in views])
+    angles_deg = angles_deg[angles_deg > 0.0] if np.any(angles_deg > 0.0) else np.array([0.01, 1.0])
+    low, high = np.quantile(angles_deg, 0.0005) * 0.8, angles_deg.max() * 1.2
     edges = np.geomspace(low, max(high, 2.0 * low), 81)
     middle = np.sqrt(edges[1:] * edges[:-1])
     shares = [
-        100.0 * np.histogram(np.clip(one.spacing_deg, edges[0], edges[-1]), edges)[0] / max(len(one.spacing_deg), 1)
-        for one in everything
+        100.0 * np.histogram(np.clip(view.spacing_deg, edges[0], edges[-1]), edges)[0] / max(len(view.spacing_deg), 1)
+        for view in views
     ]
     # As steps: each bin from edge to edge.
     x = np.repeat(edges, 2)[1:-1]
     lines = tuple(
-        charts.Line(label=one.name, x=x, y=np.repeat(y, 2), colour=i, style=tuple(charts.STYLES)[i // 7 % 4])
-        for i, (one, y) in enumerate(zip(everything, shares, strict=True))
+        charts.Line(label=view.name, x=x, y=np.repeat(y, 2), colour=i, style=tuple(charts.STYLES)[i // 7 % 4])
+        for i, (view, y) in enumerate(zip(views, shares, strict=True))
     )
     chart = charts.Chart(
         lines=lines,
@@ -160,27 +160,27 @@ def spacing(everything: Sequence[Seen]) -> Figure:
         "How far the pulses of one frame are from their nearest neighbour; percentiles, in degrees, below. The search "
         f"is exact, for up to {QUERIES} pulses evenly taken of the frame."
     )
-    header = ("spacing_deg", *(f"{one.name} [%]" for one in everything))
+    header = ("spacing_deg", *(f"{view.name} [%]" for view in views))
     return ("spacing", lambda path: charts.save(chart, [path]), (header, zip(middle, *shares, strict=True)), caption)
 
 
-def spacing_rows(everything: Sequence[Seen]) -> list[tuple[str, ...]]:
+def spacing_rows(views: Sequence[Seen]) -> list[tuple[str, ...]]:
     """Percentiles of the spacing."""
     return [
-        (one.name, *(f"{p:.4f}°" for p in np.percentile(one.spacing_deg, PERCENTILES)))
-        for one in everything
-        if len(one.spacing_deg)
+        (view.name, *(f"{angle_deg:.4f}°" for angle_deg in np.percentile(view.spacing_deg, PERCENTILES)))
+        for view in views
+        if len(view.spacing_deg)
     ]
 
 
-def overlap(everything: Sequence[Seen], below: Ground) -> Figure:
+def overlap(views: Sequence[Seen], below: Ground) -> Figure:
     """The ground around the vehicle."""
     half = float(below.x_m[-1] + 0.5 * (below.x_m[1] - below.x_m[0]))
-    stands = [(one.name, one.sensor.mounting.position_m) for one in everything]
-    at_place: dict[tuple[float, float], list[str]] = {}
-    for name, at in stands:
-        at_place.setdefault((float(at[0]), float(at[1])), []).append(name)
-    places = [(", ".join(names), x, y) for (x, y), names in at_place.items()]
+    stands = [(view.name, view.sensor.mounting.position_m) for view in views]
+    names_at: dict[tuple[float, float], list[str]] = {}
+    for name, position_m in stands:
+        names_at.setdefault((float(position_m[0]), float(position_m[1])), []).append(name)
+    places = [(", ".join(names), x, y) for (x, y), names in names_at.items()]
     blind = below.nearest_blind_m()
     nearest = (
         f"No sensor sees ground nearer than {blind:.1f} m to the origin; "
@@ -192,13 +192,13 @@ def overlap(everything: Sequence[Seen], below: Ground) -> Figure:
         "target's reflectivity, at the beam's incidence there, reaches the comparator. The space between the lines of "
         "a pattern counts as seen. The vehicle itself hides nothing, and a sensor not above the ground sees none. "
         + nearest
-        + ", ".join(f"{o.name} sees {a:,.0f} m²" for o, a in zip(everything, below.square_metres, strict=True))
+        + ", ".join(f"{view.name} sees {area_m2:,.0f} m²" for view, area_m2 in zip(views, below.square_metres, strict=True))
         + f", two or more see {np.sum(below.count > 1) * (below.x_m[1] - below.x_m[0]) ** 2:,.0f} m²."
     )
     x, y = np.meshgrid(below.x_m, below.y_m)
-    kept = below.count > 0
-    rows = zip(x[kept], y[kept], below.count[kept], *(s[kept].astype(int) for s in below.seen), strict=True)
-    header = ("x_m", "y_m", "sensors", *(one.name for one in everything))
+    is_seen = below.count > 0
+    rows = zip(x[is_seen], y[is_seen], below.count[is_seen], *(sees[is_seen].astype(int) for sees in below.is_seen), strict=True)
+    header = ("x_m", "y_m", "sensors", *(view.name for view in views))
     title = "Ground seen from above; grey: blind"
     draw = partial(maps.save_ground, count=below.count, half_m=half, sensors=places, title=title)
     return "ground", draw, (header, rows), caption
@@ -207,9 +207,9 @@ def overlap(everything: Sequence[Seen], below: Ground) -> Figure:
 def on_bodies(bodies: Sequence[tuple[str, list[OnBody]]], scene: str) -> Figure:
     """Points on each body over its distance."""
     groups = [
-        (name, np.array([b.distance_m for b in found]), np.array([b.points for b in found])) for name, found in bodies
+        (name, np.array([points.distance_m for points in points_by_body]), np.array([points.points for points in points_by_body])) for name, points_by_body in bodies
     ]
-    rows = [(name, b.body, b.label, b.distance_m, b.points) for name, found in bodies for b in found]
+    rows = [(name, points.body, points.label, points.distance_m, points.points) for name, points_by_body in bodies for points in points_by_body]
     caption = (
         f"Points of one frame on each body with a class of the scene {scene}, against the median of their ranges. "
         "Every sensor is at its own mounting, seen from where the scene's sensor stands (or --pose), or at its place "
@@ -225,83 +225,83 @@ def on_bodies(bodies: Sequence[tuple[str, list[OnBody]]], scene: str) -> Figure:
     return "bodies", draw, (("sensor", "body", "class", "distance_m", "points"), rows), caption
 
 
-def patterns(everything: Sequence[Seen]) -> Figure:
+def patterns(views: Sequence[Seen]) -> Figure:
     """The first frames of all sensors, one over the other."""
-    kept = max(OVERLAID // len(everything), 1)
-    extents = np.array([_extent(one) for one in everything])
+    most_pulses = max(OVERLAID // len(views), 1)
+    extents = np.array([_extent(view) for view in views])
     extent = (*extents.min(axis=0)[[0]], extents[:, 1].max(), extents[:, 2].min(), extents[:, 3].max())
     # The widest field lies at the bottom, so that it hides no other.
-    order = np.argsort([-one.maps.square_degrees.sum() for one in everything], kind="stable")
+    order = np.argsort([-view.maps.square_degrees.sum() for view in views], kind="stable")
     layers = [
         maps.Layer(
-            label=one.name,
+            label=view.name,
             colour=int(number),
-            azimuth_deg=one.frame.azimuth_deg[:kept],
-            elevation_deg=one.frame.elevation_deg[:kept],
+            azimuth_deg=view.frame.azimuth_deg[:most_pulses],
+            elevation_deg=view.frame.elevation_deg[:most_pulses],
         )
         for number in order
-        for one in [everything[number]]
+        for view in [views[number]]
     ]
     rows = [
-        (one.name, *row)
-        for one in everything
+        (view.name, *row)
+        for view in views
         for row in zip(
-            one.frame.time_s[:kept], one.frame.azimuth_deg[:kept], one.frame.elevation_deg[:kept], strict=True
+            view.frame.time_s[:most_pulses], view.frame.azimuth_deg[:most_pulses], view.frame.elevation_deg[:most_pulses], strict=True
         )
     ]
-    caption = f"Where the pulses of all sensors go, up to {kept:,} of each that come first in its frame."
+    caption = f"Where the pulses of all sensors go, up to {most_pulses:,} of each that come first in its frame."
     draw = partial(maps.save_layers, layers=layers, extent=extent, title="Patterns of all sensors, at their mountings")
     return "patterns", draw, (("sensor", "time_s", "azimuth_deg", "elevation_deg"), rows), caption
 
 
-def pattern(one: Seen) -> Figure:
+def pattern(view: Seen) -> Figure:
     """Directions of the first frame's pulses, coloured by time."""
-    n = len(one.frame)
+    count = len(view.frame)
     # Pulses in a row, not every k-th, which would draw moire: the first part of a long frame, coloured by time.
-    kept = slice(0, min(n, DOTS))
-    columns = [one.frame.azimuth_deg[kept], one.frame.elevation_deg[kept], one.frame.time_s[kept]]
-    part = "of one frame" if n <= DOTS else f"that come first of the {n:,} of a frame"
-    caption = f"Where the {min(n, DOTS):,} pulses {part} go, coloured by time."
+    drawn = slice(0, min(count, DOTS))
+    columns = [view.frame.azimuth_deg[drawn], view.frame.elevation_deg[drawn], view.frame.time_s[drawn]]
+    part = "of one frame" if count <= DOTS else f"that come first of the {count:,} of a frame"
+    caption = f"Where the {min(count, DOTS):,} pulses {part} go, coloured by time."
     draw = partial(
         maps.save_pattern,
         azimuth_deg=columns[0],
         elevation_deg=columns[1],
         time_s=columns[2],
-        extent=_extent(one),
-        title=f"{one.name}: the {min(n, DOTS):,} pulses {part}",
+        extent=_extent(view),
+        title=f"{view.name}: the {min(count, DOTS):,} pulses {part}",
     )
     rows = zip(columns[2], columns[0], columns[1], strict=True)
-    return f"{one.slug}-pattern", draw, (("time_s", "azimuth_deg", "elevation_deg"), rows), caption
+    return f"{view.slug}-pattern", draw, (("time_s", "azimuth_deg", "elevation_deg"), rows), caption
 
 
-def density(one: Seen) -> Figure:
+def density(view: Seen) -> Figure:
     """Pulses per square degree."""
-    over = f"in {one.mapped_s:g} s"
-    caption = f"Pulses per square degree of solid angle {over}; cells without one are grey."
-    values = np.where(one.maps.pulses > 0, one.maps.density, np.nan)
-    words = _Words("density", f"pulses per square degree {over}", "no pulse", "density_per_deg2")
-    return _map(one, values, words, caption, log=_uneven(values))
+    duration = f"in {view.mapped_s:g} s"
+    caption = f"Pulses per square degree of solid angle {duration}; cells without one are grey."
+    values = np.where(view.maps.pulses > 0, view.maps.density, np.nan)
+    words = _Words("density", f"pulses per square degree {duration}", "no pulse", "density_per_deg2")
+    return _map(view, values, words, caption, log=_uneven(values))
 
 
-def revisit(one: Seen) -> Figure:
+def revisit(view: Seen) -> Figure:
     """Mean time between visits."""
     caption = (
-        f"Mean time from one visit of a cell to the next in {one.revisits_s:.4g} s; cells with fewer than two visits "
+        f"Mean time from one visit of a cell to the next in {view.revisits_s:.4g} s; cells with fewer than two visits "
         "are grey."
     )
-    values = one.revisits.revisit_s * 1e3
+    values = view.revisits.revisit_s * 1e3
     words = _Words("revisit", "mean time between visits [ms]", "fewer than two visits", "revisit_ms")
-    return _map(one, values, words, caption, log=_uneven(values))
+    return _map(view, values, words, caption, log=_uneven(values))
 
 
-def far(one: Seen) -> Figure:
+def far(view: Seen) -> Figure:
     """Maximum range."""
     caption = (
         "Maximum range on the target, by the scanner's effective aperture in each direction; cells without a pulse, "
         "and those without a limit, are grey."
     )
-    missing = "no limit, or no pulse" if np.any(np.isinf(one.range_m)) else "no pulse"
-    return _map(one, one.range_m, _Words("range", "maximum range [m]", missing, "range_m"), caption, log=False)
+    missing = "no limit, or no pulse" if np.any(np.isinf(view.range_m)) else "no pulse"
+    return _map(view, view.range_m, _Words("range", "maximum range [m]", missing, "range_m"), caption, log=False)
 
 
 class _Words(NamedTuple):
@@ -319,28 +319,28 @@ def _uneven(values: Numbers) -> bool:
     return bool(len(finite) and finite.max() > 30.0 * finite.min())
 
 
-def _map(one: Seen, values: Numbers, words: _Words, caption: str, *, log: bool) -> Figure:
-    shown, outside, extent = image(one.cells, one.maps.cell, values)
-    size = one.cells.size_deg
+def _map(view: Seen, values: Numbers, words: _Words, caption: str, *, log: bool) -> Figure:
+    raster, outside, extent = image(view.cells, view.maps.cell, values)
+    size = view.cells.size_deg
     picture = maps.Raster(
-        values=shown,
+        values=raster,
         outside=outside,
         extent=extent,
         label=words.label,
         missing=words.missing,
         log=log,
-        title=f"{one.name}, cells of {size:g} degrees",
+        title=f"{view.name}, cells of {size:g} degrees",
     )
-    azimuth, elevation = one.cells.middle_deg(one.maps.cell)
+    azimuth, elevation = view.cells.middle_deg(view.maps.cell)
     rows = zip(azimuth, elevation, values, strict=True)
     draw = partial(maps.save_map, picture=picture)
-    return f"{one.slug}-{words.kind}", draw, (("azimuth_deg", "elevation_deg", words.column), rows), caption
+    return f"{view.slug}-{words.kind}", draw, (("azimuth_deg", "elevation_deg", words.column), rows), caption
 
 
-def _extent(one: Seen) -> tuple[float, float, float, float]:
-    left, right, low, high = image(one.cells, one.maps.cell, np.zeros(len(one.maps.cell)))[2]
-    beside, above = 0.015 * (right - left), 0.02 * (high - low)
-    return left - beside, right + beside, low - above, high + above
+def _extent(view: Seen) -> tuple[float, float, float, float]:
+    left, right, low, high = image(view.cells, view.maps.cell, np.zeros(len(view.maps.cell)))[2]
+    margin_x, margin_y = 0.015 * (right - left), 0.02 * (high - low)
+    return left - margin_x, right + margin_x, low - margin_y, high + margin_y
 
 
 def image(cells: Cells, cell: Numbers, values: Numbers) -> tuple[Numbers, Numbers, tuple[float, float, float, float]]:
@@ -353,8 +353,8 @@ def image(cells: Cells, cell: Numbers, values: Numbers) -> tuple[Numbers, Number
     wide = int(np.clip(3.0 * (right - left) / cells.size_deg, 60, _WIDE))
     across = left + (np.arange(wide) + 0.5) * (right - left) / wide
     up = 0.5 * (cells.edges_deg[low : high + 1] + cells.edges_deg[low + 1 : high + 2])
-    there = cells.of(*(a.ravel() for a in np.meshgrid(across, up)))
-    place = np.minimum(np.searchsorted(cell, there), len(cell) - 1)
-    inside = (cell[place] == there).reshape(len(up), wide)
-    shown = np.where(inside, values[place].reshape(len(up), wide), np.nan)
-    return shown, ~inside, (left, right, float(cells.edges_deg[low]), float(cells.edges_deg[high + 1]))
+    pixel_cell = cells.locate(*(angle.ravel() for angle in np.meshgrid(across, up)))
+    place = np.minimum(np.searchsorted(cell, pixel_cell), len(cell) - 1)
+    inside = (cell[place] == pixel_cell).reshape(len(up), wide)
+    raster = np.where(inside, values[place].reshape(len(up), wide), np.nan)
+    return raster, ~inside, (left, right, float(cells.edges_deg[low]), float(cells.edges_deg[high + 1]))

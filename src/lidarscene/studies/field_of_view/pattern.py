@@ -64,7 +64,7 @@ def fired(scanner: Scanner, time_s: float) -> Pulses:
     if count > MOST_PULSES + scanner.pulses:
         raise InputError(f"--time: {time_s:g} s of this scanner are {count} pulses, must be <= {MOST_PULSES}")
     pulse = np.arange(count, dtype=np.uint32)
-    x, y, z = (np.asarray(a, dtype=np.float64) * np.ones(count) for a in scanner.direction(pulse))
+    x, y, z = (np.asarray(component, dtype=np.float64) * np.ones(count) for component in scanner.direction(pulse))
     whole = Pulses(
         time_s=scanner.time_s(pulse),
         azimuth_deg=np.degrees(np.arctan2(y, x)),
@@ -84,7 +84,7 @@ def field(scanner: Scanner, cells: Cells, time_s: float, *, kind: str = "outline
     watched = max(LONG * time_s, scanner.frame_s)
     watched = max(min(watched, MOST_PULSES / rate_hz(scanner)), time_s)
     pulses = fired(scanner, watched)
-    reached = np.unique(cells.of(pulses.azimuth_deg, pulses.elevation_deg))
+    reached = np.unique(cells.locate(pulses.azimuth_deg, pulses.elevation_deg))
     if kind == "reached":
         return reached, watched
     inside = cells.within(convex_outline(pulses.azimuth_deg, pulses.elevation_deg))
@@ -120,27 +120,27 @@ class CellMaps:
 
 def maps(pulses: Pulses, cells: Cells, mask: Numbers, *, dwell_s: float = DWELL_S) -> CellMaps:
     """What these pulses give to the cells of the mask (sorted cell numbers)."""
-    place = np.searchsorted(mask, own := cells.of(pulses.azimuth_deg, pulses.elevation_deg))
-    inside = (place < len(mask)) & (mask[np.minimum(place, len(mask) - 1)] == own)
+    place = np.searchsorted(mask, pulse_cell := cells.locate(pulses.azimuth_deg, pulses.elevation_deg))
+    inside = (place < len(mask)) & (mask[np.minimum(place, len(mask) - 1)] == pulse_cell)
     lane = np.flatnonzero(inside)
     place = place[lane]
     order = np.argsort(place, kind="stable")  # by cell, and in it by time
     place, time, share = place[order], pulses.time_s[lane][order], pulses.share[lane][order]
     count = np.bincount(place, minlength=len(mask))
     starts = np.concatenate([[0], np.cumsum(count)])
-    got = count > 0
-    begin = starts[:-1][got]
+    has_pulse = count > 0
+    begin = starts[:-1][has_pulse]
     first, mean, revisit = (np.full(len(mask), value) for value in (np.inf, np.nan, np.nan))
-    first[got] = time[begin]
-    mean[got] = np.add.reduceat(share, begin) / count[got] if len(begin) else 0.0
+    first[has_pulse] = time[begin]
+    mean[has_pulse] = np.add.reduceat(share, begin) / count[has_pulse] if len(begin) else 0.0
     entry = np.ones(len(place), dtype=bool)
     entry[1:] = (place[1:] != place[:-1]) | (time[1:] - time[:-1] >= dwell_s)
     visits = np.bincount(place[entry], minlength=len(mask))
     # From the first visit's start to the last visit's start.
     last = np.zeros(len(mask))
     last[place[entry]] = time[entry]
-    again = visits > 1
-    revisit[again] = (last[again] - first[again]) / (visits[again] - 1)
+    revisited = visits > 1
+    revisit[revisited] = (last[revisited] - first[revisited]) / (visits[revisited] - 1)
     area = cells.square_degrees(mask)
     return CellMaps(
         cell=mask, square_degrees=area, first_s=first, pulses=count, density=count / area, revisit_s=revisit, share=mean

@@ -25,12 +25,12 @@ _SHARES = 1e-4  # aperture shares closer than this are one: the range goes with 
 def range_map_m(sensor: Sensor, maps: CellMaps, target: Target) -> Numbers:
     """Maximum range on this target in each cell, with the scanner's own aperture; NaN without a pulse."""
     limit = np.full(len(maps.cell), np.nan)
-    seen = np.isfinite(maps.share)
-    if not seen.any():
+    has_pulse = np.isfinite(maps.share)
+    if not has_pulse.any():
         return limit
-    steps, back = np.unique(np.rint(maps.share[seen] / _SHARES), return_inverse=True)
-    found, _ = maximum_range_m(sensor, replace(target, aperture_share=np.maximum(steps * _SHARES, 0.0)))
-    limit[seen] = np.asarray(found)[back.ravel()]
+    steps, step_index = np.unique(np.rint(maps.share[has_pulse] / _SHARES), return_inverse=True)
+    range_m, _ = maximum_range_m(sensor, replace(target, aperture_share=np.maximum(steps * _SHARES, 0.0)))
+    limit[has_pulse] = np.asarray(range_m)[step_index.ravel()]
     return limit
 
 
@@ -38,27 +38,27 @@ def range_map_m(sensor: Sensor, maps: CellMaps, target: Target) -> Numbers:
 class Ground:
     """A square of level ground around the vehicle from above: rows of equal y, columns of equal x.
 
-    seen  (sensors, rows, columns) whether each sensor sees the place
+    is_seen  (sensors, rows, columns) whether each sensor sees the place
     """
 
     x_m: Numbers
     y_m: Numbers
-    seen: Numbers
+    is_seen: Numbers
 
     @property
     def count(self) -> Numbers:
         """How many sensors see each place."""
-        return np.asarray(self.seen.sum(axis=0))
+        return np.asarray(self.is_seen.sum(axis=0))
 
     @property
     def square_metres(self) -> Numbers:
         """Area that each sensor sees."""
-        return np.asarray(self.seen.sum(axis=(1, 2)) * (self.x_m[1] - self.x_m[0]) ** 2)
+        return np.asarray(self.is_seen.sum(axis=(1, 2)) * (self.x_m[1] - self.x_m[0]) ** 2)
 
     def nearest_blind_m(self) -> float:
         """Radius around the origin within which no sensor sees anything; inf if nothing is seen at all."""
-        away = np.hypot(self.x_m[None, :], self.y_m[:, None])
-        return float(np.min(np.where(self.count > 0, away, np.inf)))
+        distance_m = np.hypot(self.x_m[None, :], self.y_m[:, None])
+        return float(np.min(np.where(self.count > 0, distance_m, np.inf)))
 
 
 def ground(
@@ -77,21 +77,21 @@ def ground(
     vehicle's own body. A sensor that is not above the ground sees none of it.
     """
     axis = np.arange(-half_m + 0.5 * step_m, half_m, step_m)
-    x, y = (a.ravel() for a in np.meshgrid(axis, axis))
-    seen = np.zeros((len(sensors), len(axis), len(axis)), dtype=bool)
-    for number, (sensor, own) in enumerate(zip(sensors, maps, strict=True)):
+    x, y = (coordinate.ravel() for coordinate in np.meshgrid(axis, axis))
+    is_seen = np.zeros((len(sensors), len(axis), len(axis)), dtype=bool)
+    for number, (sensor, cell_maps) in enumerate(zip(sensors, maps, strict=True)):
         height = float(sensor.mounting.position_m[2])
         if height <= 0.0:
             continue
-        there = sensor.mounting.inverse_apply(np.column_stack([x, y, np.zeros_like(x)]))
-        distance = np.linalg.norm(there, axis=1)
-        azimuth = np.degrees(np.arctan2(there[:, 1], there[:, 0]))
-        elevation = np.degrees(np.arctan2(there[:, 2], np.hypot(there[:, 0], there[:, 1])))
-        at = cells.of(azimuth, elevation)
-        place = np.minimum(np.searchsorted(own.cell, at), len(own.cell) - 1)
-        mean = float(np.nanmean(own.share))
-        share = np.where(np.isfinite(own.share), own.share, mean)[place]
-        spot = replace(target, cos_incidence=height / distance, aperture_share=share)
-        margin = detection_margin(sensor, spot, distance)
-        seen[number] = ((own.cell[place] == at) & (margin >= 1.0)).reshape(seen.shape[1:])
-    return Ground(x_m=axis, y_m=axis, seen=seen)
+        direction = sensor.mounting.inverse_apply(np.column_stack([x, y, np.zeros_like(x)]))
+        distance = np.linalg.norm(direction, axis=1)
+        azimuth = np.degrees(np.arctan2(direction[:, 1], direction[:, 0]))
+        elevation = np.degrees(np.arctan2(direction[:, 2], np.hypot(direction[:, 0], direction[:, 1])))
+        cell = cells.locate(azimuth, elevation)
+        place = np.minimum(np.searchsorted(cell_maps.cell, cell), len(cell_maps.cell) - 1)
+        mean = float(np.nanmean(cell_maps.share))
+        share = np.where(np.isfinite(cell_maps.share), cell_maps.share, mean)[place]
+        tilted_target = replace(target, cos_incidence=height / distance, aperture_share=share)
+        margin = detection_margin(sensor, tilted_target, distance)
+        is_seen[number] = ((cell_maps.cell[place] == cell) & (margin >= 1.0)).reshape(is_seen.shape[1:])
+    return Ground(x_m=axis, y_m=axis, is_seen=is_seen)

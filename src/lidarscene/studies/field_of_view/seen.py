@@ -58,9 +58,9 @@ def seen(name: str, slug: str, sensor: Sensor, study: Study) -> Seen:
     cells, longest = Cells.of_size(study.cell_deg), max(study.times_s)
     revisits_s = max(longest, 2.0 * sensor.scanner.frame_s)
     pulses = fired(sensor.scanner, revisits_s)
-    mask, watched = field_of_view(sensor.scanner, cells, longest, kind=study.mask)
-    whole = maps(pulses, cells, mask)
-    until = maps(pulses.until(longest), cells, mask)
+    mask, watched_s = field_of_view(sensor.scanner, cells, longest, kind=study.mask)
+    revisit_maps = maps(pulses, cells, mask)
+    coverage_maps = maps(pulses.until(longest), cells, mask)
     frame = pulses.until(sensor.scanner.frame_s)
     return Seen(
         name=name,
@@ -68,11 +68,11 @@ def seen(name: str, slug: str, sensor: Sensor, study: Study) -> Seen:
         sensor=sensor,
         cells=cells,
         frame=frame,
-        watched_s=watched,
+        watched_s=watched_s,
         mapped_s=longest,
         revisits_s=revisits_s,
-        maps=until,
-        revisits=whole,
-        range_m=range_map_m(sensor, whole, study.target),
+        maps=coverage_maps,
+        revisits=revisit_maps,
+        range_m=range_map_m(sensor, revisit_maps, study.target),
         spacing_deg=nearest_deg(frame.direction),
     )

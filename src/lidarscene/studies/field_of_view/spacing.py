@@ -26,19 +26,19 @@ def nearest_deg(direction: Numbers, *, queries: int = QUERIES) -> Numbers:
     The 27 voxels around a point hold every other point within one side. If the nearest found is within that, it is
     the nearest of all; else the search is repeated with voxels of twice the side.
     """
-    n = len(direction)
-    if n < 2:
+    count = len(direction)
+    if count < 2:
         return np.zeros(0)
-    left = np.unique(np.linspace(0, n - 1, min(n, queries)).astype(np.int64))
-    asked, found = left, np.full(n, np.inf)
-    side = 0.25 * float(np.sqrt(4.0 * np.pi / n)) / 16.0
-    while len(left):
-        squared = _in_voxels(direction, left, side)
-        done = squared <= side * side
-        found[left[done]] = np.sqrt(squared[done])
-        left = left[~done]
+    pending = np.unique(np.linspace(0, count - 1, min(count, queries)).astype(np.int64))
+    queried, chord = pending, np.full(count, np.inf)
+    side = 0.25 * float(np.sqrt(4.0 * np.pi / count)) / 16.0
+    while len(pending):
+        squared = _in_voxels(direction, pending, side)
+        is_nearest = squared <= side * side
+        chord[pending[is_nearest]] = np.sqrt(squared[is_nearest])
+        pending = pending[~is_nearest]
         side *= 2.0
-    return np.asarray(np.degrees(2.0 * np.arcsin(np.minimum(0.5 * found[asked], 1.0))))
+    return np.asarray(np.degrees(2.0 * np.arcsin(np.minimum(0.5 * chord[queried], 1.0))))
 
 
 def _in_voxels(points: Numbers, lanes: Numbers, side: float) -> Numbers:
@@ -67,14 +67,14 @@ def _in_voxels(points: Numbers, lanes: Numbers, side: float) -> Numbers:
 
 def _look(points: Numbers, lanes: Numbers, order: Numbers, low: Numbers, count: Numbers, best: Numbers) -> None:
     """Lower ``best`` to the nearest of ``count`` candidates from ``low`` on."""
-    some = np.flatnonzero(count)
-    if len(some) == 0:
+    with_candidates = np.flatnonzero(count)
+    if len(with_candidates) == 0:
         return
-    counts = count[some]
+    counts = count[with_candidates]
     starts = np.cumsum(counts) - counts
-    asking = np.repeat(some, counts)
-    other = order[np.arange(int(counts.sum())) - np.repeat(starts, counts) + np.repeat(low[some], counts)]
-    apart = points[other] - points[lanes[asking]]
-    squared = np.einsum("ij,ij->i", apart, apart)
-    squared[other == lanes[asking]] = np.inf
-    best[some] = np.minimum(best[some], np.minimum.reduceat(squared, starts))
+    query = np.repeat(with_candidates, counts)
+    candidate = order[np.arange(int(counts.sum())) - np.repeat(starts, counts) + np.repeat(low[with_candidates], counts)]
+    offset = points[candidate] - points[lanes[query]]
+    squared = np.einsum("ij,ij->i", offset, offset)
+    squared[candidate == lanes[query]] = np.inf
+    best[with_candidates] = np.minimum(best[with_candidates], np.minimum.reduceat(squared, starts))

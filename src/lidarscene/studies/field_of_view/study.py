@@ -35,14 +35,14 @@ MAPS = ("pattern", "density", "revisit", "range")
 
 def slugs(names: Sequence[str]) -> list[str]:
     """Start of the file names for each sensor, all different."""
-    made: list[str] = []
+    taken_slugs: list[str] = []
     for name in names:
         slug = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "sensor"
         own = slug
-        while own in made:
-            own = f"{slug}-{made.count(slug) + sum(m.startswith(slug + '-') for m in made) + 1}"
-        made.append(own)
-    return made
+        while own in taken_slugs:
+            own = f"{slug}-{taken_slugs.count(slug) + sum(m.startswith(slug + '-') for m in taken_slugs) + 1}"
+        taken_slugs.append(own)
+    return taken_slugs
 
 
 def file_names(names: Sequence[str], *, with_ground: bool, with_scene: bool) -> list[str]:
@@ -54,7 +54,7 @@ def file_names(names: Sequence[str], *, with_ground: bool, with_scene: bool) -> 
         *(["ground"] if with_ground else []),
         *(["bodies"] if with_scene else []),
     ]
-    stems += [f"{slug}-{one}" for slug in slugs(names) for one in MAPS]
+    stems += [f"{slug}-{kind}" for slug in slugs(names) for kind in MAPS]
     return [*PAGES, *(f"{stem}.{suffix}" for stem in stems for suffix in ("png", "csv"))]
 
 
@@ -80,8 +80,8 @@ def write(
     for name in files:
         require_writable(folder / name)
     with atomic_folder(folder) as temporary:
-        everything = _write(temporary, sensors, study, scene, vehicle, progress)
-    return _printed(folder, everything, study, files, as_json=as_json)
+        views = _write(temporary, sensors, study, scene, vehicle, progress)
+    return _printed(folder, views, study, files, as_json=as_json)
 
 
 def _write(
@@ -97,15 +97,15 @@ def _write(
     on_vehicle = _on_vehicle(sensors)
     total = 2 * len(sensors) + 1
     progress(0, total)
-    everything: list[Seen] = []
+    views: list[Seen] = []
     for (name, sensor), slug in zip(sensors, slugs(names), strict=True):
-        everything.append(seen(name, slug, sensor, study))
-        progress(len(everything), total)
-    below = _ground(everything, study) if on_vehicle else None
+        views.append(seen(name, slug, sensor, study))
+        progress(len(views), total)
+    below = _ground(views, study) if on_vehicle else None
     bodies = _bodies(sensors, scene, vehicle) if scene is not None else None
     page = Page("Fields of view", columns=True)
     page.paragraph(figures.introduction(study.cell_deg, study.mask, DWELL_S, study.target))
-    page.table(figures.SUMMARY, [figures.summary_row(one) for one in everything])
+    page.table(figures.SUMMARY, [figures.summary_row(view) for view in views])
 
     def show(stem: str, draw: Callable[[Path], None], table: tuple[Sequence[str], Iterable[Any]], caption: str) -> None:
         draw(folder / f"{stem}.png")
@@ -113,27 +113,27 @@ def _write(
         page.figure(name=stem, number=stem, caption=caption, svg=False)
 
     page.heading("All sensors")
-    if len(everything) > 1:
-        show(*figures.patterns(everything))
-    show(*figures.coverage(everything, study.times_s, study.cell_deg))
-    page.table(("sensor", *(f"{t:g} s" for t in study.times_s)), figures.coverage_rows(everything, study.times_s))
-    show(*figures.spacing(everything))
-    page.table(("sensor", *(f"{p} %" for p in PERCENTILES)), figures.spacing_rows(everything))
+    if len(views) > 1:
+        show(*figures.patterns(views))
+    show(*figures.coverage(views, study.times_s, study.cell_deg))
+    page.table(("sensor", *(f"{time_s:g} s" for time_s in study.times_s)), figures.coverage_rows(views, study.times_s))
+    show(*figures.spacing(views))
+    page.table(("sensor", *(f"{percentile} %" for percentile in PERCENTILES)), figures.spacing_rows(views))
     if below is not None:
-        show(*figures.overlap(everything, below))
+        show(*figures.overlap(views, below))
     else:
         page.paragraph(figures.NO_GROUND)
     if bodies is not None and scene is not None:
         show(*figures.on_bodies(bodies, scene.name))
     progress(len(sensors) + 1, total)
-    for done, one in enumerate(everything, start=len(sensors) + 2):
-        page.heading(one.name)
-        for made in (figures.pattern, figures.density, figures.revisit, figures.far):
-            show(*made(one))
-        progress(done, total)
+    for step, view in enumerate(views, start=len(sensors) + 2):
+        page.heading(view.name)
+        for figure in (figures.pattern, figures.density, figures.revisit, figures.far):
+            show(*figure(view))
+        progress(step, total)
     put_text(folder / PAGES[0], page.as_markdown())
     put_text(folder / PAGES[1], page.as_html())
-    return everything
+    return views
 
 
 def _on_vehicle(sensors: Sequence[tuple[str, Sensor]]) -> bool:
@@ -141,9 +141,9 @@ def _on_vehicle(sensors: Sequence[tuple[str, Sensor]]) -> bool:
     return any(float(sensor.mounting.position_m[2]) > 0.0 for _, sensor in sensors)
 
 
-def _ground(everything: Sequence[Seen], study: Study) -> Ground:
-    cells = everything[0].cells
-    return ground([one.sensor for one in everything], cells, [one.revisits for one in everything], study.target)
+def _ground(views: Sequence[Seen], study: Study) -> Ground:
+    cells = views[0].cells
+    return ground([view.sensor for view in views], cells, [view.revisits for view in views], study.target)
 
 
 def _bodies(
@@ -156,37 +156,37 @@ def _bodies(
     return points_on_bodies(scene, mounted, vehicle=vehicle)
 
 
-def _printed(folder: Path, everything: Sequence[Seen], study: Study, files: Sequence[str], *, as_json: bool) -> str:
+def _printed(folder: Path, views: Sequence[Seen], study: Study, files: Sequence[str], *, as_json: bool) -> str:
     if as_json:
         rows = {
-            one.name: {
-                "points_per_s": rate_hz(one.sensor.scanner),
-                "azimuth_deg": list(figures.azimuth_arc_deg(one.frame.azimuth_deg)),
-                "elevation_deg": [float(one.frame.elevation_deg.min()), float(one.frame.elevation_deg.max())],
-                "field_square_degrees": float(one.maps.square_degrees.sum()),
-                "coverage": dict(zip(map(str, study.times_s), _coverage(one, study), strict=True)),
+            view.name: {
+                "points_per_s": rate_hz(view.sensor.scanner),
+                "azimuth_deg": list(figures.azimuth_arc_deg(view.frame.azimuth_deg)),
+                "elevation_deg": [float(view.frame.elevation_deg.min()), float(view.frame.elevation_deg.max())],
+                "field_square_degrees": float(view.maps.square_degrees.sum()),
+                "coverage": dict(zip(map(str, study.times_s), _coverage(view, study), strict=True)),
                 "spacing_deg": dict(
-                    zip(map(str, PERCENTILES), np.percentile(one.spacing_deg, PERCENTILES).tolist(), strict=True)
+                    zip(map(str, PERCENTILES), np.percentile(view.spacing_deg, PERCENTILES).tolist(), strict=True)
                 )
-                if len(one.spacing_deg)
+                if len(view.spacing_deg)
                 else {},
             }
-            for one in everything
+            for view in views
         }
-        return json_text({"cell_deg": study.cell_deg, "sensors": rows, "files": [str(folder / f) for f in files]})
-    width = max(len(one.name) for one in everything)
+        return json_text({"cell_deg": study.cell_deg, "sensors": rows, "files": [str(folder / name) for name in files]})
+    width = max(len(view.name) for view in views)
     lines = [
-        f"{one.name:<{width}}  azimuth {figures.azimuth_text(one.frame.azimuth_deg)}, elevation "
-        f"{one.frame.elevation_deg.min():.2f} to {one.frame.elevation_deg.max():.2f}°"
-        for one in everything
+        f"{view.name:<{width}}  azimuth {figures.azimuth_text(view.frame.azimuth_deg)}, elevation "
+        f"{view.frame.elevation_deg.min():.2f} to {view.frame.elevation_deg.max():.2f}°"
+        for view in views
     ]
     lines += [f"coverage with cells of {study.cell_deg:g} degrees"]
-    lines.append(" " * width + "".join(f"{t:>8g} s" for t in study.times_s))
-    for one in everything:
-        lines.append(f"{one.name:<{width}}" + "".join(f"{100.0 * c:>8.1f} %" for c in _coverage(one, study)))
+    lines.append(" " * width + "".join(f"{time_s:>8g} s" for time_s in study.times_s))
+    for view in views:
+        lines.append(f"{view.name:<{width}}" + "".join(f"{100.0 * share:>8.1f} %" for share in _coverage(view, study)))
     lines.append(f"wrote {folder / PAGES[0]}, {folder / PAGES[1]} and the figures beside them")
     return "\n".join(lines)
 
 
-def _coverage(one: Seen, study: Study) -> list[float]:
-    return [float(c) for c in one.maps.coverage(np.array(study.times_s))]
+def _coverage(view: Seen, study: Study) -> list[float]:
+    return [float(share) for share in view.maps.coverage(np.array(study.times_s))]
