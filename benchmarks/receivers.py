@@ -8,7 +8,7 @@ from table import Row, Section, verdict
 
 from lidarscene import load_scene, load_sensor
 from lidarscene.rendering.simulator import Simulator
-from lidarscene.studies.compare.run import with_beams_of
+from lidarscene.studies.compare.bench import with_beams_of
 
 PLAIN = "table1-apd"
 RECEIVERS = {

@@ -22,8 +22,8 @@ from PIL import Image
 import lidarscene
 from lidarscene import PointCloud
 from lidarscene.cloud.deskew import deskewed
-from lidarscene.studies.compare import study
-from lidarscene.studies.compare.run import Bench
+from lidarscene.studies.compare.bench import Bench
+from lidarscene.studies.compare.comparison_study import compare_sensors
 
 sys.path.insert(0, str(HERE.parents[1] / "tests"))
 from helpers.chromium import Chromium, executable
@@ -67,7 +67,7 @@ def compare() -> None:
         for name in ("table1-apd", "table1-sipm")
     ]
     with tempfile.TemporaryDirectory() as folder:
-        study.of_sensors(Bench(scene), sensors, Path(folder), illuminances_klux=(0.1, 1.0, 10.0, 100.0))
+        compare_sensors(Bench(scene), sensors, Path(folder), illuminances_klux=(0.1, 1.0, 10.0, 100.0))
         top, left, right = (
             Image.open(Path(folder) / f"{name}.png").convert("RGB")
             for name in ("difference-table1-sipm", "rate-range", "illuminance")

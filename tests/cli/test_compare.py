@@ -17,15 +17,15 @@ from helpers.in_this_process import draw_nothing, draw_roughly
 
 from lidarscene import PointCloud, load_sensor
 from lidarscene.cli import main
-from lidarscene.studies.compare import page as compare_page
-from lidarscene.studies.compare import study
-from lidarscene.studies.compare.data import Observation, Surfaces
-from lidarscene.studies.compare.report import Comparison, verdict
+from lidarscene.studies.compare import comparison_files
+from lidarscene.studies.compare.comparison_report import Comparison, verdict
+from lidarscene.studies.compare.comparison_study import aliasing_notes
+from lidarscene.studies.compare.observations import Observation, Surfaces
 
 PAIR = ("--sensors", "table1-apd,table1-sipm")
 WEAK = (*COARSE, "--set=laser.peak_power_w=0.05")
 SWEPT = ("--illuminance", "0.1,100")
-NAMES = compare_page.file_names(["table1-apd", "table1-sipm"], matched=True, rated=True, swept=True, simulated=True)
+NAMES = comparison_files.file_names(["table1-apd", "table1-sipm"], matched=True, rated=True, swept=True, simulated=True)
 
 
 @pytest.fixture(scope="module")
@@ -75,14 +75,16 @@ def test_both_clouds_have_one_scale(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     """Rationale: the same colour means the same SNR in both pictures."""
     scales = []
     monkeypatch.setattr(
-        compare_page.plots, "perspective_picture", lambda *_, scale, **more: scales.append((more["colour_by"], scale))
+        comparison_files.plots,
+        "perspective_picture",
+        lambda *_, scale, **more: scales.append((more["colour_by"], scale)),
     )
     weak, strong = (street(step_deg=4.0) for _ in range(2))
     strong = dataclasses.replace(strong, snr=10.0 * strong.snr)
     both = [SimpleNamespace(cloud=one, name=name) for one, name in ((weak, "a"), (strong, "b"))]
     comparison = SimpleNamespace(everything=both, against_first=list, matched=False)
     page = SimpleNamespace(pictures=lambda shown: None)
-    compare_page._pictures(page, comparison, compare_page.Output(tmp_path), ["a", "b"])
+    comparison_files._draw_clouds(page, comparison, comparison_files.ComparisonOutput(tmp_path), ["a", "b"])
     assert [name for name, _ in scales] == ["snr", "snr"]
     assert scales[0] == scales[1]
     assert scales[0][1] == pytest.approx(np.percentile(np.concatenate([weak.snr, strong.snr]), (1, 99)))
@@ -170,7 +172,7 @@ def test_difference_cloud_opens_elsewhere(folder: Path) -> None:
     cloud = trimesh.load(folder / "difference-table1-sipm.ply")
     kinds = cloud.metadata["_ply_raw"]["vertex"]["data"]["difference"]
     assert np.bincount(kinds.ravel(), minlength=3).tolist() == [pair["both"], pair["only_a"], pair["only_b"]]
-    expected = np.array([compare_page.COLOURS[kind] for kind in ("both", "only_a", "only_b")])
+    expected = np.array([comparison_files.COLOURS[kind] for kind in ("both", "only_a", "only_b")])
     assert np.array_equal(cloud.colors[:, :3], expected[kinds.ravel()])
     header = (folder / "difference-table1-sipm.ply").read_bytes().split(b"end_header")[0].decode("ascii")
     assert "comment difference 1 only_a" in header
@@ -195,7 +197,7 @@ def test_clouds_from_files(folder: Path, run: Run, small_pictures: None, tmp_pat
         assert told["pairs"][0][key] == before["pairs"][0][key]
     assert told["sensors"][0]["rate"]["expected"] is None
     assert told["rates_are_shares_of"] == "the pulses with which any of the clouds has an echo"
-    made = compare_page.file_names(
+    made = comparison_files.file_names(
         ["table1-apd", "table1-sipm"], matched=True, rated=True, swept=False, simulated=False
     )
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(made)
@@ -239,7 +241,7 @@ def test_echoes_from_beyond_the_unambiguous_range_are_said() -> None:
         for name, status in zip(names, ([0, 4, 1, 4], [0, 0, 1, 0]), strict=True)
     ]
     line = "os1-128: 2 echoes from beyond 38.5 m are reported too near by that range, status 4"
-    assert study.windows(seen, sensors) == (line,)
+    assert aliasing_notes(seen, sensors) == (line,)
 
 
 def test_nothing_found_at_all(

@@ -13,7 +13,8 @@ from helpers.command_line import BEAMS, COARSE, WALL, Run
 from helpers.in_this_process import draw_roughly
 
 from lidarscene.cli import main
-from lidarscene.studies.field_of_view import figures, study
+from lidarscene.studies.field_of_view import field_of_view_figures as figures
+from lidarscene.studies.field_of_view import field_of_view_study as study
 
 SCENES = Path(__file__).parents[2] / "scenes"
 FAST = (*COARSE, "--time", "0.001,0.01", "--cell", "2")
@@ -237,7 +238,7 @@ def test_a_rigs_vehicle_stands_at_the_origin(
 ) -> None:
     """Rationale: a rig's places are on its vehicle; the scene's own sensor stands 2 m above it, or elsewhere."""
     vehicles: list[Any] = []
-    monkeypatch.setattr(study, "write", lambda *_, vehicle, **__: vehicles.append(vehicle) or "")
+    monkeypatch.setattr(study, "write_study", lambda *_, vehicle, **__: vehicles.append(vehicle) or "")
     ran = run("fov", "--rig", str(SCENES / "rig.toml"), "--scene", str(SCENES / "car.toml"), "-o", "out", *pose)
     assert (ran.code, ran.err) == (0, "")
     assert vehicles[0].position_m.tolist() == [x_m, 0.0, 0.0]
@@ -245,5 +246,5 @@ def test_a_rigs_vehicle_stands_at_the_origin(
 
 @pytest.mark.parametrize(("cell", "code"), [("0.02", 0), ("10", 0), ("0.019", 2), ("10.1", 2)])
 def test_the_smallest_and_the_largest_cell(run: Run, monkeypatch: pytest.MonkeyPatch, cell: str, code: int) -> None:
-    monkeypatch.setattr(study, "write", lambda *_, **__: "")
+    monkeypatch.setattr(study, "write_study", lambda *_, **__: "")
     assert run("fov", "table1-apd", "-o", "out", "--cell", cell).code == code

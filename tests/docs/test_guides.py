@@ -30,10 +30,11 @@ from lidarscene.rendering.options import DEFAULT_CHUNK
 from lidarscene.scene.meshes import primitives
 from lidarscene.sensor import readout
 from lidarscene.sensor.file import MOST_STOPS
-from lidarscene.studies.compare import clouds
+from lidarscene.studies.compare import cloud_matching
 from lidarscene.studies.eye_safety import exposure
 from lidarscene.studies.eye_safety.eye_safety_report import TIME_BASE_S
-from lidarscene.studies.field_of_view import figures, pattern, reach, seen, spacing
+from lidarscene.studies.field_of_view import field_of_view_figures as figures
+from lidarscene.studies.field_of_view import pattern_coverage, reach, sensor_view, spacing
 from lidarscene.studies.published_values import points_per_second
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import RangeStatus, Target
@@ -86,8 +87,8 @@ def test_defaults_of_range() -> None:
 
 
 def test_defaults_of_fov() -> None:
-    assert default("fov", "--cell") == seen.CELL_DEG
-    says("fov.md", "is the size of the cells, {} degrees unless given", seen.CELL_DEG)
+    assert default("fov", "--cell") == sensor_view.CELL_DEG
+    says("fov.md", "is the size of the cells, {} degrees unless given", sensor_view.CELL_DEG)
     says(
         "fov.md",
         "`--reflectivity` ({}) and `--illuminance` ({} klux) describe",
@@ -98,17 +99,17 @@ def test_defaults_of_fov() -> None:
     says(
         "fov.md",
         "Pulses of {} times the longest time count (at most {} million)",
-        pattern.LONG,
-        pattern.MOST_PULSES / 1e6,
+        pattern_coverage.LONG,
+        pattern_coverage.MOST_PULSES / 1e6,
     )
-    says("fov.md", "follow each other within {} ms are one visit", 1e3 * pattern.DWELL_S)
+    says("fov.md", "follow each other within {} ms are one visit", 1e3 * pattern_coverage.DWELL_S)
     says("fov.md", "exact, for {} of them evenly taken", spacing.QUERIES)
     says("fov.md", "vehicle's frame, {} m square", 2.0 * reach.GROUND_M)
     (row,) = [r for r in table("fov.md", "time (s)") if r[0].startswith("here")]
-    assert len(row) == len(seen.TIMES_S) + 1
-    assert f"default {','.join(f'{t:g}' for t in seen.TIMES_S)}" in (options("fov")["--time"].help or "")
+    assert len(row) == len(sensor_view.TIMES_S) + 1
+    assert f"default {','.join(f'{t:g}' for t in sensor_view.TIMES_S)}" in (options("fov")["--time"].help or "")
     assert re.findall(r"\| time \(s\) \| (.*) \|", prose(README.parent / "docs" / "fov.md")) == [
-        " | ".join(f"{t:.1f}" for t in seen.TIMES_S)
+        " | ".join(f"{t:.1f}" for t in sensor_view.TIMES_S)
     ]
 
 
@@ -214,7 +215,7 @@ def test_motion_and_limits() -> None:
     says("theory.md", "One ray from {} mm above the hit", 1e3 * onward.START_OFFSET_M)
     assert DEFAULT_CHUNK == 2**20  # "2^20 pulses at a time"
     assert "a frame is cut into chunks of 2^20 pulses" in text_of(ROOT / "docs" / "architecture.md")
-    assert pytest.approx(1 / 20) == clouds.LEAST_SHARED  # "a twentieth of its pulses"
+    assert pytest.approx(1 / 20) == cloud_matching.LEAST_SHARED  # "a twentieth of its pulses"
 
 
 def test_particles() -> None:

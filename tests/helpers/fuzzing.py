@@ -569,7 +569,7 @@ def untraced() -> Iterator[None]:
     """Frames are not traced, and nothing is drawn: what is read and checked before is what is tried."""
     with (
         mock.patch("lidarscene.outputs.frame_files.FrameFiles.write"),
-        mock.patch("lidarscene.studies.compare.study.write", return_value=""),
+        mock.patch("lidarscene.studies.compare.comparison_study.write_comparison", return_value=""),
         mock.patch("lidarscene.view.page_sources.Live", side_effect=LidarSceneError("not here")),
     ):
         yield

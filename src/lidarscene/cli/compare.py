@@ -16,7 +16,7 @@ from .terminal import progress
 from .words import pose, rising, whole
 
 if TYPE_CHECKING:
-    from ..studies.compare.run import Named
+    from ..studies.compare.bench import NamedSensor
 
 COMPARE_HELP = """\
 examples:
@@ -102,8 +102,8 @@ def compare_text(arguments: argparse.Namespace) -> str:
 def _sensors(arguments: argparse.Namespace) -> str:
     from ..rendering.options import DEFAULT_CHUNK
     from ..scene.scene_file import load_scene
-    from ..studies.compare import study
-    from ..studies.compare.run import Bench
+    from ..studies.compare.bench import Bench
+    from ..studies.compare.comparison_study import compare_sensors
     from ..studies.ranging.subjects import subjects
     from ..studies.ranging.sweep_axes import CONDITIONS
 
@@ -115,10 +115,10 @@ def _sensors(arguments: argparse.Namespace) -> str:
     for value in arguments.illuminance or ():
         CONDITIONS["illuminance"].require("--illuminance", value)
     scene = load_scene(arguments.inputs[0])
-    sensors: list[Named] = [(one.name, one.sensor()) for one in subjects(words, arguments.overrides or ())]
+    sensors: list[NamedSensor] = [(one.name, one.sensor()) for one in subjects(words, arguments.overrides or ())]
     bench = Bench(scene, seed=arguments.seed or 0, pose=arguments.pose, chunk=arguments.chunk or DEFAULT_CHUNK)
     with progress("steps") as told:
-        return study.of_sensors(
+        return compare_sensors(
             bench,
             sensors,
             arguments.output,
@@ -131,7 +131,7 @@ def _sensors(arguments: argparse.Namespace) -> str:
 
 def _real(arguments: argparse.Namespace) -> str:
     from ..recordings.opening import open_recording
-    from ..studies.compare.real import compare_real, side_of_cloud, side_of_sweep
+    from ..studies.compare.recording_comparison import compare_with_recording, side_of_cloud, side_of_sweep
 
     is_twin = len(arguments.inputs) == 1 and arguments.inputs[0].suffix == ".toml"
     for option in (*_OF_SCENES, "sensors"):
@@ -152,7 +152,7 @@ def _real(arguments: argparse.Namespace) -> str:
         from ..cloud.point_cloud import PointCloud
 
         side = side_of_cloud(given.name, PointCloud.load(given))
-    return compare_real(side, real, arguments.output, as_json=arguments.json)
+    return compare_with_recording(side, real, arguments.output, as_json=arguments.json)
 
 
 def _twin(arguments: argparse.Namespace) -> str:
@@ -177,7 +177,7 @@ _OF_SCENES = ("same_beams", "illuminance", "overrides", "pose", "seed", "chunk")
 
 
 def _clouds(arguments: argparse.Namespace) -> str:
-    from ..studies.compare import study
+    from ..studies.compare.comparison_study import compare_clouds
 
     for option in _OF_SCENES:
         if getattr(arguments, option) is not None:
@@ -189,4 +189,4 @@ def _clouds(arguments: argparse.Namespace) -> str:
         )
     if len(arguments.inputs) > MOST_SENSORS:
         raise InputError(f"clouds: must be {MOST_SENSORS} at most, got {len(arguments.inputs)}")
-    return study.of_clouds(arguments.inputs, arguments.output, as_json=arguments.json)
+    return compare_clouds(arguments.inputs, arguments.output, as_json=arguments.json)

@@ -78,8 +78,8 @@ def add_fov(commands: Any) -> None:
 
 def fov_text(arguments: argparse.Namespace) -> str:
     """Run `fov`; returns what is printed. Raises InputError and OutputError before anything is written."""
-    from ..studies.field_of_view.seen import CELL_DEG, TIMES_S, Study
-    from ..studies.field_of_view.study import write
+    from ..studies.field_of_view.field_of_view_study import write_study
+    from ..studies.field_of_view.sensor_view import CELL_DEG, TIMES_S, FieldOfViewStudy
     from ..studies.ranging.plane import Target
     from ..studies.ranging.sweep_axes import CONDITIONS
 
@@ -105,9 +105,9 @@ def fov_text(arguments: argparse.Namespace) -> str:
         scene = load_scene(arguments.scene)
         if arguments.rig is not None:
             vehicle = vehicle or Pose()
-    study = Study(times_s=arguments.time or TIMES_S, cell_deg=cell, mask=arguments.mask, target=target)
+    study = FieldOfViewStudy(times_s=arguments.time or TIMES_S, cell_deg=cell, mask=arguments.mask, target=target)
     with progress("steps") as told:
-        return write(
+        return write_study(
             arguments.output, found, study, scene=scene, vehicle=vehicle, as_json=arguments.json, progress=told
         )
 

@@ -13,8 +13,8 @@ import numpy as np
 from ...maths.arrays import Numbers
 from ...sensor.model import Sensor
 from ..ranging.plane import Target, detection_margin, maximum_range_m
-from .cells import Cells
-from .pattern import CellMaps
+from .pattern_coverage import CellMaps
+from .sphere_cells import SphereCells
 
 GROUND_M = 60.0
 GROUND_STEP_M = 0.5
@@ -61,9 +61,9 @@ class Ground:
         return float(np.min(np.where(self.count > 0, distance_m, np.inf)))
 
 
-def ground(
+def ground_view(
     sensors: Sequence[Sensor],
-    cells: Cells,
+    cells: SphereCells,
     maps: Sequence[CellMaps],
     target: Target,
     *,

@@ -33,7 +33,7 @@ def nearest_deg(direction: Numbers, *, queries: int = QUERIES) -> Numbers:
     queried, chord = pending, np.full(count, np.inf)
     side = 0.25 * float(np.sqrt(4.0 * np.pi / count)) / 16.0
     while len(pending):
-        squared = _in_voxels(direction, pending, side)
+        squared = _nearest_squared(direction, pending, side)
         is_nearest = squared <= side * side
         chord[pending[is_nearest]] = np.sqrt(squared[is_nearest])
         pending = pending[~is_nearest]
@@ -41,7 +41,7 @@ def nearest_deg(direction: Numbers, *, queries: int = QUERIES) -> Numbers:
     return np.asarray(np.degrees(2.0 * np.arcsin(np.minimum(0.5 * chord[queried], 1.0))))
 
 
-def _in_voxels(points: Numbers, lanes: Numbers, side: float) -> Numbers:
+def _nearest_squared(points: Numbers, lanes: Numbers, side: float) -> Numbers:
     """Squared distance from these points to the nearest other one in the 27 voxels around; inf without one."""
     wide = int(2.0 / side) + 4
     voxel = np.floor((points + 1.0) / side).astype(np.int64) + 1
@@ -60,12 +60,14 @@ def _in_voxels(points: Numbers, lanes: Numbers, side: float) -> Numbers:
             before = int(total[begin - 1]) if begin else 0
             stop = max(int(np.searchsorted(total, before + _AT_ONCE, side="right")), begin + 1)
             part = slice(begin, stop)
-            _look(points, lanes[part], order, low[part], count[part], best[part])
+            _lower_to_nearest(points, lanes[part], order, low[part], count[part], best[part])
             begin = stop
     return best
 
 
-def _look(points: Numbers, lanes: Numbers, order: Numbers, low: Numbers, count: Numbers, best: Numbers) -> None:
+def _lower_to_nearest(
+    points: Numbers, lanes: Numbers, order: Numbers, low: Numbers, count: Numbers, best: Numbers
+) -> None:
     """Lower ``best`` to the nearest of ``count`` candidates from ``low`` on."""
     with_candidates = np.flatnonzero(count)
     if len(with_candidates) == 0:
@@ -73,7 +75,9 @@ def _look(points: Numbers, lanes: Numbers, order: Numbers, low: Numbers, count: 
     counts = count[with_candidates]
     starts = np.cumsum(counts) - counts
     query = np.repeat(with_candidates, counts)
-    candidate = order[np.arange(int(counts.sum())) - np.repeat(starts, counts) + np.repeat(low[with_candidates], counts)]
+    candidate = order[
+        np.arange(int(counts.sum())) - np.repeat(starts, counts) + np.repeat(low[with_candidates], counts)
+    ]
     offset = points[candidate] - points[lanes[query]]
     squared = np.einsum("ij,ij->i", offset, offset)
     squared[candidate == lanes[query]] = np.inf

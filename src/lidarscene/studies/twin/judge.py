@@ -16,7 +16,7 @@ import numpy as np
 from ...cloud.point_cloud import PointCloud
 from ...maths.arrays import Numbers
 from ...recordings.sweep import Sweep
-from ..compare.real import ground_of
+from ..compare.recording_comparison import measure_ground
 from .matched_pulses import NOTHING, MatchedPulses
 from .surfels import SMOOTH
 
@@ -270,9 +270,9 @@ def _share(mask: Numbers) -> float | None:
 
 
 def _ground(sweep: Sweep, cloud: PointCloud) -> Iterator[TwinQuantity]:
-    real = ground_of(sweep.xyz_m[sweep.kept])
+    real = measure_ground(sweep.xyz_m[sweep.kept])
     local = cloud.in_sensor_frame()
-    simulated = ground_of(local.select(local.return_number <= 1).xyz_m.astype(np.float64))
+    simulated = measure_ground(local.select(local.return_number <= 1).xyz_m.astype(np.float64))
     measured = real is not None and simulated is not None
     yield TwinQuantity(
         quantity="farthest ground, 99.9 %",

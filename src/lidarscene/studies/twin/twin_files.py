@@ -32,7 +32,7 @@ from ...recordings.units.unit_file import unit_from, write_unit
 from ...scene.tables import SceneFile
 from ...sensor.catalogue import load_sensor
 from ...sensor.model import Sensor
-from ..compare.real import ground_plane
+from ..compare.recording_comparison import ground_plane
 from ..ranging.plane import Target, echoes_of_plane
 from .apparent_reflectivity import SLOPE_DEG, Gauge, largest_reflectivity
 from .frame_poses import angles_deg, place_frames

@@ -19,7 +19,7 @@ from ...rendering.simulator import Simulator
 from ...scene.scene import View
 from ...scene.scene_file import load_scene
 from ...sensor.catalogue import load_sensor
-from ..compare.real import compare_real, side_of_cloud, side_of_sweep
+from ..compare.recording_comparison import compare_with_recording, side_of_cloud, side_of_sweep
 from .judge import TwinQuantity, disagreement, twin_quantities
 from .matched_pulses import simulate_pulses
 from .planes import has_grid, select_columns
@@ -49,7 +49,7 @@ def compare_twin(
     """Render a twin at a frame's pose and write page, JSON and pictures; returns the text to print.
 
     frame  None: the one that was held out, or the first
-    A list of points has no pulses to compare: then the statistics of `compare.real` are written.
+    A list of points has no pulses to compare: then the statistics of `compare.recording_comparison` are written.
     Raises InputError and OutputError.
     """
     provenance = read_provenance(scene_file)
@@ -65,7 +65,7 @@ def compare_twin(
     if not has_grid(sweep):
         cloud = Simulator(scene, sensor, pose=pose).render(seed=seed, chunk=chunk)
         sides = side_of_cloud("twin", cloud), side_of_sweep(f"{recording.path.name} frame {number}", sweep)
-        return compare_real(*sides, folder, as_json=as_json)
+        return compare_with_recording(*sides, folder, as_json=as_json)
     pulses, cloud = simulate_pulses(scene, sensor, sweep, pose=pose, seed=seed, chunk=chunk)
     following = (number + 1) % len(recording)
     between = disagreement(whole, recording[following]) if following != number else None

@@ -1,6 +1,6 @@
-"""Comparisons from beginning to end: a scene and sensors, or files of clouds, in; all files of the report out.
+"""Entry points of a comparison: `compare_sensors` simulates a scene, `compare_clouds` reads files of clouds.
 
-The command `compare` and Python users call these two functions.
+Both write all files of the report. The command `compare` and Python users call them.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ from ...errors import InputError
 from ...scene.scene import Scene
 from ...sensor.model import Sensor
 from ..ranging.sweep_report import unambiguous_m
-from . import clouds
-from .data import Observation, groupings
-from .page import Output, file_names, require_files, write
-from .report import Comparison
-from .run import Bench, Named, fires_alike, sweep, with_beams_of
+from . import cloud_matching
+from .bench import Bench, NamedSensor, fires_alike, with_beams_of
+from .comparison_files import ComparisonOutput, file_names, require_writable_files, write_comparison
+from .comparison_report import Comparison
+from .illuminance_sweep import sweep_illuminance
+from .observations import Observation, groupings
 
-Told = Callable[[int, int], object]
+ProgressCallback = Callable[[int, int], object]
 
 _INTERVALS = (
     "Intervals are of 95 %: Wilson's for rates, Agresti and Min's for the difference of two rates of the same pulses. "
@@ -30,20 +31,20 @@ _INTERVALS = (
 )
 
 
-def of_sensors(
+def compare_sensors(
     bench: Bench,
-    sensors: Sequence[Named],
+    sensors: Sequence[NamedSensor],
     folder: Path,
     *,
     same_beams: bool = False,
     illuminances_klux: Sequence[float] | None = None,
     as_json: bool = False,
-    progress: Told = lambda done, total: None,
+    progress: ProgressCallback = lambda done, total: None,
 ) -> str:
     """Render the bench's scene with each sensor and write the report; returns the text to print.
 
     same_beams  all sensors get the first one's scanner and mounting
-    progress    told (done, total) of the frames that are rendered, and of the page
+    progress    called with (done, total) at the start and after each frame; the page is one more of the total
 
     Raises InputError, OutputError, BackendError.
     """
@@ -52,7 +53,9 @@ def of_sensors(
         sensors = [(name, with_beams_of(first, sensor)) for name, sensor in sensors]
     matched = all(fires_alike(first, sensor) for _, sensor in sensors[1:])
     names = [name for name, _ in sensors]
-    require_files(folder, file_names(names, matched=matched, rated=True, swept=bool(illuminances_klux), simulated=True))
+    require_writable_files(
+        folder, file_names(names, matched=matched, rated=True, swept=bool(illuminances_klux), simulated=True)
+    )
     total = len(sensors) * (1 + len(illuminances_klux or ())) + 1
     progress(0, total)
     observed = []
@@ -70,43 +73,47 @@ def of_sensors(
         matched=matched,
         population="the pulses that met a surface",
         notes=(_beams_note(scene, bench.seed, matched=matched, same_beams=same_beams), _RATES_NOTE, _INTERVALS),
-        windows=windows(observations, [sensor for _, sensor in sensors]),
+        aliasing_notes=aliasing_notes(observations, [sensor for _, sensor in sensors]),
         seed=bench.seed,
-        sweep=sweep(bench, sensors, illuminances_klux, progress=lambda rendered: progress(len(sensors) + rendered, total))
+        sweep=sweep_illuminance(
+            bench, sensors, illuminances_klux, progress=lambda rendered: progress(len(sensors) + rendered, total)
+        )
         if illuminances_klux
         else None,
     )
-    return write(comparison, Output(folder, scene.camera if bench.pose is None else None), as_json=as_json)
+    # The scene's camera is set for the scene's own sensor pose.
+    output = ComparisonOutput(folder, scene.camera if bench.pose is None else None)
+    return write_comparison(comparison, output, as_json=as_json)
 
 
-def windows(observations: Sequence[Observation], sensors: Sequence[Sensor]) -> tuple[str, ...]:
-    """A line for each sensor with echoes from beyond its unambiguous range."""
+def aliasing_notes(observations: Sequence[Observation], sensors: Sequence[Sensor]) -> tuple[str, ...]:
+    """Sentence for each sensor with echoes from beyond its unambiguous range."""
     counts = [int(np.count_nonzero(observation.cloud.status == Status.ALIASED)) for observation in observations]
     return tuple(
-        f"{observation.name}: {count:,} echoes from beyond {unambiguous_m(sensor):.1f} m are reported too near by that range, "
-        "status 4"
+        f"{observation.name}: {count:,} echoes from beyond {unambiguous_m(sensor):.1f} m are reported too near by that "
+        "range, status 4"
         for observation, sensor, count in zip(observations, sensors, counts, strict=True)
         if count
     )
 
 
-def of_clouds(paths: Sequence[Path], folder: Path, *, as_json: bool = False) -> str:
+def compare_clouds(paths: Sequence[Path], folder: Path, *, as_json: bool = False) -> str:
     """Read clouds and write the report; returns the text to print. Raises InputError, OutputError."""
-    observations = tuple(clouds.read(paths))
+    observations = tuple(cloud_matching.read_clouds(paths))
     matched = all(observation.surfaces is not None for observation in observations)
     names = [observation.name for observation in observations]
     files = file_names(names, matched=matched, rated=matched, swept=False, simulated=False)
-    require_files(folder, files)
+    require_writable_files(folder, files)
     for path in paths:
         if any((folder / name).exists() and (folder / name).samefile(path) for name in files):
             raise InputError(f"--output {folder}: must not overwrite an input, got {path}")
     notes = [_MATCHED_CLOUDS if matched else _UNMATCHED_CLOUDS, _INTERVALS]
     for observation in observations[1:] if matched else ():
-        share = clouds.disagreeing(observations[0], observation)
+        share = cloud_matching.disagreeing_share(observations[0], observation)
         if share > 0.01:
             notes.append(
-                f"{100.0 * share:.1f} % of the pulses that {names[0]} and {observation.name} both found met surfaces at "
-                "different true ranges: the two clouds are not of the same scene from the same place."
+                f"{100.0 * share:.1f} % of the pulses that {names[0]} and {observation.name} both found met surfaces "
+                "at different true ranges: the two clouds are not of the same scene from the same place."
             )
     comparison = Comparison(
         title=f"{', '.join(names)}",
@@ -117,7 +124,7 @@ def of_clouds(paths: Sequence[Path], folder: Path, *, as_json: bool = False) -> 
         population="the pulses with which any of the clouds has an echo",
         notes=tuple(notes),
     )
-    return write(comparison, Output(folder), as_json=as_json)
+    return write_comparison(comparison, ComparisonOutput(folder), as_json=as_json)
 
 
 _RATES_NOTE = (

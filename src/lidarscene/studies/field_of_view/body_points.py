@@ -18,7 +18,7 @@ from ...sensor.rig import Mounted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OnBody:
+class BodyPoints:
     """One sensor's frame on one body: number of echoes, median of their ranges, class."""
 
     body: str
@@ -29,7 +29,7 @@ class OnBody:
 
 def points_on_bodies(
     scene: Scene, sensors: Sequence[Mounted], *, vehicle: Pose | None = None, seed: int = 0
-) -> list[tuple[str, list[OnBody]]]:
+) -> list[tuple[str, list[BodyPoints]]]:
     """For each sensor its label and what one frame of it has on each body, from near to far. Needs a back end.
 
     vehicle  where the frame of the sensors' poses stands; the scene's sensor pose if None
@@ -38,10 +38,10 @@ def points_on_bodies(
     """
     place = scene.sensor_pose if vehicle is None else vehicle
     rendered = simulators(scene, sensors, pose=place)
-    return [(label, _found(simulator.render(seed=seed))) for label, simulator in rendered]
+    return [(label, _points_by_body(simulator.render(seed=seed))) for label, simulator in rendered]
 
 
-def _found(cloud: PointCloud) -> list[OnBody]:
+def _points_by_body(cloud: PointCloud) -> list[BodyPoints]:
     assert cloud.body is not None
     assert cloud.class_id is not None
     assert cloud.true_range_m is not None
@@ -51,7 +51,7 @@ def _found(cloud: PointCloud) -> list[OnBody]:
         label = cloud.class_names[int(cloud.class_id[on_body][0])] if cloud.class_id[on_body][0] >= 0 else ""
         if label:
             bodies.append(
-                OnBody(
+                BodyPoints(
                     body=cloud.body_names[int(body)],
                     label=label,
                     points=int(on_body.sum()),

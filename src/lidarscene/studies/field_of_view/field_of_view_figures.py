@@ -16,14 +16,14 @@ from ...figures import lines as charts
 from ...figures import maps
 from ...maths.arrays import Numbers
 from ..ranging.plane import Target
-from .cells import Cells
-from .pattern import LONG, rate_hz
+from .pattern_coverage import LONG, rate_hz
 from .reach import Ground
 from .spacing import PERCENTILES, QUERIES
+from .sphere_cells import SphereCells
 
 if TYPE_CHECKING:
-    from .bodies import OnBody
-    from .seen import Seen
+    from .body_points import BodyPoints
+    from .sensor_view import SensorView
 
 Figure = tuple[str, Callable[[Path], None], tuple[Sequence[str], Any], str]
 """File name without suffix, drawing to a path, CSV header and rows, explanation."""
@@ -67,7 +67,7 @@ def introduction(cell_deg: float, mask: str, dwell_s: float, target: Target) -> 
     )
 
 
-def summary_row(view: Seen) -> tuple[str, ...]:
+def summary_row(view: SensorView) -> tuple[str, ...]:
     """One sensor in numbers."""
     ranges = view.range_m[np.isfinite(view.range_m)]
     reach = f"{ranges.min():.1f} to {ranges.max():.1f} m" if len(ranges) else "none or without limit"
@@ -105,7 +105,7 @@ def azimuth_text(azimuth_deg: Numbers) -> str:
     return "all around" if last - first >= 360.0 else f"{first:.2f} to {last:.2f}°"
 
 
-def coverage(views: Sequence[Seen], times_s: Sequence[float], cell_deg: float) -> Figure:
+def coverage_figure(views: Sequence[SensorView], times_s: Sequence[float], cell_deg: float) -> Figure:
     """Share of the field of view that has received a pulse, over time."""
     fine = np.unique(np.concatenate([np.linspace(0.0, max(times_s), 141), times_s]))
     curves = [100.0 * view.maps.coverage(fine) for view in views]
@@ -126,12 +126,14 @@ def coverage(views: Sequence[Seen], times_s: Sequence[float], cell_deg: float) -
     return ("coverage", lambda path: charts.save(chart, [path]), (header, zip(fine, *curves, strict=True)), caption)
 
 
-def coverage_rows(views: Sequence[Seen], times_s: Sequence[float]) -> list[tuple[str, ...]]:
+def coverage_rows(views: Sequence[SensorView], times_s: Sequence[float]) -> list[tuple[str, ...]]:
     """Coverage at the requested times."""
-    return [(view.name, *(f"{100.0 * share:.1f} %" for share in view.maps.coverage(np.array(times_s)))) for view in views]
+    return [
+        (view.name, *(f"{100.0 * share:.1f} %" for share in view.maps.coverage(np.array(times_s)))) for view in views
+    ]
 
 
-def spacing(views: Sequence[Seen]) -> Figure:
+def spacing_figure(views: Sequence[SensorView]) -> Figure:
     """Histogram of the angle to the nearest other pulse of the frame."""
     angles_deg = np.concatenate([view.spacing_deg for view in views])
     angles_deg = angles_deg[angles_deg > 0.0] if np.any(angles_deg > 0.0) else np.array([0.01, 1.0])
@@ -164,7 +166,7 @@ def spacing(views: Sequence[Seen]) -> Figure:
     return ("spacing", lambda path: charts.save(chart, [path]), (header, zip(middle, *shares, strict=True)), caption)
 
 
-def spacing_rows(views: Sequence[Seen]) -> list[tuple[str, ...]]:
+def spacing_rows(views: Sequence[SensorView]) -> list[tuple[str, ...]]:
     """Percentiles of the spacing."""
     return [
         (view.name, *(f"{angle_deg:.4f}°" for angle_deg in np.percentile(view.spacing_deg, PERCENTILES)))
@@ -173,7 +175,7 @@ def spacing_rows(views: Sequence[Seen]) -> list[tuple[str, ...]]:
     ]
 
 
-def overlap(views: Sequence[Seen], below: Ground) -> Figure:
+def ground_figure(views: Sequence[SensorView], below: Ground) -> Figure:
     """The ground around the vehicle."""
     half = float(below.x_m[-1] + 0.5 * (below.x_m[1] - below.x_m[0]))
     stands = [(view.name, view.sensor.mounting.position_m) for view in views]
@@ -192,24 +194,41 @@ def overlap(views: Sequence[Seen], below: Ground) -> Figure:
         "target's reflectivity, at the beam's incidence there, reaches the comparator. The space between the lines of "
         "a pattern counts as seen. The vehicle itself hides nothing, and a sensor not above the ground sees none. "
         + nearest
-        + ", ".join(f"{view.name} sees {area_m2:,.0f} m²" for view, area_m2 in zip(views, below.square_metres, strict=True))
+        + ", ".join(
+            f"{view.name} sees {area_m2:,.0f} m²" for view, area_m2 in zip(views, below.square_metres, strict=True)
+        )
         + f", two or more see {np.sum(below.count > 1) * (below.x_m[1] - below.x_m[0]) ** 2:,.0f} m²."
     )
     x, y = np.meshgrid(below.x_m, below.y_m)
     is_seen = below.count > 0
-    rows = zip(x[is_seen], y[is_seen], below.count[is_seen], *(sees[is_seen].astype(int) for sees in below.is_seen), strict=True)
+    rows = zip(
+        x[is_seen],
+        y[is_seen],
+        below.count[is_seen],
+        *(sees[is_seen].astype(int) for sees in below.is_seen),
+        strict=True,
+    )
     header = ("x_m", "y_m", "sensors", *(view.name for view in views))
     title = "Ground seen from above; grey: blind"
     draw = partial(maps.save_ground, count=below.count, half_m=half, sensors=places, title=title)
     return "ground", draw, (header, rows), caption
 
 
-def on_bodies(bodies: Sequence[tuple[str, list[OnBody]]], scene: str) -> Figure:
+def body_points_figure(bodies: Sequence[tuple[str, list[BodyPoints]]], scene: str) -> Figure:
     """Points on each body over its distance."""
     groups = [
-        (name, np.array([points.distance_m for points in points_by_body]), np.array([points.points for points in points_by_body])) for name, points_by_body in bodies
+        (
+            name,
+            np.array([points.distance_m for points in points_by_body]),
+            np.array([points.points for points in points_by_body]),
+        )
+        for name, points_by_body in bodies
     ]
-    rows = [(name, points.body, points.label, points.distance_m, points.points) for name, points_by_body in bodies for points in points_by_body]
+    rows = [
+        (name, points.body, points.label, points.distance_m, points.points)
+        for name, points_by_body in bodies
+        for points in points_by_body
+    ]
     caption = (
         f"Points of one frame on each body with a class of the scene {scene}, against the median of their ranges. "
         "Every sensor is at its own mounting, seen from where the scene's sensor stands (or --pose), or at its place "
@@ -225,7 +244,7 @@ def on_bodies(bodies: Sequence[tuple[str, list[OnBody]]], scene: str) -> Figure:
     return "bodies", draw, (("sensor", "body", "class", "distance_m", "points"), rows), caption
 
 
-def patterns(views: Sequence[Seen]) -> Figure:
+def all_patterns_figure(views: Sequence[SensorView]) -> Figure:
     """The first frames of all sensors, one over the other."""
     most_pulses = max(OVERLAID // len(views), 1)
     extents = np.array([_extent(view) for view in views])
@@ -246,7 +265,10 @@ def patterns(views: Sequence[Seen]) -> Figure:
         (view.name, *row)
         for view in views
         for row in zip(
-            view.frame.time_s[:most_pulses], view.frame.azimuth_deg[:most_pulses], view.frame.elevation_deg[:most_pulses], strict=True
+            view.frame.time_s[:most_pulses],
+            view.frame.azimuth_deg[:most_pulses],
+            view.frame.elevation_deg[:most_pulses],
+            strict=True,
         )
     ]
     caption = f"Where the pulses of all sensors go, up to {most_pulses:,} of each that come first in its frame."
@@ -254,7 +276,7 @@ def patterns(views: Sequence[Seen]) -> Figure:
     return "patterns", draw, (("sensor", "time_s", "azimuth_deg", "elevation_deg"), rows), caption
 
 
-def pattern(view: Seen) -> Figure:
+def pattern_figure(view: SensorView) -> Figure:
     """Directions of the first frame's pulses, coloured by time."""
     count = len(view.frame)
     # Pulses in a row, not every k-th, which would draw moire: the first part of a long frame, coloured by time.
@@ -274,37 +296,39 @@ def pattern(view: Seen) -> Figure:
     return f"{view.slug}-pattern", draw, (("time_s", "azimuth_deg", "elevation_deg"), rows), caption
 
 
-def density(view: Seen) -> Figure:
+def density_figure(view: SensorView) -> Figure:
     """Pulses per square degree."""
     duration = f"in {view.mapped_s:g} s"
     caption = f"Pulses per square degree of solid angle {duration}; cells without one are grey."
     values = np.where(view.maps.pulses > 0, view.maps.density, np.nan)
-    words = _Words("density", f"pulses per square degree {duration}", "no pulse", "density_per_deg2")
-    return _map(view, values, words, caption, log=_uneven(values))
+    words = _MapWords("density", f"pulses per square degree {duration}", "no pulse", "density_per_deg2")
+    return _map_figure(view, values, words, caption, log=_needs_log_scale(values))
 
 
-def revisit(view: Seen) -> Figure:
+def revisit_figure(view: SensorView) -> Figure:
     """Mean time between visits."""
     caption = (
         f"Mean time from one visit of a cell to the next in {view.revisits_s:.4g} s; cells with fewer than two visits "
         "are grey."
     )
     values = view.revisits.revisit_s * 1e3
-    words = _Words("revisit", "mean time between visits [ms]", "fewer than two visits", "revisit_ms")
-    return _map(view, values, words, caption, log=_uneven(values))
+    words = _MapWords("revisit", "mean time between visits [ms]", "fewer than two visits", "revisit_ms")
+    return _map_figure(view, values, words, caption, log=_needs_log_scale(values))
 
 
-def far(view: Seen) -> Figure:
+def range_figure(view: SensorView) -> Figure:
     """Maximum range."""
     caption = (
         "Maximum range on the target, by the scanner's effective aperture in each direction; cells without a pulse, "
         "and those without a limit, are grey."
     )
     missing = "no limit, or no pulse" if np.any(np.isinf(view.range_m)) else "no pulse"
-    return _map(view, view.range_m, _Words("range", "maximum range [m]", missing, "range_m"), caption, log=False)
+    return _map_figure(
+        view, view.range_m, _MapWords("range", "maximum range [m]", missing, "range_m"), caption, log=False
+    )
 
 
-class _Words(NamedTuple):
+class _MapWords(NamedTuple):
     """Names of a map: of its file, on its scale, of cells without a value, and of its column."""
 
     kind: str
@@ -313,14 +337,14 @@ class _Words(NamedTuple):
     column: str
 
 
-def _uneven(values: Numbers) -> bool:
+def _needs_log_scale(values: Numbers) -> bool:
     """Whether a linear scale would show only the largest values."""
     finite = values[np.isfinite(values)]
     return bool(len(finite) and finite.max() > 30.0 * finite.min())
 
 
-def _map(view: Seen, values: Numbers, words: _Words, caption: str, *, log: bool) -> Figure:
-    raster, outside, extent = image(view.cells, view.maps.cell, values)
+def _map_figure(view: SensorView, values: Numbers, words: _MapWords, caption: str, *, log: bool) -> Figure:
+    raster, outside, extent = cell_raster(view.cells, view.maps.cell, values)
     size = view.cells.size_deg
     picture = maps.Raster(
         values=raster,
@@ -337,13 +361,15 @@ def _map(view: Seen, values: Numbers, words: _Words, caption: str, *, log: bool)
     return f"{view.slug}-{words.kind}", draw, (("azimuth_deg", "elevation_deg", words.column), rows), caption
 
 
-def _extent(view: Seen) -> tuple[float, float, float, float]:
-    left, right, low, high = image(view.cells, view.maps.cell, np.zeros(len(view.maps.cell)))[2]
+def _extent(view: SensorView) -> tuple[float, float, float, float]:
+    left, right, low, high = cell_raster(view.cells, view.maps.cell, np.zeros(len(view.maps.cell)))[2]
     margin_x, margin_y = 0.015 * (right - left), 0.02 * (high - low)
     return left - margin_x, right + margin_x, low - margin_y, high + margin_y
 
 
-def image(cells: Cells, cell: Numbers, values: Numbers) -> tuple[Numbers, Numbers, tuple[float, float, float, float]]:
+def cell_raster(
+    cells: SphereCells, cell: Numbers, values: Numbers
+) -> tuple[Numbers, Numbers, tuple[float, float, float, float]]:
     """Numbers of cells as rows over azimuth: values, where there is no cell, and edges in degrees."""
     row = cells.row_of(cell)
     azimuth, _ = cells.middle_deg(cell)

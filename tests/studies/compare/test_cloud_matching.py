@@ -5,8 +5,8 @@ import pytest
 from helpers.clouds import small_cloud
 
 from lidarscene.detection.outcomes import Status
-from lidarscene.studies.compare import clouds
-from lidarscene.studies.compare.clouds import disagreeing, observations
+from lidarscene.studies.compare import cloud_matching
+from lidarscene.studies.compare.cloud_matching import disagreeing_share, observe_clouds
 
 
 def points(number: np.ndarray, **changed: object):
@@ -27,7 +27,7 @@ def points(number: np.ndarray, **changed: object):
 @pytest.mark.parametrize(("common", "matched"), [(5, True), (4, False)])
 def test_clouds_match_from_a_twentieth_of_the_smaller_on(common: int, matched: bool) -> None:
     number = np.arange(300)
-    seen = observations(["a", "b"], [points(number), points(np.arange(100) + 300 - common)])
+    seen = observe_clouds(["a", "b"], [points(number), points(np.arange(100) + 300 - common)])
     assert (seen[0].surfaces is not None) is matched
 
 
@@ -35,19 +35,19 @@ def test_truth_is_that_of_the_first_that_found_the_pulse() -> None:
     """Pulses 0 to 9 and 5 to 14; from 10 on only the second knows. Of the five of both one is a metre off."""
     further = np.full(10, 10.0, np.float32)
     further[4] = 11.0
-    seen = observations(["a", "b"], [points(np.arange(10)), points(np.arange(5, 15), true_range_m=further + 0.001)])
+    seen = observe_clouds(["a", "b"], [points(np.arange(10)), points(np.arange(5, 15), true_range_m=further + 0.001)])
     for one in seen:
         assert one.surfaces is not None
         expected = np.concatenate([np.full(10, 10.0), further[5:] + 0.001]).astype(np.float32)
         np.testing.assert_array_equal(one.surfaces.true_range_m, expected)
     assert [int(one.rated_surfaces.detected.sum()) for one in seen] == [10, 10]
-    assert disagreeing(*seen) == pytest.approx(0.2)
+    assert disagreeing_share(*seen) == pytest.approx(0.2)
 
 
 def test_names_are_numbered_alike_and_none_stays_none() -> None:
     body = np.array([0, 1, -1], np.int32)
     a, b = (points(np.arange(3), body=body, body_names=names) for names in (("car", "road"), ("tree", "car")))
-    first, second = clouds._same_names([a, b])
+    first, second = cloud_matching._with_common_names([a, b])
     assert first.body_names == second.body_names == ("car", "road", "tree")
     assert first.body.tolist() == [0, 1, -1]
     assert second.body.tolist() == [2, 0, -1]
@@ -58,5 +58,7 @@ def test_points_that_differ_in_any_of_five_are_of_two_pulses(column: str) -> Non
     """The same number for both clouds where nothing differs; zeros of both signs are one."""
     number = np.zeros(3)
     values = np.array([0, 1, 0]).astype(getattr(points(number), column).dtype)
-    first, second = clouds._numbered([points(number, **{column: values}), points(number, **{column: -0 * values})])
+    first, second = cloud_matching._pulse_numbers(
+        [points(number, **{column: values}), points(number, **{column: -0 * values})]
+    )
     assert first[0] == first[2] == second[0] != first[1]

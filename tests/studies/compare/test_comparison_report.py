@@ -7,10 +7,17 @@ import pytest
 from helpers.clouds import small_cloud
 
 from lidarscene.detection.outcomes import Status
-from lidarscene.studies.compare.data import Observation, Surfaces
-from lidarscene.studies.compare.numbers import Rate
-from lidarscene.studies.compare.report import Comparison, crossing_lines, fate, group_table, sweep_table, verdict
-from lidarscene.studies.compare.run import Crossing, Lit, Sweep
+from lidarscene.studies.compare.comparison_report import (
+    Comparison,
+    crossing_lines,
+    fate_table,
+    group_table,
+    sweep_table,
+    verdict,
+)
+from lidarscene.studies.compare.comparison_statistics import DetectionRate
+from lidarscene.studies.compare.illuminance_sweep import IlluminanceStep, IlluminanceSweep, RateCrossing
+from lidarscene.studies.compare.observations import Observation, Surfaces
 
 PULSES = 400
 
@@ -42,7 +49,7 @@ def observation(name: str, hits: Any, *, sigma_mm: float = 10.0, dark: int = 0) 
 
 
 def comparison(*everything: Observation, matched: bool = True) -> Comparison:
-    from lidarscene.studies.compare.data import groupings
+    from lidarscene.studies.compare.observations import groupings
 
     return Comparison(
         title="t",
@@ -90,7 +97,7 @@ def test_the_same_number_of_other_pulses_is_alike() -> None:
 def test_pulses_without_light_and_bodies_that_differ_most() -> None:
     """Of 200 pulses on each body A loses 10 on the left one, B 60 on the right one."""
     a, b = observation("a", range(10, 400), dark=7), observation("b", [*range(200), *range(260, 400)])
-    header, rows = fate(comparison(a, b))
+    header, rows = fate_table(comparison(a, b))
     assert [row[header.index("of these without any light")] for row in rows] == ["7", "0"]
     _, rows = group_table(comparison(a, b), "body", most=1)
     assert [row[0] for row in rows] == ["right"]
@@ -98,18 +105,18 @@ def test_pulses_without_light_and_bodies_that_differ_most() -> None:
 
 
 def test_crossings_and_the_sweep_in_words() -> None:
-    def lit(klux: float, share: int) -> Lit:
-        return Lit(
+    def lit(klux: float, share: int) -> IlluminanceStep:
+        return IlluminanceStep(
             illuminance_klux=klux,
-            rate=Rate(group="all", surfaces=100, found=share, expected=0.01 * share),
+            rate=DetectionRate(group="all", surfaces=100, found=share, expected=0.01 * share),
             false_alarms=0,
             sigma_m=0.012,
         )
 
-    swept = Sweep(
+    swept = IlluminanceSweep(
         illuminances_klux=(1.0, 50.0),
         courses={"a": [lit(1.0, 60), lit(50.0, 50)], "b": [lit(1.0, 80), lit(50.0, 20)]},
-        crossings={"b": [Crossing(illuminance_klux=7.0, expected=0.55, ahead_below="b", ahead_above="a")]},
+        crossings={"b": [RateCrossing(illuminance_klux=7.0, expected=0.55, ahead_below="b", ahead_above="a")]},
         on_plane_klux={"b": 3.2},
     )
     crossed, plane = crossing_lines(swept, "a")

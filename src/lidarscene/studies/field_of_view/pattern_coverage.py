@@ -13,7 +13,7 @@ import numpy as np
 from ...errors import InputError
 from ...maths.arrays import Numbers
 from ...scan import Scanner
-from .cells import Cells, convex_outline
+from .sphere_cells import SphereCells, convex_outline
 
 MOST_PULSES = 20_000_000
 DWELL_S = 1e-3
@@ -24,7 +24,7 @@ LONG = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Pulses:
+class FiredPulses:
     """Directions of the pulses of some time.
 
     direction  (n, 3) unit vectors in the sensor's frame, as the beam leaves: without jitter or encoder
@@ -40,10 +40,10 @@ class Pulses:
     def __len__(self) -> int:
         return len(self.time_s)
 
-    def until(self, time_s: float) -> Pulses:
+    def until(self, time_s: float) -> FiredPulses:
         """The pulses fired before this time."""
         n = int(np.searchsorted(self.time_s, time_s * (1.0 - 1e-12), side="left"))
-        return Pulses(
+        return FiredPulses(
             time_s=self.time_s[:n],
             azimuth_deg=self.azimuth_deg[:n],
             elevation_deg=self.elevation_deg[:n],
@@ -57,7 +57,7 @@ def rate_hz(scanner: Scanner) -> float:
     return scanner.pulses / scanner.frame_s
 
 
-def fired(scanner: Scanner, time_s: float) -> Pulses:
+def fired_pulses(scanner: Scanner, time_s: float) -> FiredPulses:
     """The pulses of this time from the start of frame 0. Raises InputError if they are too many."""
     frames = max(math.ceil(time_s / scanner.frame_s - 1e-9), 1)
     count = min(frames * scanner.pulses, math.ceil(time_s * rate_hz(scanner)) + scanner.pulses)
@@ -65,7 +65,7 @@ def fired(scanner: Scanner, time_s: float) -> Pulses:
         raise InputError(f"--time: {time_s:g} s of this scanner are {count} pulses, must be <= {MOST_PULSES}")
     pulse = np.arange(count, dtype=np.uint32)
     x, y, z = (np.asarray(component, dtype=np.float64) * np.ones(count) for component in scanner.direction(pulse))
-    whole = Pulses(
+    whole = FiredPulses(
         time_s=scanner.time_s(pulse),
         azimuth_deg=np.degrees(np.arctan2(y, x)),
         elevation_deg=np.degrees(np.arctan2(z, np.hypot(x, y))),
@@ -75,7 +75,7 @@ def fired(scanner: Scanner, time_s: float) -> Pulses:
     return whole.until(time_s)
 
 
-def field(scanner: Scanner, cells: Cells, time_s: float, *, kind: str = "outline") -> tuple[Numbers, float]:
+def field_cells(scanner: Scanner, cells: SphereCells, time_s: float, *, kind: str = "outline") -> tuple[Numbers, float]:
     """Sorted cells of the field of view, and the time for which the scanner was watched to find them.
 
     kind  "reached": cells that ever get a pulse; "outline": these, and those with their middle in the convex hull of
@@ -83,7 +83,7 @@ def field(scanner: Scanner, cells: Cells, time_s: float, *, kind: str = "outline
     """
     watched = max(LONG * time_s, scanner.frame_s)
     watched = max(min(watched, MOST_PULSES / rate_hz(scanner)), time_s)
-    pulses = fired(scanner, watched)
+    pulses = fired_pulses(scanner, watched)
     reached = np.unique(cells.locate(pulses.azimuth_deg, pulses.elevation_deg))
     if kind == "reached":
         return reached, watched
@@ -118,7 +118,7 @@ class CellMaps:
         return np.asarray(area[np.searchsorted(self.first_s[order], before, side="left")] / area[-1])
 
 
-def maps(pulses: Pulses, cells: Cells, mask: Numbers, *, dwell_s: float = DWELL_S) -> CellMaps:
+def cell_maps(pulses: FiredPulses, cells: SphereCells, mask: Numbers, *, dwell_s: float = DWELL_S) -> CellMaps:
     """What these pulses give to the cells of the mask (sorted cell numbers)."""
     place = np.searchsorted(mask, pulse_cell := cells.locate(pulses.azimuth_deg, pulses.elevation_deg))
     inside = (place < len(mask)) & (mask[np.minimum(place, len(mask) - 1)] == pulse_cell)

@@ -18,43 +18,57 @@ from ...figures import lines as charts
 from ...figures.intervals import Series
 from ...maths.arrays import Numbers
 from ...sensor.model import Sensor
-from .data import Grouping, Observation
-from .numbers import RangeError, paired_snr, range_errors, rates
-from .run import Sweep
+from .comparison_statistics import DetectionRate, RangeError, paired_snr, range_errors, rates_by_group
+from .illuminance_sweep import IlluminanceSweep
+from .observations import Grouping, Observation
 
 Figure = tuple[str, Callable[[Path], None], tuple[Sequence[str], Any], str]
 """File name without suffix, drawing to a path, CSV header and rows, explanation."""
 
 RATE_HEADER = ("sensor", "group", "low", "high", "surfaces", "found", "rate", "rate_low", "rate_high", "expected")
 ERROR_HEADER = ("sensor", "group", "points", "bias_m", "bias_interval_m", "sigma_m", "sigma_interval_m")
-_WORDS = {"range": "true range", "incidence": "angle of incidence", "reflectivity": "reflectivity", "class": "class"}
-_SHOWN_SNR = 12_000  # rows of the scatter plot's table
+_AXIS_WORDS = {
+    "range": "true range",
+    "incidence": "angle of incidence",
+    "reflectivity": "reflectivity",
+    "class": "class",
+}
+_MOST_SNR_ROWS = 12_000  # rows of the scatter plot's table
 _MOST_CLASSES = 30
 
 
 def rate_rows(observations: Sequence[Observation], grouping: Grouping) -> list[tuple[Any, ...]]:
-    """Rows by sensor and group, without groups that have no surface; edges in metres, degrees or shares."""
+    """CSV rows of the detection rates by sensor and group, without empty groups; edges in metres, degrees or shares."""
     rows: list[tuple[Any, ...]] = []
     for observation in observations:
-        for number, group_rate in enumerate(rates(observation.rated_surfaces, grouping)):
+        for number, group_rate in enumerate(rates_by_group(observation.rated_surfaces, grouping)):
             if group_rate.surfaces:
                 ends: tuple[Any, ...] = ("", "")
                 if grouping.edges is not None:
                     ends = tuple(float(end) for end in grouping.labels[number].split(" to "))
                 expected = "" if group_rate.expected is None else group_rate.expected
                 rows.append(
-                    (observation.name, group_rate.group, *ends, group_rate.surfaces, group_rate.found, group_rate.rate, *group_rate.interval, expected)
+                    (
+                        observation.name,
+                        group_rate.group,
+                        *ends,
+                        group_rate.surfaces,
+                        group_rate.found,
+                        group_rate.rate,
+                        *group_rate.interval,
+                        expected,
+                    )
                 )
     return rows
 
 
-def rate(observations: Sequence[Observation], grouping: Grouping, population: str) -> Figure:
-    """Detection rate over the bins of a truth column."""
+def rate_figure(observations: Sequence[Observation], grouping: Grouping, population: str) -> Figure:
+    """Detection rate over the bins of a truth column; ``population`` says in words what rates are shares of."""
     series = []
     for observation in observations:
-        filled_bins = [(x, group_rate) for x, group_rate in zip(grouping.middles, rates(observation.rated_surfaces, grouping), strict=True) if group_rate.surfaces]
-        series.append(_series(observation.name, [x for x, _ in filled_bins], [group_rate for _, group_rate in filled_bins]))
-    quantity = _WORDS[grouping.key]
+        group_rates = rates_by_group(observation.rated_surfaces, grouping)
+        series.append(_rate_series(observation.name, list(zip(grouping.middles, group_rates, strict=True))))
+    quantity = _AXIS_WORDS[grouping.key]
     unit = f" [{grouping.unit}]" if grouping.unit else ""
     caption = (
         f"Share of {population} from which an echo is a point, by {quantity}; bars are 95 % intervals (Wilson)"
@@ -73,58 +87,68 @@ def rate(observations: Sequence[Observation], grouping: Grouping, population: st
     return f"rate-{grouping.key}", draw, (RATE_HEADER, rate_rows(observations, grouping)), caption
 
 
-def rate_by_class(observations: Sequence[Observation], grouping: Grouping, population: str) -> Figure:
+def class_rate_figure(observations: Sequence[Observation], grouping: Grouping, population: str) -> Figure:
     """Detection rate of each class."""
-    rates_by_sensor = []
-    for observation in observations:
-        rates_by_sensor.append(rates(observation.rated_surfaces, grouping))
-    pulses = np.array([[group_rate.surfaces for group_rate in sensor_rates] for sensor_rates in rates_by_sensor]).max(axis=0)
-    classes = [int(n) for n in np.argsort(-pulses, kind="stable")[:_MOST_CLASSES] if pulses[n] > 0]
-    series = []
-    for observation, sensor_rates in zip(observations, rates_by_sensor, strict=True):
-        shown_rates = [(place, sensor_rates[n]) for place, n in enumerate(classes) if sensor_rates[n].surfaces]
-        series.append(_series(observation.name, [place for place, _ in shown_rates], [group_rate for _, group_rate in shown_rates]))
+    rates_by_sensor = [rates_by_group(observation.rated_surfaces, grouping) for observation in observations]
+    pulses = np.array([[rate.surfaces for rate in class_rates] for class_rates in rates_by_sensor]).max(axis=0)
+    classes = [int(number) for number in np.argsort(-pulses, kind="stable")[:_MOST_CLASSES] if pulses[number] > 0]
+    series = [
+        _rate_series(observation.name, list(enumerate(class_rates[number] for number in classes)))
+        for observation, class_rates in zip(observations, rates_by_sensor, strict=True)
+    ]
     caption = f"The same by class, the most frequent first{' (the first 30)' if len(classes) == _MOST_CLASSES else ''}."
     draw = partial(
         intervals.save_named,
         series=series,
-        names=[grouping.labels[n] or "unlabelled" for n in classes],
+        names=[grouping.labels[number] or "unlabelled" for number in classes],
         x_label="found [%]",
         title=f"Share of {population} that was found",
     )
     return "rate-class", draw, (RATE_HEADER, rate_rows(observations, grouping)), caption
 
 
-def _series(name: str, x: Sequence[float], group_rates: Sequence[Any]) -> Series:
-    has_expected = all(group_rate.expected is not None for group_rate in group_rates)
+def _rate_series(name: str, points: Sequence[tuple[float, DetectionRate]]) -> Series:
+    """Curve of rates in per cent over x, without empty groups."""
+    x = [x for x, rate in points if rate.surfaces]
+    rates = [rate for _, rate in points if rate.surfaces]
+    expected = [100.0 * rate.expected for rate in rates if rate.expected is not None]
     return Series(
         label=name,
         x=np.array(x, dtype=np.float64),
-        y=np.array([100.0 * group_rate.rate for group_rate in group_rates]),
-        low=np.array([100.0 * group_rate.interval[0] for group_rate in group_rates]),
-        high=np.array([100.0 * group_rate.interval[1] for group_rate in group_rates]),
-        expected=np.array([100.0 * group_rate.expected for group_rate in group_rates]) if has_expected else None,
+        y=np.array([100.0 * rate.rate for rate in rates]),
+        low=np.array([100.0 * rate.interval[0] for rate in rates]),
+        high=np.array([100.0 * rate.interval[1] for rate in rates]),
+        expected=np.array(expected) if len(expected) == len(rates) else None,
     )
 
 
 def error_rows(observations: Sequence[Observation], grouping: Grouping) -> list[tuple[Any, ...]]:
-    """By sensor and bin."""
+    """CSV rows of the range errors by sensor and bin."""
     return [
-        (observation.name, error.group, error.points, error.bias_m, error.bias_interval_m, error.sigma_m, error.sigma_interval_m)
+        (
+            observation.name,
+            error.group,
+            error.points,
+            error.bias_m,
+            error.bias_interval_m,
+            error.sigma_m,
+            error.sigma_interval_m,
+        )
         for observation in observations
         for error in range_errors(observation, grouping)
     ]
 
 
-def errors(observations: Sequence[Observation], grouping: Grouping) -> Figure:
-    """Bias and standard deviation of the range over the range."""
+def range_error_figure(observations: Sequence[Observation], grouping: Grouping) -> Figure:
+    """Bias and standard deviation of the reported range over the true range."""
     middle = dict(zip(grouping.labels, grouping.middles, strict=True))
     bias, sigma = [], []
     for observation in observations:
-        bin_errors = [error for error in range_errors(observation, grouping) if error.points > 1]  # one point has no deviation
+        # A single point has no deviation.
+        bin_errors = [error for error in range_errors(observation, grouping) if error.points > 1]
         x = np.array([middle[error.group] for error in bin_errors], dtype=np.float64)
-        bias.append(_millimetres(observation.name, x, bin_errors, "bias"))
-        sigma.append(_millimetres(observation.name, x, bin_errors, "sigma"))
+        bias.append(_error_series(observation.name, x, bin_errors, "bias"))
+        sigma.append(_error_series(observation.name, x, bin_errors, "sigma"))
     caption = (
         "Reported less true range of the echoes, by true range: mean (above) and standard deviation (below), with 95 % "
         "intervals that take the errors for independent and Gaussian; bins with two echoes or more."
@@ -138,13 +162,16 @@ def errors(observations: Sequence[Observation], grouping: Grouping) -> Figure:
     return "error-range", draw, (ERROR_HEADER, error_rows(observations, grouping)), caption
 
 
-def _millimetres(name: str, x: Numbers, bin_errors: Sequence[RangeError], quantity: str) -> Series:
+def _error_series(name: str, x: Numbers, bin_errors: Sequence[RangeError], quantity: str) -> Series:
+    """Curve of ``quantity``, "bias" or "sigma", in millimetres over x, with its 95 % interval."""
     y = np.array([1e3 * getattr(error, f"{quantity}_m") for error in bin_errors])
     half = np.array([1e3 * getattr(error, f"{quantity}_interval_m") for error in bin_errors])
     return Series(label=name, x=x, y=y, low=y - half, high=y + half)
 
 
-def snr(a: Observation, b: Observation, slug: str, sensors: tuple[Sensor | None, Sensor | None]) -> Figure | None:
+def snr_figure(
+    a: Observation, b: Observation, slug: str, sensors: tuple[Sensor | None, Sensor | None]
+) -> Figure | None:
     """SNR of B over SNR of A, pulse by pulse; None if no pulse has both."""
     snr_a, snr_b, kind = paired_snr(a.rated_surfaces, b.rated_surfaces)
     if not len(kind):
@@ -165,19 +192,23 @@ def snr(a: Observation, b: Observation, slug: str, sensors: tuple[Sensor | None,
         y_label=f"SNR, {b.name}",
         title="Each point is a pulse",
     )
-    step = max(len(kind) // _SHOWN_SNR, 1)
+    step = max(len(kind) // _MOST_SNR_ROWS, 1)
     rows = [(float(x), float(y), kinds[k]) for x, y, k in zip(snr_a[::step], snr_b[::step], kind[::step], strict=True)]
     return f"snr-{slug}", draw, (("snr_a", "snr_b", "found"), rows), caption
 
 
-def illuminance(sweep: Sweep) -> Figure:
-    """Detection rate over illuminance, and where sensors change places."""
+def illuminance_figure(sweep: IlluminanceSweep) -> Figure:
+    """Expected detection rate over illuminance, with a mark where sensors change places."""
     lines, rows = [], []
     for number, (name, course) in enumerate(sweep.courses.items()):
         computed = {step.illuminance_klux: step.rate.expected or 0.0 for step in course}
-        # The lines meet where they cross.
+        # Both curves get the crossing as a point, so that they meet exactly under its mark.
         crossings = [crossing for sensor_crossings in sweep.crossings.values() for crossing in sensor_crossings]
-        computed |= {crossing.illuminance_klux: crossing.expected for crossing in crossings if name in (crossing.ahead_below, crossing.ahead_above)}
+        computed |= {
+            crossing.illuminance_klux: crossing.expected
+            for crossing in crossings
+            if name in (crossing.ahead_below, crossing.ahead_above)
+        }
         x = np.array(sorted(computed))
         lines.append(charts.Line(label=name, x=x, y=100.0 * np.array([computed[lux] for lux in x]), colour=number))
         for step in course:
@@ -196,7 +227,9 @@ def illuminance(sweep: Sweep) -> Figure:
                 )
             )
     marks = tuple(
-        charts.Mark(x=crossing.illuminance_klux, y=100.0 * crossing.expected, text=f"{crossing.illuminance_klux:.3g} klux")
+        charts.Mark(
+            x=crossing.illuminance_klux, y=100.0 * crossing.expected, text=f"{crossing.illuminance_klux:.3g} klux"
+        )
         for sensor_crossings in sweep.crossings.values()
         for crossing in sensor_crossings
     )

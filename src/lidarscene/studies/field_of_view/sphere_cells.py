@@ -19,7 +19,7 @@ _SHIFT = 0.381966  # of a cell: the golden section is far from every simple frac
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cells:
+class SphereCells:
     """All cells of the sphere, numbered row by row from below.
 
     size_deg    height of a row
@@ -34,7 +34,7 @@ class Cells:
     edges_deg: Numbers
 
     @classmethod
-    def of_size(cls, size_deg: float) -> Cells:
+    def of_size(cls, size_deg: float) -> SphereCells:
         """Cells of about this height and width in degrees."""
         below = math.ceil(90.0 / size_deg) + 1
         edges = np.clip((np.arange(-below, below + 1) + _SHIFT) * size_deg, -90.0, 90.0)

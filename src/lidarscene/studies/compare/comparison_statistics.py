@@ -1,7 +1,7 @@
-"""Comparison of sensors, the numbers: detection rates, range errors, and who found what, with intervals.
+"""Detection rates, range errors and paired counts of observations, with 95 % intervals.
 
 A rate is the share of the pulses in `Surfaces` that were found. Two sensors that fire the same pulses are compared
-pulse by pulse, which needs far fewer of them than comparing two rates. Intervals are of 95 %.
+pulse by pulse, which needs far fewer pulses than comparing two rates.
 
 Symbols: k found of n, p = k / n rate, z = 1.96.
 """
@@ -15,20 +15,25 @@ import numpy as np
 
 from ...cloud.point_cloud import PointCloud
 from ...maths.arrays import Numbers
-from .data import Grouping, Observation, Surfaces, truth_of
+from .observations import Grouping, Observation, Surfaces, truth_column
 
 NORMAL_95 = 1.959963984540054
-"""Two-sided 95 % of a normal distribution."""
+"""Standard deviations that hold 95 % of a normal distribution, two-sided."""
 
 _ALL: tuple[str, ...] = ("all",)
 
 DIFFERENCE = ("both", "only_a", "only_b")
-"""What a point of a difference cloud is, by value."""
+"""Names of the kinds 0, 1 and 2 of a difference cloud's points."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rate:
-    """Detection in one group of pulses. ``expected`` is the mean of their P_d, None if unknown."""
+class DetectionRate:
+    """Detection rate of one group of pulses.
+
+    surfaces  pulses of the group that met a surface
+    found     those of them with an echo among the points
+    expected  mean of their P_d, None if unknown
+    """
 
     group: str
     surfaces: int
@@ -42,8 +47,8 @@ class Rate:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Wilson's interval, 95 %."""
-        return wilson(self.found, self.surfaces)
+        """95 % interval of the rate (Wilson)."""
+        return wilson_interval(self.found, self.surfaces)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +72,7 @@ class RangeError:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Pair:
+class PairCounts:
     """Numbers of pulses in one group by which of the two sensors found their surface."""
 
     group: str
@@ -92,7 +97,7 @@ class Pair:
         return paired_interval(only_a=self.only_a, only_b=self.only_b, pulses=self.pulses)
 
 
-def wilson(successes: int, trials: int) -> tuple[float, float]:
+def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     """95 % interval of a share (E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209); 0 to 1 for no pulses."""
     if not trials:
         return 0.0, 1.0
@@ -115,28 +120,31 @@ def paired_interval(*, only_a: int, only_b: int, pulses: int) -> tuple[float, fl
     return middle - half, middle + half
 
 
-def rate(surfaces: Surfaces) -> Rate:
-    """Rate over all pulses."""
+def overall_rate(surfaces: Surfaces) -> DetectionRate:
+    """Detection rate over all pulses."""
     expected = None if surfaces.probability is None else _mean(surfaces.probability)
     found_count = int(np.count_nonzero(surfaces.detected))
-    return Rate(group="all", surfaces=len(surfaces.pulse), found=found_count, expected=expected)
+    return DetectionRate(group="all", surfaces=len(surfaces.pulse), found=found_count, expected=expected)
 
 
-def rates(surfaces: Surfaces, grouping: Grouping) -> list[Rate]:
-    """Rate of each group in order, including empty groups."""
+def rates_by_group(surfaces: Surfaces, grouping: Grouping) -> list[DetectionRate]:
+    """Detection rate of each group in order, including empty groups."""
     index, size = grouping.group_index(surfaces), len(grouping.labels)
-    count, found_counts = _counts(index, size), _counts(index[surfaces.detected], size)
+    counts, found_counts = _counts(index, size), _counts(index[surfaces.detected], size)
     is_known = surfaces.probability is not None
     weights = surfaces.probability[index >= 0].astype(np.float64) if surfaces.probability is not None else None
     sums = np.bincount(index[index >= 0], weights=weights, minlength=size)
     return [
-        Rate(group=label, surfaces=int(n), found=int(k), expected=float(s / n) if is_known and n else None)
-        for label, n, k, s in zip(grouping.labels, count, found_counts, sums, strict=True)
+        DetectionRate(group=label, surfaces=int(n), found=int(k), expected=float(p / n) if is_known and n else None)
+        for label, n, k, p in zip(grouping.labels, counts, found_counts, sums, strict=True)
     ]
 
 
-def deviation(surfaces: Surfaces) -> float | None:
-    """Tripped minus expected echoes, in standard deviations of independent draws; None if unknown."""
+def detection_deviation(surfaces: Surfaces) -> float | None:
+    """Tripped minus expected echoes, in standard deviations of independent draws; None if unknown.
+
+    (number tripped - sum p) / sqrt(sum p (1 - p))
+    """
     if surfaces.probability is None or surfaces.tripped is None:
         return None
     p = surfaces.probability.astype(np.float64)
@@ -145,40 +153,43 @@ def deviation(surfaces: Surfaces) -> float | None:
 
 
 def range_errors(observation: Observation, grouping: Grouping | None = None) -> list[RangeError]:
-    """Range error of each group that has an echo, or of all echoes together."""
+    """Range error of each group that has an echo; without a grouping, one of all echoes, or none."""
     echoes = observation.cloud.select(observation.is_echo)
-    error_m = echoes.range_m.astype(np.float64) - truth_of(echoes, "true_range_m")
+    error_m = echoes.range_m.astype(np.float64) - truth_column(echoes, "true_range_m")
     if grouping is None:
         index, labels = np.zeros(len(echoes), dtype=np.int64), _ALL
     else:
         index, labels = grouping.group_index(echoes), grouping.labels
-    range_errors = []
+    errors = []
     for number in np.unique(index[index >= 0]):
-        group_error_m = error_m[index == number]
-        sigma = float(group_error_m.std(ddof=1)) if len(group_error_m) > 1 else 0.0
-        range_errors.append(RangeError(group=labels[number], points=len(group_error_m), bias_m=float(group_error_m.mean()), sigma_m=sigma))
-    return range_errors
+        errors.append(_range_error(labels[number], error_m[index == number]))
+    return errors
 
 
-def pairs(a: Surfaces, b: Surfaces, grouping: Grouping | None = None) -> list[Pair]:
-    """Who found what, among the pulses that met a surface for both, grouped by A's truth.
+def _range_error(group: str, error_m: Numbers) -> RangeError:
+    sigma_m = float(error_m.std(ddof=1)) if len(error_m) > 1 else 0.0
+    return RangeError(group=group, points=len(error_m), bias_m=float(error_m.mean()), sigma_m=sigma_m)
 
-    Includes empty groups.
+
+def count_pairs(a: Surfaces, b: Surfaces, grouping: Grouping | None = None) -> list[PairCounts]:
+    """Count the pulses that met a surface for both sensors, by which of them found it.
+
+    Groups are by A's truth, in order, including empty ones.
     """
-    _, in_a, in_b = common(a.pulse, b.pulse)
+    _, in_a, in_b = common_pulses(a.pulse, b.pulse)
     index, labels = np.zeros(len(in_a), dtype=np.int64), _ALL
     if grouping is not None:
         index, labels = grouping.group_index(a)[in_a], grouping.labels
     kind = 2 * a.detected[in_a].astype(np.int64) + b.detected[in_b]
     table = [_counts(index[kind == number], len(labels)) for number in (3, 2, 1, 0)]
     return [
-        Pair(group=label, both=int(ab), only_a=int(oa), only_b=int(ob), neither=int(no))
-        for label, ab, oa, ob, no in zip(labels, *table, strict=True)
+        PairCounts(group=label, both=int(both), only_a=int(only_a), only_b=int(only_b), neither=int(neither))
+        for label, both, only_a, only_b, neither in zip(labels, *table, strict=True)
     ]
 
 
 def first_echoes(observation: Observation) -> tuple[Numbers, Numbers]:
-    """Rising pulse numbers that have an echo among the points, and the index of each one's first echo."""
+    """Pulse numbers with an echo among the points, rising, and the index of each pulse's first echo."""
     assert observation.pulse is not None
     echo_points = np.flatnonzero(observation.is_echo)
     pulse, first = np.unique(observation.pulse[echo_points], return_index=True)
@@ -189,19 +200,18 @@ def paired_range_difference(a: Observation, b: Observation) -> RangeError | None
     """Range of A minus range of B for pulses with an echo in both; None if there are none."""
     pulse_a, first_a = first_echoes(a)
     pulse_b, first_b = first_echoes(b)
-    _, in_a, in_b = common(pulse_a, pulse_b)
+    _, in_a, in_b = common_pulses(pulse_a, pulse_b)
     if not len(in_a):
         return None
     difference_m = a.cloud.range_m[first_a[in_a]].astype(np.float64) - b.cloud.range_m[first_b[in_b]]
-    sigma = float(difference_m.std(ddof=1)) if len(difference_m) > 1 else 0.0
-    return RangeError(group="all", points=len(difference_m), bias_m=float(difference_m.mean()), sigma_m=sigma)
+    return _range_error("all", difference_m)
 
 
-def difference(a: Observation, b: Observation) -> tuple[PointCloud, Numbers]:
-    """The difference cloud, and the kind in DIFFERENCE of each of its points, ordered by pulse.
+def difference_cloud(a: Observation, b: Observation) -> tuple[PointCloud, Numbers]:
+    """Difference cloud of two sensors, and the kind of each of its points (an index of DIFFERENCE), by pulse.
 
-    It has the first echo of each pulse that has one: A's point if A has one, else B's, with the sensor's index 0 or
-    1. False alarms are left out.
+    The cloud has the first echo of each pulse that has one: A's point if A has one, else B's, with the sensor index 0
+    or 1. False alarms are left out.
     """
     pulse_a, first_a = first_echoes(a)
     pulse_b, first_b = first_echoes(b)
@@ -211,26 +221,29 @@ def difference(a: Observation, b: Observation) -> tuple[PointCloud, Numbers]:
     parts = [a.cloud.select(first_a), b.cloud.select(first_b[only_b])]
     names = (a.name, b.name)
     together = PointCloud.concatenate(
-        [replace(part, sensor_index=np.full(len(part), i, np.uint8), sensor_names=names) for i, part in enumerate(parts)]
+        [
+            replace(part, sensor_index=np.full(len(part), i, np.uint8), sensor_names=names)
+            for i, part in enumerate(parts)
+        ]
     )
     kinds = np.concatenate([kind_a, np.full(int(only_b.sum()), 2)]).astype(np.uint8)
     return together.select(order), kinds[order]
 
 
 def paired_snr(a: Surfaces, b: Surfaces) -> tuple[Numbers, Numbers, Numbers]:
-    """SNR for A and for B of the pulses where both are known, and who found the surface.
+    """SNR for A and for B of the pulses for which both are known, and which sensors found the surface.
 
-    0 both, 1 A only, 2 B only, 3 neither.
+    The third array is 0 where both found it, 1 for A only, 2 for B only, 3 for neither.
     """
-    _, in_a, in_b = common(a.pulse, b.pulse)
+    _, in_a, in_b = common_pulses(a.pulse, b.pulse)
     found_a, found_b = a.detected[in_a], b.detected[in_b]
     kind = np.where(found_a, np.where(found_b, 0, 1), np.where(found_b, 2, 3))
     has_both = (a.snr[in_a] > 0.0) & (b.snr[in_b] > 0.0)
     return a.snr[in_a][has_both], b.snr[in_b][has_both], kind[has_both]
 
 
-def common(a: Numbers, b: Numbers) -> tuple[Numbers, Numbers, Numbers]:
-    """Numbers in both of two lists without repetition, and their places in each."""
+def common_pulses(a: Numbers, b: Numbers) -> tuple[Numbers, Numbers, Numbers]:
+    """Pulse numbers in both of two lists without repetition, and their indices in each."""
     return np.intersect1d(a, b, assume_unique=True, return_indices=True)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from helpers.clouds import small_cloud
 
-from lidarscene.studies.field_of_view.bodies import OnBody, _found
+from lidarscene.studies.field_of_view.body_points import BodyPoints, _points_by_body
 
 
 def test_each_body_has_its_points_and_its_median_distance() -> None:
@@ -16,7 +16,7 @@ def test_each_body_has_its_points_and_its_median_distance() -> None:
         body_names=("road", "car 1", "walker"),
         class_names=("car", "person"),
     )
-    assert _found(cloud) == [
-        OnBody(body="walker", label="person", distance_m=12.0, points=1),
-        OnBody(body="car 1", label="car", distance_m=37.0, points=3),
+    assert _points_by_body(cloud) == [
+        BodyPoints(body="walker", label="person", distance_m=12.0, points=1),
+        BodyPoints(body="car 1", label="car", distance_m=37.0, points=3),
     ]

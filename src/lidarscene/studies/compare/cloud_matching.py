@@ -1,4 +1,4 @@
-"""Comparison of existing clouds: files with truth in, what each sensor made of its pulses out.
+"""Observations from existing clouds, whose points are matched pulse by pulse.
 
 A file has no pulse numbers. Points of two files belong to one pulse if time, channel, azimuth and elevation agree to
 the last bit, as they do if the same scanner fired. A file does not say what its sensor missed, so rates are shares of
@@ -17,46 +17,58 @@ import numpy as np
 from ...cloud.point_cloud import PointCloud
 from ...errors import InputError
 from ...maths.arrays import Numbers
-from .data import Observation, Surfaces
-from .numbers import common, first_echoes
+from .comparison_statistics import common_pulses, first_echoes
+from .observations import Observation, Surfaces
 
 LEAST_SHARED = 0.05
 """Share of the smaller cloud's pulses that the other must have for the two to count as fired by one scanner."""
 
-_NAMES = {"body": "body_names", "class_id": "class_names", "material": "material_names"}
+_NAME_TABLES = {"body": "body_names", "class_id": "class_names", "material": "material_names"}
 
 
-def read(paths: Sequence[Path]) -> list[Observation]:
-    """Observations from these files, matched by pulse if all share pulses with the first. Raises InputError."""
+def read_clouds(paths: Sequence[Path]) -> list[Observation]:
+    """Read clouds with ground truth as observations, named after their files. Raises InputError."""
     clouds = [PointCloud.load(path) for path in paths]
     for path, cloud in zip(paths, clouds, strict=True):
         if not cloud.has_truth:
             raise InputError(f"{path}: the cloud must have ground truth, got one without")
-    return observations([path.stem for path in paths], clouds)
+    return observe_clouds([path.stem for path in paths], clouds)
 
 
-def observations(names: Sequence[str], clouds: Sequence[PointCloud]) -> list[Observation]:
-    """Observations from clouds in memory; equal names get a number."""
+def observe_clouds(names: Sequence[str], clouds: Sequence[PointCloud]) -> list[Observation]:
+    """Make observations from clouds, matched by pulse if every cloud shares pulses with the first.
+
+    Equal names get a number.
+    """
     labels = [f"{name} ({names[:i].count(name) + 1})" if name in names[:i] else name for i, name in enumerate(names)]
-    unified_clouds = _same_names(clouds)
-    pulses = _numbered(unified_clouds)
-    if not all(_shared(pulses[0], pulse_numbers) for pulse_numbers in pulses[1:]):
-        return [Observation(name=name, cloud=cloud, losses={}) for name, cloud in zip(labels, unified_clouds, strict=True)]
+    unified_clouds = _with_common_names(clouds)
+    pulses = _pulse_numbers(unified_clouds)
+    if not all(_share_pulses(pulses[0], pulse_numbers) for pulse_numbers in pulses[1:]):
+        return [
+            Observation(name=name, cloud=cloud, losses={}) for name, cloud in zip(labels, unified_clouds, strict=True)
+        ]
     matched = [
         Observation(name=name, cloud=cloud, pulse=pulse, losses={})
         for name, cloud, pulse in zip(labels, unified_clouds, pulses, strict=True)
     ]
-    return [replace(observation, surfaces=surfaces) for observation, surfaces in zip(matched, found_by_any(matched), strict=True)]
+    return [
+        replace(observation, surfaces=surfaces)
+        for observation, surfaces in zip(matched, surfaces_found_by_any(matched), strict=True)
+    ]
 
 
-def found_by_any(observations: Sequence[Observation]) -> list[Surfaces]:
-    """For each sensor, the pulses with which any of them found a surface; truth from the first that did."""
+def surfaces_found_by_any(observations: Sequence[Observation]) -> list[Surfaces]:
+    """Pulses with which any of the sensors found a surface, as `Surfaces` for each sensor.
+
+    The truth of a pulse is that of the first observation that found its surface.
+    """
     echoes = [first_echoes(observation) for observation in observations]
     all_pulses = np.unique(np.concatenate([pulse for pulse, _ in echoes]))
     truth: dict[str, Numbers] = {}
+    # Last to first, so that the first observation's truth is written last and stays.
     for observation, (pulse, point) in reversed(list(zip(observations, echoes, strict=True))):
         rows = np.searchsorted(all_pulses, pulse)
-        for attribute in _TRUTHS:
+        for attribute in _TRUTH_COLUMNS:
             values = getattr(observation.cloud, attribute)
             truth.setdefault(attribute, np.zeros(len(all_pulses), values.dtype))[rows] = values[point]
     surfaces = []
@@ -68,57 +80,62 @@ def found_by_any(observations: Sequence[Observation]) -> list[Surfaces]:
     return surfaces
 
 
-_TRUTHS = ("true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id")
+_TRUTH_COLUMNS = ("true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id")
 
 
-def disagreeing(a: Observation, b: Observation, *, tolerance_m: float = 0.01) -> float:
-    """Share of the pulses found by both whose true ranges differ.
+def disagreeing_share(a: Observation, b: Observation, *, tolerance_m: float = 0.01) -> float:
+    """Share of the pulses found by both whose true ranges differ by more than the tolerance.
 
-    More than a few mean that the scenes differ.
+    More than a few per cent mean that the scenes differ.
     """
     pulse_a, first_a = first_echoes(a)
     pulse_b, first_b = first_echoes(b)
-    _, in_a, in_b = common(pulse_a, pulse_b)
+    _, in_a, in_b = common_pulses(pulse_a, pulse_b)
     if not len(in_a) or a.cloud.true_range_m is None or b.cloud.true_range_m is None:
         return 0.0
     difference_m = a.cloud.true_range_m[first_a[in_a]] - b.cloud.true_range_m[first_b[in_b]]
     return float(np.mean(np.abs(difference_m) > tolerance_m))
 
 
-def _numbered(clouds: Sequence[PointCloud]) -> list[Numbers]:
-    """For each cloud, the number of each point's pulse among all pulses of all clouds, in firing order."""
+def _pulse_numbers(clouds: Sequence[PointCloud]) -> list[Numbers]:
+    """Pulse number of every point, an array (n,) for each cloud.
+
+    Pulses of all clouds are numbered together in firing order: equal numbers mean the same pulse.
+    """
 
     def joined(attribute: str) -> Numbers:
-        # + 0.0 makes one zero of the two.
+        # Adding 0 turns -0.0 into 0.0.
         return np.concatenate([getattr(cloud, attribute) + 0 for cloud in clouds])
 
     keys = [joined(name) for name in ("elevation_rad", "azimuth_rad", "channel", "sensor_index", "time_s")]
     order = np.lexsort(keys)
-    new = np.zeros(len(order), bool)
+    starts_pulse = np.zeros(len(order), bool)
     for key in keys:
-        new[1:] |= np.diff(key[order]) != 0
+        starts_pulse[1:] |= np.diff(key[order]) != 0
     number = np.zeros(len(order), np.int64)
-    number[order] = np.cumsum(new)
+    number[order] = np.cumsum(starts_pulse)
     return np.split(number, np.cumsum([len(cloud) for cloud in clouds])[:-1])
 
 
-def _shared(a: Numbers, b: Numbers) -> bool:
+def _share_pulses(a: Numbers, b: Numbers) -> bool:
+    """True if two lists of pulse numbers have enough in common to come from one scanner."""
     a, b = np.unique(a), np.unique(b)
     smaller = min(len(a), len(b))
-    return smaller == 0 or len(common(a, b)[0]) >= LEAST_SHARED * smaller
+    return smaller == 0 or len(common_pulses(a, b)[0]) >= LEAST_SHARED * smaller
 
 
-def _same_names(clouds: Sequence[PointCloud]) -> list[PointCloud]:
-    """The clouds with one numbering of bodies, classes and materials."""
-    if all(getattr(cloud, key) == getattr(clouds[0], key) for cloud in clouds for key in _NAMES.values()):
+def _with_common_names(clouds: Sequence[PointCloud]) -> list[PointCloud]:
+    """Renumber bodies, classes and materials so that equal numbers mean equal names in all clouds."""
+    if all(getattr(cloud, key) == getattr(clouds[0], key) for cloud in clouds for key in _NAME_TABLES.values()):
         return list(clouds)
     tables = {
-        key: tuple(dict.fromkeys(name for cloud in clouds for name in getattr(cloud, key))) for key in _NAMES.values()
+        key: tuple(dict.fromkeys(name for cloud in clouds for name in getattr(cloud, key)))
+        for key in _NAME_TABLES.values()
     }
     renamed_clouds = []
     for cloud in clouds:
         changes: dict[str, Any] = {}
-        for attribute, key in _NAMES.items():
+        for attribute, key in _NAME_TABLES.items():
             names = getattr(cloud, key)
             # One more entry, the last, for -1 and for numbers without a name.
             renumbered = np.array([*(tables[key].index(name) for name in names), -1], np.int32)

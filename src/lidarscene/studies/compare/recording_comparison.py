@@ -1,7 +1,7 @@
-"""A cloud beside a recording of a real lidar: what can be compared where the scene is not known.
+"""Comparison of a simulated cloud with a recording of a real lidar whose scene is not known.
 
 Neither the pulses nor the surfaces are the same, so nothing is matched: points, losses, ranges, channels, ground and
-strengths are counted on each side, and the table says how far apart they are.
+strengths are counted on each side, and a table gives their ratios.
 """
 
 from __future__ import annotations
@@ -23,33 +23,34 @@ from ...recordings.sweep import Sweep
 
 PAGE, NUMBERS = "index.html", "real.json"
 QUANTILES = (1.0, 10.0, 50.0, 90.0, 99.0, 99.9)
-"""Of the ranges [%]."""
+"""Quantiles of the ranges that are compared [%]."""
 
 FIRST_OCTAVE_M, OCTAVES = 2.0, 7
-"""Strengths are told for 2 to 4 m, 4 to 8 m, ..."""
+"""Strengths are compared within 2 to 4 m, 4 to 8 m, ..."""
 
 GROUND_NEAR_M = 25.0
-"""The ground's plane is fitted to points not farther than this, so that a slope or a hill does not tilt it."""
+"""Farthest points to which the ground's plane is fitted, so that a slope or a hill does not tilt it."""
 
 LEAST_GROUND = 100
-"""Fewer points make no plane."""
+"""Fewest points that make a plane, or a median of strengths."""
 
-OF_RING = "points at "
-"""How the rows of single channels begin."""
+CHANNEL_PREFIX = "points at "
+"""Start of the quantity in rows of single channels."""
 
 ALIKE = 0.1
-"""Ratios nearer to one are not worth a word: two frames of one sensor in one street differ as much."""
+"""Distance of a ratio from 1 that the verdict ignores: two frames of one sensor in one street differ as much."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Side:
-    """What is compared. Arrays are of the first returns.
+    """Data of one side, a cloud or a recording; arrays (n,) and (n, 3) are of the first returns.
 
-    xyz_m       (n, 3) in the sensor's frame
-    ring        (n,) number of the channel, None if unknown
-    strength    (n,) signal, or intensity, in a unit of its own; None if unknown
-    return_share        share of the pulses with a return; None where lost pulses are not known
-    gap_m       distances between first and second returns of one pulse
+    xyz_m         (n, 3) positions in the sensor's frame
+    range_m       (n,) ranges
+    ring          (n,) number of the channel, None if unknown
+    strength      (n,) signal, or intensity, in a unit of its own; None if unknown
+    return_share  share of the pulses with a return; None where lost pulses are not known
+    gap_m         (m,) distances between first and second returns of one pulse
     """
 
     name: str
@@ -62,7 +63,7 @@ class Side:
 
 
 def side_of_sweep(name: str, sweep: Sweep) -> Side:
-    """Of a recording."""
+    """Side of one frame of a recording."""
     is_first = sweep.kept
     if sweep.return_number is not None:
         is_first = is_first & (sweep.return_number <= 1)
@@ -82,9 +83,10 @@ def side_of_sweep(name: str, sweep: Sweep) -> Side:
 
 
 def side_of_cloud(name: str, cloud: PointCloud) -> Side:
-    """Of a cloud that was simulated."""
+    """Side of a simulated cloud."""
     local = cloud.in_sensor_frame()
     order = np.lexsort((local.return_number, local.channel, local.time_s))
+    # Neighbours of equal time and channel are two returns of one pulse.
     same_pulse = (np.diff(local.time_s[order]) == 0.0) & (np.diff(local.channel[order]) == 0)
     gap_m = np.abs(np.diff(local.range_m[order].astype(np.float64)))[same_pulse]
     first = local.select(local.return_number <= 1)
@@ -99,12 +101,12 @@ def side_of_cloud(name: str, cloud: PointCloud) -> Side:
     )
 
 
-def compare_real(side: Side, real: Side, folder: Path, *, as_json: bool = False) -> str:
+def compare_with_recording(side: Side, real: Side, folder: Path, *, as_json: bool = False) -> str:
     """Write page and JSON; returns the text to print. Raises OutputError."""
     for name in (PAGE, NUMBERS):
         require_writable(folder / name)
-    sides = [numbers_of(compared) for compared in (side, real)]
-    rows = [*_rows(sides), *_ring_rows(sides)]
+    sides = [compared_quantities(side), compared_quantities(real)]
+    rows = [*_quantity_rows(sides), *_channel_rows(sides)]
     sentence = verdict(side.name, real.name, rows)
     report = {
         "verdict": sentence,
@@ -114,23 +116,25 @@ def compare_real(side: Side, real: Side, folder: Path, *, as_json: bool = False)
     page = Page(f"{side.name} beside {real.name}", folder=folder)
     page.paragraph(sentence)
     page.paragraph(_NOTE)
-    page.table(("quantity", side.name, real.name, "ratio"), [[_shown(cell) for cell in row] for row in rows])
+    page.table(("quantity", side.name, real.name, "ratio"), [[_cell_text(cell) for cell in row] for row in rows])
     put_text(folder / PAGE, page.as_html())
     put_text(folder / NUMBERS, json_text(report, indent=1) + "\n")
     if as_json:
         return json_text(report)
-    lines = [f"{row[0]:34s} {_shown(row[1]):>12s} {_shown(row[2]):>12s} {_shown(row[3]):>8s}" for row in rows]
+    lines = [
+        f"{row[0]:34s} {_cell_text(row[1]):>12s} {_cell_text(row[2]):>12s} {_cell_text(row[3]):>8s}" for row in rows
+    ]
     head = f"{'':34s} {side.name[:12]:>12s} {real.name[:12]:>12s} {'ratio':>8s}"
     return "\n".join([sentence, head, *lines, f"wrote {folder / PAGE}"])
 
 
-Line = tuple[str, Any, Any, Any]
-"""Of the table: quantity, both sides, ratio."""
+QuantityRow = tuple[str, Any, Any, Any]
+"""Row of the table: quantity, its value for the cloud and for the recording, ratio of the two."""
 
 
-def verdict(name: str, real_name: str, rows: Sequence[Line]) -> str:
+def verdict(name: str, real_name: str, rows: Sequence[QuantityRow]) -> str:
     """The outcome in one sentence: how many points, and what differs most."""
-    (_, value, real_value, ratio), *other_rows = (row for row in rows if not row[0].startswith(OF_RING))
+    (_, value, real_value, ratio), *other_rows = (row for row in rows if not row[0].startswith(CHANNEL_PREFIX))
     sentence = f"{name} has {value:,} points, {'as many as ' if value == real_value else ''}{real_name}"
     if value != real_value:
         sentence += f" {real_value:,}" + (f" ({100.0 * (ratio - 1.0):+.3g} %)" if ratio is not None else "")
@@ -140,7 +144,7 @@ def verdict(name: str, real_name: str, rows: Sequence[Line]) -> str:
     quantity, value, real_value, ratio = max(comparable_rows, key=lambda row: abs(math.log(row[3])))
     if abs(ratio - 1.0) < ALIKE:
         return f"{sentence}; nothing else differs by {100.0 * ALIKE:.0f} % or more."
-    return f"{sentence}; what differs most is '{quantity}': {_shown(value)} against {_shown(real_value)}."
+    return f"{sentence}; what differs most is '{quantity}': {_cell_text(value)} against {_cell_text(real_value)}."
 
 
 _NOTE = (
@@ -150,10 +154,13 @@ _NOTE = (
 )
 
 
-def numbers_of(side: Side) -> dict[str, Any]:
-    """All that is compared, by name; None where a side does not know it."""
+def compared_quantities(side: Side) -> dict[str, Any]:
+    """Compared quantities by name; None for those that a side has no data for.
+
+    Also "rings", the channels as `channel_points` gives them.
+    """
     range_m = side.range_m
-    ground = ground_of(side.xyz_m)
+    ground = measure_ground(side.xyz_m)
     quantities: dict[str, Any] = {"points": len(range_m), "share of pulses kept": side.return_share}
     quantities |= {
         f"range, {q:g} % quantile [m]": float(np.percentile(range_m, q)) if len(range_m) else None for q in QUANTILES
@@ -166,18 +173,16 @@ def numbers_of(side: Side) -> dict[str, Any]:
         low = FIRST_OCTAVE_M * 2.0**number
         name = f"strength, {low:g} to {2.0 * low:g} m"
         in_octave = (range_m >= low) & (range_m < 2.0 * low)
-        is_known = side.strength is not None and in_octave.sum() >= LEAST_GROUND and np.median(side.strength) > 0
-        quantities[name] = (
-            float(np.median(side.strength[in_octave]) / np.median(side.strength))
-            if is_known and side.strength is not None
-            else None
-        )
-    quantities["rings"] = rings_of(side)
+        quantities[name] = None
+        # The unit of the strength is unknown, so it is compared as a multiple of the median over all points.
+        if side.strength is not None and in_octave.sum() >= LEAST_GROUND and np.median(side.strength) > 0:
+            quantities[name] = float(np.median(side.strength[in_octave]) / np.median(side.strength))
+    quantities["rings"] = channel_points(side)
     return quantities
 
 
-def rings_of(side: Side) -> list[tuple[float, int]] | None:
-    """Median elevation [degrees] and points of each channel, from the lowest up."""
+def channel_points(side: Side) -> list[tuple[float, int]] | None:
+    """Median elevation [degrees] and number of points of each channel, from the lowest up; None if unknown."""
     if side.ring is None:
         return None
     elevation = np.degrees(np.arcsin((side.xyz_m[:, 2] / side.range_m).clip(-1.0, 1.0)))
@@ -187,35 +192,36 @@ def rings_of(side: Side) -> list[tuple[float, int]] | None:
     return sorted((float(np.median(part)), len(part)) for part in parts) if len(numbers) else None
 
 
-def ground_of(xyz_m: Numbers) -> tuple[float, float, float] | None:
+def measure_ground(xyz_m: Numbers) -> tuple[float, float, float] | None:
     """Height of the sensor [m], the ground's farthest return [m] (99.9 %), share of the points on it; None if no plane.
 
-    On the ground is what is within 0.1 m of `ground_plane`, or 0.3 % of its range.
+    Points within 0.1 m of `ground_plane`, or within 0.3 % of their range, are on the ground.
     """
     plane = ground_plane(xyz_m)
     if plane is None:
         return None
     range_m = np.sqrt(np.sum(xyz_m**2, axis=1))
-    on_ground = np.abs(_above(plane, xyz_m)) < np.maximum(0.1, 0.003 * range_m)
+    on_ground = np.abs(_height_above(plane, xyz_m)) < np.maximum(0.1, 0.003 * range_m)
     height_m = -plane[0] / np.sqrt(1.0 + plane[1] ** 2 + plane[2] ** 2)
     return float(height_m), float(np.percentile(range_m[on_ground], 99.9)), float(on_ground.mean())
 
 
 def ground_plane(xyz_m: Numbers) -> Numbers | None:
-    """(3,) a, b and c of z = a + b x + c y, the ground near the sensor; None if there is none.
+    """Fit the plane z = a + b x + c y to the ground near the sensor: (3,) a, b, c; None if there is no ground.
 
-    The lowest well filled 0.2 m of height near the sensor start a fit, which is repeated with the points within
-    0.3, 0.15 and 0.1 m of it.
+    The fit starts at the lowest well-filled 0.2 m of height below the sensor. It is repeated with the points within
+    0.3, 0.15 and 0.1 m of the plane.
     """
     level_m = np.hypot(xyz_m[:, 0], xyz_m[:, 1])
     near = xyz_m[(level_m < GROUND_NEAR_M) & (xyz_m[:, 2] < -0.2)]
     if len(near) < LEAST_GROUND:
         return None
+    # The lowest layer with at least 0.3 of the fullest one's points: stray points below the ground are too few for it.
     counts, edges = np.histogram(near[:, 2], bins=np.arange(near[:, 2].min(), 0.2, 0.2))
     start = int(np.argmax(counts >= 0.3 * counts.max()))
     plane: Numbers = np.array([0.5 * (edges[start] + edges[start + 1]), 0.0, 0.0])
     for within_m in (0.3, 0.15, 0.1):
-        chosen = near[np.abs(_above(plane, near)) < within_m]
+        chosen = near[np.abs(_height_above(plane, near)) < within_m]
         if len(chosen) < LEAST_GROUND:
             return None
         design = np.column_stack([np.ones(len(chosen)), chosen[:, :2]])
@@ -223,35 +229,43 @@ def ground_plane(xyz_m: Numbers) -> Numbers | None:
     return plane
 
 
-def _above(plane: Numbers, xyz_m: Numbers) -> Numbers:
+def _height_above(plane: Numbers, xyz_m: Numbers) -> Numbers:
+    """(n,) vertical distance of points above the plane."""
     return np.asarray(xyz_m[:, 2] - plane[0] - xyz_m[:, :2] @ plane[1:])
 
 
-def _rows(sides: list[dict[str, Any]]) -> list[Line]:
-    """What one side at least knows."""
+def _quantity_rows(sides: list[dict[str, Any]]) -> list[QuantityRow]:
+    """Rows of all quantities that at least one side has."""
     quantities, real_quantities = sides
-    names = [name for name in quantities if name != "rings" and (quantities[name], real_quantities[name]) != (None, None)]
+    names = [
+        name for name in quantities if name != "rings" and (quantities[name], real_quantities[name]) != (None, None)
+    ]
     return [(name, *_with_ratio(quantities[name], real_quantities[name])) for name in names]
 
 
-def _ring_rows(sides: list[dict[str, Any]]) -> list[Line]:
+def _channel_rows(sides: list[dict[str, Any]]) -> list[QuantityRow]:
     channels, real_channels = (side["rings"] for side in sides)
     if channels is None and real_channels is None:
         return []
-    rows: list[Line] = [("channels with points", *_with_ratio(*(None if channels is None else len(channels) for channels in (channels, real_channels))))]
+    rows: list[QuantityRow] = [
+        (
+            "channels with points",
+            *_with_ratio(*(None if rings is None else len(rings) for rings in (channels, real_channels))),
+        )
+    ]
     if channels and real_channels and len(channels) == len(real_channels):
         rows += [
-            (f"{OF_RING}{elevation_deg:.2f} degrees", *_with_ratio(points, real_points))
+            (f"{CHANNEL_PREFIX}{elevation_deg:.2f} degrees", *_with_ratio(points, real_points))
             for (_, points), (elevation_deg, real_points) in zip(channels, real_channels, strict=True)
         ]
     return rows
 
 
-def _with_ratio(a: Any, b: Any) -> tuple[Any, Any, Any]:
-    return a, b, a / b if a is not None and b else None
+def _with_ratio(value: Any, real_value: Any) -> tuple[Any, Any, Any]:
+    return value, real_value, value / real_value if value is not None and real_value else None
 
 
-def _shown(value: Any) -> str:
+def _cell_text(value: Any) -> str:
     if value is None:
         return "-"
     return str(value) if isinstance(value, str | int) else f"{value:.4g}"

@@ -1,6 +1,6 @@
-"""Comparison of sensors, the data: what each sensor made of its pulses, and how pulses are grouped.
+"""Observations that a comparison starts from, and the groups in which their pulses are counted.
 
-Simulated and loaded clouds become the same `Observation`, so everything after this does not know the source.
+Simulated clouds and clouds from files become the same `Observation`; later steps treat both alike.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ _MOST_RANGE_BINS = 16
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Surfaces:
-    """The pulses that count in rates, each once; all (n,). Truth by the names of PointCloud's columns.
+    """Pulses that rates are shares of, each once; all arrays (n,). Truth has the names of PointCloud's columns.
 
     pulse        pulse numbers, rising
-    detected        whether an echo of the pulse is a point
-    snr          0 if unknown
-    probability  P_d of each echo, or None: unknown
-    tripped      whether the echo tripped the comparator, whatever became of it then; None: unknown
+    detected     whether an echo of the pulse is a point
+    snr          signal-to-noise ratio of the echo; 0 if unknown
+    probability  detection probability P_d of each echo, or None: unknown
+    tripped      whether the echo tripped the comparator, also if it was hidden or out of the window; None: unknown
     """
 
     pulse: Numbers
@@ -46,12 +46,12 @@ class Surfaces:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Observation:
-    """What one sensor made of a scene.
+    """One sensor's frame of a scene: points, and what is known of the pulses that gave none.
 
-    pulse     (n,) pulse number of each point of the cloud, or None: they match no other cloud's
-    surfaces  the pulses that rates refer to, or None: there are no rates
-    pulses_fired     pulses in the frame, or None: unknown
-    losses      number of pulses that met a surface and gave no point, by reason; empty if unknown
+    pulse         (n,) pulse number of each point of the cloud, or None: they match no other cloud's
+    surfaces      pulses that rates refer to, or None: there are no rates
+    pulses_fired  pulses in the frame, or None: unknown
+    losses        reason -> number of pulses that met a surface and gave no point; empty if unknown
     """
 
     name: str
@@ -63,14 +63,14 @@ class Observation:
 
     @property
     def rated_surfaces(self) -> Surfaces:
-        """The surfaces; only where there are rates."""
+        """``surfaces``, of an observation that has rates."""
         assert self.surfaces is not None
         return self.surfaces
 
     @property
     def is_echo(self) -> Numbers:
-        """(n,) whether each point is an echo of a surface."""
-        return np.asarray((self.cloud.status == Status.ECHO) & np.isfinite(truth_of(self.cloud, "true_range_m")))
+        """(n,) mask of the points that are echoes of a surface."""
+        return np.asarray((self.cloud.status == Status.ECHO) & np.isfinite(truth_column(self.cloud, "true_range_m")))
 
     @property
     def false_alarms(self) -> int:
@@ -80,10 +80,11 @@ class Observation:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Grouping:
-    """A way to group pulses: bins of a truth column, or an index into names.
+    """Groups of pulses: bins of a truth column, or one group for each name.
 
-    attribute  of Surfaces and PointCloud
-    edges      of the bins, rising, in the attribute's unit; None with names
+    attribute  column of Surfaces and PointCloud that decides the group
+    unit       unit in labels and on axes, "deg" for an attribute in radians
+    edges      edges of the bins, rising, in the attribute's unit; None for names
     """
 
     key: str
@@ -93,8 +94,11 @@ class Grouping:
     edges: Numbers | None = None
 
     def group_index(self, source: Surfaces | PointCloud) -> Numbers:
-        """(n,) group of each pulse or point, -1 for none. An upper edge belongs to the next bin, except the last."""
-        values = truth_of(source, self.attribute)
+        """(n,) number of each pulse's or point's group, -1 for none.
+
+        A bin holds its lower edge but not its upper one; the last bin holds both.
+        """
+        values = truth_column(source, self.attribute)
         if self.edges is None:
             return np.where(values < len(self.labels), values, -1)
         index = np.searchsorted(self.edges, values, side="right") - 1
@@ -103,42 +107,47 @@ class Grouping:
 
     @property
     def middles(self) -> Numbers:
-        """Middles of the bins, in the unit for people: degrees for angles."""
+        """Middles of the bins in ``unit``: degrees for angles."""
         assert self.edges is not None
         scale = 180.0 / math.pi if self.unit == "deg" else 1.0
         return scale * 0.5 * (self.edges[1:] + self.edges[:-1])
 
 
 def range_bins(farthest_m: float) -> Grouping:
-    """Bins of 1, 2 or 5 times a power of ten metres, at most 16, from 0 to the farthest surface."""
+    """Bins of true range, at most 16, from 0 to the farthest surface; each 1, 2 or 5 times a power of ten metres."""
     step = 10.0 ** math.floor(math.log10(max(farthest_m, 1e-3) / _MOST_RANGE_BINS))
     step *= next(factor for factor in (1.0, 2.0, 5.0, 10.0) if farthest_m <= _MOST_RANGE_BINS * factor * step)
     edges = step * np.arange(max(math.ceil(farthest_m / step), 1) + 1)
-    return _bins("range", "true_range_m", "m", edges)
+    return _bin_grouping("range", "true_range_m", "m", edges)
 
 
 def groupings(observations: Sequence[Observation]) -> tuple[Grouping, ...]:
     """Groupings by true range, incidence and reflectivity, by class and by body."""
-    true_ranges_m = [truth_of(observation.surfaces or observation.cloud, "true_range_m") for observation in observations]
+    true_ranges_m = [
+        truth_column(observation.surfaces or observation.cloud, "true_range_m") for observation in observations
+    ]
     farthest_m = max((float(range_m[np.isfinite(range_m)].max(initial=0.0)) for range_m in true_ranges_m), default=0.0)
     cloud = observations[0].cloud
     return (
         range_bins(farthest_m),
-        _bins("incidence", "incidence_angle_rad", "deg", np.radians(INCIDENCE_DEG), INCIDENCE_DEG),
-        _bins("reflectivity", "reflectivity", "", np.array(REFLECTIVITY)),
+        _bin_grouping("incidence", "incidence_angle_rad", "deg", np.radians(INCIDENCE_DEG), INCIDENCE_DEG),
+        _bin_grouping("reflectivity", "reflectivity", "", np.array(REFLECTIVITY)),
         Grouping(key="class", attribute="class_id", unit="", labels=cloud.class_names),
         Grouping(key="body", attribute="body", unit="", labels=cloud.body_names),
     )
 
 
-def _bins(key: str, attribute: str, unit: str, edges: Numbers, label_edges: Sequence[float] | None = None) -> Grouping:
+def _bin_grouping(
+    key: str, attribute: str, unit: str, edges: Numbers, label_edges: Sequence[float] | None = None
+) -> Grouping:
+    """Bins between these edges; ``label_edges`` are the same edges in the unit of the labels."""
     bounds = edges if label_edges is None else label_edges
-    labels = tuple(f"{a:g} to {b:g}" for a, b in itertools.pairwise(bounds))
+    labels = tuple(f"{low:g} to {high:g}" for low, high in itertools.pairwise(bounds))
     return Grouping(key=key, attribute=attribute, unit=unit, labels=labels, edges=np.asarray(edges))
 
 
-def truth_of(source: Surfaces | PointCloud, attribute: str) -> Numbers:
-    """A column of truth."""
+def truth_column(source: Surfaces | PointCloud, attribute: str) -> Numbers:
+    """Column of ground truth, which must be there."""
     values = getattr(source, attribute)
     assert values is not None
     return np.asarray(values)

@@ -11,9 +11,10 @@ from scipy.spatial import cKDTree
 from lidarscene import load_sensor, scan
 from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose
-from lidarscene.studies.field_of_view import figures, pattern, reach
+from lidarscene.studies.field_of_view import field_of_view_figures as figures
+from lidarscene.studies.field_of_view import pattern_coverage, reach
 from lidarscene.studies.field_of_view import spacing as fov_spacing
-from lidarscene.studies.field_of_view.cells import Cells, convex_outline
+from lidarscene.studies.field_of_view.sphere_cells import SphereCells, convex_outline
 from lidarscene.studies.ranging.plane import Target, detection_margin, maximum_range_m
 
 DEG = math.pi / 180.0
@@ -44,13 +45,13 @@ def vlp16():
 
 
 def studied(scanner, cells, time_s, kind="outline"):
-    mask, _ = pattern.field(scanner, cells, time_s, kind=kind)
-    return pattern.maps(pattern.fired(scanner, time_s), cells, mask)
+    mask, _ = pattern_coverage.field_cells(scanner, cells, time_s, kind=kind)
+    return pattern_coverage.cell_maps(pattern_coverage.fired_pulses(scanner, time_s), cells, mask)
 
 
 @pytest.fixture(scope="module")
 def covered_by_mid40():
-    return studied(mid40(), Cells.of_size(0.28), 1.4).coverage(TIMES_S)
+    return studied(mid40(), SphereCells.of_size(0.28), 1.4).coverage(TIMES_S)
 
 
 # --- cells ------------------------------------------------------------------------------------------
@@ -58,7 +59,7 @@ def covered_by_mid40():
 
 @pytest.mark.parametrize("size", [0.28, 0.5, 7.0])
 def test_cells_are_of_equal_solid_angle_and_fill_the_sphere(size):
-    cells = Cells.of_size(size)
+    cells = SphereCells.of_size(size)
     area = cells.square_degrees(np.arange(cells.count))
     assert area.sum() == pytest.approx(129600.0 / math.pi, rel=1e-9)
     _, elevation = cells.middle_deg(np.arange(cells.count))
@@ -66,14 +67,14 @@ def test_cells_are_of_equal_solid_angle_and_fill_the_sphere(size):
 
 
 def test_a_cell_holds_its_middle():
-    cells = Cells.of_size(1.7)
+    cells = SphereCells.of_size(1.7)
     every = np.arange(cells.count)
     np.testing.assert_array_equal(cells.locate(*cells.middle_deg(every)), every)
 
 
 def test_a_cell_reaches_as_far_to_each_side_of_its_middle():
     """49 % of its width and height to the left, to the right, up and down are still in it, 51 % are not."""
-    cells = Cells.of_size(1.0)
+    cells = SphereCells.of_size(1.0)
     cell = cells.locate(np.array([0.0, 17.3, -179.9, 101.0]), np.array([0.0, 33.3, -12.0, 61.0]))
     azimuth, elevation = cells.middle_deg(cell)
     width = 360.0 / cells.columns[cells.row_of(cell)]
@@ -99,7 +100,7 @@ def test_outline_is_the_convex_hull():
 
 def test_density_of_a_raster():
     """1 / (step in azimuth times step in elevation), over cos(elevation): the density in solid angle."""
-    cells, scanner = Cells.of_size(2.0), raster(columns=401, rows=201)
+    cells, scanner = SphereCells.of_size(2.0), raster(columns=401, rows=201)
     mask = studied(scanner, cells, scanner.frame_s)
     azimuth, elevation = cells.middle_deg(mask.cell)
     inner = (np.abs(azimuth) < 36.0) & (np.abs(elevation) < 17.0)
@@ -114,7 +115,7 @@ def test_density_of_a_raster():
 @pytest.mark.parametrize("size", [0.2, 0.28, 1.0])
 def test_a_raster_is_covered_after_one_frame(kind, size):
     scanner = raster()
-    found = studied(scanner, Cells.of_size(size), scanner.frame_s, kind)
+    found = studied(scanner, SphereCells.of_size(size), scanner.frame_s, kind)
     before, after = found.coverage(np.array([0.5 * scanner.frame_s, scanner.frame_s]))
     assert after == 1.0
     # A row of cells that has begun counts whole.
@@ -124,7 +125,7 @@ def test_a_raster_is_covered_after_one_frame(kind, size):
 def test_revisit_of_a_raster_is_a_frame():
     """Cells as large as the step hold one pulse of each frame."""
     scanner = raster()
-    found = studied(scanner, Cells.of_size(0.2), 3.0 * scanner.frame_s)
+    found = studied(scanner, SphereCells.of_size(0.2), 3.0 * scanner.frame_s)
     assert np.all(found.pulses % 3 == 0)
     assert found.revisit_s == pytest.approx(scanner.frame_s, rel=1e-9)
 
@@ -132,7 +133,7 @@ def test_revisit_of_a_raster_is_a_frame():
 def test_visits_are_told_apart_by_time():
     """Two rows of a cell are two visits, neighbouring columns are one."""
     scanner = raster()
-    found = studied(scanner, Cells.of_size(0.41), 2.0 * scanner.frame_s)
+    found = studied(scanner, SphereCells.of_size(0.41), 2.0 * scanner.frame_s)
     line_s = 101 / 50e3
     assert np.isclose(found.revisit_s[:, None], [scanner.frame_s, line_s]).any(axis=1).mean() < 0.5
     # Two lines in each of two frames: three gaps between the first and the last of four visits.
@@ -141,7 +142,7 @@ def test_visits_are_told_apart_by_time():
 
 
 def test_spacing_of_a_raster():
-    spacing = fov_spacing.nearest_deg(pattern.fired(raster(), 1.0).until(raster().frame_s).direction)
+    spacing = fov_spacing.nearest_deg(pattern_coverage.fired_pulses(raster(), 1.0).until(raster().frame_s).direction)
     # In a row off the horizon the columns are closer than the rows by the cosine.
     assert spacing.max() == pytest.approx(0.2, rel=1e-4)
     assert spacing.min() == pytest.approx(0.2 * math.cos(5.0 * DEG), rel=1e-3)
@@ -170,14 +171,14 @@ def test_coverage_of_the_mid40_prisms(covered_by_mid40):
 
 
 def test_coverage_of_the_mid40_does_not_hang_on_the_mask(covered_by_mid40):
-    reached = studied(mid40(), Cells.of_size(0.28), 1.4, "reached").coverage(TIMES_S)
+    reached = studied(mid40(), SphereCells.of_size(0.28), 1.4, "reached").coverage(TIMES_S)
     assert covered_by_mid40 == pytest.approx(reached, abs=0.005)
 
 
 def test_point_rate_and_plateau_of_the_vlp16():
     """289 352 points a second by the manual; 16 lines plateau at about 14 % by Livox."""
-    assert pattern.rate_hz(vlp16()) == pytest.approx(289_352, abs=1.0)
-    first, last = studied(vlp16(), Cells.of_size(0.28), 0.3).coverage(np.array([0.101, 0.3]))
+    assert pattern_coverage.rate_hz(vlp16()) == pytest.approx(289_352, abs=1.0)
+    first, last = studied(vlp16(), SphereCells.of_size(0.28), 0.3).coverage(np.array([0.101, 0.3]))
     assert last == first
     assert first == pytest.approx(0.14, abs=0.015)
     says("fov.md", "{} % covered at {} degrees, where Livox", 100.0 * first, 0.28)
@@ -188,7 +189,7 @@ def test_point_rate_and_plateau_of_the_vlp16():
 
 @pytest.mark.parametrize("scanner", [mid40(), vlp16(), raster()], ids=["mid40", "vlp16", "raster"])
 def test_nearest_neighbours_are_a_trees(scanner):
-    direction = pattern.fired(scanner, 0.1).direction
+    direction = pattern_coverage.fired_pulses(scanner, 0.1).direction
     lanes = np.unique(np.linspace(0, len(direction) - 1, 3000).astype(int))
     away = cKDTree(direction).query(direction[lanes], k=2)[0][:, 1]
     np.testing.assert_allclose(
@@ -211,14 +212,14 @@ def equipped(scanner, **changes):
 
 def test_range_map_is_the_range_at_each_cells_aperture():
     sensor = equipped(mid40())
-    found = studied(sensor.scanner, Cells.of_size(0.5), 0.3)
+    found = studied(sensor.scanner, SphereCells.of_size(0.5), 0.3)
     limit = reach.range_map_m(sensor, found, Target())
     seen = np.flatnonzero(np.isfinite(found.share))
     for place in seen[:: len(seen) // 5]:
         expected, _ = maximum_range_m(sensor, Target(aperture_share=float(found.share[place])))
         assert limit[place] == pytest.approx(expected, rel=1e-4)
     assert np.array_equal(np.isnan(limit), found.pulses == 0)
-    azimuth, elevation = Cells.of_size(0.5).middle_deg(found.cell)
+    azimuth, elevation = SphereCells.of_size(0.5).middle_deg(found.cell)
     away = np.hypot(azimuth, elevation)
     assert np.nanmin(limit[away < 3.0]) > np.nanmax(limit[away > 18.0])
 
@@ -226,10 +227,10 @@ def test_range_map_is_the_range_at_each_cells_aperture():
 def test_ground_around_a_spinning_head():
     """Blind below -15 degrees: nearer than height / tan 15 deg; two of the same see the same."""
     sensor = equipped(vlp16(), mounting=Pose(position_m=np.array([0.0, 0.0, 1.9])))
-    cells = Cells.of_size(0.28)
+    cells = SphereCells.of_size(0.28)
     found = studied(sensor.scanner, cells, 0.2)
     lying = equipped(vlp16())
-    view = reach.ground([sensor, sensor, lying], cells, [found] * 3, Target(), half_m=20.0, step_m=0.1)
+    view = reach.ground_view([sensor, sensor, lying], cells, [found] * 3, Target(), half_m=20.0, step_m=0.1)
     assert view.nearest_blind_m() == pytest.approx(1.9 / math.tan(15.0 * DEG), abs=0.2)
     assert set(np.unique(view.count)) == {0, 2}
     assert view.square_metres[2] == 0.0
@@ -238,11 +239,11 @@ def test_ground_around_a_spinning_head():
 def test_cells_between_pulses_see_the_ground_by_the_aperture_of_the_others():
     """The outline's cells that no pulse met have no share of their own: the mean of those that were met is theirs."""
     sensor = equipped(vlp16(), mounting=Pose(position_m=np.array([0.0, 0.0, 1.9])))
-    cells = Cells.of_size(0.28)
+    cells = SphereCells.of_size(0.28)
     whole = studied(sensor.scanner, cells, 0.2)
     met = np.where(np.arange(len(whole.cell)) % 2 == 0, 0.25, np.nan)
     views = [
-        reach.ground([sensor], cells, [replace(whole, share=share)], Target(), half_m=20.0, step_m=0.5)
+        reach.ground_view([sensor], cells, [replace(whole, share=share)], Target(), half_m=20.0, step_m=0.5)
         for share in (met, np.full(len(met), 0.25), np.full(len(met), 1e-9))
     ]
     assert np.array_equal(views[0].is_seen, views[1].is_seen)
@@ -267,9 +268,9 @@ def test_the_farthest_ground_is_where_its_slant_echo_reaches_the_level():
     """A laser too weak for 20 m: ground is met at a cosine of height over distance."""
     weak = equipped(vlp16(), mounting=Pose(position_m=np.array([0.0, 0.0, 1.9])))
     weak = replace(weak, laser=replace(weak.laser, peak_power_w=1.0))
-    cells = Cells.of_size(0.28)
+    cells = SphereCells.of_size(0.28)
     found = studied(weak.scanner, cells, 0.2)
-    view = reach.ground([weak], cells, [found], Target(), half_m=30.0, step_m=0.5)
+    view = reach.ground_view([weak], cells, [found], Target(), half_m=30.0, step_m=0.5)
     away_m = np.hypot(np.hypot(view.x_m[None, :], view.y_m[:, None]), 1.9)
     farthest_m = float(away_m[view.is_seen[0]].max())
     assert 8.0 < farthest_m < 25.0
@@ -284,9 +285,9 @@ def test_the_farthest_ground_is_where_its_slant_echo_reaches_the_level():
 
 
 def test_an_image_shows_each_cell():
-    cells = Cells.of_size(1.0)
+    cells = SphereCells.of_size(1.0)
     found = studied(raster(), cells, 0.2)
-    shown, outside, (left, right, low, high) = figures.image(cells, found.cell, found.cell.astype(float))
+    shown, outside, (left, right, low, high) = figures.cell_raster(cells, found.cell, found.cell.astype(float))
     assert set(np.unique(shown[~outside]).astype(int)) == set(found.cell.tolist())
     assert left < -10.0 < 10.0 < right
     assert low < -5.0 < 5.0 < high
@@ -294,4 +295,4 @@ def test_an_image_shows_each_cell():
 
 def test_too_many_pulses_are_refused():
     with pytest.raises(InputError, match="--time: 1000 s of this scanner are"):
-        pattern.fired(mid40(), 1000.0)
+        pattern_coverage.fired_pulses(mid40(), 1000.0)

@@ -16,18 +16,18 @@ from ...figures.page import Page, csv_text
 from ...files.atomic import atomic_folder, put_text, require_writable
 from ...files.json_text import json_text
 from ...sensor.model import Sensor
-from . import figures as figures
-from .pattern import DWELL_S, rate_hz
-from .reach import Ground, ground
-from .seen import Seen, Study, seen
+from . import field_of_view_figures as figures
+from .pattern_coverage import DWELL_S, rate_hz
+from .reach import Ground, ground_view
+from .sensor_view import FieldOfViewStudy, SensorView, study_sensor
 from .spacing import PERCENTILES
 
 if TYPE_CHECKING:
     from ...maths.pose import Pose
     from ...scene.scene import Scene
-    from .bodies import OnBody
+    from .body_points import BodyPoints
 
-Told = Callable[[int, int], object]
+Progress = Callable[[int, int], object]
 
 PAGES = ("index.md", "index.html")
 MAPS = ("pattern", "density", "revisit", "range")
@@ -58,15 +58,15 @@ def file_names(names: Sequence[str], *, with_ground: bool, with_scene: bool) -> 
     return [*PAGES, *(f"{stem}.{suffix}" for stem in stems for suffix in ("png", "csv"))]
 
 
-def write(
+def write_study(
     folder: Path,
     sensors: Sequence[tuple[str, Sensor]],
-    study: Study,
+    study: FieldOfViewStudy,
     *,
     scene: Scene | None = None,
     vehicle: Pose | None = None,
     as_json: bool = False,
-    progress: Told = lambda done, total: None,
+    progress: Progress = lambda done, total: None,
 ) -> str:
     """Write all figures and both pages; returns the text to print. Raises InputError, OutputError.
 
@@ -80,29 +80,29 @@ def write(
     for name in files:
         require_writable(folder / name)
     with atomic_folder(folder) as temporary:
-        views = _write(temporary, sensors, study, scene, vehicle, progress)
-    return _printed(folder, views, study, files, as_json=as_json)
+        views = _write_files(temporary, sensors, study, scene, vehicle, progress)
+    return _result_text(folder, views, study, files, as_json=as_json)
 
 
-def _write(
+def _write_files(
     folder: Path,
     sensors: Sequence[tuple[str, Sensor]],
-    study: Study,
+    study: FieldOfViewStudy,
     scene: Scene | None,
     vehicle: Pose | None,
-    progress: Told,
-) -> list[Seen]:
+    progress: Progress,
+) -> list[SensorView]:
     """All files into a folder; returns what was seen."""
     names = [name for name, _ in sensors]
     on_vehicle = _on_vehicle(sensors)
     total = 2 * len(sensors) + 1
     progress(0, total)
-    views: list[Seen] = []
+    views: list[SensorView] = []
     for (name, sensor), slug in zip(sensors, slugs(names), strict=True):
-        views.append(seen(name, slug, sensor, study))
+        views.append(study_sensor(name, slug, sensor, study))
         progress(len(views), total)
-    below = _ground(views, study) if on_vehicle else None
-    bodies = _bodies(sensors, scene, vehicle) if scene is not None else None
+    below = _ground_around(views, study) if on_vehicle else None
+    bodies = _points_on_bodies(sensors, scene, vehicle) if scene is not None else None
     page = Page("Fields of view", columns=True)
     page.paragraph(figures.introduction(study.cell_deg, study.mask, DWELL_S, study.target))
     page.table(figures.SUMMARY, [figures.summary_row(view) for view in views])
@@ -114,21 +114,21 @@ def _write(
 
     page.heading("All sensors")
     if len(views) > 1:
-        show(*figures.patterns(views))
-    show(*figures.coverage(views, study.times_s, study.cell_deg))
+        show(*figures.all_patterns_figure(views))
+    show(*figures.coverage_figure(views, study.times_s, study.cell_deg))
     page.table(("sensor", *(f"{time_s:g} s" for time_s in study.times_s)), figures.coverage_rows(views, study.times_s))
-    show(*figures.spacing(views))
+    show(*figures.spacing_figure(views))
     page.table(("sensor", *(f"{percentile} %" for percentile in PERCENTILES)), figures.spacing_rows(views))
     if below is not None:
-        show(*figures.overlap(views, below))
+        show(*figures.ground_figure(views, below))
     else:
         page.paragraph(figures.NO_GROUND)
     if bodies is not None and scene is not None:
-        show(*figures.on_bodies(bodies, scene.name))
+        show(*figures.body_points_figure(bodies, scene.name))
     progress(len(sensors) + 1, total)
     for step, view in enumerate(views, start=len(sensors) + 2):
         page.heading(view.name)
-        for figure in (figures.pattern, figures.density, figures.revisit, figures.far):
+        for figure in (figures.pattern_figure, figures.density_figure, figures.revisit_figure, figures.range_figure):
             show(*figure(view))
         progress(step, total)
     put_text(folder / PAGES[0], page.as_markdown())
@@ -141,22 +141,24 @@ def _on_vehicle(sensors: Sequence[tuple[str, Sensor]]) -> bool:
     return any(float(sensor.mounting.position_m[2]) > 0.0 for _, sensor in sensors)
 
 
-def _ground(views: Sequence[Seen], study: Study) -> Ground:
+def _ground_around(views: Sequence[SensorView], study: FieldOfViewStudy) -> Ground:
     cells = views[0].cells
-    return ground([view.sensor for view in views], cells, [view.revisits for view in views], study.target)
+    return ground_view([view.sensor for view in views], cells, [view.revisits for view in views], study.target)
 
 
-def _bodies(
+def _points_on_bodies(
     sensors: Sequence[tuple[str, Sensor]], scene: Scene, vehicle: Pose | None
-) -> list[tuple[str, list[OnBody]]]:
+) -> list[tuple[str, list[BodyPoints]]]:
     from ...sensor.rig import Mounted
-    from .bodies import points_on_bodies
+    from .body_points import points_on_bodies
 
     mounted = [Mounted(label=name, sensor=sensor) for name, sensor in sensors]
     return points_on_bodies(scene, mounted, vehicle=vehicle)
 
 
-def _printed(folder: Path, views: Sequence[Seen], study: Study, files: Sequence[str], *, as_json: bool) -> str:
+def _result_text(
+    folder: Path, views: Sequence[SensorView], study: FieldOfViewStudy, files: Sequence[str], *, as_json: bool
+) -> str:
     if as_json:
         rows = {
             view.name: {
@@ -188,5 +190,5 @@ def _printed(folder: Path, views: Sequence[Seen], study: Study, files: Sequence[
     return "\n".join(lines)
 
 
-def _coverage(view: Seen, study: Study) -> list[float]:
+def _coverage(view: SensorView, study: FieldOfViewStudy) -> list[float]:
     return [float(share) for share in view.maps.coverage(np.array(study.times_s))]

@@ -10,11 +10,11 @@ import pytest
 from helpers.clouds import small_cloud
 
 from lidarscene.recordings.sweep import Second, Sweep
-from lidarscene.studies.compare.real import (
+from lidarscene.studies.compare.recording_comparison import (
     Side,
-    compare_real,
-    ground_of,
-    numbers_of,
+    compare_with_recording,
+    compared_quantities,
+    measure_ground,
     side_of_cloud,
     side_of_sweep,
     verdict,
@@ -54,7 +54,7 @@ def flat(height_m: float = HEIGHT_M, tilt: float = 0.02, seed: int = 1) -> Sweep
 
 def test_ground_height_and_its_farthest_return() -> None:
     sweep = flat()
-    found = ground_of(sweep.xyz_m[sweep.kept])
+    found = measure_ground(sweep.xyz_m[sweep.kept])
     assert found is not None
     height, farthest, share = found
     # The perpendicular; 7000 points of 1 cm fix it to less than a millimetre, what is near the wall's foot adds some.
@@ -63,11 +63,11 @@ def test_ground_height_and_its_farthest_return() -> None:
     assert farthest == pytest.approx(np.nanpercentile(sweep.range_m[on], 99.9), rel=0.01)
     assert share == pytest.approx(on.sum() / sweep.kept.sum(), abs=0.01)
     rng = np.random.default_rng(2)
-    assert ground_of(rng.normal(0.0, 5.0, (50, 3))) is None
+    assert measure_ground(rng.normal(0.0, 5.0, (50, 3))) is None
 
 
 def test_losses_second_returns_rings_and_strengths() -> None:
-    found = numbers_of(side_of_sweep("real", flat()))
+    found = compared_quantities(side_of_sweep("real", flat()))
     pulses = RINGS * 300
     assert found["points"] == pulses - 30
     assert found["share of pulses kept"] == pytest.approx((pulses - 30) / pulses)
@@ -92,7 +92,7 @@ def test_page_and_numbers(tmp_path: Path) -> None:
         return_share=None,
         gap_m=np.zeros(0),
     )
-    text = compare_real(nothing, real, tmp_path)
+    text = compare_with_recording(nothing, real, tmp_path)
     assert f"wrote {tmp_path / 'index.html'}" in text
     written = json.loads((tmp_path / "real.json").read_text())
     told = {row["quantity"]: row for row in written["rows"]}
@@ -103,7 +103,7 @@ def test_page_and_numbers(tmp_path: Path) -> None:
     assert "64 to 128" not in page  # of which neither side knows anything
     assert text.splitlines()[0] == written["verdict"]
     assert html.escape(written["verdict"]) in page.partition("<table>")[0]
-    assert json.loads(compare_real(nothing, real, tmp_path, as_json=True)) == written
+    assert json.loads(compare_with_recording(nothing, real, tmp_path, as_json=True)) == written
 
 
 def test_the_verdict_names_what_differs_most() -> None:
@@ -126,7 +126,7 @@ def test_the_ground_is_the_lowest_level_not_the_fullest() -> None:
     z = np.where(number % 5 < 2, -1.8, -0.8)
     z = np.where(number % 50 == 0, -4.0, z)
     xyz_m = np.column_stack([place, z])
-    ground = ground_of(xyz_m)
+    ground = measure_ground(xyz_m)
     assert ground is not None
     assert ground[0] == pytest.approx(1.8, abs=1e-6)
     assert ground[2] == pytest.approx(np.mean(z == -1.8))
@@ -147,13 +147,13 @@ def test_strengths_of_an_octave_are_of_its_own_ranges() -> None:
         return_share=None,
         gap_m=np.zeros(0),
     )
-    strengths = {name: value for name, value in numbers_of(side).items() if name.startswith("strength")}
+    strengths = {name: value for name, value in compared_quantities(side).items() if name.startswith("strength")}
     assert list(strengths.values()) == [None, 8.0, 4.0, 1.0, None, None, None]
 
 
 def test_the_height_is_square_to_the_ground() -> None:
     place = np.stack(np.meshgrid(np.linspace(-8.0, 8.0, 40), np.linspace(-8.0, 8.0, 40)), axis=-1).reshape(-1, 2)
-    ground = ground_of(np.column_stack([place, -1.8 + 0.05 * place[:, 0] + 0.1 * place[:, 1]]))
+    ground = measure_ground(np.column_stack([place, -1.8 + 0.05 * place[:, 0] + 0.1 * place[:, 1]]))
     assert ground is not None
     assert ground[0] == pytest.approx(1.8 / np.sqrt(1.0 + 0.05**2 + 0.1**2), abs=1e-6)
 
@@ -180,7 +180,7 @@ def test_what_is_near_the_plane_is_ground_more_so_far_away() -> None:
     place = np.stack(np.meshgrid(np.linspace(-15.0, 15.0, 40), np.linspace(-15.0, 15.0, 40)), axis=-1).reshape(-1, 2)
     plane = np.column_stack([place, np.full(len(place), -1.8)])
     others = np.array([[5.0, 0.0, -1.75], [50.0, 0.0, -1.67], [5.0, 0.0, -1.65], [50.0, 0.0, -1.6]])
-    ground = ground_of(np.concatenate([plane, others]))
+    ground = measure_ground(np.concatenate([plane, others]))
     assert ground is not None
     assert ground[2] == pytest.approx((len(plane) + 2) / (len(plane) + 4))
 

@@ -15,8 +15,10 @@ from lidarscene.detection.outcomes import Status
 from lidarscene.maths.pose import Pose
 from lidarscene.rendering.simulator import Simulator, Summary
 from lidarscene.scene.scene import Air
-from lidarscene.studies.compare import clouds, data, numbers
-from lidarscene.studies.compare.run import Bench, _on_plane, fires_alike, sweep, with_beams_of
+from lidarscene.studies.compare import cloud_matching, observations
+from lidarscene.studies.compare import comparison_statistics as statistics
+from lidarscene.studies.compare.bench import Bench, fires_alike, with_beams_of
+from lidarscene.studies.compare.illuminance_sweep import _equal_range_klux, sweep_illuminance
 from lidarscene.studies.ranging import plane
 
 COARSE = [
@@ -55,11 +57,11 @@ def seen(bench):
 @pytest.mark.parametrize(("found", "total"), [(0, 10), (1, 10), (5, 11), (10, 10), (65429, 71785)])
 def test_wilson_is_scipys(found: int, total: int) -> None:
     ends = stats.binomtest(found, total).proportion_ci(0.95, method="wilson")
-    assert numbers.wilson(found, total) == pytest.approx((ends.low, ends.high), abs=1e-12)
+    assert statistics.wilson_interval(found, total) == pytest.approx((ends.low, ends.high), abs=1e-12)
 
 
 def test_nothing_has_no_rate() -> None:
-    assert numbers.wilson(0, 0) == (0.0, 1.0)
+    assert statistics.wilson_interval(0, 0) == (0.0, 1.0)
 
 
 @pytest.mark.parametrize("p", [(0.5, 0.1, 0.05), (0.8, 0.02, 0.15), (0.3, 0.3, 0.3)])
@@ -74,15 +76,15 @@ def test_paired_interval_covers(p: tuple[float, float, float]) -> None:
     rest = 1.0 - only_a - only_b
     for b in range(n + 1):
         for c in range(n + 1 - b):
-            low, high = numbers.paired_interval(only_a=b, only_b=c, pulses=n)
+            low, high = statistics.paired_interval(only_a=b, only_b=c, pulses=n)
             if low <= only_a - only_b <= high:
                 covered += stats.multinomial.pmf([b, c, n - b - c], n, [only_a, only_b, rest])
     assert covered == pytest.approx(0.95, abs=0.02)
 
 
-def surfaces(n: int = 400, seed: int = 0) -> data.Surfaces:
+def surfaces(n: int = 400, seed: int = 0) -> observations.Surfaces:
     rng = np.random.default_rng(seed)
-    return data.Surfaces(
+    return observations.Surfaces(
         pulse=np.sort(rng.choice(3 * n, n, replace=False)),
         detected=rng.random(n) < 0.6,
         snr=rng.random(n).astype(np.float32),
@@ -98,15 +100,15 @@ def surfaces(n: int = 400, seed: int = 0) -> data.Surfaces:
 def test_rates_by_brute_force() -> None:
     """Pulse by pulse, bin by bin."""
     of = surfaces()
-    bins = data.range_bins(130.0)
+    bins = observations.range_bins(130.0)
     assert (bins.labels[0], bins.labels[-1], len(bins.labels)) == ("0 to 10", "120 to 130", 13)
-    for number, told in enumerate(numbers.rates(of, bins)):
+    for number, told in enumerate(statistics.rates_by_group(of, bins)):
         inside = [i for i, r in enumerate(of.true_range_m) if 10 * number <= r < 10 * (number + 1)]
         assert told.surfaces == len(inside)
         assert told.found == sum(bool(of.detected[i]) for i in inside)
         assert told.expected == pytest.approx(sum(float(of.probability[i]) for i in inside) / len(inside))
-    bodies = data.Grouping(key="body", attribute="body", unit="", labels=("a", "b", "c"))
-    assert [r.surfaces for r in numbers.rates(of, bodies)] == [int(np.sum(of.body == n)) for n in range(3)]
+    bodies = observations.Grouping(key="body", attribute="body", unit="", labels=("a", "b", "c"))
+    assert [r.surfaces for r in statistics.rates_by_group(of, bodies)] == [int(np.sum(of.body == n)) for n in range(3)]
 
 
 def test_pairs_by_brute_force() -> None:
@@ -114,18 +116,18 @@ def test_pairs_by_brute_force() -> None:
     of_a = dict(zip(a.pulse.tolist(), a.detected.tolist(), strict=True))
     of_b = dict(zip(b.pulse.tolist(), b.detected.tolist(), strict=True))
     both = [(of_a[p], of_b[p]) for p in of_a if p in of_b]
-    (told,) = numbers.pairs(a, b)
+    (told,) = statistics.count_pairs(a, b)
     counted = [both.count(kind) for kind in ((True, True), (True, False), (False, True), (False, False))]
     assert [told.both, told.only_a, told.only_b, told.neither] == counted
-    bins = data.range_bins(130.0)
-    by_range = numbers.pairs(a, b, bins)
+    bins = observations.range_bins(130.0)
+    by_range = statistics.count_pairs(a, b, bins)
     assert sum(p.only_b for p in by_range) == told.only_b
     assert told.difference == pytest.approx((counted[1] - counted[2]) / len(both))
 
 
 @pytest.mark.parametrize(("reach", "step"), [(0.3, 0.02), (16.0, 1.0), (17.0, 2.0), (130.0, 10.0), (900.0, 100.0)])
 def test_bins_hold_all(reach: float, step: float) -> None:
-    bins = data.range_bins(reach)
+    bins = observations.range_bins(reach)
     assert bins.edges is not None
     assert bins.edges[1] == pytest.approx(step)
     assert 1 <= len(bins.labels) <= 16
@@ -136,7 +138,7 @@ def test_edges_of_bins() -> None:
     """The upper edge belongs to the next bin, that of the last to the last; inf to none."""
     ranges = np.array([0.0, 10.0, 130.0, 131.0, np.inf], dtype=np.float32)
     of = dataclasses.replace(surfaces(5), true_range_m=ranges)
-    assert data.range_bins(130.0).group_index(of).tolist() == [0, 1, 12, -1, -1]
+    assert observations.range_bins(130.0).group_index(of).tolist() == [0, 1, 12, -1, -1]
 
 
 # --- what the simulation hands out ------------------------------------------------------------------
@@ -172,8 +174,10 @@ def test_observer_sees_every_surface(mi) -> None:
 def test_chunks_change_nothing(bench) -> None:
     sensor = chain.sensor("table1-apd", WEAK, *COARSE)
     whole, parts = bench.observe("a", sensor), Bench(scene(), seed=3, chunk=700).observe("a", sensor)
-    for field in dataclasses.fields(data.Surfaces):
-        assert np.array_equal(getattr(whole.counted, field.name), getattr(parts.rated_surfaces, field.name)), field.name
+    for field in dataclasses.fields(observations.Surfaces):
+        assert np.array_equal(getattr(whole.rated_surfaces, field.name), getattr(parts.rated_surfaces, field.name)), (
+            field.name
+        )
     assert np.array_equal(whole.pulse, parts.pulse)
 
 
@@ -183,13 +187,13 @@ def test_chunks_change_nothing(bench) -> None:
 def test_equal_sensors_do_not_differ(bench) -> None:
     sensor = chain.sensor("table1-apd", WEAK, *COARSE)
     a, b = bench.observe("a", sensor), bench.observe("b", sensor)
-    (told,) = numbers.pairs(a.counted, b.counted)
+    (told,) = statistics.count_pairs(a.rated_surfaces, b.rated_surfaces)
     assert (told.only_a, told.only_b, told.difference) == (0, 0, 0.0)
     assert 0 < told.both < told.pulses
-    apart = numbers.paired_range_difference(a, b)
+    apart = statistics.paired_range_difference(a, b)
     assert apart is not None
     assert (apart.points, apart.bias_m, apart.sigma_m) == (told.both, 0.0, 0.0)
-    cloud, kinds = numbers.difference(a, b)
+    cloud, kinds = statistics.difference_cloud(a, b)
     assert len(cloud) == told.both
     assert not kinds.any()
 
@@ -198,13 +202,13 @@ def test_difference_cloud(seen) -> None:
     """By the definition, pulse by pulse; the points of the first where both have one."""
     a, b = seen
     echoes = [set(one.pulse[one.is_echo].tolist()) for one in seen]
-    cloud, kinds = numbers.difference(a, b)
+    cloud, kinds = statistics.difference_cloud(a, b)
     assert len(cloud) == len(echoes[0] | echoes[1])
     counts = [len(echoes[0] & echoes[1]), len(echoes[0] - echoes[1]), len(echoes[1] - echoes[0])]
     assert np.bincount(kinds, minlength=3).tolist() == counts
     assert counts[0] > 0
     assert counts[1] > 0  # in 100 klux the APD finds more
-    assert np.array_equal(cloud.range_m[kinds < 2], a.cloud.range_m[numbers.first_echoes(a)[1]])
+    assert np.array_equal(cloud.range_m[kinds < 2], a.cloud.range_m[statistics.first_echoes(a)[1]])
     assert np.all(np.diff(cloud.time_s) > 0.0)
 
 
@@ -235,14 +239,17 @@ def test_files_match_as_pulses_do(seen, tmp_path: Path) -> None:
     """Two roads: pulse numbers of the simulation, and times and angles of the points in files."""
     for one in seen:
         one.cloud.save(tmp_path / f"{one.name}.ply")
-    read = clouds.read([tmp_path / f"{one.name}.ply" for one in seen])
-    (by_number,) = numbers.pairs(seen[0].counted, seen[1].counted)
-    (by_time,) = numbers.pairs(read[0].rated_surfaces, read[1].rated_surfaces)
+    read = cloud_matching.read_clouds([tmp_path / f"{one.name}.ply" for one in seen])
+    (by_number,) = statistics.count_pairs(seen[0].rated_surfaces, seen[1].rated_surfaces)
+    (by_time,) = statistics.count_pairs(read[0].rated_surfaces, read[1].rated_surfaces)
     assert by_time.neither == 0
     assert by_time == dataclasses.replace(by_number, neither=0)
-    classes = data.groupings(read)[3]
-    assert sum(r.found for r in numbers.rates(read[1].rated_surfaces, classes)) == by_time.both + by_time.only_b
-    assert clouds.disagreeing(*read) == 0.0
+    classes = observations.groupings(read)[3]
+    assert (
+        sum(r.found for r in statistics.rates_by_group(read[1].rated_surfaces, classes))
+        == by_time.both + by_time.only_b
+    )
+    assert cloud_matching.disagreeing_share(*read) == 0.0
 
 
 def test_clouds_of_other_scenes_are_told_apart(mi, seen) -> None:
@@ -253,23 +260,25 @@ def test_clouds_of_other_scenes_are_told_apart(mi, seen) -> None:
         materials=tuple(scene().materials.values()),
     )
     cloud = Bench(other, seed=3).observe("b", chain.sensor("table1-apd", WEAK, *COARSE)).cloud
-    a, b = clouds.observations(["x", "x"], [seen[0].cloud, cloud])
+    a, b = cloud_matching.observe_clouds(["x", "x"], [seen[0].cloud, cloud])
     assert (a.name, b.name) == ("x", "x (2)")
     assert a.cloud.body_names == b.cloud.body_names == ("plane", "box", "ball", "new")
-    assert 0.1 < clouds.disagreeing(a, b) < 0.9
-    assert "new" not in {r.group for r in numbers.rates(a.rated_surfaces, data.groupings([a, b])[4]) if r.found}
+    assert 0.1 < cloud_matching.disagreeing_share(a, b) < 0.9
+    assert "new" not in {
+        r.group for r in statistics.rates_by_group(a.rated_surfaces, observations.groupings([a, b])[4]) if r.found
+    }
 
 
 def test_clouds_of_other_beams_are_not_matched(bench, seen) -> None:
     finer = bench.observe("b", chain.sensor("table1-apd", WEAK, *COARSE, "laser.repetition_rate_khz=49"))
-    observed = clouds.observations(["a", "b"], [seen[0].cloud, finer.cloud])
+    observed = cloud_matching.observe_clouds(["a", "b"], [seen[0].cloud, finer.cloud])
     assert all(one.surfaces is None and one.pulse is None for one in observed)
 
 
 def test_clouds_need_truth(seen, tmp_path: Path) -> None:
     seen[0].cloud.without_truth().save(tmp_path / "a.ply")
     with pytest.raises(InputError, match=r"a\.ply: the cloud must have ground truth"):
-        clouds.read([tmp_path / "a.ply"] * 2)
+        cloud_matching.read_clouds([tmp_path / "a.ply"] * 2)
 
 
 # --- closed forms -----------------------------------------------------------------------------------
@@ -298,15 +307,15 @@ def test_rate_on_a_plane(mi, name: str, part: float) -> None:
     range_m = part * float(limit)
     one = Bench(chain.scene(chain.facing(range_m=range_m))).observe(name, sensor)
     p = float(plane.detection_probability(sensor, target, range_m)[0])
-    told = numbers.rate(one.rated_surfaces)
+    told = statistics.overall_rate(one.rated_surfaces)
     assert told.surfaces == 101 * 101
     assert told.expected == pytest.approx(p, abs=1e-3)
     assert abs(told.found - p * told.surfaces) < 3.9 * math.sqrt(p * (1.0 - p) * told.surfaces)
-    apart = numbers.deviation(one.rated_surfaces)
+    apart = statistics.detection_deviation(one.rated_surfaces)
     assert apart is not None
     assert abs(apart) < 3.9
-    for grouping in data.groupings([one]):
-        (alone,) = [r for r in numbers.rates(one.rated_surfaces, grouping) if r.surfaces]
+    for grouping in observations.groupings([one]):
+        (alone,) = [r for r in statistics.rates_by_group(one.rated_surfaces, grouping) if r.surfaces]
         assert (alone.surfaces, alone.found) == (told.surfaces, told.found), grouping.key
 
 
@@ -314,12 +323,12 @@ def test_range_errors_by_hand(seen) -> None:
     one = seen[0]
     echo = one.cloud.status == Status.ECHO
     error = (one.cloud.range_m - one.cloud.true_range_m)[echo].astype(np.float64)
-    (told,) = numbers.range_errors(one)
+    (told,) = statistics.range_errors(one)
     # float32 ranges of 40 m: differences rounded to 4 um, their mean far less.
     assert told.points == int(echo.sum())
     assert told.bias_m == pytest.approx(error.mean(), abs=1e-6)
     assert told.sigma_m == pytest.approx(error.std(ddof=1), abs=1e-6)
-    by_range = numbers.range_errors(one, data.groupings(seen)[0])
+    by_range = statistics.range_errors(one, observations.groupings(seen)[0])
     assert sum(e.points for e in by_range) == told.points
     assert sum(e.points * e.bias_m for e in by_range) == pytest.approx(told.points * told.bias_m)
 
@@ -335,7 +344,7 @@ def test_crossing_agrees_with_the_range_analysis(mi) -> None:
     lux = plane.equal_range_illuminance_klux(*(s for _, s in sensors), plane.Target())
     range_m = float(plane.maximum_range_m(sensors[0][1], plane.Target(illuminance_klux=lux))[0])
     bench = Bench(chain.scene(chain.facing(range_m=range_m), air=Air(transmittance=0.98)))
-    swept = sweep(bench, sensors, (1.0, 10.0))
+    swept = sweep_illuminance(bench, sensors, (1.0, 10.0))
     (crossing,) = swept.crossings["table1-sipm"]
     assert crossing.illuminance_klux == pytest.approx(lux, rel=1e-3)
     assert crossing.expected == pytest.approx(0.5, abs=2e-3)
@@ -345,7 +354,7 @@ def test_crossing_agrees_with_the_range_analysis(mi) -> None:
 
 def test_equal_sensors_do_not_cross(mi) -> None:
     sensors = [(name, chain.sensor("table1-apd", *chain.NARROW)) for name in ("a", "b")]
-    swept = sweep(Bench(chain.scene(chain.facing(range_m=60.0))), sensors, (1.0, 100.0))
+    swept = sweep_illuminance(Bench(chain.scene(chain.facing(range_m=60.0))), sensors, (1.0, 100.0))
     assert swept.crossings == {"b": []}
     assert swept.on_plane_klux == {"b": None}
 
@@ -359,17 +368,19 @@ def test_the_place_may_be_another(mi) -> None:
 
 def test_a_paired_interval_by_hand() -> None:
     """98 pulses that both found: half of one on each side of 100, deviation sqrt(1) / 100, 1.96 of it either way."""
-    assert numbers.paired_interval(only_a=0, only_b=0, pulses=98) == pytest.approx((-0.0195996, 0.0195996), rel=1e-5)
+    assert statistics.paired_interval(only_a=0, only_b=0, pulses=98) == pytest.approx((-0.0195996, 0.0195996), rel=1e-5)
     # 10.5 and 0.5 of 100: 10 %, variance 11 - 100 / 100.
     half = 1.959964 * math.sqrt(10.0) / 100.0
-    assert numbers.paired_interval(only_a=10, only_b=0, pulses=98) == pytest.approx((0.1 - half, 0.1 + half), rel=1e-5)
+    assert statistics.paired_interval(only_a=10, only_b=0, pulses=98) == pytest.approx(
+        (0.1 - half, 0.1 + half), rel=1e-5
+    )
 
 
 def test_who_is_ahead_and_middles_of_bins() -> None:
-    ahead = numbers.Pair(group="all", both=1, only_a=6, only_b=2, neither=1)
+    ahead = statistics.PairCounts(group="all", both=1, only_a=6, only_b=2, neither=1)
     assert ahead.difference == pytest.approx(0.4)
     assert sum(ahead.difference_interval) > 0.0
-    angles = data.Grouping(
+    angles = observations.Grouping(
         key="incidence",
         attribute="incidence_angle_rad",
         unit="deg",
@@ -377,30 +388,30 @@ def test_who_is_ahead_and_middles_of_bins() -> None:
         edges=np.radians([0.0, 10.0, 40.0]),
     )
     assert angles.middles == pytest.approx([5.0, 25.0])
-    assert data.range_bins(20.0).middles[0] == pytest.approx(1.0)
+    assert observations.range_bins(20.0).middles[0] == pytest.approx(1.0)
 
 
 def test_intervals_of_a_mean_and_a_deviation() -> None:
     """1.96 sigma / sqrt(n) and, of a Gaussian, 1.96 sigma / sqrt(2 (n - 1)); of one echo there is no deviation."""
-    errors = numbers.RangeError(group="all", points=9, bias_m=0.0, sigma_m=0.03)
+    errors = statistics.RangeError(group="all", points=9, bias_m=0.0, sigma_m=0.03)
     assert errors.bias_interval_m == pytest.approx(1.959964 * 0.01)
     assert errors.sigma_interval_m == pytest.approx(1.959964 * 0.03 / 4.0)
-    assert numbers.RangeError(group="all", points=1, bias_m=0.0, sigma_m=0.0).sigma_interval_m == 0.0
+    assert statistics.RangeError(group="all", points=1, bias_m=0.0, sigma_m=0.0).sigma_interval_m == 0.0
 
 
 def test_ranges_of_one_sensor_less_those_of_another() -> None:
     """Pulses 0 to 3 and 2 to 5: of both are 2 and 3, whose ranges are 3 and 1 m longer for A."""
 
-    def seen(name: str, first: int, ranges: list[float]) -> data.Observation:
+    def seen(name: str, first: int, ranges: list[float]) -> observations.Observation:
         cloud = small_cloud(
             n=4,
             range_m=np.array(ranges, np.float32),
             true_range_m=np.ones(4, np.float32),
             status=np.full(4, Status.ECHO, np.uint8),
         )
-        return data.Observation(name=name, cloud=cloud, pulse=first + np.arange(4), losses={})
+        return observations.Observation(name=name, cloud=cloud, pulse=first + np.arange(4), losses={})
 
-    apart = numbers.paired_range_difference(seen("a", 0, [9, 9, 7, 8]), seen("b", 2, [4, 7, 9, 9]))
+    apart = statistics.paired_range_difference(seen("a", 0, [9, 9, 7, 8]), seen("b", 2, [4, 7, 9, 9]))
     assert apart is not None
     assert (apart.points, apart.bias_m, apart.sigma_m) == (2, pytest.approx(2.0), pytest.approx(math.sqrt(2.0)))
 
@@ -414,7 +425,7 @@ def test_a_turned_sensor_fires_unlike() -> None:
 def test_only_false_alarms_are_false_alarms() -> None:
     """Points of weather, of other lidars and of the pulse before are none."""
     cloud = small_cloud(n=7, status=np.array([0, 1, 2, 3, 4, 1, 0], np.uint8))
-    assert data.Observation(name="a", cloud=cloud, losses={}).false_alarms == 2
+    assert observations.Observation(name="a", cloud=cloud, losses={}).false_alarms == 2
 
 
 def test_snrs_are_compared_where_both_are_known() -> None:
@@ -425,11 +436,11 @@ def test_snrs_are_compared_where_both_are_known() -> None:
         for name in ("true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id")
     }
     a, b = (
-        data.Surfaces(pulse=np.arange(4), detected=np.array(found), snr=np.array(snr), **few)
+        observations.Surfaces(pulse=np.arange(4), detected=np.array(found), snr=np.array(snr), **few)
         for found, snr in (([1, 1, 0, 0], [9.0, 8.0, 0.0, 3.0]), ([1, 0, 1, 0], [7.0, 2.0, 6.0, 0.0]))
     )
     a, b = (dataclasses.replace(one, detected=one.detected.astype(bool)) for one in (a, b))
-    of_a, of_b, who = numbers.paired_snr(a, b)
+    of_a, of_b, who = statistics.paired_snr(a, b)
     assert (of_a.tolist(), of_b.tolist(), who.tolist()) == ([9.0, 8.0], [7.0, 2.0], [0, 1])
 
 
@@ -440,24 +451,24 @@ def test_tripped_less_expected_in_standard_deviations() -> None:
         few,
         **{
             name: np.resize(getattr(few, name), 100)
-            for name in ("found", "snr", "true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id")
+            for name in ("detected", "snr", "true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id")
         },
         pulse=np.arange(100),
         probability=np.full(100, 0.5),
         tripped=np.arange(100) < 60,
     )
-    assert numbers.deviation(hundred) == pytest.approx(2.0)
+    assert statistics.detection_deviation(hundred) == pytest.approx(2.0)
 
 
 def test_places_are_changed_within_the_sweep_only() -> None:
     """An APD and a SiPM reach equally far at some 3 klux on Table 1's plane: not between 10 and 100."""
     sensors = load_sensor("table1-apd"), load_sensor("table1-sipm")
-    both = _on_plane(*sensors, (0.1, 100.0))
+    both = _equal_range_klux(*sensors, (0.1, 100.0))
     assert both == pytest.approx(plane.equal_range_illuminance_klux(*sensors, plane.Target()), rel=1e-6)
-    assert _on_plane(*sensors, (10.0, 100.0)) is None
+    assert _equal_range_klux(*sensors, (10.0, 100.0)) is None
 
 
 def test_numbers_without_a_name_are_in_no_group() -> None:
-    names = data.Grouping(key="body", attribute="body", unit="", labels=("a", "b"))
+    names = observations.Grouping(key="body", attribute="body", unit="", labels=("a", "b"))
     cloud = small_cloud(n=4, body=np.array([0, 1, 2, -1], np.int32))
     assert names.group_index(cloud).tolist() == [0, 1, -1, -1]

@@ -10,18 +10,17 @@ from dataclasses import dataclass, field
 from ...maths.arrays import Numbers
 from ...sensor.model import Sensor
 from ..ranging.plane import Target
-from .cells import Cells
-from .pattern import CellMaps, Pulses, fired, maps
-from .pattern import field as field_of_view
+from .pattern_coverage import CellMaps, FiredPulses, cell_maps, field_cells, fired_pulses
 from .reach import range_map_m
 from .spacing import nearest_deg
+from .sphere_cells import SphereCells
 
 TIMES_S = (0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.4)
 CELL_DEG = 0.28
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Study:
+class FieldOfViewStudy:
     """What is asked: times of coverage, size of cells, kind of field of view, target."""
 
     times_s: tuple[float, ...] = TIMES_S
@@ -31,7 +30,7 @@ class Study:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Seen:
+class SensorView:
     """One sensor's results.
 
     frame    pulses of the first frame
@@ -42,8 +41,8 @@ class Seen:
     name: str
     slug: str
     sensor: Sensor
-    cells: Cells
-    frame: Pulses
+    cells: SphereCells
+    frame: FiredPulses
     watched_s: float
     mapped_s: float
     revisits_s: float
@@ -53,16 +52,16 @@ class Seen:
     spacing_deg: Numbers
 
 
-def seen(name: str, slug: str, sensor: Sensor, study: Study) -> Seen:
+def study_sensor(name: str, slug: str, sensor: Sensor, study: FieldOfViewStudy) -> SensorView:
     """One sensor's results. Raises InputError if its pulses are too many."""
-    cells, longest = Cells.of_size(study.cell_deg), max(study.times_s)
+    cells, longest = SphereCells.of_size(study.cell_deg), max(study.times_s)
     revisits_s = max(longest, 2.0 * sensor.scanner.frame_s)
-    pulses = fired(sensor.scanner, revisits_s)
-    mask, watched_s = field_of_view(sensor.scanner, cells, longest, kind=study.mask)
-    revisit_maps = maps(pulses, cells, mask)
-    coverage_maps = maps(pulses.until(longest), cells, mask)
+    pulses = fired_pulses(sensor.scanner, revisits_s)
+    mask, watched_s = field_cells(sensor.scanner, cells, longest, kind=study.mask)
+    revisit_maps = cell_maps(pulses, cells, mask)
+    coverage_maps = cell_maps(pulses.until(longest), cells, mask)
     frame = pulses.until(sensor.scanner.frame_s)
-    return Seen(
+    return SensorView(
         name=name,
         slug=slug,
         sensor=sensor,

@@ -1,0 +1,137 @@
+"""Simulated observations for a comparison: one scene, traced with each sensor.
+
+The scene is compiled once for each wavelength. All sensors have the same seed and place, so that differences come from
+the sensors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ...detection.outcomes import Outcome
+from ...kernel.world.build import World
+from ...maths.arrays import Numbers
+from ...maths.pose import Pose
+from ...outputs.report import OUTCOME_TEXT
+from ...rendering.options import DEFAULT_CHUNK
+from ...rendering.simulator import Simulator, Summary
+from ...scene.scene import Scene
+from ...sensor.model import Sensor
+from .observations import Observation, Surfaces
+
+NamedSensor = tuple[str, Sensor]
+
+_TRIPPED = (Outcome.KEPT, Outcome.OUT_OF_WINDOW, Outcome.HIDDEN)
+_PULSES_AT_ONCE = 2**18  # compared together, which bounds the memory
+
+
+class Bench:
+    """A scene in which sensors are simulated one after the other, with the same seed and at the same place."""
+
+    def __init__(self, scene: Scene, *, seed: int = 0, pose: Pose | None = None, chunk: int = DEFAULT_CHUNK) -> None:
+        """Place the bench at ``pose``, to which each sensor adds its mounting; at the scene's sensor pose if None."""
+        self.scene, self.seed, self.pose, self.chunk = scene, seed, pose, chunk
+        self._worlds: dict[float, World] = {}
+
+    def observe(self, name: str, sensor: Sensor, *, illuminance_klux: float | None = None) -> Observation:
+        """Trace one frame with this sensor.
+
+        illuminance_klux  replaces that of the scene's sun; None keeps it
+
+        Raises BackendError.
+        """
+        scene = self.scene
+        if illuminance_klux is not None:
+            scene = replace(scene, sun=replace(scene.sun, illuminance_klux=illuminance_klux))
+        wavelength_m = sensor.laser.wavelength_m
+        simulator = Simulator(scene, sensor, world=self._worlds.get(wavelength_m), pose=self.pose)
+        self._worlds[wavelength_m] = simulator.world
+        collector, summary = _PulseCollector(), Summary()
+        cloud = simulator.render(seed=self.seed, chunk=self.chunk, points=collector, summary=summary)
+        losses = {
+            text: int(summary.outcomes[outcome])
+            for outcome, text in OUTCOME_TEXT.items()
+            if outcome != Outcome.NO_SURFACE
+        }
+        return Observation(
+            name=name,
+            cloud=cloud,
+            pulse=collector.pulse(),
+            surfaces=collector.surfaces(),
+            pulses_fired=summary.beams,
+            losses=losses,
+        )
+
+
+class _PulseCollector:
+    """Observer of a frame's points that collects pulse numbers and truth chunk by chunk."""
+
+    def __init__(self) -> None:
+        self._pulse: list[Numbers] = [np.zeros(0, np.uint32)]
+        self._chunks: list[Mapping[str, Numbers]] = []
+
+    def __call__(self, pulse: Numbers, columns: Mapping[str, Numbers]) -> None:
+        self._pulse.append(pulse)
+        if columns:
+            self._chunks.append(columns)
+
+    def pulse(self) -> Numbers:
+        """(n,) pulse numbers of the cloud's points."""
+        return np.concatenate(self._pulse).astype(np.int64)
+
+    def surfaces(self) -> Surfaces:
+        """Pulses of the frame that met a surface, whether or not they gave a point."""
+
+        def column(name: str) -> Numbers:
+            return np.concatenate(
+                [
+                    np.zeros(0, np.int32 if name in _INTEGER_COLUMNS else np.float32),
+                    *(chunk[name] for chunk in self._chunks),
+                ]
+            )
+
+        outcome = column("outcome")
+        return Surfaces(
+            pulse=column("pulse").astype(np.int64),
+            detected=outcome == Outcome.KEPT,
+            snr=column("snr"),
+            true_range_m=column("true_range_m"),
+            incidence_angle_rad=column("incidence_angle_rad"),
+            reflectivity=column("reflectivity"),
+            body=column("body"),
+            class_id=column("class_id"),
+            probability=column("detection_probability"),
+            tripped=np.isin(outcome, _TRIPPED),
+        )
+
+
+_INTEGER_COLUMNS = ("pulse", "outcome", "body", "class_id")
+
+
+def fires_alike(first: Sensor, second: Sensor) -> bool:
+    """True if two sensors fire the same pulses: equal number, times, origins, directions, jitter and mounting."""
+    a, b = first.scanner, second.scanner
+    if (a.pulses, a.frame_s, a.jitter_rad) != (b.pulses, b.frame_s, b.jitter_rad):
+        return False
+    if not all(
+        np.array_equal(getattr(first.mounting, part), getattr(second.mounting, part))
+        for part in ("position_m", "rotation")
+    ):
+        return False
+    for start in range(0, a.pulses, _PULSES_AT_ONCE):
+        pulse = np.arange(start, min(start + _PULSES_AT_ONCE, a.pulses), dtype=np.uint32)
+        rays = [
+            (*scanner.direction(pulse), scanner.time_s(pulse), *(scanner.offset_m(pulse) or (0.0, 0.0, 0.0)))
+            for scanner in (a, b)
+        ]
+        if not all(np.array_equal(np.asarray(x), np.asarray(y)) for x, y in zip(*rays, strict=True)):
+            return False
+    return True
+
+
+def with_beams_of(first: Sensor, sensor: Sensor) -> Sensor:
+    """Copy of ``sensor`` with the scanner and the mounting of ``first``."""
+    return replace(sensor, scanner=first.scanner, mounting=first.mounting)

@@ -1,0 +1,341 @@
+"""Files of a comparison: a page with everything, JSON, CSV, pictures and difference clouds.
+
+`file_names` lists all files before any work is done, so that one that cannot be written is refused first. Numbers in
+the JSON keep their units in their names; null means not known.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...cloud import pixels
+from ...cloud.point_cloud import PointCloud
+from ...figures import pictures as plots
+from ...figures.page import Page, csv_text
+from ...files.atomic import atomic_folder, put_text, require_writable
+from ...files.json_text import json_text
+from ...formats.ply import write_columns
+from ...maths.arrays import Numbers
+from ...scene.scene import View
+from ..field_of_view.field_of_view_study import slugs
+from . import comparison_figures as figures
+from . import comparison_report as report
+from .comparison_report import Comparison
+from .comparison_statistics import (
+    DIFFERENCE,
+    DetectionRate,
+    PairCounts,
+    count_pairs,
+    detection_deviation,
+    difference_cloud,
+    overall_rate,
+    paired_range_difference,
+    range_errors,
+    rates_by_group,
+)
+from .illuminance_sweep import IlluminanceSweep
+from .observations import Observation
+
+PAGE, NUMBERS = "index.html", "compare.json"
+COLOURS = {"both": (150, 150, 150), "only_a": (0, 114, 178), "only_b": (213, 94, 0)}
+"""Colours of a difference cloud's points by kind (sRGB, 0 to 255): grey, and the charts' blue and vermilion."""
+
+_PICTURE_PX = (1200, 675)
+_PAIR_HEADER = ("by", "group", "both", "only_a", "only_b", "neither", "difference", "difference_low", "difference_high")
+
+
+@dataclass(frozen=True, slots=True)
+class ComparisonOutput:
+    """Folder of a comparison and camera of its pictures; None: a camera that shows what is near the first sensor."""
+
+    folder: Path
+    view: View | None = None
+
+
+def file_names(names: Sequence[str], *, matched: bool, rated: bool, swept: bool, simulated: bool) -> list[str]:
+    """Names of all files that `write_comparison` may write.
+
+    matched    pulses of the sensors match: difference clouds, pairs and SNR are written
+    rated      detection rates are known
+    swept      there is a sweep over the illuminance
+    simulated  the clouds were rendered, not read: they are written too
+    """
+    file_slugs = slugs(names)
+    drawn = [*(["rate-range", "rate-incidence", "rate-reflectivity", "rate-class"] if rated else []), "error-range"]
+    drawn += [f"snr-{slug}" for slug in file_slugs[1:]] if matched else []
+    drawn += ["illuminance"] if swept else []
+    pictures = [f"cloud-{slug}.png" for slug in file_slugs]
+    files = [PAGE, NUMBERS, *(f"{stem}.{suffix}" for stem in drawn for suffix in ("png", "csv")), *pictures]
+    files += ["rate-body.csv"] if rated else []
+    files += [f"{slug}.ply" for slug in file_slugs] if simulated else []
+    if matched:
+        files += [f"difference-{slug}.{suffix}" for slug in file_slugs[1:] for suffix in ("ply", "png")]
+        files += [f"pairs-{slug}.csv" for slug in file_slugs[1:]]
+    return files
+
+
+def require_writable_files(folder: Path, names: Sequence[str]) -> None:
+    """Check that all files can be written, before any work is done. Raises OutputError."""
+    for name in names:
+        require_writable(folder / name)
+
+
+def write_comparison(comparison: Comparison, output: ComparisonOutput, *, as_json: bool = False) -> str:
+    """Write all files; returns the text to print. Raises OutputError."""
+    with atomic_folder(output.folder) as temporary:
+        numbers = _write_files(comparison, dataclasses.replace(output, folder=temporary))
+    page = output.folder / PAGE
+    return numbers if as_json else f"{report.as_text(comparison)}\nwrote {page} and the files beside it"
+
+
+def _write_files(comparison: Comparison, output: ComparisonOutput) -> str:
+    """Write all files into the output's folder; returns the numbers as JSON."""
+    folder, file_slugs = output.folder, slugs([observation.name for observation in comparison.observations])
+    page = Page(comparison.title, folder=folder, columns=True)
+    page.paragraph(report.verdict(comparison))
+    page.table(*report.fate_table(comparison))
+    page.table(*report.summary_table(comparison))
+    for note in (*comparison.notes, *comparison.aliasing_notes):
+        page.paragraph(note)
+    if comparison.matched:
+        page.heading("Who found what")
+        page.table(report.PAIRS, report.pair_rows(comparison))
+        _write_pairs(comparison, folder, file_slugs)
+    page.heading("The clouds")
+    _draw_clouds(page, comparison, output, file_slugs)
+    if comparison.rated:
+        _write_rates(page, comparison, folder)
+    else:
+        page.heading("Echoes")
+        for key in ("range", "class"):
+            page.table(*report.counts_table(comparison, key))
+    page.heading("Range error")
+    _show(page, folder, figures.range_error_figure(comparison.observations, comparison.group("range")))
+    _write_snr(page, comparison, folder, file_slugs)
+    if comparison.sweep is not None:
+        page.heading("Illuminance")
+        for line in report.crossing_lines(comparison.sweep, comparison.observations[0].name):
+            page.paragraph(line)
+        page.table(*report.sweep_table(comparison.sweep))
+        _show(page, folder, figures.illuminance_figure(comparison.sweep))
+    if comparison.seed is not None:
+        for observation, slug in zip(comparison.observations, file_slugs, strict=True):
+            observation.cloud.save(folder / f"{slug}.ply")
+    numbers = json_text(comparison_as_dict(comparison), indent=2)
+    put_text(folder / NUMBERS, numbers + "\n")
+    put_text(folder / PAGE, page.as_html())
+    return numbers
+
+
+def _show(page: Page, folder: Path, figure: figures.Figure | None) -> None:
+    if figure is not None:
+        stem, draw, table, caption = figure
+        draw(folder / f"{stem}.png")
+        put_text(folder / f"{stem}.csv", csv_text(*table))
+        page.figure(name=stem, number=stem, caption=caption, svg=False)
+
+
+def _write_rates(page: Page, comparison: Comparison, folder: Path) -> None:
+    page.heading("Detection rate")
+    observations = comparison.observations
+    for key in ("range", "incidence", "reflectivity"):
+        _show(page, folder, figures.rate_figure(observations, comparison.group(key), comparison.population))
+    _show(page, folder, figures.class_rate_figure(observations, comparison.group("class"), comparison.population))
+    page.table(*report.group_table(comparison, "class"))
+    body = comparison.group("body")
+    put_text(folder / "rate-body.csv", csv_text(figures.RATE_HEADER, figures.rate_rows(observations, body)))
+    header, rows = report.group_table(comparison, "body", report.MOST_BODIES)
+    choice = "with most pulses that only one sensor found" if comparison.matched else "of most pulses"
+    page.paragraph(f"The {len(rows)} bodies {choice}; rate-body.csv has all.")
+    page.table(header, rows)
+
+
+def _write_snr(page: Page, comparison: Comparison, folder: Path, file_slugs: Sequence[str]) -> None:
+    if comparison.matched:
+        page.heading("Signal-to-noise ratio")
+    for number, ((a, b), slug) in enumerate(_against_first(comparison, file_slugs), start=1):
+        _show(page, folder, figures.snr_figure(a, b, slug, (comparison.sensors[0], comparison.sensors[number])))
+
+
+def _against_first(
+    comparison: Comparison, file_slugs: Sequence[str]
+) -> Iterator[tuple[tuple[Observation, Observation], str]]:
+    """Pairs of the first observation and another, with the slug of the other; none where pulses do not match."""
+    return zip(comparison.against_first(), file_slugs[1:] if comparison.matched else (), strict=True)
+
+
+def _write_pairs(comparison: Comparison, folder: Path, file_slugs: Sequence[str]) -> None:
+    for (a, b), slug in _against_first(comparison, file_slugs):
+        rows = []
+        for group in (None, *comparison.groups):
+            for pair in count_pairs(a.rated_surfaces, b.rated_surfaces, group):
+                if pair.pulses:
+                    rows.append(
+                        (
+                            group.key if group else "all",
+                            pair.group,
+                            pair.both,
+                            pair.only_a,
+                            pair.only_b,
+                            pair.neither,
+                            pair.difference,
+                            *pair.difference_interval,
+                        )
+                    )
+        put_text(folder / f"pairs-{slug}.csv", csv_text(_PAIR_HEADER, rows))
+
+
+def _draw_clouds(page: Page, comparison: Comparison, output: ComparisonOutput, file_slugs: Sequence[str]) -> None:
+    """Draw every cloud and every difference cloud from one point of view; write the difference clouds."""
+    view = _view(comparison.observations[0].cloud, output.view)
+    # One scale for all, or the same colour would mean different things.
+    scale = plots.common_scale([observation.cloud for observation in comparison.observations], "snr")
+    captions = []
+    for observation, slug in zip(comparison.observations, file_slugs, strict=True):
+        name = f"cloud-{slug}"
+        _draw(observation.cloud, output.folder / f"{name}.png", view, colour_by="snr", scale=scale)
+        captions.append(
+            (name, f"{observation.name}: {len(observation.cloud):,} points by their signal-to-noise ratio.")
+        )
+    page.pictures(captions)
+    for (a, b), slug in _against_first(comparison, file_slugs):
+        cloud, kinds = difference_cloud(a, b)
+        name = f"difference-{slug}"
+        _save_difference(output.folder / f"{name}.ply", cloud, kinds, a.name, b.name)
+        labels = ("both", f"only {a.name}", f"only {b.name}")
+        metadata = dict(cloud.metadata) | {"sensor": f"{a.name} against {b.name}"}
+        sorted_by_kind = dataclasses.replace(cloud, class_id=kinds, class_names=labels, metadata=metadata)
+        _draw(sorted_by_kind, output.folder / f"{name}.png", view, colour_by="class")
+        counts = ", ".join(f"{label} {np.count_nonzero(kinds == kind):,}" for kind, label in enumerate(labels))
+        page.pictures([(name, f"Difference cloud, first echoes of the pulses that have one: {counts}.")])
+
+
+def _draw(
+    cloud: PointCloud, path: Path, view: View, *, colour_by: str, scale: tuple[float, float] | None = None
+) -> None:
+    plots.perspective_picture(cloud, path, colour_by=colour_by, view=view, size_px=_PICTURE_PX, scale=scale)
+
+
+def _view(cloud: PointCloud, view: View | None) -> View:
+    """The scene's camera, or the one that `figures.pictures` would choose for this cloud."""
+    if view is not None:
+        return view
+    camera = pixels.camera_for(cloud, shape=_PICTURE_PX)
+    x, y, z = (float(v) for v in camera.eye_m)
+    target_x, target_y, target_z = (float(v) for v in camera.eye_m + 10.0 * camera.axes[2])
+    return View(eye_m=(x, y, z), target_m=(target_x, target_y, target_z), fov_deg=camera.fov_deg)
+
+
+def _save_difference(path: Path, cloud: PointCloud, kinds: Numbers, a: str, b: str) -> None:
+    """Write a difference cloud as PLY, with its kinds as colours that every viewer shows.
+
+    Classes and bodies are numbers, whose names the file's comments list.
+    """
+    rgb = np.array([COLOURS[kind] for kind in DIFFERENCE], dtype=np.uint8)[kinds]
+    columns = {column.name: cloud.column(column.name) for column in cloud.columns}
+    columns |= {"difference": kinds, "red": rgb[:, 0], "green": rgb[:, 1], "blue": rgb[:, 2]}
+    comments = [f"difference cloud by lidarscene: A is {a}, B is {b}"]
+    comments += [f"difference {number} {kind}" for number, kind in enumerate(DIFFERENCE)]
+    comments += [f"unit {column.name} {column.unit}" for column in cloud.columns]
+    comments += [f"class {number} {name}" for number, name in enumerate(cloud.class_names)]
+    comments += [f"body {number} {name}" for number, name in enumerate(cloud.body_names)]
+    write_columns(path, columns, comments=comments)
+
+
+def comparison_as_dict(comparison: Comparison) -> dict[str, Any]:
+    """All results as a dictionary for JSON; None for unknown numbers."""
+    result: dict[str, Any] = {
+        "title": comparison.title,
+        "verdict": report.verdict(comparison),
+        "matched": comparison.matched,
+        "rates_are_shares_of": comparison.population,
+        "seed": comparison.seed,
+        "notes": [*comparison.notes, *comparison.aliasing_notes],
+        "sensors": [_observation_as_dict(comparison, observation) for observation in comparison.observations],
+        "pairs": [_pair_as_dict(comparison, a, b) for a, b in comparison.against_first()],
+    }
+    if comparison.sweep is not None:
+        result["sweep"] = _sweep_as_dict(comparison.sweep)
+    return result
+
+
+def _sweep_as_dict(sweep: IlluminanceSweep) -> dict[str, Any]:
+    return {
+        "illuminances_klux": list(sweep.illuminances_klux),
+        "courses": {
+            name: [
+                {
+                    "illuminance_klux": step.illuminance_klux,
+                    **_rate_as_dict(step.rate),
+                    "false_alarms": step.false_alarms,
+                    "sigma_m": step.sigma_m,
+                }
+                for step in course
+            ]
+            for name, course in sweep.courses.items()
+        },
+        "crossings": {
+            name: [asdict(crossing) for crossing in crossings] for name, crossings in sweep.crossings.items()
+        },
+        "on_plane_klux": sweep.on_plane_klux,
+    }
+
+
+def _observation_as_dict(comparison: Comparison, observation: Observation) -> dict[str, Any]:
+    errors = range_errors(observation)
+    result: dict[str, Any] = {
+        "name": observation.name,
+        "pulses": observation.pulses_fired,
+        "points": len(observation.cloud),
+        "false_alarms": observation.false_alarms,
+        "lost": {key.replace(" ", "_"): count for key, count in observation.losses.items()},
+        "range_error": asdict(errors[0]) if errors else None,
+        "range_error_by_range": [asdict(error) for error in range_errors(observation, comparison.group("range"))],
+    }
+    if observation.surfaces is not None:
+        result |= {
+            "rate": _rate_as_dict(overall_rate(observation.surfaces)),
+            "deviation_from_expected": detection_deviation(observation.surfaces),
+        }
+        result["rates"] = {
+            group.key: [
+                _rate_as_dict(group_rate)
+                for group_rate in rates_by_group(observation.surfaces, group)
+                if group_rate.surfaces
+            ]
+            for group in comparison.groups
+        }
+    return result
+
+
+def _pair_as_dict(comparison: Comparison, a: Observation, b: Observation) -> dict[str, Any]:
+    (total,) = count_pairs(a.rated_surfaces, b.rated_surfaces)
+    range_difference = paired_range_difference(a, b)
+    return {
+        "a": a.name,
+        "b": b.name,
+        **_pair_counts_as_dict(total),
+        "range_difference": asdict(range_difference) if range_difference else None,
+        "by": {
+            group.key: [
+                _pair_counts_as_dict(pair)
+                for pair in count_pairs(a.rated_surfaces, b.rated_surfaces, group)
+                if pair.pulses
+            ]
+            for group in comparison.groups
+        },
+    }
+
+
+def _rate_as_dict(group_rate: DetectionRate) -> dict[str, Any]:
+    return asdict(group_rate) | {"rate": group_rate.rate, "interval": list(group_rate.interval)}
+
+
+def _pair_counts_as_dict(pair: PairCounts) -> dict[str, Any]:
+    return asdict(pair) | {"difference": pair.difference, "interval": list(pair.difference_interval)}

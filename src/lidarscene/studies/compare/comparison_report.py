@@ -1,0 +1,366 @@
+"""Verdict, sentences and tables of a comparison, for its page and for the text that the command prints.
+
+Tables leave out columns without any known number, so clouds from files and simulated ones share one code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...sensor.model import Sensor
+from .comparison_statistics import (
+    DetectionRate,
+    count_pairs,
+    detection_deviation,
+    overall_rate,
+    paired_range_difference,
+    range_errors,
+    rates_by_group,
+)
+from .illuminance_sweep import IlluminanceSweep, RateCrossing
+from .observations import Grouping, Observation
+
+MOST_BODIES = 25  # rows of the page's table
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Comparison:
+    """Observations of several sensors, and how they are compared: all that the report needs.
+
+    observations    one for each sensor; the first is compared with each other one
+    sensors         sensor of each observation; None for a cloud from a file
+    groups          how pulses are grouped
+    matched         whether equal pulse numbers mean the same pulse for all
+    population      what rates are shares of, in words
+    notes           how the comparison was made, for the reader
+    aliasing_notes  sentence for each sensor that reports echoes from beyond its unambiguous range too near
+    seed            seed of all simulated frames; None for clouds from files
+    sweep           results over the illuminance, if one was asked for
+    """
+
+    title: str
+    observations: tuple[Observation, ...]
+    sensors: tuple[Sensor | None, ...]
+    groups: tuple[Grouping, ...]
+    matched: bool
+    population: str
+    notes: tuple[str, ...]
+    aliasing_notes: tuple[str, ...] = ()
+    seed: int | None = None
+    sweep: IlluminanceSweep | None = None
+
+    @property
+    def rated(self) -> bool:
+        """True if every observation has detection rates."""
+        return all(observation.surfaces is not None for observation in self.observations)
+
+    def group(self, key: str) -> Grouping:
+        """Grouping with this key."""
+        return next(grouping for grouping in self.groups if grouping.key == key)
+
+    def against_first(self) -> list[tuple[Observation, Observation]]:
+        """Pairs of the first observation and each other one; none where pulses do not match."""
+        return [(self.observations[0], observation) for observation in self.observations[1:]] if self.matched else []
+
+
+def verdict(comparison: Comparison) -> str:
+    """The outcome in one sentence: who found more and by how much, and who measured ranges better."""
+    if not comparison.rated:
+        counts = [
+            f"{observation.name} {int(np.count_nonzero(observation.is_echo)):,}"
+            for observation in comparison.observations
+        ]
+        return f"Echoes: {', '.join(counts)}; which pulses found nothing is not known, so none is called better."
+    shares = [(observation.name, overall_rate(observation.rated_surfaces)) for observation in comparison.observations]
+    order = sorted(shares, key=lambda pair: -pair[1].rate)
+    (best, best_rate), (second, second_rate), *_ = order
+    other_shares = ", ".join(f"{name} {_percent(share.rate)}" for name, share in order[1:])
+    if _differ_significantly(comparison, best, second):
+        more = f", {100.0 * (best_rate.rate - second_rate.rate):.3g} percentage points more" if len(order) == 2 else ""
+        outcome = f"{best} finds most, {_percent(best_rate.rate)} of {comparison.population}{more}; {other_shares}"
+    else:
+        alike = f"{best} and {second} find equally many of {comparison.population}, within chance"
+        outcome = f"{alike}: {best} {_percent(best_rate.rate)}, {other_shares}"
+    spread = [
+        (errors[0].sigma_m, observation.name)
+        for observation in comparison.observations
+        if (errors := range_errors(observation))
+    ]
+    if len(spread) < len(shares):
+        return f"{outcome}."
+    (finest_m, finest), *coarser = sorted(spread)
+    other_spreads = ", ".join(f"{1e3 * sigma_m:.3g} mm of {name}" for sigma_m, name in coarser)
+    return f"{outcome}. Ranges scatter least with {finest}: {1e3 * finest_m:.3g} mm against {other_spreads}."
+
+
+def _differ_significantly(comparison: Comparison, best: str, second: str) -> bool:
+    """True if the rate of ``best`` is above that of ``second`` by more than chance, to 95 %.
+
+    The test is pulse by pulse where pulses match.
+    """
+    a, b = (
+        next(observation for observation in comparison.observations if observation.name == name)
+        for name in (best, second)
+    )
+    if comparison.matched:
+        (pair,) = count_pairs(a.rated_surfaces, b.rated_surfaces)
+        return pair.difference_interval[0] > 0.0
+    return overall_rate(a.rated_surfaces).interval[0] > overall_rate(b.rated_surfaces).interval[1]
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2f} %"
+
+
+def _interval_text(ends: tuple[float, float]) -> str:
+    return f"{100.0 * ends[0]:.2f} to {100.0 * ends[1]:.2f} %"
+
+
+Table = tuple[Sequence[str], Sequence[Sequence[str]]]
+"""Header and rows."""
+
+_FATE_SHORT = ("sensor", "pulses", "met a surface", "kept", "points", "false alarms")
+_RATES_SHORT = ("sensor", "found", "95 % interval", "expected", "mean range error", "deviation of range error")
+
+FATE = (
+    "sensor",
+    "pulses",
+    "met a surface",
+    "kept",
+    "lost: below threshold",
+    "of these without any light",
+    "lost: out of window",
+    "lost: hidden",
+    "points",
+    "false alarms",
+)
+
+
+def fate_table(comparison: Comparison) -> Table:
+    """Table of the pulses of each sensor by outcome: kept, lost and why, and the points that came of them."""
+    rows: list[Sequence[str]] = []
+    for observation in comparison.observations:
+        cells = ["-"] * 7
+        if observation.surfaces is not None and observation.pulses_fired is not None:
+            below, *other_losses = observation.losses.values()
+            dark = np.count_nonzero(observation.surfaces.snr == 0.0)
+            surface_pulses, detected = len(observation.surfaces.pulse), np.count_nonzero(observation.surfaces.detected)
+            counts = (observation.pulses_fired, surface_pulses, detected, below, dark, *other_losses)
+            cells = [f"{count:,}" for count in counts]
+        rows.append((observation.name, *cells, f"{len(observation.cloud):,}", f"{observation.false_alarms:,}"))
+    return _without_empty_columns(FATE, rows)
+
+
+RATES = (
+    "sensor",
+    "found",
+    "95 % interval",
+    "expected",
+    "found less expected",
+    "mean range error",
+    "deviation of range error",
+)
+
+
+def summary_table(comparison: Comparison) -> Table:
+    """Table of each sensor's detection rate and range error over all pulses."""
+    rows: list[Sequence[str]] = []
+    for observation in comparison.observations:
+        cells = ["-", "-", "-", "-"]
+        if observation.surfaces is not None:
+            total, deviations = overall_rate(observation.surfaces), detection_deviation(observation.surfaces)
+            cells = [_percent(total.rate), _interval_text(total.interval)]
+            cells += ["-" if total.expected is None else _percent(total.expected)]
+            cells += ["-" if deviations is None else f"{deviations:+.1f} standard deviations"]
+        errors = range_errors(observation)
+        error_cells = ("-", "-")
+        if errors:
+            error = errors[0]
+            error_cells = (
+                f"{1e3 * error.bias_m:+.2f} ± {1e3 * error.bias_interval_m:.2f} mm",
+                f"{1e3 * error.sigma_m:.2f} ± {1e3 * error.sigma_interval_m:.2f} mm",
+            )
+        rows.append((observation.name, *cells, *error_cells))
+    return _without_empty_columns(RATES, rows)
+
+
+def _without_empty_columns(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    """Table without the columns in which every cell is unknown or 0."""
+    columns = [i for i in range(len(header)) if any(row[i] not in ("-", "0") for row in rows)]
+    return [header[i] for i in columns], [[row[i] for i in columns] for row in rows]
+
+
+PAIRS = (
+    "A",
+    "B",
+    "found by both",
+    "A only",
+    "B only",
+    "neither",
+    "rate of A less B",
+    "95 % interval",
+    "range of A less B, mean and deviation",
+)
+
+
+def pair_rows(comparison: Comparison) -> list[tuple[str, ...]]:
+    """Rows under `PAIRS`: the first sensor compared with each other one, where pulses match."""
+    rows: list[tuple[str, ...]] = []
+    for a, b in comparison.against_first():
+        (pair,) = count_pairs(a.rated_surfaces, b.rated_surfaces)
+        difference = paired_range_difference(a, b)
+        range_text = (
+            "-" if difference is None else f"{1e3 * difference.bias_m:+.2f} mm, {1e3 * difference.sigma_m:.2f} mm"
+        )
+        rows.append(
+            (
+                a.name,
+                b.name,
+                f"{pair.both:,}",
+                f"{pair.only_a:,}",
+                f"{pair.only_b:,}",
+                f"{pair.neither:,}",
+                f"{100.0 * pair.difference:+.2f} %",
+                _interval_text(pair.difference_interval),
+                range_text,
+            )
+        )
+    return rows
+
+
+def group_table(comparison: Comparison, key: str, most: int | None = None) -> Table:
+    """Table by class or body: found by each sensor, and by A only or B only if pulses match.
+
+    most  number of rows at most: those where one sensor found most pulses that the other missed if pulses match, else
+          those with most pulses
+    """
+    grouping = comparison.group(key)
+    names = [observation.name for observation in comparison.observations]
+    header = [key, f"pulses, {names[0]}", *(f"found, {name}" for name in names)]
+    rates_by_sensor = [
+        rates_by_group(observation.surfaces, grouping)
+        for observation in comparison.observations
+        if observation.surfaces is not None
+    ]
+    pairs_by_sensor = [count_pairs(a.rated_surfaces, b.rated_surfaces, grouping) for a, b in comparison.against_first()]
+    for a, b in comparison.against_first():
+        header += [f"only {a.name}", f"only {b.name}"] if len(pairs_by_sensor) == 1 else [f"{a.name} less {b.name}"]
+    order = [
+        n for n in range(len(grouping.labels)) if any(sensor_rates[n].surfaces for sensor_rates in rates_by_sensor)
+    ]
+    order.sort(key=lambda n: -max(sensor_rates[n].surfaces for sensor_rates in rates_by_sensor))
+    if most is not None:
+        # A body that all sensors found alike would fill the table without showing a difference.
+        order = [
+            n
+            for n in order
+            if not pairs_by_sensor
+            or any(sensor_pairs[n].only_a or sensor_pairs[n].only_b for sensor_pairs in pairs_by_sensor)
+        ]
+        order.sort(
+            key=lambda n: -sum(sensor_pairs[n].only_a + sensor_pairs[n].only_b for sensor_pairs in pairs_by_sensor)
+        )
+    rows = []
+    for n in order[:most]:
+        row = [
+            grouping.labels[n] or "unlabelled",
+            f"{rates_by_sensor[0][n].surfaces:,}",
+            *(_rate_cell(sensor_rates[n]) for sensor_rates in rates_by_sensor),
+        ]
+        for sensor_pairs in pairs_by_sensor:
+            row += (
+                [f"{sensor_pairs[n].only_a:,}", f"{sensor_pairs[n].only_b:,}"]
+                if len(pairs_by_sensor) == 1
+                else [f"{sensor_pairs[n].only_a - sensor_pairs[n].only_b:+,}"]
+            )
+        rows.append(row)
+    return header, rows
+
+
+def _rate_cell(group_rate: DetectionRate) -> str:
+    return f"{_percent(group_rate.rate)} ({_interval_text(group_rate.interval)})" if group_rate.surfaces else "-"
+
+
+def counts_table(comparison: Comparison, key: str) -> Table:
+    """Table of each sensor's echoes by group, where there are no rates."""
+    grouping = comparison.group(key)
+    counts_by_sensor = [
+        {error.group: error.points for error in range_errors(observation, grouping)}
+        for observation in comparison.observations
+    ]
+    rows = [
+        [label or "unlabelled", *(f"{counts.get(label, 0):,}" for counts in counts_by_sensor)]
+        for label in dict.fromkeys(grouping.labels)
+        if any(label in counts for counts in counts_by_sensor)
+    ]
+    heading = f"{key} [{grouping.unit}]" if grouping.unit else key
+    return [heading, *(f"echoes, {observation.name}" for observation in comparison.observations)], rows
+
+
+def crossing_lines(sweep: IlluminanceSweep, first: str) -> list[str]:
+    """Sentences on the crossings of the first sensor with each other one, or on their absence."""
+    lines = []
+    low, high = sweep.illuminances_klux[0], sweep.illuminances_klux[-1]
+    for name, crossings in sweep.crossings.items():
+        if not crossings:
+            lines.append(f"{first} and {name} do not change places between {low:g} and {high:g} klux.")
+        lines += [_crossing_sentence(crossing) for crossing in crossings]
+        plane = sweep.on_plane_klux[name]
+        if plane is not None:
+            lines.append(
+                "On Table 1's target alone, a plane of reflectivity 0.1 in air of transmittance 0.98, "
+                f"{first} and {name} reach equally far at {plane:.3g} klux."
+            )
+    return lines
+
+
+def _crossing_sentence(crossing: RateCrossing) -> str:
+    return (
+        f"{crossing.ahead_above} overtakes {crossing.ahead_below} at {crossing.illuminance_klux:.3g} klux, where both "
+        f"are expected to find {_percent(crossing.expected)}."
+    )
+
+
+def sweep_table(sweep: IlluminanceSweep) -> Table:
+    """Table of the results of each sensor under each illuminance."""
+    header = ["illuminance"]
+    for name in sweep.courses:
+        header += [f"found, {name}", "expected", "false alarms", "deviation of range error"]
+    rows = []
+    for number, lux in enumerate(sweep.illuminances_klux):
+        row = [f"{lux:g} klux"]
+        for course in sweep.courses.values():
+            step = course[number]
+            sigma = "-" if step.sigma_m is None else f"{1e3 * step.sigma_m:.1f} mm"
+            row += [_percent(step.rate.rate), _percent(step.rate.expected or 0.0), f"{step.false_alarms:,}", sigma]
+        rows.append(row)
+    return header, rows
+
+
+def as_text(comparison: Comparison) -> str:
+    """Text of the command: the verdict, two tables of the sensors, a line for each pair and each crossing."""
+    lines = [verdict(comparison)]
+    for short, (header, rows) in ((_FATE_SHORT, fate_table(comparison)), (_RATES_SHORT, summary_table(comparison))):
+        columns = [i for i, name in enumerate(header) if name in short]
+        lines += _aligned([[row[i] for i in columns] for row in (("", *header[1:]), *rows)])
+    for row in pair_rows(comparison):
+        lines.append(
+            f"{row[0]} against {row[1]}: both {row[2]}, only {row[0]} {row[3]}, only {row[1]} {row[4]}, "
+            f"neither {row[5]}"
+        )
+    lines += comparison.aliasing_notes
+    if comparison.sweep is not None:
+        lines += crossing_lines(comparison.sweep, comparison.observations[0].name)
+    return "\n".join(lines)
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of text with the first column flush left and the others flush right."""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return [
+        row[0].ljust(widths[0]) + "".join(f"  {cell:>{width}}" for cell, width in zip(row[1:], widths[1:], strict=True))
+        for row in rows
+    ]

@@ -1,0 +1,140 @@
+"""Detection rates of several sensors against the scene's illuminance, and where their curves cross.
+
+Every step traces the whole scene under another sun, with the same seed and place.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from ...sensor.model import Sensor
+from ..ranging.plane import Target, equal_range_illuminance_klux
+from .bench import Bench, NamedSensor
+from .comparison_statistics import DetectionRate, overall_rate, range_errors
+from .observations import Observation
+
+# A factor of 100 between two steps leaves a bracket of 100^(2^-14), 0.03 %.
+_HALVINGS = 14
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IlluminanceStep:
+    """Results of one sensor under one illuminance; ``sigma_m`` is the range's deviation, None without echoes."""
+
+    illuminance_klux: float
+    rate: DetectionRate
+    false_alarms: int
+    sigma_m: float | None
+
+    @classmethod
+    def from_observation(cls, observation: Observation, illuminance_klux: float) -> IlluminanceStep:
+        """Compute the results of an observation."""
+        errors = range_errors(observation)
+        return cls(
+            illuminance_klux=illuminance_klux,
+            rate=overall_rate(observation.rated_surfaces),
+            false_alarms=observation.false_alarms,
+            sigma_m=errors[0].sigma_m if errors else None,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RateCrossing:
+    """Illuminance at which two sensors are expected to find equally many surfaces; ``ahead_below`` finds more below."""
+
+    illuminance_klux: float
+    expected: float
+    ahead_below: str
+    ahead_above: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IlluminanceSweep:
+    """Results of all sensors over the illuminance, and where others cross the first.
+
+    illuminances_klux  rising
+    courses            sensor -> its results in order of illuminance
+    crossings          other sensor -> its crossings with the first
+    on_plane_klux      other sensor -> illuminance at which both have the same maximum range on Table 1's plane; None
+                       if outside the sweep
+    """
+
+    illuminances_klux: tuple[float, ...]
+    courses: dict[str, list[IlluminanceStep]]
+    crossings: dict[str, list[RateCrossing]]
+    on_plane_klux: dict[str, float | None]
+
+
+def sweep_illuminance(
+    bench: Bench,
+    sensors: Sequence[NamedSensor],
+    illuminances_klux: Sequence[float],
+    *,
+    progress: Callable[[int], object] = lambda rendered: None,
+) -> IlluminanceSweep:
+    """Observe every sensor under every illuminance, and find where the others cross the first.
+
+    illuminances_klux  rising, above 0
+    progress           called with the number of frames rendered so far; not during the search for crossings
+
+    Raises BackendError.
+    """
+    courses: dict[str, list[IlluminanceStep]] = {name: [] for name, _ in sensors}
+    for rendered, ((name, sensor), lux) in enumerate(itertools.product(sensors, illuminances_klux), start=1):
+        courses[name].append(IlluminanceStep.from_observation(bench.observe(name, sensor, illuminance_klux=lux), lux))
+        progress(rendered)
+    first, rivals = sensors[0], sensors[1:]
+    crossings = {name: _crossings(bench, first, (name, sensor), courses) for name, sensor in rivals}
+    plane = {name: _equal_range_klux(first[1], sensor, illuminances_klux) for name, sensor in rivals}
+    return IlluminanceSweep(
+        illuminances_klux=tuple(illuminances_klux), courses=courses, crossings=crossings, on_plane_klux=plane
+    )
+
+
+def _crossings(
+    bench: Bench, a: NamedSensor, b: NamedSensor, courses: Mapping[str, Sequence[IlluminanceStep]]
+) -> list[RateCrossing]:
+    """Illuminances at which the expected rates of two sensors are equal, by bisection of log illuminance.
+
+    Expected rates are mean P_d, so chance detections do not move the crossing. Two crossings between neighbouring
+    steps cancel and are not found.
+    """
+
+    def expected_at(named_sensor: NamedSensor, lux: float) -> float:
+        return _expected(IlluminanceStep.from_observation(bench.observe(*named_sensor, illuminance_klux=lux), lux))
+
+    crossings = []
+    steps = list(zip(courses[a[0]], courses[b[0]], strict=True))
+    for (low_a, low_b), (high_a, high_b) in itertools.pairwise(steps):
+        lead_at_low, lead_at_high = _expected(low_a) - _expected(low_b), _expected(high_a) - _expected(high_b)
+        if lead_at_low * lead_at_high >= 0.0:
+            continue
+        low, high = low_a.illuminance_klux, high_a.illuminance_klux
+        for _ in range(_HALVINGS):
+            middle = math.sqrt(low * high)
+            if (expected_at(a, middle) - expected_at(b, middle)) * lead_at_low > 0.0:
+                low = middle
+            else:
+                high = middle
+        lux = math.sqrt(low * high)
+        names = (a[0], b[0]) if lead_at_low > 0.0 else (b[0], a[0])
+        crossings.append(
+            RateCrossing(illuminance_klux=lux, expected=expected_at(a, lux), ahead_below=names[0], ahead_above=names[1])
+        )
+    return crossings
+
+
+def _expected(step: IlluminanceStep) -> float:
+    return step.rate.expected or 0.0
+
+
+def _equal_range_klux(first: Sensor, second: Sensor, illuminances_klux: Sequence[float]) -> float | None:
+    try:
+        return equal_range_illuminance_klux(
+            first, second, Target(), low_klux=min(illuminances_klux), high_klux=max(illuminances_klux)
+        )
+    except ValueError:
+        return None
