@@ -82,7 +82,7 @@ def test_both_clouds_have_one_scale(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     weak, strong = (street(step_deg=4.0) for _ in range(2))
     strong = dataclasses.replace(strong, snr=10.0 * strong.snr)
     both = [SimpleNamespace(cloud=one, name=name) for one, name in ((weak, "a"), (strong, "b"))]
-    comparison = SimpleNamespace(everything=both, against_first=list, matched=False)
+    comparison = SimpleNamespace(observations=both, against_first=list, matched=False)
     page = SimpleNamespace(pictures=lambda shown: None)
     comparison_files._draw_clouds(page, comparison, comparison_files.ComparisonOutput(tmp_path), ["a", "b"])
     assert [name for name, _ in scales] == ["snr", "snr"]

@@ -285,7 +285,7 @@ def test_the_farthest_ground_is_held_to_15_per_cent(
         seen.append(xyz_m)
         return (1.8, 50.0, 0.4) if len(seen) == 1 else (0.9, farthest_m, 0.1)
 
-    monkeypatch.setattr(judge, "ground_of", ground)
+    monkeypatch.setattr(judge, "measure_ground", ground)
     cloud = small_cloud(n=8, return_number=np.array([1, 2, 1, 1, 3, 1, 2, 1], np.uint8))
     (row,) = judge._ground(room_sweep(), cloud)
     assert (row.value, row.is_met) == (pytest.approx(farthest_m / 50.0 - 1.0), met)

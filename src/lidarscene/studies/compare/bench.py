@@ -86,12 +86,9 @@ class _PulseCollector:
         """Pulses of the frame that met a surface, whether or not they gave a point."""
 
         def column(name: str) -> Numbers:
-            return np.concatenate(
-                [
-                    np.zeros(0, np.int32 if name in _INTEGER_COLUMNS else np.float32),
-                    *(chunk[name] for chunk in self._chunks),
-                ]
-            )
+            # A frame that met no surface has no chunks: an empty array keeps the column's type.
+            empty = np.zeros(0, np.int32 if name in _INTEGER_COLUMNS else np.float32)
+            return np.concatenate([empty, *(chunk[name] for chunk in self._chunks)])
 
         outcome = column("outcome")
         return Surfaces(
