@@ -1,7 +1,7 @@
-"""Gather the columns of a point cloud chunk by chunk.
+"""Builder of a point cloud from chunks.
 
-A frame comes in chunks, and many small arrays that are joined in the end would keep the cloud in memory twice: the
-allocator keeps the holes that they leave. So each column is one array that is reserved once and filled.
+A frame comes in chunks. Joining many small arrays at the end would take twice the memory of the cloud, since the
+allocator keeps the holes that they leave. So each column is one array that is reserved once and then filled.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from ..maths.arrays import Numbers
 
 
 class CloudBuilder:
-    """The columns of a cloud, chunk after chunk. A single chunk is taken as it is, without a copy.
+    """Columns of a cloud, filled chunk after chunk. A single chunk is used as it is, without a copy.
 
     A column that is one broadcast value (all strides 0), the same in every chunk, stays one value.
 
     capacity  largest number of points, if known: room is reserved, and takes no memory until it is used. Beyond it,
               and without it, columns grow in steps of a quarter
-    vectors   whether a cloud to which nothing is appended has the columns of vectors
+    vectors   True if a cloud without chunks has the columns of vectors
     """
 
     def __init__(self, *, capacity: int = 0, vectors: bool = False) -> None:
@@ -41,7 +41,7 @@ class CloudBuilder:
             differing = ", ".join(sorted(set(columns) ^ set(expected)))
             raise ValueError(f"CloudBuilder.append: columns missing, unknown or not as before: {differing}")
         n = len(columns["xyz_m"])
-        # What is in them is checked once, when they are a cloud.
+        # Only shapes and types are checked here; the values once, when the cloud is made.
         checked = {a: fitted(a, columns[a], n) for a in expected}
         self._chunks += 1
         if self._chunks == 1:
@@ -57,14 +57,14 @@ class CloudBuilder:
         self._points = end
 
     def add(self, cloud: Cloud) -> None:
-        """Add the points of a cloud; names and metadata are taken from the first one."""
+        """Add the points of a cloud; names and metadata are those of the first cloud added."""
         if not self._description:
             self._description = {a: getattr(cloud, a) for a in (*NAMES.values(), "metadata")}
         names = attributes(truth=cloud.has_truth, vectors=cloud.has_vectors)
         self.append({a: getattr(cloud, a) for a in names})
 
     def _with_room(self, column: Numbers, end: int) -> Numbers:
-        """The column, or its points in a longer one if it is the first chunk's or too short."""
+        """Return the column, or a longer copy if it is too short or still the first chunk's own array."""
         if self._chunks > 2 and len(column) >= end:
             return column
         room = max(self._capacity, end) if self._chunks == 2 else end * 5 // 4
@@ -75,7 +75,7 @@ class CloudBuilder:
     def fields(self, **description: Any) -> Fields:
         """Everything appended, as keyword arguments of PointCloud, with names and metadata if given.
 
-        The builder is empty afterwards. Nothing appended: those of a cloud of no points, with truth.
+        Empties the builder. Without chunks they are those of a cloud of no points, with truth.
         """
         columns: dict[str, Any] = {a: v[: self._points] for a, v in self._columns.items()}
         if not columns:

@@ -1,7 +1,7 @@
-"""Remove the sensor's own motion: re-express every point as if it had been measured at the frame's start.
+"""Deskewing: remove the sensor's own motion from a cloud, as if all points were measured at the frame's start.
 
-A scanner measures its points one after the other, while the vehicle drives on: at 20 m/s a frame of 0.1 s is bent by
-2 m. Whoever knows his own motion moves each point by how far the sensor had come when its pulse left.
+A scanner measures its points one after the other while the vehicle drives: at 20 m/s a frame of 0.1 s is distorted by
+2 m. With a known motion, each point is moved by the way that the sensor had come when its pulse left.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ BLOCK_POINTS = 2**18
 SHORTEST_S = 1e-9
 
 MOTION_KEPT, MOTION_REMOVED = "in the points", "removed"
-"""What the metadata's `ego_motion` says before and afterwards."""
+"""Values of the metadata's `ego_motion` before and after deskewing."""
 
 
 def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None) -> PointCloud:
-    """Return the points in the coordinates that they have had so far, those of the frame's start, without own motion.
+    """Remove the sensor's motion; the points stay in their coordinates, those of the frame's start.
 
-    Bodies that move stay distorted, as they do for everyone who knows his own motion only.
+    Bodies that move stay distorted, since only the sensor's own motion is known.
 
     cloud     one frame of one sensor, as `Simulator.render` returns it
-    motion    of the sensor in the world, such as `Simulator.motion`
+    motion    motion of the sensor in the world, such as `Simulator.motion`
     length_s  duration of the frame, if the cloud is a piece of one; None: until the cloud's last point
     Raises InputError for a cloud of several sensors, one that is deskewed already, or one whose metadata do not say
     when it began.

@@ -1,7 +1,7 @@
-"""Convert point clouds for pandas, PyTorch and Open3D, and show them in notebooks.
+"""Conversion of point clouds for pandas, PyTorch and Open3D, and their display in notebooks.
 
-Whoever analyses or trains on clouds has tools of his own, and none of them is a dependency of ours. They are imported
-when they are asked for, and share the cloud's memory where they can.
+None of these libraries is a dependency. Each is imported in the function that needs it, and shares the cloud's memory
+where it can.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def to_open3d(cloud: Cloud, *, colours: Numbers | None = None, legacy: bool = Fa
 
 
 def thumbnail(cloud: Cloud) -> bytes:
-    """A PNG of the cloud from above and behind its sensor, coloured by range."""
+    """PNG of the cloud from above and behind its sensor, coloured by range."""
     width, height = THUMBNAIL_PX
     front = splat(camera_for(cloud), cloud.xyz_m, size=(2 * width, 2 * height))
     order = np.log(np.maximum(cloud.column("range"), 1e-3))
@@ -75,7 +75,7 @@ def thumbnail(cloud: Cloud) -> bytes:
 
 
 def to_html(cloud: Cloud) -> str:
-    """The thumbnail, and the cloud in words."""
+    """HTML of the thumbnail with the cloud's repr below it."""
     picture = base64.b64encode(thumbnail(cloud)).decode("ascii")
     words = html.escape(repr(cloud))
     return (

@@ -1,8 +1,8 @@
-"""Find the point that each pixel of a picture shows.
+"""Projection of a cloud onto pixels: the index of the point that each pixel shows.
 
-Pictures, thumbnails and comparisons colour points in different ways; which point a pixel shows is the same question for
-all. There are two projections: a pinhole camera that sees points as discs, the nearest on top, and the sensor's own
-view, azimuth by elevation, one cell a beam. Plain NumPy, no OpenGL: it runs wherever the simulation runs.
+Pictures, thumbnails and comparisons colour points in different ways but share this projection. There are two kinds: a
+pinhole camera that draws points as discs, the nearest on top, and the sensor's own view, azimuth by elevation, one
+cell a beam. Plain NumPy without OpenGL, so it runs wherever the simulation runs.
 """
 
 from __future__ import annotations
@@ -21,17 +21,18 @@ from ..maths.arrays import Numbers
 Vector = tuple[float, float, float]
 
 NOTHING = -1
-"""The index of a pixel that shows no point."""
+"""Index of a pixel that shows no point."""
 SAME_ANGLE_RAD = 2e-5
+"""Angles that are closer belong to the same row or column of the scan."""
 SURFACE_PX = 3
-"""Pixels of the picture across one of the surfaces behind it."""
+"""Width in pixels of the picture of one pixel of the surfaces drawn behind the points."""
 FAINT = (0.35, 0.65)
-"""Brightness of a surface seen along itself, and what is added if it is seen square."""
+"""Brightness of a surface seen edge on, and the part added when it is seen square on."""
 SURFACE_RGB = (41.0, 48.0, 62.0)
 DISCS = 1 << 13
-"""Drawn at once: their pixels fit into a cache."""
+"""Discs drawn at once, so that their pixels fit into the CPU's cache."""
 EMPTY = 200.0
-"""Logarithm of a depth in metres beyond all that float32 has, which stands for no point."""
+"""log2 of the depth of an empty pixel, beyond any float32 depth in metres."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,9 +51,9 @@ class Camera:
         return right * scale + np.float32(0.5 * width), down * scale + np.float32(0.5 * height), depth
 
     def rays(self, width: int, height: int) -> tuple[Numbers, Numbers]:
-        """Unit vectors from the eye through the pixels' middles, and how much of each is depth, float32.
+        """Unit vectors from the eye through the pixels' middles, and their components along the view axis, float32.
 
-        Of shapes (3, height width) and (height width,).
+        Shapes (3, height * width) and (height * width,).
         """
         half = math.tan(0.5 * math.radians(self.fov_deg))
         u = half * (2.0 * (np.arange(width) + 0.5) / width - 1.0)
@@ -71,9 +72,9 @@ def camera_for(
     fov_deg: float = 60.0,
     shape: tuple[int, int] | None = None,
 ) -> Camera:
-    """A camera from eye to target, z up; what is not given follows from the echoes near the sensor.
+    """Camera from eye to target, z up. A missing eye or target is chosen from the echoes near the sensor.
 
-    shape  width and height of a picture that they are to fill, which turns the camera and chooses its angle
+    shape  width and height of a picture that these echoes shall fill; adapts the target and the angle
     """
     sensor = cloud.sensor_position_m
     echoes_m = cloud.xyz_m[cloud.column("status") == 0] - sensor
@@ -101,7 +102,7 @@ def camera_for(
 def _fit_view(
     eye: Numbers, target: Numbers, xyz_m: Numbers, shape: tuple[int, int], fov_deg: float
 ) -> tuple[Numbers, float]:
-    """Target and angle with which the bulk of the points fills a picture."""
+    """Target and angle with which the bulk of the points fills a picture of this shape."""
     for _ in range(3):
         look = (target - eye) / np.linalg.norm(target - eye)
         right = np.cross(look, (0.0, 0.0, 1.0))
@@ -119,9 +120,9 @@ def _fit_view(
 
 
 def _near_field(echoes_m: Numbers, distance: Numbers) -> tuple[float, Numbers, float]:
-    """How far the bulk reaches, where it lies (a horizontal unit vector, 0 if all around), its height.
+    """Reach of the bulk of the echoes, its horizontal direction (a unit vector, 0 if all around) and its height.
 
-    distance  (n,) horizontal, metres
+    distance  (n,) horizontal distances in metres
     """
     if not len(distance) or not distance.max() > 0:
         return 20.0, np.array([1.0, 0.0, 0.0]), -1.5
@@ -136,11 +137,11 @@ def _near_field(echoes_m: Numbers, distance: Numbers) -> tuple[float, Numbers, f
 
 @dataclass(frozen=True, kw_only=True)
 class Front:
-    """The points that a picture shows, farthest first, and which of them each pixel shows.
+    """Points that a picture shows, farthest first, and which of them each pixel shows.
 
-    point    (m,) int64 their indices in the cloud
+    point    (m,) int64 indices in the cloud
     depth_m  (m,) float32
-    rank     (height, width) int32: a place in these two, or NOTHING; of two ranks the larger is nearer
+    rank     (height, width) int32 index into these two, or NOTHING; the larger of two ranks is the nearer point
     """
 
     point: Numbers
@@ -177,9 +178,9 @@ def splat(camera: Camera, xyz_m: Numbers, *, size: tuple[int, int], large: Numbe
 
 
 def _farthest_first(depth: Numbers) -> Numbers:
-    """The order of positive float32 depths, of equal ones that of their places."""
-    # Such floats are in the order of their bits, and whole numbers that all differ are sorted in a fifth of the time
-    # that a stable order of floats takes.
+    """Indices that sort positive float32 depths, largest first; equal depths keep their order."""
+    # Positive floats sort like their bit patterns. With the index in the lower 32 bits all keys differ, so an unstable
+    # sort of integers does, in a fifth of the time of a stable argsort of floats.
     key = (~depth.view(np.uint32)).astype(np.uint64) << np.uint64(32) | np.arange(len(depth), dtype=np.uint64)
     return np.asarray(np.sort(key) & np.uint64(0xFFFFFFFF)).astype(np.int64)
 
@@ -187,7 +188,7 @@ def _farthest_first(depth: Numbers) -> Numbers:
 def _discs(rank: Numbers, centre: Numbers, radius: Numbers) -> None:
     """Write each point's number over the pixels of its disc.
 
-    at  (m,) where its middle is in the flat image; the points come farthest first
+    centre  (m,) indices of the discs' middles in the flat image; the points come farthest first
     """
     flat, across = rank.reshape(-1), rank.shape[1]
     starts = np.flatnonzero(np.diff(radius, prepend=-1.0)).tolist()
@@ -202,29 +203,28 @@ def _discs(rank: Numbers, centre: Numbers, radius: Numbers) -> None:
 
 def colour_image(point: Numbers, rgb: Numbers, *, background: Numbers) -> Numbers:
     """(height, width, 3) uint8 colours of an image of point indices, from (n, 3) colours of the points."""
-    # Four bytes in one go: three times as fast as rows of three. NOTHING is the last index.
+    # Indexing packed colours of four bytes is three times as fast as rows of three. NOTHING, -1, picks the background.
     return unpacked(packed(np.concatenate([rgb, np.reshape(background, (1, 3))]))[point])
 
 
 def packed(rgb: Numbers) -> Numbers:
-    """(...,) uint32 of colours (..., 3), a byte each."""
+    """Pack colours (..., 3), a byte each, into uint32 (...,)."""
     r, g, b = (rgb[..., k].astype(np.uint32) for k in range(3))
     return np.asarray(r | g << np.uint32(8) | b << np.uint32(16))
 
 
 def unpacked(colour: Numbers) -> Numbers:
-    """(..., 3) uint8 of packed colours."""
+    """Unpack uint32 colours (...,) into uint8 (..., 3)."""
     return np.asarray(colour.astype("<u4").view(np.uint8).reshape(*colour.shape, 4)[..., :3])
 
 
 def eye_dome_picture(front: Front, rgb: Numbers, *, background: Numbers, reduction: int) -> tuple[Numbers, Numbers]:
-    """The picture, smaller by this factor, and darker beside what is nearer so that edges show.
+    """Picture reduced by this factor, with eye-dome lighting: pixels beside nearer ones are darker, so edges show.
 
-    Known as eye-dome lighting. The picture is (height, width) of packed colours; with it come the pixels that show a
-    point, (height, width) bool.
+    Returns packed colours (height, width), and (height, width) bool, True where a pixel shows a point.
 
-    rgb      (n, 3) uint8 of the cloud's points
-    nothing  (3,) uint8 where there is none
+    rgb         (n, 3) uint8 colours of the cloud's points
+    background  (3,) uint8 colour of pixels without a point
     """
     nearest = functools.reduce(np.maximum, (front.rank[i::reduction] for i in range(reduction)))
     nearest = functools.reduce(np.maximum, (nearest[:, j::reduction] for j in range(reduction)))
@@ -232,7 +232,7 @@ def eye_dome_picture(front: Front, rgb: Numbers, *, background: Numbers, reducti
     pixel = np.flatnonzero(covered)
     row, column = np.divmod(pixel, nearest.shape[1])
     image = np.full(nearest.shape, packed(np.reshape(background, (1, 3)))[0], np.uint32)
-    # Neighbours beyond the edge are those of the other side. What is empty is nearer than nothing and darkens nothing.
+    # Neighbours beyond the edge are those of the opposite side. Empty pixels are the farthest and darken nothing.
     depth = np.full(len(front.depth_m) + 1, EMPTY, np.float32)
     depth[:-1] = np.log2(front.depth_m)
     around = np.pad(depth[nearest], 1, mode="wrap")
@@ -243,7 +243,7 @@ def eye_dome_picture(front: Front, rgb: Numbers, *, background: Numbers, reducti
     for step in (-1, 1, -across, across):
         shade += np.clip(own_depth - around[middle + step], 0.0, 0.5)
     dimmed = np.exp(np.float32(-1.6) * shade) / np.float32(reduction * reduction)
-    # Sixteen bits a colour: sums of the squares' pixels have room.
+    # Sixteen bits a colour, so that the sum over reduction^2 pixels does not overflow.
     palette = np.zeros((len(front.point) + 1, 4), np.uint16)
     palette[:-1, :3], palette[-1, :3] = rgb[front.point], background
     total = np.zeros(own_depth.shape, np.uint64)
@@ -258,11 +258,11 @@ def eye_dome_picture(front: Front, rgb: Numbers, *, background: Numbers, reducti
 def surfaces_behind(
     image: Numbers, covered: Numbers, camera: Camera, surfaces: Callable[[Camera, tuple[int, int]], Numbers]
 ) -> Numbers:
-    """The image with surfaces drawn faintly where no point is.
+    """Draw surfaces faintly where no point is.
 
     image     (height, width) packed colours
     seen      (height, width) whether a pixel shows a point
-    surfaces  from a camera and a size to depths, (height, width) metres, infinite where there is nothing
+    surfaces  function of a camera and a size; gives depths (height, width) in metres, inf without a surface
     """
     height, width = covered.shape
     small = -(-width // SURFACE_PX), -(-height // SURFACE_PX)
@@ -270,7 +270,7 @@ def surfaces_behind(
     has_surface = np.isfinite(depth)
     if not has_surface.any():
         return image
-    # A surface is as bright as it faces the camera: its slope is that of the depth from pixel to pixel.
+    # Brightness goes with the cosine of incidence, which follows from the slope of log depth from pixel to pixel.
     focal = np.float32(0.5 * small[0] / math.tan(0.5 * math.radians(camera.fov_deg)))
     down, across = np.gradient(np.log(np.where(has_surface, depth, np.float32(1e4))))
     square = 1.0 / np.sqrt(1.0 + focal * focal * (down * down + across * across))
@@ -284,9 +284,11 @@ def surfaces_behind(
 
 @dataclass(frozen=True, kw_only=True)
 class Cells:
-    """The sensor's view: cells between edges in degrees, both rising; the point in each, or NOTHING.
+    """The sensor's view: cells of azimuth by elevation and the point in each.
 
-    azimuth_deg (columns + 1,), elevation_deg (rows + 1,), point (rows, columns) int32
+    azimuth_deg    (columns + 1,) rising edges
+    elevation_deg  (rows + 1,) rising edges
+    point          (rows, columns) int32 index of the point, or NOTHING
     """
 
     azimuth_deg: Numbers
@@ -294,7 +296,7 @@ class Cells:
     point: Numbers
 
     def image(self, *, size: tuple[int, int]) -> Numbers:
-        """(height, width) int32 point of each pixel; left is left, up is up."""
+        """(height, width) int32 point of each pixel; azimuth grows to the left, elevation upwards."""
         width, height = size
         azimuth = _centres(self.azimuth_deg[-1], self.azimuth_deg[0], width)
         elevation = _centres(self.elevation_deg[-1], self.elevation_deg[0], height)
@@ -304,7 +306,7 @@ class Cells:
 
 
 def _centres(first: float, last: float, n: int) -> Numbers:
-    """The middles of n equal steps."""
+    """Middles of n equal steps."""
     return first + (last - first) * (np.arange(n) + 0.5) / n
 
 
@@ -317,7 +319,7 @@ def cells_of(cloud: Cloud) -> Cells:
 
 
 def cells_of_beams(azimuth_rad: Numbers, elevation_rad: Numbers, return_number: Numbers) -> Cells:
-    """`cells_of`, of (n,) angles; of several in one cell the first with the lowest number is shown."""
+    """`cells_of` for (n,) angles; of several in one cell the first with the lowest return number is shown."""
     azimuth, elevation = azimuth_rad.astype(np.float64), elevation_rad.astype(np.float64)
     n = max(len(azimuth), 1)
     dense = 1.3 * math.sqrt(max(_span(azimuth) * _span(elevation), 1e-12) / n)
@@ -344,13 +346,13 @@ def _span(values: Numbers) -> float:
 
 
 def _groups(values: Numbers) -> Numbers:
-    """The different angles, rising, those of one beam taken together."""
+    """Distinct angles, rising; those closer than SAME_ANGLE_RAD count as one."""
     distinct = np.unique(values)
     return distinct[np.diff(distinct, prepend=-np.inf) > SAME_ANGLE_RAD]
 
 
 def _step_in_rows(values: Numbers, row: Numbers) -> float:
-    """The usual step between neighbours of one row, radians; 0 without neighbours."""
+    """Median step between neighbours of one row, radians; 0 without neighbours."""
     order = np.argsort(values)
     order = order[np.argsort(row[order].astype(np.uint16), kind="stable")]  # of 16 bits, one pass without comparing
     step = np.diff(values[order])[np.diff(row[order]) == 0]

@@ -1,7 +1,7 @@
-"""The point cloud: columns of points, what they mean, and how to save, load and convert them.
+"""Point cloud: columns of points, their meaning, and how to save, load and convert them.
 
-This is what users work with. It is a frozen struct of arrays, checked once when it is made: whatever has a PointCloud
-can rely on shapes, types and finite numbers. The table `formats.cloud_columns.COLUMNS` says what each column is.
+A frozen struct of arrays, checked once when it is made, so that every user of a PointCloud can rely on shapes, types
+and finite numbers. The table `formats.cloud_columns.COLUMNS` says what each column is.
 """
 
 from __future__ import annotations
@@ -135,12 +135,12 @@ class PointCloud:
 
     @property
     def has_truth(self) -> bool:
-        """Whether the truth fields are there."""
+        """True if the cloud has the truth fields."""
         return self.true_range_m is not None
 
     @property
     def has_vectors(self) -> bool:
-        """Whether the points have normals and velocities of their surfaces."""
+        """True if the points have normals and velocities of their surfaces."""
         return self.normal_x is not None
 
     @property
@@ -155,14 +155,14 @@ class PointCloud:
 
     @property
     def sensor_position_m(self) -> Numbers:
-        """(3,) float64 position of the sensor (of the first, of a rig) in the frame of the points."""
+        """(3,) float64 position of the sensor (the first one of a rig) in the frame of the points."""
         return np.asarray(sensor_positions_m(self.metadata)[0])
 
     @property
     def sensor_place(self) -> Pose:
-        """Where the sensor (of a rig the first) stood in the frame of the points.
+        """Pose of the sensor (the first one of a rig) in the frame of the points.
 
-        Not turned where metadata do not tell.
+        Not rotated if the metadata lack the rotation.
         """
         if self.metadata.get("frame", "sensor") == "sensor":
             return Pose()
@@ -172,14 +172,14 @@ class PointCloud:
 
     @property
     def frame_start_s(self) -> float:
-        """When the frame (of a rig the first sensor's) began, by the clock of motions; 0 if metadata do not tell."""
+        """Start of the frame (of the first sensor of a rig) by the clock of motions; 0 if the metadata lack it."""
         return frame_starts_s(self.metadata)[0]
 
     @property
     def sensor_to_world(self) -> Pose | None:
-        """Where the sensor (of a rig the first) stood in the world; None if metadata do not tell.
+        """Pose of the sensor (the first one of a rig) in the world; None if the metadata lack it.
 
-        Of a sensor that moves: at the start of the frame, as all that is said of places.
+        For a sensor that moves it is the pose at the start of the frame, like all places in the metadata.
         """
         if SENSOR_TO_WORLD not in self.metadata:
             return None
@@ -188,7 +188,7 @@ class PointCloud:
 
     @property
     def frame_to_world(self) -> Pose | None:
-        """The frame of the points in the world; None if metadata do not tell."""
+        """Pose of the points' frame in the world; None if the metadata lack it."""
         place = self.sensor_to_world
         if self.metadata.get("frame", "sensor") == "world":
             return Pose()
@@ -196,7 +196,7 @@ class PointCloud:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """The columns that this cloud has, in the order of files."""
+        """Columns of this cloud, in the order of files."""
         columns = COLUMNS + (VECTORS if self.has_vectors else ())
         return tuple(c for c in columns if self.has_truth or not c.truth)
 
@@ -211,27 +211,29 @@ class PointCloud:
         return values[:, "xyz".index(name)] if values.ndim == 2 else values
 
     def select(self, mask_or_index: Any) -> PointCloud:
-        """The points where a (n,) mask holds, or of an index array or slice, in that order."""
+        """Select points by a (n,) mask, or by an index array or slice, in its order."""
         if isinstance(mask_or_index, str):
             raise InputError(
                 f"select: must be a mask, an index array or a slice, such as cloud.status == 0, got {mask_or_index!r}"
             )
-        if getattr(mask_or_index, "dtype", None) == np.uint8:  # a column of categories, which NumPy takes for an index
+        if (
+            getattr(mask_or_index, "dtype", None) == np.uint8
+        ):  # a column of categories, which NumPy would use as an index
             raise InputError("select: must be a mask such as cloud.status == 0, an index array or a slice, got uint8")
         return replace(self, checked=True, **{a: v[mask_or_index] for a, v in self._arrays().items()})
 
     def without_points(self) -> PointCloud:
-        """Names, metadata and types alone: it keeps nothing of this cloud in memory, as an empty slice would."""
+        """The cloud without its points: names, metadata and types. Unlike an empty slice it keeps no array in memory."""
         return self.select(np.zeros(0, np.intp))
 
     def without_truth(self) -> PointCloud:
-        """The same points as a real sensor would give them."""
+        """The same points without truth, as a real sensor would report them."""
         absent: dict[str, Any] = dict.fromkeys((*TRUTH, *OF_VECTORS))
         return replace(self, checked=True, **absent)
 
     @staticmethod
     def concatenate(parts: list[PointCloud], *, consume: bool = False) -> PointCloud:
-        """All points of the parts in order; names and metadata are those of the first.
+        """Join all points of the parts in order; names and metadata are those of the first.
 
         With ``consume`` the list is emptied: if nothing else holds the parts, memory peaks at one copy of the
         cloud plus one column. Raises ValueError where names differ, or only some parts have truth.
@@ -270,7 +272,7 @@ class PointCloud:
         return replace(self, xyz_m=xyz_m, metadata=metadata, **turned)
 
     def vectors_turned(self, rotation: Numbers) -> dict[str, Any]:
-        """Its normals and velocities by attribute in other axes; empty if it has none.
+        """Normals and velocities in other axes, attribute -> (n,) array; empty if the cloud has none.
 
         rotation  (3, 3) or (n, 3, 3), from the axes of the points to the others
         """
@@ -369,7 +371,7 @@ class PointCloud:
         scene      where it was made, a `Scene`, its name or file: its surfaces are shown too, and a point's budget
         sensor     catalogue name or file; what the cloud names if None
         height_px  of the frame in the notebook
-        What comes back also has `save(path)`, which writes the page. Raises InputError.
+        The object returned also has `save(path)`, which writes the page. Raises InputError.
         """
         return facts.viewed(self, scene=scene, sensor=sensor, height_px=height_px)
 
@@ -380,26 +382,26 @@ class PointCloud:
         return thumbnail(self)
 
     def _repr_html_(self) -> str:
-        """The same with the text below it."""
+        """The picture with the cloud's repr below it."""
         from .interop import to_html
 
         return to_html(self)
 
     def _arrays(self) -> dict[str, Numbers]:
-        """The arrays by attribute."""
+        """Arrays of the columns, attribute -> array."""
         names = attributes(truth=self.has_truth, vectors=self.has_vectors)
         return {a: getattr(self, a) for a in names}
 
 
 def _check_nan(attribute: str, array: Numbers) -> None:
-    """ValueError if there is a NaN."""
+    """Raise ValueError for a NaN."""
     distinct = array[:1] if is_constant(array) else array
     if distinct.dtype.kind == "f" and distinct.size and np.isnan(distinct.min()):
         raise ValueError(f"PointCloud.{attribute}: NaN at {int(np.isnan(array).sum())} places")
 
 
 def _check_index(attribute: str, index: Numbers, names: tuple[str, ...]) -> None:
-    """ValueError unless each index is -1 or has a name; without names any index will do."""
+    """Raise ValueError unless each index is -1 or has a name; without names every index is accepted."""
     if is_constant(index):
         index = index[:1]
     if index.size and names and not -1 <= index.min() <= index.max() < len(names):

@@ -1,7 +1,7 @@
-"""Merge the clouds of the sensors of a rig into one.
+"""Merging the clouds of a rig's sensors into one.
 
-The frames of several sensors begin at different times, and each sensor has its own place and unit of intensity. A
-merged cloud has a column that says of which sensor a point is, and metadata with one entry for each sensor.
+The frames of several sensors begin at different times, and each sensor has its own place and unit of intensity. The
+column `sensor_index` of a merged cloud names the sensor of each point; its metadata have one entry for each sensor.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from ..maths.arrays import Numbers
 from .point_cloud import PointCloud
 
 JOINED = {"sensor": ", ", "frame_start_s": " ", "sensor_position_m": " ", "sensor_rotation": " "}
-"""Metadata of which a merged cloud has one for each sensor, and what stands between them."""
+"""Metadata that a merged cloud holds once for each sensor: key -> separator."""
 
 
 def merged(clouds: Sequence[PointCloud], labels: Sequence[str]) -> PointCloud:
-    """Clouds of several sensors, in one frame that is not the sensor's, as one.
+    """Merge clouds of several sensors, all in the vehicle's or all in the world's frame.
 
-    `sensor_index` says of which each point is, `sensor_names` are the labels, and the metadata's `frame_start_s`,
-    `sensor_position_m` and `sensor_rotation` hold those of all sensors, one after the other. Times stay since the
-    start of each sensor's own frame. Raises ValueError for clouds whose points are in the sensor's frame, or in two.
+    `sensor_index` names the sensor of each point, `sensor_names` are the labels, and the metadata's `frame_start_s`,
+    `sensor_position_m` and `sensor_rotation` hold those of all sensors, one after the other. Times still count from
+    the start of each sensor's own frame. Raises ValueError for clouds in the sensor's frame or in different frames.
     """
     frames = {cloud.metadata.get("frame", "sensor") for cloud in clouds}
     if len(frames) != 1 or "sensor" in frames:
@@ -46,15 +46,15 @@ def merged(clouds: Sequence[PointCloud], labels: Sequence[str]) -> PointCloud:
 
 
 class Merging:
-    """`merged` for clouds that come in pieces, those of the first sensor first."""
+    """Streaming form of `merged`, for clouds that come in pieces, those of the first sensor first."""
 
     def __init__(self, clouds: Sequence[PointCloud], labels: Sequence[str]) -> None:
-        """``clouds`` have the names and metadata of each sensor's, and no points."""
+        """``clouds`` hold the names and metadata of each sensor's cloud, and no points."""
         self._whole = merged(clouds, labels)
         self._dtype: Any = None
 
     def piece(self, number: int, cloud: PointCloud) -> PointCloud:
-        """Some points of sensor ``number`` as points of the merged cloud."""
+        """Turn points of sensor ``number`` into points of the merged cloud."""
         self._dtype = self._dtype or cloud.xyz_m.dtype  # the first one's, as of arrays that are joined
         return replace(
             cloud,

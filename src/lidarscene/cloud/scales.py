@@ -1,6 +1,6 @@
-"""Scales of colours: the values of a column in, their colours and round numbers on the scale out.
+"""Colour scales: colours of the values of a column, and round numbers along the scale.
 
-Perceptual maps without their dark end, which would be lost on the background; the same as in the page of `view`.
+Perceptual colour maps without their dark end, which would vanish on the background; the page of `view` has the same.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scale:
-    """Which colour a value has.
+    """Mapping from values to colours.
 
-    kind  "root": more contrast at near ranges
+    kind  spacing of the colours; "root" gives more contrast at near ranges
     """
 
     low: float
@@ -51,7 +51,7 @@ class Scale:
     map: str
 
     def part(self, value: float) -> float:
-        """Where a value lies on the scale, from 0 to 1."""
+        """Position of a value on the scale, from 0 to 1."""
         return float(self._parts(np.array([value]))[0])
 
     def _parts(self, values: Numbers) -> Numbers:
@@ -74,7 +74,7 @@ class Scale:
         return np.asarray(np.rint(np.stack(mixed, axis=-1)).astype(np.uint8))
 
     def ticks(self, most: int) -> list[tuple[float, str]]:
-        """Round values on the scale and their texts, some ``most`` of them."""
+        """Round values on the scale and their texts, about ``most`` of them."""
         values: list[float] = []
         if self.kind == "root":
             values = [float(r) for r in ROUND_RANGES_M if self.low <= r <= self.high]
@@ -92,7 +92,7 @@ class Scale:
 
 
 def _tick_text(value: float, *, powers: bool) -> str:
-    """A round number; small and large ones as powers of ten, or all."""
+    """Text of a round number; small and large ones, or with ``powers`` all, as powers of ten."""
     if value and (powers or not 1e-3 <= abs(value) < 1e5):
         digits, _, power = f"{value:.0e}".partition("e")
         raised = "10" + str(int(power)).translate(_SUPERSCRIPTS)
@@ -101,7 +101,7 @@ def _tick_text(value: float, *, powers: bool) -> str:
 
 
 def scale_of(name: str, values: Numbers, *, limits: tuple[float, float] | None = None) -> Scale:
-    """Of a column: from the 1st to the 99th percentile; logarithmic for powers, near ranges wide."""
+    """Scale of a column from its 1st to its 99th percentile: logarithmic for powers, root for ranges."""
     usable = values[np.isfinite(values)]
     if name in LOGARITHMIC:
         usable = usable[usable > 0]

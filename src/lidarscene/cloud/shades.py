@@ -1,4 +1,4 @@
-"""Shades: a column of a cloud in, a colour for each point out; of categories each has one, quantities have a scale."""
+"""Shades: a colour for each point by one column; categories have a palette, quantities a scale."""
 
 from __future__ import annotations
 
@@ -33,23 +33,23 @@ def rgb(colour: str) -> Numbers:
 
 
 class NamedCloud(Cloud, Protocol):
-    """A cloud that names what its numbers stand for."""
+    """Cloud with names for its indices of bodies, classes, materials and sensors."""
 
     @property
     def body_names(self) -> tuple[str, ...]:
-        """Of the bodies."""
+        """Names of the bodies."""
 
     @property
     def class_names(self) -> tuple[str, ...]:
-        """Of their classes."""
+        """Names of the bodies' classes."""
 
     @property
     def material_names(self) -> tuple[str, ...]:
-        """Of their materials."""
+        """Names of the materials."""
 
     @property
     def sensor_names(self) -> tuple[str, ...]:
-        """Of the sensors."""
+        """Names of the sensors."""
 
 
 class Shades:
@@ -57,7 +57,7 @@ class Shades:
 
     rgb    (n, 3) uint8
     kinds  (label, colour) of each category, most frequent first; empty for a quantity
-    scale  of a quantity
+    scale  scale of a quantity; None for categories
     """
 
     def __init__(self, cloud: NamedCloud, name: str, *, limits: tuple[float, float] | None = None) -> None:

@@ -1,7 +1,7 @@
-"""Keep every k-th point of a frame that comes in pieces: as many as a picture can show.
+"""Thinning: every k-th point of a frame that comes in pieces, as many as a picture can show.
 
-A picture has some two million pixels, a frame may have a hundred million points. k grows while points come, and those
-kept before are thinned to it: the result does not depend on how the frame was cut, and memory stays small.
+A picture has some two million pixels, a frame may have a hundred million points. k grows as points arrive, and the
+points kept so far are thinned to it. So the result does not depend on how the frame was cut, and memory stays small.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ from ..detection.outcomes import Status
 from .point_cloud import PointCloud
 
 MOST_POINTS = 1 << 22
-"""More are drawn one over the other: a picture has some two million pixels."""
+"""Most points that are kept: a picture has some two million pixels, and more would hide each other."""
 
 FACTOR = 3
-"""k is a power of it. Odd, because scanners fire 2^n channels in turn: an even k would drop whole channels."""
+"""Base of k. It is odd because scanners fire 2^n channels in turn: an even k would drop whole channels."""
 
 
 class Thinned:
-    """The points whose number in the frame is a multiple of ``step``, the least that leaves `MOST_POINTS` at most.
+    """Points whose number in the frame is a multiple of ``step``, the least power of `FACTOR` that leaves `MOST_POINTS`.
 
-    However the frame is cut, the points are the same.
+    The points do not depend on how the frame is cut.
 
-    statuses  how many points of each `Status` there are, all of them counted
+    statuses  number of points of each `Status` before thinning
     """
 
     def __init__(self) -> None:
@@ -33,18 +33,18 @@ class Thinned:
 
     @classmethod
     def of_cloud(cls, cloud: PointCloud) -> Thinned:
-        """Of a whole cloud."""
+        """Thin a whole cloud."""
         thinned = cls()
         thinned.append(cloud)
         return thinned
 
     @property
     def points(self) -> int:
-        """How many there are, all of them counted."""
+        """Number of points before thinning."""
         return int(self.statuses.sum())
 
     def append(self, cloud: PointCloud) -> None:
-        """Add the points of a cloud, which is not kept itself unless it is small."""
+        """Add the points of a cloud. The cloud itself is kept only if all of its points are."""
         before = self.points
         self.statuses += np.bincount(cloud.status, minlength=len(Status))
         while -(-self.points // self.step) > MOST_POINTS:
@@ -53,13 +53,13 @@ class Thinned:
         self._pieces.append(_strided(cloud, self.step, -before % self.step))
 
     def cloud(self) -> PointCloud:
-        """The points that are left, of at least one cloud."""
+        """The points kept. At least one cloud must have been appended."""
         if len(self._pieces) > 1:
             self._pieces = [PointCloud.concatenate(self._pieces, consume=True)]
         return self._pieces[0]
 
     def _thin_out(self) -> None:
-        """Keep every third of those that were kept."""
+        """Drop two thirds of the points kept so far."""
         points_before = 0
         for number, piece in enumerate(self._pieces):
             self._pieces[number] = _strided(piece, FACTOR, -points_before % FACTOR)
@@ -67,5 +67,5 @@ class Thinned:
 
 
 def _strided(cloud: PointCloud, step: int, first: int) -> PointCloud:
-    """The points ``first``, ``first + step`` and so on: copies, where these are not all."""
+    """Every ``step``-th point from ``first`` on, as copies unless these are all points."""
     return cloud if step == 1 else cloud.select(np.arange(first, len(cloud), step))

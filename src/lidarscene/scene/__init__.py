@@ -1,7 +1,7 @@
-"""What there is to see: bodies, light, weather, and the files that describe them.
+"""Scenes: bodies, light and weather, and the files that describe them.
 
-A `Scene` is plain data in metres and radians. Files are TOML, Mitsuba XML, meshes or what trimesh holds; each mistake
-in one is one line that names file and key.
+A `Scene` is plain data in metres and radians. It is read from TOML, Mitsuba XML or mesh files, or made of a trimesh
+object. A mistake in a file is reported in one line that names file and key.
 
 scene       `Scene`, `Body`, `Part`, `Sun`, `Sky`, `Air`
 weather     fog, rain and snow as data

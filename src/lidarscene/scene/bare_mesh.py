@@ -1,7 +1,8 @@
 """A mesh file as a scene: the tables that a scene file of it would hold.
 
-Who has a mesh wants a cloud of it first and a scene file later. What a mesh file does not say is assumed and told: it
-stands on asphalt, in full sun, before a sensor at the height of a car's roof that sees all of it.
+A user with a mesh wants a point cloud of it first and a scene file later. So the missing facts are assumed, and a
+warning lists them: the mesh stands on asphalt, in full sun, before a sensor at the height of a car's roof that sees
+all of it.
 """
 
 from __future__ import annotations
@@ -24,29 +25,29 @@ from .meshes.mesh_axes import UNITS, Axis, Unit, axis_of, upright
 from .scene import Part, Scene
 
 MESHES = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl", *usd.SUFFIXES)
-"""Ends of the names of mesh files that may stand for a scene."""
+"""Suffixes of mesh files that are accepted in place of a scene file."""
 
 SMALLEST_M, LARGEST_M = 0.05, 2000.0
-"""What is smaller or larger across is taken for a mistake of its unit: from a bottle to a quarter of a city."""
+"""Smallest and largest plausible extent of a mesh, from a bottle to a city quarter; beyond, its unit is wrong."""
 
 NAMES: dict[str, Unit] = {"millimetres": "mm", "centimetres": "cm", "inches": "in", "kilometres": "km"}
-"""Units that explain a size, likeliest first."""
+"""Units that may explain an implausible size, likeliest first: name in messages -> key in the file."""
 
 PLAIN = "concrete"
-"""Material of what has no colour of its own."""
+"""Material of pieces without a colour of their own."""
 
 HEIGHT_M = 1.8
-"""Of the sensor above the ground, as on a car's roof."""
+"""Height of the sensor above the ground, as on a car's roof."""
 
 CLEAR_M = 5.0
-"""From the sensor to the nearest side of a small mesh."""
+"""Distance from the sensor to the near side of a small mesh."""
 
 ACROSS_DEG, HIGH_DEG = 60.0, 18.0
-"""Angles that the mesh's near side fills at most: a little less than the field of view of Table 1."""
+"""Largest angles that the near side of the mesh subtends: a little less than the field of view of Table 1."""
 
 
 def is_mesh(path: Path) -> bool:
-    """Whether this is the name of a mesh file."""
+    """Return True for the name of a mesh file."""
     return path.suffix.lower() in MESHES
 
 
@@ -58,19 +59,19 @@ def mesh_tables(path: Path, overrides: Sequence[str], *, option: str) -> dict[st
     pieces = reading.read_mesh(path)
     corners = np.concatenate([piece.vertices_m for piece in pieces])
     plain = {key: PLAIN for piece in pieces if piece.grey is None for key in piece.keys[:1]}
-    tables = with_overrides(_tables(path, corners, plain, _Given()), overrides, option=option)
-    # What the user says of unit and axis decides where the mesh and the sensor stand.
+    tables = with_overrides(_tables(path, corners, plain, _Placement()), overrides, option=option)
+    # Unit and axis from the overrides decide where the mesh and the sensor stand, so the tables are built twice.
     body = tables["bodies"][1]
-    placement = _Given(**{key: body[key] for key in ("up", "unit", "scale", "roll_deg") if key in body})
+    placement = _Placement(**{key: body[key] for key in ("up", "unit", "scale", "roll_deg") if key in body})
     if not placement.is_valid:
-        return tables  # the check of the tables says what is wrong
+        return tables  # the check of the tables reports the mistake
     _check_unit(path, float(np.ptp(corners, axis=0).max()), placement, option)
     return with_overrides(_tables(path, corners, plain, placement), overrides, option=option)
 
 
 @dataclass(frozen=True, slots=True)
-class _Given:
-    """What may be said of the mesh, before any check."""
+class _Placement:
+    """Keys of the scene file that scale and turn the mesh, not checked yet."""
 
     up: Any = None
     unit: Any = "m"
@@ -79,18 +80,18 @@ class _Given:
 
     @property
     def is_valid(self) -> bool:
-        """Whether the mesh can be placed by it."""
+        """True if unit, scale, axis and roll are all valid, so that the mesh can be placed."""
         numbers = isinstance(self.scale, int | float) and isinstance(self.roll_deg, int | float)
         return numbers and self.scale > 0.0 and self.unit in UNITS and self.up in (None, "x", "y", "z")
 
     @property
     def metres(self) -> float:
-        """Of a length of 1 in the file."""
+        """Metres of a length of 1 in the file."""
         return float(self.scale * UNITS[self.unit])
 
 
-def _tables(path: Path, corners: Numbers, plain: dict[str, str], placement: _Given) -> dict[str, Any]:
-    """The ground at z = 0, the mesh on it around the origin, and the sensor that looks along x at its middle."""
+def _tables(path: Path, corners: Numbers, plain: dict[str, str], placement: _Placement) -> dict[str, Any]:
+    """Build the tables: ground at z = 0, the mesh on it at the origin, and a sensor that looks along x at its middle."""
     up = placement.up or axis_of(path) or "z"
     turned = Pose.from_degrees(roll_deg=placement.roll_deg).apply(upright(corners, up)) * placement.metres
     low, high = turned.min(axis=0), turned.max(axis=0)
@@ -129,10 +130,10 @@ def _tables(path: Path, corners: Numbers, plain: dict[str, str], placement: _Giv
     }
 
 
-def _check_unit(path: Path, across: float, placement: _Given, option: str) -> None:
-    """Refuse what a wrong unit explains better. Raises InputError.
+def _check_unit(path: Path, across: float, placement: _Placement, option: str) -> None:
+    """Refuse a size that a wrong unit explains better. Raises InputError.
 
-    across  in the file's own lengths
+    across  largest extent in the file's own unit
     """
     across_m = across * placement.metres
     if SMALLEST_M <= across_m <= LARGEST_M:
@@ -144,7 +145,7 @@ def _check_unit(path: Path, across: float, placement: _Given, option: str) -> No
 
 
 def tell_of_bare_mesh(path: Path, scene: Scene, *, up: Axis) -> None:
-    """Warn of what is assumed."""
+    """Warn of everything that was assumed about the mesh: size, axis, material, light and place of the sensor."""
     body = next(body for body in scene.bodies if body.name == "mesh")
     corners = np.concatenate([part.vertices_m for part in body.parts if isinstance(part, Part)])
     uses = {part.material for part in body.parts}

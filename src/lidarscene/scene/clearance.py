@@ -1,7 +1,7 @@
-"""Clearance: where a sensor stands among the surfaces, known before anything is traced.
+"""Clearance: distance of a sensor to the surfaces around it, computed before anything is traced.
 
 A sensor on a surface, or within a thin body, is refused: its rays would meet that surface at no distance at all, where
-the lidar equation has no value. What else is odd is for `rendering.surroundings` to say.
+the lidar equation has no value. `rendering.surroundings` warns of other odd places.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from ..maths.trajectory import pose_at
 from .scene import Ball, Body, Part, Scene, box_of
 
 NARROWEST_ROOM_M = 1.0
-"""A closed body that is thinner than this, along one of its own axes, is no room in which a sensor could stand."""
+"""Least extent of a room. A sensor inside a closed body that is thinner along one of its axes is refused."""
 
 _ENCLOSED = 0.5
-"""Share of all directions from which the outside of a body cannot be seen; 1 in a closed body, 0 beside it."""
+"""Least share of directions that a body blocks around a point inside it; it is 1 in a closed body, 0 beside it."""
 
 _SHUT = 0.9
-"""The same of a body with no way out but gaps: a room with an open side has less."""
+"""Least share of directions blocked in a room that is closed but for gaps; a room with an open side has less."""
 
 
 _NEAR_M = 10.0
-"""Bodies whose boxes are this much farther than the nearest box are looked at more closely."""
+"""Margin beyond the nearest bounding box within which boxes are refined in the body's own frame."""
 
 
 class NearSurface(NamedTuple):
-    """A surface that is so far away, and the name of its body; infinitely far, and "", if there is none."""
+    """Distance to a surface and the name of its body; inf and "" if there is none."""
 
     distance_m: float = math.inf
     body: str = ""
@@ -41,12 +41,12 @@ class NearSurface(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Surrounding:
-    """What is around a place.
+    """Surfaces around a place.
 
     nearest  in any direction
-    below    straight down, of what stands still
-    above    straight up, likewise
-    within   a body that is closed all around the place; None: none is
+    below    straight down, among bodies that stand still
+    above    straight up, among bodies that stand still
+    within   name of a body that encloses the place, or None
     """
 
     nearest: NearSurface
@@ -57,12 +57,12 @@ class Surrounding:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clearance:
-    """Where the bodies of a scene are.
+    """Bounding boxes of the bodies of a scene.
 
-    bodies  those that have surfaces
+    bodies  bodies that have surfaces
     boxes   (b, 2, 3) lowest and highest corner of each in its own frame
-    around  (b, 2, 3) the same in the world, of those that stand still; without bounds of those that move
-    blocks  boxes of the parts' triangles, some at a time, as far as they were needed; by id of the part
+    around  (b, 2, 3) the same in the world; infinite for bodies that move
+    blocks  id of a part -> the part and the boxes of its triangles in blocks of 512; filled on demand
     """
 
     bodies: tuple[Body, ...]
@@ -72,7 +72,7 @@ class Clearance:
 
     @classmethod
     def of_scene(cls, scene: Scene) -> Clearance:
-        """Of a scene's own bodies; shapes of a Mitsuba base are not known here."""
+        """Build from a scene's own bodies. Shapes of a Mitsuba base are left out."""
         bodies = [body for body in scene.bodies if not body.away]
         # Copies of a body share their parts.
         boxes = {key: box_of(parts) for key, parts in {id(body.parts): body.parts for body in bodies}.items()}
@@ -86,9 +86,9 @@ class Clearance:
     def check(self, place_m: Numbers, *, radius_m: float, time_s: float, sensor: str) -> None:
         """Raise InputError unless a ball around this place is clear of all surfaces, and in no thin body.
 
-        place_m   (3,) of the sensor in the world
-        radius_m  of the ball
-        time_s    by the clock of the scene's motions
+        place_m   (3,) position of the sensor in the world
+        radius_m  radius of the ball
+        time_s    time by the clock of the scene's motions
         """
         low, high = self.around[:, 0] - radius_m, self.around[:, 1] + radius_m
         for number in np.flatnonzero(((low <= place_m) & (place_m <= high)).all(axis=1)):
@@ -116,7 +116,10 @@ class Clearance:
         return np.concatenate([still, *moving])
 
     def around_place(self, place_m: Numbers, *, time_s: float) -> Surrounding:
-        """What is around a place in the world; boxes first, so that the triangles of few bodies are looked at."""
+        """Find the surfaces around a place in the world, and the body that encloses it.
+
+        Boxes come first, so that the triangles of only a few bodies are searched.
+        """
         gaps_m = np.linalg.norm(
             np.maximum(np.maximum(self.around[:, 0] - place_m, place_m - self.around[:, 1]), 0.0), axis=1
         )
@@ -143,7 +146,7 @@ class Clearance:
         return Surrounding(nearest, below, above, within)
 
     def _below_and_above(self, place_m: Numbers) -> tuple[NearSurface, NearSurface]:
-        """Below and above a place, of bodies that stand still: what moves is no ground."""
+        """Nearest surfaces straight below and above a place, of bodies that stand still: a moving body is no ground."""
         nearest = [NearSurface(), NearSurface()]
         low, high = self.around[:, 0, :2], self.around[:, 1, :2]
         in_column = np.isfinite(low).all(axis=1) & ((low <= place_m[:2]) & (place_m[:2] <= high)).all(axis=1)
@@ -158,7 +161,7 @@ class Clearance:
         return nearest[0], nearest[1]
 
     def _distance_m(self, part: Part | Ball, point: Numbers, most_m: float) -> float:
-        """Of a point to the nearest surface, in the body's frame; infinite beyond ``most_m``."""
+        """Distance from a point to the nearest surface of a part, in the body's frame; inf beyond ``most_m``."""
         if isinstance(part, Ball):
             return abs(float(np.linalg.norm(point)) - part.radius_m)
         boxes = self._blocks_of(part)
@@ -170,12 +173,12 @@ class Clearance:
         return _distance_m(part.vertices_m[_faces_of_blocks(part.faces, near)] - point, most_m)
 
     def _along_m(self, part: Part | Ball, point: Numbers, up: Numbers) -> Numbers:
-        """(k,) where the line through a point along ``up``, a unit vector, meets surfaces; in the body's frame."""
+        """(k,) positions along ``up``, a unit vector, at which the line through a point meets surfaces; body's frame."""
         if isinstance(part, Ball):
             middle = -float(point @ up)
             square = part.radius_m**2 - (float(point @ point) - middle**2)
             return middle + np.array([-1.0, 1.0]) * math.sqrt(square) if square >= 0.0 else np.zeros(0)
-        # Seen along the line: what is met has the origin in it.
+        # Project onto the plane normal to the line: triangles that it meets contain the origin there.
         across = np.linalg.svd(up[None])[2][1:].T
         boxes = self._blocks_of(part) - point
         middle_m, half_m = boxes.mean(axis=1), 0.5 * (boxes[:, 1] - boxes[:, 0])
@@ -183,10 +186,10 @@ class Clearance:
         return _along_m(part.vertices_m[_faces_of_blocks(part.faces, near)] - point, up, across)
 
     def _blocks_of(self, part: Part) -> Numbers:
-        """(b, 2, 3) boxes of the part's triangles, `_BLOCK` at a time; made once.
+        """(b, 2, 3) boxes of the part's triangles in blocks of `_BLOCK`, computed once.
 
-        To go through a ground of ten million triangles takes seconds. Those that follow each other are mostly
-        neighbours.
+        A search through a ground of ten million triangles takes seconds. Triangles that follow each other in a file
+        are mostly neighbours, so boxes of blocks are small and exclude most of them.
         """
         if id(part) not in self.blocks:
             boxes = [
@@ -208,7 +211,7 @@ def _box_of(vertices_m: Numbers, faces: Numbers) -> tuple[Numbers, Numbers]:
 
 
 def _faces_of_blocks(faces: Numbers, flags: Numbers) -> Numbers:
-    """The faces of the blocks that are flagged."""
+    """Faces of the flagged blocks."""
     if flags.all():
         return faces
     blocks = [faces[block * _BLOCK : (block + 1) * _BLOCK] for block in np.flatnonzero(flags)]
@@ -219,7 +222,7 @@ _MOVED = "{0}, got {1}; {pose} or position_m moves it"
 
 
 def _bounds_in_world(body: Body, box: Numbers) -> Numbers:
-    """(2, 3) the box's corners in the world; of a body that moves, all of it."""
+    """(2, 3) bounding box in the world; unbounded for a body that moves."""
     if body.motion is not None:
         return np.array([[-np.inf] * 3, [np.inf] * 3])
     corners = body.pose.apply(_corners(box))
@@ -227,12 +230,15 @@ def _bounds_in_world(body: Body, box: Numbers) -> Numbers:
 
 
 def _corners(box: Numbers) -> Numbers:
-    """(8, 3) of a box."""
+    """(8, 3) corners of a box."""
     return np.stack(np.meshgrid(*box.T), axis=-1).reshape(-1, 3)
 
 
 def _distance_m(corners: Numbers, most_m: float) -> float:
-    """Of the origin to the nearest of triangles, (t, 3, 3) their corners; infinite beyond ``most_m``."""
+    """Distance from the origin to the nearest triangle; inf beyond ``most_m``.
+
+    corners  (t, 3, 3) of the triangles
+    """
     if not len(corners):
         return math.inf
     # No triangle is farther than its corners, nor nearer than the box around it.
@@ -244,7 +250,7 @@ def _distance_m(corners: Numbers, most_m: float) -> float:
 
 
 def _distances_m(corners: Numbers) -> Numbers:
-    """(t,) distances of the origin to triangles, (t, 3, 3) their corners."""
+    """(t,) distances from the origin to triangles with corners (t, 3, 3)."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1)
     sides = np.roll(corners, -1, axis=1) - corners
@@ -259,14 +265,14 @@ def _distances_m(corners: Numbers) -> Numbers:
 
 
 def _along_m(corners: Numbers, up: Numbers, across: Numbers) -> Numbers:
-    """(k,) where the line through the origin along ``up`` meets triangles, (t, 3, 3) their corners.
+    """(k,) positions along ``up`` at which the line through the origin meets triangles with corners (t, 3, 3).
 
     across  (3, 2) two unit vectors normal to the line
     """
     flat = corners @ across
     near = np.flatnonzero((flat.min(axis=1) <= 0.0).all(axis=1) & (flat.max(axis=1) >= 0.0).all(axis=1))
     a, b, c = np.moveaxis(flat[near], 1, 0)
-    weights = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)  # of the corners, not yet of sum 1
+    weights = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)  # barycentric, not yet normalised
     total = weights.sum(axis=1)
     crosses = (total != 0.0) & (((weights >= 0.0).all(axis=1)) | ((weights <= 0.0).all(axis=1)))
     heights = corners[near[crosses]] @ up
@@ -274,13 +280,15 @@ def _along_m(corners: Numbers, up: Numbers, across: Numbers) -> Numbers:
 
 
 def _cross(a: Numbers, b: Numbers) -> Numbers:
-    """(k,) of vectors in a plane."""
+    """(k,) cross products of vectors in a plane."""
     return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
 def _enclosed(parts: Sequence[Part | Ball], point: Numbers) -> float:
-    """Share of all directions in which a body is around a point of its frame: the solid angles of its triangles, van
-    Oosterom and Strackee (IEEE Trans. Biomed. Eng. 30, 1983), add up to 4 pi in a closed mesh and to 0 outside of it.
+    """Share of all directions in which a body surrounds a point of its frame.
+
+    The solid angles of its triangles (van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30, 1983) add up to 4 pi
+    inside a closed mesh and to 0 outside.
     """
     total = 0.0
     for part in parts:

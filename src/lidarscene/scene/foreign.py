@@ -1,6 +1,6 @@
 """Scenes of other programs: a trimesh object or a Mitsuba XML file in, a `Scene` out.
 
-They describe shapes but neither materials in the infrared nor sensors, so both are given as arguments.
+They describe shapes but neither materials in the infrared nor sensors, so both are arguments.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def trimesh_scene(
     classes: Mapping[str, str],
     settings: Mapping[str, Any],
 ) -> Scene:
-    """A scene of a Trimesh or trimesh.Scene; arguments as for `load_scene`. Raises InputError."""
+    """Make a scene of a Trimesh or trimesh.Scene; arguments as for `load_scene`. Raises InputError."""
     import trimesh
 
     where = "load_scene"
@@ -56,7 +56,7 @@ def trimesh_scene(
 
 
 def mitsuba_scene(path: Path, *, materials: Mapping[str, MaterialChoice], settings: Mapping[str, Any]) -> Scene:
-    """A scene of the shapes of a Mitsuba XML file; arguments as for `load_scene`. Raises InputError."""
+    """Make a scene of the shapes of a Mitsuba XML file; arguments as for `load_scene`. Raises InputError."""
     surfaces = _Surfaces()
     base_materials = {identity: surfaces.name_of(material) for identity, material in materials.items()}
     return Scene(
@@ -104,7 +104,7 @@ def _refuse_unknown(choices: Mapping[str, Any], names: set[str], where: str) -> 
 
 
 def is_xml(path: Path) -> bool:
-    """Whether this is the name of a Mitsuba XML file."""
+    """Return True for the name of a Mitsuba XML file."""
     return path.suffix.lower() == ".xml"
 
 

@@ -1,7 +1,7 @@
-"""What scene files say of motion: the pydantic models of [ego] and of a body's motion.
+"""Motion in scene files: the pydantic models of [ego] and of a body's motion.
 
-A motion is given by poses or by a velocity and a turn. Each file form becomes one `maths.trajectory.Motion`, so that
-the rest knows one kind.
+A file gives a motion by poses, or by velocity and yaw rate. Either form becomes a `maths.trajectory.Motion`, the only
+type that the rest of the program handles.
 """
 
 from __future__ import annotations
@@ -48,7 +48,10 @@ class MotionFile(Table[Course]):
         return self
 
     def motion(self, pose: Pose, *, folder: Path, where: str) -> Motion:
-        """From ``pose`` on at time 0, or at this pose in the frame that the poses are of. Raises InputError."""
+        """Motion in the world of a body that rides at ``pose``. Raises InputError.
+
+        pose  pose at time 0 of a motion by speeds; with poses, the body's pose in the moving frame that they describe
+        """
         if self.poses is not None:
             times = np.array([timed_pose.time_s for timed_pose in self.poses])
             return Riding(

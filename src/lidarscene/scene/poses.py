@@ -1,4 +1,4 @@
-"""Trajectory files: poses with their times, from CSV or in the TUM RGB-D format, to a `Spline`.
+"""Trajectory files: poses with their times, as CSV or in the TUM RGB-D format, read as a `Spline`.
 
 Measured drives come in these two formats.
 """
@@ -25,7 +25,7 @@ _KNOWN = {"time_s", *PLACE, *ANGLES, *QUATERNION}
 
 
 def read_poses(path: Path) -> Spline:
-    """A spline through the poses of a file.
+    """Read the poses of a file as a spline.
 
     CSV: the first line names the columns time_s, x_m, y_m, z_m, and yaw_deg, pitch_deg, roll_deg (0 if left out) or
     qx, qy, qz, qw. Any other suffix: lines of time, x, y, z, qx, qy, qz, qw with # for comments, as in the TUM RGB-D
@@ -48,7 +48,7 @@ def read_poses(path: Path) -> Spline:
 
 
 def spline(time_s: Numbers, poses: list[Pose], where: str) -> Spline:
-    """A spline through these poses; InputError instead of ValueError."""
+    """Spline through these poses. Raises InputError, where `Spline` raises ValueError."""
     try:
         return Spline(time_s=np.asarray(time_s), poses=tuple(poses))
     except ValueError as error:

@@ -1,6 +1,6 @@
-"""A scene as the simulation sees it: bodies with materials, sun, sky and air. Plain data, metres, radians.
+"""Scene: bodies with materials, sun, sky and air as plain data in metres and radians.
 
-`scene.scene_file.load_scene` makes one from a file; a `Scene` made in Python is as good.
+`scene.scene_file.load_scene` reads one from a file; a `Scene` can also be built in Python.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Ball:
 
 
 def box_of(parts: Sequence[Part | Ball]) -> Numbers | None:
-    """(2, 3) lowest and highest corner of a body's parts in its frame; None without surfaces."""
+    """(2, 3) lowest and highest corner of a body's parts in its frame; None if it has no surface."""
     corners = [
         np.outer([-part.radius_m, part.radius_m], np.ones(3))
         if isinstance(part, Ball)
@@ -76,9 +76,9 @@ def box_of(parts: Sequence[Part | Ball]) -> Numbers | None:
 class Body:
     """A named object with a class and a shape. Instances are bodies that share parts.
 
-    motion  its motion in the world, or None: it stands at ``pose``. With a motion, ``pose`` is that at time 0, or at
-            the nearest end of the motion's span.
-    away    whether it is not there now: no light meets it. Only of a body with a motion
+    motion  motion in the world, or None for a body that stands at ``pose``. With a motion, ``pose`` is its pose at
+            time 0, or at the nearest end of the motion's span.
+    away    True while a body with a motion is absent from the scene: no light meets it
     """
 
     name: str
@@ -203,12 +203,12 @@ class Scene:
 
         sensor     catalogue name or file; the scene's own if None
         height_px  of the frame in the notebook
-        What comes back also has `save(path)`, which writes the page. Raises InputError, BackendError.
+        The object returned also has `save(path)`, which writes the page. Raises InputError, BackendError.
         """
         return facts.viewed(self, sensor=sensor, height_px=height_px)
 
     def facts(self) -> dict[str, str]:
-        """What a line about the scene says."""
+        """Facts for a line about the scene, label -> text."""
         x, y, z = self.sensor_pose.position_m
         facts_by_name = {
             "bodies": f"{len(self.bodies):,}",

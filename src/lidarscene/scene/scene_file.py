@@ -1,7 +1,7 @@
 """Scene files: a TOML file, a Mitsuba XML file, a mesh file or a trimesh object in, a `Scene` out.
 
-`load_scene` is the one way in, so that all sources get the same checks and the same one-line errors. Paths in a scene
-file are relative to it.
+All sources go through `load_scene`, so they get the same checks and the same one-line errors. Paths in a scene file
+are relative to it.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from .scene import Ball, Body, Part, Scene, box_of
 from .tables import BodyFile, SceneFile, interferers, lamps_w_m2
 
 SMALLEST_BODY_M = 1e-6
-"""Smallest body. A smaller one is a mistake of scale: single precision cannot resolve its corners."""
+"""Smallest extent of a body: below it single precision cannot resolve the corners, so its scale must be wrong."""
 
 
 def load_scene(
@@ -49,7 +49,7 @@ def load_scene(
     classes: Mapping[str, str] | None = None,
     **settings: Any,
 ) -> Scene:
-    """A scene by name or file, or from a trimesh object; a `Scene` is returned as it is.
+    """Load a scene by name or file, or make one of a trimesh object; a `Scene` is returned as it is.
 
     scene      a TOML file, a Mitsuba XML file, a mesh file, which is put on a plain of asphalt, or the name of a scene
                that comes with the package, such as "car"
@@ -89,7 +89,7 @@ def load_scene(
 
 
 def scene_path(scene: str | os.PathLike[str]) -> Path:
-    """File of a scene: a path as it is, a bare word as the name of one in the catalogue. Raises InputError."""
+    """Path of a scene's file; a bare word is looked up in the catalogue. Raises InputError."""
     path = Path(scene)
     if not path.suffix and path.name == str(scene) and not os.path.isdir(path):
         return catalog.path_of("scenes", path.name)
@@ -100,13 +100,13 @@ def scene_path(scene: str | os.PathLike[str]) -> Path:
 
 
 def _refuse(options: Sequence[str], source: str) -> None:
-    """Raises InputError for the first of these options, which this kind of source does not take."""
+    """Raise InputError for the first of these options, which this kind of source does not take."""
     if options:
         raise InputError(f"load_scene: {options[0]}: does not go with {source}")
 
 
 def scene_model(path: Path, *, overrides: Sequence[str] = ()) -> SceneFile:
-    """A TOML scene file, or that of a bare mesh, as a checked model, with overrides. Raises InputError."""
+    """Read a TOML scene file, or the tables made for a bare mesh, as a checked model. Raises InputError."""
     option = "--scene-set"
     if is_mesh(path):
         tables = mesh_tables(path, overrides, option=option)
@@ -116,7 +116,7 @@ def scene_model(path: Path, *, overrides: Sequence[str] = ()) -> SceneFile:
 
 
 def sensor_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] = ()) -> str:
-    """The scene's own sensor, a catalogue name or a file; reads no mesh. Raises InputError."""
+    """Name or file of the scene's own sensor; no mesh is read. Raises InputError."""
     path = scene_path(scene)
     if is_xml(path):
         _no_overrides(path, overrides)
@@ -125,9 +125,9 @@ def sensor_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] =
 
 
 def files_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] = ()) -> Iterator[Path]:
-    """The scene file and all files that it names: meshes, base scene, poses, sensor. No output may overwrite them.
+    """Yield the scene file and all files that it names: meshes, base scene, poses, sensor. No output may overwrite them.
 
-    For a file that `load_scene` accepts. What an XML file includes from included files is not known.
+    The file must be one that `load_scene` accepts. Files included by an included XML file are missed.
     """
     path = scene_path(scene)
     yield path
@@ -148,7 +148,7 @@ def files_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] = 
 
 
 def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
-    """A scene from a checked scene file that lies at ``path``."""
+    """Build the scene of a checked scene file at ``path``. Raises InputError."""
     surfaces = _Surfaces(file)
     reader = functools.cache(reading.read_mesh)
     ego = None
@@ -187,18 +187,18 @@ def _no_overrides(path: Path, overrides: Sequence[str]) -> None:
 
 
 def _sensor_name(name: str, folder: Path) -> str:
-    """A catalogue name as it is, a sensor file relative to the scene file."""
+    """Catalogue name unchanged; path of a sensor file relative to the scene file."""
     return str(folder / name) if name.endswith(".toml") else name
 
 
 class _Surfaces:
-    """The materials of a scene by name: those of its file, and those of the catalogue that it uses."""
+    """Materials of a scene by name: those of its file, and those of the catalogue that it uses."""
 
     def __init__(self, file: SceneFile) -> None:
         self.materials = {name: model.build(name) for name, model in file.materials.items()}
 
     def require(self, name: str, where: str) -> str:
-        """Make sure that there is a material of this name, and return the name. Raises InputError."""
+        """Load the material of this name unless it is there, and return the name. Raises InputError."""
         if name not in self.materials:
             try:
                 self.materials[name] = catalogue.material(name)
@@ -236,7 +236,7 @@ def _check_extent(parts: tuple[Part | Ball, ...], where: str) -> None:
 def _place_body(
     body: BodyFile, parts: tuple[Part | Ball, ...], *, ego: Motion | None, folder: Path, where: str
 ) -> list[Body]:
-    """The body, or one body for each of its instances."""
+    """Build the body, or one body for each of its instances."""
     label = body.class_name or body.name
 
     def placed(name: str, pose: Pose) -> Body:
@@ -258,7 +258,7 @@ MeshReader = Callable[[Path, reflectivity_patterns.Kind | None], list[SubMesh]]
 def _parts(
     body: BodyFile, *, folder: Path, where: str, surfaces: _Surfaces, reader: MeshReader
 ) -> tuple[Part | Ball, ...]:
-    """The body's scaled shapes, each with a material name."""
+    """Scaled shapes of the body, each with a material name."""
     if body.material is not None:
         surfaces.require(body.material, f"{where}.material")
     for key, name in body.materials.items():
@@ -307,7 +307,7 @@ def _mesh_parts(body: BodyFile, path: Path, *, where: str, surfaces: _Surfaces, 
 
 
 def _axes(body: BodyFile, path: Path, *, where: str) -> tuple[Axis, float]:
-    """Axis that points up in the body's mesh file, and what its lengths are multiplied by. Raises InputError."""
+    """Axis that points up in the body's mesh file, and the factor from its lengths to metres. Raises InputError."""
     standard_axis = axis_of(path)
     declared = [key for key in ("unit", "up") if getattr(body, key) is not None]
     if declared and is_usd(path) and (body.unit, body.up) != ("m", "z"):
@@ -331,7 +331,7 @@ def _axes(body: BodyFile, path: Path, *, where: str) -> tuple[Axis, float]:
 def _patterns(
     pieces_and_materials: Sequence[tuple[SubMesh, str]], body: BodyFile, where: str, surfaces: _Surfaces
 ) -> list[reflectivity_patterns.ReflectivityPattern | None]:
-    """The pattern of each piece, None where its surface is not diffuse. Raises InputError if there is none at all."""
+    """Pattern of each piece, None where its material is not diffuse. Raises InputError if no piece has one."""
     if body.pattern is None:
         return [None] * len(pieces_and_materials)
     varied = [
@@ -365,7 +365,7 @@ def _patterns(
 
 
 def _material_of(piece: SubMesh, body: BodyFile, where: str, surfaces: _Surfaces) -> str:
-    """The material that the scene file gives this sub-mesh, or else the mesh file's own colour."""
+    """Name of the material that the scene file gives this sub-mesh, else of one with the mesh file's own colour."""
     material = next((body.materials[key] for key in piece.keys if key in body.materials), body.material)
     if material is not None:
         return material

@@ -1,4 +1,4 @@
-"""What a scene file may hold: the pydantic models of its tables.
+"""Tables of a scene file as pydantic models.
 
 Keys that go together are checked here, with the table and the key in the message; `scene.scene_file` then reads a scene
 that fits together.
@@ -30,11 +30,11 @@ Name = Annotated[str, Field(min_length=1)]
 
 
 USUAL_HEIGHT_M = 1.8
-"""Of a sensor on the roof of a car, above a ground at 0."""
+"""Height of a sensor on the roof of a car, above a ground at 0."""
 
 
 def _instant(value: object) -> datetime:
-    """A time with its offset from UTC, from a TOML date-time or from text."""
+    """Parse a time with its offset from UTC, a TOML date-time or text. Raises ValueError."""
     if isinstance(value, str):
         with suppress(ValueError):
             value = datetime.fromisoformat(value)
@@ -127,7 +127,7 @@ class PictureFile(Table[View]):
         return self
 
 
-# What gives the size of each shape; a mesh has its own.
+# Keys that give the size of each shape; a mesh has its own size.
 _SIZES: dict[str | None, tuple[str, ...]] = {
     None: (),
     "plane": ("size_m",),

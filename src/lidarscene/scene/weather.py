@@ -1,8 +1,7 @@
-"""Weather as the simulation sees it: fog, rain and snow in the air. Plain data; the formulas are in
-`physics.weather`.
+"""Weather: fog, rain and snow in the air as plain data. The formulas are in `physics.weather`.
 
-A scene file states what people know (visibility, rain rate); a simulation needs extinction, backscatter and particle
-sizes at its laser's wavelength. A `Medium` is these.
+A scene file gives visibility and rain rate; the simulation needs extinction, backscatter and particle sizes at the
+laser's wavelength. A `Medium` holds these.
 
 Symbols: alpha extinction, beta backscatter coefficient.
 """
@@ -33,7 +32,7 @@ class Medium:
     backscatter_per_m_sr    beta
     sizes                   of its drops or flakes; None for fog, whose droplets are too many to be drawn one by one
     particle_m2_sr          backscatter of one particle of diameter_m=..., W/sr per W/m2 on it
-    particle_gain           of that into a lens that sees angles within_rad=..., from_rad=...; None: one
+    particle_gain           factor on it for a lens that sees angles within_rad=..., from_rad=...; None: one
     """
 
     name: str
@@ -46,7 +45,7 @@ class Medium:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Weather:
-    """What falls or floats, the same everywhere. The default is clear air.
+    """Fog, rain and snow, the same everywhere. The default is clear air.
 
     fog               name in `physics.weather.fog.TYPES`, with its published density; None: no fog, or the default kind
                       if a visibility is given

@@ -1,7 +1,7 @@
-"""Units and axes of mesh files: what a file means by a length and by up, and its vertices in metres, z up.
+"""Units and axes of mesh files: the length of one unit, the axis that points up, and the turn to z up.
 
-Of the formats that trimesh reads only glTF says both: metres, y up (glTF 2.0, 3.4). OBJ, STL, PLY and OFF say
-neither: a scene file can (`unit`, `up`), and metres with z up are taken otherwise.
+Of the formats that trimesh reads only glTF defines both: metres, y up (glTF 2.0, 3.4). OBJ, STL, PLY and OFF define
+neither: the scene file gives them (`unit`, `up`), and the defaults are metres and z up.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ _Y_UP = (".glb", ".gltf")
 
 
 def axis_of(path: Path) -> Axis | None:
-    """The axis that points up by the standard of the file's format; None: it has no such standard."""
+    """Axis that points up by the standard of the file's format; None if the format has no such standard."""
     return "y" if path.suffix.lower() in _Y_UP else None
 
 
 def upright(vertices: Numbers, up: Axis) -> Numbers:
-    """(v, 3) vertices turned so that the axis ``up`` becomes z; exactly, since only places and signs change.
+    """Turn (v, 3) vertices so that the axis ``up`` becomes z. The turn is exact: it only swaps and negates columns.
 
     From y the turn is by 90 degrees around x, so that x stays x: Blender's export of a z-up model and this are each
     other's inverse. From x it is by -90 degrees around y.

@@ -2,8 +2,8 @@
 
 Importing trimesh and reading a car takes half of the start-up time. An entry is named by a hash of the file's
 name and content and the version of trimesh, so it is never out of date. Only files that refer to no others
-are cached, and OBJ files, whose materials' files are hashed with them. Beyond `LARGEST_BYTES` those entries go that
-were not used for longest. `files.cache_folder` says where the cache is. Any failure of the cache means that the mesh
+are cached, and OBJ files, whose material files are hashed with them. Beyond `LARGEST_BYTES` the least recently used
+entries are removed. `files.cache_folder` says where the cache is. Any failure of the cache means that the mesh
 is read from its file.
 """
 
@@ -47,14 +47,14 @@ class SubMesh:
 
 
 LARGEST_BYTES = 2 << 30
-"""Of all entries together: some 30 million triangles."""
+"""Largest size of all entries together: some 30 million triangles."""
 
 _LAYOUT = 1
 """Version of an entry's layout; a new number invalidates all old entries."""
 
 
 def read_cached(path: Path, read: Callable[[], list[SubMesh]]) -> list[SubMesh]:
-    """The pieces that ``read`` returns for this mesh file, from the cache if they are there."""
+    """Pieces of this mesh file, from the cache or else from ``read``, whose result is then cached."""
     entry = _entry(path)
     if entry is None:
         return read()
@@ -71,7 +71,7 @@ def read_cached(path: Path, read: Callable[[], list[SubMesh]]) -> list[SubMesh]:
 
 
 def _entry(path: Path) -> Path | None:
-    """Path of the file's entry, or None if it cannot have one."""
+    """Path of the file's cache entry, or None if it cannot be cached."""
     where, suffix = cache_folder("meshes"), path.suffix.lower()
     if where is None or suffix not in (".glb", ".ply", ".stl", ".off", ".obj"):
         return None
@@ -90,12 +90,12 @@ def _entry(path: Path) -> Path | None:
 
 @cache
 def _reader() -> str:
-    """Version of what reads the files. Each call would parse its metadata."""
+    """Version of trimesh, cached because each look-up parses the package's metadata."""
     return metadata.version("trimesh")
 
 
 def _materials(folder: Path, obj: bytes) -> Iterator[bytes]:
-    """What the files hold in which an OBJ file's materials are; of those that are missing, nothing."""
+    """Yield name and content of the material files of an OBJ file; missing files are skipped."""
     for names in re.findall(rb"^\s*mtllib[ \t]+(.*?)\s*$", obj, re.MULTILINE):
         # Several names, or one with spaces in it.
         for name in dict.fromkeys((names, *names.split())):
@@ -104,7 +104,7 @@ def _materials(folder: Path, obj: bytes) -> Iterator[bytes]:
 
 
 def _forget(newest: Path) -> None:
-    """Remove the entries that were not used for longest, until the others fit into `LARGEST_BYTES`."""
+    """Remove the least recently used entries until the rest fits into `LARGEST_BYTES`; ``newest`` stays."""
     entries = []
     for entry in newest.parent.glob("*.npz"):
         with suppress(FileNotFoundError):  # another process removes, too

@@ -1,7 +1,7 @@
-"""How the reflectivity of a mesh varies over it: by its own measured values, by its colours, by its texture.
+"""Reflectivity patterns: measured values, vertex colours or a texture that vary the reflectivity over a mesh.
 
-A scan of a street knows the reflectivity of every point, and a model made for pictures the colour. Both are read from
-the mesh file here; `materials.colour` says what a colour is worth at the laser's wavelength.
+A scan of a street holds the reflectivity of every point, a model made for pictures only the colour. Both are read from
+the mesh file here; `materials.colour` turns a colour into reflectivity at the laser's wavelength.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ...maths.arrays import Numbers, frozen
 Kind = Literal["reflectivity", "colour"]
 
 NAMES = ("reflectivity", "reflectance")
-"""Of a property of vertices or faces in a PLY file. In a glTF file, of vertices: after an underscore, in capitals."""
+"""Property names of vertices or faces in a PLY file; in glTF vertex attributes are the same in capitals after "_"."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,11 +44,12 @@ class ReflectivityPattern:
 
 
 def read_pattern(geometry: Any, kind: Kind, *, linear: bool) -> tuple[ReflectivityPattern, Numbers | None] | None:
-    """The pattern of a trimesh mesh, and the (f, 3) faces that it needs; None if the mesh has none. Raises InputError.
+    """Read the pattern of a trimesh mesh, and the (f, 3) faces that it needs; None if it has none. Raises InputError.
 
-    linear  whether the file's vertex colours are of linear light (glTF); else they are sRGB
-    Values at faces become values at vertices: then the faces returned name three vertices of their own each, in the
-    order of the mesh's corners. None: those of the mesh.
+    linear  True if the file's vertex colours are linear light (glTF), False for sRGB
+
+    Values at faces become values at vertices: the faces returned then have three vertices of their own each, in the
+    order of the mesh's corners. Faces of None are those of the mesh.
     """
     pattern_or_values = _reflectivities(geometry) if kind == "reflectivity" else _colours(geometry, linear=linear)
     if isinstance(pattern_or_values, ReflectivityPattern) or pattern_or_values is None:
@@ -61,7 +62,7 @@ def read_pattern(geometry: Any, kind: Kind, *, linear: bool) -> tuple[Reflectivi
 
 
 def _reflectivities(geometry: Any) -> tuple[Numbers, bool] | None:
-    """Reflectivity of each vertex, or face (True)."""
+    """Reflectivity of each vertex (False) or each face (True); None if the mesh has no such property."""
     raw = geometry.metadata.get("_ply_raw") or {}
     for element, count in (("vertex", len(geometry.vertices)), ("face", len(geometry.faces))):
         data = raw.get(element, {}).get("data")
@@ -87,7 +88,7 @@ def _check_share(values: Numbers, name: str) -> Numbers:
 
 
 def _colours(geometry: Any, *, linear: bool) -> ReflectivityPattern | tuple[Numbers, bool] | None:
-    """The red of linear light: a pattern of an image, or values of each vertex, or face (True)."""
+    """Red component in linear light: the pattern of an image, or values of vertices (False) or faces (True)."""
     visual = geometry.visual
     if visual.kind == "texture":
         return _texture(visual)

@@ -1,8 +1,8 @@
 """USD stages (Omniverse, Isaac Sim, Blender, Houdini) as pieces of meshes, in metres and z up.
 
-A stage says its unit and its axis, so nothing is left to the scene file. Its library is `usd-core`, an optional
-package. Read are meshes (the control cage of subdivision surfaces), the solids that USD has, instances and point
-instancers, as they are at the stage's first time. What is invisible, or a guide or a proxy, is left out.
+A stage defines its unit and its axis, so the scene file gives neither. The library is `usd-core`, an optional
+package. The reader takes meshes (the control cage of subdivision surfaces), USD's solids, instances and point
+instancers at the stage's first time. It skips invisible prims, guides and proxies.
 
 Symbols: v vertices, f triangles.
 """
@@ -28,19 +28,19 @@ _LEFT_OUT = ("guide", "proxy")
 
 
 def is_usd(path: Path) -> bool:
-    """Whether this is the name of a USD file."""
+    """Return True for the name of a USD file."""
     return path.suffix.lower() in SUFFIXES
 
 
 def read_usd(path: Path) -> list[SubMesh]:
-    """All pieces of a stage, one for each material of a prim. Raises InputError; LidarSceneError without usd-core.
+    """Read all pieces of a stage, one for each material of a prim. Raises InputError; LidarSceneError without usd-core.
 
-    Their keys are the names of material and prim, and the prim's path.
+    The keys of a piece are the names of its material and prim, and the prim's path.
     """
     pxr = optional("pxr", extra="usd")
     for name in ("Usd", "UsdGeom", "UsdShade", "UsdUtils", "Tf", "Gf"):
         optional(f"pxr.{name}", extra="usd")
-    # USD prints what it does not find; told to this object it is quiet.
+    # USD prints warnings of missing files; this delegate collects them instead.
     diagnostics = pxr.UsdUtils.CoalescingDiagnosticDelegate()
     try:
         stage = pxr.Usd.Stage.Open(str(path))
@@ -60,7 +60,7 @@ def read_usd(path: Path) -> list[SubMesh]:
 
 
 class _Reader:
-    """One stage while it is read."""
+    """Reader of one stage."""
 
     def __init__(self, pxr: Any, stage: Any, path: Path) -> None:
         self._pxr = pxr
@@ -87,7 +87,7 @@ class _Reader:
             )
 
     def pieces_below(self, root: Any, placed: Numbers) -> Iterator[SubMesh]:
-        """The pieces of a prim and of all below it.
+        """Yield the pieces of a prim and of all prims below it.
 
         placed  (4, 4) from the frame of the parent of ``root`` to the stage's; USD multiplies rows from the left
         """
@@ -131,7 +131,7 @@ class _Reader:
             yield from self.pieces_below(prototypes[number], np.array(transform) @ frame)
 
     def _pieces(self, prim: Any, frame: Numbers) -> Iterator[SubMesh]:
-        """One piece for each material of a prim that has a shape."""
+        """Yield one piece for each material of a prim that has a shape."""
         vertices, faces, face_of = self._kinds[str(prim.GetTypeName())](prim)
         placed = vertices @ frame[:3, :3] + frame[3, :3]
         placed = upright(placed, self._up) * self._metres  # type: ignore[arg-type]
@@ -145,7 +145,7 @@ class _Reader:
             yield self._piece(prim, prim, placed, faces[unassigned])
 
     def _piece(self, binding_prim: Any, prim: Any, vertices: Numbers, faces: Numbers) -> SubMesh:
-        """A piece with the names and the colour of the material that is bound to ``bound``."""
+        """Piece with names and colour of the material that is bound to ``binding_prim``."""
         material = self._pxr.UsdShade.MaterialBindingAPI(binding_prim).ComputeBoundMaterial()[0]
         name = material.GetPrim().GetName() if material else ""
         used_vertices, vertex_index = np.unique(faces, return_inverse=True)
@@ -157,7 +157,7 @@ class _Reader:
         )
 
     def _grey(self, material: Any, prim: Any) -> float | None:
-        """Mean of the base colour in linear light: of the material's preview, else of the prim; None: neither."""
+        """Mean base colour in linear light, of the material's preview or else of the prim; None without either."""
         colour = None
         if material:
             shader = material.ComputeSurfaceSource()[0]
@@ -170,7 +170,8 @@ class _Reader:
             colour = values[0] if values is not None and len(values) == 1 else None
         return None if colour is None else float(np.clip(np.mean(colour), 0.0, 1.0))
 
-    # Each gives vertices (v, 3) in the prim's frame, triangles (f, 3), and the face of the prim of each, (f,).
+    # Each method below returns vertices (v, 3) in the prim's frame, triangles (f, 3), and for each triangle the index
+    # of the prim's face that it belongs to, (f,).
 
     def _mesh(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
         mesh = self._pxr.UsdGeom.Mesh(prim)
@@ -212,7 +213,7 @@ class _Reader:
         return _whole(trimesh.creation.icosphere(subdivisions=4, radius=radius))
 
     def _round(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
-        """A cylinder, cone or capsule about one of its axes, centred."""
+        """Cylinder, cone or capsule along one of its axes, centred."""
         import trimesh
 
         kind = str(prim.GetTypeName())
@@ -224,11 +225,11 @@ class _Reader:
             solid = getattr(trimesh.creation, kind.lower())(radius=radius, height=height, sections=64)
         # trimesh stands a cone on the origin.
         vertices = solid.vertices - solid.bounds.mean(axis=0)
-        # From along z to along the axis that is asked for.
+        # trimesh's solids stand along z.
         vertices_on_axis = np.roll(vertices, {"X": 1, "Y": 2, "Z": 0}[str(shape.GetAxisAttr().Get(self._time))], axis=1)
         return vertices_on_axis, np.asarray(solid.faces), np.zeros(len(solid.faces), dtype=np.int64)
 
 
 def _whole(mesh: Any) -> tuple[Numbers, Numbers, Numbers]:
-    """A solid, whose faces are all one."""
+    """Arrays of a solid whose triangles all belong to one face."""
     return np.asarray(mesh.vertices), np.asarray(mesh.faces), np.zeros(len(mesh.faces), dtype=np.int64)
