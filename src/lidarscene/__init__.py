@@ -12,7 +12,7 @@ from .files.facts import view_with
 
 if TYPE_CHECKING:
     # isort: off
-    # what is there
+    # scene
     from .scene.scene_file import load_scene as load_scene
     from .scene.scene import Scene as Scene
     from .scene.scene import Body as Body
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from .scene.scene import Air as Air
     from .maths.pose import Pose as Pose
 
-    # what looks at it
+    # sensor
     from .sensor.catalogue import load_sensor as load_sensor
     from .sensor.model import Sensor as Sensor
     from .sensor.rig_file import load_rig as load_rig
     from .sensor.rig import Rig as Rig
 
-    # what happens
+    # simulation
     from .rendering.api import render as render
     from .rendering.api import render_frames as render_frames
     from .rendering.simulator import Simulator as Simulator
@@ -38,18 +38,18 @@ if TYPE_CHECKING:
     from .rendering.options import FrameOptions as FrameOptions
     from .rendering.options import Observers as Observers
 
-    # what comes back
+    # results
     from .cloud.point_cloud import PointCloud as PointCloud
     from .detection.outcomes import Status as Status
     from .detection.outcomes import Outcome as Outcome
     from .cloud.deskew import deskewed as deskewed
     from .labels.boxes import boxes as boxes
 
-    # what is written
+    # files
     from .outputs.record import record as record
     from .outputs.options import Outputs as Outputs
 
-    # what goes wrong
+    # errors
     from .errors import LidarSceneError as LidarSceneError
     from .errors import InputError as InputError
     from .errors import OutputError as OutputError
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     # isort: on
 
 _HOME = {
-    # what is there
+    # scene
     "load_scene": "scene.scene_file",
     "Scene": "scene.scene",
     "Body": "scene.scene",
@@ -67,12 +67,12 @@ _HOME = {
     "Sky": "scene.scene",
     "Air": "scene.scene",
     "Pose": "maths.pose",
-    # what looks at it
+    # sensor
     "load_sensor": "sensor.catalogue",
     "Sensor": "sensor.model",
     "load_rig": "sensor.rig_file",
     "Rig": "sensor.rig",
-    # what happens
+    # simulation
     "render": "rendering.api",
     "render_frames": "rendering.api",
     "Simulator": "rendering.simulator",
@@ -80,16 +80,16 @@ _HOME = {
     "TraceOptions": "rendering.options",
     "FrameOptions": "rendering.options",
     "Observers": "rendering.options",
-    # what comes back
+    # results
     "PointCloud": "cloud.point_cloud",
     "Status": "detection.outcomes",
     "Outcome": "detection.outcomes",
     "deskewed": "cloud.deskew",
     "boxes": "labels.boxes",
-    # what is written
+    # files
     "record": "outputs.record",
     "Outputs": "outputs.options",
-    # what goes wrong
+    # errors
     "LidarSceneError": "errors",
     "InputError": "errors",
     "OutputError": "errors",
@@ -100,7 +100,7 @@ __all__ = ["__version__", *sorted(_HOME)]
 
 
 def __getattr__(name: str) -> Any:
-    """Public names are imported when first asked for, so that importing the package costs nothing."""
+    """Import a public name at its first use, so that importing the package costs nothing."""
     if name not in _HOME:
         raise AttributeError(f"module 'lidarscene' has no attribute '{name}'")
     import importlib
@@ -114,7 +114,7 @@ def _view(content: Any, **options: Any) -> Any:
     return view_in_notebook(content, **options)
 
 
-# Clouds and scenes stand below the page that views them.
+# `PointCloud.view` and `Scene.view` need the page, which is in a higher tier: it is registered here.
 view_with(_view)
 
 

@@ -1,3 +1,3 @@
-"""The version, where everything can read it without importing the package's face."""
+"""Version, readable without importing the public names of the package."""
 
 __version__ = "0.1.0"

@@ -1,15 +1,15 @@
-"""Errors: mistakes of the user or of the machine, each told in one plain message."""
+"""Errors: mistakes of the user or faults of the machine, each with one plain message."""
 
 import string
 from collections.abc import Callable, Mapping
 from typing import Any
 
 LONGEST = 1000
-"""Letters of a message. A user's text may be in it, of any length; a line that fills the screen tells nothing."""
+"""Most characters of a message, which may quote a user's text of any length."""
 
 
 def shortened(text: str) -> str:
-    """A message without its middle if it is longer than LONGEST: its ends say what is wrong, and what was expected."""
+    """Cut the middle out of a message longer than LONGEST: its ends name the mistake and what was expected."""
     if len(text) <= LONGEST:
         return text
     end = LONGEST // 4
@@ -17,9 +17,9 @@ def shortened(text: str) -> str:
 
 
 class LidarSceneError(Exception):
-    """A mistake of the user or the machine: what, where (file and key), what came, what was expected.
+    """Base of all errors for users: what is wrong, where (file and key), what came, what was expected.
 
-    The message is the whole story, without a traceback: the command line prints
+    The message suffices without a traceback: the command line prints
     ``lidarscene: error: <message>`` and returns `exit_code`.
     """
 
@@ -51,9 +51,9 @@ class BackendError(LidarSceneError):
 
 
 class _NamingOptions(Exception):
-    """A message that names options: in a template `{seed}` is an option and `{0}` is the first of the values.
+    """Message that names options: in a template `{seed}` is an option and `{0}` is the first of the values.
 
-    Python users know an option as `seed`, users of the command line as `--seed`: `message_with` writes it either way.
+    An option is `seed` in Python and `--seed` on the command line: `message_with` writes it either way.
     """
 
     def __init__(self, template: str, *values: object) -> None:
@@ -61,7 +61,7 @@ class _NamingOptions(Exception):
         super().__init__(self.message_with(str))
 
     def message_with(self, name_of: Callable[[str], str]) -> str:
-        """The message with the names that ``name_of`` gives to the options."""
+        """Message in which options have the names that ``name_of`` gives them."""
         return shortened(string.Formatter().vformat(self.template, self.values, _Names(name_of)))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -69,7 +69,7 @@ class _NamingOptions(Exception):
 
 
 class _Names(Mapping[str, str]):
-    """Every option by its name."""
+    """Mapping from every option to its name."""
 
     def __init__(self, name_of: Callable[[str], str]) -> None:
         self._name_of = name_of
@@ -89,4 +89,4 @@ class OptionError(_NamingOptions, InputError):
 
 
 class OptionWarning(_NamingOptions, UserWarning):
-    """Warned of when an option changes nothing, or a sensor is not what it seems."""
+    """Issued when an option changes nothing, or a sensor is not what it seems."""

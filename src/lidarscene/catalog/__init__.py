@@ -1,7 +1,7 @@
 """The catalogue: sensors, materials and scenes as data files; sensors and materials have a source for every number.
 
-Each is a TOML file in a folder of its kind, and its name is the file's. To add one takes no code. This module knows
-names and paths only; `sensor.catalogue`, `materials.catalogue` and `scene.scene_file` read the files.
+Each is a TOML file in a folder of its kind, named after the file; a new one needs no code. This module handles names
+and paths only; `sensor.catalogue`, `materials.catalogue` and `scene.scene_file` read the files.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from ..errors import InputError
 KINDS = ("sensors", "materials", "scenes")
 
 BESIDE_SCENES = ("job", "rig")
-"""Files among the scenes that are something else: a job for `batch`, a rig of sensors."""
+"""Stems of files in the folder of scenes that are no scenes: a job for `batch`, a rig of sensors."""
 
 
 def folder(kind: str) -> Path:
-    """Where the catalogue's files of one kind lie. Scenes lie in the package only where a wheel put them there."""
+    """Folder of the catalogue's files of one kind. Scenes lie in the package only if it was installed from a wheel."""
     package = Path(str(resources.files(__package__)))
     inside = package / kind
     return package.parents[2] / kind if kind == "scenes" and not inside.is_dir() else inside

@@ -261,7 +261,7 @@ def surfaces_behind(
     """Draw surfaces faintly where no point is.
 
     image     (height, width) packed colours
-    seen      (height, width) whether a pixel shows a point
+    covered   (height, width) bool, True where a pixel shows a point
     surfaces  function of a camera and a size; gives depths (height, width) in metres, inf without a surface
     """
     height, width = covered.shape

@@ -223,7 +223,7 @@ class PointCloud:
         return replace(self, checked=True, **{a: v[mask_or_index] for a, v in self._arrays().items()})
 
     def without_points(self) -> PointCloud:
-        """The cloud without its points: names, metadata and types. Unlike an empty slice it keeps no array in memory."""
+        """The cloud without its points: names, metadata and types. Unlike an empty slice it keeps no array."""
         return self.select(np.zeros(0, np.intp))
 
     def without_truth(self) -> PointCloud:

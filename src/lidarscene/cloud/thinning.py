@@ -19,7 +19,7 @@ FACTOR = 3
 
 
 class Thinned:
-    """Points whose number in the frame is a multiple of ``step``, the least power of `FACTOR` that leaves `MOST_POINTS`.
+    """Points whose number in the frame is a multiple of ``step``: at most `MOST_POINTS` of them.
 
     The points do not depend on how the frame is cut.
 

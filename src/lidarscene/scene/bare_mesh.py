@@ -91,7 +91,7 @@ class _Placement:
 
 
 def _tables(path: Path, corners: Numbers, plain: dict[str, str], placement: _Placement) -> dict[str, Any]:
-    """Build the tables: ground at z = 0, the mesh on it at the origin, and a sensor that looks along x at its middle."""
+    """Build the tables: ground at z = 0, the mesh on it at the origin, a sensor that looks along x at its middle."""
     up = placement.up or axis_of(path) or "z"
     turned = Pose.from_degrees(roll_deg=placement.roll_deg).apply(upright(corners, up)) * placement.metres
     low, high = turned.min(axis=0), turned.max(axis=0)

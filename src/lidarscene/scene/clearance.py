@@ -173,7 +173,7 @@ class Clearance:
         return _distance_m(part.vertices_m[_faces_of_blocks(part.faces, near)] - point, most_m)
 
     def _along_m(self, part: Part | Ball, point: Numbers, up: Numbers) -> Numbers:
-        """(k,) positions along ``up``, a unit vector, at which the line through a point meets surfaces; body's frame."""
+        """(k,) positions along the unit vector ``up`` where the line through a point meets the part; body's frame."""
         if isinstance(part, Ball):
             middle = -float(point @ up)
             square = part.radius_m**2 - (float(point @ point) - middle**2)

@@ -125,7 +125,7 @@ def sensor_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] =
 
 
 def files_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] = ()) -> Iterator[Path]:
-    """Yield the scene file and all files that it names: meshes, base scene, poses, sensor. No output may overwrite them.
+    """Yield the scene file and all files that it names (meshes, base scene, poses, sensor): no output may replace them.
 
     The file must be one that `load_scene` accepts. Files included by an included XML file are missed.
     """

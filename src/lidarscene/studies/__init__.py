@@ -1,4 +1,4 @@
-"""What designers ask of a sensor, answered as numbers, charts and pages.
+"""Studies of sensors for their designers, as numbers, charts and pages.
 
 The studies use the very stages of the simulation, on NumPy and mostly without tracing: a range limit and a rendered
 board cannot drift apart.

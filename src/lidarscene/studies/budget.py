@@ -1,10 +1,10 @@
 """Link budgets of points: a cloud with truth, its sensor and the scene's light in; watts and amperes out.
 
-Answers why a point has the SNR that it has. It runs the stages of the simulation on numpy. A cloud does not hold its
-surfaces' BSDFs, only the diffuse reflectivity. So from a cloud alone, the echo power (5) and the background (8) are
-those of a Lambertian surface: exact for Lambertian materials, wrong for rough ones, coats, mirrors and
-retro-reflectors. Where the Lambertian echo does not explain the cloud's SNR, P_r is the power that does. With a
-compiled world, `kernel.rays.relit.light_of` gives the light itself.
+A budget explains a point's SNR. It runs the stages of the simulation on NumPy. A cloud does not hold its surfaces'
+BSDFs, only the diffuse reflectivity. So from a cloud alone, the echo power (5) and the background (8) are those of a
+Lambertian surface: exact for Lambertian materials, wrong for rough ones, coats, mirrors and retro-reflectors. If the
+Lambertian echo does not match the cloud's SNR, P_r is computed from the SNR instead. With a compiled world,
+`kernel.rays.relit.light_of` traces the light itself.
 
 Symbols: P_r echo power, P_rs background power, sigma_0 noise without echo, U comparator level, P_d detection
 probability.
@@ -28,16 +28,16 @@ from ..scan import Scanner
 from ..sensor.model import Sensor
 
 SAME_SIGNAL = 1e-3
-"""Signals this near to the cloud's are taken for the same: a saturated SiPM tells no power from its signal, and
-columns are single precision.
+"""Largest relative difference of two signals that count as equal: columns are single precision, and the power cannot be
+recovered from the signal of a saturated SiPM.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Budget:
-    """What decided on each point; all (n,) float64. Signals are in amperes (APD) or cells (SiPM).
+    """Light and electronics of each point; all (n,) float64. Signals are in amperes (APD) or cells (SiPM).
 
-    echo_power_w           P_r, peak: by (5) if that explains the cloud's SNR, else what does; 0 without surface
+    echo_power_w           peak P_r: by (5) if it matches the cloud's SNR, else computed from the SNR; 0 without surface
     lambertian_power_w     P_r by (5) with rho cos(theta) / pi; 0 without surface
     background_power_w     P_rs by (8), of a Lambertian surface unless the light is given, or of the sky
     noise                  sigma_0, without an echo
@@ -58,9 +58,9 @@ class Budget:
 
 
 def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Echoes | None = None) -> Budget:
-    """The budget of every point, for the sensor that made the cloud.
+    """Compute the budget of every point, for the sensor that made the cloud.
 
-    light  of the points' pulses, if it is known
+    light  traced light of the points' pulses; None: that of Lambertian surfaces
 
     Raises InputError for a cloud without truth.
     """
@@ -95,7 +95,7 @@ def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Ech
 
 
 def _lambertian(cloud: PointCloud) -> Hits:
-    """The truth columns as hits on Lambertian surfaces, in double precision."""
+    """Convert the truth columns to hits on Lambertian surfaces, in double precision."""
     columns = {name: cloud.column(name).astype(np.float64) for name in ("true_range", "reflectivity")}
     has_surface = np.isfinite(columns["true_range"])
     cos_incidence = np.where(has_surface, np.cos(cloud.column("incidence_angle").astype(np.float64)), 0.0)
@@ -116,7 +116,7 @@ def _lambertian(cloud: PointCloud) -> Hits:
 
 
 def _beams(cloud: PointCloud, sensor: Sensor) -> Beams:
-    """The beams of the points; only their receiving apertures matter here."""
+    """Beams of the points; only their receiving apertures matter here."""
     scanner, pulse = sensor.scanner, np.arange(sensor.scanner.pulses, dtype=np.uint32)
     shares = [np.asarray(share_of(pulse)) for share_of in (scanner.aperture_share, scanner.background_share)]
     if any(share.ndim for share in shares):
@@ -133,7 +133,7 @@ def _beams(cloud: PointCloud, sensor: Sensor) -> Beams:
 
 
 def pulses_of(cloud: PointCloud, scanner: Scanner) -> Numbers:
-    """(n,) uint32 pulse of each point: in its frame and channel, the nearest in time, then in azimuth."""
+    """(n,) uint32 pulse of each point: the pulse of its channel that is nearest in time, then in azimuth."""
     first = int(cloud.metadata.get("frame_number", "0")) * scanner.pulses
     pulse = np.arange(first, first + scanner.pulses, dtype=np.uint32)
     times, rank = np.unique(scanner.time_s(pulse) - scanner.time_s(pulse[:1]), return_inverse=True)
@@ -147,7 +147,7 @@ def pulses_of(cloud: PointCloud, scanner: Scanner) -> Numbers:
 
 
 def _nearest(rising: Numbers, values: Numbers) -> Numbers:
-    """Index of the nearest of some rising numbers, for each value."""
+    """Index of the nearest of the ``rising`` numbers, for each value."""
     above = np.searchsorted(rising, values).clip(1, max(len(rising) - 1, 1))
     below = above - 1
     above = np.minimum(above, len(rising) - 1)

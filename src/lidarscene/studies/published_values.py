@@ -1,6 +1,6 @@
-"""Catalogue sensors compared with what their makers publish: range, repeatability, false points, points per second.
+"""Catalogue sensors compared with published values: range, repeatability, false points, points per second.
 
-Sensor files hold estimates where makers say nothing. The published results are the check on them.
+Sensor files hold estimates for numbers that makers do not publish. The published results check these estimates.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .ranging import statistics
 from .ranging.plane import Target, echoes_of_plane, maximum_range_m
 
 SHOTS = 20_000
-"""Shots for one scatter: its own error is 0.5 %."""
+"""Shots for one standard deviation, whose own error is then 0.5 %."""
 
 _SEED = 1
 
@@ -33,9 +33,9 @@ measured in recordings, with the roughness of the surface in it: an upper bound.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Compared:
-    """One quantity; None is unknown.
+    """Published and simulated value of one quantity; None is unknown.
 
-    condition  under which it was published, in words
+    condition  conditions under which it was published, in words
     """
 
     published: float | None
@@ -52,7 +52,10 @@ class Compared:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PublishedComparison:
-    """One catalogue sensor. ``also``: ranges on further targets, to which no value was fitted."""
+    """Comparison of one catalogue sensor.
+
+    also  ranges on further targets, to which no value was fitted
+    """
 
     name: str
     range_m: Compared
@@ -69,11 +72,11 @@ def points_per_second(sensor: Sensor) -> float:
 
 
 def scatter_m(sensor: Sensor, target: Target, *, range_m: float, snr: float | None = None) -> float | None:
-    """Standard deviation of one shot's reported range, through the stages of `render`; None if few echoes are found.
+    """Standard deviation of one shot's reported range, by the stages of `render`; None if few echoes are found.
 
-    snr  (11) of the echo, whatever light the target would return; None: that of the target
+    snr  SNR (11) of the echo in place of that of the target; None: the target's
     """
-    # Not all at one place: a sampler's clock and a converter's steps are met anywhere.
+    # Ranges are spread over 1 m, so that echoes fall anywhere between the steps of a sampler or converter.
     ranges = range_m + np.random.default_rng(_SEED).uniform(-0.5, 0.5, SHOTS)
     light = echoes_of_plane(sensor, target, ranges)
     if snr is not None:
@@ -106,7 +109,7 @@ def check(name: str) -> PublishedComparison:
 
 
 def _range(sensor: Sensor, published: PublishedFile, reflectivity: float | None, range_m: float | None) -> Compared:
-    """Range under the published condition, or at 10 % and 100 klux if there is none."""
+    """Compare the range under the published condition, or at 10 % and 100 klux if there is none."""
     is_given = reflectivity is not None
     share = reflectivity if reflectivity is not None else 0.1
     klux = 100.0 if published.illuminance_klux is None else published.illuminance_klux
@@ -117,7 +120,7 @@ def _range(sensor: Sensor, published: PublishedFile, reflectivity: float | None,
 
 
 def repeatability(sensor: Sensor, published: PublishedFile, entry: RepeatabilityFile) -> Compared:
-    """At its SNR (on 10 % at 20 m, which sets the background), or on its target."""
+    """Compare a published scatter, at its SNR (on 10 % at 20 m, which sets the background) or on its target."""
     klux = entry.illuminance_klux if entry.illuminance_klux is not None else published.illuminance_klux
     target = Target(reflectivity=entry.reflectivity or 0.1, illuminance_klux=100.0 if klux is None else klux)
     sunlit = "*" if "illuminance_klux" in (*published.assumed, *entry.assumed) or klux is None else ""
@@ -135,7 +138,7 @@ def repeatability(sensor: Sensor, published: PublishedFile, entry: Repeatability
 
 
 def _false_points(sensor: Sensor, published: PublishedFile) -> Compared:
-    """Noise in a pulse without echo, under the light of a 10 % target."""
+    """Compare the false points of a pulse without echo, under the light of a 10 % target."""
     klux = 100.0 if published.illuminance_klux is None else published.illuminance_klux
     target = Target(reflectivity=0.1, illuminance_klux=klux)
     beyond_m = float(sensor.tdc.window_s) * SPEED_OF_LIGHT_M_S
@@ -147,7 +150,7 @@ def _false_points(sensor: Sensor, published: PublishedFile) -> Compared:
 
 
 def _words(published: PublishedFile, *conditions: tuple[str, str]) -> str:
-    """Conditions in a line; a star marks an assumed one."""
+    """Join conditions in one line; a star marks an assumed one."""
     return ", ".join(
         text + ("" if getattr(published, key) is not None and key not in published.assumed else "*")
         for key, text in conditions
@@ -155,7 +158,7 @@ def _words(published: PublishedFile, *conditions: tuple[str, str]) -> str:
 
 
 def as_dict(comparison: PublishedComparison) -> dict[str, Any]:
-    """For JSON; null is unknown."""
+    """Fields for JSON; null is unknown."""
     return {
         "name": comparison.name,
         "range_m": _as_dict(comparison.range_m),
@@ -173,7 +176,7 @@ def _as_dict(c: Compared) -> dict[str, Any]:
 
 
 def as_text(checks: list[PublishedComparison]) -> str:
-    """A table for people."""
+    """Text table of the comparisons."""
     rows = [("sensor", "", "published", "simulated", "deviation", "condition")]
     for comparison in checks:
         name = comparison.name

@@ -1,8 +1,8 @@
-"""Catalogue sensors compared with recordings of real ones, by statistics that need not know what stood there.
+"""Catalogue sensors compared with recordings of real ones, by statistics that do not depend on the scene.
 
 A recording of an Ouster has SIGNAL, NEAR_IR, reflectivity and range of each point, kept or lost. Four curves follow
-from them (docs/sensors.md); `catalog/recorded` holds those of one frame of each sensor. Of other sensors the scatter at
-some ranges is known (`[[published.repeatability]]` with `recording = true`).
+from them (docs/sensors.md); `catalog/recorded` holds those of one frame of each sensor. For other sensors the scatter
+at some ranges is known (`[[published.repeatability]]` with `recording = true`).
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from .published_values import repeatability, scatter_m
 from .ranging.plane import Target, echoes_of_plane
 
 SIGNAL_ERROR = 0.15
-"""Largest mean deviation of the signal over the range: what a recording's reflectivities allow."""
+"""Largest mean deviation of the signal over the range, limited by the uncertainty of a recording's reflectivities."""
 
 THRESHOLD_ERROR = 0.2
-"""Of the threshold and of the highest noise: the uncertainty of a recording's floor, and steps of one photon."""
+"""Largest deviation of the threshold and the highest noise: uncertainty of a recording's floor, steps of a photon."""
 
 SCATTER_RATIO = 1.25
-"""Largest ratio of two scatters at one signal, either way."""
+"""Largest ratio of two scatters at one signal, in either direction."""
 
 ASSUMED_RATIO = 1.5
-"""The same where signal and light are not recorded, so that the target is assumed."""
+"""Largest ratio of two scatters if signal and light are not recorded, so that the target is assumed."""
 
 PositiveNumbers = Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=1)]
 
@@ -85,9 +85,9 @@ class RecordedFile(FileModel):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedComparison:
-    """One quantity of a recording and of the simulation.
+    """Recorded and simulated value of one quantity.
 
-    most  largest ratio of the two, either way, at which the sensor is held
+    most  largest accepted ratio of the two, in either direction
     """
 
     sensor: str
@@ -104,23 +104,23 @@ class RecordedComparison:
 
     @property
     def held(self) -> bool:
-        """Whether the ratio is within bounds."""
+        """True if the ratio is within bounds."""
         return self.ratio is not None and 1.0 / self.most <= self.ratio <= self.most
 
 
 def recorded_curves(name: str) -> RecordedFile | None:
-    """Curves of a recording of this sensor, None without one. Raises InputError."""
+    """Read the curves of a recording of this catalogue sensor; None without one. Raises InputError."""
     path = catalog.folder("recorded") / f"{name}.toml"
     return read_recorded(path) if path.is_file() else None
 
 
 def read_recorded(path: Path) -> RecordedFile:
-    """A file of curves. Raises InputError."""
+    """Read a file of curves. Raises InputError."""
     return validated(RecordedFile, read_toml(path), str(path))
 
 
 def compare(name: str) -> list[RecordedComparison]:
-    """All that is recorded of a catalogue sensor, beside what the simulation gives. Raises InputError."""
+    """Compare a catalogue sensor with all that is recorded of it. Raises InputError."""
     curves = recorded_curves(name)
     rows = [] if curves is None else list(compare_curves(name, curves, load_sensor(name, overrides=curves.settings)))
     published = catalogue_published(name)
@@ -143,7 +143,7 @@ def compare(name: str) -> list[RecordedComparison]:
 
 
 def compare_curves(name: str, curves: RecordedFile, sensor: Sensor) -> Iterator[RecordedComparison]:
-    """The four curves of a sensor that counts photons, in its recorded mode."""
+    """Compare the four curves of a sensor that counts photons, in its recorded mode."""
     range_m = np.asarray(curves.signal.range_m)
     white = white_m2(sensor, range_m)
     error = np.log(white / np.asarray(curves.signal.white_m2))
@@ -196,15 +196,15 @@ def compare_curves(name: str, curves: RecordedFile, sensor: Sensor) -> Iterator[
 
 
 def white_m2(sensor: Sensor, range_m: Numbers) -> Numbers:
-    """(n,) photons of a white target times the square of its range, by the range; weak enough not to saturate."""
-    reflectivity = 0.2
+    """(n,) photons of a white target times the square of its range, m2."""
+    reflectivity = 0.2  # scaled to white: an echo this weak does not saturate the detector
     light = echoes_of_plane(sensor, Target(reflectivity=reflectivity, illuminance_klux=0.0), range_m)
     photons = np.asarray(sensor.working_point(light.background_power_w).signal(light.peak_power_w))
     return photons * range_m * range_m / reflectivity
 
 
 def background_w(sensor: Sensor, near_ir: float) -> Numbers:
-    """(1,) W of background at which a point counts this NEAR_IR; 0 if the dark counts alone are more."""
+    """(1,) background in W at which a point counts this NEAR_IR; 0 if the dark counts alone exceed it. By bisection."""
     low, high = 0.0, 1e-6
     for _ in range(60):
         middle = 0.5 * (low + high)
@@ -215,7 +215,10 @@ def background_w(sensor: Sensor, near_ir: float) -> Numbers:
 
 
 def highest_noise(sensor: Sensor, near_ir: float) -> float:
-    """Median of the highest value of the filter in a window without an echo, photons; kept as a return or not."""
+    """Median of the highest filter value in a window without an echo, in photons, whether it becomes a return or not.
+
+    Crossings of a level are Poisson, so the median is the level that a window crosses ln 2 times in the mean.
+    """
     assert sensor.histogram is not None
     sensor = replace(sensor, histogram=replace(sensor.histogram, lone_photons=0.0))
     point = sensor.working_point(background_w(sensor, near_ir))
@@ -229,7 +232,7 @@ def highest_noise(sensor: Sensor, near_ir: float) -> float:
 
 
 def scatter_mm(sensor: Sensor, signal: float, near_ir: float) -> float | None:
-    """Standard deviation of the reported range at so many photons, mm; None if they are rarely found."""
+    """Standard deviation of the reported range in mm at this number of photons; None if few echoes are found."""
     power = background_w(sensor, near_ir)
     light = echoes_of_plane(sensor, Target(illuminance_klux=100.0), 20.0 * np.ones(1))
     klux = 100.0 * float(np.ravel(power / light.background_power_w)[0])
@@ -239,13 +242,13 @@ def scatter_mm(sensor: Sensor, signal: float, near_ir: float) -> float | None:
 
 
 def as_dict(row: RecordedComparison) -> dict[str, Any]:
-    """For JSON."""
+    """Fields for JSON."""
     keys = ("sensor", "quantity", "condition", "recorded", "simulated", "ratio", "most", "held")
     return {key: getattr(row, key) for key in keys}
 
 
 def as_text(rows: Sequence[RecordedComparison]) -> str:
-    """A table for people."""
+    """Text table of the comparisons, with a verdict."""
     heads = f"{'recorded':>9} {'simulated':>9} {'ratio':>6} {'at most':>7}"
     lines, before = [f"{'sensor':<10} {'quantity':<23} {'condition':<22} {heads}"], ""
     for row in rows:

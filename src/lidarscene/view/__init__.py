@@ -1,8 +1,8 @@
 """Clouds and scenes in the browser: one page, served here or saved as a file.
 
-A saved page has to be clicked, coloured and filtered without a server, and no viewer library's export can do that. So
-the page is 900 lines of plain JavaScript and WebGL (static/), which works alike in both forms and loads nothing from
-elsewhere.
+A saved page must allow clicking, colouring and filtering without a server, and no viewer library's export can do
+that. So the page is 900 lines of plain JavaScript and WebGL (static/), which works in both forms and loads nothing
+from elsewhere.
 
 page_sources  what is shown: files, or a scene to render
 point_fields  a cloud as a blob

@@ -1,7 +1,7 @@
-"""Blobs: a header and named arrays in, bytes that the page reads out (`static/blob.js`).
+"""Blobs: a header and named arrays packed into bytes that the page reads (`static/blob.js`).
 
 Little-endian: the length of the header as uint32, the header as JSON in UTF-8, padded to four bytes, and the arrays one
-after the other, each padded to four bytes. The header's key "arrays" has the type of each and where it starts.
+after the other, each padded to four bytes. The header's key "arrays" gives the type, start and count of each.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 from ..maths.arrays import Numbers
 
 TYPES = {"float32": "<f4", "uint8": "u1", "int32": "<i4", "uint32": "<u4"}
-"""What the page can read: float32, uint8, int32 and uint32."""
+"""Types of array that the page can read, NumPy name -> byte format."""
 
 
 def packed(header: Mapping[str, Any], arrays: Mapping[str, Numbers]) -> bytes:
-    """One blob. Raises KeyError for an array of another type than TYPES."""
+    """Pack one blob. Raises KeyError for an array whose type is not in TYPES."""
     start, places, parts = 0, {}, []
     for name, array in arrays.items():
         data = np.ascontiguousarray(array, dtype=TYPES[array.dtype.name]).tobytes()
@@ -32,7 +32,7 @@ def packed(header: Mapping[str, Any], arrays: Mapping[str, Numbers]) -> bytes:
 
 
 def unpacked(blob: bytes) -> tuple[dict[str, Any], dict[str, Numbers]]:
-    """Header, without its "arrays", and arrays of a blob."""
+    """Unpack a blob: header, without its "arrays", and arrays by name."""
     end = 4 + int.from_bytes(blob[:4], "little")
     header = json.loads(blob[4:end])
     arrays = {

@@ -1,4 +1,4 @@
-"""Conditions: what else of a live scene can be changed: weather, the number of rays, the frame and its seed."""
+"""Conditions of a live scene that the page can change: weather, number of rays, frame number and seed."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ RAYS, SEED, FRAME, BUDGET = "run.rays", "run.seed", "run.frame", "run.budget"
 KEYS = (FOG, RAIN, SNOW, RAYS, SEED, FRAME, BUDGET)
 
 CLEAR_KM = 50.0
-"""The visibility from which on there is no fog here; the largest that a scene file takes."""
+"""Visibility from which the slider means no fog; the largest that a scene file takes."""
 
 
 class Conditions(NamedTuple):
-    """What is rendered under settings; ``budget`` is whether the page shows the points' budgets."""
+    """Scene and options under the page's settings; ``budget`` is True if the page shows the points' link budgets."""
 
     scene: Scene
     trace: TraceOptions
@@ -29,7 +29,7 @@ class Conditions(NamedTuple):
 
 
 def controls(scene: Scene, frame: FrameOptions) -> list[Control]:
-    """Their sliders; the values are those of the scene and of the command line."""
+    """Sliders of the conditions, at the values of the scene and of the command line."""
     air = scene.air.weather
     fog_km = CLEAR_KM if air.fog_visibility_m is None else 1e-3 * air.fog_visibility_m
     return [
@@ -75,7 +75,7 @@ def controls(scene: Scene, frame: FrameOptions) -> list[Control]:
 
 
 def conditions(scene: Scene, frame: FrameOptions, settings: Settings) -> Conditions:
-    """The scene in this weather, and how it is rendered. Raises InputError for a number that will not do."""
+    """Apply settings to the scene's weather and to the options. Raises InputError for a number out of bounds."""
     limits = {control.key: control for control in controls(scene, frame)}
     values = {key: number_of(key, settings[key]) for key in KEYS if key in settings}
     for key, value in values.items():
@@ -99,7 +99,7 @@ def conditions(scene: Scene, frame: FrameOptions, settings: Settings) -> Conditi
 
 
 def command(scene: str, sensor: str, overrides: tuple[str, ...], settings: Settings) -> list[str]:
-    """The words of the command that renders the same. Raises InputError for a choice that no option makes."""
+    """Words of the command line that renders the same. Raises InputError for a setting that no option can make."""
     if settings.get("detector", "").__class__ is str and settings.get("detector"):
         raise InputError("no option gives a sensor another's detector: choose that sensor")
     words = ["lidarscene", "render", scene]

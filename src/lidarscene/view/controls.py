@@ -1,4 +1,4 @@
-"""Controls: a scene and a sensor in, the sliders that change them out, and what they make of both."""
+"""Controls: sliders for a scene and a sensor, and the scene and sensor under their settings."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ from ..sensor.detectors import Apd
 from ..sensor.model import Detector, Sensor
 
 DETECTOR = "detector"
-"""Key of the choice; all other keys that begin with it are of the sensor file."""
+"""Key of the choice of a detector; keys "detector.*" are those of the sensor file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Control:
-    """A number that can be changed: a slider, and a box to type in.
+    """Number that the page can change, with a slider and a box to type in.
 
-    key  of the sensor file as --set takes it, or sun.*
-    log  whether the slider is logarithmic
-    least, most  what may be typed; the slider's ends are nearer
-    whole  whether it is a whole number
+    key          key of the sensor file as --set takes it, or sun.*
+    low, high    ends of the slider
+    log          True for a logarithmic slider
+    least, most  bounds of a typed number
+    whole        True for a whole number
     """
 
     key: str
@@ -40,7 +41,7 @@ class Control:
     whole: bool = False
 
     def check(self, value: float) -> None:
-        """Raise InputError for a number that may not be typed."""
+        """Raise InputError for a number out of bounds."""
         if self.whole and value != int(value):
             raise InputError(f"{self.key}: must be a whole number, got {value:g}")
         if self.least is not None and value < self.least:
@@ -50,13 +51,13 @@ class Control:
 
 
 Settings = Mapping[str, float | str]
-"""Values by key; what is not named stays as it is in the files."""
+"""Values by key; keys left out keep the value of the files."""
 
 
 class Equipment:
-    """A scene and a sensor as their files have them, and the same with settings.
+    """Scene and sensor of the files, and the same under settings.
 
-    The detector of the other kind is that of Table 1, with its threshold.
+    The alternative detector is the APD or SiPM of Table 1, with its threshold.
     """
 
     def __init__(self, scene: Scene, sensor: str, overrides: Sequence[str] = ()) -> None:
@@ -69,7 +70,7 @@ class Equipment:
         self.detectors = {f"{own_kind}, its own": "", f"{other_kind} of Table 1": f"table1-{other_kind.lower()}"}
 
     def with_settings(self, settings: Settings) -> tuple[Scene, Sensor]:
-        """Scene and sensor so set. Raises InputError for a key that is none, or a number that will not do."""
+        """Scene and sensor under settings. Raises InputError for an unknown key or a number out of bounds."""
         numbers = {key: number_of(key, value) for key, value in settings.items() if key != DETECTOR}
         donor_name = self._chosen(settings)
         controls = {control.key: control for control in self._controls(donor_name)}
@@ -87,18 +88,18 @@ class Equipment:
         return dataclasses.replace(self.scene, sun=sun), sensor
 
     def controls(self, settings: Settings) -> list[Control]:
-        """What can be changed with the chosen detector; the values are those of the files."""
+        """Sliders for the chosen detector, at the values of the files."""
         return self._controls(self._chosen(settings))
 
     def _chosen(self, settings: Settings) -> str:
-        """Catalogue name of the detector's sensor; "" for its own."""
+        """Catalogue name of the sensor whose detector is chosen; "" for the sensor's own."""
         choice = settings.get(DETECTOR, next(iter(self.detectors)))
         if not isinstance(choice, str) or choice not in self.detectors:
             raise InputError(f"{DETECTOR}: must be one of {', '.join(self.detectors)}, got {choice}")
         return self.detectors[str(choice)]
 
     def _sensor(self, donor_name: str, assigned: Sequence[str]) -> Sensor:
-        """The sensor with these assignments, and with another's detector, threshold and edges if one is chosen."""
+        """Sensor with these assignments; detector, threshold and edges are those of the donor, if one is named."""
         if not donor_name:
             return load_sensor(self.name, overrides=[*self.overrides, *assigned])
         detector_changes = [assignment for assignment in assigned if assignment.startswith(("detector.", "tdc."))]
@@ -176,12 +177,12 @@ def _detector_sliders(detector: Detector) -> list[Control]:
 
 
 def _slider_around(key: str, label: str, unit: str, value: Any, factor: float) -> Control:
-    """From a part of the file's value to a multiple of it."""
+    """Logarithmic slider from value / factor to value * factor."""
     return Control(key=key, label=label, unit=unit, low=value / factor, high=value * factor, value=value, log=True)
 
 
 def _sun_values(sun: Sun) -> dict[str, float]:
-    """By the keys of scene files."""
+    """Values of the sun by the keys of scene files."""
     return {
         "azimuth_deg": math.degrees(sun.azimuth_rad),
         "elevation_deg": math.degrees(sun.elevation_rad),
@@ -190,7 +191,7 @@ def _sun_values(sun: Sun) -> dict[str, float]:
 
 
 def number_of(key: str, value: object) -> float:
-    """A number that came from the page. Raises InputError."""
+    """Check a number that came from the page. Raises InputError."""
     if isinstance(value, bool) or not isinstance(value, float | int) or not abs(value) < 1e300:
         raise InputError(f"{key}: must be a number, got {shortened(repr(value))}")
     if key == "sun.illuminance_klux" and value < 0:

@@ -1,4 +1,4 @@
-"""Page: one HTML file with all its code in it; blobs go into it to make a file that needs nothing else."""
+"""HTML page with all its code in one file; with its blobs embedded it needs neither server nor network."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from ..files.atomic import atomic_output
 from .page_sources import Source
 
 SCRIPTS = ("blob.js", "camera.js", "shaders.js", "renderer.js", "legend.js", "panel.js", "viewer.js")
-"""In the order in which they use each other."""
+"""Scripts in the order of their dependencies."""
 
 
 def page(title: str, blobs: Mapping[str, bytes] | None = None) -> str:
-    """The page; ``blobs`` by name go into it, compressed, and what is not there is asked of the server."""
+    """Text of the page. ``blobs``, by name, are embedded compressed; the page fetches the others from the server."""
     embedded = "\n".join(
         f'<script type="application/octet-stream" id="blob-{name}">{_encode_blob(blob)}</script>'
         for name, blob in (blobs or {}).items()
@@ -36,18 +36,18 @@ def page(title: str, blobs: Mapping[str, bytes] | None = None) -> str:
 
 
 LARGE_BYTES = 50_000_000
-"""A page beyond this takes a browser many seconds to open, and most mails refuse it."""
+"""Size above which a page takes a browser many seconds to open, and most mail servers refuse it."""
 
 
 def standalone_page(source: Source) -> str:
-    """Everything that a source shows in one page."""
+    """Page with all blobs of a source embedded."""
     blobs = {"stage": source.stage()}
     blobs |= {f"frame-{number}": source.frame(number) for number in range(len(source.frames))}
     return page(source.title, blobs)
 
 
 def save(source: Source, path: Path) -> None:
-    """Everything that a source shows in one file. Warns of a large one. Raises OutputError."""
+    """Write the page with all blobs of a source; warn if it is large. Raises OutputError."""
     text = standalone_page(source)
     if len(text) > LARGE_BYTES:
         warnings.warn(
@@ -68,7 +68,7 @@ def _read_static(name: str) -> str:
 
 
 def _encode_blob(blob: bytes) -> str:
-    # The same content makes the same file: no time stamp.
+    # Without a time stamp the same content gives the same file.
     return base64.b64encode(gzip.compress(blob, 6, mtime=0)).decode("ascii")
 
 

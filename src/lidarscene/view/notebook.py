@@ -1,4 +1,4 @@
-"""Notebook: a cloud or a scene in, the page inside of a cell out."""
+"""Notebook cells that show the page for a cloud or a scene."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .page_sources import Clouds, Live, Source
 
 
 class Viewed:
-    """A page that a notebook shows in a frame of its own; `save` writes it as a file that needs nothing else."""
+    """Page that a notebook shows in an iframe; `save` writes it as a self-contained file."""
 
     def __init__(self, source: Source, *, height_px: int) -> None:
         self._title, self._page, self._height_px = source.title, standalone_page(source), height_px
@@ -47,7 +47,7 @@ def view_in_notebook(
     sensor: str | None = None,
     height_px: int,
 ) -> Viewed:
-    """What `PointCloud.view` and `Scene.view` give. Raises InputError, BackendError."""
+    """Make the object that `PointCloud.view` and `Scene.view` return. Raises InputError, BackendError."""
     if sensor is not None and not isinstance(sensor, str | os.PathLike):
         raise InputError(f"view: sensor: must be a catalogue name or a file, got {type(sensor).__name__}")
     if isinstance(content, Scene):
@@ -57,7 +57,7 @@ def view_in_notebook(
 
 
 class _CloudsInMemory(Clouds):
-    """Clouds that are no files."""
+    """Clouds in memory in place of files."""
 
     def __init__(self, clouds: Sequence[PointCloud], **options: Any) -> None:
         self._clouds = tuple(clouds)

@@ -1,4 +1,4 @@
-"""Sources: cloud files, or a scene to render, in; what the page asks for out: a stage and its frames, as blobs."""
+"""Sources of the page: clouds, a recording or a live scene, as blobs of a stage and its frames."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ SENSOR = "sensor"
 """Key of the choice of a sensor."""
 
 IN_ROOM = 0.9
-"""Part of the way to the first surface that the camera goes."""
+"""Share of the way to the first surface at which the camera stops."""
 
 WAVELENGTH_M = 905e-9  # of the grey of a scene's surfaces, where no sensor is known
 
@@ -56,32 +56,33 @@ RECORDED = "no deskewed layer: of a recording, how its vehicle drove is not know
 
 
 class Source(Protocol):
-    """What a page shows.
+    """Content of a page.
 
-    title   in one line
-    frames  their names
+    title   title in one line
+    frames  names of the frames
     """
 
     title: str
     frames: tuple[str, ...]
 
     def stage(self, number: int | None = None) -> bytes:
-        """Blob of all that does not change: camera, meshes, names of the frames.
+        """Blob of what stays the same in all frames: camera, meshes, names of the frames.
 
-        number  of the frame, of a scene that moves and is rendered; None: the first that is shown
+        number  number of the frame of a live scene that moves; None: the first one shown
         """
 
     def frame(self, number: int) -> bytes:
         """Blob of a frame."""
 
     def rendered(self, settings: Settings) -> bytes:
-        """Blob of the frame with these settings. Raises InputError where there is nothing to set."""
+        """Blob of the frame rendered with these settings. Raises InputError for a source that cannot render."""
 
 
 class Clouds:
-    """Cloud files as frames, over a scene if there is one.
+    """Cloud files as frames, with the surfaces of a scene if one is given.
 
-    A point's budget needs the scene and the sensor; this is `sensor`, or what the cloud names if the catalogue has it.
+    A point's link budget needs the scene and the sensor: `sensor`, or the one that the cloud names if the catalogue has
+    it.
     """
 
     def __init__(
@@ -101,7 +102,7 @@ class Clouds:
         self.title = _title(self._first.metadata, self.paths[0].name)
 
     def stage(self, number: int | None = None) -> bytes:
-        """The scene's meshes, if there is one, and a camera for the first cloud."""
+        """Pack the scene's meshes, if any, and a camera for the first cloud."""
         sensor = self._sensor_of(self._first)
         wavelength = sensor.laser.wavelength_m if sensor else WAVELENGTH_M
         page_header = {"title": self.title, "frames": self.frames, "live": False}
@@ -115,7 +116,7 @@ class Clouds:
         )
 
     def frame(self, number: int) -> bytes:
-        """Read a file, and compute its points' budgets where scene, sensor and truth are known."""
+        """Read a file, and compute its points' budgets if scene, sensor and truth are known."""
         cloud = self._load(number) if number else self._first
         sensor = self._sensor_of(cloud)
         still, no_layer_reason = still_m(cloud, self.scene)
@@ -134,15 +135,15 @@ class Clouds:
         )
 
     def rendered(self, settings: Settings) -> bytes:
-        """A cloud is as it is."""
+        """Raise InputError: clouds cannot be rendered."""
         raise InputError("clouds are shown as they are; only a scene can be rendered anew")
 
     def _read(self, number: int) -> PointCloud:
-        """A cloud as its file has it."""
+        """Read a cloud file."""
         return PointCloud.load(self.paths[number])
 
     def _load(self, number: int) -> PointCloud:
-        """A cloud; what is not in the world's coordinates stands where the scene's sensor or vehicle does."""
+        """Read a cloud; with a scene, move it to world coordinates by the pose of the scene's sensor or vehicle."""
         cloud = self._read(number)
         frame = cloud.metadata.get("frame", "sensor")
         if self.scene is None or frame == "world":
@@ -168,7 +169,7 @@ class Clouds:
 
 
 class RecordingFrames:
-    """The frames of a recording, or one of them."""
+    """Frames of a recording, or one of them."""
 
     def __init__(self, recording: Recording, *, frame: int | None = None) -> None:
         """Read the first frame. Raises InputError."""
@@ -179,7 +180,7 @@ class RecordingFrames:
         self.title = _title({}, recording.path.name)
 
     def stage(self, number: int | None = None) -> bytes:
-        """Names of the frames, and a camera for the first."""
+        """Pack the names of the frames, and a camera for the first."""
         page_header = {"title": self.title, "frames": self.frames, "live": False}
         return stage_blob(
             page_header, scene=None, wavelength_m=WAVELENGTH_M, origin=np.zeros(3), camera=_camera(self._first, None)
@@ -192,12 +193,12 @@ class RecordingFrames:
         return frame_blob(cloud, name=self.frames[number], origin_m=np.zeros(3), budget=None, extra_header=page_header)
 
     def rendered(self, settings: Settings) -> bytes:
-        """A recording is as it is."""
+        """Raise InputError: recordings cannot be rendered."""
         raise InputError("recordings are shown as they are; only a scene can be rendered anew")
 
 
 class Live:
-    """A scene rendered anew for every setting; worlds are compiled once for each wavelength."""
+    """Scene that is rendered anew for every setting; worlds are compiled once for each wavelength."""
 
     frames: tuple[str, ...] = ("",)
 
@@ -212,12 +213,12 @@ class Live:
     ) -> None:
         """Compile the scene and render it once. Raises InputError and BackendError.
 
-        named  what the command line calls the scene
+        scene_argument  scene as named on the command line
         """
         self.scene, self.options, self.scene_argument = scene, frame or FrameOptions(), scene_argument or scene.name
         sensor_name = sensor or scene.sensor_name
         self.overrides = tuple(overrides)
-        # The changes of the command line are the own sensor's: another may lack what they change.
+        # Overrides hold for the scene's own sensor only: another may lack the keys that they change.
         self._equipment = {sensor_name: Equipment(scene, sensor_name, overrides)}
         self.sensors = tuple(dict.fromkeys([sensor_name, *catalog.names("sensors")]))
         self._worlds: dict[float, World] = {}
@@ -230,11 +231,11 @@ class Live:
 
     @property
     def equipment(self) -> Equipment:
-        """With the sensor that was asked for."""
+        """Equipment with the sensor of the command line or the scene."""
         return next(iter(self._equipment.values()))
 
     def _choose_equipment(self, settings: Settings) -> Equipment:
-        """With the sensor that is chosen. Raises InputError."""
+        """Equipment with the sensor chosen on the page. Raises InputError."""
         name = settings.get(SENSOR, self.sensors[0])
         if not isinstance(name, str) or name not in self.sensors:
             raise InputError(f"{SENSOR}: must be one of {', '.join(self.sensors)}, got {name}")
@@ -249,7 +250,7 @@ class Live:
         return simulator
 
     def stage(self, number: int | None = None) -> bytes:
-        """The scene's meshes, its own camera, and what can be chosen."""
+        """Pack the scene's meshes, its camera, and the choices of sensor and detector."""
         frame = self._frame_options(number)
         start_s = self._simulator(self.scene, self.equipment.sensor, TraceOptions()).start_s(frame)
         page_header = {
@@ -274,16 +275,16 @@ class Live:
 
     @property
     def _moves(self) -> bool:
-        """Whether frames differ in what stands where."""
+        """True if the vehicle or a body moves, so that frames differ."""
         return self.scene.ego is not None or any(body.motion is not None for body in self.scene.bodies)
 
     def _camera(self, start_s: float) -> dict[str, Any]:
-        """The scene's view, which rides on its vehicle; without one, what suits the cloud, and inside of a room."""
+        """Camera of the scene, which rides on its vehicle; without one, a camera that suits the first cloud."""
         camera_scene = None if self.options.pose else self.scene
         camera = _camera(self._first, camera_scene, time_s=start_s)
         if camera_scene is not None and camera_scene.camera is not None:
             return camera
-        # From above and behind the sensor there may be a ceiling between: the camera stays on the sensor's side.
+        # A ceiling or wall may lie between the sensor and a camera above and behind it: stop in front of it.
         sensor_m, eye_m = self._place.position_m, np.array(camera["eye"])
         offset_m = eye_m - sensor_m
         length_m = float(np.linalg.norm(offset_m))
@@ -294,11 +295,11 @@ class Live:
         return camera
 
     def frame(self, number: int) -> bytes:
-        """The scene as its files have it."""
+        """Render with the values of the files."""
         return self.rendered({})
 
     def rendered(self, settings: Settings) -> bytes:
-        """One frame with these settings."""
+        """Render one frame with these settings."""
         equipment = self._choose_equipment(settings)
         equipment_settings = {key: value for key, value in settings.items() if key not in (*KEYS, SENSOR)}
         lit_scene, sensor = equipment.with_settings(equipment_settings)
@@ -337,7 +338,7 @@ class Live:
         )
 
     def _command(self, equipment: Equipment, settings: Settings) -> str:
-        """What renders the same, to be copied; or why there is none."""
+        """Command line that renders the same, or a comment that says why there is none."""
         shown_settings = dict(settings)
         if shown_settings.get(DETECTOR) == next(iter(equipment.detectors)):
             del shown_settings[DETECTOR]
@@ -354,7 +355,7 @@ class Live:
         return shlex.join(words)
 
     def _light(self, simulator: Simulator, cloud: PointCloud, ambient: Ambient, frame: FrameOptions) -> Echoes:
-        """Of the pulse of each point."""
+        """Light on the detector for the pulse of each point, traced once more."""
         scene, sensor, world = simulator.scene, simulator.sensor, simulator.world
         timed_frame = Frame.of(scene, sensor, world, frame)
         count = sensor.scanner.pulses
@@ -373,10 +374,10 @@ class Live:
 
 
 def still_m(cloud: PointCloud, scene: Scene | None) -> tuple[Numbers | None, str]:
-    """(n, 3) positions in the world as if all points had been measured when the frame began, and why there are none.
+    """(n, 3) deskewed positions in the world, or None with the reason for the page.
 
-    The cloud is in the world's coordinates if there is a scene. Its file has the time of each point and where the
-    sensor stood at the start, not the way that it took.
+    With a scene the cloud is in world coordinates. Its file holds the time of each point and the sensor's pose at the
+    frame's start, but not its motion: that is the scene's.
     """
     if cloud.metadata.get("ego_motion") != MOTION_KEPT:
         return None, ""
@@ -400,7 +401,7 @@ def stage_blob(
     camera: dict[str, Any],
     time_s: float = 0.0,
 ) -> bytes:
-    """Camera and meshes around the origin, bodies as they stand at a time."""
+    """Pack camera and meshes, relative to the origin, with the bodies at their poses at a time."""
     moved = {key: (np.array(camera[key]) - origin).tolist() for key in ("eye", "target")}
     header = extra_header | {"camera": camera | moved, "origin": origin.tolist()}
     if scene is None:
@@ -414,15 +415,15 @@ def stage_blob(
 
 
 def _not_lambertian(scene: Scene, cloud: PointCloud) -> list[int]:
-    """Numbers of the materials for which a budget from truth columns is not exact."""
+    """Indices of the materials for which a budget from truth columns is not exact."""
     kinds = [getattr(scene.materials.get(name), "bsdf", "") for name in cloud.material_names]
     return [number for number, kind in enumerate(kinds) if kind != "diffuse"]
 
 
 def _camera(cloud: PointCloud, scene: Scene | None, *, time_s: float = 0.0) -> dict[str, Any]:
-    """Eye, target and the angle across: the scene's own view, or one that suits the cloud.
+    """Eye, target and horizontal angle of view: the scene's own camera, or one that suits the cloud.
 
-    A scene's view is that of its vehicle, which may have driven on.
+    A scene's camera moves with its vehicle.
     """
     if scene is not None and scene.camera is not None:
         view = scene.camera
@@ -438,7 +439,7 @@ def _camera(cloud: PointCloud, scene: Scene | None, *, time_s: float = 0.0) -> d
 
 
 def _origin_of(position_m: Numbers) -> Numbers:
-    """What is taken off every coordinate before the page's single precision."""
+    """Origin that is subtracted from all coordinates, so that the page's single precision resolves them."""
     return np.zeros(3) if np.abs(position_m).max() < LARGEST_FLOAT32_M else np.rint(position_m)
 
 
@@ -448,7 +449,7 @@ def _title(metadata: Any, otherwise: str) -> str:
 
 
 def settings_from(body: bytes) -> Settings:
-    """Settings as the page sends them. Raises InputError for what is none."""
+    """Parse the settings that the page sends. Raises InputError unless they are a JSON object."""
     try:
         settings = json.loads(body)
     except (ValueError, RecursionError):

@@ -1,4 +1,4 @@
-"""Points: a PointCloud and, where known, its budget in, the blob of a frame out."""
+"""Fields of a frame's points, from the columns of a cloud and its link budget, packed as a blob."""
 
 from __future__ import annotations
 
@@ -45,15 +45,15 @@ OF_BUDGET = (
     "detection_probability",
     "intensity",
 )
-"""As light and signal go."""
+"""Fields of the link budget, in the order from light to signal."""
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A quantity of the points, as the page shows it.
+    """Quantity of the points that the page shows.
 
-    names     of the values of a category; None for a number
-    computed  whether it is there only with a budget
+    names     names of the values of a category; None for a number
+    computed  True if it comes from the link budget
     """
 
     name: str
@@ -64,7 +64,7 @@ class Field:
     computed: bool = False
 
     def header(self) -> dict[str, Any]:
-        """For the page."""
+        """Entry of the blob's header."""
         return {
             "name": self.name,
             "label": self.name.replace("_", " "),
@@ -87,12 +87,12 @@ def frame_blob(
     extra_header: dict[str, Any],
     still_m: Numbers | None = None,
 ) -> bytes:
-    """One frame.
+    """Pack one frame.
 
-    origin_m  (3,) what is taken off the positions before they become single precision
-    budget    of the points, if there is one
-    told      what else the page says of it
-    still_m   (n, 3) the positions without the sensor's own motion, if it moves
+    origin_m      (3,) subtracted from the positions before they become single precision
+    budget        link budget of the points, or None
+    extra_header  further entries of the header
+    still_m       (n, 3) positions without the sensor's own motion, or None
     """
     fields: list[Field] = []
     arrays: dict[str, Numbers] = {"xyz": (cloud.xyz_m - origin_m).astype(np.float32).ravel()}
@@ -116,9 +116,9 @@ def frame_blob(
 
 
 def _column_fields(cloud: PointCloud) -> list[tuple[Field, Numbers]]:
-    """Every column, angles in degrees, and the error of the range."""
+    """Fields and values of all columns, angles in degrees, and of the range error."""
     fields = []
-    # Of a recording, only what it knows: the other columns are there because every cloud has them.
+    # A cloud of a recording has all columns, but only those listed in its metadata hold measured values.
     attributes = cloud.metadata.get("recorded", " ".join(column.attribute for column in cloud.columns)).split()
     for column in cloud.columns:
         if column.attribute not in (*attributes, "status"):
@@ -146,7 +146,7 @@ def _group(column: Column) -> str:
 
 
 def _names(cloud: PointCloud, name: str) -> tuple[str, ...] | None:
-    """Names by value of a column that sorts points, None for one that measures."""
+    """Names by value of a column of categories; None for a quantity."""
     tables = {
         "status": STATUS_NAMES,
         "in_shadow": ("lit", "in shadow"),
@@ -178,5 +178,5 @@ def _budget_fields(cloud: PointCloud, budget: Budget | None) -> list[tuple[Field
 
 
 def _plain(values: Numbers) -> Numbers:
-    """As one of the types of a blob."""
+    """Convert to a type that a blob can hold."""
     return np.asarray(values) if values.dtype in (np.uint8, np.int32) else np.asarray(values, np.float32)

@@ -1,7 +1,7 @@
-"""Serve: a Source in, a page on this machine out, at 127.0.0.1 only.
+"""Server of the page for one source, at 127.0.0.1 only.
 
-Requests are answered by threads, but what is asked of the source is done by the thread that called `serve`: Mitsuba's
-state belongs to a thread, and there Ctrl-C arrives.
+Threads answer the requests, but the thread that called `serve` does all work of the source: Mitsuba's state belongs to
+one thread, and Ctrl-C arrives there.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from .page_sources import Source, settings_from
 HOST = "127.0.0.1"
 LARGEST_REQUEST = 1 << 16
 MOST_CONNECTIONS = 32
-"""At once: a browser opens six. Each has a thread, and a script that opens thousands would have as many."""
+"""Most connections at a time. A browser opens six; each has a thread, so a script must not open thousands."""
 
 PATIENCE_S = 10.0
-"""How long a request may take to arrive, and an answer to be taken: half a request would hold its thread for ever."""
+"""Time limit for a request to arrive and for an answer to be read: half a request would block its thread for ever."""
 
 SECURITY = {
     "X-Content-Type-Options": "nosniff",
@@ -36,7 +36,7 @@ SECURITY = {
     "X-Frame-Options": "DENY",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
-"""Headers of every answer: no other site may show the page in a frame or read what it is made of."""
+"""Headers of every answer: no other site may embed the page or read its data."""
 
 POLL_S = 0.5  # a wait without end cannot be interrupted on Windows
 
@@ -44,13 +44,13 @@ Job = Callable[[], bytes]
 
 
 class Server(ThreadingHTTPServer):
-    """Has its port from the moment it is made until the block ends; answers while `serve` runs."""
+    """HTTP server that holds its port from its creation to the end of the block, and answers while `serve` runs."""
 
     daemon_threads = True
     source: Source
 
     def __init__(self, port: int) -> None:
-        """Port 0 takes any free one. Raises InputError where the port cannot be had."""
+        """Port 0 takes any free one. Raises InputError if the port is not available."""
         self.jobs: queue.SimpleQueue[tuple[Job, Future[bytes]]] = queue.SimpleQueue()
         self._free = threading.BoundedSemaphore(MOST_CONNECTIONS)
         try:
@@ -61,12 +61,12 @@ class Server(ThreadingHTTPServer):
 
     @property
     def url(self) -> str:
-        """Where the page is."""
+        """Address of the page."""
         return f"http://{HOST}:{self.server_port}/"
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What a browser on this machine calls it."""
+        """Host headers that a browser on this machine sends."""
         return f"{HOST}:{self.server_port}", f"localhost:{self.server_port}"
 
     def serve(self, source: Source) -> None:
@@ -81,7 +81,7 @@ class Server(ThreadingHTTPServer):
             self.shutdown()
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer in a thread, unless there are as many as there may be."""
+        """Answer in a new thread, or with 503 if all connections are taken."""
         if not self._free.acquire(blocking=False):
             with contextlib.suppress(OSError):
                 request.sendall(b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 0\r\n\r\n")
@@ -94,19 +94,19 @@ class Server(ThreadingHTTPServer):
             raise
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """All requests of one connection."""
+        """Answer all requests of one connection."""
         try:
             super().process_request_thread(request, client_address)
         finally:
             self._free.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A page that is closed breaks its connections; anything else is told in the terminal."""
+        """Ignore connections broken by a closed page; print anything else in the terminal."""
         if not isinstance(sys.exc_info()[1], (ConnectionError, TimeoutError)):
             super().handle_error(request, client_address)
 
     def run_job(self, job: Job) -> bytes:
-        """What a job gives, done by the serving thread. Called by the others."""
+        """Let the serving thread run a job, and return its result. Called by the other threads."""
         future: Future[bytes] = Future()
         self.jobs.put((job, future))
         return future.result()
@@ -120,7 +120,7 @@ class Server(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """GET / is the page, /stage and /frame-N are blobs; POST /render takes settings and gives a blob."""
+    """Request handler: GET / is the page, /stage and /frame-N are blobs; POST /render turns settings into a blob."""
 
     server: Server
     protocol_version = "HTTP/1.1"
@@ -128,7 +128,7 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = PATIENCE_S  # of each read and write; all reads of a request together have as long
 
     def handle_one_request(self) -> None:
-        """One request, whose arrival has an end: byte after byte, each in time, would go on for hours."""
+        """Answer one request, with a limit on its arrival as a whole: the timeout holds for each byte alone."""
         self._arrival = threading.Timer(PATIENCE_S, self._hang_up)
         self._arrival.daemon = True
         self._arrival.start()
@@ -142,7 +142,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.connection.shutdown(socket.SHUT_RDWR)
 
     def end_headers(self) -> None:
-        """Those of every answer too, also of the errors that the base class sends."""
+        """Add the security headers to every answer, including errors that the base class sends."""
         for name, value in SECURITY.items():
             self.send_header(name, value)
         super().end_headers()
@@ -160,7 +160,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(HTTPStatus.NOT_FOUND, b"not found", "text/plain")
 
     def do_POST(self) -> None:
-        # What is left of a request that is refused would be read as the next one.
+        # A refused request closes the connection: its unread body would be parsed as the next request.
         if self.path != "/render":
             self._refuse(HTTPStatus.NOT_FOUND, b"not found")
             return
@@ -214,7 +214,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.close_connection = True
 
     def log_message(self, format: str, *arguments: object) -> None:
-        """Nothing: the terminal is the user's."""
+        """Log nothing: the terminal belongs to the user."""
 
 
 def _frame_number(name: str, count: int) -> int | None:

@@ -1,4 +1,4 @@
-"""Solid: a Scene in, the triangles that the page shades out, each with its material's colour."""
+"""Triangles of a scene that the page shades, each with its material's colour."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from ..maths.trajectory import pose_at
 from ..scene.scene import Part, Scene
 
 TINTS = {"glass": (0.55, 0.85, 1.0), "conductor": (0.70, 0.80, 0.95), "retroreflector": (1.0, 0.80, 0.45)}
-"""By kind of BSDF: what does not look matt gets a hue, everything else is grey."""
+"""Tint by kind of BSDF: shiny materials get a hue, all others are grey."""
 UNKNOWN_REFLECTIVITY = 0.4  # of a BSDF of a Mitsuba file, for its grey
 GLASS_ALPHA = 70
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solid:
-    """Triangles, those of glass last.
+    """Triangles with colours; those of glass come last.
 
     vertices_m  (v, 3) float64, world
     colours     (v, 4) uint8, red, green, blue, alpha
     faces       (f, 3) uint32
-    opaque      how many faces are not glass
+    opaque      number of faces that are not glass
     """
 
     vertices_m: Numbers
@@ -36,7 +36,7 @@ class Solid:
 
 
 def solid_of(scene: Scene, wavelength_m: float, *, time_s: float = 0.0) -> Solid:
-    """All bodies where they stand at a time, in the grey that a laser of this wavelength sees."""
+    """Triangles of all bodies at a time, in the grey of their reflectivity at this wavelength."""
     colour_of = {name: _colour(material.at(wavelength_m)) for name, material in scene.materials.items()}
     default_colour = _colour({"bsdf": "diffuse", "reflectivity": UNKNOWN_REFLECTIVITY})
     coloured_pieces = [
@@ -55,7 +55,7 @@ def solid_of(scene: Scene, wavelength_m: float, *, time_s: float = 0.0) -> Solid
 
 
 def _pieces(scene: Scene, wavelength_m: float, time_s: float) -> Iterator[tuple[Numbers, Numbers, str]]:
-    """Vertices in the world, faces, and material of every part."""
+    """Yield vertices in the world, faces and material name of every part."""
     for body in scene.bodies:
         if body.away:
             continue
@@ -71,7 +71,7 @@ def _pieces(scene: Scene, wavelength_m: float, time_s: float) -> Iterator[tuple[
 
 
 def _colour(values: dict[str, Any]) -> tuple[int, int, int, int]:
-    """Grey by the root of the reflectivity, as eyes and screens have it, with a tint by kind."""
+    """RGBA of a material: grey goes with the root of the reflectivity, close to a screen's gamma, times the tint."""
     kind = values["bsdf"]
     bright = 0.85 if kind in TINTS else 0.2 + 0.65 * float(values["reflectivity"]) ** 0.5
     red, green, blue = (round(255 * bright * share) for share in TINTS.get(kind, (1.0, 1.0, 1.0)))

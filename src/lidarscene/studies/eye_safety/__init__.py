@@ -1,7 +1,7 @@
-"""Is a sensor class 1? IEC 60825-1:2014, pulse by pulse.
+"""Eye safety: class 1 of IEC 60825-1:2014 for a scanning sensor.
 
-A scanning beam crosses an eye as a train of pulses. The limits for one pulse, for their mean and for the train are
-asked at every distance, and the smallest margin counts.
+A scanning beam crosses an eye as a train of pulses. The limits for one pulse, for the average and for the train are
+applied at every distance, and the smallest margin counts.
 
 exposure           the pulses that an eye receives
 criteria           the limits and their margins

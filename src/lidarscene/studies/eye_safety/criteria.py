@@ -1,7 +1,7 @@
-"""Criteria of class 1: one viewer and one pulse train in; emission compared with its limit out.
+"""Criteria of class 1: emissions of a pulse train into one viewer's eye, compared with their limits.
 
-The standard asks for several rules on single pulses, groups of pulses and average power; the strictest decides. Each
-is a `Criterion` with its own margin.
+The standard has several rules for single pulses, groups of pulses and average power; the strictest decides. Each is a
+`Criterion` with its own margin.
 
 Symbols: as in the standard, T_i grouping time, T2, C5 reduction for many pulses.
 """
@@ -40,7 +40,12 @@ class Criterion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewerCheck:
-    """One viewer in front of one pulse train."""
+    """Check of one pulse train for one viewer.
+
+    energy_j     energy of a pulse
+    source_rad   angle of the apparent source
+    time_base_s  longest viewing time
+    """
 
     sensor: Sensor
     viewer: str
@@ -50,7 +55,7 @@ class ViewerCheck:
     time_base_s: float
 
     def criteria(self) -> Iterator[Criterion]:
-        """All criteria that apply."""
+        """Yield all criteria that apply."""
         yield self._single()
         yield from self._group()
         yield self._average()
@@ -70,7 +75,7 @@ class ViewerCheck:
         )
 
     def _group(self) -> Iterator[Criterion]:
-        """The worst group of consecutive pulses, of durations from T_i up to 10 s."""
+        """Yield the worst group of consecutive pulses, of durations from T_i up to 10 s."""
         least = self._grouping_s if iec.reaches_retina(self.sensor.laser.wavelength_m) else 0.0
         worst: Criterion | None = None
         for count in self.train.group_sizes(min(iec.t2_s(source_rad=0.0), self.time_base_s)):
@@ -89,7 +94,7 @@ class ViewerCheck:
             yield worst
 
     def _train_of_pulses(self) -> Criterion:
-        """The rule with C5: pulses within T_i count as one, with their summed energy and the duration T_i."""
+        """Rule with C5: pulses within T_i count as one, with their summed energy and the duration T_i."""
         grouping, train = self._grouping_s, self.train
         longest = min(iec.t2_s(source_rad=self.source_rad), self.time_base_s)
         together = max(train.most_within(grouping), 1)
@@ -159,6 +164,6 @@ def geometry(sensor: Sensor, viewer: str, duration_s: float) -> tuple[float, flo
 
 
 def si(value: float, unit: str) -> str:
-    """A number with an SI prefix, four digits."""
+    """Text of a number with an SI prefix, four digits."""
     exponent = min(max(math.floor(math.log10(value) / 3.0 + 1e-12), -5), 0) if value > 0.0 else 0
     return f"{value / 10.0 ** (3 * exponent):.4g} {'fpnum'[exponent] if exponent else ''}{unit}"

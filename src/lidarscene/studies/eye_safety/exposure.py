@@ -1,4 +1,4 @@
-"""Exposure: which pulses of a scanning sensor enter an eye that does not move. Directions in, pulse trains out.
+"""Exposure: trains of those pulses of a scanning sensor that enter an eye that does not move.
 
 A scanning beam crosses a pupil only briefly; how many pulses enter, and how close together, sets the limits.
 """
@@ -15,8 +15,8 @@ from ...maths.arrays import Numbers, frozen
 from ...maths.pose import direction_from_angles
 from ...sensor.model import Sensor
 
-_PLACES = 128  # where a still eye is tried
-_STEPS = 400  # group sizes looked at within one period, at most
+_PLACES = 128  # positions tried for the eye
+_STEPS = 400  # most group sizes that are checked within one period
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -24,7 +24,7 @@ class PulseTrain:
     """Pulses of one energy that repeat every period.
 
     time_s    (n,) float64, non-decreasing, from 0; n >= 1
-    period_s  after which they repeat, later than the last of them
+    period_s  time after which they repeat, later than the last of them
     """
 
     time_s: Numbers
@@ -80,13 +80,13 @@ class PulseTrain:
 
 
 def stationary_train(sensor: Sensor) -> PulseTrain:
-    """Every pulse enters the eye: the beam does not move."""
+    """Train of all pulses: the beam stands still."""
     rate_hz = float(sensor.laser.repetition_rate_hz) * len(_shots_s(sensor))
     return PulseTrain(time_s=np.zeros(1), period_s=1.0 / rate_hz)
 
 
 def counted_train(sensor: Sensor, *, pulses_in_aperture: int) -> PulseTrain:
-    """So many consecutive pulses, once in each frame."""
+    """Train of this many consecutive pulses, once in each frame. Raises ValueError."""
     if not 1 <= pulses_in_aperture <= sensor.scanner.pulses:
         raise ValueError(
             f"pulses_in_aperture must be 1 to {sensor.scanner.pulses} pulses of a frame, got {pulses_in_aperture}"
@@ -96,10 +96,10 @@ def counted_train(sensor: Sensor, *, pulses_in_aperture: int) -> PulseTrain:
 
 
 def scanned_train(sensor: Sensor, *, aperture_m: float, distance_m: float, beam_diameter_m: float = 0.0) -> PulseTrain:
-    """The pulses whose 1/e^2 beam touches a round aperture at this distance from the start of the beams.
+    """Train of the pulses whose 1/e^2 beam touches a round aperture at this distance.
 
-    All beams start at the sensor's origin. Of 129 positions of the aperture, straight ahead and spread over the
-    frame's pulses, the one with most pulses is taken.
+    All beams start at the sensor's origin. The aperture takes 129 positions, straight ahead and spread over the
+    frame's pulses; the one with most pulses counts.
     """
     pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
     azimuth, elevation = (np.asarray(a, dtype=np.float64) for a in sensor.scanner.angles(pulse))
@@ -116,7 +116,7 @@ def scanned_train(sensor: Sensor, *, aperture_m: float, distance_m: float, beam_
 
 
 def _shots_s(sensor: Sensor) -> Numbers:
-    """(shots,) times of the laser's shots of one point, after its first; one without a histogram."""
+    """(shots,) times in s of the laser's shots of one point, after the first; a single 0 without a histogram."""
     if sensor.histogram is None:
         return np.zeros(1)
     count, period = int(float(sensor.histogram.shots)), sensor.histogram.period_s
@@ -126,10 +126,10 @@ def _shots_s(sensor: Sensor) -> Numbers:
 
 
 def _with_shots(sensor: Sensor, times_s: Numbers) -> Numbers:
-    """All shots of the points that are fired at these times, rising."""
+    """Rising times of all shots of the points that are fired at these times."""
     return np.sort((times_s[:, None] + _shots_s(sensor)).ravel())
 
 
 def _frame_s(sensor: Sensor) -> float:
-    """Time from the first pulse of a frame to that of the next."""
+    """Time in s from the first pulse of a frame to that of the next."""
     return float(firing_time_s(sensor, np.array([sensor.scanner.pulses], dtype=np.uint32))[0])

@@ -1,10 +1,10 @@
-"""Eye safety of a sensor: class 1 of IEC 60825-1:2014, each criterion with its margin.
+"""Eye-safety report of a sensor: class 1 of IEC 60825-1:2014, each criterion with its margin.
 
 Every criterion of 4.3 f is applied to an eye (condition 3 of table 10) and to an eye behind a telescope (condition
 1), with the beam standing still and as the scanner moves it. An aid to design, not a certification.
 
-A verdict needs the energy of the real pulse. Where the file's source says that power or width is fitted, assumed or
-unknown there is none: the margins are those of the model's pulse, and every form of the report says so first.
+A verdict needs the energy of the real pulse. There is none if the file's source calls power or width fitted, assumed
+or unknown: the margins are then those of the model's pulse, and every form of the report states this first.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from .exposure import PulseTrain, counted_train, scanned_train, stationary_train
 
 NOTICE = "An aid to design, not a certification: docs/eye_safety.md says what it rests on."
 TIME_BASE_S = 100.0
-"""4.3 e: for light beyond 400 nm that nobody is meant to look into."""
+"""Time base by 4.3 e, for light beyond 400 nm without intended long viewing."""
 
 _NEEDED = ("laser.peak_power_w", "laser.pulse_fwhm_ns")
-"""What a pulse's energy follows from."""
+"""Keys that determine the energy of a pulse."""
 _GUESSED = re.compile(r"\b(fitted|assumed|unknown)\b")
 
 Verdict = Literal["class 1", "not class 1", "not judged"]
 
 
 def not_known(sensor: Sensor) -> tuple[str, ...]:
-    """Keys that a pulse's energy follows from and whose source says fitted, assumed or unknown, with that word.
+    """Keys that determine the pulse energy and whose source says fitted, assumed or unknown, with that word.
 
     A number without a source is the user's own and counts as known.
     """
@@ -45,7 +45,7 @@ def not_known(sensor: Sensor) -> tuple[str, ...]:
 class EyeSafetyReport:
     """All criteria of one sensor in one state of motion ("stationary", "scanned" or "counted").
 
-    not_known  why the sensor is not judged: numbers that are guesses, `not_known`; () if there are none
+    not_known  numbers that are guesses, so that there is no verdict (see `not_known`); () if there are none
     """
 
     sensor: str
@@ -63,14 +63,14 @@ class EyeSafetyReport:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether every criterion passes; no verdict of a laser that is not known."""
+        """Verdict: "class 1" if every criterion passes; "not judged" if the pulse energy is a guess."""
         if self.not_known:
             return "not judged"
         return "class 1" if self.limiting.margin >= 1.0 else "not class 1"
 
     @property
     def is_class_1(self) -> bool | None:
-        """The same as a truth value, None where not judged."""
+        """True if every criterion passes; None where not judged."""
         return None if self.not_known else self.limiting.margin >= 1.0
 
     @property
@@ -79,7 +79,7 @@ class EyeSafetyReport:
         return self.peak_power_w * self.limiting.margin
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Fields for JSON."""
         return {
             "verdict": self.verdict,
             **{key: value for key, value in asdict(self).items() if key != "criteria"},
@@ -101,7 +101,7 @@ def eye_safety_report(
     source_rad: float | None = None,
     time_base_s: float = TIME_BASE_S,
 ) -> EyeSafetyReport:
-    """Every criterion for this sensor.
+    """Apply every criterion to this sensor.
 
     scanned             count the pulses that enter as the beam scans; False: every pulse of a beam that stands still
     pulses_in_aperture  or this many consecutive pulses in each frame
@@ -177,7 +177,7 @@ _VIEWER_TEXT = {"eye": "eye", "telescope": "eye behind a telescope"}
 
 
 def as_text(report: EyeSafetyReport) -> str:
-    """One report for people: a table of criteria for each viewer, and the limiting one."""
+    """Text of one report: a table of criteria for each viewer, and the limiting one."""
     lines = [_MOTION_TEXT[report.motion]]
     for viewer, title in _VIEWER_TEXT.items():
         lines.append(f"  {title:<26}{'emitted':>12}{'allowed':>12}{'margin':>10}")
@@ -198,12 +198,12 @@ def as_text(report: EyeSafetyReport) -> str:
 
 
 def both_reports(sensor: Sensor) -> tuple[EyeSafetyReport, EyeSafetyReport]:
-    """Scanning, and with the beam standing still."""
+    """Reports with the beam scanning, and with the beam standing still."""
     return eye_safety_report(sensor, scanned=True), eye_safety_report(sensor)
 
 
 def report_text(sensor: Sensor) -> str:
-    """Eye safety of a sensor for people: scanning, and with its beam standing still."""
+    """Text of both reports of a sensor, with the beam scanning and standing still."""
     laser, reports = sensor.laser, both_reports(sensor)
     rate_hz = stationary_train(sensor).mean_rate_hz  # with all shots of a point
     head = (
@@ -218,7 +218,7 @@ def report_text(sensor: Sensor) -> str:
 
 
 def _verdict_text(reports: Sequence[EyeSafetyReport]) -> str:
-    """The headline."""
+    """Headline: the verdicts, or the guesses that prevent them."""
     if guesses := reports[0].not_known:
         return (
             f"NOT JUDGED: {', '.join(guesses)} (see its [sources]).\n"

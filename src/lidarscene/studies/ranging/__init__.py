@@ -1,4 +1,4 @@
-"""How far a sensor sees, how well, and what limits it.
+"""Range, detection probability and range error of a sensor, and what limits them.
 
 A target at a distance is one pulse with a known echo: SNR, detection and range error follow in closed form from the
 stages of the simulation, over any axis and for any sensor.
@@ -11,6 +11,6 @@ curves         values over an axis, and their crossings
 gain           the best gain of an APD
 sensitivities  what a change of each number costs
 aperture_laws  what is left of the receiver off its axis
-sweep_report   the report of `range`
-range_summary  its summary
+sweep_report   table, CSV, JSON and chart of a sweep
+range_summary  maximum range without a sweep
 """

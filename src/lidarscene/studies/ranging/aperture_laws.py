@@ -1,8 +1,8 @@
-"""Effective aperture laws A(theta_r) of (4): the part of the receiver that is left off the axis, by kind of scanner.
+"""Effective aperture laws A(theta_r) of (4): the receiving aperture off the axis, by kind of scanner.
 
 The paper says that the law depends on the scanning method and gives none. A law is a share of the aperture on the
-axis. Echo and sunlight both go with it, so where the background's shot noise dominates, range goes with its fourth
-root.
+axis. Echo and sunlight are both proportional to it, so range goes with its fourth root where the background's shot
+noise dominates.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ...maths.arrays import Numbers
 from ...scan import Scanner
 
 LARGEST_DEG = 89.0
-"""Beyond this neither a fixed window nor a scan mirror has an aperture."""
+"""Largest angle at which a fixed window or a scan mirror still has an aperture."""
 
 
 def constant(angle_deg: Numbers) -> Numbers:
@@ -45,8 +45,8 @@ def mirror(angle_deg: Numbers) -> Numbers:
 
 LAWS: dict[str, Callable[[Numbers], Numbers]] = {"constant": constant, "cosine": cosine, "mirror": mirror}
 
-_PULSES = 200_000  # of a frame that are looked at
-_SLICE = 0.02  # share of them that count as lying on the axis
+_PULSES = 200_000  # pulses of a frame that are evaluated
+_SLICE = 0.02  # share of them, nearest to the axis, that count as lying on it
 
 
 def field_of_view_deg(scanner: Scanner, axis: str) -> tuple[float, float]:
@@ -76,7 +76,7 @@ def of_scanner(scanner: Scanner, axis: str, angle_deg: Numbers) -> Numbers:
 
 
 def _frame(scanner: Scanner, axis: str) -> tuple[Numbers, Numbers, Numbers]:
-    """Angle along the axis and across it in degrees, and share of the aperture, of a frame's pulses."""
+    """Angles along and across the axis in degrees, and aperture shares, of a frame's pulses."""
     count = min(scanner.pulses, _PULSES)
     pulse = np.unique(np.linspace(0, scanner.pulses - 1, count).astype(np.uint32))
     azimuth, elevation = (np.degrees(np.asarray(a, dtype=np.float64)) for a in scanner.angles(pulse))

@@ -1,7 +1,7 @@
-"""Curves: sensors, a quantity and an axis in; values, their meaning, and where curves cross out.
+"""Curves of a quantity over an axis for several sensors, and the places where they cross.
 
-"Which sensor sees farther, and from when on?" is a crossing. It is not read off the sampled curve: its bracket is
-evaluated again, finer and finer, to 1e-10.
+A crossing answers "which sensor sees farther, and from where on?". It is not interpolated from the sampled curve: the
+samples only bracket it, and the bracket is evaluated again, finer and finer, to a relative width of 1e-10.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from .sweep_axes import Axis
 QUANTITIES = {"snr": "signal-to-noise ratio", "range": "maximum range [m]", "pd": "detection probability"}
 
 _FINE = 33  # evaluations in a bracket at a time
-_CLOSE = 1e-10  # relative width of a crossing's bracket at the end
-_JUMP = 1e-4  # curves that are farther apart where they change places have jumped, not crossed
+_CLOSE = 1e-10  # relative width of a crossing's final bracket
+_JUMP = 1e-4  # a larger difference in the final bracket is a jump of a curve, not a crossing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
-    """What is asked of each sensor: a quantity along an axis, under these conditions.
+    """Quantity to compute along an axis, and the conditions.
 
-    distance_m    of the target, for "snr" and "pd" over an axis other than distance
-    law           along an elevation or azimuth axis: "scanner" (the sensor's own) or one of `aperture_laws.LAWS`
+    distance_m    distance of the target, for "snr" and "pd" over an axis other than distance
+    law           for an elevation or azimuth axis: "scanner" (the sensor's own) or one of `aperture_laws.LAWS`
     visibility_m  adds extinction by Kim at the sensor's wavelength; None for clear air
     """
 
@@ -63,18 +63,26 @@ class SweepCurve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurveCrossing:
-    """A place where two curves are equal or, with an empty ``second``, where one is at its comparator's level."""
+    """Place where two curves are equal or, with an empty ``second``, where one is at its comparator's level.
+
+    place  value on the axis
+    value  value of the curves
+    falls  True if the first falls below the second, or below the level, towards larger x
+    """
 
     first: str
     second: str
     place: float
     value: float
-    falls: bool = True  # of the first against the second or the level, towards larger x
+    falls: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Curves:
-    """All curves of a question and their crossings, in order along the axis."""
+    """All curves of a question and their crossings, in order along the axis.
+
+    detection_limits  places where a peak signal is at the comparator's level
+    """
 
     question: Question
     curves: tuple[SweepCurve, ...]
@@ -116,7 +124,7 @@ def _target_along(sensor: Sensor, target: Target, question: Question, x: Numbers
 
 
 def with_haze(sensor: Sensor, target: Target, visibility_m: float | None) -> Target:
-    """The target with the extinction of this visibility at the sensor's wavelength; unchanged if None."""
+    """Add the extinction of this visibility at the sensor's wavelength to the target's; nothing if None."""
     if visibility_m is None:
         return target
     alpha = air.extinction_from_visibility_per_m(visibility_m=visibility_m, wavelength_m=sensor.laser.wavelength_m)
@@ -124,7 +132,7 @@ def with_haze(sensor: Sensor, target: Target, visibility_m: float | None) -> Tar
 
 
 def curve(subject: Subject, question: Question, x: Numbers) -> SweepCurve:
-    """The sensor's values at these x."""
+    """Curve of a sensor at these x."""
     pairs = conditions_for(subject, question, x)
     if question.quantity == "range":
         limits = [plane.maximum_range_m(sensor, target) for sensor, target in pairs]
@@ -143,7 +151,7 @@ def curve(subject: Subject, question: Question, x: Numbers) -> SweepCurve:
 
 
 def curves(subjects: Sequence[Subject], question: Question) -> Curves:
-    """Every sensor's curve, the crossings of any two, and where one is at its threshold."""
+    """Compute every sensor's curve, the crossings of any two, and the places where one is at its threshold."""
     x = question.axis.values
     sensor_curves = [curve(subject, question, x) for subject in subjects]
     crossings: list[CurveCrossing] = []
@@ -166,7 +174,7 @@ def curves(subjects: Sequence[Subject], question: Question) -> Curves:
 
 
 def _difference(question: Question, first: SweepCurve, second: SweepCurve, *, tolerance: float = 1e-9) -> Numbers:
-    """Relative difference of two curves; 0 where it is below ``same`` or both are negligible."""
+    """(n,) relative difference of two curves; 0 where it is at most ``tolerance`` or both are negligible."""
     a, b = first.values, second.values
     both_finite = np.isfinite(a) & np.isfinite(b)
     size = np.where(both_finite, np.maximum(np.abs(a), np.abs(b)), 1.0)
@@ -183,7 +191,7 @@ def _height_over_level(margin: Numbers) -> Numbers:
 
 
 def _crossings(question: Question, pair: tuple[Subject, ...], height: Numbers) -> list[CurveCrossing]:
-    """Places where a height, sampled along the axis, changes its sign."""
+    """Find the places where a height, sampled along the axis, changes its sign."""
 
     def height_at(x: Numbers) -> tuple[Numbers, Numbers]:
         pair_curves = [curve(subject, question, x) for subject in pair]
@@ -216,7 +224,7 @@ def _refine(
 ) -> tuple[float, float] | None:
     """Place and value of a change of sign in this bracket; None if it is a jump.
 
-    On an axis of whole numbers: the first number on the other side.
+    On an axis of whole numbers it is the first number after the change.
     """
     while True:
         steps = axis.between(low, high, _FINE)
@@ -236,12 +244,12 @@ def _refine(
 
 
 def is_flat(sensor_curve: SweepCurve) -> bool:
-    """Whether the values are the same along the whole axis."""
+    """True if the values are the same along the whole axis."""
     return bool(np.all(sensor_curve.values == sensor_curve.values[0]))
 
 
 def limit_word(status: int) -> str:
-    """Text in a table for a status without a range."""
+    """Word in a table for a status without a range."""
     return {RangeStatus.NEVER_DETECTED: "never", RangeStatus.NO_LIMIT: "no limit", RangeStatus.SATURATED: "saturated"}[
         RangeStatus(status)
     ]

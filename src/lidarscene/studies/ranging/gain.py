@@ -1,6 +1,6 @@
-"""The gain of an avalanche photodiode with the best signal-to-noise ratio: in closed form and by search.
+"""Gain of an avalanche photodiode for the best signal-to-noise ratio, in closed form and by search.
 
-The closed form shows what it depends on; the search is exact. Comparing them shows what the closed form leaves out.
+The closed form shows what the gain depends on; the search is exact. Their difference is what the closed form neglects.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _HIGHEST = 1e6
 
 @dataclass(frozen=True, slots=True)
 class BestGain:
-    """Gains of the best SNR under one background.
+    """Gains for the best SNR under one background.
 
     closed_form  from d SNR / dM = 0: `physics.electronics.apd.best_gain` or `best_gain_mcintyre`; at least one, inf if
                  only multiplied noise limits and there is no excess noise
@@ -37,9 +37,9 @@ class BestGain:
 
 
 def best_gain(sensor: Sensor, target: Target, *, range_m: float = 100.0) -> BestGain:
-    """The best gain for this target. Raises ValueError for a detector without gain.
+    """Compute the best gain for this target. Raises ValueError for a detector without gain.
 
-    range_m   matters only through the air's extinction, which dims the background too
+    range_m   distance of the target; it matters only through the air's extinction, which dims the background too
     """
     diode = sensor.detector
     if not isinstance(diode, Apd):
@@ -55,7 +55,7 @@ def best_gain(sensor: Sensor, target: Target, *, range_m: float = 100.0) -> Best
 
 
 def _closed_form(sensor: Sensor, diode: Apd, target: Target, range_m: float) -> float:
-    """From the parts of the noise (18): multiplied, at gain one, and not multiplied."""
+    """Best gain from the parts of the noise (18): multiplied noise, at gain one, and unmultiplied noise."""
     background = float(np.ravel(plane.echoes_of_plane(sensor, target, range_m).background_power_w)[0])
     bandwidth = float(sensor.tdc.bandwidth_hz)
     responsivity = apd.responsivity_a_w(
@@ -85,7 +85,7 @@ def _closed_form(sensor: Sensor, diode: Apd, target: Target, range_m: float) -> 
 
 
 def _golden_section(function: Any) -> float:
-    """Gain of the largest value, on a logarithmic axis; the function has one maximum."""
+    """Gain at the maximum of a unimodal function, by golden-section search on a logarithmic axis."""
     golden = 0.5 * (math.sqrt(5.0) - 1.0)
     low, high = 0.0, math.log(_HIGHEST)
     inner_low, inner_high = high - golden * (high - low), low + golden * (high - low)

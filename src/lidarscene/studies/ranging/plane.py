@@ -2,7 +2,7 @@
 
 The light comes from the same stage that `render` runs, so a range limit and a rendered board agree. Every number of a
 `Target`, and of a sensor's laser, optics, detector and TDC, may be an array; they broadcast with each other and with
-the ranges. `stack_sensors` makes such a sensor from many.
+the ranges. `stack_sensors` makes such a sensor from several.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _PARTS = ("laser", "optics", "detector", "tdc", "receiver", "histogram")
 
 
 class RangeStatus(enum.IntEnum):
-    """What a maximum range means."""
+    """Meaning of a maximum range."""
 
     FOUND = 0
     NEVER_DETECTED = 1  # not even at 1 cm: no light, or the detector is blind
@@ -70,7 +70,7 @@ def conditions_shape(sensor: Sensor, target: Target) -> tuple[int, ...]:
 
 
 def stack_sensors(sensors: Sequence[Sensor]) -> Sensor | None:
-    """One sensor with arrays where these differ in numbers; None if they differ in anything else."""
+    """One sensor with arrays for the numbers in which these differ; None if they differ in anything else."""
     first, changes = sensors[0], {}
     for part in _PARTS:
         parts = [getattr(sensor, part) for sensor in sensors]
@@ -91,7 +91,7 @@ def stack_sensors(sensors: Sequence[Sensor]) -> Sensor | None:
 
 
 def echoes_of_plane(sensor: Sensor, target: Target, range_m: Numbers | float) -> Echoes:
-    """Light on the detector from the target at these ranges: the same stage that `render` runs."""
+    """Light on the detector from the target at these ranges, by the same stage that `render` runs."""
     shape = np.broadcast_shapes(np.shape(range_m), conditions_shape(sensor, target))
     ranges = np.array(np.broadcast_to(np.asarray(range_m, dtype=np.float64), shape or (1,)))
     ones = np.ones_like(ranges)
@@ -196,7 +196,7 @@ def maximum_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:
 
 
 def _narrow(sensor: Sensor, target: Target, near: Numbers, far: Numbers) -> tuple[Numbers, Numbers]:
-    """Brackets within these, at most an eighth as wide in log range and mostly far narrower.
+    """Narrow brackets of the crossing to at most an eighth in log range, mostly to far less.
 
     The secant of log margin over log range says where the crossing may be, and is exact for any power law. Ranges are
     tried closer and closer around that place, in one call, for a call takes nearly the same time for 1 range and for
@@ -222,19 +222,19 @@ def _narrow(sensor: Sensor, target: Target, near: Numbers, far: Numbers) -> tupl
 
 
 def _is_detected(sensor: Sensor, target: Target, range_m: Numbers) -> Numbers:
-    """Whether the peak reaches the level. No signal is never detected, even with a level of zero."""
+    """True where the peak reaches the level. A zero signal is never detected, even with a level of zero."""
     _, signal, level = _response(sensor, echoes_of_plane(sensor, target, range_m))
     return np.asarray((signal >= level) & (signal > 0.0))
 
 
 def _is_noiseless(sensor: Sensor, target: Target) -> Numbers:
-    """Whether the level is zero where it is highest, at the nearest range: then every echo is detected."""
+    """True where the level is zero at the nearest range, where it is highest: then every echo is detected."""
     _, _, level = _response(sensor, echoes_of_plane(sensor, target, _NEAREST_M))
     return np.asarray(level <= 0.0)
 
 
 def _is_saturated(sensor: Sensor, target: Target) -> Numbers:
-    """Whether the level is above the detector's response to any light."""
+    """True where the level is above the detector's response to any light."""
     point, _, level = _response(sensor, echoes_of_plane(sensor, target, _NEAREST_M))
     return np.asarray(point.signal(_BLINDING_W * np.ones_like(level)) < level)
 
@@ -301,7 +301,7 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
 
 
 def _lambert_w(z: Numbers) -> Numbers:
-    """w with w exp(w) = z for z >= 0, by Newton's method on w + log w = log z."""
+    """Lambert's W, w exp(w) = z, for z >= 0, by Newton's method on w + log w = log z."""
     with np.errstate(divide="ignore"):
         log_z = np.log(np.maximum(z, 1e-300))
     w = np.log1p(z)

@@ -1,7 +1,4 @@
-"""How far each sensor sees under given conditions: a subject and a target in, a row of numbers out.
-
-The short answer of the command `range`, without a sweep.
-"""
+"""Summary of each sensor's range under given conditions: what the command `range` prints without a sweep."""
 
 from __future__ import annotations
 
@@ -19,7 +16,7 @@ from .sweep_report import air_text, window_m, window_note
 def summary_of(subject: Subject, target: Target, *, distance_m: float, visibility_m: float | None) -> dict[str, Any]:
     """Maximum range and status, closed form, end of the window; SNR and P_d at ``distance_m``.
 
-    ``note`` is a line if the window ends before the maximum range, else None.
+    The entry "note" is a line if the window ends before the maximum range, else None.
     """
     sensor = subject.sensor()
     target = with_haze(sensor, target, visibility_m)
@@ -43,7 +40,7 @@ def summary_of(subject: Subject, target: Target, *, distance_m: float, visibilit
 def text_of(
     rows: Sequence[dict[str, Any]], target: Target, distance_m: float, sun_angle_deg: float, visibility_m: float | None
 ) -> str:
-    """The rows as a table."""
+    """Text table of the rows, with the conditions above it."""
     incidence = math.degrees(math.acos(min(float(target.cos_incidence), 1.0)))
     distance_text = f"at {distance_m:g} m"
     table = [["sensor", "maximum range", "closed form", "window", f"SNR {distance_text}", f"P_d {distance_text}"]]

@@ -1,6 +1,6 @@
-"""Sensitivities: how maximum range and detection depend on every number of a sensor and its target.
+"""Sensitivities of maximum range and detection to every number of a sensor and its target.
 
-A designer asks what to improve first. Elasticities answer that: percent of range per percent of a parameter, d ln R /
+They show a designer what to improve first. An elasticity is percent of range per percent of a parameter, d ln R /
 d ln p; a parameter that is zero has a plain derivative instead. The range is implicit, margin(R, p) = ln(peak /
 level) = 0, so dR/dp = -(d margin / dp) / (d margin / dR). The partial derivatives are exact, by Dr.Jit's reverse mode
 through the very stages that render; without a back end they are sixth-order central differences, off by 1e-6.
@@ -31,10 +31,10 @@ from . import gain, plane
 from .plane import RangeStatus, Target
 
 Formula = Callable[[Mapping[str, Lanes]], Lanes]
-"""Numbers by name in, one number out; numpy or Dr.Jit."""
+"""Function of numbers by name, NumPy or Dr.Jit, with one number as result."""
 
 Derivation = Callable[[Formula, Mapping[str, float]], tuple[float, dict[str, float]]]
-"""A formula and where to take it in, its value and its derivative with respect to every number out."""
+"""Function of a formula and its arguments; returns its value and its derivative with respect to every argument."""
 
 _RANGE = "range_m"
 _CODE = ("stops", "reach", "search", "coincidence")
@@ -78,7 +78,7 @@ class Sensitivity:
 class SensitivityTable:
     """Sensitivities of a sensor on a target, strongest first.
 
-    distance_m   at which the detection probability is taken
+    distance_m   distance at which the detection probability is taken
     method       "drjit" (exact) or "differences" (sixth-order central differences)
     """
 
@@ -108,7 +108,7 @@ def parameters(sensor: Sensor, target: Target) -> dict[str, float]:
 
 
 def with_parameters(sensor: Sensor, target: Target, values: Mapping[str, Lanes]) -> tuple[Sensor, Target]:
-    """The sensor and target with these values."""
+    """Sensor and target with these values of `parameters`."""
     changes: dict[str, dict[str, Lanes]] = {}
     for name, value in values.items():
         part, _, field = name.partition(".")
@@ -131,9 +131,9 @@ def margin_and_detection(sensor: Sensor, target: Target, range_m: Lanes) -> tupl
 def sensitivities(
     sensor: Sensor, target: Target, *, distance_m: float | None = None, method: str = "auto"
 ) -> SensitivityTable:
-    """All sensitivities. Raises InputError if the sensor has no maximum range.
+    """Compute all sensitivities. Raises InputError if the sensor has no maximum range.
 
-    distance_m   at which P_d is taken; the maximum range if None, where it is near one half
+    distance_m   distance at which P_d is taken; None: the maximum range, where P_d is near one half
     method       "drjit", "differences", or "auto": Dr.Jit if there is a back end
     """
     limit, status = plane.maximum_range_m(sensor, target)
@@ -145,8 +145,8 @@ def sensitivities(
 
     def formula(output: int) -> Formula:
         def evaluate(numbers: Mapping[str, Lanes]) -> Lanes:
-            own = {name: number for name, number in numbers.items() if name != _RANGE}
-            changed = with_parameters(sensor, target, own)
+            varied = {name: number for name, number in numbers.items() if name != _RANGE}
+            changed = with_parameters(sensor, target, varied)
             return margin_and_detection(*changed, numbers[_RANGE])[output]
 
         return evaluate
@@ -170,13 +170,13 @@ def sensitivities(
                 detection_points=detection[name] * value if value else None,
             )
         )
-    # Equal ones, such as all that multiplies the echo, by name: rounding shall not decide.
+    # Rounded before sorting: factors of the echo have equal elasticities, which rounding errors must not reorder.
     rows.sort(key=lambda row: (-round(abs(row.range_elasticity or 0.0), 6), row.parameter))
     return SensitivityTable(sensor.name, limit, distance, probability, method, tuple(rows))
 
 
 def choose_derivation(method: str) -> tuple[str, Derivation]:
-    """The method that "auto" stands for, or the named one, and its function.
+    """Choose the method of differentiation; "auto" is Dr.Jit if there is a back end. Returns its name and function.
 
     Raises ValueError for an unknown name, BackendError if "drjit" is asked for and not available.
     """
@@ -196,27 +196,27 @@ def choose_derivation(method: str) -> tuple[str, Derivation]:
 
 
 def differences(formula: Formula, values: Mapping[str, float]) -> tuple[float, dict[str, float]]:
-    """Sixth-order central differences, one parameter after the other."""
+    """Derivatives by sixth-order central differences, one parameter after the other."""
     weights = ((1.0, 0.75), (2.0, -0.15), (3.0, 1.0 / 60.0))
 
-    def at(parameter: str, value_at_step: float) -> float:
+    def value_at(parameter: str, value_at_step: float) -> float:
         return float(formula({**values, parameter: np.float64(value_at_step)}))
 
     centre = float(formula(values))
     slopes = {}
     for name, value in values.items():
         step = 1e-3 * abs(value)
-        if step == 0.0:  # no scale of its own: the step that moves the formula by some thousandths
+        if step == 0.0:  # without a scale, search for the step that changes the formula by some thousandths
             step = 1e-15
-            while step < 1e-3 and abs(at(name, step) - centre) < 1e-3:
+            while step < 1e-3 and abs(value_at(name, step) - centre) < 1e-3:
                 step *= 10.0
-        rise = sum(w * (at(name, value + k * step) - at(name, value - k * step)) for k, w in weights)
+        rise = sum(w * (value_at(name, value + k * step) - value_at(name, value - k * step)) for k, w in weights)
         slopes[name] = rise / step
     return centre, slopes
 
 
 def report_text(sensor: Sensor, target: Target, *, distance_m: float | None = None, method: str = "auto") -> str:
-    """The table for people: elasticities, plain derivatives where the value is zero, and the best gain."""
+    """Text of the elasticities, plain derivatives where a value is zero, and for an APD the best gain."""
     table = sensitivities(sensor, target, distance_m=distance_m, method=method)
     text = table_text(table)
     if isinstance(sensor.detector, Apd):
@@ -229,7 +229,7 @@ def report_text(sensor: Sensor, target: Target, *, distance_m: float | None = No
 
 
 def table_text(table: SensitivityTable) -> str:
-    """A `SensitivityTable` in text."""
+    """Text of a `SensitivityTable`."""
     how = {
         "drjit": "exact, by Dr.Jit's automatic differentiation",
         "differences": "sixth-order central differences (no back end)",
@@ -316,7 +316,7 @@ def _light(sensor: Sensor, target: Target, range_m: Lanes) -> Echoes:
 
 
 def _signed(value: float) -> str:
-    """Four decimals, or two digits if that would show as zero; ten characters."""
+    """Signed number in ten characters: four decimals, or two digits if these would show as zero."""
     return f"{value:+10.4f}" if abs(value) >= 1e-3 or value == 0.0 else f"{value:+10.1e}"
 
 

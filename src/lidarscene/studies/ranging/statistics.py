@@ -33,7 +33,7 @@ TAILS: tuple[Tail, ...] = get_args(Tail)
 
 
 _DEVIATES = [NormalDist().inv_cdf((k + 0.5) / 200.0) for k in range(200)]
-"""Of a normal distribution, with as much of it between any two."""
+"""Quantiles of the standard normal distribution at 200 equally likely places."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class OperatingCurve:
 
     threshold_to_noise     TNR
     false_alarms_per_shot  mean number of noise crossings in the whole window
-    quiet_probability      that a whole window has none
+    quiet_probability      probability of a whole window without any
     detection_probability  P_d of the echo
     correct_probability    (10): correct returns among all, for a target at the end of the window
     """
@@ -59,8 +59,8 @@ class OperatingCurve:
 class FalsePoints:
     """Expected false alarms among the points of one frame.
 
-    per_pulse  mean number that one pulse's converter reports
-    per_frame  that times the pulses of a frame, all of them on the same target or sky
+    per_pulse  mean number reported for one pulse
+    per_frame  per_pulse times the pulses of a frame, all of them on the same target or sky
     """
 
     per_pulse: float
@@ -69,7 +69,7 @@ class FalsePoints:
 
 @dataclass(frozen=True, slots=True)
 class ShotCounts:
-    """Counts of simulated shots: how many echoes were reported, and how many alarms are points."""
+    """Counts of simulated shots: reported echoes and reported false alarms."""
 
     shots: int
     echoes: int
@@ -128,8 +128,8 @@ def detection_probability(sensor: Sensor, target: Target, range_m: float) -> flo
 def false_alarm_probability(sensor: Sensor, target: Target, *, sky: bool = False, tail: Tail | None = None) -> float:
     """P_f of one comparison, with the target's background. With `false_alarms = "crossings"` it sets no rate.
 
-    sky    True: the sky beside the target instead; dark unless the target's light has a diffuse share
-    tail   None: the sensor's own statistics. For an APD also "gaussian" (9), "mcintyre" (saddle point, as
+    sky    True for the sky in place of the target; it is dark unless the target's light has a diffuse share
+    tail   statistics of the noise; None: the sensor's own. For an APD also "gaussian" (9), "mcintyre" (saddle point, as
            `detector.tail`), "webb" (Webb's approximation of the electrons, averaged over the amplifier's noise) or
            "exact" (McIntyre's probabilities summed)
     """
@@ -153,10 +153,10 @@ def false_alarm_probability(sensor: Sensor, target: Target, *, sky: bool = False
 
 
 def false_points(sensor: Sensor, target: Target, range_m: float | None = None) -> FalsePoints:
-    """Expected false points of a frame whose pulses all meet this target, or for None all go into the sky.
+    """Expected false points of a frame whose pulses all meet this target, or for a range of None the sky.
 
-    Exact for the Poisson alarms of (10) and a converter of any number of stops: alarms before the echo may hide it,
-    and alarms after it need a stop that is left.
+    Exact for the Poisson alarms of (10) and a converter of any number of stops: alarms before the echo may take its
+    stop, and alarms after it need a stop that is still free.
     """
     point = sensor.working_point(_background_w(sensor, target, range_m is None))
     rate = float(np.ravel(_alarms_hz(sensor, point, sensor.threshold(point)))[0])
@@ -177,7 +177,7 @@ def false_points(sensor: Sensor, target: Target, range_m: float | None = None) -
 def simulated_shots(
     sensor: Sensor, target: Target, range_m: float | None, *, shots: int = 100_000, seed: int = 0
 ) -> ShotCounts:
-    """That many pulses at a target, or for None into the sky, through `receivers.detect_alone` on numpy."""
+    """Simulate pulses at a target, or for a range of None into the sky, by `receivers.detect_alone` on NumPy."""
     ones = np.ones(shots)
     echoes = plane.echoes_of_plane(sensor, target, ones if range_m is None else range_m * ones)
     if range_m is None:
@@ -223,7 +223,7 @@ def electrons(sensor: Sensor, background_power_w: float) -> dict[str, float]:
 
 
 def _background_w(sensor: Sensor, target: Target, sky: bool = False) -> Numbers:
-    """Light on the detector from the target or the sky, (1,)."""
+    """(1,) light on the detector in W from the target or the sky."""
     if not sky:
         return np.asarray(plane.echoes_of_plane(sensor, target, 1.0).background_power_w)
     sun = sunlight.sun_irradiance_w_m2(
@@ -243,7 +243,7 @@ def _background_w(sensor: Sensor, target: Target, sky: bool = False) -> Numbers:
 
 
 def _alarms_hz(sensor: Sensor, point: WorkingPoint, threshold: Lanes) -> Lanes:
-    """Mean rate of false alarms, over the points' thresholds where these scatter (T98b)."""
+    """Rate of false alarms; the mean over the points' thresholds where these scatter (T98b)."""
     spread = None if sensor.histogram is None else sensor.histogram.noise_spread
     if spread is None:
         return sensor.false_alarm_rate_hz(point, threshold)

@@ -1,4 +1,4 @@
-"""Sensors under study: names, files and assignments in; the sensor at any value of any key out.
+"""Sensors under study, from names, files and assignments, with any key of their files set to any value.
 
 A sweep varies keys of the file, not fields of `Sensor`, so that derived numbers follow and bounds are checked.
 """
@@ -20,13 +20,13 @@ from ...sensor.model import Sensor
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Subject:
-    """A sensor with the tables of its file.
+    """Sensor with the tables of its file.
 
-    name       from the file, made unique
-    argument   as the user named it
-    where      its file, for messages
-    tables     of the file, without assignments
-    overrides  the assignments, KEY=VALUE
+    name       name from the file, made unique
+    argument   name or path as the user gave it
+    where      file, for messages
+    tables     tables of the file, without assignments
+    overrides  assignments, KEY=VALUE
     """
 
     name: str
@@ -38,15 +38,15 @@ class Subject:
 
     @property
     def changed(self) -> dict[str, Any]:
-        """The tables with the assignments."""
+        """Tables with the assignments applied."""
         return with_overrides(self.tables, self.overrides)
 
     def sensor(self) -> Sensor:
-        """The sensor. Raises InputError."""
+        """Build the sensor. Raises InputError."""
         return sensor_from_tables(self.tables, where=self.where, overrides=self.overrides, folder=self.folder)
 
     def sensor_with(self, key: str, value: float, *, whole: bool) -> Sensor:
-        """The sensor with another value of a key. Raises InputError."""
+        """Build the sensor with another value of a key. Raises InputError."""
         number = repr(int(value)) if whole else repr(float(value))
         return sensor_from_tables(
             with_overrides(self.tables, [*self.overrides, f"{key}={number}"]),
@@ -56,7 +56,7 @@ class Subject:
 
 
 def subjects(arguments: Sequence[str], assignments: Sequence[str] = ()) -> list[Subject]:
-    """Sensors from these catalogue names and files; equal names get a number. Raises InputError.
+    """Load sensors from these catalogue names and files; equal names get a number. Raises InputError.
 
     assignments  KEY=VALUE for all, or SENSOR:KEY=VALUE for one
     """

@@ -1,4 +1,4 @@
-"""Axes of a sweep: a name from the user in; what is varied, its unit, ends and steps out.
+"""Axes of a sweep: the quantity varied, its unit, ends and steps, from a name given by the user.
 
 Conditions (distance, illuminance, ...) and every numeric key of a sensor file can be swept; both become an `Axis`.
 """
@@ -22,7 +22,10 @@ from .aperture_laws import LARGEST_DEG
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """Allowed values of a condition, and the default ends of an axis over it."""
+    """Allowed values of a condition, and the default ends of an axis over it.
+
+    above  True if ``low`` itself is excluded
+    """
 
     unit: str
     low: float
@@ -30,7 +33,7 @@ class Bounds:
     start: float
     stop: float
     log: bool = False
-    above: bool = False  # low itself is excluded
+    above: bool = False
 
     def require(self, option: str, value: float) -> float:
         """Return ``value``, or raise InputError with the option and the allowed values."""
@@ -50,7 +53,7 @@ CONDITIONS: dict[str, Bounds] = {
     "reflectivity": Bounds(unit="", low=0.0, high=1.0, start=0.01, stop=1.0, log=True),
     "incidence": Bounds(unit="deg", low=0.0, high=90.0, start=0.0, stop=85.0),
 }
-"""What can be swept besides the keys of the sensor file."""
+"""Conditions that can be swept, besides the keys of the sensor file."""
 
 MEANING = {
     "distance": "distance",
@@ -83,7 +86,13 @@ _UNITS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Axis:
-    """What is swept: ``key`` as given, ``column`` with its unit for files, ``label`` for pictures."""
+    """Quantity that is swept.
+
+    key     name as the user gave it
+    column  name with unit, for files
+    label   name with unit, for charts
+    whole   True if values are whole numbers
+    """
 
     key: str
     column: str
@@ -95,16 +104,16 @@ class Axis:
 
     @property
     def is_parameter(self) -> bool:
-        """Whether the sensor is varied, not the conditions."""
+        """True if a number of the sensor is varied, False for a condition."""
         return self.key not in CONDITIONS
 
     def between(self, low: float, high: float, count: int) -> Numbers:
-        """Steps from low to high, linear or logarithmic."""
+        """(count,) values from low to high, spaced as the axis is."""
         return np.geomspace(low, high, count) if self.log else np.linspace(low, high, count)
 
 
 def condition_axis(key: str, *, start: float | None, stop: float | None, count: int, log: bool | None) -> Axis:
-    """An axis of one of `CONDITIONS`."""
+    """Make an axis over one of `CONDITIONS`. Raises InputError."""
     bounds = CONDITIONS[key]
     first = bounds.start if start is None else bounds.require("--from", start)
     last = bounds.stop if stop is None else bounds.require("--to", stop)
@@ -128,7 +137,10 @@ def parameter_axis(
     count: int,
     log: bool | None,
 ) -> Axis:
-    """An axis over a key of the sensor files (names and tables); by default a fifth to five times its value."""
+    """Make an axis over a key of sensor files, by default from a fifth to five times its value. Raises InputError.
+
+    files  name and tables of each
+    """
     whole, lows, highs = False, [], []
     for where, tables in files:
         info = numeric_keys(tables).get(key)
@@ -174,7 +186,7 @@ def _steps(start: float, stop: float, count: int, *, log: bool) -> Numbers:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NumericKey:
-    """A numeric key of a sensor file: its value (None if not given) and its bounds."""
+    """Numeric key of a sensor file: its value (None if not given) and its bounds."""
 
     value: float | None
     low: float
@@ -183,7 +195,7 @@ class NumericKey:
 
 
 def numeric_keys(tables: Mapping[str, Any]) -> dict[str, NumericKey]:
-    """All numeric keys that this sensor file has or may have, by dotted name."""
+    """All numeric keys that this sensor file has or may have, dotted name -> key."""
     return dict(_numeric(SensorFile, tables, ""))
 
 
@@ -221,7 +233,7 @@ def _numeric(model: type[BaseModel], tables: Mapping[str, Any], prefix: str) -> 
 
 
 def _types(annotation: Any) -> Iterator[Any]:
-    """The types in a union, without those inside lists and tables."""
+    """Yield the types in a union, without those inside lists and tables."""
     origin = getattr(annotation, "__origin__", None)
     if origin in (tuple, list, dict):
         return
@@ -249,7 +261,7 @@ def _unknown(key: str, where: str, tables: Mapping[str, Any]) -> str:
 
 
 def require_within_law(axis: Axis) -> None:
-    """Refuse angles at which a fixed window or a mirror has no aperture left."""
+    """Raise InputError for angles at which a fixed window or a mirror has no aperture."""
     if np.max(np.abs(axis.values)) > LARGEST_DEG:
         raise InputError(
             f"--over {axis.key}: this aperture law holds to {LARGEST_DEG:g} degrees, "

@@ -1,4 +1,4 @@
-"""A sweep in words and files: curves in; a table, CSV, JSON and a chart out.
+"""Report of a sweep: notes, table, CSV, JSON and chart of its curves.
 
 Nothing is computed here; formats and sentences only.
 """
@@ -25,7 +25,7 @@ _SYMBOL = {"snr": "SNR", "pd": "P_d"}
 
 
 def csv_text(swept: Curves) -> str:
-    """The axis with its unit, then one column for each sensor; 0: never detected, inf: no limit."""
+    """CSV of the axis with its unit and one column for each sensor; 0: never detected, inf: no limit."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([swept.question.axis.column, *(curve.name for curve in swept.curves)])
@@ -35,7 +35,7 @@ def csv_text(swept: Curves) -> str:
 
 
 def conditions_text(swept: Curves, *, sun_angle_deg: float) -> str:
-    """The fixed conditions, in words."""
+    """Fixed conditions of a sweep in one line."""
     question, target = swept.question, swept.question.target
     key = question.axis.key
     incidence = math.degrees(math.acos(min(float(target.cos_incidence), 1.0)))
@@ -53,7 +53,7 @@ def conditions_text(swept: Curves, *, sun_angle_deg: float) -> str:
 
 
 def air_text(target: Target, visibility_m: float | None) -> str:
-    """The air in words."""
+    """Visibility, extinction or transmittance of the air, in words."""
     if visibility_m is not None:
         return f"visibility {visibility_m / 1000.0:g} km"
     if target.extinction_per_m > 0.0:
@@ -68,7 +68,7 @@ def _cell(curve: SweepCurve, index: int) -> str:
 
 
 def table_text(swept: Curves) -> str:
-    """About a dozen rows of the curves; the CSV has all."""
+    """Text table of about a dozen rows of the curves; the CSV has all."""
     axis = swept.question.axis
     rows = np.unique(np.rint(np.linspace(0, len(axis.values) - 1, min(_ROWS, len(axis.values)))).astype(int))
     table = [[axis.column, *(curve.name for curve in swept.curves)]]
@@ -79,12 +79,12 @@ def table_text(swept: Curves) -> str:
 
 
 def window_m(sensor: Sensor) -> float:
-    """Range at which a sensor stops listening."""
+    """Range in metres at the end of the sensor's window."""
     return float(radiometry.range_from_time_of_flight_m(time_of_flight_s=float(sensor.tdc.window_s)))
 
 
 def unambiguous_m(sensor: Sensor) -> float:
-    """Range from which light comes back after the next pulse has left; infinite for one pulse to a point."""
+    """Range in metres from which light returns after the next pulse has left; inf for one pulse to a point."""
     if sensor.histogram is None or sensor.histogram.period_s is None:
         return math.inf
     period_s = float(sensor.histogram.period_s)
@@ -92,7 +92,7 @@ def unambiguous_m(sensor: Sensor) -> float:
 
 
 def window_note(name: str, sensor: Sensor, *, farthest_m: float, limit_text: str) -> str | None:
-    """A line if the window ends before what is seen farthest, ``what`` in words; None if it does not."""
+    """Note that the window ends before the farthest detection, named by ``limit_text``; None if it does not."""
     if farthest_m <= window_m(sensor):
         return None
     line = f"{name}: its window ends at {window_m(sensor):.1f} m, before {limit_text}"
@@ -103,9 +103,9 @@ def window_note(name: str, sensor: Sensor, *, farthest_m: float, limit_text: str
 
 
 def notes(swept: Curves, sensors: Mapping[str, Sensor]) -> list[str]:
-    """Crossings, maximum ranges and warnings, one line each.
+    """Notes on crossings, maximum ranges and warnings, one line each.
 
-    sensors  of each name
+    sensors  sensor by name
     """
     question = swept.question
     unit = f" {question.axis.unit}" if question.axis.unit else ""
@@ -149,7 +149,7 @@ def _value(quantity: str, crossing: CurveCrossing) -> str:
 
 
 def as_dict(swept: Curves) -> dict[str, Any]:
-    """For JSON: values that JSON cannot express are null, and the status says why."""
+    """Fields for JSON; inf and NaN are null, and the status gives the reason."""
 
     def numbers(values: Any) -> list[float | None]:
         return [float(v) if math.isfinite(v) else None for v in values]
@@ -178,7 +178,7 @@ def as_dict(swept: Curves) -> dict[str, Any]:
 
 
 def chart_of(swept: Curves, title: str, *, thresholds: dict[str, float | None]) -> Chart:
-    """The curves as a chart, with crossings and limits marked.
+    """Chart of the curves, with crossings and limits marked.
 
     thresholds  ratio to noise at which each comparator trips; None if it is fixed in another way
     """
@@ -221,6 +221,6 @@ def chart_of(swept: Curves, title: str, *, thresholds: dict[str, float | None]) 
 
 
 def _offset(number: int, falls: bool) -> tuple[float, float]:
-    """Offset of a limit's text: neighbours go to different sides of the curve."""
+    """Offset of a limit's text in points; neighbours go to different sides of the curve."""
     x, y = ((8.0, 8.0), (-8.0, -8.0), (8.0, 22.0), (-8.0, -22.0))[number % 4]
     return (x, y) if falls else (-x, y)
