@@ -178,7 +178,7 @@ def leaf(nm: float) -> tuple[float, float]:
 
 
 @cache
-def checked(name: str) -> published_values.Check:
+def checked(name: str) -> published_values.PublishedComparison:
     return published_values.check(name)
 
 
