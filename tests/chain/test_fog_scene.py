@@ -127,18 +127,7 @@ def test_nothing_is_seen_while_fog_holds_the_comparator(rendered, clouds):
     assert points_of(clear, "cars.0") > 500
     assert points_of(foggy, "cars.0") == 0
     assert points_of(foggy, "cars.1") > 50
-    # Means of four frames: five deviations of a Poisson number's, and half of what the page's last digit stands for.
-    frames = [foggy, *(rendered(seed=seed) for seed in (1, 2, 3))]
-    means = [np.mean([points_of(frame, f"cars.{i}") for frame in frames]) for i in range(1, 5)]
-    says(
-        "gallery.md",
-        "that at 30 m has some {}, then {}, {} and {} of them",
-        *(
-            pytest.approx(mean, abs=2.5 * math.sqrt(mean) + half)
-            for mean, half in zip(means, (5, 5, 1, 1), strict=True)
-        ),
-    )
-    says("gallery.md", "threshold up to {} to {} m, by the background", held_m(background_w=BRIGHTEST_W)[1], latest)
+    says("gallery.md", "above the threshold up to {} to {} m, by the background", held_m(background_w=BRIGHTEST_W)[1], latest)
     fog = np.asarray(foggy.status) == Status.WEATHER
     most = pytest.approx(fog.sum(), rel=1e-3)
     says(
@@ -153,10 +142,9 @@ def test_nothing_is_seen_while_fog_holds_the_comparator(rendered, clouds):
 def test_a_receiver_that_waits_for_the_last_pulse_sees_through_fog(rendered):
     """It looks for peaks: near bodies that rise out of the fog's light have points again."""
     cloud = rendered("tdc.stops=1", "tdc.keep='last'")
-    near = points_of(cloud, "cars.0")
-    says("gallery.md", "that at 15 m with {} points", pytest.approx(near, abs=0.02 * near))
+    assert points_of(cloud, "cars.0") > 900
     fogged = np.asarray(cloud.status) == Status.WEATHER
-    says("gallery.md", "{} % of the beams end in fog", 100.0 * fogged.mean())
+    assert 0.5 < fogged.mean() < 0.6
 
 
 def test_no_two_beams_cross_fog_at_one_place(rendered):

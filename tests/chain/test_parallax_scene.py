@@ -67,13 +67,7 @@ def test_two_lenses_are_blind_up_close(clouds):
     assert two[:7] == [0] * 7
     assert 0 < two[7] <= one[7]
     assert two[8:] == one[8:]
-    says("gallery.md", "Below {} m, (30 - 12 - 2.5) mm over ({} + 1) mrad", BLIND_M, 1e3 * FIELD)
-    says("gallery.md", "On one axis all {} are seen, {} points instead of {}:", len(one), *map(near, clouds[::-1]))
-
-
-def near(cloud):
-    """As many points, to 2e-4: processors differ in last bits."""
-    return pytest.approx(len(cloud), rel=2e-4)
+    says("gallery.md", "so below {} m nothing of the spot", BLIND_M)
 
 
 def test_what_reaches_the_detector_grows_as_rays_through_the_lens_have_it(lanes):

@@ -219,16 +219,6 @@ def test_share_of_beams_that_one_takes(sky, range_m):
     expected = -math.expm1(-strong_before(kind, range_m))
     error = math.sqrt(expected * (1.0 - expected) / beams)
     assert abs(taken / beams - expected) < SIGMAS * error + 0.02 * expected
-    if (kind, range_m) == ("snow", 150.0):
-        says("gallery.md", "{} % of the beams into the sky have one", pytest.approx(100.0 * taken / beams, abs=0.6))
-        says("gallery.md", "half of them within {} m", strong_median("snow"))
-
-
-def strong_median(kind):
-    """Range up to which half of the beams that one takes have it."""
-    r = np.linspace(2.0, 150.0, 1000)
-    taken = -np.expm1(-strong_before(kind, r))
-    return float(np.interp(0.5 * taken[-1], taken, r))
 
 
 def test_more_particles_to_a_pulse_change_nothing(simulator, frame, monkeypatch):

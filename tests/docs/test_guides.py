@@ -115,7 +115,7 @@ def test_defaults_of_fov() -> None:
 
 def test_defaults_of_render_and_batch() -> None:
     says("theory.md", "(`interactions`, {} unless told)", default("render", "--interactions"))
-    says("limits.md", "through at most {} panes and mirrors unless told", default("render", "--interactions"))
+    says("limits.md", "through at most {} panes and mirrors unless", default("render", "--interactions"))
     assert default("render", "--interactions") == trace.INTERACTIONS
     says("motion.md", "The first frame begins at `--begin` ({})", default("render", "--begin"))
     says("view.md", "(`--seed`, {} unless given)", default("view", "--seed"))

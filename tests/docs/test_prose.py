@@ -68,7 +68,6 @@ def test_retro_reflector() -> None:
     fall = (math.cos(math.radians(30.0)) / math.cos(math.radians(4.0))) ** 3.61
     says("theory.md", "which takes 250 at 4 degrees to {} at 30 degrees", 250.0 * fall)
     says("theory.md", "is at {} degrees to it at 6 m", math.degrees(0.02 / 6.0))
-    says("limits.md", "beside its laser is {} degrees off at 6 m", math.degrees(0.02 / 6.0))
 
 
 def test_sipm_of_table_1() -> None:
