@@ -127,7 +127,7 @@ def test_nothing_is_seen_while_fog_holds_the_comparator(rendered, clouds):
     assert points_of(clear, "cars.0") > 500
     assert points_of(foggy, "cars.0") == 0
     assert points_of(foggy, "cars.1") > 50
-    says("gallery.md", "above the threshold up to {} to {} m, by the background", held_m(background_w=BRIGHTEST_W)[1], latest)
+    says("gallery.md", "the threshold up to {} to {} m, by the background", held_m(background_w=BRIGHTEST_W)[1], latest)
     fog = np.asarray(foggy.status) == Status.WEATHER
     most = pytest.approx(fog.sum(), rel=1e-3)
     says(
