@@ -338,7 +338,6 @@ def test_eye_safety_of_table_1() -> None:
         ("validation.md", "the slope formula is held at TNR {} and {}", "tests/detection/test_comparator.py"),
         ("theory.md", "the slope formula to 2 % at TNR {} and {}", "tests/detection/test_comparator.py"),
         ("sipm.md", "it is good to {} % of the signal", "tests/validation/sipm_events/test_working_point.py"),
-        ("motion.md", "{} pulses against {} scenes, ranges and angles to {}", "tests/chain/test_motion.py"),
         ("fov.md", "those of a k-d tree, to {} degrees", "tests/studies/field_of_view/test_pattern_coverage.py"),
         ("weather.md", "to {} (extinction) and {} (backscatter)", "tests/physics/weather/test_mie.py"),
     ],
