@@ -88,7 +88,7 @@ def _tables(count: int, rounds: int) -> Row:
     times = np.linspace(0.0, 2.0, 21)
     way = tuple(Pose.from_degrees(position_m=(20 * t, math.sin(t), 0.0), yaw_deg=30 * t) for t in times)
     motions = [Spline(time_s=times, poses=way)] * (count + 1)
-    task = {"tables": lambda: Paths.of(motions, start_s=0.5, length_s=0.1, centre_m=np.zeros(3))}
+    task = {"tables": lambda: Paths.from_motions(motions, start_s=0.5, length_s=0.1, centre_m=np.zeros(3))}
     values = clock.in_turns(task, rounds=rounds)["tables"]
     return Row(
         f"tables of {count + 1} motions", f"{np.median(values):.3f} s", f"{values.min():.3f} to {values.max():.3f}"

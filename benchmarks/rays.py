@@ -117,7 +117,7 @@ def _frame(simulator: Simulator) -> Callable[[], tuple[float, float]]:
     def task() -> tuple[float, float]:
         with kernel_history() as history:
             pulse = transfer.counter(0, pulses) if order is None else order.on_device(0)
-            of_ray, ray = (pulse, None) if count == 1 else transfer.repeated(pulse, count)
+            of_ray, ray = (pulse, None) if count == 1 else transfer.repeat_lanes(pulse, count)
             axes = beams.fire(sensor, pulse=of_ray, origin_m=origin, rotation=rotation)
             rays = axes if ray is None else spread(axes, shape, ray=ray, rotation=rotation)
             paths = trace(simulator.world, rays, sun=sun, interactions=0)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers import chain
 
-from lidarscene.kernel.world.build import build_world
+from lidarscene.kernel.world.mitsuba_world import build_world
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.maths.trajectory import Course
 from lidarscene.physics.optics import radiometry

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import chain
 
-from lidarscene.kernel.world.build import build_world
+from lidarscene.kernel.world.mitsuba_world import build_world
 from lidarscene.scene.scene import Sun
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target

@@ -16,7 +16,7 @@ from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.light.echoes import Echoes, Volume, hump_of
 from lidarscene.light.footprint import points
 from lidarscene.light.waveform import sampled, waveform
-from lidarscene.maths.arrays import Table
+from lidarscene.maths.arrays import LookupTable
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import pulse_sums, tdc
 from lidarscene.physics.optics import pulse as pulse_shape
@@ -268,7 +268,7 @@ def fog(scale_w, *, end_m):
 
 def volume(course, scale_w, end_m):
     """Air of this course over the 3001 ranges up to 150 m."""
-    shape = Table(course / course.max())
+    shape = LookupTable(course / course.max())
     return Volume(
         shape=shape,
         far_m=150.0,
@@ -609,7 +609,7 @@ def test_light_that_rises_slowly_trips_where_it_reaches_the_level():
     first = detect(train(np.array([[120.0]]), np.array([[0.0]]), volume=air), equipped).stops[0]
     # The table is straight over 0.05 m: its level is (0.05 / 5)^2 / 8 of itself too high.
     assert first.range_m[0] == pytest.approx(60.0 - 5.0 * math.log(100.0), abs=2e-3)
-    begins = replace(air, near_m=30.0, hump_m=(30.0, 150.0), shape=Table(np.linspace(1.0, 0.0, 3001)))
+    begins = replace(air, near_m=30.0, hump_m=(30.0, 150.0), shape=LookupTable(np.linspace(1.0, 0.0, 3001)))
     wave = waveform(train(np.array([[120.0]]), np.array([[0.0]]), volume=begins), equipped)
     before, behind = ((one - wave.origin_m) / wave.unit_m for one in (29.9, 30.1))
     assert wave.air_w(before) == 0.0

@@ -25,7 +25,7 @@ for name, setting, power_w in {cases}:
     light = on_device(train(np.linspace(20.0, 60.0, 200)[:, None], np.full((200, 1), power_w)))
     seed, pulse = transfer.opaque_uint32(1), transfer.counter(0, 200)
     stop = receivers.detect(light, transfer.opaque(equipped), seed=seed, pulse=pulse).stops[0]
-    columns = transfer.columns(dict(reported=stop.reported, range_m=stop.range_m, amplitude=stop.amplitude))
+    columns = transfer.fetch_columns(dict(reported=stop.reported, range_m=stop.range_m, amplitude=stop.amplitude))
     digest = hashlib.sha256(b"".join(column.tobytes() for column in columns.values())).hexdigest()
     print(name, setting, columns["reported"].sum(), digest, flush=True)
 """

@@ -10,7 +10,7 @@ from lidarscene import Scene, Sensor, load_sensor
 from lidarscene.detection import receivers
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.trace import Firing, trace
-from lidarscene.kernel.world.build import build_world
+from lidarscene.kernel.world.mitsuba_world import build_world
 from lidarscene.light import beams, echoes
 from lidarscene.light.footprint import aim, footprint
 from lidarscene.materials.material import Material, Spectrum

@@ -3,7 +3,7 @@
 import numpy as np
 
 from lidarscene.light.echoes import Volume
-from lidarscene.maths.arrays import Table
+from lidarscene.maths.arrays import LookupTable
 
 from . import trains
 from .trains import SIGMA_M, detect, sensor, train
@@ -48,7 +48,7 @@ def on_light(equipped, echoes, lasting):
     bins_m, (ranges_m, heights) = np.linspace(0.0, 150.0, 3001), np.array(echoes).T
     course = np.interp(bins_m, *np.array(lasting).T, left=0.0, right=0.0) if lasting else 0.0 * bins_m
     air = Volume(
-        shape=Table(course),
+        shape=LookupTable(course),
         far_m=150.0,
         hump_m=(0.0, 150.0),
         scale=np.array([level_w if lasting else 0.0]),

@@ -25,7 +25,7 @@ from helpers.small_job import threads_of_this_process, use_no_worlds_of_others
 from lidarscene import catalog
 from lidarscene.batch import cluster
 from lidarscene.cli import main
-from lidarscene.kernel.world.build import World
+from lidarscene.kernel.world.mitsuba_world import World
 from lidarscene.outputs import record
 from lidarscene.rendering import simulator
 from lidarscene.scene import scene_file as scene_file

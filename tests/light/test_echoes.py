@@ -14,7 +14,7 @@ from lidarscene.light.beams import Beams
 from lidarscene.light.echoes import Ambient, hump_of, receive, with_all_background
 from lidarscene.light.field_of_view import background_power_w, field_of_view
 from lidarscene.light.hits import Hits
-from lidarscene.maths.arrays import Table
+from lidarscene.maths.arrays import LookupTable
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.optics.pulse import gaussian_pulse
 from lidarscene.physics.optics.sunlight import SUN_RADIUS_RAD
@@ -310,11 +310,11 @@ def test_the_background_of_all_paths_is_the_first_ones():
 def test_the_hump_of_a_gaussian_course(near_m):
     """It is concave within one deviation of its middle, to a step of the grid on either side."""
     grid = np.linspace(near_m, 50.0, 2601)
-    shape = Table(np.exp(-0.5 * ((grid - 20.0) / 3.0) ** 2))
+    shape = LookupTable(np.exp(-0.5 * ((grid - 20.0) / 3.0) ** 2))
     step = grid[1] - grid[0]
     assert hump_of(shape, 50.0, near_m) == pytest.approx((17.0, 23.0), abs=1.5 * step)
     # Half of the bend that is left out at either end is 1e-7 of the peak.
-    straight = Table(np.linspace(0.0, 1.0, 101))
+    straight = LookupTable(np.linspace(0.0, 1.0, 101))
     assert hump_of(straight, 50.0, near_m) == (near_m, near_m)
 
 

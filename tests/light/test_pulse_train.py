@@ -9,7 +9,7 @@ from lidarscene.light.beams import Beams
 from lidarscene.light.echoes import Ambient, Echoes
 from lidarscene.light.footprint import Skirt
 from lidarscene.light.pulse_train import LitAir, together
-from lidarscene.maths.arrays import Table
+from lidarscene.maths.arrays import LookupTable
 
 RAYS, PULSES = 4, 2
 LANES = np.arange(RAYS * PULSES, dtype=float)
@@ -64,7 +64,7 @@ def test_air_ends_where_the_last_ray_of_the_core_does(halo, ends_m):
     """A ray that meets nothing lights the air to its end; a halo's do not count. The scale is P_t eta A tau^2."""
     equipped = trains.sensor("table1-apd", "optics.efficiency_laser=0.5")
     light = AirLight(
-        shape=Table(np.array([1.0, 0.0])),
+        shape=LookupTable(np.array([1.0, 0.0])),
         near_m=0.0,
         far_m=150.0,
         hump_m=(0.0, 1.0),

@@ -9,7 +9,7 @@ from helpers import chain, launches, trains
 from lidarscene.detection import multi_echo
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.trace import trace
-from lidarscene.kernel.world.build import build_world
+from lidarscene.kernel.world.mitsuba_world import build_world
 from lidarscene.light import beams, echoes
 from lidarscene.light.footprint import footprint, spread
 from lidarscene.light.waveform import sampled, waveform

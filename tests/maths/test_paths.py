@@ -16,7 +16,7 @@ FRAME_S = 0.1
 
 
 def looked_up(motion: Motion, time_s: np.ndarray, *, start_s: float = 1.05) -> Placement:
-    return Paths.of([motion], start_s=start_s, length_s=FRAME_S, centre_m=np.zeros(3)).at(time_s, 0)
+    return Paths.from_motions([motion], start_s=start_s, length_s=FRAME_S, centre_m=np.zeros(3)).placement(time_s, 0)
 
 
 def rows(numbers: tuple[np.ndarray, ...]) -> np.ndarray:
@@ -61,9 +61,9 @@ def test_a_straight_line_is_exact_whatever_the_origin() -> None:
     """UTM coordinates: the centre is taken off in double precision. To its rounding, 1e-9 of 5e6 m."""
     far = np.array([5e5, 5.4e6, 300.0])
     line = Course(velocity_m_s=(30.0, -20.0, 1.0))
-    paths = Paths.of([line], start_s=0.0, length_s=FRAME_S, centre_m=-far)
+    paths = Paths.from_motions([line], start_s=0.0, length_s=FRAME_S, centre_m=-far)
     time_s = np.linspace(0.0, FRAME_S, 77)
-    came = rows(paths.at(time_s, 0).origin_m) - far
+    came = rows(paths.placement(time_s, 0).origin_m) - far
     np.testing.assert_allclose(came, line.at(time_s).position_m, atol=3e-9)
 
 
@@ -71,7 +71,7 @@ def test_the_ends_and_a_frame_of_no_length() -> None:
     time_s = np.array([-1.0, 0.0, FRAME_S, 2.0])
     came, expected = looked_up(BEND, time_s), BEND.at(1.05 + np.clip(time_s, 0.0, FRAME_S))
     np.testing.assert_allclose(rows(came.origin_m), expected.position_m, atol=1e-12)
-    flash = Paths.of([BEND], start_s=0.0, length_s=1e-9, centre_m=np.zeros(3)).at(np.zeros(3), 0)
+    flash = Paths.from_motions([BEND], start_s=0.0, length_s=1e-9, centre_m=np.zeros(3)).placement(np.zeros(3), 0)
     np.testing.assert_allclose(rows(flash.origin_m), np.tile(START.position_m, (3, 1)), atol=1e-15)
 
 
@@ -107,11 +107,11 @@ def test_placements_there_and_back() -> None:
 
 def test_numpy_and_device_agree(mi) -> None:
     """The same source; single precision of 20 m, of unit vectors, and of 20 m/s."""
-    paths = Paths.of([BEND, SPLINE], start_s=0.5, length_s=FRAME_S, centre_m=np.array([4.0, 1.0, 0.0]))
+    paths = Paths.from_motions([BEND, SPLINE], start_s=0.5, length_s=FRAME_S, centre_m=np.array([4.0, 1.0, 0.0]))
     on_device = replace(transfer.opaque(paths), table=transfer.from_numpy(paths.table))
     time_s = np.linspace(0.0, FRAME_S, 333)
     for which in (0, 1):
-        here, there = paths.at(time_s, which), on_device.at(transfer.from_numpy(time_s), which)
+        here, there = paths.placement(time_s, which), on_device.placement(transfer.from_numpy(time_s), which)
         for name, tolerance in (
             ("origin_m", 1e-5),
             ("rotation", 1e-6),
@@ -126,10 +126,12 @@ def test_numpy_and_device_agree(mi) -> None:
 def test_boxes_hold_all_that_is_carried(name: str) -> None:
     """Corners of a box at 4001 instants, between those of the table too; and no wider than they need by 0.1 m."""
     carried = np.array([[[-1.0, -0.5, 0.0], [2.5, 0.5, 1.5]]])
-    paths = Paths.of([BEND, MOTIONS[name]], start_s=1.05, length_s=FRAME_S, centre_m=np.ones(3), carried_m=carried)
+    paths = Paths.from_motions(
+        [BEND, MOTIONS[name]], start_s=1.05, length_s=FRAME_S, centre_m=np.ones(3), carried_m=carried
+    )
     low, high = np.asarray(paths.boxes_m).reshape(2, 3)
     corners = np.stack(np.meshgrid(*carried[0].T, indexing="ij"), axis=-1).reshape(-1, 3)
-    there = paths.at(np.linspace(0.0, FRAME_S, 4001), 1)
+    there = paths.placement(np.linspace(0.0, FRAME_S, 4001), 1)
     points = np.stack([rows(there.point(tuple(corner))) for corner in corners]).reshape(-1, 3)
     assert (low < points.min(axis=0)).all()
     assert (high > points.max(axis=0)).all()
@@ -138,10 +140,10 @@ def test_boxes_hold_all_that_is_carried(name: str) -> None:
 
 def test_what_carries_nothing_has_a_box_that_nothing_is_in() -> None:
     carried = np.array([np.broadcast_to(np.reshape(NOWHERE, (2, 3)), (2, 3)), [[-1.0] * 3, [1.0] * 3]])
-    paths = Paths.of([BEND, BEND], start_s=0.0, length_s=FRAME_S, centre_m=np.zeros(3), carried_m=carried)
+    paths = Paths.from_motions([BEND, BEND], start_s=0.0, length_s=FRAME_S, centre_m=np.zeros(3), carried_m=carried)
     empty, other = np.asarray(paths.boxes_m).reshape(2, 2, 3)
     assert (empty == NOWHERE).all()
-    alone = Paths.of([BEND], start_s=0.0, length_s=FRAME_S, centre_m=np.zeros(3), carried_m=carried[1:])
+    alone = Paths.from_motions([BEND], start_s=0.0, length_s=FRAME_S, centre_m=np.zeros(3), carried_m=carried[1:])
     np.testing.assert_allclose(other.ravel(), alone.boxes_m, atol=1e-3)  # room for the rounding of all
 
 
@@ -149,11 +151,12 @@ def test_a_straight_motion_has_two_instants() -> None:
     """And is where it has to be between them; with one that bends beside it there are as many as that needs."""
     line = Course(velocity_m_s=(30.0, -20.0, 1.0))
     alone, beside = (
-        Paths.of(motions, start_s=0.0, length_s=FRAME_S, centre_m=np.zeros(3)) for motions in ([line], [line, BEND])
+        Paths.from_motions(motions, start_s=0.0, length_s=FRAME_S, centre_m=np.zeros(3))
+        for motions in ([line], [line, BEND])
     )
     assert (alone.last, beside.last) == (1.0, FRAME_S / STEP_S)
     time_s = np.linspace(0.0, FRAME_S, 77)
-    np.testing.assert_allclose(rows(alone.at(time_s, 0).origin_m), line.at(time_s).position_m, atol=1e-12)
+    np.testing.assert_allclose(rows(alone.placement(time_s, 0).origin_m), line.at(time_s).position_m, atol=1e-12)
 
 
 def test_velocity_of_a_point_of_a_turning_frame() -> None:

@@ -12,7 +12,7 @@ from pydantic import Field
 from lidarscene.errors import InputError
 from lidarscene.files.table_model import Table
 from lidarscene.files.toml import validated
-from lidarscene.maths.units import UNITS, Key, Part, Quantity, si
+from lidarscene.maths.units import UNITS, FileKey, Quantity, SameTable, si
 from lidarscene.scene import scene_file as _scene  # noqa: F401 all tables are known once it is
 from lidarscene.sensor import file as _sensor  # noqa: F401
 
@@ -96,7 +96,7 @@ class Lamp:
     turn_rad: Annotated[float, Quantity("deg", name="tilt_deg")] = math.radians(45.0)
     cells: Annotated[Any, Quantity(ge=1, whole=True)] = 4.0
     count: Annotated[int, Quantity(ge=1)] = 1
-    shape: Annotated[Literal["round", "square"], Key(name="form")] = "round"
+    shape: Annotated[Literal["round", "square"], FileKey(name="form")] = "round"
     inner: float = 7.0
 
 
@@ -177,8 +177,8 @@ def test_mistakes_are_told_as_of_every_file(tables: dict[str, Any], told: str) -
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Street:
-    name: Annotated[Literal["high", "low"], Key()] = "high"
-    lamp: Annotated[Lamp, Part()]
+    name: Annotated[Literal["high", "low"], FileKey()] = "high"
+    lamp: Annotated[Lamp, SameTable()]
     length_m: Annotated[float, Quantity("km", gt=0)]
 
 
@@ -195,7 +195,7 @@ def test_a_part_has_its_keys_in_the_table_of_the_whole() -> None:
 
 def test_a_name_with_another_unit_is_refused() -> None:
     with pytest.raises(TypeError, match="width_s: the name must end in _m for a number in mm"):
-        Quantity("mm").of("width_s")
+        Quantity("mm").for_field("width_s")
 
 
 def tables() -> list[type[Table[Any]]]:

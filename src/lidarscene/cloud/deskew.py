@@ -48,7 +48,7 @@ def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None
         raise InputError("deskewed: the cloud's metadata do not say when and where it was taken") from None
     length_s = max(float(cloud.time_s.max(initial=0.0)) if length_s is None else length_s, SHORTEST_S)
     at_start = pose_at(motion, start_s)
-    paths = Paths.of([motion], start_s=start_s, length_s=length_s, centre_m=at_start.position_m)
+    paths = Paths.from_motions([motion], start_s=start_s, length_s=length_s, centre_m=at_start.position_m)
     # From the traced frame, whose origin is where the sensor was at the start, to that of the points.
     to_points = goal @ Pose(rotation=at_start.rotation.T)
     moved = np.zeros_like(cloud.xyz_m)
@@ -56,7 +56,7 @@ def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None
     for first in range(0, len(cloud), BLOCK_POINTS):
         block = slice(first, first + BLOCK_POINTS)
         in_sensor = goal.inverse_apply(cloud.xyz_m[block])
-        pose = paths.at(cloud.time_s[block], 0)
+        pose = paths.placement(cloud.time_s[block], 0)
         x, y, z = pose.point((in_sensor[:, 0], in_sensor[:, 1], in_sensor[:, 2]))
         moved[block] = to_points.apply(np.stack([x, y, z], axis=-1))
         if cloud.has_vectors:

@@ -14,7 +14,7 @@ from typing import Any
 
 from ..light.echoes import EchoTrain
 from ..light.waveform import waveform
-from ..maths.arrays import Array, Lanes, Mask, chosen
+from ..maths.arrays import Array, Lanes, Mask, select_state
 from ..physics.electronics.pulse_sums import crossing
 from ..physics.optics import radiometry
 from ..sensor.electronics import MultiLevel
@@ -213,9 +213,9 @@ class _Converter(Received):
                 snr=new.snr,
                 probability=new.probability,
             )
-            stop = chosen(raised, same_edge, new)
+            stop = select_state(raised, same_edge, new)
         pulse = _Pulse(
-            stop=chosen(taken, stop, before.stop),
+            stop=select_state(taken, stop, before.stop),
             peak=ops.where(taken, rise.peak, before.peak),
             top=ops.where(taken, trip.signal, before.top),
             lowest=ops.where(taken, trip.signal, ops.where(rise.found, lowest, before.lowest)),
@@ -256,7 +256,7 @@ class _Converter(Received):
             highest=ops.where(higher, rise.peak, found.highest),
             highest_w=ops.maximum(found.highest_w, peak_w),
             memory=of_memory.after(self, rise, trip.signal, left, found.memory),
-            at_highest=None if left is None else chosen(higher, left, found.at_highest),
+            at_highest=None if left is None else select_state(higher, left, found.at_highest),
             **changed,
         )
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..light.echoes import Echoes
-from ..maths.arrays import Array, Lanes, Mask, chosen, xp
+from ..maths.arrays import Array, Lanes, Mask, select_state, xp
 from ..physics.optics import pulse as pulse_shape
 from ..physics.optics import radiometry
 from ..sensor.model import Sensor
@@ -214,5 +214,5 @@ def _nth(alarms: list[_Alarm], index: Array) -> _Alarm:
     """Alarm number ``index`` of each pulse; the index (n,) differs from pulse to pulse."""
     found = alarms[0]
     for number, later in enumerate(alarms[1:], start=1):
-        found = chosen(index >= number, later, found)
+        found = select_state(index >= number, later, found)
     return found

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ..maths.arrays import Lanes, Mask, chosen, xp
+from ..maths.arrays import Lanes, Mask, select_state, xp
 from ..physics.electronics import sampling, tdc
 from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM, crossing
 from ..physics.optics import pulse as pulse_shape
@@ -89,7 +89,7 @@ def _by_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, pla
     for one in higher:
         later = one.reached & ~lowest.reached
         raised = raised | (later & (one.level > own_level * (1.0 + 1e-6)))
-        lowest, highest = chosen(later, one, lowest), highest.or_if_reached(one)
+        lowest, highest = select_state(later, one, lowest), highest.or_if_reached(one)
         above = above | (one.reached & ~later)
     # Only two levels are searched in the waveform: the lowest for the time, the highest reached for the amplitude.
     crossed = place

@@ -97,12 +97,12 @@ class Canvas:
 
         image = Image.fromarray(self.image)
         draw = ImageDraw.Draw(image)
-        for one in self._texts if with_texts else ():
-            font = _font(one.size, one.bold)
-            if one.upright:
-                _draw_upright(image, one, font, self.ink)
+        for label in self._texts if with_texts else ():
+            font = _font(label.size, label.bold)
+            if label.upright:
+                _draw_upright(image, label, font, self.ink)
             else:
-                draw.text((one.x, one.y), one.text, fill=self.ink, font=font, anchor=_ANCHORS[one.anchor])
+                draw.text((label.x, label.y), label.text, fill=self.ink, font=font, anchor=_ANCHORS[label.anchor])
         return encoded(np.asarray(image), is_sparse=True)  # a third of the time of Pillow's, and fewer bytes
 
     def _svg(self) -> bytes:
@@ -115,13 +115,14 @@ class Canvas:
             f'<svg xmlns="http://www.w3.org/2000/svg" {size} viewBox="0 0 {width} {height}" {font}>',
             f'<image {size} href="data:image/png;base64,{pixels}"/>',
         ]
-        for one in self._texts:
-            turned = f' transform="rotate(-90 {one.x:.1f} {one.y:.1f})"' if one.upright else ""
-            weight = ' font-weight="bold"' if one.bold else ""
+        for label in self._texts:
+            turned = f' transform="rotate(-90 {label.x:.1f} {label.y:.1f})"' if label.upright else ""
+            weight = ' font-weight="bold"' if label.bold else ""
             lines.append(
-                f'<text x="{one.x:.1f}" y="{one.y:.1f}" font-size="{one.size}" fill="{self.ink}"{weight} '
-                f'text-anchor="{_SVG_ACROSS[one.anchor[0]]}" dominant-baseline="{_SVG_ALONG[one.anchor[1]]}"{turned}>'
-                f"{html.escape(one.text)}</text>"
+                f'<text x="{label.x:.1f}" y="{label.y:.1f}" font-size="{label.size}" fill="{self.ink}"{weight} '
+                f'text-anchor="{_SVG_ACROSS[label.anchor[0]]}" '
+                f'dominant-baseline="{_SVG_ALONG[label.anchor[1]]}"{turned}>'
+                f"{html.escape(label.text)}</text>"
             )
         return "\n".join([*lines, "</svg>\n"]).encode("utf-8")
 
@@ -136,8 +137,8 @@ def _font(size: int, bold: bool) -> Any:
     """DejaVu Sans, from matplotlib's files; finding it imports nothing of matplotlib."""
     from PIL import ImageFont
 
-    found = find_spec("matplotlib")
-    for folder in found.submodule_search_locations or () if found else ():
+    package = find_spec("matplotlib")
+    for folder in package.submodule_search_locations or () if package else ():
         file = Path(folder) / "mpl-data" / "fonts" / "ttf" / f"DejaVuSans{'-Bold' if bold else ''}.ttf"
         if file.is_file():
             # Shaping by Raqm would need another library, and no text here asks for it.
@@ -145,12 +146,12 @@ def _font(size: int, bold: bool) -> Any:
     return ImageFont.load_default(size)
 
 
-def _draw_upright(image: Any, one: _Text, font: Any, ink: str) -> None:
+def _draw_upright(image: Any, label: _Text, font: Any, ink: str) -> None:
     """A text read from below, its middle here."""
     from PIL import Image, ImageDraw
 
-    left, top, right, bottom = font.getbbox(one.text)
+    left, top, right, bottom = font.getbbox(label.text)
     mask = Image.new("L", (max(right - left, 1), max(bottom - top, 1)), 0)
-    ImageDraw.Draw(mask).text((-left, -top), one.text, fill=255, font=font)
+    ImageDraw.Draw(mask).text((-left, -top), label.text, fill=255, font=font)
     mask = mask.transpose(Image.Transpose.ROTATE_90)
-    image.paste(ink, (round(one.x - mask.width / 2), round(one.y - mask.height / 2)), mask)
+    image.paste(ink, (round(label.x - mask.width / 2), round(label.y - mask.height / 2)), mask)

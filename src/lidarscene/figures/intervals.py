@@ -60,24 +60,24 @@ def save_panels(
 
     def draw(figure: Any, axes: Any) -> None:
         figure.delaxes(axes)
-        every = figure.subplots(len(panels), 1, sharex=True)
-        for one, (y_label, series) in zip(every, panels, strict=True):
-            _over_bins(one, series, y_label)
-        every[-1].set_xlabel(x_label, fontsize=10, color=INK)
-        _legend(every[0], len(panels[0][1]))
+        rows = figure.subplots(len(panels), 1, sharex=True)
+        for panel, (y_label, series) in zip(rows, panels, strict=True):
+            _over_bins(panel, series, y_label)
+        rows[-1].set_xlabel(x_label, fontsize=10, color=INK)
+        _legend(rows[0], len(panels[0][1]))
 
     save_drawn(path, draw, title, 6.4)
 
 
 def _over_bins(axes: Any, series: Sequence[Series], y_label: str) -> None:
-    every = np.unique(np.concatenate([one.x for one in series]))
-    step = float(np.min(np.diff(every))) if len(every) > 1 else 1.0
-    for number, one in enumerate(series):
+    bins = np.unique(np.concatenate([values.x for values in series]))
+    step = float(np.min(np.diff(bins))) if len(bins) > 1 else 1.0
+    for number, values in enumerate(series):
         # A little apart, so that bars of equal values do not hide each other.
-        x = one.x + 0.14 * step * (number - 0.5 * (len(series) - 1))
-        _marked(axes, number, one, x, one.y, vertical=True)
-        if one.expected is not None:
-            axes.plot(x, one.expected, color=COLOURS[number % len(COLOURS)], linewidth=1.1)
+        x = values.x + 0.14 * step * (number - 0.5 * (len(series) - 1))
+        _marked(axes, number, values, x, values.y, vertical=True)
+        if values.expected is not None:
+            axes.plot(x, values.expected, color=COLOURS[number % len(COLOURS)], linewidth=1.1)
     axes.set_ylabel(y_label, fontsize=10, color=INK)
     _grid(axes)
 
@@ -88,13 +88,13 @@ def save_named(
     """The same with a name for each value, top to bottom; ``x`` is the index of the name. Raises OutputError."""
 
     def draw(_: Any, axes: Any) -> None:
-        for number, one in enumerate(series):
+        for number, values in enumerate(series):
             aside = 0.16 * (number - 0.5 * (len(series) - 1))
-            place = one.x + aside
-            _marked(axes, number, one, one.y, place, vertical=False)
-            if one.expected is not None:
+            rows = values.x + aside
+            _marked(axes, number, values, values.y, rows, vertical=False)
+            if values.expected is not None:
                 axes.plot(
-                    one.expected, place, "|", color=COLOURS[number % len(COLOURS)], markersize=11, markeredgewidth=1.1
+                    values.expected, rows, "|", color=COLOURS[number % len(COLOURS)], markersize=11, markeredgewidth=1.1
                 )
         axes.set_yticks(range(len(names)), [name.replace("$", r"\$") for name in names])
         axes.set_ylim(len(names) - 0.4, -0.6)
@@ -128,13 +128,13 @@ def save_snr(path: str | os.PathLike[str], pairs: Pairs, *, x_label: str, y_labe
     a, b, kind = pairs.a, pairs.b, pairs.kind
 
     def draw(_: Any, axes: Any) -> None:
-        taken = slice(None, None, max(len(a) // _SCATTERED, 1))
+        drawn = slice(None, None, max(len(a) // _SCATTERED, 1))
         shades = (GREY, COLOURS[0], COLOURS[1], "#c9c9c9")
         for number, label in enumerate(pairs.kinds):
-            own = kind[taken] == number
+            of_kind = kind[drawn] == number
             axes.scatter(
-                a[taken][own],
-                b[taken][own],
+                a[drawn][of_kind],
+                b[drawn][of_kind],
                 s=5,
                 alpha=0.5,
                 linewidths=0,
@@ -160,9 +160,9 @@ def save_snr(path: str | os.PathLike[str], pairs: Pairs, *, x_label: str, y_labe
     save_drawn(path, draw, title, 5.4)
 
 
-def _marked(axes: Any, number: int, one: Series, x: Numbers, y: Numbers, *, vertical: bool) -> None:
+def _marked(axes: Any, number: int, values: Series, x: Numbers, y: Numbers, *, vertical: bool) -> None:
     """Markers and bars of one sensor."""
-    bars = {"yerr" if vertical else "xerr": np.stack([one.y - one.low, one.high - one.y]).clip(0.0)}
+    bars = {"yerr" if vertical else "xerr": np.stack([values.y - values.low, values.high - values.y]).clip(0.0)}
     axes.errorbar(
         x,
         y,
@@ -172,7 +172,7 @@ def _marked(axes: Any, number: int, one: Series, x: Numbers, y: Numbers, *, vert
         linewidth=0,
         elinewidth=1.2,
         capsize=2,
-        label=one.label.replace("$", r"\$"),
+        label=values.label.replace("$", r"\$"),
         markeredgecolor="white",
         markeredgewidth=0.4,
         **bars,

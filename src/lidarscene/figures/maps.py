@@ -23,7 +23,7 @@ MARKERS = "osD^vP*"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Raster:
+class AngleMap:
     """An image over two axes. NaN is grey; where ``outside`` holds nothing is drawn (white)."""
 
     values: Numbers
@@ -35,7 +35,7 @@ class Raster:
     log: bool = False
 
 
-def save_map(path: str | os.PathLike[str], picture: Raster) -> None:
+def save_map(path: str | os.PathLike[str], picture: AngleMap) -> None:
     """A map over azimuth (to the left, as the sensor sees it) and elevation. Raises OutputError."""
 
     def draw(figure: Any, axes: Any) -> None:
@@ -52,8 +52,8 @@ def save_map(path: str | os.PathLike[str], picture: Raster) -> None:
         options = {"extent": picture.extent, "aspect": "auto", "origin": "lower", "interpolation": "nearest"}
         blank = np.where(picture.outside | np.isfinite(values), np.nan, 1.0)
         axes.imshow(blank, cmap=ListedColormap([NOTHING]), **options)
-        shown = np.ma.masked_where(picture.outside | ~np.isfinite(values), values)
-        image = axes.imshow(shown, cmap="viridis", norm=norm, **options)
+        visible = np.ma.masked_where(picture.outside | ~np.isfinite(values), values)
+        image = axes.imshow(visible, cmap="viridis", norm=norm, **options)
         bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=24, use_gridspec=False)
         bar.set_label(picture.label, fontsize=9, color=INK)
         if not picture.log:
@@ -156,7 +156,7 @@ def save_ground(
             vmax=most + 0.5,
             interpolation="nearest",
         )
-        for number, (name, x, y) in enumerate(sorted(sensors, key=lambda one: -one[1])):
+        for number, (name, x, y) in enumerate(sorted(sensors, key=lambda sensor: -sensor[1])):
             axes.plot([-y], [x], "o", color=COLOURS[1], markersize=5, markeredgecolor="white")
             axes.annotate(
                 name,

@@ -113,8 +113,8 @@ def frame_picture(
     strip, foot = STRIP / 1600 * height, FOOT * canvas.unit if images else 0.0
     shades = Shades(cloud, colour_by)
     head = _head(canvas, whole, shades, alarms=True)
-    rest = round(foot + strip * len(images))
-    box = (0, head, width, max(height - head - rest, 1))
+    strips_height = round(foot + strip * len(images))
+    box = (0, head, width, max(height - head - strips_height, 1))
     _draw_perspective(canvas, box, cloud, shades, view, alarms=True, surfaces=surfaces)
     own_axes = bool(parts)  # sensors look in different directions, so their strips share no axis
     for i, (part, name, label) in enumerate(reversed(images)):
@@ -122,14 +122,14 @@ def frame_picture(
         high = (0.68 if own_axes else 0.88) * strip
         box = _strip_box(width, height - below - high, high, canvas.unit)
         last = own_axes or i == 0
-        own = shades if part is cloud and name == colour_by else Shades(part, name)
-        _draw_range_image(canvas, box, cells[id(part)], own, labels=last, name=label)
+        strip_shades = shades if part is cloud and name == colour_by else Shades(part, name)
+        _draw_range_image(canvas, box, cells[id(part)], strip_shades, labels=last, name=label)
     canvas.save(path)
 
 
 def common_scale(clouds: Sequence[PointCloud], name: str) -> tuple[float, float]:
     """Lowest and highest value of the colours that suit a column of all these clouds."""
-    scale = scale_of(name, np.concatenate([np.asarray(one.column(name)) for one in clouds]))
+    scale = scale_of(name, np.concatenate([np.asarray(cloud.column(name)) for cloud in clouds]))
     return scale.low, scale.high
 
 
@@ -173,9 +173,9 @@ def _draw_perspective(
         if large.any():
             colours = np.where(large[:, None], rgb(ALARM), colours)
     front = splat(camera, cloud.xyz_m, size=size, large=large)
-    image, seen = eye_dome_picture(front, colours, background=rgb(BACKGROUND), reduction=SUPERSAMPLING)
+    image, shows_point = eye_dome_picture(front, colours, background=rgb(BACKGROUND), reduction=SUPERSAMPLING)
     if surfaces is not None:
-        image = surfaces_behind(image, seen, camera, surfaces)
+        image = surfaces_behind(image, shows_point, camera, surfaces)
     canvas.show(unpacked(image), left, top)
     if not len(cloud):
         canvas.text(left + width / 2, top + height / 2, "no points", 44.0, anchor="mm")
@@ -188,15 +188,15 @@ def _draw_range_image(canvas: Canvas, box: Box, cells: Cells, shades: Shades, *,
     canvas.show(colour_image(cells.image(size=(width, height)), shades.rgb, background=rgb(MISSING)), left, top)
     x, y = cells.azimuth_deg, cells.elevation_deg
     for value in _ticks(float(y[0]), float(y[-1]), max(round(height / (44 * unit)), 2)):
-        at = top + height * (y[-1] - value) / (y[-1] - y[0])
-        canvas.fill(left - 6 * unit, at, 6 * unit, unit, INK)
-        canvas.text(left - 10 * unit, at, f"{value:g}".replace("-", "\N{MINUS SIGN}"), SMALL, anchor="rm")
+        tick_y = top + height * (y[-1] - value) / (y[-1] - y[0])
+        canvas.fill(left - 6 * unit, tick_y, 6 * unit, unit, INK)
+        canvas.text(left - 10 * unit, tick_y, f"{value:g}".replace("-", "\N{MINUS SIGN}"), SMALL, anchor="rm")
     for value in _ticks(float(x[0]), float(x[-1]), 8):
-        at = left + width * (x[-1] - value) / (x[-1] - x[0])
-        canvas.fill(at, top + height, unit, 6 * unit, INK)
+        tick_x = left + width * (x[-1] - value) / (x[-1] - x[0])
+        canvas.fill(tick_x, top + height, unit, 6 * unit, INK)
         if labels:
-            told = f"{value:g}".replace("-", "\N{MINUS SIGN}")
-            canvas.text(at, top + height + 20 * unit, told, SMALL, anchor="mm")
+            tick_label = f"{value:g}".replace("-", "\N{MINUS SIGN}")
+            canvas.text(tick_x, top + height + 20 * unit, tick_label, SMALL, anchor="mm")
     if labels:
         below = top + height + 50 * unit
         canvas.text(left + width / 2, below, "azimuth [°]  (left is positive)", SMALL, anchor="mm")
@@ -209,16 +209,16 @@ def _draw_range_image(canvas: Canvas, box: Box, cells: Cells, shades: Shades, *,
     elif shades.scale is None:
         line = 24 * unit
         for i, (label, colour) in enumerate(shades.kinds[: max(int(height / line), 1)]):
-            at = top + (i + 0.5) * line
-            canvas.fill(left + width + 12 * unit, at - 5 * unit, 10 * unit, 10 * unit, colour)
-            canvas.text(left + width + 28 * unit, at, _short(label, 10), SMALL)
+            row_y = top + (i + 0.5) * line
+            canvas.fill(left + width + 12 * unit, row_y - 5 * unit, 10 * unit, 10 * unit, colour)
+            canvas.text(left + width + 28 * unit, row_y, _short(label, 10), SMALL)
     else:
         bar = left + width + 18 * unit
         parts = (np.arange(height)[::-1] + 0.5) / height
         canvas.show(np.repeat(shades.scale.table(parts)[:, None], max(round(18 * unit), 1), axis=1), round(bar), top)
-        for value, told in shades.scale.ticks(max(round(height / (40 * unit)), 2)):
-            at = top + height * (1.0 - shades.scale.part(value))
-            canvas.text(bar + 24 * unit, at, told, SMALL)
+        for value, tick_label in shades.scale.ticks(max(round(height / (40 * unit)), 2)):
+            label_y = top + height * (1.0 - shades.scale.part(value))
+            canvas.text(bar + 24 * unit, label_y, tick_label, SMALL)
         canvas.text(left + width + 128 * unit, middle, shades.label, SMALL, anchor="mm", upright=True)
 
 
@@ -239,28 +239,28 @@ def _head(canvas: Canvas, whole: Thinned, shades: Shades | None, *, alarms: bool
     """Names of scene and sensor, the number of points, and what colours mean, above everything; its height."""
     unit = canvas.unit
     kinds = zip(("false alarms", "of other lidars", "of the weather"), whole.statuses[1:4], strict=True)
-    named = [Path(whole.cloud().metadata.get(k, "")).name.removesuffix(".toml") for k in ("scene", "sensor")]
-    title = "  ·  ".join(filter(None, named)) or "lidarscene"
+    file_names = [Path(whole.cloud().metadata.get(k, "")).name.removesuffix(".toml") for k in ("scene", "sensor")]
+    title = "  ·  ".join(filter(None, file_names)) or "lidarscene"
     canvas.text(30 * unit, 28 * unit, title, LARGE, bold=True)
     numbers = {"points": whole.points} | {name: int(count) for name, count in kinds}
-    at = 30 * unit
+    x = 30 * unit
     for name, count in numbers.items():
         if not count and name != "points":
             continue
         if name == "false alarms" and alarms and shades is not None and shades.name != "status":
-            canvas.fill(at, 56 * unit, 11 * unit, 11 * unit, ALARM)
-            at += 20 * unit
-        told = f"{count:,} {name if count != 1 else name.replace('alarms', 'alarm')}".replace(",", "\u202f")
-        canvas.text(at, 62 * unit, told, MEDIUM)
-        at += canvas.length(told, MEDIUM) + 28 * unit
+            canvas.fill(x, 56 * unit, 11 * unit, 11 * unit, ALARM)
+            x += 20 * unit
+        count_text = f"{count:,} {name if count != 1 else name.replace('alarms', 'alarm')}".replace(",", "\u202f")
+        canvas.text(x, 62 * unit, count_text, MEDIUM)
+        x += canvas.length(count_text, MEDIUM) + 28 * unit
     if whole.step > 1:
-        canvas.text(at, 62 * unit, f"1 in {whole.step} drawn", MEDIUM)
-        at += canvas.length(f"1 in {whole.step} drawn", MEDIUM) + 28 * unit
-    at = max(at, 30 * unit + canvas.length(title, LARGE, bold=True) + 28 * unit)
+        canvas.text(x, 62 * unit, f"1 in {whole.step} drawn", MEDIUM)
+        x += canvas.length(f"1 in {whole.step} drawn", MEDIUM) + 28 * unit
+    x = max(x, 30 * unit + canvas.length(title, LARGE, bold=True) + 28 * unit)
     if shades is not None and shades.scale is not None and len(shades.rgb):
         _bar(canvas, shades.scale, shades.label)
     elif shades is not None:
-        _legend(canvas, shades.kinds, at)
+        _legend(canvas, shades.kinds, x)
     return round(HEAD * unit)
 
 
@@ -272,10 +272,10 @@ def _bar(canvas: Canvas, scale: Scale, label: str) -> None:
     parts = (np.arange(long) + 0.5) / long
     canvas.show(np.repeat(scale.table(parts)[None], max(round(16 * unit), 1), axis=0), left, top)
     canvas.text(left - 16 * unit, top + 8 * unit, label, MEDIUM, anchor="rm")
-    for value, told in scale.ticks(7):
-        at = left + long * scale.part(value)
-        canvas.fill(at, top + 17 * unit, unit, 6 * unit, INK)
-        canvas.text(at, top + 36 * unit, told, SMALL, anchor="mm")
+    for value, tick_label in scale.ticks(7):
+        tick_x = left + long * scale.part(value)
+        canvas.fill(tick_x, top + 17 * unit, unit, 6 * unit, INK)
+        canvas.text(tick_x, top + 36 * unit, tick_label, SMALL, anchor="mm")
 
 
 def _legend(canvas: Canvas, kinds: Sequence[tuple[str, str]], left: float) -> None:
@@ -284,12 +284,12 @@ def _legend(canvas: Canvas, kinds: Sequence[tuple[str, str]], left: float) -> No
     shorts = [(_short(label, 24), colour) for label, colour in kinds]
     wide = max((canvas.length(label, SMALL) for label, _ in shorts), default=0.0) + 48 * unit
     columns = max(int((width - left - 20 * unit) / wide), 1)
-    shown = shorts[: 3 * columns]
-    if len(shown) < len(shorts):
-        shown[-1] = (f"{len(shorts) - len(shown) + 1} more", INK)
-    used = -(-len(shown) // 3)
-    for number, (label, colour) in enumerate(shown):
-        x = width - 20 * unit - (used - number // 3) * wide
+    entries = shorts[: 3 * columns]
+    if len(entries) < len(shorts):
+        entries[-1] = (f"{len(shorts) - len(entries) + 1} more", INK)
+    columns_used = -(-len(entries) // 3)
+    for number, (label, colour) in enumerate(entries):
+        x = width - 20 * unit - (columns_used - number // 3) * wide
         y = (20 + 23 * (number % 3)) * unit
         canvas.fill(x, y - 6 * unit, 12 * unit, 12 * unit, colour)
         canvas.text(x + 20 * unit, y, label, SMALL)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar
 from pydantic import ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from ..maths.units import Key, Part, Quantity
+from ..maths.units import FileKey, Quantity, SameTable
 from .toml import OUT_OF_BOUNDS, FileModel
 
 Made = TypeVar("Made")
@@ -37,7 +37,7 @@ class Number(Quantity):
             must = self.must_be(value)
             if must is None:
                 return value
-            meant = self.meant(value)
+            meant = self.as_written_in_si(value)
             asked = "" if meant is None else f": did you mean {meant:.6g}?"
             raise PydanticCustomError(OUT_OF_BOUNDS, "{must}{asked}", {"must": must, "asked": asked})
 
@@ -53,18 +53,18 @@ class Number(Quantity):
 
 
 class Table(FileModel, Generic[Made]):
-    """Base of ``class LaserFile(Table[Laser])``: each field of Laser with a `Key` is a key here, in the file's unit.
+    """Base of ``class LaserFile(Table[Laser])``: a field of Laser with a `FileKey` is a key here, in the file's unit.
 
     Of a class that is made by its method `of`, the parameters of that. A key that is written out in the table, or in
     a base of it, takes the place of a declared one. With ``only``, the other fields are no keys. A field that is a
-    `Part` has its own fields here, in its place.
+    `SameTable` has its own fields here, in its place.
     """
 
     model_config = ConfigDict(defer_build=True)  # start-up: most tables are only parts of a whole file
 
     made: ClassVar[type[Any]]
     """Laser."""
-    keys: ClassVar[dict[str, tuple[str, Key]]]
+    keys: ClassVar[dict[str, tuple[str, FileKey]]]
     """Its fields to the keys of the file, and how they are declared."""
     parts: ClassVar[dict[str, type[Any]]]
     """Its fields that are parts."""
@@ -78,10 +78,10 @@ class Table(FileModel, Generic[Made]):
         cls.made, cls.keys, cls.parts = made, {}, {}
         written, declared = cls.__annotations__, {}
         for field, hint, parameter in _parameters(_maker(made), cls.parts):
-            key = _noted(hint, Key)
+            key = _noted(hint, FileKey)
             if key is None or (only is not None and field not in only):
                 continue
-            name = key.of(field)
+            name = key.for_field(field)
             cls.keys[field] = (name, key)
             if name not in written and name not in cls.model_fields:
                 declared[name] = _type_in_file(hint.__origin__, key)
@@ -125,7 +125,7 @@ def _parameters(maker: Callable[..., Any], parts: dict[str, type[Any]]) -> Itera
     hints = typing.get_type_hints(maker, include_extras=True)
     for name, parameter in inspect.signature(maker).parameters.items():
         hint = hints[name]
-        if _noted(hint, Part):
+        if _noted(hint, SameTable):
             parts[name] = hint.__origin__
             yield from _parameters(hint.__origin__, {})
         else:
@@ -137,7 +137,7 @@ def _noted(hint: Any, kind: type[Note]) -> Note | None:
     return next((note for note in getattr(hint, "__metadata__", ()) if isinstance(note, kind)), None)
 
 
-def _type_in_file(hint: Any, key: Key) -> Any:
+def _type_in_file(hint: Any, key: FileKey) -> Any:
     """The type that a file takes for a field: of an array, one number; of a sequence, a list."""
     if not isinstance(key, Quantity):
         return hint

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..maths.arrays import Lanes, Numbers, Table, xp
+from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from ..physics.amplifier import high_pass
 from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..physics.optics import radiometry
@@ -55,7 +55,7 @@ class AirLight:
     strongest         name of the medium that gives most of the even light where that is brightest
     """
 
-    shape: Table
+    shape: LookupTable
     near_m: Lanes
     far_m: Lanes
     hump_m: tuple[Lanes, Lanes]
@@ -159,7 +159,7 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
     # differ in scale and in where their light ends. The drawn particles are taken out of beta, so that none counts
     # twice.
     grid = soft_target.range_grid_m(farthest_m=far_m, fwhm_s=fwhm_s)
-    shape = Table(
+    shape = LookupTable(
         soft_target.volume_response(
             range_m=grid,
             backscatter_per_m_sr=lambda r: np.asarray(overlap.share(r)) * sum(left(medium, r) for medium in media),
@@ -174,7 +174,7 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
         # The baseline behind the air's light recovers without a peak, so the hump stays.
         step_s = float(radiometry.time_of_flight_s(range_m=grid[1] - grid[0]))
         passed = high_pass.coupled(values=shape.values, step_s=step_s, coupling_hz=float(coupling_hz))
-        shape = Table(passed / high_pass.peak_share(rate=rate))
+        shape = LookupTable(passed / high_pass.peak_share(rate=rate))
     # A point of even light gets the class of one medium: that which is strongest where the even light is brightest.
     at_peak = grid[[int(np.argmax(shape.values))]]
     return AirLight(

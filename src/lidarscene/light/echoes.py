@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..maths.arrays import Lanes, Mask, Table, xp
+from ..maths.arrays import Lanes, LookupTable, Mask, xp
 from ..maths.vectors import Vector, dot, mixed
 from ..physics.electronics import intensity
 from ..physics.optics import air, radiometry, sunlight
@@ -96,7 +96,7 @@ class Volume:
     extinction_per_m  alpha, for the way in which the course ends there
     """
 
-    shape: Table
+    shape: LookupTable
     far_m: Lanes
     hump_m: tuple[Lanes, Lanes]
     scale: Lanes
@@ -105,7 +105,7 @@ class Volume:
     near_m: Lanes = 0.0
 
 
-def hump_of(shape: Table, far_m: float, near_m: float = 0.0) -> tuple[float, float]:
+def hump_of(shape: LookupTable, far_m: float, near_m: float = 0.0) -> tuple[float, float]:
     """Range interval (from, to) [m] that holds all places where the course of a `Volume` is concave.
 
     Only there can the air's light have a peak, so only there does the search for peaks look (`detection.rises`).

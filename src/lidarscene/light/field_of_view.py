@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..maths.arrays import Lanes, Table, xp
+from ..maths.arrays import Lanes, LookupTable, xp
 from ..maths.vectors import dot, mixed
 from ..physics.optics import radiometry, sunlight
 from ..sensor.model import Sensor
@@ -26,7 +26,7 @@ def field_of_view(sensor: Sensor, rays: int) -> Footprint:
     """
     # All rays start in the middle of the lens: a lens that is focused far away sees the patch sharp only there.
     slope = float(sensor.detector.radius_m) / float(sensor.optics.focal_length_m)
-    return Footprint(points=Table(points("top_hat", rays)), exit_radius_m=0.0, slope=(slope, slope), turn_rad=0.0)
+    return Footprint(points=LookupTable(points("top_hat", rays)), exit_radius_m=0.0, slope=(slope, slope), turn_rad=0.0)
 
 
 def background_power_w(rays: Beams, paths: Sequence[Hits], sensor: Sensor, ambient: Ambient, *, count: int) -> Lanes:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..maths.arrays import Lanes, Numbers, Table, xp
+from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from ..maths.vectors import Vector, cross, dot, mixed, unit
 from ..physics.optics import beam
 from ..sensor.model import Halo, Laser
@@ -61,7 +61,7 @@ class Footprint:
     skirt          the rays of a halo, or None
     """
 
-    points: Table
+    points: LookupTable
     exit_radius_m: Lanes
     slope: tuple[Lanes, Lanes]
     turn_rad: Lanes
@@ -121,7 +121,7 @@ def footprint(laser: Laser, rays: int, halo: Halo | None = None) -> Footprint:
         skirt = Skirt(count=count, share=halo.share, slope=math.tan(0.5 * halo.divergence_rad))
     return Footprint(
         skirt=skirt,
-        points=Table(places),
+        points=LookupTable(places),
         exit_radius_m=0.5 * (laser.exit_diameter_m or 0.0),
         slope=(math.tan(0.5 * laser.divergence_rad), math.tan(0.5 * second)),
         turn_rad=laser.beam_rotation_rad,

@@ -28,8 +28,8 @@ _names: dict[type, tuple[str, ...] | None] = {}
 def _fields(kind: type) -> tuple[str, ...] | None:
     """Names of the fields of a dataclass; None for any other type. Kept: states are taken apart at every step."""
     if kind not in _names:
-        known = dataclasses.is_dataclass(kind)
-        _names[kind] = tuple(field.name for field in dataclasses.fields(kind)) if known else None
+        is_dataclass = dataclasses.is_dataclass(kind)
+        _names[kind] = tuple(field.name for field in dataclasses.fields(kind)) if is_dataclass else None
     return _names[kind]
 
 
@@ -47,21 +47,21 @@ def flattened(state: object) -> Iterator[Any]:
 
 def rebuilt(like: S, values: Iterator[Any]) -> S:
     """A state of the form of ``like`` from the arrays that `flattened` gives."""
-    found: Any
+    state: Any
     if isinstance(like, tuple):
-        found = tuple([rebuilt(part, values) for part in like])
+        state = tuple([rebuilt(part, values) for part in like])
     elif (names := _fields(type(like))) is not None:
-        found = type(like)(**{name: rebuilt(getattr(like, name), values) for name in names})
+        state = type(like)(**{name: rebuilt(getattr(like, name), values) for name in names})
     else:
-        found = None if like is None else next(values)
-    return cast(S, found)
+        state = None if like is None else next(values)
+    return cast(S, state)
 
 
-def chosen(condition: Mask, then: S, otherwise: S) -> S:
+def select_state(condition: Mask, then: S, otherwise: S) -> S:
     """`Ops.where` on every array of two states."""
     choice = xp(condition).choice(condition)
     pairs = zip(flattened(then), flattened(otherwise), strict=True)
-    return rebuilt(otherwise, (choice(one, other) for one, other in pairs))
+    return rebuilt(otherwise, (choice(if_true, if_false) for if_true, if_false in pairs))
 
 
 class NumpyOps:
@@ -86,14 +86,21 @@ class NumpyOps:
         """`where` of this condition for the arrays of a state. An array that it takes whole, or that is the same on
         both sides, is not copied: nobody changes the arrays of a state in place.
         """
-        every = bool(np.all(condition))
-        kinds = np.shape(condition)
+        takes_all = bool(np.all(condition))
+        lanes = np.shape(condition)
 
-        def chosen_of(one: Any, other: Any) -> Any:
-            same = isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and one.shape == other.shape
-            if same and one.dtype == other.dtype and one.shape[-1:] == kinds and (every or one is other):
-                return one
-            return np.where(condition, one, other)
+        def chosen_of(if_true: Any, if_false: Any) -> Any:
+            same_shape = (
+                isinstance(if_true, np.ndarray) and isinstance(if_false, np.ndarray) and if_true.shape == if_false.shape
+            )
+            if (
+                same_shape
+                and if_true.dtype == if_false.dtype
+                and if_true.shape[-1:] == lanes
+                and (takes_all or if_true is if_false)
+            ):
+                return if_true
+            return np.where(condition, if_true, if_false)
 
         return chosen_of
 
@@ -113,14 +120,14 @@ class NumpyOps:
         return np.asarray(x).astype(np.int32)
 
     @staticmethod
-    def divmod(number: Any, by: Any) -> tuple[Any, Any]:
+    def divmod(number: Any, divisor: Any) -> tuple[Any, Any]:
         """Quotient and rest of whole numbers."""
-        return cast(tuple[Any, Any], np.divmod(np.asarray(number, np.int32), np.int32(by)))
+        return cast(tuple[Any, Any], np.divmod(np.asarray(number, np.int32), np.int32(divisor)))
 
     @staticmethod
     def take(table: Any, index: Any) -> Any:
         """Entries of a table's values, or of an array, by flat index."""
-        return (table.values if isinstance(table, Table) else table).ravel()[index]
+        return (table.values if isinstance(table, LookupTable) else table).ravel()[index]
 
     @staticmethod
     def full(like: Any, value: Any) -> Any:
@@ -166,13 +173,13 @@ class NumpyOps:
         A lane that has ended keeps its values while others go on.
         """
         while np.any(np.asarray(lanes := active(state))):
-            state = chosen(lanes, step(state), state)
+            state = select_state(lanes, step(state), state)
         return state
 
     @staticmethod
-    def where_any(condition: Mask, then: Callable[[], S], otherwise: S) -> S:
+    def where_any(condition: Mask, compute: Callable[[], S], otherwise: S) -> S:
         """``then()`` where the condition holds, else ``otherwise``; for what is dear and seldom needed."""
-        return chosen(condition, then(), otherwise) if np.any(np.asarray(condition)) else otherwise
+        return select_state(condition, compute(), otherwise) if np.any(np.asarray(condition)) else otherwise
 
 
 class DrjitOps:
@@ -186,7 +193,7 @@ class DrjitOps:
         self.rint: Any = dr.round
         self.where: Any = dr.select
         self._dr = dr
-        self._uploaded: WeakKeyDictionary[Table, dict[Any, Any]] = WeakKeyDictionary()
+        self._uploaded: WeakKeyDictionary[LookupTable, dict[Any, Any]] = WeakKeyDictionary()
 
     # dr.minimum and dr.maximum compile to LLVM's fminimum and fmaximum, which some releases cannot lower for scalars:
     # they abort the process ("Cannot select"). A comparison and a select always compile.
@@ -200,7 +207,7 @@ class DrjitOps:
 
     def choice(self, condition: Any) -> Callable[[Any, Any], Any]:
         """`where` of this condition."""
-        return lambda one, other: self.where(condition, one, other)
+        return lambda if_true, if_false: self.where(condition, if_true, if_false)
 
     def uint32(self, x: Any) -> Any:
         """32-bit unsigned integers."""
@@ -214,22 +221,22 @@ class DrjitOps:
         """32-bit signed integers."""
         return self._dr.int32_array_t(type(x))(x)
 
-    def divmod(self, number: Any, by: Any) -> tuple[Any, Any]:
+    def divmod(self, number: Any, divisor: Any) -> tuple[Any, Any]:
         """Quotient and rest of whole numbers."""
         # Processors divide whole numbers one by one, and a scan pattern divides twice for each pulse. So they are
         # multiplied in double precision: (n + 1/2) / d is at least 1 / 2d off every whole number, and for n < 2^31 its
         # rounding is below 2^-20 / d, so that its floor is the quotient.
         double = self._dr.float64_array_t(type(number))
-        whole = self.int32((double(number) + 0.5) * (1.0 / double(by)))
-        return whole, self.int32(number) - whole * by
+        whole = self.int32((double(number) + 0.5) * (1.0 / double(divisor)))
+        return whole, self.int32(number) - whole * divisor
 
     def take(self, table: Any, index: Any) -> Any:
         """Entries of a table's values, or of an array, by flat index.
 
-        A table is uploaded once and stays on the device as long as the `Table` exists.
+        A table is uploaded once and stays on the device as long as the `LookupTable` exists.
         """
         kind = self._dr.float32_array_t(type(index))
-        if not isinstance(table, Table):
+        if not isinstance(table, LookupTable):
             return self._dr.gather(kind, table, self.uint32(index))
         uploaded = self._uploaded.setdefault(table, {})
         if kind not in uploaded:
@@ -292,19 +299,19 @@ class DrjitOps:
             return tuple(flattened(step(rebuilt(state, iter(values)))))
 
         with self._dr.suspend_grad():
-            done = self._dr.while_loop(tuple(flattened(state)), is_active, stepped, mode="symbolic")
-        return rebuilt(state, iter(done))
+            final = self._dr.while_loop(tuple(flattened(state)), is_active, stepped, mode="symbolic")
+        return rebuilt(state, iter(final))
 
-    def where_any(self, condition: Mask, then: Callable[[], S], otherwise: S) -> S:
+    def where_any(self, condition: Mask, compute: Callable[[], S], otherwise: S) -> S:
         """``then()`` where the condition holds, else ``otherwise``; a packet of lanes that all do without skips it."""
-        found = self._dr.if_stmt(
-            (), condition, lambda: tuple(flattened(then())), lambda: tuple(flattened(otherwise)), mode="symbolic"
+        arrays = self._dr.if_stmt(
+            (), condition, lambda: tuple(flattened(compute())), lambda: tuple(flattened(otherwise)), mode="symbolic"
         )
-        return rebuilt(otherwise, iter(found))
+        return rebuilt(otherwise, iter(arrays))
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class LookupTable:
     """Values on an even grid, each axis from 0 to 1; looked up with numpy or Dr.Jit coordinates."""
 
     values: Numbers
@@ -336,7 +343,7 @@ _drjit: Any = None
 
 def uploaded_tables() -> list[Lanes]:
     """Device arrays of all tables that have been uploaded."""
-    return [] if _drjit is None else [one for kinds in _drjit._uploaded.values() for one in kinds.values()]
+    return [] if _drjit is None else [array for by_dtype in _drjit._uploaded.values() for array in by_dtype.values()]
 
 
 def is_drjit(x: object) -> bool:

@@ -68,7 +68,7 @@ S = TypeVar("S")
 
 
 class Tabulated(Protocol):
-    """A `maths.arrays.Table`."""
+    """A `maths.arrays.LookupTable`."""
 
     @property
     def values(self) -> Numbers:
@@ -129,7 +129,7 @@ class Ops(Protocol):
     def int32(self, x: Lanes) -> Array:
         """32-bit signed integers."""
 
-    def divmod(self, number: Lanes, by: Lanes) -> tuple[Array, Array]:
+    def divmod(self, number: Lanes, divisor: Lanes) -> tuple[Array, Array]:
         """Quotient and rest of whole numbers, 0 to 2^31 - 1 by 1 to 2^31 - 1; 32-bit signed integers."""
 
     def take(self, table: Tabulated | Lanes, index: Lanes) -> Array:
@@ -159,5 +159,5 @@ class Ops(Protocol):
     def loop(self, state: S, active: Callable[[S], Mask], step: Callable[[S], S]) -> S:
         """Step every lane of the state for as long as it is active."""
 
-    def where_any(self, condition: Mask, then: Callable[[], S], otherwise: S) -> S:
+    def where_any(self, condition: Mask, compute: Callable[[], S], otherwise: S) -> S:
         """``then()`` where the condition holds, else ``otherwise``; for what is dear and seldom needed."""

@@ -96,7 +96,7 @@ class Paths:
     boxes_m: Any = None
 
     @classmethod
-    def of(
+    def from_motions(
         cls,
         motions: Sequence[Motion],
         *,
@@ -126,16 +126,16 @@ class Paths:
         swept = None if carried_m is None else _swept(table[len(table) - len(carried_m) :], carried_m).ravel()
         return cls(table=table.ravel(), rate_hz=steps / length_s, last=float(steps), count=len(motions), boxes_m=swept)
 
-    def at(self, time_s: Lanes, which: Lanes) -> Placement:
-        """Placement of motion number ``which`` at (n,) seconds after the start; clipped to the table's ends.
+    def placement(self, time_s: Lanes, motion_index: Lanes) -> Placement:
+        """Placement of motion number ``motion_index`` at (n,) seconds after the start; clipped to the table's ends.
 
-        which  one number for all, or (n,) of them
+        motion_index  one number for all rays, or (n,) of them
         """
         ops = xp(time_s)
         place = ops.minimum(ops.maximum(time_s * self.rate_hz, 0.0), self.last)
         lower = ops.minimum(ops.floor(place), self.last - 1.0)
         share = place - lower
-        first = (ops.int32(lower) + which * (ops.int32(self.last) + 1)) * _NUMBERS
+        first = (ops.int32(lower) + motion_index * (ops.int32(self.last) + 1)) * _NUMBERS
 
         def number(column: int) -> Lanes:
             before = ops.take(self.table, first + column)
@@ -163,15 +163,15 @@ class Moving:
     paths: Paths
     time_s: Lanes
 
-    def at(self, which: Lanes) -> Placement:
+    def placement(self, body_index: Lanes) -> Placement:
         """Of the body of this number, the first being 0; one for all rays, or one for each."""
-        return self.paths.at(self.time_s, which + 1)
+        return self.paths.placement(self.time_s, body_index + 1)
 
 
 def _swept(table: Numbers, carried_m: Numbers) -> Numbers:
     """(m, 2, 3) boxes which hold all that m motions carry, all the time; (m, instants, 13) `Paths.table`."""
-    there = np.asarray(np.isfinite(carried_m).all(axis=(1, 2)))
-    carried_m = np.where(there[:, None, None], carried_m, 0.0)
+    carries = np.asarray(np.isfinite(carried_m).all(axis=(1, 2)))
+    carried_m = np.where(carries[:, None, None], carried_m, 0.0)
     rotation = np.stack(rotation_numbers(*np.moveaxis(table[:, :, 3:7], -1, 0)), axis=-1)
     rotation = rotation.reshape(*rotation.shape[:2], 3, 3)
     centre, half = carried_m.mean(axis=1), np.ptp(carried_m, axis=1) / 2.0
@@ -184,7 +184,7 @@ def _swept(table: Numbers, carried_m: Numbers) -> Numbers:
     turned = np.linalg.norm(np.diff(rotation, axis=1), axis=(2, 3)).max(axis=1)
     room = corner_m * turned + 1e-4 + 2e-6 * np.abs([low, high]).max(axis=(0, 2))
     boxes = np.stack([low - room[:, None], high + room[:, None]], axis=1)
-    return np.where(there[:, None, None], boxes, NOWHERE)
+    return np.where(carries[:, None, None], boxes, NOWHERE)
 
 
 def _quaternion(rotation: Numbers) -> Numbers:

@@ -289,11 +289,11 @@ class _Segments:
         pose = self.rotation[segment], self.place[segment]
         twist = np.zeros((len(u), 6))
         for number, (weight, rate) in enumerate(zip(weights, rates, strict=True)):
-            own = self.twists[segment, number]
+            factor_twist = self.twists[segment, number]
             # Multiply the next factor on; its twist adds to those of the factors before, as seen behind it.
-            step = _exp(weight * own)
+            step = _exp(weight * factor_twist)
             pose = _product(pose, step)
-            twist = _seen_from(step, twist) + rate / length[:, None] * own
+            twist = _seen_from(step, twist) + rate / length[:, None] * factor_twist
         turned = pose[0]
         return States(
             position_m=pose[1],
@@ -317,15 +317,17 @@ def _product(a: _Rigid, b: _Rigid) -> _Rigid:
 
 def _between(rotation: Numbers, place: Numbers, later_rotation: Numbers, later_place: Numbers) -> _Rigid:
     """The later pose in the frame of the earlier one, T_i^-1 T_(i+1)."""
-    back = rotation.transpose(0, 2, 1)
-    return back @ later_rotation, _apply(back, later_place - place)
+    inverse_rotation = rotation.transpose(0, 2, 1)
+    return inverse_rotation @ later_rotation, _apply(inverse_rotation, later_place - place)
 
 
 def _seen_from(step: _Rigid, twist: Numbers) -> Numbers:
     """A twist given in the frame before the step, in the frame after it: Ad(step^-1) twist."""
-    back = step[0].transpose(0, 2, 1)
+    inverse_rotation = step[0].transpose(0, 2, 1)
     velocity, turning = twist[:, :3], twist[:, 3:]
-    return np.concatenate([_apply(back, velocity + np.cross(turning, step[1])), _apply(back, turning)], axis=1)
+    return np.concatenate(
+        [_apply(inverse_rotation, velocity + np.cross(turning, step[1])), _apply(inverse_rotation, turning)], axis=1
+    )
 
 
 def _skew(v: Numbers) -> Numbers:

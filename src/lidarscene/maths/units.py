@@ -38,11 +38,11 @@ def si(value: Number, unit: str) -> Number:
     if value is None:
         return None
     factor = UNITS[unit][1]
-    return tuple(one * factor for one in value) if isinstance(value, tuple) else value * factor
+    return tuple(number * factor for number in value) if isinstance(value, tuple) else value * factor
 
 
 @dataclass(frozen=True, slots=True)
-class Key:
+class FileKey:
     """That a field can be given in a file.
 
     name   of the key in the file, where it is not the field's own (with the unit of the file)
@@ -53,7 +53,7 @@ class Key:
     name: str | None = None
     about: str | None = None
 
-    def of(self, field: str) -> str:
+    def for_field(self, field: str) -> str:
         """The key in the file."""
         return self.name or field
 
@@ -67,12 +67,12 @@ class Key:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class SameTable:
     """That a field is a dataclass whose own fields can be given in the file, in the same table."""
 
 
 @dataclass(frozen=True, slots=True)
-class Quantity(Key):
+class Quantity(FileKey):
     """That a number can be given in a file.
 
     unit            in the file, a key of `UNITS`; None: the field's own
@@ -103,25 +103,25 @@ class Quantity(Key):
 
     def must_be(self, value: float) -> str | None:
         """The bound that a number of the file breaks, in words; None: none."""
-        broken = {
+        is_broken = {
             ">": self.gt is not None and value <= self.gt,
             ">=": self.ge is not None and value < self.ge,
             "<": self.lt is not None and value >= self.lt,
             "<=": self.le is not None and value > self.le,
         }
         limits = {">": self.gt, ">=": self.ge, "<": self.lt, "<=": self.le}
-        for sign in (one for one, is_so in broken.items() if is_so):
-            return f"{sign} {limits[sign]:g}"
+        for bound_sign in (sign for sign, breaks in is_broken.items() if breaks):
+            return f"{bound_sign} {limits[bound_sign]:g}"
         if self.finest is not None and 0.0 < abs(value) < self.finest:
             return f"0 or >= {self.finest:g}" if value > 0.0 else f"0 or <= {-self.finest:g}"
         return None
 
-    def meant(self, value: float) -> float | None:
+    def as_written_in_si(self, value: float) -> float | None:
         """What a number outside of the bounds would be if it was written in the SI unit; None: outside all the same."""
         factor = self.multiple if self.unit is None else UNITS[self.unit][1]
         return value / factor if factor != 1.0 and value and self.must_be(value / factor) is None else None
 
-    def of(self, field: str) -> str:
+    def for_field(self, field: str) -> str:
         """The key in the file: with its unit in place of the field's."""
         if self.name or self.unit is None:
             return self.name or field

@@ -16,7 +16,7 @@ import numpy as np
 from ..detection.outcomes import Outcome
 from ..detection.returns import Detection
 from ..kernel.device import transfer
-from ..kernel.rays.columns import Staged, with_nan_told
+from ..kernel.rays.point_columns import Staged, with_nan_outcomes
 from ..light.beams import Beams
 from ..light.echoes import Echoes
 from ..light.hits import Hits
@@ -61,11 +61,11 @@ class Chunk:
 def without_continuing(pulse: Array, paths: Sequence[Hits], detection: Detection, goes_on: Mask | None) -> Chunk:
     """Drop the lanes of pulses that continue through glass: their full trace replaces them."""
     if goes_on is None:
-        return Chunk(pulse, paths, with_nan_told(detection))
+        return Chunk(pulse, paths, with_nan_outcomes(detection))
     kept = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in detection.stops]
     outcome = xp(goes_on).where(goes_on, int(Outcome.NO_SURFACE), detection.outcome)
     left = dataclasses.replace(detection, stops=tuple(kept), outcome=outcome)
-    return Chunk(pulse, paths, with_nan_told(left), goes_on)
+    return Chunk(pulse, paths, with_nan_outcomes(left), goes_on)
 
 
 def of_every_pulse(parts: Sequence[Chunk], first: int, name: str, *, ordered: bool = True) -> Numbers:

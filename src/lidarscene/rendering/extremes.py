@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..kernel.rays.columns import NOT_A_NUMBER
+from ..kernel.rays.point_columns import NOT_A_NUMBER
 from ..maths.arrays import Numbers
 from ..maths.units import Quantity
 from ..scene.scene import Scene
@@ -33,7 +33,7 @@ _SHARE = 1e-3
 def check_detections(scene: Scene, sensor: Sensor, detections: Sequence[Any]) -> None:
     """Raises InputError for pulses whose signal is NaN, which would count as missed.
 
-    detections  of `kernel.rays.columns.with_nan_told`, computed
+    detections  of `kernel.rays.point_columns.with_nan_outcomes`, computed
     """
     for one in detections:
         if (one.outcome.numpy() == NOT_A_NUMBER).any():
@@ -76,7 +76,7 @@ def _numbers(of: Any, before: str = "") -> Iterator[tuple[str, float, Quantity]]
             (one for one in getattr(hints[field.name], "__metadata__", ()) if isinstance(one, Quantity)), None
         )
         if declared is not None and isinstance(value, Real):
-            yield before + declared.of(field.name), float(declared.in_file(value)), declared
+            yield before + declared.for_field(field.name), float(declared.in_file(value)), declared
         elif dataclasses.is_dataclass(value):
             yield from _numbers(value, f"{before}{field.name}.")
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..kernel.device import transfer
-from ..kernel.world.build import World, at_rest, boxes_of, on_device
+from ..kernel.world.mitsuba_world import World, at_rest, mover_boxes, on_device
 from ..maths.arrays import Lanes, Numbers
 from ..maths.paths import Moving, Paths, Placement
 from ..maths.pose import Pose
@@ -79,12 +79,12 @@ class Frame:
         # interpolates between the samples (`maths.paths`).
         paths = None
         if scene.ego is not None or world.movers:
-            paths = Paths.of(
+            paths = Paths.from_motions(
                 [riding, *(mover.motion for mover in world.movers)],
                 start_s=start_s,
                 length_s=length_s,
                 centre_m=world.centre_m,
-                carried_m=boxes_of(world.movers),
+                carried_m=mover_boxes(world.movers),
             )
         return cls(
             number=number,
@@ -119,7 +119,7 @@ class Frame:
         """
         found = None if self.paths is None else times()
         if found is not None and rays > 1:
-            found, _ = transfer.repeated(found, rays)
+            found, _ = transfer.repeat_lanes(found, rays)
         return placements(self.origin, self.paths, found, moves=self.moves)
 
     def goal(self, coordinates: str) -> Pose:
@@ -139,7 +139,7 @@ def placements(
     if paths is None or times is None:
         return origin, None
     movers = Moving(paths=paths, time_s=times) if paths.count > 1 else None
-    return paths.at(times, 0) if moves else origin, movers
+    return paths.placement(times, 0) if moves else origin, movers
 
 
 def motion_of(scene: Scene, sensor: Sensor, sensor_pose: Pose) -> Riding:

@@ -144,8 +144,8 @@ class Observers:
     progress  told (done, pulses): how many pulses are done, of how many
     missed    told (pulse, outcome) of every pulse without an echo point
     ambient   told (pulse, counts) of every pulse: the background, `detection.ambient.counts`
-    points    told (pulse, surfaces): the pulse of each point of the cloud, and `kernel.rays.columns.surfaces` of every
-              pulse that met one: what rates of detection need
+    points    told (pulse, surfaces): the pulse of each point of the cloud, and `surface_columns` (in
+              `kernel.rays.point_columns`) of every pulse that met one: what rates of detection need
     summary   filled: pulses by outcome, points, seconds by stage
     Raises InputError for an observer that cannot be called.
     """

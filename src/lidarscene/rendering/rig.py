@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from typing import Unpack
 
 from ..errors import InputError
-from ..kernel.world.build import World
+from ..kernel.world.mitsuba_world import World
 from ..maths.pose import Pose
 from ..scene.scene import Scene
 from ..sensor.rig import Mounted

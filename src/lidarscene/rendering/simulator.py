@@ -18,9 +18,9 @@ from ..cloud.builder import CloudBuilder
 from ..cloud.point_cloud import PointCloud
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sampled_pulses
 from ..kernel.device import blocks, transfer
-from ..kernel.rays import columns as collect
 from ..kernel.rays import kept
-from ..kernel.world.build import World, build_world
+from ..kernel.rays import point_columns as collect
+from ..kernel.world.mitsuba_world import World, build_world
 from ..light.echoes import EchoTrain
 from ..maths.arrays import Lanes, Numbers
 from ..maths.pose import Pose
@@ -262,7 +262,7 @@ class Simulator:
         if lanes is None:
             return []
         several = kept.more_than_one(lanes)
-        pulse = kept.gathered(part.pulse, several)
+        pulse = kept.gather_lanes(part.pulse, several)
         whole = self._chain(now, Pulses(pulse, lambda: now.times(pulse.numpy())), seed)
         transfer.wait()
         return [replace(whole, twice=several is not lanes)]
@@ -307,7 +307,7 @@ class Simulator:
         """Of pulses in firing order; NumPy arrays."""
         numbers = np.arange(first, first + count, dtype=np.uint32)
         pulses = Pulses(transfer.counter(first, count), lambda: now.times(numbers))
-        return cast(EchoTrain, transfer.fetched(self._stages.pulse_train(now, pulses, seed)))
+        return cast(EchoTrain, transfer.fetch(self._stages.pulse_train(now, pulses, seed)))
 
     def _columns(self, now: Frame, parts: Sequence[Chunk], placing: Placing) -> tuple[Numbers, dict[str, Any] | None]:
         """The kept points of a chunk, by pulse and then by return: pulse numbers, columns of a PointCloud or None.
@@ -319,7 +319,9 @@ class Simulator:
         filled = [one for one in found if one[1]] or found[:1]
         # Whether any pulse went on must not decide: the first chunk where it is otherwise would compile kernels.
         alone = parts[0].goes_on is None
-        columns = transfer.columns(collect.one_by_one(filled[0][0]) if alone else collect.by_pulse(filled))
+        columns = transfer.fetch_columns(
+            collect.with_flat_positions(filled[0][0]) if alone else collect.merge_by_pulse(filled)
+        )
         columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
         # A single point is there twice (`kept.more_than_one`): the count leaves the copy out.
         count = sum(number for _, number in filled)
@@ -339,10 +341,10 @@ class Simulator:
         return pulse, columns
 
     def _on_device(self, part: Chunk, placing: Placing) -> tuple[dict[str, Any], int]:
-        """`collect.columns` of some pulses, and the number of their points."""
+        """`collect.point_columns` of some pulses, and the number of their points."""
         lane_of = None if part.order is None else part.order.device_lane
         lane, stop, count = kept.kept_lanes(part.detection, lane_of, twice=part.twice)
-        columns = collect.columns(
+        columns = collect.point_columns(
             world=self.world,
             sensor=self._stages.sensor,
             staged=part.staged(self.trace.rays),
@@ -354,12 +356,12 @@ class Simulator:
         return columns, count
 
     def _surfaces(self, part: Chunk) -> dict[str, Numbers]:
-        """`collect.surfaces` of a chunk; empty without any."""
-        found = collect.surfaces(world=self.world, staged=part.staged(self.trace.rays), twice=part.twice)
+        """`collect.surface_columns` of a chunk; empty without any."""
+        found = collect.surface_columns(world=self.world, staged=part.staged(self.trace.rays), twice=part.twice)
         if found is None:
             return {}
         columns, count = found
-        return {name: values[:count] for name, values in transfer.columns(columns).items()}
+        return {name: values[:count] for name, values in transfer.fetch_columns(columns).items()}
 
     def _frame(self, asked: FrameOptions) -> Frame:
         now = Frame.of(self.scene, self.sensor, self.world, replace(asked, pose=asked.pose or self.pose))

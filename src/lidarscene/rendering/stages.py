@@ -14,7 +14,7 @@ from ..kernel.device import transfer
 from ..kernel.device.replay import Replay
 from ..kernel.rays import kept
 from ..kernel.rays.trace import Firing, trace
-from ..kernel.world.build import World
+from ..kernel.world.mitsuba_world import World
 from ..light import beams, echoes
 from ..light.air_light import AirLight, air_light
 from ..light.beams import Beams
@@ -108,7 +108,7 @@ class Stages:
     def of_rays(self, pulse: Array) -> OfRays:
         """The pulse of each ray, where pulses have several, by their number."""
         shapes = [self.footprint] if self.field is None else [self.footprint, self.field]
-        return {one.rays: transfer.repeated(pulse, one.rays)[0] for one in shapes if one.rays > 1}
+        return {one.rays: transfer.repeat_lanes(pulse, one.rays)[0] for one in shapes if one.rays > 1}
 
     def _lit(
         self, places: Places, pulse: Array, seed: Lanes, *, survey: bool = False, of_rays: OfRays = NO_RAYS
@@ -121,7 +121,7 @@ class Stages:
         rays, paths = self._traced(places, pulse, seed, self.footprint, survey=survey, of_rays=of_rays)
         light = echoes.with_all_background([echoes.receive(rays, one, self.sensor, self.ambient) for one in paths])
         if background is not None:
-            of_ray = background if self.rays == 1 else transfer.repeated(background, self.rays)[0]
+            of_ray = background if self.rays == 1 else transfer.repeat_lanes(background, self.rays)[0]
             light[0] = replace(light[0], background_power_w=of_ray)
         return Lit(pulse, rays, paths, light, paths[0].goes_on)
 
@@ -138,7 +138,7 @@ class Stages:
         """What the rays of a footprint meet, lane = pulse lane * its rays + ray."""
         of_ray, ray = pulse, None
         if shape.rays > 1:
-            of_ray, ray = transfer.repeated(pulse, shape.rays)
+            of_ray, ray = transfer.repeat_lanes(pulse, shape.rays)
             of_ray = of_rays.get(shape.rays, of_ray)
         place, movers = places(shape.rays)
         # `fire` gives the axis of each beam. The rays of a pulse share it, jitter included, and are spread around it.
@@ -254,13 +254,13 @@ class Chain:
                 origin = Placement(origin_m=origin_m, rotation=rotation)
 
                 def places(rays: int) -> tuple[Placement, Moving | None]:
-                    own = times if times is None or rays == 1 else transfer.repeated(times, rays)[0]
+                    own = times if times is None or rays == 1 else transfer.repeat_lanes(times, rays)[0]
                     return placements(origin, paths, own, moves=moves)
 
                 return stages.chain(places, pulse, seed, survey=survey, of_rays=of_rays)
 
             held = (stages.sensor, stages.ambient, stages.footprint, stages.field, stages.air, stages.sun, stages.world)
-            self._replays[key] = Replay(chain, Chunk.arrays, held=held, rays=stages.rays)
+            self._replays[key] = Replay(chain, Chunk.arrays, captured=held, rays=stages.rays)
         return self._replays[key]
 
 

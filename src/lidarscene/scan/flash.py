@@ -24,7 +24,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from ..maths.arrays import Lanes, Numbers, xp
-from ..maths.units import Key, Quantity
+from ..maths.units import FileKey, Quantity
 from ..maths.vectors import Vector
 from .base import Mechanism, in_frame
 
@@ -55,11 +55,11 @@ class Flash(Mechanism):
     pitch: Lanes
     frame_rate_hz: float
     projection: Annotated[
-        Literal["rectilinear", "equidistant", "equisolid", "stereographic", "orthographic"], Key()
+        Literal["rectilinear", "equidistant", "equisolid", "stereographic", "orthographic"], FileKey()
     ] = "rectilinear"
     falloff: Annotated[
         Literal["pupil", "pupil_and_pixel"],
-        Key(about="what weakens the edge: foreshortened pupil, or solid angle of the pixels too"),
+        FileKey(about="what weakens the edge: foreshortened pupil, or solid angle of the pixels too"),
     ] = "pupil"
 
     @property

@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from ..maths.arrays import Lanes, Numbers, xp
-from ..maths.units import Key, Quantity
+from ..maths.units import FileKey, Quantity
 from ..maths.vectors import Vector
 from .base import Mechanism, in_frame
 from .mirror_optics import Mirrors
@@ -38,9 +38,9 @@ class MirrorRaster(Mechanism):
     fast_turn_rad: Lanes
     slow_turn_rad: Lanes
     rate_hz: float
-    fast: Annotated[Literal["azimuth", "elevation"], Key(about="the turn that scans a line")] = "azimuth"
-    waveform: Annotated[Literal["sawtooth", "triangle", "sine"], Key()] = "sawtooth"
-    slow: Annotated[Literal["step", "ramp"], Key()] = "step"
+    fast: Annotated[Literal["azimuth", "elevation"], FileKey(about="the turn that scans a line")] = "azimuth"
+    waveform: Annotated[Literal["sawtooth", "triangle", "sine"], FileKey()] = "sawtooth"
+    slow: Annotated[Literal["step", "ramp"], FileKey()] = "step"
     line_duty: Annotated[Lanes, Quantity(gt=0, le=1, about="part of a line's time in which pulses leave")] = 1.0
     frame_duty: Annotated[Lanes, Quantity(gt=0, le=1, about="part of a frame's time in which lines are scanned")] = 1.0
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..maths.arrays import Lanes, Numbers, Table, xp
+from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from .base import Encoder, GivenAngles, Jitter, in_frame
 
 
@@ -20,9 +20,9 @@ class Pattern(GivenAngles):
     pulses: int
     frame_s: float
     emission_s: Numbers
-    azimuth_rad: Table
-    elevation_rad: Table
-    laser: Table | None = None
+    azimuth_rad: LookupTable
+    elevation_rad: LookupTable
+    laser: LookupTable | None = None
 
     @classmethod
     def of(
@@ -42,9 +42,9 @@ class Pattern(GivenAngles):
             frame_s=frame_s,
             # Times stay in float64: a frame lasts 0.1 s, and float32 is good to 7 ns of that.
             emission_s=np.asarray(time_s, dtype=np.float64),
-            azimuth_rad=Table(np.asarray(azimuth_rad, dtype=np.float32)),
-            elevation_rad=Table(np.asarray(elevation_rad, dtype=np.float32)),
-            laser=None if channel is None else Table(np.asarray(channel, dtype=np.float32)),
+            azimuth_rad=LookupTable(np.asarray(azimuth_rad, dtype=np.float32)),
+            elevation_rad=LookupTable(np.asarray(elevation_rad, dtype=np.float32)),
+            laser=None if channel is None else LookupTable(np.asarray(channel, dtype=np.float32)),
             jitter_rad=jitter_rad,
             encoder_rad=encoder_rad,
         )

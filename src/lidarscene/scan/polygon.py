@@ -23,8 +23,8 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from ..maths.arrays import Lanes, Numbers, Table, xp
-from ..maths.units import Key, Part, Quantity
+from ..maths.arrays import Lanes, LookupTable, Numbers, xp
+from ..maths.units import FileKey, Quantity, SameTable
 from ..maths.vectors import Vector, dot, mixed, reflected
 from .aperture import slit_share
 from .base import Encoder, Jitter, Mechanism, Rotation, in_frame
@@ -47,7 +47,7 @@ class Facets:
     ]
     duty: Annotated[float, Quantity(gt=0, le=1, about="part of a facet's time in which pulses leave")] = 1.0
     incidence_rad: Annotated[float, Quantity("deg", ge=0, le=80)] = math.radians(45.0)
-    side: Annotated[Literal["left", "right"], Key()] = "left"
+    side: Annotated[Literal["left", "right"], FileKey()] = "left"
     inradius_m: Annotated[
         float | None,
         Quantity(
@@ -79,7 +79,7 @@ class Polygon(Mechanism):
     turn_rad: Lanes
     incidence_rad: Lanes
     side: Lanes
-    tilt_rad: Table
+    tilt_rad: LookupTable
     half_facet: Lanes
     inradius_m: Lanes | None = None
     lens_radius_m: Lanes | None = None
@@ -90,7 +90,7 @@ class Polygon(Mechanism):
         *,
         rate_hz: float,
         rotation_hz: Rotation,
-        facets: Annotated[Facets, Part()],
+        facets: Annotated[Facets, SameTable()],
         jitter_rad: Jitter = None,
         encoder_rad: Encoder = None,
     ) -> Polygon:
@@ -104,7 +104,7 @@ class Polygon(Mechanism):
             turn_rad=2.0 * math.pi * rotation_hz / rate_hz,
             incidence_rad=facets.incidence_rad,
             side=1.0 if facets.side == "left" else -1.0,
-            tilt_rad=Table(np.asarray(facets.tilt_rad, dtype=np.float64)),
+            tilt_rad=LookupTable(np.asarray(facets.tilt_rad, dtype=np.float64)),
             half_facet=math.tan(math.pi / count),
             inradius_m=facets.inradius_m,
             lens_radius_m=facets.lens_radius_m,

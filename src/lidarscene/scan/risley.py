@@ -22,8 +22,8 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from ..maths.arrays import Lanes, Numbers, Table, xp
-from ..maths.units import Key, Quantity
+from ..maths.arrays import Lanes, LookupTable, Numbers, xp
+from ..maths.units import FileKey, Quantity
 from ..maths.vectors import Vector, refracted
 from .base import Encoder, Jitter, Mechanism
 from .turns import Turns
@@ -54,7 +54,7 @@ class Wedge:
         phase_rad: Annotated[
             float, Quantity("deg", ge=-36e3, le=36e3, about="of the thick side at the start, from the left to the top")
         ] = 0.0,
-        tilted: Annotated[Literal["in", "out"], Key(name="inclined_face", about="out is towards the scene")],
+        tilted: Annotated[Literal["in", "out"], FileKey(name="inclined_face", about="out is towards the scene")],
     ) -> Wedge:
         """A prism that turns at a constant rate, from y (left) to z (up) if positive; ``rate_hz`` is that of pulses."""
         turns = Turns.per_pulse(frequency_hz=rotation_hz, rate_hz=rate_hz, start_rad=phase_rad)
@@ -85,7 +85,7 @@ class Risley(Mechanism):
     rate_hz: float
     wedges: tuple[Wedge, ...]
     beams: int = 1
-    beam_elevation_rad: Table | None = None
+    beam_elevation_rad: LookupTable | None = None
 
     @classmethod
     def of(
@@ -110,7 +110,7 @@ class Risley(Mechanism):
             wedges=tuple(wedges),
             beams=1 if beam_elevation_rad is None else len(beam_elevation_rad),
             beam_elevation_rad=(
-                None if beam_elevation_rad is None else Table(np.asarray(beam_elevation_rad, dtype=np.float64))
+                None if beam_elevation_rad is None else LookupTable(np.asarray(beam_elevation_rad, dtype=np.float64))
             ),
             jitter_rad=jitter_rad,
             encoder_rad=encoder_rad,

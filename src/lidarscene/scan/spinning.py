@@ -16,9 +16,9 @@ from typing import Annotated
 
 import numpy as np
 
-from ..maths.arrays import Lanes, Numbers, Table, xp
+from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from ..maths.pose import direction_from_angles
-from ..maths.units import Part, Quantity
+from ..maths.units import Quantity, SameTable
 from ..maths.vectors import Vector
 from .base import Encoder, Jitter, Mechanism, Rotation, in_frame
 from .turns import Turns
@@ -79,13 +79,13 @@ class Spinning(Mechanism):
     cycle_s: float
     firing_s: Numbers
     head: Turns
-    elevation_rad: Table
-    azimuth_rad: Table
-    lead_rad: Table
-    lasers_by_place: Table
-    start_m: tuple[Table, Table, Table] | None = None
-    responsivity: Table | None = None
-    background_gain: Table | None = None
+    elevation_rad: LookupTable
+    azimuth_rad: LookupTable
+    lead_rad: LookupTable
+    lasers_by_place: LookupTable
+    start_m: tuple[LookupTable, LookupTable, LookupTable] | None = None
+    responsivity: LookupTable | None = None
+    background_gain: LookupTable | None = None
 
     @classmethod
     def of(
@@ -99,7 +99,7 @@ class Spinning(Mechanism):
             int | None,
             Quantity(name="columns_per_turn", ge=1, le=2**24, about="cycles in a turn, if clocked by the encoder"),
         ] = None,
-        bank: Annotated[Bank, Part()],
+        bank: Annotated[Bank, SameTable()],
         start_azimuth_rad: Annotated[float, Quantity("deg", ge=-360, le=360)] = 0.0,
         jitter_rad: Jitter = None,
         encoder_rad: Encoder = None,
@@ -123,8 +123,8 @@ class Spinning(Mechanism):
         # Pulse numbers follow time, while a data sheet lists lasers from the top: `lasers_by_place` leads back.
         order = np.argsort(np.asarray(firing_s), kind="stable")
 
-        def table(values: object) -> Table:
-            return Table(np.asarray(values, dtype=np.float64)[order])
+        def table(values: object) -> LookupTable:
+            return LookupTable(np.asarray(values, dtype=np.float64)[order])
 
         return cls(
             cycles=cycles_per_turn,
@@ -192,7 +192,7 @@ class Spinning(Mechanism):
         """The responsivity, times what each receiver counts of the background beside."""
         return self._of_laser(self.responsivity, pulse) * self._of_laser(self.background_gain, pulse)
 
-    def _of_laser(self, factors: Table | None, pulse: Lanes) -> Lanes:
+    def _of_laser(self, factors: LookupTable | None, pulse: Lanes) -> Lanes:
         if factors is None:
             return 1.0
         ops = xp(pulse)

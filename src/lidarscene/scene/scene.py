@@ -19,7 +19,7 @@ from ..materials.material import Material
 from ..maths.arrays import Numbers, frozen
 from ..maths.pose import Pose, direction_from_angles
 from ..maths.trajectory import Motion, pose_at
-from ..maths.units import Key, Quantity
+from ..maths.units import FileKey, Quantity
 from ..physics.optics import air
 from .meshes.reflectivity_patterns import ReflectivityPattern
 from .weather import Weather
@@ -125,7 +125,7 @@ class Air:
     transmittance: Annotated[float, Quantity(gt=0, le=1)] = 1.0
     extinction_per_m: Annotated[float, Quantity(ge=0, le=100)] = 0.0
     visibility_m: Annotated[float | None, Quantity("km", ge=1e-4, le=1000)] = None
-    model: Annotated[Literal["kruse", "kim"], Key()] = "kim"
+    model: Annotated[Literal["kruse", "kim"], FileKey()] = "kim"
     weather: Weather = field(default_factory=Weather)
 
     def extinction_at_per_m(self, wavelength_m: float) -> float:
@@ -156,8 +156,8 @@ class Interferer:
 class View:
     """Camera for pictures of the scene: a pinhole at ``eye_m``, ``fov_deg`` across, world frame."""
 
-    eye_m: Annotated[tuple[float, float, float], Key()]
-    target_m: Annotated[tuple[float, float, float], Key()]
+    eye_m: Annotated[tuple[float, float, float], FileKey()]
+    target_m: Annotated[tuple[float, float, float], FileKey()]
     fov_deg: Annotated[float, Quantity(gt=0, lt=180, about="across")] = 60.0
 
 

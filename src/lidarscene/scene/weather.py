@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 from ..maths.arrays import Lanes, Numbers
-from ..maths.units import Key, Quantity
+from ..maths.units import FileKey, Quantity
 from ..physics.weather import fog, glory, precipitation
 from ..physics.weather.precipitation import Sizes
 
@@ -52,11 +52,13 @@ class Weather:
     fog_visibility_m  meteorological visibility, to which the number of droplets is scaled
     """
 
-    fog: Annotated[FogKind | None, Key(about="kind, as dense as published unless fog_visibility_km is given")] = None
+    fog: Annotated[FogKind | None, FileKey(about="kind, as dense as published unless fog_visibility_km is given")] = (
+        None
+    )
     fog_visibility_m: Annotated[float | None, Quantity("km", ge=0.005, le=50)] = None
     rain_mm_h: Annotated[float, Quantity(ge=0, le=300)] = 0.0
     snow_mm_h: Annotated[float, Quantity(ge=0, le=50, about="of water")] = 0.0
-    snow: Annotated[Literal["dry", "wet"], Key()] = "dry"
+    snow: Annotated[Literal["dry", "wet"], FileKey()] = "dry"
 
     def extinction_at_per_m(self, wavelength_m: float) -> float:
         """Total extinction coefficient at a laser wavelength."""

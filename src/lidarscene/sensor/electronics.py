@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from ..maths.arrays import Lanes
-from ..maths.units import Key, Quantity
+from ..maths.units import FileKey, Quantity
 from ..physics.amplifier.low_pass import LOW_PASSES, LowPass
 
 MOST_STOPS = 16
@@ -40,11 +40,11 @@ class Tdc:
     stops: Annotated[int, Quantity(ge=1, le=MOST_STOPS)] = 1
     keep: str = "first"
     order: Annotated[
-        Literal["time", "strength"], Key(about="of the returns: that of their crossings, or the strongest first")
+        Literal["time", "strength"], FileKey(about="of the returns: that of their crossings, or the strongest first")
     ] = "time"
     timing: Annotated[
         Literal["leading_edge", "constant_fraction", "peak", "matched_filter"],
-        Key(about="what is timed of a pulse; a matched filter also lowers the threshold, with the noise"),
+        FileKey(about="what is timed of a pulse; a matched filter also lowers the threshold, with the noise"),
     ] = "leading_edge"
     fraction: Annotated[Lanes, Quantity(gt=0, lt=1, about="of its peak, at which constant_fraction times a pulse")] = (
         0.5
@@ -63,8 +63,8 @@ class Tdc:
         Lanes, Quantity("ns", ge=0, le=1e6, finest=1e-3, about="from an echo's crossing to the next that can be taken")
     ] = 0.0
     both_edges: bool = False
-    walk: Annotated[Literal["none", "raw", "corrected"], Key()] = "corrected"
-    false_alarms: Annotated[Literal["published", "crossings"], Key(about="how often noise trips")] = "published"
+    walk: Annotated[Literal["none", "raw", "corrected"], FileKey()] = "corrected"
+    false_alarms: Annotated[Literal["published", "crossings"], FileKey(about="how often noise trips")] = "published"
     ambient_window_s: Annotated[
         Lanes | None,
         Quantity("us", ge=1e-3, le=1e6, about="time in which the background is counted; the window if left out"),
@@ -88,7 +88,9 @@ class Receiver:
     response  of its low pass: "none" filters the noise and not the pulse, as the paper does
     """
 
-    response: Annotated[Literal["none", "gaussian", "single_pole"], Key(about="the low pass of the amplifier")] = "none"
+    response: Annotated[Literal["none", "gaussian", "single_pole"], FileKey(about="the low pass of the amplifier")] = (
+        "none"
+    )
     ac_coupling_hz: Annotated[
         Lanes | None,
         Quantity("khz", ge=1e-3, le=5e4, about="-3 dB of an AC-coupled amplifier's high pass; DC-coupled if left out"),
@@ -117,10 +119,10 @@ class Intensity:
     kind  "range_corrected": watts at ``reference_m``; "reflectivity": 0 to 255
     """
 
-    kind: Annotated[Literal["range_corrected", "reflectivity"], Key()]
+    kind: Annotated[Literal["range_corrected", "reflectivity"], FileKey()]
     reference_m: Annotated[Lanes, Quantity(gt=0, le=1e6, about="that range")] = 10.0
     white_value: Annotated[Lanes, Quantity(gt=0, lt=255, about="of a white Lambertian surface across the beam")] = 100.0
-    retro: Annotated[Literal["linear", "logarithmic"], Key(about="the scale above that")] = "logarithmic"
+    retro: Annotated[Literal["linear", "logarithmic"], FileKey(about="the scale above that")] = "logarithmic"
     retro_reflectivity: Annotated[Lanes, Quantity(gt=1, le=1e9, about="that reads 255 on a logarithmic scale")] = 1000.0
 
     @property
@@ -156,4 +158,4 @@ class Adc:
     full_scale: Annotated[Lanes, Quantity(ge=1e-12, le=1e9, about="largest sample, amperes (APD) or cells (SiPM)")]
     samples: int
     room: int
-    estimator: Annotated[Literal["matched_filter", "centroid"], Key()] = "matched_filter"
+    estimator: Annotated[Literal["matched_filter", "centroid"], FileKey()] = "matched_filter"

@@ -14,7 +14,7 @@ from ..errors import OptionWarning
 from ..files import facts
 from ..maths.arrays import Lanes, xp
 from ..maths.pose import Pose
-from ..maths.units import Key, Quantity
+from ..maths.units import FileKey, Quantity
 from ..physics.amplifier import high_pass
 from ..physics.electronics import sampling, tdc
 from ..physics.optics import radiometry
@@ -52,7 +52,7 @@ class Laser:
             about="full angle at 1/e^2, or to the edge of a top hat; not used with one ray a pulse",
         ),
     ] = 0.0
-    profile: Annotated[Literal["gaussian", "top_hat"], Key(name="beam_profile")] = "gaussian"
+    profile: Annotated[Literal["gaussian", "top_hat"], FileKey(name="beam_profile")] = "gaussian"
     divergence_elevation_rad: Annotated[
         float | None, Quantity("mrad", ge=0.01, le=3000, about="the same on the second axis; a round beam if left out")
     ] = None

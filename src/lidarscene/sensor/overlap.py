@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..maths.arrays import Lanes, Table
+from ..maths.arrays import Lanes, LookupTable
 from ..physics.optics import receiver
 
 _PLACES = 1025  # linear between them: 1e-5 where the share changes within a third of the range
@@ -40,7 +40,7 @@ class Overlap:
     offset_m  from the receiver's axis to the transmitter's, at the sensor
     """
 
-    table: Table
+    table: LookupTable
     scale_m: Lanes
     offset_m: Lanes = 0.0
 
@@ -80,7 +80,7 @@ class Overlap:
             blur_rad=receiver.blur_radius_rad(aperture_radius_m=aperture_radius_m, focus_m=focus_m, range_m=ranges),
         )
         share = scattered + (1.0 - scattered) * np.asarray(share)
-        return cls(table=Table(share), scale_m=scale, offset_m=offset_m)
+        return cls(table=LookupTable(share), scale_m=scale, offset_m=offset_m)
 
     def share(self, range_m: Lanes) -> Lanes:
         """(n,) share of the light at these ranges."""

@@ -19,7 +19,7 @@ from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
 from ..kernel.rays.look import distances_m
 from ..kernel.rays.relit import COLUMNS, light_of
-from ..kernel.world.build import World
+from ..kernel.world.mitsuba_world import World
 from ..light.echoes import Ambient, Echoes
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose

@@ -9,7 +9,7 @@ from helpers import chain, trains
 from lidarscene.detection import multi_echo
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.trace import trace
-from lidarscene.kernel.world.build import build_world
+from lidarscene.kernel.world.mitsuba_world import build_world
 from lidarscene.light import beams, echoes
 from lidarscene.light import pulse_train as trains_of
 from lidarscene.light.beams import Beams
@@ -171,7 +171,7 @@ def test_reflectivity_of_a_traced_plane(mi):
     parameters.update()
     sensor, rotation = transfer.opaque(equipped), transfer.opaque(tuple(np.eye(3).ravel().tolist()))
     pulse = transfer.counter(0, 9)
-    of_ray, ray = transfer.repeated(pulse, 7)
+    of_ray, ray = transfer.repeat_lanes(pulse, 7)
     axes = beams.fire(sensor, pulse=of_ray, origin_m=transfer.opaque((0.0, 0.0, 0.0)), rotation=rotation)
     fan = spread(axes, footprint(equipped.laser, 7), ray=ray, rotation=rotation)
     hits, *_ = trace(world, fan, sun=transfer.opaque(tuple(float(x) for x in described.sun.direction)))

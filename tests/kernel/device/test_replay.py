@@ -128,7 +128,7 @@ def test_only_what_is_wanted_comes_out():
         calls.append(dr.width(x))
         return Pair(dr.gather(mi.Float, held[0], mi.UInt32(x)) + place[0], x * 2.0, "pair")
 
-    replay = Replay(function, lambda pair: [pair.first], held=held)
+    replay = Replay(function, lambda pair: [pair.first], captured=held)
     for call, size in enumerate((3, 3, 5, 2)):
         x = transfer.from_numpy(np.arange(size) % 3)
         found = replay(x, (dr.opaque(mi.Float, float(call)),))
@@ -146,8 +146,8 @@ def test_what_cannot_be_recorded_is_called():
     from lidarscene.kernel.device.replay import Replay
 
     hidden = dr.opaque(mi.Float, 2.0)
-    hiding = Replay(lambda x: (x * hidden,), list, held=())
-    even = Replay(lambda x: (dr.full(mi.Float, 7.0, dr.width(x)),), list, held=())
+    hiding = Replay(lambda x: (x * hidden,), list, captured=())
+    even = Replay(lambda x: (dr.full(mi.Float, 7.0, dr.width(x)),), list, captured=())
     for size in (9, 4, 5):
         x = transfer.from_numpy(np.arange(size))
         np.testing.assert_array_equal(hiding(x)[0].numpy(), 2.0 * np.arange(size))
@@ -169,7 +169,7 @@ def test_what_the_function_raises_comes_out(error):
             raise errors.pop()
         return (mi.Float(x) + 1.0,)
 
-    replay = Replay(function, list, held=())
+    replay = Replay(function, list, captured=())
     with pytest.raises(error, match="of its own"):
         replay(transfer.from_numpy(np.arange(5)))
     for size in (5, 7):
@@ -182,10 +182,10 @@ def test_tables_that_are_uploaded_while_it_is_recorded():
     import mitsuba as mi
 
     from lidarscene.kernel.device.replay import Replay
-    from lidarscene.maths.arrays import Table
+    from lidarscene.maths.arrays import LookupTable
 
-    table = Table(np.linspace(0.0, 1.0, 11) ** 2)
-    replay = Replay(lambda x: (table.at(mi.Float(x)),), list, held=())
+    table = LookupTable(np.linspace(0.0, 1.0, 11) ** 2)
+    replay = Replay(lambda x: (table.at(mi.Float(x)),), list, captured=())
     for size in (5, 5, 8, 3):
         x = np.linspace(0.0, 1.0, size)
         expected = np.interp(x, np.linspace(0.0, 1.0, 11), table.values)

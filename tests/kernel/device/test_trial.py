@@ -44,9 +44,9 @@ def changed(columns: Columns, name: str, values: np.ndarray) -> Columns:
 def test_rounding_is_no_difference() -> None:
     one = frame()
     rounded = changed(changed(one, "range", one["range"] + 2e-4), "intensity", one["intensity"] * 1.0002)
-    assert trial.unlike(one, rounded) == ""
-    assert trial.unlike(without(one, [3]), without(one, [900])) == ""  # two echoes at the threshold
-    assert trial.unlike(without(one, list(range(4000))), without(one, list(range(4000)))) == ""
+    assert trial.difference(one, rounded) == ""
+    assert trial.difference(without(one, [3]), without(one, [900])) == ""  # two echoes at the threshold
+    assert trial.difference(without(one, list(range(4000))), without(one, list(range(4000)))) == ""
 
 
 @pytest.mark.parametrize(
@@ -63,8 +63,8 @@ def test_rounding_is_no_difference() -> None:
 )
 def test_what_rounding_does_not_explain_is_told(fault, told: str) -> None:
     one = frame()
-    assert told in trial.unlike(one, fault(one))
-    assert told in trial.unlike(fault(one), one)
+    assert told in trial.difference(one, fault(one))
+    assert told in trial.difference(fault(one), one)
 
 
 def test_a_verdict_is_kept(cache: Path) -> None:
@@ -118,7 +118,7 @@ def test_frames_come_from_processes_of_their_own(mi, monkeypatch: pytest.MonkeyP
     assert not isinstance(columns, str), columns
     assert len(columns["time"]) > 1000
     assert columns["range"].min() > 1.0
-    assert trial.unlike(columns, columns) == ""
+    assert trial.difference(columns, columns) == ""
     said = trial._rendered("edges", "nonsense_variant")
     assert isinstance(said, str)
     assert said.startswith("LIDARSCENE_VARIANT=nonsense_variant: no such variant")

@@ -42,5 +42,5 @@ def test_flags_of_rays_and_lanes(mi):
     assert kept.any_of_pulse(mi.Bool(flags), 3).numpy().tolist() == [True, False, True]
     lanes = kept.lanes_where(mi.Bool(flags))
     assert lanes.numpy().tolist() == [1, 6, 7]
-    assert kept.gathered(mi.Float(np.arange(9) * 2.0), lanes).numpy().tolist() == [2.0, 12.0, 14.0]
+    assert kept.gather_lanes(mi.Float(np.arange(9) * 2.0), lanes).numpy().tolist() == [2.0, 12.0, 14.0]
     assert kept.lanes_where(mi.Bool(np.zeros(4, bool))) is None

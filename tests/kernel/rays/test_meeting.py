@@ -10,7 +10,7 @@ from helpers.panes import MATERIALS, pane
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.gaps import Draws
 from lidarscene.kernel.rays.meeting import Moment
-from lidarscene.kernel.world.build import build_world
+from lidarscene.kernel.world.mitsuba_world import build_world
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course
 from lidarscene.rendering.simulator import Simulator
@@ -47,7 +47,7 @@ def test_surface_is_mitsubas():
         Moment(world=one, sun=(0.0, 0.0, 1.0), coherent=False, draws=Draws(seed=zero, pulse=zero, ray=zero)).meet(ray)
         for one in (world, dataclasses.replace(world, face_normal=None))
     ]
-    found = np.array(met[0].found)
+    found = np.array(met[0].valid)
     assert 1000 < found.sum() < len(found)
     ours, theirs = (one.surface for one in met)
     for name, tolerance in (("p", 2e-5), ("n", 2e-6)):

@@ -49,8 +49,8 @@ def test_boxes_that_are_passed() -> None:
     boxes = np.stack([low, low + rng.uniform(4.0, 9.0, low.shape)], axis=1)
     ray = mi.Ray3f(mi.Point3f(*origin.T), mi.Vector3f(*towards.T))
     ray.maxt = mi.Float(length)
-    given = nearby.boxes_of(transfer.from_numpy(boxes.ravel()))
-    (found,) = nearby.passed(ray, [given], nearby.around(given), mi.Bool(True))
+    given = nearby.boxes_from_numbers(transfer.from_numpy(boxes.ravel()))
+    (found,) = nearby.boxes_passed(ray, [given], nearby.enclosing_box(given), mi.Bool(True))
     bits = found.numpy()
     for number, box in enumerate(boxes):
         found = (bits >> number) & 1 == 1

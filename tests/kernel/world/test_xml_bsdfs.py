@@ -9,7 +9,7 @@ import pytest
 import lidarscene
 from lidarscene.catalog import names
 from lidarscene.errors import InputError, OptionWarning
-from lidarscene.kernel.world.mitsuba_xml import FoundShape, load_shapes
+from lidarscene.kernel.world.mitsuba_xml import FileShape, load_shapes
 from lidarscene.kernel.world.xml_bsdfs import STAND_INS
 from lidarscene.materials.catalogue import material
 
@@ -32,7 +32,7 @@ def wall(folder: Path, bsdf: str, *, more: str = "", place: str = FRONT) -> Path
     return folder / "wall.xml"
 
 
-def found(folder: Path, bsdf: str, *, more: str = "") -> FoundShape:
+def found(folder: Path, bsdf: str, *, more: str = "") -> FileShape:
     (shape,) = load_shapes(wall(folder, bsdf, more=more), {}, {}, 905e-9)
     return shape
 

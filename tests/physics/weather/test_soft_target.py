@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import expn
 
-from lidarscene.maths.arrays import Table
+from lidarscene.maths.arrays import LookupTable
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.optics import pulse
 from lidarscene.physics.weather import soft_target
@@ -123,7 +123,7 @@ def test_the_table_s_grid_is_fine_enough():
     """
     grid = soft_target.range_grid_m(farthest_m=150.0, fwhm_s=FWHM_S)
     assert np.ptp(np.diff(grid)) < 1e-12
-    table = Table(response(grid))
+    table = LookupTable(response(grid))
     r = 0.5 * (grid[1:] + grid[:-1])
     found, wanted = table.at((r - grid[0]) / (150.0 - grid[0])), response(r)
     eighth = (grid[1] - grid[0]) ** 2 / 8.0

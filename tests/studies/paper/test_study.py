@@ -8,7 +8,7 @@ import pytest
 from helpers.paper_results import results
 from scipy.constants import c, e, h, k
 
-from lidarscene.figures.page import Page
+from lidarscene.figures.report_page import Page
 from lidarscene.studies.paper import case, study
 from lidarscene.studies.paper.claims import FAILS, HOLDS
 from lidarscene.studies.paper.numbers import closed_forms

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from ...light.echoes import EchoTrain, Interference
 from ...light.waveform import Waveform, waveform
 from ...maths import random
-from ...maths.arrays import Array, Lanes, Mask, Ops, chosen, xp
+from ...maths.arrays import Array, Lanes, Mask, Ops, select_state, xp
 from ...physics.electronics import tdc
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.optics import radiometry
@@ -387,8 +387,8 @@ def _inserted(stops: tuple[_Stop, ...], new: _Stop) -> tuple[_Stop, ...]:
     kept = []
     for old in stops:
         better = new.key > old.key
-        kept.append(chosen(better, new, old))
-        new = chosen(better, old, new)
+        kept.append(select_state(better, new, old))
+        new = select_state(better, old, new)
     return tuple(kept)
 
 

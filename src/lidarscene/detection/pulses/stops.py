@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ...maths.arrays import Lanes, Mask, chosen, xp
+from ...maths.arrays import Lanes, Mask, select_state, xp
 from ...sensor.electronics import MOST_STOPS, Tdc
 
 EMPTY = -1e30
@@ -113,7 +113,7 @@ def reported(tdc: Tdc, stops: Stops) -> Stops:
     if tdc.keep == "strongest_and_last":
         strongest, second, last = stops
         # If the strongest is the last too, the second strongest takes its place.
-        stops = (strongest, chosen(last.crossing_s > strongest.crossing_s, last, second))
+        stops = (strongest, select_state(last.crossing_s > strongest.crossing_s, last, second))
     if tdc.order == "strength":
         return _sorted(stops, [stop.amplitude for stop in stops])
     return stops if tdc.keep == "first" else _sorted(stops, [-stop.crossing_s for stop in stops])
@@ -137,8 +137,8 @@ def _inserted(stops: Stops, new: Stop) -> Stops:
     # Insertion sort, lane by lane: from the stop that the new one displaces on, each takes the one before it.
     for old in stops:
         better = new.key > old.key
-        kept.append(chosen(better, new, old))
-        new = chosen(better, old, new)
+        kept.append(select_state(better, new, old))
+        new = select_state(better, old, new)
     return tuple(kept)
 
 
@@ -146,6 +146,6 @@ def _appended(stops: Stops, new: Stop) -> Stops:
     """As `_inserted`, for a new stop whose key is below all used ones: it goes into the first unused stop."""
     here, kept = new.used, []
     for old in stops:
-        kept.append(chosen(here & ~old.used, new, old))
+        kept.append(select_state(here & ~old.used, new, old))
         here = here & old.used
     return tuple(kept)

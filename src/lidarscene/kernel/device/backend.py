@@ -47,12 +47,12 @@ def mitsuba() -> ModuleType:
     cuda_ad_mono if a GPU works and its frames are those of the CPU (`trial`); else llvm_ad_mono. Raises `BackendError`
     if none works.
     """
-    wanted = os.environ.get(VARIANT_VARIABLE)
-    if wanted:
+    requested = os.environ.get(VARIANT_VARIABLE)
+    if requested:
         try:
-            return _with_variant(wanted)
+            return _with_variant(requested)
         except BackendError as error:
-            raise BackendError(f"{VARIANT_VARIABLE}={wanted}: {error}") from None
+            raise BackendError(f"{VARIANT_VARIABLE}={requested}: {error}") from None
     loaded: Any = sys.modules.get("mitsuba")
     current = loaded.variant() if loaded else None
     # A variant of ours that failed after it was set (CUDA without OptiX) stays current in Mitsuba. It is no choice of
@@ -175,16 +175,16 @@ def _require_trial(name: str) -> None:
         raise BackendError(problem)
     _imported()
     _require_backend(name)
-    found = trial.verdict(name, DEFAULT_ORDER[-1])
-    if found.fault and found.renders:
+    result = trial.verdict(name, DEFAULT_ORDER[-1])
+    if result.fault and result.renders:
         warnings.warn(
             OptionWarning(
-                "the GPU is not used: {0}; {1}={2} uses it nevertheless", found.fault, VARIANT_VARIABLE, name
+                "the GPU is not used: {0}; {1}={2} uses it nevertheless", result.fault, VARIANT_VARIABLE, name
             ),
             stacklevel=2,
         )
-    if found.fault:
-        raise BackendError(found.fault)
+    if result.fault:
+        raise BackendError(result.fault)
 
 
 # --- one variant ------------------------------------------------------------------------------------
@@ -225,13 +225,13 @@ def _syntax_on_demand() -> Iterator[None]:
     def on_demand(function: Any = None, **options: object) -> Any:
         if function is None:
             return functools.partial(on_demand, **options)
-        made: list[Any] = []
+        compiled: list[Any] = []
 
         @functools.wraps(function)
         def call(*arguments: object, **keywords: object) -> Any:
-            if not made:
-                made.append(rewritten(function, **options))
-            return made[0](*arguments, **keywords)
+            if not compiled:
+                compiled.append(rewritten(function, **options))
+            return compiled[0](*arguments, **keywords)
 
         return call
 
@@ -269,8 +269,10 @@ def _imported() -> Any:
         raise BackendError(f"Mitsuba cannot be imported ({error}); try: pip install mitsuba") from error
     # Mitsuba loads plugins, which are native code, from `plugins/` of each folder of its search path, and has the
     # current folder there. What lies beside a user's files must not run.
-    kept = [str(folder) for folder in mi.file_resolver() if Path(str(folder)) not in (Path.cwd(), _folder(mi))]
-    mi.set_file_resolver(_resolver(mi, kept))
+    search_folders = [
+        str(folder) for folder in mi.file_resolver() if Path(str(folder)) not in (Path.cwd(), _folder(mi))
+    ]
+    mi.set_file_resolver(_resolver(mi, search_folders))
     if mi.variant() is None:
         dr.set_log_level(dr.LogLevel.Error)
         mi.set_log_level(mi.LogLevel.Error)

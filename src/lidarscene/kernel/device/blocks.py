@@ -50,9 +50,9 @@ def _setter() -> Callable[[int], None] | None:
         try:
             # The name as C++ compilers of Linux and macOS write it, of a function of one `unsigned int`: lanes, a power
             # of two and no fewer than a packet has.
-            put = ctypes.CDLL(str(folder / name))._Z23jit_llvm_set_block_sizej
+            set_block_size = ctypes.CDLL(str(folder / name))._Z23jit_llvm_set_block_sizej
         except (OSError, AttributeError):
             continue
-        put.argtypes, put.restype = [ctypes.c_uint32], None
-        return cast(Callable[[int], None], put)
+        set_block_size.argtypes, set_block_size.restype = [ctypes.c_uint32], None
+        return cast(Callable[[int], None], set_block_size)
     return None

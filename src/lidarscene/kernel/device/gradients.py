@@ -55,21 +55,24 @@ def jacobian(
     attached = {name: dr.opaque(Float64, value) for name, value in values.items()}
     for number in attached.values():
         dr.enable_grad(number)
-    results = [Float64(one) for one in formula(attached)]
+    results = [Float64(result) for result in formula(attached)]
     slopes = {}
     for name, number in attached.items():
         dr.set_grad(number, 1.0)
         dr.enqueue(dr.ADMode.Forward, number)
         dr.traverse(dr.ADMode.Forward, flags=dr.ADFlag.ClearVertices)
-        slopes[name] = [dr.grad(one) for one in results]
+        slopes[name] = [dr.grad(result) for result in results]
         dr.clear_grad(results)
     dr.eval(results, slopes)
-    found = [np.array(dr.detach(one)) for one in results]
+    outputs = [np.array(dr.detach(result)) for result in results]
     shaped = {
-        name: [np.broadcast_to(np.array(one), f.shape) for one, f in zip(derived, found, strict=True)]
+        name: [
+            np.broadcast_to(np.array(derivative), output.shape)
+            for derivative, output in zip(derived, outputs, strict=True)
+        ]
         for name, derived in slopes.items()
     }
-    return found, shaped
+    return outputs, shaped
 
 
 def _numbers() -> Any:

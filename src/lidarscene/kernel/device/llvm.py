@@ -67,18 +67,18 @@ def use() -> None:
 def choose() -> LlvmCandidate:
     """Return the first usable library. A path that the user has set is final: usable, or `BackendError`."""
     looked_at = candidates()
-    found = []
+    rejected = []
     for candidate in looked_at:
         if candidate.usable:
             return candidate
         if candidate.source == PATH_VARIABLE:
-            other = next((c for c in looked_at if c.usable), None)
-            fix = f"unset it, and {other.path} is used" if other else remedy()
+            alternative = next((c for c in looked_at if c.usable), None)
+            fix = f"unset it, and {alternative.path} is used" if alternative else remedy()
             raise BackendError(f"{PATH_VARIABLE}={candidate.path}: {candidate.problem}; try: {fix}")
-        found.append(f"\n    {candidate}")
-    if not found:
+        rejected.append(f"\n    {candidate}")
+    if not rejected:
         raise BackendError(f"no LLVM library found; try: {remedy()}")
-    raise BackendError(f"no LLVM {OLDEST} or newer found; try: {remedy()}; looked at:{''.join(found)}")
+    raise BackendError(f"no LLVM {OLDEST} or newer found; try: {remedy()}; looked at:{''.join(rejected)}")
 
 
 def candidates() -> Iterator[LlvmCandidate]:
@@ -86,15 +86,15 @@ def candidates() -> Iterator[LlvmCandidate]:
     users = os.environ.get(PATH_VARIABLE)
     if users and users != _chosen:
         yield examine(users, PATH_VARIABLE)
-    seen: set[str] = set()
+    examined: set[str] = set()
     for source, paths in (
         ("this Python environment", _in_environment),
         (f"wheel {WHEEL}", _in_wheel),
         ("system", _in_system),
     ):
         real = dict.fromkeys(os.path.realpath(p) for p in paths() if _is_library(p))
-        batch = [examine(path, source) for path in real if path not in seen]
-        seen.update(real)
+        batch = [examine(path, source) for path in real if path not in examined]
+        examined.update(real)
         yield from sorted(batch, key=lambda c: (c.usable, c.version), reverse=True)
 
 

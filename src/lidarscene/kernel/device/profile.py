@@ -41,16 +41,16 @@ class KernelHistory:
         import drjit as dr
 
         dr.sync_thread()
-        for one in dr.kernel_history():
-            self.device_s += 1e-3 * one["execution_time"]
-            if one["type"] != dr.KernelType.JIT:
+        for kernel in dr.kernel_history():
+            self.device_s += 1e-3 * kernel["execution_time"]
+            if kernel["type"] != dr.KernelType.JIT:
                 self.helpers += 1
                 continue
             self.launched += 1
-            self.from_disk += bool(one["cache_disk"])
-            self.compiled += not (one["cache_hit"] or one["cache_disk"])
-            self.codegen_s += 1e-3 * one["codegen_time"]
-            self.compile_s += 1e-3 * one["backend_time"]
+            self.from_disk += bool(kernel["cache_disk"])
+            self.compiled += not (kernel["cache_hit"] or kernel["cache_disk"])
+            self.codegen_s += 1e-3 * kernel["codegen_time"]
+            self.compile_s += 1e-3 * kernel["backend_time"]
 
 
 @contextmanager

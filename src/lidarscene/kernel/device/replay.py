@@ -42,22 +42,23 @@ class Replay:
 
     function  takes arrays and tuples of them, the first with an element for each lane; returns a description (frozen
               dataclasses and tuples) whose arrays have that length, or one element
-    wanted    from such a description to the list of its arrays that are needed; `LEFT_OUT` stands for the others
-    held      descriptions and Mitsuba objects whose arrays the function uses without getting them as arguments
+    select_outputs  takes such a description and returns the list of its arrays that are needed; `LEFT_OUT` stands for
+                    the others
+    captured  descriptions and Mitsuba objects whose arrays the function uses without getting them as arguments
     rays      of each lane: the function may return arrays with an element for each of these, too
     """
 
     def __init__(
         self,
         function: Callable[..., object],
-        wanted: Callable[[Any], list[Any]],
+        select_outputs: Callable[[Any], list[Any]],
         *,
-        held: tuple[object, ...],
+        captured: tuple[object, ...],
         rays: int = 1,
     ) -> None:
-        self._function, self._wanted, self._rays = function, wanted, rays
+        self._function, self._select_outputs, self._rays = function, select_outputs, rays
         self._inputs: list[Any] = []
-        _gather(held, self._inputs)
+        _gather(captured, self._inputs)
         self._plan: list[Any] = []
         self._frozen: Any = None
         self._records = not is_cuda()  # on a GPU nobody has tried it
@@ -77,9 +78,9 @@ class Replay:
                 # With one exception: a table is uploaded at its first lookup. If that happens during the recording,
                 # the table is an array that is no input, which Dr.Jit refuses. It is an input of the next attempt.
                 self._records = len(uploaded_tables()) > tables
-        found = self._function(*arguments)
-        transfer.start(self._wanted(found))
-        return found
+        description = self._function(*arguments)
+        transfer.start(self._select_outputs(description))
+        return description
 
     @property
     def recordings(self) -> int:
@@ -97,7 +98,7 @@ class Replay:
         # recording. Such a function is not recorded at all.
         lanes = dr.width(arguments[0])
         lengths = (1, lanes, lanes * self._rays)
-        if any(dr.width(one) not in lengths for one in arrays):
+        if any(dr.width(array) not in lengths for array in arrays):
             raise RuntimeError("an array of numbers that are all the same keeps the length it was recorded with")
         return self._plan[0](arrays)
 
@@ -106,26 +107,26 @@ class Replay:
 
         # A frozen function is part of a reference cycle and lives until the garbage collector finds it. It must not
         # keep scenes and sensors alive so long: it reaches them through this dictionary, which is emptied with `self`.
-        own: dict[str, Any] = {
+        shared: dict[str, Any] = {
             "function": self._function,
-            "wanted": self._wanted,
+            "select_outputs": self._select_outputs,
             "inputs": self._inputs,
             "plan": self._plan,
         }
-        weakref.finalize(self, own.clear)
+        weakref.finalize(self, shared.clear)
 
         # As a default and not from the closure, which Dr.Jit goes through at each call: it would see all inputs twice.
-        def recorded(*arguments: object, own: dict[str, Any] = own) -> list[Any]:
+        def recorded(*arguments: object, shared: dict[str, Any] = shared) -> list[Any]:
             # A frozen function returns a flat list. The plan, which is made while Python still runs, remembers which
             # array of the list belongs where in the description; a replay only brings a new list.
-            found = own["function"](*arguments)
-            outputs: list[Any] = own["wanted"](found)
-            own["plan"][:] = [_filler(found, {id(one): place for place, one in enumerate(outputs)})]
+            description = shared["function"](*arguments)
+            outputs: list[Any] = shared["select_outputs"](description)
+            shared["plan"][:] = [_filler(description, {id(array): place for place, array in enumerate(outputs)})]
             return outputs
 
         def inputs(*_: object) -> Any:
             """All arrays that are read and are not arguments: Dr.Jit watches these too."""
-            return own["inputs"], uploaded_tables()
+            return shared["inputs"], uploaded_tables()
 
         _settle(inputs)
         # auto_opaque would begin with literals in the kernels and turn those into arrays that change from call to
@@ -145,11 +146,11 @@ def _settle(inputs: Callable[..., object]) -> None:
     # A frozen function turns literals among its inputs into arrays and lets equal ones share one. That changes their
     # layout, and Dr.Jit records anew for each layout: the second frame would compile again. So a function that does
     # nothing goes over the same inputs until it meets no new layout.
-    nothing = dr.freeze(lambda x: x + 1, state_fn=inputs, auto_opaque=False, warn_after=1000)
+    no_op = dr.freeze(lambda x: x + 1, state_fn=inputs, auto_opaque=False, warn_after=1000)
     number, before = transfer.opaque_uint32(0), -1
-    while before < nothing.n_recordings <= _PASSES:
-        before = nothing.n_recordings
-        dr.eval(nothing(number))
+    while before < no_op.n_recordings <= _PASSES:
+        before = no_op.n_recordings
+        dr.eval(no_op(number))
 
 
 @contextmanager
@@ -172,16 +173,16 @@ LEFT_OUT = _LeftOut()
 """Stands in a replayed description for an array that is not wanted."""
 
 
-def _gather(value: object, found: list[DeviceArray]) -> None:
-    """Append every array in descriptions and tuples, however deep, to ``found``."""
+def _gather(value: object, arrays: list[DeviceArray]) -> None:
+    """Append to ``arrays`` every array in descriptions and tuples, however deep."""
     if is_drjit(value):
-        found.append(cast(DeviceArray, value))
+        arrays.append(cast(DeviceArray, value))
     elif isinstance(value, tuple | list):
         for inner in value:
-            _gather(inner, found)
+            _gather(inner, arrays)
     elif dataclasses.is_dataclass(value):
         for field in dataclasses.fields(value):
-            _gather(getattr(value, field.name), found)
+            _gather(getattr(value, field.name), arrays)
 
 
 Filler = Callable[[list[DeviceArray]], Any]
@@ -198,10 +199,10 @@ def _filler(value: object, places: dict[int, int]) -> Filler:
     if is_drjit(value):
         return operator.itemgetter(places[id(value)]) if id(value) in places else lambda _: LEFT_OUT
     if isinstance(value, tuple | list):
-        kind, inner = type(value), [_filler(one, places) for one in value]
+        kind, inner = type(value), [_filler(part, places) for part in value]
         return lambda arrays: kind([fill(arrays) for fill in inner])
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        made, names = type(value), [field.name for field in dataclasses.fields(value)]
+        dataclass_type, names = type(value), [field.name for field in dataclasses.fields(value)]
         parts = [_filler(getattr(value, name), places) for name in names]
-        return lambda arrays: made(**{name: fill(arrays) for name, fill in zip(names, parts, strict=True)})
+        return lambda arrays: dataclass_type(**{name: fill(arrays) for name, fill in zip(names, parts, strict=True)})
     return lambda _: value

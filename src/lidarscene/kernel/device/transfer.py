@@ -17,7 +17,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from ...maths.arrays import Array, Numbers, Table, is_drjit
+from ...maths.arrays import Array, LookupTable, Numbers, is_drjit
 from .backend import is_cuda, mitsuba
 from .types import DeviceArray
 
@@ -34,7 +34,7 @@ def opaque(value: object) -> Any:
     Strings, booleans, None, poses and arrays stay as they are: they select code or never enter a kernel. Tables stay
     too; they are uploaded at their first lookup.
     """
-    if isinstance(value, bool | Table):  # bool before int, of which it is a subclass
+    if isinstance(value, bool | LookupTable):  # bool before int, of which it is a subclass
         return value
     if isinstance(value, float | int):
         return _opaque_number(value)
@@ -78,7 +78,7 @@ def counter(first: int, count: int) -> Any:
     return dr.arange(mitsuba().UInt32, count) + opaque_uint32(first)
 
 
-def repeated(values: Array, times: int) -> tuple[Any, Any]:
+def repeat_lanes(values: Array, times: int) -> tuple[Any, Any]:
     """Repeat each of (n,) numbers on ``times`` neighbouring lanes.
 
     Returns (n times,) values and (n times,) the lane's number 0 to times - 1 within its group.
@@ -119,19 +119,19 @@ def whole_numbers(values: Sequence[int]) -> Any:
     return mitsuba().Int32(np.asarray(values, dtype=np.int32))
 
 
-def fetched(value: object) -> Any:
+def fetch(value: object) -> Any:
     """Return a copy of a description with every device array in it as NumPy; opaque numbers become arrays of one."""
     if isinstance(value, tuple):
-        return tuple(fetched(inner) for inner in value)
-    if isinstance(value, Table):
+        return tuple(fetch(inner) for inner in value)
+    if isinstance(value, LookupTable):
         return value
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        changed = {field.name: fetched(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        changed = {field.name: fetch(getattr(value, field.name)) for field in dataclasses.fields(value)}
         return dataclasses.replace(value, **changed)
     return cast(DeviceArray, value).numpy() if is_drjit(value) else value
 
 
-def columns(arrays: dict[str, DeviceArray]) -> dict[str, Any]:
+def fetch_columns(arrays: dict[str, DeviceArray]) -> dict[str, Any]:
     """Compute arrays together and return them as NumPy, by name."""
     start(list(arrays.values()))
     wait()
@@ -154,7 +154,7 @@ def wait() -> None:
     dr.sync_thread()
 
 
-def apart(*arrays: object) -> None:
+def split_kernel(*arrays: object) -> None:
     """Keep what one Mitsuba scene was asked out of the kernel that asks the next one, where that is needed."""
     import drjit as dr
 

@@ -37,7 +37,7 @@ FRAMES = {
 }
 """Options of `lidarscene render` for each frame."""
 
-LARGEST_SHARE = 1e-3
+LARGEST_DIFFERING_SHARE = 1e-3
 """Of points that may differ: exp, log and roots round otherwise, so that some echoes trip on one side alone."""
 
 LIMITS = {"range": (1e-3, 0.0), "true_range": (1e-3, 0.0), "intensity": (0.0, 1e-3), "status": (0.0, 0.0)}
@@ -63,58 +63,58 @@ class Verdict:
     renders: bool = True
 
 
-def verdict(variant: str, other: str, *, render: Callable[[str, str], Columns | str] | None = None) -> Verdict:
+def verdict(variant: str, reference: str, *, render: Callable[[str, str], Columns | str] | None = None) -> Verdict:
     """Whether frames by ``variant`` are those of ``other``, found now or once before.
 
     render  frame and variant in, the columns of its points out, or why there are none
     """
-    entry = _entry(variant, other)
+    entry = _entry(variant, reference)
     if entry is not None:
         with suppress(OSError, ValueError, TypeError):
             return Verdict(**json.loads(entry.read_text(encoding="utf-8")))
-    found = _compared(variant, other, render or _rendered)
+    result = _compared(variant, reference, render or _rendered)
     if entry is not None:
         with suppress(OSError, OutputError):
-            put_text(entry, json.dumps(asdict(found)))
-    return found
+            put_text(entry, json.dumps(asdict(result)))
+    return result
 
 
-def _compared(variant: str, other: str, render: Callable[[str, str], Columns | str]) -> Verdict:
+def _compared(variant: str, reference: str, render: Callable[[str, str], Columns | str]) -> Verdict:
     for frame in FRAMES:
         mine = render(frame, variant)
         if isinstance(mine, str):
             return Verdict(f"cannot render a small frame ({frame}): {mine}", renders=False)
-        theirs = render(frame, other)
+        theirs = render(frame, reference)
         # Without the other there is nothing to fall back on either.
-        found = "" if isinstance(theirs, str) else unlike(mine, theirs)
-        if found:
-            return Verdict(f"a small frame ({frame}) is not that of {other}: {found}")
+        unlikeness = "" if isinstance(theirs, str) else difference(mine, theirs)
+        if unlikeness:
+            return Verdict(f"a small frame ({frame}) is not that of {reference}: {unlikeness}")
     return Verdict()
 
 
-def unlike(mine: Columns, theirs: Columns) -> str:
+def difference(mine: Columns, theirs: Columns) -> str:
     """How two clouds of the same pulses differ beyond rounding, in words; "" if they do not.
 
     Points go by time and return number.
     """
-    keys = [np.stack([one["time"], one["return_number"]], axis=1) for one in (mine, theirs)]
+    keys = [np.stack([cloud["time"], cloud["return_number"]], axis=1) for cloud in (mine, theirs)]
     most = max(len(key) for key in keys)
-    everyone, places = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
+    all_keys, places = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
     places = places.reshape(-1)
-    row = np.full((2, len(everyone)), -1)
+    row = np.full((2, len(all_keys)), -1)
     for number, part in enumerate(np.split(places, [len(keys[0])])):
         row[number, part] = np.arange(len(part))
-    both = (row >= 0).all(axis=0)
-    alone = len(everyone) - int(both.sum())
-    if alone > LARGEST_SHARE * most:
+    in_both = (row >= 0).all(axis=0)
+    alone = len(all_keys) - int(in_both.sum())
+    if alone > LARGEST_DIFFERING_SHARE * most:
         return f"{alone} of {most} points have no counterpart"
-    a, b = row[0, both], row[1, both]
+    a, b = row[0, in_both], row[1, in_both]
     for name, (absolute, relative) in LIMITS.items():
         x, y = mine[name][a].astype(np.float64), theirs[name][b].astype(np.float64)
         with np.errstate(invalid="ignore"):  # the same infinity is the same
-            same = (x == y) | (np.abs(x - y) <= absolute + relative * np.abs(y))
-        if np.count_nonzero(~same) > LARGEST_SHARE * most:
-            return f"{np.count_nonzero(~same)} of {most} points differ in {name}"
+            agrees = (x == y) | (np.abs(x - y) <= absolute + relative * np.abs(y))
+        if np.count_nonzero(~agrees) > LARGEST_DIFFERING_SHARE * most:
+            return f"{np.count_nonzero(~agrees)} of {most} points differ in {name}"
     return ""
 
 
@@ -124,7 +124,7 @@ def _rendered(frame: str, variant: str) -> Columns | str:
         path = Path(folder) / "frame.npz"
         options = [*FRAMES[frame], "--seed", "1", "-o", str(path)]
         try:
-            done = subprocess.run(
+            process = subprocess.run(
                 [sys.executable, "-m", "lidarscene", "render", *options],
                 env=os.environ | {"LIDARSCENE_VARIANT": variant},
                 capture_output=True,
@@ -133,16 +133,16 @@ def _rendered(frame: str, variant: str) -> Columns | str:
             )
         except subprocess.TimeoutExpired:
             return f"not done after {PATIENCE_S:g} s"
-        if done.returncode != 0 or not path.exists():
-            said = done.stderr.strip().splitlines() or [f"the process ended with {done.returncode}"]
-            return said[-1].removeprefix("lidarscene: error: ")
+        if process.returncode != 0 or not path.exists():
+            lines = process.stderr.strip().splitlines() or [f"the process ended with {process.returncode}"]
+            return lines[-1].removeprefix("lidarscene: error: ")
         with np.load(path, allow_pickle=False) as archive:
             return {
                 name: archive[name] for name in ("time", "return_number", "range", "intensity", "true_range", "status")
             }
 
 
-def _entry(variant: str, other: str) -> Path | None:
+def _entry(variant: str, reference: str) -> Path | None:
     """File of the verdict on this machine; None: nothing is kept."""
     folder = cache_folder("trials")
     if folder is None:
@@ -150,7 +150,7 @@ def _entry(variant: str, other: str) -> Path | None:
     driver = _DRIVER.read_text(encoding="utf-8", errors="replace") if _DRIVER.exists() else ""
     about: list[Any] = [
         variant,
-        other,
+        reference,
         __version__,
         metadata.version("mitsuba"),
         metadata.version("drjit"),

@@ -69,7 +69,7 @@ class Bsdf(Protocol):
         """Diffuse hemispherical reflectivity."""
 
 
-class Surface(Protocol):
+class Interaction(Protocol):
     """`mitsuba.SurfaceInteraction3f`: the place of each lane at which it met a surface.
 
     t, p, n     distance, point and normal
@@ -105,7 +105,7 @@ class Hit(Protocol):
     def is_valid(self) -> Array:
         """Where anything was met."""
 
-    def compute_surface_interaction(self, ray: Ray, flags: object, active: object, /) -> Surface:
+    def compute_surface_interaction(self, ray: Ray, flags: object, active: object, /) -> Interaction:
         """All of the rest, as Mitsuba computes it."""
 
 

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from ...maths import random
-from ...maths.arrays import Lanes, Mask, Table, xp
+from ...maths.arrays import Lanes, LookupTable, Mask, xp
 from ..device.backend import mitsuba
-from ..device.types import Surface
+from ..device.types import Interaction
 
-_SLOPES = Table(np.array([math.sqrt(prime) % 1.0 for prime in (5, 2, 3, 7, 11, 13, 17, 19)]))
+_SLOPES = LookupTable(np.array([math.sqrt(prime) % 1.0 for prime in (5, 2, 3, 7, 11, 13, 17, 19)]))
 """Slopes s at the first, second, ... surface of a path: fractional parts of square roots of primes. Each makes a
 Kronecker sequence, which fills the unit interval evenly; several together fill a square or a cube evenly, because the
 roots are independent over the rationals. So the layers of a hedge are passed independently of each other."""
@@ -51,8 +51,8 @@ class Draws:
         return place - ops.floor(place)
 
 
-def gap_share(surface: Surface, here: Mask) -> Any:
-    """Return the share of gaps of a porous surface, 0 to 1; 0 where ``here`` does not hold."""
+def gap_share(surface: Interaction, porous: Mask) -> Any:
+    """Return the share of gaps of a porous surface, 0 to 1; 0 where ``porous`` does not hold."""
     import drjit as dr
 
-    return dr.select(here, surface.bsdf().eval_null_transmission(surface, here)[0], 0.0)
+    return dr.select(porous, surface.bsdf().eval_null_transmission(surface, porous)[0], 0.0)

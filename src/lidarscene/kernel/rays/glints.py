@@ -26,7 +26,7 @@ goes on instead: a Gaussian beam has fallen to exp(-2 * 3^2) = 1.5e-8 there, and
 a few per cent."""
 
 
-def returned(moment: Moment, way: Way, met: Meeting, further: Way, active: Mask) -> tuple[Any, Way]:
+def specular_return(moment: Moment, way: Way, meeting: Meeting, further: Way, active: Mask) -> tuple[Any, Way]:
     """Find where the reflected beam comes back to the receiver. Returns (n,) flags, and the path that ends there.
 
     way      the path up to the pane or mirror
@@ -41,8 +41,8 @@ def returned(moment: Moment, way: Way, met: Meeting, further: Way, active: Mask)
     if aim is None:
         return mi.Bool(False), way
     # The normal is in the frame of the body that was met; the beam's axes are in the traced frame.
-    normal = mi.Vector3f(met.turned(met.surface.n))
-    range_m = way.length_m + met.t
+    normal = mi.Vector3f(meeting.direction_outside(meeting.surface.n))
+    range_m = way.length_m + meeting.t
     # The surface mirrors the aperture to a place 2 R away along its normal. Seen across the beam that image is
     # 2 R sin(delta) off the axis: the component of the normal along each of the two axes across the beam. Components
     # keep their precision at small angles; 1 - cos(delta) would lose it in single precision.
@@ -65,6 +65,6 @@ def returned(moment: Moment, way: Way, met: Meeting, further: Way, active: Mask)
     # twice and the surface reflects once: T (T R) = throughput^2 with throughput = sqrt(T * T R).
     through = ops.sqrt(mi.Float(way.throughput) * further.throughput)
     bright = glint.apparent_backscatter_per_sr(share=share, range_m=range_m, aperture_m2=aim.aperture_m2)
-    back = active & ~mi.Bool(way.mirrored) & near & (bright > 0.0)
-    ended = dataclasses.replace(way, throughput=through, glint_per_sr=dr.select(back, bright, 0.0))
-    return back, ended
+    comes_back = active & ~mi.Bool(way.mirrored) & near & (bright > 0.0)
+    ended = dataclasses.replace(way, throughput=through, glint_per_sr=dr.select(comes_back, bright, 0.0))
+    return comes_back, ended

@@ -37,22 +37,22 @@ def more_than_one(lanes: DeviceArray) -> Any:
     return lanes if dr.width(lanes) > 1 else transfer.unsigned_numbers(lanes.numpy().repeat(2))
 
 
-def gathered(values: Array, lanes: Array) -> Any:
+def gather_lanes(values: Array, lanes: Array) -> Any:
     """Return the entries of these lanes, computed."""
     import drjit as dr
 
-    found = dr.gather(type(values), values, lanes)
-    dr.eval(found)
-    return found
+    entries = dr.gather(type(values), values, lanes)
+    dr.eval(entries)
+    return entries
 
 
 def any_of_pulse(flag: Mask, rays: int) -> Any:
     """Return (n,) whether a flag of (n rays,) lanes is set for any ray of each pulse."""
     ops = xp(flag)
-    found = ops.column(flag, 0, rays)
+    is_set = ops.column(flag, 0, rays)
     for ray in range(1, rays):
-        found = found | ops.column(flag, ray, rays)
-    return found
+        is_set = is_set | ops.column(flag, ray, rays)
+    return is_set
 
 
 def kept_lanes(detection: Detection, lane_of: Array | None = None, *, twice: bool = False) -> tuple[Any, Any, int]:
@@ -72,8 +72,8 @@ def kept_lanes(detection: Detection, lane_of: Array | None = None, *, twice: boo
     # Rays are traced tile by tile, because neighbours in angle meet the same triangles. The flags are put back into
     # firing order here, before anything is gathered: then the points come out in firing order by themselves.
     if lane_of is not None:
-        reported = [dr.gather(mi.Bool, one, lane_of) for one in reported]
-    index = dr.compress(interleaved(reported))
+        reported = [dr.gather(mi.Bool, flag, lane_of) for flag in reported]
+    index = dr.compress(interleave(reported))
     count = dr.width(index) // (2 if twice else 1)
     index = more_than_one(index) if count else transfer.unsigned_numbers(np.zeros(2, np.uint32))
     place, stop = (index, mi.UInt32(0)) if stops == 1 else (index // stops, index % stops)
@@ -81,16 +81,16 @@ def kept_lanes(detection: Detection, lane_of: Array | None = None, *, twice: boo
     return (place if lane_of is None else dr.gather(mi.UInt32, lane_of, place)), stop, count
 
 
-def interleaved(arrays: Sequence[object]) -> Any:
+def interleave(arrays: Sequence[object]) -> Any:
     """Join a arrays of n lanes into one of n a: the entry of array i at lane j becomes number j a + i."""
     import drjit as dr
 
     mi = mitsuba()
     if len(arrays) == 1:
         return arrays[0]
-    count, lanes = len(arrays), max(dr.width(one) for one in arrays)
+    count, lanes = len(arrays), max(dr.width(array) for array in arrays)
     place = dr.arange(mi.UInt32, lanes) * count
     together = dr.zeros(type(arrays[0]), lanes * count)
-    for number, one in enumerate(arrays):
-        dr.scatter(together, one, place + number)
+    for number, array in enumerate(arrays):
+        dr.scatter(together, array, place + number)
     return together

@@ -9,7 +9,7 @@ from ...maths.trajectory import pose_at
 from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import TracedScene
-from ..world.build import World
+from ..world.mitsuba_world import World
 
 
 def distances_m(world: World, eye_m: Numbers, directions: Numbers, *, time_s: float) -> Numbers:
@@ -19,22 +19,22 @@ def distances_m(world: World, eye_m: Numbers, directions: Numbers, *, time_s: fl
     directions  (3, n) unit vectors, world; neighbours should be neighbours in the picture
     time_s      by the clock of the scene's motions
     """
-    found = np.full(directions.shape[1], np.inf, np.float32)
+    distance_m = np.full(directions.shape[1], np.inf, np.float32)
     if world.scene is not None:
-        found = _along(world.scene, eye_m - world.centre_m, directions)
+        distance_m = _along(world.scene, eye_m - world.centre_m, directions)
     for mover in world.movers:
-        if mover.scene is None or mover.away:
+        if mover.scene is None or mover.is_absent:
             continue
         pose = pose_at(mover.motion, time_s)
         low, high = mover.box_m
-        to, radius = pose.apply((low + high) / 2.0) - eye_m, float(np.linalg.norm(high - low)) / 2.0
-        along = to.astype(np.float32) @ directions
+        to_centre_m, radius = pose.apply((low + high) / 2.0) - eye_m, float(np.linalg.norm(high - low)) / 2.0
+        along = to_centre_m.astype(np.float32) @ directions
         # Few rays pass the sphere around a body.
-        near = np.flatnonzero((to @ to - along * along <= radius * radius) & (along > -radius))
+        near = np.flatnonzero((to_centre_m @ to_centre_m - along * along <= radius * radius) & (along > -radius))
         if len(near):
-            met = _along(mover.scene, pose.inverse_apply(eye_m), pose.rotation.T @ directions[:, near])
-            found[near] = np.minimum(found[near], met)
-    return found
+            mover_distance_m = _along(mover.scene, pose.inverse_apply(eye_m), pose.rotation.T @ directions[:, near])
+            distance_m[near] = np.minimum(distance_m[near], mover_distance_m)
+    return distance_m
 
 
 def _along(scene: TracedScene, eye_m: Numbers, directions: Numbers) -> Numbers:

@@ -24,68 +24,69 @@ from ...maths.vectors import Vector
 from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import DeviceVector, Hit, Ray, TracedScene, components
-from ..world.build import World
+from ..world.mitsuba_world import World
 from ..world.speculars import Speculars
 from .gaps import Draws
-from .nearby import MOST, Box, around, passed
+from .nearby import MOST, AxisBox, boxes_passed, enclosing_box
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Meeting:
-    """What each ray met, one element for each ray.
+    """The nearest surface of each of n rays; each field has one element for each ray.
 
-    found    whether it met anything
-    t        distance from the ray's start, metres
-    surface  Mitsuba's interaction, in the frame of the body that was met
-    seen     the ray in that frame
-    to_sun   unit vector towards the sun in that frame
-    shift    what to add to the face number: bodies of one shape share a mesh, but have faces of their own in the tables
-    place    of the body that was met, where ``moved``; None in a world in which nothing moves
-    moved    whether the body that was met is one that moves
+    valid      whether the ray meets a surface
+    t          distance from the ray's start, metres
+    surface    Mitsuba's interaction, in the frame of the body that is met
+    local_ray  the ray in that frame
+    to_sun     unit vector towards the sun in that frame
+    shift      number to add to the face number: bodies of one shape share a mesh, but each has rows of its own in the
+               tables of faces
+    placement  of the body that is met, where ``is_mover``; None in a world in which nothing moves
+    is_mover   whether the body that is met moves
     """
 
-    found: Any
+    valid: Any
     t: Any
     surface: Any
-    seen: Any
+    local_ray: Any
     to_sun: Any
     shift: Any
-    place: Placement | None
-    moved: Any
+    placement: Placement | None
+    is_mover: Any
 
-    def outside(self, point: DeviceVector) -> Any:
+    def point_outside(self, point: DeviceVector) -> Any:
         """Transform points from the frame of the body that was met to the traced frame."""
         import drjit as dr
 
-        if self.place is None:
+        if self.placement is None:
             return point
-        return dr.select(self.moved, mitsuba().Point3f(*self.place.point(components(point))), point)
+        return dr.select(self.is_mover, mitsuba().Point3f(*self.placement.point(components(point))), point)
 
-    def turned(self, direction: DeviceVector) -> Any:
+    def direction_outside(self, direction: DeviceVector) -> Any:
         """Transform directions from the frame of the body that was met to the traced frame."""
         import drjit as dr
 
-        if self.place is None:
+        if self.placement is None:
             return direction
-        return dr.select(self.moved, mitsuba().Vector3f(*self.place.vector(components(direction))), direction)
+        return dr.select(self.is_mover, mitsuba().Vector3f(*self.placement.vector(components(direction))), direction)
 
     def velocity(self, point: DeviceVector) -> Any:
         """Velocity [m/s] of the body that was met, at points of the traced frame, in its axes."""
         import drjit as dr
 
         still = mitsuba().Vector3f(0.0)
-        if self.place is None:
+        if self.placement is None:
             return still
-        return dr.select(self.moved, mitsuba().Vector3f(*self.place.velocity_at(components(point))), still)
+        return dr.select(self.is_mover, mitsuba().Vector3f(*self.placement.velocity_at(components(point))), still)
 
     def receding(self, point: DeviceVector, along: DeviceVector) -> Any:
         """Velocity of the body that was met, at points of the traced frame, along a vector; None: nothing moves."""
         import drjit as dr
 
-        if self.place is None:
+        if self.placement is None:
             return None
-        speed = sum(v * d for v, d in zip(self.place.velocity_at(components(point)), along, strict=True))
-        return dr.select(self.moved, speed, 0.0)
+        speed = sum(v * d for v, d in zip(self.placement.velocity_at(components(point)), along, strict=True))
+        return dr.select(self.is_mover, speed, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -105,7 +106,7 @@ class Moment:
     coherent: bool
     draws: Draws
     moving: Moving | None = None
-    boxes: Sequence[Box] = ()
+    boxes: Sequence[AxisBox] = ()
     aim: Aim | None = None
 
     @property
@@ -125,12 +126,12 @@ class Moment:
 
     def blocked(self, ray: Ray, active: Mask) -> Any:
         """Return whether each active ray meets anything, panes left out."""
-        return self._any(ray, active, self.world.scene, [mover.scene for mover in self.world.movers])
+        return self._meets_any(ray, active, self.world.scene, [mover.scene for mover in self.world.movers])
 
     def glazed(self, ray: Ray, active: Mask, before: Lanes | None = None) -> Any:
         """Return whether each active ray meets a pane or porous surface, at most ``before`` metres away if given."""
         panes = [mover.panes for mover in self.world.movers]
-        return self._any(_shorter(ray, before), active, self.world.panes, panes)
+        return self._meets_any(_shorter(ray, before), active, self.world.panes, panes)
 
     def _nearest(
         self, ray: Ray, active: Mask, still: TracedScene | None, moving: Sequence[TracedScene | None]
@@ -143,7 +144,7 @@ class Moment:
         import drjit as dr
 
         mi = mitsuba()
-        self._apart(ray, active)
+        self._split_kernels(ray, active)
         if still is None:
             first = dr.zeros(mi.PreliminaryIntersection3f)
             first.t = dr.inf
@@ -151,30 +152,30 @@ class Moment:
             # A preliminary intersection has distance, shape and triangle only. The full one calls each shape's own
             # code through a table; it is made once, of the nearest hit.
             first = still.ray_intersect_preliminary(ray, coherent=self.coherent, active=active)
-        met = mi.Int32(-1)
-        for group, near in self._near(ray, active, moving):
-            transfer.apart(first)
-            _, first, met = dr.while_loop(
-                (near, first, met), _any_left, partial(self._nearer, ray, group), mode="symbolic"
+        mover_index = mi.Int32(-1)
+        for group, near in self._nearby_groups(ray, active, moving):
+            transfer.split_kernel(first)
+            _, first, mover_index = dr.while_loop(
+                (near, first, mover_index), _any_remaining, partial(self._nearer_of_mover, ray, group), mode="symbolic"
             )
-        self._apart(first)
-        found = first.is_valid() if active is True else first.is_valid() & active
-        seen, to_sun, shift, place = self._seen(ray, met)
+        self._split_kernels(first)
+        valid = first.is_valid() if active is True else first.is_valid() & active
+        local_ray, to_sun, shift, placement = self._in_mover_frame(ray, mover_index)
         return Meeting(
-            found=found,
+            valid=valid,
             t=first.t,
-            surface=self._surface(first, seen, found),
-            seen=seen,
+            surface=self._surface(first, local_ray, valid),
+            local_ray=local_ray,
             to_sun=to_sun,
             shift=shift,
-            place=place,
-            moved=met >= 0,
+            placement=placement,
+            is_mover=mover_index >= 0,
         )
 
-    def _seen(self, ray: Ray, met: Array) -> tuple[Any, Any, Any, Placement | None]:
+    def _in_mover_frame(self, ray: Ray, mover_index: Array) -> tuple[Any, Any, Any, Placement | None]:
         """Return each ray in the frame of the mover that it met, the sun and the face's shift there, and that frame.
 
-        met  number of the mover, -1 for what stands still
+        mover_index  -1 for what stands still
         """
         import drjit as dr
 
@@ -185,46 +186,48 @@ class Moment:
         moving = self.moving
 
         # A loop of one round at most: packets of rays that met nothing that moves have no part in it.
-        def there(todo: Array, *_: object) -> tuple[Any, ...]:
-            place = moving.at(met)
+        def into_frame(todo: Array, *_: object) -> tuple[Any, ...]:
+            place = moving.placement(mover_index)
             carried = _carried(ray, place)
-            own = dr.gather(mi.UInt32, self.world.mover_shift, mi.UInt32(met), todo)
+            face_shift = dr.gather(mi.UInt32, self.world.mover_shift, mi.UInt32(mover_index), todo)
             towards = mi.Vector3f(*place.vector_within(self.sun))
-            return mi.Bool(False), carried.o, carried.d, towards, own, _numbers(place)
+            return mi.Bool(False), carried.o, carried.d, towards, face_shift, _numbers(place)
 
-        state = met >= 0, ray.o, ray.d, to_sun, shift, [mi.Float(0.0) for _ in range(_NUMBERS)]
-        _, o, d, to_sun, shift, numbers = dr.while_loop(state, lambda todo, *_: todo, there, mode="symbolic")
+        state = mover_index >= 0, ray.o, ray.d, to_sun, shift, [mi.Float(0.0) for _ in range(_NUMBERS)]
+        _, o, d, to_sun, shift, numbers = dr.while_loop(state, lambda todo, *_: todo, into_frame, mode="symbolic")
         return _ray(o, d, ray.maxt), to_sun, shift, _placement(numbers)
 
-    def _nearer(self, ray: Ray, group: _Group, near: Array, first: Hit, met: Array) -> tuple[Any, Any, Any]:
+    def _nearer_of_mover(
+        self, ray: Ray, group: _Group, near: Array, first: Hit, mover_index: Array
+    ) -> tuple[Any, Any, Any]:
         """Ask one more body of a group; the state of the loop in `_nearest`."""
         import drjit as dr
 
-        which, left, there = self._next(near, group)
-        carried = _carried(ray, there)
+        candidate_index, remaining, placement = self._next_mover(near, group)
+        carried = _carried(ray, placement)
         hit = group.scene.ray_intersect_preliminary(carried, coherent=self.coherent, active=near != 0)
         # Rigid motion keeps lengths, so that distances of different frames compare. A miss has t = infinity.
         nearer = hit.is_valid() & (hit.t < first.t)
-        return left, dr.select(nearer, hit, first), dr.select(nearer, which, met)
+        return remaining, dr.select(nearer, hit, first), dr.select(nearer, candidate_index, mover_index)
 
-    def _next(self, near: Array, group: _Group) -> tuple[Any, Any, Placement]:
+    def _next_mover(self, near: Array, group: _Group) -> tuple[Any, Any, Placement]:
         """Return the number of the next body that a ray is near to, which are left, and where that body is."""
         import drjit as dr
 
         assert self.moving is not None
-        which = mitsuba().Int32(dr.tzcnt(near) + group.first)
-        return which, near & (near - 1), self.moving.at(which)
+        mover_index = mitsuba().Int32(dr.tzcnt(near) + group.first)
+        return mover_index, near & (near - 1), self.moving.placement(mover_index)
 
-    def _near(self, ray: Ray, active: Mask, scenes: Sequence[TracedScene | None]) -> list[tuple[_Group, Any]]:
+    def _nearby_groups(self, ray: Ray, active: Mask, scenes: Sequence[TracedScene | None]) -> list[tuple[_Group, Any]]:
         """Return groups of movers, and for each which of them the rays come near: bit i says so of its body i."""
         groups = self._groups(scenes)
         if not groups:
             return []
         boxes = [self.boxes[group.first : group.first + group.count] for group in groups]
-        return list(zip(groups, passed(ray, boxes, around(self.boxes), active), strict=True))
+        return list(zip(groups, boxes_passed(ray, boxes, enclosing_box(self.boxes), active), strict=True))
 
     def _groups(self, scenes: Sequence[TracedScene | None]) -> list[_Group]:
-        """Return the movers that share a scene, as many at a time as `passed` has bits; empty scenes left out."""
+        """Return the movers that share a scene, as many at a time as `boxes_passed` has bits; empty scenes left out."""
         groups: list[_Group] = []
         if self.moving is None:
             return groups
@@ -238,53 +241,57 @@ class Moment:
                 groups.append(_Group(scene=scene, first=number, count=1))
         return groups
 
-    def _surface(self, first: Hit, seen: Ray, found: Mask) -> Any:
+    def _surface(self, first: Hit, local_ray: Ray, valid: Mask) -> Any:
         """Return Mitsuba's interaction at a hit, as far as our BSDFs ask for it."""
         import drjit as dr
 
         mi = mitsuba()
         if self.world.face_normal is None:
-            return first.compute_surface_interaction(seen, mi.RayFlags.All, found)
+            return first.compute_surface_interaction(local_ray, mi.RayFlags.All, valid)
         # Plain meshes are flat and look the same all over: point, normal and incoming direction are all that their
         # BSDFs read. Mitsuba's own interaction is ready for textures and smooth normals, and takes twice as long.
         shape = dr.reinterpret_array(mi.UInt32, first.shape)
-        face = dr.gather(mi.UInt32, self.world.first_face, shape, found) + first.prim_index
+        face = dr.gather(mi.UInt32, self.world.first_face, shape, valid) + first.prim_index
         # The table has four numbers a face: Dr.Jit gathers four neighbours in one load, three in three.
-        normal = mi.Normal3f(*dr.gather(mi.Vector4f, self.world.face_normal, face, found)[:3])
+        normal = mi.Normal3f(*dr.gather(mi.Vector4f, self.world.face_normal, face, valid)[:3])
         surface = dr.zeros(mi.SurfaceInteraction3f)
-        surface.t, surface.p, surface.n = first.t, seen(first.t), normal
+        surface.t, surface.p, surface.n = first.t, local_ray(first.t), normal
         surface.shape, surface.prim_index = first.shape, first.prim_index
         surface.sh_frame = mi.Frame3f(normal)  # BSDFs want wi in the frame whose z is the normal
-        surface.wi = surface.to_local(-seen.d)
+        surface.wi = surface.to_local(-local_ray.d)
         return surface
 
-    def _any(self, ray: Ray, active: Mask, still: TracedScene | None, moving: Sequence[TracedScene | None]) -> Any:
+    def _meets_any(
+        self, ray: Ray, active: Mask, still: TracedScene | None, moving: Sequence[TracedScene | None]
+    ) -> Any:
         """Return whether each ray meets any surface of several Mitsuba scenes; `_nearest` says which these are."""
         import drjit as dr
 
         mi = mitsuba()
-        self._apart(ray, active)
-        met = mi.Bool(False)
+        self._split_kernels(ray, active)
+        is_blocked = mi.Bool(False)
         if still is not None:
-            met = still.ray_test(ray, coherent=self.coherent, active=active)
-        for group, near in self._near(ray, active & ~met, moving):
-            transfer.apart(met)
-            _, met = dr.while_loop((near, met), _any_left, partial(self._blocking, ray, group), mode="symbolic")
-        self._apart(met)
-        return met
+            is_blocked = still.ray_test(ray, coherent=self.coherent, active=active)
+        for group, near in self._nearby_groups(ray, active & ~is_blocked, moving):
+            transfer.split_kernel(is_blocked)
+            _, is_blocked = dr.while_loop(
+                (near, is_blocked), _any_remaining, partial(self._blocked_by_mover, ray, group), mode="symbolic"
+            )
+        self._split_kernels(is_blocked)
+        return is_blocked
 
-    def _blocking(self, ray: Ray, group: _Group, near: Array, met: Array) -> tuple[Any, Any]:
+    def _blocked_by_mover(self, ray: Ray, group: _Group, near: Array, is_blocked: Array) -> tuple[Any, Any]:
         """Ask one more body of a group; the state of the loop in `_any`."""
         import drjit as dr
 
-        _, left, there = self._next(near, group)
-        met |= group.scene.ray_test(_carried(ray, there), coherent=self.coherent, active=near != 0)
-        return dr.select(met, 0, left), met
+        _, remaining, placement = self._next_mover(near, group)
+        is_blocked |= group.scene.ray_test(_carried(ray, placement), coherent=self.coherent, active=near != 0)
+        return dr.select(is_blocked, 0, remaining), is_blocked
 
-    def _apart(self, *arrays: object) -> None:
-        """Keep the queries of several scenes in kernels of their own, if there are several (`transfer.apart`)."""
+    def _split_kernels(self, *arrays: object) -> None:
+        """Keep the queries of several scenes in kernels of their own (`transfer.split_kernel`)."""
         if self.moving is not None or self.world.has_panes:
-            transfer.apart(*arrays)
+            transfer.split_kernel(*arrays)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -296,7 +303,7 @@ class _Group:
     count: int
 
 
-def _any_left(near: Array, *_: object) -> Any:
+def _any_remaining(near: Array, *_: object) -> Any:
     """Whether a loop over bodies goes on."""
     return near != 0
 

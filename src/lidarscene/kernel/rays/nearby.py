@@ -25,14 +25,14 @@ MOST = 32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Box:
+class AxisBox:
     """A box along the axes of the traced frame: its lowest and its highest corner."""
 
     low: tuple[Lanes, ...]
     high: tuple[Lanes, ...]
 
 
-def boxes_of(numbers: Array) -> tuple[Box, ...]:
+def boxes_from_numbers(numbers: Array) -> tuple[AxisBox, ...]:
     """Return boxes, from six numbers for each, one after the other, on the device."""
     import drjit as dr
 
@@ -42,25 +42,25 @@ def boxes_of(numbers: Array) -> tuple[Box, ...]:
     single = [dr.gather(mi.Float, numbers, mi.UInt32(place)) for place in range(dr.width(numbers))]
     dr.eval(single)
     return tuple(
-        Box(low=tuple(single[first : first + 3]), high=tuple(single[first + 3 : first + 6]))
+        AxisBox(low=tuple(single[first : first + 3]), high=tuple(single[first + 3 : first + 6]))
         for first in range(0, len(single), 6)
     )
 
 
-def around(boxes: Sequence[Box]) -> Box:
+def enclosing_box(boxes: Sequence[AxisBox]) -> AxisBox:
     """Return the box around all of these."""
     import drjit as dr
 
     ops = xp(boxes[0].low[0])
     low, high = (
         tuple(functools.reduce(shrink, corner) for corner in zip(*corners, strict=True))
-        for corners, shrink in (([one.low for one in boxes], ops.minimum), ([one.high for one in boxes], ops.maximum))
+        for corners, shrink in (([box.low for box in boxes], ops.minimum), ([box.high for box in boxes], ops.maximum))
     )
     dr.eval(low, high)
-    return Box(low=low, high=high)
+    return AxisBox(low=low, high=high)
 
 
-def passed(ray: Ray, groups: Sequence[Sequence[Box]], whole: Box, active: Mask) -> tuple[Any, ...]:
+def boxes_passed(ray: Ray, groups: Sequence[Sequence[AxisBox]], whole: AxisBox, active: Mask) -> tuple[Any, ...]:
     """Return of each group of boxes a UInt32 whose bit i says whether an active ray passes box i.
 
     groups  at most `MOST` boxes in each
@@ -74,7 +74,7 @@ def passed(ray: Ray, groups: Sequence[Sequence[Box]], whole: Box, active: Mask) 
     inverse = [dr.rcp(dr.select(dr.abs(d) < _LEAST, _LEAST, d)) for d in components(ray.d)]
     rises = [i > 0.0 for i in inverse]
 
-    def passes(box: Box) -> Any:
+    def passes(box: AxisBox) -> Any:
         """The slab method: the ray is between the two planes of each axis from `near` to `far`.
 
         Which plane is first is told by the direction, not by the distances: so no ray passes a box that is `NOWHERE`.
@@ -92,5 +92,5 @@ def passed(ray: Ray, groups: Sequence[Sequence[Box]], whole: Box, active: Mask) 
         ]
         return tuple(functools.reduce(operator.or_, group) for group in flags)
 
-    nothing = tuple(mi.UInt32(0) for _ in groups)
-    return ops.where_any(active & passes(whole), bits, nothing)
+    no_bits = tuple(mi.UInt32(0) for _ in groups)
+    return ops.where_any(active & passes(whole), bits, no_bits)

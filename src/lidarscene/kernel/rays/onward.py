@@ -56,61 +56,63 @@ class Way:
 Followed = TypeVar("Followed", Way, Meeting, Placement)
 
 
-def chosen(mask: Mask, here: Followed, elsewhere: Followed) -> Followed:
-    """Select field by field between two objects of one type: ``here`` where the mask holds."""
+def select_fields(mask: Mask, if_true: Followed, if_false: Followed) -> Followed:
+    """Select field by field between two objects of one type: ``if_true`` where the mask holds."""
     import drjit as dr
 
-    def one(a: object, b: object) -> Any:
+    def select(a: object, b: object) -> Any:
         if isinstance(a, tuple) and isinstance(b, tuple):
-            return tuple(one(x, y) for x, y in zip(a, b, strict=True))
+            return tuple(select(x, y) for x, y in zip(a, b, strict=True))
         if isinstance(a, Placement) and isinstance(b, Placement):
-            return chosen(mask, a, b)
+            return select_fields(mask, a, b)
         # The same object needs no select: Python numbers that nothing has changed stay Python numbers.
         return a if a is b else dr.select(mask, a, b)
 
-    fields = [field.name for field in dataclasses.fields(here)]
-    return dataclasses.replace(here, **{name: one(getattr(here, name), getattr(elsewhere, name)) for name in fields})
+    fields = [field.name for field in dataclasses.fields(if_true)]
+    return dataclasses.replace(
+        if_true, **{name: select(getattr(if_true, name), getattr(if_false, name)) for name in fields}
+    )
 
 
-def kind_of(moment: Moment, met: Meeting) -> Any:
+def kind_of(moment: Moment, meeting: Meeting) -> Any:
     """Return `Speculars.kind` of what was met, UInt32; 0 where the beam ends."""
     import drjit as dr
 
     mi = mitsuba()
     speculars = moment.speculars
     # On the device a pointer to a shape is its number in Mitsuba's registry: an index for tables of ours.
-    number = dr.reinterpret_array(mi.UInt32, met.surface.shape)
-    return dr.gather(mi.UInt32, speculars.kind, number, met.found)
+    number = dr.reinterpret_array(mi.UInt32, meeting.surface.shape)
+    return dr.gather(mi.UInt32, speculars.kind, number, meeting.valid)
 
 
-def stopped(moment: Moment, way: Way, pane: Meeting) -> Any:
+def is_stopped(moment: Moment, way: Way, pane: Meeting) -> Any:
     """Return whether paths end at a surface that lets others through: a porous one, where the ray finds no gap."""
     if not moment.speculars.gaps:
-        return pane.found & False
+        return pane.valid & False
     porous = moment.speculars.is_porous(kind_of(moment, pane))
     return porous & (moment.draws.uniform(way.interactions) >= gap_share(pane.surface, porous))
 
 
-def gone_on(moment: Moment, way: Way, met: Meeting, active: Mask, *, reflected: bool) -> Way:
+def continued(moment: Moment, way: Way, meeting: Meeting, active: Mask, *, reflected: bool) -> Way:
     """Return the path beyond the panes, mirrors and gaps that were met: through panes, or ``reflected`` by them."""
     import drjit as dr
 
     mi = mitsuba()
-    kind = kind_of(moment, met)
-    direction, share = _lobe(moment, met, kind, active, reflected=reflected)
+    kind = kind_of(moment, meeting)
+    direction, share = _lobe(moment, meeting, kind, active, reflected=reflected)
     # The offset is measured across the surface, so along the ray it is longer by 1 / cos. The ray starts on the far
     # side of a pane, or on the near side of a mirror: along its own new direction in both cases.
     step = START_OFFSET_M / xp(share).maximum(dr.abs(direction.z), _LEAST_COSINE)
     # The interaction's "world" is the frame of the body that was met; from there to the traced frame.
-    out = dr.normalize(met.turned(met.surface.to_world(direction)))
+    out = dr.normalize(meeting.direction_outside(meeting.surface.to_world(direction)))
     # A mirror that moves by v changes the path's length by v . (d_in - d_out) per second. At a pane both directions
     # are the same, and its motion changes nothing.
-    at = way.ray.o + met.t * way.ray.d
-    drift = met.receding(at, way.ray.d - out)
+    hit_point = way.ray.o + meeting.t * way.ray.d
+    drift = meeting.receding(hit_point, way.ray.d - out)
     receding = way.receding_m_s if drift is None else way.receding_m_s + drift
     return Way(
-        ray=mi.Ray3f(at + step * out, out),
-        length_m=way.length_m + met.t + step,
+        ray=mi.Ray3f(hit_point + step * out, out),
+        length_m=way.length_m + meeting.t + step,
         throughput=way.throughput * share,
         interactions=way.interactions + mi.UInt32(1),
         mirrored=mi.Bool(True) if reflected else way.mirrored | moment.speculars.is_mirror(kind),
@@ -118,7 +120,7 @@ def gone_on(moment: Moment, way: Way, met: Meeting, active: Mask, *, reflected: 
     )
 
 
-def _lobe(moment: Moment, met: Meeting, kind: Array, active: Mask, *, reflected: bool) -> tuple[Any, Any]:
+def _lobe(moment: Moment, meeting: Meeting, kind: Array, active: Mask, *, reflected: bool) -> tuple[Any, Any]:
     """Return (n,) direction in the surface's own frame, and (n,) share of the light that goes there."""
     import drjit as dr
 
@@ -126,29 +128,29 @@ def _lobe(moment: Moment, met: Meeting, kind: Array, active: Mask, *, reflected:
     speculars = moment.speculars
     context = mi.BSDFContext()
     direction, share = mi.Vector3f(0.0, 0.0, 1.0), mi.Float(0.0)
-    # Through a gap: straight on, with all of the light (the ray was drawn, `stopped`).
+    # Through a gap: straight on, with all of the light (the ray was drawn, `is_stopped`).
     if speculars.gaps and not reflected:
         porous = speculars.is_porous(kind)
-        direction, share = dr.select(porous, -met.surface.wi, direction), dr.select(porous, 1.0, share)
+        direction, share = dr.select(porous, -meeting.surface.wi, direction), dr.select(porous, 1.0, share)
     # One BSDF after the other, each for its own lanes. `surface.bsdf().sample` would be one call through a table of all
     # BSDFs of the process, and Dr.Jit would compile the sampling code of every material for it.
     for number, bsdf in enumerate(speculars.bsdfs[: speculars.panes] if reflected else speculars.bsdfs):
-        here = active & (kind == number + 1)
+        of_bsdf = active & (kind == number + 1)
         # The first random number selects the lobe: 0 is always the pane's reflection, 1 always its transmission. A
         # mirror has one lobe. Weight times pdf is the share that goes into the lobe, whatever its probability was.
         lobe = mi.Float(0.0 if reflected else 1.0)
-        sample, weight = bsdf.sample(context, met.surface, lobe, mi.Point2f(0.5), here)
-        direction = dr.select(here, sample.wo, direction)
-        share = dr.select(here, weight[0] * sample.pdf, share)
+        sample, weight = bsdf.sample(context, meeting.surface, lobe, mi.Point2f(0.5), of_bsdf)
+        direction = dr.select(of_bsdf, sample.wo, direction)
+        share = dr.select(of_bsdf, weight[0] * sample.pdf, share)
         if number < speculars.panes and (glass := speculars.glass[number]) is not None:
-            absorbing = _of_pane(*glass, cosine=dr.abs(met.surface.wi.z), reflected=reflected)
-            share = dr.select(here, absorbing, share)
+            absorbing = _absorbing_share(*glass, cosine=dr.abs(meeting.surface.wi.z), reflected=reflected)
+            share = dr.select(of_bsdf, absorbing, share)
     if reflected:  # `null` lets everything through, whatever is asked
-        share = dr.select(direction.z * met.surface.wi.z > 0.0, share, 0.0)
+        share = dr.select(direction.z * meeting.surface.wi.z > 0.0, share, 0.0)
     return direction, share
 
 
-def _of_pane(index: Lanes, depth: Lanes, *, cosine: Lanes, reflected: bool) -> Lanes:
+def _absorbing_share(index: Lanes, depth: Lanes, *, cosine: Lanes, reflected: bool) -> Lanes:
     """Return T or R of a pane that absorbs. Mitsuba's `thindielectric` is lossless, and knows no path inside the glass.
 
     index, depth  refractive index, and optical depth at normal incidence
@@ -175,8 +177,8 @@ def sunlight_share(moment: Moment, ray: Ray, active: Mask, *, interactions: int)
     glazed = open_
     for _ in range(interactions):
         pane = moment.pane(way.ray, dr.inf, glazed)
-        glazed = pane.found
-        way = chosen(glazed, gone_on(moment, way, pane, glazed, reflected=False), way)
+        glazed = pane.valid
+        way = select_fields(glazed, continued(moment, way, pane, glazed, reflected=False), way)
         if moment.speculars.gaps:
             porous = moment.speculars.is_porous(kind_of(moment, pane))
             dimmed = way.throughput * gap_share(pane.surface, porous)

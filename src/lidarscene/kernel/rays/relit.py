@@ -12,7 +12,7 @@ from ...maths.arrays import Numbers
 from ...maths.paths import Moving, Placement
 from ...sensor.model import Sensor
 from ..device import transfer
-from ..world.build import World
+from ..world.mitsuba_world import World
 from .trace import Firing, trace
 
 COLUMNS = ("found", "range_m", "peak_power_w", "background_power_w")

@@ -27,13 +27,13 @@ from ...maths.arrays import Array, Lanes, Mask, is_drjit, xp
 from ...maths.paths import Moving
 from ...maths.vectors import Vector
 from ..device.backend import mitsuba
-from ..device.types import DeviceVector, Ray, Surface, components
-from ..world.build import World
+from ..device.types import DeviceVector, Interaction, Ray, components
+from ..world.mitsuba_world import World
 from .gaps import Draws, gap_share
-from .glints import returned
+from .glints import specular_return
 from .meeting import Meeting, Moment
-from .nearby import boxes_of
-from .onward import START_OFFSET_M, Way, chosen, gone_on, kind_of, stopped, sunlight_share
+from .nearby import boxes_from_numbers
+from .onward import START_OFFSET_M, Way, continued, is_stopped, kind_of, select_fields, sunlight_share
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,13 +83,13 @@ def trace(
     """
     mi = mitsuba()
     firing = firing or Firing()
-    moving = moving or world.rest
+    moving = moving or world.resting
     moment = Moment(
         world=world,
         sun=sun,
         coherent=True,
         moving=moving,
-        boxes=() if moving is None else boxes_of(moving.paths.boxes_m),
+        boxes=() if moving is None else boxes_from_numbers(moving.paths.boxes_m),
         draws=Draws(seed=firing.seed, pulse=beams.pulse, ray=firing.ray),
         aim=firing.aim,
     )
@@ -104,110 +104,110 @@ def trace(
     def sunshine(ray: Ray, sunny: Mask) -> tuple[Any, Lanes]:
         return _sunshine(moment, ray, sunny, interactions)
 
-    return tuple(_ended(moment, way, met, sunshine, firing) for way, met in ways)
+    return tuple(_hits(moment, way, meeting, sunshine, firing) for way, meeting in ways)
 
 
-def _surveyed(moment: Moment, way: Way, met: Meeting, firing: Firing) -> Hits:
+def _surveyed(moment: Moment, way: Way, meeting: Meeting, firing: Firing) -> Hits:
     """Return the first surface of each ray, with `Hits.goes_on`: whether the ray has to be traced in full."""
     mi = mitsuba()
     through_glass = mi.Bool(False)
 
-    # `_ended` asks for the sunlight once, with the shadow rays: the same rays tell whether glass is in the sun's way.
+    # `_hits` asks for the sunlight once, with the shadow rays: the same rays tell whether glass is in the sun's way.
     def sunshine(ray: Ray, sunny: Mask) -> tuple[Any, Lanes]:
         nonlocal through_glass
         lit = sunny & ~moment.blocked(ray, sunny)
         through_glass = moment.glazed(ray, lit)
         return lit, 1.0
 
-    hits = _ended(moment, way, met, sunshine, firing)
-    goes_on = (kind_of(moment, met) > 0) | moment.glazed(way.ray, True, met.t) | through_glass
+    hits = _hits(moment, way, meeting, sunshine, firing)
+    goes_on = (kind_of(moment, meeting) > 0) | moment.glazed(way.ray, True, meeting.t) | through_glass
     return dataclasses.replace(hits, goes_on=goes_on)
 
 
 def _ways(moment: Moment, way: Way, interactions: int) -> list[tuple[Way, Meeting]]:
     """Return each path of the rays, with the surface at its end: one path, or two in a world with panes."""
     mi = mitsuba()
-    met, speculars = moment.meet(way.ray), moment.world.speculars
+    meeting, speculars = moment.meet(way.ray), moment.world.speculars
     if speculars is None:
-        return [(way, met)]
+        return [(way, meeting)]
     if not interactions:
-        return [(way, _at_last_pane(moment, way, met, mi.Bool(True)))]
-    # `on` are the lanes whose path has gone on at every step so far, `mirrored` those that have left a second path at a
-    # pane. That happens once for each ray, at its first pane. Without mirrors and gaps the first pane, if there is one,
-    # is met at the first step, and the later steps need no code for it.
-    second, mirrored, on = way, mi.Bool(False), mi.Bool(True)
+        return [(way, _at_last_pane(moment, way, meeting, mi.Bool(True)))]
+    # `going_on` are the lanes whose path has gone on at every step so far, `mirrored` those with a second path, which
+    # begins at the first pane. Without mirrors and gaps the first pane, if there is one, is met at the first step, and
+    # the later steps need no code for it.
+    second, mirrored, going_on = way, mi.Bool(False), mi.Bool(True)
     for number in range(interactions):
-        pane = _pane_before(moment, way, met, on)
+        pane = _pane_before(moment, way, meeting, going_on)
         if pane is not None and speculars.panes and (number == 0 or speculars.mirrors or speculars.gaps):
-            here = pane.found & ~mirrored
+            splits = pane.valid & ~mirrored
             if speculars.gaps:
-                here &= speculars.is_pane(kind_of(moment, pane))
-            off = gone_on(moment, way, pane, here, reflected=True)
-            back, ended = returned(moment, way, pane, off, here)
-            second = chosen(here, chosen(back, ended, off), second)
-            mirrored |= here
-        way, met, on = _a_step_on(moment, way, met, pane, on)
-    met = _at_last_pane(moment, way, met, on)
+                splits &= speculars.is_pane(kind_of(moment, pane))
+            reflected = continued(moment, way, pane, splits, reflected=True)
+            comes_back, ended = specular_return(moment, way, pane, reflected, splits)
+            second = select_fields(splits, select_fields(comes_back, ended, reflected), second)
+            mirrored |= splits
+        way, meeting, going_on = _step(moment, way, meeting, pane, going_on)
+    meeting = _at_last_pane(moment, way, meeting, going_on)
     if not speculars.panes:
-        return [(way, met)]
-    second, end = _mirrored(moment, second, mirrored, interactions)
-    return [(way, met), (second, end)]
+        return [(way, meeting)]
+    second, end = _second_path(moment, second, mirrored, interactions)
+    return [(way, meeting), (second, end)]
 
 
-def _mirrored(moment: Moment, way: Way, active: Mask, interactions: int) -> tuple[Way, Meeting]:
+def _second_path(moment: Moment, way: Way, active: Mask, interactions: int) -> tuple[Way, Meeting]:
     """Follow the second path from the first pane on, on the lanes that have one."""
     import drjit as dr
 
     way = dataclasses.replace(way, throughput=dr.select(active, way.throughput, 0.0))
-    back = active & (way.glint_per_sr > 0.0)  # a specular return: the path ends at that pane
-    met, on = moment.meet(way.ray, active), active & ~back
+    comes_back = active & (way.glint_per_sr > 0.0)  # a specular return: the path ends at that pane
+    meeting, going_on = moment.meet(way.ray, active), active & ~comes_back
     # The first pane was one interaction. A path that met a mirror before it has used up more than one.
     for _ in range(1, interactions):
-        on = on & (way.interactions < interactions)
-        way, met, on = _a_step_on(moment, way, met, _pane_before(moment, way, met, on), on)
-    return way, _at_last_pane(moment, way, met, on | back)
+        going_on = going_on & (way.interactions < interactions)
+        way, meeting, going_on = _step(moment, way, meeting, _pane_before(moment, way, meeting, going_on), going_on)
+    return way, _at_last_pane(moment, way, meeting, going_on | comes_back)
 
 
-def _pane_before(moment: Moment, way: Way, met: Meeting, on: Mask) -> Meeting | None:
+def _pane_before(moment: Moment, way: Way, meeting: Meeting, active: Mask) -> Meeting | None:
     """Return the nearest pane or porous surface in front of what was met; None in a world without any."""
-    return moment.pane(way.ray, met.t, on) if moment.speculars.lets_through else None
+    return moment.pane(way.ray, meeting.t, active) if moment.speculars.lets_through else None
 
 
-def _at_last_pane(moment: Moment, way: Way, met: Meeting, on: Mask) -> Meeting:
+def _at_last_pane(moment: Moment, way: Way, meeting: Meeting, active: Mask) -> Meeting:
     """Return the end of a path that has used all its interactions: what was met, or a pane in front of it."""
-    pane = _pane_before(moment, way, met, on)
-    return met if pane is None else chosen(pane.found, pane, met)
+    pane = _pane_before(moment, way, meeting, active)
+    return meeting if pane is None else select_fields(pane.valid, pane, meeting)
 
 
-def _a_step_on(moment: Moment, way: Way, met: Meeting, pane: Meeting | None, on: Mask) -> tuple[Way, Meeting, Any]:
-    """Take one step where ``on`` holds: through a pane or gap, or off a mirror.
+def _step(moment: Moment, way: Way, meeting: Meeting, pane: Meeting | None, active: Mask) -> tuple[Way, Meeting, Any]:
+    """Take one step where ``active`` holds: through a pane or gap, or off a mirror.
 
     Returns the path, what it meets next, and (n,) whether it has gone on.
     """
     import drjit as dr
 
-    gone, before = on & False, way
+    going_on, way_before = active & False, way
     if pane is not None:
-        ends = stopped(moment, way, pane)
-        gone = pane.found & ~ends
-        way = chosen(gone, gone_on(moment, way, pane, gone, reflected=False), way)
+        ends = is_stopped(moment, way, pane)
+        going_on = pane.valid & ~ends
+        way = select_fields(going_on, continued(moment, way, pane, going_on, reflected=False), way)
         # A thin pane does not bend the ray. What stands behind it is known already, since panes are in scenes of their
         # own: only its distance is less, by the path up to the pane. That saves a query for each pane.
-        nearer = met.t - (way.length_m - before.length_m)
-        met = chosen(ends, pane, dataclasses.replace(met, t=dr.select(gone, nearer, met.t)))
+        nearer = meeting.t - (way.length_m - way_before.length_m)
+        meeting = select_fields(ends, pane, dataclasses.replace(meeting, t=dr.select(going_on, nearer, meeting.t)))
     if moment.speculars.mirrors:
-        bounce = on & ~gone & moment.speculars.is_mirror(kind_of(moment, met))
-        off = gone_on(moment, way, met, bounce, reflected=False)
+        bounce = active & ~going_on & moment.speculars.is_mirror(kind_of(moment, meeting))
+        reflected = continued(moment, way, meeting, bounce, reflected=False)
         # A mirror normal to the beam ends the path with a specular return; off all others it goes on.
-        back, ended = returned(moment, way, met, off, bounce)
-        way, bounce = chosen(back, ended, chosen(bounce, off, way)), bounce & ~back
-        met = chosen(bounce, moment.meet(way.ray, bounce), met)
-        gone |= bounce
-    return way, met, gone
+        comes_back, ended = specular_return(moment, way, meeting, reflected, bounce)
+        way, bounce = select_fields(comes_back, ended, select_fields(bounce, reflected, way)), bounce & ~comes_back
+        meeting = select_fields(bounce, moment.meet(way.ray, bounce), meeting)
+        going_on |= bounce
+    return way, meeting, going_on
 
 
-def _ended(
-    moment: Moment, way: Way, met: Meeting, sunshine: Callable[[Ray, Mask], tuple[Mask, Lanes]], firing: Firing
+def _hits(
+    moment: Moment, way: Way, meeting: Meeting, sunshine: Callable[[Ray, Mask], tuple[Mask, Lanes]], firing: Firing
 ) -> Hits:
     """Return the Hits at the end of a path.
 
@@ -216,57 +216,57 @@ def _ended(
     import drjit as dr
 
     mi = mitsuba()
-    world, surface, length_m = moment.world, met.surface, way.length_m + met.t
+    world, surface, length_m = moment.world, meeting.surface, way.length_m + meeting.t
     # A sensor that drives into a wall has the wall in its housing: the echo at no distance would have no bounds.
-    found = met.found & (length_m >= firing.housing_m)
+    valid = meeting.valid & (length_m >= firing.housing_m)
     # Two-sided: meshes from elsewhere are rarely wound consistently, so a normal may point inwards. Everything here
     # happens on the side from which the ray came: the normal is turned against the ray.
-    facing = dr.select(dr.dot(surface.n, met.seen.d) > 0.0, -1.0, 1.0)
+    facing = dr.select(dr.dot(surface.n, meeting.local_ray.d) > 0.0, -1.0, 1.0)
     normal = surface.n * facing
-    cos_sun = dr.dot(normal, met.to_sun)
-    sunny, side = found & (cos_sun > 0.0), normal
+    cos_sun = dr.dot(normal, meeting.to_sun)
+    sunny, side = valid & (cos_sun > 0.0), normal
     # A leaf shows the sun that shines on its far side: there the shadow ray starts on that side.
-    through, behind = _let_through(world, met, cos_sun)
+    through, behind = _diffuse_transmittance(world, meeting, cos_sun)
     if behind is not None:
         sunny, side = sunny | behind, dr.select(behind, -normal, normal)
     # Above the surface, or rounding would put half of the shadow rays inside of it ("shadow acne").
-    start = met.outside(surface.p + side * START_OFFSET_M)
-    away = met.receding(start, way.ray.d)
-    receding = way.receding_m_s if away is None else way.receding_m_s + away
+    start = meeting.point_outside(surface.p + side * START_OFFSET_M)
+    surface_receding = meeting.receding(start, way.ray.d)
+    receding = way.receding_m_s if surface_receding is None else way.receding_m_s + surface_receding
     lit, share = sunshine(mi.Ray3f(start, mi.Vector3f(*moment.sun)), sunny)
-    back, towards_sun, reflectivity = _scattering(mi, dr, world, surface, met.to_sun, found, lit)
+    backscatter, towards_sun, reflectivity = _scattering(mi, dr, world, surface, meeting.to_sun, valid, lit)
     if behind is not None:
         towards_sun = dr.select(lit & behind, through * -cos_sun * dr.inv_pi, towards_sun)
     # A triangle's number within its shape, the shape's first number in the world's tables, and the shift to the body
     # where several bodies share the shape. Body, class and material are looked up by it later, for kept points only.
     number = dr.reinterpret_array(mi.UInt32, surface.shape)
-    face = dr.gather(mi.UInt32, world.first_face, number, found) + surface.prim_index + met.shift
+    face = dr.gather(mi.UInt32, world.first_face, number, valid) + surface.prim_index + meeting.shift
     return Hits(
-        found=found,
-        range_m=dr.select(found, length_m, 1.0),  # not infinity: later stages divide by it
-        cos_incidence=dr.select(found, xp(met.t).minimum(-dr.dot(normal, met.seen.d), 1.0), 0.0),
-        backscatter_per_sr=back + way.glint_per_sr,
+        found=valid,
+        range_m=dr.select(valid, length_m, 1.0),  # not infinity: later stages divide by it
+        cos_incidence=dr.select(valid, xp(meeting.t).minimum(-dr.dot(normal, meeting.local_ray.d), 1.0), 0.0),
+        backscatter_per_sr=backscatter + way.glint_per_sr,
         sun_scatter_per_sr=towards_sun * share,
         reflectivity=reflectivity,
         transmittance=through,
-        cos_sun=dr.select(found, cos_sun, 0.0),
+        cos_sun=dr.select(valid, cos_sun, 0.0),
         lit=lit,
-        radial_velocity_m_s=dr.select(found, receding, 0.0) if is_drjit(receding) else 0.0,
-        face=dr.select(found, mi.Int32(face), -1),
+        radial_velocity_m_s=dr.select(valid, receding, 0.0) if is_drjit(receding) else 0.0,
+        face=dr.select(valid, mi.Int32(face), -1),
         throughput=way.throughput,
         interactions=way.interactions,
         mirrored=way.mirrored,
         direction=tuple(way.ray.d) if is_drjit(way.interactions) else None,
-        normal=_where(found, met.turned(normal)) if firing.vectors else None,
-        velocity_m_s=_where(found, met.velocity(start)) if firing.vectors else None,
+        normal=_components_where(valid, meeting.direction_outside(normal)) if firing.vectors else None,
+        velocity_m_s=_components_where(valid, meeting.velocity(start)) if firing.vectors else None,
     )
 
 
-def _where(found: Mask, vector: DeviceVector) -> Vector:
+def _components_where(valid: Mask, vector: DeviceVector) -> Vector:
     """Return the components of a vector, 0 where nothing was found."""
     import drjit as dr
 
-    x, y, z = (dr.select(found, component, 0.0) for component in components(vector))
+    x, y, z = (dr.select(valid, component, 0.0) for component in components(vector))
     return x, y, z
 
 
@@ -281,14 +281,14 @@ def _sunshine(moment: Moment, ray: Ray, sunny: Mask, interactions: int) -> tuple
 
 def _receding(velocity_m_s: Vector | None, direction: Vector) -> Lanes:
     """Rate at which the sensor's own motion lengthens the range, m/s."""
-    return 0.0 if velocity_m_s is None else -_along(velocity_m_s, direction)
+    return 0.0 if velocity_m_s is None else -_speed_along(velocity_m_s, direction)
 
 
-def _along(velocity_m_s: Vector, direction: Vector) -> Lanes:
+def _speed_along(velocity_m_s: Vector, direction: Vector) -> Lanes:
     return sum(v * d for v, d in zip(velocity_m_s, direction, strict=True))
 
 
-def _let_through(world: World, met: Meeting, cos_sun: Array) -> tuple[Lanes, Any]:
+def _diffuse_transmittance(world: World, meeting: Meeting, cos_sun: Array) -> tuple[Lanes, Any]:
     """Return the diffuse transmittance tau of what was met, and where sunlight on its far side is seen (T68).
 
     The second is None in a world in which nothing transmits diffusely.
@@ -298,33 +298,33 @@ def _let_through(world: World, met: Meeting, cos_sun: Array) -> tuple[Lanes, Any
     mi = mitsuba()
     if world.shape_transmittance is None:
         return 0.0, None
-    number = dr.reinterpret_array(mi.UInt32, met.surface.shape)
-    through = dr.gather(mi.Float, world.shape_transmittance, number, met.found)
+    number = dr.reinterpret_array(mi.UInt32, meeting.surface.shape)
+    through = dr.gather(mi.Float, world.shape_transmittance, number, meeting.valid)
     return through, (cos_sun < 0.0) & (through > 0.0)
 
 
 def _scattering(
-    mi: ModuleType, dr: ModuleType, world: World, surface: Surface, to_sun: DeviceVector, found: Mask, lit: Mask
+    mi: ModuleType, dr: ModuleType, world: World, surface: Interaction, to_sun: DeviceVector, valid: Mask, lit: Mask
 ) -> tuple[Any, Any, Any]:
     """Return f_r cos(theta) back along the ray and towards the sun, 1/sr, and the diffuse reflectivity."""
     # Mitsuba's `eval` includes the cosine of the outgoing direction. Outgoing is `wi` itself in the first call: the
     # light returns along the ray by which it came.
     context = mi.BSDFContext()
     bsdf = surface.bsdf()
-    back = bsdf.eval(context, surface, surface.wi, found)
+    backscatter = bsdf.eval(context, surface, surface.wi, valid)
     # Reciprocity: light from the sun into the ray is light along the ray into the sun's direction.
     towards_sun = bsdf.eval(context, surface, surface.to_local(to_sun), lit)
     number = dr.reinterpret_array(mi.UInt32, surface.shape)
     if world.speculars is not None and world.speculars.gaps:
         # A ray that ends at a porous surface has met its solid part. Mitsuba's mask returns the mean over solid and
         # gaps, so it is divided by the share that is solid.
-        porous = world.speculars.is_porous(dr.gather(mi.UInt32, world.speculars.kind, number, found))
+        porous = world.speculars.is_porous(dr.gather(mi.UInt32, world.speculars.kind, number, valid))
         solid = 1.0 - gap_share(surface, porous)
         solid = xp(solid).maximum(solid, 1e-6)
-        back, towards_sun = back / solid, towards_sun / solid
-    reflectivity = dr.gather(mi.Float, world.shape_reflectivity, number, found)
+        backscatter, towards_sun = backscatter / solid, towards_sun / solid
+    reflectivity = dr.gather(mi.Float, world.shape_reflectivity, number, valid)
     # -1 in the table: a BSDF of a Mitsuba file, of which only the BSDF itself knows the reflectivity.
     if world.has_foreign:
-        own = bsdf.eval_diffuse_reflectance(surface, found)[0]
-        reflectivity = dr.select(reflectivity < 0.0, own, reflectivity)
-    return dr.select(found, back[0], 0.0), dr.select(lit, towards_sun[0], 0.0), reflectivity
+        file_reflectivity = bsdf.eval_diffuse_reflectance(surface, valid)[0]
+        reflectivity = dr.select(reflectivity < 0.0, file_reflectivity, reflectivity)
+    return dr.select(valid, backscatter[0], 0.0), dr.select(lit, towards_sun[0], 0.0), reflectivity

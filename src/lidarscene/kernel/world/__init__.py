@@ -3,11 +3,12 @@
 Mitsuba is fast with few shapes of many triangles and slow with many shapes, and it does not know bodies and classes. So
 a scene is merged by material, and tables lead from a triangle back to its body.
 
-build        `World`: a scene compiled for one wavelength
-bsdfs        materials as Mitsuba BSDFs, and the retro-reflector
-rough        the BSDF of rough matt surfaces
-patterns     reflectivities that vary over a surface
-speculars    at which surfaces a beam goes on
-mitsuba_xml  shapes of Mitsuba XML scenes
-triangles    the same as triangles, to draw
+mitsuba_world  `World`: a scene compiled for one wavelength
+merged_meshes  shapes of a Mitsuba file, one mesh for each BSDF
+bsdfs          materials as Mitsuba BSDFs and textures; the retro-reflector and rough matt surfaces
+faces          tables from a hit's face to body, class, material and normal
+speculars      surfaces at which a beam goes on
+mitsuba_xml    shapes of Mitsuba XML scenes
+xml_bsdfs      BSDFs of such a file, replaced before Mitsuba loads it
+triangles      shapes of such a file as triangles, to draw
 """

@@ -1,4 +1,6 @@
-"""Translate materials to Mitsuba BSDFs, and add those that Mitsuba lacks: retro-reflectors and rough matt surfaces.
+"""Translate materials to Mitsuba BSDFs and textures, and add the BSDFs that Mitsuba lacks.
+
+Mitsuba has no retro-reflector and no rough matt surface: both are plug-ins of ours.
 
 Reflection is Mitsuba's: its BSDFs are documented, tested and what users of Mitsuba scenes expect. They are made from
 the numbers of one wavelength, the laser's, as dictionaries that `mi.load_dict` and XML scenes both understand.
@@ -14,20 +16,25 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
-from ...maths.arrays import Lanes, Mask, xp
+from ...materials.colour import reflectivity_by_colour
+from ...maths.arrays import Lanes, Mask, Numbers, xp
 from ...physics.optics import dielectrics, reflection
+from ...scene.meshes.reflectivity_patterns import ReflectivityPattern
 from ..device import transfer
 from ..device.backend import mitsuba
-from ..device.types import Bsdf, DeviceVector, Surface
-from .rough import ROUGH_PLUGIN, register_rough_diffuse
+from ..device.types import Bsdf, DeviceVector, Interaction
 
 RETRO_PLUGIN = "lidarscene_retroreflector"
+ROUGH_PLUGIN = "lidarscene_rough_diffuse"
+
+ATTRIBUTE = "vertex_reflectivity"
+"""Name of the mesh attribute that holds the reflectivity of each vertex."""
 
 _ENTRANCE_EXPONENT = 3.61
 """R_A falls as cos(entrance angle)^3.61: the 150 against 250 cd/lx/m2 at 30 against 4 degrees that ASTM D4956
@@ -48,10 +55,10 @@ def bsdf_dict(values: dict[str, Any], reflectance: dict[str, object] | None = No
     return whole if cover == 1.0 else {"type": "mask", "opacity": float(cover), "nested": whole}
 
 
-def made(values: dict[str, Any], reflectance: dict[str, object] | None = None) -> Any:
+def make_bsdf(values: dict[str, Any], reflectance: dict[str, object] | None = None) -> Any:
     """Return Mitsuba's BSDF of a material, as of `bsdf_dict`."""
     if values["bsdf"] == "coated" and reflectance is None and values.get("cover", 1.0) == 1.0:
-        return _coat(values)
+        return _load_coat(values)
     return mitsuba().load_dict(bsdf_dict(values, reflectance))
 
 
@@ -92,7 +99,7 @@ def _coated(values: dict[str, Any]) -> dict[str, Any]:
     return _two_sided(_roughplastic(values, _spectrum(_base(values, white))))
 
 
-def _coat(values: dict[str, Any]) -> Any:
+def _load_coat(values: dict[str, Any]) -> Any:
     """Mitsuba's own of `_coated`: to tabulate a coat takes it 20 ms, so one over a white base is darkened."""
     mi = mitsuba()
     reflectance = mi.load_dict(_spectrum(1.0))
@@ -245,7 +252,7 @@ def _retroreflector_class() -> Any:
             self.m_components = [flags | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide]
             self.m_flags = self.m_components[0]
 
-        def eval(self, ctx: object, si: Surface, wo: DeviceVector, active: Mask = True) -> Any:
+        def eval(self, ctx: object, si: Interaction, wo: DeviceVector, active: Mask = True) -> Any:
             cos_i, cos_o = dr.abs(si.wi.z), dr.abs(wo.z)
             same_side = si.wi.z * wo.z > 0.0
             # For small angles |wi - wo| is the observation angle alpha; acos would lose it in rounding.
@@ -258,7 +265,7 @@ def _retroreflector_class() -> Any:
             diffuse = self.reflectivity * cos_o * dr.inv_pi
             return mi.Spectrum(dr.select(active & same_side, diffuse + retro, 0.0))
 
-        def sample(self, ctx: object, si: Surface, sample1: Lanes, sample2: object, active: Mask = True) -> Any:
+        def sample(self, ctx: object, si: Interaction, sample1: Lanes, sample2: object, active: Mask = True) -> Any:
             # Our tracer never samples it. Mitsuba's own integrators do, in tests: any density that covers the
             # hemisphere is right, and the cosine's is the simplest.
             wo = mi.warp.square_to_cosine_hemisphere(sample2)
@@ -270,14 +277,14 @@ def _retroreflector_class() -> Any:
             value = self.eval(ctx, si, wo, active) / xp(bs.pdf).maximum(bs.pdf, 1e-12)
             return bs, dr.select(active & (bs.pdf > 0.0), value, 0.0)
 
-        def pdf(self, ctx: object, si: Surface, wo: DeviceVector, active: Mask = True) -> Any:
+        def pdf(self, ctx: object, si: Interaction, wo: DeviceVector, active: Mask = True) -> Any:
             same_side = si.wi.z * wo.z > 0.0
             return dr.select(active & same_side, dr.abs(wo.z) * dr.inv_pi, 0.0)
 
-        def eval_pdf(self, ctx: object, si: Surface, wo: DeviceVector, active: Mask = True) -> Any:
+        def eval_pdf(self, ctx: object, si: Interaction, wo: DeviceVector, active: Mask = True) -> Any:
             return self.eval(ctx, si, wo, active), self.pdf(ctx, si, wo, active)
 
-        def eval_diffuse_reflectance(self, si: Surface, active: Mask = True) -> Any:
+        def eval_diffuse_reflectance(self, si: Interaction, active: Mask = True) -> Any:
             return mi.Spectrum(self.reflectivity)
 
         def traverse(self, callback: Any) -> None:
@@ -291,3 +298,117 @@ def _retroreflector_class() -> Any:
             return f"Retroreflector[reflectivity={self.reflectivity}, peak={self.peak}]"
 
     return Retroreflector
+
+
+@functools.cache
+def register_rough_diffuse() -> None:
+    """Register the plug-in with Mitsuba, once: plug-ins from Python exist only in the variant that is active."""
+    mi = mitsuba()
+    mi.register_bsdf(ROUGH_PLUGIN, _rough_diffuse_class())
+
+
+def _rough_diffuse_class() -> Any:
+    """Return the class, which is made at the first call: its base class exists only once a variant is set."""
+    import drjit as dr
+
+    mi = mitsuba()
+
+    class RoughDiffuse(mi.BSDF):  # type: ignore[misc,name-defined]
+        """Equation (T7a), two-sided. ``reflectance`` is a texture, ``slope_deg`` the deviation of the facets' slope."""
+
+        def __init__(self, props: Any) -> None:
+            mi.BSDF.__init__(self, props)
+            self.reflectance = props.get_texture("reflectance", 0.5)
+            self.relief = mi.Float(reflection.relief(math.radians(props.get("slope_deg", 30.0))))
+            # Opaque: a literal would be part of the kernel, and each roughness would have code of its own.
+            dr.make_opaque(self.relief)
+            flags = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide
+            self.m_components = [flags]
+            self.m_flags = flags
+
+        def eval(self, ctx: object, si: Interaction, wo: DeviceVector, active: Mask = True) -> Any:
+            cos_i, cos_o = dr.abs(si.wi.z), dr.abs(wo.z)
+            per_sr = reflection.rough_diffuse_per_sr(
+                reflectivity=self.reflectance.eval(si, active)[0],
+                relief=self.relief,
+                cos_in=cos_i,
+                cos_out=cos_o,
+                cos_between=dr.dot(si.wi, wo),
+            )
+            return mi.Spectrum(dr.select(active & (si.wi.z * wo.z > 0.0), per_sr * cos_o, 0.0))
+
+        def sample(self, ctx: object, si: Interaction, sample1: Lanes, sample2: object, active: Mask = True) -> Any:
+            # Our tracer never samples it. Mitsuba's own integrators do, in tests: the cosine covers the hemisphere.
+            wo = mi.warp.square_to_cosine_hemisphere(sample2)
+            wo.z = dr.mulsign(wo.z, si.wi.z)
+            bs = dr.zeros(mi.BSDFSample3f)
+            bs.wo, bs.eta, bs.sampled_component = wo, 1.0, 0
+            bs.sampled_type = mi.UInt32(+mi.BSDFFlags.DiffuseReflection)
+            bs.pdf = self.pdf(ctx, si, wo, active)
+            value = self.eval(ctx, si, wo, active) / dr.maximum(bs.pdf, 1e-12)
+            return bs, dr.select(active & (bs.pdf > 0.0), value, 0.0)
+
+        def pdf(self, ctx: object, si: Interaction, wo: DeviceVector, active: Mask = True) -> Any:
+            return dr.select(active & (si.wi.z * wo.z > 0.0), dr.abs(wo.z) * dr.inv_pi, 0.0)
+
+        def eval_pdf(self, ctx: object, si: Interaction, wo: DeviceVector, active: Mask = True) -> Any:
+            return self.eval(ctx, si, wo, active), self.pdf(ctx, si, wo, active)
+
+        def eval_diffuse_reflectance(self, si: Interaction, active: Mask = True) -> Any:
+            return self.reflectance.eval(si, active)
+
+        def traverse(self, callback: Any) -> None:
+            callback.put("reflectance", self.reflectance, mi.ParamFlags.Differentiable)
+            callback.put("relief", self.relief, mi.ParamFlags.Differentiable)
+
+        def parameters_changed(self, keys: object) -> None:
+            dr.make_opaque(self.relief)
+
+        def to_string(self) -> str:
+            return f"RoughDiffuse[reflectance={self.reflectance}, relief={self.relief}]"
+
+    return RoughDiffuse
+
+
+# --- reflectivity that varies over a surface ----------------------------------------------------------
+
+
+def texture_key(pattern: ReflectivityPattern | None) -> Hashable:
+    """What parts of one material must share to be one Mitsuba mesh: no pattern, values of vertices, or an image."""
+    if pattern is None or pattern.uv is None:
+        return pattern is not None
+    return id(pattern.values), pattern.mean
+
+
+def reflectivities(pattern: ReflectivityPattern, values: Mapping[str, Any]) -> Numbers:
+    """Return the pattern's values as reflectivities of a material at the laser's wavelength, float32.
+
+    values  the material by `Material.at`
+    At most what conserves energy on its surface.
+    """
+    varied: Numbers = pattern.values
+    if pattern.kind == "colour":
+        # A part that is black all over has no mean to be scaled by, and stays black.
+        varied = reflectivity_by_colour(
+            red=pattern.values,
+            mean_red=max(pattern.mean, 1e-6),
+            reflectivity=values["reflectivity"],
+            wavelength_m=values["wavelength_m"],
+        )
+    limit = reflection.largest_reflectivity(math.radians(values.get("facet_slope_deg", 0.0)))
+    return np.minimum(varied, limit).astype(np.float32)
+
+
+def texture(pattern: ReflectivityPattern, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the Mitsuba texture of a pattern; a mesh brings the values of its vertices itself, by `ATTRIBUTE`.
+
+    Raises InputError for a material that is not diffuse.
+    """
+    if values["bsdf"] != "diffuse":
+        raise InputError(
+            f"material '{values['name']}': must be diffuse where reflectivity varies, got {values['bsdf']}"
+        )
+    if pattern.uv is None:
+        return {"type": "mesh_attribute", "name": ATTRIBUTE}
+    image = mitsuba().Bitmap(reflectivities(pattern, values)[..., None])
+    return {"type": "bitmap", "bitmap": image, "raw": True, "wrap_mode": "repeat"}

@@ -102,7 +102,9 @@ class FaceTables:
             "face_material": mi.Int32(np.concatenate(self._material)),
             "material_names": tuple(self.material_names),
             "has_foreign": any(shape.reflectivity is None for shape, _ in self._first.values()),
-            "speculars": Speculars.of([_surface(shape) for shape, _ in self._first.values()]) if see_through else None,
+            "speculars": Speculars.from_shapes([_specular_entry(shape) for shape, _ in self._first.values()])
+            if see_through
+            else None,
         }
 
     def _normals(self) -> Any:
@@ -126,16 +128,21 @@ class FaceTables:
         return table
 
 
-def _surface(shape: PlacedShape) -> tuple[int, Any, Hashable, Any]:
-    """Return what `Speculars.of` wants of a shape: registry number, BSDF, identity of the material, absorption."""
+def _specular_entry(shape: PlacedShape) -> tuple[int, Any, Hashable, Any]:
+    """Return registry number, BSDF, identity of the material and absorption, for `Speculars.from_shapes`."""
     import drjit as dr
 
     mi = mitsuba()
     bsdf = shape.shape.bsdf()
     # Our materials are known by name. In a Mitsuba file one name may stand for several BSDFs: their registry number
     # is the identity.
-    own = int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))[0])
-    return (_registry_number(shape.shape), bsdf, own if shape.reflectivity is None else shape.material, shape.absorbs)
+    bsdf_number = int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))[0])
+    return (
+        _registry_number(shape.shape),
+        bsdf,
+        bsdf_number if shape.reflectivity is None else shape.material,
+        shape.absorbs,
+    )
 
 
 def _registry_number(shape: Shape) -> int:

@@ -26,7 +26,7 @@ Element = ElementTree.Element
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FoundShape:
+class FileShape:
     """A shape of the file: its name, number of faces, BSDF, and the name of its material.
 
     values   `Material.at`; None if the BSDF is the file's own
@@ -49,7 +49,7 @@ class FoundShape:
 
 def load_shapes(
     path: Path, replaced: Mapping[str, str], materials: Mapping[str, dict[str, object]], wavelength_m: float
-) -> list[FoundShape]:
+) -> list[FileShape]:
     """Return the shapes of a Mitsuba XML file, in its order.
 
     replaced      from BSDF id to material name
@@ -59,23 +59,23 @@ def load_shapes(
     """
     root = _parsed(path)
     _insert_included(root, path.parent, [])
-    parameters, known = _defaults(root), own_plugins()
-    named = xml_bsdfs.replaced_by_name(root, path, replaced)
-    assumed = xml_bsdfs.stand_ins(root, lambda kind: not kind or _filled_in(kind, parameters) in known, materials)
+    parameters, plugins = _defaults(root), own_plugins()
+    replaced_elements = xml_bsdfs.replaced_by_name(root, path, replaced)
+    stand_ins = xml_bsdfs.stand_ins(root, lambda kind: not kind or _filled_in(kind, parameters) in plugins, materials)
     _keep_to_mitsuba(root, path)
     xml_bsdfs.make_two_sided(root)
-    used = dict(materials)
-    for element, material in named + assumed:
-        if material not in used:
-            used[material] = catalogue.material(material).at(wavelength_m)
-        xml_bsdfs.fill(element, bsdf_dict(used[material]))
+    used_materials = dict(materials)
+    for element, material in replaced_elements + stand_ins:
+        if material not in used_materials:
+            used_materials[material] = catalogue.material(material).at(wavelength_m)
+        xml_bsdfs.fill(element, bsdf_dict(used_materials[material]))
     shapes = _loaded(root, path).shapes()
     if not shapes:
         raise InputError(f"{path}: the scene has no shapes")
-    ours = {str(element.get("id")): material for element, material in named + assumed}
-    by_name = {str(element.get("id")) for element, _ in assumed}
+    ours = {str(element.get("id")): material for element, material in replaced_elements + stand_ins}
+    by_name = {str(element.get("id")) for element, _ in stand_ins}
     answers: dict[int, Any] = {}
-    found: list[FoundShape] = []
+    file_shapes: list[FileShape] = []
     for number, shape in enumerate(shapes):
         name, bsdf = _plain(shape.id(), f"shape_{number}"), shape.bsdf()
         if shape.class_name() == "Instance":
@@ -86,26 +86,26 @@ def load_shapes(
             if id(bsdf) not in answers:
                 if fault := _fault(bsdf):
                     # Every kernel asks all BSDFs that are alive: what a traceback kept of this one would stop them all.
-                    del shapes, shape, bsdf, answers, found
+                    del shapes, shape, bsdf, answers, file_shapes
                     raise InputError(
                         f"{path}: BSDF '{identity}' of shape '{name}': cannot be used: {fault}; {xml_bsdfs.HINT}"
                     )
                 answers[id(bsdf)] = bsdf
             # A BSDF of the file may have the name of a material of ours; both are then in the cloud's list of names.
-            if material in used:
+            if material in used_materials:
                 material = f"{identity} of {path.name}"
-        found.append(
-            FoundShape(
+        file_shapes.append(
+            FileShape(
                 shape=shape,
                 name=name,
                 faces=shape.primitive_count(),
                 bsdf=bsdf,
                 material=material,
-                values=used[material] if identity in ours else None,
+                values=used_materials[material] if identity in ours else None,
                 assumed=identity if identity in by_name else "",
             )
         )
-    return found
+    return file_shapes
 
 
 def _fault(bsdf: Bsdf) -> str:
@@ -178,7 +178,7 @@ def _insert_included(element: Element, folder: Path, files: list[Path], depth: i
 
 def _defaults(element: Element) -> dict[str, str]:
     """Return the values of parameters by name."""
-    return {str(one.get("name")): str(one.get("value")) for one in element.iter("default")}
+    return {str(parameter.get("name")): str(parameter.get("value")) for parameter in element.iter("default")}
 
 
 def _filled_in(text: str, parameters: Mapping[str, str]) -> str:
@@ -195,17 +195,17 @@ def _keep_to_mitsuba(root: Element, path: Path) -> None:
     Mitsuba looks for plugins, which are native code, where it looks for files: in `plugins/` of any folder that it
     was told of, and by a relative or absolute path in the name of a type. A scene from elsewhere must not run code.
     """
-    parameters, known = _defaults(root), own_plugins()
-    folders, here = [path.parent.resolve()], Path.cwd()
+    parameters, plugins = _defaults(root), own_plugins()
+    folders, working_folder = [path.parent.resolve()], Path.cwd()
     for parent in list(root.iter()):
         # Integrators are not used, and some of Mitsuba's own are Python, which are no plugins.
-        for one in [child for child in parent if child.tag in ("path", "integrator")]:
-            if one.tag == "path":
-                folders.append(folders[0] / _filled_in(one.get("value") or "", parameters))
-            parent.remove(one)
+        for removed in [child for child in parent if child.tag in ("path", "integrator")]:
+            if removed.tag == "path":
+                folders.append(folders[0] / _filled_in(removed.get("value") or "", parameters))
+            parent.remove(removed)
     for element in root.iter():
         kind = element.get("type")
-        if kind is not None and _filled_in(kind, parameters) not in known:
+        if kind is not None and _filled_in(kind, parameters) not in plugins:
             hint = f"; {xml_bsdfs.HINT}, by its id" if element.tag == "bsdf" else ""
             raise InputError(
                 f"{path}: {element.tag} type: must be one of Mitsuba's own plugins, got '{kind[:60]}'{hint}"
@@ -214,9 +214,9 @@ def _keep_to_mitsuba(root: Element, path: Path) -> None:
         name = _filled_in(element.get(key) or "", parameters)
         if not name:
             continue
-        found = next((folder / name for folder in (*folders, here) if (folder / name).is_file()), None)
-        if found is not None:
-            element.set(key, str(found))
+        file = next((folder / name for folder in (*folders, working_folder) if (folder / name).is_file()), None)
+        if file is not None:
+            element.set(key, str(file))
 
 
 def _loaded(root: Element, path: Path) -> Any:

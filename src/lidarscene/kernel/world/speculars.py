@@ -40,7 +40,7 @@ class Speculars:
     gaps: bool
 
     @classmethod
-    def of(cls, shapes: Sequence[tuple[int, Bsdf, Hashable, tuple[float, float] | None]]) -> Speculars | None:
+    def from_shapes(cls, shapes: Sequence[tuple[int, Bsdf, Hashable, tuple[float, float] | None]]) -> Speculars | None:
         """Make the tables from (registry number, Mitsuba BSDF, identity of the material, `bsdfs.absorption`) of shapes.
 
         Returns None if every beam ends at its first surface.
@@ -52,13 +52,13 @@ class Speculars:
         glass: list[Any] = []
         porous: set[Hashable] = set()
         for _, bsdf, material, absorbs in shapes:
-            if _what(mi, bsdf) == "pane" and material not in panes:
+            if _kind_name(mi, bsdf) == "pane" and material not in panes:
                 glass.append(None if absorbs is None else transfer.opaque(absorbs))
-            if _what(mi, bsdf) == "porous":
+            if _kind_name(mi, bsdf) == "porous":
                 porous.add(material)
-            found = {"pane": panes, "mirror": mirrors}.get(_what(mi, bsdf))
-            if found is not None:
-                found.setdefault(material, bsdf)
+            of_kind = {"pane": panes, "mirror": mirrors}.get(_kind_name(mi, bsdf))
+            if of_kind is not None:
+                of_kind.setdefault(material, bsdf)
         if not panes and not mirrors and not porous:
             return None
         order = [*panes, *mirrors]
@@ -96,10 +96,10 @@ class Speculars:
 
 def lets_through(bsdf: Bsdf) -> bool:
     """Return whether light goes straight through surfaces of this BSDF, or through their gaps."""
-    return _what(mitsuba(), bsdf) in ("pane", "porous")
+    return _kind_name(mitsuba(), bsdf) in ("pane", "porous")
 
 
-def _what(mi: ModuleType, bsdf: Bsdf) -> str:
+def _kind_name(mi: ModuleType, bsdf: Bsdf) -> str:
     """Return "pane", "mirror", "porous", or "" for a BSDF at which the beam ends."""
     flags, kinds = bsdf.flags(), mi.BSDFFlags
     # Mitsuba's flags: Null is light that passes straight through; Smooth is any lobe of finite density, such as a

@@ -45,8 +45,8 @@ def triangles_of_base(scene: Scene, wavelength_m: float) -> list[Drawn]:
         return []
     materials = {name: material.at(wavelength_m) for name, material in scene.materials.items()}
     shapes = mitsuba_xml.load_shapes(scene.base, scene.base_materials, materials, wavelength_m)
-    drawn = ((found, _triangles(found.shape)) for found in shapes)
-    return [Drawn(found.name, *made, found.material) for found, made in drawn if made is not None]
+    drawn = ((shape, _triangles(shape.shape)) for shape in shapes)
+    return [Drawn(shape.name, *triangles, shape.material) for shape, triangles in drawn if triangles is not None]
 
 
 def _triangles(shape: Shape) -> tuple[Numbers, Numbers] | None:

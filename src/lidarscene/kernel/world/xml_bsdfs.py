@@ -95,30 +95,32 @@ def replaced_by_name(root: Element, path: Path, replaced: Mapping[str, str]) -> 
     return [(_emptied(by_id[identity], identity), material) for identity, material in replaced.items()]
 
 
-def stand_ins(root: Element, is_known: Callable[[str], bool], own: Mapping[str, object]) -> list[tuple[Element, str]]:
+def stand_ins(
+    root: Element, is_known: Callable[[str], bool], scene_materials: Mapping[str, object]
+) -> list[tuple[Element, str]]:
     """Empty the BSDFs that have a type which Mitsuba lacks, and return them with materials by their names.
 
     is_known  whether Mitsuba has a type
-    own       materials of the scene file by name, which go before those of the catalogue
+    scene_materials  materials of the scene file by name, which go before those of the catalogue
     Those whose name says nothing stay as they are.
     """
-    found: list[tuple[Element, str]] = []
+    emptied: list[tuple[Element, str]] = []
     for _, bsdf in list(outermost(root)):
-        unknown = [one for one in bsdf.iter("bsdf") if not is_known(one.get("type") or "")]
-        material = _suggested([bsdf, *unknown], own) if unknown else None
+        unknown = [element for element in bsdf.iter("bsdf") if not is_known(element.get("type") or "")]
+        material = _suggested([bsdf, *unknown], scene_materials) if unknown else None
         if material is not None:
             # An id of its own tells the shapes of a BSDF without one what they are made of.
-            found.append((_emptied(bsdf, bsdf.get("id") or f"unnamed {len(found)}"), material))
-    return found
+            emptied.append((_emptied(bsdf, bsdf.get("id") or f"unnamed {len(emptied)}"), material))
+    return emptied
 
 
-def _suggested(bsdfs: list[Element], own: Mapping[str, object]) -> str | None:
+def _suggested(bsdfs: list[Element], scene_materials: Mapping[str, object]) -> str | None:
     """The material that the names of a BSDF suggest: a radio material's own type, ids, and types."""
-    known = (*own, *names("materials"))
-    types = (one.get("value") for bsdf in bsdfs for one in bsdf.iter("string") if one.get("name") == "type")
-    called = [*types, *(bsdf.get(key) for key in ("id", "name", "type") for bsdf in bsdfs)]
-    for name in (given for given in called if given):
-        if name in known:
+    material_names = (*scene_materials, *names("materials"))
+    types = (element.get("value") for bsdf in bsdfs for element in bsdf.iter("string") if element.get("name") == "type")
+    candidate_names = [*types, *(bsdf.get(key) for key in ("id", "name", "type") for bsdf in bsdfs)]
+    for name in (text for text in candidate_names if text):
+        if name in material_names:
             return name
         for word, material in STAND_INS.items():
             if word in name.lower():
@@ -135,9 +137,9 @@ def _emptied(element: Element, identity: str) -> Element:
 
 def make_two_sided(root: Element) -> None:
     """Put each one-sided BSDF into a `twosided` one, and give shapes without BSDF Mitsuba's default, two-sided."""
-    known = {bsdf.get("id") for bsdf in root.iter("bsdf")}
+    ids = {bsdf.get("id") for bsdf in root.iter("bsdf")}
     for shape in list(root.iter("shape")):
-        has_one = any(child.tag == "bsdf" or (child.tag == "ref" and child.get("id") in known) for child in shape)
+        has_one = any(child.tag == "bsdf" or (child.tag == "ref" and child.get("id") in ids) for child in shape)
         if not has_one and shape.get("type") not in ("instance", "shapegroup"):
             ElementTree.SubElement(shape, "bsdf", type="diffuse")
     for holder in list(root.iter()):
@@ -155,7 +157,7 @@ def make_two_sided(root: Element) -> None:
 
 def _is_one_sided(bsdf: Element) -> bool:
     # Light goes through a principled BSDF that has this number, or, in a file before version 2, of this name.
-    glassy = any(one.get("name") in ("spec_trans", "specTrans") for one in bsdf)
+    glassy = any(parameter.get("name") in ("spec_trans", "specTrans") for parameter in bsdf)
     return bsdf.get("type") in ONE_SIDED and not glassy
 
 

@@ -22,7 +22,7 @@ import math
 
 import numpy as np
 
-from ...maths.arrays import Lanes, Numbers, Table, xp
+from ...maths.arrays import Lanes, LookupTable, Numbers, xp
 from ...maths.special import log1p, normal_tail
 
 _LN2 = math.log(2.0)
@@ -211,7 +211,7 @@ def _arrived(time: Numbers) -> Numbers:
 
 
 @functools.cache
-def tables() -> tuple[Table, Table]:
+def tables() -> tuple[LookupTable, LookupTable]:
     """log(peak / captured photons) over (width, busy share, light), and log of its inverse; about 1 s, once."""
     places = np.linspace(0.0, 1.0, _WIDTHS)
     shares = -np.expm1(-np.linspace(0.0, math.log1p(_LARGEST_BACKGROUND), _SHARES))
@@ -227,7 +227,7 @@ def tables() -> tuple[Table, Table]:
         for j in range(_SHARES):
             rising = np.maximum.accumulate(peak[j])
             inverse[i, j] = np.interp(np.log(reached), np.log(rising), -forward[i, j])
-    return Table(forward), Table(inverse)
+    return LookupTable(forward), LookupTable(inverse)
 
 
 def _peak(place: float, share: Numbers, captured: Numbers) -> Numbers:

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...maths.arrays import Lanes, Table, xp
+from ...maths.arrays import Lanes, LookupTable, xp
 from .matched_filter import TEMPLATE
 
 _MOST = 1e4
@@ -57,7 +57,7 @@ def shade_of_box(*, rate_hz: Lanes, sigma_s: Lanes, half_width: float) -> Lanes:
 
 
 @lru_cache(maxsize=1)
-def _table() -> Table:
+def _table() -> LookupTable:
     """`shift` over log(1 + Lambda)."""
     from math import erf
 
@@ -74,4 +74,4 @@ def _table() -> Table:
             slope, bend = np.sum(near * off), np.sum(near * ((off / TEMPLATE) ** 2 - 1.0))
             place -= float(slope / bend)
         found.append(place)
-    return Table(np.array(found))
+    return LookupTable(np.array(found))

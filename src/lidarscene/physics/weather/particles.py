@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...maths import random
-from ...maths.arrays import Array, Lanes, Numbers, Table, xp
+from ...maths.arrays import Array, Lanes, LookupTable, Numbers, xp
 from .precipitation import Sizes
 
 MEAN_HITS = {4: 1.0, 8: 3.5, 16: 9.5, 32: 23.0}
@@ -42,8 +42,8 @@ class Strengths:
     """
 
     count: int
-    log_strength: Table
-    log_range: Table
+    log_strength: LookupTable
+    log_range: LookupTable
     range_m: Numbers
     backscatter_per_m_sr: Numbers
 
@@ -139,8 +139,8 @@ def strengths(
     cut = math.exp(log_strength[-2]) / np.maximum(seen, 1e-300)
     return Strengths(
         count=count,
-        log_strength=Table(log_strength[1::2]),
-        log_range=Table(log_range),
+        log_strength=LookupTable(log_strength[1::2]),
+        log_range=LookupTable(log_range),
         range_m=r,
         backscatter_per_m_sr=ranked.fainter_per_m_sr(cut),
     )

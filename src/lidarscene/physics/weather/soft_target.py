@@ -75,7 +75,7 @@ def share_before_surface(*, range_m: Lanes, surface_m: Lanes, extinction_per_m: 
 
 
 def range_grid_m(*, farthest_m: float, fwhm_s: float) -> Numbers:
-    """An even grid, fine enough for an `maths.arrays.Table` of V: 1/16 of the pulse's length or finer.
+    """An even grid, fine enough for a `maths.arrays.LookupTable` of V: 1/16 of the pulse's length or finer.
 
     Linear interpolation is then good to 0.3 % of the highest V, also on its rise. The grid begins as far before 0 as a
     pulse reaches: air at the lens sends light back while the pulse's middle has not left yet.

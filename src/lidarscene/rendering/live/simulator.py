@@ -194,7 +194,7 @@ class LiveSimulator(Simulator):
         for name, gone in (away or {}).items():
             bodies[self._number[name]] = replace(bodies[self._number[name]], away=gone)
         self.scene = replace(self.scene, bodies=tuple(bodies), ego=ego)
-        self.world = self.world.moved(bodies)
+        self.world = self.world.with_bodies(bodies)
         around = self._everywhere
         now = [bodies[self._number[body.name]] for body in around.bodies]
         there = np.array([not body.away for body in now], bool)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from ...maths.arrays import Lanes, xp
-from ...maths.units import Key, Quantity
+from ...maths.units import FileKey, Quantity
 from ...physics.constants import ELEMENTARY_CHARGE_C
 from ...physics.electronics import apd, counting, mcintyre
 from .working_point import WorkingPoint
@@ -31,7 +31,7 @@ class Apd:
     load_resistance_ohm: Annotated[Lanes, Quantity(ge=0.01, le=1e12)]
     temperature_k: Annotated[Lanes, Quantity(ge=1, le=1e4)] = 300.0
     circuit_noise_a: Annotated[Lanes, Quantity("na", ge=0, le=1e6, finest=1e-6)] = 0.0
-    tail: Annotated[Literal["gaussian", "mcintyre"], Key()] = "gaussian"
+    tail: Annotated[Literal["gaussian", "mcintyre"], FileKey()] = "gaussian"
     saturation_a: Annotated[
         Lanes | None,
         Quantity(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from ...maths.arrays import Lanes, xp
-from ...maths.units import Key, Quantity
+from ...maths.units import FileKey, Quantity
 from ...physics.electronics import counting, sipm, sipm_response
 from .working_point import CellMemory, WorkingPoint, least_count
 
@@ -33,8 +33,8 @@ class Sipm:
     dead_time_s: Annotated[Lanes, Quantity("ns", ge=0.01, le=1e5)]
     dark_count_rate_hz: Annotated[Lanes, Quantity(ge=0, le=1e9, about="of each cell")]
     cell_floor: Annotated[Lanes, Quantity(ge=0, le=1e5)] = 1.0
-    statistics: Annotated[Literal["steady_state", "published", "time_domain"], Key()] = "time_domain"
-    counting: Annotated[Literal["gaussian", "binomial"], Key()] = "gaussian"
+    statistics: Annotated[Literal["steady_state", "published", "time_domain"], FileKey()] = "time_domain"
+    counting: Annotated[Literal["gaussian", "binomial"], FileKey()] = "gaussian"
     crosstalk: Annotated[
         Lanes | None,
         Quantity(ge=0, le=0.5, about="share of avalanches that fire another cell at once; none if left out"),

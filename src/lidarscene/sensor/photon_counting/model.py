@@ -17,7 +17,7 @@ from typing import Annotated, Literal
 
 from ...maths.arrays import Lanes, xp
 from ...maths.special import normal_tail
-from ...maths.units import Key, Quantity
+from ...maths.units import FileKey, Quantity
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.optics import pulse
 from ...physics.photon_counting import dead_time, matched_filter, pile_up
@@ -51,7 +51,7 @@ class Spad:
     ] = 0.0
     stamps: Annotated[
         Literal["all", "first"],
-        Key(about='time stamps of a SPAD in a shot: "all" that its dead time allows, or the "first"'),
+        FileKey(about='time stamps of a SPAD in a shot: "all" that its dead time allows, or the "first"'),
     ] = "all"
     coincidence: Annotated[
         int, Quantity(ge=1, le=16, about="SPADs that must fire in one bin to count; 1: each one counts")
@@ -95,11 +95,11 @@ class Histogram:
     lone_photons: Annotated[
         Lanes, Quantity(ge=0, le=1e7, about="above the threshold, for noise: a peak that no neighbouring point shares")
     ] = 0.0
-    estimator: Annotated[Literal["matched_filter", "centroid"], Key()] = "matched_filter"
-    coates: Annotated[bool, Key(about="whether counts are corrected for pile-up before the filter")] = False
+    estimator: Annotated[Literal["matched_filter", "centroid"], FileKey()] = "matched_filter"
+    coates: Annotated[bool, FileKey(about="whether counts are corrected for pile-up before the filter")] = False
     walk: Annotated[
         Literal["corrected", "raw"],
-        Key(about="whether the shift of strong echoes by pile-up is taken off, from their counts"),
+        FileKey(about="whether the shift of strong echoes by pile-up is taken off, from their counts"),
     ] = "corrected"
     reach: int
     search: int

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...detection.outcomes import Outcome
-from ...kernel.world.build import World
+from ...kernel.world.mitsuba_world import World
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
 from ...outputs.report import OUTCOME_TEXT

@@ -17,7 +17,7 @@ import numpy as np
 from ...cloud import pixels
 from ...cloud.point_cloud import PointCloud
 from ...figures import pictures as plots
-from ...figures.page import Page, csv_text
+from ...figures.report_page import Page, csv_text
 from ...files.atomic import atomic_folder, put_text, require_writable
 from ...files.json_text import json_text
 from ...formats.ply import write_columns

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ...cloud.point_cloud import PointCloud
-from ...figures.page import Page
+from ...figures.report_page import Page
 from ...files.atomic import put_text, require_writable
 from ...files.json_text import json_text
 from ...maths.arrays import Numbers

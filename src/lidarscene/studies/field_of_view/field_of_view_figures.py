@@ -346,7 +346,7 @@ def _needs_log_scale(values: Numbers) -> bool:
 def _map_figure(view: SensorView, values: Numbers, words: _MapWords, caption: str, *, log: bool) -> Figure:
     raster, outside, extent = cell_raster(view.cells, view.maps.cell, values)
     size = view.cells.size_deg
-    picture = maps.Raster(
+    picture = maps.AngleMap(
         values=raster,
         outside=outside,
         extent=extent,

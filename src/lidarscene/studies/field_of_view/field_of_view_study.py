@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...figures.page import Page, csv_text
+from ...figures.report_page import Page, csv_text
 from ...files.atomic import atomic_folder, put_text, require_writable
 from ...files.json_text import json_text
 from ...sensor.model import Sensor

@@ -12,7 +12,7 @@ import numpy as np
 from ...errors import InputError
 from ...figures import lines
 from ...figures.lines import Chart, Line
-from ...figures.page import Page, counted, csv_text
+from ...figures.report_page import Page, counted, csv_text
 from ...files.atomic import put_text, require_writable
 from ...files.json_text import json_text
 from .estimates import Estimate, Solution

@@ -13,7 +13,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ...figures import lines as charts
-from ...figures.page import Page
+from ...figures.report_page import Page
 from ...files.atomic import atomic_folder, put_text, require_writable
 from ...files.json_text import json_text
 from .claims import HOLDS, Claim, Erratum, claims_and_errata

@@ -19,7 +19,7 @@ import numpy as np
 
 from ...catalog import path_of
 from ...errors import InputError
-from ...figures.page import counted
+from ...figures.report_page import counted
 from ...files.atomic import atomic_output, put_text, require_writable
 from ...files.json_text import json_text
 from ...files.toml import validated

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from ...cloud.point_cloud import PointCloud
-from ...figures.page import Page
 from ...figures.pictures import common_scale, perspective_picture
+from ...figures.report_page import Page
 from ...files.atomic import put_text, require_writable
 from ...files.json_text import json_text
 from ...recordings.as_cloud import cloud_of

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ....figures.lines import Chart, Line
-from ....figures.page import Page, counted
+from ....figures.report_page import Page, counted
 from ....maths.arrays import Numbers
 from ..estimates import Estimate
 from ..recording_fit_report import (

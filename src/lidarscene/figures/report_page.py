@@ -76,13 +76,13 @@ class Page:
             f"{linked}<a {self._link(f'{name}.csv')}>CSV</a></figcaption></figure>"
         )
 
-    def pictures(self, shown: Sequence[tuple[str, str]]) -> None:
+    def pictures(self, captioned: Sequence[tuple[str, str]]) -> None:
         """PNGs beside the page, side by side if there is room: (name without suffix, caption) of each."""
-        self.markdown += [f"![{name}]({name}.png)\n\n{_escaped(caption)}" for name, caption in shown]
+        self.markdown += [f"![{name}]({name}.png)\n\n{_escaped(caption)}" for name, caption in captioned]
         figures = "".join(
             f'<figure><img src="{self._source(f"{name}.png")}" alt="{html.escape(name)}">'
             f"<figcaption>{html.escape(caption)}</figcaption></figure>"
-            for name, caption in shown
+            for name, caption in captioned
         )
         self.body.append(f'<div class="row">{figures}</div>')
 
@@ -99,8 +99,8 @@ class Page:
 
     def table(self, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """A table of plain text."""
-        first, *others = ([_escaped(cell) for cell in row] for row in (header, *rows))
-        lines = [first, ["---"] * len(header), *others]
+        head_cells, *body_cells = ([_escaped(cell) for cell in row] for row in (header, *rows))
+        lines = [head_cells, ["---"] * len(header), *body_cells]
         self.markdown.append("\n".join("| " + " | ".join(cells) + " |" for cells in lines))
         head = "".join(f"<th>{html.escape(cell)}</th>" for cell in header)
         body = "".join(
@@ -148,9 +148,9 @@ def _with_unit(text: str) -> str:
     return re.sub(r"(?<=\d) (?=(?:%|s|m|mm|cm|km|ns|W)(?!\w))", "\N{NO-BREAK SPACE}", text)
 
 
-def counted(number: int, what: str) -> str:
+def counted(number: int, noun: str) -> str:
     """A number of things in words: "1 frame", "2 frames"."""
-    return f"{number:,} {what}{'' if number == 1 else 's'}"
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
 def _escaped(text: str) -> str:

@@ -28,8 +28,8 @@ from ...sensor.model import Sensor
 from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import DeviceArray
-from ..world.build import World
-from .kept import interleaved, more_than_one
+from ..world.mitsuba_world import World
+from .kept import interleave, more_than_one
 
 ABSENT: dict[str, Any] = {
     "radial_velocity_m_s": np.float32(0.0),
@@ -50,13 +50,13 @@ OF_WAYS = ("interactions", "ghost")
 """Columns that only pulses have which go on through panes, mirrors or gaps."""
 
 
-def with_nan_told(detection: Detection) -> Detection:
+def with_nan_outcomes(detection: Detection) -> Detection:
     """Return the detection with outcomes of one byte each, `NOT_A_NUMBER` among them."""
     import drjit as dr
 
     # NumPy, on one core, would take a twentieth of a frame to look for it in whole columns.
-    broken = dr.isnan(detection.snr) | dr.isnan(detection.detection_probability)
-    outcome = mitsuba().UInt8(dr.select(broken, NOT_A_NUMBER, detection.outcome))
+    has_nan = dr.isnan(detection.snr) | dr.isnan(detection.detection_probability)
+    outcome = mitsuba().UInt8(dr.select(has_nan, NOT_A_NUMBER, detection.outcome))
     return replace(detection, outcome=cast(Array, outcome))
 
 
@@ -82,16 +82,16 @@ class _Ends:
     paths      Hits of each way of the light, lane = pulse lane * rays + ray
     index      (k,) lane in these Hits
     path       (k,) number of the way, or None if there is one way only
-    found      (k,) whether the return comes from a surface at all
+    on_surface      (k,) whether the return comes from a surface at all
     """
 
     paths: Sequence[Hits]
     index: Any
     path: Any
-    found: Any
+    on_surface: Any
 
     @classmethod
-    def of(cls, staged: Staged, lane: Array, source: Array | None) -> _Ends:
+    def at_lanes(cls, staged: Staged, lane: Array, source: Array | None) -> _Ends:
         """Find the surfaces of these pulse lanes.
 
         source  (k,) number of the sub-echo; None if each pulse has one. Those of surfaces come first, way by way
@@ -101,11 +101,11 @@ class _Ends:
 
         mi, paths, rays = mitsuba(), staged.paths, staged.rays
         if source is None:
-            return cls(paths=paths, index=lane, path=None, found=dr.full(mi.Mask, True, dr.width(lane)))
-        found = (source >= 0) & (source < rays * len(paths))
-        number = mi.UInt32(dr.select(found, source, 0))
+            return cls(paths=paths, index=lane, path=None, on_surface=dr.full(mi.Mask, True, dr.width(lane)))
+        on_surface = (source >= 0) & (source < rays * len(paths))
+        number = mi.UInt32(dr.select(on_surface, source, 0))
         path = number // rays
-        return cls(paths=paths, index=lane * rays + number - path * rays, path=path, found=found)
+        return cls(paths=paths, index=lane * rays + number - path * rays, path=path, on_surface=on_surface)
 
     def get(self, name: str, axis: int | None = None) -> Any:
         """Return (k,) values of an attribute of the hits, or of one axis of it; zero where there is no surface."""
@@ -114,10 +114,10 @@ class _Ends:
         # Each way has arrays of its own, so each is asked for the lanes that end on it.
         values = None
         for number, hits in enumerate(self.paths):
-            here = self.found if len(self.paths) == 1 else self.found & (self.path == number)
+            on_path = self.on_surface if len(self.paths) == 1 else self.on_surface & (self.path == number)
             array = getattr(hits, name) if axis is None else getattr(hits, name)[axis]
-            part = dr.gather(type(array), array, self.index, here)
-            values = part if values is None else dr.select(here, part, values)
+            part = dr.gather(type(array), array, self.index, on_path)
+            values = part if values is None else dr.select(on_path, part, values)
         return values
 
     @property
@@ -125,10 +125,10 @@ class _Ends:
         """(k,) face numbers, -1 where there is no surface."""
         import drjit as dr
 
-        return dr.select(self.found, self.get("face"), -1)
+        return dr.select(self.on_surface, self.get("face"), -1)
 
 
-def columns(
+def point_columns(
     *,
     world: World,
     sensor: Sensor,
@@ -159,16 +159,16 @@ def columns(
         return dr.gather(type(values), values, lane)
 
     def of_stop(name: str) -> Any:
-        values = interleaved([getattr(one, name) for one in detection.stops])
+        values = interleave([getattr(returns, name) for returns in detection.stops])
         return dr.gather(type(values), values, lane * stops + stop)
 
-    def own(name: str) -> Any:
+    def of_return(name: str) -> Any:
         """Values of the return; with one echo to a pulse the pulse has them."""
         return of_lane(getattr(detection, name)) if detection.source is None else of_stop(name)
 
     of_pulse, range_m = of_lane(staged.pulse), of_stop("range_m")
     source = None if detection.source is None else of_stop("source")
-    ends = _Ends.of(staged, lane, source)
+    ends = _Ends.at_lanes(staged, lane, source)
     face, status = ends.face, of_stop("status")
     # Computed from the pulse's number again, by the functions that fired it: cheaper than to keep what all pulses had.
     azimuth, elevation = sensor.scanner.angles(of_pulse)
@@ -182,26 +182,26 @@ def columns(
         number = dr.select(source < 0, 0, source - rays * len(paths) + 1)
         class_id = dr.select(of_air, dr.gather(mi.Int32, air_classes, mi.UInt32(number), of_air), class_id)
         has_range |= of_air
-    given = {
+    optional = {
         column: ends.get(name)
         for column, name in (("radial_velocity_m_s",) * 2, ("interactions",) * 2, ("ghost", "mirrored"))
         if is_drjit(getattr(paths[0], name))
     }
-    if "ghost" in given:
-        given["interactions"] = mi.UInt8(given["interactions"])
-        given["ghost"] = mi.UInt8(dr.select(given["ghost"], mi.UInt32(1), 0))
+    if "ghost" in optional:
+        optional["interactions"] = mi.UInt8(optional["interactions"])
+        optional["ghost"] = mi.UInt8(dr.select(optional["ghost"], mi.UInt32(1), 0))
     if paths[0].normal is not None:
-        given |= _vectors(ends, turn)
+        optional |= _vectors(ends, turn)
     if sensor.measures_width:
-        given["pulse_width_s"] = of_stop("width_s")
+        optional["pulse_width_s"] = of_stop("width_s")
     if sensor.histogram is not None:
-        given["signal"] = of_stop("photons")
-    found = given | {
+        optional["signal"] = of_stop("photons")
+    result = optional | {
         "xyz_m": mi.Point3f(*(s + d * range_m for s, d in zip(beams.origin_m, beams.direction, strict=True))),
         "range_m": range_m,
         "intensity": of_stop("intensity"),
-        "snr": own("snr"),
-        "detection_probability": own("detection_probability"),
+        "snr": of_return("snr"),
+        "detection_probability": of_return("detection_probability"),
         "ambient": of_lane(detection.ambient),
         "time_s": of_pulse,  # a number: single precision would lose nanoseconds, the caller makes it a time
         "channel": sensor.scanner.channel(of_pulse),
@@ -219,9 +219,9 @@ def columns(
         "material": _where_known(world.face_material, face),
     }
     # Looked for here, where the numbers are at hand: NumPy would fetch all of them once more.
-    floats = [*found["xyz_m"], *(values for values in found.values() if isinstance(values, mi.Float))]
-    broken = functools.reduce(operator.or_, map(dr.isnan, floats))
-    return found | {BROKEN: mi.UInt8(dr.select(broken, mi.UInt32(1), 0))}
+    floats = [*result["xyz_m"], *(values for values in result.values() if isinstance(values, mi.Float))]
+    has_nan = functools.reduce(operator.or_, map(dr.isnan, floats))
+    return result | {BROKEN: mi.UInt8(dr.select(has_nan, mi.UInt32(1), 0))}
 
 
 def _vectors(ends: _Ends, turn: tuple[Lanes, ...]) -> dict[str, Any]:
@@ -229,23 +229,23 @@ def _vectors(ends: _Ends, turn: tuple[Lanes, ...]) -> dict[str, Any]:
 
     turn  rotation from the sensor's axes, row by row
     """
-    found: dict[str, Any] = {}
+    vector_columns: dict[str, Any] = {}
     names = iter(OF_VECTORS)
     for name in ("normal", "velocity_m_s"):
         x, y, z = (ends.get(name, axis) for axis in range(3))
         for row in range(0, 9, 3):
-            found[next(names)] = turn[row] * x + turn[row + 1] * y + turn[row + 2] * z
-    return found
+            vector_columns[next(names)] = turn[row] * x + turn[row + 1] * y + turn[row + 2] * z
+    return vector_columns
 
 
-def one_by_one(columns: dict[str, DeviceArray]) -> dict[str, Any]:
+def with_flat_positions(columns: dict[str, DeviceArray]) -> dict[str, Any]:
     """Return `columns` with xyz_m as one array of x, y, z of the first point, then of the second, and so on."""
     import drjit as dr
 
     return columns | {"xyz_m": dr.ravel(columns["xyz_m"])}
 
 
-def by_pulse(parts: Sequence[tuple[dict[str, DeviceArray], int]]) -> dict[str, Any]:
+def merge_by_pulse(parts: Sequence[tuple[dict[str, DeviceArray], int]]) -> dict[str, Any]:
     """Merge several `columns` by pulse number, in the layout of `one_by_one`.
 
     Pulses that end at the first surface and those that go on through glass are traced apart; their points are put
@@ -261,7 +261,9 @@ def by_pulse(parts: Sequence[tuple[dict[str, DeviceArray], int]]) -> dict[str, A
     pulses = [columns["time_s"] for columns, _ in parts]
     # The pulse numbers alone come to the host and are sorted there; the columns stay, and are scattered to the places.
     dr.eval(*pulses)
-    merged = _merged([one.numpy()[:count] for one, (_, count) in zip(pulses, parts, strict=True)])
+    merged = _merged_places(
+        [pulse_numbers.numpy()[:count] for pulse_numbers, (_, count) in zip(pulses, parts, strict=True)]
+    )
     total = max(sum(count for _, count in parts), 2)
     # A part without glass or motion lacks columns that another part has: it gets their value of `ABSENT`.
     kinds: dict[str, Any] = dict.fromkeys(OF_WAYS, mi.UInt8)
@@ -285,13 +287,13 @@ def by_pulse(parts: Sequence[tuple[dict[str, DeviceArray], int]]) -> dict[str, A
     return joined
 
 
-def _merged(pulses: Sequence[Numbers]) -> list[Numbers]:
+def _merged_places(pulses: Sequence[Numbers]) -> list[Numbers]:
     """For each element of several lists, return its index in all of them sorted together; the sort is stable."""
     order = np.argsort(np.concatenate(pulses), kind="stable")
-    return np.split(inverse(order), np.cumsum([len(one) for one in pulses])[:-1])
+    return np.split(inverse(order), np.cumsum([len(pulse_numbers) for pulse_numbers in pulses])[:-1])
 
 
-def surfaces(*, world: World, staged: Staged, twice: bool) -> tuple[dict[str, Any], int] | None:
+def surface_columns(*, world: World, staged: Staged, twice: bool) -> tuple[dict[str, Any], int] | None:
     """Return columns of every pulse that met a surface, kept or not, on the device and not yet computed, and how many.
 
     Returns None if no pulse met a surface. A single one is there twice, as in `kept.kept_lanes`.
@@ -312,7 +314,7 @@ def surfaces(*, world: World, staged: Staged, twice: bool) -> tuple[dict[str, An
         return dr.gather(type(values), values, lane)
 
     source = None if detection.source is None else of_lane(detection.source)
-    ends = _Ends.of(staged, lane, source)
+    ends = _Ends.at_lanes(staged, lane, source)
     body = _where_known(world.face_body, ends.face)
     columns = {
         "pulse": of_lane(staged.pulse),

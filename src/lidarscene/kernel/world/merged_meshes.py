@@ -1,8 +1,8 @@
 """Merge the meshes of a Mitsuba file that have one BSDF, and keep for each face which body it belongs to.
 
-Every shape costs time in every frame and triangles do not (`build`): a city of 2,367 shapes and five BSDFs becomes six
-meshes, and takes a tenth of the time. Only what a BSDF reads is carried over: flat and uniform surfaces, most of
-all cities, then take the short way from a table of normals (`faces`).
+Every shape costs time in every frame and triangles do not (`mitsuba_world`): a city of 2,367 shapes and five BSDFs
+becomes six meshes, and takes a tenth of the time. Only what a BSDF reads is carried over: flat and uniform surfaces,
+most of all cities, then take the short way from a table of normals (`faces`).
 """
 
 from __future__ import annotations
@@ -16,50 +16,50 @@ import numpy as np
 from ..device.backend import mitsuba
 from ..device.types import Bsdf
 from .faces import PlacedShape
-from .mitsuba_xml import FoundShape
+from .mitsuba_xml import FileShape
 
 
-def placed(shapes: Sequence[FoundShape], first_body: int) -> list[PlacedShape]:
+def merge_by_bsdf(shapes: Sequence[FileShape], first_body: int) -> list[PlacedShape]:
     """Return the shapes of a Mitsuba file, meshes of one BSDF merged; each shape is a body.
 
     first_body  index of the first shape's body; those of the others follow
     """
     # By identity: Mitsuba gives one BSDF of a file to all shapes that refer to it.
-    varies = {id(one.bsdf): one.values is None and _varies(one.bsdf) for one in shapes}
+    varies = {id(shape.bsdf): shape.values is None and _varies(shape.bsdf) for shape in shapes}
     groups: dict[Hashable, list[int]] = {}
-    for number, one in enumerate(shapes):
-        groups.setdefault(_key(one, varies[id(one.bsdf)]) or number, []).append(number)
+    for number, shape in enumerate(shapes):
+        groups.setdefault(_merge_key(shape, varies[id(shape.bsdf)]) or number, []).append(number)
     return [
         _placed([shapes[i] for i in members], [first_body + i for i in members], key) for key, members in groups.items()
     ]
 
 
-def _key(found: FoundShape, varies: bool) -> tuple[int, bool, bool] | None:
+def _merge_key(shape: FileShape, varies: bool) -> tuple[int, bool, bool] | None:
     """What meshes must share to become one: BSDF, smooth normals, texture coordinates; None for what stays alone."""
-    shape = found.shape
-    if not shape.is_mesh() or shape.face_count() != found.faces or shape.has_flipped_normals():
+    mitsuba_shape = shape.shape
+    if not mitsuba_shape.is_mesh() or mitsuba_shape.face_count() != shape.faces or mitsuba_shape.has_flipped_normals():
         return None
-    if varies and shape.has_mesh_attributes():
+    if varies and mitsuba_shape.has_mesh_attributes():
         return None
-    return id(found.bsdf), _is_smooth(shape), varies and shape.has_vertex_texcoords()
+    return id(shape.bsdf), _is_smooth(mitsuba_shape), varies and mitsuba_shape.has_vertex_texcoords()
 
 
-def _placed(shapes: Sequence[FoundShape], bodies: Sequence[int], key: Hashable) -> PlacedShape:
-    face_body = np.repeat(np.array(bodies, np.int32), [one.faces for one in shapes])
+def _placed(shapes: Sequence[FileShape], bodies: Sequence[int], key: Hashable) -> PlacedShape:
+    face_body = np.repeat(np.array(bodies, np.int32), [shape.faces for shape in shapes])
     first = shapes[0]
     if not isinstance(key, tuple):
         return PlacedShape(first.shape, face_body, first.material, first.values)
     _, is_smooth, has_image = key
     # A surface that varies, or has a grain, is asked at its texture coordinates: those of Mitsuba's own interaction.
     is_plain = not is_smooth and not (first.values is None and _varies(first.bsdf))
-    mesh = first.shape if len(shapes) == 1 else _merged(shapes, is_smooth, has_image)
+    mesh = first.shape if len(shapes) == 1 else _merged_mesh(shapes, is_smooth, has_image)
     return PlacedShape(mesh, face_body, first.material, first.values, is_plain=is_plain)
 
 
-def _merged(shapes: Sequence[FoundShape], is_smooth: bool, has_image: bool) -> Any:
+def _merged_mesh(shapes: Sequence[FileShape], is_smooth: bool, has_image: bool) -> Any:
     """Return one mesh of all faces of these, in order, with the BSDF of the first."""
     mi = mitsuba()
-    meshes = [one.shape for one in shapes]
+    meshes = [shape.shape for shape in shapes]
     counts = [mesh.vertex_count() for mesh in meshes]
     starts = np.cumsum([0, *counts[:-1]])
     props = mi.Properties()
@@ -67,19 +67,19 @@ def _merged(shapes: Sequence[FoundShape], is_smooth: bool, has_image: bool) -> A
     mesh = mi.Mesh(
         shapes[0].material,
         sum(counts),
-        sum(one.faces for one in shapes),
+        sum(shape.faces for shape in shapes),
         props=props,
         has_vertex_normals=is_smooth,
         has_vertex_texcoords=has_image,
     )
     parameters = mi.traverse(mesh)
-    faces = [one.faces_buffer().numpy() + np.uint32(start) for one, start in zip(meshes, starts, strict=True)]
+    faces = [mesh.faces_buffer().numpy() + np.uint32(start) for mesh, start in zip(meshes, starts, strict=True)]
     parameters["faces"] = np.concatenate(faces)
-    parameters["vertex_positions"] = np.concatenate([one.vertex_positions_buffer().numpy() for one in meshes])
+    parameters["vertex_positions"] = np.concatenate([mesh.vertex_positions_buffer().numpy() for mesh in meshes])
     if is_smooth:
-        parameters["vertex_normals"] = np.concatenate([one.vertex_normals_buffer().numpy() for one in meshes])
+        parameters["vertex_normals"] = np.concatenate([mesh.vertex_normals_buffer().numpy() for mesh in meshes])
     if has_image:
-        uv = [one.vertex_texcoords_buffer().numpy() for one in meshes]
+        uv = [mesh.vertex_texcoords_buffer().numpy() for mesh in meshes]
         parameters["vertex_texcoords"] = np.concatenate(uv)
     parameters.update()
     return mesh
@@ -94,10 +94,10 @@ def _is_smooth(mesh: Any) -> bool:
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     flat = np.cross(b - a, c - a)
     area = np.linalg.norm(flat, axis=1)
-    met = area > 0.0  # triangles without area are never met
-    written = mesh.vertex_normals_buffer().numpy().reshape(-1, 3)[faces[met]]
+    has_area = area > 0.0  # triangles without area are never met
+    written = mesh.vertex_normals_buffer().numpy().reshape(-1, 3)[faces[has_area]]
     # 1e-3 is what normals with three digits in a text file are off by.
-    return bool(np.any(np.abs(written - (flat[met] / area[met, None])[:, None]) > 1e-3))
+    return bool(np.any(np.abs(written - (flat[has_area] / area[has_area, None])[:, None]) > 1e-3))
 
 
 def _varies(bsdf: Bsdf) -> bool:
@@ -114,9 +114,9 @@ def _textures(node: Any) -> list[Any]:
     mi = mitsuba()
     search = _search()()
     node.traverse(search)
-    inside = [one for one in search.found if not isinstance(one, mi.Texture)]
-    return [one for one in search.found if isinstance(one, mi.Texture)] + [
-        texture for one in inside for texture in _textures(one)
+    inside = [child for child in search.found if not isinstance(child, mi.Texture)]
+    return [child for child in search.found if isinstance(child, mi.Texture)] + [
+        texture for child in inside for texture in _textures(child)
     ]
 
 

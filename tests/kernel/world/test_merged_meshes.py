@@ -9,7 +9,7 @@ import pytest
 
 import lidarscene
 from lidarscene import PointCloud, Status
-from lidarscene.kernel.world import merging
+from lidarscene.kernel.world import merged_meshes
 from lidarscene.kernel.world.mitsuba_xml import load_shapes
 
 COARSE = (
@@ -94,7 +94,7 @@ def mixed(tmp_path: Path) -> Path:
 
 def test_shapes_of_one_bsdf_become_one(mi: ModuleType, mixed: Path) -> None:
     """Of eight shapes five stay. The rectangle's normals are those of its triangles, the roof's are not."""
-    placed = merging.placed(load_shapes(mixed, {}, {}, 905e-9), 3)
+    placed = merged_meshes.merge_by_bsdf(load_shapes(mixed, {}, {}, 905e-9), 3)
     assert [(one.material, one.face_body.tolist(), one.is_plain) for one in placed] == [
         ("grey", [3, 3, 5, 5, 8, 8], True),
         ("white", [4, 4], True),
@@ -112,7 +112,7 @@ def test_every_point_is_what_it_was(mi: ModuleType, mixed: Path, monkeypatch: py
         return cloud.select(cloud.status == Status.ECHO)
 
     merged = echoes()
-    monkeypatch.setattr(merging, "_key", lambda *about: None)
+    monkeypatch.setattr(merged_meshes, "_merge_key", lambda *about: None)
     apart = echoes()
     assert merged.body_names == apart.body_names == tuple("abcdefgh")
     assert set(np.unique(merged.body)) == set(range(8))
@@ -136,7 +136,7 @@ def test_every_point_is_what_it_was(mi: ModuleType, mixed: Path, monkeypatch: py
     ],
 )
 def test_what_reads_a_place_varies(mi: ModuleType, bsdf: dict[str, object], varies: bool) -> None:
-    assert merging._varies(mi.load_dict(bsdf)) == varies
+    assert merged_meshes._varies(mi.load_dict(bsdf)) == varies
 
 
 def test_meshes_that_are_turned_inside_out_stay_alone() -> None:
@@ -153,6 +153,6 @@ def test_meshes_that_are_turned_inside_out_stay_alone() -> None:
         )
         return SimpleNamespace(shape=shape, faces=faces, bsdf=None)
 
-    assert merging._key(found(flipped=False), False) is not None
+    assert merged_meshes._merge_key(found(flipped=False), False) is not None
     for alone in (found(flipped=True), found(flipped=False, faces=3), found(flipped=False, is_mesh=False)):
-        assert merging._key(alone, False) is None
+        assert merged_meshes._merge_key(alone, False) is None

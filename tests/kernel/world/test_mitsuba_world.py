@@ -9,7 +9,7 @@ from helpers import chain
 
 from lidarscene import InputError, Pose, Simulator
 from lidarscene.kernel.rays.onward import START_OFFSET_M
-from lidarscene.kernel.world.build import build_world
+from lidarscene.kernel.world.mitsuba_world import build_world
 from lidarscene.scene.scene import Body, Part, Sun
 
 pytestmark = pytest.mark.usefixtures("mi")

@@ -29,10 +29,9 @@ from ...scene.scene import Ball, Body, Part, Scene, box_of
 from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import TracedScene
-from . import merging, mitsuba_xml
-from .bsdfs import bsdf_dict, made
+from . import merged_meshes, mitsuba_xml
+from .bsdfs import ATTRIBUTE, bsdf_dict, make_bsdf, reflectivities, texture, texture_key
 from .faces import FaceTables, PlacedShape
-from .patterns import ATTRIBUTE, reflectivities, texture, texture_key
 from .speculars import Speculars, lets_through
 
 
@@ -47,7 +46,7 @@ class Mover:
     body        its number among the scene's bodies
     motion      its pose over time
     pose        its pose at time 0
-    away        whether it is not there: no ray meets it
+    is_absent        whether it is not there: no ray meets it
     """
 
     scene: Any
@@ -57,7 +56,7 @@ class Mover:
     body: int
     motion: Motion
     pose: Pose
-    away: bool
+    is_absent: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,7 +67,7 @@ class World:
                     Vertices are relative to ``centre_m``
     panes           Mitsuba scene of panes and porous surfaces that stand still; None if there are none
     movers          what moves
-    rest            where that is at time 0, numbers on the device; None if nothing moves
+    resting            where that is at time 0, numbers on the device; None if nothing moves
     mover_shift     (movers,) UInt32, their `Mover.face_shift`; None if nothing moves
     centre_m        (3,) float64, numpy; subtracted from every coordinate before it became single precision
     first_face, shape_reflectivity, shape_transmittance
@@ -87,7 +86,7 @@ class World:
     scene: Any
     panes: Any
     movers: tuple[Mover, ...]
-    rest: Moving | None
+    resting: Moving | None
     mover_shift: Any
     centre_m: Numbers
     first_face: Any
@@ -104,14 +103,14 @@ class World:
     speculars: Speculars | None
     see_through: bool
 
-    def moved(self, bodies: Sequence[Body]) -> World:
+    def with_bodies(self, bodies: Sequence[Body]) -> World:
         """Return this world with its movers where the scene's bodies are now; what was compiled serves on.
 
         What the kernels were recorded with stays as it is: only frames are made with the new motions.
         """
         movers = [
-            replace(one, motion=_motion(body := bodies[one.body]), pose=body.pose, away=body.away)
-            for one in self.movers
+            replace(mover, motion=_motion(body := bodies[mover.body]), pose=body.pose, is_absent=body.away)
+            for mover in self.movers
         ]
         return replace(self, movers=tuple(movers))
 
@@ -122,7 +121,7 @@ class World:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Moving:
+class _MovingGroup:
     """Moving bodies with the same parts: their indices, and their shapes, whose faces are those of the first body."""
 
     bodies: tuple[int, ...]
@@ -145,16 +144,16 @@ def build_world(
     still = {i: body for i, body in enumerate(scene.bodies) if body.motion is None}
     bsdfs: dict[str, object] = {}
     shapes = _own_shapes(still, centre, resolved, bsdfs)
-    moving = _moving(scene.bodies, resolved, bsdfs)
+    moving = _moving_groups(scene.bodies, resolved, bsdfs)
     body_names = [body.name for body in scene.bodies]
     class_of = [body.class_name for body in scene.bodies]
     if scene.base is not None:
-        found = mitsuba_xml.load_shapes(scene.base, scene.base_materials, resolved, wavelength_m)
-        _tell_of_stand_ins(found, scene.base)
-        shapes += merging.placed(found, len(body_names))
-        body_names += [one.name for one in found]
-        class_of += ["unlabelled"] * len(found)
-        del found  # the shapes of the file: each one that lives costs time in every frame
+        file_shapes = mitsuba_xml.load_shapes(scene.base, scene.base_materials, resolved, wavelength_m)
+        _warn_of_stand_ins(file_shapes, scene.base)
+        shapes += merged_meshes.merge_by_bsdf(file_shapes, len(body_names))
+        body_names += [shape.name for shape in file_shapes]
+        class_of += ["unlabelled"] * len(file_shapes)
+        del file_shapes  # the shapes of the file: each one that lives costs time in every frame
     if not shapes and not moving:
         raise InputError(f"scene '{scene.name}': nothing to trace, every body is empty")
     faces = FaceTables()
@@ -177,8 +176,8 @@ def build_world(
         panes=panes,
         see_through=see_through,
         movers=tuple(movers),
-        rest=_rest(movers, centre),
-        mover_shift=transfer.unsigned_numbers(np.array([one.face_shift for one in movers])) if movers else None,
+        resting=_resting_movers(movers, centre),
+        mover_shift=transfer.unsigned_numbers(np.array([mover.face_shift for mover in movers])) if movers else None,
         centre_m=centre,
         body_class=mitsuba().Int32(class_numbers),
         body_names=tuple(body_names),
@@ -187,9 +186,9 @@ def build_world(
     )
 
 
-def _tell_of_stand_ins(shapes: Sequence[mitsuba_xml.FoundShape], path: Path) -> None:
+def _warn_of_stand_ins(shapes: Sequence[mitsuba_xml.FileShape], path: Path) -> None:
     """Warn of materials that were chosen by the names of BSDFs."""
-    chosen = {one.assumed: one.material for one in shapes if one.assumed}
+    chosen = {shape.assumed: shape.material for shape in shapes if shape.assumed}
     if chosen:
         pairs = ", ".join(f"{bsdf} is {material}" for bsdf, material in sorted(chosen.items()))
         warnings.warn(
@@ -227,14 +226,16 @@ def _own_shapes(
     for (material, _), pieces in grouped.items():
         values, pattern = resolved[material], pieces[0][2].pattern
         if pattern is not None:
-            bsdf = made(values, texture(pattern, values))
+            bsdf = make_bsdf(values, texture(pattern, values))
         elif (bsdf := bsdfs.get(material)) is None:
-            bsdf = bsdfs[material] = made(values)
-        shapes.append(_merged(mi, material, pieces, values, bsdf))
+            bsdf = bsdfs[material] = make_bsdf(values)
+        shapes.append(_merged_mesh(mi, material, pieces, values, bsdf))
     return shapes
 
 
-def _moving(bodies: Sequence[Body], resolved: dict[str, dict[str, object]], bsdfs: dict[str, object]) -> list[_Moving]:
+def _moving_groups(
+    bodies: Sequence[Body], resolved: dict[str, dict[str, object]], bsdfs: dict[str, object]
+) -> list[_MovingGroup]:
     """Group the bodies that move by their parts, and build the shapes of each group in the body's frame."""
     # By identity: the copies of one body of a scene file share their tuple of parts.
     sharing: dict[int, list[int]] = {}
@@ -247,11 +248,11 @@ def _moving(bodies: Sequence[Body], resolved: dict[str, dict[str, object]], bsdf
         at_origin = Body(name=first.name, class_name=first.class_name, parts=first.parts)
         shapes = _own_shapes({indices[0]: at_origin}, np.zeros(3), resolved, bsdfs)
         if shapes:
-            moving.append(_Moving(tuple(indices), shapes))
+            moving.append(_MovingGroup(tuple(indices), shapes))
     return moving
 
 
-def _merged(
+def _merged_mesh(
     mi: ModuleType, material: str, pieces: Sequence[tuple[int, Numbers, Part]], values: dict[str, object], bsdf: object
 ) -> PlacedShape:
     # The vertices of all pieces one after the other; each piece's faces count from its own first vertex.
@@ -303,8 +304,8 @@ def _mitsuba_scenes(shapes: Sequence[PlacedShape], see_through: bool) -> tuple[A
     Without ``see_through`` all shapes are in the first one.
     """
     panes = [shape for shape in shapes if see_through and lets_through(shape.shape.bsdf())]
-    others = [shape for shape in shapes if shape not in panes]
-    return _mitsuba_scene(others), _mitsuba_scene(panes)
+    solid = [shape for shape in shapes if shape not in panes]
+    return _mitsuba_scene(solid), _mitsuba_scene(panes)
 
 
 def _mitsuba_scene(shapes: Sequence[PlacedShape]) -> Any:
@@ -322,8 +323,8 @@ def _mitsuba_scene(shapes: Sequence[PlacedShape]) -> Any:
 def _mover(
     scene: TracedScene | None, panes: TracedScene | None, bodies: Sequence[Body], *, body: int, face_shift: int
 ) -> Mover:
-    own = bodies[body]
-    box_m = box_of(own.parts)
+    moving_body = bodies[body]
+    box_m = box_of(moving_body.parts)
     assert box_m is not None  # it has shapes
     return Mover(
         scene=scene,
@@ -331,9 +332,9 @@ def _mover(
         box_m=box_m,
         face_shift=face_shift,
         body=body,
-        motion=_motion(own),
-        pose=own.pose,
-        away=own.away,
+        motion=_motion(moving_body),
+        pose=moving_body.pose,
+        is_absent=moving_body.away,
     )
 
 
@@ -349,17 +350,17 @@ def on_device(paths: Paths) -> Paths:
     return replace(transfer.opaque(paths), table=table, boxes_m=boxes)
 
 
-def boxes_of(movers: Sequence[Mover]) -> Numbers | None:
+def mover_boxes(movers: Sequence[Mover]) -> Numbers | None:
     """Return the boxes around bodies, (m, 2, 3), each in its frame, `NOWHERE` of those away; None without any."""
-    return np.stack([NOWHERE if one.away else one.box_m for one in movers]) if movers else None
+    return np.stack([NOWHERE if mover.is_absent else mover.box_m for mover in movers]) if movers else None
 
 
-def _rest(movers: Sequence[Mover], centre_m: Numbers) -> Moving | None:
+def _resting_movers(movers: Sequence[Mover], centre_m: Numbers) -> Moving | None:
     """Return the poses of what moves, as the bodies have them."""
     if not movers:
         return None
     stay = [Course(), *(Course(start=mover.pose) for mover in movers)]
-    paths = Paths.of(stay, start_s=0.0, length_s=1.0, centre_m=centre_m, carried_m=boxes_of(movers))
+    paths = Paths.from_motions(stay, start_s=0.0, length_s=1.0, centre_m=centre_m, carried_m=mover_boxes(movers))
     return Moving(paths=on_device(paths), time_s=transfer.opaque(0.0))
 
 

@@ -8,8 +8,8 @@ import pytest
 from helpers import chain, launches
 
 from lidarscene.errors import InputError
-from lidarscene.kernel.world.build import build_world
-from lidarscene.kernel.world.patterns import texture_key
+from lidarscene.kernel.world.bsdfs import texture_key
+from lidarscene.kernel.world.mitsuba_world import build_world
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.scene.meshes.reflectivity_patterns import ReflectivityPattern
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from lidarscene.figures.page import Page
+from lidarscene.figures.report_page import Page
 
 NAME = "[a](javascript:b)|`c` <script>\n# *d* _e_"
 ESCAPED = r"\[a\](javascript:b)\|\`c\` \<script> # \*d\* \_e\_"
