@@ -7,7 +7,8 @@ import numpy as np
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats.cloud_columns import COLUMNS, MEASURED
 from lidarscene.formats.packets.firings import FiringsBuilder
-from lidarscene.formats.packets.packet_encoder import Packet, PacketEncoder
+from lidarscene.formats.packets.layouts import Packet
+from lidarscene.formats.packets.packet_encoder import PacketEncoder
 from lidarscene.maths.pose import direction_from_angles
 from lidarscene.sensor.model import Sensor
 

@@ -196,4 +196,4 @@ def test_packets_of_hesais_driver(tmp_path: Path, library: Callable[[str], Any])
         writer.write(connection, 1, store.serialize_cdr(message, kind))
     with highlevel.AnyReader([tmp_path / "bag"], default_typestore=store) as bag:
         (one,) = _Scans(bag, tmp_path / "bag", bag.connections[0])[0]
-    assert (one.stamp_s, one.payload) == (9.125, payload)
+    assert (one.time_s, one.payload) == (9.125, payload)

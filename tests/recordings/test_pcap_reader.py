@@ -17,7 +17,7 @@ def test_payloads_and_times_of_both_orders_and_clocks(tmp_path: Path, order: str
     path = pcap(tmp_path / "a.pcap", [b"first", b"second"], order=order, nanoseconds=nanoseconds)
     packets = packets_of(path)
     assert [one.payload for one in packets] == [b"first", b"second"]
-    assert packets[1].stamp_s == pytest.approx(100.001, abs=1e-9)
+    assert packets[1].time_s == pytest.approx(100.001, abs=1e-9)
     assert [one.payload for one in packets_of(path, lambda payload: payload != b"first")] == [b"second"]
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from ..files.atomic import named
 from ..formats.packets.firings import Firings
 from ..formats.packets.packet_encoder import PacketEncoder
-from ..formats.packets.pcap import beside, capture
+from ..formats.packets.pcap import capture, description_path
 from ..formats.packets.select_encoder import select_encoder
 from ..sensor.model import Sensor
 
@@ -34,7 +34,7 @@ def makers(sensors: Mapping[str, Sensor], profile: str) -> dict[str, PacketEncod
 
 def captured_files(path: Path, maker: PacketEncoder) -> dict[str, Path]:
     """What is written beside the packets, by what it is."""
-    return {} if maker.description is None else {"metadata": beside(path, maker.description[1])}
+    return {} if maker.description is None else {"metadata": description_path(path, maker.description[1])}
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """Recordings of Hesai's PandarXT-32 and OT128: packets out of pcap files and ROS bags, decoded by hydra4.
 
-hydra4 gives the points that came back, so that lost pulses are not known. Its axes are Hesai's own, x to the right and
-y forward; here they are turned to x forward and y left.
+hydra4 gives only the points that came back, so the sweeps have no lost pulses. Its axes are Hesai's own, x to the right
+and y forward; here they are turned to x forward and y left.
 """
 
 from __future__ import annotations
@@ -16,32 +16,32 @@ import numpy as np
 
 from ..files.optional import optional
 from ..formats.described import reading
-from .pcap_reader import Packet, turns_of
+from ..formats.packets.layouts import HESAI_START, Packet
+from .pcap_reader import turns_of
 from .recording import Recording
 from .sweep import Sweep
 
-START = b"\xee\xff"
 MODELS = {(6, 1, 32, 8): "PandarXT32", (1, 4, 128, 2): "PandarOT128"}
-"""Decoder of hydra4 by the version of the packets' protocol, lasers and blocks: all PandarXT share a version."""
+"""(protocol's major and minor version, lasers, blocks) -> decoder of hydra4: all PandarXT share a version."""
 
 LEAST_M, LARGEST_M = 0.0, 1000.0
-AZIMUTH_AT = 12
+AZIMUTH_OFFSET = 12
 """Byte of a packet at which its first azimuth stands."""
 
 
 def is_hesai(payload: bytes) -> bool:
-    """Whether a payload is a packet of measurements."""
-    return len(payload) > 500 and payload[:2] == START
+    """True if a payload is a packet of measurements."""
+    return len(payload) > 500 and payload[:2] == HESAI_START
 
 
 def open_hesai(path: Path, metadata: Path | None, packets: Sequence[Packet]) -> Recording:
     """Open the turns of these packets; ``metadata`` is the unit's table of angles, CSV. Raises InputError."""
-    azimuths = [struct.unpack_from("<H", packet.payload, AZIMUTH_AT)[0] for packet in packets]
+    azimuths = [struct.unpack_from("<H", packet.payload, AZIMUTH_OFFSET)[0] for packet in packets]
     return recording_of_scans(path, metadata, [packets[turn] for turn in turns_of(azimuths)], name="hesai pcap")
 
 
 def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequence[Packet]], *, name: str) -> Recording:
-    """A frame of each of these runs of packets."""
+    """Recording of which each of these runs of packets is a frame. Raises InputError."""
     with reading(path, folder=True):
         first = scans[0][0].payload
         packed = (*first[2:4], *first[6:8])

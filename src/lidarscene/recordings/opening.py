@@ -1,4 +1,4 @@
-"""Open a recording: the reader is found by what the file's name ends in, and imported then."""
+"""Open a recording: the suffix of the file's name selects the reader, which is imported then."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def open_recording(path: str | os.PathLike[str], metadata: str | os.PathLike[str
     if file.is_dir():
         read: Reader = _bag if (file / "metadata.yaml").is_file() else _cloud
     else:
-        suffix = next((one for one in READERS if file.name.lower().endswith(one)), None)
+        suffix = next((suffix for suffix in READERS if file.name.lower().endswith(suffix)), None)
         if suffix is None:
             raise InputError(f"{file}: must be a recording that ends in {', '.join(READERS)}, got '{file.suffix}'")
         if not file.stat().st_size:
@@ -47,7 +47,7 @@ def _ouster(path: Path, metadata: Path | None) -> Recording:
 
 
 def _packets(path: Path, metadata: Path | None) -> Recording:
-    """Of the maker whose packets are there; json, given or beside it, means Ouster."""
+    """Open a pcap with the reader of the maker whose packets it has; a json, given or beside it, means Ouster."""
     from . import hesai_reader, pandar64_reader, velodyne_reader
     from .pcap_reader import metadata_of, packets_of
 
@@ -55,7 +55,9 @@ def _packets(path: Path, metadata: Path | None) -> Recording:
     if described is not None and described.suffix.lower() == ".json" and described.is_file():
         return _ouster(path, metadata)
     with reading(path):
-        packets = packets_of(path, lambda one: velodyne_reader.is_velodyne(one) or hesai_reader.is_hesai(one))
+        packets = packets_of(
+            path, lambda payload: velodyne_reader.is_velodyne(payload) or hesai_reader.is_hesai(payload)
+        )
     if not packets:
         raise InputError(
             f"{path}: must have packets of Velodyne or Hesai, or an Ouster's metadata as {path.stem}.json beside it "
@@ -92,4 +94,4 @@ READERS: dict[str, Reader] = {
     ".las": _cloud,
     ".laz": _cloud,
 }
-"""Reader by what a file's name ends in, the longest first."""
+"""Suffix of a file's name, the longest first -> reader."""

@@ -15,27 +15,27 @@ from ..files.optional import optional
 from ..formats.described import reading
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
-from .pcap_reader import json_beside, mapped, records_of
+from .pcap_reader import json_beside, map_file, records_of
 from .recording import Recording
 from .sweep import Second, Sweep
 
 VALID = 1
-"""Bit of a column's status: its packet was received."""
+"""Bit of a column's status that is set if its packet was received."""
 
 
 def open_ouster(path: Path, metadata: Path | None) -> Recording:
     """Open the first sensor's frames; incomplete frames at either end count. Raises InputError."""
     sdk = optional("ouster.sdk", extra="ouster")
     core = optional("ouster.sdk.core", extra="ouster")
-    core.init_logger("critical")  # what it warns of beside is no line of ours
+    core.init_logger("critical")  # its warnings would stand between our own lines
     options: dict[str, Any] = {}
-    described = path
+    metadata_file = path
     with ExitStack() as opened:
         if path.suffix.lower() == ".pcap":
-            described = _description(path, metadata)
-            with reading(described):
-                core.SensorInfo(described.read_text())
-            options = {"meta": [str(described)]}
+            metadata_file = _description(path, metadata)
+            with reading(metadata_file):
+                core.SensorInfo(metadata_file.read_text())
+            options = {"meta": [str(metadata_file)]}
             _require_whole(path)
         elif metadata is not None:
             raise InputError(f"--metadata {metadata}: goes with a pcap; an OSF has its own")
@@ -46,8 +46,8 @@ def open_ouster(path: Path, metadata: Path | None) -> Recording:
             info = source.sensor_info[0]
             direction, origin_m = beams(core, info)
         if not len(source) and options:
-            raise InputError(f"{path}: must have packets as {described} describes them, got none of that kind")
-        kept_open = opened.pop_all()
+            raise InputError(f"{path}: must have packets as {metadata_file} describes them, got none of that kind")
+        open_source = opened.pop_all()
     about = {
         "format": f"ouster {path.suffix.lower()[1:]}",
         "sensor": str(info.prod_line),
@@ -60,16 +60,16 @@ def open_ouster(path: Path, metadata: Path | None) -> Recording:
     def read(frame: int) -> Sweep:
         with reading(path):
             try:
-                found = source[frame][0]
+                scan = source[frame][0]
             except IndexError:  # of ouster-sdk, where the file's checksum does not fit
                 raise ValueError(f"frame {frame} is damaged") from None
-            return _sweep(found, info, (direction, origin_m), about | {"frame": str(frame)})
+            return _sweep(scan, info, (direction, origin_m), about | {"frame": str(frame)})
 
-    return Recording(path=path, count=len(source), read=read, close_file=kept_open.close, metadata=about)
+    return Recording(path=path, count=len(source), read=read, close_file=open_source.close, metadata=about)
 
 
 def _indexable(path: Path, opened: ExitStack) -> Path:
-    """The OSF, or a copy if it has no index: ouster-sdk would write one into it, and recordings are read only."""
+    """Path of the OSF, or of a copy if it has no index: ouster-sdk would write one into the recording."""
     osf = optional("ouster.sdk.osf", extra="ouster")
     source = osf.OsfFrameSetSource(str(path))
     indexed = source.is_indexed
@@ -81,16 +81,16 @@ def _indexable(path: Path, opened: ExitStack) -> Path:
 
 
 def _require_whole(path: Path) -> None:
-    """ValueError, as InputError, for a pcap that is cut off: ouster-sdk would give what is left without a word."""
+    """Raise InputError for a pcap that is cut off: ouster-sdk would silently read the frames before the cut."""
     with reading(path):
-        for _ in records_of(mapped(path)):
+        for _ in records_of(map_file(path)):
             pass
 
 
 def beams(core: Any, info: Any) -> tuple[Numbers, Numbers]:
-    """(rows, columns, 3) directions, and where the reported range is counted from [m], in the sensor's frame.
+    """(rows, columns, 3) unit directions, and origins [m] from which ranges count, in the sensor's frame.
 
-    The maker's table gives the point at any range r as ``direction * r + offset``, so two ranges give both.
+    The maker's table gives the point at any range r as ``direction * r + origin``, so two ranges give both.
     """
     table = core.XYZLut(info, use_extrinsics=False)
     shape = info.format.pixels_per_column, info.format.columns_per_frame
@@ -101,15 +101,15 @@ def beams(core: Any, info: Any) -> tuple[Numbers, Numbers]:
 
 
 def _description(path: Path, metadata: Path | None) -> Path:
-    """The json of a pcap. Raises InputError if there is none."""
+    """Path of the json of a pcap. Raises InputError if there is none."""
     if metadata is not None:
         if not metadata.is_file():
             raise InputError(f"{metadata}: no such metadata file")
         return metadata
-    beside = json_beside(path)
-    if not beside.is_file():
-        raise InputError(f"{path}: must have the sensor's metadata as {beside.name} beside it, or --metadata F")
-    return beside
+    description = json_beside(path)
+    if not description.is_file():
+        raise InputError(f"{path}: must have the sensor's metadata as {description.name} beside it, or --metadata F")
+    return description
 
 
 def _sweep(frame: Any, info: Any, tables: tuple[Numbers, Numbers], about: dict[str, str]) -> Sweep:
@@ -152,7 +152,7 @@ def _sweep(frame: Any, info: Any, tables: tuple[Numbers, Numbers], about: dict[s
 
 
 def _pose(frame: Any, info: Any, received: Numbers) -> Pose | None:
-    """Of the sensor in the world at the first column received; None where the recording has no poses."""
+    """Pose of the sensor in the world at the first column received; None where the recording has no poses."""
     poses = np.asarray(frame.body_to_world)
     if not received.any() or np.array_equal(poses, np.broadcast_to(np.eye(4), poses.shape)):
         return None

@@ -1,6 +1,6 @@
-"""Recordings of Hesai's Pandar64: packets as its maker's HesaiLidar_General_SDK at d7f39ee reads them.
+"""Recordings of Hesai's Pandar64: packets as the maker's HesaiLidar_General_SDK at d7f39ee reads them.
 
-No decoder of them is among the packages of Python. Angles and firing times are those of the catalogue's sensor, which
+No package on PyPI decodes them. Angles and firing times are those of the catalogue's sensor, which
 are nominal; a unit's own are in the CSV that Hesai gives with it.
 """
 
@@ -13,12 +13,17 @@ import numpy as np
 
 from ..errors import InputError
 from ..formats.described import reading
-from ..formats.packets.pandar64_encoder import AZIMUTH_US, BLOCKS, CYCLE_S, DUAL, LASERS, PACKET, STAMP_US
+from ..formats.packets.layouts import DUAL, HESAI_START, PANDAR64_PACKET, Packet
+from ..formats.packets.layouts import PANDAR64_AZIMUTH_US as AZIMUTH_US
+from ..formats.packets.layouts import PANDAR64_BLOCKS as BLOCKS
+from ..formats.packets.layouts import PANDAR64_CYCLE_S as CYCLE_S
+from ..formats.packets.layouts import PANDAR64_LASERS as LASERS
+from ..formats.packets.layouts import PANDAR64_STAMP_US as STAMP_US
 from ..maths.arrays import Numbers
 from ..maths.pose import direction_from_angles
 from ..scan.spinning import Spinning
 from ..sensor.catalogue import load_sensor
-from .pcap_reader import Packet, turns_of
+from .pcap_reader import turns_of
 from .recording import Recording
 from .sweep import Second, Sweep
 from .units.hesai_unit import read_hesai
@@ -27,15 +32,17 @@ NAME = "pandar64"
 
 
 def is_pandar64(payload: bytes) -> bool:
-    """Whether a payload is a packet of measurements, with its sequence number behind it or without."""
-    return payload[:4] == bytes([0xEE, 0xFF, LASERS, BLOCKS]) and len(payload) >= PACKET.itemsize
+    """True if a payload is a packet of measurements, with its sequence number behind it or without."""
+    return payload[:4] == HESAI_START + bytes([LASERS, BLOCKS]) and len(payload) >= PANDAR64_PACKET.itemsize
 
 
 def open_pandar64(path: Path, metadata: Path | None, packets: Sequence[Packet]) -> Recording:
     """Open the turns of these packets; ``metadata`` is the unit's table of angles, CSV. Raises InputError."""
     with reading(path):
-        rows = np.frombuffer(b"".join(one.payload[: PACKET.itemsize] for one in packets), PACKET)
-    stamps_s = np.array([one.stamp_s for one in packets])
+        rows = np.frombuffer(
+            b"".join(packet.payload[: PANDAR64_PACKET.itemsize] for packet in packets), PANDAR64_PACKET
+        )
+    stamps_s = np.array([packet.time_s for packet in packets])
     turns = turns_of(rows["blocks"]["azimuth"][:, 0])
     angles = _angles(metadata)
     about = {"format": "hesai pcap", "sensor": "Pandar64", "mode": "dual" if rows["mode"][0] == DUAL else "single"}
@@ -49,7 +56,7 @@ def open_pandar64(path: Path, metadata: Path | None, packets: Sequence[Packet]) 
 
 
 def _angles(metadata: Path | None) -> tuple[Numbers, Numbers, Numbers]:
-    """(64,) elevation [rad], azimuth from the head's, counter-clockwise [rad], and time after a block's first [s]."""
+    """(64,) elevations [rad], azimuths against the head's, counter-clockwise [rad], and delays in a block [s]."""
     scanner = load_sensor(NAME).scanner
     assert isinstance(scanner, Spinning)
     number = scanner.lasers_by_place.values.astype(np.int64)
@@ -73,39 +80,40 @@ def _sweep(
     per_second_deg = 6.0 * rows["turns_per_minute"][:, None, None].astype(np.float64)
     head_deg = 0.01 * blocks["azimuth"][:, ::step, None] - per_second_deg * (1e-6 * AZIMUTH_US - firing_s)
     last_block = np.arange(BLOCKS // step)[::-1]
-    # The sensor's clock says when within a second; which one it was, the recorder's.
+    # The sensor's clock gives the time within a second, the recorder's clock the second.
     part_s = 1e-6 * rows["stamp"]
     second = np.rint(stamps_s - part_s)
-    begun_s = (second + part_s - 1e-6 * STAMP_US)[:, None] - CYCLE_S * last_block
-    time_s = begun_s[..., None] + firing_s
-    turned = azimuth - np.radians(head_deg)
-    up = np.broadcast_to(elevation, turned.shape)
-    direction = np.stack(direction_from_angles(azimuth_rad=turned, elevation_rad=up), axis=-1)
+    block_start_s = (second + part_s - 1e-6 * STAMP_US)[:, None] - CYCLE_S * last_block
+    time_s = block_start_s[..., None] + firing_s
+    beam_azimuth = azimuth - np.radians(head_deg)
+    beam_elevation = np.broadcast_to(elevation, beam_azimuth.shape)
+    direction = np.stack(direction_from_angles(azimuth_rad=beam_azimuth, elevation_rad=beam_elevation), axis=-1)
     points = blocks["points"]
     metres = 1e-3 * rows["step_mm"][:, None, None] * points["distance"].astype(np.float64)
     metres[metres == 0.0] = np.nan
-    strength = points["reflectivity"]
+    reflectivity = points["reflectivity"]
 
-    def laid(values: Numbers) -> Numbers:
-        """(packets, blocks, lasers, ...) as (lasers, firings, ...)."""
+    def by_laser(values: Numbers) -> Numbers:
+        """Reshape (packets, blocks, lasers, ...) to (lasers, firings, ...)."""
         return np.moveaxis(values.reshape(-1, *values.shape[2:]), 0, 1)
 
-    first, other = laid(metres[:, step - 1 :: step]), None
+    range_m, second_return = by_laser(metres[:, step - 1 :: step]), None
     if step == 2:
-        behind = laid(metres[:, ::step])
-        different = behind != first
-        other = Second(
-            range_m=np.where(different, behind, np.nan), intensity=laid(strength[:, ::step]).astype(np.float32)
+        second_m = by_laser(metres[:, ::step])
+        different = second_m != range_m
+        second_return = Second(
+            range_m=np.where(different, second_m, np.nan),
+            intensity=by_laser(reflectivity[:, ::step]).astype(np.float32),
         )
     start_s = float(time_s.min())
-    shape = first.shape
+    shape = range_m.shape
     return Sweep(
-        range_m=first,
+        range_m=range_m,
         recorded=np.ones(shape, bool),
-        direction=laid(direction),
-        time_s=laid(time_s) - start_s,
-        intensity=laid(strength[:, step - 1 :: step]),
-        second=other,
+        direction=by_laser(direction),
+        time_s=by_laser(time_s) - start_s,
+        intensity=by_laser(reflectivity[:, step - 1 :: step]),
+        second=second_return,
         ring=np.broadcast_to(np.arange(LASERS)[:, None], shape),
         column=np.broadcast_to(np.arange(shape[1]), shape),
         start_s=start_s,

@@ -1,4 +1,4 @@
-"""Files of points: KITTI, nuScenes, PCD, PLY and LAS, one frame each, and folders of them, a frame for each file."""
+"""Recordings in files of points: KITTI, nuScenes, PCD, PLY and LAS, one frame each, and folders of such files."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _nuscenes(path: Path) -> tuple[Columns, tuple[int, ...] | None]:
     return rows_of(path, ("x", "y", "z", "intensity", "ring")), None
 
 
-def _flat(read: Callable[[Path], Columns]) -> Callable[[Path], tuple[Columns, tuple[int, ...] | None]]:
+def _as_list(read: Callable[[Path], Columns]) -> Callable[[Path], tuple[Columns, tuple[int, ...] | None]]:
     return lambda path: (read(path), None)
 
 
@@ -46,16 +46,16 @@ CLOUDS: dict[str, tuple[str, Callable[[Path], tuple[Columns, tuple[int, ...] | N
     ".pcd.bin": ("nuscenes", _nuscenes),
     ".bin": ("kitti", _kitti),
     ".pcd": ("pcd", pcd_columns),
-    ".ply": ("ply", _flat(ply_columns)),
-    ".las": ("las", _flat(las_columns)),
-    ".laz": ("laz", _flat(las_columns)),
+    ".ply": ("ply", _as_list(ply_columns)),
+    ".las": ("las", _as_list(las_columns)),
+    ".laz": ("laz", _as_list(las_columns)),
 }
-"""Format and reader by what a name ends in, the longest first. The second is the shape of an array of rows."""
+"""Suffix, the longest first -> (format, reader of the columns and of (rows, columns) if they are an array)."""
 
 
 def suffix_of(path: Path) -> str | None:
-    """Which of `CLOUDS` a name ends in."""
-    return next((one for one in CLOUDS if path.name.lower().endswith(one)), None)
+    """Suffix of `CLOUDS` that a name ends in; None for another."""
+    return next((suffix for suffix in CLOUDS if path.name.lower().endswith(suffix)), None)
 
 
 def open_cloud(path: Path, metadata: Path | None) -> Recording:
@@ -81,5 +81,5 @@ def open_cloud(path: Path, metadata: Path | None) -> Recording:
 
 
 def _by_numbers(path: Path) -> list[tuple[int, str]]:
-    """frame_9 before frame_10."""
+    """Sort key that puts frame_9 before frame_10."""
     return [(int(word), "") if word.isdecimal() else (-1, word) for word in re.split(r"(\d+)", path.name)]

@@ -1,4 +1,4 @@
-"""A recording: a file with one frame or many, read one at a time."""
+"""A recording: a file of one or many frames, which are read one at a time."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from .sweep import Sweep
 class Recording:
     """The frames of a file: `len`, `[frame]` and iteration; a context manager that closes the file.
 
-    count     number of frames
-    read      from a frame's number to its sweep
-    close_file  called in the end
-    metadata  text by key: format, sensor, mode, ...
+    count       number of frames
+    read        function from a frame's number to its sweep
+    close_file  function that closes the file
+    metadata    text by key: format, sensor, mode, ...
     """
 
     path: Path
@@ -31,7 +31,7 @@ class Recording:
         return self.count
 
     def __getitem__(self, frame: int) -> Sweep:
-        """The sweep of this number, from 0; from the end if negative. Raises InputError beyond the recording."""
+        """Read the sweep of this number, from 0; from the end if negative. Raises InputError beyond the recording."""
         if not -self.count <= frame < self.count:
             raise InputError(f"{self.path}: frame must be 0 to {self.count - 1}, got {frame}")
         return self.read(frame % self.count)

@@ -1,4 +1,4 @@
-"""One recorded sweep, pulse by pulse: what came back, and what is known of the pulses of which nothing came back."""
+"""One recorded sweep, pulse by pulse: the returns, and the pulses without a return as far as they are recorded."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from ..maths.arrays import Numbers, frozen
 from ..maths.pose import Pose
 
 SCALARS = ("signal", "near_ir", "reflectivity", "intensity")
-"""What a recording may know of a pulse beside range and time."""
+"""Scalars of a pulse that a recording may have beside range and time."""
 
 SECOND = ("range_m", "signal", "reflectivity", "intensity")
-"""What it may know of a second return."""
+"""Arrays of a second return that it may have."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,21 +39,21 @@ class Sweep:
     points. The point of a pulse is ``origin_m + range_m * direction``, in the sensor's frame: x forward, y left, z up.
 
     range_m       float64, as reported; NaN where nothing came back or nothing was recorded
-    recorded      bool, whether the recording tells what became of the pulse; False for lost packets
-    direction     (..., 3) float64 unit vectors; of lost pulses too where the format tells, else NaN
-    origin_m      (..., 3) float64, where the range is counted from; None: the origin of the frame
+    recorded      bool, False for pulses of lost packets
+    direction     (..., 3) float64 unit vectors; NaN for lost pulses whose direction the format does not give
+    origin_m      (..., 3) float64 points from which ranges count; None: the origin of the frame
     time_s        float64, from `start_s`; NaN where nothing was recorded
-    signal        float32, photons of the return; of lost pulses what the maker reports of them
+    signal        float32, photons of the return; of lost pulses the number that the maker reports for them
     near_ir       float32, counts of the background light
-    reflectivity  float32, as the maker counts it; Ouster: 100 is a white Lambertian surface
-    intensity     float32, as recorded, in no known unit
+    reflectivity  float32, in the maker's scale; Ouster: 100 is a white Lambertian surface
+    intensity     float32, as recorded, in an unknown unit
     second        the second return
     ring          int32, number of the channel; with rows: from the top row down
     column        int32, number of the firing within a turn
-    return_number int32, which of its pulse's returns a point is, in a list that has one entry for each
-    start_s       when the sweep began, by the recording's clock; 0 if it has none
-    pose          where the sensor stood at the start, in the recording's world
-    knows_lost    whether pulses without a return are in it
+    return_number int32, number of a point among its pulse's returns, in a list that has an entry for each return
+    start_s       start of the sweep, by the recording's clock; 0 if it has none
+    pose          pose of the sensor at the start, in the recording's world
+    knows_lost    True if the arrays have the pulses without a return
     metadata      text by key: sensor, format, mode, ...
     """
 
@@ -78,19 +78,19 @@ class Sweep:
     def __post_init__(self) -> None:
         """Check shapes and freeze the arrays. Raises ValueError that names the field."""
         shape = np.shape(self.range_m)
-        kinds: dict[str, Any] = {"range_m": np.float64, "recorded": np.bool_, "time_s": np.float64}
-        kinds |= dict.fromkeys(SCALARS, np.float32) | dict.fromkeys(("ring", "column", "return_number"), np.int32)
-        kinds |= dict.fromkeys(("direction", "origin_m"), np.float64)
-        for name, kind in kinds.items():
+        dtypes: dict[str, Any] = {"range_m": np.float64, "recorded": np.bool_, "time_s": np.float64}
+        dtypes |= dict.fromkeys(SCALARS, np.float32) | dict.fromkeys(("ring", "column", "return_number"), np.int32)
+        dtypes |= dict.fromkeys(("direction", "origin_m"), np.float64)
+        for name, dtype in dtypes.items():
             values = getattr(self, name)
             if values is not None:
-                wanted = (*shape, 3) if name in ("direction", "origin_m") else shape
-                object.__setattr__(self, name, _checked(f"Sweep.{name}", values, kind, wanted))
+                array_shape = (*shape, 3) if name in ("direction", "origin_m") else shape
+                object.__setattr__(self, name, _freeze(f"Sweep.{name}", values, dtype, array_shape))
         for name in SECOND if self.second is not None else ():
             values = getattr(self.second, name)
             if values is not None:
-                kind = np.float64 if name == "range_m" else np.float32
-                object.__setattr__(self.second, name, _checked(f"Sweep.second.{name}", values, kind, shape))
+                dtype = np.float64 if name == "range_m" else np.float32
+                object.__setattr__(self.second, name, _freeze(f"Sweep.second.{name}", values, dtype, shape))
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -99,12 +99,12 @@ class Sweep:
 
     @property
     def kept(self) -> Numbers:
-        """Mask of the pulses of which a return was reported."""
+        """Mask of the pulses with a reported return."""
         return np.isfinite(self.range_m)
 
     @property
     def lost(self) -> Numbers:
-        """Mask of the recorded pulses of which none was; nowhere True unless `knows_lost`."""
+        """Mask of the recorded pulses without a return; nowhere True unless `knows_lost`."""
         return np.asarray(self.recorded & ~self.kept)
 
     @property
@@ -113,13 +113,13 @@ class Sweep:
         return self.points(self.range_m)
 
     def points(self, range_m: Numbers) -> Numbers:
-        """(..., 3) float64 points at these ranges [m] along the beams, say of the second returns."""
+        """(..., 3) float64 points at these ranges [m] along the beams, such as those of the second returns."""
         along = range_m[..., None] * self.direction
         return np.asarray(along if self.origin_m is None else self.origin_m + along)
 
 
-def _checked(name: str, values: Any, kind: Any, shape: tuple[int, ...]) -> Numbers:
+def _freeze(name: str, values: Any, dtype: Any, shape: tuple[int, ...]) -> Numbers:
     try:
-        return frozen(values, kind, shape)
+        return frozen(values, dtype, shape)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None

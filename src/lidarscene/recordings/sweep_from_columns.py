@@ -1,4 +1,4 @@
-"""A list of points by the names that drivers and files give their columns in, a sweep out."""
+"""Make a sweep of points whose columns have the names that drivers and files give them."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ NAMES = {
     "return_number": ("return_number",),
     "time": ("time", "t", "timestamp", "time_stamp", "offset_time", "gps_time"),
 }
-"""What a column of a sweep is called elsewhere, the usual name first."""
+"""Names that drivers and files give to a column of a sweep, the usual one first."""
 
 LEAST_M = 1e-3
-"""Nearer points are zeros that stand for nothing (a driver's way to keep rows and columns)."""
+"""Least distance of a point: nearer ones are zeros by which drivers fill their rows and columns."""
 
 
 def sweep_of(
@@ -34,32 +34,34 @@ def sweep_of(
     pose: Pose | None = None,
     metadata: Mapping[str, str],
 ) -> Sweep:
-    """A sweep of points by column; ValueError if x, y or z is missing.
+    """Make a sweep of points by column; ValueError if x, y or z is missing.
 
     shape  (rows, columns) of an array whose lost pulses are points at zero or NaN; None: a list, without those
     """
-    named = {name.lower(): np.asarray(values).reshape(-1) for name, values in columns.items()}
-    missing = [axis for axis in "xyz" if axis not in named]
+    by_name = {name.lower(): np.asarray(values).reshape(-1) for name, values in columns.items()}
+    missing = [axis for axis in "xyz" if axis not in by_name]
     if missing:
         raise ValueError(f"must have columns x, y and z, got {', '.join(columns) or 'none'}")
-    xyz_m = np.stack([named[axis].astype(np.float64) for axis in "xyz"], axis=-1)
+    xyz_m = np.stack([by_name[axis].astype(np.float64) for axis in "xyz"], axis=-1)
     distance_m = np.sqrt(np.einsum("ij,ij->i", xyz_m, xyz_m))
-    there = np.isfinite(distance_m) & (distance_m > LEAST_M)
-    taken = there if shape is None else np.ones(len(there), bool)
-    laid = (-1,) if shape is None else shape
-    range_m = np.where(there, distance_m, np.nan)[taken]
+    has_point = np.isfinite(distance_m) & (distance_m > LEAST_M)
+    in_sweep = has_point if shape is None else np.ones(len(has_point), bool)
+    sweep_shape = (-1,) if shape is None else shape
+    range_m = np.where(has_point, distance_m, np.nan)[in_sweep]
     with np.errstate(invalid="ignore"):
-        direction = xyz_m[taken] / range_m[:, None]
-    found = {key: next((named[name][taken] for name in names if name in named), None) for key, names in NAMES.items()}
-    stamps = found.pop("time")
-    time_s, began_s = (None, start_s) if stamps is None else _times(stamps, range_m, start_s)
-    scalars = {key: None if values is None else values.reshape(laid) for key, values in found.items()}
+        direction = xyz_m[in_sweep] / range_m[:, None]
+    recorded_columns = {
+        key: next((by_name[name][in_sweep] for name in names if name in by_name), None) for key, names in NAMES.items()
+    }
+    stamps = recorded_columns.pop("time")
+    time_s, first_s = (None, start_s) if stamps is None else _times(stamps, range_m, start_s)
+    scalars = {key: None if values is None else values.reshape(sweep_shape) for key, values in recorded_columns.items()}
     return Sweep(
-        range_m=range_m.reshape(laid),
-        recorded=np.ones(len(range_m), bool).reshape(laid),
-        direction=direction.reshape(*laid, 3),
-        time_s=None if time_s is None else time_s.reshape(laid),
-        start_s=began_s,
+        range_m=range_m.reshape(sweep_shape),
+        recorded=np.ones(len(range_m), bool).reshape(sweep_shape),
+        direction=direction.reshape(*sweep_shape, 3),
+        time_s=None if time_s is None else time_s.reshape(sweep_shape),
+        start_s=first_s,
         pose=pose,
         knows_lost=shape is not None,
         metadata=metadata,
@@ -68,11 +70,11 @@ def sweep_of(
 
 
 def _times(stamps: Numbers, range_m: Numbers, start_s: float) -> tuple[Numbers, float]:
-    """Seconds from the start, and the start. Integers are nanoseconds, as drivers have it; others are seconds."""
+    """Times from the first point [s], and the time of that. Integers are nanoseconds, as in drivers, floats seconds."""
     scale = 1e-9 if stamps.dtype.kind in "iu" else 1.0
-    kept = stamps[np.isfinite(range_m)]
-    first = kept.min() if len(kept) else stamps.dtype.type(0)
+    point_stamps = stamps[np.isfinite(range_m)]
+    first = point_stamps.min() if len(point_stamps) else stamps.dtype.type(0)
     seconds = scale * (stamps - first).astype(np.float64) if len(stamps) else np.zeros(0)
     absolute = abs(scale * float(first)) > 1e6  # by a clock that started long ago, not from the message's own stamp
-    began_s = scale * float(first) if absolute or not start_s else start_s + scale * float(first)
-    return seconds, began_s
+    first_s = scale * float(first) if absolute or not start_s else start_s + scale * float(first)
+    return seconds, first_s

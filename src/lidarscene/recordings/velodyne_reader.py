@@ -1,7 +1,7 @@
 """Recordings of Velodyne sensors: packets out of pcap files and ROS bags, decoded by velodyne-decoder.
 
-The decoder gives points with the number of their firing; every channel fires once in each. So a firing without a point
-of a channel is a lost pulse. Its direction comes from the same channel's points before and after.
+The decoder gives points with the number of their firing, in which every channel fires once. So a firing without a point
+of a channel is a lost pulse. Its direction is interpolated between the same channel's points before and after.
 """
 
 from __future__ import annotations
@@ -15,28 +15,33 @@ import numpy as np
 
 from ..files.optional import optional
 from ..formats.described import reading
+from ..formats.packets.layouts import VELODYNE_BANKS, VELODYNE_PACKET, Packet
 from ..maths.arrays import Numbers
-from .pcap_reader import Packet, turns_of
+from .pcap_reader import turns_of
 from .recording import Recording
 from .sweep import Second, Sweep
+from .units.velodyne_unit import MODELS
 
-PACKET_BYTES = 1206
+FIRST_BYTES = tuple(bank.to_bytes(2, "little") for bank in VELODYNE_BANKS[:2])
+"""First bytes of a packet, whose first block is of the first or the second bank."""
+
 X, Y, Z, INTENSITY, TIME, COLUMN, RING, RETURN = range(8)
-"""Columns of the decoder's points."""
+"""Columns of the decoder's array of points."""
 
-STRONGEST, LAST, BOTH = 1, 2, 3
-"""Values of its column RETURN."""
+LAST_RETURN = 2
+"""Value of the decoder's column RETURN for the last of two returns; 1 is the strongest, 3 a return that is both."""
 
-BEFORE = 2
-"""Packets before a frame that tell the decoder how fast the sensor turns, and how long a packet lasts."""
+WARM_UP_PACKETS = 2
+"""Packets before a frame from which the decoder measures how fast the sensor turns, and how long a packet lasts."""
 
-CHANNELS = (16, 32, 64, 128)
-"""Of all models, since the highest channels may see nothing but sky."""
+CHANNELS = tuple(sorted(MODELS))
+"""Numbers of channels of all models. That of a recording is the next above its highest channel with a point, since the
+channels above that may have seen only sky."""
 
 
 def is_velodyne(payload: bytes) -> bool:
-    """Whether a payload is a packet of measurements."""
-    return len(payload) == PACKET_BYTES and payload[:2] in (b"\xff\xee", b"\xff\xdd")
+    """True if a payload is a packet of measurements."""
+    return len(payload) == VELODYNE_PACKET.itemsize and payload[:2] in FIRST_BYTES
 
 
 def open_velodyne(path: Path, metadata: Path | None, packets: Sequence[Packet]) -> Recording:
@@ -46,7 +51,7 @@ def open_velodyne(path: Path, metadata: Path | None, packets: Sequence[Packet]) 
 
 
 def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequence[Packet]], *, name: str) -> Recording:
-    """A frame of each of these runs of packets."""
+    """Recording of which each of these runs of packets is a frame. Raises InputError."""
     decoder = optional("velodyne_decoder", extra="velodyne")
     config = decoder.Config()
     if metadata is not None:
@@ -55,98 +60,105 @@ def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequen
     model = decoder.ScanDecoder(config)
     if scans:
         with reading(path, folder=True):
-            _decoded(decoder, model, scans[0])
+            _decode(decoder, model, scans[0])
     about = {"format": name, "sensor": f"{getattr(model.model_id, 'name', 'Velodyne')}"}
     about["mode"] = getattr(model.return_mode, "name", "").lower()
 
     def read(frame: int) -> Sweep:
         with reading(path, folder=True):
             scan = decoder.ScanDecoder(config)
-            if frame:  # so that a frame is the same whether it is read after the one before or sought
-                _decoded(decoder, scan, scans[frame - 1][-BEFORE:])
-            start_s, points = _decoded(decoder, scan, scans[frame])
+            if frame:  # so that a frame is the same whether frames are read in order or not
+                _decode(decoder, scan, scans[frame - 1][-WARM_UP_PACKETS:])
+            start_s, points = _decode(decoder, scan, scans[frame])
             return sweep_of_points(points, start_s=start_s, metadata=about | {"frame": str(frame)})
 
     return Recording(path=path, count=len(scans), read=read, metadata=about)
 
 
-def _decoded(decoder: Any, scan: Any, packets: Sequence[Packet]) -> tuple[float, Numbers]:
-    """Stamp of the sensor's clock, and the points."""
-    stamp, points = scan.decode([decoder.VelodynePacket(one.stamp_s, one.payload) for one in packets])
+def _decode(decoder: Any, scan: Any, packets: Sequence[Packet]) -> tuple[float, Numbers]:
+    """Stamp of the sensor's clock [s], and (n, 8) points."""
+    stamp, points = scan.decode([decoder.VelodynePacket(packet.time_s, packet.payload) for packet in packets])
     return float(stamp.device), np.asarray(points, np.float64)
 
 
 def sweep_of_points(points: Numbers, *, start_s: float, metadata: Mapping[str, str]) -> Sweep:
-    """The array of firings behind the decoder's points. Raises ValueError if there are none."""
+    """Sweep of channels by firings from the decoder's (n, 8) points. Raises ValueError if there are none."""
     if not len(points):
         raise ValueError("must have points, got none in this turn")
     channels, columns = int(points[:, RING].max()) + 1, int(points[:, COLUMN].max()) + 1
     rows = min(count for count in CHANNELS if count >= channels)
     shape = (rows, columns)
-    first = _laid(points, points[:, RETURN] != LAST, shape)
-    last = _laid(points, points[:, RETURN] == LAST, shape)
-    # A pulse of which the stronger of two returns was filtered away still has the other.
-    alone = np.isnan(first[..., X]) & ~np.isnan(last[..., X])
-    first[alone], last[alone] = last[alone], np.nan
+    first = _lay_out(points, points[:, RETURN] != LAST_RETURN, shape)
+    last = _lay_out(points, points[:, RETURN] == LAST_RETURN, shape)
+    # The decoder may drop the stronger of two returns: the last one is then the only one.
+    only_last = np.isnan(first[..., X]) & ~np.isnan(last[..., X])
+    first[only_last], last[only_last] = last[only_last], np.nan
     range_m = np.sqrt(np.sum(first[..., :3] ** 2, axis=-1))
-    direction, time_s = _filled(first, range_m)
+    direction, time_s = _interpolate(first, range_m)
     second = None
     if np.isfinite(last[..., X]).any():
         second = Second(range_m=np.sqrt(np.sum(last[..., :3] ** 2, axis=-1)), intensity=last[..., INTENSITY])
-    began_s = np.nanmin(time_s)
+    first_s = np.nanmin(time_s)
     return Sweep(
         range_m=range_m,
         recorded=np.ones(shape, bool),
         direction=direction,
-        time_s=time_s - began_s,
+        time_s=time_s - first_s,
         intensity=first[..., INTENSITY],
         second=second,
         ring=np.broadcast_to(np.arange(rows)[:, None], shape),
         column=np.broadcast_to(np.arange(columns), shape),
-        start_s=start_s + began_s,
+        start_s=start_s + first_s,
         knows_lost=True,
         metadata=metadata,
     )
 
 
-def _laid(points: Numbers, mask: Numbers, shape: tuple[int, int]) -> Numbers:
-    """(rows, columns, 8) the points at their pulses, NaN elsewhere."""
-    chosen = points[mask]
-    laid = np.full((*shape, points.shape[1]), np.nan)
-    laid[chosen[:, RING].astype(np.int64), chosen[:, COLUMN].astype(np.int64)] = chosen
-    return laid
+def _lay_out(points: Numbers, mask: Numbers, shape: tuple[int, int]) -> Numbers:
+    """(rows, columns, 8) array with the selected points at their channel and firing, NaN elsewhere."""
+    selected = points[mask]
+    array = np.full((*shape, points.shape[1]), np.nan)
+    array[selected[:, RING].astype(np.int64), selected[:, COLUMN].astype(np.int64)] = selected
+    return array
 
 
-def _filled(first: Numbers, range_m: Numbers) -> tuple[Numbers, Numbers]:
-    """Directions and times of all pulses: those without a point from the points of their channel.
+def _interpolate(first: Numbers, range_m: Numbers) -> tuple[Numbers, Numbers]:
+    """Directions (rows, columns, 3) and times (rows, columns) of all pulses, from the points of the same channel.
 
-    Between two points azimuth, height and time go evenly; before the first and after the last they go on at the
-    sensor's own rate. NaN for a channel without any point.
+    Azimuth, z component and time are interpolated linearly between two points; before the first and after the last they
+    are extrapolated at the median rate of all channels. NaN for a channel without any point.
     """
     with np.errstate(invalid="ignore"):
         direction = first[..., :3] / range_m[..., None]
     time_s = first[..., TIME].copy()
-    found = [np.flatnonzero(np.isfinite(row)) for row in range_m]
-    azimuths = [np.unwrap(np.arctan2(*direction[row, at, 1::-1].T)) for row, at in enumerate(found)]
-    turning, ticking = (
-        _rate(found, values) for values in (azimuths, [time_s[row, at] for row, at in enumerate(found)])
+    columns = [np.flatnonzero(np.isfinite(row)) for row in range_m]
+    azimuths = [
+        np.unwrap(np.arctan2(*direction[row, channel_columns, 1::-1].T)) for row, channel_columns in enumerate(columns)
+    ]
+    azimuth_rate, time_rate = (
+        _rate(columns, values)
+        for values in (azimuths, [time_s[row, channel_columns] for row, channel_columns in enumerate(columns)])
     )
-    every = np.arange(range_m.shape[1], dtype=np.float64)
-    for row, (there, azimuth) in enumerate(zip(found, azimuths, strict=True)):
-        if not len(there):
+    firings = np.arange(range_m.shape[1], dtype=np.float64)
+    for row, (known, azimuth) in enumerate(zip(columns, azimuths, strict=True)):
+        if not len(known):
             continue
-        gaps = np.setdiff1d(every, there).astype(np.int64)
-        outside = every[gaps] - every[gaps].clip(there[0], there[-1])
-        across = np.interp(every[gaps], there, azimuth) + outside * turning
-        up = np.interp(every[gaps], there, direction[row, there, 2])
-        level = np.sqrt(1.0 - up**2)
-        direction[row, gaps] = np.stack([level * np.cos(across), level * np.sin(across), up], axis=-1)
-        time_s[row, gaps] = np.interp(every[gaps], there, time_s[row, there]) + outside * ticking
+        lost = np.setdiff1d(firings, known).astype(np.int64)
+        outside = firings[lost] - firings[lost].clip(known[0], known[-1])
+        azimuth_rad = np.interp(firings[lost], known, azimuth) + outside * azimuth_rate
+        height = np.interp(firings[lost], known, direction[row, known, 2])
+        level = np.sqrt(1.0 - height**2)
+        direction[row, lost] = np.stack([level * np.cos(azimuth_rad), level * np.sin(azimuth_rad), height], axis=-1)
+        time_s[row, lost] = np.interp(firings[lost], known, time_s[row, known]) + outside * time_rate
     return direction, time_s
 
 
-def _rate(found: Sequence[Numbers], values: Sequence[Numbers]) -> float:
-    """Median change from one firing to the next."""
-    steps = [np.diff(one)[np.diff(at) == 1] for at, one in zip(found, values, strict=True) if len(at) > 1]
-    together = np.concatenate([*steps, np.zeros(0)])
-    return float(np.median(together)) if len(together) else 0.0
+def _rate(columns: Sequence[Numbers], values: Sequence[Numbers]) -> float:
+    """Median change of the values from one firing to the next, over all channels."""
+    steps = [
+        np.diff(channel_values)[np.diff(channel_columns) == 1]
+        for channel_columns, channel_values in zip(columns, values, strict=True)
+        if len(channel_columns) > 1
+    ]
+    all_steps = np.concatenate([*steps, np.zeros(0)])
+    return float(np.median(all_steps)) if len(all_steps) else 0.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidarscene.formats.packets.firings import Firings
-from lidarscene.formats.packets.packet_encoder import last_and_other
+from lidarscene.formats.packets.packet_encoder import last_and_strongest
 
 STEP_M = 0.002
 
@@ -17,7 +17,7 @@ def of_one_firing(ranges_m: Any, intensities: Any, *, both: bool) -> Any:
     frame = Firings(
         range_m=range_m, intensity=intensity, signal=intensity, ambient=intensity[..., 0], number=0, time_s=np.zeros(1)
     )
-    made = last_and_other(frame, step_m=STEP_M, both=both)
+    made = last_and_strongest(frame, step_m=STEP_M, two_returns=both)
     return made["distance"][0].tolist(), made["reflectivity"][0].tolist()
 
 

@@ -9,7 +9,7 @@ from helpers.packets import packets_of, random_frame
 from helpers.pandar64 import points_of
 
 from lidarscene.formats.packets.firings import FiringsBuilder
-from lidarscene.formats.packets.pandar64_encoder import PACKET
+from lidarscene.formats.packets.layouts import PANDAR64_PACKET
 from lidarscene.formats.packets.pcap import HEADER, record_of
 from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.recordings.opening import open_recording
@@ -101,7 +101,9 @@ def test_the_last_packet_goes_on_without_points() -> None:
     filled = short + maker.rest()
     expected = select_encoder(sensor).packets(whole)[:2]
     assert [one.time_s for one in filled] == [one.time_s for one in expected]
-    ours, theirs = (np.frombuffer(b"".join(one.payload for one in made), PACKET) for made in (filled, expected))
+    ours, theirs = (
+        np.frombuffer(b"".join(one.payload for one in made), PANDAR64_PACKET) for made in (filled, expected)
+    )
     for name in ("stamp", "utc"):
         np.testing.assert_array_equal(ours[name], theirs[name])
     blocks = ours["blocks"]
@@ -117,7 +119,7 @@ def test_the_stamp_goes_on_from_second_to_second() -> None:
     cloud = random_frame(sensor)
     cloud = replace(cloud, metadata=dict(cloud.metadata) | {"frame_start_s": "0.99"})
     made = packets_of(select_encoder(sensor), sensor, [cloud])
-    packets = np.frombuffer(b"".join(one.payload for one in made), PACKET)
+    packets = np.frombuffer(b"".join(one.payload for one in made), PANDAR64_PACKET)
     whole_s = packets["utc"][:, 5] + 1e-6 * packets["stamp"]
     np.testing.assert_allclose(np.diff(whole_s), 6 * 0.1 / 1800, atol=1.1e-6)
     assert (packets["utc"][:, :5] == [70, 1, 1, 0, 0]).all()

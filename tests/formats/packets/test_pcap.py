@@ -11,7 +11,7 @@ from helpers.packets import packets_of, random_frame
 
 from lidarscene.errors import InputError
 from lidarscene.formats.packets.firings import FiringsBuilder
-from lidarscene.formats.packets.packet_encoder import Packet
+from lidarscene.formats.packets.layouts import Packet
 from lidarscene.formats.packets.pcap import HEADER, capture, record_of
 from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.sensor.catalogue import load_sensor

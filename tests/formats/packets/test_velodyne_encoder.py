@@ -10,8 +10,9 @@ from helpers.packets import packets_of, random_frame
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats.packets.firings import FiringsBuilder
+from lidarscene.formats.packets.layouts import VELODYNE_PACKET
 from lidarscene.formats.packets.select_encoder import select_encoder
-from lidarscene.formats.packets.velodyne_encoder import MODELS, PACKET
+from lidarscene.formats.packets.velodyne_encoder import MODELS
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.model import Sensor
 
@@ -99,7 +100,7 @@ def test_two_returns_are_the_last_and_the_strongest(library: Callable[[str], Any
     sensor = load_sensor("hdl-32e", overrides=DUAL)
     cloud = random_frame(sensor, second=True)
     made = packets_of(select_encoder(sensor), sensor, [cloud])
-    blocks = np.frombuffer(b"".join(one.payload for one in made), PACKET)["blocks"]
+    blocks = np.frombuffer(b"".join(one.payload for one in made), VELODYNE_PACKET)["blocks"]
     last, other = (blocks["points"]["distance"][:, place::2].reshape(-1, 32) for place in (0, 1))
     assert ((last == 0) == (other == 0)).all()
     assert (last >= other).all()
@@ -112,7 +113,7 @@ def test_lost_pulses_are_zeros_and_the_last_packet_is_filled_up() -> None:
     sensor = load_sensor("vlp-16")
     cloud = random_frame(sensor)
     made = packets_of(select_encoder(sensor), sensor, [cloud])
-    packets = np.frombuffer(b"".join(one.payload for one in made), PACKET)
+    packets = np.frombuffer(b"".join(one.payload for one in made), VELODYNE_PACKET)
     assert len(packets) == -(-sensor.scanner.cycles // 24)
     distance = packets["blocks"]["points"]["distance"]
     assert (distance > 0).sum() == len(cloud)
@@ -130,7 +131,7 @@ def test_what_is_farther_than_a_distance_can_say_is_lost() -> None:
     sensor = load_sensor("vlp-16")
     cloud = random_frame(sensor, farthest_m=200.0)
     made = packets_of(select_encoder(sensor), sensor, [cloud])
-    distance = np.frombuffer(b"".join(one.payload for one in made), PACKET)["blocks"]["points"]["distance"]
+    distance = np.frombuffer(b"".join(one.payload for one in made), VELODYNE_PACKET)["blocks"]["points"]["distance"]
     assert (distance > 0).sum() == (np.rint(cloud.range_m.astype(float) / 0.002) < 65_536).sum() < len(cloud)
 
 
@@ -159,7 +160,7 @@ def test_an_encoder_is_read_at_its_nearest_step() -> None:
     for sets in ((), ("scanner.encoder_step_deg=0.5",)):
         sensor = load_sensor("vlp-16", overrides=sets)
         made = packets_of(select_encoder(sensor), sensor, [random_frame(sensor)])
-        blocks = np.frombuffer(b"".join(one.payload for one in made), PACKET)["blocks"]
+        blocks = np.frombuffer(b"".join(one.payload for one in made), VELODYNE_PACKET)["blocks"]
         azimuths.append(blocks["azimuth"].astype(int).ravel())
     head, encoder = azimuths
     assert (encoder % 50 == 0).all()
@@ -176,7 +177,7 @@ def test_stamps_begin_anew_with_every_hour() -> None:
     cloud = random_frame(sensor)
     late = replace(cloud, metadata=dict(cloud.metadata) | {"frame_start_s": "7199.95"})
     made = packets_of(select_encoder(sensor), sensor, [late])
-    stamp = np.frombuffer(b"".join(one.payload for one in made), PACKET)["stamp"].astype(int)
+    stamp = np.frombuffer(b"".join(one.payload for one in made), VELODYNE_PACKET)["stamp"].astype(int)
     assert stamp[0] == 3_599_950_000
     later = np.arange(len(stamp)) * 24 * 55.296
     np.testing.assert_allclose((stamp - stamp[0]) % 3_600_000_000, later, atol=0.51)
@@ -194,7 +195,9 @@ def test_the_last_packet_goes_on_without_points() -> None:
     maker = select_encoder(sensor)
     filled = maker.packets(replace(whole, **{name: getattr(whole, name)[:30] for name in names})) + maker.rest()
     expected = select_encoder(sensor).packets(whole)[:2]
-    ours, theirs = (np.frombuffer(b"".join(one.payload for one in made), PACKET) for made in (filled, expected))
+    ours, theirs = (
+        np.frombuffer(b"".join(one.payload for one in made), VELODYNE_PACKET) for made in (filled, expected)
+    )
     np.testing.assert_array_equal(ours["blocks"]["azimuth"], theirs["blocks"]["azimuth"])
     np.testing.assert_array_equal(ours["stamp"], theirs["stamp"])
     np.testing.assert_allclose([one.time_s for one in filled], [one.time_s for one in expected], atol=1e-9)

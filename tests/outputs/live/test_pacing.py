@@ -2,7 +2,7 @@
 
 import pytest
 
-from lidarscene.formats.packets.packet_encoder import Packet
+from lidarscene.formats.packets.layouts import Packet
 from lidarscene.outputs.live.pacing import HURRY, LATE_S, Pacer
 
 

@@ -12,8 +12,8 @@ from helpers.packets import random_frame
 
 from lidarscene.errors import InputError, OutputError
 from lidarscene.formats.packets.firings import Firings, FiringsBuilder
+from lidarscene.formats.packets.layouts import VELODYNE_PACKET
 from lidarscene.formats.packets.select_encoder import select_encoder
-from lidarscene.formats.packets.velodyne_encoder import PACKET
 from lidarscene.outputs.live.sending import AHEAD, MotionEnded, Sent, frames_of, send_frames, udp
 from lidarscene.rendering.options import FrameOptions
 from lidarscene.sensor.catalogue import load_sensor
@@ -56,7 +56,7 @@ def test_every_packet_is_sent_in_order_with_the_time_it_leaves() -> None:
     payloads: list[bytes] = []
     clock, told = Clock(), list[str]()
     done = sent_of(firings(4), payloads.append, clock=clock, told=told.append)
-    packets = np.frombuffer(b"".join(payloads), PACKET)
+    packets = np.frombuffer(b"".join(payloads), VELODYNE_PACKET)
     assert done.packets == len(packets) == -(-4 * SENSOR.scanner.cycles // 24)
     assert (len(done.late_s), max(done.late_s), done.ended, told) == (4, pytest.approx(0.0), "", [])
     # The first packet waits for one frame's time, in which the first frames are made packets.
@@ -70,7 +70,7 @@ def test_the_rate_changes_the_pace_and_not_the_stamps(rate_hz: float) -> None:
     payloads: list[bytes] = []
     clock = Clock()
     sent_of(firings(2), payloads.append, clock=clock, rate_hz=rate_hz)
-    stamps = np.frombuffer(b"".join(payloads), PACKET)["stamp"].astype(float)
+    stamps = np.frombuffer(b"".join(payloads), VELODYNE_PACKET)["stamp"].astype(float)
     np.testing.assert_allclose(np.diff(stamps), 1327.104, atol=1.0)
     assert clock.at_s == pytest.approx(3.0 / rate_hz, abs=0.002)
 
@@ -143,7 +143,7 @@ def test_stamps_are_of_the_clock_whatever_the_frames_number() -> None:
     """Frames 3 and 4 of a scene leave now: the first stamp is a frame's time after the start."""
     payloads: list[bytes] = []
     sent_of(itertools.islice(firings(5), 3, None), payloads.append)
-    stamps = np.frombuffer(b"".join(payloads), PACKET)["stamp"].astype(float)
+    stamps = np.frombuffer(b"".join(payloads), VELODYNE_PACKET)["stamp"].astype(float)
     assert stamps[0] == pytest.approx(1e6 * SENSOR.scanner.frame_s, abs=0.51)
 
 

@@ -1,6 +1,7 @@
 """A frame of a spinning sensor pulse by pulse: clouds, piece by piece, in; arrays of firings by lasers out.
 
-A cloud has the pulses that came back. Its times and channels say which they are, so that the lost ones can be told.
+A cloud holds only the pulses that came back. Its times and channels give their firing and laser; all other pulses are
+lost ones.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from ...sensor.model import Sensor
 from ..cloud_columns import Cloud
 
 RETURNS = 2
-"""Of a pulse, that packets have room for."""
+"""Returns of a pulse that packets have room for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,10 +45,10 @@ class Firings:
 
 
 class FiringsBuilder:
-    """`Firings` of a frame, from its clouds as they come.
+    """Builder of the `Firings` of a frame from its clouds, piece by piece.
 
-    scanner  spinning, as `select_encoder.select_encoder` has found
-    number   of the frame
+    sensor  a spinning one, which `select_encoder` accepts
+    number  number of the frame
     """
 
     def __init__(self, sensor: Sensor, number: int) -> None:
@@ -65,31 +66,32 @@ class FiringsBuilder:
         self._start_s = 0.0
 
     def add(self, cloud: Cloud) -> None:
-        """Add the points of a cloud of this frame; of a pulse's more than two returns the strongest stay."""
+        """Add the points of a cloud of this frame; of more than two returns of a pulse the two strongest stay."""
         self._start_s = cloud.frame_start_s
         laser = cloud.column("channel").astype(np.int64)
         cycle_s = self._scanner.cycle_s
         firing = np.rint((cloud.column("time") - self._firing_s[laser]) / cycle_s).astype(np.int64)
         signal, snr = cloud.column("signal"), cloud.column("snr")
         strength = np.where(signal > 0.0, signal, snr)
-        values = (cloud.column("range"), cloud.column("intensity"), signal)
+        return_values = (cloud.column("range"), cloud.column("intensity"), signal)
         number = cloud.column("return_number")
-        for one in np.unique(number):
-            self._put(number == one, firing, laser, strength, values)
+        for return_number in np.unique(number):
+            self._put(number == return_number, firing, laser, strength, return_values)
 
     def _put(
         self, rows: Numbers, firing: Numbers, laser: Numbers, strength: Numbers, values: Sequence[Numbers]
     ) -> None:
-        """One return of each of these pulses, before the kept one that is weaker."""
-        f, a = firing[rows], laser[rows]
+        """Insert one return of each of these pulses: before a stored one that is weaker, which becomes the second."""
+        firing, laser = firing[rows], laser[rows]
         arrays: list[Numbers] = [self._strength, self._range_m, self._intensity, self._signal]
-        new = [one[rows] for one in (strength, *values)]
-        first = (self._range_m[f, a, 0] == 0.0) | (new[0] > self._strength[f, a, 0])
-        second = ~first & ((self._range_m[f, a, 1] == 0.0) | (new[0] > self._strength[f, a, 1]))
-        for array, one in zip(arrays, new, strict=True):
-            array[f[first], a[first], 1] = array[f[first], a[first], 0]
-            array[f[first], a[first], 0] = one[first]
-            array[f[second], a[second], 1] = one[second]
+        new_returns = [column[rows] for column in (strength, *values)]
+        takes_place = (self._range_m[firing, laser] == 0.0) | (new_returns[0][:, None] > self._strength[firing, laser])
+        first = takes_place[:, 0]
+        second = ~first & takes_place[:, 1]
+        for array, new_values in zip(arrays, new_returns, strict=True):
+            array[firing[first], laser[first], 1] = array[firing[first], laser[first], 0]
+            array[firing[first], laser[first], 0] = new_values[first]
+            array[firing[second], laser[second], 1] = new_values[second]
 
     def ambient(self, pulse: Numbers, counts: Numbers) -> None:
         """Add the background of every pulse: an observer of `rendering.options.Observers`."""
@@ -97,7 +99,7 @@ class FiringsBuilder:
         self._ambient[within // self._scanner.lasers, self._lasers[within % self._scanner.lasers]] = counts
 
     def firings(self) -> Firings:
-        """The frame, once all of its clouds are there."""
+        """Firings of the frame, once all its clouds were added."""
         cycles = self._scanner.cycles
         return Firings(
             range_m=self._range_m,

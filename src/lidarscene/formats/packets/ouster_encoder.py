@@ -18,28 +18,28 @@ from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
 from ...sensor.model import Sensor
 from .firings import Firings
-from .packet_encoder import Packet, head_deg
+from .layouts import OUSTER_MODES, Packet
+from .layouts import OUSTER_PORT as PORT
+from .packet_encoder import head_deg
 
-PORT = 7502
 COLUMNS_PER_PACKET = 16
-MODES = ("512x10", "512x20", "1024x10", "1024x20", "2048x10", "4096x5")
 FIRMWARE = "v3.1.0"
-"""That the metadata name: a release that has all of these profiles."""
+"""Firmware that the metadata name: a release that has all of these profiles."""
 
 PROFILES = {
     "default": ("RNG19_RFL8_SIG16_NIR16", "RNG19_RFL8_SIG16_NIR16_DUAL"),
     "low-rate": ("RNG15_RFL8_NIR8", "RNG15_RFL8_NIR8_DUAL"),
     "legacy": ("LEGACY", "LEGACY"),
 }
-"""The maker's names, with one return and with two."""
+"""Profiles by our names: the maker's names, with one return and with two."""
 
 LARGEST = {"RANGE": 2**19 - 1, "REFLECTIVITY": 255, "SIGNAL": 65535, "NEAR_IR": 65535}
 LARGEST_OF = {"RNG15_RFL8_NIR8": {"RANGE": 8 * (2**15 - 1), "NEAR_IR": 16 * 255}, "LEGACY": {"RANGE": 2**20 - 1}}
-"""Of a profile's fields, by how its name begins."""
+"""Largest values of the fields, and those that differ, by the start of a profile's name."""
 
 
 class OusterEncoder:
-    """Packets of frame after frame; every frame is a whole number of packets."""
+    """Packets of frame after frame, each of which is a whole number of packets."""
 
     port = PORT
     needs_ambient = True
@@ -51,7 +51,7 @@ class OusterEncoder:
         self._profile = PROFILES[profile][self._dual]
         self._text = json.dumps(_metadata(sensor, self._scanner, self._profile), indent=1)
         self._core: Any = optional("ouster.sdk.core", extra="ouster")
-        self._core.init_logger("critical")  # what it warns of is no line of ours
+        self._core.init_logger("critical")  # its warnings would stand between our own lines
         self._info = self._core.SensorInfo(self._text)
         self._format = self._core.PacketFormat.from_info(self._info)
 
@@ -61,43 +61,45 @@ class OusterEncoder:
         return self._text, ".json"
 
     def packets(self, frame: Firings) -> list[Packet]:
-        """Of the whole frame."""
-        made = self._core.LidarFrame(self._info)
-        made.frame_id = frame.number // len(frame) % (self._format.max_frame_id + 1)
-        made.timestamp[:] = np.rint(1e9 * frame.time_s).astype(np.int64).clip(0)
-        made.measurement_id[:] = np.arange(len(frame))
-        made.status[:] = 1
+        """Packets of the whole frame."""
+        lidar_frame = self._core.LidarFrame(self._info)
+        lidar_frame.frame_id = frame.number // len(frame) % (self._format.max_frame_id + 1)
+        lidar_frame.timestamp[:] = np.rint(1e9 * frame.time_s).astype(np.int64).clip(0)
+        lidar_frame.measurement_id[:] = np.arange(len(frame))
+        lidar_frame.status[:] = 1
         for name, values in self._fields(frame).items():
-            if name in made.fields:
-                made.field(name)[:] = values.T
-        packets = self._core.frame_to_packets(made, self._format, self._info.init_id, self._info.sn)
+            if name in lidar_frame.fields:
+                lidar_frame.field(name)[:] = values.T
+        packets = self._core.frame_to_packets(lidar_frame, self._format, self._info.init_id, self._info.sn)
         last = np.arange(1, len(packets) + 1) * COLUMNS_PER_PACKET - 1
-        return [Packet(float(time), bytes(one.buf)) for time, one in zip(frame.time_s[last], packets, strict=True)]
+        return [
+            Packet(float(time), bytes(packet.buf)) for time, packet in zip(frame.time_s[last], packets, strict=True)
+        ]
 
     def rest(self) -> list[Packet]:
-        """None."""
+        """No packets: none waits for the next frame."""
         return []
 
     def _fields(self, frame: Firings) -> dict[str, Numbers]:
-        """(columns, rows) each, as the maker names them."""
+        """(columns, rows) arrays by the maker's names of the fields."""
         largest = LARGEST | next((more for start, more in LARGEST_OF.items() if self._profile.startswith(start)), {})
         behind_m = 1e-3 * _beam_origin_mm(self._scanner)
 
-        def whole(values: Numbers, name: str) -> Numbers:
+        def clipped(values: Numbers, name: str) -> Numbers:
             return np.rint(values).clip(0, largest[name])
 
-        fields = {"NEAR_IR": whole(frame.ambient, "NEAR_IR")}
-        for place, end in enumerate(("", "2")):
-            range_m = frame.range_m[..., place]
+        fields = {"NEAR_IR": clipped(frame.ambient, "NEAR_IR")}
+        for index, end in enumerate(("", "2")):
+            range_m = frame.range_m[..., index]
             millimetres = np.rint(1e3 * (range_m + behind_m))
             fields[f"RANGE{end}"] = np.where((range_m > 0.0) & (millimetres <= largest["RANGE"]), millimetres, 0.0)
-            fields[f"REFLECTIVITY{end}"] = whole(frame.intensity[..., place], "REFLECTIVITY")
-            fields[f"SIGNAL{end}"] = whole(frame.signal[..., place], "SIGNAL")
+            fields[f"REFLECTIVITY{end}"] = clipped(frame.intensity[..., index], "REFLECTIVITY")
+            fields[f"SIGNAL{end}"] = clipped(frame.signal[..., index], "SIGNAL")
         return fields
 
 
 def match_ouster(sensor: Sensor, profile: str) -> OusterEncoder | None:
-    """The packets of a sensor that is built as an Ouster is; None for another."""
+    """Encoder for a sensor whose lasers all fire at once and that counts photons, as an Ouster; None for another."""
     scanner = sensor.scanner
     if not isinstance(scanner, Spinning) or np.ptp(scanner.firing_s) > 0.0 or sensor.histogram is None:
         return None
@@ -105,17 +107,18 @@ def match_ouster(sensor: Sensor, profile: str) -> OusterEncoder | None:
 
 
 def _metadata(sensor: Sensor, scanner: Spinning, profile: str) -> dict[str, Any]:
-    """As the sensor itself would tell it."""
+    """Metadata in the words of the sensor's own json. Raises InputError for a sensor that no Ouster can be."""
     mode = f"{scanner.cycles}x{round(1.0 / scanner.frame_s)}"
-    if mode not in MODES:
+    if mode not in OUSTER_MODES:
         raise InputError(
-            f"sensor '{sensor.name}': an Ouster's packets must have columns and turns of {', '.join(MODES)}, got {mode}"
+            f"sensor '{sensor.name}': an Ouster's packets must have columns and turns of "
+            f"{', '.join(OUSTER_MODES)}, got {mode}"
         )
     rows = scanner.lasers
     start_rad = np.radians(head_deg(scanner, np.array([0]))[0])
     cos, sin = round(float(np.cos(start_rad)), 9), round(float(np.sin(start_rad)), 9)
-    start = (np.zeros(rows),) * 3 if scanner.start_m is None else [one.values for one in scanner.start_m]
-    forward, left, up = (1e3 * np.asarray(one) for one in start)
+    start = (np.zeros(rows),) * 3 if scanner.start_m is None else [coordinate.values for coordinate in scanner.start_m]
+    forward, left, up = (1e3 * np.asarray(coordinate_m) for coordinate_m in start)
     if np.ptp(forward) > 1e-6 or np.ptp(up) > 1e-6 or np.abs(left).max() > 1e-6:
         raise InputError(
             f"sensor '{sensor.name}': an Ouster's beams must leave from one height and one place before the axis"

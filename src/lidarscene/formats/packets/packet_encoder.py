@@ -1,44 +1,38 @@
-"""What the packets of every maker have in common."""
+"""The protocol of an encoder of packets, and what the encoders of all makers share."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
 from .firings import Firings
-
-
-class Packet(NamedTuple):
-    """A UDP payload and when it leaves the sensor, by the clock of the scene [s]."""
-
-    time_s: float
-    payload: bytes
+from .layouts import Packet
 
 
 class PacketEncoder(Protocol):
-    """Packets of one sensor, frame after frame."""
+    """Encoder of one sensor's packets, frame after frame."""
 
     @property
     def port(self) -> int:
-        """That they are sent to."""
+        """UDP port that the packets are sent to."""
 
     @property
     def needs_ambient(self) -> bool:
-        """Whether they have the background of every pulse."""
+        """Whether the packets hold the background of every pulse."""
 
     @property
     def description(self) -> tuple[str, str] | None:
-        """What the maker's readers need beside the packets, and how the name of its file ends; None: nothing."""
+        """Text that the maker's readers need beside the packets, and the suffix of its file; None: nothing."""
 
     def packets(self, frame: Firings) -> list[Packet]:
-        """In order of time; what does not fill a packet waits for the next frame."""
+        """Packets of a frame, in order of time; firings that do not fill a packet wait for the next frame."""
 
     def rest(self) -> list[Packet]:
-        """What waits, in the end."""
+        """Packets still buffered after the last frame."""
 
 
 def head_deg(scanner: Spinning, number: Numbers) -> Numbers:
@@ -48,28 +42,28 @@ def head_deg(scanner: Spinning, number: Numbers) -> Numbers:
     return np.degrees(angle if step is None else np.rint(angle / float(step)) * float(step))
 
 
-def last_and_other(frame: Firings, *, step_m: float, both: bool) -> dict[str, Numbers]:
+def last_and_strongest(frame: Firings, *, step_m: float, two_returns: bool) -> dict[str, Numbers]:
     """(firings, 2, lasers) distances in steps, uint16, and reflectivities, uint8, of two returns of each pulse.
 
     First the last one, then the strongest, or the second strongest if the strongest is the last. A lone return is both;
-    so is the strongest unless ``both`` are asked for. 0 where nothing came back, and beyond what a distance can say.
+    so is the strongest without ``two_returns``. 0 where nothing came back, and for distances above 65535 steps.
     """
     distance = np.rint(frame.range_m / step_m)
     distance = np.where(distance <= np.iinfo(np.uint16).max, distance, 0.0).astype(np.uint16)
     reflectivity = np.rint(frame.intensity).clip(0, 255).astype(np.uint8)
     first, second = distance[..., 0], distance[..., 1]
-    farther = (second > first) & both
-    alone = (second == 0) | (not both)
-    made = {}
+    farther = (second > first) & two_returns
+    only_first = (second == 0) | (not two_returns)
+    returns = {}
     for name, values in (("distance", distance), ("reflectivity", reflectivity)):
         last = np.where(farther, values[..., 1], values[..., 0])
-        other = np.where(alone | farther, values[..., 0], values[..., 1])
-        made[name] = np.stack([last, other], axis=1)
-    return made
+        strongest = np.where(only_first | farther, values[..., 0], values[..., 1])
+        returns[name] = np.stack([last, strongest], axis=1)
+    return returns
 
 
 def turns_clockwise(scanner: Spinning) -> bool:
-    """Whether the azimuths of firings fall, as makers count them."""
-    # By the head itself: an encoder may say the same of two firings.
+    """True if the head turns clockwise seen from above, as all of these makers' do."""
+    # By the head itself: two firings may lie within one step of the encoder.
     first, second = np.asarray(scanner.head.angle_rad(np.arange(2, dtype=np.uint32)), np.float64)
     return math.sin(second - first) < 0.0

@@ -1,9 +1,9 @@
 """Packets of Hesai's Pandar64.
 
-A packet has 6 blocks of 64 distances and reflectivities, each with an azimuth of the head, and ends with its turns in a
-minute, the microsecond of the second, the mode of returns and the second (Pandar64 user manual, 3.1; the maker's
-HesaiLidar_General_SDK at d7f39ee, ParseL64Data and CalcL64PointXYZIT). That counts times back from the packet's end: a
-block's azimuth is the head's 54.668 us after its first laser fires, and the stamp is 42.58 us after that of the last
+A packet (`layouts.PANDAR64_PACKET`) has 6 blocks of 64 distances and reflectivities, each with an azimuth of the head,
+and ends with its turns in a minute, the microsecond of the second, the mode of returns and the second. The maker's
+driver (HesaiLidar_General_SDK at d7f39ee, CalcL64PointXYZIT) counts times back from the packet's end: a block's azimuth
+is that of the head 54.668 us after its first laser fires, and the stamp is 42.58 us after the azimuth of the last
 block. With two returns blocks come in pairs, the last and the strongest.
 """
 
@@ -18,43 +18,22 @@ from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
 from ...sensor.model import Sensor
 from .firings import Firings
-from .packet_encoder import Packet, head_deg, last_and_other
+from .layouts import DUAL, FULL_TURN, HESAI_PORT, HESAI_START, LAST, PANDAR64_PACKET, STRONGEST, Packet
+from .layouts import PANDAR64_AZIMUTH_US as AZIMUTH_US
+from .layouts import PANDAR64_BLOCKS as BLOCKS
+from .layouts import PANDAR64_CYCLE_S as CYCLE_S
+from .layouts import PANDAR64_LASERS as LASERS
+from .layouts import PANDAR64_STAMP_US as STAMP_US
+from .packet_encoder import head_deg, last_and_strongest
 
-PORT = 2368
-BLOCKS, LASERS = 6, 64
-FULL_TURN = 36_000
 STEP_M = 0.004
-STRONGEST, LAST, DUAL = 0x37, 0x38, 0x39
-CYCLE_S = 0.1 / 1800
-"""From block to block, however fast the head turns."""
-
-AZIMUTH_US, STAMP_US = 54.668, 97.248
-"""After the first laser of a block, and of the last block, fires: its azimuth, and the packet's stamp."""
-
-BLOCK = np.dtype([("azimuth", "<u2"), ("points", [("distance", "<u2"), ("reflectivity", "u1")], LASERS)])
-PACKET = np.dtype(
-    [
-        ("start", ">u2"),
-        ("lasers", "u1"),
-        ("blocks_", "u1"),
-        ("first_block", "u1"),
-        ("step_mm", "u1"),
-        ("reserved", "u1", 2),
-        ("blocks", BLOCK, BLOCKS),
-        ("reserved2", "u1", 8),
-        ("turns_per_minute", "<u2"),
-        ("stamp", "<u4"),
-        ("mode", "u1"),
-        ("factory", "u1"),
-        ("utc", "u1", 6),
-    ]
-)
+"""Step of the distances."""
 
 
 class Pandar64Encoder:
-    """Packets of frame after frame; what does not fill a packet waits for the next frame."""
+    """Packets of frame after frame; firings that do not fill a packet wait for the next frame."""
 
-    port = PORT
+    port = HESAI_PORT
     needs_ambient = False
     description = None
 
@@ -71,14 +50,14 @@ class Pandar64Encoder:
         return BLOCKS // 2 if self._dual else BLOCKS
 
     def packets(self, frame: Firings) -> list[Packet]:
-        """Those that are full when the frame ends."""
+        """Packets that are full when the frame ends."""
         rows = np.concatenate([*self._waiting, self._rows(frame)])
-        whole = len(rows) // self._firings * self._firings
-        self._waiting = [rows[whole:]]
-        return self._packed(rows[:whole].reshape(-1, self._firings))
+        full_rows = len(rows) // self._firings * self._firings
+        self._waiting = [rows[full_rows:]]
+        return self._encode(rows[:full_rows].reshape(-1, self._firings))
 
     def rest(self) -> list[Packet]:
-        """The last packet, filled up with firings of which nothing came back."""
+        """Last packet, filled up with firings without any return."""
         rows = np.concatenate([np.zeros(0, _ROW), *self._waiting])
         self._waiting = []
         if not len(rows):
@@ -87,47 +66,50 @@ class Pandar64Encoder:
         missing = np.arange(1, len(more) + 1)
         more["time_s"] = rows["time_s"][-1] + missing * self._scanner.cycle_s
         more["number"] = rows["number"][-1] + missing
-        return self._packed(np.concatenate([rows, more]).reshape(1, -1))
+        return self._encode(np.concatenate([rows, more]).reshape(1, -1))
 
     def _rows(self, frame: Firings) -> Numbers:
         rows = np.zeros(len(frame), _ROW)
         rows["number"], rows["time_s"] = frame.number + np.arange(len(frame)), frame.time_s
-        for name, values in last_and_other(frame, step_m=STEP_M, both=self._dual).items():
+        for name, values in last_and_strongest(frame, step_m=STEP_M, two_returns=self._dual).items():
             rows["points"][name] = values
         return rows
 
-    def _packed(self, rows: Numbers) -> list[Packet]:
-        made = np.zeros(len(rows), PACKET)
-        made["start"], made["lasers"], made["blocks_"] = 0xEEFF, LASERS, BLOCKS
-        made["first_block"], made["step_mm"] = int(self._dual), round(1e3 * STEP_M)
-        turned_deg = self._turn_deg - head_deg(self._scanner, rows["number"].ravel()).reshape(rows.shape)
-        azimuth = np.rint(100.0 * turned_deg).astype(np.int64) % FULL_TURN
+    def _encode(self, rows: Numbers) -> list[Packet]:
+        payloads = np.zeros(len(rows), PANDAR64_PACKET)
+        payloads["start"] = int.from_bytes(HESAI_START)
+        payloads["lasers"], payloads["block_count"] = LASERS, BLOCKS
+        payloads["first_block"], payloads["step_mm"] = int(self._dual), round(1e3 * STEP_M)
+        clockwise_deg = self._turn_deg - head_deg(self._scanner, rows["number"].ravel()).reshape(rows.shape)
+        azimuth = np.rint(100.0 * clockwise_deg).astype(np.int64) % FULL_TURN
         step = 2 if self._dual else 1
-        for place in range(step):
-            blocks = made["blocks"][:, place::step]
-            blocks["azimuth"], blocks["points"] = azimuth, rows["points"][:, :, place]
-        made["turns_per_minute"] = round(60.0 / self._scanner.frame_s)
-        made["mode"], made["factory"] = self._mode, 0x42
+        for return_index in range(step):
+            blocks = payloads["blocks"][:, return_index::step]
+            blocks["azimuth"], blocks["points"] = azimuth, rows["points"][:, :, return_index]
+        payloads["turns_per_minute"] = round(60.0 / self._scanner.frame_s)
+        payloads["mode"], payloads["factory"] = self._mode, 0x42
         stamps_us = np.rint(1e6 * rows["time_s"][:, -1] + STAMP_US).astype(np.int64)
-        made["stamp"] = stamps_us % 1_000_000
-        made["utc"] = [_utc(second) for second in (stamps_us // 1_000_000).tolist()]
-        return [Packet(1e-6 * stamp, one.tobytes()) for stamp, one in zip(stamps_us.tolist(), made, strict=True)]
+        payloads["stamp"] = stamps_us % 1_000_000
+        payloads["utc"] = [_utc(second) for second in (stamps_us // 1_000_000).tolist()]
+        return [
+            Packet(1e-6 * stamp, payload.tobytes()) for stamp, payload in zip(stamps_us.tolist(), payloads, strict=True)
+        ]
 
 
 _ROW = np.dtype(
     [("number", "i8"), ("time_s", "f8"), ("points", [("distance", "<u2"), ("reflectivity", "u1")], (2, LASERS))]
 )
-"""A firing of all lasers: the last return, and the strongest other."""
+"""Firing of all lasers: points of the last return, and of the strongest."""
 
 
 def _utc(second: int) -> tuple[int, ...]:
     """Year within its century, month, day, hour, minute and second."""
-    at = datetime.fromtimestamp(second, UTC)
-    return at.year % 100, at.month, at.day, at.hour, at.minute, at.second
+    utc = datetime.fromtimestamp(second, UTC)
+    return utc.year % 100, utc.month, utc.day, utc.hour, utc.minute, utc.second
 
 
 def match_pandar64(sensor: Sensor) -> Pandar64Encoder | None:
-    """The packets of a sensor that fires as a Pandar64 does; None for another."""
+    """Encoder for a sensor whose lasers and firing times are those of a Pandar64; None for another."""
     scanner = sensor.scanner
     if not isinstance(scanner, Spinning) or scanner.lasers != LASERS:
         return None

@@ -1,4 +1,4 @@
-"""Captures: packets of frame after frame in one pcap file, as a recorder beside the sensor would write it.
+"""Write packets of frame after frame into one pcap file, as a recorder beside the sensor would.
 
 The format is libpcap's (pcap-savefile(5)): a header of 24 bytes, then each packet behind its time and length. A packet
 is Ethernet, IPv4 and UDP around what the sensor sends. An Ouster's payload is longer than a network's frames: here it
@@ -17,19 +17,21 @@ from pathlib import Path
 from ...errors import InputError
 from ...files.atomic import atomic_output
 from .firings import Firings
-from .packet_encoder import Packet, PacketEncoder
+from .layouts import Packet
+from .packet_encoder import PacketEncoder
 
 HEADER = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 262_144, 1)
-"""Microseconds, version 2.4, packets of up to 256 KiB, Ethernet."""
+"""Header of the file: stamps in microseconds, version 2.4, packets of up to 256 KiB, Ethernet."""
 
 SOURCE, TARGET = bytes([192, 168, 1, 201]), bytes([255, 255, 255, 255])
 ETHERNET = b"\xff" * 6 + b"\x60\x76\x88\x00\x00\x01" + b"\x08\x00"
 
 
 def record_of(packet: Packet, port: int) -> bytes:
-    """A packet as it stands in the file."""
+    """Record of a packet in the file: time, length, Ethernet, IPv4 and UDP headers, payload."""
     udp = struct.pack(">HHHH", port, port, 8 + len(packet.payload), 0)  # 0: no checksum
     head = struct.pack(">BBHHHBBH4s4s", 0x45, 0, 28 + len(packet.payload), 0, 0, 64, 17, 0, SOURCE, TARGET)
+    # The checksum of IPv4 (RFC 791): one's complement of the one's complement sum of the header's 16-bit words.
     total = sum(struct.unpack(">10H", head))
     total = (total & 0xFFFF) + (total >> 16)
     head = head[:10] + struct.pack(">H", ~(total + (total >> 16)) & 0xFFFF) + head[12:]
@@ -39,33 +41,33 @@ def record_of(packet: Packet, port: int) -> bytes:
 
 
 @contextmanager
-def capture(path: str | os.PathLike[str], maker: PacketEncoder) -> Iterator[Callable[[Firings], None]]:
+def capture(path: str | os.PathLike[str], encoder: PacketEncoder) -> Iterator[Callable[[Firings], None]]:
     """Write the frames that are appended in the block, and what the maker's readers need beside them.
 
-    maker  of `select_encoder.select_encoder`, for this file alone
+    encoder  one from `select_encoder`, for this file alone
     """
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
         file.write(HEADER)
 
         def write(packets: Sequence[Packet]) -> None:
-            file.write(b"".join(record_of(packet, maker.port) for packet in packets))
+            file.write(b"".join(record_of(packet, encoder.port) for packet in packets))
 
-        yield lambda frame: write(maker.packets(frame))
-        write(maker.rest())
+        yield lambda frame: write(encoder.packets(frame))
+        write(encoder.rest())
         file.flush()
-        if maker.description is not None:
-            text, ending = maker.description
-            with atomic_output(beside(path, ending)) as described:
+        if encoder.description is not None:
+            text, ending = encoder.description
+            with atomic_output(description_path(path, ending)) as described:
                 described.write_text(text, encoding="utf-8", newline="\n")
 
 
-def beside(path: str | os.PathLike[str], ending: str) -> Path:
-    """Where the description of a capture is."""
+def description_path(path: str | os.PathLike[str], ending: str) -> Path:
+    """Path of the file that describes a capture."""
     return Path(path).with_suffix(ending)
 
 
 def refuse(path: str | os.PathLike[str], *_: object) -> None:
-    """What a cloud alone gets. Raises InputError."""
+    """Raise InputError: a cloud alone does not have the lost pulses that packets hold."""
     raise InputError(
         f"{os.fspath(path)}: packets have the lost pulses too, which a cloud does not; "
         "`lidarscene render -o` or lidarscene.record() writes them"

@@ -1,4 +1,4 @@
-"""Which packets a sensor's maker sends: found by how the sensor is built, its lasers and when they fire."""
+"""Select the encoder of a sensor's packets by its construction: number of lasers and firing times."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ KNOWN = (*(model.name for model in MODELS), "os0-128", "os1-128", "os2-128", "pa
 
 
 def select_encoder(sensor: Sensor, profile: str = "default") -> PacketEncoder:
-    """Packets of this sensor.
+    """Return a new encoder of this sensor's packets.
 
-    profile  of an Ouster, `ouster.PROFILES`
-    Raises InputError for a sensor that has none, in one line.
+    profile  profile of an Ouster's packets, a key of `ouster_encoder.PROFILES`
+    Raises InputError, in one line, for a sensor that has no format of packets.
     """
     ouster = match_ouster(sensor, profile)
-    found = ouster or match_velodyne(sensor) or match_pandar64(sensor)
-    if found is None:
+    encoder = ouster or match_velodyne(sensor) or match_pandar64(sensor)
+    if encoder is None:
         raise InputError(
             f"sensor '{sensor.name}': has no format of packets; lasers and firing times must be those of one of "
             f"{', '.join(KNOWN)}"
@@ -37,4 +37,4 @@ def select_encoder(sensor: Sensor, profile: str = "default") -> PacketEncoder:
         raise InputError(
             f"sensor '{sensor.name}': intensity.kind: must be 'reflectivity' for packets, whose points have 0 to 255"
         )
-    return found
+    return encoder

@@ -1,9 +1,9 @@
 """Packets of Velodyne's VLP-16, HDL-32E and VLS-128.
 
-A packet has 12 blocks of 32 distances and reflectivities, each with the azimuth of the head when its first laser fires,
-and ends with the microsecond of the hour, the mode of returns and the model (VLP-16 user manual, 63-9243 Rev. E, 9;
-HDL-32E, 63-9277; VLS-128, 63-9480). With two returns the blocks come in pairs, the last one and the strongest, or the
-second strongest if the strongest is the last.
+A packet (`layouts.VELODYNE_PACKET`) has 12 blocks of 32 distances and reflectivities, each with the azimuth of the head
+when its first laser fires, and ends with the microsecond of the hour, the mode of returns and the model. With two
+returns the blocks come in pairs: the last return, then the strongest, or the second strongest if the strongest is the
+last.
 """
 
 from __future__ import annotations
@@ -17,23 +17,12 @@ from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
 from ...sensor.model import Sensor
 from .firings import Firings
-from .packet_encoder import Packet, head_deg, last_and_other
+from .layouts import DUAL, FULL_TURN, LAST, STRONGEST, VELODYNE_BANKS, VELODYNE_EMPTY, VELODYNE_PACKET, Packet
+from .layouts import VELODYNE_POINTS as POINTS
+from .layouts import VELODYNE_PORT as PORT
+from .packet_encoder import head_deg, last_and_strongest
 
-PORT = 2368
-BLOCKS, POINTS = 12, 32
-FULL_TURN = 36_000
 HOUR_US = 3_600_000_000
-STRONGEST, LAST, DUAL = 0x37, 0x38, 0x39
-BANKS = (0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF)
-"""First bytes of a block: which 32 lasers it has."""
-
-EMPTY = 0xFFFF
-"""Of a block without lasers: the last four of a VLS-128 with two returns."""
-
-BLOCK = np.dtype(
-    [("bank", "<u2"), ("azimuth", "<u2"), ("points", [("distance", "<u2"), ("reflectivity", "u1")], POINTS)]
-)
-PACKET = np.dtype([("blocks", BLOCK, BLOCKS), ("stamp", "<u4"), ("mode", "u1"), ("model", "u1")])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,11 +30,12 @@ class Model:
     """One of Velodyne's sensors.
 
     code        last byte of its packets
-    cycle_us    from firing to firing
-    step_m      of its distances
-    firings     in a packet; half of them with two returns, or for a VLS-128 one
-    stamp_us    of a packet after its first laser fired. That of a VLS-128 is taken when its fourth group fires:
-                velodyne-decoder takes off 7 us at 2.89 us a group, so 6.46 us at 2.667 us
+    cycle_us    time from firing to firing
+    firing_us   delay of each laser within a firing
+    step_m      step of the distances
+    firings     firings in a packet with one return, and with two
+    stamp_us    delay of a packet's stamp after its first laser fired. That of a VLS-128 is taken when its fourth group
+                fires: velodyne-decoder takes off 7 us at 2.89 us a group, so 6.46 us at 2.667 us
     """
 
     name: str
@@ -91,7 +81,7 @@ MODELS = (
 
 
 class VelodyneEncoder:
-    """Packets of frame after frame; what does not fill a packet waits for the next frame."""
+    """Packets of frame after frame; firings that do not fill a packet wait for the next frame."""
 
     port = PORT
     needs_ambient = False
@@ -105,16 +95,16 @@ class VelodyneEncoder:
         self._waiting: list[Numbers] = []
 
     def packets(self, frame: Firings) -> list[Packet]:
-        """Those that are full when the frame ends."""
+        """Packets that are full when the frame ends."""
         rows = np.concatenate([*self._waiting, self._rows(frame)])
         size = self._model.firings[self._dual]
-        whole = len(rows) // size * size
-        self._waiting = [rows[whole:]]
-        return self._packed(rows[:whole].reshape(-1, size))
+        full_rows = len(rows) // size * size
+        self._waiting = [rows[full_rows:]]
+        return self._encode(rows[:full_rows].reshape(-1, size))
 
     def rest(self) -> list[Packet]:
-        """The last packet, filled up with firings of which nothing came back."""
-        rows = np.concatenate([*self._waiting, self._none()])
+        """Last packet, filled up with firings without any return."""
+        rows = np.concatenate([*self._waiting, self._no_rows()])
         size = self._model.firings[self._dual]
         if not len(rows):
             return []
@@ -123,20 +113,20 @@ class VelodyneEncoder:
         more["time_s"] = rows["time_s"][-1] + missing * self._scanner.cycle_s
         more["azimuth"] = self._azimuth(rows["number"][-1] + missing)
         self._waiting = []
-        return self._packed(np.concatenate([rows, more]).reshape(1, size))
+        return self._encode(np.concatenate([rows, more]).reshape(1, size))
 
-    def _none(self) -> Numbers:
-        points = [("distance", "<u2"), ("reflectivity", "u1")]
-        kinds = [("number", "i8"), ("time_s", "f8"), ("azimuth", "<u2")]
-        return np.zeros(0, np.dtype([*kinds, ("points", points, (2, self._model.lasers))]))
+    def _no_rows(self) -> Numbers:
+        point = [("distance", "<u2"), ("reflectivity", "u1")]
+        scalars = [("number", "i8"), ("time_s", "f8"), ("azimuth", "<u2")]
+        return np.zeros(0, np.dtype([*scalars, ("points", point, (2, self._model.lasers))]))
 
     def _rows(self, frame: Firings) -> Numbers:
-        """A row for each firing: number, time, azimuth, and points of the last and the strongest return."""
-        rows = np.zeros(len(frame), self._none().dtype)
+        """Row for each firing: number, time, azimuth, and points of the last and the strongest return."""
+        rows = np.zeros(len(frame), self._no_rows().dtype)
         rows["number"] = frame.number + np.arange(len(frame))
         rows["time_s"] = frame.time_s
         rows["azimuth"] = self._azimuth(rows["number"])
-        for name, values in last_and_other(frame, step_m=self._model.step_m, both=self._dual).items():
+        for name, values in last_and_strongest(frame, step_m=self._model.step_m, two_returns=self._dual).items():
             rows["points"][name] = values
         return rows
 
@@ -144,31 +134,31 @@ class VelodyneEncoder:
         """(n,) hundredths of a degree, clockwise from x, at the start of each firing."""
         return np.rint(-100.0 * head_deg(self._scanner, number)).astype(np.int64) % FULL_TURN
 
-    def _packed(self, rows: Numbers) -> list[Packet]:
-        """Packets of (packets, firings) rows."""
+    def _encode(self, rows: Numbers) -> list[Packet]:
+        """Encode (packets, firings) rows."""
         model, lasers = self._model, self._model.lasers
-        made = np.zeros(len(rows), PACKET)
+        payloads = np.zeros(len(rows), VELODYNE_PACKET)
         returns = 2 if self._dual else 1
         firings = rows.shape[1]
         blocks = firings * lasers // POINTS
-        for place in range(returns):
+        for return_index in range(returns):
             # Blocks of 32 lasers: two firings of a VLP-16, a quarter of one of a VLS-128.
-            points = rows["points"][:, :, place].reshape(len(rows), blocks, POINTS)
-            chosen = made["blocks"][:, place : blocks * returns : returns]
-            chosen["points"] = points
+            points = rows["points"][:, :, return_index].reshape(len(rows), blocks, POINTS)
+            return_blocks = payloads["blocks"][:, return_index : blocks * returns : returns]
+            return_blocks["points"] = points
             first = np.arange(blocks) * POINTS // lasers
-            chosen["azimuth"] = rows["azimuth"][:, first]
-            chosen["bank"] = [BANKS[block * POINTS % lasers // POINTS] for block in range(blocks)]
-        made["blocks"]["bank"][:, blocks * returns :] = EMPTY
+            return_blocks["azimuth"] = rows["azimuth"][:, first]
+            return_blocks["bank"] = [VELODYNE_BANKS[block * POINTS % lasers // POINTS] for block in range(blocks)]
+        payloads["blocks"]["bank"][:, blocks * returns :] = VELODYNE_EMPTY
         stamps = np.rint(1e6 * rows["time_s"][:, 0] + model.stamp_us)
-        made["stamp"] = (stamps % HOUR_US).astype(np.uint32)
-        made["mode"], made["model"] = self._mode, model.code
+        payloads["stamp"] = (stamps % HOUR_US).astype(np.uint32)
+        payloads["mode"], payloads["model"] = self._mode, model.code
         sent_s = rows["time_s"][:, -1] + 1e-6 * model.firing_us[-1]
-        return [Packet(time, one.tobytes()) for time, one in zip(sent_s.tolist(), made, strict=True)]
+        return [Packet(time, payload.tobytes()) for time, payload in zip(sent_s.tolist(), payloads, strict=True)]
 
 
 def match_velodyne(sensor: Sensor) -> VelodyneEncoder | None:
-    """The packets of a sensor that fires as one of these models does; None for another."""
+    """Encoder for a sensor whose cycle and firing times are those of one of `MODELS`; None for another."""
     scanner = sensor.scanner
     if not isinstance(scanner, Spinning):
         return None

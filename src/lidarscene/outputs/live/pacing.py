@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ...formats.packets.packet_encoder import Packet
+from ...formats.packets.layouts import Packet
 
 LATE_S = 0.01
 """A frame whose last packet leaves later than this is told."""

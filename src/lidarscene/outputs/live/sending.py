@@ -19,7 +19,8 @@ import numpy as np
 
 from ...errors import InputError, OutputError
 from ...formats.packets.firings import Firings, FiringsBuilder
-from ...formats.packets.packet_encoder import Packet, PacketEncoder
+from ...formats.packets.layouts import Packet
+from ...formats.packets.packet_encoder import PacketEncoder
 from ...rendering.frame import PULSE_NUMBERS
 from ...rendering.options import FrameOptions, Observers
 from ...rendering.simulator import Simulator

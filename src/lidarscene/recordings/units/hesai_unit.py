@@ -12,21 +12,21 @@ from ...formats.described import reading
 from .unit_beams import Unit
 
 MODELS = {64: "pandar64"}
-"""By number of channels."""
+"""Number of channels -> the catalogue's sensor."""
 
 
 def read_hesai(path: Path) -> Unit:
-    """Read the table. Raises InputError."""
+    """Read the table of angles of one unit. Raises InputError."""
     with reading(path), path.open(newline="", encoding="utf-8-sig") as file:
         rows = [[cell.strip() for cell in row] for row in csv.reader(file) if any(cell.strip() for cell in row)]
         header = [cell.lower() for cell in rows[0]] if rows else []
-        wanted = {name: header.index(name) for name in ("elevation", "azimuth") if name in header}
-        if len(wanted) < 2:
+        column_index = {name: header.index(name) for name in ("elevation", "azimuth") if name in header}
+        if len(column_index) < 2:
             raise ValueError(f"must have columns Elevation and Azimuth, got {', '.join(rows[0]) if rows else 'none'}")
         angles = []
         for number, row in enumerate(rows[1:], 2):
             try:
-                angles.append(tuple(float(row[place]) for place in wanted.values()))
+                angles.append(tuple(float(row[index]) for index in column_index.values()))
             except (ValueError, IndexError):
                 raise ValueError(f"line {number}: must be numbers, got '{','.join(row)}'") from None
         if not angles:

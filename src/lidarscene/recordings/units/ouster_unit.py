@@ -19,57 +19,60 @@ import numpy as np
 
 from ...errors import InputError
 from ...formats.described import reading
+from ...formats.packets.layouts import OUSTER_MODES
 from .unit_beams import Unit
 
-MODES = ("512x10", "512x20", "1024x10", "1024x20", "2048x10", "4096x5")
-"""Columns and turns a second of the firmware."""
-
 MODELS = {"OS-0": "os0-128", "OS-1": "os1-128", "OS-2": "os2-128"}
+"""Start of the product's name -> the catalogue's sensor."""
 
 LIDAR_TO_SENSOR = (-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 36.18, 0, 0, 0, 1)
-"""Of sensors whose metadata do not say [mm]."""
-
+"""Transform of sensors whose metadata have none, (4, 4) row by row [mm]."""
 
 BEAM_ORIGIN_MM = {"OS-0": 27.67, "OS-1": 15.806, "OS-2": 13.762}
-"""From the lidar's origin to that of the beams, of firmware 1 that does not say, by product."""
+"""Product -> distance from the lidar's origin to that of the beams, for metadata of firmware 1 without it."""
 
 FIRST_ORIGIN_MM = 12.163
-"""The same of an OS1 of the first generation, and of files that do not name a product (as ouster-sdk has it)."""
+"""This distance of an OS1 of the first generation, and of files that name no product (as in ouster-sdk)."""
 
 
 def read_ouster(path: Path, mode: str | None = None) -> Unit:
-    """Read the metadata, in this mode of the firmware or the one that they name. Raises InputError."""
+    """Read the metadata; ``mode`` of the firmware replaces the one that they name. Raises InputError."""
     with reading(path):
-        found = dict(_leaves(json.loads(path.read_text(encoding="utf-8"))))
-    altitude, azimuth = (_angles(path, found, "beam_altitude_angles"), _angles(path, found, "beam_azimuth_angles"))
+        metadata = dict(_leaves(json.loads(path.read_text(encoding="utf-8"))))
+    altitude, azimuth = (
+        _angles(path, metadata, "beam_altitude_angles"),
+        _angles(path, metadata, "beam_azimuth_angles"),
+    )
     if len(altitude) != len(azimuth):
         raise InputError(
             f"{path}: beam_azimuth_angles: must have {len(altitude)} entries, as beam_altitude_angles has, "
             f"got {len(azimuth)}"
         )
-    chosen = mode or str(found.get("lidar_mode", ""))
-    fitting = re.fullmatch(r"(?:MODE_)?(\d+)x(\d+)", chosen)
+    lidar_mode = mode or str(metadata.get("lidar_mode", ""))
+    fitting = re.fullmatch(r"(?:MODE_)?(\d+)x(\d+)", lidar_mode)
     if not fitting:
-        raise InputError(f"{path}: lidar_mode: must be one of {', '.join(MODES)}, got '{chosen}'; --mode says another")
-    to_sensor, to_lidar = _transforms(path, found)
-    before_mm, up_mm = to_lidar[0, 3], to_lidar[2, 3] + to_sensor[2, 3]
-    product = str(found.get("prod_line") or found.get("lidar_model") or "OS")
+        raise InputError(
+            f"{path}: lidar_mode: must be one of {', '.join(OUSTER_MODES)}, got '{lidar_mode}'; --mode says another"
+        )
+    to_sensor, to_lidar = _transforms(path, metadata)
+    forward_mm, up_mm = to_lidar[0, 3], to_lidar[2, 3] + to_sensor[2, 3]
+    product = str(metadata.get("prod_line") or metadata.get("lidar_model") or "OS")
     lists = {
         "elevation_deg": altitude,
-        "azimuth_offset_deg": tuple(-one for one in azimuth),
-        "forward_mm": (float(before_mm),) * len(altitude),
+        "azimuth_offset_deg": tuple(-angle for angle in azimuth),
+        "forward_mm": (float(forward_mm),) * len(altitude),
         "height_mm": (float(up_mm),) * len(altitude),
     }
     start_deg = math.degrees(math.atan2(to_sensor[1, 0], to_sensor[0, 0]))
-    window = found.get("azimuth_window", [0, 360000])
-    comments = [f"firmware {found.get('build_rev') or found.get('image_rev') or 'unknown'}"]
+    window = metadata.get("azimuth_window", [0, 360000])
+    comments = [f"firmware {metadata.get('build_rev') or metadata.get('image_rev') or 'unknown'}"]
     if list(window) != [0, 360000]:
         comments.append(
             f"azimuth window {window[0]} to {window[1]} millidegrees is not taken over: it fires all around"
         )
     return Unit(
         model=next((name for start, name in MODELS.items() if product.startswith(start)), ""),
-        name=f"{product} {found.get('prod_sn', '')}".strip(),
+        name=f"{product} {metadata.get('prod_sn', '')}".strip(),
         lists=lists,
         scanner={
             "rotation_hz": f"-{int(fitting[2])}",
@@ -81,7 +84,7 @@ def read_ouster(path: Path, mode: str | None = None) -> Unit:
 
 
 def _leaves(table: Any) -> Iterator[tuple[str, Any]]:
-    """Every key that is no table, whatever tables it lies in; a later firmware moved them."""
+    """Yield key and value of every leaf, at any depth: later firmware moved the same keys into other tables."""
     for key, value in table.items() if isinstance(table, dict) else ():
         if isinstance(value, dict):
             yield from _leaves(value)
@@ -89,26 +92,26 @@ def _leaves(table: Any) -> Iterator[tuple[str, Any]]:
             yield key, value
 
 
-def _angles(path: Path, found: dict[str, Any], key: str) -> tuple[float, ...]:
-    values = found.get(key)
+def _angles(path: Path, metadata: dict[str, Any], key: str) -> tuple[float, ...]:
+    values = metadata.get(key)
     with reading(path):
         if not isinstance(values, list) or not values:
             raise ValueError(f"must have a list {key} of an Ouster, got none")
-        angles = tuple(float(one) for one in values)
+        angles = tuple(float(angle) for angle in values)
         if not all(map(math.isfinite, angles)):
             raise ValueError(f"{key}: must be numbers, got one that is not finite")
     return angles
 
 
-def _transforms(path: Path, found: dict[str, Any]) -> tuple[Any, Any]:
-    """(4, 4) from lidar to sensor and from beam to lidar [mm]; the turns must be about z, as sensor files have them."""
-    product = str(found.get("prod_line") or "")
-    usual = next((mm for start, mm in BEAM_ORIGIN_MM.items() if product.startswith(start)), FIRST_ORIGIN_MM)
-    before = found.get("lidar_origin_to_beam_origin_mm", usual)
-    plain = (1, 0, 0, before, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1)
+def _transforms(path: Path, metadata: dict[str, Any]) -> tuple[Any, Any]:
+    """(4, 4) transforms from lidar to sensor and from beam to lidar [mm]; only rotations about z fit a sensor file."""
+    product = str(metadata.get("prod_line") or "")
+    product_mm = next((mm for start, mm in BEAM_ORIGIN_MM.items() if product.startswith(start)), FIRST_ORIGIN_MM)
+    origin_mm = metadata.get("lidar_origin_to_beam_origin_mm", product_mm)
+    origin_only = (1, 0, 0, origin_mm, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1)
     with reading(path):
-        to_sensor = np.array(found.get("lidar_to_sensor_transform") or LIDAR_TO_SENSOR, float).reshape(4, 4)
-        to_lidar = np.array(found.get("beam_to_lidar_transform") or plain, float).reshape(4, 4)
+        to_sensor = np.array(metadata.get("lidar_to_sensor_transform") or LIDAR_TO_SENSOR, float).reshape(4, 4)
+        to_lidar = np.array(metadata.get("beam_to_lidar_transform") or origin_only, float).reshape(4, 4)
         level = abs(to_sensor[2, 2] - 1.0) < 1e-9 and np.abs(to_sensor[:2, 3]).max() < 1e-9
         if not level or np.abs(to_lidar[:3, :3] - np.eye(3)).max() > 1e-9:
             raise ValueError("lidar_to_sensor_transform: must turn about z and move along it, got another")

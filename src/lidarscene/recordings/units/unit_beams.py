@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-OF_LISTS = ("elevation_deg", "azimuth_offset_deg", "forward_mm", "left_mm", "height_mm")
-"""Lists of a spinning scanner that a unit's description gives."""
+LIST_KEYS = ("elevation_deg", "azimuth_offset_deg", "forward_mm", "left_mm", "height_mm")
+"""Keys of a spinning scanner's lists that a unit's description may give."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unit:
-    """One unit: lists with an entry for each beam, and what else of the scanner is known.
+    """One unit: lists with an entry for each beam, and other numbers of its scanner.
 
-    model       the catalogue's sensor that it is nearest to; "" if none is
-    name        of the unit: product and serial number
-    lists       by key of `[scanner]`: elevation, offset of the azimuth (counter-clockwise from above), place of the
-                exit in the head
-    scanner     other keys of `[scanner]`, as written in TOML
-    comments    what the description has that a sensor file has no key for
+    model       the catalogue's nearest sensor; "" if none is near
+    name        product and serial number
+    lists       lists by key of `[scanner]`: elevation, offset of the azimuth (counter-clockwise from above), place of
+                the exit in the head
+    scanner     other keys of `[scanner]` -> value as written in TOML
+    comments    lines on parts of the description for which a sensor file has no key
     """
 
     model: str
