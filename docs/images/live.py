@@ -35,7 +35,7 @@ def live() -> None:
     figure, strips = dark(len(STRIPS), 1, height=7.0)
     titles = (f"{packets} packets of {columns // packets} columns, as they come [ms]", "read, by azimuth [°]", "")
     for axes, (name, label, colours, ticks), title in zip(strips, STRIPS, titles, strict=True):
-        values = np.where(sweep.kept, getattr(sweep, name), np.nan) if name != "near_ir" else sweep.near_ir
+        values = np.where(sweep.has_return, getattr(sweep, name), np.nan) if name != "near_ir" else sweep.near_ir
         if name == "range_m":
             width = 0.0, length_ms
             axes.vlines(np.linspace(*width, packets + 1), rows, 1.06 * rows, INK, linewidth=0.6)

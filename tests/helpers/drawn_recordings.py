@@ -100,5 +100,5 @@ def drawn_sweep(truth: Truth, seed: int, rows: int = 32, columns: int = 1000, cu
         signal=signal,
         near_ir=near_ir,
         reflectivity=np.where(kept, reflectivity, 0.0),
-        knows_lost=True,
+        includes_lost=True,
     )

@@ -70,4 +70,4 @@ def packets_of(maker: PacketEncoder, sensor: Sensor, clouds: list[PointCloud], a
             pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32) + number * sensor.scanner.pulses
             gathering.ambient(pulse, ambient)
         made += maker.packets(gathering.firings())
-    return made + maker.rest()
+    return made + maker.flush()

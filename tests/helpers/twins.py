@@ -59,7 +59,7 @@ def room_sweep(
         "direction": direction,
         "signal": WHITE_M2 * apparent / range_m**2,
         "reflectivity": 100.0 * apparent,
-        "knows_lost": True,
+        "includes_lost": True,
         "ring": np.broadcast_to(np.arange(RINGS)[:, None], range_m.shape),
     }
     return Sweep(**given | changed)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from helpers import street
 from helpers.formats import osi_messages, rotated, value_at
+from lidarscene.boxes import Box, box_of, boxes, upright
 from scipy.spatial.transform import Rotation
 
 from lidarscene.cloud.point_cloud import PointCloud
@@ -19,8 +20,16 @@ from lidarscene.errors import InputError
 from lidarscene.files import spool
 from lidarscene.formats.registry import DATASETS, LABELS
 from lidarscene.labels import gathered, kinds, kitti_dataset
-from lidarscene.labels import points as labels
-from lidarscene.labels.files import CAMERA, PICTURE_PX, label_paths, labels_stream, semantic_kitti, write_labels
+from lidarscene.labels.files import (
+    CAMERA,
+    PICTURE_PX,
+    label_paths,
+    labels_stream,
+    point_labels,
+    semantic_kitti,
+    write_labels,
+)
+from lidarscene.labels.kinds import KINDS, kind_of
 from lidarscene.labels.osi_truth import ground_truth
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, pose_at
@@ -29,8 +38,8 @@ from lidarscene.scene.scene import Ball, Body, Scene
 CAR = (4.0, 2.0, 1.5)
 
 
-def box_named(cloud: PointCloud, name: str, scene: Scene | None = None) -> labels.Box:
-    return next(box for box in labels.boxes(cloud, scene or street.scene()) if box.name == name)
+def box_named(cloud: PointCloud, name: str, scene: Scene | None = None) -> Box:
+    return next(box for box in boxes(cloud, scene or street.scene()) if box.name == name)
 
 
 # --- boxes ------------------------------------------------------------------------------------------
@@ -46,9 +55,9 @@ def test_a_box_is_the_block_that_was_put_there(street_cloud: PointCloud) -> None
 
 def test_what_is_a_thing_has_a_box(street_cloud: PointCloud) -> None:
     """The road has none; a class that nobody knows has."""
-    assert [box.name for box in labels.boxes(street_cloud, street.scene())] == ["near", "far", "wall"]
-    assert labels.kind_of("gantry").thing
-    assert labels.kind_of("Car") is labels.kind_of("car")
+    assert [box.name for box in boxes(street_cloud, street.scene())] == ["near", "far", "wall"]
+    assert kind_of("gantry").is_thing
+    assert kind_of("Car") is kind_of("car")
 
 
 def test_points_are_counted_in_both_frames(street_cloud: PointCloud) -> None:
@@ -59,7 +68,7 @@ def test_points_are_counted_in_both_frames(street_cloud: PointCloud) -> None:
         world_m = cloud.xyz_m.astype(float)
         if cloud is not street_cloud:
             world_m = street.SENSOR.apply(world_m)
-        for index, box in enumerate(labels.boxes(cloud, street.scene()), start=1):
+        for index, box in enumerate(boxes(cloud, street.scene()), start=1):
             assert box.points_on == np.count_nonzero(cloud.body == index) > 100
             local = (world_m - box.pose.position_m) @ box.pose.rotation
             least, most = (np.all(np.abs(local) <= 0.5 * box.size_m + d, axis=1).sum() for d in (-1e-3, 1e-3))
@@ -73,7 +82,7 @@ def test_visibility_by_tracing_each_body_alone(street_cloud: PointCloud) -> None
     scene = street.scene()
     direction = (street_cloud.xyz_m - street.SENSOR.position_m).astype(float)
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    for box in labels.boxes(street_cloud, scene):
+    for box in boxes(street_cloud, scene):
         alone = Scene(bodies=(scene.bodies[box.body],))
         range_m, _ = street.nearest(alone, street.SENSOR.position_m, direction)
         meets = np.isfinite(range_m)
@@ -107,7 +116,7 @@ def test_the_sensor_may_be_inside_a_box() -> None:
 def test_up_is_the_axis_that_is_up(roll_deg: float, pitch_deg: float, size_m: tuple[float, ...]) -> None:
     """Rationale: a mesh with y up is turned by the scene's pose; its height is still its height."""
     pose = Pose.from_degrees(position_m=(5, 6, 7), yaw_deg=30.0, pitch_deg=pitch_deg, roll_deg=roll_deg)
-    box = labels.box_of(street.block("b", "car", (4.0, 2.0, 1.0), pose), 0)
+    box = box_of(street.block("b", "car", (4.0, 2.0, 1.0), pose), 0)
     np.testing.assert_allclose(box.size_m, size_m, atol=1e-12)
     np.testing.assert_allclose(box.pose.rotation[:, 2], [0, 0, 1], atol=1e-12)
     assert np.linalg.det(box.pose.rotation) == pytest.approx(1.0)
@@ -119,18 +128,18 @@ def test_up_is_the_axis_that_is_up(roll_deg: float, pitch_deg: float, size_m: tu
 
 def test_balls_and_bodies_off_their_origin() -> None:
     ball = Body(name="b", class_name="car", parts=(Ball(radius_m=0.5, material="m"),), pose=street.at(1, 2, 3, 0))
-    np.testing.assert_allclose(labels.box_of(ball, 0).size_m, [1, 1, 1])
+    np.testing.assert_allclose(box_of(ball, 0).size_m, [1, 1, 1])
     part = street.block("c", "car", (2.0, 2.0, 2.0), Pose()).parts[0]
     off = replace(part, vertices_m=part.vertices_m + np.array([10.0, 0.0, 1.0]))
-    box = labels.box_of(Body(name="c", class_name="car", parts=(off,), pose=street.at(0, 0, 0, 90.0)), 0)
+    box = box_of(Body(name="c", class_name="car", parts=(off,), pose=street.at(0, 0, 0, 90.0)), 0)
     np.testing.assert_allclose(box.pose.position_m, [0.0, 10.0, 1.0], atol=1e-12)
 
 
 def test_upright_boxes_hold_the_corners() -> None:
     """A box that leans: the upright one around it holds all its corners, and touches them."""
     pose = Pose.from_degrees(yaw_deg=40.0, pitch_deg=10.0, roll_deg=5.0)
-    box = labels.Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=pose)
-    size_m, yaw = labels.upright(box)
+    box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=pose)
+    size_m, yaw = upright(box)
     assert yaw == pytest.approx(math.radians(40.0))
     local = np.abs(box.corners_m() @ street.at(0, 0, 0, 40.0).rotation)
     np.testing.assert_allclose(local.max(axis=0), 0.5 * size_m, atol=1e-12)
@@ -159,7 +168,7 @@ def test_semantic_kitti_labels(tmp_path: Path, street_cloud: PointCloud) -> None
 def test_points_without_a_body_are_unlabelled() -> None:
     cloud = street.cloud()
     none = np.full(len(cloud), -1)
-    semantic, instance = labels.point_labels(replace(cloud, body=none, class_id=none), street.scene())
+    semantic, instance = point_labels(replace(cloud, body=none, class_id=none), street.scene())
     assert set(semantic.tolist()) == set(instance.tolist()) == {0}
 
 
@@ -203,7 +212,7 @@ def test_nuscenes_boxes(tmp_path: Path, street_cloud: PointCloud) -> None:
     content = json.loads(path.read_text())
     found = {one["instance_name"]: one for one in content["sample_annotations"]}
     assert {one["category_name"] for one in found.values()} == {"vehicle.car", "movable_object.barrier"}
-    for box in labels.boxes(street_cloud, street.scene()):
+    for box in boxes(street_cloud, street.scene()):
         one = found[box.name]
         width, length, height = one["size"]
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -222,7 +231,7 @@ def test_osi_ground_truth(tmp_path: Path, library: Any, street_cloud: PointCloud
     """Reference: betterosi reads; OSI's angles are those of ISO 8855."""
     (path,) = write_labels(street_cloud, street.scene(), tmp_path / "a.osi", format="osi")
     (truth,) = osi_messages(path, "GroundTruth", library)
-    found = {box.body + 1: box for box in labels.boxes(street_cloud, street.scene())}
+    found = {box.body + 1: box for box in boxes(street_cloud, street.scene())}
     assert sorted(one.id.value for one in truth.moving_object) == [2, 3]
     assert [one.id.value for one in truth.stationary_object] == [4]
     for one in (*truth.moving_object, *truth.stationary_object):
@@ -236,12 +245,10 @@ def test_osi_ground_truth(tmp_path: Path, library: Any, street_cloud: PointCloud
     assert int(truth.stationary_object[0].classification.type) == 8
 
 
-def boxes_of_classes(*class_names: str) -> list[labels.Box]:
+def boxes_of_classes(*class_names: str) -> list[Box]:
     poses = [Pose.from_degrees(position_m=(n, 2, 3), yaw_deg=30, pitch_deg=20, roll_deg=10) for n in range(99)]
     return [
-        labels.Box(
-            body=n, name="", class_name=name, size_m=np.array(CAR), pose=poses[n], velocity_m_s=np.array([n, 5, -7])
-        )
+        Box(body=n, name="", class_name=name, size_m=np.array(CAR), pose=poses[n], velocity_m_s=np.array([n, 5, -7]))
         for n, name in enumerate(class_names)
     ]
 
@@ -343,9 +350,9 @@ MOVING = {
 
 
 def test_classes_of_kitti() -> None:
-    assert {name: kind.semantic_kitti for name, kind in labels.KINDS.items()} == SEMANTIC
-    assert {kind.kitti for kind in labels.KINDS.values() if kind.thing} == KITTI_TYPES
-    assert {kind.kitti for kind in labels.KINDS.values() if not kind.thing} == {"DontCare"}
+    assert {name: kind.semantic_kitti for name, kind in KINDS.items()} == SEMANTIC
+    assert {kind.kitti for kind in KINDS.values() if kind.is_thing} == KITTI_TYPES
+    assert {kind.kitti for kind in KINDS.values() if not kind.is_thing} == {"DontCare"}
     own = {
         "car": "Car",
         "van": "Van",
@@ -355,12 +362,12 @@ def test_classes_of_kitti() -> None:
         "person": "Pedestrian",
         "pedestrian": "Pedestrian",
     }
-    assert {name: kind.kitti for name, kind in labels.KINDS.items() if kind.kitti not in ("Misc", "DontCare")} == own
+    assert {name: kind.kitti for name, kind in KINDS.items() if kind.kitti not in ("Misc", "DontCare")} == own
     assert {name: kinds.MOVING[SEMANTIC[name]] for name in MOVING} == MOVING
     assert set(kinds.MOVING) == {SEMANTIC[name] for name in MOVING}
 
 
-def label_of(box: labels.Box) -> list[str]:
+def label_of(box: Box) -> list[str]:
     from lidarscene.labels.files import _kitti_line
 
     return _kitti_line(box).split(" ")
@@ -371,7 +378,7 @@ def test_a_line_of_kitti_by_hand() -> None:
     grows towards -z, and alpha is the same seen from the camera. Its place is the middle of its bottom.
     """
     pose = street.at(20.0, 5.0, -1.0, 90.0)
-    box = labels.Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=pose, beams=10, reached=9)
+    box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=pose, beams=10, reached=9)
     kind, truncated, occluded, alpha, *rest = label_of(box)
     assert (kind, truncated, occluded) == ("Car", "0.00", "0")
     height, width, length, x, y, z, rotation_y = map(float, rest[4:])
@@ -402,7 +409,7 @@ def test_levels_of_visibility(reached: int, level: str, token: str) -> None:
     from lidarscene.labels.files import _annotation
 
     pose = street.at(20.0, 0.0, 0.0, 0.0)
-    box = labels.Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=pose, beams=100, reached=reached)
+    box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=pose, beams=100, reached=reached)
     assert label_of(box)[2] == level
     assert label_of(replace(box, beams=0, reached=0))[2] == "3"  # unknown
     content = _annotation(replace(box, points_inside=12, points_on=7))
@@ -417,7 +424,7 @@ def test_a_box_that_reaches_out_of_the_picture() -> None:
     from lidarscene.labels.files import _in_picture
 
     size_m = np.array([1.0, 2.0, 2.0])
-    box = labels.Box(body=0, name="", class_name="car", size_m=size_m, pose=street.at(10.0, 8.5, 0.0, 0.0))
+    box = Box(body=0, name="", class_name="car", size_m=size_m, pose=street.at(10.0, 8.5, 0.0, 0.0))
     (left, top, right, low), truncated = _in_picture(box)
     edges = [621 - 720 * 9.5 / 9.5, 621 - 720 * 7.5 / 10.5]  # 9.5 m to the left at 9.5 m, and 7.5 m at 10.5 m
     assert edges[0] < 0 < edges[1]
@@ -430,7 +437,7 @@ def test_a_box_around_the_camera_and_one_to_the_right() -> None:
     """What is nearer than a tenth of a metre is drawn at that depth; the last pixels are 1241 and 374."""
     from lidarscene.labels.files import _in_picture
 
-    box = labels.Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=street.at(1.0, 0, 0, 0))
+    box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=street.at(1.0, 0, 0, 0))
     (left, top, right, low), truncated = _in_picture(box)
     assert (left, top, right, low) == (0.0, 0.0, 1241.0, 374.0)
     # Corners at y = -1 and 1 m, z = -0.75 and 0.75 m are 7200 and 5400 pixels off at 0.1 m.
@@ -474,10 +481,10 @@ def test_open3d_ml_opens_a_kitti_dataset(
     np.testing.assert_array_equal(data["full_point"][:, :3], own.xyz_m)
     in_picture = projected(own.xyz_m)
     assert len(data["point"]) == pytest.approx(np.count_nonzero(in_picture), abs=2)
-    found = [b.seen_from(street.SENSOR) for b in labels.boxes(street_cloud, street.scene())]
+    found = [b.seen_from(street.SENSOR) for b in boxes(street_cloud, street.scene())]
     assert [b.label_class for b in data["bounding_boxes"]] == ["Car", "Car", "DontCare"]  # it knows no "Misc"
     for theirs, ours in zip(data["bounding_boxes"], found, strict=True):
-        (length, width, height), yaw = labels.upright(ours)
+        (length, width, height), yaw = upright(ours)
         np.testing.assert_allclose(theirs.center, ours.pose.position_m, atol=2e-4)
         np.testing.assert_allclose(theirs.size, [width, height, length], atol=1e-4)
         np.testing.assert_allclose(theirs.front, [math.cos(yaw), math.sin(yaw), 0.0], atol=1e-4)
@@ -510,7 +517,7 @@ def test_kitti_rectangles_hold_the_points(object_dataset: Path, street_cloud: Po
 def test_a_box_behind_the_camera_has_no_rectangle() -> None:
     from lidarscene.labels.files import _in_picture
 
-    box = labels.Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=street.at(-20.0, 0, 0, 0))
+    box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=street.at(-20.0, 0, 0, 0))
     assert _in_picture(box) == ((0.0, 0.0, 0.0, 0.0), 1.0)
     centre = replace(box, pose=street.at(30.0, 0.0, 0.0, 0.0))
     (left, top, right, low), truncated = _in_picture(centre)
@@ -609,7 +616,7 @@ def test_boxes_are_where_the_cloud_shows_what_moves(motion_in: str) -> None:
     and 2 m: half of that on either side of the mean time is what points may lie outside.
     """
     cloud, scene = driving(motion_in=motion_in)
-    found = labels.boxes(cloud, scene)
+    found = boxes(cloud, scene)
     for box in found:
         own = cloud.xyz_m[cloud.body == box.body].astype(float)
         outside = np.abs(box.pose.inverse_apply(own)) - 0.5 * box.size_m
@@ -665,7 +672,7 @@ def test_points_that_waited_are_counted_where_they_are(tmp_path: Path) -> None:
     assert content["num_lidar_pts"] == len(cloud)
     by_name = {one["instance_name"]: one for one in content["sample_annotations"]}
     assert sorted(by_name) == ["crossing", "parked"]
-    for box in labels.boxes(cloud, scene):
+    for box in boxes(cloud, scene):
         one = by_name[box.name]
         local = np.abs((cloud.xyz_m - box.pose.position_m) @ box.pose.rotation)
         least, most = (np.all(local <= 0.5 * box.size_m + d, axis=1).sum() for d in (-1e-4, 1e-4))
@@ -681,7 +688,7 @@ def test_a_rig_whose_sensors_see_the_same_has_the_same_boxes() -> None:
     cloud, scene = driving(motion_in="removed")
     late = replace(cloud, time_s=cloud.time_s - 0.03, metadata=cloud.metadata | {"frame_start_s": "0.03"})
     both = merged([replace(cloud, metadata=cloud.metadata | {"frame_start_s": "0.0"}), late], ["a", "b"])
-    for one, two in zip(labels.boxes(cloud, scene), labels.boxes(both, scene), strict=True):
+    for one, two in zip(boxes(cloud, scene), boxes(both, scene), strict=True):
         np.testing.assert_allclose(two.pose.position_m, one.pose.position_m, atol=1e-9)
         assert two.points_on == 2 * one.points_on
 
@@ -693,7 +700,7 @@ def test_boxes_of_a_later_frame_are_as_much_farther_on(sensors: int) -> None:
     found = []
     for start_s in ("0.0", "0.2"):
         frame = replace(cloud, metadata=cloud.metadata | {"frame_start_s": start_s})
-        found.append(labels.boxes(frame if sensors == 1 else merged([frame, frame], ["a", "b"]), scene))
+        found.append(boxes(frame if sensors == 1 else merged([frame, frame], ["a", "b"]), scene))
     for early, late in zip(*found, strict=True):
         way_m = late.pose.position_m - early.pose.position_m
         np.testing.assert_allclose(way_m, 0.2 * early.velocity_m_s, atol=1e-9)
@@ -702,14 +709,14 @@ def test_boxes_of_a_later_frame_are_as_much_farther_on(sensors: int) -> None:
 
 def test_ground_truth_is_that_of_the_frames_start() -> None:
     cloud, scene = driving(motion_in="in the points")
-    crossing, parked = labels.boxes(cloud, scene, as_seen=False)
+    crossing, parked = boxes(cloud, scene, as_seen=False)
     np.testing.assert_allclose(crossing.pose.position_m, [25.0, -2.0, 0.75], atol=1e-12)
     np.testing.assert_allclose(parked.pose.position_m, [30.0, 12.0, 0.75], atol=1e-12)
 
 
 def test_moving_classes_of_semantic_kitti() -> None:
     cloud, scene = driving(motion_in="removed")
-    semantic, _ = labels.point_labels(cloud, scene)
+    semantic, _ = point_labels(cloud, scene)
     assert set(semantic[cloud.body == 0].tolist()) == {252}
     assert set(semantic[cloud.body == 1].tolist()) == {10}
 
@@ -719,8 +726,8 @@ def test_visibility_of_a_rig() -> None:
     other = street.at(40.0, 20.0, 1.8, 200.0)
     clouds = [street.cloud("world"), street.cloud("world", sensor=other)]
     both = merged(clouds, ["one", "two"])
-    together = labels.boxes(both, street.scene())
-    apart = [labels.boxes(cloud, street.scene()) for cloud in clouds]
+    together = boxes(both, street.scene())
+    apart = [boxes(cloud, street.scene()) for cloud in clouds]
     for box, one, two in zip(together, *apart, strict=True):
         assert box.beams == one.beams + two.beams
         assert box.points_inside == one.points_inside + two.points_inside
@@ -735,7 +742,7 @@ def test_what_stands_is_not_labelled_as_moving() -> None:
     cloud, scene = driving(motion_in="removed")
     for course, number in ((Course(), 10), (Course(yaw_rate_rad_s=0.1), 252), (Course(velocity_m_s=(0, 0, 1)), 252)):
         stands = replace(scene, bodies=(replace(scene.bodies[0], motion=course), *scene.bodies[1:]))
-        semantic, _ = labels.point_labels(cloud, stands)
+        semantic, _ = point_labels(cloud, stands)
         assert set(semantic[cloud.body == 0].tolist()) == {number}
 
 
@@ -750,9 +757,9 @@ def test_a_beam_may_end_a_little_before_the_box_that_it_meets(short_m: float, re
     assert one.true_range_m is not None
     assert one.true_range_m[0] == pytest.approx(8.0)
     one = replace(one, true_range_m=one.true_range_m - np.float32(short_m))
-    (box,) = labels.boxes(one, scene)
+    (box,) = boxes(one, scene)
     assert (box.beams, box.reached) == (1, reached)
-    (box,) = labels.boxes(replace(one, status=np.ones(1)), scene)  # what is no echo says nothing of a surface
+    (box,) = boxes(replace(one, status=np.ones(1)), scene)  # what is no echo says nothing of a surface
     assert (box.beams, box.reached) == (0, 0)
 
 
@@ -764,10 +771,10 @@ def test_a_box_off_the_origin_of_what_moves() -> None:
     body = Body(name="b", class_name="car", parts=(part,), pose=street.at(1.0, 2.0, 3.0, 20.0), motion=course)
     cloud = street.cloud(step_deg=8.0)
     cloud = replace(cloud, body=np.full(len(cloud), -1), metadata=cloud.metadata | {"frame_start_s": "0.5"})
-    (box,) = labels.boxes(cloud, Scene(bodies=(body,)))
+    (box,) = boxes(cloud, Scene(bodies=(body,)))
     # Half a second at 10 m/s to the left, then ten metres more along the body's own x, which is to the left.
     np.testing.assert_allclose(box.pose.position_m, [5.0, 6.0 + 5.0 + 10.0, 1.0], atol=1e-9)
-    assert labels.boxes(cloud, Scene(bodies=(replace(body, away=True),))) == []
+    assert boxes(cloud, Scene(bodies=(replace(body, away=True),))) == []
 
 
 def test_another_sequence_and_times_to_a_nanosecond(tmp_path: Path, street_cloud: PointCloud) -> None:
@@ -797,7 +804,7 @@ def test_a_box_is_at_the_mean_time_to_a_microsecond() -> None:
     cloud, scene = driving(motion_in="removed")
     own = cloud.select(np.flatnonzero(cloud.body == 0)[:100])
     own = replace(own, time_s=np.resize([4e-4, 9e-4], 100))
-    box = next(one for one in labels.boxes(own, scene) if one.name == "crossing")
+    box = next(one for one in boxes(own, scene) if one.name == "crossing")
     motion = scene.bodies[0].motion
     assert motion is not None
     way_m = np.linalg.norm(box.pose.position_m - pose_at(motion, 0.0).position_m)

@@ -212,7 +212,7 @@ def tables() -> list[type[Table[Any]]]:
 @pytest.mark.parametrize("table", tables(), ids=lambda table: table.__name__)
 def test_defaults_are_the_same_in_files_and_in_python(table: type[Table[Any]]) -> None:
     """To the last bit; a default that the file writes in another unit comes back from there."""
-    parameters = dict(inspect.signature(getattr(table.made, "of", table.made)).parameters)
+    parameters = dict(inspect.signature(getattr(table.target, "of", table.target)).parameters)
     for part in table.parts.values():
         parameters |= inspect.signature(part).parameters
     for field, (name, key) in table.keys.items():

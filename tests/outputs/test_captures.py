@@ -42,9 +42,9 @@ def test_a_capture_has_the_points_of_the_clouds(mi: Any, run: Run, wall: str, li
     clouds = [cloud.select(cloud.range_m < 130.0) for cloud in clouds]
     with open_recording("out/a.pcap") as recording:
         sweeps = list(recording)
-    found = np.concatenate([one.xyz_m[one.kept] for one in sweeps])
-    time_s = np.concatenate([one.time_s[one.kept] + one.start_s for one in sweeps])
-    ring = np.concatenate([one.ring[one.kept] for one in sweeps])
+    found = np.concatenate([one.xyz_m[one.has_return] for one in sweeps])
+    time_s = np.concatenate([one.time_s[one.has_return] + one.start_s for one in sweeps])
+    ring = np.concatenate([one.ring[one.has_return] for one in sweeps])
     elevation = np.concatenate([one.elevation_rad for one in clouds])
     expected_s = np.concatenate([one.time_s + one.frame_start_s for one in clouds])
     theirs, ours = np.lexsort((ring, time_s.round(6))), np.lexsort((elevation, expected_s.round(6)))

@@ -20,7 +20,7 @@ def sweep(**changes: object) -> Sweep:
         "near_ir": [[1, 2], [3, 4]],
         "ring": [[0, 0], [1, 1]],
         "start_s": 3.0,
-        "knows_lost": True,
+        "includes_lost": True,
         "metadata": {"sensor": "OS"},
         "second": Second(range_m=np.array([[np.nan, np.nan], [6.0, np.nan]]), signal=np.full((2, 2), 5.0)),
         "pose": Pose(position_m=np.array([1.0, 2.0, 3.0])),
@@ -44,7 +44,7 @@ def test_both_returns_are_points() -> None:
 
 def test_kept_and_lost() -> None:
     one = sweep()
-    assert one.kept.tolist() == [[True, False], [True, True]]
+    assert one.has_return.tolist() == [[True, False], [True, True]]
     assert one.lost.tolist() == [[False, True], [False, False]]
 
 

@@ -67,7 +67,7 @@ def test_packets_of_a_driver(tmp_path: Path, library: Callable[[str], Any]) -> N
     for path in (bag, bag / "bag.db3"):
         with open_recording(path) as recording:
             assert (len(recording), recording.metadata["sensor"]) == (2, "VLP16")
-            assert recording[1].kept.sum() == 75 * 24 * 16
+            assert recording[1].has_return.sum() == 75 * 24 * 16
 
 
 def test_metadata_that_leave_out_what_they_must_say(tmp_path: Path, library: Callable[[str], Any]) -> None:

@@ -28,8 +28,8 @@ def test_one_packet_is_sixteen_columns(core: Any) -> None:
     columns = np.flatnonzero(sweep.recorded.all(axis=0))
     assert len(columns) == 16
     assert sweep.recorded.sum() == 32 * 16
-    assert not sweep.kept[~sweep.recorded].any()
-    np.testing.assert_array_equal(sweep.kept | sweep.lost, sweep.recorded)
+    assert not sweep.has_return[~sweep.recorded].any()
+    np.testing.assert_array_equal(sweep.has_return | sweep.lost, sweep.recorded)
     assert sweep.time_s is not None
     # 1024 columns in 0.1 s; a real head's angle between two of them is off by up to 1.5 mdeg, 4 us.
     np.testing.assert_allclose(np.diff(sweep.time_s[0, columns]), 0.1 / 1024, atol=5e-6)
@@ -38,7 +38,7 @@ def test_one_packet_is_sixteen_columns(core: Any) -> None:
         assert np.isfinite(values[sweep.lost]).all()  # of lost pulses, too, the maker says what light there was
     assert sweep.second is not None
     assert np.isfinite(sweep.second.range_m[sweep.lost]).sum() == 0
-    assert (sweep.pose, sweep.knows_lost) == (None, True)
+    assert (sweep.pose, sweep.includes_lost) == (None, True)
 
 
 def test_metadata_of_newer_tools_are_found_too(tmp_path: Path, core: Any) -> None:
@@ -55,7 +55,7 @@ def test_points_are_those_of_the_makers_table(core: Any) -> None:
     sweep = open_recording(OUSTER)[0]
     millimetres = np.rint(1e3 * np.nan_to_num(sweep.range_m)).astype(np.uint32)
     expected = np.asarray(core.XYZLut(sdk_info, use_extrinsics=False)(millimetres))
-    np.testing.assert_allclose(sweep.xyz_m[sweep.kept], expected[sweep.kept], atol=2e-6)
+    np.testing.assert_allclose(sweep.xyz_m[sweep.has_return], expected[sweep.has_return], atol=2e-6)
     np.testing.assert_allclose(np.linalg.norm(sweep.direction, axis=-1), 1.0, atol=1e-9)
 
 
@@ -191,8 +191,8 @@ def test_what_is_of_packets_that_came(tmp_path: Path, core: Any, library: Callab
     assert sweep.time_s is not None
     assert np.isnan(sweep.time_s[:, :16]).all()
     np.testing.assert_allclose(sweep.time_s[0, 16:], np.arange(1008) * 97_656e-9, atol=1e-9)
-    assert not sweep.kept[:, :16].any()
-    assert sweep.kept[:, 16:].all()
+    assert not sweep.has_return[:, :16].any()
+    assert sweep.has_return[:, 16:].all()
     assert sweep.second is not None
     for found, value in (
         (sweep.range_m, 0.010),

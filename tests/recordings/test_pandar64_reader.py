@@ -29,9 +29,9 @@ def test_turns_are_frames_and_sequence_numbers_are_passed_over(tmp_path: Path) -
         assert len(recording) == 2
         first, second = recording
     assert (first.shape, second.shape) == ((64, 1800), (64, 60))
-    assert first.knows_lost
+    assert first.includes_lost
     # Seven pulses in ten came back: 115,200 of them, with a standard deviation of 0.14 %.
-    assert first.kept.mean() == pytest.approx(0.7, abs=0.006)
+    assert first.has_return.mean() == pytest.approx(0.7, abs=0.006)
     np.testing.assert_allclose(np.linalg.norm(first.direction, axis=-1), 1.0, atol=1e-6)
 
 

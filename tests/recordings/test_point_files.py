@@ -52,7 +52,7 @@ def test_kitti_and_nuscenes_are_rows_of_float32(tmp_path: Path) -> None:
         np.testing.assert_array_equal(sweep.xyz_m, ROWS[:, :3])
         assert sweep.intensity is not None
         np.testing.assert_array_equal(sweep.intensity, ROWS[:, 3])
-        assert not sweep.knows_lost
+        assert not sweep.includes_lost
     assert kitti.ring is None
     assert nuscenes.ring is not None
     assert nuscenes.ring.tolist() == [2, 7, 9]

@@ -64,7 +64,9 @@ def test_ranges_directions_and_the_lost_pulse(two_turns: Path) -> None:
     sweep = open_recording(two_turns)[0]
     # Laser 3 fires at +3 degrees: the tenth channel from below.
     assert np.argwhere(sweep.lost).tolist() == [[9, 40]]
-    np.testing.assert_allclose(sweep.range_m[sweep.kept], 10.0, atol=0.012)  # the decoder adds offsets of the height
+    np.testing.assert_allclose(
+        sweep.range_m[sweep.has_return], 10.0, atol=0.012
+    )  # the decoder adds offsets of the height
     elevation = np.degrees(np.arcsin(sweep.direction[..., 2]))
     # The exits are up to 11 mm above or below the origin, which is 0.064 degrees at 10 m.
     np.testing.assert_allclose(elevation, np.broadcast_to(ELEVATIONS_DEG[:, None], elevation.shape), atol=0.07)
@@ -72,10 +74,10 @@ def test_ranges_directions_and_the_lost_pulse(two_turns: Path) -> None:
     middle = (before + after) / np.linalg.norm(before + after)
     # Two hundredths of a degree: azimuths are whole hundredths.
     assert np.degrees(np.arccos(min(1.0, lost @ middle))) < 0.02
-    assert sweep.knows_lost
+    assert sweep.includes_lost
     assert sweep.recorded.all()
     assert sweep.intensity is not None
-    assert sweep.intensity[sweep.kept].min() >= 50
+    assert sweep.intensity[sweep.has_return].min() >= 50
 
 
 def test_a_vls_128_turns_from_its_first_packet_on(tmp_path: Path, library: Callable[[str], Any]) -> None:
@@ -106,7 +108,7 @@ def test_channels_in_the_sky_have_rows_and_directions(tmp_path: Path, library: C
                 if (number, block) != (30, 5):
                     packet[at : at + 2] = b"\0\0"
     sweep = open_recording(pcap(tmp_path / "sky.pcap", [bytes(one) for one in packets]))[0]
-    assert sweep.kept[15].sum() == 2
+    assert sweep.has_return[15].sum() == 2
     assert sweep.lost[15].sum() == FIRINGS * PACKETS - 2
     own, below = sweep.direction[15], sweep.direction[14]
     turned = np.arctan2(own[:, 1], own[:, 0]) - np.arctan2(below[:, 1], below[:, 0])

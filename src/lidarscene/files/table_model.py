@@ -62,7 +62,7 @@ class Table(FileModel, Generic[Made]):
 
     model_config = ConfigDict(defer_build=True)  # start-up: most tables are only parts of a whole file
 
-    made: ClassVar[type[Any]]
+    target: ClassVar[type[Any]]
     """Laser."""
     keys: ClassVar[dict[str, tuple[str, FileKey]]]
     """Its fields to the keys of the file, and how they are declared."""
@@ -75,7 +75,7 @@ class Table(FileModel, Generic[Made]):
         made = next((one for base in cls.__bases__ for one in _arguments(base) if isinstance(one, type)), None)
         if made is None:
             return
-        cls.made, cls.keys, cls.parts = made, {}, {}
+        cls.target, cls.keys, cls.parts = made, {}, {}
         written, declared = cls.__annotations__, {}
         for field, hint, parameter in _parameters(_maker(made), cls.parts):
             key = _noted(hint, FileKey)
@@ -96,7 +96,7 @@ class Table(FileModel, Generic[Made]):
         values = self.values_in_si() | more
         for name, part in self.parts.items():
             values[name] = part(**{one.name: values.pop(one.name) for one in fields(part) if one.name in values})
-        made: Made = _maker(self.made)(**values)
+        made: Made = _maker(self.target)(**values)
         return made
 
     def values_in_si(self) -> dict[str, Any]:

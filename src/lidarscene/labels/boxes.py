@@ -86,11 +86,11 @@ def boxes(cloud: PointCloud, scene: Scene, *, as_seen: bool = True) -> list[Box]
     tally = BoxTally(cloud, scene, as_seen=as_seen)
     pieces = [slice(first, first + PIECE_POINTS) for first in range(0, len(cloud), PIECE_POINTS)]
     for piece in pieces:
-        tally.see(cloud.select(piece))
-    tally.settle()
+        tally.add_echoes(cloud.select(piece))
+    tally.place_boxes()
     for piece in pieces:
         part = cloud.select(piece)
-        tally.count(part.xyz_m, truth_of(part)[0], part.status, part.sensor_index)
+        tally.count_points(part.xyz_m, truth_of(part)[0], part.status, part.sensor_index)
     return tally.boxes()
 
 
@@ -113,7 +113,7 @@ class BoxTally:
         self._things = [
             (index, body)
             for index, body in enumerate(scene.bodies)
-            if kind_of(body.class_name).thing and body.parts and not body.away
+            if kind_of(body.class_name).is_thing and body.parts and not body.away
         ]
         moving = self._ego is not None or any(body.motion is not None for _, body in self._things)
         self.moves = as_seen and moving
@@ -121,7 +121,7 @@ class BoxTally:
         self._time_ps = [0] * len(self._things)  # whole numbers: a sum that does not depend on the pieces
         self._boxes: list[Box] = []
 
-    def see(self, cloud: PointCloud) -> None:
+    def add_echoes(self, cloud: PointCloud) -> None:
         """Count the echoes of each body, and add up their times."""
         _, body = truth_of(cloud)
         echo, sensors = cloud.status == 0, len(self._starts_s)
@@ -131,7 +131,7 @@ class BoxTally:
             if self.moves:
                 self._time_ps[number] += int(np.rint(cloud.time_s[own] / PICOSECOND).astype(np.int64).sum())
 
-    def settle(self) -> None:
+    def place_boxes(self) -> None:
         """Place the boxes at the mean time of their bodies' points."""
         for number, (index, body) in enumerate(self._things):
             points = max(int(self._points_on[number].sum()), 1)
@@ -139,7 +139,7 @@ class BoxTally:
             since_s = self._time_ps[number] * PICOSECOND / points
             self._boxes.append(self._at(body, index, float(self._starts_s[0] + later_s), since_s))
 
-    def count(self, xyz_m: Numbers, true_range_m: Numbers, status: Numbers, sensor_index: Numbers) -> None:
+    def count_points(self, xyz_m: Numbers, true_range_m: Numbers, status: Numbers, sensor_index: Numbers) -> None:
         """Count points and beams in the boxes; columns of a cloud."""
         world_m = np.ascontiguousarray(self._to_world.apply(xyz_m.astype(np.float64)).T)
         sensors = _Beams.of(world_m, self._origins_m, true_range_m, status, sensor_index)

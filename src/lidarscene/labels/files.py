@@ -107,7 +107,7 @@ def point_labels(cloud: PointCloud, scene: Scene) -> tuple[Numbers, Numbers]:
     kinds = [kind_of(name) for name in cloud.class_names]
     # The last entry of each table is that of -1.
     numbers = np.array([*(kind.semantic_kitti for kind in kinds), UNLABELLED], np.uint32)
-    countable = np.array([*(kind.thing for kind in kinds), False])
+    countable = np.array([*(kind.is_thing for kind in kinds), False])
     semantic, echo = numbers[class_id], cloud.status == 0
     for index, body in enumerate(scene.bodies):
         number = kind_of(body.class_name).semantic_kitti

@@ -52,10 +52,10 @@ class GatheredBoxes:
         """The boxes of everything that was appended. Once."""
         assert self._tally is not None
         if self._spool is not None:
-            self._tally.settle()
+            self._tally.place_boxes()
             for rows in self._spool.blocks():
                 xyz_m = np.stack([rows["x"], rows["y"], rows["z"]], axis=-1)
-                self._tally.count(xyz_m, rows["true_range"], rows["status"], rows["sensor_index"])
+                self._tally.count_points(xyz_m, rows["true_range"], rows["status"], rows["sensor_index"])
         return self._tally.boxes()
 
     def _begin(self, cloud: PointCloud) -> None:
@@ -66,13 +66,13 @@ class GatheredBoxes:
             row: list[tuple[str, Any]] = [("x", place), ("y", place), ("z", place), ("true_range", "f4")]
             self._spool = Spool(self._folder, [*row, ("status", "u1"), ("sensor_index", "u1")])
         else:
-            self._tally.settle()
+            self._tally.place_boxes()
 
     def _add(self, cloud: PointCloud) -> None:
         assert self._tally is not None
-        self._tally.see(cloud)
+        self._tally.add_echoes(cloud)
         if self._spool is None:
-            self._tally.count(cloud.xyz_m, truth_of(cloud)[0], cloud.status, cloud.sensor_index)
+            self._tally.count_points(cloud.xyz_m, truth_of(cloud)[0], cloud.status, cloud.sensor_index)
             return
         self._spool.append(
             **dict(zip("xyz", cloud.xyz_m.T, strict=True)),

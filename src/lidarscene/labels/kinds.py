@@ -13,17 +13,17 @@ from dataclasses import dataclass
 class Kind:
     """What data sets call a class: number in SemanticKITTI, type in KITTI, category in nuScenes.
 
-    thing  can be counted, so that its bodies get boxes and instances
+    is_thing  can be counted, so that its bodies get boxes and instances
     """
 
     semantic_kitti: int
     kitti: str
     nuscenes: str
-    thing: bool = True
+    is_thing: bool = True
 
 
 def _stuff(semantic_kitti: int, nuscenes: str) -> Kind:
-    return Kind(semantic_kitti, "DontCare", nuscenes, thing=False)
+    return Kind(semantic_kitti, "DontCare", nuscenes, is_thing=False)
 
 
 KINDS = {

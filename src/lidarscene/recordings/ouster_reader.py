@@ -146,7 +146,7 @@ def _sweep(frame: Any, info: Any, tables: tuple[Numbers, Numbers], about: dict[s
         column=np.broadcast_to(np.arange(columns), shape),
         start_s=1e-9 * start_ns,
         pose=_pose(frame, info, received),
-        knows_lost=True,
+        includes_lost=True,
         metadata=about,
     )
 

@@ -117,6 +117,6 @@ def _sweep(
         ring=np.broadcast_to(np.arange(LASERS)[:, None], shape),
         column=np.broadcast_to(np.arange(shape[1]), shape),
         start_s=start_s,
-        knows_lost=True,
+        includes_lost=True,
         metadata=metadata,
     )

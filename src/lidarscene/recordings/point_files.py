@@ -73,7 +73,7 @@ def open_cloud(path: Path, metadata: Path | None) -> Recording:
             name, columns_of = CLOUDS[str(suffix_of(file))]
             columns, shape = columns_of(file)
             sweep = sweep_of(columns, shape=shape, metadata=about | {"format": name, "frame": str(frame)})
-        if not sweep.kept.any():
+        if not sweep.has_return.any():
             raise InputError(f"{file}: must have points, got none")
         return sweep
 

@@ -53,7 +53,7 @@ class Sweep:
     return_number int32, number of a point among its pulse's returns, in a list that has an entry for each return
     start_s       start of the sweep, by the recording's clock; 0 if it has none
     pose          pose of the sensor at the start, in the recording's world
-    knows_lost    True if the arrays have the pulses without a return
+    includes_lost True if the arrays have the pulses without a return
     metadata      text by key: sensor, format, mode, ...
     """
 
@@ -72,7 +72,7 @@ class Sweep:
     return_number: Numbers | None = None
     start_s: float = 0.0
     pose: Pose | None = None
-    knows_lost: bool = False
+    includes_lost: bool = False
     metadata: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -98,14 +98,14 @@ class Sweep:
         return self.range_m.shape
 
     @property
-    def kept(self) -> Numbers:
+    def has_return(self) -> Numbers:
         """Mask of the pulses with a reported return."""
         return np.isfinite(self.range_m)
 
     @property
     def lost(self) -> Numbers:
-        """Mask of the recorded pulses without a return; nowhere True unless `knows_lost`."""
-        return np.asarray(self.recorded & ~self.kept)
+        """Mask of the recorded pulses without a return; nowhere True unless `includes_lost`."""
+        return np.asarray(self.recorded & ~self.has_return)
 
     @property
     def xyz_m(self) -> Numbers:

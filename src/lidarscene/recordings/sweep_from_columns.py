@@ -63,7 +63,7 @@ def sweep_of(
         time_s=None if time_s is None else time_s.reshape(sweep_shape),
         start_s=first_s,
         pose=pose,
-        knows_lost=shape is not None,
+        includes_lost=shape is not None,
         metadata=metadata,
         **scalars,
     )

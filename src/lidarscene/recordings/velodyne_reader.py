@@ -109,7 +109,7 @@ def sweep_of_points(points: Numbers, *, start_s: float, metadata: Mapping[str, s
         ring=np.broadcast_to(np.arange(rows)[:, None], shape),
         column=np.broadcast_to(np.arange(columns), shape),
         start_s=start_s + first_s,
-        knows_lost=True,
+        includes_lost=True,
         metadata=metadata,
     )
 

@@ -54,7 +54,7 @@ def test_our_reader_gives_the_frame_back(tmp_path: Path, sets: tuple[str, ...]) 
         sweep = recording[0]
     assert sweep.shape == (64, 1800)
     seconds = 0 if sweep.second is None else np.isfinite(sweep.second.range_m).sum()
-    assert sweep.kept.sum() + seconds == len(cloud)
+    assert sweep.has_return.sum() + seconds == len(cloud)
     column = ((cloud.time_s + 1e-9) // sensor.scanner.cycle_s).astype(int)
     place = cloud.channel, column
     apart_m = np.abs(sweep.range_m[place] - cloud.range_m)
@@ -98,7 +98,7 @@ def test_the_last_packet_goes_on_without_points() -> None:
     names = ("range_m", "intensity", "signal", "ambient", "time_s")
     maker = select_encoder(sensor)
     short = maker.packets(replace(whole, **{name: getattr(whole, name)[:8] for name in names}))
-    filled = short + maker.rest()
+    filled = short + maker.flush()
     expected = select_encoder(sensor).packets(whole)[:2]
     assert [one.time_s for one in filled] == [one.time_s for one in expected]
     ours, theirs = (
@@ -110,7 +110,7 @@ def test_the_last_packet_goes_on_without_points() -> None:
     np.testing.assert_array_equal(blocks["azimuth"], theirs["blocks"]["azimuth"])
     assert blocks["points"]["distance"][1, 1].any()
     assert not blocks["points"]["distance"][1, 2:].any()
-    assert maker.rest() == []
+    assert maker.flush() == []
 
 
 def test_the_stamp_goes_on_from_second_to_second() -> None:

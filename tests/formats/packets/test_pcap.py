@@ -89,7 +89,7 @@ def test_a_capture_has_the_packets_of_all_frames(library: Callable[[str], Any], 
     assert (tmp_path / "a.pcap").read_bytes() == HEADER + expected
     with open_recording(tmp_path / "a.pcap") as recording:
         assert len(recording) == 3
-        assert sum(one.kept.sum() for one in recording) == sum(map(len, clouds))
+        assert sum(one.has_return.sum() for one in recording) == sum(map(len, clouds))
         assert recording.metadata["sensor"] == "VLP16"
 
 

@@ -193,7 +193,7 @@ def test_the_last_packet_goes_on_without_points() -> None:
     whole = gathering.firings()
     names = ("range_m", "intensity", "signal", "ambient", "time_s")
     maker = select_encoder(sensor)
-    filled = maker.packets(replace(whole, **{name: getattr(whole, name)[:30] for name in names})) + maker.rest()
+    filled = maker.packets(replace(whole, **{name: getattr(whole, name)[:30] for name in names})) + maker.flush()
     expected = select_encoder(sensor).packets(whole)[:2]
     ours, theirs = (
         np.frombuffer(b"".join(one.payload for one in made), VELODYNE_PACKET) for made in (filled, expected)
@@ -201,7 +201,7 @@ def test_the_last_packet_goes_on_without_points() -> None:
     np.testing.assert_array_equal(ours["blocks"]["azimuth"], theirs["blocks"]["azimuth"])
     np.testing.assert_array_equal(ours["stamp"], theirs["stamp"])
     np.testing.assert_allclose([one.time_s for one in filled], [one.time_s for one in expected], atol=1e-9)
-    assert maker.rest() == []
+    assert maker.flush() == []
 
 
 @pytest.mark.parametrize(("sets", "mode"), [((), 0x37), (DUAL, 0x39)], ids=["single", "dual"])

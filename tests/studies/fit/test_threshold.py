@@ -65,8 +65,8 @@ def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:
     level = truth.threshold_floor + truth.threshold_slope * np.sqrt(sweep.near_ir)
     number = np.arange(sweep.range_m.size).reshape(sweep.shape)
     blanked = (number % 20 == 0) & (sweep.signal > 6.0 * level)
-    withheld = (number % 8 == 0) & sweep.kept & (sweep.signal < 2.0 * level)
-    block = ~sweep.kept.reshape(sweep.shape[0], -1, 20).any(axis=2)
+    withheld = (number % 8 == 0) & sweep.has_return & (sweep.signal < 2.0 * level)
+    block = ~sweep.has_return.reshape(sweep.shape[0], -1, 20).any(axis=2)
     noise = np.repeat(block, 20, axis=1) & (number % 6 == 0)
     assert noise.sum() > 200
     range_m = np.where(noise, 20.0 + number % 7, sweep.range_m)

@@ -76,9 +76,9 @@ class FiringsBuilder:
         return_values = (cloud.column("range"), cloud.column("intensity"), signal)
         number = cloud.column("return_number")
         for return_number in np.unique(number):
-            self._put(number == return_number, firing, laser, strength, return_values)
+            self._insert(number == return_number, firing, laser, strength, return_values)
 
-    def _put(
+    def _insert(
         self, rows: Numbers, firing: Numbers, laser: Numbers, strength: Numbers, values: Sequence[Numbers]
     ) -> None:
         """Insert one return of each of these pulses: before a stored one that is weaker, which becomes the second."""

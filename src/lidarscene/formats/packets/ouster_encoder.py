@@ -76,7 +76,7 @@ class OusterEncoder:
             Packet(float(time), bytes(packet.buf)) for time, packet in zip(frame.time_s[last], packets, strict=True)
         ]
 
-    def rest(self) -> list[Packet]:
+    def flush(self) -> list[Packet]:
         """No packets: none waits for the next frame."""
         return []
 

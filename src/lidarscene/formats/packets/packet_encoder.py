@@ -31,7 +31,7 @@ class PacketEncoder(Protocol):
     def packets(self, frame: Firings) -> list[Packet]:
         """Packets of a frame, in order of time; firings that do not fill a packet wait for the next frame."""
 
-    def rest(self) -> list[Packet]:
+    def flush(self) -> list[Packet]:
         """Packets still buffered after the last frame."""
 
 

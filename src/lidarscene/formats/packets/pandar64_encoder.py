@@ -56,7 +56,7 @@ class Pandar64Encoder:
         self._waiting = [rows[full_rows:]]
         return self._encode(rows[:full_rows].reshape(-1, self._firings))
 
-    def rest(self) -> list[Packet]:
+    def flush(self) -> list[Packet]:
         """Last packet, filled up with firings without any return."""
         rows = np.concatenate([np.zeros(0, _ROW), *self._waiting])
         self._waiting = []

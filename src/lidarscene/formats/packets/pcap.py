@@ -53,7 +53,7 @@ def capture(path: str | os.PathLike[str], encoder: PacketEncoder) -> Iterator[Ca
             file.write(b"".join(record_of(packet, encoder.port) for packet in packets))
 
         yield lambda frame: write(encoder.packets(frame))
-        write(encoder.rest())
+        write(encoder.flush())
         file.flush()
         if encoder.description is not None:
             text, ending = encoder.description

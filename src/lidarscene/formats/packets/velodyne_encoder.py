@@ -102,7 +102,7 @@ class VelodyneEncoder:
         self._waiting = [rows[full_rows:]]
         return self._encode(rows[:full_rows].reshape(-1, size))
 
-    def rest(self) -> list[Packet]:
+    def flush(self) -> list[Packet]:
         """Last packet, filled up with firings without any return."""
         rows = np.concatenate([*self._waiting, self._no_rows()])
         size = self._model.firings[self._dual]

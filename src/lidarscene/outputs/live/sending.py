@@ -173,7 +173,7 @@ def send_frames(
         for one in itertools.chain(ready, frames):
             if not queue.put(maker.packets(replace(one, time_s=one.time_s + later_s))):
                 break
-        queue.put(_Rest(maker.rest()))
+        queue.put(_Rest(maker.flush()))
     except BaseException as error:
         clock.stop()
         if not isinstance(error, KeyboardInterrupt):

@@ -87,7 +87,7 @@ class Gauge:
             return cls(field="reflectivity", range_m=np.ones(1), per_count=np.full(1, 1.0 / WHITE))
         if sweep.intensity is None:
             return None
-        strength = sweep.intensity[sweep.kept & np.isfinite(sweep.intensity)]
+        strength = sweep.intensity[sweep.has_return & np.isfinite(sweep.intensity)]
         if not len(strength) or not np.median(strength) > 0.0:
             return None
         if "velodyne" in sweep.metadata.get("format", ""):
@@ -116,7 +116,9 @@ def _reflectivity_per_photon(sweep: Sweep) -> tuple[Numbers, Numbers] | None:
     """Reflectivity of a photon by range, from pixels well above the steps of the reflectivity and below white."""
     assert sweep.reflectivity is not None
     assert sweep.signal is not None
-    good = sweep.kept & (sweep.reflectivity >= _LEAST_COUNTS) & (sweep.reflectivity < WHITE) & (sweep.signal > 0.0)
+    good = (
+        sweep.has_return & (sweep.reflectivity >= _LEAST_COUNTS) & (sweep.reflectivity < WHITE) & (sweep.signal > 0.0)
+    )
     if good.sum() < _LEAST_PIXELS:
         return None
     log_range = np.log2(sweep.range_m[good])

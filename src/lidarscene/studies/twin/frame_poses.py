@@ -54,7 +54,9 @@ def _pose(sweep: Sweep) -> Pose:
 def _thin(sweep: Sweep) -> Any:
     """An Open3D cloud of the first returns, with normals."""
     o3d = open3d()
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(sweep.xyz_m[sweep.kept])).voxel_down_sample(VOXEL_M)
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(sweep.xyz_m[sweep.has_return])).voxel_down_sample(
+        VOXEL_M
+    )
     cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(20))
     return cloud
 

@@ -74,7 +74,7 @@ def test_each_pulse_is_laid_on_its_own_light() -> None:
         signal=100.0 + numbers,
         near_ir=np.full(shape, 300.0),
         reflectivity=np.full(shape, 20.0),
-        knows_lost=True,
+        includes_lost=True,
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(laid_module, "match_pulses", lambda *_: (numbers, np.zeros(shape)))
