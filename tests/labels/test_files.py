@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from helpers import street
 from helpers.formats import osi_messages, rotated, value_at
-from lidarscene.boxes import Box, box_of, boxes, upright
 from scipy.spatial.transform import Rotation
 
 from lidarscene.cloud.point_cloud import PointCloud
@@ -20,6 +19,7 @@ from lidarscene.errors import InputError
 from lidarscene.files import spool
 from lidarscene.formats.registry import DATASETS, LABELS
 from lidarscene.labels import gathered, kinds, kitti_dataset
+from lidarscene.labels.boxes import Box, box_of, boxes, upright
 from lidarscene.labels.files import (
     CAMERA,
     PICTURE_PX,
