@@ -13,7 +13,7 @@ from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.formats.packets.firings import FiringsBuilder
 from lidarscene.formats.packets.ouster_encoder import PROFILES
-from lidarscene.formats.packets.pcap import beside, capture
+from lidarscene.formats.packets.pcap import capture, description_path
 from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.recordings.opening import open_recording
 from lidarscene.sensor.catalogue import load_sensor
@@ -40,7 +40,7 @@ def read(library: Callable[[str], Any], path: Path) -> tuple[Any, Any]:
     sdk = library("ouster.sdk")
     with open_recording(path):  # whether ours takes it, too
         pass
-    source = sdk.open_source(str(path), meta=[str(beside(path, ".json"))], collate=False, sensor_idx=0)
+    source = sdk.open_source(str(path), meta=[str(description_path(path, ".json"))], collate=False, sensor_idx=0)
     frames = [one[0] for one in source]
     assert len(frames) == 1
     return frames[0], source.sensor_info[0]
