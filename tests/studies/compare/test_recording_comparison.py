@@ -45,7 +45,7 @@ def flat(height_m: float = HEIGHT_M, tilt: float = 0.02, seed: int = 1) -> Sweep
         range_m=range_m,
         recorded=np.ones_like(range_m, bool),
         direction=direction,
-        knows_lost=True,
+        includes_lost=True,
         ring=np.broadcast_to(np.arange(RINGS)[:, None], range_m.shape),
         signal=400.0 / range_m**2,
         second=Second(range_m=second),
@@ -54,14 +54,14 @@ def flat(height_m: float = HEIGHT_M, tilt: float = 0.02, seed: int = 1) -> Sweep
 
 def test_ground_height_and_its_farthest_return() -> None:
     sweep = flat()
-    found = measure_ground(sweep.xyz_m[sweep.kept])
+    found = measure_ground(sweep.xyz_m[sweep.has_return])
     assert found is not None
     height, farthest, share = found
     # The perpendicular; 7000 points of 1 cm fix it to less than a millimetre, what is near the wall's foot adds some.
     assert height == pytest.approx(HEIGHT_M / np.hypot(1.0, 0.02), abs=0.005)
     on = np.abs(sweep.xyz_m[..., 2] + HEIGHT_M - 0.02 * sweep.xyz_m[..., 0]) < 0.1
     assert farthest == pytest.approx(np.nanpercentile(sweep.range_m[on], 99.9), rel=0.01)
-    assert share == pytest.approx(on.sum() / sweep.kept.sum(), abs=0.01)
+    assert share == pytest.approx(on.sum() / sweep.has_return.sum(), abs=0.01)
     rng = np.random.default_rng(2)
     assert measure_ground(rng.normal(0.0, 5.0, (50, 3))) is None
 

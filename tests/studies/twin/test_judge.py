@@ -170,7 +170,7 @@ def test_disagreement_is_held_to_that_of_two_real_frames() -> None:
         found = judge._kept_quantities(pulses(simulated_range_m=without(one.simulated_range_m, lost)), between)
         (row,) = named(found, "kept or lost otherwise than real")
         assert (row.value, row.is_met) == (pytest.approx(share), met)
-    assert judge.disagreement(room_sweep(), room_sweep(knows_lost=False)) is None
+    assert judge.disagreement(room_sweep(), room_sweep(includes_lost=False)) is None
 
 
 def fixed(**changed: Any) -> MatchedPulses:

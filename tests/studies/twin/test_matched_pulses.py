@@ -81,7 +81,7 @@ def recorded(scene: Scene, sensor: Sensor) -> Sweep:
         origin_m=laid(np.stack([np.asarray(x, float) for x in start], axis=-1)),
         signal=laid(cloud.signal, pulse),
         reflectivity=laid(cloud.intensity, pulse),
-        knows_lost=True,
+        includes_lost=True,
     )
 
 
@@ -178,7 +178,7 @@ def test_a_list_of_points_is_compared_by_its_statistics(made: Made, open3d: Any,
     """Rationale: without rows and lost pulses nothing can be matched; what can be counted is."""
     recording, folder, _ = made
     sweep = recording[0]
-    there = sweep.kept
+    there = sweep.has_return
     listed = Sweep(
         range_m=sweep.range_m[there],
         direction=sweep.direction[there],
@@ -301,7 +301,7 @@ def test_changes_are_of_smooth_surfaces_and_gaps_have_no_sign(
     laid, _ = simulate_pulses(load_scene(folder / "scene.toml"), sensor, two)
     assert steps == [2, 2]
     assert len(laid.range_m) == sweep.range_m.size
-    assert np.mean(laid.has_return) == pytest.approx(np.mean(two.kept))
+    assert np.mean(laid.has_return) == pytest.approx(np.mean(two.has_return))
     assert not laid.has_return.all()
     np.testing.assert_allclose(laid.gap_m[laid.has_return], 1.0, rtol=1e-6)
 

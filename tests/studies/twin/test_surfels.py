@@ -196,7 +196,7 @@ def test_quads_of_uneven_rings_end_where_the_next_begin() -> None:
     direction = np.stack(np.broadcast_arrays(*parts), axis=-1)
     shape = direction.shape[:2]
     range_m = np.broadcast_to(10.0 / np.cos(elevation), shape)
-    sweep = Sweep(range_m=range_m, recorded=np.ones(shape, bool), direction=direction, knows_lost=True)
+    sweep = Sweep(range_m=range_m, recorded=np.ones(shape, bool), direction=direction, includes_lost=True)
     corners_m = surfels_of_grid(align_columns(sweep), None, None).corners_m
     up_deg = np.degrees(np.arctan2(corners_m[..., 2], np.linalg.norm(corners_m[..., :2], axis=-1)))
     ends = np.stack([up_deg.max(axis=1), up_deg.min(axis=1)], axis=1)

@@ -64,7 +64,7 @@ class Side:
 
 def side_of_sweep(name: str, sweep: Sweep) -> Side:
     """Side of one frame of a recording."""
-    is_first = sweep.kept
+    is_first = sweep.has_return
     if sweep.return_number is not None:
         is_first = is_first & (sweep.return_number <= 1)
     strengths = (sweep.signal, sweep.intensity, sweep.reflectivity)
@@ -77,7 +77,7 @@ def side_of_sweep(name: str, sweep: Sweep) -> Side:
         range_m=sweep.range_m[is_first],
         ring=None if sweep.ring is None else sweep.ring[is_first],
         strength=None if strength is None else strength[is_first],
-        return_share=float(sweep.kept.sum() / max(sweep.recorded.sum(), 1)) if sweep.knows_lost else None,
+        return_share=float(sweep.has_return.sum() / max(sweep.recorded.sum(), 1)) if sweep.includes_lost else None,
         gap_m=gap_m,
     )
 

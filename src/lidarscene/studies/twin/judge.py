@@ -260,9 +260,9 @@ def _kept_quantities(pulses: MatchedPulses, between: float | None = None) -> Ite
 def disagreement(first: Sweep, second: Sweep) -> float | None:
     """Share of the pulses that two frames keep or lose differently; None unless they are of one kind."""
     recorded = first.recorded & second.recorded if first.shape == second.shape else np.zeros(0, bool)
-    if not (recorded.any() and first.knows_lost and second.knows_lost):
+    if not (recorded.any() and first.includes_lost and second.includes_lost):
         return None
-    return _share((first.kept != second.kept)[recorded])
+    return _share((first.has_return != second.has_return)[recorded])
 
 
 def _share(mask: Numbers) -> float | None:
@@ -270,7 +270,7 @@ def _share(mask: Numbers) -> float | None:
 
 
 def _ground(sweep: Sweep, cloud: PointCloud) -> Iterator[TwinQuantity]:
-    real = measure_ground(sweep.xyz_m[sweep.kept])
+    real = measure_ground(sweep.xyz_m[sweep.has_return])
     local = cloud.in_sensor_frame()
     simulated = measure_ground(local.select(local.return_number <= 1).xyz_m.astype(np.float64))
     measured = real is not None and simulated is not None

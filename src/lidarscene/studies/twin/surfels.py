@@ -94,7 +94,7 @@ def surfels_of_grid(grid: Grid, gauge: Gauge | None, ground: Numbers | None) -> 
     ground  (3,) z = a + b x + c y of the plane of the ground [m]; None if there is none
     """
     sweep, planes = grid.sweep, fit_planes(grid)
-    returned, smooth = sweep.kept, planes.smooth()
+    returned, smooth = sweep.has_return, planes.smooth()
     apparent = _apparent(grid, gauge, planes)
     range_m = np.where(planes.has_plane, planes.range_m, sweep.range_m)
     two = _two_returns(grid)
@@ -128,10 +128,10 @@ def _apparent(grid: Grid, gauge: Gauge | None, planes: Planes) -> Numbers:
     sweep = grid.sweep
     if gauge is None:
         return np.full(sweep.shape, 0.2)
-    apparent = gauge.apparent(sweep, np.where(sweep.kept, sweep.range_m, 1.0))
-    lost_mask = ~sweep.kept & planes.has_plane
+    apparent = gauge.apparent(sweep, np.where(sweep.has_return, sweep.range_m, 1.0))
+    lost_mask = ~sweep.has_return & planes.has_plane
     if lost_mask.any():
-        measured = np.where(sweep.kept, apparent, np.nan)
+        measured = np.where(sweep.has_return, apparent, np.nan)
         middle = finite_median(np.stack([np.roll(measured, shift, axis=1)[lost_mask] for shift in range(-4, 5)]))
         if np.isnan(middle).any():
             middle = np.where(np.isnan(middle), median_around(grid, measured)[lost_mask], middle)
@@ -145,7 +145,7 @@ def _reflectivity_bound(grid: Grid, gauge: Gauge, range_m: Numbers) -> Numbers:
     Makers report the highest peak of a pulse, though none was kept.
     """
     signal = grid.sweep.signal
-    if not grid.sweep.knows_lost or gauge.field != "signal" or signal is None:
+    if not grid.sweep.includes_lost or gauge.field != "signal" or signal is None:
         return np.full(grid.sweep.shape, np.inf)
     bound = gauge.apparent(grid.sweep, np.nan_to_num(range_m, nan=1.0))
     return np.where(np.nan_to_num(signal) > 0.0, LOST_SHARE * bound, np.inf)
@@ -155,7 +155,7 @@ def _two_returns(grid: Grid) -> Numbers:
     second = grid.sweep.second
     if second is None:
         return np.zeros(grid.sweep.shape, bool)
-    return np.asarray(grid.sweep.kept & np.isfinite(second.range_m))
+    return np.asarray(grid.sweep.has_return & np.isfinite(second.range_m))
 
 
 def _surface_ends(grid: Grid, side: int) -> Numbers:
@@ -209,13 +209,15 @@ def _ground(grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gaug
     origin_m = np.zeros((*sweep.shape, 3)) if sweep.origin_m is None else sweep.origin_m
     with np.errstate(divide="ignore", invalid="ignore"):
         meets_m = (ground[0] - origin_m @ up) / (sweep.direction @ up)
-        on_ground = sweep.kept & (np.abs((sweep.range_m - meets_m) * (sweep.direction @ normal)) < 0.1)
+        on_ground = sweep.has_return & (np.abs((sweep.range_m - meets_m) * (sweep.direction @ normal)) < 0.1)
     if not on_ground.any():
         return _quads(grid, on_ground, meets_m, np.broadcast_to(normal, (*sweep.shape, 3)), apparent, GROUND)
     farthest_m = GROUND_BEYOND * float(np.percentile(sweep.range_m[on_ground], 99.0))
     with np.errstate(invalid="ignore"):
-        shows = ~planes.has_plane & ~withheld_mask(sweep) & _in_sight(sweep.kept, on_ground, sweep.range_m, meets_m)
-        behind = np.where(sweep.kept, sweep.range_m + BEHIND_M < meets_m, shows)
+        shows = (
+            ~planes.has_plane & ~withheld_mask(sweep) & _in_sight(sweep.has_return, on_ground, sweep.range_m, meets_m)
+        )
+        behind = np.where(sweep.has_return, sweep.range_m + BEHIND_M < meets_m, shows)
         chosen = (meets_m > 0.0) & (meets_m < farthest_m) & behind & sweep.recorded
     strength = np.full(sweep.shape, float(np.median(apparent[on_ground])))
     octave = np.floor(2.0 * np.log2(np.maximum(np.nan_to_num(meets_m), 1e-3))).astype(int)
@@ -224,7 +226,7 @@ def _ground(grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gaug
         if near.sum() >= 10:
             strength[octave == number] = np.median(apparent[near])
     if gauge is not None:
-        strength = np.where(sweep.kept, strength, np.fmin(strength, _reflectivity_bound(grid, gauge, meets_m)))
+        strength = np.where(sweep.has_return, strength, np.fmin(strength, _reflectivity_bound(grid, gauge, meets_m)))
     return _quads(grid, chosen, meets_m, np.broadcast_to(normal, (*sweep.shape, 3)), strength, GROUND)
 
 
@@ -288,8 +290,8 @@ def _quads(
 
 def surfels_of_points(sweep: Sweep, gauge: Gauge | None, ground: Numbers | None) -> Surfels:
     """Quads of the points, in the sensor's frame; ``ground`` as of `surfels.surfels_of`."""
-    points = sweep.xyz_m[sweep.kept]
-    range_m, direction = sweep.range_m[sweep.kept], sweep.direction[sweep.kept]
+    points = sweep.xyz_m[sweep.has_return]
+    range_m, direction = sweep.range_m[sweep.has_return], sweep.direction[sweep.has_return]
     o3d = open3d()
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
     cloud.estimate_covariances(o3d.geometry.KDTreeSearchParamKNN(NEIGHBOURS))
@@ -300,7 +302,7 @@ def surfels_of_points(sweep: Sweep, gauge: Gauge | None, ground: Numbers | None)
     flat = np.abs(facing) < LEAST_COS
     normal = np.where(flat[:, None], -direction, normal)
     smooth = (spread[:, 0] < SMOOTH_CURVATURE * spread.sum(axis=1)) & ~flat
-    apparent = np.full(len(points), 0.2) if gauge is None else gauge.apparent(sweep, sweep.range_m)[sweep.kept]
+    apparent = np.full(len(points), 0.2) if gauge is None else gauge.apparent(sweep, sweep.range_m)[sweep.has_return]
     reflectivity = apparent / scattering_law(-np.einsum("ni,ni->n", normal, direction))
     bright = reflectivity > largest_reflectivity()
     kind = np.where(bright, BRIGHT, np.where(smooth, SMOOTH, ROUGH))

@@ -116,7 +116,7 @@ def build_twin(
     for number in choice.frames:
         sweep = choice.visible_part(sweeps[number])
         gauge = Gauge.from_sweep(sweep)
-        plane = ground_plane(sweep.xyz_m[sweep.kept])
+        plane = ground_plane(sweep.xyz_m[sweep.has_return])
         surfels = (
             surfels_of_grid(align_columns(sweep), gauge, plane)
             if has_grid(sweep)
@@ -197,8 +197,8 @@ def illuminance_klux(sweep: Sweep, gauge: Gauge | None, sensor: Sensor) -> float
 
     dark, unit = counts(0.0, 0.2), 0.2 * 20.0
     per_unit = (counts(20.0, 0.2) - dark) / unit
-    apparent = gauge.apparent(sweep, np.where(sweep.kept, sweep.range_m, 1.0))
-    good = sweep.kept & np.isfinite(sweep.near_ir) & (apparent > 0.02) & (apparent < largest_reflectivity())
+    apparent = gauge.apparent(sweep, np.where(sweep.has_return, sweep.range_m, 1.0))
+    good = sweep.has_return & np.isfinite(sweep.near_ir) & (apparent > 0.02) & (apparent < largest_reflectivity())
     if not good.any() or not per_unit > 0.0:
         return None
     return max(0.0, float(np.median((sweep.near_ir[good] - dark) / apparent[good])) / per_unit)
