@@ -1,16 +1,14 @@
-"""Fit: what a recording says of its sensor, with uncertainties, and what it cannot say.
+"""Fit: numbers of a sensor from its recordings, with uncertainties, and the directions that they leave open.
 
-pulses      what is recorded of each pulse, and blocks of columns
-near_field  photons of a white target over the range: K, R0, sharpness
-threshold   kept and lost over SIGNAL and NEAR_IR: floor, slope, width
-scatter     of the range over SIGNAL: c and floor
-rows        gains of the rows
-estimates   solver, Fisher matrix, block bootstrap
-known_scene  a sensor before known surfaces: what is expected of each pulse
-likelihood  the numbers at which that is likeliest, by exact slopes, reflectivities profiled out
-products    which products of a sensor file's numbers are known, and which directions are not
-unit        the sensor file
-report      page, JSON, text
-study       all of it
-on_scene    a recording before a twin, or any scene that is known
+recorded_pulses       recorded pulses side by side, and blocks of columns
+near_field            photons of a white target over the range: K, R0, sharpness
+threshold             chance of a return over SIGNAL and NEAR_IR: floor, slope, width
+scatter               scatter of the range over SIGNAL: c and floor
+row_gains             gains of the rows
+estimates             solver, Fisher matrix, block bootstrap
+products              products of a sensor file's numbers that are known, and directions that are not
+sensor_text           sensor file of the fitted unit
+recording_fit         all of these for one recording
+recording_fit_report  page, JSON, text
+on_scene              fit with a twin, or any known scene
 """

@@ -16,25 +16,25 @@ import numpy as np
 from ...maths.arrays import Numbers
 
 DRAWS = 400
-"""Of the bootstrap: its sigma is good to 3.5 %."""
+"""Draws of the bootstrap: a sigma from n draws scatters by 1 / sqrt(2 n), here 3.5 %."""
 
 DOUBT = 1.3
-"""Bootstrap over Fisher from which on they differ.
+"""Ratio of the bootstrap's sigma to Fisher's above which the two differ.
 
-That of 40 blocks scatters by 11 %, by 20 % where few of them matter."""
+The sigma of a bootstrap over 40 blocks scatters by 11 %, by 20 % where few of the blocks matter."""
 
 MOST_EVALUATIONS = 50
-"""Of a law, by the solver, those for its slopes included."""
+"""Largest number of evaluations of a law by the solver, including those for its slopes."""
 
 UNKNOWN = 1.0
-"""A logarithm with a larger sigma is not known: a factor of e either way."""
+"""Sigma of a logarithm above which the number is not known: a factor of e either way."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
     """One number with its uncertainty.
 
-    key       how the report calls it
+    key       name in the report
     unit      "" for a pure number
     fisher    sigma from the Fisher matrix
     bootstrap sigma from the block bootstrap
@@ -48,15 +48,15 @@ class Estimate:
 
     @property
     def sigma(self) -> float:
-        """Fisher's, or the bootstrap's where that says that the law or its independence does not hold.
+        """Standard deviation: Fisher's, unless the bootstrap shows that the law or the blocks' independence fails.
 
-        The larger of the two would be too wide by some 5 %, since the bootstrap's scatters.
+        The larger of the two would be too wide by some 5 %, since the bootstrap's own sigma scatters.
         """
         return self.bootstrap if self.bootstrap > DOUBT * self.fisher else self.fisher
 
     @property
     def is_known(self) -> bool:
-        """Whether the recording says more than its order of magnitude; not by a single block."""
+        """True if sigma is below the value itself. A single block has no bootstrap, so nothing is known from it."""
         if not np.isfinite(self.bootstrap):
             return False
         return bool(np.isfinite(self.sigma) and self.sigma < UNKNOWN * abs(self.value))
@@ -64,14 +64,14 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solution:
-    """A solution: p parameters, b blocks.
+    """Solution of a fit with p parameters and b blocks of columns.
 
-    value   (p,)
+    value   (p,) parameters
     slope   (p, p) H, the negative slope of the sum of the scores; the Fisher matrix of a likelihood
-    scores  (b, p) of each block, at the solution
+    scores  (b, p) score of each block at the solution
     meat    (p, p) variance of the sum of the scores if the law is right; None: H
-    evaluations  of the law
-    held_covariance  (p, p) covariance that comes with what is held, not from the scores; None: none
+    evaluations  number of evaluations of the law
+    held_covariance  (p, p) covariance added by the uncertainty of parameters held fixed; None: none
     """
 
     value: Numbers
@@ -83,13 +83,13 @@ class Solution:
 
     @property
     def covariance(self) -> Numbers:
-        """(p, p) Fisher's; infinite where H has no inverse."""
+        """(p, p) covariance H^-1 meat H^-T, Fisher's for a likelihood; infinite where H has no inverse."""
         inverse = _inverse(self.slope)
         covariance = inverse if self.meat is None else inverse @ self.meat @ inverse.T
         return np.asarray(covariance if self.held_covariance is None else covariance + self.held_covariance)
 
     def resampled(self, seed: int = 0) -> Numbers:
-        """(DRAWS, p) solutions of resampled blocks."""
+        """Solutions of resampled blocks, (DRAWS, p): one Newton step each, theta + H^-1 sum_b (w_b - 1) s_b."""
         blocks = len(self.scores)
         random = np.random.default_rng(seed)
         counts = random.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=DRAWS)
@@ -97,7 +97,7 @@ class Solution:
 
     @property
     def bootstrap(self) -> Numbers:
-        """(p, p) covariance of the drawn solutions; few blocks scatter less than they should, by (b - 1) / b."""
+        """(p, p) covariance of the resampled solutions, times b / (b - 1): resampling b blocks scatters too little."""
         blocks = len(self.scores)
         if blocks < 2 or not np.isfinite(_inverse(self.slope)).all():
             return np.full_like(self.slope, np.inf)
@@ -105,7 +105,7 @@ class Solution:
         return np.asarray(covariance if self.held_covariance is None else covariance + self.held_covariance)
 
     def estimate(self, key: str, unit: str, formula: Callable[[Numbers], float]) -> Estimate:
-        """A number that follows from the parameters, its sigma by the formula's slopes."""
+        """Estimate a function of the parameters; its sigma follows from central differences of the formula."""
         centre = float(formula(self.value))
         steps = 1e-5 * np.maximum(np.abs(self.value), 1e-3)
         slopes = np.array(
@@ -123,7 +123,7 @@ class Solution:
 
     @property
     def correlation(self) -> Numbers:
-        """(p, p) of the parameters, by the Fisher matrix."""
+        """(p, p) correlation of the parameters, from `covariance`."""
         covariance = self.covariance
         sigma = np.sqrt(np.diag(covariance))
         return np.asarray(covariance / np.outer(sigma, sigma))
@@ -137,15 +137,17 @@ def _inverse(matrix: Numbers) -> Numbers:
 
 
 Law = Callable[[Numbers], Numbers]
-"""Parameters (p,) to residuals (n,), each over its sigma."""
+"""Function from parameters (p,) to residuals (n,), each over its sigma."""
 
 
 def least_squares(
     law: Law, start: Numbers, low: Numbers, high: Numbers, slopes: Callable[[Numbers], Numbers] | None = None
 ) -> tuple[Numbers, Numbers, int]:
-    """Levenberg and Marquardt's minimum of the sum of squares within bounds: parameters, (n, p) slopes, evaluations.
+    """Minimise the sum of squares within bounds by Levenberg and Marquardt's method.
 
-    slopes  of the residuals, (n, p); by forward differences if left out
+    Returns the parameters (p,), the slopes of the residuals (n, p) and the number of evaluations.
+
+    slopes  function that gives the slopes of the residuals, (n, p); None: forward differences
     """
     value, count, damping = np.clip(start, low, high), 1, 1e-3
     residual = law(value)

@@ -25,50 +25,50 @@ from .products import FAR, near_field_m
 from .recorded_pulses import RecordedPulses
 
 LEAST_REFLECTIVITY, MOST_REFLECTIVITY = 20.0, 100.0
-"""Whole numbers: below, their steps are too coarse; above, the scale is logarithmic."""
+"""Range of REFLECTIVITY that is used: below, its whole steps are too coarse; above, its scale is logarithmic."""
 
 LEAST_SIGNAL = 12.0
-"""Photons are whole numbers, too."""
+"""Least SIGNAL: photons are whole numbers, too."""
 
 STEP = 0.03
-"""Of ln R, from bin to bin."""
+"""Width of a bin in ln R."""
 
 LEAST = 30
-"""Pulses of a bin."""
+"""Least number of pulses in a bin."""
 
 LEAST_BINS = 6
 
 OUTLIER = 0.5
-"""Farther from the median of its bin (logarithm): another light than that of the return."""
+"""Distance of ln white_m2 from the median of its bin beyond which the light is not only the return's."""
 
 HUBER = 1.5
-"""Sigmas from which on a bin counts less: the nearest ranges follow laws of their own."""
+"""Sigmas beyond which a bin counts less (Huber's weight): the nearest ranges follow laws of their own."""
 
 SPOTS = (0.1, 2.0)
-"""Least and largest radius of the laser's spot (1/e^2) over that of the field of view: beyond them none can be told."""
+"""Bounds of the laser's spot radius (1/e^2) over that of the field of view; beyond them the curve hardly changes."""
 
 SAME_LAW = 0.01
-"""Most difference of a sensor's near field from the law of one lens for it to be that law."""
+"""Largest difference of a sensor's near field from the law of one lens for it to count as one lens."""
 
 LONGEST_STRETCH = 1.5
-"""Logarithm of how far a sensor's own curve is stretched, at most."""
+"""Largest logarithm of the factor that stretches a sensor's own curve over the range."""
 
 LEAST_SHARE = 1e-6
 
 Curve = Callable[[Numbers], Numbers]
-"""Share of the light on the detector over that at `FAR`, by range over R0."""
+"""Function from range over R0 to the share of the light on the detector, relative to that at `FAR`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NearField:
-    """The curve and its fit.
+    """Fitted near field.
 
-    range_m, white_m2   (n,) of the bins: K share
-    sigma               (n,) of ln white_m2
-    misfit              what the law misses, of ln white_m2 (standard deviation)
-    sensor_curve                 curve of the sensor's own optics; None: that of one lens
-    solved              ln K, ln R0; of one lens, ln of the spot's radius over the field's
-    check_range_m, check_white_m2  of the blocks that were not fitted
+    range_m, white_m2   (n,) mean range and K share(R) of each bin
+    sigma               (n,) standard deviation of ln white_m2
+    misfit              standard deviation of ln white_m2 that the law leaves unexplained
+    sensor_curve                 curve of the sensor's own optics; None: law of one lens
+    solved              solution: ln K, ln R0; for one lens also ln of the spot's radius over the field's
+    check_range_m, check_white_m2  the same for the held-out blocks
     """
 
     range_m: Numbers
@@ -81,17 +81,17 @@ class NearField:
     check_white_m2: Numbers
 
     def law(self, range_m: Numbers) -> Numbers:
-        """White_m2 at these ranges, of the fit."""
+        """Evaluate the fitted white_m2 at these ranges."""
         return np.asarray(np.exp(_law(self.sensor_curve, self.solved.value, np.log(range_m))))
 
     @property
     def error(self) -> float:
-        """Mean absolute error of the law against the blocks that were not fitted, over what these recorded."""
+        """Mean absolute error of the law on the held-out blocks, relative to the recorded values."""
         return float(np.mean(np.abs(self.law(self.check_range_m) / self.check_white_m2 - 1.0)))
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
-        """K, R0, and of one lens spot over field of view."""
+        """Estimates of K and R0, for one lens also of spot over field of view."""
         range_estimates = (
             self.solved.estimate("white_m2", "photons m2", lambda p: math.exp(p[0])),
             self.solved.estimate("near_field_m", "m", lambda p: math.exp(p[1])),
@@ -102,20 +102,20 @@ class NearField:
 
 
 def share(range_over_r0: Lanes, spot_over_field: Lanes) -> Lanes:
-    """Share of the light on the detector over that far away (T18)."""
+    """Share of the light on the detector relative to that far away (T18), lens focused at infinity."""
     far = -expm1(-2.0 / (spot_over_field * spot_over_field))
     near = receiver.gaussian_share_on_axis(spot_rad=spot_over_field, field_rad=1.0, blur_rad=1.0 / range_over_r0)
     return near / far
 
 
 def spot_over_field(sensor: Sensor) -> float | None:
-    """Radius of the spot over that of the field of view, if it has a width and the near field is that of one lens."""
+    """Radius of the spot over that of the field of view; None unless within `SPOTS` and behind one lens."""
     ratio = _spot(sensor)
     return ratio if SPOTS[0] < ratio < SPOTS[1] and sensor.optics.overlap and _one_lens(sensor) else None
 
 
 def own_curve(sensor: Sensor) -> Curve | None:
-    """The near field of a sensor whose optics are more than one lens, focused at infinity, on the laser's axis."""
+    """Near field of a sensor's own optics; None if they are one lens on the laser's axis, focused at infinity."""
     overlap, r0_m = sensor.optics.overlap, near_field_m(sensor)
     if overlap is None or _one_lens(sensor):
         return None
@@ -145,9 +145,9 @@ def _residuals(sensor_curve: Curve | None, root: Numbers, x: Numbers, y: Numbers
 
 
 def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> NearField | None:
-    """From the pulses of a recording; None if it lacks a field, or has too few ranges.
+    """Fit the near field to a recording; None if SIGNAL or REFLECTIVITY is missing, or too few ranges.
 
-    sensor  whose optics are the law, if they are more than one lens; None: one lens
+    sensor  sensor whose own curve is stretched, unless it has one lens; None: law of one lens
     """
     if pulses.signal is None or pulses.reflectivity is None:
         return None
@@ -180,7 +180,7 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
         misfit = math.sqrt(max(excess**2 - float(np.median(sigma)) ** 2, 1e-6**2))
         weight = np.minimum(1.0, HUBER * np.sqrt(sigma**2 + misfit**2) / np.maximum(np.abs(residual), 1e-12))
     root = np.sqrt(weight) / np.sqrt(sigma**2 + misfit**2)
-    # Each block's part of the mean of a bin, times the bin's slope: its score.
+    # Score of a block: its part of each bin's mean residual, times the slope of the law there.
     block_residuals = np.divide(sums - counts * _law(sensor_curve, value, x), counts.sum(axis=0))
     scores = (block_residuals * root) @ -slope
     solved = Solution(value=value, slope=slope.T @ slope, scores=scores, evaluations=evaluations)
@@ -197,7 +197,7 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
 
 
 def _bins(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers, Numbers, Numbers] | None:
-    """Mean ln R, mean ln white_m2 and its sigma by bin; sums of ln white_m2 and counts by block and bin."""
+    """Bin pulses by ln R: (bins,) mean ln R, mean ln white_m2, its sigma; (blocks, bins) sums of it, and counts."""
     assert pulses.signal is not None
     assert pulses.reflectivity is not None
     mask = pulses.has_return & (pulses.signal >= LEAST_SIGNAL)
@@ -219,7 +219,7 @@ def _bins(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers, Numbers, N
     number[enough] = np.arange(len(enough))
     in_bin = number[bin_index] >= 0
     x, y, block, bin_index = x[in_bin], y[in_bin], block[in_bin], number[bin_index[in_bin]]
-    # To the middle of its bin, along the bin's own slope: what a pulse adds is then its noise, not its place.
+    # Move each pulse to the middle of its bin along the bin's regression line, so that its place adds no scatter.
     n = np.bincount(bin_index)
     middle_x, middle_y = (np.bincount(bin_index, values) / n for values in (x, y))
     offset = x - middle_x[bin_index]

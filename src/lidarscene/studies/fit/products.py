@@ -1,8 +1,8 @@
-"""What a recording says of the numbers of a sensor file: products of them, and nothing of how these divide.
+"""Products of a sensor file's numbers that a recording determines, and directions that it leaves open.
 
-The photons of a white wall, for one, are a product of power, lens, efficiency and PDE. Which products are known is
-found, not listed: each measured quantity is computed from the sensor file, by the stages that `render` runs, and its
-logarithm is differentiated by that of each number. The null space of these slopes is what cannot be told.
+The photons of a white wall, for one, are a product of power, lens, efficiency and PDE. The products are computed, not
+listed: each measured quantity follows from the sensor file by the stages that `render` runs, and its logarithm is
+differentiated by that of each number. The null space of these slopes is not determined.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from ...sensor.model import Sensor
 from ..ranging.plane import Target, echoes_of_plane
 
 FAR = 30.0
-"""In ranges R0: the near field is over, within 0.1 %."""
+"""Range over R0 beyond which the near field changes the light by less than 0.1 %."""
 
 REFLECTIVITY = "reflectivity of all targets"
-"""Its scale is the maker's, and goes with the power."""
+"""Name of the reflectivities' common scale, which is the maker's and multiplies the power."""
 
 LEAST_EXPONENT = 0.02
-"""A smaller exponent is none."""
+"""Exponents below this count as 0."""
 
 
 def width_of_place(sigma_s: Lanes, bin_s: Lanes) -> Lanes:
@@ -63,19 +63,19 @@ def white_m2(sensor: Sensor) -> float:
 
 
 def near_field_m(sensor: Sensor) -> float:
-    """R0 = r_A f / r_PD."""
+    """Range R0 = r_A f / r_PD [m] at which the blur of a lens focused at infinity is as large as the detector."""
     optics = sensor.optics
     return float(optics.aperture_radius_m * optics.focal_length_m / sensor.detector.radius_m)
 
 
 def scatter_c_mm(sensor: Sensor) -> float:
-    """Scatter of the range times the root of the photons, without background: of pulse, jitter and bin."""
+    """Scatter of the range times the square root of the photons [mm], without background: pulse, jitter and bin."""
     sigma_s = math.hypot(float(sensor.laser.pulse_fwhm_s) / SIGMAS_PER_FWHM, math.sqrt(_rest_s2(sensor)))
     return 0.5e3 * SPEED_OF_LIGHT_M_S * sigma_s * _scatter(sensor, sigma_s)
 
 
 def pulse_fwhm_s(sensor: Sensor, scatter_mm: float) -> float | None:
-    """The pulse that scatters the range so, beside the sensor's jitter and bin; None if these alone scatter more."""
+    """Pulse width whose `scatter_c_mm` is ``scatter_mm``; None if the sensor's jitter and bin alone scatter more."""
     wanted_s = scatter_mm / (0.5e3 * SPEED_OF_LIGHT_M_S)
     sigma_s = wanted_s / float(scatter_over_sigma(matched_filter.TEMPLATE))
     for _ in range(20):  # the bin's part of the filter's width depends on the echo's, weakly
@@ -118,16 +118,16 @@ QUANTITIES: Mapping[str, Quantity] = {
     "threshold_floor": lambda sensor: float(sensor.histogram.threshold_floor),  # type: ignore[union-attr]
     "threshold_slope": lambda sensor: float(sensor.histogram.threshold_slope),  # type: ignore[union-attr]
 }
-"""By the key of the estimate, computed from a sensor."""
+"""Key of the estimate -> function that computes the quantity from a sensor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Products:
-    """What is known of the keys.
+    """Measured quantities as products of powers of a sensor file's numbers.
 
-    keys       of the sensor file, and `REFLECTIVITY`
-    quantities      the quantities that the recording gave
-    exponents  (known, keys) d ln quantity / d ln key
+    keys        keys of the sensor file, and `REFLECTIVITY`
+    quantities  keys of the measured quantities
+    exponents   (quantities, keys) d ln quantity / d ln key
     """
 
     keys: tuple[str, ...]
@@ -135,7 +135,7 @@ class Products:
     exponents: Numbers
 
     def product(self, quantity: str) -> str:
-        """A quantity as a product of powers of keys."""
+        """Write a quantity as a product of powers of keys."""
         row = self.exponents[self.quantities.index(quantity)]
         return " x ".join(
             key if abs(power - 1.0) < LEAST_EXPONENT else f"{key}^{power:.2g}"
@@ -145,9 +145,9 @@ class Products:
 
     @property
     def null(self) -> tuple[str, ...]:
-        """Directions that leave all known quantities as they are, one for each key that must be fixed.
+        """Directions that leave all measured quantities unchanged, one line for each key that must be fixed.
 
-        By Gauss's elimination: each free key, and what the pivots do when it grows by 1 %.
+        By Gaussian elimination: each free key, and how much the pivots change when it grows by 1 %.
         """
         matrix, pivots = row_echelon(self.exponents)
         directions = []
@@ -167,13 +167,13 @@ class Products:
 
     @property
     def fixed(self) -> tuple[str, ...]:
-        """Keys that stay at the values of the file that the fit started from."""
+        """Keys that keep the values of the file that the fit started from."""
         pivots = row_echelon(self.exponents)[1]
         return tuple(key for index, key in enumerate(self.keys) if index not in pivots and key != REFLECTIVITY)
 
 
 def find_products(sensor: Sensor, quantities: Sequence[str]) -> Products:
-    """Of these quantities, at this sensor."""
+    """Compute the exponents of these quantities at this sensor, by central differences of their logarithms."""
     names = tuple(name for name in quantities if name in QUANTITIES)
     present = [entry for entry in KEYS if getattr(sensor, entry[1]) is not None]
     exponents = np.zeros((len(names), len(present) + 1))
@@ -192,7 +192,7 @@ def find_products(sensor: Sensor, quantities: Sequence[str]) -> Products:
 
 
 def row_echelon(exponents: Numbers) -> tuple[Numbers, list[int]]:
-    """Reduced row echelon form and the columns of its pivots, the earlier keys first."""
+    """Reduced row echelon form of a matrix, and the columns of its pivots, the first columns first."""
     matrix, pivots = np.array(exponents), []
     row = 0
     for column in range(matrix.shape[1]):

@@ -1,4 +1,4 @@
-"""What a recording tells of its pulses, flat, and the blocks of columns that uncertainties and checks are made of."""
+"""Recorded pulses of all frames side by side, and the blocks of columns for bootstrap and checks."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from ...maths.arrays import Numbers
 from ...recordings.sweep import Sweep
 
 BLOCK = 20
-"""Columns of a block: two patches of `scatter`, and some 50 blocks in a turn."""
+"""Columns in a block: two patches of `scatter`, and some 50 blocks in a turn."""
 
 HELD_OUT = 4
-"""Each fourth block is not fitted but judges the fit."""
+"""Period of the held-out blocks: each fourth block is not fitted but judges the fit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RecordedPulses:
-    """Pulses of spinning sweeps: arrays of (rows, columns), the columns of all frames side by side.
+    """Pulses of spinning sweeps: (rows, columns) arrays, the columns of all frames side by side.
 
     range_m       NaN where nothing came back
-    recorded      whether the recording tells what became of the pulse
+    recorded      True if the recording says whether the pulse had a return
     signal, near_ir, reflectivity  as in `recordings.sweep.Sweep`; None if the recording lacks them
     azimuth_rad   of the beam, NaN where not known
-    frame         (columns,) number of the frame
-    block         (columns,) number of the block
+    frame         (columns,) index of the frame
+    block         (columns,) index of the block
     """
 
     range_m: Numbers
@@ -45,16 +45,16 @@ class RecordedPulses:
 
     @property
     def fitted(self) -> Numbers:
-        """(columns,) mask of those that are fitted; the others judge the fit."""
+        """(columns,) mask of the fitted columns; the others judge the fit."""
         return np.asarray(self.block % HELD_OUT != HELD_OUT - 1)
 
     @property
     def frames(self) -> int:
-        """How many."""
+        """Number of frames."""
         return int(self.frame.max()) + 1
 
     def select_columns(self, columns: Numbers) -> RecordedPulses:
-        """The pulses of these columns."""
+        """Select the pulses of a mask of columns."""
         return RecordedPulses(
             range_m=self.range_m[:, columns],
             recorded=self.recorded[:, columns],
@@ -67,15 +67,15 @@ class RecordedPulses:
         )
 
     def blocks(self, mask: Numbers) -> Numbers:
-        """(n,) of each pulse of the mask the number of its block, counted from 0 without gaps."""
+        """Block index of each pulse of a (rows, columns) mask, (n,), counted from 0 without gaps."""
         wide = np.broadcast_to(self.block, self.range_m.shape)[mask]
         return np.asarray(np.unique(wide, return_inverse=True)[1])
 
 
 def gather_pulses(sweeps: Iterable[Sweep]) -> RecordedPulses:
-    """Of the sweeps that have rows and columns; columns of which nothing was recorded are left out.
+    """Gather the pulses of sweeps of rows and columns; columns without any record are left out.
 
-    Raises ValueError without any, or if they are not of one sensor.
+    Raises ValueError if there are none, for lists of points, or if the numbers of rows differ.
     """
     parts: list[RecordedPulses] = []
     blocks = 0

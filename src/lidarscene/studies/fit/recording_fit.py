@@ -1,4 +1,4 @@
-"""Fit a recording: its laws, the sensor file of the unit, the report."""
+"""Fit of a recording: its laws, the sensor file of the unit, the report."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ def fit_recordings(
     metadata: Path | None = None,
     as_json: bool = False,
 ) -> tuple[str, bool]:
-    """Fit, and write sensor file, page and JSON; returns what is printed and whether all checks held.
+    """Fit, and write sensor file, page and JSON; returns the text to print and whether no check failed.
 
-    sensor    the catalogue's sensor of its kind, or a sensor file: what the recording does not tell comes from it
-    metadata  what the maker says of the unit; None: the json beside the recording, if there is one
+    sensor    catalogue sensor of its kind, or a sensor file: the source of all numbers that the recording leaves open
+    metadata  the maker's description of the unit; None: the json beside the recording, if there is one
     Raises InputError and OutputError.
     """
     check_outputs(output, report)
@@ -58,9 +58,9 @@ def fit_recordings(
 
 
 def fit_pulses(pulses: RecordedPulses, *, recording: str, sensor: str, optics: Sensor | None = None) -> RecordingFit:
-    """The laws of these pulses. Raises InputError if they tell of none.
+    """Fit all laws to these pulses. Raises InputError if none can be fitted.
 
-    optics  the sensor whose near field it is, if its file has more than one lens; None: one lens
+    optics  sensor whose own near field is stretched, unless it has one lens; None: law of one lens
     """
     fit = RecordingFit(
         recording=recording,

@@ -1,4 +1,4 @@
-"""The page of a fit: curves and what judges them, estimates, correlations, what cannot be told; the same as JSON."""
+"""Report of a fit: checks, estimates, figures, correlations and undetermined directions, as page, JSON and text."""
 
 from __future__ import annotations
 
@@ -25,20 +25,24 @@ from .threshold import Threshold
 PAGE, NUMBERS, MARKDOWN = "index.html", "fit.json", "fit.md"
 
 SIGNAL_ERROR = 0.15
-"""Largest mean error of the signal over the range: what is asked of a simulation of this sensor, too."""
+"""Largest mean relative error of the signal over the range, the limit of `twin.judge`, too."""
 
 KEPT_ERROR = 0.1
-"""Largest mean difference between the share of kept pulses and its law, over the chances from 0 to 1."""
+"""Largest mean difference between the recorded share of returns and the law, over the chances from 0 to 1.
+
+This project's choice: held-out columns of three recorded Ousters came to 0.04, 0.05 and 0.14 (docs/fit.md)."""
 
 SCATTER_RATIO = 1.25
-"""Largest ratio of scatters in an octave of the signal, either way."""
+"""Largest ratio of scatters in an octave of the signal, either way, as in `twin.judge`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LawCheck:
-    """A law against blocks that were not fitted.
+    """Comparison of a law with held-out blocks. The fields are keys of the JSON.
 
-    held  None: the recording does not tell
+    found   measured error or ratio, as text
+    wanted  limit, as text
+    held    True if within the limit; None: too little was recorded
     """
 
     name: str
@@ -52,9 +56,9 @@ class LawCheck:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RecordingFit:
-    """All that was fitted; None where the recording does not tell.
+    """Result of a fit without a scene; None for laws whose fields were not recorded.
 
-    spread  of the threshold, without what the sensor's filter adds to its width
+    spread  spread of the threshold, without what the sensor's filter adds to its width
     """
 
     recording: str
@@ -71,14 +75,14 @@ class RecordingFit:
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
-        """Of all laws."""
+        """Estimates of all laws."""
         laws = (self.near_field, self.threshold, self.scatter)
         estimates = [estimate for law in laws if law is not None for estimate in law.estimates]
         return tuple(estimates if self.spread is None else [*estimates, self.spread])
 
     @property
     def checks(self) -> tuple[LawCheck, ...]:
-        """Each law against what it was not fitted to."""
+        """Comparison of each law with the held-out blocks."""
         near, threshold, scatter = self.near_field, self.threshold, self.scatter
         ratios = None if scatter is None or not len(scatter.ratios) else scatter.ratios
         return (
@@ -104,12 +108,12 @@ class RecordingFit:
 
     @property
     def passed(self) -> bool:
-        """Whether no check failed."""
+        """True if no check failed."""
         return all(check.held is not False for check in self.checks)
 
 
 def as_dict(fit: RecordingFit) -> dict[str, Any]:
-    """For JSON."""
+    """Result as a dictionary for JSON."""
     report: dict[str, Any] = {
         "recording": fit.recording,
         "sensor": fit.sensor,
@@ -142,7 +146,7 @@ def as_dict(fit: RecordingFit) -> dict[str, Any]:
 
 
 def as_text(fit: RecordingFit) -> str:
-    """For people."""
+    """Result as text for the terminal."""
     lines_ = [f"{fit.recording}: {fit.pulses:,} pulses, {fit.frames} frame{'s' if fit.frames > 1 else ''}"]
     lines_ += [f"  {estimate.key:<18} {_number(estimate)}" for estimate in fit.estimates]
     if fit.rows is not None:
@@ -157,11 +161,11 @@ def as_text(fit: RecordingFit) -> str:
 
 Table = tuple[Sequence[str], Sequence[Sequence[Any]]]
 Figure = tuple[str, str, Chart, Table]
-"""Name of its files, caption, chart, and its data."""
+"""Name of a figure's files, caption, chart, and its data as a table (head, rows)."""
 
 
 def add_checks(page: Page, checks: Sequence[LawCheck]) -> None:
-    """The laws, and whether blocks that were not fitted hold them."""
+    """Add the table of checks to a page."""
     page.heading("Pass or fail")
     verdict = {None: "-", True: "pass", False: "FAIL"}
     rows = [(check.name, check.found, check.wanted, verdict[check.held]) for check in checks]
@@ -169,7 +173,7 @@ def add_checks(page: Page, checks: Sequence[LawCheck]) -> None:
 
 
 def add_notes(page: Page, notes: Sequence[str]) -> None:
-    """A sentence each."""
+    """Add each note as a sentence of its own."""
     for note in notes:
         page.paragraph(note[:1].upper() + note[1:] + ".")
 
@@ -199,12 +203,12 @@ def check_outputs(output: Path, report: Path) -> None:
 
 
 def printed_text(numbers: Mapping[str, Any], text: str, output: Path, report: Path, *, as_json: bool) -> str:
-    """What is printed of a fit."""
+    """Text to print: JSON, or the summary and where the files are."""
     return json_text(numbers) if as_json else f"{text}\nwrote {output} and {report / PAGE}"
 
 
 def write_report(fit: RecordingFit, folder: Path) -> None:
-    """Page, Markdown, figures and their data, and JSON. Raises OutputError."""
+    """Write page, Markdown, figures with their data, and JSON. Raises OutputError."""
     page = Page(f"{fit.recording}: what it says of {fit.sensor}", folder=folder)
     page.paragraph(
         f"{fit.pulses:,} pulses of {counted(fit.frames, 'frame')}. Three of four blocks of columns were fitted, the "

@@ -1,9 +1,9 @@
-"""Gains of the rows: how much more background a row counts than its neighbours do.
+"""Gains of the rows: how much more background a row counts than its neighbours.
 
-Neighbouring rows see nearly the same light. The median over the columns of ln(NEAR_IR of a row over the next one's) is
-the step from row to row; summed up, and less what is smooth over the rows, which is the scene's, these are the gains.
-The steps of SIGNAL between neighbours at one range tell whether it follows: a receiver that detects more counts more of
-both, one that only sees a wider field counts more background.
+Neighbouring rows see nearly the same light. The median over the columns of ln(NEAR_IR of a row / NEAR_IR of the row
+above) is the step from row to row. The gains are the sum of the steps, minus its smooth course over the rows, which is
+the scene's. The steps of SIGNAL between neighbours at one range show the cause: a more sensitive receiver counts more
+of both, a wider field of view only more background.
 """
 
 from __future__ import annotations
@@ -16,22 +16,23 @@ from ...maths.arrays import Numbers
 from .recorded_pulses import RecordedPulses
 
 LEAST_COLUMNS = 64
+"""Least number of columns for a median."""
 
 LEAST_SIGNAL = 40.0
-"""Photons from which on all pulses are kept, so that the median is none of a selection."""
+"""Photons above which all pulses have a return, so that losses do not bias the median."""
 
 SAME_RANGE = 0.02
-"""Most difference of the ranges of two pixels whose signals are compared."""
+"""Largest relative difference of the ranges of two pixels whose signals are compared."""
 
 SMOOTHING_ROWS = 8
-"""Rows to either side that the scene's own course is taken from."""
+"""Rows to either side in the parabola that follows the scene's own course."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RowGains:
     """Gain and its sigma, (rows,), from the top row down; their geometric mean is 1.
 
-    follows  exponent of the gain with which SIGNAL goes from row to row, and its sigma; None if that is not told
+    follows  exponent x of SIGNAL ~ gain^x from row to row, and its sigma; None if too few signals are strong
     """
 
     gain: Numbers
@@ -40,7 +41,7 @@ class RowGains:
 
     @property
     def key(self) -> str | None:
-        """Of `[scanner]`, that these gains are; None if the recording does not tell which."""
+        """Key of `[scanner]` for these gains: responsivity (x near 1), background_gain (near 0); None if open."""
         if self.follows is None:
             return None
         exponent, sigma = self.follows
@@ -55,7 +56,7 @@ class RowGains:
 
 
 def fit_rows(pulses: RecordedPulses) -> RowGains | None:
-    """From the pulses of a recording; None without NEAR_IR, with few rows or few columns."""
+    """Fit the gains of the rows to a recording; None without NEAR_IR, with few rows or few columns."""
     if pulses.near_ir is None or min(pulses.near_ir.shape[0] - 2 * 2, pulses.near_ir.shape[1] - LEAST_COLUMNS) < 0:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -71,7 +72,7 @@ def fit_rows(pulses: RecordedPulses) -> RowGains | None:
 
 
 def _signal_exponent(pulses: RecordedPulses, gains: Numbers) -> tuple[float, float] | None:
-    """Slope of the gains of SIGNAL over those of NEAR_IR, and its sigma."""
+    """Slope of the logarithmic gains of SIGNAL over those of NEAR_IR, and its sigma."""
     if pulses.signal is None:
         return None
     strong = pulses.has_return & (pulses.signal >= LEAST_SIGNAL)
@@ -98,7 +99,7 @@ def _gains_of_steps(steps: Numbers) -> Numbers:
     course = np.concatenate([[0.0], np.cumsum(np.nanmedian(np.where(good, steps, np.nan), axis=1))])
     row = np.arange(len(course), dtype=float)
     smooth = np.zeros_like(course)
-    for k in range(len(course)):  # a parabola through the rows around
+    for k in range(len(course)):  # least-squares parabola through the rows around
         near = np.abs(row - k) <= SMOOTHING_ROWS
         smooth[k] = np.polyval(np.polyfit(row[near] - k, course[near], 2), 0.0)
     gains = course - smooth
@@ -106,7 +107,7 @@ def _gains_of_steps(steps: Numbers) -> Numbers:
 
 
 def _destagger(pulses: RecordedPulses, values: Numbers) -> Numbers:
-    """Values with each row's columns turned so that those of one index look in one direction, if that is known."""
+    """Shift each row's columns so that one index is one azimuth; unchanged for several frames or unknown azimuths."""
     columns = values.shape[1]
     if pulses.frames > 1 or columns < 4 or not np.isfinite(pulses.azimuth_rad).all():
         return values

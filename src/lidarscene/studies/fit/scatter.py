@@ -1,10 +1,10 @@
 """Scatter of the range over the photons of the return: sigma^2 = c^2 / SIGNAL + floor^2.
 
-From five pulses along a ring, every second column, less the parabola through them, of which two degrees of freedom are
-left. Neighbouring columns of an Ouster share shots, and below 100 photons it seems to filter over more of them
-(docs/sensors.md), so neither is used. Surfaces must be smooth: a patch counts if those of the rows above and below are
-among the smoothest, whose noise is its own. What is still far above the law is left out, and what that takes off is
-given back.
+A patch is five pulses along a ring, every second column; the residuals about a parabola through them have two degrees
+of freedom. Neighbouring columns of an Ouster share shots, and below 100 photons it seems to filter over more of them
+(docs/sensors.md), so neither is used. Surfaces must be smooth: a patch counts if the patches in the rows above and
+below are among the smoothest, since their noise is independent of its own. Patches far above the law are left out, and
+the truncated chi^2 distribution corrects for that.
 """
 
 from __future__ import annotations
@@ -19,36 +19,40 @@ from .estimates import Estimate, Solution
 from .recorded_pulses import RecordedPulses
 
 PATCH, APART = 5, 2
-"""Pulses of a patch, and columns from one to the next."""
+"""Pulses in a patch, and columns from one to the next."""
 
 LEAST_SIGNAL = 100.0
+"""Least harmonic mean of SIGNAL over a patch [photons]."""
 
 SMOOTHEST = 0.5
-"""Share of the patches."""
+"""Share of the patches, by the scatter of their neighbours, that count as smooth."""
 
 ALIKE = 2.0
-"""Most ratio of the signals of a patch."""
+"""Largest ratio of the signals within a patch."""
 
 FURTHEST = 6.0
-"""Sum of squares over sigma^2 above which a patch is left out: of clean ones exp(-3) = 5 %."""
+"""Sum of squares over sigma^2 above which a patch is left out: exp(-3) = 5 % of clean ones."""
 
 LEAST = 60
-"""Patches."""
+"""Least number of patches."""
 
 LEAST_OF_OCTAVE = 20
+"""Least number of patches in an octave of SIGNAL."""
 
 _SHARE_BELOW = 1.0 - math.exp(-0.5 * FURTHEST)
 _MEAN_BELOW = (2.0 - (2.0 + FURTHEST) * math.exp(-0.5 * FURTHEST)) / _SHARE_BELOW
-"""Of chi^2 with two degrees of freedom below `FURTHEST`."""
+"""Mean of chi^2 with two degrees of freedom, given that it is below `FURTHEST`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scatter:
-    """The fit.
+    """Fitted scatter of the range.
 
-    solved    c^2 [m2 photons] and floor^2 [m2]
-    signal, sigma_m, check_sigma_m, patches, check_patches   by octave of SIGNAL: of the blocks that were fitted, of
-              the others (NaN with too few), and the number of patches of each
+    solved         solution: c^2 [m2 photons] and floor^2 [m2]
+    signal         (k,) middle of each octave of SIGNAL
+    sigma_m        (k,) scatter in the fitted blocks
+    check_sigma_m  (k,) scatter in the held-out blocks; NaN with too few patches
+    patches, check_patches  (k,) number of patches in the fitted, and in the held-out blocks
     """
 
     solved: Solution
@@ -59,27 +63,27 @@ class Scatter:
     check_patches: Numbers
 
     def law(self, signal: Numbers) -> Numbers:
-        """Sigma at these signals [m]."""
+        """Evaluate the fitted sigma at these signals [m]."""
         c2, floor2 = self.solved.value
         return np.asarray(np.sqrt(c2 / signal + floor2))
 
     @property
     def ratios(self) -> Numbers:
-        """Of the blocks that were not fitted over the law, by octave."""
+        """Ratio of the held-out blocks' scatter to the law, by octave."""
         ratio = self.check_sigma_m / self.law(self.signal)
         return np.asarray(ratio[np.isfinite(ratio)])
 
     def beyond(self, most: float) -> bool:
-        """Whether one of the ratios is above ``most``, or below its inverse, by more than two of its sigmas.
+        """True if a ratio is above ``most``, or below its inverse, by more than two of its sigmas.
 
-        n sums of two squares give a standard deviation to 1 / (2 sqrt(n)) of itself.
+        The relative sigma of a standard deviation from n sums of two squares is 1 / (2 sqrt(n)).
         """
         sigma = 0.5 / np.sqrt(self.check_patches[np.isfinite(self.check_sigma_m)])
         return bool(np.any(np.abs(np.log(self.ratios)) > math.log(most) + 2.0 * sigma))
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
-        """C and floor."""
+        """Estimates of c and floor [mm]."""
         return (
             self.solved.estimate("scatter_c", "mm", lambda p: 1e3 * math.sqrt(max(p[0], 0.0))),
             self.solved.estimate("scatter_floor", "mm", lambda p: 1e3 * math.sqrt(max(p[1], 0.0))),
@@ -87,7 +91,7 @@ class Scatter:
 
 
 def fit_scatter(pulses: RecordedPulses) -> Scatter | None:
-    """From the pulses of a recording; None without signals, or with too few patches."""
+    """Fit the scatter of the range to a recording; None without SIGNAL, or with too few patches."""
     if pulses.signal is None:
         return None
     squares, inverse, block = _patches(pulses.select_columns(pulses.fitted))
@@ -103,7 +107,7 @@ def fit_scatter(pulses: RecordedPulses) -> Scatter | None:
             return None
         weighted = law[near] / variance[near, None] ** 2
         solution = np.linalg.lstsq(weighted.T @ law[near], weighted.T @ (squares[near] / _MEAN_BELOW), rcond=None)[0]
-        if solution[0] <= 0.0 or solution[1] < 0.0:  # a floor below nothing, or no photons' part: one of them alone
+        if solution[0] <= 0.0 or solution[1] < 0.0:  # a negative floor or photon part: fit the other one alone
             only = 1 if solution[0] <= 0.0 else 0
             alone = float(weighted[:, only] @ (squares[near] / _MEAN_BELOW) / (weighted[:, only] @ law[near, only]))
             solution = np.array([alone, 0.0]) if only == 0 else np.array([0.0, alone])
@@ -115,7 +119,7 @@ def fit_scatter(pulses: RecordedPulses) -> Scatter | None:
     near = squares < FURTHEST * variance
     patch_scores = np.where(near, squares / _MEAN_BELOW - variance, 0.0)[:, None] * law / variance[:, None] ** 2
     scores = np.column_stack([np.bincount(block, column) for column in patch_scores.T])
-    # The slope of the sum of the scores: those left out move with the law, which takes off some of it.
+    # Slope of the sum of the scores: the cut at FURTHEST moves with the law, which takes off the share ``edge``.
     edge = 0.5 * math.exp(-0.5 * FURTHEST) * FURTHEST * (FURTHEST / _MEAN_BELOW - 1.0) / _SHARE_BELOW
     relative = law[near] / variance[near, None]
     fisher = relative.T @ relative
@@ -139,7 +143,7 @@ def fit_scatter(pulses: RecordedPulses) -> Scatter | None:
 
 
 def _patches(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers]:
-    """Sums of squares [m2], mean of 1 / SIGNAL and block, of each patch on a smooth surface."""
+    """Sum of squared residuals [m2], mean of 1 / SIGNAL and block index of each patch on a smooth surface."""
     assert pulses.signal is not None
     reach = PATCH * APART
     starts = np.arange(0, pulses.range_m.shape[1] - reach + 1, reach)[:, None]
@@ -150,7 +154,7 @@ def _patches(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers]:
     with np.errstate(invalid="ignore"):
         good = np.isfinite(range_m).all(axis=2) & (signal.min(axis=2) > 0.0) & together
         good &= signal.max(axis=2) < ALIKE * signal.min(axis=2)
-    basis = np.linalg.qr(np.vander(np.arange(PATCH), 3))[0]  # all parabolas over the patch
+    basis = np.linalg.qr(np.vander(np.arange(PATCH), 3))[0]  # orthonormal basis of the parabolas over a patch
     filled = np.where(good[..., None], range_m, 0.0)
     squares = np.sum((filled - (filled @ basis) @ basis.T) ** 2, axis=2)
     inverse = np.mean(1.0 / np.where(good[..., None], signal, 1.0), axis=2)
@@ -166,12 +170,12 @@ def _patches(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers]:
 
 
 def _start(squares: Numbers, inverse: Numbers) -> Numbers:
-    """The median, 2 ln 2 sigma^2 on clean surfaces."""
+    """Starting values from the median sum of squares, which is 2 ln 2 sigma^2 on clean surfaces."""
     return np.array([max(float(np.median(squares / inverse)) / (2.0 * math.log(2.0)), 1e-9), 1e-12])
 
 
 def _octaves(squares: Numbers, inverse: Numbers, value: Numbers) -> tuple[Numbers, Numbers, Numbers]:
-    """Signal, sigma and number by octave, of the patches not far above the law."""
+    """Signal, sigma and number of patches by octave, without patches far above the law."""
     variance = value[0] * inverse + value[1]
     near = squares < FURTHEST * variance
     octave = np.floor(np.log2(1.0 / inverse)).astype(int)

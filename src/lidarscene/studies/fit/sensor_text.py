@@ -1,7 +1,7 @@
-"""The sensor file of the unit: that of its model, with what the recording said in place and in `[sources]`.
+"""Sensor file of a fitted unit: the file of its model with estimates in place, and their sources in `[sources]`.
 
-What is not known keeps the value that it had. The lens is moved along its own null direction: aperture times field of
-view, which the background goes with, stays.
+Numbers without an estimate keep their values. The lens changes along its own null direction: the product of aperture
+and field of view, which sets the background, stays the same.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .products import near_field_m, pulse_fwhm_s, white_m2
 from .row_gains import RowGains
 
 MOST_RELATIVE_SIGMA = 0.3
-"""Most sigma of an estimate over its value: what is known less well stays as it was."""
+"""Largest sigma of an estimate over its value; less certain estimates are not written."""
 
 FILE_KEYS = {
     "white_m2": "laser.peak_power_w",
@@ -34,10 +34,10 @@ FILE_KEYS = {
     "threshold_slope": "histogram.threshold_slope",
     "threshold_spread": "histogram.threshold_spread",
 }
-"""What of the file follows from which estimate."""
+"""Estimate -> key of the file that it sets."""
 
 WHOLE = ("detector.spads",)
-"""Keys whose numbers are whole."""
+"""Keys whose values are integers."""
 
 STRETCHED = {
     "optics.aperture_radius_mm": 0.5,
@@ -50,8 +50,9 @@ STRETCHED = {
     "laser.divergence_mrad": -0.5,
     "laser.divergence_elevation_mrad": -0.5,
 }
-"""Exponents of the factor by which the near field is stretched over the range. All lengths across grow by its root, all
-angles shrink by it. Aperture times field of view stays, so the background does; the power makes up for the aperture."""
+"""Key -> exponent of the factor that stretches the near field over the range. Transverse lengths grow by its square
+root, angles shrink by it. Aperture times field of view stays, and so does the background; the power makes up for the
+aperture."""
 
 SCALED_KEYS = (
     "laser.peak_power_w",
@@ -64,11 +65,14 @@ SCALED_KEYS = (
     "histogram.threshold_slope",
     "histogram.threshold_spread",
 )
-"""Keys that are multiplied by what was found."""
+"""Keys of the file that are multiplied by their estimate."""
 
 
 def base_text(sensor: str, metadata: Path | None) -> str:
-    """The file to start from: of the catalogue, or a path; with the beams of this unit if its metadata are known."""
+    """Text of the sensor file to start from, of the catalogue or a path; with metadata it has the beams of this unit.
+
+    Raises InputError if the file cannot be read.
+    """
     path = Path(sensor) if sensor.endswith(".toml") else catalog.path_of("sensors", sensor)
     if metadata is None or sensor.endswith(".toml"):
         try:
@@ -83,7 +87,7 @@ def base_text(sensor: str, metadata: Path | None) -> str:
 
 
 def parse_sensor(text: str, where: str) -> Sensor:
-    """The sensor that a file's text describes. Raises InputError."""
+    """Parse the text of a sensor file. Raises InputError."""
     try:
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -94,11 +98,11 @@ def parse_sensor(text: str, where: str) -> Sensor:
 def fitted_text(
     text: str, estimates: Mapping[str, Estimate], recording: str, where: str, *, rows: RowGains | None = None
 ) -> tuple[str, tuple[str, ...]]:
-    """The file with the estimates in place, and what was left as it was, and why.
+    """Put the estimates into a sensor file; returns the text, and notes on numbers that stay, with the reason.
 
     rows  gains of the rows
 
-    Near field first, since the power follows from what is left.
+    The near field comes first and the power last, since the power depends on all other numbers.
     """
     sensor = parse_sensor(text, where)
     if sensor.histogram is None:
@@ -124,7 +128,7 @@ def fitted_text(
         )
 
     if "near_field_m" in accepted and "spot_over_field" not in estimates:
-        # The law was the file's own curve.
+        # The fitted law was the file's own curve, stretched.
         factor = accepted["near_field_m"].value / near_field_m(sensor)
         source = source_of(
             "near_field_m", f"; the near field of the file's own optics, at {factor:.4g} times the range"
@@ -139,7 +143,7 @@ def fitted_text(
             ("focal_length_mm", 1e3 * float(sensor.optics.focal_length_m)),
         ):
             text = put_value(text, "optics", key, moved * value, source)
-        # The law is that of one lens, focused at infinity, on the laser's axis.
+        # The fitted law was that of one lens, focused at infinity, on the laser's axis.
         if re.search(r"(?m)^(transmitter_offset_mm|focus_at_m)", text):
             notes += ("optics.overlap: the file's two lenses or focus are replaced by one lens, whose law was fitted",)
         lens_keys = ("transmitter_offset_mm", "parallax_free_at_m", "focus_at_m", "scattered_share")
@@ -152,7 +156,7 @@ def fitted_text(
         text = put_source(text, "optics.overlap", source)
         spot = estimates.get("spot_over_field")
         if spot is not None and ("spot_over_field" in accepted or re.search(r"(?m)^divergence_mrad", text)):
-            # Twice the half angle, of the new lens.
+            # Full divergence [mrad]: twice the half angle behind the new lens.
             field = float(sensor.detector.radius_m / sensor.optics.focal_length_m) / moved
             source = source_of(
                 "spot_over_field", "; the spot's radius over the field's, from how sharp the near field ends"
@@ -187,7 +191,7 @@ def fitted_text(
 
 
 def _with_rows(text: str, rows: RowGains, recording: str) -> tuple[str, tuple[str, ...]]:
-    """The file with the gains of the rows, and what there is to say if they are not written."""
+    """Put the gains of the rows into the file; returns the text, and a note if they are not written."""
     beams = tomllib.loads(text).get("scanner", {}).get("elevation_deg", ())
     if len(beams) != len(rows.gain):
         return text, (f"row gains are not written: of {len(rows.gain)} rows, and the file has {len(beams)} beams",)
@@ -215,7 +219,10 @@ def _estimate_text(estimate: Estimate | None) -> str:
 def scaled_text(
     text: str, estimates: Mapping[str, Estimate], recording: str, where: str
 ) -> tuple[str, tuple[str, ...]]:
-    """The file with what is known to better than `WRITTEN`, and what was left as it was."""
+    """Scale the numbers of a sensor file by their estimates; returns the text, and notes on numbers that stay.
+
+    estimates  factors of the file's values; those with a relative sigma above `MOST_RELATIVE_SIGMA` are not written
+    """
     accepted = {
         key: estimate
         for key, estimate in estimates.items()
@@ -249,7 +256,7 @@ def scaled_text(
         full_text = put_key(full_text, key, value, source[key])
     try:
         parse_sensor(full_text, where)
-    except InputError:  # one of them does not go with the others: those that do are put in
+    except InputError:  # one value does not go with the others: put in those that do, one by one
         for key, value in values.items():
             changed = put_key(text, key, value, source[key])
             try:
@@ -267,7 +274,7 @@ def _scaled_source(key: str, estimate: Estimate, recording: str) -> str:
 
 
 def scaled_values(text: str, factors: Mapping[str, float]) -> dict[str, float | list[float]]:
-    """By key of the file, its value times its factor; keys that the file does not have are left out."""
+    """Key -> value of the file times its factor; keys that the file does not have are left out."""
     tables = tomllib.loads(text)
     values: dict[str, float | list[float]] = {}
     for key, factor in factors.items():
@@ -282,13 +289,16 @@ def scaled_values(text: str, factors: Mapping[str, float]) -> dict[str, float | 
 
 
 def put_key(text: str, key: str, value: float | Sequence[float], source: str) -> str:
-    """`put` with table and key as one."""
+    """Put a value by its dotted key, as in `put_value`."""
     table, _, name = key.rpartition(".")
     return put_value(text, table, name, value, source)
 
 
 def put_value(text: str, table: str, key: str, value: float | Sequence[float], source: str) -> str:
-    """The text with this value, or a list in one line, in the table, and with its source."""
+    """Put a value, or a list on one line, into a table of the text, with its source.
+
+    Raises InputError if the text has no such table.
+    """
     head = re.search(rf"(?m)^\[{re.escape(table)}\][^\n]*\n", text)
     if head is None:
         raise InputError(f"[{table}]: must be a table of the sensor file, got none")
@@ -302,7 +312,7 @@ def put_value(text: str, table: str, key: str, value: float | Sequence[float], s
 
 
 def remove_keys(text: str, table: str, keys: Sequence[str]) -> str:
-    """The text without these keys of a table, and without their sources."""
+    """Remove keys of a table, and their sources, from the text."""
     head = re.search(rf"(?m)^\[{re.escape(table)}\][^\n]*\n", text)
     if head is not None:
         end = re.compile(r"(?m)^\[").search(text, head.end())
@@ -316,7 +326,7 @@ def remove_keys(text: str, table: str, keys: Sequence[str]) -> str:
 
 
 def put_source(text: str, key: str, source: str) -> str:
-    """The text with this line in `[sources]`."""
+    """Put a source into `[sources]`."""
     plain = re.sub(r'[^ -~]|["\\]', " ", source)
     line = f'"{key}" = "{plain}"\n'
     text, count = re.subn(rf'(?m)^"?{re.escape(key)}"?\s*=\s*"[^\n]*\n?', lambda _: line, text, count=1)

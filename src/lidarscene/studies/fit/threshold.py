@@ -1,11 +1,11 @@
-"""The threshold: which pulses are kept, over SIGNAL and NEAR_IR, of kept and lost pulses alike.
+"""Detection threshold over SIGNAL and NEAR_IR, fitted to pulses with and without a return.
 
-The chance of a return is a logistic function of SIGNAL - floor - slope sqrt(NEAR_IR), over the width. Its parameters
-are the maximum of the likelihood, by Newton's method; it has but one. Pulses count that have a surface to both sides in
-their row: real sensors ask the neighbours, and what stands alone is noise, or treated as such.
+The chance of a return is the logistic function of (SIGNAL - floor - slope sqrt(NEAR_IR)) / width. Its parameters
+maximise the likelihood, which has one maximum, by Newton's method. Only pulses with a surface on both sides in their
+row count: real sensors compare neighbours, and an isolated return is noise or treated as such.
 
-SIGNAL is not what is compared with the threshold: it counts photons in a box, and the filter weighs them. So a part of
-the width is the filter's noise at a given SIGNAL, and the rest is the threshold's own spread.
+The sensor does not compare SIGNAL, which counts photons in a box, but the output of its filter, which weighs them. So
+part of the width is the filter's noise at a given SIGNAL, and the rest is the threshold's own spread.
 """
 
 from __future__ import annotations
@@ -23,22 +23,23 @@ from .estimates import Estimate, Solution
 from .recorded_pulses import RecordedPulses
 
 REACH = 3.0
-"""Pulses with more than this times the median threshold are lost for other reasons (blanking, a window): left out."""
+"""SIGNAL over the median threshold above which pulses are lost for other reasons (blanking, a window): left out."""
 
 NEIGHBOUR_COLUMNS = 10
-"""Columns to either side in which a pulse's neighbours are looked for."""
+"""Columns to either side that are searched for a pulse's neighbours."""
 
 LEAST_NEIGHBOURS = 8
-"""Neighbours with a return, of twice as many columns, that make a surface."""
+"""Least number of neighbours with a return that make a surface."""
 
 FLAT = 0.1
-"""Most difference of a neighbour's range from their median, relative. The pulse's own range does not count: a lost one
-has none."""
+"""Largest relative difference of a neighbour's range from the neighbours' median. The pulse's own range does not count,
+since a lost pulse has none."""
 
 LEAST_PULSES = 200
-"""Kept, and lost, pulses near the threshold."""
+"""Least number of pulses near the threshold, with a return and without."""
 
 BINS = 20
+"""Bins of the chance for the check."""
 
 NORMAL = 1.702
 """Standard deviation of the normal distribution that is nearest to a logistic one of width 1."""
@@ -46,10 +47,10 @@ NORMAL = 1.702
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Threshold:
-    """The fit: chance of a return 1 / (1 + exp(-(a SIGNAL + b + c sqrt(NEAR_IR)))).
+    """Fitted chance of a return, 1 / (1 + exp(-(a SIGNAL + b + c sqrt(NEAR_IR)))).
 
-    solved   a, b, c
-    near_ir  median of the pulses near the threshold
+    solved   solution: a, b, c
+    near_ir  median NEAR_IR of the pulses near the threshold
     expected_share, found, pulses  (n,) chance by the law, share that was kept, and number, of the blocks that were not
              fitted, by the chance
     """
@@ -61,22 +62,22 @@ class Threshold:
     pulses: Numbers
 
     def level(self, near_ir: Numbers) -> Numbers:
-        """SIGNAL of which a half is kept."""
+        """SIGNAL at which the chance of a return is one half."""
         a, b, c = self.solved.value
         return np.asarray(-(b + c * np.sqrt(near_ir)) / a)
 
     def chance(self, signal: Numbers, near_ir: Numbers) -> Numbers:
-        """Of a return."""
+        """Chance of a return at these signals and backgrounds."""
         return _chance(self.solved.value, _design(signal, near_ir))
 
     @property
     def error(self) -> float:
-        """Mean absolute difference of expected and found share."""
+        """Mean absolute difference of expected and recorded share, weighted by the number of pulses."""
         return float(np.average(np.abs(self.expected_share - self.kept_share), weights=self.pulses))
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
-        """Floor, slope, width."""
+        """Estimates of floor, slope and width [photons]."""
         return (
             self.solved.estimate("threshold_floor", "photons", lambda p: -p[1] / p[0]),
             self.solved.estimate("threshold_slope", "photons", lambda p: -p[2] / p[0]),
@@ -84,7 +85,7 @@ class Threshold:
         )
 
     def spread(self, sensor: Sensor) -> Estimate | None:
-        """Standard deviation of this sensor's threshold; None if its filter's noise explains all of the width."""
+        """Standard deviation of this sensor's threshold; None if the filter's noise explains all of the width."""
         filter_photons2 = filter_variance(
             sensor, photons=float(self.level(np.array(self.near_ir))), near_ir=self.near_ir
         )
@@ -96,9 +97,9 @@ class Threshold:
 
 
 def filter_variance(sensor: Sensor, *, photons: float, near_ir: float) -> float:
-    """Variance of the filter's value where SIGNAL has this value, var F - cov(F, S)^2 / var S.
+    """Variance of the filter's output F given SIGNAL S: var F - cov(F, S)^2 / var S [photons^2].
 
-    Photons are independent, so each of the three is the integral of the two weights over what is counted.
+    Photons are independent, so each of the three is the integral of a product of two weights over the counts.
     """
     sigma_s = float(sensor.pixel(0.0).sigma_s)
     place = np.linspace(-8.0, 8.0, 1601)
@@ -113,12 +114,12 @@ def filter_variance(sensor: Sensor, *, photons: float, near_ir: float) -> float:
 
 
 def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
-    """From the pulses of a recording; None if it lacks what it had of lost ones, or has too few near the threshold."""
+    """Fit the threshold to a recording; None without SIGNAL and NEAR_IR of lost pulses, or with too few near it."""
     if pulses.signal is None or pulses.near_ir is None:
         return None
     usable = pulses.recorded & np.isfinite(pulses.signal) & np.isfinite(pulses.near_ir) & _on_surface(pulses)
     if pulses.reflectivity is not None:
-        # With a reflectivity and no range an echo was found and withheld, not missed.
+        # A reflectivity without a range marks an echo that was detected but withheld, not missed.
         usable &= pulses.has_return | ~(pulses.reflectivity > 0.0)
     max_signal = np.inf
     value = np.zeros(3)
@@ -186,7 +187,7 @@ def _chance(value: Numbers, design: Numbers) -> Numbers:
 
 
 def _newton(design: Numbers, returned: Numbers) -> Numbers | None:
-    """The maximum; None if there is none: some line parts kept from lost, or the light is all the same."""
+    """Maximise the likelihood by damped Newton steps; None without a maximum: separable data, or constant light."""
     value = np.zeros(3)
     for _ in range(30):
         chance = _chance(value, design)

@@ -1,7 +1,7 @@
-"""What the strength of a return says of the reflectivity there.
+"""Apparent reflectivity of a surface from the strength of its return.
 
-Apparent reflectivity: that of a matt board square to the beam with the same return. It is the surface's reflectivity
-times its scattering law at that angle.
+It is the reflectivity of a matt board square to the beam with the same return: the surface's own reflectivity times its
+scattering law at the angle of incidence.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from ...physics.optics import reflection
 from ...recordings.sweep import Second, Sweep
 
 SLOPE_DEG = 45.0
-"""Of the facets of all measured surfaces: as the catalogue's asphalt."""
+"""Slope of the facets of all measured surfaces, that of the catalogue's asphalt."""
 
 LEAST = 2e-3
-"""Lower reflectivities are unknown surfaces, and black."""
+"""Least reflectivity; lower ones are unknown surfaces, taken as black."""
 
 WHITE = 100.0
-"""Of an Ouster's reflectivity, which counts linearly up to there, and of a Velodyne's intensity."""
+"""REFLECTIVITY of a white surface, up to which an Ouster counts linearly, and intensity of a Velodyne."""
 
 ASSUMED_MEDIAN = 0.2
-"""Of the apparent reflectivities, where the recording's intensity has no known unit."""
+"""Median apparent reflectivity assumed where the recording's intensity has no known unit."""
 
 STEEPEST = 4.0
-"""Exponent of the range by which a table is continued, at most."""
+"""Largest exponent of the range in the extrapolation of a table to near ranges."""
 
 _LEAST_COUNTS = 5.0
 _BINS_PER_OCTAVE = 4
@@ -35,9 +35,9 @@ _LEAST_PIXELS = 10
 
 
 def withheld_mask(sweep: Sweep) -> Numbers:
-    """Mask of the lost pulses for which a reflectivity is told: an echo was found there, and its range withheld.
+    """Mask of the lost pulses with a reflectivity: the sensor found an echo and withheld its range.
 
-    Ousters do so by the thousand, at edges and close by. What stands there is not known.
+    Ousters do so by the thousand, at edges and near by. The surface there is not known.
     """
     if sweep.reflectivity is None:
         return np.zeros(sweep.shape, bool)
@@ -45,7 +45,7 @@ def withheld_mask(sweep: Sweep) -> Numbers:
 
 
 def scattering_law(cos: Numbers) -> Numbers:
-    """Light sent straight back by a surface at this angle, over that at normal incidence: equation (T7a) times cos."""
+    """Light that a surface sends straight back, over that at normal incidence: (T7a) times the cosine."""
     relief = reflection.relief(np.radians(SLOPE_DEG))
     per_sr = reflection.rough_diffuse_per_sr(
         reflectivity=np.pi, relief=relief, cos_in=cos, cos_out=cos, cos_between=np.ones_like(cos)
@@ -54,17 +54,17 @@ def scattering_law(cos: Numbers) -> Numbers:
 
 
 def largest_reflectivity() -> float:
-    """At normal incidence, of a surface with `SLOPE_DEG`."""
+    """Largest reflectivity, at normal incidence, of a surface with facets of `SLOPE_DEG`."""
     return reflection.largest_reflectivity(float(np.radians(SLOPE_DEG)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Gauge:
-    """From strength to apparent reflectivity.
+    """Conversion of a recording's strengths to apparent reflectivities.
 
-    range_m, per_count  a table over range; one entry where strengths are calibrated already
-    field               of the sweep that is taken: signal, reflectivity or intensity
-    assumed             whether the scale is a guess
+    field               field of the sweep that holds the strengths: signal, reflectivity or intensity
+    range_m, per_count  reflectivity per count over the range; one entry where strengths are calibrated already
+    assumed             True if the scale is a guess
     """
 
     field: str
@@ -74,10 +74,10 @@ class Gauge:
 
     @classmethod
     def from_sweep(cls, sweep: Sweep) -> Gauge | None:
-        """Of a recording; None where it has no strengths.
+        """Calibrate from a sweep; None if it has no strengths.
 
-        With signal and reflectivity, their ratio over the range is the maker's own calibration: it takes out the near
-        field, and signals are finer than reflectivities in steps of 1 % and not cut off above white.
+        The ratio of reflectivity to signal over the range is the maker's own calibration, near field included. Signals
+        are finer than reflectivities, which come in steps of 1 % and are not linear above white.
         """
         if sweep.reflectivity is not None and sweep.signal is not None:
             table = _reflectivity_per_photon(sweep)
@@ -101,7 +101,7 @@ class Gauge:
         log_range, table, value = np.log(np.maximum(range_m, 1e-3)), np.log(self.range_m), np.log(self.per_count)
         log_factor = np.interp(log_range, table, value)
         if len(table) > 1:
-            # Before the table as between its first two bins; beyond it signals fall as 1 / range^2.
+            # Extrapolate: below the table with the slope of its first two bins, beyond it as 1 / range^2.
             slope = np.clip((value[1] - value[0]) / (table[1] - table[0]), -STEEPEST, STEEPEST)
             log_factor = (
                 log_factor
@@ -113,7 +113,7 @@ class Gauge:
 
 
 def _reflectivity_per_photon(sweep: Sweep) -> tuple[Numbers, Numbers] | None:
-    """Reflectivity of a photon by range, from pixels well above the steps of the reflectivity and below white."""
+    """Reflectivity per photon over the range, from pixels well above the steps of the reflectivity and below white."""
     assert sweep.reflectivity is not None
     assert sweep.signal is not None
     good = (

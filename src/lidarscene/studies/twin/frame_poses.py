@@ -1,4 +1,4 @@
-"""Where the sensor stood in each frame of a recording: its own poses, or frames laid on each other."""
+"""Pose of the sensor in each frame of a recording: its own poses, or frames registered to each other."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from ...maths.pose import Pose
 from ...recordings.sweep import Sweep
 
 VOXEL_M = 0.3
-"""Points are thinned to one in such a cube before they are laid on each other."""
+"""Edge of the cubes in which points are thinned to one before registration."""
 
 WITHIN_M = (2.0, 0.5)
-"""Pairs of points farther apart do not count, in the first and the second round."""
+"""Largest distance of paired points in the first and the second round of registration."""
 
 
 def place_frames(sweeps: Mapping[int, Sweep], first: int) -> dict[int, Pose]:
-    """Pose of every frame in the axes of the first one.
+    """Pose of every frame in the axes of frame ``first``.
 
-    Without poses in the recording each frame is laid on the one before (point to plane, Open3D), from the first on.
+    Without poses in the recording each frame is registered to its neighbour towards ``first`` (point-to-plane ICP,
+    Open3D).
     """
     if len(sweeps) == 1:
         return {first: Pose()}
@@ -40,7 +41,7 @@ def place_frames(sweeps: Mapping[int, Sweep], first: int) -> dict[int, Pose]:
 
 
 def angles_deg(pose: Pose) -> tuple[float, float, float]:
-    """Yaw, pitch and roll of a pose."""
+    """Yaw, pitch and roll of a pose [deg]."""
     turn = pose.rotation
     yaw, roll = math.atan2(turn[1, 0], turn[0, 0]), math.atan2(turn[2, 1], turn[2, 2])
     return math.degrees(yaw), math.degrees(math.asin(max(-1.0, min(1.0, turn[2, 0])))), math.degrees(roll)
@@ -52,7 +53,7 @@ def _pose(sweep: Sweep) -> Pose:
 
 
 def _thin(sweep: Sweep) -> Any:
-    """An Open3D cloud of the first returns, with normals."""
+    """Thinned Open3D cloud of the first returns, with normals."""
     o3d = open3d()
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(sweep.xyz_m[sweep.has_return])).voxel_down_sample(
         VOXEL_M
@@ -62,7 +63,7 @@ def _thin(sweep: Sweep) -> Any:
 
 
 def _register(cloud: Any, reference: Any) -> Pose:
-    """The pose of one frame in the axes of another that it overlaps."""
+    """Pose of one cloud in the axes of another that it overlaps, by point-to-plane ICP."""
     registration = open3d().pipelines.registration
     matrix = np.eye(4)
     for within_m in WITHIN_M:

@@ -1,4 +1,4 @@
-"""A frame of a recording and the same frame simulated in its twin, pulse by pulse."""
+"""Recorded frame and its simulation in the twin, pulse by pulse."""
 
 from __future__ import annotations
 
@@ -22,32 +22,32 @@ from .planes import has_grid
 from .surfels import KINDS, SMOOTH
 
 LARGEST_ANGLE_RAD = np.radians(0.5)
-"""Between the recorded and the simulated beam of a pulse, in the median: beyond it they are not the same pulses."""
+"""Largest median angle between recorded and simulated beams of the same sensor."""
 
 RAYS = 16
-"""Of a pulse, where a second return is asked for: a single ray meets one surface."""
+"""Rays per pulse if the sensor reports second returns, since a single ray meets one surface."""
 
 APART_RAD = np.radians(1.4)
-"""Of the ranges whose differences tell of scatter: in recordings nearer columns share noise, up to four of 1024."""
+"""Angle between the ranges of a second difference: in recordings, columns up to four of 1024 apart share noise."""
 
 NOTHING = -1
-"""In `Pulses.kind`."""
+"""Value of `MatchedPulses.kind` without a surface."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MatchedPulses:
-    """All (n,), the pulses that the recording tells of; NaN where there is no return. Changes are of smooth surfaces.
+    """Recorded pulses of a frame and their simulation, (n,) each; NaN where there is no return.
 
-    angle_rad          between the recorded direction and the simulated
-    ring               row of the recording
-    range_m, signal    of the recording's first return; the signal None if it has none (an intensity is none). Ranges
-                       count from the beam's exit in the simulated sensor; makers count from elsewhere
-    change_m           second difference of the recorded ranges along the ring, over its deviation for a deviation of 1
-    gap_m              between the recording's two returns
-    withheld            whether the recording found an echo and told no range (`reflect.dropped`)
-    simulated_*        the same of the simulation
-    true_range_m       of the twin's surface
-    kind               place of the twin's surface in `KINDS`, or `NOTHING`
+    angle_rad        angle between recorded and simulated direction
+    ring             row of the recording
+    range_m, signal  range and photons of the first return; signal None if not recorded (an intensity does not count).
+                     Ranges count from the beam's exit in the simulated sensor, makers count from elsewhere
+    change_m         `_second_difference` of the ranges along the ring, on smooth surfaces
+    gap_m            distance between the two returns
+    withheld         True if the sensor found an echo and reported no range (`withheld_mask`)
+    simulated_*      the same of the simulation
+    true_range_m     range of the twin's surface
+    kind             index of the twin's surface in `KINDS`, or `NOTHING`
     """
 
     angle_rad: Numbers
@@ -66,16 +66,16 @@ class MatchedPulses:
 
     @property
     def has_return(self) -> Numbers:
-        """Mask of what the recording has a return of."""
+        """Mask of the pulses with a recorded return."""
         return np.isfinite(self.range_m)
 
     @property
     def has_simulated_return(self) -> Numbers:
-        """Mask of what the simulation has a return of."""
+        """Mask of the pulses with a simulated return."""
         return np.isfinite(self.simulated_range_m)
 
     def select(self, mask: Numbers) -> MatchedPulses:
-        """Only these pulses."""
+        """Keep only the pulses of a mask."""
         values: dict[str, Any] = {
             field.name: None if (value := getattr(self, field.name)) is None else value[mask] for field in fields(self)
         }
@@ -85,7 +85,9 @@ class MatchedPulses:
 def simulate_pulses(
     scene: Scene, sensor: Sensor, sweep: Sweep, *, pose: Pose | None = None, seed: int = 0, chunk: int = DEFAULT_CHUNK
 ) -> tuple[MatchedPulses, PointCloud]:
-    """Render the twin and lay its pulses on the recording's; the cloud too. ``pose`` None: the scene's own.
+    """Render the twin and match its pulses to the recorded ones; returns them and the cloud.
+
+    pose  pose of the sensor; None: the scene's own
 
     Raises InputError where the sensor does not fire the recording's pulses.
     """
@@ -129,7 +131,7 @@ def simulate_pulses(
 
 
 def ranges_from_exit(sensor: Sensor, sweep: Sweep, numbers: Numbers) -> Numbers:
-    """Recorded ranges, counted from where the simulated beam starts."""
+    """Recorded ranges, counted from the exit of the simulated beam."""
     start = sensor.scanner.offset_m(np.arange(sensor.scanner.pulses, dtype=np.uint32))
     if start is None and sweep.origin_m is None:
         return sweep.range_m
@@ -138,14 +140,15 @@ def ranges_from_exit(sensor: Sensor, sweep: Sweep, numbers: Numbers) -> Numbers:
 
 
 def _second_difference(range_m: Numbers, step: int) -> Numbers:
-    """(r_before - 2 r + r_after) / sqrt(6): of independent errors it has their deviation, of straight walls none."""
+    """(r_before - 2 r + r_after) / sqrt(6): it has the deviation of independent errors, and is 0 on plane walls."""
     return np.asarray((np.roll(range_m, step, 1) - 2.0 * range_m + np.roll(range_m, -step, 1)) / np.sqrt(6.0))
 
 
 def match_pulses(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
-    """Pulse number of each pixel of a sweep, and the angle between its directions [rad]; InputError if there is none.
+    """Pulse number of each pixel of a sweep, and the angle between recorded and simulated direction [rad].
 
-    In each row the pulse of the nearest azimuth is taken; rows go by elevation.
+    Rows go by elevation; in each row the pulse of the nearest azimuth is taken. Raises InputError for a list of points,
+    another number of channels, or a median angle above `LARGEST_ANGLE_RAD`.
     """
     if not has_grid(sweep):
         raise InputError("the recording is a list of points: its pulses cannot be told")
@@ -179,7 +182,7 @@ def match_pulses(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
 
 
 def _by_pulse(pulse: Numbers, n: int) -> tuple[Numbers, Numbers]:
-    """Place of the first and of the second point of each of n pulses, -1 without one; points come by pulse."""
+    """Indices of the first and the second point of each of n pulses, -1 without one; points come by pulse."""
     order = np.argsort(pulse, kind="stable")
     pulse = pulse[order]
     first, second = np.full(n, -1), np.full(n, -1)
@@ -191,7 +194,7 @@ def _by_pulse(pulse: Numbers, n: int) -> tuple[Numbers, Numbers]:
 
 
 def _at_points(values: Numbers, place: Numbers) -> Numbers:
-    """Of these points; NaN without one."""
+    """Values at these indices; NaN at -1."""
     gathered = np.full(len(place), np.nan)
     gathered[place >= 0] = np.asarray(values, np.float64)[place[place >= 0]]
     return gathered

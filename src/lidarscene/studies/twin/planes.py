@@ -1,6 +1,6 @@
-"""A plane through each pixel of a sweep, from its neighbours on ring and column.
+"""Plane through each pixel of a sweep, from its neighbours on ring and column.
 
-Symbols: p points of a window, w their weights, m normal over distance from the origin: m p = 1 on the plane.
+Symbols: p points of a window, w their weights, m normal over distance from the origin, so that m p = 1 on the plane.
 """
 
 from __future__ import annotations
@@ -17,37 +17,38 @@ from ...maths.arrays import Numbers
 from ...recordings.sweep import SECOND, Sweep
 
 REACH_RAD = math.radians(0.5)
-"""A window reaches so far to each side, but at least to the next ring and the second next column."""
+"""Reach of a window to each side, but at least to the next ring and the second next column."""
 
 LARGEST_REACH = 3
-"""Rings or columns to each side, at most."""
+"""Largest number of rings or columns to each side."""
 
 SMOOTH_COS = math.cos(math.radians(8.0))
-"""Length of the mean normal of a pixel and its neighbours from which on a surface is called smooth."""
+"""Least length of the mean normal of a pixel and its neighbours on a smooth surface."""
 
 SCALES_M = (0.5, 0.2, 0.1, 0.05)
-"""Distances from the plane at which a neighbour counts half, one for each step of the fit."""
+"""Distance from the plane at which a neighbour counts half, for each step of the fit."""
 
 NEAR_SHARE = 0.2
-"""Neighbours whose ranges differ by more of the range are no start for the fit."""
+"""Largest relative difference of the ranges of neighbours in the first step of the fit."""
 
 MOST_OFF_M = 0.1
-"""A pixel farther from the plane of its neighbours, along the normal, is none of theirs."""
+"""Largest distance of a pixel from the plane of its neighbours, along the normal: as large as the 1-sigma range error
+of an OS1's weakest returns (datasheet)."""
 
 LEAST_SHARE = 0.5
-"""Of a window's weight, on the plane: less makes no plane."""
+"""Least mean weight of a window's neighbours that makes a plane."""
 
 LEAST_COS = 0.03
-"""Flatter planes are not trusted: a hundredth of a degree would move the pixel by 1 % of its range."""
+"""Least cosine of incidence: on flatter planes 0.01 degrees move the pixel by more than 0.6 % of its range."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Grid:
-    """A sweep whose columns are at one azimuth for all rows. Arrays are (rows, columns) or (rows, columns, 3).
+    """Sweep whose columns have one azimuth in all rows. Arrays are (rows, columns) or (rows, columns, 3).
 
-    sweep      the same pixels in the order of the grid
-    step_rad   azimuth from a column to the next, with its sign
-    above_rad  (rows,) half the angle to the row above, and below to that below
+    sweep      the pixels in the order of the grid
+    step_rad   azimuth from one column to the next, with its sign
+    above_rad, below_rad  (rows,) half the angle to the row above and below
     """
 
     sweep: Sweep
@@ -58,10 +59,10 @@ class Grid:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Planes:
-    """The plane at each pixel; its fields have the grid's shape.
+    """Plane at each pixel; the fields have the grid's shape.
 
-    range_m  along the beam to the plane; NaN where there is none
-    normal   (..., 3) towards the sensor
+    range_m  range along the beam to the plane; NaN where there is none
+    normal   (..., 3) unit normal towards the sensor
     """
 
     range_m: Numbers
@@ -84,12 +85,12 @@ class Planes:
 
 
 def select_columns(sweep: Sweep, chosen: slice) -> Sweep:
-    """A sweep of only these columns."""
+    """Select columns of a sweep."""
     return _map_arrays(sweep, lambda values: values[:, chosen])
 
 
 def _map_arrays(sweep: Sweep, take: Callable[[Numbers], Numbers]) -> Sweep:
-    """The sweep with every array changed alike."""
+    """Apply ``take`` to every array of a sweep."""
     changed: dict[str, Any] = {
         field.name: take(value)
         for field in fields(Sweep)
@@ -104,12 +105,12 @@ def _map_arrays(sweep: Sweep, take: Callable[[Numbers], Numbers]) -> Sweep:
 
 
 def has_grid(sweep: Sweep) -> bool:
-    """Whether a sweep has rows and columns, and knows where its lost pulses went."""
+    """True if a sweep has rows and columns, and the directions of lost pulses, too."""
     return len(sweep.shape) == 2 and min(sweep.shape) > 1 and not np.isnan(sweep.direction).any()
 
 
 def align_columns(sweep: Sweep) -> Grid:
-    """Turn the rows of a sweep until their columns agree. Raises InputError for a list of points."""
+    """Order rows by elevation, and shift each until its columns agree. Raises InputError for a list of points."""
     if not has_grid(sweep):
         raise InputError("must be a sweep of rows and columns that knows all directions, got a list of points")
     azimuth = np.arctan2(sweep.direction[..., 1], sweep.direction[..., 0])
@@ -129,10 +130,10 @@ def align_columns(sweep: Sweep) -> Grid:
 
 
 def fit_planes(grid: Grid) -> Planes:
-    """Fit a plane at every pixel, of lost ones too if enough of their neighbours are on one.
+    """Fit a plane at every pixel, at lost ones too if enough of their neighbours are on one.
 
-    Least squares of m p = 1 with Cauchy's weights, whose width falls step by step: what stands before or behind drops
-    out. The point where the beam meets the plane has less noise than the pixel's own.
+    Least squares of m p = 1 with Cauchy weights, whose width falls step by step, so that points before or behind the
+    plane drop out. The point where the beam meets the plane has less noise than the pixel's own.
     """
     sweep = grid.sweep
     origin_m = np.zeros((*sweep.shape, 3)) if sweep.origin_m is None else sweep.origin_m
@@ -156,7 +157,7 @@ def fit_planes(grid: Grid) -> Planes:
                 sums[place] += weight * product
         total, vector = sums[0], np.moveaxis(sums[1:4], 0, -1)
         matrix = np.moveaxis(sums[4:][_SYMMETRIC], 0, -1).reshape(*sweep.shape, 3, 3)
-        # A little of a plane square to the beam: of a single point, or of a line of them, nothing else is known.
+        # Regularise towards a plane square to the beam: one point, or points on a line, determine no plane.
         matrix = matrix + (1e-9 * np.trace(matrix, axis1=-2, axis2=-1) + 1e-12)[..., None, None] * unit
         slope = np.linalg.solve(matrix, vector[..., None])[..., 0]
         length = np.linalg.norm(slope, axis=-1)
@@ -174,18 +175,18 @@ def fit_planes(grid: Grid) -> Planes:
 
 
 _SYMMETRIC = [0, 1, 2, 1, 3, 4, 2, 4, 5]
-"""Where the nine numbers of a symmetric matrix lie among its six."""
+"""Index of each of the nine elements of a symmetric 3 x 3 matrix among its six distinct ones."""
 
 
 def _window(grid: Grid) -> list[tuple[int, int]]:
-    """Rows and columns from a pixel to its neighbours, itself included."""
+    """Offsets (rows, columns) from a pixel to its neighbours, itself included."""
     rows = int(np.clip(round(REACH_RAD / float(np.median(2.0 * grid.above_rad))), 1, LARGEST_REACH))
     columns = int(np.clip(round(REACH_RAD / abs(grid.step_rad)), 2, LARGEST_REACH))
     return [(row, column) for row in range(-rows, rows + 1) for column in range(-columns, columns + 1)]
 
 
 def _shifted(values: Numbers, row: int, column: int) -> Numbers:
-    """Of the neighbour so many rows below and columns on; NaN beyond the first and the last row."""
+    """Values of the neighbour ``row`` rows below and ``column`` columns on; NaN beyond the first and the last row."""
     turned = np.roll(values, (-row, -column), axis=(0, 1))
     if row > 0:
         turned[-row:] = np.nan
@@ -195,15 +196,15 @@ def _shifted(values: Numbers, row: int, column: int) -> Numbers:
 
 
 def median_around(grid: Grid, values: Numbers) -> Numbers:
-    """Median of (rows, columns) values over the window of each pixel's plane, without NaN.
+    """Median of the finite (rows, columns) values over each pixel's window.
 
-    Finite wherever values of all kept pixels are and the pixel has a plane, which `LEAST_SHARE` of its window is on.
+    It is finite wherever a pixel has a plane and the values of all kept pixels are finite.
     """
     return finite_median(np.stack([_shifted(values, *offset) for offset in _window(grid)]))
 
 
 def finite_median(around: Numbers) -> Numbers:
-    """Median over the first axis without NaN; NaN where all is."""
+    """Upper median of the finite values over the first axis; NaN where there are none."""
     ordered = np.sort(around, axis=0)
     count = np.isfinite(around).sum(axis=0)
     return np.asarray(np.take_along_axis(ordered, (np.maximum(count, 1) // 2)[None], axis=0)[0])

@@ -1,6 +1,7 @@
-"""A sweep of rows and columns as quads: each pixel in its tangent plane, the ground completed by its plane.
+"""Quads of a sweep: each pixel in its tangent plane, the ground completed by its plane.
 
-Symbols: n quads.
+Where rows, columns and lost pulses are not known, points take their planes from the nearest points (Open3D), quads are
+as wide as these are apart, and the ground is one plane. Symbols: n quads.
 """
 
 from __future__ import annotations
@@ -20,53 +21,54 @@ from .planes import LEAST_COS, Grid, Planes, finite_median, fit_planes, median_a
 
 SMOOTH, ROUGH, FILLED, GROUND, BRIGHT = range(5)
 KINDS = ("smooth", "rough", "filled", "ground", "bright")
-"""Measured in a plane that goes on, or elsewhere; a hole in a plane; ground completed; brighter than matt white."""
+"""Kinds of quads: measured on a smooth surface, or on a rough one; hole in a plane; completed ground; brighter than
+matt white."""
 
 LAP = 1.04
-"""Quads are so much wider than a pixel, so that no beam slips between two."""
+"""Width of a quad over that of its pixel, so that no beam slips between two."""
 
 STRETCH = 1.6
-"""Corners are nearer or farther than the middle by this factor at most."""
+"""Largest ratio of the ranges of corner and middle, either way."""
 
 GROUND_BEYOND = 1.3
-"""Ground is completed up to so many times the range of its farthest return (99 %)."""
+"""Range up to which ground is completed, over that of its farthest return (99 %)."""
 
 BEHIND_M = 0.3
-"""Ground is put behind a return if it lies so much farther."""
+"""Least distance of ground behind a return, so that noise of the range puts none before it. This project's choice."""
 
 LOST_SHARE = 0.5
-"""Of a lost pulse's highest peak, for its echo: the peak may be all echo or all noise."""
+"""Share of the echo in a lost pulse's highest peak, which may be all echo or all noise."""
 
 EDGE = 0.5
-"""Where a neighbour was lost, a surface ends so far from the pixel's middle, in halves of its width. As far beyond the
-edge of the pixel it is of a strength between the two, as what stands between them is."""
+"""Distance from the pixel's middle at which a surface ends beside a lost neighbour, in half widths of the pixel. As far
+beyond the pixel's edge it has the mean strength of the two."""
 
 BEAM_SHARE = 0.5
-"""Of a pixel that the nearer of two returns covers."""
+"""Share of a pixel that the nearer of two returns covers."""
 
 NEIGHBOURS = 20
-"""Of a point, which its plane is fitted to."""
+"""Number of nearest points that the plane of a point is fitted to."""
 
 SPACING_OF = 5
-"""Quads reach half way to the neighbour of this number."""
+"""Rank of the neighbour that a quad reaches half way to."""
 
 SMOOTH_CURVATURE = 0.01
-"""Least over all variance of the neighbours, below which a surface is called smooth."""
+"""Smallest eigenvalue over the trace of the neighbours' covariance, below which a surface is smooth."""
 
 CELL_M = 2.0
 """Edge of the ground's quads."""
 
 BELOW_M = 0.1
-"""The completed ground lies so much below its plane, under what was measured of it."""
+"""Depth of the completed ground below its plane, so that it lies under the measured one. This project's choice."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Surfels:
-    """Quads with the apparent and the true reflectivity of each.
+    """Quads with their reflectivities.
 
-    corners_m     (n, 4, 3)
-    reflectivity  (n,) at normal incidence; of bright ones the apparent one, above that of matt white
-    kind          (n,) place in `KINDS`
+    corners_m     (n, 4, 3) corners
+    reflectivity  (n,) reflectivity at normal incidence; of bright quads the apparent one, above that of matt white
+    kind          (n,) index in `KINDS`
     """
 
     corners_m: Numbers
@@ -77,21 +79,22 @@ class Surfels:
         return len(self.kind)
 
     def placed(self, pose: Pose) -> Surfels:
-        """Moved to where the sensor stood."""
+        """Transform the quads from the sensor's frame by its pose."""
         return Surfels(
             corners_m=self.corners_m @ pose.rotation.T + pose.position_m, reflectivity=self.reflectivity, kind=self.kind
         )
 
 
 def join_surfels(parts: Sequence[Surfels]) -> Surfels:
-    """All in one."""
+    """Join several sets of quads into one."""
     return Surfels(**{field.name: np.concatenate([getattr(p, field.name) for p in parts]) for field in fields(Surfels)})
 
 
 def surfels_of_grid(grid: Grid, gauge: Gauge | None, ground: Numbers | None) -> Surfels:
-    """Quads of a sweep, in the sensor's frame.
+    """Make the quads of a sweep of rows and columns, in the sensor's frame.
 
-    ground  (3,) z = a + b x + c y of the plane of the ground [m]; None if there is none
+    gauge   conversion of strengths; None: all reflectivities are 0.2
+    ground  (3,) coefficients of the ground's plane, z = a + b x + c y [m]; None: no ground
     """
     sweep, planes = grid.sweep, fit_planes(grid)
     returned, smooth = sweep.has_return, planes.smooth()
@@ -122,8 +125,8 @@ def surfels_of_grid(grid: Grid, gauge: Gauge | None, ground: Numbers | None) -> 
 def _apparent(grid: Grid, gauge: Gauge | None, planes: Planes) -> Numbers:
     """Apparent reflectivity of every pixel.
 
-    Of lost pixels it is the median of their row's neighbours, or in a wider hole that of the pixels that their plane
-    was fitted to; but no more than what they reported.
+    A lost pixel has the median of its row's neighbours, or in a wider hole the median of the pixels that its plane was
+    fitted to, limited by its own strength (`_reflectivity_bound`).
     """
     sweep = grid.sweep
     if gauge is None:
@@ -140,9 +143,9 @@ def _apparent(grid: Grid, gauge: Gauge | None, planes: Planes) -> Numbers:
 
 
 def _reflectivity_bound(grid: Grid, gauge: Gauge, range_m: Numbers) -> Numbers:
-    """Most that the strength of a lost pulse allows, inf where it is not recorded: no bound.
+    """Largest apparent reflectivity that the strength of a lost pulse allows; inf where none is recorded.
 
-    Makers report the highest peak of a pulse, though none was kept.
+    Ousters report the highest peak of a pulse even if they lost it.
     """
     signal = grid.sweep.signal
     if not grid.sweep.includes_lost or gauge.field != "signal" or signal is None:
@@ -159,13 +162,13 @@ def _two_returns(grid: Grid) -> Numbers:
 
 
 def _surface_ends(grid: Grid, side: int) -> Numbers:
-    """Mask of the pixels whose neighbour to the left (side 1) or right (-1) was lost, and no echo of it withheld."""
+    """Mask of the pixels whose neighbour to the left (side 1) or right (-1) was lost without a withheld echo."""
     sweep = grid.sweep
     return _neighbour(grid, sweep.lost & ~withheld_mask(sweep), side)
 
 
 def _neighbour_bound(grid: Grid, gauge: Gauge | None, range_m: Numbers, side: int) -> Numbers:
-    """Most that the lost neighbour's strength allows at this pixel's range."""
+    """Largest apparent reflectivity that the lost neighbour's strength allows at this pixel's range."""
     if gauge is None:
         return np.full(grid.sweep.shape, np.inf)
     neighbour_range_m = _neighbour(grid, range_m, -side)
@@ -173,16 +176,16 @@ def _neighbour_bound(grid: Grid, gauge: Gauge | None, range_m: Numbers, side: in
 
 
 def _neighbour(grid: Grid, values: Numbers, side: int) -> Numbers:
-    """Of the pixel to the left of each (side 1), or to the right (-1)."""
+    """Values of the pixel to the left of each (side 1), or to the right (-1)."""
     return np.roll(values, -side if grid.step_rad > 0.0 else side, axis=1)
 
 
 def _two_return_quads(
     grid: Grid, two: Numbers, range_m: Numbers, normal: Numbers, gauge: Gauge | None
 ) -> list[Surfels]:
-    """Of pixels with two returns: the nearer quad covers half of the pixel, the farther shows beside it.
+    """Quads of pixels with two returns: the nearer quad covers half of the pixel, the farther one shows beside it.
 
-    So the share of the beam that each returns is part of its apparent reflectivity.
+    Each gets its apparent reflectivity over `BEAM_SHARE`, since only that share of the beam meets it.
     """
     sweep = grid.sweep
     assert sweep.second is not None
@@ -202,7 +205,7 @@ def _two_return_quads(
 
 
 def _ground(grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gauge: Gauge | None) -> Surfels:
-    """Quads of the plane where a beam would meet it: behind what it met, and where nothing came back."""
+    """Quads of the ground's plane behind returns, and where a lost pulse would have met it in sight."""
     sweep = grid.sweep
     up = np.array([-ground[1], -ground[2], 1.0])
     normal = up / np.linalg.norm(up)
@@ -231,9 +234,9 @@ def _ground(grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gaug
 
 
 def _in_sight(returned: Numbers, on_ground: Numbers, range_m: Numbers, meets_m: Numbers) -> Numbers:
-    """Mask of the pixels where the ground may show: the next return below is ground, and the next above none nearer.
+    """Mask of the pixels where ground may show: the next return below is ground, and the next above is not nearer.
 
-    Below a roof that returned something are the windows and the paint that did not, and no ground.
+    Lost pulses below the return of a roof are windows and dark paint, not ground.
     """
     rows = np.broadcast_to(np.arange(returned.shape[0])[:, None], returned.shape)
     above = np.maximum.accumulate(np.where(returned, rows, -1), axis=0)
@@ -254,9 +257,9 @@ def _quads(
     *,
     span: tuple[Numbers | float, Numbers | float] = (1.0, -1.0),
 ) -> Surfels:
-    """Quads of these pixels: where the four corners of a pixel, seen from its exit, meet its plane.
+    """Make the quads of chosen pixels: the four corners of a pixel, seen from its exit, projected onto its plane.
 
-    span  from where to where it is covered, from its middle to the left, in halves of its width
+    span  left and right end of the quad, from the pixel's middle to the left, in half widths of the pixel
     """
     sweep = grid.sweep
     direction = sweep.direction[chosen]
@@ -264,7 +267,7 @@ def _quads(
     middle_m, facing = range_m[chosen], normal[chosen]
     cos = -np.einsum("ni,ni->n", facing, direction)
     reflectivity = apparent[chosen] / scattering_law(cos)
-    # Brighter than a matt surface can be: a retro-reflector, square to its beam.
+    # A surface brighter than matt white can be is a retro-reflector, square to its beam.
     bright = reflectivity > largest_reflectivity()
     reflectivity = np.where(bright, apparent[chosen], reflectivity)
     facing = np.where(bright[:, None], -direction, facing)
@@ -289,7 +292,7 @@ def _quads(
 
 
 def surfels_of_points(sweep: Sweep, gauge: Gauge | None, ground: Numbers | None) -> Surfels:
-    """Quads of the points, in the sensor's frame; ``ground`` as of `surfels.surfels_of`."""
+    """Make the quads of a list of points, in the sensor's frame; ``ground`` as in `surfels_of_grid`."""
     points = sweep.xyz_m[sweep.has_return]
     range_m, direction = sweep.range_m[sweep.has_return], sweep.direction[sweep.has_return]
     o3d = open3d()
@@ -321,7 +324,7 @@ def surfels_of_points(sweep: Sweep, gauge: Gauge | None, ground: Numbers | None)
 
 
 def _spacing_m(points: Numbers) -> Numbers:
-    """Distance to a near neighbour of each point."""
+    """Distance of each point to its neighbour of rank `SPACING_OF` [m]."""
     search = open3d().core.nns.NearestNeighborSearch(open3d().core.Tensor(points))
     search.knn_index()
     _, squares = search.knn_search(open3d().core.Tensor(points), min(SPACING_OF + 1, len(points)))
@@ -329,7 +332,7 @@ def _spacing_m(points: Numbers) -> Numbers:
 
 
 def _squares(points: Numbers, normal: Numbers, half_m: Numbers) -> Numbers:
-    """(n, 4, 3) corners of squares about the points, across the normals."""
+    """Corners (n, 4, 3) of squares about the points, perpendicular to the normals."""
     helper_axis = np.where(np.abs(normal[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     u = np.cross(helper_axis, normal)
     u = u / np.linalg.norm(u, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""The files of a twin: meshes with reflectivities, sensor, poses and scene, and what they were made of.
+"""Files of a twin: meshes with reflectivities, sensor, poses, scene, and a record of what they were made from.
 
 The world's axes are the sensor's at the first frame of the twin.
 """
@@ -42,30 +42,30 @@ from .surfels import BRIGHT, KINDS, Surfels, join_surfels, surfels_of_grid, surf
 SCENE, SENSOR, POSES, PROVENANCE, MESHES = "scene.toml", "sensor.toml", "poses.csv", "twin.json", "meshes"
 
 COLUMNS = "columns"
-"""Held out: every second column of the only frame."""
+"""Value of ``held_out`` for every second column of the only frame."""
 
 BRIGHT_STEP = 1.15
-"""Bright quads whose apparent reflectivities differ by no more share a material."""
+"""Largest ratio of the apparent reflectivities of bright quads that share a material."""
 
 BRIGHT_DIFFUSE = 0.8
-"""Of their reflectivity, which the sun sees; the rest goes straight back."""
+"""Diffuse reflectivity of bright quads, which sunlight sees; the rest is retro-reflected."""
 
 LEAST_RETRO, MOST_RETRO = 1e-3, 1e7
-"""cd/lx/m2, all that a material file takes: the least is for what is no brighter than matt white after all."""
+"""Bounds of a material file's retro-reflection [cd/lx/m2]; the least one is for quads no brighter than matt white."""
 
 RETRO_HALF_ANGLE_DEG = 5.0
-"""Wider than the beam's parallax by far: what is measured is what comes straight back."""
+"""Half width of the retro-reflection, far above the beam's parallax: only light straight back was recorded."""
 
 ASSUMED_KLUX = 20.0
-"""Where a recording has no background light."""
+"""Illuminance assumed for recordings without background light."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
-    """What of a recording a twin is made of.
+    """Frames that build the twin, and the data held out.
 
-    frames    numbers of the frames
-    held_out  the frame that is not used, `COLUMNS`, or None
+    frames    indices of the frames
+    held_out  index of the frame that is not used, `COLUMNS`, or None
     """
 
     frames: tuple[int, ...]
@@ -73,16 +73,16 @@ class Choice:
 
     @property
     def judged_frame(self) -> int:
-        """The frame at whose pose the scene's sensor stands."""
+        """Index of the frame that judges the twin, at whose pose the scene's sensor stands."""
         return self.held_out if isinstance(self.held_out, int) else self.frames[0]
 
     def visible_part(self, sweep: Sweep) -> Sweep:
-        """What the twin may see of a sweep."""
+        """Select the columns of a sweep that build the twin."""
         return select_columns(sweep, slice(0, None, 2)) if self.held_out == COLUMNS else sweep
 
 
 def choose_frames(recording: Recording, frames: Sequence[int] | None, held_out: int | str | None) -> Choice:
-    """Check the frames; those of the whole recording if None, without the one held out. Raises InputError."""
+    """Choose the frames that build the twin: ``frames``, or all if None, less the held-out one. Raises InputError."""
     numbers = tuple(frames) if frames is not None else tuple(range(len(recording)))
     for number in (*numbers, *([held_out] if isinstance(held_out, int) else [])):
         if number >= len(recording):
@@ -102,10 +102,10 @@ def choose_frames(recording: Recording, frames: Sequence[int] | None, held_out: 
 def build_twin(
     recording: Recording, choice: Choice, folder: Path, *, metadata: Path | None = None, sensor: str | None = None
 ) -> str:
-    """Write the twin; returns what there is to say. Raises InputError and OutputError.
+    """Write the files of a twin; returns the text to print. Raises InputError and OutputError.
 
-    metadata  of the unit, for its sensor file; None: json beside a pcap
-    sensor    a catalogue name or a sensor file in place of the unit's own
+    metadata  the maker's description of the unit, for its sensor file; None: json beside a pcap
+    sensor    catalogue name or sensor file to use instead of the unit's own
     """
     require_writable(folder / SCENE)
     sweeps = {number: recording[number] for number in {*choice.frames, choice.judged_frame}}
@@ -159,7 +159,7 @@ def _reflectivity_note(gauge: Gauge | None) -> str:
 
 
 def _sensor_file(recording: Recording, path: Path, metadata: Path | None, sensor: str | None, sweep: Sweep) -> str:
-    """The unit's own, or a copy of the one that was named."""
+    """Write the unit's own sensor file, or copy the one named ``sensor``; returns the text to print."""
     if sensor is not None:
         source = Path(sensor) if sensor.endswith(".toml") else path_of("sensors", sensor)
         if not source.is_file():
@@ -180,9 +180,9 @@ def _sensor_file(recording: Recording, path: Path, metadata: Path | None, sensor
 
 
 def illuminance_klux(sweep: Sweep, gauge: Gauge | None, sensor: Sensor) -> float | None:
-    """Of a uniform sky under which surfaces of these reflectivities have the recorded NEAR_IR, in the median.
+    """Illuminance of a uniform sky that explains the median recorded NEAR_IR on these reflectivities.
 
-    None where NEAR_IR is not known, or the sensor has no such count or does not see the sky.
+    None without NEAR_IR or strengths, or if the sensor has no such count or is blind to the sky.
     """
     window_s = getattr(sensor.tdc, "ambient_s", None)
     if sweep.near_ir is None or gauge is None or not window_s or sensor.histogram is None:
@@ -205,7 +205,7 @@ def illuminance_klux(sweep: Sweep, gauge: Gauge | None, sensor: Sensor) -> float
 
 
 def _meshes(quads: Surfels, folder: Path) -> list[tuple[str, str, float | None]]:
-    """Write a mesh for each kind; returns name, kind and, of bright ones, apparent reflectivity of each body."""
+    """Write a mesh for each kind; returns the name, kind and, if bright, apparent reflectivity of each body."""
     bodies: list[tuple[str, str, float | None]] = []
     for kind, name in enumerate(KINDS):
         mask = quads.kind == kind
@@ -225,7 +225,7 @@ def _meshes(quads: Surfels, folder: Path) -> list[tuple[str, str, float | None]]
 
 
 def _mesh(path: Path, corners_m: Numbers, reflectivity: Numbers | None) -> None:
-    """A binary PLY of quads as two triangles each, with the reflectivity of their corners."""
+    """Write a binary PLY of quads as two triangles each, with the reflectivity of their corners."""
     vertex = np.zeros(4 * len(corners_m), [("xyz", "<f8", 3), ("reflectivity", "<f4")])
     vertex["xyz"] = corners_m.reshape(-1, 3)
     if reflectivity is not None:
@@ -245,7 +245,7 @@ def _mesh(path: Path, corners_m: Numbers, reflectivity: Numbers | None) -> None:
 
 
 def scene_text(name: str, bodies: Sequence[tuple[str, str, float | None]], pose: Pose, klux: float) -> str:
-    """The scene file."""
+    """Text of the scene file."""
     yaw, pitch, roll = angles_deg(pose)
     place = ", ".join(f"{x:.6f}" for x in pose.position_m)
     lines = [
@@ -300,7 +300,7 @@ def _plain_text(text: str) -> str:
 
 
 def _poses_file(path: Path, sweeps: dict[int, Sweep], places: dict[int, Pose]) -> None:
-    """Time and pose of each frame, as scene files take it; none of a single frame or of frames without times."""
+    """Write time and pose of each frame, as scene files take them; nothing for one frame or frames without times."""
     times_s = [sweeps[number].start_s for number in sorted(sweeps)]
     if len(times_s) < 2 or min(np.diff(times_s)) <= 0.0:
         return
@@ -313,7 +313,7 @@ def _poses_file(path: Path, sweeps: dict[int, Sweep], places: dict[int, Pose]) -
 
 
 def read_provenance(scene: Path) -> dict[str, Any]:
-    """What a twin was made of, by its scene file. Raises InputError if it is no twin's."""
+    """Read what a twin was made from, by its scene file. Raises InputError if the scene is not a twin's."""
     path = scene.parent / PROVENANCE
     if not path.is_file():
         raise InputError(f"{scene}: must be the scene of a twin, with {PROVENANCE} beside it, or a cloud")
@@ -322,7 +322,7 @@ def read_provenance(scene: Path) -> dict[str, Any]:
 
 
 def frame_pose(provenance: dict[str, Any], number: int, scene: Path) -> Pose:
-    """Pose of a frame that the twin knows. Raises InputError."""
+    """Pose of a frame of the twin. Raises InputError for other frames."""
     pose = provenance["places"].get(str(number))
     if pose is None:
         raise InputError(f"--frame {number}: must be one of {', '.join(provenance['places'])}, which {scene} knows")

@@ -1,4 +1,4 @@
-"""The page of a twin beside its recording: the table of `judge`, both clouds as pictures, and the same as JSON."""
+"""Page of a twin beside its recording: the table of `judge`, pictures of both clouds, and the table as JSON."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from .twin_files import COLUMNS, frame_pose, read_provenance
 
 PAGE, NUMBERS = "index.html", "twin.json"
 REAL, SIMULATED = "recorded", "simulated"
-"""Pictures."""
+"""Names of the two pictures."""
 
 MOST_NAMED = 3
-"""Limits that the sentence names."""
+"""Largest number of missed limits that the verdict names."""
 
 _VIEW = View(eye_m=(-9.0, 0.0, 6.0), target_m=(6.0, 0.0, 0.0), fov_deg=70.0)
-"""From behind and above the sensor."""
+"""View of the pictures, from behind and above the sensor."""
 
 
 def compare_twin(
@@ -48,8 +48,8 @@ def compare_twin(
 ) -> str:
     """Render a twin at a frame's pose and write page, JSON and pictures; returns the text to print.
 
-    frame  None: the one that was held out, or the first
-    A list of points has no pulses to compare: then the statistics of `compare.recording_comparison` are written.
+    frame  index of the frame; None: the held-out one, or the first
+    A list of points has no pulses to match: for it the statistics of `compare.recording_comparison` are written.
     Raises InputError and OutputError.
     """
     provenance = read_provenance(scene_file)
@@ -85,7 +85,7 @@ def compare_twin(
 
 
 def held_out_note(provenance: dict[str, Any], number: int) -> str:
-    """What of the judged frame the twin was made of, for people."""
+    """Sentence on whether the twin was made from the judged frame."""
     if provenance["held_out"] == COLUMNS:
         return "Judged by every second column; the twin is made of the others."
     if number in provenance["frames"]:
@@ -94,7 +94,7 @@ def held_out_note(provenance: dict[str, Any], number: int) -> str:
 
 
 def as_text(rows: list[TwinQuantity]) -> str:
-    """The table for a terminal, limits last."""
+    """Table of the quantities for a terminal."""
     cells = [_cells(row) for row in rows]
     head = ("quantity", "condition", "real", "simulated", "value", "limit", "")
     widths = [max(len(line[k]) for line in (head, *cells)) for k in range(len(head))]
@@ -105,7 +105,7 @@ def as_text(rows: list[TwinQuantity]) -> str:
 
 
 def verdict(rows: list[TwinQuantity]) -> str:
-    """The outcome in one sentence: how many limits are met, and which are not."""
+    """Outcome in one sentence: how many limits are met, and which are not."""
     judged = [row for row in rows if row.is_met is not None]
     missed = [row for row in judged if not row.is_met]
     if not judged:
@@ -164,7 +164,7 @@ def _page(rows: list[TwinQuantity], numbers: dict[str, Any], clouds: tuple[Sweep
 
 
 def picture(cloud: PointCloud, path: Path, *, scale: tuple[float, float]) -> None:
-    """A cloud in the sensor's frame, as seen from behind and above the sensor. Raises OutputError."""
+    """Draw a cloud in the sensor's frame, seen from behind and above the sensor. Raises OutputError."""
     perspective_picture(
         cloud, path, colour_by="range", view=_VIEW, highlight_false_alarms=False, size_px=(1280, 720), scale=scale
     )

@@ -1,8 +1,9 @@
 """Fit with a scene: a recording before surfaces whose places are known, of a twin or of any scene and poses.
 
-laid     each recorded pulse, and what the light of the scene says of it
-checks   what was found, held to columns that were not fitted
-written  the sensor file
-report   page, JSON, text
-study    all of it
+pulses_on_scene   recorded pulses matched to the light of the scene
+known_scene       prediction of what the sensor reports of each pulse
+likelihood        maximum likelihood of the parameters, by exact slopes, reflectivities profiled out
+held_out_bins     comparison with held-out columns
+scene_fit         all of these for one recording
+scene_fit_report  page, JSON, text
 """

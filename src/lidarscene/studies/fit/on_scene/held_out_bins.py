@@ -1,4 +1,4 @@
-"""What was found with a scene, held to columns that were not fitted: signal, kept or lost, scatter of the range."""
+"""Comparison of a fit with a scene to its held-out columns: signal, share of returns, scatter of the range."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from .likelihood import FARTHEST_SQUARE, MEAN_SQUARE, OUTLIER, ParameterFit
 from .pulses_on_scene import PulsesOnScene
 
 RANGES, CHANCES = 8, 10
-"""Bins of the range, with as many pulses each, and of the chance to be kept."""
+"""Number of bins over the range, with as many pulses each, and over the chance of a return."""
 
 LEAST = 50
-"""Fewer pulses in a bin are not told, and nothing of `RANGES` times fewer on smooth surfaces: they stand on a few, and
-the law of one that was simulated misses the others."""
+"""Least number of pulses in a bin, and of pulses on smooth surfaces per range bin. With fewer they lie on few surfaces,
+and even a simulated recording misses the law there."""
 
 LOG_SIGMA_OF_ONE = 0.75
-"""Sigma of the logarithm of a scatter (`capped_scatter`), times the root of the number of pulses."""
+"""Sigma of ln(`capped_scatter`), times the square root of the number of pulses."""
 
 NEAR_M = 0.3
-"""A recorded return farther from the scene's surface is of another one."""
+"""Distance from the scene's surface beyond which a recorded return is another one's, as in `twin.judge.SAME_M`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeldOutBins:
-    """By bins of the pulses that were not fitted; the first column of each is what they are sorted by.
+    """Recorded and expected values of the held-out pulses by bin; the first column of each array is the bin's variable.
 
-    signal   (k, 3) range [m], mean of the recorded signal, of the expected one
-    kept_shares     (k, 3) chance that is expected, share that was kept, number of pulses
-    scatter  (k, 4) signal, scatter of the recorded range [m], the expected one, sigma of the logarithm of their ratio:
-             of so many pulses, and of the law, which is known no better than its parameters
+    signal       (k, 3) range [m], mean recorded signal, mean expected signal
+    kept_shares  (k, 3) expected chance of a return, recorded share, number of pulses
+    scatter      (k, 4) signal, recorded scatter of the range [m], expected scatter [m], sigma of the logarithm of their
+                 ratio, from the number of pulses and the uncertainty of the parameters
     """
 
     signal: Numbers
@@ -41,31 +41,31 @@ class HeldOutBins:
 
     @property
     def signal_error(self) -> float | None:
-        """Mean absolute error over the range, relative."""
+        """Mean absolute relative error of the signal over the bins of range; None without bins."""
         return float(np.mean(np.abs(self.signal[:, 2] / self.signal[:, 1] - 1.0))) if len(self.signal) else None
 
     @property
     def kept_error(self) -> float | None:
-        """Mean absolute difference of the shares; all bins count alike, since nearly all pulses are in the last."""
+        """Mean absolute difference of the shares; bins count alike, since nearly all pulses are in the last."""
         return (
             float(np.mean(np.abs(self.kept_shares[:, 0] - self.kept_shares[:, 1]))) if len(self.kept_shares) else None
         )
 
     @property
     def ratios(self) -> Numbers:
-        """Recorded over expected scatter, by octave of the signal."""
+        """Ratio of recorded to expected scatter, by octave of the signal."""
         return np.asarray(self.scatter[:, 1] / self.scatter[:, 2])
 
     def beyond(self, most: float) -> bool:
-        """Whether one of the ratios is above `most`, or below its inverse, by more than two of its sigmas.
+        """True if a ratio is above ``most``, or below its inverse, by more than two of its sigmas.
 
-        Of a ratio that is `most` chance says so in one of 40 bins; of one that is 1, in fewer than one of 1000.
+        By chance that happens in one of 40 bins whose true ratio is ``most``, in fewer than one of 1000 if it is 1.
         """
         return bool(np.any(np.abs(np.log(self.ratios)) > np.log(most) + 2.0 * self.scatter[:, 3]))
 
 
 def judge(laid: PulsesOnScene, parameter_fit: ParameterFit) -> HeldOutBins:
-    """Hold the sensor with these numbers to these pulses; their surfaces are as bright as they are believed to be."""
+    """Bin recorded and predicted values of these pulses; reflectivities are the scene's, without fitted factors."""
     prediction = predict(laid.scene, parameter_fit.values)
     strong = _strong_mask(laid, prediction)
     rows = []
@@ -84,14 +84,14 @@ def judge(laid: PulsesOnScene, parameter_fit: ParameterFit) -> HeldOutBins:
 
 
 def _strong_mask(laid: PulsesOnScene, prediction: Prediction) -> Numbers:
-    """Mask of the pulses that are all kept, and of which the signal and the range are told."""
+    """Mask of the pulses far above the threshold whose signal and range count, on the scene's surface."""
     finite = np.isfinite(laid.reported.signal) & np.isfinite(laid.reported.range_m)
     mask = (prediction.signal > STRONG * prediction.level) & (prediction.fired < MOST_FIRED) & finite
     return np.asarray(mask & (np.abs(np.nan_to_num(laid.reported.range_m) - laid.scene.range_m) < NEAR_M))
 
 
 def _kept_shares(laid: PulsesOnScene, prediction: Prediction) -> Numbers:
-    """Of the pulses whose signal is not far above the threshold."""
+    """Expected chance, recorded share and number of the pulses not far above the threshold, by chance."""
     weak = np.asarray(prediction.signal <= STRONG * prediction.level)
     chance, returned = np.asarray(prediction.chance)[weak], laid.reported.has_return[weak]
     bin_index = np.minimum((chance * CHANCES).astype(int), CHANCES - 1)
@@ -104,10 +104,10 @@ def _kept_shares(laid: PulsesOnScene, prediction: Prediction) -> Numbers:
 
 
 def capped_scatter(relative: Numbers) -> float:
-    """Standard deviation as the likelihood has it, in which what is far off counts no more.
+    """Standard deviation of residuals in sigmas with the likelihood's cap (`FARTHEST_SQUARE`).
 
-    A median would say less where surfaces are not quite as they are believed to be: they are a tail, which is in the
-    law that was fitted.
+    A median absolute deviation would come out smaller where surfaces differ from the scene's: their tail is part of the
+    fitted law.
     """
     near = relative[np.abs(relative) < OUTLIER]
     return float(np.sqrt(np.mean(np.minimum(near * near, FARTHEST_SQUARE)) / MEAN_SQUARE))

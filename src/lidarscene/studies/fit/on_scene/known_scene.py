@@ -1,9 +1,8 @@
-"""A sensor that counts photons, before surfaces whose places are known: the likelihood of what it reported.
+"""Prediction of what a photon-counting sensor reports of surfaces whose places are known.
 
-The light is traced once. Its power follows the laser, the lens and the reflectivities as factors, and what becomes of
-it is computed by the stages that `render` runs: photons of the return, chance to be kept (T98), background counts. The
-scatter of the range is that of the filter's peak. Numbers are changed by the exponential of a parameter each, so that
-0 is the sensor as it was given.
+The light is traced once. Laser, lens and reflectivities scale its power; the stages that `render` runs turn it into
+photons of the return, chance of a return (T98) and background counts. The scatter of the range is that of the filter's
+peak. Each parameter is the logarithm of a number over its value in the given sensor, so 0 is the given sensor.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ IN_SENSOR: Mapping[str, tuple[str, str]] = {
     "histogram.threshold_floor": ("histogram", "threshold_floor"),
     "histogram.threshold_slope": ("histogram", "threshold_slope"),
 }
-"""Parameters that are fields of a part of the sensor."""
+"""Parameter -> (component of the sensor, field of the component), for those that scale a field."""
 
 PARAMETERS = (
     "laser.peak_power_w",
@@ -52,44 +51,45 @@ PARAMETERS = (
     "optics.efficiency_laser",
     "detector.jitter_ps",
 )
-"""All of them, what is best known from publications last: of what cannot be told apart, the last is held."""
+"""All parameters, best known from publications last: of an undetermined combination the last one is held fixed."""
 
 STRONG = 3.0
-"""Signal over the threshold from which on a return tells its signal and its range: nearly all such are kept."""
+"""Ratio of signal to threshold above which signal and range enter the likelihood: nearly all such are kept."""
 
 MOST_FIRED = 0.4
-"""Share of the SPADs up to which it does. More of them fire early and the echo gets narrower: at 0.85 by 0.2 % of the
-signal and 2 mm of the range, which is not in what is expected here."""
+"""Largest share of fired SPADs for which it does. With more, SPADs fire early and the echo gets narrower: at 0.85 this
+changes the signal by 0.2 % and the range by 2 mm, which the prediction leaves out."""
 
 LEAST_CHANCE = 1e-9
+"""Chances are clipped to so far from 0 and 1, where a pulse's weight 1 / (p (1 - p)) is infinite."""
 
 SECOND_ORDER = 1.5
-"""Of the place's variance, over the photons: the peak of few photons is not linear in them. From drawn histograms of
-25 to 70 photons: 1.5 +/- 0.3."""
+"""Coefficient k of the peak position's variance, proportional to (1 + k / photons) / photons: with few photons the
+position is not linear in them. Fitted to drawn histograms of 25 to 70 photons: 1.5 +/- 0.3."""
 
 NODES = (0.0, 1.355626, -1.355626, 2.856970, -2.856970), (8 / 15, 0.222076, 0.222076, 0.011257, 0.011257)
-"""Places and weights of Gauss and Hermite's sum over a normal distribution."""
+"""Nodes and weights of five-point Gauss-Hermite quadrature over a normal distribution."""
 
 LEAST_FLOOR_M = 3e-4
-"""A clock of steps of 1 mm scatters by 1 / sqrt(12) mm; the filter's own scatter is known to 1 %."""
+"""Scatter from rounding to 1 mm, 1 / sqrt(12) mm; the filter's own scatter is known to 1 %."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class KnownScene:
-    """What stood before the sensor, and the sensor that it was traced with.
+    """Light of n pulses from known surfaces, and the sensor that it was traced with.
 
-    range_m       (n,) of the surface
+    range_m       (n,) range of the surface
     power_w       (n,) peak power of the echo, with all of the spot on the detector
     background_w  (n,) power of sun and sky
-    group         (n,) number of the reflectivity that the pulse shares with others
-    spot_over_field  of the laser's spot, for the law of defocus; None: the near field is the sensor's own, whatever its
-                  optics, over a range that `near_field_m` stretches
-    jitter_s      that a `detector.jitter_ps` of 0 stands for
-    spread        that a `histogram.threshold_spread` of 0 stands for, if the sensor has none
-    floor_m       scatter that all ranges have, for a `scatter_floor` of 0: clock's steps, what is not modelled
-    texture       scatter of the surfaces' reflectivities within a group, relative
-    strangers     share of the pulses that met something else than is known: it may be kept or lost
-    light_measured  whether the background is that of a measurement, and does not go with the reflectivities
+    group         (n,) index of the reflectivity factor that the pulse shares with others
+    spot_over_field  radius of the laser's spot over that of the field of view, for the law of defocus; None: the
+                  sensor's own near field, over a range that `near_field_m` stretches
+    jitter_s      jitter at parameter `detector.jitter_ps` = 0
+    spread        threshold spread at parameter `histogram.threshold_spread` = 0, if the sensor has none
+    floor_m       scatter common to all ranges at parameter `scatter_floor` = 0: clock steps, unmodelled effects
+    texture       relative scatter of the reflectivities within a group
+    strangers     share of the pulses that met an unknown object; half of them count as kept
+    light_measured  True if the background was measured and does not scale with the reflectivities
     """
 
     sensor: Sensor
@@ -109,13 +109,12 @@ class KnownScene:
     def from_light(
         cls, light: Echoes | EchoTrain, sensor: Sensor, group: Numbers, *, spot_over_field: float | None
     ) -> KnownScene:
-        """From traced light (`Simulator.light`, with one ray a pulse) of the pulses that meet a surface, ``found``.
+        """Build from traced light (`Simulator.light`, one ray per pulse); pulses that meet no surface are left out.
 
-        Of several echoes, behind a pane, the strongest.
+        Of several echoes, as behind a pane, the strongest counts. The loss in the sensor's own near field is undone.
 
-        What the sensor's own near field took off is given back.
-
-        group  (n,) of all pulses of the light
+        group  index of the reflectivity factor, for all pulses of the light
+        Raises ValueError for light of several rays per pulse.
         """
         if isinstance(light, EchoTrain) and any(part.count != 1 for part in light.parts):
             raise ValueError("light: must be of one ray a pulse, got several")
@@ -140,7 +139,7 @@ class KnownScene:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Observations:
-    """What the sensor said, (n,) each; signal, range_m and near_ir are NaN where they tell nothing."""
+    """Reported values, (n,) each; signal, range_m and near_ir are NaN where they do not enter the likelihood."""
 
     has_return: Numbers
     signal: Numbers
@@ -150,13 +149,13 @@ class Observations:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """What is expected of it, (n,) each; NumPy or Dr.Jit.
+    """Predicted values, (n,) each; NumPy or Dr.Jit.
 
-    signal, variance  photons of the return: counts around its peak less those of the background
-    chance            to be kept
+    signal, variance  mean and variance of the photons: counts around the peak minus the background's
+    chance            probability of a return
     near_ir           background counts
     sigma_m           scatter of the range
-    level             threshold
+    level             threshold [photons]
     fired             share of the free SPADs that the echo fires
     """
 
@@ -170,9 +169,10 @@ class Prediction:
 
 
 def predict(scene: KnownScene, parameters: Mapping[str, Lanes], reflectivity: Numbers | float = 0.0) -> Prediction:
-    """What the sensor reports with these parameters, by name; those left out are 0.
+    """Predict what the sensor reports.
 
-    reflectivity  (n,) logarithm of that of each pulse's surface over the one it was traced with
+    parameters    logarithms by name, as in `PARAMETERS`; those left out are 0
+    reflectivity  (n,) logarithm of each surface's reflectivity over the one it was traced with
     """
     like: Any = next(iter(parameters.values()), 0.0)
     ops = xp(like)
@@ -233,7 +233,7 @@ def predict(scene: KnownScene, parameters: Mapping[str, Lanes], reflectivity: Nu
 
 
 def _chance(point: WorkingPoint, level: Lanes, signal: Lanes, texture: float) -> Lanes:
-    """Of a return, over the surfaces' texture."""
+    """Probability of a return, averaged over the surfaces' texture (log-normal, mean 1)."""
     assert point.echo_tail is not None
     if texture == 0.0:
         return point.echo_tail(level, signal)
@@ -244,7 +244,7 @@ def _chance(point: WorkingPoint, level: Lanes, signal: Lanes, texture: float) ->
 
 
 def _shared(scene: KnownScene, range_m: Lanes, factor: Callable[[str], Lanes]) -> Lanes:
-    """Share of the light on the detector, at these ranges."""
+    """Share of the light that falls on the detector at these ranges."""
     if scene.spot_over_field is None:
         overlap = scene.sensor.optics.overlap
         return 1.0 + 0.0 * range_m if overlap is None else overlap.share(range_m / factor("near_field_m"))
@@ -255,9 +255,10 @@ def _shared(scene: KnownScene, range_m: Lanes, factor: Callable[[str], Lanes]) -
 
 
 def _sigma_m(signal: Lanes, pixel: Macropixel, floor_m: Lanes) -> Lanes:
-    """Of the place of the filter's peak: by the echo's photons, and by the background's.
+    """Scatter of the range: the filter's peak moves with the shot noise of echo and background.
 
-    The second is r int h'^2 / (S int h' s')^2 = r sigma^3 sqrt(pi) / 2 w^3 (1 + 1 / w^2)^3 / S^2.
+    The background's variance is r int h'^2 / (S int h' s')^2 = r sigma^3 sqrt(pi) / 2 w^3 (1 + 1 / w^2)^3 / S^2, with
+    rate r, signal S, filter h of w echo widths and echo s; the echo's is `scatter_over_sigma`.
     """
     sigma_s, rate_hz = pixel.sigma_s, pixel.variance_share * pixel.count_rate_hz
     w = width_of_place(sigma_s, pixel.histogram.bin_s)

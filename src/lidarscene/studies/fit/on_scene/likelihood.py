@@ -1,9 +1,9 @@
-"""The parameters at which the likelihood of `known_scene` is highest, reflectivities profiled out.
+"""Maximum likelihood of the parameters of `known_scene`, with the reflectivities profiled out.
 
-Fisher's scoring: each step needs the slopes of what is expected of each pulse, exact by Dr.Jit, or by differences
-without a back end. Reflectivities are solved along with the parameters and taken out of their matrix (Schur's
-complement). What the recording cannot tell shows as a small eigenvalue: its direction is named, and one of its
-parameters, the one that is best known from elsewhere, stays at the value that it had.
+Fisher scoring: each step needs the slopes of the prediction for each pulse, exact by Dr.Jit, or by central differences
+without a back end. The reflectivities are solved along with the parameters and eliminated from their matrix (Schur
+complement). A small eigenvalue is a direction that the recording does not determine: it is reported, and one of its
+parameters, the one best known from elsewhere, keeps its value.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from ..products import row_echelon
 from .known_scene import LEAST_CHANCE, MOST_FIRED, PARAMETERS, STRONG, KnownScene, Observations, Prediction, predict
 
 BLOCKS = 40
-"""Of pulses in order, for the bootstrap."""
+"""Blocks of consecutive pulses for the bootstrap."""
 
 LONGEST_STEP = 0.5
-"""Of a logarithm."""
+"""Largest step of a logarithm."""
 
 FARTHEST = math.log(5.0)
-"""A logarithm that runs off farther is not told, or stands for what is not modelled: it stays as it was. A scatter
-that is that much smaller than it was stays there, as it is none."""
+"""Logarithm beyond which a parameter is undetermined or absorbs what is not modelled, and is reset to 0. A scatter that
+falls so far is none, and stays there (`MAY_VANISH`)."""
 
 MAY_VANISH = ("scatter_floor", "histogram.threshold_spread")
-"""Scatters that may be none at all."""
+"""Scatters that may be zero."""
 
 OUTLIER = 5.0
-"""Sigmas from which on a range is that of something else: of chance returns one in 2 million is left out."""
+"""Sigmas beyond which a range belongs to another surface; of normal errors one in 2 million is left out."""
 
 FARTHEST_SQUARE = 9.0
-"""Of a range's distance from the surface over its sigma, squared: what is farther counts no more, since surfaces are
-not quite where they are believed to be. That costs a clean recording 1 % of sigma."""
+"""Cap on the squared distance of a range from the surface in sigmas, since surfaces are not quite where the scene has
+them. On a clean recording the cap widens sigma by 1 %."""
 
 _WITHIN = math.erf(math.sqrt(0.5 * FARTHEST_SQUARE))
 _EDGE = math.sqrt(2.0 * FARTHEST_SQUARE / math.pi) * math.exp(-0.5 * FARTHEST_SQUARE)
@@ -48,35 +48,35 @@ _SLOPE = 2.0 * _INSIDE / MEAN_SQUARE
 _VARIANCE = (
     3.0 * _WITHIN - (3.0 + FARTHEST_SQUARE) * _EDGE + FARTHEST_SQUARE**2 * (1.0 - _WITHIN)
 ) / MEAN_SQUARE**2 - 1.0
-"""Of the square of a normal number, at most `FARTHEST_SQUARE`, over its mean: minus its slope by ln sigma; variance.
-Without a limit both are 2."""
+"""Moments of min(x^2, `FARTHEST_SQUARE`) over its mean, x standard normal: minus the slope by ln sigma, and variance.
+Both are 2 without the cap."""
 
 HUBER = 4.0
-"""Sigmas from which on a signal counts less: an edge, a surface that is not as it is believed to be."""
+"""Sigmas beyond which a signal counts less (Huber's weight): an edge, or a surface other than the scene's."""
 
 PRODUCT = 1e-6
-"""Share of a parameter's information that no other has: below, it is but a factor of a product."""
+"""Least share of a parameter's information that no other parameter has; below it, only a product is determined."""
 
 DONE = 1e-2
-"""A step of so many sigmas is the last."""
+"""Length of the last step in sigmas."""
 
 SETTLED = 7
-"""Evaluations after which a fit may end: one more than settles which returns are strong."""
+"""Evaluations after which a fit may end: one more than fix which returns are strong."""
 
 SLOW = 0.7
-"""A step of Fisher's scoring is far shorter than the one before it; one longer than this share of it is halved."""
+"""Ratio to the step before above which a step is halved; converging Fisher scoring shrinks faster."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ParameterFit:
-    """What was found.
+    """Fitted parameters.
 
-    solved       logarithms of the parameters over those of the scene's sensor
-    names        of the parameters that were found
-    held         those that stay as they were
-    null         a line for each direction that cannot be told
-    values       of all of them, at the end
-    reflectivity (groups,) logarithms over those traced with
+    solved       solution: logarithms of the fitted parameters over those of the scene's sensor
+    names        names of the fitted parameters
+    held         names of the parameters held at their values
+    null         a line for each direction that the recording does not determine
+    values       logarithms of all parameters, fitted and held
+    reflectivity (groups,) logarithms of the reflectivities over those traced
     """
 
     solved: Solution
@@ -88,7 +88,7 @@ class ParameterFit:
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
-        """Each parameter as a factor of the value that it had."""
+        """Each fitted parameter as a factor of its former value."""
         return tuple(
             self.solved.estimate(name, "times", lambda p, k=k: float(np.exp(p[k])))  # type: ignore[misc]
             for k, name in enumerate(self.names)
@@ -97,7 +97,15 @@ class ParameterFit:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Step:
-    """Scores and matrix at some parameters: p parameters, g reflectivities, n pulses."""
+    """Scores and Fisher matrix at one point: p parameters, g reflectivities, n pulses.
+
+    score              (p,) profiled score
+    matrix             (p, p) profiled Fisher matrix
+    pulse_scores       (n, p) share of each pulse in the score
+    surface_score      (g,) score of the reflectivities
+    cross              (p, g) Fisher matrix between parameters and reflectivities
+    surface_curvature  (g,) diagonal Fisher matrix of the reflectivities
+    """
 
     score: Numbers
     matrix: Numbers
@@ -116,11 +124,11 @@ def fit_parameters(
     start: ParameterFit | None = None,
     max_evaluations: int = MOST_EVALUATIONS,
 ) -> ParameterFit:
-    """Find the parameters of these names.
+    """Maximise the likelihood over the named parameters.
 
-    reflectivity_sigma  how well the logarithms of the reflectivities are known beforehand; inf: not at all
-    start               what was found before, with another texture; None: the scene's sensor
-    most                evaluations of the likelihood
+    reflectivity_sigma  prior sigma of the logarithms of the reflectivities; inf: no prior
+    start               earlier fit, with another texture, to start from; None: the scene's sensor
+    max_evaluations     largest number of evaluations of the likelihood
     """
     prior_weight = 0.0 if np.isinf(reflectivity_sigma) else reflectivity_sigma**-2
     active, values = list(names), dict.fromkeys(names, 0.0)
@@ -143,7 +151,7 @@ def fit_parameters(
         if evaluations > SETTLED and size > SLOW * last_size:
             damping *= 0.5
         last_size, size = size, damping * size
-        # Each for itself: one that runs off must not hold up the others.
+        # Clip each component alone: a runaway parameter must not shorten the steps of the others.
         move = np.clip(damping * move, -LONGEST_STEP, LONGEST_STEP)
         all_moves = np.zeros(len(names))
         all_moves[rows] = move
@@ -159,7 +167,7 @@ def fit_parameters(
         values |= {name: 0.0 for name in runaway if name not in MAY_VANISH}
         held += runaway
         active = [name for name in active if name not in runaway]
-        if evaluations in (3, 6):  # which returns are strong is settled early, and then stays
+        if evaluations in (3, 6):  # fix early which returns are strong, else the steps go to and fro
             strong = _strong_mask(scene, reported, values, surfaces)
         step = _step(scene, reported, values, surfaces, strong, prior_weight)
         evaluations += 1
@@ -185,10 +193,11 @@ def fit_parameters(
 
 
 def _held_covariance(matrix: Numbers, rows: Sequence[int], held: Sequence[int]) -> Numbers:
-    """(p, p) covariance of the parameters of these rows that comes from those that are held.
+    """(p, p) covariance of the fitted parameters ``rows`` that comes from the held ones.
 
-    A held one may be off by as much as it is not known, a factor of e or what the recording says if that is better; the
-    others then move along. Those that come in a product alone are held by agreement and add nothing.
+    A held parameter may be off by its own uncertainty, a factor of e or what the recording says if that is better; the
+    fitted ones then move along. A parameter that occurs only as a factor of a product is held by convention and adds
+    nothing.
     """
     free_matrix = matrix[np.ix_(rows, rows)]
     drag = np.linalg.solve(free_matrix, matrix[np.ix_(rows, held)])
@@ -201,14 +210,14 @@ def _held_covariance(matrix: Numbers, rows: Sequence[int], held: Sequence[int]) 
 def _hold_undetermined(
     step: _Step, names: Sequence[str], active: list[str], held: list[str], null: list[str]
 ) -> tuple[list[str], list[str], list[str]]:
-    """Those that can be told apart at this step, those that stay, and what is said of them."""
+    """Hold parameters until the matrix is regular; returns fitted names, held names and the lines of `null`."""
     while True:
         rows = [list(names).index(name) for name in active]
         eigenvalues, vectors = np.linalg.eigh(step.matrix[np.ix_(rows, rows)])
         undetermined = eigenvalues < UNKNOWN**-2
         if not undetermined.any():
             return active, held, null
-        # The same space by directions that have one parameter each for their own, the last ones first.
+        # Echelon form of the null space: each direction then has one parameter that no other has, the last ones first.
         directions, pivots = row_echelon(vectors[:, undetermined].T[:, ::-1])
         directions, last_columns = directions[:, ::-1], [len(active) - 1 - pivot for pivot in pivots]
         null = null + [
@@ -231,9 +240,9 @@ def _direction_text(active: Sequence[str], direction: Numbers, last: int) -> str
 def prediction_slopes(
     scene: KnownScene, values: Mapping[str, float], surfaces: Numbers, *, exact: bool = True
 ) -> tuple[Prediction, dict[str, list[Numbers]]]:
-    """What is expected, and the slopes of signal, chance, near_ir and sigma_m by each parameter.
+    """Prediction, and by parameter the slopes of signal, chance, near_ir and sigma_m, (n,) each.
 
-    exact  by Dr.Jit, where there is a back end; else by central differences
+    exact  True: slopes by Dr.Jit where there is a back end; else by central differences
     """
     reflectivity = surfaces[scene.group]
 
@@ -271,7 +280,7 @@ def _step(
     strong: Numbers,
     prior_weight: float,
 ) -> _Step:
-    """Scores and Fisher's matrix, reflectivities profiled out."""
+    """Compute scores and Fisher matrix at ``values``, with the reflectivities profiled out."""
     prediction, slopes = prediction_slopes(scene, values, surfaces)
     chance_mask = 1.0 - strong
     chance = np.clip(prediction.chance, LEAST_CHANCE, 1.0 - LEAST_CHANCE)

@@ -1,6 +1,6 @@
-"""A recording laid on a scene: of each recorded pulse what it reported, and the light that the scene sends back.
+"""Recorded pulses matched to a scene: what each one reported, and the light that the scene sends back.
 
-The light is traced once for each frame. Pulses that meet nothing there tell nothing, and are left out.
+The light is traced once for each frame. Pulses that meet no surface of the scene are left out.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ ROWS = 8
 """Rows of a patch, `BLOCK` columns wide, whose surfaces share one unknown factor of the reflectivity."""
 
 POWERS_W = np.geomspace(1e-16, 1e-5, 2000)
-"""Background that a count of NEAR_IR is looked up in."""
+"""Background powers of the table that inverts NEAR_IR counts."""
 
 SAME_M = 1e-4
-"""Two ranges that differ by less are of one surface."""
+"""Largest difference of two traced ranges to the same surface."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PulsesOnScene:
-    """Pulses of all frames, by frame and column; those of a patch have one ``scene.group``.
+    """Pulses of all frames, by frame and column; those of a patch share one ``scene.group``.
 
-    block  (n,) number of the block of columns
+    block  (n,) index of the block of columns
     """
 
     scene: KnownScene
@@ -48,19 +48,19 @@ class PulsesOnScene:
     block: Numbers
 
     def select(self, mask: Numbers) -> PulsesOnScene:
-        """Only these pulses."""
+        """Keep only the pulses of a mask."""
         return replace(
             self, scene=_select(self.scene, mask), reported=_select(self.reported, mask), block=self.block[mask]
         )
 
     @property
     def fitted(self) -> Numbers:
-        """(n,) mask of those that are fitted; the others judge the fit."""
+        """(n,) mask of the fitted pulses; the others judge the fit."""
         return np.asarray(self.block % HELD_OUT != HELD_OUT - 1)
 
 
 def _keep_kinds(world: World, *kinds: int) -> World:
-    """A twin's scene with only these kinds of its surfaces."""
+    """Keep only these kinds of a twin's surfaces."""
     names = {KINDS[kind] for kind in kinds}
     return replace(world, bodies=tuple(body for body in world.bodies if body.class_name in names))
 
@@ -68,13 +68,13 @@ def _keep_kinds(world: World, *kinds: int) -> World:
 def lay_on_scene(
     world: World, sensor: Sensor, frames: Sequence[tuple[Sweep, Pose | None]], *, twin: bool = False
 ) -> PulsesOnScene:
-    """Lay frames on a scene, each from its pose; None: the scene's own.
+    """Match the pulses of frames to the light of a scene, each frame from its pose; None: the scene's own.
 
-    twin  what was put where pulses were lost is left out. Signals and ranges count only of smooth surfaces: leaves and
-          edges are not as they are in the twin. The background is taken from NEAR_IR
-    Raises InputError where the sensor does not fire the recording's pulses, or nothing stands before them.
+    twin  True: leave out surfaces that fill in for lost pulses; use signals and ranges of smooth surfaces only, since
+          leaves and edges differ from the twin's; take the background from NEAR_IR
+    Raises InputError where the sensor does not fire the recording's pulses, or no surface stands before them.
     """
-    # Of a twin: all that was measured, and what of it is smooth.
+    # Two scenes of a twin: all measured surfaces, and the smooth ones alone.
     worlds = [_keep_kinds(world, SMOOTH, ROUGH, BRIGHT), _keep_kinds(world, SMOOTH)] if twin else [world]
     simulators = [Simulator(simulated_world, sensor) for simulated_world in worlds]
     parts = [_lay_frame(simulators, sweep, pose, number=number) for number, (sweep, pose) in enumerate(frames)]
@@ -86,7 +86,7 @@ def lay_on_scene(
 
 
 def _lay_frame(simulators: Sequence[Simulator], sweep: Sweep, pose: Pose | None, *, number: int) -> PulsesOnScene:
-    """A frame on the light of the first simulator; what another one sees otherwise tells no signal and no range."""
+    """Match a frame to the first simulator's light; where another one sees otherwise, signal and range are NaN."""
     sensor = simulators[0].sensor
     numbers, _ = match_pulses(sensor, sweep)
     rows, columns = sweep.shape
@@ -132,7 +132,7 @@ def _lay_frame(simulators: Sequence[Simulator], sweep: Sweep, pose: Pose | None,
 
 
 def _select_light(light: EchoTrain, pulse: Numbers) -> EchoTrain:
-    """The light of these pulses, of surfaces only."""
+    """Select the light of these pulses, from surfaces only."""
     parts: list[SubEchoes] = []
     for part in light.parts[: light.surfaces]:
         range_m, power_w = (np.asarray(values)[pulse] for values in (part.range_m, part.peak_power_w))
@@ -145,7 +145,7 @@ def _select_light(light: EchoTrain, pulse: Numbers) -> EchoTrain:
 
 
 def _power_w(sensor: Sensor, near_ir: Numbers) -> Numbers:
-    """Background that is expected to count so much; none below the dark counts."""
+    """Background power whose expected count is NEAR_IR; 0 below the dark counts."""
     counts = np.asarray(sensor.background_counts(POWERS_W)[0]) * float(sensor.tdc.ambient_s)
     return np.interp(near_ir, counts, POWERS_W, left=0.0)
 

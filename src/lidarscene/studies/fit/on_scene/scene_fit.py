@@ -1,4 +1,4 @@
-"""Fit a recording on a scene: the twin of a recording, or any scene that the sensor is known to have stood in."""
+"""Fit of a recording with a scene: the twin of a recording, or any scene that the sensor is known to have stood in."""
 
 from __future__ import annotations
 
@@ -30,12 +30,13 @@ from .pulses_on_scene import PulsesOnScene, lay_on_scene
 from .scene_fit_report import SceneFit, as_dict, as_text, write_report
 
 REFLECTIVITY_SIGMA = 0.1
-"""How well the factor of a patch is known beforehand: the maker's reflectivity of a twin is good to some 10 %."""
+"""Prior sigma of a patch's reflectivity factor: the maker's REFLECTIVITY, which a twin has, is good to some 10 %."""
 
 ROUNDS = 2
-"""Of the fit, with texture and strangers found from the one before."""
+"""Rounds of a fit with a twin; texture and strangers follow from the round before."""
 
 LEAST_TEXTURE = 0.01
+"""Least relative scatter of the reflectivities within a patch."""
 
 NORMAL = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
@@ -54,11 +55,11 @@ _HELD_OUT_NOTE = "the twin has not seen what is fitted here (held out)"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneFitInputs:
-    """What a fit with a scene is made of.
+    """Input files of a fit with a scene.
 
     sensor    catalogue name or sensor file; None: the scene's own
-    metadata  what the maker says of the unit; None: the json beside the recording, if there is one
-    poses     where the sensor stood, as scenes have it; None: as the twin knows, else where the scene's sensor stands
+    metadata  the maker's description of the unit; None: the json beside the recording, if there is one
+    poses     file of the sensor's poses; None: poses of the twin's frames, else the pose of the scene's sensor
     """
 
     recordings: Sequence[Path]
@@ -69,7 +70,7 @@ class SceneFitInputs:
 
 
 def fit_on_scene(inputs: SceneFitInputs, output: Path, report: Path, *, as_json: bool = False) -> tuple[str, bool]:
-    """Fit, and write sensor file, page and JSON; returns what is printed and whether all checks held.
+    """Fit, and write sensor file, page and JSON; returns the text to print and whether no check failed.
 
     Raises InputError and OutputError.
     """
@@ -109,7 +110,10 @@ def fit_on_scene(inputs: SceneFitInputs, output: Path, report: Path, *, as_json:
 
 
 def fit_pulses_on_scene(laid: PulsesOnScene, sensor: Sensor, *, twin: bool) -> SceneFit:
-    """The numbers of the sensor that make three of four blocks of columns likeliest, held to the fourth."""
+    """Maximise the likelihood of three of four blocks of columns, and judge the fit by the fourth.
+
+    twin  True: estimate texture, strangers and the scatter of the twin's surfaces, too
+    """
     fitted = laid.select(laid.fitted)
     group = np.unique(fitted.scene.group, return_inverse=True)[1]
     fitted = replace(fitted, scene=replace(fitted.scene, group=group))
@@ -152,7 +156,7 @@ def fit_pulses_on_scene(laid: PulsesOnScene, sensor: Sensor, *, twin: bool) -> S
 
 
 def _undetermined(laid: PulsesOnScene, sensor: Sensor, *, twin: bool) -> set[str]:
-    """Numbers that the sensor does not have, or that the scene was made of."""
+    """Names of parameters that the sensor does not have, or that the scene was made from."""
     names = set()
     if laid.scene.spot_over_field is None:
         names.add("spot_over_field")
@@ -165,7 +169,7 @@ def _undetermined(laid: PulsesOnScene, sensor: Sensor, *, twin: bool) -> set[str
 
 
 def _floor_m(laid: PulsesOnScene) -> float:
-    """Scatter of the ranges of the strongest quarter of the signals: of the twin's surfaces, for a start."""
+    """Scatter of the strongest quarter of the returns about the twin's surfaces [m]: the start for `scatter_floor`."""
     signal = laid.reported.signal
     with np.errstate(invalid="ignore"):
         strong = signal > np.nanquantile(signal, 0.75)
@@ -174,7 +178,7 @@ def _floor_m(laid: PulsesOnScene) -> float:
 
 
 def _texture_and_strangers(laid: PulsesOnScene, parameter_fit: ParameterFit) -> tuple[float, float]:
-    """Scatter of the signals that photons do not explain, and the share of bright surfaces of which nothing came."""
+    """Estimate texture, the excess scatter of the signals, and strangers, twice the lost share on bright surfaces."""
     prediction = predict(
         replace(laid.scene, texture=0.0, strangers=0.0),
         parameter_fit.values,
@@ -194,7 +198,7 @@ def _texture_and_strangers(laid: PulsesOnScene, parameter_fit: ParameterFit) -> 
 def _frames_with_poses(
     inputs: SceneFitInputs, provenance: dict[str, object] | None
 ) -> tuple[list[tuple[Sweep, Pose | None]], tuple[str, ...]]:
-    """The frames to fit with their poses, and what is to be said of them."""
+    """Read the frames to fit with their poses; returns them and the notes on what the twin saw of them."""
     frames: list[tuple[Sweep, Pose | None]] = []
     for path in inputs.recordings:
         with open_recording(path, inputs.metadata) as recording:
@@ -218,7 +222,10 @@ def _frames_with_poses(
 
 
 def _place_frames(frames: list[tuple[Sweep, Pose | None]], path: Path) -> list[tuple[Sweep, Pose | None]]:
-    """The frames at the poses of a file, whose times are the recording's, or count from its first frame."""
+    """Place frames at the poses of a file, whose times are the recording's, or count from its first frame.
+
+    Raises InputError if the poses do not reach from the first frame to the last.
+    """
     motion = read_poses(path)
     first, last = motion.span_s
     start_s = frames[0][0].start_s

@@ -1,4 +1,4 @@
-"""The page of a fit with a scene, and the same as JSON and text."""
+"""Report of a fit with a scene: page, JSON and text."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from .likelihood import ParameterFit
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SceneFit:
-    """All that was found.
+    """Result of a fit with a scene.
 
-    pulses       that were fitted and that judge
-    evaluations  of the likelihood, over all rounds
-    texture, strangers  as in `known_scene.Scene`, found along with the numbers
-    notes        what the reader must know: what the scene was made of, what is left as it was
+    pulses             number of fitted pulses, and of held-out ones
+    evaluations        number of evaluations of the likelihood, over all rounds
+    texture, strangers  as in `known_scene.KnownScene`, estimated along with the parameters
+    notes              notes for the reader: what the scene was made of, which numbers of the file stay as they were
     """
 
     recording: str
@@ -51,12 +51,12 @@ class SceneFit:
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
-        """Of the numbers, as factors of what the file had."""
+        """Estimates of the parameters, as factors of the file's values."""
         return self.parameter_fit.estimates
 
     @property
     def checks(self) -> tuple[LawCheck, ...]:
-        """On columns that were not fitted."""
+        """Comparison of signal, kept share and scatter with their limits, on the held-out columns."""
         judged = self.judged
         signal_error, kept_error, ratios = judged.signal_error, judged.kept_error, judged.ratios
         return (
@@ -82,12 +82,12 @@ class SceneFit:
 
     @property
     def passed(self) -> bool:
-        """Whether no check failed."""
+        """True if no check failed."""
         return all(check.held is not False for check in self.checks)
 
 
 def as_dict(fit: SceneFit) -> dict[str, Any]:
-    """For JSON."""
+    """Result as a dictionary for JSON."""
     return {
         "recording": fit.recording,
         "scene": fit.scene,
@@ -120,7 +120,7 @@ def as_dict(fit: SceneFit) -> dict[str, Any]:
 
 
 def as_text(fit: SceneFit) -> str:
-    """For people."""
+    """Result as text for the terminal."""
     text_lines = [f"{fit.recording} on {fit.scene}: {fit.pulses[0]:,} pulses, {fit.evaluations} evaluations"]
     text_lines += [f"  {estimate.key:<28} {_number(estimate)}" for estimate in fit.estimates]
     text_lines += [f"  {check}" for check in fit.checks]
@@ -132,7 +132,7 @@ def as_text(fit: SceneFit) -> str:
 
 
 def write_report(fit: SceneFit, folder: Path) -> None:
-    """Page, Markdown, figures and their data, and JSON. Raises OutputError."""
+    """Write page, Markdown, figures with their data, and JSON. Raises OutputError."""
     page = Page(f"{fit.recording} on {fit.scene}: what they say of {fit.sensor}", folder=folder)
     page.paragraph(
         f"{fit.pulses[0]:,} pulses of {counted(fit.frames, 'frame')} were fitted; {fit.pulses[1]:,} of every fourth "
