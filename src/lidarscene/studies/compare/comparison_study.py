@@ -5,7 +5,7 @@ Both write all files of the report. The command `compare` and Python users call 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from ...detection.outcomes import Status
 from ...errors import InputError
 from ...scene.scene import Scene
 from ...sensor.model import Sensor
+from ..field_of_view.field_of_view_study import ProgressCallback
 from ..ranging.sweep_report import unambiguous_m
 from . import cloud_matching
 from .bench import Bench, NamedSensor, fires_alike, with_beams_of
@@ -22,8 +23,6 @@ from .comparison_files import ComparisonOutput, file_names, require_writable_fil
 from .comparison_report import Comparison
 from .illuminance_sweep import sweep_illuminance
 from .observations import Observation, groupings
-
-ProgressCallback = Callable[[int, int], object]
 
 _INTERVALS = (
     "Intervals are of 95 %: Wilson's for rates, Agresti and Min's for the difference of two rates of the same pulses. "

@@ -1,14 +1,14 @@
-"""What a scan pattern covers: how densely, how soon, how far.
+"""Study what a scan pattern covers: how densely, how soon and how far.
 
-Patterns of spinning, mirror and prism scanners are compared by what they see of a direction within a time, which data
-sheets do not say.
+Spinning, mirror and prism scanners are compared by the share of the field of view that they have covered within a time
+and by the time until they return to a direction, which data sheets do not say.
 
-study    sensors to pictures, CSV and a page
-pattern  what a pattern covers, how densely and how soon
-cells    cells of angle, and what has been hit
-spacing  distances between neighbours
-reach    how far a sensor sees, over its field and on the ground
-seen     the questions of a study, and one sensor's answers
-bodies   points on each body against its distance; this traces
-figures  maps and charts
+field_of_view_study    entry point: from sensors to pictures, CSV and a page
+sensor_view            settings of a study, and the results for one sensor
+pattern_coverage       pulses of a scanner; coverage, density and revisit time of each cell
+sphere_cells           cells of equal solid angle on the sphere of directions
+spacing                angles between neighbouring pulses
+reach                  maximum range over the field of view, and the ground around the vehicle that sensors see
+body_points            points on each body of a scene against its distance; the only part that traces
+field_of_view_figures  maps and charts
 """

@@ -1,6 +1,6 @@
-"""Points on each body of a scene over its distance: the only part of these studies that traces.
+"""Number of points on each body of a scene against its distance, from one traced frame of each sensor.
 
-Density per angle does not say how many points a pedestrian has at 50 m; this does.
+The density of pulses per solid angle does not say how many points a pedestrian has at 50 m; this does.
 """
 
 from __future__ import annotations
@@ -19,7 +19,12 @@ from ...sensor.rig import Mounted
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodyPoints:
-    """One sensor's frame on one body: number of echoes, median of their ranges, class."""
+    """Points of one sensor's frame on one body.
+
+    label       class of the body
+    distance_m  median of the points' true ranges
+    points      number of points
+    """
 
     body: str
     label: str
@@ -30,11 +35,11 @@ class BodyPoints:
 def points_on_bodies(
     scene: Scene, sensors: Sequence[Mounted], *, vehicle: Pose | None = None, seed: int = 0
 ) -> list[tuple[str, list[BodyPoints]]]:
-    """For each sensor its label and what one frame of it has on each body, from near to far. Needs a back end.
+    """Trace a frame with each sensor; returns sensor labels with the points on each body, from near to far.
 
-    vehicle  where the frame of the sensors' poses stands; the scene's sensor pose if None
+    vehicle  pose in the scene of the frame in which sensors are mounted; the scene's sensor pose if None
 
-    Bodies without a class or without a point are left out.
+    Bodies without a class or without a point are left out. Raises BackendError.
     """
     place = scene.sensor_pose if vehicle is None else vehicle
     rendered = simulators(scene, sensors, pose=place)

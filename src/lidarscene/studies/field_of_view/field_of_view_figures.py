@@ -1,4 +1,4 @@
-"""The figures of a field-of-view study: name, drawing, table and caption of each.
+"""Figures of a field-of-view study: name, drawing, table and caption of each.
 
 A figure and its CSV come from one place, so that they cannot disagree.
 """
@@ -49,7 +49,7 @@ _WIDE = 1200  # pixels across a map at most
 
 
 def introduction(cell_deg: float, mask: str, dwell_s: float, target: Target) -> str:
-    """What holds for all figures, in words."""
+    """Paragraph on the definitions that all figures share."""
     area = (
         "the cells whose middle lies in the convex outline, in azimuth and elevation, of all pulses, and "
         "those that got one,"
@@ -68,7 +68,7 @@ def introduction(cell_deg: float, mask: str, dwell_s: float, target: Target) -> 
 
 
 def summary_row(view: SensorView) -> tuple[str, ...]:
-    """One sensor in numbers."""
+    """Row under `SUMMARY` of one sensor's numbers."""
     ranges = view.range_m[np.isfinite(view.range_m)]
     reach = f"{ranges.min():.1f} to {ranges.max():.1f} m" if len(ranges) else "none or without limit"
     spacing = f"{np.median(view.spacing_deg):.4f}°" if len(view.spacing_deg) else "-"
@@ -76,7 +76,7 @@ def summary_row(view: SensorView) -> tuple[str, ...]:
         view.name,
         f"{rate_hz(view.sensor.scanner):,.0f}",
         f"{view.sensor.scanner.frame_s:.4g} s",
-        f"{view.maps.square_degrees.sum():,.0f} square degrees",
+        f"{view.coverage_maps.square_degrees.sum():,.0f} square degrees",
         azimuth_text(view.frame.azimuth_deg),
         f"{view.frame.elevation_deg.min():.2f} to {view.frame.elevation_deg.max():.2f}°",
         spacing,
@@ -85,30 +85,31 @@ def summary_row(view: SensorView) -> tuple[str, ...]:
 
 
 def azimuth_arc_deg(azimuth_deg: Numbers) -> tuple[float, float]:
-    """The shortest arc that holds all azimuths, from right to left; it may go beyond 180 degrees.
+    """Ends of the shortest arc that holds all azimuths, from right to left; the left end may exceed 180 degrees.
 
-    All around if no gap is wider than those that a turning head leaves.
+    The arc is -180 to 180 if no gap is wider than those that a turning head leaves.
     """
-    turned = np.unique(np.mod(azimuth_deg, 360.0))
-    gaps = np.diff(turned, append=turned[0] + 360.0)
+    sorted_deg = np.unique(np.mod(azimuth_deg, 360.0))
+    # The arc is the circle without its widest gap: it begins after the gap and ends before it.
+    gaps = np.diff(sorted_deg, append=sorted_deg[0] + 360.0)
     widest = int(gaps.argmax())
     if gaps[widest] <= _GAP_DEG:
         return -180.0, 180.0
-    first, last = float(turned[(widest + 1) % len(turned)]), float(turned[widest])
+    first, last = float(sorted_deg[(widest + 1) % len(sorted_deg)]), float(sorted_deg[widest])
     first -= 360.0 * (first > 180.0)
     return first, last + 360.0 * np.ceil((first - last) / 360.0)
 
 
 def azimuth_text(azimuth_deg: Numbers) -> str:
-    """The arc in words."""
+    """Arc of these azimuths in words."""
     first, last = azimuth_arc_deg(azimuth_deg)
     return "all around" if last - first >= 360.0 else f"{first:.2f} to {last:.2f}°"
 
 
 def coverage_figure(views: Sequence[SensorView], times_s: Sequence[float], cell_deg: float) -> Figure:
-    """Share of the field of view that has received a pulse, over time."""
+    """Share of the field of view that has received a pulse, against time."""
     fine = np.unique(np.concatenate([np.linspace(0.0, max(times_s), 141), times_s]))
-    curves = [100.0 * view.maps.coverage(fine) for view in views]
+    curves = [100.0 * view.coverage_maps.coverage(fine) for view in views]
     lines = [
         charts.Line(label=view.name, x=fine, y=y, colour=i, style=tuple(charts.STYLES)[i // 7 % 4])
         for i, (view, y) in enumerate(zip(views, curves, strict=True))
@@ -127,10 +128,9 @@ def coverage_figure(views: Sequence[SensorView], times_s: Sequence[float], cell_
 
 
 def coverage_rows(views: Sequence[SensorView], times_s: Sequence[float]) -> list[tuple[str, ...]]:
-    """Coverage at the requested times."""
-    return [
-        (view.name, *(f"{100.0 * share:.1f} %" for share in view.maps.coverage(np.array(times_s)))) for view in views
-    ]
+    """Table rows of the coverage at the requested times."""
+    times = np.array(times_s)
+    return [(view.name, *(f"{100.0 * share:.1f} %" for share in view.coverage_maps.coverage(times))) for view in views]
 
 
 def spacing_figure(views: Sequence[SensorView]) -> Figure:
@@ -144,7 +144,7 @@ def spacing_figure(views: Sequence[SensorView]) -> Figure:
         100.0 * np.histogram(np.clip(view.spacing_deg, edges[0], edges[-1]), edges)[0] / max(len(view.spacing_deg), 1)
         for view in views
     ]
-    # As steps: each bin from edge to edge.
+    # Steps: each bin's share is drawn from its lower to its upper edge.
     x = np.repeat(edges, 2)[1:-1]
     lines = tuple(
         charts.Line(label=view.name, x=x, y=np.repeat(y, 2), colour=i, style=tuple(charts.STYLES)[i // 7 % 4])
@@ -167,7 +167,7 @@ def spacing_figure(views: Sequence[SensorView]) -> Figure:
 
 
 def spacing_rows(views: Sequence[SensorView]) -> list[tuple[str, ...]]:
-    """Percentiles of the spacing."""
+    """Table rows of the spacing's percentiles."""
     return [
         (view.name, *(f"{angle_deg:.4f}°" for angle_deg in np.percentile(view.spacing_deg, PERCENTILES)))
         for view in views
@@ -176,7 +176,7 @@ def spacing_rows(views: Sequence[SensorView]) -> list[tuple[str, ...]]:
 
 
 def ground_figure(views: Sequence[SensorView], below: Ground) -> Figure:
-    """The ground around the vehicle."""
+    """Map of the ground around the vehicle by the number of sensors that see it."""
     half = float(below.x_m[-1] + 0.5 * (below.x_m[1] - below.x_m[0]))
     stands = [(view.name, view.sensor.mounting.position_m) for view in views]
     names_at: dict[tuple[float, float], list[str]] = {}
@@ -215,19 +215,15 @@ def ground_figure(views: Sequence[SensorView], below: Ground) -> Figure:
 
 
 def body_points_figure(bodies: Sequence[tuple[str, list[BodyPoints]]], scene: str) -> Figure:
-    """Points on each body over its distance."""
+    """Points on each body against its distance, for each sensor."""
     groups = [
-        (
-            name,
-            np.array([points.distance_m for points in points_by_body]),
-            np.array([points.points for points in points_by_body]),
-        )
-        for name, points_by_body in bodies
+        (name, np.array([body.distance_m for body in sensor_bodies]), np.array([body.points for body in sensor_bodies]))
+        for name, sensor_bodies in bodies
     ]
     rows = [
-        (name, points.body, points.label, points.distance_m, points.points)
-        for name, points_by_body in bodies
-        for points in points_by_body
+        (name, body.body, body.label, body.distance_m, body.points)
+        for name, sensor_bodies in bodies
+        for body in sensor_bodies
     ]
     caption = (
         f"Points of one frame on each body with a class of the scene {scene}, against the median of their ranges. "
@@ -245,12 +241,12 @@ def body_points_figure(bodies: Sequence[tuple[str, list[BodyPoints]]], scene: st
 
 
 def all_patterns_figure(views: Sequence[SensorView]) -> Figure:
-    """The first frames of all sensors, one over the other."""
+    """Directions of the first frames of all sensors, one over the other."""
     most_pulses = max(OVERLAID // len(views), 1)
     extents = np.array([_extent(view) for view in views])
     extent = (*extents.min(axis=0)[[0]], extents[:, 1].max(), extents[:, 2].min(), extents[:, 3].max())
     # The widest field lies at the bottom, so that it hides no other.
-    order = np.argsort([-view.maps.square_degrees.sum() for view in views], kind="stable")
+    order = np.argsort([-view.coverage_maps.square_degrees.sum() for view in views], kind="stable")
     layers = [
         maps.Layer(
             label=view.name,
@@ -258,8 +254,7 @@ def all_patterns_figure(views: Sequence[SensorView]) -> Figure:
             azimuth_deg=view.frame.azimuth_deg[:most_pulses],
             elevation_deg=view.frame.elevation_deg[:most_pulses],
         )
-        for number in order
-        for view in [views[number]]
+        for number, view in ((number, views[number]) for number in order)
     ]
     rows = [
         (view.name, *row)
@@ -297,27 +292,27 @@ def pattern_figure(view: SensorView) -> Figure:
 
 
 def density_figure(view: SensorView) -> Figure:
-    """Pulses per square degree."""
-    duration = f"in {view.mapped_s:g} s"
+    """Map of the pulses per square degree."""
+    duration = f"in {view.coverage_s:g} s"
     caption = f"Pulses per square degree of solid angle {duration}; cells without one are grey."
-    values = np.where(view.maps.pulses > 0, view.maps.density, np.nan)
+    values = np.where(view.coverage_maps.pulses > 0, view.coverage_maps.density, np.nan)
     words = _MapWords("density", f"pulses per square degree {duration}", "no pulse", "density_per_deg2")
     return _map_figure(view, values, words, caption, log=_needs_log_scale(values))
 
 
 def revisit_figure(view: SensorView) -> Figure:
-    """Mean time between visits."""
+    """Map of the mean time between visits."""
     caption = (
-        f"Mean time from one visit of a cell to the next in {view.revisits_s:.4g} s; cells with fewer than two visits "
+        f"Mean time from one visit of a cell to the next in {view.revisit_s:.4g} s; cells with fewer than two visits "
         "are grey."
     )
-    values = view.revisits.revisit_s * 1e3
+    values = view.revisit_maps.revisit_s * 1e3
     words = _MapWords("revisit", "mean time between visits [ms]", "fewer than two visits", "revisit_ms")
     return _map_figure(view, values, words, caption, log=_needs_log_scale(values))
 
 
 def range_figure(view: SensorView) -> Figure:
-    """Maximum range."""
+    """Map of the maximum range on the target."""
     caption = (
         "Maximum range on the target, by the scanner's effective aperture in each direction; cells without a pulse, "
         "and those without a limit, are grey."
@@ -329,7 +324,13 @@ def range_figure(view: SensorView) -> Figure:
 
 
 class _MapWords(NamedTuple):
-    """Names of a map: of its file, on its scale, of cells without a value, and of its column."""
+    """Words of a map.
+
+    kind     end of its file name
+    label    text of its colour scale
+    missing  text for cells without a value
+    column   name of its column in the CSV
+    """
 
     kind: str
     label: str
@@ -338,31 +339,31 @@ class _MapWords(NamedTuple):
 
 
 def _needs_log_scale(values: Numbers) -> bool:
-    """Whether a linear scale would show only the largest values."""
+    """True if a linear scale would show only the largest values."""
     finite = values[np.isfinite(values)]
     return bool(len(finite) and finite.max() > 30.0 * finite.min())
 
 
-def _map_figure(view: SensorView, values: Numbers, words: _MapWords, caption: str, *, log: bool) -> Figure:
-    raster, outside, extent = cell_raster(view.cells, view.maps.cell, values)
+def _map_figure(view: SensorView, values: Numbers, map_words: _MapWords, caption: str, *, log: bool) -> Figure:
+    raster, outside, extent = cell_raster(view.cells, view.coverage_maps.cell, values)
     size = view.cells.size_deg
     picture = maps.AngleMap(
         values=raster,
         outside=outside,
         extent=extent,
-        label=words.label,
-        missing=words.missing,
+        label=map_words.label,
+        missing=map_words.missing,
         log=log,
         title=f"{view.name}, cells of {size:g} degrees",
     )
-    azimuth, elevation = view.cells.middle_deg(view.maps.cell)
+    azimuth, elevation = view.cells.middle_deg(view.coverage_maps.cell)
     rows = zip(azimuth, elevation, values, strict=True)
     draw = partial(maps.save_map, picture=picture)
-    return f"{view.slug}-{words.kind}", draw, (("azimuth_deg", "elevation_deg", words.column), rows), caption
+    return f"{view.slug}-{map_words.kind}", draw, (("azimuth_deg", "elevation_deg", map_words.column), rows), caption
 
 
 def _extent(view: SensorView) -> tuple[float, float, float, float]:
-    left, right, low, high = cell_raster(view.cells, view.maps.cell, np.zeros(len(view.maps.cell)))[2]
+    left, right, low, high = cell_raster(view.cells, view.coverage_maps.cell, np.zeros(len(view.coverage_maps.cell)))[2]
     margin_x, margin_y = 0.015 * (right - left), 0.02 * (high - low)
     return left - margin_x, right + margin_x, low - margin_y, high + margin_y
 
@@ -370,17 +371,21 @@ def _extent(view: SensorView) -> tuple[float, float, float, float]:
 def cell_raster(
     cells: SphereCells, cell: Numbers, values: Numbers
 ) -> tuple[Numbers, Numbers, tuple[float, float, float, float]]:
-    """Numbers of cells as rows over azimuth: values, where there is no cell, and edges in degrees."""
+    """Image of values given for cells: rows of equal elevation from below, columns of equal azimuth.
+
+    Returns the values (rows, columns), a mask of the pixels without a cell, and the image's edges in degrees (left,
+    right, low, high).
+    """
     row = cells.row_of(cell)
     azimuth, _ = cells.middle_deg(cell)
-    half = 180.0 / cells.columns[row]
-    left, right = max(float((azimuth - half).min()), -180.0), min(float((azimuth + half).max()), 180.0)
+    half_width = 180.0 / cells.columns[row]
+    left, right = max(float((azimuth - half_width).min()), -180.0), min(float((azimuth + half_width).max()), 180.0)
     low, high = int(row.min()), int(row.max())
-    wide = int(np.clip(3.0 * (right - left) / cells.size_deg, 60, _WIDE))
-    across = left + (np.arange(wide) + 0.5) * (right - left) / wide
-    up = 0.5 * (cells.edges_deg[low : high + 1] + cells.edges_deg[low + 1 : high + 2])
-    pixel_cell = cells.locate(*(angle.ravel() for angle in np.meshgrid(across, up)))
+    width_px = int(np.clip(3.0 * (right - left) / cells.size_deg, 60, _WIDE))
+    pixel_azimuth = left + (np.arange(width_px) + 0.5) * (right - left) / width_px
+    row_elevation = 0.5 * (cells.edges_deg[low : high + 1] + cells.edges_deg[low + 1 : high + 2])
+    pixel_cell = cells.locate(*(angle.ravel() for angle in np.meshgrid(pixel_azimuth, row_elevation)))
     place = np.minimum(np.searchsorted(cell, pixel_cell), len(cell) - 1)
-    inside = (cell[place] == pixel_cell).reshape(len(up), wide)
-    raster = np.where(inside, values[place].reshape(len(up), wide), np.nan)
+    inside = (cell[place] == pixel_cell).reshape(len(row_elevation), width_px)
+    raster = np.where(inside, values[place].reshape(len(row_elevation), width_px), np.nan)
     return raster, ~inside, (left, right, float(cells.edges_deg[low]), float(cells.edges_deg[high + 1]))

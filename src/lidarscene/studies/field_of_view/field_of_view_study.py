@@ -1,10 +1,11 @@
-"""Field-of-view studies from beginning to end: sensors in; pictures, their CSV and a page with all of them out.
+"""Entry point of field-of-view studies: `write_study` takes sensors and writes pictures, CSV and a page.
 
-The command `fov` and Python users call `write`.
+The command `fov` and Python users call it.
 """
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -27,26 +28,27 @@ if TYPE_CHECKING:
     from ...scene.scene import Scene
     from .body_points import BodyPoints
 
-Progress = Callable[[int, int], object]
+ProgressCallback = Callable[[int, int], object]
+"""Function of the steps done and of their total."""
 
 PAGES = ("index.md", "index.html")
 MAPS = ("pattern", "density", "revisit", "range")
 
 
 def slugs(names: Sequence[str]) -> list[str]:
-    """Start of the file names for each sensor, all different."""
-    taken_slugs: list[str] = []
+    """Start of each sensor's file names: its name in lower case with hyphens, numbered where it would repeat."""
+    unique_slugs: list[str] = []
     for name in names:
-        slug = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "sensor"
-        own = slug
-        while own in taken_slugs:
-            own = f"{slug}-{taken_slugs.count(slug) + sum(m.startswith(slug + '-') for m in taken_slugs) + 1}"
-        taken_slugs.append(own)
-    return taken_slugs
+        stem = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "sensor"
+        alike = sum(previous == stem or previous.startswith(f"{stem}-") for previous in unique_slugs)
+        numbered = (f"{stem}-{number}" for number in itertools.count(alike + 1))
+        slug = stem if stem not in unique_slugs else next(slug for slug in numbered if slug not in unique_slugs)
+        unique_slugs.append(slug)
+    return unique_slugs
 
 
 def file_names(names: Sequence[str], *, with_ground: bool, with_scene: bool) -> list[str]:
-    """Names of all files that `write` writes."""
+    """Names of all files that `write_study` writes."""
     stems = [
         *(["patterns"] if len(names) > 1 else []),
         "coverage",
@@ -66,14 +68,14 @@ def write_study(
     scene: Scene | None = None,
     vehicle: Pose | None = None,
     as_json: bool = False,
-    progress: Progress = lambda done, total: None,
+    progress: ProgressCallback = lambda done, total: None,
 ) -> str:
     """Write all figures and both pages; returns the text to print. Raises InputError, OutputError.
 
-    sensors  names and sensors, each at its mounting
-    scene    on whose bodies points are counted too
-    vehicle  where the frame of the mountings stands in it; the scene's sensor pose if None
-    progress told (done, total) of the steps: each sensor's pattern, what all see together, each sensor's maps
+    sensors   names and sensors, each at its mounting
+    scene     scene on whose bodies points are counted too, if not None
+    vehicle   pose in that scene of the frame of the mountings; the scene's sensor pose if None
+    progress  called with (done, total) after each step: a sensor's pattern, the common figures, a sensor's maps
     """
     names = [name for name, _ in sensors]
     files = file_names(names, with_ground=_on_vehicle(sensors), with_scene=scene is not None)
@@ -90,9 +92,9 @@ def _write_files(
     study: FieldOfViewStudy,
     scene: Scene | None,
     vehicle: Pose | None,
-    progress: Progress,
+    progress: ProgressCallback,
 ) -> list[SensorView]:
-    """All files into a folder; returns what was seen."""
+    """Write all files into a folder; returns the results for each sensor."""
     names = [name for name, _ in sensors]
     on_vehicle = _on_vehicle(sensors)
     total = 2 * len(sensors) + 1
@@ -137,13 +139,13 @@ def _write_files(
 
 
 def _on_vehicle(sensors: Sequence[tuple[str, Sensor]]) -> bool:
-    """Whether any sensor stands above the vehicle's ground."""
+    """True if any sensor stands above the vehicle's ground."""
     return any(float(sensor.mounting.position_m[2]) > 0.0 for _, sensor in sensors)
 
 
 def _ground_around(views: Sequence[SensorView], study: FieldOfViewStudy) -> Ground:
     cells = views[0].cells
-    return ground_view([view.sensor for view in views], cells, [view.revisits for view in views], study.target)
+    return ground_view([view.sensor for view in views], cells, [view.revisit_maps for view in views], study.target)
 
 
 def _points_on_bodies(
@@ -165,7 +167,7 @@ def _result_text(
                 "points_per_s": rate_hz(view.sensor.scanner),
                 "azimuth_deg": list(figures.azimuth_arc_deg(view.frame.azimuth_deg)),
                 "elevation_deg": [float(view.frame.elevation_deg.min()), float(view.frame.elevation_deg.max())],
-                "field_square_degrees": float(view.maps.square_degrees.sum()),
+                "field_square_degrees": float(view.coverage_maps.square_degrees.sum()),
                 "coverage": dict(zip(map(str, study.times_s), _coverage(view, study), strict=True)),
                 "spacing_deg": dict(
                     zip(map(str, PERCENTILES), np.percentile(view.spacing_deg, PERCENTILES).tolist(), strict=True)
@@ -191,4 +193,4 @@ def _result_text(
 
 
 def _coverage(view: SensorView, study: FieldOfViewStudy) -> list[float]:
-    return [float(share) for share in view.maps.coverage(np.array(study.times_s))]
+    return [float(share) for share in view.coverage_maps.coverage(np.array(study.times_s))]

@@ -1,4 +1,4 @@
-"""What a scan pattern covers, how densely and how soon: pulses of a scanner in, numbers for each cell out.
+"""Coverage, density and revisit time of a scan pattern, for each cell of its field of view.
 
 Non-repetitive patterns get denser with time, so all numbers are for a given time of observation.
 """
@@ -17,18 +17,18 @@ from .sphere_cells import SphereCells, convex_outline
 
 MOST_PULSES = 20_000_000
 DWELL_S = 1e-3
-"""Pulses in a cell that follow each other sooner are one visit."""
+"""Shortest pause between two pulses in a cell that makes them two visits."""
 
 LONG = 4
-"""The field of view is taken from this many times the longest time asked for, if the pulses are not too many."""
+"""Multiple of the longest requested time from which the field of view is found, if that is not too many pulses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FiredPulses:
-    """Directions of the pulses of some time.
+    """Pulses that a scanner fires in some time, in firing order; arrays (n,), ``direction`` (n, 3).
 
-    direction  (n, 3) unit vectors in the sensor's frame, as the beam leaves: without jitter or encoder
-    share      (n,) A(theta_r) / A(0)
+    direction  unit vectors in the sensor's frame, as the beam leaves: without jitter or the encoder's steps
+    share      effective aperture A(theta_r) over that on the axis, A(0)
     """
 
     time_s: Numbers
@@ -41,7 +41,8 @@ class FiredPulses:
         return len(self.time_s)
 
     def until(self, time_s: float) -> FiredPulses:
-        """The pulses fired before this time."""
+        """Pulses fired before this time."""
+        # A pulse at exactly this time is left out, also where rounding puts it just below.
         n = int(np.searchsorted(self.time_s, time_s * (1.0 - 1e-12), side="left"))
         return FiredPulses(
             time_s=self.time_s[:n],
@@ -58,7 +59,7 @@ def rate_hz(scanner: Scanner) -> float:
 
 
 def fired_pulses(scanner: Scanner, time_s: float) -> FiredPulses:
-    """The pulses of this time from the start of frame 0. Raises InputError if they are too many."""
+    """Compute the pulses fired within this time from the start of frame 0. Raises InputError if they are too many."""
     frames = max(math.ceil(time_s / scanner.frame_s - 1e-9), 1)
     count = min(frames * scanner.pulses, math.ceil(time_s * rate_hz(scanner)) + scanner.pulses)
     if count > MOST_PULSES + scanner.pulses:
@@ -80,26 +81,30 @@ def field_cells(scanner: Scanner, cells: SphereCells, time_s: float, *, kind: st
 
     kind  "reached": cells that ever get a pulse; "outline": these, and those with their middle in the convex hull of
           all pulses in azimuth and elevation
+
+    Raises InputError if the pulses are too many.
     """
-    watched = max(LONG * time_s, scanner.frame_s)
-    watched = max(min(watched, MOST_PULSES / rate_hz(scanner)), time_s)
-    pulses = fired_pulses(scanner, watched)
+    watched_s = max(LONG * time_s, scanner.frame_s)
+    watched_s = max(min(watched_s, MOST_PULSES / rate_hz(scanner)), time_s)
+    pulses = fired_pulses(scanner, watched_s)
     reached = np.unique(cells.locate(pulses.azimuth_deg, pulses.elevation_deg))
     if kind == "reached":
-        return reached, watched
+        return reached, watched_s
     inside = cells.within(convex_outline(pulses.azimuth_deg, pulses.elevation_deg))
-    return np.union1d(inside, reached), watched
+    return np.union1d(inside, reached), watched_s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CellMaps:
-    """Numbers for each cell of a field of view.
+    """Numbers for each cell of a field of view; arrays (cells,).
 
-    first_s           time of its first pulse; inf: never
-    pulses            number of pulses
-    density           pulses per square degree
-    revisit_s         mean time between visits; NaN for fewer than two
-    share             mean A(theta_r) / A(0) of its pulses; NaN without
+    cell            number of the cell in `SphereCells`, rising
+    square_degrees  solid angle
+    first_s         time of its first pulse; inf: never
+    pulses          number of pulses
+    density         pulses per square degree
+    revisit_s       mean time between visits; NaN for fewer than two
+    share           mean A(theta_r) / A(0) of its pulses; NaN without
     """
 
     cell: Numbers
@@ -119,29 +124,40 @@ class CellMaps:
 
 
 def cell_maps(pulses: FiredPulses, cells: SphereCells, mask: Numbers, *, dwell_s: float = DWELL_S) -> CellMaps:
-    """What these pulses give to the cells of the mask (sorted cell numbers)."""
-    place = np.searchsorted(mask, pulse_cell := cells.locate(pulses.azimuth_deg, pulses.elevation_deg))
+    """Count and time the pulses in each cell of the field of view.
+
+    mask     sorted numbers of the field's cells; pulses elsewhere are left out
+    dwell_s  pulses of a cell that follow each other sooner than this are one visit
+    """
+    pulse_cell = cells.locate(pulses.azimuth_deg, pulses.elevation_deg)
+    place = np.searchsorted(mask, pulse_cell)
     inside = (place < len(mask)) & (mask[np.minimum(place, len(mask) - 1)] == pulse_cell)
     lane = np.flatnonzero(inside)
     place = place[lane]
     order = np.argsort(place, kind="stable")  # by cell, and in it by time
-    place, time, share = place[order], pulses.time_s[lane][order], pulses.share[lane][order]
+    place, time_s, share = place[order], pulses.time_s[lane][order], pulses.share[lane][order]
     count = np.bincount(place, minlength=len(mask))
     starts = np.concatenate([[0], np.cumsum(count)])
     has_pulse = count > 0
-    begin = starts[:-1][has_pulse]
-    first, mean, revisit = (np.full(len(mask), value) for value in (np.inf, np.nan, np.nan))
-    first[has_pulse] = time[begin]
-    mean[has_pulse] = np.add.reduceat(share, begin) / count[has_pulse] if len(begin) else 0.0
-    entry = np.ones(len(place), dtype=bool)
-    entry[1:] = (place[1:] != place[:-1]) | (time[1:] - time[:-1] >= dwell_s)
-    visits = np.bincount(place[entry], minlength=len(mask))
+    first_pulse = starts[:-1][has_pulse]
+    first_s, mean_share, revisit_s = (np.full(len(mask), value) for value in (np.inf, np.nan, np.nan))
+    first_s[has_pulse] = time_s[first_pulse]
+    mean_share[has_pulse] = np.add.reduceat(share, first_pulse) / count[has_pulse] if len(first_pulse) else 0.0
+    starts_visit = np.ones(len(place), dtype=bool)
+    starts_visit[1:] = (place[1:] != place[:-1]) | (time_s[1:] - time_s[:-1] >= dwell_s)
+    visits = np.bincount(place[starts_visit], minlength=len(mask))
     # From the first visit's start to the last visit's start.
-    last = np.zeros(len(mask))
-    last[place[entry]] = time[entry]
+    last_s = np.zeros(len(mask))
+    last_s[place[starts_visit]] = time_s[starts_visit]
     revisited = visits > 1
-    revisit[revisited] = (last[revisited] - first[revisited]) / (visits[revisited] - 1)
+    revisit_s[revisited] = (last_s[revisited] - first_s[revisited]) / (visits[revisited] - 1)
     area = cells.square_degrees(mask)
     return CellMaps(
-        cell=mask, square_degrees=area, first_s=first, pulses=count, density=count / area, revisit_s=revisit, share=mean
+        cell=mask,
+        square_degrees=area,
+        first_s=first_s,
+        pulses=count,
+        density=count / area,
+        revisit_s=revisit_s,
+        share=mean_share,
     )

@@ -1,4 +1,4 @@
-"""How far sensors see over their field of view, and on the ground around the vehicle that carries them.
+"""Maximum range of a sensor over its field of view, and the ground around the vehicle that its sensors see.
 
 A pattern that covers an angle is of no use where its echoes are too weak; range and coverage are combined here.
 """
@@ -19,17 +19,18 @@ from .sphere_cells import SphereCells
 GROUND_M = 60.0
 GROUND_STEP_M = 0.5
 
-_SHARES = 1e-4  # aperture shares closer than this are one: the range goes with their fourth root
+# Aperture shares are rounded to this, so that few ranges are solved for: the range goes with their fourth root.
+_SHARE_STEP = 1e-4
 
 
 def range_map_m(sensor: Sensor, maps: CellMaps, target: Target) -> Numbers:
-    """Maximum range on this target in each cell, with the scanner's own aperture; NaN without a pulse."""
+    """Maximum range [m] on this target in each cell, by the scanner's effective aperture there; NaN without a pulse."""
     limit = np.full(len(maps.cell), np.nan)
     has_pulse = np.isfinite(maps.share)
     if not has_pulse.any():
         return limit
-    steps, step_index = np.unique(np.rint(maps.share[has_pulse] / _SHARES), return_inverse=True)
-    range_m, _ = maximum_range_m(sensor, replace(target, aperture_share=np.maximum(steps * _SHARES, 0.0)))
+    steps, step_index = np.unique(np.rint(maps.share[has_pulse] / _SHARE_STEP), return_inverse=True)
+    range_m, _ = maximum_range_m(sensor, replace(target, aperture_share=np.maximum(steps * _SHARE_STEP, 0.0)))
     limit[has_pulse] = np.asarray(range_m)[step_index.ravel()]
     return limit
 
@@ -47,12 +48,12 @@ class Ground:
 
     @property
     def count(self) -> Numbers:
-        """How many sensors see each place."""
+        """Number of sensors that see each place, (rows, columns)."""
         return np.asarray(self.is_seen.sum(axis=0))
 
     @property
     def square_metres(self) -> Numbers:
-        """Area that each sensor sees."""
+        """Area in square metres that each sensor sees."""
         return np.asarray(self.is_seen.sum(axis=(1, 2)) * (self.x_m[1] - self.x_m[0]) ** 2)
 
     def nearest_blind_m(self) -> float:
@@ -70,7 +71,11 @@ def ground_view(
     half_m: float = GROUND_M,
     step_m: float = GROUND_STEP_M,
 ) -> Ground:
-    """Which sensors see which places of the plane z = 0 of the vehicle's frame.
+    """Find the places of the plane z = 0 of the vehicle's frame that each sensor sees.
+
+    maps    field of view of each sensor, in the same cells
+    half_m  half the side of the square around the origin
+    step_m  distance between places
 
     A place is seen if its direction is in a cell of the field of view, and an echo of ground with the target's
     reflectivity, at the beam's incidence there, reaches the comparator's level. Nothing is in the way, not even the
@@ -80,18 +85,19 @@ def ground_view(
     x, y = (coordinate.ravel() for coordinate in np.meshgrid(axis, axis))
     is_seen = np.zeros((len(sensors), len(axis), len(axis)), dtype=bool)
     for number, (sensor, cell_maps) in enumerate(zip(sensors, maps, strict=True)):
-        height = float(sensor.mounting.position_m[2])
-        if height <= 0.0:
+        height_m = float(sensor.mounting.position_m[2])
+        if height_m <= 0.0:
             continue
         direction = sensor.mounting.inverse_apply(np.column_stack([x, y, np.zeros_like(x)]))
-        distance = np.linalg.norm(direction, axis=1)
+        distance_m = np.linalg.norm(direction, axis=1)
         azimuth = np.degrees(np.arctan2(direction[:, 1], direction[:, 0]))
         elevation = np.degrees(np.arctan2(direction[:, 2], np.hypot(direction[:, 0], direction[:, 1])))
         cell = cells.locate(azimuth, elevation)
         place = np.minimum(np.searchsorted(cell_maps.cell, cell), len(cell_maps.cell) - 1)
-        mean = float(np.nanmean(cell_maps.share))
-        share = np.where(np.isfinite(cell_maps.share), cell_maps.share, mean)[place]
-        tilted_target = replace(target, cos_incidence=height / distance, aperture_share=share)
-        margin = detection_margin(sensor, tilted_target, distance)
+        # A cell of the outline between pulses has no aperture of its own: it gets the mean of the others.
+        mean_share = float(np.nanmean(cell_maps.share))
+        share = np.where(np.isfinite(cell_maps.share), cell_maps.share, mean_share)[place]
+        tilted_target = replace(target, cos_incidence=height_m / distance_m, aperture_share=share)
+        margin = detection_margin(sensor, tilted_target, distance_m)
         is_seen[number] = ((cell_maps.cell[place] == cell) & (margin >= 1.0)).reshape(is_seen.shape[1:])
     return Ground(x_m=axis, y_m=axis, is_seen=is_seen)

@@ -1,4 +1,4 @@
-"""What a field-of-view study asks, and one sensor's results.
+"""Settings of a field-of-view study, and its results for one sensor.
 
 A module of its own, because both the figures and the study need these types.
 """
@@ -21,7 +21,10 @@ CELL_DEG = 0.28
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FieldOfViewStudy:
-    """What is asked: times of coverage, size of cells, kind of field of view, target."""
+    """Settings of a study: times at which coverage is given, size of the cells, kind of field of view, target.
+
+    mask  "outline" or "reached", as in `pattern_coverage.field_cells`
+    """
 
     times_s: tuple[float, ...] = TIMES_S
     cell_deg: float = CELL_DEG
@@ -31,11 +34,17 @@ class FieldOfViewStudy:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SensorView:
-    """One sensor's results.
+    """Results of a study for one sensor.
 
-    frame    pulses of the first frame
-    maps     for the longest requested time
-    revisits for that time or two frames, whichever is longer
+    slug           start of the sensor's file names
+    frame          pulses of the first frame
+    watched_s      time in which the field of view was found
+    coverage_s     the longest requested time
+    revisit_s      that time or two frames, whichever is longer
+    coverage_maps  numbers of the cells after coverage_s
+    revisit_maps   numbers of the cells after revisit_s
+    range_m        (cells,) maximum range on the target; NaN without a pulse, inf without a limit
+    spacing_deg    angles from pulses of the first frame to their nearest neighbours
     """
 
     name: str
@@ -44,22 +53,22 @@ class SensorView:
     cells: SphereCells
     frame: FiredPulses
     watched_s: float
-    mapped_s: float
-    revisits_s: float
-    maps: CellMaps
-    revisits: CellMaps
+    coverage_s: float
+    revisit_s: float
+    coverage_maps: CellMaps
+    revisit_maps: CellMaps
     range_m: Numbers
     spacing_deg: Numbers
 
 
 def study_sensor(name: str, slug: str, sensor: Sensor, study: FieldOfViewStudy) -> SensorView:
-    """One sensor's results. Raises InputError if its pulses are too many."""
-    cells, longest = SphereCells.of_size(study.cell_deg), max(study.times_s)
-    revisits_s = max(longest, 2.0 * sensor.scanner.frame_s)
-    pulses = fired_pulses(sensor.scanner, revisits_s)
-    mask, watched_s = field_cells(sensor.scanner, cells, longest, kind=study.mask)
+    """Compute the results for one sensor. Raises InputError if its pulses are too many."""
+    cells, coverage_s = SphereCells.of_size(study.cell_deg), max(study.times_s)
+    revisit_s = max(coverage_s, 2.0 * sensor.scanner.frame_s)
+    pulses = fired_pulses(sensor.scanner, revisit_s)
+    mask, watched_s = field_cells(sensor.scanner, cells, coverage_s, kind=study.mask)
     revisit_maps = cell_maps(pulses, cells, mask)
-    coverage_maps = cell_maps(pulses.until(longest), cells, mask)
+    coverage_maps = cell_maps(pulses.until(coverage_s), cells, mask)
     frame = pulses.until(sensor.scanner.frame_s)
     return SensorView(
         name=name,
@@ -68,10 +77,10 @@ def study_sensor(name: str, slug: str, sensor: Sensor, study: FieldOfViewStudy) 
         cells=cells,
         frame=frame,
         watched_s=watched_s,
-        mapped_s=longest,
-        revisits_s=revisits_s,
-        maps=coverage_maps,
-        revisits=revisit_maps,
+        coverage_s=coverage_s,
+        revisit_s=revisit_s,
+        coverage_maps=coverage_maps,
+        revisit_maps=revisit_maps,
         range_m=range_map_m(sensor, revisit_maps, study.target),
         spacing_deg=nearest_deg(frame.direction),
     )

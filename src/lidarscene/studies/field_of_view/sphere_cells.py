@@ -1,9 +1,9 @@
-"""Cells of equal solid angle on the sphere of directions, and the cells that make up a field of view.
+"""Cells of equal solid angle on the sphere of directions, and the convex outline of a field of view.
 
-Coverage needs cells of equal size that do not beat with the raster. Rows are `cell` high in elevation; each is cut
-into the whole number of columns that makes them nearest to square. So every cell has the solid angle cell^2, except
-for this rounding and the poles. Edges are at odd fractions of a cell from zero, so that no even raster of directions
-falls on them.
+Coverage needs cells of equal size that do not beat with the raster. Rows are ``size_deg`` high in elevation; each is
+cut into the whole number of columns that makes its cells nearest to square. So every cell has the solid angle
+size_deg^2, except for this rounding and the poles. Edges are at odd fractions of a cell from zero, so that no even
+raster of directions falls on them.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ _SHIFT = 0.381966  # of a cell: the golden section is far from every simple frac
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SphereCells:
-    """All cells of the sphere, numbered row by row from below.
+    """Division of the sphere into cells, numbered row by row from below.
 
-    size_deg    height of a row
+    size_deg    height of a row [degrees]
     columns     (rows,) number of cells in each row
     first       (rows + 1,) number of the first cell of each row
     edges_deg   (rows + 1,) elevations between the rows
@@ -35,7 +35,7 @@ class SphereCells:
 
     @classmethod
     def of_size(cls, size_deg: float) -> SphereCells:
-        """Cells of about this height and width in degrees."""
+        """Make cells of about this height and width in degrees."""
         below = math.ceil(90.0 / size_deg) + 1
         edges = np.clip((np.arange(-below, below + 1) + _SHIFT) * size_deg, -90.0, 90.0)
         edges = np.unique(edges)
@@ -49,18 +49,18 @@ class SphereCells:
         return int(self.first[-1])
 
     def locate(self, azimuth_deg: Numbers, elevation_deg: Numbers) -> Numbers:
-        """The cell of each direction."""
+        """Number of the cell in which each direction lies."""
         row = np.clip(np.searchsorted(self.edges_deg, elevation_deg, side="right") - 1, 0, len(self.columns) - 1)
         columns = self.columns[row]
         column = np.floor(azimuth_deg * columns / 360.0 + _SHIFT).astype(np.int64) % columns
         return np.asarray(self.first[row] + column)
 
     def row_of(self, cell: Numbers) -> Numbers:
-        """The row of each cell."""
+        """Number of the row in which each cell lies."""
         return np.asarray(np.searchsorted(self.first, cell, side="right") - 1)
 
     def middle_deg(self, cell: Numbers) -> tuple[Numbers, Numbers]:
-        """Azimuth (-180 to 180) and elevation of each cell's middle."""
+        """Azimuth (-180 to 180) and elevation of each cell's middle, in degrees."""
         row = self.row_of(cell)
         column = cell - self.first[row]
         azimuth = (column + 0.5 - _SHIFT) * 360.0 / self.columns[row]
@@ -68,13 +68,16 @@ class SphereCells:
         return np.asarray((azimuth + 180.0) % 360.0 - 180.0), np.asarray(elevation)
 
     def square_degrees(self, cell: Numbers) -> Numbers:
-        """Solid angle of each cell."""
+        """Solid angle of each cell in square degrees: (sin upper - sin lower edge) times its width."""
         row = self.row_of(cell)
         sines = np.sin(np.radians(self.edges_deg))
         return np.asarray(np.degrees(sines[row + 1] - sines[row]) * 360.0 / self.columns[row])
 
     def within(self, outline: Numbers) -> Numbers:
-        """Cells whose middle is inside a convex polygon of (azimuth, elevation), (n, 2) counter-clockwise."""
+        """Sorted numbers of the cells whose middle is inside a convex polygon.
+
+        outline  (n, 2) azimuth and elevation of its corners in degrees, counter-clockwise
+        """
         low, high = outline[:, 1].min(), outline[:, 1].max()
         rows = np.flatnonzero((self.edges_deg[1:] > low) & (self.edges_deg[:-1] < high))
         if len(rows) == 0:
@@ -82,22 +85,24 @@ class SphereCells:
         cell = np.arange(self.first[rows[0]], self.first[rows[-1] + 1])
         azimuth, elevation = self.middle_deg(cell)
         inside = np.ones(len(cell), dtype=bool)
-        for (x, y), (u, v) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
-            inside &= (u - x) * (elevation - y) - (v - y) * (azimuth - x) >= -1e-9
+        # Inside is to the left of every edge: its cross product with the way to the middle is not negative.
+        for (x, y), (next_x, next_y) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+            inside &= (next_x - x) * (elevation - y) - (next_y - y) * (azimuth - x) >= -1e-9
         return np.asarray(cell[inside])
 
 
 def convex_outline(azimuth_deg: Numbers, elevation_deg: Numbers) -> Numbers:
-    """(n, 2) corners of the convex hull of these angles, counter-clockwise (Andrew's monotone chain).
+    """Corners (n, 2) of the convex hull of these angles, counter-clockwise.
 
-    Rows are reduced first: of many points at about one elevation only the two ends can be corners.
+    The method is Andrew's monotone chain (Inf. Process. Lett. 9 (1979) 216). To have fewer points to sort, rows are
+    reduced first: of the points within 0.001 degrees of one elevation only the two ends can be corners.
     """
     row = np.rint(elevation_deg / 1e-3).astype(np.int64)
     order = np.lexsort((azimuth_deg, row))
     starts = np.flatnonzero(np.diff(row[order], prepend=row[order][0] - 1))
     ends = np.append(starts[1:], len(order)) - 1
     candidates = order[np.unique(np.concatenate([starts, ends]))]
-    # Extremes in elevation too, which a row may have between its ends.
+    # The highest and the lowest point too: within the 0.001 degrees of a row they may lie between its ends.
     candidates = np.append(candidates, [np.argmax(elevation_deg), np.argmin(elevation_deg)])
     points = np.unique(np.column_stack([azimuth_deg[candidates], elevation_deg[candidates]]), axis=0)
     return np.array(_chain(points) + _chain(points[::-1])) if len(points) > 2 else points
