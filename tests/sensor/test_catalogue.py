@@ -45,7 +45,7 @@ RECORDED = {"os0-128", "os1-128", "os2-128"}
 
 
 @cache
-def checked(name: str) -> published_values.Check:
+def checked(name: str) -> published_values.PublishedComparison:
     """With a tenth of the draws: a scatter is good to 1.6 %, and is held to a factor."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(published_values, "SHOTS", 2000)

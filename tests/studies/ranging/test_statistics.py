@@ -162,7 +162,7 @@ def test_no_alarms_without_noise():
     dark = dataclasses.replace(APD.detector, surface_dark_current_a=0.0, bulk_dark_current_a=0.0, temperature_k=0.0)
     silent = dataclasses.replace(APD, detector=dark)
     assert statistics.false_points(silent, Target()).per_frame == 0.0
-    assert statistics.Shots(10, 0, 0).correct_share == 1.0
+    assert statistics.ShotCounts(10, 0, 0).correct_share == 1.0
 
 
 def test_a_window_closes_behind_the_echos_half():
