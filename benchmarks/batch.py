@@ -15,7 +15,7 @@ from typing import Any
 from table import Row, Section, verdict
 
 from lidarscene.batch import cluster
-from lidarscene.batch.run import run_job
+from lidarscene.batch.dispatch import run_job
 from lidarscene.batch.tasks import Job
 
 GOAL = 0.9

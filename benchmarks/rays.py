@@ -111,8 +111,8 @@ def _frame(simulator: Simulator) -> Callable[[], tuple[float, float]]:
     origin = transfer.opaque(chain.origin(simulator))
     rotation = transfer.opaque(tuple(float(x) for x in simulator.pose.rotation.ravel()))
     seed, count, pulses = transfer.opaque_uint32(0), simulator.trace.rays, simulator.sensor.scanner.pulses
-    tiling = Tiling.of(simulator.sensor.scanner) if count < PACKET else None
-    order = None if tiling is None else Order.of(tiling.order(pulses))
+    tiling = Tiling.from_scanner(simulator.sensor.scanner) if count < PACKET else None
+    order = None if tiling is None else Order.from_pulses(tiling.order(pulses))
 
     def task() -> tuple[float, float]:
         with kernel_history() as history:

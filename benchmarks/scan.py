@@ -18,7 +18,7 @@ from lidarscene import load_scene, load_sensor
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.trace import trace
 from lidarscene.light import beams
-from lidarscene.rendering.options import DEFAULT_CHUNK
+from lidarscene.rendering.render_options import DEFAULT_CHUNK
 from lidarscene.rendering.simulator import Simulator
 
 ROOT = Path(__file__).parents[1]

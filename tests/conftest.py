@@ -54,7 +54,7 @@ LONGEST = (
     "chain/test_rain_and_snow.py",
     "cli/test_main.py",
     "view/test_html_page.py",
-    "batch/test_run.py",
+    "batch/test_dispatch.py",
     "docs/test_site.py",
     "batch/test_cluster.py",
     "docs/test_docs.py",

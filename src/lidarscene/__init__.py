@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from .rendering.api import render as render
     from .rendering.api import render_frames as render_frames
     from .rendering.simulator import Simulator as Simulator
-    from .rendering.live.simulator import LiveSimulator as LiveSimulator
-    from .rendering.options import TraceOptions as TraceOptions
-    from .rendering.options import FrameOptions as FrameOptions
-    from .rendering.options import Observers as Observers
+    from .rendering.live_simulator import LiveSimulator as LiveSimulator
+    from .rendering.render_options import TraceOptions as TraceOptions
+    from .rendering.render_options import FrameOptions as FrameOptions
+    from .rendering.render_options import Observers as Observers
 
     # results
     from .cloud.point_cloud import PointCloud as PointCloud
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
     # files
     from .outputs.record import record as record
-    from .outputs.options import Outputs as Outputs
+    from .outputs.output_options import Outputs as Outputs
 
     # errors
     from .errors import LidarSceneError as LidarSceneError
@@ -76,10 +76,10 @@ _HOME = {
     "render": "rendering.api",
     "render_frames": "rendering.api",
     "Simulator": "rendering.simulator",
-    "LiveSimulator": "rendering.live.simulator",
-    "TraceOptions": "rendering.options",
-    "FrameOptions": "rendering.options",
-    "Observers": "rendering.options",
+    "LiveSimulator": "rendering.live_simulator",
+    "TraceOptions": "rendering.render_options",
+    "FrameOptions": "rendering.render_options",
+    "Observers": "rendering.render_options",
     # results
     "PointCloud": "cloud.point_cloud",
     "Status": "detection.outcomes",
@@ -88,7 +88,7 @@ _HOME = {
     "boxes": "labels.boxes",
     # files
     "record": "outputs.record",
-    "Outputs": "outputs.options",
+    "Outputs": "outputs.output_options",
     # errors
     "LidarSceneError": "errors",
     "InputError": "errors",

@@ -14,7 +14,7 @@ import pytest
 from helpers.waiting import PATIENCE_S, wait_until
 
 from lidarscene.batch import cluster
-from lidarscene.batch.run import Connect, Progress, run_job
+from lidarscene.batch.dispatch import Connect, Progress, run_job
 from lidarscene.batch.tasks import Job
 from lidarscene.cli import main
 from lidarscene.errors import LidarSceneError, OptionWarning
@@ -187,7 +187,7 @@ def test_a_scheduler_that_dies(
             equipped.processes[0].kill()
 
     with pytest.raises(LidarSceneError, match=r"^the Dask scheduler has gone; \d+ of 10 frames were done") as told:
-        run_job(job, out, connect=lambda: cluster.remote_client(equipped.address), told=kill)
+        run_job(job, out, connect=lambda: cluster.remote_client(equipped.address), report=kill)
     assert "\n" not in str(told.value)
     assert capfd.readouterr().err == ""
     equipped.end(0)

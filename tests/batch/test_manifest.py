@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import pytest
 
 from lidarscene.batch import manifest
-from lidarscene.batch.run import BUNDLES_FOR_EACH, _Given
+from lidarscene.batch.dispatch import BUNDLES_FOR_EACH, _Dispatcher
 
 
 def share(left: int, *, threads: int, frame_s: float) -> int:
-    return _Given.share(SimpleNamespace(_frame_s=frame_s, _count=lambda: threads), left)
+    return _Dispatcher.share(SimpleNamespace(_frame_s=frame_s, _count=lambda: threads), left)
 
 
 @pytest.mark.parametrize(
@@ -49,9 +49,9 @@ def test_no_thread_waits_long_for_the_last_bundle(threads: int) -> None:
 def test_each_thread_has_one_bundle_waiting() -> None:
     given = SimpleNamespace(bundles={}, _count=lambda: 3)
     for number in range(2 * 3):
-        assert not _Given.is_enough(given)
+        assert not _Dispatcher.is_enough(given)
         given.bundles[number] = []
-    assert _Given.is_enough(given)
+    assert _Dispatcher.is_enough(given)
     assert BUNDLES_FOR_EACH == 2
 
 
@@ -65,10 +65,10 @@ def test_the_time_of_a_frame_is_that_of_its_bundle_over_its_frames() -> None:
         _count=lambda: 4,
         _futures={},
     )
-    assert _Given.next(given) == [("a", ""), ("b", "broken"), ("c", "")]
+    assert _Dispatcher.next(given) == [("a", ""), ("b", "broken"), ("c", "")]
     assert given.bundles == {}
     assert given._frame_s == pytest.approx(0.2)
-    assert _Given.share(given, 1000) == 5
+    assert _Dispatcher.share(given, 1000) == 5
 
 
 @pytest.mark.parametrize(

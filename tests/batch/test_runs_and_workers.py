@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from lidarscene.batch import cluster, run, work
-from lidarscene.batch.run import Progress, run_job
+from lidarscene.batch import cluster, dispatch, work
+from lidarscene.batch.dispatch import Progress, run_job
 from lidarscene.batch.tasks import FrameTask, Job
 from lidarscene.errors import LidarSceneError
 
@@ -17,14 +17,14 @@ def test_two_runs_share_a_folder(threads: Any, job: Job, tmp_path: Path, monkeyp
     first, second, third, fourth = (task.key for task in job.tasks())
     answers = {
         first: ["", ""],
-        second: [work.ELSEWHERE, work.ELSEWHERE, work.THERE],
-        third: [work.THERE],
+        second: [work.ELSEWHERE, work.ELSEWHERE, work.REUSED],
+        third: [work.REUSED],
         fourth: [work.ELSEWHERE, ""],
     }
-    monkeypatch.setattr(work, "_told", lambda task, *_: answers[task.key].pop(0))
-    monkeypatch.setattr(run, "AGAIN_EVERY_S", 0.0)
+    monkeypatch.setattr(work, "_try_render", lambda task, *_: answers[task.key].pop(0))
+    monkeypatch.setattr(dispatch, "AGAIN_EVERY_S", 0.0)
     progress = run_job(job, tmp_path / "out", connect=threads)
-    assert (progress.rendered, progress.reused, progress.failed, progress.done) == (2, 2, {}, 4)
+    assert (progress.rendered, progress.reused, progress.failed, progress.finished) == (2, 2, {}, 4)
     assert answers == {first: [""], second: [], third: [], fourth: []}
 
 
@@ -48,12 +48,12 @@ def test_workers_that_are_all_gone(threads: Any, job: Job, tmp_path: Path, monke
         if progress.rendered == 1:
             clusters[0].scale(0)
 
-    monkeypatch.setattr(work, "_told", lose)
-    monkeypatch.setattr(run, "WITHOUT_WORKERS_S", 0.4)
-    monkeypatch.setattr(run, "BUNDLES_FOR_EACH", 1)
-    monkeypatch.setattr(run, "MOST_IN_BUNDLE", 1)
+    monkeypatch.setattr(work, "_try_render", lose)
+    monkeypatch.setattr(dispatch, "WITHOUT_WORKERS_S", 0.4)
+    monkeypatch.setattr(dispatch, "BUNDLES_FOR_EACH", 1)
+    monkeypatch.setattr(dispatch, "MOST_IN_BUNDLE", 1)
     waited: list[int] = []
-    progress = run_job(job, tmp_path / "out", connect=connect, told=kill, waiting=lambda: waited.append(1))
+    progress = run_job(job, tmp_path / "out", connect=connect, report=kill, waiting=lambda: waited.append(1))
     assert (progress.rendered, progress.reused, progress.failed) == (4, 0, {})
     assert len(clusters) == 2
     assert waited == [1]
@@ -69,11 +69,11 @@ def test_workers_that_never_come(threads: Any, job: Job, tmp_path: Path, monkeyp
             tried.append(1)
             yield client
 
-    monkeypatch.setattr(run, "WITHOUT_WORKERS_S", 0.2)
+    monkeypatch.setattr(dispatch, "WITHOUT_WORKERS_S", 0.2)
     told = "^the workers of this machine are gone; 0 of 4 frames were done, and the same command goes on from there$"
     with pytest.raises(LidarSceneError, match=told):
         run_job(job, tmp_path / "out", connect=connect)
-    assert len(tried) == run.STARTS
+    assert len(tried) == dispatch.STARTS
 
 
 def test_a_pool_that_cannot_start_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -40,7 +40,7 @@ position_m = [0, -1, 0.3]
 def _fresh(mi: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """A worker that has seen nothing yet."""
     for name in ("_scenes", "_sensors", "_worlds"):
-        monkeypatch.setattr(work, name, work._Kept())
+        monkeypatch.setattr(work, name, work._Cache())
 
 
 def done(task: FrameTask, store: Store) -> Path:
@@ -157,19 +157,19 @@ def test_another_scene_has_a_world_of_its_own_and_another_sun_has_not(
 
 
 def test_no_more_than_a_few_things_are_kept() -> None:
-    kept, made = work._Kept(), []
+    kept, made = work._Cache(), []
 
     def get(key: int) -> int:
         return kept.get(key, lambda: made.append(key) or key)
 
-    for key in range(work.KEPT):
+    for key in range(work.CACHED):
         get(key)
     assert get(0) == 0
     get(99)  # now 1 has waited longest
     get(0)
     get(1)
-    assert made == [*range(work.KEPT), 99, 1]
-    assert len(kept._things) == work.KEPT
+    assert made == [*range(work.CACHED), 99, 1]
+    assert len(kept._entries) == work.CACHED
 
 
 def test_a_frame_that_is_there_is_not_rendered_again(job: Job, tmp_path: Path) -> None:
@@ -208,12 +208,12 @@ def test_a_full_disk_loses_nothing(job: Job, tmp_path: Path, monkeypatch: pytest
 
     with monkeypatch.context() as patch:
         patch.setattr(*((atomic, "_sync") if what == "cloud" else (Path, "write_text")), full)
-        told = work._told(task, store, 1)
+        told = work._try_render(task, store, 1)
     assert told.endswith("cannot be written: No space left on device")
     assert "\n" not in told
     assert store.row(task.key) is None
     assert [one.name for one in tmp_path.rglob("*.part")] == []
-    assert work._told(task, store, 1) == ""
+    assert work._try_render(task, store, 1) == ""
     assert store.row(task.key) is not None
 
 
@@ -222,8 +222,10 @@ def test_what_changed_since_it_was_asked_is_refused(job: Job, tmp_path: Path) ->
     task, store = next(job.tasks()), Store(tmp_path / "out")
     scene = tmp_path / "wall.toml"
     scene.write_text(scene.read_text().replace("[10, 0, 1.8]", "[11, 0, 1.8]"))
-    assert "is not the one of which this frame was asked" in work._told(task, store, 1)
-    assert work._told(dataclasses.replace(task, version="0.0.0"), store, 1).startswith("lidarscene 0.0.0 gave this")
+    assert "is not the one of which this frame was asked" in work._try_render(task, store, 1)
+    assert work._try_render(dataclasses.replace(task, version="0.0.0"), store, 1).startswith(
+        "lidarscene 0.0.0 gave this"
+    )
     assert [one.name for one in store.folder.iterdir()] == [".claims"]
 
 
@@ -232,14 +234,14 @@ def test_so_is_another_sensor(job_file: Path, tmp_path: Path) -> None:
     job_file.write_text('sensors = ["own.toml"]\n' + job_file.read_text())
     task = next(Job.read(job_file).tasks())
     (tmp_path / "own.toml").write_text((tmp_path / "own.toml").read_text() + "\n")
-    assert "own.toml: it, or a file" in work._told(task, Store(tmp_path / "out"), 1)
+    assert "own.toml: it, or a file" in work._try_render(task, Store(tmp_path / "out"), 1)
 
 
 HOLD = """
 import sys
 from pathlib import Path
 from lidarscene.batch.store import Store
-with Store(Path(sys.argv[1])).claimed(sys.argv[2]) as is_ours:
+with Store(Path(sys.argv[1])).claim(sys.argv[2]) as is_ours:
     print(is_ours, flush=True)
     sys.stdin.read()
 """
@@ -254,13 +256,13 @@ def test_a_frame_that_another_run_is_at_is_left_to_it(job: Job, tmp_path: Path) 
     )
     assert holder.stdout is not None
     assert holder.stdout.readline() == b"True\n"
-    assert work._told(task, store, 1) == work.ELSEWHERE
+    assert work._try_render(task, store, 1) == work.ELSEWHERE
     assert store.row(task.key) is None
-    assert work._told(other, store, 1) == ""
+    assert work._try_render(other, store, 1) == ""
     holder.kill()
     holder.communicate()
-    assert work._told(task, store, 1) == ""
-    assert work._told(task, store, 1) == work.THERE
+    assert work._try_render(task, store, 1) == ""
+    assert work._try_render(task, store, 1) == work.REUSED
 
 
 def test_no_truth_if_none_is_wanted(job_file: Path, tmp_path: Path) -> None:

@@ -172,7 +172,7 @@ def test_imports_point_downwards() -> None:
         ("light/beams.py", "import_module(f'lidarscene.formats.{name}')", "must not import 'formats'"),
         (
             "light/beams.py",
-            "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from ..cloud.points import P",
+            "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from ..cloud.point_cloud import P",
             "must not import 'cloud'",
         ),
         ("labels/boxes.py", "from ..rendering.frame import f", "'labels' must not import 'rendering'"),

@@ -15,7 +15,7 @@ from lidarscene.cloud.rig_clouds import merged
 from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Riding, Spline, pose_at
-from lidarscene.rendering.rig import require_common_frames, simulators
+from lidarscene.rendering.rig_simulators import require_common_frames, simulators
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene import Ball, Body, Scene
 from lidarscene.scene.scene_file import load_scene

@@ -15,7 +15,7 @@ import pytest
 from helpers.waiting import PATIENCE_S
 
 from lidarscene.batch import cluster
-from lidarscene.batch.run import Connect
+from lidarscene.batch.dispatch import Connect
 from lidarscene.cli import main
 
 ROOT = Path(__file__).parents[2]

@@ -26,7 +26,7 @@ from lidarscene.physics import eye_safety
 from lidarscene.physics.electronics import sipm
 from lidarscene.physics.optics import sunlight
 from lidarscene.physics.weather import particles, precipitation
-from lidarscene.rendering.options import DEFAULT_CHUNK
+from lidarscene.rendering.render_options import DEFAULT_CHUNK
 from lidarscene.scene.meshes import primitives
 from lidarscene.sensor import readout
 from lidarscene.sensor.file import MOST_STOPS
@@ -119,13 +119,13 @@ def test_defaults_of_render_and_batch() -> None:
     assert default("render", "--interactions") == trace.INTERACTIONS
     says("motion.md", "The first frame begins at `--begin` ({})", default("render", "--begin"))
     says("view.md", "(`--seed`, {} unless given)", default("view", "--seed"))
-    from lidarscene.batch import cluster, run, work
+    from lidarscene.batch import cluster, dispatch, work
     from lidarscene.cli.batch import MOST_LINES
 
     says("batch.md", "after some {} seconds at most", 2 * cluster.PATIENCE_S)
     says("batch.md", "on the error stream (the first {})", MOST_LINES)
-    says("batch.md", "keeps its last {} compiled worlds", work.KEPT)
-    assert run.BUNDLE_S == 1.0  # "frames of less than a second are given out several at a time"
+    says("batch.md", "keeps its last {} compiled worlds", work.CACHED)
+    assert dispatch.BUNDLE_S == 1.0  # "frames of less than a second are given out several at a time"
     # The file above it: scenes, sensors, frames, seeds, trajectories, and three keys that are swept.
     lists = (2, 2, 10, 2, 2, 2, 2, 2)
     says("batch.md", "Those are " + " x ".join(["{}"] * 8) + " = {} frames", *lists, math.prod(lists))

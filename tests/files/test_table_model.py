@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import pytest
 
 from lidarscene import catalog
-from lidarscene.batch.file import JobFile
+from lidarscene.batch.job_file import JobFile
 from lidarscene.errors import InputError
 from lidarscene.files.table_model import Number
 from lidarscene.files.toml import FileModel, validated

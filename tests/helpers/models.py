@@ -3,7 +3,7 @@
 from types import UnionType
 from typing import Any
 
-from lidarscene.batch.file import JobFile
+from lidarscene.batch.job_file import JobFile
 from lidarscene.files.toml import FileModel
 from lidarscene.materials.file import MaterialFile
 from lidarscene.scene.scene_file import SceneFile

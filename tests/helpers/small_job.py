@@ -9,7 +9,7 @@ import pytest
 
 from helpers.walls import WALL
 from lidarscene.batch import cluster, work
-from lidarscene.batch.run import Connect
+from lidarscene.batch.dispatch import Connect
 from lidarscene.batch.tasks import FrameTask, Job
 
 JOB = """
@@ -68,7 +68,7 @@ def threads(mi: Any, monkeypatch: pytest.MonkeyPatch) -> Connect:
 def use_no_worlds_of_others(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing that a worker keeps goes from test to test, nor stays after it."""
     for name in ("_scenes", "_sensors", "_worlds"):
-        monkeypatch.setattr(work, name, work._Kept())
+        monkeypatch.setattr(work, name, work._Cache())
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import pytest
 from lidarscene import load_sensor
 from lidarscene.detection.outcomes import OUTCOME_TEXT
 from lidarscene.files import spool
-from lidarscene.outputs.missed import missed_stream
+from lidarscene.outputs.streams import missed_stream
 
 SENSOR = load_sensor("table1-apd")
 FRAME = 2

@@ -15,10 +15,10 @@ from helpers.paper_results import results, use
 
 from lidarscene.cli import render, terminal
 from lidarscene.cli.terminal import Lines
-from lidarscene.outputs.options import Outputs
+from lidarscene.outputs.output_options import Outputs
 from lidarscene.outputs.plan import Plan
 from lidarscene.outputs.size import in_words, warn_of_size
-from lidarscene.rendering.options import TraceOptions
+from lidarscene.rendering.render_options import TraceOptions
 
 FINE = [
     "--set=scanner.azimuth_fov_deg=40",

@@ -24,7 +24,7 @@ from lidarscene.cloud.rig_clouds import merged
 from lidarscene.formats import parquet
 from lidarscene.labels import kitti_dataset
 from lidarscene.labels.files import write_labels
-from lidarscene.rendering.rig import simulators
+from lidarscene.rendering.rig_simulators import simulators
 from lidarscene.rendering.simulator import Simulator
 
 pytestmark = pytest.mark.usefixtures("small_pictures")

@@ -10,7 +10,7 @@ import pytest
 import lidarscene
 from lidarscene.errors import InputError, LidarSceneError
 from lidarscene.maths.pose import Pose
-from lidarscene.rendering.options import FrameOptions
+from lidarscene.rendering.render_options import FrameOptions
 
 COARSE = {"scanner": {"azimuth_step_deg": 2.0, "elevation_step_deg": np.float32(2.0)}}
 

@@ -12,10 +12,12 @@ from helpers.clouds import assert_same
 from lidarscene import load_scene, load_sensor
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError
-from lidarscene.rendering.simulator import Simulator, Summary
+from lidarscene.rendering.simulator import Simulator, Summary, _intensity_unit
 
 CAR = Path(__file__).parents[2] / "scenes" / "car.toml"
 CHUNK = 10_000
+
+CORRECTED = ('intensity={"kind"="range_corrected","reference_m"=10}',)
 
 
 @pytest.fixture(scope="module")
@@ -128,3 +130,18 @@ def test_memory_does_not_grow_with_the_frame(mi: Any, run_python: Any, tmp_path:
     assert held > 25e6
     assert streamed - before < 0.25 * held
     assert rendered - streamed > 0.75 * held
+
+
+@pytest.mark.parametrize(
+    ("name", "sets", "unit"),
+    [
+        ("table1-apd", (), "A"),
+        ("table1-sipm", (), "cells"),
+        ("sony-spad-189x600", (), "photons"),
+        ("vlp-16", (), "of 255"),
+        ("vlp-16", CORRECTED, "W"),
+    ],
+)
+def test_the_unit_of_the_intensity(name: str, sets: tuple[str, ...], unit: str) -> None:
+    """Of a peak at a comparator that of the detector; else what the sensor file asks for."""
+    assert _intensity_unit(load_sensor(name, overrides=sets)) == unit

@@ -31,7 +31,7 @@ SCENE = Scene(name="yard", bodies=(GROUND, CAR))
 
 def found(scene=SCENE, place_m=(0.0, 0.0, 1.8), sensor="table1-apd"):
     clearance = Clearance.of_scene(scene)
-    return Surroundings.of(scene, load_sensor(sensor), np.array(place_m), time_s=0.0, clearance=clearance)
+    return Surroundings.inspect(scene, load_sensor(sensor), np.array(place_m), time_s=0.0, clearance=clearance)
 
 
 def test_the_line_says_what_is_there():
@@ -149,7 +149,7 @@ def test_no_shipped_scene_is_odd(name):
     scene = load_scene(name)
     sensor = load_sensor(scene.sensor_name)
     place_m = pose_at(motion_of(scene, sensor, scene.sensor_pose)).position_m
-    around = Surroundings.of(scene, sensor, place_m, time_s=0.0, clearance=Clearance.of_scene(scene))
+    around = Surroundings.inspect(scene, sensor, place_m, time_s=0.0, clearance=Clearance.of_scene(scene))
     assert around.doubts == ()
     assert around.around.nearest.distance_m < 100.0
 

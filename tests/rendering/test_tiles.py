@@ -8,15 +8,15 @@ from helpers import chain, scanners
 
 from lidarscene import Simulator
 from lidarscene.maths.trajectory import Course
-from lidarscene.rendering.options import FrameOptions
-from lidarscene.rendering.tiles import HEIGHT, KEPT, PACKET, Numbering, Tiling
+from lidarscene.rendering.render_options import FrameOptions
+from lidarscene.rendering.tiles import CACHED, HEIGHT, PACKET, Numbering, Tiling
 
 PULSES = np.arange(200, dtype=np.uint32)
 
 
 def tiled():
     """Names of the scanners that are cut into tiles."""
-    return [name for name, make in scanners.ALL.items() if Tiling.of(make()) is not None]
+    return [name for name, make in scanners.ALL.items() if Tiling.from_scanner(make()) is not None]
 
 
 def girth(scanner, pulse):
@@ -35,7 +35,7 @@ def test_scanners_of_lines_are_tiled_and_others_are_not():
 
 @pytest.mark.parametrize("name", tiled())
 def test_every_pulse_has_one_lane(name):
-    tiling = Tiling.of(scanners.ALL[name]())
+    tiling = Tiling.from_scanner(scanners.ALL[name]())
     for count in (1, tiling.band - 1, tiling.band, 3 * tiling.band + tiling.line + 1):
         np.testing.assert_array_equal(np.sort(tiling.order(count)), np.arange(count))
 
@@ -44,7 +44,7 @@ def test_every_pulse_has_one_lane(name):
 def test_rays_traced_together_are_nearer_to_each_other_than_in_firing_order(name):
     """Some lines have steps so different that the firing order is the best there is: never worse, by rounding."""
     scanner = scanners.ALL[name]()
-    tiling = Tiling.of(scanner)
+    tiling = Tiling.from_scanner(scanner)
     count = scanner.pulses // tiling.band * tiling.band
     pulse = np.arange(count, dtype=np.uint32)
     assert girth(scanner, tiling.order(count)) <= girth(scanner, pulse) * 1.001
@@ -53,7 +53,7 @@ def test_rays_traced_together_are_nearer_to_each_other_than_in_firing_order(name
 def test_a_packet_of_an_even_grid_is_two_across_and_four_up():
     """By hand: of 1 x 8, 2 x 4, 4 x 2, 8 x 1 the two in the middle have the least girth, and the upright one wins."""
     scanner = chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.5", "scanner.elevation_step_deg=0.5").scanner
-    tiling = Tiling.of(scanner)
+    tiling = Tiling.from_scanner(scanner)
     assert tiling.width == 2
     first = tiling.order(tiling.band)[:PACKET].astype(np.int64)
     lines, places = np.divmod(first, tiling.line)
@@ -65,7 +65,7 @@ def test_a_packet_of_an_even_grid_is_two_across_and_four_up():
 def test_lines_there_and_back_are_laid_side_by_side():
     """Rationale: of a mirror that turns round, neighbours are mirror images in the line. Reference: the azimuths."""
     scanner = dataclasses.replace(scanners.ALL["mirror_step"](), waveform="triangle")
-    tiling = Tiling.of(scanner)
+    tiling = Tiling.from_scanner(scanner)
     assert not np.array_equal(tiling.along[0], tiling.along[1])
     azimuth = scanner.angles(np.arange(2 * tiling.line, dtype=np.uint32))[0].reshape(2, -1)
     sorted_lines = np.take_along_axis(azimuth, tiling.along, axis=1)
@@ -89,7 +89,7 @@ def test_points_are_those_of_the_firing_order(name):
         lost, counts = [], []
         cloud = simulator.render(
             seed=5,
-            chunk=4 * Tiling.of(sensor.scanner).band + 3,
+            chunk=4 * Tiling.from_scanner(sensor.scanner).band + 3,
             missed=lambda pulse, outcome, lost=lost: lost.append(np.stack([pulse, outcome])),
             ambient=lambda pulse, number, counts=counts: counts.append(np.stack([pulse, number])),
         )
@@ -117,7 +117,7 @@ def test_a_frame_on_the_move_does_not_depend_on_those_before(name):
     used, chunk = Simulator(scene, sensor), sensor.scanner.pulses // 3
     for number in (0, 1, 5):
         used.render(number=number, chunk=chunk)
-    assert len(used.numbering._times) == KEPT
+    assert len(used.numbering._times) == CACHED
     for options in ({"number": 2}, {"number": 3, "chunk": chunk}):
         cloud, alone = used.render(**options), Simulator(scene, sensor).render(**options)
         assert len(cloud) > 100

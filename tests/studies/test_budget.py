@@ -15,7 +15,7 @@ from lidarscene.kernel.rays.relit import COLUMNS, light_of
 from lidarscene.light.echoes import Echoes
 from lidarscene.physics.constants import ELEMENTARY_CHARGE_C
 from lidarscene.rendering.frame import Frame
-from lidarscene.rendering.options import FrameOptions
+from lidarscene.rendering.render_options import FrameOptions
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.rendering.stages import ambient_of
 from lidarscene.scene.scene import Scene
@@ -69,7 +69,7 @@ def test_every_point_is_explained_by_its_light(frames: Any, name: str) -> None:
     scene, sensor, simulator, cloud = frames[name]
     ambient = ambient_of(scene, sensor)
     count = sensor.scanner.pulses
-    now = Frame.of(scene, sensor, simulator.world, FrameOptions(pose=simulator.pose))
+    now = Frame.from_options(scene, sensor, simulator.world, FrameOptions(pose=simulator.pose))
     whole = light_of(
         simulator.world,
         sensor,

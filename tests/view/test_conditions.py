@@ -12,7 +12,7 @@ import lidarscene
 from lidarscene import PointCloud, load_scene
 from lidarscene.cli.main import main
 from lidarscene.errors import InputError
-from lidarscene.rendering.options import FrameOptions
+from lidarscene.rendering.render_options import FrameOptions
 from lidarscene.view.blob import unpacked
 from lidarscene.view.conditions import BUDGET, FOG, FRAME, RAIN, RAYS, SEED, SNOW, command, conditions, controls
 from lidarscene.view.page_sources import Live

@@ -1,4 +1,4 @@
-"""Cluster: the door to Dask. An address of a scheduler, or a number of processes here, in; a client out."""
+"""Cluster: access to Dask. The address of a scheduler, or a number of processes on this machine, in; a client out."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from typing import Any
 from ..errors import LidarSceneError, OptionWarning, shortened
 
 PATIENCE_S = 30
-"""How long a scheduler may take to answer: as long as Dask itself waits for it."""
+"""Longest wait for a scheduler's answer: Dask's own default."""
 
 STARTS = 3
-"""How often the processes of this machine are started, if some of them die before they are ready."""
+"""Attempts to start the processes of this machine, if some of them die before they are ready."""
 
 LOCAL = {
-    # What scheduler and workers do beside the work takes 7 % of two cores if they look so often as by default.
+    # By default profiling and ticks of scheduler and workers take 7 % of two cores.
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "2s",
@@ -37,9 +37,9 @@ LOCAL = {
 
 
 def require_packages(*, local: bool) -> None:
-    """Raise LidarSceneError, with what to install, where a package is missing.
+    """Raise LidarSceneError, with a command to install it, where a package is missing.
 
-    local  whether the cluster is one of this machine, which needs keys
+    local  whether the cluster runs on this machine, where connections are encrypted
     """
     names = ("distributed", "pyarrow", *(["cryptography"] if local else []))
     missing = [name for name in names if importlib.util.find_spec(name) is None]
@@ -51,16 +51,17 @@ def require_packages(*, local: bool) -> None:
 
 
 def usable_cores() -> int:
-    """Of this machine, by this process."""
+    """Number of cores of this machine that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
 def local_client(workers: int) -> Iterator[Any]:
-    """A client of so many processes of this machine, which end with it, also when it is killed."""
+    """Start processes on this machine and a client for them; they end with the client, even if it is killed."""
     import dask
 
-    # Its defaults must be there first: `set` takes off what it was the first to add, with all that came after.
+    # Dask's defaults must be loaded first: on exit `set` removes a key that it was the first to add, and with it all
+    # defaults that were added below that key meanwhile.
     import distributed  # noqa: F401
 
     with dask.config.set(LOCAL), ExitStack() as opened:
@@ -68,7 +69,7 @@ def local_client(workers: int) -> Iterator[Any]:
             try:
                 client = opened.enter_context(_started(workers))
                 break
-            except Exception as error:  # a worker that dies while it starts is told in many ways
+            except Exception as error:  # Dask reports a worker that dies while it starts by various exceptions
                 if start == STARTS - 1:
                     raise LidarSceneError(
                         f"--workers {workers}: the processes could not be started: {shortened(_reason(error))}"
@@ -80,9 +81,9 @@ def local_client(workers: int) -> Iterator[Any]:
 def _started(workers: int) -> Iterator[Any]:
     from distributed import Client, LocalCluster, Security
 
-    # Whoever reaches a port of Dask runs code as its owner, and all users of a machine reach its loopback. So the
-    # scheduler, the workers and their nannies accept only who has the key that this process makes for itself. Workers
-    # get it through the pipe by which they are started; it is in no argument, environment or lasting file.
+    # Anyone who reaches a port of Dask can run code as its owner, and all users of a machine reach its loopback. So
+    # scheduler, workers and nannies accept only connections with the key that this process makes. Workers get it
+    # through the pipe by which they are started; it is in no argument, environment or lasting file.
     with (
         LocalCluster(
             security=Security.temporary(),
@@ -93,7 +94,7 @@ def _started(workers: int) -> Iterator[Any]:
             preload=[f"{__package__}.work"],
             memory_limit=0,  # Dask would stop a worker at a share of the memory that one large frame may well need
             dashboard_address="127.0.0.1:0",
-            silence_logs=logging.CRITICAL,  # what matters of it is told with the frames that fail
+            silence_logs=logging.CRITICAL,  # frames that fail report the cause
         ) as cluster,
         Client(cluster) as client,
     ):
@@ -102,10 +103,10 @@ def _started(workers: int) -> Iterator[Any]:
 
 @contextmanager
 def remote_client(address: str) -> Iterator[Any]:
-    """A client of a scheduler that runs. Raises LidarSceneError where none answers."""
+    """Connect to a running scheduler. Raises LidarSceneError where none answers."""
     from distributed import Client
 
-    for handler in logging.getLogger("distributed").handlers:  # what matters is told in lines of our own
+    for handler in logging.getLogger("distributed").handlers:  # our own messages replace its log
         handler.setLevel(logging.CRITICAL)
     try:
         asyncio.run(_greeted(address))
@@ -126,23 +127,23 @@ def remote_client(address: str) -> Iterator[Any]:
 
 
 async def _greeted(address: str) -> None:
-    """Raise where no Dask answers: its client waits for ever for the greeting of something that listens and is none."""
+    """Raise an error where no Dask answers: its client would wait for ever for a greeting from any other server."""
     from distributed.comm import connect
     from distributed.security import Security
 
-    how = Security().get_connection_args("client")
-    comm = await asyncio.wait_for(connect(address, timeout=PATIENCE_S, **how), 1.5 * PATIENCE_S)
+    arguments = Security().get_connection_args("client")
+    comm = await asyncio.wait_for(connect(address, timeout=PATIENCE_S, **arguments), 1.5 * PATIENCE_S)
     await comm.close()
 
 
 def _reason(error: BaseException) -> str:
-    """One line of the first cause: that no one listens rather than that it took too long."""
+    """One line of the root cause: "connection refused" rather than a timeout."""
     while error.__cause__ is not None:
         error = error.__cause__
     return " ".join(str(error).split()) or "no answer"
 
 
 def dashboard(client: Any) -> str:
-    """Where Dask shows its pages; "" where it cannot: they need bokeh, here or beside the scheduler of others."""
-    here = client.cluster is not None
-    return "" if here and importlib.util.find_spec("bokeh") is None else client.dashboard_link or ""
+    """Address of Dask's dashboard, or "" without one: it needs bokeh where the scheduler runs."""
+    is_local = client.cluster is not None
+    return "" if is_local and importlib.util.find_spec("bokeh") is None else client.dashboard_link or ""

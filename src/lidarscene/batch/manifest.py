@@ -1,4 +1,4 @@
-"""Manifest: a Parquet file with one row for each frame of a job: what was asked, what came of it, and where it is."""
+"""Manifest: a Parquet file with one row for each frame of a job: its options, its counts and its file."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from typing import Any
 
 from ..files.atomic import atomic_output
 from ..files.overrides import toml_text
-from ..outputs import report
+from ..outputs import run_report
 from .store import Store
-from .tasks import FrameTask, Job, told_of
+from .tasks import FrameTask, Job, cloud_settings
 
 ROWS_AT_A_TIME = 20_000
 COUNTS = ("beams", "hits", "points", "echoes", "false_alarms", "weather")
 
 
 def write_manifest(job: Job, store: Store, failed: Mapping[str, str]) -> None:
-    """All frames of the job, in its order; of those that failed the cause. Raises OutputError.
+    """Write the rows of all frames of a job, in its order. Raises OutputError.
 
-    failed  cause by key. A frame that is neither done nor failed was not reached, and says so
+    failed  key of a frame -> cause of its failure. A frame neither done nor failed gets the error "not rendered"
     """
     import pyarrow
     from pyarrow import parquet
@@ -35,10 +35,10 @@ def write_manifest(job: Job, store: Store, failed: Mapping[str, str]) -> None:
 
 def _columns(sweep: Mapping[str, str]) -> dict[str, str]:
     """Names and Arrow types of the columns."""
-    asked = ("key", "scene", "sensor", "rig", "label", "trajectory")
-    missed = [f"missed_{text.replace(' ', '_')}" for text in report.OUTCOME_TEXT.values()]
+    labels = ("key", "scene", "sensor", "rig", "label", "trajectory")
+    missed = [f"missed_{text.replace(' ', '_')}" for text in run_report.OUTCOME_TEXT.values()]
     return (
-        dict.fromkeys(asked, "string")
+        dict.fromkeys(labels, "string")
         | {"number": "int64", "begin_s": "float64", "seed": "int64", "format": "string", "coordinates": "string"}
         | {"truth": "bool_", "rays": "int64", "interactions": "int64"}
         | dict(sweep)
@@ -56,27 +56,27 @@ def _row(task: FrameTask, store: Store, failed: Mapping[str, str], types: Mappin
         "rig": task.sensor.rig,
         "label": task.sensor.label,
         "trajectory": task.scene.trajectory,
-        **told_of(task.trace, task.frame),
+        **cloud_settings(task.trace, task.frame),
         "format": task.format,
         "truth": task.truth,
         "version": task.version,
     }
     for name, value in task.parameters.items():
         row[name] = toml_text(value) if types[name] == "string" and not isinstance(value, str) else value
-    told = store.row(task.key, read=False)
-    if told is None:
+    result = store.row(task.key, read=False)
+    if result is None:
         return row | {"error": failed.get(task.key, "not rendered")}
-    row |= {name: told[name] for name in (*COUNTS, "file", "bytes")}
-    row |= {f"missed_{reason}": count for reason, count in told["missed"].items()}
-    seconds = told["seconds"]
+    row |= {name: result[name] for name in (*COUNTS, "file", "bytes")}
+    row |= {f"missed_{reason}": count for reason, count in result["missed"].items()}
+    seconds = result["seconds"]
     return row | {"seconds": sum(seconds.values()), "seconds_by_stage": json.dumps(seconds)}
 
 
 def _sweep_types(job: Job) -> dict[str, str]:
-    """Arrow types by swept key: numbers and truth values as they are, all else as text."""
+    """Swept key -> Arrow type: numbers and truth values as they are, all else as text."""
     file = job.file.sweep
-    swept = {f"scene.{key}": values for key, values in file.of_scene().items()}
-    swept |= {f"sensor.{key}": values for key, values in file.of_sensor().items()}
+    swept = {f"scene.{key}": values for key, values in file.scene_values().items()}
+    swept |= {f"sensor.{key}": values for key, values in file.sensor_values().items()}
     return {name: _type_of(values) for name, values in swept.items()}
 
 

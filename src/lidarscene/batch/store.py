@@ -1,4 +1,4 @@
-"""Store: the folder of a job. A cloud and a row for each frame, by key; a frame is done when its row says so."""
+"""Store: the folder of a job, with a cloud and a row for each frame, by key; a frame is done when it has its row."""
 
 from __future__ import annotations
 
@@ -25,43 +25,43 @@ class Store:
 
     @property
     def manifest(self) -> Path:
-        """One row for each frame of the job that was run last."""
+        """File with one row for each frame of the job that was run last."""
         return self.folder / "manifest.parquet"
 
     def cloud(self, key: str, format: str) -> Path:
-        """Where the cloud of this key is."""
+        """File of the cloud of this key."""
         return self.folder / "frames" / key[:2] / f"{key}{FORMATS[format].suffix}"
 
     def _row(self, key: str) -> Path:
         return self.folder / "rows" / key[:2] / f"{key}.json"
 
     def row(self, key: str, *, read: bool = True) -> dict[str, Any] | None:
-        """What is known of a frame that is done; None if it is not, or if its cloud is not as it was written.
+        """Row of a frame that is done; None if it is not, or if its cloud has changed since it was written.
 
-        read  the cloud too, to compare its hash; else only its size is compared
+        read  whether the cloud is read to compare its hash; else only its size is compared
         """
         try:
-            found: dict[str, Any] = json.loads(self._row(key).read_bytes())
-            cloud = self.folder / found["file"]
-            whole = cloud.stat().st_size == found["bytes"] and not (read and _digest(cloud) != found["sha256"])
+            entry: dict[str, Any] = json.loads(self._row(key).read_bytes())
+            cloud = self.folder / entry["file"]
+            whole = cloud.stat().st_size == entry["bytes"] and not (read and _digest(cloud) != entry["sha256"])
         except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return None
-        return found if whole else None
+        return entry if whole else None
 
     @contextmanager
-    def claimed(self, key: str) -> Iterator[bool]:
-        """Whether no other process is at this frame; none will be until the block ends.
+    def claim(self, key: str) -> Iterator[bool]:
+        """Claim a frame until the block ends; False if another process has the claim.
 
-        A claim is a lock on one byte of one file, by the key: the system lets go of it when the process ends, however
-        it ends, and keeps it across machines that share the folder. Where there are no locks everyone has every
-        claim: a frame may then be rendered twice, to the same bytes.
+        A claim is a lock on one byte of one file, at an offset from the key: the system releases it when the process
+        ends in any way, and it holds across machines that share the folder. Where there are no locks every process
+        gets the claim: a frame may then be rendered twice, to the same bytes.
         """
         try:
             import fcntl
 
             file = _claims(self.folder)
-            at = int(key[:15], 16)
-            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, at)
+            offset = int(key[:15], 16)
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, offset)
         except (BlockingIOError, PermissionError):
             yield False
             return
@@ -71,27 +71,27 @@ class Store:
         try:
             yield True
         finally:
-            fcntl.lockf(file, fcntl.LOCK_UN, 1, at)
+            fcntl.lockf(file, fcntl.LOCK_UN, 1, offset)
 
-    def finish(self, key: str, cloud: Path, told: dict[str, Any]) -> None:
-        """Write the row of a frame whose cloud is there. Raises OutputError."""
-        about = {
+    def finish(self, key: str, cloud: Path, counts: dict[str, Any]) -> None:
+        """Write the row of a frame whose cloud is written. Raises OutputError."""
+        entry = {
             "file": cloud.relative_to(self.folder).as_posix(),
             "bytes": cloud.stat().st_size,
             "sha256": _digest(cloud),
         }
-        with atomic_output(self._row(key), synced=False) as temporary:  # one that is lost costs this frame
-            temporary.write_text(json_text(about | told), encoding="utf-8")
+        with atomic_output(self._row(key), synced=False) as temporary:  # a lost row costs only this frame
+            temporary.write_text(json_text(entry | counts), encoding="utf-8")
 
 
 @functools.cache
 def _claims(folder: Path) -> int:
-    """The file of all claims, open until the process ends: to close it would let go of all of them."""
+    """Descriptor of the file of all claims, open until the process ends: closing it would release all of them."""
     folder.mkdir(parents=True, exist_ok=True)
     return os.open(folder / ".claims", os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o666)
 
 
 def _digest(cloud: Path) -> str:
-    """Hash of a file's content: a bit that has flipped leaves its size as it was."""
+    """Hash of a file's content: a flipped bit would leave the size as it was."""
     with cloud.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

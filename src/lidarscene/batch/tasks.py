@@ -1,4 +1,4 @@
-"""Tasks: a job in, its frames out, each named by the hash of all that it follows from."""
+"""Tasks: a job in, its frames out, each named by the hash of all that it depends on."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from .._version import __version__
 from ..errors import InputError
 from ..files.overrides import toml_text
 from ..formats.registry import FORMATS
-from ..rendering.options import FrameOptions, TraceOptions
+from ..rendering.render_options import FrameOptions, TraceOptions
 from ..scene.scene_file import files_of_scene, scene_path, sensor_of_scene
 from ..sensor.catalogue import load_sensor
 from ..sensor.file import files_of_sensor
 from ..sensor.model import Sensor
 from ..sensor.rig_file import load_rig, read_rig
-from .file import JobFile, TrajectoryFile
+from .job_file import JobFile, TrajectoryFile
 
 LAYOUT = 1
-"""Of names and rows; a new number makes all old results unknown."""
+"""Version of names and rows, part of every key; a new number makes all old results unknown."""
 
 NOT_IN_WORLD = frozenset({"name", "description", "sun", "sky", "air", "weather", "sensor", "picture"})
 """Tables of a scene file that a compiled world does not depend on."""
@@ -39,9 +39,10 @@ class SceneChoice:
     """A scene file with changes to it.
 
     parameters  swept keys with their values
+    trajectory  label of the trajectory, or ""
     content     hash of the content of all its files
-    digest      the same with the file's name and the changes
-    world       hash of what its compiled worlds depend on
+    digest      hash of the content, the file's name and the changes
+    world       hash of all that its compiled worlds depend on
     """
 
     path: str
@@ -55,10 +56,13 @@ class SceneChoice:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorChoice:
-    """A sensor, or the one of a rig with this label, with changes to it; a catalogue name or a file.
+    """A sensor, or one sensor of a rig, with changes to it.
 
+    name     catalogue name or file; "" for a rig
+    rig      rig file; "" for a single sensor
+    label    label of the rig's sensor
     content  hash of the content of all its files, or all the rig's, and of the changes
-    digest   the same with the label
+    digest   hash of the content and the label
     """
 
     name: str
@@ -70,7 +74,7 @@ class SensorChoice:
 
     @property
     def digest(self) -> str:
-        """Hash of all that it follows from."""
+        """Hash of all that the sensor depends on."""
         return _hash([self.content, self.label])
 
 
@@ -89,9 +93,9 @@ class FrameTask:
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """Every key that is swept, as the manifest names it."""
-        of_scene = {f"scene.{key}": value for key, value in self.scene.parameters}
-        return of_scene | {f"sensor.{key}": value for key, value in self.sensor.parameters}
+        """Swept keys, as the manifest names them, and their values."""
+        scene_parameters = {f"scene.{key}": value for key, value in self.scene.parameters}
+        return scene_parameters | {f"sensor.{key}": value for key, value in self.sensor.parameters}
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,8 +107,8 @@ class Job:
 
     @classmethod
     def read(cls, path: Path) -> Job:
-        """From a job file. Every scene and sensor file that it names is checked. Raises InputError."""
-        from .file import read_job
+        """Read a job file and check every scene and sensor file that it names. Raises InputError."""
+        from .job_file import read_job
 
         file = read_job(path)
         FORMATS[file.format].require()
@@ -114,17 +118,17 @@ class Job:
             raise InputError(f"{path}: {error}") from None
 
     def __len__(self) -> int:
-        """How many frames."""
+        """Number of frames."""
         return self.file.frames * len(self.file.all_seeds()) * sum(len(s) for _, s in self.choices)
 
     def tasks(self) -> Iterator[FrameTask]:
-        """All frames; those of one world follow each other. Made one by one: there may be millions."""
+        """Iterate over all frames, those of one world consecutively; there may be millions."""
         file, trace = self.file, self.file.trace_options()
         for scene, sensors in self.choices:
             for sensor, seed, number in itertools.product(sensors, file.all_seeds(), range(file.frames)):
                 frame = file.frame_options(seed, number)
-                how = told_of(trace, frame) | {"format": file.format, "truth": file.truth}
-                key = _hash([LAYOUT, __version__, scene.digest, sensor.digest, how])
+                settings = cloud_settings(trace, frame) | {"format": file.format, "truth": file.truth}
+                key = _hash([LAYOUT, __version__, scene.digest, sensor.digest, settings])
                 yield FrameTask(
                     key=key,
                     version=__version__,
@@ -137,8 +141,8 @@ class Job:
                 )
 
 
-def told_of(trace: TraceOptions, frame: FrameOptions) -> dict[str, Any]:
-    """What a cloud follows from, by the keys of a job file: its chunk changes nothing."""
+def cloud_settings(trace: TraceOptions, frame: FrameOptions) -> dict[str, Any]:
+    """Options that a cloud depends on, by the keys of a job file; not the chunk, which changes nothing."""
     return {
         "seed": frame.seed,
         "number": frame.number,
@@ -154,18 +158,18 @@ def _choices(file: JobFile, folder: Path) -> Iterator[tuple[SceneChoice, tuple[S
     def sensors(names: tuple[str, ...]) -> tuple[SensorChoice, ...]:
         return tuple(_sensors(file, names, folder))
 
-    given = tuple(_located(one, folder) for one in file.sensors)
+    job_sensors = tuple(_located(sensor, folder) for sensor in file.sensors)
     for name in file.scenes:
         path = folder / name if Path(name).suffix else scene_path(name)
         for trajectory in file.trajectories or (None,):
-            for parameters in _points(file.sweep.of_scene()):
+            for parameters in _points(file.sweep.scene_values()):
                 scene = _scene_choice(path, trajectory, parameters, folder)
-                own = () if given or file.rigs else (sensor_of_scene(path, overrides=scene.overrides),)
-                yield scene, sensors(given or own)
+                scene_sensors = () if job_sensors or file.rigs else (sensor_of_scene(path, overrides=scene.overrides),)
+                yield scene, sensors(job_sensors or scene_sensors)
 
 
 def _points(values: dict[str, tuple[Any, ...]]) -> Iterator[Parameters]:
-    """Every value of every key with every other; once nothing where there are no keys."""
+    """Iterate over the product of all keys' values; one empty tuple where there are no keys."""
     for point in itertools.product(*values.values()):
         yield tuple(zip(values, point, strict=True))
 
@@ -175,31 +179,31 @@ def _assignments(parameters: Parameters) -> tuple[str, ...]:
 
 
 def _scene_choice(path: Path, trajectory: TrajectoryFile | None, parameters: Parameters, folder: Path) -> SceneChoice:
-    told = _assignments(parameters)
-    overrides = (*([trajectory.override(folder)] if trajectory else []), *told)
-    named = (*([trajectory.override()] if trajectory else []), *told)  # wherever the folder is
+    changes = _assignments(parameters)
+    overrides = (*([trajectory.override(folder)] if trajectory else []), *changes)
+    portable = (*([trajectory.override()] if trajectory else []), *changes)  # the same in any folder
     content = scene_content(path, overrides)
-    in_world = [one for one in named if one.partition("=")[0].partition(".")[0].strip() not in NOT_IN_WORLD]
+    in_world = [change for change in portable if change.partition("=")[0].partition(".")[0].strip() not in NOT_IN_WORLD]
     return SceneChoice(
         path=str(path.absolute()),
         overrides=overrides,
         parameters=parameters,
         trajectory=trajectory.label if trajectory else "",
         content=content,
-        digest=_hash([path.stem, content, list(named)]),
+        digest=_hash([path.stem, content, list(portable)]),
         world=_hash([content, in_world]),
     )
 
 
 def scene_content(path: Path, overrides: Sequence[str]) -> str:
-    """Hash of a scene file and of all that it names but the sensor. Raises InputError."""
+    """Hash of a scene file and of all files that it names but the sensor's. Raises InputError."""
     sensor = Path(sensor_of_scene(path, overrides=overrides))
-    return _hash([_digest(one) for one in files_of_scene(path, overrides=overrides) if one != sensor])
+    return _hash([_digest(file) for file in files_of_scene(path, overrides=overrides) if file != sensor])
 
 
 def _sensors(file: JobFile, names: tuple[str, ...], folder: Path) -> Iterator[SensorChoice]:
-    """The choices of sensors by name, and those of rigs."""
-    for parameters in _points(file.sweep.of_sensor()):
+    """Iterate over the choices of sensors by name, and of the sensors of rigs."""
+    for parameters in _points(file.sweep.sensor_values()):
         overrides = _assignments(parameters)
         for name in names:
             yield SensorChoice(
@@ -213,14 +217,14 @@ def _sensors(file: JobFile, names: tuple[str, ...], folder: Path) -> Iterator[Se
         for rig in file.rigs:
             path = str((folder / rig).absolute())
             content = rig_content(path, overrides)
-            for label in (one.label for one in load_rig(path, overrides=overrides).sensors):
+            for label in (mounted.label for mounted in load_rig(path, overrides=overrides).sensors):
                 yield SensorChoice(
                     name="", rig=path, label=label, overrides=overrides, parameters=parameters, content=content
                 )
 
 
 def _located(name: str, folder: Path) -> str:
-    """A catalogue name as it is, a file in the job's folder."""
+    """Resolve a sensor file against the job's folder; a catalogue name stays as it is."""
     return str((folder / name).absolute()) if name.endswith(".toml") else name
 
 
@@ -228,37 +232,37 @@ def sensor_content(name: str, overrides: Sequence[str]) -> str:
     """Hash of a sensor: its files, and the changes. Raises InputError."""
     load_sensor(name, overrides=overrides)
     path = Path(name) if name.endswith(".toml") else catalog.path_of("sensors", name)
-    return _hash([[_digest(one) for one in files_of_sensor(path, overrides=overrides)], list(overrides)])
+    return _hash([[_digest(file) for file in files_of_sensor(path, overrides=overrides)], list(overrides)])
 
 
 def rig_content(path: str, overrides: Sequence[str]) -> str:
     """Hash of a rig: its file, its sensors and the changes to them. Raises InputError."""
-    found = [_digest(Path(path))]
+    digests = [_digest(Path(path))]
 
     def sensor(name: str, /, *, overrides: Sequence[str]) -> Sensor:
-        found.append(sensor_content(name, overrides))
+        digests.append(sensor_content(name, overrides))
         return load_sensor(name, overrides=overrides)
 
     read_rig(Path(path), sensor=sensor, overrides=overrides)
-    return _hash(found)
+    return _hash(digests)
 
 
 def _hash(value: Any) -> str:
-    """128 bits of a hash of plain data, as text."""
+    """Hash of plain data: 128 bits, in hexadecimal."""
     text = json.dumps(value, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
 def _digest(path: Path) -> str:
-    """Hash of a file's content; of nothing where there is no file, which reading it will tell."""
+    """Hash of a file's content; "" where there is no file, since reading it will raise the error."""
     if not os.path.isfile(path):
         return ""
-    about = path.stat()
-    return _digest_of(str(path.absolute()), about.st_size, about.st_mtime_ns)
+    status = path.stat()
+    return _digest_of(str(path.absolute()), status.st_size, status.st_mtime_ns)
 
 
 @functools.lru_cache(maxsize=100_000)
 def _digest_of(path: str, size: int, modified_ns: int) -> str:
-    """Of a file that has this size since then: not read again until it changes."""
+    """Hash of the content of a file with this size and time of change: cached until one of them differs."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,4 +1,4 @@
-"""Work: what a worker process does with one frame. Compiled worlds are kept from frame to frame."""
+"""Work: render frames in a worker process. Compiled worlds are kept from frame to frame."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .._version import __version__
 from ..errors import InputError, LidarSceneError, shortened
 from ..kernel.device import transfer
 from ..maths.trajectory import pose_at
-from ..outputs import report
+from ..outputs import run_report
 from ..rendering.frame import motion_of
 from ..rendering.simulator import Simulator, Summary
 from ..scene.scene import Scene
@@ -27,35 +27,33 @@ from ..sensor.rig_file import load_rig
 from .store import Store
 from .tasks import FrameTask, SceneChoice, SensorChoice, rig_content, scene_content, sensor_content
 
-ELSEWHERE, THERE = "(elsewhere)", "(there)"
-"""In place of a cause: another run is at this frame now, or has done it."""
+ELSEWHERE, REUSED = "(elsewhere)", "(there)"
+"""Values in place of a cause: another run is rendering this frame now, or has rendered it."""
 
-KEPT = 4
+CACHED = 4
 """Worlds, scenes and sensors of each process: few, since each shape that is alive costs time in every trace."""
 
 
 def render_frames(tasks: Sequence[FrameTask], folder: str, threads: int | None) -> tuple[list[str], float]:
     """Render frames into the job's folder unless they are there.
 
-    threads  of Dr.Jit; as many as the Dask worker has if None
-    Returns "" for each, THERE, ELSEWHERE, or what went wrong in one line; and the seconds that it took.
+    threads  threads of Dr.Jit; None: those of the Dask worker
+    Returns for each frame "", REUSED, ELSEWHERE or the cause of a failure in one line; and the seconds for all.
     """
     since = time.monotonic()
-    store, used = Store(Path(folder)), threads or _threads_of_worker()
-    causes = [_thread().submit(_told, task, store, used).result() for task in tasks]
+    store, thread_count = Store(Path(folder)), threads or _threads_of_worker()
+    causes = [_thread().submit(_try_render, task, store, thread_count).result() for task in tasks]
     return causes, time.monotonic() - since
 
 
 def dask_setup(_: Any) -> None:
-    """Dask calls it when a process of a local cluster starts: Ctrl-C is for the client, who ends them all."""
+    """Ignore Ctrl-C, which is for the client to handle; Dask calls this when a process of a local cluster starts."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @functools.cache
 def _thread() -> ThreadPoolExecutor:
-    """The one thread of this process that renders: Mitsuba's variant is set for it alone, and a frame has the process
-    for itself.
-    """
+    """Single rendering thread of this process: Mitsuba's variant is set for it alone, and frames do not overlap."""
     return ThreadPoolExecutor(1, thread_name_prefix="lidarscene")
 
 
@@ -65,8 +63,8 @@ def _threads_of_worker() -> int:
     return int(get_worker().state.nthreads)
 
 
-def _told(task: FrameTask, store: Store, threads: int) -> str:
-    """A failure of one frame is a line in a list: whatever it is, the others go on."""
+def _try_render(task: FrameTask, store: Store, threads: int) -> str:
+    """Render one frame; any failure becomes one line of text, so that the other frames go on."""
     try:
         transfer.use_threads(threads)
         return _render(task, store)
@@ -79,11 +77,11 @@ def _told(task: FrameTask, store: Store, threads: int) -> str:
 def _render(task: FrameTask, store: Store) -> str:
     if task.version != __version__:
         raise InputError(f"lidarscene {task.version} gave this frame out, the worker has {__version__}")
-    with store.claimed(task.key) as is_ours:
+    with store.claim(task.key) as is_ours:
         if not is_ours:
             return ELSEWHERE
         if store.row(task.key) is not None:  # another worker was faster
-            return THERE
+            return REUSED
         _save(task, store)
     return ""
 
@@ -94,44 +92,44 @@ def _save(task: FrameTask, store: Store) -> None:
     cloud = simulator.render(task.frame, summary=summary)
     path = store.cloud(task.key, task.format)
     (cloud if task.truth else cloud.without_truth()).save(path, format=task.format)
-    store.finish(task.key, path, report.as_dict(summary))
+    store.finish(task.key, path, run_report.as_dict(summary))
 
 
-class _Kept:
-    """The things used last, by key; no more than KEPT."""
+class _Cache:
+    """Cache of the entries used last, at most CACHED."""
 
     def __init__(self) -> None:
-        self._things: OrderedDict[Hashable, Any] = OrderedDict()
+        self._entries: OrderedDict[Hashable, Any] = OrderedDict()
 
     def get(self, key: Hashable, make: Callable[[], Any]) -> Any:
-        """The thing of this key, made if it is not there; the oldest goes before, so that memory never holds more."""
-        if key not in self._things:
-            while len(self._things) >= KEPT:
-                self._things.popitem(last=False)
-            self._things[key] = make()
-        self._things.move_to_end(key)
-        return self._things[key]
+        """Get the entry of a key, made if missing; the oldest is dropped first, so that memory never holds more."""
+        if key not in self._entries:
+            while len(self._entries) >= CACHED:
+                self._entries.popitem(last=False)
+            self._entries[key] = make()
+        self._entries.move_to_end(key)
+        return self._entries[key]
 
 
-_scenes, _sensors, _worlds = _Kept(), _Kept(), _Kept()
+_scenes, _sensors, _worlds = _Cache(), _Cache(), _Cache()
 
 
 def _simulator(task: FrameTask) -> Simulator:
-    """As `lidarscene render` would make it: of a rig, sensors of one wavelength share the world of the first.
+    """Simulator as `lidarscene render` makes it: sensors of a rig with one wavelength share the world of the first.
 
-    Kept with its world: it knows how to repeat its stages, and in which order to trace its pulses.
+    Cached with its world, and with it the recorded stages and the order of pulses.
     """
     choice, sensor = task.scene, task.sensor
     scene: Scene = _scenes.get(choice.digest, lambda: _scene(choice))
-    own, first = _sensors.get((sensor.digest, choice.digest), lambda: _mounted(sensor, scene))
+    mounted, first = _sensors.get((sensor.digest, choice.digest), lambda: _mounted(sensor, scene))
     centre_m = pose_at(motion_of(scene, first.sensor, first.pose)).position_m
     world, simulators = _worlds.get(
-        (choice.world, _wavelength(own.sensor), centre_m.tobytes(), task.trace.interactions > 0),
-        lambda: (Simulator(scene, first.sensor, task.trace, pose=first.pose).world, _Kept()),
+        (choice.world, _wavelength(mounted.sensor), centre_m.tobytes(), task.trace.interactions > 0),
+        lambda: (Simulator(scene, first.sensor, task.trace, pose=first.pose).world, _Cache()),
     )
     simulator: Simulator = simulators.get(
         (choice.digest, sensor.digest, task.trace),
-        lambda: Simulator(scene, own.sensor, task.trace, pose=own.pose, world=world),
+        lambda: Simulator(scene, mounted.sensor, task.trace, pose=mounted.pose, world=world),
     )
     return simulator
 
@@ -145,7 +143,7 @@ def _scene(choice: SceneChoice) -> Scene:
 
 
 def _mounted(choice: SensorChoice, scene: Scene) -> tuple[Mounted, Mounted]:
-    """The sensor where it is on the vehicle, and the one around which its world is compiled."""
+    """Load the sensor with its pose on the vehicle, and the sensor around which its world is compiled."""
     if not choice.rig:
         sensor = load_sensor(choice.name, overrides=choice.overrides)
         if sensor_content(choice.name, choice.overrides) != choice.content:
@@ -155,9 +153,9 @@ def _mounted(choice: SensorChoice, scene: Scene) -> tuple[Mounted, Mounted]:
     rig = load_rig(choice.rig, overrides=choice.overrides)
     if rig_content(choice.rig, choice.overrides) != choice.content:
         raise _changed(choice.rig)
-    own = next(one for one in rig.sensors if one.label == choice.label)
-    first = next(one for one in rig.sensors if _wavelength(one.sensor) == _wavelength(own.sensor))
-    return own, first
+    chosen = next(mounted for mounted in rig.sensors if mounted.label == choice.label)
+    first = next(mounted for mounted in rig.sensors if _wavelength(mounted.sensor) == _wavelength(chosen.sensor))
+    return chosen, first
 
 
 def _wavelength(sensor: Sensor) -> float:

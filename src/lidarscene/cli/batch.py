@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..files.json_text import json_text
-from ..rendering.options import Whole
+from ..rendering.render_options import Whole
 from .terminal import Answer, Lines
 from .words import whole
 
 if TYPE_CHECKING:
-    from ..batch.run import Progress
+    from ..batch.dispatch import Progress
     from ..batch.tasks import FrameTask
 
 BATCH_HELP = """\
@@ -75,7 +75,7 @@ def add_batch(commands: Any) -> None:
 def batch_answer(arguments: argparse.Namespace) -> Answer:
     """Run `batch`; its code is 1 if frames failed. Raises InputError and OutputError before anything is rendered."""
     from ..batch import cluster
-    from ..batch.run import run_job
+    from ..batch.dispatch import run_job
     from ..batch.store import Store
     from ..batch.tasks import Job
     from ..files.atomic import require_writable
@@ -102,7 +102,7 @@ def batch_answer(arguments: argparse.Namespace) -> Answer:
             arguments.output,
             connect=lambda: shown.connected(connection()),
             threads=threads,
-            told=shown.told,
+            report=shown.told,
             waiting=shown.waiting,
         )
     text = _as_json(progress, manifest) if arguments.json else _as_text(progress, manifest)
@@ -148,10 +148,10 @@ class _Followed:
 
     def told(self, progress: Progress, task: FrameTask | None, cause: str) -> None:
         """One more frame is done, or has failed."""
-        self._bar.update(self._task, completed=progress.done)
+        self._bar.update(self._task, completed=progress.finished)
         if self._bar.disable:
             # What was there already says nothing of the time that is left.
-            self._lines(progress.done - progress.reused, progress.frames - progress.reused)
+            self._lines(progress.finished - progress.reused, progress.frames - progress.reused)
         # A job with a mistake in it fails a million times: the first lines tell enough.
         if task is not None and len(progress.failed) <= MOST_LINES:
             self._console.print(f"failed        {_frame(task)}: {cause}")

@@ -69,7 +69,7 @@ def add_catalogue(commands: Any) -> None:
 def catalog_text(arguments: argparse.Namespace) -> str | Answer:
     """Run `catalog`; returns what is printed."""
     from .. import catalog
-    from ..outputs import report
+    from ..outputs import run_report
 
     if arguments.kind == "check":
         return _real_answer(arguments) if arguments.real else _check_text(arguments)
@@ -78,7 +78,7 @@ def catalog_text(arguments: argparse.Namespace) -> str | Answer:
             raise InputError(f"--{option} goes with catalog check")
     if arguments.name:
         return catalog.path_of(arguments.kind, arguments.name).read_text(encoding="utf-8")
-    return "\n".join(report.catalog_text(kind) for kind in ([arguments.kind] if arguments.kind else catalog.KINDS))
+    return "\n".join(run_report.catalog_text(kind) for kind in ([arguments.kind] if arguments.kind else catalog.KINDS))
 
 
 def _check_text(arguments: argparse.Namespace) -> str:
@@ -106,7 +106,7 @@ def _real_answer(arguments: argparse.Namespace) -> Answer:
 
 def file_models() -> dict[str, Any]:
     """The model of each kind of file."""
-    from ..batch.file import JobFile
+    from ..batch.job_file import JobFile
     from ..materials.file import MaterialFile
     from ..scene.tables import SceneFile
     from ..sensor.file import SensorFile
@@ -160,7 +160,7 @@ def _kind_of(tables: dict[str, Any]) -> str:
 
 def _whole(kind: str, path: Path) -> Iterator[str]:
     """Mistakes that only show when everything that the file names is read: the first one, of a scene one a body."""
-    from ..batch.file import read_job
+    from ..batch.job_file import read_job
     from ..materials.file import read_material
     from ..scene.scene_file import load_scene, scene_from_model, scene_model
     from ..sensor.file import read_sensor

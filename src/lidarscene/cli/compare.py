@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from ..rendering.options import CHUNKS, SEEDS
+from ..rendering.render_options import CHUNKS, SEEDS
 from .recordings.options import add_recording, is_recording
 from .terminal import progress
 from .words import pose, rising, whole
@@ -100,7 +100,7 @@ def compare_text(arguments: argparse.Namespace) -> str:
 
 
 def _sensors(arguments: argparse.Namespace) -> str:
-    from ..rendering.options import DEFAULT_CHUNK
+    from ..rendering.render_options import DEFAULT_CHUNK
     from ..scene.scene_file import load_scene
     from ..studies.compare.bench import Bench
     from ..studies.compare.comparison_study import compare_sensors
@@ -157,7 +157,7 @@ def _real(arguments: argparse.Namespace) -> str:
 
 def _twin(arguments: argparse.Namespace) -> str:
     from ..recordings.opening import open_recording
-    from ..rendering.options import DEFAULT_CHUNK
+    from ..rendering.render_options import DEFAULT_CHUNK
     from ..studies.twin.twin_page import compare_twin
 
     with open_recording(arguments.real, arguments.metadata) as recording:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..formats.registry import DATASETS, FORMATS, LABELS, PACKETS
-from ..outputs.options import FEW_PULSES
+from ..outputs.output_options import FEW_PULSES
 from .words import pulses
 
 

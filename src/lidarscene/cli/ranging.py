@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..files.json_text import json_text
-from ..rendering.options import Whole
+from ..rendering.render_options import Whole
 from .terminal import Answer, progress
 from .words import number, whole
 

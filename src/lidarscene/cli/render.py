@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..files.json_text import json_text
-from ..outputs.options import FRAMES, Outputs
-from ..rendering.options import CHUNKS, COORDINATES, MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
+from ..outputs.output_options import FRAMES, Outputs
+from ..rendering.render_options import CHUNKS, COORDINATES, MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
 from .outputs import add_output_options
 from .terminal import progress
 from .words import number as seconds
@@ -23,7 +23,7 @@ from .words import pose, whole
 
 if TYPE_CHECKING:
     from ..kernel.device.profile import KernelHistory
-    from ..outputs.record import Recorded
+    from ..outputs.record import RecordedRun
 
 RENDER_HELP = """\
 examples:
@@ -194,7 +194,7 @@ def render_text(arguments: argparse.Namespace) -> str:
         return (_as_json if arguments.json else _as_text)(arguments, done, history)
 
 
-def _recorded(arguments: argparse.Namespace, history: KernelHistory | None) -> Recorded:
+def _recorded(arguments: argparse.Namespace, history: KernelHistory | None) -> RecordedRun:
     """The one call; what Dr.Jit runs is counted in ``history``."""
     from ..outputs.record import record
     from ..sensor.rig_file import load_rig
@@ -240,30 +240,30 @@ def _recorded(arguments: argparse.Namespace, history: KernelHistory | None) -> R
         )
 
 
-def _as_text(arguments: argparse.Namespace, done: Recorded, history: KernelHistory | None) -> str:
+def _as_text(arguments: argparse.Namespace, done: RecordedRun, history: KernelHistory | None) -> str:
     """The summary of all frames together."""
-    from ..outputs import report
+    from ..outputs import run_report
 
     one_file = len({one.files["output"] for one in done.clouds}) < len(done.clouds)
     shown = [f"{len(done.clouds)} {'frames' if one_file else 'clouds'} in {arguments.output}"]
     if len(done.clouds) == 1:
         shown = [str(path) for path in done.files]
-    profile = "" if history is None else "\n" + report.profile_as_text(done.summary, history)
-    return report.as_text(done.summary, shown, done.surroundings[0]) + profile
+    profile = "" if history is None else "\n" + run_report.profile_as_text(done.summary, history)
+    return run_report.as_text(done.summary, shown, done.surroundings[0]) + profile
 
 
-def _as_json(_: argparse.Namespace, done: Recorded, history: KernelHistory | None) -> str:
+def _as_json(_: argparse.Namespace, done: RecordedRun, history: KernelHistory | None) -> str:
     """The summary of all frames together, and of each of them if there are several."""
-    from ..outputs import report
+    from ..outputs import run_report
 
     names = [{KEYS.get(key, key): str(path) for key, path in one.files.items()} for one in done.clouds]
-    told = report.as_dict(done.summary) | {"scene": done.surroundings[0].as_dict()}
+    told = run_report.as_dict(done.summary) | {"scene": done.surroundings[0].as_dict()}
     if history is not None:
-        told["profile"] = report.profile_as_dict(history)
+        told["profile"] = run_report.profile_as_dict(history)
     # A single cloud keeps the flat form that scripts read; several have a list.
     if len(names) == 1:
         return json_text(told | names[0])
-    frames = [report.as_dict(one.summary) | files for one, files in zip(done.clouds, names, strict=True)]
+    frames = [run_report.as_dict(one.summary) | files for one, files in zip(done.clouds, names, strict=True)]
     return json_text(told | {"frames": frames})
 
 

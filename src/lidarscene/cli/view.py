@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from ..rendering.options import SEEDS, Whole
+from ..rendering.render_options import SEEDS, Whole
 from .recordings.options import add_recording, followed, is_recording
 from .words import pose, whole
 
@@ -98,7 +98,7 @@ def view_text(arguments: argparse.Namespace) -> str:
 
 
 def _source(arguments: argparse.Namespace) -> Source:
-    from ..rendering.options import FrameOptions
+    from ..rendering.render_options import FrameOptions
     from ..scene.scene_file import load_scene
     from ..view.page_sources import Clouds, Live
 

@@ -1,6 +1,6 @@
-"""One frame: simulators in, its files out, all that can be written while the frame is traced.
+"""FrameFiles: simulators of one frame in, all of its files out.
 
-A frame may be larger than the memory. So everything that can be written piece by piece is written while the frame is
+A frame may be larger than the memory. So everything that can be written chunk by chunk is written while the frame is
 traced, and one pass over the points serves all files.
 """
 
@@ -26,30 +26,27 @@ from ..labels.files import labels_stream
 from ..maths.arrays import Numbers
 from ..maths.trajectory import Course, pose_at
 from ..rendering.frame import check_frame
-from ..rendering.options import FrameOptions, Observers
+from ..rendering.frame_summary import Summary
+from ..rendering.render_options import FrameOptions, Observers
 from ..rendering.simulator import Simulator
-from ..rendering.summary import Summary
 from ..scene.scene import Scene, View
-from .captures import Capture
 from .light import AmbientImage, write_waveforms
-from .missed import missed_stream
 from .plan import Plan
 from .range_image import range_image_stream
-from .streams import cloud_stream, dataset_stream, pulses_of_waveforms
+from .streams import Append, Capture, cloud_stream, dataset_stream, missed_stream, pulses_of_waveforms
 
-Append = Callable[[PointCloud], None]
 Change = Callable[[int, PointCloud], PointCloud]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameFiles:
-    """One frame of one sensor, or of those whose clouds are merged.
+    """One frame of one sensor, or of several whose clouds are merged.
 
-    simulators  by label
-    files       what is to be written, by what it is (`Plan.files`)
-    placed      whether the sensor stands elsewhere than the scene says
-    capture     of the sensor's packets, if they are written in place of a cloud
-    bags        what takes the clouds of files that hold several frames
+    simulators  label of the sensor -> its simulator
+    files       key of `Plan.files` -> path to write
+    placed      whether the sensor has another pose than the scene's
+    capture     open file of the sensor's packets, which replace the cloud; None: a cloud is written
+    bags        file that holds several frames -> function that appends a cloud to it
     """
 
     plan: Plan
@@ -63,17 +60,17 @@ class FrameFiles:
     bags: Mapping[Path, Append] = field(default_factory=dict)
 
     def write(self, progress: Callable[[int, int], object] | None) -> None:
-        """Trace it into its files; ``progress`` is told (done, pulses) of each sensor."""
+        """Trace the frame into its files; ``progress`` is called with (done, pulses) of each sensor."""
         picture = Thinned() if "picture" in self.files else None
         ambient = AmbientImage() if "ambient" in self.files else None
         packets = self._packets()
         with self._takers(picture, packets) as takers:
             for simulator, take in zip(self._simulators, takers, strict=True):
                 with self._missed(simulator) as missed:
-                    told = Observers(
+                    observers = Observers(
                         progress=progress, missed=missed, ambient=self._ambient(ambient, packets), summary=self.summary
                     )
-                    simulator.stream(take, self.frame, told)
+                    simulator.stream(take, self.frame, observers)
             since = time.perf_counter()
         if self.capture is not None and packets is not None:
             self.capture.take(packets.firings())
@@ -88,22 +85,22 @@ class FrameFiles:
             self.summary.spent("picture", since)
 
     def _packets(self) -> FiringsBuilder | None:
-        """What takes the frame pulse by pulse."""
+        """Builder of the firings that packets are made of; None without packets."""
         return None if self.capture is None else FiringsBuilder(self._simulators[0].sensor, self.frame.number)
 
     def _ambient(
         self, image: AmbientImage | None, packets: FiringsBuilder | None
     ) -> Callable[[Numbers, Numbers], None] | None:
-        """Who is told of the background, all in one."""
-        told: list[Callable[[Numbers, Numbers], None]] = [] if image is None else [image]
+        """One observer that hands the background to every output that needs it; None without any."""
+        sinks: list[Callable[[Numbers, Numbers], None]] = [] if image is None else [image]
         if packets is not None and self.capture is not None and self.capture.needs_ambient:
-            told.append(packets.ambient)
+            sinks.append(packets.ambient)
 
-        def tell(pulse: Numbers, counts: Numbers) -> None:
-            for one in told:
-                one(pulse, counts)
+        def observe(pulse: Numbers, counts: Numbers) -> None:
+            for sink in sinks:
+                sink(pulse, counts)
 
-        return tell if told else None
+        return observe if sinks else None
 
     @property
     def _simulators(self) -> Sequence[Simulator]:
@@ -112,22 +109,22 @@ class FrameFiles:
     def _missed(self, simulator: Simulator) -> AbstractContextManager[Callable[..., None] | None]:
         if "missed" not in self.files:
             return nullcontext()
-        return _named(self.files["missed"], missed_stream(self.files["missed"], simulator.sensor))
+        return _naming_file(self.files["missed"], missed_stream(self.files["missed"], simulator.sensor))
 
     @contextmanager
     def _takers(self, picture: Thinned | None, packets: FiringsBuilder | None) -> Iterator[Sequence[Append]]:
-        """What takes the points of each simulator; their files are there when the block ends."""
+        """Functions that take the points of each simulator; their files are complete when the block ends."""
         with ExitStack() as opened:
             # Points take two routes: as they were seen, and without the sensor's motion. One without files is dropped.
-            raw, still = (
-                [opened.enter_context(_named(path, stream)) for path, stream in streams]
+            raw, deskewed = (
+                [opened.enter_context(_naming_file(path, stream)) for path, stream in streams]
                 for streams in (self._streams("output"), self._streams("deskewed"))
             )
             if picture is not None:
                 raw.append(picture.append)
             if packets is not None:
                 raw.append(packets.add)
-            routes = [route for route in ((self._as_seen(), raw), (self._deskewed(), still)) if route[1]]
+            routes = [route for route in ((self._as_seen(), raw), (self._deskewed(), deskewed)) if route[1]]
             if self.plan.outputs.merge:
                 routes = [(self._merged(change), appended) for change, appended in routes]
 
@@ -143,14 +140,14 @@ class FrameFiles:
             yield [taker(number) for number in range(len(self.simulators))]
 
     def _streams(self, key: str) -> Iterator[tuple[Path, AbstractContextManager[Append]]]:
-        """The files of raw or of deskewed clouds, and what writes them."""
+        """Iterate over the files of raw or of deskewed clouds, and the streams that write them."""
         outputs = self.plan.outputs
         if outputs.dataset is not None:
             if key == ("deskewed" if outputs.deskew else "output"):
                 label = next(iter(self.simulators))
                 yield self.files["output"], dataset_stream(outputs, label, self.frame.number, self.scene)
         elif key in self.files and self.capture is None:
-            points = sum(one.sensor.scanner.pulses * one.sensor.tdc.stops for one in self._simulators)
+            points = sum(simulator.sensor.scanner.pulses * simulator.sensor.tdc.stops for simulator in self._simulators)
             path = self.files[key]
             yield path, cloud_stream(self.plan, path, points, bag=self.bags.get(path))
             if outputs.labels is not None:
@@ -165,27 +162,28 @@ class FrameFiles:
     def _deskewed(self) -> Change:
         number, begin_s = self.frame.number, self.frame.begin_s
         lengths_s = [
-            check_frame(self.scene, one.sensor.scanner, number=number, begin_s=begin_s)[1] for one in self._simulators
+            check_frame(self.scene, simulator.sensor.scanner, number=number, begin_s=begin_s)[1]
+            for simulator in self._simulators
         ]
         return lambda number, cloud: deskewed(cloud, self._simulators[number].motion, length_s=lengths_s[number])
 
     def _merged(self, change: Change) -> Change:
-        """Pieces that are changed so, as pieces of one cloud."""
+        """Change of pieces that applies ``change`` and then makes them pieces of one merged cloud."""
         # Names and metadata are known before anything is traced, so that pieces can be merged one by one.
-        empty = [one.empty(self.frame) for one in self._simulators]
-        merging = Merging([change(number, one) for number, one in enumerate(empty)], list(self.simulators))
+        empty_clouds = [simulator.empty(self.frame) for simulator in self._simulators]
+        merging = Merging([change(number, cloud) for number, cloud in enumerate(empty_clouds)], list(self.simulators))
         return lambda number, cloud: merging.piece(number, change(number, cloud))
 
     def _draw(self, picture: Thinned) -> None:
         from ..figures.pictures import frame_picture
 
-        own = self._view(picture.cloud().frame_start_s)
-        # Of several sensors, who sees what: their intensities may be amperes and cells.
+        view = self._view(picture.cloud().frame_start_s)
+        # Several sensors are told apart by colour: their intensities may be amperes and cells.
         colour_by = "sensor_index" if self.plan.outputs.merge else "intensity"
-        frame_picture(picture, self.files["picture"], colour_by=colour_by, view=own, surfaces=self._surfaces)
+        frame_picture(picture, self.files["picture"], colour_by=colour_by, view=view, surfaces=self._surfaces)
 
     def _surfaces(self, camera: Camera, size: tuple[int, int]) -> Numbers:
-        """Depth of the surfaces that a camera among the points sees, as the frame begins."""
+        """Depth of the surfaces that a camera sees as the frame begins [m], (height, width)."""
         simulator = self._simulators[0]
         to_world = simulator.to_world(self.frame)
         directions, ahead = camera.rays(*size)
@@ -198,9 +196,9 @@ class FrameFiles:
         return (distance_m * ahead).reshape(size[::-1])
 
     def _view(self, start_s: float) -> View | None:
-        """The scene's view as it is in the frame of the points; None where it does not belong to what is seen."""
-        # It is that of its vehicle, which stands at the world's origin where none moves. It belongs to the scene's own
-        # sensor where it stands, or to whatever rides on the vehicle that moves.
+        """View of the scene in the coordinates of the points; None where it does not apply to them."""
+        # The file gives it relative to the vehicle, which stands at the world's origin unless it moves. It applies to
+        # the scene's own sensor pose, or to any sensor on a vehicle that moves.
         coordinates, scene = self.frame.coordinates, self.scene
         if coordinates == "sensor" or (scene.ego is None and self.placed):
             return None
@@ -212,7 +210,7 @@ class FrameFiles:
 
 
 @contextmanager
-def _named(path: Path, stream: AbstractContextManager[Callable[..., None]]) -> Iterator[Callable[..., None]]:
-    """What a stream gives; its errors name its file."""
+def _naming_file(path: Path, stream: AbstractContextManager[Callable[..., None]]) -> Iterator[Callable[..., None]]:
+    """Wrap a stream so that errors raised while appending name its file."""
     with stream as take:
         yield named(path, take)

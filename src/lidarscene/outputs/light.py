@@ -1,4 +1,4 @@
-"""Light in files: the ambient counts of a frame in, or waveforms of chosen pulses, an NPZ or a 16-bit PNG out.
+"""Light in files: ambient counts of a frame, or waveforms of chosen pulses, in; an NPZ or a 16-bit PNG out.
 
 Both are arrays over pulses and not over points, so no format of point clouds holds them.
 """
@@ -22,8 +22,8 @@ from ..sensor.model import Sensor
 
 
 def write_waveforms(path: str | os.PathLike[str], waveforms: Waveforms) -> None:
-    """One array for each field of `detection.sampled_waveforms.Waveforms`, by its name."""
-    arrays = {one.name: getattr(waveforms, one.name) for one in dataclasses.fields(waveforms)}
+    """Write an NPZ with one array for each field of `detection.sampled_waveforms.Waveforms`, by its name."""
+    arrays = {field.name: getattr(waveforms, field.name) for field in dataclasses.fields(waveforms)}
     _save(path, {name: array for name, array in arrays.items() if array is not None})
 
 
@@ -40,12 +40,14 @@ class AmbientImage:
         self._counts.append(counts)
 
     def save(self, path: str | os.PathLike[str], sensor: Sensor) -> None:
-        """As .npz: pulse, counts, channel, azimuth_rad and elevation_rad of every pulse; the image of ring by azimuth,
-        and azimuth_deg and elevation_deg, the edges of its pixels. As .png the image, 16 bit.
+        """Write the counts as an NPZ or as a 16-bit PNG, by the path's suffix.
+
+        The .npz has pulse, counts, channel, azimuth_rad and elevation_rad of every pulse; the image of ring by azimuth,
+        and azimuth_deg and elevation_deg, the edges of its pixels. The .png is the image; its text has the size of a
+        step, and it is white from twice the 99th percentile on.
 
         Rows run from the highest elevation down, columns from the left to the right; 0 where no pulse looks. Of
-        pulses that share a pixel the last is shown. The .png says what a step is; from twice the 99th percentile
-        on it is white.
+        pulses that share a pixel the last is shown.
         """
         pulse, counts = np.concatenate(self._pulses), np.concatenate(self._counts)
         azimuth, elevation = (np.asarray(angle) for angle in sensor.scanner.angles(pulse))

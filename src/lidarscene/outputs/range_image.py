@@ -1,4 +1,4 @@
-"""Range images: a PointCloud in, pictures of ring by azimuth out, one pixel a beam, as PNG or NPZ.
+"""Range images: a PointCloud in, images of ring by azimuth out, one pixel per beam, as PNG or NPZ.
 
 Rows run from the highest elevation down, columns from the left to the right. Of several points of one beam the
 first return is shown.
@@ -25,7 +25,7 @@ from ..formats.described import unit_of
 from ..maths.arrays import Numbers
 
 RANGE_STEP_M = 0.01
-"""Of a 16-bit range: it ends at 655.35 m."""
+"""Step of a 16-bit range, which ends at 655.35 m."""
 
 OPTIONAL = ("ambient",)
 """Columns that are shown where a cloud has them, beside range, intensity and status."""
@@ -34,84 +34,84 @@ SUFFIXES = (".png", ".npz")
 
 
 def images(cloud: PointCloud) -> dict[str, Numbers]:
-    """(rows, columns) arrays by name, 0 where no point is.
+    """Make the images of a cloud: name -> (rows, columns), 0 where no point is.
 
     range, intensity and the OPTIONAL columns have the cloud's values and types; status is 1 + the cloud's, so
     that 0 is nothing and 1 an echo; point is the index of the point, -1 for none.
-    azimuth_deg (columns + 1,) falls and elevation_deg (rows + 1,) falls: the edges of the pixels.
+    azimuth_deg (columns + 1,) and elevation_deg (rows + 1,) are the edges of the pixels; both fall.
     """
     cells = cells_of(cloud)
     # Cells count from the lowest and rightmost; an image from its top left, as the sensor sees it.
     point = cells.point[::-1, ::-1]
     names = ["range", "intensity", *(n for n in OPTIONAL if n in (c.name for c in cloud.columns))]
-    found = {name: _pixels(cloud.column(name), point) for name in names}
-    found["status"] = _pixels(cloud.status + np.uint8(1), point)
-    return found | {"point": point, "azimuth_deg": cells.azimuth_deg[::-1], "elevation_deg": cells.elevation_deg[::-1]}
+    arrays = {name: _pixels(cloud.column(name), point) for name in names}
+    arrays["status"] = _pixels(cloud.status + np.uint8(1), point)
+    return arrays | {"point": point, "azimuth_deg": cells.azimuth_deg[::-1], "elevation_deg": cells.elevation_deg[::-1]}
 
 
 @contextmanager
 def range_image_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[PointCloud], None]]:
-    """Write the images of the clouds that are appended in the block, at least one; their other columns are not kept."""
+    """Write the images of the clouds (at least one) that are appended in the block; other columns are dropped."""
     builder = CloudBuilder()
-    yield lambda cloud: builder.add(_shown(cloud))
+    yield lambda cloud: builder.add(_image_columns(cloud))
     write_range_image(path, PointCloud(**builder.fields()))
 
 
 def write_range_image(path: str | os.PathLike[str], cloud: PointCloud) -> tuple[Path, ...]:
-    """Write all images: one NPZ, or a 16-bit PNG of the range and one of each other beside it; returns the files."""
-    found = images(cloud)
+    """Write all images and return the files: one NPZ, or a 16-bit PNG for each image."""
+    arrays = images(cloud)
     files = range_image_paths(path, cloud)
     if files[0].suffix.lower() == ".npz":
         with atomic_output(files[0]) as temporary, open(temporary, "wb") as archive:
-            np.savez_compressed(archive, **found)  # type: ignore[arg-type]
+            np.savez_compressed(archive, **arrays)  # type: ignore[arg-type]
         return files
-    for name, file in zip(found, files, strict=False):
-        levels, unit = _levels(found[name], name, cloud)
+    for name, file in zip(arrays, files, strict=False):
+        levels, unit = _levels(arrays[name], name, cloud)
         with atomic_output(file) as temporary:
             temporary.write_bytes(encoded(levels, text={"Title": name, "Description": f"one step is {unit}"}))
     return files
 
 
 def range_image_paths(path: str | os.PathLike[str], cloud: PointCloud | None = None) -> tuple[Path, ...]:
-    """The files of `write_range_image`: F.png is the range, F.intensity.png and so on stand beside it."""
+    """Files of `write_range_image`: F.png is the range, F.intensity.png and so on are the others."""
     file = Path(path)
     if file.suffix.lower() not in SUFFIXES:
         raise InputError(f"{file}: the name must end in {' or '.join(SUFFIXES)}")
     if file.suffix.lower() == ".npz":
         return (file,)
-    has = () if cloud is None else tuple(c.name for c in cloud.columns)
-    others = ["intensity", *(name for name in OPTIONAL if name in has), "status"]
-    return (file, *(file.with_name(f"{file.stem}.{name}{file.suffix}") for name in others))
+    columns = () if cloud is None else tuple(c.name for c in cloud.columns)
+    names = ["intensity", *(name for name in OPTIONAL if name in columns), "status"]
+    return (file, *(file.with_name(f"{file.stem}.{name}{file.suffix}") for name in names))
 
 
 def all_range_image_paths(path: str | os.PathLike[str]) -> tuple[Path, ...]:
-    """The files that `write_range_image` may write, whatever columns the cloud has."""
-    file, *beside = range_image_paths(path)
-    others = [file.with_name(f"{file.stem}.{name}{file.suffix}") for name in OPTIONAL] if beside else []
-    return (file, *beside, *others)
+    """Files that `write_range_image` may write, whatever columns the cloud has."""
+    file, *always = range_image_paths(path)
+    optional = [file.with_name(f"{file.stem}.{name}{file.suffix}") for name in OPTIONAL] if always else []
+    return (file, *always, *optional)
 
 
-def _shown(cloud: PointCloud) -> PointCloud:
-    """The same points; columns that no image needs are one number, repeated."""
+def _image_columns(cloud: PointCloud) -> PointCloud:
+    """Same points; each column that no image needs is one number, repeated by a stride of 0."""
     needed = {"azimuth", "elevation", "return_number", "range", "intensity", "status", *OPTIONAL}
     measured = cloud.without_truth()
     repeated: dict[str, Any] = {}
     for column in measured.columns:
         if column.name not in needed:
             values = getattr(measured, column.attribute)
-            # One number that looks like a column: a cloud needs all of them, memory only one.
+            # A cloud needs all columns; a broadcast number takes no memory.
             repeated[column.attribute] = np.broadcast_to(values.dtype.type(0), values.shape)
     return dataclasses.replace(measured, **repeated)
 
 
 def _pixels(values: Numbers, point: Numbers) -> Numbers:
-    """The values of the points that the pixels show."""
+    """Values of the points that the pixels show; 0 for NOTHING."""
     # One value more than points: the pixels without a point take it.
     return np.append(values, values.dtype.type(0))[np.where(point == NOTHING, len(values), point)]
 
 
 def _levels(image: Numbers, name: str, cloud: PointCloud) -> tuple[Numbers, str]:
-    """16-bit levels, and what one of them is."""
+    """16-bit levels of an image, and text for the size of one step."""
     if image.dtype.kind != "f":
         return image.astype(np.uint16), "1"
     step, unit = RANGE_STEP_M, "m"

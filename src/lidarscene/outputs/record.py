@@ -1,7 +1,7 @@
-"""Record: a scene and a sensor, or a rig of them, in; the files of one frame or of several out.
+"""Record: a scene and a sensor or a rig in; the files of one frame or of several out.
 
-This is what the command `render` calls, so that Python and the command line write the same files, bit for bit. A frame
-is never held in memory: its chunks go into all of its files at once.
+The command `render` calls this, so that Python and the command line write the same files, bit for bit. A frame is never
+held in memory: its chunks go into all of its files at once.
 """
 
 from __future__ import annotations
@@ -18,42 +18,41 @@ from typing import Unpack
 from ..errors import InputError, OptionError, OptionWarning
 from ..files.atomic import named
 from ..files.overrides import Overrides, assignments
-from ..rendering.options import FrameKeywords, FrameOptions, Keywords, Observers, TraceKeywords, TraceOptions
-from ..rendering.rig import require_common_frames, simulators
-from ..rendering.summary import Summary
+from ..rendering.frame_summary import Summary
+from ..rendering.render_options import FrameKeywords, FrameOptions, Keywords, Observers, TraceKeywords, TraceOptions
+from ..rendering.rig_simulators import require_common_frames, simulators
 from ..rendering.surroundings import Surroundings, surroundings_of, warn_of_surroundings
 from ..scene.scene import Scene
 from ..scene.scene_file import files_of_scene, load_scene
 from ..sensor.catalogue import load_sensor
 from ..sensor.model import Sensor, warn_of_doubts
 from ..sensor.rig import Mounted, Rig
-from .captures import captured_files, captures, makers
 from .frame_files import FrameFiles
-from .options import FRAMES, File, Outputs
+from .output_options import FRAMES, File, Outputs
 from .plan import CLOUDS, Plan, check_writable, keep_inputs
 from .size import warn_of_size
-from .streams import Append, pulses_of_waveforms
+from .streams import Append, captures, description_files, packet_encoders, pulses_of_waveforms
 
-Told = Callable[[int, int], object]
-Named = str | os.PathLike[str]
+ProgressCallback = Callable[[int, int], object]
+NameOrFile = str | os.PathLike[str]
 
 
 class RecordKeywords(TraceKeywords, FrameKeywords, total=False):
-    """What `record` takes as keywords: options of tracing and of the frame, and who is told of the progress."""
+    """Keywords of `record`: options of tracing and of the frame, and a function called with the progress."""
 
     trace: TraceOptions
     frame: FrameOptions
-    progress: Told | None
+    progress: ProgressCallback | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RecordedCloud:
-    """One cloud that was written: of a frame of one sensor, or of those of a rig that are merged.
+    """One cloud that was written: a frame of one sensor, or the merged frames of a rig.
 
-    label    of the rig's sensor; "" for a single one, and for merged ones
-    number   of the frame
-    files    by what they are: "output" is the cloud, others are named in `Plan.files`
-    summary  what happened in the frame
+    label    label of the rig's sensor; "" for a single sensor, and for merged frames
+    number   number of the frame
+    files    key -> path: "output" is the cloud, `Plan.files` lists the other keys
+    summary  counts and times of the frame
     """
 
     label: str
@@ -63,10 +62,10 @@ class RecordedCloud:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Recorded:
-    """What `record` wrote, cloud by cloud.
+class RecordedRun:
+    """Result of `record`: the clouds that were written.
 
-    surroundings  how each sensor stands in the scene as the first frame begins
+    surroundings  place of each sensor in the scene as the first frame begins
     """
 
     clouds: tuple[RecordedCloud, ...]
@@ -74,40 +73,40 @@ class Recorded:
 
     @property
     def summary(self) -> Summary:
-        """Of all frames together."""
-        return Summary.total([one.summary for one in self.clouds])
+        """Sum of the summaries of all frames."""
+        return Summary.total([cloud.summary for cloud in self.clouds])
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Of all frames, each once."""
-        return tuple(dict.fromkeys(path for one in self.clouds for path in one.files.values()))
+        """Files of all frames, each once."""
+        return tuple(dict.fromkeys(path for cloud in self.clouds for path in cloud.files.values()))
 
 
 def record(
-    scene: Named | Scene,
-    sensor: Named | Sensor | Rig | None = None,
+    scene: NameOrFile | Scene,
+    sensor: NameOrFile | Sensor | Rig | None = None,
     *,
     outputs: Outputs | File,
     frames: int | None = None,
     overrides: Overrides = (),
     scene_overrides: Overrides = (),
     **options: Unpack[RecordKeywords],
-) -> Recorded:
-    """Render a frame, or so many ``frames`` one after the other, into the files of ``outputs``.
+) -> RecordedRun:
+    """Render one frame, or ``frames`` consecutive ones, into the files of ``outputs``.
 
     scene            scene file, Mitsuba XML or `Scene`
     sensor           catalogue name, sensor file, `Sensor` or `Rig` (`load_rig`); the scene's own if None
     outputs          an `Outputs`, or the file of the cloud alone
-    frames           how many, from the options' number on; None: one, whose cloud is the file `Outputs.path`
+    frames           number of frames, from the options' number on; None: one, whose cloud is the file `Outputs.path`
     overrides        changes to the sensor file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}
     scene_overrides  changes to the scene file's values, likewise
     options          `TraceOptions` as ``trace`` and `FrameOptions` as ``frame``, or their fields; the pose is the
-                     vehicle's if there is a rig. ``progress`` is told (done, pulses) of all frames
-    Raises InputError and OutputError before anything is traced. No file that the run reads is written over.
+                     vehicle's if there is a rig. ``progress`` is called with (done, pulses) of all frames
+    Raises InputError and OutputError before anything is traced. No file that the run reads is overwritten.
     """
     changes = assignments(overrides)
     scene_changes = assignments(scene_overrides, name="scene_overrides")
-    told = Observers(progress=options.pop("progress", None)).progress
+    callback = Observers(progress=options.pop("progress", None)).progress
     keywords = Keywords(options)
     trace, frame = keywords.take(TraceOptions), keywords.take(FrameOptions)
     keywords.end()
@@ -123,26 +122,29 @@ def record(
     plan = Plan(outputs, frames, rig is not None)
     plan.check(frame.coordinates, vectors=trace.vectors)
     before, since = Summary(), time.perf_counter()
-    labels = [""] if rig is None else [one.label for one in rig.sensors]
+    labels = [""] if rig is None else [mounted.label for mounted in rig.sensors]
     # Each group of sensors becomes one cloud: all of them when merged, else one at a time.
     groups = [labels] if outputs.merge else [[label] for label in labels]
     numbers = range(frame.number, frame.number + (frames or 1))
     clouds = [("" if outputs.merge else group[0], group, number) for number in numbers for group in groups]
-    wanted = [plan.files(label, number) for label, _, number in clouds]
+    planned = [plan.files(label, number) for label, _, number in clouds]
     # What can be refused is refused in order of its cost: names first, then files, then the world, then tracing.
-    check_writable(plan.distinct(wanted))
+    check_writable(plan.distinct(planned))
     described = load_scene(scene, overrides=scene_changes)
     sensors = _sensors(described, sensor, changes, frame)
     _warn_of_thin_beams(trace, sensors)
-    warn_of_doubts(one.sensor for one in sensors)
+    warn_of_doubts(mounted.sensor for mounted in sensors)
     warn_of_size(plan, sensors, trace, frame.chunk)
-    packets = makers({one.label: one.sensor for one in sensors}, plan.format.profile or "") if outputs.packets else {}
-    for (label, _, _), files in zip(clouds, wanted, strict=True):
-        if label in packets:
-            files |= captured_files(files["output"], packets[label])
-    check_writable(plan.distinct(wanted))
-    keep_inputs(wanted, [*_inputs(scene, scene_changes, sensor)])
-    # Wrong pulse numbers are told now, not after an hour of tracing.
+    encoders = {}
+    if outputs.packets:
+        sensor_by_label = {mounted.label: mounted.sensor for mounted in sensors}
+        encoders = packet_encoders(sensor_by_label, plan.format.profile or "")
+    for (label, _, _), files in zip(clouds, planned, strict=True):
+        if label in encoders:
+            files |= description_files(files["output"], encoders[label])
+    check_writable(plan.distinct(planned))
+    keep_inputs(planned, [*_inputs(scene, scene_changes, sensor)])
+    # Wrong pulse numbers raise here, not after an hour of tracing.
     if outputs.waveforms is not None:
         for mounted in sensors:
             pulses_of_waveforms(outputs, mounted.sensor)
@@ -150,57 +152,59 @@ def record(
     if outputs.merge:
         require_common_frames(sensors, len(numbers))
     # Simulators are made once for all frames: worlds and compiled kernels are kept.
-    made = dict(simulators(described, sensors, trace, pose=frame.pose if rig else None))
-    for simulator in made.values():
+    simulator_by_label = dict(simulators(described, sensors, trace, pose=frame.pose if rig else None))
+    for simulator in simulator_by_label.values():
         simulator.check_frames(numbers, begin_s=frame.begin_s)
-    surroundings = tuple(surroundings_of(one, begin_s=frame.begin_s) for one in made.values())
+    surroundings = tuple(surroundings_of(simulator, begin_s=frame.begin_s) for simulator in simulator_by_label.values())
     warn_of_surroundings(surroundings)
     before.spent("build", since)
-    pulses = len(numbers) * sum(one.sensor.scanner.pulses for one in sensors)
-    progress = None if told is None else _Progress(told, pulses)
+    pulses = len(numbers) * sum(mounted.sensor.scanner.pulses for mounted in sensors)
+    progress = None if callback is None else _Progress(callback, pulses)
     written: list[RecordedCloud] = []
-    paths = {label: files["output"] for (label, _, _), files in zip(clouds, wanted, strict=True)}
+    paths = {label: files["output"] for (label, _, _), files in zip(clouds, planned, strict=True)}
     with ExitStack() as opened:
-        bags = _bags(plan, wanted, opened)
-        taken = opened.enter_context(captures(paths if packets else {}, packets))
-        for (label, group, number), files in zip(clouds, wanted, strict=True):
-            one = FrameFiles(
+        bags = _bags(plan, planned, opened)
+        open_captures = opened.enter_context(captures(paths if encoders else {}, encoders))
+        for (label, group, number), files in zip(clouds, planned, strict=True):
+            frame_files = FrameFiles(
                 plan=plan,
                 scene=described,
-                simulators={name: made[name] for name in group},
+                simulators={name: simulator_by_label[name] for name in group},
                 frame=replace(frame, number=number, pose=None),
                 files=files,
                 placed=rig is not None or frame.pose is not None,
                 # Loading and building happened once; the first frame is charged for it.
                 summary=Summary(seconds={} if written else before.seconds),
                 bags=bags,
-                capture=taken.get(label),
+                capture=open_captures.get(label),
             )
-            one.write(progress)
-            written.append(RecordedCloud(label=label, number=number, files=files, summary=one.summary))
-    return Recorded(tuple(written), surroundings)
+            frame_files.write(progress)
+            written.append(RecordedCloud(label=label, number=number, files=files, summary=frame_files.summary))
+    return RecordedRun(tuple(written), surroundings)
 
 
-def _bags(plan: Plan, wanted: Sequence[Mapping[str, Path]], opened: ExitStack) -> dict[Path, Append]:
-    """The files that hold the clouds of all frames, and what takes each cloud."""
+def _bags(plan: Plan, clouds: Sequence[Mapping[str, Path]], opened: ExitStack) -> dict[Path, Append]:
+    """File that holds the clouds of all frames -> function that appends a cloud to it."""
     if not plan.is_bag or plan.format.frames is None:
         return {}
-    paths = dict.fromkeys(files[key] for files in wanted for key in CLOUDS if key in files)
+    paths = dict.fromkeys(files[key] for files in clouds for key in CLOUDS if key in files)
     return {path: named(path, opened.enter_context(plan.format.frames(path))) for path in paths}
 
 
 def _sensors(
-    scene: Scene, sensor: Named | Sensor | Rig | None, overrides: Sequence[str], frame: FrameOptions
+    scene: Scene, sensor: NameOrFile | Sensor | Rig | None, overrides: Sequence[str], frame: FrameOptions
 ) -> Sequence[Mounted]:
-    """Those of the rig; or else the one that is asked for, or the scene's, without a label."""
+    """Sensors of the rig; without one the given sensor or the scene's, with the label ""."""
     if isinstance(sensor, Rig):
         return sensor.sensors
-    found = load_sensor(scene.sensor_name if sensor is None else sensor, overrides=overrides)
-    return [Mounted(label="", sensor=found, pose=frame.pose or scene.sensor_pose)]
+    single = load_sensor(scene.sensor_name if sensor is None else sensor, overrides=overrides)
+    return [Mounted(label="", sensor=single, pose=frame.pose or scene.sensor_pose)]
 
 
-def _inputs(scene: Named | Scene, overrides: Sequence[str], sensor: Named | Sensor | Rig | None) -> Iterator[Path]:
-    """The files that are read."""
+def _inputs(
+    scene: NameOrFile | Scene, overrides: Sequence[str], sensor: NameOrFile | Sensor | Rig | None
+) -> Iterator[Path]:
+    """Iterate over the files that the run reads."""
     if not isinstance(scene, Scene):
         yield from files_of_scene(scene, overrides=overrides)
     if isinstance(sensor, Rig):
@@ -210,11 +214,13 @@ def _inputs(scene: Named | Scene, overrides: Sequence[str], sensor: Named | Sens
 
 
 def _warn_of_thin_beams(trace: TraceOptions, sensors: Sequence[Mounted]) -> None:
-    """No mistake, but not what who asks for rays expects."""
+    """Warn of several rays for a beam without width: no mistake, but they change nothing."""
     if trace.rays == 1:
         return
-    thin = [one.sensor for one in sensors if not (one.sensor.laser.has_width or one.sensor.optics.halo)]
-    for name in dict.fromkeys(sensor.name for sensor in thin):
+    thin_beamed = [
+        mounted.sensor for mounted in sensors if not (mounted.sensor.laser.has_width or mounted.sensor.optics.halo)
+    ]
+    for name in dict.fromkeys(sensor.name for sensor in thin_beamed):
         warnings.warn(
             OptionWarning(
                 "{rays} {0} changes nothing: laser.divergence_mrad of '{1}' is 0; a width is given by {overrides} "
@@ -227,13 +233,13 @@ def _warn_of_thin_beams(trace: TraceOptions, sensors: Sequence[Mounted]) -> None
 
 
 class _Progress:
-    """An observer of one frame after the other, which tells of the pulses of all of them."""
+    """Observer of consecutive frames that reports progress over the pulses of all of them."""
 
-    def __init__(self, told: Told, pulses: int) -> None:
-        self._told, self._pulses, self._before = told, pulses, 0
+    def __init__(self, callback: ProgressCallback, pulses: int) -> None:
+        self._callback, self._pulses, self._before = callback, pulses, 0
 
-    def __call__(self, done: int, pulses: int) -> None:
-        self._told(self._before + done, self._pulses)
+    def __call__(self, finished: int, pulses: int) -> None:
+        self._callback(self._before + finished, self._pulses)
         # A frame has ended: the next one counts from 0 again.
-        if done == pulses:
+        if finished == pulses:
             self._before += pulses

@@ -1,7 +1,7 @@
-"""Size: how much time, disk and memory a run of very many pulses will take, told before it begins.
+"""Size: a warning of the time, disk and memory that a run of very many pulses will take, before it begins.
 
-A run of hours that ends on a full disk is a run lost. So what can be known is said first: it is not refused, since a
-pulse without an echo takes no room.
+A run of hours that ends on a full disk is lost. The numbers are upper bounds, since a pulse without an echo takes no
+room: so the run is not refused.
 """
 
 from __future__ import annotations
@@ -16,40 +16,40 @@ import numpy as np
 
 from ..errors import OptionWarning
 from ..formats.cloud_columns import COLUMNS, VECTORS
-from ..rendering.options import TraceOptions
+from ..rendering.render_options import TraceOptions
 from ..sensor.rig import Mounted
 from .plan import Plan
 
 LARGE = 100_000_000
-"""Pulses of which the size is told: some twenty seconds, and up to 10 GB."""
+"""Least pulses of a run for the warning: some twenty seconds, and up to 10 GB."""
 
 RAYS_A_SECOND = 5e6
-"""Two cores in clear air (docs/benchmarks.md); a GPU takes less time, fog and several rays more."""
+"""Rate of two cores in clear air (docs/benchmarks.md); a GPU takes less time, fog and several rays more."""
 
 BYTES_OF_TEXT = 3
-"""Times the bytes of a number that it takes as text."""
+"""Size of a number as text, relative to binary."""
 
 CHUNK_BYTES = 500
-"""Of memory for each ray of a chunk: 0.47 GiB of chunks of 2^20 (docs/benchmarks.md)."""
+"""Memory for each ray of a chunk: 0.47 GiB for chunks of 2^20 (docs/benchmarks.md)."""
 
 
 def warn_of_size(plan: Plan, sensors: Sequence[Mounted], trace: TraceOptions, chunk: int) -> None:
-    """Warn with what a run will take, if that is much."""
+    """Warn of the time, disk and memory that a run will take, from `LARGE` pulses on."""
     frames = plan.frames or 1
-    pulses = frames * sum(one.sensor.scanner.pulses for one in sensors)
+    pulses = frames * sum(mounted.sensor.scanner.pulses for mounted in sensors)
     if pulses < LARGE:
         return
     outputs = plan.outputs
     columns = COLUMNS + (VECTORS if trace.vectors else ())
-    of_point = sum(np.dtype(c.dtype).itemsize for c in columns if outputs.truth or not c.truth)
-    clouds = [one.sensor.scanner.pulses * one.sensor.tdc.stops * of_point for one in sensors]
+    point_bytes = sum(np.dtype(c.dtype).itemsize for c in columns if outputs.truth or not c.truth)
+    cloud_bytes = [mounted.sensor.scanner.pulses * mounted.sensor.tdc.stops * point_bytes for mounted in sensors]
     copies = (2 if outputs.deskew else 1) * (BYTES_OF_TEXT if outputs.ascii else 1)
-    disk = float(frames * sum(clouds) * copies)
-    # What cannot be written piece by piece waits in memory, and is written from there.
+    disk = float(frames * sum(cloud_bytes) * copies)
+    # Formats that cannot be written piece by piece gather all points in memory first.
     is_gathered = plan.format.stream is None or outputs.range_image is not None or outputs.colours is not None
-    whole = float(sum(clouds) if outputs.merge else max(clouds))
+    whole = float(sum(cloud_bytes) if outputs.merge else max(cloud_bytes))
     memory = CHUNK_BYTES * float(chunk) + (2.0 * whole if is_gathered else 0.0)
-    free = shutil.disk_usage(_there(outputs.place)).free
+    free = shutil.disk_usage(_existing_folder(outputs.place)).free
     warnings.warn(
         OptionWarning(
             "{path} {0}: {1:,} pulses take some {2} (at 5 million rays a second), up to {3} of disk ({4} are free) and "
@@ -66,7 +66,7 @@ def warn_of_size(plan: Plan, sensors: Sequence[Mounted], trace: TraceOptions, ch
 
 
 def in_words(seconds: float) -> str:
-    """A time to two digits at most, in the unit that suits it."""
+    """Text of a time to a whole number of s, min, h or days."""
     for unit, length, most in (("s", 1.0, 100.0), ("min", 60.0, 6000.0), ("h", 3600.0, 180_000.0)):
         if seconds < most:
             return f"{seconds / length:.0f} {unit}"
@@ -77,7 +77,7 @@ def _bytes(count: float) -> str:
     return f"{count / 1e9:.3g} GB" if count < 1e12 else f"{count / 1e12:.3g} TB"
 
 
-def _there(path: Path) -> Path:
-    """The nearest folder that exists."""
+def _existing_folder(path: Path) -> Path:
+    """Nearest folder of a path that exists."""
     real = Path(os.path.realpath(path))
     return next(folder for folder in (real, *real.parents) if os.path.isdir(folder))

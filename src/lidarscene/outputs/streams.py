@@ -1,21 +1,35 @@
-"""Streams: clouds that come in pieces in; a file in a format, or a frame of a data set, out.
+"""Streams: context managers that write what a frame yields chunk by chunk: clouds, data sets, missed pulses, packets.
 
-Most formats take a cloud piece by piece, a few need all of it. Who hands on the pieces need not know which.
+Most formats take a cloud piece by piece, a few need all of it; the caller hands on the pieces in either case.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+import os
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from ..cloud.builder import CloudBuilder
 from ..cloud.point_cloud import PointCloud
+from ..detection.outcomes import OUTCOME_TEXT
 from ..detection.sampled_waveforms import check_pulses
+from ..files.atomic import atomic_output, named
+from ..files.spool import Spool
+from ..formats.packets.firings import Firings
+from ..formats.packets.packet_encoder import PacketEncoder
+from ..formats.packets.pcap import capture, description_path
+from ..formats.packets.select_encoder import select_encoder
 from ..labels.kitti_dataset import frame_stream
+from ..maths.arrays import Numbers
 from ..scene.scene import Scene
 from ..sensor.model import Sensor
-from .options import FEW_PULSES, Outputs
+from .output_options import FEW_PULSES, Outputs
 from .plan import Plan
 
 Append = Callable[[PointCloud], None]
@@ -23,20 +37,20 @@ Append = Callable[[PointCloud], None]
 
 @contextmanager
 def cloud_stream(plan: Plan, path: Path, points: int, *, bag: Append | None = None) -> Iterator[Append]:
-    """Write the clouds that are appended in the block as one; together, of so many points at most, where the format
-    needs them so.
+    """Write the clouds that are appended in the block as one cloud.
 
-    bag  takes it, if it is a frame of a file of several
+    points  upper bound of the points, for formats that need all of them before the first is written
+    bag     function that appends the cloud to a file of several frames, or None
     """
     outputs, chosen = plan.outputs, plan.format
     options = {"ascii": True} if outputs.ascii else {}
     if chosen.stream is not None and outputs.colours is None:
         with chosen.stream(path, **options) as append:
-            yield _kept(outputs, append)
+            yield _truth_filter(outputs, append)
         return
-    # A format, or a scale of colours, that must know all points before the first is written: gather them.
+    # The format, or the scale of colours, needs all points before the first is written: gather them.
     builder = CloudBuilder(capacity=points)
-    yield _kept(outputs, builder.add)
+    yield _truth_filter(outputs, builder.add)
     whole = PointCloud(**builder.fields())
     if bag is None:
         whole.save(path, format=outputs.format, colour_by=outputs.colours, **options)
@@ -49,19 +63,107 @@ def dataset_stream(outputs: Outputs, label: str, number: int, scene: Scene) -> I
     """Write the clouds that are appended in the block as a frame of a data set."""
     if outputs.dataset is None:
         raise ValueError("dataset: must be given, got none")
-    # Its labels are made of the truth, and its points have none: `Outputs.truth` changes nothing here.
+    # Labels are made of the ground truth, and the points of a data set have none: `Outputs.truth` changes nothing here.
     with frame_stream(outputs.dataset, outputs.place / label, number, scene) as append:
         yield append
 
 
-def _kept(outputs: Outputs, append: Append) -> Append:
-    """Append what is asked for."""
+def _truth_filter(outputs: Outputs, append: Append) -> Append:
+    """Wrap ``append`` so that it drops the ground truth, unless the outputs include it."""
     return append if outputs.truth else (lambda cloud: append(cloud.without_truth()))
 
 
 def pulses_of_waveforms(outputs: Outputs, sensor: Sensor) -> Sequence[int]:
-    """The pulses that are asked for, or a few. Raises InputError."""
+    """Pulse numbers whose waveforms are written: `Outputs.pulses`, or FEW_PULSES evenly spaced. Raises InputError."""
     last = sensor.scanner.pulses - 1
     few = [last * number // (FEW_PULSES - 1) for number in range(FEW_PULSES)]
     chosen = check_pulses(outputs.pulses or few, sensor)
     return [int(pulse) for pulse in chosen]
+
+
+@contextmanager
+def missed_stream(path: str | os.PathLike[str], sensor: Sensor) -> Iterator[Callable[[Numbers, Numbers], None]]:
+    """Write pulse numbers of one frame and their `Outcome`, appended in the block, as `numpy.savez` would.
+
+    The file has pulse, reason, time_s (since the start of the frame), channel, azimuth_rad and elevation_rad, and
+    reason_names by value.
+    """
+    with (
+        atomic_output(path) as temporary,
+        Spool(temporary.parent, [("pulse", np.uint32), ("reason", np.uint8)]) as spool,
+    ):
+        # An archive needs the length of an array before its data: so number and reason are spooled to disk while the
+        # frame runs. Most of its pulses may be missed.
+        yield lambda pulse, reason: spool.append(pulse=pulse, reason=reason)
+        with zipfile.ZipFile(temporary, "w") as archive:
+            for name, of_rows in _arrays(sensor, _begin_s(sensor, spool)).items():
+                _write_array(archive, name, len(spool), map(of_rows, spool.blocks()), of_rows(_none(spool)))
+            names = np.array(["kept", *OUTCOME_TEXT.values()])
+            _write_array(archive, "reason_names", len(names), [names], names)
+
+
+def _arrays(sensor: Sensor, begin_s: float) -> dict[str, Callable[[Numbers], Numbers]]:
+    """Name of an array in the file -> function of the spooled rows that computes it."""
+    return {
+        "pulse": lambda rows: rows["pulse"],
+        "reason": lambda rows: rows["reason"],
+        "time_s": lambda rows: sensor.scanner.time_s(rows["pulse"]) - begin_s,
+        "channel": lambda rows: sensor.scanner.channel(rows["pulse"]),
+        "azimuth_rad": lambda rows: sensor.scanner.angles(rows["pulse"])[0],
+        "elevation_rad": lambda rows: sensor.scanner.angles(rows["pulse"])[1],
+    }
+
+
+def _none(spool: Spool) -> Numbers:
+    return np.zeros(0, spool.dtype)
+
+
+def _begin_s(sensor: Sensor, spool: Spool) -> float:
+    """Time at which the frame of these pulses began, by the scanner's clock [s]."""
+    # Pulse numbers go on from frame to frame: the first pulse of this frame is a multiple of a frame's.
+    first = next(spool.blocks(), _none(spool))["pulse"][:1] // sensor.scanner.pulses * sensor.scanner.pulses
+    return float(sensor.scanner.time_s(first).sum())
+
+
+def _write_array(archive: zipfile.ZipFile, name: str, rows: int, blocks: Any, like: Numbers) -> None:
+    """Write an array of this many rows to an archive, block by block; ``like`` has its type."""
+    with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
+        # The head of a .npy needs the number of rows before they are written, which np.savez would gather first.
+        head = {"descr": np.lib.format.dtype_to_descr(like.dtype), "fortran_order": False, "shape": (rows,)}
+        np.lib.format.write_array_header_1_0(file, head)
+        for block in blocks:
+            file.write(np.ascontiguousarray(block).view(np.uint8).data)
+
+
+@dataclass(frozen=True, slots=True)
+class Capture:
+    """Open file of one sensor's packets.
+
+    take           function that appends a frame
+    needs_ambient  whether packets hold the background of every pulse
+    """
+
+    take: Callable[[Firings], None]
+    needs_ambient: bool
+
+
+def packet_encoders(sensors: Mapping[str, Sensor], profile: str) -> dict[str, PacketEncoder]:
+    """Label -> encoder of the sensor's packets. Raises InputError for a sensor without a packet format."""
+    return {label: select_encoder(sensor, profile) for label, sensor in sensors.items()}
+
+
+def description_files(path: Path, encoder: PacketEncoder) -> dict[str, Path]:
+    """Key -> file that describes the packets, such as an Ouster's JSON; empty where the format has none."""
+    return {} if encoder.description is None else {"metadata": description_path(path, encoder.description[1])}
+
+
+@contextmanager
+def captures(paths: Mapping[str, Path], encoders: Mapping[str, PacketEncoder]) -> Iterator[Mapping[str, Capture]]:
+    """Open a file of packets for each label; the files are complete when the block ends."""
+    with ExitStack() as opened:
+        yield {
+            label: Capture(
+                named(path, opened.enter_context(capture(path, encoders[label]))), encoders[label].needs_ambient
+            )
+            for label, path in paths.items()
+        }

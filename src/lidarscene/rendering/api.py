@@ -1,6 +1,6 @@
-"""What users call from Python: names or files in, point clouds out.
+"""`render` and `render_frames`: names or files in, point clouds out.
 
-Most users want one cloud of one scene. They need not know of simulators, which are for several frames.
+One call for one cloud of one scene. A `Simulator` is worth it for several frames of one scene.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..scene.scene import Scene
 from ..scene.scene_file import load_scene
 from ..sensor.catalogue import load_sensor
 from ..sensor.model import Sensor, warn_of_doubts
-from .options import NUMBERS, FrameOptions, Keywords, Observers, RenderKeywords, TraceOptions, Whole
+from .render_options import NUMBERS, FrameOptions, Keywords, Observers, RenderKeywords, TraceOptions, Whole
 from .simulator import Simulator
 from .surroundings import surroundings_of, warn_of_surroundings
 
@@ -30,12 +30,15 @@ def render_frames(
     scene_overrides: Overrides = (),
     **options: Unpack[RenderKeywords],
 ) -> Iterator[PointCloud]:
-    """So many frames of a sensor, one after the other, each when it is asked for; the rest as for `render`."""
+    """Iterate over ``frames`` consecutive frames of a sensor; each is rendered when the iterator reaches it.
+
+    The other parameters are those of `render`.
+    """
     Whole(1, NUMBERS.high).check("frames", frames)
     simulator, first, observers = _prepared(scene, sensor, overrides, scene_overrides, options)
     numbers = range(first.number, first.number + frames)
     simulator.check_frames(numbers, begin_s=first.begin_s)
-    # A generator of its own, so that mistakes are told by the call and not by the first frame.
+    # A generator expression, not `yield`: so the call itself raises for mistakes, and not the first frame.
     return (simulator.render(replace(first, number=number), observers) for number in numbers)
 
 
@@ -47,7 +50,7 @@ def render(
     scene_overrides: Overrides = (),
     **options: Unpack[RenderKeywords],
 ) -> PointCloud:
-    """One frame of a sensor in a scene.
+    """Render one frame of a sensor in a scene.
 
     scene            a scene's name, such as "car", scene file, Mitsuba XML, mesh file or `Scene`
     sensor           catalogue name, sensor file or `Sensor`; the scene's own if None
@@ -68,7 +71,7 @@ def _prepared(
     scene_overrides: Overrides,
     options: RenderKeywords,
 ) -> tuple[Simulator, FrameOptions, Observers]:
-    """A simulator of what is named, ready to render, and the options of the frame."""
+    """Load scene and sensor and compile them: the simulator, and the options and observers of the frame."""
     keywords = Keywords(options)
     trace, frame, observers = (keywords.take(TraceOptions), keywords.take(FrameOptions), keywords.take(Observers))
     keywords.end()

@@ -1,7 +1,7 @@
-"""Chunk: some pulses of a frame on the device, after the stages, and what takes them apart and puts them together.
+"""Chunk: the pulses of a chunk of a frame on the device, after all stages.
 
-Two kinds of pulses are traced apart, those that end at the first surface and those that go on through glass. What
-belongs to a chunk is in several parts until here.
+Pulses that end at the first surface and pulses that continue through glass are traced in separate launches. Each launch
+gives a `Chunk`; the functions here join the parts of one chunk of the frame.
 """
 
 from __future__ import annotations
@@ -28,9 +28,14 @@ from .tiles import Order
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chunk:
-    """Some pulses after all stages, on the device; by pulse unless ``order`` says otherwise.
+    """Pulses after all stages, on the device; lanes are in the order of pulse numbers unless ``order`` is given.
 
-    twice  the two lanes are one and the same pulse
+    pulse      (n,) pulse numbers
+    paths      `Hits` of each path of the rays
+    detection  `Detection` of the pulses
+    goes_on    (n,) mask of pulses that continue through glass or mirrors and are traced again; None: no survey
+    order      permutation between pulses and lanes, or None
+    twice      the two lanes are one and the same pulse (`kept.more_than_one`)
     """
 
     pulse: Any
@@ -41,62 +46,76 @@ class Chunk:
     twice: bool = False
 
     def staged(self, rays: int) -> Staged:
-        """What columns are made of, with this many rays to a pulse."""
+        """Input of `kernel.rays.point_columns`, with this many rays to a pulse."""
         return Staged(pulse=self.pulse, paths=self.paths, rays=rays, detection=self.detection)
 
     def arrays(self) -> list[Any]:
-        """Everything that is still needed once the stages are done."""
+        """Device arrays that the columns of points need: the outputs of the stages' kernel."""
         detection = self.detection
         needed = [self.pulse, detection.snr, detection.detection_probability, detection.outcome, detection.ambient]
-        needed += [one for one in (self.goes_on, detection.source) if one is not None]
+        needed += [array for array in (self.goes_on, detection.source) if array is not None]
         for hits in self.paths:
-            needed += needed_of(hits)
+            needed += truth_arrays(hits)
         for stop in detection.stops:
             needed += [stop.reported, stop.status, stop.range_m, stop.intensity]
-            own = (stop.width_s, stop.photons, stop.snr, stop.detection_probability, stop.source, stop.true_range_m)
-            needed += [one for one in own if one is not None]
+            optional = (
+                stop.width_s,
+                stop.photons,
+                stop.snr,
+                stop.detection_probability,
+                stop.source,
+                stop.true_range_m,
+            )
+            needed += [array for array in optional if array is not None]
         return needed
 
 
-def without_continuing(pulse: Array, paths: Sequence[Hits], detection: Detection, goes_on: Mask | None) -> Chunk:
+def drop_continuing(pulse: Array, paths: Sequence[Hits], detection: Detection, goes_on: Mask | None) -> Chunk:
     """Drop the lanes of pulses that continue through glass: their full trace replaces them."""
     if goes_on is None:
         return Chunk(pulse, paths, with_nan_outcomes(detection))
-    kept = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in detection.stops]
+    stops = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in detection.stops]
     outcome = xp(goes_on).where(goes_on, int(Outcome.NO_SURFACE), detection.outcome)
-    left = dataclasses.replace(detection, stops=tuple(kept), outcome=outcome)
-    return Chunk(pulse, paths, with_nan_outcomes(left), goes_on)
+    remaining = dataclasses.replace(detection, stops=tuple(stops), outcome=outcome)
+    return Chunk(pulse, paths, with_nan_outcomes(remaining), goes_on)
 
 
-def of_every_pulse(parts: Sequence[Chunk], first: int, name: str, *, ordered: bool = True) -> Numbers:
-    """What detections say of each pulse from ``first`` on; later parts go before the first.
+def detection_values(parts: Sequence[Chunk], first: int, name: str, *, ordered: bool = True) -> Numbers:
+    """Field ``name`` of the detections, (n,) for the pulses from ``first`` on; later parts replace the first.
 
-    ordered  by pulse, or as they are on the lanes, which is enough to count them
+    ordered  in the order of pulses; False: in that of lanes, which is enough to count them
     """
     # A later part is the full trace of pulses that the first part only surveyed, so its values replace those.
     values: Numbers = getattr(parts[0].detection, name).numpy()
     order = parts[0].order
     if len(parts) > 1:
         values = values.copy()
-    for one in parts[1:]:
-        pulse = one.pulse.numpy() - first
-        values[pulse if order is None else order.lane[pulse]] = getattr(one.detection, name).numpy()
+    for part in parts[1:]:
+        pulse = part.pulse.numpy() - first
+        values[pulse if order is None else order.lane[pulse]] = getattr(part.detection, name).numpy()
     return values[order.lane] if ordered and order is not None else values
 
 
-def all_of(parts: Sequence[Mapping[str, Numbers]]) -> dict[str, Numbers]:
-    """Columns of several collections as one, by pulse."""
-    filled = [one for one in parts if one]
+def join_columns(parts: Sequence[Mapping[str, Numbers]]) -> dict[str, Numbers]:
+    """Concatenate the columns of several parts and sort the rows by pulse."""
+    filled = [part for part in parts if part]
     if not filled:
         return {}
     # Stable: returns of one pulse keep their order.
-    order = np.argsort(np.concatenate([one["pulse"] for one in filled]), kind="stable")
-    return {name: np.concatenate([one[name] for one in filled])[order] for name in filled[0]}
+    order = np.argsort(np.concatenate([part["pulse"] for part in filled]), kind="stable")
+    return {name: np.concatenate([part[name] for part in filled])[order] for name in filled[0]}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lit:
-    """Some pulses after the optical stages: their rays, what those met, and the light of each way back."""
+class OpticalChunk:
+    """Pulses after the optical stages: before any detector.
+
+    pulse    (n,) pulse numbers
+    rays     beams of the rays, rays of one pulse side by side
+    paths    what the rays met, for each path
+    light    what comes back along each path, aligned with ``paths``
+    goes_on  mask of rays that continue through glass or mirrors, or None
+    """
 
     pulse: Any
     rays: Beams
@@ -105,28 +124,31 @@ class Lit:
     goes_on: Any
 
 
-def of_light(light: Echoes) -> list[Any]:
-    """What pulses are put together from."""
-    found = [light.found, light.range_m, light.peak_power_w, light.background_power_w, light.white_w_m2]
-    found += [one.peak_power_w for one in light.interference]
-    return [one for one in found if is_drjit(one)]
+def light_arrays(light: Echoes) -> list[Any]:
+    """Device arrays of the echoes of rays, which `light.pulse_train.together` joins by pulse."""
+    arrays = [light.found, light.range_m, light.peak_power_w, light.background_power_w, light.white_w_m2]
+    arrays += [interference.peak_power_w for interference in light.interference]
+    return [array for array in arrays if is_drjit(array)]
 
 
-def needed_of(hits: Hits) -> list[Any]:
-    """What the truth of points is made of."""
+def truth_arrays(hits: Hits) -> list[Any]:
+    """Device arrays of hits that the truth columns of points need."""
     needed = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
     # Plain numbers are the same for all lanes (nothing moves, no glass): there is nothing to compute.
-    counted = (hits.radial_velocity_m_s, hits.interactions, hits.mirrored)
+    optional = (hits.radial_velocity_m_s, hits.interactions, hits.mirrored)
     needed += [*(hits.normal or ()), *(hits.velocity_m_s or ())]
-    return [*needed, *(one for one in counted if is_drjit(one))]
+    return [*needed, *(values for values in optional if is_drjit(values))]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placing:
-    """From the sensor's frame to that of the points, once for a frame: a sensor does not know that it moves.
+    """Transform from the sensor's coordinates to those of the points, one for a whole frame.
 
-    turn, shift  rotation and place, on the device
-    added_m      (3,) what numpy adds in float64, or None: float32 is good to 0.1 mm where the sensor stands
+    All points of a frame are placed from where the sensor stood at its start: a real sensor does not correct for its
+    own motion either (`cloud.deskew` does).
+
+    turn, shift  rotation (9 numbers, row by row) and translation [m], on the device
+    added_m      (3,) translation that NumPy adds in float64; None near the origin, where float32 is good to 0.1 mm
     """
 
     turn: Any
@@ -134,18 +156,18 @@ class Placing:
     added_m: Numbers | None
 
     @classmethod
-    def of(cls, goal: Pose) -> Placing:
-        """The sensor stands at ``goal`` in the frame of the points."""
+    def from_pose(cls, goal: Pose) -> Placing:
+        """Build from the sensor's pose in the coordinates of the points."""
         # Far from the origin, as in map coordinates, float32 would round points to metres. The device then computes
         # relative to the sensor, and NumPy adds the position in float64.
         near = np.abs(goal.position_m).max() < LARGEST_FLOAT32_M
         return cls(
-            turn=transfer.opaque(numbers_of(goal.rotation)),
-            shift=transfer.opaque(numbers_of(goal.position_m if near else np.zeros(3))),
+            turn=transfer.opaque(plain_numbers(goal.rotation)),
+            shift=transfer.opaque(plain_numbers(goal.position_m if near else np.zeros(3))),
             added_m=None if near else goal.position_m,
         )
 
 
-def numbers_of(values: Numbers) -> tuple[Any, ...]:
-    """An array as plain numbers, row by row."""
+def plain_numbers(values: Numbers) -> tuple[Any, ...]:
+    """Python floats of an array, row by row."""
     return tuple(float(x) for x in values.ravel())

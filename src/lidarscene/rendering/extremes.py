@@ -1,4 +1,4 @@
-"""Extremes: of a frame that came out as NaN, the number of the sensor or the scene that is farthest from usual.
+"""Extremes: for a frame that came out as NaN, the input of sensor or scene that is farthest from usual values.
 
 Bounds of single numbers keep most of these out (`maths.units.Quantity`), but products of two numbers can still leave
 single precision.
@@ -27,53 +27,58 @@ USUAL = ("table1-apd", "table1-sipm", "sony-spad-189x600")
 """Sensors with every kind of detector."""
 
 _SHARE = 1e-3
-"""Of its upper bound, for a number that may be 0: bounds are some hundred times wider than any device."""
+"""Usual value over upper bound, for a number that may be 0: bounds are some hundred times wider than any device."""
 
 
 def check_detections(scene: Scene, sensor: Sensor, detections: Sequence[Any]) -> None:
-    """Raises InputError for pulses whose signal is NaN, which would count as missed.
+    """Raise InputError for pulses whose signal is NaN, which would count as missed.
 
-    detections  of `kernel.rays.point_columns.with_nan_outcomes`, computed
+    detections  results of `kernel.rays.point_columns.with_nan_outcomes`, computed
     """
-    for one in detections:
-        if (one.outcome.numpy() == NOT_A_NUMBER).any():
+    for detection in detections:
+        if (detection.outcome.numpy() == NOT_A_NUMBER).any():
             names = ("snr", "detection_probability")
-            raise _found(scene, sensor, {name: getattr(one, name).numpy() for name in names}, "pulses")
+            raise _nan_error(scene, sensor, {name: getattr(detection, name).numpy() for name in names}, "pulses")
 
 
-def of_points(scene: Scene, sensor: Sensor, columns: Mapping[str, Numbers]) -> InputError:
-    """For columns of points among which one has NaN."""
-    return _found(scene, sensor, columns, "points")
+def points_error(scene: Scene, sensor: Sensor, columns: Mapping[str, Numbers]) -> InputError:
+    """Error for columns of points of which at least one contains NaN."""
+    return _nan_error(scene, sensor, columns, "points")
 
 
-def _found(scene: Scene, sensor: Sensor, values: Mapping[str, Numbers], what: str) -> InputError:
-    name, count = next((name, n) for name, one in values.items() if (n := np.count_nonzero(np.isnan(one))))
-    return not_a_number(scene, sensor, f"{name} of {count:,} {what} is not a number")
+def _nan_error(scene: Scene, sensor: Sensor, values: Mapping[str, Numbers], kind: str) -> InputError:
+    name, count = next((name, n) for name, column in values.items() if (n := np.count_nonzero(np.isnan(column))))
+    return not_a_number(scene, sensor, f"{name} of {count:,} {kind} is not a number")
 
 
-def not_a_number(scene: Scene, sensor: Sensor, told: str) -> InputError:
-    """The one line for a frame with NaN.
+def not_a_number(scene: Scene, sensor: Sensor, description: str) -> InputError:
+    """Error that names the most extreme input, for a frame with NaN.
 
-    told  what is NaN, and at how many places
+    description  what is NaN, and how often
     """
     usual: dict[str, float] = {}
     for name in USUAL:
         usual = {key: value for key, value, _ in _numbers(load_sensor(name))} | usual
     usual |= {key: value for key, value, _ in _numbers(Scene())}
-    given = [*_numbers(sensor), *_numbers(scene)]
-    key, value, _ = max(given, key=lambda one: _how_far(one[1], usual.get(one[0]), one[2]))
+    inputs = [*_numbers(sensor), *_numbers(scene)]
+    key, value, _ = max(inputs, key=lambda entry: _how_far(entry[1], usual.get(entry[0]), entry[2]))
     return InputError(
-        f"scene '{scene.name}', sensor '{sensor.name}': {told}; the most extreme input is {key} = {value:.6g}"
+        f"scene '{scene.name}', sensor '{sensor.name}': {description}; the most extreme input is {key} = {value:.6g}"
     )
 
 
-def _numbers(of: Any, before: str = "") -> Iterator[tuple[str, float, Quantity]]:
-    """Every declared number of a sensor or scene: its dotted key in the file, its value there, how it is declared."""
-    hints = typing.get_type_hints(type(of), include_extras=True)
-    for field in dataclasses.fields(of):
-        value = getattr(of, field.name)
+def _numbers(instance: Any, before: str = "") -> Iterator[tuple[str, float, Quantity]]:
+    """Iterate over declared numbers of a sensor or scene: dotted key in the file, value in its unit, declaration."""
+    hints = typing.get_type_hints(type(instance), include_extras=True)
+    for field in dataclasses.fields(instance):
+        value = getattr(instance, field.name)
         declared = next(
-            (one for one in getattr(hints[field.name], "__metadata__", ()) if isinstance(one, Quantity)), None
+            (
+                annotation
+                for annotation in getattr(hints[field.name], "__metadata__", ())
+                if isinstance(annotation, Quantity)
+            ),
+            None,
         )
         if declared is not None and isinstance(value, Real):
             yield before + declared.for_field(field.name), float(declared.in_file(value)), declared
@@ -82,7 +87,10 @@ def _numbers(of: Any, before: str = "") -> Iterator[tuple[str, float, Quantity]]
 
 
 def _how_far(value: float, usual: float | None, declared: Quantity) -> float:
-    """Decades from what is usual; of a number that is 0 or left out there, from the middle of its bounds."""
+    """Distance of a value from its usual one [decades].
+
+    Where the usual value is 0 or None, the geometric mean of the bounds replaces it.
+    """
     if not math.isfinite(value):
         return math.inf
     if not usual:

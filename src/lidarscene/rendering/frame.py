@@ -1,7 +1,7 @@
-"""Frame: which pulses one frame has, when they leave, and where the sensor and all that moves are then.
+"""Frame: the pulses of one frame, their times, and the poses of the sensor and of moving bodies at these times.
 
-All that depends on time is decided here, before the device starts: the stages get arrays of poses and times and do
-not know what a motion is.
+All that depends on time is decided here, before the device starts: the stages get arrays of poses and times, never a
+motion.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from ..maths.trajectory import Course, Riding, pose_at
 from ..scan import Scanner
 from ..scene.scene import Scene
 from ..sensor.model import Sensor
-from .options import FrameOptions
+from .render_options import FrameOptions
 
 LARGEST_FLOAT32_M = 1000.0
 """Coordinates beyond this are double precision: float32 steps reach 0.1 mm there."""
 
 PULSE_NUMBERS = 2**31
-"""Scanners know their pulses by numbers below this."""
+"""Scanners number their pulses below this."""
 
 TOLERANCE_S = 1e-6
 """A trajectory that ends this much early still lasts to the end of a frame: 30 um at 30 m/s."""
@@ -41,15 +41,15 @@ SHORTEST_S = 1e-9
 class Frame:
     """One frame of a scanner, as the device needs it.
 
-    number        of the frame
-    first_pulse   its number
-    scanner_s     when that leaves, by the scanner's clock
-    start_s       when that leaves, by the scene's clock, in which motions are given
+    number        number of the frame
+    first_pulse   number of its first pulse
+    scanner_s     time at which the first pulse leaves, by the scanner's clock
+    start_s       the same time by the scene's clock, in which motions are given
     place         pose of the sensor in the world at the start
     vehicle       pose of the ego vehicle in the world at the start
-    origin        the same place in the traced frame, opaque; for all pulses unless the sensor moves
-    paths         where the sensor (0) and the world's movers (1, ...) are, numbers on the device; None: all stands
-    moves         whether the sensor does
+    origin        ``place`` in traced coordinates, opaque; holds for all pulses unless the sensor moves
+    paths         sampled poses of the sensor (0) and of the world's movers (1, ...), on the device; None: nothing moves
+    moves         whether the sensor moves
     """
 
     number: int
@@ -64,16 +64,16 @@ class Frame:
     _scanner: Scanner
 
     @classmethod
-    def of(cls, scene: Scene, sensor: Sensor, world: World, asked: FrameOptions) -> Frame:
-        """The frame that is asked for; without a pose the sensor stands where the scene has it.
+    def from_options(cls, scene: Scene, sensor: Sensor, world: World, options: FrameOptions) -> Frame:
+        """Build the frame that ``options`` choose; without a pose the sensor stands at the scene's.
 
         Raises InputError where a motion does not last as long as the frame, or the frame's number is too high.
         """
-        number = asked.number
-        scanner_s, length_s = check_frame(scene, sensor.scanner, number=number, begin_s=asked.begin_s)
-        start_s = asked.begin_s + scanner_s
-        riding = motion_of(scene, sensor, asked.pose or scene.sensor_pose)
-        # Where nothing carries the sensor, it is where it is: half a millisecond of a small frame.
+        number = options.number
+        scanner_s, length_s = check_frame(scene, sensor.scanner, number=number, begin_s=options.begin_s)
+        start_s = options.begin_s + scanner_s
+        riding = motion_of(scene, sensor, options.pose or scene.sensor_pose)
+        # Where nothing carries the sensor, `pose_at` would only cost half a millisecond of a small frame.
         place = pose_at(riding, start_s) if scene.ego is not None else riding.pose
         # Poses at the times of all pulses would be large. So each path is sampled once a frame, and the device
         # interpolates between the samples (`maths.paths`).
@@ -100,27 +100,27 @@ class Frame:
         )
 
     def time_s(self, pulse: Numbers) -> Numbers:
-        """(n,) float64 times since the start of the frame at which these pulses leave."""
+        """Times since the start of the frame at which these pulses leave, (n,) float64."""
         times_s = self._scanner.time_s(pulse)
         times_s -= self.scanner_s
         return times_s
 
     def times(self, pulse: Numbers) -> Any:
-        """(n,) when these pulses leave after the frame's first one, on the device."""
+        """Times [s] since the frame's first pulse at which these pulses leave, (n,) on the device."""
         # Counted from the first frame's start: the same bits in every frame, so that they can be kept. Single precision
         # is enough for times within a frame: 0.1 s to 7 ns, in which nothing goes anywhere.
         start_s = self._scanner.time_s(np.zeros(1, np.uint32))
         return transfer.from_numpy(self._scanner.time_s(pulse - np.uint32(self.first_pulse)) - start_s)
 
     def placements(self, times: Callable[[], Any], rays: int = 1) -> tuple[Placement, Moving | None]:
-        """`placements` of the sensor and of the movers when pulses of so many rays leave.
+        """`placements` of the sensor and of the movers, for pulses of ``rays`` rays each.
 
-        times  gives `times` of the pulses, if they are needed
+        times  gives `times` of the pulses; called only where something moves
         """
-        found = None if self.paths is None else times()
-        if found is not None and rays > 1:
-            found, _ = transfer.repeat_lanes(found, rays)
-        return placements(self.origin, self.paths, found, moves=self.moves)
+        times_s = None if self.paths is None else times()
+        if times_s is not None and rays > 1:
+            times_s, _ = transfer.repeat_lanes(times_s, rays)
+        return placements(self.origin, self.paths, times_s, moves=self.moves)
 
     def goal(self, coordinates: str) -> Pose:
         """Pose of the sensor at the start in the coordinates of the points: "world", "vehicle" or "sensor"."""
@@ -132,9 +132,9 @@ class Frame:
 def placements(
     origin: Placement, paths: Paths | None, times: Lanes | None, *, moves: bool
 ) -> tuple[Placement, Moving | None]:
-    """Of the sensor and of the movers at these times; None: nothing but the sensor moves.
+    """Placements of the sensor and of the movers at these times; the latter None where nothing but the sensor moves.
 
-    origin  of the sensor unless it ``moves``
+    origin  placement of the sensor unless it ``moves``
     """
     if paths is None or times is None:
         return origin, None
@@ -143,12 +143,12 @@ def placements(
 
 
 def motion_of(scene: Scene, sensor: Sensor, sensor_pose: Pose) -> Riding:
-    """The sensor's own: it rides on the ego vehicle, at a pose there that its mounting is added to."""
+    """Motion of the sensor: it rides on the ego vehicle at ``sensor_pose``, and its mounting is applied there."""
     return Riding(carrier=scene.ego or Course(), pose=sensor_pose @ sensor.mounting)
 
 
 def check_frame(scene: Scene, scanner: Scanner, *, number: int, begin_s: float) -> tuple[float, float]:
-    """When a frame's first pulse leaves by the scanner's clock [s], and how long after it the last one does.
+    """Compute the time of a frame's first pulse by the scanner's clock, and from it to the last pulse [s].
 
     Raises InputError where a motion does not last as long as the frame, or the frame's number is too high.
     """
@@ -158,7 +158,7 @@ def check_frame(scene: Scene, scanner: Scanner, *, number: int, begin_s: float) 
 
 
 def frame_edges(scanner: Scanner, number: int) -> tuple[float, float]:
-    """When a frame's first and last pulse leave, by the scanner's clock [s]. InputError for a number too high."""
+    """Times of a frame's first and last pulse by the scanner's clock [s]. Raises InputError for a number too high."""
     first = number * scanner.pulses
     if number < 0 or first + scanner.pulses > PULSE_NUMBERS:
         raise InputError(
@@ -180,12 +180,12 @@ def _check_spans(scene: Scene, start_s: float, end_s: float) -> None:
         # Rounding of clocks that began in 1970 is no mistake of the scene.
         first, last = motion.span_s
         if start_s < first - TOLERANCE_S or end_s > last + TOLERANCE_S:
-            had, needed = (f"{_seconds(a)} to {_seconds(b)} s" for a, b in ((first, last), (start_s, end_s)))
+            covered, needed = (f"{_seconds(a)} to {_seconds(b)} s" for a, b in ((first, last), (start_s, end_s)))
             raise InputError(
-                f"scene '{scene.name}': motion of {name}: must have poses for the frame, {needed}, got {had}"
+                f"scene '{scene.name}': motion of {name}: must have poses for the frame, {needed}, got {covered}"
             )
 
 
 def _seconds(time_s: float) -> str:
-    """To a microsecond: times may be of a clock that began in 1970."""
+    """Text of a time to a microsecond: its clock may have begun in 1970."""
     return f"{round(time_s, 6):.16g}"

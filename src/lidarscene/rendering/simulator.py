@@ -1,7 +1,7 @@
 """Simulator: a Scene, a Sensor and a Pose in, a PointCloud out, chunk by chunk through the `stages`.
 
-What costs time once (the world, the compiled kernels) is kept here for all frames; what differs from frame to frame
-goes in as numbers on the device.
+The world and the compiled kernels are kept for all frames; what differs from frame to frame goes in as numbers on the
+device. The cloud's metadata say how it was made: scene and sensor by name, seed, number and poses.
 """
 
 from __future__ import annotations
@@ -15,8 +15,10 @@ from typing import Any, Unpack, cast
 import numpy as np
 
 from ..cloud.builder import CloudBuilder
+from ..cloud.deskew import MOTION_KEPT
 from ..cloud.point_cloud import PointCloud
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sampled_pulses
+from ..formats.cloud_columns import SENSOR_TO_WORLD
 from ..kernel.device import blocks, transfer
 from ..kernel.rays import kept
 from ..kernel.rays import point_columns as collect
@@ -29,12 +31,13 @@ from ..scene.clearance import Clearance
 from ..scene.scene import Scene
 from ..scene.scene_file import load_scene
 from ..sensor.catalogue import load_sensor
+from ..sensor.detectors import Apd
 from ..sensor.model import Sensor
-from .chunk import Chunk, Placing, all_of, of_every_pulse
-from .extremes import check_detections, of_points
+from .chunk import Chunk, Placing, detection_values, join_columns
+from .extremes import check_detections, points_error
 from .frame import Frame, check_frame, motion_of
-from .metadata import metadata_of
-from .options import (
+from .frame_summary import Summary as Summary
+from .render_options import (
     FrameKeywords,
     FrameOptions,
     Keywords,
@@ -46,16 +49,15 @@ from .options import (
     placed,
 )
 from .stages import Chain, Stages
-from .summary import Summary as Summary
-from .tiles import PACKET, Numbering, Pulses
+from .tiles import PACKET, DevicePulses, Numbering
 
 
 @dataclass(frozen=True, slots=True)
 class _Piece:
-    """What a chunk of pulses became.
+    """Result of one chunk of pulses, in NumPy.
 
-    first    number of its first pulse
-    columns  of its points by name; None without any
+    first    number of the chunk's first pulse
+    columns  name -> column of its points; None without points
     outcome  (n,) `Outcome` of each pulse
     """
 
@@ -88,7 +90,7 @@ class Simulator:
         pose     where the sensor stands, its mounting not included: in the world, or on the scene's ego vehicle; the
                  scene's own if None. `render` takes another per frame.
         options  fields of `TraceOptions`, in place of those of ``trace``
-        Raises InputError for an option that is none.
+        Raises InputError for an unknown option.
         """
         keywords = Keywords(options)
         self.trace = trace = keywords.take(TraceOptions, trace)
@@ -107,7 +109,7 @@ class Simulator:
         self.numbering = Numbering(sensor.scanner, tiled=trace.rays < PACKET)
         if trace.interactions and not self.world.see_through:
             raise ValueError("world: must let beams go on (see_through) for interactions > 0, got one that does not")
-        self._stages = Stages.of(scene, sensor, self.world, trace)
+        self._stages = Stages.from_scene(scene, sensor, self.world, trace)
         self._chain = Chain(self._stages)
         self.class_names = self.world.class_names
         self._air_classes = None
@@ -121,13 +123,13 @@ class Simulator:
 
     @property
     def motion(self) -> Motion:
-        """The sensor's own in the world: what `deskewed` takes off."""
+        """Motion of the sensor in the world, which `deskewed` corrects for."""
         return motion_of(self.scene, self.sensor, self.pose)
 
     def check_frames(self, numbers: Sequence[int], *, begin_s: float = 0.0) -> None:
-        """Raises InputError unless every motion lasts for these frames, and there are numbers for their pulses.
+        """Raise InputError unless every motion lasts for these frames, and there are numbers for their pulses.
 
-        Nor may the sensor be on or in a surface as the first or the last of them begins.
+        The same for a sensor that is on or in a surface as the first or the last of these frames begins.
         """
         for number in (numbers[0], numbers[-1]):
             scanner_s, _ = check_frame(self.scene, self.sensor.scanner, number=number, begin_s=begin_s)
@@ -137,18 +139,21 @@ class Simulator:
     def render(
         self, frame: FrameOptions | None = None, observers: Observers | None = None, **options: Unpack[StreamKeywords]
     ) -> PointCloud:
-        """One frame as a point cloud.
+        """Render one frame as a point cloud.
 
         options  fields of `FrameOptions` and `Observers`, in place of those of ``frame`` and ``observers``
-        Raises InputError for an option that is none, or a motion that ends too early.
+        Raises InputError for an unknown option, or a motion that ends too early.
         """
-        asked, told = _asked(frame, observers, options)
-        now, summary = self._frame(asked), Summary() if told.summary is None else told.summary
+        frame_options, observers = _resolve_options(frame, observers, options)
+        current_frame, summary = (
+            self._frame(frame_options),
+            Summary() if observers.summary is None else observers.summary,
+        )
         most = self.sensor.scanner.pulses * self.sensor.tdc.stops
         builder = CloudBuilder(capacity=most, vectors=self.trace.vectors)
-        self._hand_out(now, builder.append, "assemble", asked, replace(told, summary=summary))
+        self._hand_out(current_frame, builder.append, "assemble", frame_options, replace(observers, summary=summary))
         since = time.perf_counter()
-        cloud = PointCloud(**builder.fields(**self._description(now, asked)), checked=True)
+        cloud = PointCloud(**builder.fields(**self._description(current_frame, frame_options)), checked=True)
         summary.spent("assemble", since)
         return cloud
 
@@ -159,79 +164,87 @@ class Simulator:
         observers: Observers | None = None,
         **options: Unpack[StreamKeywords],
     ) -> None:
-        """One frame, chunk by chunk: the memory that it takes does not grow with its pulses.
+        """Render one frame chunk by chunk: the memory that it takes does not grow with its pulses.
 
-        sink    called with clouds, at least one, which together are that of `render`; the time that it takes is
-                that of the stage "write". What `formats.registry.Format.stream` gives is such a sink
+        sink    called with clouds, at least one, which joined are that of `render`; its time counts as the stage
+                "write". `formats.registry.Format.stream` gives such a sink
         others  as those of `render`
         """
-        asked, told = _asked(frame, observers, options)
-        now = self._frame(asked)
-        description, empty = self._description(now, asked), True
+        frame_options, observers = _resolve_options(frame, observers, options)
+        current_frame = self._frame(frame_options)
+        description, empty = self._description(current_frame, frame_options), True
 
         def take(columns: Mapping[str, Any]) -> None:
             nonlocal empty
             empty = False
             sink(PointCloud(**columns, **description, checked=True))
 
-        self._hand_out(now, take, "write", asked, told)
+        self._hand_out(current_frame, take, "write", frame_options, observers)
         if empty:
             sink(PointCloud(**CloudBuilder(vectors=self.trace.vectors).fields(**description)))
 
     def empty(self, frame: FrameOptions | None = None, **options: Unpack[FrameKeywords]) -> PointCloud:
-        """The cloud of `render` without its points: names and metadata, known before anything is traced."""
-        asked, _ = _asked(frame, None, options)
-        description = self._description(self._frame(asked), asked)
+        """Cloud of `render` without its points: names and metadata, available before anything is traced."""
+        frame_options, _ = _resolve_options(frame, None, options)
+        description = self._description(self._frame(frame_options), frame_options)
         return PointCloud(**CloudBuilder(vectors=self.trace.vectors).fields(**description))
 
     def start_s(self, frame: FrameOptions) -> float:
-        """When a frame begins, by the clock of the scene's motions."""
+        """Time at which a frame begins, by the clock of the scene's motions [s]."""
         return self._frame(frame).start_s
 
     def to_world(self, frame: FrameOptions) -> Pose:
-        """Where the coordinates of a frame's points stand in the world as it begins."""
-        now = self._frame(frame)
-        return now.place @ now.goal(frame.coordinates).inverse()
+        """Pose in the world, as the frame begins, of the coordinates of its points."""
+        current_frame = self._frame(frame)
+        return current_frame.place @ current_frame.goal(frame.coordinates).inverse()
 
     def _hand_out(
-        self, now: Frame, take: Callable[[Mapping[str, Any]], None], stage: str, asked: FrameOptions, told: Observers
+        self,
+        frame: Frame,
+        take: Callable[[Mapping[str, Any]], None],
+        stage: str,
+        options: FrameOptions,
+        observers: Observers,
     ) -> None:
-        """A frame's columns to ``take``, all else to who asked for it; ``stage`` is what taking is called."""
-        done, summary = 0, Summary() if told.summary is None else told.summary
-        for piece in self._pieces(now, asked, told, summary):
+        """Hand the columns of each piece of a frame to ``take``, and the rest to the observers.
+
+        stage  name under which the summary counts the time of this
+        """
+        finished, summary = 0, Summary() if observers.summary is None else observers.summary
+        for piece in self._pieces(frame, options, observers, summary):
             since = time.perf_counter()
-            done += len(piece.outcome)
+            finished += len(piece.outcome)
             summary.count(piece.outcome, None if piece.columns is None else piece.columns["status"])
             if piece.columns is not None:
                 take(piece.columns)
-            if told.missed is not None:
-                lost = np.flatnonzero(piece.outcome)
-                told.missed((lost + piece.first).astype(np.uint32), piece.outcome[lost].astype(np.uint8))
-            if told.progress is not None:
-                told.progress(done, self.sensor.scanner.pulses)
+            if observers.missed is not None:
+                missed = np.flatnonzero(piece.outcome)
+                observers.missed((missed + piece.first).astype(np.uint32), piece.outcome[missed].astype(np.uint8))
+            if observers.progress is not None:
+                observers.progress(finished, self.sensor.scanner.pulses)
             summary.spent(stage, since)
 
-    def _pieces(self, now: Frame, asked: FrameOptions, told: Observers, summary: Summary) -> Iterator[_Piece]:
-        """What each chunk became, in order; outcomes are by pulse if someone is told of those that are missed.
+    def _pieces(self, frame: Frame, options: FrameOptions, observers: Observers, summary: Summary) -> Iterator[_Piece]:
+        """Iterate over the results of the chunks; outcomes are in the order of pulses if ``observers.missed`` is set.
 
-        The device is given the next chunk before this one is handed out: it works while numpy copies.
+        The device starts the next chunk before this one is handed out: it computes while NumPy copies.
         """
-        begin, end = now.first_pulse, now.first_pulse + self.sensor.scanner.pulses
+        begin, end = frame.first_pulse, frame.first_pulse + self.sensor.scanner.pulses
         # The option counts rays, since they take the memory; a chunk counts pulses.
-        chunk = max(1, asked.chunk // max(self.trace.rays, self.trace.background_rays or 1))
+        chunk = max(1, options.chunk // max(self.trace.rays, self.trace.background_rays or 1))
         # Whole bands of tiles, or whole packets: so the same rays are traced together whatever the option says. Where a
         # ray meets the edge of two triangles, which of them it meets depends on the rays beside it.
         step = self.numbering.step
         chunk = max(step, chunk - chunk % step)
-        seed_word = transfer.seed_word(asked.seed)
-        placing = Placing.of(now.goal(asked.coordinates))
+        seed_word = transfer.seed_word(options.seed)
+        placing = Placing.from_pose(frame.goal(options.coordinates))
 
         def started(first: int) -> Chunk:
             since = time.perf_counter()
             count = min(chunk, end - first)
             blocks.share_out(count * self.trace.rays)
-            pulses = self.numbering.pulses(now, first, count)
-            part = self._chain(now, pulses, seed_word, survey=self.trace.interactions > 0)
+            pulses = self.numbering.pulses(frame, first, count)
+            part = self._chain(frame, pulses, seed_word, survey=self.trace.interactions > 0)
             summary.spent("record", since)
             return replace(part, order=pulses.order)
 
@@ -239,31 +252,30 @@ class Simulator:
         for following in [*range(begin + chunk, end, chunk), None]:
             since = time.perf_counter()
             transfer.wait()
-            parts = [part, *self._gone_on(now, part, seed_word)]
-            check_detections(self.scene, self.sensor, [one.detection for one in parts])
+            parts = [part, *self._trace_continuing(frame, part, seed_word)]
+            check_detections(self.scene, self.sensor, [traced.detection for traced in parts])
             since = summary.spent("trace", since)
-            pulse, columns = self._columns(now, parts, placing)
-            outcome = of_every_pulse(parts, first, "outcome", ordered=told.missed is not None)
-            if told.ambient is not None:
-                every = np.arange(first, first + len(outcome), dtype=np.uint32)
-                told.ambient(every, of_every_pulse(parts, first, "ambient").astype(np.uint64))
-            if told.points is not None:
-                told.points(pulse, all_of([self._surfaces(one) for one in parts]))
+            pulse, columns = self._columns(frame, parts, placing)
+            outcome = detection_values(parts, first, "outcome", ordered=observers.missed is not None)
+            if observers.ambient is not None:
+                numbers = np.arange(first, first + len(outcome), dtype=np.uint32)
+                observers.ambient(numbers, detection_values(parts, first, "ambient").astype(np.uint64))
+            if observers.points is not None:
+                observers.points(pulse, join_columns([self._surfaces(traced) for traced in parts]))
             summary.spent("collect", since)
-            # The next chunk is started before this one is handed out: the device works while a file is written.
-            done = first
+            piece_first = first
             if following is not None:
                 part, first = started(following), following
-            yield _Piece(done, columns, outcome)
+            yield _Piece(piece_first, columns, outcome)
 
-    def _gone_on(self, now: Frame, part: Chunk, seed: Lanes) -> list[Chunk]:
-        """The pulses of a chunk that meet panes or mirrors, once more and in full."""
+    def _trace_continuing(self, frame: Frame, part: Chunk, seed: Lanes) -> list[Chunk]:
+        """Trace the pulses of a chunk that meet panes or mirrors once more, in full; an empty list without any."""
         lanes = None if part.goes_on is None else kept.lanes_where(part.goes_on)
         if lanes is None:
             return []
         several = kept.more_than_one(lanes)
         pulse = kept.gather_lanes(part.pulse, several)
-        whole = self._chain(now, Pulses(pulse, lambda: now.times(pulse.numpy())), seed)
+        whole = self._chain(frame, DevicePulses(pulse, lambda: frame.times(pulse.numpy())), seed)
         transfer.wait()
         return [replace(whole, twice=several is not lanes)]
 
@@ -276,48 +288,51 @@ class Simulator:
     ) -> Waveforms:
         """Power on the detector and its signal against time, without noise, of chosen pulses of a frame.
 
-        pulses   their numbers within the frame, 0 for its first; in rising order in what is returned
+        pulses   numbers within the frame, 0 for its first pulse; the result has them in rising order
         times_s  (times,) after the pulse left; if None the converter's window in sixteenths of the pulse's width
         frame, options  as for `render`; coordinates and chunk change nothing here
-        Raises InputError for a pulse that is none.
+        Raises InputError for a number that no pulse has.
         """
-        asked, _ = _asked(frame, None, options)
-        now = self._frame(asked)
+        frame_options, _ = _resolve_options(frame, None, options)
+        current_frame = self._frame(frame_options)
         chosen = check_pulses(pulses, self.sensor)
-        seed_word = transfer.seed_word(asked.seed)
+        seed_word = transfer.seed_word(frame_options.seed)
 
         def train_of(first: int, count: int) -> EchoTrain:
-            return self._train(now, now.first_pulse + first, count, seed_word)
+            return self._train(current_frame, current_frame.first_pulse + first, count, seed_word)
 
-        return sampled_pulses(train_of, chosen, self.sensor, times_s, first_pulse=now.first_pulse, seed=asked.seed)
+        return sampled_pulses(
+            train_of, chosen, self.sensor, times_s, first_pulse=current_frame.first_pulse, seed=frame_options.seed
+        )
 
     def light(self, frame: FrameOptions | None = None, **options: Unpack[FrameKeywords]) -> EchoTrain:
         """All that comes back of each pulse of a frame, before any detector; NumPy arrays.
 
-        It depends on places, surfaces and light, and goes with the laser's power: traced once, it serves any receiver.
+        It depends on poses, surfaces and light, and is proportional to the laser's power: traced once, it serves any
+        receiver.
 
         frame, options  as for `render`; coordinates and chunk change nothing here
         """
-        asked, _ = _asked(frame, None, options)
-        now = self._frame(asked)
-        seed_word = transfer.seed_word(asked.seed)
-        return self._train(now, now.first_pulse, self.sensor.scanner.pulses, seed_word)
+        frame_options, _ = _resolve_options(frame, None, options)
+        current_frame = self._frame(frame_options)
+        seed_word = transfer.seed_word(frame_options.seed)
+        return self._train(current_frame, current_frame.first_pulse, self.sensor.scanner.pulses, seed_word)
 
-    def _train(self, now: Frame, first: int, count: int, seed: Lanes) -> EchoTrain:
-        """Of pulses in firing order; NumPy arrays."""
+    def _train(self, frame: Frame, first: int, count: int, seed: Lanes) -> EchoTrain:
+        """All that comes back of ``count`` pulses from ``first`` on, in firing order; NumPy arrays."""
         numbers = np.arange(first, first + count, dtype=np.uint32)
-        pulses = Pulses(transfer.counter(first, count), lambda: now.times(numbers))
-        return cast(EchoTrain, transfer.fetch(self._stages.pulse_train(now, pulses, seed)))
+        pulses = DevicePulses(transfer.counter(first, count), lambda: frame.times(numbers))
+        return cast(EchoTrain, transfer.fetch(self._stages.pulse_train(frame, pulses, seed)))
 
-    def _columns(self, now: Frame, parts: Sequence[Chunk], placing: Placing) -> tuple[Numbers, dict[str, Any] | None]:
-        """The kept points of a chunk, by pulse and then by return: pulse numbers, columns of a PointCloud or None.
+    def _columns(self, frame: Frame, parts: Sequence[Chunk], placing: Placing) -> tuple[Numbers, dict[str, Any] | None]:
+        """Kept points of a chunk, sorted by pulse and then by return: pulse numbers, columns of a PointCloud or None.
 
         Raises InputError for points with NaN.
         """
-        found = [self._on_device(part, placing) for part in parts]
+        collected = [self._on_device(part, placing) for part in parts]
         # Without any point the columns of one part are computed all the same, for the kernels of later frames.
-        filled = [one for one in found if one[1]] or found[:1]
-        # Whether any pulse went on must not decide: the first chunk where it is otherwise would compile kernels.
+        filled = [pair for pair in collected if pair[1]] or collected[:1]
+        # The survey decides, not whether any pulse of this chunk went on: else a later chunk would compile kernels.
         alone = parts[0].goes_on is None
         columns = transfer.fetch_columns(
             collect.with_flat_positions(filled[0][0]) if alone else collect.merge_by_pulse(filled)
@@ -329,19 +344,19 @@ class Simulator:
             return np.zeros(0, np.uint32), None
         columns = {name: values[:count] for name, values in columns.items()}
         if columns.pop(collect.BROKEN).any():
-            raise of_points(self.scene, self.sensor, columns)
+            raise points_error(self.scene, self.sensor, columns)
         if placing.added_m is not None:
             columns["xyz_m"] = columns["xyz_m"] + placing.added_m
         # The device hands on pulse numbers; times need float64, which only NumPy has here.
         pulse = columns["time_s"]
-        columns["time_s"] = now.time_s(pulse)
+        columns["time_s"] = frame.time_s(pulse)
         columns["sensor_index"] = np.broadcast_to(np.uint8(0), len(pulse))
-        for name, nothing in collect.ABSENT.items():
-            columns.setdefault(name, np.broadcast_to(nothing, len(pulse)))
+        for name, default in collect.ABSENT.items():
+            columns.setdefault(name, np.broadcast_to(default, len(pulse)))
         return pulse, columns
 
     def _on_device(self, part: Chunk, placing: Placing) -> tuple[dict[str, Any], int]:
-        """`collect.point_columns` of some pulses, and the number of their points."""
+        """`collect.point_columns` of the pulses of one part, on the device, and the number of their points."""
         lane_of = None if part.order is None else part.order.device_lane
         lane, stop, count = kept.kept_lanes(part.detection, lane_of, twice=part.twice)
         columns = collect.point_columns(
@@ -356,40 +371,81 @@ class Simulator:
         return columns, count
 
     def _surfaces(self, part: Chunk) -> dict[str, Numbers]:
-        """`collect.surface_columns` of a chunk; empty without any."""
-        found = collect.surface_columns(world=self.world, staged=part.staged(self.trace.rays), twice=part.twice)
-        if found is None:
+        """`collect.surface_columns` of one part in NumPy; empty without any surface."""
+        surfaces = collect.surface_columns(world=self.world, staged=part.staged(self.trace.rays), twice=part.twice)
+        if surfaces is None:
             return {}
-        columns, count = found
+        columns, count = surfaces
         return {name: values[:count] for name, values in transfer.fetch_columns(columns).items()}
 
-    def _frame(self, asked: FrameOptions) -> Frame:
-        now = Frame.of(self.scene, self.sensor, self.world, replace(asked, pose=asked.pose or self.pose))
-        self._check_clearance(now.place, now.start_s)
-        return now
+    def _frame(self, options: FrameOptions) -> Frame:
+        frame = Frame.from_options(
+            self.scene, self.sensor, self.world, replace(options, pose=options.pose or self.pose)
+        )
+        self._check_clearance(frame.place, frame.start_s)
+        return frame
 
     def _check_clearance(self, place: Pose, start_s: float) -> None:
-        """Raises InputError for a sensor on or in a surface."""
+        """Raise InputError for a sensor on or in a surface."""
         self.clearance.check(
             place.position_m, radius_m=float(self.sensor.housing_m), time_s=start_s, sensor=self.sensor.name
         )
 
-    def _description(self, now: Frame, asked: FrameOptions) -> dict[str, Any]:
+    def _description(self, frame: Frame, options: FrameOptions) -> dict[str, Any]:
         """Names and metadata of the frame's cloud."""
         return {
             "sensor_names": (self.sensor.name,),
             "body_names": self.world.body_names,
             "class_names": self.class_names,
             "material_names": self.world.material_names,
-            "metadata": metadata_of(self.scene, self.sensor, now, asked),
+            "metadata": _metadata(self.scene, self.sensor, frame, options),
         }
 
 
-def _asked(
+def _resolve_options(
     frame: FrameOptions | None, observers: Observers | None, options: Mapping[str, object]
 ) -> tuple[FrameOptions, Observers]:
-    """The frame that a call asks for, and who is told of it."""
+    """Frame options and observers of a call, with its keywords put in."""
     keywords = Keywords(options)
-    found = keywords.take(FrameOptions, frame), keywords.take(Observers, observers)
+    resolved = keywords.take(FrameOptions, frame), keywords.take(Observers, observers)
     keywords.end()
-    return found
+    return resolved
+
+
+def _metadata(scene: Scene, sensor: Sensor, frame: Frame, options: FrameOptions) -> dict[str, str]:
+    """Metadata of a frame's cloud: how it was made. The key `frame` holds the coordinates of its points."""
+    from .._version import __version__
+
+    metadata = {
+        "software": "lidarscene",
+        "version": __version__,
+        "scene": scene.name,
+        "sensor": sensor.name,
+        "seed": str(options.seed),
+        "intensity_unit": _intensity_unit(sensor),
+        "frame": options.coordinates,
+        "frame_number": str(frame.number),
+        "frame_start_s": repr(frame.start_s),
+        SENSOR_TO_WORLD: _text(np.column_stack([frame.place.rotation, frame.place.position_m])),
+    }
+    if frame.moves:
+        metadata["ego_motion"] = MOTION_KEPT
+    if options.coordinates != "sensor":
+        goal = frame.goal(options.coordinates)
+        metadata["sensor_position_m"] = _text(goal.position_m)
+        metadata["sensor_rotation"] = _text(goal.rotation)
+    return metadata
+
+
+def _intensity_unit(sensor: Sensor) -> str:
+    """Unit of the column `intensity`."""
+    if sensor.intensity is not None:
+        return {"range_corrected": "W", "reflectivity": "of 255"}[sensor.intensity.kind]
+    if sensor.histogram is not None:
+        return "photons"
+    return "A" if isinstance(sensor.detector, Apd) else "cells"
+
+
+def _text(values: Numbers) -> str:
+    """Numbers row by row, separated by spaces, in full precision."""
+    return " ".join(repr(float(x)) for x in values.ravel())

@@ -1,6 +1,4 @@
-"""Stages: the chain on the device, from pulse numbers to what the electronics report. Reads as the picture in
-docs/architecture.md.
-"""
+"""Stages: the chain on the device, from pulse numbers to what the electronics report, as in docs/architecture.md."""
 
 from __future__ import annotations
 
@@ -29,31 +27,31 @@ from ..maths.vectors import Vector
 from ..physics.optics import sunlight
 from ..scene.scene import Scene
 from ..sensor.model import Sensor
-from .chunk import Chunk, Lit, needed_of, numbers_of, of_light, without_continuing
+from .chunk import Chunk, OpticalChunk, drop_continuing, light_arrays, plain_numbers, truth_arrays
 from .frame import Frame, placements
-from .options import TraceOptions
-from .tiles import Pulses
+from .render_options import TraceOptions
+from .tiles import DevicePulses
 
 Places = Callable[[int], tuple[Placement, Moving | None]]
-"""Where the sensor and what moves are when pulses of so many rays leave, ray by ray; None: nothing moves."""
+"""Function of the rays of a pulse: placement of the sensor and of moving bodies (None: nothing moves) for each ray."""
 
-OfRays = Mapping[int, Any]
-"""By rays of a pulse, (n rays,) pulse of each ray, computed already."""
+RayPulses = Mapping[int, Any]
+"""Rays of a pulse -> (n rays,) pulse number of each ray, computed before."""
 
-NO_RAYS: OfRays = {}
+NO_RAYS: RayPulses = {}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stages:
-    """What the stages are made for; numbers are on the device, so that others compile nothing.
+    """World, sensor and light of the stages; numbers are on the device, so that other values compile nothing.
 
-    rays          of each pulse
+    rays          rays of each pulse
     interactions  panes and mirrors that a beam may meet
-    vectors       whether normals and velocities of surfaces are wanted
-    footprint     of the laser's rays
-    field         of the receiver's, over which the background is gathered, or None: what the laser's rays see
+    vectors       whether normals and velocities of surfaces are computed
+    footprint     footprint of the laser's rays
+    field         receiver's field of view, whose rays gather the background; None: the laser's rays do
     air           light of fog, rain and snow, or None
-    sun           unit vector towards it
+    sun           unit vector towards the sun
     """
 
     world: World
@@ -68,64 +66,66 @@ class Stages:
     sun: Any
 
     @classmethod
-    def of(cls, scene: Scene, sensor: Sensor, world: World, how: TraceOptions) -> Stages:
-        """For `Simulator`."""
+    def from_scene(cls, scene: Scene, sensor: Sensor, world: World, options: TraceOptions) -> Stages:
+        """Build for a scene, a sensor and the scene's compiled world."""
         ambient = ambient_of(scene, sensor)
         air = air_light(scene.air.weather, sensor, extinction_per_m=float(ambient.extinction_per_m))
-        field = None if how.background_rays is None else field_of_view(sensor, how.background_rays)
+        field = None if options.background_rays is None else field_of_view(sensor, options.background_rays)
         return cls(
             world=world,
-            rays=how.rays,
-            interactions=how.interactions,
-            vectors=how.vectors,
+            rays=options.rays,
+            interactions=options.interactions,
+            vectors=options.vectors,
             sensor=transfer.opaque(sensor),
             ambient=transfer.opaque(ambient),
-            footprint=transfer.opaque(footprint(sensor.laser, how.rays, sensor.optics.halo)),
+            footprint=transfer.opaque(footprint(sensor.laser, options.rays, sensor.optics.halo)),
             field=transfer.opaque(field),
             air=transfer.opaque(air),
-            sun=transfer.opaque(numbers_of(scene.sun.direction)),
+            sun=transfer.opaque(plain_numbers(scene.sun.direction)),
         )
 
-    def chain(self, places: Places, pulse: Array, seed: Lanes, *, survey: bool, of_rays: OfRays | None = None) -> Chunk:
+    def chain(
+        self, places: Places, pulse: Array, seed: Lanes, *, survey: bool, ray_pulses: RayPulses | None = None
+    ) -> Chunk:
         """Beams, hits, echoes, returns of some pulses, on the device.
 
-        survey   leave out the pulses that meet panes or mirrors, and say which these are
-        of_rays  `of_rays` of these pulses, where they are known
+        survey      leave out the pulses that meet panes or mirrors, and mark them in ``goes_on``
+        ray_pulses  `ray_pulses` of these pulses, if computed before
         """
-        sensor, lit = self.sensor, self._lit(places, pulse, seed, survey=survey, of_rays=of_rays or {})
+        sensor, lit = self.sensor, self._optical_stages(places, pulse, seed, survey=survey, ray_pulses=ray_pulses or {})
         # One echo at most, and a converter that keeps the first: detection has a closed form, and no search for peaks.
         if self.rays == len(lit.paths) == 1 and self.air is None and receivers.is_plain(sensor):
             detection = returns.detect(lit.light[0], sensor, seed=seed, pulse=pulse)
-            return without_continuing(pulse, lit.paths, detection, lit.goes_on)
-        whole = self._together(lit, seed)
+            return drop_continuing(pulse, lit.paths, detection, lit.goes_on)
+        whole = self._combine(lit, seed)
         goes_on = None if lit.goes_on is None else kept.any_of_pulse(lit.goes_on, self.rays)
-        return without_continuing(pulse, lit.paths, receivers.detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
+        return drop_continuing(pulse, lit.paths, receivers.detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
 
-    def pulse_train(self, now: Frame, pulses: Pulses, seed: Lanes) -> EchoTrain:
+    def pulse_train(self, frame: Frame, pulses: DevicePulses, seed: Lanes) -> EchoTrain:
         """All that comes back of some pulses, on the device."""
-        return self._together(self._lit(partial(now.placements, pulses.times), pulses.number, seed), seed)
+        return self._combine(self._optical_stages(partial(frame.placements, pulses.times), pulses.number, seed), seed)
 
-    def of_rays(self, pulse: Array) -> OfRays:
-        """The pulse of each ray, where pulses have several, by their number."""
+    def ray_pulses(self, pulse: Array) -> RayPulses:
+        """Pulse number of each ray, for every footprint with several rays to a pulse."""
         shapes = [self.footprint] if self.field is None else [self.footprint, self.field]
-        return {one.rays: transfer.repeat_lanes(pulse, one.rays)[0] for one in shapes if one.rays > 1}
+        return {shape.rays: transfer.repeat_lanes(pulse, shape.rays)[0] for shape in shapes if shape.rays > 1}
 
-    def _lit(
-        self, places: Places, pulse: Array, seed: Lanes, *, survey: bool = False, of_rays: OfRays = NO_RAYS
-    ) -> Lit:
-        """The optical stages: beams, hits, echoes."""
-        # The background may be gathered by rays of its own: the receiver can see more than the laser lights.
+    def _optical_stages(
+        self, places: Places, pulse: Array, seed: Lanes, *, survey: bool = False, ray_pulses: RayPulses = NO_RAYS
+    ) -> OpticalChunk:
+        """Run the optical stages: beams, hits, echoes."""
+        # The background may have rays of its own: the receiver can see more than the laser lights.
         background = None
         if self.field is not None:
-            background = self._background(places, pulse, seed, self.field, of_rays)
-        rays, paths = self._traced(places, pulse, seed, self.footprint, survey=survey, of_rays=of_rays)
-        light = echoes.with_all_background([echoes.receive(rays, one, self.sensor, self.ambient) for one in paths])
+            background = self._background(places, pulse, seed, self.field, ray_pulses)
+        rays, paths = self._trace_rays(places, pulse, seed, self.footprint, survey=survey, ray_pulses=ray_pulses)
+        light = echoes.with_all_background([echoes.receive(rays, hits, self.sensor, self.ambient) for hits in paths])
         if background is not None:
-            of_ray = background if self.rays == 1 else transfer.repeat_lanes(background, self.rays)[0]
-            light[0] = replace(light[0], background_power_w=of_ray)
-        return Lit(pulse, rays, paths, light, paths[0].goes_on)
+            ray_background = background if self.rays == 1 else transfer.repeat_lanes(background, self.rays)[0]
+            light[0] = replace(light[0], background_power_w=ray_background)
+        return OpticalChunk(pulse, rays, paths, light, paths[0].goes_on)
 
-    def _traced(
+    def _trace_rays(
         self,
         places: Places,
         pulse: Array,
@@ -133,16 +133,16 @@ class Stages:
         shape: Footprint,
         *,
         survey: bool = False,
-        of_rays: OfRays = NO_RAYS,
+        ray_pulses: RayPulses = NO_RAYS,
     ) -> tuple[Beams, Sequence[Hits]]:
-        """What the rays of a footprint meet, lane = pulse lane * its rays + ray."""
-        of_ray, ray = pulse, None
+        """Trace the rays of a footprint: beams and hits, lane = pulse lane * rays + ray."""
+        ray_pulse, ray = pulse, None
         if shape.rays > 1:
-            of_ray, ray = transfer.repeat_lanes(pulse, shape.rays)
-            of_ray = of_rays.get(shape.rays, of_ray)
+            ray_pulse, ray = transfer.repeat_lanes(pulse, shape.rays)
+            ray_pulse = ray_pulses.get(shape.rays, ray_pulse)
         place, movers = places(shape.rays)
         # `fire` gives the axis of each beam. The rays of a pulse share it, jitter included, and are spread around it.
-        axes = beams.fire(self.sensor, pulse=of_ray, origin_m=place.origin_m, rotation=place.rotation, seed=seed)
+        axes = beams.fire(self.sensor, pulse=ray_pulse, origin_m=place.origin_m, rotation=place.rotation, seed=seed)
         rays = axes if ray is None else spread(axes, shape, ray=ray, rotation=place.rotation)
         aimed = None
         # Only the laser's own rays can come back from a mirror; rays that gather background carry no pulse.
@@ -161,21 +161,21 @@ class Stages:
         )
         return rays, [_in_sensor(hits, place) for hits in paths]
 
-    def _background(self, places: Places, pulse: Array, seed: Lanes, shape: Footprint, of_rays: OfRays) -> Any:
-        """Of each pulse, gathered over the receiver's field of view."""
-        rays, paths = self._traced(places, pulse, seed, shape, of_rays=of_rays)
+    def _background(self, places: Places, pulse: Array, seed: Lanes, shape: Footprint, ray_pulses: RayPulses) -> Any:
+        """Background power of each pulse [W], (n,), gathered over the receiver's field of view."""
+        rays, paths = self._trace_rays(places, pulse, seed, shape, ray_pulses=ray_pulses)
         power = background_power_w(rays, paths, self.sensor, self.ambient, count=shape.rays)
         # A kernel of its own, or these rays would be traced again wherever the power is used.
         transfer.start([power])
         return power
 
-    def _together(self, lit: Lit, seed: Lanes) -> EchoTrain:
-        """All that comes back of each pulse, with the light of the air."""
+    def _combine(self, lit: OpticalChunk, seed: Lanes) -> EchoTrain:
+        """Join the echoes of all rays and paths, and the light of the air, by pulse."""
         # Lanes of rays are traced in a kernel of their own, before they come together in their pulses.
         transfer.start(
             [
-                *(array for one in lit.light for array in of_light(one)),
-                *(one for hits in lit.paths for one in needed_of(hits)),
+                *(array for path_light in lit.light for array in light_arrays(path_light)),
+                *(array for hits in lit.paths for array in truth_arrays(hits)),
                 *([] if lit.goes_on is None else [lit.goes_on]),
             ]
         )
@@ -186,16 +186,16 @@ class Stages:
 
 
 def _in_sensor(hits: Hits, place: Placement) -> Hits:
-    """The hits, with their vectors in the sensor's axes: where it is when the pulse leaves, as points are measured."""
+    """Rotate normals and velocities of hits into the sensor's axes at the time when the pulse leaves."""
     if hits.normal is None or hits.velocity_m_s is None:
         return hits
     return replace(hits, normal=place.vector_within(hits.normal), velocity_m_s=place.vector_within(hits.velocity_m_s))
 
 
 class Chain:
-    """`Stages.chain` for the pulses of frames, started; written down for the device but once where that may be.
+    """`Stages.chain` as a callable that starts the kernels; traced by Dr.Jit once and replayed for later chunks.
 
-    repeats  tests set it to False, for frames to compare with
+    repeats  tests set it to False, for frames without replay to compare with
     """
 
     repeats = True
@@ -204,37 +204,37 @@ class Chain:
         self._stages = stages
         self._replays: dict[tuple[bool, ...], Replay] = {}
 
-    def __call__(self, now: Frame, pulses: Pulses, seed: Lanes, *, survey: bool = False) -> Chunk:
-        """Some pulses of a frame."""
+    def __call__(self, frame: Frame, pulses: DevicePulses, seed: Lanes, *, survey: bool = False) -> Chunk:
+        """Start the stages for some pulses of a frame."""
         pulse = pulses.number
         if self.repeats:
-            # A recording takes arrays only, so the paths of what moves go in as their parts.
+            # A recording takes arrays only, so `Paths` goes in as its parts and is built again inside.
             moving = (
                 ()
-                if now.paths is None
-                else (now.paths.table, now.paths.rate_hz, now.paths.last, now.paths.boxes_m, pulses.times())
+                if frame.paths is None
+                else (frame.paths.table, frame.paths.rate_hz, frame.paths.last, frame.paths.boxes_m, pulses.times())
             )
-            place = now.origin.origin_m, now.origin.rotation
+            place = frame.origin.origin_m, frame.origin.rotation
             # Dr.Jit launches a kernel for as many lanes as its inputs have. Of several rays to a pulse these would be
             # the pulses' own: a recording would keep the number of rays that it was made with. So the rays are counted
             # before it, and an input of their kernel has an element for each.
-            of_rays = dict(self._stages.of_rays(pulse))
-            transfer.start([*of_rays.values()])
-            repeated: Chunk = self._replay(now, survey)(pulse, seed, place, moving, of_rays)
+            ray_pulses = dict(self._stages.ray_pulses(pulse))
+            transfer.start([*ray_pulses.values()])
+            repeated: Chunk = self._replay(frame, survey)(pulse, seed, place, moving, ray_pulses)
             return repeated
-        part = self._stages.chain(partial(now.placements, pulses.times), pulse, seed, survey=survey)
+        part = self._stages.chain(partial(frame.placements, pulses.times), pulse, seed, survey=survey)
         transfer.start(part.arrays())
         return part
 
     @property
     def recordings(self) -> list[int]:
-        """How often the stages were written down, each way that they are needed."""
-        return [one.recordings for one in self._replays.values()]
+        """Number of recordings of each variant of the stages (tests expect one of each)."""
+        return [replay.recordings for replay in self._replays.values()]
 
-    def _replay(self, now: Frame, survey: bool) -> Replay:
-        """The stages, written down for a sensor that moves or not among bodies that do or do not."""
-        # What chooses code is part of the key: each of these kinds is recorded for itself.
-        moves, count = now.moves, 0 if now.paths is None else now.paths.count
+    def _replay(self, frame: Frame, survey: bool) -> Replay:
+        """Replay of the stages for this variant: with survey or without, sensor and bodies at rest or moving."""
+        # All that chooses code is part of the key: each variant has its own recording.
+        moves, count = frame.moves, 0 if frame.paths is None else frame.paths.count
         key = survey, moves, count > 0
         if key not in self._replays:
             stages = self._stages
@@ -244,7 +244,7 @@ class Chain:
                 seed: Lanes,
                 place: tuple[Vector, tuple[Lanes, ...]],
                 moving: tuple[Any, ...],
-                of_rays: OfRays,
+                ray_pulses: RayPulses,
             ) -> Chunk:
                 paths, times = None, None
                 if moving:
@@ -254,10 +254,10 @@ class Chain:
                 origin = Placement(origin_m=origin_m, rotation=rotation)
 
                 def places(rays: int) -> tuple[Placement, Moving | None]:
-                    own = times if times is None or rays == 1 else transfer.repeat_lanes(times, rays)[0]
-                    return placements(origin, paths, own, moves=moves)
+                    ray_times = times if times is None or rays == 1 else transfer.repeat_lanes(times, rays)[0]
+                    return placements(origin, paths, ray_times, moves=moves)
 
-                return stages.chain(places, pulse, seed, survey=survey, of_rays=of_rays)
+                return stages.chain(places, pulse, seed, survey=survey, ray_pulses=ray_pulses)
 
             held = (stages.sensor, stages.ambient, stages.footprint, stages.field, stages.air, stages.sun, stages.world)
             self._replays[key] = Replay(chain, Chunk.arrays, captured=held, rays=stages.rays)
@@ -265,7 +265,7 @@ class Chain:
 
 
 def ambient_of(scene: Scene, sensor: Sensor) -> Ambient:
-    """Light and air of a scene in a sensor's band."""
+    """Ambient light and air of a scene in the sensor's band."""
     sun = sunlight.sun_irradiance_w_m2(
         irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2, illuminance_klux=scene.sun.illuminance_klux
     )
@@ -276,7 +276,7 @@ def ambient_of(scene: Scene, sensor: Sensor) -> Ambient:
         ),
         transmittance=scene.air.transmittance,
         extinction_per_m=scene.air.extinction_at_per_m(sensor.laser.wavelength_m),
-        sun_direction=numbers_of(scene.sun.direction),
+        sun_direction=plain_numbers(scene.sun.direction),
         lamps_w_m2=scene.lamps_w_m2 or None,
         interferers=scene.interferers,
     )

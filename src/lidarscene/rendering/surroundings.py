@@ -1,8 +1,8 @@
-"""Surroundings: one line on a scene and on how the sensor stands in it, and what is odd about that.
+"""Surroundings: one line on a scene and on the sensor's place in it, and warnings of likely mistakes.
 
 A sensor under the road, a mesh in millimetres or a sun of 500 klux renders without complaint, into a cloud that is
-empty or wrong. Boxes and two rays tell most of these mistakes before anything is traced. Each is one line that says
-what to do; none is refused, since a scene may be meant so.
+empty or wrong. Bounding boxes and two rays reveal most of these mistakes before anything is traced. Each gives a
+one-line warning with its remedy; none is refused, since the scene may be intended.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ CLEAREST_M = 300e3
 class Surroundings:
     """A scene around one sensor, as a frame begins.
 
-    scene      its name
-    extent_m   (3,) of all bodies together; None without any
-    bodies     how many there are
-    triangles  of all of them
-    base       whether there is a Mitsuba scene too, whose shapes are not known here
-    around     what is around the sensor
-    doubts     what is odd, a warning each
+    scene      name of the scene
+    extent_m   (3,) edges of the box around all bodies; None without any
+    bodies     number of bodies
+    triangles  number of triangles of all bodies
+    base       whether there is a Mitsuba scene too, whose shapes are not examined
+    around     nearest surfaces around the sensor
+    doubts     warnings of likely mistakes
     """
 
     scene: str
@@ -60,8 +60,12 @@ class Surroundings:
     doubts: tuple[OptionWarning, ...]
 
     @classmethod
-    def of(cls, scene: Scene, sensor: Sensor, place_m: Numbers, *, time_s: float, clearance: Clearance) -> Self:
-        """Of a sensor at a place in the world, at a time of the scene's motions; ``clearance`` is the scene's."""
+    def inspect(cls, scene: Scene, sensor: Sensor, place_m: Numbers, *, time_s: float, clearance: Clearance) -> Self:
+        """Examine the surroundings of a sensor at a place in the world, at a time of the scene's motions.
+
+        place_m    (3,) position of the sensor
+        clearance  `Clearance` of the scene
+        """
         around = clearance.around_place(place_m, time_s=time_s)
         corners = clearance.corners(time_s=time_s)
         return cls(
@@ -74,28 +78,28 @@ class Surroundings:
             base=scene.base is not None,
             around=around,
             doubts=(
-                *_of_light(scene),
-                *_of_sizes(clearance),
-                *_of_place(sensor, around, place_m, alone=scene.base is None),
+                *_light_doubts(scene),
+                *_size_doubts(clearance),
+                *_place_doubts(sensor, around, place_m, alone=scene.base is None),
             ),
         )
 
     def line(self) -> str:
-        """For people."""
-        parts = [] if self.extent_m is None else [f"{_by(self.extent_m)} m"]
+        """One line of text."""
+        parts = [] if self.extent_m is None else [f"{_dimensions(self.extent_m)} m"]
         parts += [f"{self.bodies:,} {'body' if self.bodies == 1 else 'bodies'}", f"{self.triangles:,} triangles"]
         if self.base:
             parts.append("and those of its Mitsuba scene")
         near, below = self.around.nearest, self.around.below
-        where = [f"{_m(below.distance_m)} m above '{below.body}'"] if below.body else []
+        where = [f"{_metres(below.distance_m)} m above '{below.body}'"] if below.body else []
         if near.body and near.distance_m < 0.99 * below.distance_m:
-            where.append(f"{_m(near.distance_m)} m off '{near.body}'")
+            where.append(f"{_metres(near.distance_m)} m off '{near.body}'")
         where += ["the nearest surface"] if near.body else []
         sensor = f"; sensor {', '.join(where)}" if where else ""
         return f"{self.scene}: {', '.join(parts)}{sensor}"
 
     def as_dict(self) -> dict[str, object]:
-        """For machines; None where there is nothing."""
+        """Entries for JSON; None where there is no body."""
         near, below = self.around.nearest, self.around.below
         return {
             "name": self.scene,
@@ -110,19 +114,21 @@ class Surroundings:
 
 
 def surroundings_of(simulator: Simulator, *, begin_s: float = 0.0) -> Surroundings:
-    """Of a simulator's scene and sensor, as its first frame begins."""
+    """Surroundings of a simulator's sensor in its scene, as its first frame begins."""
     place_m = pose_at(simulator.motion, begin_s).position_m
-    return Surroundings.of(simulator.scene, simulator.sensor, place_m, time_s=begin_s, clearance=simulator.clearance)
+    return Surroundings.inspect(
+        simulator.scene, simulator.sensor, place_m, time_s=begin_s, clearance=simulator.clearance
+    )
 
 
-def warn_of_surroundings(found: Sequence[Surroundings]) -> None:
-    """Each doubt once."""
-    for doubt in {str(doubt): doubt for one in found for doubt in one.doubts}.values():
+def warn_of_surroundings(sensors: Sequence[Surroundings]) -> None:
+    """Issue each doubt of these sensors once, as a warning."""
+    for doubt in {str(doubt): doubt for surroundings in sensors for doubt in surroundings.doubts}.values():
         warnings.warn(doubt, stacklevel=3)
 
 
-def _of_light(scene: Scene) -> Iterator[OptionWarning]:
-    """Suns that no sky has, and air that is too clear."""
+def _light_doubts(scene: Scene) -> Iterator[OptionWarning]:
+    """Warn of a sun that no sky has, and of air that is too clear."""
     klux, sun = scene.sun.illuminance_klux, scene.sun
     if klux > SUN_KLUX:
         yield OptionWarning(
@@ -149,8 +155,8 @@ def _of_light(scene: Scene) -> Iterator[OptionWarning]:
         )
 
 
-def _of_sizes(clearance: Clearance) -> Iterator[OptionWarning]:
-    """Bodies a thousand times too large or too small."""
+def _size_doubts(clearance: Clearance) -> Iterator[OptionWarning]:
+    """Warn of bodies a thousand times too large or too small."""
     sizes = np.ptp(clearance.boxes, axis=1)
     for wrong, unit, scale in (
         (sizes.min(axis=1, initial=np.inf) > LARGEST_BODY_M, "the millimetre", 0.001),
@@ -163,21 +169,21 @@ def _of_sizes(clearance: Clearance) -> Iterator[OptionWarning]:
                 "({scene_overrides} bodies.{5}.scale=...)",
                 name,
                 f" (and {more} more)" if more else "",
-                _by(sizes[number]),
+                _dimensions(sizes[number]),
                 unit,
                 scale,
                 name.partition(".")[0],
             )
 
 
-def _of_place(sensor: Sensor, around: Surrounding, place_m: Numbers, *, alone: bool) -> Iterator[OptionWarning]:
-    """A sensor inside, below or far from everything; of far and below only if all shapes are known (``alone``)."""
-    at = f"sensor '{sensor.name}' at ({', '.join(f'{x:g}' for x in np.round(place_m, 3) + 0.0)})"
+def _place_doubts(sensor: Sensor, around: Surrounding, place_m: Numbers, *, alone: bool) -> Iterator[OptionWarning]:
+    """Warn of a sensor inside, below or far from all bodies; the last two only if ``alone``: no Mitsuba scene."""
+    location = f"sensor '{sensor.name}' at ({', '.join(f'{x:g}' for x in np.round(place_m, 3) + 0.0)})"
     if around.within is not None:
         yield OptionWarning(
             "{0} is inside '{1}', which is closed all around it: unless that is a room, give {pose} or position_m "
             "outside",
-            at,
+            location,
             around.within,
         )
     if not alone or not around.nearest.body:
@@ -186,8 +192,8 @@ def _of_place(sensor: Sensor, around: Surrounding, place_m: Numbers, *, alone: b
         yield OptionWarning(
             "{0} is {1} m below '{2}', with nothing under it: if that is the ground, raise the sensor by {pose} or "
             "position_m to z above {3:.4g}",
-            at,
-            _m(around.above.distance_m),
+            location,
+            _metres(around.above.distance_m),
             around.above.body,
             place_m[2] + around.above.distance_m,
         )
@@ -196,18 +202,18 @@ def _of_place(sensor: Sensor, around: Surrounding, place_m: Numbers, *, alone: b
         yield OptionWarning(
             "{0} is {1} m off the nearest surface, '{2}', and listens for {3} m: check the unit of position_m, "
             "and of the meshes (bodies.*.scale)",
-            at,
-            _m(around.nearest.distance_m),
+            location,
+            _metres(around.nearest.distance_m),
             around.nearest.body,
-            _m(reach_m),
+            _metres(reach_m),
         )
 
 
-def _by(sizes: Numbers) -> str:
-    """Lengths of a box."""
-    return " x ".join(map(_m, sizes))
+def _dimensions(sizes: Numbers) -> str:
+    """Text of the edge lengths of a box."""
+    return " x ".join(map(_metres, sizes))
 
 
-def _m(length_m: float) -> str:
-    """To three digits."""
+def _metres(length_m: float) -> str:
+    """Text of a length to three digits."""
     return f"{length_m:,.0f}" if length_m >= 100.0 else f"{length_m:.3g}"

@@ -1,8 +1,8 @@
-"""Tiles: in which order the pulses of a chunk are traced, so that rays traced together are neighbours both ways.
+"""Tiles: the order in which the pulses of a chunk are traced, so that rays traced together are neighbours both ways.
 
-The CPU traces eight rays at a time. Eight that follow each other in firing order lie in a row: those of a line run
-along many surfaces, those of a bank of lasers spread over its whole field. Eight in a block share more of what they
-meet (docs/architecture.md). Only the order in which pulses are computed changes; points leave in firing order.
+The CPU traces eight rays at a time. Eight consecutive pulses lie in a row: those of a line run along many surfaces,
+those of a bank of lasers spread over its whole field. Eight in a block meet more of the same surfaces
+(docs/architecture.md). Only the order in which pulses are computed changes; points leave in firing order.
 """
 
 from __future__ import annotations
@@ -29,24 +29,24 @@ LONGEST = 2**20
 """Rays of the longest band: chunks are no shorter, and would no longer bound the memory."""
 
 FEWEST = 2**11
-"""Pulses of a frame that is worth it; a shorter one is done in a moment, in whatever order."""
+"""Least pulses of a frame that is tiled; a shorter one takes no time in any order."""
 
 HEIGHT = 8
-"""Lines of a tile, of which a packet takes as many as its width leaves it."""
+"""Scan lines of a tile; a packet of width w spans PACKET / w of them."""
 
 UPRIGHT = 1.1
-"""How much more an angle across counts than one upwards."""
+"""Weight of a horizontal angle relative to a vertical one in the girth of a packet."""
 
-KEPT = 2
-"""Chunks whose order and times are kept: frames have chunks of two sizes at most, and mostly one chunk."""
+CACHED = 2
+"""Chunks whose order and times are cached: frames have chunks of two sizes at most, and mostly one chunk."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tiling:
-    """How the scan lines of a scanner are cut up.
+    """Division of a scanner's lines into tiles.
 
     line   pulses of a line
-    along  (2, line) places in a line from one end of its directions to the other, of even and of odd lines
+    along  (2, line) indices that sort a line by direction, for even and for odd lines
     width  pulses of a tile along the line
     """
 
@@ -55,8 +55,8 @@ class Tiling:
     width: int
 
     @classmethod
-    def of(cls, scanner: Scanner) -> Tiling | None:
-        """None where pulses follow no lines that lie side by side, or where these are too few or too long."""
+    def from_scanner(cls, scanner: Scanner) -> Tiling | None:
+        """Choose the tiles of a scanner; None without adjacent scan lines, or if these are too few or too long."""
         line = scanner.line_pulses
         if line is None or scanner.pulses < max(HEIGHT * line, FEWEST) or 2 * HEIGHT * line > LONGEST:
             return None
@@ -66,16 +66,17 @@ class Tiling:
         axis = int(np.ptp(direction[0], axis=0).argmax())
         along = np.argsort(direction[:, :, axis], axis=1, kind="stable")
         lines = np.take_along_axis(direction, along[:, :, None], axis=1)
-        # Of two shapes with the same girth the upright one has more in common: walls and posts stand, streets are long.
-        beside = _typical_angle(lines[0, :-1], lines[0, 1:]) * (1.0 / UPRIGHT if axis == 2 else UPRIGHT)
-        below = _typical_angle(lines[0], lines[1])
+        # The packet with the least girth. Of two with the same girth the upright one meets fewer surfaces: walls and
+        # posts stand.
+        in_line = _typical_angle(lines[0, :-1], lines[0, 1:]) * (1.0 / UPRIGHT if axis == 2 else UPRIGHT)
+        between_lines = _typical_angle(lines[0], lines[1])
         widths = [width for width in (1, 2, 4, 8) if width <= line]
-        width = min(widths, key=lambda width: width * beside + PACKET // width * below)
+        width = min(widths, key=lambda width: width * in_line + PACKET // width * between_lines)
         return cls(line, along, width)
 
     @property
     def band(self) -> int:
-        """Pulses of a row of tiles; chunks of a multiple of it are cut alike."""
+        """Pulses of a row of tiles; chunks of a multiple of it are divided alike."""
         return HEIGHT * self.line
 
     @property
@@ -84,7 +85,7 @@ class Tiling:
         return math.lcm(self.band, LANES)
 
     def order(self, count: int) -> Numbers:
-        """(count,) uint32 pulses, from the first of a line on, tile by tile; what fills no band stays as it is."""
+        """Pulse numbers tile by tile, (count,) uint32, from the start of a line on; pulses that fill no band follow."""
         bands = count // self.band
         grid = np.arange(bands * self.band, dtype=np.uint32).reshape(bands, HEIGHT, self.line)
         for parity in (0, 1):
@@ -95,25 +96,25 @@ class Tiling:
             tiles.swapaxes(1, 2).reshape(bands, HEIGHT * whole),
             grid[:, :, whole:].reshape(bands, self.band - HEIGHT * whole),
         ]
-        rest = np.arange(bands * self.band, count, dtype=np.uint32)
-        return np.concatenate([np.concatenate(parts, axis=1).ravel(), rest])
+        remainder = np.arange(bands * self.band, count, dtype=np.uint32)
+        return np.concatenate([np.concatenate(parts, axis=1).ravel(), remainder])
 
 
-def _typical_angle(one: Numbers, other: Numbers) -> float:
-    """Between unit vectors, the median."""
-    if not len(one):
+def _typical_angle(first: Numbers, second: Numbers) -> float:
+    """Median angle between unit vectors [rad], both (n, 3); the chord, which is the angle for small ones."""
+    if not len(first):
         return 0.0
     # numpy.median would import numpy.ma, which takes longer than all of this.
-    apart = np.sort(np.linalg.norm(np.asarray(one, np.float64) - other, axis=-1), axis=None)
+    apart = np.sort(np.linalg.norm(np.asarray(first, np.float64) - second, axis=-1), axis=None)
     return float(apart[(len(apart) - 1) // 2] + apart[len(apart) // 2]) / 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Order:
-    """In which order the pulses of a chunk are on the lanes.
+    """Permutation between pulse order and lanes of a chunk.
 
-    pulse          (n,) uint32, of each lane, from the chunk's first one
-    lane           (n,) uint32, of each pulse
+    pulse  (n,) uint32 pulse of each lane, counted from the chunk's first
+    lane   (n,) uint32 lane of each pulse, the inverse
     device_pulse, device_lane  the same, on the device
     """
 
@@ -123,23 +124,23 @@ class Order:
     device_lane: Any
 
     @classmethod
-    def of(cls, pulse: Numbers) -> Order:
-        """From the pulses of the lanes."""
+    def from_pulses(cls, pulse: Numbers) -> Order:
+        """Build from the pulse of each lane."""
         lane = inverse(pulse)
         return cls(pulse, lane, transfer.unsigned_numbers(pulse), transfer.unsigned_numbers(lane))
 
     def on_device(self, first: int) -> Any:
-        """(n,) pulse numbers of the lanes of a chunk whose first one is given."""
+        """Pulse numbers of the lanes, (n,) on the device, of a chunk that begins at pulse ``first``."""
         return self.device_pulse + transfer.opaque_uint32(first)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pulses:
+class DevicePulses:
     """Some pulses of a frame, on the device.
 
-    number  (n,) UInt32, one for each lane
-    times   gives (n,) when they leave, in seconds after the frame's first one; asked for where something moves
-    order   of the lanes; None: that of the numbers
+    number  (n,) UInt32 pulse number of each lane
+    times   gives the times (n,) at which they leave [s] after the frame's first; called only where something moves
+    order   permutation of the lanes; None: lanes in the order of numbers
     """
 
     number: Any
@@ -148,41 +149,41 @@ class Pulses:
 
 
 class Numbering:
-    """The pulses of each chunk, and what of them is the same in every frame: kept for the last `KEPT` chunks."""
+    """Pulses of each chunk; their order and times, the same in every frame, are cached for `CACHED` chunks."""
 
     def __init__(self, scanner: Scanner, *, tiled: bool) -> None:
-        self._tiling = Tiling.of(scanner) if tiled else None
+        self._tiling = Tiling.from_scanner(scanner) if tiled else None
         self._orders: dict[int, Order] = {}
         self._times: dict[tuple[int, int], Any] = {}
 
     @property
     def step(self) -> int:
-        """Chunks of a multiple of it are traced alike."""
+        """Pulses of which chunks should be a multiple, to be traced alike."""
         return LANES if self._tiling is None else self._tiling.step
 
-    def pulses(self, now: Frame, first: int, count: int) -> Pulses:
-        """Of a chunk of a frame, from its first number on."""
+    def pulses(self, frame: Frame, first: int, count: int) -> DevicePulses:
+        """Pulses of a chunk of a frame: ``count`` from number ``first`` on."""
         order = self.order_of(count)
 
         def times() -> Any:
-            key = first - now.first_pulse, count
+            key = first - frame.first_pulse, count
             if key not in self._times:
                 place = np.arange(count, dtype=np.uint32) if order is None else order.pulse
-                self._times = _kept(self._times, key, now.times(place + np.uint32(first)))
+                self._times = _with_entry(self._times, key, frame.times(place + np.uint32(first)))
             return self._times[key]
 
         number = transfer.counter(first, count) if order is None else order.on_device(first)
-        return Pulses(number, times, order)
+        return DevicePulses(number, times, order)
 
     def order_of(self, count: int) -> Order | None:
-        """Of a chunk of so many pulses; None: that of their numbers."""
+        """Order of the lanes of a chunk of ``count`` pulses; None: in the order of numbers."""
         if self._tiling is None:
             return None
         if count not in self._orders:
-            self._orders = _kept(self._orders, count, Order.of(self._tiling.order(count)))
+            self._orders = _with_entry(self._orders, count, Order.from_pulses(self._tiling.order(count)))
         return self._orders[count]
 
 
-def _kept(known: dict[Any, Any], key: Any, value: Any) -> dict[Any, Any]:
-    """With this entry, and of the others those that came last: `KEPT` in all."""
-    return dict([*known.items()][1 - KEPT :]) | {key: value}
+def _with_entry(cache: dict[Any, Any], key: Any, value: Any) -> dict[Any, Any]:
+    """Copy of a cache with this entry added; of the others the latest stay, `CACHED` in all."""
+    return dict([*cache.items()][1 - CACHED :]) | {key: value}

@@ -6,7 +6,7 @@ import dataclasses
 from typing import NamedTuple
 
 from ..errors import InputError
-from ..rendering.options import FrameOptions, TraceOptions
+from ..rendering.render_options import FrameOptions, TraceOptions
 from ..scene.scene import Scene
 from ..scene.weather import Weather
 from .controls import Control, Settings, number_of

@@ -28,7 +28,7 @@ from ..maths.trajectory import Riding, pose_at
 from ..recordings.as_cloud import cloud_of
 from ..recordings.recording import Recording
 from ..rendering.frame import LARGEST_FLOAT32_M, Frame
-from ..rendering.options import FrameOptions, TraceOptions
+from ..rendering.render_options import FrameOptions, TraceOptions
 from ..rendering.simulator import Simulator, Summary
 from ..rendering.stages import ambient_of
 from ..scene.scene import Scene
@@ -357,7 +357,7 @@ class Live:
     def _light(self, simulator: Simulator, cloud: PointCloud, ambient: Ambient, frame: FrameOptions) -> Echoes:
         """Light on the detector for the pulse of each point, traced once more."""
         scene, sensor, world = simulator.scene, simulator.sensor, simulator.world
-        timed_frame = Frame.of(scene, sensor, world, frame)
+        timed_frame = Frame.from_options(scene, sensor, world, frame)
         count = sensor.scanner.pulses
         numbers = np.arange(timed_frame.first_pulse, timed_frame.first_pulse + count, dtype=np.uint32)
         light = light_of(

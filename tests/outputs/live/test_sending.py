@@ -15,7 +15,7 @@ from lidarscene.formats.packets.firings import Firings, FiringsBuilder
 from lidarscene.formats.packets.layouts import VELODYNE_PACKET
 from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.outputs.live.sending import AHEAD, MotionEnded, Sent, frames_of, send_frames, udp
-from lidarscene.rendering.options import FrameOptions
+from lidarscene.rendering.render_options import FrameOptions
 from lidarscene.sensor.catalogue import load_sensor
 
 SENSOR = load_sensor("vlp-16")
@@ -55,7 +55,7 @@ def sent_of(frames: Iterator[Firings], send: Callable[[bytes], Any], **options: 
 def test_every_packet_is_sent_in_order_with_the_time_it_leaves() -> None:
     payloads: list[bytes] = []
     clock, told = Clock(), list[str]()
-    done = sent_of(firings(4), payloads.append, clock=clock, told=told.append)
+    done = sent_of(firings(4), payloads.append, clock=clock, report=told.append)
     packets = np.frombuffer(b"".join(payloads), VELODYNE_PACKET)
     assert done.packets == len(packets) == -(-4 * SENSOR.scanner.cycles // 24)
     assert (len(done.late_s), max(done.late_s), done.ended, told) == (4, pytest.approx(0.0), "", [])
@@ -82,7 +82,7 @@ def test_frames_that_come_too_late_are_told_with_counts() -> None:
     def send(_: bytes) -> None:
         clock.at_s += 0.005
 
-    done = sent_of(firings(12), send, clock=clock, told=told.append)
+    done = sent_of(firings(12), send, clock=clock, report=told.append)
     assert done.packets == -(-12 * SENSOR.scanner.cycles // 24)
     assert all(late > 0.01 for late in done.late_s)
     assert told[0] == f"{done.late_s[0]:.3g} s behind after 1 frames, of which 1 ended late"

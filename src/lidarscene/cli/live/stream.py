@@ -10,8 +10,8 @@ from typing import Any
 
 from ...errors import InputError
 from ...formats.registry import PACKETS
-from ...outputs.options import FRAMES
-from ...rendering.options import MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
+from ...outputs.output_options import FRAMES
+from ...rendering.render_options import MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
 from ..words import number as seconds
 from ..words import pose, whole
 
@@ -111,20 +111,20 @@ def stream_text(arguments: argparse.Namespace) -> str:
     with udp(host, port) as send:
         scene = load_scene(arguments.scene, overrides=arguments.scene_overrides)
         sensor = load_sensor(arguments.sensor or scene.sensor_name, overrides=arguments.overrides)
-        maker = select_encoder(sensor, PACKETS[arguments.format].profile or "")
+        encoder = select_encoder(sensor, PACKETS[arguments.format].profile or "")
         if arguments.metadata is not None:
-            if maker.description is None:
+            if encoder.description is None:
                 raise InputError(f"--metadata: sensor '{sensor.name}' has none; an Ouster has")
             ports = {"udp_port_lidar": port, "udp_port_imu": port + 1}
-            put_text(arguments.metadata, json.dumps(json.loads(maker.description[0]) | ports, indent=1))
+            put_text(arguments.metadata, json.dumps(json.loads(encoder.description[0]) | ports, indent=1))
         simulator = Simulator(scene, sensor, trace, pose=arguments.pose)
         if arguments.frames is not None:
             simulator.check_frames(range(arguments.frames), begin_s=arguments.begin)
         sys.stdout.write(f"{sensor.name} in {scene.name} to {host}:{port} (Ctrl-C ends)\n")
         sys.stdout.flush()
-        frames = frames_of(simulator, frame, needs_ambient=maker.needs_ambient, frames=arguments.frames)
+        frames = frames_of(simulator, frame, needs_ambient=encoder.needs_ambient, frames=arguments.frames)
         frame_s = sensor.scanner.frame_s
-        return send_frames(frames, maker, send, frame_s=frame_s, rate_hz=arguments.rate, told=_tell).as_text()
+        return send_frames(frames, encoder, send, frame_s=frame_s, rate_hz=arguments.rate, report=_tell).as_text()
 
 
 def _tell(line: str) -> None:

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...rendering.options import SEEDS
+from ...rendering.render_options import SEEDS
 from ..words import whole
 
 if TYPE_CHECKING:

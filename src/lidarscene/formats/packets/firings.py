@@ -94,7 +94,7 @@ class FiringsBuilder:
             array[firing[second], laser[second], 1] = new_values[second]
 
     def ambient(self, pulse: Numbers, counts: Numbers) -> None:
-        """Add the background of every pulse: an observer of `rendering.options.Observers`."""
+        """Add the background of every pulse: an observer of `rendering.render_options.Observers`."""
         within = pulse.astype(np.int64) - self._number * self._scanner.pulses
         self._ambient[within // self._scanner.lasers, self._lasers[within % self._scanner.lasers]] = counts
 

@@ -1,5 +1,5 @@
-"""A sensor that sends while the world moves: packets over UDP, in real time.
+"""Packets over UDP in real time, as a sensor sends them while the world moves.
 
-pacing   when each packet is due, and what is done when it is late
-sending  frames computed ahead, in the order in which they are sent
+pacing   `Pacer`: sends each packet at its time, and late ones faster
+sending  `send_frames`: frames rendered ahead in one thread, sent in another
 """

@@ -12,10 +12,10 @@ import numpy as np
 from ...formats.packets.layouts import Packet
 
 LATE_S = 0.01
-"""A frame whose last packet leaves later than this is told."""
+"""A frame whose last packet leaves later than this counts as late."""
 
 HURRY = 0.5
-"""Least gap between packets that are late, of the gap that they should have: a reader's buffer is not flooded."""
+"""Least gap between late packets, relative to their right gap: a reader's buffer is not flooded."""
 
 
 class Clock(Protocol):
@@ -28,53 +28,53 @@ class Clock(Protocol):
         """Seconds since 1970."""
 
     def wait(self, seconds: float) -> None:
-        """Until they are over, or less where `stop` was called."""
+        """Wait this long, or until `stop` is called."""
 
     def stop(self) -> None:
         """End all waiting."""
 
     @property
     def stopped(self) -> bool:
-        """Whether it was stopped."""
+        """Whether `stop` was called."""
 
 
 class RealClock:
-    """The machine's own."""
+    """The machine's clock."""
 
     def __init__(self) -> None:
         self._event = threading.Event()
 
     def now_s(self) -> float:
-        """Monotonic."""
+        """Seconds of the monotonic clock."""
         return time.monotonic()
 
     def epoch_s(self) -> float:
-        """Of the system."""
+        """Seconds since 1970 by the system's clock."""
         return time.time()
 
     def wait(self, seconds: float) -> None:
-        """Ends at once when stopped."""
+        """Wait this long; returns at once when stopped."""
         self._event.wait(seconds)
 
     def stop(self) -> None:
-        """For every thread."""
+        """End the waiting of every thread."""
         self._event.set()
 
     @property
     def stopped(self) -> bool:
-        """Whether it was stopped."""
+        """Whether `stop` was called."""
         return self._event.is_set()
 
 
 class Pacer:
     """Sends packets at their times.
 
-    send      takes a packet's payload
-    clock     that says when
-    begin_s   by the clock, when a packet of the time ``first_s`` is due
+    send      function that sends a packet's payload
+    clock     clock to wait by
+    begin_s   time of the clock at which a packet of the time ``first_s`` is due
     slowness  seconds of the clock for a second of the packets' times: 1 is real time
 
-    packets, late_s  how many were sent, and how late each frame ended
+    packets, late_s  number of packets sent, and delay of the end of each frame [s]
     """
 
     def __init__(
@@ -87,13 +87,13 @@ class Pacer:
         self.late_s: list[float] = []
 
     def frame(self, packets: Sequence[Packet], *, is_frame: bool = True) -> None:
-        """Send these, one after the other; where the clock is stopped the rest is left.
+        """Send the packets of a frame, each at its time; returns early where the clock is stopped.
 
-        is_frame  whether they are counted as one
+        is_frame  whether ``late_s`` gets an entry for them
         """
         for packet in packets:
             due_s = self._begin_s + (packet.time_s - self._first_s) * self._slowness
-            # All are due at times of their own, whatever became of those before: what is late can catch up.
+            # Each packet is due at its own time, however late those before were sent: so late ones catch up.
             soonest_s = max(due_s, self._sent_s + HURRY * (due_s - self._due_s)) if self.packets else due_s
             if (wait_s := soonest_s - self._clock.now_s()) > 0.0:
                 self._clock.wait(wait_s)
@@ -107,5 +107,5 @@ class Pacer:
 
     @property
     def late_frames(self) -> int:
-        """How many ended late."""
+        """Number of frames that ended late."""
         return sum(late > LATE_S for late in self.late_s)

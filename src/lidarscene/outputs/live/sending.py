@@ -1,7 +1,7 @@
-"""Sending: the frames of a simulator, one after the other, as packets over UDP.
+"""Sending: consecutive frames of a simulator as packets over UDP.
 
-Frames are rendered by the thread that calls, to which Mitsuba's state belongs; another one sends. So a frame is
-computed while those before it are sent.
+The calling thread renders, since Mitsuba's state belongs to it; another thread sends. So a frame is computed while
+those before it are sent.
 """
 
 from __future__ import annotations
@@ -22,42 +22,47 @@ from ...formats.packets.firings import Firings, FiringsBuilder
 from ...formats.packets.layouts import Packet
 from ...formats.packets.packet_encoder import PacketEncoder
 from ...rendering.frame import PULSE_NUMBERS
-from ...rendering.options import FrameOptions, Observers
+from ...rendering.render_options import FrameOptions, Observers
 from ...rendering.simulator import Simulator
 from .pacing import LATE_S, Clock, Pacer, RealClock
 
 AHEAD = 3
-"""Frames that are computed before they are due: a frame may take longer than its time now and then."""
+"""Frames computed before they are due: now and then a frame takes longer than its time."""
 
-TOLD_EVERY_S = 1.0
+REPORT_EVERY_S = 1.0
 SWITCH_S = 0.0005
-"""How long Python may keep the sending thread from running: its default of 5 ms is four packets of a VLP-16."""
+"""Python's switch interval while sending; its default of 5 ms would delay four packets of a VLP-16."""
 
 POLL_S = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sent:
-    """What was sent: late_s is how late each frame ended [s]; ``ended`` says why it ended by itself, or is ""."""
+    """Result of `send_frames`.
+
+    packets  number of packets sent
+    late_s   delay of the end of each frame [s]
+    ended    why the frames ended by themselves, or ""
+    """
 
     packets: int
     late_s: Sequence[float]
     ended: str
 
     def as_text(self) -> str:
-        """In one line or two."""
+        """One line of text, and another one for ``ended``."""
         late = 1e3 * np.asarray(self.late_s or [0.0])
-        told = (
+        text = (
             f"sent {len(self.late_s):,} frames, {self.packets:,} packets; frames ended late by "
             f"{np.median(late):.1f} ms (median), {np.percentile(late, 99):.1f} ms (99 %), {late.max():.1f} ms at most; "
             f"{int((late > 1e3 * LATE_S).sum())} by more than {1e3 * LATE_S:g} ms"
         )
-        return f"{told}\n{self.ended}" if self.ended else told
+        return f"{text}\n{self.ended}" if self.ended else text
 
 
 @contextmanager
 def udp(host: str, port: int) -> Iterator[Callable[[bytes], object]]:
-    """What sends a payload there. Raises InputError for a host that is not known, OutputError where nothing leads."""
+    """Open a socket: a function that sends a payload. Raises InputError for an unknown host, OutputError in sending."""
     try:
         family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
     except (OSError, UnicodeError):
@@ -74,12 +79,12 @@ def udp(host: str, port: int) -> Iterator[Callable[[bytes], object]]:
         yield send
 
 
-class _Rest(list[Packet]):
-    """What is left in the end: no frame of its own."""
+class _FinalPackets(list[Packet]):
+    """Packets still buffered after the last frame; they do not count as a frame."""
 
 
 class _Queue:
-    """Frames from one thread to the other; at most AHEAD wait, beside the one that is being sent."""
+    """Queue of frames between the threads; at most AHEAD wait, beside the one that is being sent."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -88,16 +93,16 @@ class _Queue:
         self.failed: BaseException | None = None
 
     def put(self, frame: Sequence[Packet] | None) -> bool:
-        """Add a frame, or None after the last one, once there is room; False where no one takes them any more."""
+        """Add a frame, or None after the last one, once there is room; False if the clock was stopped."""
         with self._changed:
             while len(self._frames) >= AHEAD and not self._clock.stopped:
-                self._changed.wait(POLL_S)  # one without end cannot be interrupted on Windows
+                self._changed.wait(POLL_S)  # a wait without timeout cannot be interrupted on Windows
             self._frames.append(frame)
             self._changed.notify_all()
         return not self._clock.stopped
 
     def get(self) -> Sequence[Packet] | None:
-        """The next one; None after the last, and where the clock was stopped."""
+        """Take the next frame; None after the last, and where the clock was stopped."""
         with self._changed:
             while not self._frames and not self._clock.stopped:
                 self._changed.wait(POLL_S)
@@ -113,26 +118,27 @@ class MotionEnded(InputError):
 def frames_of(
     simulator: Simulator, frame: FrameOptions, *, needs_ambient: bool, frames: int | None = None
 ) -> Iterator[Firings]:
-    """Frame after frame, from the one of ``frame`` on.
+    """Render frames pulse by pulse, from the one of ``frame`` on.
 
-    frames  how many; None: until a motion of the scene ends, which raises MotionEnded
+    frames  number of frames; None: until a motion of the scene ends, which raises MotionEnded
     """
     scanner = simulator.sensor.scanner
-    # Pulses have numbers below 2^31: VLS-128 has sent as many after a quarter of an hour, and begins anew.
+    # Pulse numbers are below 2^31, which a VLS-128 reaches after a quarter of an hour: the frame number then begins
+    # anew, with another seed, so that no noise repeats.
     most = PULSE_NUMBERS // scanner.pulses
     for count in itertools.count() if frames is None else range(frames):
-        turn, number = divmod(frame.number + count, most)
-        asked = replace(
+        round_number, number = divmod(frame.number + count, most)
+        frame_options = replace(
             frame,
             number=number,
-            seed=(frame.seed + turn) % 2**32,
+            seed=(frame.seed + round_number) % 2**32,
             coordinates="sensor",
-            begin_s=frame.begin_s + turn * most * scanner.frame_s,
+            begin_s=frame.begin_s + round_number * most * scanner.frame_s,
         )
         gathering = FiringsBuilder(simulator.sensor, number)
-        told = Observers(ambient=gathering.ambient if needs_ambient else None)
+        observers = Observers(ambient=gathering.ambient if needs_ambient else None)
         try:
-            simulator.stream(gathering.add, asked, told)
+            simulator.stream(gathering.add, frame_options, observers)
         except InputError as error:
             raise MotionEnded(str(error)) if count else error from None
         yield gathering.firings()
@@ -140,40 +146,40 @@ def frames_of(
 
 def send_frames(
     frames: Iterator[Firings],
-    maker: PacketEncoder,
+    encoder: PacketEncoder,
     send: Callable[[bytes], object],
     *,
     frame_s: float,
     rate_hz: float | None = None,
     clock: Clock | None = None,
-    told: Callable[[str], object] = lambda _: None,
+    report: Callable[[str], object] = lambda _: None,
 ) -> Sent:
     """Send frames until there are no more, or until KeyboardInterrupt.
 
-    frame_s  from frame to frame, by their times
-    rate_hz  frames in a second; None: as their times say, real time
-    told     is told in a line when frames end late, once a second at most
+    frame_s  time from frame to frame, by the packets' times
+    rate_hz  frames sent in a second; None: real time, as the packets' times say
+    report   called with a line of text when frames end late, once a second at most
     """
     clock = clock or RealClock()
     slowness = 1.0 if rate_hz is None else 1.0 / (rate_hz * frame_s)
     queue, ended = _Queue(clock), list[str]()
     frames = _until_motion_ends(frames, ended)
-    # The first ones take longest, since kernels are compiled: they are there before the clock starts.
+    # The first frames take longest, since kernels are compiled: they are rendered before the clock starts.
     ready = list(itertools.islice(frames, AHEAD))
     lead_s = frame_s * slowness
     # Packets bear the times at which they leave.
     epoch_s = clock.epoch_s() + lead_s
     pacer = Pacer(send, clock, begin_s=clock.now_s() + lead_s, first_s=epoch_s, slowness=slowness)
     later_s = epoch_s - float(ready[0].time_s[0])
-    sender = threading.Thread(target=_send, args=(queue, pacer, clock, told), daemon=True)
+    sender = threading.Thread(target=_send, args=(queue, pacer, clock, report), daemon=True)
     switch_s = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     sender.start()
     try:
-        for one in itertools.chain(ready, frames):
-            if not queue.put(maker.packets(replace(one, time_s=one.time_s + later_s))):
+        for firings in itertools.chain(ready, frames):
+            if not queue.put(encoder.packets(replace(firings, time_s=firings.time_s + later_s))):
                 break
-        queue.put(_Rest(maker.flush()))
+        queue.put(_FinalPackets(encoder.flush()))
     except BaseException as error:
         clock.stop()
         if not isinstance(error, KeyboardInterrupt):
@@ -193,23 +199,25 @@ def send_frames(
 
 
 def _until_motion_ends(frames: Iterator[Firings], ended: list[str]) -> Iterator[Firings]:
-    """The frames; why there are no more is added to ``ended``, if a motion is."""
+    """Iterate over the frames; at the end of a motion stop, and append the reason to ``ended``."""
     try:
         yield from frames
     except MotionEnded as error:
         ended.append(str(error))
 
 
-def _send(queue: _Queue, pacer: Pacer, clock: Clock, told: Callable[[str], object]) -> None:
-    """What the sending thread does."""
-    told_s = -TOLD_EVERY_S
+def _send(queue: _Queue, pacer: Pacer, clock: Clock, report: Callable[[str], object]) -> None:
+    """Body of the sending thread: send frames from the queue until there is none."""
+    reported_s = -REPORT_EVERY_S
     try:
         while (packets := queue.get()) is not None:
-            pacer.frame(packets, is_frame=not isinstance(packets, _Rest))
+            pacer.frame(packets, is_frame=not isinstance(packets, _FinalPackets))
             late_s = pacer.late_s[-1] if pacer.late_s else 0.0
-            if late_s > LATE_S and clock.now_s() - told_s >= TOLD_EVERY_S:
-                told_s = clock.now_s()
-                told(f"{late_s:.3g} s behind after {len(pacer.late_s)} frames, of which {pacer.late_frames} ended late")
+            if late_s > LATE_S and clock.now_s() - reported_s >= REPORT_EVERY_S:
+                reported_s = clock.now_s()
+                report(
+                    f"{late_s:.3g} s behind after {len(pacer.late_s)} frames, of which {pacer.late_frames} ended late"
+                )
     except BaseException as error:
         queue.failed = error
         clock.stop()

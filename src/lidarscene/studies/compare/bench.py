@@ -15,8 +15,8 @@ from ...detection.outcomes import Outcome
 from ...kernel.world.mitsuba_world import World
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
-from ...outputs.report import OUTCOME_TEXT
-from ...rendering.options import DEFAULT_CHUNK
+from ...outputs.run_report import OUTCOME_TEXT
+from ...rendering.render_options import DEFAULT_CHUNK
 from ...rendering.simulator import Simulator, Summary
 from ...scene.scene import Scene
 from ...sensor.model import Sensor

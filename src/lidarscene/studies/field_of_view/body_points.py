@@ -12,7 +12,7 @@ import numpy as np
 
 from ...cloud.point_cloud import PointCloud
 from ...maths.pose import Pose
-from ...rendering.rig import simulators
+from ...rendering.rig_simulators import simulators
 from ...scene.scene import Scene
 from ...sensor.rig import Mounted
 

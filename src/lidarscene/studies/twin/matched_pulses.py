@@ -13,7 +13,7 @@ from ...errors import InputError
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
 from ...recordings.sweep import Sweep
-from ...rendering.options import DEFAULT_CHUNK
+from ...rendering.render_options import DEFAULT_CHUNK
 from ...rendering.simulator import Simulator
 from ...scene.scene import Scene
 from ...sensor.model import Sensor

@@ -14,7 +14,7 @@ from ...files.json_text import json_text
 from ...recordings.as_cloud import cloud_of
 from ...recordings.recording import Recording
 from ...recordings.sweep import Sweep
-from ...rendering.options import DEFAULT_CHUNK
+from ...rendering.render_options import DEFAULT_CHUNK
 from ...rendering.simulator import Simulator
 from ...scene.scene import View
 from ...scene.scene_file import load_scene

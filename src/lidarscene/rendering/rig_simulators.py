@@ -1,6 +1,6 @@
 """Simulators of a rig: one for each of its sensors.
 
-Sensors of one wavelength share a world, which is dear to build. Frames that are to be merged must begin together.
+Sensors of one wavelength share a world, which takes long to build. Frames that are merged must begin together.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from ..kernel.world.mitsuba_world import World
 from ..maths.pose import Pose
 from ..scene.scene import Scene
 from ..sensor.rig import Mounted
-from .options import TraceKeywords, TraceOptions
+from .render_options import TraceKeywords, TraceOptions
 from .simulator import Simulator
 
 
@@ -25,28 +25,28 @@ def simulators(
     pose: Pose | None = None,
     **options: Unpack[TraceKeywords],
 ) -> Iterator[tuple[str, Simulator]]:
-    """Label and simulator of each sensor; those of one wavelength share one compiled world.
+    """Iterate over label and simulator of each sensor; those of one wavelength share one compiled world.
 
-    pose            of the vehicle, in the world or, of a scene in which it moves, in the ego frame
-    trace, options  as of `Simulator`
+    pose            pose of the vehicle in the world or, in a scene with an ego vehicle, on that vehicle
+    trace, options  as for `Simulator`
     """
     worlds: dict[float, World] = {}
     vehicle = pose or Pose()
-    for one in sensors:
-        wavelength = one.sensor.laser.wavelength_m
+    for mounted in sensors:
+        wavelength = mounted.sensor.laser.wavelength_m
         simulator = Simulator(
-            scene, one.sensor, trace, pose=vehicle @ one.pose, world=worlds.get(wavelength), **options
+            scene, mounted.sensor, trace, pose=vehicle @ mounted.pose, world=worlds.get(wavelength), **options
         )
         worlds.setdefault(wavelength, simulator.world)
-        yield one.label, simulator
+        yield mounted.label, simulator
 
 
 def require_common_frames(sensors: Sequence[Mounted], frames: int) -> None:
-    """Raises InputError where the n-th frames of these sensors are of different times, so that none can be merged.
+    """Raise InputError where the last frames of these sensors begin too far apart in time to be merged.
 
-    Turns of 99.99 and 100 ms are no mistake: the last of the frames may begin half a frame apart.
+    Frames of 99.99 and 100 ms are no mistake: the last ones may begin half a frame apart.
     """
-    lengths = {one.label: one.sensor.scanner.frame_s for one in sensors}
+    lengths = {mounted.label: mounted.sensor.scanner.frame_s for mounted in sensors}
     short, long = (min(lengths, key=lambda label: lengths[label]), max(lengths, key=lambda label: lengths[label]))
     if (frames - 1) * (lengths[long] - lengths[short]) > lengths[short] / 2.0:
         raise InputError(

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarscene.batch.file import JobFile
+from lidarscene.batch.job_file import JobFile
 from lidarscene.cli import terminal
 from lidarscene.errors import InputError, OptionError
 from lidarscene.maths.pose import Pose
-from lidarscene.outputs.options import Outputs
-from lidarscene.rendering import options
-from lidarscene.rendering.options import FrameOptions, Keywords, Observers, TraceOptions
+from lidarscene.outputs.output_options import Outputs
+from lidarscene.rendering import render_options
+from lidarscene.rendering.render_options import FrameOptions, Keywords, Observers, TraceOptions
 
 POSE = "a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees"
 
@@ -77,9 +77,9 @@ def test_the_command_line_names_its_own_options() -> None:
 @pytest.mark.parametrize(
     ("kind", "keywords"),
     [
-        (TraceOptions, options.TraceKeywords),
-        (FrameOptions, options.FrameKeywords),
-        (Observers, options.ObserverKeywords),
+        (TraceOptions, render_options.TraceKeywords),
+        (FrameOptions, render_options.FrameKeywords),
+        (Observers, render_options.ObserverKeywords),
     ],
 )
 def test_keywords_are_the_fields(kind: Any, keywords: Any) -> None:

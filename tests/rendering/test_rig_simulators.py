@@ -6,7 +6,7 @@ from helpers import chain
 
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import pose_at
-from lidarscene.rendering.rig import simulators
+from lidarscene.rendering.rig_simulators import simulators
 from lidarscene.sensor.rig import Mounted
 
 pytestmark = pytest.mark.usefixtures("mi")

@@ -15,6 +15,7 @@ from lidarscene.labels.boxes import boxes
 from lidarscene.labels.files import point_labels
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Riding
+from lidarscene.rendering.live_simulator import live_scene, spare_names
 from lidarscene.scene.scene import Scene
 
 pytestmark = pytest.mark.usefixtures("mi")
@@ -350,3 +351,23 @@ def test_mistakes_are_told_in_a_line(wrong, told) -> None:
 def test_declarations_are_checked(options, told) -> None:
     with pytest.raises(InputError, match=told):
         LiveSimulator(street(), sensor(), **options)
+
+
+@pytest.mark.parametrize(
+    ("name", "taken", "names"),
+    [
+        ("car", ["car"], ["car.1", "car.2"]),
+        ("car.0", ["car.0", "car.1"], ["car.2", "car.3"]),
+        ("car.x", ["car.x.2"], ["car.x.1", "car.x.3"]),
+    ],
+)
+def test_spares_have_names_that_are_free(name: str, taken: list[str], names: list[str]) -> None:
+    assert spare_names(name, 2, taken) == names
+
+
+def test_spares_of_two_bodies_have_names_of_their_own() -> None:
+    both = [dataclasses.replace(chain.box(at=(0, 0, 0)), name=name) for name in ("car.0", "car.1")]
+    scene, pools = live_scene(chain.scene(*both), (), {"car.0": 1, "car.1": 2})
+    assert pools == {"car.0": ("car.0", "car.2"), "car.1": ("car.1", "car.3", "car.4")}
+    assert [body.name for body in scene.bodies] == ["car.0", "car.1", "car.2", "car.3", "car.4"]
+    assert [body.away for body in scene.bodies] == [False, False, True, True, True]

@@ -1,7 +1,7 @@
 """Outputs: every file that a frame becomes, declared once for the library and the command line.
 
-A wrong combination is told when the options are made, in the words of whoever made them: the errors name options, and
-the command line puts its own names in their place.
+A wrong combination raises an error when the options are made. Errors name options in braces, which the command line
+replaces by its own names.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import ClassVar
 
 from ..errors import InputError, OptionError
 from ..formats.registry import DATASETS, FORMATS, LABELS, PACKETS, SUFFIXES, Format, format_of
-from ..rendering.options import Whole
+from ..rendering.render_options import Whole
 
 File = str | os.PathLike[str]
 
@@ -25,39 +25,40 @@ ENDINGS = {
     "ambient": (".png", ".npz"),
     "waveforms": (".npz",),
 }
-"""How the names of the files beside a cloud end, by the options that name them."""
+"""Option of a file beside the cloud -> suffixes that its name may have."""
 
 SINGLE = ("missed", "range_image", "ambient", "waveforms")
-"""Of these, the files of one sensor's pulses."""
+"""Options of ENDINGS whose files hold the pulses of a single sensor."""
 
 FRAMES = Whole(1, 10_000)
-"""How many a run may have, by the four digits of their files' names."""
+"""Frames of a run; file names have four digits for the number."""
 
 FEW_PULSES = 9
-"""Of which there are waveforms if no others are asked for."""
+"""Default number of pulses with waveforms."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
     """Every file that a frame becomes.
 
-    path         of the point cloud; a folder for the clouds of several frames, of a rig or of a data set. A bag of
+    path         file of the point cloud; a folder for the clouds of several frames, of a rig or of a data set. A bag of
                  ROS 2, such as drive.mcap, and packets hold several frames in one file
-    format       of the cloud, a key of `formats.registry.FORMATS` or PACKETS; None: what the name says, PLY in a folder
-    ascii        whether it is text instead of binary
-    colours      a column by which points get red, green and blue, as pictures have them; of PLY files
-    truth        whether it has the columns of ground truth; labels are made of the truth either way
+    format       format of the cloud, a key of `formats.registry.FORMATS` or PACKETS; None: by the name's suffix, PLY in
+                 a folder
+    ascii        whether the cloud is text instead of binary
+    colours      column by which points get red, green and blue, as in pictures; for PLY files
+    truth        whether the cloud has the columns of ground truth; labels are made of the truth either way
     labels       boxes or classes beside the cloud, a key of `formats.registry.LABELS`
     dataset      makes the folder a data set, clouds and labels: one of `formats.registry.DATASETS`
-    deskew       whether there is a second cloud, without the sensor's own motion
+    deskew       whether a second cloud without the sensor's own motion is written
     merge        whether the sensors of a rig make one cloud
     picture      a view of the cloud and its range image, .png or .svg
     range_image  range, intensity and status by ring and azimuth, .png or .npz
     missed       every pulse without an echo point, and why, .npz
     ambient      background counts of every pulse, .png or .npz
     waveforms    power on the detector and its signal against time, .npz
-    pulses       of these pulses of a frame, 0 for its first; None: a few, evenly
-    Of several frames or sensors each has files of its own: their labels and numbers are added to the names.
+    pulses       pulses of a frame with waveforms, 0 for its first; None: a few, evenly spaced
+    Each of several frames or sensors has files of its own: labels and numbers are added to the names.
     Raises InputError for options that do not go together.
     """
 
@@ -81,20 +82,20 @@ class Outputs:
     pulses: Sequence[int] | None = None
 
     def __post_init__(self) -> None:
-        for option, known in (("format", FORMATS | PACKETS), ("labels", LABELS), ("dataset", DATASETS)):
+        for option, choices in (("format", FORMATS | PACKETS), ("labels", LABELS), ("dataset", DATASETS)):
             name = getattr(self, option)
-            if name is not None and name not in known:
-                raise OptionError(f"{{{option}}}: must be one of {{0}}, got {{1!r}}", ", ".join(known), name)
+            if name is not None and name not in choices:
+                raise OptionError(f"{{{option}}}: must be one of {{0}}, got {{1!r}}", ", ".join(choices), name)
         self._check_together()
         for option, endings in ENDINGS.items():
-            file = self.beside(option)
+            file = self.extra_file(option)
             if file is not None and file.suffix.lower() not in endings:
                 raise OptionError(f"{{{option}}} {{0}}: the name must end in {{1}}", file, " or ".join(endings))
 
     def _check_together(self) -> None:
         if self.merge:
             for option in SINGLE:
-                if self.beside(option) is not None:
+                if self.extra_file(option) is not None:
                     raise OptionError(f"{{{option}}}: goes with the clouds of single sensors, not with {{merge}}")
         if self.dataset is not None:
             for option in ("format", "labels"):
@@ -113,21 +114,21 @@ class Outputs:
     @property
     def packets(self) -> bool:
         """Whether the sensor's own packets are written, and no cloud."""
-        named = self.format is None and self.place.name.lower().endswith(PACKETS["pcap"].suffix)
-        return self.dataset is None and (named or self.format in PACKETS)
+        by_suffix = self.format is None and self.place.name.lower().endswith(PACKETS["pcap"].suffix)
+        return self.dataset is None and (by_suffix or self.format in PACKETS)
 
     @property
     def place(self) -> Path:
-        """Where the cloud, or the folder of clouds, is to be."""
+        """Path of the cloud, or of the folder of clouds."""
         return Path(self.path)
 
-    def beside(self, option: str) -> Path | None:
-        """The file that one of ENDINGS names, if it is asked for."""
+    def extra_file(self, option: str) -> Path | None:
+        """File that an option of ENDINGS names; None without it."""
         file = getattr(self, option)
         return None if file is None else Path(file)
 
     def format_of(self, *, folder: bool) -> Format:
-        """The format that is asked for by name or by the name of the file; that of a folder is PLY."""
+        """Format by its name, or else by the suffix of the path; in a folder PLY."""
         if self.dataset is not None:
             return FORMATS["kitti"]
         if self.format is not None or folder:

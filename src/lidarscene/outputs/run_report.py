@@ -1,6 +1,6 @@
-"""What a run says of itself: the summary as text and as JSON, the missed pulses, the catalogue's lists.
+"""Report of a run: its summary and profile as text and for JSON; lists of the catalogue.
 
-The simulator only counts. How a count is told is decided here, once for people and once for machines.
+The simulator only counts; this module words the counts.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from ..rendering.surroundings import Surroundings
 from ..scene.scene_file import scene_model
 from ..sensor.catalogue import load_sensor
 
-# Stages whose time goes with the number of beams; the rest is start-up and files.
+# Stages whose time is proportional to the number of beams; the others are start-up and files.
 _FRAME_STAGES = ("record", "trace", "collect", "assemble")
 
 
 def beams_per_second(summary: Summary) -> float:
-    """Beams over the time from beams to points, files and start-up left out."""
+    """Beams per second of the time from beams to points, without start-up and files."""
     seconds = sum(summary.seconds.get(stage, 0.0) for stage in _FRAME_STAGES)
     return summary.beams / seconds if seconds > 0.0 else 0.0
 
 
 def as_dict(summary: Summary) -> dict[str, Any]:
-    """The summary of a frame, or of several, for machines."""
+    """Entries of a summary for JSON."""
     return {
         "beams": summary.beams,
         "hits": summary.hits,
@@ -45,7 +45,7 @@ def as_dict(summary: Summary) -> dict[str, Any]:
 
 
 def profile_as_dict(history: KernelHistory) -> dict[str, Any]:
-    """Kernels and memory for machines; the time by stage is the summary's."""
+    """Kernels and memory for JSON; the summary has the time by stage."""
     return {
         "kernels": {key: round(value, 6) for key, value in dataclasses.asdict(history).items()},
         "peak_memory_bytes": peak_memory_bytes(),
@@ -53,7 +53,7 @@ def profile_as_dict(history: KernelHistory) -> dict[str, Any]:
 
 
 def profile_as_text(summary: Summary, history: KernelHistory) -> str:
-    """Time by stage, kernels and memory for people."""
+    """Text of the time by stage, the kernels and the memory."""
     total = sum(summary.seconds.values())
     lines = ["profile"]
     for stage, seconds in summary.seconds.items():
@@ -73,7 +73,7 @@ def profile_as_text(summary: Summary, history: KernelHistory) -> str:
 
 
 def as_text(summary: Summary, written: Sequence[str], surroundings: Surroundings) -> str:
-    """The summary for people; ``written`` says what there is now."""
+    """Text of a summary; ``written`` names the files."""
     lines = [
         f"scene         {surroundings.line()}",
         f"beams         {summary.beams:>12,}",
@@ -93,7 +93,7 @@ def as_text(summary: Summary, written: Sequence[str], surroundings: Surroundings
 
 
 def catalog_text(kind: str) -> str:
-    """One line for each entry of the catalogue."""
+    """Text of the catalogue's entries of one kind, a line each."""
     lines = [f"{kind}:"]
     for name in catalog.names(kind):
         if kind == "sensors":

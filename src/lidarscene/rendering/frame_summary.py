@@ -1,4 +1,4 @@
-"""Summary: what happened in a frame, counted while it is rendered.
+"""Summary: pulses by outcome, points by status and seconds by stage of a frame, counted while it is rendered.
 
 Counts come chunk by chunk, so that no array of all pulses is needed for them.
 """
@@ -17,7 +17,14 @@ from ..maths.arrays import Numbers
 
 @dataclass(slots=True)
 class Summary:
-    """What happened in a frame: pulses by outcome, points, and seconds by stage."""
+    """Counts and times of one frame or several.
+
+    beams     pulses fired
+    outcomes  pulses by `Outcome`
+    points    points in the cloud
+    statuses  points by `Status`
+    seconds   name of a stage -> wall time [s]
+    """
 
     beams: int = 0
     outcomes: Numbers = field(default_factory=lambda: np.zeros(len(Outcome), dtype=np.int64))
@@ -42,7 +49,7 @@ class Summary:
 
     @classmethod
     def total(cls, parts: Sequence[Summary]) -> Summary:
-        """Of several frames."""
+        """Sum of the summaries of several frames."""
         whole = cls()
         for part in parts:
             whole.beams += part.beams
@@ -54,7 +61,7 @@ class Summary:
         return whole
 
     def count(self, outcome: Numbers, status: Numbers | None) -> None:
-        """Add some pulses, and the points of them if there are any."""
+        """Add pulses by their `Outcome`, and their points by `Status` if there are any."""
         self.beams += len(outcome)
         self.outcomes += _counts(outcome, len(Outcome))
         if status is not None:
@@ -62,13 +69,13 @@ class Summary:
             self.statuses += _counts(status, len(Status))
 
     def spent(self, stage: str, since: float) -> float:
-        """Add the time since ``since`` to a stage; returns now."""
-        now = time.perf_counter()
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - since
-        return now
+        """Add the time since ``since`` to a stage, and return the present time (`time.perf_counter`)."""
+        end = time.perf_counter()
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + end - since
+        return end
 
 
 def _counts(values: Numbers, kinds: int) -> Numbers:
-    """How often each of 0 .. kinds - 1 is there; for a few kinds of many values five times as fast as a histogram."""
-    others = [np.count_nonzero(values == kind) for kind in range(1, kinds)]
-    return np.array([len(values) - sum(others), *others])
+    """Count each of 0 .. kinds - 1 among the values; for a few kinds five times as fast as a histogram."""
+    counts = [np.count_nonzero(values == kind) for kind in range(1, kinds)]
+    return np.array([len(values) - sum(counts), *counts])

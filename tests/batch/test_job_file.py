@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarscene.batch.file import JobFile, read_job
+from lidarscene.batch.job_file import JobFile, read_job
 from lidarscene.errors import InputError
 
 SCENES = 'scenes = ["a.toml"]\n'
@@ -14,8 +14,8 @@ def test_dotted_and_nested_keys_are_the_same(tmp_path: Path) -> None:
     path = tmp_path / "job.toml"
     path.write_text(SCENES + '[sweep.scene]\n"a.b" = [1]\na.c = [[1, 2], [3, 4]]\n[sweep.sensor.d]\ne = ["x"]\n')
     sweep = read_job(path).sweep
-    assert sweep.of_scene() == {"a.b": (1,), "a.c": ((1, 2), (3, 4))}
-    assert sweep.of_sensor() == {"d.e": ("x",)}
+    assert sweep.scene_values() == {"a.b": (1,), "a.c": ((1, 2), (3, 4))}
+    assert sweep.sensor_values() == {"d.e": ("x",)}
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,8 @@ from helpers.small_job import fails_in_company
 from helpers.waiting import PATIENCE_S, wait_until
 
 from lidarscene import __version__
-from lidarscene.batch import run, work
-from lidarscene.batch.run import Progress, run_job
+from lidarscene.batch import dispatch, work
+from lidarscene.batch.dispatch import Progress, run_job
 from lidarscene.batch.store import Store
 from lidarscene.batch.tasks import FrameTask, Job
 
@@ -129,7 +129,7 @@ def test_a_killed_worker_costs_nothing(client: Any, long_job: Path, tmp_path: Pa
             killed.append(next(iter(client.run(os.getpid).values())))
             os.kill(killed[0], signal.SIGKILL)
 
-    progress = run_job(job, tmp_path / "killed", connect=lambda: nullcontext(client), threads=1, told=kill)
+    progress = run_job(job, tmp_path / "killed", connect=lambda: nullcontext(client), threads=1, report=kill)
     assert len(killed) == 1
     # A frame that the worker had written, but not told of, is found when it is asked for again.
     assert (progress.rendered + progress.reused, progress.failed) == (10, {})
@@ -214,7 +214,7 @@ def test_a_disk_that_is_full_and_then_larger(mi: Any, job_file: Path, tmp_path: 
     """Rationale: a real one, on which two of four clouds fit at most."""
     (tmp_path / "out").mkdir()
     store, one = Store(tmp_path / "probe"), next(Job.read(job_file).tasks())
-    assert work._told(one, store, 1) == ""
+    assert work._try_render(one, store, 1) == ""
     size = int(2.5 * store.cloud(one.key, "ply").stat().st_size)
     apart = ["unshare", "--user", "--map-root-user", "--mount", sys.executable, "-c", FULL_DISK, str(size)]
     done = subprocess.run(
@@ -255,7 +255,7 @@ def test_failures_are_told_and_do_not_stop_the_rest(client: Any, write_job: Writ
         told.append((task, cause))
 
     def again() -> Progress:
-        return run_job(Job.read(path), out, connect=lambda: nullcontext(client), threads=1, told=tell)
+        return run_job(Job.read(path), out, connect=lambda: nullcontext(client), threads=1, report=tell)
 
     progress = again()
     assert (progress.rendered, len(progress.failed)) == (8, 4)
@@ -288,25 +288,25 @@ def test_frames_that_kill_every_worker_have_a_cause() -> None:
     """What Dask says of them, in one line."""
     from distributed import KilledWorker
 
-    told = run._cause(KilledWorker("render-x", None, 3))
+    told = dispatch._cause(KilledWorker("render-x", None, 3))
     assert "died" in told
-    assert run._cause(RuntimeError("a\nb")) == "the worker said RuntimeError: a b"
+    assert dispatch._cause(RuntimeError("a\nb")) == "the worker said RuntimeError: a b"
 
 
 def test_a_bundle_that_fails_is_taken_apart(
     client: Any, long_job: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Rationale: frames are given out several at a time, and one that kills its worker must not take others along."""
-    given, submit = [], run._Given.submit
+    given, submit = [], dispatch._Dispatcher.submit
     long_job.write_text(long_job.read_text().replace("seed_count = 5", "seed_count = 10"))
 
     def counted(self: Any, bundle: list[FrameTask]) -> None:
         given.append(len(bundle))
         submit(self, bundle)
 
-    monkeypatch.setattr(run, "BUNDLE_S", 1000.0)  # several frames to a bundle, however slow this machine is
-    monkeypatch.setattr(run, "render_frames", fails_in_company)
-    monkeypatch.setattr(run._Given, "submit", counted)
+    monkeypatch.setattr(dispatch, "BUNDLE_S", 1000.0)  # several frames to a bundle, however slow this machine is
+    monkeypatch.setattr(dispatch, "render_frames", fails_in_company)
+    monkeypatch.setattr(dispatch._Dispatcher, "submit", counted)
     progress = run_job(Job.read(long_job), tmp_path / "out", connect=lambda: nullcontext(client), threads=1)
     assert max(given) > 1
     assert (progress.rendered, list(progress.failed.values())) == (18, ["the worker said RuntimeError: broken"] * 2)

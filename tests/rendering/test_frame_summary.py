@@ -3,7 +3,7 @@
 import numpy as np
 
 from lidarscene.detection.outcomes import Outcome, Status
-from lidarscene.rendering.summary import Summary
+from lidarscene.rendering.frame_summary import Summary
 
 
 def test_counts_of_points_and_pulses() -> None:

@@ -14,24 +14,24 @@ from ..files.overrides import toml_text
 from ..files.table_model import Number
 from ..files.toml import FileModel, read_toml, validated
 from ..formats.registry import FORMATS
-from ..rendering.options import CHUNKS, MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
+from ..rendering.render_options import CHUNKS, MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
 from ..scene.motion import EgoFile
 
 Name = Annotated[str, Field(min_length=1)]
 Seed = Annotated[int, Field(ge=SEEDS.low, le=SEEDS.high)]
 
-# For editors: a list of values, or a table with more of the key. What the lists hold is checked with the scenes.
+# JSON Schema for editors: a list of values, or a table of further keys. The values are checked with the scenes.
 SWEPT: JsonDict = {"additionalProperties": {"anyOf": [{"type": "array", "minItems": 1}, {"type": "object"}]}}
 
 MOST_FRAMES = 10_000_000
-"""Of one trajectory."""
+"""Most frames of one combination."""
 
 _TRACE, _FRAME = TraceOptions(), FrameOptions()
-"""What a job has unless its file says otherwise."""
+"""Defaults of a job file."""
 
 
 def _leaves(tables: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """What is not a table, by dotted key: ``"a.b" = 1`` and ``a.b = 1`` are the same here."""
+    """Iterate over dotted keys and their values, tables flattened: ``"a.b" = 1`` and ``a.b = 1`` are equal here."""
     for key, value in tables.items():
         if isinstance(value, dict):
             yield from _leaves(value, f"{prefix}{key}.")
@@ -39,11 +39,12 @@ def _leaves(tables: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
             yield f"{prefix}{key}", value
 
 
-def _each_once(key: str, values: Sequence[Any]) -> None:
-    texts = [toml_text(one) for one in values]
-    text, times = Counter(texts).most_common(1)[0] if texts else ("", 0)
-    if times > 1:
-        raise ValueError(f"{key}: values must be unique, got {text} ({times} times)")
+def _require_unique(key: str, values: Sequence[Any]) -> None:
+    """Raise ValueError for a value that is there more than once."""
+    texts = [toml_text(value) for value in values]
+    text, count = Counter(texts).most_common(1)[0] if texts else ("", 0)
+    if count > 1:
+        raise ValueError(f"{key}: values must be unique, got {text} ({count} times)")
 
 
 class SweepFile(FileModel):
@@ -62,14 +63,14 @@ class SweepFile(FileModel):
             for key, values in _leaves(getattr(self, kind)):
                 if not isinstance(values, tuple) or not values:
                     raise ValueError(f"{kind}.{key}: must be a list of values, got {toml_text(values)}")
-                _each_once(f"{kind}.{key}", values)
+                _require_unique(f"{kind}.{key}", values)
         return self
 
-    def of_scene(self) -> dict[str, tuple[Any, ...]]:
+    def scene_values(self) -> dict[str, tuple[Any, ...]]:
         """Values by dotted key of the scene file."""
         return dict(_leaves(self.scene))
 
-    def of_sensor(self) -> dict[str, tuple[Any, ...]]:
+    def sensor_values(self) -> dict[str, tuple[Any, ...]]:
         """Values by dotted key of the sensor file."""
         return dict(_leaves(self.sensor))
 
@@ -80,11 +81,11 @@ class TrajectoryFile(EgoFile):
     label: Name = Field(description="names it in the manifest")
 
     def override(self, folder: Path | None = None) -> str:
-        """As a change of a scene file; ``folder`` is the job file's, where its poses_file lies."""
-        given = self.model_dump(include=self.model_fields_set - {"label"}, exclude_unset=True)
+        """Override of a scene file that sets this motion; ``folder`` of the job file resolves its poses_file."""
+        settings = self.model_dump(include=self.model_fields_set - {"label"}, exclude_unset=True)
         if folder is not None and self.poses_file is not None:
-            given["poses_file"] = str(folder.absolute() / self.poses_file)
-        return f"ego={toml_text(given)}"
+            settings["poses_file"] = str(folder.absolute() / self.poses_file)
+        return f"ego={toml_text(settings)}"
 
 
 class JobFile(FileModel):
@@ -124,8 +125,8 @@ class JobFile(FileModel):
     @model_validator(mode="after")
     def _one_way(self) -> JobFile:
         for key in ("scenes", "sensors", "rigs", "seeds"):
-            _each_once(key, getattr(self, key))
-        _each_once("trajectories", [one.label for one in self.trajectories])
+            _require_unique(key, getattr(self, key))
+        _require_unique("trajectories", [trajectory.label for trajectory in self.trajectories])
         if self.format not in FORMATS:
             raise ValueError(f"format: must be one of {', '.join(FORMATS)}, got '{self.format}'")
         if self.seed_count is not None and "seeds" in self.model_fields_set:
@@ -133,15 +134,15 @@ class JobFile(FileModel):
         return self
 
     def all_seeds(self) -> Sequence[int]:
-        """The seeds, in order."""
+        """Seeds of the job, in order."""
         return self.seeds if self.seed_count is None else range(self.seed_count)
 
     def trace_options(self) -> TraceOptions:
-        """How the rays of all frames are traced."""
+        """Options of tracing, the same for all frames."""
         return TraceOptions(rays=self.rays, interactions=self.interactions)
 
     def frame_options(self, seed: int, number: int) -> FrameOptions:
-        """One of the frames."""
+        """Options of the frame with this seed and number."""
         return FrameOptions(
             seed=seed,
             number=number,
@@ -152,5 +153,5 @@ class JobFile(FileModel):
 
 
 def read_job(path: Path) -> JobFile:
-    """A job from its file. Raises InputError."""
+    """Read and check a job file. Raises InputError."""
     return validated(JobFile, read_toml(path), str(path))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from lidarscene.detection.outcomes import Outcome, Status
-from lidarscene.outputs.report import as_dict
-from lidarscene.rendering.summary import Summary
+from lidarscene.outputs.run_report import as_dict
+from lidarscene.rendering.frame_summary import Summary
 
 
 def test_points_by_what_they_are_and_beams_by_their_time() -> None:

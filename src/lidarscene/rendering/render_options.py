@@ -1,7 +1,7 @@
-"""Options: how rays are traced, which frame is rendered, and who is told what happens. Each is declared here, once.
+"""Options: how rays are traced, which frame is rendered, and who observes it. Each is declared here, once.
 
 The library, the command line, `batch` and `view` build the same objects, and an object checks itself when it is made:
-a wrong value is one line, whoever gave it. A call takes the objects, or their fields as loose keywords, or both:
+a wrong value gives the same one-line error everywhere. A call takes the objects, or their fields as keywords, or both:
 ``render(scene, sensor, seed=1, rays=3)``. `Keywords` sorts these.
 """
 
@@ -21,10 +21,10 @@ from ..light.limits import INTERACTIONS, MOST_INTERACTIONS
 if TYPE_CHECKING:
     from ..maths.arrays import Numbers
     from ..maths.pose import Pose
-    from .summary import Summary
+    from .frame_summary import Summary
 
 Placed: TypeAlias = "Pose | Sequence[float]"
-"""Where a sensor stands: a `Pose`, or x, y, z in metres, with or without yaw, pitch, roll in degrees."""
+"""Pose of a sensor: a `Pose`, or x, y, z in metres, with or without yaw, pitch, roll in degrees."""
 
 COORDINATES = ("world", "vehicle", "sensor")
 
@@ -42,7 +42,7 @@ class Whole(NamedTuple):
         return f"a whole number from {self.low} to {self.high}"
 
     def check(self, option: str, value: object) -> None:
-        """Raise OptionError for a value that is none of them."""
+        """Raise OptionError unless the value is one of these numbers."""
         whole = isinstance(value, Integral) and not isinstance(value, bool)
         if not whole or not self.low <= int(cast(int, value)) <= self.high:
             raise OptionError(f"{{{option}}}: must be {self}, got {{0!r}}", value)
@@ -57,13 +57,14 @@ CHUNKS = Whole(1, 2**31 - 1)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TraceOptions:
-    """How the rays of a pulse are traced: what chooses the kernels.
+    """Options of tracing: all that chooses the compiled kernels.
 
-    rays             of each pulse, over the footprint of its beam; a single one is its axis
+    rays             rays of each pulse, over the footprint of its beam; a single one is the beam's axis
     interactions     panes, mirrors and gaps that a beam may meet; with 0 it ends at the first, without an echo
-    background_rays  of each pulse, over the receiver's field of view, for its background; None: what its rays see
+    background_rays  rays of each pulse over the receiver's field of view, for its background; None: the laser's rays
+                     gather it
     vectors          whether points have the normals and velocities of their surfaces
-    Raises InputError for a value that is none.
+    Raises InputError for a value out of bounds.
     """
 
     KEYWORD: ClassVar[str] = "trace"
@@ -84,18 +85,18 @@ class TraceOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameOptions:
-    """Which frame, a sweep of the sensor in time, and in which coordinates its points are.
+    """Choice of one frame (one sweep of the sensor in time) and of the coordinates of its points.
 
     seed         32 bits; the same seed gives the same cloud whatever the chunk
-    number       of the frame: later ones have later pulses, at later times, with noise of their own
-    begin_s      when frame 0 begins, by the clock of the scene's motions
-    pose         where the sensor stands, its mounting not included: in the world, or on the scene's ego vehicle;
-                 None: the simulator's, or else the scene's own. A `Pose`, or (x, y, z) in metres, with or without
+    number       number of the frame: later frames have later pulses, at later times, with noise of their own
+    begin_s      time at which frame 0 begins, by the clock of the scene's motions
+    pose         pose of the sensor, its mounting not included: in the world, or on the scene's ego vehicle; None: the
+                 simulator's, or else the scene's own. A `Pose`, or (x, y, z) in metres, with or without
                  (..., yaw, pitch, roll) in degrees
-    coordinates  of the points: "world", "vehicle" or "sensor". A sensor that moves does not know it: all points are
-                 placed from where it stood at the frame's start (see `deskewed`)
+    coordinates  of the points: "world", "vehicle" or "sensor". Motion of the sensor within a frame is not corrected:
+                 all points are placed from where it stood at the frame's start (see `deskewed`)
     chunk        rays traced at a time: bounds the memory, changes nothing else
-    Raises InputError for a value that is none.
+    Raises InputError for a value out of bounds.
     """
 
     KEYWORD: ClassVar[str] = "frame"
@@ -117,12 +118,12 @@ class FrameOptions:
         if self.pose is not None:
             object.__setattr__(self, "pose", placed(self.pose))
         if self.coordinates not in COORDINATES:
-            known = " or ".join(map(repr, COORDINATES))
-            raise OptionError("{coordinates}: must be {0}, got {1!r}", known, self.coordinates)
+            choices = " or ".join(map(repr, COORDINATES))
+            raise OptionError("{coordinates}: must be {0}, got {1!r}", choices, self.coordinates)
 
 
 def placed(pose: object) -> Pose:
-    """A `Pose`, also from three to six numbers. Raises OptionError."""
+    """Convert a `Pose` or three to six numbers (see `Placed`) to a `Pose`. Raises OptionError for anything else."""
     from ..maths.pose import Pose
 
     if isinstance(pose, Pose):
@@ -139,14 +140,14 @@ def placed(pose: object) -> Pose:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Observers:
-    """Who is told while a frame is rendered, chunk by chunk.
+    """Functions called while a frame is rendered, once for each chunk, and a summary that is filled.
 
-    progress  told (done, pulses): how many pulses are done, of how many
-    missed    told (pulse, outcome) of every pulse without an echo point
-    ambient   told (pulse, counts) of every pulse: the background, `detection.ambient.counts`
-    points    told (pulse, surfaces): the pulse of each point of the cloud, and `surface_columns` (in
-              `kernel.rays.point_columns`) of every pulse that met one: what rates of detection need
-    summary   filled: pulses by outcome, points, seconds by stage
+    progress  called with (done, pulses): the number of pulses done, and of all
+    missed    called with (pulse, outcome): arrays of all pulses without an echo point
+    ambient   called with (pulse, counts): arrays of all pulses and of their background, `detection.ambient.counts`
+    points    called with (pulse, surfaces): the pulse of each point of the cloud, and `surface_columns` (in
+              `kernel.rays.point_columns`) of every pulse that met a surface; rates of detection are made of these
+    summary   filled with pulses by outcome, points, seconds by stage
     Raises InputError for an observer that cannot be called.
     """
 
@@ -166,7 +167,7 @@ class Observers:
 
 
 class TraceKeywords(TypedDict, total=False):
-    """The fields of `TraceOptions` as keywords; a test holds them to be the same."""
+    """Keywords for the fields of `TraceOptions`; a test compares the two."""
 
     rays: int
     interactions: int
@@ -175,7 +176,7 @@ class TraceKeywords(TypedDict, total=False):
 
 
 class FrameKeywords(TypedDict, total=False):
-    """The fields of `FrameOptions` as keywords."""
+    """Keywords for the fields of `FrameOptions`."""
 
     seed: int
     number: int
@@ -186,7 +187,7 @@ class FrameKeywords(TypedDict, total=False):
 
 
 class ObserverKeywords(TypedDict, total=False):
-    """The fields of `Observers` as keywords."""
+    """Keywords for the fields of `Observers`."""
 
     progress: Callable[[int, int], object] | None
     missed: Callable[[Numbers, Numbers], object] | None
@@ -196,11 +197,11 @@ class ObserverKeywords(TypedDict, total=False):
 
 
 class StreamKeywords(FrameKeywords, ObserverKeywords):
-    """What a frame that is rendered takes."""
+    """Keywords of `Simulator.render` and `Simulator.stream`."""
 
 
 class RenderKeywords(TraceKeywords, StreamKeywords, total=False):
-    """All options of a frame, one by one or as the objects that have them."""
+    """Keywords of `render`: all options of a frame, one by one or as the objects that hold them."""
 
     trace: TraceOptions
     frame: FrameOptions
@@ -211,27 +212,30 @@ Options = TypeVar("Options", TraceOptions, FrameOptions, Observers)
 
 
 class Keywords:
-    """The loose keywords of a call, taken out as options of one kind after the other."""
+    """Split the **keywords of a call into TraceOptions, FrameOptions and Observers."""
 
     def __init__(self, keywords: Mapping[str, object]) -> None:
-        self._left = dict(keywords)
-        self._known: list[str] = []
+        self._remaining = dict(keywords)
+        self._field_names: list[str] = []
 
-    def take(self, kind: type[Options], given: Options | None = None) -> Options:
-        """The options of this kind: those given, or the default, with the keywords that are fields of theirs.
+    def take(self, kind: type[Options], options: Options | None = None) -> Options:
+        """Take the options of one kind: ``options`` or the default, with fields replaced by keywords of their names.
 
-        They may also come whole, as the keyword of their kind. Raises InputError for what is not of this kind.
+        The keyword `KEYWORD` of the kind may give the whole object instead. Raises InputError for an object of another
+        kind.
         """
-        whole = self._left.pop(kind.KEYWORD, None) if given is None else given
+        whole = self._remaining.pop(kind.KEYWORD, None) if options is None else options
         if whole is not None and not isinstance(whole, kind):
             more = "; the coordinate system is coordinates=" if kind is FrameOptions else ""
             raise InputError(f"{kind.KEYWORD}: must be {kind.__name__}, got {whole!r}{more}")
         names = [field.name for field in dataclasses.fields(kind)]
-        self._known += names
-        changes: dict[str, Any] = {name: self._left.pop(name) for name in names if name in self._left}
+        self._field_names += names
+        changes: dict[str, Any] = {name: self._remaining.pop(name) for name in names if name in self._remaining}
         return dataclasses.replace(whole or kind(), **changes)
 
     def end(self) -> None:
-        """Raise InputError for a keyword that no options had as a field."""
-        if self._left:
-            raise InputError(f"unknown option '{next(iter(self._left))}'; known here: {', '.join(self._known)}")
+        """Raise InputError for a keyword that was a field of none of the kinds taken."""
+        if self._remaining:
+            raise InputError(
+                f"unknown option '{next(iter(self._remaining))}'; known here: {', '.join(self._field_names)}"
+            )

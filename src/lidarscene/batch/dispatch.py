@@ -1,0 +1,292 @@
+"""Dispatch: hand the missing frames of a job out to a Dask cluster, a few at a time."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import pickle
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..errors import LidarSceneError
+from .manifest import write_manifest
+from .store import Store
+from .tasks import FrameTask, Job
+from .work import ELSEWHERE, REUSED, render_frames
+
+BUNDLE_S = 1.0
+"""Work [s] in one bundle of frames: Dask needs some 7 ms for each bundle."""
+
+MOST_IN_BUNDLE = 100
+"""Most frames in one bundle."""
+
+BUNDLES_FOR_EACH = 2
+"""Bundles queued per thread; more would pin work to slow workers."""
+
+AGAIN_EVERY_S = 1.0
+"""Interval at which frames are tried again that another run was rendering."""
+
+WITHOUT_WORKERS_S = 120.0
+"""Longest time that a cluster of this machine may be without any worker. Dask replaces a worker that dies, which takes
+three quarters of a minute where eight other programs run, but not one that dies while it starts.
+"""
+
+STARTS = 3
+"""Consecutive clusters that may end without finishing a frame."""
+
+COUNT_EVERY_S = 5.0
+"""Interval at which the cluster's threads are counted."""
+
+
+@dataclass(slots=True)
+class Progress:
+    """Progress of a job.
+
+    frames    number of frames in the job
+    reused    frames that were in the folder before, or occur twice in the job
+    rendered  frames rendered by this run
+    failed    key of a frame -> cause of its failure
+    """
+
+    frames: int
+    reused: int = 0
+    rendered: int = 0
+    failed: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def finished(self) -> int:
+        """Frames that are reused, rendered or failed."""
+        return self.reused + self.rendered + len(self.failed)
+
+
+FrameCallback = Callable[[Progress, FrameTask | None, str], None]
+Connect = Callable[[], AbstractContextManager[Any]]
+
+
+def run_job(
+    job: Job,
+    folder: Path,
+    *,
+    connect: Connect,
+    threads: int | None = None,
+    report: FrameCallback | None = None,
+    waiting: Callable[[], object] = lambda: None,
+) -> Progress:
+    """Render what is missing into ``folder`` and write its manifest.
+
+    connect  gives a Dask client, called if frames are missing; ``lambda: nullcontext(client)`` for one's own. All
+             workers must see ``folder``, and the files of the job, by the same names. It is called again if all
+             workers of a cluster of this machine are gone
+    threads  threads of Dr.Jit in each worker; None: those of the Dask worker
+    report   called after each frame, with its task and cause if it failed
+    waiting  called when the cluster has had no worker for a while
+    Other runs may work in the same folder: each frame is rendered by one of them.
+    Raises OutputError where the manifest cannot be written, LidarSceneError where the scheduler or the workers end
+    before the job does; the result lists frames that failed.
+    """
+    store = Store(folder.absolute())
+    stored = bytearray(store.row(task.key) is not None for task in job.tasks())
+    progress = Progress(len(stored), reused=sum(stored))
+    ended: dict[str, bool] = {}
+    starts = 0
+    while progress.finished < progress.frames:
+        missing = itertools.compress(job.tasks(), (not is_stored for is_stored in stored))
+        progress.reused = sum(stored) + sum(ended.values())
+        before = len(ended)
+        try:
+            with connect() as client, _Dispatcher(client, store, threads, waiting) as dispatcher:
+                _render(missing, dispatcher, progress, report or (lambda *_: None), ended)
+        except (_SchedulerGone, _WorkersGone) as error:
+            # A cluster of this machine is started again; a remote one is not ours to start.
+            starts = 1 if len(ended) > before else starts + 1
+            if isinstance(error, _WorkersGone) and starts < STARTS:
+                continue
+            subject = "Dask scheduler has" if isinstance(error, _SchedulerGone) else "workers of this machine are"
+            raise LidarSceneError(
+                f"the {subject} gone; {progress.finished:,} of {progress.frames:,} frames were done, and the same "
+                "command goes on from there"
+            ) from error
+    write_manifest(job, store, progress.failed)
+    return progress
+
+
+def _render(
+    missing: Iterator[FrameTask],
+    dispatcher: _Dispatcher,
+    progress: Progress,
+    report: FrameCallback,
+    ended: dict[str, bool],
+) -> None:
+    """Hand out the missing frames, a bounded number at once, and wait for all of them.
+
+    ended  filled: key of a finished frame -> whether another run rendered it
+    """
+    elsewhere: list[FrameTask] = []
+
+    def take() -> None:
+        for task, cause in dispatcher.next():
+            if cause == ELSEWHERE:
+                elsewhere.append(task)
+                continue
+            ended[task.key] = cause == REUSED
+            if cause == REUSED:
+                progress.reused += 1
+            elif cause:
+                progress.failed[task.key] = cause
+            else:
+                progress.rendered += 1
+            failed = task.key in progress.failed
+            report(progress, task if failed else None, cause if failed else "")
+
+    keys: set[str] = set()
+    remaining = progress.frames - progress.reused
+    while bundle := list(itertools.islice(missing, dispatcher.share(remaining))):
+        remaining -= len(bundle)
+        distinct = list({task.key: task for task in bundle if task.key not in keys}.values())
+        progress.reused += len(bundle) - len(distinct)  # twice in the job
+        keys.update(task.key for task in distinct)
+        if new := [task for task in distinct if task.key not in ended]:
+            dispatcher.submit(new)
+        while dispatcher.is_enough():
+            take()
+    while dispatcher.bundles:
+        take()
+    # Frames that another run was rendering: they are done by now, or that run was killed, or we wait.
+    while elsewhere:
+        for task in elsewhere:
+            dispatcher.submit([task])
+        elsewhere.clear()
+        while dispatcher.bundles:
+            take()
+        if elsewhere:
+            time.sleep(AGAIN_EVERY_S)
+
+
+class _SchedulerGone(Exception):
+    """Raised when the scheduler answers no more."""
+
+
+class _WorkersGone(Exception):
+    """Raised when a cluster of this machine has had no worker for too long."""
+
+
+class _Dispatcher:
+    """Hands bundles of frames to the cluster and collects their results.
+
+    bundles  Dask's key of a bundle -> its frames, for all that have not come back
+    """
+
+    def __init__(self, client: Any, store: Store, threads: int | None, waiting: Callable[[], object]) -> None:
+        from distributed import as_completed
+
+        self.bundles: dict[str, list[FrameTask]] = {}
+        self._client = client
+        self._arguments = (str(store.folder), threads)
+        self._names = (f"render-{uuid.uuid4().hex}-{number}" for number in itertools.count())
+        self._waiting = as_completed(loop=client.loop, with_results=True, raise_errors=False)
+        self._counted_s, self._threads = -math.inf, 1
+        self._frame_s = BUNDLE_S
+        self._futures: dict[str, Any] = {}
+        self._over, self._no_workers, self._on_waiting = threading.Event(), False, waiting
+
+    def __enter__(self) -> _Dispatcher:
+        threading.Thread(target=self._watch, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+
+    def _watch(self) -> None:
+        """Watch for a cluster without workers (runs in a thread): a bundle that no worker has never comes back."""
+        since, was_reported = time.monotonic(), False
+        while not self._over.wait(min(COUNT_EVERY_S, WITHOUT_WORKERS_S / 4.0)):
+            try:
+                is_any = bool(self._client.nthreads())
+            except Exception:  # `next` reports a scheduler that is gone
+                return
+            if is_any:
+                since, was_reported = time.monotonic(), False
+            elif time.monotonic() - since > WITHOUT_WORKERS_S:
+                if not was_reported:
+                    self._on_waiting()
+                was_reported = True
+                if self._client.cluster is not None:
+                    self._no_workers = True
+                    self._client.cancel(list(self._futures.values()), force=True)
+                    return
+
+    def share(self, remaining: int) -> int:
+        """Number of frames for the next bundle, if this many remain."""
+        by_time = int(BUNDLE_S / max(self._frame_s, 1e-3))
+        return max(1, min(by_time, MOST_IN_BUNDLE, remaining // (2 * self._count())))
+
+    def submit(self, bundle: list[FrameTask]) -> None:
+        """Hand out some frames, to be rendered one after the other."""
+        name = next(self._names)  # unique to each run: Dask would answer a repeated one from its memory
+        call = pickle.dumps(_Call(bundle, *self._arguments))
+        self._futures[name] = self._client.submit(pickle.loads, call, key=name, pure=False)
+        self._waiting.add(self._futures[name])
+        self.bundles[name] = bundle
+        if self._no_workers:  # the workers went before `_watch` could cancel this bundle
+            raise _WorkersGone
+
+    def is_enough(self) -> bool:
+        """Whether the cluster has all the bundles that it should have at once."""
+        return len(self.bundles) >= BUNDLES_FOR_EACH * self._count()
+
+    def next(self) -> list[tuple[FrameTask, str]]:
+        """Wait for a bundle: its frames, each with the cause of its failure or ""."""
+        future, result = next(self._waiting)
+        bundle = self.bundles.pop(future.key)
+        self._futures.pop(future.key, None)
+        if future.cancelled():  # either by `_watch`, or by Dask because the scheduler is gone
+            raise _WorkersGone if self._no_workers else _SchedulerGone
+        if future.status == "finished":
+            causes, seconds = result
+            self._frame_s = seconds / len(bundle)
+            return list(zip(bundle, causes, strict=True))
+        if len(bundle) == 1:
+            return [(bundle[0], _cause(result[1]))]
+        for task in bundle:  # one by one, to find which of them fails; finished ones cost nothing
+            self.submit([task])
+        return []
+
+    def _count(self) -> int:
+        """Number of threads of the cluster, which may grow and shrink."""
+        time_s = time.monotonic()
+        if time_s - self._counted_s > COUNT_EVERY_S:
+            try:
+                threads = sum(self._client.nthreads().values())
+            except OSError as error:
+                raise _SchedulerGone from error
+            self._counted_s, self._threads = time_s, max(1, threads)
+        return self._threads
+
+
+class _Call:
+    """Call of `render_frames` that unpickling executes.
+
+    The worker unpickles it inside the task. A worker without lidarscene then fails the task with that cause; if Dask
+    itself had to unpickle the function, the worker would end.
+    """
+
+    def __init__(self, bundle: list[FrameTask], folder: str, threads: int | None) -> None:
+        self._arguments = (bundle, folder, threads)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return render_frames, self._arguments
+
+
+def _cause(error: Any) -> str:
+    """One line for a failure that Dask reports."""
+    from distributed import KilledWorker
+
+    if isinstance(error, KilledWorker):
+        return "every worker that rendered it died, each time anew; was there too little memory?"
+    return " ".join(f"the worker said {type(error).__name__}: {error}".split())

@@ -1,0 +1,325 @@
+"""LiveSimulator: the caller places, adds and removes bodies and moves the ego vehicle between frames.
+
+The world is compiled once, with every body that may ever be there. A body that can be placed is traced in its own
+coordinates, like all that moves: its pose is numbers on the device, and no ray enters the box of a body that is away.
+So nothing is compiled or built again, and a frame equals that of a scene file with the same poses.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from bisect import bisect_right
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TypedDict, Unpack
+
+import numpy as np
+
+from ..cloud.point_cloud import PointCloud
+from ..errors import InputError
+from ..maths.pose import Pose
+from ..maths.trajectory import Course, Held, Motion, Riding, Spline
+from ..scene.clearance import Clearance
+from ..scene.scene import Body, Scene
+from ..scene.scene_file import load_scene
+from ..sensor.model import Sensor
+from .frame import TOLERANCE_S, frame_edges
+from .render_options import FrameKeywords, FrameOptions, Keywords, Placed, TraceKeywords, TraceOptions, placed
+from .simulator import Simulator
+
+ROTATION_ERROR = 1e-5
+"""Largest error of a rotation's entries: those of a rotation in single precision, multiplied a few times."""
+
+_SHOWN = 8
+"""Most names listed in an error."""
+
+
+class MotionKeywords(TypedDict, total=False):
+    """Motion of a body from a pose on. Without any of these it stands there.
+
+    velocity_m_s    (x, y, z) in the world
+    yaw_rate_deg_s  about its own z axis, positive to the left
+    time_s          time of the pose, by the clock of the scene's motions; 0 by default
+    """
+
+    velocity_m_s: tuple[float, float, float]
+    yaw_rate_deg_s: float
+    time_s: float
+
+
+class LiveSimulator(Simulator):
+    """A `Simulator` of a world that is changed between frames; nothing is compiled again.
+
+    `render` and `stream` give the frame of their options, `advance` the frames that are over by the caller's clock.
+    """
+
+    def __init__(
+        self,
+        scene: str | os.PathLike[str] | Scene,
+        sensor: str | os.PathLike[str] | Sensor | None = None,
+        trace: TraceOptions | None = None,
+        *,
+        movable: Iterable[str] = (),
+        spares: Mapping[str, int] | None = None,
+        pose: Placed | None = None,
+        **options: Unpack[TraceKeywords],
+    ) -> None:
+        """Compile the scene.
+
+        movable  names of bodies that can be placed, besides those that have a motion in the scene
+        spares   name of a body -> number of copies of it that can be added; the body itself can be placed, too
+        others   as for `Simulator`. The sensor rides on the ego vehicle, which stands at the world's origin if the
+                 scene has none
+        Raises InputError for a name that no body of the scene has.
+        """
+        built, self._pools = live_scene(load_scene(scene), movable, spares or {})
+        super().__init__(built, sensor, trace, pose=pose, **options)
+        self._number = {body.name: number for number, body in enumerate(built.bodies)}
+        present = [replace(body, away=False) for body in built.bodies]
+        self._everywhere = Clearance.of_scene(replace(built, bodies=tuple(present)))
+        self._tracks: dict[str | None, Track] = {}  # None is the ego vehicle
+        self._now_s, self._rendered = -math.inf, 0
+
+    def place(self, name: str, pose: Placed, **motion: Unpack[MotionKeywords]) -> None:
+        """Place a body at this pose in the world from the next frame on, at rest or with a ``motion`` from there.
+
+        Raises InputError for an unknown name, and for a body that cannot be placed or is away.
+        """
+        self._require(name)
+        self._tracks.pop(name, None)
+        self._change({name: _course(f"'{name}'", pose, **motion)})
+
+    def move_ego(self, pose: Placed, **motion: Unpack[MotionKeywords]) -> None:
+        """Place the ego vehicle, with the sensor and all that is fixed to it, at this pose from the next frame on."""
+        self._tracks.pop(None, None)
+        self._change({None: _course("ego", pose, **motion)})
+
+    def add(self, name: str, pose: Placed, **motion: Unpack[MotionKeywords]) -> str:
+        """Add a spare copy of a body at a pose, as `place` does, and return the copy's name.
+
+        Raises InputError where no spare is left.
+        """
+        if name not in self._pools:
+            originals = ", ".join(f"'{original}'" for original in self._pools) or "none"
+            raise InputError(f"body '{name}': has no spares; bodies with spares: {originals}")
+        free = next((copy for copy in self._pools[name] if self._body(copy).away), None)
+        if free is None:
+            count = len(self._pools[name]) - 1
+            raise InputError(
+                f"body '{name}': no spare is left, all {count} are there; spares={{'{name}': {count + 1}}} has one more"
+            )
+        self._change({free: _course(f"'{name}'", pose, **motion)}, absence={free: False})
+        return free
+
+    def remove(self, name: str) -> None:
+        """Remove a body from the next frame on. `add` brings it back if it has spares, or is one."""
+        self._require(name)
+        self._tracks.pop(name, None)
+        self._change({}, absence={name: True})
+
+    def advance(
+        self,
+        to_s: float,
+        poses: Mapping[str, Placed] | None = None,
+        ego: Placed | None = None,
+        frame: FrameOptions | None = None,
+        **options: Unpack[FrameKeywords],
+    ) -> list[PointCloud]:
+        """Advance the caller's clock to this time, at which bodies have these poses, and render the frames now over.
+
+        Between two poses a body moves with a constant twist; without a new pose it stays where it was. The first frame
+        begins at ``begin_s`` and has the ``number`` of the options, later ones follow.
+
+        poses    name of a body -> its pose in the world
+        ego      pose of the ego vehicle
+        options  fields of `FrameOptions`, in place of those of ``frame``; they should be the same every time
+        Raises InputError for a time that is not later than the last one, and as `place`.
+        """
+        keywords = Keywords(options)
+        frame_options = keywords.take(FrameOptions, frame)
+        keywords.end()
+        if not self._now_s < to_s < math.inf:
+            raise InputError(f"advance: must be to a time later than {self._now_s:g} s, got {to_s:g} s")
+        new_poses: dict[str | None, Pose] = {}
+        for name, pose in (poses or {}).items():
+            self._require(name)
+            new_poses[name] = _checked_pose(f"'{name}'", pose)
+        if ego is not None:
+            new_poses[None] = _checked_pose("ego", ego)
+        self._now_s = float(to_s)
+        for key, pose in new_poses.items():
+            self._tracks.setdefault(key, Track()).append(self._now_s, pose)
+        clouds: list[PointCloud] = []
+        while self._edges_s(frame_options)[1] <= self._now_s + TOLERANCE_S:
+            if not clouds:
+                self._change({key: track.motion(key or "ego") for key, track in self._tracks.items()})
+            clouds.append(self.render(replace(frame_options, number=frame_options.number + self._rendered)))
+            self._rendered += 1
+        for track in self._tracks.values():
+            track.forget(self._edges_s(frame_options)[0])
+        return clouds
+
+    def _edges_s(self, options: FrameOptions) -> tuple[float, float]:
+        """Start and end of the next frame of `advance` [s]."""
+        first_s, last_s = frame_edges(self.sensor.scanner, options.number + self._rendered)
+        return options.begin_s + first_s, options.begin_s + last_s
+
+    def _body(self, name: str) -> Body:
+        return self.scene.bodies[self._number[name]]
+
+    def _require(self, name: str) -> None:
+        """Raise InputError unless a body of this name is present and can be placed."""
+        bodies = {body.name: body for body in self.scene.bodies}
+        placeable = {key: body for key, body in bodies.items() if body.motion is not None and not body.away}
+        if name in placeable:
+            return
+        if name not in bodies:
+            why = "not in the scene"
+        elif bodies[name].away:
+            why = "is away, add brings it back"
+        else:
+            why = f"cannot be placed, movable=['{name}'] lets it"
+        require_body(placeable, name, why, "bodies that can be placed")
+
+    def _change(self, motions: Mapping[str | None, Motion], *, absence: Mapping[str, bool] | None = None) -> None:
+        """Change the world: motions of bodies and of the ego vehicle (None), and whether bodies are away."""
+        bodies, before = list(self.scene.bodies), self.scene.ego
+        ego = motions.get(None, before)
+        for number, body in enumerate(bodies):
+            # What is fixed to the ego vehicle goes with it.
+            if isinstance(body.motion, Riding) and body.motion.carrier is before and ego is not None:
+                bodies[number] = replace(body, motion=replace(body.motion, carrier=ego))
+        for name, motion in motions.items():
+            if name is not None:
+                bodies[self._number[name]] = replace(self._body(name), motion=motion)
+        for name, absent in (absence or {}).items():
+            bodies[self._number[name]] = replace(bodies[self._number[name]], away=absent)
+        self.scene = replace(self.scene, bodies=tuple(bodies), ego=ego)
+        self.world = self.world.with_bodies(bodies)
+        around = self._everywhere
+        box_bodies = [bodies[self._number[body.name]] for body in around.bodies]
+        present = np.array([not body.away for body in box_bodies], bool)
+        self.clearance = Clearance(
+            bodies=tuple(body for body in box_bodies if not body.away),
+            boxes=around.boxes[present],
+            around=around.around[present],
+            blocks=around.blocks,
+        )
+
+
+@dataclass(slots=True)
+class Track:
+    """Last poses of a body, at rising times [s]."""
+
+    times_s: list[float] = field(default_factory=list)
+    poses: list[Pose] = field(default_factory=list)
+
+    def append(self, time_s: float, pose: Pose) -> None:
+        """Add the latest pose."""
+        self.times_s.append(time_s)
+        self.poses.append(pose)
+
+    def forget(self, before_s: float) -> None:
+        """Drop the poses that no frame after this time needs."""
+        first = max(bisect_right(self.times_s, before_s) - 1, 0)
+        del self.times_s[:first], self.poses[:first]
+
+    def motion(self, name: str) -> Motion:
+        """Motion through the poses: a constant twist from each to the next, at rest before and after.
+
+        Equal poses are a body at rest. Raises InputError for a turn between two poses that is too large.
+        """
+        first = self.poses[0]
+        if all(
+            np.array_equal(pose.position_m, first.position_m) and np.array_equal(pose.rotation, first.rotation)
+            for pose in self.poses
+        ):
+            return Course(start=first)
+        try:
+            return Held(motion=Spline(time_s=np.array(self.times_s), poses=tuple(self.poses), smooth=False))
+        except ValueError as error:
+            raise InputError(f"'{name}': {error}") from None
+
+
+def live_scene(
+    scene: Scene, movable: Iterable[str], spares: Mapping[str, int]
+) -> tuple[Scene, dict[str, tuple[str, ...]]]:
+    """Add an ego vehicle, placeable bodies and spare ones that are away to a scene; also name -> names of its copies.
+
+    A placeable body has a motion: one at rest where the scene gives it none. Spare bodies come last, so that the others
+    keep their numbers. Raises InputError for an unknown body, or a number of spares that is no whole number >= 0.
+    """
+    if isinstance(movable, str):
+        raise InputError(f"movable: must be several names, got '{movable}'")
+    bodies = {body.name: body for body in scene.bodies}
+    for name in (*movable, *spares):
+        if (body := require_body(bodies, name)).motion is None:
+            bodies[name] = replace(body, motion=Course(start=body.pose))
+    pools: dict[str, tuple[str, ...]] = {}
+    for name, count in spares.items():
+        if not isinstance(count, int) or isinstance(count, bool) or count < 0:
+            raise InputError(f"spares: '{name}': must be a whole number >= 0, got {count!r}")
+        pools[name] = (name, *spare_names(name, count, bodies))
+        for spare in pools[name][1:]:
+            # The same parts: copies share the compiled meshes.
+            bodies[spare] = replace(bodies[name], name=spare, away=True)
+    return replace(scene, bodies=tuple(bodies.values()), ego=scene.ego or Course()), pools
+
+
+def spare_names(name: str, count: int, existing: Iterable[str]) -> list[str]:
+    """Find names for copies of a body "car" or "car.0" that no other body has: "car.1", "car.2", ..."""
+    names: list[str] = []
+    number, existing, base = 1, set(existing), re.sub(r"\.\d+$", "", name)
+    while len(names) < count:
+        if (candidate := f"{base}.{number}") not in existing:
+            names.append(candidate)
+        number += 1
+    return names
+
+
+def require_body(
+    bodies: Mapping[str, Body], name: str, why: str = "not in the scene", listed: str = "its bodies"
+) -> Body:
+    """Look up a body by name. Raises InputError with ``why``, and the names there are, where it is missing."""
+    if name in bodies:
+        return bodies[name]
+    names = [f"'{key}'" for key in bodies]
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    raise InputError(f"body '{name}': {why}; {listed}: {(', '.join(names[:_SHOWN]) or 'none') + more}")
+
+
+def _course(
+    subject: str,
+    pose: Placed,
+    *,
+    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    yaw_rate_deg_s: float = 0.0,
+    time_s: float = 0.0,
+) -> Course:
+    """Motion from a pose on, as `MotionKeywords` describe it."""
+    x, y, z = velocity_m_s
+    if not all(math.isfinite(number) for number in (x, y, z, yaw_rate_deg_s, time_s)):
+        raise InputError(
+            f"{subject}: velocity, yaw rate and time must be finite, got {velocity_m_s}, {yaw_rate_deg_s}, {time_s}"
+        )
+    return Course(
+        start=_checked_pose(subject, pose),
+        velocity_m_s=(float(x), float(y), float(z)),
+        yaw_rate_rad_s=math.radians(yaw_rate_deg_s),
+        since_s=float(time_s),
+    )
+
+
+def _checked_pose(subject: str, pose: Placed) -> Pose:
+    """Convert to a `Pose`. Raises InputError for numbers that are not finite, or a matrix that is no rotation."""
+    checked = placed(pose)
+    turn = checked.rotation
+    square = np.isfinite(turn).all() and np.abs(turn @ turn.T - np.eye(3)).max() < ROTATION_ERROR
+    if not (np.isfinite(checked.position_m).all() and square and np.linalg.det(turn) > 0.0):
+        raise InputError(
+            f"{subject}: its pose must be finite numbers and a rotation, got {checked.position_m.tolist()} and "
+            f"{turn.tolist()}"
+        )
+    return checked
