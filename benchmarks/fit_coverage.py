@@ -83,7 +83,7 @@ def rendered() -> None:
     light = Simulator(street, base).light()
     numbers: list[np.ndarray] = []
     cloud = Simulator(street, unit_of(truth, base)).render(seed=1, points=lambda pulse, _: numbers.append(pulse))
-    there, pulse = np.asarray(light.found), np.concatenate(numbers).astype(int)
+    there, pulse = np.asarray(light.has_surface), np.concatenate(numbers).astype(int)
     echo = cloud.status == 0
     told_of = {name: np.full(len(there), np.nan) for name in ("signal", "range_m", "ambient")}
     for name, values in told_of.items():

@@ -121,12 +121,12 @@ def _frame(simulator: Simulator) -> Callable[[], tuple[float, float]]:
             axes = beams.fire(sensor, pulse=of_ray, origin_m=origin, rotation=rotation)
             rays = axes if ray is None else spread(axes, shape, ray=ray, rotation=rotation)
             paths = trace(simulator.world, rays, sun=sun, interactions=0)
-            light = echoes.with_all_background([echoes.receive(rays, one, sensor, ambient) for one in paths])
+            light = echoes.gather_background([echoes.receive(rays, one, sensor, ambient) for one in paths])
             for one, hits in zip(light, paths, strict=True):
-                transfer.start([one.found, one.range_m, one.peak_power_w, one.background_power_w, hits.face])
+                transfer.start([one.has_surface, one.range_m, one.peak_power_w, one.background_power_w, hits.face])
             history.take()
             traced_s = history.device_s
-            whole = pulse_train.together(light, rays, rays=count)
+            whole = pulse_train.join_echoes(light, rays, rays=count)
             found = multi_echo.detect(whole, sensor, seed=seed, pulse=pulse)
             kept = [
                 array

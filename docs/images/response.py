@@ -5,7 +5,7 @@ from drawing import INK, dark, saved
 
 import lidarscene
 from lidarscene.light.echoes import EchoTrain, SubEchoes
-from lidarscene.light.waveform import sampled
+from lidarscene.light.waveform import sample_power_and_signal
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
 
@@ -35,12 +35,12 @@ def response() -> None:
     left.legend(frameon=False, labelcolor=INK)
 
     parts = SubEchoes(range_m=np.array([40.0, 60.0]), peak_power_w=np.array([3e-6, 3e-8]), count=2)
-    light = EchoTrain(parts=(parts,), surfaces=2, found=np.array([True]), background_power_w=np.array([BACKGROUND_W]))
+    light = EchoTrain(parts=(parts,), surfaces=2, has_surface=np.array([True]), background_power_w=np.array([BACKGROUND_W]))
     range_m = np.linspace(35.0, 120.0, 3000)
     for coupling, colour in (("DC-coupled", "#ffc14d"), ("AC-coupled at 500 kHz", "#5ec8f2")):
         override = ["receiver.ac_coupling_khz=500"] if coupling.startswith("AC") else []
         sensor = lidarscene.load_sensor("table1-apd", overrides=["receiver.response='gaussian'", *override])
-        _, (signal,) = sampled(light, sensor, range_m / 149896229.0)
+        _, (signal,) = sample_power_and_signal(light, sensor, range_m / 149896229.0)
         right.plot(range_m, 1e6 * signal, color=colour, label=coupling)
     level = float(sensor.threshold(sensor.working_point(light.background_power_w))[0])
     right.axhline(1e6 * level, color=INK, linewidth=0.7, linestyle=(0, (4, 4)))

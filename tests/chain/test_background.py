@@ -82,7 +82,7 @@ def test_the_sun_through_a_pane(mi, off_deg):
     free = looking_at_the_sun("table1-apd", off_deg=off_deg).light.background_power_w[4]
     sky = 0.1 * ESUN / math.pi * APERTURE_M2 * math.pi * FIELD_RAD**2 * ETA
     mirrored = both_sides(math.cos(math.radians(30.0)))
-    assert not any(hits.found[4] for hits in seen.ways)
+    assert not any(hits.has_surface[4] for hits in seen.ways)
     assert seen.light.background_power_w[4] == pytest.approx((1.0 - mirrored) * free + mirrored * sky, rel=2e-5)
 
 

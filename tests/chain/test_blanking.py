@@ -21,7 +21,7 @@ def one_echo(range_m, power_w, equipped):
     """The same through the closed form of a lone pulse."""
     of_each = np.full(200, range_m)
     light = Echoes(
-        found=of_each > 0.0,
+        has_surface=of_each > 0.0,
         range_m=of_each,
         peak_power_w=0.0 * of_each + power_w,
         background_power_w=0.0 * of_each + trains.BACKGROUND_W,

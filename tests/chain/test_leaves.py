@@ -97,7 +97,7 @@ def test_a_porous_leaf_lets_the_same_share_through():
     """What of a porous surface is met is all leaf, from behind as from the front."""
     whole = run(chain.facing(range_m=20.0, material="leaf"))
     porous = run(chain.facing(range_m=20.0, material="leaf"), material=leaf(cover=0.7))
-    met = porous.hits.found
+    met = porous.hits.has_surface
     assert met.any()
     np.testing.assert_allclose(porous.light.background_power_w[met], whole.light.background_power_w[met], rtol=1e-5)
 

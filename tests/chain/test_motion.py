@@ -37,7 +37,7 @@ def test_hits_are_those_of_a_scene_rebuilt_for_each_pulse() -> None:
     assert len(chosen) == 32
     for point in chosen:
         time_s = float(cloud.time_s[point])
-        beam = Pattern.of(
+        beam = Pattern.create(
             azimuth_rad=cloud.azimuth_rad[[point]].astype(np.float64),
             elevation_rad=cloud.elevation_rad[[point]].astype(np.float64),
             time_s=np.zeros(1),

@@ -115,8 +115,8 @@ def test_from_13_m_on_all_of_the_spot_is_seen(lanes):
 
     whole_m = brentq(beyond, 1.0, 100.0)
     assert whole_m == pytest.approx(13.3, abs=0.1)
-    ratio = two.light.peak_power_w[one.hits.found] / one.light.peak_power_w[one.hits.found]
-    far = one.hits.range_m[one.hits.found]
+    ratio = two.light.peak_power_w[one.hits.has_surface] / one.light.peak_power_w[one.hits.has_surface]
+    far = one.hits.range_m[one.hits.has_surface]
     np.testing.assert_allclose(ratio[far > whole_m], 1.0, atol=1e-4)
     near = (far > whole_m - 0.6) & (far < whole_m - 0.4)
     assert near.sum() > 20

@@ -39,7 +39,7 @@ def test_numpy_and_device_agree():
     arrays = {
         name: transfer.from_numpy(getattr(light, name)) for name in ("range_m", "peak_power_w", "background_power_w")
     }
-    on_device = dataclasses.replace(light, found=arrays["range_m"] > 0.0, **arrays)
+    on_device = dataclasses.replace(light, has_surface=arrays["range_m"] > 0.0, **arrays)
     there = transfer.fetch(
         receivers.detect_alone(
             on_device, transfer.opaque(counter), seed=transfer.seed_word(4), pulse=transfer.counter(0, 6_000)

@@ -40,7 +40,7 @@ def test_boards_of_the_range_scene(name, compiled):
     for rho in (0.1, 0.8):
         for board_m in range(50, 501, 50):
             target = Target(reflectivity=rho)
-            here = lanes.hits.found & (np.abs(range_m - board_m) < 0.01 * board_m)
+            here = lanes.hits.has_surface & (np.abs(range_m - board_m) < 0.01 * board_m)
             here &= np.abs(lanes.hits.reflectivity - rho) < 0.01
             assert here.sum() > 300
             facing = here & (lanes.hits.cos_incidence > 0.9999)
@@ -64,7 +64,7 @@ def test_the_limit_of_table_1_lies_where_the_paper_has_it(compiled):
     lanes = chain.run(scene, sensor, seed=1, world=world)
 
     def kept(rho, board_m):
-        here = lanes.hits.found & (np.abs(lanes.hits.range_m - board_m) < 0.01 * board_m)
+        here = lanes.hits.has_surface & (np.abs(lanes.hits.range_m - board_m) < 0.01 * board_m)
         here &= np.abs(lanes.hits.reflectivity - rho) < 0.01
         return np.mean(lanes.detection.outcome[here] == 0)
 

@@ -194,7 +194,7 @@ def test_the_first_point_of_a_receiver_compiles_nothing(case, mi):
     """
     name, count, overrides = RECEIVERS[case]
     board = chain.scene(chain.facing(range_m=100.0, theta_deg=30.0, size_m=2000.0))
-    pattern = Pattern.of(
+    pattern = Pattern.create(
         azimuth_rad=np.linspace(0.0, 0.9, count),
         elevation_rad=np.zeros(count),
         time_s=1e-6 * np.arange(count),

@@ -7,7 +7,7 @@ import pytest
 from helpers.trains import BACKGROUND_W, detect, power_at_snr, sensor, train
 
 from lidarscene.light.air_light import air_light
-from lidarscene.light.waveform import sampled, waveform
+from lidarscene.light.waveform import sample_power_and_signal, waveform
 from lidarscene.physics.amplifier import high_pass
 from lidarscene.physics.optics import radiometry
 from lidarscene.scene.weather import Weather
@@ -37,9 +37,9 @@ def test_waveform_is_the_filtered_light(coupling_khz, good_to):
     filtered = ["receiver.response='gaussian'", "receiver.bandwidth_mhz=40", *coupled]
     equipped = sensor("table1-apd", *filtered)
     light = train(np.array([[30.0, 31.0, 36.0, 80.0]]), np.array([[1e-6, 6e-7, 2e-7, 3e-8]]))
-    (optical,), (signal,) = sampled(light, sensor("table1-apd"), TIME_S)
+    (optical,), (signal,) = sample_power_and_signal(light, sensor("table1-apd"), TIME_S)
     wanted = behind(signal, gaussian_hz=40e6, coupling_hz=None if coupling_khz is None else 1e3 * coupling_khz)
-    (power,), (found,) = sampled(light, equipped, TIME_S)
+    (power,), (found,) = sample_power_and_signal(light, equipped, TIME_S)
     np.testing.assert_array_equal(power, optical)
     # AC coupling lets pulses peak early by w sigma_p, which the sensor is calibrated for.
     late_s = 0.0
@@ -84,7 +84,7 @@ def test_undershoot_of_cells_is_that_of_the_cells_that_fired():
     """Of a SiPM in blinding light: all of its cells, not all of the light."""
     equipped = sensor("table1-sipm", "receiver.ac_coupling_khz=500")
     light = train(np.array([[40.0]]), np.array([[1e-2]]))
-    _, (signal,) = sampled(light, equipped, TIME_S)
+    _, (signal,) = sample_power_and_signal(light, equipped, TIME_S)
     point = equipped.working_point(light.background_power_w)
     deepest = float(np.sqrt(2.0 * np.pi) * equipped.coupling_rate) * point.largest[0]
     # The light outshines the cells for some widths, in which the baseline begins to recover: 3 %.

@@ -40,7 +40,7 @@ def test_powers_and_snr_through_the_tracer(theta_deg):
         for sensor in SENSORS.values():
             lanes = chain.run(scene, sensor, world=world)
             expected = plane.echoes_of_plane(sensor, target, range_m)
-            assert lanes.hits.found[MIDDLE]
+            assert lanes.hits.has_surface[MIDDLE]
             assert lanes.hits.lit[MIDDLE]
             assert lanes.light.peak_power_w[MIDDLE] == pytest.approx(expected.peak_power_w[0], rel=CHECK_1)
             background = lanes.light.background_power_w[MIDDLE]
@@ -75,9 +75,9 @@ def test_shadow_and_sky():
     shade = chain.box(at=(48.0, 0.0, 2.0 * math.sqrt(3.0)), size_m=(1.0, 3.0, 1.0))
     lanes = chain.run(chain.scene(chain.facing(range_m=50.0), shade, sky=0.2), sensor)
     middle, aside = 4, 3
-    assert lanes.hits.found[middle]
+    assert lanes.hits.has_surface[middle]
     assert not lanes.hits.lit[middle]
-    assert not lanes.hits.found[aside]
+    assert not lanes.hits.has_surface[aside]
     optics = sensor.optics
     gathered = optics.aperture_m2 * math.pi * (1e-4 / 0.03) ** 2 * 0.7986
     sky = 0.2 * 29.4 / math.pi

@@ -24,7 +24,7 @@ def traced(body, place):
     lanes = chain.run(chain.scene(body, pose=Pose.from_degrees(position_m=place)), SENSOR)
     direction = lanes.direction.astype(np.float64)
     length = np.linalg.norm(direction, axis=1)
-    found = lanes.hits.found
+    found = lanes.hits.has_surface
     # The tracer's t counts direction vectors; those are unit to float32 rounding.
     return ((lanes.hits.range_m.astype(np.float64) * length)[found], (direction / length[:, None])[found], found)
 
@@ -87,12 +87,12 @@ def test_large_ground_close_by():
     pose = Pose.from_degrees(position_m=(3.0, 5.0, 1.8), pitch_deg=-60.0)
     lanes = chain.run(chain.scene(road, pose=pose), SENSOR)
     direction = lanes.direction.astype(np.float64)
-    assert lanes.hits.found.all()
+    assert lanes.hits.has_surface.all()
     assert worst(lanes.hits.range_m, 1.8 / -direction[:, 2]) < CHECK_2
 
 
 def test_misses_are_named():
     lanes = chain.run(chain.scene(chain.ball(at=(0.0, 0.0, -50.0))), SENSOR)
-    assert not lanes.hits.found.any()
+    assert not lanes.hits.has_surface.any()
     assert (lanes.hits.face == -1).all()
     assert (lanes.light.peak_power_w == 0.0).all()

@@ -218,7 +218,7 @@ def test_a_measured_peak_is_no_lower_than_what_it_tripped():
     (part,) = one.parts
     many = dataclasses.replace(
         one,
-        found=np.full(4000, True),
+        has_surface=np.full(4000, True),
         background_power_w=np.full(4000, trains.BACKGROUND_W),
         parts=(
             dataclasses.replace(

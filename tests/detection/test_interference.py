@@ -27,7 +27,7 @@ def empty(sensor, *sources, range_m=None):
     """Light of shots at nothing, or at a wall, with these lidars about."""
     light = plane.echoes_of_plane(sensor, Target(), np.full(SHOTS, range_m or 100.0))
     if range_m is None:
-        light = replace(light, found=np.zeros(SHOTS, bool), peak_power_w=np.zeros(SHOTS))
+        light = replace(light, has_surface=np.zeros(SHOTS, bool), peak_power_w=np.zeros(SHOTS))
     return replace(light, interference=sources)
 
 

@@ -15,7 +15,7 @@ from lidarscene.detection import returns
 from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.light.echoes import Echoes, Volume, hump_of
 from lidarscene.light.footprint import points
-from lidarscene.light.waveform import sampled, waveform
+from lidarscene.light.waveform import sample_power_and_signal, waveform
 from lidarscene.maths.arrays import LookupTable
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import pulse_sums, tdc
@@ -54,7 +54,7 @@ def test_sub_echoes_at_one_range_are_one_echo(name, sub_echoes):
     power[::17] = 0.0
     weight = random.dirichlet(np.ones(sub_echoes), count)
     light = train(range_m[:, None], power[:, None] * weight)
-    lone = Echoes(found=power > 0.0, range_m=range_m, peak_power_w=power, background_power_w=light.background_power_w)
+    lone = Echoes(has_surface=power > 0.0, range_m=range_m, peak_power_w=power, background_power_w=light.background_power_w)
     wanted = returns.detect(lone, equipped, seed=0, pulse=np.arange(count, dtype=np.uint32))
     found = detect(light, equipped)
     np.testing.assert_array_equal(found.outcome, wanted.outcome)
@@ -150,7 +150,7 @@ def test_a_dip_needs_two_sigma():
     """Just below 2 sigma there is one peak, just above there are two, which the search may still take for one."""
     for separation, peaks in ((1.99, 1), (2.2, 2)):
         place = np.linspace(-1.0, separation + 1.0, 200_001)
-        value, slope, _ = pulse_sums.sum_of_pulses(at=place, centres=[0.0, separation], heights=[1.0, 1.0])
+        value, slope, _ = pulse_sums.sum_of_pulses(place=place, centres=[0.0, separation], heights=[1.0, 1.0])
         assert np.count_nonzero((slope[:-1] > 0.0) & (slope[1:] <= 0.0)) == peaks
         assert value.max() == pytest.approx(np.interp(place[np.argmax(value)], place, value))
 
@@ -158,7 +158,7 @@ def test_a_dip_needs_two_sigma():
 def test_derivatives_of_the_sum():
     place = np.linspace(-3.0, 6.0, 91)
     centres, heights = [0.0, 0.7, 3.1], [1.0, 0.2, 2.0]
-    at = [pulse_sums.sum_of_pulses(at=place + h, centres=centres, heights=heights) for h in (-1e-4, 0.0, 1e-4)]
+    at = [pulse_sums.sum_of_pulses(place=place + h, centres=centres, heights=heights) for h in (-1e-4, 0.0, 1e-4)]
     # Central differences: their error is h^2 / 6 times a third derivative of some ten, and rounding over h.
     np.testing.assert_allclose(at[1][1], (at[2][0] - at[0][0]) / 2e-4, atol=1e-7)
     np.testing.assert_allclose(at[1][2], (at[2][1] - at[0][1]) / 2e-4, atol=1e-7)
@@ -171,7 +171,7 @@ def test_energy_is_conserved():
     equipped = sensor("table1-apd")
     range_m, power = trains.random_trains(50, 9, equipped, seed=1)
     time_s = np.arange(-10.0 * SIGMA_S, 2.0 * 120.0 / SPEED_OF_LIGHT_M_S, SIGMA_S / 5.0)
-    watts, signal = sampled(train(range_m, power), equipped, time_s)
+    watts, signal = sample_power_and_signal(train(range_m, power), equipped, time_s)
     energy = watts.sum(axis=1) * SIGMA_S / 5.0
     alone = pulse_shape.pulse_energy_j(peak_power_w=power, fwhm_s=FWHM_S).sum(axis=1)
     np.testing.assert_allclose(energy, alone, rtol=1e-12)
@@ -189,7 +189,7 @@ def test_a_tilted_board_widens_the_echo(tilt_deg, rays):
     across = points("gaussian", rays)[:, 0] * radius
     equipped = sensor("table1-apd")
     time_s = 2.0 * 100.0 / SPEED_OF_LIGHT_M_S + np.arange(-60.0, 60.0, 0.02) * SIGMA_S
-    watts = sampled(train((100.0 + across * tangent)[None], np.full((1, rays), 1e-6 / rays)), equipped, time_s)[0][0]
+    watts = sample_power_and_signal(train((100.0 + across * tangent)[None], np.full((1, rays), 1e-6 / rays)), equipped, time_s)[0][0]
     mean = (watts * time_s).sum() / watts.sum()
     variance = (watts * (time_s - mean) ** 2).sum() / watts.sum()
     wanted = pulse_sums.broadened_fwhm_s(
@@ -467,7 +467,7 @@ def test_a_crossing_in_a_valley_is_of_what_rises_behind_it():
     light = train(np.full((count, 2), (10.0, 11.1)), np.full((count, 2), power), volume=air)
     range_m = np.arange(10.2, 10.9, 0.001)
     one = train(np.array([[10.0, 11.1]]), np.full((1, 2), power), volume=volume(course, 0.3 * power, 11.1))
-    watts = sampled(one, equipped, range_m / HALF_C)[0][0]
+    watts = sample_power_and_signal(one, equipped, range_m / HALF_C)[0][0]
     valley_m = range_m[np.argmin(watts)]
     first = detect(light, equipped).stops[0]
     there = first.reported & (np.abs(first.range_m - valley_m) < 0.005)
@@ -481,7 +481,7 @@ def test_fog_ends_at_the_surface():
     equipped = sensor("table1-apd")
     air = fog(1e-6, end_m=20.0)
     light = train(np.array([[20.0]]), np.array([[0.0]]), volume=air)
-    watts, _ = sampled(light, equipped, 2.0 / SPEED_OF_LIGHT_M_S * np.array([5.0, 15.0, 20.0, 25.0]))
+    watts, _ = sample_power_and_signal(light, equipped, 2.0 / SPEED_OF_LIGHT_M_S * np.array([5.0, 15.0, 20.0, 25.0]))
     course = 1e-6 * air.shape.at(np.array([5.0, 15.0, 20.0]) / 150.0)
     # (T37): at the surface kappa sigma = (2 alpha + 2 / 20 m) sigma more than half of it.
     at_surface = norm.cdf((2.0 * 0.05 + 2.0 / 20.0) * SIGMA_M)
@@ -498,7 +498,7 @@ def test_the_hump_is_where_a_course_is_concave():
 
 
 REACH = 13.0
-"""Farthest pulse that `pulse_sums.evenly` takes, in sigma_p from the middle of its places."""
+"""Farthest pulse that `pulse_sums.comb_parts` takes, in sigma_p from the middle of its places."""
 
 
 @pytest.mark.parametrize(("kind", "samples"), [("float64", 25), ("float32", 25), ("float32", 1024)])
@@ -520,15 +520,15 @@ def test_even_places_by_factors(kind, samples):
     heights = (1e-7 * random.uniform(0.0, 1.0, (count, pulses)) ** 3).astype(kind)
     heights[1], centres[1] = 0.0, 0.0
     left_out = heights.sum(axis=0, dtype=float) * math.exp(-0.5 * (REACH - 0.5 * spread) ** 2)
-    parts, growths = pulse_sums.evenly(
+    parts, growths = pulse_sums.comb_parts(
         start=start, spacing=spacing, middle=middle, centres=list(centres), heights=list(heights)
     )
     for number in range(samples):
         at = (start + np.asarray(number, dtype=kind) * spacing).astype(kind)
-        found = pulse_sums.even_sum(at=at, middle=middle, parts=parts)
+        found = pulse_sums.even_sum(place=at, middle=middle, parts=parts)
         exact = start.astype(float) + number * spacing.astype(float)
         wanted = pulse_sums.sum_of_pulses(
-            at=exact, centres=list(centres.astype(float)), heights=list(heights.astype(float))
+            place=exact, centres=list(centres.astype(float)), heights=list(heights.astype(float))
         )[0]
         scale = np.maximum(wanted, 1e-3 * heights.max(axis=0))
         assert np.all(np.abs(found - wanted) < good_to * scale + left_out)
@@ -570,7 +570,7 @@ def test_a_comparator_that_missed_a_rise_is_low():
     second = detect(light, equipped).stops[1]
     range_m = np.arange(10.2, 10.9, 0.001)
     one = train(np.array([[10.0, 11.1]]), np.full((1, 2), power), volume=volume(course, 0.3 * power, 11.1))
-    valley_m = range_m[np.argmin(sampled(one, equipped, range_m / HALF_C)[0][0])]
+    valley_m = range_m[np.argmin(sample_power_and_signal(one, equipped, range_m / HALF_C)[0][0])]
     assert (second.reported & (np.abs(second.range_m - valley_m) < 0.005)).sum() > 100
 
 

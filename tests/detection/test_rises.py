@@ -6,7 +6,7 @@ from helpers import trains
 from scipy.constants import c
 
 from lidarscene import load_sensor
-from lidarscene.light.waveform import sampled
+from lidarscene.light.waveform import sample_power_and_signal
 from lidarscene.maths import random as noise
 from lidarscene.physics.electronics import pulse_sums, tdc
 
@@ -35,7 +35,7 @@ def test_fog_is_crossed_where_it_reaches_the_level(lenses):
     found = trains.detect(light, equipped).stops[0]
     fwhm = equipped.laser.pulse_fwhm_s
     time_s = np.arange(-4.0 * fwhm, 2.0 * 25.0 / c, 4e-3 * fwhm)
-    _, signal = sampled(light, equipped, time_s)
+    _, signal = sample_power_and_signal(light, equipped, time_s)
     point = equipped.working_point(light.background_power_w)
     words = noise.words(seed=0, stage=1, pulse=np.arange(count), draw=0)
     level = tdc.crossing_level(
@@ -72,6 +72,6 @@ def test_the_search_does_not_stop_where_the_air_begins():
     peak = np.array([10.0])
     top = (course(peak), np.zeros(1), np.array([-1e-3]))
     place = pulse_sums.crossing(
-        shape, np.array([50.0]), far=np.array([-10.6]), peak=peak, top=top, wanted=np.array([True])
+        shape, np.array([50.0]), far=np.array([-10.6]), peak=peak, top=top, mask=np.array([True])
     )
     assert place[0] == pytest.approx(np.sqrt(50.0), abs=1e-4)

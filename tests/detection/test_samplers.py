@@ -29,7 +29,7 @@ def alone(equipped, snr, road, *, seed=6, widths=False):
         stop = detect(train(100.0 * every[:, None], power), equipped, seed=seed).stops[0]
     else:
         light = Echoes(
-            found=every > 0.0,
+            has_surface=every > 0.0,
             range_m=100.0 * every,
             peak_power_w=power * every,
             background_power_w=trains.BACKGROUND_W * every,

@@ -121,7 +121,7 @@ def run(
     ways = trace(world, rays, sun=sun, **tracing)
     ambient = transfer.opaque(ambient_of(described, equipped))
     light_of_ways = [echoes.receive(rays, hits, on_device, ambient) for hits in ways]
-    light = echoes.with_all_background(light_of_ways)[0]
+    light = echoes.gather_background(light_of_ways)[0]
     detection = receivers.detect_alone(light, on_device, seed=transfer.seed_word(seed), pulse=pulse)
     # In one kernel: each array alone would take one of its own, with all that comes before it.
     transfer.start(

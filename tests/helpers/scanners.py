@@ -33,12 +33,12 @@ def vlp16(**changes):
         "start_m": ([0.0] * 16, [0.0] * 16, [1e-3 * h for h in VLP16_HEIGHT_MM]),
     }
     numbers |= changes
-    return scan.Spinning.of(bank=part(scan.Bank, numbers), **numbers)
+    return scan.Spinning.create(bank=part(scan.Bank, numbers), **numbers)
 
 
 def encoder_clocked():
     """Lasers in no order, fired in groups of two, clocked by the encoder."""
-    return scan.Spinning.of(
+    return scan.Spinning.create(
         rotation_hz=20.0,
         cycle_s=None,
         cycles_per_turn=1024,
@@ -77,7 +77,7 @@ def lissajous(**changes):
         "azimuth": scan.Swing(frequency_hz=1310.0, phase_rad=0.3, turn_rad=12 * DEG),
         "elevation": scan.Swing(frequency_hz=1190.0, phase_rad=1.2, turn_rad=8 * DEG),
     }
-    return scan.Lissajous.of(**(numbers | changes))
+    return scan.Lissajous.create(**(numbers | changes))
 
 
 def polygon(**changes):
@@ -92,7 +92,7 @@ def polygon(**changes):
         "lens_radius_m": 0.012,
     }
     numbers |= changes
-    return scan.Polygon.of(facets=part(scan.Facets, numbers), **numbers)
+    return scan.Polygon.create(facets=part(scan.Facets, numbers), **numbers)
 
 
 def mid40(**changes):
@@ -109,10 +109,10 @@ def mid40(**changes):
     numbers |= changes
     lists = {name: numbers.pop(name) for name in ("angle_rad", "index", "rotation_hz", "phase_rad", "tilted")}
     wedges = [
-        scan.Wedge.of(rate_hz=numbers["rate_hz"], **dict(zip(lists, values, strict=True)))
+        scan.Wedge.create(rate_hz=numbers["rate_hz"], **dict(zip(lists, values, strict=True)))
         for values in zip(*lists.values(), strict=True)
     ]
-    return scan.Risley.of(wedges=wedges, **numbers)
+    return scan.Risley.create(wedges=wedges, **numbers)
 
 
 def six_beams():
@@ -144,7 +144,7 @@ def pattern(**changes):
         "channel": np.arange(5000) % 3,
         "frame_s": 0.05,
     }
-    return scan.Pattern.of(**(numbers | changes))
+    return scan.Pattern.create(**(numbers | changes))
 
 
 def raster(**changes):

@@ -10,7 +10,7 @@ from lidarscene.detection import multi_echo
 from lidarscene.kernel.device import transfer
 from lidarscene.light.air_light import air_light
 from lidarscene.light.echoes import EchoTrain, SubEchoes
-from lidarscene.light.waveform import sampled
+from lidarscene.light.waveform import sample_power_and_signal
 from lidarscene.maths import random as noise
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import tdc
@@ -43,7 +43,7 @@ def train(range_m, peak_power_w, *, background_w=BACKGROUND_W, volume=None):
     return EchoTrain(
         parts=(parts,),
         surfaces=parts.count,
-        found=(peak_power_w > 0.0).any(axis=1),
+        has_surface=(peak_power_w > 0.0).any(axis=1),
         background_power_w=np.full(len(range_m), background_w),
         volume=volume,
     )
@@ -99,7 +99,7 @@ def on_device(light):
             )
             for part in light.parts
         ),
-        "found": transfer.unsigned_numbers(light.found) != 0,
+        "has_surface": transfer.unsigned_numbers(light.has_surface) != 0,
         "background_power_w": transfer.from_numpy(light.background_power_w),
     }
     if light.volume is not None:
@@ -136,7 +136,7 @@ def slow_crossings(light, equipped, *, seed=0, step=0.005):
             parts=(replace(part, range_m=part.range_m.reshape(arrival.shape)[pulse], peak_power_w=power[pulse]),),
             background_power_w=light.background_power_w[pulse : pulse + 1],
         )
-        watts, signal = (one[0] for one in sampled(alone, equipped, time))
+        watts, signal = (one[0] for one in sample_power_and_signal(alone, equipped, time))
         own = {
             name: np.broadcast_to(getattr(point, name), len(threshold))[pulse]
             for name in ("noise", "kappa_1", "kappa_2")

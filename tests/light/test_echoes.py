@@ -11,7 +11,7 @@ from helpers.table_1 import K_PD, P_RS, M, sigma_18
 from lidarscene.detection.outcomes import Status
 from lidarscene.light.air_light import overlap_of
 from lidarscene.light.beams import Beams
-from lidarscene.light.echoes import Ambient, hump_of, receive, with_all_background
+from lidarscene.light.echoes import Ambient, hump_of, receive, gather_background
 from lidarscene.light.field_of_view import background_power_w, field_of_view
 from lidarscene.light.hits import Hits
 from lidarscene.maths.arrays import LookupTable
@@ -235,7 +235,7 @@ BEAMS = Beams(
     background_aperture_m2=2e-3,
 )
 HITS = Hits(
-    found=np.array([True, False]),
+    has_surface=np.array([True, False]),
     range_m=np.array([20.0, 1.0]),
     cos_incidence=np.array([0.9, 0.0]),
     backscatter_per_sr=np.array([0.05, 0.0]),
@@ -301,7 +301,7 @@ def test_background_of_a_field_of_view():
 
 def test_the_background_of_all_paths_is_the_first_ones():
     ways = [receive(BEAMS, HITS, BY_HAND, AMBIENT) for _ in range(3)]
-    first, *others = with_all_background(ways)
+    first, *others = gather_background(ways)
     np.testing.assert_allclose(first.background_power_w, 3.0 * ways[0].background_power_w)
     assert [one is way for one, way in zip(others, ways[1:], strict=True)] == [True, True]
 

@@ -12,7 +12,7 @@ from lidarscene.errors import InputError
 from lidarscene.light.beams import Beams, reported
 from lidarscene.light.echoes import Echoes
 from lidarscene.light.footprint import footprint, points, spread
-from lidarscene.light.pulse_train import together
+from lidarscene.light.pulse_train import join_echoes
 from lidarscene.physics.eye_safety import beam_diameter_m
 from lidarscene.physics.optics import beam
 from lidarscene.sensor.model import Halo
@@ -200,7 +200,7 @@ def train_of(range_m, power_w, shape):
     """The rays of pulses put together."""
     lanes = np.broadcast_to(range_m, power_w.shape).ravel()
     light = Echoes(
-        found=power_w.ravel() > 0.0,
+        has_surface=power_w.ravel() > 0.0,
         range_m=lanes,
         peak_power_w=power_w.ravel(),
         background_power_w=np.ones(power_w.size),
@@ -208,7 +208,7 @@ def train_of(range_m, power_w, shape):
     )
     count = len(power_w)
     beams = Beams(pulse=np.arange(count), origin_m=(0.0,) * 3, direction=(1.0, 0.0, 0.0), aperture_m2=1.0)
-    return together([light], beams, rays=shape.rays, skirt=shape.skirt)
+    return join_echoes([light], beams, rays=shape.rays, skirt=shape.skirt)
 
 
 @pytest.mark.parametrize("rays", [4, 7, 16, 64])

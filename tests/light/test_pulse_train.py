@@ -8,7 +8,7 @@ from lidarscene.light.air_light import AirLight
 from lidarscene.light.beams import Beams
 from lidarscene.light.echoes import Ambient, Echoes
 from lidarscene.light.footprint import Skirt
-from lidarscene.light.pulse_train import LitAir, together
+from lidarscene.light.pulse_train import LitAir, join_echoes
 from lidarscene.maths.arrays import LookupTable
 
 RAYS, PULSES = 4, 2
@@ -26,14 +26,14 @@ RANGES = np.array([20.0, 30.0, 1.0, 90.0, 1.0, 1.0, 1.0, 40.0])
 def paths():
     """Straight on, where some rays meet a surface, and off a mirror, where one of the second pulse does."""
     first = Echoes(
-        found=MET,
+        has_surface=MET,
         range_m=RANGES,
         peak_power_w=np.where(MET, 1e-6 * (1.0 + LANES), 0.0),
         background_power_w=1e-8 * (1.0 + LANES),
         white_w_m2=np.repeat([5.0, 6.0], RAYS),
     )
     second = Echoes(
-        found=LANES == 5.0,
+        has_surface=LANES == 5.0,
         range_m=np.where(LANES == 5.0, 55.0, 1.0),
         peak_power_w=np.where(LANES == 5.0, 7e-6, 0.0),
         background_power_w=np.zeros(8),
@@ -46,17 +46,17 @@ def test_a_pulse_is_the_weighted_sum_of_its_rays(halo):
     """Two of four rays are a halo's, with 0.3 of the power: 0.35 each of the core's and 0.15 of the others."""
     skirt = Skirt(count=2, share=0.3, slope=0.01) if halo else None
     weight = np.array([0.35, 0.35, 0.15, 0.15] if halo else [0.25] * 4)
-    train = together(paths(), BEAMS, rays=RAYS, skirt=skirt)
+    train = join_echoes(paths(), BEAMS, rays=RAYS, skirt=skirt)
     assert train.surfaces == 2 * RAYS
     for part, path in zip(train.parts, paths(), strict=True):
         np.testing.assert_allclose(part.peak_power_w, path.peak_power_w * np.tile(weight, PULSES))
         assert part.count == RAYS
     background = paths()[0].background_power_w.reshape(PULSES, RAYS)
     np.testing.assert_allclose(train.background_power_w, background @ weight)
-    np.testing.assert_array_equal(train.found, [True, True])
+    np.testing.assert_array_equal(train.has_surface, [True, True])
     np.testing.assert_array_equal(train.white_w_m2, [5.0, 6.0])
-    lost = [Echoes(found=MET & False, range_m=LANES + 1.0, peak_power_w=0.0 * LANES, background_power_w=LANES)]
-    assert not together(lost, BEAMS, rays=RAYS).found.any()
+    lost = [Echoes(has_surface=MET & False, range_m=LANES + 1.0, peak_power_w=0.0 * LANES, background_power_w=LANES)]
+    assert not join_echoes(lost, BEAMS, rays=RAYS).has_surface.any()
 
 
 @pytest.mark.parametrize(("halo", "ends_m"), [(False, [150.0, 150.0]), (True, [30.0, 150.0])])
@@ -77,6 +77,6 @@ def test_air_ends_where_the_last_ray_of_the_core_does(halo, ends_m):
     pulse = np.arange(PULSES, dtype=np.uint32)
     air = LitAir(light=light, sensor=equipped, ambient=ambient, seed=1, pulse=pulse)
     skirt = Skirt(count=2, share=0.3, slope=0.01) if halo else None
-    volume = together(paths(), BEAMS, rays=RAYS, skirt=skirt, air=air).volume
+    volume = join_echoes(paths(), BEAMS, rays=RAYS, skirt=skirt, air=air).volume
     np.testing.assert_array_equal(volume.end_m, ends_m)
     np.testing.assert_allclose(volume.scale, 45.0 * 0.5 * 0.8**2 * np.array([2e-3, 3e-3]))

@@ -12,7 +12,7 @@ from lidarscene.kernel.rays.trace import trace
 from lidarscene.kernel.world.mitsuba_world import build_world
 from lidarscene.light import beams, echoes
 from lidarscene.light.footprint import footprint, spread
-from lidarscene.light.waveform import sampled, waveform
+from lidarscene.light.waveform import sample_power_and_signal, waveform
 from lidarscene.physics.optics import radiometry
 from lidarscene.rendering.stages import ambient_of
 
@@ -83,7 +83,7 @@ def test_device_and_numpy_agree(case, mi):
 
 def test_fog_agrees(mi):
     range_m = np.linspace(0.0, 150.0, 1501)
-    shape = echoes.Table((range_m / 3.0) ** 2 / (1.0 + (range_m / 3.0) ** 3) * np.exp(-range_m / 10.0))
+    shape = echoes.LookupTable((range_m / 3.0) ** 2 / (1.0 + (range_m / 3.0) ** 3) * np.exp(-range_m / 10.0))
     equipped = trains.sensor("table1-apd", "tdc.stops=3", "tdc.walk='raw'")
     distance, power = trains.random_trains(500, 3, equipped, seed=2)
     air = echoes.Volume(
@@ -124,7 +124,7 @@ def test_derivatives_are_those_of_the_power(overrides):
     np.testing.assert_allclose(slope, (after - before) / (2.0 * step), atol=1e-4 * peak)
     np.testing.assert_allclose(bend, (after - 2.0 * here + before) / step**2, atol=1e-3 * peak)
 
-    shape = echoes.Table(1.5 + np.sin(np.linspace(0.0, 150.0, 30_001) / 1.5))
+    shape = echoes.LookupTable(1.5 + np.sin(np.linspace(0.0, 150.0, 30_001) / 1.5))
     air = echoes.Volume(
         shape=shape,
         far_m=150.0,
@@ -190,7 +190,7 @@ def test_even_places_see_all_light(overrides, foggy):
     range_m, power = range_m[some], power[some]
     air = None
     if foggy:
-        course = echoes.Table(1.5 + np.sin(np.linspace(0.0, 150.0, 30_001) / 3.0))
+        course = echoes.LookupTable(1.5 + np.sin(np.linspace(0.0, 150.0, 30_001) / 3.0))
         air = echoes.Volume(
             shape=course,
             far_m=150.0,
@@ -202,7 +202,7 @@ def test_even_places_see_all_light(overrides, foggy):
     light = trains.train(range_m, power, volume=air)
     wave = waveform(light, equipped)
     start, spacing = np.full(40, -2.0), np.full(40, 0.4)
-    comb = wave.evenly(start, spacing, start + 12 * spacing)
+    comb = wave.comb(start, spacing, start + 12 * spacing)
     parts = tuple(comb.parts)
     for number in range(25):
         place = start + number * spacing
@@ -212,7 +212,7 @@ def test_even_places_see_all_light(overrides, foggy):
         if number == 12:
             point = equipped.working_point(light.background_power_w)
             times_s = radiometry.time_of_flight_s(range_m=wave.range_m(place))
-            signal = np.diagonal(sampled(light, equipped, times_s)[1])
+            signal = np.diagonal(sample_power_and_signal(light, equipped, times_s)[1])
             np.testing.assert_allclose(signal, point.signal(wanted), atol=1e-6 * point.signal(power.max()).max())
     assert np.all((wave.air_w(start) > 0.0) == foggy)
 
@@ -237,7 +237,7 @@ def test_an_amplifier_changes_no_light():
     powers = []
     for overrides in ((), ("receiver.response='single_pole'", "tdc.bandwidth_mhz=60")):
         equipped = trains.sensor("table1-apd", *overrides)
-        powers.append(sampled(trains.in_fog(equipped, np.ones(1)), equipped, times_s)[0][0])
+        powers.append(sample_power_and_signal(trains.in_fog(equipped, np.ones(1)), equipped, times_s)[0][0])
     assert equipped.peak_share < 0.9
     np.testing.assert_allclose(powers[1], powers[0], rtol=0.015)
 

@@ -59,12 +59,12 @@ def test_units_are_those_of_the_names() -> None:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Made by `of`."""
+    """Made by `create`."""
 
     all_s: tuple[float, ...]
 
     @classmethod
-    def of(
+    def create(
         cls,
         times_s: Annotated[Sequence[float], Quantity("ns", ge=1, least=2)],
         more_s: Annotated[Sequence[float] | None, Quantity("us")] = None,
@@ -212,7 +212,7 @@ def tables() -> list[type[Table[Any]]]:
 @pytest.mark.parametrize("table", tables(), ids=lambda table: table.__name__)
 def test_defaults_are_the_same_in_files_and_in_python(table: type[Table[Any]]) -> None:
     """To the last bit; a default that the file writes in another unit comes back from there."""
-    parameters = dict(inspect.signature(getattr(table.target, "of", table.target)).parameters)
+    parameters = dict(inspect.signature(getattr(table.target, "create", table.target)).parameters)
     for part in table.parts.values():
         parameters |= inspect.signature(part).parameters
     for field, (name, key) in table.keys.items():

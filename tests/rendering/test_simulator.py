@@ -60,7 +60,7 @@ def test_light_is_that_of_the_render(simulator: Of) -> None:
         np.stack([np.asarray(getattr(part, name)) for part in light.parts]) for name in ("peak_power_w", "range_m")
     )
     strongest = powers.argmax(axis=0)
-    found, range_m = np.asarray(light.found), ranges[strongest, np.arange(len(strongest))]
+    found, range_m = np.asarray(light.has_surface), ranges[strongest, np.arange(len(strongest))]
     assert found.shape == (sim.sensor.scanner.pulses,)
     assert np.array_equal(powers.max(axis=0) > 0.0, found)
     # The columns are of the pulses that met a surface, which are not those that became points.

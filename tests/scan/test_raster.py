@@ -13,7 +13,7 @@ DEG = math.pi / 180.0
 @pytest.mark.parametrize(("fov_deg", "step_deg", "count"), [(120.0, 0.2, 601), (0.3, 0.1, 4), (1.0, 0.3, 4)])
 def test_rows_go_down_and_each_to_the_right(fov_deg: float, step_deg: float, count: int) -> None:
     """Both edges are in where the step divides the field, whatever the rounding of their quotient."""
-    scanner = Raster.of(
+    scanner = Raster.create(
         azimuth_fov_rad=fov_deg * DEG,
         elevation_fov_rad=1.0 * DEG,
         azimuth_step_rad=step_deg * DEG,

@@ -73,10 +73,10 @@ def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.
     point, threshold = shots.point, shots.threshold + base
     deviate, of_peak = random.normal_pair(shots.words(Stage.EDGE_NOISE, draw))
     signal = point.signal(peak_power_w)
-    own_noise = {"noise": point.noise, "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
-    sigma = tdc.noise_at_level(level=signal, **own_noise)
+    noise_terms = {"noise": point.noise, "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
+    sigma = tdc.noise_at_level(level=signal, **noise_terms)
     probability = point.detection_probability(threshold, signal, sigma)
-    reached = tdc.crossing_level(threshold=threshold, deviate=deviate, **own_noise)
+    reached = tdc.crossing_level(threshold=threshold, deviate=deviate, **noise_terms)
     # With n(s) = z sigma(s) the noisy edge reaches U where s + z sigma(s) = U. That is `level`, so the echo trips if
     # its peak is at least that high. P(s + z sigma(s) >= U) is (T22): the same z gives P_d and the crossing time.
     # Counted cells are not Gaussian and have P_d of (T23). Q(z) is uniform in (0, 1), so comparing it with P_d keeps
@@ -100,8 +100,8 @@ def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.
 def probability(shots: Shots, signal: Lanes) -> Lanes:
     """P_d of a peak signal, (n,); theory (T22) or (T23)."""
     point = shots.point
-    own_noise = {"noise": point.noise, "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
-    sigma = tdc.noise_at_level(level=signal, **own_noise)
+    noise_terms = {"noise": point.noise, "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
+    sigma = tdc.noise_at_level(level=signal, **noise_terms)
     return point.detection_probability(shots.threshold, signal, sigma)
 
 
@@ -113,8 +113,8 @@ def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
     ops = xp(trip.signal)
     # (T26a): noise of bandwidth B_w keeps the share r of the edge's deviate until the peak; the rest is fresh. At the
     # threshold crossing and peak coincide, r = 1, and both share one deviate.
-    kept = shots.sensor.noise_correlation(lag_s)
-    peak_noise = kept * trip.deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * trip.of_peak
+    correlation = shots.sensor.noise_correlation(lag_s)
+    peak_noise = correlation * trip.deviate + ops.sqrt(ops.maximum(1.0 - correlation * correlation, 0.0)) * trip.of_peak
     return shots.point.measured(ops.maximum(trip.signal + peak_noise * trip.sigma, shots.threshold + trip.base))
 
 
@@ -129,8 +129,8 @@ def trailing_level(shots: Shots, trip: Trip, *, threshold: Lanes | None = None, 
     """
     ops, point = xp(trip.signal), shots.point
     words = shots.words(Stage.TRAILING_EDGE, draw)
-    kept = shots.sensor.noise_correlation(lag_s)
-    deviate = kept * trip.deviate + ops.sqrt(ops.maximum(1.0 - kept * kept, 0.0)) * random.normal_pair(words)[0]
+    correlation = shots.sensor.noise_correlation(lag_s)
+    deviate = correlation * trip.deviate + ops.sqrt(ops.maximum(1.0 - correlation * correlation, 0.0)) * random.normal_pair(words)[0]
     return tdc.crossing_level(
         threshold=shots.threshold if threshold is None else threshold,
         deviate=deviate,
@@ -176,12 +176,12 @@ def alarm_width_s(shots: Shots, amplitude: Lanes, *, interfering: Mask | None) -
     interfering  (n,) bool, whether the alarm is another lidar's pulse; None without other lidars
     """
     sensor, threshold = shots.sensor, shots.threshold
-    own = tdc.excursion_width_s(height=amplitude, threshold=threshold, bandwidth_hz=sensor.tdc.bandwidth_hz)
+    noise_width_s = tdc.excursion_width_s(height=amplitude, threshold=threshold, bandwidth_hz=sensor.tdc.bandwidth_hz)
     if interfering is None:
-        return own
+        return noise_width_s
     share = shots.point.power_w(threshold) / shots.point.power_w(amplitude)
-    pulse = -2.0 * pulse_shape.leading_edge_time_s(level=share, fwhm_s=sensor.received_fwhm_s)
-    return xp(threshold, amplitude).where(interfering, pulse, own)
+    pulse_width_s = -2.0 * pulse_shape.leading_edge_time_s(level=share, fwhm_s=sensor.received_fwhm_s)
+    return xp(threshold, amplitude).where(interfering, pulse_width_s, noise_width_s)
 
 
 def reported_s(
@@ -196,7 +196,7 @@ def reported_s(
     draw          number of the echo in its pulse
     """
     walk = walk_s(shots, measured=measured, width_s=width_s, true_power_w=true_power_w)
-    return converted(shots, crossing_s - walk, draw=draw)
+    return converted_time_s(shots, crossing_s - walk, draw=draw)
 
 
 def walk_s(shots: Shots, *, measured: Lanes, width_s: Lanes | None, true_power_w: Lanes) -> Lanes:
@@ -217,7 +217,7 @@ def walk_s(shots: Shots, *, measured: Lanes, width_s: Lanes | None, true_power_w
     return pulse_shape.leading_edge_time_s(level=point.power_w(threshold) / power, fwhm_s=fwhm)
 
 
-def converted(shots: Shots, time_s: Lanes, *, draw: Lanes = 0) -> Lanes:
+def converted_time_s(shots: Shots, time_s: Lanes, *, draw: Lanes = 0) -> Lanes:
     """A time with the converter's jitter, rounded to its step, (n,) s; never before the pulse."""
     ops, converter = xp(time_s), shots.sensor.tdc
     jitter, _ = random.normal_pair(shots.words(Stage.TDC_JITTER, draw))
@@ -225,7 +225,7 @@ def converted(shots: Shots, time_s: Lanes, *, draw: Lanes = 0) -> Lanes:
     return tdc.quantised(time_s=jittered, least_significant_bit_s=converter.least_significant_bit_s)
 
 
-def listening(sensor: Sensor, crossing_s: Lanes) -> Mask:
+def accepts_crossing(sensor: Sensor, crossing_s: Lanes) -> Mask:
     """Whether the converter accepts a crossing at this time, (n,) bool: after blanking and within the window.
 
     Blanking ignores crossings and not levels: an echo that crosses while blanked gives no point, even if it is still
@@ -266,15 +266,15 @@ def false_alarms(shots: Shots, sources: tuple[Interference, ...]) -> list[Alarms
     sources  pulses of other lidars on the detector
     """
     converter = shots.sensor.tdc
-    others = interference.crossings(shots, sources)
+    other_lidars = interference.crossings(shots, sources)
     # (T28): M = B_w t comparisons stay quiet with (1 - P_f)^M = exp(-lambda t) for every t. A Poisson process of rate
     # lambda does the same in continuous time. It has no memory, so it may begin when blanking ends, or run backwards
     # from the end of the window.
     # Crossings of the noise come as rarely and as independently, so they are one too.
     noise_rate = shots.sensor.false_alarm_rate_hz(shots.point, shots.threshold)
-    crossings = _Crossings(shots=shots, noise_rate_hz=noise_rate, others=others)
+    crossings = _Crossings(shots=shots, noise_rate_hz=noise_rate, other_lidars=other_lidars)
     if converter.keep == "strongest":
-        return [partial(crossings.by_height, number) for number in range(1 + len(others))]
+        return [partial(crossings.by_height, number) for number in range(1 + len(other_lidars))]
     return [crossings.in_time]
 
 
@@ -286,12 +286,12 @@ class _Crossings:
     alarm does not depend on chunks or threads, and no state of a generator is carried along.
 
     noise_rate_hz  (n,) rate lambda of crossings by noise
-    others         crossings by the pulses of each other lidar
+    other_lidars         crossings by the pulses of each other lidar
     """
 
     shots: Shots
     noise_rate_hz: Lanes
-    others: tuple[interference.Crossings, ...]
+    other_lidars: tuple[interference.Crossings, ...]
 
     def in_time(self, number: Lanes, elapsed: Lanes) -> tuple[Lanes, Alarm]:
         """Alarm ``number`` in order of time, from any source; in reverse order where the last are kept.
@@ -301,7 +301,7 @@ class _Crossings:
         """
         shots, converter, threshold, point = (self.shots, self.shots.sensor.tdc, self.shots.threshold, self.shots.point)
         ops = xp(threshold)
-        rate = sum((one.rate_hz for one in self.others), self.noise_rate_hz)
+        rate = sum((lidar.rate_hz for lidar in self.other_lidars), self.noise_rate_hz)
         never = rate <= 0.0
         # Waits of a Poisson process are exponential: their sum is the alarm's time in units of the mean wait. Alarm i
         # takes draw 2 i for its wait and 2 i + 1 for its height.
@@ -316,20 +316,20 @@ class _Crossings:
             height = random.exponential(shots.words(Stage.FALSE_ALARM, 2 * number + 1))
             # Far out, a Gaussian tail falls like exp(-U x / sigma_0^2): the excess over U is exponential.
             amplitude = threshold + height * point.noise * point.noise / threshold
-            if not self.others:
+            if not self.other_lidars:
                 return interference.Assigned(amplitude=amplitude, interfering=None)
-            return interference.assigned(
-                shots, self.others, noise_rate_hz=self.noise_rate_hz, noise_amplitude=amplitude, draw=number
+            return interference.assign_source(
+                shots, self.other_lidars, noise_rate_hz=self.noise_rate_hz, noise_amplitude=amplitude, draw=number
             )
 
         # Heights cost more than times, and few pulses have an alarm: only those draw one.
         in_window = time_s < converter.window_s
-        nothing = interference.Assigned(
-            amplitude=threshold + 0.0 * time_s, interfering=in_window & False if self.others else None
+        no_crossing = interference.Assigned(
+            amplitude=threshold + 0.0 * time_s, interfering=in_window & False if self.other_lidars else None
         )
-        found = ops.where_any(in_window, crossing, nothing)
+        assigned = ops.where_any(in_window, crossing, no_crossing)
         time_s = ops.minimum(time_s, NEVER_S)
-        return elapsed, Alarm(time_s=time_s, amplitude=found.amplitude, interfering=found.interfering)
+        return elapsed, Alarm(time_s=time_s, amplitude=assigned.amplitude, interfering=assigned.interfering)
 
     def by_height(self, source: int, number: Lanes, gamma: Lanes) -> tuple[Lanes, Alarm]:
         """Alarm ``number`` of one source in falling order of height, at a random time of the window (T53).
@@ -340,10 +340,10 @@ class _Crossings:
         """
         shots, converter, threshold, point = (self.shots, self.shots.sensor.tdc, self.shots.threshold, self.shots.point)
         ops = xp(threshold)
-        other = self.others[source - 1] if source else None
-        rate_hz = self.noise_rate_hz if other is None else other.rate_hz
+        lidar = self.other_lidars[source - 1] if source else None
+        rate_hz = self.noise_rate_hz if lidar is None else lidar.rate_hz
         expected = rate_hz * converter.listening_s
-        stage = Stage.FALSE_ALARM if other is None else Stage.INTERFERENCE
+        stage = Stage.FALSE_ALARM if lidar is None else Stage.INTERFERENCE
         # Other lidars share a stage: each has a block of two draws for every stop.
         draw = 2 * (max(source - 1, 0) * converter.stops + number)
         # Crossings ordered by height, counted by how many are expected to be higher, are a Poisson process of rate
@@ -355,24 +355,24 @@ class _Crossings:
             share = ops.where(exists, gamma / ops.where(exists, expected, 1.0), 1.0)
             uniform = random.open_uniform(shots.words(stage, draw + 1)[0])
             time_s = ops.where(exists, converter.blanking_s + uniform * converter.listening_s, NEVER_S)
-            if other is not None:
-                return time_s, interference.amplitude_of(shots, other, uniform=share)
+            if lidar is not None:
+                return time_s, interference.tripping_amplitude(shots, lidar, uniform=share)
             return time_s, threshold - ops.log(share) * point.noise * point.noise / threshold
 
         # Few pulses have an alarm: only those draw its time and height.
         never: tuple[Lanes, Lanes] = 0.0 * gamma + NEVER_S, threshold + 0.0 * gamma
         time_s, amplitude = ops.where_any(exists, crossing, never)
         interfering = None
-        if self.others:
-            interfering = exists if other is not None else exists & False
+        if self.other_lidars:
+            interfering = exists if lidar is not None else exists & False
         return gamma, Alarm(time_s=time_s, amplitude=amplitude, interfering=interfering)
 
 
-def first_of(alarms: Alarms, count: int) -> list[Alarm]:
+def first_alarms(alarms: Alarms, count: int) -> list[Alarm]:
     """The first ``count`` alarms of a generator."""
-    found: list[Alarm] = []
+    first: list[Alarm] = []
     elapsed: Lanes = 0.0
     for number in range(count):
         elapsed, alarm = alarms(number, elapsed)
-        found.append(alarm)
-    return found
+        first.append(alarm)
+    return first

@@ -50,17 +50,17 @@ def crossings(shots: Shots, sources: tuple[Interference, ...]) -> tuple[Crossing
     The receiver's noise is neglected: it is small against the spread of the peaks (docs/theory_light.md 19).
     """
     needed = shots.point.power_w(shots.threshold)
-    found = []
+    by_lidar = []
     for source in sources:
         probability = formulas.tripping_probability(
             needed_power_w=needed, median_power_w=source.peak_power_w, spread_db=source.spread_db
         )
-        found.append(Crossings(rate_hz=source.rate_hz * probability, probability=probability, source=source))
-    return tuple(found)
+        by_lidar.append(Crossings(rate_hz=source.rate_hz * probability, probability=probability, source=source))
+    return tuple(by_lidar)
 
 
-def assigned(
-    shots: Shots, others: tuple[Crossings, ...], *, noise_rate_hz: Lanes, noise_amplitude: Lanes, draw: Lanes
+def assign_source(
+    shots: Shots, other_lidars: tuple[Crossings, ...], *, noise_rate_hz: Lanes, noise_amplitude: Lanes, draw: Lanes
 ) -> Assigned:
     """Choose the source of an alarm at random, and with it the amplitude.
 
@@ -72,18 +72,18 @@ def assigned(
     # them with a probability in proportion to that one's rate, whatever its time. So the rates are laid end to end,
     # noise first, and a uniform place on them chooses the source. The loop keeps the last source that begins before it.
     ops = xp(shots.threshold)
-    which, height = shots.words(Stage.INTERFERENCE, draw)
-    place = random.open_uniform(which) * sum((one.rate_hz for one in others), noise_rate_hz)
+    source_word, height_word = shots.words(Stage.INTERFERENCE, draw)
+    place = random.open_uniform(source_word) * sum((lidar.rate_hz for lidar in other_lidars), noise_rate_hz)
     interfering, amplitude = place > noise_rate_hz, noise_amplitude
     before = noise_rate_hz
-    for one in others:
-        own = amplitude_of(shots, one, uniform=random.open_uniform(height))
-        amplitude = ops.where(place > before, own, amplitude)
-        before = before + one.rate_hz
+    for lidar in other_lidars:
+        lidar_amplitude = tripping_amplitude(shots, lidar, uniform=random.open_uniform(height_word))
+        amplitude = ops.where(place > before, lidar_amplitude, amplitude)
+        before = before + lidar.rate_hz
     return Assigned(amplitude=amplitude, interfering=interfering)
 
 
-def amplitude_of(shots: Shots, one: Crossings, *, uniform: Lanes) -> Lanes:
+def tripping_amplitude(shots: Shots, lidar: Crossings, *, uniform: Lanes) -> Lanes:
     """Peak of another lidar's pulse that trips, (n,) in signal units.
 
     uniform  (n,) share of the tripping pulses that are at least as high
@@ -91,8 +91,8 @@ def amplitude_of(shots: Shots, one: Crossings, *, uniform: Lanes) -> Lanes:
     point, threshold = shots.point, shots.threshold
     power = formulas.tripping_power_w(
         uniform=uniform,
-        probability=one.probability,
-        median_power_w=one.source.peak_power_w,
-        spread_db=one.source.spread_db,
+        probability=lidar.probability,
+        median_power_w=lidar.source.peak_power_w,
+        spread_db=lidar.source.spread_db,
     )
     return point.measured(xp(threshold).maximum(point.signal(power), threshold))

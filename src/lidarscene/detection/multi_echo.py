@@ -21,10 +21,10 @@ from ..sensor.electronics import MultiLevel
 from ..sensor.model import Sensor
 from . import ambient, comparator, intensity
 from .outcomes import Outcome, Status
-from .pulses import memory as of_memory
+from .pulses import memory as echo_memory
 from .pulses import sources, timing
-from .pulses import stops as keeping
-from .pulses.alarms import with_alarms
+from .pulses import stops as stop_list
+from .pulses.alarms import add_alarms
 from .pulses.stops import EMPTY, Stop, Stops
 from .returns import Detection, Returns
 from .rises import Rise, visit_all
@@ -49,10 +49,10 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
         surfaces=pulse_train.surfaces,
     )
     # Echoes first: they alone know of the dead time. Then false alarms compete with them for the stops.
-    found = converter.search()
+    state = converter.search()
     strongest = converter.strongest()
-    stops = with_alarms(converter, found.stops, pulse_train.interference, *strongest)
-    return converter.detection(pulse_train, found, keeping.reported(sensor.tdc, stops), strongest[0])
+    stops = add_alarms(converter, state.stops, pulse_train.interference, *strongest)
+    return converter.detection(pulse_train, state, stop_list.reported_stops(sensor.tdc, stops), strongest[0])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,7 +72,7 @@ class _Pulse:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Found:
+class _Search:
     """State of the search over the rises of each pulse; each field (n,).
 
     high       whether the rise before tripped the comparator
@@ -95,8 +95,8 @@ class _Found:
     highest_w: Lanes
     stops: Stops
     pulse: _Pulse | None
-    memory: of_memory.Memory
-    at_highest: of_memory.Left | None
+    memory: echo_memory.Memory
+    at_highest: echo_memory.Residue | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,128 +108,128 @@ class _Converter(Received):
 
     surfaces: int
 
-    def search(self) -> _Found:
+    def search(self) -> _Search:
         """Visit all rises and keep the best crossings of each pulse."""
         ops, like, tdc = self.ops, self.wave.origin_m, self.sensor.tdc
-        nothing, never, before = ops.full(like, 0.0), ops.full(like, False), ops.full(like, EMPTY)
+        zero, never, before = ops.full(like, 0.0), ops.full(like, False), ops.full(like, EMPTY)
         peaks = self.sensor.finds_peaks
-        start = _Found(
+        start = _Search(
             high=never,
             tripped=never,
             in_window=never,
             last=before,
-            highest=nothing,
-            highest_w=nothing,
-            stops=keeping.room(tdc, like),
-            pulse=_Pulse(stop=keeping.unused(like), peak=before, top=nothing, lowest=nothing) if peaks else None,
-            memory=(memory := of_memory.empty(self)),
-            at_highest=of_memory.Left(floor=nothing, held=nothing, share=nothing + 1.0) if memory else None,
+            highest=zero,
+            highest_w=zero,
+            stops=stop_list.empty_stops(tdc, like),
+            pulse=_Pulse(stop=stop_list.empty_stop(like), peak=before, top=zero, lowest=zero) if peaks else None,
+            memory=(memory := echo_memory.empty_memory(self)),
+            at_highest=echo_memory.Residue(floor=zero, held=zero, share=zero + 1.0) if memory else None,
         )
-        found = visit_all(self.wave, self._visit_peak if peaks else self._visit_edge, start)
-        stops = found.stops
-        if found.pulse is not None:
-            stops = keeping.with_new(tdc, stops, found.pulse.stop, later=True)
+        state = visit_all(self.wave, self._visit_peak if peaks else self._visit_edge, start)
+        stops = state.stops
+        if state.pulse is not None:
+            stops = stop_list.insert_stop(tdc, stops, state.pulse.stop, later=True)
         status = ops.full(like, int(Status.ECHO))
-        return replace(found, stops=tuple(replace(stop, status=status) for stop in stops))
+        return replace(state, stops=tuple(replace(stop, status=status) for stop in stops))
 
-    def _visit_edge(self, rise: Rise, found: _Found) -> _Found:
+    def _visit_edge(self, rise: Rise, state: _Search) -> _Search:
         """Draw the noise of one rise, and keep its crossing if the converter takes it and it is among the best."""
         ops, tdc = self.ops, self.sensor.tdc
-        peak_w = ops.where(rise.found, rise.top[0], 0.0)
-        left = of_memory.left(self, rise, found.memory)
-        here = self if left is None else replace(self, point=left.seen(self.point))
-        trip = comparator.trip(here, peak_w, draw=rise.number)
+        peak_w = ops.where(rise.exists, rise.top[0], 0.0)
+        residue = echo_memory.find_residue(self, rise, state.memory)
+        converter = self if residue is None else replace(self, point=residue.working_point(self.point))
+        trip = comparator.trip(converter, peak_w, draw=rise.number)
         # A comparator makes an edge only if it was low. After a rise that tripped it, it falls in the valley if the
         # signal there is below the level, which includes this rise's own noise. Else both rises are one long pulse.
         valley = self.point.signal(rise.valley_w)
-        in_valley = (valley if left is None else ops.maximum(valley, left.floor)) >= trip.level
-        edge = rise.found & trip.tripped & ~(found.high & in_valley)
-        place = here._crossing(rise, trip, edge, in_valley)
+        in_valley = (valley if residue is None else ops.maximum(valley, residue.floor)) >= trip.level
+        edge = rise.exists & trip.tripped & ~(state.high & in_valley)
+        place = converter._crossing(rise, trip, edge, in_valley)
         crossing_s = self.time_s(place)
         # The dead time counts from the last crossing that was taken, not from every crossing.
-        ready = (place - found.last) * self.sigma_s >= tdc.dead_time_s
-        taken = edge & comparator.listening(self.sensor, crossing_s) & ready
+        ready = (place - state.last) * self.sigma_s >= tdc.dead_time_s
+        accepted = edge & comparator.accepts_crossing(self.sensor, crossing_s) & ready
         # Sampling a pulse is the expensive part: only lanes whose crossing may be kept go through it.
-        taken_now = taken & keeping.may_keep(tdc, crossing_s, found.stops)
-        new = here._stop(rise, trip, taken_now, place, in_valley, crossing_s)
+        measured = accepted & stop_list.may_keep(tdc, crossing_s, state.stops)
+        new = converter._stop(rise, trip, measured, place, in_valley, crossing_s)
         return self._after(
-            found,
+            state,
             rise,
             trip,
-            left,
-            tripped=found.tripped | edge,
-            in_window=found.in_window | taken,
-            high=ops.where(rise.found, trip.tripped, found.high),
-            last=ops.where(taken, place, found.last),
-            stops=keeping.with_new(tdc, found.stops, new, later=True),
+            residue,
+            tripped=state.tripped | edge,
+            in_window=state.in_window | accepted,
+            high=ops.where(rise.exists, trip.tripped, state.high),
+            last=ops.where(accepted, place, state.last),
+            stops=stop_list.insert_stop(tdc, state.stops, new, later=True),
             pulse=None,
         )
 
-    def _visit_peak(self, rise: Rise, found: _Found) -> _Found:
+    def _visit_peak(self, rise: Rise, state: _Search) -> _Search:
         """Draw the noise of one rise, and decide whether it is a pulse of its own or part of the last one.
 
         It is one of its own if the light has fallen below the threshold since the last pulse, or by a threshold and
         risen by one. Else the higher of both stands for them, as it does where they follow each other within a dead
         time.
         """
-        ops, tdc, before = self.ops, self.sensor.tdc, found.pulse
-        assert before is not None
-        peak_w = ops.where(rise.found, rise.top[0], 0.0)
-        left = of_memory.left(self, rise, found.memory)
-        here = self if left is None else replace(self, point=left.seen(self.point))
+        ops, tdc, last_pulse = self.ops, self.sensor.tdc, state.pulse
+        assert last_pulse is not None
+        peak_w = ops.where(rise.exists, rise.top[0], 0.0)
+        residue = echo_memory.find_residue(self, rise, state.memory)
+        converter = self if residue is None else replace(self, point=residue.working_point(self.point))
         gain, of_slow = timing.gains(self.sensor, rise)
         valley = self.point.signal(of_slow * rise.valley_w)
-        if left is not None:
-            valley = ops.maximum(valley, left.floor)
-        lowest = ops.minimum(before.lowest, valley)
-        own = comparator.level(self, draw=rise.number)
+        if residue is not None:
+            valley = ops.maximum(valley, residue.floor)
+        lowest = ops.minimum(last_pulse.lowest, valley)
+        trip_level = comparator.level(self, draw=rise.number)
         # After a pulse a rise counts from the lowest light since, where that is above the level: fog, which holds the
         # signal high for many metres, does not hide what rises out of it.
-        held = found.high & (lowest >= own)
+        held = state.high & (lowest >= trip_level)
         base = ops.where(held, self._base(lowest), 0.0)
-        trip = comparator.trip(here, gain * peak_w, draw=rise.number, base=base)
-        tripped = rise.found & trip.tripped
+        trip = comparator.trip(converter, gain * peak_w, draw=rise.number, base=base)
+        tripped = rise.exists & trip.tripped
         in_valley = valley >= trip.level
-        place = here._crossing(rise, trip, tripped, in_valley, gain)
+        place = converter._crossing(rise, trip, tripped, in_valley, gain)
         crossing_s = self.time_s(place)
-        apart = (rise.peak - before.peak) * self.sigma_s >= tdc.dead_time_s
-        apart = apart & (~held | (before.top >= self.threshold + base))
+        apart = (rise.peak - last_pulse.peak) * self.sigma_s >= tdc.dead_time_s
+        apart = apart & (~held | (last_pulse.top >= self.threshold + base))
         fresh = tripped & apart
         # Of two peaks that are one pulse the higher counts.
-        higher = rise.found & ~apart & (trip.signal > before.top) & (tripped | found.high)
-        taken = (fresh | higher) & comparator.listening(self.sensor, crossing_s)
-        taken_now = taken & keeping.may_keep(tdc, crossing_s, found.stops)
-        new = here._stop(rise, trip, taken_now, place, in_valley, crossing_s)
-        done = replace(before.stop, key=ops.where(taken & apart, before.stop.key, EMPTY))
+        higher = rise.exists & ~apart & (trip.signal > last_pulse.top) & (tripped | state.high)
+        accepted = (fresh | higher) & comparator.accepts_crossing(self.sensor, crossing_s)
+        measured = accepted & stop_list.may_keep(tdc, crossing_s, state.stops)
+        new = converter._stop(rise, trip, measured, place, in_valley, crossing_s)
+        finished = replace(last_pulse.stop, key=ops.where(accepted & apart, last_pulse.stop.key, EMPTY))
         stop = new
         if self.sensor.times_edge:
             # The edge of a pulse stays where it was, if what comes later only raises it.
-            raised = ~tripped & before.stop.used
-            key = keeping.key(tdc, before.stop.crossing_s, new.amplitude)
+            raised = ~tripped & last_pulse.stop.occupied
+            key = stop_list.sort_key(tdc, last_pulse.stop.crossing_s, new.amplitude)
             same_edge = replace(
-                before.stop,
-                key=ops.where(new.used, key, EMPTY),
+                last_pulse.stop,
+                key=ops.where(new.occupied, key, EMPTY),
                 amplitude=new.amplitude,
                 snr=new.snr,
                 probability=new.probability,
             )
             stop = select_state(raised, same_edge, new)
         pulse = _Pulse(
-            stop=select_state(taken, stop, before.stop),
-            peak=ops.where(taken, rise.peak, before.peak),
-            top=ops.where(taken, trip.signal, before.top),
-            lowest=ops.where(taken, trip.signal, ops.where(rise.found, lowest, before.lowest)),
+            stop=select_state(accepted, stop, last_pulse.stop),
+            peak=ops.where(accepted, rise.peak, last_pulse.peak),
+            top=ops.where(accepted, trip.signal, last_pulse.top),
+            lowest=ops.where(accepted, trip.signal, ops.where(rise.exists, lowest, last_pulse.lowest)),
         )
         return self._after(
-            found,
+            state,
             rise,
             trip,
-            left,
-            tripped=found.tripped | tripped,
-            in_window=found.in_window | taken,
-            high=ops.where(rise.found, tripped | held, found.high),
-            last=found.last,
-            stops=keeping.with_new(tdc, found.stops, done, later=True),
+            residue,
+            tripped=state.tripped | tripped,
+            in_window=state.in_window | accepted,
+            high=ops.where(rise.exists, tripped | held, state.high),
+            last=state.last,
+            stops=stop_list.insert_stop(tdc, state.stops, finished, later=True),
             pulse=pulse,
         )
 
@@ -241,22 +241,22 @@ class _Converter(Received):
         # Fixed levels make an edge only if one of them is above that light.
         base: Lanes = self.ops.full(lowest, -EMPTY)
         for factor in reversed(sampler.levels):
-            over = (factor - 1.0) * self.threshold
-            base = self.ops.where(over + self.threshold > lowest, over, base)
+            candidate = (factor - 1.0) * self.threshold
+            base = self.ops.where(candidate + self.threshold > lowest, candidate, base)
         return base
 
     def _after(
-        self, found: _Found, rise: Rise, trip: comparator.Trip, left: of_memory.Left | None, **changed: Any
-    ) -> _Found:
+        self, state: _Search, rise: Rise, trip: comparator.Trip, residue: echo_memory.Residue | None, **changed: Any
+    ) -> _Search:
         """The state behind a rise: what both kinds of receiver remember, and what one of them ``changed``."""
         ops = self.ops
-        peak_w = ops.where(rise.found, rise.top[0], 0.0)
-        higher = peak_w > found.highest_w
-        return _Found(
-            highest=ops.where(higher, rise.peak, found.highest),
-            highest_w=ops.maximum(found.highest_w, peak_w),
-            memory=of_memory.after(self, rise, trip.signal, left, found.memory),
-            at_highest=None if left is None else select_state(higher, left, found.at_highest),
+        peak_w = ops.where(rise.exists, rise.top[0], 0.0)
+        higher = peak_w > state.highest_w
+        return _Search(
+            highest=ops.where(higher, rise.peak, state.highest),
+            highest_w=ops.maximum(state.highest_w, peak_w),
+            memory=echo_memory.update_memory(self, rise, trip.signal, residue, state.memory),
+            at_highest=None if residue is None else select_state(higher, residue, state.at_highest),
             **changed,
         )
 
@@ -271,21 +271,21 @@ class _Converter(Received):
         ops = self.ops
         reaches = edge & ~in_valley & (trip.level < trip.signal)
         level_w = ops.where(reaches, self.point.power_w(trip.level) / gain, 1.0)
-        place = crossing(self.wave.at, level_w, far=rise.valley, peak=rise.peak, top=rise.top, wanted=reaches)
+        place = crossing(self.wave.at, level_w, far=rise.valley, peak=rise.peak, top=rise.top, mask=reaches)
         return ops.where(reaches, place, ops.where(in_valley, rise.valley, rise.peak))
 
     def _stop(
-        self, rise: Rise, trip: comparator.Trip, taken: Mask, place: Lanes, in_valley: Mask, crossing_s: Lanes
+        self, rise: Rise, trip: comparator.Trip, accepted: Mask, place: Lanes, in_valley: Mask, crossing_s: Lanes
     ) -> Stop:
         """A stop with what the sampler measures of a crossing; lanes that are not ``taken`` get the key `EMPTY`."""
         ops = self.ops
-        reading = read(self, rise, trip, place, wanted=taken)
-        key = keeping.key(self.sensor.tdc, crossing_s, reading.amplitude)
-        source, true_range = sources.of_crossing(
+        reading = read(self, rise, trip, place, mask=accepted)
+        key = stop_list.sort_key(self.sensor.tdc, crossing_s, reading.amplitude)
+        source, true_range = sources.crossing_source(
             self, rise, surfaces=self.surfaces, place=place, in_valley=in_valley, measured=reading.place
         )
         return Stop(
-            key=ops.where(taken, key, EMPTY),
+            key=ops.where(accepted, key, EMPTY),
             crossing_s=crossing_s,
             reported_s=reading.reported_s,
             amplitude=reading.amplitude,
@@ -311,22 +311,22 @@ class _Converter(Received):
             highest = ops.maximum(height, highest)
         return number, wave.range_m(place)
 
-    def detection(self, pulse_train: EchoTrain, found: _Found, stops: Stops, strongest: Array) -> Detection:
+    def detection(self, pulse_train: EchoTrain, state: _Search, stops: Stops, strongest: Array) -> Detection:
         """The stops as `Returns`, and the outcome of each pulse."""
         ops = self.ops
         returns = []
-        kept = ops.full(self.wave.origin_m, False)
+        has_echo = ops.full(self.wave.origin_m, False)
         for stop in stops:
             assert stop.status is not None
-            used = stop.used
+            occupied = stop.occupied
             of_air = (stop.status == int(Status.ECHO)) & ((stop.source < 0) | (stop.source >= self.surfaces))
             status = ops.where(of_air, int(Status.WEATHER), stop.status)
-            kept = kept | (used & (status == int(Status.ECHO)))
+            has_echo = has_echo | (occupied & (status == int(Status.ECHO)))
             range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=stop.reported_s)
             width_s = stop.width_s if self.sensor.measures_width else None
             returns.append(
                 Returns(
-                    reported=used,
+                    reported=occupied,
                     status=status,
                     range_m=range_m,
                     amplitude=stop.amplitude,
@@ -341,15 +341,15 @@ class _Converter(Received):
                 )
             )
         # Later lines overrule earlier ones: the first stage at which the pulse's echo was lost names the outcome.
-        outcome = ops.where(kept, int(Outcome.KEPT), int(Outcome.HIDDEN))
-        outcome = ops.where(found.in_window, outcome, int(Outcome.OUT_OF_WINDOW))
-        outcome = ops.where(found.tripped, outcome, int(Outcome.BELOW_THRESHOLD))
-        outcome = ops.where(pulse_train.found, outcome, int(Outcome.NO_SURFACE))
+        outcome = ops.where(has_echo, int(Outcome.KEPT), int(Outcome.HIDDEN))
+        outcome = ops.where(state.in_window, outcome, int(Outcome.OUT_OF_WINDOW))
+        outcome = ops.where(state.tripped, outcome, int(Outcome.BELOW_THRESHOLD))
+        outcome = ops.where(pulse_train.has_surface, outcome, int(Outcome.NO_SURFACE))
         # The search passes no derivatives on, so the power of the highest peak is evaluated once more outside of it.
         # The derivative of its place is not needed: P' is zero there, so moving the place does not change the power.
-        lit = found.highest_w > 0.0
-        point = self.point if found.at_highest is None else found.at_highest.seen(self.point)
-        signal = point.signal(ops.where(lit, self.wave.at(found.highest)[0], 0.0))
+        lit = state.highest_w > 0.0
+        point = self.point if state.at_highest is None else state.at_highest.working_point(self.point)
+        signal = point.signal(ops.where(lit, self.wave.at(state.highest)[0], 0.0))
         probability = comparator.probability(self, signal)
         return Detection(
             snr=ops.where(lit, self.snr(signal), 0.0),

@@ -41,7 +41,7 @@ def detect_alone(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -
     train = EchoTrain(
         parts=(part,),
         surfaces=1,
-        found=echoes.found,
+        has_surface=echoes.has_surface,
         background_power_w=echoes.background_power_w,
         interference=echoes.interference,
         white_w_m2=echoes.white_w_m2,

@@ -80,7 +80,7 @@ class Detection:
 class _Edge:
     """The echo behind the comparator; each field (n,).
 
-    found       whether it trips the comparator
+    tripped       whether it trips the comparator
     crossing_s  time at which it trips it
     reported_s  time that the converter reports
     amplitude   measured peak, in signal units
@@ -88,7 +88,7 @@ class _Edge:
     probability P_d, theory (T22) or (T23)
     """
 
-    found: Mask
+    tripped: Mask
     crossing_s: Lanes
     reported_s: Lanes
     amplitude: Lanes
@@ -115,11 +115,11 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Dete
     point = sensor.working_point(echoes.background_power_w)
     shots = Shots(sensor=sensor, point=point, threshold=sensor.threshold(point), seed=seed, pulse=pulse)
     edge = _edge(shots, echoes)
-    in_window = edge.found & comparator.listening(sensor, edge.crossing_s)
+    in_window = edge.tripped & comparator.accepts_crossing(sensor, edge.crossing_s)
     alarms = [
-        _Alarm(time_s=one.time_s, amplitude=one.amplitude, status=alarm_status(one.interfering))
-        for kind in comparator.false_alarms(shots, echoes.interference)
-        for one in comparator.first_of(kind, sensor.tdc.stops)
+        _Alarm(time_s=alarm.time_s, amplitude=alarm.amplitude, status=alarm_status(alarm.interfering))
+        for generator in comparator.false_alarms(shots, echoes.interference)
+        for alarm in comparator.first_alarms(generator, sensor.tdc.stops)
     ]
 
     echo_left = in_window
@@ -128,8 +128,8 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Dete
     stops = []
     for stop in range(sensor.tdc.stops):
         # Alarms reported so far: all earlier stops, but for the one that holds the echo.
-        used = stop - ops.where(in_window & ~echo_left, 1, 0)
-        next_alarm = _nth(alarms, used)
+        alarms_used = stop - ops.where(in_window & ~echo_left, 1, 0)
+        next_alarm = _nth_alarm(alarms, alarms_used)
         alarm = next_alarm.time_s < sensor.tdc.window_s
         echo_now = echo_left & ~(alarm & (next_alarm.time_s < edge.crossing_s))
         echo_left = echo_left & ~echo_now
@@ -153,13 +153,13 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Dete
         )
     outcome = ops.where(echo_left, int(Outcome.HIDDEN), int(Outcome.KEPT))
     outcome = ops.where(in_window, outcome, int(Outcome.OUT_OF_WINDOW))
-    outcome = ops.where(edge.found, outcome, int(Outcome.BELOW_THRESHOLD))
-    outcome = ops.where(echoes.found, outcome, int(Outcome.NO_SURFACE))
+    outcome = ops.where(edge.tripped, outcome, int(Outcome.BELOW_THRESHOLD))
+    outcome = ops.where(echoes.has_surface, outcome, int(Outcome.NO_SURFACE))
     signal = point.signal(echoes.peak_power_w)
     quiet = point.noise <= 0.0
     return Detection(
-        snr=ops.where(echoes.found, signal / ops.where(quiet, 1e-30, point.noise), 0.0),
-        detection_probability=ops.where(echoes.found, edge.probability, 0.0),
+        snr=ops.where(echoes.has_surface, signal / ops.where(quiet, 1e-30, point.noise), 0.0),
+        detection_probability=ops.where(echoes.has_surface, edge.probability, 0.0),
         outcome=outcome,
         ambient=ambient.counts(echoes.background_power_w, sensor, seed=seed, pulse=pulse),
         stops=tuple(stops),
@@ -170,28 +170,28 @@ def _edge(shots: Shots, echoes: Echoes) -> _Edge:
     """The edge of a single Gaussian echo, in closed form; theory (T24) to (T26)."""
     ops, sensor = xp(echoes.range_m), shots.sensor
     fwhm = sensor.received_fwhm_s
-    own = comparator.trip(shots, echoes.peak_power_w)
-    found = echoes.found & own.tripped
-    power = ops.where(found, echoes.peak_power_w, 1.0)
+    trip = comparator.trip(shots, echoes.peak_power_w)
+    tripped = echoes.has_surface & trip.tripped
+    power = ops.where(tripped, echoes.peak_power_w, 1.0)
     arrival = radiometry.time_of_flight_s(range_m=echoes.range_m)
     # With counted cells P_d is not Gaussian, so an echo may trip although its peak is below the level: at the peak
     # then.
-    share = ops.where(found & (own.level < own.signal), shots.point.power_w(own.level) / power, 1.0)
+    share = ops.where(tripped & (trip.level < trip.signal), shots.point.power_w(trip.level) / power, 1.0)
     early = pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm)
     crossing = arrival + early
-    measured = timing.amplitude(shots, own, lag_s=early)
+    measured = timing.amplitude(shots, trip, lag_s=early)
     width_s = None
     if sensor.tdc.both_edges:
-        width_s = comparator.width_s(shots, own, peak_power_w=power, early_s=early)
+        width_s = comparator.width_s(shots, trip, peak_power_w=power, early_s=early)
     return _Edge(
-        found=found,
+        tripped=tripped,
         crossing_s=crossing,
-        reported_s=timing.of_lone_pulse(
-            shots, own, arrival_s=arrival, crossing_s=crossing, measured=measured, power_w=power, width_s=width_s
+        reported_s=timing.lone_pulse_time_s(
+            shots, trip, arrival_s=arrival, crossing_s=crossing, measured=measured, power_w=power, width_s=width_s
         ),
         amplitude=measured,
         width_s=width_s,
-        probability=own.probability,
+        probability=trip.probability,
     )
 
 
@@ -210,9 +210,9 @@ def interferes(status: Lanes) -> Mask:
     return status == int(Status.INTERFERENCE)
 
 
-def _nth(alarms: list[_Alarm], index: Array) -> _Alarm:
+def _nth_alarm(alarms: list[_Alarm], index: Array) -> _Alarm:
     """Alarm number ``index`` of each pulse; the index (n,) differs from pulse to pulse."""
-    found = alarms[0]
+    alarm = alarms[0]
     for number, later in enumerate(alarms[1:], start=1):
-        found = select_state(index >= number, later, found)
-    return found
+        alarm = select_state(index >= number, later, alarm)
+    return alarm

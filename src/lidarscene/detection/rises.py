@@ -37,7 +37,7 @@ _END = 1e29
 class Rise:
     """One peak of each pulse and the valley before it; each field (n,). Between the two the power only rises.
 
-    found     whether the pulse has this peak; if not, the other fields are undefined
+    exists     whether the pulse has this peak; if not, the other fields are undefined
     number    how many peaks came before it, unsigned
     valley    place of the lowest point before the peak
     valley_w  power there
@@ -45,7 +45,7 @@ class Rise:
     top       power at the peak, and its first and second derivative
     """
 
-    found: Mask
+    exists: Mask
     number: Array
     valley: Lanes
     valley_w: Lanes
@@ -57,21 +57,21 @@ class Rise:
 class _March:
     """State of the search for the next peak of each pulse; each field (n,).
 
-    left, place  two consecutive places of the search; once ``found``, the peak is between them
+    previous, place  two consecutive places of the search; once ``found``, the peak is between them
     slope, bend  first and second derivative of the waveform at ``place``
     ahead        start of the first interval that does not end before ``place``: there is no peak before it
     low, high    two consecutive places with the valley between them
-    found        whether the search has found a peak
+    bracketed        whether the search has found a peak
     """
 
-    left: Lanes
+    previous: Lanes
     place: Lanes
     slope: Lanes
     bend: Lanes
     ahead: Lanes
     low: Lanes
     high: Lanes
-    found: Mask
+    bracketed: Mask
 
 
 def visit_all(wave: Waveform, visit: Callable[[Rise, S], S], state: S) -> S:
@@ -90,20 +90,20 @@ def visit_all(wave: Waveform, visit: Callable[[Rise, S], S], state: S) -> S:
             first = ops.where(end > place, ops.minimum(first, start), first)
         return first
 
-    def active(now: tuple[_March, Lanes, S]) -> Mask:
-        return now[0].found
+    def active(loop_state: tuple[_March, Lanes, S]) -> Mask:
+        return loop_state[0].bracketed
 
-    def step(now: tuple[_March, Lanes, S]) -> tuple[_March, Lanes, S]:
-        march, number, so_far = now
+    def step(loop_state: tuple[_March, Lanes, S]) -> tuple[_March, Lanes, S]:
+        march, number, so_far = loop_state
         # The march has bracketed the peak and the valley before it; Newton's method finds both. All lanes go through
         # the loop together, so each visit handles the j-th rise of every pulse that has one.
-        peak, top = highest_between(wave.at, march.left, march.place, wanted=march.found)
-        valley, lowest = lowest_between(wave.at, march.low, march.high, wanted=march.found & (march.high > march.low))
+        peak, top = highest_between(wave.at, march.previous, march.place, mask=march.bracketed)
+        valley, lowest = lowest_between(wave.at, march.low, march.high, mask=march.bracketed & (march.high > march.low))
         # A rise begins in the valley because that is where the comparator may fall, and because the power only rises
         # from there to the peak: a level between them is crossed exactly once.
         first = number == 0
         rise = Rise(
-            found=march.found,
+            exists=march.bracketed,
             number=ops.uint32(number),
             valley=ops.where(first, dark, valley),
             valley_w=lowest[0],
@@ -119,8 +119,8 @@ def visit_all(wave: Waveform, visit: Callable[[Rise, S], S], state: S) -> S:
     start = following(ops.full(wave.origin_m, -_END))
     begin = ops.where(start < _END, start, 0.0)
     dark = wave.start(begin)
-    nothing, number = ops.full(begin, 0.0), ops.full(begin, 0)
-    first_march = _march(wave, following, begin, nothing + 1.0, nothing, start)
+    zero, number = ops.full(begin, 0.0), ops.full(begin, 0)
+    first_march = _march(wave, following, begin, zero + 1.0, zero, start)
     search: tuple[_March, Lanes, S] = first_march, number, state
     return ops.loop(search, active, step)[2]
 
@@ -136,41 +136,41 @@ def _march(
     """
     ops = xp(place, slope)
 
-    def active(now: _March) -> Mask:
-        return ~now.found & (now.ahead < _END)
+    def active(march: _March) -> Mask:
+        return ~march.bracketed & (march.ahead < _END)
 
-    def step(now: _March) -> _March:
+    def step(march: _March) -> _March:
         # A peak needs P' = 0 and P'' < 0. Where the slope runs towards zero its tangent says how far that is; the step
         # goes a little farther, so that a peak falls between its ends, and never farther than sigma_p.
-        turning = now.slope * now.bend < 0.0
-        level_at = ops.where(turning, ops.abs(now.slope) / ops.where(turning, ops.abs(now.bend), 1.0), STEP)
+        turning = march.slope * march.bend < 0.0
+        level_at = ops.where(turning, ops.abs(march.slope) / ops.where(turning, ops.abs(march.bend), 1.0), STEP)
         stride = ops.minimum(ops.maximum(_BEYOND * level_at, _SHORTEST), STEP)
         # Outside the intervals the waveform is convex: it may have one valley there, but no peak. The step may jump
         # over all of it, and its two ends still enclose that valley.
-        right = ops.maximum(now.place + stride, now.ahead)
+        right = ops.maximum(march.place + stride, march.ahead)
         _, slope_there, bend_there = wave.at(right)
-        up = (now.slope <= 0.0) & (slope_there > 0.0)
-        down = (now.slope > 0.0) & (slope_there <= 0.0)
+        up = (march.slope <= 0.0) & (slope_there > 0.0)
+        down = (march.slope > 0.0) & (slope_there <= 0.0)
         return _March(
-            left=now.place,
+            previous=march.place,
             place=right,
             slope=slope_there,
             bend=bend_there,
             ahead=following(right),
-            low=ops.where(up, now.place, now.low),
-            high=ops.where(up, right, now.high),
-            found=down,
+            low=ops.where(up, march.place, march.low),
+            high=ops.where(up, right, march.high),
+            bracketed=down,
         )
 
-    nothing = ops.full(place, 0.0)
+    zero = ops.full(place, 0.0)
     start = _March(
-        left=place,
+        previous=place,
         place=place,
         slope=slope,
         bend=bend,
         ahead=ahead,
-        low=nothing,
-        high=nothing,
-        found=ops.full(place, False),
+        low=zero,
+        high=zero,
+        bracketed=ops.full(place, False),
     )
     return ops.loop(start, active, step)

@@ -14,13 +14,13 @@ import numpy as np
 
 from ..errors import InputError
 from ..light.echoes import EchoTrain
-from ..light.waveform import sampled, sampled_power_w
+from ..light.waveform import sample_power_and_signal, sampled_power_w
 from ..maths.arrays import Numbers
 from ..physics.electronics import saturation, sipm_response
 from ..physics.optics import radiometry
 from ..sensor.detectors import Apd, Sipm
 from ..sensor.model import Sensor
-from .photon_counting.folding import folded
+from .photon_counting.folding import fold
 from .photon_counting.histograms import histograms
 
 MOST_PULSES = 10_000
@@ -43,7 +43,7 @@ class Waveforms:
     power_w       (n, times) float32, optical power of echoes and air, without the background
     background_w  (n,) float32, constant optical power of the background
     signal        (n, times) float32, mean signal of the detector above that of the background, with what earlier
-                  light of the pulse leaves in it (`remembered`)
+                  light of the pulse leaves in it (`sampled_with_memory`)
     threshold     (n,) float32, level of the comparator
     unit          of signal and threshold: "A" (APD), "cells" (SiPM) or "photons" (histogram of counts)
     channel       (n,) uint16, as the sensor reports it
@@ -88,13 +88,13 @@ def window_times_s(sensor: Sensor) -> Numbers:
     return np.asarray(step * np.arange(int(float(sensor.tdc.window_s) / step) + 1))
 
 
-def remembered(train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numbers, Numbers]:
-    """`light.waveform.sampled` with the memory of the detector: (n, times) W and signal each.
+def sampled_with_memory(train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numbers, Numbers]:
+    """`light.waveform.sample_power_and_signal` with the memory of the detector: (n, times) W and signal each.
 
     A SiPM in the time domain follows its own equation, with crosstalk and afterpulses; an amplifier that clips drains
     (docs/theory_receivers.md 20). Behind a frequency response cells have no memory here.
     """
-    power, signal = sampled(train, sensor, times_s)
+    power, signal = sample_power_and_signal(train, sensor, times_s)
     if not len(times_s):
         return power, signal
     detector, fwhm_s = sensor.detector, float(sensor.laser.pulse_fwhm_s)
@@ -115,12 +115,12 @@ def remembered(train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numb
         assert isinstance(detector, Apd)
         assert detector.saturation_a is not None
         course = saturation.clipped_course(
-            signal=sampled(train, sensor, course_s)[1],
+            signal=sample_power_and_signal(train, sensor, course_s)[1],
             step_s=step,
             saturation=float(detector.saturation_a),
             recovery_s=float(detector.recovery_s or 0.0),
         )
-    return power, np.stack([np.interp(times_s, course_s, one) for one in course])
+    return power, np.stack([np.interp(times_s, course_s, row) for row in course])
 
 
 def _cells(power_w: Numbers, train: EchoTrain, sensor: Sensor, array: Sipm, steps: int) -> Numbers:
@@ -171,12 +171,12 @@ def sampled_pulses(
     for together in np.split(chosen, np.flatnonzero(np.diff(chosen) > 1) + 1):
         pulse_train = train_of(int(together[0]), len(together))
         if sensor.histogram is None:
-            power, signal = remembered(pulse_train, sensor, times)
+            power, signal = sampled_with_memory(pulse_train, sensor, times)
         else:
-            own = histograms(pulse_train, sensor, seed=seed, pulse=(together + first_pulse).astype(np.uint32))
-            times, signal = own.time_s, own.expected
-            counts.append(own.counts.astype(np.float32))
-            power = sampled_power_w(folded(pulse_train, sensor.histogram).train, sensor, times)
+            pulse_histograms = histograms(pulse_train, sensor, seed=seed, pulse=(together + first_pulse).astype(np.uint32))
+            times, signal = pulse_histograms.time_s, pulse_histograms.expected
+            counts.append(pulse_histograms.counts.astype(np.float32))
+            power = sampled_power_w(fold(pulse_train, sensor.histogram).train, sensor, times)
         powers.append(power.astype(np.float32))
         signals.append(signal.astype(np.float32))
         backgrounds.append(pulse_train.background_power_w + np.zeros(len(together)))

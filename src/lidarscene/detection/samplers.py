@@ -45,7 +45,7 @@ class Reading:
     width_s: Lanes
 
 
-def read(shots: Received, rise: Rise, trip: Trip, place: Lanes, *, wanted: Mask) -> Reading:
+def read(shots: Received, rise: Rise, trip: Trip, place: Lanes, *, mask: Mask) -> Reading:
     """Measure a pulse with the sensor's sampler.
 
     place   (n,) place at which the pulse crosses the threshold
@@ -53,22 +53,22 @@ def read(shots: Received, rise: Rise, trip: Trip, place: Lanes, *, wanted: Mask)
     """
     sampler = shots.sensor.sampler
     if isinstance(sampler, MultiLevel):
-        return _by_levels(shots, sampler, rise, trip, place, wanted)
+        return _by_levels(shots, sampler, rise, trip, place, mask)
     if isinstance(sampler, Adc):
-        return _by_samples(shots, sampler, rise, trip, place, wanted)
+        return _by_samples(shots, sampler, rise, trip, place, mask)
     amplitude = timing.amplitude(shots, trip, lag_s=(place - rise.peak) * shots.sigma_s)
     width = None
     if shots.sensor.tdc.both_edges:
         leaving = edges.trailing_level(shots, rise, trip, place, shots.threshold)
-        end, _ = edges.fall(shots, rise, trip, leaving, rise.peak, wanted)
-        width = shots.ops.where(wanted, (end - place) * shots.sigma_s, 0.0)
-    reported_s, timed = timing.of_rise(shots, rise, trip, place=place, measured=amplitude, width_s=width, wanted=wanted)
+        end, _ = edges.fall(shots, rise, trip, leaving, rise.peak, mask)
+        width = shots.ops.where(mask, (end - place) * shots.sigma_s, 0.0)
+    reported_s, timed = timing.rise_time_s(shots, rise, trip, place=place, measured=amplitude, width_s=width, mask=mask)
     if width is None:
         width = shots.ops.full(place, 0.0)
     return Reading(reported_s=reported_s, amplitude=amplitude, width_s=width, place=timed)
 
 
-def _by_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, place: Lanes, wanted: Mask) -> Reading:
+def _by_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, place: Lanes, mask: Mask) -> Reading:
     """Reading of comparators at several levels.
 
     The width at the highest level that tripped gives the amplitude, theory (T54). The width at the threshold gives the
@@ -80,17 +80,17 @@ def _by_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, pla
     # One deviate stands for the whole leading edge, at all levels; another for the trailing edge, correlated with the
     # first (T26a). So the levels cannot contradict each other.
     ops, point, fwhm = shots.ops, shots.point, shots.sensor.received_fwhm_s
-    own_level, foot = shots.threshold + trip.base, edges.foot(shots, rise, trip, wanted)
+    own_level, foot = shots.threshold + trip.base, edges.foot(shots, rise, trip, mask)
     first, *higher = (
-        _Level.of(shots, rise, trip, place, factor * shots.threshold, wanted).between(own_level, foot)
+        _Level.for_pulse(shots, rise, trip, place, factor * shots.threshold, mask).between(own_level, foot)
         for factor in sampler.levels
     )
-    lowest, highest, above, raised = first, first, ops.full(wanted, False), ops.full(wanted, False)
-    for one in higher:
-        later = one.reached & ~lowest.reached
-        raised = raised | (later & (one.level > own_level * (1.0 + 1e-6)))
-        lowest, highest = select_state(later, one, lowest), highest.or_if_reached(one)
-        above = above | (one.reached & ~later)
+    lowest, highest, above, raised = first, first, ops.full(mask, False), ops.full(mask, False)
+    for higher_level in higher:
+        later = higher_level.reached & ~lowest.reached
+        raised = raised | (later & (higher_level.level > own_level * (1.0 + 1e-6)))
+        lowest, highest = select_state(later, higher_level, lowest), highest.or_if_reached(higher_level)
+        above = above | (higher_level.reached & ~later)
     # Only two levels are searched in the waveform: the lowest for the time, the highest reached for the amplitude.
     crossed = place
     place = ops.where(
@@ -101,7 +101,7 @@ def _by_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, pla
             far=rise.valley,
             peak=rise.peak,
             top=rise.top,
-            wanted=raised,
+            mask=raised,
         ),
         place,
     )
@@ -111,7 +111,7 @@ def _by_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, pla
         far=rise.valley,
         peak=rise.peak,
         top=rise.top,
-        wanted=above,
+        mask=above,
     )
     # The waveform falls below a higher level before it falls below a lower one, so the lower search starts from there.
     end, near = edges.fall(shots, rise, trip, highest.down, rise.peak, above)
@@ -127,8 +127,8 @@ def _by_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, pla
         levels = sampler.levels
         following = (*levels[1:], levels[-1] * levels[-1] / levels[-2])
         for factor, after in zip(levels, following, strict=True):
-            here = highest.level == factor * shots.threshold
-            amplitude = ops.where(here, ops.minimum(amplitude, after * shots.threshold), amplitude)
+            at_level = highest.level == factor * shots.threshold
+            amplitude = ops.where(at_level, ops.minimum(amplitude, after * shots.threshold), amplitude)
     open_ = ~highest.reached & (foot >= own_level)
     edge_alone = comparator.amplitude(shots, trip, lag_s=(place - rise.peak) * shots.sigma_s)
     amplitude = ops.where(open_, edge_alone, amplitude)
@@ -136,7 +136,7 @@ def _by_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, pla
     # takes the walk of the leading edge at the true power instead, and "raw" takes none.
     walk: Lanes = -0.5 * width
     if shots.sensor.tdc.walk != "corrected":
-        true_power = ops.where(wanted, rise.top[0], 1.0)
+        true_power = ops.where(mask, rise.top[0], 1.0)
         walk_s = comparator.walk_s(shots, measured=amplitude, width_s=None, true_power_w=true_power)
         walk = walk_s / shots.sigma_s
     elif point.recovery_s is not None:
@@ -151,7 +151,7 @@ def _by_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, pla
         )
         walk = ops.where(open_, of_edge / shots.sigma_s, walk)
     return Reading(
-        reported_s=comparator.converted(shots, shots.time_s(place - walk), draw=rise.number),
+        reported_s=comparator.converted_time_s(shots, shots.time_s(place - walk), draw=rise.number),
         amplitude=ops.maximum(amplitude, shots.threshold),
         width_s=width * shots.sigma_s,
         place=ops.where(open_, crossed, place - walk),
@@ -174,14 +174,14 @@ class _Level:
     reached: Mask
 
     @classmethod
-    def of(cls, shots: Received, rise: Rise, trip: Trip, place: Lanes, level: Lanes, wanted: Mask) -> _Level:
+    def for_pulse(cls, shots: Received, rise: Rise, trip: Trip, place: Lanes, level: Lanes, mask: Mask) -> _Level:
         """A threshold for a pulse that crossed the lowest one at ``place``."""
         point = shots.point
         up = tdc.crossing_level(
             threshold=level, deviate=trip.deviate, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2
         )
         down = edges.trailing_level(shots, rise, trip, place, level)
-        reached = wanted & (up < trip.signal) & (down < trip.signal)
+        reached = mask & (up < trip.signal) & (down < trip.signal)
         if point.saturation is not None:
             reached = reached & (level < point.saturation)
         return cls(level=level, up=up, down=down, reached=reached)
@@ -202,7 +202,7 @@ class _Level:
         )
 
 
-def _by_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lanes, wanted: Mask) -> Reading:
+def _by_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lanes, mask: Mask) -> Reading:
     """Reading of an ADC: the centroid of its samples, or the place where a matched filter answers most.
 
     The matched filter needs a start near its maximum; the centroid of the samples above the threshold is that.
@@ -212,21 +212,21 @@ def _by_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lanes,
     base = trip.base / sampling.LASTING_GAIN if shots.sensor.matches else trip.base
     # The window lies around the peak of light that rises slowly, far behind where it trips the comparator.
     window = Window.around(shots, adc, rise, ops.maximum(place, rise.peak - _SLOW), base)
-    samples = window.read(wanted)
-    sums = window.centroid(samples, wanted)
-    any_over = sums.over > 0
+    samples = window.read(mask)
+    sums = window.centroid(samples, mask)
+    any_over = sums.count > 0
     # Weak pulses have no sample above the threshold, and are seen behind the filter only.
-    at: Lanes = ops.where(
+    peak_place: Lanes = ops.where(
         any_over, sums.moment / ops.where(any_over, sums.total, 1.0), rise.peak if shots.sensor.matches else place
     )
     amplitude: Lanes = sums.highest
     if adc.estimator == "matched_filter":
         # Newton's method squares the error in each step: from the centroid two steps are enough.
         for _ in range(2):
-            at, amplitude = window.matched(samples, at, wanted)
+            peak_place, amplitude = window.matched(samples, peak_place, mask)
     return Reading(
-        reported_s=comparator.converted(shots, shots.time_s(at), draw=rise.number),
+        reported_s=comparator.converted_time_s(shots, shots.time_s(peak_place), draw=rise.number),
         amplitude=ops.maximum(amplitude, shots.threshold) + trip.base,
-        width_s=sums.over / adc.rate_hz,
-        place=at,
+        width_s=sums.count / adc.rate_hz,
+        place=peak_place,
     )

@@ -92,15 +92,15 @@ class AirLight:
         seed          32-bit frame seed
         pulse         (n,) uint32 pulse numbers
         """
-        found = []
+        echoes = []
         # Each kind has random draws of its own, so that snow in a scene does not move the raindrops.
         for number, (tables, _) in enumerate(self.particles):
             for range_m, strength in hits(tables, seed=seed, pulse=pulse, first_draw=number * _DRAWS_APART):
                 ops = xp(range_m)
                 # The pulse does not light what is behind the surface at which it ends.
                 power = ops.where(range_m < end_m, scale * strength, 0.0)
-                found.append(SubEchoes(range_m=range_m, peak_power_w=power, count=1))
-        return found
+                echoes.append(SubEchoes(range_m=range_m, peak_power_w=power, count=1))
+        return echoes
 
 
 def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> AirLight | None:
@@ -138,7 +138,7 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
             down_to=_LEFT_OUT * _least_strength(sensor),
         )
 
-    def left(medium: Medium, range_m: Numbers) -> Numbers:
+    def undrawn_backscatter(medium: Medium, range_m: Numbers) -> Numbers:
         """beta of the particles of a medium that are not drawn, per m sr."""
         if medium.name in drawn:
             return drawn[medium.name].weak_backscatter_per_m_sr(range_m)
@@ -162,7 +162,7 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
     shape = LookupTable(
         soft_target.volume_response(
             range_m=grid,
-            backscatter_per_m_sr=lambda r: np.asarray(overlap.share(r)) * sum(left(medium, r) for medium in media),
+            backscatter_per_m_sr=lambda r: np.asarray(overlap.share(r)) * sum(undrawn_backscatter(medium, r) for medium in media),
             extinction_per_m=extinction_per_m,
             fwhm_s=fwhm_s,
             nearest_m=min(nearest_m, 0.1),
@@ -173,7 +173,7 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
     if coupling_hz is not None and rate is not None:
         # The baseline behind the air's light recovers without a peak, so the hump stays.
         step_s = float(radiometry.time_of_flight_s(range_m=grid[1] - grid[0]))
-        passed = high_pass.coupled(values=shape.values, step_s=step_s, coupling_hz=float(coupling_hz))
+        passed = high_pass.filter_samples(values=shape.values, step_s=step_s, coupling_hz=float(coupling_hz))
         shape = LookupTable(passed / high_pass.peak_share(rate=rate))
     # A point of even light gets the class of one medium: that which is strongest where the even light is brightest.
     at_peak = grid[[int(np.argmax(shape.values))]]
@@ -185,7 +185,7 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
         extinction_per_m=extinction_per_m,
         particles=tuple((tables, name) for name, tables in drawn.items()),
         names=tuple(medium.name for medium in media),
-        strongest=max(media, key=lambda medium: float(left(medium, at_peak)[0])).name,
+        strongest=max(media, key=lambda medium: float(undrawn_backscatter(medium, at_peak)[0])).name,
     )
 
 
@@ -196,7 +196,7 @@ def _least_strength(sensor: Sensor) -> float:
     """
     # Backwards through the electronics: from the threshold to the optical power that just reaches it.
     point = sensor.working_point(np.zeros(1))
-    seen_w = np.asarray(point.power_w(sensor.threshold(point))).ravel()[0]
+    least_w = np.asarray(point.power_w(sensor.threshold(point))).ravel()[0]
     # The lidar equation at 1 m, 1 per sr and clear air gives P_t eta A, the unit of a strength.
     sent = radiometry.echo_power_w(
         peak_power_w=sensor.laser.peak_power_w,
@@ -206,7 +206,7 @@ def _least_strength(sensor: Sensor) -> float:
         aperture_m2=sensor.optics.aperture_m2,
         efficiency=sensor.optics.efficiency_laser,
     )
-    return float(seen_w / sent)
+    return float(least_w / sent)
 
 
 def overlap_of(sensor: Sensor) -> Overlap:
@@ -216,7 +216,7 @@ def overlap_of(sensor: Sensor) -> Overlap:
     """
     if sensor.optics.overlap is not None:
         return sensor.optics.overlap
-    return Overlap.of(
+    return Overlap.from_optics(
         sensor.laser.spot,
         aperture_radius_m=float(sensor.optics.aperture_radius_m),
         field_rad=float(sensor.detector.radius_m / sensor.optics.focal_length_m),
@@ -234,8 +234,8 @@ def _nearest_m(overlap: Overlap, far_m: float) -> float:
     # Even steps of log R: the share changes fastest close to the sensor.
     ranges = np.geomspace(1e-2, far_m, 2000)
     share = np.asarray(overlap.share(ranges))
-    seen = share >= NEAREST_SHARE * share.max()
-    return float(ranges[int(np.argmax(seen))])
+    visible = share >= NEAREST_SHARE * share.max()
+    return float(ranges[int(np.argmax(visible))])
 
 
 def _area_m2(sensor: Sensor) -> Callable[[Numbers], Numbers]:

@@ -46,8 +46,8 @@ def fire(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[Lane
     # The mechanism's true direction; the encoders of the sensor do not see the jitter that is added to it.
     direction = sensor.scanner.direction(pulse)
     if sensor.scanner.jitter_rad is not None:
-        direction = _jittered(direction, sensor.scanner.jitter_rad, seed=seed, pulse=pulse)
-    return _placed(sensor, pulse, direction, origin_m, rotation)
+        direction = _add_jitter(direction, sensor.scanner.jitter_rad, seed=seed, pulse=pulse)
+    return _place_rays(sensor, pulse, direction, origin_m, rotation)
 
 
 def reported(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[Lanes, ...]) -> Beams:
@@ -55,34 +55,34 @@ def reported(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[
     # From encoder readings alone: rounded to their steps, and without the jitter.
     azimuth, elevation = sensor.scanner.angles(pulse)
     direction = direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation)
-    return _placed(sensor, pulse, direction, origin_m, rotation)
+    return _place_rays(sensor, pulse, direction, origin_m, rotation)
 
 
-def _placed(sensor: Sensor, pulse: Lanes, direction: Vector, origin_m: Vector, rotation: tuple[Lanes, ...]) -> Beams:
+def _place_rays(sensor: Sensor, pulse: Lanes, direction: Vector, origin_m: Vector, rotation: tuple[Lanes, ...]) -> Beams:
     """Rays in tracing coordinates, from directions in sensor coordinates."""
     start = sensor.scanner.offset_m(pulse)
     # Some scanners send their pulses from points off the sensor's origin; the offset turns with the sensor.
     if start is not None:
-        x, y, z = (o + moved for o, moved in zip(origin_m, _turned(rotation, start), strict=True))
+        x, y, z = (o + moved for o, moved in zip(origin_m, _rotate(rotation, start), strict=True))
         origin_m = x, y, z
     # Optics that trade aperture for field of view, such as rotating wedges, dim the echo and not the background. So
     # each has a share of its own (4), (8).
     return Beams(
         pulse=pulse,
         origin_m=origin_m,
-        direction=_turned(rotation, direction),
+        direction=_rotate(rotation, direction),
         aperture_m2=sensor.optics.aperture_m2 * sensor.scanner.aperture_share(pulse),
         background_aperture_m2=sensor.optics.aperture_m2 * sensor.scanner.background_share(pulse),
     )
 
 
-def _turned(r: tuple[Lanes, ...], v: Vector) -> Vector:
+def _rotate(r: tuple[Lanes, ...], v: Vector) -> Vector:
     """A vector rotated by nine numbers, row by row."""
     x, y, z = (r[3 * i] * v[0] + r[3 * i + 1] * v[1] + r[3 * i + 2] * v[2] for i in range(3))
     return x, y, z
 
 
-def _jittered(direction: Vector, jitter_rad: Lanes, *, seed: Lanes, pulse: Lanes) -> Vector:
+def _add_jitter(direction: Vector, jitter_rad: Lanes, *, seed: Lanes, pulse: Lanes) -> Vector:
     """Gaussian pointing noise on both axes across the beam."""
     # Jitter is a small angle: add a small vector across the beam and restore unit length.
     words = random.words(seed=seed, stage=random.Stage.POINTING, pulse=pulse)

@@ -64,7 +64,7 @@ class Ambient:
 class Echoes:
     """Light on the detector, for each ray; each array (n,).
 
-    found               bool, whether there is an echo
+    has_surface               bool, whether there is an echo
     range_m             range of the echo; 1 without one
     peak_power_w        peak power of the echo; 0 without one
     background_power_w  power of sun, sky and lamps
@@ -73,7 +73,7 @@ class Echoes:
                         intensity scale does not need it
     """
 
-    found: Mask
+    has_surface: Mask
     range_m: Lanes
     peak_power_w: Lanes
     background_power_w: Lanes
@@ -140,7 +140,7 @@ class EchoTrain:
 
     parts               groups of sub-echoes; a sub-echo's number counts through all parts
     surfaces            number of sub-echoes that are of surfaces, which come first; the others are of the air
-    found               (n,) bool, whether any ray of the pulse met a surface
+    has_surface               (n,) bool, whether any ray of the pulse met a surface
     background_power_w  (n,) power of sun, sky and lamps
     volume              even light of the air, or None
     interference        pulses of other lidars, as in `Echoes`
@@ -149,7 +149,7 @@ class EchoTrain:
 
     parts: tuple[SubEchoes, ...]
     surfaces: int
-    found: Mask
+    has_surface: Mask
     background_power_w: Lanes
     volume: Volume | None = None
     interference: tuple[Interference, ...] = ()
@@ -193,30 +193,30 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
     sky = sunlight.sky_radiance_w_m2_sr(sky_irradiance_w_m2=ambient.sky_irradiance_w_m2)
     # The air dims a surface's light along its path. The sky has no range, so only the fixed part dims it.
     background = radiometry.background_power_w(
-        radiance_w_m2_sr=ops.where(hits.found, surface, sky),
+        radiance_w_m2_sr=ops.where(hits.has_surface, surface, sky),
         aperture_m2=background_aperture_m2(beams),
         field_of_view_sr=radiometry.field_of_view_solid_angle_sr(
             detector_radius_m=sensor.detector.radius_m, focal_length_m=optics.focal_length_m
         ),
-        transmittance=ops.where(hits.found, transmittance, ambient.transmittance),
+        transmittance=ops.where(hits.has_surface, transmittance, ambient.transmittance),
         efficiency=optics.efficiency_sun * hits.throughput,
     )
     # Only a ray that ends at no surface can look into the sun.
     if ambient.sun_direction is not None:
-        background = background + ops.where(hits.found, 0.0, _sun_disc_w(beams, hits, sensor, ambient))
+        background = background + ops.where(hits.has_surface, 0.0, _sun_disc_w(beams, hits, sensor, ambient))
     return Echoes(
-        found=hits.found,
+        has_surface=hits.has_surface,
         range_m=hits.range_m,
-        peak_power_w=ops.where(hits.found, peak, 0.0),
+        peak_power_w=ops.where(hits.has_surface, peak, 0.0),
         background_power_w=background,
         # Its pulses arrive directly: no range and no surface of ours is in their power, only our aperture and optics.
         interference=tuple(
             Interference(
-                rate_hz=one.rate_hz,
-                peak_power_w=one.irradiance_w_m2 * beams.aperture_m2 * optics.efficiency_laser,
-                spread_db=one.spread_db,
+                rate_hz=lidar.rate_hz,
+                peak_power_w=lidar.irradiance_w_m2 * beams.aperture_m2 * optics.efficiency_laser,
+                spread_db=lidar.spread_db,
             )
-            for one in ambient.interferers
+            for lidar in ambient.interferers
         ),
         white_w_m2=_white_w_m2(beams, sensor),
     )
@@ -252,7 +252,7 @@ def _white_w_m2(beams: Beams, sensor: Sensor) -> Lanes:
     )
 
 
-def with_all_background(ways: Sequence[Echoes]) -> list[Echoes]:
+def gather_background(ways: Sequence[Echoes]) -> list[Echoes]:
     """The paths of a ray, with the background of all of them on the first.
 
     A pane splits a ray into paths. The background of all reaches the detector, but a pulse has only one background.

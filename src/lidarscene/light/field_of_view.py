@@ -35,9 +35,9 @@ def background_power_w(rays: Beams, paths: Sequence[Hits], sensor: Sensor, ambie
     rays   ``count`` of each pulse, lane = pulse lane * count + number
     paths  for each path, what the rays met
     """
-    seen = sum(_seen_w(rays, hits, sensor, ambient) for hits in paths)
-    ops = xp(seen)
-    return sum(ops.column(seen, number, count) for number in range(count)) * (1.0 / count)
+    background = sum(_seen_w(rays, hits, sensor, ambient) for hits in paths)
+    ops = xp(background)
+    return sum(ops.column(background, number, count) for number in range(count)) * (1.0 / count)
 
 
 def _seen_w(rays: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Lanes:
@@ -57,5 +57,5 @@ def _seen_w(rays: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Lanes:
         transmittance=1.0,  # the sun's irradiance is that at the sensor
         efficiency=sensor.optics.efficiency_sun * hits.throughput,
     )
-    on_disc = ~hits.found & (dot(apart, apart) < sunlight.SUN_RADIUS_RAD * sunlight.SUN_RADIUS_RAD)
+    on_disc = ~hits.has_surface & (dot(apart, apart) < sunlight.SUN_RADIUS_RAD * sunlight.SUN_RADIUS_RAD)
     return light.background_power_w + xp(light.background_power_w).where(on_disc, disc, 0.0)

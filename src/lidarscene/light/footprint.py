@@ -201,7 +201,7 @@ def _axes(direction: Vector, turn_rad: Lanes, rotation: tuple[Lanes, ...]) -> tu
     aside = cross(up, direction)
     ops = xp(*aside, turn_rad)
     steep = dot(aside, aside) < 1e-10  # straight up or down azimuth is undefined: take the sensor's left
-    x, y, z = (ops.where(steep, other, own) for other, own in zip(left, aside, strict=True))
+    x, y, z = (ops.where(steep, fallback, component) for fallback, component in zip(left, aside, strict=True))
     azimuth = unit((x, y, z))
     elevation = cross(direction, azimuth)
     # The beam's own axes are turned about the beam against azimuth and elevation.

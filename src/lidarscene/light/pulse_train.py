@@ -40,7 +40,7 @@ class LitAir:
     pulse: Array
 
 
-def together(
+def join_echoes(
     paths: Sequence[Echoes], beams: Beams, *, rays: int, skirt: Skirt | None = None, air: LitAir | None = None
 ) -> EchoTrain:
     """All light that each pulse brings back.
@@ -91,17 +91,17 @@ def together(
         volume = air.light.volume(scale=scale, end_m=end_m)
         drops = air.light.sub_echoes(scale=scale, end_m=end_m, seed=air.seed, pulse=air.pulse)
     # A pulse met a surface if any of its rays did, on any of its paths.
-    met = [ops.column(path.found, ray, rays) for path in paths for ray in range(rays)]
-    found = met[0]
-    for one in met[1:]:
-        found = found | one
+    ray_hits = [ops.column(path.has_surface, ray, rays) for path in paths for ray in range(rays)]
+    has_surface = ray_hits[0]
+    for ray_hit in ray_hits[1:]:
+        has_surface = has_surface | ray_hit
     return EchoTrain(
         parts=(*surfaces, *drops),
         surfaces=len(paths) * rays,
-        found=found,
+        has_surface=has_surface,
         background_power_w=over_rays(first.background_power_w),
         volume=volume,
-        interference=tuple(replace(one, peak_power_w=of_pulse(one.peak_power_w)) for one in first.interference),
+        interference=tuple(replace(source, peak_power_w=of_pulse(source.peak_power_w)) for source in first.interference),
         white_w_m2=of_pulse(first.white_w_m2),
     )
 
@@ -113,7 +113,7 @@ def _end_m(path: Echoes, far_m: Lanes, rays: int, core: int) -> Lanes:
     """
     ops = xp(path.range_m)
     # A ray that meets nothing lights the air to the end of the window.
-    last = ops.where(path.found, path.range_m, far_m)
+    last = ops.where(path.has_surface, path.range_m, far_m)
     end = ops.column(last, 0, rays)
     for ray in range(1, core):
         end = ops.maximum(end, ops.column(last, ray, rays))

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..maths.arrays import Array, Lanes, Numbers, xp
 from ..physics.amplifier import high_pass
-from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM, Shape, even_sum, evenly, sum_of_pulses
+from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM, Shape, comb_parts, even_sum, sum_of_pulses
 from ..physics.optics import pulse as pulse_shape
 from ..physics.optics import radiometry
 from ..physics.weather import soft_target
@@ -61,8 +61,8 @@ class Undershoot:
         slope: Lanes = 0.0
         bend: Lanes = 0.0
         for centre, depth in zip(centres, self.depths, strict=True):
-            own = high_pass.undershoot(at=place - centre - self.rate, rate=self.rate)
-            value, slope, bend = (total + depth * part for total, part in zip((value, slope, bend), own, strict=True))
+            terms = high_pass.undershoot(place=place - centre - self.rate, rate=self.rate)
+            value, slope, bend = (total + depth * part for total, part in zip((value, slope, bend), terms, strict=True))
         return value, slope, bend
 
 
@@ -78,7 +78,7 @@ class Waveform:
     centres   (n,) each, place of every sub-echo
     heights   (n,) each, power of every sub-echo; 0 without one
     volume    even light of the air, or None
-    under     undershoot of an AC-coupled amplifier, or None
+    undershoot     undershoot of an AC-coupled amplifier, or None
     """
 
     # Places count from the first sub-echo in units of sigma_p. So the numbers near an echo are small, where single
@@ -90,34 +90,34 @@ class Waveform:
     centres: Sequence[Lanes]
     heights: Sequence[Lanes]
     volume: Volume | None
-    under: Undershoot | None = None
+    undershoot: Undershoot | None = None
 
     def at(self, place: Lanes) -> Shape:
         """Power and its first and second derivative by place, (n,) each."""
-        value, slope, bend = sum_of_pulses(at=self._uncoupled(place), centres=self.centres, heights=self.heights)
-        if self.under is not None:
-            taken = self.under.at(place, self.centres)
-            value, slope, bend = value - taken[0], slope - taken[1], bend - taken[2]
+        value, slope, bend = sum_of_pulses(place=self._uncoupled(place), centres=self.centres, heights=self.heights)
+        if self.undershoot is not None:
+            undershoot = self.undershoot.at(place, self.centres)
+            value, slope, bend = value - undershoot[0], slope - undershoot[1], bend - undershoot[2]
         if self.volume is None:
             return value, slope, bend
         # The air's course is a table and has no derivative in closed form: differences over half steps take its place.
-        before, here, after = (
+        before, middle, after = (
             _volume_w(self.volume, self.range_m(place + step), self.fwhm_s) for step in (-_HALF_STEP, 0.0, _HALF_STEP)
         )
         return (
-            value + here,
+            value + middle,
             slope + (after - before) / (2.0 * _HALF_STEP),
-            bend + (after - 2.0 * here + before) / (_HALF_STEP * _HALF_STEP),
+            bend + (after - 2.0 * middle + before) / (_HALF_STEP * _HALF_STEP),
         )
 
-    def evenly(self, start: Lanes, spacing: Lanes, middle: Lanes) -> Comb:
+    def comb(self, start: Lanes, spacing: Lanes, middle: Lanes) -> Comb:
         """The waveform at evenly spaced places, at most 2 t_FWHM to either side of the middle.
 
         start    (n,) first place
         spacing  (n,) distance between two places
         middle   (n,) middle of all places
         """
-        parts, growths = evenly(
+        parts, growths = comb_parts(
             start=self._uncoupled(start),
             spacing=spacing,
             middle=self._uncoupled(middle),
@@ -132,7 +132,7 @@ class Waveform:
 
     def _uncoupled(self, place: Lanes) -> Lanes:
         """Where on the pulses a place lies: AC coupling lets them peak early, and is calibrated for that."""
-        return place if self.under is None else place - self.under.rate
+        return place if self.undershoot is None else place - self.undershoot.rate
 
     def range_m(self, place: Lanes) -> Lanes:
         """Range [m] of the light at a place, (n,)."""
@@ -159,22 +159,22 @@ class Waveform:
         # ends before everything, so no search enters it.
         # The undershoot only bends a recovering baseline, which rises: it moves peaks by 2 w at most.
         ops = xp(*self.centres, self.origin_m)
-        later = 1.0 if self.under is None else 1.0 + 2.0 * self.under.rate
-        found = [
+        later = 1.0 if self.undershoot is None else 1.0 + 2.0 * self.undershoot.rate
+        intervals = [
             (ops.where(height > 0.0, centre - 1.0, _FAR), ops.where(height > 0.0, centre + later, -_FAR))
             for centre, height in zip(self.centres, self.heights, strict=True)
         ]
         if self.volume is not None:
             start, end = ((edge - self.origin_m) / self.unit_m for edge in self.volume.hump_m)
-            there = self.volume.scale > 0.0
-            found.append((ops.where(there, start, _FAR), ops.where(there, end, -_FAR)))
-            ended = there & (self.volume.end_m < self.volume.far_m)
+            lit = self.volume.scale > 0.0
+            intervals.append((ops.where(lit, start, _FAR), ops.where(lit, end, -_FAR)))
+            ended = lit & (self.volume.end_m < self.volume.far_m)
             steepest = (self.volume.end_m - self.origin_m) / self.unit_m + self.unit_m * (
                 2.0 * self.volume.extinction_per_m + 2.0 / self.volume.end_m
             )
             before, behind = (steepest + way for way in _FADING)
-            found.append((ops.where(ended, before, _FAR), ops.where(ended, behind, -_FAR)))
-        return found
+            intervals.append((ops.where(ended, before, _FAR), ops.where(ended, behind, -_FAR)))
+        return intervals
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -198,9 +198,9 @@ class Comb:
     def power_w(self, place: Lanes, parts: Sequence[Lanes]) -> Lanes:
         """Power at a place, (n,) W, from the parts there."""
         wave, middle = self.wave, self.wave._uncoupled(self.middle)
-        value = even_sum(at=wave._uncoupled(place), middle=middle, parts=parts)
-        if wave.under is not None:
-            value = value - wave.under.at(place, wave.centres)[0]
+        value = even_sum(place=wave._uncoupled(place), middle=middle, parts=parts)
+        if wave.undershoot is not None:
+            value = value - wave.undershoot.at(place, wave.centres)[0]
         return value if wave.volume is None else value + _volume_w(wave.volume, wave.range_m(place), wave.fwhm_s)
 
     def following(self, parts: Sequence[Lanes]) -> tuple[Lanes, ...]:
@@ -230,7 +230,7 @@ def waveform(pulse_train: EchoTrain, sensor: Sensor) -> Waveform:
         ops.where(height > 0.0, (distance - origin) / unit, 0.0)
         for distance, height in zip(ranges, heights, strict=True)
     ]
-    passed, under = coupled(heights, pulse_train.background_power_w, sensor)
+    passed, undershoot = couple_pulses(heights, pulse_train.background_power_w, sensor)
     return Waveform(
         origin_m=origin,
         unit_m=unit,
@@ -238,11 +238,11 @@ def waveform(pulse_train: EchoTrain, sensor: Sensor) -> Waveform:
         centres=centres,
         heights=passed,
         volume=pulse_train.volume,
-        under=under,
+        undershoot=undershoot,
     )
 
 
-def coupled(
+def couple_pulses(
     heights: Sequence[Lanes], background_power_w: Lanes, sensor: Sensor
 ) -> tuple[Sequence[Lanes], Undershoot | None]:
     """Pulses of these peak powers behind AC coupling, without their undershoot, and the undershoot.
@@ -252,15 +252,15 @@ def coupled(
     rate = sensor.coupling_rate
     if rate is None:
         return heights, None
-    point, kept = sensor.working_point(background_power_w), high_pass.peak_share(rate=rate)
+    point, peak_share = sensor.working_point(background_power_w), high_pass.peak_share(rate=rate)
     # The undershoot is of the signal. A later echo that is weak enough to be lost in it lies where the detector is
     # linear: the signal is brought back to power as for weak light.
     power_per_signal = _WEAK_W / point.signal(_WEAK_W + 0.0 * background_power_w)
-    depths = [point.measured(point.signal(height)) * power_per_signal / kept for height in heights]
-    return [height / kept for height in heights], Undershoot(rate=rate, depths=depths)
+    depths = [point.measured(point.signal(height)) * power_per_signal / peak_share for height in heights]
+    return [height / peak_share for height in heights], Undershoot(rate=rate, depths=depths)
 
 
-def sampled(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numbers, Numbers]:
+def sample_power_and_signal(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numbers, Numbers]:
     """Optical power [W] and mean detector signal over time, without noise: each (n, times), NumPy.
 
     times_s  (times,) time since the middle of the pulse left
@@ -268,7 +268,7 @@ def sampled(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[N
     The signal is what comes through the amplifier; the power is that on the detector, the air's even light in it as the
     amplifier passes it.
     """
-    power, received = _sampled(pulse_train, sensor, times_s)
+    power, received = _sample_powers_w(pulse_train, sensor, times_s)
     point = sensor.working_point(np.asarray(pulse_train.background_power_w)[:, None])
     return power, np.asarray(point.signal(received))
 
@@ -278,10 +278,10 @@ def sampled_power_w(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) ->
 
     times_s  (times,) time since the middle of the pulse left
     """
-    return _sampled(pulse_train, sensor, times_s)[0]
+    return _sample_powers_w(pulse_train, sensor, times_s)[0]
 
 
-def _sampled(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numbers, Numbers]:
+def _sample_powers_w(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numbers, Numbers]:
     """Power over time on the detector, and as the amplifier passes it, without the background: (n, times) W each."""
     times = np.asarray(times_s, dtype=np.float64)
     power = np.zeros((np.size(pulse_train.background_power_w), len(times)))
@@ -296,11 +296,11 @@ def _sampled(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[
             power += peak[lanes, None] * pulses
             if not sensor.receiver.filters:
                 continue
-            own, place = peak[lanes, None], (times - arrival[lanes, None]) / sigma_s
-            (height,), under = coupled([own], background, sensor)
-            if under is not None:
-                received -= under.at(place, [0.0])[0]
-                place = place - under.rate
+            peaks, place = peak[lanes, None], (times - arrival[lanes, None]) / sigma_s
+            (height,), undershoot = couple_pulses([peaks], background, sensor)
+            if undershoot is not None:
+                received -= undershoot.at(place, [0.0])[0]
+                place = place - undershoot.rate
             received += height * np.exp(-0.5 * place * place)
     if pulse_train.volume is not None:
         scale, end_m = (np.asarray(values)[:, None] for values in (pulse_train.volume.scale, pulse_train.volume.end_m))
@@ -314,8 +314,8 @@ def _volume_w(air: Volume, range_m: Lanes, fwhm_s: Lanes) -> Lanes:
     """Power of the air's even light, (n,) W; it ends where the last of a pulse's light meets a surface (T37)."""
     ops = xp(range_m, air.scale)
     along = (range_m - air.near_m) / (air.far_m - air.near_m)
-    left = soft_target.share_before_surface(
+    unblocked = soft_target.share_before_surface(
         range_m=range_m, surface_m=air.end_m, extinction_per_m=air.extinction_per_m, fwhm_s=fwhm_s
     )
     inside = (along > 0.0) & (along < 1.0)
-    return ops.where(inside, air.scale * left * air.shape.at(along), 0.0)
+    return ops.where(inside, air.scale * unblocked * air.shape.at(along), 0.0)

@@ -118,33 +118,33 @@ class MaterialFile(FileModel):
                 wavelengths = [row.wavelength_nm for row in rows]
                 if not rows or any(a >= b for a, b in itertools.pairwise(wavelengths)):
                     raise ValueError(f"{key}: must be rows of rising wavelength_nm, got {wavelengths}")
-        self._no_more_than_came()
+        self._check_energy()
         return self
 
-    def _no_more_than_came(self) -> None:
+    def _check_energy(self) -> None:
         if self.transmittance is None:
             return
-        back, through = _spectrum(self.reflectivity), _spectrum(self.transmittance)
-        tables = (one for one in (self.reflectivity, self.transmittance) if isinstance(one, tuple))
+        reflected, transmitted = _spectrum(self.reflectivity), _spectrum(self.transmittance)
+        tables = (rows for rows in (self.reflectivity, self.transmittance) if isinstance(rows, tuple))
         for wavelength_nm in sorted(row.wavelength_nm for table in tables for row in table) or [0.0]:
             wavelength_m = si(wavelength_nm, "nm")
-            together = back.at(wavelength_m) + through.at(wavelength_m)
-            if together > 1.0:
+            total = reflected.at(wavelength_m) + transmitted.at(wavelength_m)
+            if total > 1.0:
                 where = f" at {wavelength_nm:.0f} nm" if wavelength_nm else ""
-                raise ValueError(f"reflectivity and transmittance: must be <= 1 together, got {together:.4g}{where}")
+                raise ValueError(f"reflectivity and transmittance: must be <= 1 together, got {total:.4g}{where}")
 
     def build(self, name: str) -> Material:
         """The material, under this name. By hand: what a kind has goes into one mapping, its tables as spectra."""
-        given: dict[str, float | Spectrum | None] = {key: getattr(self, key) for key in _PLAIN}
-        given["thickness_m"] = si(self.thickness_mm, "mm")
+        numbers: dict[str, float | Spectrum | None] = {key: getattr(self, key) for key in _PLAIN}
+        numbers["thickness_m"] = si(self.thickness_mm, "mm")
         if self.transmittance is not None:
-            given["transmittance"] = _spectrum(self.transmittance)
+            numbers["transmittance"] = _spectrum(self.transmittance)
         if self.index:
             wavelengths = si(tuple(row.wavelength_nm for row in self.index), "nm")
             for part in ("n", "k"):
                 values = tuple(getattr(row, part) for row in self.index)
-                given[f"index_{part}"] = Spectrum(wavelength_m=wavelengths, value=values)
-        parameters = {key: value for key, value in given.items() if value is not None}
+                numbers[f"index_{part}"] = Spectrum(wavelength_m=wavelengths, value=values)
+        parameters = {key: value for key, value in numbers.items() if value is not None}
         return Material(
             name=name,
             bsdf=self.bsdf,
@@ -154,11 +154,11 @@ class MaterialFile(FileModel):
         )
 
 
-def _spectrum(given: float | tuple[ReflectivityRow, ...]) -> Spectrum:
-    if not isinstance(given, tuple):
-        return Spectrum.constant(given)
+def _spectrum(reflectivity: float | tuple[ReflectivityRow, ...]) -> Spectrum:
+    if not isinstance(reflectivity, tuple):
+        return Spectrum.constant(reflectivity)
     return Spectrum(
-        wavelength_m=si(tuple(row.wavelength_nm for row in given), "nm"), value=tuple(row.value for row in given)
+        wavelength_m=si(tuple(row.wavelength_nm for row in reflectivity), "nm"), value=tuple(row.value for row in reflectivity)
     )
 
 

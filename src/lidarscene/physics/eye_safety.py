@@ -58,8 +58,8 @@ def largest_source_rad(*, duration_s: float) -> float:
 
 def c6(*, source_rad: float, duration_s: float) -> float:
     """C6 (table 9): larger images on the retina, alpha / alpha_min for alpha from alpha_min to alpha_max."""
-    seen = min(source_rad, largest_source_rad(duration_s=duration_s))
-    return max(seen / SMALLEST_SOURCE_RAD, 1.0)
+    counted_rad = min(source_rad, largest_source_rad(duration_s=duration_s))
+    return max(counted_rad / SMALLEST_SOURCE_RAD, 1.0)
 
 
 def t2_s(*, source_rad: float) -> float:

@@ -20,7 +20,7 @@ from ..light.echoes import Ambient, EchoTrain
 from ..light.field_of_view import background_power_w, field_of_view
 from ..light.footprint import Footprint, aim, footprint, spread
 from ..light.hits import Hits
-from ..light.pulse_train import LitAir, together
+from ..light.pulse_train import LitAir, join_echoes
 from ..maths.arrays import Array, Lanes
 from ..maths.paths import Moving, Paths, Placement
 from ..maths.vectors import Vector
@@ -119,7 +119,7 @@ class Stages:
         if self.field is not None:
             background = self._background(places, pulse, seed, self.field, ray_pulses)
         rays, paths = self._trace_rays(places, pulse, seed, self.footprint, survey=survey, ray_pulses=ray_pulses)
-        light = echoes.with_all_background([echoes.receive(rays, hits, self.sensor, self.ambient) for hits in paths])
+        light = echoes.gather_background([echoes.receive(rays, hits, self.sensor, self.ambient) for hits in paths])
         if background is not None:
             ray_background = background if self.rays == 1 else transfer.repeat_lanes(background, self.rays)[0]
             light[0] = replace(light[0], background_power_w=ray_background)
@@ -182,7 +182,7 @@ class Stages:
         air = None
         if self.air is not None:
             air = LitAir(light=self.air, sensor=self.sensor, ambient=self.ambient, seed=seed, pulse=lit.pulse)
-        return together(lit.light, lit.rays, rays=self.rays, skirt=self.footprint.skirt, air=air)
+        return join_echoes(lit.light, lit.rays, rays=self.rays, skirt=self.footprint.skirt, air=air)
 
 
 def _in_sensor(hits: Hits, place: Placement) -> Hits:

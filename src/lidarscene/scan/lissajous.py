@@ -33,7 +33,7 @@ class Swing:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Lissajous(Mechanism):
-    """Pulses at a constant rate; ``pulses`` of them are a frame. Made by `of`.
+    """Pulses at a constant rate; ``pulses`` of them are a frame. Made by `create`.
 
     azimuth_turn_rad, elevation_turn_rad  mechanical amplitudes, zero to peak
     """
@@ -47,7 +47,7 @@ class Lissajous(Mechanism):
     elevation_turn_rad: Lanes
 
     @classmethod
-    def of(
+    def create(
         cls,
         *,
         rate_hz: float,
@@ -61,8 +61,8 @@ class Lissajous(Mechanism):
         """From the two turns."""
         # Phases as exact fractions of a turn from pulse to pulse, so that they do not drift over hours (`turns`).
         turns = [
-            Turns.per_pulse(frequency_hz=one.frequency_hz, rate_hz=rate_hz, start_rad=one.phase_rad)
-            for one in (azimuth, elevation)
+            Turns.per_pulse(frequency_hz=swing.frequency_hz, rate_hz=rate_hz, start_rad=swing.phase_rad)
+            for swing in (azimuth, elevation)
         ]
         return cls(
             pulses=max(1, round(rate_hz / frame_hz)),

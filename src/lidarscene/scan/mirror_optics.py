@@ -59,14 +59,14 @@ class Gimbal:
         ops = xp(in_plane, out_of_plane, self.incidence_rad)
         cos_rest, sin_rest = ops.cos(self.incidence_rad), ops.sin(self.incidence_rad)
         # The normal at rest, and the direction in the mirror within the plane of incidence.
-        rest, along = mixed(cos_rest, _X, sin_rest, side), mixed(-sin_rest, _X, cos_rest, side)
+        normal_at_rest, along = mixed(cos_rest, _X, sin_rest, side), mixed(-sin_rest, _X, cos_rest, side)
         cos_in, sin_in = ops.cos(towards_side), ops.sin(towards_side)
         cos_out, sin_out = ops.cos(out_of_plane), ops.sin(out_of_plane)
         if folds_upright == (self.outer == "elevation"):  # the in-plane turn is the outer one
-            normal = mixed(cos_out, mixed(cos_in, rest, sin_in, along), sin_out, across)
+            normal = mixed(cos_out, mixed(cos_in, normal_at_rest, sin_in, along), sin_out, across)
         else:
-            normal = mixed(cos_in, mixed(cos_out, rest, sin_out, across), sin_in, along)
-        incoming = mixed(1.0, _X, -2.0 * cos_rest, rest)
+            normal = mixed(cos_in, mixed(cos_out, normal_at_rest, sin_out, across), sin_in, along)
+        incoming = mixed(1.0, _X, -2.0 * cos_rest, normal_at_rest)
         cos_incidence = -dot(incoming, normal)
         return reflected(incoming, normal), self._share(cos_incidence, cos_rest)
 
@@ -110,8 +110,8 @@ class MirrorPair:
             mirror_share(cos_incidence=-dot(before, n), cos_at_rest=cos_rest)
             for before, n in ((moved, normal), (between, last_normal))
         )
-        one, other = shares
-        return reflected(between, last_normal), one * other
+        first_share, last_share = shares
+        return reflected(between, last_normal), first_share * last_share
 
 
 Mirrors = Gimbal | MirrorPair

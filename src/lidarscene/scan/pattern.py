@@ -15,7 +15,7 @@ from .base import Encoder, GivenAngles, Jitter, in_frame
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pattern(GivenAngles):
-    """The table, in firing order; it repeats in each frame. Made by `of`."""
+    """The table, in firing order; it repeats in each frame. Made by `create`."""
 
     pulses: int
     frame_s: float
@@ -25,7 +25,7 @@ class Pattern(GivenAngles):
     laser: LookupTable | None = None
 
     @classmethod
-    def of(
+    def create(
         cls,
         *,
         azimuth_rad: Numbers,

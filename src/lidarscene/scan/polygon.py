@@ -62,7 +62,7 @@ class Facets:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Polygon(Mechanism):
-    """One frame is one turn: ``facets`` lines of ``columns`` pulses, in the middle of each facet. Made by `of`.
+    """One frame is one turn: ``facets`` lines of ``columns`` pulses, in the middle of each facet. Made by `create`.
 
     turn_rad       turn from pulse to pulse; positive is counter-clockwise seen from above
     incidence_rad  of the beam on the facet, in the middle of its line
@@ -85,7 +85,7 @@ class Polygon(Mechanism):
     lens_radius_m: Lanes | None = None
 
     @classmethod
-    def of(
+    def create(
         cls,
         *,
         rate_hz: float,
@@ -142,8 +142,8 @@ class Polygon(Mechanism):
         (turn,) = turned
         tilt = ops.float32(ops.take(self.tilt_rad, self._facet_and_column(pulse)[0]))
         # `rest` is the normal of an upright facet in mid-line; mirrored at it, the incoming beam leaves along x.
-        rest = ops.cos(self.incidence_rad), self.side * ops.sin(self.incidence_rad), 0.0
-        incoming = mixed(1.0, (1.0, 0.0, 0.0), -2.0 * rest[0], rest)
+        rest_normal = ops.cos(self.incidence_rad), self.side * ops.sin(self.incidence_rad), 0.0
+        incoming = mixed(1.0, (1.0, 0.0, 0.0), -2.0 * rest_normal[0], rest_normal)
         # The facet has turned on, and leans by its tilt.
         angle = self.side * self.incidence_rad + turn
         level = ops.cos(angle), ops.sin(angle), 0.0
@@ -154,9 +154,9 @@ class Polygon(Mechanism):
             return direction, 1.0
         # In units of the inradius: the beam's axis passes through `rest`, the facet's middle is `level`. Follow the
         # beam to the facet's plane; `aside` is the distance from there to the facet's middle, along the facet.
-        along = (1.0 - dot(level, rest)) / dot(level, incoming)
-        met = mixed(1.0, rest, along, incoming)
-        aside = dot(met, (-level[1], level[0], 0.0))
+        along = (1.0 - dot(level, rest_normal)) / dot(level, incoming)
+        facet_point = mixed(1.0, rest_normal, along, incoming)
+        aside = dot(facet_point, (-level[1], level[0], 0.0))
         scale = cos_incidence * self.inradius_m / self.lens_radius_m
         share = slit_share(left=(self.half_facet + aside) * scale, right=(self.half_facet - aside) * scale)
         return direction, share

@@ -18,7 +18,7 @@ from .base import Encoder, GivenAngles, Jitter
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Raster(GivenAngles):
-    """Even grid of directions, centred on the sensor's x axis, with both edges of the field of view. Made by `of`."""
+    """Even grid of directions, centred on the sensor's x axis, with both edges of the field of view. Made by `create`."""
 
     columns: int
     rows: int
@@ -27,7 +27,7 @@ class Raster(GivenAngles):
     rate_hz: float
 
     @classmethod
-    def of(
+    def create(
         cls,
         *,
         azimuth_fov_rad: Annotated[float, Quantity("deg", gt=0, le=360)],

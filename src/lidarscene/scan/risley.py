@@ -44,7 +44,7 @@ class Wedge:
     tilted: str
 
     @classmethod
-    def of(
+    def create(
         cls,
         *,
         rate_hz: float,
@@ -69,13 +69,13 @@ class Wedge:
         first, second = (_X, inclined) if self.tilted == "out" else (inclined, _X)
         # Into the glass and out of it. The cross-section widens with the cosine at both faces.
         inside, widened = refracted(direction, first, 1.0 / self.index)
-        outside, again = refracted(inside, second, self.index)
-        return outside, widened * again
+        outside, widened_again = refracted(inside, second, self.index)
+        return outside, widened * widened_again
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Risley(Mechanism):
-    """Pulses at a constant rate; ``pulses`` of them are a frame, and the prisms keep turning. Made by `of`.
+    """Pulses at a constant rate; ``pulses`` of them are a frame, and the prisms keep turning. Made by `create`.
 
     beams               lasers that fire in turn
     beam_elevation_rad  of each laser before the prisms, or None: one along the axis
@@ -88,7 +88,7 @@ class Risley(Mechanism):
     beam_elevation_rad: LookupTable | None = None
 
     @classmethod
-    def of(
+    def create(
         cls,
         *,
         rate_hz: float,
@@ -126,16 +126,16 @@ class Risley(Mechanism):
 
     def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         if self.beam_elevation_rad is None:
-            return self.through(turned)
+            return self.refract(turned)
         ops = xp(pulse)
-        return self.through(turned, ops.float32(ops.take(self.beam_elevation_rad, self.channel(pulse))))
+        return self.refract(turned, ops.float32(ops.take(self.beam_elevation_rad, self.channel(pulse))))
 
     def channel(self, pulse: Lanes) -> Lanes:
         """Number of the laser."""
         ops = xp(pulse)
         return ops.divmod(ops.int32(pulse), self.beams)[1]
 
-    def through(self, phases_rad: tuple[Lanes, ...], elevation_rad: Lanes | None = None) -> tuple[Vector, Lanes]:
+    def refract(self, phases_rad: tuple[Lanes, ...], elevation_rad: Lanes | None = None) -> tuple[Vector, Lanes]:
         """Direction and share of the aperture with the wedges' thick sides in these directions.
 
         elevation_rad  of the beam before the prisms; along the axis if left out

@@ -67,7 +67,7 @@ class Bank:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Spinning(Mechanism):
-    """A head of ``lasers`` lasers; one frame is the number of cycles nearest to one turn. Made by `of`.
+    """A head of ``lasers`` lasers; one frame is the number of cycles nearest to one turn. Made by `create`.
 
     Tables by place in the firing order: elevation_rad, azimuth_rad (the laser's own), lead_rad (turn of the head from
     the cycle's start to the firing), lasers_by_place (number of the laser as given), start_m (x, y, z of the laser's
@@ -88,7 +88,7 @@ class Spinning(Mechanism):
     background_gain: LookupTable | None = None
 
     @classmethod
-    def of(
+    def create(
         cls,
         *,
         rotation_hz: Rotation,
@@ -131,7 +131,7 @@ class Spinning(Mechanism):
             lasers=len(order),
             cycle_s=cycle_s,
             firing_s=np.asarray(firing_s, dtype=np.float64)[order],
-            head=Turns.of_fraction(step, start_rad=start_azimuth_rad),
+            head=Turns.from_fraction(step, start_rad=start_azimuth_rad),
             elevation_rad=table(bank.elevation_rad),
             azimuth_rad=table(azimuth_rad),
             lead_rad=table(_TWO_PI * rotation_hz * np.asarray(firing_s)),

@@ -34,10 +34,10 @@ class Turns:
     @classmethod
     def per_pulse(cls, *, frequency_hz: float, rate_hz: float, start_rad: float = 0.0) -> Turns:
         """Turns at ``frequency_hz`` (negative: reversed), sampled ``rate_hz`` times a second."""
-        return cls.of_fraction(Fraction(frequency_hz) / Fraction(rate_hz), start_rad=start_rad)
+        return cls.from_fraction(Fraction(frequency_hz) / Fraction(rate_hz), start_rad=start_rad)
 
     @classmethod
-    def of_fraction(cls, turns: Fraction, *, start_rad: float = 0.0) -> Turns:
+    def from_fraction(cls, turns: Fraction, *, start_rad: float = 0.0) -> Turns:
         """From the number of turns between two pulses."""
         # Exact fractions: 2^31 pulses times the rounding of a double would be degrees.
         steps = turns * _WORD
@@ -50,9 +50,9 @@ class Turns:
         ops = xp(pulse)
         number = ops.uint32(pulse)
         # The rest of the steps: at most half the pulse number, good to 1e-7 of that, which is 1e-8 turns.
-        rest = ops.int32(ops.rint(ops.float32(number) * self.low))
+        remainder = ops.int32(ops.rint(ops.float32(number) * self.low))
         # 32-bit numbers wrap around at a whole turn, which is what an angle does.
-        word = number * ops.uint32(self.high) + ops.uint32(self.start) + ops.uint32(rest)
+        word = number * ops.uint32(self.high) + ops.uint32(self.start) + ops.uint32(remainder)
         return ops.float32(ops.int32(word)) * (2.0 * math.pi / _WORD)
 
 

@@ -123,8 +123,8 @@ class TdcFile(Table[Tdc]):
     def build(self, detector: Detector) -> Tdc:
         """In SI units; with ``edges`` left out, the detector says which are timed."""
         stops, keep = STOPS_OF.get(self.keep, self.stops), "first" if self.keep == "all" else self.keep
-        both = detector.saturates if self.edges is None else self.edges == "both"
-        return self.in_si(stops=stops, keep=keep, both_edges=both)
+        both_edges = detector.saturates if self.edges is None else self.edges == "both"
+        return self.in_si(stops=stops, keep=keep, both_edges=both_edges)
 
 
 class ReceiverFile(Table[Receiver]):
@@ -197,9 +197,9 @@ class SensorFile(FileModel):
     @model_validator(mode="after")
     def _one_receiver(self) -> SensorFile:
         counts = isinstance(self.detector, SpadFile)
-        for key, wanted in (("tdc", not counts), ("histogram", counts)):
-            if (getattr(self, key) is not None) != wanted:
-                verb = "must be given" if wanted else "must be left out"
+        for key, required in (("tdc", not counts), ("histogram", counts)):
+            if (getattr(self, key) is not None) != required:
+                verb = "must be given" if required else "must be left out"
                 raise ValueError(f'{key}: {verb} with detector.type = "{self.detector.type}"')
         if counts and "receiver" in self.model_fields_set:
             raise ValueError('receiver: must be left out with detector.type = "spad", whose firings are counted')
@@ -312,8 +312,8 @@ def sensor_from_tables(
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     # What was said of a number does not hold for the one that is put in its place.
-    given = {text.partition("=")[0].strip(): f"--set {text}" for text in overrides}
-    return replace(sensor, sources={**sensor.sources, **given})
+    override_sources = {text.partition("=")[0].strip(): f"--set {text}" for text in overrides}
+    return replace(sensor, sources={**sensor.sources, **override_sources})
 
 
 def _derived_rate(tables: dict[str, Any], overrides: Sequence[str]) -> dict[str, Any]:

@@ -209,10 +209,10 @@ class Sensor:
     def noise_bandwidth_hz(self) -> Lanes:
         """Of white noise: the amplifier's, less if cells stay for a dead time or samples are far apart."""
         bandwidth: Lanes = self.tdc.bandwidth_hz
-        others = [0.5 / self.detector.dead_time_s] if isinstance(self.detector, Sipm) else []
-        others += [0.5 * self.sampler.rate_hz] if isinstance(self.sampler, Adc) else []
-        for other in others:
-            bandwidth = xp(bandwidth, other).minimum(bandwidth, other)
+        limits_hz = [0.5 / self.detector.dead_time_s] if isinstance(self.detector, Sipm) else []
+        limits_hz += [0.5 * self.sampler.rate_hz] if isinstance(self.sampler, Adc) else []
+        for limit_hz in limits_hz:
+            bandwidth = xp(bandwidth, limit_hz).minimum(bandwidth, limit_hz)
         return bandwidth
 
     @property
@@ -258,12 +258,12 @@ class Sensor:
     def doubts(self) -> tuple[str, ...]:
         """What does not go together in it, a line each."""
         laser, focal_length_m = self.laser, float(self.optics.focal_length_m)
-        found = [self._slow, silicon_doubt(self.detector, wavelength_m=laser.wavelength_m)]
+        messages = [self._slow, silicon_doubt(self.detector, wavelength_m=laser.wavelength_m)]
         # A flash's beam is as wide as all of its pixels.
         if self.optics.overlap is None and not isinstance(self.scanner, Flash):
             divergence_rad = laser.mean_divergence_rad
-            found.append(spot_doubt(self.detector, divergence_rad=divergence_rad, focal_length_m=focal_length_m))
-        return tuple(f"'{self.name}': {one}" for one in found if one is not None)
+            messages.append(spot_doubt(self.detector, divergence_rad=divergence_rad, focal_length_m=focal_length_m))
+        return tuple(f"'{self.name}': {message}" for message in messages if message is not None)
 
     @property
     def _slow(self) -> str | None:
@@ -272,13 +272,13 @@ class Sensor:
         needed_mhz = 1e3 * PULSE_BANDWIDTH / fwhm_ns
         if cutoff_mhz >= needed_mhz * (1.0 - 1e-9):
             return None
-        told = (
+        message = (
             f"a bandwidth of {cutoff_mhz:.4g} MHz is slow for a pulse of {fwhm_ns:.4g} ns, which "
             f"needs {needed_mhz:.3g}; "
         )
         if self.receiver.low_pass is not None:
-            return told + f"it leaves {100.0 * float(self.low_pass_share):.0f} % of the peak"
-        return told + 'receiver.response = "none" lets the pulse pass whole, so ranges come out too long'
+            return message + f"it leaves {100.0 * float(self.low_pass_share):.0f} % of the peak"
+        return message + 'receiver.response = "none" lets the pulse pass whole, so ranges come out too long'
 
     def noise_correlation(self, lag_s: Lanes) -> Lanes:
         """Of the noise with itself after a time; without a low pass that of a single pole of the noise's bandwidth."""
@@ -352,7 +352,7 @@ class Sensor:
         armed: Lanes = 0.0
         if range_m is not None:
             armed = radiometry.time_of_flight_s(range_m=range_m) - self.tdc.blanking_s
-        return Macropixel.under(
+        return Macropixel.for_background(
             background_power_w,
             self.detector,
             self.histogram,

@@ -48,14 +48,14 @@ class FilterFile(FileModel):
 
     @model_validator(mode="after")
     def _one_way(self) -> FilterFile:
-        given = self.model_fields_set
+        fields_set = self.model_fields_set
         if self.csv is not None:
-            extra = sorted(given & {"centre_nm", "width_nm", "shape", "order"})
+            extra = sorted(fields_set & {"centre_nm", "width_nm", "shape", "order"})
             if extra:
                 raise ValueError(f"csv says all of the filter and must stand alone, got {' and '.join(extra)} too")
         elif self.centre_nm is None or self.width_nm is None:
             raise ValueError("must have centre_nm and width_nm, or csv")
-        elif "order" in given and self.shape != "super_gaussian":
+        elif "order" in fields_set and self.shape != "super_gaussian":
             raise ValueError(f'order must go with shape = "super_gaussian", got shape "{self.shape}"')
         return self
 
@@ -146,7 +146,7 @@ class OverlapFile(FileModel):
 
     def build(self, *, optics: Optics, laser: Laser, detector_radius_m: float) -> Overlap:
         """The share of the spot in the field of view, by range. By hand: it takes numbers of three tables."""
-        return Overlap.of(
+        return Overlap.from_optics(
             laser.spot,
             aperture_radius_m=float(optics.aperture_radius_m),
             field_rad=float(detector_radius_m / optics.focal_length_m),

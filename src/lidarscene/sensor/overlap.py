@@ -47,7 +47,7 @@ class Overlap:
     @classmethod
     # Some 0.2 s each, and a sensor is often read more than once.
     @functools.lru_cache(maxsize=64)
-    def of(
+    def from_optics(
         cls,
         spot: Spot,
         *,

@@ -28,7 +28,7 @@ NAMES: dict[str, dict[str, float]] = {
 
 def read_pattern(path: Path, *, frame_s: float | None, jitter_rad: float | None, encoder_rad: float | None) -> Pattern:
     """A pattern of the file's columns; without ``frame_s`` a frame is its last time and one mean step more."""
-    columns = _read_npz(path) if path.suffix == ".npz" else read_columns(path, known=_known)
+    columns = _read_npz(path) if path.suffix == ".npz" else read_columns(path, known=_is_known_column)
     length = len(next(iter(columns.values()), ()))
     for name, values in columns.items():
         if values.ndim != 1 or len(values) != length:
@@ -43,9 +43,9 @@ def read_pattern(path: Path, *, frame_s: float | None, jitter_rad: float | None,
         raise InputError(f"{path}: must have fewer than 2^31 pulses, got {length}")
     if np.abs(elevation).max() > 0.5 * math.pi + 1e-9:
         raise InputError(f"{path}: elevations must be from -90 to 90 degrees")
-    back = np.flatnonzero(np.diff(time_s) < 0.0)
-    if len(back):
-        raise InputError(f"{path}: times must never fall, got a fall at pulse {back[0] + 2}")
+    falls = np.flatnonzero(np.diff(time_s) < 0.0)
+    if len(falls):
+        raise InputError(f"{path}: times must never fall, got a fall at pulse {falls[0] + 2}")
     channel = columns.get("channel")
     if channel is not None and (np.any(channel != np.rint(channel)) or np.abs(channel).max() >= 2**24):
         raise InputError(f"{path}: channels must be whole numbers below 2^24")
@@ -59,7 +59,7 @@ def read_pattern(path: Path, *, frame_s: float | None, jitter_rad: float | None,
             f"{path}: scanner.frame_ms must be >= {time_s[-1] * 1e3:g}, the time of the last pulse, "
             f"got {frame_s * 1e3:g}"
         )
-    return Pattern.of(
+    return Pattern.create(
         azimuth_rad=azimuth,
         elevation_rad=elevation,
         time_s=time_s,
@@ -72,11 +72,11 @@ def read_pattern(path: Path, *, frame_s: float | None, jitter_rad: float | None,
 
 def _column(path: Path, columns: Mapping[str, Numbers], kind: str) -> Numbers:
     """One of the columns in SI units."""
-    found = [name for name in NAMES[kind] if name in columns]
-    if len(found) != 1:
-        got = " and ".join(found) or "none"
-        raise InputError(f"{path}: must have one column of {', '.join(NAMES[kind])}, got {got}")
-    return np.asarray(columns[found[0]] * NAMES[kind][found[0]], dtype=np.float64)
+    names = [name for name in NAMES[kind] if name in columns]
+    if len(names) != 1:
+        listed = " and ".join(names) or "none"
+        raise InputError(f"{path}: must have one column of {', '.join(NAMES[kind])}, got {listed}")
+    return np.asarray(columns[names[0]] * NAMES[kind][names[0]], dtype=np.float64)
 
 
 def _read_npz(path: Path) -> dict[str, Numbers]:
@@ -85,10 +85,10 @@ def _read_npz(path: Path) -> dict[str, Numbers]:
         with path.open("rb") as raw:
             require_archive(raw)
             file = np.load(raw, allow_pickle=False)
-            return {name: np.asarray(file[name], dtype=np.float64) for name in file.files if _known(name)}
+            return {name: np.asarray(file[name], dtype=np.float64) for name in file.files if _is_known_column(name)}
     except Exception as error:  # zipfile, numpy and the disk each have their own
         raise InputError(f"{path}: cannot be read as npz: {error}") from None
 
 
-def _known(name: str) -> bool:
+def _is_known_column(name: str) -> bool:
     return name == "channel" or any(name in names for names in NAMES.values())

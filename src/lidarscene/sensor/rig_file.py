@@ -54,7 +54,7 @@ class RigFile(FileModel):
 
     @model_validator(mode="after")
     def _own_labels(self) -> RigFile:
-        labels = [one.label for one in self.sensors]
+        labels = [mounted.label for mounted in self.sensors]
         twice = sorted({label for label in labels if labels.count(label) > 1})
         if twice:
             raise ValueError(f"labels must be unique, got '{twice[0]}' twice")
@@ -74,16 +74,16 @@ def load_rig(rig: str | os.PathLike[str] | Rig, *, overrides: Overrides = ()) ->
 def read_rig(path: Path, *, sensor: SensorLookup = load_sensor, overrides: Sequence[str] = ()) -> Rig:
     """`load_rig`; ``sensor`` finds a sensor by catalogue name or path, with overrides applied."""
     file = validated(RigFile, read_toml(path), str(path))
-    labels = [one.label for one in file.sensors]
+    labels = [entry.label for entry in file.sensors]
     changes = [addressed(assignment, labels) for assignment in overrides]
     mounted = []
-    for index, one in enumerate(file.sensors):
-        name = str(path.parent / one.sensor) if one.sensor.endswith(".toml") else one.sensor
-        own = [*one.set, *(text for to, text in changes if to in (None, one.label))]
+    for index, entry in enumerate(file.sensors):
+        name = str(path.parent / entry.sensor) if entry.sensor.endswith(".toml") else entry.sensor
+        own_changes = [*entry.set, *(text for target, text in changes if target in (None, entry.label))]
         try:
-            found = sensor(name, overrides=own)
+            built = sensor(name, overrides=own_changes)
         except InputError as error:
-            raise InputError(f'{path}: sensors[{index} "{one.label}"]: {error}') from None
-        mounted.append(Mounted(label=one.label, sensor=found, pose=one.pose()))
-    files = (path, *(path.parent / one.sensor for one in file.sensors if one.sensor.endswith(".toml")))
+            raise InputError(f'{path}: sensors[{index} "{entry.label}"]: {error}') from None
+        mounted.append(Mounted(label=entry.label, sensor=built, pose=entry.pose()))
+    files = (path, *(path.parent / entry.sensor for entry in file.sensors if entry.sensor.endswith(".toml")))
     return Rig(name=file.name or path.stem, sensors=tuple(mounted), files=files)

@@ -103,7 +103,7 @@ class SpinningFile(ScannerFile[Spinning]):
             )
         starts = self.forward_mm, self.left_mm, self.height_mm
         x, y, z = (si(values or (0.0,) * lasers, "mm") for values in starts)
-        elevation_deg = [self.elevation_scale * one + self.elevation_shift_deg for one in self.elevation_deg]
+        elevation_deg = [self.elevation_scale * angle_deg + self.elevation_shift_deg for angle_deg in self.elevation_deg]
         if max(map(abs, elevation_deg)) > 90.0:
             raise InputError(f"scanner: elevations must be -90 to 90 degrees, got {max(elevation_deg, key=abs):g}")
         return self.in_si(
@@ -153,7 +153,7 @@ class RisleyFile(ScannerFile[Risley]):
     def build(self, around: Surroundings) -> Risley:
         """In SI units, if light passes the wedges however they stand."""
         scanner = self.in_si(
-            rate_hz=around.rate_hz, wedges=tuple(one.in_si(rate_hz=around.rate_hz) for one in self.wedges)
+            rate_hz=around.rate_hz, wedges=tuple(wedge.in_si(rate_hz=around.rate_hz) for wedge in self.wedges)
         )
         beams: tuple[float, ...] | None = si(self.beam_elevation_deg, "deg")
         if any(self._reflects(scanner, beam) for beam in beams or (None,)):
@@ -169,7 +169,7 @@ class RisleyFile(ScannerFile[Risley]):
         turned = np.meshgrid(first, *[phases] * (len(self.wedges) - 1), indexing="ij", sparse=True)
         start = None if elevation_rad is None else np.array(elevation_rad)
         with np.errstate(divide="ignore", invalid="ignore"):  # behind a face that reflects all
-            share = np.asarray(scanner.through(tuple(turned), start)[1])
+            share = np.asarray(scanner.refract(tuple(turned), start)[1])
         return not bool(np.all(share > 0.0))
 
 

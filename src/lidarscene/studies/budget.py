@@ -76,7 +76,7 @@ def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Ech
     point = sensor.working_point(background, range_m=np.asarray(hits.range_m))
     threshold = np.broadcast_to(sensor.threshold(point), len(cloud))
     noise = np.broadcast_to(point.noise, len(cloud))
-    has_surface = np.asarray(hits.found)
+    has_surface = np.asarray(hits.has_surface)
     signal = np.where(has_surface, cloud.snr * noise, 0.0)
     explained = np.abs(point.signal(light.peak_power_w) - signal) <= SAME_SIGNAL * signal
     power = np.where(explained, light.peak_power_w, point.power_w(signal))
@@ -103,7 +103,7 @@ def _lambertian(cloud: PointCloud) -> Hits:
     lit = has_surface & (cos_sun > 0.0) & (cloud.column("in_shadow") == 0)
     per_sr = columns["reflectivity"] / math.pi
     return Hits(
-        found=has_surface,
+        has_surface=has_surface,
         range_m=np.where(has_surface, columns["true_range"], 1.0),
         cos_incidence=cos_incidence,
         backscatter_per_sr=per_sr * cos_incidence,

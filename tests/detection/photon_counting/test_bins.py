@@ -10,7 +10,7 @@ from helpers.trains import in_fog, train
 
 from lidarscene.detection.photon_counting.bins import Bins
 from lidarscene.detection.photon_counting.histograms import histograms
-from lidarscene.detection.photon_counting.receiver import broadened
+from lidarscene.detection.photon_counting.receiver import broaden
 from lidarscene.light.waveform import waveform
 from lidarscene.physics.optics import radiometry
 from lidarscene.physics.photon_counting import matched_filter
@@ -38,7 +38,7 @@ def test_peak_and_photons_are_those_of_the_whole_histogram(overrides, power_w, c
     range_m = 30.0 + np.linspace(0.0, 0.15, COUNT)
     light = train(range_m[:, None], np.full((COUNT, 1), power_w), background_w=background_w)
     pixel = counter.pixel(light.background_power_w, range_m=range_m)
-    bins = Bins(pixel=pixel, wave=waveform(*broadened(light, counter, pixel.sigma_s)), seed=3, pulse=pulse)
+    bins = Bins(pixel=pixel, wave=waveform(*broaden(light, counter, pixel.sigma_s)), seed=3, pulse=pulse)
     time_s = radiometry.time_of_flight_s(range_m=range_m)
     peak = bins.highest(np.zeros(COUNT), time_s)
     whole = histograms(light, counter, seed=3, pulse=pulse)
@@ -70,7 +70,7 @@ def bins_of(counter, light, place_m):
     count = len(light.background_power_w)
     range_m = np.full(count, place_m)
     pixel = counter.pixel(light.background_power_w, range_m=range_m)
-    wave = waveform(*broadened(light, counter, pixel.sigma_s))
+    wave = waveform(*broaden(light, counter, pixel.sigma_s))
     bins = Bins(pixel=pixel, wave=wave, seed=3, pulse=np.arange(count, dtype=np.uint32))
     time_s = radiometry.time_of_flight_s(range_m=range_m)
     place = 2.0 * (place_m - wave.origin_m) / C / pixel.sigma_s
@@ -83,7 +83,7 @@ def drawn_and_expected(counter, light_of, place_m, *, count=10_000):
     bin_s, reach = counter.histogram.bin_s, counter.histogram.reach
     first = 2.0 * np.floor(0.5 * (np.floor(time_s / bin_s) - reach))
     start = place + (first * bin_s + 0.5 * bin_s - time_s) / bins.pixel.sigma_s
-    drawn = bins._drawn(first, start, bins._blind(start, first * bin_s, time_s), place)
+    drawn = bins._draw_counts(first, start, bins._blind(start, first * bin_s, time_s), place)
     whole = histograms(light_of(1), counter, seed=3, pulse=np.zeros(1, dtype=np.uint32)).expected[0]
     return np.mean(drawn, axis=1), whole[int(first[0]) : int(first[0]) + len(drawn)]
 

@@ -292,7 +292,7 @@ def test_a_threshold_that_scatters_has_the_false_alarms_of_its_thresholds():
         "histogram.stops=4",
     )
     sky = photons.echoes_of(counter, 60.0, count=40_000, illuminance_klux=1.0)
-    sky.found[:], sky.peak_power_w[:] = False, 0.0
+    sky.has_surface[:], sky.peak_power_w[:] = False, 0.0
     found = photons.detected(counter, sky)
     ours = sum((stop.reported & (stop.status == Status.FALSE_ALARM)).mean() for stop in found.stops)
     point = counter.working_point(sky.background_power_w[:1])
@@ -353,7 +353,7 @@ def test_false_alarms_are_as_many_as_in_whole_histograms():
     """2000 whole windows of Poisson counts, filtered and searched by other code; 4 standard errors."""
     counter = photons.sensor("histogram.threshold_floor=0.0", "histogram.threshold_slope=0.27", "histogram.stops=4")
     sky = photons.echoes_of(counter, 60.0, count=40_000, **SUNNY)
-    sky.found[:], sky.peak_power_w[:] = False, 0.0
+    sky.has_surface[:], sky.peak_power_w[:] = False, 0.0
     found = photons.detected(counter, sky)
     ours = sum((stop.reported & (stop.status == Status.FALSE_ALARM)).sum() for stop in found.stops) / 40_000
     pixel = counter.pixel(sky.background_power_w[:1])
@@ -377,7 +377,7 @@ def trains(counter, ranges_m, powers_w, count):
     lanes = {"range_m": np.tile(ranges_m, count), "peak_power_w": np.tile(powers_w, count)}
     part = SubEchoes(**lanes, count=len(ranges_m))
     return EchoTrain(
-        parts=(part,), surfaces=len(ranges_m), found=np.ones(count, bool), background_power_w=np.full(count, 1e-10)
+        parts=(part,), surfaces=len(ranges_m), has_surface=np.ones(count, bool), background_power_w=np.full(count, 1e-10)
     )
 
 

@@ -9,10 +9,10 @@ from helpers.trains import SIGMA_S, detect, sensor, train
 from scipy.special import erf
 
 from lidarscene.detection import multi_echo
-from lidarscene.detection.pulses.memory import Left
-from lidarscene.detection.sampled_waveforms import remembered
+from lidarscene.detection.pulses.memory import Residue
+from lidarscene.detection.sampled_waveforms import sampled_with_memory
 from lidarscene.kernel.device import transfer
-from lidarscene.light.waveform import sampled
+from lidarscene.light.waveform import sample_power_and_signal
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import sipm_response
 from lidarscene.physics.electronics.pulse_sums import SIGMAS_PER_FWHM
@@ -132,7 +132,7 @@ def test_what_an_echo_leaves(background_w):
     fired = sipm_response.fired_by_pulse(peak=110.0, rate_hz=memory["rate_hz"], pulse_fwhm_s=FWHM_S, dead_time_s=DEAD_S)
     later = (time_s > 2.5 * SIGMA_PULSE_S) & (np.abs(time_s - DEAD_S) > 3.0 * SIGMA_PULSE_S)
     later &= time_s < 2.0 * DEAD_S
-    expected = fired * sipm_response.left_busy(age_s=time_s[later], sigma_s=SIGMA_PULSE_S, **memory)
+    expected = fired * sipm_response.residual_busy(age_s=time_s[later], sigma_s=SIGMA_PULSE_S, **memory)
     np.testing.assert_allclose(count.mean(axis=0)[later], expected, atol=5.0)
     assert expected.min() < (-8.0 if background_w == DIM_W else -30.0)
 
@@ -153,9 +153,9 @@ def test_the_signal_of_a_waveform_is_the_mean_count(background_w):
     light = train(range_m[None], np.array([powers]), background_w=background_w)
     # The count of a step is at its end.
     at = time_s + 2.0 * 30.0 / SPEED_OF_LIGHT_M_S
-    _, (signal,) = remembered(light, equipped, at)
+    _, (signal,) = sampled_with_memory(light, equipped, at)
     np.testing.assert_allclose(signal, count.mean(axis=0), atol=2.2)
-    _, (forgetful,) = sampled(light, equipped, at)
+    _, (forgetful,) = sample_power_and_signal(light, equipped, at)
     assert np.abs(forgetful - signal).max() > 50.0
 
 
@@ -291,7 +291,7 @@ def test_the_signal_of_a_waveform_counts_avalanches_that_others_cause(keys, aval
         for range_m in (30.0, 0.0):
             light = train(np.full((1, 1), range_m), np.full((1, 1), 1e-10), background_w=1e-16)
             after_s = np.linspace(-10e-9, 600e-9, 20_001) + 2.0 * range_m / SPEED_OF_LIGHT_M_S
-            areas.append(np.trapezoid(remembered(light, equipped, after_s)[1][0], after_s))
+            areas.append(np.trapezoid(sampled_with_memory(light, equipped, after_s)[1][0], after_s))
     assert areas[1] == pytest.approx(areas[0], rel=0.02)
     assert areas[3] == pytest.approx(areas[2], rel=0.02)
     assert areas[2] / areas[0] == pytest.approx(avalanches, rel=0.02)
@@ -304,14 +304,14 @@ def test_the_signal_of_a_clipped_waveform_drains():
     light = train(np.full((1, 1), 30.0), np.full((1, 1), float(np.ravel(point.power_w(5e-3))[0])))
     released_s = SIGMA_S * math.sqrt(2.0 * math.log(100.0)) + 2.0 * 30.0 / SPEED_OF_LIGHT_M_S
     since_s = np.array([100e-9, 120e-9, 160e-9])
-    _, (signal,) = remembered(light, equipped, released_s + since_s)
+    _, (signal,) = sampled_with_memory(light, equipped, released_s + since_s)
     np.testing.assert_allclose(signal, 5e-3 * np.exp(-since_s / 20e-9), rtol=0.03)
 
 
 def test_what_a_rise_finds_can_be_undone():
     """Signal and power of the point that it meets are inverse, on what is held and with half of the cells."""
     bare = sensor("table1-sipm", STEADY, *KEYS).working_point(np.array([DIM_W]))
-    met = Left(floor=np.zeros(1), held=np.array([20.0]), share=np.array([0.5])).seen(bare)
+    met = Residue(floor=np.zeros(1), held=np.array([20.0]), share=np.array([0.5])).working_point(bare)
     power = np.geomspace(1e-10, 1e-7, 20)
     assert met.signal(power)[0] == pytest.approx(20.0 + 0.5 * bare.signal(power)[0])
     np.testing.assert_allclose(met.power_w(met.signal(power)), power, rtol=1e-9)

@@ -15,7 +15,7 @@ from scipy.stats import kstest, norm
 from lidarscene import load_sensor
 from lidarscene.detection.outcomes import Status
 from lidarscene.errors import InputError
-from lidarscene.light.waveform import sampled
+from lidarscene.light.waveform import sample_power_and_signal
 
 ADC = ("sampler.type='adc'", "sampler.rate_mhz=1000", "sampler.bits=14", "sampler.full_scale=1e-4")
 LEVELS = ("sampler.type='multi_level_tdc'", "sampler.levels=[2, 4, 8, 18, 32, 64]")
@@ -76,7 +76,7 @@ def test_samples_of_a_wall_stand_on_fog(estimator):
     light = trains.in_fog(sensor, np.ones(300), wall_m=15.0)
     (stop,) = trains.detect(light, sensor).stops
     range_m = np.arange(10.0, 16.0, 0.005)
-    signal = sampled(light, sensor, 2.0 / c * range_m)[1][0]
+    signal = sample_power_and_signal(light, sensor, 2.0 / c * range_m)[1][0]
     fog = signal[range_m < 14.0].min()
     assert fog > 4.0 * float(sensor.threshold(sensor.working_point(light.background_power_w))[0])
     assert np.median(stop.amplitude) == pytest.approx(signal.max(), abs=0.5 * fog)
@@ -142,7 +142,7 @@ def test_peaks_of_any_train(keep, dead_time_ns):
                 ),
             ),
         )
-        signal = sampled(one, sensor, time_s)[1][0] / threshold[pulse]
+        signal = sample_power_and_signal(one, sensor, time_s)[1][0] / threshold[pulse]
         peaks, about = find_peaks(signal, height=1.0, prominence=0.0)
         low = np.array([signal[a : b + 1].min() for a, b in itertools.pairwise(peaks)])
         doubtful = (np.abs(about["prominences"] - 1.0) < 0.05).any() or (low < 1.05).any()

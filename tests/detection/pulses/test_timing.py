@@ -94,7 +94,7 @@ def shots(rule, snr, *overrides):
     count = 8000
     power = trains.power_at_snr(plain, snr)
     light = Echoes(
-        found=np.full(count, True),
+        has_surface=np.full(count, True),
         range_m=np.full(count, 50.0),
         peak_power_w=np.full(count, power),
         background_power_w=np.full(count, trains.BACKGROUND_W),
@@ -223,7 +223,7 @@ def test_one_echo_or_a_train_of_one(rule):
     power = trains.power_at_snr(sensor, 6.0) * np.random.default_rng(1).uniform(0.3, 3.0, count)
     light = trains.train(np.full((count, 1), 50.0), power[:, None])
     lone = Echoes(
-        found=np.full(count, True),
+        has_surface=np.full(count, True),
         range_m=np.full(count, 50.0),
         peak_power_w=power,
         background_power_w=light.background_power_w,
@@ -243,7 +243,7 @@ def on_lasting(sensor, height, lasting, shots):
     (part,) = one.parts
     many = replace(
         one,
-        found=np.full(shots, True),
+        has_surface=np.full(shots, True),
         background_power_w=np.full(shots, trains.BACKGROUND_W),
         parts=(replace(part, range_m=np.tile(part.range_m, shots), peak_power_w=np.tile(part.peak_power_w, shots)),),
         volume=replace(one.volume, scale=np.tile(one.volume.scale, shots), end_m=np.full(shots, 1e6)),

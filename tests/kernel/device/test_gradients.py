@@ -33,7 +33,7 @@ def light_of(numbers, equipped):
     """`light.echoes.receive` of Lambertian surfaces under the sun: numpy or device arrays by name."""
     ops = xp(numbers["range_m"])
     hits = Hits(
-        found=numbers["range_m"] > 0.0,
+        has_surface=numbers["range_m"] > 0.0,
         range_m=numbers["range_m"],
         cos_incidence=1.0,
         backscatter_per_sr=numbers["reflectivity"] / np.pi,
@@ -132,7 +132,7 @@ def test_many_rays_on_one_pulse(case, mi):
         sensor = transfer.opaque(equipped) if on_device else equipped
         pulse = transfer.counter(0, 40) if on_device else np.arange(40, dtype=np.uint32)
         rays, _, light = light_of(at, sensor)
-        whole = trains_of.together([light], rays, rays=RAYS)
+        whole = trains_of.join_echoes([light], rays, rays=RAYS)
         return multi_echo.detect(whole, sensor, seed=0, pulse=pulse)
 
     far = (at for at in map(numbers_around, range(60, 1000, 20)) if np.median(detected(at).snr) < 5.5)
@@ -177,7 +177,7 @@ def test_reflectivity_of_a_traced_plane(mi):
     hits, *_ = trace(world, fan, sun=transfer.opaque(tuple(float(x) for x in described.sun.direction)))
     ambient = transfer.opaque(ambient_of(described, equipped))
     light = echoes.receive(fan, hits, sensor, ambient)
-    whole = trains_of.together([light], fan, rays=7)
+    whole = trains_of.join_echoes([light], fan, rays=7)
     snr = multi_echo.detect(whole, sensor, seed=transfer.seed_word(0), pulse=pulse).snr
     dr.backward(dr.sum(snr))
     total = float(np.sum(dr.detach(snr).numpy()))

@@ -64,7 +64,7 @@ def test_a_pane_throws_the_beam_back(tilt_deg):
     assert seen.light_of_ways[1].peak_power_w[MIDDLE] == pytest.approx(
         expected_w(sensor, math.radians(tilt_deg)), **CLOSE
     )
-    assert second.found[MIDDLE]
+    assert second.has_surface[MIDDLE]
     assert second.range_m[MIDDLE] == pytest.approx(RANGE_M, rel=1e-6)
     assert not second.mirrored[MIDDLE]
     assert second.interactions[MIDDLE] == 0
@@ -96,7 +96,7 @@ def test_a_pane_that_leans_too_far_mirrors_as_before():
     behind = chain.facing(range_m=-5.0, size_m=4.0)
     _, seen = run(pane(RANGE_M, 0.5), behind)
     second = seen.ways[1]
-    assert second.found[MIDDLE]
+    assert second.has_surface[MIDDLE]
     assert second.mirrored[MIDDLE]
     assert second.range_m[MIDDLE] == pytest.approx(2 * RANGE_M + 5.0, rel=1e-3)
 

@@ -125,7 +125,7 @@ def test_a_beam_meets_no_more_than_its_interactions():
     for allowed in range(5):
         seen = run(board, *panes, interactions=allowed, sky=0.2)
         ends_at = 50.0 if allowed >= 3 else 10.0 + allowed
-        assert seen.hits.found[MIDDLE]
+        assert seen.hits.has_surface[MIDDLE]
         assert seen.hits.range_m[MIDDLE] == pytest.approx(ends_at, rel=1e-6)
         assert (seen.light_of_ways[0].peak_power_w[MIDDLE] > 0.0) == (allowed >= 3)
         assert (seen.light_of_ways[0].background_power_w[MIDDLE] > 0.0) == (allowed >= 3)
@@ -135,9 +135,9 @@ def test_a_beam_meets_no_more_than_its_interactions():
 def test_a_beam_that_passes_into_the_sky():
     """Nothing is found, and the sky is seen through the pane and in it: together as without."""
     seen, free = run(pane(10.0, 20.0), sky=0.2), run(chain.facing(range_m=5.0, at=(0, 50, 0)), sky=0.2)
-    assert not free.hits.found[MIDDLE]
-    assert not seen.ways[0].found[MIDDLE]
-    assert not seen.ways[1].found[MIDDLE]
+    assert not free.hits.has_surface[MIDDLE]
+    assert not seen.ways[0].has_surface[MIDDLE]
+    assert not seen.ways[1].has_surface[MIDDLE]
     assert seen.hits.face[MIDDLE] == -1
     assert seen.light.background_power_w[MIDDLE] == pytest.approx(free.light.background_power_w[MIDDLE], **CLOSE)
 
@@ -197,7 +197,7 @@ def test_grazing_beams_meet_a_surface_once(theta_deg):
         seen = run(pane(20.0, theta_deg, material=material, size_m=10.0), chain.facing(range_m=50.0, size_m=200.0))
         for way in seen.ways:
             assert way.interactions[MIDDLE] == 1
-            assert way.found[MIDDLE]
+            assert way.has_surface[MIDDLE]
 
 
 class Reference:

@@ -47,7 +47,7 @@ class View:
 
     @property
     def both(self) -> Array:
-        return self.hits["found"] & np.isfinite(self.theirs["t_hit"])
+        return self.hits["has_surface"] & np.isfinite(self.theirs["t_hit"])
 
     @property
     def same_face(self) -> Array:
@@ -138,7 +138,7 @@ def view(request: pytest.FixtureRequest, simulator: Simulator, road: Road) -> Vi
     hits, *_ = trace(simulator.world, rays, sun=transfer.opaque(sun), interactions=0)
     direction = np.stack([np.array(axis) for axis in rays.direction], axis=1)
     origin_m = np.array([origin], dtype=np.float32)
-    names = ("found", "range_m", "cos_incidence", "cos_sun", "lit", "face")
+    names = ("has_surface", "range_m", "cos_incidence", "cos_sun", "lit", "face")
     return View(
         origin_m=origin_m,
         direction=direction,
@@ -152,8 +152,8 @@ def test_both_find_something_or_nothing(view: View) -> None:
     """Rationale: a point cloud has a point where there is a surface.
     Tolerance: EDGE_SHARE of the rays, and each of those must graze a silhouette.
     """
-    differing = np.flatnonzero(view.hits["found"] != np.isfinite(view.theirs["t_hit"]))
-    assert 0.3 < view.hits["found"].mean() < 0.99
+    differing = np.flatnonzero(view.hits["has_surface"] != np.isfinite(view.theirs["t_hit"]))
+    assert 0.3 < view.hits["has_surface"].mean() < 0.99
     assert len(differing) <= EDGE_SHARE * len(view.direction)
     assert view.grazes(differing).all()
 

@@ -100,7 +100,7 @@ def test_no_surface_shades_itself(range_m):
     grazing = Sun(azimuth_rad=math.radians(95.0), elevation_rad=0.0)
     body = chain.facing(range_m=range_m, size_m=0.3 * range_m)
     hits = chain.run(chain.scene(body, sun=grazing), sensor).hits
-    assert hits.found.all()
+    assert hits.has_surface.all()
     assert hits.lit.all()
 
 
@@ -112,7 +112,7 @@ def test_clear_glass_sends_nothing():
     board = named(chain.facing(range_m=20.0), "board", "board")
     scene = chain.scene(pane, board, materials=(catalogue_material("clear_glass"),))
     lanes = chain.run(scene, chain.sensor("table1-apd", *chain.NARROW), interactions=0)
-    assert lanes.hits.found.all()
+    assert lanes.hits.has_surface.all()
     assert lanes.hits.range_m[MIDDLE] == pytest.approx(10.0, rel=1e-6)
     assert (lanes.light.peak_power_w == 0.0).all()
 
@@ -164,8 +164,8 @@ def test_no_ray_passes_between_two_triangles(step_deg):
         f"scanner.{axis}_{what}" for axis in ("azimuth", "elevation") for what in (f"step_deg={step_deg}", "fov_deg=20")
     ]
     hits = chain.run(chain.scene(body), chain.sensor("table1-apd", *steps)).hits
-    assert hits.found.sum() > 50
-    assert (hits.range_m[hits.found] < 12.0).all()
+    assert hits.has_surface.sum() > 50
+    assert (hits.range_m[hits.has_surface] < 12.0).all()
 
 
 @pytest.mark.parametrize("call", [{"seed": -1}, {"seed": 2**32}, {"chunk": 0}, {"coordinates": "body"}])

@@ -258,5 +258,5 @@ def test_the_course_of_a_lone_pulse_is_its_waveform(signal, recovery_ns):
 
 def test_charge_is_whole_until_it_drains():
     """Before the light has fallen back all is held, however early; then a factor of e in each recovery time."""
-    left = saturation.drained(held=5.0, since_s=np.array([-20.0, 0.0, 2.0, 4.0]) * 1e-9, recovery_s=RECOVERY_S)
+    left = saturation.remaining_charge(held=5.0, since_s=np.array([-20.0, 0.0, 2.0, 4.0]) * 1e-9, recovery_s=RECOVERY_S)
     np.testing.assert_allclose(left, [5.0, 5.0, 5.0 / math.e, 5.0 / math.e**2])

@@ -30,7 +30,7 @@ def test_cells_of_a_weak_pulse_that_are_busy_at_once(fwhm_s):
 
 def test_what_is_two_dead_times_ago_is_over():
     """Before, more or fewer cells are busy than the background keeps."""
-    left = sipm_response.left_busy(
+    left = sipm_response.residual_busy(
         age_s=np.array([10.0, 25.0, 41.0, 60.0, 200.0]) * 1e-9, rate_hz=5e7, dead_time_s=20e-9, sigma_s=1e-10
     )
     assert left[0] > 0.1 > -0.05 > left[1]

@@ -28,16 +28,16 @@ def raster(columns=101, rows=51, step_deg=0.2, rate_hz=50e3):
 def mid40():
     """HELIOS++'s prisms for the Livox Mid-40."""
     wedges = [
-        scan.Wedge.of(rate_hz=100e3, angle_rad=angle * DEG, index=1.51, rotation_hz=turns, phase_rad=0.0, tilted=face)
+        scan.Wedge.create(rate_hz=100e3, angle_rad=angle * DEG, index=1.51, rotation_hz=turns, phase_rad=0.0, tilted=face)
         for angle, turns, face in ((18.7481, -121.5657, "out"), (17.9634, 77.7430, "in"))
     ]
-    return scan.Risley.of(rate_hz=100e3, frame_hz=10.0, wedges=wedges)
+    return scan.Risley.create(rate_hz=100e3, frame_hz=10.0, wedges=wedges)
 
 
 def vlp16():
     """VLP-16 user manual 63-9243."""
     order = (-15, 1, -13, 3, -11, 5, -9, 7, -7, 9, -5, 11, -3, 13, -1, 15)
-    return scan.Spinning.of(
+    return scan.Spinning.create(
         rotation_hz=-10.0,
         cycle_s=55.296e-6,
         bank=scan.Bank(elevation_rad=[e * DEG for e in order], firing_s=[2.304e-6 * n for n in range(16)]),

@@ -66,7 +66,7 @@ class _Blind:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Drawn:
+class _DrawState:
     """How far the bins around an echo are drawn; each field (n,), rooms with a number for each bin.
 
     number   of the next bin, from the first one
@@ -111,23 +111,23 @@ class Bins:
         middle = ops.floor(time_s / bin_s)
         first = 2.0 * ops.floor(0.5 * (middle - reach))
         start = place + (first * bin_s + 0.5 * bin_s - time_s) / pixel.sigma_s
-        counts = self._drawn(first, start, self._blind(start, first * bin_s, time_s), place)
+        counts = self._draw_counts(first, start, self._blind(start, first * bin_s, time_s), place)
         background = pixel.count_rate_hz * bin_s
         values = self._filtered(counts, background)
         least = reach - search - 1
-        best, at = values[1], 0.0 * place + (least + 1.0)
+        best, peak_bin = values[1], 0.0 * place + (least + 1.0)
         before, after = values[0], values[2]
         for k in range(2, len(values) - 1):
             better = values[k] > best
             before, after = ops.where(better, values[k - 1], before), ops.where(better, values[k + 1], after)
-            best, at = ops.where(better, values[k], best), ops.where(better, float(least + k), at)
+            best, peak_bin = ops.where(better, values[k], best), ops.where(better, float(least + k), peak_bin)
         rising = (before > best) | (after > best)
         if histogram.estimator == "matched_filter":
-            at = at + self._between(before, best, after)
+            peak_bin = peak_bin + self._between(before, best, after)
         else:
-            at = at + self._centroid(counts, background, at)
-        photons = self._photons(counts, background, at)
-        return Peak(value=best, time_s=(first + at + 0.5) * bin_s, photons=photons, rising=rising)
+            peak_bin = peak_bin + self._centroid(counts, background, peak_bin)
+        photons = self._photons(counts, background, peak_bin)
+        return Peak(value=best, time_s=(first + peak_bin + 0.5) * bin_s, photons=photons, rising=rising)
 
     def _blind(self, start: Lanes, time_s: Lanes, echo_s: Lanes) -> _Blind:
         """Which SPADs are blind at the first bin: those that the background, nearer echoes and the air have fired.
@@ -174,7 +174,7 @@ class Bins:
         ops = self.ops
         return 1.0 / (1.0 + ops.exp(-1.702 * ops.maximum(ahead, -40.0)))
 
-    def _drawn(self, first: Lanes, start: Lanes, blind: _Blind, middle: Lanes) -> list[Lanes]:
+    def _draw_counts(self, first: Lanes, start: Lanes, blind: _Blind, middle: Lanes) -> list[Lanes]:
         """Counts of each bin, (n,) each; corrected for pile-up if the sensor does so.
 
         first   number of the first bin, even
@@ -184,8 +184,8 @@ class Bins:
         """
         pixel, ops = self.pixel, self.ops
         bin_s, count = pixel.histogram.bin_s, 2 * pixel.histogram.reach + 2
-        comb = self.wave.evenly(start, bin_s / pixel.sigma_s, middle)
-        begin = _Drawn(
+        comb = self.wave.comb(start, bin_s / pixel.sigma_s, middle)
+        begin = _DrawState(
             number=0.0 * start,
             fired=0.0 * start,
             parts=tuple(comb.parts),
@@ -193,31 +193,31 @@ class Bins:
             counts=ops.room(start, count) if pixel.corrected or pixel.spad.coincidence > 1 else None,
         )
 
-        def step(now: _Drawn) -> _Drawn:
+        def step(state: _DrawState) -> _DrawState:
             # A random number has two words, so two bins share one.
-            pair = ops.uint32(ops.int32(0.5 * (first + now.number)))
+            pair = ops.uint32(ops.int32(0.5 * (first + state.number)))
             words = random.words(seed=self.seed, stage=Stage.HISTOGRAM, pulse=self.pulse, draw=pair)
             for word in words:
-                place = start + now.number * (bin_s / pixel.sigma_s)
-                light = comb.power_w(place, now.parts) * (pixel.per_watt * bin_s)
-                free = self._free(now, blind)
+                place = start + state.number * (bin_s / pixel.sigma_s)
+                light = comb.power_w(place, state.parts) * (pixel.per_watt * bin_s)
+                free = self._free(state, blind)
                 firings, counts = self._bin(free, light, random.open_uniform(word))
-                index = ops.int32(now.number)
-                room = ops.put(now.firings, index, firings)
-                now = _Drawn(
-                    number=now.number + 1.0,
-                    fired=self._still_blind(now, room, firings),
-                    parts=comb.following(now.parts),
+                index = ops.int32(state.number)
+                room = ops.put(state.firings, index, firings)
+                state = _DrawState(
+                    number=state.number + 1.0,
+                    fired=self._still_blind(state, room, firings),
+                    parts=comb.following(state.parts),
                     firings=room,
-                    counts=None if now.counts is None else ops.put(now.counts, index, counts),
+                    counts=None if state.counts is None else ops.put(state.counts, index, counts),
                 )
-            return now
+            return state
 
-        done = ops.loop(begin, lambda now: now.number < count - 0.5, step)
-        counts = done.firings if done.counts is None else done.counts
+        final = ops.loop(begin, lambda state: state.number < count - 0.5, step)
+        counts = final.firings if final.counts is None else final.counts
         return [ops.get(counts, ops.full(first, i)) for i in range(count)]
 
-    def _free(self, now: _Drawn, blind: _Blind) -> Lanes:
+    def _free(self, state: _DrawState, blind: _Blind) -> Lanes:
         """How many trials meet a free SPAD in the next bin, (n,)."""
         pixel, ops = self.pixel, self.ops
         whole = pixel.trials if pixel.spad.coincidence == 1 else 1.0
@@ -226,32 +226,32 @@ class Bins:
             # The sun's get free evenly over one dead time; those of echoes one dead time after these; and who fired
             # in these bins, one dead time after that. The middle of a bin stands for all of it.
             step = pixel.histogram.bin_s / pixel.spad.dead_time_s
-            still = ops.maximum(1.0 - (now.number + 0.5) * step, 0.0)
+            sun_blind = ops.maximum(1.0 - (state.number + 0.5) * step, 0.0)
             width = _RELEASE * pixel.sigma_s / pixel.histogram.bin_s
-            left = ops.minimum(ops.maximum((blind.freed - now.number) / width + 0.5, 0.0), 1.0)
-            share = blind.by_sun * still + blind.by_echoes * left
-        return ops.maximum(whole * (1.0 - share) - now.fired, 0.0)
+            echo_blind = ops.minimum(ops.maximum((blind.freed - state.number) / width + 0.5, 0.0), 1.0)
+            share = blind.by_sun * sun_blind + blind.by_echoes * echo_blind
+        return ops.maximum(whole * (1.0 - share) - state.fired, 0.0)
 
-    def _still_blind(self, now: _Drawn, firings: Array, new: Lanes) -> Lanes:
+    def _still_blind(self, state: _DrawState, firings: Array, new: Lanes) -> Lanes:
         """Firings of the drawn bins, the new one included, that are still blind in the bin after it, (n,)."""
         pixel, ops = self.pixel, self.ops
-        found = now.fired + new
+        blind = state.fired + new
         if pixel.spad.stamps == "first":
-            return found
+            return blind
         # Firings are spread over their bin, so half of them get free half a bin earlier or later than the others.
-        age = now.number + 0.5 - pixel.spad.dead_time_s / pixel.histogram.bin_s
+        age = state.number + 0.5 - pixel.spad.dead_time_s / pixel.histogram.bin_s
         late = ops.floor(age)
 
         def freed() -> Lanes:
             total = 0.0 * new
             for index, share in ((late, 1.0 - (age - late)), (late + 1.0, age - late)):
-                there = (index >= 0.0) & (index <= now.number)
-                old = ops.get(firings, ops.int32(ops.where(there, index, 0.0)))
-                total = total + ops.where(there, share * old, 0.0)
+                inside = (index >= 0.0) & (index <= state.number)
+                old = ops.get(firings, ops.int32(ops.where(inside, index, 0.0)))
+                total = total + ops.where(inside, share * old, 0.0)
             return total
 
         # Most bins are nearer to the first one than a dead time.
-        return found - ops.where_any(late >= -1.0, freed, 0.0 * new)
+        return blind - ops.where_any(late >= -1.0, freed, 0.0 * new)
 
     def _bin(self, free: Lanes, light: Lanes, uniform: Lanes) -> tuple[Lanes, Lanes]:
         """Firings of one bin and what it counts, (n,) each.
@@ -271,8 +271,8 @@ class Bins:
             of_free = count / ops.maximum(free, 1e-6 * pixel.trials)
             return count, pixel.trials * dead_time.detections_of_share(share=of_free)
         # How many SPADs are free is not known from the pixel's counts: their mean stands for them.
-        both = dead_time.coincidence_share(least=spad.coincidence, spads=spad.spads, share=free * share)
-        return free * share, draws.binomial_count(trials=pixel.trials, probability=both, uniform=uniform)
+        coincidence = dead_time.coincidence_share(least=spad.coincidence, spads=spad.spads, share=free * share)
+        return free * share, draws.binomial_count(trials=pixel.trials, probability=coincidence, uniform=uniform)
 
     def _filtered(self, counts: list[Lanes], background: Lanes) -> list[Lanes]:
         """Values of the filter above the background at the searched bins and beside them, (n,) each; (T95)."""
@@ -282,19 +282,19 @@ class Bins:
         step = pixel.histogram.bin_s / (matched_filter.TEMPLATE * pixel.sigma_s)
         weights = [matched_filter.SCALE * ops.exp(-0.5 * (k * step) * (k * step)) for k in range(side + 1)]
         total = weights[0] + 2.0 * sum(weights[1:], 0.0)
-        found: list[Lanes] = []
+        values: list[Lanes] = []
         for centre in range(reach - search - 1, reach + search + 3):
             value = weights[0] * counts[centre]
             for k in range(1, side + 1):
                 value = value + weights[k] * (counts[centre - k] + counts[centre + k])
-            found.append(value - total * background)
-        return found
+            values.append(value - total * background)
+        return values
 
     def _between(self, before: Lanes, best: Lanes, after: Lanes) -> Lanes:
         """Place of the peak in bins from the highest value: of the Gaussian through it and its neighbours."""
         ops = self.ops
         least = ops.maximum(_LEAST * best, 1e-20)
-        low, top, high = (ops.log(ops.maximum(one, least)) for one in (before, best, after))
+        low, top, high = (ops.log(ops.maximum(height, least)) for height in (before, best, after))
         bend = low - 2.0 * top + high
         flat = bend > -1e-9
         offset = 0.5 * (low - high) / ops.where(flat, -1.0, bend)

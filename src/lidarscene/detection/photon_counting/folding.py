@@ -26,7 +26,7 @@ class Folded:
     folds_m: Sequence[Lanes] | None
 
 
-def folded(train: EchoTrain, histogram: Histogram) -> Folded:
+def fold(train: EchoTrain, histogram: Histogram) -> Folded:
     """Sub-echoes folded back by whole periods."""
     if histogram.period_s is None:
         return Folded(train=train, folds_m=None)

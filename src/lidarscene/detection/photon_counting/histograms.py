@@ -18,8 +18,8 @@ from ...maths.random import Stage
 from ...physics.photon_counting import dead_time, draws
 from ...sensor.model import Sensor
 from ...sensor.photon_counting.model import Spad
-from .folding import folded
-from .receiver import broadened
+from .folding import fold
+from .receiver import broaden
 
 _FINE = 8
 """Steps of each bin in which the course of the free SPADs is followed."""
@@ -52,10 +52,10 @@ def histograms(train: EchoTrain, sensor: Sensor, *, seed: int, pulse: Numbers) -
     count = int(float(sensor.tdc.window_s) / bin_s + 1e-6)
     fine_s = bin_s / _FINE
     times = (np.arange(count * _FINE) + 0.5) * fine_s
-    light = folded(train, sensor.histogram).train
+    light = fold(train, sensor.histogram).train
     # An echo is as wide as pulse and jitter; sums over the steps of a bin make it as wide as in the histogram.
     width_s = np.sqrt(pixel.sigma_s**2 - bin_s**2 / 12.0)
-    spread, narrow = broadened(light, sensor, width_s)
+    spread, narrow = broaden(light, sensor, width_s)
     power = sampled_power_w(spread, narrow, times)
     once = spad.stamps == "first"
     background = np.asarray(pixel.rate_hz) + np.zeros((len(pulse), 1))

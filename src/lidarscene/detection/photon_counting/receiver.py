@@ -29,7 +29,7 @@ from ..returns import Detection, Returns, alarm_status
 from ..rises import Rise, visit_all
 from ..shots import Shots
 from .bins import Bins
-from .folding import folded
+from .folding import fold
 
 _EMPTY = -1e30
 """Key of an unused stop: below every other key."""
@@ -60,7 +60,7 @@ class _Stop:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Found:
+class _Search:
     """State of the search over the peaks of each pulse; each field (n,).
 
     tripped    whether the filter exceeded the threshold at any peak
@@ -87,7 +87,7 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     """
     histogram = sensor.histogram
     assert histogram is not None
-    light = folded(pulse_train, histogram)
+    light = fold(pulse_train, histogram)
     background = pulse_train.background_power_w
     point = sensor.working_point(background)
     sigma = sensor.pixel(background).sigma_s
@@ -96,19 +96,19 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
         point=point,
         seed=seed,
         pulse=pulse,
-        threshold=_drawn(sensor.threshold(point), histogram.noise_spread, seed, pulse),
+        threshold=_draw_threshold(sensor.threshold(point), histogram.noise_spread, seed, pulse),
         train=light.train,
         folds_m=light.folds_m,
-        light=waveform(*broadened(light.train, sensor, sigma)),
-        seen=waveform(*broadened(light.train, sensor, matched_filter.OUTPUT_WIDTH * sigma)),
+        light=waveform(*broaden(light.train, sensor, sigma)),
+        filtered=waveform(*broaden(light.train, sensor, matched_filter.OUTPUT_WIDTH * sigma)),
     )
-    found = receiver.search()
+    state = receiver.search()
     number, range_m = receiver.strongest()
-    stops = receiver.with_alarms(found.stops, number, range_m)
-    return receiver.detection(found, stops if len(stops) == 1 else _in_time(stops), number)
+    stops = receiver.add_alarms(state.stops, number, range_m)
+    return receiver.detection(state, stops if len(stops) == 1 else _sort_by_time(stops), number)
 
 
-def _drawn(threshold: Lanes, spread: Lanes | None, seed: Lanes, pulse: Array) -> Lanes:
+def _draw_threshold(threshold: Lanes, spread: Lanes | None, seed: Lanes, pulse: Array) -> Lanes:
     """The threshold of each point, (n,), which all of its peaks share (T98b); spread: None, the threshold itself."""
     if spread is None:
         return threshold
@@ -117,7 +117,7 @@ def _drawn(threshold: Lanes, spread: Lanes | None, seed: Lanes, pulse: Array) ->
     return xp(drawn).maximum(drawn, LEAST_THRESHOLD)
 
 
-def broadened(train: EchoTrain, sensor: Sensor, sigma_s: Lanes) -> tuple[EchoTrain, Sensor]:
+def broaden(train: EchoTrain, sensor: Sensor, sigma_s: Lanes) -> tuple[EchoTrain, Sensor]:
     """The light with echoes of this width and the energy of the laser's pulses, and a sensor with such a pulse."""
     ratio = sensor.laser.pulse_fwhm_s / (SIGMAS_PER_FWHM * sigma_s)
     parts = tuple(replace(part, peak_power_w=part.peak_power_w * ratio) for part in train.parts)
@@ -132,13 +132,13 @@ class _Receiver(Shots):
     train    their light, folded into the unambiguous range
     folds_m  by how much each sub-echo of a surface was folded, (n,) each; None: nothing folds
     light    expected light as wide as in the histogram
-    seen     expected light as wide as behind the filter
+    filtered     expected light as wide as behind the filter
     """
 
     train: EchoTrain
     folds_m: Sequence[Lanes] | None
     light: Waveform
-    seen: Waveform
+    filtered: Waveform
 
     @property
     def ops(self) -> Ops:
@@ -148,46 +148,46 @@ class _Receiver(Shots):
     @property
     def _several(self) -> bool:
         """Whether the light may have more than one peak."""
-        return len(self.seen.centres) > 1 or self.seen.volume is not None
+        return len(self.filtered.centres) > 1 or self.filtered.volume is not None
 
-    def search(self) -> _Found:
+    def search(self) -> _Search:
         """Visit all peaks of the expected histogram and keep the best returns of each pulse."""
         ops, like = self.ops, self.light.origin_m
-        nothing, never, number = ops.full(like, 0.0), ops.full(like, False), ops.full(like, 0)
+        zero, never, number = ops.full(like, 0.0), ops.full(like, False), ops.full(like, 0)
         empty = _Stop(
             key=ops.full(like, _EMPTY),
-            time_s=nothing,
-            photons=nothing,
-            snr=nothing,
-            probability=nothing,
+            time_s=zero,
+            photons=zero,
+            snr=zero,
+            probability=zero,
             source=number,
-            true_range_m=nothing,
+            true_range_m=zero,
             status=number,
         )
-        start = _Found(
+        start = _Search(
             tripped=never,
             in_window=never,
-            last_s=nothing - 1.0,
-            highest=nothing,
-            highest_w=nothing,
+            last_s=zero - 1.0,
+            highest=zero,
+            highest_w=zero,
             stops=(empty,) * self.sensor.tdc.stops,
         )
         if self._several:
-            return visit_all(self.seen, self._visit, start)
+            return visit_all(self.filtered, self._visit, start)
         # The only echo is the only peak.
-        power = self.seen.heights[0]
-        return ops.where_any(power > 0.0, lambda: self._with(power > 0.0, nothing, power, start), start)
+        power = self.filtered.heights[0]
+        return ops.where_any(power > 0.0, lambda: self._add_peak(power > 0.0, zero, power, start), start)
 
-    def _visit(self, rise: Rise, found: _Found) -> _Found:
-        return self._with(rise.found, rise.peak, self.ops.where(rise.found, rise.top[0], 0.0), found)
+    def _visit(self, rise: Rise, state: _Search) -> _Search:
+        return self._add_peak(rise.exists, rise.peak, self.ops.where(rise.exists, rise.top[0], 0.0), state)
 
-    def _with(self, there: Mask, place: Lanes, power_w: Lanes, found: _Found) -> _Found:
+    def _add_peak(self, exists: Mask, place: Lanes, power_w: Lanes, state: _Search) -> _Search:
         """What was found so far and a peak of the light behind the filter."""
         ops, sensor, converter = self.ops, self.sensor, self.sensor.tdc
-        range_m = self.seen.range_m(place)
+        range_m = self.filtered.range_m(place)
         arrival_s = radiometry.time_of_flight_s(range_m=range_m)
         # Power there as that of a lone pulse of the laser: what the working point knows.
-        lone_w = power_w * (self.seen.fwhm_s / sensor.laser.pulse_fwhm_s)
+        lone_w = power_w * (self.filtered.fwhm_s / sensor.laser.pulse_fwhm_s)
         background = self.train.background_power_w
         pixel = sensor.pixel(background, range_m=range_m)
         point = sensor.working_point(background, range_m=range_m)
@@ -196,19 +196,19 @@ class _Receiver(Shots):
         early = pixel.sigma_s * pile_up.shift(detections=detections)
         bins = Bins(pixel=pixel, wave=self.light, seed=self.seed, pulse=self.pulse)
         peak = bins.highest(place * matched_filter.OUTPUT_WIDTH + early / pixel.sigma_s, arrival_s + early)
-        tripped = there & (peak.value >= threshold)
+        tripped = exists & (peak.value >= threshold)
         if self._several:
             tripped = tripped & ~peak.rising
         time_s = peak.time_s - self._walk_s(pixel, peak.photons, point.largest)
         time_s = tdc.quantised(
             time_s=ops.maximum(time_s, 0.0), least_significant_bit_s=converter.least_significant_bit_s
         )
-        taken = tripped & comparator.listening(sensor, arrival_s) & (time_s - found.last_s >= converter.dead_time_s)
+        accepted = tripped & comparator.accepts_crossing(sensor, arrival_s) & (time_s - state.last_s >= converter.dead_time_s)
         source, true_range, status = self._source(place)
         # The only echo's are those of the pulse, which `detection` needs in any case.
         snr, probability = self._expected(place, power_w) if self._several else (0.0 * place, 0.0 * place)
         stop = _Stop(
-            key=ops.where(taken, self._key(time_s, peak.value), _EMPTY),
+            key=ops.where(accepted, self._key(time_s, peak.value), _EMPTY),
             time_s=time_s,
             photons=peak.photons,
             snr=snr,
@@ -217,19 +217,19 @@ class _Receiver(Shots):
             true_range_m=true_range,
             status=status,
         )
-        higher = there & (power_w > found.highest_w)
-        return _Found(
-            tripped=found.tripped | tripped,
-            in_window=found.in_window | taken,
-            last_s=ops.where(taken, time_s, found.last_s),
-            highest=ops.where(higher, place, found.highest),
-            highest_w=ops.where(higher, power_w, found.highest_w),
-            stops=_inserted(found.stops, stop),
+        higher = exists & (power_w > state.highest_w)
+        return _Search(
+            tripped=state.tripped | tripped,
+            in_window=state.in_window | accepted,
+            last_s=ops.where(accepted, time_s, state.last_s),
+            highest=ops.where(higher, place, state.highest),
+            highest_w=ops.where(higher, power_w, state.highest_w),
+            stops=_insert(state.stops, stop),
         )
 
     def _expected(self, place: Lanes, power_w: Lanes) -> tuple[Lanes, Lanes]:
         """SNR and P_d of a peak of the light behind the filter, (n,) each."""
-        point = self.sensor.working_point(self.train.background_power_w, range_m=self.seen.range_m(place))
+        point = self.sensor.working_point(self.train.background_power_w, range_m=self.filtered.range_m(place))
         signal = self._signal(point, power_w)
         threshold = self.sensor.threshold(point) - self._gain_of_breadth(point, place, power_w)
         return signal / point.noise, point.detection_probability(threshold, signal, 0.0)
@@ -239,11 +239,11 @@ class _Receiver(Shots):
         assert point.beyond_law is not None
         level, signal = self.sensor.threshold(point), self._signal(point, power_w)
         more, spread = point.beyond_law(level - self._gain_of_breadth(point, place, power_w), signal)
-        return _drawn(level + more, spread, self.seed, self.pulse)
+        return _draw_threshold(level + more, spread, self.seed, self.pulse)
 
     def _signal(self, point: WorkingPoint, power_w: Lanes) -> Lanes:
         """Photons of a peak of the light behind the filter, (n,)."""
-        return point.signal(power_w * (self.seen.fwhm_s / self.sensor.laser.pulse_fwhm_s))
+        return point.signal(power_w * (self.filtered.fwhm_s / self.sensor.laser.pulse_fwhm_s))
 
     def _gain_of_breadth(self, point: WorkingPoint, place: Lanes, power_w: Lanes) -> Lanes:
         """Photons that noise gains on the broad peak of echoes that merge behind the filter, (n,) (T98a)."""
@@ -253,8 +253,8 @@ class _Receiver(Shots):
         return matched_filter.gain_of_breadth(
             signal=signal,
             background=point.noise * point.noise,
-            own=ops.maximum(point.kappa_1 * signal + point.kappa_2 * signal * signal, 0.0),
-            bend=self.seen.at(place)[2] / ops.maximum(power_w, 1e-30),
+            own_variance=ops.maximum(point.kappa_1 * signal + point.kappa_2 * signal * signal, 0.0),
+            bend=self.filtered.at(place)[2] / ops.maximum(power_w, 1e-30),
         )
 
     def _walk_s(self, pixel: Macropixel, photons: Lanes, largest: Lanes | None) -> Lanes:
@@ -266,8 +266,8 @@ class _Receiver(Shots):
         if pixel.corrected or pixel.spad.coincidence > 1 or pixel.histogram.walk == "raw":
             return 0.0
         photons = photons if largest is None else xp(photons, largest).minimum(photons, largest)
-        own = pixel.sigma_s * pile_up.shift(detections=pixel.detections(pixel.power_w(photons)))
-        return own - pile_up.shadow_s(rate_hz=pixel.rate_hz, sigma_s=pixel.sigma_s)
+        pulse_shift_s = pixel.sigma_s * pile_up.shift(detections=pixel.detections(pixel.power_w(photons)))
+        return pulse_shift_s - pile_up.shadow_s(rate_hz=pixel.rate_hz, sigma_s=pixel.sigma_s)
 
     def _key(self, time_s: Lanes, value: Lanes) -> Lanes:
         """Sort key, (n,): returns with larger keys are kept first."""
@@ -275,7 +275,7 @@ class _Receiver(Shots):
 
     def _source(self, place: Lanes) -> tuple[Lanes, Lanes, Lanes]:
         """Number of the sub-echo with the most light at a peak, -1 for the air's even light, true range and status."""
-        ops, wave = self.ops, self.seen
+        ops, wave = self.ops, self.filtered
         surfaces = self.train.surfaces
         strongest, number = ops.full(place, -1.0), ops.full(place, 0)
         of_surfaces, of_air, weighted, fold = (ops.full(place, 0.0) for _ in range(4))
@@ -304,17 +304,17 @@ class _Receiver(Shots):
 
     def strongest(self) -> tuple[Array, Lanes]:
         """Number and range [m] of each pulse's strongest sub-echo of a surface, both (n,)."""
-        ops, wave = self.ops, self.seen
+        ops, wave = self.ops, self.filtered
         number, highest = ops.full(wave.origin_m, 0), ops.full(wave.origin_m, 0.0)
         range_m = ops.full(wave.origin_m, 0.0)
         for k in range(self.train.surfaces):
             brighter = wave.heights[k] > highest
-            own = wave.range_m(wave.centres[k]) + (0.0 if self.folds_m is None else self.folds_m[k])
-            number, range_m = ops.where(brighter, k, number), ops.where(brighter, own, range_m)
+            echo_range_m = wave.range_m(wave.centres[k]) + (0.0 if self.folds_m is None else self.folds_m[k])
+            number, range_m = ops.where(brighter, k, number), ops.where(brighter, echo_range_m, range_m)
             highest = ops.maximum(wave.heights[k], highest)
         return number, range_m
 
-    def with_alarms(self, stops: tuple[_Stop, ...], number: Array, range_m: Lanes) -> tuple[_Stop, ...]:
+    def add_alarms(self, stops: tuple[_Stop, ...], number: Array, range_m: Lanes) -> tuple[_Stop, ...]:
         """Stops with the false alarms among them.
 
         number, range_m  (n,) source and true range that an alarm gets: those of the pulse's strongest sub-echo
@@ -323,10 +323,10 @@ class _Receiver(Shots):
         sources: tuple[Interference, ...] = self.train.interference
         zero = ops.full(range_m, 0.0)
         for alarms in comparator.false_alarms(self, sources):
-            for alarm in comparator.first_of(alarms, converter.stops):
-                there = alarm.time_s < converter.window_s
+            for alarm in comparator.first_alarms(alarms, converter.stops):
+                in_window = alarm.time_s < converter.window_s
                 stop = _Stop(
-                    key=ops.where(there, self._key(alarm.time_s, alarm.amplitude), _EMPTY),
+                    key=ops.where(in_window, self._key(alarm.time_s, alarm.amplitude), _EMPTY),
                     time_s=alarm.time_s,
                     photons=alarm.amplitude,
                     snr=zero,
@@ -335,27 +335,27 @@ class _Receiver(Shots):
                     true_range_m=range_m,
                     status=ops.full(number, 0) + alarm_status(alarm.interfering),
                 )
-                stops = _inserted(stops, stop)
+                stops = _insert(stops, stop)
         return stops
 
-    def detection(self, found: _Found, stops: tuple[_Stop, ...], number: Array) -> Detection:
+    def detection(self, state: _Search, stops: tuple[_Stop, ...], number: Array) -> Detection:
         """The stops as `Returns`, and the outcome of each pulse."""
         ops = self.ops
         # The search passes no derivatives on, so the light of the highest peak is evaluated once more.
-        lit = found.highest_w > 0.0
-        snr, probability = self._expected(found.highest, ops.where(lit, self.seen.at(found.highest)[0], 0.0))
+        lit = state.highest_w > 0.0
+        snr, probability = self._expected(state.highest, ops.where(lit, self.filtered.at(state.highest)[0], 0.0))
         snr, probability = ops.where(lit, snr, 0.0), ops.where(lit, probability, 0.0)
-        reported, kept = [], ops.full(self.light.origin_m, False)
+        reported, has_echo = [], ops.full(self.light.origin_m, False)
         for stop in stops:
-            used = stop.key > _EMPTY
-            of_echo = used & ((stop.status == int(Status.ECHO)) | (stop.status == int(Status.ALIASED)))
-            kept = kept | of_echo
+            occupied = stop.key > _EMPTY
+            of_echo = occupied & ((stop.status == int(Status.ECHO)) | (stop.status == int(Status.ALIASED)))
+            has_echo = has_echo | of_echo
             range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=stop.time_s)
             amplitude = ops.maximum(stop.photons, 0.0)
             value = intensity.reported(self, self.train, amplitude=amplitude, width_s=None, range_m=range_m)
             reported.append(
                 Returns(
-                    reported=used,
+                    reported=occupied,
                     status=stop.status,
                     range_m=range_m,
                     amplitude=amplitude,
@@ -368,10 +368,10 @@ class _Receiver(Shots):
                 )
             )
         # Later lines overrule earlier ones: the first stage at which the pulse's echo was lost names the outcome.
-        outcome = ops.where(kept, int(Outcome.KEPT), int(Outcome.HIDDEN))
-        outcome = ops.where(found.in_window, outcome, int(Outcome.OUT_OF_WINDOW))
-        outcome = ops.where(found.tripped, outcome, int(Outcome.BELOW_THRESHOLD))
-        outcome = ops.where(self.train.found, outcome, int(Outcome.NO_SURFACE))
+        outcome = ops.where(has_echo, int(Outcome.KEPT), int(Outcome.HIDDEN))
+        outcome = ops.where(state.in_window, outcome, int(Outcome.OUT_OF_WINDOW))
+        outcome = ops.where(state.tripped, outcome, int(Outcome.BELOW_THRESHOLD))
+        outcome = ops.where(self.train.has_surface, outcome, int(Outcome.NO_SURFACE))
         return Detection(
             snr=snr,
             detection_probability=probability,
@@ -382,22 +382,22 @@ class _Receiver(Shots):
         )
 
 
-def _inserted(stops: tuple[_Stop, ...], new: _Stop) -> tuple[_Stop, ...]:
+def _insert(stops: tuple[_Stop, ...], new: _Stop) -> tuple[_Stop, ...]:
     """Stops in falling order of their keys, with a new one inserted; the last one drops out."""
-    kept = []
+    ordered = []
     for old in stops:
         better = new.key > old.key
-        kept.append(select_state(better, new, old))
+        ordered.append(select_state(better, new, old))
         new = select_state(better, old, new)
-    return tuple(kept)
+    return tuple(ordered)
 
 
-def _in_time(stops: tuple[_Stop, ...]) -> tuple[_Stop, ...]:
+def _sort_by_time(stops: tuple[_Stop, ...]) -> tuple[_Stop, ...]:
     """The stops in order of their times; unused ones come last."""
     ops = xp(stops[0].key)
-    keyed = [replace(one, key=ops.where(one.key > _EMPTY, -one.time_s, _EMPTY)) for one in stops]
+    keyed = [replace(stop, key=ops.where(stop.key > _EMPTY, -stop.time_s, _EMPTY)) for stop in stops]
     empty = replace(keyed[0], key=ops.full(keyed[0].key, 2.0 * _EMPTY))
     ordered = (empty,) * len(stops)
-    for one in keyed:
-        ordered = _inserted(ordered, one)
+    for stop in keyed:
+        ordered = _insert(ordered, stop)
     return ordered

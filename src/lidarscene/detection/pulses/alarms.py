@@ -9,7 +9,7 @@ from ...maths.arrays import Array, Lanes, Mask
 from .. import comparator
 from ..returns import alarm_status, interferes
 from ..shots import Received
-from . import stops as keeping
+from . import stops as stop_list
 from .stops import Stop, Stops
 
 
@@ -31,7 +31,7 @@ class _NextAlarm:
     status: Lanes
 
 
-def with_alarms(
+def add_alarms(
     shots: Received, stops: Stops, sources: tuple[Interference, ...], number: Array, range_m: Lanes
 ) -> Stops:
     """Stops with the false alarms among them.
@@ -39,12 +39,12 @@ def with_alarms(
     number, range_m  (n,) source and true range that an alarm gets: those of the pulse's strongest sub-echo
     """
     for alarms in comparator.false_alarms(shots, sources):
-        stops = _merged(shots, stops, alarms, number, range_m, others=bool(sources))
+        stops = _merge_alarms(shots, stops, alarms, number, range_m, may_interfere=bool(sources))
     return stops
 
 
-def _merged(
-    shots: Received, stops: Stops, alarms: comparator.Alarms, number: Array, range_m: Lanes, *, others: bool
+def _merge_alarms(
+    shots: Received, stops: Stops, alarms: comparator.Alarms, number: Array, range_m: Lanes, *, may_interfere: bool
 ) -> Stops:
     """Stops with the alarms of one generator among them.
 
@@ -55,7 +55,7 @@ def _merged(
 
     # Alarms come in the order in which the converter prefers them, and at most as many as it has stops can be kept.
     # The first is drawn before the loop: most pulses have none in the window and never enter it.
-    def following(draw: Lanes, elapsed: Lanes) -> _NextAlarm:
+    def draw_next(draw: Lanes, elapsed: Lanes) -> _NextAlarm:
         elapsed, alarm = alarms(ops.uint32(draw), elapsed)
         return _NextAlarm(
             number=draw + 1,
@@ -65,17 +65,17 @@ def _merged(
             status=kind + alarm_status(alarm.interfering),
         )
 
-    def active(now: tuple[_NextAlarm, Stops]) -> Mask:
-        return (now[0].time_s < tdc.window_s) & (now[0].number <= keeping.most_alarms(tdc))
+    def active(loop_state: tuple[_NextAlarm, Stops]) -> Mask:
+        return (loop_state[0].time_s < tdc.window_s) & (loop_state[0].number <= stop_list.most_alarms(tdc))
 
-    def step(now: tuple[_NextAlarm, Stops]) -> tuple[_NextAlarm, Stops]:
-        next_alarm, stops = now
+    def step(loop_state: tuple[_NextAlarm, Stops]) -> tuple[_NextAlarm, Stops]:
+        next_alarm, stops = loop_state
         width_s: Lanes = zero
-        interfering = interferes(next_alarm.status) if others else None
+        interfering = interferes(next_alarm.status) if may_interfere else None
         if shots.sensor.measures_width:
             width_s = comparator.alarm_width_s(shots, next_alarm.amplitude, interfering=interfering)
         stop = Stop(
-            key=keeping.key(tdc, next_alarm.time_s, next_alarm.amplitude),
+            key=stop_list.sort_key(tdc, next_alarm.time_s, next_alarm.amplitude),
             crossing_s=next_alarm.time_s,
             reported_s=next_alarm.time_s,
             amplitude=next_alarm.amplitude,
@@ -86,6 +86,6 @@ def _merged(
             true_range_m=range_m,
             status=next_alarm.status,
         )
-        return following(next_alarm.number, next_alarm.elapsed), keeping.with_new(tdc, stops, stop)
+        return draw_next(next_alarm.number, next_alarm.elapsed), stop_list.insert_stop(tdc, stops, stop)
 
-    return ops.loop((following(kind, ops.float32(zero)), stops), active, step)[1]
+    return ops.loop((draw_next(kind, ops.float32(zero)), stops), active, step)[1]

@@ -32,7 +32,7 @@ def trailing_level(shots: Received, rise: Rise, trip: Trip, place: Lanes, thresh
     )
 
 
-def fall(shots: Received, rise: Rise, trip: Trip, level: Lanes, since: Lanes, wanted: Mask) -> tuple[Lanes, Lanes]:
+def fall(shots: Received, rise: Rise, trip: Trip, level: Lanes, since: Lanes, mask: Mask) -> tuple[Lanes, Lanes]:
     """Place at which the amplifier's output falls to a signal level, (n,); the peak if the peak is below it.
 
     level  (n,) noiseless signal
@@ -41,7 +41,7 @@ def fall(shots: Received, rise: Rise, trip: Trip, level: Lanes, since: Lanes, wa
     Returns a second place, that of `_falling` for the light itself.
     """
     ops, point = shots.ops, shots.point
-    below = wanted & (level < trip.signal)
+    below = mask & (level < trip.signal)
     end, near = _falling(shots, ops.where(below, point.power_w(level), 1.0), rise, since, below)
     if point.saturation is not None and point.recovery_s is not None:
         # A clipped amplifier drains from where the light falls back to the clipping level, and may hold the output
@@ -60,7 +60,7 @@ def fall(shots: Received, rise: Rise, trip: Trip, level: Lanes, since: Lanes, wa
     return ops.where(below, end, rise.peak), near
 
 
-def foot(shots: Received, rise: Rise, trip: Trip, wanted: Mask) -> Lanes:
+def foot(shots: Received, rise: Rise, trip: Trip, mask: Mask) -> Lanes:
     """Lowest signal behind a peak before the light rises again by a threshold, (n,); 0 if it falls below it first."""
     ops, threshold = shots.ops, shots.threshold
     least = threshold + trip.base
@@ -70,16 +70,16 @@ def foot(shots: Received, rise: Rise, trip: Trip, wanted: Mask) -> Lanes:
         signal = shots.point.signal(shots.wave.at(place)[0])
         lowest = ops.minimum(foot.lowest, signal)
         return _Foot(
-            place=place, lowest=lowest, steps=foot.steps + 1, on=(signal >= least) & (signal < lowest + threshold)
+            place=place, lowest=lowest, steps=foot.steps + 1, walking=(signal >= least) & (signal < lowest + threshold)
         )
 
     start = _Foot(
         place=rise.peak + ops.full(rise.peak, 0.0),
         lowest=trip.signal + ops.full(rise.peak, 0.0),
         steps=ops.full(rise.number, 0),
-        on=wanted & (trip.signal >= least),
+        walking=mask & (trip.signal >= least),
     )
-    lowest = ops.loop(start, lambda foot: foot.on & (foot.steps < _LONGEST), step).lowest
+    lowest = ops.loop(start, lambda foot: foot.walking & (foot.steps < _LONGEST), step).lowest
     return ops.where(lowest >= least, lowest, 0.0)
 
 
@@ -90,16 +90,16 @@ class _Foot:
     place   where the walk is
     lowest  lowest signal so far
     steps   number of steps so far
-    on      whether the walk goes on
+    walking      whether the walk goes on
     """
 
     place: Lanes
     lowest: Lanes
     steps: Lanes
-    on: Mask
+    walking: Mask
 
 
-def _falling(shots: Received, level_w: Lanes, rise: Rise, since: Lanes, wanted: Mask) -> tuple[Lanes, Lanes]:
+def _falling(shots: Received, level_w: Lanes, rise: Rise, since: Lanes, mask: Mask) -> tuple[Lanes, Lanes]:
     """Place behind a peak at which the waveform falls to a level, (n,).
 
     level_w  (n,) optical power
@@ -115,10 +115,10 @@ def _falling(shots: Received, level_w: Lanes, rise: Rise, since: Lanes, wanted: 
 
     # Walk in steps until the waveform is below the level, then find the root in the last step. Further peaks on the way
     # belong to the same pulse if the valleys before them stay above the level.
-    start = _Fall(place=since + ops.full(since, 0.0), above=wanted & (since == since), steps=ops.full(rise.number, 0))
+    start = _Fall(place=since + ops.full(since, 0.0), above=mask & (since == since), steps=ops.full(rise.number, 0))
     far = ops.loop(start, lambda fall: fall.above & (fall.steps < _LONGEST), step).place
     near = far - STEP
-    end = crossing(shots.wave.at, level_w, far=far, near=near, peak=rise.peak, top=rise.top, wanted=wanted)
+    end = crossing(shots.wave.at, level_w, far=far, near=near, peak=rise.peak, top=rise.top, mask=mask)
     return end, near
 
 

@@ -37,7 +37,7 @@ class Earlier:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Left:
+class Residue:
     """What one rise finds of earlier echoes; each field (n,).
 
     floor  signal that is left where the rise begins
@@ -49,7 +49,7 @@ class Left:
     held: Lanes
     share: Lanes
 
-    def seen(self, point: WorkingPoint) -> WorkingPoint:
+    def working_point(self, point: WorkingPoint) -> WorkingPoint:
         """The working point that the rise meets."""
         ops = xp(self.held, self.share)
 
@@ -68,17 +68,17 @@ Memory = tuple[Earlier, ...]
 """Earlier echoes of each pulse, the last one first; empty if the detector forgets them."""
 
 
-def empty(shots: Received) -> Memory:
+def empty_memory(shots: Received) -> Memory:
     """The memory before the first rise."""
-    point, nothing = shots.point, shots.ops.full(shots.wave.origin_m, 0.0)
+    point, zero = shots.point, shots.ops.full(shots.wave.origin_m, 0.0)
     if point.memory is not None:
-        return (Earlier(place=nothing, amount=nothing),) * _REMEMBERED
+        return (Earlier(place=zero, amount=zero),) * _REMEMBERED
     if point.saturation is not None and point.recovery_s is not None:
-        return (Earlier(place=nothing, amount=nothing),)
+        return (Earlier(place=zero, amount=zero),)
     return ()
 
 
-def left(shots: Received, rise: Rise, memory: Memory) -> Left | None:
+def find_residue(shots: Received, rise: Rise, memory: Memory) -> Residue | None:
     """What a rise finds; None if the detector forgets."""
     if not memory:
         return None
@@ -86,58 +86,58 @@ def left(shots: Received, rise: Rise, memory: Memory) -> Left | None:
     foot = ops.maximum(rise.valley, rise.peak - _FOOT)
     if point.memory is None:
         (clipped,) = memory
-        return Left(
+        return Residue(
             floor=_charge(shots, clipped, foot), held=_charge(shots, clipped, rise.peak), share=ops.full(rise.peak, 1.0)
         )
     cells = point.memory
     lag_s = sipm_response.peak_lag_s(pulse_fwhm_s=shots.sensor.laser.pulse_fwhm_s, dead_time_s=cells.dead_time_s)
     floor, held, missing = (
-        sum(_busy(shots, cells, one, place) for one in memory)
+        sum(_busy(shots, cells, echo, place) for echo in memory)
         for place in (foot, rise.peak + lag_s / shots.sigma_s, rise.peak)
     )
     # Never none at all: a working point is solved for the light.
-    return Left(floor=floor, held=held, share=ops.maximum(1.0 - missing / cells.free, 1e-6))
+    return Residue(floor=floor, held=held, share=ops.maximum(1.0 - missing / cells.free, 1e-6))
 
 
-def after(shots: Received, rise: Rise, signal: Lanes, found: Left | None, memory: Memory) -> Memory:
+def update_memory(shots: Received, rise: Rise, signal: Lanes, residue: Residue | None, memory: Memory) -> Memory:
     """The memory behind a rise.
 
     signal  (n,) its peak, with what was left of earlier echoes
     """
-    if found is None:
+    if residue is None:
         return memory
     ops, point = shots.ops, shots.point
     if point.memory is None:
         assert point.saturation is not None
         (before,) = memory
         # The light falls back to the clipping level a pulse's flank behind its peak.
-        over = ops.maximum(signal / point.saturation, 1.0)
-        clips = rise.found & (over > 1.0)
-        release = rise.peak + ops.sqrt(2.0 * ops.log(over))
+        overdrive = ops.maximum(signal / point.saturation, 1.0)
+        clips = rise.exists & (overdrive > 1.0)
+        release = rise.peak + ops.sqrt(2.0 * ops.log(overdrive))
         return (Earlier(place=ops.where(clips, release, before.place), amount=ops.where(clips, signal, before.amount)),)
     cells = point.memory
     fired = sipm_response.fired_by_pulse(
-        peak=ops.maximum(signal - found.held, 0.0),
+        peak=ops.maximum(signal - residue.held, 0.0),
         rate_hz=cells.rate_hz,
         pulse_fwhm_s=shots.sensor.laser.pulse_fwhm_s,
         dead_time_s=cells.dead_time_s,
     )
-    last, others = memory
-    forgotten = (rise.peak - others.place) * shots.sigma_s > 2.0 * cells.dead_time_s
-    kept = ops.where(forgotten, 0.0, others.amount)
-    total = last.amount + kept
-    place = (last.place * last.amount + others.place * kept) / ops.where(total > 0.0, total, 1.0)
+    last, older = memory
+    forgotten = (rise.peak - older.place) * shots.sigma_s > 2.0 * cells.dead_time_s
+    older_amount = ops.where(forgotten, 0.0, older.amount)
+    total = last.amount + older_amount
+    place = (last.place * last.amount + older.place * older_amount) / ops.where(total > 0.0, total, 1.0)
     new = Earlier(place=rise.peak, amount=fired), Earlier(place=place, amount=total)
     return tuple(
-        Earlier(place=ops.where(rise.found, one.place, old.place), amount=ops.where(rise.found, one.amount, old.amount))
-        for one, old in zip(new, memory, strict=True)
+        Earlier(place=ops.where(rise.exists, updated.place, old.place), amount=ops.where(rise.exists, updated.amount, old.amount))
+        for updated, old in zip(new, memory, strict=True)
     )
 
 
-def _busy(shots: Received, cells: CellMemory, one: Earlier, place: Lanes) -> Lanes:
+def _busy(shots: Received, cells: CellMemory, echo: Earlier, place: Lanes) -> Lanes:
     """Cells above the background's count that an earlier echo leaves at a place, (n,); theory (T45b)."""
-    return one.amount * sipm_response.left_busy(
-        age_s=(place - one.place) * shots.sigma_s,
+    return echo.amount * sipm_response.residual_busy(
+        age_s=(place - echo.place) * shots.sigma_s,
         rate_hz=cells.rate_hz,
         dead_time_s=cells.dead_time_s,
         sigma_s=shots.sigma_s,
@@ -147,6 +147,6 @@ def _busy(shots: Received, cells: CellMemory, one: Earlier, place: Lanes) -> Lan
 def _charge(shots: Received, clipped: Earlier, place: Lanes) -> Lanes:
     """Signal that a clipped amplifier still holds at a place, (n,); theory (T45c)."""
     assert shots.point.recovery_s is not None
-    return saturation.drained(
+    return saturation.remaining_charge(
         held=clipped.amount, since_s=(place - clipped.place) * shots.sigma_s, recovery_s=shots.point.recovery_s
     )

@@ -61,21 +61,21 @@ class Window:
         """Place of a sample, (n,)."""
         return self.start + self.shots.ops.float32(number) * self.spacing
 
-    def read(self, wanted: Mask) -> Array:
+    def read(self, mask: Mask) -> Array:
         """Local memory with all samples of each lane, in order of time; they have noise and are quantised."""
         shots, adc, ops = self.shots, self.adc, self.shots.ops
-        kept = shots.sensor.noise_correlation(1.0 / adc.rate_hz)
-        fresh = ops.sqrt(1.0 - kept * kept)
+        correlation = shots.sensor.noise_correlation(1.0 / adc.rate_hz)
+        fresh = ops.sqrt(1.0 - correlation * correlation)
         # Each rise of a pulse has a block of draws of its own, one for each sample.
         before = self.rise.number * ops.uint32(adc.samples)
         # Samples are evenly spaced, so each sub-echo's part follows from the one before by a multiplication.
-        comb = shots.wave.evenly(self.start, self.spacing, self.start + 0.5 * (adc.samples - 1) * self.spacing)
+        comb = shots.wave.comb(self.start, self.spacing, self.start + 0.5 * (adc.samples - 1) * self.spacing)
 
         def step(number: Lanes, so_far: _Sampled) -> _Sampled:
-            own = random.normal_pair(shots.words(Stage.SAMPLES, before + ops.uint32(number)))[0]
+            fresh_deviate = random.normal_pair(shots.words(Stage.SAMPLES, before + ops.uint32(number)))[0]
             # Noise through a single pole is a first-order recursion: each deviate keeps the share r of the one before
             # (T26a), and sqrt(1 - r^2) of a fresh one keeps its variance at 1.
-            deviate = ops.where(number == 0, own, kept * so_far.deviate + fresh * own)
+            deviate = ops.where(number == 0, fresh_deviate, correlation * so_far.deviate + fresh * fresh_deviate)
             signal = shots.point.signal(comb.power_w(self.place(number), so_far.parts))
             sample = sampling.quantised(
                 signal=shots.point.measured(signal + deviate * shots.noise_at(signal)),
@@ -85,32 +85,32 @@ class Window:
             samples = ops.put(so_far.samples, number, sample - self.base)
             return _Sampled(deviate=deviate, samples=samples, parts=comb.following(so_far.parts))
 
-        nothing = ops.full(self.start, 0.0)
-        start = _Sampled(deviate=nothing, samples=ops.room(self.start, adc.room), parts=tuple(comb.parts))
-        return self._for_each(step, start, wanted).samples
+        zero = ops.full(self.start, 0.0)
+        start = _Sampled(deviate=zero, samples=ops.room(self.start, adc.room), parts=tuple(comb.parts))
+        return self._for_each(step, start, mask).samples
 
-    def _for_each(self, step: Callable[[Lanes, S], S], state: S, wanted: Mask) -> S:
+    def _for_each(self, step: Callable[[Lanes, S], S], state: S, mask: Mask) -> S:
         """Run ``step(number, state) -> state`` over all samples in order of time; returns the last state."""
         samples = self.adc.samples
 
-        def active(now: tuple[Lanes, S]) -> Mask:
-            return wanted & (now[0] < samples)
+        def active(loop_state: tuple[Lanes, S]) -> Mask:
+            return mask & (loop_state[0] < samples)
 
-        def stepped(now: tuple[Lanes, S]) -> tuple[Lanes, S]:
-            number, so_far = now
+        def stepped(loop_state: tuple[Lanes, S]) -> tuple[Lanes, S]:
+            number, so_far = loop_state
             return number + 1, step(number, so_far)
 
         start: tuple[Lanes, S] = self.shots.ops.full(self.rise.number, 0), state
         return self.shots.ops.loop(start, active, stepped)[1]
 
-    def centroid(self, samples: Array, wanted: Mask) -> _Centroid:
+    def centroid(self, samples: Array, mask: Mask) -> _Centroid:
         """Sums over the first run of samples above the threshold.
 
         The run ends at the first sample below half the threshold. Noise alone should not cut a pulse in two at its
         foot, so it cannot end within sigma_p of the crossing.
         """
         ops, threshold = self.shots.ops, self.shots.sample_threshold
-        nothing, count = ops.full(self.start, 0.0), ops.full(self.rise.number, 0)
+        zero, count = ops.full(self.start, 0.0), ops.full(self.rise.number, 0)
 
         def step(number: Lanes, so_far: _Centroid) -> _Centroid:
             place, sample = self.place(number), ops.get(samples, number)
@@ -119,17 +119,17 @@ class Window:
             return _Centroid(
                 total=so_far.total + part,
                 moment=so_far.moment + part * place,
-                over=so_far.over + ops.where(above, 1, 0),
+                count=so_far.count + ops.where(above, 1, 0),
                 highest=ops.maximum(so_far.highest, part),
                 closed=so_far.closed | ((sample < 0.5 * threshold) & (place > self.crossing + 1.0)),
             )
 
         empty = _Centroid(
-            total=nothing, moment=nothing, over=count, highest=nothing, closed=ops.full(self.start, False)
+            total=zero, moment=zero, count=count, highest=zero, closed=ops.full(self.start, False)
         )
-        return self._for_each(step, empty, wanted)
+        return self._for_each(step, empty, mask)
 
-    def matched(self, samples: Array, at: Lanes, wanted: Mask) -> tuple[Lanes, Lanes]:
+    def matched(self, samples: Array, centre: Lanes, mask: Mask) -> tuple[Lanes, Lanes]:
         """One step of Newton's method towards the maximum of the correlation sum_i s_i g(t_i - t).
 
         at  (n,) place from which the step is taken
@@ -137,10 +137,10 @@ class Window:
         Returns the next place and the height of the pulse that fits the samples best at ``at``.
         """
         ops = self.shots.ops
-        nothing = ops.full(self.start, 0.0)
+        zero = ops.full(self.start, 0.0)
 
         def step(number: Lanes, so_far: _Correlation) -> _Correlation:
-            ahead = self.place(number) - at
+            ahead = self.place(number) - centre
             pulse = ops.exp(-0.5 * ahead * ahead)
             part = ops.get(samples, number) * pulse
             return _Correlation(
@@ -150,15 +150,15 @@ class Window:
                 power=so_far.power + pulse * pulse,
             )
 
-        empty = _Correlation(slope=nothing, bend=nothing, height=nothing, power=nothing)
-        found = self._for_each(step, empty, wanted)
+        empty = _Correlation(slope=zero, bend=zero, height=zero, power=zero)
+        correlation = self._for_each(step, empty, mask)
         # Near a maximum the second derivative is negative; ``bend`` is its negative. Where it is too small for a
         # sensible step, and beyond half a sigma_p, the step is not trusted.
-        curved = found.bend > 0.1 * ops.abs(found.height)
-        newton = ops.where(curved, found.slope / ops.where(curved, found.bend, 1.0), 0.0)
+        curved = correlation.bend > 0.1 * ops.abs(correlation.height)
+        newton = ops.where(curved, correlation.slope / ops.where(curved, correlation.bend, 1.0), 0.0)
         # Least squares: the height a that minimises sum (s_i - a g_i)^2 is sum s_i g_i / sum g_i^2.
-        amplitude = found.height / ops.where(found.power > 0.0, found.power, 1.0)
-        return at + ops.maximum(ops.minimum(newton, 0.5), -0.5), amplitude
+        amplitude = correlation.height / ops.where(correlation.power > 0.0, correlation.power, 1.0)
+        return centre + ops.maximum(ops.minimum(newton, 0.5), -0.5), amplitude
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -181,14 +181,14 @@ class _Centroid:
 
     total    sum of the samples
     moment   sum of the samples times their places
-    over     number of samples
+    count     number of samples
     highest  highest sample
     closed   whether the run has ended
     """
 
     total: Array
     moment: Array
-    over: Array
+    count: Array
     highest: Array
     closed: Mask
 

@@ -26,7 +26,7 @@ class _Brightest:
     mean: Lanes
 
 
-def of_crossing(
+def crossing_source(
     shots: Received, rise: Rise, *, surfaces: int, place: Lanes, in_valley: Mask, measured: Lanes
 ) -> tuple[Lanes, Lanes]:
     """Number (n,) of the sub-echo that causes a crossing, -1 for the air's even light, and its true range [m].

@@ -48,34 +48,34 @@ class Stop:
     status: Lanes | None = None
 
     @property
-    def used(self) -> Mask:
+    def occupied(self) -> Mask:
         """Whether it holds a return, (n,) bool."""
         return self.key > EMPTY
 
 
-def unused(like: Lanes) -> Stop:
+def empty_stop(like: Lanes) -> Stop:
     """A stop without a return for each lane of an array."""
     ops = xp(like)
-    nothing, number = ops.full(like, 0.0), ops.full(like, 0)
+    zero, number = ops.full(like, 0.0), ops.full(like, 0)
     return Stop(
         key=ops.full(like, EMPTY),
-        crossing_s=nothing,
-        reported_s=nothing,
-        amplitude=nothing,
-        width_s=nothing,
-        snr=nothing,
-        probability=nothing,
+        crossing_s=zero,
+        reported_s=zero,
+        amplitude=zero,
+        width_s=zero,
+        snr=zero,
+        probability=zero,
         source=number,
-        true_range_m=nothing,
+        true_range_m=zero,
     )
 
 
-def room(tdc: Tdc, like: Lanes) -> Stops:
+def empty_stops(tdc: Tdc, like: Lanes) -> Stops:
     """The stops of a converter before it has found anything."""
-    return (unused(like),) * (3 if tdc.keep == "strongest_and_last" else tdc.stops)
+    return (empty_stop(like),) * (3 if tdc.keep == "strongest_and_last" else tdc.stops)
 
 
-def key(tdc: Tdc, time_s: Lanes, amplitude: Lanes) -> Lanes:
+def sort_key(tdc: Tdc, time_s: Lanes, amplitude: Lanes) -> Lanes:
     """Sort key, (n,): returns with larger keys are kept first."""
     by_time = {"first": -time_s, "last": time_s}
     return by_time.get(tdc.keep, amplitude)
@@ -87,20 +87,20 @@ def may_keep(tdc: Tdc, crossing_s: Lanes, stops: Stops) -> Mask:
     Where the key is the amplitude, every return has to be measured first.
     """
     if tdc.keep in ("first", "last"):
-        return key(tdc, crossing_s, 0.0) > stops[-1].key
+        return sort_key(tdc, crossing_s, 0.0) > stops[-1].key
     return True
 
 
-def with_new(tdc: Tdc, stops: Stops, new: Stop, *, later: bool = False) -> Stops:
+def insert_stop(tdc: Tdc, stops: Stops, new: Stop, *, later: bool = False) -> Stops:
     """The best returns of these stops and a new one.
 
     later  whether the new one comes after all that are there
     """
     if tdc.keep == "strongest_and_last":
-        in_time = replace(new, key=xp(new.key).where(new.used, new.crossing_s, EMPTY))
-        return (*_inserted(stops[:2], new), *_inserted(stops[2:], in_time))
+        in_time = replace(new, key=xp(new.key).where(new.occupied, new.crossing_s, EMPTY))
+        return (*_insert(stops[:2], new), *_insert(stops[2:], in_time))
     # Later ones have the smaller keys if the first are kept: they go into the first unused stop.
-    return _appended(stops, new) if later and tdc.keep == "first" else _inserted(stops, new)
+    return _append(stops, new) if later and tdc.keep == "first" else _insert(stops, new)
 
 
 def most_alarms(tdc: Tdc) -> int:
@@ -108,44 +108,44 @@ def most_alarms(tdc: Tdc) -> int:
     return MOST_STOPS if tdc.keep == "strongest_and_last" else tdc.stops
 
 
-def reported(tdc: Tdc, stops: Stops) -> Stops:
+def reported_stops(tdc: Tdc, stops: Stops) -> Stops:
     """The stops as the converter reports them: unused ones come last."""
     if tdc.keep == "strongest_and_last":
         strongest, second, last = stops
         # If the strongest is the last too, the second strongest takes its place.
         stops = (strongest, select_state(last.crossing_s > strongest.crossing_s, last, second))
     if tdc.order == "strength":
-        return _sorted(stops, [stop.amplitude for stop in stops])
-    return stops if tdc.keep == "first" else _sorted(stops, [-stop.crossing_s for stop in stops])
+        return _sort(stops, [stop.amplitude for stop in stops])
+    return stops if tdc.keep == "first" else _sort(stops, [-stop.crossing_s for stop in stops])
 
 
-def _sorted(stops: Stops, keys: Sequence[Lanes]) -> Stops:
+def _sort(stops: Stops, keys: Sequence[Lanes]) -> Stops:
     """The stops in falling order of other keys; unused ones come last."""
     ops = xp(stops[0].key)
-    keyed = [replace(one, key=ops.where(one.used, new, EMPTY)) for one, new in zip(stops, keys, strict=True)]
+    keyed = [replace(stop, key=ops.where(stop.occupied, new, EMPTY)) for stop, new in zip(stops, keys, strict=True)]
     # Insert them one by one into placeholders, whose key is below even that of an unused stop: all are pushed out.
     empty = replace(keyed[0], key=ops.full(keyed[0].key, 2.0 * EMPTY))
     ordered: Stops = (empty,) * len(stops)
-    for one in keyed:
-        ordered = _inserted(ordered, one)
+    for stop in keyed:
+        ordered = _insert(ordered, stop)
     return ordered
 
 
-def _inserted(stops: Stops, new: Stop) -> Stops:
+def _insert(stops: Stops, new: Stop) -> Stops:
     """Stops in falling order of their keys, with a new one inserted; the last one drops out."""
-    kept = []
+    ordered = []
     # Insertion sort, lane by lane: from the stop that the new one displaces on, each takes the one before it.
     for old in stops:
         better = new.key > old.key
-        kept.append(select_state(better, new, old))
+        ordered.append(select_state(better, new, old))
         new = select_state(better, old, new)
-    return tuple(kept)
+    return tuple(ordered)
 
 
-def _appended(stops: Stops, new: Stop) -> Stops:
-    """As `_inserted`, for a new stop whose key is below all used ones: it goes into the first unused stop."""
-    here, kept = new.used, []
+def _append(stops: Stops, new: Stop) -> Stops:
+    """As `_insert`, for a new stop whose key is below all used ones: it goes into the first unused stop."""
+    pending, updated = new.occupied, []
     for old in stops:
-        kept.append(select_state(here & ~old.used, new, old))
-        here = here & old.used
-    return tuple(kept)
+        updated.append(select_state(pending & ~old.occupied, new, old))
+        pending = pending & old.occupied
+    return tuple(updated)

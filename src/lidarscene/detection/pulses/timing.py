@@ -26,7 +26,7 @@ def curvature(rise: Rise) -> Lanes:
     """-P'' / P at the peak of a rise, (n,): 1 of a lone pulse, less of broader ones, 0 of none."""
     power, _, bend = rise.top
     ops = xp(power)
-    return ops.where(rise.found, ops.maximum(-bend, 0.0) / ops.maximum(power, 1e-37), 1.0)
+    return ops.where(rise.exists, ops.maximum(-bend, 0.0) / ops.maximum(power, 1e-37), 1.0)
 
 
 def gains(sensor: Sensor, rise: Rise) -> tuple[Lanes, Lanes]:
@@ -50,7 +50,7 @@ def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
     return comparator.amplitude(shots, trip, lag_s=lag_s)
 
 
-def of_lone_pulse(
+def lone_pulse_time_s(
     shots: Shots,
     trip: Trip,
     *,
@@ -78,11 +78,11 @@ def of_lone_pulse(
         time_s = arrival_s + early - _fraction_walk_s(shots, measured, power_w, width_s)
     else:
         time_s = arrival_s + _peak_error_s(shots, trip, 1.0, draw=0)
-    return comparator.converted(shots, time_s)
+    return comparator.converted_time_s(shots, time_s)
 
 
-def of_rise(
-    shots: Received, rise: Rise, trip: Trip, *, place: Lanes, measured: Lanes, width_s: Lanes | None, wanted: Mask
+def rise_time_s(
+    shots: Received, rise: Rise, trip: Trip, *, place: Lanes, measured: Lanes, width_s: Lanes | None, mask: Mask
 ) -> tuple[Lanes, Lanes]:
     """Reported time of a rise, (n,) s, and the place of what was timed.
 
@@ -92,32 +92,32 @@ def of_rise(
     wanted    (n,) bool, lanes to time; results of other lanes are undefined
     """
     ops, timing = shots.ops, shots.sensor.tdc.timing
-    own_w = ops.where(wanted, _own_power_w(shots, rise, trip), 1.0)
+    pulse_w = ops.where(mask, _power_above_base_w(shots, rise, trip), 1.0)
     above = measured - trip.base
     if timing == "leading_edge":
         reported = comparator.reported_s(
-            shots, shots.time_s(place), measured=above, width_s=width_s, true_power_w=own_w, draw=rise.number
+            shots, shots.time_s(place), measured=above, width_s=width_s, true_power_w=pulse_w, draw=rise.number
         )
         return reported, place
     if timing == "constant_fraction":
         level = fraction_level(shots, trip, measured)
-        reaches = wanted & (level < trip.signal) & (level > shots.point.signal(rise.valley_w))
+        reaches = mask & (level < trip.signal) & (level > shots.point.signal(rise.valley_w))
         place = crossing(
             shots.wave.at,
             ops.where(reaches, shots.point.power_w(level), 1.0),
             far=rise.valley,
             peak=rise.peak,
             top=rise.top,
-            wanted=reaches,
+            mask=reaches,
         )
         place = ops.where(reaches, place, ops.where(level < trip.signal, rise.valley, rise.peak))
-        time_s = shots.time_s(place) - _fraction_walk_s(shots, above, own_w, width_s)
+        time_s = shots.time_s(place) - _fraction_walk_s(shots, above, pulse_w, width_s)
     else:
         place = rise.peak
         # Light on which the pulse stands does not bend: all that bends is the pulse's, of its own height.
-        curved = curvature(rise) * (rise.top[0] / ops.maximum(own_w, 1e-37))
+        curved = curvature(rise) * (rise.top[0] / ops.maximum(pulse_w, 1e-37))
         time_s = shots.time_s(place) + _peak_error_s(shots, trip, curved, draw=rise.number)
-    return comparator.converted(shots, time_s, draw=rise.number), place
+    return comparator.converted_time_s(shots, time_s, draw=rise.number), place
 
 
 def fraction_level(shots: Shots, trip: Trip, measured: Lanes) -> Lanes:
@@ -177,7 +177,7 @@ def _peak_error_s(shots: Shots, trip: Trip, curved: Lanes, *, draw: Lanes) -> La
     return deviation * deviate
 
 
-def _own_power_w(shots: Received, rise: Rise, trip: Trip) -> Lanes:
+def _power_above_base_w(shots: Received, rise: Rise, trip: Trip) -> Lanes:
     """Peak power of a pulse above the light on which it stands, (n,)."""
     if isinstance(trip.base, float):
         return rise.top[0]

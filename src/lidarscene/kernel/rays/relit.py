@@ -15,7 +15,7 @@ from ..device import transfer
 from ..world.mitsuba_world import World
 from .trace import Firing, trace
 
-COLUMNS = ("found", "range_m", "peak_power_w", "background_power_w")
+COLUMNS = ("has_surface", "range_m", "peak_power_w", "background_power_w")
 
 
 def light_of(
@@ -47,7 +47,7 @@ def light_of(
     air = transfer.opaque(ambient)
     firing = Firing(seed=transfer.seed_word(seed))
     ways = trace(world, rays, sun=towards, moving=movers, firing=firing)
-    light = echoes.with_all_background([echoes.receive(rays, hits, equipment, air) for hits in ways])[0]
+    light = echoes.gather_background([echoes.receive(rays, hits, equipment, air) for hits in ways])[0]
     columns = {name: getattr(light, name) for name in COLUMNS}
     transfer.start(list(columns.values()))  # together, or each would be traced for itself
     return Echoes(**{name: column.numpy() for name, column in columns.items()})

@@ -242,7 +242,7 @@ def _hits(
     number = dr.reinterpret_array(mi.UInt32, surface.shape)
     face = dr.gather(mi.UInt32, world.first_face, number, valid) + surface.prim_index + meeting.shift
     return Hits(
-        found=valid,
+        has_surface=valid,
         range_m=dr.select(valid, length_m, 1.0),  # not infinity: later stages divide by it
         cos_incidence=dr.select(valid, xp(meeting.t).minimum(-dr.dot(normal, meeting.local_ray.d), 1.0), 0.0),
         backscatter_per_sr=backscatter + way.glint_per_sr,

@@ -24,39 +24,39 @@ def rate(*, coupling_hz: Lanes, fwhm_s: Lanes) -> Lanes:
     return (2.0 * math.pi / SIGMAS_PER_FWHM) * coupling_hz * fwhm_s
 
 
-def undershoot(*, at: Lanes, rate: Lanes) -> Shape:
+def undershoot(*, place: Lanes, rate: Lanes) -> Shape:
     """What is taken off a Gaussian pulse of unit peak, K(u), and its first two derivatives, (T74).
 
     K = w sqrt(2 pi) exp(w^2 / 2 - w u) Phi(u - w), which solves K' = w (g - K), g the pulse. Phi is taken as
     1 / (1 + exp(-1.5976 v - 0.07056 v^3)), to 1.4e-4 (S. R. Bowling et al., J. Ind. Eng. Manag. 2, 114, 2009): it is
     evaluated for every sub-echo wherever the waveform is.
     """
-    ops = xp(at, rate)
-    fading = ops.exp(ops.minimum(rate * (0.5 * rate - at), 2.0))  # no pulse has arrived where this is cut
-    before = rate - at
+    ops = xp(place, rate)
+    fading = ops.exp(ops.minimum(rate * (0.5 * rate - place), 2.0))  # no pulse has arrived where this is cut
+    before = rate - place
     late = before * (1.5976 + 0.07056 * before * before)
     arrived = 1.0 / (1.0 + ops.exp(ops.minimum(late, 80.0)))
     value = math.sqrt(2.0 * math.pi) * rate * fading * arrived
-    pulse = ops.exp(-0.5 * at * at)
+    pulse = ops.exp(-0.5 * place * place)
     slope = rate * (pulse - value)
-    bend = -rate * (ops.maximum(ops.minimum(at, 1e15), -1e15) * pulse + slope)
+    bend = -rate * (ops.maximum(ops.minimum(place, 1e15), -1e15) * pulse + slope)
     return value, slope, bend
 
 
 def peak_share(*, rate: Lanes) -> Lanes:
     """Highest value of g - K: at u = -w to first order in w, 1 - 1.25 w there."""
-    return xp(rate).exp(-0.5 * rate * rate) - undershoot(at=-rate, rate=rate)[0]
+    return xp(rate).exp(-0.5 * rate * rate) - undershoot(place=-rate, rate=rate)[0]
 
 
-def coupled(*, values: Numbers, step_s: float, coupling_hz: float) -> Numbers:
+def filter_samples(*, values: Numbers, step_s: float, coupling_hz: float) -> Numbers:
     """A sampled signal behind the high pass, (n,), at rest before the first sample; straight between samples."""
     omega = 2.0 * math.pi * coupling_hz
-    kept = math.exp(-omega * step_s)
+    decay = math.exp(-omega * step_s)
     # Exact for straight lines: of the change over a step, the mean of the decay over the step is left at its end.
     fresh = -math.expm1(-omega * step_s) / (omega * step_s)
-    found, level, before = values.astype(float), 0.0, 0.0
+    output, level, before = values.astype(float), 0.0, 0.0
     for number, value in enumerate(values):
-        level = kept * level + fresh * (float(value) - before)
+        level = decay * level + fresh * (float(value) - before)
         before = float(value)
-        found[number] = level
-    return found
+        output[number] = level
+    return output

@@ -44,14 +44,14 @@ def upcrossings_hz(*, least: Lanes, cells: Lanes, busy_share: Lanes, dead_time_s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Drawn:
+class _Inversion:
     """How far the inversion of a Poisson distribution has come.
 
-    left   of the uniform number, above the probabilities so far
+    remainder   of the uniform number, above the probabilities so far
     term   probability of this count
     """
 
-    left: Array
+    remainder: Array
     term: Array
     count: Array
 
@@ -69,17 +69,17 @@ def poisson_count(*, mean: Lanes, uniform: Lanes, deviate: Lanes, narrowing: Lan
     few = ops.minimum(mean, _FEW)
     term = ops.exp(-few)
     # What is left of the uniform number after P(0); lanes of large means start with nothing left and never loop.
-    left = ops.where(mean < _FEW, uniform - term, 0.0)
+    remainder = ops.where(mean < _FEW, uniform - term, 0.0)
 
-    def one_more(state: _Drawn) -> _Drawn:
+    def add_term(state: _Inversion) -> _Inversion:
         count = state.count + 1.0
         term = state.term * few / count
-        return _Drawn(left=state.left - term, term=term, count=count)
+        return _Inversion(remainder=state.remainder - term, term=term, count=count)
 
     # Inversion: subtract P(1), P(2), ... until the uniform number is used up; the number of terms is the count.
     # Lanes of large means end before they begin, and a loop ends with the last of its packet.
-    start = _Drawn(left=left, term=term + 0.0 * left, count=0.0 * left)
-    count = ops.loop(start, lambda state: (state.left > 0.0) & (state.count < _TERMS), one_more).count
+    start = _Inversion(remainder=remainder, term=term + 0.0 * remainder, count=0.0 * remainder)
+    count = ops.loop(start, lambda state: (state.remainder > 0.0) & (state.count < _TERMS), add_term).count
     # Cornish and Fisher to the skewness 1 / sqrt(mean): mean + sigma z + (z^2 - 1) / 6, rounded to a whole number.
     many = ops.maximum(mean, _FEW)
     skew = (deviate * deviate - 1.0) / 6.0

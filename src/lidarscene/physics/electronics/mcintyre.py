@@ -120,16 +120,16 @@ def tail_probability(
     low with 24 primaries, 10 % with 2.4 and a half with 0.5. With fewer it misses single electrons that stand out of
     the amplifier's noise. numpy and Dr.Jit.
     """
-    found = _saddle_point(excess, primaries, gain, ionisation_ratio, amplifier)
-    ops = xp(found.exponent)
+    saddle = _saddle_point(excess, primaries, gain, ionisation_ratio, amplifier)
+    ops = xp(saddle.exponent)
     # Barndorff-Nielsen's tail: r from the exponent at the saddle point, v from its curvature.
-    r = ops.sqrt(ops.maximum(2.0 * found.exponent, _TINY))
-    v = found.s * ops.sqrt(found.curvature)
+    r = ops.sqrt(ops.maximum(2.0 * saddle.exponent, _TINY))
+    v = saddle.s * ops.sqrt(saddle.curvature)
     tail = normal_tail(r + ops.log(ops.maximum(v / r, _TINY)) / r)
     # The amplifier alone, when no electron comes at all: a lower bound, and the whole of it in the dark.
     alone = ops.exp(-primaries) * normal_tail((excess + primaries * gain) / ops.maximum(amplifier, 1e-3))
     tail = ops.where(primaries > 1e-3, ops.maximum(tail, alone), alone)
-    return ops.where(found.variance > 0.0, tail, 0.0)
+    return ops.where(saddle.variance > 0.0, tail, 0.0)
 
 
 def crossings_per_frequency(
@@ -141,12 +141,12 @@ def crossings_per_frequency(
     slopes that are Gaussian whatever the height: the electrons that make a peak arrive together, where the response
     of the amplifier has no slope. The density is the saddle point's, exp(-I) / sqrt(2 pi K''). numpy and Dr.Jit.
     """
-    found = _saddle_point(excess, primaries, gain, ionisation_ratio, amplifier)
-    ops = xp(found.exponent)
-    narrower = ops.sqrt(found.variance / ops.maximum(found.curvature, _TINY))
-    over = (excess + primaries * gain) / ops.maximum(amplifier, 1e-3)
-    share = ops.where(primaries > 1e-3, narrower * ops.exp(-found.exponent), ops.exp(-primaries - 0.5 * over * over))
-    return ops.where(found.variance > 0.0, share, 0.0)
+    saddle = _saddle_point(excess, primaries, gain, ionisation_ratio, amplifier)
+    ops = xp(saddle.exponent)
+    narrower = ops.sqrt(saddle.variance / ops.maximum(saddle.curvature, _TINY))
+    deviations = (excess + primaries * gain) / ops.maximum(amplifier, 1e-3)
+    share = ops.where(primaries > 1e-3, narrower * ops.exp(-saddle.exponent), ops.exp(-primaries - 0.5 * deviations * deviations))
+    return ops.where(saddle.variance > 0.0, share, 0.0)
 
 
 class _Saddle(NamedTuple):
@@ -284,8 +284,8 @@ def tail_probability_exact(
     above = electrons - mean - excess
     share = np.clip(above + 0.5, 0.0, 1.0)
     with np.errstate(over="ignore"):
-        kept = np.where(share > 0.0, tilted * share * np.exp(np.minimum(-tilt * above, 50.0)), 0.0)
-    return float(kept.sum() * math.exp(log_scale - tilt * excess))
+        untilted = np.where(share > 0.0, tilted * share * np.exp(np.minimum(-tilt * above, 50.0)), 0.0)
+    return float(untilted.sum() * math.exp(log_scale - tilt * excess))
 
 
 def _second_moment(gain: float, k: float) -> float:

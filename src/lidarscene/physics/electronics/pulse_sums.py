@@ -33,27 +33,27 @@ tabulated course is a difference over a step: where the course begins it may be 
 step would be so short that the search seems to be over."""
 
 _REACH = 13.0
-"""Farthest pulse that `evenly` takes, from the middle of its places, in sigma_p: 2 t_FWHM and 8 sigma_p."""
+"""Farthest pulse that `comb_parts` takes, from the middle of its places, in sigma_p: 2 t_FWHM and 8 sigma_p."""
 
 _RAISED = 60.0
-"""Added to the exponents in `evenly`: products from e^-86 to e^71 then stay within single precision."""
+"""Added to the exponents in `comb_parts`: products from e^-86 to e^71 then stay within single precision."""
 
 
-def sum_of_pulses(*, at: Lanes, centres: Sequence[Lanes], heights: Sequence[Lanes]) -> Shape:
+def sum_of_pulses(*, place: Lanes, centres: Sequence[Lanes], heights: Sequence[Lanes]) -> Shape:
     """P(t) = sum_k P_k exp(-(t - t_k)^2 / 2) and its first two derivatives."""
-    ops = xp(at, *centres[:1])
+    ops = xp(place, *centres[:1])
     value: Lanes = 0.0
     slope: Lanes = 0.0
     bend: Lanes = 0.0
     for centre, height in zip(centres, heights, strict=True):
-        ahead = centre - at
+        ahead = centre - place
         part = height * ops.exp(-0.5 * ahead * ahead)
         pull = part * ahead
         value, slope, bend = value + part, slope + pull, bend + (pull * ahead - part)
     return value, slope, bend
 
 
-def evenly(
+def comb_parts(
     *, start: Lanes, spacing: Lanes, middle: Lanes, centres: Sequence[Lanes], heights: Sequence[Lanes]
 ) -> tuple[list[Array], list[Array]]:
     """`sum_of_pulses` at evenly spaced places u: each pulse's part at the first, and its factor from one to the next.
@@ -78,9 +78,9 @@ def evenly(
     return parts, growths
 
 
-def even_sum(*, at: Lanes, middle: Lanes, parts: Sequence[Lanes]) -> Lanes:
-    """P at one of the places of `evenly`, from the pulses' parts at that place."""
-    off = at - middle
+def even_sum(*, place: Lanes, middle: Lanes, parts: Sequence[Lanes]) -> Lanes:
+    """P at one of the places of `comb_parts`, from the pulses' parts at that place."""
+    off = place - middle
     value: Lanes = xp(off).exp(-0.5 * off * off - _RAISED) * sum(parts)
     return value
 
@@ -96,7 +96,7 @@ def broadened_fwhm_s(*, pulse_fwhm_s: Lanes, radius_m: Lanes, tangent: Lanes, li
 
 
 def highest_between(
-    evaluate: Callable[[Lanes], Shape], low: Lanes, high: Lanes, *, wanted: Mask
+    evaluate: Callable[[Lanes], Shape], low: Lanes, high: Lanes, *, mask: Mask
 ) -> tuple[Lanes, Shape]:
     """Peak of the waveform between two places: its slope is positive at the first and negative at the second.
 
@@ -109,17 +109,17 @@ def highest_between(
         _, slope, bend = _relative(shape)
         return -slope, slope * slope - bend
 
-    return _root(evaluate, uphill, low, high, 0.5 * (low + high), wanted)
+    return _root(evaluate, uphill, low, high, 0.5 * (low + high), mask)
 
 
-def lowest_between(evaluate: Callable[[Lanes], Shape], low: Lanes, high: Lanes, *, wanted: Mask) -> tuple[Lanes, Shape]:
+def lowest_between(evaluate: Callable[[Lanes], Shape], low: Lanes, high: Lanes, *, mask: Mask) -> tuple[Lanes, Shape]:
     """Valley of the waveform between two places, as `highest_between`: slope negative, then positive."""
 
     def downhill(shape: Shape) -> tuple[Lanes, Lanes]:
         _, slope, bend = _relative(shape)
         return slope, bend - slope * slope
 
-    return _root(evaluate, downhill, low, high, 0.5 * (low + high), wanted)
+    return _root(evaluate, downhill, low, high, 0.5 * (low + high), mask)
 
 
 def crossing(
@@ -129,7 +129,7 @@ def crossing(
     far: Lanes,
     peak: Lanes,
     top: Shape,
-    wanted: Mask,
+    mask: Mask,
     near: Lanes | None = None,
 ) -> Lanes:
     """Place at which the waveform crosses a level, between a peak and a lower place on either side of it.
@@ -154,28 +154,28 @@ def crossing(
     above_level = ops.maximum(ops.log(ops.maximum(highest, 1e-37)) - log_level, 0.0)
     guess = peak - side * ops.sqrt(2.0 * variance * above_level)
     near = peak if near is None else near
-    return _root(evaluate, above, ops.minimum(far, near), ops.maximum(far, near), guess, wanted)[0]
+    return _root(evaluate, above, ops.minimum(far, near), ops.maximum(far, near), guess, mask)[0]
 
 
 def _relative(shape: Shape) -> Shape:
     """The value, kept above zero, and slope and second derivative divided by it."""
     value, slope, bend = shape
-    kept = xp(value).maximum(value, 1e-37)
-    return kept, slope / kept, bend / kept
+    positive = xp(value).maximum(value, 1e-37)
+    return positive, slope / positive, bend / positive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Bracket:
     """A root between two places.
 
-    at     the best guess, ``moved`` from the one before
+    place     the best guess, ``moved`` from the one before
     steps  so far
     shape  of the waveform at the guess before
     """
 
     low: Lanes
     high: Lanes
-    at: Lanes
+    place: Lanes
     moved: Lanes
     steps: Lanes
     shape: Shape
@@ -187,7 +187,7 @@ def _root(
     low: Lanes,
     high: Lanes,
     guess: Lanes,
-    wanted: Mask,
+    mask: Mask,
 ) -> tuple[Lanes, Shape]:
     """Root of a residual that rises through zero from ``low`` to ``high``: Newton's method, kept inside the bracket.
 
@@ -200,25 +200,25 @@ def _root(
         return (state.moved > _TOLERANCE) & (state.steps < _MOST_STEPS)
 
     def step(state: _Bracket) -> _Bracket:
-        at = state.at
-        there = evaluate(at)
-        value, slope = residual(there)
-        low, high = ops.where(value < 0.0, at, state.low), ops.where(value < 0.0, state.high, at)
-        newton = at - value / ops.where(slope > 1e-30, slope, 1.0)
+        place = state.place
+        shape = evaluate(place)
+        value, slope = residual(shape)
+        low, high = ops.where(value < 0.0, place, state.low), ops.where(value < 0.0, state.high, place)
+        newton = place - value / ops.where(slope > 1e-30, slope, 1.0)
         # A step that leaves the bracket, or a slope without use, is replaced by bisection.
         inside = (slope > 1e-30) & (slope < _STEEPEST) & (newton >= low) & (newton <= high)
         following = ops.where(inside, newton, 0.5 * (low + high))
-        moved = ops.abs(following - at)
-        return _Bracket(low=low, high=high, at=following, moved=moved, steps=state.steps + 1, shape=there)
+        moved = ops.abs(following - place)
+        return _Bracket(low=low, high=high, place=following, moved=moved, steps=state.steps + 1, shape=shape)
 
-    nothing = ops.full(guess, 0.0)
+    zero = ops.full(guess, 0.0)
     start = _Bracket(
         low=low,
         high=high,
-        at=guess,
-        moved=ops.where(wanted, 1.0, nothing),
+        place=guess,
+        moved=ops.where(mask, 1.0, zero),
         steps=ops.full(guess, 0),
-        shape=(nothing, nothing, nothing),
+        shape=(zero, zero, zero),
     )
-    done = ops.loop(start, active, step)
-    return done.at, done.shape
+    final = ops.loop(start, active, step)
+    return final.place, final.shape

@@ -29,7 +29,7 @@ LARGEST_OVERDRIVE = 80.0
 """Largest ln(s / U): its exponential still fits single precision."""
 
 
-def clipped(*, signal: Lanes, saturation: Lanes) -> Lanes:
+def clip(*, signal: Lanes, saturation: Lanes) -> Lanes:
     """The peak behind the amplifier, min(s, S)."""
     return xp(signal, saturation).minimum(signal, saturation)
 
@@ -55,26 +55,26 @@ def clipped_course(*, signal: Numbers, step_s: float, saturation: float, recover
     signal  (n, times) what the amplifier would pass without clipping, in even steps
     """
     fading = math.exp(-step_s / max(recovery_s, 1e-18))
-    found, nothing = np.zeros_like(signal), np.zeros(len(signal))
-    held, lowest, clips = nothing, signal[:, 0], nothing > 0.0
+    output, zero = np.zeros_like(signal), np.zeros(len(signal))
+    held, lowest, clips = zero, signal[:, 0], zero > 0.0
     # While it clips: what was held and the light when that began, and the highest input and light so far.
-    base, floor, top, brightest = nothing, nothing, nothing, nothing
+    base, floor, top, brightest = zero, zero, zero, zero
     for k in range(signal.shape[1]):
-        now = signal[:, k]
+        light = signal[:, k]
         held = np.where(clips, held, held * fading)
-        lowest = np.where(clips, lowest, np.minimum(lowest, now))
-        total = np.maximum(now, np.where(clips, base + now - floor, held + now - lowest))
-        begins = ~clips & (total > saturation) & (now - lowest > _RISE * saturation)
+        lowest = np.where(clips, lowest, np.minimum(lowest, light))
+        total = np.maximum(light, np.where(clips, base + light - floor, held + light - lowest))
+        begins = ~clips & (total > saturation) & (light - lowest > _RISE * saturation)
         base, floor = np.where(begins, held, base), np.where(begins, lowest, floor)
         clips = clips | begins
         top = np.where(begins, total, np.maximum(top, total))
-        brightest = np.where(begins, now, np.maximum(brightest, now))
-        gone = now - floor <= _RISE * (brightest - floor)
-        ends = clips & (now < brightest) & ((total <= saturation) | gone)
-        held, lowest = np.where(ends, top, held), np.where(ends, now, lowest)
+        brightest = np.where(begins, light, np.maximum(brightest, light))
+        faded = light - floor <= _RISE * (brightest - floor)
+        ends = clips & (light < brightest) & ((total <= saturation) | faded)
+        held, lowest = np.where(ends, top, held), np.where(ends, light, lowest)
         clips = clips & ~ends
-        found[:, k] = np.minimum(np.where(ends, top, total), saturation)
-    return found
+        output[:, k] = np.minimum(np.where(ends, top, total), saturation)
+    return output
 
 
 def width_at_level_s(*, level: Lanes, signal: Lanes, saturation: Lanes, fwhm_s: Lanes, recovery_s: Lanes) -> Lanes:
@@ -110,7 +110,7 @@ def held_until(
     return ops.where(signal > saturation, ops.maximum(fall_s, drained), fall_s)
 
 
-def drained(*, held: Lanes, since_s: Lanes, recovery_s: Lanes) -> Lanes:
+def remaining_charge(*, held: Lanes, since_s: Lanes, recovery_s: Lanes) -> Lanes:
     """What an amplifier still holds of a clipped pulse this long after the light fell back to S, s exp(-t / tau).
 
     The next pulse comes on top of it. Nothing drains before.
@@ -157,6 +157,6 @@ def walk_bias_m(*, threshold: Lanes, signal: Lanes, saturation: Lanes, fwhm_s: L
     response is not linear, all three arguments are powers of light: at U, of the echo, and at S.
     """
     true_s = leading_edge_time_s(level=threshold / signal, fwhm_s=fwhm_s)
-    seen = clipped(signal=signal, saturation=saturation)
-    thought_s = leading_edge_time_s(level=threshold / seen, fwhm_s=fwhm_s)
+    measured = clip(signal=signal, saturation=saturation)
+    thought_s = leading_edge_time_s(level=threshold / measured, fwhm_s=fwhm_s)
     return 0.5 * SPEED_OF_LIGHT_M_S * (true_s - thought_s)

@@ -186,13 +186,13 @@ def busy_share_correlated(
     """
     ops = xp(firings, crosstalk, afterpulse)
     delay = 1.0 / afterpulse_to_dead_time
-    lost = ops.exp(-delay)
+    beyond_dead_time = ops.exp(-delay)
     early = (1.0 - ops.exp(-firings - delay)) / (1.0 + firings * afterpulse_to_dead_time)
     busy = firings / (1.0 + firings)
     for _ in range(_TURNS):
         ready = 1.0 - busy
-        again = afterpulse * lost * (early + lost * ready)
-        total = firings + crosstalk * busy + again * busy / ready
+        refires = afterpulse * beyond_dead_time * (early + beyond_dead_time * ready)
+        total = firings + crosstalk * busy + refires * busy / ready
         busy = total / (1.0 + total)
     return busy
 
@@ -235,8 +235,8 @@ def with_crosstalk(*, photons: Lanes, pde: Lanes, cells: Lanes, ready_share: Lan
     constant = start - crosstalk * ready_share - photons * pde / cells
     logarithm = constant
     for _ in range(4):
-        left = crosstalk * ops.exp(logarithm)
-        logarithm = logarithm - (logarithm - left - constant) / (1.0 - left)
+        cross_firing = crosstalk * ops.exp(logarithm)
+        logarithm = logarithm - (logarithm - cross_firing - constant) / (1.0 - cross_firing)
     return (start - logarithm) * cells / pde
 
 

@@ -85,7 +85,7 @@ def _place(pulse_to_dead_time: Lanes, busy_share: Lanes) -> tuple[Lanes, Lanes]:
     return 1.0 / (1.0 + pulse_to_dead_time), -log1p(-busy_share) / math.log1p(_LARGEST_BACKGROUND)
 
 
-def left_busy(*, age_s: Lanes, rate_hz: Lanes, dead_time_s: Lanes, sigma_s: Lanes) -> Lanes:
+def residual_busy(*, age_s: Lanes, rate_hz: Lanes, dead_time_s: Lanes, sigma_s: Lanes) -> Lanes:
     """Count above the background's that an earlier echo leaves, for each cell that it fired: 1 at first, theory (T45b).
 
     age_s    since the echo's light peaked
@@ -98,12 +98,12 @@ def left_busy(*, age_s: Lanes, rate_hz: Lanes, dead_time_s: Lanes, sigma_s: Lane
     after 2 tau, 4 % at Table 1's sun and 15 % at x = 1.25, counts as none. The pulse's width smears the revival.
     """
     ops = xp(age_s, rate_hz)
-    gone = 1.0 - normal_tail((age_s - dead_time_s) / sigma_s)
+    revived = 1.0 - normal_tail((age_s - dead_time_s) / sigma_s)
     after = ops.maximum(age_s - dead_time_s, 0.0)
     missing = 1.0 - ops.exp(-rate_hz * dead_time_s) - rate_hz * after
     below = ops.where(after < dead_time_s, ops.exp(-rate_hz * after) * missing, 0.0)
     fired = 1.0 - normal_tail(age_s / sigma_s)
-    return (fired - gone) * ops.exp(-rate_hz * ops.minimum(age_s, dead_time_s)) - gone * below
+    return (fired - revived) * ops.exp(-rate_hz * ops.minimum(age_s, dead_time_s)) - revived * below
 
 
 def fired_by_pulse(*, peak: Lanes, rate_hz: Lanes, pulse_fwhm_s: Lanes, dead_time_s: Lanes) -> Lanes:
@@ -186,23 +186,23 @@ def busy_share_in_steps(
     # What the background and all that follows from it does to a ready cell; light adds to it.
     alone = busy_share / free - crosstalk * busy_share
     fired = np.zeros_like(rate)
-    found = np.zeros_like(rate)
+    busy = np.zeros_like(rate)
     early, pending = busy_share / steps, 0.0 * busy_share
     fading = math.exp(-1.0 / (steps * afterpulse_to_dead_time))
     lasting = afterpulse * math.exp(-1.0 / afterpulse_to_dead_time)
     for k in range(rate.shape[1]):
         revived = fired[:, k - steps] if k >= steps else early
         pending = pending + lasting * (revived - early)
-        again, pending = pending * (1.0 - fading), pending * fading
+        refires, pending = pending * (1.0 - fading), pending * fading
         # f / (1 - p f): each firing tries one more cell at once.
-        exponent = (alone + rate[:, k]) / (1.0 - crosstalk * free) / steps + again
+        exponent = (alone + rate[:, k]) / (1.0 - crosstalk * free) / steps + refires
         survive = np.exp(-exponent)
         mean = np.where(exponent > 1e-6, -np.expm1(-exponent) / np.maximum(exponent, 1e-6), 1.0)
         later = free * survive + revived * mean
         fired[:, k] = free - later + revived
         free = later
-        found[:, k] = 1.0 - free
-    return found
+        busy[:, k] = 1.0 - free
+    return busy
 
 
 def _arrived(time: Numbers) -> Numbers:

@@ -72,8 +72,8 @@ def excursion_width_s(*, height: Lanes, threshold: Lanes, bandwidth_hz: Lanes) -
     above U over number of crossings, to first order in sigma / U.
     """
     ops = xp(height, threshold, bandwidth_hz)
-    over = ops.maximum(1.0 - threshold / height, 0.0)
-    return math.sqrt(6.0) / math.pi / bandwidth_hz * ops.sqrt(over)
+    excess = ops.maximum(1.0 - threshold / height, 0.0)
+    return math.sqrt(6.0) / math.pi / bandwidth_hz * ops.sqrt(excess)
 
 
 def signal_to_noise(*, signal: Lanes, noise: Lanes) -> Lanes:

@@ -22,8 +22,8 @@ def gaussian_ring(*, inside: Lanes, outside: Lanes) -> Lanes:
     """
     ops = xp(inside, outside)
 
-    def integral(rest: Lanes) -> Lanes:
-        return rest * (1.0 - ops.log(ops.maximum(rest, 1e-30)))
+    def integral(share: Lanes) -> Lanes:
+        return share * (1.0 - ops.log(ops.maximum(share, 1e-30)))
 
     return 0.5 * (integral(1.0 - inside) - integral(1.0 - outside)) / (outside - inside)
 

@@ -88,6 +88,6 @@ def wet_reflectivity(*, dry: float, index: float, internal: float = 1.0, interna
     pores also lowers the contrast of the grains (their second extension, and Twomey's), which darkens further.
     """
     into = (1.0 - float(fresnel_reflectance(cos_incidence=np.float64(1.0), index=index))) * internal
-    back = 1.0 - (1.0 - diffuse_fresnel_reflectance(index)) / index**2
-    out = (1.0 - back) * internal_diffuse
-    return into * dry * out / (1.0 - dry * back * internal_diffuse**2)
+    internal_reflection = 1.0 - (1.0 - diffuse_fresnel_reflectance(index)) / index**2
+    out = (1.0 - internal_reflection) * internal_diffuse
+    return into * dry * out / (1.0 - dry * internal_reflection * internal_diffuse**2)

@@ -60,14 +60,14 @@ def circles_overlap(*, first_radius: Lanes, second_radius: Lanes, distance: Lane
     apart = distance >= first_radius + second_radius
     d = ops.where(inside | apart, first_radius + second_radius, distance)
 
-    def segment(own: Lanes, other: Lanes) -> Lanes:
-        cosine = (d * d + own * own - other * other) / ops.maximum(2.0 * d * own, 1e-30)
+    def segment(radius: Lanes, opposite_radius: Lanes) -> Lanes:
+        cosine = (d * d + radius * radius - opposite_radius * opposite_radius) / ops.maximum(2.0 * d * radius, 1e-30)
         cosine = ops.minimum(ops.maximum(cosine, -1.0), 1.0)
         sine = ops.sqrt(1.0 - cosine * cosine)
-        return own * own * (ops.atan2(sine, cosine) - cosine * sine)
+        return radius * radius * (ops.atan2(sine, cosine) - cosine * sine)
 
-    both = segment(first_radius, second_radius) + segment(second_radius, first_radius)
-    return ops.where(inside, math.pi * least * least, ops.where(apart, 0.0, both))
+    segments = segment(first_radius, second_radius) + segment(second_radius, first_radius)
+    return ops.where(inside, math.pi * least * least, ops.where(apart, 0.0, segments))
 
 
 def gaussian_in_circle(*, spot_radius: Lanes, circle_radius: Lanes, distance: Lanes) -> Lanes:
@@ -128,15 +128,15 @@ def spot_share(*, profile: str, spot_rad: Lanes, off_axis_rad: Lanes, field_rad:
     within = {"gaussian": gaussian_in_circle, "top_hat": top_hat_in_circle}[profile]
     spot = {"spot_radius": spot_rad, "distance": off_axis_rad}
     ops = xp(spot_rad, off_axis_rad, field_rad, blur_rad)
-    return ops.minimum(ops.maximum(_smeared(lambda r: within(circle_radius=r, **spot), field_rad, blur_rad), 0.0), 1.0)
+    return ops.minimum(ops.maximum(_share_with_blur(lambda r: within(circle_radius=r, **spot), field_rad, blur_rad), 0.0), 1.0)
 
 
 def gaussian_share_on_axis(*, spot_rad: Lanes, field_rad: Lanes, blur_rad: Lanes) -> Lanes:
     """`spot_share` of a Gaussian spot on the axis, where the light within a circle needs no sum of its own."""
-    return _smeared(lambda r: -expm1(-2.0 * r * r / (spot_rad * spot_rad)), field_rad, blur_rad)
+    return _share_with_blur(lambda r: -expm1(-2.0 * r * r / (spot_rad * spot_rad)), field_rad, blur_rad)
 
 
-def _smeared(within: Callable[[Lanes], Lanes], field_rad: Lanes, blur_rad: Lanes) -> Lanes:
+def _share_with_blur(within: Callable[[Lanes], Lanes], field_rad: Lanes, blur_rad: Lanes) -> Lanes:
     """The share, by the integral of `spot_share`; ``within``: P(r), the spot's light within a circle."""
     ops = xp(field_rad, blur_rad)
     blur = ops.maximum(blur_rad, 1e-6 * field_rad)

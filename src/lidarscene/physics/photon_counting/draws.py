@@ -39,20 +39,20 @@ def binomial_count(*, trials: Lanes, probability: Lanes, uniform: Lanes, log_non
     odds = p / (1.0 - p)
     term = ops.exp(trials * (log1p(-p) if log_none is None else log_none))
 
-    def after(now: tuple[Lanes, Lanes, Lanes], first: int, end: int) -> tuple[Lanes, Lanes, Lanes]:
+    def add_terms(state: tuple[Lanes, Lanes, Lanes], first: int, end: int) -> tuple[Lanes, Lanes, Lanes]:
         """Count, term and sum of the terms after more terms."""
-        count, term, below = now
+        count, term, below = state
         for k in range(first, end):
             term = term * ops.maximum(trials - (k - 1.0), 0.0) * odds * (1.0 / k)
             below = below + term
             count = count + ops.where(uniform > below, 1.0, 0.0)
         return count, term, below
 
-    one: Lanes = ops.where(uniform > term, 1.0, 0.0)
-    now = after((one, term, term), 1, _FIRST_TERMS)
-    count, _, _ = ops.where_any(few & (uniform > now[2]), lambda: after(now, _FIRST_TERMS, _TERMS), now)
-    found: Lanes = ops.minimum(count, trials)
-    return ops.where_any(~few, lambda: _many(trials, p, uniform), found)
+    first_count: Lanes = ops.where(uniform > term, 1.0, 0.0)
+    state = add_terms((first_count, term, term), 1, _FIRST_TERMS)
+    count, _, _ = ops.where_any(few & (uniform > state[2]), lambda: add_terms(state, _FIRST_TERMS, _TERMS), state)
+    few_count: Lanes = ops.minimum(count, trials)
+    return ops.where_any(~few, lambda: _many(trials, p, uniform), few_count)
 
 
 def _many(trials: Lanes, p: Lanes, uniform: Lanes) -> Lanes:

@@ -129,7 +129,7 @@ def false_peak_share(*, threshold: Lanes, rate_hz: Lanes, variance: Lanes, sigma
 
 
 def detection_probability(
-    *, threshold: Lanes, signal: Lanes, background: Lanes, own: Lanes, unit: Lanes, blurred: Lanes = 0.0
+    *, threshold: Lanes, signal: Lanes, background: Lanes, own_variance: Lanes, unit: Lanes, blurred: Lanes = 0.0
 ) -> Lanes:
     """Probability that the filter's peak at an echo exceeds the threshold (T98), one that scatters too (T98b).
 
@@ -144,21 +144,21 @@ def detection_probability(
     """
     ops = xp(threshold, signal, background)
     lit = signal > 1e-6
-    spread = ops.maximum(background + own + blurred, 1e-30)
-    gained = _gain(signal, background, own)
-    found = tail(excess=threshold - signal - gained, variance=spread, unit=unit)
-    return ops.where(lit, found, 0.0)
+    spread = ops.maximum(background + own_variance + blurred, 1e-30)
+    gained = _gain(signal, background, own_variance)
+    probability = tail(excess=threshold - signal - gained, variance=spread, unit=unit)
+    return ops.where(lit, probability, 0.0)
 
 
-def _gain(signal: Lanes, background: Lanes, own: Lanes) -> Lanes:
+def _gain(signal: Lanes, background: Lanes, own_variance: Lanes) -> Lanes:
     """var F' / (2 |F''|) of a lone echo, as `detection_probability` takes it."""
-    ops = xp(signal, background, own)
-    spread = ops.maximum(background + own, 1e-30)
+    ops = xp(signal, background, own_variance)
+    spread = ops.maximum(background + own_variance, 1e-30)
     steep = ops.where(signal > 1e-6, ops.maximum(signal, _LEAST_STEEP * ops.sqrt(spread)), 1.0)
-    return (_BACKGROUND_GAIN * background + _OWN_GAIN * own) / steep
+    return (_BACKGROUND_GAIN * background + _OWN_GAIN * own_variance) / steep
 
 
-def gain_of_breadth(*, signal: Lanes, background: Lanes, own: Lanes, bend: Lanes) -> Lanes:
+def gain_of_breadth(*, signal: Lanes, background: Lanes, own_variance: Lanes, bend: Lanes) -> Lanes:
     """How much more the highest value near a broad peak exceeds that at the peak than near a lone echo, in photons.
 
     The gain of (T98) grows as the peak's curvature falls, by x = |F''| of a lone echo / |F''| - 1. A top that is
@@ -169,9 +169,9 @@ def gain_of_breadth(*, signal: Lanes, background: Lanes, own: Lanes, bend: Lanes
     bend                     second derivative of the peak over its height, in widths of a lone echo: -1 of that
     """
     ops = xp(signal, bend)
-    over = ops.maximum(1.0 / ops.maximum(-bend, 1e-3) - 1.0, 0.0)
-    broader = over / ops.sqrt(1.0 + over * over * (1.0 / (_BROADEST * _BROADEST)))
-    return _gain(signal, background, own) * broader
+    flatness = ops.maximum(1.0 / ops.maximum(-bend, 1e-3) - 1.0, 0.0)
+    broader = flatness / ops.sqrt(1.0 + flatness * flatness * (1.0 / (_BROADEST * _BROADEST)))
+    return _gain(signal, background, own_variance) * broader
 
 
 def bound_s(*, signal: Lanes, rate_hz: Lanes, sigma_s: float, bin_s: float) -> Lanes:

@@ -46,14 +46,14 @@ def shade(*, rate_hz: Lanes, sigma_s: Lanes) -> Lanes:
     Half of the template lies in the echo's shadow. A SPAD that the echo fired does not count the background there,
     which it would have counted with one minus this probability.
     """
-    lost = rate_hz * sigma_s * math.sqrt(0.5 * math.pi * (1.0 + TEMPLATE**2))
-    return xp(lost).exp(-lost)
+    shadowed = rate_hz * sigma_s * math.sqrt(0.5 * math.pi * (1.0 + TEMPLATE**2))
+    return xp(shadowed).exp(-shadowed)
 
 
 def shade_of_box(*, rate_hz: Lanes, sigma_s: Lanes, half_width: float) -> Lanes:
     """Counts above the background within so many sigmas of an echo over its photons, as `shade`."""
-    lost = rate_hz * sigma_s * half_width
-    return xp(lost).exp(-lost)
+    shadowed = rate_hz * sigma_s * half_width
+    return xp(shadowed).exp(-shadowed)
 
 
 @lru_cache(maxsize=1)
@@ -63,15 +63,15 @@ def _table() -> LookupTable:
 
     t = np.linspace(-8.0, 8.0, 1601)
     pulse = np.exp(-0.5 * t * t) / np.sqrt(2.0 * np.pi)
-    done = np.array([0.5 * (1.0 + erf(x / 2.0**0.5)) for x in t])
-    found = []
+    arrived = np.array([0.5 * (1.0 + erf(x / 2.0**0.5)) for x in t])
+    places = []
     for light in np.expm1(np.linspace(0.0, np.log1p(_MOST), _SAMPLES)):
-        fired = pulse * np.exp(-light * done)
+        fired = pulse * np.exp(-light * arrived)
         place = float(np.sum(t * fired) / np.sum(fired))
         for _ in range(50):  # Newton's method on the filter's slope, from the centroid
             off = t - place
             near = fired * np.exp(-0.5 * (off / TEMPLATE) ** 2)
             slope, bend = np.sum(near * off), np.sum(near * ((off / TEMPLATE) ** 2 - 1.0))
             place -= float(slope / bend)
-        found.append(place)
-    return LookupTable(np.array(found))
+        places.append(place)
+    return LookupTable(np.array(places))

@@ -44,15 +44,15 @@ def gain(*, diameter_m: Numbers, wavelength_m: float, within_rad: Numbers, from_
     """
     diameter = np.asarray(diameter_m, dtype=float)
     outer, inner = np.asarray(within_rad, dtype=float), np.asarray(from_rad, dtype=float)
-    power = outer**2 * _of_disc(diameter, outer, wavelength_m)
+    power = outer**2 * _disc_brightness(diameter, outer, wavelength_m)
     if np.any(inner > 0.0):
-        power = power - inner**2 * _of_disc(diameter, inner, wavelength_m)
+        power = power - inner**2 * _disc_brightness(diameter, inner, wavelength_m)
     sphere = power / np.maximum(outer**2 - inner**2, 1e-300)
     round_share = np.clip((FLAT_FROM_M - diameter) / (FLAT_FROM_M - SPHERES_UP_TO_M), 0.0, 1.0)
     return np.asarray(1.0 + round_share * (sphere - 1.0))
 
 
-def _of_disc(diameter: Numbers, angle: Numbers, wavelength_m: float) -> Numbers:
+def _disc_brightness(diameter: Numbers, angle: Numbers, wavelength_m: float) -> Numbers:
     """Mean brightness over all angles up to one, over that of the faces."""
     logs, table = _table(wavelength_m)
     u = math.pi * diameter / wavelength_m * angle
@@ -60,11 +60,11 @@ def _of_disc(diameter: Numbers, angle: Numbers, wavelength_m: float) -> Numbers:
     low = np.clip(np.floor(row).astype(int), 0, len(logs) - 2)
     part = np.clip(row - low, 0.0, 1.0)
     place = np.minimum(u, _PLACES[-1]) / _PLACES[1]
-    left = np.minimum(place.astype(int), len(_PLACES) - 2)
-    along = place - left
+    column = np.minimum(place.astype(int), len(_PLACES) - 2)
+    along = place - column
     within = sum(
-        share * (table[one, left] * (1.0 - along) + table[one, left + 1] * along)
-        for one, share in ((low, 1.0 - part), (low + 1, part))
+        share * (table[node, column] * (1.0 - along) + table[node, column + 1] * along)
+        for node, share in ((low, 1.0 - part), (low + 1, part))
     )
     # Beyond the table, the last brightness goes on: the mean over a lens of u is that within and that beyond.
     rim = _rim(wavelength_m)
@@ -79,20 +79,20 @@ def sphere_over_faces(*, diameter_m: Numbers, wavelength_m: float, places: Numbe
     nu = np.arange(1, electric.shape[0] + 1) + 0.5
     sign = nu * (-1.0) ** np.arange(1, electric.shape[0] + 1)
     j0, j2 = _bessel(1.2 * float(np.max(places)) + 20.0)
-    found = []
+    brightness = []
     for number, size in enumerate(x):
         last = int(size + 4.05 * np.cbrt(size) + 2.0)
-        at = np.rint(nu[:last, None] / size * (places / _STEP)).astype(np.int32)
-        even, odd = j0[at], j2[at]
+        index = np.rint(nu[:last, None] / size * (places / _STEP)).astype(np.int32)
+        even, odd = j0[index], j2[index]
         a, b = electric[:last, number], magnetic[:last, number]
         # Real and imaginary parts as two rows: with a complex number in it the product would copy the table as complex.
-        found.append(
+        brightness.append(
             sum(
                 np.sum((np.stack([weight.real, weight.imag]) @ bessel) ** 2, axis=0)
                 for weight, bessel in ((sign[:last] * (a - b), even), (sign[:last] * (a + b), odd))
             )
         )
-    per_sr = np.array(found) * (wavelength_m / (2.0 * math.pi)) ** 2
+    per_sr = np.array(brightness) * (wavelength_m / (2.0 * math.pi)) ** 2
     faces = np.asarray(drop_backscatter_m2_sr(diameter_m=np.asarray(diameter_m), wavelength_m=wavelength_m))
     return np.asarray(per_sr / faces[:, None])
 

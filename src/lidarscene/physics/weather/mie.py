@@ -90,8 +90,8 @@ def efficiencies(*, size_parameter: Numbers, index: complex) -> tuple[Numbers, N
     # Spheres of similar size together: the derivatives need memory for (terms of the largest) x (spheres). As many as
     # fit, for a term takes nearly the same time for 100 spheres and for 1000.
     together = math.ceil(len(x) * float(_last_term(x).max()) / _DERIVATIVES)
-    for some in np.array_split(order, together):
-        extinction[some], backscatter[some] = _of_alike(x[some], index)
+    for group in np.array_split(order, together):
+        extinction[group], backscatter[group] = _efficiencies_sorted(x[group], index)
     return extinction, backscatter
 
 
@@ -104,13 +104,13 @@ def coefficients(*, size_parameter: Numbers, index: complex) -> tuple[Numbers, N
     return electric, magnetic
 
 
-def _of_alike(x: Numbers, index: complex) -> tuple[Numbers, Numbers]:
+def _efficiencies_sorted(x: Numbers, index: complex) -> tuple[Numbers, Numbers]:
     """`efficiencies` of spheres sorted by size, each summed to its own last term."""
-    forward, back = np.zeros_like(x), np.zeros_like(x, dtype=complex)
+    forward, backward = np.zeros_like(x), np.zeros_like(x, dtype=complex)
     for n, first, a, b in _terms(x, index):
         forward[first:] += (2 * n + 1) * (a + b).real
-        back[first:] += (2 * n + 1) * (-1) ** n * (a - b)
-    return 2.0 * forward / (x * x), np.abs(back) ** 2 / (x * x)
+        backward[first:] += (2 * n + 1) * (-1) ** n * (a - b)
+    return 2.0 * forward / (x * x), np.abs(backward) ** 2 / (x * x)
 
 
 def _last_term(x: Numbers) -> Numbers:
@@ -128,8 +128,8 @@ def _terms(x: Numbers, index: complex) -> Iterator[tuple[int, int, Numbers, Numb
     for n in range(1, terms + 1):
         # Beyond its last term a sphere's psi is rounding noise and its chi overflows: drop the sphere. Sizes rise, so
         # the finished ones are at the front.
-        done = int(np.searchsorted(last, n)) - first
-        before, latest, first = before[done:], latest[done:], first + done
+        finished = int(np.searchsorted(last, n)) - first
+        before, latest, first = before[finished:], latest[finished:], first + finished
         size = x[first:]
         before, latest = latest, (2 * n - 1) / size * latest - before
         d = derivative[n, first:]

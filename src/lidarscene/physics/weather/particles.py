@@ -106,18 +106,18 @@ def strengths(
     """
     r = np.geomspace(sight.nearest_m, sight.farthest_m, _RANGES)
     area = sight.beam_area_m2(r)
-    seen = sight.overlap(r) * np.exp(-2.0 * sight.extinction_per_m * r) / (area * r * r)
-    ranked = _Ranked.of(r, sight, sizes, backscatter_m2_sr, gain)
+    strength_per_sigma = sight.overlap(r) * np.exp(-2.0 * sight.extinction_per_m * r) / (area * r * r)
+    ranked = _Ranked.from_sizes(r, sight, sizes, backscatter_m2_sr, gain)
 
     def nearer(strength: Lanes) -> Numbers:
         """(m, n) mean number of particles of at least this strength, up to each range."""
-        needed = np.atleast_1d(strength)[:, None] / np.maximum(seen, 1e-300)
+        needed = np.atleast_1d(strength)[:, None] / np.maximum(strength_per_sigma, 1e-300)
         per_m = area * ranked.brighter_per_m3(needed)
         steps = 0.5 * (per_m[:, 1:] + per_m[:, :-1]) * np.diff(r)
         return np.concatenate([np.zeros((len(per_m), 1)), np.cumsum(steps, axis=1)], axis=1)
 
     # Step 1: Lambda(s) on trial strengths, then its inverse ln s(ln Lambda) on an even grid, with half steps.
-    strongest = float((ranked.brightest * seen).max())
+    strongest = float((ranked.brightest * strength_per_sigma).max())
     trial = strongest * np.geomspace(1.0, 1e-12, 1500)
     expected = np.concatenate([nearer(part)[:, -1] for part in np.array_split(trial, 3)])
     usable = expected > 1e-12
@@ -136,7 +136,7 @@ def strengths(
     share = np.linspace(0.0, 1.0, _SHARES).clip(1e-4, 1.0 - 1e-4)  # the tails are cut
     log_range = np.stack([np.interp(share, row / row[-1], np.log(r)) for row in between])
     # Step 3: backscatter of the rest, the particles below the weakest drawn strength.
-    cut = math.exp(log_strength[-2]) / np.maximum(seen, 1e-300)
+    cut = math.exp(log_strength[-2]) / np.maximum(strength_per_sigma, 1e-300)
     return Strengths(
         count=count,
         log_strength=LookupTable(log_strength[1::2]),
@@ -160,7 +160,7 @@ class _Ranked:
     fainter: Numbers
 
     @classmethod
-    def of(
+    def from_sizes(
         cls,
         range_m: Numbers,
         sight: Sight,
@@ -213,7 +213,7 @@ def medium_backscatter_per_m_sr(
     gain: Callable[..., Numbers],
 ) -> Numbers:
     """(n,) beta of all particles at these ranges, with their gain into the lens; arguments as of `strengths`."""
-    ranked = _Ranked.of(range_m, sight, sizes, backscatter_m2_sr, gain)
+    ranked = _Ranked.from_sizes(range_m, sight, sizes, backscatter_m2_sr, gain)
     return np.asarray(ranked.fainter[:, -1])
 
 
@@ -224,7 +224,7 @@ def hits(tables: Strengths, *, seed: Lanes, pulse: Lanes, first_draw: int = 0) -
     first_draw   first of 2 count random draws; a second population uses later ones
     """
     ops = xp(pulse)
-    found = []
+    particles = []
     expected: Lanes = 0.0
     mean_hits = MEAN_HITS[tables.count]
     for number in range(tables.count):
@@ -234,5 +234,5 @@ def hits(tables: Strengths, *, seed: Lanes, pulse: Lanes, first_draw: int = 0) -
         level = (ops.log(expected) - _FIRST_LOG) / (math.log(mean_hits) - _FIRST_LOG)
         range_m = ops.exp(tables.log_range.at(level, random.open_uniform(words[1][0])))
         strength = ops.where(expected <= mean_hits, ops.exp(tables.log_strength.at(level)), 0.0)
-        found.append((range_m, strength))
-    return found
+        particles.append((range_m, strength))
+    return particles

@@ -131,9 +131,9 @@ def drop_backscatter_m2_sr(*, diameter_m: Lanes, wavelength_m: float) -> Lanes:
     A perfect sphere adds a glory, tens of times as bright, within about lambda / D of straight back: of drops below a
     millimetre `physics.weather.glory` adds it.
     """
-    front, back, absorption_per_m = _drop_rays(wavelength_m)
+    front_face, back_face, absorption_per_m = _drop_rays(wavelength_m)
     fading = xp(diameter_m).exp(-2.0 * absorption_per_m * diameter_m)
-    return diameter_m * diameter_m * (front + back * fading) / 16.0
+    return diameter_m * diameter_m * (front_face + back_face * fading) / 16.0
 
 
 def rain_backscatter_per_m_sr(*, rate_mm_h: float, wavelength_m: float) -> float:
@@ -141,9 +141,9 @@ def rain_backscatter_per_m_sr(*, rate_mm_h: float, wavelength_m: float) -> float
     if rate_mm_h <= 0.0:
         return 0.0
     sizes = marshall_palmer(rate_mm_h=rate_mm_h)
-    front, back, absorption_per_m = _drop_rays(wavelength_m)
+    front_face, back_face, absorption_per_m = _drop_rays(wavelength_m)
     faded = sizes.slope_per_m + 2.0 * absorption_per_m
-    return sizes.intercept_per_m4 / 8.0 * (front / sizes.slope_per_m**3 + back / faded**3)
+    return sizes.intercept_per_m4 / 8.0 * (front_face / sizes.slope_per_m**3 + back_face / faded**3)
 
 
 def _drop_rays(wavelength_m: float) -> tuple[float, float, float]:

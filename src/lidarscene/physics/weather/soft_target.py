@@ -58,9 +58,9 @@ def volume_response(
     length = (upper - lower)[:, None]
     r = lower[:, None] + length * share
     shifted_s = (2.0 / SPEED_OF_LIGHT_M_S) * (range_m[:, None] - r)
-    seen = gaussian_pulse(time_s=shifted_s, fwhm_s=fwhm_s) * backscatter_per_m_sr(r)
-    lost = np.exp(-2.0 * extinction_per_m * r) / (r * r)
-    return np.asarray((seen * lost * length) @ np.tile(0.5 * weights / _PANELS, _PANELS))
+    returned = gaussian_pulse(time_s=shifted_s, fwhm_s=fwhm_s) * backscatter_per_m_sr(r)
+    attenuation = np.exp(-2.0 * extinction_per_m * r) / (r * r)
+    return np.asarray((returned * attenuation * length) @ np.tile(0.5 * weights / _PANELS, _PANELS))
 
 
 def share_before_surface(*, range_m: Lanes, surface_m: Lanes, extinction_per_m: Lanes, fwhm_s: Lanes) -> Lanes:

@@ -86,10 +86,10 @@ class Apd:
         avalanche = {"gain": self.gain, "excess_noise": excess, "bandwidth_hz": bandwidth_hz}
         primary = responsivity * background_power_w + self.bulk_dark_current_a
         multiplied = self.gain * primary * apd.shot_variance_per_ampere_a(**avalanche)
-        rest = self.unmultiplied_variance_a2(bandwidth_hz)
-        variance = multiplied + rest
+        unmultiplied = self.unmultiplied_variance_a2(bandwidth_hz)
+        variance = multiplied + unmultiplied
 
-        currents = mcintyre.Currents(primary_a=primary, unmultiplied_a2=rest, **avalanche)
+        currents = mcintyre.Currents(primary_a=primary, unmultiplied_a2=unmultiplied, **avalanche)
 
         def mcintyre_tail(threshold: Lanes) -> Lanes:
             return mcintyre.false_alarm_probability(currents, threshold_a=threshold)

@@ -16,7 +16,7 @@ from ...physics.electronics import sampling, saturation, tdc
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CellMemory:
-    """What decides how long a SiPM remembers an echo, `physics.electronics.sipm_response.left_busy`.
+    """What decides how long a SiPM remembers an echo, `physics.electronics.sipm_response.residual_busy`.
 
     free     cells that the background leaves ready
     rate_hz  at which it fires a ready cell
@@ -125,32 +125,32 @@ class WorkingPoint:
         """Whether probabilities are those of counted cells rather than of a Gaussian."""
         return self.cells is not None
 
-    def filtered(self, by: Filtered) -> WorkingPoint:
+    def filtered(self, response: Filtered) -> WorkingPoint:
         """The same detector behind an amplifier that filters signal and noise; clipping comes after the filter."""
         # Nothing but peaks passes here, so that a cell's response to light, which is not linear, comes first: what is
         # filtered is its signal. Numbers of cells are no longer whole, and count as Gaussian.
         cells = self.saturation is None
         return replace(
             self,
-            noise=self.noise * xp(by.noise).sqrt(by.noise),
-            kappa_1=self.kappa_1 * by.echo_noise / by.peak,
-            kappa_2=self.kappa_2 * by.echo_noise / (by.peak * by.peak),
-            least_threshold=self.least_threshold * by.cell,
-            signal=lambda power_w: by.peak * self.signal(power_w),
-            power_w=lambda signal: self.power_w(signal / by.peak),
+            noise=self.noise * xp(response.noise).sqrt(response.noise),
+            kappa_1=self.kappa_1 * response.echo_noise / response.peak,
+            kappa_2=self.kappa_2 * response.echo_noise / (response.peak * response.peak),
+            least_threshold=self.least_threshold * response.cell,
+            signal=lambda power_w: response.peak * self.signal(power_w),
+            power_w=lambda signal: self.power_w(signal / response.peak),
             cells=None,
             busy=None,
             # Of cells that are no longer whole the law of their counts is void: Rice's takes its place.
             crossings_hz=self.crossings_hz if self.largest is None else None,
-            knee=self.knee * by.peak if cells and self.knee is not None else self.knee,
-            largest=None if self.largest is None else self.largest * by.peak,
+            knee=self.knee * response.peak if cells and self.knee is not None else self.knee,
+            largest=None if self.largest is None else self.largest * response.peak,
         )
 
     def measured(self, signal: Lanes) -> Lanes:
         """A peak as the amplifier passes it on."""
         if self.saturation is None:
             return signal
-        return saturation.clipped(signal=signal, saturation=self.saturation)
+        return saturation.clip(signal=signal, saturation=self.saturation)
 
     def inferred_power_w(
         self, measured: Lanes, *, width_s: Lanes | None, threshold: Lanes, pulse_fwhm_s: Lanes
@@ -215,8 +215,8 @@ class WorkingPoint:
             return self.echo_tail(threshold, signal)
         if self.cells is not None and self.busy is not None:
             return self._tail(threshold, self.cells, self.busy, (self.busy + signal) / self.cells)
-        found = tdc.detection_probability(signal=signal, threshold=threshold, noise_at_peak=sigma)
-        return self.reachable(threshold, found)
+        probability = tdc.detection_probability(signal=signal, threshold=threshold, noise_at_peak=sigma)
+        return self.reachable(threshold, probability)
 
     @staticmethod
     def _tail(threshold: Lanes, cells: Lanes, busy: Lanes, share: Lanes) -> Lanes:

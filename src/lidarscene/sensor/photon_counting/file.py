@@ -87,20 +87,20 @@ class HistogramFile(
             )
         return period
 
-    def summed(self, dwell_us: float) -> int:
+    def shots_per_point(self, dwell_us: float) -> int:
         """Number of shots of a point that the sensor dwells on for so long."""
         if self.shots is not None:
             return self.shots
         if self.pulse_period_us is None:
             raise InputError("histogram: one of shots and pulse_period_us was expected, got none")
         exact = dwell_us / self.pulse_period_us * (1.0 + 1e-9)
-        found = min(round(exact * self.multiplier), math.floor(exact * max(self.multiplier, 1.0)))
-        if found < 1:
+        shots = min(round(exact * self.multiplier), math.floor(exact * max(self.multiplier, 1.0)))
+        if shots < 1:
             raise InputError(
                 f"histogram.pulse_period_us: must be <= {dwell_us * self.multiplier:g}, the time of a point, "
                 f"got {self.pulse_period_us:g}"
             )
-        return found
+        return shots
 
     def build(self, spad: Spad, *, pulse_fwhm_ns: float, dwell_us: float) -> Histogram:
         """In SI units, for a point that the sensor dwells on for so long. Raises InputError."""
@@ -125,7 +125,7 @@ class HistogramFile(
                 f"got {1e9 * float(spad.dead_time_s):g}"
             )
         return self.in_si(
-            shots=float(self.summed(dwell_us)),
+            shots=float(self.shots_per_point(dwell_us)),
             period_s=si(period_us, "us"),
             reach=reach,
             search=search,

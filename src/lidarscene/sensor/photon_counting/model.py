@@ -143,7 +143,7 @@ class Macropixel:
     armed_s: Lanes
 
     @classmethod
-    def under(
+    def for_background(
         cls,
         background_power_w: Lanes,
         spad: Spad,
@@ -263,16 +263,16 @@ class Macropixel:
             share = counts / (self.trials * self.free * self.shade)
             return dead_time.detections_of_share(share=share) / unit
         ops = xp(counts, unit, self.free)
-        nothing = 0.0 * (counts + self.free)
+        zero = 0.0 * (counts + self.free)
 
-        def halved(state: tuple[Lanes, Lanes, Lanes]) -> tuple[Lanes, Lanes, Lanes]:
-            low, high, left = state
+        def halve(state: tuple[Lanes, Lanes, Lanes]) -> tuple[Lanes, Lanes, Lanes]:
+            low, high, steps_left = state
             middle = 0.5 * (low + high)
             above = self.counts(ops.exp(middle)) > counts
-            return ops.where(above, low, middle), ops.where(above, middle, high), left - 1.0
+            return ops.where(above, low, middle), ops.where(above, middle, high), steps_left - 1.0
 
         low, high, _ = ops.loop(
-            (nothing - 20.0, nothing + 9.0, nothing + float(_INVERSIONS)), lambda state: state[2] > 0.5, halved
+            (zero - 20.0, zero + 9.0, zero + float(_INVERSIONS)), lambda state: state[2] > 0.5, halve
         )
         return ops.exp(0.5 * (low + high)) / unit
 
@@ -292,20 +292,20 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
     rate, sigma = pixel.count_rate_hz, pixel.sigma_s
     variance = pixel.variance_share * matched_filter.background_variance(rate_hz=rate, sigma_s=sigma)
     ops = xp(variance)
-    own = matched_filter.OWN_VARIANCE / (pixel.free if pixel.corrected else 1.0)
+    own_variance = matched_filter.OWN_VARIANCE / (pixel.free if pixel.corrected else 1.0)
     most = pixel.trials * (pixel.free * pixel.shade if pixel.spad.coincidence == 1 else 1.0)
-    kappa_2 = 0.0 if pixel.corrected else -own / most
+    kappa_2 = 0.0 if pixel.corrected else -own_variance / most
     background_unit = matched_filter.background_skewness(variance=variance, rate_hz=rate, sigma_s=sigma)
-    own_unit = own * (matched_filter.OWN_SKEWNESS / matched_filter.OWN_VARIANCE)
+    own_unit = own_variance * (matched_filter.OWN_SKEWNESS / matched_filter.OWN_VARIANCE)
     near_counts = rate * histogram.bin_s * (2.0 * histogram.reach + 1.0)
 
     def probability(threshold: Lanes, spread: Lanes | None, signal: Lanes) -> Lanes:
-        shot = ops.maximum(own * signal + kappa_2 * signal * signal, 0.0)
+        shot = ops.maximum(own_variance * signal + kappa_2 * signal * signal, 0.0)
         blurred = 0.0 if spread is None else spread * spread
         total = ops.maximum(variance + shot + blurred, 1e-30)
         unit = (variance * background_unit + shot * own_unit) / total
         share = matched_filter.detection_probability(
-            threshold=threshold, signal=signal, background=variance, own=shot, unit=unit, blurred=blurred
+            threshold=threshold, signal=signal, background=variance, own_variance=shot, unit=unit, blurred=blurred
         )
         if spread is None:
             return share
@@ -322,7 +322,7 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
         lone = ops.maximum(1.0 - returning * (1.0 / SUPPORTED_SHARE), 0.0)
         return lone * histogram.lone_photons, None if spread is None else (1.0 - lone) * spread
 
-    def found(threshold: Lanes, signal: Lanes) -> Lanes:
+    def echo_probability(threshold: Lanes, signal: Lanes) -> Lanes:
         more, spread = beyond_law(threshold, signal)
         return probability(threshold + more, spread, signal)
 
@@ -336,7 +336,7 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
     background = ops.sqrt(rate * ambient_s)
     return WorkingPoint(
         noise=ops.sqrt(variance),
-        kappa_1=own,
+        kappa_1=own_variance,
         kappa_2=kappa_2,
         least_threshold=0.0,
         level=histogram.threshold_floor + histogram.threshold_slope * background,
@@ -344,6 +344,6 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
         power_w=pixel.power_w,
         largest=None if pixel.corrected else most * _LARGEST_SHARE,
         noise_tail=false_peak,
-        echo_tail=found,
+        echo_tail=echo_probability,
         beyond_law=beyond_law,
     )

@@ -99,7 +99,7 @@ def echoes_of_plane(sensor: Sensor, target: Target, range_m: Numbers | float) ->
         irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2, illuminance_klux=target.illuminance_klux
     )
     hits = Hits(
-        found=ranges > 0.0,
+        has_surface=ranges > 0.0,
         range_m=ranges,
         cos_incidence=target.cos_incidence * ones,
         backscatter_per_sr=target.reflectivity * target.cos_incidence / math.pi * ones,

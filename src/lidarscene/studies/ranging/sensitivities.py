@@ -290,7 +290,7 @@ def _light(sensor: Sensor, target: Target, range_m: Lanes) -> Echoes:
     )
     lit = ops.maximum(target.cos_sun, 0.0)
     hits = Hits(
-        found=range_m > 0.0,
+        has_surface=range_m > 0.0,
         range_m=range_m,
         cos_incidence=target.cos_incidence,
         backscatter_per_sr=target.reflectivity * target.cos_incidence / math.pi,

@@ -95,7 +95,7 @@ def test_the_light_of_a_render_is_a_scene() -> None:
             for ranges, powers in (([3.0, 1.0, 5.0], [1e-9, 0.0, 1e-9]), ([4.0, 1.0, 60.0], [2e-9, 0.0, 1e-10]))
         ),
         surfaces=2,
-        found=np.array([True, False, True]),
+        has_surface=np.array([True, False, True]),
         background_power_w=np.array([1e-9, 2e-9, 3e-9]),
     )
     scene = KnownScene.from_light(light, sensor, np.array([7, 8, 9]), spot_over_field=0.5)

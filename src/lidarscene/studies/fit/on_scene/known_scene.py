@@ -119,7 +119,7 @@ class KnownScene:
         if isinstance(light, EchoTrain) and any(part.count != 1 for part in light.parts):
             raise ValueError("light: must be of one ray a pulse, got several")
         parts = light.parts if isinstance(light, EchoTrain) else (light,)
-        mask = np.asarray(light.found)
+        mask = np.asarray(light.has_surface)
         powers = np.stack([np.asarray(part.peak_power_w, np.float64)[mask] for part in parts])
         strongest = np.argmax(powers, axis=0)[None]
         ranges = np.stack([np.asarray(part.range_m, np.float64)[mask] for part in parts])

@@ -103,11 +103,11 @@ def _lay_frame(simulators: Sequence[Simulator], sweep: Sweep, pose: Pose | None,
         for simulator in simulators
     ]
     light = lights[0]
-    met_surface = np.asarray(light.found)
+    met_surface = np.asarray(light.has_surface)
     smooth = np.ones(len(pulse), bool)
     for other_light in lights[1:]:
         difference_m = np.asarray(other_light.parts[0].range_m - light.parts[0].range_m)
-        smooth &= np.asarray(other_light.found) & (np.abs(difference_m) < SAME_M)
+        smooth &= np.asarray(other_light.has_surface) & (np.abs(difference_m) < SAME_M)
     group = block * (rows // ROWS + 1) + row // ROWS
     scene = KnownScene.from_light(light, sensor, group, spot_over_field=spot_over_field(sensor))
     near_ir = None if sweep.near_ir is None else np.asarray(sweep.near_ir, np.float64).T[chosen][met_surface]
@@ -137,10 +137,10 @@ def _select_light(light: EchoTrain, pulse: Numbers) -> EchoTrain:
     for part in light.parts[: light.surfaces]:
         range_m, power_w = (np.asarray(values)[pulse] for values in (part.range_m, part.peak_power_w))
         parts.append(replace(part, range_m=range_m, peak_power_w=power_w))
-    met_surface = np.asarray(light.found)
+    met_surface = np.asarray(light.has_surface)
     background = np.broadcast_to(np.asarray(light.background_power_w, np.float64), met_surface.shape)
     return EchoTrain(
-        parts=tuple(parts), surfaces=len(parts), found=met_surface[pulse], background_power_w=background[pulse]
+        parts=tuple(parts), surfaces=len(parts), has_surface=met_surface[pulse], background_power_w=background[pulse]
     )
 
 
