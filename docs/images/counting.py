@@ -22,7 +22,9 @@ def photon_counting() -> None:
     sensor = lidarscene.load_sensor(SENSOR)
     light = plane.echoes_of_plane(sensor, plane.Target(illuminance_klux=KLUX), np.array([RANGE_M]))
     part = SubEchoes(range_m=light.range_m, peak_power_w=light.peak_power_w, count=1)
-    train = EchoTrain(parts=(part,), surfaces=1, has_surface=light.has_surface, background_power_w=light.background_power_w)
+    train = EchoTrain(
+        parts=(part,), surfaces=1, has_surface=light.has_surface, background_power_w=light.background_power_w
+    )
     shown = histograms(train, sensor, seed=1, pulse=np.zeros(1, dtype=np.uint32))
     metres = 0.5 * SPEED_OF_LIGHT_M_S * shown.time_s
     left.step(metres, shown.counts[0], where="mid", color=LIGHT, linewidth=0.8, label="drawn")

@@ -35,7 +35,9 @@ def response() -> None:
     left.legend(frameon=False, labelcolor=INK)
 
     parts = SubEchoes(range_m=np.array([40.0, 60.0]), peak_power_w=np.array([3e-6, 3e-8]), count=2)
-    light = EchoTrain(parts=(parts,), surfaces=2, has_surface=np.array([True]), background_power_w=np.array([BACKGROUND_W]))
+    light = EchoTrain(
+        parts=(parts,), surfaces=2, has_surface=np.array([True]), background_power_w=np.array([BACKGROUND_W])
+    )
     range_m = np.linspace(35.0, 120.0, 3000)
     for coupling, colour in (("DC-coupled", "#ffc14d"), ("AC-coupled at 500 kHz", "#5ec8f2")):
         override = ["receiver.ac_coupling_khz=500"] if coupling.startswith("AC") else []

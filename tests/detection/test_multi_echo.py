@@ -54,7 +54,9 @@ def test_sub_echoes_at_one_range_are_one_echo(name, sub_echoes):
     power[::17] = 0.0
     weight = random.dirichlet(np.ones(sub_echoes), count)
     light = train(range_m[:, None], power[:, None] * weight)
-    lone = Echoes(has_surface=power > 0.0, range_m=range_m, peak_power_w=power, background_power_w=light.background_power_w)
+    lone = Echoes(
+        has_surface=power > 0.0, range_m=range_m, peak_power_w=power, background_power_w=light.background_power_w
+    )
     wanted = returns.detect(lone, equipped, seed=0, pulse=np.arange(count, dtype=np.uint32))
     found = detect(light, equipped)
     np.testing.assert_array_equal(found.outcome, wanted.outcome)
@@ -189,7 +191,9 @@ def test_a_tilted_board_widens_the_echo(tilt_deg, rays):
     across = points("gaussian", rays)[:, 0] * radius
     equipped = sensor("table1-apd")
     time_s = 2.0 * 100.0 / SPEED_OF_LIGHT_M_S + np.arange(-60.0, 60.0, 0.02) * SIGMA_S
-    watts = sample_power_and_signal(train((100.0 + across * tangent)[None], np.full((1, rays), 1e-6 / rays)), equipped, time_s)[0][0]
+    watts = sample_power_and_signal(
+        train((100.0 + across * tangent)[None], np.full((1, rays), 1e-6 / rays)), equipped, time_s
+    )[0][0]
     mean = (watts * time_s).sum() / watts.sum()
     variance = (watts * (time_s - mean) ** 2).sum() / watts.sum()
     wanted = pulse_sums.broadened_fwhm_s(

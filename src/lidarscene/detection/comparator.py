@@ -130,7 +130,10 @@ def trailing_level(shots: Shots, trip: Trip, *, threshold: Lanes | None = None, 
     ops, point = xp(trip.signal), shots.point
     words = shots.words(Stage.TRAILING_EDGE, draw)
     correlation = shots.sensor.noise_correlation(lag_s)
-    deviate = correlation * trip.deviate + ops.sqrt(ops.maximum(1.0 - correlation * correlation, 0.0)) * random.normal_pair(words)[0]
+    deviate = (
+        correlation * trip.deviate
+        + ops.sqrt(ops.maximum(1.0 - correlation * correlation, 0.0)) * random.normal_pair(words)[0]
+    )
     return tdc.crossing_level(
         threshold=shots.threshold if threshold is None else threshold,
         deviate=deviate,

@@ -173,7 +173,9 @@ def sampled_pulses(
         if sensor.histogram is None:
             power, signal = sampled_with_memory(pulse_train, sensor, times)
         else:
-            pulse_histograms = histograms(pulse_train, sensor, seed=seed, pulse=(together + first_pulse).astype(np.uint32))
+            pulse_histograms = histograms(
+                pulse_train, sensor, seed=seed, pulse=(together + first_pulse).astype(np.uint32)
+            )
             times, signal = pulse_histograms.time_s, pulse_histograms.expected
             counts.append(pulse_histograms.counts.astype(np.float32))
             power = sampled_power_w(fold(pulse_train, sensor.histogram).train, sensor, times)

@@ -162,7 +162,9 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
     shape = LookupTable(
         soft_target.volume_response(
             range_m=grid,
-            backscatter_per_m_sr=lambda r: np.asarray(overlap.share(r)) * sum(undrawn_backscatter(medium, r) for medium in media),
+            backscatter_per_m_sr=lambda r: (
+                np.asarray(overlap.share(r)) * sum(undrawn_backscatter(medium, r) for medium in media)
+            ),
             extinction_per_m=extinction_per_m,
             fwhm_s=fwhm_s,
             nearest_m=min(nearest_m, 0.1),

@@ -58,7 +58,9 @@ def reported(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[
     return _place_rays(sensor, pulse, direction, origin_m, rotation)
 
 
-def _place_rays(sensor: Sensor, pulse: Lanes, direction: Vector, origin_m: Vector, rotation: tuple[Lanes, ...]) -> Beams:
+def _place_rays(
+    sensor: Sensor, pulse: Lanes, direction: Vector, origin_m: Vector, rotation: tuple[Lanes, ...]
+) -> Beams:
     """Rays in tracing coordinates, from directions in sensor coordinates."""
     start = sensor.scanner.offset_m(pulse)
     # Some scanners send their pulses from points off the sensor's origin; the offset turns with the sensor.

@@ -101,7 +101,9 @@ def join_echoes(
         has_surface=has_surface,
         background_power_w=over_rays(first.background_power_w),
         volume=volume,
-        interference=tuple(replace(source, peak_power_w=of_pulse(source.peak_power_w)) for source in first.interference),
+        interference=tuple(
+            replace(source, peak_power_w=of_pulse(source.peak_power_w)) for source in first.interference
+        ),
         white_w_m2=of_pulse(first.white_w_m2),
     )
 

@@ -158,7 +158,8 @@ def _spectrum(reflectivity: float | tuple[ReflectivityRow, ...]) -> Spectrum:
     if not isinstance(reflectivity, tuple):
         return Spectrum.constant(reflectivity)
     return Spectrum(
-        wavelength_m=si(tuple(row.wavelength_nm for row in reflectivity), "nm"), value=tuple(row.value for row in reflectivity)
+        wavelength_m=si(tuple(row.wavelength_nm for row in reflectivity), "nm"),
+        value=tuple(row.value for row in reflectivity),
     )
 
 

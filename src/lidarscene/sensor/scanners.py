@@ -103,7 +103,9 @@ class SpinningFile(ScannerFile[Spinning]):
             )
         starts = self.forward_mm, self.left_mm, self.height_mm
         x, y, z = (si(values or (0.0,) * lasers, "mm") for values in starts)
-        elevation_deg = [self.elevation_scale * angle_deg + self.elevation_shift_deg for angle_deg in self.elevation_deg]
+        elevation_deg = [
+            self.elevation_scale * angle_deg + self.elevation_shift_deg for angle_deg in self.elevation_deg
+        ]
         if max(map(abs, elevation_deg)) > 90.0:
             raise InputError(f"scanner: elevations must be -90 to 90 degrees, got {max(elevation_deg, key=abs):g}")
         return self.in_si(

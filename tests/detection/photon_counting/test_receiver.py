@@ -377,7 +377,10 @@ def trains(counter, ranges_m, powers_w, count):
     lanes = {"range_m": np.tile(ranges_m, count), "peak_power_w": np.tile(powers_w, count)}
     part = SubEchoes(**lanes, count=len(ranges_m))
     return EchoTrain(
-        parts=(part,), surfaces=len(ranges_m), has_surface=np.ones(count, bool), background_power_w=np.full(count, 1e-10)
+        parts=(part,),
+        surfaces=len(ranges_m),
+        has_surface=np.ones(count, bool),
+        background_power_w=np.full(count, 1e-10),
     )
 
 

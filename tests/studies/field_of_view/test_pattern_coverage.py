@@ -28,7 +28,9 @@ def raster(columns=101, rows=51, step_deg=0.2, rate_hz=50e3):
 def mid40():
     """HELIOS++'s prisms for the Livox Mid-40."""
     wedges = [
-        scan.Wedge.create(rate_hz=100e3, angle_rad=angle * DEG, index=1.51, rotation_hz=turns, phase_rad=0.0, tilted=face)
+        scan.Wedge.create(
+            rate_hz=100e3, angle_rad=angle * DEG, index=1.51, rotation_hz=turns, phase_rad=0.0, tilted=face
+        )
         for angle, turns, face in ((18.7481, -121.5657, "out"), (17.9634, 77.7430, "in"))
     ]
     return scan.Risley.create(rate_hz=100e3, frame_hz=10.0, wedges=wedges)

@@ -203,7 +203,9 @@ class _Receiver(Shots):
         time_s = tdc.quantised(
             time_s=ops.maximum(time_s, 0.0), least_significant_bit_s=converter.least_significant_bit_s
         )
-        accepted = tripped & comparator.accepts_crossing(sensor, arrival_s) & (time_s - state.last_s >= converter.dead_time_s)
+        accepted = (
+            tripped & comparator.accepts_crossing(sensor, arrival_s) & (time_s - state.last_s >= converter.dead_time_s)
+        )
         source, true_range, status = self._source(place)
         # The only echo's are those of the pulse, which `detection` needs in any case.
         snr, probability = self._expected(place, power_w) if self._several else (0.0 * place, 0.0 * place)

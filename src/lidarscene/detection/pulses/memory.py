@@ -129,7 +129,10 @@ def update_memory(shots: Received, rise: Rise, signal: Lanes, residue: Residue |
     place = (last.place * last.amount + older.place * older_amount) / ops.where(total > 0.0, total, 1.0)
     new = Earlier(place=rise.peak, amount=fired), Earlier(place=place, amount=total)
     return tuple(
-        Earlier(place=ops.where(rise.exists, updated.place, old.place), amount=ops.where(rise.exists, updated.amount, old.amount))
+        Earlier(
+            place=ops.where(rise.exists, updated.place, old.place),
+            amount=ops.where(rise.exists, updated.amount, old.amount),
+        )
         for updated, old in zip(new, memory, strict=True)
     )
 

@@ -124,9 +124,7 @@ class Window:
                 closed=so_far.closed | ((sample < 0.5 * threshold) & (place > self.crossing + 1.0)),
             )
 
-        empty = _Centroid(
-            total=zero, moment=zero, count=count, highest=zero, closed=ops.full(self.start, False)
-        )
+        empty = _Centroid(total=zero, moment=zero, count=count, highest=zero, closed=ops.full(self.start, False))
         return self._for_each(step, empty, mask)
 
     def matched(self, samples: Array, centre: Lanes, mask: Mask) -> tuple[Lanes, Lanes]:

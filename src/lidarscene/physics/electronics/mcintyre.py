@@ -145,7 +145,9 @@ def crossings_per_frequency(
     ops = xp(saddle.exponent)
     narrower = ops.sqrt(saddle.variance / ops.maximum(saddle.curvature, _TINY))
     deviations = (excess + primaries * gain) / ops.maximum(amplifier, 1e-3)
-    share = ops.where(primaries > 1e-3, narrower * ops.exp(-saddle.exponent), ops.exp(-primaries - 0.5 * deviations * deviations))
+    share = ops.where(
+        primaries > 1e-3, narrower * ops.exp(-saddle.exponent), ops.exp(-primaries - 0.5 * deviations * deviations)
+    )
     return ops.where(saddle.variance > 0.0, share, 0.0)
 
 

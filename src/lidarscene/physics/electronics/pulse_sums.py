@@ -95,9 +95,7 @@ def broadened_fwhm_s(*, pulse_fwhm_s: Lanes, radius_m: Lanes, tangent: Lanes, li
     return xp(pulse_fwhm_s, spread).sqrt(pulse_fwhm_s * pulse_fwhm_s + spread * spread)
 
 
-def highest_between(
-    evaluate: Callable[[Lanes], Shape], low: Lanes, high: Lanes, *, mask: Mask
-) -> tuple[Lanes, Shape]:
+def highest_between(evaluate: Callable[[Lanes], Shape], low: Lanes, high: Lanes, *, mask: Mask) -> tuple[Lanes, Shape]:
     """Peak of the waveform between two places: its slope is positive at the first and negative at the second.
 
     wanted  (n,) bool, lanes to search; results of other lanes are undefined

@@ -128,7 +128,9 @@ def spot_share(*, profile: str, spot_rad: Lanes, off_axis_rad: Lanes, field_rad:
     within = {"gaussian": gaussian_in_circle, "top_hat": top_hat_in_circle}[profile]
     spot = {"spot_radius": spot_rad, "distance": off_axis_rad}
     ops = xp(spot_rad, off_axis_rad, field_rad, blur_rad)
-    return ops.minimum(ops.maximum(_share_with_blur(lambda r: within(circle_radius=r, **spot), field_rad, blur_rad), 0.0), 1.0)
+    return ops.minimum(
+        ops.maximum(_share_with_blur(lambda r: within(circle_radius=r, **spot), field_rad, blur_rad), 0.0), 1.0
+    )
 
 
 def gaussian_share_on_axis(*, spot_rad: Lanes, field_rad: Lanes, blur_rad: Lanes) -> Lanes:

@@ -182,7 +182,9 @@ def simulated_shots(
     echoes = plane.echoes_of_plane(sensor, target, ones if range_m is None else range_m * ones)
     if range_m is None:
         background = _background_w(sensor, target, True) * ones
-        echoes = dataclasses.replace(echoes, has_surface=ones < 0.0, peak_power_w=0.0 * ones, background_power_w=background)
+        echoes = dataclasses.replace(
+            echoes, has_surface=ones < 0.0, peak_power_w=0.0 * ones, background_power_w=background
+        )
     detection = detect_alone(echoes, sensor, seed=seed, pulse=np.arange(shots, dtype=np.uint32))
     alarms = sum(
         int(np.sum(np.asarray(stop.reported & (stop.status == int(Status.FALSE_ALARM))))) for stop in detection.stops

@@ -51,7 +51,10 @@ class Lit:
             SubEchoes(range_m=np.full(pulses, 1.0), peak_power_w=np.ones(pulses), count=1),  # of rain, not a surface
         ]
         return EchoTrain(
-            parts=tuple(parts), surfaces=1, has_surface=np.arange(pulses) % 7 != 0, background_power_w=np.full(pulses, 2e-9)
+            parts=tuple(parts),
+            surfaces=1,
+            has_surface=np.arange(pulses) % 7 != 0,
+            background_power_w=np.full(pulses, 2e-9),
         )
 
 
