@@ -55,7 +55,7 @@ class Number(Quantity):
 class Table(FileModel, Generic[Made]):
     """Base of ``class LaserFile(Table[Laser])``: a field of Laser with a `FileKey` is a key here, in the file's unit.
 
-    Of a class that is made by its method `create`, the parameters of that. A key that is written out in the table, or in
+    A class with a method `create` has the parameters of that. A key that is written out in the table, or in
     a base of it, takes the place of a declared one. With ``only``, the other fields are no keys. A field that is a
     `SameTable` has its own fields here, in its place.
     """

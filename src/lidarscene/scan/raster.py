@@ -18,7 +18,7 @@ from .base import Encoder, GivenAngles, Jitter
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Raster(GivenAngles):
-    """Even grid of directions, centred on the sensor's x axis, with both edges of the field of view. Made by `create`."""
+    """Even grid of directions around the sensor's x axis, both edges of the field of view included; see `create`."""
 
     columns: int
     rows: int
