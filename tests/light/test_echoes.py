@@ -11,7 +11,7 @@ from helpers.table_1 import K_PD, P_RS, M, sigma_18
 from lidarscene.detection.outcomes import Status
 from lidarscene.light.air_light import overlap_of
 from lidarscene.light.beams import Beams
-from lidarscene.light.echoes import Ambient, hump_of, receive, gather_background
+from lidarscene.light.echoes import Ambient, gather_background, hump_of, receive
 from lidarscene.light.field_of_view import background_power_w, field_of_view
 from lidarscene.light.hits import Hits
 from lidarscene.maths.arrays import LookupTable
