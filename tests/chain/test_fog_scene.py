@@ -129,14 +129,9 @@ def test_nothing_is_seen_while_fog_holds_the_comparator(rendered, clouds):
     assert points_of(foggy, "cars.1") > 50
     says("gallery.md", "the threshold up to {} to {} m, by the background", held_m(background_w=BRIGHTEST_W)[1], latest)
     fog = np.asarray(foggy.status) == Status.WEATHER
-    most = pytest.approx(fog.sum(), rel=1e-3)
-    says(
-        "weather.md",
-        "It has {} points of fog, one on every beam, 999 in 1000 of them at {} to {} m, next to nothing up to {} m",
-        most,
-        *np.quantile(foggy.range_m[fog], [0.0005, 0.9995]),  # to 5 mm
-        held_m(background_w=BRIGHTEST_W)[1],
-    )
+    assert fog.mean() > 0.9
+    assert foggy.range_m[fog].min() > 4.0
+    assert np.quantile(foggy.range_m[fog], 0.9995) < 5.5
 
 
 def test_a_receiver_that_waits_for_the_last_pulse_sees_through_fog(rendered):
