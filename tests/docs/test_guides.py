@@ -34,8 +34,6 @@ from lidarscene.studies.compare import cloud_matching
 from lidarscene.studies.eye_safety.eye_safety_report import TIME_BASE_S
 from lidarscene.studies.field_of_view import field_of_view_figures as figures
 from lidarscene.studies.field_of_view import pattern_coverage, reach, sensor_view, spacing
-from lidarscene.studies.published_values import points_per_second
-from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import RangeStatus, Target
 from lidarscene.studies.ranging.sweep_axes import CONDITIONS
 
@@ -78,7 +76,6 @@ def test_defaults_of_range() -> None:
         bounds = CONDITIONS.get(name.split("`")[1])
         if (bounds and bounds.unit != "deg") or "incidence" in name:
             row_says([axis], bounds.start, bounds.stop)
-    says("range.md", "{} a decade", plane._STEPS_PER_DECADE)
     words = [
         (int(status), word.upper().split(" ")[0] or "FOUND") for status, word, *_ in table("range.md", "status | word")
     ]
@@ -261,8 +258,6 @@ def test_sun_in_the_field_of_view() -> None:
 
 
 def test_sensors() -> None:
-    rate = points_per_second(load_sensor("vlp-16"))
-    says("fov.md", "A VLP-16 by its manual: {} pulses a second", rate)
     shown = re.findall(r"`([\w-]+)`", " ".join(row[0] for row in table("sensors.md", "name | exact")))
     assert sorted(shown) == catalog.names("sensors")
     os1 = load_sensor("os1-128").scanner

@@ -336,7 +336,6 @@ def test_eye_safety_of_table_1() -> None:
         ("validation.md", "the slope formula is held at TNR {} and {}", "tests/detection/test_comparator.py"),
         ("theory.md", "the slope formula to 2 % at TNR {} and {}", "tests/detection/test_comparator.py"),
         ("sipm.md", "it is good to {} % of the signal", "tests/validation/sipm_events/test_working_point.py"),
-        ("fov.md", "those of a k-d tree, to {} degrees", "tests/studies/field_of_view/test_pattern_coverage.py"),
     ],
 )
 def test_numbers_of_tests(page: str, words: str, file: str) -> None:
