@@ -5,7 +5,7 @@ import copy
 import pytest
 
 from lidarscene.errors import InputError
-from lidarscene.files.overrides import addressed, assignments, toml_text, with_overrides
+from lidarscene.files.overrides import assignments, split_sensor, toml_text, with_overrides
 
 TABLES = {"a": {"b": 1, "c": [1, 2]}, "name": "x"}
 
@@ -74,7 +74,7 @@ def test_overrides_of_python_are_those_of_the_command_line() -> None:
 
 
 def test_a_value_may_be_of_one_sensor_alone() -> None:
-    assert addressed("x:a.b=c:1", ("x", "y")) == ("x", "a.b=c:1")
-    assert addressed("a.b=c:1", ("x", "y")) == (None, "a.b=c:1")
+    assert split_sensor("x:a.b=c:1", ("x", "y")) == ("x", "a.b=c:1")
+    assert split_sensor("a.b=c:1", ("x", "y")) == (None, "a.b=c:1")
     with pytest.raises(InputError, match=r"'z' is not among the sensors here: x, y$"):
-        addressed("z:a.b=1", ("x", "y"))
+        split_sensor("z:a.b=1", ("x", "y"))

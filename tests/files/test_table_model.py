@@ -11,7 +11,7 @@ from lidarscene import catalog
 from lidarscene.batch.job_file import JobFile
 from lidarscene.errors import InputError
 from lidarscene.files.table_model import Number
-from lidarscene.files.toml import FileModel, validated
+from lidarscene.files.toml import FileModel, validate
 from lidarscene.materials.file import MaterialFile
 from lidarscene.maths.units import UNITS
 from lidarscene.scene.tables import SceneFile
@@ -94,7 +94,7 @@ def test_values_in_si_units_are_refused(name: str) -> None:
             inner = inner[part]
         inner[place[-1]] = in_si(value, factor)
         with pytest.raises(InputError) as error:
-            validated(SensorFile, changed, name)
+            validate(SensorFile, changed, name)
         told = str(error.value)
         assert told.startswith(f"{name}: {key}"), told
         meant = float(told.partition("did you mean ")[2].partition("?")[0])
@@ -109,7 +109,7 @@ def test_the_line_of_a_pulse_in_seconds() -> None:
     tables = tomllib.loads(catalog.path_of("sensors", "table1-apd").read_text(encoding="utf-8"))
     tables["laser"]["pulse_fwhm_ns"] = 6e-9
     with pytest.raises(InputError) as error:
-        validated(SensorFile, tables, "own.toml")
+        validate(SensorFile, tables, "own.toml")
     assert str(error.value) == "own.toml: laser.pulse_fwhm_ns: must be >= 0.01, got 6e-09: did you mean 6?"
 
 
@@ -130,8 +130,8 @@ def test_a_number_is_nought_or_no_finer_than(value: float, told: str | None) -> 
         x_mm: Annotated[float, Number("mm", ge=-1e4, le=1e4, finest=0.1)]
 
     if told is None:
-        assert validated(Place, {"x_mm": value}, "file").x_mm == value
+        assert validate(Place, {"x_mm": value}, "file").x_mm == value
         return
     with pytest.raises(InputError) as error:
-        validated(Place, {"x_mm": value}, "file")
+        validate(Place, {"x_mm": value}, "file")
     assert str(error.value) == f"file: x_mm: {told}"

@@ -8,7 +8,7 @@ from pydantic import BaseModel
 from lidarscene import catalog
 from lidarscene.errors import InputError
 from lidarscene.files.overrides import with_overrides
-from lidarscene.files.toml import read_toml, validated
+from lidarscene.files.toml import read_toml, validate
 from lidarscene.scene.scene_file import scene_model
 from lidarscene.sensor.file import SensorFile
 
@@ -47,7 +47,7 @@ class Outer(BaseModel):
 def test_only_overrides_to_blame_are_named() -> None:
     tables = with_overrides({}, ["rows=[{ y = 1 }]", "z=3"])
     with pytest.raises(InputError) as caught:
-        validated(Outer, tables, "file", overrides=["rows=[{ y = 1 }]", "z=3"])
+        validate(Outer, tables, "file", overrides=["rows=[{ y = 1 }]", "z=3"])
     assert str(caught.value) == "file --set rows=[{ y = 1 }]: unknown key 'rows[0].y'; known here: x"
 
 
@@ -55,7 +55,7 @@ def test_type_that_is_missing_is_named() -> None:
     tables = read_toml(catalog.folder("sensors") / "table1-apd.toml")
     del tables["detector"]["type"]
     with pytest.raises(InputError, match=r"^file: key 'detector\.type' is missing$"):
-        validated(SensorFile, tables, "file")
+        validate(SensorFile, tables, "file")
 
 
 def test_a_scene_names_the_override_that_is_to_blame(tmp_path: Path) -> None:

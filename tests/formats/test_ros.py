@@ -10,7 +10,7 @@ from helpers.clouds import small_cloud
 from helpers.formats import file_of, need, rotated
 
 from lidarscene.cloud.point_cloud import PointCloud
-from lidarscene.formats.ros import structured
+from lidarscene.formats.ros import structured_rows
 
 LAYOUTS = {
     "velodyne": {"x": (0, 7), "y": (4, 7), "z": (8, 7), "intensity": (12, 7), "ring": (16, 4), "time": (18, 7)},
@@ -116,7 +116,7 @@ def test_a_bag_of_several_frames(tmp_path: Path, library: Any) -> None:
 
 def test_layouts_are_those_of_the_drivers() -> None:
     """velodyne_pointcloud (datatypes.hpp: PointXYZIRT, packed) and ouster_ros (point.h: aligned to 16 bytes)."""
-    velodyne, ouster = (structured(small_cloud(1), layout).dtype.fields or {} for layout in ("velodyne", "ouster"))
+    velodyne, ouster = (structured_rows(small_cloud(1), layout).dtype.fields or {} for layout in ("velodyne", "ouster"))
     place = {name: (velodyne[name][1], velodyne[name][0].str) for name in ("x", "y", "z", "intensity", "ring", "time")}
     assert place == {
         "x": (0, "<f4"),
@@ -149,7 +149,7 @@ def test_numbers_of_the_ouster_driver() -> None:
         "reflectivity": [0.104, 0.0, 700.0],
         "ambient": [2.6, -1.0, 70_000.0],
     }
-    rows = structured(small_cloud(3, **{name: np.array(values) for name, values in columns.items()}), "ouster")
+    rows = structured_rows(small_cloud(3, **{name: np.array(values) for name, values in columns.items()}), "ouster")
     assert rows["t"].tolist() == [0, 2, 2**32 - 1]
     assert rows["range"].tolist() == [1001, 0, 12346]
     assert rows["reflectivity"].tolist() == [10, 0, 65535]

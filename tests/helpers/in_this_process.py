@@ -12,7 +12,7 @@ from helpers.command_line import WALL, Ran, Run
 from lidarscene.cli import main
 from lidarscene.figures import intervals, lines, maps, pictures
 from lidarscene.figures.canvas import Canvas
-from lidarscene.files.encodings.png import encoded
+from lidarscene.files.encodings.png import encode_png
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -72,7 +72,7 @@ def draw_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 
     _arrange_nothing(monkeypatch)
     whole, pixel = Figure.savefig, Figure(figsize=(0.01, 0.01))
-    white = encoded(np.full((1, 1, 3), 255, np.uint8))
+    white = encode_png(np.full((1, 1, 3), 255, np.uint8))
 
     def saved(_: Figure, path: Any, **options: Any) -> None:
         kept = {key: value for key, value in options.items() if key in ("format", "metadata")}

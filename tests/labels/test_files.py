@@ -19,7 +19,7 @@ from lidarscene.errors import InputError
 from lidarscene.files import spool
 from lidarscene.formats.registry import DATASETS, LABELS
 from lidarscene.labels import gathered, kinds, kitti_dataset
-from lidarscene.labels.boxes import Box, box_of, boxes, upright
+from lidarscene.labels.boxes import Box, box_of, boxes, upright_size_and_yaw
 from lidarscene.labels.files import (
     CAMERA,
     PICTURE_PX,
@@ -139,7 +139,7 @@ def test_upright_boxes_hold_the_corners() -> None:
     """A box that leans: the upright one around it holds all its corners, and touches them."""
     pose = Pose.from_degrees(yaw_deg=40.0, pitch_deg=10.0, roll_deg=5.0)
     box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=pose)
-    size_m, yaw = upright(box)
+    size_m, yaw = upright_size_and_yaw(box)
     assert yaw == pytest.approx(math.radians(40.0))
     local = np.abs(box.corners_m() @ street.at(0, 0, 0, 40.0).rotation)
     np.testing.assert_allclose(local.max(axis=0), 0.5 * size_m, atol=1e-12)
@@ -484,7 +484,7 @@ def test_open3d_ml_opens_a_kitti_dataset(
     found = [b.seen_from(street.SENSOR) for b in boxes(street_cloud, street.scene())]
     assert [b.label_class for b in data["bounding_boxes"]] == ["Car", "Car", "DontCare"]  # it knows no "Misc"
     for theirs, ours in zip(data["bounding_boxes"], found, strict=True):
-        (length, width, height), yaw = upright(ours)
+        (length, width, height), yaw = upright_size_and_yaw(ours)
         np.testing.assert_allclose(theirs.center, ours.pose.position_m, atol=2e-4)
         np.testing.assert_allclose(theirs.size, [width, height, length], atol=1e-4)
         np.testing.assert_allclose(theirs.front, [math.cos(yaw), math.sin(yaw), 0.0], atol=1e-4)

@@ -3,7 +3,7 @@
 import pytest
 
 from lidarscene.errors import InputError
-from lidarscene.files.toml import validated
+from lidarscene.files.toml import validate
 from lidarscene.materials.file import MaterialFile
 
 
@@ -12,7 +12,7 @@ def rows(*pairs: tuple[float, float]) -> tuple[dict[str, float], ...]:
 
 
 def read(**table: object) -> MaterialFile:
-    return validated(MaterialFile, table, "sheet.toml")
+    return validate(MaterialFile, table, "sheet.toml")
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from lidarscene.errors import InputError
 from lidarscene.files.table_model import Table
-from lidarscene.files.toml import validated
+from lidarscene.files.toml import validate
 from lidarscene.maths.units import UNITS, FileKey, Quantity, SameTable, si
 from lidarscene.scene import scene_file as _scene  # noqa: F401 all tables are known once it is
 from lidarscene.sensor import file as _sensor  # noqa: F401
@@ -79,13 +79,13 @@ class RowFile(Table[Row]):
 
 
 def test_lists_of_a_class_that_is_made_by_its_method() -> None:
-    assert validated(RowFile, {"times_ns": [3.0, 5]}, "file").in_si() == Row((3.0 * 1e-9, 5.0 * 1e-9))
-    both = validated(RowFile, {"times_ns": [3.0, 5], "more_us": [0.1]}, "file").in_si()
+    assert validate(RowFile, {"times_ns": [3.0, 5]}, "file").in_si() == Row((3.0 * 1e-9, 5.0 * 1e-9))
+    both = validate(RowFile, {"times_ns": [3.0, 5], "more_us": [0.1]}, "file").in_si()
     assert both == Row((3.0 * 1e-9, 5.0 * 1e-9, 0.1 * 1e-6))
     with pytest.raises(InputError, match="times_ns: must be a list of at least 2"):
-        validated(RowFile, {"times_ns": [3.0]}, "file")
+        validate(RowFile, {"times_ns": [3.0]}, "file")
     with pytest.raises(InputError, match=r"times_ns\[1\]: must be >= 1, got 0.5"):
-        validated(RowFile, {"times_ns": [3.0, 0.5]}, "file")
+        validate(RowFile, {"times_ns": [3.0, 0.5]}, "file")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,7 +139,7 @@ def test_a_table_has_the_declared_keys() -> None:
 def test_a_table_makes_what_declares_it() -> None:
     assert LampFile(width_ns=3.0).in_si() == Lamp(width_s=3.0 * 1e-9, count=3)
     tables = {"width_ns": 7.3, "power_w": 1, "radius_mm": 7.3, "tilt_deg": 7.3, "cells": 9, "form": "square"}
-    found = validated(LampFile, tables, "file").in_si(inner=1.0)
+    found = validate(LampFile, tables, "file").in_si(inner=1.0)
     assert found == Lamp(
         width_s=7.3 * 1e-9,
         power_w=1.0,
@@ -171,7 +171,7 @@ def test_a_table_makes_what_declares_it() -> None:
 )
 def test_mistakes_are_told_as_of_every_file(tables: dict[str, Any], told: str) -> None:
     with pytest.raises(InputError) as error:
-        validated(LampFile, tables, "file")
+        validate(LampFile, tables, "file")
     assert str(error.value) == told
 
 
@@ -189,7 +189,7 @@ class StreetFile(Table[Street]):
 def test_a_part_has_its_keys_in_the_table_of_the_whole() -> None:
     whole = list(StreetFile.model_fields)
     assert whole == ["name", "width_ns", "power_w", "radius_mm", "tilt_deg", "cells", "count", "form", "length_km"]
-    found = validated(StreetFile, {"width_ns": 3.0, "length_km": 2.0}, "file").in_si(inner=1.0)
+    found = validate(StreetFile, {"width_ns": 3.0, "length_km": 2.0}, "file").in_si(inner=1.0)
     assert found == Street(lamp=Lamp(width_s=3.0 * 1e-9, inner=1.0), length_m=2000.0)
 
 

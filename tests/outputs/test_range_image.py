@@ -20,7 +20,7 @@ def test_png_in_pillow(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     colours, grey = rng.integers(0, 256, (5, 7, 3), np.uint8), rng.integers(0, 65536, (6, 3), np.uint16)
     for image in (colours, grey):
-        (tmp_path / "a.png").write_bytes(png.encoded(image, text={"Title": "naïve"}))
+        (tmp_path / "a.png").write_bytes(png.encode_png(image, text={"Title": "naïve"}))
         with PIL.Image.open(tmp_path / "a.png") as theirs:
             np.testing.assert_array_equal(np.asarray(theirs), image)
             assert theirs.text == {"Title": "naïve"}

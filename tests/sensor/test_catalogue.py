@@ -15,7 +15,7 @@ from helpers import chain
 from lidarscene import Simulator, catalog
 from lidarscene.cli import main
 from lidarscene.errors import InputError
-from lidarscene.files.toml import validated
+from lidarscene.files.toml import validate
 from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.catalogue import published as catalogue_published
 from lidarscene.sensor.detectors import Apd
@@ -363,7 +363,7 @@ def test_check_of_an_unknown_sensor(capsys: pytest.CaptureFixture[str]) -> None:
 )
 def test_published_must_be_complete(tables: dict[str, Any], told: str) -> None:
     with pytest.raises(InputError, match=told):
-        validated(PublishedFile, tables, "file")
+        validate(PublishedFile, tables, "file")
 
 
 def tables_of(name: str) -> dict[str, Any]:

@@ -132,7 +132,7 @@ def check_text(arguments: argparse.Namespace) -> Answer:
 
 
 def _mistakes(path: Path, kind: str | None) -> Iterator[str]:
-    from ..files.toml import faults, read_toml
+    from ..files.toml import list_mistakes, read_toml
     from ..scene.scene_file import scene_path
 
     try:
@@ -142,7 +142,7 @@ def _mistakes(path: Path, kind: str | None) -> Iterator[str]:
             return
         tables = read_toml(path)
         kind = kind or _kind_of(tables)
-        found = faults(file_models()[kind], tables)
+        found = list_mistakes(file_models()[kind], tables)
         yield from (f"{path}: {line}" for line in found)
         if not found:
             yield from _whole(kind, path)

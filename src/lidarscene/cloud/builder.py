@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..formats.cloud_columns import NAMES, OF_VECTORS, TRUTH, Cloud, Fields, attributes, fitted, is_constant
+from ..formats.cloud_columns import NAMES, OF_VECTORS, TRUTH, Cloud, Fields, attributes, freeze_column, is_constant
 from ..maths.arrays import Numbers
 
 
@@ -42,7 +42,7 @@ class CloudBuilder:
             raise ValueError(f"CloudBuilder.append: columns missing, unknown or not as before: {differing}")
         n = len(columns["xyz_m"])
         # Only shapes and types are checked here; the values once, when the cloud is made.
-        checked = {a: fitted(a, columns[a], n) for a in expected}
+        checked = {a: freeze_column(a, columns[a], n) for a in expected}
         self._chunks += 1
         if self._chunks == 1:
             self._columns, self._points = checked, n

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from ..files.encodings.png import encoded
+from ..files.encodings.png import encode_png
 from ..files.open3d import open3d
-from ..files.optional import optional
+from ..files.optional import import_optional
 from ..formats.cloud_columns import Cloud
 from ..maths.arrays import Numbers
 from .pixels import camera_for, eye_dome_picture, splat, unpacked
@@ -28,7 +28,7 @@ NEAR, MIDDLE, FAR = (255, 214, 102), (70, 190, 190), (72, 76, 160)
 
 def to_pandas(cloud: Cloud) -> Any:
     """See `PointCloud.to_pandas`."""
-    pandas = optional("pandas", extra="pandas")
+    pandas = import_optional("pandas", extra="pandas")
     frame = pandas.DataFrame({c.name: cloud.column(c.name) for c in cloud.columns}, copy=False)
     frame.attrs.update(cloud.metadata)
     return frame
@@ -36,7 +36,7 @@ def to_pandas(cloud: Cloud) -> Any:
 
 def to_torch(cloud: Cloud) -> Any:
     """See `PointCloud.to_torch`."""
-    torch = optional("torch")
+    torch = import_optional("torch")
     with warnings.catch_warnings():
         # Our arrays are read-only, which tensors cannot be.
         warnings.simplefilter("ignore", UserWarning)
@@ -71,7 +71,7 @@ def thumbnail(cloud: Cloud) -> bytes:
     part = ((order - low) / max(float(high - low), 1e-6)).clip(0, 1)
     rgb = np.stack([np.interp(part, (0, 0.5, 1), channel) for channel in zip(NEAR, MIDDLE, FAR, strict=True)], 1)
     image, _ = eye_dome_picture(front, rgb.astype(np.uint8), background=np.array(BACKGROUND, np.uint8), reduction=2)
-    return encoded(unpacked(image))
+    return encode_png(unpacked(image))
 
 
 def to_html(cloud: Cloud) -> str:

@@ -27,13 +27,13 @@ from ..formats.cloud_columns import (
     VECTORS,
     Column,
     attributes,
-    fitted,
     frame_starts_s,
+    freeze_column,
     is_constant,
-    numbers,
+    parse_numbers,
     sensor_positions_m,
 )
-from ..formats.described import reading
+from ..formats.described import input_errors
 from ..formats.registry import FORMATS, format_of
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
@@ -108,7 +108,7 @@ class PointCloud:
             raise ValueError("PointCloud: normals and velocities come all together, and with the truth fields")
         n = len(self.xyz_m)
         for attribute in attributes(truth=not absent, vectors=not without):
-            array = fitted(attribute, getattr(self, attribute), n)
+            array = freeze_column(attribute, getattr(self, attribute), n)
             if not checked:
                 _check_nan(attribute, array)
             object.__setattr__(self, attribute, array)
@@ -167,7 +167,7 @@ class PointCloud:
         if self.metadata.get("frame", "sensor") == "sensor":
             return Pose()
         text = self.metadata.get("sensor_rotation", "1 0 0 0 1 0 0 0 1")
-        turned = numbers(text, "sensor_rotation", (-1, 3, 3))[0]
+        turned = parse_numbers(text, "sensor_rotation", (-1, 3, 3))[0]
         return Pose(position_m=self.sensor_position_m, rotation=turned)
 
     @property
@@ -183,7 +183,7 @@ class PointCloud:
         """
         if SENSOR_TO_WORLD not in self.metadata:
             return None
-        rows = numbers(self.metadata[SENSOR_TO_WORLD], SENSOR_TO_WORLD, (3, 4))
+        rows = parse_numbers(self.metadata[SENSOR_TO_WORLD], SENSOR_TO_WORLD, (3, 4))
         return Pose(position_m=rows[:, 3], rotation=rows[:, :3])
 
     @property
@@ -325,7 +325,7 @@ class PointCloud:
                 f"those that do: {', '.join(n for n, f in FORMATS.items() if f.read)}"
             )
         fields = chosen.read(path)
-        with reading(path):
+        with input_errors(path):
             return PointCloud(**fields)
 
     def to_structured(self) -> Numbers:
@@ -373,7 +373,7 @@ class PointCloud:
         height_px  of the frame in the notebook
         The object returned also has `save(path)`, which writes the page. Raises InputError.
         """
-        return facts.viewed(self, scene=scene, sensor=sensor, height_px=height_px)
+        return facts.show_with_viewer(self, scene=scene, sensor=sensor, height_px=height_px)
 
     def _repr_png_(self) -> bytes:
         """A small picture, for notebooks."""

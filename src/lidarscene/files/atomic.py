@@ -34,10 +34,10 @@ def atomic_output(path: str | os.PathLike[str], *, synced: bool = True) -> Itera
     temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
     if temporary in _ours:
         raise OutputError(f"{path}: is being written by another thread of this process")
-    made: list[Path] = []
+    new_folders: list[Path] = []
     _ours.add(temporary)
     try:
-        made = _make_folders(target.parent)
+        new_folders = _make_folders(target.parent)
         _remove_stale(target)
         with open(temporary, "wb"):
             pass
@@ -49,10 +49,10 @@ def atomic_output(path: str | os.PathLike[str], *, synced: bool = True) -> Itera
             with suppress(OSError):  # some file systems cannot sync a folder
                 _sync(target.parent, os.O_RDONLY)
     except OSError as error:
-        _remove(temporary, made)
+        _remove(temporary, new_folders)
         raise _unwritable(path, error) from error
     except BaseException:
-        _remove(temporary, made)
+        _remove(temporary, new_folders)
         raise
     finally:
         _ours.discard(temporary)
@@ -74,12 +74,12 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     target = _folder_target(path)
     # Inside a folder that is there: it may be a disk of its own, onto which nothing can be renamed.
-    beside = target / target.name if target.exists() else target
-    temporary = beside.with_name(f".{target.name}.{os.getpid()}.part")
-    made: list[Path] = []
+    beside_path = target / target.name if target.exists() else target
+    temporary = beside_path.with_name(f".{target.name}.{os.getpid()}.part")
+    new_folders: list[Path] = []
     try:
-        made = _make_folders(temporary.parent)
-        _remove_stale(beside)
+        new_folders = _make_folders(temporary.parent)
+        _remove_stale(beside_path)
         temporary.mkdir()
         yield temporary
         if not target.exists():
@@ -87,13 +87,13 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         for file in sorted(temporary.iterdir()) if temporary.exists() else ():
             os.replace(file, target / file.name)
     except OSError as error:
-        _remove(temporary, made)
+        _remove(temporary, new_folders)
         raise _unwritable(path, error) from error
     except OutputError as error:
-        _remove(temporary, made)
+        _remove(temporary, new_folders)
         raise OutputError(str(error).replace(str(temporary), os.fspath(path))) from error
     except BaseException:
-        _remove(temporary, made)
+        _remove(temporary, new_folders)
         raise
     _remove(temporary, [])
 
@@ -118,19 +118,19 @@ def _folder_target(path: str | os.PathLike[str]) -> Path:
     return target
 
 
-def named(path: str | os.PathLike[str], take: Callable[..., None]) -> Callable[..., None]:
+def name_path_in_errors(path: str | os.PathLike[str], append: Callable[..., None]) -> Callable[..., None]:
     """Wrap a function so that its OSError becomes an OutputError that names this path.
 
     For several files that are written at once: each `atomic_output` would take the errors of the others for its own.
     """
 
-    def taken(*arguments: Any) -> None:
+    def append_or_name(*arguments: Any) -> None:
         try:
-            take(*arguments)
+            append(*arguments)
         except OSError as error:
             raise _unwritable(path, error) from error
 
-    return taken
+    return append_or_name
 
 
 def _unwritable(path: str | os.PathLike[str], error: OSError) -> OutputError:
@@ -141,15 +141,15 @@ def require_writable(path: str | os.PathLike[str]) -> None:
     """Raise the OutputError that writing this file would raise, before hours of work go into its content."""
     target = _target(path)
     probe = target.with_name(f".{target.name}.{os.getpid()}.part")
-    made: list[Path] = []
+    new_folders: list[Path] = []
     try:
-        made = _make_folders(target.parent)
+        new_folders = _make_folders(target.parent)
         with open(probe, "wb"):
             pass
     except OSError as error:
         raise _unwritable(path, error) from error
     finally:
-        _remove(probe, made)
+        _remove(probe, new_folders)
 
 
 def _target(path: str | os.PathLike[str]) -> Path:

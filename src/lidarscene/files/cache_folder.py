@@ -14,9 +14,9 @@ VARIABLE = "LIDARSCENE_CACHE"
 
 def cache_folder(name: str) -> Path | None:
     """Folder for files of one kind, which need not exist; None: nothing is kept."""
-    given = os.environ.get(VARIABLE)
-    if given is not None:
-        return Path(given) / name if given else None
+    folder = os.environ.get(VARIABLE)
+    if folder is not None:
+        return Path(folder) / name if folder else None
     with suppress(RuntimeError):  # no home
         base = os.environ.get("LOCALAPPDATA" if os.name == "nt" else "XDG_CACHE_HOME")
         return (Path(base) if base else Path.home() / ".cache") / "lidarscene" / name

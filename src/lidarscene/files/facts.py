@@ -10,12 +10,12 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 
-def line(kind: str, name: str, facts: Mapping[str, str]) -> str:
+def facts_line(kind: str, name: str, facts: Mapping[str, str]) -> str:
     """Such as `Scene('car': bodies 12, triangles 34,567)`."""
     return f"{kind}({name!r}: {', '.join(f'{key} {value}' for key, value in facts.items())})"
 
 
-def table(kind: str, name: str, facts: Mapping[str, str]) -> str:
+def facts_table(kind: str, name: str, facts: Mapping[str, str]) -> str:
     """The same as HTML."""
     rows = "".join(f"<tr><th>{html.escape(k)}</th><td>{html.escape(v)}</td></tr>" for k, v in facts.items())
     return f"<table><caption>{html.escape(f'{kind} {name}')}</caption>{rows}</table>"
@@ -26,10 +26,10 @@ _VIEWERS: list[Callable[..., Any]] = []
 
 
 def view_with(viewer: Callable[..., Any]) -> None:
-    """Let `viewed` call this one; `lidarscene` itself does so."""
+    """Let `show_with_viewer` call this one; `lidarscene` itself does so."""
     _VIEWERS[:] = [viewer]
 
 
-def viewed(thing: object, **options: Any) -> Any:
+def show_with_viewer(viewable: object, **options: Any) -> Any:
     """What the viewer makes of a cloud or a scene."""
-    return _VIEWERS[0](thing, **options)
+    return _VIEWERS[0](viewable, **options)

@@ -26,7 +26,7 @@ FREE_UNPACKED = 1 << 30
 NOT_THERE = (errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG)
 
 
-def require_file(path: str | os.PathLike[str], what: str = "a file", *, largest: int | None = None) -> None:
+def require_file(path: str | os.PathLike[str], kind: str = "a file", *, largest: int | None = None) -> None:
     """Raise InputError, in one line, unless this is a regular file of at most ``largest`` bytes.
 
     what  the kind of file that was expected, for the message: "a TOML file"
@@ -40,13 +40,13 @@ def require_file(path: str | os.PathLike[str], what: str = "a file", *, largest:
             raise InputError(f"{path}: no such file") from None
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     if stat.S_ISDIR(about.st_mode):
-        raise InputError(f"{path}: must be {what}, got a folder")
+        raise InputError(f"{path}: must be {kind}, got a folder")
     # What the system makes up is a device in all but name: /proc/kmsg waits for the kernel to say something.
     if not stat.S_ISREG(about.st_mode) or os.path.realpath(path).startswith(("/proc/", "/sys/")):
-        raise InputError(f"{path}: must be {what}, got a device or pipe")
+        raise InputError(f"{path}: must be {kind}, got a device or pipe")
     if largest is not None and about.st_size > largest:
         raise InputError(
-            f"{path}: must be {what} of at most {largest / 2**20:.0f} MiB, got {about.st_size / 2**20:.0f} MiB"
+            f"{path}: must be {kind} of at most {largest / 2**20:.0f} MiB, got {about.st_size / 2**20:.0f} MiB"
         )
 
 
@@ -62,6 +62,6 @@ def require_unpacked(packed: int, unpacked: int) -> None:
 def require_archive(file: IO[bytes]) -> None:
     """The same of a zip archive, such as NPZ: by the sizes in its directory, which the reader keeps to."""
     with zipfile.ZipFile(file) as archive:
-        unpacked = sum(one.file_size for one in archive.infolist())
+        unpacked = sum(member.file_size for member in archive.infolist())
     require_unpacked(os.fstat(file.fileno()).st_size, unpacked)
     file.seek(0)

@@ -26,16 +26,16 @@ def open3d() -> ModuleType:
     """Return the `open3d` module. Raises LidarSceneError, in one line, with what to install and the loader's error."""
     try:
         try:
-            return _imported()
+            return _import()
         except (ImportError, OSError) as error:
             if LIBUSB not in str(error) or not _preload_libusb():
                 raise
-            return _imported()
+            return _import()
     except (ImportError, OSError) as error:
         raise LidarSceneError(_advice(error)) from error
 
 
-def _imported() -> ModuleType:
+def _import() -> ModuleType:
     import open3d as module
 
     return module  # type: ignore[no-any-return]

@@ -26,7 +26,7 @@ EXTRAS = {
 """Groups of pyproject.toml: module that is imported, and the package that brings it."""
 
 
-def optional(module: str, *, extra: str = "") -> Any:
+def import_optional(module: str, *, extra: str = "") -> Any:
     """Import a module.
 
     extra  group of `EXTRAS` that brings it; "" if none does
@@ -46,4 +46,4 @@ def optional(module: str, *, extra: str = "") -> Any:
 def require(extra: str) -> None:
     """Raise LidarSceneError if any module of this group cannot be imported."""
     for module in EXTRAS[extra]:
-        optional(module, extra=extra)
+        import_optional(module, extra=extra)

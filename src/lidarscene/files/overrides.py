@@ -23,7 +23,7 @@ def with_overrides(tables: Mapping[str, Any], assignments: Iterable[str], *, opt
 
     option  the command line's option for them
     """
-    result: dict[str, Any] = _copied(tables)
+    result: dict[str, Any] = _copy(tables)
     for assignment in assignments:
         _, equals, text = assignment.partition("=")
         path = key_path(assignment)
@@ -34,9 +34,9 @@ def with_overrides(tables: Mapping[str, Any], assignments: Iterable[str], *, opt
             part = path[depth - 1]  # names of tables in lists have become numbers
             table = table.setdefault(part, {}) if isinstance(table, dict) else table[int(part)]
             if _is_list_of_tables(table):
-                path = path[:depth] + numbered(path[depth:], table)
+                path = path[:depth] + number_list_entries(path[depth:], table)
                 if not path[depth].isdecimal() or int(path[depth]) >= len(table) or depth + 1 == len(path):
-                    choices = ", ".join(str(one.get("name", i)) for i, one in enumerate(table))
+                    choices = ", ".join(str(entry.get("name", i)) for i, entry in enumerate(table))
                     raise InputError(
                         f"{option} {assignment}: must be {'.'.join(path[:depth])}.NAME.KEY, with a name of {choices}"
                     )
@@ -55,24 +55,24 @@ def assignments(overrides: Overrides, *, name: str = "overrides") -> tuple[str, 
     if isinstance(overrides, str):
         return (overrides,)
     if isinstance(overrides, Mapping):
-        return tuple(_assigned(overrides))
+        return tuple(_iter_assignments(overrides))
     listed = tuple(overrides) if isinstance(overrides, Iterable) else (None,)
-    if all(isinstance(one, str) for one in listed):
+    if all(isinstance(text, str) for text in listed):
         return listed
     raise InputError(
-        f'{name}: must be "key=value", a list of these, or a dict of values by key, got {shown(overrides)}'
+        f'{name}: must be "key=value", a list of these, or a dict of values by key, got {short_text(overrides)}'
     )
 
 
-def _assigned(tables: Mapping[str, Any], path: str = "") -> Iterator[str]:
+def _iter_assignments(tables: Mapping[str, Any], path: str = "") -> Iterator[str]:
     for key, value in tables.items():
         if isinstance(value, Mapping):
-            yield from _assigned(value, f"{path}{key}.")
+            yield from _iter_assignments(value, f"{path}{key}.")
         else:
-            yield f"{path}{key}={toml_text(_plain(value))}"
+            yield f"{path}{key}={toml_text(_to_builtin(value))}"
 
 
-def _plain(value: Any) -> Any:
+def _to_builtin(value: Any) -> Any:
     """A value without NumPy, and a path as its text."""
     if isinstance(value, os.PathLike):
         return os.fspath(value)
@@ -88,19 +88,19 @@ def key_path(assignment: str) -> list[str]:
 
 
 def _is_list_of_tables(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(one, dict) for one in value)
+    return isinstance(value, list) and bool(value) and all(isinstance(entry, dict) for entry in value)
 
 
-def numbered(path: list[str], tables: Any) -> list[str]:
+def number_list_entries(path: list[str], tables: Any) -> list[str]:
     """Return the path with names of tables in lists replaced by their numbers; unknown names stay."""
     keys = []
     for part in path:
         if _is_list_of_tables(tables):
-            names = [one.get("name") for one in tables]
+            names = [table.get("name") for table in tables]
             part = str(names.index(part)) if part in names else part
-            tables = inside(tables, int(part)) if part.isdecimal() else None
+            tables = get_entry(tables, int(part)) if part.isdecimal() else None
         else:
-            tables = inside(tables, part)
+            tables = get_entry(tables, part)
         keys.append(part)
     return keys
 
@@ -108,9 +108,9 @@ def numbered(path: list[str], tables: Any) -> list[str]:
 def toml_text(value: Any) -> str:
     """Return a value as it is written in TOML, in one line."""
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{json.dumps(key)} = {toml_text(one)}" for key, one in value.items()) + "}"
+        return "{" + ", ".join(f"{json.dumps(key)} = {toml_text(inner)}" for key, inner in value.items()) + "}"
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(toml_text(one) for one in value) + "]"
+        return "[" + ", ".join(toml_text(inner) for inner in value) + "]"
     if isinstance(value, (date, time)):
         return value.isoformat()
     if isinstance(value, float) and not math.isfinite(value):
@@ -127,14 +127,14 @@ def _toml_value(text: str) -> Any:
     return tables["value"] if len(tables) == 1 else text.strip()
 
 
-def _copied(value: Any) -> Any:
+def _copy(value: Any) -> Any:
     """Copy tables and lists, however deep."""
     if isinstance(value, list):
-        return [_copied(inner) for inner in value]
-    return {key: _copied(inner) for key, inner in value.items()} if isinstance(value, dict) else value
+        return [_copy(inner) for inner in value]
+    return {key: _copy(inner) for key, inner in value.items()} if isinstance(value, dict) else value
 
 
-def addressed(assignment: str, among: Sequence[str]) -> tuple[str | None, str]:
+def split_sensor(assignment: str, among: Sequence[str]) -> tuple[str | None, str]:
     """Split SENSOR:KEY=VALUE into the sensor (None: all of them) and KEY=VALUE.
 
     Raises InputError if the sensor is not ``among`` these.
@@ -148,7 +148,7 @@ def addressed(assignment: str, among: Sequence[str]) -> tuple[str | None, str]:
     return sensor, f"{own_key}{equals}{value}"
 
 
-def inside(tables: Any, part: Any) -> Any:
+def get_entry(tables: Any, part: Any) -> Any:
     """What a table or a list has at this place; None if nothing."""
     try:
         return tables[part]
@@ -156,7 +156,7 @@ def inside(tables: Any, part: Any) -> Any:
         return None
 
 
-def shown(value: Any) -> str:
+def short_text(value: Any) -> str:
     """Return a value much as it is written in TOML, cut to 60 characters."""
     text = json.dumps(value, ensure_ascii=False, default=str)
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ..errors import InputError
 from .inputs import LARGEST_TEXT, require_file
-from .overrides import inside, key_path, numbered, shown
+from .overrides import get_entry, key_path, number_list_entries, short_text
 
 
 class FileModel(BaseModel):
@@ -84,16 +84,16 @@ def _require_shallow(value: Any) -> None:
     for _ in range(DEEPEST):
         level = [
             inner
-            for one in level
-            if isinstance(one, (dict, list))
-            for inner in (one.values() if isinstance(one, dict) else one)
+            for container in level
+            if isinstance(container, (dict, list))
+            for inner in (container.values() if isinstance(container, dict) else container)
         ]
         if not level:
             return
     raise RecursionError
 
 
-def validated(
+def validate(
     model: type[Model], tables: Mapping[str, Any], where: str, *, overrides: Iterable[str] = (), option: str = "--set"
 ) -> Model:
     """Return ``tables`` as a model. Raises InputError with the first mistake and the number of further ones.
@@ -110,12 +110,12 @@ def validated(
         place = [str(part) for part in _keys_in_file(first["loc"], tables, missing=first["type"] == "missing")]
         file = where
         for assignment in overrides:
-            path = numbered(key_path(assignment), tables)
+            path = number_list_entries(key_path(assignment), tables)
             shared = min(len(path), len(place))
             where += f" {option} {assignment}" if path[:shared] == place[:shared] else ""
         hint = ""
         if overrides and first["type"] == "extra_forbidden" and place[0] in OTHERS.get(option, ()):
-            hint = f"; try {next(other for other in OTHERS if other != option)}"
+            hint = f"; try {next(another for another in OTHERS if another != option)}"
         if where == file and first["type"] in ("missing", "extra_forbidden") and len(place) == 1:
             hint = _another_kind(model, tables)
         raise InputError(f"{where}: {_message(first, model, tables)}{more}{hint}") from None
@@ -138,12 +138,12 @@ OTHERS = {
 """Tables for which the other of the two options is meant: a scene's, and a sensor's."""
 
 
-def faults(model: type[Model], tables: Mapping[str, Any]) -> list[str]:
-    """All mistakes of these tables, one line each; the first is that of `validated`."""
+def list_mistakes(model: type[Model], tables: Mapping[str, Any]) -> list[str]:
+    """All mistakes of these tables, one line each; the first is that of `validate`."""
     try:
         model.model_validate(_with_tuples(tables))
     except ValidationError as error:
-        return list(dict.fromkeys(_message(one, model, tables) for one in error.errors()))
+        return list(dict.fromkeys(_message(mistake, model, tables) for mistake in error.errors()))
     return []
 
 
@@ -160,24 +160,24 @@ def _message(error: Any, model: type[BaseModel], tables: Mapping[str, Any]) -> s
     location = _keys_in_file(error["loc"], tables, missing=kind == "missing")
     if kind.startswith("union_tag_"):
         location.append(context["discriminator"].strip("'"))
-    key = _dotted(location, tables)
+    key = _dotted_key(location, tables)
     if kind == "extra_forbidden":
-        known = _known_keys(model, location[:-1], tables)
-        near = difflib.get_close_matches(str(location[-1]), known, n=1)
-        if len(location) == 1 and (deeper := _in_a_table(model, str(location[0]), tables)):
+        known_keys = _known_keys(model, location[:-1], tables)
+        near = difflib.get_close_matches(str(location[-1]), known_keys, n=1)
+        if len(location) == 1 and (deeper := _key_in_a_table(model, str(location[0]), tables)):
             return f"unknown key '{key}'; did you mean {deeper}?"
-        meant = f"; did you mean {near[0]}? all known here" if near else "; known here"
-        return f"unknown key '{key}'" + (f"{meant}: {', '.join(known)}" if known else "")
+        suggestion = f"; did you mean {near[0]}? all known here" if near else "; known here"
+        return f"unknown key '{key}'" + (f"{suggestion}: {', '.join(known_keys)}" if known_keys else "")
     if kind == "missing" and isinstance(location[-1], int):
-        return f"{_dotted(location[:-1], tables)}: must be a longer list, got {shown(error['input'])}"
+        return f"{_dotted_key(location[:-1], tables)}: must be a longer list, got {short_text(error['input'])}"
     if kind in ("missing", "union_tag_not_found"):
         return f"key '{key}' is missing"
     if kind == "value_error":
         message = str(error["msg"]).removeprefix("Value error, ")
         return f"{key}: {message}" if key else message
     valid = _MUST_BE[kind].format(**context) if kind in _MUST_BE else f"valid ({error['msg']})"
-    asked = context.get("asked", "")
-    return f"{key}: must be {valid}, got {shown(context.get('tag', error['input']))}{asked}"
+    suggestion_of_number = context.get("suggestion", "")
+    return f"{key}: must be {valid}, got {short_text(context.get('tag', error['input']))}{suggestion_of_number}"
 
 
 def _keys_in_file(location: Iterable[Any], tables: Any, *, missing: bool) -> list[Any]:
@@ -196,14 +196,14 @@ def _keys_in_file(location: Iterable[Any], tables: Any, *, missing: bool) -> lis
     return keys
 
 
-def _dotted(location: Iterable[Any], tables: Any) -> str:
+def _dotted_key(location: Iterable[Any], tables: Any) -> str:
     """Return a location as ``bodies[3].scale``, or ``bodies[3 "car"].scale`` if the table has a name."""
     text = ""
     for part in location:
-        tables = inside(tables, part)
+        tables = get_entry(tables, part)
         if isinstance(part, int):
             name = tables.get("name") if isinstance(tables, Mapping) else None
-            text += f"[{part} {shown(name)}]" if isinstance(name, str) else f"[{part}]"
+            text += f"[{part} {short_text(name)}]" if isinstance(name, str) else f"[{part}]"
         else:
             text += f".{part}" if text else str(part)
     return text
@@ -212,28 +212,28 @@ def _dotted(location: Iterable[Any], tables: Any) -> str:
 def _known_keys(model: type[BaseModel], location: Iterable[Any], tables: Any) -> list[str]:
     """Return the keys that a model knows at a location; [] if types and the file's ``type`` do not say which model."""
     for part in location:
-        tables = inside(tables, part)
+        tables = get_entry(tables, part)
         if isinstance(part, int):
             continue
         inner = _models_in(model.model_fields[part].annotation) if part in model.model_fields else []
         if len(inner) > 1:
-            inner = [one for one in inner if inside(tables, "type") in _types_of(one)]
+            inner = [candidate for candidate in inner if get_entry(tables, "type") in _types_of(candidate)]
         if len(inner) != 1:
             return []
         model = inner[0]
     return [info.alias or name for name, info in model.model_fields.items()]
 
 
-def _in_a_table(model: type[BaseModel], key: str, tables: Mapping[str, Any]) -> str:
+def _key_in_a_table(model: type[BaseModel], key: str, tables: Mapping[str, Any]) -> str:
     """The dotted name of the one key of this name in a table of the file, such as "detector.gain"; else ""."""
-    found = [
+    dotted_keys = [
         f"{name}.{inner}"
         for name, table in tables.items()
         if isinstance(table, Mapping) and name in model.model_fields
         for inner in _known_keys(model, [name], tables)
         if key == inner or key == re.sub(_UNIT, "", inner)
     ]
-    return found[0] if len(found) == 1 else ""
+    return dotted_keys[0] if len(dotted_keys) == 1 else ""
 
 
 _UNIT = re.compile(r"_(deg|nm|ns|ps|us|mm|mrad|m|km|khz|mhz|hz|klux|na|ohm|w|k)$")
@@ -243,7 +243,7 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
     """Return all models inside a type such as ``tuple[Body, ...]`` or ``Apd | Sipm``."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
-    return [found for argument in getattr(annotation, "__args__", ()) for found in _models_in(argument)]
+    return [model for argument in getattr(annotation, "__args__", ()) for model in _models_in(argument)]
 
 
 def _types_of(model: type[BaseModel]) -> tuple[Any, ...]:

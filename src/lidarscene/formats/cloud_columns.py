@@ -184,7 +184,7 @@ def frame_starts_s(metadata: Mapping[str, str]) -> list[float]:
     return [float(word) for word in metadata.get("frame_start_s", "0.0").split()]
 
 
-def numbers(text: str, key: str, shape: tuple[int, ...]) -> Numbers:
+def parse_numbers(text: str, key: str, shape: tuple[int, ...]) -> Numbers:
     """The numbers of an entry of the metadata; ValueError that names it if they do not have this shape."""
     try:
         return np.array([float(word) for word in text.split()]).reshape(shape)
@@ -193,7 +193,7 @@ def numbers(text: str, key: str, shape: tuple[int, ...]) -> Numbers:
         raise ValueError(f"metadata: '{key}': must be {count} numbers, got '{text}'") from None
 
 
-def fitted(attribute: str, values: Any, n: int) -> Numbers:
+def freeze_column(attribute: str, values: Any, n: int) -> Numbers:
     """``values`` frozen in dtype and shape of this attribute; ValueError that names it if they do not fit."""
     array, is_position = np.asarray(values), attribute == "xyz_m"
     position_dtype = "float32" if array.dtype == np.float32 else "float64"

@@ -58,15 +58,15 @@ def described_fields(columns: Mapping[str, Numbers], text: str) -> Fields:
     if missing:
         raise ValueError(f"columns are missing: {', '.join(missing)}")
     xyz_m = np.stack([columns[name] for name in "xyz"], axis=-1).astype(content["position"], copy=False)
-    given: dict[str, Any] = {
+    attributes: dict[str, Any] = {
         c.attribute: columns[c.name] for c in (*COLUMNS[3:], *VECTORS) if c.name in content["units"]
     }
-    given |= {attribute: tuple(content[attribute]) for attribute in NAMES.values()}
-    return {"xyz_m": xyz_m, "metadata": content["metadata"], **given}
+    attributes |= {attribute: tuple(content[attribute]) for attribute in NAMES.values()}
+    return {"xyz_m": xyz_m, "metadata": content["metadata"], **attributes}
 
 
 @contextmanager
-def reading(path: str | os.PathLike[str], *, folder: bool = False) -> Iterator[None]:
+def input_errors(path: str | os.PathLike[str], *, folder: bool = False) -> Iterator[None]:
     """Turn every error in the block into an InputError of one line that names the file, or the ``folder``."""
     # The libraries behind the formats raise whatever their parsers raise; all of it means "not readable".
     if not (folder and os.path.isdir(path)):

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..files.atomic import atomic_output
-from ..files.optional import optional
+from ..files.optional import import_optional
 from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
 from .cloud_columns import Cloud
@@ -38,18 +38,18 @@ LARGEST_ROW = 2**31 - 1
 
 def write_e57(path: str | os.PathLike[str], cloud: Cloud) -> None:
     """Write the cloud as one scan."""
-    e57 = optional("pye57.libe57", extra="e57")
+    e57 = import_optional("pye57.libe57", extra="e57")
     with atomic_output(path) as temporary, library_errors(path):
         file = e57.ImageFile(str(temporary), "w")
         try:
-            _write(e57, file, cloud)
+            _write_scan(e57, file, cloud)
         except BaseException:
             file.cancel()  # closing would write the rest, and fail with another message
             raise
         file.close()
 
 
-def _write(e57: Any, file: Any, cloud: Cloud) -> None:
+def _write_scan(e57: Any, file: Any, cloud: Cloud) -> None:
     columns = _columns(cloud)
     text = description(cloud)
     file.extensionsAdd("", e57.E57_V1_0_URI)
@@ -104,8 +104,8 @@ def _scan_tree(cloud: Cloud, columns: dict[str, Numbers], text: str) -> dict[str
         (reduce(cloud.xyz_m, axis=0).astype(float) if len(cloud) else np.zeros(3)) for reduce in (np.min, np.max)
     )
     bounds = {
-        f"{axis}{end}": float(value[i])
-        for end, value in (("Minimum", low), ("Maximum", high))
+        f"{axis}{suffix}": float(value[i])
+        for suffix, value in (("Minimum", low), ("Maximum", high))
         for i, axis in enumerate("xyz")
     }
     rows = columns.get("rowIndex", np.zeros(0, np.int64))
@@ -174,6 +174,6 @@ def _write_points(e57: Any, file: Any, points: Any, columns: dict[str, Numbers])
     writer.close()
 
 
-def _guid(text: str, what: str) -> str:
+def _guid(text: str, part: str) -> str:
     """The same for the same cloud, so that the same run writes the same file."""
-    return f"{{{uuid.UUID(bytes=hashlib.sha256(f'{what} {text}'.encode()).digest()[:16], version=4)}}}"
+    return f"{{{uuid.UUID(bytes=hashlib.sha256(f'{part} {text}'.encode()).digest()[:16], version=4)}}}"

@@ -21,10 +21,10 @@ import numpy as np
 from ..errors import InputError
 from ..files.atomic import atomic_output
 from ..files.inputs import require_unpacked
-from ..files.optional import optional
+from ..files.optional import import_optional
 from ..maths.arrays import Numbers
 from .cloud_columns import Cloud, Column, Fields
-from .described import described_fields, description, reading, unit_of
+from .described import described_fields, description, input_errors, unit_of
 
 STEP_M = 1e-5
 REACH_M = STEP_M * 2**31
@@ -63,26 +63,26 @@ def las_stream(path: str | os.PathLike[str], *, compressed: bool = False) -> Ite
     """
     laspy = _laspy(compressed)
     with atomic_output(path) as temporary, open(temporary, "r+b") as file, ExitStack() as opened:
-        plain = opened.enter_context(tempfile.TemporaryFile(dir=temporary.parent)) if compressed else file
-        writer = _Writer(laspy, plain, path, compressed=False)
+        uncompressed = opened.enter_context(tempfile.TemporaryFile(dir=temporary.parent)) if compressed else file
+        writer = _Writer(laspy, uncompressed, path, compressed=False)
         yield writer.append
         writer.close()
         if not compressed:
-            for place, block in writer.read_back():
-                file.seek(place)
+            for offset, block in writer.read_back():
+                file.seek(offset)
                 file.write(block.view(np.uint8).data)
             return
-        packed = _Writer(laspy, file, path, compressed=True)
-        packed.open(writer.first)
+        writer_laz = _Writer(laspy, file, path, compressed=True)
+        writer_laz.open(writer.first)
         for _, block in writer.read_back():
-            packed.write(laspy.PackedPointRecord(block, writer.point_format))
-        packed.close()
+            writer_laz.write(laspy.PackedPointRecord(block, writer.point_format))
+        writer_laz.close()
 
 
 def _laspy(compressed: bool) -> Any:
     if compressed:
-        optional("lazrs", extra="las")
-    return optional("laspy", extra="las")
+        import_optional("lazrs", extra="las")
+    return import_optional("laspy", extra="las")
 
 
 class _Writer:
@@ -155,28 +155,28 @@ class _Writer:
 
 def read_las(path: str | os.PathLike[str]) -> Fields:
     """Read a file of `write_las`; the positions to 10 um. Raises InputError, in one line."""
-    laspy = optional("laspy", extra="las")
-    with reading(path), open(path, "rb") as file:
+    laspy = import_optional("laspy", extra="las")
+    with input_errors(path), open(path, "rb") as file:
         _require_possible(laspy, file)
         las = laspy.read(file, closefd=False)
-        ours = [v for v in (*las.vlrs, *(las.evlrs or ())) if v.user_id == VLR_USER]
-        if not ours:
+        descriptions = [v for v in (*las.vlrs, *(las.evlrs or ())) if v.user_id == VLR_USER]
+        if not descriptions:
             raise ValueError("not a point cloud of lidarscene: there is no description in it")
         extra = {name: np.ascontiguousarray(las[name]) for name in las.point_format.extra_dimension_names}
         columns = {column: extra.pop(name) for column, name in LAS_NAMES.items() if name in extra}
         columns |= extra | {axis: np.asarray(las[axis]) for axis in "xyz"}
-        return described_fields(columns, ours[0].record_data_bytes().decode())
+        return described_fields(columns, descriptions[0].record_data_bytes().decode())
 
 
 def las_columns(path: str | os.PathLike[str]) -> dict[str, Numbers]:
     """Columns of any LAS or LAZ by name, x, y and z in metres. Raises InputError, in one line."""
-    laspy = optional("laspy", extra="las")
-    with reading(path), open(path, "rb") as file:
+    laspy = import_optional("laspy", extra="las")
+    with input_errors(path), open(path, "rb") as file:
         _require_possible(laspy, file)
         las = laspy.read(file, closefd=False)
         names = [name for name in las.point_format.dimension_names if name not in ("X", "Y", "Z")]
-        ours = {file_name: column for column, file_name in LAS_NAMES.items()}
-        columns = {ours.get(name, name): np.ascontiguousarray(las[name]) for name in names}
+        column_names = {file_name: column for column, file_name in LAS_NAMES.items()}
+        columns = {column_names.get(name, name): np.ascontiguousarray(las[name]) for name in names}
         return columns | {axis: np.asarray(las[axis]) for axis in "xyz"}
 
 
@@ -293,13 +293,13 @@ def _whole_pulses(cloud: Cloud) -> Iterator[Cloud]:
         first = end
 
 
-def _pulse_changes(cloud: Cloud, which: slice) -> Numbers:
+def _pulse_changes(cloud: Cloud, rows: slice) -> Numbers:
     """Whether each point but the first is of another pulse than that before: time, channel and direction differ."""
     key = (
-        cloud.column("time")[which],
-        cloud.column("channel")[which],
-        cloud.column("azimuth")[which],
-        cloud.column("elevation")[which],
+        cloud.column("time")[rows],
+        cloud.column("channel")[rows],
+        cloud.column("azimuth")[rows],
+        cloud.column("elevation")[rows],
     )
     return np.asarray(np.any([np.diff(values) != 0 for values in key], axis=0))
 

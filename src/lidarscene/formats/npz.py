@@ -12,7 +12,7 @@ import numpy as np
 from ..files.atomic import atomic_output
 from ..files.inputs import require_archive
 from .cloud_columns import Cloud, Fields
-from .described import described_fields, description, reading
+from .described import described_fields, description, input_errors
 
 DESCRIPTION = "lidarscene"
 
@@ -26,7 +26,7 @@ def write_npz(path: str | os.PathLike[str], cloud: Cloud) -> None:
 
 def read_npz(path: str | os.PathLike[str]) -> Fields:
     """Read a file of `write_npz`. Raises InputError, in one line."""
-    with reading(path), open(path, "rb") as file:
+    with input_errors(path), open(path, "rb") as file:
         require_archive(file)
         archive = np.load(file, allow_pickle=False)
         if DESCRIPTION not in archive:

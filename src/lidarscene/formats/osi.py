@@ -17,7 +17,7 @@ import struct
 import numpy as np
 
 from ..files.atomic import atomic_output
-from ..files.encodings.protobuf import double, double_rows, joined, message, message_rows, number, number_rows
+from ..files.encodings.protobuf import double, double_rows, join_rows, message, message_rows, number, number_rows
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.rotations import yaw_pitch_roll_rad
@@ -66,7 +66,7 @@ def vector(field: int, values: Numbers) -> bytes:
     return message(field, *(double(i, float(value)) for i, value in enumerate(values, start=1)))
 
 
-def placed(pose: Pose, *, position: int, orientation: int) -> bytes:
+def pose_fields(pose: Pose, *, position: int, orientation: int) -> bytes:
     """Position and orientation (roll, pitch, yaw) as fields of these numbers."""
     return vector(position, pose.position_m) + vector(orientation, np.array(yaw_pitch_roll_rad(pose.rotation)[::-1]))
 
@@ -94,4 +94,4 @@ def _detections(cloud: Cloud) -> bytes:
             cloud.column("body") >= 0, cloud.column("body").astype(np.uint64) + np.uint64(1), np.uint64(NO_OBJECT)
         )
         parts += [*message_rows(2, *number_rows(1, objects, size=10)), *double_rows(10, cloud.column("reflectivity"))]
-    return joined(message_rows(2, *parts), n)
+    return join_rows(message_rows(2, *parts), n)

@@ -12,9 +12,9 @@ from typing import Any
 
 from ..files.atomic import atomic_output
 from ..files.inputs import require_unpacked
-from ..files.optional import optional
+from ..files.optional import import_optional
 from .cloud_columns import Cloud, Fields
-from .described import described_fields, description, reading, unit_of
+from .described import described_fields, description, input_errors, unit_of
 
 KEY = b"lidarscene"
 WIDEST = 8  # bytes of a number
@@ -78,7 +78,7 @@ def _table(arrow: Any, cloud: Cloud, schema: Any) -> Any:
 def read_parquet(path: str | os.PathLike[str]) -> Fields:
     """Read a file of `write_parquet`. Raises InputError, in one line."""
     _, parquet = _arrow()
-    with reading(path), open(path, "rb") as file:
+    with input_errors(path), open(path, "rb") as file:
         about = parquet.read_metadata(file)
         # By rows too: a column that repeats one value has next to no bytes before it is unpacked.
         groups = sum(about.row_group(number).total_byte_size for number in range(about.num_row_groups))
@@ -94,4 +94,4 @@ def read_parquet(path: str | os.PathLike[str]) -> Fields:
 
 
 def _arrow() -> tuple[Any, Any]:
-    return optional("pyarrow", extra="parquet"), optional("pyarrow.parquet", extra="parquet")
+    return import_optional("pyarrow", extra="parquet"), import_optional("pyarrow.parquet", extra="parquet")

@@ -18,11 +18,11 @@ import numpy as np
 
 from ..files.atomic import atomic_output
 from ..files.inputs import require_unpacked
-from ..files.optional import optional
+from ..files.optional import import_optional
 from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
 from .cloud_columns import Cloud, Fields
-from .described import LARGEST, counted_stream, described_fields, description, reading
+from .described import LARGEST, counted_stream, described_fields, description, input_errors
 
 FIRST_LINE = "# .PCD v0.7 - Point Cloud Data file format"
 OURS = "# lidarscene "
@@ -42,11 +42,11 @@ def write_pcd(path: str | os.PathLike[str], cloud: Cloud, *, ascii: bool = False
         with pcd_stream(path, ascii=ascii) as append:
             append(cloud)
         return
-    lzf = optional("lzf", extra="pcd")
+    lzf = import_optional("lzf", extra="pcd")
     columns = [np.ascontiguousarray(cloud.column(column.name)) for column in cloud.columns]
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
         file.write(_header(cloud, points=len(cloud), data="binary_compressed"))
-        file.write(_packed(b"".join(values.tobytes() for values in columns), lzf))
+        file.write(_compress(b"".join(values.tobytes() for values in columns), lzf))
 
 
 def pcd_stream(path: str | os.PathLike[str], *, ascii: bool = False) -> AbstractContextManager[Callable[[Cloud], None]]:
@@ -66,7 +66,7 @@ def pcd_stream(path: str | os.PathLike[str], *, ascii: bool = False) -> Abstract
 
 def read_pcd(path: str | os.PathLike[str]) -> Fields:
     """Read a file of `write_pcd`. Raises InputError, in one line."""
-    with reading(path), open(path, "rb") as file:
+    with input_errors(path), open(path, "rb") as file:
         header, text = _read_header(file)
         dtype = np.dtype(
             [
@@ -80,7 +80,7 @@ def read_pcd(path: str | os.PathLike[str]) -> Fields:
 
 def pcd_columns(path: str | os.PathLike[str]) -> tuple[dict[str, Numbers], tuple[int, int] | None]:
     """Columns of any PCD by name, and (rows, columns) if it is an array of them. Raises InputError, in one line."""
-    with reading(path), open(path, "rb") as file:
+    with input_errors(path), open(path, "rb") as file:
         header, _ = _header_words(file)
         counts = [int(word) for word in header.get("COUNT", ["1"] * len(header["FIELDS"]))]
         fields = zip(header["FIELDS"], header["SIZE"], header["TYPE"], counts, strict=True)
@@ -111,8 +111,8 @@ def _header(cloud: Cloud, *, points: int, data: str) -> bytes:
         f"# room {2 * (COUNT_DIGITS - len(str(points))) * '.'}",
         "VERSION 0.7",
         f"FIELDS {' '.join(column.name for column in cloud.columns)}",
-        f"SIZE {' '.join(str(one.itemsize) for one in types)}",
-        f"TYPE {' '.join(_KINDS[one.kind] for one in types)}",
+        f"SIZE {' '.join(str(dtype.itemsize) for dtype in types)}",
+        f"TYPE {' '.join(_KINDS[dtype.kind] for dtype in types)}",
         f"COUNT {' '.join('1' for _ in types)}",
         f"WIDTH {points}",
         "HEIGHT 1",
@@ -130,20 +130,20 @@ def _lines(rows: Numbers) -> Iterator[bytes]:
         yield (line % row).replace("inf", repr(float(LARGEST))).encode("ascii")
 
 
-def _packed(data: bytes, lzf: Any) -> bytes:
+def _compress(data: bytes, lzf: Any) -> bytes:
     """Return both lengths and the compressed bytes; uncompressed, in runs, if LZF does not make them fewer."""
     packed = lzf.compress(data) if data else None
-    packed = _runs(data) if packed is None else packed
+    packed = _uncompressed_runs(data) if packed is None else packed
     return struct.pack("<II", len(packed), len(data)) + packed
 
 
-def _runs(data: bytes) -> bytes:
+def _uncompressed_runs(data: bytes) -> bytes:
     """Return the bytes as LZF without compression: runs of up to 32, each after its length minus one."""
     whole = len(data) // LONGEST_RUN * LONGEST_RUN
     blocks = np.frombuffer(data[:whole], np.uint8).reshape(-1, LONGEST_RUN)
-    announced = np.insert(blocks, 0, LONGEST_RUN - 1, axis=1).tobytes()
-    rest = data[whole:]
-    return announced + (bytes([len(rest) - 1]) + rest if rest else b"")
+    runs = np.insert(blocks, 0, LONGEST_RUN - 1, axis=1).tobytes()
+    last_run = data[whole:]
+    return runs + (bytes([len(last_run) - 1]) + last_run if last_run else b"")
 
 
 def _read_header(file: IO[bytes]) -> tuple[dict[str, list[str]], str]:
@@ -167,8 +167,8 @@ def _header_words(file: IO[bytes]) -> tuple[dict[str, list[str]], str]:
         if line.startswith(OURS):
             text += line[len(OURS) : -1]
         elif not line.startswith("#") and line.strip():
-            word, *rest = line.split()
-            header[word] = rest
+            word, *values = line.split()
+            header[word] = values
     return header, text
 
 
@@ -187,7 +187,7 @@ def _read_columns(file: IO[bytes], dtype: np.dtype[Any], points: int, data: str)
         if len(content) != 8 + packed:
             raise ValueError(f"must have {8 + packed} bytes of points, got {len(content)}")
         require_unpacked(len(content), size)
-        content = optional("lzf", extra="pcd").decompress(content[8:], size) if size else b""
+        content = import_optional("lzf", extra="pcd").decompress(content[8:], size) if size else b""
     if len(content) != points * dtype.itemsize:
         raise ValueError(f"must have {points * dtype.itemsize} bytes of points, got {len(content)}")
     if data == "binary":

@@ -25,7 +25,7 @@ from ..files.atomic import atomic_output
 from ..files.inputs import require_file
 from ..maths.arrays import Numbers
 from .cloud_columns import COLUMNS, NAMES, VECTORS, Cloud, Fields
-from .described import counted_stream, reading
+from .described import counted_stream, input_errors
 
 VERSION_LINE = "lidarscene 2"
 PLY_TYPES = {"float32": "float", "float64": "double", "int32": "int", "uint8": "uchar"}
@@ -119,8 +119,8 @@ class _Header:
 def _dtype(*, has_truth: bool, has_vectors: bool, double: bool, coloured: bool = False) -> np.dtype[Any]:
     """One point as it lies in a file."""
     position = "float64" if double else "float32"
-    kept = [c for c in COLUMNS if has_truth or not c.truth] + list(VECTORS if has_vectors else ())
-    pairs = ((c.name, np.dtype(position if c.attribute == "xyz_m" else c.dtype)) for c in kept)
+    columns = [c for c in COLUMNS if has_truth or not c.truth] + list(VECTORS if has_vectors else ())
+    pairs = ((c.name, np.dtype(position if c.attribute == "xyz_m" else c.dtype)) for c in columns)
     colours = [(name, np.dtype("u1")) for name in RGB] if coloured else []
     return np.dtype([(name, dtype.newbyteorder("<")) for name, dtype in [*pairs, *colours]])
 
@@ -151,7 +151,7 @@ def _blocks(cloud: Cloud, colours: Numbers | None) -> Iterator[Numbers]:
 
 def ply_columns(path: str | os.PathLike[str]) -> dict[str, Numbers]:
     """Scalar properties of the vertices of any PLY by name. Raises InputError, in one line."""
-    with reading(path), open(path, "rb") as file:
+    with input_errors(path), open(path, "rb") as file:
         lines = _header_lines(file)
         words = [line.split() for line in lines if line.split()[:1] not in (["comment"], ["obj_info"])]
         kind = words[0][1] if words and words[0][0] == "format" and len(words[0]) > 1 else ""
@@ -182,8 +182,8 @@ def _header(cloud: Cloud, *, points: int, ascii: bool, coloured: bool) -> bytes:
     for key, value in cloud.metadata.items():
         lines += _comment(_escaped_key(key), value)
     for column in cloud.columns:
-        given = cloud.metadata.get(f"{column.name}_unit", column.unit)
-        lines += _comment(f"unit {column.name}", given)
+        unit = cloud.metadata.get(f"{column.name}_unit", column.unit)
+        lines += _comment(f"unit {column.name}", unit)
     for word, attribute in _NAMES.items():
         for index, name in enumerate(getattr(cloud, attribute)):
             lines += _comment(f"{word} {index}", name)
@@ -265,8 +265,8 @@ def _read_comments(lines: list[str], header: _Header) -> None:
     """Fill in the metadata and the names."""
     texts: list[tuple[str, str]] = []
     for line in lines:
-        start, _, rest = line.partition(" ")
-        word, _, text = rest.partition(" ")
+        start, _, content = line.partition(" ")
+        word, _, text = content.partition(" ")
         if start == "comment" and word == "+" and texts:
             texts[-1] = (texts[-1][0], texts[-1][1] + text)
         elif start == "comment":
@@ -287,11 +287,11 @@ def _binary_blocks(file: IO[bytes], header: _Header) -> Iterator[Numbers]:
     """Yield the points in blocks. Raises ValueError unless the size of the file is right to the byte."""
     start = file.tell()
     expected = start + header.points * header.dtype.itemsize
-    came = file.seek(0, os.SEEK_END)
+    size = file.seek(0, os.SEEK_END)
     file.seek(start)
-    if came != expected:
-        problem = "truncated" if came < expected else "longer than its header says"
-        raise ValueError(f"{problem}: must have {expected} bytes for {header.points} points, got {came}")
+    if size != expected:
+        problem = "truncated" if size < expected else "longer than its header says"
+        raise ValueError(f"{problem}: must have {expected} bytes for {header.points} points, got {size}")
     for first in range(0, header.points, BLOCK_POINTS):
         yield np.fromfile(file, header.dtype, count=min(BLOCK_POINTS, header.points - first))
 
@@ -319,8 +319,8 @@ def _text_blocks(file: IO[bytes], header: _Header) -> Iterator[Numbers]:
 
 def _gather(blocks: Iterator[Numbers], header: _Header, most: int) -> Fields:
     """Return the fields of the cloud in these blocks; ``most`` is the number of points that the file has room for."""
-    there = header.dtype.names or ()
-    scalars = [c for c in (*COLUMNS[3:], *VECTORS) if c.name in there]
+    names_in_file = header.dtype.names or ()
+    scalars = [c for c in (*COLUMNS[3:], *VECTORS) if c.name in names_in_file]
     rows = min(header.points, most)  # a damaged header may promise more than any memory holds
     fields: Fields = {c.attribute: np.zeros(rows, c.dtype) for c in scalars}
     fields["xyz_m"] = np.zeros((rows, 3), header.dtype["x"].newbyteorder("="))

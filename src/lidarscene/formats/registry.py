@@ -35,7 +35,7 @@ class Format:
     stream  context manager from a path (and ``ascii``) to a function that appends clouds; None if a file cannot be
             written piece by piece with the same bytes as from the whole cloud
     profile of packets (`packets.select_encoder`): a run's frames are in one file. None: a file is a cloud
-    extra   group of optional packages that the format needs (`files.optional`)
+    extra   group of optional packages that the format needs (`files.optional.EXTRAS`)
     frames  context manager from a path to a function that appends whole clouds, the frames of one file; None if a file
             holds a single frame
     text    whether ``write`` and ``stream`` take ``ascii``
@@ -60,11 +60,11 @@ class Format:
             require(self.extra)
 
 
-def _late(module: str, name: str, **options: object) -> Callable[..., Any]:
+def _import_on_call(module: str, name: str, **options: object) -> Callable[..., Any]:
     """A function of a module with these options; the module is imported when the function is called."""
 
-    def call(*given: Any, **more: Any) -> Any:
-        return getattr(import_module(module), name)(*given, **options, **more)
+    def call(*arguments: Any, **keywords: Any) -> Any:
+        return getattr(import_module(module), name)(*arguments, **options, **keywords)
 
     return call
 
@@ -74,8 +74,8 @@ def _ros(suffix: str, storage: str, layout: str = "velodyne") -> Format:
     return Format(
         suffix=suffix,
         extra="ros",
-        write=_late(module, "write_ros", **options),
-        frames=_late(module, "ros_frames", **options),
+        write=_import_on_call(module, "write_ros", **options),
+        frames=_import_on_call(module, "ros_frames", **options),
     )
 
 
@@ -83,9 +83,9 @@ def _las(suffix: str, *, compressed: bool) -> Format:
     return Format(
         suffix=suffix,
         extra="las",
-        write=_late("lidarscene.formats.las", "write_las", compressed=compressed),
-        read=_late("lidarscene.formats.las", "read_las"),
-        stream=_late("lidarscene.formats.las", "las_stream", compressed=compressed),
+        write=_import_on_call("lidarscene.formats.las", "write_las", compressed=compressed),
+        read=_import_on_call("lidarscene.formats.las", "read_las"),
+        stream=_import_on_call("lidarscene.formats.las", "las_stream", compressed=compressed),
     )
 
 
@@ -94,68 +94,68 @@ FORMATS = {
         suffix=".ply",
         text=True,
         colour=True,
-        write=_late("lidarscene.formats.ply", "write_ply"),
-        read=_late("lidarscene.formats.ply", "read_ply"),
-        stream=_late("lidarscene.formats.ply", "ply_stream"),
+        write=_import_on_call("lidarscene.formats.ply", "write_ply"),
+        read=_import_on_call("lidarscene.formats.ply", "read_ply"),
+        stream=_import_on_call("lidarscene.formats.ply", "ply_stream"),
     ),
     "pcd": Format(
         suffix=".pcd",
         text=True,
-        write=_late("lidarscene.formats.pcd", "write_pcd"),
-        read=_late("lidarscene.formats.pcd", "read_pcd"),
-        stream=_late("lidarscene.formats.pcd", "pcd_stream"),
+        write=_import_on_call("lidarscene.formats.pcd", "write_pcd"),
+        read=_import_on_call("lidarscene.formats.pcd", "read_pcd"),
+        stream=_import_on_call("lidarscene.formats.pcd", "pcd_stream"),
     ),
     "pcd-compressed": Format(
         suffix=".pcd",
         extra="pcd",
-        write=_late("lidarscene.formats.pcd", "write_pcd", compressed=True),
-        read=_late("lidarscene.formats.pcd", "read_pcd"),
+        write=_import_on_call("lidarscene.formats.pcd", "write_pcd", compressed=True),
+        read=_import_on_call("lidarscene.formats.pcd", "read_pcd"),
     ),
     "las": _las(".las", compressed=False),
     "laz": _las(".laz", compressed=True),
-    "e57": Format(suffix=".e57", extra="e57", write=_late("lidarscene.formats.e57", "write_e57")),
+    "e57": Format(suffix=".e57", extra="e57", write=_import_on_call("lidarscene.formats.e57", "write_e57")),
     "kitti": Format(
         suffix=".bin",
         all_columns=False,
-        write=_late("lidarscene.formats.kitti", "write_kitti"),
-        stream=_late("lidarscene.formats.kitti", "kitti_stream"),
+        write=_import_on_call("lidarscene.formats.kitti", "write_kitti"),
+        stream=_import_on_call("lidarscene.formats.kitti", "kitti_stream"),
     ),
     "nuscenes": Format(
         suffix=".pcd.bin",
         all_columns=False,
-        write=_late("lidarscene.formats.kitti", "write_nuscenes"),
-        stream=_late("lidarscene.formats.kitti", "nuscenes_stream"),
+        write=_import_on_call("lidarscene.formats.kitti", "write_nuscenes"),
+        stream=_import_on_call("lidarscene.formats.kitti", "nuscenes_stream"),
     ),
     "npz": Format(
         suffix=".npz",
-        write=_late("lidarscene.formats.npz", "write_npz"),
-        read=_late("lidarscene.formats.npz", "read_npz"),
+        write=_import_on_call("lidarscene.formats.npz", "write_npz"),
+        read=_import_on_call("lidarscene.formats.npz", "read_npz"),
     ),
     "parquet": Format(
         suffix=".parquet",
         extra="parquet",
-        write=_late("lidarscene.formats.parquet", "write_parquet"),
-        read=_late("lidarscene.formats.parquet", "read_parquet"),
-        stream=_late("lidarscene.formats.parquet", "parquet_stream"),
+        write=_import_on_call("lidarscene.formats.parquet", "write_parquet"),
+        read=_import_on_call("lidarscene.formats.parquet", "read_parquet"),
+        stream=_import_on_call("lidarscene.formats.parquet", "parquet_stream"),
     ),
     "mcap": _ros(".mcap", storage="mcap"),
     "mcap-ouster": _ros(".mcap", storage="mcap", layout="ouster"),
     "rosbag2": _ros(".db3", storage="sqlite3"),
     "rosbag2-ouster": _ros(".db3", storage="sqlite3", layout="ouster"),
-    "osi": Format(suffix=".osi", all_columns=False, write=_late("lidarscene.formats.osi", "write_osi")),
+    "osi": Format(suffix=".osi", all_columns=False, write=_import_on_call("lidarscene.formats.osi", "write_osi")),
 }
 """Formats by name. Of several with one suffix the first is what the suffix means."""
 
 
 def _packets(profile: str) -> Format:
-    write = _late("lidarscene.formats.packets.pcap", "refuse")
+    write = _import_on_call("lidarscene.formats.packets.pcap", "refuse")
     return Format(suffix=".pcap", write=write, profile=profile, all_columns=False)
 
 
 PACKETS = {"pcap": _packets("default"), "pcap-low-rate": _packets("low-rate"), "pcap-legacy": _packets("legacy")}
 """What the sensor itself sends, by name: packets have lost pulses too, so that they are no format of clouds."""
 
-SUFFIXES = tuple(dict.fromkeys(one.suffix for one in (FORMATS | PACKETS).values()))
+SUFFIXES = tuple(dict.fromkeys(file_format.suffix for file_format in (FORMATS | PACKETS).values()))
 
 LABELS = {
     "kitti": (".txt", ".calib.txt"),
@@ -179,8 +179,8 @@ def format_of(path: str | os.PathLike[str], name: str | None = None) -> Format:
             raise InputError(f"format '{name}': there is none; the choices are {choices}")
         return (FORMATS | PACKETS)[name]
     file = os.path.basename(os.fspath(path)).lower()
-    fitting = [one for one in (FORMATS | PACKETS).values() if file.endswith(one.suffix)]
+    fitting = [file_format for file_format in (FORMATS | PACKETS).values() if file.endswith(file_format.suffix)]
     if not fitting:
         suffix, choices = os.path.splitext(file)[1], ", ".join(SUFFIXES)
         raise InputError(f"{os.fspath(path)}: suffix '{suffix}' names no point cloud format; known: {choices}")
-    return max(fitting, key=lambda one: len(one.suffix))
+    return max(fitting, key=lambda file_format: len(file_format.suffix))

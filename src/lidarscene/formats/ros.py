@@ -16,7 +16,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..files.atomic import atomic_output, folder_beside
-from ..files.optional import optional
+from ..files.optional import import_optional
 from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
 from .cloud_columns import Cloud
@@ -83,8 +83,8 @@ def ros_frames(
     path: str | os.PathLike[str], *, storage: str = "mcap", layout: str = "velodyne"
 ) -> Iterator[Callable[[Cloud], None]]:
     """Write a bag of the clouds that are appended in the block: a message each, at the start of its frame."""
-    rosbag2, typesys = optional("rosbags.rosbag2", extra="ros"), optional("rosbags.typesys", extra="ros")
-    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    rosbag2 = import_optional("rosbags.rosbag2", extra="ros")
+    typesys = import_optional("rosbags.typesys", extra="ros")store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     plugin = rosbag2.StoragePlugin[storage.upper()]
     # A bag is a folder with one file of the folder's name, which the file's own metadata repeat. It is made where a
     # killed process leaves its unfinished files, so that the next write removes it.
@@ -94,11 +94,11 @@ def ros_frames(
         writer = rosbag2.Writer(bag, version=BAG_VERSION, storage_plugin=plugin)
         with library_errors(path), _closed_on_error(writer):
             _open(writer)
-            put = _appending(writer, store, layout)
+            append_cloud = _open_topics(writer, store, layout)
 
         def append(cloud: Cloud) -> None:
             with library_errors(path):
-                put(cloud)
+                append_cloud(cloud)
 
         try:
             yield append
@@ -127,7 +127,7 @@ def _closed_on_error(writer: Any) -> Iterator[None]:
         raise
 
 
-def _appending(writer: Any, store: Any, layout: str) -> Callable[[Cloud], None]:
+def _open_topics(writer: Any, store: Any, layout: str) -> Callable[[Cloud], None]:
     message, transform = "sensor_msgs/msg/PointCloud2", "tf2_msgs/msg/TFMessage"
     points = writer.add_connection(POINTS, message, typestore=store)
     transforms = writer.add_connection(TRANSFORMS, transform, typestore=store)
@@ -135,32 +135,32 @@ def _appending(writer: Any, store: Any, layout: str) -> Callable[[Cloud], None]:
     def append(cloud: Cloud) -> None:
         writer.set_custom_data("lidarscene", description(cloud))
         stamp_ns = round(1e9 * cloud.frame_start_s)
-        placed = _transform_message(cloud, store, stamp_ns)
-        if placed is not None:
-            writer.write(transforms, stamp_ns, store.serialize_cdr(placed, transform))
-        rows = structured(cloud.in_sensor_frame(), layout)
+        transforms_message = _transform_message(cloud, store, stamp_ns)
+        if transforms_message is not None:
+            writer.write(transforms, stamp_ns, store.serialize_cdr(transforms_message, transform))
+        rows = structured_rows(cloud.in_sensor_frame(), layout)
         writer.write(points, stamp_ns, store.serialize_cdr(_points_message(rows, store, stamp_ns), message))
 
     return append
 
 
-def structured(cloud: Cloud, layout: str) -> Numbers:
+def structured_rows(cloud: Cloud, layout: str) -> Numbers:
     """(n,) the points as they lie in the message: the driver's fields, then every other column."""
     fields, size = LAYOUTS[layout]
-    taken = {"x", "y", "z", *fields, *_REPLACED[layout]}
-    others = [c.name for c in cloud.columns if c.name not in taken]
-    types = {name: cloud.column(name).dtype.newbyteorder("<") for name in others}
-    offsets = size + np.cumsum([0, *(one.itemsize for one in types.values())])
+    driver_columns = {"x", "y", "z", *fields, *_REPLACED[layout]}
+    other_columns = [c.name for c in cloud.columns if c.name not in driver_columns]
+    dtypes = {name: cloud.column(name).dtype.newbyteorder("<") for name in other_columns}
+    offsets = size + np.cumsum([0, *(dtype.itemsize for dtype in dtypes.values())])
     dtype = np.dtype(
         {
-            "names": [*fields, *others],
-            "formats": [*(kind for _, kind in fields.values()), *types.values()],
+            "names": [*fields, *other_columns],
+            "formats": [*(kind for _, kind in fields.values()), *dtypes.values()],
             "offsets": [*(offset for offset, _ in fields.values()), *offsets[:-1].tolist()],
             "itemsize": int(offsets[-1]),
         }
     )
     rows = np.zeros(len(cloud), dtype)
-    for name in others:
+    for name in other_columns:
         rows[name] = cloud.column(name)
     for name in fields:
         rows[name] = _driver_value(cloud, name, rows.dtype[name])

@@ -123,13 +123,13 @@ class BoxTally:
 
     def add_echoes(self, cloud: PointCloud) -> None:
         """Count the echoes of each body, and add up their times."""
-        _, body = truth_of(cloud)
-        echo, sensors = cloud.status == 0, len(self._starts_s)
+        _, body_index = truth_of(cloud)
+        is_echo, sensors = cloud.status == 0, len(self._starts_s)
         for number, (index, _) in enumerate(self._things):
-            own = np.flatnonzero((body == index) & echo)
-            self._points_on[number] += np.bincount(cloud.sensor_index[own], minlength=sensors)
+            echoes = np.flatnonzero((body_index == index) & is_echo)
+            self._points_on[number] += np.bincount(cloud.sensor_index[echoes], minlength=sensors)
             if self.moves:
-                self._time_ps[number] += int(np.rint(cloud.time_s[own] / PICOSECOND).astype(np.int64).sum())
+                self._time_ps[number] += int(np.rint(cloud.time_s[echoes] / PICOSECOND).astype(np.int64).sum())
 
     def place_boxes(self) -> None:
         """Place the boxes at the mean time of their bodies' points."""
@@ -137,20 +137,20 @@ class BoxTally:
             points = max(int(self._points_on[number].sum()), 1)
             later_s = self._points_on[number] @ (self._starts_s - self._starts_s[0]) / points
             since_s = self._time_ps[number] * PICOSECOND / points
-            self._boxes.append(self._at(body, index, float(self._starts_s[0] + later_s), since_s))
+            self._boxes.append(self._box_at(body, index, float(self._starts_s[0] + later_s), since_s))
 
     def count_points(self, xyz_m: Numbers, true_range_m: Numbers, status: Numbers, sensor_index: Numbers) -> None:
         """Count points and beams in the boxes; columns of a cloud."""
         world_m = np.ascontiguousarray(self._to_world.apply(xyz_m.astype(np.float64)).T)
-        sensors = _Beams.of(world_m, self._origins_m, true_range_m, status, sensor_index)
+        sensors = _Beams.from_points(world_m, self._origins_m, true_range_m, status, sensor_index)
         for number, box in enumerate(self._boxes):
-            counts = [sensor.into(box) for sensor in sensors]
-            met, reached = (sum(one[i] for one in counts) for i in (0, 1))
+            counts = [sensor.count_entering(box) for sensor in sensors]
+            entering, reaching = (sum(sensor_counts[i] for sensor_counts in counts) for i in (0, 1))
             self._boxes[number] = replace(
                 box,
-                points_inside=box.points_inside + _inside(box, world_m),
-                beams=box.beams + met,
-                reached=box.reached + reached,
+                points_inside=box.points_inside + _count_inside(box, world_m),
+                beams=box.beams + entering,
+                reached=box.reached + reaching,
             )
 
     def boxes(self) -> list[Box]:
@@ -160,7 +160,7 @@ class BoxTally:
             for box, points_on in zip(self._boxes, self._points_on, strict=True)
         ]
 
-    def _at(self, body: Body, index: int, start_s: float, since_s: float) -> Box:
+    def _box_at(self, body: Body, index: int, start_s: float, since_s: float) -> Box:
         """Return the box of a body ``since_s`` after a frame's start, where the cloud shows it."""
         box = box_of(body, index)
         if body.motion is not None:
@@ -170,8 +170,8 @@ class BoxTally:
             box = replace(box, pose=states.pose(), velocity_m_s=states.velocity_m_s[0])
         if self._ego is not None:
             # What the sensor saw then, from where it was at the start.
-            ego, then = pose_at(self._ego, start_s), pose_at(self._ego, start_s + since_s)
-            box = replace(box, pose=ego @ then.inverse() @ box.pose)
+            ego_at_start, ego_then = pose_at(self._ego, start_s), pose_at(self._ego, start_s + since_s)
+            box = replace(box, pose=ego_at_start @ ego_then.inverse() @ box.pose)
         return box
 
 
@@ -184,15 +184,15 @@ def truth_of(cloud: PointCloud) -> tuple[Numbers, Numbers]:
 
 def sensor_place(cloud: PointCloud) -> Pose:
     """Where the sensor stood in the world. Raises InputError if the cloud does not know."""
-    return _known(cloud.sensor_to_world)
+    return _require_pose(cloud.sensor_to_world)
 
 
 def frame_to_world(cloud: PointCloud) -> Pose:
     """The frame of the points in the world. Raises InputError if the cloud does not know."""
-    return _known(cloud.frame_to_world)
+    return _require_pose(cloud.frame_to_world)
 
 
-def _known(place: Pose | None) -> Pose:
+def _require_pose(place: Pose | None) -> Pose:
     if place is None:
         raise InputError("labels: the cloud does not say how its sensor stood (metadata 'sensor_to_world')")
     return place
@@ -201,17 +201,17 @@ def _known(place: Pose | None) -> Pose:
 def box_of(body: Body, index: int) -> Box:
     """The box of a body as it stands in the world."""
     low, high = _extent_m(body)
-    turn = _axes(body.pose.rotation).T
+    axes = _axes(body.pose.rotation).T
     return Box(
         body=index,
         name=body.name,
         class_name=body.class_name,
-        size_m=np.abs(turn.T @ (high - low)),
-        pose=body.pose @ Pose(position_m=0.5 * (low + high), rotation=turn),
+        size_m=np.abs(axes.T @ (high - low)),
+        pose=body.pose @ Pose(position_m=0.5 * (low + high), rotation=axes),
     )
 
 
-def upright(box: Box) -> tuple[Numbers, float]:
+def upright_size_and_yaw(box: Box) -> tuple[Numbers, float]:
     """Return (length, width, height) and yaw in radians of the smallest upright box around this one.
 
     For formats that know no other rotation. An upright box is returned as it is.
@@ -240,13 +240,13 @@ def _axes(rotation: Numbers) -> Numbers:
     Up is the one nearest to the world's z; forward is its own x, or y where x is up.
     """
     up = int(np.argmax(np.abs(rotation[2])))
-    own = np.eye(3)
-    upward = own[up] * (1.0 if rotation[2, up] >= 0 else -1.0)
-    forward = own[1] if up == 0 else own[0]
+    axes = np.eye(3)
+    upward = axes[up] * (1.0 if rotation[2, up] >= 0 else -1.0)
+    forward = axes[1] if up == 0 else axes[0]
     return np.stack([forward, np.cross(upward, forward), upward])
 
 
-def _inside(box: Box, xyz_m: Numbers) -> int:
+def _count_inside(box: Box, xyz_m: Numbers) -> int:
     """How many of (3, n) points of the box's frame are inside it."""
     half = np.abs(box.corners_m() - box.pose.position_m).max(axis=0)
     near = np.arange(xyz_m.shape[1])
@@ -265,30 +265,32 @@ class _Beams:
     end_m: Numbers
 
     @staticmethod
-    def of(
+    def from_points(
         world_m: Numbers, origins_m: Numbers, true_range_m: Numbers, status: Numbers, sensor_index: Numbers
     ) -> list[_Beams]:
         """Of each sensor at ``origins_m`` (sensors, 3), for points at ``world_m`` (3, n)."""
-        found = []
+        beams = []
         for index, origin_m in enumerate(origins_m):
-            own = (status == 0) & (sensor_index == index)
-            along = world_m[:, own] - origin_m[:, None]
-            length = np.sqrt((along**2).sum(axis=0))
-            far = length > 0
-            found.append(_Beams(origin_m, along[:, far] / length[far], true_range_m[own][far]))
-        return found
+            of_sensor = (status == 0) & (sensor_index == index)
+            vectors_m = world_m[:, of_sensor] - origin_m[:, None]
+            length_m = np.sqrt((vectors_m**2).sum(axis=0))
+            has_length = length_m > 0
+            beams.append(
+                _Beams(origin_m, vectors_m[:, has_length] / length_m[has_length], true_range_m[of_sensor][has_length])
+            )
+        return beams
 
-    def into(self, box: Box) -> tuple[int, int]:
+    def count_entering(self, box: Box) -> tuple[int, int]:
         """How many would enter the box if nothing stopped them, and how many reach it."""
         near = self._towards(box)
         start = box.pose.inverse_apply(self.origin_m[None]).T
         direction = box.pose.rotation.T @ self.direction[:, near]
         direction = np.where(np.abs(direction) < 1e-12, 1e-12, direction)
         half = 0.5 * box.size_m[:, None]
-        one, other = (-half - start) / direction, (half - start) / direction
-        enter = np.minimum(one, other).max(axis=0, initial=0.0)
-        meets = enter <= np.maximum(one, other).min(axis=0)
-        reaches = meets & (self.end_m[near] >= enter - STOPPED_M)
+        low_m, high_m = (-half - start) / direction, (half - start) / direction
+        enter_m = np.minimum(low_m, high_m).max(axis=0, initial=0.0)
+        meets = enter_m <= np.maximum(low_m, high_m).min(axis=0)
+        reaches = meets & (self.end_m[near] >= enter_m - STOPPED_M)
         return int(meets.sum()), int(reaches.sum())
 
     def _towards(self, box: Box) -> Numbers:

@@ -29,7 +29,7 @@ from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
 from ..maths.trajectory import Course
 from ..scene.scene import Scene
-from .boxes import PIECE_POINTS, Box, sensor_place, truth_of, upright
+from .boxes import PIECE_POINTS, Box, sensor_place, truth_of, upright_size_and_yaw
 from .gathered import GatheredBoxes
 from .kinds import MOVING, OUTLIER, UNLABELLED, kind_of
 from .osi_truth import ground_truth
@@ -67,11 +67,11 @@ def write_labels(cloud: PointCloud, scene: Scene, path: str | os.PathLike[str], 
 @contextmanager
 def labels_stream(path: str | os.PathLike[str], scene: Scene, *, format: str) -> Iterator[Append]:
     """Write the labels of the clouds that are appended in the block, at least one, as those of one frame."""
-    first, *others = label_paths(path, format=format)
+    first, *further_paths = label_paths(path, format=format)
     with _STREAMS[format](first, scene) as append:
         yield append
-    if others:
-        _write_text(others[0], kitti_calibration())
+    if further_paths:
+        _write_text(further_paths[0], kitti_calibration())
 
 
 def label_paths(path: str | os.PathLike[str], *, format: str) -> tuple[Path, ...]:
@@ -127,16 +127,16 @@ def semantic_kitti(cloud: PointCloud, scene: Scene) -> Numbers:
 
 def _kitti_line(box: Box) -> str:
     """``box`` as the sensor sees it."""
-    (length, width, height), yaw = upright(box)
+    (length, width, height), yaw = upright_size_and_yaw(box)
     bottom = box.pose.position_m - [0.0, 0.0, 0.5 * height]
     x, y, z = SENSOR_TO_CAMERA @ bottom
-    rotation_y = _wrapped(-yaw - 0.5 * math.pi)
-    alpha = _wrapped(rotation_y - math.atan2(x, z))
-    (left, top, right, low), truncated = _in_picture(box)
-    occluded = next((v for least, v in OCCLUDED if box.visibility >= least), UNKNOWN)
+    rotation_y = _wrap_angle(-yaw - 0.5 * math.pi)
+    alpha = _wrap_angle(rotation_y - math.atan2(x, z))
+    (left, top, right, bottom_px), truncated = _in_picture(box)
+    occluded = next((level for least, level in OCCLUDED if box.visibility >= least), UNKNOWN)
     return (
         f"{kind_of(box.class_name).kitti} {truncated:.2f} {occluded if box.beams else UNKNOWN} {alpha:.4f} "
-        f"{left:.2f} {top:.2f} {right:.2f} {low:.2f} {height:.4f} {width:.4f} {length:.4f} "
+        f"{left:.2f} {top:.2f} {right:.2f} {bottom_px:.2f} {height:.4f} {width:.4f} {length:.4f} "
         f"{x:.4f} {y:.4f} {z:.4f} {rotation_y:.4f}"
     )
 
@@ -147,15 +147,15 @@ def _in_picture(box: Box) -> tuple[tuple[float, float, float, float], float]:
     if corners[:, 2].max() < NEAREST_M:
         return (0.0, 0.0, 0.0, 0.0), 1.0
     depth = np.maximum(corners[:, 2:], NEAREST_M)
-    seen = (corners[:, :2] * CAMERA[0, 0] + CAMERA[:2, 2] * depth) / depth
-    low, high = seen.min(axis=0), seen.max(axis=0)
+    corners_px = (corners[:, :2] * CAMERA[0, 0] + CAMERA[:2, 2] * depth) / depth
+    low, high = corners_px.min(axis=0), corners_px.max(axis=0)
     limit = np.array(PICTURE_PX) - 1.0
     inner_low, inner_high = low.clip(0, limit), high.clip(0, limit)
     inside = float(np.prod(inner_high - inner_low) / np.prod(np.maximum(high - low, 1e-9)))
     return (*inner_low.tolist(), *inner_high.tolist()), 1.0 - inside
 
 
-def _wrapped(angle_rad: float) -> float:
+def _wrap_angle(angle_rad: float) -> float:
     """The same angle between -pi and pi."""
     return math.remainder(angle_rad, 2.0 * math.pi)
 
@@ -166,8 +166,8 @@ def kitti_stream(path: Path, scene: Scene) -> Iterator[Append]:
     with atomic_output(path) as temporary, GatheredBoxes(temporary.parent, scene) as gathered:
         yield gathered.append
         place = sensor_place(gathered.first)
-        found = [box.seen_from(place) for box in gathered.boxes() if box.has_points]
-        temporary.write_text("".join(_kitti_line(box) + "\n" for box in found), encoding="utf-8")
+        boxes = [box.seen_from(place) for box in gathered.boxes() if box.has_points]
+        temporary.write_text("".join(_kitti_line(box) + "\n" for box in boxes), encoding="utf-8")
 
 
 @contextmanager

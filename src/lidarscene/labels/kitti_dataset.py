@@ -16,7 +16,7 @@ import numpy as np
 
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
-from ..files.atomic import atomic_output, named
+from ..files.atomic import atomic_output, name_path_in_errors
 from ..formats.kitti import kitti_stream
 from ..maths.pose import Pose
 from ..scene.scene import Scene
@@ -51,11 +51,11 @@ def frame_stream(
             if not first:
                 truth_of(cloud)
                 first.append(cloud.without_points())
-                appended.append(named(clouds, opened.enter_context(kitti_stream(clouds))))
-                path, labels = _labels(dataset, clouds, scene)
-                appended.append(named(path, opened.enter_context(labels)))
-            for one in appended:
-                one(cloud)
+                appended.append(name_path_in_errors(clouds, opened.enter_context(kitti_stream(clouds))))
+                path, labels = _open_labels(dataset, clouds, scene)
+                appended.append(name_path_in_errors(path, opened.enter_context(labels)))
+            for append_to_file in appended:
+                append_to_file(cloud)
 
         yield append
     if dataset == "kitti":
@@ -78,7 +78,7 @@ def write_sequence_frame(
         append(cloud)
 
 
-def _labels(dataset: str, clouds: Path, scene: Scene) -> tuple[Path, AbstractContextManager[Append]]:
+def _open_labels(dataset: str, clouds: Path, scene: Scene) -> tuple[Path, AbstractContextManager[Append]]:
     """The file of a frame's labels, and what writes it."""
     if dataset == "kitti":
         path = clouds.parents[1] / "label_2" / f"{clouds.stem}.txt"
@@ -87,15 +87,15 @@ def _labels(dataset: str, clouds: Path, scene: Scene) -> tuple[Path, AbstractCon
     return path, files.semantic_kitti_stream(path, scene)
 
 
-def _write_sequence(root: Path, here: Path, frame: int, cloud: PointCloud) -> None:
+def _write_sequence(root: Path, folder: Path, frame: int, cloud: PointCloud) -> None:
     """All of a sequence but points and labels."""
     place = sensor_place(cloud)
     # The odometry data set knows only the cameras and the way from the lidar to the first of them.
     cameras = [line for line in kitti_calibration().splitlines() if line.startswith("P")]
     lidar = next(line for line in kitti_calibration().splitlines() if line.startswith("Tr_velo"))
-    _write_text(here / "calib.txt", [*cameras, lidar.replace("Tr_velo_to_cam", "Tr")])
-    _write_line(here / "times.txt", frame, f"{cloud.frame_start_s:.9e}")
-    for poses in (here / "poses.txt", root / "poses" / f"{here.name}.txt"):
+    _write_text(folder / "calib.txt", [*cameras, lidar.replace("Tr_velo_to_cam", "Tr")])
+    _write_line(folder / "times.txt", frame, f"{cloud.frame_start_s:.9e}")
+    for poses in (folder / "poses.txt", root / "poses" / f"{folder.name}.txt"):
         _write_line(poses, frame, camera_pose(place))
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..files.encodings.protobuf import message, number
-from ..formats.osi import placed, timestamp, trace_file, vector, version
+from ..formats.osi import pose_fields, timestamp, trace_file, vector, version
 from .boxes import Box
 
 VEHICLE, PEDESTRIAN, ANIMAL = 2, 3, 4
@@ -37,15 +37,15 @@ OTHER = 1
 
 def ground_truth(boxes: Sequence[Box], start_s: float) -> bytes:
     """The file of one frame."""
-    objects = [_moving(box) if _moves(box) else _stationary(box) for box in boxes]
+    objects = [_moving_object(box) if _is_moving(box) else _stationary_object(box) for box in boxes]
     return trace_file(version(1), timestamp(2, start_s), *objects)
 
 
-def _moves(box: Box) -> bool:
+def _is_moving(box: Box) -> bool:
     return box.class_name.lower() in (MOVING | VEHICLES)
 
 
-def _moving(box: Box) -> bytes:
+def _moving_object(box: Box) -> bytes:
     name = box.class_name.lower()
     base = message(2, _base(box), vector(4, box.velocity_m_s))
     parts = [_identity(box), base, number(3, MOVING.get(name, VEHICLE))]
@@ -54,7 +54,7 @@ def _moving(box: Box) -> bytes:
     return message(5, *parts)
 
 
-def _stationary(box: Box) -> bytes:
+def _stationary_object(box: Box) -> bytes:
     kind = STATIONARY.get(box.class_name.lower(), OTHER)
     return message(4, _identity(box), message(2, _base(box)), message(3, number(1, kind)))
 
@@ -65,4 +65,4 @@ def _identity(box: Box) -> bytes:
 
 def _base(box: Box) -> bytes:
     """Dimension, position and orientation, which have the same numbers in both kinds of base."""
-    return vector(1, box.size_m) + placed(box.pose, position=2, orientation=3)
+    return vector(1, box.size_m) + pose_fields(box.pose, position=2, orientation=3)

@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from ..files.table_model import Number
-from ..files.toml import FileModel, read_toml, validated
+from ..files.toml import FileModel, read_toml, validate
 from ..maths.units import si
 from .material import Material, Spectrum
 
@@ -165,4 +165,4 @@ def _spectrum(reflectivity: float | tuple[ReflectivityRow, ...]) -> Spectrum:
 
 def read_material(path: Path) -> Material:
     """A material from a TOML file. Raises InputError."""
-    return validated(MaterialFile, read_toml(path), str(path)).build(path.stem)
+    return validate(MaterialFile, read_toml(path), str(path)).build(path.stem)

@@ -19,7 +19,7 @@ from ..cloud.pixels import Camera
 from ..cloud.point_cloud import PointCloud
 from ..cloud.rig_clouds import Merging
 from ..cloud.thinning import Thinned
-from ..files.atomic import named
+from ..files.atomic import name_path_in_errors
 from ..formats.packets.firings import FiringsBuilder
 from ..kernel.rays.look import distances_m
 from ..labels.files import labels_stream
@@ -213,4 +213,4 @@ class FrameFiles:
 def _naming_file(path: Path, stream: AbstractContextManager[Callable[..., None]]) -> Iterator[Callable[..., None]]:
     """Wrap a stream so that errors raised while appending name its file."""
     with stream as take:
-        yield named(path, take)
+        yield name_path_in_errors(path, take)

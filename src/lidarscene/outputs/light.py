@@ -16,7 +16,7 @@ import numpy as np
 from ..cloud.pixels import NOTHING, cells_of_beams
 from ..detection.sampled_waveforms import Waveforms
 from ..files.atomic import atomic_output
-from ..files.encodings.png import encoded
+from ..files.encodings.png import encode_png
 from ..maths.arrays import Numbers
 from ..sensor.model import Sensor
 
@@ -60,7 +60,7 @@ class AmbientImage:
             text = {"Title": "ambient", "Description": f"one step is {step} count{'s' if step > 1 else ''}"}
             levels = np.rint(image / step).clip(0, 65535).astype(np.uint16)
             with atomic_output(path) as temporary:
-                temporary.write_bytes(encoded(levels, text=text))
+                temporary.write_bytes(encode_png(levels, text=text))
             return
         _save(
             path,

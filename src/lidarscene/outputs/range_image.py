@@ -20,7 +20,7 @@ from ..cloud.pixels import NOTHING, cells_of
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
 from ..files.atomic import atomic_output
-from ..files.encodings.png import encoded
+from ..files.encodings.png import encode_png
 from ..formats.described import unit_of
 from ..maths.arrays import Numbers
 
@@ -68,7 +68,7 @@ def write_range_image(path: str | os.PathLike[str], cloud: PointCloud) -> tuple[
     for name, file in zip(arrays, files, strict=False):
         levels, unit = _levels(arrays[name], name, cloud)
         with atomic_output(file) as temporary:
-            temporary.write_bytes(encoded(levels, text={"Title": name, "Description": f"one step is {unit}"}))
+            temporary.write_bytes(encode_png(levels, text={"Title": name, "Description": f"one step is {unit}"}))
     return files
 
 

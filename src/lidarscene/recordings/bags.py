@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..files.optional import optional
-from ..formats.described import reading
+from ..files.optional import import_optional
+from ..formats.described import input_errors
 from ..formats.packets.layouts import Packet
 from ..maths.pose import Pose, rotation_numbers
 from . import hesai_reader, velodyne_reader
@@ -39,11 +39,12 @@ _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"
 
 def open_bag(path: Path, metadata: Path | None) -> Recording:
     """Open the first topic of a lidar; a pose is the last transform of the cloud's frame before it."""
-    highlevel, typesys = optional("rosbags.highlevel", extra="ros"), optional("rosbags.typesys", extra="ros")
+    highlevel = import_optional("rosbags.highlevel", extra="ros")
+    typesys = import_optional("rosbags.typesys", extra="ros")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     for name, text in DEFINITIONS.items():
         store.register(typesys.get_types_from_msg(text, name))
-    with reading(path, folder=True):
+    with input_errors(path, folder=True):
         bag = _open(lambda file: highlevel.AnyReader([file], default_typestore=store), path)
     connections = [connection for connection in bag.connections if connection.msgtype in (POINTS, *SCANS)]
     if not connections:
@@ -57,13 +58,13 @@ def open_bag(path: Path, metadata: Path | None) -> Recording:
         return SCANS[connection.msgtype](path, metadata, scans, name=f"{kind} {path.suffix[1:] or 'bag'}")
     if metadata is not None:
         raise InputError(f"--metadata {metadata}: goes with recordings of packets, not with PointCloud2")
-    with reading(path, folder=True):
+    with input_errors(path, folder=True):
         stamps = _stamps(bag, connection)
         transforms = _transforms(bag)
     about = {"format": f"ros {path.suffix[1:] or 'bag'}", "sensor": "", "topic": connection.topic}
 
     def read(frame: int) -> Sweep:
-        with reading(path, folder=True):
+        with input_errors(path, folder=True):
             return _sweep(_message(bag, connection, stamps, frame), transforms, about | {"frame": str(frame)})
 
     return Recording(path=path, count=len(stamps), read=read, close_file=bag.close, metadata=about)
@@ -104,7 +105,7 @@ class _Scans(Sequence[list[Packet]]):
 
     def __init__(self, bag: Any, path: Path, connection: Any) -> None:
         self._bag, self._connection = bag, connection
-        with reading(path, folder=True):
+        with input_errors(path, folder=True):
             self._stamps = _stamps(bag, connection)
 
     def __len__(self) -> int:

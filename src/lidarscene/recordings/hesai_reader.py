@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ..files.optional import optional
-from ..formats.described import reading
+from ..files.optional import import_optional
+from ..formats.described import input_errors
 from ..formats.packets.layouts import HESAI_START, Packet
 from .pcap_reader import turns_of
 from .recording import Recording
@@ -42,7 +42,7 @@ def open_hesai(path: Path, metadata: Path | None, packets: Sequence[Packet]) -> 
 
 def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequence[Packet]], *, name: str) -> Recording:
     """Recording of which each of these runs of packets is a frame. Raises InputError."""
-    with reading(path, folder=True):
+    with input_errors(path, folder=True):
         first = scans[0][0].payload
         packed = (*first[2:4], *first[6:8])
         if packed not in MODELS:
@@ -50,11 +50,11 @@ def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequen
                 "must be packets of a PandarXT-32 (protocol 6.1, 32 lasers, 8 blocks) or OT128 (1.4, 128, 2), "
                 f"got protocol {packed[0]}.{packed[1]}, {packed[2]} lasers, {packed[3]} blocks"
             )
-        hydra = optional("hydra4.decoders", extra="hesai")
+        hydra = import_optional("hydra4.decoders", extra="hesai")
         model = MODELS[packed]
         table = Path(hydra.__file__).parents[1] / "calibrations" / f"{_file_name(model)}.csv"
         make = getattr(hydra, model)
-    with reading(metadata or table):
+    with input_errors(metadata or table):
         decoder = make(metadata or table, LEAST_M, LARGEST_M)
     for attribute in ("block_offset_single", "block_offset_dual"):
         # hydra4 0.2 adds the microseconds of a PandarXT-32's blocks to seconds.
@@ -64,7 +64,7 @@ def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequen
     about = {"format": name, "sensor": model}
 
     def read(frame: int) -> Sweep:
-        with reading(path, folder=True):
+        with input_errors(path, folder=True):
             return _sweep(decoder, scans[frame], about | {"frame": str(frame)})
 
     return Recording(path=path, count=len(scans), read=read, metadata=about)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..errors import InputError
-from ..formats.described import reading
+from ..formats.described import input_errors
 from .recording import Recording
 
 Reader = Callable[[Path, Path | None], Recording]
@@ -54,7 +54,7 @@ def _packets(path: Path, metadata: Path | None) -> Recording:
     described = metadata_of(path, metadata)
     if described is not None and described.suffix.lower() == ".json" and described.is_file():
         return _ouster(path, metadata)
-    with reading(path):
+    with input_errors(path):
         packets = packets_of(
             path, lambda payload: velodyne_reader.is_velodyne(payload) or hesai_reader.is_hesai(payload)
         )

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..files.optional import optional
-from ..formats.described import reading
+from ..files.optional import import_optional
+from ..formats.described import input_errors
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from .pcap_reader import json_beside, map_file, records_of
@@ -25,21 +25,21 @@ VALID = 1
 
 def open_ouster(path: Path, metadata: Path | None) -> Recording:
     """Open the first sensor's frames; incomplete frames at either end count. Raises InputError."""
-    sdk = optional("ouster.sdk", extra="ouster")
-    core = optional("ouster.sdk.core", extra="ouster")
+    sdk = import_optional("ouster.sdk", extra="ouster")
+    core = import_optional("ouster.sdk.core", extra="ouster")
     core.init_logger("critical")  # its warnings would stand between our own lines
     options: dict[str, Any] = {}
     metadata_file = path
     with ExitStack() as opened:
         if path.suffix.lower() == ".pcap":
             metadata_file = _description(path, metadata)
-            with reading(metadata_file):
+            with input_errors(metadata_file):
                 core.SensorInfo(metadata_file.read_text())
             options = {"meta": [str(metadata_file)]}
             _require_whole(path)
         elif metadata is not None:
             raise InputError(f"--metadata {metadata}: goes with a pcap; an OSF has its own")
-        with reading(path):
+        with input_errors(path):
             file = path if options else _indexable(path, opened)
             source = sdk.open_source(str(file), index=True, collate=False, sensor_idx=0, **options)
             opened.callback(source.close)
@@ -58,7 +58,7 @@ def open_ouster(path: Path, metadata: Path | None) -> Recording:
     }
 
     def read(frame: int) -> Sweep:
-        with reading(path):
+        with input_errors(path):
             try:
                 scan = source[frame][0]
             except IndexError:  # of ouster-sdk, where the file's checksum does not fit
@@ -70,7 +70,7 @@ def open_ouster(path: Path, metadata: Path | None) -> Recording:
 
 def _indexable(path: Path, opened: ExitStack) -> Path:
     """Path of the OSF, or of a copy if it has no index: ouster-sdk would write one into the recording."""
-    osf = optional("ouster.sdk.osf", extra="ouster")
+    osf = import_optional("ouster.sdk.osf", extra="ouster")
     source = osf.OsfFrameSetSource(str(path))
     indexed = source.is_indexed
     source.close()
@@ -82,7 +82,7 @@ def _indexable(path: Path, opened: ExitStack) -> Path:
 
 def _require_whole(path: Path) -> None:
     """Raise InputError for a pcap that is cut off: ouster-sdk would silently read the frames before the cut."""
-    with reading(path):
+    with input_errors(path):
         for _ in records_of(map_file(path)):
             pass
 

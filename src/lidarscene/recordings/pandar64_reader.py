@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..formats.described import reading
+from ..formats.described import input_errors
 from ..formats.packets.layouts import DUAL, HESAI_START, PANDAR64_PACKET, Packet
 from ..formats.packets.layouts import PANDAR64_AZIMUTH_US as AZIMUTH_US
 from ..formats.packets.layouts import PANDAR64_BLOCKS as BLOCKS
@@ -38,7 +38,7 @@ def is_pandar64(payload: bytes) -> bool:
 
 def open_pandar64(path: Path, metadata: Path | None, packets: Sequence[Packet]) -> Recording:
     """Open the turns of these packets; ``metadata`` is the unit's table of angles, CSV. Raises InputError."""
-    with reading(path):
+    with input_errors(path):
         rows = np.frombuffer(
             b"".join(packet.payload[: PANDAR64_PACKET.itemsize] for packet in packets), PANDAR64_PACKET
         )
@@ -49,7 +49,7 @@ def open_pandar64(path: Path, metadata: Path | None, packets: Sequence[Packet]) 
 
     def read(frame: int) -> Sweep:
         turn = turns[frame]
-        with reading(path):
+        with input_errors(path):
             return _sweep(rows[turn], stamps_s[turn], angles, about | {"frame": str(frame)})
 
     return Recording(path=path, count=len(turns), read=read, metadata=about)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..formats.described import reading
+from ..formats.described import input_errors
 from ..formats.las import las_columns
 from ..formats.pcd import pcd_columns
 from ..formats.ply import ply_columns
@@ -69,7 +69,7 @@ def open_cloud(path: Path, metadata: Path | None) -> Recording:
 
     def read(frame: int) -> Sweep:
         file = files[frame]
-        with reading(file):
+        with input_errors(file):
             name, columns_of = CLOUDS[str(suffix_of(file))]
             columns, shape = columns_of(file)
             sweep = sweep_of(columns, shape=shape, metadata=about | {"format": name, "frame": str(frame)})

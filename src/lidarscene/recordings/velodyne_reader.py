@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ..files.optional import optional
-from ..formats.described import reading
+from ..files.optional import import_optional
+from ..formats.described import input_errors
 from ..formats.packets.layouts import VELODYNE_BANKS, VELODYNE_PACKET, Packet
 from ..maths.arrays import Numbers
 from .pcap_reader import turns_of
@@ -52,20 +52,20 @@ def open_velodyne(path: Path, metadata: Path | None, packets: Sequence[Packet]) 
 
 def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequence[Packet]], *, name: str) -> Recording:
     """Recording of which each of these runs of packets is a frame. Raises InputError."""
-    decoder = optional("velodyne_decoder", extra="velodyne")
+    decoder = import_optional("velodyne_decoder", extra="velodyne")
     config = decoder.Config()
     if metadata is not None:
-        with reading(metadata):
+        with input_errors(metadata):
             config.calibration = decoder.Calibration.read(str(metadata))
     model = decoder.ScanDecoder(config)
     if scans:
-        with reading(path, folder=True):
+        with input_errors(path, folder=True):
             _decode(decoder, model, scans[0])
     about = {"format": name, "sensor": f"{getattr(model.model_id, 'name', 'Velodyne')}"}
     about["mode"] = getattr(model.return_mode, "name", "").lower()
 
     def read(frame: int) -> Sweep:
-        with reading(path, folder=True):
+        with input_errors(path, folder=True):
             scan = decoder.ScanDecoder(config)
             if frame:  # so that a frame is the same whether frames are read in order or not
                 _decode(decoder, scan, scans[frame - 1][-WARM_UP_PACKETS:])
@@ -140,16 +140,16 @@ def _interpolate(first: Numbers, range_m: Numbers) -> tuple[Numbers, Numbers]:
         for values in (azimuths, [time_s[row, channel_columns] for row, channel_columns in enumerate(columns)])
     )
     firings = np.arange(range_m.shape[1], dtype=np.float64)
-    for row, (known, azimuth) in enumerate(zip(columns, azimuths, strict=True)):
-        if not len(known):
+    for row, (hits, azimuth) in enumerate(zip(columns, azimuths, strict=True)):
+        if not len(hits):
             continue
-        lost = np.setdiff1d(firings, known).astype(np.int64)
-        outside = firings[lost] - firings[lost].clip(known[0], known[-1])
-        azimuth_rad = np.interp(firings[lost], known, azimuth) + outside * azimuth_rate
-        height = np.interp(firings[lost], known, direction[row, known, 2])
+        misses = np.setdiff1d(firings, hits).astype(np.int64)
+        outside = firings[misses] - firings[misses].clip(hits[0], hits[-1])
+        azimuth_rad = np.interp(firings[misses], hits, azimuth) + outside * azimuth_rate
+        height = np.interp(firings[misses], hits, direction[row, hits, 2])
         level = np.sqrt(1.0 - height**2)
-        direction[row, lost] = np.stack([level * np.cos(azimuth_rad), level * np.sin(azimuth_rad), height], axis=-1)
-        time_s[row, lost] = np.interp(firings[lost], known, time_s[row, known]) + outside * time_rate
+        direction[row, misses] = np.stack([level * np.cos(azimuth_rad), level * np.sin(azimuth_rad), height], axis=-1)
+        time_s[row, misses] = np.interp(firings[misses], hits, time_s[row, hits]) + outside * time_rate
     return direction, time_s
 
 

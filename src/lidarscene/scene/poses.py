@@ -31,7 +31,7 @@ def read_poses(path: Path) -> Spline:
     qx, qy, qz, qw. Any other suffix: lines of time, x, y, z, qx, qy, qz, qw with # for comments, as in the TUM RGB-D
     benchmark (Sturm et al., IROS 2012). Raises InputError.
     """
-    columns = read_columns(path, known=_KNOWN.__contains__) if path.suffix.lower() == ".csv" else _read_tum(path)
+    columns = read_columns(path, is_wanted=_KNOWN.__contains__) if path.suffix.lower() == ".csv" else _read_tum(path)
     missing = [name for name in ("time_s", *PLACE) if name not in columns]
     if missing:
         raise InputError(f"{path}: column {missing[0]} is missing")

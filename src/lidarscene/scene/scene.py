@@ -193,10 +193,10 @@ class Scene:
     base_materials: Mapping[str, str] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        return facts.line("Scene", self.name, self.facts())
+        return facts.facts_line("Scene", self.name, self.facts())
 
     def _repr_html_(self) -> str:
-        return facts.table("Scene", self.name, self.facts())
+        return facts.facts_table("Scene", self.name, self.facts())
 
     def view(self, *, sensor: str | None = None, height_px: int = 620) -> Any:
         """The page of `lidarscene view` in a notebook, with a frame of the scene.
@@ -205,7 +205,7 @@ class Scene:
         height_px  of the frame in the notebook
         The object returned also has `save(path)`, which writes the page. Raises InputError, BackendError.
         """
-        return facts.viewed(self, sensor=sensor, height_px=height_px)
+        return facts.show_with_viewer(self, sensor=sensor, height_px=height_px)
 
     def facts(self) -> dict[str, str]:
         """Facts for a line about the scene, label -> text."""

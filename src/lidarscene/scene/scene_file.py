@@ -21,7 +21,7 @@ import numpy as np
 from .. import catalog
 from ..errors import InputError, OptionWarning
 from ..files.overrides import Overrides, assignments, with_overrides
-from ..files.toml import read_toml, validated
+from ..files.toml import read_toml, validate
 from ..materials import catalogue
 from ..materials.material import Material
 from ..maths.pose import Pose
@@ -112,7 +112,7 @@ def scene_model(path: Path, *, overrides: Sequence[str] = ()) -> SceneFile:
         tables = mesh_tables(path, overrides, option=option)
     else:
         tables = with_overrides(read_toml(path), overrides, option=option)
-    return validated(SceneFile, tables, str(path), overrides=overrides, option=option)
+    return validate(SceneFile, tables, str(path), overrides=overrides, option=option)
 
 
 def sensor_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] = ()) -> str:

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from ..errors import InputError
 from ..files.overrides import with_overrides
 from ..files.table_model import Number, Table
-from ..files.toml import FileModel, read_toml, validated
+from ..files.toml import FileModel, read_toml, validate
 from ..maths.pose import Pose
 from ..maths.units import si
 from ..physics.amplifier import high_pass
@@ -306,7 +306,7 @@ def sensor_from_tables(
     tables: dict[str, Any], *, where: str, overrides: Sequence[str] = (), folder: Path | None = None
 ) -> Sensor:
     """A sensor from the tables of a sensor file that ``where`` names, and whose files lie in ``folder``."""
-    file = validated(SensorFile, _derived_rate(tables, overrides), where, overrides=overrides)
+    file = validate(SensorFile, _derived_rate(tables, overrides), where, overrides=overrides)
     try:
         sensor = file.build(folder or Path())
     except InputError as error:
@@ -331,7 +331,7 @@ def _derived_rate(tables: dict[str, Any], overrides: Sequence[str]) -> dict[str,
 
 def files_of_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Path]:
     """The sensor file and those that it names: a pattern, a filter. Raises InputError."""
-    file = validated(SensorFile, _derived_rate(read_toml(path), overrides), str(path), overrides=overrides)
+    file = validate(SensorFile, _derived_rate(read_toml(path), overrides), str(path), overrides=overrides)
     yield path
     if isinstance(file.scanner, TableFile):
         yield path.parent / file.scanner.file

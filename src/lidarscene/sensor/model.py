@@ -161,10 +161,10 @@ class Sensor:
     sources: Mapping[str, str] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        return facts.line("Sensor", self.name, self.facts())
+        return facts.facts_line("Sensor", self.name, self.facts())
 
     def _repr_html_(self) -> str:
-        return facts.table("Sensor", self.name, self.facts())
+        return facts.facts_table("Sensor", self.name, self.facts())
 
     def facts(self) -> dict[str, str]:
         """What a line about the sensor says."""

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from ..errors import InputError
 from ..files.table_model import Number, Table
-from ..files.toml import FileModel, read_toml, validated
+from ..files.toml import FileModel, read_toml, validate
 from .electronics import Adc, Intensity, MultiLevel
 
 Positive = Annotated[float, Number(gt=0, le=1e9)]
@@ -153,4 +153,4 @@ def read_published(path: Path) -> PublishedFile | None:
     tables = read_toml(path)
     if "published" not in tables:
         return None
-    return validated(PublishedFile, tables["published"], f"{path}: published")
+    return validate(PublishedFile, tables["published"], f"{path}: published")

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from .. import catalog
-from ..files.toml import FileModel, read_toml, validated
+from ..files.toml import FileModel, read_toml, validate
 from ..maths.arrays import Numbers
 from ..sensor.catalogue import load_sensor
 from ..sensor.catalogue import published as catalogue_published
@@ -116,7 +116,7 @@ def recorded_curves(name: str) -> RecordedFile | None:
 
 def read_recorded(path: Path) -> RecordedFile:
     """Read a file of curves. Raises InputError."""
-    return validated(RecordedFile, read_toml(path), str(path))
+    return validate(RecordedFile, read_toml(path), str(path))
 
 
 def compare(name: str) -> list[RecordedComparison]:

@@ -9,7 +9,7 @@ import pytest
 from helpers.twins import recording_of, room_sweep, unit_json
 
 from lidarscene.errors import InputError
-from lidarscene.files.toml import validated
+from lidarscene.files.toml import validate
 from lidarscene.maths.pose import Pose
 from lidarscene.scene.poses import read_poses
 from lidarscene.scene.scene_file import load_scene
@@ -141,7 +141,7 @@ def test_what_is_missing_is_one_line(tmp_path: Path) -> None:
 def test_bright_quads_of_any_strength_make_a_scene_that_can_be_read(apparent: float) -> None:
     """What is hardly brighter than matt white too, and what no sheet is: a material file takes 0.001 to 1e7."""
     text = scene_text("twin", [("bright0", "bright", apparent)], Pose(), 50.0)
-    made = validated(SceneFile, tomllib.loads(text), "scene.toml")
+    made = validate(SceneFile, tomllib.loads(text), "scene.toml")
     coefficient = made.materials["bright0"].retro_coefficient_cd_per_lx_m2
     assert coefficient == pytest.approx(np.clip((apparent - 0.8) / np.pi, 1e-3, 1e7), rel=1e-5)
 

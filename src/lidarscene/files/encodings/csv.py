@@ -17,18 +17,21 @@ from ...maths.arrays import Numbers
 from ..inputs import require_file
 
 
-def read_columns(path: Path, *, known: Callable[[str], bool]) -> dict[str, Numbers]:
+def read_columns(path: Path, *, is_wanted: Callable[[str], bool]) -> dict[str, Numbers]:
     """(n,) float64 values of each known column by name; n may be 0. Raises InputError."""
     require_file(path, "a CSV file")
     try:
         with path.open(encoding="utf-8-sig") as file:
             names = [name.strip() for name in file.readline().split(",")]
-            used = [number for number, name in enumerate(names) if known(name)]
-            if not used:
+            column_indices = [number for number, name in enumerate(names) if is_wanted(name)]
+            if not column_indices:
                 raise InputError(f"{path}: the first line must name the columns")
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of an empty table: the caller has a better message
-                values = np.loadtxt(file, delimiter=",", usecols=used, ndmin=2, dtype=np.float64)
+                values = np.loadtxt(file, delimiter=",", usecols=column_indices, ndmin=2, dtype=np.float64)
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as CSV: {getattr(error, 'strerror', None) or error}") from None
-    return {names[number]: column for number, column in zip(used, values.reshape(-1, len(used)).T, strict=True)}
+    return {
+        names[number]: column
+        for number, column in zip(column_indices, values.reshape(-1, len(column_indices)).T, strict=True)
+    }

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ...files.optional import optional
+from ...files.optional import import_optional
 from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
 from ...sensor.model import Sensor
@@ -50,7 +50,7 @@ class OusterEncoder:
         self._dual = sensor.tdc.stops > 1 and profile != "legacy"
         self._profile = PROFILES[profile][self._dual]
         self._text = json.dumps(_metadata(sensor, self._scanner, self._profile), indent=1)
-        self._core: Any = optional("ouster.sdk.core", extra="ouster")
+        self._core: Any = import_optional("ouster.sdk.core", extra="ouster")
         self._core.init_logger("critical")  # its warnings would stand between our own lines
         self._info = self._core.SensorInfo(self._text)
         self._format = self._core.PacketFormat.from_info(self._info)
@@ -118,8 +118,8 @@ def _metadata(sensor: Sensor, scanner: Spinning, profile: str) -> dict[str, Any]
     start_rad = np.radians(head_deg(scanner, np.array([0]))[0])
     cos, sin = round(float(np.cos(start_rad)), 9), round(float(np.sin(start_rad)), 9)
     start = (np.zeros(rows),) * 3 if scanner.start_m is None else [coordinate.values for coordinate in scanner.start_m]
-    forward, left, up = (1e3 * np.asarray(coordinate_m) for coordinate_m in start)
-    if np.ptp(forward) > 1e-6 or np.ptp(up) > 1e-6 or np.abs(left).max() > 1e-6:
+    forward_mm, left_mm, up_mm = (1e3 * np.asarray(coordinate_m) for coordinate_m in start)
+    if np.ptp(forward_mm) > 1e-6 or np.ptp(up_mm) > 1e-6 or np.abs(left_mm).max() > 1e-6:
         raise InputError(
             f"sensor '{sensor.name}': an Ouster's beams must leave from one height and one place before the axis"
         )
@@ -145,7 +145,7 @@ def _metadata(sensor: Sensor, scanner: Spinning, profile: str) -> dict[str, Any]
         "beam_azimuth_angles": (-np.degrees(scanner.azimuth_rad.values)).tolist(),
         "lidar_origin_to_beam_origin_mm": origin_mm,
         "beam_to_lidar_transform": [1, 0, 0, origin_mm, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1],
-        "lidar_to_sensor_transform": [cos, -sin, 0, 0, sin, cos, 0, 0, 0, 0, 1, float(up[0]), 0, 0, 0, 1],
+        "lidar_to_sensor_transform": [cos, -sin, 0, 0, sin, cos, 0, 0, 0, 0, 1, float(up_mm[0]), 0, 0, 0, 1],
         "imu_to_sensor_transform": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1],
         "data_format": {
             "columns_per_frame": scanner.cycles,

@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from ...formats.described import reading
+from ...formats.described import input_errors
 from .unit_beams import Unit
 
 MODELS = {64: "pandar64"}
@@ -17,7 +17,7 @@ MODELS = {64: "pandar64"}
 
 def read_hesai(path: Path) -> Unit:
     """Read the table of angles of one unit. Raises InputError."""
-    with reading(path), path.open(newline="", encoding="utf-8-sig") as file:
+    with input_errors(path), path.open(newline="", encoding="utf-8-sig") as file:
         rows = [[cell.strip() for cell in row] for row in csv.reader(file) if any(cell.strip() for cell in row)]
         header = [cell.lower() for cell in rows[0]] if rows else []
         column_index = {name: header.index(name) for name in ("elevation", "azimuth") if name in header}

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ...formats.described import reading
+from ...formats.described import input_errors
 from ...formats.packets.layouts import OUSTER_MODES
 from .unit_beams import Unit
 
@@ -37,7 +37,7 @@ FIRST_ORIGIN_MM = 12.163
 
 def read_ouster(path: Path, mode: str | None = None) -> Unit:
     """Read the metadata; ``mode`` of the firmware replaces the one that they name. Raises InputError."""
-    with reading(path):
+    with input_errors(path):
         metadata = dict(_leaves(json.loads(path.read_text(encoding="utf-8"))))
     altitude, azimuth = (
         _angles(path, metadata, "beam_altitude_angles"),
@@ -94,7 +94,7 @@ def _leaves(table: Any) -> Iterator[tuple[str, Any]]:
 
 def _angles(path: Path, metadata: dict[str, Any], key: str) -> tuple[float, ...]:
     values = metadata.get(key)
-    with reading(path):
+    with input_errors(path):
         if not isinstance(values, list) or not values:
             raise ValueError(f"must have a list {key} of an Ouster, got none")
         angles = tuple(float(angle) for angle in values)
@@ -109,7 +109,7 @@ def _transforms(path: Path, metadata: dict[str, Any]) -> tuple[Any, Any]:
     product_mm = next((mm for start, mm in BEAM_ORIGIN_MM.items() if product.startswith(start)), FIRST_ORIGIN_MM)
     origin_mm = metadata.get("lidar_origin_to_beam_origin_mm", product_mm)
     origin_only = (1, 0, 0, origin_mm, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1)
-    with reading(path):
+    with input_errors(path):
         to_sensor = np.array(metadata.get("lidar_to_sensor_transform") or LIDAR_TO_SENSOR, float).reshape(4, 4)
         to_lidar = np.array(metadata.get("beam_to_lidar_transform") or origin_only, float).reshape(4, 4)
         level = abs(to_sensor[2, 2] - 1.0) < 1e-9 and np.abs(to_sensor[:2, 3]).max() < 1e-9

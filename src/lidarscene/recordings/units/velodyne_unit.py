@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from ...files.optional import optional
-from ...formats.described import reading
+from ...files.optional import import_optional
+from ...formats.described import input_errors
 from .unit_beams import Unit
 
 MODELS = {16: "vlp-16", 32: "hdl-32e", 64: "hdl-64e", 128: "vls-128"}
@@ -26,7 +26,7 @@ Laser = tuple[int, float, float, float, float]
 
 def read_velodyne(path: Path) -> Unit:
     """Read the calibration of one unit. Raises InputError."""
-    with reading(path):
+    with input_errors(path):
         lasers = sorted(_from_xml(path) if path.suffix.lower() == ".xml" else _from_yaml(path))
         if [laser[0] for laser in lasers] != list(range(len(lasers))) or not lasers:
             raise ValueError(
@@ -53,7 +53,7 @@ def _exit_mm(laser: Laser) -> tuple[float, float, float]:
 
 
 def _from_yaml(path: Path) -> Iterator[Laser]:
-    content: Any = optional("yaml", extra="velodyne").safe_load(path.read_text(encoding="utf-8"))
+    content: Any = import_optional("yaml", extra="velodyne").safe_load(path.read_text(encoding="utf-8"))
     lasers = content.get("lasers") if isinstance(content, dict) else None
     if not isinstance(lasers, list):
         raise ValueError("must be a calibration of a Velodyne with a list 'lasers', got none")

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError, OptionWarning
-from ...files.optional import optional
+from ...files.optional import import_optional
 from ...maths.arrays import Numbers
 from .mesh_axes import upright
 from .mesh_cache import SubMesh
@@ -37,9 +37,9 @@ def read_usd(path: Path) -> list[SubMesh]:
 
     The keys of a piece are the names of its material and prim, and the prim's path.
     """
-    pxr = optional("pxr", extra="usd")
+    pxr = import_optional("pxr", extra="usd")
     for name in ("Usd", "UsdGeom", "UsdShade", "UsdUtils", "Tf", "Gf"):
-        optional(f"pxr.{name}", extra="usd")
+        import_optional(f"pxr.{name}", extra="usd")
     # USD prints warnings of missing files; this delegate collects them instead.
     diagnostics = pxr.UsdUtils.CoalescingDiagnosticDelegate()
     try:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import catalog
-from ...files.overrides import addressed, with_overrides
+from ...files.overrides import split_sensor, with_overrides
 from ...files.toml import read_toml
 from ...sensor.file import sensor_from_tables
 from ...sensor.model import Sensor
@@ -66,7 +66,7 @@ def subjects(arguments: Sequence[str], assignments: Sequence[str] = ()) -> list[
         where = argument if argument.endswith(".toml") else path.name
         subject = Subject(name=argument, argument=argument, where=where, tables=read_toml(path), folder=path.parent)
         named_by_user.append(subject)
-    split = [addressed(assignment, [subject.argument for subject in named_by_user]) for assignment in assignments]
+    split = [split_sensor(assignment, [subject.argument for subject in named_by_user]) for assignment in assignments]
     name_counts: Counter[str] = Counter()
     unique = []
     for subject in named_by_user:

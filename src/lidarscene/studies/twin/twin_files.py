@@ -22,7 +22,7 @@ from ...errors import InputError
 from ...figures.report_page import counted
 from ...files.atomic import atomic_output, put_text, require_writable
 from ...files.json_text import json_text
-from ...files.toml import validated
+from ...files.toml import validate
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
 from ...recordings.pcap_reader import metadata_of
@@ -131,7 +131,7 @@ def build_twin(
     light = float(np.median(known_klux)) if known_klux else ASSUMED_KLUX
     text = scene_text(recording.path.stem, bodies, places[choice.judged_frame], light)
     # Nothing is written that `load_scene` would refuse, such as a number that is not finite.
-    validated(SceneFile, tomllib.loads(text), str(folder / SCENE))
+    validate(SceneFile, tomllib.loads(text), str(folder / SCENE))
     put_text(folder / SCENE, text)
     provenance = {
         "recording": recording.path.name,
