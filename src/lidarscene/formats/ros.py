@@ -84,7 +84,8 @@ def ros_frames(
 ) -> Iterator[Callable[[Cloud], None]]:
     """Write a bag of the clouds that are appended in the block: a message each, at the start of its frame."""
     rosbag2 = import_optional("rosbags.rosbag2", extra="ros")
-    typesys = import_optional("rosbags.typesys", extra="ros")store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    typesys = import_optional("rosbags.typesys", extra="ros")
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     plugin = rosbag2.StoragePlugin[storage.upper()]
     # A bag is a folder with one file of the folder's name, which the file's own metadata repeat. It is made where a
     # killed process leaves its unfinished files, so that the next write removes it.
