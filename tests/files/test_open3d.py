@@ -35,7 +35,7 @@ def answers(monkeypatch: pytest.MonkeyPatch, *results: ModuleType | Exception) -
             raise result
         return result
 
-    monkeypatch.setattr(open3d_door, "_imported", imported)
+    monkeypatch.setattr(open3d_door, "_import", imported)
     monkeypatch.setattr(open3d_door, "_preload_libusb", lambda: log.append("libusb") or True)
     return log
 
