@@ -12,7 +12,7 @@ from pydantic.config import JsonDict
 
 from ..files.overrides import toml_text
 from ..files.table_model import Number
-from ..files.toml import FileModel, read_toml, validated
+from ..files.toml import FileModel, read_toml, validate
 from ..formats.registry import FORMATS
 from ..rendering.render_options import CHUNKS, MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
 from ..scene.motion import EgoFile
@@ -154,4 +154,4 @@ class JobFile(FileModel):
 
 def read_job(path: Path) -> JobFile:
     """Read and check a job file. Raises InputError."""
-    return validated(JobFile, read_toml(path), str(path))
+    return validate(JobFile, read_toml(path), str(path))

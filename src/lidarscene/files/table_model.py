@@ -37,19 +37,19 @@ class Number(Quantity):
             must = self.must_be(value)
             if must is None:
                 return value
-            meant = self.as_written_in_si(value)
-            asked = "" if meant is None else f": did you mean {meant:.6g}?"
-            raise PydanticCustomError(OUT_OF_BOUNDS, "{must}{asked}", {"must": must, "asked": asked})
+            intended = self.as_written_in_si(value)
+            suggestion = "" if intended is None else f": did you mean {intended:.6g}?"
+            raise PydanticCustomError(OUT_OF_BOUNDS, "{must}{suggestion}", {"must": must, "suggestion": suggestion})
 
         return core_schema.no_info_after_validator_function(bounded, handler(source))
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         """The same for editors."""
-        told = handler(schema) | {_BOUNDS[name]: limit for name, limit in self.bounds.items()}
+        json_schema = handler(schema) | {_BOUNDS[name]: limit for name, limit in self.bounds.items()}
         if self.finest is not None:
             inner = {"exclusiveMinimum": -self.finest, "exclusiveMaximum": self.finest}
-            told["not"] = {**inner, "not": {"const": 0}}
-        return told
+            json_schema["not"] = {**inner, "not": {"const": 0}}
+        return json_schema
 
 
 class Table(FileModel, Generic[Made]):
@@ -72,21 +72,23 @@ class Table(FileModel, Generic[Made]):
     def __init_subclass__(cls, only: Container[str] | None = None, **options: Any) -> None:
         """Add the declared keys to the annotations, from which pydantic then makes a model."""
         super().__init_subclass__(**options)
-        made = next((one for base in cls.__bases__ for one in _arguments(base) if isinstance(one, type)), None)
-        if made is None:
+        target = next(
+            (argument for base in cls.__bases__ for argument in _arguments(base) if isinstance(argument, type)), None
+        )
+        if target is None:
             return
-        cls.target, cls.keys, cls.parts = made, {}, {}
+        cls.target, cls.keys, cls.parts = target, {}, {}
         written, declared = cls.__annotations__, {}
-        for field, hint, parameter in _parameters(_maker(made), cls.parts):
-            key = _noted(hint, FileKey)
+        for field, hint, parameter in _parameters(_constructor(target), cls.parts):
+            key = _annotation(hint, FileKey)
             if key is None or (only is not None and field not in only):
                 continue
             name = key.for_field(field)
             cls.keys[field] = (name, key)
             if name not in written and name not in cls.model_fields:
                 declared[name] = _type_in_file(hint.__origin__, key)
-                given = parameter.default is not parameter.empty
-                default = {"default": key.in_file(parameter.default)} if given else {}
+                has_default = parameter.default is not parameter.empty
+                default = {"default": key.in_file(parameter.default)} if has_default else {}
                 setattr(cls, name, Field(description=key.about, **default))
         tag = {name: written[name] for name in ("type", "kind") if name in written}
         cls.__annotations__ = tag | declared | written
@@ -95,9 +97,15 @@ class Table(FileModel, Generic[Made]):
         """What the table is of, in SI units; ``more`` are its other fields, and those of its parts."""
         values = self.values_in_si() | more
         for name, part in self.parts.items():
-            values[name] = part(**{one.name: values.pop(one.name) for one in fields(part) if one.name in values})
-        made: Made = _maker(self.target)(**values)
-        return made
+            values[name] = part(
+                **{
+                    part_field.name: values.pop(part_field.name)
+                    for part_field in fields(part)
+                    if part_field.name in values
+                }
+            )
+        built: Made = _constructor(self.target)(**values)
+        return built
 
     def values_in_si(self) -> dict[str, Any]:
         """The values by field."""
@@ -114,10 +122,10 @@ def _arguments(base: type) -> tuple[Any, ...]:
     return tuple(getattr(base, "__pydantic_generic_metadata__", {}).get("args", ()))
 
 
-def _maker(made: type[Any]) -> Callable[..., Any]:
+def _constructor(target: type[Any]) -> Callable[..., Any]:
     """What makes such an object: its method `create`, or the class itself."""
-    maker: Callable[..., Any] = getattr(made, "create", made)
-    return maker
+    constructor: Callable[..., Any] = getattr(target, "create", target)
+    return constructor
 
 
 def _parameters(maker: Callable[..., Any], parts: dict[str, type[Any]]) -> Iterator[tuple[str, Any, inspect.Parameter]]:
@@ -125,14 +133,14 @@ def _parameters(maker: Callable[..., Any], parts: dict[str, type[Any]]) -> Itera
     hints = typing.get_type_hints(maker, include_extras=True)
     for name, parameter in inspect.signature(maker).parameters.items():
         hint = hints[name]
-        if _noted(hint, SameTable):
+        if _annotation(hint, SameTable):
             parts[name] = hint.__origin__
             yield from _parameters(hint.__origin__, {})
         else:
             yield name, hint, parameter
 
 
-def _noted(hint: Any, kind: type[Note]) -> Note | None:
+def _annotation(hint: Any, kind: type[Note]) -> Note | None:
     """The note of this kind in ``Annotated[type, note]``."""
     return next((note for note in getattr(hint, "__metadata__", ()) if isinstance(note, kind)), None)
 
@@ -144,10 +152,10 @@ def _type_in_file(hint: Any, key: FileKey) -> Any:
     options = typing.get_args(hint)
     number: Any = int if key.whole or int in (hint, *options) else float
     if key.bounds:
-        own = {one.name: getattr(key, one.name) for one in fields(Quantity)}
-        number = Annotated[number, Number(**own)]
+        quantity = {part.name: getattr(key, part.name) for part in fields(Quantity)}
+        number = Annotated[number, Number(**quantity)]
     if typing.get_origin(hint) is tuple:  # of a fixed length
         number = tuple[(number,) * len(options)]  # type: ignore[misc]
-    if any(typing.get_origin(one) is Sequence for one in (hint, *options)):
+    if any(typing.get_origin(option) is Sequence for option in (hint, *options)):
         number = Annotated[tuple[number, ...], Field(min_length=key.least)] if key.least else tuple[number, ...]
     return number | None if NoneType in options else number

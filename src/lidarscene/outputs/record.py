@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Unpack
 
 from ..errors import InputError, OptionError, OptionWarning
-from ..files.atomic import named
+from ..files.atomic import name_path_in_errors
 from ..files.overrides import Overrides, assignments
 from ..rendering.frame_summary import Summary
 from ..rendering.render_options import FrameKeywords, FrameOptions, Keywords, Observers, TraceKeywords, TraceOptions
@@ -188,7 +188,7 @@ def _bags(plan: Plan, clouds: Sequence[Mapping[str, Path]], opened: ExitStack) -
     if not plan.is_bag or plan.format.frames is None:
         return {}
     paths = dict.fromkeys(files[key] for files in clouds for key in CLOUDS if key in files)
-    return {path: named(path, opened.enter_context(plan.format.frames(path))) for path in paths}
+    return {path: name_path_in_errors(path, opened.enter_context(plan.format.frames(path))) for path in paths}
 
 
 def _sensors(

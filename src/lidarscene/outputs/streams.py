@@ -19,7 +19,7 @@ from ..cloud.builder import CloudBuilder
 from ..cloud.point_cloud import PointCloud
 from ..detection.outcomes import OUTCOME_TEXT
 from ..detection.sampled_waveforms import check_pulses
-from ..files.atomic import atomic_output, named
+from ..files.atomic import atomic_output, name_path_in_errors
 from ..files.spool import Spool
 from ..formats.packets.firings import Firings
 from ..formats.packets.packet_encoder import PacketEncoder
@@ -163,7 +163,8 @@ def captures(paths: Mapping[str, Path], encoders: Mapping[str, PacketEncoder]) -
     with ExitStack() as opened:
         yield {
             label: Capture(
-                named(path, opened.enter_context(capture(path, encoders[label]))), encoders[label].needs_ambient
+                name_path_in_errors(path, opened.enter_context(capture(path, encoders[label]))),
+                encoders[label].needs_ambient,
             )
             for label, path in paths.items()
         }

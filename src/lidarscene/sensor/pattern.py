@@ -28,7 +28,7 @@ NAMES: dict[str, dict[str, float]] = {
 
 def read_pattern(path: Path, *, frame_s: float | None, jitter_rad: float | None, encoder_rad: float | None) -> Pattern:
     """A pattern of the file's columns; without ``frame_s`` a frame is its last time and one mean step more."""
-    columns = _read_npz(path) if path.suffix == ".npz" else read_columns(path, known=_is_known_column)
+    columns = _read_npz(path) if path.suffix == ".npz" else read_columns(path, is_wanted=_is_known_column)
     length = len(next(iter(columns.values()), ()))
     for name, values in columns.items():
         if values.ndim != 1 or len(values) != length:

@@ -14,8 +14,8 @@ from typing import Annotated, Protocol
 from pydantic import Field, model_validator
 
 from ..errors import InputError
-from ..files.overrides import Overrides, addressed, assignments
-from ..files.toml import FileModel, read_toml, validated
+from ..files.overrides import Overrides, assignments, split_sensor
+from ..files.toml import FileModel, read_toml, validate
 from .catalogue import load_sensor
 from .file import PoseFile
 from .model import Sensor
@@ -73,9 +73,9 @@ def load_rig(rig: str | os.PathLike[str] | Rig, *, overrides: Overrides = ()) ->
 
 def read_rig(path: Path, *, sensor: SensorLookup = load_sensor, overrides: Sequence[str] = ()) -> Rig:
     """`load_rig`; ``sensor`` finds a sensor by catalogue name or path, with overrides applied."""
-    file = validated(RigFile, read_toml(path), str(path))
+    file = validate(RigFile, read_toml(path), str(path))
     labels = [entry.label for entry in file.sensors]
-    changes = [addressed(assignment, labels) for assignment in overrides]
+    changes = [split_sensor(assignment, labels) for assignment in overrides]
     mounted = []
     for index, entry in enumerate(file.sensors):
         name = str(path.parent / entry.sensor) if entry.sensor.endswith(".toml") else entry.sensor
