@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from lidarscene.maths.pose import Pose
-from lidarscene.maths.trajectory import Course, Held, Spline, States, _exp, _log, pose_at
+from lidarscene.maths.trajectory import Course, HeldAtEnds, Spline, States, _exp, _log, pose_at
 
 STEP_S = 1e-4
 
@@ -76,12 +76,14 @@ def test_a_spline_that_is_not_smooth_goes_evenly() -> None:
         for rate in (states.velocity_m_s, states.turning_rad_s):
             own = np.einsum("nij,nj->ni", back, rate)
             np.testing.assert_allclose(own, np.broadcast_to(own[0], own.shape), atol=1e-10)
-    held = Held(motion=spline).at(np.array([TIMES[0] - 1.0, TIMES[-1] + 1.0]))
+    held = HeldAtEnds(motion=spline).at(np.array([TIMES[0] - 1.0, TIMES[-1] + 1.0]))
     np.testing.assert_array_equal(held.position_m, [WAY[0].position_m, held.position_m[1]])
     np.testing.assert_allclose(held.position_m[1], WAY[-1].position_m, atol=1e-12)
     assert not held.velocity_m_s.any()
     assert not held.turning_rad_s.any()
-    np.testing.assert_array_equal(Held(motion=spline).at(TIMES[1:2]).velocity_m_s, spline.at(TIMES[1:2]).velocity_m_s)
+    np.testing.assert_array_equal(
+        HeldAtEnds(motion=spline).at(TIMES[1:2]).velocity_m_s, spline.at(TIMES[1:2]).velocity_m_s
+    )
 
 
 @pytest.mark.parametrize("rate_rad_s", [0.0, 1e-300, 1e-12, -1e-9, 1e-6])

@@ -1,7 +1,7 @@
 """A canvas: pixels and texts in, a PNG or SVG file out.
 
 matplotlib needs half a second for an empty picture, more than a frame of a lidar. A picture of points has a few texts,
-ticks and bars: these are drawn here, with matplotlib's font and Pillow, which comes with it.
+ticks and bars. They are drawn here, with matplotlib's font and Pillow, which comes with it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class _Text(NamedTuple):
 
 
 class Canvas:
-    """A picture of one colour, on which is drawn; x to the right, y down, in pixels.
+    """A picture to draw on, of one colour at first; x to the right, y down, in pixels.
 
     image  (height, width, 3) uint8
     ink    colour of texts
@@ -51,16 +51,16 @@ class Canvas:
 
     @property
     def unit(self) -> float:
-        """A pixel of a picture 1920 pixels wide, as which all sizes are given."""
+        """Pixels for one pixel of a picture 1920 pixels wide; sizes of texts and marks are given for that width."""
         return self.image.shape[1] / 1920
 
     def show(self, image: Numbers, x: int, y: int) -> None:
-        """Put an image, (h, w, 3) uint8, with its upper left corner here."""
+        """Copy an image, (h, w, 3) uint8, with its upper left corner at (x, y)."""
         for colour in range(3):  # a colour at a time: rows of three bytes take four times as long
             self.image[y : y + image.shape[0], x : x + image.shape[1], colour] = image[..., colour]
 
     def fill(self, x: float, y: float, width: float, height: float, colour: str) -> None:
-        """A rectangle, at least a pixel wide and high."""
+        """Fill a rectangle, at least one pixel wide and high."""
         left, top = round(x), round(y)
         self.image[top : max(round(y + height), top + 1), left : max(round(x + width), left + 1)] = rgb(colour)
 
@@ -75,12 +75,16 @@ class Canvas:
         bold: bool = False,
         upright: bool = False,
     ) -> None:
-        """A line of text; ``anchor`` is l, m or r and t, m or b: which point of it is here. Upright: from below."""
+        """Add a line of text.
+
+        anchor   point of the text that is at (x, y): l, m or r, and t, m or b
+        upright  read from below
+        """
         pixels = max(round(size * self.unit), SMALLEST_PX)
         self._texts.append(_Text(x, y, text, pixels, anchor, bold, upright))
 
     def length(self, text: str, size: float, *, bold: bool = False) -> float:
-        """Of a line of text."""
+        """Length of a line of text, pixels."""
         return float(_font(max(round(size * self.unit), SMALLEST_PX), bold).getlength(text))
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -106,7 +110,7 @@ class Canvas:
         return encode_png(np.asarray(image), is_sparse=True)  # a third of the time of Pillow's, and fewer bytes
 
     def _svg(self) -> bytes:
-        """The pixels as an image, the texts as texts."""
+        """SVG with the pixels as an image and the texts as texts."""
         height, width = self.image.shape[:2]
         size = f'width="{width}" height="{height}"'
         pixels = base64.b64encode(self._png(with_texts=False)).decode("ascii")
@@ -147,7 +151,7 @@ def _font(size: int, bold: bool) -> Any:
 
 
 def _draw_upright(image: Any, label: _Text, font: Any, ink: str) -> None:
-    """A text read from below, its middle here."""
+    """Draw a text that is read from below, its middle at the label's (x, y)."""
     from PIL import Image, ImageDraw
 
     left, top, right, bottom = font.getbbox(label.text)

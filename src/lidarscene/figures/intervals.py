@@ -41,7 +41,7 @@ def save_series(
     title: str,
     y_limits: tuple[float | None, float | None] | None = None,
 ) -> None:
-    """Markers with bars for the intervals, lines for expected values. Raises OutputError."""
+    """Draw series over bins: markers with bars for the intervals, lines for expected values. Raises OutputError."""
 
     def draw(_: Any, axes: Any) -> None:
         _over_bins(axes, series, y_label)
@@ -56,7 +56,11 @@ def save_series(
 def save_panels(
     path: str | os.PathLike[str], panels: Sequence[tuple[str, Sequence[Series]]], *, x_label: str, title: str
 ) -> None:
-    """Several such charts one above the other: (label of the values, series) of each. Raises OutputError."""
+    """Draw charts as of `save_series` one above the other.
+
+    panels  (label of the values, series) of each, from the top
+    Raises OutputError.
+    """
 
     def draw(figure: Any, axes: Any) -> None:
         figure.delaxes(axes)
@@ -85,7 +89,7 @@ def _over_bins(axes: Any, series: Sequence[Series], y_label: str) -> None:
 def save_named(
     path: str | os.PathLike[str], series: Sequence[Series], *, names: Sequence[str], x_label: str, title: str
 ) -> None:
-    """The same with a name for each value, top to bottom; ``x`` is the index of the name. Raises OutputError."""
+    """Draw series over names, from top to bottom; `Series.x` is the index of the name. Raises OutputError."""
 
     def draw(_: Any, axes: Any) -> None:
         for number, values in enumerate(series):
@@ -121,7 +125,7 @@ class Pairs:
 
 
 def save_snr(path: str | os.PathLike[str], pairs: Pairs, *, x_label: str, y_label: str, title: str) -> None:
-    """SNR of B over SNR of A, both axes logarithmic, a colour for each kind, lines at the thresholds.
+    """Draw SNR of B over SNR of A, both axes logarithmic, a colour for each kind, lines at the thresholds.
 
     Raises OutputError.
     """
@@ -161,7 +165,7 @@ def save_snr(path: str | os.PathLike[str], pairs: Pairs, *, x_label: str, y_labe
 
 
 def _marked(axes: Any, number: int, values: Series, x: Numbers, y: Numbers, *, vertical: bool) -> None:
-    """Markers and bars of one sensor."""
+    """Draw markers and bars of one sensor."""
     bars = {"yerr" if vertical else "xerr": np.stack([values.y - values.low, values.high - values.y]).clip(0.0)}
     axes.errorbar(
         x,

@@ -24,7 +24,11 @@ MARKERS = "osD^vP*"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AngleMap:
-    """An image over two axes. NaN is grey; where ``outside`` holds nothing is drawn (white)."""
+    """An image over azimuth and elevation, degrees. NaN is grey; nothing is drawn where ``outside`` holds (white).
+
+    extent   lowest and highest azimuth, lowest and highest elevation
+    missing  legend of the grey cells; empty: none
+    """
 
     values: Numbers
     outside: Numbers
@@ -35,35 +39,35 @@ class AngleMap:
     log: bool = False
 
 
-def save_map(path: str | os.PathLike[str], picture: AngleMap) -> None:
-    """A map over azimuth (to the left, as the sensor sees it) and elevation. Raises OutputError."""
+def save_map(path: str | os.PathLike[str], angle_map: AngleMap) -> None:
+    """Draw a map over azimuth (to the left, as the sensor sees it) and elevation. Raises OutputError."""
 
     def draw(figure: Any, axes: Any) -> None:
         from matplotlib.colors import ListedColormap, LogNorm, Normalize
 
-        values = np.asarray(picture.values, dtype=np.float64)
-        finite = values[np.isfinite(values) & ~picture.outside]
-        if picture.log:
+        values = np.asarray(angle_map.values, dtype=np.float64)
+        finite = values[np.isfinite(values) & ~angle_map.outside]
+        if angle_map.log:
             finite = finite[finite > 0.0]
         low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
         if high - low <= 1e-3 * abs(high):  # one value: no colours for its last digits
             low, high = low - max(0.05 * abs(low), 1e-12), high + max(0.05 * abs(high), 1e-12)
-        norm = (LogNorm if picture.log and low > 0.0 else Normalize)(low, high)
-        options = {"extent": picture.extent, "aspect": "auto", "origin": "lower", "interpolation": "nearest"}
-        blank = np.where(picture.outside | np.isfinite(values), np.nan, 1.0)
+        norm = (LogNorm if angle_map.log and low > 0.0 else Normalize)(low, high)
+        options = {"extent": angle_map.extent, "aspect": "auto", "origin": "lower", "interpolation": "nearest"}
+        blank = np.where(angle_map.outside | np.isfinite(values), np.nan, 1.0)
         axes.imshow(blank, cmap=ListedColormap([NOTHING]), **options)
-        visible = np.ma.masked_where(picture.outside | ~np.isfinite(values), values)
+        visible = np.ma.masked_where(angle_map.outside | ~np.isfinite(values), values)
         image = axes.imshow(visible, cmap="viridis", norm=norm, **options)
         bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=24, use_gridspec=False)
-        bar.set_label(picture.label, fontsize=9, color=INK)
-        if not picture.log:
+        bar.set_label(angle_map.label, fontsize=9, color=INK)
+        if not angle_map.log:
             bar.ax.ticklabel_format(useOffset=False)
         bar.ax.tick_params(labelsize=8)
-        _angles(axes, picture.extent)
-        if picture.missing and blank[np.isfinite(blank)].size:
-            _key(axes, [(NOTHING, picture.missing)])
+        _angles(axes, angle_map.extent)
+        if angle_map.missing and blank[np.isfinite(blank)].size:
+            _key(axes, [(NOTHING, angle_map.missing)])
 
-    save_drawn(path, draw, picture.title, _height(picture.extent))
+    save_drawn(path, draw, angle_map.title, _height(angle_map.extent))
 
 
 def save_pattern(
@@ -75,7 +79,7 @@ def save_pattern(
     extent: tuple[float, float, float, float],
     title: str,
 ) -> None:
-    """Pulses over azimuth and elevation, coloured by time. Raises OutputError."""
+    """Draw pulses over azimuth and elevation, coloured by time. Raises OutputError."""
 
     def draw(figure: Any, axes: Any) -> None:
         dots = axes.scatter(
@@ -110,7 +114,7 @@ class Layer:
 def save_layers(
     path: str | os.PathLike[str], layers: Sequence[Layer], *, extent: tuple[float, float, float, float], title: str
 ) -> None:
-    """Pulses of several sensors over azimuth and elevation, the first at the bottom. Raises OutputError."""
+    """Draw pulses of several sensors over azimuth and elevation, the first at the bottom. Raises OutputError."""
 
     def draw(figure: Any, axes: Any) -> None:
         for layer in layers:
@@ -137,7 +141,7 @@ def save_ground(
     sensors: Sequence[tuple[str, float, float]],
     title: str,
 ) -> None:
-    """How many sensors see each place of the ground, with x forward and up the page. Raises OutputError."""
+    """Draw how many sensors see each place of the ground, x forward and up the page. Raises OutputError."""
 
     def draw(figure: Any, axes: Any) -> None:
         from matplotlib import colormaps
@@ -185,7 +189,7 @@ def save_scatter(
     y_label: str,
     title: str,
 ) -> None:
-    """Points of each group on logarithmic axes, with a colour and a shape for each. Raises OutputError."""
+    """Draw points of each group on logarithmic axes, with a colour and a shape for each. Raises OutputError."""
 
     def draw(figure: Any, axes: Any) -> None:
         for number, (name, x, y) in enumerate(groups):
@@ -245,7 +249,7 @@ def _angles(axes: Any, extent: tuple[float, float, float, float]) -> None:
 
 
 def plain_axes(axes: Any) -> None:
-    """Ticks and two spines, in ink."""
+    """Draw ticks and two spines, in ink."""
     axes.tick_params(labelsize=8.5, colors=INK, length=3.5, width=0.7)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(INK)

@@ -31,7 +31,7 @@ from ..maths.arrays import Numbers
 from ..scene.scene import View
 from .canvas import Canvas
 
-Box = tuple[int, int, int, int]  # left, top, width, height in pixels
+PixelBox = tuple[int, int, int, int]  # left, top, width, height in pixels
 
 BACKGROUND, MISSING, INK, ALARM = "#0b0e14", "#23272f", "#d7dce4", "#ff2fd0"
 SUPERSAMPLING = 2
@@ -40,11 +40,11 @@ HEAD, FOOT, LEFT, RIGHT, STRIP = 84, 76, 110, 150, 250
 """Heights of title and lowest axis, margins of range images, and their height, of a picture 1920 pixels wide."""
 
 LARGE, MEDIUM, SMALL = 27.0, 21.0, 18.0
-"""Sizes of the texts there."""
+"""Sizes of texts, pixels of a picture 1920 pixels wide."""
 
 Surfaces = Callable[[Camera, tuple[int, int]], Numbers]
-"""From a camera in the coordinates of the points, and a size, to the depth of the surface in each pixel, metres, of
-shape (height, width); infinite where there is none."""
+"""Function of a camera in the coordinates of the points, and a size; returns the depth of the surface in each pixel,
+metres, of shape (height, width); infinite where there is none."""
 
 
 def perspective_picture(
@@ -133,14 +133,14 @@ def common_scale(clouds: Sequence[PointCloud], name: str) -> tuple[float, float]
     return scale.low, scale.high
 
 
-def _strip_box(width: int, top: float, height: float, unit: float) -> Box:
-    """Of a range image between its axis and its scale."""
+def _strip_box(width: int, top: float, height: float, unit: float) -> PixelBox:
+    """Return the box of a range image, between its axis and its scale."""
     left, right = round(LEFT * unit), round(RIGHT * unit)
     return left, round(top), max(width - left - right, 1), max(round(height), 1)
 
 
 def _camera(cloud: PointCloud, view: View | None, size: tuple[int, int]) -> Camera:
-    """The camera of a view; without one, what is near decides."""
+    """Return the camera of a view; without one, a camera chosen by the points that are near."""
     if view is None:
         return camera_for(cloud, shape=size)
     return camera_for(cloud, eye_m=view.eye_m, target_m=view.target_m, fov_deg=view.fov_deg)
@@ -155,7 +155,7 @@ def _sensors_apart(cloud: PointCloud) -> list[tuple[str, PointCloud]]:
 
 def _draw_perspective(
     canvas: Canvas,
-    box: Box,
+    box: PixelBox,
     cloud: PointCloud,
     shades: Shades,
     view: View | None,
@@ -163,7 +163,7 @@ def _draw_perspective(
     alarms: bool,
     surfaces: Surfaces | None = None,
 ) -> None:
-    """The perspective in this box."""
+    """Draw the perspective into a box."""
     left, top, width, height = box
     camera = _camera(cloud, view, (width, height))
     size = SUPERSAMPLING * width, SUPERSAMPLING * height
@@ -181,8 +181,10 @@ def _draw_perspective(
         canvas.text(left + width / 2, top + height / 2, "no points", 44.0, anchor="mm")
 
 
-def _draw_range_image(canvas: Canvas, box: Box, cells: Cells, shades: Shades, *, labels: bool, name: str = "") -> None:
-    """One range image in this box, with axes in degrees and a scale."""
+def _draw_range_image(
+    canvas: Canvas, box: PixelBox, cells: Cells, shades: Shades, *, labels: bool, name: str = ""
+) -> None:
+    """Draw one range image into a box, with axes in degrees and a scale."""
     left, top, width, height = box
     unit = canvas.unit
     canvas.show(colour_image(cells.image(size=(width, height)), shades.rgb, background=rgb(MISSING)), left, top)
@@ -223,7 +225,7 @@ def _draw_range_image(canvas: Canvas, box: Box, cells: Cells, shades: Shades, *,
 
 
 def _ticks(low: float, high: float, most: int) -> list[float]:
-    """Round values between two, some ``most`` of them."""
+    """Return round values from ``low`` to ``high``, about ``most`` of them."""
     step = next(s for s in _STEPS_DEG if (high - low) / s <= most or s == _STEPS_DEG[-1])
     return [n * step for n in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
 
@@ -236,7 +238,7 @@ def _short(label: str, most: int) -> str:
 
 
 def _head(canvas: Canvas, whole: Thinned, shades: Shades | None, *, alarms: bool) -> int:
-    """Names of scene and sensor, the number of points, and what colours mean, above everything; its height."""
+    """Draw names, numbers of points and the meaning of colours above everything; return the height in pixels."""
     unit = canvas.unit
     kinds = zip(("false alarms", "of other lidars", "of the weather"), whole.statuses[1:4], strict=True)
     file_names = [Path(whole.cloud().metadata.get(k, "")).name.removesuffix(".toml") for k in ("scene", "sensor")]
@@ -265,7 +267,7 @@ def _head(canvas: Canvas, whole: Thinned, shades: Shades | None, *, alarms: bool
 
 
 def _bar(canvas: Canvas, scale: Scale, label: str) -> None:
-    """A colour bar at the right of the head."""
+    """Draw a colour bar at the right of the head."""
     unit, width = canvas.unit, canvas.image.shape[1]
     long = round(480 * unit)
     left, top = width - long - round(50 * unit), round(20 * unit)
@@ -279,7 +281,7 @@ def _bar(canvas: Canvas, scale: Scale, label: str) -> None:
 
 
 def _legend(canvas: Canvas, kinds: Sequence[tuple[str, str]], left: float) -> None:
-    """The categories in three lines at the right of the head, most frequent first, as many as fit."""
+    """Draw the categories in three lines at the right of the head, most frequent first, as many as fit."""
     unit, width = canvas.unit, canvas.image.shape[1]
     shorts = [(_short(label, 24), colour) for label, colour in kinds]
     wide = max((canvas.length(label, SMALL) for label, _ in shorts), default=0.0) + 48 * unit

@@ -52,17 +52,17 @@ class Page:
     body: list[str] = field(default_factory=list)
 
     def heading(self, text: str) -> None:
-        """A heading of the second level."""
+        """Add a heading of the second level."""
         self.markdown.append(f"## {_escaped(text)}")
         self.body.append(f"<h2>{html.escape(text)}</h2>")
 
     def paragraph(self, text: str) -> None:
-        """Plain text."""
+        """Add a paragraph of plain text."""
         self.markdown.append(_escaped(text))
         self.body.append(f"<p>{html.escape(text)}</p>")
 
     def figure(self, *, name: str, number: str, caption: str, svg: bool = True) -> None:
-        """A PNG of this name beside the page, with its CSV, and its SVG if there is one."""
+        """Add a PNG of this name beside the page, with its CSV, and its SVG if there is one."""
         shown_name = f"Fig. {number}" if svg else number
         drawn = f"[SVG]({name}.svg), " if svg else ""
         linked = f'<a href="{name}.svg">SVG</a>, ' if svg else ""
@@ -77,7 +77,7 @@ class Page:
         )
 
     def pictures(self, captioned: Sequence[tuple[str, str]]) -> None:
-        """PNGs beside the page, side by side if there is room: (name without suffix, caption) of each."""
+        """Add PNGs, side by side if there is room: (name without suffix, caption) of each."""
         self.markdown += [f"![{name}]({name}.png)\n\n{_escaped(caption)}" for name, caption in captioned]
         figures = "".join(
             f'<figure><img src="{self._source(f"{name}.png")}" alt="{html.escape(name)}">'
@@ -98,7 +98,7 @@ class Page:
         return f'href="{self._source(name)}"' + (f' download="{name}"' if self.folder is not None else "")
 
     def table(self, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-        """A table of plain text."""
+        """Add a table of plain text."""
         head_cells, *body_cells = ([_escaped(cell) for cell in row] for row in (header, *rows))
         lines = [head_cells, ["---"] * len(header), *body_cells]
         self.markdown.append("\n".join("| " + " | ".join(cells) + " |" for cells in lines))
@@ -115,7 +115,7 @@ class Page:
         return "\n\n".join([f"# {_escaped(self.title)}", *self.markdown]) + "\n"
 
     def _blocks(self) -> Iterator[str]:
-        """The HTML of all blocks, figures in rows if they are to be."""
+        """Yield the HTML of all blocks, figures side by side if `columns` is set."""
         for is_figure, blocks in itertools.groupby(self.body, lambda block: block.startswith("<figure>")):
             if is_figure and self.columns:
                 yield f'<div class="row">{"".join(blocks)}</div>'
@@ -135,7 +135,7 @@ class Page:
 
 
 def csv_text(header: Sequence[str], rows: Iterable[Any]) -> str:
-    """A table as CSV, numbers to seven digits."""
+    """Return a table as CSV, numbers to seven digits."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(header)
@@ -148,8 +148,8 @@ def _with_unit(text: str) -> str:
     return re.sub(r"(?<=\d) (?=(?:%|s|m|mm|cm|km|ns|W)(?!\w))", "\N{NO-BREAK SPACE}", text)
 
 
-def counted(number: int, noun: str) -> str:
-    """A number of things in words: "1 frame", "2 frames"."""
+def count_text(number: int, noun: str) -> str:
+    """Return a number with its noun: "1 frame", "2 frames"."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 

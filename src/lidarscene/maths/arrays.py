@@ -26,7 +26,7 @@ _names: dict[type, tuple[str, ...] | None] = {}
 
 
 def _fields(kind: type) -> tuple[str, ...] | None:
-    """Names of the fields of a dataclass; None for any other type. Kept: states are taken apart at every step."""
+    """Names of the fields of a dataclass; None for any other type. Cached, since every step flattens a state."""
     if kind not in _names:
         is_dataclass = dataclasses.is_dataclass(kind)
         _names[kind] = tuple(field.name for field in dataclasses.fields(kind)) if is_dataclass else None
@@ -34,7 +34,7 @@ def _fields(kind: type) -> tuple[str, ...] | None:
 
 
 def flattened(state: object) -> Iterator[Any]:
-    """The arrays of a loop's state, in the order in which dataclasses and tuples name them; None is no array."""
+    """Yield the arrays of a loop's state, in the order of the fields of its dataclasses and tuples; None is skipped."""
     if isinstance(state, tuple):
         for part in state:
             yield from flattened(part)
@@ -46,7 +46,7 @@ def flattened(state: object) -> Iterator[Any]:
 
 
 def rebuilt(like: S, values: Iterator[Any]) -> S:
-    """A state of the form of ``like`` from the arrays that `flattened` gives."""
+    """Return a state of the same form as ``like``, with the arrays that `flattened` yields."""
     state: Any
     if isinstance(like, tuple):
         state = tuple([rebuilt(part, values) for part in like])
@@ -57,11 +57,11 @@ def rebuilt(like: S, values: Iterator[Any]) -> S:
     return cast(S, state)
 
 
-def select_state(condition: Mask, then: S, otherwise: S) -> S:
-    """`Ops.where` on every array of two states."""
+def select_state(condition: Mask, if_true: S, if_false: S) -> S:
+    """Select between two states, array by array, as `Ops.where` does."""
     choice = xp(condition).choice(condition)
-    pairs = zip(flattened(then), flattened(otherwise), strict=True)
-    return rebuilt(otherwise, (choice(if_true, if_false) for if_true, if_false in pairs))
+    pairs = zip(flattened(if_true), flattened(if_false), strict=True)
+    return rebuilt(if_false, (choice(if_true, if_false) for if_true, if_false in pairs))
 
 
 class NumpyOps:
@@ -83,8 +83,10 @@ class NumpyOps:
 
     @staticmethod
     def choice(condition: Any) -> Callable[[Any, Any], Any]:
-        """`where` of this condition for the arrays of a state. An array that it takes whole, or that is the same on
-        both sides, is not copied: nobody changes the arrays of a state in place.
+        """Return `where` with this condition, as a function of two arrays of a state.
+
+        An array that is selected whole, or that is the same on both sides, is not copied: the arrays of a state are
+        never changed in place.
         """
         takes_all = bool(np.all(condition))
         lanes = np.shape(condition)
@@ -178,7 +180,7 @@ class NumpyOps:
 
     @staticmethod
     def where_any(condition: Mask, compute: Callable[[], S], otherwise: S) -> S:
-        """``then()`` where the condition holds, else ``otherwise``; for what is dear and seldom needed."""
+        """``compute()`` where the condition holds, else ``otherwise``; not called if the condition holds nowhere."""
         return select_state(condition, compute(), otherwise) if np.any(np.asarray(condition)) else otherwise
 
 
@@ -206,7 +208,7 @@ class DrjitOps:
         return self.where(a > b, a, b)
 
     def choice(self, condition: Any) -> Callable[[Any, Any], Any]:
-        """`where` of this condition."""
+        """Return `where` with this condition, as a function of two arrays."""
         return lambda if_true, if_false: self.where(condition, if_true, if_false)
 
     def uint32(self, x: Any) -> Any:
@@ -289,7 +291,7 @@ class DrjitOps:
     def loop(self, state: S, active: Callable[[S], Mask], step: Callable[[S], S]) -> S:
         """Step every lane of the state for as long as it is active, as a loop inside the kernel.
 
-        No derivatives pass through it: our loops search for places.
+        No derivatives pass through it: these loops only search, for the time of a crossing or a peak.
         """
 
         def is_active(*values: Any) -> Mask:
@@ -303,7 +305,10 @@ class DrjitOps:
         return rebuilt(state, iter(final))
 
     def where_any(self, condition: Mask, compute: Callable[[], S], otherwise: S) -> S:
-        """``then()`` where the condition holds, else ``otherwise``; a packet of lanes that all do without skips it."""
+        """``compute()`` where the condition holds, else ``otherwise``.
+
+        A packet of lanes in which the condition holds nowhere skips it.
+        """
         arrays = self._dr.if_stmt(
             (), condition, lambda: tuple(flattened(compute())), lambda: tuple(flattened(otherwise)), mode="symbolic"
         )
@@ -347,7 +352,7 @@ def uploaded_tables() -> list[Lanes]:
 
 
 def is_drjit(x: object) -> bool:
-    """Whether ``x`` is a Dr.Jit array; does not import Dr.Jit."""
+    """Return whether ``x`` is a Dr.Jit array, without importing Dr.Jit."""
     return type(x).__module__.startswith(("drjit", "mitsuba"))
 
 

@@ -1,4 +1,4 @@
-"""What numpy and Dr.Jit arrays have in common, as types: lanes, masks, and the functions of `arrays.xp`.
+"""Types that numpy and Dr.Jit arrays share: lanes, masks, and the functions of `arrays.xp`.
 
 Formulas are written once and run on both (`maths.arrays`). Neither library's types fit the other's arrays, so these
 protocols say what a formula may use; mypy then finds a formula that would run on one kind only.
@@ -64,7 +64,7 @@ Numbers: TypeAlias = NDArray[Any]
 """A numpy array; its dtype and shape stand in the docstring."""
 
 S = TypeVar("S")
-"""What a loop carries from step to step: a dataclass or tuple of arrays, of dataclasses and of tuples."""
+"""State of a loop: a dataclass or tuple of arrays, dataclasses and tuples."""
 
 
 class Tabulated(Protocol):
@@ -114,11 +114,11 @@ class Ops(Protocol):
     def minimum(self, a: Lanes, b: Lanes, /) -> Array:
         """The smaller of two."""
 
-    def where(self, condition: Mask, then: Lanes | Mask, otherwise: Lanes | Mask, /) -> Array:
-        """``then`` where the condition holds, else ``otherwise``."""
+    def where(self, condition: Mask, if_true: Lanes | Mask, if_false: Lanes | Mask, /) -> Array:
+        """``if_true`` where the condition holds, else ``if_false``."""
 
     def choice(self, condition: Mask, /) -> Callable[[Any, Any], Any]:
-        """`where` of this condition, for one array of a state after the other."""
+        """Return `where` with this condition, as a function of two arrays of a state."""
 
     def uint32(self, x: Lanes) -> Array:
         """32-bit unsigned integers."""
@@ -133,13 +133,13 @@ class Ops(Protocol):
         """Quotient and rest of whole numbers, 0 to 2^31 - 1 by 1 to 2^31 - 1; 32-bit signed integers."""
 
     def take(self, table: Tabulated | Lanes, index: Lanes) -> Array:
-        """Entries of a table's values, or of an array's, one after the other."""
+        """Entries of a table's values, or of an array, by flat index."""
 
     def full(self, like: Lanes | Mask, value: float) -> Array:
-        """As many times this number as ``like`` is long."""
+        """Array of ``value`` in each lane of ``like``."""
 
     def width(self, values: Lanes) -> int:
-        """How many numbers these are."""
+        """Number of lanes."""
 
     def index(self, like: Lanes) -> Array:
         """Number of each lane."""
@@ -148,16 +148,16 @@ class Ops(Protocol):
         """Entry ``number`` of each group of ``columns`` lanes."""
 
     def room(self, like: Lanes, size: int) -> Array:
-        """``size`` numbers for each lane, to be written before they are read; part of a loop's state."""
+        """Local memory of ``size`` numbers for each lane, part of a loop's state; write before reading."""
 
     def put(self, room: Array, index: Lanes, value: Lanes) -> Array:
-        """The room with each lane's number ``index`` changed."""
+        """Set entry ``index`` of each lane's local memory; returns the memory."""
 
     def get(self, room: Array, index: Lanes) -> Array:
-        """Each lane's number ``index``."""
+        """Entry ``index`` of each lane's local memory."""
 
     def loop(self, state: S, active: Callable[[S], Mask], step: Callable[[S], S]) -> S:
         """Step every lane of the state for as long as it is active."""
 
     def where_any(self, condition: Mask, compute: Callable[[], S], otherwise: S) -> S:
-        """``then()`` where the condition holds, else ``otherwise``; for what is dear and seldom needed."""
+        """``compute()`` where the condition holds, else ``otherwise``; for what is costly and seldom needed."""

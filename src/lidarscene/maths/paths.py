@@ -154,7 +154,7 @@ class Paths:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Moving:
-    """Where each of several bodies is when each of n rays leaves.
+    """Motions of several bodies, looked up at the times at which n rays leave.
 
     paths   of the sensor (0) and of the bodies (1, ...), with the bodies' boxes
     time_s  (n,) when the rays leave, after the start of the paths
@@ -164,7 +164,7 @@ class Moving:
     time_s: Lanes
 
     def placement(self, body_index: Lanes) -> Placement:
-        """Of the body of this number, the first being 0; one for all rays, or one for each."""
+        """Placement of a body; ``body_index`` counts from 0, one for all rays or (n,)."""
         return self.paths.placement(self.time_s, body_index + 1)
 
 

@@ -27,7 +27,7 @@ def rotation_matrix(*, yaw_rad: float, pitch_rad: float, roll_rad: float) -> Num
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pose:
-    """Where a frame stands in its parent.
+    """Position and rotation of a frame in its parent.
 
     position_m  (3,) float64
     rotation    (3, 3) float64, frame to parent
@@ -50,7 +50,7 @@ class Pose:
         pitch_deg: float = 0.0,
         roll_deg: float = 0.0,
     ) -> Pose:
-        """From position and angles as scene and sensor files have them."""
+        """Build from position and angles, as scene and sensor files give them."""
         angles = (math.radians(a) for a in (yaw_deg, pitch_deg, roll_deg))
         yaw, pitch, roll = angles
         return cls(

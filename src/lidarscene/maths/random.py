@@ -15,9 +15,9 @@ from .arrays import Array, Lanes, xp
 
 
 class Stage(enum.IntEnum):
-    """Who draws: one key each, so that no two uses of one pulse ever share a number.
+    """Purpose of a draw, part of its key: two purposes never share a random number of a pulse.
 
-    Numbers are never given out again: 7 and 10 are retired. A new stage takes one that no other has ever had.
+    Values are never used again: 7 and 10 are retired. A new stage takes a value that no other has ever had.
     """
 
     EDGE_NOISE = 1
@@ -60,7 +60,7 @@ def words(*, seed: Lanes, stage: int, pulse: Lanes, draw: Lanes = 0) -> tuple[Ar
     """Two independent 32-bit words for every pulse.
 
     seed   of the frame, 32 bits (an opaque Dr.Jit integer, or a Python int)
-    stage  who draws, one of the stages above
+    stage  purpose of the draw, a `Stage`
     pulse  (n,) 32-bit unsigned pulse numbers in the frame
     draw   number of the draw in this stage, a number or (n,) unsigned
     """

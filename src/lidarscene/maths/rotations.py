@@ -1,4 +1,4 @@
-"""Rotations as other programs write them: from a rotation matrix to quaternions and angles.
+"""Rotations as other programs write them: quaternions and angles of a rotation matrix.
 
 File formats (ROS, OSI, KITTI) have conventions of their own; the conversions are here, and their signs with them.
 """
@@ -15,8 +15,8 @@ from .arrays import Numbers
 def quaternion(rotation: Numbers) -> tuple[float, float, float, float]:
     """Unit quaternion (w, x, y, z), w >= 0, of a (3, 3) rotation.
 
-    From its largest component, so that the others follow without cancellation (Shepperd, J. Guidance and Control 1,
-    223, 1978).
+    Its largest component is computed first, so that the others follow without cancellation (Shepperd, J. Guidance and
+    Control 1, 223, 1978).
     """
     r = np.asarray(rotation, dtype=np.float64)
     trace = float(np.trace(r))

@@ -1,7 +1,7 @@
 """Trajectories: pose and velocity of a rigid frame at any time. Plain numpy in double precision.
 
-Vehicles and bodies move on arcs or through given poses; sensors are fixed to vehicles. Everything that asks where
-something is asks a `Motion`. The parent of a vehicle or body is the world.
+Vehicles and bodies move on arcs or through given poses; sensors are fixed to vehicles. Each is
+a `Motion`. The parent of a vehicle or body is the world.
 
 Symbols: T pose in SE(3), x twist (velocity and angular velocity), u time within a segment from 0 to 1, h its length.
 """
@@ -64,7 +64,7 @@ class Motion(Protocol):
 
     @property
     def is_straight(self) -> bool:
-        """Whether it has the same velocity all the time and does not turn."""
+        """True if the velocity is constant and the frame never turns."""
 
     def at(self, time_s: Numbers) -> States:
         """States at (n,) times [s] in the span; beyond it, those at its end."""
@@ -115,12 +115,12 @@ class Course:
 
     @property
     def is_straight(self) -> bool:
-        """Unless it turns."""
+        """True without a yaw rate."""
         return self.yaw_rate_rad_s == 0.0
 
     @property
     def rests(self) -> bool:
-        """Whether it stays where it is."""
+        """True if the frame never moves."""
         return not any((self.speed_m_s, self.yaw_rate_rad_s, *self.velocity_m_s))
 
     def at(self, time_s: Numbers) -> States:
@@ -160,11 +160,11 @@ class Riding:
 
     @property
     def is_straight(self) -> bool:
-        """If the carrier's motion is."""
+        """True if the carrier's motion is straight."""
         return self.carrier.is_straight
 
     def at(self, time_s: Numbers) -> States:
-        """The carrier's states, at this pose in it."""
+        """States of this pose, carried along."""
         return self.carrier.at(time_s) @ self.pose
 
 
@@ -201,12 +201,12 @@ class Spline:
 
     @property
     def span_s(self) -> tuple[float, float]:
-        """From the first pose to the last."""
+        """Times of the first and of the last pose."""
         return float(self.time_s[0]), float(self.time_s[-1])
 
     @property
     def is_straight(self) -> bool:
-        """Never for certain."""
+        """False: even equal steps are not compared."""
         return False
 
     def at(self, time_s: Numbers) -> States:
@@ -217,8 +217,8 @@ class Spline:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Held:
-    """Another motion while that lasts; before and after, its first and its last pose, at rest."""
+class HeldAtEnds:
+    """A motion extended beyond its span: at rest in its first pose before, in its last pose after."""
 
     motion: Motion
 
@@ -229,11 +229,11 @@ class Held:
 
     @property
     def is_straight(self) -> bool:
-        """Never: it starts and stops."""
+        """False: it starts and stops."""
         return False
 
     def at(self, time_s: Numbers) -> States:
-        """The motion's states, without velocity where it does not last."""
+        """States of the motion, clipped to its span; beyond it both velocities are zero."""
         time_s = np.asarray(time_s, dtype=np.float64)
         within = np.clip(time_s, *self.motion.span_s)
         states, moves = self.motion.at(within), (within == time_s)[:, None]

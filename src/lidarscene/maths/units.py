@@ -34,7 +34,7 @@ Number = TypeVar("Number", float, float | None, tuple[float, ...])
 
 
 def si(value: Number, unit: str) -> Number:
-    """A number in this unit, or several, in SI units; None stays None."""
+    """Convert a number in this unit, or several, to SI units; None stays None."""
     if value is None:
         return None
     factor = UNITS[unit][1]
@@ -43,7 +43,7 @@ def si(value: Number, unit: str) -> Number:
 
 @dataclass(frozen=True, slots=True)
 class FileKey:
-    """That a field can be given in a file.
+    """Declaration of a field that can be given in a file.
 
     name   of the key in the file, where it is not the field's own (with the unit of the file)
     about  what it is, for the JSON Schema
@@ -68,12 +68,12 @@ class FileKey:
 
 @dataclass(frozen=True, slots=True)
 class SameTable:
-    """That a field is a dataclass whose own fields can be given in the file, in the same table."""
+    """Mark of a field that is a dataclass, whose own fields are keys of the same table of the file."""
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity(FileKey):
-    """That a number can be given in a file.
+    """Declaration of a number that can be given in a file.
 
     unit            in the file, a key of `UNITS`; None: the field's own
     gt, ge, lt, le  bounds in the unit of the file; of each number where the field has several. Some hundred times
@@ -97,12 +97,12 @@ class Quantity(FileKey):
 
     @property
     def bounds(self) -> dict[str, Any]:
-        """Those that there are, by name."""
+        """Bounds that are set, by name."""
         limits = {"gt": self.gt, "ge": self.ge, "lt": self.lt, "le": self.le}
         return {name: limit for name, limit in limits.items() if limit is not None}
 
     def must_be(self, value: float) -> str | None:
-        """The bound that a number of the file breaks, in words; None: none."""
+        """Return the bound that a number of the file violates, such as ">= 0"; None if it keeps all."""
         is_broken = {
             ">": self.gt is not None and value <= self.gt,
             ">=": self.ge is not None and value < self.ge,
@@ -117,7 +117,7 @@ class Quantity(FileKey):
         return None
 
     def as_written_in_si(self, value: float) -> float | None:
-        """What a number outside of the bounds would be if it was written in the SI unit; None: outside all the same."""
+        """Return a number outside of the bounds as if it were written in the SI unit; None if it stays outside."""
         factor = self.multiple if self.unit is None else UNITS[self.unit][1]
         return value / factor if factor != 1.0 and value and self.must_be(value / factor) is None else None
 

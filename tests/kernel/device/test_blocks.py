@@ -25,8 +25,11 @@ from lidarscene.rendering.simulator import Simulator
     ],
 )
 def test_blocks_for_every_thread(lanes: int, threads: int, size: int) -> None:
-    assert blocks.block_of(lanes, threads) == size
-    assert size in (blocks.LEAST, blocks.LARGEST) or lanes / size >= blocks.BLOCKS * threads > lanes / (2 * size)
+    assert blocks.block_size(lanes, threads) == size
+    assert size in (
+        blocks.SMALLEST_BLOCK,
+        blocks.LARGEST_BLOCK,
+    ) or lanes / size >= blocks.BLOCKS_PER_THREAD * threads > lanes / (2 * size)
 
 
 @pytest.mark.usefixtures("mi")
@@ -39,16 +42,16 @@ def test_the_library_takes_the_size() -> None:
     asked.restype = ctypes.c_uint32
     for lanes in (20_000, 1_000_000):
         blocks.share_out(lanes)
-        assert asked() == blocks.block_of(lanes, drjit().thread_count())
+        assert asked() == blocks.block_size(lanes, drjit().thread_count())
 
 
 @pytest.mark.usefixtures("mi")
 def test_results_do_not_depend_on_it(monkeypatch: pytest.MonkeyPatch) -> None:
     simulator = Simulator(traffic(), chain.sensor("table1-apd", *SENSOR))
     clouds = []
-    for least in (16, blocks.LARGEST):
-        monkeypatch.setattr(blocks, "LEAST", least)
-        monkeypatch.setattr(blocks, "BLOCKS", 10_000)
+    for least in (16, blocks.LARGEST_BLOCK):
+        monkeypatch.setattr(blocks, "SMALLEST_BLOCK", least)
+        monkeypatch.setattr(blocks, "BLOCKS_PER_THREAD", 10_000)
         clouds.append(simulator.render(seed=3))
     assert len(clouds[0]) > 10_000
     for name in ("time_s", "range_m", "snr", "body", "in_shadow"):

@@ -45,7 +45,7 @@ def test_boxes_that_are_passed() -> None:
 
     origin, towards, length = (one.astype(np.float32).astype(np.float64) for one in rays(4000))
     rng = np.random.default_rng(12)
-    low = rng.uniform(-20.0, 15.0, (nearby.MOST, 3))
+    low = rng.uniform(-20.0, 15.0, (nearby.BOXES_PER_GROUP, 3))
     boxes = np.stack([low, low + rng.uniform(4.0, 9.0, low.shape)], axis=1)
     ray = mi.Ray3f(mi.Point3f(*origin.T), mi.Vector3f(*towards.T))
     ray.maxt = mi.Float(length)
@@ -101,7 +101,7 @@ def test_the_nearest_of_a_loop_over_all_bodies() -> None:
     simulator = Simulator(scene, chain.sensor("table1-apd", *SENSOR))
     cloud = simulator.render(seed=1)
     cloud = cloud.select(cloud.status == 0)
-    assert len(np.unique(cloud.body)) > nearby.MOST + 1
+    assert len(np.unique(cloud.body)) > nearby.BOXES_PER_GROUP + 1
     sensor = simulator.motion.at(cloud.time_s)
     towards = np.einsum("nij,nj->ni", sensor.rotation, direction(cloud))
     distance = []
@@ -123,7 +123,7 @@ def test_boxes_change_nothing(monkeypatch: pytest.MonkeyPatch, rays: int) -> Non
     cloud = Simulator(crowd(), sensor, rays=rays).render(seed=2)
     monkeypatch.setattr(paths, "_swept", lambda _, carried: np.tile([[[-1e4] * 3, [1e4] * 3]], (len(carried), 1, 1)))
     expected = Simulator(crowd(), sensor, rays=rays).render(seed=2)
-    assert len(np.unique(cloud.body)) > nearby.MOST + 1
+    assert len(np.unique(cloud.body)) > nearby.BOXES_PER_GROUP + 1
     for name in ("time_s", "true_range_m", "range_m", "body", "in_shadow", "radial_velocity_m_s", "snr"):
         np.testing.assert_array_equal(getattr(cloud, name), getattr(expected, name), err_msg=name)
 

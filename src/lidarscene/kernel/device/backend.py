@@ -79,12 +79,12 @@ def drjit() -> ModuleType:
 
 
 def variant() -> str:
-    """The variant in use, such as 'llvm_ad_mono'."""
+    """Return the variant in use, such as 'llvm_ad_mono'."""
     return str(mitsuba().variant())
 
 
 def is_cuda() -> bool:
-    """True where rays are traced on a GPU."""
+    """Return whether rays are traced on a GPU."""
     return variant().startswith("cuda")
 
 
@@ -107,7 +107,7 @@ def only_own_files() -> Iterator[None]:
 
 
 def _resolver(mi: ModuleType, folders: Iterable[str]) -> Any:
-    """A search path of Mitsuba's own folder, and then these."""
+    """Return a search path: Mitsuba's own folder, then these."""
     resolver = mi.FileResolver()
     resolver.clear()
     for folder in (str(_folder(mi)), *folders):
@@ -116,7 +116,7 @@ def _resolver(mi: ModuleType, folders: Iterable[str]) -> Any:
 
 
 def _folder(mi: ModuleType) -> Path:
-    """Where Mitsuba is installed."""
+    """Folder in which Mitsuba is installed."""
     return Path(str(mi.__file__)).parent
 
 

@@ -1,4 +1,4 @@
-"""Share the lanes of a small frame out among all cores.
+"""Divide the lanes of a small frame among all cores.
 
 Dr.Jit gives its threads blocks of 16,384 lanes. A frame of 20,000 beams is two blocks, one of them four times the
 other, and most cores have nothing to do. Dr.Jit can make blocks smaller, though not from Python: the function that does
@@ -15,41 +15,41 @@ from typing import cast
 
 from .backend import drjit, is_cuda
 
-LARGEST = 16_384
-"""Dr.Jit's own, in lanes."""
+LARGEST_BLOCK = 16_384
+"""Dr.Jit's own size of a block, lanes."""
 
-LEAST = 1_024
-"""Lanes of a block: of a frame of 30,000 beams, blocks of 32 take 6 % more of the cores, those of 128 no more."""
+SMALLEST_BLOCK = 1_024
+"""Smallest block, lanes. With 30,000 beams, blocks of 32 cost 6 % more processor time, those of 128 none."""
 
-BLOCKS = 4
-"""For each thread, so that one that is slower, or has the harder rays, does not end last by much."""
+BLOCKS_PER_THREAD = 4
+"""Blocks for each thread: a slower thread, or one with harder rays, then ends little later than the others."""
 
 
-def block_of(lanes: int, threads: int) -> int:
+def block_size(lanes: int, threads: int) -> int:
     """Return how many lanes a block should have, a power of two."""
-    size = LARGEST
-    while size > LEAST and size * BLOCKS * threads > lanes:
+    size = LARGEST_BLOCK
+    while size > SMALLEST_BLOCK and size * BLOCKS_PER_THREAD * threads > lanes:
         size //= 2
     return size
 
 
 def share_out(lanes: int) -> None:
     """Set the size of blocks for kernels of so many lanes; results do not depend on it."""
-    setter = _setter()
+    setter = _block_size_setter()
     if setter is not None:
-        setter(block_of(lanes, drjit().thread_count()))
+        setter(block_size(lanes, drjit().thread_count()))
 
 
 @functools.cache
-def _setter() -> Callable[[int], None] | None:
-    """Return what sets the size, or None where there is no such function, as on a GPU."""
+def _block_size_setter() -> Callable[[int], None] | None:
+    """Return Dr.Jit's function that sets the size; None if there is none, as on a GPU."""
     if is_cuda():
         return None
     folder = Path(str(drjit().__file__)).parent
     for name in ("libdrjit-core.so", "libdrjit-core.dylib"):
         try:
-            # The name as C++ compilers of Linux and macOS write it, of a function of one `unsigned int`: lanes, a power
-            # of two and no fewer than a packet has.
+            # Mangled name (Itanium ABI: Linux and macOS) of `jit_llvm_set_block_size(unsigned int)`. The size is a
+            # power of two, at least the width of a packet.
             set_block_size = ctypes.CDLL(str(folder / name))._Z23jit_llvm_set_block_sizej
         except (OSError, AttributeError):
             continue

@@ -76,7 +76,7 @@ def jacobian(
 
 
 def _numbers() -> Any:
-    """The double precision of the back end. Raises `BackendError` without one."""
+    """Return the back end's type of double precision. Raises `BackendError` without a back end."""
     backend.mitsuba()
     if backend.is_cuda():
         from drjit.cuda.ad import Float64

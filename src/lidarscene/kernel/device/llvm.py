@@ -2,7 +2,7 @@
 
 Dr.Jit compiles CPU kernels with LLVM. It looks for the library once, while it is imported, and takes the first it
 finds. It refuses LLVM 14, and with 15 and 16 the first kernel aborts the whole process. So this module chooses the
-library, and knows its version before Dr.Jit is imported. It never loads LLVM into this process, because two LLVMs in
+library, and reads its version before Dr.Jit is imported. It never loads LLVM into this process, because two LLVMs in
 one process can clash: the version is read from the file's name, or asked in a process of its own.
 """
 
@@ -39,7 +39,7 @@ _chosen: str | None = None  # what use() wrote to PATH_VARIABLE, to tell it from
 
 @dataclass(frozen=True, slots=True)
 class LlvmCandidate:
-    """A library that was examined, and what speaks against it."""
+    """A library that was examined, and why it cannot be used."""
 
     path: str
     source: str  # where it was found: an environment variable, this Python environment, the system
@@ -48,7 +48,7 @@ class LlvmCandidate:
 
     @property
     def usable(self) -> bool:
-        """True where nothing speaks against it."""
+        """True if no problem was found."""
         return not self.problem
 
     def __str__(self) -> str:
@@ -57,7 +57,7 @@ class LlvmCandidate:
 
 
 def use() -> None:
-    """Tell Dr.Jit which library to load. Raises `BackendError` if there is no usable one."""
+    """Set the path from which Dr.Jit loads LLVM. Raises `BackendError` if no library is usable."""
     global _chosen
     path = choose().path
     if path != os.environ.get(PATH_VARIABLE):
@@ -99,7 +99,7 @@ def candidates() -> Iterator[LlvmCandidate]:
 
 
 def examine(path: str, source: str) -> LlvmCandidate:
-    """Find out a library's version and problems without loading it into this process."""
+    """Return a library's version and problem, without loading it into this process."""
     bare_name = os.path.basename(path) == path and not os.path.exists(path)  # the loader searches for it
     if not bare_name and not os.path.isfile(path):
         kind = "a folder, not a library" if os.path.isdir(path) else "no such file"
@@ -147,7 +147,7 @@ def ask_version(path: str) -> tuple[int, ...]:
 
 
 def remedy() -> str:
-    """Say what to install on this system."""
+    """Return the command that installs LLVM on this system."""
     if sys.platform == "darwin":
         return "brew install llvm"
     if sys.platform == "win32":
@@ -177,7 +177,7 @@ def _in_environment() -> Iterator[str]:
 
 
 def _in_wheel() -> Iterator[str]:
-    """Libraries of the wheel where it was installed elsewhere: `pip install --user`, `--target`, on PYTHONPATH."""
+    """Yield libraries of a wheel installed elsewhere: `pip install --user`, `--target`, on PYTHONPATH."""
     import importlib.metadata
 
     if site.ENABLE_USER_SITE and site.USER_BASE:
@@ -209,7 +209,7 @@ def _in_system() -> Iterator[str]:
 
 
 def _in_linker_cache(machine: str) -> Iterator[str]:
-    """Libraries that ldconfig lists for this machine: a system may have those of several architectures."""
+    """Yield libraries that ldconfig lists for this machine; a system may have those of several architectures."""
     tag = {"x86_64": "x86-64", "aarch64": "AArch64"}.get(machine, "")
     import subprocess
 

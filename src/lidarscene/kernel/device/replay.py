@@ -40,12 +40,12 @@ class Replay:
     rules: no number of lanes enters its kernels as a literal, and Python takes no decision in it by what differs
     between calls. If Dr.Jit cannot record it (a plug-in that hides its arrays), each call runs the function itself.
 
-    function  takes arrays and tuples of them, the first with an element for each lane; returns a description (frozen
-              dataclasses and tuples) whose arrays have that length, or one element
+    function        takes arrays and tuples of them, the first with an element for each lane; returns a description
+                    (frozen dataclasses and tuples) whose arrays have that length, or one element
     select_outputs  takes such a description and returns the list of its arrays that are needed; `LEFT_OUT` stands for
                     the others
-    captured  descriptions and Mitsuba objects whose arrays the function uses without getting them as arguments
-    rays      of each lane: the function may return arrays with an element for each of these, too
+    captured        descriptions and Mitsuba objects whose arrays the function uses without getting them as arguments
+    rays            of each lane: the function may return arrays with an element for each of these, too
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Replay:
         self._records = not is_cuda()  # on a GPU nobody has tried it
 
     def __call__(self, *arguments: object) -> Any:
-        """Return what the function returns for these arguments; its wanted arrays are started."""
+        """Return what the function returns for these arguments; its selected arrays are being computed."""
         while self._records:
             tables = len(uploaded_tables())
             try:
@@ -84,7 +84,7 @@ class Replay:
 
     @property
     def recordings(self) -> int:
-        """How many recordings were made; 0 if each call runs the function itself."""
+        """Number of recordings made; 0 if each call runs the function itself."""
         return int(self._frozen.n_recordings) if self._records and self._frozen is not None else 0
 
     def _repeated(self, *arguments: object) -> Any:
@@ -115,7 +115,7 @@ class Replay:
         }
         weakref.finalize(self, shared.clear)
 
-        # As a default and not from the closure, which Dr.Jit goes through at each call: it would see all inputs twice.
+        # `shared` is a default, not a closure: Dr.Jit goes through closures at each call and would see all inputs twice.
         def recorded(*arguments: object, shared: dict[str, Any] = shared) -> list[Any]:
             # A frozen function returns a flat list. The plan, which is made while Python still runs, remembers which
             # array of the list belongs where in the description; a replay only brings a new list.
@@ -125,7 +125,7 @@ class Replay:
             return outputs
 
         def inputs(*_: object) -> Any:
-            """All arrays that are read and are not arguments: Dr.Jit watches these too."""
+            """Return all arrays that are read and are not arguments, which Dr.Jit must watch, too."""
             return shared["inputs"], uploaded_tables()
 
         _settle(inputs)
@@ -135,7 +135,7 @@ class Replay:
 
 
 def _root_cause(error: BaseException) -> BaseException:
-    """The first error in a chain of causes."""
+    """Return the first error in a chain of causes."""
     return error if error.__cause__ is None else _root_cause(error.__cause__)
 
 
@@ -170,7 +170,7 @@ class _LeftOut:
 
 
 LEFT_OUT = _LeftOut()
-"""Stands in a replayed description for an array that is not wanted."""
+"""Placeholder, in a replayed description, for an array that was not selected."""
 
 
 def _gather(value: object, arrays: list[DeviceArray]) -> None:
@@ -186,13 +186,14 @@ def _gather(value: object, arrays: list[DeviceArray]) -> None:
 
 
 Filler = Callable[[list[DeviceArray]], Any]
-"""From the list of outputs to the description."""
+"""Function that builds a description from the list of its outputs."""
 
 
 def _filler(value: object, places: dict[int, int]) -> Filler:
-    """Return what puts new arrays in the places of a description's own.
+    """Return a function that fills a description of this form with new arrays.
 
-    Made once: going through dataclasses by their fields takes half a millisecond, a tenth of Python's share of a frame.
+    Built once: to go through dataclasses by their fields takes half a millisecond, a tenth of Python's share of a
+    frame.
 
     places  index in the list of outputs by id of the array
     """

@@ -155,7 +155,7 @@ def wait() -> None:
 
 
 def split_kernel(*arrays: object) -> None:
-    """Keep what one Mitsuba scene was asked out of the kernel that asks the next one, where that is needed."""
+    """Compute the answers of one Mitsuba scene before the next is asked, on a GPU; do nothing on a CPU."""
     import drjit as dr
 
     # On a GPU each scene is an OptiX pipeline of its own. A kernel can have one; Dr.Jit logs a warning and leaves the
@@ -165,7 +165,7 @@ def split_kernel(*arrays: object) -> None:
 
 
 def use_threads(count: int) -> None:
-    """Set the number of threads with which Dr.Jit computes."""
+    """Set the number of Dr.Jit's threads."""
     from .backend import drjit
 
     dr = drjit()

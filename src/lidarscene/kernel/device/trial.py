@@ -38,7 +38,8 @@ FRAMES = {
 """Options of `lidarscene render` for each frame."""
 
 LARGEST_DIFFERING_SHARE = 1e-3
-"""Of points that may differ: exp, log and roots round otherwise, so that some echoes trip on one side alone."""
+"""Largest share of points that may differ: exp, log and roots are rounded differently, so that a few echoes cross the
+threshold on one side alone."""
 
 LIMITS = {"range": (1e-3, 0.0), "true_range": (1e-3, 0.0), "intensity": (0.0, 1e-3), "status": (0.0, 0.0)}
 """Absolute and relative differences of a column that rounding explains: a traced range is good to 0.1 mm at 200 m, an
@@ -46,16 +47,16 @@ amplitude to 1e-5.
 """
 
 PATIENCE_S = 600.0
-"""For one frame, kernels compiled for the first time."""
+"""Time limit for one frame, whose kernels are compiled for the first time, seconds."""
 
 _DRIVER = Path("/proc/driver/nvidia/version")
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What came out for a variant.
+    """Result of the trial of a variant.
 
-    fault    why its frames cannot be trusted, in words; "" if they are the same
+    fault    why its frames cannot be trusted; "" if they are the same
     renders  whether it renders at all
     """
 
@@ -64,9 +65,9 @@ class Verdict:
 
 
 def verdict(variant: str, reference: str, *, render: Callable[[str, str], Columns | str] | None = None) -> Verdict:
-    """Whether frames by ``variant`` are those of ``other``, found now or once before.
+    """Compare frames of ``variant`` with those of ``reference``, or read the verdict of an earlier comparison.
 
-    render  frame and variant in, the columns of its points out, or why there are none
+    render  takes frame and variant; returns the columns of its points, or why there are none
     """
     entry = _entry(variant, reference)
     if entry is not None:
@@ -93,9 +94,9 @@ def _compared(variant: str, reference: str, render: Callable[[str, str], Columns
 
 
 def difference(mine: Columns, theirs: Columns) -> str:
-    """How two clouds of the same pulses differ beyond rounding, in words; "" if they do not.
+    """Return how two clouds of the same pulses differ beyond rounding, in words; "" if they do not.
 
-    Points go by time and return number.
+    Points are matched by time and return number.
     """
     keys = [np.stack([cloud["time"], cloud["return_number"]], axis=1) for cloud in (mine, theirs)]
     most = max(len(key) for key in keys)
@@ -119,7 +120,7 @@ def difference(mine: Columns, theirs: Columns) -> str:
 
 
 def _rendered(frame: str, variant: str) -> Columns | str:
-    """The columns of a frame that a process of its own renders, or the last line of what it says."""
+    """Render a frame in a process of its own; return its columns, or the last line of the error."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "frame.npz"
         options = [*FRAMES[frame], "--seed", "1", "-o", str(path)]
@@ -143,7 +144,7 @@ def _rendered(frame: str, variant: str) -> Columns | str:
 
 
 def _entry(variant: str, reference: str) -> Path | None:
-    """File of the verdict on this machine; None: nothing is kept."""
+    """Return the file of the verdict on this machine; None if there is no cache folder."""
     folder = cache_folder("trials")
     if folder is None:
         return None

@@ -1,7 +1,7 @@
 """Names for what Mitsuba and Dr.Jit hand out, as far as this package uses it.
 
 Neither brings types that a checker can read: their classes exist only once a variant is set. A signature that names
-a `Ray` or a `Surface` still says what goes in, and a misspelt attribute of one is found.
+a `Ray` or an `Interaction` still says what goes in, and a misspelt attribute of one is found.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Bsdf(Protocol):
     """`mitsuba.BSDF`: of one material, or a pointer to that of each lane."""
 
     def flags(self) -> int:
-        """What kinds of lobes it has."""
+        """Kinds of its lobes, as `mitsuba.BSDFFlags`."""
 
     def id(self) -> str:
         """Its name in a Mitsuba file."""
@@ -86,7 +86,7 @@ class Interaction(Protocol):
     prim_index: Array
 
     def bsdf(self) -> Bsdf:
-        """That of the shape that was met."""
+        """BSDF of the shape that was met."""
 
     def to_local(self, direction: object, /) -> DeviceVector:
         """A direction in the frame whose z is the normal."""
@@ -103,10 +103,10 @@ class Hit(Protocol):
     prim_index: Array
 
     def is_valid(self) -> Array:
-        """Where anything was met."""
+        """True where a surface was met."""
 
     def compute_surface_interaction(self, ray: Ray, flags: object, active: object, /) -> Interaction:
-        """All of the rest, as Mitsuba computes it."""
+        """Compute point, normal and everything else about the hit."""
 
 
 class TracedScene(Protocol):
@@ -116,7 +116,7 @@ class TracedScene(Protocol):
         """The nearest `Hit` of each active ray."""
 
     def ray_test(self, ray: Ray, *, coherent: bool, active: object) -> Any:
-        """Whether each active ray meets anything."""
+        """True for each active ray that meets a surface."""
 
 
 class Shape(Protocol):
@@ -135,7 +135,7 @@ class Shape(Protocol):
         """Triangles of a mesh, 1 of others."""
 
     def is_mesh(self) -> bool:
-        """Whether it is made of triangles."""
+        """True if it is made of triangles."""
 
     def vertex_positions_buffer(self) -> Any:
         """(3 v,) of a mesh, on the device."""

@@ -1,4 +1,4 @@
-"""How far the surfaces are that a camera sees, for the faint ground of a picture: distances alone, panes left out."""
+"""Distances of the surfaces that a camera sees, for the faint background of a picture; panes are left out."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..world.mitsuba_world import World
 
 
 def distances_m(world: World, eye_m: Numbers, directions: Numbers, *, time_s: float) -> Numbers:
-    """(n,) float32 distance of the first surface along each ray; infinite where there is none.
+    """Return (n,) float32 distance of the first surface along each ray; infinite where there is none.
 
     eye_m       (3,) in the world
     directions  (3, n) unit vectors, world; neighbours should be neighbours in the picture

@@ -27,7 +27,7 @@ from ..device.types import DeviceVector, Hit, Ray, TracedScene, components
 from ..world.mitsuba_world import World
 from ..world.speculars import Speculars
 from .gaps import Draws
-from .nearby import MOST, AxisBox, boxes_passed, enclosing_box
+from .nearby import BOXES_PER_GROUP, AxisBox, boxes_passed, enclosing_box
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -173,7 +173,7 @@ class Moment:
         )
 
     def _in_mover_frame(self, ray: Ray, mover_index: Array) -> tuple[Any, Any, Any, Placement | None]:
-        """Return each ray in the frame of the mover that it met, the sun and the face's shift there, and that frame.
+        """Return each ray in the frame of the mover that it met; in that frame the sun; the face's shift; the placement.
 
         mover_index  -1 for what stands still
         """
@@ -200,7 +200,7 @@ class Moment:
     def _nearer_of_mover(
         self, ray: Ray, group: _Group, near: Array, first: Hit, mover_index: Array
     ) -> tuple[Any, Any, Any]:
-        """Ask one more body of a group; the state of the loop in `_nearest`."""
+        """Ask one more body of a group, as a step of the loop in `_nearest`; returns the new state."""
         import drjit as dr
 
         candidate_index, remaining, placement = self._next_mover(near, group)
@@ -211,7 +211,7 @@ class Moment:
         return remaining, dr.select(nearer, hit, first), dr.select(nearer, candidate_index, mover_index)
 
     def _next_mover(self, near: Array, group: _Group) -> tuple[Any, Any, Placement]:
-        """Return the number of the next body that a ray is near to, which are left, and where that body is."""
+        """Return the number of the next body that a ray comes near, the bits of those left, and its placement."""
         import drjit as dr
 
         assert self.moving is not None
@@ -219,7 +219,7 @@ class Moment:
         return mover_index, near & (near - 1), self.moving.placement(mover_index)
 
     def _nearby_groups(self, ray: Ray, active: Mask, scenes: Sequence[TracedScene | None]) -> list[tuple[_Group, Any]]:
-        """Return groups of movers, and for each which of them the rays come near: bit i says so of its body i."""
+        """Return groups of movers, each with a UInt32 whose bit i is set where a ray comes near body i of the group."""
         groups = self._groups(scenes)
         if not groups:
             return []
@@ -235,14 +235,14 @@ class Moment:
             if scene is None:
                 continue
             last = groups[-1] if groups else None
-            if last is not None and last.scene is scene and last.count < MOST:
+            if last is not None and last.scene is scene and last.count < BOXES_PER_GROUP:
                 groups[-1] = replace(last, count=last.count + 1)
             else:
                 groups.append(_Group(scene=scene, first=number, count=1))
         return groups
 
     def _surface(self, first: Hit, local_ray: Ray, valid: Mask) -> Any:
-        """Return Mitsuba's interaction at a hit, as far as our BSDFs ask for it."""
+        """Return Mitsuba's interaction at a hit, with the fields that our BSDFs read."""
         import drjit as dr
 
         mi = mitsuba()
@@ -304,7 +304,7 @@ class _Group:
 
 
 def _any_remaining(near: Array, *_: object) -> Any:
-    """Whether a loop over bodies goes on."""
+    """Return where a loop over bodies goes on."""
     return near != 0
 
 
@@ -322,7 +322,7 @@ def _ray(origin: DeviceVector, direction: DeviceVector, maxt: Lanes) -> Any:
 
 
 _NUMBERS = 18
-"""Of a placement: its place, rotation, velocity and angular velocity."""
+"""Count of the numbers of a placement: origin (3), rotation (9), velocity (3) and angular velocity (3)."""
 
 
 def _numbers(place: Placement) -> list[Any]:
@@ -339,9 +339,9 @@ def _placement(numbers: Sequence[Array]) -> Placement:
 
 
 def _shorter(ray: Ray, before: Lanes | None) -> Any:
-    """Return rays that end at a length; None: they stay as they are."""
+    """Return rays that end after ``before`` metres; None: unchanged."""
     if before is None:
         return ray
-    ray = mitsuba().Ray3f(ray)  # a copy: Mitsuba's rays are mutable, and the caller keeps his
+    ray = mitsuba().Ray3f(ray)  # a copy: Mitsuba's rays are mutable, and the caller still uses his
     ray.maxt = before
     return ray

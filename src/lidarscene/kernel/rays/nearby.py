@@ -1,8 +1,8 @@
 """Find the rays that come near a body that moves.
 
-To ask a moving body whether a ray meets it takes a look at where the body is then, and a query. Few rays come near any,
-so each ray asks only those bodies whose boxes it passes. A box holds the body's way through the whole frame: it is the
-same for all rays, and is made of six numbers.
+To intersect a ray with a moving body takes a lookup of the body's pose and a query of its scene. Few rays come near any
+body, so each ray asks only those whose boxes it passes. A box holds the body along its whole way through the frame: it
+is the same for all rays, and is made of six numbers.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from ...maths.arrays import Array, Lanes, Mask, xp
 from ..device.backend import mitsuba
 from ..device.types import Ray, components
 
-_LEAST = 1e-20
-"""Smallest component of a direction that is divided by; no ray is so long that it would matter."""
+_SMALLEST_COMPONENT = 1e-20
+"""Smallest component of a direction to divide by; no ray is so long that it would matter."""
 
-MOST = 32
-"""Boxes whose answers are the bits of one number."""
+BOXES_PER_GROUP = 32
+"""Largest number of boxes in a group, whose answers are the bits of one UInt32."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,7 +48,7 @@ def boxes_from_numbers(numbers: Array) -> tuple[AxisBox, ...]:
 
 
 def enclosing_box(boxes: Sequence[AxisBox]) -> AxisBox:
-    """Return the box around all of these."""
+    """Return the box around all of these boxes, on the device."""
     import drjit as dr
 
     ops = xp(boxes[0].low[0])
@@ -61,23 +61,23 @@ def enclosing_box(boxes: Sequence[AxisBox]) -> AxisBox:
 
 
 def boxes_passed(ray: Ray, groups: Sequence[Sequence[AxisBox]], whole: AxisBox, active: Mask) -> tuple[Any, ...]:
-    """Return of each group of boxes a UInt32 whose bit i says whether an active ray passes box i.
+    """Return, for each group of boxes, a UInt32 whose bit i is set where an active ray passes box i.
 
-    groups  at most `MOST` boxes in each
-    whole   the box around them all: rays that do not pass it are asked no more
+    groups  at most `BOXES_PER_GROUP` boxes in each
+    whole   the box around them all: rays that do not pass it are not tested further
     """
     import drjit as dr
 
     mi = mitsuba()
     ops = xp(ray.maxt)
     origin = components(ray.o)
-    inverse = [dr.rcp(dr.select(dr.abs(d) < _LEAST, _LEAST, d)) for d in components(ray.d)]
+    inverse = [dr.rcp(dr.select(dr.abs(d) < _SMALLEST_COMPONENT, _SMALLEST_COMPONENT, d)) for d in components(ray.d)]
     rises = [i > 0.0 for i in inverse]
 
     def passes(box: AxisBox) -> Any:
         """The slab method: the ray is between the two planes of each axis from `near` to `far`.
 
-        Which plane is first is told by the direction, not by the distances: so no ray passes a box that is `NOWHERE`.
+        The direction decides which plane comes first, not the distances: so no ray passes a box that is `NOWHERE`.
         """
         near: Lanes = mi.Float(0.0)
         far: Lanes = ray.maxt

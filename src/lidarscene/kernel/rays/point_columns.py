@@ -1,4 +1,4 @@
-"""Make the columns of the kept points out of what the stages left on the device.
+"""Compute the columns of the kept points from the results of the stages on the device.
 
 Most pulses of a frame may report nothing, and a point has 27 columns. So the reported returns are counted first, and a
 second small kernel gathers them and computes positions, angles and identities for these lanes only. What follows from
@@ -44,10 +44,10 @@ BROKEN = "broken"
 """A column beside those of a cloud: 1 if any number of the point is NaN, else 0."""
 
 NOT_A_NUMBER = 255
-"""Stands for the `Outcome` of a pulse whose signal is NaN: it would count as missed."""
+"""Outcome code of a pulse whose signal is NaN; without it the pulse would count as missed."""
 
 OF_WAYS = ("interactions", "ghost")
-"""Columns that only pulses have which go on through panes, mirrors or gaps."""
+"""Columns of pulses that go on through panes, mirrors or gaps."""
 
 
 def with_nan_outcomes(detection: Detection) -> Detection:
@@ -62,7 +62,7 @@ def with_nan_outcomes(detection: Detection) -> Detection:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Staged:
-    """What the stages left on the device of some pulses.
+    """Results of the stages for some pulses, on the device.
 
     pulse  (n,) pulse number of each lane
     paths  Hits of each way of the light, lane = pulse lane * rays + ray
@@ -163,7 +163,7 @@ def point_columns(
         return dr.gather(type(values), values, lane * stops + stop)
 
     def of_return(name: str) -> Any:
-        """Values of the return; with one echo to a pulse the pulse has them."""
+        """Values of the return; with one echo to a pulse they are the pulse's."""
         return of_lane(getattr(detection, name)) if detection.source is None else of_stop(name)
 
     of_pulse, range_m = of_lane(staged.pulse), of_stop("range_m")
@@ -239,14 +239,14 @@ def _vectors(ends: _Ends, turn: tuple[Lanes, ...]) -> dict[str, Any]:
 
 
 def with_flat_positions(columns: dict[str, DeviceArray]) -> dict[str, Any]:
-    """Return `columns` with xyz_m as one array of x, y, z of the first point, then of the second, and so on."""
+    """Return `point_columns` with xyz_m as one array: x, y, z of the first point, then of the second, and so on."""
     import drjit as dr
 
     return columns | {"xyz_m": dr.ravel(columns["xyz_m"])}
 
 
 def merge_by_pulse(parts: Sequence[tuple[dict[str, DeviceArray], int]]) -> dict[str, Any]:
-    """Merge several `columns` by pulse number, in the layout of `one_by_one`.
+    """Merge several `point_columns` by pulse number, in the layout of `with_flat_positions`.
 
     Pulses that end at the first surface and those that go on through glass are traced apart; their points are put
     together here. All returns of a pulse are in one part, in order. The columns `OF_WAYS` are always in the result, so
@@ -288,7 +288,7 @@ def merge_by_pulse(parts: Sequence[tuple[dict[str, DeviceArray], int]]) -> dict[
 
 
 def _merged_places(pulses: Sequence[Numbers]) -> list[Numbers]:
-    """For each element of several lists, return its index in all of them sorted together; the sort is stable."""
+    """Return, for each element of several lists, its index in all of them sorted together; the sort is stable."""
     order = np.argsort(np.concatenate(pulses), kind="stable")
     return np.split(inverse(order), np.cumsum([len(pulse_numbers) for pulse_numbers in pulses])[:-1])
 

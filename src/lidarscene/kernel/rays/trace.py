@@ -38,14 +38,14 @@ from .onward import START_OFFSET_M, Way, continued, is_stopped, kind_of, select_
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Firing:
-    """What rays have besides where they start and where they go.
+    """Properties of rays other than origin and direction.
 
     seed          of the frame: random numbers of the gaps
     ray           (n,) number of each ray within its pulse, for the same; 0 if it is the only one
     velocity_m_s  of the point from which each ray leaves; None: it stands still
     aim           axes and widths of the beams, for specular returns; None: there are none
     housing_m     radius of the sensor itself: what is nearer is no hit
-    vectors       whether normals and velocities of the surfaces are wanted
+    vectors       whether to return normals and velocities of the surfaces
     """
 
     seed: Lanes = 0

@@ -56,7 +56,7 @@ def bsdf_dict(values: dict[str, Any], reflectance: dict[str, object] | None = No
 
 
 def make_bsdf(values: dict[str, Any], reflectance: dict[str, object] | None = None) -> Any:
-    """Return Mitsuba's BSDF of a material, as of `bsdf_dict`."""
+    """Return Mitsuba's BSDF of a material; arguments as of `bsdf_dict`."""
     if values["bsdf"] == "coated" and reflectance is None and values.get("cover", 1.0) == 1.0:
         return _load_coat(values)
     return mitsuba().load_dict(bsdf_dict(values, reflectance))
@@ -100,7 +100,10 @@ def _coated(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _load_coat(values: dict[str, Any]) -> Any:
-    """Mitsuba's own of `_coated`: to tabulate a coat takes it 20 ms, so one over a white base is darkened."""
+    """Return Mitsuba's BSDF of `_coated`.
+
+    To tabulate a coat takes Mitsuba 20 ms. So one is tabulated, over a white base, and then the base is darkened.
+    """
     mi = mitsuba()
     reflectance = mi.load_dict(_spectrum(1.0))
     white = mi.load_dict(_roughplastic(values, reflectance))
@@ -173,7 +176,7 @@ def _mirror(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _glass(values: dict[str, Any]) -> dict[str, Any]:
-    """A pane: both faces of a thin sheet at once. Lossless in Mitsuba; `Speculars.glass` knows what it absorbs."""
+    """A pane: both faces of a thin sheet at once. Lossless in Mitsuba; its absorption is in `Speculars.glass`."""
     return {"type": "thindielectric", "int_ior": values["index_n"], "ext_ior": 1.0}
 
 
@@ -374,7 +377,7 @@ def _rough_diffuse_class() -> Any:
 
 
 def texture_key(pattern: ReflectivityPattern | None) -> Hashable:
-    """What parts of one material must share to be one Mitsuba mesh: no pattern, values of vertices, or an image."""
+    """Return what parts of one material must share to be one Mitsuba mesh: pattern or none, and which image."""
     if pattern is None or pattern.uv is None:
         return pattern is not None
     return id(pattern.values), pattern.mean

@@ -35,7 +35,7 @@ def merge_by_bsdf(shapes: Sequence[FileShape], first_body: int) -> list[PlacedSh
 
 
 def _merge_key(shape: FileShape, varies: bool) -> tuple[int, bool, bool] | None:
-    """What meshes must share to become one: BSDF, smooth normals, texture coordinates; None for what stays alone."""
+    """Return what meshes must share to become one: BSDF, smooth normals, texture coordinates; None: stays alone."""
     mitsuba_shape = shape.shape
     if not mitsuba_shape.is_mesh() or mitsuba_shape.face_count() != shape.faces or mitsuba_shape.has_flipped_normals():
         return None

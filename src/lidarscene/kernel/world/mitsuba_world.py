@@ -61,7 +61,7 @@ class Mover:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class World:
-    """What the kernel traces, and the tables that identify a triangle. Device arrays unless stated otherwise.
+    """Mitsuba scenes that the kernel traces, and the tables that identify a triangle. Device arrays unless stated.
 
     scene           Mitsuba scene of what stands still, panes and porous surfaces left out; None if there is nothing.
                     Vertices are relative to ``centre_m``
@@ -104,9 +104,9 @@ class World:
     see_through: bool
 
     def with_bodies(self, bodies: Sequence[Body]) -> World:
-        """Return this world with its movers where the scene's bodies are now; what was compiled serves on.
+        """Return this world with its movers where ``bodies`` of the scene are now; nothing is compiled again.
 
-        What the kernels were recorded with stays as it is: only frames are made with the new motions.
+        The arrays that recorded kernels use stay as they are: only later frames follow the new motions.
         """
         movers = [
             replace(mover, motion=_motion(body := bodies[mover.body]), pose=body.pose, is_absent=body.away)
@@ -116,7 +116,7 @@ class World:
 
     @property
     def has_panes(self) -> bool:
-        """Whether anything lets light through or has gaps."""
+        """True if anything lets light through or has gaps."""
         return self.speculars is not None and self.speculars.lets_through
 
 
@@ -356,7 +356,7 @@ def mover_boxes(movers: Sequence[Mover]) -> Numbers | None:
 
 
 def _resting_movers(movers: Sequence[Mover], centre_m: Numbers) -> Moving | None:
-    """Return the poses of what moves, as the bodies have them."""
+    """Return the movers at the poses of their bodies; None if nothing moves."""
     if not movers:
         return None
     stay = [Course(), *(Course(start=mover.pose) for mover in movers)]

@@ -52,8 +52,8 @@ def load_shapes(
 ) -> list[FileShape]:
     """Return the shapes of a Mitsuba XML file, in its order.
 
-    replaced      from BSDF id to material name
-    materials     from material name to `Material.at`
+    replaced      BSDF id -> material name
+    materials     material name -> `Material.at`
     wavelength_m  for materials of the catalogue, where a BSDF that Mitsuba does not have suggests one
     Raises InputError if the file is no XML or no Mitsuba scene, lacks such a BSDF, or has instances.
     """
@@ -146,7 +146,7 @@ MOST_INCLUDED = 1000
 
 
 def _shallow(root: Element) -> Element:
-    """The same element. Raises ValueError if the nesting is too deep."""
+    """Return the element itself. Raises ValueError if the nesting is too deep."""
     level = [root]
     for _ in range(DEEPEST):
         level = [child for element in level for child in element]
@@ -192,8 +192,8 @@ def _filled_in(text: str, parameters: Mapping[str, str]) -> str:
 def _keep_to_mitsuba(root: Element, path: Path) -> None:
     """Name all files by absolute paths, and raise InputError for a plugin that is not Mitsuba's own.
 
-    Mitsuba looks for plugins, which are native code, where it looks for files: in `plugins/` of any folder that it
-    was told of, and by a relative or absolute path in the name of a type. A scene from elsewhere must not run code.
+    Mitsuba looks for plugins, which are native code, where it looks for files: in `plugins/` of any folder in
+    its search path, and by a relative or absolute path in the name of a type. A scene from elsewhere must not run code.
     """
     parameters, plugins = _defaults(root), own_plugins()
     folders, working_folder = [path.parent.resolve()], Path.cwd()

@@ -78,7 +78,7 @@ class Speculars:
 
     @property
     def lets_through(self) -> bool:
-        """Whether there are panes or gaps."""
+        """True if there are panes or gaps."""
         return self.panes > 0 or self.gaps
 
     def is_pane(self, kind: Array) -> Any:

@@ -62,7 +62,7 @@ STAND_INS = {
     "window": "clear_glass",
     "roof": "brick",
 }
-"""From a word in the name of an unknown BSDF to a material of the catalogue; the first word that fits counts.
+"""Word in the name of an unknown BSDF -> material of the catalogue; the first word that fits counts.
 
 The materials of ITU-R P.2040-3, table 3, by which Sionna RT names its own, are among the words (all but `vacuum`).
 Choices of ours: marble is as bright as white plaster, and sheet metal outdoors is matt, as weathered zinc is.
@@ -77,7 +77,7 @@ ONE_SIDED = frozenset(
 
 
 def outermost(root: Element) -> Iterator[tuple[Element, Element]]:
-    """Each BSDF that is not inside another one, after the element that holds it."""
+    """Yield (parent element, BSDF) of each BSDF that is not inside another one."""
     for holder in root.iter():
         if holder.tag != "bsdf":
             yield from ((holder, child) for child in holder if child.tag == "bsdf")
@@ -100,7 +100,7 @@ def stand_ins(
 ) -> list[tuple[Element, str]]:
     """Empty the BSDFs that have a type which Mitsuba lacks, and return them with materials by their names.
 
-    is_known  whether Mitsuba has a type
+    is_known         whether Mitsuba has a type
     scene_materials  materials of the scene file by name, which go before those of the catalogue
     Those whose name says nothing stay as they are.
     """
@@ -109,13 +109,13 @@ def stand_ins(
         unknown = [element for element in bsdf.iter("bsdf") if not is_known(element.get("type") or "")]
         material = _suggested([bsdf, *unknown], scene_materials) if unknown else None
         if material is not None:
-            # An id of its own tells the shapes of a BSDF without one what they are made of.
+            # A BSDF without an id gets one: by it `load_shapes` finds the material of the shapes.
             emptied.append((_emptied(bsdf, bsdf.get("id") or f"unnamed {len(emptied)}"), material))
     return emptied
 
 
 def _suggested(bsdfs: list[Element], scene_materials: Mapping[str, object]) -> str | None:
-    """The material that the names of a BSDF suggest: a radio material's own type, ids, and types."""
+    """Return the material that the names of BSDFs suggest: a radio material's own type, ids, and types."""
     material_names = (*scene_materials, *names("materials"))
     types = (element.get("value") for bsdf in bsdfs for element in bsdf.iter("string") if element.get("name") == "type")
     candidate_names = [*types, *(bsdf.get(key) for key in ("id", "name", "type") for bsdf in bsdfs)]
@@ -129,7 +129,7 @@ def _suggested(bsdfs: list[Element], scene_materials: Mapping[str, object]) -> s
 
 
 def _emptied(element: Element, identity: str) -> Element:
-    """The same element with nothing but its id."""
+    """Clear an element but for its id; returns it."""
     element.clear()
     element.set("id", identity)
     return element

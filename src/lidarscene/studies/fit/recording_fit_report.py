@@ -12,7 +12,7 @@ import numpy as np
 from ...errors import InputError
 from ...figures import lines
 from ...figures.lines import Chart, Line
-from ...figures.report_page import Page, counted, csv_text
+from ...figures.report_page import Page, count_text, csv_text
 from ...files.atomic import put_text, require_writable
 from ...files.json_text import json_text
 from .estimates import Estimate, Solution
@@ -211,7 +211,7 @@ def write_report(fit: RecordingFit, folder: Path) -> None:
     """Write page, Markdown, figures with their data, and JSON. Raises OutputError."""
     page = Page(f"{fit.recording}: what it says of {fit.sensor}", folder=folder)
     page.paragraph(
-        f"{fit.pulses:,} pulses of {counted(fit.frames, 'frame')}. Three of four blocks of columns were fitted, the "
+        f"{fit.pulses:,} pulses of {count_text(fit.frames, 'frame')}. Three of four blocks of columns were fitted, the "
         "fourth judges the fit. Sigma is that of the Fisher matrix, unless a bootstrap of the blocks says 1.3 times as "
         "much."
     )

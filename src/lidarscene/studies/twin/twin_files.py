@@ -19,7 +19,7 @@ import numpy as np
 
 from ...catalog import path_of
 from ...errors import InputError
-from ...figures.report_page import counted
+from ...figures.report_page import count_text
 from ...files.atomic import atomic_output, put_text, require_writable
 from ...files.json_text import json_text
 from ...files.toml import validate
@@ -146,7 +146,7 @@ def build_twin(
     }
     put_text(folder / PROVENANCE, json_text(provenance, indent=1) + "\n")
     notes.append(
-        f"wrote {folder / SCENE}: {len(quads)} quads of {counted(len(choice.frames), 'frame')}, {light:.3g} klux"
+        f"wrote {folder / SCENE}: {len(quads)} quads of {count_text(len(choice.frames), 'frame')}, {light:.3g} klux"
     )
     return "\n".join([*notes, _reflectivity_note(gauge)])
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ....figures.lines import Chart, Line
-from ....figures.report_page import Page, counted
+from ....figures.report_page import Page, count_text
 from ....maths.arrays import Numbers
 from ..estimates import Estimate
 from ..recording_fit_report import (
@@ -135,7 +135,7 @@ def write_report(fit: SceneFit, folder: Path) -> None:
     """Write page, Markdown, figures with their data, and JSON. Raises OutputError."""
     page = Page(f"{fit.recording} on {fit.scene}: what they say of {fit.sensor}", folder=folder)
     page.paragraph(
-        f"{fit.pulses[0]:,} pulses of {counted(fit.frames, 'frame')} were fitted; {fit.pulses[1]:,} of every fourth "
+        f"{fit.pulses[0]:,} pulses of {count_text(fit.frames, 'frame')} were fitted; {fit.pulses[1]:,} of every fourth "
         "block of columns judge the fit. The light of the scene was traced once, the likelihood of what was kept, "
         f"of signals and ranges evaluated {fit.evaluations} times. Reflectivities are free, patch by patch, within "
         "10 % of the scene's."
