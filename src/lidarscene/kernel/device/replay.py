@@ -115,7 +115,7 @@ class Replay:
         }
         weakref.finalize(self, shared.clear)
 
-        # `shared` is a default, not a closure: Dr.Jit goes through closures at each call and would see all inputs twice.
+        # `shared` is a default, not a closure: Dr.Jit traverses closures at each call and would see all inputs twice.
         def recorded(*arguments: object, shared: dict[str, Any] = shared) -> list[Any]:
             # A frozen function returns a flat list. The plan, which is made while Python still runs, remembers which
             # array of the list belongs where in the description; a replay only brings a new list.

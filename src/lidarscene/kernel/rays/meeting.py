@@ -173,7 +173,7 @@ class Moment:
         )
 
     def _in_mover_frame(self, ray: Ray, mover_index: Array) -> tuple[Any, Any, Any, Placement | None]:
-        """Return each ray in the frame of the mover that it met; in that frame the sun; the face's shift; the placement.
+        """Return each ray in the frame of the mover it met; in that frame the sun; the face's shift; the placement.
 
         mover_index  -1 for what stands still
         """
