@@ -20,7 +20,7 @@ import numpy as np
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
 from ..maths.pose import Pose
-from ..maths.trajectory import Course, Held, Motion, Riding, Spline
+from ..maths.trajectory import Course, HeldAtEnds, Motion, Riding, Spline
 from ..scene.clearance import Clearance
 from ..scene.scene import Body, Scene
 from ..scene.scene_file import load_scene
@@ -238,7 +238,7 @@ class Track:
         ):
             return Course(start=first)
         try:
-            return Held(motion=Spline(time_s=np.array(self.times_s), poses=tuple(self.poses), smooth=False))
+            return HeldAtEnds(motion=Spline(time_s=np.array(self.times_s), poses=tuple(self.poses), smooth=False))
         except ValueError as error:
             raise InputError(f"'{name}': {error}") from None
 

@@ -358,7 +358,7 @@ def _map_figure(view: SensorView, values: Numbers, map_words: _MapWords, caption
     )
     azimuth, elevation = view.cells.middle_deg(view.coverage_maps.cell)
     rows = zip(azimuth, elevation, values, strict=True)
-    draw = partial(maps.save_map, picture=picture)
+    draw = partial(maps.save_map, angle_map=picture)
     return f"{view.slug}-{map_words.kind}", draw, (("azimuth_deg", "elevation_deg", map_words.column), rows), caption
 
 
