@@ -198,7 +198,7 @@ def test_a_rig(mi, run: Run, no_charts: None, tmp_path: Path) -> None:
 
 def test_equal_names_get_files_of_their_own() -> None:
     assert study.slugs(["a b", "a-b", "A B", "ü"]) == ["a-b", "a-b-2", "a-b-3", "sensor"]
-    assert study.slugs(["a-3", "a", "A"]) == ["a-3", "a", "a-4"]  # a third of "a" would be the first
+    assert study.slugs(["a-3", "a", "A"]) == ["a-3", "a", "a-4"]  # "a-3" is given away already
 
 
 @pytest.mark.parametrize(
