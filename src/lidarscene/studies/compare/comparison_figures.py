@@ -193,7 +193,10 @@ def snr_figure(
         title="Each point is a pulse",
     )
     step = max(len(kind) // _MOST_SNR_ROWS, 1)
-    rows = [(float(x), float(y), kinds[k]) for x, y, k in zip(snr_a[::step], snr_b[::step], kind[::step], strict=True)]
+    rows = [
+        (float(x), float(y), kinds[number])
+        for x, y, number in zip(snr_a[::step], snr_b[::step], kind[::step], strict=True)
+    ]
     return f"snr-{slug}", draw, (("snr_a", "snr_b", "found"), rows), caption
 
 

@@ -248,34 +248,28 @@ def group_table(comparison: Comparison, key: str, most: int | None = None) -> Ta
     pairs_by_sensor = [count_pairs(a.rated_surfaces, b.rated_surfaces, grouping) for a, b in comparison.against_first()]
     for a, b in comparison.against_first():
         header += [f"only {a.name}", f"only {b.name}"] if len(pairs_by_sensor) == 1 else [f"{a.name} less {b.name}"]
-    order = [
-        n for n in range(len(grouping.labels)) if any(sensor_rates[n].surfaces for sensor_rates in rates_by_sensor)
+    groups = [
+        group
+        for group in range(len(grouping.labels))
+        if any(sensor_rates[group].surfaces for sensor_rates in rates_by_sensor)
     ]
-    order.sort(key=lambda n: -max(sensor_rates[n].surfaces for sensor_rates in rates_by_sensor))
-    if most is not None:
+    groups.sort(key=lambda group: -max(sensor_rates[group].surfaces for sensor_rates in rates_by_sensor))
+    if most is not None and pairs_by_sensor:
         # A body that all sensors found alike would fill the table without showing a difference.
-        order = [
-            n
-            for n in order
-            if not pairs_by_sensor
-            or any(sensor_pairs[n].only_a or sensor_pairs[n].only_b for sensor_pairs in pairs_by_sensor)
-        ]
-        order.sort(
-            key=lambda n: -sum(sensor_pairs[n].only_a + sensor_pairs[n].only_b for sensor_pairs in pairs_by_sensor)
-        )
+        disagreements = {
+            group: sum(pairs[group].only_a + pairs[group].only_b for pairs in pairs_by_sensor) for group in groups
+        }
+        groups = sorted((group for group in groups if disagreements[group]), key=lambda group: -disagreements[group])
     rows = []
-    for n in order[:most]:
+    for group in groups[:most]:
         row = [
-            grouping.labels[n] or "unlabelled",
-            f"{rates_by_sensor[0][n].surfaces:,}",
-            *(_rate_cell(sensor_rates[n]) for sensor_rates in rates_by_sensor),
+            grouping.labels[group] or "unlabelled",
+            f"{rates_by_sensor[0][group].surfaces:,}",
+            *(_rate_cell(sensor_rates[group]) for sensor_rates in rates_by_sensor),
         ]
-        for sensor_pairs in pairs_by_sensor:
-            row += (
-                [f"{sensor_pairs[n].only_a:,}", f"{sensor_pairs[n].only_b:,}"]
-                if len(pairs_by_sensor) == 1
-                else [f"{sensor_pairs[n].only_a - sensor_pairs[n].only_b:+,}"]
-            )
+        for pairs in pairs_by_sensor:
+            only_a, only_b = pairs[group].only_a, pairs[group].only_b
+            row += [f"{only_a:,}", f"{only_b:,}"] if len(pairs_by_sensor) == 1 else [f"{only_a - only_b:+,}"]
         rows.append(row)
     return header, rows
 

@@ -163,7 +163,8 @@ def compared_quantities(side: Side) -> dict[str, Any]:
     ground = measure_ground(side.xyz_m)
     quantities: dict[str, Any] = {"points": len(range_m), "share of pulses kept": side.return_share}
     quantities |= {
-        f"range, {q:g} % quantile [m]": float(np.percentile(range_m, q)) if len(range_m) else None for q in QUANTILES
+        f"range, {quantile:g} % quantile [m]": float(np.percentile(range_m, quantile)) if len(range_m) else None
+        for quantile in QUANTILES
     }
     height, farthest, share = ground if ground else (None, None, None)
     quantities |= {"sensor above ground [m]": height, "farthest ground [m]": farthest, "share on the ground": share}
