@@ -1,7 +1,8 @@
 """Errors: mistakes of the user or faults of the machine, each with one plain message."""
 
+import difflib
 import string
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 LONGEST = 1000
@@ -14,6 +15,15 @@ def shortened(text: str) -> str:
         return text
     end = LONGEST // 4
     return f"{text[: LONGEST - end - 5]} ... {text[-end:]}"
+
+
+def did_you_mean(word: object, choices: Iterable[str], *, most: int = 1, cutoff: float = 0.6) -> str:
+    """Question for the choices that are most like a word, such as "did you mean 60 or 90?"; empty if none is.
+
+    cutoff  least likeness, from 0 to 1 (`difflib.get_close_matches`)
+    """
+    near = difflib.get_close_matches(str(word), list(choices), n=most, cutoff=cutoff)
+    return f"did you mean {' or '.join(near)}?" if near else ""
 
 
 class LidarSceneError(Exception):

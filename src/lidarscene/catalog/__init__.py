@@ -6,12 +6,11 @@ and paths only; `sensor.catalogue`, `materials.catalogue` and `scene.scene_file`
 
 from __future__ import annotations
 
-import difflib
 import os
 from importlib import resources
 from pathlib import Path
 
-from ..errors import InputError
+from ..errors import InputError, did_you_mean
 
 KINDS = ("sensors", "materials", "scenes")
 
@@ -46,6 +45,5 @@ def path_of(kind: str, name: str) -> Path:
     for other_kind in KINDS:
         if name in names(other_kind):
             raise InputError(f"no {noun} '{name}' in the catalogue; {name} is a {other_kind.removesuffix('s')}")
-    near = difflib.get_close_matches(name, names(kind), n=3, cutoff=0.4)
-    hint = f"did you mean {' or '.join(near)}?" if near else f"it has {', '.join(names(kind))}"
+    hint = did_you_mean(name, names(kind), most=3, cutoff=0.4) or f"it has {', '.join(names(kind))}"
     raise InputError(f"no {noun} '{name}' in the catalogue; {hint}")

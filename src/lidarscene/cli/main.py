@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import atexit
-import difflib
 import gc
 import re
 import sys
@@ -16,7 +15,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from .._version import __version__
-from ..errors import InputError, LidarSceneError
+from ..errors import InputError, LidarSceneError, did_you_mean
 from .batch import add_batch
 from .catalogue import add_catalogue
 from .compare import add_compare
@@ -87,9 +86,8 @@ class _Parser(argparse.ArgumentParser):
                     f"the command goes first: {self.prog} COMMAND {self.option_first} ...; see {self.prog} -h"
                 )
             choices = re.findall(r"[\w-]+", choice[2])
-            near = difflib.get_close_matches(choice[1].lower(), choices, n=1)
-            meant = f"did you mean {near[0]}? " if near else ""
-            message = f"{message[: choice.end(1)]}'; {meant}choose from {', '.join(choices)}"
+            hint = f"{did_you_mean(choice[1].lower(), choices)} choose from {', '.join(choices)}".strip()
+            message = f"{message[: choice.end(1)]}'; {hint}"
         raise InputError(f"{message}; see {self.prog} -h")
 
     def _meant(self, left: str) -> str:
@@ -99,8 +97,8 @@ class _Parser(argparse.ArgumentParser):
             if "--set" in options and re.fullmatch(r"[-+\d.]+\w*|true|false", left):
                 return "; a value goes with =: --set laser.peak_power_w=75"
             return "; sensors go with commas: --sensors A,B" if "--sensors" in options else ""
-        near = difflib.get_close_matches(left.split("=")[0], options, n=1, cutoff=0.75)
-        return f"; did you mean {near[0]}?" if near else ""
+        question = did_you_mean(left.split("=")[0], options, cutoff=0.75)
+        return f"; {question}" if question else ""
 
 
 _CHOICE = re.compile(r"invalid choice: '([^']*)' \(choose from (.*)\)$")

@@ -6,7 +6,6 @@ and finite numbers. The table `formats.cloud_columns.COLUMNS` says what each col
 
 from __future__ import annotations
 
-import difflib
 import os
 from collections.abc import Mapping
 from dataclasses import InitVar, dataclass, field, replace
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..detection.outcomes import Status
-from ..errors import InputError
+from ..errors import InputError, did_you_mean
 from ..files import facts
 from ..formats.cloud_columns import (
     COLUMNS,
@@ -204,9 +203,8 @@ class PointCloud:
         """(n,) values of the column of this name, as in files: "x", "snr", "class", ..."""
         choices = {c.name: c for c in self.columns}
         if name not in choices:
-            near = difflib.get_close_matches(name, choices, n=1) if isinstance(name, str) else []
-            hint = f"did you mean {near[0]}? " if near else ""
-            raise InputError(f"column '{name}': not in this cloud; {hint}the choices are {', '.join(choices)}")
+            hint = f"{did_you_mean(name, choices)} the choices are {', '.join(choices)}".strip()
+            raise InputError(f"column '{name}': not in this cloud; {hint}")
         values: Numbers = getattr(self, choices[name].attribute)
         return values[:, "xyz".index(name)] if values.ndim == 2 else values
 

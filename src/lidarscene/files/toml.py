@@ -7,7 +7,6 @@ and of its own models. Here its first error becomes a line in the words of the f
 
 from __future__ import annotations
 
-import difflib
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -16,7 +15,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from ..errors import InputError
+from ..errors import InputError, did_you_mean
 from .inputs import LARGEST_TEXT, require_file
 from .overrides import get_entry, key_path, number_list_entries, short_text
 
@@ -163,11 +162,11 @@ def _message(error: Any, model: type[BaseModel], tables: Mapping[str, Any]) -> s
     key = _dotted_key(location, tables)
     if kind == "extra_forbidden":
         known_keys = _known_keys(model, location[:-1], tables)
-        near = difflib.get_close_matches(str(location[-1]), known_keys, n=1)
         if len(location) == 1 and (deeper := _key_in_a_table(model, str(location[0]), tables)):
             return f"unknown key '{key}'; did you mean {deeper}?"
-        suggestion = f"; did you mean {near[0]}? all known here" if near else "; known here"
-        return f"unknown key '{key}'" + (f"{suggestion}: {', '.join(known_keys)}" if known_keys else "")
+        question = did_you_mean(location[-1], known_keys)
+        hint = f"{question} all known here" if question else "known here"
+        return f"unknown key '{key}'" + (f"; {hint}: {', '.join(known_keys)}" if known_keys else "")
     if kind == "missing" and isinstance(location[-1], int):
         return f"{_dotted_key(location[:-1], tables)}: must be a longer list, got {short_text(error['input'])}"
     if kind in ("missing", "union_tag_not_found"):

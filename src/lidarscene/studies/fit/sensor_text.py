@@ -7,12 +7,13 @@ and field of view, which sets the background, stays the same.
 from __future__ import annotations
 
 import math
-import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+
+import tomlkit
 
 from ... import catalog
 from ...errors import InputError
@@ -144,18 +145,17 @@ def fitted_text(
         ):
             text = put_value(text, "optics", key, moved * value, source)
         # The fitted law was that of one lens, focused at infinity, on the laser's axis.
-        if re.search(r"(?m)^(transmitter_offset_mm|focus_at_m)", text):
+        if _has_key(text, "optics.overlap", "transmitter_offset_mm", "focus_at_m"):
             notes += ("optics.overlap: the file's two lenses or focus are replaced by one lens, whose law was fitted",)
         lens_keys = ("transmitter_offset_mm", "parallax_free_at_m", "focus_at_m", "scattered_share")
         text = remove_keys(text, "optics.overlap", lens_keys)
-        if re.search(r"(?m)^exit_diameter_mm", text):
+        if _has_key(text, "laser", "exit_diameter_mm"):
             notes += ("laser.exit_diameter_mm is left out: the fitted spot starts as a point",)
         text = remove_keys(text, "laser", ("exit_diameter_mm", "divergence_elevation_mrad"))
-        if "[optics.overlap]" not in text:
-            text = re.sub(r"(?ms)(^\[optics\]\n.*?)(?=^\[)", r"\1[optics.overlap]\n\n", text, count=1)
+        text = _with_overlap(text)
         text = put_source(text, "optics.overlap", source)
         spot = estimates.get("spot_over_field")
-        if spot is not None and ("spot_over_field" in accepted or re.search(r"(?m)^divergence_mrad", text)):
+        if spot is not None and ("spot_over_field" in accepted or _has_key(text, "laser", "divergence_mrad")):
             # Full divergence [mrad]: twice the half angle behind the new lens.
             field = float(sensor.detector.radius_m / sensor.optics.focal_length_m) / moved
             source = source_of(
@@ -288,50 +288,67 @@ def scaled_values(text: str, factors: Mapping[str, float]) -> dict[str, float | 
     return values
 
 
+def _with_overlap(text: str) -> str:
+    """The text with a table [optics.overlap], empty if there was none: the field of view and the spot on one axis."""
+    document = tomlkit.parse(text)
+    if _table(document, "optics.overlap") is None:
+        document["optics"].append("overlap", tomlkit.table())
+    return tomlkit.dumps(document)
+
+
 def put_key(text: str, key: str, value: float | Sequence[float], source: str) -> str:
-    """Put a value by its dotted key, as in `put_value`."""
+    """`put_value` with table and key as one."""
     table, _, name = key.rpartition(".")
     return put_value(text, table, name, value, source)
 
 
 def put_value(text: str, table: str, key: str, value: float | Sequence[float], source: str) -> str:
-    """Put a value, or a list on one line, into a table of the text, with its source.
-
-    Raises InputError if the text has no such table.
-    """
-    head = re.search(rf"(?m)^\[{re.escape(table)}\][^\n]*\n", text)
-    if head is None:
+    """The text with this number or list in the table, and with its source. Raises InputError without the table."""
+    document = tomlkit.parse(text)
+    entries = _table(document, table)
+    if entries is None:
         raise InputError(f"[{table}]: must be a table of the sensor file, got none")
-    end = re.compile(r"(?m)^\[").search(text, head.end())
-    body = text[head.end() : end.start() if end else len(text)]
-    value_text = f"{value:.6g}" if isinstance(value, int | float) else f"[{', '.join(f'{x:.6g}' for x in value)}]"
-    line = f"{key} = {value_text}\n"
-    changed, count = re.subn(rf"(?m)^{re.escape(key)}\s*=(\s*\[[^\]]*\])?[^\n]*\n?", lambda _: line, body, count=1)
-    body = changed if count else line + body
-    return put_source(text[: head.end()] + body + text[end.start() if end else len(text) :], f"{table}.{key}", source)
+    numbers = [value] if isinstance(value, int | float) else value
+    digits = ", ".join(str(number) if isinstance(number, int) else f"{number:.6g}" for number in numbers)
+    entries[key] = tomlkit.value(digits if numbers is not value else f"[{digits}]")
+    _put_source(document, f"{table}.{key}", source)
+    return tomlkit.dumps(document)
 
 
 def remove_keys(text: str, table: str, keys: Sequence[str]) -> str:
-    """Remove keys of a table, and their sources, from the text."""
-    head = re.search(rf"(?m)^\[{re.escape(table)}\][^\n]*\n", text)
-    if head is not None:
-        end = re.compile(r"(?m)^\[").search(text, head.end())
-        body = text[head.end() : end.start() if end else len(text)]
-        for key in keys:
-            body = re.sub(rf"(?m)^{re.escape(key)}\s*=[^\n]*\n", "", body)
-        text = text[: head.end()] + body + (text[end.start() :] if end else "")
+    """The text without these keys of a table, and without their sources."""
+    document = tomlkit.parse(text)
+    entries, sources = _table(document, table), _table(document, "sources")
     for key in keys:
-        text = re.sub(rf'(?m)^"{re.escape(table)}\.{re.escape(key)}"\s*=[^\n]*\n', "", text)
-    return text
+        for node, name in ((entries, key), (sources, f"{table}.{key}")):
+            if node is not None and name in node:
+                node.remove(name)
+    return tomlkit.dumps(document)
 
 
 def put_source(text: str, key: str, source: str) -> str:
-    """Put a source into `[sources]`."""
-    plain = re.sub(r'[^ -~]|["\\]', " ", source)
-    line = f'"{key}" = "{plain}"\n'
-    text, count = re.subn(rf'(?m)^"?{re.escape(key)}"?\s*=\s*"[^\n]*\n?', lambda _: line, text, count=1)
-    if count:
-        return text
-    if "[sources]" not in text:
-        text = text.rstrip("\n") + "\n\n[sources]\n"
-    return text.replace("[sources]\n", "[sources]\n" + line, 1)
+    """The text with this line in `[sources]`."""
+    document = tomlkit.parse(text)
+    _put_source(document, key, source)
+    return tomlkit.dumps(document)
+
+
+def _put_source(document: tomlkit.TOMLDocument, key: str, source: str) -> None:
+    sources = _table(document, "sources")
+    if sources is None:
+        sources = document["sources"] = tomlkit.table()
+    sources[key] = source
+
+
+def _table(document: tomlkit.TOMLDocument, name: str) -> Any:
+    """The table of a dotted name, to be edited; None if the file has none."""
+    node: Any = document
+    for part in name.split("."):
+        node = node.get(part) if isinstance(node, Mapping) else None
+    return node if isinstance(node, Mapping) else None
+
+
+def _has_key(text: str, table: str, *keys: str) -> bool:
+    """Whether a table of the file has one of these keys."""
+    entries = _table(tomlkit.parse(text), table)
+    return entries is not None and any(key in entries for key in keys)

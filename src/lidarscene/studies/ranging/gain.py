@@ -8,7 +8,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -27,7 +26,7 @@ class BestGain:
 
     closed_form  from d SNR / dM = 0: `physics.electronics.apd.best_gain` or `best_gain_mcintyre`; at least one, inf if
                  only multiplied noise limits and there is no excess noise
-    searched     by golden section on the exact SNR, from 1 to 1e6
+    searched     maximum of the exact SNR, from 1 to 1e6
     snr_share    the sensor's SNR at its own gain over that at the searched one
     """
 
@@ -49,7 +48,15 @@ def best_gain(sensor: Sensor, target: Target, *, range_m: float = 100.0) -> Best
         tuned = dataclasses.replace(sensor, detector=dataclasses.replace(diode, gain=gain))
         return float(plane.snr(tuned, target, range_m)[0])
 
-    searched = _golden_section(snr_at)
+    from scipy.optimize import minimize_scalar
+
+    peak = minimize_scalar(
+        lambda log_gain: -snr_at(math.exp(log_gain)),
+        bounds=(0.0, math.log(_HIGHEST)),
+        method="bounded",
+        options={"xatol": 1e-9},
+    )
+    searched = math.exp(peak.x)
     share = snr_at(float(diode.gain)) / snr_at(searched)
     return BestGain(_closed_form(sensor, diode, target, range_m), searched, share)
 
@@ -82,21 +89,3 @@ def _closed_form(sensor: Sensor, diode: Apd, target: Target, range_m: float) -> 
         assert diode.excess_noise_index is not None
         gain = float(apd.best_gain(excess_noise_index=diode.excess_noise_index, **parts))
     return max(gain, 1.0)
-
-
-def _golden_section(function: Any) -> float:
-    """Gain at the maximum of a unimodal function, by golden-section search on a logarithmic axis."""
-    golden = 0.5 * (math.sqrt(5.0) - 1.0)
-    low, high = 0.0, math.log(_HIGHEST)
-    inner_low, inner_high = high - golden * (high - low), low + golden * (high - low)
-    snr_low, snr_high = function(math.exp(inner_low)), function(math.exp(inner_high))
-    while high - low > 1e-9:
-        if snr_low >= snr_high:
-            high, inner_high, snr_high = inner_high, inner_low, snr_low
-            inner_low = high - golden * (high - low)
-            snr_low = function(math.exp(inner_low))
-        else:
-            low, inner_low, snr_low = inner_low, inner_high, snr_high
-            inner_high = low + golden * (high - low)
-            snr_high = function(math.exp(inner_high))
-    return float(np.exp(0.5 * (low + high)))

@@ -295,19 +295,12 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
     bound = bound * np.sqrt(response.peak / np.sqrt(response.noise))
     rate = 0.75 * target.extinction_per_m * ones
     thick = rate > 0.0
-    faded = _lambert_w(np.where(thick, rate * bound, 1.0)) / np.where(thick, rate, 1.0)
-    limit = np.where(echo > _NOTHING, np.where(dark, math.inf, np.where(thick, faded, bound)), 0.0)
+    if np.any(thick):  # R exp(rate R) = bound: Lambert's W
+        from scipy.special import lambertw
+
+        bound = np.where(thick, lambertw(rate * bound).real / np.where(thick, rate, 1.0), bound)
+    limit = np.where(echo > _NOTHING, np.where(dark, math.inf, bound), 0.0)
     return limit if conditions_shape(sensor, target) else float(limit[0])
-
-
-def _lambert_w(z: Numbers) -> Numbers:
-    """Lambert's W, w exp(w) = z, for z >= 0, by Newton's method on w + log w = log z."""
-    with np.errstate(divide="ignore"):
-        log_z = np.log(np.maximum(z, 1e-300))
-    w = np.log1p(z)
-    for _ in range(30):
-        w = np.maximum(w * (1.0 + log_z - np.log(np.maximum(w, 1e-300))) / (1.0 + w), 1e-300)
-    return w
 
 
 def equal_range_illuminance_klux(

@@ -5,7 +5,6 @@ Conditions (distance, illuminance, ...) and every numeric key of a sensor file c
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from ...errors import InputError
+from ...errors import InputError, did_you_mean
 from ...maths.arrays import Numbers
 from ...sensor.file import SensorFile
 from .aperture_laws import LARGEST_DEG
@@ -251,12 +250,8 @@ def _literals(model: type[BaseModel]) -> tuple[Any, ...]:
 
 def _unknown(key: str, where: str, tables: Mapping[str, Any]) -> str:
     keys = numeric_keys(tables)
-    near = difflib.get_close_matches(key, [*keys, *CONDITIONS], n=1, cutoff=0.6)
-    hint = (
-        f"did you mean {near[0]}?"
-        if near
-        else f"must be one of {', '.join(CONDITIONS)} or a key such as detector.radius_mm"
-    )
+    hint = did_you_mean(key, [*keys, *CONDITIONS])
+    hint = hint or f"must be one of {', '.join(CONDITIONS)} or a key such as detector.radius_mm"
     return f"{where} has no numeric key of that name; {hint}"
 
 
