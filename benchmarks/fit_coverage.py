@@ -21,7 +21,7 @@ from helpers.drawn_scenes import REFLECTIVITY_SIGMA, SPOT, drawn_report, drawn_u
 
 from lidarscene import load_scene
 from lidarscene.rendering.simulator import Simulator
-from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies.fit.near_field import fit_near_field
 from lidarscene.studies.fit.on_scene.known_scene import KnownScene, Observations, predict
 from lidarscene.studies.fit.on_scene.likelihood import fit_parameters

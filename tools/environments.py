@@ -53,7 +53,7 @@ PART = (
     "tests/scene",
     "tests/materials",
     "tests/figures",
-    "tests/sensor/test_file.py",
+    "tests/sensor/test_sensor_file.py",
     "tests/sensor/test_optics.py",
     "tests/batch/test_work.py",
     "tests/cli/test_outputs.py",

@@ -6,8 +6,8 @@ import numpy as np
 from drawing import INK, bar_of, dark, saved
 
 import lidarscene
-from lidarscene.materials.catalogue import material
 from lidarscene.materials.material import Material, Spectrum
+from lidarscene.materials.material_file import catalogue_material
 from lidarscene.maths.pose import Pose
 from lidarscene.physics.optics import reflection
 from lidarscene.scene.meshes.primitives import plane_mesh
@@ -85,7 +85,7 @@ def _ranges(scene: Scene, sensor) -> np.ndarray:
 
 def _wall(axes):
     image = _bricks()
-    brick = material("brick")
+    brick = catalogue_material("brick")
     vertices, _ = plane_mesh(size_m=(4.0, 6.0))
     uv = np.stack([vertices[:, 1] / 6.0 + 0.5, 0.5 + vertices[:, 0] / 4.0], axis=1)
     wall = _plane(

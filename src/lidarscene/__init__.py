@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from .maths.pose import Pose as Pose
 
     # sensor
-    from .sensor.catalogue import load_sensor as load_sensor
-    from .sensor.model import Sensor as Sensor
+    from .sensor.sensor_file import load_sensor as load_sensor
+    from .sensor.sensor_model import Sensor as Sensor
     from .sensor.rig_file import load_rig as load_rig
-    from .sensor.rig import Rig as Rig
+    from .sensor.rig_file import Rig as Rig
 
     # simulation
     from .rendering.api import render as render
@@ -68,10 +68,10 @@ _HOME = {
     "Air": "scene.scene",
     "Pose": "maths.pose",
     # sensor
-    "load_sensor": "sensor.catalogue",
-    "Sensor": "sensor.model",
+    "load_sensor": "sensor.sensor_file",
+    "Sensor": "sensor.sensor_model",
     "load_rig": "sensor.rig_file",
-    "Rig": "sensor.rig",
+    "Rig": "sensor.rig_file",
     # simulation
     "render": "rendering.api",
     "render_frames": "rendering.api",

@@ -19,7 +19,7 @@ from lidarscene.rendering.rig_simulators import require_common_frames, simulator
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene import Ball, Body, Scene
 from lidarscene.scene.scene_file import load_scene
-from lidarscene.sensor.rig import Mounted
+from lidarscene.sensor.rig_file import Mounted
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -110,7 +110,7 @@ def test_false_alarms_and_correct_probability():
 def closed_forms(**changes):
     light_and_optics = (
         range_limit.Plane(reflectivity=0.1, sun_irradiance_w_m2=29.4, transmittance=0.98, cos_sun=0.5),
-        range_limit.Receiver(
+        range_limit.Transceiver(
             peak_power_w=45.0,
             aperture_m2=APD.optics.aperture_m2,
             focal_over_radius=300.0,

@@ -11,11 +11,11 @@ import pytest
 from helpers.documentation import says
 
 from lidarscene import load_sensor
-from lidarscene.materials.catalogue import material as catalogue_material
+from lidarscene.materials.material_file import catalogue_material
 from lidarscene.physics.constants import ELEMENTARY_CHARGE_C, SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import apd, mcintyre, saturation, sipm, sipm_response, tdc
 from lidarscene.physics.optics import air, dielectrics, pulse, radiometry, receiver
-from lidarscene.sensor.model import Sensor
+from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.paper import case
 from lidarscene.studies.paper.case import (
     FLOOR,

@@ -13,7 +13,7 @@ from scipy.stats import norm
 from lidarscene import catalog, load_sensor
 from lidarscene.files import pvlib
 from lidarscene.materials import colour
-from lidarscene.materials.catalogue import material as catalogue_material
+from lidarscene.materials.material_file import catalogue_material
 from lidarscene.physics.electronics import sipm, tdc
 from lidarscene.physics.optics import reflection, solar_spectrum
 from lidarscene.scene.weather import Weather

@@ -21,7 +21,7 @@ from lidarscene.kernel.world.mitsuba_xml import load_shapes
 from lidarscene.scene.meshes.reading import read_mesh
 from lidarscene.scene.poses import read_poses
 from lidarscene.sensor.optics import read_transmittance
-from lidarscene.sensor.pattern import read_pattern
+from lidarscene.sensor.pattern_file import read_pattern
 
 
 def _pattern(path: Path) -> object:

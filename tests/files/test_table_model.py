@@ -12,11 +12,11 @@ from lidarscene.batch.job_file import JobFile
 from lidarscene.errors import InputError
 from lidarscene.files.table_model import Number
 from lidarscene.files.toml import FileModel, validate
-from lidarscene.materials.file import MaterialFile
+from lidarscene.materials.material_file import MaterialFile
 from lidarscene.maths.units import UNITS
 from lidarscene.scene.tables import SceneFile
-from lidarscene.sensor.file import SensorFile
 from lidarscene.sensor.rig_file import RigFile
+from lidarscene.sensor.sensor_file import SensorFile
 
 FILES = {"sensor": SensorFile, "scene": SceneFile, "rig": RigFile, "material": MaterialFile, "job": JobFile}
 

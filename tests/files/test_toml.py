@@ -10,7 +10,7 @@ from lidarscene.errors import InputError
 from lidarscene.files.overrides import with_overrides
 from lidarscene.files.toml import read_toml, validate
 from lidarscene.scene.scene_file import scene_model
-from lidarscene.sensor.file import SensorFile
+from lidarscene.sensor.sensor_file import SensorFile
 
 
 def test_byte_order_mark_and_windows_lines_are_read(tmp_path: Path) -> None:

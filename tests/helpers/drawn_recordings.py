@@ -6,7 +6,7 @@ import numpy as np
 
 from helpers.premises import premise
 from lidarscene.recordings.sweep import Sweep
-from lidarscene.sensor.model import Sensor
+from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.fit.near_field import Curve, own_curve, share
 from lidarscene.studies.fit.products import near_field_m
 

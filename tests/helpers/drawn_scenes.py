@@ -7,8 +7,8 @@ import numpy as np
 
 from helpers.premises import premise
 from lidarscene.detection.receivers import detect_alone
-from lidarscene.sensor.catalogue import load_sensor
-from lidarscene.sensor.model import Sensor
+from lidarscene.sensor.sensor_file import load_sensor
+from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.fit.on_scene.known_scene import KnownScene, Observations
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 

@@ -5,10 +5,10 @@ from typing import Any
 
 from lidarscene.batch.job_file import JobFile
 from lidarscene.files.toml import FileModel
-from lidarscene.materials.file import MaterialFile
+from lidarscene.materials.material_file import MaterialFile
 from lidarscene.scene.scene_file import SceneFile
-from lidarscene.sensor.file import SensorFile
 from lidarscene.sensor.rig_file import RigFile
+from lidarscene.sensor.sensor_file import SensorFile
 
 
 def models(*roots: type[FileModel]) -> dict[str, type[FileModel]]:

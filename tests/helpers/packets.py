@@ -10,7 +10,7 @@ from lidarscene.formats.packets.firings import FiringsBuilder
 from lidarscene.formats.packets.layouts import Packet
 from lidarscene.formats.packets.packet_encoder import PacketEncoder
 from lidarscene.maths.pose import direction_from_angles
-from lidarscene.sensor.model import Sensor
+from lidarscene.sensor.sensor_model import Sensor
 
 KINDS = {column.attribute: column.dtype for column in COLUMNS}
 

@@ -6,7 +6,7 @@ from scipy.special import ndtr
 from lidarscene.catalog import path_of
 from lidarscene.detection import receivers
 from lidarscene.files.toml import read_toml
-from lidarscene.sensor.file import sensor_from_tables
+from lidarscene.sensor.sensor_file import sensor_from_tables
 from lidarscene.studies.ranging import plane
 
 PIXEL = {"type": "spad", "spads": 64, "radius_mm": 0.05, "pde": 0.2, "dead_time_ns": 12, "dark_count_rate_hz": 1000}

@@ -10,8 +10,8 @@ from lidarscene.recordings.opening import open_recording
 from lidarscene.recordings.units.unit_file import unit_from, write_unit
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene_file import load_scene
-from lidarscene.sensor.catalogue import load_sensor
-from lidarscene.sensor.model import Sensor
+from lidarscene.sensor.sensor_file import load_sensor
+from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.fit.estimates import Estimate
 from lidarscene.studies.fit.sensor_text import scaled_text
 from lidarscene.studies.twin.matched_pulses import match_pulses

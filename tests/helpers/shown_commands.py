@@ -47,7 +47,7 @@ PARSED_ONLY = {
     ),
     "lidarscene fit os2.pcap": "tests/studies/fit/test_recording_fit.py::test_sensor_file_and_page_have_what_was_found",
     "lidarscene paper -o out/paper": "tests/cli/test_paper.py::test_all_files_are_there_and_nothing_else",
-    "lidarscene catalog check": "tests/sensor/test_catalogue.py::test_check_prints_every_sensor",
+    "lidarscene catalog check": "tests/sensor/test_sensor_catalogue.py::test_check_prints_every_sensor",
 }
 
 # What a page takes for granted: sensors copied from the catalogue, clouds that another page makes.

@@ -47,7 +47,7 @@ def plane_and_receiver(**changed):
     of_plane = {field.name for field in dataclasses.fields(range_limit.Plane)}
     return (
         range_limit.Plane(**{name: value for name, value in numbers.items() if name in of_plane}),
-        range_limit.Receiver(**{name: value for name, value in numbers.items() if name not in of_plane}),
+        range_limit.Transceiver(**{name: value for name, value in numbers.items() if name not in of_plane}),
     )
 
 

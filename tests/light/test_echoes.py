@@ -12,7 +12,7 @@ from lidarscene.detection.outcomes import Status
 from lidarscene.light.air_light import overlap_of
 from lidarscene.light.beams import Beams
 from lidarscene.light.echoes import Ambient, gather_background, hump_of, receive
-from lidarscene.light.field_of_view import background_power_w, field_of_view
+from lidarscene.light.field_background import background_power_w, field_of_view
 from lidarscene.light.hits import Hits
 from lidarscene.maths.arrays import LookupTable
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S

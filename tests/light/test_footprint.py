@@ -15,7 +15,7 @@ from lidarscene.light.footprint import footprint, points, spread
 from lidarscene.light.pulse_train import join_echoes
 from lidarscene.physics.eye_safety import beam_diameter_m
 from lidarscene.physics.optics import beam
-from lidarscene.sensor.model import Halo
+from lidarscene.sensor.sensor_model import Halo
 
 PROFILES = ("gaussian", "top_hat")
 MANY = (3, 5, 7, 16, 19, 64, 256)

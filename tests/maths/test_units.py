@@ -14,7 +14,7 @@ from lidarscene.files.table_model import Table
 from lidarscene.files.toml import validate
 from lidarscene.maths.units import UNITS, FileKey, Quantity, SameTable, si
 from lidarscene.scene import scene_file as _scene  # noqa: F401 all tables are known once it is
-from lidarscene.sensor import file as _sensor  # noqa: F401
+from lidarscene.sensor import sensor_file as _sensor  # noqa: F401
 
 FACTORS = {
     "nm": 1e-9,

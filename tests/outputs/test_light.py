@@ -11,8 +11,8 @@ from helpers.command_line import BEAMS, COARSE, Run
 from PIL import Image
 
 from lidarscene.outputs.light import AmbientImage
-from lidarscene.sensor.catalogue import load_sensor
-from lidarscene.sensor.model import Sensor
+from lidarscene.sensor.sensor_file import load_sensor
+from lidarscene.sensor.sensor_model import Sensor
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -12,7 +12,7 @@ from lidarscene.errors import InputError
 from lidarscene.formats.packets.pcap import HEADER, record_of
 from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.recordings.opening import open_recording
-from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.sensor_file import load_sensor
 
 SENSOR = load_sensor("pandar64")
 

@@ -14,7 +14,7 @@ from lidarscene.errors import InputError
 from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.recordings.opening import open_recording
 from lidarscene.recordings.velodyne_reader import sweep_of_points
-from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.sensor_file import load_sensor
 
 PACKETS = 75
 """Of a turn: 12 blocks of 0.4 degrees each."""

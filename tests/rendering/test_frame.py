@@ -4,7 +4,7 @@ import pytest
 
 from lidarscene.errors import InputError
 from lidarscene.rendering.frame import frame_edges
-from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.sensor_file import load_sensor
 
 
 def test_all_pulses_of_the_last_frame_have_numbers() -> None:

@@ -7,7 +7,7 @@ from helpers import chain
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import pose_at
 from lidarscene.rendering.rig_simulators import simulators
-from lidarscene.sensor.rig import Mounted
+from lidarscene.sensor.rig_file import Mounted
 
 pytestmark = pytest.mark.usefixtures("mi")
 

@@ -8,8 +8,8 @@ import pytest
 
 from lidarscene import catalog, load_sensor
 from lidarscene.errors import InputError
-from lidarscene.sensor.file import read_sensor
 from lidarscene.sensor.optics import FilterFile, read_transmittance
+from lidarscene.sensor.sensor_file import read_sensor
 
 SENSOR = catalog.path_of("sensors", "table1-apd").read_text(encoding="utf-8")
 GIVEN = "sun_irradiance_w_m2 = 29.4"

@@ -10,7 +10,7 @@ from helpers.scanners import DEG
 from lidarscene import catalog, load_sensor, scan
 from lidarscene.errors import InputError
 from lidarscene.files.toml import read_toml
-from lidarscene.sensor.file import sensor_from_tables
+from lidarscene.sensor.sensor_file import sensor_from_tables
 
 SCANNERS = {
     "spinning": {

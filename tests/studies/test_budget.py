@@ -19,7 +19,7 @@ from lidarscene.rendering.render_options import FrameOptions
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.rendering.stages import ambient_of
 from lidarscene.scene.scene import Scene
-from lidarscene.sensor.model import Sensor
+from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.budget import budget_of, pulses_of
 
 DETECTORS = ("table1-apd", "table1-sipm")

@@ -12,8 +12,8 @@ from lidarscene import catalog
 from lidarscene.cli import main
 from lidarscene.detection.receivers import detect_alone
 from lidarscene.errors import InputError
-from lidarscene.sensor.catalogue import load_sensor
 from lidarscene.sensor.readout import PublishedFile, RepeatabilityFile
+from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies import published_values, recorded
 from lidarscene.studies.ranging import statistics
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane

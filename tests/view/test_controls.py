@@ -10,7 +10,7 @@ from lidarscene import load_scene, load_sensor
 from lidarscene.catalog import path_of
 from lidarscene.errors import InputError
 from lidarscene.sensor.detectors import Apd, Sipm
-from lidarscene.sensor.model import Sensor
+from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.view.controls import Control, Equipment
 
 SIPM = "SiPM of Table 1"

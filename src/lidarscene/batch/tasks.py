@@ -19,10 +19,9 @@ from ..files.overrides import toml_text
 from ..formats.registry import FORMATS
 from ..rendering.render_options import FrameOptions, TraceOptions
 from ..scene.scene_file import files_of_scene, scene_path, sensor_of_scene
-from ..sensor.catalogue import load_sensor
-from ..sensor.file import files_of_sensor
-from ..sensor.model import Sensor
 from ..sensor.rig_file import load_rig, read_rig
+from ..sensor.sensor_file import files_of_sensor, load_sensor
+from ..sensor.sensor_model import Sensor
 from .job_file import JobFile, TrajectoryFile
 
 LAYOUT = 1

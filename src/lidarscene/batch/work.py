@@ -20,10 +20,9 @@ from ..rendering.frame import motion_of
 from ..rendering.simulator import Simulator, Summary
 from ..scene.scene import Scene
 from ..scene.scene_file import load_scene
-from ..sensor.catalogue import load_sensor
-from ..sensor.model import Sensor
-from ..sensor.rig import Mounted
-from ..sensor.rig_file import load_rig
+from ..sensor.rig_file import Mounted, load_rig
+from ..sensor.sensor_file import load_sensor
+from ..sensor.sensor_model import Sensor
 from .store import Store
 from .tasks import FrameTask, SceneChoice, SensorChoice, rig_content, scene_content, sensor_content
 

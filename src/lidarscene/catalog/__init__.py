@@ -1,7 +1,7 @@
 """The catalogue: sensors, materials and scenes as data files; sensors and materials have a source for every number.
 
 Each is a TOML file in a folder of its kind, named after the file; a new one needs no code. This module handles names
-and paths only; `sensor.catalogue`, `materials.catalogue` and `scene.scene_file` read the files.
+and paths only; `sensor.sensor_file`, `materials.material_file` and `scene.scene_file` read the files.
 """
 
 from __future__ import annotations

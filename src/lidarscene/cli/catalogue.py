@@ -107,10 +107,10 @@ def _real_answer(arguments: argparse.Namespace) -> Answer:
 def file_models() -> dict[str, Any]:
     """The model of each kind of file."""
     from ..batch.job_file import JobFile
-    from ..materials.file import MaterialFile
+    from ..materials.material_file import MaterialFile
     from ..scene.tables import SceneFile
-    from ..sensor.file import SensorFile
     from ..sensor.rig_file import RigFile
+    from ..sensor.sensor_file import SensorFile
 
     return {"scene": SceneFile, "sensor": SensorFile, "material": MaterialFile, "rig": RigFile, "job": JobFile}
 
@@ -161,10 +161,10 @@ def _kind_of(tables: dict[str, Any]) -> str:
 def _whole(kind: str, path: Path) -> Iterator[str]:
     """Mistakes that only show when everything that the file names is read: the first one, of a scene one a body."""
     from ..batch.job_file import read_job
-    from ..materials.file import read_material
+    from ..materials.material_file import read_material
     from ..scene.scene_file import load_scene, scene_from_model, scene_model
-    from ..sensor.file import read_sensor
     from ..sensor.rig_file import load_rig
+    from ..sensor.sensor_file import read_sensor
 
     readers: dict[str, Any] = {
         "scene": load_scene,

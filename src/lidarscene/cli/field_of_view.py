@@ -14,7 +14,7 @@ from .terminal import progress
 from .words import number, pose, rising
 
 if TYPE_CHECKING:
-    from ..sensor.model import Sensor
+    from ..sensor.sensor_model import Sensor
 
 FOV_HELP = """\
 examples:

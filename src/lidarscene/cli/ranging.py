@@ -112,7 +112,7 @@ def range_text(arguments: argparse.Namespace) -> str | Answer:
 
     The code is 1 where eye safety is asked of a sensor that cannot be judged.
     """
-    from ..sensor.model import warn_of_doubts
+    from ..sensor.sensor_model import warn_of_doubts
     from ..studies.ranging.subjects import subjects
 
     _require_sense(arguments)

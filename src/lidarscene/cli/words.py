@@ -93,7 +93,7 @@ def with_joined_pose(argv: Sequence[str]) -> list[str]:
 def pose(text: str) -> Pose:
     """An argparse type: three to six numbers, metres and degrees."""
     from ..maths.pose import Pose
-    from ..sensor.file import LARGEST_COORDINATE_M
+    from ..sensor.sensor_file import LARGEST_COORDINATE_M
 
     try:
         numbers = [float(word) for word in text.split(",")]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from ..maths import random
 from ..maths.arrays import Array, Lanes
 from ..physics.electronics import counting
-from ..sensor.model import Sensor
+from ..sensor.sensor_model import Sensor
 
 
 def counts(background_power_w: Lanes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Lanes:

@@ -22,7 +22,7 @@ from ..maths.random import Stage
 from ..maths.special import normal_tail
 from ..physics.electronics import saturation, tdc
 from ..physics.optics import pulse as pulse_shape
-from ..sensor.model import Sensor
+from ..sensor.sensor_model import Sensor
 from . import interference
 from .shots import Shots
 

@@ -18,14 +18,14 @@ from ..maths.arrays import Array, Lanes, Mask, select_state
 from ..physics.electronics.pulse_sums import crossing
 from ..physics.optics import radiometry
 from ..sensor.electronics import MultiLevel
-from ..sensor.model import Sensor
-from . import ambient, comparator, intensity
+from ..sensor.sensor_model import Sensor
+from . import ambient, comparator
 from .outcomes import Outcome, Status
-from .pulses import memory as echo_memory
-from .pulses import sources, timing
+from .pulses import crossing_sources, echo_memory, timing
 from .pulses import stops as stop_list
 from .pulses.alarms import add_alarms
 from .pulses.stops import EMPTY, Stop, Stops
+from .reported_intensity import reported_intensity
 from .returns import Detection, Returns
 from .rises import Rise, visit_all
 from .samplers import read
@@ -72,7 +72,7 @@ class _Pulse:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Search:
+class _RiseSearch:
     """State of the search over the rises of each pulse; each field (n,).
 
     high       whether the rise before tripped the comparator
@@ -108,12 +108,12 @@ class _Converter(Received):
 
     surfaces: int
 
-    def search(self) -> _Search:
+    def search(self) -> _RiseSearch:
         """Visit all rises and keep the best crossings of each pulse."""
         ops, like, tdc = self.ops, self.wave.origin_m, self.sensor.tdc
         zero, never, before = ops.full(like, 0.0), ops.full(like, False), ops.full(like, EMPTY)
         peaks = self.sensor.finds_peaks
-        start = _Search(
+        start = _RiseSearch(
             high=never,
             tripped=never,
             in_window=never,
@@ -132,7 +132,7 @@ class _Converter(Received):
         status = ops.full(like, int(Status.ECHO))
         return replace(state, stops=tuple(replace(stop, status=status) for stop in stops))
 
-    def _visit_edge(self, rise: Rise, state: _Search) -> _Search:
+    def _visit_edge(self, rise: Rise, state: _RiseSearch) -> _RiseSearch:
         """Draw the noise of one rise, and keep its crossing if the converter takes it and it is among the best."""
         ops, tdc = self.ops, self.sensor.tdc
         peak_w = ops.where(rise.exists, rise.top[0], 0.0)
@@ -165,7 +165,7 @@ class _Converter(Received):
             pulse=None,
         )
 
-    def _visit_peak(self, rise: Rise, state: _Search) -> _Search:
+    def _visit_peak(self, rise: Rise, state: _RiseSearch) -> _RiseSearch:
         """Draw the noise of one rise, and decide whether it is a pulse of its own or part of the last one.
 
         It is one of its own if the light has fallen below the threshold since the last pulse, or by a threshold and
@@ -246,13 +246,13 @@ class _Converter(Received):
         return base
 
     def _after(
-        self, state: _Search, rise: Rise, trip: comparator.Trip, residue: echo_memory.Residue | None, **changed: Any
-    ) -> _Search:
+        self, state: _RiseSearch, rise: Rise, trip: comparator.Trip, residue: echo_memory.Residue | None, **changed: Any
+    ) -> _RiseSearch:
         """The state behind a rise: what both kinds of receiver remember, and what one of them ``changed``."""
         ops = self.ops
         peak_w = ops.where(rise.exists, rise.top[0], 0.0)
         higher = peak_w > state.highest_w
-        return _Search(
+        return _RiseSearch(
             highest=ops.where(higher, rise.peak, state.highest),
             highest_w=ops.maximum(state.highest_w, peak_w),
             memory=echo_memory.update_memory(self, rise, trip.signal, residue, state.memory),
@@ -281,7 +281,7 @@ class _Converter(Received):
         ops = self.ops
         reading = read(self, rise, trip, place, mask=accepted)
         key = stop_list.sort_key(self.sensor.tdc, crossing_s, reading.amplitude)
-        source, true_range = sources.crossing_source(
+        source, true_range = crossing_sources.crossing_source(
             self, rise, surfaces=self.surfaces, place=place, in_valley=in_valley, measured=reading.place
         )
         return Stop(
@@ -311,7 +311,7 @@ class _Converter(Received):
             highest = ops.maximum(height, highest)
         return number, wave.range_m(place)
 
-    def detection(self, pulse_train: EchoTrain, state: _Search, stops: Stops, strongest: Array) -> Detection:
+    def detection(self, pulse_train: EchoTrain, state: _RiseSearch, stops: Stops, strongest: Array) -> Detection:
         """The stops as `Returns`, and the outcome of each pulse."""
         ops = self.ops
         returns = []
@@ -330,7 +330,7 @@ class _Converter(Received):
                     status=status,
                     range_m=range_m,
                     amplitude=stop.amplitude,
-                    intensity=intensity.reported(
+                    intensity=reported_intensity(
                         self, pulse_train, amplitude=stop.amplitude, width_s=width_s, range_m=range_m
                     ),
                     width_s=width_s,

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from ..light.echoes import Echoes, EchoTrain, SubEchoes
 from ..maths.arrays import Array, Lanes
-from ..sensor.model import Sensor
+from ..sensor.sensor_model import Sensor
 from . import multi_echo, returns
-from .photon_counting import receiver
+from .photon_counting import histogram_receiver
 from .returns import Detection
 
 
@@ -26,7 +26,7 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)
     pulse  (n,) uint32 pulse numbers
     """
-    way = multi_echo.detect if sensor.histogram is None else receiver.detect
+    way = multi_echo.detect if sensor.histogram is None else histogram_receiver.detect
     return way(pulse_train, sensor, seed=seed, pulse=pulse)
 
 

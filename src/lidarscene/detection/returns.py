@@ -15,10 +15,11 @@ from ..light.echoes import Echoes
 from ..maths.arrays import Array, Lanes, Mask, select_state, xp
 from ..physics.optics import pulse as pulse_shape
 from ..physics.optics import radiometry
-from ..sensor.model import Sensor
-from . import ambient, comparator, intensity
+from ..sensor.sensor_model import Sensor
+from . import ambient, comparator
 from .outcomes import Outcome, Status
 from .pulses import timing
+from .reported_intensity import reported_intensity
 from .shots import Shots
 
 
@@ -30,7 +31,7 @@ class Returns:
     status     (n,) int32, a `Status`
     range_m    (n,) c t / 2 of the reported time
     amplitude  (n,) peak at the comparator, in amperes (APD) or cells (SiPM)
-    intensity  (n,) on the maker's scale, `detection.intensity.reported`
+    intensity  (n,) on the maker's scale, `detection.reported_intensity.reported_intensity`
     width_s    (n,) time over the threshold; None: the sensor does not measure it
 
     The following belong to this return alone. They are None if pulses have one echo: the `Detection` has them then.
@@ -147,7 +148,7 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Dete
                 status=ops.where(echo_now, int(Status.ECHO), next_alarm.status),
                 range_m=range_m,
                 amplitude=amplitude,
-                intensity=intensity.reported(shots, echoes, amplitude=amplitude, width_s=width_s, range_m=range_m),
+                intensity=reported_intensity(shots, echoes, amplitude=amplitude, width_s=width_s, range_m=range_m),
                 width_s=width_s,
             )
         )

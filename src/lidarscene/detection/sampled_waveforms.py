@@ -19,7 +19,7 @@ from ..maths.arrays import Numbers
 from ..physics.electronics import saturation, sipm_response
 from ..physics.optics import radiometry
 from ..sensor.detectors import Apd, Sipm
-from ..sensor.model import Sensor
+from ..sensor.sensor_model import Sensor
 from .photon_counting.folding import fold
 from .photon_counting.histograms import histograms
 

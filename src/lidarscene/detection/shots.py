@@ -18,7 +18,7 @@ from ..physics.electronics import tdc
 from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ..physics.optics import radiometry
 from ..sensor.detectors import WorkingPoint
-from ..sensor.model import Sensor
+from ..sensor.sensor_model import Sensor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,7 +13,7 @@ from types import ModuleType
 import numpy as np
 
 from ..errors import LidarSceneError
-from ..physics.optics.solar_spectrum import Curve
+from ..physics.optics.solar_spectrum import SpectralCurve
 
 
 @functools.cache
@@ -32,14 +32,14 @@ def pvlib() -> ModuleType:
 
 
 @functools.cache
-def reference_spectrum(name: str) -> Curve:
+def reference_spectrum(name: str) -> SpectralCurve:
     """Return a column of ASTM G173-03, 280 to 4000 nm, as pvlib ships it.
 
     "global": air mass 1.5, on a surface tilted by 37 degrees towards the sun, sky and ground included;
     "direct": the sun and 2.5 degrees of sky around it, at normal incidence; "extraterrestrial": above the air.
     """
     table = pvlib().spectrum.get_reference_spectra(standard="ASTM G173-03")
-    return Curve(wavelength_m=1e-9 * np.asarray(table.index), value=1e9 * np.asarray(table[name]))
+    return SpectralCurve(wavelength_m=1e-9 * np.asarray(table.index), value=1e9 * np.asarray(table[name]))
 
 
 def sun_north_up_deg(*, latitude_deg: float, longitude_deg: float, time: datetime) -> tuple[float, float]:

@@ -9,7 +9,7 @@ footprint      rays over the cross section of a beam
 hits           the surface that each ray met
 limits         how many panes, mirrors and gaps a beam may meet
 echoes         signal and background power of each ray
-field_of_view  background over the receiver's field of view
+field_background  background over the receiver's field of view
 air_light      light of fog, rain and snow
 pulse_train    all sub-echoes of a pulse
 waveform       the power on the detector as a function of time

@@ -23,8 +23,8 @@ from ..physics.optics import radiometry
 from ..physics.weather import soft_target
 from ..physics.weather.particles import Sight, Strengths, hits, medium_backscatter_per_m_sr, strengths
 from ..scene.weather import Medium, Weather
-from ..sensor.model import Sensor
 from ..sensor.overlap import Overlap
+from ..sensor.sensor_model import Sensor
 from .echoes import SubEchoes, Volume, hump_of
 
 NEAREST_SHARE = 1e-3

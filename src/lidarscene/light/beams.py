@@ -14,7 +14,7 @@ from ..maths import random
 from ..maths.arrays import Lanes, Numbers
 from ..maths.pose import direction_from_angles
 from ..maths.vectors import Vector, across, mixed, unit
-from ..sensor.model import Sensor
+from ..sensor.sensor_model import Sensor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

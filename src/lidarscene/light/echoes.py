@@ -19,7 +19,7 @@ from ..maths.vectors import Vector, dot, mixed
 from ..physics.electronics import intensity
 from ..physics.optics import air, radiometry, sunlight
 from ..scene.scene import Interferer
-from ..sensor.model import Sensor
+from ..sensor.sensor_model import Sensor
 from .beams import Beams
 from .hits import Hits
 

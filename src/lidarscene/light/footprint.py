@@ -20,7 +20,7 @@ import numpy as np
 from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from ..maths.vectors import Vector, cross, dot, mixed, unit
 from ..physics.optics import beam
-from ..sensor.model import Halo, Laser
+from ..sensor.sensor_model import Halo, Laser
 from .beams import Beams
 
 _GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))

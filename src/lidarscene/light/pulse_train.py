@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 from ..maths.arrays import Array, Lanes, xp
 from ..physics.optics import radiometry
-from ..sensor.model import Sensor
+from ..sensor.sensor_model import Sensor
 from .air_light import AirLight
 from .beams import Beams
 from .echoes import Ambient, Echoes, EchoTrain, SubEchoes, Volume

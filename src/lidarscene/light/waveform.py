@@ -22,7 +22,7 @@ from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM, Shape, comb_parts,
 from ..physics.optics import pulse as pulse_shape
 from ..physics.optics import radiometry
 from ..physics.weather import soft_target
-from ..sensor.model import Sensor
+from ..sensor.sensor_model import Sensor
 from .echoes import EchoTrain, Volume
 
 _FAR = 1e30

@@ -1,10 +1,9 @@
-"""How surfaces reflect, by wavelength.
+"""Materials: reflection of surfaces by wavelength.
 
 A material is data with a source for every number: kind of BSDF, spectra, parameters. `kernel.world.bsdfs` turns it into
 a BSDF at the laser's wavelength.
 
-material   `Material`
-file       material files, and materials inside scene files
-colour     what visible colours say of it
-catalogue  the materials of the catalogue, by name
+material       `Material`
+material_file  material files, materials inside scene files, and the catalogue's by name
+colour         reflectivity from a visible colour
 """

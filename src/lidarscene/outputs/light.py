@@ -18,7 +18,7 @@ from ..detection.sampled_waveforms import Waveforms
 from ..files.atomic import atomic_output
 from ..files.encodings.png import encode_png
 from ..maths.arrays import Numbers
-from ..sensor.model import Sensor
+from ..sensor.sensor_model import Sensor
 
 
 def write_waveforms(path: str | os.PathLike[str], waveforms: Waveforms) -> None:

@@ -24,9 +24,9 @@ from ..rendering.rig_simulators import require_common_frames, simulators
 from ..rendering.surroundings import Surroundings, surroundings_of, warn_of_surroundings
 from ..scene.scene import Scene
 from ..scene.scene_file import files_of_scene, load_scene
-from ..sensor.catalogue import load_sensor
-from ..sensor.model import Sensor, warn_of_doubts
-from ..sensor.rig import Mounted, Rig
+from ..sensor.rig_file import Mounted, Rig
+from ..sensor.sensor_file import load_sensor
+from ..sensor.sensor_model import Sensor, warn_of_doubts
 from .frame_files import FrameFiles
 from .output_options import FRAMES, File, Outputs
 from .plan import CLOUDS, Plan, check_writable, keep_inputs

@@ -13,11 +13,11 @@ from .. import catalog
 from ..detection.outcomes import OUTCOME_TEXT as OUTCOME_TEXT
 from ..detection.outcomes import Outcome
 from ..kernel.device.profile import KernelHistory, peak_memory_bytes
-from ..materials.catalogue import material as catalogue_material
+from ..materials.material_file import catalogue_material
 from ..rendering.simulator import Summary
 from ..rendering.surroundings import Surroundings
 from ..scene.scene_file import scene_model
-from ..sensor.catalogue import load_sensor
+from ..sensor.sensor_file import load_sensor
 
 # Stages whose time is proportional to the number of beams; the others are start-up and files.
 _FRAME_STAGES = ("record", "trace", "collect", "assemble")

@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import OptionWarning
 from ..formats.cloud_columns import COLUMNS, VECTORS
 from ..rendering.render_options import TraceOptions
-from ..sensor.rig import Mounted
+from ..sensor.rig_file import Mounted
 from .plan import Plan
 
 LARGE = 100_000_000

@@ -28,7 +28,7 @@ from ..formats.packets.select_encoder import select_encoder
 from ..labels.kitti_dataset import frame_stream
 from ..maths.arrays import Numbers
 from ..scene.scene import Scene
-from ..sensor.model import Sensor
+from ..sensor.sensor_model import Sensor
 from .output_options import FEW_PULSES, Outputs
 from .plan import Plan
 

@@ -22,7 +22,7 @@ from ..formats.packets.layouts import PANDAR64_STAMP_US as STAMP_US
 from ..maths.arrays import Numbers
 from ..maths.pose import direction_from_angles
 from ..scan.spinning import Spinning
-from ..sensor.catalogue import load_sensor
+from ..sensor.sensor_file import load_sensor
 from .pcap_reader import turns_of
 from .recording import Recording
 from .sweep import Second, Sweep

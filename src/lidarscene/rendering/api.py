@@ -14,8 +14,8 @@ from ..cloud.point_cloud import PointCloud
 from ..files.overrides import Overrides
 from ..scene.scene import Scene
 from ..scene.scene_file import load_scene
-from ..sensor.catalogue import load_sensor
-from ..sensor.model import Sensor, warn_of_doubts
+from ..sensor.sensor_file import load_sensor
+from ..sensor.sensor_model import Sensor, warn_of_doubts
 from .render_options import NUMBERS, FrameOptions, Keywords, Observers, RenderKeywords, TraceOptions, Whole
 from .simulator import Simulator
 from .surroundings import surroundings_of, warn_of_surroundings

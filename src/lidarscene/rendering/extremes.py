@@ -20,8 +20,8 @@ from ..kernel.rays.point_columns import NOT_A_NUMBER
 from ..maths.arrays import Numbers
 from ..maths.units import Quantity
 from ..scene.scene import Scene
-from ..sensor.catalogue import load_sensor
-from ..sensor.model import Sensor
+from ..sensor.sensor_file import load_sensor
+from ..sensor.sensor_model import Sensor
 
 USUAL = ("table1-apd", "table1-sipm", "sony-spad-189x600")
 """Sensors with every kind of detector."""

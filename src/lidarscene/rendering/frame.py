@@ -21,7 +21,7 @@ from ..maths.pose import Pose
 from ..maths.trajectory import Course, Riding, pose_at
 from ..scan import Scanner
 from ..scene.scene import Scene
-from ..sensor.model import Sensor
+from ..sensor.sensor_model import Sensor
 from .render_options import FrameOptions
 
 LARGEST_FLOAT32_M = 1000.0

@@ -24,7 +24,7 @@ from ..maths.trajectory import Course, HeldAtEnds, Motion, Riding, Spline
 from ..scene.clearance import Clearance
 from ..scene.scene import Body, Scene
 from ..scene.scene_file import load_scene
-from ..sensor.model import Sensor
+from ..sensor.sensor_model import Sensor
 from .frame import TOLERANCE_S, frame_edges
 from .render_options import FrameKeywords, FrameOptions, Keywords, Placed, TraceKeywords, TraceOptions, placed
 from .simulator import Simulator

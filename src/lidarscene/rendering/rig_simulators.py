@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..kernel.world.mitsuba_world import World
 from ..maths.pose import Pose
 from ..scene.scene import Scene
-from ..sensor.rig import Mounted
+from ..sensor.rig_file import Mounted
 from .render_options import TraceKeywords, TraceOptions
 from .simulator import Simulator
 

@@ -30,9 +30,9 @@ from ..maths.trajectory import Motion, pose_at
 from ..scene.clearance import Clearance
 from ..scene.scene import Scene
 from ..scene.scene_file import load_scene
-from ..sensor.catalogue import load_sensor
 from ..sensor.detectors import Apd
-from ..sensor.model import Sensor
+from ..sensor.sensor_file import load_sensor
+from ..sensor.sensor_model import Sensor
 from .chunk import Chunk, Placing, detection_values, join_columns
 from .extremes import check_detections, points_error
 from .frame import Frame, check_frame, motion_of

@@ -17,7 +17,7 @@ from ..light import beams, echoes
 from ..light.air_light import AirLight, air_light
 from ..light.beams import Beams
 from ..light.echoes import Ambient, EchoTrain
-from ..light.field_of_view import background_power_w, field_of_view
+from ..light.field_background import background_power_w, field_of_view
 from ..light.footprint import Footprint, aim, footprint, spread
 from ..light.hits import Hits
 from ..light.pulse_train import LitAir, join_echoes
@@ -26,7 +26,7 @@ from ..maths.paths import Moving, Paths, Placement
 from ..maths.vectors import Vector
 from ..physics.optics import sunlight
 from ..scene.scene import Scene
-from ..sensor.model import Sensor
+from ..sensor.sensor_model import Sensor
 from .chunk import Chunk, OpticalChunk, drop_continuing, light_arrays, plain_numbers, truth_arrays
 from .frame import Frame, placements
 from .render_options import TraceOptions

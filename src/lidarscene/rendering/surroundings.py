@@ -21,7 +21,7 @@ from ..maths.trajectory import pose_at
 from ..physics.optics import radiometry
 from ..scene.clearance import Clearance, Surrounding
 from ..scene.scene import Ball, Scene
-from ..sensor.model import Sensor
+from ..sensor.sensor_model import Sensor
 from .simulator import Simulator
 
 LARGEST_BODY_M = 200.0

@@ -11,8 +11,8 @@ from typing import Any
 
 from ..errors import InputError
 from ..files.inputs import LARGEST_TEXT, require_file
-from ..materials import catalogue
 from ..materials.material import Material
+from ..materials.material_file import catalogue_material
 from .meshes.mesh_cache import SubMesh
 from .meshes.reading import check_pieces, grey_material, pieces_of
 from .scene import Body, Part, Scene
@@ -77,7 +77,7 @@ class _Surfaces:
         """Add a material to the scene and return its name."""
         name = material if isinstance(material, str) else material.name
         if name not in self.materials:
-            self.materials[name] = catalogue.material(material) if isinstance(material, str) else material
+            self.materials[name] = catalogue_material(material) if isinstance(material, str) else material
         return name
 
 

@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..files.table_model import Number, Table
 from ..maths.pose import Pose
 from ..maths.trajectory import Course, Motion, Riding
-from ..sensor.file import PoseFile
+from ..sensor.sensor_file import PoseFile
 from .poses import read_poses, spline
 
 

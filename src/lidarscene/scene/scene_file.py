@@ -22,11 +22,11 @@ from .. import catalog
 from ..errors import InputError, OptionWarning
 from ..files.overrides import Overrides, assignments, with_overrides
 from ..files.toml import read_toml, validate
-from ..materials import catalogue
 from ..materials.material import Material
+from ..materials.material_file import catalogue_material
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, Riding
-from ..sensor.file import LARGEST_COORDINATE_M
+from ..sensor.sensor_file import LARGEST_COORDINATE_M
 from .bare_mesh import is_mesh, mesh_tables, tell_of_bare_mesh
 from .foreign import is_xml, mitsuba_scene, trimesh_scene, xml_file
 from .meshes import primitives, reading, reflectivity_patterns
@@ -201,7 +201,7 @@ class _Surfaces:
         """Load the material of this name unless it is there, and return the name. Raises InputError."""
         if name not in self.materials:
             try:
-                self.materials[name] = catalogue.material(name)
+                self.materials[name] = catalogue_material(name)
             except InputError as error:
                 raise InputError(f"{where}: {error}") from None
         return name

@@ -16,9 +16,9 @@ from pydantic import BeforeValidator, Field, model_validator
 from ..files import pvlib
 from ..files.table_model import Number, Table
 from ..files.toml import FileModel
-from ..materials.file import MaterialFile
+from ..materials.material_file import MaterialFile
 from ..maths.units import si
-from ..sensor.file import PoseFile, Turned, Vector
+from ..sensor.sensor_file import PoseFile, Turned, Vector
 from .meshes.mesh_axes import Axis, Unit
 from .motion import BodyMotionFile, EgoFile
 from .scene import Air, Interferer, Sky, Sun, View

@@ -20,9 +20,14 @@ from ..files.inputs import LARGEST_TEXT, require_file
 from ..files.table_model import Number, Table
 from ..files.toml import FileModel
 from ..maths.units import si
-from ..physics.optics.solar_spectrum import Curve, box_filter, irradiance_at_100_klux_w_m2, super_gaussian_filter
-from .model import Halo, Laser, Optics
+from ..physics.optics.solar_spectrum import (
+    SpectralCurve,
+    box_filter,
+    irradiance_at_100_klux_w_m2,
+    super_gaussian_filter,
+)
 from .overlap import Overlap
+from .sensor_model import Halo, Laser, Optics
 
 Wavelength = Annotated[float, Number("nm", ge=300, le=2500)]
 COLUMNS = ("wavelength_nm", "transmittance")
@@ -59,7 +64,7 @@ class FilterFile(FileModel):
             raise ValueError(f'order must go with shape = "super_gaussian", got shape "{self.shape}"')
         return self
 
-    def transmittance(self, folder: Path) -> Curve:
+    def transmittance(self, folder: Path) -> SpectralCurve:
         """As a curve. Raises InputError."""
         if self.csv is not None:
             return read_transmittance(folder / self.csv)
@@ -77,7 +82,7 @@ class FilterFile(FileModel):
         return irradiance_at_100_klux_w_m2(pvlib.reference_spectrum(self.spectrum), curve)
 
 
-def read_transmittance(path: Path) -> Curve:
+def read_transmittance(path: Path) -> SpectralCurve:
     """A filter from a CSV file with the columns wavelength_nm (rising) and transmittance (0 to 1).
 
     The first line may name them; lines that begin with # are skipped. Raises InputError.
@@ -96,7 +101,7 @@ def read_transmittance(path: Path) -> Curve:
     if len(rows) < 2:
         raise InputError(f"{where}: must have two lines of {','.join(COLUMNS)} or more, got {len(rows)}")
     wavelength_nm, transmittance = np.array(rows).T
-    return Curve(wavelength_m=1e-9 * wavelength_nm, value=transmittance)
+    return SpectralCurve(wavelength_m=1e-9 * wavelength_nm, value=transmittance)
 
 
 def _lines(path: Path, where: str) -> list[str]:

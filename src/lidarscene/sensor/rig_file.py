@@ -1,6 +1,7 @@
-"""Rig files: the sensors of a vehicle, TOML in, `Rig` out. Sensor files are named relative to the rig file.
+"""Rigs: several sensors on one vehicle, and the TOML files that describe them.
 
-A rig can be copied with its sensors. An override may name one sensor or reach all.
+Each sensor simulates on its own: a rig adds only names and places. Sensor files are named relative to the rig file, so
+that a rig can be copied with its sensors. An override may name one sensor or reach all.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Protocol
 
@@ -16,10 +18,32 @@ from pydantic import Field, model_validator
 from ..errors import InputError
 from ..files.overrides import Overrides, assignments, split_sensor
 from ..files.toml import FileModel, read_toml, validate
-from .catalogue import load_sensor
-from .file import PoseFile
-from .model import Sensor
-from .rig import Mounted, Rig
+from ..maths.pose import Pose
+from .sensor_file import PoseFile, load_sensor
+from .sensor_model import Sensor
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mounted:
+    """A sensor of a rig, and where it is: ``pose`` on the vehicle, to which its own mounting is added."""
+
+    label: str
+    sensor: Sensor
+    pose: Pose = field(default_factory=Pose)
+
+    @property
+    def placed(self) -> Sensor:
+        """The sensor with its whole place on the vehicle as its mounting."""
+        return replace(self.sensor, mounting=self.pose @ self.sensor.mounting)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rig:
+    """The sensors of a vehicle, each with a label of its own; ``files`` are those that it was read from."""
+
+    name: str
+    sensors: tuple[Mounted, ...]
+    files: tuple[Path, ...] = ()
 
 
 class SensorLookup(Protocol):

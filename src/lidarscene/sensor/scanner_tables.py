@@ -23,8 +23,8 @@ Turn = Annotated[float, Field(ge=0, le=45)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Surroundings:
-    """What a scanner must know of the rest of the sensor file."""
+class ScannerContext:
+    """Numbers from the rest of the sensor file that a scanner needs."""
 
     rate_hz: float
     lens_radius_m: float
@@ -45,9 +45,9 @@ class ScannerFile(Table[Made], Generic[Made]):
         """How long one receiver can listen: until the next pulse, if one receiver serves all pulses."""
         return pulse_period_us
 
-    def build(self, around: Surroundings) -> Scanner:
+    def build(self, context: ScannerContext) -> Scanner:
         """In SI units. A mechanism that takes more of its surroundings than the rate says so. Raises InputError."""
-        return cast(Scanner, self.in_si(rate_hz=around.rate_hz))
+        return cast(Scanner, self.in_si(rate_hz=context.rate_hz))
 
 
 class _MirrorsFile(ScannerFile[Made], Generic[Made]):
@@ -94,9 +94,9 @@ class _MirrorsFile(ScannerFile[Made], Generic[Made]):
             lens_radius_m=None if mirror_radius_m is None else lens_radius_m,
         )
 
-    def mirrors_for(self, around: Surroundings) -> Gimbal | MirrorPair:
+    def mirrors_for(self, context: ScannerContext) -> Gimbal | MirrorPair:
         """In SI units."""
-        return self._mirrors(si(self.mirror_radius_mm, "mm"), around.lens_radius_m)
+        return self._mirrors(si(self.mirror_radius_mm, "mm"), context.lens_radius_m)
 
 
 class MirrorFile(_MirrorsFile[MirrorRaster]):
@@ -109,12 +109,12 @@ class MirrorFile(_MirrorsFile[MirrorRaster]):
         require_fewer(self.pulses_per_line * self.lines)
         return self
 
-    def build(self, around: Surroundings) -> MirrorRaster:
+    def build(self, context: ScannerContext) -> MirrorRaster:
         """In SI units. By hand: which turn is the fast one is a choice."""
         turns = math.radians(self.azimuth_turn_deg), math.radians(self.elevation_turn_deg)
         fast, slow = turns if self.fast == "azimuth" else turns[::-1]
         return self.in_si(
-            mirrors=self.mirrors_for(around), fast_turn_rad=fast, slow_turn_rad=slow, rate_hz=around.rate_hz
+            mirrors=self.mirrors_for(context), fast_turn_rad=fast, slow_turn_rad=slow, rate_hz=context.rate_hz
         )
 
 
@@ -127,11 +127,11 @@ class LissajousFile(_MirrorsFile[Lissajous]):
     azimuth_phase_deg: Phase = 0.0
     elevation_phase_deg: Phase = 0.0
 
-    def build(self, around: Surroundings) -> Lissajous:
+    def build(self, context: ScannerContext) -> Lissajous:
         """In SI units. By hand: two swings of one class, told apart by their keys."""
         return self.in_si(
-            rate_hz=around.rate_hz,
-            mirrors=self.mirrors_for(around),
+            rate_hz=context.rate_hz,
+            mirrors=self.mirrors_for(context),
             azimuth=self._swing("azimuth"),
             elevation=self._swing("elevation"),
         )

@@ -17,8 +17,8 @@ from ..files.table_model import Number, Table
 from ..maths.units import si
 from ..scan import Flash, Pattern, Polygon, Raster, Risley, Spinning, Wedge
 from ..scan.flash import LARGEST_HEIGHT
-from .pattern import read_pattern
-from .scanner_tables import LissajousFile, MirrorFile, ScannerFile, Surroundings, require_fewer
+from .pattern_file import read_pattern
+from .scanner_tables import LissajousFile, MirrorFile, ScannerContext, ScannerFile, require_fewer
 
 Millimetres = Annotated[float, Number("mm", ge=-1e4, le=1e4, finest=0.1)]
 
@@ -91,15 +91,15 @@ class SpinningFile(ScannerFile[Spinning]):
         require_fewer(lasers / self.cycle_s / abs(self.rotation_hz))
         return self
 
-    def build(self, around: Surroundings) -> Spinning:
+    def build(self, context: ScannerContext) -> Spinning:
         """In SI units; the laser's rate must be what the firing table gives, to 1 %."""
         lasers = len(self.elevation_deg)
         rate_hz = lasers / self.cycle_s
         # The rate follows from the firing table. The file states it too, for the laser: both must agree.
-        if abs(around.rate_hz / rate_hz - 1.0) > 0.01:
+        if abs(context.rate_hz / rate_hz - 1.0) > 0.01:
             raise InputError(
                 f"laser.repetition_rate_khz: must be {rate_hz * 1e-3:.3f}, for {lasers} lasers every"
-                f" {self.cycle_s * 1e6:g} us, got {around.rate_hz * 1e-3:g}"
+                f" {self.cycle_s * 1e6:g} us, got {context.rate_hz * 1e-3:g}"
             )
         starts = self.forward_mm, self.left_mm, self.height_mm
         x, y, z = (si(values or (0.0,) * lasers, "mm") for values in starts)
@@ -131,15 +131,15 @@ class PolygonFile(ScannerFile[Polygon]):
             )
         return self
 
-    def build(self, around: Surroundings) -> Polygon:
+    def build(self, context: ScannerContext) -> Polygon:
         """In SI units, if a facet has pulses; only a facet of known size needs the lens."""
         facets = len(self.facet_tilt_deg)
-        on_facet = around.rate_hz * self.duty / (facets * abs(self.rotation_hz))
+        on_facet = context.rate_hz * self.duty / (facets * abs(self.rotation_hz))
         # float32 counts columns exactly up to 2^24.
         if not 1.0 - 1e-6 <= on_facet < 2**24:
             raise InputError(f"scanner: must have 1 to 2^24 pulses on each facet, got {on_facet:.3g}")
-        lens_radius_m = None if self.inradius_mm is None else around.lens_radius_m
-        return self.in_si(rate_hz=around.rate_hz, lens_radius_m=lens_radius_m)
+        lens_radius_m = None if self.inradius_mm is None else context.lens_radius_m
+        return self.in_si(rate_hz=context.rate_hz, lens_radius_m=lens_radius_m)
 
 
 class WedgeFile(Table[Wedge]):
@@ -152,10 +152,10 @@ class RisleyFile(ScannerFile[Risley]):
     type: Literal["risley"]
     wedges: Annotated[tuple[WedgeFile, ...], Field(min_length=2, max_length=3)]
 
-    def build(self, around: Surroundings) -> Risley:
+    def build(self, context: ScannerContext) -> Risley:
         """In SI units, if light passes the wedges however they stand."""
         scanner = self.in_si(
-            rate_hz=around.rate_hz, wedges=tuple(wedge.in_si(rate_hz=around.rate_hz) for wedge in self.wedges)
+            rate_hz=context.rate_hz, wedges=tuple(wedge.in_si(rate_hz=context.rate_hz) for wedge in self.wedges)
         )
         beams: tuple[float, ...] | None = si(self.beam_elevation_deg, "deg")
         if any(self._reflects(scanner, beam) for beam in beams or (None,)):
@@ -189,16 +189,16 @@ class FlashFile(ScannerFile[Flash]):
             raise ValueError(f"must have fewer than 2^31 pixels, got {self.columns * self.rows:.3g}")
         return self
 
-    def build(self, around: Surroundings) -> Flash:
+    def build(self, context: ScannerContext) -> Flash:
         """In SI units, if the lens sees all pixels; their pitch is over its focal length."""
-        pitch = si(self.pixel_pitch_um, "um") / around.focal_length_m
+        pitch = si(self.pixel_pitch_um, "um") / context.focal_length_m
         height = 0.5 * pitch * math.hypot(self.columns - 1, self.rows - 1)
         if height >= LARGEST_HEIGHT[self.projection]:
             raise InputError(
                 f"scanner: pixels must be < {LARGEST_HEIGHT[self.projection]:.3g} focal lengths off the axis of"
                 f" a lens that is {self.projection}, got {height:.3g}"
             )
-        return self.in_si(pitch=pitch, frame_rate_hz=around.rate_hz)
+        return self.in_si(pitch=pitch, frame_rate_hz=context.rate_hz)
 
 
 class TableFile(ScannerFile[Pattern]):
@@ -212,9 +212,9 @@ class TableFile(ScannerFile[Pattern]):
         default=None, description="length of a frame; from the times if left out"
     )
 
-    def build(self, around: Surroundings) -> Pattern:
+    def build(self, context: ScannerContext) -> Pattern:
         """In SI units, from the file of the pattern."""
-        return read_pattern(around.folder / self.file, frame_s=si(self.frame_ms, "ms"), **self.values_in_si())
+        return read_pattern(context.folder / self.file, frame_s=si(self.frame_ms, "ms"), **self.values_in_si())
 
 
 AnyScannerFile = (

@@ -25,7 +25,7 @@ from ..light.hits import Hits
 from ..maths.arrays import Numbers
 from ..physics.electronics import tdc
 from ..scan import Scanner
-from ..sensor.model import Sensor
+from ..sensor.sensor_model import Sensor
 
 SAME_SIGNAL = 1e-3
 """Largest relative difference of two signals that count as equal: columns are single precision, and the power cannot be

@@ -13,10 +13,9 @@ import numpy as np
 from ..detection.outcomes import Status
 from ..detection.receivers import detect_alone
 from ..physics.constants import SPEED_OF_LIGHT_M_S
-from ..sensor.catalogue import load_sensor
-from ..sensor.catalogue import published as catalogue_published
-from ..sensor.model import Sensor
 from ..sensor.readout import PublishedFile, RepeatabilityFile
+from ..sensor.sensor_file import load_sensor, published_performance
+from ..sensor.sensor_model import Sensor
 from .ranging import statistics
 from .ranging.plane import Target, echoes_of_plane, maximum_range_m
 
@@ -93,7 +92,7 @@ def scatter_m(sensor: Sensor, target: Target, *, range_m: float, snr: float | No
 
 def check(name: str) -> PublishedComparison:
     """Compare a catalogue sensor with its `[published]` values. Raises InputError."""
-    published = catalogue_published(name) or PublishedFile(source="unknown")
+    published = published_performance(name) or PublishedFile(source="unknown")
     sensor = load_sensor(name, overrides=published.settings)
     return PublishedComparison(
         name=name,

@@ -19,9 +19,8 @@ from pydantic import Field, model_validator
 from .. import catalog
 from ..files.toml import FileModel, read_toml, validate
 from ..maths.arrays import Numbers
-from ..sensor.catalogue import load_sensor
-from ..sensor.catalogue import published as catalogue_published
-from ..sensor.model import Sensor
+from ..sensor.sensor_file import load_sensor, published_performance
+from ..sensor.sensor_model import Sensor
 from .published_values import repeatability, scatter_m
 from .ranging.plane import Target, echoes_of_plane
 
@@ -123,7 +122,7 @@ def compare(name: str) -> list[RecordedComparison]:
     """Compare a catalogue sensor with all that is recorded of it. Raises InputError."""
     curves = recorded_curves(name)
     rows = [] if curves is None else list(compare_curves(name, curves, load_sensor(name, overrides=curves.settings)))
-    published = catalogue_published(name)
+    published = published_performance(name)
     if published is None:
         return rows
     for entry in published.repeatability:

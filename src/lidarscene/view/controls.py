@@ -10,9 +10,9 @@ from typing import Any
 
 from ..errors import InputError, shortened
 from ..scene.scene import Scene, Sun
-from ..sensor.catalogue import load_sensor
 from ..sensor.detectors import Apd
-from ..sensor.model import Detector, Sensor
+from ..sensor.sensor_file import load_sensor
+from ..sensor.sensor_model import Detector, Sensor
 
 DETECTOR = "detector"
 """Key of the choice of a detector; keys "detector.*" are those of the sensor file."""

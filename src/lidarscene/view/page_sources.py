@@ -32,8 +32,8 @@ from ..rendering.render_options import FrameOptions, TraceOptions
 from ..rendering.simulator import Simulator, Summary
 from ..rendering.stages import ambient_of
 from ..scene.scene import Scene
-from ..sensor.catalogue import load_sensor
-from ..sensor.model import Sensor
+from ..sensor.sensor_file import load_sensor
+from ..sensor.sensor_model import Sensor
 from ..studies.budget import Budget, budget_of, pulses_of
 from .blob import packed
 from .conditions import KEYS, command, conditions, controls

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from helpers.command_line import Run
 
-from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.sensor_file import load_sensor
 
 FAST = ("--rate", "50")
 """Frames in a second: nothing is measured by the machine's clock here."""

@@ -11,7 +11,7 @@ from helpers.recordings import OUSTER
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.recordings.ouster_reader import beams
-from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.sensor_file import load_sensor
 
 
 def test_a_unit_of_an_ouster(run: Run) -> None:

@@ -9,8 +9,8 @@ from helpers import photons
 from helpers.trains import in_fog, train
 
 from lidarscene.detection.photon_counting.bins import Bins
+from lidarscene.detection.photon_counting.histogram_receiver import broaden
 from lidarscene.detection.photon_counting.histograms import histograms
-from lidarscene.detection.photon_counting.receiver import broaden
 from lidarscene.light.waveform import waveform
 from lidarscene.physics.optics import radiometry
 from lidarscene.physics.photon_counting import matched_filter

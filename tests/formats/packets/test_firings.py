@@ -6,7 +6,7 @@ from helpers.packets import points, random_frame
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats.packets.firings import FiringsBuilder
-from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.sensor_file import load_sensor
 
 
 @pytest.mark.parametrize("name", ["vlp-16", "pandar64"])

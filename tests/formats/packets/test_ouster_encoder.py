@@ -16,8 +16,8 @@ from lidarscene.formats.packets.ouster_encoder import PROFILES
 from lidarscene.formats.packets.pcap import capture, description_path
 from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.recordings.opening import open_recording
-from lidarscene.sensor.catalogue import load_sensor
-from lidarscene.sensor.model import Sensor
+from lidarscene.sensor.sensor_file import load_sensor
+from lidarscene.sensor.sensor_model import Sensor
 
 NARROW = ("scanner.columns_per_turn=512",)
 

@@ -13,7 +13,7 @@ from lidarscene.formats.packets.layouts import PANDAR64_PACKET
 from lidarscene.formats.packets.pcap import HEADER, record_of
 from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.recordings.opening import open_recording
-from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.sensor_file import load_sensor
 
 DUAL = ('tdc.keep="strongest_and_last"',)
 

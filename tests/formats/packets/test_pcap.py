@@ -14,7 +14,7 @@ from lidarscene.formats.packets.firings import FiringsBuilder
 from lidarscene.formats.packets.layouts import Packet
 from lidarscene.formats.packets.pcap import HEADER, capture, record_of
 from lidarscene.formats.packets.select_encoder import select_encoder
-from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.sensor_file import load_sensor
 
 
 def test_another_reader_finds_payloads_times_and_ports(library: Callable[[str], Any], tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from lidarscene.errors import InputError
 from lidarscene.formats.packets.select_encoder import select_encoder
-from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.sensor_file import load_sensor
 
 
 @pytest.mark.parametrize(

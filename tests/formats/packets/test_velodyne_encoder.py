@@ -13,8 +13,8 @@ from lidarscene.formats.packets.firings import FiringsBuilder
 from lidarscene.formats.packets.layouts import VELODYNE_PACKET
 from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.formats.packets.velodyne_encoder import MODELS
-from lidarscene.sensor.catalogue import load_sensor
-from lidarscene.sensor.model import Sensor
+from lidarscene.sensor.sensor_file import load_sensor
+from lidarscene.sensor.sensor_model import Sensor
 
 NAMES = [model.name for model in MODELS]
 DUAL = ('tdc.keep="strongest_and_last"',)

@@ -8,7 +8,7 @@ import pytest
 from helpers import chain, launches
 from helpers.panes import MATERIALS, MIDDLE, both_sides, mirror_material, pane
 
-from lidarscene.materials.catalogue import material as catalogue_material
+from lidarscene.materials.material_file import catalogue_material
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course
 from lidarscene.rendering.simulator import Simulator

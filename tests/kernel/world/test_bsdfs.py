@@ -9,8 +9,8 @@ from helpers import chain
 
 from lidarscene import catalog
 from lidarscene.kernel.world import bsdfs
-from lidarscene.materials.catalogue import material as catalogue_material
 from lidarscene.materials.material import Material, Spectrum
+from lidarscene.materials.material_file import catalogue_material
 
 pytestmark = pytest.mark.usefixtures("mi")
 

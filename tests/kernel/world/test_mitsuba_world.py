@@ -106,7 +106,7 @@ def test_no_surface_shades_itself(range_m):
 
 def test_clear_glass_sends_nothing():
     """A beam that may meet no pane ends at the first, without an echo."""
-    from lidarscene.materials.catalogue import material as catalogue_material
+    from lidarscene.materials.material_file import catalogue_material
 
     pane = chain.facing(range_m=10.0, theta_deg=30.0, material="clear_glass")
     board = named(chain.facing(range_m=20.0), "board", "board")

@@ -13,7 +13,7 @@ import lidarscene
 from lidarscene import PointCloud, Pose, Status
 from lidarscene.errors import InputError
 from lidarscene.kernel.world.mitsuba_xml import load_shapes
-from lidarscene.materials.catalogue import material
+from lidarscene.materials.material_file import catalogue_material
 
 COARSE = (
     "scanner.azimuth_fov_deg=40",
@@ -106,7 +106,7 @@ def test_mapped_materials_and_own_bodies(mi: ModuleType, base: Path, tmp_path: P
     assert set(cloud.class_names) == {"road", "unlabelled"}
     for name, made_of in (("kite", "concrete"), ("ball", "retroreflective_sheeting"), ("floor", "asphalt")):
         assert material_of(cloud, name) == made_of
-        expected = material(made_of).at(905e-9)["reflectivity"]
+        expected = catalogue_material(made_of).at(905e-9)["reflectivity"]
         assert reflectivity_of(cloud, name) == pytest.approx(expected, rel=1e-6)
     assert reflectivity_of(cloud, "shape_2") == pytest.approx(0.75)
 
@@ -140,7 +140,7 @@ def test_includes_and_their_bsdfs(mi: ModuleType, base: Path) -> None:
     )
     for name in ("parts/more.xml", "$folder/more.xml"):
         base.write_text(XML.replace("</scene>", f'<include filename="{name}"/></scene>'))
-        materials = {"brick": material("brick").at(905e-9)}
+        materials = {"brick": catalogue_material("brick").at(905e-9)}
         shapes = {shape.name: shape for shape in load_shapes(base, {"inner": "brick"}, materials, 905e-9)}
         assert set(shapes) == {"ball", "kite", "shape_2", "extra"}
         assert shapes["extra"].material == "brick"
@@ -151,7 +151,7 @@ def test_includes_and_their_bsdfs(mi: ModuleType, base: Path) -> None:
 def test_metal_reflects_no_sky_as_on_an_own_body(mi: ModuleType, base: Path) -> None:
     (kite,) = (
         shape
-        for shape in load_shapes(base, {"grey": "chrome"}, {"chrome": material("chrome").at(905e-9)}, 905e-9)
+        for shape in load_shapes(base, {"grey": "chrome"}, {"chrome": catalogue_material("chrome").at(905e-9)}, 905e-9)
         if shape.name == "kite"
     )
     assert kite.reflectivity == 0
@@ -159,7 +159,7 @@ def test_metal_reflects_no_sky_as_on_an_own_body(mi: ModuleType, base: Path) -> 
 
 def test_a_bsdf_called_as_a_material_is_told_apart(mi: ModuleType, base: Path) -> None:
     base.write_text(XML.replace('"paint"', '"brick"'))
-    materials = {"brick": material("brick").at(905e-9)}
+    materials = {"brick": catalogue_material("brick").at(905e-9)}
     shapes = {shape.name: shape for shape in load_shapes(base, {"grey": "brick"}, materials, 905e-9)}
     assert (shapes["kite"].material, shapes["ball"].material) == ("brick", "brick of base.xml")
 

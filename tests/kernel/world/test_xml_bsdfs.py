@@ -11,7 +11,7 @@ from lidarscene.catalog import names
 from lidarscene.errors import InputError, OptionWarning
 from lidarscene.kernel.world.mitsuba_xml import FileShape, load_shapes
 from lidarscene.kernel.world.xml_bsdfs import STAND_INS
-from lidarscene.materials.catalogue import material
+from lidarscene.materials.material_file import catalogue_material
 
 FACING = '<transform name="to_world"><rotate y="1" angle="{angle}"/><translate x="10"/></transform>'
 FRONT, BACK = FACING.format(angle=-90), FACING.format(angle=90)
@@ -115,15 +115,15 @@ def test_stand_ins_are_in_the_catalogue() -> None:
 def test_unknown_bsdfs_by_their_names(mi: ModuleType, tmp_path: Path, bsdf: str, taken: str) -> None:
     """Reference: the catalogue's material of that name."""
     shape = found(tmp_path, bsdf)
-    assert (shape.material, shape.values) == (taken, material(taken).at(905e-9))
+    assert (shape.material, shape.values) == (taken, catalogue_material(taken).at(905e-9))
 
 
 def test_materials_of_the_scene_file_go_first(mi: ModuleType, tmp_path: Path) -> None:
     path = wall(tmp_path, RADIO.format(id="facade", kind="brick"))
-    own = {"brick": material("wood").at(905e-9)}
+    own = {"brick": catalogue_material("wood").at(905e-9)}
     (shape,) = load_shapes(path, {}, own, 905e-9)
     assert shape.values == own["brick"]
-    (shape,) = load_shapes(path, {"facade": "grass"}, {"grass": material("grass").at(905e-9)}, 905e-9)
+    (shape,) = load_shapes(path, {"facade": "grass"}, {"grass": catalogue_material("grass").at(905e-9)}, 905e-9)
     assert (shape.material, shape.assumed) == ("grass", "")
 
 
@@ -151,5 +151,7 @@ def test_errors_of_bsdfs_name_base_materials(mi: ModuleType, tmp_path: Path, bsd
     with pytest.raises(InputError, match="base_materials can name a material for ") as raised:
         found(tmp_path, bsdf)
     assert told in str(raised.value)
-    (shape,) = load_shapes(tmp_path / "wall.xml", {"sky": "brick"}, {"brick": material("brick").at(905e-9)}, 905e-9)
+    (shape,) = load_shapes(
+        tmp_path / "wall.xml", {"sky": "brick"}, {"brick": catalogue_material("brick").at(905e-9)}, 905e-9
+    )
     assert shape.material == "brick"

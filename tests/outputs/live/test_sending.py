@@ -16,7 +16,7 @@ from lidarscene.formats.packets.layouts import VELODYNE_PACKET
 from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.outputs.live.sending import AHEAD, MotionEnded, Sent, frames_of, send_frames, udp
 from lidarscene.rendering.render_options import FrameOptions
-from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.sensor_file import load_sensor
 
 SENSOR = load_sensor("vlp-16")
 

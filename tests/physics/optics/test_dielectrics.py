@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from lidarscene.materials.catalogue import material
+from lidarscene.materials.material_file import catalogue_material
 from lidarscene.physics.optics import dielectrics
 
 
@@ -86,7 +86,9 @@ def test_wet_asphalt_of_the_catalogue():
 
     for wavelength_nm, index_k in ((905, 6.0e-7), (1550, 9.86e-5)):
         depth = dielectrics.optical_depth(index_k=index_k, thickness_m=0.2e-3, wavelength_m=wavelength_nm * 1e-9)
-        dry, wet = (material(name).at(wavelength_nm * 1e-9)["reflectivity"] for name in ("asphalt", "asphalt_wet"))
+        dry, wet = (
+            catalogue_material(name).at(wavelength_nm * 1e-9)["reflectivity"] for name in ("asphalt", "asphalt_wet")
+        )
         came = dielectrics.wet_reflectivity(
             dry=dry, index=1.33, internal=math.exp(-depth), internal_diffuse=2.0 * float(expn(3, depth))
         )

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarscene.physics.optics import solar_spectrum as sun
-from lidarscene.physics.optics.solar_spectrum import Curve
+from lidarscene.physics.optics.solar_spectrum import SpectralCurve
 
 NM = 1e-9
 
@@ -56,11 +56,11 @@ TABLE = {
 }
 
 
-def flat(value: float = 1.0) -> Curve:
-    return Curve(wavelength_m=np.arange(300, 2001) * NM, value=np.full(1701, value / NM))
+def flat(value: float = 1.0) -> SpectralCurve:
+    return SpectralCurve(wavelength_m=np.arange(300, 2001) * NM, value=np.full(1701, value / NM))
 
 
-def spectrum(name: str) -> Curve:
+def spectrum(name: str) -> SpectralCurve:
     pytest.importorskip("pvlib")
     from lidarscene.files.pvlib import reference_spectrum
 
@@ -167,13 +167,13 @@ def test_units() -> None:
 @pytest.mark.parametrize("wavelengths", [[1.0], [1.0, 1.0], [2.0, 1.0]])
 def test_curves_rise(wavelengths: list[float]) -> None:
     with pytest.raises(ValueError, match="each longer than the one before"):
-        Curve(wavelength_m=np.array(wavelengths), value=np.ones(len(wavelengths)))
+        SpectralCurve(wavelength_m=np.array(wavelengths), value=np.ones(len(wavelengths)))
 
 
 def test_the_product_of_straight_lines_is_integrated_exactly() -> None:
     """int x (3 - x) dx from 1 to 2 is 13 / 6, with a point of either curve in between or not."""
     for inner in ([], [1.3]):
         points = np.array([1.0, *inner, 2.0])
-        line = Curve(wavelength_m=points, value=points)
+        line = SpectralCurve(wavelength_m=points, value=points)
         found = sun.integral(line, lambda x: 3.0 - x, nodes_m=np.array([0.5, 1.6, 2.5]))
         assert found == pytest.approx(13.0 / 6.0, rel=1e-12)

@@ -11,7 +11,7 @@ from helpers.recordings import hesai_packet
 
 from lidarscene.errors import InputError
 from lidarscene.recordings.units.unit_file import unit_from, write_unit
-from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.sensor_file import load_sensor
 
 
 def table(path: Path, rows: int = 32) -> Path:

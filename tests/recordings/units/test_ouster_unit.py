@@ -12,8 +12,8 @@ from helpers.recordings import OUSTER
 
 from lidarscene.errors import InputError
 from lidarscene.recordings.units.unit_file import unit_from, write_unit
-from lidarscene.sensor.catalogue import load_sensor
-from lidarscene.sensor.model import Sensor
+from lidarscene.sensor.sensor_file import load_sensor
+from lidarscene.sensor.sensor_model import Sensor
 
 JSON = OUSTER.with_suffix(".json")
 RANGE_M = 50.0

@@ -12,7 +12,7 @@ from lidarscene.errors import InputError
 from lidarscene.recordings.units.unit_beams import Unit
 from lidarscene.recordings.units.unit_file import unit_from, write_unit
 from lidarscene.recordings.units.velodyne_unit import read_velodyne
-from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.sensor_file import load_sensor
 
 AZIMUTH = 4500
 """Of every block [0.01 degrees], so that nothing turns between firings."""

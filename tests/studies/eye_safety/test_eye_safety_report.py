@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from lidarscene.catalog import names
 from lidarscene.errors import InputError
-from lidarscene.sensor.catalogue import load_sensor
-from lidarscene.sensor.model import Sensor
+from lidarscene.sensor.sensor_file import load_sensor
+from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.eye_safety import exposure
 from lidarscene.studies.eye_safety.criteria import ViewerCheck, geometry
 from lidarscene.studies.eye_safety.exposure import PulseTrain, counted_train, scanned_train, stationary_train

@@ -8,7 +8,7 @@ import pytest
 
 from lidarscene.physics.optics import receiver
 from lidarscene.physics.photon_counting import matched_filter
-from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies.fit.near_field import share
 from lidarscene.studies.fit.products import (
     KEYS,

@@ -12,8 +12,8 @@ from lidarscene.catalog import path_of
 from lidarscene.errors import InputError
 from lidarscene.recordings.recording import Recording
 from lidarscene.recordings.sweep import Sweep
-from lidarscene.sensor.catalogue import load_sensor
-from lidarscene.sensor.model import Sensor
+from lidarscene.sensor.sensor_file import load_sensor
+from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.fit import recording_fit, recording_fit_report
 from lidarscene.studies.fit.estimates import MOST_EVALUATIONS
 from lidarscene.studies.fit.near_field import fit_near_field, share

@@ -9,7 +9,7 @@ from helpers.drawn_recordings import drawn_sweep, drawn_truth
 
 from lidarscene.detection.photon_counting.bins import BOX, BOX_SHARE
 from lidarscene.physics.photon_counting.matched_filter import SCALE, TEMPLATE
-from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies.fit import threshold
 from lidarscene.studies.fit.estimates import Solution
 from lidarscene.studies.fit.recorded_pulses import RecordedPulses, gather_pulses

@@ -177,7 +177,7 @@ def test_exponents_are_those_of_the_closed_form():
         plane = range_limit.Plane(**{name: numbers[name] for name in of_plane})
         return range_limit.maximum_range_apd_m(
             plane,
-            range_limit.Receiver(**of_lidar, **rest),
+            range_limit.Transceiver(**of_lidar, **rest),
             quantum_efficiency=0.7,
             excess_noise=3.7,
             bandwidth_hz=167e6,

@@ -19,8 +19,8 @@ from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.meshes.primitives import plane_mesh
 from lidarscene.scene.scene import Body, Part, Scene, Sun
 from lidarscene.scene.scene_file import load_scene
-from lidarscene.sensor.catalogue import load_sensor
-from lidarscene.sensor.model import Sensor
+from lidarscene.sensor.sensor_file import load_sensor
+from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.twin import matched_pulses as twin_pulses
 from lidarscene.studies.twin.judge import twin_quantities
 from lidarscene.studies.twin.matched_pulses import MatchedPulses, match_pulses, ranges_from_exit, simulate_pulses

@@ -14,7 +14,7 @@ from lidarscene.maths.pose import Pose
 from lidarscene.scene.poses import read_poses
 from lidarscene.scene.scene_file import load_scene
 from lidarscene.scene.tables import SceneFile
-from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 from lidarscene.studies.recorded import background_w
 from lidarscene.studies.twin import twin_files

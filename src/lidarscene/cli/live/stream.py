@@ -103,7 +103,7 @@ def stream_text(arguments: argparse.Namespace) -> str:
     from ...outputs.live.sending import frames_of, send_frames, udp
     from ...rendering.simulator import Simulator
     from ...scene.scene_file import load_scene
-    from ...sensor.catalogue import load_sensor
+    from ...sensor.sensor_file import load_sensor
 
     host, port = arguments.udp
     frame = FrameOptions(seed=arguments.seed, begin_s=arguments.begin, pose=arguments.pose)

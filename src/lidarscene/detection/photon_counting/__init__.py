@@ -1,6 +1,7 @@
 """What a receiver that sums shots into a histogram makes of the light of each pulse.
 
-receiver  peaks, false alarms and returns: the counterpart of `detection.multi_echo`
-bins      counts of the bins around an echo, and the filter over them
-folding   light that comes back after the next pulse has left
+histogram_receiver  peaks, false alarms and returns: the counterpart of `detection.multi_echo`
+histograms          whole histograms of chosen pulses
+bins                counts of the bins around an echo, and the filter over them
+folding             light that comes back after the next pulse has left
 """

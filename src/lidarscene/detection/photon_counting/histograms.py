@@ -16,10 +16,10 @@ from ...maths import random
 from ...maths.arrays import Numbers
 from ...maths.random import Stage
 from ...physics.photon_counting import dead_time, draws
-from ...sensor.model import Sensor
-from ...sensor.photon_counting.model import Spad
+from ...sensor.photon_counting.spad import Spad
+from ...sensor.sensor_model import Sensor
 from .folding import fold
-from .receiver import broaden
+from .histogram_receiver import broaden
 
 _FINE = 8
 """Steps of each bin in which the course of the free SPADs is followed."""

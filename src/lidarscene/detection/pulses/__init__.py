@@ -1,10 +1,10 @@
 """Pulses that a converter finds in a waveform.
 
-stops    which of them it keeps, and in which order it reports them
-timing   at which time it reports them
-edges    where they leave a level
-sources  which light they are of
-memory   what earlier ones leave in the detector
-samples  what an ADC reads of them
-alarms   the false ones among them
+stops             returns that it keeps, and their order
+timing            time that the TDC reports
+edges             places where a pulse falls below a level
+crossing_sources  light that causes a crossing
+echo_memory       residues of earlier echoes in the detector
+samples           samples of an ADC around a crossing
+alarms            false alarms among the stops
 """

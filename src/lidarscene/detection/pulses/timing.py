@@ -15,7 +15,7 @@ from ...maths.random import Stage
 from ...physics.electronics import sampling, tdc
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM, crossing
 from ...physics.optics import pulse as pulse_shape
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from .. import comparator
 from ..comparator import Trip
 from ..rises import Rise

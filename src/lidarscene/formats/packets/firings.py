@@ -13,7 +13,7 @@ import numpy as np
 
 from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from ..cloud_columns import Cloud
 
 RETURNS = 2

@@ -16,7 +16,7 @@ from ...errors import InputError
 from ...files.optional import import_optional
 from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from .firings import Firings
 from .layouts import OUSTER_MODES, Packet
 from .layouts import OUSTER_PORT as PORT

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from .firings import Firings
 from .layouts import DUAL, FULL_TURN, HESAI_PORT, HESAI_START, LAST, PANDAR64_PACKET, STRONGEST, Packet
 from .layouts import PANDAR64_AZIMUTH_US as AZIMUTH_US

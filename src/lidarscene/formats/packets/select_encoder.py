@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...errors import InputError
 from ...scan.spinning import Spinning
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from .ouster_encoder import match_ouster
 from .packet_encoder import PacketEncoder, turns_clockwise
 from .pandar64_encoder import match_pandar64

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from .firings import Firings
 from .layouts import DUAL, FULL_TURN, LAST, STRONGEST, VELODYNE_BANKS, VELODYNE_EMPTY, VELODYNE_PACKET, Packet
 from .layouts import VELODYNE_POINTS as POINTS

@@ -24,7 +24,7 @@ from ...formats.cloud_columns import OF_VECTORS
 from ...light.beams import reported
 from ...light.hits import Hits
 from ...maths.arrays import Array, Lanes, Numbers, inverse, is_drjit
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import DeviceArray

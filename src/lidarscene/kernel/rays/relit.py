@@ -10,7 +10,7 @@ from ...light import beams, echoes
 from ...light.echoes import Ambient, Echoes
 from ...maths.arrays import Numbers
 from ...maths.paths import Moving, Placement
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from ..device import transfer
 from ..world.mitsuba_world import World
 from .trace import Firing, trace

@@ -16,7 +16,7 @@ from typing import Any
 
 from ...errors import InputError
 from ...files.inputs import LARGEST_TEXT, require_file
-from ...materials import catalogue
+from ...materials.material_file import catalogue_material
 from ..device.backend import mitsuba, only_own_files, own_plugins
 from ..device.types import Bsdf
 from . import xml_bsdfs
@@ -67,7 +67,7 @@ def load_shapes(
     used_materials = dict(materials)
     for element, material in replaced_elements + stand_ins:
         if material not in used_materials:
-            used_materials[material] = catalogue.material(material).at(wavelength_m)
+            used_materials[material] = catalogue_material(material).at(wavelength_m)
         xml_bsdfs.fill(element, bsdf_dict(used_materials[material]))
     shapes = _loaded(root, path).shapes()
     if not shapes:

@@ -32,7 +32,7 @@ class Plane:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Receiver:
+class Transceiver:
     """A lidar but for its detector.
 
     peak_power_w        of its laser, P_t
@@ -52,7 +52,7 @@ class Receiver:
 
 def maximum_range_apd_m(
     plane: Plane,
-    receiver: Receiver,
+    receiver: Transceiver,
     *,
     quantum_efficiency: Lanes,
     excess_noise: Lanes,
@@ -79,7 +79,13 @@ def maximum_range_apd_m(
 
 
 def maximum_range_sipm_m(
-    plane: Plane, receiver: Receiver, *, pulse_fwhm_s: Lanes, pde: Lanes, dead_time_s: Lanes, as_printed: bool = False
+    plane: Plane,
+    receiver: Transceiver,
+    *,
+    pulse_fwhm_s: Lanes,
+    pde: Lanes,
+    dead_time_s: Lanes,
+    as_printed: bool = False,
 ) -> Lanes:
     """Range at which the SiPM's SNR (28) falls to the threshold, (30). As printed it has a 1 / cos(theta_s)."""
     optics = _optics_term(plane, receiver, factor=0.5) / xp(dead_time_s).sqrt(dead_time_s)
@@ -91,7 +97,7 @@ def maximum_range_sipm_m(
     return ops.sqrt(optics * ops.sqrt(light) * pulse)
 
 
-def _optics_term(plane: Plane, receiver: Receiver, *, factor: float) -> Lanes:
+def _optics_term(plane: Plane, receiver: Transceiver, *, factor: float) -> Lanes:
     """First bracket of (29) and (30), before its square root, without the 1 / cos(theta_s)."""
     root = xp(plane.cos_sun, receiver.efficiency_sun).sqrt(
         receiver.photon_energy_j * receiver.efficiency_sun * plane.cos_sun

@@ -27,7 +27,7 @@ _POINTS = 801  # of a smooth filter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Curve:
+class SpectralCurve:
     """A quantity over wavelength: straight lines between the points, zero outside.
 
     wavelength_m  (n,) float64, rising
@@ -63,7 +63,7 @@ def photopic_efficiency(*, wavelength_m: Numbers | float) -> Numbers:
     return 0.821 * lobe(568.8, 46.9, 40.5) + 0.286 * lobe(530.9, 16.3, 31.1)
 
 
-def integral(curve: Curve, weight: Callable[[Numbers], Numbers], *, nodes_m: Numbers | None = None) -> float:
+def integral(curve: SpectralCurve, weight: Callable[[Numbers], Numbers], *, nodes_m: Numbers | None = None) -> float:
     """Integral of curve times weight over wavelength, where both are defined.
 
     Simpson's rule between neighbouring points of the curve and of ``nodes_m``, the points of the weight: exact for a
@@ -81,49 +81,49 @@ def integral(curve: Curve, weight: Callable[[Numbers], Numbers], *, nodes_m: Num
     return float(np.sum(np.diff(points) * (ends[1:] + ends[:-1] + 4.0 * centres)) / 6.0)
 
 
-def total_irradiance_w_m2(spectrum: Curve) -> float:
+def total_irradiance_w_m2(spectrum: SpectralCurve) -> float:
     """Irradiance over all wavelengths of the spectrum."""
     return integral(spectrum, np.ones_like)
 
 
-def illuminance_lux(spectrum: Curve) -> float:
+def illuminance_lux(spectrum: SpectralCurve) -> float:
     """E_v = 683 lm/W times the integral of V(lambda) E(lambda)."""
     return LUMINOUS_EFFICACY_LM_W * integral(spectrum, lambda x: photopic_efficiency(wavelength_m=x))
 
 
-def box_filter(*, centre_m: float, width_m: float) -> Curve:
+def box_filter(*, centre_m: float, width_m: float) -> SpectralCurve:
     """Transmittance one within half a width of the centre, zero outside."""
     edges = np.array([centre_m - 0.5 * width_m, centre_m + 0.5 * width_m])
-    return Curve(wavelength_m=edges, value=np.ones(2))
+    return SpectralCurve(wavelength_m=edges, value=np.ones(2))
 
 
-def super_gaussian_filter(*, centre_m: float, width_m: float, order: float = 2.0) -> Curve:
+def super_gaussian_filter(*, centre_m: float, width_m: float, order: float = 2.0) -> SpectralCurve:
     """Transmittance exp(-ln2 |2 (lambda - centre) / width|^order): ``width_m`` wide at half its peak of one.
 
     Order 2 is a Gaussian; higher orders have flatter tops and steeper sides, as interference filters have.
     """
     reach = math.pow(-math.log2(_TAIL), 1.0 / order)
     u = np.linspace(-reach, reach, _POINTS)
-    return Curve(wavelength_m=centre_m + 0.5 * width_m * u, value=np.exp(-math.log(2.0) * np.abs(u) ** order))
+    return SpectralCurve(wavelength_m=centre_m + 0.5 * width_m * u, value=np.exp(-math.log(2.0) * np.abs(u) ** order))
 
 
-def equivalent_width_m(transmittance: Curve) -> float:
+def equivalent_width_m(transmittance: SpectralCurve) -> float:
     """Width of the box filter that passes as much of a flat spectrum: the integral of the transmittance."""
     return integral(transmittance, np.ones_like)
 
 
-def in_band_irradiance_w_m2(spectrum: Curve, transmittance: Curve) -> float:
+def in_band_irradiance_w_m2(spectrum: SpectralCurve, transmittance: SpectralCurve) -> float:
     """Irradiance behind the filter, without scaling the spectrum."""
     return integral(spectrum, transmittance.at, nodes_m=transmittance.wavelength_m)
 
 
-def irradiance_at_100_klux_w_m2(spectrum: Curve, transmittance: Curve) -> float:
+def irradiance_at_100_klux_w_m2(spectrum: SpectralCurve, transmittance: SpectralCurve) -> float:
     """Irradiance behind the filter with the spectrum scaled to 100 klux: the value in a sensor file."""
     scale = 1e3 * REFERENCE_ILLUMINANCE_KLUX / illuminance_lux(spectrum)
     return scale * in_band_irradiance_w_m2(spectrum, transmittance)
 
 
-def implied_box_width_m(spectrum: Curve, *, centre_m: float, irradiance_w_m2: float) -> float:
+def implied_box_width_m(spectrum: SpectralCurve, *, centre_m: float, irradiance_w_m2: float) -> float:
     """Width of the box filter that passes this irradiance at 100 klux, by bisection.
 
     Raises ValueError if the whole spectrum has less.

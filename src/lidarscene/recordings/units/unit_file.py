@@ -10,7 +10,7 @@ from pathlib import Path
 from ... import catalog
 from ...errors import InputError
 from ...files.atomic import put_text
-from ...sensor.file import sensor_from_tables
+from ...sensor.sensor_file import sensor_from_tables
 from .hesai_unit import read_hesai
 from .ouster_unit import read_ouster
 from .unit_beams import LIST_KEYS, Unit

@@ -1,13 +1,13 @@
-"""Detectors as data, a module for each kind; and the working point that a background puts them in.
+"""Detectors as data, a module for each kind, and their working point under a background.
 
-working_point  what the comparator needs to know of a detector
-apd            avalanche photodiode with its amplifier
-sipm           silicon photomultiplier
-matching       whether a laser and a detector go together
+working_point  noise, response and its inverse, as the comparator uses them
+apd_detector   avalanche photodiode with its amplifier
+sipm_detector  silicon photomultiplier
+matching       checks that a laser and a detector fit each other
 """
 
-from .apd import Apd
-from .sipm import Sipm
+from .apd_detector import Apd
+from .sipm_detector import Sipm
 from .working_point import CellMemory, Filtered, WorkingPoint
 
 Detector = Apd | Sipm

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from ...maths.arrays import Lanes
-from .apd import Apd
+from .apd_detector import Apd
 
 SILICON_M = 1150e-9
 """Silicon absorbs nothing beyond: its band gap of 1.12 eV is 1107 nm, phonons add some 40 nm (Green, Solar Energy

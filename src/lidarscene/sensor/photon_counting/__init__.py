@@ -1,5 +1,5 @@
 """Receivers that count photons over many shots: SPADs and the histogram that they fill.
 
-model   `Spad`, `Histogram` and the working point that a background puts them in
-file    [detector] type = "spad" and [histogram]
+spad       `Spad`, `Histogram` and their working point under a background
+spad_file  [detector] type = "spad" and [histogram]
 """

@@ -19,7 +19,7 @@ from ...outputs.run_report import OUTCOME_TEXT
 from ...rendering.render_options import DEFAULT_CHUNK
 from ...rendering.simulator import Simulator, Summary
 from ...scene.scene import Scene
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from .observations import Observation, Surfaces
 
 NamedSensor = tuple[str, Sensor]

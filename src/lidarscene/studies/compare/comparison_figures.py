@@ -17,7 +17,7 @@ from ...figures import intervals
 from ...figures import lines as charts
 from ...figures.intervals import Series
 from ...maths.arrays import Numbers
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from .comparison_statistics import DetectionRate, RangeError, paired_snr, range_errors, rates_by_group
 from .illuminance_sweep import IlluminanceSweep
 from .observations import Grouping, Observation

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from .comparison_statistics import (
     DetectionRate,
     count_pairs,

@@ -14,7 +14,7 @@ import numpy as np
 from ...detection.outcomes import Status
 from ...errors import InputError
 from ...scene.scene import Scene
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from ..field_of_view.field_of_view_study import ProgressCallback
 from ..ranging.sweep_report import unambiguous_m
 from . import cloud_matching

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from ..ranging.plane import Target, equal_range_illuminance_klux
 from .bench import Bench, NamedSensor
 from .comparison_statistics import DetectionRate, overall_rate, range_errors

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ...physics import eye_safety as iec
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from .exposure import PulseTrain
 
 VIEWERS = {"eye": False, "telescope": True}

@@ -13,7 +13,7 @@ import numpy as np
 from ...light.beams import firing_time_s
 from ...maths.arrays import Numbers, frozen
 from ...maths.pose import direction_from_angles
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 
 _PLACES = 128  # positions tried for the eye
 _STEPS = 400  # most group sizes that are checked within one period

@@ -17,7 +17,7 @@ from typing import Any, Literal
 from ...errors import InputError
 from ...physics import eye_safety as iec
 from ...physics.optics.pulse import pulse_energy_j
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from .criteria import VIEWERS, Criterion, ViewerCheck, geometry, si
 from .exposure import PulseTrain, counted_train, scanned_train, stationary_train
 

@@ -14,7 +14,7 @@ from ...cloud.point_cloud import PointCloud
 from ...maths.pose import Pose
 from ...rendering.rig_simulators import simulators
 from ...scene.scene import Scene
-from ...sensor.rig import Mounted
+from ...sensor.rig_file import Mounted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

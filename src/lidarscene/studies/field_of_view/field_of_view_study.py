@@ -16,7 +16,7 @@ import numpy as np
 from ...figures.report_page import Page, csv_text
 from ...files.atomic import atomic_folder, put_text, require_writable
 from ...files.json_text import json_text
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from . import field_of_view_figures as figures
 from .pattern_coverage import DWELL_S, rate_hz
 from .reach import Ground, ground_view
@@ -151,7 +151,7 @@ def _ground_around(views: Sequence[SensorView], study: FieldOfViewStudy) -> Grou
 def _points_on_bodies(
     sensors: Sequence[tuple[str, Sensor]], scene: Scene, vehicle: Pose | None
 ) -> list[tuple[str, list[BodyPoints]]]:
-    from ...sensor.rig import Mounted
+    from ...sensor.rig_file import Mounted
     from .body_points import points_on_bodies
 
     mounted = [Mounted(label=name, sensor=sensor) for name, sensor in sensors]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...maths.arrays import Numbers
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from ..ranging.plane import Target, detection_margin, maximum_range_m
 from .pattern_coverage import CellMaps
 from .sphere_cells import SphereCells

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ...maths.arrays import Numbers
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from ..ranging.plane import Target
 from .pattern_coverage import CellMaps, FiredPulses, cell_maps, field_cells, fired_pulses
 from .reach import range_map_m

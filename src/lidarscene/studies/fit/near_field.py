@@ -19,7 +19,7 @@ import numpy as np
 from ...maths.arrays import Lanes, Numbers
 from ...maths.special import expm1
 from ...physics.optics import receiver
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from .estimates import Estimate, Solution, least_squares
 from .products import FAR, near_field_m
 from .recorded_pulses import RecordedPulses

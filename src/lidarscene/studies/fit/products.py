@@ -17,7 +17,7 @@ from ...maths.arrays import Lanes, Numbers, xp
 from ...physics.constants import SPEED_OF_LIGHT_M_S
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.photon_counting import matched_filter
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from ..ranging.plane import Target, echoes_of_plane
 
 FAR = 30.0

@@ -11,7 +11,7 @@ from ...files.atomic import put_text
 from ...recordings.opening import open_recording
 from ...recordings.pcap_reader import metadata_of
 from ...recordings.sweep import Sweep
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from .near_field import fit_near_field
 from .products import QUANTITIES, find_products
 from .recorded_pulses import RecordedPulses, gather_pulses

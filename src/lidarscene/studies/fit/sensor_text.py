@@ -18,8 +18,8 @@ import tomlkit
 from ... import catalog
 from ...errors import InputError
 from ...recordings.units.unit_file import unit_from, write_unit
-from ...sensor.file import sensor_from_tables
-from ...sensor.model import Sensor
+from ...sensor.sensor_file import sensor_from_tables
+from ...sensor.sensor_model import Sensor
 from .estimates import Estimate
 from .products import near_field_m, pulse_fwhm_s, white_m2
 from .row_gains import RowGains

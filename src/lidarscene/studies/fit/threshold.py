@@ -18,7 +18,7 @@ import numpy as np
 from ...detection.photon_counting.bins import BOX, BOX_SHARE
 from ...maths.arrays import Numbers
 from ...physics.photon_counting.matched_filter import SCALE, TEMPLATE
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from .estimates import Estimate, Solution
 from .recorded_pulses import RecordedPulses
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from ...physics.electronics import apd, sipm
-from ...sensor.catalogue import load_sensor
 from ...sensor.detectors import Apd, Sipm
-from ...sensor.model import Sensor
+from ...sensor.sensor_file import load_sensor
+from ...sensor.sensor_model import Sensor
 from ..ranging import plane
 from ..ranging.plane import Target
 

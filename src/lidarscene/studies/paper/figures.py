@@ -13,7 +13,7 @@ import numpy as np
 from ...figures.lines import Chart, Level, Line, Mark
 from ...maths.arrays import Numbers
 from ...physics.electronics import apd, sipm
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from ..ranging import aperture_laws, plane
 from ..ranging.plane import Target
 from .case import TABLE_1, apd_lidar, apd_noise, range_m, sipm_printed, sipm_steady

@@ -17,7 +17,7 @@ import numpy as np
 from ...physics.electronics import apd, range_limit, sipm, tdc
 from ...physics.optics import pulse, radiometry
 from ...sensor.detectors import Apd, Sipm
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from ..ranging import aperture_laws, plane
 from ..ranging.plane import Target
 from .case import (
@@ -341,7 +341,7 @@ def closed_forms(*, as_printed: bool) -> tuple[float, float]:
         transmittance=TABLE_1.transmittance,
         cos_sun=TABLE_1.cos_sun,
     )
-    receiver = range_limit.Receiver(
+    receiver = range_limit.Transceiver(
         peak_power_w=sensor.laser.peak_power_w,
         aperture_m2=sensor.optics.aperture_m2,
         photon_energy_j=sensor.laser.photon_energy_j,

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...maths.arrays import Numbers
 from ...physics.optics import air
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from . import plane
 from .aperture_laws import LAWS, of_scanner
 from .plane import RangeStatus, Target

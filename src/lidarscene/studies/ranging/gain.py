@@ -13,7 +13,7 @@ import numpy as np
 
 from ...physics.electronics import apd
 from ...sensor.detectors import Apd
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from . import plane
 from .plane import Target
 

@@ -23,7 +23,7 @@ from ...maths.arrays import Lanes, Numbers
 from ...physics.electronics import range_limit, tdc
 from ...physics.optics import sunlight
 from ...sensor.detectors import Apd, Sipm, WorkingPoint
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 
 _NEAREST_M, _FARTHEST_M = 1e-2, 1e6
 _STEPS_PER_DECADE = 16  # of the grid for the last crossing
@@ -263,7 +263,7 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
         cos_incidence=target.cos_incidence,
         cos_sun=np.where(dark, 1.0, daylight),
     )
-    receiver = range_limit.Receiver(
+    receiver = range_limit.Transceiver(
         peak_power_w=laser.peak_power_w,
         aperture_m2=np.where(echo > _NOTHING, optics.aperture_m2 * target.aperture_share, 1.0),
         focal_over_radius=optics.focal_length_m / detector.radius_m,

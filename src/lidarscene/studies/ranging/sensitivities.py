@@ -26,7 +26,7 @@ from ...maths.arrays import Lanes, xp
 from ...physics.electronics import tdc
 from ...physics.optics import sunlight
 from ...sensor.detectors import Apd
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from . import gain, plane
 from .plane import RangeStatus, Target
 

@@ -14,8 +14,8 @@ from typing import Any
 from ... import catalog
 from ...files.overrides import split_sensor, with_overrides
 from ...files.toml import read_toml
-from ...sensor.file import sensor_from_tables
-from ...sensor.model import Sensor
+from ...sensor.sensor_file import sensor_from_tables
+from ...sensor.sensor_model import Sensor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,7 +15,7 @@ from pydantic import BaseModel
 
 from ...errors import InputError, did_you_mean
 from ...maths.arrays import Numbers
-from ...sensor.file import SensorFile
+from ...sensor.sensor_file import SensorFile
 from .aperture_laws import LARGEST_DEG
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...figures.lines import Chart, Level, Line, Mark
 from ...physics.optics import radiometry
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from .aperture_laws import LAWS, of_scanner
 from .curves import QUANTITIES, CurveCrossing, Curves, SweepCurve, is_flat, limit_word
 from .plane import RangeStatus, Target

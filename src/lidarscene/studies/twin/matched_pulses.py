@@ -16,7 +16,7 @@ from ...recordings.sweep import Sweep
 from ...rendering.render_options import DEFAULT_CHUNK
 from ...rendering.simulator import Simulator
 from ...scene.scene import Scene
-from ...sensor.model import Sensor
+from ...sensor.sensor_model import Sensor
 from .apparent_reflectivity import withheld_mask
 from .planes import has_grid
 from .surfels import KINDS, SMOOTH

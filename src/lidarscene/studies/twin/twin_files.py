@@ -30,8 +30,8 @@ from ...recordings.recording import Recording
 from ...recordings.sweep import Sweep
 from ...recordings.units.unit_file import unit_from, write_unit
 from ...scene.tables import SceneFile
-from ...sensor.catalogue import load_sensor
-from ...sensor.model import Sensor
+from ...sensor.sensor_file import load_sensor
+from ...sensor.sensor_model import Sensor
 from ..compare.recording_comparison import ground_plane
 from ..ranging.plane import Target, echoes_of_plane
 from .apparent_reflectivity import SLOPE_DEG, Gauge, largest_reflectivity

@@ -18,7 +18,7 @@ from ...rendering.render_options import DEFAULT_CHUNK
 from ...rendering.simulator import Simulator
 from ...scene.scene import View
 from ...scene.scene_file import load_scene
-from ...sensor.catalogue import load_sensor
+from ...sensor.sensor_file import load_sensor
 from ..compare.recording_comparison import compare_with_recording, side_of_cloud, side_of_sweep
 from .judge import TwinQuantity, disagreement, twin_quantities
 from .matched_pulses import simulate_pulses

@@ -6,8 +6,8 @@ import pytest
 from lidarscene.light.echoes import EchoTrain, SubEchoes
 from lidarscene.maths.arrays import Numbers
 from lidarscene.recordings.sweep import Sweep
-from lidarscene.sensor.catalogue import load_sensor
-from lidarscene.sensor.model import Sensor
+from lidarscene.sensor.sensor_file import load_sensor
+from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.fit.near_field import spot_over_field
 from lidarscene.studies.fit.on_scene import pulses_on_scene as laid_module
 from lidarscene.studies.fit.on_scene.pulses_on_scene import _lay_frame, _power_w

@@ -14,8 +14,8 @@ from helpers.rendered_recordings import record, scene_and_units
 from lidarscene.errors import InputError
 from lidarscene.recordings.recording import Recording
 from lidarscene.recordings.sweep import Sweep
-from lidarscene.sensor.catalogue import load_sensor
-from lidarscene.sensor.model import Sensor
+from lidarscene.sensor.sensor_file import load_sensor
+from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.fit.estimates import Solution
 from lidarscene.studies.fit.on_scene import known_scene, scene_fit
 from lidarscene.studies.fit.on_scene.likelihood import ParameterFit

@@ -18,7 +18,7 @@ from ....maths.pose import Pose
 from ....recordings.sweep import Sweep
 from ....rendering.simulator import Simulator
 from ....scene.scene import Scene as World
-from ....sensor.model import Sensor
+from ....sensor.sensor_model import Sensor
 from ...twin.apparent_reflectivity import withheld_mask
 from ...twin.matched_pulses import match_pulses, ranges_from_exit
 from ...twin.surfels import BRIGHT, KINDS, ROUGH, SMOOTH

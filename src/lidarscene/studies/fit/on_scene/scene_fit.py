@@ -17,7 +17,7 @@ from ....recordings.pcap_reader import metadata_of
 from ....recordings.sweep import Sweep
 from ....scene.poses import read_poses
 from ....scene.scene_file import load_scene
-from ....sensor.model import Sensor
+from ....sensor.sensor_model import Sensor
 from ...twin.planes import select_columns
 from ...twin.twin_files import COLUMNS, PROVENANCE, frame_pose, read_provenance
 from ..estimates import MOST_EVALUATIONS

@@ -12,7 +12,7 @@ from dataclasses import replace
 from ..maths.arrays import Lanes, LookupTable, xp
 from ..maths.vectors import dot, mixed
 from ..physics.optics import radiometry, sunlight
-from ..sensor.model import Sensor
+from ..sensor.sensor_model import Sensor
 from .beams import Beams
 from .echoes import Ambient, background_aperture_m2, receive
 from .footprint import Footprint, points

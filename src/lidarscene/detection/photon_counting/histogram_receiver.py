@@ -21,10 +21,11 @@ from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.optics import radiometry
 from ...physics.photon_counting import matched_filter, pile_up
 from ...sensor.detectors import WorkingPoint
-from ...sensor.model import Sensor
-from ...sensor.photon_counting.model import LEAST_THRESHOLD, Macropixel
-from .. import ambient, comparator, intensity
+from ...sensor.photon_counting.spad import LEAST_THRESHOLD, Macropixel
+from ...sensor.sensor_model import Sensor
+from .. import ambient, comparator
 from ..outcomes import Outcome, Status
+from ..reported_intensity import reported_intensity
 from ..returns import Detection, Returns, alarm_status
 from ..rises import Rise, visit_all
 from ..shots import Shots
@@ -60,7 +61,7 @@ class _Stop:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Search:
+class _PeakSearch:
     """State of the search over the peaks of each pulse; each field (n,).
 
     tripped    whether the filter exceeded the threshold at any peak
@@ -150,7 +151,7 @@ class _Receiver(Shots):
         """Whether the light may have more than one peak."""
         return len(self.filtered.centres) > 1 or self.filtered.volume is not None
 
-    def search(self) -> _Search:
+    def search(self) -> _PeakSearch:
         """Visit all peaks of the expected histogram and keep the best returns of each pulse."""
         ops, like = self.ops, self.light.origin_m
         zero, never, number = ops.full(like, 0.0), ops.full(like, False), ops.full(like, 0)
@@ -164,7 +165,7 @@ class _Receiver(Shots):
             true_range_m=zero,
             status=number,
         )
-        start = _Search(
+        start = _PeakSearch(
             tripped=never,
             in_window=never,
             last_s=zero - 1.0,
@@ -178,10 +179,10 @@ class _Receiver(Shots):
         power = self.filtered.heights[0]
         return ops.where_any(power > 0.0, lambda: self._add_peak(power > 0.0, zero, power, start), start)
 
-    def _visit(self, rise: Rise, state: _Search) -> _Search:
+    def _visit(self, rise: Rise, state: _PeakSearch) -> _PeakSearch:
         return self._add_peak(rise.exists, rise.peak, self.ops.where(rise.exists, rise.top[0], 0.0), state)
 
-    def _add_peak(self, exists: Mask, place: Lanes, power_w: Lanes, state: _Search) -> _Search:
+    def _add_peak(self, exists: Mask, place: Lanes, power_w: Lanes, state: _PeakSearch) -> _PeakSearch:
         """What was found so far and a peak of the light behind the filter."""
         ops, sensor, converter = self.ops, self.sensor, self.sensor.tdc
         range_m = self.filtered.range_m(place)
@@ -220,7 +221,7 @@ class _Receiver(Shots):
             status=status,
         )
         higher = exists & (power_w > state.highest_w)
-        return _Search(
+        return _PeakSearch(
             tripped=state.tripped | tripped,
             in_window=state.in_window | accepted,
             last_s=ops.where(accepted, time_s, state.last_s),
@@ -340,7 +341,7 @@ class _Receiver(Shots):
                 stops = _insert(stops, stop)
         return stops
 
-    def detection(self, state: _Search, stops: tuple[_Stop, ...], number: Array) -> Detection:
+    def detection(self, state: _PeakSearch, stops: tuple[_Stop, ...], number: Array) -> Detection:
         """The stops as `Returns`, and the outcome of each pulse."""
         ops = self.ops
         # The search passes no derivatives on, so the light of the highest peak is evaluated once more.
@@ -354,7 +355,7 @@ class _Receiver(Shots):
             has_echo = has_echo | of_echo
             range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=stop.time_s)
             amplitude = ops.maximum(stop.photons, 0.0)
-            value = intensity.reported(self, self.train, amplitude=amplitude, width_s=None, range_m=range_m)
+            value = reported_intensity(self, self.train, amplitude=amplitude, width_s=None, range_m=range_m)
             reported.append(
                 Returns(
                     reported=occupied,

@@ -1,6 +1,6 @@
 """A sensor as the simulation sees it: frozen, SI units and radians, no files.
 
-`lidarscene.sensor.file` makes one from a TOML file, where the units are those that people write.
+`lidarscene.sensor.sensor_file` makes one from a TOML file, where the units are those that people write.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .detectors import Apd, Filtered, Sipm, WorkingPoint
 from .detectors.matching import silicon_doubt, spot_doubt
 from .electronics import Adc, Intensity, MultiLevel, Receiver, Tdc
 from .overlap import Overlap, Spot
-from .photon_counting.model import Histogram, Macropixel, Spad, working_point
+from .photon_counting.spad import Histogram, Macropixel, Spad, working_point
 
 Detector = Apd | Sipm | Spad
 

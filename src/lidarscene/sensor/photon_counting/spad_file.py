@@ -12,7 +12,7 @@ from ...files.table_model import Number, Table
 from ...maths.units import si
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ..electronics import MOST_STOPS, Tdc
-from .model import Histogram, Spad
+from .spad import Histogram, Spad
 
 MOST_BINS = 64
 """Most bins that are drawn around an echo: each is some hundred instructions of the kernel."""

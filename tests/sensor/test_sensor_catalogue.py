@@ -16,10 +16,9 @@ from lidarscene import Simulator, catalog
 from lidarscene.cli import main
 from lidarscene.errors import InputError
 from lidarscene.files.toml import validate
-from lidarscene.sensor.catalogue import load_sensor
-from lidarscene.sensor.catalogue import published as catalogue_published
 from lidarscene.sensor.detectors import Apd
 from lidarscene.sensor.readout import PublishedFile
+from lidarscene.sensor.sensor_file import load_sensor, published_performance
 from lidarscene.studies import published_values
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
@@ -91,7 +90,7 @@ def test_sources_tell_fitted_assumed_and_unknown(name: str) -> None:
     sources = load_sensor(name).sources
     assert "assumed" in sources["optics"]
     power = sources.get("laser.peak_power_w", sources.get("laser", ""))
-    published = catalogue_published(name)
+    published = published_performance(name)
     if name == "mems-1550":
         assert published is None
         assert power.startswith("a design of ours")
@@ -115,7 +114,7 @@ def test_fitted_range_is_the_published(name: str) -> None:
 @pytest.mark.parametrize("name", OF_MAKERS)
 def test_points_per_second_round_to_the_published(name: str) -> None:
     """In the digits that are published."""
-    published = catalogue_published(name)
+    published = published_performance(name)
     assert published is not None
     if published.points_per_second is None:
         assert name == "sony-spad-189x600"
@@ -133,7 +132,7 @@ SAMPLED = ("vlp-16", "hdl-32e", "hdl-64e", "vls-128")
 @pytest.mark.parametrize("name", SAMPLED)
 def test_scatter_as_in_recordings(name: str) -> None:
     """Within a factor of about 1.5 of recordings, which have the roughness of surfaces in them; draws have 1.6 %."""
-    published = catalogue_published(name)
+    published = published_performance(name)
     assert published is not None
     rows = zip(published.repeatability, checked(name).repeatability_m, strict=True)
     recorded = [row for file, row in rows if file.recording]

@@ -6,7 +6,7 @@ import pytest
 
 from lidarscene import catalog
 from lidarscene.errors import InputError
-from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.sensor_file import load_sensor
 
 
 @pytest.mark.parametrize(

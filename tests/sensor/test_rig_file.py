@@ -6,7 +6,7 @@ import numpy as np
 
 from lidarscene import load_sensor
 from lidarscene.maths.pose import Pose
-from lidarscene.sensor.rig import Mounted
+from lidarscene.sensor.rig_file import Mounted
 
 
 def test_a_sensors_own_mounting_is_within_its_place_on_the_vehicle() -> None:

@@ -9,11 +9,11 @@ from helpers import photons
 from helpers.trains import train
 
 from lidarscene.detection.outcomes import Outcome, Status
+from lidarscene.detection.photon_counting import histogram_receiver
 from lidarscene.detection.photon_counting import histograms as whole
-from lidarscene.detection.photon_counting import receiver
 from lidarscene.light.echoes import EchoTrain, SubEchoes
 from lidarscene.physics.photon_counting import matched_filter, pile_up
-from lidarscene.sensor.catalogue import load_sensor
+from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies.ranging import plane
 
 C = 299792458.0
@@ -394,7 +394,7 @@ def test_two_boards_are_two_returns_and_the_first_shades_the_second():
     light = -math.log(1 - 1500.0 / float(pixel.trials) / float(pixel.free[0]))
     for apart, left in ((1.2, math.exp(-light)), (6.0, 1.0)):
         train = trains(counter, [30.0, 30.0 + apart], [one_w, one_w], 4000)
-        stops = receiver.detect(train, counter, seed=1, pulse=np.arange(4000, dtype=np.uint32)).stops
+        stops = histogram_receiver.detect(train, counter, seed=1, pulse=np.arange(4000, dtype=np.uint32)).stops
         assert all(photons.echo_of(stop).all() for stop in stops)
         assert stops[1].photons.mean() / stops[0].photons.mean() == pytest.approx(left, rel=0.05)
         assert stops[1].true_range_m.mean() == pytest.approx(30.0 + apart, abs=0.03)
@@ -414,7 +414,7 @@ def test_echoes_that_merge_are_found_as_often_as_their_broad_peak(background_w, 
     range_m = 25.0 + np.linspace(0.0, 0.15, count)[:, None] + np.array([0.0, step_m])
     light = train(range_m, np.full((count, 2), one_w), background_w=background_w)
     pulse = np.arange(count, dtype=np.uint32)
-    expected = float(np.mean(receiver.detect(light, counter, seed=1, pulse=pulse).detection_probability))
+    expected = float(np.mean(histogram_receiver.detect(light, counter, seed=1, pulse=pulse).detection_probability))
     assert 0.4 < expected < 0.8
     values, _ = read(whole.histograms(light, counter, seed=1, pulse=pulse).counts, counter, pixel)
     middle = 1e9 * (2.0 * range_m.mean(axis=1) / C)

@@ -4,7 +4,7 @@ import pytest
 
 from lidarscene.errors import InputError
 from lidarscene.files.toml import validate
-from lidarscene.materials.file import MaterialFile
+from lidarscene.materials.material_file import MaterialFile
 
 
 def rows(*pairs: tuple[float, float]) -> tuple[dict[str, float], ...]:

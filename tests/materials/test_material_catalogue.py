@@ -8,7 +8,7 @@ import pytest
 
 from lidarscene import catalog
 from lidarscene.errors import InputError
-from lidarscene.materials.catalogue import material as catalogue_material
+from lidarscene.materials.material_file import catalogue_material
 
 MATERIALS = Path(__file__).parents[2] / "src" / "lidarscene" / "catalog" / "materials"
 WAVELENGTHS = [850, 905, 940, 1064, 1550]

@@ -1,17 +1,19 @@
 """Material files of the catalogue, and the inline materials of scene files, to `Material`.
 
-People write tables of published values, by wavelength, and each kind of surface has keys of its own. What a kind
-lacks, or has too much, is told here, before anything is traced.
+People write tables of published values, by wavelength, and each kind of surface has keys of its own. Missing and
+superfluous keys of a kind are refused here, before anything is traced.
 """
 
 from __future__ import annotations
 
 import itertools
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from ..catalog import path_of
 from ..files.table_model import Number
 from ..files.toml import FileModel, read_toml, validate
 from ..maths.units import si
@@ -166,3 +168,9 @@ def _spectrum(reflectivity: float | tuple[ReflectivityRow, ...]) -> Spectrum:
 def read_material(path: Path) -> Material:
     """A material from a TOML file. Raises InputError."""
     return validate(MaterialFile, read_toml(path), str(path)).build(path.stem)
+
+
+@cache
+def catalogue_material(name: str) -> Material:
+    """A catalogue material. Raises InputError."""
+    return read_material(path_of("materials", name))

@@ -16,7 +16,7 @@ _LEAST_OVERLAP = 1e-3
 """Least share of the spot that the correction assumes: below it, it would amplify noise, so nearer echoes read dark."""
 
 
-def reported(
+def reported_intensity(
     shots: Shots, echoes: Echoes | EchoTrain, *, amplitude: Lanes, width_s: Lanes | None, range_m: Lanes
 ) -> Lanes:
     """Reported intensity, (n,): the amplitude (raw), watts (range_corrected) or 0 to 255 (reflectivity), theory (T46).

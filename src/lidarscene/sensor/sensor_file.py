@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,8 +10,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from ..errors import InputError
-from ..files.overrides import with_overrides
+from ..catalog import path_of
+from ..errors import InputError, OptionError
+from ..files.overrides import Overrides, assignments, with_overrides
 from ..files.table_model import Number, Table
 from ..files.toml import FileModel, read_toml, validate
 from ..maths.pose import Pose
@@ -20,13 +22,13 @@ from ..physics.optics import beam
 from ..scan import Scanner
 from .detectors import Apd, Sipm
 from .electronics import MOST_STOPS, Receiver, Tdc
-from .model import Detector, Laser, Optics, Sensor
 from .optics import OpticsFile
-from .photon_counting.file import HistogramFile, SpadFile
-from .photon_counting.model import Histogram, Spad
-from .readout import AnyIntensityFile, AnySamplerFile, PublishedFile
-from .scanner_tables import Surroundings
+from .photon_counting.spad import Histogram, Spad
+from .photon_counting.spad_file import HistogramFile, SpadFile
+from .readout import AnyIntensityFile, AnySamplerFile, PublishedFile, read_published
+from .scanner_tables import ScannerContext
 from .scanners import AnyScannerFile, SpinningFile, TableFile
+from .sensor_model import Detector, Laser, Optics, Sensor
 
 LARGEST_COORDINATE_M = 1e8
 """No position is farther off: enough for any map projection, and far from what single precision can hold."""
@@ -275,13 +277,13 @@ class SensorFile(FileModel):
         return self.histogram.build(detector, pulse_fwhm_ns=fwhm_ns, dwell_us=self._dwell_us)
 
     def _scanner(self, optics: Optics, folder: Path) -> Scanner:
-        around = Surroundings(
+        context = ScannerContext(
             rate_hz=self._rate_hz,
             lens_radius_m=float(optics.aperture_radius_m),
             focal_length_m=float(optics.focal_length_m),
             folder=folder,
         )
-        return self.scanner.build(around)
+        return self.scanner.build(context)
 
 
 def _check_response(sensor: Sensor) -> None:
@@ -337,3 +339,25 @@ def files_of_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Pa
         yield path.parent / file.scanner.file
     if file.optics.filter is not None and file.optics.filter.csv is not None:
         yield path.parent / file.optics.filter.csv
+
+
+def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Overrides = ()) -> Sensor:
+    """A sensor by catalogue name, or from a file if the name ends in .toml; a `Sensor` stays.
+
+    overrides  changes to the file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}
+    Raises InputError.
+    """
+    changes = assignments(overrides)
+    if isinstance(sensor, Sensor):
+        if changes:
+            raise OptionError("{overrides}: must go with the name or file of a sensor, got a Sensor")
+        return sensor
+    if not isinstance(sensor, str | os.PathLike):
+        raise InputError(f"sensor: must be a name, a file or a Sensor, got {type(sensor).__name__}")
+    name = os.fspath(sensor)
+    return read_sensor(Path(name) if name.endswith(".toml") else path_of("sensors", name), overrides=changes)
+
+
+def published_performance(name: str) -> PublishedFile | None:
+    """What the maker publishes of a catalogue sensor, if its file says so. Raises InputError."""
+    return read_published(path_of("sensors", name))

@@ -9,7 +9,7 @@ from helpers.trains import SIGMA_S, detect, sensor, train
 from scipy.special import erf
 
 from lidarscene.detection import multi_echo
-from lidarscene.detection.pulses.memory import Residue
+from lidarscene.detection.pulses.echo_memory import Residue
 from lidarscene.detection.sampled_waveforms import sampled_with_memory
 from lidarscene.kernel.device import transfer
 from lidarscene.light.waveform import sample_power_and_signal

@@ -13,7 +13,7 @@ from lidarscene.errors import InputError, OptionWarning
 from lidarscene.physics.amplifier import high_pass
 from lidarscene.physics.amplifier.low_pass import LOW_PASSES
 from lidarscene.physics.constants import ELEMENTARY_CHARGE_C
-from lidarscene.sensor.model import PULSE_BANDWIDTH, warn_of_doubts
+from lidarscene.sensor.sensor_model import PULSE_BANDWIDTH, warn_of_doubts
 from lidarscene.studies.ranging import plane, sensitivities
 from lidarscene.studies.ranging.plane import Target
 
