@@ -61,7 +61,7 @@ LONGEST = (
     "cli/test_paper.py",
     "kernel/device/test_replay.py",
     "validation/sipm_events/test_events.py",
-    "cli/test_field_of_view.py",
+    "cli/test_fov.py",
     "cli/test_ranging.py",
     "docs/test_notebooks.py",
     "cli/test_batch.py",

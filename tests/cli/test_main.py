@@ -344,7 +344,7 @@ def test_a_signal_that_a_library_makes_an_error_of(run: Run, monkeypatch: pytest
         monkeypatch.setattr(terminal, "_ENDED_BY", [signal.SIGTERM])
         raise RuntimeError("SystemExit: 143")
 
-    monkeypatch.setattr("lidarscene.cli.catalogue.schema_text", broken)
+    monkeypatch.setattr("lidarscene.cli.catalog_commands.schema_text", broken)
     done = run("schema", "scene")
     assert (done.code, done.out, done.err) == (143, "", "")
 

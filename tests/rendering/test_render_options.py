@@ -69,9 +69,9 @@ def test_the_command_line_names_its_own_options() -> None:
     """Also where a value looks like the name of an option."""
     error = OptionError("{path} {0}: must be a folder with {begin_s} and {no_such}", Path("{seed}.ply"))
     assert str(error) == "path {seed}.ply: must be a folder with begin_s and no_such"
-    assert terminal.told(error) == "--output {seed}.ply: must be a folder with --begin and --no-such"
+    assert terminal.error_text(error) == "--output {seed}.ply: must be a folder with --begin and --no-such"
     again = pickle.loads(pickle.dumps(error))
-    assert (str(again), terminal.told(again)) == (str(error), terminal.told(error))
+    assert (str(again), terminal.error_text(again)) == (str(error), terminal.error_text(error))
 
 
 @pytest.mark.parametrize(

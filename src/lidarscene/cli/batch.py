@@ -1,6 +1,6 @@
 """The command `batch`: a job file in; clouds of all its frames, made by many processes, and a manifest out.
 
-A job may run for days. Its bar and its lines of failures go to the error stream, its result to the output.
+A job may run for days. Its bar and its lines of failures go to the error stream, its result to standard output.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ docs/batch.md has the job file, docs/scaling.md SLURM, Kubernetes and millions o
 """
 
 MOST_LINES = 50
-"""Failures that are told; the manifest has all of them."""
+"""Failures that are printed; the manifest has all of them."""
 
 
 def add_batch(commands: Any) -> None:
@@ -73,7 +73,7 @@ def add_batch(commands: Any) -> None:
 
 
 def batch_answer(arguments: argparse.Namespace) -> Answer:
-    """Run `batch`; its code is 1 if frames failed. Raises InputError and OutputError before anything is rendered."""
+    """Run `batch`; the code is 1 if frames failed. Raises InputError and OutputError before anything is rendered."""
     from ..batch import cluster
     from ..batch.dispatch import run_job
     from ..batch.store import Store
@@ -96,21 +96,21 @@ def batch_answer(arguments: argparse.Namespace) -> Answer:
         connection = partial(cluster.local_client, workers)
     else:
         connection = partial(cluster.remote_client, arguments.scheduler)
-    with _Followed(len(job)) as shown:
+    with _Display(len(job)) as display:
         progress = run_job(
             job,
             arguments.output,
-            connect=lambda: shown.connected(connection()),
+            connect=lambda: display.connected(connection()),
             threads=threads,
-            report=shown.told,
-            waiting=shown.waiting,
+            report=display.report,
+            waiting=display.waiting,
         )
     text = _as_json(progress, manifest) if arguments.json else _as_text(progress, manifest)
     return Answer(text, 1 if progress.failed else 0)
 
 
-class _Followed:
-    """A bar on the terminal's error stream, and a line for each failure in any case."""
+class _Display:
+    """Progress of a job on the error stream: a bar on a terminal, and a line for each failure in any case."""
 
     def __init__(self, frames: int) -> None:
         from rich.console import Console
@@ -123,7 +123,7 @@ class _Followed:
         self._lines = Lines("frames to render")
         self._task = self._bar.add_task("frames", total=frames)
 
-    def __enter__(self) -> _Followed:
+    def __enter__(self) -> _Display:
         self._bar.start()
         return self
 
@@ -132,7 +132,7 @@ class _Followed:
 
     @contextmanager
     def connected(self, connection: AbstractContextManager[Any]) -> Iterator[Any]:
-        """The client of this connection, once it is told where its dashboard is."""
+        """Enter a connection, print its dashboard's address, and give its client."""
         from ..batch.cluster import dashboard
 
         with connection as client:
@@ -143,22 +143,22 @@ class _Followed:
             yield client
 
     def waiting(self) -> None:
-        """There has been no worker for a while."""
+        """Print that there has been no worker for a while."""
         self._console.print("there are no workers; waiting for them")
 
-    def told(self, progress: Progress, task: FrameTask | None, cause: str) -> None:
-        """One more frame is done, or has failed."""
+    def report(self, progress: Progress, task: FrameTask | None, cause: str) -> None:
+        """Show one more finished frame, and its task and cause if it failed."""
         self._bar.update(self._task, completed=progress.finished)
         if self._bar.disable:
-            # What was there already says nothing of the time that is left.
+            # Reused frames took no time: they would spoil the estimate of the time left.
             self._lines(progress.finished - progress.reused, progress.frames - progress.reused)
-        # A job with a mistake in it fails a million times: the first lines tell enough.
+        # A job with a mistake in it fails a million times: the first lines are enough.
         if task is not None and len(progress.failed) <= MOST_LINES:
             self._console.print(f"failed        {_frame(task)}: {cause}")
 
 
 def _frame(task: FrameTask) -> str:
-    """Which frame it is, by what makes it differ from others."""
+    """Text that identifies a frame in its job: scene, trajectory, sensor, swept values, seed and number."""
     sensor = f"{task.sensor.rig} {task.sensor.label}" if task.sensor.rig else task.sensor.name
     names = [Path(task.scene.path).name, task.scene.trajectory, Path(sensor).name]
     names += [f"{key}={value}" for key, value in task.parameters.items()]

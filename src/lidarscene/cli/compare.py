@@ -1,6 +1,6 @@
 """The command `compare`: the same scene and the same beams, seen by different sensors.
 
-The study does the work (`studies.compare`); options are read and told of here.
+The study does the work (`studies.compare`); this module reads and checks the options.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..rendering.render_options import CHUNKS, SEEDS
-from .recordings.options import add_recording, is_recording
+from .recordings.recording_options import add_recording, is_recording
 from .terminal import progress
 from .words import pose, rising, whole
 
@@ -86,7 +86,7 @@ def add_compare(commands: Any) -> None:
 
 
 def compare_text(arguments: argparse.Namespace) -> str:
-    """Run `compare`; returns what is printed. Raises InputError and OutputError before anything is written."""
+    """Run `compare`; returns the text to print. Raises InputError and OutputError before anything is written."""
     if arguments.real is not None:
         return _real(arguments)
     for option in ("frame", "metadata"):
@@ -115,9 +115,11 @@ def _sensors(arguments: argparse.Namespace) -> str:
     for value in arguments.illuminance or ():
         CONDITIONS["illuminance"].require("--illuminance", value)
     scene = load_scene(arguments.inputs[0])
-    sensors: list[NamedSensor] = [(one.name, one.sensor()) for one in subjects(words, arguments.overrides or ())]
+    sensors: list[NamedSensor] = [
+        (subject.name, subject.sensor()) for subject in subjects(words, arguments.overrides or ())
+    ]
     bench = Bench(scene, seed=arguments.seed or 0, pose=arguments.pose, chunk=arguments.chunk or DEFAULT_CHUNK)
-    with progress("steps") as told:
+    with progress("steps") as report:
         return compare_sensors(
             bench,
             sensors,
@@ -125,7 +127,7 @@ def _sensors(arguments: argparse.Namespace) -> str:
             same_beams=bool(arguments.same_beams),
             illuminances_klux=arguments.illuminance,
             as_json=arguments.json,
-            progress=told,
+            progress=report,
         )
 
 
@@ -142,16 +144,16 @@ def _real(arguments: argparse.Namespace) -> str:
         raise InputError(f"--real: must go with one cloud or recording, got {len(arguments.inputs)} files")
     if is_twin:
         return _twin(arguments)
-    given, frame = arguments.inputs[0], arguments.frame or 0
+    path, frame = arguments.inputs[0], arguments.frame or 0
     with open_recording(arguments.real, arguments.metadata) as recording:
         real = side_of_sweep(f"{arguments.real.name} frame {frame}", recording[frame])
-    if is_recording(given):
-        with open_recording(given) as recording:
-            side = side_of_sweep(given.name, recording[0])
+    if is_recording(path):
+        with open_recording(path) as recording:
+            side = side_of_sweep(path.name, recording[0])
     else:
         from ..cloud.point_cloud import PointCloud
 
-        side = side_of_cloud(given.name, PointCloud.load(given))
+        side = side_of_cloud(path.name, PointCloud.load(path))
     return compare_with_recording(side, real, arguments.output, as_json=arguments.json)
 
 
@@ -173,7 +175,7 @@ def _twin(arguments: argparse.Namespace) -> str:
 
 
 _OF_SCENES = ("same_beams", "illuminance", "overrides", "pose", "seed", "chunk")
-"""Options that only a scene knows."""
+"""Options that only apply to scenes."""
 
 
 def _clouds(arguments: argparse.Namespace) -> str:

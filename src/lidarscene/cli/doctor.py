@@ -27,7 +27,7 @@ SETTINGS = ("LIDARSCENE_VARIANT", "DRJIT_LIBLLVM_PATH", "DRJIT_LIBCUDA_PATH", "D
 
 
 def run_doctor() -> tuple[str, bool]:
-    """The report, and whether rays can be traced here. Works with a broken back end."""
+    """Text of the report, and whether rays can be traced here. Works with a broken back end."""
     settings = {name: os.environ[name] for name in SETTINGS if name in os.environ}
     report = backend.probe()
     ray, healthy = _ray(report)
@@ -79,7 +79,7 @@ def _ray(report: BackendReport) -> tuple[str, bool]:
         return "not traced", False
     try:
         expected_m, got_m = backend.trace_one_ray()
-    except Exception as error:  # whatever is broken here is what the report is for
+    except Exception as error:  # the report is for whatever is broken here
         return f"failed: {error}", False
     right = abs(got_m - expected_m) < 1e-4
     verdict = "right" if right else "WRONG"

@@ -1,7 +1,7 @@
 """The command line: parse, one public call, print.
 
-Commands import what they need when they run, so that `--help` answers at once. All errors of users end here as one
-line and an exit code.
+Commands import what they need when they run, so that `--help` answers at once. All user errors end here as one line and
+an exit code.
 """
 
 from __future__ import annotations
@@ -17,67 +17,67 @@ from typing import Any, NoReturn
 from .._version import __version__
 from ..errors import InputError, LidarSceneError, did_you_mean
 from .batch import add_batch
-from .catalogue import add_catalogue
+from .catalog_commands import add_catalogue
 from .compare import add_compare
-from .field_of_view import add_fov
-from .live.stream import add_stream
+from .fov import add_fov
 from .ranging import add_commands
 from .recordings.fit import add_fit
 from .recordings.sensor import add_sensor
 from .recordings.twin import add_twin
 from .render import add_render
-from .terminal import Answer, complain, end_cleanly, ended_by, notes, say, told
+from .stream import add_stream
+from .terminal import Answer, end_cleanly, ended_by, error_text, notes, print_error, print_text
 from .view import add_view
 from .words import with_joined_pose
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command; the exit code is 0, 2 for usage, input and output mistakes, 3 without a back end."""
+    """Run a command; returns the exit code: 0, 2 for usage, input and output mistakes, 3 without a back end."""
     if argv is None:
         end_cleanly()
-        # The end of a process need not look for garbage among all that was ever imported: 0.15 s.
+        # Garbage collection of all imported modules at exit would take 0.15 s.
         atexit.register(gc.freeze)
     try:
         arguments = _parser().parse_args(with_joined_pose(sys.argv[1:] if argv is None else argv))
         with notes():
             answer = arguments.run(arguments)
-        # Most commands return a text; those that may fail in part also their code.
+        # Most commands return a text; those that may fail in part also return a code.
         text, code = (answer, 0) if isinstance(answer, str) else answer
         if text:
-            say(text)
+            print_text(text)
         return int(code)
     except Exception as error:
-        # Libraries make errors of their own of what a signal raises within them.
+        # Libraries turn the SystemExit that a signal raises within them into errors of their own.
         if (number := ended_by()) is not None:
             return 128 + number
         if isinstance(error, LidarSceneError):
-            complain(told(error))
+            print_error(error_text(error))
             return error.exit_code
         if isinstance(error, MemoryError):
-            complain("out of memory; a smaller --chunk needs less")
+            print_error("out of memory; a smaller --chunk needs less")
             return 1
         raise
     except KeyboardInterrupt:
-        complain("interrupted")
+        print_error("interrupted")
         return 130
 
 
 class _Parser(argparse.ArgumentParser):
-    """Tells a mistake in one line, as everything else here does."""
+    """Parser that reports a mistake as InputError, in one line."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(allow_abbrev=False, **options)
         self.option_first = ""
 
     def parse_known_args(self, *arguments: Any, **options: Any) -> Any:
-        """What a command does not know is told by the command itself, which knows its own options."""
+        """Report unknown arguments by the command's own parser, which can suggest its own options."""
         words = sys.argv[1:] if not arguments or arguments[0] is None else arguments[0]
         first = words[0] if words else ""
         self.option_first = first if first.startswith("--") and self._subparsers is not None else ""
-        known, left = super().parse_known_args(*arguments, **options)
-        if left:
-            self.error(f"unrecognized arguments: {' '.join(left)}{self._meant(left[0])}")
-        return known, left
+        parsed, unknown = super().parse_known_args(*arguments, **options)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{self._suggestion(unknown[0])}")
+        return parsed, unknown
 
     def error(self, message: str) -> NoReturn:
         if choice := _CHOICE.search(message):
@@ -90,14 +90,14 @@ class _Parser(argparse.ArgumentParser):
             message = f"{message[: choice.end(1)]}'; {hint}"
         raise InputError(f"{message}; see {self.prog} -h")
 
-    def _meant(self, left: str) -> str:
-        """What an argument that is left over was perhaps meant to be."""
+    def _suggestion(self, argument: str) -> str:
+        """Suggest an option for an unknown argument."""
         options = [option for option in self._option_string_actions if option.startswith("--")]
-        if not left.startswith("-"):
-            if "--set" in options and re.fullmatch(r"[-+\d.]+\w*|true|false", left):
+        if not argument.startswith("-"):
+            if "--set" in options and re.fullmatch(r"[-+\d.]+\w*|true|false", argument):
                 return "; a value goes with =: --set laser.peak_power_w=75"
             return "; sensors go with commas: --sensors A,B" if "--sensors" in options else ""
-        question = did_you_mean(left.split("=")[0], options, cutoff=0.75)
+        question = did_you_mean(argument.split("=")[0], options, cutoff=0.75)
         return f"; {question}" if question else ""
 
 
@@ -105,7 +105,7 @@ _CHOICE = re.compile(r"invalid choice: '([^']*)' \(choose from (.*)\)$")
 
 
 def _parser() -> argparse.ArgumentParser:
-    """All commands. Each sets ``run``, which returns its text, or an `Answer` if it may end with a code of its own."""
+    """Parser of all commands. Each sets ``run``, which returns its text, or an `Answer` with an exit code."""
     parser = _Parser(
         prog="lidarscene", description="What an automotive direct-time-of-flight lidar would really report."
     )
@@ -136,7 +136,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _help(parser: argparse.ArgumentParser) -> Answer:
-    """No command: say what there is, as a usage mistake."""
+    """Print the help for a call without a command, which is a usage mistake."""
     parser.print_help(sys.stderr)
     return Answer("", InputError.exit_code)
 

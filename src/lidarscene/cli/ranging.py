@@ -1,6 +1,6 @@
 """The commands that trace nothing, `range` and `paper`: arguments in, files and a text to print out.
 
-The studies do the work; here conditions are checked under the names of their options.
+The studies do the work; this module checks conditions under the names of their options.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ examples:
   lidarscene range table1-apd --over detector.gain --quantity snr --distance 200 --from 1 --to 300
 """
 
-HELD = ("distance", "illuminance", "reflectivity", "incidence")
+TARGET_OPTIONS = ("distance", "illuminance", "reflectivity", "incidence")
 _ONLY_OVER = ("from", "to", "n", "log", "linear", "quantity", "csv", "plot", "aperture_law")
 
 
@@ -108,25 +108,25 @@ def _add_range(commands: Any) -> None:
 
 
 def range_text(arguments: argparse.Namespace) -> str | Answer:
-    """Run `range`; returns what is printed. Raises InputError and OutputError before anything is written.
+    """Run `range`; returns the text to print. Raises InputError and OutputError before anything is written.
 
-    The code is 1 where eye safety is asked of a sensor that cannot be judged.
+    The code is 1 for a report of eye safety on a sensor whose laser is not known.
     """
     from ..sensor.sensor_model import warn_of_doubts
     from ..studies.ranging.subjects import subjects
 
     _require_sense(arguments)
-    held = _target(arguments)
-    found = subjects(arguments.sensors, arguments.overrides)
-    warn_of_doubts(one.sensor() for one in found)
-    _check_outputs(arguments, found)
+    target = _target(arguments)
+    subject_list = subjects(arguments.sensors, arguments.overrides)
+    warn_of_doubts(subject.sensor() for subject in subject_list)
+    _check_outputs(arguments, subject_list)
     if arguments.eye_safety:
-        return _eye_safety(arguments, found, held)
+        return _eye_safety(arguments, subject_list, target)
     if arguments.sensitivities:
-        return "\n\n".join(_sensitivities(arguments, found, held))
+        return "\n\n".join(_sensitivities(arguments, subject_list, target))
     if arguments.over is None:
-        return _summary(arguments, found, held)
-    return _sweep(arguments, found, held)
+        return _summary(arguments, subject_list, target)
+    return _sweep(arguments, subject_list, target)
 
 
 def _require_sense(arguments: argparse.Namespace) -> None:
@@ -143,18 +143,18 @@ def _require_sense(arguments: argparse.Namespace) -> None:
         return
     if reports:
         raise InputError(f"{_option(reports[0])} does not go with --over")
-    over, quantity = arguments.over, _quantity(arguments)
-    if over == "distance" and quantity == "range":
+    axis, quantity = arguments.over, _quantity(arguments)
+    if axis == "distance" and quantity == "range":
         raise InputError("--over distance --quantity range: the quantity must be snr or pd; the range is their limit")
-    if over in HELD and getattr(arguments, over) is not None:
-        raise InputError(f"--{over} does not go with --over {over}")
+    if axis in TARGET_OPTIONS and getattr(arguments, axis) is not None:
+        raise InputError(f"--{axis} does not go with --over {axis}")
     if arguments.distance is not None and quantity == "range":
         raise InputError("--distance goes with --quantity snr or pd, not with the maximum range")
-    if arguments.aperture_law and over not in ("elevation", "azimuth"):
+    if arguments.aperture_law and axis not in ("elevation", "azimuth"):
         raise InputError("--aperture-law goes with --over elevation or azimuth")
-    swept = [text for text in arguments.overrides if text.partition("=")[0].rpartition(":")[2].strip() == over]
+    swept = [text for text in arguments.overrides if text.partition("=")[0].rpartition(":")[2].strip() == axis]
     if swept:
-        raise InputError(f"--set {swept[0]} does not go with --over {over}")
+        raise InputError(f"--set {swept[0]} does not go with --over {axis}")
 
 
 def _quantity(arguments: argparse.Namespace) -> str:
@@ -162,25 +162,25 @@ def _quantity(arguments: argparse.Namespace) -> str:
 
 
 def _target(arguments: argparse.Namespace) -> Target:
-    """The target that the options describe. Raises InputError."""
+    """Target that the options describe. Raises InputError."""
     from ..studies.ranging.plane import Target
     from ..studies.ranging.sweep_axes import CONDITIONS, Bounds
 
-    def held(name: str, default: float, bounds: Bounds) -> float:
+    def condition(name: str, default: float, bounds: Bounds) -> float:
         value = getattr(arguments, name)
         return default if value is None else bounds.require(_option(name), float(value))
 
     share = Bounds(unit="", low=0.0, high=1.0, start=0.0, stop=1.0, above=True)
-    held("distance", 100.0, CONDITIONS["distance"])
-    held("visibility", 1.0, Bounds(unit="km", low=0.0, high=1e4, start=1.0, stop=50.0, above=True))
+    condition("distance", 100.0, CONDITIONS["distance"])
+    condition("visibility", 1.0, Bounds(unit="km", low=0.0, high=1e4, start=1.0, stop=50.0, above=True))
     clear = arguments.extinction is None and arguments.visibility is None
     return Target(
-        reflectivity=held("reflectivity", 0.1, CONDITIONS["reflectivity"]),
-        cos_incidence=max(math.cos(math.radians(held("incidence", 0.0, CONDITIONS["incidence"]))), 0.0),
-        cos_sun=_cos_sun(held("sun_angle", 60.0, Bounds(unit="deg", low=0, high=180, start=0, stop=180))),
-        illuminance_klux=held("illuminance", 100.0, CONDITIONS["illuminance"]),
-        transmittance=held("transmittance", 0.98 if clear else 1.0, share),
-        extinction_per_m=held("extinction", 0.0, Bounds(unit="per metre", low=0, high=100, start=0, stop=1)),
+        reflectivity=condition("reflectivity", 0.1, CONDITIONS["reflectivity"]),
+        cos_incidence=max(math.cos(math.radians(condition("incidence", 0.0, CONDITIONS["incidence"]))), 0.0),
+        cos_sun=_cos_sun(condition("sun_angle", 60.0, Bounds(unit="deg", low=0, high=180, start=0, stop=180))),
+        illuminance_klux=condition("illuminance", 100.0, CONDITIONS["illuminance"]),
+        transmittance=condition("transmittance", 0.98 if clear else 1.0, share),
+        extinction_per_m=condition("extinction", 0.0, Bounds(unit="per metre", low=0, high=100, start=0, stop=1)),
     )
 
 
@@ -188,8 +188,8 @@ def _cos_sun(angle_deg: float) -> float:
     return 0.5 if angle_deg == 60.0 else math.cos(math.radians(angle_deg))
 
 
-def _check_outputs(arguments: argparse.Namespace, found: list[Subject]) -> None:
-    """Refuse what could not be written, or is read."""
+def _check_outputs(arguments: argparse.Namespace, subjects: list[Subject]) -> None:
+    """Raise an error for an output that could not be written."""
     from ..files.atomic import require_writable
 
     for name, suffixes in (("csv", (".csv",)), ("plot", (".png", ".svg"))):
@@ -201,60 +201,60 @@ def _check_outputs(arguments: argparse.Namespace, found: list[Subject]) -> None:
         require_writable(path)
 
 
-def _question(arguments: argparse.Namespace, found: list[Subject], held: Target) -> Question:
+def _question(arguments: argparse.Namespace, subjects: list[Subject], target: Target) -> Question:
     from ..studies.ranging.curves import Question
     from ..studies.ranging.sweep_axes import require_within_law
 
-    axis = _axis(arguments, found)
+    axis = _axis(arguments, subjects)
     law = arguments.aperture_law or "scanner"
     if law in ("cosine", "mirror"):
         require_within_law(axis)
     return Question(
         quantity=_quantity(arguments),
         axis=axis,
-        target=held,
+        target=target,
         law=law,
         distance_m=100.0 if arguments.distance is None else arguments.distance,
         visibility_m=None if arguments.visibility is None else arguments.visibility * 1e3,
     )
 
 
-def _axis(arguments: argparse.Namespace, found: list[Subject]) -> Axis:
+def _axis(arguments: argparse.Namespace, subjects: list[Subject]) -> Axis:
     from ..studies.ranging.aperture_laws import field_of_view_deg
     from ..studies.ranging.sweep_axes import CONDITIONS, condition_axis, parameter_axis
 
-    over, start, stop = arguments.over, getattr(arguments, "from"), arguments.to
+    name, start, stop = arguments.over, getattr(arguments, "from"), arguments.to
     log = True if arguments.log else False if arguments.linear else None
     count = arguments.n or 200
-    if over not in CONDITIONS:
-        files = [(one.where, one.changed) for one in found]
-        return parameter_axis(over, files, start=start, stop=stop, count=count, log=log)
-    if over in ("elevation", "azimuth"):
-        fields = [field_of_view_deg(one.sensor().scanner, over) for one in found]
+    if name not in CONDITIONS:
+        files = [(subject.where, subject.changed) for subject in subjects]
+        return parameter_axis(name, files, start=start, stop=stop, count=count, log=log)
+    if name in ("elevation", "azimuth"):
+        fields = [field_of_view_deg(subject.sensor().scanner, name) for subject in subjects]
         start = max(low for low, _ in fields) if start is None else start
         stop = min(high for _, high in fields) if stop is None else stop
-    return condition_axis(over, start=start, stop=stop, count=count, log=log)
+    return condition_axis(name, start=start, stop=stop, count=count, log=log)
 
 
-def _sweep(arguments: argparse.Namespace, found: list[Subject], held: Target) -> str:
-    """The curves: written, and told as a table or JSON."""
+def _sweep(arguments: argparse.Namespace, subjects: list[Subject], target: Target) -> str:
+    """Write the curves; returns them as a table or JSON."""
     from ..studies.ranging import sweep_report
     from ..studies.ranging.curves import curves
 
-    swept = curves(found, _question(arguments, found, held))
-    sensors = {one.name: one.sensor() for one in found}
-    told = sweep_report.conditions_text(swept, sun_angle_deg=_sun_angle(arguments))
-    written = _write(arguments, swept, told, {n: s.tdc.threshold_to_noise for n, s in sensors.items()})
+    swept = curves(subjects, _question(arguments, subjects, target))
+    sensors = {subject.name: subject.sensor() for subject in subjects}
+    conditions = sweep_report.conditions_text(swept, sun_angle_deg=_sun_angle(arguments))
+    written = _write(arguments, swept, conditions, {n: s.tdc.threshold_to_noise for n, s in sensors.items()})
     notes = sweep_report.notes(swept, sensors)
     if arguments.json:
-        return json_text(sweep_report.as_dict(swept) | {"conditions": told, "notes": notes} | written)
+        return json_text(sweep_report.as_dict(swept) | {"conditions": conditions, "notes": notes} | written)
     from ..studies.ranging.curves import QUANTITIES
 
-    lines = [f"{QUANTITIES[swept.question.quantity]}: {told}", sweep_report.table_text(swept), *notes]
+    lines = [f"{QUANTITIES[swept.question.quantity]}: {conditions}", sweep_report.table_text(swept), *notes]
     return "\n".join(lines + ([f"wrote {', '.join(written.values())}"] if written else []))
 
 
-def _write(arguments: argparse.Namespace, swept: Curves, told: str, thresholds: dict[str, Any]) -> dict[str, str]:
+def _write(arguments: argparse.Namespace, swept: Curves, conditions: str, thresholds: dict[str, Any]) -> dict[str, str]:
     from ..files.atomic import put_text
     from ..studies.ranging import sweep_report
 
@@ -265,7 +265,7 @@ def _write(arguments: argparse.Namespace, swept: Curves, told: str, thresholds: 
     if arguments.plot is not None:
         from ..figures import lines as charts
 
-        charts.save(sweep_report.chart_of(swept, told, thresholds=thresholds), [arguments.plot])
+        charts.save(sweep_report.chart_of(swept, conditions, thresholds=thresholds), [arguments.plot])
         written["plot"] = str(arguments.plot)
     return written
 
@@ -274,28 +274,28 @@ def _sun_angle(arguments: argparse.Namespace) -> float:
     return 60.0 if arguments.sun_angle is None else float(arguments.sun_angle)
 
 
-def _summary(arguments: argparse.Namespace, found: list[Subject], held: Target) -> str:
-    """Each sensor's maximum range, its closed form, and SNR and P_d at one distance."""
+def _summary(arguments: argparse.Namespace, subjects: list[Subject], target: Target) -> str:
+    """Text or JSON of each sensor's maximum range, its closed form, and SNR and P_d at one distance."""
     from ..studies.ranging.range_summary import summary_of, text_of
 
     visibility_m = None if arguments.visibility is None else arguments.visibility * 1e3
     distance_m = 100.0 if arguments.distance is None else float(arguments.distance)
-    rows = [summary_of(one, held, distance_m=distance_m, visibility_m=visibility_m) for one in found]
+    rows = [summary_of(subject, target, distance_m=distance_m, visibility_m=visibility_m) for subject in subjects]
     if arguments.json:
         return json_text({row.pop("name"): row for row in rows})
-    return text_of(rows, held, distance_m, _sun_angle(arguments), visibility_m)
+    return text_of(rows, target, distance_m, _sun_angle(arguments), visibility_m)
 
 
-def _sensitivities(arguments: argparse.Namespace, found: list[Subject], held: Target) -> list[str]:
-    """What each parameter of each sensor is worth."""
+def _sensitivities(arguments: argparse.Namespace, subjects: list[Subject], conditions: Target) -> list[str]:
+    """Reports of how the range depends on each parameter of each sensor; writes the plot."""
     from ..studies.ranging import sensitivities as worth
     from ..studies.ranging.curves import with_haze
 
     visibility_m = None if arguments.visibility is None else arguments.visibility * 1e3
     texts = []
-    for subject in found:
+    for subject in subjects:
         sensor = subject.sensor()
-        target = with_haze(sensor, held, visibility_m)
+        target = with_haze(sensor, conditions, visibility_m)
         texts.append(worth.report_text(sensor, target, distance_m=arguments.distance))
         if arguments.plot is not None:
             worth.tornado(arguments.plot, sensor, target, distance_m=arguments.distance)
@@ -303,25 +303,25 @@ def _sensitivities(arguments: argparse.Namespace, found: list[Subject], held: Ta
     return texts
 
 
-def _eye_safety(arguments: argparse.Namespace, found: list[Subject], held: Target) -> Answer:
-    """Class 1 or not, or no verdict, of each sensor; with the sensitivities if they are asked for too."""
+def _eye_safety(arguments: argparse.Namespace, subjects: list[Subject], target: Target) -> Answer:
+    """Report of eye safety for each sensor, after the sensitivities with `--sensitivities`."""
     from ..studies.eye_safety.eye_safety_report import both_reports, not_known, report_text
 
-    sensors = [subject.sensor() for subject in found]
+    sensors = [subject.sensor() for subject in subjects]
     if arguments.json:
         text = json_text([report.as_dict() for sensor in sensors for report in both_reports(sensor)])
     else:
-        first = _sensitivities(arguments, found, held) if arguments.sensitivities else []
+        first = _sensitivities(arguments, subjects, target) if arguments.sensitivities else []
         text = "\n\n".join([*first, *(report_text(sensor) for sensor in sensors)])
     return Answer(text, int(any(not_known(sensor) for sensor in sensors)))
 
 
 def paper_text(arguments: argparse.Namespace) -> str:
-    """Run `paper`; returns what is printed."""
+    """Run `paper`; returns the text to print."""
     from ..studies.paper import study as paper
 
-    with progress("steps") as told:
-        return paper.write(arguments.output, as_json=arguments.json, progress=told)
+    with progress("steps") as report:
+        return paper.write(arguments.output, as_json=arguments.json, progress=report)
 
 
 def _option(name: str) -> str:

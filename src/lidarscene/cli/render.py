@@ -1,6 +1,7 @@
 """The command `render`: a scene and a sensor, or a rig of them, in; point clouds, frame after frame, out.
 
-Options of the library are made from arguments, one for one, and `outputs.record.record` does the rest.
+Arguments become options of the library, one for one, and `outputs.record.record` does the rest. The options that choose
+formats list the registries' entries, so that a new format needs no line here.
 """
 
 from __future__ import annotations
@@ -14,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..files.json_text import json_text
-from ..outputs.output_options import FRAMES, Outputs
+from ..formats.registry import DATASETS, FORMATS, LABELS, PACKETS
+from ..outputs.output_options import FEW_PULSES, FRAMES, Outputs
 from ..rendering.render_options import CHUNKS, COORDINATES, MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
-from .outputs import add_output_options
 from .terminal import progress
 from .words import number as seconds
-from .words import pose, whole
+from .words import pose, pulses, whole
 
 if TYPE_CHECKING:
     from ..kernel.device.profile import KernelHistory
@@ -35,14 +36,13 @@ examples:
 """
 
 TRACE, FRAME = TraceOptions(), FrameOptions()
-"""What is asked for where nothing is said."""
+"""Defaults of the options."""
 
 TAKEN_EVERY = 16
-"""Chunks after which `--profile` counts what has run: some 50 MB of kernels' texts. It waits for the device then."""
+"""Chunks after which `--profile` takes Dr.Jit's history: some 50 MB of kernels' texts. It waits for the device then."""
 
 PATIENCE_S = 1.0
-"""A terminal sees how far a longer run is."""
-
+"""Runs longer than this show their progress on a terminal."""
 
 SAME = (
     "format",
@@ -61,7 +61,7 @@ SAME = (
 """Options of the command line that are fields of `Outputs` by the same name."""
 
 KEYS = {"missed": "keep_missed"}
-"""Files that the JSON calls otherwise than `Outputs`."""
+"""Key of a file in `Plan.files` -> in the JSON, where they differ."""
 
 
 def add_render(commands: Any) -> None:
@@ -159,7 +159,7 @@ def add_render(commands: Any) -> None:
         help="the point cloud, its name ends as its format's do; a folder with --frames and --dataset, and with "
         "--rig unless merged",
     )
-    add_output_options(add)
+    _add_format_options(add)
     add(
         "--coordinates",
         "--frame",
@@ -183,30 +183,77 @@ def add_render(commands: Any) -> None:
     render.set_defaults(run=render_text)
 
 
+def _add_format_options(add: Callable[..., Any]) -> None:
+    """Add the options that choose formats."""
+    add(
+        "--format",
+        choices=FORMATS | PACKETS,
+        metavar="NAME",
+        help=f"format of the cloud, where its name does not say it: {', '.join(FORMATS)}; or the sensor's own packets: "
+        f"{', '.join(PACKETS)}",
+    )
+    add(
+        "--labels",
+        choices=LABELS,
+        metavar="NAME",
+        help=f"write boxes or classes of points beside the cloud, as {', '.join(LABELS)} has them",
+    )
+    add(
+        "--dataset",
+        choices=DATASETS,
+        metavar="NAME",
+        help=f"make the folder -o a data set, clouds and labels: {', '.join(DATASETS)}",
+    )
+    add(
+        "--range-image",
+        metavar="F.png|F.npz",
+        type=Path,
+        help="range, intensity and status by ring and azimuth, a pixel a beam",
+    )
+    add(
+        "--ambient",
+        metavar="F.npz|F.png",
+        type=Path,
+        help="background counts of every pulse, a near-infrared picture by ring and azimuth",
+    )
+    add(
+        "--waveforms",
+        metavar="F.npz",
+        type=Path,
+        help="power on the detector and its signal against time, of the pulses of --pulses",
+    )
+    add(
+        "--pulses",
+        metavar="0,100,2000-2010",
+        type=pulses,
+        help=f"which ones of a frame, 0 for its first (default: {FEW_PULSES} of them, evenly)",
+    )
+
+
 def render_text(arguments: argparse.Namespace) -> str:
     """Run `render`; returns what is printed. Raises InputError and OutputError before anything is traced."""
     from ..kernel.device.profile import kernel_history
 
     with kernel_history() if arguments.profile else nullcontext() as history:
-        done = _recorded(arguments, history)
+        run = _record(arguments, history)
         if history is not None:
             history.take()
-        return (_as_json if arguments.json else _as_text)(arguments, done, history)
+        return (_as_json if arguments.json else _as_text)(arguments, run, history)
 
 
-def _recorded(arguments: argparse.Namespace, history: KernelHistory | None) -> RecordedRun:
-    """The one call; what Dr.Jit runs is counted in ``history``."""
+def _record(arguments: argparse.Namespace, history: KernelHistory | None) -> RecordedRun:
+    """Make the library's options from the arguments and call `record`; ``history`` counts what Dr.Jit runs."""
     from ..outputs.record import record
     from ..sensor.rig_file import load_rig
 
     if arguments.rig is not None and arguments.sensor is not None:
         raise InputError("--sensor and --rig: must be only one of them, got both")
-    asked = vars(arguments)
+    values = vars(arguments)
     outputs = Outputs(
         arguments.output,
         truth=not arguments.no_truth,
         missed=arguments.keep_missed,
-        **{name: asked[name] for name in SAME},
+        **{name: values[name] for name in SAME},
     )
     trace = TraceOptions(
         rays=arguments.rays,
@@ -221,12 +268,12 @@ def _recorded(arguments: argparse.Namespace, history: KernelHistory | None) -> R
         coordinates=arguments.coordinates,
         chunk=arguments.chunk,
     )
-    of_sensor = arguments.overrides
+    overrides = arguments.overrides
     sensor = arguments.sensor
     # `load_rig` applies the overrides itself: they may name one sensor of the rig.
     if arguments.rig is not None:
-        sensor, of_sensor = load_rig(arguments.rig, overrides=of_sensor), ()
-    with _progress(history) as told:
+        sensor, overrides = load_rig(arguments.rig, overrides=overrides), ()
+    with _progress(history) as report:
         return record(
             arguments.scene,
             sensor,
@@ -234,48 +281,48 @@ def _recorded(arguments: argparse.Namespace, history: KernelHistory | None) -> R
             trace=trace,
             frame=frame,
             frames=arguments.frames,
-            overrides=of_sensor,
+            overrides=overrides,
             scene_overrides=arguments.scene_overrides,
-            progress=told,
+            progress=report,
         )
 
 
-def _as_text(arguments: argparse.Namespace, done: RecordedRun, history: KernelHistory | None) -> str:
-    """The summary of all frames together."""
+def _as_text(arguments: argparse.Namespace, run: RecordedRun, history: KernelHistory | None) -> str:
+    """Text of the summary of all frames."""
     from ..outputs import run_report
 
-    one_file = len({one.files["output"] for one in done.clouds}) < len(done.clouds)
-    shown = [f"{len(done.clouds)} {'frames' if one_file else 'clouds'} in {arguments.output}"]
-    if len(done.clouds) == 1:
-        shown = [str(path) for path in done.files]
-    profile = "" if history is None else "\n" + run_report.profile_as_text(done.summary, history)
-    return run_report.as_text(done.summary, shown, done.surroundings[0]) + profile
+    one_file = len({cloud.files["output"] for cloud in run.clouds}) < len(run.clouds)
+    written = [f"{len(run.clouds)} {'frames' if one_file else 'clouds'} in {arguments.output}"]
+    if len(run.clouds) == 1:
+        written = [str(path) for path in run.files]
+    profile = "" if history is None else "\n" + run_report.profile_as_text(run.summary, history)
+    return run_report.as_text(run.summary, written, run.surroundings[0]) + profile
 
 
-def _as_json(_: argparse.Namespace, done: RecordedRun, history: KernelHistory | None) -> str:
-    """The summary of all frames together, and of each of them if there are several."""
+def _as_json(_: argparse.Namespace, run: RecordedRun, history: KernelHistory | None) -> str:
+    """JSON of the summary of all frames, and of each of them if there are several."""
     from ..outputs import run_report
 
-    names = [{KEYS.get(key, key): str(path) for key, path in one.files.items()} for one in done.clouds]
-    told = run_report.as_dict(done.summary) | {"scene": done.surroundings[0].as_dict()}
+    names = [{KEYS.get(key, key): str(path) for key, path in cloud.files.items()} for cloud in run.clouds]
+    summary = run_report.as_dict(run.summary) | {"scene": run.surroundings[0].as_dict()}
     if history is not None:
-        told["profile"] = run_report.profile_as_dict(history)
+        summary["profile"] = run_report.profile_as_dict(history)
     # A single cloud keeps the flat form that scripts read; several have a list.
     if len(names) == 1:
-        return json_text(told | names[0])
-    frames = [run_report.as_dict(one.summary) | files for one, files in zip(done.clouds, names, strict=True)]
-    return json_text(told | {"frames": frames})
+        return json_text(summary | names[0])
+    frames = [run_report.as_dict(cloud.summary) | files for cloud, files in zip(run.clouds, names, strict=True)]
+    return json_text(summary | {"frames": frames})
 
 
 @contextmanager
 def _progress(history: KernelHistory | None) -> Iterator[Callable[[int, int], None]]:
-    """Who is told how far a run is, and counts kernels: until Dr.Jit's history is taken it keeps the text of each."""
+    """Give an observer that shows progress and takes Dr.Jit's history now and then, which holds every kernel's text."""
     chunks = itertools.count(1)
-    with progress("pulses", after_s=PATIENCE_S, logged=True) as shown:
+    with progress("pulses", after_s=PATIENCE_S, logged=True) as display:
 
-        def told(done: int, pulses: int) -> None:
-            shown(done, pulses)
+        def report(finished: int, pulses: int) -> None:
+            display(finished, pulses)
             if history is not None and next(chunks) % TAKEN_EVERY == 0:
                 history.take()
 
-        yield told
+        yield report

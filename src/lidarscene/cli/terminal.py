@@ -1,6 +1,7 @@
-"""What a terminal is told: a command's answer, its one line of complaint, its notes; whatever letters it has.
+"""Terminal: prints a command's answer, its one-line error, its notes and its progress.
 
-Names of files may hold letters that a terminal lacks, and a reader may be gone: neither may end in a traceback.
+Names of files may hold letters that a terminal lacks, and the reader of a pipe may be gone: neither may end in a
+traceback.
 """
 
 from __future__ import annotations
@@ -24,60 +25,60 @@ OPTIONS = {
     "overrides": "--set",
     "scene_overrides": "--scene-set",
 }
-"""Options by their names in Python, where it is not the same with dashes."""
+"""Name of an option in Python -> on the command line, unless it is the same with dashes."""
 
 
 FIRST_LINE_S, LONGEST_PAUSE_S = 10.0, 300.0
 
 
 class Answer(NamedTuple):
-    """What a command says, and the code that the program ends with."""
+    """Text that a command prints, and the program's exit code."""
 
     text: str
     code: int = 0
 
 
 def option(name: str) -> str:
-    """How the command line calls an option of the library."""
+    """Name on the command line of an option of the library."""
     return OPTIONS.get(name, f"--{name.replace('_', '-')}")
 
 
-def say(text: str) -> None:
-    """Print a text, whatever the terminal's encoding. A reader that has gone (`| head`) is no mistake."""
+def print_text(text: str) -> None:
+    """Print a text in any terminal encoding. A closed pipe (`| head`) is no error."""
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
     # A terminal of another encoding gets an escape for a letter that it lacks, not a traceback.
-    shown = text.rstrip("\n").encode(encoding, "backslashreplace").decode(encoding)
+    printed = text.rstrip("\n").encode(encoding, "backslashreplace").decode(encoding)
     try:
-        sys.stdout.write(shown + "\n")
+        sys.stdout.write(printed + "\n")
         sys.stdout.flush()
     except OSError as error:
-        # Python writes what is left once more when it ends: to nowhere, then.
+        # Python flushes standard output once more when it ends: redirected, so that this cannot fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not isinstance(error, BrokenPipeError):
             raise OutputError(f"standard output: cannot be written: {error.strerror}") from None
 
 
-def complain(text: str) -> None:
-    """Say what went wrong."""
+def print_error(text: str) -> None:
+    """Print an error to the error stream."""
     sys.stderr.write(f"lidarscene: error: {text}\n")
 
 
-def told(error: LidarSceneError) -> str:
-    """The message of an error, with the names that the command line has for options."""
+def error_text(error: LidarSceneError) -> str:
+    """Message of an error, with the command line's names of options."""
     text = error.message_with(option) if isinstance(error, OptionError) else str(error)
-    # How to get a back end takes several lines; everything else is told in one.
+    # The advice of a BackendError takes several lines; all other messages take one.
     return text if isinstance(error, BackendError) else printable(text)
 
 
 def printable(text: str) -> str:
-    """In one line, whatever a file's name or a value holds."""
+    """Escape unprintable letters of a text, so that it stays one line whatever a file's name or a value holds."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def end_cleanly() -> None:
-    """Let SIGTERM, of `timeout`, a cluster or a system that goes down, end the program as Ctrl-C does.
+    """Make SIGTERM (sent by `timeout`, a cluster, a system that goes down) end the program as Ctrl-C does.
 
-    Else Python ends at once, and leaves what is written only in part.
+    Without this Python ends at once, and leaves half-written files.
     """
 
     def end(number: int, _: object) -> None:
@@ -92,79 +93,81 @@ _ENDED_BY: list[int] = []
 
 
 def ended_by() -> int | None:
-    """The signal that ends the program, once it has come."""
+    """Number of the signal that ends the program; None before one came."""
     return _ENDED_BY[0] if _ENDED_BY else None
 
 
 class Lines:
-    """How far a run is, as plain lines in a log: the first after ten seconds, then fewer and fewer."""
+    """Progress of a run as plain lines in a log: the first after ten seconds, then fewer and fewer."""
 
-    def __init__(self, of: str, *, clock: Callable[[], float] = time.monotonic) -> None:
-        self._of, self._clock = of, clock
+    def __init__(self, counted: str, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self._counted, self._clock = counted, clock
         self._since = clock()
         self._next_s = FIRST_LINE_S
 
-    def __call__(self, done: int, total: int) -> None:
-        """So many of so many are done."""
+    def __call__(self, finished: int, total: int) -> None:
+        """Print a line if one is due."""
         from ..outputs.size import in_words
 
         seconds = self._clock() - self._since
-        if seconds < self._next_s or not 0 < done < total:
+        if seconds < self._next_s or not 0 < finished < total:
             return
         self._next_s = seconds + min(seconds, LONGEST_PAUSE_S)
-        left = in_words(seconds * (total - done) / done)
-        sys.stderr.write(f"lidarscene: {done:,} of {total:,} {self._of} ({done / total:.1%}), some {left} left\n")
+        remaining = in_words(seconds * (total - finished) / finished)
+        sys.stderr.write(
+            f"lidarscene: {finished:,} of {total:,} {self._counted} ({finished / total:.1%}), some {remaining} left\n"
+        )
         sys.stderr.flush()
 
 
 @contextmanager
-def progress(of: str, *, after_s: float = 0.0, logged: bool = False) -> Iterator[Callable[[int, int], None]]:
-    """Who is told that (done, total) of a run's steps are done: a bar on a terminal, gone at the end.
+def progress(counted: str, *, after_s: float = 0.0, logged: bool = False) -> Iterator[Callable[[int, int], None]]:
+    """Give a function of (finished, total) steps that shows progress: a bar on a terminal, removed at the end.
 
-    of       what is counted
-    after_s  a run that is shorter has no bar
-    logged   whether a log, in place of a terminal, has `Lines`
+    counted  name of the steps
+    after_s  time before the bar appears: a shorter run has none
+    logged   whether `Lines` are printed where the error stream is no terminal
     """
     if not sys.stderr.isatty():
-        yield Lines(of) if logged else lambda done, total: None
+        yield Lines(counted) if logged else lambda finished, total: None
         return
     since = time.monotonic()
     bars: list[Callable[[int], None]] = []
-    with ExitStack() as shown:
+    with ExitStack() as opened:
 
-        def told(done: int, total: int) -> None:
+        def report(finished: int, total: int) -> None:
             if not bars and time.monotonic() - since >= after_s:
-                bars.append(shown.enter_context(_bar(of, total)))
+                bars.append(opened.enter_context(_bar(counted, total)))
             for bar in bars:
-                bar(done)
+                bar(finished)
 
-        yield told
+        yield report
 
 
 @contextmanager
-def _bar(of: str, total: int) -> Iterator[Callable[[int], None]]:
-    """A bar; its package is loaded no earlier."""
+def _bar(counted: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Show a bar until the block ends; loads `rich`, which no other run needs."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(of, total=total)
-        yield lambda done: bar.update(task, completed=done)
+        task = bar.add_task(counted, total=total)
+        yield lambda finished: bar.update(task, completed=finished)
 
 
 @contextmanager
 def notes() -> Iterator[None]:
-    """Options that change nothing are noted in one line each, when they are noticed."""
+    """Print each `OptionWarning` as a one-line note, as soon as it is issued."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", OptionWarning)
-        others = warnings.showwarning
+        show_other = warnings.showwarning
 
         def show(message: Any, *about: Any, **more: Any) -> None:
             if isinstance(message, OptionWarning):
                 sys.stderr.write(f"lidarscene: note: {printable(message.message_with(option))}\n")
             else:
-                others(message, *about, **more)
+                show_other(message, *about, **more)
 
         warnings.showwarning = show
         yield

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..rendering.render_options import SEEDS, Whole
-from .recordings.options import add_recording, followed, is_recording
+from .recordings.recording_options import add_recording, is_recording, with_progress
 from .words import pose, whole
 
 if TYPE_CHECKING:
@@ -85,12 +85,12 @@ def view_text(arguments: argparse.Namespace) -> str:
         save(source, arguments.save)
         return f"wrote {arguments.save} ({arguments.save.stat().st_size / 1e6:.1f} MB)"
     with Server(arguments.port) as server:
-        # The port is taken before the scene is loaded: a busy one is told at once.
+        # The port is opened before the scene is loaded: a busy one is reported at once.
         source = _source(arguments)
         sys.stdout.write(f"{source.title}: {server.url} (Ctrl-C ends)\n")
         sys.stdout.flush()
         if not arguments.no_browser:
-            # Of its own, because a browser of the terminal would wait for the page before it is served.
+            # In a thread, because a browser in the terminal would block, waiting for the page before it is served.
             threading.Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
         with contextlib.suppress(KeyboardInterrupt):
             server.serve(source)
@@ -104,7 +104,7 @@ def _source(arguments: argparse.Namespace) -> Source:
 
     recorded = [path for path in arguments.paths if is_recording(path)]
     if recorded:
-        return _recorded(arguments, recorded[0])
+        return _recording_source(arguments, recorded[0])
     for option in ("frame", "metadata"):
         if getattr(arguments, option) is not None:
             raise InputError(f"--{option}: goes with a recording, got {arguments.paths[0]}")
@@ -115,19 +115,19 @@ def _source(arguments: argparse.Namespace) -> Source:
     scene = load_scene(scenes[0]) if scenes else None
     if scene is not None and not clouds:
         frame = FrameOptions(seed=arguments.seed, pose=arguments.pose)
-        named = str(scenes[0])
-        return Live(scene, sensor=arguments.sensor, overrides=arguments.overrides, frame=frame, scene_argument=named)
+        name = str(scenes[0])
+        return Live(scene, sensor=arguments.sensor, overrides=arguments.overrides, frame=frame, scene_argument=name)
     if arguments.pose is not None:
         raise InputError("--pose: goes with a scene that is rendered, not with clouds")
     return Clouds(clouds, scene=scene, sensor=arguments.sensor, overrides=arguments.overrides)
 
 
 def _is_scene(path: Path) -> bool:
-    """A scene by the end of its name, or by a bare name that is no folder. A PLY file is a cloud here."""
+    """Whether a path is a scene: by its suffix, or as a bare name that is no folder. A PLY file is a cloud here."""
     return path.suffix.lower() in SCENES or not (path.suffix or os.path.exists(path))
 
 
-def _recorded(arguments: argparse.Namespace, path: Path) -> Source:
+def _recording_source(arguments: argparse.Namespace, path: Path) -> Source:
     from ..recordings.opening import open_recording
     from ..view.page_sources import RecordingFrames
 
@@ -138,35 +138,35 @@ def _recorded(arguments: argparse.Namespace, path: Path) -> Source:
             word = "set" if option == "overrides" else option
             raise InputError(f"--{word}: goes with a scene or clouds, not with the recording {path}")
     recording = open_recording(path, arguments.metadata)
-    return RecordingFrames(followed(recording) if arguments.save else recording, frame=arguments.frame)
+    return RecordingFrames(with_progress(recording) if arguments.save else recording, frame=arguments.frame)
 
 
 def clouds_in(paths: Sequence[Path]) -> list[Path]:
-    """Cloud files in the order given; those of a folder by the numbers in their names."""
+    """List cloud files in the order given; files of a folder are sorted by the numbers in their names."""
     from ..formats.registry import FORMATS
 
-    suffixes = {one.suffix for one in FORMATS.values() if one.read}
+    suffixes = {file_format.suffix for file_format in FORMATS.values() if file_format.read}
 
-    found: list[Path] = []
+    files: list[Path] = []
     for path in paths:
         if not os.path.isdir(path):
-            found.append(path)
+            files.append(path)
             continue
-        inside = [one for one in path.iterdir() if one.suffix.lower() in suffixes and one.name[0] != "."]
+        inside = [file for file in path.iterdir() if file.suffix.lower() in suffixes and file.name[0] != "."]
         if not inside:
             expected = ", ".join(sorted(suffixes))
             raise InputError(f"{path}: must hold files that end in {expected}, got none")
-        found += sorted(inside, key=_by_numbers)
-    return found
+        files += sorted(inside, key=_by_numbers)
+    return files
 
 
 def _by_numbers(path: Path) -> list[tuple[int, str]]:
-    """frame_9 before frame_10."""
+    """Key that sorts frame_9 before frame_10."""
     return [(int(word), "") if word.isdecimal() else (-1, word) for word in re.split(r"(\d+)", path.name)]
 
 
 def _check_save(path: Path) -> None:
-    """Refuse what could not be written, before any work goes into it."""
+    """Raise an error for a page that could not be written, before any work goes into it."""
     from ..files.atomic import require_writable
 
     if path.suffix.lower() not in (".html", ".htm"):

@@ -1,6 +1,6 @@
 """Words of the command line, parsed: whole numbers, numbers, pulses, poses.
 
-An argument that does not fit is told in one line that says what would: "must be ..., got ...".
+A wrong argument raises a one-line error that names the valid ones: "must be ..., got ...".
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def number(text: str) -> float:
-    """An argparse type: a finite number."""
+    """Parse a finite number (an argparse type)."""
     try:
         value = float(text)
     except ValueError:
@@ -29,9 +29,9 @@ def number(text: str) -> float:
 
 
 def whole(numbers: Whole) -> Callable[[str], int]:
-    """An argparse type: one of these whole numbers."""
+    """Make an argparse type that parses one of these whole numbers."""
 
-    def parsed(text: str) -> int:
+    def parse(text: str) -> int:
         try:
             value = int(text)
         except ValueError:
@@ -40,49 +40,49 @@ def whole(numbers: Whole) -> Callable[[str], int]:
             raise argparse.ArgumentTypeError(f"must be {numbers}, got {text}")
         return value
 
-    return parsed
+    return parse
 
 
-def rising(what: str, example: str) -> Callable[[str], tuple[float, ...]]:
-    """An argparse type: positive numbers that rise, with commas between them."""
+def rising(quantity: str, example: str) -> Callable[[str], tuple[float, ...]]:
+    """Make an argparse type that parses rising positive numbers with commas between them."""
 
-    def parsed(text: str) -> tuple[float, ...]:
+    def parse(text: str) -> tuple[float, ...]:
         try:
             values = tuple(float(word) for word in text.split(","))
         except ValueError:
             values = ()
         in_order = all(a < b for a, b in itertools.pairwise(values))
         if not values or not in_order or not all(math.isfinite(v) and v > 0.0 for v in values):
-            raise argparse.ArgumentTypeError(f"must be {what} that rise, such as {example}, got {text}")
+            raise argparse.ArgumentTypeError(f"must be {quantity} that rise, such as {example}, got {text}")
         return values
 
-    return parsed
+    return parse
 
 
 def pulses(text: str) -> tuple[int, ...]:
-    """An argparse type: whole numbers and ranges of them, both ends included, with commas between."""
+    """Parse whole numbers and ranges of them, both ends included, with commas between (an argparse type)."""
     from ..detection.sampled_waveforms import MOST_PULSES
 
-    found: list[int] = []
+    chosen: list[int] = []
     try:
         for word in text.split(","):
             # "7" is the range from 7 to 7.
             first, _, last = word.partition("-")
             numbers = range(int(first), int(last or first) + 1)
-            if not numbers or len(numbers) + len(found) > MOST_PULSES:
+            if not numbers or len(numbers) + len(chosen) > MOST_PULSES:
                 raise ValueError
-            found += numbers
+            chosen += numbers
     except ValueError:
         raise argparse.ArgumentTypeError(
             f"must be up to {MOST_PULSES} pulse numbers and ranges, such as 0,100,2000-2010, got {text}"
         ) from None
-    return tuple(found)
+    return tuple(chosen)
 
 
 def with_joined_pose(argv: Sequence[str]) -> list[str]:
-    """``--pose -5,0,2`` as ``--pose=-5,0,2``: argparse takes a value with a minus for an option."""
+    """Join ``--pose -5,0,2`` to ``--pose=-5,0,2``: argparse takes a value with a minus for an option."""
     words = list(argv)
-    # From the end, because joining two words moves those behind them.
+    # Backwards, because joining two words moves those behind them.
     for position in range(len(words) - 1, 0, -1):
         value = words[position]
         if words[position - 1] == "--pose" and value.startswith("-") and "," in value:
@@ -91,7 +91,7 @@ def with_joined_pose(argv: Sequence[str]) -> list[str]:
 
 
 def pose(text: str) -> Pose:
-    """An argparse type: three to six numbers, metres and degrees."""
+    """Parse a pose of three to six numbers, metres and degrees (an argparse type)."""
     from ..maths.pose import Pose
     from ..sensor.sensor_file import LARGEST_COORDINATE_M
 

@@ -1,7 +1,7 @@
-"""Commands that read what real lidars recorded, and what makers say of a unit.
+"""Commands that read recordings of real lidars, and makers' files about a unit.
 
-options  `--frame` and `--metadata`, and what is a recording
-sensor   `sensor --from`
-twin     `twin`
-fit      `fit`
+recording_options  `--frame` and `--metadata`; tells recordings from clouds
+sensor             `sensor --from`
+twin               `twin`
+fit                `fit`
 """

@@ -64,18 +64,18 @@ def add_fit(commands: Any) -> None:
 
 
 def fit_text(arguments: argparse.Namespace) -> Answer:
-    """Run `fit`; returns what is printed and the code."""
+    """Run `fit`; returns the text to print and the code."""
     if arguments.scene is not None:
         from ...studies.fit.on_scene.scene_fit import SceneFitInputs, fit_on_scene
 
-        given = SceneFitInputs(
+        inputs = SceneFitInputs(
             recordings=arguments.recordings,
             scene=arguments.scene,
             sensor=arguments.sensor,
             metadata=arguments.metadata,
             poses=arguments.poses,
         )
-        text, passed = fit_on_scene(given, arguments.output, arguments.report, as_json=arguments.json)
+        text, passed = fit_on_scene(inputs, arguments.output, arguments.report, as_json=arguments.json)
         return Answer(text, 0 if passed else 1)
     if arguments.poses is not None:
         raise InputError("--poses: goes with --scene")

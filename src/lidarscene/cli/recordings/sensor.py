@@ -1,4 +1,4 @@
-"""The command `sensor`: a sensor file of one unit, from what its maker says of it."""
+"""The command `sensor`: a sensor file of one unit, from its maker's metadata."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def add_sensor(commands: Any) -> None:
 
 
 def sensor_text(arguments: argparse.Namespace) -> str:
-    """Run `sensor`; returns what is printed."""
+    """Run `sensor`; returns the text to print."""
     from ...files.atomic import require_writable
     from ...recordings.units.unit_file import unit_from, write_unit
 

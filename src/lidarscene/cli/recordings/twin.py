@@ -52,7 +52,7 @@ def add_twin(commands: Any) -> None:
 
 
 def twin_text(arguments: argparse.Namespace) -> str:
-    """Run `twin`; returns what is printed. Raises InputError and OutputError."""
+    """Run `twin`; returns the text to print. Raises InputError and OutputError."""
     from ...recordings.opening import open_recording
     from ...studies.twin.twin_files import build_twin, choose_frames
 

@@ -1,4 +1,4 @@
-"""The command `stream`: a sensor that sends its packets over UDP while the scene moves, as the real one would."""
+"""The command `stream`: a sensor's packets over UDP while the scene moves, as the real sensor sends them."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from ...errors import InputError
-from ...formats.registry import PACKETS
-from ...outputs.output_options import FRAMES
-from ...rendering.render_options import MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
-from ..words import number as seconds
-from ..words import pose, whole
+from ..errors import InputError
+from ..formats.registry import PACKETS
+from ..outputs.output_options import FRAMES
+from ..rendering.render_options import MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
+from .words import number as seconds
+from .words import pose, whole
 
 STREAM_HELP = """\
 examples:
@@ -31,7 +31,8 @@ def add_stream(commands: Any) -> None:
         help="packets over UDP in real time, as the sensor itself sends them",
         epilog=STREAM_HELP,
         description="Simulate a lidar and send its maker's packets while the scene moves, until Ctrl-C. Drivers, "
-        "viewers and recorders of the real sensor read them. What is late is told, and goes at up to twice the pace.",
+        "viewers and recorders of the real sensor read them. Late frames are reported, and go at up to twice the "
+        "pace.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     stream.add_argument("scene", metavar="SCENE", type=Path, help="scene file, mesh or a scene's name, as for render")
@@ -97,13 +98,13 @@ def add_stream(commands: Any) -> None:
 
 
 def stream_text(arguments: argparse.Namespace) -> str:
-    """Run `stream`; returns what is printed in the end."""
-    from ...files.atomic import put_text
-    from ...formats.packets.select_encoder import select_encoder
-    from ...outputs.live.sending import frames_of, send_frames, udp
-    from ...rendering.simulator import Simulator
-    from ...scene.scene_file import load_scene
-    from ...sensor.sensor_file import load_sensor
+    """Run `stream`; returns the text to print at its end."""
+    from ..files.atomic import put_text
+    from ..formats.packets.select_encoder import select_encoder
+    from ..outputs.live.sending import frames_of, send_frames, udp
+    from ..rendering.simulator import Simulator
+    from ..scene.scene_file import load_scene
+    from ..sensor.sensor_file import load_sensor
 
     host, port = arguments.udp
     frame = FrameOptions(seed=arguments.seed, begin_s=arguments.begin, pose=arguments.pose)
@@ -124,10 +125,10 @@ def stream_text(arguments: argparse.Namespace) -> str:
         sys.stdout.flush()
         frames = frames_of(simulator, frame, needs_ambient=encoder.needs_ambient, frames=arguments.frames)
         frame_s = sensor.scanner.frame_s
-        return send_frames(frames, encoder, send, frame_s=frame_s, rate_hz=arguments.rate, report=_tell).as_text()
+        return send_frames(frames, encoder, send, frame_s=frame_s, rate_hz=arguments.rate, report=_print_line).as_text()
 
 
-def _tell(line: str) -> None:
+def _print_line(line: str) -> None:
     sys.stderr.write(f"lidarscene: {line}\n")
     sys.stderr.flush()
 

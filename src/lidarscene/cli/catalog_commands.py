@@ -1,6 +1,6 @@
-"""The commands `catalog`, `schema` and `check`: what there is, what may stand in files, and what is wrong in one.
+"""The commands `catalog`, `schema` and `check`: entries of the catalogue, JSON Schemas of files, mistakes in a file.
 
-What can be named, and what can be written, is asked from the program itself: it cannot be out of date.
+All three read the program's own catalogue and file models, so that they cannot be out of date.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from .terminal import Answer
 
 KINDS = ("scene", "sensor", "rig", "material", "job")
 
-TELLING = {
+DISTINCTIVE_KEYS = {
     "sensor": {"laser", "detector", "tdc", "scanner", "optics"},
     "rig": {"sensors"},
     "job": {"scenes", "sweep", "seed_count"},
     "material": {"bsdf", "reflectivity"},
 }
-"""Tables and keys that only a file of this kind has. A job has sensors too, so that it is looked for before a rig."""
+"""Tables and keys that only a file of this kind has. A job has sensors too: it is tested before a rig."""
 
 
 def add_catalogue(commands: Any) -> None:
@@ -67,7 +67,7 @@ def add_catalogue(commands: Any) -> None:
 
 
 def catalog_text(arguments: argparse.Namespace) -> str | Answer:
-    """Run `catalog`; returns what is printed."""
+    """Run `catalog`; returns the text to print."""
     from .. import catalog
     from ..outputs import run_report
 
@@ -88,7 +88,7 @@ def _check_text(arguments: argparse.Namespace) -> str:
     names = [arguments.name] if arguments.name else catalog.names("sensors")
     checks = [published_values.check(name) for name in names]
     if arguments.json:
-        return json_text([published_values.as_dict(one) for one in checks], indent=2)
+        return json_text([published_values.as_dict(check) for check in checks], indent=2)
     return published_values.as_text(checks)
 
 
@@ -105,7 +105,7 @@ def _real_answer(arguments: argparse.Namespace) -> Answer:
 
 
 def file_models() -> dict[str, Any]:
-    """The model of each kind of file."""
+    """Kind of a file -> its model."""
     from ..batch.job_file import JobFile
     from ..materials.material_file import MaterialFile
     from ..scene.tables import SceneFile
@@ -116,18 +116,18 @@ def file_models() -> dict[str, Any]:
 
 
 def schema_text(arguments: argparse.Namespace) -> str:
-    """Run `schema`; returns what is printed."""
+    """Run `schema`; returns the text to print."""
     dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     return json.dumps(dialect | file_models()[arguments.kind].model_json_schema(by_alias=True), indent=2)
 
 
 def check_text(arguments: argparse.Namespace) -> Answer:
-    """Run `check`; one line a mistake, or one a file that has none."""
+    """Run `check`; one line for each mistake, and one for each file without any."""
     lines, code = [], 0
     for path in arguments.files:
-        found = list(_mistakes(path, arguments.kind))
-        lines += found or [f"{path}: no mistake found"]
-        code = InputError.exit_code if found else code
+        mistakes = list(_mistakes(path, arguments.kind))
+        lines += mistakes or [f"{path}: no mistake found"]
+        code = InputError.exit_code if mistakes else code
     return Answer("\n".join(lines), code)
 
 
@@ -138,28 +138,28 @@ def _mistakes(path: Path, kind: str | None) -> Iterator[str]:
     try:
         path = scene_path(path)
         if path.suffix.lower() != ".toml":
-            yield from _whole("scene", path)
+            yield from _mistakes_in_content("scene", path)
             return
         tables = read_toml(path)
         kind = kind or _kind_of(tables)
-        found = list_mistakes(file_models()[kind], tables)
-        yield from (f"{path}: {line}" for line in found)
-        if not found:
-            yield from _whole(kind, path)
+        mistakes = list_mistakes(file_models()[kind], tables)
+        yield from (f"{path}: {line}" for line in mistakes)
+        if not mistakes:
+            yield from _mistakes_in_content(kind, path)
     except InputError as error:
         yield str(error)
 
 
 def _kind_of(tables: dict[str, Any]) -> str:
-    """The kind of which it has most telling keys; a scene if it has none."""
-    counts = {kind: len(keys & tables.keys()) for kind, keys in TELLING.items()}
+    """Kind of a file: that with the most of its DISTINCTIVE_KEYS; a scene if there are none."""
+    counts = {kind: len(keys & tables.keys()) for kind, keys in DISTINCTIVE_KEYS.items()}
     order = ("job", "rig", "sensor", "material")
     best = max(order, key=lambda kind: counts[kind])
     return best if counts[best] and "bodies" not in tables else "scene"
 
 
-def _whole(kind: str, path: Path) -> Iterator[str]:
-    """Mistakes that only show when everything that the file names is read: the first one, of a scene one a body."""
+def _mistakes_in_content(kind: str, path: Path) -> Iterator[str]:
+    """Mistakes that show only when all files it names are read: the first one, or in a scene one for each body."""
     from ..batch.job_file import read_job
     from ..materials.material_file import read_material
     from ..scene.scene_file import load_scene, scene_from_model, scene_model
@@ -181,15 +181,15 @@ def _whole(kind: str, path: Path) -> Iterator[str]:
     if kind != "scene" or path.suffix.lower() != ".toml":
         yield first
         return
-    file, told = scene_model(path), set()
+    file, yielded = scene_model(path), set()
     for index, body in enumerate(file.bodies):
         try:
             scene_from_model(file.model_copy(update={"bodies": (body,)}), path=path)
         except InputError as error:
-            # Alone, a body is number 0.
+            # A body read alone has number 0.
             line = str(error).replace("bodies[0 ", f"bodies[{index} ", 1)
-            if line not in told:
-                told.add(line)
+            if line not in yielded:
+                yielded.add(line)
                 yield line
-    if not told:
+    if not yielded:
         yield first

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from ...recordings.sweep import Sweep
 
 ONLY_RECORDINGS = (".pcap", ".osf", ".mcap", ".db3", ".bin")
-"""Ends of names that no cloud which lidarscene can read back has."""
+"""Suffixes of recordings; no cloud that lidarscene can read back has them."""
 
 EITHER = (".ply", ".pcd", ".las", ".laz")
-"""Ends of names of clouds: of lidarscene, or of another program, which makes them recordings."""
+"""Suffixes of clouds; one that another program than lidarscene wrote counts as a recording."""
 
 HEADER_BYTES = 1 << 16
-"""In these the formats of `EITHER` say who wrote a file."""
+"""Bytes from the start in which the formats of `EITHER` name the program that wrote the file."""
 
 
 def add_recording(command: argparse.ArgumentParser) -> None:
@@ -42,7 +42,10 @@ def add_recording(command: argparse.ArgumentParser) -> None:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a path is a recording and no cloud that lidarscene wrote. What cannot be read is told by who reads it."""
+    """Whether a path is a recording and no cloud of lidarscene; False for a file that cannot be read.
+
+    Reading such a file later raises the error.
+    """
     with suppress(OSError):
         return _is_recording(path)
     return False
@@ -51,9 +54,9 @@ def is_recording(path: Path) -> bool:
 def _is_recording(path: Path) -> bool:
     name = path.name.lower()
     if os.path.isdir(path):
-        inside = [one.name.lower() for one in path.iterdir()]
+        inside = [entry.name.lower() for entry in path.iterdir()]
         return "metadata.yaml" in inside or (
-            any(one.endswith(".bin") for one in inside) and not any(one.endswith(EITHER) for one in inside)
+            any(name.endswith(".bin") for name in inside) and not any(name.endswith(EITHER) for name in inside)
         )
     if name.endswith(ONLY_RECORDINGS):
         return True
@@ -63,8 +66,8 @@ def _is_recording(path: Path) -> bool:
         return b"lidarscene" not in file.read(HEADER_BYTES)
 
 
-def followed(recording: Recording) -> Recording:
-    """The same recording; a terminal is told of each frame that is read."""
+def with_progress(recording: Recording) -> Recording:
+    """Wrap a recording so that a terminal shows each frame as it is read."""
     if len(recording) < 2 or not sys.stderr.isatty():
         return recording
 

@@ -7,7 +7,7 @@ import pytest
 from helpers.clouds import small_cloud
 from helpers.command_line import Run
 
-from lidarscene.cli.recordings.options import followed, is_recording
+from lidarscene.cli.recordings.recording_options import is_recording, with_progress
 from lidarscene.recordings.opening import open_recording
 
 
@@ -52,9 +52,9 @@ def test_a_terminal_is_told_of_each_frame(
     for number in range(2):
         room(tmp_path / "log" / f"{number}.bin", 5.0 + number)
     with open_recording(tmp_path / "log") as recording:
-        assert followed(recording) is recording
+        assert with_progress(recording) is recording
         monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
-        assert len(list(followed(recording))) == 2
+        assert len(list(with_progress(recording))) == 2
     assert capsys.readouterr().err == "\rlog: frame 1 of 2\rlog: frame 2 of 2\n"
 
 

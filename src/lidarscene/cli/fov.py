@@ -1,6 +1,6 @@
 """The command `fov`: what scan patterns cover, how densely, how soon and how far.
 
-The study does the work (`studies.field_of_view`); options are read and told of here.
+The study does the work (`studies.field_of_view`); this module reads and checks the options.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def add_fov(commands: Any) -> None:
 
 
 def fov_text(arguments: argparse.Namespace) -> str:
-    """Run `fov`; returns what is printed. Raises InputError and OutputError before anything is written."""
+    """Run `fov`; returns the text to print. Raises InputError and OutputError before anything is written."""
     from ..studies.field_of_view.field_of_view_study import write_study
     from ..studies.field_of_view.sensor_view import CELL_DEG, TIMES_S, FieldOfViewStudy
     from ..studies.ranging.plane import Target
@@ -91,12 +91,12 @@ def fov_text(arguments: argparse.Namespace) -> str:
     if not SMALLEST_CELL_DEG <= cell <= LARGEST_CELL_DEG:
         raise InputError(f"--cell: must be {SMALLEST_CELL_DEG:g} to {LARGEST_CELL_DEG:g} degrees, got {cell:g}")
 
-    def held(name: str, default: float) -> float:
+    def condition(name: str, default: float) -> float:
         value = getattr(arguments, name)
         return default if value is None else CONDITIONS[name].require(f"--{name}", float(value))
 
-    target = Target(reflectivity=held("reflectivity", 0.1), illuminance_klux=held("illuminance", 100.0))
-    found = _sensors(arguments)
+    target = Target(reflectivity=condition("reflectivity", 0.1), illuminance_klux=condition("illuminance", 100.0))
+    sensors = _sensors(arguments)
     scene, vehicle = None, arguments.pose
     if arguments.scene is not None:
         from ..maths.pose import Pose
@@ -106,19 +106,19 @@ def fov_text(arguments: argparse.Namespace) -> str:
         if arguments.rig is not None:
             vehicle = vehicle or Pose()
     study = FieldOfViewStudy(times_s=arguments.time or TIMES_S, cell_deg=cell, mask=arguments.mask, target=target)
-    with progress("steps") as told:
+    with progress("steps") as report:
         return write_study(
-            arguments.output, found, study, scene=scene, vehicle=vehicle, as_json=arguments.json, progress=told
+            arguments.output, sensors, study, scene=scene, vehicle=vehicle, as_json=arguments.json, progress=report
         )
 
 
 def _sensors(arguments: argparse.Namespace) -> list[tuple[str, Sensor]]:
-    """Names and sensors; those of a rig by their labels, at their places."""
+    """Names and sensors; sensors of a rig have their labels and their poses on the vehicle."""
     if arguments.rig is not None:
         from ..sensor.rig_file import load_rig
 
         rig = load_rig(arguments.rig, overrides=arguments.overrides)
-        return [(one.label, one.placed) for one in rig.sensors]
+        return [(mounted.label, mounted.placed) for mounted in rig.sensors]
     from ..studies.ranging.subjects import subjects
 
-    return [(one.name, one.sensor()) for one in subjects(arguments.sensors, arguments.overrides)]
+    return [(subject.name, subject.sensor()) for subject in subjects(arguments.sensors, arguments.overrides)]

@@ -1,4 +1,0 @@
-"""A sensor that sends while the scene moves.
-
-stream  packets over UDP
-"""
