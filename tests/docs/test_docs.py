@@ -13,19 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.documentation import (
-    PAGES,
-    README,
-    ROOT,
-    THEORY,
-    Block,
-    blocks,
-    code_spans,
-    make_workplace,
-    prose,
-    says,
-    text_of,
-)
+from helpers.documentation import PAGES, README, ROOT, THEORY, Block, blocks, code_spans, make_workplace, prose, text_of
 from helpers.models import MODELS
 from pydantic_core import PydanticUndefined
 
@@ -131,8 +119,6 @@ def test_readme_summary(
     assert came[0] == told[0]
     for (words, here), (_, there) in zip(came, told, strict=True):
         assert here == pytest.approx(there, rel=2e-4, abs=1), words
-    numbers = dict(came)
-    says("view.md", "on `scenes/car.toml`, {} pulses", numbers["beams "][0])
 
 
 # --- names ------------------------------------------------------------------------------------------
