@@ -103,9 +103,9 @@ class NearField:
 
 def share(range_over_r0: Lanes, spot_over_field: Lanes) -> Lanes:
     """Share of the light on the detector relative to that far away (T18), lens focused at infinity."""
-    far = -expm1(-2.0 / (spot_over_field * spot_over_field))
-    near = receiver.gaussian_share_on_axis(spot_rad=spot_over_field, field_rad=1.0, blur_rad=1.0 / range_over_r0)
-    return near / far
+    far_share = -expm1(-2.0 / (spot_over_field * spot_over_field))
+    near_share = receiver.gaussian_share_on_axis(spot_rad=spot_over_field, field_rad=1.0, blur_rad=1.0 / range_over_r0)
+    return near_share / far_share
 
 
 def spot_over_field(sensor: Sensor) -> float | None:
@@ -119,8 +119,8 @@ def own_curve(sensor: Sensor) -> Curve | None:
     overlap, r0_m = sensor.optics.overlap, near_field_m(sensor)
     if overlap is None or _one_lens(sensor):
         return None
-    far = float(overlap.share(FAR * r0_m))
-    return lambda ratio: np.maximum(np.asarray(overlap.share(r0_m * ratio)) / far, LEAST_SHARE)
+    far_share = float(overlap.share(FAR * r0_m))
+    return lambda ratio: np.maximum(np.asarray(overlap.share(r0_m * ratio)) / far_share, LEAST_SHARE)
 
 
 def _spot(sensor: Sensor) -> float:
@@ -151,21 +151,21 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
     """
     if pulses.signal is None or pulses.reflectivity is None:
         return None
-    fitted = pulses.select_columns(pulses.fitted)
-    binned = _bins(fitted)
+    fitted_pulses = pulses.select_columns(pulses.fitted)
+    binned = _bins(fitted_pulses)
     check = _bins(pulses.select_columns(~pulses.fitted))
     if binned is None or check is None:
         return None
     x, y, sigma, sums, counts = binned
     low = np.array([y.min() - 2.0, x.min() - 1.5, math.log(SPOTS[0])])
     high = np.array([y.max() + 2.0, x.max() + 1.5, math.log(SPOTS[-1])])
-    far = float(np.median(np.sort(y)[-max(len(y) // 3, 3) :]))
-    knee = float(x[np.argmin(np.abs(y - far + math.log(2.0)))])
-    start, misfit, evaluations = np.array([far, knee, math.log(0.35)]), 0.05, 0
+    plateau = float(np.median(np.sort(y)[-max(len(y) // 3, 3) :]))
+    knee = float(x[np.argmin(np.abs(y - plateau + math.log(2.0)))])
+    start, misfit, evaluations = np.array([plateau, knee, math.log(0.35)]), 0.05, 0
     sensor_curve = None if sensor is None else own_curve(sensor)
     if sensor is not None and sensor_curve is not None:
         knee = math.log(near_field_m(sensor))
-        start = np.array([far, knee])
+        start = np.array([plateau, knee])
         low, high = (
             np.array([bounds[0], knee + reach]) for bounds, reach in ((low, -LONGEST_STRETCH), (high, LONGEST_STRETCH))
         )
@@ -212,11 +212,11 @@ def _bins(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers, Numbers, N
     median = _medians(y, bin_index)
     near_median = np.abs(y - median[bin_index]) < OUTLIER
     x, y, block, bin_index = x[near_median], y[near_median], block[near_median], bin_index[near_median]
-    enough = np.flatnonzero(np.bincount(bin_index) >= LEAST)
-    if len(enough) < LEAST_BINS:
+    full_bins = np.flatnonzero(np.bincount(bin_index) >= LEAST)
+    if len(full_bins) < LEAST_BINS:
         return None
     number = np.full(bin_index.max() + 1, -1)
-    number[enough] = np.arange(len(enough))
+    number[full_bins] = np.arange(len(full_bins))
     in_bin = number[bin_index] >= 0
     x, y, block, bin_index = x[in_bin], y[in_bin], block[in_bin], number[bin_index[in_bin]]
     # Move each pulse to the middle of its bin along the bin's regression line, so that its place adds no scatter.
@@ -226,15 +226,15 @@ def _bins(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers, Numbers, N
     rise = np.bincount(bin_index, offset * y) / np.maximum(np.bincount(bin_index, offset * offset), 1e-12)
     y = y - rise[bin_index] * offset
     spread = np.sqrt(np.bincount(bin_index, (y - middle_y[bin_index]) ** 2) / n)
-    shape = (int(block.max()) + 1, len(enough))
+    shape = (int(block.max()) + 1, len(full_bins))
     flat = block * shape[1] + bin_index
     counts, sums = (np.bincount(flat, weights, minlength=shape[0] * shape[1]).reshape(shape) for weights in (None, y))
     return middle_x, middle_y, np.maximum(spread / np.sqrt(n), 1e-6), sums, counts
 
 
-def _medians(values: Numbers, place: Numbers) -> Numbers:
-    order = np.lexsort((values, place))
-    counts = np.bincount(place)
+def _medians(values: Numbers, bin_index: Numbers) -> Numbers:
+    order = np.lexsort((values, bin_index))
+    counts = np.bincount(bin_index)
     starts = np.cumsum(counts) - counts
-    middle = np.minimum(starts + counts // 2, len(values) - 1)
-    return np.asarray(values[order][middle])
+    middle_index = np.minimum(starts + counts // 2, len(values) - 1)
+    return np.asarray(values[order][middle_index])

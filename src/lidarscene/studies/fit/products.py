@@ -182,8 +182,8 @@ def find_products(sensor: Sensor, quantities: Sequence[str]) -> Products:
         logs = []
         for sign in (1.0, -1.0):
             component = getattr(sensor, part)
-            moved = replace(component, **{field: getattr(component, field) * math.exp(sign * step)})
-            varied = replace(sensor, **{part: moved})
+            changed_component = replace(component, **{field: getattr(component, field) * math.exp(sign * step)})
+            varied = replace(sensor, **{part: changed_component})
             logs.append([math.log(QUANTITIES[name](varied)) for name in names])
         exponents[:, column] = (np.array(logs[0]) - np.array(logs[1])) / (2.0 * step)
     if "white_m2" in names:

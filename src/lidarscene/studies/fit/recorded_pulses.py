@@ -68,8 +68,8 @@ class RecordedPulses:
 
     def blocks(self, mask: Numbers) -> Numbers:
         """Block index of each pulse of a (rows, columns) mask, (n,), counted from 0 without gaps."""
-        wide = np.broadcast_to(self.block, self.range_m.shape)[mask]
-        return np.asarray(np.unique(wide, return_inverse=True)[1])
+        block = np.broadcast_to(self.block, self.range_m.shape)[mask]
+        return np.asarray(np.unique(block, return_inverse=True)[1])
 
 
 def gather_pulses(sweeps: Iterable[Sweep]) -> RecordedPulses:

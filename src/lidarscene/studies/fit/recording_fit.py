@@ -40,14 +40,14 @@ def fit_recordings(
     check_outputs(output, report)
     base = base_text(sensor, metadata_of(recordings[0], metadata))
     where = f"--sensor {sensor}"
-    before = parse_sensor(base, where)
+    base_sensor = parse_sensor(base, where)
     pulses = _read_pulses(recordings, metadata)
-    fit = fit_pulses(pulses, recording=", ".join(path.name for path in recordings), sensor=sensor, optics=before)
-    if before.histogram is not None:
+    fit = fit_pulses(pulses, recording=", ".join(path.name for path in recordings), sensor=sensor, optics=base_sensor)
+    if base_sensor.histogram is not None:
         if fit.threshold is not None:
-            fit = replace(fit, spread=fit.threshold.spread(before))
+            fit = replace(fit, spread=fit.threshold.spread(base_sensor))
         known_keys = [estimate.key for estimate in fit.estimates if estimate.is_known and estimate.key in QUANTITIES]
-        fit = replace(fit, products=find_products(before, known_keys) if known_keys else None)
+        fit = replace(fit, products=find_products(base_sensor, known_keys) if known_keys else None)
     estimates = {estimate.key: estimate for estimate in fit.estimates}
     text, notes = fitted_text(base, estimates, fit.recording, where, rows=fit.rows)
     fit = replace(fit, notes=notes)

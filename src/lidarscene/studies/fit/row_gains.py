@@ -60,9 +60,9 @@ def fit_rows(pulses: RecordedPulses) -> RowGains | None:
     if pulses.near_ir is None or min(pulses.near_ir.shape[0] - 2 * 2, pulses.near_ir.shape[1] - LEAST_COLUMNS) < 0:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
-        light = np.log(_destagger(pulses, np.where(pulses.recorded, pulses.near_ir, np.nan)))
-    halves = [light[:, (pulses.block % 2) == k] for k in (0, 1)]
-    log_gains = [_gains(values) for values in (light, *halves) if values.shape[1] >= LEAST_COLUMNS // 2]
+        log_near_ir = np.log(_destagger(pulses, np.where(pulses.recorded, pulses.near_ir, np.nan)))
+    halves = [log_near_ir[:, (pulses.block % 2) == k] for k in (0, 1)]
+    log_gains = [_gains(values) for values in (log_near_ir, *halves) if values.shape[1] >= LEAST_COLUMNS // 2]
     if len(log_gains) < 3 or not all(np.isfinite(gains).all() for gains in log_gains):
         return None
     # The halves differ by twice the sigma of the whole.
@@ -75,12 +75,12 @@ def _signal_exponent(pulses: RecordedPulses, gains: Numbers) -> tuple[float, flo
     """Slope of the logarithmic gains of SIGNAL over those of NEAR_IR, and its sigma."""
     if pulses.signal is None:
         return None
-    strong = pulses.has_return & (pulses.signal >= LEAST_SIGNAL)
-    light = _destagger(pulses, np.log(np.where(strong, pulses.signal, 1.0)))
-    range_m, strong_mask = _destagger(pulses, np.nan_to_num(pulses.range_m)), _destagger(pulses, 1.0 * strong)
+    strong_signals = pulses.has_return & (pulses.signal >= LEAST_SIGNAL)
+    log_signal = _destagger(pulses, np.log(np.where(strong_signals, pulses.signal, 1.0)))
+    range_m, strong_mask = _destagger(pulses, np.nan_to_num(pulses.range_m)), _destagger(pulses, 1.0 * strong_signals)
     with np.errstate(divide="ignore", invalid="ignore"):
         pair_mask = (strong_mask[1:] * strong_mask[:-1] > 0.0) & (np.abs(range_m[1:] / range_m[:-1] - 1.0) < SAME_RANGE)
-    signal_gains = _gains_of_steps(np.where(pair_mask, light[1:] - light[:-1], np.nan))
+    signal_gains = _gains_of_steps(np.where(pair_mask, log_signal[1:] - log_signal[:-1], np.nan))
     if not np.isfinite(signal_gains).all():
         return None
     square = float(gains @ gains)
@@ -88,20 +88,20 @@ def _signal_exponent(pulses: RecordedPulses, gains: Numbers) -> tuple[float, flo
     return exponent, float(np.std(signal_gains - exponent * gains)) / square**0.5
 
 
-def _gains(light: Numbers) -> Numbers:
-    return _gains_of_steps(light[1:] - light[:-1])
+def _gains(log_values: Numbers) -> Numbers:
+    return _gains_of_steps(log_values[1:] - log_values[:-1])
 
 
 def _gains_of_steps(steps: Numbers) -> Numbers:
-    good = np.isfinite(steps)
-    if (good.sum(axis=1) < LEAST_COLUMNS // 4).any():
+    finite = np.isfinite(steps)
+    if (finite.sum(axis=1) < LEAST_COLUMNS // 4).any():
         return np.full(len(steps) + 1, np.nan)
-    course = np.concatenate([[0.0], np.cumsum(np.nanmedian(np.where(good, steps, np.nan), axis=1))])
+    course = np.concatenate([[0.0], np.cumsum(np.nanmedian(np.where(finite, steps, np.nan), axis=1))])
     row = np.arange(len(course), dtype=float)
     smooth = np.zeros_like(course)
     for k in range(len(course)):  # least-squares parabola through the rows around
-        near = np.abs(row - k) <= SMOOTHING_ROWS
-        smooth[k] = np.polyval(np.polyfit(row[near] - k, course[near], 2), 0.0)
+        nearby = np.abs(row - k) <= SMOOTHING_ROWS
+        smooth[k] = np.polyval(np.polyfit(row[nearby] - k, course[nearby], 2), 0.0)
     gains = course - smooth
     return np.asarray(gains - gains.mean())
 
@@ -112,6 +112,6 @@ def _destagger(pulses: RecordedPulses, values: Numbers) -> Numbers:
     if pulses.frames > 1 or columns < 4 or not np.isfinite(pulses.azimuth_rad).all():
         return values
     step = np.angle(np.exp(1j * np.diff(pulses.azimuth_rad[0]))).mean()
-    aside = np.angle(np.exp(1j * (pulses.azimuth_rad[:, 0] - pulses.azimuth_rad[0, 0])))
-    turns = np.rint(aside / step).astype(int)
-    return np.stack([np.roll(row, turn) for row, turn in zip(values, turns, strict=True)])
+    offset_rad = np.angle(np.exp(1j * (pulses.azimuth_rad[:, 0] - pulses.azimuth_rad[0, 0])))
+    shifts = np.rint(offset_rad / step).astype(int)
+    return np.stack([np.roll(row, shift) for row, shift in zip(values, shifts, strict=True)])

@@ -99,31 +99,31 @@ def fit_scatter(pulses: RecordedPulses) -> Scatter | None:
         return None
     value = _start(squares, inverse)
     law = np.column_stack([inverse, np.ones_like(inverse)])
-    near = np.ones(len(squares), bool)
+    near_law = np.ones(len(squares), bool)
     for _ in range(200):
         variance = law @ value
-        near = squares < FURTHEST * variance
-        if near.sum() < LEAST // 4:
+        near_law = squares < FURTHEST * variance
+        if near_law.sum() < LEAST // 4:
             return None
-        weighted = law[near] / variance[near, None] ** 2
-        solution = np.linalg.lstsq(weighted.T @ law[near], weighted.T @ (squares[near] / _MEAN_BELOW), rcond=None)[0]
+        weighted = law[near_law] / variance[near_law, None] ** 2
+        solution = np.linalg.lstsq(weighted.T @ law[near_law], weighted.T @ (squares[near_law] / _MEAN_BELOW), rcond=None)[0]
         if solution[0] <= 0.0 or solution[1] < 0.0:  # a negative floor or photon part: fit the other one alone
             only = 1 if solution[0] <= 0.0 else 0
-            alone = float(weighted[:, only] @ (squares[near] / _MEAN_BELOW) / (weighted[:, only] @ law[near, only]))
+            alone = float(weighted[:, only] @ (squares[near_law] / _MEAN_BELOW) / (weighted[:, only] @ law[near_law, only]))
             solution = np.array([alone, 0.0]) if only == 0 else np.array([0.0, alone])
         converged = np.abs(solution - value).max() <= 1e-7 * np.abs(value).max()
         value = solution
         if converged:
             break
     variance = law @ value
-    near = squares < FURTHEST * variance
-    patch_scores = np.where(near, squares / _MEAN_BELOW - variance, 0.0)[:, None] * law / variance[:, None] ** 2
+    near_law = squares < FURTHEST * variance
+    patch_scores = np.where(near_law, squares / _MEAN_BELOW - variance, 0.0)[:, None] * law / variance[:, None] ** 2
     scores = np.column_stack([np.bincount(block, column) for column in patch_scores.T])
     # Slope of the sum of the scores: the cut at FURTHEST moves with the law, which takes off the share ``edge``.
     edge = 0.5 * math.exp(-0.5 * FURTHEST) * FURTHEST * (FURTHEST / _MEAN_BELOW - 1.0) / _SHARE_BELOW
-    relative = law[near] / variance[near, None]
+    relative = law[near_law] / variance[near_law, None]
     fisher = relative.T @ relative
-    spread = float(np.var(squares[near] / variance[near] / _MEAN_BELOW))
+    spread = float(np.var(squares[near_law] / variance[near_law] / _MEAN_BELOW))
     solved = Solution(value=value, slope=(1.0 - edge) * fisher, scores=scores, meat=spread * fisher)
     signal, sigma, patches = _octaves(squares, inverse, value)
     check_patches_of = _patches(pulses.select_columns(~pulses.fitted))
@@ -147,25 +147,25 @@ def _patches(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers]:
     assert pulses.signal is not None
     reach = PATCH * APART
     starts = np.arange(0, pulses.range_m.shape[1] - reach + 1, reach)[:, None]
-    place = np.concatenate([starts + first + APART * np.arange(PATCH) for first in range(APART)])
-    block = pulses.block[place]
-    together = (block.max(axis=1) == block.min(axis=1)) & (np.ptp(place, axis=1) == reach - APART)
-    range_m, signal = pulses.range_m[:, place], pulses.signal[:, place]
+    columns = np.concatenate([starts + first + APART * np.arange(PATCH) for first in range(APART)])
+    block = pulses.block[columns]
+    in_one_block = (block.max(axis=1) == block.min(axis=1)) & (np.ptp(columns, axis=1) == reach - APART)
+    range_m, signal = pulses.range_m[:, columns], pulses.signal[:, columns]
     with np.errstate(invalid="ignore"):
-        good = np.isfinite(range_m).all(axis=2) & (signal.min(axis=2) > 0.0) & together
-        good &= signal.max(axis=2) < ALIKE * signal.min(axis=2)
+        valid = np.isfinite(range_m).all(axis=2) & (signal.min(axis=2) > 0.0) & in_one_block
+        valid &= signal.max(axis=2) < ALIKE * signal.min(axis=2)
     basis = np.linalg.qr(np.vander(np.arange(PATCH), 3))[0]  # orthonormal basis of the parabolas over a patch
-    filled = np.where(good[..., None], range_m, 0.0)
-    squares = np.sum((filled - (filled @ basis) @ basis.T) ** 2, axis=2)
-    inverse = np.mean(1.0 / np.where(good[..., None], signal, 1.0), axis=2)
-    relative = np.where(good, squares / inverse, np.inf)
-    around = np.full_like(relative, np.inf)
-    around[1:-1] = np.maximum(relative[:-2], relative[2:])
-    usable = good & np.isfinite(around) & (inverse < 1.0 / LEAST_SIGNAL)
+    filled_range_m = np.where(valid[..., None], range_m, 0.0)
+    squares = np.sum((filled_range_m - (filled_range_m @ basis) @ basis.T) ** 2, axis=2)
+    inverse = np.mean(1.0 / np.where(valid[..., None], signal, 1.0), axis=2)
+    relative = np.where(valid, squares / inverse, np.inf)
+    neighbour_scatter = np.full_like(relative, np.inf)
+    neighbour_scatter[1:-1] = np.maximum(relative[:-2], relative[2:])
+    usable = valid & np.isfinite(neighbour_scatter) & (inverse < 1.0 / LEAST_SIGNAL)
     if not usable.any():
         return np.zeros(0), np.zeros(0), np.zeros(0, int)
-    usable &= around <= np.quantile(around[usable], SMOOTHEST)
-    block_index = np.unique(np.broadcast_to(block[:, 0], good.shape)[usable], return_inverse=True)[1]
+    usable &= neighbour_scatter <= np.quantile(neighbour_scatter[usable], SMOOTHEST)
+    block_index = np.unique(np.broadcast_to(block[:, 0], valid.shape)[usable], return_inverse=True)[1]
     return squares[usable], inverse[usable], block_index
 
 
@@ -177,12 +177,12 @@ def _start(squares: Numbers, inverse: Numbers) -> Numbers:
 def _octaves(squares: Numbers, inverse: Numbers, value: Numbers) -> tuple[Numbers, Numbers, Numbers]:
     """Signal, sigma and number of patches by octave, without patches far above the law."""
     variance = value[0] * inverse + value[1]
-    near = squares < FURTHEST * variance
+    near_law = squares < FURTHEST * variance
     octave = np.floor(np.log2(1.0 / inverse)).astype(int)
     rows = []
-    for number in np.unique(octave[near]):
-        inside = near & (octave == number)
-        if inside.sum() >= LEAST_OF_OCTAVE:
-            sigma = math.sqrt(float(squares[inside].mean()) / _MEAN_BELOW)
-            rows.append((2.0 ** (number + 0.5), sigma, int(inside.sum())))
+    for number in np.unique(octave[near_law]):
+        in_octave = near_law & (octave == number)
+        if in_octave.sum() >= LEAST_OF_OCTAVE:
+            sigma = math.sqrt(float(squares[in_octave].mean()) / _MEAN_BELOW)
+            rows.append((2.0 ** (number + 0.5), sigma, int(in_octave.sum())))
     return tuple(np.array(column) for column in zip(*rows, strict=True)) if rows else (np.zeros(0),) * 3  # type: ignore[return-value]

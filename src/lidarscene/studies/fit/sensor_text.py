@@ -137,13 +137,13 @@ def fitted_text(
         for key, value in scaled_values(text, {key: factor**power for key, power in STRETCHED.items()}).items():
             text = put_key(text, key, value, source)
     elif "near_field_m" in accepted:
-        moved = math.sqrt(accepted["near_field_m"].value / near_field_m(sensor))
+        stretch = math.sqrt(accepted["near_field_m"].value / near_field_m(sensor))
         source = source_of("near_field_m", "; R0 = r_A f / r_PD, with r_A r_PD / f held")
         for key, value in (
             ("aperture_radius_mm", 1e3 * float(sensor.optics.aperture_radius_m)),
             ("focal_length_mm", 1e3 * float(sensor.optics.focal_length_m)),
         ):
-            text = put_value(text, "optics", key, moved * value, source)
+            text = put_value(text, "optics", key, stretch * value, source)
         # The fitted law was that of one lens, focused at infinity, on the laser's axis.
         if _has_key(text, "optics.overlap", "transmitter_offset_mm", "focus_at_m"):
             notes += ("optics.overlap: the file's two lenses or focus are replaced by one lens, whose law was fitted",)
@@ -157,7 +157,7 @@ def fitted_text(
         spot = estimates.get("spot_over_field")
         if spot is not None and ("spot_over_field" in accepted or _has_key(text, "laser", "divergence_mrad")):
             # Full divergence [mrad]: twice the half angle behind the new lens.
-            field = float(sensor.detector.radius_m / sensor.optics.focal_length_m) / moved
+            field = float(sensor.detector.radius_m / sensor.optics.focal_length_m) / stretch
             source = source_of(
                 "spot_over_field", "; the spot's radius over the field's, from how sharp the near field ends"
             )
@@ -183,8 +183,8 @@ def fitted_text(
         text, row_notes = _with_rows(text, rows, recording)
         notes += row_notes
     if "white_m2" in accepted:
-        after = parse_sensor(text, where)
-        power_w = float(after.laser.peak_power_w) * accepted["white_m2"].value / white_m2(after)
+        sensor_without_power = parse_sensor(text, where)
+        power_w = float(sensor_without_power.laser.peak_power_w) * accepted["white_m2"].value / white_m2(sensor_without_power)
         source = source_of("white_m2", "; power, lens, efficiency, PDE and shots are known as one product")
         text = put_value(text, "laser", "peak_power_w", power_w, source)
     return text, notes
@@ -303,7 +303,7 @@ def put_key(text: str, key: str, value: float | Sequence[float], source: str) ->
 
 
 def put_value(text: str, table: str, key: str, value: float | Sequence[float], source: str) -> str:
-    """The text with this number or list in the table, and with its source. Raises InputError without the table."""
+    """Put a number or a list into a table of the text, with its source. Raises InputError without the table."""
     document = tomlkit.parse(text)
     entries = _table(document, table)
     if entries is None:
@@ -316,7 +316,7 @@ def put_value(text: str, table: str, key: str, value: float | Sequence[float], s
 
 
 def remove_keys(text: str, table: str, keys: Sequence[str]) -> str:
-    """The text without these keys of a table, and without their sources."""
+    """Remove keys of a table, and their sources, from the text."""
     document = tomlkit.parse(text)
     entries, sources = _table(document, table), _table(document, "sources")
     for key in keys:

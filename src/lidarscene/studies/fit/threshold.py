@@ -102,15 +102,15 @@ def filter_variance(sensor: Sensor, *, photons: float, near_ir: float) -> float:
     Photons are independent, so each of the three is the integral of a product of two weights over the counts.
     """
     sigma_s = float(sensor.pixel(0.0).sigma_s)
-    place = np.linspace(-8.0, 8.0, 1601)
+    offset_sigmas = np.linspace(-8.0, 8.0, 1601)
     background = near_ir * sigma_s / float(sensor.tdc.ambient_s)
-    counted = background + photons * np.exp(-0.5 * place**2) / math.sqrt(2.0 * math.pi)
-    weight = SCALE * np.exp(-0.5 * (place / TEMPLATE) ** 2)
-    box = (np.abs(place) < BOX) / BOX_SHARE
-    filtered, boxed, covariance = (
-        float(np.sum(a * b * counted)) * 0.01 for a, b in ((weight, weight), (box, box), (weight, box))
+    expected_counts = background + photons * np.exp(-0.5 * offset_sigmas**2) / math.sqrt(2.0 * math.pi)
+    weight = SCALE * np.exp(-0.5 * (offset_sigmas / TEMPLATE) ** 2)
+    box = (np.abs(offset_sigmas) < BOX) / BOX_SHARE
+    output_variance, box_variance, covariance = (
+        float(np.sum(a * b * expected_counts)) * 0.01 for a, b in ((weight, weight), (box, box), (weight, box))
     )
-    return filtered - covariance * covariance / boxed
+    return output_variance - covariance * covariance / box_variance
 
 
 def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
@@ -139,8 +139,8 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
         if solution is None:
             return None
         value = solution
-        middle = -(value[1] + value[2] * float(np.median(design[:, 2]))) / value[0]
-        max_signal = REACH * middle
+        median_level = -(value[1] + value[2] * float(np.median(design[:, 2]))) / value[0]
+        max_signal = REACH * median_level
     fit_mask = mask & columns
     design, returned = _design(pulses.signal[fit_mask], pulses.near_ir[fit_mask]), pulses.has_return[fit_mask]
     solution = _newton(design, returned)
@@ -153,28 +153,28 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
     slope = (design * (chance * (1.0 - chance))[:, None]).T @ design
     held_out = mask & ~columns
     expected = _chance(solution, _design(pulses.signal[held_out], pulses.near_ir[held_out]))
-    place = np.minimum((expected * BINS).astype(int), BINS - 1)
-    counts = np.bincount(place, minlength=BINS)
-    filled = counts > 0
+    bin_index = np.minimum((expected * BINS).astype(int), BINS - 1)
+    counts = np.bincount(bin_index, minlength=BINS)
+    filled_bins = counts > 0
     return Threshold(
         solved=Solution(value=solution, slope=slope, scores=scores),
         near_ir=float(np.median(design[:, 2])) ** 2,
-        expected_share=np.bincount(place, expected, minlength=BINS)[filled] / counts[filled],
-        kept_share=np.bincount(place, pulses.has_return[held_out], minlength=BINS)[filled] / counts[filled],
-        pulses=counts[filled],
+        expected_share=np.bincount(bin_index, expected, minlength=BINS)[filled_bins] / counts[filled_bins],
+        kept_share=np.bincount(bin_index, pulses.has_return[held_out], minlength=BINS)[filled_bins] / counts[filled_bins],
+        pulses=counts[filled_bins],
     )
 
 
 def _on_surface(pulses: RecordedPulses) -> Numbers:
     """Mask of the pulses whose neighbours in the row are returns of one surface."""
     range_m = pulses.range_m
-    around = np.stack(
+    neighbours_m = np.stack(
         [np.roll(range_m, shift, axis=1) for shift in range(-NEIGHBOUR_COLUMNS, NEIGHBOUR_COLUMNS + 1) if shift]
     )
-    enough = np.isfinite(around).sum(axis=0) >= LEAST_NEIGHBOURS
+    enough_neighbours = np.isfinite(neighbours_m).sum(axis=0) >= LEAST_NEIGHBOURS
     mask = np.zeros(range_m.shape, bool)
-    middle = np.nanmedian(around[:, enough], axis=0)
-    mask[enough] = np.nanmax(np.abs(around[:, enough] - middle), axis=0) < FLAT * middle
+    median_m = np.nanmedian(neighbours_m[:, enough_neighbours], axis=0)
+    mask[enough_neighbours] = np.nanmax(np.abs(neighbours_m[:, enough_neighbours] - median_m), axis=0) < FLAT * median_m
     return mask
 
 

@@ -116,13 +116,13 @@ def _reflectivity_per_photon(sweep: Sweep) -> tuple[Numbers, Numbers] | None:
     """Reflectivity per photon over the range, from pixels well above the steps of the reflectivity and below white."""
     assert sweep.reflectivity is not None
     assert sweep.signal is not None
-    good = (
+    usable = (
         sweep.has_return & (sweep.reflectivity >= _LEAST_COUNTS) & (sweep.reflectivity < WHITE) & (sweep.signal > 0.0)
     )
-    if good.sum() < _LEAST_PIXELS:
+    if usable.sum() < _LEAST_PIXELS:
         return None
-    log_range = np.log2(sweep.range_m[good])
-    ratio = sweep.reflectivity[good].astype(np.float64) / WHITE / sweep.signal[good]
+    log_range = np.log2(sweep.range_m[usable])
+    ratio = sweep.reflectivity[usable].astype(np.float64) / WHITE / sweep.signal[usable]
     bins = np.floor(log_range * _BINS_PER_OCTAVE).astype(int)
     range_m, per_count = [], []
     for number in np.unique(bins):

@@ -28,23 +28,23 @@ def place_frames(sweeps: Mapping[int, Sweep], first: int) -> dict[int, Pose]:
     if len(sweeps) == 1:
         return {first: Pose()}
     if all(sweep.pose is not None for sweep in sweeps.values()):
-        start = _pose(sweeps[first]).inverse()
-        return {number: start @ _pose(sweep) for number, sweep in sweeps.items()}
+        first_from_world = _pose(sweeps[first]).inverse()
+        return {number: first_from_world @ _pose(sweep) for number, sweep in sweeps.items()}
     clouds = {number: _thin(sweep) for number, sweep in sweeps.items()}
     places = {first: Pose()}
     for order in (sorted(n for n in sweeps if n > first), sorted((n for n in sweeps if n < first), reverse=True)):
-        before = first
+        previous = first
         for number in order:
-            places[number] = places[before] @ _register(clouds[number], clouds[before])
-            before = number
+            places[number] = places[previous] @ _register(clouds[number], clouds[previous])
+            previous = number
     return places
 
 
 def angles_deg(pose: Pose) -> tuple[float, float, float]:
     """Yaw, pitch and roll of a pose [deg]."""
-    turn = pose.rotation
-    yaw, roll = math.atan2(turn[1, 0], turn[0, 0]), math.atan2(turn[2, 1], turn[2, 2])
-    return math.degrees(yaw), math.degrees(math.asin(max(-1.0, min(1.0, turn[2, 0])))), math.degrees(roll)
+    rotation = pose.rotation
+    yaw, roll = math.atan2(rotation[1, 0], rotation[0, 0]), math.atan2(rotation[2, 1], rotation[2, 2])
+    return math.degrees(yaw), math.degrees(math.asin(max(-1.0, min(1.0, rotation[2, 0])))), math.degrees(roll)
 
 
 def _pose(sweep: Sweep) -> Pose:

@@ -125,10 +125,10 @@ def twin_quantities(
 
 def bias_and_scatter(real: Numbers, simulated: Numbers) -> tuple[float, float]:
     """Difference of the means, and the area between both distributions without it, in the unit of the values."""
-    share = (np.arange(1000) + 0.5) / 1000.0
-    apart = np.quantile(simulated, share) - np.quantile(real, share)
-    bias = float(np.mean(apart))
-    return bias, float(np.mean(np.abs(apart - bias)))
+    quantiles = (np.arange(1000) + 0.5) / 1000.0
+    differences = np.quantile(simulated, quantiles) - np.quantile(real, quantiles)
+    bias = float(np.mean(differences))
+    return bias, float(np.mean(np.abs(differences - bias)))
 
 
 def _ranges(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
@@ -137,16 +137,16 @@ def _ranges(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
     returns = pulses.select(pulses.has_return & pulses.has_simulated_return & (pulses.kind == SMOOTH) & near_surface)
     real_mm = 1e3 * (returns.range_m - returns.true_range_m)
     simulated_mm = 1e3 * (returns.simulated_range_m - returns.true_range_m)
-    enough = bool(len(real_mm) >= LEAST)
+    has_enough = bool(len(real_mm) >= LEAST)
     yield TwinQuantity(
         quantity="range, bias",
         condition="smooth surfaces",
         unit="mm",
         low=-BIAS_MM,
         high=BIAS_MM,
-        value=float(np.median(simulated_mm - real_mm)) if enough else None,
+        value=float(np.median(simulated_mm - real_mm)) if has_enough else None,
     )
-    if not enough:
+    if not has_enough:
         return
     bias, scatter = bias_and_scatter(real_mm, simulated_mm)
     yield TwinQuantity(quantity="range, double validation metric", condition="bias", value=bias, unit="mm")
@@ -235,24 +235,24 @@ def _points(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
     rings = int(pulses.ring.max()) + 1
     of_real = np.bincount(pulses.ring[pulses.has_return], minlength=rings)
     of_simulated = np.bincount(pulses.ring[pulses.has_simulated_return], minlength=rings)
-    full = of_real >= LEAST
-    if not full.any():
+    full_rings = of_real >= LEAST
+    if not full_rings.any():
         return
-    error = of_simulated[full] / of_real[full] - 1.0
-    worst = int(np.argmax(np.abs(error)))
-    number = int(np.flatnonzero(full)[worst])
+    error = of_simulated[full_rings] / of_real[full_rings] - 1.0
+    worst_index = int(np.argmax(np.abs(error)))
+    number = int(np.flatnonzero(full_rings)[worst_index])
     yield TwinQuantity(
         quantity="points per ring, worst",
         condition=f"ring {number}",
         real=int(of_real[number]),
         simulated=int(of_simulated[number]),
-        value=float(error[worst]),
+        value=float(error[worst_index]),
         low=-POINTS_OF_RING,
         high=POINTS_OF_RING,
     )
     yield TwinQuantity(
         quantity="rings within 10 %",
-        condition=f"of {int(full.sum())}",
+        condition=f"of {int(full_rings.sum())}",
         value=float(np.mean(np.abs(error) <= POINTS_OF_RING)),
     )
 
@@ -329,7 +329,7 @@ def _second(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
         low=1.0 / SECOND_SHARE,
         high=SECOND_SHARE,
     )
-    enough = len(real) >= LEAST and len(simulated) >= LEAST
+    has_enough = len(real) >= LEAST and len(simulated) >= LEAST
     gaps = [float(np.percentile(gap, 1.0)) if len(gap) else None for gap in (real, simulated)]
     yield TwinQuantity(
         quantity="second returns, least separation",
@@ -337,7 +337,7 @@ def _second(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
         real=gaps[0],
         simulated=gaps[1],
         unit="m",
-        value=gaps[1] / gaps[0] - 1.0 if enough and gaps[0] and gaps[1] else None,
+        value=gaps[1] / gaps[0] - 1.0 if has_enough and gaps[0] and gaps[1] else None,
         low=-SECOND_GAP,
         high=SECOND_GAP,
     )

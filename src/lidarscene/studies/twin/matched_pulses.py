@@ -93,15 +93,15 @@ def simulate_pulses(
     """
     numbers, angle_rad = match_pulses(sensor, sweep)
     simulator = Simulator(scene, sensor, pose=pose, rays=RAYS if sensor.tdc.stops > 1 else 1)
-    observed: list[tuple[Numbers, Mapping[str, Numbers]]] = []
-    cloud = simulator.render(seed=seed, chunk=chunk, points=lambda pulse, columns: observed.append((pulse, columns)))
+    chunks: list[tuple[Numbers, Mapping[str, Numbers]]] = []
+    cloud = simulator.render(seed=seed, chunk=chunk, points=lambda pulse, columns: chunks.append((pulse, columns)))
     n = sensor.scanner.pulses
-    of_points = np.concatenate([np.zeros(0, np.int64), *(pulse.astype(np.int64) for pulse, _ in observed)])
+    of_points = np.concatenate([np.zeros(0, np.int64), *(pulse.astype(np.int64) for pulse, _ in chunks)])
     first, second = _by_pulse(of_points, n)
-    range_m, other_m = (_at_points(cloud.range_m, place) for place in (first, second))
+    range_m, other_m = (_at_points(cloud.range_m, point_index) for point_index in (first, second))
     true_range_m, kind = np.full(n, np.nan), np.full(n, NOTHING)
     kinds = np.array([KINDS.index(name) if name in KINDS else NOTHING for name in simulator.class_names])
-    for _, columns in observed:
+    for _, columns in chunks:
         if columns:
             pulse = columns["pulse"].astype(np.int64)
             true_range_m[pulse] = columns["true_range_m"]
@@ -112,7 +112,7 @@ def simulate_pulses(
     step = max(1, round(float(APART_RAD / np.median(np.linalg.norm(np.diff(sweep.direction, axis=1), axis=-1)))))
     gap_m = np.full(sweep.shape, np.nan) if sweep.second is None else np.abs(sweep.second.range_m - sweep.range_m)
     rows = np.broadcast_to(np.arange(sweep.shape[0])[:, None], sweep.shape)
-    laid = MatchedPulses(
+    matched = MatchedPulses(
         angle_rad=angle_rad,
         withheld=withheld_mask(sweep),
         ring=rows,
@@ -127,7 +127,7 @@ def simulate_pulses(
         true_range_m=true_range_m[numbers],
         kind=kind[numbers],
     )
-    return laid.select(sweep.recorded), cloud
+    return matched.select(sweep.recorded), cloud
 
 
 def ranges_from_exit(sensor: Sensor, sweep: Sweep, numbers: Numbers) -> Numbers:
@@ -165,12 +165,12 @@ def match_pulses(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
         row_pulses = np.flatnonzero(channel == row_channel)
         azimuth = np.arctan2(fired[row_pulses, 1], fired[row_pulses, 0])
         order = np.argsort(azimuth)
-        target = np.arctan2(sweep.direction[row, :, 1], sweep.direction[row, :, 0])
-        turn = np.r_[azimuth[order], azimuth[order][0] + 2.0 * np.pi]
-        ends = 0.5 * (turn[1:] + turn[:-1])  # half way to the next; the last one lies beyond the turn
-        target = ends[-1] - (ends[-1] - target) % (2.0 * np.pi)
-        place = np.searchsorted(ends, target) % len(row_pulses)
-        numbers[row] = row_pulses[order][place]
+        target_azimuth = np.arctan2(sweep.direction[row, :, 1], sweep.direction[row, :, 0])
+        closed_azimuth = np.r_[azimuth[order], azimuth[order][0] + 2.0 * np.pi]
+        midpoints = 0.5 * (closed_azimuth[1:] + closed_azimuth[:-1])  # half way to the next; the last one lies beyond the turn
+        target_azimuth = midpoints[-1] - (midpoints[-1] - target_azimuth) % (2.0 * np.pi)
+        nearest = np.searchsorted(midpoints, target_azimuth) % len(row_pulses)
+        numbers[row] = row_pulses[order][nearest]
         sine = np.linalg.norm(np.cross(fired[numbers[row]], sweep.direction[row]), axis=-1)
         angle[row] = np.arcsin(sine.clip(0.0, 1.0))
     if np.median(angle) > LARGEST_ANGLE_RAD:
@@ -193,8 +193,8 @@ def _by_pulse(pulse: Numbers, n: int) -> tuple[Numbers, Numbers]:
     return first, second
 
 
-def _at_points(values: Numbers, place: Numbers) -> Numbers:
+def _at_points(values: Numbers, point_index: Numbers) -> Numbers:
     """Values at these indices; NaN at -1."""
-    gathered = np.full(len(place), np.nan)
-    gathered[place >= 0] = np.asarray(values, np.float64)[place[place >= 0]]
+    gathered = np.full(len(point_index), np.nan)
+    gathered[point_index >= 0] = np.asarray(values, np.float64)[point_index[point_index >= 0]]
     return gathered

@@ -84,9 +84,9 @@ class Planes:
             return np.asarray(np.linalg.norm(mean, axis=-1) > SMOOTH_COS * len(around))
 
 
-def select_columns(sweep: Sweep, chosen: slice) -> Sweep:
+def select_columns(sweep: Sweep, columns: slice) -> Sweep:
     """Select columns of a sweep."""
-    return _map_arrays(sweep, lambda values: values[:, chosen])
+    return _map_arrays(sweep, lambda values: values[:, columns])
 
 
 def _map_arrays(sweep: Sweep, take: Callable[[Numbers], Numbers]) -> Sweep:
@@ -139,22 +139,22 @@ def fit_planes(grid: Grid) -> Planes:
     origin_m = np.zeros((*sweep.shape, 3)) if sweep.origin_m is None else sweep.origin_m
     direction, range_m = sweep.direction, np.array(sweep.range_m)
     offsets = _window(grid)
-    around = np.stack([_shifted(range_m, *offset) for offset in offsets])
-    middle = np.where(np.isfinite(range_m), range_m, finite_median(around))
-    normal, plane_range_m = -direction, middle
+    neighbour_range_m = np.stack([_shifted(range_m, *offset) for offset in offsets])
+    start_range_m = np.where(np.isfinite(range_m), range_m, finite_median(neighbour_range_m))
+    normal, plane_range_m = -direction, start_range_m
     unit, points = np.eye(3), origin_m + range_m[..., None] * direction
     neighbours = [_shifted(points, *offset) for offset in offsets]
-    near = [np.abs(_shifted(range_m, *offset) - middle) < NEAR_SHARE * middle + SCALES_M[0] for offset in offsets]
+    nearby_masks = [np.abs(_shifted(range_m, *offset) - start_range_m) < NEAR_SHARE * start_range_m + SCALES_M[0] for offset in offsets]
     for scale_m in SCALES_M:
         sums = np.zeros((10, *sweep.shape))
         start_m = np.einsum("...i,...i", origin_m + plane_range_m[..., None] * direction, normal)
-        for point, close in zip(neighbours, near, strict=True):
+        for point, nearby_mask in zip(neighbours, nearby_masks, strict=True):
             off_m = np.einsum("...i,...i", point, normal) - start_m
             weight = 1.0 / (1.0 + (off_m / scale_m) ** 2)
-            weight = np.where(np.isfinite(weight) & (close | (scale_m < SCALES_M[0])), weight, 0.0)
+            weight = np.where(np.isfinite(weight) & (nearby_mask | (scale_m < SCALES_M[0])), weight, 0.0)
             x, y, z = (np.nan_to_num(point[..., axis]) for axis in range(3))
-            for place, product in enumerate((1.0, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z)):
-                sums[place] += weight * product
+            for index, product in enumerate((1.0, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z)):
+                sums[index] += weight * product
         total, vector = sums[0], np.moveaxis(sums[1:4], 0, -1)
         matrix = np.moveaxis(sums[4:][_SYMMETRIC], 0, -1).reshape(*sweep.shape, 3, 3)
         # Regularise towards a plane square to the beam: one point, or points on a line, determine no plane.
@@ -165,13 +165,13 @@ def fit_planes(grid: Grid) -> Planes:
             normal = -slope / length[..., None]
             cos = -np.einsum("...i,...i", normal, direction)
             plane_range_m = (1.0 - np.einsum("...i,...i", slope, origin_m)) / np.einsum("...i,...i", slope, direction)
-            weak = (total < LEAST_SHARE * len(offsets)) | ~(cos > LEAST_COS) | ~(plane_range_m > 0.0)
-        normal = np.where(weak[..., None], -direction, normal)
-        plane_range_m = np.where(weak, middle, plane_range_m)
+            unusable = (total < LEAST_SHARE * len(offsets)) | ~(cos > LEAST_COS) | ~(plane_range_m > 0.0)
+        normal = np.where(unusable[..., None], -direction, normal)
+        plane_range_m = np.where(unusable, start_range_m, plane_range_m)
     with np.errstate(invalid="ignore"):
         off_m = np.abs(plane_range_m - range_m) * cos
-    good = ~weak & ~(off_m > MOST_OFF_M) & np.isfinite(plane_range_m)
-    return Planes(range_m=np.where(good, plane_range_m, np.nan), normal=np.where(good[..., None], normal, -direction))
+    valid = ~unusable & ~(off_m > MOST_OFF_M) & np.isfinite(plane_range_m)
+    return Planes(range_m=np.where(valid, plane_range_m, np.nan), normal=np.where(valid[..., None], normal, -direction))
 
 
 _SYMMETRIC = [0, 1, 2, 1, 3, 4, 2, 4, 5]
@@ -187,12 +187,12 @@ def _window(grid: Grid) -> list[tuple[int, int]]:
 
 def _shifted(values: Numbers, row: int, column: int) -> Numbers:
     """Values of the neighbour ``row`` rows below and ``column`` columns on; NaN beyond the first and the last row."""
-    turned = np.roll(values, (-row, -column), axis=(0, 1))
+    rolled = np.roll(values, (-row, -column), axis=(0, 1))
     if row > 0:
-        turned[-row:] = np.nan
+        rolled[-row:] = np.nan
     elif row < 0:
-        turned[:-row] = np.nan
-    return turned
+        rolled[:-row] = np.nan
+    return rolled
 
 
 def median_around(grid: Grid, values: Numbers) -> Numbers:
@@ -203,10 +203,10 @@ def median_around(grid: Grid, values: Numbers) -> Numbers:
     return finite_median(np.stack([_shifted(values, *offset) for offset in _window(grid)]))
 
 
-def finite_median(around: Numbers) -> Numbers:
+def finite_median(values: Numbers) -> Numbers:
     """Upper median of the finite values over the first axis; NaN where there are none."""
-    ordered = np.sort(around, axis=0)
-    count = np.isfinite(around).sum(axis=0)
+    ordered = np.sort(values, axis=0)
+    count = np.isfinite(values).sum(axis=0)
     return np.asarray(np.take_along_axis(ordered, (np.maximum(count, 1) // 2)[None], axis=0)[0])
 
 

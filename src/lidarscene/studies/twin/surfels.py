@@ -100,23 +100,23 @@ def surfels_of_grid(grid: Grid, gauge: Gauge | None, ground: Numbers | None) -> 
     returned, smooth = sweep.has_return, planes.smooth()
     apparent = _apparent(grid, gauge, planes)
     range_m = np.where(planes.has_plane, planes.range_m, sweep.range_m)
-    two = _two_returns(grid)
-    ends_left, ends_right = (_surface_ends(grid, side) & returned & ~two for side in (1, -1))
+    two_returns = _two_returns(grid)
+    ends_left, ends_right = (_surface_ends(grid, side) & returned & ~two_returns for side in (1, -1))
     span = np.where(ends_left, EDGE, 1.0), np.where(ends_right, -EDGE, -1.0)
     parts = [
-        _quads(grid, chosen, range_m, planes.normal, apparent, kind, span=span)
-        for kind, chosen in (
-            (SMOOTH, returned & smooth & ~two),
-            (ROUGH, returned & ~smooth & ~two),
+        _quads(grid, mask, range_m, planes.normal, apparent, kind, span=span)
+        for kind, mask in (
+            (SMOOTH, returned & smooth & ~two_returns),
+            (ROUGH, returned & ~smooth & ~two_returns),
             (FILLED, sweep.lost & planes.has_plane & ~withheld_mask(sweep)),
         )
     ]
     for side, ends in ((1, ends_left), (-1, ends_right)):
-        between = 0.5 * (apparent + np.fmin(apparent, _neighbour_bound(grid, gauge, range_m, side)))
-        beyond = (2.0 - EDGE, EDGE) if side > 0 else (-EDGE, EDGE - 2.0)
-        parts.append(_quads(grid, ends, range_m, planes.normal, between, ROUGH, span=beyond))
-    if two.any():
-        parts += _two_return_quads(grid, two, range_m, planes.normal, gauge)
+        faded = 0.5 * (apparent + np.fmin(apparent, _neighbour_bound(grid, gauge, range_m, side)))
+        beyond_span = (2.0 - EDGE, EDGE) if side > 0 else (-EDGE, EDGE - 2.0)
+        parts.append(_quads(grid, ends, range_m, planes.normal, faded, ROUGH, span=beyond_span))
+    if two_returns.any():
+        parts += _two_return_quads(grid, two_returns, range_m, planes.normal, gauge)
     if ground is not None:
         parts.append(_ground(grid, planes, apparent, ground, gauge))
     return join_surfels(parts)
@@ -135,10 +135,10 @@ def _apparent(grid: Grid, gauge: Gauge | None, planes: Planes) -> Numbers:
     lost_mask = ~sweep.has_return & planes.has_plane
     if lost_mask.any():
         measured = np.where(sweep.has_return, apparent, np.nan)
-        middle = finite_median(np.stack([np.roll(measured, shift, axis=1)[lost_mask] for shift in range(-4, 5)]))
-        if np.isnan(middle).any():
-            middle = np.where(np.isnan(middle), median_around(grid, measured)[lost_mask], middle)
-        apparent[lost_mask] = np.fmin(middle, _reflectivity_bound(grid, gauge, planes.range_m)[lost_mask])
+        medians = finite_median(np.stack([np.roll(measured, shift, axis=1)[lost_mask] for shift in range(-4, 5)]))
+        if np.isnan(medians).any():
+            medians = np.where(np.isnan(medians), median_around(grid, measured)[lost_mask], medians)
+        apparent[lost_mask] = np.fmin(medians, _reflectivity_bound(grid, gauge, planes.range_m)[lost_mask])
     return np.maximum(apparent, LEAST)
 
 
@@ -181,7 +181,7 @@ def _neighbour(grid: Grid, values: Numbers, side: int) -> Numbers:
 
 
 def _two_return_quads(
-    grid: Grid, two: Numbers, range_m: Numbers, normal: Numbers, gauge: Gauge | None
+    grid: Grid, two_returns: Numbers, range_m: Numbers, normal: Numbers, gauge: Gauge | None
 ) -> list[Surfels]:
     """Quads of pixels with two returns: the nearer quad covers half of the pixel, the farther one shows beside it.
 
@@ -196,8 +196,8 @@ def _two_return_quads(
     first_nearer = sweep.range_m < second.range_m
     quads = []
     for nearer in (True, False):
-        of_first = two & (first_nearer == nearer)
-        of_second = two & (first_nearer != nearer)
+        of_first = two_returns & (first_nearer == nearer)
+        of_second = two_returns & (first_nearer != nearer)
         span = (1.0, 1.0 - 2.0 * BEAM_SHARE) if nearer else (1.0, -1.0)
         quads.append(_quads(grid, of_first, range_m, normal, first_apparent / BEAM_SHARE, ROUGH, span=span))
         quads.append(_quads(grid, of_second, second.range_m, facing, second_apparent / BEAM_SHARE, ROUGH, span=span))
@@ -217,17 +217,17 @@ def _ground(grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gaug
         return _quads(grid, on_ground, meets_m, np.broadcast_to(normal, (*sweep.shape, 3)), apparent, GROUND)
     farthest_m = GROUND_BEYOND * float(np.percentile(sweep.range_m[on_ground], 99.0))
     with np.errstate(invalid="ignore"):
-        shows = (
+        in_sight = (
             ~planes.has_plane & ~withheld_mask(sweep) & _in_sight(sweep.has_return, on_ground, sweep.range_m, meets_m)
         )
-        behind = np.where(sweep.has_return, sweep.range_m + BEHIND_M < meets_m, shows)
-        chosen = (meets_m > 0.0) & (meets_m < farthest_m) & behind & sweep.recorded
+        completes = np.where(sweep.has_return, sweep.range_m + BEHIND_M < meets_m, in_sight)
+        chosen = (meets_m > 0.0) & (meets_m < farthest_m) & completes & sweep.recorded
     strength = np.full(sweep.shape, float(np.median(apparent[on_ground])))
     octave = np.floor(2.0 * np.log2(np.maximum(np.nan_to_num(meets_m), 1e-3))).astype(int)
     for number in np.unique(octave[chosen]):
-        near = on_ground & (octave == number)
-        if near.sum() >= 10:
-            strength[octave == number] = np.median(apparent[near])
+        ground_octave = on_ground & (octave == number)
+        if ground_octave.sum() >= 10:
+            strength[octave == number] = np.median(apparent[ground_octave])
     if gauge is not None:
         strength = np.where(sweep.has_return, strength, np.fmin(strength, _reflectivity_bound(grid, gauge, meets_m)))
     return _quads(grid, chosen, meets_m, np.broadcast_to(normal, (*sweep.shape, 3)), strength, GROUND)
@@ -239,11 +239,11 @@ def _in_sight(returned: Numbers, on_ground: Numbers, range_m: Numbers, meets_m: 
     Lost pulses below the return of a roof are windows and dark paint, not ground.
     """
     rows = np.broadcast_to(np.arange(returned.shape[0])[:, None], returned.shape)
-    above = np.maximum.accumulate(np.where(returned, rows, -1), axis=0)
-    below = np.minimum.accumulate(np.where(returned, rows, len(returned))[::-1], axis=0)[::-1]
+    row_above = np.maximum.accumulate(np.where(returned, rows, -1), axis=0)
+    row_below = np.minimum.accumulate(np.where(returned, rows, len(returned))[::-1], axis=0)[::-1]
     columns = np.arange(returned.shape[1])[None, :]
-    on_below = (below == len(returned)) | on_ground[np.minimum(below, len(returned) - 1), columns]
-    nearer = (above >= 0) & (range_m[np.maximum(above, 0), columns] < meets_m)
+    on_below = (row_below == len(returned)) | on_ground[np.minimum(row_below, len(returned) - 1), columns]
+    nearer = (row_above >= 0) & (range_m[np.maximum(row_above, 0), columns] < meets_m)
     return np.asarray(on_below & ~nearer)
 
 
@@ -275,19 +275,19 @@ def _quads(
     azimuth = np.arctan2(direction[:, 1], direction[:, 0])
     elevation = np.arcsin(direction[:, 2].clip(-1.0, 1.0))
     row = np.broadcast_to(np.arange(sweep.shape[0])[:, None], sweep.shape)[chosen]
-    wide = 0.5 * abs(grid.step_rad) * LAP
+    half_width = 0.5 * abs(grid.step_rad) * LAP
     above, below = (LAP * rad[row] for rad in (grid.above_rad, grid.below_rad))
     depth = np.einsum("ni,ni->n", facing, direction) * middle_m
     corners = []
     left_edge, right_edge = (np.broadcast_to(edge, sweep.shape)[chosen] for edge in span)
-    for aside, up in ((left_edge, above), (right_edge, above), (right_edge, -below), (left_edge, -below)):
-        a, e = azimuth + aside * wide, np.clip(elevation + up, -0.5 * math.pi, 0.5 * math.pi)
-        along = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1)
+    for edge_offset, up in ((left_edge, above), (right_edge, above), (right_edge, -below), (left_edge, -below)):
+        a, e = azimuth + edge_offset * half_width, np.clip(elevation + up, -0.5 * math.pi, 0.5 * math.pi)
+        corner_direction = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            reach_m = depth / np.einsum("ni,ni->n", facing, along)
+            reach_m = depth / np.einsum("ni,ni->n", facing, corner_direction)
         # Beyond the plane's horizon the quotient is negative or huge; the quad ends before.
         reach_m = np.where(reach_m > 0.0, reach_m, np.inf).clip(middle_m / STRETCH, middle_m * STRETCH)
-        corners.append(origin_m + reach_m[:, None] * along)
+        corners.append(origin_m + reach_m[:, None] * corner_direction)
     return Surfels(corners_m=np.stack(corners, axis=1), reflectivity=reflectivity, kind=kinds)
 
 
@@ -350,5 +350,5 @@ def _plane(ground: Numbers, reach_m: float, reflectivity: Numbers) -> Surfels:
         a, b = x[inside] + right * CELL_M, y[inside] + up * CELL_M
         corners.append(np.stack([a, b, ground[0] + ground[1] * a + ground[2] * b - BELOW_M], axis=-1))
     n = int(inside.sum())
-    level = min(float(np.median(reflectivity)), largest_reflectivity())
-    return Surfels(corners_m=np.stack(corners, axis=1), reflectivity=np.full(n, level), kind=np.full(n, GROUND))
+    ground_reflectivity = min(float(np.median(reflectivity)), largest_reflectivity())
+    return Surfels(corners_m=np.stack(corners, axis=1), reflectivity=np.full(n, ground_reflectivity), kind=np.full(n, GROUND))

@@ -128,8 +128,8 @@ def build_twin(
     bodies = _meshes(quads, folder / MESHES)
     _poses_file(folder / POSES, sweeps, places)
     known_klux = [value for value in klux if value is not None]
-    light = float(np.median(known_klux)) if known_klux else ASSUMED_KLUX
-    text = scene_text(recording.path.stem, bodies, places[choice.judged_frame], light)
+    median_klux = float(np.median(known_klux)) if known_klux else ASSUMED_KLUX
+    text = scene_text(recording.path.stem, bodies, places[choice.judged_frame], median_klux)
     # Nothing is written that `load_scene` would refuse, such as a number that is not finite.
     validate(SceneFile, tomllib.loads(text), str(folder / SCENE))
     put_text(folder / SCENE, text)
@@ -138,7 +138,7 @@ def build_twin(
         "frames": list(choice.frames),
         "held_out": choice.held_out,
         "judged": choice.judged_frame,
-        "illuminance_klux": light,
+        "illuminance_klux": median_klux,
         "illuminance_assumed": not known_klux,
         "quads": {name: int(n) for name, n in zip(KINDS, np.bincount(quads.kind, minlength=len(KINDS)), strict=True)},
         "reflectivity": _reflectivity_note(gauge),
@@ -146,7 +146,7 @@ def build_twin(
     }
     put_text(folder / PROVENANCE, json_text(provenance, indent=1) + "\n")
     notes.append(
-        f"wrote {folder / SCENE}: {len(quads)} quads of {count_text(len(choice.frames), 'frame')}, {light:.3g} klux"
+        f"wrote {folder / SCENE}: {len(quads)} quads of {count_text(len(choice.frames), 'frame')}, {median_klux:.3g} klux"
     )
     return "\n".join([*notes, _reflectivity_note(gauge)])
 
@@ -198,10 +198,10 @@ def illuminance_klux(sweep: Sweep, gauge: Gauge | None, sensor: Sensor) -> float
     dark, unit = counts(0.0, 0.2), 0.2 * 20.0
     per_unit = (counts(20.0, 0.2) - dark) / unit
     apparent = gauge.apparent(sweep, np.where(sweep.has_return, sweep.range_m, 1.0))
-    good = sweep.has_return & np.isfinite(sweep.near_ir) & (apparent > 0.02) & (apparent < largest_reflectivity())
-    if not good.any() or not per_unit > 0.0:
+    usable = sweep.has_return & np.isfinite(sweep.near_ir) & (apparent > 0.02) & (apparent < largest_reflectivity())
+    if not usable.any() or not per_unit > 0.0:
         return None
-    return max(0.0, float(np.median((sweep.near_ir[good] - dark) / apparent[good])) / per_unit)
+    return max(0.0, float(np.median((sweep.near_ir[usable] - dark) / apparent[usable])) / per_unit)
 
 
 def _meshes(quads: Surfels, folder: Path) -> list[tuple[str, str, float | None]]:

@@ -59,7 +59,7 @@ def compare_twin(
         require_writable(folder / name)
     scene = load_scene(scene_file)
     sensor = load_sensor(scene.sensor_name)
-    sweep = whole = recording[number]
+    sweep = full_sweep = recording[number]
     if provenance["held_out"] == COLUMNS:
         sweep = select_columns(sweep, slice(1, None, 2))
     if not has_grid(sweep):
@@ -67,9 +67,9 @@ def compare_twin(
         sides = side_of_cloud("twin", cloud), side_of_sweep(f"{recording.path.name} frame {number}", sweep)
         return compare_with_recording(*sides, folder, as_json=as_json)
     pulses, cloud = simulate_pulses(scene, sensor, sweep, pose=pose, seed=seed, chunk=chunk)
-    following = (number + 1) % len(recording)
-    between = disagreement(whole, recording[following]) if following != number else None
-    rows = [row for row in twin_quantities(pulses, sweep, cloud, between=between) if row.has_values]
+    next_number = (number + 1) % len(recording)
+    real_disagreement = disagreement(full_sweep, recording[next_number]) if next_number != number else None
+    rows = [row for row in twin_quantities(pulses, sweep, cloud, between=real_disagreement) if row.has_values]
     numbers: dict[str, Any] = {
         "verdict": verdict(rows),
         "recording": recording.path.name,
@@ -80,7 +80,7 @@ def compare_twin(
     }
     text = json_text(numbers, indent=1)
     put_text(folder / NUMBERS, text + "\n")
-    _page(rows, numbers, (whole, cloud), folder)
+    _page(rows, numbers, (full_sweep, cloud), folder)
     return text if as_json else "\n".join([as_text(rows), numbers["seen"], f"wrote {folder / PAGE}"])
 
 
@@ -106,18 +106,18 @@ def as_text(rows: list[TwinQuantity]) -> str:
 
 def verdict(rows: list[TwinQuantity]) -> str:
     """Outcome in one sentence: how many limits are met, and which are not."""
-    judged = [row for row in rows if row.is_met is not None]
-    missed = [row for row in judged if not row.is_met]
-    if not judged:
+    limited = [row for row in rows if row.is_met is not None]
+    missed = [row for row in limited if not row.is_met]
+    if not limited:
         return "Nothing of this frame can be held to a limit."
     if not missed:
-        return f"The twin meets all {len(judged)} limits." if len(judged) > 1 else "The twin meets the one limit."
+        return f"The twin meets all {len(limited)} limits." if len(limited) > 1 else "The twin meets the one limit."
     misses = []
     for row in missed[:MOST_NAMED]:
         condition = f" ({row.condition})" if row.condition else ""
         misses.append(f"'{row.quantity}{condition}', {_format_value(row.value)} where {_format_limit(row)} is allowed")
     more = [f"{len(missed) - MOST_NAMED} more"] if len(missed) > MOST_NAMED else []
-    return f"The twin meets {len(judged) - len(missed)} of {len(judged)} limits; it misses {'; '.join(misses + more)}."
+    return f"The twin meets {len(limited) - len(missed)} of {len(limited)} limits; it misses {'; '.join(misses + more)}."
 
 
 def _cells(row: TwinQuantity) -> tuple[str, ...]:

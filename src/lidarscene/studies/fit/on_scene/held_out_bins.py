@@ -64,36 +64,36 @@ class HeldOutBins:
         return bool(np.any(np.abs(np.log(self.ratios)) > np.log(most) + 2.0 * self.scatter[:, 3]))
 
 
-def judge(laid: PulsesOnScene, parameter_fit: ParameterFit) -> HeldOutBins:
+def judge(pulses: PulsesOnScene, parameter_fit: ParameterFit) -> HeldOutBins:
     """Bin recorded and predicted values of these pulses; reflectivities are the scene's, without fitted factors."""
-    prediction = predict(laid.scene, parameter_fit.values)
-    strong = _strong_mask(laid, prediction)
+    prediction = predict(pulses.scene, parameter_fit.values)
+    strong_mask = _strong_mask(pulses, prediction)
     rows = []
-    enough = strong.sum() >= LEAST * RANGES
-    if enough:
-        range_m = laid.scene.range_m[strong]
+    has_enough = strong_mask.sum() >= LEAST * RANGES
+    if has_enough:
+        range_m = pulses.scene.range_m[strong_mask]
         edges = np.quantile(range_m, np.linspace(0.0, 1.0, RANGES + 1)[1:-1])
         bin_index = np.searchsorted(edges, range_m)
-        columns = range_m, laid.reported.signal[strong], np.asarray(prediction.signal)[strong]
+        columns = range_m, pulses.reported.signal[strong_mask], np.asarray(prediction.signal)[strong_mask]
         rows = [[float(np.mean(values[bin_index == k])) for values in columns] for k in range(RANGES)]
     return HeldOutBins(
         signal=np.array(rows).reshape(-1, 3),
-        kept_shares=_kept_shares(laid, prediction),
-        scatter=_scatter(laid, prediction, strong, parameter_fit) if enough else np.zeros((0, 4)),
+        kept_shares=_kept_shares(pulses, prediction),
+        scatter=_scatter(pulses, prediction, strong_mask, parameter_fit) if has_enough else np.zeros((0, 4)),
     )
 
 
-def _strong_mask(laid: PulsesOnScene, prediction: Prediction) -> Numbers:
+def _strong_mask(pulses: PulsesOnScene, prediction: Prediction) -> Numbers:
     """Mask of the pulses far above the threshold whose signal and range count, on the scene's surface."""
-    finite = np.isfinite(laid.reported.signal) & np.isfinite(laid.reported.range_m)
+    finite = np.isfinite(pulses.reported.signal) & np.isfinite(pulses.reported.range_m)
     mask = (prediction.signal > STRONG * prediction.level) & (prediction.fired < MOST_FIRED) & finite
-    return np.asarray(mask & (np.abs(np.nan_to_num(laid.reported.range_m) - laid.scene.range_m) < NEAR_M))
+    return np.asarray(mask & (np.abs(np.nan_to_num(pulses.reported.range_m) - pulses.scene.range_m) < NEAR_M))
 
 
-def _kept_shares(laid: PulsesOnScene, prediction: Prediction) -> Numbers:
+def _kept_shares(pulses: PulsesOnScene, prediction: Prediction) -> Numbers:
     """Expected chance, recorded share and number of the pulses not far above the threshold, by chance."""
-    weak = np.asarray(prediction.signal <= STRONG * prediction.level)
-    chance, returned = np.asarray(prediction.chance)[weak], laid.reported.has_return[weak]
+    weak_mask = np.asarray(prediction.signal <= STRONG * prediction.level)
+    chance, returned = np.asarray(prediction.chance)[weak_mask], pulses.reported.has_return[weak_mask]
     bin_index = np.minimum((chance * CHANCES).astype(int), CHANCES - 1)
     rows = [
         [float(chance[bin_index == k].mean()), float(returned[bin_index == k].mean()), int((bin_index == k).sum())]
@@ -109,19 +109,19 @@ def capped_scatter(relative: Numbers) -> float:
     A median absolute deviation would come out smaller where surfaces differ from the scene's: their tail is part of the
     fitted law.
     """
-    near = relative[np.abs(relative) < OUTLIER]
-    return float(np.sqrt(np.mean(np.minimum(near * near, FARTHEST_SQUARE)) / MEAN_SQUARE))
+    inliers = relative[np.abs(relative) < OUTLIER]
+    return float(np.sqrt(np.mean(np.minimum(inliers * inliers, FARTHEST_SQUARE)) / MEAN_SQUARE))
 
 
-def _scatter(laid: PulsesOnScene, prediction: Prediction, strong: Numbers, parameter_fit: ParameterFit) -> Numbers:
-    signal = np.asarray(prediction.signal)[strong]
-    relative = (laid.reported.range_m - laid.scene.range_m)[strong]
+def _scatter(pulses: PulsesOnScene, prediction: Prediction, strong_mask: Numbers, parameter_fit: ParameterFit) -> Numbers:
+    signal = np.asarray(prediction.signal)[strong_mask]
+    relative = (pulses.reported.range_m - pulses.scene.range_m)[strong_mask]
     octave = np.floor(np.log2(np.maximum(signal, 1.0))).astype(int)
     step = 1e-3
-    sigma_m = np.asarray(prediction.sigma_m)[strong]
+    sigma_m = np.asarray(prediction.sigma_m)[strong_mask]
     moved_sigmas_m = [
-        np.asarray(predict(laid.scene, {**parameter_fit.values, name: parameter_fit.values[name] + step}).sigma_m)[
-            strong
+        np.asarray(predict(pulses.scene, {**parameter_fit.values, name: parameter_fit.values[name] + step}).sigma_m)[
+            strong_mask
         ]
         for name in parameter_fit.names
     ]

@@ -174,17 +174,17 @@ def predict(scene: KnownScene, parameters: Mapping[str, Lanes], reflectivity: Nu
     parameters    logarithms by name, as in `PARAMETERS`; those left out are 0
     reflectivity  (n,) logarithm of each surface's reflectivity over the one it was traced with
     """
-    like: Any = next(iter(parameters.values()), 0.0)
-    ops = xp(like)
+    parameter: Any = next(iter(parameters.values()), 0.0)
+    ops = xp(parameter)
 
     def lanes(values: Numbers) -> Lanes:
-        return type(like)(np.ascontiguousarray(values)) if is_drjit(like) else values
+        return type(parameter)(np.ascontiguousarray(values)) if is_drjit(parameter) else values
 
     def factor(name: str) -> Lanes:
         if name in parameters:
             return ops.exp(parameters[name])
         # NumPy's numbers and Dr.Jit's arrays do not mix: all are of one kind.
-        return type(like)(1.0) if is_drjit(like) else 1.0
+        return type(parameter)(1.0) if is_drjit(parameter) else 1.0
 
     sensor = scene.sensor
     for name, (part, field) in IN_SENSOR.items():
@@ -216,7 +216,7 @@ def predict(scene: KnownScene, parameters: Mapping[str, Lanes], reflectivity: Nu
     widening = 1.0 + edge * edge / 12.0
     captured = (1.0 - 2.0 * normal_tail(BOX / xp(widening).sqrt(widening))) / BOX_SHARE
     captured_signal = signal * captured
-    counted = pixel.count_rate_hz * (2.0 * BOX * pixel.sigma_s)
+    background_photons = pixel.count_rate_hz * (2.0 * BOX * pixel.sigma_s)
     rate, _ = sensor.background_counts(background)
     chance = (1.0 - scene.strangers) * _chance(point, level, signal, scene.texture) + 0.5 * scene.strangers
     return Prediction(
@@ -226,7 +226,7 @@ def predict(scene: KnownScene, parameters: Mapping[str, Lanes], reflectivity: Nu
         level=level,
         fired=-point.kappa_2 / point.kappa_1 * signal,
         # Binomial: each SPAD fires once, and -kappa_2 / kappa_1 is one over how many there are.
-        variance=(captured_signal + counted / BOX_SHARE) / BOX_SHARE
+        variance=(captured_signal + background_photons / BOX_SHARE) / BOX_SHARE
         + (point.kappa_2 / point.kappa_1 + scene.texture**2) * captured_signal * captured_signal,
         sigma_m=_sigma_m(signal, pixel, floor_m),
     )
@@ -238,8 +238,8 @@ def _chance(point: WorkingPoint, level: Lanes, signal: Lanes, texture: float) ->
     if texture == 0.0:
         return point.echo_tail(level, signal)
     total: Lanes = 0.0
-    for place, weight in zip(*NODES, strict=True):
-        total = total + weight * point.echo_tail(level, signal * math.exp(texture * place - 0.5 * texture**2))
+    for node, weight in zip(*NODES, strict=True):
+        total = total + weight * point.echo_tail(level, signal * math.exp(texture * node - 0.5 * texture**2))
     return total
 
 

@@ -135,8 +135,8 @@ def fit_parameters(
     surfaces = np.zeros(int(scene.group.max()) + 1) if start is None else start.reflectivity
     if start is not None:
         values |= start.values
-    strong = _strong_mask(scene, reported, values, surfaces)
-    step, evaluations = _step(scene, reported, values, surfaces, strong, prior_weight), 1
+    strong_mask = _strong_mask(scene, reported, values, surfaces)
+    step, evaluations = _step(scene, reported, values, surfaces, strong_mask, prior_weight), 1
     held: list[str] = []
     null: list[str] = []
     active, held, null = _hold_undetermined(step, names, active, held, null)
@@ -168,8 +168,8 @@ def fit_parameters(
         held += runaway
         active = [name for name in active if name not in runaway]
         if evaluations in (3, 6):  # fix early which returns are strong, else the steps go to and fro
-            strong = _strong_mask(scene, reported, values, surfaces)
-        step = _step(scene, reported, values, surfaces, strong, prior_weight)
+            strong_mask = _strong_mask(scene, reported, values, surfaces)
+        step = _step(scene, reported, values, surfaces, strong_mask, prior_weight)
         evaluations += 1
         if size < DONE and evaluations > SETTLED:
             determined, held, null = _hold_undetermined(step, names, active, held, null)
@@ -277,18 +277,18 @@ def _step(
     reported: Observations,
     values: Mapping[str, float],
     surfaces: Numbers,
-    strong: Numbers,
+    strong_mask: Numbers,
     prior_weight: float,
 ) -> _Step:
     """Compute scores and Fisher matrix at ``values``, with the reflectivities profiled out."""
     prediction, slopes = prediction_slopes(scene, values, surfaces)
-    chance_mask = 1.0 - strong
+    chance_mask = 1.0 - strong_mask
     chance = np.clip(prediction.chance, LEAST_CHANCE, 1.0 - LEAST_CHANCE)
-    signal = np.where(strong, np.nan_to_num(reported.signal) - prediction.signal, 0.0)
+    signal = np.where(strong_mask, np.nan_to_num(reported.signal) - prediction.signal, 0.0)
     huber_weight = np.minimum(1.0, HUBER * np.sqrt(prediction.variance) / np.maximum(np.abs(signal), 1e-12))
     near_ir_mask = np.isfinite(reported.near_ir)
-    range_sigmas = np.where(strong, (np.nan_to_num(reported.range_m) - scene.range_m) / prediction.sigma_m, 0.0)
-    near_mask = strong & (np.abs(range_sigmas) < OUTLIER)
+    range_sigmas = np.where(strong_mask, (np.nan_to_num(reported.range_m) - scene.range_m) / prediction.sigma_m, 0.0)
+    near_mask = strong_mask & (np.abs(range_sigmas) < OUTLIER)
     square_excess = np.where(
         near_mask, np.minimum(range_sigmas * range_sigmas, FARTHEST_SQUARE) / MEAN_SQUARE - 1.0, 0.0
     )
@@ -300,7 +300,7 @@ def _step(
         square_excess * (_SLOPE / _VARIANCE) * prediction.sigma_m,
     )
     weights = (
-        strong * huber_weight / prediction.variance,
+        strong_mask * huber_weight / prediction.variance,
         chance_mask / (chance * (1.0 - chance)),
         near_ir_mask / np.maximum(prediction.near_ir, 1.0),
         near_mask / prediction.sigma_m**2,

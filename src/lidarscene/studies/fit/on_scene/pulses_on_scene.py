@@ -93,10 +93,10 @@ def _lay_frame(simulators: Sequence[Simulator], sweep: Sweep, pose: Pose | None,
     if sweep.signal is None:
         raise InputError("must have SIGNAL, as Ousters record, got none")
     # Column by column, so that blocks of pulses in order are sectors.
-    chosen = (sweep.recorded & ~withheld_mask(sweep)).T
-    pulse = numbers.T[chosen]
-    column = np.broadcast_to(np.arange(columns)[:, None], chosen.shape)[chosen]
-    row = np.broadcast_to(np.arange(rows)[None, :], chosen.shape)[chosen]
+    fired_mask = (sweep.recorded & ~withheld_mask(sweep)).T
+    pulse = numbers.T[fired_mask]
+    column = np.broadcast_to(np.arange(columns)[:, None], fired_mask.shape)[fired_mask]
+    row = np.broadcast_to(np.arange(rows)[None, :], fired_mask.shape)[fired_mask]
     block = number * (columns // BLOCK + 1) + column // BLOCK
     lights = [
         _select_light(simulator.light() if pose is None else simulator.light(pose=pose), pulse)
@@ -110,13 +110,13 @@ def _lay_frame(simulators: Sequence[Simulator], sweep: Sweep, pose: Pose | None,
         smooth &= np.asarray(other_light.has_surface) & (np.abs(difference_m) < SAME_M)
     group = block * (rows // ROWS + 1) + row // ROWS
     scene = KnownScene.from_light(light, sensor, group, spot_over_field=spot_over_field(sensor))
-    near_ir = None if sweep.near_ir is None else np.asarray(sweep.near_ir, np.float64).T[chosen][met_surface]
+    near_ir = None if sweep.near_ir is None else np.asarray(sweep.near_ir, np.float64).T[fired_mask][met_surface]
     if len(simulators) > 1 and near_ir is not None:
         scene = replace(scene, background_w=_power_w(sensor, near_ir), light_measured=True)
-    range_m = ranges_from_exit(sensor, sweep, numbers).T[chosen][met_surface]
+    range_m = ranges_from_exit(sensor, sweep, numbers).T[fired_mask][met_surface]
     returned = np.isfinite(range_m)
     on_smooth = returned & smooth[met_surface]
-    signal = np.asarray(sweep.signal, np.float64).T[chosen][met_surface]
+    signal = np.asarray(sweep.signal, np.float64).T[fired_mask][met_surface]
     if near_ir is None or scene.light_measured:
         near_ir = np.full(len(returned), np.nan)
     return PulsesOnScene(

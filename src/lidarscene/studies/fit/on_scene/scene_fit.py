@@ -78,8 +78,8 @@ def fit_on_scene(inputs: SceneFitInputs, output: Path, report: Path, *, as_json:
     world = load_scene(inputs.scene)
     sensor_name = world.sensor_name if inputs.sensor is None else inputs.sensor
     where = f"--sensor {sensor_name}"
-    text = base_text(sensor_name, metadata_of(inputs.recordings[0], inputs.metadata))
-    sensor = parse_sensor(text, where)
+    base = base_text(sensor_name, metadata_of(inputs.recordings[0], inputs.metadata))
+    sensor = parse_sensor(base, where)
     if sensor.histogram is None:
         raise InputError(f"{where}: must count photons, with [histogram], to be fitted with a scene")
     provenance = read_provenance(inputs.scene) if (inputs.scene.parent / PROVENANCE).is_file() else None
@@ -88,10 +88,10 @@ def fit_on_scene(inputs: SceneFitInputs, output: Path, report: Path, *, as_json:
     if provenance is not None:
         notes += (_TWIN_NOTE,)
     try:
-        laid = lay_on_scene(world, sensor, frames, twin=provenance is not None)
+        pulses = lay_on_scene(world, sensor, frames, twin=provenance is not None)
     except ValueError as error:
         raise InputError(f"{recording}: {error}") from None
-    fit = fit_pulses_on_scene(laid, sensor, twin=provenance is not None)
+    fit = fit_pulses_on_scene(pulses, sensor, twin=provenance is not None)
     fit = replace(
         fit,
         recording=recording,
@@ -101,7 +101,7 @@ def fit_on_scene(inputs: SceneFitInputs, output: Path, report: Path, *, as_json:
         notes=notes,
     )
     sensor_text, text_notes = scaled_text(
-        text, {estimate.key: estimate for estimate in fit.estimates}, f"{recording} on {fit.scene}", where
+        base, {estimate.key: estimate for estimate in fit.estimates}, f"{recording} on {fit.scene}", where
     )
     fit = replace(fit, notes=(*fit.notes, *text_notes))
     put_text(output, sensor_text)
@@ -109,26 +109,26 @@ def fit_on_scene(inputs: SceneFitInputs, output: Path, report: Path, *, as_json:
     return printed_text(as_dict(fit), as_text(fit), output, report, as_json=as_json), fit.passed
 
 
-def fit_pulses_on_scene(laid: PulsesOnScene, sensor: Sensor, *, twin: bool) -> SceneFit:
+def fit_pulses_on_scene(pulses: PulsesOnScene, sensor: Sensor, *, twin: bool) -> SceneFit:
     """Maximise the likelihood of three of four blocks of columns, and judge the fit by the fourth.
 
     twin  True: estimate texture, strangers and the scatter of the twin's surfaces, too
     """
-    fitted = laid.select(laid.fitted)
-    group = np.unique(fitted.scene.group, return_inverse=True)[1]
-    fitted = replace(fitted, scene=replace(fitted.scene, group=group))
-    names = [name for name in PARAMETERS if name not in _undetermined(laid, sensor, twin=twin)]
+    fitted_pulses = pulses.select(pulses.fitted)
+    group = np.unique(fitted_pulses.scene.group, return_inverse=True)[1]
+    fitted_pulses = replace(fitted_pulses, scene=replace(fitted_pulses.scene, group=group))
+    names = [name for name in PARAMETERS if name not in _undetermined(pulses, sensor, twin=twin)]
     evaluations = 0
     if twin:
-        fitted = replace(fitted, scene=replace(fitted.scene, floor_m=_floor_m(fitted)))
+        fitted_pulses = replace(fitted_pulses, scene=replace(fitted_pulses.scene, floor_m=_floor_m(fitted_pulses)))
     texture, strangers = (0.3, 0.02) if twin else (0.0, 0.0)
     parameter_fit: ParameterFit | None = None
     rounds = ROUNDS if twin else 1
     for _ in range(rounds):
-        scene = replace(fitted.scene, texture=texture, strangers=strangers)
+        scene = replace(fitted_pulses.scene, texture=texture, strangers=strangers)
         parameter_fit = fit_parameters(
             scene,
-            fitted.reported,
+            fitted_pulses.reported,
             names,
             reflectivity_sigma=REFLECTIVITY_SIGMA,
             start=parameter_fit,
@@ -136,17 +136,17 @@ def fit_pulses_on_scene(laid: PulsesOnScene, sensor: Sensor, *, twin: bool) -> S
         )
         evaluations += parameter_fit.solved.evaluations
         if twin:
-            texture, strangers = _texture_and_strangers(replace(fitted, scene=scene), parameter_fit)
+            texture, strangers = _texture_and_strangers(replace(fitted_pulses, scene=scene), parameter_fit)
     assert parameter_fit is not None
-    held_out = laid.select(~laid.fitted)
-    scene = replace(held_out.scene, texture=texture, strangers=strangers, floor_m=fitted.scene.floor_m)
+    held_out = pulses.select(~pulses.fitted)
+    scene = replace(held_out.scene, texture=texture, strangers=strangers, floor_m=fitted_pulses.scene.floor_m)
     held_out = replace(held_out, scene=scene)
     return SceneFit(
         recording="",
         scene="",
         sensor=sensor.name,
         frames=1,
-        pulses=(len(fitted.block), len(held_out.block)),
+        pulses=(len(fitted_pulses.block), len(held_out.block)),
         parameter_fit=parameter_fit,
         judged=judge(held_out, parameter_fit),
         evaluations=evaluations,
@@ -155,44 +155,44 @@ def fit_pulses_on_scene(laid: PulsesOnScene, sensor: Sensor, *, twin: bool) -> S
     )
 
 
-def _undetermined(laid: PulsesOnScene, sensor: Sensor, *, twin: bool) -> set[str]:
+def _undetermined(pulses: PulsesOnScene, sensor: Sensor, *, twin: bool) -> set[str]:
     """Names of parameters that the sensor does not have, or that the scene was made from."""
     names = set()
-    if laid.scene.spot_over_field is None:
+    if pulses.scene.spot_over_field is None:
         names.add("spot_over_field")
     if sensor.optics.overlap is None:
         names.add("near_field_m")
-    if not np.isfinite(laid.reported.near_ir).any():
+    if not np.isfinite(pulses.reported.near_ir).any():
         # The background is that of NEAR_IR, whatever the sun and the PDE.
         names |= {"optics.sun_irradiance_w_m2", "detector.dark_count_rate_hz", "detector.pde"}
     return names
 
 
-def _floor_m(laid: PulsesOnScene) -> float:
+def _floor_m(pulses: PulsesOnScene) -> float:
     """Scatter of the strongest quarter of the returns about the twin's surfaces [m]: the start for `scatter_floor`."""
-    signal = laid.reported.signal
+    signal = pulses.reported.signal
     with np.errstate(invalid="ignore"):
-        strong = signal > np.nanquantile(signal, 0.75)
-    off_m = (laid.reported.range_m - laid.scene.range_m)[strong]
-    return max(NORMAL * float(np.median(np.abs(off_m))), LEAST_FLOOR_M) if strong.any() else LEAST_FLOOR_M
+        strong_mask = signal > np.nanquantile(signal, 0.75)
+    off_m = (pulses.reported.range_m - pulses.scene.range_m)[strong_mask]
+    return max(NORMAL * float(np.median(np.abs(off_m))), LEAST_FLOOR_M) if strong_mask.any() else LEAST_FLOOR_M
 
 
-def _texture_and_strangers(laid: PulsesOnScene, parameter_fit: ParameterFit) -> tuple[float, float]:
+def _texture_and_strangers(pulses: PulsesOnScene, parameter_fit: ParameterFit) -> tuple[float, float]:
     """Estimate texture, the excess scatter of the signals, and strangers, twice the lost share on bright surfaces."""
     prediction = predict(
-        replace(laid.scene, texture=0.0, strangers=0.0),
+        replace(pulses.scene, texture=0.0, strangers=0.0),
         parameter_fit.values,
-        parameter_fit.reflectivity[laid.scene.group],
+        parameter_fit.reflectivity[pulses.scene.group],
     )
     bright = np.asarray(prediction.chance) > 0.999
-    mask = bright & np.isfinite(laid.reported.signal)
+    mask = bright & np.isfinite(pulses.reported.signal)
     if mask.sum() < 100:
-        return laid.scene.texture, laid.scene.strangers
-    relative = (laid.reported.signal / np.asarray(prediction.signal))[mask] - 1.0
+        return pulses.scene.texture, pulses.scene.strangers
+    relative = (pulses.reported.signal / np.asarray(prediction.signal))[mask] - 1.0
     spread = NORMAL * float(np.median(np.abs(relative - np.median(relative))))
     photons = float(np.median(np.asarray(prediction.variance)[mask] / np.asarray(prediction.signal)[mask] ** 2))
     texture = float(np.sqrt(max(spread**2 - photons, LEAST_TEXTURE**2)))
-    return texture, min(2.0 * float(np.mean(~laid.reported.has_return[bright])), 0.5)
+    return texture, min(2.0 * float(np.mean(~pulses.reported.has_return[bright])), 0.5)
 
 
 def _frames_with_poses(
