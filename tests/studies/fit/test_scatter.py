@@ -45,7 +45,7 @@ def pulses_of_rings(*rings: tuple[Numbers, Numbers]) -> RecordedPulses:
 
 @pytest.fixture
 def all_are_smooth(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scatter, "SMOOTHEST", 1.0)
+    monkeypatch.setattr(scatter, "SMOOTH_SHARE", 1.0)
 
 
 @pytest.mark.usefixtures("all_are_smooth")
@@ -142,15 +142,15 @@ def test_uncertainties_are_those_of_a_law_whose_far_patches_are_left_out() -> No
     """
     share = (np.arange(100_000) + 0.5) / 100_000
     square = -2.0 * np.log1p(-share)
-    mean = square[square < scatter.FURTHEST].mean()
+    mean = square[square < scatter.LARGEST_SQUARE].mean()
 
     def score(scale: float) -> float:
         relative = square / scale
-        return float(np.sum(np.where(relative < scatter.FURTHEST, relative / mean - 1.0, 0.0)))
+        return float(np.sum(np.where(relative < scatter.LARGEST_SQUARE, relative / mean - 1.0, 0.0)))
 
-    inside = np.sum(square < scatter.FURTHEST)
+    inside = np.sum(square < scatter.LARGEST_SQUARE)
     information = (score(0.99) - score(1.01)) / (np.log(1.01) - np.log(0.99)) / inside
-    variance = np.var(square[square < scatter.FURTHEST]) / mean**2
+    variance = np.var(square[square < scatter.LARGEST_SQUARE]) / mean**2
     blocks = 128
     share = (np.arange(4 * blocks) * 197 % (4 * blocks) + 0.5) / (4 * blocks)
     radius = 0.01 * np.sqrt(-2.0 * np.log1p(-share))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.twins import room_sweep
 
-from lidarscene.studies.twin.apparent_reflectivity import Gauge, scattering_law, withheld_mask
+from lidarscene.studies.twin.apparent_reflectivity import ReflectivityGauge, scattering_law, withheld_mask
 
 
 def test_the_law_is_that_of_rough_matt_surfaces() -> None:
@@ -23,7 +23,7 @@ def test_a_near_field_is_taken_out() -> None:
     near = 1.0 / (1.0 + (9.0 / plain.range_m) ** 4)
     bright = 2.0 * plain.reflectivity
     sweep = room_sweep(signal=2.0 * plain.signal * near, reflectivity=np.rint(bright))
-    gauge = Gauge.from_sweep(sweep)
+    gauge = ReflectivityGauge.from_sweep(sweep)
     assert gauge is not None
     assert gauge.field == "signal"
     apparent = gauge.apparent(sweep, sweep.range_m)
@@ -41,7 +41,7 @@ def test_brighter_than_white_comes_from_the_signal() -> None:
     signal[10, 10] *= 50.0
     reflectivity[10, 10] = 200.0
     sweep = room_sweep(signal=signal, reflectivity=reflectivity)
-    gauge = Gauge.from_sweep(sweep)
+    gauge = ReflectivityGauge.from_sweep(sweep)
     assert gauge is not None
     assert gauge.apparent(sweep, sweep.range_m)[10, 10] == pytest.approx(truth, rel=0.1)
 
@@ -50,7 +50,7 @@ def test_brighter_than_white_comes_from_the_signal() -> None:
 def test_intensities_are_of_a_known_unit_or_said_to_be_guessed(form: str, assumed: bool, factor: float | None) -> None:
     plain = room_sweep()
     sweep = room_sweep(signal=None, reflectivity=None, intensity=plain.reflectivity, metadata={"format": form})
-    gauge = Gauge.from_sweep(sweep)
+    gauge = ReflectivityGauge.from_sweep(sweep)
     assert gauge is not None
     assert gauge.assumed == assumed
     apparent = gauge.apparent(sweep, sweep.range_m)
@@ -62,14 +62,14 @@ def test_intensities_are_of_a_known_unit_or_said_to_be_guessed(form: str, assume
 
 def test_a_table_is_continued() -> None:
     """Before its first bin as between the first two, beyond the last as the square of the range."""
-    gauge = Gauge(field="signal", range_m=np.array([5.0, 10.0]), per_count=np.array([1e-3, 2e-3]))
+    gauge = ReflectivityGauge(field="signal", range_m=np.array([5.0, 10.0]), per_count=np.array([1e-3, 2e-3]))
     sweep = room_sweep(signal=np.full((24, 360), 100.0))
     found = [float(gauge.apparent(sweep, np.full(sweep.shape, at))[0, 0]) for at in (2.5, 5.0, 20.0)]
     assert found == pytest.approx([0.05, 0.1, 0.8])
 
 
 def test_without_strengths_there_is_no_gauge() -> None:
-    assert Gauge.from_sweep(room_sweep(signal=None, reflectivity=None)) is None
+    assert ReflectivityGauge.from_sweep(room_sweep(signal=None, reflectivity=None)) is None
 
 
 def test_an_echo_without_a_range_was_dropped() -> None:
@@ -89,13 +89,13 @@ def test_reflectivities_that_are_not_linear_do_not_calibrate(reported: float) ->
     signal = np.full(shape, 500.0)
     reflectivity = np.where(third, 50.0, reported)
     sweep = room_sweep(range_m=np.full(shape, 10.0), signal=signal, reflectivity=reflectivity)
-    gauge = Gauge.from_sweep(sweep)
+    gauge = ReflectivityGauge.from_sweep(sweep)
     assert gauge is not None
     np.testing.assert_allclose(gauge.apparent(sweep, sweep.range_m), 0.5, rtol=1e-6)
 
 
 def test_a_steep_table_is_continued_by_the_fourth_power_and_nothing_is_blacker_than_black() -> None:
-    gauge = Gauge(field="signal", range_m=np.array([5.0, 6.0]), per_count=np.array([1e-3, 1.0]))
+    gauge = ReflectivityGauge(field="signal", range_m=np.array([5.0, 6.0]), per_count=np.array([1e-3, 1.0]))
     sweep = room_sweep(signal=np.full((24, 360), 1600.0))
     apparent = gauge.apparent(sweep, np.full(sweep.shape, 2.5))
     np.testing.assert_allclose(apparent, 1.6 / 16.0)
@@ -106,7 +106,7 @@ def test_a_steep_table_is_continued_by_the_fourth_power_and_nothing_is_blacker_t
 
 def test_a_makers_reflectivity_alone_is_in_per_cent() -> None:
     sweep = room_sweep(signal=None)
-    gauge = Gauge.from_sweep(sweep)
+    gauge = ReflectivityGauge.from_sweep(sweep)
     assert gauge is not None
     assert sweep.reflectivity is not None
     np.testing.assert_allclose(gauge.apparent(sweep, sweep.range_m), 0.01 * sweep.reflectivity, rtol=1e-6)

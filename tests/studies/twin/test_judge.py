@@ -10,7 +10,7 @@ from helpers.twins import room_sweep
 from lidarscene.maths.arrays import Numbers
 from lidarscene.studies.twin import judge
 from lidarscene.studies.twin.judge import TwinQuantity, bias_and_scatter, spread
-from lidarscene.studies.twin.matched_pulses import NOTHING, MatchedPulses
+from lidarscene.studies.twin.matched_pulses import NO_SURFACE, MatchedPulses
 from lidarscene.studies.twin.surfels import FILLED, SMOOTH
 
 N = 4000
@@ -134,7 +134,7 @@ def test_losses_count_on_surfaces_only_and_without_those_withheld() -> None:
             pulses(
                 range_m=without(one.range_m, lost),
                 withheld=withheld,
-                kind=np.where(sky, NOTHING, FILLED),
+                kind=np.where(sky, NO_SURFACE, FILLED),
                 simulated_range_m=without(one.simulated_range_m, (number >= 230) & (number < 400)),
             )
         )

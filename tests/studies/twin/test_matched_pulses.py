@@ -26,7 +26,7 @@ from lidarscene.studies.twin.judge import twin_quantities
 from lidarscene.studies.twin.matched_pulses import MatchedPulses, match_pulses, ranges_from_exit, simulate_pulses
 from lidarscene.studies.twin.planes import select_columns
 from lidarscene.studies.twin.surfels import SMOOTH
-from lidarscene.studies.twin.twin_files import COLUMNS, Choice, build_twin
+from lidarscene.studies.twin.twin_files import COLUMNS, TwinFrames, build_twin
 from lidarscene.studies.twin.twin_page import compare_twin
 
 Made = tuple[Recording, Path, Sensor]
@@ -93,7 +93,7 @@ def made(mi: Any, tmp_path_factory: pytest.TempPathFactory) -> Made:
     write_unit(unit_from(unit), unit, folder / "unit.toml")
     sensor = load_sensor(str(folder / "unit.toml"))
     recording = recording_of(folder / "unit.pcap", recorded(scene_of_room(), sensor))
-    told = build_twin(recording, Choice(frames=(0,), held_out=COLUMNS), folder / "twin")
+    told = build_twin(recording, TwinFrames(frames=(0,), held_out=COLUMNS), folder / "twin")
     assert "reflectivities: by the recording's signal" in told
     return recording, folder / "twin", sensor
 
@@ -187,7 +187,7 @@ def test_a_list_of_points_is_compared_by_its_statistics(made: Made, open3d: Any,
         metadata={"format": "kitti"},
     )
     of_list = recording_of(tmp_path / "0.bin", listed)
-    said = build_twin(of_list, Choice(frames=(0,)), tmp_path / "twin", sensor=str(folder / "sensor.toml"))
+    said = build_twin(of_list, TwinFrames(frames=(0,)), tmp_path / "twin", sensor=str(folder / "sensor.toml"))
     assert "scaled to a median of 0.2, since its unit is not known" in said
     text = compare_twin(tmp_path / "twin" / "scene.toml", of_list, tmp_path / "page")
     points = next(line.split() for line in text.splitlines() if line.startswith("points "))

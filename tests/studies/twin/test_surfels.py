@@ -7,7 +7,7 @@ from helpers.twins import COLUMNS, HEIGHT_M, RINGS, WHITE_M2, directions, room_s
 from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
 from lidarscene.recordings.sweep import Second, Sweep
-from lidarscene.studies.twin.apparent_reflectivity import Gauge, scattering_law
+from lidarscene.studies.twin.apparent_reflectivity import ReflectivityGauge, scattering_law
 from lidarscene.studies.twin.planes import align_columns
 from lidarscene.studies.twin.surfels import (
     BRIGHT,
@@ -25,7 +25,7 @@ GROUND_PLANE = np.array([-HEIGHT_M, 0.0, 0.0])
 
 
 def made(sweep: Sweep, ground: Numbers | None = None) -> Surfels:
-    return surfels_of_grid(align_columns(sweep), Gauge.from_sweep(sweep), ground)
+    return surfels_of_grid(align_columns(sweep), ReflectivityGauge.from_sweep(sweep), ground)
 
 
 def kinds(quads: Surfels) -> list[int]:

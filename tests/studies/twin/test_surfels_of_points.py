@@ -8,7 +8,7 @@ from helpers.twins import COLUMNS, HEIGHT_M, RINGS, room_sweep
 
 from lidarscene.recordings.sweep import Sweep
 from lidarscene.studies.twin import surfels
-from lidarscene.studies.twin.apparent_reflectivity import Gauge, largest_reflectivity, scattering_law
+from lidarscene.studies.twin.apparent_reflectivity import ReflectivityGauge, largest_reflectivity, scattering_law
 from lidarscene.studies.twin.surfels import BRIGHT, GROUND, SMOOTH
 
 GROUND_PLANE = np.array([-HEIGHT_M, 0.0, 0.0])
@@ -28,7 +28,7 @@ def points(**changed: Any) -> Sweep:
 
 def test_quads_of_a_list_lie_on_the_room(open3d: Any) -> None:
     sweep = points()
-    quads = surfels.surfels_of_points(sweep, Gauge.from_sweep(sweep), GROUND_PLANE)
+    quads = surfels.surfels_of_points(sweep, ReflectivityGauge.from_sweep(sweep), GROUND_PLANE)
     smooth = quads.corners_m[quads.kind == SMOOTH]
     assert len(smooth) > 0.6 * len(sweep.range_m)
     x, y, z = np.moveaxis(np.abs(smooth), -1, 0)
@@ -41,7 +41,7 @@ def test_quads_of_a_list_lie_on_the_room(open3d: Any) -> None:
 def test_reflectivities_are_those_of_the_intensities(open3d: Any) -> None:
     """A quarter of the law of incidence is off where 20 neighbours span a corner; the median is not."""
     sweep = points()
-    quads = surfels.surfels_of_points(sweep, Gauge.from_sweep(sweep), None)
+    quads = surfels.surfels_of_points(sweep, ReflectivityGauge.from_sweep(sweep), None)
     straight = (np.abs(quads.corners_m[:, :, 0] + 10.0).max(axis=1) < 1e-3) & (
         np.abs(quads.corners_m[:, :, 1]).max(axis=1) < 2.0
     )
@@ -73,7 +73,7 @@ def test_a_slanted_wall_has_one_reflectivity_but_where_no_matt_wall_is_so_bright
     ahead, aside = (int(np.argmin(np.hypot(y - at, z))) for at in (0.0, 8.7))
     apparent[ahead], apparent[aside] = 2.0, 0.95 * largest_reflectivity()
     sweep = list_of(wall_m, apparent)
-    quads = surfels.surfels_of_points(sweep, Gauge.from_sweep(sweep), None)
+    quads = surfels.surfels_of_points(sweep, ReflectivityGauge.from_sweep(sweep), None)
     bright = np.isin(np.arange(len(y)), (ahead, aside))
     assert np.array_equal(quads.kind, np.where(bright, BRIGHT, SMOOTH))
     np.testing.assert_allclose(quads.reflectivity[~bright], 0.3, rtol=1e-6)
@@ -104,7 +104,7 @@ def test_the_completed_ground_is_the_grounds_alone(open3d: Any, bright: float) -
     wall_m = np.stack([np.full_like(y, 40.0), y, z], axis=1)
     apparent = np.concatenate([bright * scattering_law(cos), np.full(len(y), 0.7)])
     sweep = list_of(np.concatenate([ground_m, wall_m]), apparent)
-    quads = surfels.surfels_of_points(sweep, Gauge.from_sweep(sweep), ground)
+    quads = surfels.surfels_of_points(sweep, ReflectivityGauge.from_sweep(sweep), ground)
     sides_m = np.linalg.norm(np.diff(quads.corners_m[quads.kind != GROUND], axis=1), axis=2)
     np.testing.assert_allclose(sides_m, np.repeat(sides_m[:, :1], 3, axis=1))  # squares, however they lean
     completed = quads.kind == GROUND

@@ -18,11 +18,11 @@ from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 from lidarscene.studies.recorded import background_w
 from lidarscene.studies.twin import twin_files
-from lidarscene.studies.twin.apparent_reflectivity import Gauge
+from lidarscene.studies.twin.apparent_reflectivity import ReflectivityGauge
 from lidarscene.studies.twin.surfels import Surfels
 from lidarscene.studies.twin.twin_files import (
     COLUMNS,
-    Choice,
+    TwinFrames,
     build_twin,
     choose_frames,
     frame_pose,
@@ -34,7 +34,7 @@ from lidarscene.studies.twin.twin_files import (
 
 def test_frames_without_the_one_held_out(tmp_path: Path) -> None:
     recording = recording_of(tmp_path / "four.pcap", *[room_sweep()] * 4)
-    assert choose_frames(recording, None, 2) == Choice(frames=(0, 1, 3), held_out=2)
+    assert choose_frames(recording, None, 2) == TwinFrames(frames=(0, 1, 3), held_out=2)
     assert choose_frames(recording, (1, 3), None).judged_frame == 1
     assert choose_frames(recording, (1, 3), 0).judged_frame == 0
     for frames, held_out, message in (
@@ -63,11 +63,11 @@ def test_light_is_such_that_surfaces_have_the_recorded_background() -> None:
     target = Target(reflectivity=0.2, illuminance_klux=30.0, cos_sun=0.0, diffuse_share=1.0)
     klux = 30.0 * counted / float(echoes_of_plane(sensor, target, 20.0 * np.ones(1)).background_power_w[0])
     sweep = room_sweep(near_ir=near_ir)
-    found = illuminance_klux(sweep, Gauge.from_sweep(sweep), sensor)
+    found = illuminance_klux(sweep, ReflectivityGauge.from_sweep(sweep), sensor)
     # Counts of the dark do not scale with the reflectivity; they are some 100 of 500.
     assert found == pytest.approx(klux, rel=0.25)
-    assert illuminance_klux(plain, Gauge.from_sweep(plain), sensor) is None
-    assert illuminance_klux(sweep, Gauge.from_sweep(sweep), load_sensor("vlp-16")) is None
+    assert illuminance_klux(plain, ReflectivityGauge.from_sweep(plain), sensor) is None
+    assert illuminance_klux(sweep, ReflectivityGauge.from_sweep(sweep), load_sensor("vlp-16")) is None
 
 
 def test_the_files_of_a_twin(tmp_path: Path) -> None:
@@ -76,7 +76,7 @@ def test_the_files_of_a_twin(tmp_path: Path) -> None:
     sweep = room_sweep(signal=signal)
     unit = unit_json(tmp_path / "unit.json")
     recording = recording_of(tmp_path / "room.pcap", sweep)
-    text = build_twin(recording, Choice(frames=(0,)), tmp_path / "twin", metadata=unit)
+    text = build_twin(recording, TwinFrames(frames=(0,)), tmp_path / "twin", metadata=unit)
     assert "quads of 1 frame, 20 klux" in text
     scene = load_scene(tmp_path / "twin" / "scene.toml")
     assert {body.class_name for body in scene.bodies} >= {"smooth", "rough", "bright"}
@@ -118,11 +118,11 @@ def test_strengths_that_are_no_numbers_are_in_no_file(tmp_path: Path, value: flo
     intensity[3:20, 7], near_ir[3:20, 9] = value, value
     sweep = room_sweep(signal=None, reflectivity=None, intensity=intensity, near_ir=near_ir)
     recording = recording_of(tmp_path / "room.pcap", sweep)
-    build_twin(recording, Choice(frames=(0,)), tmp_path / "twin", metadata=unit_json(tmp_path / "unit.json"))
+    build_twin(recording, TwinFrames(frames=(0,)), tmp_path / "twin", metadata=unit_json(tmp_path / "unit.json"))
     scene = load_scene(tmp_path / "twin" / "scene.toml")
     assert "bright" not in {body.class_name for body in scene.bodies}
     whole = replace(sweep, intensity=plain.reflectivity, near_ir=np.full(plain.shape, 500.0))
-    klux = illuminance_klux(whole, Gauge.from_sweep(whole), load_sensor(scene.sensor_name))
+    klux = illuminance_klux(whole, ReflectivityGauge.from_sweep(whole), load_sensor(scene.sensor_name))
     # 34 of 8640 pixels are out of two medians, which they cannot move by more than their neighbours in rank.
     assert scene.sun.illuminance_klux == pytest.approx(klux, rel=0.01)
 
@@ -130,9 +130,9 @@ def test_strengths_that_are_no_numbers_are_in_no_file(tmp_path: Path, value: flo
 def test_what_is_missing_is_one_line(tmp_path: Path) -> None:
     recording = recording_of(tmp_path / "room.pcap", room_sweep())
     with pytest.raises(InputError, match="must have the unit's metadata"):
-        build_twin(recording, Choice(frames=(0,)), tmp_path / "twin")
+        build_twin(recording, TwinFrames(frames=(0,)), tmp_path / "twin")
     with pytest.raises(InputError, match=r"--sensor no\.toml: no such file"):
-        build_twin(recording, Choice(frames=(0,)), tmp_path / "twin", sensor="no.toml")
+        build_twin(recording, TwinFrames(frames=(0,)), tmp_path / "twin", sensor="no.toml")
     with pytest.raises(InputError, match=r"must be the scene of a twin, with twin\.json beside it"):
         read_provenance(tmp_path / "scene.toml")
 
@@ -153,9 +153,9 @@ def test_a_sky_of_so_much_light_is_found_again() -> None:
     power_w = echoes_of_plane(sensor, sky, np.full(1, 20.0)).background_power_w
     counted = float(np.ravel(sensor.background_counts(power_w)[0])[0]) * float(sensor.tdc.ambient_s)
     sweep = room_sweep(signal=None, near_ir=np.full((24, 360), counted), reflectivity=np.full((24, 360), 20.0))
-    assert illuminance_klux(sweep, Gauge.from_sweep(sweep), sensor) == pytest.approx(20.0, rel=1e-4)
+    assert illuminance_klux(sweep, ReflectivityGauge.from_sweep(sweep), sensor) == pytest.approx(20.0, rel=1e-4)
     dark = room_sweep(signal=None, near_ir=np.zeros((24, 360)), reflectivity=np.full((24, 360), 20.0))
-    assert illuminance_klux(dark, Gauge.from_sweep(dark), sensor) == 0.0
+    assert illuminance_klux(dark, ReflectivityGauge.from_sweep(dark), sensor) == 0.0
 
 
 def test_quads_of_several_frames_are_where_each_frame_saw_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,7 +172,7 @@ def test_quads_of_several_frames_are_where_each_frame_saw_them(tmp_path: Path, m
     frames = [room_sweep() for _ in poses]
     frames = [replace(frame, pose=poses[k], start_s=50.0 + k) for k, frame in enumerate(frames)]
     recording = recording_of(tmp_path / "three.osf", *frames)
-    build_twin(recording, Choice(frames=(0, 1, 2)), tmp_path / "twin", sensor="vlp-16")
+    build_twin(recording, TwinFrames(frames=(0, 1, 2)), tmp_path / "twin", sensor="vlp-16")
     scene = load_scene(tmp_path / "twin" / "scene.toml")
     assert scene.sun.illuminance_klux == 20.0
     (body,) = scene.bodies
@@ -191,6 +191,6 @@ def test_quads_of_several_frames_are_where_each_frame_saw_them(tmp_path: Path, m
 def test_a_twin_of_columns_sees_the_even_ones() -> None:
     """`fit --scene` and `compare` take the odd ones: none is in both."""
     sweep = room_sweep()
-    part = Choice(frames=(0,), held_out=COLUMNS).visible_part(sweep)
+    part = TwinFrames(frames=(0,), held_out=COLUMNS).visible_part(sweep)
     assert np.array_equal(part.range_m, sweep.range_m[:, ::2])
-    assert Choice(frames=(0,), held_out=3).visible_part(sweep) is sweep
+    assert TwinFrames(frames=(0,), held_out=3).visible_part(sweep) is sweep

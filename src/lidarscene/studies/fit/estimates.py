@@ -18,7 +18,7 @@ from ...maths.arrays import Numbers
 DRAWS = 400
 """Draws of the bootstrap: a sigma from n draws scatters by 1 / sqrt(2 n), here 3.5 %."""
 
-DOUBT = 1.3
+DOUBTFUL_RATIO = 1.3
 """Ratio of the bootstrap's sigma to Fisher's above which the two differ.
 
 The sigma of a bootstrap over 40 blocks scatters by 11 %, by 20 % where few of the blocks matter."""
@@ -26,7 +26,7 @@ The sigma of a bootstrap over 40 blocks scatters by 11 %, by 20 % where few of t
 MOST_EVALUATIONS = 50
 """Largest number of evaluations of a law by the solver, including those for its slopes."""
 
-UNKNOWN = 1.0
+UNKNOWN_SIGMA = 1.0
 """Sigma of a logarithm above which the number is not known: a factor of e either way."""
 
 
@@ -52,14 +52,14 @@ class Estimate:
 
         The larger of the two would be too wide by some 5 %, since the bootstrap's own sigma scatters.
         """
-        return self.bootstrap if self.bootstrap > DOUBT * self.fisher else self.fisher
+        return self.bootstrap if self.bootstrap > DOUBTFUL_RATIO * self.fisher else self.fisher
 
     @property
     def is_known(self) -> bool:
         """True if sigma is below the value itself. A single block has no bootstrap, so nothing is known from it."""
         if not np.isfinite(self.bootstrap):
             return False
-        return bool(np.isfinite(self.sigma) and self.sigma < UNKNOWN * abs(self.value))
+        return bool(np.isfinite(self.sigma) and self.sigma < UNKNOWN_SIGMA * abs(self.value))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

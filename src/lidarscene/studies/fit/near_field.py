@@ -21,7 +21,7 @@ from ...maths.special import expm1
 from ...physics.optics import receiver
 from ...sensor.sensor_model import Sensor
 from .estimates import Estimate, Solution, least_squares
-from .products import FAR, near_field_m
+from .products import FAR_RATIO, near_field_m
 from .recorded_pulses import RecordedPulses
 
 LEAST_REFLECTIVITY, MOST_REFLECTIVITY = 20.0, 100.0
@@ -30,10 +30,10 @@ LEAST_REFLECTIVITY, MOST_REFLECTIVITY = 20.0, 100.0
 LEAST_SIGNAL = 12.0
 """Least SIGNAL: photons are whole numbers, too."""
 
-STEP = 0.03
+LOG_RANGE_STEP = 0.03
 """Width of a bin in ln R."""
 
-LEAST = 30
+LEAST_PULSES = 30
 """Least number of pulses in a bin."""
 
 LEAST_BINS = 6
@@ -41,10 +41,10 @@ LEAST_BINS = 6
 OUTLIER = 0.5
 """Distance of ln white_m2 from the median of its bin beyond which the light is not only the return's."""
 
-HUBER = 1.5
+HUBER_SIGMAS = 1.5
 """Sigmas beyond which a bin counts less (Huber's weight): the nearest ranges follow laws of their own."""
 
-SPOTS = (0.1, 2.0)
+SPOT_BOUNDS = (0.1, 2.0)
 """Bounds of the laser's spot radius (1/e^2) over that of the field of view; beyond them the curve hardly changes."""
 
 SAME_LAW = 0.01
@@ -56,7 +56,7 @@ LONGEST_STRETCH = 1.5
 LEAST_SHARE = 1e-6
 
 Curve = Callable[[Numbers], Numbers]
-"""Function from range over R0 to the share of the light on the detector, relative to that at `FAR`."""
+"""Function from range over R0 to the share of the light on the detector, relative to that at `FAR_RATIO`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -109,9 +109,9 @@ def share(range_over_r0: Lanes, spot_over_field: Lanes) -> Lanes:
 
 
 def spot_over_field(sensor: Sensor) -> float | None:
-    """Radius of the spot over that of the field of view; None unless within `SPOTS` and behind one lens."""
+    """Radius of the spot over that of the field of view; None unless within `SPOT_BOUNDS` and behind one lens."""
     ratio = _spot(sensor)
-    return ratio if SPOTS[0] < ratio < SPOTS[1] and sensor.optics.overlap and _one_lens(sensor) else None
+    return ratio if SPOT_BOUNDS[0] < ratio < SPOT_BOUNDS[1] and sensor.optics.overlap and _one_lens(sensor) else None
 
 
 def own_curve(sensor: Sensor) -> Curve | None:
@@ -119,7 +119,7 @@ def own_curve(sensor: Sensor) -> Curve | None:
     overlap, r0_m = sensor.optics.overlap, near_field_m(sensor)
     if overlap is None or _one_lens(sensor):
         return None
-    far_share = float(overlap.share(FAR * r0_m))
+    far_share = float(overlap.share(FAR_RATIO * r0_m))
     return lambda ratio: np.maximum(np.asarray(overlap.share(r0_m * ratio)) / far_share, LEAST_SHARE)
 
 
@@ -131,7 +131,7 @@ def _one_lens(sensor: Sensor) -> bool:
     overlap, places = sensor.optics.overlap, np.geomspace(0.1, 10.0, 40)
     assert overlap is not None
     sensor_share = np.asarray(overlap.share(places * near_field_m(sensor)))
-    lens_share = np.asarray(share(places, float(np.clip(_spot(sensor), *SPOTS))))
+    lens_share = np.asarray(share(places, float(np.clip(_spot(sensor), *SPOT_BOUNDS))))
     return bool(np.abs(sensor_share / sensor_share[-1] * lens_share[-1] - lens_share).max() < SAME_LAW)
 
 
@@ -157,8 +157,8 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
     if binned is None or check is None:
         return None
     x, y, sigma, sums, counts = binned
-    low = np.array([y.min() - 2.0, x.min() - 1.5, math.log(SPOTS[0])])
-    high = np.array([y.max() + 2.0, x.max() + 1.5, math.log(SPOTS[-1])])
+    low = np.array([y.min() - 2.0, x.min() - 1.5, math.log(SPOT_BOUNDS[0])])
+    high = np.array([y.max() + 2.0, x.max() + 1.5, math.log(SPOT_BOUNDS[-1])])
     plateau = float(np.median(np.sort(y)[-max(len(y) // 3, 3) :]))
     knee = float(x[np.argmin(np.abs(y - plateau + math.log(2.0)))])
     start, misfit, evaluations = np.array([plateau, knee, math.log(0.35)]), 0.05, 0
@@ -178,7 +178,7 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
         residual = y - _law(sensor_curve, value, x)
         excess = np.median(np.abs(residual)) * 1.4826
         misfit = math.sqrt(max(excess**2 - float(np.median(sigma)) ** 2, 1e-6**2))
-        weight = np.minimum(1.0, HUBER * np.sqrt(sigma**2 + misfit**2) / np.maximum(np.abs(residual), 1e-12))
+        weight = np.minimum(1.0, HUBER_SIGMAS * np.sqrt(sigma**2 + misfit**2) / np.maximum(np.abs(residual), 1e-12))
     root = np.sqrt(weight) / np.sqrt(sigma**2 + misfit**2)
     # Score of a block: its part of each bin's mean residual, times the slope of the law there.
     block_residuals = np.divide(sums - counts * _law(sensor_curve, value, x), counts.sum(axis=0))
@@ -202,17 +202,17 @@ def _bins(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers, Numbers, N
     assert pulses.reflectivity is not None
     mask = pulses.has_return & (pulses.signal >= LEAST_SIGNAL)
     mask &= (pulses.reflectivity >= LEAST_REFLECTIVITY) & (pulses.reflectivity < MOST_REFLECTIVITY)
-    if mask.sum() < LEAST:
+    if mask.sum() < LEAST_PULSES:
         return None
     x = np.log(pulses.range_m[mask])
     y = np.log(pulses.signal[mask] * 100.0 / pulses.reflectivity[mask]) + 2.0 * x
     block = pulses.blocks(mask)
-    bin_index = np.floor(x / STEP).astype(int)
+    bin_index = np.floor(x / LOG_RANGE_STEP).astype(int)
     bin_index -= bin_index.min()
     median = _medians(y, bin_index)
     near_median = np.abs(y - median[bin_index]) < OUTLIER
     x, y, block, bin_index = x[near_median], y[near_median], block[near_median], bin_index[near_median]
-    full_bins = np.flatnonzero(np.bincount(bin_index) >= LEAST)
+    full_bins = np.flatnonzero(np.bincount(bin_index) >= LEAST_PULSES)
     if len(full_bins) < LEAST_BINS:
         return None
     number = np.full(bin_index.max() + 1, -1)

@@ -20,7 +20,7 @@ from ...physics.photon_counting import matched_filter
 from ...sensor.sensor_model import Sensor
 from ..ranging.plane import Target, echoes_of_plane
 
-FAR = 30.0
+FAR_RATIO = 30.0
 """Range over R0 beyond which the near field changes the light by less than 0.1 %."""
 
 REFLECTIVITY = "reflectivity of all targets"
@@ -55,7 +55,7 @@ def scatter_over_sigma(width: Lanes) -> Lanes:
 
 def white_m2(sensor: Sensor) -> float:
     """Photons of a white wall times the square of its range, far away, weak enough that no SPAD fires twice."""
-    range_m = FAR * near_field_m(sensor)
+    range_m = FAR_RATIO * near_field_m(sensor)
     dim = 1e-3
     light = echoes_of_plane(sensor, Target(reflectivity=dim, illuminance_klux=0.0), np.array([range_m]))
     photons = sensor.working_point(light.background_power_w).signal(light.peak_power_w)

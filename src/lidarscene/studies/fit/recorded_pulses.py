@@ -10,10 +10,10 @@ import numpy as np
 from ...maths.arrays import Numbers
 from ...recordings.sweep import Sweep
 
-BLOCK = 20
+BLOCK_COLUMNS = 20
 """Columns in a block: two patches of `scatter`, and some 50 blocks in a turn."""
 
-HELD_OUT = 4
+HELD_OUT_PERIOD = 4
 """Period of the held-out blocks: each fourth block is not fitted but judges the fit."""
 
 
@@ -46,7 +46,7 @@ class RecordedPulses:
     @property
     def fitted(self) -> Numbers:
         """(columns,) mask of the fitted columns; the others judge the fit."""
-        return np.asarray(self.block % HELD_OUT != HELD_OUT - 1)
+        return np.asarray(self.block % HELD_OUT_PERIOD != HELD_OUT_PERIOD - 1)
 
     @property
     def frames(self) -> int:
@@ -87,7 +87,7 @@ def gather_pulses(sweeps: Iterable[Sweep]) -> RecordedPulses:
             continue
         if parts and parts[0].range_m.shape[0] != sweep.shape[0]:
             raise ValueError(f"must have {parts[0].range_m.shape[0]} rows as the first, got {sweep.shape[0]}")
-        block = blocks + columns // BLOCK
+        block = blocks + columns // BLOCK_COLUMNS
         blocks = int(block.max()) + 1
         parts.append(
             RecordedPulses(

@@ -18,30 +18,30 @@ from ...maths.arrays import Numbers
 from .estimates import Estimate, Solution
 from .recorded_pulses import RecordedPulses
 
-PATCH, APART = 5, 2
+PATCH, COLUMN_STEP = 5, 2
 """Pulses in a patch, and columns from one to the next."""
 
 LEAST_SIGNAL = 100.0
 """Least harmonic mean of SIGNAL over a patch [photons]."""
 
-SMOOTHEST = 0.5
+SMOOTH_SHARE = 0.5
 """Share of the patches, by the scatter of their neighbours, that count as smooth."""
 
-ALIKE = 2.0
+LARGEST_SIGNAL_RATIO = 2.0
 """Largest ratio of the signals within a patch."""
 
-FURTHEST = 6.0
+LARGEST_SQUARE = 6.0
 """Sum of squares over sigma^2 above which a patch is left out: exp(-3) = 5 % of clean ones."""
 
-LEAST = 60
+LEAST_PATCHES = 60
 """Least number of patches."""
 
 LEAST_OF_OCTAVE = 20
 """Least number of patches in an octave of SIGNAL."""
 
-_SHARE_BELOW = 1.0 - math.exp(-0.5 * FURTHEST)
-_MEAN_BELOW = (2.0 - (2.0 + FURTHEST) * math.exp(-0.5 * FURTHEST)) / _SHARE_BELOW
-"""Mean of chi^2 with two degrees of freedom, given that it is below `FURTHEST`."""
+_SHARE_BELOW = 1.0 - math.exp(-0.5 * LARGEST_SQUARE)
+_MEAN_BELOW = (2.0 - (2.0 + LARGEST_SQUARE) * math.exp(-0.5 * LARGEST_SQUARE)) / _SHARE_BELOW
+"""Mean of chi^2 with two degrees of freedom, given that it is below `LARGEST_SQUARE`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -95,35 +95,37 @@ def fit_scatter(pulses: RecordedPulses) -> Scatter | None:
     if pulses.signal is None:
         return None
     squares, inverse, block = _patches(pulses.select_columns(pulses.fitted))
-    if len(squares) < LEAST:
+    if len(squares) < LEAST_PATCHES:
         return None
     value = _start(squares, inverse)
     law = np.column_stack([inverse, np.ones_like(inverse)])
-    near_law = np.ones(len(squares), bool)
+    inlier = np.ones(len(squares), bool)
     for _ in range(200):
         variance = law @ value
-        near_law = squares < FURTHEST * variance
-        if near_law.sum() < LEAST // 4:
+        inlier = squares < LARGEST_SQUARE * variance
+        if inlier.sum() < LEAST_PATCHES // 4:
             return None
-        weighted = law[near_law] / variance[near_law, None] ** 2
-        solution = np.linalg.lstsq(weighted.T @ law[near_law], weighted.T @ (squares[near_law] / _MEAN_BELOW), rcond=None)[0]
+        weighted = law[inlier] / variance[inlier, None] ** 2
+        solution = np.linalg.lstsq(weighted.T @ law[inlier], weighted.T @ (squares[inlier] / _MEAN_BELOW), rcond=None)[
+            0
+        ]
         if solution[0] <= 0.0 or solution[1] < 0.0:  # a negative floor or photon part: fit the other one alone
             only = 1 if solution[0] <= 0.0 else 0
-            alone = float(weighted[:, only] @ (squares[near_law] / _MEAN_BELOW) / (weighted[:, only] @ law[near_law, only]))
+            alone = float(weighted[:, only] @ (squares[inlier] / _MEAN_BELOW) / (weighted[:, only] @ law[inlier, only]))
             solution = np.array([alone, 0.0]) if only == 0 else np.array([0.0, alone])
         converged = np.abs(solution - value).max() <= 1e-7 * np.abs(value).max()
         value = solution
         if converged:
             break
     variance = law @ value
-    near_law = squares < FURTHEST * variance
-    patch_scores = np.where(near_law, squares / _MEAN_BELOW - variance, 0.0)[:, None] * law / variance[:, None] ** 2
+    inlier = squares < LARGEST_SQUARE * variance
+    patch_scores = np.where(inlier, squares / _MEAN_BELOW - variance, 0.0)[:, None] * law / variance[:, None] ** 2
     scores = np.column_stack([np.bincount(block, column) for column in patch_scores.T])
-    # Slope of the sum of the scores: the cut at FURTHEST moves with the law, which takes off the share ``edge``.
-    edge = 0.5 * math.exp(-0.5 * FURTHEST) * FURTHEST * (FURTHEST / _MEAN_BELOW - 1.0) / _SHARE_BELOW
-    relative = law[near_law] / variance[near_law, None]
+    # Slope of the sum of the scores: the cut at LARGEST_SQUARE moves with the law, which takes off the share ``edge``.
+    edge = 0.5 * math.exp(-0.5 * LARGEST_SQUARE) * LARGEST_SQUARE * (LARGEST_SQUARE / _MEAN_BELOW - 1.0) / _SHARE_BELOW
+    relative = law[inlier] / variance[inlier, None]
     fisher = relative.T @ relative
-    spread = float(np.var(squares[near_law] / variance[near_law] / _MEAN_BELOW))
+    spread = float(np.var(squares[inlier] / variance[inlier] / _MEAN_BELOW))
     solved = Solution(value=value, slope=(1.0 - edge) * fisher, scores=scores, meat=spread * fisher)
     signal, sigma, patches = _octaves(squares, inverse, value)
     check_patches_of = _patches(pulses.select_columns(~pulses.fitted))
@@ -145,15 +147,15 @@ def fit_scatter(pulses: RecordedPulses) -> Scatter | None:
 def _patches(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers]:
     """Sum of squared residuals [m2], mean of 1 / SIGNAL and block index of each patch on a smooth surface."""
     assert pulses.signal is not None
-    reach = PATCH * APART
+    reach = PATCH * COLUMN_STEP
     starts = np.arange(0, pulses.range_m.shape[1] - reach + 1, reach)[:, None]
-    columns = np.concatenate([starts + first + APART * np.arange(PATCH) for first in range(APART)])
+    columns = np.concatenate([starts + first + COLUMN_STEP * np.arange(PATCH) for first in range(COLUMN_STEP)])
     block = pulses.block[columns]
-    in_one_block = (block.max(axis=1) == block.min(axis=1)) & (np.ptp(columns, axis=1) == reach - APART)
+    in_one_block = (block.max(axis=1) == block.min(axis=1)) & (np.ptp(columns, axis=1) == reach - COLUMN_STEP)
     range_m, signal = pulses.range_m[:, columns], pulses.signal[:, columns]
     with np.errstate(invalid="ignore"):
         valid = np.isfinite(range_m).all(axis=2) & (signal.min(axis=2) > 0.0) & in_one_block
-        valid &= signal.max(axis=2) < ALIKE * signal.min(axis=2)
+        valid &= signal.max(axis=2) < LARGEST_SIGNAL_RATIO * signal.min(axis=2)
     basis = np.linalg.qr(np.vander(np.arange(PATCH), 3))[0]  # orthonormal basis of the parabolas over a patch
     filled_range_m = np.where(valid[..., None], range_m, 0.0)
     squares = np.sum((filled_range_m - (filled_range_m @ basis) @ basis.T) ** 2, axis=2)
@@ -164,7 +166,7 @@ def _patches(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers]:
     usable = valid & np.isfinite(neighbour_scatter) & (inverse < 1.0 / LEAST_SIGNAL)
     if not usable.any():
         return np.zeros(0), np.zeros(0), np.zeros(0, int)
-    usable &= neighbour_scatter <= np.quantile(neighbour_scatter[usable], SMOOTHEST)
+    usable &= neighbour_scatter <= np.quantile(neighbour_scatter[usable], SMOOTH_SHARE)
     block_index = np.unique(np.broadcast_to(block[:, 0], valid.shape)[usable], return_inverse=True)[1]
     return squares[usable], inverse[usable], block_index
 
@@ -177,11 +179,11 @@ def _start(squares: Numbers, inverse: Numbers) -> Numbers:
 def _octaves(squares: Numbers, inverse: Numbers, value: Numbers) -> tuple[Numbers, Numbers, Numbers]:
     """Signal, sigma and number of patches by octave, without patches far above the law."""
     variance = value[0] * inverse + value[1]
-    near_law = squares < FURTHEST * variance
+    inlier = squares < LARGEST_SQUARE * variance
     octave = np.floor(np.log2(1.0 / inverse)).astype(int)
     rows = []
-    for number in np.unique(octave[near_law]):
-        in_octave = near_law & (octave == number)
+    for number in np.unique(octave[inlier]):
+        in_octave = inlier & (octave == number)
         if in_octave.sum() >= LEAST_OF_OCTAVE:
             sigma = math.sqrt(float(squares[in_octave].mean()) / _MEAN_BELOW)
             rows.append((2.0 ** (number + 0.5), sigma, int(in_octave.sum())))

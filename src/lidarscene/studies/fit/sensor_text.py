@@ -183,8 +183,8 @@ def fitted_text(
         text, row_notes = _with_rows(text, rows, recording)
         notes += row_notes
     if "white_m2" in accepted:
-        sensor_without_power = parse_sensor(text, where)
-        power_w = float(sensor_without_power.laser.peak_power_w) * accepted["white_m2"].value / white_m2(sensor_without_power)
+        unscaled = parse_sensor(text, where)
+        power_w = float(unscaled.laser.peak_power_w) * accepted["white_m2"].value / white_m2(unscaled)
         source = source_of("white_m2", "; power, lens, efficiency, PDE and shots are known as one product")
         text = put_value(text, "laser", "peak_power_w", power_w, source)
     return text, notes

@@ -22,7 +22,7 @@ from ...sensor.sensor_model import Sensor
 from .estimates import Estimate, Solution
 from .recorded_pulses import RecordedPulses
 
-REACH = 3.0
+LARGEST_SIGNAL_RATIO = 3.0
 """SIGNAL over the median threshold above which pulses are lost for other reasons (blanking, a window): left out."""
 
 NEIGHBOUR_COLUMNS = 10
@@ -31,14 +31,14 @@ NEIGHBOUR_COLUMNS = 10
 LEAST_NEIGHBOURS = 8
 """Least number of neighbours with a return that make a surface."""
 
-FLAT = 0.1
+RANGE_TOLERANCE = 0.1
 """Largest relative difference of a neighbour's range from the neighbours' median. The pulse's own range does not count,
 since a lost pulse has none."""
 
 LEAST_PULSES = 200
 """Least number of pulses near the threshold, with a return and without."""
 
-BINS = 20
+CHANCE_BINS = 20
 """Bins of the chance for the check."""
 
 NORMAL = 1.702
@@ -140,7 +140,7 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
             return None
         value = solution
         median_level = -(value[1] + value[2] * float(np.median(design[:, 2]))) / value[0]
-        max_signal = REACH * median_level
+        max_signal = LARGEST_SIGNAL_RATIO * median_level
     fit_mask = mask & columns
     design, returned = _design(pulses.signal[fit_mask], pulses.near_ir[fit_mask]), pulses.has_return[fit_mask]
     solution = _newton(design, returned)
@@ -153,15 +153,15 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
     slope = (design * (chance * (1.0 - chance))[:, None]).T @ design
     held_out = mask & ~columns
     expected = _chance(solution, _design(pulses.signal[held_out], pulses.near_ir[held_out]))
-    bin_index = np.minimum((expected * BINS).astype(int), BINS - 1)
-    counts = np.bincount(bin_index, minlength=BINS)
-    filled_bins = counts > 0
+    bin_index = np.minimum((expected * CHANCE_BINS).astype(int), CHANCE_BINS - 1)
+    counts = np.bincount(bin_index, minlength=CHANCE_BINS)
+    filled = counts > 0
     return Threshold(
         solved=Solution(value=solution, slope=slope, scores=scores),
         near_ir=float(np.median(design[:, 2])) ** 2,
-        expected_share=np.bincount(bin_index, expected, minlength=BINS)[filled_bins] / counts[filled_bins],
-        kept_share=np.bincount(bin_index, pulses.has_return[held_out], minlength=BINS)[filled_bins] / counts[filled_bins],
-        pulses=counts[filled_bins],
+        expected_share=np.bincount(bin_index, expected, minlength=CHANCE_BINS)[filled] / counts[filled],
+        kept_share=np.bincount(bin_index, pulses.has_return[held_out], minlength=CHANCE_BINS)[filled] / counts[filled],
+        pulses=counts[filled],
     )
 
 
@@ -171,10 +171,10 @@ def _on_surface(pulses: RecordedPulses) -> Numbers:
     neighbours_m = np.stack(
         [np.roll(range_m, shift, axis=1) for shift in range(-NEIGHBOUR_COLUMNS, NEIGHBOUR_COLUMNS + 1) if shift]
     )
-    enough_neighbours = np.isfinite(neighbours_m).sum(axis=0) >= LEAST_NEIGHBOURS
+    covered = np.isfinite(neighbours_m).sum(axis=0) >= LEAST_NEIGHBOURS
     mask = np.zeros(range_m.shape, bool)
-    median_m = np.nanmedian(neighbours_m[:, enough_neighbours], axis=0)
-    mask[enough_neighbours] = np.nanmax(np.abs(neighbours_m[:, enough_neighbours] - median_m), axis=0) < FLAT * median_m
+    median_m = np.nanmedian(neighbours_m[:, covered], axis=0)
+    mask[covered] = np.nanmax(np.abs(neighbours_m[:, covered] - median_m), axis=0) < RANGE_TOLERANCE * median_m
     return mask
 
 

@@ -17,7 +17,7 @@ from ...recordings.sweep import Second, Sweep
 SLOPE_DEG = 45.0
 """Slope of the facets of all measured surfaces, that of the catalogue's asphalt."""
 
-LEAST = 2e-3
+LEAST_REFLECTIVITY = 2e-3
 """Least reflectivity; lower ones are unknown surfaces, taken as black."""
 
 WHITE = 100.0
@@ -59,7 +59,7 @@ def largest_reflectivity() -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Gauge:
+class ReflectivityGauge:
     """Conversion of a recording's strengths to apparent reflectivities.
 
     field               field of the sweep that holds the strengths: signal, reflectivity or intensity
@@ -73,7 +73,7 @@ class Gauge:
     assumed: bool = False
 
     @classmethod
-    def from_sweep(cls, sweep: Sweep) -> Gauge | None:
+    def from_sweep(cls, sweep: Sweep) -> ReflectivityGauge | None:
         """Calibrate from a sweep; None if it has no strengths.
 
         The ratio of reflectivity to signal over the range is the maker's own calibration, near field included. Signals
@@ -96,12 +96,13 @@ class Gauge:
         return cls(field="intensity", range_m=np.ones(1), per_count=np.full(1, scale), assumed=True)
 
     def apparent(self, returns: Sweep | Second, range_m: Numbers) -> Numbers:
-        """Apparent reflectivity of a sweep's strengths at these ranges; `LEAST` where a strength is no number."""
+        """Apparent reflectivity of a sweep's strengths at these ranges; `LEAST_REFLECTIVITY` for NaN."""
         strength = np.asarray(getattr(returns, self.field), np.float64)
         log_range, table, value = np.log(np.maximum(range_m, 1e-3)), np.log(self.range_m), np.log(self.per_count)
         log_factor = np.interp(log_range, table, value)
         if len(table) > 1:
-            # Extrapolate: below the table with the slope of its first two bins, beyond it as 1 / range^2.
+            # Below the table: the slope of its first two bins. Beyond it signals fall as 1 / range^2, so the factor
+            # grows as range^2.
             slope = np.clip((value[1] - value[0]) / (table[1] - table[0]), -STEEPEST, STEEPEST)
             log_factor = (
                 log_factor
@@ -109,7 +110,7 @@ class Gauge:
                 + 2.0 * np.maximum(log_range - table[-1], 0.0)
             )
         factor = np.exp(log_factor)
-        return np.maximum(np.nan_to_num(strength * factor, posinf=0.0), LEAST)
+        return np.maximum(np.nan_to_num(strength * factor, posinf=0.0), LEAST_REFLECTIVITY)
 
 
 def _reflectivity_per_photon(sweep: Sweep) -> tuple[Numbers, Numbers] | None:

@@ -15,7 +15,7 @@ from ...recordings.sweep import Sweep
 VOXEL_M = 0.3
 """Edge of the cubes in which points are thinned to one before registration."""
 
-WITHIN_M = (2.0, 0.5)
+LARGEST_PAIR_DISTANCE_M = (2.0, 0.5)
 """Largest distance of paired points in the first and the second round of registration."""
 
 
@@ -66,7 +66,7 @@ def _register(cloud: Any, reference: Any) -> Pose:
     """Pose of one cloud in the axes of another that it overlaps, by point-to-plane ICP."""
     registration = open3d().pipelines.registration
     matrix = np.eye(4)
-    for within_m in WITHIN_M:
+    for within_m in LARGEST_PAIR_DISTANCE_M:
         matrix = registration.registration_icp(
             cloud, reference, within_m, matrix, registration.TransformationEstimationPointToPlane()
         ).transformation

@@ -17,7 +17,7 @@ from ...cloud.point_cloud import PointCloud
 from ...maths.arrays import Numbers
 from ...recordings.sweep import Sweep
 from ..compare.recording_comparison import measure_ground
-from .matched_pulses import NOTHING, MatchedPulses
+from .matched_pulses import NO_SURFACE, MatchedPulses
 from .surfels import SMOOTH
 
 # The limits are this project's acceptance test; no standard sets any. Published for comparison, on known targets:
@@ -56,12 +56,12 @@ SECOND_SHARE, SECOND_GAP = 1.5, 0.15
 RANGE_BINS = 8
 """Bins of range for the mean signal, with as many recorded returns in each."""
 
-SAME_M = 0.3
+SAME_SURFACE_M = 0.3
 """Distance from the twin's surface beyond which a recorded return is another one's, at an edge or of another frame.
 
 This project's choice: 30 times the largest bias that is allowed."""
 
-LEAST = 50
+LEAST_PULSES = 50
 """Least number of pulses in a bin; the ratio of two scatters of so many has a sigma of 16 %."""
 
 NORMAL = 1.4826
@@ -133,11 +133,11 @@ def bias_and_scatter(real: Numbers, simulated: Numbers) -> tuple[float, float]:
 
 def _ranges(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
     """Range errors against the twin's surface, where both sides have a return on a smooth surface."""
-    near_surface = np.abs(pulses.range_m - pulses.true_range_m) < SAME_M
+    near_surface = np.abs(pulses.range_m - pulses.true_range_m) < SAME_SURFACE_M
     returns = pulses.select(pulses.has_return & pulses.has_simulated_return & (pulses.kind == SMOOTH) & near_surface)
     real_mm = 1e3 * (returns.range_m - returns.true_range_m)
     simulated_mm = 1e3 * (returns.simulated_range_m - returns.true_range_m)
-    has_enough = bool(len(real_mm) >= LEAST)
+    has_enough = bool(len(real_mm) >= LEAST_PULSES)
     yield TwinQuantity(
         quantity="range, bias",
         condition="smooth surfaces",
@@ -157,7 +157,7 @@ def _ranges(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
     octave = np.floor(np.log2(np.maximum(returns.signal, 1.0))).astype(int)
     for number in np.unique(octave):
         octave_returns = returns.select((octave == number) & np.isfinite(returns.change_m))
-        if len(octave_returns.change_m) >= LEAST:
+        if len(octave_returns.change_m) >= LEAST_PULSES:
             yield _scatter(f"signal {2**number} to {2 ** (number + 1)}", octave_returns)
 
 
@@ -193,7 +193,7 @@ def _signals(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
     for low, high in itertools.pairwise(edges):
         of_real = returned & (pulses.range_m >= low) & (pulses.range_m < high)
         of_simulated = simulated & (pulses.simulated_range_m >= low) & (pulses.simulated_range_m < high)
-        if of_real.sum() < LEAST or of_simulated.sum() < LEAST:
+        if of_real.sum() < LEAST_PULSES or of_simulated.sum() < LEAST_PULSES:
             continue
         real = float(np.mean(pulses.signal[of_real]))
         simulated_mean = float(np.mean(pulses.simulated_signal[of_simulated]))
@@ -212,7 +212,7 @@ def _signals(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
         high=SIGNAL_ERROR,
     )
     both_mask = returned & simulated & (pulses.signal > 0.0) & (pulses.simulated_signal > 0.0)
-    if both_mask.sum() >= LEAST:
+    if both_mask.sum() >= LEAST_PULSES:
         bias, scatter = bias_and_scatter(pulses.signal[both_mask], pulses.simulated_signal[both_mask])
         yield TwinQuantity(quantity="signal, double validation metric", condition="bias", value=bias, unit="photons")
         yield TwinQuantity(
@@ -235,7 +235,7 @@ def _points(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
     rings = int(pulses.ring.max()) + 1
     of_real = np.bincount(pulses.ring[pulses.has_return], minlength=rings)
     of_simulated = np.bincount(pulses.ring[pulses.has_simulated_return], minlength=rings)
-    full_rings = of_real >= LEAST
+    full_rings = of_real >= LEAST_PULSES
     if not full_rings.any():
         return
     error = of_simulated[full_rings] / of_real[full_rings] - 1.0
@@ -260,11 +260,11 @@ def _points(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
 def _kept_quantities(pulses: MatchedPulses, between: float | None = None) -> Iterator[TwinQuantity]:
     returned, simulated = pulses.has_return, pulses.has_simulated_return
     yield TwinQuantity(quantity="real returns kept", value=_share(simulated[returned]), low=KEPT_SHARE)
-    losses = ~returned & ~pulses.withheld & (pulses.kind != NOTHING)
+    losses = ~returned & ~pulses.withheld & (pulses.kind != NO_SURFACE)
     yield TwinQuantity(
         quantity="real losses on surfaces kept",
         condition=f"of {int(losses.sum())}",
-        value=_share(simulated[losses]) if losses.sum() >= LEAST else None,
+        value=_share(simulated[losses]) if losses.sum() >= LEAST_PULSES else None,
         high=KEPT_LOSSES,
     )
     if pulses.withheld.any():
@@ -329,7 +329,7 @@ def _second(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
         low=1.0 / SECOND_SHARE,
         high=SECOND_SHARE,
     )
-    has_enough = len(real) >= LEAST and len(simulated) >= LEAST
+    has_enough = len(real) >= LEAST_PULSES and len(simulated) >= LEAST_PULSES
     gaps = [float(np.percentile(gap, 1.0)) if len(gap) else None for gap in (real, simulated)]
     yield TwinQuantity(
         quantity="second returns, least separation",

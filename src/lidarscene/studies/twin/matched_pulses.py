@@ -27,10 +27,10 @@ LARGEST_ANGLE_RAD = np.radians(0.5)
 RAYS = 16
 """Rays per pulse if the sensor reports second returns, since a single ray meets one surface."""
 
-APART_RAD = np.radians(1.4)
+DIFFERENCE_STEP_RAD = np.radians(1.4)
 """Angle between the ranges of a second difference: in recordings, columns up to four of 1024 apart share noise."""
 
-NOTHING = -1
+NO_SURFACE = -1
 """Value of `MatchedPulses.kind` without a surface."""
 
 
@@ -47,7 +47,7 @@ class MatchedPulses:
     withheld         True if the sensor found an echo and reported no range (`withheld_mask`)
     simulated_*      the same of the simulation
     true_range_m     range of the twin's surface
-    kind             index of the twin's surface in `KINDS`, or `NOTHING`
+    kind             index of the twin's surface in `KINDS`, or `NO_SURFACE`
     """
 
     angle_rad: Numbers
@@ -99,17 +99,19 @@ def simulate_pulses(
     of_points = np.concatenate([np.zeros(0, np.int64), *(pulse.astype(np.int64) for pulse, _ in chunks)])
     first, second = _by_pulse(of_points, n)
     range_m, other_m = (_at_points(cloud.range_m, point_index) for point_index in (first, second))
-    true_range_m, kind = np.full(n, np.nan), np.full(n, NOTHING)
-    kinds = np.array([KINDS.index(name) if name in KINDS else NOTHING for name in simulator.class_names])
+    true_range_m, kind = np.full(n, np.nan), np.full(n, NO_SURFACE)
+    kinds = np.array([KINDS.index(name) if name in KINDS else NO_SURFACE for name in simulator.class_names])
     for _, columns in chunks:
         if columns:
             pulse = columns["pulse"].astype(np.int64)
             true_range_m[pulse] = columns["true_range_m"]
-            kind[pulse] = np.where(columns["class_id"] >= 0, kinds[columns["class_id"]], NOTHING)
+            kind[pulse] = np.where(columns["class_id"] >= 0, kinds[columns["class_id"]], NO_SURFACE)
     recorded_m = ranges_from_exit(sensor, sweep, numbers)
     simulated_m = range_m[numbers]
     smooth = (kind[numbers] == SMOOTH) & np.isfinite(recorded_m) & np.isfinite(simulated_m)
-    step = max(1, round(float(APART_RAD / np.median(np.linalg.norm(np.diff(sweep.direction, axis=1), axis=-1)))))
+    step = max(
+        1, round(float(DIFFERENCE_STEP_RAD / np.median(np.linalg.norm(np.diff(sweep.direction, axis=1), axis=-1))))
+    )
     gap_m = np.full(sweep.shape, np.nan) if sweep.second is None else np.abs(sweep.second.range_m - sweep.range_m)
     rows = np.broadcast_to(np.arange(sweep.shape[0])[:, None], sweep.shape)
     matched = MatchedPulses(
@@ -167,7 +169,7 @@ def match_pulses(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
         order = np.argsort(azimuth)
         target_azimuth = np.arctan2(sweep.direction[row, :, 1], sweep.direction[row, :, 0])
         closed_azimuth = np.r_[azimuth[order], azimuth[order][0] + 2.0 * np.pi]
-        midpoints = 0.5 * (closed_azimuth[1:] + closed_azimuth[:-1])  # half way to the next; the last one lies beyond the turn
+        midpoints = 0.5 * (closed_azimuth[1:] + closed_azimuth[:-1])  # the last one lies beyond the turn
         target_azimuth = midpoints[-1] - (midpoints[-1] - target_azimuth) % (2.0 * np.pi)
         nearest = np.searchsorted(midpoints, target_azimuth) % len(row_pulses)
         numbers[row] = row_pulses[order][nearest]

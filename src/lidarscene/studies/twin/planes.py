@@ -140,11 +140,13 @@ def fit_planes(grid: Grid) -> Planes:
     direction, range_m = sweep.direction, np.array(sweep.range_m)
     offsets = _window(grid)
     neighbour_range_m = np.stack([_shifted(range_m, *offset) for offset in offsets])
-    start_range_m = np.where(np.isfinite(range_m), range_m, finite_median(neighbour_range_m))
-    normal, plane_range_m = -direction, start_range_m
+    guess_m = np.where(np.isfinite(range_m), range_m, finite_median(neighbour_range_m))
+    normal, plane_range_m = -direction, guess_m
     unit, points = np.eye(3), origin_m + range_m[..., None] * direction
     neighbours = [_shifted(points, *offset) for offset in offsets]
-    nearby_masks = [np.abs(_shifted(range_m, *offset) - start_range_m) < NEAR_SHARE * start_range_m + SCALES_M[0] for offset in offsets]
+    nearby_masks = [
+        np.abs(_shifted(range_m, *offset) - guess_m) < NEAR_SHARE * guess_m + SCALES_M[0] for offset in offsets
+    ]
     for scale_m in SCALES_M:
         sums = np.zeros((10, *sweep.shape))
         start_m = np.einsum("...i,...i", origin_m + plane_range_m[..., None] * direction, normal)
@@ -167,7 +169,7 @@ def fit_planes(grid: Grid) -> Planes:
             plane_range_m = (1.0 - np.einsum("...i,...i", slope, origin_m)) / np.einsum("...i,...i", slope, direction)
             unusable = (total < LEAST_SHARE * len(offsets)) | ~(cos > LEAST_COS) | ~(plane_range_m > 0.0)
         normal = np.where(unusable[..., None], -direction, normal)
-        plane_range_m = np.where(unusable, start_range_m, plane_range_m)
+        plane_range_m = np.where(unusable, guess_m, plane_range_m)
     with np.errstate(invalid="ignore"):
         off_m = np.abs(plane_range_m - range_m) * cos
     valid = ~unusable & ~(off_m > MOST_OFF_M) & np.isfinite(plane_range_m)

@@ -16,7 +16,13 @@ from ...files.open3d import open3d
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
 from ...recordings.sweep import Sweep
-from .apparent_reflectivity import LEAST, Gauge, largest_reflectivity, scattering_law, withheld_mask
+from .apparent_reflectivity import (
+    LEAST_REFLECTIVITY,
+    ReflectivityGauge,
+    largest_reflectivity,
+    scattering_law,
+    withheld_mask,
+)
 from .planes import LEAST_COS, Grid, Planes, finite_median, fit_planes, median_around
 
 SMOOTH, ROUGH, FILLED, GROUND, BRIGHT = range(5)
@@ -24,10 +30,10 @@ KINDS = ("smooth", "rough", "filled", "ground", "bright")
 """Kinds of quads: measured on a smooth surface, or on a rough one; hole in a plane; completed ground; brighter than
 matt white."""
 
-LAP = 1.04
+QUAD_OVERLAP = 1.04
 """Width of a quad over that of its pixel, so that no beam slips between two."""
 
-STRETCH = 1.6
+LARGEST_STRETCH = 1.6
 """Largest ratio of the ranges of corner and middle, either way."""
 
 GROUND_BEYOND = 1.3
@@ -90,7 +96,7 @@ def join_surfels(parts: Sequence[Surfels]) -> Surfels:
     return Surfels(**{field.name: np.concatenate([getattr(p, field.name) for p in parts]) for field in fields(Surfels)})
 
 
-def surfels_of_grid(grid: Grid, gauge: Gauge | None, ground: Numbers | None) -> Surfels:
+def surfels_of_grid(grid: Grid, gauge: ReflectivityGauge | None, ground: Numbers | None) -> Surfels:
     """Make the quads of a sweep of rows and columns, in the sensor's frame.
 
     gauge   conversion of strengths; None: all reflectivities are 0.2
@@ -122,7 +128,7 @@ def surfels_of_grid(grid: Grid, gauge: Gauge | None, ground: Numbers | None) -> 
     return join_surfels(parts)
 
 
-def _apparent(grid: Grid, gauge: Gauge | None, planes: Planes) -> Numbers:
+def _apparent(grid: Grid, gauge: ReflectivityGauge | None, planes: Planes) -> Numbers:
     """Apparent reflectivity of every pixel.
 
     A lost pixel has the median of its row's neighbours, or in a wider hole the median of the pixels that its plane was
@@ -139,10 +145,10 @@ def _apparent(grid: Grid, gauge: Gauge | None, planes: Planes) -> Numbers:
         if np.isnan(medians).any():
             medians = np.where(np.isnan(medians), median_around(grid, measured)[lost_mask], medians)
         apparent[lost_mask] = np.fmin(medians, _reflectivity_bound(grid, gauge, planes.range_m)[lost_mask])
-    return np.maximum(apparent, LEAST)
+    return np.maximum(apparent, LEAST_REFLECTIVITY)
 
 
-def _reflectivity_bound(grid: Grid, gauge: Gauge, range_m: Numbers) -> Numbers:
+def _reflectivity_bound(grid: Grid, gauge: ReflectivityGauge, range_m: Numbers) -> Numbers:
     """Largest apparent reflectivity that the strength of a lost pulse allows; inf where none is recorded.
 
     Ousters report the highest peak of a pulse even if they lost it.
@@ -167,7 +173,7 @@ def _surface_ends(grid: Grid, side: int) -> Numbers:
     return _neighbour(grid, sweep.lost & ~withheld_mask(sweep), side)
 
 
-def _neighbour_bound(grid: Grid, gauge: Gauge | None, range_m: Numbers, side: int) -> Numbers:
+def _neighbour_bound(grid: Grid, gauge: ReflectivityGauge | None, range_m: Numbers, side: int) -> Numbers:
     """Largest apparent reflectivity that the lost neighbour's strength allows at this pixel's range."""
     if gauge is None:
         return np.full(grid.sweep.shape, np.inf)
@@ -181,7 +187,7 @@ def _neighbour(grid: Grid, values: Numbers, side: int) -> Numbers:
 
 
 def _two_return_quads(
-    grid: Grid, two_returns: Numbers, range_m: Numbers, normal: Numbers, gauge: Gauge | None
+    grid: Grid, two_returns: Numbers, range_m: Numbers, normal: Numbers, gauge: ReflectivityGauge | None
 ) -> list[Surfels]:
     """Quads of pixels with two returns: the nearer quad covers half of the pixel, the farther one shows beside it.
 
@@ -204,7 +210,7 @@ def _two_return_quads(
     return quads
 
 
-def _ground(grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gauge: Gauge | None) -> Surfels:
+def _ground(grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gauge: ReflectivityGauge | None) -> Surfels:
     """Quads of the ground's plane behind returns, and where a lost pulse would have met it in sight."""
     sweep = grid.sweep
     up = np.array([-ground[1], -ground[2], 1.0])
@@ -275,8 +281,8 @@ def _quads(
     azimuth = np.arctan2(direction[:, 1], direction[:, 0])
     elevation = np.arcsin(direction[:, 2].clip(-1.0, 1.0))
     row = np.broadcast_to(np.arange(sweep.shape[0])[:, None], sweep.shape)[chosen]
-    half_width = 0.5 * abs(grid.step_rad) * LAP
-    above, below = (LAP * rad[row] for rad in (grid.above_rad, grid.below_rad))
+    half_width = 0.5 * abs(grid.step_rad) * QUAD_OVERLAP
+    above, below = (QUAD_OVERLAP * rad[row] for rad in (grid.above_rad, grid.below_rad))
     depth = np.einsum("ni,ni->n", facing, direction) * middle_m
     corners = []
     left_edge, right_edge = (np.broadcast_to(edge, sweep.shape)[chosen] for edge in span)
@@ -286,12 +292,12 @@ def _quads(
         with np.errstate(divide="ignore", invalid="ignore"):
             reach_m = depth / np.einsum("ni,ni->n", facing, corner_direction)
         # Beyond the plane's horizon the quotient is negative or huge; the quad ends before.
-        reach_m = np.where(reach_m > 0.0, reach_m, np.inf).clip(middle_m / STRETCH, middle_m * STRETCH)
+        reach_m = np.where(reach_m > 0.0, reach_m, np.inf).clip(middle_m / LARGEST_STRETCH, middle_m * LARGEST_STRETCH)
         corners.append(origin_m + reach_m[:, None] * corner_direction)
     return Surfels(corners_m=np.stack(corners, axis=1), reflectivity=reflectivity, kind=kinds)
 
 
-def surfels_of_points(sweep: Sweep, gauge: Gauge | None, ground: Numbers | None) -> Surfels:
+def surfels_of_points(sweep: Sweep, gauge: ReflectivityGauge | None, ground: Numbers | None) -> Surfels:
     """Make the quads of a list of points, in the sensor's frame; ``ground`` as in `surfels_of_grid`."""
     points = sweep.xyz_m[sweep.has_return]
     range_m, direction = sweep.range_m[sweep.has_return], sweep.direction[sweep.has_return]
@@ -351,4 +357,6 @@ def _plane(ground: Numbers, reach_m: float, reflectivity: Numbers) -> Surfels:
         corners.append(np.stack([a, b, ground[0] + ground[1] * a + ground[2] * b - BELOW_M], axis=-1))
     n = int(inside.sum())
     ground_reflectivity = min(float(np.median(reflectivity)), largest_reflectivity())
-    return Surfels(corners_m=np.stack(corners, axis=1), reflectivity=np.full(n, ground_reflectivity), kind=np.full(n, GROUND))
+    return Surfels(
+        corners_m=np.stack(corners, axis=1), reflectivity=np.full(n, ground_reflectivity), kind=np.full(n, GROUND)
+    )

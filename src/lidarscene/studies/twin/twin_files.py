@@ -34,7 +34,7 @@ from ...sensor.sensor_file import load_sensor
 from ...sensor.sensor_model import Sensor
 from ..compare.recording_comparison import ground_plane
 from ..ranging.plane import Target, echoes_of_plane
-from .apparent_reflectivity import SLOPE_DEG, Gauge, largest_reflectivity
+from .apparent_reflectivity import SLOPE_DEG, ReflectivityGauge, largest_reflectivity
 from .frame_poses import angles_deg, place_frames
 from .planes import align_columns, has_grid, select_columns
 from .surfels import BRIGHT, KINDS, Surfels, join_surfels, surfels_of_grid, surfels_of_points
@@ -61,7 +61,7 @@ ASSUMED_KLUX = 20.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Choice:
+class TwinFrames:
     """Frames that build the twin, and the data held out.
 
     frames    indices of the frames
@@ -81,7 +81,7 @@ class Choice:
         return select_columns(sweep, slice(0, None, 2)) if self.held_out == COLUMNS else sweep
 
 
-def choose_frames(recording: Recording, frames: Sequence[int] | None, held_out: int | str | None) -> Choice:
+def choose_frames(recording: Recording, frames: Sequence[int] | None, held_out: int | str | None) -> TwinFrames:
     """Choose the frames that build the twin: ``frames``, or all if None, less the held-out one. Raises InputError."""
     numbers = tuple(frames) if frames is not None else tuple(range(len(recording)))
     for number in (*numbers, *([held_out] if isinstance(held_out, int) else [])):
@@ -96,11 +96,11 @@ def choose_frames(recording: Recording, frames: Sequence[int] | None, held_out: 
     if held_out == COLUMNS and (len(remaining) > 1 or not has_grid(recording[remaining[0]])):
         actual = f"{len(remaining)} frames" if len(remaining) > 1 else "a list of points"
         raise InputError(f"--held-out {COLUMNS}: must go with one frame of rows and columns, got {actual}")
-    return Choice(frames=remaining, held_out=held_out)
+    return TwinFrames(frames=remaining, held_out=held_out)
 
 
 def build_twin(
-    recording: Recording, choice: Choice, folder: Path, *, metadata: Path | None = None, sensor: str | None = None
+    recording: Recording, choice: TwinFrames, folder: Path, *, metadata: Path | None = None, sensor: str | None = None
 ) -> str:
     """Write the files of a twin; returns the text to print. Raises InputError and OutputError.
 
@@ -115,7 +115,7 @@ def build_twin(
     parts, klux = [], []
     for number in choice.frames:
         sweep = choice.visible_part(sweeps[number])
-        gauge = Gauge.from_sweep(sweep)
+        gauge = ReflectivityGauge.from_sweep(sweep)
         plane = ground_plane(sweep.xyz_m[sweep.has_return])
         surfels = (
             surfels_of_grid(align_columns(sweep), gauge, plane)
@@ -151,7 +151,7 @@ def build_twin(
     return "\n".join([*notes, _reflectivity_note(gauge)])
 
 
-def _reflectivity_note(gauge: Gauge | None) -> str:
+def _reflectivity_note(gauge: ReflectivityGauge | None) -> str:
     if gauge is None:
         return "reflectivities: not recorded, so all are 0.2"
     guess = ", scaled to a median of 0.2, since its unit is not known" if gauge.assumed else ""
@@ -179,7 +179,7 @@ def _sensor_file(recording: Recording, path: Path, metadata: Path | None, sensor
     return message
 
 
-def illuminance_klux(sweep: Sweep, gauge: Gauge | None, sensor: Sensor) -> float | None:
+def illuminance_klux(sweep: Sweep, gauge: ReflectivityGauge | None, sensor: Sensor) -> float | None:
     """Illuminance of a uniform sky that explains the median recorded NEAR_IR on these reflectivities.
 
     None without NEAR_IR or strengths, or if the sensor has no such count or is blind to the sky.

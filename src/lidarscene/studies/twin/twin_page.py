@@ -117,7 +117,9 @@ def verdict(rows: list[TwinQuantity]) -> str:
         condition = f" ({row.condition})" if row.condition else ""
         misses.append(f"'{row.quantity}{condition}', {_format_value(row.value)} where {_format_limit(row)} is allowed")
     more = [f"{len(missed) - MOST_NAMED} more"] if len(missed) > MOST_NAMED else []
-    return f"The twin meets {len(limited) - len(missed)} of {len(limited)} limits; it misses {'; '.join(misses + more)}."
+    return (
+        f"The twin meets {len(limited) - len(missed)} of {len(limited)} limits; it misses {'; '.join(misses + more)}."
+    )
 
 
 def _cells(row: TwinQuantity) -> tuple[str, ...]:

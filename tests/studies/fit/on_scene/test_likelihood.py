@@ -236,7 +236,7 @@ def test_moments_of_a_capped_square() -> None:
     """Of a normal number's square, at most nine, over its mean: by a sum over its quantiles."""
     share = (np.arange(1_000_000) + 0.5) / 1_000_000
     square = special.ndtri(share) ** 2
-    capped = np.minimum(square, likelihood.FARTHEST_SQUARE)
+    capped = np.minimum(square, likelihood.LARGEST_SQUARE)
     assert capped.mean() == pytest.approx(likelihood.MEAN_SQUARE, rel=1e-4)
     assert np.var(capped / capped.mean()) == pytest.approx(likelihood._VARIANCE, rel=1e-4)
     # d mean(min(x^2 / s^2, 9)) / d ln s, at one.

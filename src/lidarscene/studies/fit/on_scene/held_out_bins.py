@@ -7,22 +7,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from ....maths.arrays import Numbers
-from .known_scene import MOST_FIRED, STRONG, Prediction, predict
-from .likelihood import FARTHEST_SQUARE, MEAN_SQUARE, OUTLIER, ParameterFit
+from .known_scene import MOST_FIRED, STRONG_RATIO, Prediction, predict
+from .likelihood import LARGEST_SQUARE, MEAN_SQUARE, OUTLIER_SIGMAS, ParameterFit
 from .pulses_on_scene import PulsesOnScene
 
-RANGES, CHANCES = 8, 10
+RANGE_BINS, CHANCE_BINS = 8, 10
 """Number of bins over the range, with as many pulses each, and over the chance of a return."""
 
-LEAST = 50
+LEAST_PULSES = 50
 """Least number of pulses in a bin, and of pulses on smooth surfaces per range bin. With fewer they lie on few surfaces,
 and even a simulated recording misses the law there."""
 
 LOG_SIGMA_OF_ONE = 0.75
 """Sigma of ln(`capped_scatter`), times the square root of the number of pulses."""
 
-NEAR_M = 0.3
-"""Distance from the scene's surface beyond which a recorded return is another one's, as in `twin.judge.SAME_M`."""
+SAME_SURFACE_M = 0.3
+"""Distance from the scene's surface beyond which a return is another one's, as in `twin.judge.SAME_SURFACE_M`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,13 +69,13 @@ def judge(pulses: PulsesOnScene, parameter_fit: ParameterFit) -> HeldOutBins:
     prediction = predict(pulses.scene, parameter_fit.values)
     strong_mask = _strong_mask(pulses, prediction)
     rows = []
-    has_enough = strong_mask.sum() >= LEAST * RANGES
+    has_enough = strong_mask.sum() >= LEAST_PULSES * RANGE_BINS
     if has_enough:
         range_m = pulses.scene.range_m[strong_mask]
-        edges = np.quantile(range_m, np.linspace(0.0, 1.0, RANGES + 1)[1:-1])
+        edges = np.quantile(range_m, np.linspace(0.0, 1.0, RANGE_BINS + 1)[1:-1])
         bin_index = np.searchsorted(edges, range_m)
         columns = range_m, pulses.reported.signal[strong_mask], np.asarray(prediction.signal)[strong_mask]
-        rows = [[float(np.mean(values[bin_index == k])) for values in columns] for k in range(RANGES)]
+        rows = [[float(np.mean(values[bin_index == k])) for values in columns] for k in range(RANGE_BINS)]
     return HeldOutBins(
         signal=np.array(rows).reshape(-1, 3),
         kept_shares=_kept_shares(pulses, prediction),
@@ -86,34 +86,36 @@ def judge(pulses: PulsesOnScene, parameter_fit: ParameterFit) -> HeldOutBins:
 def _strong_mask(pulses: PulsesOnScene, prediction: Prediction) -> Numbers:
     """Mask of the pulses far above the threshold whose signal and range count, on the scene's surface."""
     finite = np.isfinite(pulses.reported.signal) & np.isfinite(pulses.reported.range_m)
-    mask = (prediction.signal > STRONG * prediction.level) & (prediction.fired < MOST_FIRED) & finite
-    return np.asarray(mask & (np.abs(np.nan_to_num(pulses.reported.range_m) - pulses.scene.range_m) < NEAR_M))
+    mask = (prediction.signal > STRONG_RATIO * prediction.level) & (prediction.fired < MOST_FIRED) & finite
+    return np.asarray(mask & (np.abs(np.nan_to_num(pulses.reported.range_m) - pulses.scene.range_m) < SAME_SURFACE_M))
 
 
 def _kept_shares(pulses: PulsesOnScene, prediction: Prediction) -> Numbers:
     """Expected chance, recorded share and number of the pulses not far above the threshold, by chance."""
-    weak_mask = np.asarray(prediction.signal <= STRONG * prediction.level)
+    weak_mask = np.asarray(prediction.signal <= STRONG_RATIO * prediction.level)
     chance, returned = np.asarray(prediction.chance)[weak_mask], pulses.reported.has_return[weak_mask]
-    bin_index = np.minimum((chance * CHANCES).astype(int), CHANCES - 1)
+    bin_index = np.minimum((chance * CHANCE_BINS).astype(int), CHANCE_BINS - 1)
     rows = [
         [float(chance[bin_index == k].mean()), float(returned[bin_index == k].mean()), int((bin_index == k).sum())]
-        for k in range(CHANCES)
-        if (bin_index == k).sum() >= LEAST
+        for k in range(CHANCE_BINS)
+        if (bin_index == k).sum() >= LEAST_PULSES
     ]
     return np.array(rows).reshape(-1, 3)
 
 
 def capped_scatter(relative: Numbers) -> float:
-    """Standard deviation of residuals in sigmas with the likelihood's cap (`FARTHEST_SQUARE`).
+    """Standard deviation of residuals in sigmas with the likelihood's cap (`LARGEST_SQUARE`).
 
     A median absolute deviation would come out smaller where surfaces differ from the scene's: their tail is part of the
     fitted law.
     """
-    inliers = relative[np.abs(relative) < OUTLIER]
-    return float(np.sqrt(np.mean(np.minimum(inliers * inliers, FARTHEST_SQUARE)) / MEAN_SQUARE))
+    inliers = relative[np.abs(relative) < OUTLIER_SIGMAS]
+    return float(np.sqrt(np.mean(np.minimum(inliers * inliers, LARGEST_SQUARE)) / MEAN_SQUARE))
 
 
-def _scatter(pulses: PulsesOnScene, prediction: Prediction, strong_mask: Numbers, parameter_fit: ParameterFit) -> Numbers:
+def _scatter(
+    pulses: PulsesOnScene, prediction: Prediction, strong_mask: Numbers, parameter_fit: ParameterFit
+) -> Numbers:
     signal = np.asarray(prediction.signal)[strong_mask]
     relative = (pulses.reported.range_m - pulses.scene.range_m)[strong_mask]
     octave = np.floor(np.log2(np.maximum(signal, 1.0))).astype(int)
@@ -130,7 +132,7 @@ def _scatter(pulses: PulsesOnScene, prediction: Prediction, strong_mask: Numbers
     rows = []
     for number in np.unique(octave):
         mask = octave == number
-        if mask.sum() >= LEAST:
+        if mask.sum() >= LEAST_PULSES:
             expected_m = float(np.median(sigma_m[mask]))
             slope = np.array([np.median(values[mask]) for values in slopes])
             variance = LOG_SIGMA_OF_ONE**2 / mask.sum() + max(

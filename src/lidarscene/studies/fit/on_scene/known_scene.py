@@ -25,7 +25,7 @@ from ....sensor.sensor_model import Sensor
 from ..near_field import share
 from ..products import near_field_m, scatter_over_sigma, width_of_place
 
-IN_SENSOR: Mapping[str, tuple[str, str]] = {
+SENSOR_FIELDS: Mapping[str, tuple[str, str]] = {
     "laser.pulse_fwhm_ns": ("laser", "pulse_fwhm_s"),
     "detector.pde": ("detector", "pde"),
     "detector.spads": ("detector", "spads"),
@@ -53,7 +53,7 @@ PARAMETERS = (
 )
 """All parameters, best known from publications last: of an undetermined combination the last one is held fixed."""
 
-STRONG = 3.0
+STRONG_RATIO = 3.0
 """Ratio of signal to threshold above which signal and range enter the likelihood: nearly all such are kept."""
 
 MOST_FIRED = 0.4
@@ -67,7 +67,7 @@ SECOND_ORDER = 1.5
 """Coefficient k of the peak position's variance, proportional to (1 + k / photons) / photons: with few photons the
 position is not linear in them. Fitted to drawn histograms of 25 to 70 photons: 1.5 +/- 0.3."""
 
-NODES = (0.0, 1.355626, -1.355626, 2.856970, -2.856970), (8 / 15, 0.222076, 0.222076, 0.011257, 0.011257)
+GAUSS_HERMITE = (0.0, 1.355626, -1.355626, 2.856970, -2.856970), (8 / 15, 0.222076, 0.222076, 0.011257, 0.011257)
 """Nodes and weights of five-point Gauss-Hermite quadrature over a normal distribution."""
 
 LEAST_FLOOR_M = 3e-4
@@ -187,7 +187,7 @@ def predict(scene: KnownScene, parameters: Mapping[str, Lanes], reflectivity: Nu
         return type(parameter)(1.0) if is_drjit(parameter) else 1.0
 
     sensor = scene.sensor
-    for name, (part, field) in IN_SENSOR.items():
+    for name, (part, field) in SENSOR_FIELDS.items():
         component = getattr(sensor, part)
         sensor = replace(
             sensor, **{part: replace(component, **{field: float(getattr(component, field)) * factor(name)})}
@@ -238,7 +238,7 @@ def _chance(point: WorkingPoint, level: Lanes, signal: Lanes, texture: float) ->
     if texture == 0.0:
         return point.echo_tail(level, signal)
     total: Lanes = 0.0
-    for node, weight in zip(*NODES, strict=True):
+    for node, weight in zip(*GAUSS_HERMITE, strict=True):
         total = total + weight * point.echo_tail(level, signal * math.exp(texture * node - 0.5 * texture**2))
     return total
 

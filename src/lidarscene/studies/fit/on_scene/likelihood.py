@@ -16,9 +16,18 @@ import numpy as np
 
 from ....errors import BackendError
 from ....maths.arrays import Lanes, Numbers
-from ..estimates import MOST_EVALUATIONS, UNKNOWN, Estimate, Solution
+from ..estimates import MOST_EVALUATIONS, UNKNOWN_SIGMA, Estimate, Solution
 from ..products import row_echelon
-from .known_scene import LEAST_CHANCE, MOST_FIRED, PARAMETERS, STRONG, KnownScene, Observations, Prediction, predict
+from .known_scene import (
+    LEAST_CHANCE,
+    MOST_FIRED,
+    PARAMETERS,
+    STRONG_RATIO,
+    KnownScene,
+    Observations,
+    Prediction,
+    predict,
+)
 
 BLOCKS = 40
 """Blocks of consecutive pulses for the bootstrap."""
@@ -26,44 +35,44 @@ BLOCKS = 40
 LONGEST_STEP = 0.5
 """Largest step of a logarithm."""
 
-FARTHEST = math.log(5.0)
+LARGEST_LOGARITHM = math.log(5.0)
 """Logarithm beyond which a parameter is undetermined or absorbs what is not modelled, and is reset to 0. A scatter that
 falls so far is none, and stays there (`MAY_VANISH`)."""
 
 MAY_VANISH = ("scatter_floor", "histogram.threshold_spread")
 """Scatters that may be zero."""
 
-OUTLIER = 5.0
+OUTLIER_SIGMAS = 5.0
 """Sigmas beyond which a range belongs to another surface; of normal errors one in 2 million is left out."""
 
-FARTHEST_SQUARE = 9.0
+LARGEST_SQUARE = 9.0
 """Cap on the squared distance of a range from the surface in sigmas, since surfaces are not quite where the scene has
 them. On a clean recording the cap widens sigma by 1 %."""
 
-_WITHIN = math.erf(math.sqrt(0.5 * FARTHEST_SQUARE))
-_EDGE = math.sqrt(2.0 * FARTHEST_SQUARE / math.pi) * math.exp(-0.5 * FARTHEST_SQUARE)
+_WITHIN = math.erf(math.sqrt(0.5 * LARGEST_SQUARE))
+_EDGE = math.sqrt(2.0 * LARGEST_SQUARE / math.pi) * math.exp(-0.5 * LARGEST_SQUARE)
 _INSIDE = _WITHIN - _EDGE
-MEAN_SQUARE = _INSIDE + FARTHEST_SQUARE * (1.0 - _WITHIN)
+MEAN_SQUARE = _INSIDE + LARGEST_SQUARE * (1.0 - _WITHIN)
 _SLOPE = 2.0 * _INSIDE / MEAN_SQUARE
 _VARIANCE = (
-    3.0 * _WITHIN - (3.0 + FARTHEST_SQUARE) * _EDGE + FARTHEST_SQUARE**2 * (1.0 - _WITHIN)
+    3.0 * _WITHIN - (3.0 + LARGEST_SQUARE) * _EDGE + LARGEST_SQUARE**2 * (1.0 - _WITHIN)
 ) / MEAN_SQUARE**2 - 1.0
-"""Moments of min(x^2, `FARTHEST_SQUARE`) over its mean, x standard normal: minus the slope by ln sigma, and variance.
+"""Moments of min(x^2, `LARGEST_SQUARE`) over its mean, x standard normal: minus the slope by ln sigma, and variance.
 Both are 2 without the cap."""
 
-HUBER = 4.0
+HUBER_SIGMAS = 4.0
 """Sigmas beyond which a signal counts less (Huber's weight): an edge, or a surface other than the scene's."""
 
-PRODUCT = 1e-6
+LEAST_OWN_INFORMATION = 1e-6
 """Least share of a parameter's information that no other parameter has; below it, only a product is determined."""
 
-DONE = 1e-2
+LAST_STEP = 1e-2
 """Length of the last step in sigmas."""
 
-SETTLED = 7
+LEAST_EVALUATIONS = 7
 """Evaluations after which a fit may end: one more than fix which returns are strong."""
 
-SLOW = 0.7
+SLOW_RATIO = 0.7
 """Ratio to the step before above which a step is halved; converging Fisher scoring shrinks faster."""
 
 
@@ -148,7 +157,7 @@ def fit_parameters(
         size = float(np.sqrt(move @ matrix @ move))
         # The chance of a return has a kink where its neighbours begin to lack it (T98c), so a score may jump. At such a
         # maximum whole steps go to and fro for ever; halves of halves end at it.
-        if evaluations > SETTLED and size > SLOW * last_size:
+        if evaluations > LEAST_EVALUATIONS and size > SLOW_RATIO * last_size:
             damping *= 0.5
         last_size, size = size, damping * size
         # Clip each component alone: a runaway parameter must not shorten the steps of the others.
@@ -162,8 +171,8 @@ def fit_parameters(
         )
         for name, change in zip(active, move, strict=True):
             values[name] += float(change)
-        runaway = [name for name in active if abs(values[name]) > FARTHEST]
-        null += [f"{name}: alone, beyond a factor of {math.exp(FARTHEST):.0f}" for name in runaway]
+        runaway = [name for name in active if abs(values[name]) > LARGEST_LOGARITHM]
+        null += [f"{name}: alone, beyond a factor of {math.exp(LARGEST_LOGARITHM):.0f}" for name in runaway]
         values |= {name: 0.0 for name in runaway if name not in MAY_VANISH}
         held += runaway
         active = [name for name in active if name not in runaway]
@@ -171,7 +180,7 @@ def fit_parameters(
             strong_mask = _strong_mask(scene, reported, values, surfaces)
         step = _step(scene, reported, values, surfaces, strong_mask, prior_weight)
         evaluations += 1
-        if size < DONE and evaluations > SETTLED:
+        if size < LAST_STEP and evaluations > LEAST_EVALUATIONS:
             determined, held, null = _hold_undetermined(step, names, active, held, null)
             if determined == active:
                 break
@@ -202,9 +211,9 @@ def _held_covariance(matrix: Numbers, rows: Sequence[int], held: Sequence[int]) 
     free_matrix = matrix[np.ix_(rows, rows)]
     drag = np.linalg.solve(free_matrix, matrix[np.ix_(rows, held)])
     held_matrix = matrix[np.ix_(held, held)] - matrix[np.ix_(held, rows)] @ drag
-    independent = np.diag(held_matrix) > PRODUCT * np.diag(matrix)[held]
+    independent = np.diag(held_matrix) > LEAST_OWN_INFORMATION * np.diag(matrix)[held]
     drag, held_matrix = drag[:, independent], held_matrix[np.ix_(independent, independent)]
-    return np.asarray(drag @ np.linalg.solve(held_matrix + np.eye(len(held_matrix)) * UNKNOWN**-2, drag.T))
+    return np.asarray(drag @ np.linalg.solve(held_matrix + np.eye(len(held_matrix)) * UNKNOWN_SIGMA**-2, drag.T))
 
 
 def _hold_undetermined(
@@ -214,7 +223,7 @@ def _hold_undetermined(
     while True:
         rows = [list(names).index(name) for name in active]
         eigenvalues, vectors = np.linalg.eigh(step.matrix[np.ix_(rows, rows)])
-        undetermined = eigenvalues < UNKNOWN**-2
+        undetermined = eigenvalues < UNKNOWN_SIGMA**-2
         if not undetermined.any():
             return active, held, null
         # Echelon form of the null space: each direction then has one parameter that no other has, the last ones first.
@@ -269,7 +278,7 @@ def prediction_slopes(
 def _strong_mask(scene: KnownScene, reported: Observations, values: Mapping[str, float], surfaces: Numbers) -> Numbers:
     prediction = predict(scene, values, surfaces[scene.group])
     finite = np.isfinite(reported.signal) & np.isfinite(reported.range_m)
-    return np.asarray((prediction.signal > STRONG * prediction.level) & (prediction.fired < MOST_FIRED) & finite)
+    return np.asarray((prediction.signal > STRONG_RATIO * prediction.level) & (prediction.fired < MOST_FIRED) & finite)
 
 
 def _step(
@@ -285,12 +294,12 @@ def _step(
     chance_mask = 1.0 - strong_mask
     chance = np.clip(prediction.chance, LEAST_CHANCE, 1.0 - LEAST_CHANCE)
     signal = np.where(strong_mask, np.nan_to_num(reported.signal) - prediction.signal, 0.0)
-    huber_weight = np.minimum(1.0, HUBER * np.sqrt(prediction.variance) / np.maximum(np.abs(signal), 1e-12))
+    huber_weight = np.minimum(1.0, HUBER_SIGMAS * np.sqrt(prediction.variance) / np.maximum(np.abs(signal), 1e-12))
     near_ir_mask = np.isfinite(reported.near_ir)
     range_sigmas = np.where(strong_mask, (np.nan_to_num(reported.range_m) - scene.range_m) / prediction.sigma_m, 0.0)
-    near_mask = strong_mask & (np.abs(range_sigmas) < OUTLIER)
+    near_mask = strong_mask & (np.abs(range_sigmas) < OUTLIER_SIGMAS)
     square_excess = np.where(
-        near_mask, np.minimum(range_sigmas * range_sigmas, FARTHEST_SQUARE) / MEAN_SQUARE - 1.0, 0.0
+        near_mask, np.minimum(range_sigmas * range_sigmas, LARGEST_SQUARE) / MEAN_SQUARE - 1.0, 0.0
     )
     # Residual and weight of signal, chance, background and scatter: the score of each is slope x residual x weight.
     residuals = (

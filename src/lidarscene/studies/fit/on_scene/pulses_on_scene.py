@@ -23,16 +23,16 @@ from ...twin.apparent_reflectivity import withheld_mask
 from ...twin.matched_pulses import match_pulses, ranges_from_exit
 from ...twin.surfels import BRIGHT, KINDS, ROUGH, SMOOTH
 from ..near_field import spot_over_field
-from ..recorded_pulses import BLOCK, HELD_OUT
+from ..recorded_pulses import BLOCK_COLUMNS, HELD_OUT_PERIOD
 from .known_scene import KnownScene, Observations
 
-ROWS = 8
-"""Rows of a patch, `BLOCK` columns wide, whose surfaces share one unknown factor of the reflectivity."""
+PATCH_ROWS = 8
+"""Rows of a patch, `BLOCK_COLUMNS` columns wide, whose surfaces share one unknown factor of the reflectivity."""
 
 POWERS_W = np.geomspace(1e-16, 1e-5, 2000)
 """Background powers of the table that inverts NEAR_IR counts."""
 
-SAME_M = 1e-4
+SAME_SURFACE_M = 1e-4
 """Largest difference of two traced ranges to the same surface."""
 
 
@@ -56,7 +56,7 @@ class PulsesOnScene:
     @property
     def fitted(self) -> Numbers:
         """(n,) mask of the fitted pulses; the others judge the fit."""
-        return np.asarray(self.block % HELD_OUT != HELD_OUT - 1)
+        return np.asarray(self.block % HELD_OUT_PERIOD != HELD_OUT_PERIOD - 1)
 
 
 def _keep_kinds(world: World, *kinds: int) -> World:
@@ -97,7 +97,7 @@ def _lay_frame(simulators: Sequence[Simulator], sweep: Sweep, pose: Pose | None,
     pulse = numbers.T[fired_mask]
     column = np.broadcast_to(np.arange(columns)[:, None], fired_mask.shape)[fired_mask]
     row = np.broadcast_to(np.arange(rows)[None, :], fired_mask.shape)[fired_mask]
-    block = number * (columns // BLOCK + 1) + column // BLOCK
+    block = number * (columns // BLOCK_COLUMNS + 1) + column // BLOCK_COLUMNS
     lights = [
         _select_light(simulator.light() if pose is None else simulator.light(pose=pose), pulse)
         for simulator in simulators
@@ -107,8 +107,8 @@ def _lay_frame(simulators: Sequence[Simulator], sweep: Sweep, pose: Pose | None,
     smooth = np.ones(len(pulse), bool)
     for other_light in lights[1:]:
         difference_m = np.asarray(other_light.parts[0].range_m - light.parts[0].range_m)
-        smooth &= np.asarray(other_light.has_surface) & (np.abs(difference_m) < SAME_M)
-    group = block * (rows // ROWS + 1) + row // ROWS
+        smooth &= np.asarray(other_light.has_surface) & (np.abs(difference_m) < SAME_SURFACE_M)
+    group = block * (rows // PATCH_ROWS + 1) + row // PATCH_ROWS
     scene = KnownScene.from_light(light, sensor, group, spot_over_field=spot_over_field(sensor))
     near_ir = None if sweep.near_ir is None else np.asarray(sweep.near_ir, np.float64).T[fired_mask][met_surface]
     if len(simulators) > 1 and near_ir is not None:

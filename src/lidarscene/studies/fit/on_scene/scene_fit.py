@@ -148,7 +148,7 @@ def fit_pulses_on_scene(pulses: PulsesOnScene, sensor: Sensor, *, twin: bool) ->
         frames=1,
         pulses=(len(fitted_pulses.block), len(held_out.block)),
         parameter_fit=parameter_fit,
-        judged=judge(held_out, parameter_fit),
+        held_out_bins=judge(held_out, parameter_fit),
         evaluations=evaluations,
         texture=texture,
         strangers=strangers,

@@ -43,7 +43,7 @@ class SceneFit:
     frames: int
     pulses: tuple[int, int]
     parameter_fit: ParameterFit
-    judged: HeldOutBins
+    held_out_bins: HeldOutBins
     evaluations: int
     texture: float
     strangers: float
@@ -57,8 +57,8 @@ class SceneFit:
     @property
     def checks(self) -> tuple[LawCheck, ...]:
         """Comparison of signal, kept share and scatter with their limits, on the held-out columns."""
-        judged = self.judged
-        signal_error, kept_error, ratios = judged.signal_error, judged.kept_error, judged.ratios
+        bins = self.held_out_bins
+        signal_error, kept_error, ratios = bins.signal_error, bins.kept_error, bins.ratios
         return (
             LawCheck(
                 name="signal over the range",
@@ -76,7 +76,7 @@ class SceneFit:
                 name="scatter by octave of the signal",
                 wanted=f"{1 / SCATTER_RATIO:g} to {SCATTER_RATIO:g} of the law, within 2 sigma",
                 found="too few" if not len(ratios) else f"{ratios.min():.2f} to {ratios.max():.2f}",
-                held=None if not len(ratios) else not judged.beyond(SCATTER_RATIO),
+                held=None if not len(ratios) else not bins.beyond(SCATTER_RATIO),
             ),
         )
 
@@ -160,7 +160,7 @@ def write_report(fit: SceneFit, folder: Path) -> None:
         f"Signals scatter by {fit.texture:.0%} more than photons do: texture of the surfaces, and what the scene has "
         f"wrong. {fit.strangers:.1%} of the pulses met something that is not in the scene."
     )
-    add_figures(page, folder, _figures(fit.judged))
+    add_figures(page, folder, _figures(fit.held_out_bins))
     page.heading("Correlations")
     page.table(
         ("", *fit.parameter_fit.names),
@@ -175,29 +175,29 @@ def write_report(fit: SceneFit, folder: Path) -> None:
     write_page(page, folder, as_dict(fit))
 
 
-def _figures(judged: HeldOutBins) -> list[Figure]:
+def _figures(bins: HeldOutBins) -> list[Figure]:
     figures: list[Figure] = []
-    if len(judged.signal):
+    if len(bins.signal):
         figures.append(
             (
                 "signal",
                 "Mean signal by range, of columns that were not fitted.",
-                _chart(judged.signal, "range [m]", "SIGNAL [photons]", log=True),
-                (("range_m", "recorded", "expected"), judged.signal.tolist()),
+                _chart(bins.signal, "range [m]", "SIGNAL [photons]", log=True),
+                (("range_m", "recorded", "expected"), bins.signal.tolist()),
             )
         )
-    if len(judged.kept_shares):
-        expected = np.column_stack([judged.kept_shares[:, 0], judged.kept_shares[:, 1], judged.kept_shares[:, 0]])
+    if len(bins.kept_shares):
+        expected = np.column_stack([bins.kept_shares[:, 0], bins.kept_shares[:, 1], bins.kept_shares[:, 0]])
         figures.append(
             (
                 "kept",
                 "Share that was kept, by the chance that the sensor gives it.",
                 _chart(expected, "chance of a return, expected", "share with a return", log=False),
-                (("chance", "kept", "pulses"), judged.kept_shares.tolist()),
+                (("chance", "kept", "pulses"), bins.kept_shares.tolist()),
             )
         )
-    if len(judged.scatter):
-        scaled = judged.scatter[:, :3] * np.array([1.0, 1e3, 1e3])
+    if len(bins.scatter):
+        scaled = bins.scatter[:, :3] * np.array([1.0, 1e3, 1e3])
         figures.append(
             (
                 "scatter",
