@@ -146,7 +146,8 @@ def build_twin(
     }
     put_text(folder / PROVENANCE, json_text(provenance, indent=1) + "\n")
     notes.append(
-        f"wrote {folder / SCENE}: {len(quads)} quads of {count_text(len(choice.frames), 'frame')}, {median_klux:.3g} klux"
+        f"wrote {folder / SCENE}: {len(quads)} quads of {count_text(len(choice.frames), 'frame')}, "
+        f"{median_klux:.3g} klux"
     )
     return "\n".join([*notes, _reflectivity_note(gauge)])
 
