@@ -1,4 +1,4 @@
-"""What the electronics report of the light: comparator, converter, samplers.
+"""Electronics: comparator, converter and samplers turn received light into returns.
 
 A detector's signal is noisy, so chance decides whether and when a pulse is reported. One random deviate for each echo
 decides both, in closed form; the waveform is not sampled. The functions run on NumPy and Dr.Jit arrays alike, so the

@@ -1,4 +1,4 @@
-"""Comparator: does a noisy pulse trip it, at which time, with which amplitude and width; and its false alarms.
+"""Comparator: detection, crossing time, amplitude and width of noisy pulses, and false alarms.
 
 Noise moves an edge in time and can lift it above the threshold or keep it below. One standard normal deviate z for
 each echo stands for the noise on its whole leading edge. It decides detection and time together, so the two cannot
@@ -190,7 +190,7 @@ def alarm_width_s(shots: Shots, amplitude: Lanes, *, interfering: Mask | None) -
 def reported_s(
     shots: Shots, crossing_s: Lanes, *, measured: Lanes, width_s: Lanes | None, true_power_w: Lanes, draw: Lanes = 0
 ) -> Lanes:
-    """Time that the converter reports for a crossing, (n,) s: without the walk, with its jitter and rounding.
+    """Time that the converter reports for a crossing, (n,) s: walk taken off, jitter and rounding added.
 
     crossing_s    (n,) time at which the comparator trips
     measured      (n,) measured amplitude, in signal units
@@ -221,7 +221,7 @@ def walk_s(shots: Shots, *, measured: Lanes, width_s: Lanes | None, true_power_w
 
 
 def converted_time_s(shots: Shots, time_s: Lanes, *, draw: Lanes = 0) -> Lanes:
-    """A time with the converter's jitter, rounded to its step, (n,) s; never before the pulse."""
+    """Add the converter's jitter to a time and round it to its step, (n,) s; never before the pulse."""
     ops, converter = xp(time_s), shots.sensor.tdc
     jitter, _ = random.normal_pair(shots.words(Stage.TDC_JITTER, draw))
     jittered = ops.maximum(time_s + converter.jitter_s * jitter, 0.0)
@@ -229,7 +229,7 @@ def converted_time_s(shots: Shots, time_s: Lanes, *, draw: Lanes = 0) -> Lanes:
 
 
 def accepts_crossing(sensor: Sensor, crossing_s: Lanes) -> Mask:
-    """Whether the converter accepts a crossing at this time, (n,) bool: after blanking and within the window.
+    """True if the converter accepts a crossing at this time, (n,) bool: after blanking and within the window.
 
     Blanking ignores crossings and not levels: an echo that crosses while blanked gives no point, even if it is still
     above the threshold when blanking ends (docs/theory.md 9).
@@ -289,7 +289,7 @@ class _Crossings:
     alarm does not depend on chunks or threads, and no state of a generator is carried along.
 
     noise_rate_hz  (n,) rate lambda of crossings by noise
-    other_lidars         crossings by the pulses of each other lidar
+    other_lidars   crossings by the pulses of each other lidar
     """
 
     shots: Shots
@@ -372,7 +372,7 @@ class _Crossings:
 
 
 def first_alarms(alarms: Alarms, count: int) -> list[Alarm]:
-    """The first ``count`` alarms of a generator."""
+    """Draw the first ``count`` alarms of a generator."""
     first: list[Alarm] = []
     elapsed: Lanes = 0.0
     for number in range(count):

@@ -1,4 +1,4 @@
-"""Multi-echo: what the comparator and the TDC report of pulses with several sub-echoes.
+"""Multi-echo: comparator and TDC for pulses with several sub-echoes.
 
 The sub-echoes of a pulse overlap and add up to a waveform. The comparator sees its rises: from a valley to a peak. Each
 rise has its own deviate, as the single echo has in `returns`, and the same formulas hold for it. The waveform is not
@@ -33,7 +33,7 @@ from .shots import Received
 
 
 def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
-    """What each stop of the converter reports of every pulse, in order of time (docs/theory_light.md 23).
+    """Detect every pulse of a train: one `Returns` for each stop, in order of time (docs/theory_light.md 23).
 
     seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)
     pulse  (n,) uint32 pulse numbers
@@ -48,7 +48,7 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
         pulse=pulse,
         surfaces=pulse_train.surfaces,
     )
-    # Echoes first: they alone know of the dead time. Then false alarms compete with them for the stops.
+    # Echoes first: only they obey the dead time. Then false alarms compete with them for the stops.
     state = converter.search()
     strongest = converter.strongest()
     stops = add_alarms(converter, state.stops, pulse_train.interference, *strongest)
@@ -57,9 +57,9 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Pulse:
-    """The last pulse that a receiver which looks for peaks has found, before it is known to be one; each field (n,).
+    """Last peak of a peak-finding receiver, until later light shows that it is a pulse of its own; each field (n,).
 
-    stop    what would be reported of it
+    stop    return that the peak would give
     peak    place of its peak
     top     signal there
     lowest  lowest signal since
@@ -84,7 +84,7 @@ class _RiseSearch:
     stops      crossings that the converter keeps so far, best first
     pulse      the last peak, which is not yet among the stops; None of a receiver that times edges
     memory     earlier echoes, as far as the detector remembers them
-    at_highest what the highest peak found of them; None: nothing
+    at_highest what earlier echoes leave at the highest peak; None: nothing
     """
 
     high: Mask
@@ -133,7 +133,7 @@ class _Converter(Received):
         return replace(state, stops=tuple(replace(stop, status=status) for stop in stops))
 
     def _visit_edge(self, rise: Rise, state: _RiseSearch) -> _RiseSearch:
-        """Draw the noise of one rise, and keep its crossing if the converter takes it and it is among the best."""
+        """Draw the noise of one rise; keep its crossing if the converter accepts it and it is among the best."""
         ops, tdc = self.ops, self.sensor.tdc
         peak_w = ops.where(rise.exists, rise.top[0], 0.0)
         residue = echo_memory.find_residue(self, rise, state.memory)
@@ -234,7 +234,10 @@ class _Converter(Received):
         )
 
     def _base(self, lowest: Lanes) -> Lanes:
-        """Signal from which the threshold counts for a pulse on other light, (n,), by the lowest of that."""
+        """Signal from which the threshold counts for a pulse on top of other light, (n,).
+
+        lowest  (n,) lowest signal of that light since the last pulse
+        """
         sampler = self.sensor.sampler
         if not isinstance(sampler, MultiLevel):
             return lowest
@@ -248,7 +251,7 @@ class _Converter(Received):
     def _after(
         self, state: _RiseSearch, rise: Rise, trip: comparator.Trip, residue: echo_memory.Residue | None, **changed: Any
     ) -> _RiseSearch:
-        """The state behind a rise: what both kinds of receiver remember, and what one of them ``changed``."""
+        """State after a rise: the fields that both kinds of receiver update, and those that one of them ``changed``."""
         ops = self.ops
         peak_w = ops.where(rise.exists, rise.top[0], 0.0)
         higher = peak_w > state.highest_w
@@ -277,7 +280,7 @@ class _Converter(Received):
     def _stop(
         self, rise: Rise, trip: comparator.Trip, accepted: Mask, place: Lanes, in_valley: Mask, crossing_s: Lanes
     ) -> Stop:
-        """A stop with what the sampler measures of a crossing; lanes that are not ``taken`` get the key `EMPTY`."""
+        """Measure a crossing with the sampler, as a stop; lanes that are not ``accepted`` get the key `EMPTY`."""
         ops = self.ops
         reading = read(self, rise, trip, place, mask=accepted)
         key = stop_list.sort_key(self.sensor.tdc, crossing_s, reading.amplitude)
@@ -312,7 +315,7 @@ class _Converter(Received):
         return number, wave.range_m(place)
 
     def detection(self, pulse_train: EchoTrain, state: _RiseSearch, stops: Stops, strongest: Array) -> Detection:
-        """The stops as `Returns`, and the outcome of each pulse."""
+        """Convert the stops to `Returns`, and find the outcome of each pulse."""
         ops = self.ops
         returns = []
         has_echo = ops.full(self.wave.origin_m, False)

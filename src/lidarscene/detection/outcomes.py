@@ -1,4 +1,4 @@
-"""What caused a point, and what became of a pulse.
+"""Causes of points and outcomes of pulses.
 
 Files, clouds and summaries need these names without the electronics behind them, so they stand alone: `lidarscene -h`
 knows the formats of clouds, and loads no detector.
@@ -10,7 +10,7 @@ import enum
 
 
 class Status(enum.IntEnum):
-    """What caused a point."""
+    """Cause of a point."""
 
     ECHO = 0
     FALSE_ALARM = 1
@@ -20,7 +20,7 @@ class Status(enum.IntEnum):
 
 
 class Outcome(enum.IntEnum):
-    """What became of a pulse's echo."""
+    """Outcome of a pulse's echo."""
 
     KEPT = 0  # reported as a point
     NO_SURFACE = 1  # no ray met a surface
@@ -35,4 +35,4 @@ OUTCOME_TEXT = {
     Outcome.OUT_OF_WINDOW: "out of window",
     Outcome.HIDDEN: "hidden",
 }
-"""Why there is no echo point, in words."""
+"""Reason why a pulse has no echo point, in words."""

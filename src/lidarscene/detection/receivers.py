@@ -1,4 +1,4 @@
-"""Receivers: which of the three ways of detection a sensor needs.
+"""Receivers: choice among the three ways of detection.
 
 A comparator that keeps the first edge of a lone echo has a closed form (`returns`). Overlapping echoes, samplers and
 orders of returns need the waveform (`multi_echo`). SPADs that sum shots need a histogram (`photon_counting`).
@@ -15,13 +15,13 @@ from .returns import Detection
 
 
 def is_plain(sensor: Sensor) -> bool:
-    """Whether one echo of each pulse is all that the converter has to deal with in closed form."""
+    """True if the closed form for one echo per pulse (`returns`) holds for the sensor's receiver."""
     whole = sensor.sampler is not None or sensor.histogram is not None or sensor.receiver.ac_coupling_hz is not None
     return not whole and sensor.tdc.keep == "first"
 
 
 def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
-    """What the receiver reports of pulses with any light.
+    """Detect pulses with any number of sub-echoes.
 
     seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)
     pulse  (n,) uint32 pulse numbers
@@ -31,7 +31,7 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
 
 
 def detect_alone(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
-    """What the receiver reports of pulses with one echo each, in clear air, as `render` has it.
+    """Detect pulses with one echo each in clear air, as `render` does.
 
     seed, pulse  as of `detect`
     """

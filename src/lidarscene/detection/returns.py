@@ -25,7 +25,7 @@ from .shots import Shots
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Returns:
-    """What one stop of the converter reports for each pulse; numpy or Dr.Jit.
+    """Returns that one stop of the converter reports for n pulses; NumPy or Dr.Jit.
 
     reported   (n,) bool, whether this stop was used
     status     (n,) int32, a `Status`
@@ -58,7 +58,7 @@ class Returns:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detection:
-    """What the electronics make of each pulse; NumPy or Dr.Jit.
+    """Result of the electronics for n pulses; NumPy or Dr.Jit.
 
     snr                    (n,) peak signal over the noise without an echo, (19) or (27); of the highest peak; 0 without
                            an echo
@@ -79,9 +79,9 @@ class Detection:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Edge:
-    """The echo behind the comparator; each field (n,).
+    """Echo behind the comparator; each field (n,).
 
-    tripped       whether it trips the comparator
+    tripped     whether it trips the comparator
     crossing_s  time at which it trips it
     reported_s  time that the converter reports
     amplitude   measured peak, in signal units
@@ -107,7 +107,7 @@ class _Alarm:
 
 
 def detect(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
-    """What each stop of the converter reports of every pulse (docs/theory.md 7 to 9).
+    """Detect pulses with one echo each: one `Returns` for each stop (docs/theory.md 7 to 9).
 
     seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)
     pulse  (n,) uint32 pulse numbers
@@ -207,7 +207,7 @@ def alarm_status(interfering: Mask | None) -> Lanes:
 
 
 def interferes(status: Lanes) -> Mask:
-    """Whether a false alarm of this `Status` is another lidar's pulse, (n,) bool."""
+    """True where a false alarm of this `Status` is another lidar's pulse, (n,) bool."""
     return status == int(Status.INTERFERENCE)
 
 

@@ -37,7 +37,7 @@ _END = 1e29
 class Rise:
     """One peak of each pulse and the valley before it; each field (n,). Between the two the power only rises.
 
-    exists     whether the pulse has this peak; if not, the other fields are undefined
+    exists    whether the pulse has this peak; if not, the other fields are undefined
     number    how many peaks came before it, unsigned
     valley    place of the lowest point before the peak
     valley_w  power there
@@ -57,11 +57,11 @@ class Rise:
 class _March:
     """State of the search for the next peak of each pulse; each field (n,).
 
-    previous, place  two consecutive places of the search; once ``found``, the peak is between them
-    slope, bend  first and second derivative of the waveform at ``place``
-    ahead        start of the first interval that does not end before ``place``: there is no peak before it
-    low, high    two consecutive places with the valley between them
-    bracketed        whether the search has found a peak
+    previous, place  two consecutive places of the search; once ``bracketed``, the peak is between them
+    slope, bend      first and second derivative of the waveform at ``place``
+    ahead            start of the first interval that does not end before ``place``: there is no peak before it
+    low, high        two consecutive places with the valley between them
+    bracketed        whether a peak lies between the last two places
     """
 
     previous: Lanes

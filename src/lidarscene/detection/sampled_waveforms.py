@@ -68,7 +68,7 @@ class Waveforms:
 
 
 def check_pulses(pulses: Sequence[int], sensor: Sensor) -> Numbers:
-    """The distinct pulse numbers, rising, (n,) int64.
+    """Check chosen pulse numbers; returns the distinct ones, rising, (n,) int64.
 
     Raises InputError for a number that the frame does not have, and for none or more than `MOST_PULSES`.
     """
@@ -102,7 +102,7 @@ def sampled_with_memory(train: EchoTrain, sensor: Sensor, times_s: Numbers) -> t
     drains = isinstance(detector, Apd) and detector.saturation_a is not None
     if not (cells or drains):
         return power, signal
-    # Memory needs all light from the first on, whatever times are asked for.
+    # Memory needs all light from the first on, whatever times are requested.
     step = fwhm_s / SAMPLES_PER_FWHM
     if isinstance(detector, Sipm):
         step = float(detector.dead_time_s) / max(_STEPS, math.ceil(float(detector.dead_time_s) / step))

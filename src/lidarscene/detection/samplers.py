@@ -31,12 +31,12 @@ thresholds high."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """What the sampler measures of a pulse; each field (n,).
+    """Measurement of a pulse by the sampler; each field (n,).
 
     reported_s  time that the converter reports
     amplitude   peak, in signal units
     width_s     time over the threshold; 0 from a TDC that times rising edges only
-    place       that of what was timed on the waveform
+    place       place on the waveform that was timed
     """
 
     reported_s: Lanes
@@ -49,7 +49,7 @@ def read(shots: Received, rise: Rise, trip: Trip, place: Lanes, *, mask: Mask) -
     """Measure a pulse with the sensor's sampler.
 
     place   (n,) place at which the pulse crosses the threshold
-    wanted  (n,) bool, lanes to measure; results of other lanes are undefined
+    mask    (n,) bool, lanes to measure; results of other lanes are undefined
     """
     sampler = shots.sensor.sampler
     if isinstance(sampler, MultiLevel):
@@ -69,7 +69,7 @@ def read(shots: Received, rise: Rise, trip: Trip, place: Lanes, *, mask: Mask) -
 
 
 def _by_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, place: Lanes, mask: Mask) -> Reading:
-    """Reading of comparators at several levels.
+    """Measure a pulse with comparators at several levels.
 
     The width at the highest level that tripped gives the amplitude, theory (T54). The width at the threshold gives the
     walk: the middle of both crossings is the peak of a symmetric pulse, whatever its height.
@@ -175,7 +175,7 @@ class _Level:
 
     @classmethod
     def for_pulse(cls, shots: Received, rise: Rise, trip: Trip, place: Lanes, level: Lanes, mask: Mask) -> _Level:
-        """A threshold for a pulse that crossed the lowest one at ``place``."""
+        """Compare one threshold with a pulse that crossed the lowest one at ``place``."""
         point = shots.point
         up = tdc.crossing_level(
             threshold=level, deviate=trip.deviate, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2
@@ -203,7 +203,7 @@ class _Level:
 
 
 def _by_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lanes, mask: Mask) -> Reading:
-    """Reading of an ADC: the centroid of its samples, or the place where a matched filter answers most.
+    """Measure a pulse with an ADC: the centroid of its samples, or the maximum behind a matched filter.
 
     The matched filter needs a start near its maximum; the centroid of the samples above the threshold is that.
     """

@@ -23,7 +23,7 @@ from ..sensor.sensor_model import Sensor
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shots:
-    """Some pulses, and what is known of each before its light comes back.
+    """Inputs of the electronics for n pulses, known before their light comes back.
 
     sensor     the sensor that fired the pulses
     point      working point of the detector under each pulse's background
@@ -45,7 +45,7 @@ class Shots:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Received(Shots):
-    """Some pulses, and the waveform that each receives."""
+    """Inputs of the electronics for n pulses with their received waveforms."""
 
     wave: Waveform
 

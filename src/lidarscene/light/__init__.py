@@ -4,13 +4,13 @@ Each step is a frozen type (`Beams`, `Hits`, `Echoes`, `EchoTrain`) and a functi
 `Hits` has geometry and no watts, `Echoes` has watts and no electronics. So one can tell whether a missing point had
 light. All of it runs on NumPy and Dr.Jit arrays alike (docs/theory.md 1 to 4, 17 to 23).
 
-beams          origin and direction of each pulse
-footprint      rays over the cross section of a beam
-hits           the surface that each ray met
-limits         how many panes, mirrors and gaps a beam may meet
-echoes         signal and background power of each ray
+beams             origin and direction of each pulse
+footprint         rays over the cross section of a beam
+hits              the surface that each ray met
+limits            how many panes, mirrors and gaps a beam may meet
+echoes            signal and background power of each ray
 field_background  background over the receiver's field of view
-air_light      light of fog, rain and snow
-pulse_train    all sub-echoes of a pulse
-waveform       the power on the detector as a function of time
+air_light         light of fog, rain and snow
+pulse_train       all sub-echoes of a pulse
+waveform          the power on the detector as a function of time
 """

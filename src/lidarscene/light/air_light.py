@@ -226,7 +226,7 @@ def overlap_of(sensor: Sensor) -> Overlap:
 
 
 def _lens_offset_m(sensor: Sensor) -> float:
-    """From the laser's exit to the middle of the lens; 0 of optics that nothing is said of."""
+    """Distance from the laser's exit to the middle of the lens; 0 without an overlap."""
     overlap = sensor.optics.overlap
     return 0.0 if overlap is None else float(overlap.offset_m)
 

@@ -1,4 +1,4 @@
-"""Beams: the rays along which some pulses leave a sensor.
+"""Beams: the rays along which pulses leave a sensor.
 
 A sensor does not know its own pointing jitter. So there are two kinds of rays: those along which the light really goes
 (`fire`), and those that follow from the angles that the sensor reports (`reported`).
@@ -36,7 +36,7 @@ class Beams:
 
 
 def fire(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[Lanes, ...], seed: Lanes = 0) -> Beams:
-    """The true rays of these pulses, with the scanner's pointing jitter.
+    """True rays of these pulses, with the scanner's pointing jitter.
 
     pulse     (n,) uint32 pulse numbers
     origin_m  (x, y, z) position of the sensor in tracing coordinates: scalars, or (n,) each if the sensor moves
@@ -61,7 +61,7 @@ def reported(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[
 def _place_rays(
     sensor: Sensor, pulse: Lanes, direction: Vector, origin_m: Vector, rotation: tuple[Lanes, ...]
 ) -> Beams:
-    """Rays in tracing coordinates, from directions in sensor coordinates."""
+    """Transform directions in sensor coordinates to rays in tracing coordinates."""
     start = sensor.scanner.offset_m(pulse)
     # Some scanners send their pulses from points off the sensor's origin; the offset turns with the sensor.
     if start is not None:
@@ -79,13 +79,13 @@ def _place_rays(
 
 
 def _rotate(r: tuple[Lanes, ...], v: Vector) -> Vector:
-    """A vector rotated by nine numbers, row by row."""
+    """Rotate a vector by a matrix of nine numbers, row by row."""
     x, y, z = (r[3 * i] * v[0] + r[3 * i + 1] * v[1] + r[3 * i + 2] * v[2] for i in range(3))
     return x, y, z
 
 
 def _add_jitter(direction: Vector, jitter_rad: Lanes, *, seed: Lanes, pulse: Lanes) -> Vector:
-    """Gaussian pointing noise on both axes across the beam."""
+    """Add Gaussian pointing noise on both axes across the beam."""
     # Jitter is a small angle: add a small vector across the beam and restore unit length.
     words = random.words(seed=seed, stage=random.Stage.POINTING, pulse=pulse)
     u, v = across(direction)

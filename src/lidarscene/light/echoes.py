@@ -64,7 +64,7 @@ class Ambient:
 class Echoes:
     """Light on the detector, for each ray; each array (n,).
 
-    has_surface               bool, whether there is an echo
+    has_surface         bool, whether there is an echo
     range_m             range of the echo; 1 without one
     peak_power_w        peak power of the echo; 0 without one
     background_power_w  power of sun, sky and lamps
@@ -140,7 +140,7 @@ class EchoTrain:
 
     parts               groups of sub-echoes; a sub-echo's number counts through all parts
     surfaces            number of sub-echoes that are of surfaces, which come first; the others are of the air
-    has_surface               (n,) bool, whether any ray of the pulse met a surface
+    has_surface         (n,) bool, whether any ray of the pulse met a surface
     background_power_w  (n,) power of sun, sky and lamps
     volume              even light of the air, or None
     interference        pulses of other lidars, as in `Echoes`
@@ -253,7 +253,7 @@ def _white_w_m2(beams: Beams, sensor: Sensor) -> Lanes:
 
 
 def gather_background(ways: Sequence[Echoes]) -> list[Echoes]:
-    """The paths of a ray, with the background of all of them on the first.
+    """Add the background of all paths of a ray to the first path.
 
     A pane splits a ray into paths. The background of all reaches the detector, but a pulse has only one background.
     """

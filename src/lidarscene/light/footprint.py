@@ -80,8 +80,7 @@ class Footprint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Aim:
-    """Geometry of beams and their receiver, for specular returns: how much of a beam that a pane or mirror reflects
-    straight back does the receiver collect?
+    """Geometry of beams and their receiver for specular returns, whose share at the receiver it determines.
 
     across         two unit vectors across each beam, along its axes
     exit_radius_m  as of a `Footprint`

@@ -19,7 +19,7 @@ class Hits:
 
     The path goes through panes and off mirrors; without those it is the ray up to the first surface.
 
-    has_surface               (n,) bool, whether a surface was met; if not, the range is 1, the face -1 and the rest 0
+    has_surface         (n,) bool, whether a surface was met; if not, the range is 1, the face -1 and the rest 0
     range_m             (n,) length of the path from the sensor
     cos_incidence       (n,) in [0, 1], between the ray and the geometric normal at the surface
     backscatter_per_sr  (n,) f_r(w, w) cos(theta), back along the ray

@@ -1,4 +1,4 @@
-"""How many panes, mirrors and gaps a beam may meet.
+"""Limits on the number of panes, mirrors and gaps that a beam may meet.
 
 The kernel unrolls the steps of a path, so their number is code. The command line names these limits too, and must not
 load the light for it.

@@ -43,7 +43,7 @@ class LitAir:
 def join_echoes(
     paths: Sequence[Echoes], beams: Beams, *, rays: int, skirt: Skirt | None = None, air: LitAir | None = None
 ) -> EchoTrain:
-    """All light that each pulse brings back.
+    """Join the echoes of all rays and paths, and the light of the air, to one train for each pulse.
 
     paths  Echoes of all rays for each path of their light, lane = pulse lane * rays + ray; the first path holds the
            background
@@ -57,7 +57,7 @@ def join_echoes(
     ops = xp(first.range_m)
 
     def of_pulse(values: Lanes) -> Lanes:
-        """One value for each pulse, of a quantity that all of its rays share."""
+        """Value for each pulse of a quantity that all of its rays share."""
         return ops.column(values, 0, rays) if ops.width(values) > 1 else values
 
     weight: Lanes = 1.0 / rays

@@ -32,7 +32,7 @@ _BEFORE = 8.0
 """Distance before the first possible peak at which a sum of pulses counts as zero, in sigma_p."""
 
 _FADING = -4.0, 2.0
-"""Where the air's light may have a peak because a surface ends it, about the place where it falls fastest, in sigma_p:
+"""Interval, in sigma_p about the place of steepest fall, in which the air's light may peak because a surface ends it:
 it is concave before that place, by less than 1e-3 of itself beyond the first of these, and where it also rises steeply
 a little behind it.
 """
@@ -46,7 +46,7 @@ _HALF_STEP = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Undershoot:
-    """What AC coupling takes off the pulses (`physics.amplifier.high_pass`).
+    """Undershoot that AC coupling subtracts from the pulses (`physics.amplifier.high_pass`).
 
     rate    w: recovery of the baseline, per sigma_p; the peaks of the pulses come early by as much
     depths  (n,) each, power of every sub-echo, as far as the amplifier passes it
@@ -56,7 +56,7 @@ class Undershoot:
     depths: Sequence[Lanes]
 
     def at(self, place: Lanes, centres: Sequence[Lanes]) -> Shape:
-        """All of it at a place, in (n,) W, and its first and second derivative by place."""
+        """Undershoot at a place, (n,) W, and its first and second derivative by place."""
         value: Lanes = 0.0
         slope: Lanes = 0.0
         bend: Lanes = 0.0
@@ -72,13 +72,13 @@ class Waveform:
 
     A place u is at the range origin_m + u unit_m.
 
-    origin_m  (n,) range of the pulse's first sub-echo
-    unit_m    c sigma_p / 2
-    fwhm_s    width of the received pulse
-    centres   (n,) each, place of every sub-echo
-    heights   (n,) each, power of every sub-echo; 0 without one
-    volume    even light of the air, or None
-    undershoot     undershoot of an AC-coupled amplifier, or None
+    origin_m    (n,) range of the pulse's first sub-echo
+    unit_m      c sigma_p / 2
+    fwhm_s      width of the received pulse
+    centres     (n,) each, place of every sub-echo
+    heights     (n,) each, power of every sub-echo; 0 without one
+    volume      even light of the air, or None
+    undershoot  undershoot of an AC-coupled amplifier, or None
     """
 
     # Places count from the first sub-echo in units of sigma_p. So the numbers near an echo are small, where single
@@ -131,7 +131,7 @@ class Waveform:
         return 0.0 if self.volume is None else _volume_w(self.volume, self.range_m(place), self.fwhm_s)
 
     def _uncoupled(self, place: Lanes) -> Lanes:
-        """Where on the pulses a place lies: AC coupling lets them peak early, and is calibrated for that."""
+        """Place on the pulses without AC coupling, which moves their peaks earlier by a calibrated amount."""
         return place if self.undershoot is None else place - self.undershoot.rate
 
     def range_m(self, place: Lanes) -> Lanes:
@@ -209,7 +209,7 @@ class Comb:
 
 
 def waveform(pulse_train: EchoTrain, sensor: Sensor) -> Waveform:
-    """Waveforms of some pulses."""
+    """Build the waveforms of n pulses."""
     ops = xp(pulse_train.parts[0].range_m)
     # Sub-echo k of every pulse becomes an array of its own: loops over sub-echoes then run over arrays of n pulses.
     ranges, heights = (
@@ -245,7 +245,7 @@ def waveform(pulse_train: EchoTrain, sensor: Sensor) -> Waveform:
 def couple_pulses(
     heights: Sequence[Lanes], background_power_w: Lanes, sensor: Sensor
 ) -> tuple[Sequence[Lanes], Undershoot | None]:
-    """Pulses of these peak powers behind AC coupling, without their undershoot, and the undershoot.
+    """Pass pulses of these peak powers through AC coupling; returns their heights, and the undershoot or None.
 
     heights  (n,) each, power of every sub-echo
     """

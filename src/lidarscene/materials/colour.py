@@ -1,4 +1,4 @@
-"""What a visible colour is worth at the laser's wavelength.
+"""Reflectivity at the laser's wavelength from a visible colour.
 
 Pigments that look alike may differ in the infrared, so a colour says little of a surface's reflectivity. It says more
 of how one kind of surface varies from place to place: soiled and clean, stone and mortar. So the level is the

@@ -33,11 +33,11 @@ class Spectrum:
         return cls(wavelength_m=(0.0, np.inf), value=(value, value))
 
     def covers(self, wavelength_m: float) -> bool:
-        """Whether the table includes this wavelength (to 1 nm)."""
+        """True if the table includes this wavelength (to 1 nm)."""
         return self.wavelength_m[0] - 1e-9 <= wavelength_m <= self.wavelength_m[-1] + 1e-9
 
     def at(self, wavelength_m: float) -> float:
-        """The value at a wavelength within the table."""
+        """Value at a wavelength within the table."""
         if self.value[0] == self.value[-1] and not np.isfinite(self.wavelength_m[-1]):
             return self.value[0]
         return float(np.interp(wavelength_m, self.wavelength_m, self.value))

@@ -136,7 +136,7 @@ class MaterialFile(FileModel):
                 raise ValueError(f"reflectivity and transmittance: must be <= 1 together, got {total:.4g}{where}")
 
     def build(self, name: str) -> Material:
-        """The material, under this name. By hand: what a kind has goes into one mapping, its tables as spectra."""
+        """Build the material under this name: the numbers of its kind in one mapping, tables as spectra."""
         numbers: dict[str, float | Spectrum | None] = {key: getattr(self, key) for key in _PLAIN}
         numbers["thickness_m"] = si(self.thickness_mm, "mm")
         if self.transmittance is not None:
@@ -166,11 +166,11 @@ def _spectrum(reflectivity: float | tuple[ReflectivityRow, ...]) -> Spectrum:
 
 
 def read_material(path: Path) -> Material:
-    """A material from a TOML file. Raises InputError."""
+    """Read a material from a TOML file. Raises InputError."""
     return validate(MaterialFile, read_toml(path), str(path)).build(path.stem)
 
 
 @cache
 def catalogue_material(name: str) -> Material:
-    """A catalogue material. Raises InputError."""
+    """Load a material of the catalogue by name. Raises InputError."""
     return read_material(path_of("materials", name))

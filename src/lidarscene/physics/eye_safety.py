@@ -24,7 +24,7 @@ _HELD_C7_M = 1250e-9  # C7 is held at its value here up to 1400 nm
 
 
 def reaches_retina(wavelength_m: float) -> bool:
-    """Whether the eye focuses this wavelength on the retina (400 to 1400 nm). ValueError outside 400-2600 nm."""
+    """True if the eye focuses this wavelength on the retina (400 to 1400 nm). ValueError outside 400-2600 nm."""
     if not RETINA_M[0] <= wavelength_m < LONGEST_WAVELENGTH_M:
         raise ValueError(f"wavelength must be 400 to 2600 nm, got {wavelength_m * 1e9:g} nm")
     return wavelength_m < RETINA_M[1]

@@ -1,4 +1,4 @@
-"""What every scanner provides, and what scanners with moving parts share.
+"""Protocol of all scanners, and base classes of those with moving parts.
 
 The rest of the simulation knows a scanner only by the protocol `Scanner`, so a new mechanism changes nothing else.
 """
@@ -131,7 +131,7 @@ class Mechanism:
         return self._optics(pulse, self._mechanism(pulse))[1]
 
     def background_share(self, pulse: Lanes) -> Lanes:
-        """As the aperture: what stops the beam leaves the field of view unchanged."""
+        """Aperture share: what stops the beam leaves the field of view unchanged."""
         return self.aperture_share(pulse)
 
     def channel(self, pulse: Lanes) -> Lanes:
@@ -162,5 +162,5 @@ class GivenAngles(Mechanism):
 
 
 def in_frame(pulse: Numbers, pulses: int) -> tuple[Numbers, Numbers]:
-    """Number of the frame, and of the pulse within it; 64 bits."""
+    """Split pulse numbers into the number of the frame and of the pulse within it; 64 bits."""
     return np.divmod(np.asarray(pulse, dtype=np.int64), pulses)

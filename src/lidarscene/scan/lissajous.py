@@ -58,7 +58,7 @@ class Lissajous(Mechanism):
         jitter_rad: Jitter = None,
         encoder_rad: Encoder = None,
     ) -> Lissajous:
-        """From the two turns."""
+        """Build from the swings on both axes."""
         # Phases as exact fractions of a turn from pulse to pulse, so that they do not drift over hours (`turns`).
         turns = [
             Turns.per_pulse(frequency_hz=swing.frequency_hz, rate_hz=rate_hz, start_rad=swing.phase_rad)

@@ -36,7 +36,7 @@ class Pattern(GivenAngles):
         jitter_rad: Jitter = None,
         encoder_rad: Encoder = None,
     ) -> Pattern:
-        """From columns of one length, with times rising from 0 and below ``frame_s``."""
+        """Build from columns of one length, with times rising from 0 and below ``frame_s``."""
         return cls(
             pulses=len(time_s),
             frame_s=frame_s,

@@ -94,7 +94,7 @@ class Polygon(Mechanism):
         jitter_rad: Jitter = None,
         encoder_rad: Encoder = None,
     ) -> Polygon:
-        """One facet for each tilt; pulses leave during ``duty`` of a facet's time."""
+        """Build from the facets, one for each tilt; pulses leave during ``duty`` of a facet's time."""
         count = len(facets.tilt_rad)
         return cls(
             facets=count,

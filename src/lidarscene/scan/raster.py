@@ -38,7 +38,7 @@ class Raster(GivenAngles):
         jitter_rad: Jitter = None,
         encoder_rad: Encoder = None,
     ) -> Raster:
-        """From the full angles of the field of view and the steps."""
+        """Build from the full angles of the field of view and the steps."""
         # 120 / 0.2 is 599.99... in binary: allow 1e-6 of a step before rounding down.
         columns, rows = (
             int(whole / step + 1e-6) + 1

@@ -103,7 +103,7 @@ class Risley(Mechanism):
         jitter_rad: Jitter = None,
         encoder_rad: Encoder = None,
     ) -> Risley:
-        """From the wedges, the one next to the laser first."""
+        """Build from the wedges, the one next to the laser first."""
         return cls(
             pulses=max(1, round(rate_hz / frame_hz)),
             rate_hz=rate_hz,

@@ -38,7 +38,7 @@ class Turns:
 
     @classmethod
     def from_fraction(cls, turns: Fraction, *, start_rad: float = 0.0) -> Turns:
-        """From the number of turns between two pulses."""
+        """Build from the number of turns between two pulses."""
         # Exact fractions: 2^31 pulses times the rounding of a double would be degrees.
         steps = turns * _WORD
         high = math.floor(steps + Fraction(1, 2))

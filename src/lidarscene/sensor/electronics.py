@@ -98,12 +98,12 @@ class Receiver:
 
     @property
     def low_pass(self) -> LowPass | None:
-        """The filter, or None."""
+        """Low pass of this response, or None."""
         return LOW_PASSES.get(self.response)
 
     @property
     def filters(self) -> bool:
-        """Whether the pulse comes through it changed."""
+        """True if the amplifier changes the pulse."""
         return self.low_pass is not None or self.ac_coupling_hz is not None
 
     @property
@@ -127,7 +127,7 @@ class Intensity:
 
     @property
     def unit(self) -> str:
-        """Of the number that is reported."""
+        """Unit of the reported intensity."""
         return "W" if self.kind == "range_corrected" else "1"
 
 

@@ -65,7 +65,7 @@ class FilterFile(FileModel):
         return self
 
     def transmittance(self, folder: Path) -> SpectralCurve:
-        """As a curve. Raises InputError."""
+        """Transmittance over wavelength. Raises InputError."""
         if self.csv is not None:
             return read_transmittance(folder / self.csv)
         assert self.centre_nm is not None
@@ -77,13 +77,13 @@ class FilterFile(FileModel):
         return super_gaussian_filter(centre_m=centre_m, width_m=width_m, order=order)
 
     def sun_irradiance_w_m2(self, folder: Path) -> float:
-        """Of the sun, behind the filter, at 100 klux. Raises InputError, or LidarSceneError without pvlib."""
+        """Solar irradiance behind the filter at 100 klux. Raises InputError, or LidarSceneError without pvlib."""
         curve = self.transmittance(folder)
         return irradiance_at_100_klux_w_m2(pvlib.reference_spectrum(self.spectrum), curve)
 
 
 def read_transmittance(path: Path) -> SpectralCurve:
-    """A filter from a CSV file with the columns wavelength_nm (rising) and transmittance (0 to 1).
+    """Read a filter from a CSV file with the columns wavelength_nm (rising) and transmittance (0 to 1).
 
     The first line may name them; lines that begin with # are skipped. Raises InputError.
     """
@@ -150,7 +150,7 @@ class OverlapFile(FileModel):
     )
 
     def build(self, *, optics: Optics, laser: Laser, detector_radius_m: float) -> Overlap:
-        """The share of the spot in the field of view, by range. By hand: it takes numbers of three tables."""
+        """Tabulate the share of the spot in the field of view by range, from numbers of three tables."""
         return Overlap.from_optics(
             laser.spot,
             aperture_radius_m=float(optics.aperture_radius_m),
@@ -196,6 +196,6 @@ class OpticsFile(Table[Optics]):
         return self
 
     def build(self, folder: Path) -> Optics:
-        """In SI units; the overlap needs the detector too. A filter's transmittance file lies in ``folder``."""
+        """Convert to SI units, but for the overlap, which needs the detector; filter files lie in ``folder``."""
         sun = self.sun_irradiance_w_m2 if self.filter is None else self.filter.sun_irradiance_w_m2(folder)
         return self.in_si(sun_irradiance_w_m2=sun, halo=None if self.halo is None else self.halo.in_si())

@@ -20,7 +20,7 @@ _PLACES = 1025  # linear between them: 1e-5 where the share changes within a thi
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spot:
-    """How wide the laser's spot is.
+    """Width of the laser's spot.
 
     profile        of the beam: "gaussian" or "top_hat"
     exit_radius_m  where the beam leaves, at its waist
@@ -35,8 +35,8 @@ class Spot:
 class Overlap:
     """Share of the spot's light that reaches the detector, by range.
 
-    table    the share, even in s / (s + R): from far (0) to near (1)
-    scale_m  s, the range around which the share changes
+    table     the share, even in s / (s + R): from far (0) to near (1)
+    scale_m   s, the range around which the share changes
     offset_m  from the receiver's axis to the transmitter's, at the sensor
     """
 
@@ -58,7 +58,7 @@ class Overlap:
         focus_m: float = math.inf,
         scattered: float = 0.0,
     ) -> Overlap:
-        """From the optics, as `physics.optics.receiver` has them.
+        """Tabulate the overlap by `physics.optics.receiver`.
 
         field_rad   r_PD / f
         offset_m    from the receiver's axis to the transmitter's, at the sensor
@@ -83,5 +83,5 @@ class Overlap:
         return cls(table=LookupTable(share), scale_m=scale, offset_m=offset_m)
 
     def share(self, range_m: Lanes) -> Lanes:
-        """(n,) share of the light at these ranges."""
+        """Share of the light at these ranges, (n,)."""
         return self.table.at(self.scale_m / (self.scale_m + range_m))

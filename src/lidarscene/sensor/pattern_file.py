@@ -27,7 +27,7 @@ NAMES: dict[str, dict[str, float]] = {
 
 
 def read_pattern(path: Path, *, frame_s: float | None, jitter_rad: float | None, encoder_rad: float | None) -> Pattern:
-    """A pattern of the file's columns; without ``frame_s`` a frame is its last time and one mean step more."""
+    """Read a pattern; without ``frame_s`` a frame lasts one mean step longer than its last time. Raises InputError."""
     columns = _read_npz(path) if path.suffix == ".npz" else read_columns(path, is_wanted=_is_known_column)
     length = len(next(iter(columns.values()), ()))
     for name, values in columns.items():
@@ -71,7 +71,7 @@ def read_pattern(path: Path, *, frame_s: float | None, jitter_rad: float | None,
 
 
 def _column(path: Path, columns: Mapping[str, Numbers], kind: str) -> Numbers:
-    """One of the columns in SI units."""
+    """Column of this kind in SI units. Raises InputError."""
     names = [name for name in NAMES[kind] if name in columns]
     if len(names) != 1:
         listed = " and ".join(names) or "none"

@@ -31,7 +31,7 @@ class MultiLevelFile(FileModel):
         return self
 
     def build(self, pulse_fwhm_ns: float) -> MultiLevel:
-        """In thresholds; the width of the pulse plays no part."""
+        """Convert to thresholds; the pulse width is not used."""
         return MultiLevel(levels=(1.0, *self.levels))
 
 
@@ -46,7 +46,7 @@ class AdcFile(Table[Adc]):
     bits: Annotated[int, Field(ge=1, le=24)]
 
     def build(self, pulse_fwhm_ns: float) -> Adc:
-        """In SI units, with as many samples as four pulse widths hold."""
+        """Convert to SI units, with as many samples as four pulse widths hold. Raises InputError."""
         least = 1e3 / pulse_fwhm_ns
         if self.rate_mhz < least * (1.0 - 1e-9):
             raise InputError(f"sampler.rate_mhz: must be >= {least:g} (one sample in a pulse), got {self.rate_mhz:g}")

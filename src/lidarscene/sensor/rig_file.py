@@ -25,7 +25,7 @@ from .sensor_model import Sensor
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mounted:
-    """A sensor of a rig, and where it is: ``pose`` on the vehicle, to which its own mounting is added."""
+    """Sensor of a rig with its ``pose`` on the vehicle, to which its own mounting is added."""
 
     label: str
     sensor: Sensor
@@ -33,7 +33,7 @@ class Mounted:
 
     @property
     def placed(self) -> Sensor:
-        """The sensor with its whole place on the vehicle as its mounting."""
+        """Sensor whose mounting is its full pose on the vehicle."""
         return replace(self.sensor, mounting=self.pose @ self.sensor.mounting)
 
 
@@ -47,10 +47,10 @@ class Rig:
 
 
 class SensorLookup(Protocol):
-    """What finds a sensor: `load_sensor`, or something like it."""
+    """Function that loads a sensor, such as `load_sensor`."""
 
     def __call__(self, sensor: str, /, *, overrides: Sequence[str]) -> Sensor:
-        """The sensor of this catalogue name or file."""
+        """Load the sensor of this catalogue name or file."""
 
 
 MOST_SENSORS = 256
@@ -86,7 +86,7 @@ class RigFile(FileModel):
 
 
 def load_rig(rig: str | os.PathLike[str] | Rig, *, overrides: Overrides = ()) -> Rig:
-    """A rig from a TOML file; a `Rig` stays.
+    """Load a rig from a TOML file; a `Rig` is returned unchanged.
 
     overrides  KEY=VALUE for every sensor, or LABEL:KEY=VALUE for that one, after its own. Raises InputError.
     """

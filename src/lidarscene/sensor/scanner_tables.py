@@ -1,4 +1,4 @@
-"""What the scanner models of a sensor file share: types, the options of all, and the models with mirrors.
+"""Scanner tables of a sensor file: shared types and options, and the models with mirrors.
 
 Mechanisms differ, but all fire at the laser's rate and number their pulses in 31 bits.
 """
@@ -42,11 +42,11 @@ class ScannerFile(Table[Made], Generic[Made]):
     """Base of all scanners."""
 
     def shot_period_us(self, pulse_period_us: float) -> float:
-        """How long one receiver can listen: until the next pulse, if one receiver serves all pulses."""
+        """Time that one receiver can listen: until the next pulse, if one receiver serves all pulses."""
         return pulse_period_us
 
     def build(self, context: ScannerContext) -> Scanner:
-        """In SI units. A mechanism that takes more of its surroundings than the rate says so. Raises InputError."""
+        """Convert to SI units; mechanisms that need more than the pulse rate override this. Raises InputError."""
         return cast(Scanner, self.in_si(rate_hz=context.rate_hz))
 
 
@@ -95,7 +95,7 @@ class _MirrorsFile(ScannerFile[Made], Generic[Made]):
         )
 
     def mirrors_for(self, context: ScannerContext) -> Gimbal | MirrorPair:
-        """In SI units."""
+        """Build the mirrors in SI units."""
         return self._mirrors(si(self.mirror_radius_mm, "mm"), context.lens_radius_m)
 
 
@@ -110,7 +110,7 @@ class MirrorFile(_MirrorsFile[MirrorRaster]):
         return self
 
     def build(self, context: ScannerContext) -> MirrorRaster:
-        """In SI units. By hand: which turn is the fast one is a choice."""
+        """Convert to SI units; ``fast`` chooses which turn is the fast one."""
         turns = math.radians(self.azimuth_turn_deg), math.radians(self.elevation_turn_deg)
         fast, slow = turns if self.fast == "azimuth" else turns[::-1]
         return self.in_si(
@@ -128,7 +128,7 @@ class LissajousFile(_MirrorsFile[Lissajous]):
     elevation_phase_deg: Phase = 0.0
 
     def build(self, context: ScannerContext) -> Lissajous:
-        """In SI units. By hand: two swings of one class, told apart by their keys."""
+        """Convert to SI units; the keys of the two axes give one `Swing` each."""
         return self.in_si(
             rate_hz=context.rate_hz,
             mirrors=self.mirrors_for(context),

@@ -1,7 +1,7 @@
 """The scanner in a sensor file: one model for each mechanism, in the units that people write, to a `Scanner`.
 
 What can be wrong about a mechanism depends on others of its numbers (a facet that turns away from the beam, a laser
-that fires after its cycle). Such mistakes are told here, by key, before anything is traced.
+that fires after its cycle). Such mistakes are refused here, by key, before anything is traced.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class SpinningFile(ScannerFile[Spinning]):
 
     @property
     def cycle_s(self) -> float:
-        """From cycle to cycle."""
+        """Time from cycle to cycle."""
         if self.cycle_us is not None:
             return si(float(self.cycle_us), "us")
         return 1.0 / float(abs(self.rotation_hz) * self.columns_per_turn)
@@ -92,7 +92,7 @@ class SpinningFile(ScannerFile[Spinning]):
         return self
 
     def build(self, context: ScannerContext) -> Spinning:
-        """In SI units; the laser's rate must be what the firing table gives, to 1 %."""
+        """Convert to SI units; the laser's rate must agree with the firing table to 1 %. Raises InputError."""
         lasers = len(self.elevation_deg)
         rate_hz = lasers / self.cycle_s
         # The rate follows from the firing table. The file states it too, for the laser: both must agree.
@@ -132,7 +132,7 @@ class PolygonFile(ScannerFile[Polygon]):
         return self
 
     def build(self, context: ScannerContext) -> Polygon:
-        """In SI units, if a facet has pulses; only a facet of known size needs the lens."""
+        """Convert to SI units; only a facet of known size needs the lens. Raises InputError if a facet has no pulse."""
         facets = len(self.facet_tilt_deg)
         on_facet = context.rate_hz * self.duty / (facets * abs(self.rotation_hz))
         # float32 counts columns exactly up to 2^24.
@@ -153,7 +153,7 @@ class RisleyFile(ScannerFile[Risley]):
     wedges: Annotated[tuple[WedgeFile, ...], Field(min_length=2, max_length=3)]
 
     def build(self, context: ScannerContext) -> Risley:
-        """In SI units, if light passes the wedges however they stand."""
+        """Convert to SI units. Raises InputError if light does not pass the wedges at every position."""
         scanner = self.in_si(
             rate_hz=context.rate_hz, wedges=tuple(wedge.in_si(rate_hz=context.rate_hz) for wedge in self.wedges)
         )
@@ -163,7 +163,7 @@ class RisleyFile(ScannerFile[Risley]):
         return scanner
 
     def _reflects(self, scanner: Risley, elevation_rad: float | None) -> bool:
-        """Whether a beam is lost on its way; on the axis only the wedges' phases to each other matter."""
+        """True if a beam is totally reflected; on the axis only the wedges' phases relative to each other matter."""
         # All positions of the wedges to each other, in steps of 15 degrees: the losses change slowly with the angle,
         # and are largest where all thick sides are in one plane with the beam, which these steps meet.
         phases = np.radians(np.arange(0.0, 360.0, 15.0))
@@ -190,7 +190,7 @@ class FlashFile(ScannerFile[Flash]):
         return self
 
     def build(self, context: ScannerContext) -> Flash:
-        """In SI units, if the lens sees all pixels; their pitch is over its focal length."""
+        """Convert to SI units, the pitch over the focal length. Raises InputError for pixels that the lens misses."""
         pitch = si(self.pixel_pitch_um, "um") / context.focal_length_m
         height = 0.5 * pitch * math.hypot(self.columns - 1, self.rows - 1)
         if height >= LARGEST_HEIGHT[self.projection]:
@@ -213,7 +213,7 @@ class TableFile(ScannerFile[Pattern]):
     )
 
     def build(self, context: ScannerContext) -> Pattern:
-        """In SI units, from the file of the pattern."""
+        """Read the pattern's file and convert it to SI units. Raises InputError."""
         return read_pattern(context.folder / self.file, frame_s=si(self.frame_ms, "ms"), **self.values_in_si())
 
 

@@ -123,7 +123,7 @@ class TdcFile(Table[Tdc]):
         return self
 
     def build(self, detector: Detector) -> Tdc:
-        """In SI units; with ``edges`` left out, the detector says which are timed."""
+        """Convert to SI units; with ``edges`` left out, both are timed where the detector saturates."""
         stops, keep = STOPS_OF.get(self.keep, self.stops), "first" if self.keep == "all" else self.keep
         both_edges = detector.saturates if self.edges is None else self.edges == "both"
         return self.in_si(stops=stops, keep=keep, both_edges=both_edges)
@@ -138,7 +138,7 @@ class ReceiverFile(Table[Receiver]):
     )
 
     def build(self, tdc: Tdc) -> tuple[Receiver, Tdc]:
-        """In SI units, and the converter with the bandwidth that the noise has behind the low pass."""
+        """Convert to SI units; returns the receiver, and the converter with the noise bandwidth behind the low pass."""
         receiver = self.in_si()
         if self.bandwidth_mhz is None:
             return receiver, tdc
@@ -154,7 +154,7 @@ class PoseFile(FileModel):
     roll_deg: Turned = 0.0
 
     def pose(self) -> Pose:
-        """As a rotation and a position."""
+        """Convert to a rotation and a position."""
         return Pose.from_degrees(
             position_m=self.position_m, yaw_deg=self.yaw_deg, pitch_deg=self.pitch_deg, roll_deg=self.roll_deg
         )
@@ -222,7 +222,7 @@ class SensorFile(FileModel):
         return self
 
     def build(self, folder: Path) -> Sensor:
-        """The sensor in SI units; the files that it names lie in ``folder``."""
+        """Build the sensor in SI units; the files that it names lie in ``folder``. Raises InputError."""
         detector: Detector = self.detector.in_si()
         laser, optics = self.laser.in_si(repetition_rate_hz=self._rate_hz), self.optics.build(folder)
         if self.optics.overlap is not None:
@@ -252,7 +252,7 @@ class SensorFile(FileModel):
 
     @property
     def _rate_hz(self) -> float:
-        """Points per second. A histogram's shots follow from the scanner's mode, and so does the rate of its points."""
+        """Points per second. A histogram's shots, and so the rate of its points, follow from the scanner's mode."""
         rate_khz = self.laser.repetition_rate_khz
         if isinstance(self.scanner, SpinningFile) and (self.histogram is not None or rate_khz is None):
             return len(self.scanner.elevation_deg) / self.scanner.cycle_s
@@ -300,26 +300,26 @@ def _check_response(sensor: Sensor) -> None:
 
 
 def read_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Sensor:
-    """A sensor from a TOML file, with ``detector.gain=60``-like overrides. Raises InputError."""
+    """Read a sensor from a TOML file, with ``detector.gain=60``-like overrides. Raises InputError."""
     return sensor_from_tables(read_toml(path), where=str(path), overrides=overrides, folder=path.parent)
 
 
 def sensor_from_tables(
     tables: dict[str, Any], *, where: str, overrides: Sequence[str] = (), folder: Path | None = None
 ) -> Sensor:
-    """A sensor from the tables of a sensor file that ``where`` names, and whose files lie in ``folder``."""
+    """Build a sensor from the tables of a sensor file; its files lie in ``folder``, and errors name ``where``."""
     file = validate(SensorFile, _derived_rate(tables, overrides), where, overrides=overrides)
     try:
         sensor = file.build(folder or Path())
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
-    # What was said of a number does not hold for the one that is put in its place.
+    # The source of a number does not hold for the one that replaces it.
     override_sources = {text.partition("=")[0].strip(): f"--set {text}" for text in overrides}
     return replace(sensor, sources={**sensor.sources, **override_sources})
 
 
 def _derived_rate(tables: dict[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
-    """The tables with the overrides; without the file's rate where a changed firing table gives another."""
+    """Apply the overrides to the tables; drop the file's rate where a changed firing table gives another."""
     changed = with_overrides(tables, overrides)
     keys = [text.partition("=")[0].strip() for text in overrides]
     fires_anew = any(key.startswith("scanner.") for key in keys) and "laser.repetition_rate_khz" not in keys
@@ -332,7 +332,7 @@ def _derived_rate(tables: dict[str, Any], overrides: Sequence[str]) -> dict[str,
 
 
 def files_of_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Path]:
-    """The sensor file and those that it names: a pattern, a filter. Raises InputError."""
+    """List the sensor file and those that it names: a pattern, a filter. Raises InputError."""
     file = validate(SensorFile, _derived_rate(read_toml(path), overrides), str(path), overrides=overrides)
     yield path
     if isinstance(file.scanner, TableFile):
@@ -342,7 +342,7 @@ def files_of_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Pa
 
 
 def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Overrides = ()) -> Sensor:
-    """A sensor by catalogue name, or from a file if the name ends in .toml; a `Sensor` stays.
+    """Load a sensor by catalogue name, or from a file if the name ends in .toml; a `Sensor` is returned unchanged.
 
     overrides  changes to the file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}
     Raises InputError.
@@ -359,5 +359,5 @@ def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Overrides
 
 
 def published_performance(name: str) -> PublishedFile | None:
-    """What the maker publishes of a catalogue sensor, if its file says so. Raises InputError."""
+    """Read the maker's published performance of a catalogue sensor; None if its file has none. Raises InputError."""
     return read_published(path_of("sensors", name))

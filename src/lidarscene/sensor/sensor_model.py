@@ -1,4 +1,4 @@
-"""A sensor as the simulation sees it: frozen, SI units and radians, no files.
+"""Sensor model of the simulation: frozen, SI units and radians, no files.
 
 `lidarscene.sensor.sensor_file` makes one from a TOML file, where the units are those that people write.
 """
@@ -83,22 +83,22 @@ class Laser:
 
     @property
     def least_divergence_rad(self) -> float:
-        """On the axis on which the beam stays narrower."""
+        """Divergence on the narrower axis of the beam."""
         return min(self.divergence_rad, self.divergence_elevation_rad or self.divergence_rad)
 
     @property
     def has_width(self) -> bool:
-        """Whether rays over its footprint are more than its axis."""
+        """True if the beam has a width, so that several rays differ from its axis."""
         return bool(self.mean_divergence_rad or self.exit_diameter_m)
 
     @property
     def mean_divergence_rad(self) -> float:
-        """Of a round beam that stands for an elliptical one."""
+        """Divergence of the round beam that stands for an elliptical one."""
         return 0.5 * (self.divergence_rad + (self.divergence_elevation_rad or self.divergence_rad))
 
     @property
     def spot(self) -> Spot:
-        """Of that round beam."""
+        """Spot of that round beam."""
         return Spot(
             profile=self.profile,
             half_divergence_rad=0.5 * self.mean_divergence_rad,
@@ -141,7 +141,7 @@ class Optics:
 class Sensor:
     """All of a lidar. ``sources`` says where each number comes from, by dotted key of the sensor file.
 
-    sampler  what measures the pulses that trip the comparator; None: the TDC alone
+    sampler    what measures the pulses that trip the comparator; None: the TDC alone
     histogram  of a `Spad`, over which shots are summed; None with any other detector
     intensity  as the maker reports it, or None: the amplitude
     """
@@ -167,7 +167,7 @@ class Sensor:
         return facts.facts_table("Sensor", self.name, self.facts())
 
     def facts(self) -> dict[str, str]:
-        """What a line about the sensor says."""
+        """Facts for the one-line summary: label -> text."""
         return {
             "laser": f"{float(self.laser.wavelength_m) * 1e9:g} nm, {float(self.laser.peak_power_w):.3g} W",
             "detector": type(self.detector).__name__,
@@ -175,26 +175,26 @@ class Sensor:
         }
 
     def source_of(self, key: str) -> str | None:
-        """Where the number of a dotted key of the sensor file comes from: its own source, or its table's."""
+        """Source of the number with this dotted key of the sensor file: its own, or its table's; None: no source."""
         return self.sources.get(key, self.sources.get(key.partition(".")[0]))
 
     @property
     def times_edge(self) -> bool:
-        """Whether the TDC alone times the edge on which a pulse trips the comparator."""
+        """True if the TDC alone times the edge on which a pulse trips the comparator."""
         return self.sampler is None and self.tdc.timing == "leading_edge"
 
     @property
     def finds_peaks(self) -> bool:
-        """Whether it looks for peaks, and not only for edges of its comparator.
+        """True if the receiver searches for peaks, and not only for edges of its comparator.
 
-        What ranks pulses by their strength, waits for the last, or samples them, knows more of the signal than when it
-        came over the threshold.
+        A receiver that ranks pulses by strength, waits for the last, or samples them, must follow the signal beyond
+        the crossing of the threshold.
         """
         return not self.times_edge or self.tdc.keep != "first"
 
     @property
     def matches(self) -> bool:
-        """Whether pulses are found behind a matched filter."""
+        """True if pulses are found behind a matched filter."""
         if isinstance(self.detector, Sipm) and self.detector.counting == "binomial":
             return False  # behind a filter no whole cells are counted
         by_samples = isinstance(self.sampler, Adc) and self.sampler.estimator == "matched_filter"
@@ -202,12 +202,12 @@ class Sensor:
 
     @property
     def housing_m(self) -> Lanes:
-        """Radius of what is surely the sensor itself, its receiver's lens: no surface can be nearer."""
+        """Radius of the receiver's lens, which is surely part of the sensor: no surface can be nearer."""
         return self.optics.aperture_radius_m
 
     @property
     def noise_bandwidth_hz(self) -> Lanes:
-        """Of white noise: the amplifier's, less if cells stay for a dead time or samples are far apart."""
+        """Bandwidth of white noise: the amplifier's, or less if cells stay for a dead time or samples are far apart."""
         bandwidth: Lanes = self.tdc.bandwidth_hz
         limits_hz = [0.5 / self.detector.dead_time_s] if isinstance(self.detector, Sipm) else []
         limits_hz += [0.5 * self.sampler.rate_hz] if isinstance(self.sampler, Adc) else []
@@ -217,7 +217,7 @@ class Sensor:
 
     @property
     def measures_width(self) -> bool:
-        """Whether it knows for how long a pulse was above the threshold."""
+        """True if the receiver measures for how long a pulse is above the threshold."""
         return self.tdc.both_edges or self.sampler is not None
 
     @property
@@ -227,7 +227,7 @@ class Sensor:
 
     @property
     def low_pass_share(self) -> Lanes:
-        """What the low pass leaves of a pulse's peak; 1 without one."""
+        """Share of a pulse's peak that passes the low pass; 1 without one."""
         filtering = self.receiver.low_pass
         if filtering is None:
             return 1.0
@@ -250,13 +250,13 @@ class Sensor:
 
     @property
     def peak_share(self) -> Lanes:
-        """What the whole response leaves of a pulse's peak; 1 of "none"."""
+        """Share of a pulse's peak that passes the whole response; 1 for "none"."""
         rate = self.coupling_rate
         return self.low_pass_share if rate is None else self.low_pass_share * high_pass.peak_share(rate=rate)
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What does not go together in it, a line each."""
+        """Warnings about numbers that do not fit each other, a line each."""
         laser, focal_length_m = self.laser, float(self.optics.focal_length_m)
         messages = [self._slow, silicon_doubt(self.detector, wavelength_m=laser.wavelength_m)]
         # A flash's beam is as wide as all of its pixels.
@@ -267,7 +267,7 @@ class Sensor:
 
     @property
     def _slow(self) -> str | None:
-        """In one line, that the amplifier is slower than the pulse; None if it is not."""
+        """Warning, one line, that the amplifier is too slow for the pulse; None if it is not."""
         cutoff_mhz, fwhm_ns = 1e-6 * float(self.cutoff_hz), 1e9 * float(self.laser.pulse_fwhm_s)
         needed_mhz = 1e3 * PULSE_BANDWIDTH / fwhm_ns
         if cutoff_mhz >= needed_mhz * (1.0 - 1e-9):
@@ -281,15 +281,15 @@ class Sensor:
         return message + 'receiver.response = "none" lets the pulse pass whole, so ranges come out too long'
 
     def noise_correlation(self, lag_s: Lanes) -> Lanes:
-        """Of the noise with itself after a time; without a low pass that of a single pole of the noise's bandwidth."""
+        """Autocorrelation of the noise at a lag; without a low pass that of a single pole of the noise's bandwidth."""
         if self.receiver.low_pass is None:
             return tdc.noise_correlation(lag_s=lag_s, bandwidth_hz=self.tdc.bandwidth_hz)
         return self.receiver.low_pass.correlation(lag_s=lag_s, cutoff_hz=self.cutoff_hz)
 
     def working_point(self, background_power_w: Lanes, *, range_m: Lanes | None = None) -> WorkingPoint:
-        """The detector under this background; behind a matched filter, if pulses are found there.
+        """Working point of the detector under this background; behind a matched filter, if pulses are found there.
 
-        range_m  of the echo, for SPADs that fire once in a shot: those that fired before are blind; None: none has
+        range_m  range of the echo, for SPADs that fire once in a shot: those that fired before are blind; None: none is
         """
         if isinstance(self.detector, Spad):
             pixel = self.pixel(background_power_w, range_m=range_m)
@@ -309,7 +309,7 @@ class Sensor:
 
     @property
     def response(self) -> Filtered:
-        """What the amplifier's response leaves of the detector's peaks and noise."""
+        """Shares of the detector's peaks and noise that pass the amplifier's response."""
         peak, filtering = self.peak_share, self.receiver.low_pass
         if filtering is None:
             return Filtered(peak=peak)
@@ -324,7 +324,7 @@ class Sensor:
 
     @property
     def crossing_bandwidth_hz(self) -> Lanes:
-        """Of an ideal low-pass whose white noise crosses a level as often as the noise that the comparator sees.
+        """Bandwidth of the ideal low-pass whose white noise crosses a level as often as the noise at the comparator.
 
         sqrt(3) f_rms of (T28a): of the filtered noise's spectrum where that is known. A single pole's has no f_rms, and
         that of a SiPM's cells depends on their dead time: there it is the bandwidth of the noise.
@@ -339,14 +339,14 @@ class Sensor:
         return bandwidth_hz * filtering.crossing_ratio
 
     def false_alarm_rate_hz(self, point: WorkingPoint, threshold: Lanes) -> Lanes:
-        """How often a second noise trips the comparator: (T28), or the rate of its crossings."""
+        """Rate at which noise trips the comparator, Hz: (T28), or the rate of its crossings."""
         bandwidth_hz = self.tdc.bandwidth_hz
         if self.tdc.false_alarms == "crossings":
             return point.crossing_rate_hz(threshold, self.crossing_bandwidth_hz)
         return tdc.false_alarm_rate_hz(p_false=point.false_alarm_probability(threshold), bandwidth_hz=bandwidth_hz)
 
     def pixel(self, background_power_w: Lanes, *, range_m: Lanes | None = None) -> Macropixel:
-        """The SPADs under this background, as `working_point`."""
+        """SPADs under this background; ``range_m`` as for `working_point`."""
         assert isinstance(self.detector, Spad)
         assert self.histogram is not None
         armed: Lanes = 0.0
@@ -362,7 +362,7 @@ class Sensor:
         )
 
     def background_counts(self, background_power_w: Lanes) -> tuple[Lanes, Lanes]:
-        """Counts a second of light and dark, and the narrowing of their noise by dead times."""
+        """Counts per second of light and dark, and the factor by which dead times narrow their noise."""
         if isinstance(self.detector, Spad):
             return self.pixel(background_power_w).background_counts(self.tdc.ambient_s)
         return self.detector.background_counts(
@@ -382,6 +382,6 @@ class Sensor:
 
 
 def warn_of_doubts(sensors: Iterable[Sensor]) -> None:
-    """What does not go together in a sensor, once."""
+    """Warn of each doubt about the sensors once."""
     for doubt in dict.fromkeys(doubt for sensor in sensors for doubt in sensor.doubts):
         warnings.warn(OptionWarning("{0}", doubt), stacklevel=3)

@@ -1,4 +1,4 @@
-"""What a receiver that sums shots into a histogram makes of the light of each pulse.
+"""Detection by SPADs whose shots are summed into a histogram.
 
 histogram_receiver  peaks, false alarms and returns: the counterpart of `detection.multi_echo`
 histograms          whole histograms of chosen pulses

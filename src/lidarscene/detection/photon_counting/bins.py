@@ -48,7 +48,7 @@ class Peak:
 
 
 _RELEASE = 3.0
-"""In how many sigmas the SPADs get free that an echo has fired."""
+"""Pulse widths (sigmas) until the SPADs fired by an echo have recovered."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +67,7 @@ class _Blind:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _DrawState:
-    """How far the bins around an echo are drawn; each field (n,), rooms with a number for each bin.
+    """State of drawing the bins around an echo; each field (n,), with one entry per bin for ``firings`` and ``counts``.
 
     number   of the next bin, from the first one
     fired    firings of the bins so far that are blind in it
@@ -104,7 +104,7 @@ class Bins:
         return xp(self.wave.origin_m)
 
     def highest(self, place: Lanes, time_s: Lanes) -> Peak:
-        """The peak of the filter near a place of the waveform, at this time of flight."""
+        """Find the peak of the filter near a place of the waveform, at this time of flight."""
         pixel, histogram, ops = self.pixel, self.pixel.histogram, self.ops
         bin_s, reach, search = histogram.bin_s, histogram.reach, histogram.search
         # Bins are drawn in pairs: a random number has two words. So the first one is even.
@@ -130,7 +130,7 @@ class Bins:
         return Peak(value=best, time_s=(first + peak_bin + 0.5) * bin_s, photons=photons, rising=rising)
 
     def _blind(self, start: Lanes, time_s: Lanes, echo_s: Lanes) -> _Blind:
-        """Which SPADs are blind at the first bin: those that the background, nearer echoes and the air have fired.
+        """Shares of SPADs that are blind at the first bin, fired by the background, by nearer echoes and by the air.
 
         start, time_s  place and time of flight of that bin
         echo_s         time of flight of the echo, for which the pixel is
@@ -175,7 +175,7 @@ class Bins:
         return 1.0 / (1.0 + ops.exp(-1.702 * ops.maximum(ahead, -40.0)))
 
     def _draw_counts(self, first: Lanes, start: Lanes, blind: _Blind, middle: Lanes) -> list[Lanes]:
-        """Counts of each bin, (n,) each; corrected for pile-up if the sensor does so.
+        """Draw the counts of each bin, (n,) each; corrected for pile-up if the sensor does so.
 
         first   number of the first bin, even
         start   its place
@@ -218,7 +218,7 @@ class Bins:
         return [ops.get(counts, ops.full(first, i)) for i in range(count)]
 
     def _free(self, state: _DrawState, blind: _Blind) -> Lanes:
-        """How many trials meet a free SPAD in the next bin, (n,)."""
+        """Number of trials that meet a free SPAD in the next bin, (n,)."""
         pixel, ops = self.pixel, self.ops
         whole = pixel.trials if pixel.spad.coincidence == 1 else 1.0
         share = blind.by_sun + blind.by_echoes
@@ -254,7 +254,7 @@ class Bins:
         return blind - ops.where_any(late >= -1.0, freed, 0.0 * new)
 
     def _bin(self, free: Lanes, light: Lanes, uniform: Lanes) -> tuple[Lanes, Lanes]:
-        """Firings of one bin and what it counts, (n,) each.
+        """Draw the firings of one bin and its counts, (n,) each.
 
         free     trials that meet a free SPAD
         light    detections of one free SPAD by echoes and air
@@ -275,7 +275,7 @@ class Bins:
         return free * share, draws.binomial_count(trials=pixel.trials, probability=coincidence, uniform=uniform)
 
     def _filtered(self, counts: list[Lanes], background: Lanes) -> list[Lanes]:
-        """Values of the filter above the background at the searched bins and beside them, (n,) each; (T95)."""
+        """Filter the counts: values above the background at the searched bins and beside them, (n,) each; (T95)."""
         pixel, ops = self.pixel, self.ops
         reach, search = pixel.histogram.reach, pixel.histogram.search
         side = reach - search - 1

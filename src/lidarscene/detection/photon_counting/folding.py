@@ -16,7 +16,7 @@ from ...sensor.photon_counting.spad import Histogram
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Folded:
-    """Light as the histogram sees it.
+    """Light folded into the unambiguous range.
 
     train     sub-echoes at the ranges at which they appear, none of them beyond the unambiguous range
     folds_m   (n,) each, by how much every sub-echo of a surface appears too near; None: the pulse period is not known
@@ -27,7 +27,7 @@ class Folded:
 
 
 def fold(train: EchoTrain, histogram: Histogram) -> Folded:
-    """Sub-echoes folded back by whole periods."""
+    """Fold sub-echoes back by whole pulse periods."""
     if histogram.period_s is None:
         return Folded(train=train, folds_m=None)
     ops = xp(train.parts[0].range_m)

@@ -1,4 +1,4 @@
-"""Receiver: what a histogram over many shots reports of each pulse.
+"""Receiver that sums many shots into a histogram and reports its peaks.
 
 The expected histogram after the filter is a sum of broadened echoes. Each of its peaks is a candidate: the counts
 around it are drawn (`bins`), filtered and compared with the threshold. The rest of the window holds noise alone, of
@@ -81,7 +81,7 @@ class _PeakSearch:
 
 
 def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
-    """What the receiver reports of every pulse, in order of time (docs/photon_counting.md).
+    """Detect every pulse: one `Returns` for each stop, in order of time (docs/photon_counting.md).
 
     seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)
     pulse  (n,) uint32 pulse numbers
@@ -110,7 +110,7 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
 
 
 def _draw_threshold(threshold: Lanes, spread: Lanes | None, seed: Lanes, pulse: Array) -> Lanes:
-    """The threshold of each point, (n,), which all of its peaks share (T98b); spread: None, the threshold itself."""
+    """Draw the threshold of each point, (n,), which all of its peaks share (T98b); unchanged if the spread is None."""
     if spread is None:
         return threshold
     deviate, _ = random.normal_pair(random.words(seed=seed, stage=random.Stage.THRESHOLD, pulse=pulse))
@@ -119,7 +119,7 @@ def _draw_threshold(threshold: Lanes, spread: Lanes | None, seed: Lanes, pulse: 
 
 
 def broaden(train: EchoTrain, sensor: Sensor, sigma_s: Lanes) -> tuple[EchoTrain, Sensor]:
-    """The light with echoes of this width and the energy of the laser's pulses, and a sensor with such a pulse."""
+    """Widen the echoes to ``sigma_s`` at constant energy; returns the light and a sensor with a pulse of that width."""
     ratio = sensor.laser.pulse_fwhm_s / (SIGMAS_PER_FWHM * sigma_s)
     parts = tuple(replace(part, peak_power_w=part.peak_power_w * ratio) for part in train.parts)
     laser = replace(sensor.laser, pulse_fwhm_s=SIGMAS_PER_FWHM * sigma_s)
@@ -128,12 +128,12 @@ def broaden(train: EchoTrain, sensor: Sensor, sigma_s: Lanes) -> tuple[EchoTrain
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Receiver(Shots):
-    """The receiver at work on some pulses.
+    """Receiver applied to n pulses.
 
-    train    their light, folded into the unambiguous range
-    folds_m  by how much each sub-echo of a surface was folded, (n,) each; None: nothing folds
-    light    expected light as wide as in the histogram
-    filtered     expected light as wide as behind the filter
+    train     their light, folded into the unambiguous range
+    folds_m   by how much each sub-echo of a surface was folded, (n,) each; None: nothing folds
+    light     expected light as wide as in the histogram
+    filtered  expected light as wide as behind the filter
     """
 
     train: EchoTrain
@@ -148,7 +148,7 @@ class _Receiver(Shots):
 
     @property
     def _several(self) -> bool:
-        """Whether the light may have more than one peak."""
+        """True if the light may have more than one peak."""
         return len(self.filtered.centres) > 1 or self.filtered.volume is not None
 
     def search(self) -> _PeakSearch:
@@ -183,7 +183,12 @@ class _Receiver(Shots):
         return self._add_peak(rise.exists, rise.peak, self.ops.where(rise.exists, rise.top[0], 0.0), state)
 
     def _add_peak(self, exists: Mask, place: Lanes, power_w: Lanes, state: _PeakSearch) -> _PeakSearch:
-        """What was found so far and a peak of the light behind the filter."""
+        """Draw the bins around a peak of the filtered light and add its return to the search.
+
+        exists   (n,) bool, whether the pulse has this peak
+        place    (n,) place of the peak
+        power_w  (n,) power of the filtered light there
+        """
         ops, sensor, converter = self.ops, self.sensor, self.sensor.tdc
         range_m = self.filtered.range_m(place)
         arrival_s = radiometry.time_of_flight_s(range_m=range_m)
@@ -238,7 +243,7 @@ class _Receiver(Shots):
         return signal / point.noise, point.detection_probability(threshold, signal, 0.0)
 
     def _met_by_echo(self, point: WorkingPoint, place: Lanes, power_w: Lanes) -> Lanes:
-        """Draw the threshold that a peak of the light behind the filter meets, (n,)."""
+        """Draw the threshold for a peak of the filtered light, (n,)."""
         assert point.beyond_law is not None
         level, signal = self.sensor.threshold(point), self._signal(point, power_w)
         more, spread = point.beyond_law(level - self._gain_of_breadth(point, place, power_w), signal)
@@ -261,10 +266,10 @@ class _Receiver(Shots):
         )
 
     def _walk_s(self, pixel: Macropixel, photons: Lanes, largest: Lanes | None) -> Lanes:
-        """Shift by pile-up that the receiver takes off, (n,) s: negative or 0.
+        """Pile-up shift that the receiver corrects, (n,) s: negative or 0.
 
         photons  (n,) of the return
-        largest  (n,) most photons that tell the light; None: any
+        largest  (n,) photons above which counts no longer depend on the light; None: no limit
         """
         if pixel.corrected or pixel.spad.coincidence > 1 or pixel.histogram.walk == "raw":
             return 0.0
@@ -318,7 +323,7 @@ class _Receiver(Shots):
         return number, range_m
 
     def add_alarms(self, stops: tuple[_Stop, ...], number: Array, range_m: Lanes) -> tuple[_Stop, ...]:
-        """Stops with the false alarms among them.
+        """Add the false alarms to the stops.
 
         number, range_m  (n,) source and true range that an alarm gets: those of the pulse's strongest sub-echo
         """
@@ -342,7 +347,7 @@ class _Receiver(Shots):
         return stops
 
     def detection(self, state: _PeakSearch, stops: tuple[_Stop, ...], number: Array) -> Detection:
-        """The stops as `Returns`, and the outcome of each pulse."""
+        """Convert the stops to `Returns`, and find the outcome of each pulse."""
         ops = self.ops
         # The search passes no derivatives on, so the light of the highest peak is evaluated once more.
         lit = state.highest_w > 0.0
@@ -386,7 +391,7 @@ class _Receiver(Shots):
 
 
 def _insert(stops: tuple[_Stop, ...], new: _Stop) -> tuple[_Stop, ...]:
-    """Stops in falling order of their keys, with a new one inserted; the last one drops out."""
+    """Insert a stop into a list in falling order of keys; the last one drops out."""
     ordered = []
     for old in stops:
         better = new.key > old.key
@@ -396,7 +401,7 @@ def _insert(stops: tuple[_Stop, ...], new: _Stop) -> tuple[_Stop, ...]:
 
 
 def _sort_by_time(stops: tuple[_Stop, ...]) -> tuple[_Stop, ...]:
-    """The stops in order of their times; unused ones come last."""
+    """Sort the stops by time; unused ones come last."""
     ops = xp(stops[0].key)
     keyed = [replace(stop, key=ops.where(stop.key > _EMPTY, -stop.time_s, _EMPTY)) for stop in stops]
     empty = replace(keyed[0], key=ops.full(keyed[0].key, 2.0 * _EMPTY))

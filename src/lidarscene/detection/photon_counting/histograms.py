@@ -40,7 +40,7 @@ class Histograms:
 
 
 def histograms(train: EchoTrain, sensor: Sensor, *, seed: int, pulse: Numbers) -> Histograms:
-    """The histograms of some pulses.
+    """Expected and drawn histograms of n pulses over the whole window.
 
     train  their light; NumPy
     pulse  (n,) uint32 pulse numbers

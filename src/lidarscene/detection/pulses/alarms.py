@@ -34,7 +34,7 @@ class _NextAlarm:
 def add_alarms(
     shots: Received, stops: Stops, sources: tuple[Interference, ...], number: Array, range_m: Lanes
 ) -> Stops:
-    """Stops with the false alarms among them.
+    """Add the false alarms to the stops.
 
     number, range_m  (n,) source and true range that an alarm gets: those of the pulse's strongest sub-echo
     """
@@ -46,9 +46,9 @@ def add_alarms(
 def _merge_alarms(
     shots: Received, stops: Stops, alarms: comparator.Alarms, number: Array, range_m: Lanes, *, may_interfere: bool
 ) -> Stops:
-    """Stops with the alarms of one generator among them.
+    """Add the alarms of one generator to the stops.
 
-    others  whether some alarms may be of other lidars
+    may_interfere  whether some alarms may be of other lidars
     """
     ops, tdc = shots.ops, shots.sensor.tdc
     zero, kind = ops.full(shots.wave.origin_m, 0.0), ops.full(number, 0)

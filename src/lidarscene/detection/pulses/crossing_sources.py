@@ -1,4 +1,4 @@
-"""Sources: which light causes a crossing, of a surface, of a drop or flake, or the even light of the air.
+"""Sources of crossings: the surface, drop or flake, or the even light of the air, that trips the comparator.
 
 Symbols: P power over time, p_k and u_k light and centre of sub-echo k, sigma_p unit of all places.
 """

@@ -1,4 +1,4 @@
-"""Memory: what the earlier echoes of a pulse leave in the detector for the next one.
+"""Detector memory: residues of a pulse's earlier echoes that change the working point of the next one.
 
 Cells that fired are missing until their dead time is over, and until then the count stays up, so that a comparator
 sees no second edge. A clipped amplifier holds charge, which drains with its recovery time. Either way the next echo
@@ -18,10 +18,10 @@ from ..rises import Rise
 from ..shots import Received
 
 _FOOT = 3.0
-"""Where an echo begins, in sigma_p before its peak: a thousandth of its light has come."""
+"""Distance from an echo's start to its peak, in sigma_p: a thousandth of its light has come by then."""
 
 _REMEMBERED = 2
-"""Earlier echoes that are told apart: the last, and all others together."""
+"""Earlier echoes with entries of their own: the last, and all others together."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,7 +38,7 @@ class Earlier:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Residue:
-    """What one rise finds of earlier echoes; each field (n,).
+    """Residue of earlier echoes at one rise; each field (n,).
 
     floor  signal that is left where the rise begins
     held   signal that is left at its peak
@@ -50,7 +50,7 @@ class Residue:
     share: Lanes
 
     def working_point(self, point: WorkingPoint) -> WorkingPoint:
-        """The working point that the rise meets."""
+        """Working point of the detector at the rise."""
         ops = xp(self.held, self.share)
 
         def power_w(signal: Lanes) -> Lanes:
@@ -65,11 +65,11 @@ class Residue:
 
 
 Memory = tuple[Earlier, ...]
-"""Earlier echoes of each pulse, the last one first; empty if the detector forgets them."""
+"""Earlier echoes of each pulse, the last one first; empty if the detector has no memory."""
 
 
 def empty_memory(shots: Received) -> Memory:
-    """The memory before the first rise."""
+    """Memory before the first rise."""
     point, zero = shots.point, shots.ops.full(shots.wave.origin_m, 0.0)
     if point.memory is not None:
         return (Earlier(place=zero, amount=zero),) * _REMEMBERED
@@ -79,7 +79,7 @@ def empty_memory(shots: Received) -> Memory:
 
 
 def find_residue(shots: Received, rise: Rise, memory: Memory) -> Residue | None:
-    """What a rise finds; None if the detector forgets."""
+    """Residue of earlier echoes at a rise; None if the detector has no memory."""
     if not memory:
         return None
     ops, point = shots.ops, shots.point
@@ -100,7 +100,7 @@ def find_residue(shots: Received, rise: Rise, memory: Memory) -> Residue | None:
 
 
 def update_memory(shots: Received, rise: Rise, signal: Lanes, residue: Residue | None, memory: Memory) -> Memory:
-    """The memory behind a rise.
+    """Memory after a rise.
 
     signal  (n,) its peak, with what was left of earlier echoes
     """

@@ -33,7 +33,7 @@ def trailing_level(shots: Received, rise: Rise, trip: Trip, place: Lanes, thresh
 
 
 def fall(shots: Received, rise: Rise, trip: Trip, level: Lanes, since: Lanes, mask: Mask) -> tuple[Lanes, Lanes]:
-    """Place at which the amplifier's output falls to a signal level, (n,); the peak if the peak is below it.
+    """Place at which the amplifier's output falls to a signal level, (n,); the peak if that is below the level.
 
     level  (n,) noiseless signal
     since  (n,) place where the waveform is still above the level: the peak, or a place behind it
@@ -87,10 +87,10 @@ def foot(shots: Received, rise: Rise, trip: Trip, mask: Mask) -> Lanes:
 class _Foot:
     """State of the walk behind a peak in search of the next rise; each field (n,).
 
-    place   where the walk is
-    lowest  lowest signal so far
-    steps   number of steps so far
-    walking      whether the walk goes on
+    place    where the walk is
+    lowest   lowest signal so far
+    steps    number of steps so far
+    walking  whether the walk goes on
     """
 
     place: Lanes

@@ -1,4 +1,4 @@
-"""Samples: what an ADC makes of the light around a crossing, and the time and height that it reads from that.
+"""Samples: an ADC's samples around a crossing, and the time and height estimated from them.
 
 Symbols: sigma_p width of the laser pulse and unit of all places, s_i sample i, g Gaussian pulse.
 """
@@ -62,7 +62,7 @@ class Window:
         return self.start + self.shots.ops.float32(number) * self.spacing
 
     def read(self, mask: Mask) -> Array:
-        """Local memory with all samples of each lane, in order of time; they have noise and are quantised."""
+        """Draw all samples of each lane into local memory, in order of time; they have noise and are quantised."""
         shots, adc, ops = self.shots, self.adc, self.shots.ops
         correlation = shots.sensor.noise_correlation(1.0 / adc.rate_hz)
         fresh = ops.sqrt(1.0 - correlation * correlation)
@@ -130,9 +130,9 @@ class Window:
     def matched(self, samples: Array, centre: Lanes, mask: Mask) -> tuple[Lanes, Lanes]:
         """One step of Newton's method towards the maximum of the correlation sum_i s_i g(t_i - t).
 
-        at  (n,) place from which the step is taken
+        centre  (n,) place from which the step is taken
 
-        Returns the next place and the height of the pulse that fits the samples best at ``at``.
+        Returns the next place and the height of the pulse that fits the samples best at ``centre``.
         """
         ops = self.shots.ops
         zero = ops.full(self.start, 0.0)
@@ -179,7 +179,7 @@ class _Centroid:
 
     total    sum of the samples
     moment   sum of the samples times their places
-    count     number of samples
+    count    number of samples
     highest  highest sample
     closed   whether the run has ended
     """

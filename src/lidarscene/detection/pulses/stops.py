@@ -49,12 +49,12 @@ class Stop:
 
     @property
     def occupied(self) -> Mask:
-        """Whether it holds a return, (n,) bool."""
+        """True where the stop holds a return, (n,) bool."""
         return self.key > EMPTY
 
 
 def empty_stop(like: Lanes) -> Stop:
-    """A stop without a return for each lane of an array."""
+    """Stop without a return, for each lane of an array."""
     ops = xp(like)
     zero, number = ops.full(like, 0.0), ops.full(like, 0)
     return Stop(
@@ -71,7 +71,7 @@ def empty_stop(like: Lanes) -> Stop:
 
 
 def empty_stops(tdc: Tdc, like: Lanes) -> Stops:
-    """The stops of a converter before it has found anything."""
+    """Stops of a converter before its first crossing."""
     return (empty_stop(like),) * (3 if tdc.keep == "strongest_and_last" else tdc.stops)
 
 
@@ -82,7 +82,7 @@ def sort_key(tdc: Tdc, time_s: Lanes, amplitude: Lanes) -> Lanes:
 
 
 def may_keep(tdc: Tdc, crossing_s: Lanes, stops: Stops) -> Mask:
-    """Whether a return at this time can be among the best, (n,) bool; others need not be measured.
+    """True if a return at this time can be among the best, (n,) bool; others need not be measured.
 
     Where the key is the amplitude, every return has to be measured first.
     """
@@ -92,7 +92,7 @@ def may_keep(tdc: Tdc, crossing_s: Lanes, stops: Stops) -> Mask:
 
 
 def insert_stop(tdc: Tdc, stops: Stops, new: Stop, *, later: bool = False) -> Stops:
-    """The best returns of these stops and a new one.
+    """Insert a return into the stops and keep the best.
 
     later  whether the new one comes after all that are there
     """
@@ -104,12 +104,12 @@ def insert_stop(tdc: Tdc, stops: Stops, new: Stop, *, later: bool = False) -> St
 
 
 def most_alarms(tdc: Tdc) -> int:
-    """How many false alarms of a generator can be among the stops, at most."""
+    """Largest number of false alarms of a generator that the stops can hold."""
     return MOST_STOPS if tdc.keep == "strongest_and_last" else tdc.stops
 
 
 def reported_stops(tdc: Tdc, stops: Stops) -> Stops:
-    """The stops as the converter reports them: unused ones come last."""
+    """Stops in the order in which the converter reports them; unused ones come last."""
     if tdc.keep == "strongest_and_last":
         strongest, second, last = stops
         # If the strongest is the last too, the second strongest takes its place.
@@ -120,7 +120,7 @@ def reported_stops(tdc: Tdc, stops: Stops) -> Stops:
 
 
 def _sort(stops: Stops, keys: Sequence[Lanes]) -> Stops:
-    """The stops in falling order of other keys; unused ones come last."""
+    """Sort the stops by other keys, falling; unused ones come last."""
     ops = xp(stops[0].key)
     keyed = [replace(stop, key=ops.where(stop.occupied, new, EMPTY)) for stop, new in zip(stops, keys, strict=True)]
     # Insert them one by one into placeholders, whose key is below even that of an unused stop: all are pushed out.
@@ -132,7 +132,7 @@ def _sort(stops: Stops, keys: Sequence[Lanes]) -> Stops:
 
 
 def _insert(stops: Stops, new: Stop) -> Stops:
-    """Stops in falling order of their keys, with a new one inserted; the last one drops out."""
+    """Insert a stop into a list in falling order of keys; the last one drops out."""
     ordered = []
     # Insertion sort, lane by lane: from the stop that the new one displaces on, each takes the one before it.
     for old in stops:
@@ -143,7 +143,7 @@ def _insert(stops: Stops, new: Stop) -> Stops:
 
 
 def _append(stops: Stops, new: Stop) -> Stops:
-    """As `_insert`, for a new stop whose key is below all used ones: it goes into the first unused stop."""
+    """Put a stop whose key is below all used ones into the first unused stop; the result is that of `_insert`."""
     pending, updated = new.occupied, []
     for old in stops:
         updated.append(select_state(pending & ~old.occupied, new, old))

@@ -30,14 +30,14 @@ def curvature(rise: Rise) -> Lanes:
 
 
 def gains(sensor: Sensor, rise: Rise) -> tuple[Lanes, Lanes]:
-    """What the receiver's filter makes of the height of a rise, (n,), and of light that lasts, where it has one."""
+    """Gains of the receiver's matched filter for the height of a rise, (n,), and for lasting light; 1 without one."""
     if not sensor.matches:
         return 1.0, 1.0
     return sampling.matched_gain(curvature=curvature(rise)), sampling.LASTING_GAIN
 
 
 def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
-    """Measured peak, (n,), of which the noise is that of what was timed.
+    """Measured peak, (n,) in signal units; its noise is correlated with that of the instant that is timed.
 
     lag_s  (n,) time between the comparator's crossing and the peak
     """
@@ -84,12 +84,12 @@ def lone_pulse_time_s(
 def rise_time_s(
     shots: Received, rise: Rise, trip: Trip, *, place: Lanes, measured: Lanes, width_s: Lanes | None, mask: Mask
 ) -> tuple[Lanes, Lanes]:
-    """Reported time of a rise, (n,) s, and the place of what was timed.
+    """Reported time of a rise, (n,) s, and the place on the waveform that was timed.
 
     place     (n,) place at which it trips the comparator
     measured  (n,) measured amplitude, in signal units
     width_s   (n,) time over the threshold, or None: not measured
-    wanted    (n,) bool, lanes to time; results of other lanes are undefined
+    mask      (n,) bool, lanes to time; results of other lanes are undefined
     """
     ops, timing = shots.ops, shots.sensor.tdc.timing
     pulse_w = ops.where(mask, _power_above_base_w(shots, rise, trip), 1.0)
@@ -186,5 +186,5 @@ def _power_above_base_w(shots: Received, rise: Rise, trip: Trip) -> Lanes:
 
 
 def _fwhm_s(shots: Shots) -> Lanes:
-    """Width of the pulse that is timed."""
+    """FWHM of the pulse that is timed."""
     return shots.sensor.received_fwhm_s

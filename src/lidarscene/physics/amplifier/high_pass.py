@@ -25,7 +25,7 @@ def rate(*, coupling_hz: Lanes, fwhm_s: Lanes) -> Lanes:
 
 
 def undershoot(*, place: Lanes, rate: Lanes) -> Shape:
-    """What is taken off a Gaussian pulse of unit peak, K(u), and its first two derivatives, (T74).
+    """Undershoot K(u) subtracted from a Gaussian pulse of unit peak, and its first two derivatives, (T74).
 
     K = w sqrt(2 pi) exp(w^2 / 2 - w u) Phi(u - w), which solves K' = w (g - K), g the pulse. Phi is taken as
     1 / (1 + exp(-1.5976 v - 0.07056 v^3)), to 1.4e-4 (S. R. Bowling et al., J. Ind. Eng. Manag. 2, 114, 2009): it is
@@ -49,7 +49,7 @@ def peak_share(*, rate: Lanes) -> Lanes:
 
 
 def filter_samples(*, values: Numbers, step_s: float, coupling_hz: float) -> Numbers:
-    """A sampled signal behind the high pass, (n,), at rest before the first sample; straight between samples."""
+    """Pass a sampled signal through the high pass, (n,); at rest before the first sample, linear between samples."""
     omega = 2.0 * math.pi * coupling_hz
     decay = math.exp(-omega * step_s)
     # Exact for straight lines: of the change over a step, the mean of the decay over the step is left at its end.

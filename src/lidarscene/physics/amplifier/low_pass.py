@@ -21,7 +21,7 @@ from ...maths.special import normal_tail, scaled_normal_tail
 _SIGMAS_PER_FWHM = math.sqrt(8.0 * math.log(2.0))
 _ROOT_2PI = math.sqrt(2.0 * math.pi)
 _NEWTON_STEPS = 4
-"""Of the peak behind a single pole: 1e-12 from the start that `_mills_inverse` takes."""
+"""Newton steps to the peak behind a single pole: good to 1e-12 from the start that `_mills_inverse` takes."""
 
 _WIDEST = 1e3
 """Largest sigma_p / tau that is told apart from no filter, whose peak is lower by 5e-7."""
@@ -50,7 +50,7 @@ class LowPass(ABC):
 
     @abstractmethod
     def correlation(self, *, lag_s: Lanes, cutoff_hz: Lanes) -> Lanes:
-        """Of white noise behind the filter with itself after a time: the filter's h with itself, over its largest."""
+        """Autocorrelation of white noise behind the filter at a lag: that of h, over its largest value."""
 
     @abstractmethod
     def box_peak_share(self, *, duration_s: Lanes, cutoff_hz: Lanes) -> Lanes:
@@ -133,7 +133,7 @@ class SinglePole(LowPass):
 
 
 LOW_PASSES: dict[str, LowPass] = {"gaussian": Gaussian(), "single_pole": SinglePole()}
-"""By the name that a sensor file has for them."""
+"""Low passes by their names in sensor files."""
 
 
 def _sigma_s(cutoff_hz: Lanes) -> Lanes:

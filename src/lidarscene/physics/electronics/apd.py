@@ -107,7 +107,7 @@ class Diode:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Amplifier:
-    """What follows the diode: its load, its bandwidth and the noise of the rest of the circuit."""
+    """Amplifier behind the diode: load, bandwidth and the noise of the rest of the circuit."""
 
     bandwidth_hz: Lanes
     temperature_k: Lanes

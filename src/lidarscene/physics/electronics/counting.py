@@ -29,7 +29,7 @@ def fired_cells_hz(*, busy_share: Lanes, cells: Lanes, dead_time_s: Lanes) -> La
 
 
 def upcrossings_hz(*, least: Lanes, cells: Lanes, busy_share: Lanes, dead_time_s: Lanes) -> Lanes:
-    """How often a second the number of busy cells rises to ``least``: least P(least) / tau (docs/theory.md, T28c).
+    """Rate at which the number of busy cells rises to ``least``, Hz: least P(least) / tau (docs/theory.md, T28c).
 
     Exact for independent cells, each dead for tau after it fires: the number rises to k as often as it falls from k,
     and each of k busy cells recovers 1 / tau times a second. P is binomial, N cells of which each is busy for a share
@@ -45,10 +45,10 @@ def upcrossings_hz(*, least: Lanes, cells: Lanes, busy_share: Lanes, dead_time_s
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Inversion:
-    """How far the inversion of a Poisson distribution has come.
+    """State of the inversion of a Poisson distribution.
 
-    remainder   of the uniform number, above the probabilities so far
-    term   probability of this count
+    remainder  of the uniform number, above the probabilities so far
+    term       probability of this count
     """
 
     remainder: Array

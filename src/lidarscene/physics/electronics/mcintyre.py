@@ -164,7 +164,7 @@ _TINY = 1e-30
 
 
 def _saddle_point(excess: Lanes, primaries: Lanes, gain: Lanes, ionisation_ratio: Lanes, amplifier: Lanes) -> _Saddle:
-    """Where electrons and amplifier, tilted by exp(s x), have their mean at the level; `tail_probability`'s symbols."""
+    """Find the tilt exp(s x) that moves the mean of electrons and amplifier to the level; as `tail_probability`."""
     ops = xp(excess, primaries, gain, ionisation_ratio, amplifier)
     k, b, q = ionisation_ratio, (1.0 - ionisation_ratio) * (gain - 1.0) / gain, (gain - 1.0) / gain
     variance = amplifier * amplifier
@@ -213,7 +213,7 @@ def _saddle_point(excess: Lanes, primaries: Lanes, gain: Lanes, ionisation_ratio
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Currents:
-    """What makes the noise of an avalanche photodiode, in amperes.
+    """Currents and gain that determine the noise of an avalanche photodiode.
 
     primary_a         current of the background and of the bulk dark current, before the avalanche
     unmultiplied_a2   variance of the noise that is not multiplied, as in (18); taken as Gaussian
@@ -229,7 +229,7 @@ class Currents:
     bandwidth_hz: Lanes
 
     def electrons(self, threshold_a: Lanes) -> dict[str, Lanes]:
-        """As numbers of electrons in one resolution time, with a threshold, as `tail_probability` takes them."""
+        """Arguments of `tail_probability`: numbers of electrons in one resolution time, and the threshold's excess."""
         per_ampere = resolution_time_s(bandwidth_hz=self.bandwidth_hz) / ELEMENTARY_CHARGE_C
         return {
             "excess": threshold_a * per_ampere,

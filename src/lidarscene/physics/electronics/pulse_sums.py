@@ -166,7 +166,7 @@ def _relative(shape: Shape) -> Shape:
 class _Bracket:
     """A root between two places.
 
-    place     the best guess, ``moved`` from the one before
+    place  the best guess, ``moved`` from the one before
     steps  so far
     shape  of the waveform at the guess before
     """

@@ -26,7 +26,7 @@ SQUARE_SHARE = math.sqrt(0.5)
 
 
 LASTING_GAIN = math.sqrt(2.0)
-"""int g / int g^2, over that of a lone pulse's own height: what a matched filter makes of light that lasts."""
+"""int g / int g^2: gain of a matched filter for lasting light, over that for a lone pulse."""
 
 
 def widths(*, bandwidth_hz: Lanes, pulse_fwhm_s: Lanes) -> Lanes:
@@ -59,7 +59,7 @@ def slope_noise(*, x: Lanes) -> Lanes:
 
 
 def matched_gain(*, curvature: Lanes) -> Lanes:
-    """What the filter makes of the height of a pulse of another width, sqrt(2 / (1 + curvature)), (T80).
+    """Gain of the filter for the height of a pulse of another width, sqrt(2 / (1 + curvature)), (T80).
 
     A pulse of width sigma has the curvature (sigma_p / sigma)^2. Light that lasts gains sqrt(2).
     """

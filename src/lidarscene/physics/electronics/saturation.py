@@ -111,7 +111,7 @@ def held_until(
 
 
 def remaining_charge(*, held: Lanes, since_s: Lanes, recovery_s: Lanes) -> Lanes:
-    """What an amplifier still holds of a clipped pulse this long after the light fell back to S, s exp(-t / tau).
+    """Charge left of a clipped pulse, as a signal level, ``since_s`` after the light fell back to S: s exp(-t / tau).
 
     The next pulse comes on top of it. Nothing drains before.
     """

@@ -1,4 +1,4 @@
-"""Matched filter: what a filter over a histogram of counts finds, how often noise deceives it, how well it measures.
+"""Matched filter over a histogram of counts: noise, detection, false alarms and precision.
 
 The counts of the bins are weighted with a template, a Gaussian somewhat wider than the pulse, which is moved along the
 histogram. The weights are scaled so that the filter's value at an echo is the echo's number of photons. Counts are not
@@ -20,7 +20,7 @@ TEMPLATE = 1.2
 1.2 the precision is within 1.15 of the bound with and without background, and the SNR 0.992 of the best."""
 
 _GAIN = TEMPLATE / math.sqrt(1.0 + TEMPLATE**2)
-"""Of the filter at the echo, before it is scaled."""
+"""Gain of the filter at the echo, before scaling."""
 
 SCALE = 1.0 / _GAIN
 """Weight of a count in the middle of the template, so that F is a number of photons."""
@@ -33,7 +33,7 @@ _LEAST_STEEP = 1.5
 """Echoes below this SNR gain no more than one of it: their peaks are no longer theirs."""
 
 _BROADEST = 3.0
-"""How many times the gain of a lone echo a broad peak gains besides, at most."""
+"""Largest additional gain of a broad peak, in gains of a lone echo."""
 
 _THIRD = math.sqrt(2.0 / 3.0)
 """Integral of the template's cube over that of its square."""
@@ -136,11 +136,11 @@ def detection_probability(
     The receiver takes the highest value near the echo, which is higher than that at the echo itself: on average by
     var F' / (2 |F''|), the gain from the noise of its place.
 
-    signal      S
-    background  variance of F by the background
-    own         variance of F by the echo's own photons
-    unit        third cumulant of F less the threshold over their variance
-    blurred     variance of the threshold, which is normal: it adds to that of F, and nothing to its third cumulant
+    signal        S
+    background    variance of F by the background
+    own_variance  variance of F by the echo's own photons
+    unit          third cumulant of F less the threshold over their variance
+    blurred       variance of the threshold, which is normal: it adds to that of F, and nothing to its third cumulant
     """
     ops = xp(threshold, signal, background)
     lit = signal > 1e-6
@@ -159,14 +159,15 @@ def _gain(signal: Lanes, background: Lanes, own_variance: Lanes) -> Lanes:
 
 
 def gain_of_breadth(*, signal: Lanes, background: Lanes, own_variance: Lanes, bend: Lanes) -> Lanes:
-    """How much more the highest value near a broad peak exceeds that at the peak than near a lone echo, in photons.
+    """Additional gain of a broad peak from the noise of its place, over that of a lone echo, in photons.
 
     The gain of (T98) grows as the peak's curvature falls, by x = |F''| of a lone echo / |F''| - 1. A top that is
     flat at its middle still falls off to its sides: echoes at every distance, drawn bin by bin, gain
     x / sqrt(1 + (x / 3)^2), so 4 times as much at most (T98a).
 
-    signal, background, own  as of `detection_probability`
-    bend                     second derivative of the peak over its height, in widths of a lone echo: -1 of that
+    signal, background, own_variance  as of `detection_probability`
+    bend                              second derivative of the peak over its height, in widths of a lone echo (which
+                                      has -1)
     """
     ops = xp(signal, bend)
     flatness = ops.maximum(1.0 / ops.maximum(-bend, 1e-3) - 1.0, 0.0)

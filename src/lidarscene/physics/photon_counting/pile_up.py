@@ -20,7 +20,7 @@ _SAMPLES = 128
 
 
 def shift(*, detections: Lanes) -> Lanes:
-    """Where the matched filter finds an echo, in sigmas from its true place: 0 for weak ones, negative (T92a).
+    """Shift of the peak that the matched filter finds, in sigmas of the echo: 0 for weak ones, else negative (T92a).
 
     Firings follow the density Lambda g(t) exp(-Lambda G(t)), with g the pulse and G its integral.
     """
@@ -29,7 +29,7 @@ def shift(*, detections: Lanes) -> Lanes:
 
 
 def shadow_s(*, rate_hz: Lanes, sigma_s: Lanes) -> Lanes:
-    """How much earlier the matched filter finds an echo because its shadow holds less background (T92b).
+    """Time by which the matched filter finds an echo early because its shadow holds less background, s (T92b).
 
     SPADs that the echo fired do not count the background after it. The background falls by the share that fired, as the
     echo is that share: whatever its strength, the peak moves by lambda sigma^2 (1 + w^2), if the dead time is longer

@@ -54,7 +54,7 @@ class Strengths:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sight:
-    """How a sensor sees the particles in its beam, from ``nearest_m`` to ``farthest_m``.
+    """View of a sensor on the particles in its beam, from ``nearest_m`` to ``farthest_m``.
 
     beam_area_m2  S(R): the light is taken to be even over it. Of a Gaussian beam the disc of the 1/e^2 radius, pi w^2:
                   mean and variance of the echoes are then those of the Gaussian
@@ -168,7 +168,7 @@ class _Ranked:
         backscatter_m2_sr: Callable[..., Lanes],
         gain: Callable[..., Numbers] | None,
     ) -> _Ranked:
-        """With a gain the smaller of two particles may be the brighter, so that all are sorted, range by range."""
+        """Sort the particles by backscatter, range by range: with a gain the smaller of two may be the brighter."""
         longest, steps = (40.0, 4001) if gain is None else (25.0, 751)
         diameter = np.linspace(0.0, longest / sizes.slope_per_m, steps)
         sigma = np.asarray(backscatter_m2_sr(diameter_m=diameter))[None, :]

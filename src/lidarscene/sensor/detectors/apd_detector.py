@@ -1,4 +1,4 @@
-"""Avalanche photodiode and its amplifier as data, and the working point that a background puts them in."""
+"""Avalanche photodiode and its amplifier as data, and their working point under a background."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Apd:
 
     @property
     def saturates(self) -> bool:
-        """Whether strong echoes lose their height."""
+        """True if the amplifier clips strong echoes."""
         return self.saturation_a is not None
 
     @property
@@ -57,7 +57,7 @@ class Apd:
         return apd.excess_noise_power_law(gain=self.gain, index=self.excess_noise_index)
 
     def unmultiplied_variance_a2(self, bandwidth_hz: Lanes) -> Lanes:
-        """What of (18) the avalanche does not multiply: surface dark current, load and circuit."""
+        """Unmultiplied part of (18), in A^2: noise of surface dark current, load and circuit."""
         surface = apd.dark_shot_variance_a2(
             surface_dark_current_a=self.surface_dark_current_a,
             bulk_dark_current_a=0.0,
@@ -71,7 +71,7 @@ class Apd:
         return surface + thermal + self.circuit_noise_a * self.circuit_noise_a
 
     def background_counts(self, *, background_power_w: Lanes, photon_energy_j: Lanes) -> tuple[Lanes, Lanes]:
-        """Electrons that the avalanche multiplies in a second, light and dark, and the narrowing of their noise."""
+        """Primary electrons per second, light and dark, and the factor that narrows their noise (1)."""
         light = counting.detected_photons_hz(
             power_w=background_power_w, efficiency=self.quantum_efficiency, photon_energy_j=photon_energy_j
         )

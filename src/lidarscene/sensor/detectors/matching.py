@@ -1,4 +1,4 @@
-"""Whether a laser and a detector go together: what the detector cannot see, because of the colour or of the place."""
+"""Checks that a detector can see its laser: by wavelength, and by field of view."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class _Detector(Protocol):
 
 
 def silicon_doubt(detector: object, *, wavelength_m: float) -> str | None:
-    """In one line, that a detector of silicon does not see the laser; None if it does, or is none."""
+    """Warning, one line, that a detector of silicon is blind at the laser's wavelength; None if there is no doubt."""
     if wavelength_m <= SILICON_M:
         return None
     if not isinstance(detector, Apd):
@@ -41,7 +41,7 @@ def silicon_doubt(detector: object, *, wavelength_m: float) -> str | None:
 
 
 def spot_doubt(detector: _Detector, *, divergence_rad: float, focal_length_m: float) -> str | None:
-    """In one line, that most of the beam is beside the field of view; None if it is not. Small angles."""
+    """Warning, one line, that most of the beam is beside the field of view; None if it is not. Small angles."""
     seen_rad = 2.0 * float(detector.radius_m) / focal_length_m
     if divergence_rad <= WIDER * seen_rad:
         return None

@@ -1,4 +1,4 @@
-"""Silicon photomultiplier as data, and the working point that a background puts its cells in."""
+"""Silicon photomultiplier as data, and its working point under a background."""
 
 from __future__ import annotations
 
@@ -53,11 +53,11 @@ class Sipm:
 
     @property
     def saturates(self) -> bool:
-        """Always: there are only so many cells."""
+        """True: the number of cells is finite."""
         return True
 
     def background_counts(self, *, background_power_w: Lanes, photon_energy_j: Lanes) -> tuple[Lanes, Lanes]:
-        """Cells that fire in a second, light and dark, and the narrowing of their noise by the dead time."""
+        """Cells that fire per second, light and dark, and the factor by which the dead time narrows their noise."""
         busy = self._busy_share(
             sipm.background_photons(
                 power_w=background_power_w, dead_time_s=self.dead_time_s, photon_energy_j=photon_energy_j
@@ -141,7 +141,7 @@ class Sipm:
     def _in_time(
         self, busy_share: Lanes, pulse_fwhm_s: Lanes
     ) -> tuple[Callable[[Lanes], Lanes], Callable[[Lanes], Lanes]]:
-        """From photons of (24) to those that count at the peak, and back: with crosstalk, then in time."""
+        """Functions from photons of (24) to those that count at the peak, and back: with crosstalk, then in time."""
         crosstalk = self.crosstalk
         cells, refill = {"pde": self.pde, "cells": self.cells}, self._refill(busy_share)
         state = {"busy_share": refill / (1.0 + refill), "pulse_to_dead_time": pulse_fwhm_s / self.dead_time_s, **cells}

@@ -1,4 +1,4 @@
-"""Working point: all that the comparator needs to know of a detector under one background.
+"""Working point: noise, response and counts of a detector under one background, as the comparator needs them.
 
 Its noise without echo, how the echo's own noise grows along the edge, and the response from optical power to signal and
 back. Signals are amperes at the amplifier's input (APD) or fired cells (SiPM).
@@ -16,10 +16,11 @@ from ...physics.electronics import sampling, saturation, tdc
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CellMemory:
-    """What decides how long a SiPM remembers an echo, `physics.electronics.sipm_response.residual_busy`.
+    """Parameters of a SiPM's memory of an echo, `physics.electronics.sipm_response.residual_busy`.
 
-    free     cells that the background leaves ready
-    rate_hz  at which it fires a ready cell
+    free         cells that the background leaves ready
+    rate_hz      rate at which the background fires a ready cell
+    dead_time_s  time until a fired cell is ready again
     """
 
     free: Lanes
@@ -29,12 +30,12 @@ class CellMemory:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Filtered:
-    """What an amplifier's frequency response leaves of a detector's signal and noise (docs/theory_receivers.md 28).
+    """Shares of signal and noise that pass an amplifier's frequency response (docs/theory_receivers.md 28).
 
-    peak        of a pulse's peak
-    noise       of the variance without echo
-    echo_noise  of the variance that the echo adds at its peak, before its peak is lowered
-    cell        of the height of a single cell
+    peak        share of a pulse's peak
+    noise       share of the variance without echo
+    echo_noise  share of the variance that the echo adds at its peak, before its peak is lowered
+    cell        share of the height of a single cell
     """
 
     peak: Lanes
@@ -49,14 +50,14 @@ class WorkingPoint:
 
     noise             sigma_0, standard deviation without echo: root of (18), or of (25) + (26)
     kappa_1, kappa_2  sigma(s)^2 = sigma_0^2 + kappa_1 s + kappa_2 s^2 at signal level s
-    least_threshold   below this the comparator cannot be set: one cell of a SiPM, 0 of an APD
+    least_threshold   lowest threshold that can be set: one cell of a SiPM, 0 of an APD
     signal            optical peak power [W] to peak signal
     power_w           signal to the optical power that makes it
     cells, busy       of a SiPM whose cells are counted exactly; None where the noise is Gaussian
     saturation        signal at which the amplifier clips; None: nowhere
-    recovery_s        with which a clipped pulse drains; None: at once
-    knee              amplitude from which a pulse's width tells its power better than its height; None: none
-    largest           amplitude above which the height tells no power at all; None: none
+    recovery_s        time constant with which a clipped pulse drains; None: at once
+    knee              amplitude above which a pulse's width gives its power better than its height; None: no such one
+    largest           amplitude above which the height no longer depends on the power; None: no such one
     crossings_hz      threshold and bandwidth to crossings a second where Rice's formula for Gaussian noise does not
                       hold; None where it does
     unfiltered        the same before a matched filter; None without one
@@ -64,10 +65,10 @@ class WorkingPoint:
                       photons; None for (9)
     echo_tail         threshold and signal to P_d where counts are not Gaussian; None: they are, or cells are counted
     level             threshold that follows the background by a law of its own; None: the converter sets it
-    beyond_law        threshold and signal to what such an echo must have above the threshold where its neighbours lack
-                      it, and the threshold's standard deviation (None: sharp); None: neighbours are not asked
+    beyond_law        (threshold, signal) -> signal that an echo without neighbours needs above the threshold, and the
+                      standard deviation of the threshold (None: sharp); None: neighbours play no part
     memory            of a SiPM whose cells are followed in time; None: every echo finds the detector as the first does
-    calibrated        the point that the sensor takes this one for, with an earlier echo forgotten; None: itself
+    calibrated        point for which the sensor is calibrated, without residues of earlier echoes; None: this one
     """
 
     noise: Lanes
@@ -92,14 +93,15 @@ class WorkingPoint:
     calibrated: WorkingPoint | None = None
 
     def matched(self, noise_share: Lanes) -> WorkingPoint:
-        """The same detector behind a matched filter, which leaves the height of a lone pulse as it is (T78).
+        """Working point behind a matched filter, which leaves the height of a lone pulse as it is (T78).
 
         noise_share  variance of white noise behind the filter over that before it
         """
         ratio = xp(noise_share).sqrt(noise_share)
         tail, crossings_hz = self.noise_tail, self.crossings_hz
 
-        # Of as many deviations: the filter adds up more electrons, whose tail is nearer to a Gaussian's.
+        # The tail is taken at as many deviations as before. The filter adds up more electrons, so the true tail is
+        # nearer to a Gaussian's.
         def same_multiple(threshold: Lanes) -> Lanes:
             assert tail is not None
             return tail(threshold / ratio)
@@ -122,11 +124,11 @@ class WorkingPoint:
 
     @property
     def exact(self) -> bool:
-        """Whether probabilities are those of counted cells rather than of a Gaussian."""
+        """True if probabilities are those of counted cells rather than of a Gaussian."""
         return self.cells is not None
 
     def filtered(self, response: Filtered) -> WorkingPoint:
-        """The same detector behind an amplifier that filters signal and noise; clipping comes after the filter."""
+        """Working point behind an amplifier that filters signal and noise; clipping comes after the filter."""
         # Nothing but peaks passes here, so that a cell's response to light, which is not linear, comes first: what is
         # filtered is its signal. Numbers of cells are no longer whole, and count as Gaussian.
         cells = self.saturation is None
@@ -147,7 +149,7 @@ class WorkingPoint:
         )
 
     def measured(self, signal: Lanes) -> Lanes:
-        """A peak as the amplifier passes it on."""
+        """Clip a peak at the amplifier's saturation level."""
         if self.saturation is None:
             return signal
         return saturation.clip(signal=signal, saturation=self.saturation)
@@ -183,7 +185,7 @@ class WorkingPoint:
         return self.power_w(threshold) * ops.exp(ops.minimum(overdrive, saturation.LARGEST_OVERDRIVE))
 
     def reachable(self, threshold: Lanes, probability: Lanes) -> Lanes:
-        """A probability of tripping the comparator: none where its level is not below where the amplifier clips."""
+        """Set a probability or rate to 0 where the threshold is not below the level at which the amplifier clips."""
         if self.saturation is None:
             return probability
         return xp(threshold, probability).where(threshold < self.saturation, probability, 0.0)
@@ -199,7 +201,7 @@ class WorkingPoint:
         return self.reachable(threshold, tail)
 
     def crossing_rate_hz(self, threshold: Lanes, bandwidth_hz: Lanes) -> Lanes:
-        """How often a second noise rises through the threshold: Rice's (T28a) or `crossings_hz`.
+        """Rate at which noise rises through the threshold, Hz: Rice's (T28a) or `crossings_hz`.
 
         bandwidth_hz  of an ideal low-pass whose white noise has the same mean square frequency
         """
@@ -225,6 +227,6 @@ class WorkingPoint:
 
 
 def least_count(level: Lanes) -> Lanes:
-    """The least whole number of cells at or above a level."""
+    """Least whole number of cells at or above a level."""
     # Rounding must not lift a count that just reaches the threshold above it: 1e-4 of a cell.
     return -xp(level).floor(-(level - 1e-4))

@@ -1,4 +1,4 @@
-"""SPADs and their histogram as data, and the working point that a background puts them in.
+"""SPADs and their histogram as data, and their working point under a background.
 
 A macro-pixel is an array of single-photon avalanche diodes. Each shot adds the times of their firings to one
 histogram. A filter that is matched to the pulse goes over the sum of all shots, and its peaks above a threshold are
@@ -28,7 +28,7 @@ _INVERSIONS = 40
 
 
 _LARGEST_SHARE = 0.995
-"""Share of the free SPADs above which their number no longer tells the light: 5.3 detections of each."""
+"""Share of fired SPADs above which their number no longer depends on the light: 5.3 detections of each."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +59,7 @@ class Spad:
 
     @property
     def saturates(self) -> bool:
-        """Whether strong echoes lose their height: a SPAD counts each but once."""
+        """True: a SPAD counts each echo only once, so strong ones lose their height."""
         return True
 
 
@@ -72,8 +72,8 @@ class Histogram:
     """Sum of time stamps over shots, and what reads it.
 
     shots       added up for one point
-    neighbours  whether a point asks its neighbours: then the threshold scatters for echoes alone. No neighbour shares
-                noise, nor an echo that is too weak for them: these meet the middle of the threshold and `lone_photons`
+    neighbours  whether a point is compared with its neighbours: then the threshold scatters for echoes alone. Noise,
+                and echoes too weak for the neighbours, are compared with the mean threshold plus `lone_photons`
     period_s    between the laser's pulses of one point: light that is longer under way folds back; None: no limit
     reach       bins that are drawn to either side of an echo
     search      bins to either side of an echo in which its peak is looked for
@@ -112,8 +112,8 @@ class Histogram:
 
 
 SUPPORTED_SHARE = 0.4
-"""Share of the neighbours with a return from which on the law of the threshold holds: recordings tell it of points that
-have a return in 8 of the 20 columns beside them (`studies.fit.threshold`)."""
+"""Least share of neighbours with a return for which the law of the threshold holds: it is fitted to points with a
+return in 8 of the 20 columns beside them (`studies.fit.threshold`)."""
 
 _LEAST_RATE_HZ = 1e-3
 """No SPAD is darker; without any noise, the ratios of signal and threshold to it would have no value."""
@@ -153,7 +153,7 @@ class Macropixel:
         pulse_fwhm_s: Lanes,
         armed_s: Lanes = 0.0,
     ) -> Macropixel:
-        """Under this background.
+        """Build the macro-pixel under this background.
 
         armed_s  time since the SPADs were armed, which matters with ``stamps = "first"``
         """
@@ -180,7 +180,7 @@ class Macropixel:
 
     @property
     def corrected(self) -> bool:
-        """Whether Coates' correction applies: not to coincidences, which do not say how many SPADs are free."""
+        """True if Coates' correction applies: not to coincidences, which do not give the number of free SPADs."""
         return self.histogram.coates and self.spad.coincidence == 1
 
     @property
@@ -220,7 +220,7 @@ class Macropixel:
         return pile_up.shade(rate_hz=self.rate_hz, sigma_s=self.sigma_s)
 
     def background_counts(self, time_s: Lanes) -> tuple[Lanes, Lanes]:
-        """Background counts a second, averaged over so long a time in each shot, and the narrowing of their noise."""
+        """Background counts per second over ``time_s`` of each shot, and the factor that narrows their noise."""
         if self.spad.stamps == "first":
             share = dead_time.firing_share(detections=self.rate_hz * time_s)
             ops = xp(share)
@@ -284,7 +284,7 @@ class Macropixel:
 
 
 def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
-    """What the filter makes of light and background; signals are photons (T95) to (T98c).
+    """Working point of the filtered histogram; signals are photons, (T95) to (T98c).
 
     ambient_s  time in each shot in which the background is counted
     """

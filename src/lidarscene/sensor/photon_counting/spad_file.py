@@ -18,7 +18,7 @@ MOST_BINS = 64
 """Most bins that are drawn around an echo: each is some hundred instructions of the kernel."""
 
 SHORTEST_DEAD_TIME = 1.0
-"""Of a SPAD, in FWHM of the pulse: it counts an echo but once."""
+"""Shortest dead time of a SPAD, in FWHM of the pulse: a SPAD counts an echo only once."""
 
 _TEMPLATE_REACH = 3.0  # of the template to either side, in sigmas of the pulse
 _SEARCH_REACH = 1.25  # of the search for the filter's peak: its place scatters by a third of that at an SNR of 5
@@ -76,7 +76,7 @@ class HistogramFile(
     )
 
     def period_us(self, dwell_us: float) -> float | None:
-        """Between the laser's pulses of one point, with the multiplier; None: not given."""
+        """Time between the laser's pulses of one point, with the multiplier; None: not given. Raises InputError."""
         if self.pulse_period_us is None:
             return None
         period = self.pulse_period_us / max(self.multiplier, 1.0)
@@ -88,7 +88,7 @@ class HistogramFile(
         return period
 
     def shots_per_point(self, dwell_us: float) -> int:
-        """Number of shots of a point that the sensor dwells on for so long."""
+        """Number of shots of a point of this dwell time. Raises InputError."""
         if self.shots is not None:
             return self.shots
         if self.pulse_period_us is None:
@@ -103,7 +103,7 @@ class HistogramFile(
         return shots
 
     def build(self, spad: Spad, *, pulse_fwhm_ns: float, dwell_us: float) -> Histogram:
-        """In SI units, for a point that the sensor dwells on for so long. Raises InputError."""
+        """Convert to SI units for points of this dwell time. Raises InputError."""
         period_us = self.period_us(dwell_us)
         sigma_ns = pulse_fwhm_ns / SIGMAS_PER_FWHM
         sigma_ns = math.sqrt(sigma_ns**2 + (1e9 * float(spad.jitter_s)) ** 2 + self.bin_ns**2 / 12.0)
@@ -133,7 +133,7 @@ class HistogramFile(
         )
 
     def converter(self, dwell_us: float) -> Tdc:
-        """The peak finder as a converter: one comparison for each bin, and the threshold of the histogram."""
+        """Converter that stands for the peak finder: one comparison for each bin. Raises InputError."""
         period_us = self.period_us(dwell_us)
         window_us = self.window_us if self.window_us is not None else period_us
         if window_us is None:
