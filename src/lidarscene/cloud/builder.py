@@ -40,28 +40,28 @@ class CloudBuilder:
         if set(columns) != set(expected):
             differing = ", ".join(sorted(set(columns) ^ set(expected)))
             raise ValueError(f"CloudBuilder.append: columns missing, unknown or not as before: {differing}")
-        n = len(columns["xyz_m"])
+        points = len(columns["xyz_m"])
         # Only shapes and types are checked here; the values once, when the cloud is made.
-        checked = {a: freeze_column(a, columns[a], n) for a in expected}
+        checked = {name: freeze_column(name, columns[name], points) for name in expected}
         self._chunks += 1
         if self._chunks == 1:
-            self._columns, self._points = checked, n
+            self._columns, self._points = checked, points
             return
-        end = self._points + n
-        for a, values in checked.items():
-            if is_constant(column := self._columns[a]) and is_constant(values) and (column[0] == values[0]).all():
-                self._columns[a] = np.broadcast_to(column[0], (end, *column.shape[1:]))
+        end = self._points + points
+        for name, values in checked.items():
+            if is_constant(column := self._columns[name]) and is_constant(values) and (column[0] == values[0]).all():
+                self._columns[name] = np.broadcast_to(column[0], (end, *column.shape[1:]))
                 continue
-            self._columns[a] = self._with_room(column, end)
-            self._columns[a][self._points : end] = values
+            self._columns[name] = self._with_room(column, end)
+            self._columns[name][self._points : end] = values
         self._points = end
 
     def add(self, cloud: Cloud) -> None:
         """Add the points of a cloud; names and metadata are those of the first cloud added."""
         if not self._description:
-            self._description = {a: getattr(cloud, a) for a in (*NAMES.values(), "metadata")}
+            self._description = {name: getattr(cloud, name) for name in (*NAMES.values(), "metadata")}
         names = attributes(truth=cloud.has_truth, vectors=cloud.has_vectors)
-        self.append({a: getattr(cloud, a) for a in names})
+        self.append({name: getattr(cloud, name) for name in names})
 
     def _with_room(self, column: Numbers, end: int) -> Numbers:
         """Return the column, or a longer copy if it is too short or still the first chunk's own array."""
@@ -77,10 +77,10 @@ class CloudBuilder:
 
         Empties the builder. Without chunks they are those of a cloud of no points, with truth.
         """
-        columns: dict[str, Any] = {a: v[: self._points] for a, v in self._columns.items()}
+        columns: dict[str, Any] = {name: column[: self._points] for name, column in self._columns.items()}
         if not columns:
             names = attributes(truth=True, vectors=self._vectors)
-            columns = {a: np.zeros((0, 3) if a == "xyz_m" else 0) for a in names}
+            columns = {name: np.zeros((0, 3) if name == "xyz_m" else 0) for name in names}
         described = self._description | description
         self._columns, self._description, self._points, self._chunks = {}, {}, 0, 0
         return columns | described

@@ -63,8 +63,8 @@ def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None
             rotations = np.stack(np.broadcast_arrays(*pose.rotation), axis=-1).reshape(-1, 3, 3)
             turned_blocks.append(cloud.select(block).vectors_turned(to_points.rotation @ rotations @ goal.rotation.T))
     vectors: dict[str, Any] = {
-        a: np.concatenate([block_vectors[a] for block_vectors in turned_blocks])
-        for a in (turned_blocks[0] if turned_blocks else ())
+        name: np.concatenate([block_vectors[name] for block_vectors in turned_blocks])
+        for name in (turned_blocks[0] if turned_blocks else ())
     }
     return replace(cloud, xyz_m=moved, metadata={**cloud.metadata, "ego_motion": MOTION_REMOVED}, **vectors)
 

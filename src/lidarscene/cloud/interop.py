@@ -29,7 +29,7 @@ NEAR, MIDDLE, FAR = (255, 214, 102), (70, 190, 190), (72, 76, 160)
 def to_pandas(cloud: Cloud) -> Any:
     """See `PointCloud.to_pandas`."""
     pandas = import_optional("pandas", extra="pandas")
-    frame = pandas.DataFrame({c.name: cloud.column(c.name) for c in cloud.columns}, copy=False)
+    frame = pandas.DataFrame({column.name: cloud.column(column.name) for column in cloud.columns}, copy=False)
     frame.attrs.update(cloud.metadata)
     return frame
 
@@ -41,7 +41,7 @@ def to_torch(cloud: Cloud) -> Any:
         # Our arrays are read-only, which tensors cannot be.
         warnings.simplefilter("ignore", UserWarning)
         tensors = {"xyz": torch.from_numpy(cloud.xyz_m)}
-        return tensors | {c.name: torch.from_numpy(cloud.column(c.name)) for c in cloud.columns[3:]}
+        return tensors | {column.name: torch.from_numpy(cloud.column(column.name)) for column in cloud.columns[3:]}
 
 
 def to_open3d(cloud: Cloud, *, colours: Numbers | None = None, legacy: bool = False) -> Any:
@@ -77,8 +77,8 @@ def thumbnail(cloud: Cloud) -> bytes:
 def to_html(cloud: Cloud) -> str:
     """HTML of the thumbnail with the cloud's repr below it."""
     picture = base64.b64encode(thumbnail(cloud)).decode("ascii")
-    words = html.escape(repr(cloud))
+    caption = html.escape(repr(cloud))
     return (
         f'<figure style="margin:0"><img src="data:image/png;base64,{picture}" width="{THUMBNAIL_PX[0]}" '
-        f'alt="point cloud"><figcaption>{words}</figcaption></figure>'
+        f'alt="point cloud"><figcaption>{caption}</figcaption></figure>'
     )

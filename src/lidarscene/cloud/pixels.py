@@ -193,8 +193,8 @@ def _discs(rank: Numbers, centre: Numbers, radius: Numbers) -> None:
     flat, across = rank.reshape(-1), rank.shape[1]
     starts = np.flatnonzero(np.diff(radius, prepend=-1.0)).tolist()
     for first, last in zip(starts, [*starts[1:], len(centre)], strict=True):
-        r = math.ceil(radius[first])
-        dy, dx = np.mgrid[-r : r + 1, -r : r + 1]
+        reach = math.ceil(radius[first])
+        dy, dx = np.mgrid[-reach : reach + 1, -reach : reach + 1]
         disc = (dy * across + dx)[dx**2 + dy**2 <= radius[first] ** 2]
         for part in range(first, last, DISCS):
             stop = min(part + DISCS, last)
@@ -305,9 +305,9 @@ class Cells:
         return np.asarray(self.point[row[:, None], column])
 
 
-def _centres(first: float, last: float, n: int) -> Numbers:
+def _centres(first: float, last: float, count: int) -> Numbers:
     """Middles of n equal steps."""
-    return first + (last - first) * (np.arange(n) + 0.5) / n
+    return first + (last - first) * (np.arange(count) + 0.5) / count
 
 
 def cells_of(cloud: Cloud) -> Cells:
@@ -321,10 +321,10 @@ def cells_of(cloud: Cloud) -> Cells:
 def cells_of_beams(azimuth_rad: Numbers, elevation_rad: Numbers, return_number: Numbers) -> Cells:
     """`cells_of` for (n,) angles; of several in one cell the first with the lowest return number is shown."""
     azimuth, elevation = azimuth_rad.astype(np.float64), elevation_rad.astype(np.float64)
-    n = max(len(azimuth), 1)
-    dense = 1.3 * math.sqrt(max(_span(azimuth) * _span(elevation), 1e-12) / n)
+    count = max(len(azimuth), 1)
+    dense = 1.3 * math.sqrt(max(_span(azimuth) * _span(elevation), 1e-12) / count)
     rows = _groups(elevation)
-    if len(rows) <= max(n / 16, 1):
+    if len(rows) <= max(count / 16, 1):
         y = _edges(rows)
         x_step = _step_in_rows(azimuth, np.searchsorted(y, elevation))
         columns = _groups(azimuth)

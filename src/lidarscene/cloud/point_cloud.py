@@ -99,23 +99,23 @@ class PointCloud:
 
     def __post_init__(self, checked: bool) -> None:
         """Check and freeze every array; none is copied unless its dtype has to change."""
-        absent = [a for a in TRUTH if getattr(self, a) is None]
-        if absent and len(absent) < len(TRUTH):
-            raise ValueError(f"PointCloud: truth fields come all together; missing: {', '.join(absent)}")
-        without = [a for a in OF_VECTORS if getattr(self, a) is None]
-        if len(without) not in (0, len(OF_VECTORS)) or (absent and not without):
+        absent_truth = [name for name in TRUTH if getattr(self, name) is None]
+        if absent_truth and len(absent_truth) < len(TRUTH):
+            raise ValueError(f"PointCloud: truth fields come all together; missing: {', '.join(absent_truth)}")
+        absent_vectors = [name for name in OF_VECTORS if getattr(self, name) is None]
+        if len(absent_vectors) not in (0, len(OF_VECTORS)) or (absent_truth and not absent_vectors):
             raise ValueError("PointCloud: normals and velocities come all together, and with the truth fields")
-        n = len(self.xyz_m)
-        for attribute in attributes(truth=not absent, vectors=not without):
-            array = freeze_column(attribute, getattr(self, attribute), n)
+        points = len(self.xyz_m)
+        for attribute in attributes(truth=not absent_truth, vectors=not absent_vectors):
+            array = freeze_column(attribute, getattr(self, attribute), points)
             if not checked:
                 _check_nan(attribute, array)
             object.__setattr__(self, attribute, array)
         for attribute in NAMES.values():
             object.__setattr__(self, attribute, tuple(getattr(self, attribute)))
-        object.__setattr__(self, "metadata", {str(k): str(v) for k, v in self.metadata.items()})
+        object.__setattr__(self, "metadata", {str(key): str(value) for key, value in self.metadata.items()})
         for attribute, names in NAMES.items():
-            if attribute not in absent and not checked:
+            if attribute not in absent_truth and not checked:
                 _check_index(attribute, getattr(self, attribute), getattr(self, names))
         if not all(0 < len(key) <= 100 for key in self.metadata):
             raise ValueError("PointCloud.metadata: keys must have 1 to 100 characters")
@@ -129,7 +129,7 @@ class PointCloud:
         parts = [f"{count} {kind}" for count, kind in zip(kinds, STATUS_PLURALS, strict=True)]
         counts = f"{len(self)} points: {', '.join(parts[:2] + [part for part in parts[2:] if part[0] != '0'])}"
         axes = zip("xyz", self.xyz_m.T, strict=True) if len(self) else ()
-        extent = "".join(f"; {name} {x.min():.1f}..{x.max():.1f} m" for name, x in axes)
+        extent = "".join(f"; {name} {values.min():.1f}..{values.max():.1f} m" for name, values in axes)
         return f"PointCloud({counts}{extent}; sensor '{self.metadata.get('sensor', 'unknown')}')"
 
     @property
@@ -165,9 +165,9 @@ class PointCloud:
         """
         if self.metadata.get("frame", "sensor") == "sensor":
             return Pose()
-        text = self.metadata.get("sensor_rotation", "1 0 0 0 1 0 0 0 1")
-        turned = parse_numbers(text, "sensor_rotation", (-1, 3, 3))[0]
-        return Pose(position_m=self.sensor_position_m, rotation=turned)
+        rotation_text = self.metadata.get("sensor_rotation", "1 0 0 0 1 0 0 0 1")
+        rotation = parse_numbers(rotation_text, "sensor_rotation", (-1, 3, 3))[0]
+        return Pose(position_m=self.sensor_position_m, rotation=rotation)
 
     @property
     def frame_start_s(self) -> float:
@@ -197,11 +197,11 @@ class PointCloud:
     def columns(self) -> tuple[Column, ...]:
         """Columns of this cloud, in the order of files."""
         columns = COLUMNS + (VECTORS if self.has_vectors else ())
-        return tuple(c for c in columns if self.has_truth or not c.truth)
+        return tuple(column for column in columns if self.has_truth or not column.truth)
 
     def column(self, name: str) -> Numbers:
         """(n,) values of the column of this name, as in files: "x", "snr", "class", ..."""
-        choices = {c.name: c for c in self.columns}
+        choices = {column.name: column for column in self.columns}
         if name not in choices:
             hint = f"{did_you_mean(name, choices)} the choices are {', '.join(choices)}".strip()
             raise InputError(f"column '{name}': not in this cloud; {hint}")
@@ -218,7 +218,7 @@ class PointCloud:
             getattr(mask_or_index, "dtype", None) == np.uint8
         ):  # a column of categories, which NumPy would use as an index
             raise InputError("select: must be a mask such as cloud.status == 0, an index array or a slice, got uint8")
-        return replace(self, checked=True, **{a: v[mask_or_index] for a, v in self._arrays().items()})
+        return replace(self, checked=True, **{name: array[mask_or_index] for name, array in self._arrays().items()})
 
     def without_points(self) -> PointCloud:
         """The cloud without its points: names, metadata and types. Unlike an empty slice it keeps no array."""
@@ -238,8 +238,8 @@ class PointCloud:
         """
         if not parts:
             raise ValueError("PointCloud.concatenate: no parts")
-        description: dict[str, Any] = {a: getattr(parts[0], a) for a in (*NAMES.values(), "metadata")}
-        if any(getattr(part, a) != description[a] for part in parts for a in NAMES.values()):
+        description: dict[str, Any] = {name: getattr(parts[0], name) for name in (*NAMES.values(), "metadata")}
+        if any(getattr(part, name) != description[name] for part in parts for name in NAMES.values()):
             raise ValueError("PointCloud.concatenate: the parts name different bodies, classes or materials")
         builder = CloudBuilder()
         for columns in [part._arrays() for part in parts]:
@@ -264,10 +264,10 @@ class PointCloud:
                 "turned; render it with the frame 'sensor'"
             )
         placing = ("sensor_position_m", "sensor_rotation")
-        metadata = {k: v for k, v in self.metadata.items() if k not in placing} | {"frame": "sensor"}
+        metadata = {key: value for key, value in self.metadata.items() if key not in placing} | {"frame": "sensor"}
         xyz_m = self.sensor_place.inverse_apply(self.xyz_m.astype(np.float64)).astype(np.float32)
-        turned = self.vectors_turned(self.sensor_place.rotation.T)
-        return replace(self, xyz_m=xyz_m, metadata=metadata, **turned)
+        turned_vectors = self.vectors_turned(self.sensor_place.rotation.T)
+        return replace(self, xyz_m=xyz_m, metadata=metadata, **turned_vectors)
 
     def vectors_turned(self, rotation: Numbers) -> dict[str, Any]:
         """Normals and velocities in other axes, attribute -> (n,) array; empty if the cloud has none.
@@ -320,7 +320,7 @@ class PointCloud:
         if chosen.read is None:
             raise InputError(
                 f"{os.fspath(path)}: such files are written only, they do not hold all of a point cloud; "
-                f"those that do: {', '.join(n for n, f in FORMATS.items() if f.read)}"
+                f"those that do: {', '.join(name for name, file_format in FORMATS.items() if file_format.read)}"
             )
         fields = chosen.read(path)
         with input_errors(path):
@@ -388,7 +388,7 @@ class PointCloud:
     def _arrays(self) -> dict[str, Numbers]:
         """Arrays of the columns, attribute -> array."""
         names = attributes(truth=self.has_truth, vectors=self.has_vectors)
-        return {a: getattr(self, a) for a in names}
+        return {name: getattr(self, name) for name in names}
 
 
 def _check_nan(attribute: str, array: Numbers) -> None:

@@ -30,10 +30,10 @@ def merged(clouds: Sequence[PointCloud], labels: Sequence[str]) -> PointCloud:
     if len(frames) != 1 or "sensor" in frames:
         raise ValueError(f"merged: clouds must be in one frame, world or vehicle, got {sorted(frames)}")
     numbered = [
-        replace(cloud, sensor_names=tuple(labels), sensor_index=_constant(number, len(cloud)))
-        for number, cloud in enumerate(clouds)
+        replace(cloud, sensor_names=tuple(labels), sensor_index=_constant(sensor_number, len(cloud)))
+        for sensor_number, cloud in enumerate(clouds)
     ]
-    together = PointCloud.concatenate(numbered)
+    all_points = PointCloud.concatenate(numbered)
     joined = {
         key: separator.join(cloud.metadata[key] for cloud in clouds)
         for key, separator in JOINED.items()
@@ -42,7 +42,7 @@ def merged(clouds: Sequence[PointCloud], labels: Sequence[str]) -> PointCloud:
     units = list(dict.fromkeys(cloud.metadata.get("intensity_unit", "") for cloud in clouds))
     if len(units) > 1:
         joined["intensity_unit"] = " or ".join(units)
-    return replace(together, metadata={**clouds[0].metadata, **joined})
+    return replace(all_points, metadata={**clouds[0].metadata, **joined})
 
 
 class Merging:
@@ -53,17 +53,17 @@ class Merging:
         self._whole = merged(clouds, labels)
         self._dtype: Any = None
 
-    def piece(self, number: int, cloud: PointCloud) -> PointCloud:
+    def piece(self, sensor_number: int, cloud: PointCloud) -> PointCloud:
         """Turn points of sensor ``number`` into points of the merged cloud."""
         self._dtype = self._dtype or cloud.xyz_m.dtype  # the first one's, as of arrays that are joined
         return replace(
             cloud,
             xyz_m=cloud.xyz_m.astype(self._dtype, copy=False),
             sensor_names=self._whole.sensor_names,
-            sensor_index=_constant(number, len(cloud)),
+            sensor_index=_constant(sensor_number, len(cloud)),
             metadata=self._whole.metadata,
         )
 
 
-def _constant(number: int, points: int) -> Numbers:
-    return np.broadcast_to(np.uint8(number), points)
+def _constant(value: int, points: int) -> Numbers:
+    return np.broadcast_to(np.uint8(value), points)

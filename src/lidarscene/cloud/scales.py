@@ -55,10 +55,10 @@ class Scale:
         return float(self._parts(np.array([value]))[0])
 
     def _parts(self, values: Numbers) -> Numbers:
-        x = np.clip(values.astype(np.float64), self.low, self.high)
+        clipped = np.clip(values.astype(np.float64), self.low, self.high)
         if self.kind == "logarithmic":
-            return np.asarray(np.log(x / self.low) / math.log(self.high / self.low))
-        linear = (x - self.low) / (self.high - self.low)
+            return np.asarray(np.log(clipped / self.low) / math.log(self.high / self.low))
+        linear = (clipped - self.low) / (self.high - self.low)
         return np.asarray(np.sqrt(linear) if self.kind == "root" else linear)
 
     def rgb(self, values: Numbers) -> Numbers:
@@ -77,15 +77,22 @@ class Scale:
         """Round values on the scale and their texts, about ``most`` of them."""
         values: list[float] = []
         if self.kind == "root":
-            values = [float(r) for r in ROUND_RANGES_M if self.low <= r <= self.high]
+            values = [float(range_m) for range_m in ROUND_RANGES_M if self.low <= range_m <= self.high]
         elif self.kind == "logarithmic":
             decades = range(math.floor(math.log10(self.low)), math.ceil(math.log10(self.high)) + 1)
             steps = (1.0, 2.0, 5.0) if self.high < 30.0 * self.low else (1.0,)
-            values = [s * 10.0**d for d in decades for s in steps if self.low <= s * 10.0**d <= self.high]
+            values = [
+                factor * 10.0**decade
+                for decade in decades
+                for factor in steps
+                if self.low <= factor * 10.0**decade <= self.high
+            ]
         if len(values) < 2:
             exact = 10.0 ** math.floor(math.log10((self.high - self.low) / max(most, 1)))
-            step = next(s * exact for s in (1, 2, 5, 10) if (self.high - self.low) / (s * exact) <= most)
-            values = [n * step for n in range(math.ceil(self.low / step), math.floor(self.high / step) + 1)]
+            step = next(factor * exact for factor in (1, 2, 5, 10) if (self.high - self.low) / (factor * exact) <= most)
+            values = [
+                multiple * step for multiple in range(math.ceil(self.low / step), math.floor(self.high / step) + 1)
+            ]
         thinned = values[:: -(-len(values) // max(most, 1))]
         powers = self.kind == "logarithmic" and not all(1e-3 <= value < 1e4 for value in thinned)
         return [(value, _tick_text(value, powers=powers)) for value in thinned]

@@ -63,7 +63,7 @@ class Shades:
     def __init__(self, cloud: NamedCloud, name: str, *, limits: tuple[float, float] | None = None) -> None:
         self.name = name
         values = np.asarray(cloud.column(name))
-        units = {c.name: c.unit for c in COLUMNS}
+        units = {column.name: column.unit for column in COLUMNS}
         unit = cloud.metadata.get(f"{name}_unit", units[name])
         self.kinds: list[tuple[str, str]] = []
         self.scale: Scale | None = None

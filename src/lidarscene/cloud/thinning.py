@@ -61,8 +61,8 @@ class Thinned:
     def _thin_out(self) -> None:
         """Drop two thirds of the points kept so far."""
         points_before = 0
-        for number, piece in enumerate(self._pieces):
-            self._pieces[number] = _strided(piece, FACTOR, -points_before % FACTOR)
+        for index, piece in enumerate(self._pieces):
+            self._pieces[index] = _strided(piece, FACTOR, -points_before % FACTOR)
             points_before += len(piece)
 
 

@@ -91,14 +91,14 @@ class Clearance:
         time_s    time by the clock of the scene's motions
         """
         low, high = self.around[:, 0] - radius_m, self.around[:, 1] + radius_m
-        for number in np.flatnonzero(((low <= place_m) & (place_m <= high)).all(axis=1)):
-            body, box = self.bodies[number], self.boxes[number]
+        for body_index in np.flatnonzero(((low <= place_m) & (place_m <= high)).all(axis=1)):
+            body, box = self.bodies[body_index], self.boxes[body_index]
             pose = body.pose if body.motion is None else pose_at(body.motion, time_s)
             point = pose.inverse_apply(place_m)
             if not ((box[0] - radius_m <= point) & (point <= box[1] + radius_m)).all():
                 continue
             near = min(self._distance_m(part, point, radius_m) for part in body.parts)
-            place_text = ", ".join(f"{x:g}" for x in np.round(place_m, 3) + 0.0)
+            place_text = ", ".join(f"{coordinate:g}" for coordinate in np.round(place_m, 3) + 0.0)
             must = f"sensor '{sensor}' at ({place_text}): must stand at least {1e3 * radius_m:g} mm off every surface"
             if near < radius_m:
                 raise OptionError(_MOVED, must, f"{1e3 * near:.4g} mm off '{body.name}'")
@@ -125,22 +125,22 @@ class Clearance:
         )
         points = {}
         # A box that is turned with its body is tighter, and that of a body that moves is known in its frame alone.
-        for number in np.flatnonzero(gaps_m <= gaps_m.min(initial=math.inf) + _NEAR_M):
-            body, box = self.bodies[number], self.boxes[number]
+        for body_index in np.flatnonzero(gaps_m <= gaps_m.min(initial=math.inf) + _NEAR_M):
+            body, box = self.bodies[body_index], self.boxes[body_index]
             pose = body.pose if body.motion is None else pose_at(body.motion, time_s)
-            points[number] = point = pose.inverse_apply(place_m)
-            gaps_m[number] = np.linalg.norm(np.maximum(np.maximum(box[0] - point, point - box[1]), 0.0))
+            points[body_index] = point = pose.inverse_apply(place_m)
+            gaps_m[body_index] = np.linalg.norm(np.maximum(np.maximum(box[0] - point, point - box[1]), 0.0))
         nearest, within = NearSurface(), None
-        for number in np.argsort(gaps_m, kind="stable"):
+        for body_index in np.argsort(gaps_m, kind="stable"):
             # A box is never farther than its body: beyond the nearest surface so far none can be nearer.
-            if gaps_m[number] >= nearest.distance_m:
+            if gaps_m[body_index] >= nearest.distance_m:
                 break
-            body = self.bodies[number]
-            point = points.get(number, body.pose.inverse_apply(place_m))
+            body = self.bodies[body_index]
+            point = points.get(body_index, body.pose.inverse_apply(place_m))
             for part in body.parts:
-                if (found_m := self._distance_m(part, point, nearest.distance_m)) < nearest.distance_m:
-                    nearest = NearSurface(found_m, body.name)
-            if within is None and gaps_m[number] == 0.0 and _enclosed(body.parts, point) > _SHUT:
+                if (distance_m := self._distance_m(part, point, nearest.distance_m)) < nearest.distance_m:
+                    nearest = NearSurface(distance_m, body.name)
+            if within is None and gaps_m[body_index] == 0.0 and _enclosed(body.parts, point) > _SHUT:
                 within = body.name
         below, above = self._below_and_above(place_m)
         return Surrounding(nearest, below, above, within)
@@ -150,8 +150,8 @@ class Clearance:
         nearest = [NearSurface(), NearSurface()]
         low, high = self.around[:, 0, :2], self.around[:, 1, :2]
         in_column = np.isfinite(low).all(axis=1) & ((low <= place_m[:2]) & (place_m[:2] <= high)).all(axis=1)
-        for number in np.flatnonzero(in_column):
-            body = self.bodies[number]
+        for body_index in np.flatnonzero(in_column):
+            body = self.bodies[body_index]
             point, up = body.pose.inverse_apply(place_m), body.pose.rotation[2]
             along_m = np.concatenate([self._along_m(part, point, up) for part in body.parts])
             for side, apart_m in enumerate((-along_m, along_m)):

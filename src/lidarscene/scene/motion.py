@@ -38,11 +38,11 @@ class MotionFile(Table[Course]):
 
     @model_validator(mode="after")
     def _check_single_way(self) -> MotionFile:
-        ways = [
+        keys_by_way = [
             sorted(self.model_fields_set & keys)
             for keys in ({"speed_m_s", "yaw_rate_deg_s", "velocity_m_s"}, {"poses"}, {"poses_file"})
         ]
-        ways_given = [keys[0] for keys in ways if keys]
+        ways_given = [keys[0] for keys in keys_by_way if keys]
         if len(ways_given) > 1:
             raise ValueError(f"must have only one of speeds, poses and poses_file, got {' and '.join(ways_given)}")
         return self

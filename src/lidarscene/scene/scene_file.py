@@ -249,7 +249,9 @@ def _place_body(
 
     if body.instances is None:
         return [placed(body.name, body.pose())]
-    return [placed(f"{body.name}.{i}", body.pose() @ instance.pose()) for i, instance in enumerate(body.instances)]
+    return [
+        placed(f"{body.name}.{index}", body.pose() @ instance.pose()) for index, instance in enumerate(body.instances)
+    ]
 
 
 MeshReader = Callable[[Path, reflectivity_patterns.Kind | None], list[SubMesh]]
@@ -352,15 +354,16 @@ def _patterns(
     level = {
         material: reflectivity_patterns.mean_over(
             [
-                (p, piece.vertices_m, piece.faces)
-                for (piece, material_name), p in zip(pieces_and_materials, varied, strict=True)
-                if p and material_name == material
+                (pattern, piece.vertices_m, piece.faces)
+                for (piece, material_name), pattern in zip(pieces_and_materials, varied, strict=True)
+                if pattern and material_name == material
             ]
         )
         for _, material in pieces_and_materials
     }
     return [
-        p and replace(p, mean=level[material]) for (_, material), p in zip(pieces_and_materials, varied, strict=True)
+        pattern and replace(pattern, mean=level[material])
+        for (_, material), pattern in zip(pieces_and_materials, varied, strict=True)
     ]
 
 

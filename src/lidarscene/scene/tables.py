@@ -97,7 +97,7 @@ class AirFile(Table[Air]):
     @model_validator(mode="after")
     def _check_single_way(self) -> AirFile:
         ways = ("transmittance", "extinction_per_m", "visibility_km")
-        ways_given = [k for k in ways if k in self.model_fields_set]
+        ways_given = [key for key in ways if key in self.model_fields_set]
         if len(ways_given) > 1:
             raise ValueError(f"must have only one of {', '.join(ways)}, got {' and '.join(ways_given)}")
         return self
@@ -170,7 +170,7 @@ class BodyFile(PoseFile):
             raise ValueError("one of mesh and primitive must be given, got both or none")
         shape = f"a {self.primitive}" if self.primitive else "a mesh"
         needed = _SIZES[self.primitive]
-        sizes_given = [k for k in ("size_m", "radius_m", "height_m") if getattr(self, k) is not None]
+        sizes_given = [key for key in ("size_m", "radius_m", "height_m") if getattr(self, key) is not None]
         if set(sizes_given) != set(needed):
             sizes = " and ".join(needed) or "no size_m, radius_m or height_m"
             raise ValueError(f"{shape} must have {sizes}, got {' and '.join(sizes_given) or 'none'}")

@@ -161,17 +161,17 @@ def as_dict(comparison: PublishedComparison) -> dict[str, Any]:
     return {
         "name": comparison.name,
         "range_m": _as_dict(comparison.range_m),
-        "also_range_m": [_as_dict(c) for c in comparison.also],
-        "repeatability_m": [_as_dict(c) for c in comparison.repeatability_m],
+        "also_range_m": [_as_dict(further) for further in comparison.also],
+        "repeatability_m": [_as_dict(scatter) for scatter in comparison.repeatability_m],
         "false_points": _as_dict(comparison.false_points),
         "points_per_second": _as_dict(comparison.points_per_second),
         "source": comparison.source,
     }
 
 
-def _as_dict(c: Compared) -> dict[str, Any]:
-    values = {"published": c.published, "simulated": c.simulated, "deviation": c.deviation}
-    return values | ({"condition": c.condition} if c.condition else {})
+def _as_dict(compared: Compared) -> dict[str, Any]:
+    values = {"published": compared.published, "simulated": compared.simulated, "deviation": compared.deviation}
+    return values | ({"condition": compared.condition} if compared.condition else {})
 
 
 def as_text(checks: list[PublishedComparison]) -> str:
@@ -191,9 +191,9 @@ def as_text(checks: list[PublishedComparison]) -> str:
             texts = ["unknown" if value is None else format(value, spec) for value, spec in cells]
             rows.append((name, label, texts[0], texts[1], texts[2], c.condition))
             name = ""
-    widths = [max(len(row[k]) for row in rows) for k in range(5)]
+    widths = [max(len(row[column]) for row in rows) for column in range(5)]
     lines = []
     for row in rows:
-        cells_text = [f"{row[k]:{'<' if k < 2 else '>'}{widths[k]}}" for k in range(5)]
+        cells_text = [f"{row[column]:{'<' if column < 2 else '>'}{widths[column]}}" for column in range(5)]
         lines.append("  ".join([*cells_text, row[5]]).rstrip())
     return "\n".join([*lines, NOTE])

@@ -183,13 +183,13 @@ def compare_curves(name: str, curves: RecordedFile, sensor: Sensor) -> Iterator[
             most=1.0 + THRESHOLD_ERROR,
         )
     scatter = curves.scatter
-    for k, signal in enumerate(scatter.signal):
+    for index, signal in enumerate(scatter.signal):
         yield RecordedComparison(
             sensor=name,
             quantity="scatter, mm",
             condition=f"SIGNAL {signal:g}",
-            recorded=scatter.sigma_mm[k],
-            simulated=scatter_mm(sensor, signal, scatter.near_ir[k]),
+            recorded=scatter.sigma_mm[index],
+            simulated=scatter_mm(sensor, signal, scatter.near_ir[index]),
             most=SCATTER_RATIO,
         )
 

@@ -155,8 +155,8 @@ class Clouds:
         else:
             riding = Pose()
         place = (pose_at(self.scene.ego, start_s) if self.scene.ego else Pose()) @ riding
-        position = " ".join(repr(float(x)) for x in place.apply(cloud.sensor_position_m[None])[0])
-        rotation = " ".join(repr(float(x)) for x in (place.rotation @ cloud.sensor_place.rotation).ravel())
+        position = " ".join(repr(float(coordinate)) for coordinate in place.apply(cloud.sensor_position_m[None])[0])
+        rotation = " ".join(repr(float(element)) for element in (place.rotation @ cloud.sensor_place.rotation).ravel())
         metadata = {**cloud.metadata, "frame": "world", "sensor_position_m": position, "sensor_rotation": rotation}
         turned = cloud.vectors_turned(place.rotation)
         return dataclasses.replace(cloud, xyz_m=place.apply(cloud.xyz_m), metadata=metadata, **turned)
@@ -351,7 +351,7 @@ class Live:
             place = self.options.pose
             yaw, pitch, roll = np.degrees(yaw_pitch_roll_rad(place.rotation))
             numbers = [*place.position_m, yaw, -pitch, roll]  # on the command line, positive pitch looks up
-            words.append(f"--pose={','.join(f'{x:.6g}' for x in numbers)}")
+            words.append(f"--pose={','.join(f'{value:.6g}' for value in numbers)}")
         return shlex.join(words)
 
     def _light(self, simulator: Simulator, cloud: PointCloud, ambient: Ambient, frame: FrameOptions) -> Echoes:
@@ -417,7 +417,7 @@ def stage_blob(
 def _not_lambertian(scene: Scene, cloud: PointCloud) -> list[int]:
     """Indices of the materials for which a budget from truth columns is not exact."""
     kinds = [getattr(scene.materials.get(name), "bsdf", "") for name in cloud.material_names]
-    return [number for number, kind in enumerate(kinds) if kind != "diffuse"]
+    return [index for index, kind in enumerate(kinds) if kind != "diffuse"]
 
 
 def _camera(cloud: PointCloud, scene: Scene | None, *, time_s: float = 0.0) -> dict[str, Any]:

@@ -40,17 +40,20 @@ def solid_of(scene: Scene, wavelength_m: float, *, time_s: float = 0.0) -> Solid
     colour_of = {name: _colour(material.at(wavelength_m)) for name, material in scene.materials.items()}
     default_colour = _colour({"bsdf": "diffuse", "reflectivity": UNKNOWN_REFLECTIVITY})
     coloured_pieces = [
-        (v, f, colour_of.get(material, default_colour)) for v, f, material in _pieces(scene, wavelength_m, time_s)
+        (vertices, faces, colour_of.get(material, default_colour))
+        for vertices, faces, material in _pieces(scene, wavelength_m, time_s)
     ]
     pieces = sorted(coloured_pieces, key=lambda piece: piece[2][3] == GLASS_ALPHA)
     vertex_counts = [len(vertices) for vertices, _, _ in pieces]
     starts = np.cumsum([0, *vertex_counts])[:-1]
-    faces = [f.astype(np.int64) + start for (_, f, _), start in zip(pieces, starts, strict=True)]
+    faces = [triangles.astype(np.int64) + start for (_, triangles, _), start in zip(pieces, starts, strict=True)]
     return Solid(
         vertices_m=np.concatenate([np.zeros((0, 3)), *(vertices for vertices, _, _ in pieces)]),
-        colours=np.repeat(np.array([c for _, _, c in pieces], np.uint8).reshape(-1, 4), vertex_counts, axis=0),
+        colours=np.repeat(
+            np.array([colour for _, _, colour in pieces], np.uint8).reshape(-1, 4), vertex_counts, axis=0
+        ),
         faces=np.concatenate([np.zeros((0, 3), np.int64), *faces]).astype(np.uint32),
-        opaque=sum(len(f) for _, f, colour in pieces if colour[3] == 255),
+        opaque=sum(len(triangles) for _, triangles, colour in pieces if colour[3] == 255),
     )
 
 

@@ -80,12 +80,12 @@ def _entry(path: Path) -> Path | None:
         if suffix == ".glb" and b'"uri"' in content:  # refers to another file
             return None
         # With the file's name: a piece without a name of its own gets that.
-        how = hashlib.sha256(f"{_LAYOUT} {_reader()} {path.name}".encode())
+        digest = hashlib.sha256(f"{_LAYOUT} {_reader()} {path.name}".encode())
         for part in (content, *(_materials(path.parent, content) if suffix == ".obj" else ())):
-            how.update(hashlib.sha256(part).digest())
+            digest.update(hashlib.sha256(part).digest())
     except OSError:
         return None
-    return where / f"{how.hexdigest()}.npz"
+    return where / f"{digest.hexdigest()}.npz"
 
 
 @cache
@@ -120,8 +120,8 @@ def _forget(newest: Path) -> None:
 
 def _save(entry: Path, pieces: list[SubMesh]) -> None:
     arrays = {
-        f"{kind}_{number}": getattr(piece, kind)
-        for number, piece in enumerate(pieces)
+        f"{kind}_{index}": getattr(piece, kind)
+        for index, piece in enumerate(pieces)
         for kind in ("vertices_m", "faces")
     }
     descriptions = json.dumps([{"keys": piece.keys, "grey": piece.grey} for piece in pieces])
@@ -134,10 +134,10 @@ def _load(entry: Path) -> list[SubMesh]:
         descriptions = json.loads(str(file["about"]))
         return [
             SubMesh(
-                vertices_m=file[f"vertices_m_{number}"],
-                faces=file[f"faces_{number}"],
+                vertices_m=file[f"vertices_m_{index}"],
+                faces=file[f"faces_{index}"],
                 keys=tuple(description["keys"]),
                 grey=description["grey"],
             )
-            for number, description in enumerate(descriptions)
+            for index, description in enumerate(descriptions)
         ]

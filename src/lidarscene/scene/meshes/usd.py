@@ -126,9 +126,9 @@ class _Reader:
             self._time, self._time, instancer.ExcludeProtoXform, instancer.ApplyMask
         )
         mask = instancer.ComputeMaskAtTime(self._time) or [True] * len(numbers)
-        numbers = [number for number, is_kept in zip(numbers, mask, strict=True) if is_kept]
-        for number, transform in zip(numbers, transforms, strict=True):
-            yield from self.pieces_below(prototypes[number], np.array(transform) @ frame)
+        numbers = [index for index, is_kept in zip(numbers, mask, strict=True) if is_kept]
+        for index, transform in zip(numbers, transforms, strict=True):
+            yield from self.pieces_below(prototypes[index], np.array(transform) @ frame)
 
     def _pieces(self, prim: Any, frame: Numbers) -> Iterator[SubMesh]:
         """Yield one piece for each material of a prim that has a shape."""
@@ -198,7 +198,9 @@ class _Reader:
 
     def _plane(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
         plane = self._pxr.UsdGeom.Plane(prim)
-        width, length = (float(a.Get(self._time)) for a in (plane.GetWidthAttr(), plane.GetLengthAttr()))
+        width, length = (
+            float(attribute.Get(self._time)) for attribute in (plane.GetWidthAttr(), plane.GetLengthAttr())
+        )
         u, v = np.array([-1.0, 1.0, 1.0, -1.0]) * width / 2.0, np.array([-1.0, -1.0, 1.0, 1.0]) * length / 2.0
         zero = np.zeros(4)
         # The width of a plane across x is along z, that of any other along x; across y its length is along z.
@@ -218,7 +220,9 @@ class _Reader:
 
         kind = str(prim.GetTypeName())
         shape = getattr(self._pxr.UsdGeom, kind)(prim)
-        height, radius = (float(a.Get(self._time)) for a in (shape.GetHeightAttr(), shape.GetRadiusAttr()))
+        height, radius = (
+            float(attribute.Get(self._time)) for attribute in (shape.GetHeightAttr(), shape.GetRadiusAttr())
+        )
         if kind == "Capsule":
             solid = trimesh.creation.capsule(height=height, radius=radius, count=[64, 64])
         else:

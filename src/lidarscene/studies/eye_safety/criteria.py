@@ -100,19 +100,19 @@ class ViewerCheck:
         together = max(train.most_within(grouping), 1)
         duration = self._pulse_s if together == 1 else max(grouping, self._pulse_s)
         if together == 1:
-            number = float(max(train.most_within(longest), 1))
+            pulses = float(max(train.most_within(longest), 1))
         elif train.period_s <= grouping:
-            number = longest / grouping
+            pulses = longest / grouping
         else:
-            number = train.groups_per_period(grouping) * max(longest / train.period_s, 1.0)
+            pulses = train.groups_per_period(grouping) * max(longest / train.period_s, 1.0)
         factor = iec.c5(
             pulse_s=duration,
-            pulses=number,
+            pulses=pulses,
             source_rad=self.source_rad,
             grouping_s=grouping,
             time_base_s=self.time_base_s,
         )
-        detail = f"C5 = {factor:.3g} for {number:.4g} pulses in {longest:.3g} s"
+        detail = f"C5 = {factor:.3g} for {pulses:.4g} pulses in {longest:.3g} s"
         detail += f", {together} within {si(grouping, 's')} as one" if together > 1 else ""
         emission = together * self._through(duration)
         return self._criterion("pulse train", "4.3 f 3", emission, factor * self._limit(duration), "J", detail)

@@ -76,7 +76,7 @@ class PulseTrain:
         most = max(self.most_within(longest_s), 1)
         steps = np.unique(np.geomspace(1, most, _STEPS).round().astype(int))
         inside = np.unique(np.linspace(1, min(most, self.per_period), _STEPS).round().astype(int))
-        return [int(n) for n in np.union1d(steps, inside)]
+        return [int(size) for size in np.union1d(steps, inside)]
 
 
 def stationary_train(sensor: Sensor) -> PulseTrain:
@@ -102,7 +102,7 @@ def scanned_train(sensor: Sensor, *, aperture_m: float, distance_m: float, beam_
     frame's pulses; the one with most pulses counts.
     """
     pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
-    azimuth, elevation = (np.asarray(a, dtype=np.float64) for a in sensor.scanner.angles(pulse))
+    azimuth, elevation = (np.asarray(angle, dtype=np.float64) for angle in sensor.scanner.angles(pulse))
     x, y, z = direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation)
     direction = np.stack([x, y, z])
     reach = math.cos(math.atan(0.5 * (aperture_m + beam_diameter_m) / distance_m))

@@ -89,7 +89,7 @@ class EyeSafetyReport:
             "limiting_viewer": self.limiting.viewer,
             "margin": self.limiting.margin,
             "class_1_peak_power_w": self.class_1_peak_power_w,
-            "criteria": [{**asdict(c), "margin": c.margin} for c in self.criteria],
+            "criteria": [{**asdict(criterion), "margin": criterion.margin} for criterion in self.criteria],
         }
 
 
@@ -181,12 +181,7 @@ def as_text(report: EyeSafetyReport) -> str:
     lines = [_MOTION_TEXT[report.motion]]
     for viewer, title in _VIEWER_TEXT.items():
         lines.append(f"  {title:<26}{'emitted':>12}{'allowed':>12}{'margin':>10}")
-        lines += [
-            f"    {c.name:<14}{'(' + c.clause + ')':<10}{si(c.emission, c.unit):>12}{si(c.limit, c.unit):>12}"
-            f"{c.margin:>10.3g}  {c.detail}".rstrip()
-            for c in report.criteria
-            if c.viewer == viewer
-        ]
+        lines += [_row(criterion) for criterion in report.criteria if criterion.viewer == viewer]
     worst = report.limiting
     verdict = {"class 1": "within class 1", "not class 1": "NOT within class 1", "not judged": "NOT JUDGED"}
     margin = "margin" if not report.not_known else "margin of the model's pulse"
@@ -195,6 +190,14 @@ def as_text(report: EyeSafetyReport) -> str:
         f"{margin} {worst.margin:.3g}; it allows a peak of {si(report.class_1_peak_power_w, 'W')}"
     )
     return "\n".join(lines)
+
+
+def _row(criterion: Criterion) -> str:
+    """Line of the table for one criterion."""
+    clause = f"({criterion.clause})"
+    emission, limit = si(criterion.emission, criterion.unit), si(criterion.limit, criterion.unit)
+    row = f"    {criterion.name:<14}{clause:<10}{emission:>12}{limit:>12}{criterion.margin:>10.3g}  {criterion.detail}"
+    return row.rstrip()
 
 
 def both_reports(sensor: Sensor) -> tuple[EyeSafetyReport, EyeSafetyReport]:
@@ -213,7 +216,7 @@ def report_text(sensor: Sensor) -> str:
         f"{si(reports[0].pulse_energy_j, 'J')} a pulse, {si(reports[0].pulse_energy_j * rate_hz, 'W')} in the mean"
     )
     assumptions = dict.fromkeys(line for report in reports for line in report.assumptions)
-    assumed = "\n".join(f"{'assumed' if i == 0 else '':<9}{line}" for i, line in enumerate(assumptions))
+    assumed = "\n".join(f"{'assumed' if index == 0 else '':<9}{line}" for index, line in enumerate(assumptions))
     return "\n\n".join([f"{head}\n{assumed}", *(as_text(report) for report in reports)])
 
 

@@ -79,6 +79,6 @@ def _frame(scanner: Scanner, axis: str) -> tuple[Numbers, Numbers, Numbers]:
     """Angles along and across the axis in degrees, and aperture shares, of a frame's pulses."""
     count = min(scanner.pulses, _PULSES)
     pulse = np.unique(np.linspace(0, scanner.pulses - 1, count).astype(np.uint32))
-    azimuth, elevation = (np.degrees(np.asarray(a, dtype=np.float64)) for a in scanner.angles(pulse))
+    azimuth, elevation = (np.degrees(np.asarray(angle_rad, dtype=np.float64)) for angle_rad in scanner.angles(pulse))
     share = np.asarray(scanner.aperture_share(pulse), dtype=np.float64) * np.ones_like(azimuth)
     return (elevation, azimuth, share) if axis == "elevation" else (azimuth, elevation, share)

@@ -144,7 +144,7 @@ def curve(subject: Subject, question: Question, x: Numbers) -> SweepCurve:
     distance: Any = x if question.axis.key == "distance" else question.distance_m
     compute = plane.snr if question.quantity == "snr" else plane.detection_probability
     values = np.concatenate([compute(sensor, target, distance) for sensor, target in pairs])
-    margin = np.concatenate([plane.detection_margin(s, t, distance) for s, t in pairs])
+    margin = np.concatenate([plane.detection_margin(sensor, target, distance) for sensor, target in pairs])
     return SweepCurve(
         name=subject.name, values=np.broadcast_to(values, x.shape), margin=np.broadcast_to(margin, x.shape)
     )
@@ -168,7 +168,7 @@ def curves(subjects: Sequence[Subject], question: Question) -> Curves:
     return Curves(
         question=question,
         curves=tuple(sensor_curves),
-        crossings=tuple(sorted(crossings, key=lambda c: c.place)),
+        crossings=tuple(sorted(crossings, key=lambda crossing: crossing.place)),
         detection_limits=tuple(limits),
     )
 

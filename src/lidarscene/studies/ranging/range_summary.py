@@ -54,7 +54,9 @@ def text_of(
         )
     widths = [max(len(row[column]) for row in table) for column in range(6)]
     lines = [
-        "  ".join([row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))])
+        "  ".join(
+            [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
+        )
         for row in table
     ]
     conditions = (

@@ -114,7 +114,7 @@ def with_parameters(sensor: Sensor, target: Target, values: Mapping[str, Lanes])
         part, _, field = name.partition(".")
         changes.setdefault(part, {})[field] = value
     target = dataclasses.replace(target, **changes.pop("target", {}))
-    parts = {part: dataclasses.replace(getattr(sensor, part), **new) for part, new in changes.items()}
+    parts = {part: dataclasses.replace(getattr(sensor, part), **fields) for part, fields in changes.items()}
     return dataclasses.replace(sensor, **parts), target
 
 
@@ -210,7 +210,10 @@ def differences(formula: Formula, values: Mapping[str, float]) -> tuple[float, d
             step = 1e-15
             while step < 1e-3 and abs(value_at(name, step) - centre) < 1e-3:
                 step *= 10.0
-        rise = sum(w * (value_at(name, value + k * step) - value_at(name, value - k * step)) for k, w in weights)
+        rise = sum(
+            weight * (value_at(name, value + multiple * step) - value_at(name, value - multiple * step))
+            for multiple, weight in weights
+        )
         slopes[name] = rise / step
     return centre, slopes
 
@@ -230,14 +233,14 @@ def report_text(sensor: Sensor, target: Target, *, distance_m: float | None = No
 
 def table_text(table: SensitivityTable) -> str:
     """Text of a `SensitivityTable`."""
-    how = {
+    method_text = {
         "drjit": "exact, by Dr.Jit's automatic differentiation",
         "differences": "sixth-order central differences (no back end)",
     }[table.method]
     lines = [
         f"{table.sensor}: maximum range {table.range_m:.3f} m",
         f"P_d {100 * table.detection_probability:.2f} % at {table.distance_m:.3f} m",
-        f"derivatives: {how}",
+        f"derivatives: {method_text}",
         "",
         f"{'parameter':32s} {'value':>12s} {'unit':5s} {'range':>10s} {'P_d':>10s}",
         f"{'':32s} {'':>12s} {'':5s} {'% per %':>10s} {'points/%':>10s}",

@@ -105,14 +105,16 @@ def operating_curve(sensor: Sensor, target: Target, range_m: float, threshold_to
     p_detect = np.asarray(point.detection_probability(threshold, signal, _sigma(point, signal)))
     rate_hz = np.asarray(_alarms_hz(sensor, point, threshold))
     p_false = -np.expm1(-rate_hz / sensor.tdc.bandwidth_hz)  # of one comparison, as in (10)
-    m = tdc.comparisons(window_s=sensor.tdc.listening_s, bandwidth_hz=sensor.tdc.bandwidth_hz)
+    comparisons = tdc.comparisons(window_s=sensor.tdc.listening_s, bandwidth_hz=sensor.tdc.bandwidth_hz)
     mean = rate_hz * sensor.tdc.listening_s
     return OperatingCurve(
         threshold_to_noise=ratios,
         false_alarms_per_shot=mean,
         quiet_probability=np.exp(-mean),
         detection_probability=p_detect,
-        correct_probability=np.asarray(tdc.correct_probability(p_false=p_false, p_detect=p_detect, comparisons=m)),
+        correct_probability=np.asarray(
+            tdc.correct_probability(p_false=p_false, p_detect=p_detect, comparisons=comparisons)
+        ),
     )
 
 

@@ -72,7 +72,7 @@ def table_text(swept: Curves) -> str:
     axis = swept.question.axis
     rows = np.unique(np.rint(np.linspace(0, len(axis.values) - 1, min(_ROWS, len(axis.values)))).astype(int))
     table = [[axis.column, *(curve.name for curve in swept.curves)]]
-    table += [[f"{axis.values[i]:.6g}", *(_cell(curve, i) for curve in swept.curves)] for i in rows]
+    table += [[f"{axis.values[row]:.6g}", *(_cell(curve, row) for curve in swept.curves)] for row in rows]
     widths = [max(len(row[column]) for row in table) for column in range(len(table[0]))]
     lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in table]
     return "\n".join(lines)
@@ -128,7 +128,11 @@ def notes(swept: Curves, sensors: Mapping[str, Sensor]) -> list[str]:
     for curve in swept.curves:
         farthest = curve.values if curve.status is not None else np.zeros(1)
         farthest = farthest[np.isfinite(farthest)] if len(farthest) else farthest
-        limits = [c.place for c in swept.detection_limits if c.first == curve.name and question.axis.key == "distance"]
+        limits = [
+            limit.place
+            for limit in swept.detection_limits
+            if limit.first == curve.name and question.axis.key == "distance"
+        ]
         reach = max([*limits, *farthest.tolist()], default=0.0)
         line = window_note(curve.name, sensors[curve.name], farthest_m=reach, limit_text="the farthest of these")
         notes_so_far += [] if line is None else [line]
@@ -152,16 +156,18 @@ def as_dict(swept: Curves) -> dict[str, Any]:
     """Fields for JSON; inf and NaN are null, and the status gives the reason."""
 
     def numbers(values: Any) -> list[float | None]:
-        return [float(v) if math.isfinite(v) else None for v in values]
+        return [float(value) if math.isfinite(value) else None for value in values]
 
     question = swept.question
     sensors = {}
     for curve in swept.curves:
         entry: dict[str, Any] = {"values": numbers(curve.values)}
         if curve.status is not None:
-            entry["status"] = [RangeStatus(int(s)).name.lower() for s in curve.status]
+            entry["status"] = [RangeStatus(int(status)).name.lower() for status in curve.status]
         entry["detection_limits"] = [
-            {"at": c.place, "value": c.value, "falls": c.falls} for c in swept.detection_limits if c.first == curve.name
+            {"at": limit.place, "value": limit.value, "falls": limit.falls}
+            for limit in swept.detection_limits
+            if limit.first == curve.name
         ]
         sensors[curve.name] = entry
     return {
@@ -171,8 +177,14 @@ def as_dict(swept: Curves) -> dict[str, Any]:
         "x": numbers(question.axis.values),
         "sensors": sensors,
         "crossings": [
-            {"first": c.first, "second": c.second, "at": c.place, "value": numbers([c.value])[0], "falls": c.falls}
-            for c in swept.crossings
+            {
+                "first": crossing.first,
+                "second": crossing.second,
+                "at": crossing.place,
+                "value": numbers([crossing.value])[0],
+                "falls": crossing.falls,
+            }
+            for crossing in swept.crossings
         ],
     }
 
@@ -193,17 +205,26 @@ def chart_of(swept: Curves, title: str, *, thresholds: dict[str, float | None]) 
     unit = f" {axis.unit}" if axis.unit else ""
     colour = {curve.name: number for number, curve in enumerate(swept.curves)}
     marks = [
-        Mark(x=c.place, y=c.value, text=f"{c.place:.4g}{unit}", colour=colour[c.first], offset=_offset(i, c.falls))
-        for i, c in enumerate(swept.detection_limits)
+        Mark(
+            x=limit.place,
+            y=limit.value,
+            text=f"{limit.place:.4g}{unit}",
+            colour=colour[limit.first],
+            offset=_offset(index, limit.falls),
+        )
+        for index, limit in enumerate(swept.detection_limits)
     ]
     marks += [
-        Mark(x=c.place, y=c.value, text=f"{c.place:.4g}{unit}", offset=(10.0, 10.0))
-        for c in swept.crossings
-        if math.isfinite(c.value)
+        Mark(x=crossing.place, y=crossing.value, text=f"{crossing.place:.4g}{unit}", offset=(10.0, 10.0))
+        for crossing in swept.crossings
+        if math.isfinite(crossing.value)
     ]
     levels: tuple[Level, ...] = ()
     if quantity == "snr":
-        levels = tuple(Level(y=t, text=f"threshold {t:g}") for t in sorted({t for t in thresholds.values() if t}))
+        levels = tuple(
+            Level(y=threshold, text=f"threshold {threshold:g}")
+            for threshold in sorted({threshold for threshold in thresholds.values() if threshold})
+        )
     limits = {"pd": (0.0, 1.03), "snr": None, "range": None if log else (0.0, None)}[quantity]
     if quantity == "range" and not log and len(finite) and finite.min() > 0.6 * finite.max():
         limits = None
