@@ -67,6 +67,7 @@ class CloudBuilder:
         """Return the column, or a longer copy if it is too short or still the first chunk's own array."""
         if self._chunks > 2 and len(column) >= end:
             return column
+        # Growth by a quarter keeps the total cost of copying linear in the number of points.
         room = max(self._capacity, end) if self._chunks == 2 else end * 5 // 4
         longer = np.zeros((room, *column.shape[1:]), column.dtype)
         longer[: self._points] = column[: self._points]

@@ -113,7 +113,7 @@ def _fit_view(
         if np.count_nonzero(ahead) < 10:
             return target, fov_deg
         u, v = (np.percentile(x[ahead] / depth[ahead], (1.0, 99.0)) for x in (across, along))
-        # The camera stays upright and does not look straight down.
+        # Limits on the turn keep the camera from looking straight up or down.
         target = eye + look + right * np.clip(u.mean(), -0.5, 0.5) + down * np.clip(v.mean(), -0.5, 0.5)
     half = 1.05 * max(0.5 * float(np.ptp(u)), 0.5 * float(np.ptp(v)) * shape[0] / shape[1])
     return target, float(np.clip(2.0 * np.degrees(np.arctan(half)), 25.0, 95.0))
@@ -165,6 +165,7 @@ def splat(camera: Camera, xyz_m: Numbers, *, size: tuple[int, int], large: Numbe
     u, v, depth = u[index], v[index], depth[index]
     if not len(index):
         return Front(point=index, depth_m=depth, rank=np.full((height, width), NOTHING, np.int32))
+    # Discs of this radius would cover 0.3^2 pi = 28 % of the picture if they did not overlap.
     base = min(max(0.3 * math.sqrt(width * height / len(index)), 1.0), 3.5)
     radius = base * np.clip(np.sqrt(np.median(depth) / depth), 0.8, 2.2)
     if large is not None:
@@ -226,6 +227,8 @@ def eye_dome_picture(front: Front, rgb: Numbers, *, background: Numbers, reducti
     rgb         (n, 3) uint8 colours of the cloud's points
     background  (3,) uint8 colour of pixels without a point
     """
+    # Eye-dome lighting after C. Boucheny (thesis, Grenoble 2009), on four neighbours. The largest rank in a square of
+    # pixels is its nearest point.
     nearest = functools.reduce(np.maximum, (front.rank[i::reduction] for i in range(reduction)))
     nearest = functools.reduce(np.maximum, (nearest[:, j::reduction] for j in range(reduction)))
     covered = nearest != NOTHING
@@ -319,11 +322,12 @@ def cells_of(cloud: Cloud) -> Cells:
 
 
 def cells_of_beams(azimuth_rad: Numbers, elevation_rad: Numbers, return_number: Numbers) -> Cells:
-    """`cells_of` for (n,) angles; of several in one cell the first with the lowest return number is shown."""
+    """`cells_of` for (n,) angles; of several in one cell one with the lowest return number is shown."""
     azimuth, elevation = azimuth_rad.astype(np.float64), elevation_rad.astype(np.float64)
     count = max(len(azimuth), 1)
     dense = 1.3 * math.sqrt(max(_span(azimuth) * _span(elevation), 1e-12) / count)
     rows = _groups(elevation)
+    # A scan in rows has few distinct elevations. Others, such as rosettes, get square cells by the density of points.
     if len(rows) <= max(count / 16, 1):
         y = _edges(rows)
         x_step = _step_in_rows(azimuth, np.searchsorted(y, elevation))
@@ -333,6 +337,7 @@ def cells_of_beams(azimuth_rad: Numbers, elevation_rad: Numbers, return_number: 
     else:
         x, y = _bins(azimuth, dense), _bins(elevation, dense)
     point = np.full((len(y) - 1, len(x) - 1), NOTHING, np.int32)
+    # Of points assigned to one cell the last stays: highest return numbers are written first.
     order = np.argsort(255 - return_number.astype(np.uint8), kind="stable")
     row = np.searchsorted(y, elevation[order]).clip(1, len(y) - 1) - 1
     column = np.searchsorted(x, azimuth[order]).clip(1, len(x) - 1) - 1

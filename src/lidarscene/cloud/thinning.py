@@ -50,6 +50,7 @@ class Thinned:
         while -(-self.points // self.step) > MOST_POINTS:
             self.step *= FACTOR
             self._thin_out()
+        # The first point of this cloud whose number in the frame is a multiple of the step.
         self._pieces.append(_strided(cloud, self.step, -before % self.step))
 
     def cloud(self) -> PointCloud:

@@ -96,10 +96,10 @@ def _tables(path: Path, corners: Numbers, plain: dict[str, str], placement: _Pla
     turned = Pose.from_degrees(roll_deg=placement.roll_deg).apply(upright(corners, up)) * placement.metres
     low, high = turned.min(axis=0), turned.max(axis=0)
     middle, size = (low + high) / 2.0, high - low
-    fits = (
-        size / 2.0 / np.tan(np.radians([180.0, ACROSS_DEG, HIGH_DEG]) / 2.0)
-    ).max()  # the length along x asks for nothing
-    distance_m = float(max(CLEAR_M, fits) + size[0] / 2.0)
+    # Distance of the near side at which it fills these angles. An angle of 180 degrees along x, the viewing direction,
+    # makes the depth of the mesh irrelevant.
+    side_m = float((size / 2.0 / np.tan(np.radians([180.0, ACROSS_DEG, HIGH_DEG]) / 2.0)).max())
+    distance_m = max(CLEAR_M, side_m) + float(size[0]) / 2.0
     pitch_deg = math.degrees(math.atan2(size[2] / 2.0 - HEIGHT_M, distance_m))
     return {
         "name": path.stem,

@@ -254,13 +254,14 @@ def _distances_m(corners: Numbers) -> Numbers:
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1)
     sides = np.roll(corners, -1, axis=1) - corners
-    # Above the triangle where the origin is on the inner side of each edge; else the nearest edge counts.
+    # If the origin projects into the triangle (inner side of each edge), the height over its plane is the distance;
+    # else that to the nearest edge.
     inner = np.einsum("tei,ti->te", np.cross(sides, -corners), normal) >= 0.0
     projects_inside = (length > 0.0) & inner.all(axis=1)
     square = np.maximum((sides * sides).sum(axis=2), 1e-300)
     along = np.clip(-(corners * sides).sum(axis=2) / square, 0.0, 1.0)
     edge = np.linalg.norm(corners + along[..., None] * sides, axis=2).min(axis=1)
-    height = np.abs(np.einsum("ti,ti->t", corners[:, 0], normal))
+    height = np.abs(np.einsum("ti,ti->t", corners[:, 0], normal))  # times the normal's length
     return np.asarray(np.where(projects_inside, height / np.maximum(length, 1e-300), edge))
 
 
@@ -272,6 +273,7 @@ def _along_m(corners: Numbers, up: Numbers, across: Numbers) -> Numbers:
     flat = corners @ across
     near = np.flatnonzero((flat.min(axis=1) <= 0.0).all(axis=1) & (flat.max(axis=1) >= 0.0).all(axis=1))
     a, b, c = np.moveaxis(flat[near], 1, 0)
+    # The origin of the plane is inside the triangle if all three signed areas have one sign, whatever the winding.
     weights = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)  # barycentric, not yet normalised
     total = weights.sum(axis=1)
     crosses = (total != 0.0) & (((weights >= 0.0).all(axis=1)) | ((weights <= 0.0).all(axis=1)))

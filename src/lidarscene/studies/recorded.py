@@ -234,6 +234,7 @@ def scatter_mm(sensor: Sensor, signal: float, near_ir: float) -> float | None:
     """Standard deviation of the reported range in mm at this number of photons; None if few echoes are found."""
     power = background_w(sensor, near_ir)
     light = echoes_of_plane(sensor, Target(illuminance_klux=100.0), 20.0 * np.ones(1))
+    # The background power is proportional to the illuminance.
     klux = 100.0 * float(np.ravel(power / light.background_power_w)[0])
     noise = float(np.ravel(sensor.working_point(power).noise)[0])
     sigma_m = scatter_m(sensor, Target(illuminance_klux=klux), range_m=20.0, snr=signal / noise)

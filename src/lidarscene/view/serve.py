@@ -190,7 +190,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _answer(self, job: Job, kind: str = "application/octet-stream") -> None:
         self._arrival.cancel()  # the request is whole; its answer may take minutes
-        # Another site's name that was made to lead here is not ours: it must not read our answers.
+        # DNS rebinding: a name of another site may resolve to this machine, but its pages must not read our answers.
         if self.headers.get("Host") not in self.server.names:
             self._send(HTTPStatus.FORBIDDEN, b"the host must be this viewer's own, got another", "text/plain")
             return

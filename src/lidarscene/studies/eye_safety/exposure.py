@@ -105,6 +105,7 @@ def scanned_train(sensor: Sensor, *, aperture_m: float, distance_m: float, beam_
     azimuth, elevation = (np.asarray(angle, dtype=np.float64) for angle in sensor.scanner.angles(pulse))
     x, y, z = direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation)
     direction = np.stack([x, y, z])
+    # A beam at an angle off the aperture's centre touches it up to the sum of both radii at this distance.
     reach = math.cos(math.atan(0.5 * (aperture_m + beam_diameter_m) / distance_m))
     places = np.unique(np.linspace(0, len(pulse) - 1, _PLACES).astype(int))
     best = np.zeros(0, dtype=np.intp)

@@ -197,6 +197,7 @@ def choose_derivation(method: str) -> tuple[str, Derivation]:
 
 def differences(formula: Formula, values: Mapping[str, float]) -> tuple[float, dict[str, float]]:
     """Derivatives by sixth-order central differences, one parameter after the other."""
+    # Sixth-order central difference: sum of w_k (f(x + k h) - f(x - k h)) / h (Fornberg, Math. Comp. 51, 1988, 699).
     weights = ((1.0, 0.75), (2.0, -0.15), (3.0, 1.0 / 60.0))
 
     def value_at(parameter: str, value_at_step: float) -> float:
