@@ -1,14 +1,14 @@
-"""Read and write files, whatever is in them.
+"""Read and write files of any content.
 
-What every reader and writer needs, once: output that appears whole or not at all, errors of one line that name file and
-key, and optional packages that are imported when they are first needed, with a hint what to install.
+The parts that every reader and writer needs: output that appears whole or not at all, errors of one line that name file
+and key, and optional packages that are imported when they are first needed, with a hint what to install.
 
 atomic        output that appears whole or not at all
 json_text     JSON of reports, without numbers that are not finite
 toml          TOML files as checked models
 overrides     values in place of those of a file
 table_model   models of tables whose keys a dataclass declares
-spool         rows that wait on disk to be read again
+spool         rows stored on disk to be read again
 cache_folder  folder of files kept between runs
 inputs        checks of files before they are read
 facts         a few facts of an object, for a prompt and a notebook

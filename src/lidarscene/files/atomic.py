@@ -1,7 +1,7 @@
 """Write files that appear whole or not at all.
 
 A run of hours may be killed at any moment, and a half-written cloud looks like a whole one. So a file is written beside
-its target, synced to disk and renamed: on one file system a rename is atomic. Whoever sees the name sees all of it.
+its target, synced to disk and renamed: on one file system a rename is atomic. A file with its final name is complete.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 from ..errors import OutputError
 
 _ours: set[Path] = set()
-"""Temporaries that this process is writing."""
+"""Temporary files that this process is writing."""
 
 
 @contextmanager
@@ -73,7 +73,7 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     write.
     """
     target = _folder_target(path)
-    # Inside a folder that is there: it may be a disk of its own, onto which nothing can be renamed.
+    # Inside an existing folder: it may be the mount point of another disk, onto which nothing can be renamed.
     beside_path = target / target.name if target.exists() else target
     temporary = beside_path.with_name(f".{target.name}.{os.getpid()}.part")
     new_folders: list[Path] = []
@@ -111,7 +111,7 @@ def folder_beside(temporary: Path) -> Iterator[Path]:
 
 
 def _folder_target(path: str | os.PathLike[str]) -> Path:
-    """The folder that this path names or would make, links followed."""
+    """Folder that this path names or would make, links followed."""
     target = Path(os.path.realpath(path))
     if target.exists() and not target.is_dir():
         raise OutputError(f"{path}: cannot be written: must be a folder, got a file")
@@ -121,7 +121,7 @@ def _folder_target(path: str | os.PathLike[str]) -> Path:
 def name_path_in_errors(path: str | os.PathLike[str], append: Callable[..., None]) -> Callable[..., None]:
     """Wrap a function so that its OSError becomes an OutputError that names this path.
 
-    For several files that are written at once: each `atomic_output` would take the errors of the others for its own.
+    For several files that are written at once: each `atomic_output` would report the errors of the others as its own.
     """
 
     def append_or_name(*arguments: Any) -> None:
@@ -199,7 +199,7 @@ def _remove_stale(target: Path) -> None:
 
 
 def _is_alive(pid: int) -> bool:
-    """Whether a process of this number runs; always True where asking would end it (Windows)."""
+    """True if a process of this number runs; always on Windows, where `os.kill` with 0 would end it."""
     if os.name == "nt":
         return True
     try:
@@ -212,7 +212,7 @@ def _is_alive(pid: int) -> bool:
 
 
 def _sync(path: Path, flags: int) -> None:
-    """Wait until the disk has it."""
+    """Wait until the file is on the disk."""
     handle = os.open(path, flags)
     try:
         os.fsync(handle)
@@ -221,7 +221,7 @@ def _sync(path: Path, flags: int) -> None:
 
 
 def _remove(temporary: Path | None, folders: list[Path]) -> None:
-    """Leave no trace of a write that failed."""
+    """Remove a temporary file or folder, and folders that were made for it, where they are empty."""
     if temporary is not None:
         with suppress(OSError):
             if temporary.is_dir() and not temporary.is_symlink():

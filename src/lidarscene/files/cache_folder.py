@@ -1,6 +1,6 @@
-"""Where files are kept between runs: in `LIDARSCENE_CACHE`, else in the user's cache folder.
+"""Folder for files kept between runs: `LIDARSCENE_CACHE`, else the user's cache folder.
 
-An empty `LIDARSCENE_CACHE` turns all of it off. Nothing depends on what is there but time.
+An empty `LIDARSCENE_CACHE` turns the cache off. Results do not depend on it, only the time they take.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ VARIABLE = "LIDARSCENE_CACHE"
 
 
 def cache_folder(name: str) -> Path | None:
-    """Folder for files of one kind, which need not exist; None: nothing is kept."""
+    """Folder for files of one kind, which need not exist; None if the cache is off or the user has no folder."""
     folder = os.environ.get(VARIABLE)
     if folder is not None:
         return Path(folder) / name if folder else None

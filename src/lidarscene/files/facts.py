@@ -1,6 +1,6 @@
 """A few facts of an object: one line for a prompt, a small table for a notebook.
 
-Scenes and sensors hold arrays of millions of numbers, which nobody wants printed.
+Scenes and sensors hold arrays of millions of numbers, too long to print.
 """
 
 from __future__ import annotations
@@ -11,25 +11,25 @@ from typing import Any
 
 
 def facts_line(kind: str, name: str, facts: Mapping[str, str]) -> str:
-    """Such as `Scene('car': bodies 12, triangles 34,567)`."""
+    """Line of text such as `Scene('car': bodies 12, triangles 34,567)`."""
     return f"{kind}({name!r}: {', '.join(f'{key} {value}' for key, value in facts.items())})"
 
 
 def facts_table(kind: str, name: str, facts: Mapping[str, str]) -> str:
-    """The same as HTML."""
+    """Table of the same facts as HTML."""
     rows = "".join(f"<tr><th>{html.escape(k)}</th><td>{html.escape(v)}</td></tr>" for k, v in facts.items())
     return f"<table><caption>{html.escape(f'{kind} {name}')}</caption>{rows}</table>"
 
 
 _VIEWERS: list[Callable[..., Any]] = []
-"""Who views clouds and scenes. They stand above all that can be seen, so they say themselves that they are there."""
+"""Function that views clouds and scenes, if one is registered: it stands in a higher tier, so it registers itself."""
 
 
 def view_with(viewer: Callable[..., Any]) -> None:
-    """Let `show_with_viewer` call this one; `lidarscene` itself does so."""
+    """Register the function that `show_with_viewer` calls; `lidarscene/__init__.py` does so."""
     _VIEWERS[:] = [viewer]
 
 
 def show_with_viewer(viewable: object, **options: Any) -> Any:
-    """What the viewer makes of a cloud or a scene."""
+    """View a cloud or a scene with the registered viewer, and return its result."""
     return _VIEWERS[0](viewable, **options)

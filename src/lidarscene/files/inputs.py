@@ -1,7 +1,7 @@
-"""Doors to files that are read: what is no file, or unpacks to far more than it is, is refused before it is read.
+"""Checks of files before they are read: refuse devices, pipes, and archives that unpack to far more than their size.
 
-Who opens a pipe waits until someone writes into it, /dev/zero has no end, and an archive of 6 MB may hold 6 GB. None of
-these is what a user means, and each would stop the program without a word.
+A pipe blocks until another process writes into it, /dev/zero has no end, and an archive of 6 MB may hold 6 GB. No user
+means one of these, and each would stop the program without a message.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ LARGEST_TEXT = 1 << 26
 """Bytes of a text file that is read whole, 64 MiB: a thousand times a scene of 400 bodies."""
 
 MOST_UNPACKED = 100
-"""Times its packed size that data may have: measured columns are noise, which packs to a tenth at best."""
+"""Largest ratio of unpacked to packed size: measured columns are noise, which packs to a tenth at best."""
 
 FREE_UNPACKED = 1 << 30
-"""Bytes that may be unpacked whatever the packed size, since they do no harm."""
+"""Bytes that may be unpacked at any ratio, since a gigabyte does no harm."""
 
 NOT_THERE = (errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG)
 
@@ -41,7 +41,7 @@ def require_file(path: str | os.PathLike[str], kind: str = "a file", *, largest:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     if stat.S_ISDIR(about.st_mode):
         raise InputError(f"{path}: must be {kind}, got a folder")
-    # What the system makes up is a device in all but name: /proc/kmsg waits for the kernel to say something.
+    # Files of the kernel behave as devices: /proc/kmsg blocks until the kernel logs a line.
     if not stat.S_ISREG(about.st_mode) or os.path.realpath(path).startswith(("/proc/", "/sys/")):
         raise InputError(f"{path}: must be {kind}, got a device or pipe")
     if largest is not None and about.st_size > largest:
@@ -51,7 +51,7 @@ def require_file(path: str | os.PathLike[str], kind: str = "a file", *, largest:
 
 
 def require_unpacked(packed: int, unpacked: int) -> None:
-    """Raise ValueError for data that unpack to so many times their packed size, in bytes, that they are no data."""
+    """Raise ValueError for data that unpack to more than `MOST_UNPACKED` times their packed size, in bytes."""
     if unpacked > max(FREE_UNPACKED, MOST_UNPACKED * packed):
         raise ValueError(
             f"must unpack to at most {MOST_UNPACKED} times its size, got {unpacked / 1e9:.3g} GB out of "
@@ -60,7 +60,7 @@ def require_unpacked(packed: int, unpacked: int) -> None:
 
 
 def require_archive(file: IO[bytes]) -> None:
-    """The same of a zip archive, such as NPZ: by the sizes in its directory, which the reader keeps to."""
+    """Check a zip archive, such as NPZ, by the sizes in its directory, beyond which no reader unpacks."""
     with zipfile.ZipFile(file) as archive:
         unpacked = sum(member.file_size for member in archive.infolist())
     require_unpacked(os.fstat(file.fileno()).st_size, unpacked)

@@ -1,4 +1,4 @@
-"""JSON of reports: the one place where a number that is not finite is kept out of a file."""
+"""Write reports as JSON, in which numbers that are not finite become null."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def json_text(value: Any, *, indent: int | None = None) -> str:
-    """JSON of mappings, lists, text and numbers; a number that is infinite or NaN is null, since JSON has none."""
+    """Format mappings, lists, text and numbers as JSON; infinity and NaN, which JSON lacks, become null."""
     return json.dumps(_finite(value), indent=indent, allow_nan=False)
 
 

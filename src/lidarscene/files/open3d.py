@@ -1,4 +1,4 @@
-"""Import Open3D, or say in one line what to install: the only door to Open3D in this package.
+"""Import Open3D, or raise an error of one line that names what to install: the only import of Open3D in this package.
 
 Open3D is optional. Its Linux wheels load libusb for its depth cameras, and bare machines lack libusb. The package
 `libusb-package` brings it, but to a place where no loader looks, so it is loaded here beforehand.

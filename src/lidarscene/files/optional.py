@@ -1,7 +1,7 @@
-"""Import optional packages, or say in one line what to install.
+"""Import optional packages, or raise an error of one line that names what to install.
 
 Most formats need a package that most users do not need. They are imported when a file of the format is written or read;
-who lacks one gets the command that installs it instead of a traceback.
+without the package the error is the command that installs it instead of a traceback.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ EXTRAS = {
     "velodyne": {"velodyne_decoder": "velodyne-decoder", "yaml": "pyyaml"},
     "hesai": {"hydra4": "hydra4"},
 }
-"""Groups of pyproject.toml: module that is imported, and the package that brings it."""
+"""Group of pyproject.toml -> {module that is imported: package that brings it}."""
 
 
 def import_optional(module: str, *, extra: str = "") -> Any:

@@ -1,4 +1,4 @@
-"""Change the tables of a file before they are checked, as `--set KEY=VALUE` asks, and write values as TOML.
+"""Change the tables of a file before they are checked, as `--set KEY=VALUE` does, and write values as TOML.
 
 The command line gives texts; Python may give a text, several texts or a mapping.
 """
@@ -51,7 +51,7 @@ Overrides = str | Sequence[str] | Mapping[str, Any]
 
 
 def assignments(overrides: Overrides, *, name: str = "overrides") -> tuple[str, ...]:
-    """Overrides as assignments "a.b=value". Raises InputError for what is none, under the ``name`` of the option."""
+    """Convert overrides to assignments "a.b=value". Raises InputError, with the option's ``name``, for other types."""
     if isinstance(overrides, str):
         return (overrides,)
     if isinstance(overrides, Mapping):
@@ -73,7 +73,7 @@ def _iter_assignments(tables: Mapping[str, Any], path: str = "") -> Iterator[str
 
 
 def _to_builtin(value: Any) -> Any:
-    """A value without NumPy, and a path as its text."""
+    """Convert NumPy values to Python's own, and a path to text."""
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     return value.tolist() if hasattr(value, "tolist") else value
@@ -83,7 +83,7 @@ _EXAMPLES = {"--set": "detector.gain=60", "--scene-set": "sun.illuminance_klux=1
 
 
 def key_path(assignment: str) -> list[str]:
-    """The parts of the key in ``a.b=value``."""
+    """Parts of the key in ``a.b=value``: ["a", "b"]."""
     return [part.strip() for part in assignment.partition("=")[0].split(".")]
 
 
@@ -114,7 +114,7 @@ def toml_text(value: Any) -> str:
     if isinstance(value, (date, time)):
         return value.isoformat()
     if isinstance(value, float) and not math.isfinite(value):
-        return repr(float(value))  # "inf" and "nan", where JSON has words that TOML does not know
+        return repr(float(value))  # "inf" and "nan"; the words of JSON are none of TOML
     return json.dumps(value, ensure_ascii=False)
 
 
@@ -149,7 +149,7 @@ def split_sensor(assignment: str, among: Sequence[str]) -> tuple[str | None, str
 
 
 def get_entry(tables: Any, part: Any) -> Any:
-    """What a table or a list has at this place; None if nothing."""
+    """Entry of a table or a list at this key or index; None without."""
     try:
         return tables[part]
     except (IndexError, KeyError, TypeError):

@@ -1,7 +1,7 @@
 """Standard solar spectra and the position of the sun, by pvlib: the only door to pvlib in this package.
 
-pvlib is optional and takes a second to load, because it brings pandas and SciPy. It is imported when it is first asked
-for, and who lacks it is told in one line what to install.
+pvlib is optional and takes a second to load, because it brings pandas and SciPy. It is imported when it is first
+needed; without it one line of error names the package to install.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Keep rows of points or pulses on disk, to read them again block by block.
 
 Some results are known only at the end and then need every row once more, such as the points inside a box that moves.
-Memory must not grow with the frame, so the rows wait in a file without a name. The system removes it when it is closed
-or when the process is killed.
+Memory must not grow with the frame, so the rows are stored in a file without a name. The system removes it when it is
+closed or when the process is killed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ BLOCK_ROWS = 1 << 18
 class Spool:
     """Rows of one dtype, in a file in ``folder``.
 
-    folder  that of the file that is made of the rows: if it has no room for them, it has none for that file either
+    folder  that of the output made of the rows: a disk without room for the rows has none for the output either
     """
 
     def __init__(self, folder: str | os.PathLike[str], dtype: Any) -> None:

@@ -1,4 +1,4 @@
-"""Tables of files whose keys are declared by the class that is made of them, with `maths.units.Quantity`.
+"""Models of a file's tables whose keys are declared on the class that is built from them, with `maths.units.Quantity`.
 
 A number of a sensor is declared once, on the frozen class that the simulation uses. The file's model, its bounds, its
 defaults, its JSON Schema and the conversion to SI units follow from there, so that they cannot differ.
@@ -19,7 +19,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 from ..maths.units import FileKey, Quantity, SameTable
 from .toml import OUT_OF_BOUNDS, FileModel
 
-Made = TypeVar("Made")
+Target = TypeVar("Target")
 Note = TypeVar("Note")
 
 
@@ -31,7 +31,7 @@ class Number(Quantity):
     """A `Quantity` as pydantic takes it: ``Annotated[float, Number("ns", ge=0.01, le=1e3)]`` on a key of a table."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """The number, within its bounds."""
+        """Schema of the number that refuses values out of bounds."""
 
         def bounded(value: float) -> float:
             must = self.must_be(value)
@@ -44,7 +44,7 @@ class Number(Quantity):
         return core_schema.no_info_after_validator_function(bounded, handler(source))
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        """The same for editors."""
+        """JSON Schema of the number, for editors."""
         json_schema = handler(schema) | {_BOUNDS[name]: limit for name, limit in self.bounds.items()}
         if self.finest is not None:
             inner = {"exclusiveMinimum": -self.finest, "exclusiveMaximum": self.finest}
@@ -52,22 +52,22 @@ class Number(Quantity):
         return json_schema
 
 
-class Table(FileModel, Generic[Made]):
+class Table(FileModel, Generic[Target]):
     """Base of ``class LaserFile(Table[Laser])``: a field of Laser with a `FileKey` is a key here, in the file's unit.
 
-    A class with a method `create` has the parameters of that. A key that is written out in the table, or in
-    a base of it, takes the place of a declared one. With ``only``, the other fields are no keys. A field that is a
-    `SameTable` has its own fields here, in its place.
+    Of a class with a method `create`, the keys are that method's parameters. A key that is written out in the table, or
+    in a base of it, replaces a declared one. ``only`` restricts the keys to these fields. A field that is a `SameTable`
+    is replaced by its own fields.
     """
 
     model_config = ConfigDict(defer_build=True)  # start-up: most tables are only parts of a whole file
 
     target: ClassVar[type[Any]]
-    """Laser."""
+    """Class that the table describes: Laser."""
     keys: ClassVar[dict[str, tuple[str, FileKey]]]
-    """Its fields to the keys of the file, and how they are declared."""
+    """Field name -> (file key, declaration)."""
     parts: ClassVar[dict[str, type[Any]]]
-    """Its fields that are parts."""
+    """Field name -> class, for fields whose own fields stand in this table (`SameTable`)."""
 
     def __init_subclass__(cls, only: Container[str] | None = None, **options: Any) -> None:
         """Add the declared keys to the annotations, from which pydantic then makes a model."""
@@ -93,45 +93,42 @@ class Table(FileModel, Generic[Made]):
         tag = {name: written[name] for name in ("type", "kind") if name in written}
         cls.__annotations__ = tag | declared | written
 
-    def in_si(self, **more: Any) -> Made:
-        """What the table is of, in SI units; ``more`` are its other fields, and those of its parts."""
+    def in_si(self, **more: Any) -> Target:
+        """Build the target in SI units; ``more`` are its fields without a key, and those of its parts."""
         values = self.values_in_si() | more
         for name, part in self.parts.items():
-            values[name] = part(
-                **{
-                    part_field.name: values.pop(part_field.name)
-                    for part_field in fields(part)
-                    if part_field.name in values
-                }
-            )
-        built: Made = _constructor(self.target)(**values)
-        return built
+            in_part = [part_field.name for part_field in fields(part) if part_field.name in values]
+            values[name] = part(**{field: values.pop(field) for field in in_part})
+        target: Target = _constructor(self.target)(**values)
+        return target
 
     def values_in_si(self) -> dict[str, Any]:
-        """The values by field."""
+        """Values of the keys in SI units, by field of the target."""
         return {field: key.in_si(getattr(self, name)) for field, (name, key) in self.keys.items()}
 
     if TYPE_CHECKING:
 
         def __getattr__(self, key: str) -> Any:
-            """Any of the declared keys."""
+            """Value of a declared key, in the file's unit."""
 
 
 def _arguments(base: type) -> tuple[Any, ...]:
-    """(Laser,) of ``Table[Laser]``."""
+    """Arguments of a generic base: (Laser,) of ``Table[Laser]``."""
     return tuple(getattr(base, "__pydantic_generic_metadata__", {}).get("args", ()))
 
 
 def _constructor(target: type[Any]) -> Callable[..., Any]:
-    """What makes such an object: its method `create`, or the class itself."""
+    """Callable that builds the target: its method `create`, or the class itself."""
     constructor: Callable[..., Any] = getattr(target, "create", target)
     return constructor
 
 
-def _parameters(maker: Callable[..., Any], parts: dict[str, type[Any]]) -> Iterator[tuple[str, Any, inspect.Parameter]]:
-    """Name, type and declaration of each parameter, in place of a part those of its fields; parts go to ``parts``."""
-    hints = typing.get_type_hints(maker, include_extras=True)
-    for name, parameter in inspect.signature(maker).parameters.items():
+def _parameters(
+    constructor: Callable[..., Any], parts: dict[str, type[Any]]
+) -> Iterator[tuple[str, Any, inspect.Parameter]]:
+    """Yield name, type and declaration of each parameter, or of a part's fields; add parts to ``parts``."""
+    hints = typing.get_type_hints(constructor, include_extras=True)
+    for name, parameter in inspect.signature(constructor).parameters.items():
         hint = hints[name]
         if _annotation(hint, SameTable):
             parts[name] = hint.__origin__
@@ -141,12 +138,12 @@ def _parameters(maker: Callable[..., Any], parts: dict[str, type[Any]]) -> Itera
 
 
 def _annotation(hint: Any, kind: type[Note]) -> Note | None:
-    """The note of this kind in ``Annotated[type, note]``."""
+    """First note of this kind in ``Annotated[type, note]``; None without."""
     return next((note for note in getattr(hint, "__metadata__", ()) if isinstance(note, kind)), None)
 
 
 def _type_in_file(hint: Any, key: FileKey) -> Any:
-    """The type that a file takes for a field: of an array, one number; of a sequence, a list."""
+    """Type of a field in the file: one number for an array, a list for a sequence."""
     if not isinstance(key, Quantity):
         return hint
     options = typing.get_args(hint)

@@ -1,7 +1,7 @@
 """Read TOML files as checked pydantic models; every mistake is one line that names the file and the key.
 
-Sensor, scene and job files are written by hand, so they have mistakes. pydantic finds them, but speaks of Python types
-and of its own models. Here its first error becomes a line in the words of the file, such as
+Sensor, scene and job files are written by hand, so they have mistakes. pydantic finds them, but its messages
+name Python types and its own models. Here its first error becomes a line in the words of the file, such as
 `car.toml: bodies[3 "car"].scale: must be > 0, got -2`.
 """
 
@@ -29,9 +29,9 @@ class FileModel(BaseModel):
 Model = TypeVar("Model", bound=BaseModel)
 
 OUT_OF_BOUNDS = "out_of_bounds"
-"""The error of `files.table_model.Number`."""
+"""Type of the error of `files.table_model.Number`."""
 
-# What a value must be, by pydantic's error type; its own texts speak of Python.
+# Condition on a value, by pydantic's error type; pydantic's own texts name Python types.
 _MUST_BE = {
     "bool_type": "true or false",
     "dict_type": "a table",
@@ -58,7 +58,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Return the tables of a TOML file. Raises InputError if it is missing, unreadable or not TOML."""
     require_file(path, "a TOML file", largest=LARGEST_TEXT)
     try:
-        # Windows editors write a byte-order mark first, which TOML does not know.
+        # Windows editors write a byte-order mark first, which is not valid TOML.
         tables = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
         _require_shallow(tables)
         return tables
@@ -74,11 +74,11 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 DEEPEST = 50
-"""Tables and lists within each other; the deepest file model has six."""
+"""Largest depth of nested tables and lists; the deepest file model has six."""
 
 
 def _require_shallow(value: Any) -> None:
-    """Raise RecursionError before functions that follow the nesting do, in whatever they are at."""
+    """Raise RecursionError for deep nesting here, before a recursive function does so halfway."""
     level = [value]
     for _ in range(DEEPEST):
         level = [
@@ -98,7 +98,7 @@ def validate(
     """Return ``tables`` as a model. Raises InputError with the first mistake and the number of further ones.
 
     where      the name of the file, for messages
-    overrides  assignments that `with_overrides` has made: the message names the one that is to blame
+    overrides  assignments that `with_overrides` has made: the message names those at the key of the mistake
     option     the command line's option for them
     """
     try:
@@ -125,7 +125,7 @@ TELLTALE = {"laser": "sensor", "scanner": "sensor", "bodies": "scene", "scenes":
 
 
 def _another_kind(model: type[BaseModel], tables: Mapping[str, Any]) -> str:
-    """What a file seems to be that is not of this model."""
+    """Hint that the file looks like one of another kind; "" without."""
     kinds = [kind for key, kind in TELLTALE.items() if key in tables and key not in model.model_fields]
     return f"; this looks like a {kinds[0]} file" if kinds else ""
 
@@ -134,7 +134,7 @@ OTHERS = {
     "--set": ("sun", "sky", "air", "weather", "interference", "ego", "sensor", "picture", "materials", "bodies"),
     "--scene-set": ("laser", "optics", "scanner", "detector", "receiver", "tdc", "sampler", "histogram", "mounting"),
 }
-"""Tables for which the other of the two options is meant: a scene's, and a sensor's."""
+"""Tables that belong to the other of the two options: a scene's, and a sensor's."""
 
 
 def list_mistakes(model: type[Model], tables: Mapping[str, Any]) -> list[str]:
@@ -209,7 +209,7 @@ def _dotted_key(location: Iterable[Any], tables: Any) -> str:
 
 
 def _known_keys(model: type[BaseModel], location: Iterable[Any], tables: Any) -> list[str]:
-    """Return the keys that a model knows at a location; [] if types and the file's ``type`` do not say which model."""
+    """Return the keys of the model at a location; [] if types and the file's ``type`` leave several models."""
     for part in location:
         tables = get_entry(tables, part)
         if isinstance(part, int):
@@ -224,7 +224,7 @@ def _known_keys(model: type[BaseModel], location: Iterable[Any], tables: Any) ->
 
 
 def _key_in_a_table(model: type[BaseModel], key: str, tables: Mapping[str, Any]) -> str:
-    """The dotted name of the one key of this name in a table of the file, such as "detector.gain"; else ""."""
+    """Dotted name of the only key of this name in a table of the file, such as "detector.gain"; "" without."""
     dotted_keys = [
         f"{name}.{inner}"
         for name, table in tables.items()
@@ -246,6 +246,6 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
 
 
 def _types_of(model: type[BaseModel]) -> tuple[Any, ...]:
-    """What ``type`` may be in a model: the arguments of its Literal."""
+    """Values that ``type`` may have in a model: the arguments of its Literal."""
     field = model.model_fields.get("type")
     return tuple(getattr(field.annotation, "__args__", ())) if field else ()

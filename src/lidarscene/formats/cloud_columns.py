@@ -1,4 +1,4 @@
-"""The table of all columns of point clouds, what writers need of a cloud, and how metadata say places and times.
+"""The table of all columns of point clouds, the protocol that writers need, and places and times in metadata.
 
 One table gives name, type, unit and meaning of each column to files, documentation and pictures alike. Formats stand
 below clouds: writers take whatever has a `Cloud`'s columns, readers return `Fields`, the keyword arguments of a
@@ -84,8 +84,8 @@ VECTORS = (
         for axis, way in (("x", "forward"), ("y", "left"), ("z", "up"))
     ),
 )
-"""Columns of clouds whose points were asked for vectors; after the others. The axes are those of x, y and z. A normal
-is a unit vector on the side from which the light came, a velocity is against the ground; both 0 without a surface.
+"""Columns of clouds with vectors, which follow the others. The axes are those of x, y and z. A normal is a unit vector
+on the side from which the light came, a velocity is against the ground; both are 0 without a surface.
 """
 
 _SCALARS = {c.attribute: c for c in COLUMNS[3:]}
@@ -99,20 +99,20 @@ OF_VECTORS = tuple(c.attribute for c in VECTORS)
 _TYPES = {a: c.dtype for a, c in _SCALARS.items()} | {c.attribute: c.dtype for c in VECTORS}
 
 NAMES = {"sensor_index": "sensor_names", "body": "body_names", "class_id": "class_names", "material": "material_names"}
-"""Attribute that holds an index: attribute that holds the names. -1 has none."""
+"""Attribute of an index -> attribute of the names. Index -1 has no name."""
 
 SENSOR_TO_WORLD = "sensor_to_world"
-"""Key of the metadata: rotation and place of the sensor in the world, a (3, 4) matrix row by row."""
+"""Key of the metadata whose text is the pose of the sensor in the world: a (3, 4) matrix row by row."""
 
 
 class Cloud(Protocol):
-    """What writers need of a point cloud; `cloud.point_cloud.PointCloud` says what each is."""
+    """Members of a point cloud that writers need; `cloud.point_cloud.PointCloud` documents each."""
 
     def __len__(self) -> int: ...
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """The columns that it has."""
+        """Scalar columns of the cloud."""
 
     @property
     def metadata(self) -> Mapping[str, str]:
@@ -124,11 +124,11 @@ class Cloud(Protocol):
 
     @property
     def has_truth(self) -> bool:
-        """Whether it has the columns of the truth."""
+        """True if the cloud has the columns of the truth."""
 
     @property
     def has_vectors(self) -> bool:
-        """Whether it has the columns `VECTORS`."""
+        """True if the cloud has the columns `VECTORS`."""
 
     @property
     def sensor_position_m(self) -> Numbers:
@@ -136,38 +136,38 @@ class Cloud(Protocol):
 
     @property
     def sensor_place(self) -> Pose:
-        """Where the sensor stood in the frame of the points."""
+        """Pose of the sensor in the frame of the points."""
 
     @property
     def sensor_to_world(self) -> Pose | None:
-        """Where the sensor stood in the world, if that is known."""
+        """Pose of the sensor in the world; None if the metadata lack it."""
 
     @property
     def frame_to_world(self) -> Pose | None:
-        """The frame of the points in the world, if that is known."""
+        """Pose of the frame of the points in the world; None if the metadata lack it."""
 
     @property
     def frame_start_s(self) -> float:
-        """When the frame began."""
+        """Start of the frame [s], by the clock of motions."""
 
     def column(self, name: str) -> Numbers:
-        """(n,) values by the name of files."""
+        """(n,) values of a column, by its name in files."""
 
     def select(self, mask_or_index: Any) -> Self:
-        """Some of the points."""
+        """Cloud of these points only."""
 
     def without_points(self) -> Self:
-        """Names and metadata alone."""
+        """Cloud without points, with the same names and metadata."""
 
     def in_sensor_frame(self) -> Self:
-        """The same in the sensor's frame."""
+        """Cloud with positions in the sensor's frame."""
 
     def to_structured(self) -> Numbers:
         """(n,) rows of all columns."""
 
 
 def sensor_positions_m(metadata: Mapping[str, str]) -> Numbers:
-    """(sensors, 3) float64 positions of the sensors in the frame of the points; ValueError unless metadata tell."""
+    """(sensors, 3) float64 positions of the sensors in the frame of the points; ValueError if metadata lack them."""
     frame, text = metadata.get("frame", "sensor"), metadata.get("sensor_position_m", "")
     if frame == "sensor":
         return np.zeros((1, 3))
@@ -180,12 +180,12 @@ def sensor_positions_m(metadata: Mapping[str, str]) -> Numbers:
 
 
 def frame_starts_s(metadata: Mapping[str, str]) -> list[float]:
-    """When the frame of each sensor began, by the clock of motions."""
+    """Start of each sensor's frame [s], by the clock of motions."""
     return [float(word) for word in metadata.get("frame_start_s", "0.0").split()]
 
 
 def parse_numbers(text: str, key: str, shape: tuple[int, ...]) -> Numbers:
-    """The numbers of an entry of the metadata; ValueError that names it if they do not have this shape."""
+    """Parse the numbers of an entry of the metadata; ValueError that names it if they do not have this shape."""
     try:
         return np.array([float(word) for word in text.split()]).reshape(shape)
     except ValueError:
@@ -194,13 +194,13 @@ def parse_numbers(text: str, key: str, shape: tuple[int, ...]) -> Numbers:
 
 
 def freeze_column(attribute: str, values: Any, n: int) -> Numbers:
-    """``values`` frozen in dtype and shape of this attribute; ValueError that names it if they do not fit."""
+    """Freeze ``values`` in dtype and shape of this attribute; ValueError that names it if they do not fit."""
     array, is_position = np.asarray(values), attribute == "xyz_m"
     position_dtype = "float32" if array.dtype == np.float32 else "float64"
     dtype = np.dtype(position_dtype if is_position else _TYPES[attribute])
     shape = (n, 3) if is_position else (n,)
     if array.dtype == dtype and array.shape == shape and not array.flags.writeable:
-        return array  # as this function has left it before
+        return array  # it went through this function before
     if dtype.kind != "f" and array.dtype != dtype and array.size:
         limits = np.iinfo(str(dtype))
         if not limits.min <= array.min() <= array.max() <= limits.max:
@@ -212,10 +212,10 @@ def freeze_column(attribute: str, values: Any, n: int) -> Numbers:
 
 
 def attributes(*, truth: bool, vectors: bool) -> tuple[str, ...]:
-    """The attributes of a cloud's arrays; vectors go with the truth."""
+    """Attributes of a cloud's arrays; vectors need the truth."""
     return MEASURED + (TRUTH if truth else ()) + (OF_VECTORS if truth and vectors else ())
 
 
 def is_constant(column: Numbers) -> bool:
-    """Whether it is one value that numpy repeats."""
+    """True if the column is one value that numpy repeats (strides of 0)."""
     return len(column) > 0 and not any(column.strides)

@@ -1,4 +1,4 @@
-"""What several formats share: a cloud's description as one line of JSON, and files whose header counts the points.
+"""A cloud's description as one line of JSON, errors of reading and writing, and files whose header counts the points.
 
 NPZ, Parquet, PCD and LAS hold columns by name and a text: the description has the rest, so that reading gives back the
 same cloud. PLY and PCD begin with the number of points, which is known last if clouds come one after the other: the
@@ -68,7 +68,7 @@ def described_fields(columns: Mapping[str, Numbers], text: str) -> Fields:
 @contextmanager
 def input_errors(path: str | os.PathLike[str], *, folder: bool = False) -> Iterator[None]:
     """Turn every error in the block into an InputError of one line that names the file, or the ``folder``."""
-    # The libraries behind the formats raise whatever their parsers raise; all of it means "not readable".
+    # The libraries behind the formats raise errors of any type; all of them mean "not readable".
     if not (folder and os.path.isdir(path)):
         require_file(path, "a point cloud")
     try:
@@ -90,7 +90,7 @@ def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
     except (LidarSceneError, OSError, MemoryError):
         raise
     except Exception as error:
-        # Libraries tell of a full disk in words of their own: "read() failed", with a page of details.
+        # Libraries report a full disk in their own words: "read() failed", with a page of details.
         reason = " ".join(str(error).partition("****")[0].split())[:200] or type(error).__name__
         if shutil.disk_usage(Path(path).parent).free < NO_ROOM:
             reason = f"No space left on device ({reason})"

@@ -80,12 +80,12 @@ def _write_scan(e57: Any, file: Any, cloud: Cloud) -> None:
 
 
 def _columns(cloud: Cloud) -> dict[str, Numbers]:
-    """The columns by the names of the standard and of our extension, finite and as it counts."""
+    """Columns by the names of the standard and of our extension, finite, with returns counted from 0."""
     columns = {}
     for column in cloud.columns:
         values = cloud.column(column.name)
         if values.dtype.kind == "i" or column.name == "return_number":
-            # Of the signed integers the library takes C's long for 32 bits, and knows only this one for 64.
+            # The library writes C's long as 32 bits; long long is its only signed type of 64 bits.
             values = values.astype(np.longlong)
         if column.name == "return_number":
             values = values - 1
@@ -99,7 +99,7 @@ def _columns(cloud: Cloud) -> dict[str, Numbers]:
 
 
 def _scan_tree(cloud: Cloud, columns: dict[str, Numbers], text: str) -> dict[str, Any]:
-    """All that is said of the scan, but its points."""
+    """Fields of the scan, without its points."""
     low, high = (
         (reduce(cloud.xyz_m, axis=0).astype(float) if len(cloud) else np.zeros(3)) for reduce in (np.min, np.max)
     )
@@ -134,7 +134,7 @@ def _scan_tree(cloud: Cloud, columns: dict[str, Numbers], text: str) -> dict[str
 
 
 def _fill(e57: Any, file: Any, node: Any, tree: dict[str, Any]) -> None:
-    """Write texts, whole numbers, numbers and trees of these below a node."""
+    """Add texts, integers, floats and nested tables below a node."""
     for name, value in tree.items():
         if isinstance(value, dict):
             child = e57.StructureNode(file)
@@ -148,7 +148,7 @@ def _fill(e57: Any, file: Any, node: Any, tree: dict[str, Any]) -> None:
 
 
 def _node(e57: Any, file: Any, values: Numbers) -> Any:
-    """The type of a field: a float as wide as the column, an integer with the limits of its values."""
+    """Node for the type of a field: a float as wide as the column, an integer with the limits of its values."""
     if values.dtype.kind == "f":
         precision = e57.E57_SINGLE if values.dtype == np.float32 else e57.E57_DOUBLE
         limit = float(LARGEST) if values.dtype == np.float32 else float(np.finfo(np.float64).max)
@@ -158,7 +158,7 @@ def _node(e57: Any, file: Any, values: Numbers) -> Any:
 
 
 def _write_points(e57: Any, file: Any, points: Any, columns: dict[str, Numbers]) -> None:
-    """Block by block, through buffers that the library reads."""
+    """Write the points block by block, through buffers that the library reads."""
     count = len(next(iter(columns.values())))
     capacity = min(BLOCK_POINTS, count)
     arrays = {name: np.zeros(capacity, values.dtype) for name, values in columns.items()}
@@ -175,5 +175,5 @@ def _write_points(e57: Any, file: Any, points: Any, columns: dict[str, Numbers])
 
 
 def _guid(text: str, part: str) -> str:
-    """The same for the same cloud, so that the same run writes the same file."""
+    """Identifier derived from the cloud's description, so that the same run writes the same file."""
     return f"{{{uuid.UUID(bytes=hashlib.sha256(f'{part} {text}'.encode()).digest()[:16], version=4)}}}"

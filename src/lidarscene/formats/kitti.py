@@ -34,7 +34,7 @@ def kitti_stream(path: str | os.PathLike[str]) -> AbstractContextManager[Append]
 
 @contextmanager
 def rows_stream(path: str | os.PathLike[str], columns: tuple[str, ...]) -> Iterator[Append]:
-    """Rows of float32 without a header: the place in the sensor's frame, and these columns."""
+    """Write rows of float32 without a header: the position in the sensor's frame, and these columns."""
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
 
         def append(cloud: Cloud) -> None:

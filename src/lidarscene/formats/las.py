@@ -37,11 +37,11 @@ SCAN_ANGLE_STEP_DEG = 0.006
 MOST_RETURNS = 15
 BLOCK_POINTS = 1 << 18
 PIECE_POINTS = 1 << 20
-"""Records that are made at a time, and the points of the last pulse that go with them."""
+"""Records built at a time; the further points of the last pulse are added to them."""
 
 LONGEST_HEADER = 375  # bytes, of LAS 1.4
 COUNTED = ((100, 54), (243, 60))
-"""Where a header counts its records, short and extended ones, and the bytes that each has at least."""
+"""(offset of a count in the header, least bytes of a record) for short and for extended records."""
 
 
 def write_las(path: str | os.PathLike[str], cloud: Cloud, *, compressed: bool = False) -> None:
@@ -101,7 +101,7 @@ class _Writer:
 
     @property
     def point_format(self) -> Any:
-        """Of the records, with the extra bytes."""
+        """Point format of the records, with the extra bytes."""
         return self._writer.header.point_format
 
     def open(self, cloud: Cloud) -> None:
@@ -120,7 +120,7 @@ class _Writer:
         )
 
     def append(self, cloud: Cloud, *, peak: float = 0.0) -> None:
-        """Write a cloud; ``peak`` is the largest intensity of the file, as far as it is known."""
+        """Write a cloud; ``peak`` is the largest intensity of the file, 0 if it is not known yet."""
         if self._writer is None:
             self.open(cloud)
         self.largest = max(self.largest, float(cloud.column("intensity").max(initial=0.0)))
@@ -132,7 +132,7 @@ class _Writer:
         self._writer.write_points(points)
 
     def close(self) -> None:
-        """Write what follows the points, and their number."""
+        """Write the records that follow the points, and the number of points."""
         if len(self._text) > LARGEST_VLR:
             self._writer.write_evlrs(self._laspy.vlrs.vlrlist.VLRList([self._record()]))
         self._writer.close()
@@ -181,7 +181,7 @@ def las_columns(path: str | os.PathLike[str]) -> dict[str, Numbers]:
 
 
 def _require_possible(laspy: Any, file: IO[bytes]) -> None:
-    """Raise ValueError for a file that says that it has more than it can have, on which a library would choke."""
+    """Raise ValueError for counts in the header that the file has no room for: libraries would run out of memory."""
     _require_counts(file)
     with laspy.open(file, closefd=False) as opened:
         header = opened.header
@@ -196,8 +196,8 @@ def _require_possible(laspy: Any, file: IO[bytes]) -> None:
 def _require_chunks(file: IO[bytes], points: int, size: int) -> None:
     """Raise ValueError for more chunks in a LAZ than it has bytes: lazrs would end the process for want of memory.
 
-    Eight bytes before the points say where the table of chunks is (-1: the last eight of the file say it), and the
-    table begins with its version and the number of chunks.
+    Eight bytes before the points are the offset of the table of chunks (-1: the last eight bytes of the file are). The
+    table begins with its version and the number of chunks (LASzip specification).
     """
     file.seek(points)
     (table,) = struct.unpack("<q", file.read(8))
@@ -224,7 +224,7 @@ def _require_counts(file: IO[bytes]) -> None:
 
 
 def _header(laspy: Any, cloud: Cloud) -> Any:
-    """The file's header, but for what counts the points."""
+    """Header of the file, without the counts of points."""
     header = laspy.LasHeader(version="1.4", point_format=6)
     header.scales, header.offsets = np.full(3, STEP_M), np.rint(cloud.sensor_place.position_m)
     header.generating_software = "lidarscene"
@@ -245,12 +245,12 @@ def _header(laspy: Any, cloud: Cloud) -> Any:
 
 
 def _columns(cloud: Cloud) -> list[Column]:
-    """Those in extra bytes."""
+    """Columns that are stored in extra bytes."""
     return [c for c in cloud.columns if c.name not in ("x", "y", "z")]
 
 
 def _points(laspy: Any, cloud: Cloud, header: Any, path: str | os.PathLike[str], peak: float) -> Any:
-    """The points as laspy has them."""
+    """Point records of laspy for these points."""
     if np.abs(cloud.xyz_m - header.offsets).max() >= REACH_M:
         raise InputError(f"{os.fspath(path)}: LAS holds points up to {REACH_M:.0f} m from the sensor, one is farther")
     points = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=header)
@@ -278,7 +278,7 @@ def _standard_fields(cloud: Cloud, peak: float) -> dict[str, Numbers]:
 
 
 def _intensity(values: Numbers, peak: float) -> Numbers:
-    """16 bits of the largest intensity; all of it where that is not known yet."""
+    """Intensity as uint16, 65535 at ``peak``; 0 while the peak is not known."""
     return np.rint(values.clip(0, peak) * (65535.0 / (peak or 1.0))).astype(np.uint16)
 
 
@@ -294,7 +294,7 @@ def _whole_pulses(cloud: Cloud) -> Iterator[Cloud]:
 
 
 def _pulse_changes(cloud: Cloud, rows: slice) -> Numbers:
-    """Whether each point but the first is of another pulse than that before: time, channel and direction differ."""
+    """Mask (n - 1,) of points of another pulse than the point before: time, channel or direction differs."""
     key = (
         cloud.column("time")[rows],
         cloud.column("channel")[rows],

@@ -1,6 +1,6 @@
 """Write and read point clouds as NPZ: one compressed NumPy archive, exact.
 
-For Python users who want nothing but NumPy: an array for each column, and a text that makes it a cloud again.
+For Python users without further packages: an array for each column, and a text from which the cloud is restored.
 """
 
 from __future__ import annotations

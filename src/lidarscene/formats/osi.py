@@ -45,34 +45,34 @@ def write_osi(path: str | os.PathLike[str], cloud: Cloud) -> None:
 
 
 def trace_file(*parts: bytes) -> bytes:
-    """A trace file of one message."""
+    """Encode a trace file of one message."""
     content = b"".join(parts)
     return struct.pack("<I", len(content)) + content
 
 
 def version(field: int) -> bytes:
-    """An InterfaceVersion."""
+    """Encode an InterfaceVersion."""
     return message(field, *(number(i, value) for i, value in enumerate(VERSION, start=1)))
 
 
 def timestamp(field: int, seconds: float) -> bytes:
-    """A Timestamp."""
+    """Encode a Timestamp."""
     whole, nanoseconds = divmod(round(seconds * 1e9), 10**9)
     return message(field, number(1, whole), number(2, nanoseconds))
 
 
 def vector(field: int, values: Numbers) -> bytes:
-    """A Vector3d, a Dimension3d (length, width, height), a Spherical3d or an Orientation3d."""
+    """Encode a Vector3d, a Dimension3d (length, width, height), a Spherical3d or an Orientation3d."""
     return message(field, *(double(i, float(value)) for i, value in enumerate(values, start=1)))
 
 
 def pose_fields(pose: Pose, *, position: int, orientation: int) -> bytes:
-    """Position and orientation (roll, pitch, yaw) as fields of these numbers."""
+    """Encode position and orientation (roll, pitch, yaw) as fields with these numbers."""
     return vector(position, pose.position_m) + vector(orientation, np.array(yaw_pitch_roll_rad(pose.rotation)[::-1]))
 
 
 def _detections(cloud: Cloud) -> bytes:
-    """All detections, one after the other."""
+    """Encode all detections, one after the other."""
     n = len(cloud)
     position = (cloud.column("range"), cloud.column("azimuth"), cloud.column("elevation"))
     peak = float(cloud.column("intensity").max(initial=0.0)) or 1.0
@@ -84,10 +84,10 @@ def _detections(cloud: Cloud) -> bytes:
         *message_rows(13, *number_rows(1, cloud.column("channel").clip(0), size=5)),
     ]
     if cloud.column("pulse_width").any():
-        # In metres of range from the rising edge to the falling one.
+        # OSI has the echo's width in metres of range, from the rising edge to the falling one.
         parts += double_rows(11, 0.5 * SPEED_OF_LIGHT_M_S * cloud.column("pulse_width").astype(np.float64))
     if cloud.has_truth:
-        # OSI's is positive towards the sensor, ours away from it.
+        # OSI's velocity is positive towards the sensor, ours away from it.
         parts += double_rows(12, -cloud.column("radial_velocity").astype(np.float64))
     if cloud.has_truth:
         objects = np.where(

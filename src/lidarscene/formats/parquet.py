@@ -35,7 +35,7 @@ def parquet_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[Cloud], N
     """
     arrow, parquet = _arrow()
     with atomic_output(path) as temporary, open(temporary, "wb") as file, ExitStack() as open_writer:
-        waiting: list[Any] = []  # tables of fewer points than a row group, together
+        waiting: list[Any] = []  # tables with fewer points in all than a row group
         writer: Any = None
 
         def append(cloud: Cloud) -> None:
@@ -71,7 +71,7 @@ def _schema(arrow: Any, cloud: Cloud) -> Any:
 
 
 def _table(arrow: Any, cloud: Cloud, schema: Any) -> Any:
-    # The positions are every third number of an array; Arrow wants them side by side.
+    # The positions are every third number of an array; Arrow needs contiguous memory.
     return arrow.table([arrow.array(cloud.column(name).copy()) for name in schema.names], schema=schema)
 
 

@@ -3,7 +3,7 @@
 Text, binary, or compressed column by column (binary_compressed, needs the package `lzf`). The
 `described.description` is in comment lines; `# room ...` makes headers of one length whatever the number of points,
 which is known last where a cloud is written piece by piece. Infinity is written as 3.40282346e+38 in text files,
-because common readers do not know the word.
+because common readers have no word for it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _TEXT = {"float32": "%.9g", "float64": "%.17g"}
 BLOCK_POINTS = 1 << 16
 COUNT_DIGITS = 18
 LONGEST_RUN = 32
-"""Bytes that one control byte of LZF can announce as they are."""
+"""Largest number of literal bytes after one control byte of LZF."""
 
 
 def write_pcd(path: str | os.PathLike[str], cloud: Cloud, *, ascii: bool = False, compressed: bool = False) -> None:
@@ -84,7 +84,7 @@ def pcd_columns(path: str | os.PathLike[str]) -> tuple[dict[str, Numbers], tuple
         header, _ = _header_words(file)
         counts = [int(word) for word in header.get("COUNT", ["1"] * len(header["FIELDS"]))]
         fields = zip(header["FIELDS"], header["SIZE"], header["TYPE"], counts, strict=True)
-        # Padding, and fields of several numbers, stay under names that nobody asks for.
+        # Padding, and fields of several numbers, get names that are no columns of a cloud.
         dtype = np.dtype(
             [
                 (
@@ -101,7 +101,7 @@ def pcd_columns(path: str | os.PathLike[str]) -> tuple[dict[str, Numbers], tuple
 
 
 def _header(cloud: Cloud, *, points: int, data: str) -> bytes:
-    """All of the header, as long for any number of points."""
+    """Header of the file, whose length does not depend on the number of points."""
     text, place = description(cloud), cloud.sensor_place
     types = [cloud.column(column.name).dtype for column in cloud.columns]
     viewpoint = (*place.position_m, *quaternion(place.rotation))
@@ -124,7 +124,7 @@ def _header(cloud: Cloud, *, points: int, data: str) -> bytes:
 
 
 def _lines(rows: Numbers) -> Iterator[bytes]:
-    """A line of text for each point, that gives the same numbers back."""
+    """Yield a line of text for each point, with enough digits to be read back exactly."""
     line = " ".join(_TEXT.get(rows.dtype[name].name, "%d") for name in rows.dtype.names or ()) + "\n"
     for row in rows.tolist():
         yield (line % row).replace("inf", repr(float(LARGEST))).encode("ascii")
@@ -147,7 +147,7 @@ def _uncompressed_runs(data: bytes) -> bytes:
 
 
 def _read_header(file: IO[bytes]) -> tuple[dict[str, list[str]], str]:
-    """The words of each header line by the first, and our description."""
+    """Read the header: first word of each line -> its other words, and our description."""
     if file.readline(100).decode("ascii", "replace").rstrip() != FIRST_LINE:
         raise ValueError("not a PCD file of lidarscene: the first line is another")
     header, text = _header_words(file)
@@ -157,7 +157,7 @@ def _read_header(file: IO[bytes]) -> tuple[dict[str, list[str]], str]:
 
 
 def _header_words(file: IO[bytes]) -> tuple[dict[str, list[str]], str]:
-    """The words of each header line by the first, and our description if there is one."""
+    """Read the header: first word of each line -> its other words, and our description; "" without."""
     header: dict[str, list[str]] = {}
     text = ""
     while "DATA" not in header:
@@ -173,7 +173,7 @@ def _header_words(file: IO[bytes]) -> tuple[dict[str, list[str]], str]:
 
 
 def _read_columns(file: IO[bytes], dtype: np.dtype[Any], points: int, data: str) -> dict[str, Numbers]:
-    """The columns by name; ValueError unless the file has all its points, and no more."""
+    """Read the columns by name; ValueError unless the file has exactly the points that its header counts."""
     names = dtype.names or ()
     if data == "ascii":
         lines = file.readlines()
@@ -198,7 +198,7 @@ def _read_columns(file: IO[bytes], dtype: np.dtype[Any], points: int, data: str)
 
 
 def _with_infinity(values: Numbers) -> Numbers:
-    """float32 with infinity back in place of the largest number."""
+    """Replace the largest float32, which stands for infinity in text files, by infinity."""
     if values.dtype == np.float32:
         values[np.abs(values) == LARGEST] *= np.float32(np.inf)
     return values

@@ -4,7 +4,7 @@ The header names lidarscene, the metadata, the units and the names behind the nu
 would not survive there (line breaks, non-ASCII) is backslash-escaped; long text goes on in lines that start
 with `comment +`, because common readers stop at 1024 characters. `comment room ...` makes headers of one length
 whatever the number of points, which is known last where a cloud is written piece by piece. In ASCII files infinity
-is written as 3.40282346e+38, the largest float, because they do not know the word.
+is written as 3.40282346e+38, the largest float, because they have no word for it.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def read_ply(path: str | os.PathLike[str]) -> Fields:
 
 @dataclass(kw_only=True)
 class _Header:
-    """What the header of a file says."""
+    """Content of a file's header."""
 
     ascii: bool
     points: int
@@ -117,7 +117,7 @@ class _Header:
 
 @functools.cache
 def _dtype(*, has_truth: bool, has_vectors: bool, double: bool, coloured: bool = False) -> np.dtype[Any]:
-    """One point as it lies in a file."""
+    """Structured type of a point in a file."""
     position = "float64" if double else "float32"
     columns = [c for c in COLUMNS if has_truth or not c.truth] + list(VECTORS if has_vectors else ())
     pairs = ((c.name, np.dtype(position if c.attribute == "xyz_m" else c.dtype)) for c in columns)
@@ -127,7 +127,7 @@ def _dtype(*, has_truth: bool, has_vectors: bool, double: bool, coloured: bool =
 
 @functools.cache
 def _properties(dtype: np.dtype[Any]) -> list[str]:
-    """The `property` lines of this point."""
+    """Lines `property` of the header for this type of point."""
     return [f"property {PLY_TYPES[dtype[name].name]} {name}" for name in dtype.names or ()]
 
 
@@ -137,7 +137,7 @@ def _cloud_dtype(cloud: Cloud, *, coloured: bool) -> np.dtype[Any]:
 
 
 def _blocks(cloud: Cloud, colours: Numbers | None) -> Iterator[Numbers]:
-    """The points as they lie in a file, in memory that is used again."""
+    """Yield the points in blocks as in a file; all blocks share one memory."""
     columns = {c.name: cloud.column(c.name) for c in cloud.columns}
     if colours is not None:
         columns |= {name: colours[:, channel] for channel, name in enumerate(RGB)}
@@ -177,7 +177,7 @@ def ply_columns(path: str | os.PathLike[str]) -> dict[str, Numbers]:
 
 
 def _header(cloud: Cloud, *, points: int, ascii: bool, coloured: bool) -> bytes:
-    """All of the header, as long for any number of points."""
+    """Header of the file, whose length does not depend on the number of points."""
     lines = ["ply", f"format {'ascii' if ascii else 'binary_little_endian'} 1.0", f"comment {VERSION_LINE}"]
     for key, value in cloud.metadata.items():
         lines += _comment(_escaped_key(key), value)
@@ -193,7 +193,7 @@ def _header(cloud: Cloud, *, points: int, ascii: bool, coloured: bool) -> bytes:
 
 
 def _comment(start: str, text: str) -> Iterator[str]:
-    """The comment line for this text, and its continuation lines."""
+    """Yield the comment line for this text, and its continuation lines."""
     text = _escaped(text)
     yield f"comment {start} {text[:LONGEST_TEXT]}"
     for first in range(LONGEST_TEXT, len(text), LONGEST_TEXT):
@@ -207,13 +207,13 @@ def _escaped(text: str) -> str:
 
 
 def _escaped_key(key: str) -> str:
-    """A key as one word that is none of ours."""
+    """Escape a key to one word that is not in `_RESERVED`."""
     key = _escaped(key).replace(" ", r"\x20")
     return f"\\x{ord(key[0]):02x}{key[1:]}" if key in _RESERVED else key
 
 
 def _as_text(part: Numbers) -> bytes:
-    """Points as lines of text that give the same numbers back."""
+    """Format points as lines of text with enough digits to be read back exactly."""
     kinds = {"float32": "%.9g", "float64": "%.17g", "int32": "%d", "uint8": "%d"}
     names = part.dtype.names or ()
     line = " ".join(kinds[part.dtype[name].name] for name in names) + "\n"
@@ -222,7 +222,7 @@ def _as_text(part: Numbers) -> bytes:
 
 
 def _header_lines(file: IO[bytes]) -> list[str]:
-    """The lines as far as `end_header`, without the first; ValueError if the file is no PLY."""
+    """Read the lines as far as `end_header`, without the first; ValueError if the file is no PLY."""
     if file.readline(16) != b"ply\n":
         raise ValueError("not a PLY file: the first line must be 'ply'")
     lines: list[str] = []
@@ -250,7 +250,7 @@ def _read_header(file: IO[bytes]) -> _Header:
 
 
 def _declared_dtype(properties: list[str]) -> np.dtype[Any]:
-    """The point whose `property` lines these are."""
+    """Type of point that has these `property` lines; ValueError if lidarscene writes none of that kind."""
     for has_truth, has_vectors, double, coloured in itertools.product((True, False), repeat=4):
         dtype = _dtype(has_truth=has_truth, has_vectors=has_vectors, double=double, coloured=coloured)
         if _properties(dtype) == properties:
@@ -262,7 +262,7 @@ def _declared_dtype(properties: list[str]) -> np.dtype[Any]:
 
 
 def _read_comments(lines: list[str], header: _Header) -> None:
-    """Fill in the metadata and the names."""
+    """Fill in the header's metadata and names from its comment lines."""
     texts: list[tuple[str, str]] = []
     for line in lines:
         start, _, content = line.partition(" ")
@@ -279,7 +279,7 @@ def _read_comments(lines: list[str], header: _Header) -> None:
 
 
 def _unescaped(text: str) -> str:
-    """The text behind `_escaped`."""
+    """Undo `_escaped`."""
     return text.encode("ascii", errors="replace").decode("unicode_escape")
 
 

@@ -1,6 +1,6 @@
 """The formats of point clouds by name and suffix, and what each can do.
 
-The command line, the library and the documentation ask this table, so that a new format is one module and one line.
+The command line, the library and the documentation use this table, so that a new format is one module and one line.
 A line names the format's functions; their module is imported when the first of them is called, so that
 `lidarscene --help` and `import lidarscene` read the table and load no format, and no NumPy.
 """
@@ -34,7 +34,7 @@ class Format:
     read    read the fields of a cloud from a path; None if such a file does not hold all of a cloud
     stream  context manager from a path (and ``ascii``) to a function that appends clouds; None if a file cannot be
             written piece by piece with the same bytes as from the whole cloud
-    profile of packets (`packets.select_encoder`): a run's frames are in one file. None: a file is a cloud
+    profile profile of packets (`packets.select_encoder`): a run's frames are in one file. None: a file is a cloud
     extra   group of optional packages that the format needs (`files.optional.EXTRAS`)
     frames  context manager from a path to a function that appends whole clouds, the frames of one file; None if a file
             holds a single frame
@@ -61,7 +61,7 @@ class Format:
 
 
 def _import_on_call(module: str, name: str, **options: object) -> Callable[..., Any]:
-    """A function of a module with these options; the module is imported when the function is called."""
+    """Wrap a function of a module with these options; the module is imported when the function is called."""
 
     def call(*arguments: Any, **keywords: Any) -> Any:
         return getattr(import_module(module), name)(*arguments, **options, **keywords)
@@ -144,7 +144,7 @@ FORMATS = {
     "rosbag2-ouster": _ros(".db3", storage="sqlite3", layout="ouster"),
     "osi": Format(suffix=".osi", all_columns=False, write=_import_on_call("lidarscene.formats.osi", "write_osi")),
 }
-"""Formats by name. Of several with one suffix the first is what the suffix means."""
+"""Formats by name. A suffix means the first format that has it."""
 
 
 def _packets(profile: str) -> Format:
@@ -153,7 +153,7 @@ def _packets(profile: str) -> Format:
 
 
 PACKETS = {"pcap": _packets("default"), "pcap-low-rate": _packets("low-rate"), "pcap-legacy": _packets("legacy")}
-"""What the sensor itself sends, by name: packets have lost pulses too, so that they are no format of clouds."""
+"""Formats of the sensor's own packets, by name: they hold lost pulses too, so they are no formats of clouds."""
 
 SUFFIXES = tuple(dict.fromkeys(file_format.suffix for file_format in (FORMATS | PACKETS).values()))
 

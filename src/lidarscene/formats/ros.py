@@ -1,8 +1,8 @@
 """Write point clouds as a bag of ROS 2 messages: one file, MCAP or SQLite. Needs rosbags, no ROS.
 
 Topic `/points` has a sensor_msgs/PointCloud2 for each frame, in the sensor's frame (frame_id `lidar`); where the
-cloud knows how the sensor stood, `/tf` has that as the transform from `map` to `lidar`. The fields of the driver
-that the layout names come first, with its offsets and types; all other columns follow by their own names.
+cloud has the pose of its sensor, `/tf` has it as the transform from `map` to `lidar`. The fields of the driver that
+the layout names come first, with its offsets and types; all other columns follow by their own names.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .described import description, library_errors
 
 POINTS, TRANSFORMS, SENSOR_FRAME, WORLD_FRAME = "/points", "/tf", "lidar", "map"
 BAG_VERSION = 8
-"""Of rosbag2's metadata: what ROS 2 Iron and later read, Humble too."""
+"""Version of rosbag2's metadata, which ROS 2 Humble, Iron and later read."""
 
 # Offset and type of each field of a point, and its bytes in all.
 LAYOUTS: dict[str, tuple[dict[str, tuple[int, str]], int]] = {
@@ -91,7 +91,7 @@ def ros_frames(
     # killed process leaves its unfinished files, so that the next write removes it.
     with atomic_output(path) as temporary, folder_beside(temporary) as folder:
         bag = folder / Path(path).stem
-        # What fails between two frames is not the library's.
+        # Errors between two frames come from the caller, not from the library: they stay as they are.
         writer = rosbag2.Writer(bag, version=BAG_VERSION, storage_plugin=plugin)
         with library_errors(path), _closed_on_error(writer):
             _open(writer)
@@ -110,7 +110,7 @@ def ros_frames(
 
 
 def _open(writer: Any) -> None:
-    """Open the writer's file, as its own `open` does, which loses an SQLite that meets a full disk at once."""
+    """Open the writer's file as its own `open` does, but so that a full disk leaves no open SQLite file."""
     writer.path.mkdir()
     kind = writer.STORAGE_PLUGINS[writer.storage_plugin]
     writer.storage = kind.__new__(kind)  # known to the writer before it opens the file, so that `abort` closes it
@@ -146,7 +146,7 @@ def _open_topics(writer: Any, store: Any, layout: str) -> Callable[[Cloud], None
 
 
 def structured_rows(cloud: Cloud, layout: str) -> Numbers:
-    """(n,) the points as they lie in the message: the driver's fields, then every other column."""
+    """(n,) structured points of the message: the driver's fields, then every other column."""
     fields, size = LAYOUTS[layout]
     driver_columns = {"x", "y", "z", *fields, *_REPLACED[layout]}
     other_columns = [c.name for c in cloud.columns if c.name not in driver_columns]
@@ -169,7 +169,7 @@ def structured_rows(cloud: Cloud, layout: str) -> Numbers:
 
 
 def _driver_value(cloud: Cloud, name: str, dtype: np.dtype[Any]) -> Numbers:
-    """A field of a driver, in its unit; zero where the cloud has nothing of the kind."""
+    """Values of a driver's field, in its unit; zero where the cloud has no such column."""
     scales = {"t": ("time", 1e9), "range": ("range", 1e3), "reflectivity": ("reflectivity", 100.0)}
     column, scale = scales.get(name, ("channel" if name == "ring" else name, 1.0))
     if column not in ("range", *(c.name for c in cloud.columns)):
@@ -201,7 +201,7 @@ def _points_message(rows: Numbers, store: Any, stamp_ns: int) -> Any:
 
 
 def _transform_message(cloud: Cloud, store: Any, stamp_ns: int) -> Any:
-    """Where the sensor stands in the world; None if the cloud does not know."""
+    """Message of the sensor's pose in the world; None if the cloud has none."""
     place, types = cloud.sensor_to_world, store.types
     if place is None:
         return None

@@ -1,9 +1,9 @@
 """Ground truth for training: classes, instances and boxes, in the files of data sets.
 
-The simulation knows what each point is of. Data sets say it in their own words, axes and files. Here is the
-translation, and what a box shows of a body while the sensor, the body or both move.
+The simulation has the body of each point. Data sets have their own classes, axes and files. These modules translate,
+and place the box of a body where the cloud shows it while the sensor, the body or both move.
 
-kinds          the classes of scene files in the words of data sets
+kinds          names and numbers that data sets give to the classes of scene files
 boxes          3D boxes and how visible they are
 gathered       boxes of a frame that comes in pieces
 files          class and instance of each point; label files beside a cloud

@@ -4,7 +4,7 @@ Detectors are trained on boxes. A box follows its body's own axes: length along 
 left, height along the axis nearest to up. Its pose is position and rotation of its centre, in the world or seen from
 the sensor.
 
-If a body moves, or if the sensor's own motion is in the points, no single place is right for a whole frame. The box is
+If a body moves, or if the points contain the sensor's own motion, no single pose is right for a whole frame. The box is
 then where the cloud shows the body: as seen from the sensor at the mean time of the body's points.
 """
 
@@ -26,7 +26,7 @@ from .kinds import kind_of
 PIECE_POINTS = 1 << 20
 PICOSECOND = 1e-12
 STOPPED_M = 0.05
-"""A beam that ends this much before a box was not stopped by something else: its range has an error."""
+"""Tolerance for a beam that reaches a box: one that ends less than this before the box only has an error of range."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,12 +35,12 @@ class Box:
 
     body           index into the scene's bodies, as in the cloud's column
     size_m         (3,) length, width, height
-    pose           of its centre; x along the length, y along the width
-    velocity_m_s   (3,) of its centre in the world
-    points_inside  points of the cloud inside the box, whatever they are of
-    points_on      echoes of the body itself
-    beams          echoes whose beams, if nothing stopped them, would enter the box
-    reached        those of them that nothing stopped before the box
+    pose           pose of the centre; x along the length, y along the width
+    velocity_m_s   (3,) velocity of the centre in the world
+    points_inside  number of points inside the box, of any body
+    points_on      number of echoes of the body itself
+    beams          number of echoes whose beams would enter the box if nothing stopped them
+    reached        number of those that nothing stopped before the box
     """
 
     body: int
@@ -56,7 +56,7 @@ class Box:
 
     @property
     def has_points(self) -> bool:
-        """Whether the cloud shows anything of it."""
+        """True if the cloud has points in the box or on its body."""
         return self.points_inside > 0 or self.points_on > 0
 
     @property
@@ -65,23 +65,23 @@ class Box:
         return self.reached / self.beams if self.beams else 0.0
 
     def corners_m(self) -> Numbers:
-        """(8, 3) corners, in the frame of its pose."""
+        """(8, 3) corners, in the frame of the pose."""
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
         return self.pose.apply(0.5 * self.size_m * signs)
 
     def seen_from(self, observer: Pose) -> Box:
-        """The same box in the frame of an observer, who stands in the frame of the box's pose."""
+        """Transform the box to the frame of an observer, whose pose is in the same frame as the box's."""
         rotation = observer.rotation.T @ self.pose.rotation
         position = observer.inverse_apply(self.pose.position_m[None])[0]
         return replace(self, pose=Pose(position_m=position, rotation=rotation))
 
 
 def boxes(cloud: PointCloud, scene: Scene, *, as_seen: bool = True) -> list[Box]:
-    """The box of every body that is a thing, in the world frame, with what the cloud shows of it.
+    """Box of every body that can be counted, in the world frame, with counts of the points and beams on it.
 
-    as_seen  where the cloud shows what moves; or else where it is when the frame starts
+    as_seen  place moving bodies where the cloud shows them; False: where they are when the frame starts
     Bodies of a Mitsuba base scene have no box: their shapes are not known here. Raises InputError for a cloud
-    without truth, or one that does not know how its sensor stood.
+    without truth, or without the pose of its sensor.
     """
     tally = BoxTally(cloud, scene, as_seen=as_seen)
     pieces = [slice(first, first + PIECE_POINTS) for first in range(0, len(cloud), PIECE_POINTS)]
@@ -95,20 +95,20 @@ def boxes(cloud: PointCloud, scene: Scene, *, as_seen: bool = True) -> list[Box]
 
 
 class BoxTally:
-    """`boxes` of a frame whose points come in pieces: `see` all of them, `settle`, `count` all of them, `boxes`.
+    """`boxes` of a frame that comes in pieces: `add_echoes` for all, `place_boxes`, `count_points` for all, `boxes`.
 
-    moves  whether something moves. If so, the places of the boxes are known only when all points were seen. If not,
-           `settle` may come first, and each piece be seen, counted and forgotten
+    moves  True if something moves: the places of the boxes are then known only after all pieces. If not, `place_boxes`
+           may come first, so that each piece can be added, counted and dropped
     """
 
     def __init__(self, cloud: PointCloud, scene: Scene, *, as_seen: bool = True) -> None:
-        """Begin a tally; ``cloud`` is any piece of the frame, for its names and metadata."""
+        """Begin a tally; ``cloud`` is any piece of the frame, whose names and metadata are used."""
         truth_of(cloud)
         self._to_world = frame_to_world(cloud)
         self._origins_m = self._to_world.apply(sensor_positions_m(cloud.metadata))
         starts_s = frame_starts_s(cloud.metadata)
         self._starts_s = np.resize(starts_s, len(self._origins_m))  # one for each sensor, or one for all
-        # Points are placed as if the sensor had stood still.
+        # Otherwise points are placed as if the sensor had stood still.
         self._ego = scene.ego if cloud.metadata.get("ego_motion") == "in the points" else None
         self._things = [
             (index, body)
@@ -154,7 +154,7 @@ class BoxTally:
             )
 
     def boxes(self) -> list[Box]:
-        """The boxes, with everything that was counted."""
+        """Boxes with all counts."""
         return [
             replace(box, points_on=int(points_on.sum()))
             for box, points_on in zip(self._boxes, self._points_on, strict=True)
@@ -169,26 +169,26 @@ class BoxTally:
             states = body.motion.at(np.clip([start_s + since_s], *body.motion.span_s)) @ carried
             box = replace(box, pose=states.pose(), velocity_m_s=states.velocity_m_s[0])
         if self._ego is not None:
-            # What the sensor saw then, from where it was at the start.
+            # As seen from the sensor then, but placed from its pose at the start of the frame.
             ego_at_start, ego_then = pose_at(self._ego, start_s), pose_at(self._ego, start_s + since_s)
             box = replace(box, pose=ego_at_start @ ego_then.inverse() @ box.pose)
         return box
 
 
 def truth_of(cloud: PointCloud) -> tuple[Numbers, Numbers]:
-    """True range and body of each point. Raises InputError if the cloud has none."""
+    """(n,) true range and (n,) index of the body of each point. Raises InputError for a cloud without truth."""
     if cloud.true_range_m is None or cloud.body is None:
         raise InputError("labels: the cloud has no truth, from which they are made")
     return cloud.true_range_m, cloud.body
 
 
 def sensor_place(cloud: PointCloud) -> Pose:
-    """Where the sensor stood in the world. Raises InputError if the cloud does not know."""
+    """Pose of the sensor in the world. Raises InputError if the cloud lacks it."""
     return _require_pose(cloud.sensor_to_world)
 
 
 def frame_to_world(cloud: PointCloud) -> Pose:
-    """The frame of the points in the world. Raises InputError if the cloud does not know."""
+    """Pose of the frame of the points in the world. Raises InputError if the cloud lacks it."""
     return _require_pose(cloud.frame_to_world)
 
 
@@ -199,7 +199,7 @@ def _require_pose(place: Pose | None) -> Pose:
 
 
 def box_of(body: Body, index: int) -> Box:
-    """The box of a body as it stands in the world."""
+    """Box of a body at its pose in the scene, in the world frame."""
     low, high = _extent_m(body)
     axes = _axes(body.pose.rotation).T
     return Box(
@@ -214,7 +214,7 @@ def box_of(body: Body, index: int) -> Box:
 def upright_size_and_yaw(box: Box) -> tuple[Numbers, float]:
     """Return (length, width, height) and yaw in radians of the smallest upright box around this one.
 
-    For formats that know no other rotation. An upright box is returned as it is.
+    For formats without other rotations. An upright box keeps its size.
     """
     forward = box.pose.rotation[:, 0]
     yaw = float(np.arctan2(forward[1], forward[0]))
@@ -223,7 +223,7 @@ def upright_size_and_yaw(box: Box) -> tuple[Numbers, float]:
 
 
 def _extent_m(body: Body) -> tuple[Numbers, Numbers]:
-    """Least and largest coordinates of a body in its own frame."""
+    """(3,) least and (3,) largest coordinates of a body in its own frame."""
     points = [_outline_m(part) for part in body.parts]
     return np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)
 
@@ -235,9 +235,9 @@ def _outline_m(part: Part | Ball) -> Numbers:
 
 
 def _axes(rotation: Numbers) -> Numbers:
-    """(3, 3) rows forward, left and up of a body, each along one axis of its own frame.
+    """(3, 3) rows forward, left and up of a body, each along one axis of the body's frame.
 
-    Up is the one nearest to the world's z; forward is its own x, or y where x is up.
+    Up is the axis nearest to the world's z; forward is its own x, or y where x is up.
     """
     up = int(np.argmax(np.abs(rotation[2])))
     axes = np.eye(3)
@@ -247,7 +247,7 @@ def _axes(rotation: Numbers) -> Numbers:
 
 
 def _count_inside(box: Box, xyz_m: Numbers) -> int:
-    """How many of (3, n) points of the box's frame are inside it."""
+    """Number of the (3, n) points that are inside the box, in the frame of its pose."""
     half = np.abs(box.corners_m() - box.pose.position_m).max(axis=0)
     near = np.arange(xyz_m.shape[1])
     for values, centre, reach in zip(xyz_m, box.pose.position_m, half, strict=True):
@@ -258,7 +258,7 @@ def _count_inside(box: Box, xyz_m: Numbers) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Beams:
-    """The beams of one sensor that have an echo, into directions (3, k), as far as the surface they met (k,)."""
+    """Beams of one sensor that have an echo: directions (3, k), and distances to the surface that they met (k,)."""
 
     origin_m: Numbers
     direction: Numbers
@@ -268,7 +268,7 @@ class _Beams:
     def from_points(
         world_m: Numbers, origins_m: Numbers, true_range_m: Numbers, status: Numbers, sensor_index: Numbers
     ) -> list[_Beams]:
-        """Of each sensor at ``origins_m`` (sensors, 3), for points at ``world_m`` (3, n)."""
+        """Beams of each sensor at ``origins_m`` (sensors, 3) to the points at ``world_m`` (3, n)."""
         beams = []
         for index, origin_m in enumerate(origins_m):
             of_sensor = (status == 0) & (sensor_index == index)
@@ -281,11 +281,12 @@ class _Beams:
         return beams
 
     def count_entering(self, box: Box) -> tuple[int, int]:
-        """How many would enter the box if nothing stopped them, and how many reach it."""
+        """Numbers of beams that would enter the box if nothing stopped them, and of those that reach it."""
         near = self._towards(box)
         start = box.pose.inverse_apply(self.origin_m[None]).T
         direction = box.pose.rotation.T @ self.direction[:, near]
         direction = np.where(np.abs(direction) < 1e-12, 1e-12, direction)
+        # Slab method: a line is inside a box between its last entry and its first exit of the three pairs of planes.
         half = 0.5 * box.size_m[:, None]
         low_m, high_m = (-half - start) / direction, (half - start) / direction
         enter_m = np.minimum(low_m, high_m).max(axis=0, initial=0.0)
@@ -294,7 +295,7 @@ class _Beams:
         return int(meets.sum()), int(reaches.sum())
 
     def _towards(self, box: Box) -> Numbers:
-        """Index of the beams in the cone around the box: no other can enter it."""
+        """Indices of the beams in the cone around the box: no other can enter it."""
         x, y, z = box.pose.position_m - self.origin_m
         square, radius = float(x * x + y * y + z * z), 0.5 * float(np.linalg.norm(box.size_m))
         if square <= radius**2:

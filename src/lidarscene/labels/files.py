@@ -57,7 +57,7 @@ def write_labels(cloud: PointCloud, scene: Scene, path: str | os.PathLike[str], 
 
     path    where the cloud is or would be written: the labels are put beside it, by `label_paths`
     format  a key of `formats.registry.LABELS`
-    Raises InputError for a cloud without truth, or one that does not know how its sensor stood.
+    Raises InputError for a cloud without truth, or without the pose of its sensor.
     """
     with labels_stream(path, scene, format=format) as append:
         append(cloud)
@@ -87,7 +87,7 @@ def label_paths(path: str | os.PathLike[str], *, format: str) -> tuple[Path, ...
 
 
 def kitti_calibration() -> str:
-    """The text of KITTI's `calib` file for our camera: the same for every frame."""
+    """Text of KITTI's `calib` file for our camera: the same for every frame."""
     zero = np.zeros((3, 1))
     entries = {f"P{i}": CAMERA for i in range(4)} | {
         "R0_rect": np.eye(3),
@@ -126,7 +126,7 @@ def semantic_kitti(cloud: PointCloud, scene: Scene) -> Numbers:
 
 
 def _kitti_line(box: Box) -> str:
-    """``box`` as the sensor sees it."""
+    """Line of a box in the sensor's frame."""
     (length, width, height), yaw = upright_size_and_yaw(box)
     bottom = box.pose.position_m - [0.0, 0.0, 0.5 * height]
     x, y, z = SENSOR_TO_CAMERA @ bottom
@@ -156,13 +156,13 @@ def _in_picture(box: Box) -> tuple[tuple[float, float, float, float], float]:
 
 
 def _wrap_angle(angle_rad: float) -> float:
-    """The same angle between -pi and pi."""
+    """Wrap an angle to [-pi, pi]."""
     return math.remainder(angle_rad, 2.0 * math.pi)
 
 
 @contextmanager
 def kitti_stream(path: Path, scene: Scene) -> Iterator[Append]:
-    """A line for each box that has a point: type, truncated, occluded, alpha, picture, size, place, rotation_y."""
+    """Write a line for each box with a point: type, truncated, occluded, alpha, picture, size, place, rotation_y."""
     with atomic_output(path) as temporary, GatheredBoxes(temporary.parent, scene) as gathered:
         yield gathered.append
         place = sensor_place(gathered.first)
@@ -172,7 +172,7 @@ def kitti_stream(path: Path, scene: Scene) -> Iterator[Append]:
 
 @contextmanager
 def semantic_kitti_stream(path: Path, scene: Scene) -> Iterator[Append]:
-    """The labels of `semantic_kitti` for each point."""
+    """Write the labels of `semantic_kitti` for each point."""
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
 
         def append(cloud: PointCloud) -> None:

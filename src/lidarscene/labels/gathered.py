@@ -1,7 +1,7 @@
-"""The boxes of a frame that comes in pieces, in memory that does not grow with the frame.
+"""Gather the boxes of a frame that comes in pieces, in memory that does not grow with the frame.
 
 If something moves, the place of a box is known only when all its points have come, and only then can the points inside
-be counted. Until then the points wait on disk.
+be counted. Until then the points are stored on disk.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from .boxes import PIECE_POINTS, Box, BoxTally, truth_of
 
 
 class GatheredBoxes:
-    """Takes clouds of one frame, at least one.
+    """Boxes of one frame, from at least one cloud.
 
-    first   the first of them without its points
-    points  of all of them
+    first   the first cloud, without its points
+    points  number of points of all clouds
     """
 
     first: PointCloud
 
     def __init__(self, folder: str | os.PathLike[str], scene: Scene, *, as_seen: bool = True) -> None:
-        """``folder`` is where points may wait."""
+        """Begin a frame; points are stored in ``folder`` if something moves."""
         self._folder, self._scene, self._as_seen = folder, scene, as_seen
         self._tally: BoxTally | None = None
         self._spool: Spool | None = None
@@ -49,7 +49,7 @@ class GatheredBoxes:
             self._add(cloud.select(slice(first, first + PIECE_POINTS)))
 
     def boxes(self) -> list[Box]:
-        """The boxes of everything that was appended. Once."""
+        """Boxes of all clouds that were appended; call it once."""
         assert self._tally is not None
         if self._spool is not None:
             self._tally.place_boxes()

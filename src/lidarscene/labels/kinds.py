@@ -1,7 +1,7 @@
-"""What data sets call the classes of scene files.
+"""Names and numbers that data sets give to the classes of scene files.
 
-A scene says "car" or "kerb"; each data set has numbers and names of its own, and some have no word for a class. One
-table holds all of them, and says which classes can be counted (things) and which cannot (road, vegetation).
+A scene has classes such as "car" or "kerb"; each data set has its own numbers and names, and lacks some classes. One
+table holds all of them, with the classes that can be counted (things) and those that cannot (road, vegetation).
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """What data sets call a class: number in SemanticKITTI, type in KITTI, category in nuScenes.
+    """Class in the terms of data sets: number in SemanticKITTI, type in KITTI, category in nuScenes.
 
-    is_thing  can be counted, so that its bodies get boxes and instances
+    is_thing  True if bodies of the class can be counted, so that they get boxes and instances
     """
 
     semantic_kitti: int
@@ -59,15 +59,15 @@ KINDS = {
     "vegetation": _stuff(70, "static.vegetation"),
     "unlabelled": _stuff(0, "unlabelled"),
 }
-"""By the class of a scene file. Any other class is a thing of its own: `kind_of`."""
+"""Class of a scene file -> its terms. Any other class is a thing (`kind_of`)."""
 
 MOVING = {10: 252, 31: 253, 30: 254, 32: 255, 16: 256, 13: 257, 18: 258, 20: 259}
-"""SemanticKITTI's numbers for what moves, by those for what stands."""
+"""SemanticKITTI's number of a standing object -> that of a moving one."""
 
 UNLABELLED, OUTLIER, OTHER_OBJECT = 0, 1, 99
 """Numbers of SemanticKITTI: no surface met, no echo, class that is not in KINDS."""
 
 
 def kind_of(class_name: str) -> Kind:
-    """What data sets call this class of a scene file."""
+    """Terms of data sets for this class of a scene file; an unknown class is another object, a thing."""
     return KINDS.get(class_name.lower(), Kind(OTHER_OBJECT, "Misc", class_name))

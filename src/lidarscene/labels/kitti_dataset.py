@@ -28,7 +28,7 @@ Append = Callable[[PointCloud], None]
 
 
 def cloud_path(dataset: str, folder: str | os.PathLike[str], frame: int, *, sequence: str = "00") -> Path:
-    """The file of the cloud of this frame, in a data set of `formats.registry.DATASETS`."""
+    """Path of the cloud of this frame, in a data set of `formats.registry.DATASETS`."""
     parts = ("training",) if dataset == "kitti" else ("dataset", "sequences", sequence)
     return Path(folder).joinpath(*parts, "velodyne", f"{frame:06d}.bin")
 
@@ -39,7 +39,7 @@ def frame_stream(
 ) -> Iterator[Append]:
     """Write the clouds that are appended in the block, at least one, as a frame of a data set (`DATASETS`).
 
-    frame  its number, from 0
+    frame  number of the frame, from 0
     Raises InputError for a cloud without truth, of which the labels are made.
     """
     clouds = cloud_path(dataset, folder, frame, sequence=sequence)
@@ -79,7 +79,7 @@ def write_sequence_frame(
 
 
 def _open_labels(dataset: str, clouds: Path, scene: Scene) -> tuple[Path, AbstractContextManager[Append]]:
-    """The file of a frame's labels, and what writes it."""
+    """Path of a frame's labels, and the stream that writes them."""
     if dataset == "kitti":
         path = clouds.parents[1] / "label_2" / f"{clouds.stem}.txt"
         return path, files.kitti_stream(path, scene)
@@ -88,9 +88,9 @@ def _open_labels(dataset: str, clouds: Path, scene: Scene) -> tuple[Path, Abstra
 
 
 def _write_sequence(root: Path, folder: Path, frame: int, cloud: PointCloud) -> None:
-    """All of a sequence but points and labels."""
+    """Write calibration, time and pose of a frame of a sequence."""
     place = sensor_place(cloud)
-    # The odometry data set knows only the cameras and the way from the lidar to the first of them.
+    # The odometry data set has only the cameras and the transform from the lidar to the first of them.
     cameras = [line for line in kitti_calibration().splitlines() if line.startswith("P")]
     lidar = next(line for line in kitti_calibration().splitlines() if line.startswith("Tr_velo"))
     _write_text(folder / "calib.txt", [*cameras, lidar.replace("Tr_velo_to_cam", "Tr")])
@@ -100,14 +100,14 @@ def _write_sequence(root: Path, folder: Path, frame: int, cloud: PointCloud) -> 
 
 
 def camera_pose(place: Pose) -> str:
-    """Where KITTI's camera stands: 12 numbers, a (3, 4) matrix row by row, world and camera with camera axes."""
+    """Pose of KITTI's camera: 12 numbers, a (3, 4) matrix row by row, with camera axes in world and camera."""
     rotation = SENSOR_TO_CAMERA @ place.rotation @ SENSOR_TO_CAMERA.T
     rows = np.column_stack([rotation, SENSOR_TO_CAMERA @ place.position_m])
     return " ".join(f"{x:.12e}" for x in rows.ravel())
 
 
 def _write_line(path: Path, frame: int, line: str) -> None:
-    """Make this line number ``frame``, behind those that there are."""
+    """Write this line as number ``frame`` of a file, after those of the earlier frames."""
     before = path.read_text(encoding="ascii").splitlines()[:frame] if frame and path.exists() else []
     if len(before) != frame:
         raise InputError(f"{path}: must have {frame} lines before this frame, got {len(before)}")

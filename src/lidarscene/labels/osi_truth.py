@@ -36,7 +36,7 @@ OTHER = 1
 
 
 def ground_truth(boxes: Sequence[Box], start_s: float) -> bytes:
-    """The file of one frame."""
+    """Encode the file of one frame."""
     objects = [_moving_object(box) if _is_moving(box) else _stationary_object(box) for box in boxes]
     return trace_file(version(1), timestamp(2, start_s), *objects)
 
@@ -64,5 +64,5 @@ def _identity(box: Box) -> bytes:
 
 
 def _base(box: Box) -> bytes:
-    """Dimension, position and orientation, which have the same numbers in both kinds of base."""
+    """Encode dimension, position and orientation, whose fields have the same numbers in both kinds of base."""
     return vector(1, box.size_m) + pose_fields(box.pose, position=2, orientation=3)

@@ -132,13 +132,9 @@ def _interpolate(first: Numbers, range_m: Numbers) -> tuple[Numbers, Numbers]:
         direction = first[..., :3] / range_m[..., None]
     time_s = first[..., TIME].copy()
     columns = [np.flatnonzero(np.isfinite(row)) for row in range_m]
-    azimuths = [
-        np.unwrap(np.arctan2(*direction[row, channel_columns, 1::-1].T)) for row, channel_columns in enumerate(columns)
-    ]
-    azimuth_rate, time_rate = (
-        _rate(columns, values)
-        for values in (azimuths, [time_s[row, channel_columns] for row, channel_columns in enumerate(columns)])
-    )
+    azimuths = [np.unwrap(np.arctan2(*direction[row, hits, 1::-1].T)) for row, hits in enumerate(columns)]
+    times = [time_s[row, hits] for row, hits in enumerate(columns)]
+    azimuth_rate, time_rate = _rate(columns, azimuths), _rate(columns, times)
     firings = np.arange(range_m.shape[1], dtype=np.float64)
     for row, (hits, azimuth) in enumerate(zip(columns, azimuths, strict=True)):
         if not len(hits):
@@ -156,9 +152,9 @@ def _interpolate(first: Numbers, range_m: Numbers) -> tuple[Numbers, Numbers]:
 def _rate(columns: Sequence[Numbers], values: Sequence[Numbers]) -> float:
     """Median change of the values from one firing to the next, over all channels."""
     steps = [
-        np.diff(channel_values)[np.diff(channel_columns) == 1]
-        for channel_columns, channel_values in zip(columns, values, strict=True)
-        if len(channel_columns) > 1
+        np.diff(channel_values)[np.diff(hits) == 1]
+        for hits, channel_values in zip(columns, values, strict=True)
+        if len(hits) > 1
     ]
     all_steps = np.concatenate([*steps, np.zeros(0)])
     return float(np.median(all_steps)) if len(all_steps) else 0.0

@@ -13,7 +13,7 @@ from typing import Annotated, Generic, Literal, Self, cast
 
 from pydantic import Field, model_validator
 
-from ..files.table_model import Made, Number, Table
+from ..files.table_model import Number, Table, Target
 from ..maths.units import si
 from ..scan import Gimbal, Lissajous, MirrorPair, MirrorRaster, Scanner, Swing
 
@@ -38,7 +38,7 @@ def require_fewer(pulses: float) -> None:
         raise ValueError(f"must have fewer than 2^31 pulses in a frame, got {pulses:.3g}")
 
 
-class ScannerFile(Table[Made], Generic[Made]):
+class ScannerFile(Table[Target], Generic[Target]):
     """Base of all scanners."""
 
     def shot_period_us(self, pulse_period_us: float) -> float:
@@ -50,7 +50,7 @@ class ScannerFile(Table[Made], Generic[Made]):
         return cast(Scanner, self.in_si(rate_hz=context.rate_hz))
 
 
-class _MirrorsFile(ScannerFile[Made], Generic[Made]):
+class _MirrorsFile(ScannerFile[Target], Generic[Target]):
     """Mirrors: how they stand, and how far they turn."""
 
     mirrors: Literal["one", "two"] = "one"

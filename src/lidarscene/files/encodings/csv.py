@@ -1,7 +1,7 @@
 """Read numbers from CSV files with a first line of column names.
 
-Patterns, poses and filters come as tables from elsewhere, with more columns than are wanted, in any order. The caller
-says which names it knows; the others are skipped without being parsed.
+Patterns, poses and filters come as tables from elsewhere, with more columns than are needed, in any order. The caller
+selects columns by name; the others are skipped without being parsed.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..inputs import require_file
 
 
 def read_columns(path: Path, *, is_wanted: Callable[[str], bool]) -> dict[str, Numbers]:
-    """(n,) float64 values of each known column by name; n may be 0. Raises InputError."""
+    """Read (n,) float64 values of each column whose name satisfies ``is_wanted``; n may be 0. Raises InputError."""
     require_file(path, "a CSV file")
     try:
         with path.open(encoding="utf-8-sig") as file:

@@ -1,6 +1,6 @@
 """Encode PNG files: 8-bit colours or 16-bit grey, with texts.
 
-Range images are 16-bit grey with texts that say what a grey value means. A PNG is a few chunks around a zlib stream:
+Range images are 16-bit grey with texts that explain the grey values. A PNG is a few chunks around a zlib stream:
 forty lines instead of one more package.
 """
 

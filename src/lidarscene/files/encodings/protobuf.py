@@ -19,7 +19,7 @@ VARINT, FIXED64, BYTES = 0, 1, 2
 
 
 def varint(value: int) -> bytes:
-    """Encode a number from 0 to 2^64 - 1, seven bits a byte, lowest first; the eighth bit says that more follow."""
+    """Encode a number from 0 to 2^64 - 1, seven bits a byte, lowest first; the eighth bit is set if more follow."""
     groups = []
     while True:
         value, low = value >> 7, value & 0x7F
@@ -34,17 +34,17 @@ def tag(field: int, wire: int) -> bytes:
 
 
 def number(field: int, value: int) -> bytes:
-    """A field that is a whole number, an enum or a bool."""
+    """Encode a field that is a whole number, an enum or a bool."""
     return tag(field, VARINT) + varint(value)
 
 
 def double(field: int, value: float) -> bytes:
-    """A field that is a double."""
+    """Encode a field that is a double."""
     return tag(field, FIXED64) + struct.pack("<d", value)
 
 
 def message(field: int, *parts: bytes) -> bytes:
-    """A field that is a message, a text or bytes."""
+    """Encode a field that is a message, a text or bytes."""
     content = b"".join(parts)
     return tag(field, BYTES) + varint(len(content)) + content
 
@@ -54,12 +54,12 @@ Rows = Sequence["bytes | Numbers"]
 
 
 def double_rows(field: int, values: Numbers) -> Rows:
-    """A double for each row."""
+    """Encode a double for each row."""
     return tag(field, FIXED64), np.ascontiguousarray(values, "<f8").view(np.uint8).reshape(-1, 8)
 
 
 def number_rows(field: int, values: Numbers, *, size: int) -> Rows:
-    """A whole number for each row, in ``size`` bytes: up to 2^(7 size) - 1, and 2^64 - 1 in ten."""
+    """Encode a whole number for each row, in ``size`` bytes: up to 2^(7 size) - 1, and 2^64 - 1 in ten."""
     shifts = 7 * np.arange(size, dtype=np.uint64)
     groups = (values.astype(np.uint64)[:, None] >> shifts & np.uint64(0x7F)).astype(np.uint8)
     groups[:, :-1] |= 0x80
@@ -67,12 +67,12 @@ def number_rows(field: int, values: Numbers, *, size: int) -> Rows:
 
 
 def message_rows(field: int, *parts: bytes | Numbers) -> Rows:
-    """A message for each row, made of parts."""
+    """Encode a message for each row, made of parts."""
     size = sum(len(part) if isinstance(part, bytes) else part.shape[1] for part in parts)
     return tag(field, BYTES) + varint(size), *parts
 
 
 def join_rows(rows: Rows, n: int) -> bytes:
-    """The n rows, one after the other."""
+    """Join the n rows to bytes, one after the other."""
     columns = [np.tile(np.frombuffer(p, np.uint8), (n, 1)) if isinstance(p, bytes) else p for p in rows]
     return np.concatenate(columns, axis=1).tobytes()

@@ -22,7 +22,7 @@ class PacketEncoder(Protocol):
 
     @property
     def needs_ambient(self) -> bool:
-        """Whether the packets hold the background of every pulse."""
+        """True if the packets hold the background of every pulse."""
 
     @property
     def description(self) -> tuple[str, str] | None:
