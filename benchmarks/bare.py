@@ -183,7 +183,7 @@ def task(library: Any, simulator: Simulator) -> Callable[[], tuple[np.ndarray, n
     vertices, faces = (np.ascontiguousarray(array) for array in chain.triangles(simulator))
     scene = library.bare_scene(vertices.ctypes.data, len(vertices), faces.ctypes.data, len(faces))
     pulses = simulator.sensor.scanner.pulses
-    order = simulator.numbering.order_of(pulses)
+    order = simulator.numbering.lane_order(pulses)
     lanes = np.arange(pulses) if order is None else order.pulse
     rays = chain.beam_rays(simulator)[lanes]
     origin = np.array(chain.origin(simulator), np.float32)

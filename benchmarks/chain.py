@@ -267,7 +267,7 @@ def _device_rows(name: str, simulator: Simulator, rounds: int) -> list[Row]:
     place = transfer.opaque(origin(simulator))
     rotation = transfer.opaque(tuple(float(x) for x in simulator.pose.rotation.ravel()))
     seed = transfer.opaque_uint32(0)
-    order = simulator.numbering.order_of(simulator.sensor.scanner.pulses)
+    order = simulator.numbering.lane_order(simulator.sensor.scanner.pulses)
 
     def up_to(last: str) -> Callable[[], None]:
         def task() -> None:

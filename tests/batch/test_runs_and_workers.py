@@ -84,7 +84,7 @@ def test_a_pool_that_cannot_start_is_one_line(monkeypatch: pytest.MonkeyPatch) -
         tried.append(workers)
         raise RuntimeError("Nanny failed\nto start")
 
-    monkeypatch.setattr(cluster, "_started", dies)
+    monkeypatch.setattr(cluster, "_start_cluster", dies)
     told = "^--workers 2: the processes could not be started: Nanny failed to start$"
     with pytest.raises(LidarSceneError, match=told), cluster.local_client(2):
         pass

@@ -105,13 +105,13 @@ def test_ctrl_c_ends_it_as_it_ends_the_view(mi: Any, run: Run, wall: str, monkey
     """Once it sends: as many frames as wait, and one more."""
     from lidarscene.outputs.live import sending
 
-    real = sending.frames_of
+    real = sending.render_firings
 
     def interrupted(*arguments: Any, **options: Any) -> Any:
         yield from itertools.islice(real(*arguments, **options), sending.AHEAD + 1)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sending, "frames_of", interrupted)
+    monkeypatch.setattr(sending, "render_firings", interrupted)
     with Listener() as listener:
         ran = run("stream", wall, "--sensor", "vlp-16", "--udp", listener.address, *FAST)
     assert (ran.code, "error" in ran.err) == (0, False)

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from helpers.command_line import COARSE, Run
 
-from lidarscene.cli.view import clouds_in
+from lidarscene.cli.view import list_clouds
 
 
 @pytest.fixture
@@ -27,9 +27,9 @@ def test_frames_of_a_folder_come_by_their_numbers(tmp_path: Path) -> None:
     names = ["frame_0000.ply", "frame_2.ply", "frame_10.ply", "last.ply"]
     for name in [*reversed(names), ".frame_1.ply", "notes.txt"]:
         (tmp_path / name).touch()
-    assert [path.name for path in clouds_in([tmp_path])] == names
+    assert [path.name for path in list_clouds([tmp_path])] == names
     alone = tmp_path / "b.ply"
-    assert clouds_in([alone, tmp_path])[0] == alone
+    assert list_clouds([alone, tmp_path])[0] == alone
 
 
 @pytest.mark.parametrize(

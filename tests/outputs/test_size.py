@@ -17,7 +17,7 @@ from lidarscene.cli import render, terminal
 from lidarscene.cli.terminal import Lines
 from lidarscene.outputs.output_options import Outputs
 from lidarscene.outputs.plan import Plan
-from lidarscene.outputs.size import in_words, warn_of_size
+from lidarscene.outputs.size import duration_text, warn_of_size
 from lidarscene.rendering.render_options import TraceOptions
 
 FINE = [
@@ -67,7 +67,7 @@ def _bytes_of_a_point() -> int:
     [(0.4, "0 s"), (99, "99 s"), (125, "2 min"), (5999, "100 min"), (7200, "2 h"), (1e6, "12 days")],
 )
 def test_times_in_words(seconds: float, words: str) -> None:
-    assert in_words(seconds) == words
+    assert duration_text(seconds) == words
 
 
 def test_lines_in_a_log(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from lidarscene import Scene, Sun, catalog, load_scene, load_sensor, render
 from lidarscene.errors import OptionWarning
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import pose_at
-from lidarscene.rendering.frame import motion_of
+from lidarscene.rendering.frame import sensor_motion
 from lidarscene.rendering.surroundings import Surroundings
 from lidarscene.scene.clearance import Clearance
 from lidarscene.scene.meshes.primitives import box_mesh, plane_mesh
@@ -148,7 +148,7 @@ def test_what_is_meant_so_is_no_fault():
 def test_no_shipped_scene_is_odd(name):
     scene = load_scene(name)
     sensor = load_sensor(scene.sensor_name)
-    place_m = pose_at(motion_of(scene, sensor, scene.sensor_pose)).position_m
+    place_m = pose_at(sensor_motion(scene, sensor, scene.sensor_pose)).position_m
     around = Surroundings.inspect(scene, sensor, place_m, time_s=0.0, clearance=Clearance.of_scene(scene))
     assert around.doubts == ()
     assert around.around.nearest.distance_m < 100.0

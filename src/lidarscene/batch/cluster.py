@@ -67,7 +67,7 @@ def local_client(workers: int) -> Iterator[Any]:
     with dask.config.set(LOCAL), ExitStack() as opened:
         for start in range(STARTS):
             try:
-                client = opened.enter_context(_started(workers))
+                client = opened.enter_context(_start_cluster(workers))
                 break
             except Exception as error:  # Dask reports a worker that dies while it starts by various exceptions
                 if start == STARTS - 1:
@@ -78,7 +78,7 @@ def local_client(workers: int) -> Iterator[Any]:
 
 
 @contextmanager
-def _started(workers: int) -> Iterator[Any]:
+def _start_cluster(workers: int) -> Iterator[Any]:
     from distributed import Client, LocalCluster, Security
 
     # Anyone who reaches a port of Dask can run code as its owner, and all users of a machine reach its loopback. So
@@ -109,7 +109,7 @@ def remote_client(address: str) -> Iterator[Any]:
     for handler in logging.getLogger("distributed").handlers:  # our own messages replace its log
         handler.setLevel(logging.CRITICAL)
     try:
-        asyncio.run(_greeted(address))
+        asyncio.run(_require_greeting(address))
         client = Client(address, timeout=PATIENCE_S)
     except (OSError, ValueError, TypeError) as error:
         raise LidarSceneError(f"--scheduler {address}: no Dask scheduler answers there: {_reason(error)}") from None
@@ -126,7 +126,7 @@ def remote_client(address: str) -> Iterator[Any]:
         yield client
 
 
-async def _greeted(address: str) -> None:
+async def _require_greeting(address: str) -> None:
     """Raise an error where no Dask answers: its client would wait for ever for a greeting from any other server."""
     from distributed.comm import connect
     from distributed.security import Security

@@ -157,7 +157,7 @@ def _choices(file: JobFile, folder: Path) -> Iterator[tuple[SceneChoice, tuple[S
     def sensors(names: tuple[str, ...]) -> tuple[SensorChoice, ...]:
         return tuple(_sensors(file, names, folder))
 
-    job_sensors = tuple(_located(sensor, folder) for sensor in file.sensors)
+    job_sensors = tuple(_locate_sensor(sensor, folder) for sensor in file.sensors)
     for name in file.scenes:
         path = folder / name if Path(name).suffix else scene_path(name)
         for trajectory in file.trajectories or (None,):
@@ -222,7 +222,7 @@ def _sensors(file: JobFile, names: tuple[str, ...], folder: Path) -> Iterator[Se
                 )
 
 
-def _located(name: str, folder: Path) -> str:
+def _locate_sensor(name: str, folder: Path) -> str:
     """Resolve a sensor file against the job's folder; a catalogue name stays as it is."""
     return str((folder / name).absolute()) if name.endswith(".toml") else name
 

@@ -16,7 +16,7 @@ from ..errors import InputError, LidarSceneError, shortened
 from ..kernel.device import transfer
 from ..maths.trajectory import pose_at
 from ..outputs import run_report
-from ..rendering.frame import motion_of
+from ..rendering.frame import sensor_motion
 from ..rendering.simulator import Simulator, Summary
 from ..scene.scene import Scene
 from ..scene.scene_file import load_scene
@@ -120,8 +120,8 @@ def _simulator(task: FrameTask) -> Simulator:
     """
     choice, sensor = task.scene, task.sensor
     scene: Scene = _scenes.get(choice.digest, lambda: _scene(choice))
-    mounted, first = _sensors.get((sensor.digest, choice.digest), lambda: _mounted(sensor, scene))
-    centre_m = pose_at(motion_of(scene, first.sensor, first.pose)).position_m
+    mounted, first = _sensors.get((sensor.digest, choice.digest), lambda: _load_mounted(sensor, scene))
+    centre_m = pose_at(sensor_motion(scene, first.sensor, first.pose)).position_m
     world, simulators = _worlds.get(
         (choice.world, _wavelength(mounted.sensor), centre_m.tobytes(), task.trace.interactions > 0),
         lambda: (Simulator(scene, first.sensor, task.trace, pose=first.pose).world, _Cache()),
@@ -137,21 +137,21 @@ def _scene(choice: SceneChoice) -> Scene:
     path = Path(choice.path)
     scene = load_scene(path, overrides=choice.overrides)
     if scene_content(path, choice.overrides) != choice.content:
-        raise _changed(choice.path)
+        raise _changed_error(choice.path)
     return scene
 
 
-def _mounted(choice: SensorChoice, scene: Scene) -> tuple[Mounted, Mounted]:
+def _load_mounted(choice: SensorChoice, scene: Scene) -> tuple[Mounted, Mounted]:
     """Load the sensor with its pose on the vehicle, and the sensor around which its world is compiled."""
     if not choice.rig:
         sensor = load_sensor(choice.name, overrides=choice.overrides)
         if sensor_content(choice.name, choice.overrides) != choice.content:
-            raise _changed(choice.name)
+            raise _changed_error(choice.name)
         alone = Mounted(label="", sensor=sensor, pose=scene.sensor_pose)
         return alone, alone
     rig = load_rig(choice.rig, overrides=choice.overrides)
     if rig_content(choice.rig, choice.overrides) != choice.content:
-        raise _changed(choice.rig)
+        raise _changed_error(choice.rig)
     chosen = next(mounted for mounted in rig.sensors if mounted.label == choice.label)
     first = next(mounted for mounted in rig.sensors if _wavelength(mounted.sensor) == _wavelength(chosen.sensor))
     return chosen, first
@@ -161,7 +161,7 @@ def _wavelength(sensor: Sensor) -> float:
     return sensor.laser.wavelength_m
 
 
-def _changed(path: str) -> InputError:
+def _changed_error(path: str) -> InputError:
     return InputError(
         f"{path}: it, or a file that it names, is not the one of which this frame was asked; run it again"
     )

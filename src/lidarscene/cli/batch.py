@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..files.json_text import json_text
 from ..rendering.render_options import Whole
 from .terminal import Answer, Lines
-from .words import whole
+from .words import whole_number
 
 if TYPE_CHECKING:
     from ..batch.dispatch import Progress
@@ -65,7 +65,7 @@ def add_batch(commands: Any) -> None:
     add(
         "--workers",
         metavar="N",
-        type=whole(Whole(1, 1024)),
+        type=whole_number(Whole(1, 1024)),
         help="processes of this machine (default: one for each core)",
     )
     add("--json", action="store_true", help="print what was done as JSON")
@@ -100,10 +100,10 @@ def batch_answer(arguments: argparse.Namespace) -> Answer:
         progress = run_job(
             job,
             arguments.output,
-            connect=lambda: display.connected(connection()),
+            connect=lambda: display.connect(connection()),
             threads=threads,
             report=display.report,
-            waiting=display.waiting,
+            waiting=display.report_waiting,
         )
     text = _as_json(progress, manifest) if arguments.json else _as_text(progress, manifest)
     return Answer(text, 1 if progress.failed else 0)
@@ -131,7 +131,7 @@ class _Display:
         self._bar.stop()
 
     @contextmanager
-    def connected(self, connection: AbstractContextManager[Any]) -> Iterator[Any]:
+    def connect(self, connection: AbstractContextManager[Any]) -> Iterator[Any]:
         """Enter a connection, print its dashboard's address, and give its client."""
         from ..batch.cluster import dashboard
 
@@ -142,7 +142,7 @@ class _Display:
                 self._console.print("the scheduler has no workers yet; waiting for them")
             yield client
 
-    def waiting(self) -> None:
+    def report_waiting(self) -> None:
         """Print that there has been no worker for a while."""
         self._console.print("there are no workers; waiting for them")
 

@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..rendering.render_options import CHUNKS, SEEDS
 from .recordings.recording_options import add_recording, is_recording
 from .terminal import progress
-from .words import pose, rising, whole
+from .words import pose, rising_numbers, whole_number
 
 if TYPE_CHECKING:
     from ..studies.compare.bench import NamedSensor
@@ -55,7 +55,7 @@ def add_compare(commands: Any) -> None:
     add(
         "--illuminance",
         metavar="KLUX,KLUX,...",
-        type=rising("illuminances in klux", "0.05,1,10,100"),
+        type=rising_numbers("illuminances in klux", "0.05,1,10,100"),
         help="sweep over these, and find where sensors overtake each other",
     )
     add(
@@ -72,8 +72,8 @@ def add_compare(commands: Any) -> None:
         metavar="X,Y,Z[,YAW,PITCH,ROLL]",
         help="where the sensors stand, metres and degrees (default: the scene's); positive pitch looks up",
     )
-    add("--seed", metavar="N", type=whole(SEEDS), default=None, help="the same for all sensors (default 0)")
-    add("--chunk", metavar="N", type=whole(CHUNKS), help="pulses at a time: bounds the memory, no more")
+    add("--seed", metavar="N", type=whole_number(SEEDS), default=None, help="the same for all sensors (default 0)")
+    add("--chunk", metavar="N", type=whole_number(CHUNKS), help="pulses at a time: bounds the memory, no more")
     add("--json", action="store_true", help="print the numbers as JSON")
     add(
         "--real",
@@ -88,18 +88,18 @@ def add_compare(commands: Any) -> None:
 def compare_text(arguments: argparse.Namespace) -> str:
     """Run `compare`; returns the text to print. Raises InputError and OutputError before anything is written."""
     if arguments.real is not None:
-        return _real(arguments)
+        return _compare_real(arguments)
     for option in ("frame", "metadata"):
         if getattr(arguments, option) is not None:
             raise InputError(f"--{option}: goes with --real")
     if arguments.sensors is None:
-        return _clouds(arguments)
+        return _compare_clouds(arguments)
     if len(arguments.inputs) != 1:
         raise InputError(f"--sensors: must go with one scene, got {len(arguments.inputs)} files")
-    return _sensors(arguments)
+    return _compare_sensors(arguments)
 
 
-def _sensors(arguments: argparse.Namespace) -> str:
+def _compare_sensors(arguments: argparse.Namespace) -> str:
     from ..rendering.render_options import DEFAULT_CHUNK
     from ..scene.scene_file import load_scene
     from ..studies.compare.bench import Bench
@@ -131,7 +131,7 @@ def _sensors(arguments: argparse.Namespace) -> str:
         )
 
 
-def _real(arguments: argparse.Namespace) -> str:
+def _compare_real(arguments: argparse.Namespace) -> str:
     from ..recordings.opening import open_recording
     from ..studies.compare.recording_comparison import compare_with_recording, side_of_cloud, side_of_sweep
 
@@ -143,7 +143,7 @@ def _real(arguments: argparse.Namespace) -> str:
     if len(arguments.inputs) != 1:
         raise InputError(f"--real: must go with one cloud or recording, got {len(arguments.inputs)} files")
     if is_twin:
-        return _twin(arguments)
+        return _compare_twin(arguments)
     path, frame = arguments.inputs[0], arguments.frame or 0
     with open_recording(arguments.real, arguments.metadata) as recording:
         real = side_of_sweep(f"{arguments.real.name} frame {frame}", recording[frame])
@@ -157,7 +157,7 @@ def _real(arguments: argparse.Namespace) -> str:
     return compare_with_recording(side, real, arguments.output, as_json=arguments.json)
 
 
-def _twin(arguments: argparse.Namespace) -> str:
+def _compare_twin(arguments: argparse.Namespace) -> str:
     from ..recordings.opening import open_recording
     from ..rendering.render_options import DEFAULT_CHUNK
     from ..studies.twin.twin_page import compare_twin
@@ -178,7 +178,7 @@ _OF_SCENES = ("same_beams", "illuminance", "overrides", "pose", "seed", "chunk")
 """Options that only apply to scenes."""
 
 
-def _clouds(arguments: argparse.Namespace) -> str:
+def _compare_clouds(arguments: argparse.Namespace) -> str:
     from ..studies.compare.comparison_study import compare_clouds
 
     for option in _OF_SCENES:

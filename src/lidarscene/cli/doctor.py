@@ -40,7 +40,7 @@ def run_doctor() -> tuple[str, bool]:
     }
     lines = []
     for title, rows in sections.items():
-        lines += [title, *(f"  {name:<20}{_indented(text)}".rstrip() for name, text in rows)]
+        lines += [title, *(f"  {name:<20}{_indent(text)}".rstrip() for name, text in rows)]
     if report.error:
         lines += ["error", "  " + report.error.replace("\n", "\n  ")]
     lines.append("lidarscene can trace rays here" if healthy else "lidarscene cannot trace rays here")
@@ -86,5 +86,5 @@ def _ray(report: BackendReport) -> tuple[str, bool]:
     return f"plate at {expected_m:.4f} m, range found {got_m:.4f} m: {verdict}", right
 
 
-def _indented(text: str) -> str:
+def _indent(text: str) -> str:
     return text.replace("\n", "\n" + " " * 22)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from .terminal import progress
-from .words import number, pose, rising
+from .words import number, pose, rising_numbers
 
 if TYPE_CHECKING:
     from ..sensor.sensor_model import Sensor
@@ -44,7 +44,7 @@ def add_fov(commands: Any) -> None:
     add(
         "--time",
         metavar="S,S,...",
-        type=rising("seconds", "0.1,0.5,1"),
+        type=rising_numbers("seconds", "0.1,0.5,1"),
         help="seconds (default 0.1,0.2,0.3,0.4,0.5,0.7,1,1.4)",
     )
     add("--cell", metavar="DEG", type=number, help="size of the cells (default 0.28)")

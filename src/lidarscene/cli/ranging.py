@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..files.json_text import json_text
 from ..rendering.render_options import Whole
 from .terminal import Answer, progress
-from .words import number, whole
+from .words import number, whole_number
 
 if TYPE_CHECKING:
     from ..studies.ranging.curves import Curves, Question
@@ -71,7 +71,7 @@ def _add_range(commands: Any) -> None:
     )
     add("--from", metavar="X", type=number, help="start of the axis, in its unit")
     add("--to", metavar="X", type=number, help="end of the axis")
-    add("--n", metavar="N", type=whole(Whole(2, 100_000)), help="points on the axis (default 200)")
+    add("--n", metavar="N", type=whole_number(Whole(2, 100_000)), help="points on the axis (default 200)")
     scale = command.add_mutually_exclusive_group()
     scale.add_argument("--log", action="store_true", help="logarithmic steps")
     scale.add_argument("--linear", action="store_true", help="even steps")

@@ -20,7 +20,7 @@ from ..outputs.output_options import FEW_PULSES, FRAMES, Outputs
 from ..rendering.render_options import CHUNKS, COORDINATES, MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
 from .terminal import progress
 from .words import number as seconds
-from .words import pose, pulses, whole
+from .words import pose, pulses, whole_number
 
 if TYPE_CHECKING:
     from ..kernel.device.profile import KernelHistory
@@ -109,7 +109,7 @@ def add_render(commands: Any) -> None:
     add(
         "--frames",
         metavar="N",
-        type=whole(FRAMES),
+        type=whole_number(FRAMES),
         help="so many frames, one after the other; -o is then a folder for frame_0000.ply and so on, or one file of "
         "all of them: a bag of ROS 2 (.mcap, .db3) or packets (.pcap)",
     )
@@ -120,32 +120,32 @@ def add_render(commands: Any) -> None:
         default=FRAME.begin_s,
         help="when the first frame begins, by the clock of the scene's motions (default 0)",
     )
-    add("--seed", metavar="N", type=whole(SEEDS), default=FRAME.seed, help="same seed, same cloud (default 0)")
+    add("--seed", metavar="N", type=whole_number(SEEDS), default=FRAME.seed, help="same seed, same cloud (default 0)")
     add(
         "--rays",
         metavar="N",
-        type=whole(RAYS),
+        type=whole_number(RAYS),
         default=TRACE.rays,
         help="of each pulse, over the footprint of its beam (default 1: its axis)",
     )
     add(
         "--interactions",
         metavar="N",
-        type=whole(MEETINGS),
+        type=whole_number(MEETINGS),
         default=TRACE.interactions,
         help="panes, mirrors and gaps that a beam may meet; with 0 it ends at the first (default 3)",
     )
     add(
         "--background-rays",
         metavar="K",
-        type=whole(RAYS),
+        type=whole_number(RAYS),
         help="of each pulse, over the receiver's field of view, for its background (default: as its rays)",
     )
     add("--vectors", action="store_true", help="normals of the surfaces and their velocities over the ground, too")
     add(
         "--chunk",
         metavar="N",
-        type=whole(CHUNKS),
+        type=whole_number(CHUNKS),
         default=FRAME.chunk,
         help="rays at a time: bounds the memory, no more",
     )

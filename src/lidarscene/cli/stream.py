@@ -13,7 +13,7 @@ from ..formats.registry import PACKETS
 from ..outputs.output_options import FRAMES
 from ..rendering.render_options import MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
 from .words import number as seconds
-from .words import pose, whole
+from .words import pose, whole_number
 
 STREAM_HELP = """\
 examples:
@@ -62,12 +62,12 @@ def add_stream(commands: Any) -> None:
         default=FRAME.begin_s,
         help="when the first frame begins, by the clock of the scene's motions (default 0)",
     )
-    add("--seed", metavar="N", type=whole(SEEDS), default=FRAME.seed, help="of the noise (default 0)")
-    add("--rays", metavar="N", type=whole(RAYS), default=TRACE.rays, help="of each pulse (default 1)")
+    add("--seed", metavar="N", type=whole_number(SEEDS), default=FRAME.seed, help="of the noise (default 0)")
+    add("--rays", metavar="N", type=whole_number(RAYS), default=TRACE.rays, help="of each pulse (default 1)")
     add(
         "--interactions",
         metavar="N",
-        type=whole(MEETINGS),
+        type=whole_number(MEETINGS),
         default=TRACE.interactions,
         help="panes, mirrors and gaps that a beam may meet (default 3)",
     )
@@ -85,7 +85,7 @@ def add_stream(commands: Any) -> None:
         type=_rate,
         help="frames in a second (default: as many as the sensor turns, real time); less is slow motion",
     )
-    add("--frames", metavar="N", type=whole(FRAMES), help="end after so many (default: Ctrl-C ends)")
+    add("--frames", metavar="N", type=whole_number(FRAMES), help="end after so many (default: Ctrl-C ends)")
     add(
         "--format",
         choices=PACKETS,
@@ -101,7 +101,7 @@ def stream_text(arguments: argparse.Namespace) -> str:
     """Run `stream`; returns the text to print at its end."""
     from ..files.atomic import put_text
     from ..formats.packets.select_encoder import select_encoder
-    from ..outputs.live.sending import frames_of, send_frames, udp
+    from ..outputs.live.sending import render_firings, send_frames, udp
     from ..rendering.simulator import Simulator
     from ..scene.scene_file import load_scene
     from ..sensor.sensor_file import load_sensor
@@ -123,7 +123,7 @@ def stream_text(arguments: argparse.Namespace) -> str:
             simulator.check_frames(range(arguments.frames), begin_s=arguments.begin)
         sys.stdout.write(f"{sensor.name} in {scene.name} to {host}:{port} (Ctrl-C ends)\n")
         sys.stdout.flush()
-        frames = frames_of(simulator, frame, needs_ambient=encoder.needs_ambient, frames=arguments.frames)
+        frames = render_firings(simulator, frame, needs_ambient=encoder.needs_ambient, frames=arguments.frames)
         frame_s = sensor.scanner.frame_s
         return send_frames(frames, encoder, send, frame_s=frame_s, rate_hz=arguments.rate, report=_print_line).as_text()
 

@@ -107,13 +107,13 @@ class Lines:
 
     def __call__(self, finished: int, total: int) -> None:
         """Print a line if one is due."""
-        from ..outputs.size import in_words
+        from ..outputs.size import duration_text
 
         seconds = self._clock() - self._since
         if seconds < self._next_s or not 0 < finished < total:
             return
         self._next_s = seconds + min(seconds, LONGEST_PAUSE_S)
-        remaining = in_words(seconds * (total - finished) / finished)
+        remaining = duration_text(seconds * (total - finished) / finished)
         sys.stderr.write(
             f"lidarscene: {finished:,} of {total:,} {self._counted} ({finished / total:.1%}), some {remaining} left\n"
         )

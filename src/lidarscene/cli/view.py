@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from ..rendering.render_options import SEEDS, Whole
 from .recordings.recording_options import add_recording, is_recording, with_progress
-from .words import pose, whole
+from .words import pose, whole_number
 
 if TYPE_CHECKING:
     from ..view.page_sources import Source
@@ -65,11 +65,13 @@ def add_view(commands: Any) -> None:
         help="change a value of the sensor file, may be repeated",
     )
     add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]", help="where the sensor stands in a live scene")
-    add("--seed", metavar="N", type=whole(SEEDS), default=0, help="of a live scene (default 0)")
+    add("--seed", metavar="N", type=whole_number(SEEDS), default=0, help="of a live scene (default 0)")
     add_recording(view)
     add = view.add_argument_group("where").add_argument
     add("--save", metavar="F.html", type=Path, help="write one file that needs no server, and end")
-    add("--port", metavar="N", type=whole(Whole(0, 65535)), default=0, help="of the page (default: any free one)")
+    add(
+        "--port", metavar="N", type=whole_number(Whole(0, 65535)), default=0, help="of the page (default: any free one)"
+    )
     add("--no-browser", action="store_true", help="only say where the page is")
     view.set_defaults(run=view_text)
 
@@ -111,7 +113,7 @@ def _source(arguments: argparse.Namespace) -> Source:
     scenes = [path for path in arguments.paths if _is_scene(path)]
     if len(scenes) > 1:
         raise InputError(f"view: must be one scene, got {scenes[0]} and {scenes[1]}")
-    clouds = clouds_in([path for path in arguments.paths if path not in scenes])
+    clouds = list_clouds([path for path in arguments.paths if path not in scenes])
     scene = load_scene(scenes[0]) if scenes else None
     if scene is not None and not clouds:
         frame = FrameOptions(seed=arguments.seed, pose=arguments.pose)
@@ -141,7 +143,7 @@ def _recording_source(arguments: argparse.Namespace, path: Path) -> Source:
     return RecordingFrames(with_progress(recording) if arguments.save else recording, frame=arguments.frame)
 
 
-def clouds_in(paths: Sequence[Path]) -> list[Path]:
+def list_clouds(paths: Sequence[Path]) -> list[Path]:
     """List cloud files in the order given; files of a folder are sorted by the numbers in their names."""
     from ..formats.registry import FORMATS
 

@@ -28,7 +28,7 @@ def number(text: str) -> float:
     return value
 
 
-def whole(numbers: Whole) -> Callable[[str], int]:
+def whole_number(numbers: Whole) -> Callable[[str], int]:
     """Make an argparse type that parses one of these whole numbers."""
 
     def parse(text: str) -> int:
@@ -43,7 +43,7 @@ def whole(numbers: Whole) -> Callable[[str], int]:
     return parse
 
 
-def rising(quantity: str, example: str) -> Callable[[str], tuple[float, ...]]:
+def rising_numbers(quantity: str, example: str) -> Callable[[str], tuple[float, ...]]:
     """Make an argparse type that parses rising positive numbers with commas between them."""
 
     def parse(text: str) -> tuple[float, ...]:

@@ -33,7 +33,7 @@ from ..scene.scene import Scene, View
 from .light import AmbientImage, write_waveforms
 from .plan import Plan
 from .range_image import range_image_stream
-from .streams import Append, Capture, cloud_stream, dataset_stream, missed_stream, pulses_of_waveforms
+from .streams import Append, Capture, cloud_stream, dataset_stream, missed_stream, waveform_pulses
 
 Change = Callable[[int, PointCloud], PointCloud]
 
@@ -77,12 +77,12 @@ class FrameFiles:
         if ambient is not None:
             ambient.save(self.files["ambient"], simulator.sensor)
         if "waveforms" in self.files:
-            chosen = pulses_of_waveforms(self.plan.outputs, simulator.sensor)
+            chosen = waveform_pulses(self.plan.outputs, simulator.sensor)
             write_waveforms(self.files["waveforms"], simulator.waveforms(chosen, frame=self.frame))
-        since = self.summary.spent("write", since)
+        since = self.summary.add_time("write", since)
         if picture is not None:
             self._draw(picture)
-            self.summary.spent("picture", since)
+            self.summary.add_time("picture", since)
 
     def _packets(self) -> FiringsBuilder | None:
         """Builder of the firings that packets are made of; None without packets."""

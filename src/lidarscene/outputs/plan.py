@@ -181,7 +181,7 @@ def _option(key: str) -> str:
     return key if key in ENDINGS else "path"
 
 
-def keep_inputs(clouds: Sequence[Mapping[str, Path]], inputs: Sequence[Path]) -> None:
+def protect_inputs(clouds: Sequence[Mapping[str, Path]], inputs: Sequence[Path]) -> None:
     """Raise InputError for an output that would overwrite a file the run reads."""
     for files in clouds:
         for key, path in files.items():

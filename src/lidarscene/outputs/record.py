@@ -21,7 +21,7 @@ from ..files.overrides import Overrides, assignments
 from ..rendering.frame_summary import Summary
 from ..rendering.render_options import FrameKeywords, FrameOptions, Keywords, Observers, TraceKeywords, TraceOptions
 from ..rendering.rig_simulators import require_common_frames, simulators
-from ..rendering.surroundings import Surroundings, surroundings_of, warn_of_surroundings
+from ..rendering.surroundings import Surroundings, simulator_surroundings, warn_of_surroundings
 from ..scene.scene import Scene
 from ..scene.scene_file import files_of_scene, load_scene
 from ..sensor.rig_file import Mounted, Rig
@@ -29,9 +29,9 @@ from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor, warn_of_doubts
 from .frame_files import FrameFiles
 from .output_options import FRAMES, File, Outputs
-from .plan import CLOUDS, Plan, check_writable, keep_inputs
+from .plan import CLOUDS, Plan, check_writable, protect_inputs
 from .size import warn_of_size
-from .streams import Append, captures, description_files, packet_encoders, pulses_of_waveforms
+from .streams import Append, captures, description_files, packet_encoders, waveform_pulses
 
 ProgressCallback = Callable[[int, int], object]
 NameOrFile = str | os.PathLike[str]
@@ -143,21 +143,23 @@ def record(
         if label in encoders:
             files |= description_files(files["output"], encoders[label])
     check_writable(plan.distinct(planned))
-    keep_inputs(planned, [*_inputs(scene, scene_changes, sensor)])
+    protect_inputs(planned, [*_inputs(scene, scene_changes, sensor)])
     # Wrong pulse numbers raise here, not after an hour of tracing.
     if outputs.waveforms is not None:
         for mounted in sensors:
-            pulses_of_waveforms(outputs, mounted.sensor)
-    since = before.spent("load", since)
+            waveform_pulses(outputs, mounted.sensor)
+    since = before.add_time("load", since)
     if outputs.merge:
         require_common_frames(sensors, len(numbers))
     # Simulators are made once for all frames: worlds and compiled kernels are kept.
     simulator_by_label = dict(simulators(described, sensors, trace, pose=frame.pose if rig else None))
     for simulator in simulator_by_label.values():
         simulator.check_frames(numbers, begin_s=frame.begin_s)
-    surroundings = tuple(surroundings_of(simulator, begin_s=frame.begin_s) for simulator in simulator_by_label.values())
+    surroundings = tuple(
+        simulator_surroundings(simulator, begin_s=frame.begin_s) for simulator in simulator_by_label.values()
+    )
     warn_of_surroundings(surroundings)
-    before.spent("build", since)
+    before.add_time("build", since)
     pulses = len(numbers) * sum(mounted.sensor.scanner.pulses for mounted in sensors)
     progress = None if callback is None else _Progress(callback, pulses)
     written: list[RecordedCloud] = []

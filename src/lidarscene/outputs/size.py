@@ -56,7 +56,7 @@ def warn_of_size(plan: Plan, sensors: Sequence[Mounted], trace: TraceOptions, ch
             "up to {5} of memory",
             outputs.place,
             pulses,
-            in_words(pulses * trace.rays / RAYS_A_SECOND),
+            duration_text(pulses * trace.rays / RAYS_A_SECOND),
             _bytes(disk),
             _bytes(free),
             _bytes(memory),
@@ -65,7 +65,7 @@ def warn_of_size(plan: Plan, sensors: Sequence[Mounted], trace: TraceOptions, ch
     )
 
 
-def in_words(seconds: float) -> str:
+def duration_text(seconds: float) -> str:
     """Text of a time to a whole number of s, min, h or days."""
     for unit, length, most in (("s", 1.0, 100.0), ("min", 60.0, 6000.0), ("h", 3600.0, 180_000.0)):
         if seconds < most:

@@ -73,7 +73,7 @@ def _truth_filter(outputs: Outputs, append: Append) -> Append:
     return append if outputs.truth else (lambda cloud: append(cloud.without_truth()))
 
 
-def pulses_of_waveforms(outputs: Outputs, sensor: Sensor) -> Sequence[int]:
+def waveform_pulses(outputs: Outputs, sensor: Sensor) -> Sequence[int]:
     """Pulse numbers whose waveforms are written: `Outputs.pulses`, or FEW_PULSES evenly spaced. Raises InputError."""
     last = sensor.scanner.pulses - 1
     few = [last * number // (FEW_PULSES - 1) for number in range(FEW_PULSES)]

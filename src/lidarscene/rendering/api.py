@@ -18,7 +18,7 @@ from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor, warn_of_doubts
 from .render_options import NUMBERS, FrameOptions, Keywords, Observers, RenderKeywords, TraceOptions, Whole
 from .simulator import Simulator
-from .surroundings import surroundings_of, warn_of_surroundings
+from .surroundings import simulator_surroundings, warn_of_surroundings
 
 
 def render_frames(
@@ -35,7 +35,7 @@ def render_frames(
     The other parameters are those of `render`.
     """
     Whole(1, NUMBERS.high).check("frames", frames)
-    simulator, first, observers = _prepared(scene, sensor, overrides, scene_overrides, options)
+    simulator, first, observers = _prepare(scene, sensor, overrides, scene_overrides, options)
     numbers = range(first.number, first.number + frames)
     simulator.check_frames(numbers, begin_s=first.begin_s)
     # A generator expression, not `yield`: so the call itself raises for mistakes, and not the first frame.
@@ -60,11 +60,11 @@ def render(
                      fields of any of them: ``seed=1, rays=3``
     Raises InputError for a mistake in a file or an option, BackendError without a usable Mitsuba back end.
     """
-    simulator, frame, observers = _prepared(scene, sensor, overrides, scene_overrides, options)
+    simulator, frame, observers = _prepare(scene, sensor, overrides, scene_overrides, options)
     return simulator.render(frame, observers)
 
 
-def _prepared(
+def _prepare(
     scene: str | os.PathLike[str] | Scene,
     sensor: str | os.PathLike[str] | Sensor | None,
     overrides: Overrides,
@@ -79,5 +79,5 @@ def _prepared(
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
     simulator = Simulator(described, equipped, trace, pose=frame.pose)
     warn_of_doubts([equipped])
-    warn_of_surroundings([surroundings_of(simulator, begin_s=frame.begin_s)])
+    warn_of_surroundings([simulator_surroundings(simulator, begin_s=frame.begin_s)])
     return simulator, frame, observers

@@ -72,7 +72,7 @@ class Frame:
         number = options.number
         scanner_s, length_s = check_frame(scene, sensor.scanner, number=number, begin_s=options.begin_s)
         start_s = options.begin_s + scanner_s
-        riding = motion_of(scene, sensor, options.pose or scene.sensor_pose)
+        riding = sensor_motion(scene, sensor, options.pose or scene.sensor_pose)
         # Where nothing carries the sensor, `pose_at` would only cost half a millisecond of a small frame.
         place = pose_at(riding, start_s) if scene.ego is not None else riding.pose
         # Poses at the times of all pulses would be large. So each path is sampled once a frame, and the device
@@ -142,7 +142,7 @@ def placements(
     return paths.placement(times, 0) if moves else origin, movers
 
 
-def motion_of(scene: Scene, sensor: Sensor, sensor_pose: Pose) -> Riding:
+def sensor_motion(scene: Scene, sensor: Sensor, sensor_pose: Pose) -> Riding:
     """Motion of the sensor: it rides on the ego vehicle at ``sensor_pose``, and its mounting is applied there."""
     return Riding(carrier=scene.ego or Course(), pose=sensor_pose @ sensor.mounting)
 

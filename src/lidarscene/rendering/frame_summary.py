@@ -68,7 +68,7 @@ class Summary:
             self.points += len(status)
             self.statuses += _counts(status, len(Status))
 
-    def spent(self, stage: str, since: float) -> float:
+    def add_time(self, stage: str, since: float) -> float:
         """Add the time since ``since`` to a stage, and return the present time (`time.perf_counter`)."""
         end = time.perf_counter()
         self.seconds[stage] = self.seconds.get(stage, 0.0) + end - since

@@ -26,7 +26,7 @@ from ..scene.scene import Body, Scene
 from ..scene.scene_file import load_scene
 from ..sensor.sensor_model import Sensor
 from .frame import TOLERANCE_S, frame_edges
-from .render_options import FrameKeywords, FrameOptions, Keywords, Placed, TraceKeywords, TraceOptions, placed
+from .render_options import FrameKeywords, FrameOptions, Keywords, Placed, TraceKeywords, TraceOptions, to_pose
 from .simulator import Simulator
 
 ROTATION_ERROR = 1e-5
@@ -314,7 +314,7 @@ def _course(
 
 def _checked_pose(subject: str, pose: Placed) -> Pose:
     """Convert to a `Pose`. Raises InputError for numbers that are not finite, or a matrix that is no rotation."""
-    checked = placed(pose)
+    checked = to_pose(pose)
     turn = checked.rotation
     square = np.isfinite(turn).all() and np.abs(turn @ turn.T - np.eye(3)).max() < ROTATION_ERROR
     if not (np.isfinite(checked.position_m).all() and square and np.linalg.det(turn) > 0.0):

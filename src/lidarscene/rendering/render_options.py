@@ -116,13 +116,13 @@ class FrameOptions:
         if not isinstance(begin_s, Real) or not math.isfinite(self.begin_s):
             raise OptionError("{begin_s}: must be a finite number of seconds, got {0!r}", begin_s)
         if self.pose is not None:
-            object.__setattr__(self, "pose", placed(self.pose))
+            object.__setattr__(self, "pose", to_pose(self.pose))
         if self.coordinates not in COORDINATES:
             choices = " or ".join(map(repr, COORDINATES))
             raise OptionError("{coordinates}: must be {0}, got {1!r}", choices, self.coordinates)
 
 
-def placed(pose: object) -> Pose:
+def to_pose(pose: object) -> Pose:
     """Convert a `Pose` or three to six numbers (see `Placed`) to a `Pose`. Raises OptionError for anything else."""
     from ..maths.pose import Pose
 

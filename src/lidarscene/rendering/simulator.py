@@ -35,7 +35,7 @@ from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor
 from .chunk import Chunk, Placing, detection_values, join_columns
 from .extremes import check_detections, points_error
-from .frame import Frame, check_frame, motion_of
+from .frame import Frame, check_frame, sensor_motion
 from .frame_summary import Summary as Summary
 from .render_options import (
     FrameKeywords,
@@ -46,7 +46,7 @@ from .render_options import (
     StreamKeywords,
     TraceKeywords,
     TraceOptions,
-    placed,
+    to_pose,
 )
 from .stages import Chain, Stages
 from .tiles import PACKET, DevicePulses, Numbering
@@ -97,7 +97,7 @@ class Simulator:
         keywords.end()
         self.scene = scene = load_scene(scene)
         self.sensor = sensor = load_sensor(scene.sensor_name if sensor is None else sensor)
-        self.pose = scene.sensor_pose if pose is None else placed(pose)
+        self.pose = scene.sensor_pose if pose is None else to_pose(pose)
         self.clearance = Clearance.of_scene(scene)
         self.world = world or build_world(
             scene,
@@ -124,7 +124,7 @@ class Simulator:
     @property
     def motion(self) -> Motion:
         """Motion of the sensor in the world, which `deskewed` corrects for."""
-        return motion_of(self.scene, self.sensor, self.pose)
+        return sensor_motion(self.scene, self.sensor, self.pose)
 
     def check_frames(self, numbers: Sequence[int], *, begin_s: float = 0.0) -> None:
         """Raise InputError unless every motion lasts for these frames, and there are numbers for their pulses.
@@ -154,7 +154,7 @@ class Simulator:
         self._hand_out(current_frame, builder.append, "assemble", frame_options, replace(observers, summary=summary))
         since = time.perf_counter()
         cloud = PointCloud(**builder.fields(**self._description(current_frame, frame_options)), checked=True)
-        summary.spent("assemble", since)
+        summary.add_time("assemble", since)
         return cloud
 
     def stream(
@@ -222,7 +222,7 @@ class Simulator:
                 observers.missed((missed + piece.first).astype(np.uint32), piece.outcome[missed].astype(np.uint8))
             if observers.progress is not None:
                 observers.progress(finished, self.sensor.scanner.pulses)
-            summary.spent(stage, since)
+            summary.add_time(stage, since)
 
     def _pieces(self, frame: Frame, options: FrameOptions, observers: Observers, summary: Summary) -> Iterator[_Piece]:
         """Iterate over the results of the chunks; outcomes are in the order of pulses if ``observers.missed`` is set.
@@ -245,7 +245,7 @@ class Simulator:
             blocks.share_out(count * self.trace.rays)
             pulses = self.numbering.pulses(frame, first, count)
             part = self._chain(frame, pulses, seed_word, survey=self.trace.interactions > 0)
-            summary.spent("record", since)
+            summary.add_time("record", since)
             return replace(part, order=pulses.order)
 
         part, first = started(begin), begin
@@ -254,7 +254,7 @@ class Simulator:
             transfer.wait()
             parts = [part, *self._trace_continuing(frame, part, seed_word)]
             check_detections(self.scene, self.sensor, [traced.detection for traced in parts])
-            since = summary.spent("trace", since)
+            since = summary.add_time("trace", since)
             pulse, columns = self._columns(frame, parts, placing)
             outcome = detection_values(parts, first, "outcome", ordered=observers.missed is not None)
             if observers.ambient is not None:
@@ -262,7 +262,7 @@ class Simulator:
                 observers.ambient(numbers, detection_values(parts, first, "ambient").astype(np.uint64))
             if observers.points is not None:
                 observers.points(pulse, join_columns([self._surfaces(traced) for traced in parts]))
-            summary.spent("collect", since)
+            summary.add_time("collect", since)
             piece_first = first
             if following is not None:
                 part, first = started(following), following

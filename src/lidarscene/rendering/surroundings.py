@@ -113,7 +113,7 @@ class Surroundings:
         }
 
 
-def surroundings_of(simulator: Simulator, *, begin_s: float = 0.0) -> Surroundings:
+def simulator_surroundings(simulator: Simulator, *, begin_s: float = 0.0) -> Surroundings:
     """Surroundings of a simulator's sensor in its scene, as its first frame begins."""
     place_m = pose_at(simulator.motion, begin_s).position_m
     return Surroundings.inspect(

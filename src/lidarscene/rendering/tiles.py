@@ -163,7 +163,7 @@ class Numbering:
 
     def pulses(self, frame: Frame, first: int, count: int) -> DevicePulses:
         """Pulses of a chunk of a frame: ``count`` from number ``first`` on."""
-        order = self.order_of(count)
+        order = self.lane_order(count)
 
         def times() -> Any:
             key = first - frame.first_pulse, count
@@ -175,7 +175,7 @@ class Numbering:
         number = transfer.counter(first, count) if order is None else order.on_device(first)
         return DevicePulses(number, times, order)
 
-    def order_of(self, count: int) -> Order | None:
+    def lane_order(self, count: int) -> Order | None:
         """Order of the lanes of a chunk of ``count`` pulses; None: in the order of numbers."""
         if self._tiling is None:
             return None

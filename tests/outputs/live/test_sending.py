@@ -14,7 +14,7 @@ from lidarscene.errors import InputError, OutputError
 from lidarscene.formats.packets.firings import Firings, FiringsBuilder
 from lidarscene.formats.packets.layouts import VELODYNE_PACKET
 from lidarscene.formats.packets.select_encoder import select_encoder
-from lidarscene.outputs.live.sending import AHEAD, MotionEnded, Sent, frames_of, send_frames, udp
+from lidarscene.outputs.live.sending import AHEAD, MotionEnded, Sent, render_firings, send_frames, udp
 from lidarscene.rendering.render_options import FrameOptions
 from lidarscene.sensor.sensor_file import load_sensor
 
@@ -158,7 +158,7 @@ def test_frames_begin_anew_where_numbers_of_pulses_end() -> None:
 
     simulator: Any = SimpleNamespace(sensor=SENSOR, stream=stream)
     first = FrameOptions(number=most - 1, seed=2**32 - 1, begin_s=5.0)
-    made = list(frames_of(simulator, first, needs_ambient=False, frames=3))
+    made = list(render_firings(simulator, first, needs_ambient=False, frames=3))
     assert [one.number for one in asked] == [most - 1, 0, 1]
     assert [one.seed for one in asked] == [2**32 - 1, 0, 0]
     assert [one.begin_s for one in asked] == [5.0, *[pytest.approx(5.0 + most * scanner.frame_s)] * 2]

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...rendering.render_options import SEEDS
-from ..words import whole
+from ..words import whole_number
 
 if TYPE_CHECKING:
     from ...recordings.recording import Recording
@@ -30,7 +30,7 @@ HEADER_BYTES = 1 << 16
 def add_recording(command: argparse.ArgumentParser) -> None:
     """Add `--frame` and `--metadata`."""
     add = command.add_argument_group("of a recording").add_argument
-    add("--frame", metavar="N", type=whole(SEEDS), default=None, help="number of the frame, from 0")
+    add("--frame", metavar="N", type=whole_number(SEEDS), default=None, help="number of the frame, from 0")
     add(
         "--metadata",
         metavar="F",

@@ -115,7 +115,7 @@ class MotionEnded(InputError):
     """Raised where a motion of the scene does not last for another frame."""
 
 
-def frames_of(
+def render_firings(
     simulator: Simulator, frame: FrameOptions, *, needs_ambient: bool, frames: int | None = None
 ) -> Iterator[Firings]:
     """Render frames pulse by pulse, from the one of ``frame`` on.
