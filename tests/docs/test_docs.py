@@ -307,26 +307,37 @@ def values_of(schema: dict[str, Any]) -> str:
 
 
 def declared(name: str) -> dict[str, tuple[str, str]]:
-    """Default and values of each key, as the model has them."""
+    """Default and values of each key, as the model has them, without keys of one value (`type`): headings name it."""
     properties = MODELS[name].model_json_schema()["properties"]
     return {
         key: (default_of(info), values_of(properties[key]))
         for field, info in MODELS[name].model_fields.items()
         for key in (info.alias or field,)
+        if "const" not in properties[key]
     }
 
 
 def keys_table(name: str) -> str:
-    return rf"(<!-- keys {name} -->\n)\| key .*?\n\|---.*?\n(.*?)(?=\n\n|\n?\Z)"
+    """Pattern of a model's table: its marker, the models whose tables have its other keys, its rows."""
+    return rf"(<!-- keys {name}((?: \+ \w+)*) -->\n)\| key .*?\n\|---.*?\n(.*?)(?=\n\n|\n?\Z)"
+
+
+def rows_of(name: str) -> tuple[list[str], dict[str, tuple[str, str, str]]]:
+    """Models whose tables go on with this one's keys; default, values and meaning of each key in its own table."""
+    found = [table for page in KEYS if (table := re.search(keys_table(name), text_of(page), re.DOTALL))]
+    assert len(found) == 1, f"{len(found)} tables of {name} in {', '.join(page.name for page in KEYS)}"
+    (table,) = found
+    rows = [[cell.strip(" |") for cell in line.strip().split(" | ")] for line in table[3].splitlines()]
+    return re.findall(r"\w+", table[2]), {row[0].strip("`"): (row[1], row[2], row[3]) for row in rows}
 
 
 def keys_of(name: str) -> dict[str, tuple[str, str, str]]:
     """Default, values and meaning of each key, as the page has them."""
-    found = [table for page in KEYS if (table := re.search(keys_table(name), text_of(page), re.DOTALL))]
-    assert len(found) == 1, f"{len(found)} tables of {name} in {', '.join(page.name for page in KEYS)}"
-    (table,) = found
-    rows = [[cell.strip(" |") for cell in line.strip().split(" | ")] for line in table[2].splitlines()]
-    return {row[0].strip("`"): (row[1], row[2], row[3]) for row in rows}
+    others, rows = rows_of(name)
+    for other in others:
+        inherited = keys_of(other)
+        rows |= {key: inherited[key] for key in declared(name) if key not in rows and key in inherited}
+    return rows
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -364,9 +375,12 @@ def refresh() -> None:
     """Write what is generated: the tables of columns and keys, and what the examples of the theory print."""
     texts = {page: text_of(page) for page in KEYS}
     for name in MODELS:
-        words = {key: meaning for key, (*_, meaning) in keys_of(name).items()}
+        others, shown = rows_of(name)
+        words = {key: meaning for key, (*_, meaning) in shown.items()}
         known = declared(name)
-        order = [*(key for key in words if key in known), *(key for key in known if key not in words)]
+        elsewhere = {key for other in others for key in keys_of(other)}
+        order = [key for key in words if key in known]
+        order += [key for key in known if key not in words and key not in elsewhere]
         rows = ["| key | default | values | meaning |", "|---|---|---|---|"]
         rows += [f"| `{key}` | {' | '.join(known[key])} | {words.get(key, '')} |" for key in order]
         new = "\n".join(rows)
