@@ -29,6 +29,9 @@ MOST_EVALUATIONS = 50
 UNKNOWN_SIGMA = 1.0
 """Sigma of a logarithm above which the number is not known: a factor of e either way."""
 
+SIGMA_PER_MAD = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
@@ -164,6 +167,7 @@ def least_squares(
     count += per_slope
     while count < MOST_EVALUATIONS - per_slope:
         normal = slope.T @ slope
+        # Marquardt's scaling: damping acts on each parameter in units of its own curvature.
         step = np.linalg.lstsq(normal + damping * np.diag(np.diag(normal) + 1e-12), -slope.T @ residual, rcond=None)[0]
         candidate = np.clip(value + step, low, high)
         moved = np.abs(candidate - value) / (high - low)

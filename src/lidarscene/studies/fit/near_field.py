@@ -1,4 +1,4 @@
-"""The near field: how much of the light of a target falls on the detector, over the range, from a recording alone.
+"""Near field: share of a target's light that falls on the detector, over the range, from a recording alone.
 
 An Ouster reports SIGNAL, the photons of a return, and REFLECTIVITY, which its maker corrected for range and near
 field. So SIGNAL R^2 100 / REFLECTIVITY is K share(R), K being the photons of a white wall times the square of its
@@ -20,7 +20,7 @@ from ...maths.arrays import Lanes, Numbers
 from ...maths.special import expm1
 from ...physics.optics import receiver
 from ...sensor.sensor_model import Sensor
-from .estimates import Estimate, Solution, least_squares
+from .estimates import SIGMA_PER_MAD, Estimate, Solution, least_squares
 from .products import FAR_RATIO, near_field_m
 from .recorded_pulses import RecordedPulses
 
@@ -159,6 +159,7 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
     x, y, sigma, sums, counts = binned
     low = np.array([y.min() - 2.0, x.min() - 1.5, math.log(SPOT_BOUNDS[0])])
     high = np.array([y.max() + 2.0, x.max() + 1.5, math.log(SPOT_BOUNDS[-1])])
+    # Start: the plateau from the highest third of the bins, the knee where the share has fallen to one half.
     plateau = float(np.median(np.sort(y)[-max(len(y) // 3, 3) :]))
     knee = float(x[np.argmin(np.abs(y - plateau + math.log(2.0)))])
     start, misfit, evaluations = np.array([plateau, knee, math.log(0.35)]), 0.05, 0
@@ -176,7 +177,8 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
         value, slope, count = least_squares(partial(_residuals, sensor_curve, root, x, y), value, low, high)
         evaluations = max(evaluations, count)
         residual = y - _law(sensor_curve, value, x)
-        excess = np.median(np.abs(residual)) * 1.4826
+        # What of the scatter is beyond the bins' own noise is the misfit of the law.
+        excess = np.median(np.abs(residual)) * SIGMA_PER_MAD
         misfit = math.sqrt(max(excess**2 - float(np.median(sigma)) ** 2, 1e-6**2))
         weight = np.minimum(1.0, HUBER_SIGMAS * np.sqrt(sigma**2 + misfit**2) / np.maximum(np.abs(residual), 1e-12))
     root = np.sqrt(weight) / np.sqrt(sigma**2 + misfit**2)

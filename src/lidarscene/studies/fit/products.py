@@ -186,6 +186,7 @@ def find_products(sensor: Sensor, quantities: Sequence[str]) -> Products:
             varied = replace(sensor, **{part: changed_component})
             logs.append([math.log(QUANTITIES[name](varied)) for name in names])
         exponents[:, column] = (np.array(logs[0]) - np.array(logs[1])) / (2.0 * step)
+    # A common factor of all reflectivities acts on the white wall as power does.
     if "white_m2" in names:
         exponents[names.index("white_m2"), -1] = 1.0
     return Products(keys=(*(entry[0] for entry in present), REFLECTIVITY), quantities=names, exponents=exponents)

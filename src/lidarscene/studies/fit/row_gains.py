@@ -83,6 +83,7 @@ def _signal_exponent(pulses: RecordedPulses, gains: Numbers) -> tuple[float, flo
     signal_gains = _gains_of_steps(np.where(pair_mask, log_signal[1:] - log_signal[:-1], np.nan))
     if not np.isfinite(signal_gains).all():
         return None
+    # Regression through the origin, since both sets of gains have mean 0.
     square = float(gains @ gains)
     exponent = float(signal_gains @ gains) / square
     return exponent, float(np.std(signal_gains - exponent * gains)) / square**0.5

@@ -105,6 +105,8 @@ def fit_scatter(pulses: RecordedPulses) -> Scatter | None:
         inlier = squares < LARGEST_SQUARE * variance
         if inlier.sum() < LEAST_PATCHES // 4:
             return None
+        # The squares are exponentially distributed with mean ``law @ value`` times the truncated mean: iteratively
+        # reweighted least squares with weights 1 / variance^2 solve their likelihood.
         weighted = law[inlier] / variance[inlier, None] ** 2
         solution = np.linalg.lstsq(weighted.T @ law[inlier], weighted.T @ (squares[inlier] / _MEAN_BELOW), rcond=None)[
             0

@@ -289,7 +289,7 @@ def scaled_values(text: str, factors: Mapping[str, float]) -> dict[str, float | 
 
 
 def _with_overlap(text: str) -> str:
-    """The text with a table [optics.overlap], empty if there was none: the field of view and the spot on one axis."""
+    """Add an empty table [optics.overlap] if there is none: field of view and spot on one axis."""
     document = tomlkit.parse(text)
     if _table(document, "optics.overlap") is None:
         document["optics"].append("overlap", tomlkit.table())
@@ -327,7 +327,7 @@ def remove_keys(text: str, table: str, keys: Sequence[str]) -> str:
 
 
 def put_source(text: str, key: str, source: str) -> str:
-    """The text with this line in `[sources]`."""
+    """Put a source into `[sources]`."""
     document = tomlkit.parse(text)
     _put_source(document, key, source)
     return tomlkit.dumps(document)
@@ -341,7 +341,7 @@ def _put_source(document: tomlkit.TOMLDocument, key: str, source: str) -> None:
 
 
 def _table(document: tomlkit.TOMLDocument, name: str) -> Any:
-    """The table of a dotted name, to be edited; None if the file has none."""
+    """Editable table of a dotted name; None if the file has none."""
     node: Any = document
     for part in name.split("."):
         node = node.get(part) if isinstance(node, Mapping) else None
@@ -349,6 +349,6 @@ def _table(document: tomlkit.TOMLDocument, name: str) -> Any:
 
 
 def _has_key(text: str, table: str, *keys: str) -> bool:
-    """Whether a table of the file has one of these keys."""
+    """True if a table of the file has one of these keys."""
     entries = _table(tomlkit.parse(text), table)
     return entries is not None and any(key in entries for key in keys)

@@ -108,7 +108,8 @@ def filter_variance(sensor: Sensor, *, photons: float, near_ir: float) -> float:
     weight = SCALE * np.exp(-0.5 * (offset_sigmas / TEMPLATE) ** 2)
     box = (np.abs(offset_sigmas) < BOX) / BOX_SHARE
     output_variance, box_variance, covariance = (
-        float(np.sum(a * b * expected_counts)) * 0.01 for a, b in ((weight, weight), (box, box), (weight, box))
+        float(np.sum(a * b * expected_counts)) * 0.01  # the step of offset_sigmas
+        for a, b in ((weight, weight), (box, box), (weight, box))
     )
     return output_variance - covariance * covariance / box_variance
 
@@ -125,7 +126,7 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
     value = np.zeros(3)
     columns = np.broadcast_to(pulses.fitted, usable.shape)
     mask = usable
-    for _ in range(3):  # the reach follows from the fit, which follows from the reach
+    for _ in range(3):  # the largest signal follows from the fit, and the fit from the signals
         mask = usable & (pulses.signal <= max_signal)
         fit_mask = mask & columns
         returned = pulses.has_return[fit_mask]
@@ -133,6 +134,7 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
             return None
         design = _design(pulses.signal[fit_mask], pulses.near_ir[fit_mask])
         if not np.isfinite(max_signal):
+            # First guess without a fit, from lost pulses, which lie below the threshold or not far above.
             max_signal = 4.0 * float(np.median(pulses.signal[fit_mask & ~pulses.has_return]))
             continue
         solution = _newton(design, returned)
@@ -195,6 +197,7 @@ def _newton(design: Numbers, returned: Numbers) -> Numbers | None:
         if np.linalg.cond(slope) > 1e12:
             return None
         step = np.linalg.solve(slope, design.T @ (returned - chance))
+        # At most 5 in any pulse's logit: a full step from 0 overshoots where the logistic curve is flat.
         value = value + step * min(1.0, 5.0 / max(float(np.abs(design @ step).max()), 1e-12))
         if np.abs(step / np.maximum(np.abs(value), 1e-6)).max() < 1e-8:
             return value if value[0] > 0.0 else None

@@ -64,7 +64,7 @@ This project's choice: 30 times the largest bias that is allowed."""
 LEAST_PULSES = 50
 """Least number of pulses in a bin; the ratio of two scatters of so many has a sigma of 16 %."""
 
-NORMAL = 1.4826
+SIGMA_PER_MAD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
 
@@ -180,7 +180,7 @@ def _scatter(name: str, returns: MatchedPulses) -> TwinQuantity:
 
 def spread(values: Numbers) -> float:
     """Standard deviation from the median absolute deviation, robust against a few edges."""
-    return float(NORMAL * np.median(np.abs(values - np.median(values))))
+    return float(SIGMA_PER_MAD * np.median(np.abs(values - np.median(values))))
 
 
 def _signals(pulses: MatchedPulses) -> Iterator[TwinQuantity]:

@@ -168,6 +168,7 @@ def match_pulses(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
         azimuth = np.arctan2(fired[row_pulses, 1], fired[row_pulses, 0])
         order = np.argsort(azimuth)
         target_azimuth = np.arctan2(sweep.direction[row, :, 1], sweep.direction[row, :, 0])
+        # Intervals of nearest azimuth: their bounds are half way between neighbours, all around the turn.
         closed_azimuth = np.r_[azimuth[order], azimuth[order][0] + 2.0 * np.pi]
         midpoints = 0.5 * (closed_azimuth[1:] + closed_azimuth[:-1])  # the last one lies beyond the turn
         target_azimuth = midpoints[-1] - (midpoints[-1] - target_azimuth) % (2.0 * np.pi)

@@ -157,6 +157,7 @@ def fit_planes(grid: Grid) -> Planes:
             x, y, z = (np.nan_to_num(point[..., axis]) for axis in range(3))
             for index, product in enumerate((1.0, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z)):
                 sums[index] += weight * product
+        # Normal equations of m p = 1: (sum w p p^T) m = sum w p.
         total, vector = sums[0], np.moveaxis(sums[1:4], 0, -1)
         matrix = np.moveaxis(sums[4:][_SYMMETRIC], 0, -1).reshape(*sweep.shape, 3, 3)
         # Regularise towards a plane square to the beam: one point, or points on a line, determine no plane.

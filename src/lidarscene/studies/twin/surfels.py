@@ -17,6 +17,7 @@ from ...maths.arrays import Numbers
 from ...maths.pose import Pose
 from ...recordings.sweep import Sweep
 from .apparent_reflectivity import (
+    ASSUMED_MEDIAN,
     LEAST_REFLECTIVITY,
     ReflectivityGauge,
     largest_reflectivity,
@@ -38,6 +39,9 @@ LARGEST_STRETCH = 1.6
 
 GROUND_BEYOND = 1.3
 """Range up to which ground is completed, over that of its farthest return (99 %)."""
+
+ON_GROUND_M = 0.1
+"""Largest distance of a return on the ground from its plane. This project's choice, as `planes.MOST_OFF_M`."""
 
 BEHIND_M = 0.3
 """Least distance of ground behind a return, so that noise of the range puts none before it. This project's choice."""
@@ -99,7 +103,7 @@ def join_surfels(parts: Sequence[Surfels]) -> Surfels:
 def surfels_of_grid(grid: Grid, gauge: ReflectivityGauge | None, ground: Numbers | None) -> Surfels:
     """Make the quads of a sweep of rows and columns, in the sensor's frame.
 
-    gauge   conversion of strengths; None: all reflectivities are 0.2
+    gauge   conversion of strengths; None: all reflectivities are `ASSUMED_MEDIAN`
     ground  (3,) coefficients of the ground's plane, z = a + b x + c y [m]; None: no ground
     """
     sweep, planes = grid.sweep, fit_planes(grid)
@@ -136,7 +140,7 @@ def _apparent(grid: Grid, gauge: ReflectivityGauge | None, planes: Planes) -> Nu
     """
     sweep = grid.sweep
     if gauge is None:
-        return np.full(sweep.shape, 0.2)
+        return np.full(sweep.shape, ASSUMED_MEDIAN)
     apparent = gauge.apparent(sweep, np.where(sweep.has_return, sweep.range_m, 1.0))
     lost_mask = ~sweep.has_return & planes.has_plane
     if lost_mask.any():
@@ -197,8 +201,8 @@ def _two_return_quads(
     assert sweep.second is not None
     second = sweep.second
     facing = -sweep.direction
-    first_apparent = gauge.apparent(sweep, sweep.range_m) if gauge else np.full(sweep.shape, 0.2)
-    second_apparent = gauge.apparent(second, second.range_m) if gauge else np.full(sweep.shape, 0.2)
+    first_apparent = gauge.apparent(sweep, sweep.range_m) if gauge else np.full(sweep.shape, ASSUMED_MEDIAN)
+    second_apparent = gauge.apparent(second, second.range_m) if gauge else np.full(sweep.shape, ASSUMED_MEDIAN)
     first_nearer = sweep.range_m < second.range_m
     quads = []
     for nearer in (True, False):
@@ -217,8 +221,9 @@ def _ground(grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gaug
     normal = up / np.linalg.norm(up)
     origin_m = np.zeros((*sweep.shape, 3)) if sweep.origin_m is None else sweep.origin_m
     with np.errstate(divide="ignore", invalid="ignore"):
+        # Range at which each beam meets z = a + b x + c y.
         meets_m = (ground[0] - origin_m @ up) / (sweep.direction @ up)
-        on_ground = sweep.has_return & (np.abs((sweep.range_m - meets_m) * (sweep.direction @ normal)) < 0.1)
+        on_ground = sweep.has_return & (np.abs((sweep.range_m - meets_m) * (sweep.direction @ normal)) < ON_GROUND_M)
     if not on_ground.any():
         return _quads(grid, on_ground, meets_m, np.broadcast_to(normal, (*sweep.shape, 3)), apparent, GROUND)
     farthest_m = GROUND_BEYOND * float(np.percentile(sweep.range_m[on_ground], 99.0))
@@ -230,6 +235,7 @@ def _ground(grid: Grid, planes: Planes, apparent: Numbers, ground: Numbers, gaug
         chosen = (meets_m > 0.0) & (meets_m < farthest_m) & completes & sweep.recorded
     strength = np.full(sweep.shape, float(np.median(apparent[on_ground])))
     octave = np.floor(2.0 * np.log2(np.maximum(np.nan_to_num(meets_m), 1e-3))).astype(int)
+    # The ground is as bright as measured in the same half octave of the range.
     for number in np.unique(octave[chosen]):
         ground_octave = on_ground & (octave == number)
         if ground_octave.sum() >= 10:
@@ -283,6 +289,7 @@ def _quads(
     row = np.broadcast_to(np.arange(sweep.shape[0])[:, None], sweep.shape)[chosen]
     half_width = 0.5 * abs(grid.step_rad) * QUAD_OVERLAP
     above, below = (QUAD_OVERLAP * rad[row] for rad in (grid.above_rad, grid.below_rad))
+    # The plane is ``depth`` = n x middle away along n, so a direction d meets it at the range depth / (n d).
     depth = np.einsum("ni,ni->n", facing, direction) * middle_m
     corners = []
     left_edge, right_edge = (np.broadcast_to(edge, sweep.shape)[chosen] for edge in span)
@@ -310,8 +317,13 @@ def surfels_of_points(sweep: Sweep, gauge: ReflectivityGauge | None, ground: Num
     normal = np.where(facing[:, None] > 0.0, -normal, normal)
     flat = np.abs(facing) < LEAST_COS
     normal = np.where(flat[:, None], -direction, normal)
+    # Eigenvalues come in ascending order: the first is the variance across the plane.
     smooth = (spread[:, 0] < SMOOTH_CURVATURE * spread.sum(axis=1)) & ~flat
-    apparent = np.full(len(points), 0.2) if gauge is None else gauge.apparent(sweep, sweep.range_m)[sweep.has_return]
+    apparent = (
+        np.full(len(points), ASSUMED_MEDIAN)
+        if gauge is None
+        else gauge.apparent(sweep, sweep.range_m)[sweep.has_return]
+    )
     reflectivity = apparent / scattering_law(-np.einsum("ni,ni->n", normal, direction))
     bright = reflectivity > largest_reflectivity()
     kind = np.where(bright, BRIGHT, np.where(smooth, SMOOTH, ROUGH))
@@ -323,7 +335,7 @@ def surfels_of_points(sweep: Sweep, gauge: ReflectivityGauge | None, ground: Num
     )
     if ground is None:
         return quads
-    on_ground = np.abs(points[:, 2] - ground[0] - points[:, :2] @ ground[1:]) < 0.1
+    on_ground = np.abs(points[:, 2] - ground[0] - points[:, :2] @ ground[1:]) < ON_GROUND_M
     return join_surfels(
         [quads, _plane(ground, float(np.percentile(range_m[on_ground], 99.0)), reflectivity[on_ground])]
     )

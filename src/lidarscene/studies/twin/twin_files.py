@@ -196,6 +196,7 @@ def illuminance_klux(sweep: Sweep, gauge: ReflectivityGauge | None, sensor: Sens
         power = echoes_of_plane(sensor, target, 20.0 * np.ones(1)).background_power_w
         return float(np.ravel(sensor.background_counts(power)[0])[0]) * float(window_s)
 
+    # Counts are linear in illuminance times reflectivity: dark counts and one lit target give the slope.
     dark, unit = counts(0.0, 0.2), 0.2 * 20.0
     per_unit = (counts(20.0, 0.2) - dark) / unit
     apparent = gauge.apparent(sweep, np.where(sweep.has_return, sweep.range_m, 1.0))

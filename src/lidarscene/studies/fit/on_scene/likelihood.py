@@ -321,6 +321,7 @@ def _step(
     power, sun = slopes["laser.peak_power_w"], slopes.get("optics.sun_irradiance_w_m2")
     for kind, (residual, kind_weight, factor) in enumerate(zip(residuals, weights, information, strict=True)):
         slope = np.column_stack([slopes[name][kind] for name in values])
+        # A brighter surface acts as more power and more sunlight at once.
         surface = power[kind] + (0.0 if sun is None else sun[kind])
         pulse_scores += slope * (residual * kind_weight)[:, None]
         pulse_surface_scores += surface * residual * kind_weight
@@ -329,8 +330,10 @@ def _step(
         for row in range(len(values)):
             cross[row] += np.bincount(scene.group, weighted[:, row] * surface, minlength=groups)
         surface_curvature += np.bincount(scene.group, factor * kind_weight * surface**2, minlength=groups)
+    # 1e-9: a group that no pulse informs about must not divide by 0.
     surface_curvature = surface_curvature + prior_weight + 1e-9
     surface_score = np.bincount(scene.group, pulse_surface_scores, minlength=groups) - prior_weight * surfaces
+    # Schur complement: eliminate the reflectivities, whose own block is diagonal, since a pulse has one group.
     profiled = cross / surface_curvature
     return _Step(
         score=pulse_scores.sum(axis=0) - profiled @ surface_score,

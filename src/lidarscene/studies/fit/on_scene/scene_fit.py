@@ -20,7 +20,7 @@ from ....scene.scene_file import load_scene
 from ....sensor.sensor_model import Sensor
 from ...twin.planes import select_columns
 from ...twin.twin_files import COLUMNS, PROVENANCE, frame_pose, read_provenance
-from ..estimates import MOST_EVALUATIONS
+from ..estimates import MOST_EVALUATIONS, SIGMA_PER_MAD
 from ..recording_fit_report import check_outputs, printed_text
 from ..sensor_text import base_text, parse_sensor, scaled_text
 from .held_out_bins import judge
@@ -37,9 +37,6 @@ ROUNDS = 2
 
 LEAST_TEXTURE = 0.01
 """Least relative scatter of the reflectivities within a patch."""
-
-NORMAL = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
 
 
 _TWIN_NOTE = (
@@ -174,7 +171,7 @@ def _floor_m(pulses: PulsesOnScene) -> float:
     with np.errstate(invalid="ignore"):
         strong_mask = signal > np.nanquantile(signal, 0.75)
     off_m = (pulses.reported.range_m - pulses.scene.range_m)[strong_mask]
-    return max(NORMAL * float(np.median(np.abs(off_m))), LEAST_FLOOR_M) if strong_mask.any() else LEAST_FLOOR_M
+    return max(SIGMA_PER_MAD * float(np.median(np.abs(off_m))), LEAST_FLOOR_M) if strong_mask.any() else LEAST_FLOOR_M
 
 
 def _texture_and_strangers(pulses: PulsesOnScene, parameter_fit: ParameterFit) -> tuple[float, float]:
@@ -189,9 +186,10 @@ def _texture_and_strangers(pulses: PulsesOnScene, parameter_fit: ParameterFit) -
     if mask.sum() < 100:
         return pulses.scene.texture, pulses.scene.strangers
     relative = (pulses.reported.signal / np.asarray(prediction.signal))[mask] - 1.0
-    spread = NORMAL * float(np.median(np.abs(relative - np.median(relative))))
+    spread = SIGMA_PER_MAD * float(np.median(np.abs(relative - np.median(relative))))
     photons = float(np.median(np.asarray(prediction.variance)[mask] / np.asarray(prediction.signal)[mask] ** 2))
     texture = float(np.sqrt(max(spread**2 - photons, LEAST_TEXTURE**2)))
+    # A stranger is kept as often as lost (`KnownScene.strangers`), so twice as many met one as were lost.
     return texture, min(2.0 * float(np.mean(~pulses.reported.has_return[bright])), 0.5)
 
 
