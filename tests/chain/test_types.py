@@ -27,8 +27,8 @@ class Nested:
 
 def test_states_are_taken_apart_and_put_together() -> None:
     state = Nested(count=1, pairs=(Pair(value=2), Pair(value=3, other=4)))
-    assert list(arrays.flattened((state, (5,)))) == [1, 2, 3, 4, 5]
-    assert arrays.rebuilt((state, (5,)), iter([6, 7, 8, 9, 10])) == (
+    assert list(arrays.flatten((state, (5,)))) == [1, 2, 3, 4, 5]
+    assert arrays.rebuild((state, (5,)), iter([6, 7, 8, 9, 10])) == (
         Nested(count=6, pairs=(Pair(value=7), Pair(value=8, other=9))),
         (10,),
     )

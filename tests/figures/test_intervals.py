@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from lidarscene.figures.intervals import Series, _marked, _over_bins
+from lidarscene.figures.intervals import Series, _draw_markers, _draw_over_bins
 
 
 def series(label: str, ends: tuple[float, float], expected: float) -> Series:
@@ -17,7 +17,7 @@ def test_bars_reach_from_low_to_high(vertical: bool) -> None:
     """Reference: the segments that matplotlib draws; the ends are not as far apart."""
     axes = Figure().subplots()
     one = series("a", (0.5, 2.0), 6.0)
-    _marked(axes, 0, one, *((one.x, one.y) if vertical else (one.y, one.x)), vertical=vertical)
+    _draw_markers(axes, 0, one, *((one.x, one.y) if vertical else (one.y, one.x)), vertical=vertical)
     (bars,) = axes.collections
     ends = np.array(bars.get_segments())[:, :, int(vertical)]
     np.testing.assert_allclose(np.sort(ends, axis=1), np.stack([one.low, one.high], axis=1))
@@ -25,7 +25,7 @@ def test_bars_reach_from_low_to_high(vertical: bool) -> None:
 
 def test_sensors_stand_beside_each_other_and_lines_are_expected_values() -> None:
     axes = Figure().subplots()
-    _over_bins(axes, [series("a", (1.0, 1.0), 6.0), series("b", (1.0, 1.0), 8.0)], "m")
+    _draw_over_bins(axes, [series("a", (1.0, 1.0), 6.0), series("b", (1.0, 1.0), 8.0)], "m")
     middles = [np.array(bars.get_segments())[:, 0, 0] for bars in axes.collections]
     np.testing.assert_allclose(0.5 * (middles[0] + middles[1]), [1.0, 3.0])
     assert (middles[1] - middles[0] > 0.0).all()

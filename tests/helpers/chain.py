@@ -14,7 +14,7 @@ from lidarscene.kernel.world.mitsuba_world import build_world
 from lidarscene.light import beams, echoes
 from lidarscene.light.footprint import aim, footprint
 from lidarscene.materials.material import Material, Spectrum
-from lidarscene.maths.arrays import flattened, is_drjit
+from lidarscene.maths.arrays import flatten, is_drjit
 from lidarscene.maths.pose import Pose
 from lidarscene.rendering.stages import ambient_of
 from lidarscene.scene.meshes.primitives import box_mesh, plane_mesh
@@ -125,7 +125,7 @@ def run(
     detection = receivers.detect_alone(light, on_device, seed=transfer.seed_word(seed), pulse=pulse)
     # In one kernel: each array alone would take one of its own, with all that comes before it.
     transfer.start(
-        [x for x in flattened((rays.direction, tuple(ways), tuple(light_of_ways), light, detection)) if is_drjit(x)]
+        [x for x in flatten((rays.direction, tuple(ways), tuple(light_of_ways), light, detection)) if is_drjit(x)]
     )
     direction = np.stack([np.array(x.numpy()) for x in rays.direction], axis=1)
     return Lanes(
@@ -142,7 +142,7 @@ def fetched(stage):
     """A stage's arrays as numpy, computed together."""
     import dataclasses
 
-    transfer.start([x for x in flattened(stage) if is_drjit(x)])
+    transfer.start([x for x in flatten(stage) if is_drjit(x)])
 
     def fetch(value):
         if dataclasses.is_dataclass(value):

@@ -79,9 +79,9 @@ def draw_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
         whole(pixel, path, dpi=100, **kept)
 
     monkeypatch.setattr(Figure, "savefig", saved)
-    monkeypatch.setattr(lines, "_drawn", lambda chart: pixel)
+    monkeypatch.setattr(lines, "_draw_chart", lambda chart: pixel)
     for module in (maps, intervals):
-        monkeypatch.setattr(module, "save_drawn", lambda path, *how: Path(path).write_bytes(white))
+        monkeypatch.setattr(module, "save_figure", lambda path, *how: Path(path).write_bytes(white))
     monkeypatch.setattr(Canvas, "_png", lambda _, with_texts: white)
 
 

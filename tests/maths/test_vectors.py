@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from lidarscene.maths.vectors import across, cross
+from lidarscene.maths.vectors import cross, perpendicular_pair
 
 
 def test_vectors_across_a_beam():
     for direction in ([1, 0, 0], [0, 0, 1], [0, 0, -1], [0.6, -0.48, 0.64], [0, 1, 0]):
-        u, v = across(tuple(np.array([float(c)]) for c in direction))
+        u, v = perpendicular_pair(tuple(np.array([float(c)]) for c in direction))
         matrix = np.array([direction, np.ravel(u), np.ravel(v)], dtype=float)
         np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-15)
 

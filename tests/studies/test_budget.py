@@ -11,7 +11,7 @@ from helpers import chain
 from lidarscene import load_scene, load_sensor
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError
-from lidarscene.kernel.rays.relit import COLUMNS, light_of
+from lidarscene.kernel.rays.retraced_light import COLUMNS, retraced_light
 from lidarscene.light.echoes import Echoes
 from lidarscene.physics.constants import ELEMENTARY_CHARGE_C
 from lidarscene.rendering.frame import Frame
@@ -70,7 +70,7 @@ def test_every_point_is_explained_by_its_light(frames: Any, name: str) -> None:
     ambient = ambient_of(scene, sensor)
     count = sensor.scanner.pulses
     now = Frame.from_options(scene, sensor, simulator.world, FrameOptions(pose=simulator.pose))
-    whole = light_of(
+    whole = retraced_light(
         simulator.world,
         sensor,
         ambient,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lidarscene import load_scene
-from lidarscene.kernel.world.triangles import revolved, sphere, triangles_of_base
+from lidarscene.kernel.world.triangles import revolve, sphere, triangles_of_base
 from lidarscene.view.solid import GLASS_ALPHA, solid_of
 
 XML = """<scene version="3.0.0">
@@ -79,4 +79,4 @@ def test_revolved_surfaces_close() -> None:
     assert (counts <= 2).all()
     assert (counts == 2).sum() > 0.9 * len(counts)
     assert poles.any()
-    assert len(revolved(np.array([(1.0, 0.0), (1.0, 1.0)]))[1]) == 96
+    assert len(revolve(np.array([(1.0, 0.0), (1.0, 1.0)]))[1]) == 96

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..maths.arrays import Numbers
 from .lines import COLOURS, GREY, GRID, INK
-from .maps import MARKERS, plain_axes, save_drawn
+from .maps import MARKERS, plain_axes, save_figure
 
 _SCATTERED = 12_000  # most points of a scatter plot
 
@@ -44,13 +44,13 @@ def save_series(
     """Draw series over bins: markers with bars for the intervals, lines for expected values. Raises OutputError."""
 
     def draw(_: Any, axes: Any) -> None:
-        _over_bins(axes, series, y_label)
+        _draw_over_bins(axes, series, y_label)
         if y_limits is not None:
             axes.set_ylim(*y_limits)
         axes.set_xlabel(x_label, fontsize=10, color=INK)
         _legend(axes, len(series))
 
-    save_drawn(path, draw, title, 4.2)
+    save_figure(path, draw, title, 4.2)
 
 
 def save_panels(
@@ -66,20 +66,20 @@ def save_panels(
         figure.delaxes(axes)
         rows = figure.subplots(len(panels), 1, sharex=True)
         for panel, (y_label, series) in zip(rows, panels, strict=True):
-            _over_bins(panel, series, y_label)
+            _draw_over_bins(panel, series, y_label)
         rows[-1].set_xlabel(x_label, fontsize=10, color=INK)
         _legend(rows[0], len(panels[0][1]))
 
-    save_drawn(path, draw, title, 6.4)
+    save_figure(path, draw, title, 6.4)
 
 
-def _over_bins(axes: Any, series: Sequence[Series], y_label: str) -> None:
+def _draw_over_bins(axes: Any, series: Sequence[Series], y_label: str) -> None:
     bins = np.unique(np.concatenate([values.x for values in series]))
     step = float(np.min(np.diff(bins))) if len(bins) > 1 else 1.0
     for number, values in enumerate(series):
         # A little apart, so that bars of equal values do not hide each other.
         x = values.x + 0.14 * step * (number - 0.5 * (len(series) - 1))
-        _marked(axes, number, values, x, values.y, vertical=True)
+        _draw_markers(axes, number, values, x, values.y, vertical=True)
         if values.expected is not None:
             axes.plot(x, values.expected, color=COLOURS[number % len(COLOURS)], linewidth=1.1)
     axes.set_ylabel(y_label, fontsize=10, color=INK)
@@ -95,7 +95,7 @@ def save_named(
         for number, values in enumerate(series):
             aside = 0.16 * (number - 0.5 * (len(series) - 1))
             rows = values.x + aside
-            _marked(axes, number, values, values.y, rows, vertical=False)
+            _draw_markers(axes, number, values, values.y, rows, vertical=False)
             if values.expected is not None:
                 axes.plot(
                     values.expected, rows, "|", color=COLOURS[number % len(COLOURS)], markersize=11, markeredgewidth=1.1
@@ -106,7 +106,7 @@ def save_named(
         _grid(axes)
         _legend(axes, len(series))
 
-    save_drawn(path, draw, title, 1.4 + 0.3 * max(len(names), 2))
+    save_figure(path, draw, title, 1.4 + 0.3 * max(len(names), 2))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -161,10 +161,10 @@ def save_snr(path: str | os.PathLike[str], pairs: Pairs, *, x_label: str, y_labe
             handle.set_sizes([24])
             handle.set_alpha(1.0)
 
-    save_drawn(path, draw, title, 5.4)
+    save_figure(path, draw, title, 5.4)
 
 
-def _marked(axes: Any, number: int, values: Series, x: Numbers, y: Numbers, *, vertical: bool) -> None:
+def _draw_markers(axes: Any, number: int, values: Series, x: Numbers, y: Numbers, *, vertical: bool) -> None:
     """Draw markers and bars of one sensor."""
     bars = {"yerr" if vertical else "xerr": np.stack([values.y - values.low, values.high - values.y]).clip(0.0)}
     axes.errorbar(

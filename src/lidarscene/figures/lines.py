@@ -93,14 +93,14 @@ def save(chart: Chart, paths: Iterable[str | os.PathLike[str]]) -> None:
     kinds = [(path, suffix_of(path)) for path in paths]
     # No date and no random ids: equal charts are equal files.
     with mpl.rc_context({"svg.hashsalt": "lidarscene", "svg.fonttype": "path"}):
-        figure = _drawn(chart)
+        figure = _draw_chart(chart)
         for path, kind in kinds:
             options = {"metadata": {"Date": None}} if kind == "svg" else {"metadata": {"Software": None}}
             with atomic_output(path) as temporary:
                 figure.savefig(temporary, format=kind, **options)
 
 
-def _drawn(chart: Chart) -> Any:
+def _draw_chart(chart: Chart) -> Any:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -115,7 +115,7 @@ def _drawn(chart: Chart) -> Any:
         axes.plot(
             line.x,
             np.where(np.isfinite(line.y), line.y, np.nan),
-            label=_plain(line.label),
+            label=_literal(line.label),
             color=_colour(line.colour),
             linestyle=STYLES[line.style],
             linewidth=line.width,
@@ -145,8 +145,8 @@ def _frame(axes: Any, chart: Chart) -> None:
     for axis, log in ((axes.xaxis, chart.x_log), (axes.yaxis, chart.y_log)):
         if log:
             _plain_decades(axis)
-    axes.set_xlabel(_plain(chart.x_label), fontsize=10, color=INK)
-    axes.set_ylabel(_plain(chart.y_label), fontsize=10, color=INK)
+    axes.set_xlabel(_literal(chart.x_label), fontsize=10, color=INK)
+    axes.set_ylabel(_literal(chart.y_label), fontsize=10, color=INK)
     axes.tick_params(labelsize=8.5, colors=INK, direction="out", length=3.5, width=0.7)
     axes.tick_params(which="minor", length=2, width=0.5, labelsize=7.5)
     axes.grid(visible=True, color=GRID, linewidth=0.6)
@@ -178,7 +178,7 @@ def _notes(axes: Any, chart: Chart) -> None:
         axes.axhline(level.y, color=GREY, linewidth=1.0, linestyle=STYLES["dotted"], zorder=1.5)
         x, align = (0.01, "left") if level.side == "left" else (0.99, "right")
         axes.annotate(
-            _plain(level.text),
+            _literal(level.text),
             (x, level.y),
             xycoords=("axes fraction", "data"),
             xytext=(0, 3),
@@ -193,7 +193,7 @@ def _notes(axes: Any, chart: Chart) -> None:
         colour = INK if mark.colour is None else _colour(mark.colour)
         axes.plot([mark.x], [mark.y], "o", color=colour, markersize=5, markeredgecolor="white", zorder=4)
         axes.annotate(
-            _plain(mark.text),
+            _literal(mark.text),
             (mark.x, mark.y),
             xytext=mark.offset,
             textcoords="offset points",
@@ -209,7 +209,7 @@ def _notes(axes: Any, chart: Chart) -> None:
 def _legend(figure: Any, axes: Any, chart: Chart) -> None:
     """Title and legend above the axes, where no curve can cross them."""
     if chart.title:
-        wrapped = "\n".join(textwrap.wrap(_plain(chart.title), 98))
+        wrapped = "\n".join(textwrap.wrap(_literal(chart.title), 98))
         figure.suptitle(wrapped, x=0.012, ha="left", fontsize=8.5, color=GREY, linespacing=1.25)
     labels = [line.label for line in chart.lines if line.label]
     if not labels:
@@ -235,7 +235,7 @@ def _colour(number: int) -> str:
     return COLOURS[number % len(COLOURS)]
 
 
-def _plain(text: str) -> str:
+def _literal(text: str) -> str:
     """Text with literal dollar signs; matplotlib takes them as the start of a formula."""
     return text.replace("$", r"\$")
 
@@ -292,10 +292,10 @@ def _tornado(axes: Any, bars: Sequence[tuple[str, float]], title: str, label: st
     widest = 1.28 * max((abs(value) for value in values), default=1.0)
     axes.set_xlim(-widest, widest)
     axes.set_ylim(len(bars) - 0.4, -0.6)
-    axes.set_yticks(list(places), [_plain(name) for name, _ in bars])
+    axes.set_yticks(list(places), [_literal(name) for name, _ in bars])
     axes.axvline(0.0, color=INK, linewidth=0.7)
-    axes.set_xlabel(_plain(label), fontsize=10, color=INK)
-    axes.set_title(_plain(title), fontsize=10, color=INK, loc="left", pad=8)
+    axes.set_xlabel(_literal(label), fontsize=10, color=INK)
+    axes.set_title(_literal(title), fontsize=10, color=INK, loc="left", pad=8)
     axes.tick_params(labelsize=8.5, colors=INK, length=3.5, width=0.7)
     axes.tick_params(axis="y", length=0, labelsize=8)
     axes.grid(visible=True, axis="x", color=GRID, linewidth=0.6)

@@ -63,11 +63,11 @@ def save_map(path: str | os.PathLike[str], angle_map: AngleMap) -> None:
         if not angle_map.log:
             bar.ax.ticklabel_format(useOffset=False)
         bar.ax.tick_params(labelsize=8)
-        _angles(axes, angle_map.extent)
+        _angle_axes(axes, angle_map.extent)
         if angle_map.missing and blank[np.isfinite(blank)].size:
-            _key(axes, [(NOTHING, angle_map.missing)])
+            _colour_legend(axes, [(NOTHING, angle_map.missing)])
 
-    save_drawn(path, draw, angle_map.title, _height(angle_map.extent))
+    save_figure(path, draw, angle_map.title, _height(angle_map.extent))
 
 
 def save_pattern(
@@ -96,9 +96,9 @@ def save_pattern(
         bar = figure.colorbar(dots, ax=axes, pad=0.02, aspect=24, use_gridspec=False)
         bar.set_label("time [ms]", fontsize=9, color=INK)
         bar.ax.tick_params(labelsize=8)
-        _angles(axes, extent)
+        _angle_axes(axes, extent)
 
-    save_drawn(path, draw, title, _height(extent))
+    save_figure(path, draw, title, _height(extent))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -128,9 +128,9 @@ def save_layers(
             )
             axes.scatter([], [], color=COLOURS[layer.colour % len(COLOURS)], s=24, label=layer.label)
         axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=8)
-        _angles(axes, extent)
+        _angle_axes(axes, extent)
 
-    save_drawn(path, draw, title, _height(extent))
+    save_figure(path, draw, title, _height(extent))
 
 
 def save_ground(
@@ -175,10 +175,10 @@ def save_ground(
         axes.set_xlabel("y, to the left [m]", fontsize=10, color=INK)
         axes.set_ylabel("x, forward [m]", fontsize=10, color=INK)
         words = ["blind", "one sensor", *(f"{n} sensors" for n in range(2, most + 1))]
-        _key(axes, list(zip(colours, words, strict=True)))
+        _colour_legend(axes, list(zip(colours, words, strict=True)))
         plain_axes(axes)
 
-    save_drawn(path, draw, title, 7.4)
+    save_figure(path, draw, title, 7.4)
 
 
 def save_scatter(
@@ -221,10 +221,10 @@ def save_scatter(
         )
         plain_axes(axes)
 
-    save_drawn(path, draw, title, 4.8)
+    save_figure(path, draw, title, 4.8)
 
 
-def save_drawn(path: str | os.PathLike[str], draw: Callable[[Any, Any], None], title: str, height: float) -> None:
+def save_figure(path: str | os.PathLike[str], draw: Callable[[Any, Any], None], title: str, height: float) -> None:
     """Let ``draw(figure, axes)`` draw, and write a PNG ``height`` inches high. Raises InputError, OutputError."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -240,7 +240,7 @@ def save_drawn(path: str | os.PathLike[str], draw: Callable[[Any, Any], None], t
         figure.savefig(temporary, format="png", metadata={"Software": None})
 
 
-def _angles(axes: Any, extent: tuple[float, float, float, float]) -> None:
+def _angle_axes(axes: Any, extent: tuple[float, float, float, float]) -> None:
     axes.set_xlim(extent[1], extent[0])
     axes.set_ylim(extent[2], extent[3])
     axes.set_xlabel("azimuth, to the left [deg]", fontsize=10, color=INK)
@@ -255,7 +255,7 @@ def plain_axes(axes: Any) -> None:
     axes.spines[["left", "bottom"]].set_color(INK)
 
 
-def _key(axes: Any, entries: Sequence[tuple[Any, str]]) -> None:
+def _colour_legend(axes: Any, entries: Sequence[tuple[Any, str]]) -> None:
     from matplotlib.patches import Patch
 
     handles = [Patch(facecolor=colour, edgecolor=GREY, linewidth=0.5, label=text) for colour, text in entries]

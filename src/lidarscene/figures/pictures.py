@@ -213,7 +213,7 @@ def _draw_range_image(
         for i, (label, colour) in enumerate(shades.kinds[: max(int(height / line), 1)]):
             row_y = top + (i + 0.5) * line
             canvas.fill(left + width + 12 * unit, row_y - 5 * unit, 10 * unit, 10 * unit, colour)
-            canvas.text(left + width + 28 * unit, row_y, _short(label, 10), SMALL)
+            canvas.text(left + width + 28 * unit, row_y, _shorten(label, 10), SMALL)
     else:
         bar = left + width + 18 * unit
         parts = (np.arange(height)[::-1] + 0.5) / height
@@ -233,7 +233,7 @@ def _ticks(low: float, high: float, most: int) -> list[float]:
 _STEPS_DEG = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 90.0)
 
 
-def _short(label: str, most: int) -> str:
+def _shorten(label: str, most: int) -> str:
     return label if len(label) <= most else f"{label[: most - 1]}…"
 
 
@@ -283,7 +283,7 @@ def _bar(canvas: Canvas, scale: Scale, label: str) -> None:
 def _legend(canvas: Canvas, kinds: Sequence[tuple[str, str]], left: float) -> None:
     """Draw the categories in three lines at the right of the head, most frequent first, as many as fit."""
     unit, width = canvas.unit, canvas.image.shape[1]
-    shorts = [(_short(label, 24), colour) for label, colour in kinds]
+    shorts = [(_shorten(label, 24), colour) for label, colour in kinds]
     wide = max((canvas.length(label, SMALL) for label, _ in shorts), default=0.0) + 48 * unit
     columns = max(int((width - left - 20 * unit) / wide), 1)
     entries = shorts[: 3 * columns]

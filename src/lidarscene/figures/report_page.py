@@ -53,12 +53,12 @@ class Page:
 
     def heading(self, text: str) -> None:
         """Add a heading of the second level."""
-        self.markdown.append(f"## {_escaped(text)}")
+        self.markdown.append(f"## {_escape(text)}")
         self.body.append(f"<h2>{html.escape(text)}</h2>")
 
     def paragraph(self, text: str) -> None:
         """Add a paragraph of plain text."""
-        self.markdown.append(_escaped(text))
+        self.markdown.append(_escape(text))
         self.body.append(f"<p>{html.escape(text)}</p>")
 
     def figure(self, *, name: str, number: str, caption: str, svg: bool = True) -> None:
@@ -68,7 +68,7 @@ class Page:
         linked = f'<a href="{name}.svg">SVG</a>, ' if svg else ""
         size = ' width="1200" height="840"' if svg else ""
         self.markdown.append(
-            f"![{shown_name}]({name}.png)\n\n**{shown_name}** {_escaped(caption)} {drawn}[CSV]({name}.csv)"
+            f"![{shown_name}]({name}.png)\n\n**{shown_name}** {_escape(caption)} {drawn}[CSV]({name}.csv)"
         )
         self.body.append(
             f'<figure><img src="{self._source(f"{name}.png")}" alt="{html.escape(shown_name)}"{size}>'
@@ -78,7 +78,7 @@ class Page:
 
     def pictures(self, captioned: Sequence[tuple[str, str]]) -> None:
         """Add PNGs, side by side if there is room: (name without suffix, caption) of each."""
-        self.markdown += [f"![{name}]({name}.png)\n\n{_escaped(caption)}" for name, caption in captioned]
+        self.markdown += [f"![{name}]({name}.png)\n\n{_escape(caption)}" for name, caption in captioned]
         figures = "".join(
             f'<figure><img src="{self._source(f"{name}.png")}" alt="{html.escape(name)}">'
             f"<figcaption>{html.escape(caption)}</figcaption></figure>"
@@ -99,7 +99,7 @@ class Page:
 
     def table(self, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """Add a table of plain text."""
-        head_cells, *body_cells = ([_escaped(cell) for cell in row] for row in (header, *rows))
+        head_cells, *body_cells = ([_escape(cell) for cell in row] for row in (header, *rows))
         lines = [head_cells, ["---"] * len(header), *body_cells]
         self.markdown.append("\n".join("| " + " | ".join(cells) + " |" for cells in lines))
         head = "".join(f"<th>{html.escape(cell)}</th>" for cell in header)
@@ -112,7 +112,7 @@ class Page:
 
     def as_markdown(self) -> str:
         """The page in Markdown."""
-        return "\n\n".join([f"# {_escaped(self.title)}", *self.markdown]) + "\n"
+        return "\n\n".join([f"# {_escape(self.title)}", *self.markdown]) + "\n"
 
     def _blocks(self) -> Iterator[str]:
         """Yield the HTML of all blocks, figures side by side if `columns` is set."""
@@ -153,7 +153,7 @@ def count_text(number: int, noun: str) -> str:
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
-def _escaped(text: str) -> str:
+def _escape(text: str) -> str:
     """Text with Markdown's special characters escaped, also for tables."""
     # The backslash first; brackets make links, and a line break would end the table, heading or paragraph.
     for letter in "\\|*_<`[]":

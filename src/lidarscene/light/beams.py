@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from ..maths import random
 from ..maths.arrays import Lanes, Numbers
 from ..maths.pose import direction_from_angles
-from ..maths.vectors import Vector, across, mixed, unit
+from ..maths.vectors import Vector, perpendicular_pair, unit, weighted_sum
 from ..sensor.sensor_model import Sensor
 
 
@@ -88,10 +88,10 @@ def _add_jitter(direction: Vector, jitter_rad: Lanes, *, seed: Lanes, pulse: Lan
     """Add Gaussian pointing noise on both axes across the beam."""
     # Jitter is a small angle: add a small vector across the beam and restore unit length.
     words = random.words(seed=seed, stage=random.Stage.POINTING, pulse=pulse)
-    u, v = across(direction)
+    u, v = perpendicular_pair(direction)
     first, second = random.normal_pair(words)
-    aside = mixed(jitter_rad * first, u, jitter_rad * second, v)
-    return unit(mixed(1.0, direction, 1.0, aside))
+    aside = weighted_sum(jitter_rad * first, u, jitter_rad * second, v)
+    return unit(weighted_sum(1.0, direction, 1.0, aside))
 
 
 def firing_time_s(sensor: Sensor, pulse: Numbers) -> Numbers:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..maths.arrays import Lanes, LookupTable, Mask, xp
-from ..maths.vectors import Vector, dot, mixed
+from ..maths.vectors import Vector, dot, weighted_sum
 from ..physics.electronics import intensity
 from ..physics.optics import air, radiometry, sunlight
 from ..scene.scene import Interferer
@@ -232,7 +232,7 @@ def _sun_disc_w(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> L
     assert ambient.sun_direction is not None
     # Near the sun the chord between two unit vectors equals the angle, and single precision resolves it. An arc cosine
     # of a number close to 1 would lose it.
-    apart = mixed(1.0, hits.direction or beams.direction, -1.0, ambient.sun_direction)
+    apart = weighted_sum(1.0, hits.direction or beams.direction, -1.0, ambient.sun_direction)
     square = dot(apart, apart)
     return sunlight.sun_disc_power_w(
         sun_irradiance_w_m2=ambient.sun_irradiance_w_m2,

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ..maths.arrays import Lanes, LookupTable, xp
-from ..maths.vectors import dot, mixed
+from ..maths.vectors import dot, weighted_sum
 from ..physics.optics import radiometry, sunlight
 from ..sensor.sensor_model import Sensor
 from .beams import Beams
@@ -47,7 +47,7 @@ def _seen_w(rays: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Lanes:
         return light.background_power_w
     # Each ray stands for a small part of the field of view, which either sees the sun's disc or does not. So it takes
     # the disc's radiance, and not the share of the disc in the whole field that `receive` would add.
-    apart = mixed(1.0, hits.direction or rays.direction, -1.0, ambient.sun_direction)
+    apart = weighted_sum(1.0, hits.direction or rays.direction, -1.0, ambient.sun_direction)
     disc = radiometry.background_power_w(
         radiance_w_m2_sr=sunlight.sun_disc_radiance_w_m2_sr(sun_irradiance_w_m2=ambient.sun_irradiance_w_m2),
         aperture_m2=background_aperture_m2(rays),

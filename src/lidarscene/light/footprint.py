@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..maths.arrays import Lanes, LookupTable, Numbers, xp
-from ..maths.vectors import Vector, cross, dot, mixed, unit
+from ..maths.vectors import Vector, cross, dot, unit, weighted_sum
 from ..physics.optics import beam
 from ..sensor.sensor_model import Halo, Laser
 from .beams import Beams
@@ -170,10 +170,12 @@ def spread(rays: Beams, shape: Footprint, *, ray: Lanes, rotation: tuple[Lanes, 
     # Rays are straight, but a Gaussian beam's radius follows a hyperbola. The straight lines on a hyperboloid follow it
     # too: a ray that starts at q w_0 leaves with the slope theta q turned by a right angle. Offset and slope are then
     # perpendicular, and after z the distance from the axis is |q| sqrt(w_0^2 + theta^2 z^2).
-    start = mixed(shape.exit_radius_m * first, a, shape.exit_radius_m * second, b)
-    aside = mixed(-slope[0] * second, a, slope[1] * first, b)
+    start = weighted_sum(shape.exit_radius_m * first, a, shape.exit_radius_m * second, b)
+    aside = weighted_sum(-slope[0] * second, a, slope[1] * first, b)
     return replace(
-        rays, origin_m=mixed(1.0, rays.origin_m, 1.0, start), direction=unit(mixed(1.0, rays.direction, 1.0, aside))
+        rays,
+        origin_m=weighted_sum(1.0, rays.origin_m, 1.0, start),
+        direction=unit(weighted_sum(1.0, rays.direction, 1.0, aside)),
     )
 
 
@@ -205,4 +207,4 @@ def _axes(direction: Vector, turn_rad: Lanes, rotation: tuple[Lanes, ...]) -> tu
     elevation = cross(direction, azimuth)
     # The beam's own axes are turned about the beam against azimuth and elevation.
     cos, sin = ops.cos(turn_rad), ops.sin(turn_rad)
-    return mixed(cos, azimuth, sin, elevation), mixed(-sin, azimuth, cos, elevation)
+    return weighted_sum(cos, azimuth, sin, elevation), weighted_sum(-sin, azimuth, cos, elevation)

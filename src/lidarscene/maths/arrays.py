@@ -33,25 +33,25 @@ def _fields(kind: type) -> tuple[str, ...] | None:
     return _names[kind]
 
 
-def flattened(state: object) -> Iterator[Any]:
+def flatten(state: object) -> Iterator[Any]:
     """Yield the arrays of a loop's state, in the order of the fields of its dataclasses and tuples; None is skipped."""
     if isinstance(state, tuple):
         for part in state:
-            yield from flattened(part)
+            yield from flatten(part)
     elif (names := _fields(type(state))) is not None:
         for name in names:
-            yield from flattened(getattr(state, name))
+            yield from flatten(getattr(state, name))
     elif state is not None:
         yield state
 
 
-def rebuilt(like: S, values: Iterator[Any]) -> S:
-    """Return a state of the same form as ``like``, with the arrays that `flattened` yields."""
+def rebuild(like: S, values: Iterator[Any]) -> S:
+    """Return a state of the same form as ``like``, with the arrays that `flatten` yields."""
     state: Any
     if isinstance(like, tuple):
-        state = tuple([rebuilt(part, values) for part in like])
+        state = tuple([rebuild(part, values) for part in like])
     elif (names := _fields(type(like))) is not None:
-        state = type(like)(**{name: rebuilt(getattr(like, name), values) for name in names})
+        state = type(like)(**{name: rebuild(getattr(like, name), values) for name in names})
     else:
         state = None if like is None else next(values)
     return cast(S, state)
@@ -60,8 +60,8 @@ def rebuilt(like: S, values: Iterator[Any]) -> S:
 def select_state(condition: Mask, if_true: S, if_false: S) -> S:
     """Select between two states, array by array, as `Ops.where` does."""
     choice = xp(condition).choice(condition)
-    pairs = zip(flattened(if_true), flattened(if_false), strict=True)
-    return rebuilt(if_false, (choice(if_true, if_false) for if_true, if_false in pairs))
+    pairs = zip(flatten(if_true), flatten(if_false), strict=True)
+    return rebuild(if_false, (choice(if_true, if_false) for if_true, if_false in pairs))
 
 
 class NumpyOps:
@@ -295,14 +295,14 @@ class DrjitOps:
         """
 
         def is_active(*values: Any) -> Mask:
-            return active(rebuilt(state, iter(values)))
+            return active(rebuild(state, iter(values)))
 
         def stepped(*values: Any) -> tuple[Any, ...]:
-            return tuple(flattened(step(rebuilt(state, iter(values)))))
+            return tuple(flatten(step(rebuild(state, iter(values)))))
 
         with self._dr.suspend_grad():
-            final = self._dr.while_loop(tuple(flattened(state)), is_active, stepped, mode="symbolic")
-        return rebuilt(state, iter(final))
+            final = self._dr.while_loop(tuple(flatten(state)), is_active, stepped, mode="symbolic")
+        return rebuild(state, iter(final))
 
     def where_any(self, condition: Mask, compute: Callable[[], S], otherwise: S) -> S:
         """``compute()`` where the condition holds, else ``otherwise``.
@@ -310,9 +310,9 @@ class DrjitOps:
         A packet of lanes in which the condition holds nowhere skips it.
         """
         arrays = self._dr.if_stmt(
-            (), condition, lambda: tuple(flattened(compute())), lambda: tuple(flattened(otherwise)), mode="symbolic"
+            (), condition, lambda: tuple(flatten(compute())), lambda: tuple(flatten(otherwise)), mode="symbolic"
         )
-        return rebuilt(otherwise, iter(arrays))
+        return rebuild(otherwise, iter(arrays))
 
 
 @dataclass(frozen=True, eq=False)

@@ -122,8 +122,8 @@ class Paths:
             rotation[:] = states.rotation
             row[:, :3], row[:, 7:10], row[:, 10:] = (states.position_m, states.velocity_m_s, states.turning_rad_s)
         table[:, :, :3] -= centre_m
-        table[:, :, 3:7] = _continuous(_quaternion(rotations))
-        swept = None if carried_m is None else _swept(table[len(table) - len(carried_m) :], carried_m).ravel()
+        table[:, :, 3:7] = _with_continuous_signs(_quaternion(rotations))
+        swept = None if carried_m is None else _swept_boxes(table[len(table) - len(carried_m) :], carried_m).ravel()
         return cls(table=table.ravel(), rate_hz=steps / length_s, last=float(steps), count=len(motions), boxes_m=swept)
 
     def placement(self, time_s: Lanes, motion_index: Lanes) -> Placement:
@@ -168,7 +168,7 @@ class Moving:
         return self.paths.placement(self.time_s, body_index + 1)
 
 
-def _swept(table: Numbers, carried_m: Numbers) -> Numbers:
+def _swept_boxes(table: Numbers, carried_m: Numbers) -> Numbers:
     """(m, 2, 3) boxes which hold all that m motions carry, all the time; (m, instants, 13) `Paths.table`."""
     carries = np.asarray(np.isfinite(carried_m).all(axis=(1, 2)))
     carried_m = np.where(carries[:, None, None], carried_m, 0.0)
@@ -205,7 +205,7 @@ def _quaternion(rotation: Numbers) -> Numbers:
     return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True)).reshape(*rotation.shape[:-2], 4)
 
 
-def _continuous(quaternion: Numbers) -> Numbers:
+def _with_continuous_signs(quaternion: Numbers) -> Numbers:
     """(m, instants, 4), the same rotations, with signs so that neighbours are close: q and -q are one rotation."""
     flips = np.ones(quaternion.shape[:2])
     opposite = (quaternion[:, 1:] * quaternion[:, :-1]).sum(axis=2) < 0.0

@@ -258,7 +258,7 @@ class _Segments:
         length = np.diff(time_s)
         rotation = np.stack([pose.rotation for pose in poses])
         place = np.stack([pose.position_m for pose in poses])
-        steps = _between(rotation[:-1], place[:-1], rotation[1:], place[1:])
+        steps = _relative_pose(rotation[:-1], place[:-1], rotation[1:], place[1:])
         logs = _log(*steps)
         widest = float(np.linalg.norm(logs[:, 3:], axis=1).max())
         if widest > LARGEST_STEP_RAD:
@@ -293,7 +293,7 @@ class _Segments:
             # Multiply the next factor on; its twist adds to those of the factors before, as seen behind it.
             step = _exp(weight * factor_twist)
             pose = _product(pose, step)
-            twist = _seen_from(step, twist) + rate / length[:, None] * factor_twist
+            twist = _twist_after_step(step, twist) + rate / length[:, None] * factor_twist
         turned = pose[0]
         return States(
             position_m=pose[1],
@@ -315,13 +315,13 @@ def _product(a: _Rigid, b: _Rigid) -> _Rigid:
     return a[0] @ b[0], a[1] + _apply(a[0], b[1])
 
 
-def _between(rotation: Numbers, place: Numbers, later_rotation: Numbers, later_place: Numbers) -> _Rigid:
+def _relative_pose(rotation: Numbers, place: Numbers, later_rotation: Numbers, later_place: Numbers) -> _Rigid:
     """The later pose in the frame of the earlier one, T_i^-1 T_(i+1)."""
     inverse_rotation = rotation.transpose(0, 2, 1)
     return inverse_rotation @ later_rotation, _apply(inverse_rotation, later_place - place)
 
 
-def _seen_from(step: _Rigid, twist: Numbers) -> Numbers:
+def _twist_after_step(step: _Rigid, twist: Numbers) -> Numbers:
     """A twist given in the frame before the step, in the frame after it: Ad(step^-1) twist."""
     inverse_rotation = step[0].transpose(0, 2, 1)
     velocity, turning = twist[:, :3], twist[:, 3:]

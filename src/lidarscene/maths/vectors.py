@@ -22,7 +22,7 @@ def cross(a: Vector, b: Vector) -> Vector:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-def mixed(a: Lanes, u: Vector, b: Lanes, v: Vector) -> Vector:
+def weighted_sum(a: Lanes, u: Vector, b: Lanes, v: Vector) -> Vector:
     """a u + b v."""
     return a * u[0] + b * v[0], a * u[1] + b * v[1], a * u[2] + b * v[2]
 
@@ -35,7 +35,7 @@ def unit(a: Vector) -> Vector:
 
 def reflected(direction: Vector, normal: Vector) -> Vector:
     """d - 2 (d . n) n: a ray reflected by a mirror. The sign of the unit normal does not matter."""
-    return mixed(1.0, direction, -2.0 * dot(direction, normal), normal)
+    return weighted_sum(1.0, direction, -2.0 * dot(direction, normal), normal)
 
 
 def refracted(direction: Vector, normal: Vector, index_ratio: Lanes) -> tuple[Vector, Lanes]:
@@ -51,7 +51,7 @@ def refracted(direction: Vector, normal: Vector, index_ratio: Lanes) -> tuple[Ve
     inside = 1.0 - index_ratio * index_ratio * (1.0 - cos_in * cos_in)
     ops = xp(inside)
     cos_out = ops.sqrt(ops.maximum(inside, 0.0))
-    bent = mixed(index_ratio, direction, cos_out - index_ratio * cos_in, normal)
+    bent = weighted_sum(index_ratio, direction, cos_out - index_ratio * cos_in, normal)
     return bent, cos_out / cos_in
 
 
@@ -62,7 +62,7 @@ def angles_of(direction: Vector) -> tuple[Lanes, Lanes]:
     return ops.atan2(y, x), ops.atan2(z, ops.sqrt(x * x + y * y))
 
 
-def across(direction: Vector) -> tuple[Vector, Vector]:
+def perpendicular_pair(direction: Vector) -> tuple[Vector, Vector]:
     """Two unit vectors perpendicular to a unit direction and to each other (Duff et al., JCGT 6(1), 2017)."""
     x, y, z = direction
     ops = xp(z)

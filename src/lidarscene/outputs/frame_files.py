@@ -21,7 +21,7 @@ from ..cloud.rig_clouds import Merging
 from ..cloud.thinning import Thinned
 from ..files.atomic import name_path_in_errors
 from ..formats.packets.firings import FiringsBuilder
-from ..kernel.rays.look import distances_m
+from ..kernel.rays.camera_distances import distances_m
 from ..labels.files import labels_stream
 from ..maths.arrays import Numbers
 from ..maths.trajectory import Course, pose_at

@@ -35,7 +35,7 @@ class Chunk:
     detection  `Detection` of the pulses
     goes_on    (n,) mask of pulses that continue through glass or mirrors and are traced again; None: no survey
     order      permutation between pulses and lanes, or None
-    twice      the two lanes are one and the same pulse (`kept.more_than_one`)
+    twice      the two lanes are one and the same pulse (`kept_lanes.more_than_one`)
     """
 
     pulse: Any

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..kernel.device import transfer
-from ..kernel.world.mitsuba_world import World, at_rest, mover_boxes, on_device
+from ..kernel.world.mitsuba_world import World, fixed_placement, mover_boxes, paths_on_device
 from ..maths.arrays import Lanes, Numbers
 from ..maths.paths import Moving, Paths, Placement
 from ..maths.pose import Pose
@@ -93,8 +93,8 @@ class Frame:
             start_s=start_s,
             place=place,
             vehicle=Pose() if scene.ego is None else pose_at(scene.ego, start_s),
-            origin=at_rest(place, world.centre_m),
-            paths=None if paths is None else on_device(paths),
+            origin=fixed_placement(place, world.centre_m),
+            paths=None if paths is None else paths_on_device(paths),
             moves=scene.ego is not None,
             _scanner=sensor.scanner,
         )

@@ -20,7 +20,7 @@ from ..cloud.point_cloud import PointCloud
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sampled_pulses
 from ..formats.cloud_columns import SENSOR_TO_WORLD
 from ..kernel.device import blocks, transfer
-from ..kernel.rays import kept
+from ..kernel.rays import kept_lanes
 from ..kernel.rays import point_columns as collect
 from ..kernel.world.mitsuba_world import World, build_world
 from ..light.echoes import EchoTrain
@@ -270,11 +270,11 @@ class Simulator:
 
     def _trace_continuing(self, frame: Frame, part: Chunk, seed: Lanes) -> list[Chunk]:
         """Trace the pulses of a chunk that meet panes or mirrors once more, in full; an empty list without any."""
-        lanes = None if part.goes_on is None else kept.lanes_where(part.goes_on)
+        lanes = None if part.goes_on is None else kept_lanes.lanes_where(part.goes_on)
         if lanes is None:
             return []
-        several = kept.more_than_one(lanes)
-        pulse = kept.gather_lanes(part.pulse, several)
+        several = kept_lanes.more_than_one(lanes)
+        pulse = kept_lanes.gather_lanes(part.pulse, several)
         whole = self._chain(frame, DevicePulses(pulse, lambda: frame.times(pulse.numpy())), seed)
         transfer.wait()
         return [replace(whole, twice=several is not lanes)]
@@ -338,7 +338,7 @@ class Simulator:
             collect.with_flat_positions(filled[0][0]) if alone else collect.merge_by_pulse(filled)
         )
         columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
-        # A single point is there twice (`kept.more_than_one`): the count leaves the copy out.
+        # A single point is there twice (`kept_lanes.more_than_one`): the count leaves the copy out.
         count = sum(number for _, number in filled)
         if not count:
             return np.zeros(0, np.uint32), None
@@ -358,7 +358,7 @@ class Simulator:
     def _on_device(self, part: Chunk, placing: Placing) -> tuple[dict[str, Any], int]:
         """`collect.point_columns` of the pulses of one part, on the device, and the number of their points."""
         lane_of = None if part.order is None else part.order.device_lane
-        lane, stop, count = kept.kept_lanes(part.detection, lane_of, twice=part.twice)
+        lane, stop, count = kept_lanes.reported_lanes(part.detection, lane_of, twice=part.twice)
         columns = collect.point_columns(
             world=self.world,
             sensor=self._stages.sensor,

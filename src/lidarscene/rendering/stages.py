@@ -10,7 +10,7 @@ from typing import Any
 from ..detection import receivers, returns
 from ..kernel.device import transfer
 from ..kernel.device.replay import Replay
-from ..kernel.rays import kept
+from ..kernel.rays import kept_lanes
 from ..kernel.rays.trace import Firing, trace
 from ..kernel.world.mitsuba_world import World
 from ..light import beams, echoes
@@ -98,7 +98,7 @@ class Stages:
             detection = returns.detect(lit.light[0], sensor, seed=seed, pulse=pulse)
             return drop_continuing(pulse, lit.paths, detection, lit.goes_on)
         whole = self._combine(lit, seed)
-        goes_on = None if lit.goes_on is None else kept.any_of_pulse(lit.goes_on, self.rays)
+        goes_on = None if lit.goes_on is None else kept_lanes.any_of_pulse(lit.goes_on, self.rays)
         return drop_continuing(pulse, lit.paths, receivers.detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
 
     def pulse_train(self, frame: Frame, pulses: DevicePulses, seed: Lanes) -> EchoTrain:

@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 from ..maths.arrays import Lanes, xp
-from ..maths.vectors import Vector, dot, mixed, reflected
+from ..maths.vectors import Vector, dot, reflected, weighted_sum
 from .aperture import mirror_share, round_mirror_share
 
 _X: Vector = (1.0, 0.0, 0.0)
@@ -59,14 +59,17 @@ class Gimbal:
         ops = xp(in_plane, out_of_plane, self.incidence_rad)
         cos_rest, sin_rest = ops.cos(self.incidence_rad), ops.sin(self.incidence_rad)
         # The normal at rest, and the direction in the mirror within the plane of incidence.
-        normal_at_rest, along = mixed(cos_rest, _X, sin_rest, side), mixed(-sin_rest, _X, cos_rest, side)
+        normal_at_rest, along = (
+            weighted_sum(cos_rest, _X, sin_rest, side),
+            weighted_sum(-sin_rest, _X, cos_rest, side),
+        )
         cos_in, sin_in = ops.cos(towards_side), ops.sin(towards_side)
         cos_out, sin_out = ops.cos(out_of_plane), ops.sin(out_of_plane)
         if folds_upright == (self.outer == "elevation"):  # the in-plane turn is the outer one
-            normal = mixed(cos_out, mixed(cos_in, normal_at_rest, sin_in, along), sin_out, across)
+            normal = weighted_sum(cos_out, weighted_sum(cos_in, normal_at_rest, sin_in, along), sin_out, across)
         else:
-            normal = mixed(cos_in, mixed(cos_out, normal_at_rest, sin_out, across), sin_in, along)
-        incoming = mixed(1.0, _X, -2.0 * cos_rest, normal_at_rest)
+            normal = weighted_sum(cos_in, weighted_sum(cos_out, normal_at_rest, sin_out, across), sin_in, along)
+        incoming = weighted_sum(1.0, _X, -2.0 * cos_rest, normal_at_rest)
         cos_incidence = -dot(incoming, normal)
         return reflected(incoming, normal), self._share(cos_incidence, cos_rest)
 
@@ -102,9 +105,9 @@ class MirrorPair:
         moved, side = (_LEFT, _UP) if upright else (_UP, _LEFT)
         ops = xp(first, last)
         angle, after = 0.25 * math.pi + first, 0.25 * math.pi + last
-        normal = mixed(-ops.cos(angle), moved, -ops.sin(angle), side)
+        normal = weighted_sum(-ops.cos(angle), moved, -ops.sin(angle), side)
         between = reflected(moved, normal)
-        last_normal = mixed(ops.cos(after), _X, ops.sin(after), side)
+        last_normal = weighted_sum(ops.cos(after), _X, ops.sin(after), side)
         cos_rest = math.sqrt(0.5)
         shares = (
             mirror_share(cos_incidence=-dot(before, n), cos_at_rest=cos_rest)

@@ -25,7 +25,7 @@ import numpy as np
 
 from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from ..maths.units import FileKey, Quantity, SameTable
-from ..maths.vectors import Vector, dot, mixed, reflected
+from ..maths.vectors import Vector, dot, reflected, weighted_sum
 from .aperture import slit_share
 from .base import Encoder, Jitter, Mechanism, Rotation, in_frame
 
@@ -143,11 +143,11 @@ class Polygon(Mechanism):
         tilt = ops.float32(ops.take(self.tilt_rad, self._facet_and_column(pulse)[0]))
         # `rest` is the normal of an upright facet in mid-line; mirrored at it, the incoming beam leaves along x.
         rest_normal = ops.cos(self.incidence_rad), self.side * ops.sin(self.incidence_rad), 0.0
-        incoming = mixed(1.0, (1.0, 0.0, 0.0), -2.0 * rest_normal[0], rest_normal)
+        incoming = weighted_sum(1.0, (1.0, 0.0, 0.0), -2.0 * rest_normal[0], rest_normal)
         # The facet has turned on, and leans by its tilt.
         angle = self.side * self.incidence_rad + turn
         level = ops.cos(angle), ops.sin(angle), 0.0
-        normal = mixed(ops.cos(tilt), level, ops.sin(tilt), (0.0, 0.0, 1.0))
+        normal = weighted_sum(ops.cos(tilt), level, ops.sin(tilt), (0.0, 0.0, 1.0))
         cos_incidence = -dot(incoming, normal)
         direction = reflected(incoming, normal)
         if self.inradius_m is None or self.lens_radius_m is None:
@@ -155,7 +155,7 @@ class Polygon(Mechanism):
         # In units of the inradius: the beam's axis passes through `rest`, the facet's middle is `level`. Follow the
         # beam to the facet's plane; `aside` is the distance from there to the facet's middle, along the facet.
         along = (1.0 - dot(level, rest_normal)) / dot(level, incoming)
-        facet_point = mixed(1.0, rest_normal, along, incoming)
+        facet_point = weighted_sum(1.0, rest_normal, along, incoming)
         aside = dot(facet_point, (-level[1], level[0], 0.0))
         scale = cos_incidence * self.inradius_m / self.lens_radius_m
         share = slit_share(left=(self.half_facet + aside) * scale, right=(self.half_facet - aside) * scale)

@@ -4,7 +4,7 @@ A budget explains a point's SNR. It runs the stages of the simulation on NumPy. 
 BSDFs, only the diffuse reflectivity. So from a cloud alone, the echo power (5) and the background (8) are those of a
 Lambertian surface: exact for Lambertian materials, wrong for rough ones, coats, mirrors and retro-reflectors. If the
 Lambertian echo does not match the cloud's SNR, P_r is computed from the SNR instead. With a compiled world,
-`kernel.rays.relit.light_of` traces the light itself.
+`kernel.rays.retraced_light.retraced_light` traces the light itself.
 
 Symbols: P_r echo power, P_rs background power, sigma_0 noise without echo, U comparator level, P_d detection
 probability.

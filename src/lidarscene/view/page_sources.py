@@ -17,8 +17,8 @@ from ..cloud.deskew import MOTION_KEPT, deskewed
 from ..cloud.pixels import camera_for
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
-from ..kernel.rays.look import distances_m
-from ..kernel.rays.relit import COLUMNS, light_of
+from ..kernel.rays.camera_distances import distances_m
+from ..kernel.rays.retraced_light import COLUMNS, retraced_light
 from ..kernel.world.mitsuba_world import World
 from ..light.echoes import Ambient, Echoes
 from ..maths.arrays import Numbers
@@ -360,7 +360,7 @@ class Live:
         timed_frame = Frame.from_options(scene, sensor, world, frame)
         count = sensor.scanner.pulses
         numbers = np.arange(timed_frame.first_pulse, timed_frame.first_pulse + count, dtype=np.uint32)
-        light = light_of(
+        light = retraced_light(
             world,
             sensor,
             ambient,

@@ -114,16 +114,16 @@ def test_without_a_cpu_to_compare_with_the_gpu_is_used() -> None:
 def test_frames_come_from_processes_of_their_own(mi, monkeypatch: pytest.MonkeyPatch) -> None:
     """A frame is what the program renders, and one that cannot be is told by its last line."""
     monkeypatch.setitem(trial.FRAMES, "edges", ("edges", "--set", "scanner.azimuth_step_deg=1"))
-    columns = trial._rendered("edges", mi.variant())
+    columns = trial._render_in_process("edges", mi.variant())
     assert not isinstance(columns, str), columns
     assert len(columns["time"]) > 1000
     assert columns["range"].min() > 1.0
     assert trial.difference(columns, columns) == ""
-    said = trial._rendered("edges", "nonsense_variant")
+    said = trial._render_in_process("edges", "nonsense_variant")
     assert isinstance(said, str)
     assert said.startswith("LIDARSCENE_VARIANT=nonsense_variant: no such variant")
     monkeypatch.setattr(sys, "executable", "/bin/false")
-    assert trial._rendered("drive", mi.variant()) == "the process ended with 1"
+    assert trial._render_in_process("drive", mi.variant()) == "the process ended with 1"
 
 
 def test_a_gpu_with_other_frames_is_left_with_one_line(run_python, tmp_path: Path) -> None:
@@ -135,7 +135,7 @@ backend.cuda_problem = lambda: ""
 check = backend._require_backend
 backend._require_backend = lambda name: name.startswith("cuda") or check(name)
 for renders in (True, False):
-    trial._compared = lambda *_: trial.Verdict("points are wrong", renders)
+    trial._compare = lambda *_: trial.Verdict("points are wrong", renders)
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         report = backend.probe()
@@ -143,7 +143,7 @@ for renders in (True, False):
     # As in a new process: nothing chosen, no verdict kept.
     backend.mitsuba.cache_clear()
     backend._refused["llvm_ad_mono"] = "not yet tried"
-    trial._entry = lambda *_: None
+    trial._verdict_file = lambda *_: None
 """
     done = run_python(code, LIDARSCENE_VARIANT=None, LIDARSCENE_CACHE=str(tmp_path))
     warning = "the GPU is not used: points are wrong; LIDARSCENE_VARIANT=cuda_ad_mono uses it nevertheless"

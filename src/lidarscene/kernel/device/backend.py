@@ -50,7 +50,7 @@ def mitsuba() -> ModuleType:
     requested = os.environ.get(VARIANT_VARIABLE)
     if requested:
         try:
-            return _with_variant(requested)
+            return _set_variant(requested)
         except BackendError as error:
             raise BackendError(f"{VARIANT_VARIABLE}={requested}: {error}") from None
     loaded: Any = sys.modules.get("mitsuba")
@@ -58,12 +58,12 @@ def mitsuba() -> ModuleType:
     # A variant of ours that failed after it was set (CUDA without OptiX) stays current in Mitsuba. It is no choice of
     # the user's, and must not be taken for one when this is called again: the cache keeps results, not errors.
     if current and current not in _refused:
-        return _users_own(loaded, current)
+        return _users_variant(loaded, current)
     for name in DEFAULT_ORDER:
         try:
             if name.startswith("cuda"):
                 _require_trial(name)
-            return _with_variant(name)
+            return _set_variant(name)
         except BackendError as error:
             _refused[name] = str(error)
     reasons = "".join(f"\n  {name}: {_refused[name]}" for name in DEFAULT_ORDER)
@@ -91,7 +91,7 @@ def is_cuda() -> bool:
 @functools.cache
 def own_plugins() -> frozenset[str]:
     """Names of the plugins in Mitsuba's own folder."""
-    return frozenset(file.stem for file in (_folder(mitsuba()) / "plugins").iterdir())
+    return frozenset(file.stem for file in (_mitsuba_folder(mitsuba()) / "plugins").iterdir())
 
 
 @contextlib.contextmanager
@@ -110,12 +110,12 @@ def _resolver(mi: ModuleType, folders: Iterable[str]) -> Any:
     """Return a search path: Mitsuba's own folder, then these."""
     resolver = mi.FileResolver()
     resolver.clear()
-    for folder in (str(_folder(mi)), *folders):
+    for folder in (str(_mitsuba_folder(mi)), *folders):
         resolver.append(folder)
     return resolver
 
 
-def _folder(mi: ModuleType) -> Path:
+def _mitsuba_folder(mi: ModuleType) -> Path:
     """Folder in which Mitsuba is installed."""
     return Path(str(mi.__file__)).parent
 
@@ -173,7 +173,7 @@ def _require_trial(name: str) -> None:
     """Raise `BackendError` unless frames of this variant are those of the CPU; the first time this takes seconds."""
     if problem := cuda_problem():
         raise BackendError(problem)
-    _imported()
+    _import_mitsuba()
     _require_backend(name)
     result = trial.verdict(name, DEFAULT_ORDER[-1])
     if result.fault and result.renders:
@@ -190,15 +190,15 @@ def _require_trial(name: str) -> None:
 # --- one variant ------------------------------------------------------------------------------------
 
 
-def _with_variant(name: str) -> ModuleType:
+def _set_variant(name: str) -> ModuleType:
     """Set this variant and return Mitsuba. Raises `BackendError` with the reason if the variant does not work."""
     if name.startswith("scalar"):
         raise BackendError("scalar variants trace one ray at a time; a vectorised one is needed")
     if name.startswith("cuda") and (problem := cuda_problem()):
         raise BackendError(problem)
     if name.startswith("llvm") and "drjit" not in sys.modules:
-        llvm.use()  # raises if there is no usable library; `_imported` only tries
-    mi = _imported()
+        llvm.use()  # raises if there is no usable library; `_import_mitsuba` only tries
+    mi = _import_mitsuba()
     if name not in mi.variants():
         choices = ", ".join(v for v in mi.variants() if not v.startswith("scalar"))
         raise BackendError(f"no such variant; known are {choices}")
@@ -242,7 +242,7 @@ def _syntax_on_demand() -> Iterator[None]:
         dr.syntax = rewritten
 
 
-def _users_own(mi: ModuleType, current: str) -> ModuleType:
+def _users_variant(mi: ModuleType, current: str) -> ModuleType:
     """Return Mitsuba with the variant that the user has set. Raises `BackendError` if it is a scalar one."""
     if current.startswith("scalar"):
         raise BackendError(
@@ -250,10 +250,10 @@ def _users_own(mi: ModuleType, current: str) -> ModuleType:
             "try: mitsuba.set_variant('llvm_ad_mono'), or set none at all"
         )
     _require_backend(current)
-    return _imported()
+    return _import_mitsuba()
 
 
-def _imported() -> Any:
+def _import_mitsuba() -> Any:
     """Import Mitsuba and silence its log."""
     # Dr.Jit looks for LLVM once, while it is imported. So the path is set before, also when CUDA is tried first: if
     # CUDA fails, LLVM is next, in the same process.
@@ -270,7 +270,7 @@ def _imported() -> Any:
     # Mitsuba loads plugins, which are native code, from `plugins/` of each folder of its search path, and has the
     # current folder there. What lies beside a user's files must not run.
     search_folders = [
-        str(folder) for folder in mi.file_resolver() if Path(str(folder)) not in (Path.cwd(), _folder(mi))
+        str(folder) for folder in mi.file_resolver() if Path(str(folder)) not in (Path.cwd(), _mitsuba_folder(mi))
     ]
     mi.set_file_resolver(_resolver(mi, search_folders))
     if mi.variant() is None:

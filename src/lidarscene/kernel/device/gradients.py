@@ -25,7 +25,7 @@ def gradient(
 
     Reverse mode: one pass, however many numbers there are. Raises `BackendError` without a back end.
     """
-    Float64 = _numbers()  # first: it is the back end that loads LLVM
+    Float64 = _float64_type()  # first: it is the back end that loads LLVM
     import drjit as dr
 
     # Opaque: a literal would be folded into the kernel, and each new value would compile a new one.
@@ -49,7 +49,7 @@ def jacobian(
 
     Forward mode: one pass for each number, whatever n is. Raises `BackendError` without a back end.
     """
-    Float64 = _numbers()  # first: it is the back end that loads LLVM
+    Float64 = _float64_type()  # first: it is the back end that loads LLVM
     import drjit as dr
 
     attached = {name: dr.opaque(Float64, value) for name, value in values.items()}
@@ -75,7 +75,7 @@ def jacobian(
     return outputs, shaped
 
 
-def _numbers() -> Any:
+def _float64_type() -> Any:
     """Return the back end's type of double precision. Raises `BackendError` without a back end."""
     backend.mitsuba()
     if backend.is_cuda():

@@ -58,7 +58,7 @@ class Replay:
     ) -> None:
         self._function, self._select_outputs, self._rays = function, select_outputs, rays
         self._inputs: list[Any] = []
-        _gather(captured, self._inputs)
+        _collect_arrays(captured, self._inputs)
         self._plan: list[Any] = []
         self._frozen: Any = None
         self._records = not is_cuda()  # on a GPU nobody has tried it
@@ -173,16 +173,16 @@ LEFT_OUT = _LeftOut()
 """Placeholder, in a replayed description, for an array that was not selected."""
 
 
-def _gather(value: object, arrays: list[DeviceArray]) -> None:
+def _collect_arrays(value: object, arrays: list[DeviceArray]) -> None:
     """Append to ``arrays`` every array in descriptions and tuples, however deep."""
     if is_drjit(value):
         arrays.append(cast(DeviceArray, value))
     elif isinstance(value, tuple | list):
         for inner in value:
-            _gather(inner, arrays)
+            _collect_arrays(inner, arrays)
     elif dataclasses.is_dataclass(value):
         for field in dataclasses.fields(value):
-            _gather(getattr(value, field.name), arrays)
+            _collect_arrays(getattr(value, field.name), arrays)
 
 
 Filler = Callable[[list[DeviceArray]], Any]

@@ -93,15 +93,15 @@ def repeat_lanes(values: Array, times: int) -> tuple[Any, Any]:
 
 def from_numpy(values: Numbers) -> Any:
     """Upload (n,) numbers in single precision."""
-    return mitsuba().Float(_aligned(values, np.float32))
+    return mitsuba().Float(_aligned_copy(values, np.float32))
 
 
 def unsigned_numbers(values: Numbers) -> Any:
     """Upload (n,) 32-bit unsigned numbers."""
-    return mitsuba().UInt32(_aligned(values, np.uint32))
+    return mitsuba().UInt32(_aligned_copy(values, np.uint32))
 
 
-def _aligned(values: Numbers, dtype: type[np.generic]) -> Any:
+def _aligned_copy(values: Numbers, dtype: type[np.generic]) -> Any:
     """Copy (n,) values of 4 bytes into memory that starts at a multiple of `_ALIGNMENT`."""
     # On the CPU Dr.Jit maps NumPy's memory without a copy and writes its alignment into the kernel. NumPy aligns to 16
     # bytes and more by chance: of twelve frames of changing size eight compiled a kernel for that reason alone.

@@ -69,18 +69,18 @@ def verdict(variant: str, reference: str, *, render: Callable[[str, str], Column
 
     render  takes frame and variant; returns the columns of its points, or why there are none
     """
-    entry = _entry(variant, reference)
+    entry = _verdict_file(variant, reference)
     if entry is not None:
         with suppress(OSError, ValueError, TypeError):
             return Verdict(**json.loads(entry.read_text(encoding="utf-8")))
-    result = _compared(variant, reference, render or _rendered)
+    result = _compare(variant, reference, render or _render_in_process)
     if entry is not None:
         with suppress(OSError, OutputError):
             put_text(entry, json.dumps(asdict(result)))
     return result
 
 
-def _compared(variant: str, reference: str, render: Callable[[str, str], Columns | str]) -> Verdict:
+def _compare(variant: str, reference: str, render: Callable[[str, str], Columns | str]) -> Verdict:
     for frame in FRAMES:
         mine = render(frame, variant)
         if isinstance(mine, str):
@@ -119,7 +119,7 @@ def difference(mine: Columns, theirs: Columns) -> str:
     return ""
 
 
-def _rendered(frame: str, variant: str) -> Columns | str:
+def _render_in_process(frame: str, variant: str) -> Columns | str:
     """Render a frame in a process of its own; return its columns, or the last line of the error."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "frame.npz"
@@ -143,7 +143,7 @@ def _rendered(frame: str, variant: str) -> Columns | str:
             }
 
 
-def _entry(variant: str, reference: str) -> Path | None:
+def _verdict_file(variant: str, reference: str) -> Path | None:
     """Return the file of the verdict on this machine; None if there is no cache folder."""
     folder = cache_folder("trials")
     if folder is None:

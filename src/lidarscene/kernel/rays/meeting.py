@@ -3,7 +3,7 @@
 What moves is not moved: each body has a Mitsuba scene in its own frame, and the rays are transformed into that frame
 as the body stands when their pulse leaves. The nearest hit of all scenes is kept. So nothing is ever rebuilt, which
 costs Embree up to a second in a large scene, and every pulse sees the bodies at its own time. The hits are those of a
-scene rebuilt for every pulse (tests/chain/test_motion.py). A ray asks only the bodies that it comes near (`nearby`),
+scene rebuilt for every pulse (tests/chain/test_motion.py). A ray asks only the bodies near it (`nearby_bodies`),
 one after the other, in a loop that most rays never enter.
 
 Panes and porous surfaces are in scenes of their own. They are few, so that asking for them costs little, and one query
@@ -27,7 +27,7 @@ from ..device.types import DeviceVector, Hit, Ray, TracedScene, components
 from ..world.mitsuba_world import World
 from ..world.speculars import Speculars
 from .gaps import Draws
-from .nearby import BOXES_PER_GROUP, AxisBox, boxes_passed, enclosing_box
+from .nearby_bodies import BOXES_PER_GROUP, AxisBox, boxes_passed, enclosing_box
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -122,7 +122,7 @@ class Moment:
     def pane(self, ray: Ray, before: Lanes, active: Mask) -> Meeting:
         """Return the nearest pane or porous surface of each active ray, at most ``before`` metres away."""
         panes = [mover.panes for mover in self.world.movers]
-        return self._nearest(_shorter(ray, before), active, self.world.panes, panes)
+        return self._nearest(_cut_to_length(ray, before), active, self.world.panes, panes)
 
     def blocked(self, ray: Ray, active: Mask) -> Any:
         """Return whether each active ray meets anything, panes left out."""
@@ -131,7 +131,7 @@ class Moment:
     def glazed(self, ray: Ray, active: Mask, before: Lanes | None = None) -> Any:
         """Return whether each active ray meets a pane or porous surface, at most ``before`` metres away if given."""
         panes = [mover.panes for mover in self.world.movers]
-        return self._meets_any(_shorter(ray, before), active, self.world.panes, panes)
+        return self._meets_any(_cut_to_length(ray, before), active, self.world.panes, panes)
 
     def _nearest(
         self, ray: Ray, active: Mask, still: TracedScene | None, moving: Sequence[TracedScene | None]
@@ -188,14 +188,14 @@ class Moment:
         # A loop of one round at most: packets of rays that met nothing that moves have no part in it.
         def into_frame(todo: Array, *_: object) -> tuple[Any, ...]:
             place = moving.placement(mover_index)
-            carried = _carried(ray, place)
+            carried = _ray_in_frame(ray, place)
             face_shift = dr.gather(mi.UInt32, self.world.mover_shift, mi.UInt32(mover_index), todo)
             towards = mi.Vector3f(*place.vector_within(self.sun))
-            return mi.Bool(False), carried.o, carried.d, towards, face_shift, _numbers(place)
+            return mi.Bool(False), carried.o, carried.d, towards, face_shift, _placement_numbers(place)
 
         state = mover_index >= 0, ray.o, ray.d, to_sun, shift, [mi.Float(0.0) for _ in range(_NUMBERS)]
         _, o, d, to_sun, shift, numbers = dr.while_loop(state, lambda todo, *_: todo, into_frame, mode="symbolic")
-        return _ray(o, d, ray.maxt), to_sun, shift, _placement(numbers)
+        return _make_ray(o, d, ray.maxt), to_sun, shift, _placement_of_numbers(numbers)
 
     def _nearer_of_mover(
         self, ray: Ray, group: _Group, near: Array, first: Hit, mover_index: Array
@@ -204,7 +204,7 @@ class Moment:
         import drjit as dr
 
         candidate_index, remaining, placement = self._next_mover(near, group)
-        carried = _carried(ray, placement)
+        carried = _ray_in_frame(ray, placement)
         hit = group.scene.ray_intersect_preliminary(carried, coherent=self.coherent, active=near != 0)
         # Rigid motion keeps lengths, so that distances of different frames compare. A miss has t = infinity.
         nearer = hit.is_valid() & (hit.t < first.t)
@@ -285,7 +285,7 @@ class Moment:
         import drjit as dr
 
         _, remaining, placement = self._next_mover(near, group)
-        is_blocked |= group.scene.ray_test(_carried(ray, placement), coherent=self.coherent, active=near != 0)
+        is_blocked |= group.scene.ray_test(_ray_in_frame(ray, placement), coherent=self.coherent, active=near != 0)
         return dr.select(is_blocked, 0, remaining), is_blocked
 
     def _split_kernels(self, *arrays: object) -> None:
@@ -308,14 +308,14 @@ def _any_remaining(near: Array, *_: object) -> Any:
     return near != 0
 
 
-def _carried(ray: Ray, place: Placement) -> Any:
+def _ray_in_frame(ray: Ray, place: Placement) -> Any:
     """Transform rays from the traced frame to that of a body."""
     mi = mitsuba()
     origin, direction = place.point_within(components(ray.o)), place.vector_within(components(ray.d))
-    return _ray(mi.Point3f(*origin), mi.Vector3f(*direction), ray.maxt)
+    return _make_ray(mi.Point3f(*origin), mi.Vector3f(*direction), ray.maxt)
 
 
-def _ray(origin: DeviceVector, direction: DeviceVector, maxt: Lanes) -> Any:
+def _make_ray(origin: DeviceVector, direction: DeviceVector, maxt: Lanes) -> Any:
     ray = mitsuba().Ray3f(origin, direction)
     ray.maxt = maxt
     return ray
@@ -325,20 +325,20 @@ _NUMBERS = 18
 """Count of the numbers of a placement: origin (3), rotation (9), velocity (3) and angular velocity (3)."""
 
 
-def _numbers(place: Placement) -> list[Any]:
+def _placement_numbers(place: Placement) -> list[Any]:
     """Return the numbers of a placement one after the other, as a loop carries them."""
     parts = place.origin_m, place.rotation, place.velocity_m_s, place.turning_rad_s
     return [mitsuba().Float(number) for part in parts if part is not None for number in part]
 
 
-def _placement(numbers: Sequence[Array]) -> Placement:
-    """Return the placement of these `_numbers`."""
+def _placement_of_numbers(numbers: Sequence[Array]) -> Placement:
+    """Return the placement of these `_placement_numbers`."""
     (x, y, z), rotation = numbers[:3], tuple(numbers[3:12])
     (vx, vy, vz), (wx, wy, wz) = numbers[12:15], numbers[15:]
     return Placement(origin_m=(x, y, z), rotation=rotation, velocity_m_s=(vx, vy, vz), turning_rad_s=(wx, wy, wz))
 
 
-def _shorter(ray: Ray, before: Lanes | None) -> Any:
+def _cut_to_length(ray: Ray, before: Lanes | None) -> Any:
     """Return rays that end after ``before`` metres; None: unchanged."""
     if before is None:
         return ray

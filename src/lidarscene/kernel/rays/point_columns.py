@@ -29,7 +29,7 @@ from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import DeviceArray
 from ..world.mitsuba_world import World
-from .kept import interleave, more_than_one
+from .kept_lanes import interleave, more_than_one
 
 ABSENT: dict[str, Any] = {
     "radial_velocity_m_s": np.float32(0.0),
@@ -145,7 +145,7 @@ def point_columns(
 
     sensor       its numbers opaque
     air_classes  class of the light of the air, and of each sub-echo of the air; None in clear air
-    lanes        lanes and stop numbers, from `kept.kept_lanes`
+    lanes        lanes and stop numbers, from `kept_lanes.reported_lanes`
     turn, shift  rotation (nine numbers, row by row) and translation from the sensor's frame to that of the points
     """
     import drjit as dr
@@ -173,8 +173,8 @@ def point_columns(
     # Computed from the pulse's number again, by the functions that fired it: cheaper than to keep what all pulses had.
     azimuth, elevation = sensor.scanner.angles(of_pulse)
     beams = reported(sensor, pulse=of_pulse, origin_m=shift, rotation=turn)
-    body = _where_known(world.face_body, face)
-    class_id = _where_known(world.body_class, body)
+    body = _look_up(world.face_body, face)
+    class_id = _look_up(world.body_class, body)
     true_range = ends.get("range_m") if source is None else of_stop("true_range_m")
     has_range = face >= 0
     if air_classes is not None and source is not None:
@@ -191,7 +191,7 @@ def point_columns(
         optional["interactions"] = mi.UInt8(optional["interactions"])
         optional["ghost"] = mi.UInt8(dr.select(optional["ghost"], mi.UInt32(1), 0))
     if paths[0].normal is not None:
-        optional |= _vectors(ends, turn)
+        optional |= _vector_columns(ends, turn)
     if sensor.measures_width:
         optional["pulse_width_s"] = of_stop("width_s")
     if sensor.histogram is not None:
@@ -216,7 +216,7 @@ def point_columns(
         "in_shadow": mi.UInt8(dr.select((face >= 0) & ~ends.get("lit"), mi.UInt32(1), 0)),
         "body": body,
         "class_id": class_id,
-        "material": _where_known(world.face_material, face),
+        "material": _look_up(world.face_material, face),
     }
     # Looked for here, where the numbers are at hand: NumPy would fetch all of them once more.
     floats = [*result["xyz_m"], *(values for values in result.values() if isinstance(values, mi.Float))]
@@ -224,7 +224,7 @@ def point_columns(
     return result | {BROKEN: mi.UInt8(dr.select(has_nan, mi.UInt32(1), 0))}
 
 
-def _vectors(ends: _Ends, turn: tuple[Lanes, ...]) -> dict[str, Any]:
+def _vector_columns(ends: _Ends, turn: tuple[Lanes, ...]) -> dict[str, Any]:
     """Return the columns of normals and velocities, in the axes of the points.
 
     turn  rotation from the sensor's axes, row by row
@@ -252,8 +252,8 @@ def merge_by_pulse(parts: Sequence[tuple[dict[str, DeviceArray], int]]) -> dict[
     together here. All returns of a pulse are in one part, in order. The columns `OF_WAYS` are always in the result, so
     that a frame with one part needs no other kernels than one with two.
 
-    parts  columns, and the number of their points; one point may be there twice (`kept.more_than_one`). Either every
-           part has a point, or there is one part, and its lanes hold none
+    parts  columns, and the number of their points; one point may be there twice (`kept_lanes.more_than_one`). Either
+           every part has a point, or there is one part, and its lanes hold none
     """
     import drjit as dr
 
@@ -296,7 +296,7 @@ def _merged_places(pulses: Sequence[Numbers]) -> list[Numbers]:
 def surface_columns(*, world: World, staged: Staged, twice: bool) -> tuple[dict[str, Any], int] | None:
     """Return columns of every pulse that met a surface, kept or not, on the device and not yet computed, and how many.
 
-    Returns None if no pulse met a surface. A single one is there twice, as in `kept.kept_lanes`.
+    Returns None if no pulse met a surface. A single one is there twice, as in `kept_lanes.reported_lanes`.
 
     The columns are pulse, outcome (an `Outcome`), snr, detection_probability, and the truth by attribute of PointCloud.
     For a pulse of several sub-echoes they are those of the strongest.
@@ -315,7 +315,7 @@ def surface_columns(*, world: World, staged: Staged, twice: bool) -> tuple[dict[
 
     source = None if detection.source is None else of_lane(detection.source)
     ends = _Ends.at_lanes(staged, lane, source)
-    body = _where_known(world.face_body, ends.face)
+    body = _look_up(world.face_body, ends.face)
     columns = {
         "pulse": of_lane(staged.pulse),
         "outcome": of_lane(detection.outcome),
@@ -325,12 +325,12 @@ def surface_columns(*, world: World, staged: Staged, twice: bool) -> tuple[dict[
         "incidence_angle_rad": dr.acos(ends.get("cos_incidence")),
         "reflectivity": ends.get("reflectivity"),
         "body": body,
-        "class_id": _where_known(world.body_class, body),
+        "class_id": _look_up(world.body_class, body),
     }
     return columns, count
 
 
-def _where_known(table: Array, index: Array) -> Any:
+def _look_up(table: Array, index: Array) -> Any:
     """Look up (k,) entries of an Int32 table; the result is -1 where the index is -1."""
     import drjit as dr
 

@@ -32,7 +32,7 @@ from ..world.mitsuba_world import World
 from .gaps import Draws, gap_share
 from .glints import specular_return
 from .meeting import Meeting, Moment
-from .nearby import boxes_from_numbers
+from .nearby_bodies import boxes_from_numbers
 from .onward import START_OFFSET_M, Way, continued, is_stopped, kind_of, select_fields, sunlight_share
 
 
@@ -98,7 +98,7 @@ def trace(
     if world.speculars is None:
         survey = False
     if survey:
-        return (_surveyed(moment, first, moment.meet(ray), firing),)
+        return (_survey(moment, first, moment.meet(ray), firing),)
     ways = _ways(moment, first, interactions)
 
     def sunshine(ray: Ray, sunny: Mask) -> tuple[Any, Lanes]:
@@ -107,7 +107,7 @@ def trace(
     return tuple(_hits(moment, way, meeting, sunshine, firing) for way, meeting in ways)
 
 
-def _surveyed(moment: Moment, way: Way, meeting: Meeting, firing: Firing) -> Hits:
+def _survey(moment: Moment, way: Way, meeting: Meeting, firing: Firing) -> Hits:
     """Return the first surface of each ray, with `Hits.goes_on`: whether the ray has to be traced in full."""
     mi = mitsuba()
     through_glass = mi.Bool(False)

@@ -30,7 +30,8 @@ def merge_by_bsdf(shapes: Sequence[FileShape], first_body: int) -> list[PlacedSh
     for number, shape in enumerate(shapes):
         groups.setdefault(_merge_key(shape, varies[id(shape.bsdf)]) or number, []).append(number)
     return [
-        _placed([shapes[i] for i in members], [first_body + i for i in members], key) for key, members in groups.items()
+        _placed_shape([shapes[i] for i in members], [first_body + i for i in members], key)
+        for key, members in groups.items()
     ]
 
 
@@ -44,7 +45,7 @@ def _merge_key(shape: FileShape, varies: bool) -> tuple[int, bool, bool] | None:
     return id(shape.bsdf), _is_smooth(mitsuba_shape), varies and mitsuba_shape.has_vertex_texcoords()
 
 
-def _placed(shapes: Sequence[FileShape], bodies: Sequence[int], key: Hashable) -> PlacedShape:
+def _placed_shape(shapes: Sequence[FileShape], bodies: Sequence[int], key: Hashable) -> PlacedShape:
     face_body = np.repeat(np.array(bodies, np.int32), [shape.faces for shape in shapes])
     first = shapes[0]
     if not isinstance(key, tuple):
@@ -112,7 +113,7 @@ def _varies(bsdf: Bsdf) -> bool:
 def _textures(node: Any) -> list[Any]:
     """Return the textures of a Mitsuba object, and of those inside it."""
     mi = mitsuba()
-    search = _search()()
+    search = _search_class()()
     node.traverse(search)
     inside = [child for child in search.found if not isinstance(child, mi.Texture)]
     return [child for child in search.found if isinstance(child, mi.Texture)] + [
@@ -121,7 +122,7 @@ def _textures(node: Any) -> list[Any]:
 
 
 @cache
-def _search() -> Any:
+def _search_class() -> Any:
     """Return a class that gathers the objects inside one; made at the first call: its base needs a variant."""
     mi = mitsuba()
 

@@ -222,7 +222,7 @@ def _own_shapes(
                 key = part.material, texture_key(part.pattern)
                 grouped.setdefault(key, []).append((index, placed, part))
             else:
-                shapes.append(_ball(mi, part, body.pose.position_m - centre, index, resolved))
+                shapes.append(_ball_shape(mi, part, body.pose.position_m - centre, index, resolved))
     for (material, _), pieces in grouped.items():
         values, pattern = resolved[material], pieces[0][2].pattern
         if pattern is not None:
@@ -283,7 +283,7 @@ def _merged_mesh(
     return PlacedShape(mesh, bodies, material, values, is_plain=not has_image, is_varied=first is not None)
 
 
-def _ball(
+def _ball_shape(
     mi: ModuleType, ball: Ball, centre_m: Numbers, index: int, resolved: dict[str, dict[str, object]]
 ) -> PlacedShape:
     values = resolved[ball.material]
@@ -343,7 +343,7 @@ def _motion(body: Body) -> Motion:
     return body.motion
 
 
-def on_device(paths: Paths) -> Paths:
+def paths_on_device(paths: Paths) -> Paths:
     """Return paths whose numbers are on the device."""
     table = transfer.from_numpy(np.asarray(paths.table))
     boxes = None if paths.boxes_m is None else transfer.from_numpy(paths.boxes_m)
@@ -361,10 +361,10 @@ def _resting_movers(movers: Sequence[Mover], centre_m: Numbers) -> Moving | None
         return None
     stay = [Course(), *(Course(start=mover.pose) for mover in movers)]
     paths = Paths.from_motions(stay, start_s=0.0, length_s=1.0, centre_m=centre_m, carried_m=mover_boxes(movers))
-    return Moving(paths=on_device(paths), time_s=transfer.opaque(0.0))
+    return Moving(paths=paths_on_device(paths), time_s=transfer.opaque(0.0))
 
 
-def at_rest(pose: Pose, centre_m: Numbers) -> Placement:
+def fixed_placement(pose: Pose, centre_m: Numbers) -> Placement:
     """Return a pose as a placement in the traced frame, its numbers opaque."""
     numbers = [float(x) for x in (*(pose.position_m - centre_m), *pose.rotation.ravel())]
     x, y, z, *rotation = transfer.opaque(tuple(numbers))

@@ -57,19 +57,21 @@ def load_shapes(
     wavelength_m  for materials of the catalogue, where a BSDF that Mitsuba does not have suggests one
     Raises InputError if the file is no XML or no Mitsuba scene, lacks such a BSDF, or has instances.
     """
-    root = _parsed(path)
+    root = _parse(path)
     _insert_included(root, path.parent, [])
-    parameters, plugins = _defaults(root), own_plugins()
-    replaced_elements = xml_bsdfs.replaced_by_name(root, path, replaced)
-    stand_ins = xml_bsdfs.stand_ins(root, lambda kind: not kind or _filled_in(kind, parameters) in plugins, materials)
-    _keep_to_mitsuba(root, path)
+    parameters, plugins = _default_parameters(root), own_plugins()
+    replaced_elements = xml_bsdfs.empty_named_bsdfs(root, path, replaced)
+    stand_ins = xml_bsdfs.empty_unknown_bsdfs(
+        root, lambda kind: not kind or _fill_parameters(kind, parameters) in plugins, materials
+    )
+    _resolve_files_and_plugins(root, path)
     xml_bsdfs.make_two_sided(root)
     used_materials = dict(materials)
     for element, material in replaced_elements + stand_ins:
         if material not in used_materials:
             used_materials[material] = catalogue_material(material).at(wavelength_m)
         xml_bsdfs.fill(element, bsdf_dict(used_materials[material]))
-    shapes = _loaded(root, path).shapes()
+    shapes = _load(root, path).shapes()
     if not shapes:
         raise InputError(f"{path}: the scene has no shapes")
     ours = {str(element.get("id")): material for element, material in replaced_elements + stand_ins}
@@ -77,10 +79,10 @@ def load_shapes(
     answers: dict[int, Any] = {}
     file_shapes: list[FileShape] = []
     for number, shape in enumerate(shapes):
-        name, bsdf = _plain(shape.id(), f"shape_{number}"), shape.bsdf()
+        name, bsdf = _own_id_or(shape.id(), f"shape_{number}"), shape.bsdf()
         if shape.class_name() == "Instance":
             raise InputError(f"{path}: shape '{name}' must be a plain shape, got an instance")
-        identity = _plain(bsdf.id() if bsdf is not None else "", "bsdf")
+        identity = _own_id_or(bsdf.id() if bsdf is not None else "", "bsdf")
         material = ours.get(identity, identity)
         if identity not in ours:
             if id(bsdf) not in answers:
@@ -123,15 +125,15 @@ def _fault(bsdf: Bsdf) -> str:
     return ""
 
 
-def _plain(identity: str, fallback: str) -> str:
+def _own_id_or(identity: str, fallback: str) -> str:
     """Return an id of the file, or the fallback where Mitsuba has made one up."""
     return identity if identity and not identity.startswith("_unnamed") else fallback
 
 
-def _parsed(path: Path) -> Element:
+def _parse(path: Path) -> Element:
     require_file(path, "a Mitsuba XML scene", largest=LARGEST_TEXT)
     try:
-        return _shallow(ElementTree.parse(path).getroot())
+        return _require_shallow(ElementTree.parse(path).getroot())
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except (ElementTree.ParseError, LookupError, ValueError) as error:
@@ -145,7 +147,7 @@ MOST_INCLUDED = 1000
 """Files in all: ten that each include ten are a million after six steps."""
 
 
-def _shallow(root: Element) -> Element:
+def _require_shallow(root: Element) -> Element:
     """Return the element itself. Raises ValueError if the nesting is too deep."""
     level = [root]
     for _ in range(DEEPEST):
@@ -163,25 +165,25 @@ def _insert_included(element: Element, folder: Path, files: list[Path], depth: i
     files  that were included so far
     """
     # From the last child to the first: an insertion does not shift the positions that are still to come.
-    defaults = _defaults(element)
+    defaults = _default_parameters(element)
     for position, child in reversed(list(enumerate(element))):
-        name = _filled_in(child.get("filename") or "", defaults) if child.tag == "include" else ""
+        name = _fill_parameters(child.get("filename") or "", defaults) if child.tag == "include" else ""
         if not name or "$" in name:
             continue
         files.append(folder / name)
         if depth > 15 or len(files) > MOST_INCLUDED:
             raise InputError(f"{folder / name}: files include each other")  # Mitsuba's own limit is 15, too
-        inner = _parsed(folder / name)
+        inner = _parse(folder / name)
         _insert_included(inner, folder, files, depth + 1)
         element[position : position + 1] = list(inner) if inner.tag == "scene" else [inner]
 
 
-def _defaults(element: Element) -> dict[str, str]:
+def _default_parameters(element: Element) -> dict[str, str]:
     """Return the values of parameters by name."""
     return {str(parameter.get("name")): str(parameter.get("value")) for parameter in element.iter("default")}
 
 
-def _filled_in(text: str, parameters: Mapping[str, str]) -> str:
+def _fill_parameters(text: str, parameters: Mapping[str, str]) -> str:
     """Return a text of the file with the values of its parameters in place of $name."""
     # Longer names first: $scene_dir is not $scene followed by "_dir".
     for name in sorted(parameters, key=len, reverse=True):
@@ -189,29 +191,29 @@ def _filled_in(text: str, parameters: Mapping[str, str]) -> str:
     return text
 
 
-def _keep_to_mitsuba(root: Element, path: Path) -> None:
+def _resolve_files_and_plugins(root: Element, path: Path) -> None:
     """Name all files by absolute paths, and raise InputError for a plugin that is not Mitsuba's own.
 
     Mitsuba looks for plugins, which are native code, where it looks for files: in `plugins/` of any folder in
     its search path, and by a relative or absolute path in the name of a type. A scene from elsewhere must not run code.
     """
-    parameters, plugins = _defaults(root), own_plugins()
+    parameters, plugins = _default_parameters(root), own_plugins()
     folders, working_folder = [path.parent.resolve()], Path.cwd()
     for parent in list(root.iter()):
         # Integrators are not used, and some of Mitsuba's own are Python, which are no plugins.
         for removed in [child for child in parent if child.tag in ("path", "integrator")]:
             if removed.tag == "path":
-                folders.append(folders[0] / _filled_in(removed.get("value") or "", parameters))
+                folders.append(folders[0] / _fill_parameters(removed.get("value") or "", parameters))
             parent.remove(removed)
     for element in root.iter():
         kind = element.get("type")
-        if kind is not None and _filled_in(kind, parameters) not in plugins:
+        if kind is not None and _fill_parameters(kind, parameters) not in plugins:
             hint = f"; {xml_bsdfs.HINT}, by its id" if element.tag == "bsdf" else ""
             raise InputError(
                 f"{path}: {element.tag} type: must be one of Mitsuba's own plugins, got '{kind[:60]}'{hint}"
             )
         key = "value" if element.tag == "string" and element.get("name") == "filename" else "filename"
-        name = _filled_in(element.get(key) or "", parameters)
+        name = _fill_parameters(element.get(key) or "", parameters)
         if not name:
             continue
         file = next((folder / name for folder in (*folders, working_folder) if (folder / name).is_file()), None)
@@ -219,7 +221,7 @@ def _keep_to_mitsuba(root: Element, path: Path) -> None:
             element.set(key, str(file))
 
 
-def _loaded(root: Element, path: Path) -> Any:
+def _load(root: Element, path: Path) -> Any:
     """Return the Mitsuba scene; files in it are named by absolute paths."""
     mi = mitsuba()
     try:

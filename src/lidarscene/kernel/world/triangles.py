@@ -27,7 +27,7 @@ PROFILES = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Drawn:
+class DrawnShape:
     """A shape to draw: its name, (v, 3) float64 vertices, (f, 3) uint32 faces, and the name of its material.
 
     material  one of ours, or the id of a BSDF of the file
@@ -39,14 +39,14 @@ class Drawn:
     material: str
 
 
-def triangles_of_base(scene: Scene, wavelength_m: float) -> list[Drawn]:
+def triangles_of_base(scene: Scene, wavelength_m: float) -> list[DrawnShape]:
     """Return what a scene takes from its Mitsuba file: meshes, and shapes of the kinds in PROFILES."""
     if scene.base is None:
         return []
     materials = {name: material.at(wavelength_m) for name, material in scene.materials.items()}
     shapes = mitsuba_xml.load_shapes(scene.base, scene.base_materials, materials, wavelength_m)
     drawn = ((shape, _triangles(shape.shape)) for shape in shapes)
-    return [Drawn(shape.name, *triangles, shape.material) for shape, triangles in drawn if triangles is not None]
+    return [DrawnShape(shape.name, *triangles, shape.material) for shape, triangles in drawn if triangles is not None]
 
 
 def _triangles(shape: Shape) -> tuple[Numbers, Numbers] | None:
@@ -56,17 +56,17 @@ def _triangles(shape: Shape) -> tuple[Numbers, Numbers] | None:
     if (kind := shape.class_name()) not in PROFILES:
         return None
     placed = np.array(mitsuba().traverse(shape)["to_world"].matrix, np.float64).reshape(4, 4)
-    vertices, faces = revolved(PROFILES[kind])
+    vertices, faces = revolve(PROFILES[kind])
     return vertices @ placed[:3, :3].T + placed[:3, 3], faces
 
 
 def sphere(radius_m: float) -> tuple[Numbers, Numbers]:
     """Return vertices and faces of a sphere around the origin."""
-    vertices, faces = revolved(PROFILES["Sphere"])
+    vertices, faces = revolve(PROFILES["Sphere"])
     return radius_m * vertices, faces
 
 
-def revolved(profile: Numbers) -> tuple[Numbers, Numbers]:
+def revolve(profile: Numbers) -> tuple[Numbers, Numbers]:
     """Return vertices and faces of a (n, 2) profile (distance from the axis, height) turned about z."""
     # A grid of rings by segments; each cell of it is split into two triangles.
     phi = np.linspace(0.0, 2.0 * np.pi, SEGMENTS, endpoint=False)

@@ -76,7 +76,7 @@ ONE_SIDED = frozenset(
 """Mitsuba's opaque BSDFs that reflect nothing, or no diffuse light, from behind. `principled` may be of glass."""
 
 
-def outermost(root: Element) -> Iterator[tuple[Element, Element]]:
+def outermost_bsdfs(root: Element) -> Iterator[tuple[Element, Element]]:
     """Yield (parent element, BSDF) of each BSDF that is not inside another one."""
     for holder in root.iter():
         if holder.tag != "bsdf":
@@ -84,18 +84,18 @@ def outermost(root: Element) -> Iterator[tuple[Element, Element]]:
     # A BSDF inside a BSDF has a holder that is a BSDF: it is passed over, as are those inside it.
 
 
-def replaced_by_name(root: Element, path: Path, replaced: Mapping[str, str]) -> list[tuple[Element, str]]:
+def empty_named_bsdfs(root: Element, path: Path, replaced: Mapping[str, str]) -> list[tuple[Element, str]]:
     """Empty the BSDFs that a scene file names, by id, and return them with their materials. Raises InputError."""
     # A BSDF inside another one (the base of a `twosided`) may have an id, but no shape refers to it.
-    by_id = {str(bsdf.get("id")): bsdf for _, bsdf in outermost(root) if bsdf.get("id")}
+    by_id = {str(bsdf.get("id")): bsdf for _, bsdf in outermost_bsdfs(root) if bsdf.get("id")}
     for identity in replaced:
         if identity not in by_id:
             choices = ", ".join(sorted(by_id)) or "none"
             raise InputError(f"{path}: base_materials: no BSDF with id '{identity}'; it has {choices}")
-    return [(_emptied(by_id[identity], identity), material) for identity, material in replaced.items()]
+    return [(_emptied_with_id(by_id[identity], identity), material) for identity, material in replaced.items()]
 
 
-def stand_ins(
+def empty_unknown_bsdfs(
     root: Element, is_known: Callable[[str], bool], scene_materials: Mapping[str, object]
 ) -> list[tuple[Element, str]]:
     """Empty the BSDFs that have a type which Mitsuba lacks, and return them with materials by their names.
@@ -105,16 +105,16 @@ def stand_ins(
     Those whose name says nothing stay as they are.
     """
     emptied: list[tuple[Element, str]] = []
-    for _, bsdf in list(outermost(root)):
+    for _, bsdf in list(outermost_bsdfs(root)):
         unknown = [element for element in bsdf.iter("bsdf") if not is_known(element.get("type") or "")]
-        material = _suggested([bsdf, *unknown], scene_materials) if unknown else None
+        material = _suggested_material([bsdf, *unknown], scene_materials) if unknown else None
         if material is not None:
             # A BSDF without an id gets one: by it `load_shapes` finds the material of the shapes.
-            emptied.append((_emptied(bsdf, bsdf.get("id") or f"unnamed {len(emptied)}"), material))
+            emptied.append((_emptied_with_id(bsdf, bsdf.get("id") or f"unnamed {len(emptied)}"), material))
     return emptied
 
 
-def _suggested(bsdfs: list[Element], scene_materials: Mapping[str, object]) -> str | None:
+def _suggested_material(bsdfs: list[Element], scene_materials: Mapping[str, object]) -> str | None:
     """Return the material that the names of BSDFs suggest: a radio material's own type, ids, and types."""
     material_names = (*scene_materials, *names("materials"))
     types = (element.get("value") for bsdf in bsdfs for element in bsdf.iter("string") if element.get("name") == "type")
@@ -128,7 +128,7 @@ def _suggested(bsdfs: list[Element], scene_materials: Mapping[str, object]) -> s
     return None
 
 
-def _emptied(element: Element, identity: str) -> Element:
+def _emptied_with_id(element: Element, identity: str) -> Element:
     """Clear an element but for its id; returns it."""
     element.clear()
     element.set("id", identity)

@@ -9,7 +9,7 @@ from helpers import chain, launches
 from helpers.traffic import SENSOR, direction, moving, traffic
 
 from lidarscene.kernel.device import transfer
-from lidarscene.kernel.rays import nearby
+from lidarscene.kernel.rays import nearby_bodies
 from lidarscene.maths import paths
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Spline
@@ -45,12 +45,12 @@ def test_boxes_that_are_passed() -> None:
 
     origin, towards, length = (one.astype(np.float32).astype(np.float64) for one in rays(4000))
     rng = np.random.default_rng(12)
-    low = rng.uniform(-20.0, 15.0, (nearby.BOXES_PER_GROUP, 3))
+    low = rng.uniform(-20.0, 15.0, (nearby_bodies.BOXES_PER_GROUP, 3))
     boxes = np.stack([low, low + rng.uniform(4.0, 9.0, low.shape)], axis=1)
     ray = mi.Ray3f(mi.Point3f(*origin.T), mi.Vector3f(*towards.T))
     ray.maxt = mi.Float(length)
-    given = nearby.boxes_from_numbers(transfer.from_numpy(boxes.ravel()))
-    (found,) = nearby.boxes_passed(ray, [given], nearby.enclosing_box(given), mi.Bool(True))
+    given = nearby_bodies.boxes_from_numbers(transfer.from_numpy(boxes.ravel()))
+    (found,) = nearby_bodies.boxes_passed(ray, [given], nearby_bodies.enclosing_box(given), mi.Bool(True))
     bits = found.numpy()
     for number, box in enumerate(boxes):
         found = (bits >> number) & 1 == 1
@@ -101,7 +101,7 @@ def test_the_nearest_of_a_loop_over_all_bodies() -> None:
     simulator = Simulator(scene, chain.sensor("table1-apd", *SENSOR))
     cloud = simulator.render(seed=1)
     cloud = cloud.select(cloud.status == 0)
-    assert len(np.unique(cloud.body)) > nearby.BOXES_PER_GROUP + 1
+    assert len(np.unique(cloud.body)) > nearby_bodies.BOXES_PER_GROUP + 1
     sensor = simulator.motion.at(cloud.time_s)
     towards = np.einsum("nij,nj->ni", sensor.rotation, direction(cloud))
     distance = []
@@ -121,9 +121,11 @@ def test_boxes_change_nothing(monkeypatch: pytest.MonkeyPatch, rays: int) -> Non
     """To the last bit, against boxes that every ray passes, so that every ray asks every body."""
     sensor = chain.sensor("table1-apd", *SENSOR, "scanner.azimuth_step_deg=0.8")
     cloud = Simulator(crowd(), sensor, rays=rays).render(seed=2)
-    monkeypatch.setattr(paths, "_swept", lambda _, carried: np.tile([[[-1e4] * 3, [1e4] * 3]], (len(carried), 1, 1)))
+    monkeypatch.setattr(
+        paths, "_swept_boxes", lambda _, carried: np.tile([[[-1e4] * 3, [1e4] * 3]], (len(carried), 1, 1))
+    )
     expected = Simulator(crowd(), sensor, rays=rays).render(seed=2)
-    assert len(np.unique(cloud.body)) > nearby.BOXES_PER_GROUP + 1
+    assert len(np.unique(cloud.body)) > nearby_bodies.BOXES_PER_GROUP + 1
     for name in ("time_s", "true_range_m", "range_m", "body", "in_shadow", "radial_velocity_m_s", "snr"):
         np.testing.assert_array_equal(getattr(cloud, name), getattr(expected, name), err_msg=name)
 

@@ -18,7 +18,7 @@ from .trace import Firing, trace
 COLUMNS = ("has_surface", "range_m", "peak_power_w", "background_power_w")
 
 
-def light_of(
+def retraced_light(
     world: World,
     sensor: Sensor,
     ambient: Ambient,

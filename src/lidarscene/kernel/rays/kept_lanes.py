@@ -55,7 +55,7 @@ def any_of_pulse(flag: Mask, rays: int) -> Any:
     return is_set
 
 
-def kept_lanes(detection: Detection, lane_of: Array | None = None, *, twice: bool = False) -> tuple[Any, Any, int]:
+def reported_lanes(detection: Detection, lane_of: Array | None = None, *, twice: bool = False) -> tuple[Any, Any, int]:
     """Return lane and stop number of every reported return, by pulse and then by stop, and their number k.
 
     Each is (k,), but (2,) if k is 1: a single return is there twice (see `more_than_one`). If k is 0 they are those of

@@ -21,7 +21,7 @@ def distances_m(world: World, eye_m: Numbers, directions: Numbers, *, time_s: fl
     """
     distance_m = np.full(directions.shape[1], np.inf, np.float32)
     if world.scene is not None:
-        distance_m = _along(world.scene, eye_m - world.centre_m, directions)
+        distance_m = _distances_in_scene(world.scene, eye_m - world.centre_m, directions)
     for mover in world.movers:
         if mover.scene is None or mover.is_absent:
             continue
@@ -32,12 +32,14 @@ def distances_m(world: World, eye_m: Numbers, directions: Numbers, *, time_s: fl
         # Few rays pass the sphere around a body.
         near = np.flatnonzero((to_centre_m @ to_centre_m - along * along <= radius * radius) & (along > -radius))
         if len(near):
-            mover_distance_m = _along(mover.scene, pose.inverse_apply(eye_m), pose.rotation.T @ directions[:, near])
+            mover_distance_m = _distances_in_scene(
+                mover.scene, pose.inverse_apply(eye_m), pose.rotation.T @ directions[:, near]
+            )
             distance_m[near] = np.minimum(distance_m[near], mover_distance_m)
     return distance_m
 
 
-def _along(scene: TracedScene, eye_m: Numbers, directions: Numbers) -> Numbers:
+def _distances_in_scene(scene: TracedScene, eye_m: Numbers, directions: Numbers) -> Numbers:
     import drjit as dr
 
     mi = mitsuba()
