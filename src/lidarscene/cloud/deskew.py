@@ -49,7 +49,7 @@ def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None
     length_s = max(float(cloud.time_s.max(initial=0.0)) if length_s is None else length_s, SHORTEST_S)
     at_start = pose_at(motion, start_s)
     paths = Paths.from_motions([motion], start_s=start_s, length_s=length_s, centre_m=at_start.position_m)
-    # From the traced frame, whose origin is where the sensor was at the start, to that of the points.
+    # The traced frame has its origin at the sensor's position at the start; this pose leads from it to the points'.
     to_points = goal @ Pose(rotation=at_start.rotation.T)
     moved = np.zeros_like(cloud.xyz_m)
     turned_blocks = []

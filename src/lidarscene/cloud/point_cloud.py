@@ -45,16 +45,16 @@ class PointCloud:
 
     xyz_m     (n, 3) float32 or float64, in the frame metadata["frame"]: "sensor" (default), "vehicle" or "world"
     range_m   (n,) float32, c t / 2 as the sensor reports it; all others (n,) of the dtype in COLUMNS
-    truth     true_range_m to material: None all together, or none of them; -1 and inf mean no surface
-    vectors   normal_x to velocity_z_m_s: None all together, or none of them, and then with the truth
+    truth     true_range_m to material: all given or all None; -1 and inf mean no surface
+    vectors   normal_x to velocity_z_m_s: all given or all None; they need the truth
     names     sensor_names[sensor_index], body_names[body], class_names[class_id], material_names[material]; each
               may be empty
     metadata  text by key: sensor, scene, seed, ...; a frame other than the sensor's needs
               "sensor_position_m": "x y z", three numbers for each sensor
 
-    checked   the numbers are known to be good: only shapes and types are checked
+    checked   True if the numbers are valid, so that only shapes and types are checked
 
-    The arrays are not copied: who hands them over leaves them alone from then on. Raises ValueError for a
+    The arrays are not copied, so the caller must not write to them afterwards. Raises ValueError for a
     wrong shape, an integer out of range, a NaN anywhere.
     """
 
@@ -367,7 +367,7 @@ class PointCloud:
         """The page of `lidarscene view` in a notebook, where the cloud is turned, coloured and clicked.
 
         scene      where it was made, a `Scene`, its name or file: its surfaces are shown too, and a point's budget
-        sensor     catalogue name or file; what the cloud names if None
+        sensor     catalogue name or file; None: the sensor that the cloud names
         height_px  of the frame in the notebook
         The object returned also has `save(path)`, which writes the page. Raises InputError.
         """

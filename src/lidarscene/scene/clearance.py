@@ -124,7 +124,7 @@ class Clearance:
             np.maximum(np.maximum(self.around[:, 0] - place_m, place_m - self.around[:, 1]), 0.0), axis=1
         )
         points = {}
-        # A box that is turned with its body is tighter, and that of a body that moves is known in its frame alone.
+        # In the body's own frame its box is tighter, and a moving body has a bounded box there only.
         for body_index in np.flatnonzero(gaps_m <= gaps_m.min(initial=math.inf) + _NEAR_M):
             body, box = self.bodies[body_index], self.boxes[body_index]
             pose = body.pose if body.motion is None else pose_at(body.motion, time_s)

@@ -31,7 +31,7 @@ class Part:
 
     vertices_m  (v, 3) float64
     faces       (f, 3) uint32, indices into the vertices
-    pattern     reflectivity that varies over it, for materials of kind "diffuse"; None: the material's own
+    pattern     reflectivity pattern, for materials of kind "diffuse"; None: the material's reflectivity everywhere
     """
 
     vertices_m: Numbers
@@ -172,7 +172,7 @@ class Scene:
     sensor_name     catalogue name or file of the default sensor
     sensor_pose     where the sensor stands: on the ego vehicle, or in the world if there is none
     ego             motion of the vehicle that carries the sensor, or None: it stands at the world's origin
-    camera          of pictures and of the first view; chosen from what is near the sensor if None
+    camera          camera of pictures and of the page's first view; None: chosen from the echoes near the sensor
     base            a Mitsuba XML scene whose shapes are added, or None
     base_materials  BSDF id in that file to material name; other BSDFs are the file's, two-sided
     """

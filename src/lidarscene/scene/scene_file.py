@@ -55,11 +55,11 @@ def load_scene(
                that comes with the package, such as "car"
     overrides  changes to values of a TOML file: "sun.illuminance_klux=1", a list of these, or
                {"sun.illuminance_klux": 1}
-    material   of all meshes of a Trimesh or trimesh.Scene that ``materials`` does not name: a catalogue name, or a
-               `Material`. A mesh without either that has its own colour is diffuse with the mean of it.
-    materials  the same by name of a mesh's material, geometry or node; for a Mitsuba XML file by BSDF id, where BSDFs
-               that are not named are used as they are
-    classes    for a trimesh.Scene, class by node; a node that is not named is a class of its own. Nodes are bodies.
+    material   catalogue name or `Material` of all meshes of a Trimesh or trimesh.Scene that ``materials`` does not
+               name. A mesh without either is diffuse with the mean of its own colour, if it has one.
+    materials  catalogue name or `Material` by the name of a mesh's material, geometry or node; for a Mitsuba XML file
+               by BSDF id, where BSDFs that are not named are used as they are
+    classes    class by node of a trimesh.Scene; each node is a body, and by default a class of its own
     settings   for an XML file or a mesh, other attributes of the scene: name, sun, air, sensor_name, sensor_pose, ...
 
     Raises InputError: one line with the file and the key.

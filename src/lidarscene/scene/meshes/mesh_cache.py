@@ -34,9 +34,9 @@ class SubMesh:
     """One piece of a mesh file, placed by the file's own node transforms.
 
     vertices_m  (v, 3) float64; faces (f, 3) integers
-    keys        names for it: those of its material, geometry and node
+    keys        names of its material, geometry and node
     grey        mean of its base colour if the file has one, else None
-    pattern     how its reflectivity varies, if that was asked for and the file has it; not cached
+    pattern     reflectivity pattern, if it was read; not cached
     """
 
     vertices_m: Numbers

@@ -1,4 +1,4 @@
-"""Primitives as vertices (v, 3) in float64 metres and faces (f, 3), cut into pieces that single precision bears."""
+"""Primitives as vertices (v, 3) in float64 metres and faces (f, 3); small triangles for single precision."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def cylinder_mesh(*, radius_m: float, height_m: float, sections: int = 64) -> tu
 
 
 def joined(parts: list[tuple[Numbers, Numbers]]) -> tuple[Numbers, Numbers]:
-    """Several (vertices, faces) as one mesh."""
+    """Join several (vertices, faces) into one mesh."""
     offsets = np.cumsum([0] + [len(vertices) for vertices, _ in parts[:-1]])
     vertices = np.concatenate([vertices for vertices, _ in parts])
     faces = np.concatenate([faces + offset for (_, faces), offset in zip(parts, offsets, strict=True)])
@@ -77,6 +77,6 @@ def joined(parts: list[tuple[Numbers, Numbers]]) -> tuple[Numbers, Numbers]:
 
 
 def _welded(vertices: Numbers, faces: Numbers) -> tuple[Numbers, Numbers]:
-    """The same mesh with equal vertices merged."""
+    """Merge equal vertices of a mesh."""
     unique, index = np.unique(vertices, axis=0, return_inverse=True)
     return unique, index.reshape(-1)[faces]

@@ -1,7 +1,7 @@
 """Mesh files in (any that trimesh reads, and USD), as vertices and faces in float64, in the file's own lengths.
 
-trimesh is kept from changing what the file says: it would merge vertices, reorder faces and forget material names, on
-which labels and materials depend.
+trimesh runs without processing: it would merge vertices, reorder faces and drop material names, on which labels and
+materials depend.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from .usd import is_usd, read_usd
 
 
 def read_mesh(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> list[SubMesh]:
-    """All pieces of a mesh file, in the order of its nodes. Raises InputError, one line.
+    """Read all pieces of a mesh file, in the order of its nodes. Raises InputError, one line.
 
-    pattern  how reflectivity varies over it, to be read too; such a file is read anew each time
+    pattern  kind of reflectivity pattern to read too; such a file is not cached
     """
     require_file(path, "a mesh file")
     if pattern is not None:
@@ -37,7 +37,7 @@ def read_mesh(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> 
 
 
 def check_pieces(pieces: list[SubMesh], where: str) -> list[SubMesh]:
-    """The pieces that have triangles. Raises InputError, one line, if there are none or if numbers are invalid."""
+    """Keep the pieces that have triangles. Raises InputError, one line, if there are none or numbers are invalid."""
     pieces = [piece for piece in pieces if len(piece.faces)]
     if not pieces:
         cloud = "; a point cloud is for `lidarscene view`" if where.lower().endswith(".ply") else ""
@@ -61,7 +61,7 @@ def pieces_of(loaded: Any) -> list[tuple[str, SubMesh]]:
 
 
 def _pieces(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> list[SubMesh]:
-    """The pieces that trimesh finds in the file, including empty ones. Raises InputError."""
+    """Read the pieces of a file by trimesh or USD, including empty ones. Raises InputError."""
     try:
         with warnings.catch_warnings():
             if is_usd(path):
@@ -85,7 +85,7 @@ def _pieces(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> li
     except LidarSceneError:
         raise
     except Exception as error:
-        # trimesh's readers raise whatever their parsers raise; all of it means that the file is not readable.
+        # trimesh passes on any exception of its parsers; each means that the file is not readable.
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError(f"{path}: cannot be read as a mesh: {reason}") from None
 
@@ -140,7 +140,7 @@ def _is_mesh(loaded: Any, node: Any) -> bool:
 
 
 def _place_mesh(loaded: Any, node: Any) -> SubMesh:
-    """The mesh of a node, with the node's transform applied."""
+    """Mesh of a node, with the node's transform applied."""
     transform, name = loaded.graph[node]
     geometry = loaded.geometry[name]
     vertices = np.asarray(geometry.vertices, dtype=np.float64).reshape(-1, 3)
@@ -154,7 +154,7 @@ def _place_mesh(loaded: Any, node: Any) -> SubMesh:
 
 
 def _add_pattern(piece: SubMesh, geometry: Any, kind: reflectivity_patterns.Kind, *, linear: bool) -> SubMesh:
-    """The piece with its pattern; as it is if its geometry has none."""
+    """Add the pattern of the geometry to a piece; without one the piece is unchanged."""
     pattern_and_faces = reflectivity_patterns.read_pattern(geometry, kind, linear=linear)
     if pattern_and_faces is None:
         return piece
@@ -168,7 +168,7 @@ _TRIMESH_DEFAULT = (102, 102, 102)
 
 
 def _grey(material: Any) -> float | None:
-    """Mean of the base colour in linear light, or None. trimesh stores 0 to 255, and fills in a default of its own."""
+    """Mean of the base colour in linear light, or None. trimesh stores 0 to 255, and a default of its own."""
     colour = getattr(material, "baseColorFactor", None)
     if colour is None:
         colour = getattr(material, "diffuse", None)
@@ -179,7 +179,7 @@ def _grey(material: Any) -> float | None:
 
 
 def grey_material(name: str, grey: float) -> Material:
-    """A mesh's own colour as a diffuse material: an estimate, since visible colour is not infrared reflectivity."""
+    """Diffuse material of a mesh's own colour: an estimate, since visible colour is not infrared reflectivity."""
     return Material(
         name=name,
         bsdf="diffuse",

@@ -17,7 +17,7 @@ from ...maths.arrays import Numbers, frozen
 Kind = Literal["reflectivity", "colour"]
 
 NAMES = ("reflectivity", "reflectance")
-"""Property names of vertices or faces in a PLY file; in glTF vertex attributes are the same in capitals after "_"."""
+"""Property names of vertices or faces in a PLY file; glTF vertex attributes have them in capitals after "_"."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,7 +28,7 @@ class ReflectivityPattern:
             "colour": they are the red of visible light, linear, and scale the material's reflectivity
     values  (v,) at the vertices, linear between them; or (h, w) of an image, first row at the top
     uv      (v, 2) where in the image the vertices are: (0, 0) its top left corner, (1, 1) the bottom right; it repeats
-    mean    of the values over the surface: what the material's own reflectivity stands for; for colours only
+    mean    mean of the values over the surface, at which the reflectivity is the material's own; for colours only
     """
 
     kind: Kind

@@ -99,7 +99,7 @@ class _Reader:
                 frames[prim.GetPath()] = frames.get(prim.GetParent().GetPath(), placed) if prim.GetParent() else placed
                 continue
             imageable = pxr.UsdGeom.Imageable(prim)
-            # What hides is inherited by all below, and so is the purpose of most stages.
+            # All prims below inherit invisibility, and in most stages the purpose too.
             hidden = imageable.GetVisibilityAttr().Get(self._time) == "invisible"
             if hidden or imageable.ComputePurpose() in _LEFT_OUT:
                 prims.PruneChildren()
@@ -111,7 +111,7 @@ class _Reader:
                 frame = local_frame if xformable.GetResetXformStack() else local_frame @ frame
             frames[prim.GetPath()] = frame
             if prim.IsA(pxr.UsdGeom.PointInstancer):
-                prims.PruneChildren()  # its prototypes are seen where its points are
+                prims.PruneChildren()  # its prototypes appear at its points only
                 yield from self._instances(pxr.UsdGeom.PointInstancer(prim), frame)
             elif str(prim.GetTypeName()) in self._kinds:
                 yield from self._pieces(prim, frame)

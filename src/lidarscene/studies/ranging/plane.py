@@ -290,7 +290,7 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
             pde=detector.pde,
             dead_time_s=detector.dead_time_s,
         )
-    # SNR goes with 1 / R^2, and with what the amplifier leaves of the peak over the root of that of the noise.
+    # SNR is proportional to 1 / R^2 and to the amplifier's factor on the peak over the root of that on the variance.
     response = sensor.response
     bound = bound * np.sqrt(response.peak / np.sqrt(response.noise))
     rate = 0.75 * target.extinction_per_m * ones
