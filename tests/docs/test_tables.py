@@ -131,7 +131,6 @@ def test_what_a_colour_is_worth() -> None:
     row_says(spreads[1:], *colour.SPREADS)
     at_905, at_1550 = math.exp(colour.SPREADS[1]), math.exp(colour.SPREADS[-1])
     says("materials.md", "a factor of {} either way at 905 nm and {} at 1550 nm", at_905, at_1550)
-    says("limits.md", "infrared reflectivity to a factor of {}", at_905)
 
 
 def test_slopes_of_materials() -> None:
