@@ -8,7 +8,7 @@
 from typing import TYPE_CHECKING, Any
 
 from ._version import __version__ as __version__
-from .files.facts import view_with
+from .files.facts import register_viewer
 
 if TYPE_CHECKING:
     # isort: off
@@ -115,7 +115,7 @@ def _view(content: Any, **options: Any) -> Any:
 
 
 # `PointCloud.view` and `Scene.view` need the page, which is in a higher tier: it is registered here.
-view_with(_view)
+register_viewer(_view)
 
 
 def __dir__() -> list[str]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from lidarscene.recordings.opening import open_recording
-from lidarscene.recordings.units.unit_file import unit_from, write_unit
+from lidarscene.recordings.units.unit_file import read_unit, write_unit
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene_file import load_scene
 from lidarscene.sensor.sensor_file import load_sensor
@@ -62,7 +62,7 @@ def scene_and_units(folder: Path, truth: Mapping[str, float]) -> tuple[Path, Sen
     """The scene's file, with the published unit beside it, and the unit whose numbers are so many times those."""
     path, unit = folder / "scene.toml", folder / "unit.toml"
     described = OUSTER.with_suffix(".json")
-    write_unit(unit_from(described), described, unit)
+    write_unit(read_unit(described), described, unit)
     path.write_text(walls(), encoding="utf-8")
     drawn = {
         key: Estimate(key=key, value=value, unit="times", fisher=0.01, bootstrap=0.01) for key, value in truth.items()

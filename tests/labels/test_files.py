@@ -421,11 +421,11 @@ def test_a_box_that_reaches_out_of_the_picture() -> None:
     """Of a block 2 m wide and high and 1 m deep, 10 m ahead and 8.5 m to the left, a part is left of pixel 0: the
     picture ends 621 pixels to the left, with 720 pixels for each metre at 1 m.
     """
-    from lidarscene.labels.files import _in_picture
+    from lidarscene.labels.files import _picture_box
 
     size_m = np.array([1.0, 2.0, 2.0])
     box = Box(body=0, name="", class_name="car", size_m=size_m, pose=street.at(10.0, 8.5, 0.0, 0.0))
-    (left, top, right, low), truncated = _in_picture(box)
+    (left, top, right, low), truncated = _picture_box(box)
     edges = [621 - 720 * 9.5 / 9.5, 621 - 720 * 7.5 / 10.5]  # 9.5 m to the left at 9.5 m, and 7.5 m at 10.5 m
     assert edges[0] < 0 < edges[1]
     assert (left, right) == pytest.approx((0.0, edges[1]))
@@ -435,14 +435,14 @@ def test_a_box_that_reaches_out_of_the_picture() -> None:
 
 def test_a_box_around_the_camera_and_one_to_the_right() -> None:
     """What is nearer than a tenth of a metre is drawn at that depth; the last pixels are 1241 and 374."""
-    from lidarscene.labels.files import _in_picture
+    from lidarscene.labels.files import _picture_box
 
     box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=street.at(1.0, 0, 0, 0))
-    (left, top, right, low), truncated = _in_picture(box)
+    (left, top, right, low), truncated = _picture_box(box)
     assert (left, top, right, low) == (0.0, 0.0, 1241.0, 374.0)
     # Corners at y = -1 and 1 m, z = -0.75 and 0.75 m are 7200 and 5400 pixels off at 0.1 m.
     assert truncated == pytest.approx(1.0 - 1241 * 374 / (14_400 * 10_800))
-    (left, _, right, _), _ = _in_picture(replace(box, pose=street.at(10.0, -7.5, 0.0, 0.0)))
+    (left, _, right, _), _ = _picture_box(replace(box, pose=street.at(10.0, -7.5, 0.0, 0.0)))
     assert (left, right) == pytest.approx((621 + 720 * 6.5 / 12.0, 1241.0))
 
 
@@ -515,12 +515,12 @@ def test_kitti_rectangles_hold_the_points(object_dataset: Path, street_cloud: Po
 
 
 def test_a_box_behind_the_camera_has_no_rectangle() -> None:
-    from lidarscene.labels.files import _in_picture
+    from lidarscene.labels.files import _picture_box
 
     box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=street.at(-20.0, 0, 0, 0))
-    assert _in_picture(box) == ((0.0, 0.0, 0.0, 0.0), 1.0)
+    assert _picture_box(box) == ((0.0, 0.0, 0.0, 0.0), 1.0)
     centre = replace(box, pose=street.at(30.0, 0.0, 0.0, 0.0))
-    (left, top, right, low), truncated = _in_picture(centre)
+    (left, top, right, low), truncated = _picture_box(centre)
     # The near face is 28 m off and 2 m wide, 1.5 m high.
     assert (right - left, low - top) == pytest.approx((720 * 2 / 28, 720 * 1.5 / 28))
     assert truncated == pytest.approx(0.0, abs=1e-9)

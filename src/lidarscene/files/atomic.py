@@ -180,13 +180,13 @@ def _obstacle(target: Path) -> str:
 
 def _make_folders(folder: Path) -> list[Path]:
     """Make this folder and return those that were missing, deepest first."""
-    missing = [f for f in (folder, *folder.parents) if not f.exists()]
+    missing_folders = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
-        _remove(None, missing)
+        _remove(None, missing_folders)
         raise
-    return missing
+    return missing_folders
 
 
 def _remove_stale(target: Path) -> None:

@@ -17,7 +17,7 @@ def facts_line(kind: str, name: str, facts: Mapping[str, str]) -> str:
 
 def facts_table(kind: str, name: str, facts: Mapping[str, str]) -> str:
     """Table of the same facts as HTML."""
-    rows = "".join(f"<tr><th>{html.escape(k)}</th><td>{html.escape(v)}</td></tr>" for k, v in facts.items())
+    rows = "".join(f"<tr><th>{html.escape(key)}</th><td>{html.escape(fact)}</td></tr>" for key, fact in facts.items())
     return f"<table><caption>{html.escape(f'{kind} {name}')}</caption>{rows}</table>"
 
 
@@ -25,7 +25,7 @@ _VIEWERS: list[Callable[..., Any]] = []
 """Function that views clouds and scenes, if one is registered: it stands in a higher tier, so it registers itself."""
 
 
-def view_with(viewer: Callable[..., Any]) -> None:
+def register_viewer(viewer: Callable[..., Any]) -> None:
     """Register the function that `show_with_viewer` calls; `lidarscene/__init__.py` does so."""
     _VIEWERS[:] = [viewer]
 

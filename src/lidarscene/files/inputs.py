@@ -32,21 +32,21 @@ def require_file(path: str | os.PathLike[str], kind: str = "a file", *, largest:
     what  the kind of file that was expected, for the message: "a TOML file"
     """
     try:
-        about = os.stat(path)
+        status = os.stat(path)
     except ValueError:
         raise InputError(f"{path}: must be the name of a file, got one with a NUL character") from None
     except OSError as error:
         if error.errno in NOT_THERE:
             raise InputError(f"{path}: no such file") from None
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    if stat.S_ISDIR(about.st_mode):
+    if stat.S_ISDIR(status.st_mode):
         raise InputError(f"{path}: must be {kind}, got a folder")
     # Files of the kernel behave as devices: /proc/kmsg blocks until the kernel logs a line.
-    if not stat.S_ISREG(about.st_mode) or os.path.realpath(path).startswith(("/proc/", "/sys/")):
+    if not stat.S_ISREG(status.st_mode) or os.path.realpath(path).startswith(("/proc/", "/sys/")):
         raise InputError(f"{path}: must be {kind}, got a device or pipe")
-    if largest is not None and about.st_size > largest:
+    if largest is not None and status.st_size > largest:
         raise InputError(
-            f"{path}: must be {kind} of at most {largest / 2**20:.0f} MiB, got {about.st_size / 2**20:.0f} MiB"
+            f"{path}: must be {kind} of at most {largest / 2**20:.0f} MiB, got {status.st_size / 2**20:.0f} MiB"
         )
 
 

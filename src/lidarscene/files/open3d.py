@@ -32,7 +32,7 @@ def open3d() -> ModuleType:
                 raise
             return _import()
     except (ImportError, OSError) as error:
-        raise LidarSceneError(_advice(error)) from error
+        raise LidarSceneError(_error_text(error)) from error
 
 
 def _import() -> ModuleType:
@@ -51,7 +51,7 @@ def _preload_libusb() -> bool:
     return False
 
 
-def _advice(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     reason = " ".join(str(error).split())
     if isinstance(error, ModuleNotFoundError):
         way_out = _PACKAGES

@@ -148,10 +148,10 @@ def split_sensor(assignment: str, among: Sequence[str]) -> tuple[str | None, str
     return sensor, f"{own_key}{equals}{value}"
 
 
-def get_entry(tables: Any, part: Any) -> Any:
+def get_entry(tables: Any, key: Any) -> Any:
     """Entry of a table or a list at this key or index; None without."""
     try:
-        return tables[part]
+        return tables[key]
     except (IndexError, KeyError, TypeError):
         return None
 

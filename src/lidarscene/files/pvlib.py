@@ -53,7 +53,7 @@ def sun_north_up_deg(*, latitude_deg: float, longitude_deg: float, time: datetim
     module = pvlib()
     import pandas
 
-    place = module.solarposition.get_solarposition(
+    sun = module.solarposition.get_solarposition(
         pandas.DatetimeIndex([time]), latitude_deg, longitude_deg, method="nrel_numpy"
     )
-    return float(place["azimuth"].iloc[0]), float(place["apparent_elevation"].iloc[0])
+    return float(sun["azimuth"].iloc[0]), float(sun["apparent_elevation"].iloc[0])

@@ -105,26 +105,26 @@ def validate(
         return model.model_validate(_with_tuples(tables))
     except ValidationError as error:
         first = error.errors()[0]
-        more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-        place = [str(part) for part in _keys_in_file(first["loc"], tables, missing=first["type"] == "missing")]
+        further = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+        mistake_path = [str(part) for part in _keys_in_file(first["loc"], tables, missing=first["type"] == "missing")]
         file = where
         for assignment in overrides:
             path = number_list_entries(key_path(assignment), tables)
-            shared = min(len(path), len(place))
-            where += f" {option} {assignment}" if path[:shared] == place[:shared] else ""
+            shared = min(len(path), len(mistake_path))
+            where += f" {option} {assignment}" if path[:shared] == mistake_path[:shared] else ""
         hint = ""
-        if overrides and first["type"] == "extra_forbidden" and place[0] in OTHERS.get(option, ()):
+        if overrides and first["type"] == "extra_forbidden" and mistake_path[0] in OTHERS.get(option, ()):
             hint = f"; try {next(another for another in OTHERS if another != option)}"
-        if where == file and first["type"] in ("missing", "extra_forbidden") and len(place) == 1:
-            hint = _another_kind(model, tables)
-        raise InputError(f"{where}: {_message(first, model, tables)}{more}{hint}") from None
+        if where == file and first["type"] in ("missing", "extra_forbidden") and len(mistake_path) == 1:
+            hint = _other_kind_hint(model, tables)
+        raise InputError(f"{where}: {_error_text(first, model, tables)}{further}{hint}") from None
 
 
 TELLTALE = {"laser": "sensor", "scanner": "sensor", "bodies": "scene", "scenes": "job", "sensors": "rig"}
 """Tables and lists that only one kind of file has at its top."""
 
 
-def _another_kind(model: type[BaseModel], tables: Mapping[str, Any]) -> str:
+def _other_kind_hint(model: type[BaseModel], tables: Mapping[str, Any]) -> str:
     """Hint that the file looks like one of another kind; "" without."""
     kinds = [kind for key, kind in TELLTALE.items() if key in tables and key not in model.model_fields]
     return f"; this looks like a {kinds[0]} file" if kinds else ""
@@ -142,7 +142,7 @@ def list_mistakes(model: type[Model], tables: Mapping[str, Any]) -> list[str]:
     try:
         model.model_validate(_with_tuples(tables))
     except ValidationError as error:
-        return list(dict.fromkeys(_message(mistake, model, tables) for mistake in error.errors()))
+        return list(dict.fromkeys(_error_text(mistake, model, tables) for mistake in error.errors()))
     return []
 
 
@@ -153,7 +153,7 @@ def _with_tuples(value: Any) -> Any:
     return tuple(_with_tuples(inner) for inner in value) if isinstance(value, list) else value
 
 
-def _message(error: Any, model: type[BaseModel], tables: Mapping[str, Any]) -> str:
+def _error_text(error: Any, model: type[BaseModel], tables: Mapping[str, Any]) -> str:
     """Return a pydantic error as "key: must be X, got Y"."""
     kind, context = error["type"], error.get("ctx", {})
     location = _keys_in_file(error["loc"], tables, missing=kind == "missing")

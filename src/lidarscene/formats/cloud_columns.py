@@ -88,15 +88,17 @@ VECTORS = (
 on the side from which the light came, a velocity is against the ground; both are 0 without a surface.
 """
 
-_SCALARS = {c.attribute: c for c in COLUMNS[3:]}
-MEASURED = ("xyz_m", *(a for a, c in _SCALARS.items() if not c.truth))
-TRUTH = tuple(a for a, c in _SCALARS.items() if c.truth)
+_SCALARS = {column.attribute: column for column in COLUMNS[3:]}
+MEASURED = ("xyz_m", *(attribute for attribute, column in _SCALARS.items() if not column.truth))
+TRUTH = tuple(attribute for attribute, column in _SCALARS.items() if column.truth)
 """Attributes that every cloud has, and those that come all together or not at all."""
 
-OF_VECTORS = tuple(c.attribute for c in VECTORS)
+OF_VECTORS = tuple(column.attribute for column in VECTORS)
 """Attributes that come all together, with the truth, or not at all."""
 
-_TYPES = {a: c.dtype for a, c in _SCALARS.items()} | {c.attribute: c.dtype for c in VECTORS}
+_TYPES = {attribute: column.dtype for attribute, column in _SCALARS.items()} | {
+    column.attribute: column.dtype for column in VECTORS
+}
 
 NAMES = {"sensor_index": "sensor_names", "body": "body_names", "class_id": "class_names", "material": "material_names"}
 """Attribute of an index -> attribute of the names. Index -1 has no name."""
@@ -193,12 +195,12 @@ def parse_numbers(text: str, key: str, shape: tuple[int, ...]) -> Numbers:
         raise ValueError(f"metadata: '{key}': must be {count} numbers, got '{text}'") from None
 
 
-def freeze_column(attribute: str, values: Any, n: int) -> Numbers:
+def freeze_column(attribute: str, values: Any, points: int) -> Numbers:
     """Freeze ``values`` in dtype and shape of this attribute; ValueError that names it if they do not fit."""
     array, is_position = np.asarray(values), attribute == "xyz_m"
     position_dtype = "float32" if array.dtype == np.float32 else "float64"
     dtype = np.dtype(position_dtype if is_position else _TYPES[attribute])
-    shape = (n, 3) if is_position else (n,)
+    shape = (points, 3) if is_position else (points,)
     if array.dtype == dtype and array.shape == shape and not array.flags.writeable:
         return array  # it went through this function before
     if dtype.kind != "f" and array.dtype != dtype and array.size:

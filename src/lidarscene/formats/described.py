@@ -33,7 +33,7 @@ def description(cloud: Cloud) -> str:
     content: dict[str, Any] = {
         "lidarscene": VERSION,
         "position": cloud.xyz_m.dtype.name,
-        "units": {c.name: unit_of(cloud, c.name) for c in cloud.columns},
+        "units": {column.name: unit_of(cloud, column.name) for column in cloud.columns},
         "metadata": dict(cloud.metadata),
     }
     content |= {attribute: list(getattr(cloud, attribute)) for attribute in NAMES.values()}
@@ -54,12 +54,12 @@ def described_fields(columns: Mapping[str, Numbers], text: str) -> Fields:
     content = json.loads(text)
     if not isinstance(content, dict) or content.get("lidarscene") != VERSION:
         raise ValueError(f"not written by this version of lidarscene: no description of version {VERSION}")
-    missing = [name for name in content["units"] if name not in columns]
-    if missing:
-        raise ValueError(f"columns are missing: {', '.join(missing)}")
+    missing_columns = [name for name in content["units"] if name not in columns]
+    if missing_columns:
+        raise ValueError(f"columns are missing: {', '.join(missing_columns)}")
     xyz_m = np.stack([columns[name] for name in "xyz"], axis=-1).astype(content["position"], copy=False)
     attributes: dict[str, Any] = {
-        c.attribute: columns[c.name] for c in (*COLUMNS[3:], *VECTORS) if c.name in content["units"]
+        column.attribute: columns[column.name] for column in (*COLUMNS[3:], *VECTORS) if column.name in content["units"]
     }
     attributes |= {attribute: tuple(content[attribute]) for attribute in NAMES.values()}
     return {"xyz_m": xyz_m, "metadata": content["metadata"], **attributes}

@@ -126,10 +126,10 @@ def _scan_tree(cloud: Cloud, columns: dict[str, Numbers], text: str) -> dict[str
             "intensityMaximum": float(columns["intensity"].max(initial=0)),
         },
     }
-    place = cloud.frame_to_world
-    if cloud.metadata.get("frame", "sensor") != "world" and place is not None:
-        rotation = dict(zip("wxyz", quaternion(place.rotation), strict=True))
-        tree["pose"] = {"rotation": rotation, "translation": dict(zip("xyz", place.position_m.tolist(), strict=True))}
+    pose = cloud.frame_to_world
+    if cloud.metadata.get("frame", "sensor") != "world" and pose is not None:
+        rotation = dict(zip("wxyz", quaternion(pose.rotation), strict=True))
+        tree["pose"] = {"rotation": rotation, "translation": dict(zip("xyz", pose.position_m.tolist(), strict=True))}
     return tree
 
 

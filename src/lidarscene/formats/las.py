@@ -62,8 +62,8 @@ def las_stream(path: str | os.PathLike[str], *, compressed: bool = False) -> Ite
     space, and are compressed from there.
     """
     laspy = _laspy(compressed)
-    with atomic_output(path) as temporary, open(temporary, "r+b") as file, ExitStack() as opened:
-        uncompressed = opened.enter_context(tempfile.TemporaryFile(dir=temporary.parent)) if compressed else file
+    with atomic_output(path) as temporary, open(temporary, "r+b") as file, ExitStack() as resources:
+        uncompressed = resources.enter_context(tempfile.TemporaryFile(dir=temporary.parent)) if compressed else file
         writer = _Writer(laspy, uncompressed, path, compressed=False)
         yield writer.append
         writer.close()
@@ -143,11 +143,11 @@ class _Writer:
         header = self._writer.header
         dtype, count = header.point_format.dtype(), header.point_count
         for first in range(0, count, BLOCK_POINTS):
-            place = header.offset_to_point_data + first * dtype.itemsize
-            self._file.seek(place)
+            offset = header.offset_to_point_data + first * dtype.itemsize
+            self._file.seek(offset)
             block = np.fromfile(self._file, dtype, count=min(BLOCK_POINTS, count - first))
             block["intensity"] = _intensity(block[LAS_NAMES["intensity"]], self.largest)
-            yield place, block
+            yield offset, block
 
     def _record(self) -> Any:
         return self._laspy.VLR(VLR_USER, VLR_RECORD, "point cloud of lidarscene", self._text)
@@ -157,9 +157,9 @@ def read_las(path: str | os.PathLike[str]) -> Fields:
     """Read a file of `write_las`; the positions to 10 um. Raises InputError, in one line."""
     laspy = import_optional("laspy", extra="las")
     with input_errors(path), open(path, "rb") as file:
-        _require_possible(laspy, file)
+        _require_plausible(laspy, file)
         las = laspy.read(file, closefd=False)
-        descriptions = [v for v in (*las.vlrs, *(las.evlrs or ())) if v.user_id == VLR_USER]
+        descriptions = [record for record in (*las.vlrs, *(las.evlrs or ())) if record.user_id == VLR_USER]
         if not descriptions:
             raise ValueError("not a point cloud of lidarscene: there is no description in it")
         extra = {name: np.ascontiguousarray(las[name]) for name in las.point_format.extra_dimension_names}
@@ -172,7 +172,7 @@ def las_columns(path: str | os.PathLike[str]) -> dict[str, Numbers]:
     """Columns of any LAS or LAZ by name, x, y and z in metres. Raises InputError, in one line."""
     laspy = import_optional("laspy", extra="las")
     with input_errors(path), open(path, "rb") as file:
-        _require_possible(laspy, file)
+        _require_plausible(laspy, file)
         las = laspy.read(file, closefd=False)
         names = [name for name in las.point_format.dimension_names if name not in ("X", "Y", "Z")]
         column_names = {file_name: column for column, file_name in LAS_NAMES.items()}
@@ -180,11 +180,11 @@ def las_columns(path: str | os.PathLike[str]) -> dict[str, Numbers]:
         return columns | {axis: np.asarray(las[axis]) for axis in "xyz"}
 
 
-def _require_possible(laspy: Any, file: IO[bytes]) -> None:
+def _require_plausible(laspy: Any, file: IO[bytes]) -> None:
     """Raise ValueError for counts in the header that the file has no room for: libraries would run out of memory."""
     _require_counts(file)
-    with laspy.open(file, closefd=False) as opened:
-        header = opened.header
+    with laspy.open(file, closefd=False) as reader:
+        header = reader.header
         points = header.point_count * header.point_format.size
     size = os.fstat(file.fileno()).st_size
     require_unpacked(size, points)
@@ -231,11 +231,11 @@ def _header(laspy: Any, cloud: Cloud) -> Any:
     header.add_extra_dims(
         [
             laspy.ExtraBytesParams(
-                name=LAS_NAMES.get(c.name, c.name),
-                type=cloud.column(c.name).dtype,
-                description=unit_of(cloud, c.name)[:32],
+                name=LAS_NAMES.get(column.name, column.name),
+                type=cloud.column(column.name).dtype,
+                description=unit_of(cloud, column.name)[:32],
             )
-            for c in _columns(cloud)
+            for column in _columns(cloud)
         ]
     )
     # The largest and least of extra bytes are left out: laspy 2.7 takes the first point's for them.
@@ -246,7 +246,7 @@ def _header(laspy: Any, cloud: Cloud) -> Any:
 
 def _columns(cloud: Cloud) -> list[Column]:
     """Columns that are stored in extra bytes."""
-    return [c for c in cloud.columns if c.name not in ("x", "y", "z")]
+    return [column for column in cloud.columns if column.name not in ("x", "y", "z")]
 
 
 def _points(laspy: Any, cloud: Cloud, header: Any, path: str | os.PathLike[str], peak: float) -> Any:

@@ -35,9 +35,9 @@ def write_osi(path: str | os.PathLike[str], cloud: Cloud) -> None:
     start_s = cloud.frame_start_s
     lidars = []
     for sensor in np.unique(cloud.column("sensor_index")).tolist() or [0]:
-        part = cloud.select(cloud.column("sensor_index") == sensor)
-        header = (timestamp(1, start_s), number(6, len(part)), message(7, number(1, sensor)))
-        lidars.append(message(3, message(1, *header), _detections(part)))
+        sensor_cloud = cloud.select(cloud.column("sensor_index") == sensor)
+        header = (timestamp(1, start_s), number(6, len(sensor_cloud)), message(7, number(1, sensor)))
+        lidars.append(message(3, message(1, *header), _detections(sensor_cloud)))
     features = message(26, version(1), *lidars)
     content = trace_file(version(1), timestamp(2, start_s), message(5, number(1, 0)), features)
     with atomic_output(path) as temporary:
@@ -57,8 +57,8 @@ def version(field: int) -> bytes:
 
 def timestamp(field: int, seconds: float) -> bytes:
     """Encode a Timestamp."""
-    whole, nanoseconds = divmod(round(seconds * 1e9), 10**9)
-    return message(field, number(1, whole), number(2, nanoseconds))
+    whole_seconds, nanoseconds = divmod(round(seconds * 1e9), 10**9)
+    return message(field, number(1, whole_seconds), number(2, nanoseconds))
 
 
 def vector(field: int, values: Numbers) -> bytes:
@@ -73,25 +73,27 @@ def pose_fields(pose: Pose, *, position: int, orientation: int) -> bytes:
 
 def _detections(cloud: Cloud) -> bytes:
     """Encode all detections, one after the other."""
-    n = len(cloud)
+    detections = len(cloud)
     position = (cloud.column("range"), cloud.column("azimuth"), cloud.column("elevation"))
     peak = float(cloud.column("intensity").max(initial=0.0)) or 1.0
-    parts = [
+    fields = [
         *double_rows(1, cloud.column("detection_probability")),
-        *message_rows(3, *(p for i, v in enumerate(position, start=1) for p in double_rows(i, v))),
+        *message_rows(
+            3, *(part for i, component in enumerate(position, start=1) for part in double_rows(i, component))
+        ),
         *double_rows(7, 100.0 / peak * cloud.column("intensity").clip(0).astype(np.float64)),
         *number_rows(9, np.where(cloud.column("status") != 0, CLUTTER, UNKNOWN), size=1),
         *message_rows(13, *number_rows(1, cloud.column("channel").clip(0), size=5)),
     ]
     if cloud.column("pulse_width").any():
         # OSI has the echo's width in metres of range, from the rising edge to the falling one.
-        parts += double_rows(11, 0.5 * SPEED_OF_LIGHT_M_S * cloud.column("pulse_width").astype(np.float64))
+        fields += double_rows(11, 0.5 * SPEED_OF_LIGHT_M_S * cloud.column("pulse_width").astype(np.float64))
     if cloud.has_truth:
         # OSI's velocity is positive towards the sensor, ours away from it.
-        parts += double_rows(12, -cloud.column("radial_velocity").astype(np.float64))
+        fields += double_rows(12, -cloud.column("radial_velocity").astype(np.float64))
     if cloud.has_truth:
         objects = np.where(
             cloud.column("body") >= 0, cloud.column("body").astype(np.uint64) + np.uint64(1), np.uint64(NO_OBJECT)
         )
-        parts += [*message_rows(2, *number_rows(1, objects, size=10)), *double_rows(10, cloud.column("reflectivity"))]
-    return join_rows(message_rows(2, *parts), n)
+        fields += [*message_rows(2, *number_rows(1, objects, size=10)), *double_rows(10, cloud.column("reflectivity"))]
+    return join_rows(message_rows(2, *fields), detections)

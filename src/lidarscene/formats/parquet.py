@@ -35,7 +35,7 @@ def parquet_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[Cloud], N
     """
     arrow, parquet = _arrow()
     with atomic_output(path) as temporary, open(temporary, "wb") as file, ExitStack() as open_writer:
-        waiting: list[Any] = []  # tables with fewer points in all than a row group
+        buffered: list[Any] = []  # tables with fewer points in all than a row group
         writer: Any = None
 
         def append(cloud: Cloud) -> None:
@@ -45,20 +45,20 @@ def parquet_stream(path: str | os.PathLike[str]) -> Iterator[Callable[[Cloud], N
                 writer = open_writer.enter_context(parquet.ParquetWriter(file, schema, compression="zstd"))
             for first in range(0, max(len(cloud), 1), GROUP_POINTS):
                 piece = cloud.select(slice(first, first + GROUP_POINTS))
-                waiting.append(_table(arrow, piece, writer.schema))
-                table = arrow.concat_tables(waiting)
-                whole = len(table) - len(table) % GROUP_POINTS
-                waiting[:] = [table.slice(whole)]
-                if whole:
-                    write(table.slice(0, whole))
+                buffered.append(_table(arrow, piece, writer.schema))
+                table = arrow.concat_tables(buffered)
+                full_rows = len(table) - len(table) % GROUP_POINTS
+                buffered[:] = [table.slice(full_rows)]
+                if full_rows:
+                    write(table.slice(0, full_rows))
 
         def write(table: Any) -> None:
             # In one piece, or the pages would begin where the pieces did.
             writer.write_table(table.combine_chunks(), row_group_size=GROUP_POINTS)
 
         yield append
-        if len(waiting[0]):
-            write(waiting[0])
+        if len(buffered[0]):
+            write(buffered[0])
 
 
 def _schema(arrow: Any, cloud: Cloud) -> Any:
@@ -79,10 +79,10 @@ def read_parquet(path: str | os.PathLike[str]) -> Fields:
     """Read a file of `write_parquet`. Raises InputError, in one line."""
     _, parquet = _arrow()
     with input_errors(path), open(path, "rb") as file:
-        about = parquet.read_metadata(file)
+        file_metadata = parquet.read_metadata(file)
         # By rows too: a column that repeats one value has next to no bytes before it is unpacked.
-        groups = sum(about.row_group(number).total_byte_size for number in range(about.num_row_groups))
-        rows = about.num_rows * about.num_columns * WIDEST
+        groups = sum(file_metadata.row_group(number).total_byte_size for number in range(file_metadata.num_row_groups))
+        rows = file_metadata.num_rows * file_metadata.num_columns * WIDEST
         require_unpacked(os.fstat(file.fileno()).st_size, max(groups, rows))
         file.seek(0)
         table = parquet.read_table(file)

@@ -88,11 +88,11 @@ def pcd_columns(path: str | os.PathLike[str]) -> tuple[dict[str, Numbers], tuple
         dtype = np.dtype(
             [
                 (
-                    name if count == 1 and name != "_" else f"_ {place}",
+                    name if count == 1 and name != "_" else f"_ {index}",
                     f"<{_DTYPES[kind]}{size}",
                     (count,) * (count > 1),
                 )
-                for place, (name, size, kind, count) in enumerate(fields)
+                for index, (name, size, kind, count) in enumerate(fields)
             ]
         )
         width, height = (int(header[word][0]) for word in ("WIDTH", "HEIGHT"))
@@ -102,9 +102,9 @@ def pcd_columns(path: str | os.PathLike[str]) -> tuple[dict[str, Numbers], tuple
 
 def _header(cloud: Cloud, *, points: int, data: str) -> bytes:
     """Header of the file, whose length does not depend on the number of points."""
-    text, place = description(cloud), cloud.sensor_place
+    text, pose = description(cloud), cloud.sensor_place
     types = [cloud.column(column.name).dtype for column in cloud.columns]
-    viewpoint = (*place.position_m, *quaternion(place.rotation))
+    viewpoint = (*pose.position_m, *quaternion(pose.rotation))
     lines = [FIRST_LINE]
     lines += [OURS + text[first : first + LONGEST_TEXT] for first in range(0, len(text), LONGEST_TEXT)]
     lines += [
@@ -132,17 +132,17 @@ def _lines(rows: Numbers) -> Iterator[bytes]:
 
 def _compress(data: bytes, lzf: Any) -> bytes:
     """Return both lengths and the compressed bytes; uncompressed, in runs, if LZF does not make them fewer."""
-    packed = lzf.compress(data) if data else None
-    packed = _uncompressed_runs(data) if packed is None else packed
-    return struct.pack("<II", len(packed), len(data)) + packed
+    compressed = lzf.compress(data) if data else None
+    compressed = _uncompressed_runs(data) if compressed is None else compressed
+    return struct.pack("<II", len(compressed), len(data)) + compressed
 
 
 def _uncompressed_runs(data: bytes) -> bytes:
     """Return the bytes as LZF without compression: runs of up to 32, each after its length minus one."""
-    whole = len(data) // LONGEST_RUN * LONGEST_RUN
-    blocks = np.frombuffer(data[:whole], np.uint8).reshape(-1, LONGEST_RUN)
+    full_bytes = len(data) // LONGEST_RUN * LONGEST_RUN
+    blocks = np.frombuffer(data[:full_bytes], np.uint8).reshape(-1, LONGEST_RUN)
     runs = np.insert(blocks, 0, LONGEST_RUN - 1, axis=1).tobytes()
-    last_run = data[whole:]
+    last_run = data[full_bytes:]
     return runs + (bytes([len(last_run) - 1]) + last_run if last_run else b"")
 
 
@@ -183,9 +183,9 @@ def _read_columns(file: IO[bytes], dtype: np.dtype[Any], points: int, data: str)
         return {name: _with_infinity(np.ascontiguousarray(rows[name])) for name in names}
     content = file.read()
     if data == "binary_compressed":
-        packed, size = struct.unpack_from("<II", content)
-        if len(content) != 8 + packed:
-            raise ValueError(f"must have {8 + packed} bytes of points, got {len(content)}")
+        compressed_size, size = struct.unpack_from("<II", content)
+        if len(content) != 8 + compressed_size:
+            raise ValueError(f"must have {8 + compressed_size} bytes of points, got {len(content)}")
         require_unpacked(len(content), size)
         content = import_optional("lzf", extra="pcd").decompress(content[8:], size) if size else b""
     if len(content) != points * dtype.itemsize:

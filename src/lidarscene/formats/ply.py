@@ -52,7 +52,7 @@ LONGEST_TEXT = 800
 LARGEST = "3.40282346e+38"
 COUNT_DIGITS = 18
 RGB = ("red", "green", "blue")
-_NAMES = {c.name: NAMES[c.attribute] for c in COLUMNS if c.attribute in NAMES}
+_NAMES = {column.name: NAMES[column.attribute] for column in COLUMNS if column.attribute in NAMES}
 _RESERVED = ("lidarscene", "unit", "+", "room", *_NAMES)
 
 
@@ -97,7 +97,7 @@ def read_ply(path: str | os.PathLike[str]) -> Fields:
             blocks = _text_blocks(file, header) if header.ascii else _binary_blocks(file, header)
             # Text has two bytes or more for each number.
             most = os.fstat(file.fileno()).st_size // (2 * len(header.dtype.names or ()))
-            return _gather(blocks, header, most)
+            return _gather_fields(blocks, header, most)
     except OSError as error:
         raise InputError(f"{os.fspath(path)}: cannot be read: {error.strerror or error}") from error
     except ValueError as error:
@@ -119,8 +119,8 @@ class _Header:
 def _dtype(*, has_truth: bool, has_vectors: bool, double: bool, coloured: bool = False) -> np.dtype[Any]:
     """Structured type of a point in a file."""
     position = "float64" if double else "float32"
-    columns = [c for c in COLUMNS if has_truth or not c.truth] + list(VECTORS if has_vectors else ())
-    pairs = ((c.name, np.dtype(position if c.attribute == "xyz_m" else c.dtype)) for c in columns)
+    columns = [column for column in COLUMNS if has_truth or not column.truth] + list(VECTORS if has_vectors else ())
+    pairs = ((column.name, np.dtype(position if column.attribute == "xyz_m" else column.dtype)) for column in columns)
     colours = [(name, np.dtype("u1")) for name in RGB] if coloured else []
     return np.dtype([(name, dtype.newbyteorder("<")) for name, dtype in [*pairs, *colours]])
 
@@ -138,15 +138,15 @@ def _cloud_dtype(cloud: Cloud, *, coloured: bool) -> np.dtype[Any]:
 
 def _blocks(cloud: Cloud, colours: Numbers | None) -> Iterator[Numbers]:
     """Yield the points in blocks as in a file; all blocks share one memory."""
-    columns = {c.name: cloud.column(c.name) for c in cloud.columns}
+    columns = {column.name: cloud.column(column.name) for column in cloud.columns}
     if colours is not None:
         columns |= {name: colours[:, channel] for channel, name in enumerate(RGB)}
     block = np.zeros(min(BLOCK_POINTS, len(cloud)), _cloud_dtype(cloud, coloured=colours is not None))
     for first in range(0, len(cloud), BLOCK_POINTS):
-        part = block[: len(cloud) - first]
+        points = block[: len(cloud) - first]
         for name, values in columns.items():
-            part[name] = values[first : first + len(part)]
-        yield part
+            points[name] = values[first : first + len(points)]
+        yield points
 
 
 def ply_columns(path: str | os.PathLike[str]) -> dict[str, Numbers]:
@@ -156,7 +156,7 @@ def ply_columns(path: str | os.PathLike[str]) -> dict[str, Numbers]:
         words = [line.split() for line in lines if line.split()[:1] not in (["comment"], ["obj_info"])]
         kind = words[0][1] if words and words[0][0] == "format" and len(words[0]) > 1 else ""
         orders = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
-        elements = [place for place, word in enumerate(words) if word[0] == "element"]
+        elements = [index for index, word in enumerate(words) if word[0] == "element"]
         if kind not in orders or not elements or words[elements[0]][1] != "vertex":
             raise ValueError("must be a PLY whose first element is 'vertex'")
         end = elements[1] if len(elements) > 1 else len(words) - 1
@@ -180,44 +180,44 @@ def _header(cloud: Cloud, *, points: int, ascii: bool, coloured: bool) -> bytes:
     """Header of the file, whose length does not depend on the number of points."""
     lines = ["ply", f"format {'ascii' if ascii else 'binary_little_endian'} 1.0", f"comment {VERSION_LINE}"]
     for key, value in cloud.metadata.items():
-        lines += _comment(_escaped_key(key), value)
+        lines += _comment_lines(_escape_key(key), value)
     for column in cloud.columns:
         unit = cloud.metadata.get(f"{column.name}_unit", column.unit)
-        lines += _comment(f"unit {column.name}", unit)
+        lines += _comment_lines(f"unit {column.name}", unit)
     for word, attribute in _NAMES.items():
         for index, name in enumerate(getattr(cloud, attribute)):
-            lines += _comment(f"{word} {index}", name)
+            lines += _comment_lines(f"{word} {index}", name)
     lines += [f"comment room {'.' * (COUNT_DIGITS - len(str(points)))}", f"element vertex {points}"]
     lines += [*_properties(_cloud_dtype(cloud, coloured=coloured)), "end_header", ""]
     return "\n".join(lines).encode("ascii")
 
 
-def _comment(start: str, text: str) -> Iterator[str]:
+def _comment_lines(start: str, text: str) -> Iterator[str]:
     """Yield the comment line for this text, and its continuation lines."""
-    text = _escaped(text)
+    text = _escape(text)
     yield f"comment {start} {text[:LONGEST_TEXT]}"
     for first in range(LONGEST_TEXT, len(text), LONGEST_TEXT):
         yield f"comment + {text[first : first + LONGEST_TEXT]}"
 
 
-def _escaped(text: str) -> str:
+def _escape(text: str) -> str:
     """Escape text to one line of ASCII, without words that other readers take for more than a comment."""
     text = text.encode("unicode_escape").decode("ascii")
-    return re.sub("(?i)(?<=end)_(?=header)|(?<=texture)f(?=ile)", lambda m: f"\\x{ord(m[0]):02x}", text)
+    return re.sub("(?i)(?<=end)_(?=header)|(?<=texture)f(?=ile)", lambda match: f"\\x{ord(match[0]):02x}", text)
 
 
-def _escaped_key(key: str) -> str:
+def _escape_key(key: str) -> str:
     """Escape a key to one word that is not in `_RESERVED`."""
-    key = _escaped(key).replace(" ", r"\x20")
+    key = _escape(key).replace(" ", r"\x20")
     return f"\\x{ord(key[0]):02x}{key[1:]}" if key in _RESERVED else key
 
 
-def _as_text(part: Numbers) -> bytes:
+def _as_text(points: Numbers) -> bytes:
     """Format points as lines of text with enough digits to be read back exactly."""
     kinds = {"float32": "%.9g", "float64": "%.17g", "int32": "%d", "uint8": "%d"}
-    names = part.dtype.names or ()
-    line = " ".join(kinds[part.dtype[name].name] for name in names) + "\n"
-    text = "".join(line % row for row in zip(*(part[name].tolist() for name in names), strict=True))
+    names = points.dtype.names or ()
+    line = " ".join(kinds[points.dtype[name].name] for name in names) + "\n"
+    text = "".join(line % row for row in zip(*(points[name].tolist() for name in names), strict=True))
     return text.replace("inf", LARGEST).encode("ascii")
 
 
@@ -273,13 +273,13 @@ def _read_comments(lines: list[str], header: _Header) -> None:
             texts.append((word, text))
     for word, text in texts:
         if word in header.names:
-            header.names[word].append(_unescaped(text.partition(" ")[2]))
+            header.names[word].append(_unescape(text.partition(" ")[2]))
         elif word not in _RESERVED:
-            header.metadata[_unescaped(word)] = _unescaped(text)
+            header.metadata[_unescape(word)] = _unescape(text)
 
 
-def _unescaped(text: str) -> str:
-    """Undo `_escaped`."""
+def _unescape(text: str) -> str:
+    """Undo `_escape`."""
     return text.encode("ascii", errors="replace").decode("unicode_escape")
 
 
@@ -302,8 +302,8 @@ def _text_blocks(file: IO[bytes], header: _Header) -> Iterator[Numbers]:
         count = min(BLOCK_POINTS, header.points - first)
         lines = list(itertools.islice(file, count))
         if len(lines) < count or not lines[-1].endswith(b"\n"):
-            whole = first + sum(line.endswith(b"\n") for line in lines)
-            raise ValueError(f"truncated: must have {header.points} lines of points, got {whole}")
+            whole_lines = first + sum(line.endswith(b"\n") for line in lines)
+            raise ValueError(f"truncated: must have {header.points} lines of points, got {whole_lines}")
         block = np.loadtxt(lines, dtype=header.dtype, comments=None, ndmin=1)
         if len(block) != count:
             raise ValueError(
@@ -317,12 +317,12 @@ def _text_blocks(file: IO[bytes], header: _Header) -> Iterator[Numbers]:
         raise ValueError(f"longer than its header says: must have {header.points} lines of points, got more")
 
 
-def _gather(blocks: Iterator[Numbers], header: _Header, most: int) -> Fields:
+def _gather_fields(blocks: Iterator[Numbers], header: _Header, most: int) -> Fields:
     """Return the fields of the cloud in these blocks; ``most`` is the number of points that the file has room for."""
     names_in_file = header.dtype.names or ()
-    scalars = [c for c in (*COLUMNS[3:], *VECTORS) if c.name in names_in_file]
+    scalars = [column for column in (*COLUMNS[3:], *VECTORS) if column.name in names_in_file]
     rows = min(header.points, most)  # a damaged header may promise more than any memory holds
-    fields: Fields = {c.attribute: np.zeros(rows, c.dtype) for c in scalars}
+    fields: Fields = {column.attribute: np.zeros(rows, column.dtype) for column in scalars}
     fields["xyz_m"] = np.zeros((rows, 3), header.dtype["x"].newbyteorder("="))
     first = 0
     for block in blocks:

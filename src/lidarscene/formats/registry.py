@@ -148,7 +148,7 @@ FORMATS = {
 
 
 def _packets(profile: str) -> Format:
-    write = _import_on_call("lidarscene.formats.packets.pcap", "refuse")
+    write = _import_on_call("lidarscene.formats.packets.pcap", "refuse_cloud")
     return Format(suffix=".pcap", write=write, profile=profile, all_columns=False)
 
 
@@ -179,8 +179,8 @@ def format_of(path: str | os.PathLike[str], name: str | None = None) -> Format:
             raise InputError(f"format '{name}': there is none; the choices are {choices}")
         return (FORMATS | PACKETS)[name]
     file = os.path.basename(os.fspath(path)).lower()
-    fitting = [file_format for file_format in (FORMATS | PACKETS).values() if file.endswith(file_format.suffix)]
-    if not fitting:
+    matches = [file_format for file_format in (FORMATS | PACKETS).values() if file.endswith(file_format.suffix)]
+    if not matches:
         suffix, choices = os.path.splitext(file)[1], ", ".join(SUFFIXES)
         raise InputError(f"{os.fspath(path)}: suffix '{suffix}' names no point cloud format; known: {choices}")
-    return max(fitting, key=lambda file_format: len(file_format.suffix))
+    return max(matches, key=lambda file_format: len(file_format.suffix))

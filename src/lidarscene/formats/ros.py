@@ -149,7 +149,7 @@ def structured_rows(cloud: Cloud, layout: str) -> Numbers:
     """(n,) structured points of the message: the driver's fields, then every other column."""
     fields, size = LAYOUTS[layout]
     driver_columns = {"x", "y", "z", *fields, *_REPLACED[layout]}
-    other_columns = [c.name for c in cloud.columns if c.name not in driver_columns]
+    other_columns = [column.name for column in cloud.columns if column.name not in driver_columns]
     dtypes = {name: cloud.column(name).dtype.newbyteorder("<") for name in other_columns}
     offsets = size + np.cumsum([0, *(dtype.itemsize for dtype in dtypes.values())])
     dtype = np.dtype(
@@ -172,7 +172,7 @@ def _driver_value(cloud: Cloud, name: str, dtype: np.dtype[Any]) -> Numbers:
     """Values of a driver's field, in its unit; zero where the cloud has no such column."""
     scales = {"t": ("time", 1e9), "range": ("range", 1e3), "reflectivity": ("reflectivity", 100.0)}
     column, scale = scales.get(name, ("channel" if name == "ring" else name, 1.0))
-    if column not in ("range", *(c.name for c in cloud.columns)):
+    if column not in ("range", *(column.name for column in cloud.columns)):
         return np.zeros(len(cloud), dtype)
     values = cloud.column(column)
     if dtype.kind == "f":
@@ -202,11 +202,11 @@ def _points_message(rows: Numbers, store: Any, stamp_ns: int) -> Any:
 
 def _transform_message(cloud: Cloud, store: Any, stamp_ns: int) -> Any:
     """Message of the sensor's pose in the world; None if the cloud has none."""
-    place, types = cloud.sensor_to_world, store.types
-    if place is None:
+    pose, types = cloud.sensor_to_world, store.types
+    if pose is None:
         return None
-    x, y, z = place.position_m.tolist()
-    qw, qx, qy, qz = quaternion(place.rotation)
+    x, y, z = pose.position_m.tolist()
+    qw, qx, qy, qz = quaternion(pose.rotation)
     stamped = types["geometry_msgs/msg/TransformStamped"](
         header=_header(store, stamp_ns, WORLD_FRAME),
         child_frame_id=SENSOR_FRAME,

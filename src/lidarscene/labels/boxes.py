@@ -89,8 +89,8 @@ def boxes(cloud: PointCloud, scene: Scene, *, as_seen: bool = True) -> list[Box]
         tally.add_echoes(cloud.select(piece))
     tally.place_boxes()
     for piece in pieces:
-        part = cloud.select(piece)
-        tally.count_points(part.xyz_m, truth_of(part)[0], part.status, part.sensor_index)
+        piece_cloud = cloud.select(piece)
+        tally.count_points(piece_cloud.xyz_m, truth_of(piece_cloud)[0], piece_cloud.status, piece_cloud.sensor_index)
     return tally.boxes()
 
 
@@ -192,10 +192,10 @@ def frame_to_world(cloud: PointCloud) -> Pose:
     return _require_pose(cloud.frame_to_world)
 
 
-def _require_pose(place: Pose | None) -> Pose:
-    if place is None:
+def _require_pose(pose: Pose | None) -> Pose:
+    if pose is None:
         raise InputError("labels: the cloud does not say how its sensor stood (metadata 'sensor_to_world')")
-    return place
+    return pose
 
 
 def box_of(body: Body, index: int) -> Box:
@@ -224,8 +224,9 @@ def upright_size_and_yaw(box: Box) -> tuple[Numbers, float]:
 
 def _extent_m(body: Body) -> tuple[Numbers, Numbers]:
     """(3,) least and (3,) largest coordinates of a body in its own frame."""
-    points = [_outline_m(part) for part in body.parts]
-    return np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)
+    outlines_m = [_outline_m(part) for part in body.parts]
+    low_m, high_m = ([reduce(outline_m, axis=0) for outline_m in outlines_m] for reduce in (np.min, np.max))
+    return np.min(low_m, axis=0), np.max(high_m, axis=0)
 
 
 def _outline_m(part: Part | Ball) -> Numbers:
@@ -249,10 +250,10 @@ def _axes(rotation: Numbers) -> Numbers:
 def _count_inside(box: Box, xyz_m: Numbers) -> int:
     """Number of the (3, n) points that are inside the box, in the frame of its pose."""
     half = np.abs(box.corners_m() - box.pose.position_m).max(axis=0)
-    near = np.arange(xyz_m.shape[1])
+    candidates = np.arange(xyz_m.shape[1])
     for values, centre, reach in zip(xyz_m, box.pose.position_m, half, strict=True):
-        near = near[np.abs(values[near] - centre) <= reach]
-    local = box.pose.inverse_apply(xyz_m[:, near].T)
+        candidates = candidates[np.abs(values[candidates] - centre) <= reach]
+    local = box.pose.inverse_apply(xyz_m[:, candidates].T)
     return int((np.abs(local) <= 0.5 * box.size_m).all(axis=1).sum())
 
 
@@ -282,23 +283,23 @@ class _Beams:
 
     def count_entering(self, box: Box) -> tuple[int, int]:
         """Numbers of beams that would enter the box if nothing stopped them, and of those that reach it."""
-        near = self._towards(box)
+        candidates = self._towards(box)
         start = box.pose.inverse_apply(self.origin_m[None]).T
-        direction = box.pose.rotation.T @ self.direction[:, near]
+        direction = box.pose.rotation.T @ self.direction[:, candidates]
         direction = np.where(np.abs(direction) < 1e-12, 1e-12, direction)
         # Slab method: a line is inside a box between its last entry and its first exit of the three pairs of planes.
         half = 0.5 * box.size_m[:, None]
         low_m, high_m = (-half - start) / direction, (half - start) / direction
         enter_m = np.minimum(low_m, high_m).max(axis=0, initial=0.0)
         meets = enter_m <= np.maximum(low_m, high_m).min(axis=0)
-        reaches = meets & (self.end_m[near] >= enter_m - STOPPED_M)
+        reaches = meets & (self.end_m[candidates] >= enter_m - STOPPED_M)
         return int(meets.sum()), int(reaches.sum())
 
     def _towards(self, box: Box) -> Numbers:
         """Indices of the beams in the cone around the box: no other can enter it."""
         x, y, z = box.pose.position_m - self.origin_m
-        square, radius = float(x * x + y * y + z * z), 0.5 * float(np.linalg.norm(box.size_m))
-        if square <= radius**2:
+        distance_squared, radius = float(x * x + y * y + z * z), 0.5 * float(np.linalg.norm(box.size_m))
+        if distance_squared <= radius**2:
             return np.arange(len(self.end_m))
-        along = self.direction[0] * x + self.direction[1] * y + self.direction[2] * z
-        return np.flatnonzero(along >= np.sqrt(square - radius**2))
+        along_m = self.direction[0] * x + self.direction[1] * y + self.direction[2] * z
+        return np.flatnonzero(along_m >= np.sqrt(distance_squared - radius**2))

@@ -94,7 +94,7 @@ def kitti_calibration() -> str:
         "Tr_velo_to_cam": np.hstack([SENSOR_TO_CAMERA, zero]),
         "Tr_imu_to_velo": np.hstack([np.eye(3), zero]),
     }
-    return "".join(f"{name}: {' '.join(f'{x:.12e}' for x in m.ravel())}\n" for name, m in entries.items())
+    return "".join(f"{name}: {' '.join(f'{x:.12e}' for x in matrix.ravel())}\n" for name, matrix in entries.items())
 
 
 def point_labels(cloud: PointCloud, scene: Scene) -> tuple[Numbers, Numbers]:
@@ -132,7 +132,7 @@ def _kitti_line(box: Box) -> str:
     x, y, z = SENSOR_TO_CAMERA @ bottom
     rotation_y = _wrap_angle(-yaw - 0.5 * math.pi)
     alpha = _wrap_angle(rotation_y - math.atan2(x, z))
-    (left, top, right, bottom_px), truncated = _in_picture(box)
+    (left, top, right, bottom_px), truncated = _picture_box(box)
     occluded = next((level for least, level in OCCLUDED if box.visibility >= least), UNKNOWN)
     return (
         f"{kind_of(box.class_name).kitti} {truncated:.2f} {occluded if box.beams else UNKNOWN} {alpha:.4f} "
@@ -141,7 +141,7 @@ def _kitti_line(box: Box) -> str:
     )
 
 
-def _in_picture(box: Box) -> tuple[tuple[float, float, float, float], float]:
+def _picture_box(box: Box) -> tuple[tuple[float, float, float, float], float]:
     """Left, top, right, bottom of the box in the picture, pixels, and the share of it that is outside."""
     corners = box.corners_m() @ SENSOR_TO_CAMERA.T
     if corners[:, 2].max() < NEAREST_M:
@@ -151,8 +151,8 @@ def _in_picture(box: Box) -> tuple[tuple[float, float, float, float], float]:
     low, high = corners_px.min(axis=0), corners_px.max(axis=0)
     limit = np.array(PICTURE_PX) - 1.0
     inner_low, inner_high = low.clip(0, limit), high.clip(0, limit)
-    inside = float(np.prod(inner_high - inner_low) / np.prod(np.maximum(high - low, 1e-9)))
-    return (*inner_low.tolist(), *inner_high.tolist()), 1.0 - inside
+    inside_share = float(np.prod(inner_high - inner_low) / np.prod(np.maximum(high - low, 1e-9)))
+    return (*inner_low.tolist(), *inner_high.tolist()), 1.0 - inside_share
 
 
 def _wrap_angle(angle_rad: float) -> float:
@@ -165,8 +165,8 @@ def kitti_stream(path: Path, scene: Scene) -> Iterator[Append]:
     """Write a line for each box with a point: type, truncated, occluded, alpha, picture, size, place, rotation_y."""
     with atomic_output(path) as temporary, GatheredBoxes(temporary.parent, scene) as gathered:
         yield gathered.append
-        place = sensor_place(gathered.first)
-        boxes = [box.seen_from(place) for box in gathered.boxes() if box.has_points]
+        sensor_pose = sensor_place(gathered.first)
+        boxes = [box.seen_from(sensor_pose) for box in gathered.boxes() if box.has_points]
         temporary.write_text("".join(_kitti_line(box) + "\n" for box in boxes), encoding="utf-8")
 
 
@@ -186,13 +186,16 @@ def semantic_kitti_stream(path: Path, scene: Scene) -> Iterator[Append]:
 def _nuscenes_stream(path: Path, scene: Scene) -> Iterator[Append]:
     with atomic_output(path) as temporary, GatheredBoxes(temporary.parent, scene) as gathered:
         yield gathered.append
-        place = sensor_place(gathered.first)
+        sensor_pose = sensor_place(gathered.first)
         content = {
             "scene": scene.name,
             "sensor": gathered.first.metadata.get("sensor", ""),
             "num_lidar_pts": gathered.points,
             # Position and quaternion (w, x, y, z) of the lidar in the world, in which the boxes are.
-            "lidar_to_world": {"translation": place.position_m.tolist(), "rotation": list(quaternion(place.rotation))},
+            "lidar_to_world": {
+                "translation": sensor_pose.position_m.tolist(),
+                "rotation": list(quaternion(sensor_pose.rotation)),
+            },
             "sample_annotations": [_annotation(box) for box in gathered.boxes() if box.has_points],
         }
         temporary.write_text(json_text(content, indent=1) + "\n", encoding="utf-8")

@@ -62,9 +62,9 @@ class GatheredBoxes:
         self.first = cloud.without_points()
         self._tally = BoxTally(cloud, self._scene, as_seen=self._as_seen)
         if self._tally.moves:
-            place = cloud.xyz_m.dtype
-            row: list[tuple[str, Any]] = [("x", place), ("y", place), ("z", place), ("true_range", "f4")]
-            self._spool = Spool(self._folder, [*row, ("status", "u1"), ("sensor_index", "u1")])
+            position: list[tuple[str, Any]] = [(axis, cloud.xyz_m.dtype) for axis in "xyz"]
+            row = [*position, ("true_range", "f4"), ("status", "u1"), ("sensor_index", "u1")]
+            self._spool = Spool(self._folder, row)
         else:
             self._tally.place_boxes()
 

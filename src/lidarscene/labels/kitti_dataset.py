@@ -44,16 +44,16 @@ def frame_stream(
     """
     clouds = cloud_path(dataset, folder, frame, sequence=sequence)
     first: list[PointCloud] = []
-    with ExitStack() as opened:
+    with ExitStack() as streams:
         appended: list[Append] = []
 
         def append(cloud: PointCloud) -> None:
             if not first:
                 truth_of(cloud)
                 first.append(cloud.without_points())
-                appended.append(name_path_in_errors(clouds, opened.enter_context(kitti_stream(clouds))))
+                appended.append(name_path_in_errors(clouds, streams.enter_context(kitti_stream(clouds))))
                 path, labels = _open_labels(dataset, clouds, scene)
-                appended.append(name_path_in_errors(path, opened.enter_context(labels)))
+                appended.append(name_path_in_errors(path, streams.enter_context(labels)))
             for append_to_file in appended:
                 append_to_file(cloud)
 
@@ -89,29 +89,29 @@ def _open_labels(dataset: str, clouds: Path, scene: Scene) -> tuple[Path, Abstra
 
 def _write_sequence(root: Path, folder: Path, frame: int, cloud: PointCloud) -> None:
     """Write calibration, time and pose of a frame of a sequence."""
-    place = sensor_place(cloud)
+    sensor_pose = sensor_place(cloud)
     # The odometry data set has only the cameras and the transform from the lidar to the first of them.
     cameras = [line for line in kitti_calibration().splitlines() if line.startswith("P")]
     lidar = next(line for line in kitti_calibration().splitlines() if line.startswith("Tr_velo"))
     _write_text(folder / "calib.txt", [*cameras, lidar.replace("Tr_velo_to_cam", "Tr")])
     _write_line(folder / "times.txt", frame, f"{cloud.frame_start_s:.9e}")
     for poses in (folder / "poses.txt", root / "poses" / f"{folder.name}.txt"):
-        _write_line(poses, frame, camera_pose(place))
+        _write_line(poses, frame, camera_pose(sensor_pose))
 
 
-def camera_pose(place: Pose) -> str:
+def camera_pose(sensor_pose: Pose) -> str:
     """Pose of KITTI's camera: 12 numbers, a (3, 4) matrix row by row, with camera axes in world and camera."""
-    rotation = SENSOR_TO_CAMERA @ place.rotation @ SENSOR_TO_CAMERA.T
-    rows = np.column_stack([rotation, SENSOR_TO_CAMERA @ place.position_m])
+    rotation = SENSOR_TO_CAMERA @ sensor_pose.rotation @ SENSOR_TO_CAMERA.T
+    rows = np.column_stack([rotation, SENSOR_TO_CAMERA @ sensor_pose.position_m])
     return " ".join(f"{x:.12e}" for x in rows.ravel())
 
 
 def _write_line(path: Path, frame: int, line: str) -> None:
     """Write this line as number ``frame`` of a file, after those of the earlier frames."""
-    before = path.read_text(encoding="ascii").splitlines()[:frame] if frame and path.exists() else []
-    if len(before) != frame:
-        raise InputError(f"{path}: must have {frame} lines before this frame, got {len(before)}")
-    _write_text(path, [*before, line])
+    earlier_lines = path.read_text(encoding="ascii").splitlines()[:frame] if frame and path.exists() else []
+    if len(earlier_lines) != frame:
+        raise InputError(f"{path}: must have {frame} lines before this frame, got {len(earlier_lines)}")
+    _write_text(path, [*earlier_lines, line])
 
 
 def _write_text(path: Path, lines: list[str]) -> None:

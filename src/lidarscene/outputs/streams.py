@@ -23,7 +23,7 @@ from ..files.atomic import atomic_output, name_path_in_errors
 from ..files.spool import Spool
 from ..formats.packets.firings import Firings
 from ..formats.packets.packet_encoder import PacketEncoder
-from ..formats.packets.pcap import capture, description_path
+from ..formats.packets.pcap import description_path, pcap_stream
 from ..formats.packets.select_encoder import select_encoder
 from ..labels.kitti_dataset import frame_stream
 from ..maths.arrays import Numbers
@@ -163,7 +163,7 @@ def captures(paths: Mapping[str, Path], encoders: Mapping[str, PacketEncoder]) -
     with ExitStack() as opened:
         yield {
             label: Capture(
-                name_path_in_errors(path, opened.enter_context(capture(path, encoders[label]))),
+                name_path_in_errors(path, opened.enter_context(pcap_stream(path, encoders[label]))),
                 encoders[label].needs_ambient,
             )
             for label, path in paths.items()

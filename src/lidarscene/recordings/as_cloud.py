@@ -20,10 +20,12 @@ def cloud_of(sweep: Sweep) -> PointCloud:
 
     The intensity is that of the recording, else its signal, else its reflectivity.
     """
-    parts = [_first(sweep)]
+    returns = [_first_returns(sweep)]
     if sweep.second is not None:
-        parts.append(_second(sweep))
-    columns: dict[str, Numbers] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        returns.append(_second_returns(sweep))
+    columns: dict[str, Numbers] = {
+        name: np.concatenate([return_columns[name] for return_columns in returns]) for name in returns[0]
+    }
     recorded_columns = " ".join(name for name, values in columns.items() if np.any(values))
     points = len(columns["range_m"])
     dtypes = {column.attribute: column.dtype for column in COLUMNS}
@@ -41,14 +43,14 @@ def cloud_of(sweep: Sweep) -> PointCloud:
     return PointCloud(**attributes, metadata=metadata)
 
 
-def _first(sweep: Sweep) -> dict[str, Numbers]:
+def _first_returns(sweep: Sweep) -> dict[str, Numbers]:
     intensity = next(
         (scalar for scalar in (sweep.intensity, sweep.signal, sweep.reflectivity) if scalar is not None), None
     )
     return _columns(sweep, sweep.range_m, 1, intensity=intensity, signal=sweep.signal)
 
 
-def _second(sweep: Sweep) -> dict[str, Numbers]:
+def _second_returns(sweep: Sweep) -> dict[str, Numbers]:
     assert sweep.second is not None
     second = sweep.second
     intensity = next(

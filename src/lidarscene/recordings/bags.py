@@ -61,13 +61,15 @@ def open_bag(path: Path, metadata: Path | None) -> Recording:
     with input_errors(path, folder=True):
         stamps = _stamps(bag, connection)
         transforms = _transforms(bag)
-    about = {"format": f"ros {path.suffix[1:] or 'bag'}", "sensor": "", "topic": connection.topic}
+    recording_metadata = {"format": f"ros {path.suffix[1:] or 'bag'}", "sensor": "", "topic": connection.topic}
 
     def read(frame: int) -> Sweep:
         with input_errors(path, folder=True):
-            return _sweep(_message(bag, connection, stamps, frame), transforms, about | {"frame": str(frame)})
+            return _sweep(
+                _message(bag, connection, stamps, frame), transforms, recording_metadata | {"frame": str(frame)}
+            )
 
-    return Recording(path=path, count=len(stamps), read=read, close_file=bag.close, metadata=about)
+    return Recording(path=path, count=len(stamps), read=read, close_file=bag.close, metadata=recording_metadata)
 
 
 def _open(reader: Callable[[Path], Any], path: Path) -> Any:

@@ -44,14 +44,14 @@ def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequen
     """Recording of which each of these runs of packets is a frame. Raises InputError."""
     with input_errors(path, folder=True):
         first = scans[0][0].payload
-        packed = (*first[2:4], *first[6:8])
-        if packed not in MODELS:
+        protocol = (*first[2:4], *first[6:8])
+        if protocol not in MODELS:
             raise ValueError(
                 "must be packets of a PandarXT-32 (protocol 6.1, 32 lasers, 8 blocks) or OT128 (1.4, 128, 2), "
-                f"got protocol {packed[0]}.{packed[1]}, {packed[2]} lasers, {packed[3]} blocks"
+                f"got protocol {protocol[0]}.{protocol[1]}, {protocol[2]} lasers, {protocol[3]} blocks"
             )
         hydra = import_optional("hydra4.decoders", extra="hesai")
-        model = MODELS[packed]
+        model = MODELS[protocol]
         table = Path(hydra.__file__).parents[1] / "calibrations" / f"{_file_name(model)}.csv"
         make = getattr(hydra, model)
     with input_errors(metadata or table):
@@ -61,13 +61,13 @@ def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequen
         offsets = getattr(decoder, attribute, ())
         if any(abs(offset) > 1.0 for offset in offsets):
             setattr(decoder, attribute, [1e-6 * offset for offset in offsets])
-    about = {"format": name, "sensor": model}
+    recording_metadata = {"format": name, "sensor": model}
 
     def read(frame: int) -> Sweep:
         with input_errors(path, folder=True):
-            return _sweep(decoder, scans[frame], about | {"frame": str(frame)})
+            return _sweep(decoder, scans[frame], recording_metadata | {"frame": str(frame)})
 
-    return Recording(path=path, count=len(scans), read=read, metadata=about)
+    return Recording(path=path, count=len(scans), read=read, metadata=recording_metadata)
 
 
 def _file_name(model: str) -> str:

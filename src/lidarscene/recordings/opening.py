@@ -20,13 +20,13 @@ def open_recording(path: str | os.PathLike[str], metadata: str | os.PathLike[str
               recording's name beside it), YAML of a Velodyne, CSV of a Hesai (None: the model's, from the decoder)
     Raises InputError, in one line, for a file that is missing, empty, damaged or of no known kind.
     """
-    file, described = Path(path), None if metadata is None else Path(metadata)
+    file, metadata_file = Path(path), None if metadata is None else Path(metadata)
     if not file.exists():
         raise InputError(f"{file}: no such recording")
-    if described is not None and not described.is_file():
-        raise InputError(f"{described}: no such metadata file")
+    if metadata_file is not None and not metadata_file.is_file():
+        raise InputError(f"{metadata_file}: no such metadata file")
     if file.is_dir():
-        read: Reader = _bag if (file / "metadata.yaml").is_file() else _cloud
+        read: Reader = _open_bag if (file / "metadata.yaml").is_file() else _open_cloud
     else:
         suffix = next((suffix for suffix in READERS if file.name.lower().endswith(suffix)), None)
         if suffix is None:
@@ -34,26 +34,26 @@ def open_recording(path: str | os.PathLike[str], metadata: str | os.PathLike[str
         if not file.stat().st_size:
             raise InputError(f"{file}: must be a recording, got an empty file")
         read = READERS[suffix]
-    recording = read(file, described)
+    recording = read(file, metadata_file)
     if not recording.count:
         raise InputError(f"{file}: must have frames of a lidar, got none")
     return recording
 
 
-def _ouster(path: Path, metadata: Path | None) -> Recording:
+def _open_ouster(path: Path, metadata: Path | None) -> Recording:
     from .ouster_reader import open_ouster
 
     return open_ouster(path, metadata)
 
 
-def _packets(path: Path, metadata: Path | None) -> Recording:
+def _open_packets(path: Path, metadata: Path | None) -> Recording:
     """Open a pcap with the reader of the maker whose packets it has; a json, given or beside it, means Ouster."""
     from . import hesai_reader, pandar64_reader, velodyne_reader
     from .pcap_reader import metadata_of, packets_of
 
-    described = metadata_of(path, metadata)
-    if described is not None and described.suffix.lower() == ".json" and described.is_file():
-        return _ouster(path, metadata)
+    metadata_file = metadata_of(path, metadata)
+    if metadata_file is not None and metadata_file.suffix.lower() == ".json" and metadata_file.is_file():
+        return _open_ouster(path, metadata)
     with input_errors(path):
         packets = packets_of(
             path, lambda payload: velodyne_reader.is_velodyne(payload) or hesai_reader.is_hesai(payload)
@@ -70,28 +70,28 @@ def _packets(path: Path, metadata: Path | None) -> Recording:
     return hesai_reader.open_hesai(path, metadata, packets.where(hesai_reader.is_hesai))
 
 
-def _bag(path: Path, metadata: Path | None) -> Recording:
+def _open_bag(path: Path, metadata: Path | None) -> Recording:
     from .bags import open_bag
 
     return open_bag(path, metadata)
 
 
-def _cloud(path: Path, metadata: Path | None) -> Recording:
+def _open_cloud(path: Path, metadata: Path | None) -> Recording:
     from .point_files import open_cloud
 
     return open_cloud(path, metadata)
 
 
 READERS: dict[str, Reader] = {
-    ".pcap": _packets,
-    ".osf": _ouster,
-    ".mcap": _bag,
-    ".db3": _bag,
-    ".pcd.bin": _cloud,
-    ".bin": _cloud,
-    ".pcd": _cloud,
-    ".ply": _cloud,
-    ".las": _cloud,
-    ".laz": _cloud,
+    ".pcap": _open_packets,
+    ".osf": _open_ouster,
+    ".mcap": _open_bag,
+    ".db3": _open_bag,
+    ".pcd.bin": _open_cloud,
+    ".bin": _open_cloud,
+    ".pcd": _open_cloud,
+    ".ply": _open_cloud,
+    ".las": _open_cloud,
+    ".laz": _open_cloud,
 }
 """Suffix of a file's name, the longest first -> reader."""

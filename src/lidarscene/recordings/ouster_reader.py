@@ -30,7 +30,7 @@ def open_ouster(path: Path, metadata: Path | None) -> Recording:
     core.init_logger("critical")  # its warnings would stand between our own lines
     options: dict[str, Any] = {}
     metadata_file = path
-    with ExitStack() as opened:
+    with ExitStack() as resources:
         if path.suffix.lower() == ".pcap":
             metadata_file = _description(path, metadata)
             with input_errors(metadata_file):
@@ -40,15 +40,15 @@ def open_ouster(path: Path, metadata: Path | None) -> Recording:
         elif metadata is not None:
             raise InputError(f"--metadata {metadata}: goes with a pcap; an OSF has its own")
         with input_errors(path):
-            file = path if options else _indexable(path, opened)
+            file = path if options else _path_with_index(path, resources)
             source = sdk.open_source(str(file), index=True, collate=False, sensor_idx=0, **options)
-            opened.callback(source.close)
+            resources.callback(source.close)
             info = source.sensor_info[0]
             direction, origin_m = beams(core, info)
         if not len(source) and options:
             raise InputError(f"{path}: must have packets as {metadata_file} describes them, got none of that kind")
-        open_source = opened.pop_all()
-    about = {
+        open_source = resources.pop_all()
+    recording_metadata = {
         "format": f"ouster {path.suffix.lower()[1:]}",
         "sensor": str(info.prod_line),
         "serial": str(info.sn),
@@ -63,20 +63,20 @@ def open_ouster(path: Path, metadata: Path | None) -> Recording:
                 scan = source[frame][0]
             except IndexError:  # of ouster-sdk, where the file's checksum does not fit
                 raise ValueError(f"frame {frame} is damaged") from None
-            return _sweep(scan, info, (direction, origin_m), about | {"frame": str(frame)})
+            return _sweep(scan, info, (direction, origin_m), recording_metadata | {"frame": str(frame)})
 
-    return Recording(path=path, count=len(source), read=read, close_file=open_source.close, metadata=about)
+    return Recording(path=path, count=len(source), read=read, close_file=open_source.close, metadata=recording_metadata)
 
 
-def _indexable(path: Path, opened: ExitStack) -> Path:
+def _path_with_index(path: Path, resources: ExitStack) -> Path:
     """Path of the OSF, or of a copy if it has no index: ouster-sdk would write one into the recording."""
     osf = import_optional("ouster.sdk.osf", extra="ouster")
     source = osf.OsfFrameSetSource(str(path))
-    indexed = source.is_indexed
+    has_index = source.is_indexed
     source.close()
-    if indexed:
+    if has_index:
         return path
-    folder = opened.enter_context(TemporaryDirectory(prefix="lidarscene-"))
+    folder = resources.enter_context(TemporaryDirectory(prefix="lidarscene-"))
     return Path(shutil.copy(path, folder))
 
 
@@ -112,7 +112,7 @@ def _description(path: Path, metadata: Path | None) -> Path:
     return description
 
 
-def _sweep(frame: Any, info: Any, tables: tuple[Numbers, Numbers], about: dict[str, str]) -> Sweep:
+def _sweep(frame: Any, info: Any, tables: tuple[Numbers, Numbers], metadata: dict[str, str]) -> Sweep:
     rows, columns = shape = (frame.h, frame.w)
     received = (np.asarray(frame.status) & VALID) != 0
     recorded = np.broadcast_to(received, shape)
@@ -147,7 +147,7 @@ def _sweep(frame: Any, info: Any, tables: tuple[Numbers, Numbers], about: dict[s
         start_s=1e-9 * start_ns,
         pose=_pose(frame, info, received),
         includes_lost=True,
-        metadata=about,
+        metadata=metadata,
     )
 
 

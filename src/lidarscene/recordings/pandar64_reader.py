@@ -45,14 +45,18 @@ def open_pandar64(path: Path, metadata: Path | None, packets: Sequence[Packet]) 
     stamps_s = np.array([packet.time_s for packet in packets])
     turns = turns_of(rows["blocks"]["azimuth"][:, 0])
     angles = _angles(metadata)
-    about = {"format": "hesai pcap", "sensor": "Pandar64", "mode": "dual" if rows["mode"][0] == DUAL else "single"}
+    recording_metadata = {
+        "format": "hesai pcap",
+        "sensor": "Pandar64",
+        "mode": "dual" if rows["mode"][0] == DUAL else "single",
+    }
 
     def read(frame: int) -> Sweep:
         turn = turns[frame]
         with input_errors(path):
-            return _sweep(rows[turn], stamps_s[turn], angles, about | {"frame": str(frame)})
+            return _sweep(rows[turn], stamps_s[turn], angles, recording_metadata | {"frame": str(frame)})
 
-    return Recording(path=path, count=len(turns), read=read, metadata=about)
+    return Recording(path=path, count=len(turns), read=read, metadata=recording_metadata)
 
 
 def _angles(metadata: Path | None) -> tuple[Numbers, Numbers, Numbers]:
@@ -100,9 +104,9 @@ def _sweep(
     range_m, second_return = by_laser(metres[:, step - 1 :: step]), None
     if step == 2:
         second_m = by_laser(metres[:, ::step])
-        different = second_m != range_m
+        is_second = second_m != range_m
         second_return = Second(
-            range_m=np.where(different, second_m, np.nan),
+            range_m=np.where(is_second, second_m, np.nan),
             intensity=by_laser(reflectivity[:, ::step]).astype(np.float32),
         )
     start_s = float(time_s.min())

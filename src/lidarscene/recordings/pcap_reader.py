@@ -137,4 +137,4 @@ def turns_of(azimuths: Sequence[int] | Numbers) -> list[slice]:
     forward: Numbers = (steps + FULL_TURN // 2) % FULL_TURN - FULL_TURN // 2
     turn_number = np.abs(np.cumsum(np.r_[0, forward])) // FULL_TURN
     starts = np.flatnonzero(np.diff(turn_number, prepend=-1))
-    return [slice(int(a), int(b)) for a, b in zip(starts, [*starts[1:], len(turn_number)], strict=True)]
+    return [slice(int(start), int(stop)) for start, stop in zip(starts, [*starts[1:], len(turn_number)], strict=True)]

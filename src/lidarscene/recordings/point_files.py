@@ -30,11 +30,11 @@ def rows_of(path: Path, names: tuple[str, ...]) -> Columns:
     return dict(zip(names, values.view("<f4").reshape(-1, len(names)).T, strict=True))
 
 
-def _kitti(path: Path) -> tuple[Columns, tuple[int, ...] | None]:
+def _read_kitti(path: Path) -> tuple[Columns, tuple[int, ...] | None]:
     return rows_of(path, ("x", "y", "z", "intensity")), None
 
 
-def _nuscenes(path: Path) -> tuple[Columns, tuple[int, ...] | None]:
+def _read_nuscenes(path: Path) -> tuple[Columns, tuple[int, ...] | None]:
     return rows_of(path, ("x", "y", "z", "intensity", "ring")), None
 
 
@@ -43,8 +43,8 @@ def _as_list(read: Callable[[Path], Columns]) -> Callable[[Path], tuple[Columns,
 
 
 CLOUDS: dict[str, tuple[str, Callable[[Path], tuple[Columns, tuple[int, ...] | None]]]] = {
-    ".pcd.bin": ("nuscenes", _nuscenes),
-    ".bin": ("kitti", _kitti),
+    ".pcd.bin": ("nuscenes", _read_nuscenes),
+    ".bin": ("kitti", _read_kitti),
     ".pcd": ("pcd", pcd_columns),
     ".ply": ("ply", _as_list(ply_columns)),
     ".las": ("las", _as_list(las_columns)),
@@ -62,24 +62,24 @@ def open_cloud(path: Path, metadata: Path | None) -> Recording:
     """Open one file, or a folder of them in the order of the numbers in their names. Raises InputError."""
     if metadata is not None:
         raise InputError(f"--metadata {metadata}: goes with recordings of packets, not with {path.name}")
-    files = [path] if path.is_file() else sorted(filter(suffix_of, path.iterdir()), key=_by_numbers)
+    files = [path] if path.is_file() else sorted(filter(suffix_of, path.iterdir()), key=_sort_key)
     if not files:
         raise InputError(f"{path}: must hold files that end in {', '.join(CLOUDS)}, got none")
-    about = {"format": CLOUDS[str(suffix_of(files[0]))][0], "sensor": "", "frame": "0"}
+    recording_metadata = {"format": CLOUDS[str(suffix_of(files[0]))][0], "sensor": "", "frame": "0"}
 
     def read(frame: int) -> Sweep:
         file = files[frame]
         with input_errors(file):
             name, columns_of = CLOUDS[str(suffix_of(file))]
             columns, shape = columns_of(file)
-            sweep = sweep_of(columns, shape=shape, metadata=about | {"format": name, "frame": str(frame)})
+            sweep = sweep_of(columns, shape=shape, metadata=recording_metadata | {"format": name, "frame": str(frame)})
         if not sweep.has_return.any():
             raise InputError(f"{file}: must have points, got none")
         return sweep
 
-    return Recording(path=path, count=len(files), read=read, metadata=about)
+    return Recording(path=path, count=len(files), read=read, metadata=recording_metadata)
 
 
-def _by_numbers(path: Path) -> list[tuple[int, str]]:
+def _sort_key(path: Path) -> list[tuple[int, str]]:
     """Sort key that puts frame_9 before frame_10."""
     return [(int(word), "") if word.isdecimal() else (-1, word) for word in re.split(r"(\d+)", path.name)]

@@ -114,8 +114,8 @@ class Sweep:
 
     def points(self, range_m: Numbers) -> Numbers:
         """(..., 3) float64 points at these ranges [m] along the beams, such as those of the second returns."""
-        along = range_m[..., None] * self.direction
-        return np.asarray(along if self.origin_m is None else self.origin_m + along)
+        vectors_m = range_m[..., None] * self.direction
+        return np.asarray(vectors_m if self.origin_m is None else self.origin_m + vectors_m)
 
 
 def _freeze(name: str, values: Any, dtype: Any, shape: tuple[int, ...]) -> Numbers:

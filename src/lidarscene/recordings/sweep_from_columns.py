@@ -39,8 +39,8 @@ def sweep_of(
     shape  (rows, columns) of an array whose lost pulses are points at zero or NaN; None: a list, without those
     """
     by_name = {name.lower(): np.asarray(values).reshape(-1) for name, values in columns.items()}
-    missing = [axis for axis in "xyz" if axis not in by_name]
-    if missing:
+    missing_axes = [axis for axis in "xyz" if axis not in by_name]
+    if missing_axes:
         raise ValueError(f"must have columns x, y and z, got {', '.join(columns) or 'none'}")
     xyz_m = np.stack([by_name[axis].astype(np.float64) for axis in "xyz"], axis=-1)
     distance_m = np.sqrt(np.einsum("ij,ij->i", xyz_m, xyz_m))

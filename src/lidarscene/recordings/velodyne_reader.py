@@ -61,8 +61,8 @@ def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequen
     if scans:
         with input_errors(path, folder=True):
             _decode(decoder, model, scans[0])
-    about = {"format": name, "sensor": f"{getattr(model.model_id, 'name', 'Velodyne')}"}
-    about["mode"] = getattr(model.return_mode, "name", "").lower()
+    recording_metadata = {"format": name, "sensor": f"{getattr(model.model_id, 'name', 'Velodyne')}"}
+    recording_metadata["mode"] = getattr(model.return_mode, "name", "").lower()
 
     def read(frame: int) -> Sweep:
         with input_errors(path, folder=True):
@@ -70,9 +70,9 @@ def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequen
             if frame:  # so that a frame is the same whether frames are read in order or not
                 _decode(decoder, scan, scans[frame - 1][-WARM_UP_PACKETS:])
             start_s, points = _decode(decoder, scan, scans[frame])
-            return sweep_of_points(points, start_s=start_s, metadata=about | {"frame": str(frame)})
+            return sweep_of_points(points, start_s=start_s, metadata=recording_metadata | {"frame": str(frame)})
 
-    return Recording(path=path, count=len(scans), read=read, metadata=about)
+    return Recording(path=path, count=len(scans), read=read, metadata=recording_metadata)
 
 
 def _decode(decoder: Any, scan: Any, packets: Sequence[Packet]) -> tuple[float, Numbers]:
@@ -140,12 +140,12 @@ def _interpolate(first: Numbers, range_m: Numbers) -> tuple[Numbers, Numbers]:
         if not len(hits):
             continue
         misses = np.setdiff1d(firings, hits).astype(np.int64)
-        outside = firings[misses] - firings[misses].clip(hits[0], hits[-1])
-        azimuth_rad = np.interp(firings[misses], hits, azimuth) + outside * azimuth_rate
+        beyond_hits = firings[misses] - firings[misses].clip(hits[0], hits[-1])
+        azimuth_rad = np.interp(firings[misses], hits, azimuth) + beyond_hits * azimuth_rate
         height = np.interp(firings[misses], hits, direction[row, hits, 2])
         level = np.sqrt(1.0 - height**2)
         direction[row, misses] = np.stack([level * np.cos(azimuth_rad), level * np.sin(azimuth_rad), height], axis=-1)
-        time_s[row, misses] = np.interp(firings[misses], hits, time_s[row, hits]) + outside * time_rate
+        time_s[row, misses] = np.interp(firings[misses], hits, time_s[row, hits]) + beyond_hits * time_rate
     return direction, time_s
 
 

@@ -13,7 +13,7 @@ from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.formats.packets.firings import FiringsBuilder
 from lidarscene.formats.packets.ouster_encoder import PROFILES
-from lidarscene.formats.packets.pcap import capture, description_path
+from lidarscene.formats.packets.pcap import description_path, pcap_stream
 from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.recordings.opening import open_recording
 from lidarscene.sensor.sensor_file import load_sensor
@@ -27,7 +27,7 @@ def written(path: Path, sensor: Sensor, profile: str = "default", **options: Any
     cloud = random_frame(sensor, **options)
     rng = np.random.default_rng(5)
     ambient = rng.integers(0, 4000, sensor.scanner.pulses).astype(np.uint64)
-    with capture(path, select_encoder(sensor, profile)) as take:
+    with pcap_stream(path, select_encoder(sensor, profile)) as take:
         gathering = FiringsBuilder(sensor, 0)
         gathering.add(cloud)
         gathering.ambient(np.arange(len(ambient), dtype=np.uint32), ambient)
@@ -134,7 +134,7 @@ def test_what_no_field_can_say(
     frame.add(PointCloud(**points(sensor, np.array([0, 128]), ranges_m, 0)))
     counts = np.full(sensor.scanner.pulses, 1_000_000, np.uint64)
     frame.ambient(np.arange(len(counts), dtype=np.uint32), counts)
-    with capture(tmp_path / "a.pcap", select_encoder(sensor, profile)) as take:
+    with pcap_stream(tmp_path / "a.pcap", select_encoder(sensor, profile)) as take:
         take(frame.firings())
     found, _ = read(library, tmp_path / "a.pcap")
     laser = int(sensor.scanner.channel(np.zeros(1, np.uint32))[0])
@@ -175,7 +175,7 @@ def test_packets_of_frame_after_frame(library: Callable[[str], Any], tmp_path: P
     sensor = load_sensor("os1-128", overrides=NARROW)
     made = []
     maker = select_encoder(sensor)
-    with capture(tmp_path / "a.pcap", maker) as take:
+    with pcap_stream(tmp_path / "a.pcap", maker) as take:
         for number in (0, 1):
             gathering = FiringsBuilder(sensor, number)
             gathering.add(random_frame(sensor, number=number))

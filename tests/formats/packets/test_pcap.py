@@ -12,7 +12,7 @@ from helpers.packets import packets_of, random_frame
 from lidarscene.errors import InputError
 from lidarscene.formats.packets.firings import FiringsBuilder
 from lidarscene.formats.packets.layouts import Packet
-from lidarscene.formats.packets.pcap import HEADER, capture, record_of
+from lidarscene.formats.packets.pcap import HEADER, pcap_stream, record_of
 from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.sensor.sensor_file import load_sensor
 
@@ -57,7 +57,7 @@ def test_what_waits_in_the_end_is_written(tmp_path: Path) -> None:
     sensor = load_sensor("vlp-16")
     gathering = FiringsBuilder(sensor, 0)
     gathering.add(random_frame(sensor))
-    with capture(tmp_path / "a.pcap", select_encoder(sensor)) as take:
+    with pcap_stream(tmp_path / "a.pcap", select_encoder(sensor)) as take:
         take(gathering.firings())
     size = 16 + 14 + 28 + 1206
     assert (tmp_path / "a.pcap").stat().st_size == len(HEADER) + 76 * size
@@ -80,7 +80,7 @@ def test_a_capture_has_the_packets_of_all_frames(library: Callable[[str], Any], 
 
     sensor = load_sensor("vlp-16")
     clouds = [random_frame(sensor, number=number) for number in range(3)]
-    with capture(tmp_path / "a.pcap", select_encoder(sensor)) as take:
+    with pcap_stream(tmp_path / "a.pcap", select_encoder(sensor)) as take:
         for number, cloud in enumerate(clouds):
             gathering = FiringsBuilder(sensor, number)
             gathering.add(cloud)
@@ -95,7 +95,7 @@ def test_a_capture_has_the_packets_of_all_frames(library: Callable[[str], Any], 
 
 def test_a_frame_that_fails_leaves_nothing(tmp_path: Path) -> None:
     def fail() -> None:
-        with capture(tmp_path / "a.pcap", select_encoder(load_sensor("vlp-16"))):
+        with pcap_stream(tmp_path / "a.pcap", select_encoder(load_sensor("vlp-16"))):
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):

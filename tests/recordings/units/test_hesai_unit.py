@@ -10,7 +10,7 @@ import pytest
 from helpers.recordings import hesai_packet
 
 from lidarscene.errors import InputError
-from lidarscene.recordings.units.unit_file import unit_from, write_unit
+from lidarscene.recordings.units.unit_file import read_unit, write_unit
 from lidarscene.sensor.sensor_file import load_sensor
 
 
@@ -26,8 +26,8 @@ def test_points_of_the_decoder_lie_on_the_beams(tmp_path: Path, library: Callabl
     decoder = decoders.PandarXT32(path, 0.0, 1000.0)
     block = next(iter(decoder(SimpleNamespace(data=hesai_packet(4500, 12_500)))))
     right, ahead, up, _, ring, *_ = np.array(block.points, np.float64).T
-    write_unit(unit_from(path), path, tmp_path / "unit.toml", like="pandar64")
-    lists = unit_from(path).lists
+    write_unit(read_unit(path), path, tmp_path / "unit.toml", like="pandar64")
+    lists = read_unit(path).lists
     elevation = np.radians(np.array(lists["elevation_deg"]))[ring.astype(int)]
     azimuth = np.radians(np.array(lists["azimuth_offset_deg"]))[ring.astype(int)] - np.radians(45.0)
     direction = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
@@ -37,7 +37,7 @@ def test_points_of_the_decoder_lie_on_the_beams(tmp_path: Path, library: Callabl
 
 def test_a_table_of_64_is_a_pandar64(tmp_path: Path) -> None:
     path = table(tmp_path / "angles.csv", rows=64)
-    assert write_unit(unit_from(path), path, tmp_path / "unit.toml").endswith("64 beams, else as pandar64")
+    assert write_unit(read_unit(path), path, tmp_path / "unit.toml").endswith("64 beams, else as pandar64")
 
 
 def test_what_is_no_table_is_told(tmp_path: Path) -> None:
@@ -50,4 +50,4 @@ def test_what_is_no_table_is_told(tmp_path: Path) -> None:
     ):
         path.write_text(text)
         with pytest.raises(InputError, match=told):
-            unit_from(path)
+            read_unit(path)

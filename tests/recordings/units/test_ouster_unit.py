@@ -11,7 +11,7 @@ import pytest
 from helpers.recordings import OUSTER
 
 from lidarscene.errors import InputError
-from lidarscene.recordings.units.unit_file import unit_from, write_unit
+from lidarscene.recordings.units.unit_file import read_unit, write_unit
 from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.sensor.sensor_model import Sensor
 
@@ -20,7 +20,7 @@ RANGE_M = 50.0
 
 
 def written(folder: Path, source: Path = JSON, mode: str | None = None) -> Sensor:
-    write_unit(unit_from(source, mode), source, folder / "unit.toml")
+    write_unit(read_unit(source, mode), source, folder / "unit.toml")
     return load_sensor(str(folder / "unit.toml"))
 
 
@@ -65,7 +65,7 @@ def test_first_firmware_does_not_say_where_the_beams_begin(tmp_path: Path) -> No
     old.pop("beam_to_lidar_transform", None)
     source = tmp_path / "old.json"
     source.write_text(json.dumps(old))
-    assert unit_from(source).lists["forward_mm"][0] == 27.67
+    assert read_unit(source).lists["forward_mm"][0] == 27.67
 
 
 def test_what_is_wrong_is_one_line(tmp_path: Path) -> None:
@@ -74,7 +74,7 @@ def test_what_is_wrong_is_one_line(tmp_path: Path) -> None:
     def told(mode: str | None = None, **changes: object) -> str:
         source.write_text(json.dumps(json.loads(JSON.read_text()) | changes))
         with pytest.raises(InputError) as caught:
-            write_unit(unit_from(source, mode), source, tmp_path / "a.toml")
+            write_unit(read_unit(source, mode), source, tmp_path / "a.toml")
         assert "\n" not in str(caught.value)
         assert not (tmp_path / "a.toml").exists()
         return str(caught.value)
@@ -88,7 +88,7 @@ def test_what_is_wrong_is_one_line(tmp_path: Path) -> None:
     assert "no sensor of the catalogue is of this kind (32 beams); --like" in told(prod_line="XX")
     source.write_text("{")
     with pytest.raises(InputError, match=r"a.json: cannot be read: "):
-        unit_from(source)
+        read_unit(source)
 
 
 def test_transforms_of_the_metadata(tmp_path: Path) -> None:
@@ -100,18 +100,18 @@ def test_transforms_of_the_metadata(tmp_path: Path) -> None:
     turned = [0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1, 36.18, 0, 0, 0, 1]
     beams = [1, 0, 0, 27.0, 0, 1, 0, 0, 0, 0, 1, 5.0, 0, 0, 0, 1]
     source.write_text(json.dumps(content | {"lidar_to_sensor_transform": turned, "beam_to_lidar_transform": beams}))
-    unit = unit_from(source)
+    unit = read_unit(source)
     assert float(unit.scanner["start_azimuth_deg"]) == 90.0
     assert (unit.lists["forward_mm"][0], unit.lists["height_mm"][0]) == pytest.approx((27.0, 41.18))
     old = {key: value for key, value in content.items() if "origin" not in key and key != "prod_line"}
     old.pop("beam_to_lidar_transform", None)
     source.write_text(json.dumps(old))
-    assert unit_from(source).lists["forward_mm"][0] == 12.163
+    assert read_unit(source).lists["forward_mm"][0] == 12.163
 
 
 def test_a_units_clock_takes_the_place_of_its_models(tmp_path: Path) -> None:
     """An HDL-32E has a time for each firing, an Ouster columns for each turn: a file has one of them."""
-    write_unit(unit_from(JSON), JSON, tmp_path / "a.toml", like="hdl-32e")
+    write_unit(read_unit(JSON), JSON, tmp_path / "a.toml", like="hdl-32e")
     scanner = tomllib.loads((tmp_path / "a.toml").read_text())["scanner"]
     assert scanner["columns_per_turn"] == 1024
     assert "cycle_us" not in scanner

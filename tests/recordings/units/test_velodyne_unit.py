@@ -10,7 +10,7 @@ import pytest
 
 from lidarscene.errors import InputError
 from lidarscene.recordings.units.unit_beams import Unit
-from lidarscene.recordings.units.unit_file import unit_from, write_unit
+from lidarscene.recordings.units.unit_file import read_unit, write_unit
 from lidarscene.recordings.units.velodyne_unit import read_velodyne
 from lidarscene.sensor.sensor_file import load_sensor
 
@@ -86,7 +86,7 @@ def test_points_of_an_hdl64_lie_on_the_beams(tmp_path: Path, library: Callable[[
 def test_the_written_file_has_the_models_timing(tmp_path: Path, library: Callable[[str], Any]) -> None:
     decoder = library("velodyne_decoder")
     source = Path(decoder.__file__).parent / "calibrations" / "VLP-16.yml"
-    said = write_unit(unit_from(source), source, tmp_path / "unit.toml")
+    said = write_unit(read_unit(source), source, tmp_path / "unit.toml")
     unit, model = load_sensor(str(tmp_path / "unit.toml")).scanner, load_sensor("vlp-16").scanner
     assert said.endswith("VLP-16, 16 beams, else as vlp-16")
     pulse = np.arange(model.pulses)
@@ -97,7 +97,7 @@ def test_the_written_file_has_the_models_timing(tmp_path: Path, library: Callabl
 def test_lists_for_another_number_of_lasers_are_left_out(tmp_path: Path) -> None:
     source = tmp_path / "db.xml"
     source.write_text(XML.format(points="".join(POINT.format(n, 0, n, 0, 0) for n in range(3))))
-    said = write_unit(unit_from(source), source, tmp_path / "unit.toml", like="vlp-16")
+    said = write_unit(read_unit(source), source, tmp_path / "unit.toml", like="vlp-16")
     assert "firing_time_us: left out, since the model has it for another number of lasers" in said
     assert load_sensor(str(tmp_path / "unit.toml")).scanner.lasers == 2
 
@@ -127,4 +127,4 @@ def test_what_is_no_calibration_is_told(tmp_path: Path, library: Callable[[str],
         path = tmp_path / name
         path.write_text(text)
         with pytest.raises(InputError, match=told):
-            unit_from(path)
+            read_unit(path)

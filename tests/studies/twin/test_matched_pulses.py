@@ -14,7 +14,7 @@ from lidarscene.materials.material import Material, Spectrum
 from lidarscene.maths.pose import Pose
 from lidarscene.recordings.recording import Recording
 from lidarscene.recordings.sweep import Second, Sweep
-from lidarscene.recordings.units.unit_file import unit_from, write_unit
+from lidarscene.recordings.units.unit_file import read_unit, write_unit
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.meshes.primitives import plane_mesh
 from lidarscene.scene.scene import Body, Part, Scene, Sun
@@ -90,7 +90,7 @@ def made(mi: Any, tmp_path_factory: pytest.TempPathFactory) -> Made:
     """A recording of the room, its twin made of every second column, and the sensor."""
     folder = tmp_path_factory.mktemp("twin")
     unit = unit_json(folder / "unit.json")
-    write_unit(unit_from(unit), unit, folder / "unit.toml")
+    write_unit(read_unit(unit), unit, folder / "unit.toml")
     sensor = load_sensor(str(folder / "unit.toml"))
     recording = recording_of(folder / "unit.pcap", recorded(scene_of_room(), sensor))
     told = build_twin(recording, TwinFrames(frames=(0,), held_out=COLUMNS), folder / "twin")

@@ -36,8 +36,8 @@ def add_sensor(commands: Any) -> None:
 def sensor_text(arguments: argparse.Namespace) -> str:
     """Run `sensor`; returns the text to print."""
     from ...files.atomic import require_writable
-    from ...recordings.units.unit_file import unit_from, write_unit
+    from ...recordings.units.unit_file import read_unit, write_unit
 
-    unit = unit_from(arguments.source, arguments.mode)
+    unit = read_unit(arguments.source, arguments.mode)
     require_writable(arguments.output)
     return write_unit(unit, arguments.source, arguments.output, like=arguments.like)

@@ -72,7 +72,7 @@ def message_rows(field: int, *parts: bytes | Numbers) -> Rows:
     return tag(field, BYTES) + varint(size), *parts
 
 
-def join_rows(rows: Rows, n: int) -> bytes:
+def join_rows(rows: Rows, count: int) -> bytes:
     """Join the n rows to bytes, one after the other."""
-    columns = [np.tile(np.frombuffer(p, np.uint8), (n, 1)) if isinstance(p, bytes) else p for p in rows]
+    columns = [np.tile(np.frombuffer(part, np.uint8), (count, 1)) if isinstance(part, bytes) else part for part in rows]
     return np.concatenate(columns, axis=1).tobytes()

@@ -82,7 +82,9 @@ class OusterEncoder:
 
     def _fields(self, frame: Firings) -> dict[str, Numbers]:
         """(columns, rows) arrays by the maker's names of the fields."""
-        largest = LARGEST | next((more for start, more in LARGEST_OF.items() if self._profile.startswith(start)), {})
+        largest = LARGEST | next(
+            (differing for start, differing in LARGEST_OF.items() if self._profile.startswith(start)), {}
+        )
         behind_m = 1e-3 * _beam_origin_mm(self._scanner)
 
         def clipped(values: Numbers, name: str) -> Numbers:

@@ -62,11 +62,11 @@ class Pandar64Encoder:
         self._waiting = []
         if not len(rows):
             return []
-        more = np.zeros(self._firings - len(rows), _ROW)
-        missing = np.arange(1, len(more) + 1)
-        more["time_s"] = rows["time_s"][-1] + missing * self._scanner.cycle_s
-        more["number"] = rows["number"][-1] + missing
-        return self._encode(np.concatenate([rows, more]).reshape(1, -1))
+        filler = np.zeros(self._firings - len(rows), _ROW)
+        following = np.arange(1, len(filler) + 1)
+        filler["time_s"] = rows["time_s"][-1] + following * self._scanner.cycle_s
+        filler["number"] = rows["number"][-1] + following
+        return self._encode(np.concatenate([rows, filler]).reshape(1, -1))
 
     def _rows(self, frame: Firings) -> Numbers:
         rows = np.zeros(len(frame), _ROW)

@@ -41,7 +41,7 @@ def record_of(packet: Packet, port: int) -> bytes:
 
 
 @contextmanager
-def capture(path: str | os.PathLike[str], encoder: PacketEncoder) -> Iterator[Callable[[Firings], None]]:
+def pcap_stream(path: str | os.PathLike[str], encoder: PacketEncoder) -> Iterator[Callable[[Firings], None]]:
     """Write the frames that are appended in the block, and what the maker's readers need beside them.
 
     encoder  one from `select_encoder`, for this file alone
@@ -57,8 +57,8 @@ def capture(path: str | os.PathLike[str], encoder: PacketEncoder) -> Iterator[Ca
         file.flush()
         if encoder.description is not None:
             text, ending = encoder.description
-            with atomic_output(description_path(path, ending)) as described:
-                described.write_text(text, encoding="utf-8", newline="\n")
+            with atomic_output(description_path(path, ending)) as description:
+                description.write_text(text, encoding="utf-8", newline="\n")
 
 
 def description_path(path: str | os.PathLike[str], ending: str) -> Path:
@@ -66,7 +66,7 @@ def description_path(path: str | os.PathLike[str], ending: str) -> Path:
     return Path(path).with_suffix(ending)
 
 
-def refuse(path: str | os.PathLike[str], *_: object) -> None:
+def refuse_cloud(path: str | os.PathLike[str], *_: object) -> None:
     """Raise InputError: a cloud alone does not have the lost pulses that packets hold."""
     raise InputError(
         f"{os.fspath(path)}: packets have the lost pulses too, which a cloud does not; "

@@ -108,12 +108,12 @@ class VelodyneEncoder:
         size = self._model.firings[self._dual]
         if not len(rows):
             return []
-        missing = np.arange(1, size - len(rows) + 1)
-        more = np.zeros(len(missing), rows.dtype)
-        more["time_s"] = rows["time_s"][-1] + missing * self._scanner.cycle_s
-        more["azimuth"] = self._azimuth(rows["number"][-1] + missing)
+        following = np.arange(1, size - len(rows) + 1)
+        filler = np.zeros(len(following), rows.dtype)
+        filler["time_s"] = rows["time_s"][-1] + following * self._scanner.cycle_s
+        filler["azimuth"] = self._azimuth(rows["number"][-1] + following)
         self._waiting = []
-        return self._encode(np.concatenate([rows, more]).reshape(1, size))
+        return self._encode(np.concatenate([rows, filler]).reshape(1, size))
 
     def _no_rows(self) -> Numbers:
         point = [("distance", "<u2"), ("reflectivity", "u1")]

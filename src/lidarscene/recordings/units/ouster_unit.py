@@ -49,8 +49,8 @@ def read_ouster(path: Path, mode: str | None = None) -> Unit:
             f"got {len(azimuth)}"
         )
     lidar_mode = mode or str(metadata.get("lidar_mode", ""))
-    fitting = re.fullmatch(r"(?:MODE_)?(\d+)x(\d+)", lidar_mode)
-    if not fitting:
+    mode_match = re.fullmatch(r"(?:MODE_)?(\d+)x(\d+)", lidar_mode)
+    if not mode_match:
         raise InputError(
             f"{path}: lidar_mode: must be one of {', '.join(OUSTER_MODES)}, got '{lidar_mode}'; --mode says another"
         )
@@ -75,8 +75,8 @@ def read_ouster(path: Path, mode: str | None = None) -> Unit:
         name=f"{product} {metadata.get('prod_sn', '')}".strip(),
         lists=lists,
         scanner={
-            "rotation_hz": f"-{int(fitting[2])}",
-            "columns_per_turn": str(int(fitting[1])),
+            "rotation_hz": f"-{int(mode_match[2])}",
+            "columns_per_turn": str(int(mode_match[1])),
             "start_azimuth_deg": repr(round(start_deg, 6)),
         },
         comments=tuple(comments),

@@ -23,7 +23,7 @@ MODEL_KEYS = ("rotation_hz", "cycle_us", "columns_per_turn", "start_azimuth_deg"
 """Keys of `[scanner]` that come from the model where the unit's description lacks them."""
 
 
-def unit_from(path: Path, mode: str | None = None) -> Unit:
+def read_unit(path: Path, mode: str | None = None) -> Unit:
     """Read the maker's description of a unit: json, YAML, XML or CSV. Raises InputError."""
     if not path.is_file():
         raise InputError(f"{path}: no such file")
@@ -53,11 +53,11 @@ def write_unit(unit: Unit, source: Path, output: Path, *, like: str | None = Non
             f"{source}: no sensor of the catalogue is of this kind ({beams} beams); --like says which is near"
         )
     base = catalog.path_of("sensors", model).read_text(encoding="utf-8")
-    parts = _parts(base)
-    scanner = parts.get("scanner", "")
+    tables = _split_tables(base)
+    scanner = tables.get("scanner", "")
     if 'type = "spinning"' not in scanner:
         raise InputError(f"--like {model}: must be a sensor that spins")
-    text, notes = _text(unit, source, model, parts)
+    text, notes = _file_text(unit, source, model, tables)
     sensor_from_tables(tomllib.loads(text), where=str(source))  # refuses a wrong sensor before anything is written
     put_text(output, text)
     return "\n".join(
@@ -65,7 +65,7 @@ def write_unit(unit: Unit, source: Path, output: Path, *, like: str | None = Non
     )
 
 
-def _parts(text: str) -> dict[str, str]:
+def _split_tables(text: str) -> dict[str, str]:
     """Split a TOML file: header of each table -> its text, in order; "" -> the text before the first."""
     tables = {"": ""}
     name = ""
@@ -78,29 +78,29 @@ def _parts(text: str) -> dict[str, str]:
     return tables
 
 
-def _text(unit: Unit, source: Path, model: str, parts: dict[str, str]) -> tuple[str, list[str]]:
+def _file_text(unit: Unit, source: Path, model: str, tables: dict[str, str]) -> tuple[str, list[str]]:
     """Text of the file, and notes on keys that were left out."""
-    scanner, notes = _scanner(unit, parts["scanner"])
+    scanner, notes = _scanner_text(unit, tables["scanner"])
     summary = f"{unit.name}: beams of {source.name}, all else of the catalogue's {model}"
     head = "".join(f"# {comment}\n" for comment in unit.comments)
-    head += f'name = "{_plain(unit.name)}"\ndescription = "{_plain(summary)}"\n\n'
-    laser = re.sub(r"(?m)^repetition_rate_khz = .*\n", "", parts["laser"])
+    head += f'name = "{_plain_text(unit.name)}"\ndescription = "{_plain_text(summary)}"\n\n'
+    laser = re.sub(r"(?m)^repetition_rate_khz = .*\n", "", tables["laser"])
     # Published values belong to the model, and hold with the model's own beams only.
     other_tables = [
         text
-        for name, text in parts.items()
+        for name, text in tables.items()
         if name not in ("", "laser", "scanner", "sources") and not name.startswith("published")
     ]
     replaced_sources = r'(?m)^"?(scanner\b|laser\.repetition_rate_khz|published)[^\n]*\n'
-    sources = re.sub(replaced_sources, "", parts.get("sources", "[sources]\n"))
-    sources = sources.rstrip("\n") + f'\nscanner = "unit-specific: {_plain(source.name)}"\n'
+    sources = re.sub(replaced_sources, "", tables.get("sources", "[sources]\n"))
+    sources = sources.rstrip("\n") + f'\nscanner = "unit-specific: {_plain_text(source.name)}"\n'
     model_keys = [key for key in MODEL_KEYS if re.search(rf"(?m)^{key} = ", scanner) and key not in unit.scanner]
     for key in model_keys:
         sources += f'"scanner.{key}" = "of the catalogue\'s {model}"\n'
     return head + laser + scanner + "".join(other_tables) + sources, notes
 
 
-def _scanner(unit: Unit, of_model: str) -> tuple[str, list[str]]:
+def _scanner_text(unit: Unit, of_model: str) -> tuple[str, list[str]]:
     """Text of the unit's [scanner], and notes; keys that the description lacks come from the model if they fit."""
     lines, notes = ['[scanner]\ntype = "spinning"\n'], []
     lines += [f"{key} = {value}\n" for key, value in unit.scanner.items()]
@@ -118,17 +118,17 @@ def _scanner(unit: Unit, of_model: str) -> tuple[str, list[str]]:
         lines.append(entry[0])
     for key in LIST_KEYS:
         if key in unit.lists:
-            lines.append(f"{key} = [\n{_rows(unit.lists[key])}]\n")
+            lines.append(f"{key} = [\n{_list_text(unit.lists[key])}]\n")
     return "".join([*lines, "\n"]), notes
 
 
-def _rows(values: Sequence[float]) -> str:
+def _list_text(values: Sequence[float]) -> str:
     starts = range(0, len(values), PER_LINE)
     return "".join(
         f"    {', '.join(repr(float(number)) for number in values[first : first + PER_LINE])},\n" for first in starts
     )
 
 
-def _plain(text: str) -> str:
+def _plain_text(text: str) -> str:
     """Replace the characters that would end a string of TOML by spaces."""
     return re.sub(r'["\\\x00-\x1f]', " ", text)

@@ -27,15 +27,15 @@ Laser = tuple[int, float, float, float, float]
 def read_velodyne(path: Path) -> Unit:
     """Read the calibration of one unit. Raises InputError."""
     with input_errors(path):
-        lasers = sorted(_from_xml(path) if path.suffix.lower() == ".xml" else _from_yaml(path))
+        lasers = sorted(_read_xml(path) if path.suffix.lower() == ".xml" else _read_yaml(path))
         if [laser[0] for laser in lasers] != list(range(len(lasers))) or not lasers:
             raise ValueError(
                 f"must have lasers 0, 1, 2, ..., got {', '.join(str(laser[0]) for laser in lasers[:5])}, ..."
             )
-    return Unit(model=MODELS.get(len(lasers), ""), name=path.stem, lists=_lists(lasers))
+    return Unit(model=MODELS.get(len(lasers), ""), name=path.stem, lists=_scanner_lists(lasers))
 
 
-def _lists(lasers: list[Laser]) -> dict[str, tuple[float, ...]]:
+def _scanner_lists(lasers: list[Laser]) -> dict[str, tuple[float, ...]]:
     exits_mm = [_exit_mm(laser) for laser in lasers]
     lists: dict[str, tuple[float, ...]] = {
         "elevation_deg": tuple(round(math.degrees(laser[1]), 6) for laser in lasers),
@@ -52,15 +52,15 @@ def _exit_mm(laser: Laser) -> tuple[float, float, float]:
     return -1e3 * h_m * math.sin(rotation_rad), 1e3 * h_m * math.cos(rotation_rad), 1e3 * v_m
 
 
-def _from_yaml(path: Path) -> Iterator[Laser]:
+def _read_yaml(path: Path) -> Iterator[Laser]:
     content: Any = import_optional("yaml", extra="velodyne").safe_load(path.read_text(encoding="utf-8"))
     lasers = content.get("lasers") if isinstance(content, dict) else None
     if not isinstance(lasers, list):
         raise ValueError("must be a calibration of a Velodyne with a list 'lasers', got none")
     for number, laser in enumerate(lasers):
-        missing = [key for key in ("laser_id", "vert_correction") if key not in laser]
-        if missing:
-            raise ValueError(f"laser {number}: must have {missing[0]}, got none")
+        missing_keys = [key for key in ("laser_id", "vert_correction") if key not in laser]
+        if missing_keys:
+            raise ValueError(f"laser {number}: must have {missing_keys[0]}, got none")
         yield (
             int(laser["laser_id"]),
             float(laser["vert_correction"]),
@@ -70,7 +70,7 @@ def _from_yaml(path: Path) -> Iterator[Laser]:
         )
 
 
-def _from_xml(path: Path) -> Iterator[Laser]:
+def _read_xml(path: Path) -> Iterator[Laser]:
     """Read degrees and centimetres. The file lists lasers that are not enabled, too, with zeros: skip them."""
     root = ElementTree.parse(path).getroot()
     enabled = [int(float(flag.text or 0)) for flag in root.iterfind(".//enabled_/item")]

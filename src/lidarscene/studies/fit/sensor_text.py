@@ -17,7 +17,7 @@ import tomlkit
 
 from ... import catalog
 from ...errors import InputError
-from ...recordings.units.unit_file import unit_from, write_unit
+from ...recordings.units.unit_file import read_unit, write_unit
 from ...sensor.sensor_file import sensor_from_tables
 from ...sensor.sensor_model import Sensor
 from .estimates import Estimate
@@ -83,7 +83,7 @@ def base_text(sensor: str, metadata: Path | None) -> str:
             raise InputError(f"--sensor {sensor}: cannot be read: {reason}") from None
     with TemporaryDirectory(prefix="lidarscene-") as folder:
         written = Path(folder) / "unit.toml"
-        write_unit(unit_from(metadata), metadata, written, like=sensor)
+        write_unit(read_unit(metadata), metadata, written, like=sensor)
         return written.read_text(encoding="utf-8")
 
 

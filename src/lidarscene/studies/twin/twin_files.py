@@ -28,7 +28,7 @@ from ...maths.pose import Pose
 from ...recordings.pcap_reader import metadata_of
 from ...recordings.recording import Recording
 from ...recordings.sweep import Sweep
-from ...recordings.units.unit_file import unit_from, write_unit
+from ...recordings.units.unit_file import read_unit, write_unit
 from ...scene.tables import SceneFile
 from ...sensor.sensor_file import load_sensor
 from ...sensor.sensor_model import Sensor
@@ -173,7 +173,7 @@ def _sensor_file(recording: Recording, path: Path, metadata: Path | None, sensor
         raise InputError(
             f"{recording.path}: must have the unit's metadata (--metadata F), or --sensor NAME: a catalogue sensor"
         )
-    message = write_unit(unit_from(described), described, path)
+    message = write_unit(read_unit(described), described, path)
     if sweep.second is not None:
         text = path.read_text(encoding="utf-8")
         put_text(path, re.sub(r"(?m)^\[histogram\]\n", '[histogram]\nstops = 2\nkeep = "strongest"\n', text))
