@@ -329,6 +329,7 @@ class LookupTable:
             scaled = ops.minimum(ops.maximum(x, 0.0), 1.0) * (size - 1.0)
             lower = ops.minimum(ops.floor(scaled), size - 2.0)
             first, share = ops.int32(lower), scaled - lower
+            # Each axis doubles the corners: the weights of all are products of the shares along the axes.
             corners = [
                 (index * size + first + step, weight * (share if step else 1.0 - share))
                 for index, weight in corners

@@ -135,6 +135,7 @@ class Paths:
         place = ops.minimum(ops.maximum(time_s * self.rate_hz, 0.0), self.last)
         lower = ops.minimum(ops.floor(place), self.last - 1.0)
         share = place - lower
+        # Flat index of the row before this time: rows of a motion follow each other, motion after motion.
         first = (ops.int32(lower) + motion_index * (ops.int32(self.last) + 1)) * _NUMBERS
 
         def number(column: int) -> Lanes:
@@ -175,6 +176,7 @@ def _swept_boxes(table: Numbers, carried_m: Numbers) -> Numbers:
     rotation = np.stack(rotation_numbers(*np.moveaxis(table[:, :, 3:7], -1, 0)), axis=-1)
     rotation = rotation.reshape(*rotation.shape[:2], 3, 3)
     centre, half = carried_m.mean(axis=1), np.ptp(carried_m, axis=1) / 2.0
+    # A turned box reaches |R| times its half widths along the axes of the traced frame.
     middle = table[:, :, :3] + np.einsum("mtij,mj->mti", rotation, centre)
     reach = np.einsum("mtij,mj->mti", np.abs(rotation), half)
     low, high = (middle - reach).min(axis=1), (middle + reach).max(axis=1)

@@ -341,6 +341,7 @@ def _coefficients(angle: Numbers) -> tuple[Numbers, Numbers, Numbers]:
     a = angle[:, None, None]
     small = a < SMALL_ANGLE_RAD
     safe = np.where(small, 1.0, a)
+    # 1 - cos(a) = 2 sin(a/2)^2, which does not cancel. Below SMALL_ANGLE_RAD: the series.
     return (
         np.where(small, 1.0 - a * a / 6.0, np.sin(safe) / safe),
         np.where(small, 0.5 - a * a / 24.0, 2.0 * (np.sin(safe / 2.0) / safe) ** 2),
@@ -354,6 +355,8 @@ def _exp(twist: Numbers) -> _Rigid:
     first, second, third = _coefficients(np.linalg.norm(twist[:, 3:], axis=1))
     square = turn @ turn
     rotation = np.eye(3) + first * turn + second * square
+    # Integral of the rotation along the way, V = I + (1 - cos a)/a^2 W + (a - sin a)/a^3 W^2 with W = a [axis]_x: the
+    # position is V v (Murray, Li and Sastry, "A mathematical introduction to robotic manipulation", 1994, 2.3).
     along = np.eye(3) + second * turn + third * square
     return rotation, _apply(along, twist[:, :3])
 
@@ -361,6 +364,7 @@ def _exp(twist: Numbers) -> _Rigid:
 def _log(rotation: Numbers, place: Numbers) -> Numbers:
     """Logarithm: the twist whose exponential this is, for turns below 180 degrees."""
     cos = np.clip((np.trace(rotation, axis1=1, axis2=2) - 1.0) / 2.0, -1.0, 1.0)
+    # The antisymmetric part of a rotation is sin(a) [axis]_x, its trace 1 + 2 cos(a).
     odd = rotation - rotation.transpose(0, 2, 1)
     axis_sin = 0.5 * np.stack([odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]], axis=-1)
     sin = np.linalg.norm(axis_sin, axis=1)
@@ -370,5 +374,6 @@ def _log(rotation: Numbers, place: Numbers) -> Numbers:
     turning = stretch[:, None] * axis_sin
     turn = _skew(turning)
     _, second, third = _coefficients(angle)
+    # Solve V v = position, with V as in `_exp`.
     along = np.eye(3) + second * turn + third * (turn @ turn)
     return np.concatenate([np.linalg.solve(along, place[:, :, None])[:, :, 0], turning], axis=1)

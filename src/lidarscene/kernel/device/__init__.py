@@ -4,6 +4,8 @@ A kernel takes 10 to 500 ms to compile and often less than one to run. So everyt
 to be data. Python takes half the time of a small frame to describe it to Dr.Jit; that is done once, where it can be.
 
 backend    choose a Mitsuba variant that works
+trial      compare frames of a GPU with those of the CPU
+types      protocols for what Mitsuba and Dr.Jit return
 llvm       find an LLVM library that Dr.Jit can use
 transfer   numbers to the device, results back
 replay     record stages once, launch them again

@@ -1,4 +1,4 @@
-"""Choose and load a Mitsuba variant: the only door to Mitsuba in this package.
+"""Choose and load a Mitsuba variant. No other module imports Mitsuba.
 
 Mitsuba sets no variant when it is imported, and its own errors do not say what is wrong: one text stands for an LLVM
 that is absent, too old or broken. So the variants are tried here one at a time, each failure is kept with its reason,

@@ -23,7 +23,7 @@ from ...errors import BackendError
 OLDEST = 17  # 15 and 16 abort the process: they cannot select an instruction that Dr.Jit emits (fmaximum)
 PATH_VARIABLE = "DRJIT_LIBLLVM_PATH"  # Dr.Jit reads the path of the library from it
 WHEEL = "karellen-llvm-core"  # LLVM as a wheel, for Linux on x86_64
-PATIENCE_S = 120  # with a program that is asked: it takes 0.1 s, and far longer on a machine that is busy
+PATIENCE_S = 120  # time limit of a helper process: it takes 0.1 s, and far longer on a busy machine
 
 _NAME = re.compile(r"libLLVM(-(?P<dashed>\d+(\.\d+)*))?(\.(?P<mac>\d+(\.\d+)*))?\.(so|dylib)(\.(?P<so>\d+(\.\d+)*))?")
 _FOLDER = re.compile(r"[/\\](llvm[-@]?|Cellar[/\\]llvm(@\d+)?[/\\])(?P<version>\d+(\.\d+)*)[/\\]")

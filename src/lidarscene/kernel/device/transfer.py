@@ -1,7 +1,7 @@
 """Move numbers to the device and results back, so that a changed number never compiles a new kernel.
 
-Dr.Jit writes every number that it knows while it records into the text of the kernel, and finds compiled kernels by
-that text. A pose, seed or coefficient that is a literal would cost some 80 ms of compilation whenever it changes. An
+Dr.Jit writes every number whose value is known during recording into the text of the kernel, and finds compiled kernels
+by that text. A pose, seed or coefficient that is a literal would cost some 80 ms of compilation whenever it changes. An
 *opaque* number is memory on the device instead: the kernel reads it, and its text stays the same. Everything that may
 differ between frames goes through this module; only what selects code (a detector's kind, the number of stops) stays a
 Python value.
@@ -155,7 +155,7 @@ def wait() -> None:
 
 
 def split_kernel(*arrays: object) -> None:
-    """Compute the answers of one Mitsuba scene before the next is asked, on a GPU; do nothing on a CPU."""
+    """Compute the hits in one Mitsuba scene before the next is queried, on a GPU; do nothing on a CPU."""
     import drjit as dr
 
     # On a GPU each scene is an OptiX pipeline of its own. A kernel can have one; Dr.Jit logs a warning and leaves the

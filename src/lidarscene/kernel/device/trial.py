@@ -1,4 +1,4 @@
-"""A GPU on trial: the first time, small frames of it are compared with those of the CPU.
+"""Trial of a GPU: before its first use, small frames rendered on it are compared with those of the CPU.
 
 What Dr.Jit and Mitsuba do on a GPU depends on its driver, and a fault there may be silent. So before the first use on a
 machine both render the same small frames, each in a process of its own, which may even die: with moving bodies and

@@ -80,7 +80,7 @@ class Meeting:
         return dr.select(self.is_mover, mitsuba().Vector3f(*self.placement.velocity_at(components(point))), still)
 
     def receding(self, point: DeviceVector, along: DeviceVector) -> Any:
-        """Velocity of the body that was met, at points of the traced frame, along a vector; None: nothing moves."""
+        """Speed [m/s] of the body that was met, at points of the traced frame, along a vector; None: nothing moves."""
         import drjit as dr
 
         if self.placement is None:

@@ -2,7 +2,7 @@
 
 At a pane light goes two ways. A path tracer would draw one of them at random; here the caller follows both, so that
 the optics have no Monte Carlo noise and each echo has a definite path (docs/theory_light.md 26). Mitsuba's BSDFs are
-still sampled, because they know direction and share of each lobe, but the random number that selects the lobe is set
+still sampled, since that gives direction and share of each lobe, but the random number that selects the lobe is set
 here.
 
 Symbols: T, R transmittance and reflectance of a pane; throughput is the product of them along a path.
@@ -145,13 +145,13 @@ def _lobe(moment: Moment, meeting: Meeting, kind: Array, active: Mask, *, reflec
         if number < speculars.panes and (glass := speculars.glass[number]) is not None:
             absorbing = _absorbing_share(*glass, cosine=dr.abs(meeting.surface.wi.z), reflected=reflected)
             share = dr.select(of_bsdf, absorbing, share)
-    if reflected:  # `null` lets everything through, whatever is asked
+    if reflected:  # `null` transmits everything, even with the random number that selects a reflection
         share = dr.select(direction.z * meeting.surface.wi.z > 0.0, share, 0.0)
     return direction, share
 
 
 def _absorbing_share(index: Lanes, depth: Lanes, *, cosine: Lanes, reflected: bool) -> Lanes:
-    """Return T or R of a pane that absorbs. Mitsuba's `thindielectric` is lossless, and knows no path inside the glass.
+    """Return T or R of a pane that absorbs. Mitsuba's `thindielectric` is lossless.
 
     index, depth  refractive index, and optical depth at normal incidence
     cosine        of the angle of incidence: at an angle the path inside the glass is longer
@@ -171,7 +171,7 @@ def sunlight_share(moment: Moment, ray: Ray, active: Mask, *, interactions: int)
     import drjit as dr
 
     mi = mitsuba()
-    # What stops light wholly is asked once, for the whole ray. Then it is walked from pane to pane. Gaps dim sunlight
+    # Opaque surfaces are tested once, for the whole ray. Then the ray is followed from pane to pane. Gaps dim sunlight
     # by their share, without chance: unlike a ray of the beam, sunlight is an average over the surface.
     way, open_ = Way(ray=ray, throughput=mi.Float(1.0)), active & ~moment.blocked(ray, active)
     glazed = open_

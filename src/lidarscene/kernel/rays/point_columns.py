@@ -111,7 +111,7 @@ class _Ends:
         """Return (k,) values of an attribute of the hits, or of one axis of it; zero where there is no surface."""
         import drjit as dr
 
-        # Each way has arrays of its own, so each is asked for the lanes that end on it.
+        # Each path has arrays of its own: gather from each the lanes that end on it.
         values = None
         for number, hits in enumerate(self.paths):
             on_path = self.on_surface if len(self.paths) == 1 else self.on_surface & (self.path == number)

@@ -1,7 +1,7 @@
 """Trace beams through a world: find the surface at the end of each path, and what it scatters.
 
 A beam has one path, or two in a world with panes: through the first pane, and off it. Along each path the nearest
-surface is asked for, again after each pane, mirror or gap; from its end one shadow ray goes to the sun. A `Hits` is
+surface is found, again after each pane, mirror or gap; from its end one shadow ray goes to the sun. A `Hits` is
 geometry and scattering, never watts. The BSDF is evaluated in two directions, back along the beam and towards the sun,
 and nothing is sampled: there is no Monte Carlo noise (docs/theory.md 4 and 26).
 
@@ -323,7 +323,7 @@ def _scattering(
         solid = xp(solid).maximum(solid, 1e-6)
         backscatter, towards_sun = backscatter / solid, towards_sun / solid
     reflectivity = dr.gather(mi.Float, world.shape_reflectivity, number, valid)
-    # -1 in the table: a BSDF of a Mitsuba file, of which only the BSDF itself knows the reflectivity.
+    # -1 in the table: a BSDF of a Mitsuba file, whose reflectivity only the BSDF itself can give.
     if world.has_foreign:
         file_reflectivity = bsdf.eval_diffuse_reflectance(surface, valid)[0]
         reflectivity = dr.select(reflectivity < 0.0, file_reflectivity, reflectivity)

@@ -27,7 +27,7 @@ class PlacedShape:
     """A Mitsuba shape on its way into a world.
 
     face_body  (faces,) index of the body of each face
-    values     its material by `Material.at`; None if only the BSDF knows it
+    values     its material by `Material.at`; None for a BSDF of a Mitsuba file
     is_plain   whether it is a mesh without smooth normals and images
     is_varied  whether its reflectivity varies over it
     """
@@ -146,7 +146,7 @@ def _specular_entry(shape: PlacedShape) -> tuple[int, Any, Hashable, Any]:
 
 
 def _registry_number(shape: Shape) -> int:
-    """Return the number by which the device knows a shape."""
+    """Return a shape's number in Mitsuba's registry, which is its pointer on the device."""
     import drjit as dr
 
     mi = mitsuba()

@@ -51,7 +51,7 @@ def _placed_shape(shapes: Sequence[FileShape], bodies: Sequence[int], key: Hasha
     if not isinstance(key, tuple):
         return PlacedShape(first.shape, face_body, first.material, first.values)
     _, is_smooth, has_image = key
-    # A surface that varies, or has a grain, is asked at its texture coordinates: those of Mitsuba's own interaction.
+    # The BSDF of a surface that varies, or has a grain, reads texture coordinates: those of Mitsuba's own interaction.
     is_plain = not is_smooth and not (first.values is None and _varies(first.bsdf))
     mesh = first.shape if len(shapes) == 1 else _merged_mesh(shapes, is_smooth, has_image)
     return PlacedShape(mesh, face_body, first.material, first.values, is_plain=is_plain)
