@@ -78,7 +78,7 @@ def run_job(
     report: FrameCallback | None = None,
     waiting: Callable[[], object] = lambda: None,
 ) -> Progress:
-    """Render what is missing into ``folder`` and write its manifest.
+    """Render the missing frames of a job into ``folder`` and write its manifest.
 
     connect  gives a Dask client, called if frames are missing; ``lambda: nullcontext(client)`` for one's own. All
              workers must see ``folder``, and the files of the job, by the same names. It is called again if all

@@ -119,7 +119,7 @@ def range_text(arguments: argparse.Namespace) -> str | Answer:
     target = _target(arguments)
     subject_list = subjects(arguments.sensors, arguments.overrides)
     warn_of_doubts(subject.sensor() for subject in subject_list)
-    _check_outputs(arguments, subject_list)
+    _check_outputs(arguments)
     if arguments.eye_safety:
         return _eye_safety(arguments, subject_list, target)
     if arguments.sensitivities:
@@ -188,7 +188,7 @@ def _cos_sun(angle_deg: float) -> float:
     return 0.5 if angle_deg == 60.0 else math.cos(math.radians(angle_deg))
 
 
-def _check_outputs(arguments: argparse.Namespace, subjects: list[Subject]) -> None:
+def _check_outputs(arguments: argparse.Namespace) -> None:
     """Raise an error for an output that could not be written."""
     from ..files.atomic import require_writable
 

@@ -231,7 +231,7 @@ def _add_format_options(add: Callable[..., Any]) -> None:
 
 
 def render_text(arguments: argparse.Namespace) -> str:
-    """Run `render`; returns what is printed. Raises InputError and OutputError before anything is traced."""
+    """Run `render`; returns the text to print. Raises InputError and OutputError before anything is traced."""
     from ..kernel.device.profile import kernel_history
 
     with kernel_history() if arguments.profile else nullcontext() as history:

@@ -134,7 +134,7 @@ def _print_line(line: str) -> None:
 
 
 def _address(text: str) -> tuple[str, int]:
-    """An argparse type: a host and a port."""
+    """Parse a host and a port (an argparse type)."""
     host, _, port = text.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise argparse.ArgumentTypeError(f"must be a host and a port, such as 127.0.0.1:2368, got {text}")
@@ -142,7 +142,7 @@ def _address(text: str) -> tuple[str, int]:
 
 
 def _rate(text: str) -> float:
-    """An argparse type: frames in a second."""
+    """Parse a number of frames in a second (an argparse type)."""
     value = seconds(text)
     if not 1e-3 <= value <= 1e3:
         raise argparse.ArgumentTypeError(f"must be from 0.001 to 1000 frames in a second, got {text}")

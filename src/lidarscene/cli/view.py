@@ -77,7 +77,7 @@ def add_view(commands: Any) -> None:
 
 
 def view_text(arguments: argparse.Namespace) -> str:
-    """Run `view`; returns what is printed in the end."""
+    """Run `view`; returns the text to print at its end."""
     from ..view.html_page import save
     from ..view.serve import Server
 

@@ -71,7 +71,7 @@ class Chunk:
 
 
 def drop_continuing(pulse: Array, paths: Sequence[Hits], detection: Detection, goes_on: Mask | None) -> Chunk:
-    """Drop the lanes of pulses that continue through glass: their full trace replaces them."""
+    """Chunk whose pulses that continue through glass count as without a surface: their full trace replaces them."""
     if goes_on is None:
         return Chunk(pulse, paths, with_nan_outcomes(detection))
     stops = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in detection.stops]
