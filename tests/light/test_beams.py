@@ -27,7 +27,7 @@ def test_jitter_is_gaussian_on_two_axes():
     sensor = load_sensor("table1-apd", overrides=["scanner.jitter_mrad=1"])
     identity = tuple(np.eye(3).ravel())
     true = np.array(beams.fire(sensor, pulse=PULSE, origin_m=(0.0,) * 3, rotation=identity, seed=4).direction)
-    told = np.array(beams.reported(sensor, pulse=PULSE, origin_m=(0.0,) * 3, rotation=identity).direction)
+    told = np.array(beams.reported_beams(sensor, pulse=PULSE, origin_m=(0.0,) * 3, rotation=identity).direction)
     np.testing.assert_allclose(np.linalg.norm(true, axis=0), 1.0, atol=1e-6)
     left = np.stack([-told[1], told[0], np.zeros(len(PULSE))]) / np.hypot(told[0], told[1])
     up = np.cross(told, left, axis=0)

@@ -9,7 +9,7 @@ from scipy.stats import ncx2, norm
 
 from lidarscene import load_sensor
 from lidarscene.errors import InputError
-from lidarscene.light.beams import Beams, reported
+from lidarscene.light.beams import Beams, reported_beams
 from lidarscene.light.echoes import Echoes
 from lidarscene.light.footprint import footprint, points, spread
 from lidarscene.light.pulse_train import join_echoes
@@ -284,7 +284,7 @@ def test_the_last_rays_are_the_halos():
     assert shape.skirt.count == 3
     lane = np.arange(7 * 5, dtype=np.uint32)
     rotation = tuple(np.eye(3).ravel())
-    axes = reported(sensor, pulse=lane // 7, origin_m=(0.0, 0.0, 0.0), rotation=rotation)
+    axes = reported_beams(sensor, pulse=lane // 7, origin_m=(0.0, 0.0, 0.0), rotation=rotation)
     rays = spread(axes, shape, ray=(lane % 7).astype(np.int64), rotation=rotation)
     along = sum(np.asarray(a) * np.asarray(b) for a, b in zip(axes.direction, rays.direction, strict=True))
     off = np.sqrt(1.0 / np.asarray(along, float) ** 2 - 1.0).reshape(5, 7)

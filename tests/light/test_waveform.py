@@ -208,7 +208,7 @@ def test_even_places_see_all_light(overrides, foggy):
         place = start + number * spacing
         wanted = wave.at(place)[0]
         np.testing.assert_allclose(comb.power_w(place, parts), wanted, atol=1e-9 * power.max())
-        parts = comb.following(parts)
+        parts = comb.advance(parts)
         if number == 12:
             point = equipped.working_point(light.background_power_w)
             times_s = radiometry.time_of_flight_s(range_m=wave.range_m(place))

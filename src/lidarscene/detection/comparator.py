@@ -225,7 +225,7 @@ def converted_time_s(shots: Shots, time_s: Lanes, *, draw: Lanes = 0) -> Lanes:
     ops, converter = xp(time_s), shots.sensor.tdc
     jitter, _ = random.normal_pair(shots.words(Stage.TDC_JITTER, draw))
     jittered = ops.maximum(time_s + converter.jitter_s * jitter, 0.0)
-    return tdc.quantised(time_s=jittered, least_significant_bit_s=converter.least_significant_bit_s)
+    return tdc.quantise(time_s=jittered, least_significant_bit_s=converter.least_significant_bit_s)
 
 
 def accepts_crossing(sensor: Sensor, crossing_s: Lanes) -> Mask:
@@ -277,8 +277,8 @@ def false_alarms(shots: Shots, sources: tuple[Interference, ...]) -> list[Alarms
     noise_rate = shots.sensor.false_alarm_rate_hz(shots.point, shots.threshold)
     crossings = _Crossings(shots=shots, noise_rate_hz=noise_rate, other_lidars=other_lidars)
     if converter.keep == "strongest":
-        return [partial(crossings.by_height, number) for number in range(1 + len(other_lidars))]
-    return [crossings.in_time]
+        return [partial(crossings.alarm_by_height, number) for number in range(1 + len(other_lidars))]
+    return [crossings.alarm_by_time]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -296,7 +296,7 @@ class _Crossings:
     noise_rate_hz: Lanes
     other_lidars: tuple[interference.Crossings, ...]
 
-    def in_time(self, number: Lanes, elapsed: Lanes) -> tuple[Lanes, Alarm]:
+    def alarm_by_time(self, number: Lanes, elapsed: Lanes) -> tuple[Lanes, Alarm]:
         """Alarm ``number`` in order of time, from any source; in reverse order where the last are kept.
 
         number   (n,) of the alarm, from 0
@@ -334,7 +334,7 @@ class _Crossings:
         time_s = ops.minimum(time_s, NEVER_S)
         return elapsed, Alarm(time_s=time_s, amplitude=assigned.amplitude, interfering=assigned.interfering)
 
-    def by_height(self, source: int, number: Lanes, gamma: Lanes) -> tuple[Lanes, Alarm]:
+    def alarm_by_height(self, source: int, number: Lanes, gamma: Lanes) -> tuple[Lanes, Alarm]:
         """Alarm ``number`` of one source in falling order of height, at a random time of the window (T53).
 
         source  0: noise; 1, 2, ...: another lidar

@@ -152,7 +152,7 @@ class _Converter(Received):
         # Sampling a pulse is the expensive part: only lanes whose crossing may be kept go through it.
         measured = accepted & stop_list.may_keep(tdc, crossing_s, state.stops)
         new = converter._stop(rise, trip, measured, place, in_valley, crossing_s)
-        return self._after(
+        return self._advance(
             state,
             rise,
             trip,
@@ -186,7 +186,7 @@ class _Converter(Received):
         # After a pulse a rise counts from the lowest light since, where that is above the level: fog, which holds the
         # signal high for many metres, does not hide what rises out of it.
         held = state.high & (lowest >= trip_level)
-        base = ops.where(held, self._base(lowest), 0.0)
+        base = ops.where(held, self._base_signal(lowest), 0.0)
         trip = comparator.trip(converter, gain * peak_w, draw=rise.number, base=base)
         tripped = rise.exists & trip.tripped
         in_valley = valley >= trip.level
@@ -220,7 +220,7 @@ class _Converter(Received):
             top=ops.where(accepted, trip.signal, last_pulse.top),
             lowest=ops.where(accepted, trip.signal, ops.where(rise.exists, lowest, last_pulse.lowest)),
         )
-        return self._after(
+        return self._advance(
             state,
             rise,
             trip,
@@ -233,7 +233,7 @@ class _Converter(Received):
             pulse=pulse,
         )
 
-    def _base(self, lowest: Lanes) -> Lanes:
+    def _base_signal(self, lowest: Lanes) -> Lanes:
         """Signal from which the threshold counts for a pulse on top of other light, (n,).
 
         lowest  (n,) lowest signal of that light since the last pulse
@@ -248,7 +248,7 @@ class _Converter(Received):
             base = self.ops.where(candidate + self.threshold > lowest, candidate, base)
         return base
 
-    def _after(
+    def _advance(
         self, state: _RiseSearch, rise: Rise, trip: comparator.Trip, residue: echo_memory.Residue | None, **changed: Any
     ) -> _RiseSearch:
         """State after a rise: the fields that both kinds of receiver update, and those that one of them ``changed``."""

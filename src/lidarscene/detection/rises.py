@@ -83,7 +83,7 @@ def visit_all(wave: Waveform, visit: Callable[[Rise, S], S], state: S) -> S:
     ops = xp(wave.origin_m)
     intervals = wave.intervals()
 
-    def following(place: Lanes) -> Array:
+    def next_start(place: Lanes) -> Array:
         """Start of the first interval that ends behind this place; beyond `_END` if there is none."""
         first = ops.full(place, 2.0 * _END)
         for start, end in intervals:
@@ -110,29 +110,29 @@ def visit_all(wave: Waveform, visit: Callable[[Rise, S], S], state: S) -> S:
             peak=peak,
             top=top,
         )
-        onward = _march(wave, following, march.place, march.slope, march.bend, march.ahead)
+        onward = _march(wave, next_start, march.place, march.slope, march.bend, march.ahead)
         return onward, number + 1, visit(rise, so_far)
 
     # The waveform rises from zero before the first interval: its slope is positive there and its valley is dark. Each
     # step ends with the march to the next peak instead of beginning with it. So the loop ends before a visit of
     # lanes that have no further peak.
-    start = following(ops.full(wave.origin_m, -_END))
+    start = next_start(ops.full(wave.origin_m, -_END))
     begin = ops.where(start < _END, start, 0.0)
     dark = wave.start(begin)
     zero, number = ops.full(begin, 0.0), ops.full(begin, 0)
-    first_march = _march(wave, following, begin, zero + 1.0, zero, start)
+    first_march = _march(wave, next_start, begin, zero + 1.0, zero, start)
     search: tuple[_March, Lanes, S] = first_march, number, state
     return ops.loop(search, active, step)[2]
 
 
 def _march(
-    wave: Waveform, following: Callable[[Lanes], Array], place: Lanes, slope: Lanes, bend: Lanes, ahead: Lanes
+    wave: Waveform, next_start: Callable[[Lanes], Array], place: Lanes, slope: Lanes, bend: Lanes, ahead: Lanes
 ) -> _March:
     """Walk on to the next pair of places with a peak between them.
 
-    following             gives the start of the first interval that ends behind a place
+    next_start             gives the start of the first interval that ends behind a place
     place, slope, bend    (n,) where the walk starts, and the derivatives of the waveform there
-    ahead                 (n,) ``following(place)``
+    ahead                 (n,) ``next_start(place)``
     """
     ops = xp(place, slope)
 
@@ -156,7 +156,7 @@ def _march(
             place=right,
             slope=slope_there,
             bend=bend_there,
-            ahead=following(right),
+            ahead=next_start(right),
             low=ops.where(up, march.place, march.low),
             high=ops.where(up, right, march.high),
             bracketed=down,

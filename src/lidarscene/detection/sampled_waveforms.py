@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..light.echoes import EchoTrain
-from ..light.waveform import sample_power_and_signal, sampled_power_w
+from ..light.waveform import sample_power_and_signal, sample_power_w
 from ..maths.arrays import Numbers
 from ..physics.electronics import saturation, sipm_response
 from ..physics.optics import radiometry
@@ -43,7 +43,7 @@ class Waveforms:
     power_w       (n, times) float32, optical power of echoes and air, without the background
     background_w  (n,) float32, constant optical power of the background
     signal        (n, times) float32, mean signal of the detector above that of the background, with what earlier
-                  light of the pulse leaves in it (`sampled_with_memory`)
+                  light of the pulse leaves in it (`sample_with_memory`)
     threshold     (n,) float32, level of the comparator
     unit          of signal and threshold: "A" (APD), "cells" (SiPM) or "photons" (histogram of counts)
     channel       (n,) uint16, as the sensor reports it
@@ -88,7 +88,7 @@ def window_times_s(sensor: Sensor) -> Numbers:
     return np.asarray(step * np.arange(int(float(sensor.tdc.window_s) / step) + 1))
 
 
-def sampled_with_memory(train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numbers, Numbers]:
+def sample_with_memory(train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numbers, Numbers]:
     """`light.waveform.sample_power_and_signal` with the memory of the detector: (n, times) W and signal each.
 
     A SiPM in the time domain follows its own equation, with crosstalk and afterpulses; an amplifier that clips drains
@@ -109,8 +109,8 @@ def sampled_with_memory(train: EchoTrain, sensor: Sensor, times_s: Numbers) -> t
     course_s = step * np.arange(-math.ceil(3.0 * fwhm_s / step), math.ceil(float(np.max(times_s)) / step) + 2)
     if isinstance(detector, Sipm):
         # The count is that at the end of a step, the light that of its middle.
-        watts = sampled_power_w(train, sensor, course_s - 0.5 * step)
-        course = _cells(watts, train, sensor, detector, round(float(detector.dead_time_s) / step))
+        watts = sample_power_w(train, sensor, course_s - 0.5 * step)
+        course = _busy_cells(watts, train, sensor, detector, round(float(detector.dead_time_s) / step))
     else:
         assert isinstance(detector, Apd)
         assert detector.saturation_a is not None
@@ -123,7 +123,7 @@ def sampled_with_memory(train: EchoTrain, sensor: Sensor, times_s: Numbers) -> t
     return power, np.stack([np.interp(times_s, course_s, row) for row in course])
 
 
-def _cells(power_w: Numbers, train: EchoTrain, sensor: Sensor, array: Sipm, steps: int) -> Numbers:
+def _busy_cells(power_w: Numbers, train: EchoTrain, sensor: Sensor, array: Sipm, steps: int) -> Numbers:
     """Busy cells above those of the background, (n, times).
 
     power_w  (n, times) light on the detector, so many ``steps`` in a dead time
@@ -144,7 +144,7 @@ def _cells(power_w: Numbers, train: EchoTrain, sensor: Sensor, array: Sipm, step
     return np.asarray(array.cells * (share - busy[:, None]))
 
 
-def sampled_pulses(
+def sample_waveforms(
     train_of: Callable[[int, int], EchoTrain],
     chosen: Numbers,
     sensor: Sensor,
@@ -171,14 +171,14 @@ def sampled_pulses(
     for together in np.split(chosen, np.flatnonzero(np.diff(chosen) > 1) + 1):
         pulse_train = train_of(int(together[0]), len(together))
         if sensor.histogram is None:
-            power, signal = sampled_with_memory(pulse_train, sensor, times)
+            power, signal = sample_with_memory(pulse_train, sensor, times)
         else:
             pulse_histograms = histograms(
                 pulse_train, sensor, seed=seed, pulse=(together + first_pulse).astype(np.uint32)
             )
             times, signal = pulse_histograms.time_s, pulse_histograms.expected
             counts.append(pulse_histograms.counts.astype(np.float32))
-            power = sampled_power_w(fold(pulse_train, sensor.histogram).train, sensor, times)
+            power = sample_power_w(fold(pulse_train, sensor.histogram).train, sensor, times)
         powers.append(power.astype(np.float32))
         signals.append(signal.astype(np.float32))
         backgrounds.append(pulse_train.background_power_w + np.zeros(len(together)))

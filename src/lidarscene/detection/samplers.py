@@ -53,9 +53,9 @@ def read(shots: Received, rise: Rise, trip: Trip, place: Lanes, *, mask: Mask) -
     """
     sampler = shots.sensor.sampler
     if isinstance(sampler, MultiLevel):
-        return _by_levels(shots, sampler, rise, trip, place, mask)
+        return _read_levels(shots, sampler, rise, trip, place, mask)
     if isinstance(sampler, Adc):
-        return _by_samples(shots, sampler, rise, trip, place, mask)
+        return _read_samples(shots, sampler, rise, trip, place, mask)
     amplitude = timing.amplitude(shots, trip, lag_s=(place - rise.peak) * shots.sigma_s)
     width = None
     if shots.sensor.tdc.both_edges:
@@ -68,7 +68,7 @@ def read(shots: Received, rise: Rise, trip: Trip, place: Lanes, *, mask: Mask) -
     return Reading(reported_s=reported_s, amplitude=amplitude, width_s=width, place=timed)
 
 
-def _by_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, place: Lanes, mask: Mask) -> Reading:
+def _read_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, place: Lanes, mask: Mask) -> Reading:
     """Measure a pulse with comparators at several levels.
 
     The width at the highest level that tripped gives the amplitude, theory (T54). The width at the threshold gives the
@@ -82,7 +82,7 @@ def _by_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, pla
     ops, point, fwhm = shots.ops, shots.point, shots.sensor.received_fwhm_s
     own_level, foot = shots.threshold + trip.base, edges.foot(shots, rise, trip, mask)
     first, *higher = (
-        _Level.for_pulse(shots, rise, trip, place, factor * shots.threshold, mask).between(own_level, foot)
+        _Level.for_pulse(shots, rise, trip, place, factor * shots.threshold, mask).restrict(own_level, foot)
         for factor in sampler.levels
     )
     lowest, highest, above, raised = first, first, ops.full(mask, False), ops.full(mask, False)
@@ -186,7 +186,7 @@ class _Level:
             reached = reached & (level < point.saturation)
         return cls(level=level, up=up, down=down, reached=reached)
 
-    def between(self, least: Lanes, foot: Lanes) -> _Level:
+    def restrict(self, least: Lanes, foot: Lanes) -> _Level:
         """The level, reached only if it is at least this one and above the light behind the pulse."""
         reached = self.reached & (self.level >= least * (1.0 - 1e-6)) & (self.level > foot)
         return replace(self, reached=reached)
@@ -202,7 +202,7 @@ class _Level:
         )
 
 
-def _by_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lanes, mask: Mask) -> Reading:
+def _read_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lanes, mask: Mask) -> Reading:
     """Measure a pulse with an ADC: the centroid of its samples, or the maximum behind a matched filter.
 
     The matched filter needs a start near its maximum; the centroid of the samples above the threshold is that.
@@ -211,7 +211,7 @@ def _by_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lanes,
     # Of light that lasts samples have less than the filter makes of it.
     base = trip.base / sampling.LASTING_GAIN if shots.sensor.matches else trip.base
     # The window lies around the peak of light that rises slowly, far behind where it trips the comparator.
-    window = Window.around(shots, adc, rise, ops.maximum(place, rise.peak - _SLOW), base)
+    window = Window.from_crossing(shots, adc, rise, ops.maximum(place, rise.peak - _SLOW), base)
     samples = window.read(mask)
     sums = window.centroid(samples, mask)
     any_over = sums.count > 0
@@ -223,7 +223,7 @@ def _by_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lanes,
     if adc.estimator == "matched_filter":
         # Newton's method squares the error in each step: from the centroid two steps are enough.
         for _ in range(2):
-            peak_place, amplitude = window.matched(samples, peak_place, mask)
+            peak_place, amplitude = window.newton_step(samples, peak_place, mask)
     return Reading(
         reported_s=comparator.converted_time_s(shots, shots.time_s(peak_place), draw=rise.number),
         amplitude=ops.maximum(amplitude, shots.threshold) + trip.base,

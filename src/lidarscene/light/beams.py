@@ -1,7 +1,7 @@
 """Beams: the rays along which pulses leave a sensor.
 
 A sensor does not know its own pointing jitter. So there are two kinds of rays: those along which the light really goes
-(`fire`), and those that follow from the angles that the sensor reports (`reported`).
+(`fire`), and those that follow from the angles that the sensor reports (`reported_beams`).
 
 Symbols: A(theta_r) effective receiving aperture (4).
 """
@@ -50,7 +50,7 @@ def fire(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[Lane
     return _place_rays(sensor, pulse, direction, origin_m, rotation)
 
 
-def reported(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[Lanes, ...]) -> Beams:
+def reported_beams(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[Lanes, ...]) -> Beams:
     """The rays of these pulses by the angles that the sensor reports; arguments as of `fire`."""
     # From encoder readings alone: rounded to their steps, and without the jitter.
     azimuth, elevation = sensor.scanner.angles(pulse)

@@ -35,12 +35,12 @@ def background_power_w(rays: Beams, paths: Sequence[Hits], sensor: Sensor, ambie
     rays   ``count`` of each pulse, lane = pulse lane * count + number
     paths  for each path, what the rays met
     """
-    background = sum(_seen_w(rays, hits, sensor, ambient) for hits in paths)
+    background = sum(_ray_background_w(rays, hits, sensor, ambient) for hits in paths)
     ops = xp(background)
     return sum(ops.column(background, number, count) for number in range(count)) * (1.0 / count)
 
 
-def _seen_w(rays: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Lanes:
+def _ray_background_w(rays: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Lanes:
     """Background power if all of the field of view saw what this ray sees, (n,) W."""
     light = receive(rays, hits, sensor, replace(ambient, sun_direction=None))
     if ambient.sun_direction is None:

@@ -166,7 +166,7 @@ def spread(rays: Beams, shape: Footprint, *, ray: Lanes, rotation: tuple[Lanes, 
     first, second = shape.points.at_row(ray)
     slope = shape.slope
     if shape.skirt is not None:
-        first, second, slope = _with_skirt(rays, shape, shape.skirt, ray, first, second)
+        first, second, slope = _add_skirt(rays, shape, shape.skirt, ray, first, second)
     # Rays are straight, but a Gaussian beam's radius follows a hyperbola. The straight lines on a hyperboloid follow it
     # too: a ray that starts at q w_0 leaves with the slope theta q turned by a right angle. Offset and slope are then
     # perpendicular, and after z the distance from the axis is |q| sqrt(w_0^2 + theta^2 z^2).
@@ -179,7 +179,7 @@ def spread(rays: Beams, shape: Footprint, *, ray: Lanes, rotation: tuple[Lanes, 
     )
 
 
-def _with_skirt(
+def _add_skirt(
     rays: Beams, shape: Footprint, skirt: Skirt, ray: Lanes, first: Lanes, second: Lanes
 ) -> tuple[Lanes, Lanes, tuple[Lanes, Lanes]]:
     """Places and slopes of the rays of a footprint with a halo."""

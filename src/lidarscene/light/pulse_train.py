@@ -56,7 +56,7 @@ def join_echoes(
     first = paths[0]
     ops = xp(first.range_m)
 
-    def of_pulse(values: Lanes) -> Lanes:
+    def pulse_value(values: Lanes) -> Lanes:
         """Value for each pulse of a quantity that all of its rays share."""
         return ops.column(values, 0, rays) if ops.width(values) > 1 else values
 
@@ -64,7 +64,7 @@ def join_echoes(
     if skirt is not None:
         weight = skirt.weight(ops.index(first.range_m) % rays, rays)
 
-    def over_rays(values: Lanes) -> Lanes:
+    def ray_mean(values: Lanes) -> Lanes:
         """Mean over the rays of each pulse, weighted by their share of its power."""
         if skirt is not None:
             return sum(ops.column(values * weight, ray, rays) for ray in range(rays))
@@ -83,7 +83,7 @@ def join_echoes(
             backscatter_per_sr=1.0,
             range_m=1.0,
             transmittance=air.ambient.transmittance,
-            aperture_m2=of_pulse(beams.aperture_m2),
+            aperture_m2=pulse_value(beams.aperture_m2),
             efficiency=optics.efficiency_laser,
         )
         # One end for all of a pulse's rays: as long as one of them is under way, the air goes on sending light back.
@@ -99,12 +99,12 @@ def join_echoes(
         parts=(*surfaces, *drops),
         surfaces=len(paths) * rays,
         has_surface=has_surface,
-        background_power_w=over_rays(first.background_power_w),
+        background_power_w=ray_mean(first.background_power_w),
         volume=volume,
         interference=tuple(
-            replace(source, peak_power_w=of_pulse(source.peak_power_w)) for source in first.interference
+            replace(source, peak_power_w=pulse_value(source.peak_power_w)) for source in first.interference
         ),
-        white_w_m2=of_pulse(first.white_w_m2),
+        white_w_m2=pulse_value(first.white_w_m2),
     )
 
 

@@ -94,7 +94,7 @@ class Waveform:
 
     def at(self, place: Lanes) -> Shape:
         """Power and its first and second derivative by place, (n,) each."""
-        value, slope, bend = sum_of_pulses(place=self._uncoupled(place), centres=self.centres, heights=self.heights)
+        value, slope, bend = sum_of_pulses(place=self._pulse_place(place), centres=self.centres, heights=self.heights)
         if self.undershoot is not None:
             undershoot = self.undershoot.at(place, self.centres)
             value, slope, bend = value - undershoot[0], slope - undershoot[1], bend - undershoot[2]
@@ -118,9 +118,9 @@ class Waveform:
         middle   (n,) middle of all places
         """
         parts, growths = comb_parts(
-            start=self._uncoupled(start),
+            start=self._pulse_place(start),
             spacing=spacing,
-            middle=self._uncoupled(middle),
+            middle=self._pulse_place(middle),
             centres=self.centres,
             heights=self.heights,
         )
@@ -130,7 +130,7 @@ class Waveform:
         """Power of the air's even light at a place, (n,) W; 0 without any."""
         return 0.0 if self.volume is None else _volume_w(self.volume, self.range_m(place), self.fwhm_s)
 
-    def _uncoupled(self, place: Lanes) -> Lanes:
+    def _pulse_place(self, place: Lanes) -> Lanes:
         """Place on the pulses without AC coupling, which moves their peaks earlier by a calibrated amount."""
         return place if self.undershoot is None else place - self.undershoot.rate
 
@@ -197,13 +197,13 @@ class Comb:
 
     def power_w(self, place: Lanes, parts: Sequence[Lanes]) -> Lanes:
         """Power at a place, (n,) W, from the parts there."""
-        wave, middle = self.wave, self.wave._uncoupled(self.middle)
-        value = even_sum(place=wave._uncoupled(place), middle=middle, parts=parts)
+        wave, middle = self.wave, self.wave._pulse_place(self.middle)
+        value = even_sum(place=wave._pulse_place(place), middle=middle, parts=parts)
         if wave.undershoot is not None:
             value = value - wave.undershoot.at(place, wave.centres)[0]
         return value if wave.volume is None else value + _volume_w(wave.volume, wave.range_m(place), wave.fwhm_s)
 
-    def following(self, parts: Sequence[Lanes]) -> tuple[Lanes, ...]:
+    def advance(self, parts: Sequence[Lanes]) -> tuple[Lanes, ...]:
         """The parts at the next place, from those at this one."""
         return tuple(part * growth for part, growth in zip(parts, self.growths, strict=True))
 
@@ -273,7 +273,7 @@ def sample_power_and_signal(pulse_train: EchoTrain, sensor: Sensor, times_s: Num
     return power, np.asarray(point.signal(received))
 
 
-def sampled_power_w(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> Numbers:
+def sample_power_w(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> Numbers:
     """Optical power over time, without the background: (n, times) W, NumPy.
 
     times_s  (times,) time since the middle of the pulse left

@@ -17,7 +17,7 @@ import numpy as np
 from ..cloud.builder import CloudBuilder
 from ..cloud.deskew import MOTION_KEPT
 from ..cloud.point_cloud import PointCloud
-from ..detection.sampled_waveforms import Waveforms, check_pulses, sampled_pulses
+from ..detection.sampled_waveforms import Waveforms, check_pulses, sample_waveforms
 from ..formats.cloud_columns import SENSOR_TO_WORLD
 from ..kernel.device import blocks, transfer
 from ..kernel.rays import kept_lanes
@@ -301,7 +301,7 @@ class Simulator:
         def train_of(first: int, count: int) -> EchoTrain:
             return self._train(current_frame, current_frame.first_pulse + first, count, seed_word)
 
-        return sampled_pulses(
+        return sample_waveforms(
             train_of, chosen, self.sensor, times_s, first_pulse=current_frame.first_pulse, seed=frame_options.seed
         )
 

@@ -161,6 +161,6 @@ class GivenAngles(Mechanism):
         return azimuth, elevation
 
 
-def in_frame(pulse: Numbers, pulses: int) -> tuple[Numbers, Numbers]:
+def split_frame(pulse: Numbers, pulses: int) -> tuple[Numbers, Numbers]:
     """Split pulse numbers into the number of the frame and of the pulse within it; 64 bits."""
     return np.divmod(np.asarray(pulse, dtype=np.int64), pulses)

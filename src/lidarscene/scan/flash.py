@@ -26,7 +26,7 @@ import numpy as np
 from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.units import FileKey, Quantity
 from ..maths.vectors import Vector
-from .base import Mechanism, in_frame
+from .base import Mechanism, split_frame
 
 LARGEST_HEIGHT = {
     "rectilinear": 50.0,
@@ -91,7 +91,7 @@ class Flash(Mechanism):
         # Twice the offset is a whole number, so the middle pixel looks exactly ahead.
         left = ops.float32(self.columns - 1 - 2 * column) * (0.5 * self.pitch)
         up = ops.float32(self.rows - 1 - 2 * row) * (0.5 * self.pitch)
-        cos, ratio, pixel = _projected(self.projection, left * left + up * up)
+        cos, ratio, pixel = _project(self.projection, left * left + up * up)
         return (cos, ratio * left, ratio * up), cos * pixel if self.falloff == "pupil_and_pixel" else cos
 
     def channel(self, pulse: Lanes) -> Lanes:
@@ -100,10 +100,10 @@ class Flash(Mechanism):
 
     def time_s(self, pulse: Numbers) -> Numbers:
         """The time of the flash, for all its pixels."""
-        return np.asarray(in_frame(pulse, self.pulses)[0] * self.frame_s)
+        return np.asarray(split_frame(pulse, self.pulses)[0] * self.frame_s)
 
 
-def _projected(projection: str, square: Lanes) -> tuple[Lanes, Lanes, Lanes]:
+def _project(projection: str, square: Lanes) -> tuple[Lanes, Lanes, Lanes]:
     """cos t, sin t / h, and the pixel's solid angle relative to the middle's, from h^2."""
     ops = xp(square)
     if projection == "rectilinear":

@@ -15,7 +15,7 @@ import numpy as np
 from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.units import FileKey, Quantity
 from ..maths.vectors import Vector
-from .base import Mechanism, in_frame
+from .base import Mechanism, split_frame
 from .mirror_optics import Mirrors
 
 
@@ -77,7 +77,7 @@ class MirrorRaster(Mechanism):
             middle = (ops.float32(2 * column + 1) / ops.float32(2 * self.columns) - 0.5) * self.line_duty
             fast: Lanes = -ops.sin(math.pi * middle)
         else:
-            fast = _ends_included(column, self.columns)
+            fast = _even_steps(column, self.columns)
         # To and fro: every second line runs backwards.
         if self.waveform != "sawtooth":
             fast = ops.where(row % 2 == 0, fast, -fast)
@@ -86,7 +86,7 @@ class MirrorRaster(Mechanism):
             within = ops.float32(column) / ops.float32(self.columns) * self.line_duty
             slow: Lanes = 1.0 - 2.0 * (ops.float32(row) + within) / ops.float32(self.rows)
         else:
-            slow = _ends_included(row, self.rows)
+            slow = _even_steps(row, self.rows)
         fast, slow = fast * self.fast_turn_rad, slow * self.slow_turn_rad
         return (fast, slow) if self.fast == "azimuth" else (slow, fast)
 
@@ -99,12 +99,12 @@ class MirrorRaster(Mechanism):
 
     def time_s(self, pulse: Numbers) -> Numbers:
         """Pulses of a line at the pulse rate; lines and frames after their pauses."""
-        frame, number = in_frame(pulse, self.pulses)
+        frame, number = split_frame(pulse, self.pulses)
         row, column = np.divmod(number, self.columns)
         return np.asarray(frame * self.frame_s + row * self.line_s + column / self.rate_hz)
 
 
-def _ends_included(number: Lanes, count: Lanes) -> Lanes:
+def _even_steps(number: Lanes, count: Lanes) -> Lanes:
     """1 to -1 in even steps, 0 for a single one. Twice the offset is a whole number, so the middle is exactly 0."""
     ops = xp(number, count)
     steps = ops.float32(count) - 1.0

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..maths.arrays import Lanes, LookupTable, Numbers, xp
-from .base import Encoder, GivenAngles, Jitter, in_frame
+from .base import Encoder, GivenAngles, Jitter, split_frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,5 +64,5 @@ class Pattern(GivenAngles):
 
     def time_s(self, pulse: Numbers) -> Numbers:
         """Times from the table."""
-        frame, row = in_frame(pulse, self.pulses)
+        frame, row = split_frame(pulse, self.pulses)
         return np.asarray(frame * self.frame_s + self.emission_s[row])

@@ -27,7 +27,7 @@ from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from ..maths.units import FileKey, Quantity, SameTable
 from ..maths.vectors import Vector, dot, reflected, weighted_sum
 from .aperture import slit_share
-from .base import Encoder, Jitter, Mechanism, Rotation, in_frame
+from .base import Encoder, Jitter, Mechanism, Rotation, split_frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,5 +167,5 @@ class Polygon(Mechanism):
 
     def time_s(self, pulse: Numbers) -> Numbers:
         """Pulses of a line at the pulse rate; each line starts when its facet arrives."""
-        line, column = in_frame(pulse, self.columns)
+        line, column = split_frame(pulse, self.columns)
         return np.asarray(line * (self.frame_s / self.facets) + column / self.rate_hz)

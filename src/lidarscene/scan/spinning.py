@@ -20,7 +20,7 @@ from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from ..maths.pose import direction_from_angles
 from ..maths.units import Quantity, SameTable
 from ..maths.vectors import Vector
-from .base import Encoder, Jitter, Mechanism, Rotation, in_frame
+from .base import Encoder, Jitter, Mechanism, Rotation, split_frame
 from .turns import Turns
 
 _TWO_PI = 2.0 * math.pi
@@ -186,13 +186,13 @@ class Spinning(Mechanism):
 
     def aperture_share(self, pulse: Lanes) -> Lanes:
         """The receiver's responsivity: it counts less of all light, as with a smaller aperture."""
-        return self._of_laser(self.responsivity, pulse)
+        return self._laser_factor(self.responsivity, pulse)
 
     def background_share(self, pulse: Lanes) -> Lanes:
         """The responsivity, times what each receiver counts of the background beside."""
-        return self._of_laser(self.responsivity, pulse) * self._of_laser(self.background_gain, pulse)
+        return self._laser_factor(self.responsivity, pulse) * self._laser_factor(self.background_gain, pulse)
 
-    def _of_laser(self, factors: LookupTable | None, pulse: Lanes) -> Lanes:
+    def _laser_factor(self, factors: LookupTable | None, pulse: Lanes) -> Lanes:
         if factors is None:
             return 1.0
         ops = xp(pulse)
@@ -215,5 +215,5 @@ class Spinning(Mechanism):
 
     def time_s(self, pulse: Numbers) -> Numbers:
         """Times from the firing table."""
-        cycle, place = in_frame(pulse, self.lasers)
+        cycle, place = split_frame(pulse, self.lasers)
         return np.asarray(cycle * self.cycle_s + self.firing_s[place])

@@ -258,7 +258,7 @@ class Sensor:
     def doubts(self) -> tuple[str, ...]:
         """Warnings about numbers that do not fit each other, a line each."""
         laser, focal_length_m = self.laser, float(self.optics.focal_length_m)
-        messages = [self._slow, silicon_doubt(self.detector, wavelength_m=laser.wavelength_m)]
+        messages = [self._bandwidth_doubt, silicon_doubt(self.detector, wavelength_m=laser.wavelength_m)]
         # A flash's beam is as wide as all of its pixels.
         if self.optics.overlap is None and not isinstance(self.scanner, Flash):
             divergence_rad = laser.mean_divergence_rad
@@ -266,7 +266,7 @@ class Sensor:
         return tuple(f"'{self.name}': {message}" for message in messages if message is not None)
 
     @property
-    def _slow(self) -> str | None:
+    def _bandwidth_doubt(self) -> str | None:
         """Warning, one line, that the amplifier is too slow for the pulse; None if it is not."""
         cutoff_mhz, fwhm_ns = 1e-6 * float(self.cutoff_hz), 1e9 * float(self.laser.pulse_fwhm_s)
         needed_mhz = 1e3 * PULSE_BANDWIDTH / fwhm_ns

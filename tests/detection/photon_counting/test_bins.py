@@ -83,7 +83,7 @@ def drawn_and_expected(counter, light_of, place_m, *, count=10_000):
     bin_s, reach = counter.histogram.bin_s, counter.histogram.reach
     first = 2.0 * np.floor(0.5 * (np.floor(time_s / bin_s) - reach))
     start = place + (first * bin_s + 0.5 * bin_s - time_s) / bins.pixel.sigma_s
-    drawn = bins._draw_counts(first, start, bins._blind(start, first * bin_s, time_s), place)
+    drawn = bins._draw_counts(first, start, bins._blind_shares(start, first * bin_s, time_s), place)
     whole = histograms(light_of(1), counter, seed=3, pulse=np.zeros(1, dtype=np.uint32)).expected[0]
     return np.mean(drawn, axis=1), whole[int(first[0]) : int(first[0]) + len(drawn)]
 

@@ -10,7 +10,7 @@ from scipy.special import erf
 
 from lidarscene.detection import multi_echo
 from lidarscene.detection.pulses.echo_memory import Residue
-from lidarscene.detection.sampled_waveforms import sampled_with_memory
+from lidarscene.detection.sampled_waveforms import sample_with_memory
 from lidarscene.kernel.device import transfer
 from lidarscene.light.waveform import sample_power_and_signal
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
@@ -153,7 +153,7 @@ def test_the_signal_of_a_waveform_is_the_mean_count(background_w):
     light = train(range_m[None], np.array([powers]), background_w=background_w)
     # The count of a step is at its end.
     at = time_s + 2.0 * 30.0 / SPEED_OF_LIGHT_M_S
-    _, (signal,) = sampled_with_memory(light, equipped, at)
+    _, (signal,) = sample_with_memory(light, equipped, at)
     np.testing.assert_allclose(signal, count.mean(axis=0), atol=2.2)
     _, (forgetful,) = sample_power_and_signal(light, equipped, at)
     assert np.abs(forgetful - signal).max() > 50.0
@@ -291,7 +291,7 @@ def test_the_signal_of_a_waveform_counts_avalanches_that_others_cause(keys, aval
         for range_m in (30.0, 0.0):
             light = train(np.full((1, 1), range_m), np.full((1, 1), 1e-10), background_w=1e-16)
             after_s = np.linspace(-10e-9, 600e-9, 20_001) + 2.0 * range_m / SPEED_OF_LIGHT_M_S
-            areas.append(np.trapezoid(sampled_with_memory(light, equipped, after_s)[1][0], after_s))
+            areas.append(np.trapezoid(sample_with_memory(light, equipped, after_s)[1][0], after_s))
     assert areas[1] == pytest.approx(areas[0], rel=0.02)
     assert areas[3] == pytest.approx(areas[2], rel=0.02)
     assert areas[2] / areas[0] == pytest.approx(avalanches, rel=0.02)
@@ -304,7 +304,7 @@ def test_the_signal_of_a_clipped_waveform_drains():
     light = train(np.full((1, 1), 30.0), np.full((1, 1), float(np.ravel(point.power_w(5e-3))[0])))
     released_s = SIGMA_S * math.sqrt(2.0 * math.log(100.0)) + 2.0 * 30.0 / SPEED_OF_LIGHT_M_S
     since_s = np.array([100e-9, 120e-9, 160e-9])
-    _, (signal,) = sampled_with_memory(light, equipped, released_s + since_s)
+    _, (signal,) = sample_with_memory(light, equipped, released_s + since_s)
     np.testing.assert_allclose(signal, 5e-3 * np.exp(-since_s / 20e-9), rtol=0.03)
 
 

@@ -94,7 +94,7 @@ def test_quantisation_noise():
     gain = math.sqrt(1e9 * math.sqrt(math.pi) * SIGMA_S)
     assert amplitude.std() == pytest.approx(noise / snr / gain, rel=0.1)
     steps = np.random.default_rng(2).uniform(-50.0, 50.0, 1_000_000)
-    error = sampling.quantised(signal=steps, step=1.0, full_scale=100.0) - steps
+    error = sampling.quantise(signal=steps, step=1.0, full_scale=100.0) - steps
     assert error.std() == pytest.approx(sampling.quantisation_noise(step=1.0), rel=2e-3)  # 1e6 errors: 1e-3 / sqrt(2)
 
 

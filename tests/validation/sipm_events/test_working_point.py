@@ -208,8 +208,8 @@ def test_light_with_crosstalk_and_back():
     """The inverse of (T20c), and its limits: 1 / (1 - p) of weak light, all cells of strong light."""
     state = {"pde": 0.22, "cells": 400.0, "ready_share": 0.8, "crosstalk": 0.3}
     photons = np.geomspace(0.01, 2e4, 40)
-    spread = sipm.with_crosstalk(photons=photons, **state)
-    np.testing.assert_allclose(sipm.without_crosstalk(photons=spread, **state), photons, rtol=1e-6)
+    spread = sipm.add_crosstalk(photons=photons, **state)
+    np.testing.assert_allclose(sipm.remove_crosstalk(photons=spread, **state), photons, rtol=1e-6)
     assert spread[0] / photons[0] == pytest.approx(1.0 / (1.0 - 0.3 * 0.8), rel=1e-4)
     assert spread[-1] - photons[-1] == pytest.approx(0.3 * 0.8 * 400.0 / 0.22, rel=1e-4)
     many = sipm.busy_share_correlated(

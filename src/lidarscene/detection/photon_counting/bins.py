@@ -111,9 +111,9 @@ class Bins:
         middle = ops.floor(time_s / bin_s)
         first = 2.0 * ops.floor(0.5 * (middle - reach))
         start = place + (first * bin_s + 0.5 * bin_s - time_s) / pixel.sigma_s
-        counts = self._draw_counts(first, start, self._blind(start, first * bin_s, time_s), place)
+        counts = self._draw_counts(first, start, self._blind_shares(start, first * bin_s, time_s), place)
         background = pixel.count_rate_hz * bin_s
-        values = self._filtered(counts, background)
+        values = self._filter_counts(counts, background)
         least = reach - search - 1
         best, peak_bin = values[1], 0.0 * place + (least + 1.0)
         before, after = values[0], values[2]
@@ -123,13 +123,13 @@ class Bins:
             best, peak_bin = ops.where(better, values[k], best), ops.where(better, float(least + k), peak_bin)
         rising = (before > best) | (after > best)
         if histogram.estimator == "matched_filter":
-            peak_bin = peak_bin + self._between(before, best, after)
+            peak_bin = peak_bin + self._peak_offset(before, best, after)
         else:
             peak_bin = peak_bin + self._centroid(counts, background, peak_bin)
         photons = self._photons(counts, background, peak_bin)
         return Peak(value=best, time_s=(first + peak_bin + 0.5) * bin_s, photons=photons, rising=rising)
 
-    def _blind(self, start: Lanes, time_s: Lanes, echo_s: Lanes) -> _Blind:
+    def _blind_shares(self, start: Lanes, time_s: Lanes, echo_s: Lanes) -> _Blind:
         """Shares of SPADs that are blind at the first bin, fired by the background, by nearer echoes and by the air.
 
         start, time_s  place and time of flight of that bin
@@ -200,14 +200,14 @@ class Bins:
             for word in words:
                 place = start + state.number * (bin_s / pixel.sigma_s)
                 light = comb.power_w(place, state.parts) * (pixel.per_watt * bin_s)
-                free = self._free(state, blind)
-                firings, counts = self._bin(free, light, random.open_uniform(word))
+                free = self._free_trials(state, blind)
+                firings, counts = self._draw_bin(free, light, random.open_uniform(word))
                 index = ops.int32(state.number)
                 room = ops.put(state.firings, index, firings)
                 state = _DrawState(
                     number=state.number + 1.0,
                     fired=self._still_blind(state, room, firings),
-                    parts=comb.following(state.parts),
+                    parts=comb.advance(state.parts),
                     firings=room,
                     counts=None if state.counts is None else ops.put(state.counts, index, counts),
                 )
@@ -217,7 +217,7 @@ class Bins:
         counts = final.firings if final.counts is None else final.counts
         return [ops.get(counts, ops.full(first, i)) for i in range(count)]
 
-    def _free(self, state: _DrawState, blind: _Blind) -> Lanes:
+    def _free_trials(self, state: _DrawState, blind: _Blind) -> Lanes:
         """Number of trials that meet a free SPAD in the next bin, (n,)."""
         pixel, ops = self.pixel, self.ops
         whole = pixel.trials if pixel.spad.coincidence == 1 else 1.0
@@ -242,7 +242,7 @@ class Bins:
         age = state.number + 0.5 - pixel.spad.dead_time_s / pixel.histogram.bin_s
         late = ops.floor(age)
 
-        def freed() -> Lanes:
+        def revived() -> Lanes:
             total = 0.0 * new
             for index, share in ((late, 1.0 - (age - late)), (late + 1.0, age - late)):
                 inside = (index >= 0.0) & (index <= state.number)
@@ -251,9 +251,9 @@ class Bins:
             return total
 
         # Most bins are nearer to the first one than a dead time.
-        return blind - ops.where_any(late >= -1.0, freed, 0.0 * new)
+        return blind - ops.where_any(late >= -1.0, revived, 0.0 * new)
 
-    def _bin(self, free: Lanes, light: Lanes, uniform: Lanes) -> tuple[Lanes, Lanes]:
+    def _draw_bin(self, free: Lanes, light: Lanes, uniform: Lanes) -> tuple[Lanes, Lanes]:
         """Draw the firings of one bin and its counts, (n,) each.
 
         free     trials that meet a free SPAD
@@ -274,7 +274,7 @@ class Bins:
         coincidence = dead_time.coincidence_share(least=spad.coincidence, spads=spad.spads, share=free * share)
         return free * share, draws.binomial_count(trials=pixel.trials, probability=coincidence, uniform=uniform)
 
-    def _filtered(self, counts: list[Lanes], background: Lanes) -> list[Lanes]:
+    def _filter_counts(self, counts: list[Lanes], background: Lanes) -> list[Lanes]:
         """Filter the counts: values above the background at the searched bins and beside them, (n,) each; (T95)."""
         pixel, ops = self.pixel, self.ops
         reach, search = pixel.histogram.reach, pixel.histogram.search
@@ -290,7 +290,7 @@ class Bins:
             values.append(value - total * background)
         return values
 
-    def _between(self, before: Lanes, best: Lanes, after: Lanes) -> Lanes:
+    def _peak_offset(self, before: Lanes, best: Lanes, after: Lanes) -> Lanes:
         """Place of the peak in bins from the highest value: of the Gaussian through it and its neighbours."""
         ops = self.ops
         least = ops.maximum(_LEAST * best, 1e-20)

@@ -147,7 +147,7 @@ class _Receiver(Shots):
         return xp(self.light.origin_m)
 
     @property
-    def _several(self) -> bool:
+    def _several_peaks(self) -> bool:
         """True if the light may have more than one peak."""
         return len(self.filtered.centres) > 1 or self.filtered.volume is not None
 
@@ -173,7 +173,7 @@ class _Receiver(Shots):
             highest_w=zero,
             stops=(empty,) * self.sensor.tdc.stops,
         )
-        if self._several:
+        if self._several_peaks:
             return visit_all(self.filtered, self._visit, start)
         # The only echo is the only peak.
         power = self.filtered.heights[0]
@@ -197,16 +197,16 @@ class _Receiver(Shots):
         background = self.train.background_power_w
         pixel = sensor.pixel(background, range_m=range_m)
         point = sensor.working_point(background, range_m=range_m)
-        threshold = self._met_by_echo(point, place, power_w)
+        threshold = self._echo_threshold(point, place, power_w)
         detections = pixel.detections(lone_w)
         early = pixel.sigma_s * pile_up.shift(detections=detections)
         bins = Bins(pixel=pixel, wave=self.light, seed=self.seed, pulse=self.pulse)
         peak = bins.highest(place * matched_filter.OUTPUT_WIDTH + early / pixel.sigma_s, arrival_s + early)
         tripped = exists & (peak.value >= threshold)
-        if self._several:
+        if self._several_peaks:
             tripped = tripped & ~peak.rising
         time_s = peak.time_s - self._walk_s(pixel, peak.photons, point.largest)
-        time_s = tdc.quantised(
+        time_s = tdc.quantise(
             time_s=ops.maximum(time_s, 0.0), least_significant_bit_s=converter.least_significant_bit_s
         )
         accepted = (
@@ -214,7 +214,9 @@ class _Receiver(Shots):
         )
         source, true_range, status = self._source(place)
         # The only echo's are those of the pulse, which `detection` needs in any case.
-        snr, probability = self._expected(place, power_w) if self._several else (0.0 * place, 0.0 * place)
+        snr, probability = (
+            self._expected_detection(place, power_w) if self._several_peaks else (0.0 * place, 0.0 * place)
+        )
         stop = _Stop(
             key=ops.where(accepted, self._key(time_s, peak.value), _EMPTY),
             time_s=time_s,
@@ -235,14 +237,14 @@ class _Receiver(Shots):
             stops=_insert(state.stops, stop),
         )
 
-    def _expected(self, place: Lanes, power_w: Lanes) -> tuple[Lanes, Lanes]:
+    def _expected_detection(self, place: Lanes, power_w: Lanes) -> tuple[Lanes, Lanes]:
         """SNR and P_d of a peak of the light behind the filter, (n,) each."""
         point = self.sensor.working_point(self.train.background_power_w, range_m=self.filtered.range_m(place))
         signal = self._signal(point, power_w)
         threshold = self.sensor.threshold(point) - self._gain_of_breadth(point, place, power_w)
         return signal / point.noise, point.detection_probability(threshold, signal, 0.0)
 
-    def _met_by_echo(self, point: WorkingPoint, place: Lanes, power_w: Lanes) -> Lanes:
+    def _echo_threshold(self, point: WorkingPoint, place: Lanes, power_w: Lanes) -> Lanes:
         """Draw the threshold for a peak of the filtered light, (n,)."""
         assert point.beyond_law is not None
         level, signal = self.sensor.threshold(point), self._signal(point, power_w)
@@ -255,7 +257,7 @@ class _Receiver(Shots):
 
     def _gain_of_breadth(self, point: WorkingPoint, place: Lanes, power_w: Lanes) -> Lanes:
         """Photons that noise gains on the broad peak of echoes that merge behind the filter, (n,) (T98a)."""
-        if not self._several:
+        if not self._several_peaks:
             return 0.0
         ops, signal = self.ops, self._signal(point, power_w)
         return matched_filter.gain_of_breadth(
@@ -351,7 +353,9 @@ class _Receiver(Shots):
         ops = self.ops
         # The search passes no derivatives on, so the light of the highest peak is evaluated once more.
         lit = state.highest_w > 0.0
-        snr, probability = self._expected(state.highest, ops.where(lit, self.filtered.at(state.highest)[0], 0.0))
+        snr, probability = self._expected_detection(
+            state.highest, ops.where(lit, self.filtered.at(state.highest)[0], 0.0)
+        )
         snr, probability = ops.where(lit, snr, 0.0), ops.where(lit, probability, 0.0)
         reported, has_echo = [], ops.full(self.light.origin_m, False)
         for stop in stops:
@@ -368,8 +372,10 @@ class _Receiver(Shots):
                     range_m=range_m,
                     amplitude=amplitude,
                     intensity=value,
-                    snr=stop.snr if self._several else ops.where(of_echo, snr, 0.0),
-                    detection_probability=stop.probability if self._several else ops.where(of_echo, probability, 0.0),
+                    snr=stop.snr if self._several_peaks else ops.where(of_echo, snr, 0.0),
+                    detection_probability=stop.probability
+                    if self._several_peaks
+                    else ops.where(of_echo, probability, 0.0),
                     source=stop.source,
                     true_range_m=stop.true_range_m,
                     photons=amplitude,

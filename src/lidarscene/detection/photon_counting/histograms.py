@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...light.echoes import EchoTrain
-from ...light.waveform import sampled_power_w
+from ...light.waveform import sample_power_w
 from ...maths import random
 from ...maths.arrays import Numbers
 from ...maths.random import Stage
@@ -56,7 +56,7 @@ def histograms(train: EchoTrain, sensor: Sensor, *, seed: int, pulse: Numbers) -
     # An echo is as wide as pulse and jitter; sums over the steps of a bin make it as wide as in the histogram.
     width_s = np.sqrt(pixel.sigma_s**2 - bin_s**2 / 12.0)
     spread, narrow = broaden(light, sensor, width_s)
-    power = sampled_power_w(spread, narrow, times)
+    power = sample_power_w(spread, narrow, times)
     once = spad.stamps == "first"
     background = np.asarray(pixel.rate_hz) + np.zeros((len(pulse), 1))
     rate = power * pixel.per_watt + background

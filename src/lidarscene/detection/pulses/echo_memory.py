@@ -92,7 +92,7 @@ def find_residue(shots: Received, rise: Rise, memory: Memory) -> Residue | None:
     cells = point.memory
     lag_s = sipm_response.peak_lag_s(pulse_fwhm_s=shots.sensor.laser.pulse_fwhm_s, dead_time_s=cells.dead_time_s)
     floor, held, missing = (
-        sum(_busy(shots, cells, echo, place) for echo in memory)
+        sum(_busy_cells(shots, cells, echo, place) for echo in memory)
         for place in (foot, rise.peak + lag_s / shots.sigma_s, rise.peak)
     )
     # Never none at all: a working point is solved for the light.
@@ -137,7 +137,7 @@ def update_memory(shots: Received, rise: Rise, signal: Lanes, residue: Residue |
     )
 
 
-def _busy(shots: Received, cells: CellMemory, echo: Earlier, place: Lanes) -> Lanes:
+def _busy_cells(shots: Received, cells: CellMemory, echo: Earlier, place: Lanes) -> Lanes:
     """Cells above the background's count that an earlier echo leaves at a place, (n,); theory (T45b)."""
     return echo.amount * sipm_response.residual_busy(
         age_s=(place - echo.place) * shots.sigma_s,

@@ -38,17 +38,17 @@ def fall(shots: Received, rise: Rise, trip: Trip, level: Lanes, since: Lanes, ma
     level  (n,) noiseless signal
     since  (n,) place where the waveform is still above the level: the peak, or a place behind it
 
-    Returns a second place, that of `_falling` for the light itself.
+    Returns a second place, that of `_find_fall` for the light itself.
     """
     ops, point = shots.ops, shots.point
     below = mask & (level < trip.signal)
-    end, near = _falling(shots, ops.where(below, point.power_w(level), 1.0), rise, since, below)
+    end, near = _find_fall(shots, ops.where(below, point.power_w(level), 1.0), rise, since, below)
     if point.saturation is not None and point.recovery_s is not None:
         # A clipped amplifier drains from where the light falls back to the clipping level, and may hold the output
         # above the level for longer than the light does (T45).
         clipped = below & (trip.signal > point.saturation)
         clipped_w = ops.where(clipped, point.power_w(point.saturation), 1.0)
-        released, _ = _falling(shots, clipped_w, rise, rise.peak, clipped)
+        released, _ = _find_fall(shots, clipped_w, rise, rise.peak, clipped)
         end = saturation.held_until(
             fall_s=end,
             released_s=released,
@@ -99,7 +99,7 @@ class _Foot:
     walking: Mask
 
 
-def _falling(shots: Received, level_w: Lanes, rise: Rise, since: Lanes, mask: Mask) -> tuple[Lanes, Lanes]:
+def _find_fall(shots: Received, level_w: Lanes, rise: Rise, since: Lanes, mask: Mask) -> tuple[Lanes, Lanes]:
     """Place behind a peak at which the waveform falls to a level, (n,).
 
     level_w  (n,) optical power

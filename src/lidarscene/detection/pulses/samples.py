@@ -40,7 +40,7 @@ class Window:
     base: Lanes
 
     @classmethod
-    def around(cls, shots: Received, adc: Adc, rise: Rise, place: Lanes, base: Lanes) -> Window:
+    def from_crossing(cls, shots: Received, adc: Adc, rise: Rise, place: Lanes, base: Lanes) -> Window:
         """The window that begins one pulse width before a crossing, on the ticks of the ADC's clock."""
         spacing = 1.0 / (adc.rate_hz * shots.sigma_s)
         # The clock starts with the pulse, so an echo falls anywhere between two ticks. The first sample is the next
@@ -77,31 +77,31 @@ class Window:
             # (T26a), and sqrt(1 - r^2) of a fresh one keeps its variance at 1.
             deviate = ops.where(number == 0, fresh_deviate, correlation * so_far.deviate + fresh * fresh_deviate)
             signal = shots.point.signal(comb.power_w(self.place(number), so_far.parts))
-            sample = sampling.quantised(
+            sample = sampling.quantise(
                 signal=shots.point.measured(signal + deviate * shots.noise_at(signal)),
                 step=adc.step,
                 full_scale=adc.full_scale,
             )
             samples = ops.put(so_far.samples, number, sample - self.base)
-            return _Sampled(deviate=deviate, samples=samples, parts=comb.following(so_far.parts))
+            return _Sampled(deviate=deviate, samples=samples, parts=comb.advance(so_far.parts))
 
         zero = ops.full(self.start, 0.0)
         start = _Sampled(deviate=zero, samples=ops.room(self.start, adc.room), parts=tuple(comb.parts))
-        return self._for_each(step, start, mask).samples
+        return self._loop(step, start, mask).samples
 
-    def _for_each(self, step: Callable[[Lanes, S], S], state: S, mask: Mask) -> S:
+    def _loop(self, step: Callable[[Lanes, S], S], state: S, mask: Mask) -> S:
         """Run ``step(number, state) -> state`` over all samples in order of time; returns the last state."""
         samples = self.adc.samples
 
         def active(loop_state: tuple[Lanes, S]) -> Mask:
             return mask & (loop_state[0] < samples)
 
-        def stepped(loop_state: tuple[Lanes, S]) -> tuple[Lanes, S]:
+        def next_sample(loop_state: tuple[Lanes, S]) -> tuple[Lanes, S]:
             number, so_far = loop_state
             return number + 1, step(number, so_far)
 
         start: tuple[Lanes, S] = self.shots.ops.full(self.rise.number, 0), state
-        return self.shots.ops.loop(start, active, stepped)[1]
+        return self.shots.ops.loop(start, active, next_sample)[1]
 
     def centroid(self, samples: Array, mask: Mask) -> _Centroid:
         """Sums over the first run of samples above the threshold.
@@ -125,9 +125,9 @@ class Window:
             )
 
         empty = _Centroid(total=zero, moment=zero, count=count, highest=zero, closed=ops.full(self.start, False))
-        return self._for_each(step, empty, mask)
+        return self._loop(step, empty, mask)
 
-    def matched(self, samples: Array, centre: Lanes, mask: Mask) -> tuple[Lanes, Lanes]:
+    def newton_step(self, samples: Array, centre: Lanes, mask: Mask) -> tuple[Lanes, Lanes]:
         """One step of Newton's method towards the maximum of the correlation sum_i s_i g(t_i - t).
 
         centre  (n,) place from which the step is taken
@@ -149,7 +149,7 @@ class Window:
             )
 
         empty = _Correlation(slope=zero, bend=zero, height=zero, power=zero)
-        correlation = self._for_each(step, empty, mask)
+        correlation = self._loop(step, empty, mask)
         # Near a maximum the second derivative is negative; ``bend`` is its negative. Where it is too small for a
         # sensible step, and beyond half a sigma_p, the step is not trusted.
         curved = correlation.bend > 0.1 * ops.abs(correlation.height)

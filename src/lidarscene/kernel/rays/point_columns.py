@@ -21,7 +21,7 @@ import numpy as np
 from ...detection.outcomes import Outcome, Status
 from ...detection.returns import Detection
 from ...formats.cloud_columns import OF_VECTORS
-from ...light.beams import reported
+from ...light.beams import reported_beams
 from ...light.hits import Hits
 from ...maths.arrays import Array, Lanes, Numbers, inverse, is_drjit
 from ...sensor.sensor_model import Sensor
@@ -172,7 +172,7 @@ def point_columns(
     face, status = ends.face, of_stop("status")
     # Computed from the pulse's number again, by the functions that fired it: cheaper than to keep what all pulses had.
     azimuth, elevation = sensor.scanner.angles(of_pulse)
-    beams = reported(sensor, pulse=of_pulse, origin_m=shift, rotation=turn)
+    beams = reported_beams(sensor, pulse=of_pulse, origin_m=shift, rotation=turn)
     body = _look_up(world.face_body, face)
     class_id = _look_up(world.body_class, body)
     true_range = ends.get("range_m") if source is None else of_stop("true_range_m")

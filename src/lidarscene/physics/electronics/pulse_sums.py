@@ -104,7 +104,7 @@ def highest_between(evaluate: Callable[[Lanes], Shape], low: Lanes, high: Lanes,
     """
 
     def uphill(shape: Shape) -> tuple[Lanes, Lanes]:
-        _, slope, bend = _relative(shape)
+        _, slope, bend = _relative_shape(shape)
         return -slope, slope * slope - bend
 
     return _root(evaluate, uphill, low, high, 0.5 * (low + high), mask)
@@ -114,7 +114,7 @@ def lowest_between(evaluate: Callable[[Lanes], Shape], low: Lanes, high: Lanes, 
     """Valley of the waveform between two places, as `highest_between`: slope negative, then positive."""
 
     def downhill(shape: Shape) -> tuple[Lanes, Lanes]:
-        _, slope, bend = _relative(shape)
+        _, slope, bend = _relative_shape(shape)
         return slope, bend - slope * slope
 
     return _root(evaluate, downhill, low, high, 0.5 * (low + high), mask)
@@ -144,7 +144,7 @@ def crossing(
 
     def above(shape: Shape) -> tuple[Lanes, Lanes]:
         # The logarithm of a Gaussian edge is a parabola, on which Newton's method converges from far away.
-        value, slope, _ = _relative(shape)
+        value, slope, _ = _relative_shape(shape)
         return side * (ops.log(value) - log_level), side * slope
 
     # First guess: a Gaussian with the peak's height and curvature, which is exact for a lone pulse.
@@ -155,7 +155,7 @@ def crossing(
     return _root(evaluate, above, ops.minimum(far, near), ops.maximum(far, near), guess, mask)[0]
 
 
-def _relative(shape: Shape) -> Shape:
+def _relative_shape(shape: Shape) -> Shape:
     """The value, kept above zero, and slope and second derivative divided by it."""
     value, slope, bend = shape
     positive = xp(value).maximum(value, 1e-37)

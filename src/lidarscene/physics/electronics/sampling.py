@@ -104,7 +104,7 @@ def fraction_deviation(
     return ops.sqrt(variance) / (fraction * ops.sqrt(-2.0 * ops.log(fraction)))
 
 
-def quantised(*, signal: Lanes, step: Lanes, full_scale: Lanes) -> Lanes:
+def quantise(*, signal: Lanes, step: Lanes, full_scale: Lanes) -> Lanes:
     """Nearest multiple of the converter's step, at most full scale. The error has the deviation step / sqrt(12)."""
     ops = xp(signal, step, full_scale)
     return ops.minimum(ops.rint(signal / step) * step, full_scale)

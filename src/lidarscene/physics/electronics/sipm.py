@@ -222,7 +222,7 @@ def firing_deviation(*, busy_share: Lanes, crosstalk: Lanes) -> Lanes:
     return ready * xp(succeeds).sqrt(1.0 - succeeds * succeeds) / (1.0 - succeeds * ready)
 
 
-def with_crosstalk(*, photons: Lanes, pde: Lanes, cells: Lanes, ready_share: Lanes, crosstalk: Lanes) -> Lanes:
+def add_crosstalk(*, photons: Lanes, pde: Lanes, cells: Lanes, ready_share: Lanes, crosstalk: Lanes) -> Lanes:
     """Photons of a flash that would fire without crosstalk as many cells as these do with it, theory (T20c).
 
     ready_share  of all cells before the flash
@@ -240,8 +240,8 @@ def with_crosstalk(*, photons: Lanes, pde: Lanes, cells: Lanes, ready_share: Lan
     return (start - logarithm) * cells / pde
 
 
-def without_crosstalk(*, photons: Lanes, pde: Lanes, cells: Lanes, ready_share: Lanes, crosstalk: Lanes) -> Lanes:
-    """`with_crosstalk` solved for the photons: Y = Y' - p f_0 (1 - exp(-Y'))."""
+def remove_crosstalk(*, photons: Lanes, pde: Lanes, cells: Lanes, ready_share: Lanes, crosstalk: Lanes) -> Lanes:
+    """`add_crosstalk` solved for the photons: Y = Y' - p f_0 (1 - exp(-Y'))."""
     return photons - crosstalk * ready_share * fired_share(photons=photons, pde=pde, cells=cells) * cells / pde
 
 

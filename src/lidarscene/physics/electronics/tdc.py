@@ -135,7 +135,7 @@ def crossing_level(*, threshold: Lanes, noise: Lanes, kappa_1: Lanes, kappa_2: L
     return ops.maximum(level, 1e-3 * threshold)
 
 
-def quantised(*, time_s: Lanes, least_significant_bit_s: Lanes) -> Lanes:
+def quantise(*, time_s: Lanes, least_significant_bit_s: Lanes) -> Lanes:
     """Time rounded to the converter's step; a step of zero leaves it unchanged."""
     ops = xp(time_s, least_significant_bit_s)
     step = ops.where(least_significant_bit_s > 0.0, least_significant_bit_s, 1.0)

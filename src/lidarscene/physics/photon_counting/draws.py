@@ -52,10 +52,10 @@ def binomial_count(*, trials: Lanes, probability: Lanes, uniform: Lanes, log_non
     state = add_terms((first_count, term, term), 1, _FIRST_TERMS)
     count, _, _ = ops.where_any(few & (uniform > state[2]), lambda: add_terms(state, _FIRST_TERMS, _TERMS), state)
     few_count: Lanes = ops.minimum(count, trials)
-    return ops.where_any(~few, lambda: _many(trials, p, uniform), few_count)
+    return ops.where_any(~few, lambda: _large_count(trials, p, uniform), few_count)
 
 
-def _many(trials: Lanes, p: Lanes, uniform: Lanes) -> Lanes:
+def _large_count(trials: Lanes, p: Lanes, uniform: Lanes) -> Lanes:
     """The count if its mean is not small, (n,): Cornish and Fisher to the kurtosis, rounded to a whole number."""
     # Rounding adds 1 / 12 to the variance, so it is taken off before (Sheppard).
     ops = xp(trials, p, uniform)

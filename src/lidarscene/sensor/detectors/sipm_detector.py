@@ -150,7 +150,7 @@ class Sipm:
         def at_peak(photons: Lanes) -> Lanes:
             photons = photons * captured
             if crosstalk is not None:
-                photons = sipm.with_crosstalk(
+                photons = sipm.add_crosstalk(
                     photons=photons, ready_share=1.0 - busy_share, crosstalk=crosstalk, **cells
                 )
             return sipm_response.peak_photons(photons=photons, **state) if in_time else photons
@@ -159,7 +159,7 @@ class Sipm:
             if in_time:
                 photons = sipm_response.captured_for_peak(photons=photons, **state)
             if crosstalk is not None:
-                photons = sipm.without_crosstalk(
+                photons = sipm.remove_crosstalk(
                     photons=photons, ready_share=1.0 - busy_share, crosstalk=crosstalk, **cells
                 )
             return photons / captured

@@ -187,7 +187,7 @@ class Macropixel:
     def count_share(self) -> Lanes:
         """Mean background counts of one trial in one bin; at most one of each SPAD fits into a bin."""
         # SPADs that come alive within the bin count too: firings renew themselves at the rate a lambda throughout.
-        return self._coincident(self.free * self.rate_hz * self.histogram.bin_s)
+        return self._coincidence_probability(self.free * self.rate_hz * self.histogram.bin_s)
 
     @property
     def count_rate_hz(self) -> Lanes:
@@ -250,7 +250,7 @@ class Macropixel:
         for k in range(-self.histogram.reach, self.histogram.reach + 1):
             light = detections * density * ops.exp(-0.5 * (k * step) * (k * step))
             share = before * dead_time.firing_share(detections=light + background)
-            total = total + self._coincident(share) - dark
+            total = total + self._coincidence_probability(share) - dark
             before = before * ops.exp(-light)
         return self.trials * ops.maximum(total, 0.0)
 
@@ -276,7 +276,7 @@ class Macropixel:
         )
         return ops.exp(0.5 * (low + high)) / unit
 
-    def _coincident(self, share: Lanes) -> Lanes:
+    def _coincidence_probability(self, share: Lanes) -> Lanes:
         """Probability of a count of one trial from that of one SPAD."""
         if self.spad.coincidence == 1:
             return share
