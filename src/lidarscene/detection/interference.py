@@ -45,7 +45,7 @@ class Assigned:
 
 
 def crossings(shots: Shots, sources: tuple[Interference, ...]) -> tuple[Crossings, ...]:
-    """The crossings that each other lidar causes.
+    """Compute the crossings that each other lidar causes.
 
     The receiver's noise is neglected: it is small against the spread of the peaks (docs/theory_light.md 19).
     """

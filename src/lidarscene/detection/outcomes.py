@@ -1,7 +1,7 @@
 """Causes of points and outcomes of pulses.
 
 Files, clouds and summaries need these names without the electronics behind them, so they stand alone: `lidarscene -h`
-knows the formats of clouds, and loads no detector.
+lists the formats of clouds without loading a detector.
 """
 
 from __future__ import annotations

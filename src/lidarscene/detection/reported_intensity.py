@@ -1,8 +1,8 @@
-"""Intensity: an amplitude and its range to the number that the sensor's maker would report.
+"""Reported intensity: convert amplitude and range to the number that the sensor's maker would report.
 
-Makers do not report the amplitude itself but a calibrated number, often a reflectivity from 0 to 255. The sensor knows
-its own optics and background, so it can compute the power from the amplitude; it knows neither the air nor the angle of
-the surface, so neither is corrected (docs/theory_receivers.md 21).
+Makers do not report the amplitude itself but a calibrated number, often a reflectivity from 0 to 255. A sensor's optics
+and background are known, so the power follows from the amplitude. The air and the angle of the surface are not known,
+so neither is corrected (docs/theory_receivers.md 21).
 """
 
 from __future__ import annotations

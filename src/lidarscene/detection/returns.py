@@ -168,7 +168,7 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Dete
 
 
 def _edge(shots: Shots, echoes: Echoes) -> _Edge:
-    """The edge of a single Gaussian echo, in closed form; theory (T24) to (T26)."""
+    """Compute the edge of a single Gaussian echo in closed form; theory (T24) to (T26)."""
     ops, sensor = xp(echoes.range_m), shots.sensor
     fwhm = sensor.received_fwhm_s
     trip = comparator.trip(shots, echoes.peak_power_w)

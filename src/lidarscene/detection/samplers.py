@@ -74,8 +74,8 @@ def _read_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, p
     The width at the highest level that tripped gives the amplitude, theory (T54). The width at the threshold gives the
     walk: the middle of both crossings is the peak of a symmetric pulse, whatever its height.
 
-    Where other light holds a level high before the pulse or behind it, that level says nothing of the pulse: the lowest
-    one that both edges pass takes its place. Without any, the pulse is read as the TDC alone reads it.
+    Other light may hold a level high before or behind the pulse. Such a level carries no information on the pulse, and
+    the lowest level that both edges pass replaces it. If there is none, the pulse is measured as by a TDC alone.
     """
     # One deviate stands for the whole leading edge, at all levels; another for the trailing edge, correlated with the
     # first (T26a). So the levels cannot contradict each other.
@@ -122,8 +122,8 @@ def _read_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, p
     )
     amplitude: Lanes = ops.where(highest.reached, point.signal(ops.where(highest.reached, power, 0.0)), shots.threshold)
     if shots.wave.volume is not None:
-        # The air's light lasts longer than any pulse, and a width says too much of it. It did not reach the next level;
-        # above the highest one another is assumed, as far from it as that is from the one before.
+        # The air's light lasts longer than any pulse, so its width overestimates its power. The next level, which it
+        # did not reach, is an upper bound. Above the highest level another one at the same ratio is assumed.
         levels = sampler.levels
         following = (*levels[1:], levels[-1] * levels[-1] / levels[-2])
         for factor, after in zip(levels, following, strict=True):
@@ -187,12 +187,12 @@ class _Level:
         return cls(level=level, up=up, down=down, reached=reached)
 
     def restrict(self, least: Lanes, foot: Lanes) -> _Level:
-        """The level, reached only if it is at least this one and above the light behind the pulse."""
+        """Restrict the level to pulses for which it is at least ``least`` and above the light behind the pulse."""
         reached = self.reached & (self.level >= least * (1.0 - 1e-6)) & (self.level > foot)
         return replace(self, reached=reached)
 
     def or_if_reached(self, other: _Level) -> _Level:
-        """The other level where the pulse reaches it, else this one."""
+        """Select the other level where the pulse reaches it, else this one."""
         ops = xp(self.up)
         return _Level(
             level=ops.where(other.reached, other.level, self.level),

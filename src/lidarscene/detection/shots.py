@@ -51,7 +51,7 @@ class Received(Shots):
 
     @property
     def ops(self) -> Ops:
-        """The array functions for these arrays, NumPy's or Dr.Jit's."""
+        """Array functions of the arrays' kind, NumPy's or Dr.Jit's."""
         return xp(self.wave.origin_m)
 
     @property

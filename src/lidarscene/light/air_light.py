@@ -194,7 +194,7 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
 def _least_strength(sensor: Sensor) -> float:
     """Strength of the weakest particle that trips the comparator alone, without background.
 
-    Without background the threshold is lowest, so no background asks for weaker particles than this.
+    Without background the threshold is lowest, so no background requires weaker particles than this.
     """
     # Backwards through the electronics: from the threshold to the optical power that just reaches it.
     point = sensor.working_point(np.zeros(1))

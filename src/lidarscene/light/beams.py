@@ -1,6 +1,6 @@
 """Beams: the rays along which pulses leave a sensor.
 
-A sensor does not know its own pointing jitter. So there are two kinds of rays: those along which the light really goes
+A sensor cannot measure its own pointing jitter. So there are two kinds of rays: those along which the light really goes
 (`fire`), and those that follow from the angles that the sensor reports (`reported_beams`).
 
 Symbols: A(theta_r) effective receiving aperture (4).
@@ -51,7 +51,7 @@ def fire(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[Lane
 
 
 def reported_beams(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[Lanes, ...]) -> Beams:
-    """The rays of these pulses by the angles that the sensor reports; arguments as of `fire`."""
+    """Rays of these pulses by the angles that the sensor reports; arguments as of `fire`."""
     # From encoder readings alone: rounded to their steps, and without the jitter.
     azimuth, elevation = sensor.scanner.angles(pulse)
     direction = direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation)

@@ -108,7 +108,7 @@ def aim(axes: Beams, shape: Footprint, *, profile: str, rotation: tuple[Lanes, .
 
 
 def footprint(laser: Laser, rays: int, halo: Halo | None = None) -> Footprint:
-    """The footprint of a beam with a number of rays.
+    """Distribute a number of rays over the cross section of a beam.
 
     A single ray is the beam's axis. If there is a halo, half of four or more rays belong to it.
     """
@@ -152,7 +152,7 @@ def points(profile: str, rays: int) -> Numbers:
 
 
 def spread(rays: Beams, shape: Footprint, *, ray: Lanes, rotation: tuple[Lanes, ...]) -> Beams:
-    """The rays of a footprint around the axes of beams, lane by lane; theory (T48).
+    """Spread the rays of a footprint around the axes of beams, lane by lane; theory (T48).
 
     rays      axes of the beams, each already repeated on as many lanes as the footprint has rays
     ray       (n,) number of the ray in its pulse

@@ -111,7 +111,7 @@ class Waveform:
         )
 
     def comb(self, start: Lanes, spacing: Lanes, middle: Lanes) -> Comb:
-        """The waveform at evenly spaced places, at most 2 t_FWHM to either side of the middle.
+        """Prepare the waveform at evenly spaced places, at most 2 t_FWHM to either side of the middle.
 
         start    (n,) first place
         spacing  (n,) distance between two places
@@ -204,7 +204,7 @@ class Comb:
         return value if wave.volume is None else value + _volume_w(wave.volume, wave.range_m(place), wave.fwhm_s)
 
     def advance(self, parts: Sequence[Lanes]) -> tuple[Lanes, ...]:
-        """The parts at the next place, from those at this one."""
+        """Advance the parts from one place to the next."""
         return tuple(part * growth for part, growth in zip(parts, self.growths, strict=True))
 
 

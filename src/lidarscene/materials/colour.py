@@ -1,8 +1,8 @@
 """Reflectivity at the laser's wavelength from a visible colour.
 
-Pigments that look alike may differ in the infrared, so a colour says little of a surface's reflectivity. It says more
-of how one kind of surface varies from place to place: soiled and clean, stone and mortar. So the level is the
-material's, and the colour scales it.
+Pigments that look alike may differ in the infrared, so a colour predicts a surface's reflectivity poorly. It
+predicts better how one kind of surface varies from place to place: soiled and clean, stone and mortar. So the level is
+the material's, and the colour scales it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Protocol of all scanners, and base classes of those with moving parts.
 
-The rest of the simulation knows a scanner only by the protocol `Scanner`, so a new mechanism changes nothing else.
+The rest of the simulation uses only the protocol `Scanner`, so a new mechanism changes nothing else.
 """
 
 from __future__ import annotations

@@ -24,9 +24,8 @@ class Tdc:
     stops                     crossings reported per shot, in order of time
     keep                      which ones: "first", "last", "strongest" or "strongest_and_last"
     both_edges                whether the end of a pulse is timed too: its width is known
-    walk                      "raw" leaves the walk error in, "corrected" takes off what the measured amplitude
-                              says it is (of a saturated pulse its width, if that is known), "none" takes off
-                              exactly what it is
+    walk                      "raw" leaves the walk error in; "corrected" subtracts the walk inferred from the measured
+                              amplitude, or from the width of a saturated pulse; "none" subtracts the exact walk
     false_alarms              "published": (9) and (10), independent comparisons at the bandwidth's rate; "crossings":
                               how often the noise rises through the threshold (docs/theory.md, section 9)
     """

@@ -2,7 +2,7 @@
 
 The histogram of the whole window is never made. Only the bins around an echo are drawn, one after the other in order of
 time: each count is binomial, of the SPADs that are still free, so pile-up and dead time need no approximation within
-them. The counts of a bin belong to (seed, pulse, bin), whichever echo asks for them.
+them. The counts of a bin belong to (seed, pulse, bin), whichever echo needs them.
 
 Symbols: N trials, lambda rate of detections of one free SPAD, sigma width of an echo in the histogram.
 """
@@ -100,7 +100,7 @@ class Bins:
 
     @property
     def ops(self) -> Ops:
-        """The array functions for these arrays."""
+        """Array functions of the arrays' kind, NumPy's or Dr.Jit's."""
         return xp(self.wave.origin_m)
 
     def highest(self, place: Lanes, time_s: Lanes) -> Peak:

@@ -143,11 +143,11 @@ class _Receiver(Shots):
 
     @property
     def ops(self) -> Ops:
-        """The array functions for these arrays."""
+        """Array functions of the arrays' kind, NumPy's or Dr.Jit's."""
         return xp(self.light.origin_m)
 
     @property
-    def _several_peaks(self) -> bool:
+    def _multi_peak(self) -> bool:
         """True if the light may have more than one peak."""
         return len(self.filtered.centres) > 1 or self.filtered.volume is not None
 
@@ -173,7 +173,7 @@ class _Receiver(Shots):
             highest_w=zero,
             stops=(empty,) * self.sensor.tdc.stops,
         )
-        if self._several_peaks:
+        if self._multi_peak:
             return visit_all(self.filtered, self._visit, start)
         # The only echo is the only peak.
         power = self.filtered.heights[0]
@@ -192,7 +192,7 @@ class _Receiver(Shots):
         ops, sensor, converter = self.ops, self.sensor, self.sensor.tdc
         range_m = self.filtered.range_m(place)
         arrival_s = radiometry.time_of_flight_s(range_m=range_m)
-        # Power there as that of a lone pulse of the laser: what the working point knows.
+        # Peak power of the lone laser pulse that would give this filtered power: the argument of the working point.
         lone_w = power_w * (self.filtered.fwhm_s / sensor.laser.pulse_fwhm_s)
         background = self.train.background_power_w
         pixel = sensor.pixel(background, range_m=range_m)
@@ -203,7 +203,7 @@ class _Receiver(Shots):
         bins = Bins(pixel=pixel, wave=self.light, seed=self.seed, pulse=self.pulse)
         peak = bins.highest(place * matched_filter.OUTPUT_WIDTH + early / pixel.sigma_s, arrival_s + early)
         tripped = exists & (peak.value >= threshold)
-        if self._several_peaks:
+        if self._multi_peak:
             tripped = tripped & ~peak.rising
         time_s = peak.time_s - self._walk_s(pixel, peak.photons, point.largest)
         time_s = tdc.quantise(
@@ -213,10 +213,8 @@ class _Receiver(Shots):
             tripped & comparator.accepts_crossing(sensor, arrival_s) & (time_s - state.last_s >= converter.dead_time_s)
         )
         source, true_range, status = self._source(place)
-        # The only echo's are those of the pulse, which `detection` needs in any case.
-        snr, probability = (
-            self._expected_detection(place, power_w) if self._several_peaks else (0.0 * place, 0.0 * place)
-        )
+        # With one echo they are those of the pulse, which `detection` computes in any case.
+        snr, probability = self._peak_snr(place, power_w) if self._multi_peak else (0.0 * place, 0.0 * place)
         stop = _Stop(
             key=ops.where(accepted, self._key(time_s, peak.value), _EMPTY),
             time_s=time_s,
@@ -237,7 +235,7 @@ class _Receiver(Shots):
             stops=_insert(state.stops, stop),
         )
 
-    def _expected_detection(self, place: Lanes, power_w: Lanes) -> tuple[Lanes, Lanes]:
+    def _peak_snr(self, place: Lanes, power_w: Lanes) -> tuple[Lanes, Lanes]:
         """SNR and P_d of a peak of the light behind the filter, (n,) each."""
         point = self.sensor.working_point(self.train.background_power_w, range_m=self.filtered.range_m(place))
         signal = self._signal(point, power_w)
@@ -257,7 +255,7 @@ class _Receiver(Shots):
 
     def _gain_of_breadth(self, point: WorkingPoint, place: Lanes, power_w: Lanes) -> Lanes:
         """Photons that noise gains on the broad peak of echoes that merge behind the filter, (n,) (T98a)."""
-        if not self._several_peaks:
+        if not self._multi_peak:
             return 0.0
         ops, signal = self.ops, self._signal(point, power_w)
         return matched_filter.gain_of_breadth(
@@ -353,9 +351,7 @@ class _Receiver(Shots):
         ops = self.ops
         # The search passes no derivatives on, so the light of the highest peak is evaluated once more.
         lit = state.highest_w > 0.0
-        snr, probability = self._expected_detection(
-            state.highest, ops.where(lit, self.filtered.at(state.highest)[0], 0.0)
-        )
+        snr, probability = self._peak_snr(state.highest, ops.where(lit, self.filtered.at(state.highest)[0], 0.0))
         snr, probability = ops.where(lit, snr, 0.0), ops.where(lit, probability, 0.0)
         reported, has_echo = [], ops.full(self.light.origin_m, False)
         for stop in stops:
@@ -372,9 +368,9 @@ class _Receiver(Shots):
                     range_m=range_m,
                     amplitude=amplitude,
                     intensity=value,
-                    snr=stop.snr if self._several_peaks else ops.where(of_echo, snr, 0.0),
+                    snr=stop.snr if self._multi_peak else ops.where(of_echo, snr, 0.0),
                     detection_probability=stop.probability
-                    if self._several_peaks
+                    if self._multi_peak
                     else ops.where(of_echo, probability, 0.0),
                     source=stop.source,
                     true_range_m=stop.true_range_m,

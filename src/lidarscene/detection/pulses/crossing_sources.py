@@ -14,7 +14,7 @@ from ..shots import Received
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Brightest:
-    """Some sub-echoes at a place of the waveform; each field (n,).
+    """Brightest of some sub-echoes at a place of the waveform, and sums over them; each field (n,).
 
     number  of the sub-echo with the most light there
     slope   derivative of the sum of their light
@@ -62,7 +62,7 @@ def crossing_source(
 
 
 def _brightest(shots: Received, place: Lanes, first: int, end: int) -> _Brightest:
-    """The sub-echoes ``first`` to ``end`` - 1 at a place."""
+    """Find the brightest of the sub-echoes ``first`` to ``end`` - 1 at a place, and sum over them."""
     ops, wave = shots.ops, shots.wave
     strongest, number = ops.full(place, -1.0), ops.full(place, 0)
     total: Lanes = ops.full(place, 0.0)

@@ -41,7 +41,7 @@ class Window:
 
     @classmethod
     def from_crossing(cls, shots: Received, adc: Adc, rise: Rise, place: Lanes, base: Lanes) -> Window:
-        """The window that begins one pulse width before a crossing, on the ticks of the ADC's clock."""
+        """Place the window from one pulse width before a crossing, on the ticks of the ADC's clock."""
         spacing = 1.0 / (adc.rate_hz * shots.sigma_s)
         # The clock starts with the pulse, so an echo falls anywhere between two ticks. The first sample is the next
         # tick after the window's start.

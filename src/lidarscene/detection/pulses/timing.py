@@ -1,7 +1,7 @@
 """Timing: the time that the TDC reports of a pulse, by one of four rules.
 
-A comparator times the edge at its threshold. Receivers that know more of the signal time a fraction of the peak, the
-peak, or the peak behind a matched filter. All are closed forms of the pulse's own noise: nothing is sampled
+A comparator times the edge at its threshold. Receivers that measure more of the signal time a fraction of the peak,
+the peak, or the peak behind a matched filter. All are closed forms of the pulse's own noise: nothing is sampled
 (docs/theory.md 8 and 29).
 
 Symbols: s peak signal, f fraction, z deviate of the edge, sigma_p standard deviation of the pulse and unit of places.

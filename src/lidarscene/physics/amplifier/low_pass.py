@@ -24,7 +24,7 @@ _NEWTON_STEPS = 4
 """Newton steps to the peak behind a single pole: good to 1e-12 from the start that `_mills_inverse` takes."""
 
 _WIDEST = 1e3
-"""Largest sigma_p / tau that is told apart from no filter, whose peak is lower by 5e-7."""
+"""Largest sigma_p / tau in the formula: there the filter lowers the peak by 5e-7 only."""
 
 
 class LowPass(ABC):
@@ -100,7 +100,7 @@ class SinglePole(LowPass):
     """H = 1 / (1 + i nu / f), h = exp(-t / tau) / tau, tau = 1 / (2 pi f): a load with a capacitance."""
 
     noise_ratio = 0.5 * math.pi
-    crossing_ratio = 1.0  # f_rms is infinite: what follows the pole ends it, and nobody says where
+    crossing_ratio = 1.0  # f_rms is infinite: later stages limit it, at an unknown frequency
 
     def peak_share(self, *, fwhm_s: Lanes, cutoff_hz: Lanes) -> Lanes:
         """exp(-u^2 / 2) at the peak's place u = w - z, with w = sigma_p / tau and m(z) = 1 / w, (T71).

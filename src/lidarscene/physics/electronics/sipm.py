@@ -133,7 +133,7 @@ MOST_TELLING_SHARE = 1.0 - math.exp(-1.5936)
 """Share of the free cells, 0.797, at which their count gives the light most precisely.
 
 With x avalanches per cell, if cells could fire twice, the deviation of ln(x) by the count's binomial noise is
-sqrt((e^x - 1) / N) / x, least at x = 2 (1 - e^-x) = 1.5936. Beyond it each photon tells less.
+sqrt((e^x - 1) / N) / x, least at x = 2 (1 - e^-x) = 1.5936. Beyond it each photon adds less information.
 """
 
 

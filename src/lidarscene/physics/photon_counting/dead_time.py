@@ -21,7 +21,7 @@ _TERMS = 14
 """Terms of a binomial tail: what is left is below 1e-6 of it where the mean is below the least count."""
 
 _MOST = 1.0 - 1e-6
-"""Largest share of SPADs that a histogram can tell from all of them, in single precision."""
+"""Largest share of SPADs that single precision distinguishes from all of them."""
 
 
 def free_share(*, rate_hz: Lanes, dead_time_s: Lanes) -> Lanes:

@@ -8,8 +8,8 @@ from ...maths.arrays import Lanes
 from .apd_detector import Apd
 
 SILICON_M = 1150e-9
-"""Silicon absorbs nothing beyond: its band gap of 1.12 eV is 1107 nm, phonons add some 40 nm (Green, Solar Energy
-Materials and Solar Cells 92, 2008)."""
+"""Longest wavelength that silicon absorbs: its band gap of 1.12 eV is 1107 nm, phonons add some 40 nm (Green, Solar
+Energy Materials and Solar Cells 92, 2008)."""
 
 INGAAS_GAIN = 40.0
 """Diodes of InGaAs, which see beyond that, reach a gain of 10 to 40 before noise drowns it (Campbell, J. Lightwave

@@ -327,7 +327,7 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
         return probability(threshold + more, spread, signal)
 
     def false_peak(threshold: Lanes) -> Lanes:
-        # A receiver that asks the neighbours too wants more of a peak that is noise, since they do not have it.
+        # A receiver that compares neighbours demands more photons of a noise peak, which they do not share.
         alone = threshold + histogram.lone_photons
         return matched_filter.false_peak_share(
             threshold=alone, rate_hz=rate, variance=variance, sigma_s=sigma, bin_s=histogram.bin_s
