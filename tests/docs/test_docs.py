@@ -27,7 +27,7 @@ pytestmark = pytest.mark.fixed_streams
 CONVENTIONS, ARCHITECTURE, VALIDATION = (
     ROOT / "docs" / f"{name}.md" for name in ("conventions", "architecture", "validation")
 )
-KEYS = tuple(ROOT / "docs" / f"{name}_files.md" for name in ("scene", "sensor", "material", "job"))
+KEYS = tuple(ROOT / "docs" / f"{name}.md" for name in ("scene_files", "sensor_files", "materials", "batch"))
 
 
 # --- links ------------------------------------------------------------------------------------------
