@@ -138,7 +138,7 @@ OTHERS = {
 
 
 def list_mistakes(model: type[Model], tables: Mapping[str, Any]) -> list[str]:
-    """All mistakes of these tables, one line each; the first is that of `validate`."""
+    """List all mistakes of these tables, one line each; the first is that of `validate`."""
     try:
         model.model_validate(_with_tuples(tables))
     except ValidationError as error:

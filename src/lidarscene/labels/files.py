@@ -41,8 +41,8 @@ SENSOR_TO_CAMERA = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]
 
 PICTURE_PX = (1242, 375)
 CAMERA = np.array([[720.0, 0.0, 621.0, 0.0], [0.0, 720.0, 187.5, 0.0], [0.0, 0.0, 1.0, 0.0]])
-"""The camera of KITTI labels, which lidarscene does not have: one as wide as KITTI's stands in the sensor's place,
-so that loaders can project boxes and points and grade boxes by their height in the picture."""
+"""Projection matrix of the camera in KITTI labels: lidarscene has no camera, so one with KITTI's field of view stands
+in the sensor's place. With it loaders can project boxes and points, and grade boxes by their height in the picture."""
 
 NEAREST_M = 0.1
 OCCLUDED, UNKNOWN = ((0.8, 0), (0.4, 1), (0.0, 2)), 3

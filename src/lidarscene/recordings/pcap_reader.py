@@ -42,7 +42,7 @@ class Packets(Sequence[Packet]):
     @overload
     def __getitem__(self, index: slice | Numbers) -> Packets: ...
     def __getitem__(self, index: int | slice | Numbers) -> Packet | Packets:
-        """One packet, or those of a slice or a mask."""
+        """Read one packet, or select those of a slice or a mask."""
         if isinstance(index, int):
             return Packet(float(self._time_s[index]), self._data[self._start[index] : self._stop[index]])
         return Packets(self._data, self._time_s[index], self._start[index], self._stop[index])
@@ -117,9 +117,10 @@ def _udp_payload(data: mmap.mmap, record: slice, link: int) -> slice | None:
         return None
     if struct.unpack_from(">H", data, offset + 6)[0] & 0x3FFF:  # more fragments follow, or an offset among them
         return None
-    offset += 4 * (data[offset] & 15)
+    offset += 4 * (data[offset] & 15)  # length of the IPv4 header, in words of four bytes
     if end < offset + 8:
         return None
+    # UDP counts its own header of eight bytes; a wrong count neither cuts that nor reaches into the next record.
     length = struct.unpack_from(">H", data, offset + 4)[0]
     return slice(offset + 8, min(max(offset + length, offset + 8), end))
 

@@ -27,7 +27,7 @@ HOUR_US = 3_600_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Model:
-    """One of Velodyne's sensors.
+    """Timing and packet layout of one of Velodyne's sensors.
 
     code        last byte of its packets
     cycle_us    time from firing to firing

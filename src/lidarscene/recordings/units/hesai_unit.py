@@ -1,4 +1,4 @@
-"""A Hesai's table of angles (CSV: channel, elevation, azimuth) as a unit.
+"""Read a Hesai's table of angles (CSV: channel, elevation, azimuth) as a unit.
 
 Azimuths are clockwise seen from above, from the sensor's y axis; sensor files count counter-clockwise from x, forward.
 """

@@ -1,4 +1,4 @@
-"""An Ouster's metadata (json, of any firmware) as a unit.
+"""Read an Ouster's metadata (json, of any firmware) as a unit.
 
 The point of a beam is (r - n) (cos e cos(t + a), cos e sin(t + a), sin e) + n (cos t, sin t, 0), all of it turned and
 moved by the transform from lidar to sensor: e the beam's altitude, a minus its azimuth, t the encoder's angle, which is

@@ -1,4 +1,4 @@
-"""A Velodyne's calibration as a unit: YAML of the ROS driver, or XML of the maker's own program.
+"""Read a Velodyne's calibration as a unit: YAML of the ROS driver, or XML of the maker's own program.
 
 The point at range r of a laser with vertical angle e, rotation a and offsets v (up) and h (to the left) is, in the head
 turned by a: x = r cos e, y = h, z = r sin e + v (HDL-64E S3 manual, 63-HDL64ES3, as velodyne-decoder has it). So the
