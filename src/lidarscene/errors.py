@@ -9,7 +9,7 @@ LONGEST = 1000
 """Most characters of a message, which may quote a user's text of any length."""
 
 
-def shortened(text: str) -> str:
+def shorten(text: str) -> str:
     """Cut the middle out of a message longer than LONGEST: its ends name the mistake and what was expected."""
     if len(text) <= LONGEST:
         return text
@@ -36,7 +36,7 @@ class LidarSceneError(Exception):
     exit_code = 1
 
     def __str__(self) -> str:
-        return shortened(super().__str__())
+        return shorten(super().__str__())
 
 
 class InputError(LidarSceneError):
@@ -72,7 +72,7 @@ class _NamingOptions(Exception):
 
     def message_with(self, name_of: Callable[[str], str]) -> str:
         """Message in which options have the names that ``name_of`` gives them."""
-        return shortened(string.Formatter().vformat(self.template, self.values, _Names(name_of)))
+        return shorten(string.Formatter().vformat(self.template, self.values, _Names(name_of)))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.template, *self.values)

@@ -11,7 +11,7 @@ from helpers.traffic import EGO, SENSOR, direction, frozen, traffic
 
 from lidarscene.cloud.deskew import deskewed
 from lidarscene.cloud.point_cloud import PointCloud
-from lidarscene.cloud.rig_clouds import merged
+from lidarscene.cloud.rig_clouds import merge_clouds
 from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Riding, Spline, pose_at
@@ -82,7 +82,7 @@ def test_what_cannot_be_deskewed_is_refused() -> None:
     with pytest.raises(InputError, match="must be a raw cloud, got one that is deskewed"):
         deskewed(deskewed(cloud, simulator.motion), simulator.motion)
     with pytest.raises(InputError, match="must be a cloud of one sensor, deskew before merging"):
-        deskewed(merged([cloud, cloud], ["a", "b"]), simulator.motion)
+        deskewed(merge_clouds([cloud, cloud], ["a", "b"]), simulator.motion)
     with pytest.raises(InputError, match="metadata do not say when and where"):
         deskewed(dataclasses.replace(cloud, metadata={"frame": "sensor"}), simulator.motion)
     none = cloud.select(slice(0, 0))
@@ -105,7 +105,7 @@ def test_a_rig_is_its_sensors_each_at_its_place(tmp_path: Path) -> None:
         assert len(alone) == pytest.approx(len(cloud), rel=1e-3)
         assert len(alone) > 10_000
         assert np.mean(np.isin(alone.time_s, cloud.time_s)) > 0.999
-    together = merged(clouds, list(made))
+    together = merge_clouds(clouds, list(made))
     assert together.sensor_names == ("roof", "rear")
     assert len(together) == sum(map(len, clouds))
     for number, cloud in enumerate(clouds):
@@ -125,7 +125,7 @@ def test_a_rig_is_its_sensors_each_at_its_place(tmp_path: Path) -> None:
     np.testing.assert_array_equal(back.sensor_index, together.sensor_index)
     assert (back.sensor_names, back.metadata) == (together.sensor_names, dict(together.metadata))
     with pytest.raises(ValueError, match="clouds must be in one frame, world or vehicle, got"):
-        merged([clouds[0], made["roof"].render(coordinates="world")], ["a", "b"])
+        merge_clouds([clouds[0], made["roof"].render(coordinates="world")], ["a", "b"])
 
 
 def test_frames_that_drift_apart_are_not_merged() -> None:

@@ -15,7 +15,7 @@ from helpers.clouds import NAMES, assert_same, chunk_of, small_cloud, small_colu
 from lidarscene.cloud import interop
 from lidarscene.cloud.builder import CloudBuilder
 from lidarscene.cloud.point_cloud import PointCloud
-from lidarscene.cloud.rig_clouds import merged
+from lidarscene.cloud.rig_clouds import merge_clouds
 from lidarscene.errors import InputError, LidarSceneError
 from lidarscene.formats.cloud_columns import COLUMNS, MEASURED, TRUTH
 from lidarscene.formats.cloud_columns import NAMES as NAMES_OF
@@ -304,4 +304,4 @@ def test_of_a_rig_the_first_sensor_counts() -> None:
 def test_clouds_in_frames_of_their_own_are_not_merged(frames: tuple[str, str]) -> None:
     parts = [small_cloud(metadata={"frame": frame, "sensor_position_m": "0 0 0"}) for frame in frames]
     with pytest.raises(ValueError, match="must be in one frame, world or vehicle"):
-        merged(parts, ["a", "b"])
+        merge_clouds(parts, ["a", "b"])

@@ -343,7 +343,7 @@ def test_light_makes_edges_dark() -> None:
     image, seen = pixels.eye_dome_picture(
         front, np.full((2, 3), 200, np.uint8), background=np.array([9, 8, 7], np.uint8), reduction=2
     )
-    shown = pixels.unpacked(image)
+    shown = pixels.unpack_rgb(image)
     assert shown.shape == (10, 20, 3)
     assert (seen == (np.arange(20) < 18)).all()
     assert (shown[:, 18:] == [9, 8, 7]).all()

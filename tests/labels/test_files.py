@@ -14,7 +14,7 @@ from helpers.formats import osi_messages, rotated, value_at
 from scipy.spatial.transform import Rotation
 
 from lidarscene.cloud.point_cloud import PointCloud
-from lidarscene.cloud.rig_clouds import merged
+from lidarscene.cloud.rig_clouds import merge_clouds
 from lidarscene.errors import InputError
 from lidarscene.files import spool
 from lidarscene.formats.registry import DATASETS, LABELS
@@ -687,7 +687,7 @@ def test_a_rig_whose_sensors_see_the_same_has_the_same_boxes() -> None:
     """Two sensors in one place, of which one counts its times from 30 ms later on: the same moments, the same boxes."""
     cloud, scene = driving(motion_in="removed")
     late = replace(cloud, time_s=cloud.time_s - 0.03, metadata=cloud.metadata | {"frame_start_s": "0.03"})
-    both = merged([replace(cloud, metadata=cloud.metadata | {"frame_start_s": "0.0"}), late], ["a", "b"])
+    both = merge_clouds([replace(cloud, metadata=cloud.metadata | {"frame_start_s": "0.0"}), late], ["a", "b"])
     for one, two in zip(boxes(cloud, scene), boxes(both, scene), strict=True):
         np.testing.assert_allclose(two.pose.position_m, one.pose.position_m, atol=1e-9)
         assert two.points_on == 2 * one.points_on
@@ -700,7 +700,7 @@ def test_boxes_of_a_later_frame_are_as_much_farther_on(sensors: int) -> None:
     found = []
     for start_s in ("0.0", "0.2"):
         frame = replace(cloud, metadata=cloud.metadata | {"frame_start_s": start_s})
-        found.append(boxes(frame if sensors == 1 else merged([frame, frame], ["a", "b"]), scene))
+        found.append(boxes(frame if sensors == 1 else merge_clouds([frame, frame], ["a", "b"]), scene))
     for early, late in zip(*found, strict=True):
         way_m = late.pose.position_m - early.pose.position_m
         np.testing.assert_allclose(way_m, 0.2 * early.velocity_m_s, atol=1e-9)
@@ -725,7 +725,7 @@ def test_visibility_of_a_rig() -> None:
     """Two sensors in one cloud: beams of each start where it stands."""
     other = street.at(40.0, 20.0, 1.8, 200.0)
     clouds = [street.cloud("world"), street.cloud("world", sensor=other)]
-    both = merged(clouds, ["one", "two"])
+    both = merge_clouds(clouds, ["one", "two"])
     together = boxes(both, street.scene())
     apart = [boxes(cloud, street.scene()) for cloud in clouds]
     for box, one, two in zip(together, *apart, strict=True):
@@ -793,7 +793,7 @@ def test_beams_of_a_rig_that_waited_are_those_of_each_sensor(tmp_path: Path) -> 
     far = replace(cloud, true_range_m=np.full(len(cloud), 1e3))
     near = replace(cloud, true_range_m=np.ones(len(cloud)))
     start = {"frame_start_s": "0.0"}
-    both = merged([replace(one, metadata=one.metadata | start) for one in (far, near)], ["far", "near"])
+    both = merge_clouds([replace(one, metadata=one.metadata | start) for one in (far, near)], ["far", "near"])
     (path,) = write_labels(both, scene, tmp_path / "a.bin", format="nuscenes")
     for one in json.loads(path.read_text())["sample_annotations"]:
         assert one["visibility"] == 0.5

@@ -20,7 +20,7 @@ from lidarscene import load_rig, load_scene, load_sensor
 from lidarscene.cloud import thinning
 from lidarscene.cloud.deskew import deskewed
 from lidarscene.cloud.point_cloud import PointCloud
-from lidarscene.cloud.rig_clouds import merged
+from lidarscene.cloud.rig_clouds import merge_clouds
 from lidarscene.formats import parquet
 from lidarscene.labels import kitti_dataset
 from lidarscene.labels.files import write_labels
@@ -170,7 +170,7 @@ def test_outputs_are_those_of_the_api(run: Run, moving: str, tmp_path: Path) -> 
     clouds = [one.render() for one in made.values()]
     still = [deskewed(cloud, one.motion) for cloud, one in zip(clouds, made.values(), strict=True)]
     for name, parts in (("a", clouds), ("a.deskewed", still)):
-        together = merged(parts, list(made))
+        together = merge_clouds(parts, list(made))
         together.save(tmp_path / "api" / f"{name}.ply")
         write_labels(together, scene, tmp_path / "api" / f"{name}.ply", format="nuscenes")
     asked = all_outputs("cli")["merge"]

@@ -178,7 +178,7 @@ def test_how_much_is_around_a_place(point):
 
     def enclosed(faces, place):
         part = Part(vertices_m=vertices, faces=faces, material="grey")
-        return clearance._enclosed([part], place)
+        return clearance._enclosed_share([part], place)
 
     assert enclosed(faces, inside) == pytest.approx(1.0)
     assert enclosed(faces, inside + 3.0) == pytest.approx(0.0, abs=1e-12)

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from lidarscene.view.blob import TYPES, packed, unpacked
+from lidarscene.view.blob import TYPES, pack_blob, unpack_blob
 
 
 def test_what_goes_in_comes_out() -> None:
     """With lengths that leave the arrays after them off their alignment unless they are padded."""
     arrays = {f"{name}-{n}": np.arange(n, dtype=name) for name in TYPES for n in (0, 1, 3, 7)}
-    blob = packed({"name": "näme", "count": 3}, arrays)
-    header, found = unpacked(blob)
+    blob = pack_blob({"name": "näme", "count": 3}, arrays)
+    header, found = unpack_blob(blob)
     assert header == {"name": "näme", "count": 3}
     assert found.keys() == arrays.keys()
     for name, array in arrays.items():
@@ -22,6 +22,6 @@ def test_what_goes_in_comes_out() -> None:
 
 def test_what_the_page_cannot_read_is_refused() -> None:
     with pytest.raises(KeyError, match="float64"):
-        packed({}, {"x": np.zeros(3)})
+        pack_blob({}, {"x": np.zeros(3)})
     with pytest.raises(ValueError, match="JSON"):
-        packed({"bad": float("nan")}, {})
+        pack_blob({"bad": float("nan")}, {})

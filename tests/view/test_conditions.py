@@ -13,7 +13,7 @@ from lidarscene import PointCloud, load_scene
 from lidarscene.cli.main import main
 from lidarscene.errors import InputError
 from lidarscene.rendering.render_options import FrameOptions
-from lidarscene.view.blob import unpacked
+from lidarscene.view.blob import unpack_blob
 from lidarscene.view.conditions import BUDGET, FOG, FRAME, RAIN, RAYS, SEED, SNOW, command, conditions, controls
 from lidarscene.view.page_sources import Live
 
@@ -64,7 +64,7 @@ def test_the_command_renders_what_is_shown(
     monkeypatch.chdir(tmp_path)
     live = Live(load_scene(scene_file), overrides=COARSE, scene_argument=str(scene_file))
     settings = {"sun.elevation_deg": 20.0, "laser.peak_power_w": 30.0, RAIN: 8.0, RAYS: 2, SEED: 5}
-    header, arrays = unpacked(live.rendered(settings))
+    header, arrays = unpack_blob(live.render(settings))
     words = shlex.split(header["command"])
     assert words[:3] == ["lidarscene", "render", str(scene_file)]
     assert main(words[1:]) == 0
@@ -83,21 +83,21 @@ def test_the_command_renders_what_is_shown(
         "vlp-16",
     ]
     assert command("car", "vlp-16", (), {FOG: 50.0, "sensor": "vlp-16", BUDGET: 0})[5:] == ["--sensor", "vlp-16"]
-    assert unpacked(live.rendered({"detector": "SiPM of Table 1"}))[0]["command"].startswith("# no option")
+    assert unpack_blob(live.render({"detector": "SiPM of Table 1"}))[0]["command"].startswith("# no option")
 
 
 def test_another_sensor_and_budgets_only_where_asked(mi: Any, scene_file: Path) -> None:
     live = Live(load_scene(scene_file), overrides=COARSE)
-    with_budget, without = (unpacked(live.rendered({BUDGET: wanted})) for wanted in (1, 0))
+    with_budget, without = (unpack_blob(live.render({BUDGET: wanted})) for wanted in (1, 0))
     assert "echo_power" in with_budget[1]
     assert "echo_power" not in without[1]
     np.testing.assert_array_equal(with_budget[1]["snr"], without[1]["snr"])
-    header, arrays = unpacked(live.rendered({"sensor": "vlp-16", BUDGET: 0}))
+    header, arrays = unpack_blob(live.render({"sensor": "vlp-16", BUDGET: 0}))
     cloud = lidarscene.render(scene_file, "vlp-16")
     np.testing.assert_array_equal(arrays["range"], cloud.range_m)
     assert header["choices"]["sensor"][0] == "table1-apd"
     with pytest.raises(InputError, match="sensor: must be one of table1-apd, "):
-        live.rendered({"sensor": "eye"})
+        live.render({"sensor": "eye"})
 
 
 def test_a_moving_scene_opens_at_its_sensor(mi: Any, tmp_path: Path) -> None:
@@ -107,9 +107,9 @@ def test_a_moving_scene_opens_at_its_sensor(mi: Any, tmp_path: Path) -> None:
     """
     (tmp_path / "m.toml").write_text(MOVING)
     live = Live(load_scene(tmp_path / "m.toml"), overrides=COARSE)
-    header, arrays = unpacked(live.stage())
+    header, arrays = unpack_blob(live.stage())
     assert header["camera"]["eye"] == pytest.approx([-74.0, -2.5, 4.8])
-    later, moved = unpacked(live.stage(1))
+    later, moved = unpack_blob(live.stage(1))
     assert later["camera"]["eye"][0] - header["camera"]["eye"][0] == pytest.approx(15.0 * 231 / 50e3)
     apart = (moved["vertices"] - arrays["vertices"]).reshape(-1, 3)
     assert apart.max() == pytest.approx(20.0 * 231 / 50e3, abs=1e-5)
@@ -119,14 +119,14 @@ def test_a_moving_scene_opens_at_its_sensor(mi: Any, tmp_path: Path) -> None:
 def test_raw_and_deskewed_are_two_layers(mi: Any, tmp_path: Path) -> None:
     (tmp_path / "m.toml").write_text(MOVING.replace("-70.0", "0.0"))
     scene = load_scene(tmp_path / "m.toml")
-    _, arrays = unpacked(Live(scene, overrides=COARSE).frame(0))
+    _, arrays = unpack_blob(Live(scene, overrides=COARSE).frame(0))
     simulator = lidarscene.Simulator(scene, lidarscene.load_sensor("table1-apd", overrides=COARSE))
     cloud = simulator.render()
     still = lidarscene.deskewed(cloud, simulator.motion, length_s=simulator.sensor.scanner.frame_s)
     np.testing.assert_allclose(arrays["still"].reshape(-1, 3), still.xyz_m, atol=1e-5)
     assert np.abs(still.xyz_m - cloud.xyz_m).max() > 0.01
     (tmp_path / "s.toml").write_text(SCENE)
-    assert "still" not in unpacked(Live(load_scene(tmp_path / "s.toml"), overrides=COARSE).frame(0))[1]
+    assert "still" not in unpack_blob(Live(load_scene(tmp_path / "s.toml"), overrides=COARSE).frame(0))[1]
 
 
 def test_the_camera_stays_in_the_room(mi: Any, tmp_path: Path) -> None:
@@ -135,7 +135,7 @@ def test_the_camera_stays_in_the_room(mi: Any, tmp_path: Path) -> None:
         '[sensor]\nposition_m = [-4.0, 0.0, 1.6]\n[[bodies]]\nname = "room"\nprimitive = "box"\n'
         'size_m = [12.0, 8.0, 3.0]\nposition_m = [0.0, 0.0, 1.5]\nmaterial = "concrete"\n'
     )
-    header, _ = unpacked(Live(load_scene(tmp_path / "room.toml"), overrides=COARSE).stage())
+    header, _ = unpack_blob(Live(load_scene(tmp_path / "room.toml"), overrides=COARSE).stage())
     eye = np.array(header["camera"]["eye"])
     assert (np.abs(eye - [0.0, 0.0, 1.5]) < [6.0, 4.0, 1.5]).all()
 

@@ -10,7 +10,7 @@ from helpers.small_scene import COARSE, SCENE
 
 from lidarscene import Simulator, deskewed, load_scene, load_sensor
 from lidarscene.view import page_sources
-from lidarscene.view.blob import unpacked
+from lidarscene.view.blob import unpack_blob
 from lidarscene.view.page_sources import Clouds
 
 SPEED_M_S = 150.0  # a frame of the raster is short
@@ -32,7 +32,7 @@ def test_deskewed_points_of_a_file(moving: Simulator, tmp_path: Path, coordinate
     Tolerance: positions of 10 m in single precision, turned and added.
     """
     moving.render(coordinates=coordinates, number=1).save(tmp_path / "a.ply")
-    header, arrays = unpacked(Clouds([tmp_path / "a.ply"], scene=moving.scene, overrides=COARSE).frame(0))
+    header, arrays = unpack_blob(Clouds([tmp_path / "a.ply"], scene=moving.scene, overrides=COARSE).frame(0))
     cloud = moving.render(coordinates="world", number=1)
     expected = deskewed(cloud, moving.motion).xyz_m
     still = arrays["still"].reshape(-1, 3)
@@ -46,10 +46,10 @@ def test_deskewed_points_of_a_file(moving: Simulator, tmp_path: Path, coordinate
 def test_why_there_is_one_layer(moving: Simulator, tmp_path: Path) -> None:
     """Without the scene, over one that stands still, of several sensors; what did not move lacks nothing."""
     cloud = moving.render(coordinates="world")
-    assert page_sources.still_m(cloud, None) == (None, page_sources.NO_SCENE)
+    assert page_sources.deskewed_positions_m(cloud, None) == (None, page_sources.NO_SCENE)
     (tmp_path / "still.toml").write_text(SCENE)
     still = load_scene(tmp_path / "still.toml")
-    assert page_sources.still_m(cloud, still) == (None, page_sources.OTHER_SCENE)
+    assert page_sources.deskewed_positions_m(cloud, still) == (None, page_sources.OTHER_SCENE)
     rig = dataclasses.replace(cloud, sensor_names=("left", "right"))
-    assert page_sources.still_m(rig, moving.scene) == (None, page_sources.SEVERAL)
-    assert page_sources.still_m(deskewed(cloud, moving.motion), moving.scene) == (None, "")
+    assert page_sources.deskewed_positions_m(rig, moving.scene) == (None, page_sources.SEVERAL)
+    assert page_sources.deskewed_positions_m(deskewed(cloud, moving.motion), moving.scene) == (None, "")

@@ -8,7 +8,7 @@ from helpers.small_scene import COARSE, SCENE
 
 import lidarscene
 from lidarscene import load_scene, load_sensor
-from lidarscene.view.blob import unpacked
+from lidarscene.view.blob import unpack_blob
 from lidarscene.view.page_sources import Clouds, Live
 
 MOVING = """
@@ -33,7 +33,7 @@ def test_budgets_in_a_scene_that_moves(mi: Any, tmp_path: Path) -> None:
     of the cloud and of the budget's formulas would differ. Tolerance: float32.
     """
     live = Live(load_scene(moving_scene(tmp_path)), overrides=COARSE)
-    _, arrays = unpacked(live.frame(0))
+    _, arrays = unpack_blob(live.frame(0))
     hit = np.isfinite(arrays["true_range"])
     assert hit.sum() > 60
     sensor = load_sensor("table1-apd", overrides=COARSE)
@@ -51,7 +51,7 @@ def test_clouds_stand_where_the_scene_has_their_sensor(mi: Any, tmp_path: Path) 
     for frame in ("world", "vehicle", "sensor"):
         file = tmp_path / f"{frame}.ply"
         simulator.render(coordinates=frame, number=1).save(file)
-        header, arrays = unpacked(Clouds([file], scene=scene, overrides=COARSE).frame(0))
+        header, arrays = unpack_blob(Clouds([file], scene=scene, overrides=COARSE).frame(0))
         drawn[frame] = arrays["xyz"].reshape(-1, 3)
         np.testing.assert_allclose(header["sensor"], simulator.render(number=1).sensor_position_m, atol=1e-6)
     # Positions of 10 m in single precision, added up.

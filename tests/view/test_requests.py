@@ -29,7 +29,7 @@ class Nothing:
     def frame(self, number: int) -> bytes:
         return b"frame"
 
-    def rendered(self, settings: Settings) -> bytes:
+    def render(self, settings: Settings) -> bytes:
         self.asked += 1
         return json.dumps(dict(settings)).encode()
 

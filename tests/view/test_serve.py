@@ -15,7 +15,7 @@ from helpers.small_scene import COARSE
 
 import lidarscene
 from lidarscene.errors import InputError
-from lidarscene.view.blob import unpacked
+from lidarscene.view.blob import unpack_blob
 from lidarscene.view.serve import HOST, Server
 
 SETS = [f"--set={one}" for one in COARSE]
@@ -32,7 +32,7 @@ def test_a_live_scene_is_what_render_gives(view: Served, scene_file: Path) -> No
     status, page = view.get("")
     assert status == 200
     assert b"<canvas" in page
-    stage, meshes = unpacked(view.get("stage")[1])
+    stage, meshes = unpack_blob(view.get("stage")[1])
     assert stage["live"]
     assert stage["choices"]["detector"] == ["APD, its own", "SiPM of Table 1"]
     assert stage["choices"]["sensor"][0] == "table1-apd"
@@ -46,7 +46,7 @@ def test_a_live_scene_is_what_render_gives(view: Served, scene_file: Path) -> No
         ),
         ({"detector": "SiPM of Table 1", "detector.pde": 0.1}, "table1-sipm", ("detector.pde=0.1",)),
     ):
-        frame, arrays = unpacked(view.get("render", json.dumps(settings).encode())[1])
+        frame, arrays = unpack_blob(view.get("render", json.dumps(settings).encode())[1])
         cloud = lidarscene.render(scene_file, sensor, seed=5, overrides=[*COARSE, *sets])
         assert frame["count"] == len(cloud)
         np.testing.assert_array_equal(arrays["xyz"].reshape(-1, 3), cloud.xyz_m)
@@ -54,7 +54,7 @@ def test_a_live_scene_is_what_render_gives(view: Served, scene_file: Path) -> No
         np.testing.assert_array_equal(arrays["snr"], cloud.snr)
         explained = arrays["echo_power"] > 0
         np.testing.assert_array_equal(explained, np.isfinite(cloud.true_range_m))
-    dark, _ = unpacked(view.get("render", b'{"sun.illuminance_klux": 0}')[1])
+    dark, _ = unpack_blob(view.get("render", b'{"sun.illuminance_klux": 0}')[1])
     assert dark["beams"] == 21 * 11
 
 

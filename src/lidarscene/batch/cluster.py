@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
-from ..errors import LidarSceneError, OptionWarning, shortened
+from ..errors import LidarSceneError, OptionWarning, shorten
 
 PATIENCE_S = 30
 """Longest wait for a scheduler's answer: Dask's own default."""
@@ -72,7 +72,7 @@ def local_client(workers: int) -> Iterator[Any]:
             except Exception as error:  # Dask reports a worker that dies while it starts by various exceptions
                 if start == STARTS - 1:
                     raise LidarSceneError(
-                        f"--workers {workers}: the processes could not be started: {shortened(_reason(error))}"
+                        f"--workers {workers}: the processes could not be started: {shorten(_reason(error))}"
                     ) from error
         yield client
 

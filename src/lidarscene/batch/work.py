@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from .._version import __version__
-from ..errors import InputError, LidarSceneError, shortened
+from ..errors import InputError, LidarSceneError, shorten
 from ..kernel.device import transfer
 from ..maths.trajectory import pose_at
 from ..outputs import run_report
@@ -70,7 +70,7 @@ def _try_render(task: FrameTask, store: Store, threads: int) -> str:
     except LidarSceneError as error:
         return " ".join(str(error).split())
     except Exception as error:
-        return " ".join(shortened(f"{type(error).__name__}: {error}").split())
+        return " ".join(shorten(f"{type(error).__name__}: {error}").split())
 
 
 def _render(task: FrameTask, store: Store) -> str:

@@ -43,7 +43,7 @@ def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None
         raise InputError("deskewed: must be a raw cloud, got one that is deskewed")
     try:
         start_s = float(cloud.metadata["frame_start_s"])
-        goal = _goal(cloud)
+        goal = _sensor_in_points_frame(cloud)
     except (KeyError, ValueError):
         raise InputError("deskewed: the cloud's metadata do not say when and where it was taken") from None
     length_s = max(float(cloud.time_s.max(initial=0.0)) if length_s is None else length_s, SHORTEST_S)
@@ -69,7 +69,7 @@ def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None
     return replace(cloud, xyz_m=moved, metadata={**cloud.metadata, "ego_motion": MOTION_REMOVED}, **vectors)
 
 
-def _goal(cloud: PointCloud) -> Pose:
+def _sensor_in_points_frame(cloud: PointCloud) -> Pose:
     """Pose of the sensor at the start, in the coordinates of the points."""
     if cloud.metadata["frame"] == "sensor":
         return Pose()

@@ -18,7 +18,7 @@ from ..files.open3d import open3d
 from ..files.optional import import_optional
 from ..formats.cloud_columns import Cloud
 from ..maths.arrays import Numbers
-from .pixels import camera_for, eye_dome_picture, splat, unpacked
+from .pixels import camera_for, eye_dome_picture, splat, unpack_rgb
 
 THUMBNAIL_PX = (720, 405)
 BACKGROUND = (11, 14, 20)
@@ -71,7 +71,7 @@ def thumbnail(cloud: Cloud) -> bytes:
     part = ((order - low) / max(float(high - low), 1e-6)).clip(0, 1)
     rgb = np.stack([np.interp(part, (0, 0.5, 1), channel) for channel in zip(NEAR, MIDDLE, FAR, strict=True)], 1)
     image, _ = eye_dome_picture(front, rgb.astype(np.uint8), background=np.array(BACKGROUND, np.uint8), reduction=2)
-    return encode_png(unpacked(image))
+    return encode_png(unpack_rgb(image))
 
 
 def to_html(cloud: Cloud) -> str:

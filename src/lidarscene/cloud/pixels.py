@@ -205,16 +205,16 @@ def _discs(rank: Numbers, centre: Numbers, radius: Numbers) -> None:
 def colour_image(point: Numbers, rgb: Numbers, *, background: Numbers) -> Numbers:
     """(height, width, 3) uint8 colours of an image of point indices, from (n, 3) colours of the points."""
     # Indexing packed colours of four bytes is three times as fast as rows of three. NOTHING, -1, picks the background.
-    return unpacked(packed(np.concatenate([rgb, np.reshape(background, (1, 3))]))[point])
+    return unpack_rgb(pack_rgb(np.concatenate([rgb, np.reshape(background, (1, 3))]))[point])
 
 
-def packed(rgb: Numbers) -> Numbers:
+def pack_rgb(rgb: Numbers) -> Numbers:
     """Pack colours (..., 3), a byte each, into uint32 (...,)."""
     r, g, b = (rgb[..., k].astype(np.uint32) for k in range(3))
     return np.asarray(r | g << np.uint32(8) | b << np.uint32(16))
 
 
-def unpacked(colour: Numbers) -> Numbers:
+def unpack_rgb(colour: Numbers) -> Numbers:
     """Unpack uint32 colours (...,) into uint8 (..., 3)."""
     return np.asarray(colour.astype("<u4").view(np.uint8).reshape(*colour.shape, 4)[..., :3])
 
@@ -234,7 +234,7 @@ def eye_dome_picture(front: Front, rgb: Numbers, *, background: Numbers, reducti
     covered = nearest != NOTHING
     pixel = np.flatnonzero(covered)
     row, column = np.divmod(pixel, nearest.shape[1])
-    image = np.full(nearest.shape, packed(np.reshape(background, (1, 3)))[0], np.uint32)
+    image = np.full(nearest.shape, pack_rgb(np.reshape(background, (1, 3)))[0], np.uint32)
     # Neighbours beyond the edge are those of the opposite side. Empty pixels are the farthest and darken nothing.
     depth = np.full(len(front.depth_m) + 1, EMPTY, np.float32)
     depth[:-1] = np.log2(front.depth_m)
@@ -254,11 +254,11 @@ def eye_dome_picture(front: Front, rgb: Numbers, *, background: Numbers, reducti
         total += palette.view(np.uint64)[:, 0][front.rank[i::reduction, j::reduction].reshape(-1)[pixel]]
     total = total.view(np.uint16).reshape(-1, 4)
     mean = [(total[:, k] * dimmed).astype(np.uint8) for k in range(3)]
-    image.reshape(-1)[pixel] = packed(np.stack(mean, axis=-1))
+    image.reshape(-1)[pixel] = pack_rgb(np.stack(mean, axis=-1))
     return image, covered
 
 
-def surfaces_behind(
+def draw_surfaces_behind(
     image: Numbers, covered: Numbers, camera: Camera, surfaces: Callable[[Camera, tuple[int, int]], Numbers]
 ) -> Numbers:
     """Draw surfaces faintly where no point is.
@@ -277,7 +277,7 @@ def surfaces_behind(
     focal = np.float32(0.5 * small[0] / math.tan(0.5 * math.radians(camera.fov_deg)))
     down, across = np.gradient(np.log(np.where(has_surface, depth, np.float32(1e4))))
     square = 1.0 / np.sqrt(1.0 + focal * focal * (down * down + across * across))
-    faint = packed(((FAINT[0] + FAINT[1] * square)[..., None] * np.array(SURFACE_RGB)).astype(np.uint8))
+    faint = pack_rgb(((FAINT[0] + FAINT[1] * square)[..., None] * np.array(SURFACE_RGB)).astype(np.uint8))
     large = np.repeat(np.repeat(faint, SURFACE_PX, axis=0), SURFACE_PX, axis=1)[:height, :width]
     shows_surface = (
         np.repeat(np.repeat(has_surface, SURFACE_PX, axis=0), SURFACE_PX, axis=1)[:height, :width] & ~covered

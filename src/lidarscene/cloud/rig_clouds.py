@@ -19,7 +19,7 @@ JOINED = {"sensor": ", ", "frame_start_s": " ", "sensor_position_m": " ", "senso
 """Metadata that a merged cloud holds once for each sensor: key -> separator."""
 
 
-def merged(clouds: Sequence[PointCloud], labels: Sequence[str]) -> PointCloud:
+def merge_clouds(clouds: Sequence[PointCloud], labels: Sequence[str]) -> PointCloud:
     """Merge clouds of several sensors, all in the vehicle's or all in the world's frame.
 
     `sensor_index` names the sensor of each point, `sensor_names` are the labels, and the metadata's `frame_start_s`,
@@ -46,11 +46,11 @@ def merged(clouds: Sequence[PointCloud], labels: Sequence[str]) -> PointCloud:
 
 
 class Merging:
-    """Streaming form of `merged`, for clouds that come in pieces, those of the first sensor first."""
+    """Streaming form of `merge_clouds`, for clouds that come in pieces, those of the first sensor first."""
 
     def __init__(self, clouds: Sequence[PointCloud], labels: Sequence[str]) -> None:
         """``clouds`` hold the names and metadata of each sensor's cloud, and no points."""
-        self._whole = merged(clouds, labels)
+        self._whole = merge_clouds(clouds, labels)
         self._dtype: Any = None
 
     def piece(self, sensor_number: int, cloud: PointCloud) -> PointCloud:

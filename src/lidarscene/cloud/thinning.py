@@ -51,7 +51,7 @@ class Thinned:
             self.step *= FACTOR
             self._thin_out()
         # The first point of this cloud whose number in the frame is a multiple of the step.
-        self._pieces.append(_strided(cloud, self.step, -before % self.step))
+        self._pieces.append(_take_every(cloud, self.step, -before % self.step))
 
     def cloud(self) -> PointCloud:
         """The points kept. At least one cloud must have been appended."""
@@ -63,10 +63,10 @@ class Thinned:
         """Drop two thirds of the points kept so far."""
         points_before = 0
         for index, piece in enumerate(self._pieces):
-            self._pieces[index] = _strided(piece, FACTOR, -points_before % FACTOR)
+            self._pieces[index] = _take_every(piece, FACTOR, -points_before % FACTOR)
             points_before += len(piece)
 
 
-def _strided(cloud: PointCloud, step: int, first: int) -> PointCloud:
+def _take_every(cloud: PointCloud, step: int, first: int) -> PointCloud:
     """Every ``step``-th point from ``first`` on, as copies unless these are all points."""
     return cloud if step == 1 else cloud.select(np.arange(first, len(cloud), step))

@@ -18,10 +18,10 @@ from ..cloud.pixels import (
     camera_for,
     cells_of,
     colour_image,
+    draw_surfaces_behind,
     eye_dome_picture,
     splat,
-    surfaces_behind,
-    unpacked,
+    unpack_rgb,
 )
 from ..cloud.point_cloud import PointCloud
 from ..cloud.scales import Scale, scale_of
@@ -175,8 +175,8 @@ def _draw_perspective(
     front = splat(camera, cloud.xyz_m, size=size, large=large)
     image, shows_point = eye_dome_picture(front, colours, background=rgb(BACKGROUND), reduction=SUPERSAMPLING)
     if surfaces is not None:
-        image = surfaces_behind(image, shows_point, camera, surfaces)
-    canvas.show(unpacked(image), left, top)
+        image = draw_surfaces_behind(image, shows_point, camera, surfaces)
+    canvas.show(unpack_rgb(image), left, top)
     if not len(cloud):
         canvas.text(left + width / 2, top + height / 2, "no points", 44.0, anchor="mm")
 

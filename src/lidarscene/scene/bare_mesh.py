@@ -21,7 +21,7 @@ from ..files.overrides import with_overrides
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from .meshes import reading, usd
-from .meshes.mesh_axes import UNITS, Axis, Unit, axis_of, upright
+from .meshes.mesh_axes import UNITS, Axis, Unit, axis_of, turn_upright
 from .scene import Part, Scene
 
 MESHES = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl", *usd.SUFFIXES)
@@ -93,7 +93,7 @@ class _Placement:
 def _tables(path: Path, corners: Numbers, plain: dict[str, str], placement: _Placement) -> dict[str, Any]:
     """Build the tables: ground at z = 0, the mesh on it at the origin, a sensor that looks along x at its middle."""
     up = placement.up or axis_of(path) or "z"
-    turned = Pose.from_degrees(roll_deg=placement.roll_deg).apply(upright(corners, up)) * placement.metres
+    turned = Pose.from_degrees(roll_deg=placement.roll_deg).apply(turn_upright(corners, up)) * placement.metres
     low, high = turned.min(axis=0), turned.max(axis=0)
     middle, size = (low + high) / 2.0, high - low
     # Distance of the near side at which it fills these angles. An angle of 180 degrees along x, the viewing direction,
@@ -144,7 +144,7 @@ def _check_unit(path: Path, across: float, placement: _Placement, option: str) -
     raise InputError(f"{path}: a mesh must be {SMALLEST_M:g} to {LARGEST_M:g} m across, got {across_m:.4g} m{hint}")
 
 
-def tell_of_bare_mesh(path: Path, scene: Scene, *, up: Axis) -> None:
+def warn_of_assumptions(path: Path, scene: Scene, *, up: Axis) -> None:
     """Warn of everything that was assumed about the mesh: size, axis, material, light and place of the sensor."""
     body = next(body for body in scene.bodies if body.name == "mesh")
     corners = np.concatenate([part.vertices_m for part in body.parts if isinstance(part, Part)])

@@ -102,7 +102,7 @@ class Clearance:
             must = f"sensor '{sensor}' at ({place_text}): must stand at least {1e3 * radius_m:g} mm off every surface"
             if near < radius_m:
                 raise OptionError(_MOVED, must, f"{1e3 * near:.4g} mm off '{body.name}'")
-            if float(np.ptp(box, axis=0).min()) < NARROWEST_ROOM_M and _enclosed(body.parts, point) > _ENCLOSED:
+            if float(np.ptp(box, axis=0).min()) < NARROWEST_ROOM_M and _enclosed_share(body.parts, point) > _ENCLOSED:
                 raise OptionError(_MOVED, must, f"a place within '{body.name}'")
 
     def corners(self, *, time_s: float) -> Numbers:
@@ -140,7 +140,7 @@ class Clearance:
             for part in body.parts:
                 if (distance_m := self._distance_m(part, point, nearest.distance_m)) < nearest.distance_m:
                     nearest = NearSurface(distance_m, body.name)
-            if within is None and gaps_m[body_index] == 0.0 and _enclosed(body.parts, point) > _SHUT:
+            if within is None and gaps_m[body_index] == 0.0 and _enclosed_share(body.parts, point) > _SHUT:
                 within = body.name
         below, above = self._below_and_above(place_m)
         return Surrounding(nearest, below, above, within)
@@ -274,19 +274,20 @@ def _along_m(corners: Numbers, up: Numbers, across: Numbers) -> Numbers:
     near = np.flatnonzero((flat.min(axis=1) <= 0.0).all(axis=1) & (flat.max(axis=1) >= 0.0).all(axis=1))
     a, b, c = np.moveaxis(flat[near], 1, 0)
     # The origin of the plane is inside the triangle if all three signed areas have one sign, whatever the winding.
-    weights = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)  # barycentric, not yet normalised
+    # These areas are the barycentric weights, not yet normalised.
+    weights = np.stack([_cross_product(b, c), _cross_product(c, a), _cross_product(a, b)], axis=1)
     total = weights.sum(axis=1)
     crosses = (total != 0.0) & (((weights >= 0.0).all(axis=1)) | ((weights <= 0.0).all(axis=1)))
     heights = corners[near[crosses]] @ up
     return np.asarray((heights * weights[crosses]).sum(axis=1) / total[crosses])
 
 
-def _cross(a: Numbers, b: Numbers) -> Numbers:
+def _cross_product(a: Numbers, b: Numbers) -> Numbers:
     """(k,) cross products of vectors in a plane."""
     return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
-def _enclosed(parts: Sequence[Part | Ball], point: Numbers) -> float:
+def _enclosed_share(parts: Sequence[Part | Ball], point: Numbers) -> float:
     """Share of all directions in which a body surrounds a point of its frame.
 
     The solid angles of its triangles (van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30, 1983) add up to 4 pi

@@ -27,10 +27,10 @@ from ..materials.material_file import catalogue_material
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, Riding
 from ..sensor.sensor_file import LARGEST_COORDINATE_M
-from .bare_mesh import is_mesh, mesh_tables, tell_of_bare_mesh
+from .bare_mesh import is_mesh, mesh_tables, warn_of_assumptions
 from .foreign import is_xml, mitsuba_scene, trimesh_scene, xml_file
 from .meshes import primitives, reading, reflectivity_patterns
-from .meshes.mesh_axes import UNITS, Axis, axis_of, upright
+from .meshes.mesh_axes import UNITS, Axis, axis_of, turn_upright
 from .meshes.mesh_cache import SubMesh
 from .meshes.usd import is_usd
 from .scene import Ball, Body, Part, Scene, box_of
@@ -77,14 +77,14 @@ def load_scene(
         )
     path = scene_path(scene)
     if is_xml(path):
-        _no_overrides(path, changes)
+        _refuse_overrides(path, changes)
         _refuse([name for name in option_names if name in ("material", "classes")], str(path))
         return mitsuba_scene(path, materials=materials or {}, settings=settings)
     _refuse(option_names, str(path))
     model = scene_model(path, overrides=changes)
     loaded = scene_from_model(model, path=path)
     if is_mesh(path):
-        tell_of_bare_mesh(path, loaded, up=model.bodies[1].up or "z")
+        warn_of_assumptions(path, loaded, up=model.bodies[1].up or "z")
     return loaded
 
 
@@ -119,7 +119,7 @@ def sensor_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] =
     """Name or file of the scene's own sensor; no mesh is read. Raises InputError."""
     path = scene_path(scene)
     if is_xml(path):
-        _no_overrides(path, overrides)
+        _refuse_overrides(path, overrides)
         return Scene(name="").sensor_name
     return _sensor_name(scene_model(path, overrides=overrides).sensor.name, path.parent)
 
@@ -181,7 +181,7 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
     )
 
 
-def _no_overrides(path: Path, overrides: Sequence[str]) -> None:
+def _refuse_overrides(path: Path, overrides: Sequence[str]) -> None:
     if overrides:
         raise InputError(f"--scene-set {overrides[0]}: the scene must be a TOML file, got {path}")
 
@@ -239,7 +239,7 @@ def _place_body(
     """Build the body, or one body for each of its instances."""
     label = body.class_name or body.name
 
-    def placed(name: str, pose: Pose) -> Body:
+    def make_body(name: str, pose: Pose) -> Body:
         motion: Motion | None = None
         if body.motion is not None and body.motion.with_ego and ego is not None:
             motion = Riding(carrier=ego, pose=pose)
@@ -248,9 +248,10 @@ def _place_body(
         return Body(name=name, class_name=label, parts=parts, pose=pose, motion=motion)
 
     if body.instances is None:
-        return [placed(body.name, body.pose())]
+        return [make_body(body.name, body.pose())]
     return [
-        placed(f"{body.name}.{index}", body.pose() @ instance.pose()) for index, instance in enumerate(body.instances)
+        make_body(f"{body.name}.{index}", body.pose() @ instance.pose())
+        for index, instance in enumerate(body.instances)
     ]
 
 
@@ -296,7 +297,7 @@ def _mesh_parts(body: BodyFile, path: Path, *, where: str, surfaces: _Surfaces, 
     up, scale = _axes(body, path, where=where)
     return tuple(
         Part(
-            vertices_m=upright(piece.vertices_m, up) * scale,
+            vertices_m=turn_upright(piece.vertices_m, up) * scale,
             faces=piece.faces,
             material=material,
             name=piece.keys[0],
@@ -352,7 +353,7 @@ def _patterns(
         return varied
     # One level for all pieces of a material, or the contrast between them would be lost.
     level = {
-        material: reflectivity_patterns.mean_over(
+        material: reflectivity_patterns.mean_over_surface(
             [
                 (pattern, piece.vertices_m, piece.faces)
                 for (piece, material_name), pattern in zip(pieces_and_materials, varied, strict=True)

@@ -33,7 +33,7 @@ USUAL_HEIGHT_M = 1.8
 """Height of a sensor on the roof of a car, above a ground at 0."""
 
 
-def _instant(value: object) -> datetime:
+def _parse_time(value: object) -> datetime:
     """Parse a time with its offset from UTC, a TOML date-time or text. Raises ValueError."""
     if isinstance(value, str):
         with suppress(ValueError):
@@ -58,7 +58,7 @@ class SunFile(Table[Sun]):
     place: tuple[Annotated[float, Field(ge=-90, le=90)], Annotated[float, Field(ge=-180, le=180)]] | None = Field(
         default=None, description="latitude (north positive) and longitude (east positive) in degrees"
     )
-    time: Annotated[datetime, BeforeValidator(_instant)] | None = Field(
+    time: Annotated[datetime, BeforeValidator(_parse_time)] | None = Field(
         default=None, description="with its offset from UTC"
     )
     north_deg: Turned = Field(
@@ -121,7 +121,7 @@ class PictureFile(Table[View]):
     target_m: Vector
 
     @model_validator(mode="after")
-    def _not_from_above(self) -> PictureFile:
+    def _check_direction(self) -> PictureFile:
         if self.eye_m[:2] == self.target_m[:2]:
             raise ValueError("eye_m and target_m one above the other: which way is up cannot be told")
         return self

@@ -18,7 +18,7 @@ TYPES = {"float32": "<f4", "uint8": "u1", "int32": "<i4", "uint32": "<u4"}
 """Types of array that the page can read, NumPy name -> byte format."""
 
 
-def packed(header: Mapping[str, Any], arrays: Mapping[str, Numbers]) -> bytes:
+def pack_blob(header: Mapping[str, Any], arrays: Mapping[str, Numbers]) -> bytes:
     """Pack one blob. Raises KeyError for an array whose type is not in TYPES."""
     start, places, parts = 0, {}, []
     for name, array in arrays.items():
@@ -31,7 +31,7 @@ def packed(header: Mapping[str, Any], arrays: Mapping[str, Numbers]) -> bytes:
     return b"".join([len(text).to_bytes(4, "little"), text, *parts])
 
 
-def unpacked(blob: bytes) -> tuple[dict[str, Any], dict[str, Numbers]]:
+def unpack_blob(blob: bytes) -> tuple[dict[str, Any], dict[str, Numbers]]:
     """Unpack a blob: header, without its "arrays", and arrays by name."""
     end = 4 + int.from_bytes(blob[:4], "little")
     header = json.loads(blob[4:end])

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..errors import InputError, shortened
+from ..errors import InputError, shorten
 from ..scene.scene import Scene, Sun
 from ..sensor.detectors import Apd
 from ..sensor.sensor_file import load_sensor
@@ -193,7 +193,7 @@ def _sun_values(sun: Sun) -> dict[str, float]:
 def number_of(key: str, value: object) -> float:
     """Check a number that came from the page. Raises InputError."""
     if isinstance(value, bool) or not isinstance(value, float | int) or not abs(value) < 1e300:
-        raise InputError(f"{key}: must be a number, got {shortened(repr(value))}")
+        raise InputError(f"{key}: must be a number, got {shorten(repr(value))}")
     if key == "sun.illuminance_klux" and value < 0:
         raise InputError(f"{key}: must be >= 0, got {value:g}")
     return float(value)

@@ -35,7 +35,7 @@ from ..scene.scene import Scene
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor
 from ..studies.budget import Budget, budget_of, pulses_of
-from .blob import packed
+from .blob import pack_blob
 from .conditions import KEYS, command, conditions, controls
 from .controls import DETECTOR, Equipment, Settings
 from .point_fields import frame_blob
@@ -74,7 +74,7 @@ class Source(Protocol):
     def frame(self, number: int) -> bytes:
         """Blob of a frame."""
 
-    def rendered(self, settings: Settings) -> bytes:
+    def render(self, settings: Settings) -> bytes:
         """Blob of the frame rendered with these settings. Raises InputError for a source that cannot render."""
 
 
@@ -119,7 +119,7 @@ class Clouds:
         """Read a file, and compute its points' budgets if scene, sensor and truth are known."""
         cloud = self._load(number) if number else self._first
         sensor = self._sensor_of(cloud)
-        still, no_layer_reason = still_m(cloud, self.scene)
+        still, no_layer_reason = deskewed_positions_m(cloud, self.scene)
         budget: Budget | None = None
         page_header: dict[str, Any] = {"layers": no_layer_reason}
         if sensor is not None and self.scene is not None and cloud.has_truth:
@@ -134,7 +134,7 @@ class Clouds:
             still_m=still,
         )
 
-    def rendered(self, settings: Settings) -> bytes:
+    def render(self, settings: Settings) -> bytes:
         """Raise InputError: clouds cannot be rendered."""
         raise InputError("clouds are shown as they are; only a scene can be rendered anew")
 
@@ -192,7 +192,7 @@ class RecordingFrames:
         page_header = {"layers": RECORDED}
         return frame_blob(cloud, name=self.frames[number], origin_m=np.zeros(3), budget=None, extra_header=page_header)
 
-    def rendered(self, settings: Settings) -> bytes:
+    def render(self, settings: Settings) -> bytes:
         """Raise InputError: recordings cannot be rendered."""
         raise InputError("recordings are shown as they are; only a scene can be rendered anew")
 
@@ -296,9 +296,9 @@ class Live:
 
     def frame(self, number: int) -> bytes:
         """Render with the values of the files."""
-        return self.rendered({})
+        return self.render({})
 
-    def rendered(self, settings: Settings) -> bytes:
+    def render(self, settings: Settings) -> bytes:
         """Render one frame with these settings."""
         equipment = self._choose_equipment(settings)
         equipment_settings = {key: value for key, value in settings.items() if key not in (*KEYS, SENSOR)}
@@ -373,7 +373,7 @@ class Live:
         return Echoes(**{name: getattr(light, name)[pulse] for name in COLUMNS})
 
 
-def still_m(cloud: PointCloud, scene: Scene | None) -> tuple[Numbers | None, str]:
+def deskewed_positions_m(cloud: PointCloud, scene: Scene | None) -> tuple[Numbers | None, str]:
     """(n, 3) deskewed positions in the world, or None with the reason for the page.
 
     With a scene the cloud is in world coordinates. Its file holds the time of each point and the sensor's pose at the
@@ -405,11 +405,11 @@ def stage_blob(
     moved = {key: (np.array(camera[key]) - origin).tolist() for key in ("eye", "target")}
     header = extra_header | {"camera": camera | moved, "origin": origin.tolist()}
     if scene is None:
-        return packed(header, {})
+        return pack_blob(header, {})
     solid = solid_of(scene, wavelength_m, time_s=time_s)
     header |= {"opaque": 3 * solid.opaque, "sun": scene.sun.direction.tolist()}
     vertices = (solid.vertices_m - origin).astype(np.float32)
-    return packed(
+    return pack_blob(
         header, {"vertices": vertices.ravel(), "colours": solid.colours.ravel(), "faces": solid.faces.ravel()}
     )
 

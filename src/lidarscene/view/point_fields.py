@@ -11,7 +11,7 @@ from ..cloud.point_cloud import PointCloud
 from ..formats.cloud_columns import STATUS_NAMES, Column
 from ..maths.arrays import Numbers
 from ..studies.budget import Budget
-from .blob import packed
+from .blob import pack_blob
 
 BUDGET, SURFACE, POINT = GROUPS = ("Budget", "Surface (truth)", "Point")
 SYMBOLS = {
@@ -112,7 +112,7 @@ def frame_blob(
         "metadata": dict(cloud.metadata),
         "sensor": cloud.sensor_position_m.tolist(),
     }
-    return packed(header | extra_header, arrays)
+    return pack_blob(header | extra_header, arrays)
 
 
 def _column_fields(cloud: PointCloud) -> list[tuple[Field, Numbers]]:
@@ -129,7 +129,7 @@ def _column_fields(cloud: PointCloud) -> list[tuple[Field, Numbers]]:
         field = Field(
             column.name, _group(column), "" if unit == "1" else unit, column.meaning, _names(cloud, column.name)
         )
-        fields.append((field, _plain(values)))
+        fields.append((field, _as_blob_type(values)))
         if column.name == "true_range":
             echo = (cloud.status == 0) & np.isfinite(values)
             error = np.full(len(cloud), np.inf, np.float32)
@@ -172,11 +172,11 @@ def _budget_fields(cloud: PointCloud, budget: Budget | None) -> list[tuple[Field
         ("threshold", budget.threshold, unit, "level of the comparator"),
     )
     return [
-        (Field(name, BUDGET, quantity_unit, meaning, computed=True), _plain(values))
+        (Field(name, BUDGET, quantity_unit, meaning, computed=True), _as_blob_type(values))
         for name, values, quantity_unit, meaning in quantities
     ]
 
 
-def _plain(values: Numbers) -> Numbers:
+def _as_blob_type(values: Numbers) -> Numbers:
     """Convert to a type that a blob can hold."""
     return np.asarray(values) if values.dtype in (np.uint8, np.int32) else np.asarray(values, np.float32)

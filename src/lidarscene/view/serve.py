@@ -182,7 +182,7 @@ class _Handler(BaseHTTPRequestHandler):
         if len(body) < length:
             self._refuse(HTTPStatus.BAD_REQUEST, b"the request ended before its Content-Length")
             return
-        self._answer(lambda: self.server.source.rendered(settings_from(body)))
+        self._answer(lambda: self.server.source.render(settings_from(body)))
 
     def _refuse(self, status: HTTPStatus, message: bytes) -> None:
         self.close_connection = True

@@ -9,7 +9,7 @@ import trimesh
 from lidarscene.errors import InputError, OptionWarning
 from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
-from lidarscene.scene.meshes.mesh_axes import UNITS, Axis, upright
+from lidarscene.scene.meshes.mesh_axes import UNITS, Axis, turn_upright
 from lidarscene.scene.scene import Part
 from lidarscene.scene.scene_file import load_scene
 
@@ -21,7 +21,7 @@ TURNS = {"x": Pose.from_degrees(pitch_deg=90.0), "y": Pose.from_degrees(roll_deg
 def test_a_turn_is_a_rotation_that_lifts_the_axis(up: Axis) -> None:
     """Against the rotation matrix of the same turn, and to the last bit of what was given."""
     points = np.random.default_rng(1).normal(size=(20, 3))
-    turned = upright(points, up)
+    turned = turn_upright(points, up)
     np.testing.assert_array_equal(turned[:, 2], points[:, "xyz".index(up)])
     np.testing.assert_allclose(turned, TURNS[up].apply(points), atol=1e-15)
     np.testing.assert_array_equal(np.sort(np.abs(turned), axis=1), np.sort(np.abs(points), axis=1))

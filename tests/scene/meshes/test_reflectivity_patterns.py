@@ -93,7 +93,7 @@ def test_texture(tmp_path: Path) -> None:
 def test_linear_light() -> None:
     """IEC 61966-2-1, both pieces of its curve."""
     np.testing.assert_allclose(
-        reflectivity_patterns.linear_of_srgb(np.array([0.0, 0.04, 0.5, 1.0])), [0, 0.0030960, 0.2140411, 1], rtol=1e-5
+        reflectivity_patterns.srgb_to_linear(np.array([0.0, 0.04, 0.5, 1.0])), [0, 0.0030960, 0.2140411, 1], rtol=1e-5
     )
 
 
@@ -163,7 +163,7 @@ def test_a_primitive_has_no_pattern(tmp_path: Path) -> None:
 
 def test_the_pieces_of_the_srgb_curve_meet() -> None:
     """IEC 61966-2-1: at 0.04045 a line gives way to a power; 0.1 and 0.3 are on the power."""
-    found = reflectivity_patterns.linear_of_srgb(np.array([0.04044, 0.04046, 0.1, 0.3]))
+    found = reflectivity_patterns.srgb_to_linear(np.array([0.04044, 0.04046, 0.1, 0.3]))
     np.testing.assert_allclose(found, [0.0031300, 0.0031316, 0.0100228, 0.0732390], rtol=2e-5)
 
 
@@ -171,5 +171,5 @@ def test_a_large_triangle_counts_for_more() -> None:
     """Two right triangles, of 2 m2 and 8 m2, with values of 0.1 and 0.6 all over."""
     vertices = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [9, 0, 0], [13, 0, 0], [9, 4, 0]], float)
     pattern = reflectivity_patterns.ReflectivityPattern(kind="reflectivity", values=np.repeat([0.1, 0.6], 3))
-    mean = reflectivity_patterns.mean_over([(pattern, vertices, np.arange(6).reshape(2, 3))])
+    mean = reflectivity_patterns.mean_over_surface([(pattern, vertices, np.arange(6).reshape(2, 3))])
     assert mean == pytest.approx((2 * 0.1 + 8 * 0.6) / 10)

@@ -27,7 +27,7 @@ def axis_of(path: Path) -> Axis | None:
     return "y" if path.suffix.lower() in _Y_UP else None
 
 
-def upright(vertices: Numbers, up: Axis) -> Numbers:
+def turn_upright(vertices: Numbers, up: Axis) -> Numbers:
     """Turn (v, 3) vertices so that the axis ``up`` becomes z. The turn is exact: it only swaps and negates columns.
 
     From y the turn is by 90 degrees around x, so that x stays x: Blender's export of a z-up model and this are each

@@ -66,7 +66,7 @@ def read_cached(path: Path, read: Callable[[], list[SubMesh]]) -> list[SubMesh]:
     pieces = read()
     with suppress(OSError, OutputError):
         _save(entry, pieces)
-        _forget(entry)
+        _evict(entry)
     return pieces
 
 
@@ -103,7 +103,7 @@ def _materials(folder: Path, obj: bytes) -> Iterator[bytes]:
                 yield name + b"\n" + (folder / os.fsdecode(name)).read_bytes()
 
 
-def _forget(newest: Path) -> None:
+def _evict(newest: Path) -> None:
     """Remove the least recently used entries until the rest fits into `LARGEST_BYTES`; ``newest`` stays."""
     entries = []
     for entry in newest.parent.glob("*.npz"):

@@ -44,7 +44,7 @@ def box_mesh(*, size_m: tuple[float, float, float]) -> tuple[Numbers, Numbers]:
             vertices = np.zeros_like(flat)
             vertices[:, [u, v]], vertices[:, axis] = flat[:, :2], sign * size_m[axis] / 2
             parts.append((vertices, faces if sign > 0 else faces[:, ::-1]))
-    return _welded(*joined(parts))
+    return _merge_vertices(*join_meshes(parts))
 
 
 def cylinder_mesh(*, radius_m: float, height_m: float, sections: int = 64) -> tuple[Numbers, Numbers]:
@@ -68,7 +68,7 @@ def cylinder_mesh(*, radius_m: float, height_m: float, sections: int = 64) -> tu
     return np.concatenate([side, centres]), np.concatenate(faces)
 
 
-def joined(parts: list[tuple[Numbers, Numbers]]) -> tuple[Numbers, Numbers]:
+def join_meshes(parts: list[tuple[Numbers, Numbers]]) -> tuple[Numbers, Numbers]:
     """Join several (vertices, faces) into one mesh."""
     offsets = np.cumsum([0] + [len(vertices) for vertices, _ in parts[:-1]])
     vertices = np.concatenate([vertices for vertices, _ in parts])
@@ -76,7 +76,7 @@ def joined(parts: list[tuple[Numbers, Numbers]]) -> tuple[Numbers, Numbers]:
     return vertices, faces
 
 
-def _welded(vertices: Numbers, faces: Numbers) -> tuple[Numbers, Numbers]:
+def _merge_vertices(vertices: Numbers, faces: Numbers) -> tuple[Numbers, Numbers]:
     """Merge equal vertices of a mesh."""
     unique, index = np.unique(vertices, axis=0, return_inverse=True)
     return unique, index.reshape(-1)[faces]

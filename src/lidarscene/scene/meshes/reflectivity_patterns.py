@@ -96,7 +96,7 @@ def _colours(geometry: Any, *, linear: bool) -> ReflectivityPattern | tuple[Numb
         return None
     colours = visual.vertex_colors if visual.kind == "vertex" else visual.face_colors
     red = np.asarray(colours, dtype=np.float64)[:, 0] / 255.0
-    return (red if linear else linear_of_srgb(red)), visual.kind == "face"
+    return (red if linear else srgb_to_linear(red)), visual.kind == "face"
 
 
 def _texture(visual: Any) -> ReflectivityPattern | None:
@@ -104,7 +104,7 @@ def _texture(visual: Any) -> ReflectivityPattern | None:
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     if image is None or visual.uv is None:
         return None
-    red = linear_of_srgb(np.asarray(image.convert("RGB"), dtype=np.float64)[..., 0] / 255.0)
+    red = srgb_to_linear(np.asarray(image.convert("RGB"), dtype=np.float64)[..., 0] / 255.0)
     factor = getattr(material, "baseColorFactor", None)
     # trimesh counts v from the bottom of the image, and keeps the factor (linear light) as 0 to 255.
     return ReflectivityPattern(
@@ -114,12 +114,12 @@ def _texture(visual: Any) -> ReflectivityPattern | None:
     )
 
 
-def linear_of_srgb(value: Numbers) -> Numbers:
+def srgb_to_linear(value: Numbers) -> Numbers:
     """Linear light of a colour component from 0 to 1 (IEC 61966-2-1)."""
     return np.asarray(np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4))
 
 
-def mean_over(patterns: list[tuple[ReflectivityPattern, Numbers, Numbers]]) -> float:
+def mean_over_surface(patterns: list[tuple[ReflectivityPattern, Numbers, Numbers]]) -> float:
     """Mean of the values of these patterns over their triangles, by area. Each comes with vertices and faces.
 
     An image counts with the mean of its pixels, whatever part of it the triangles show.

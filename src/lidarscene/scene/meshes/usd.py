@@ -19,7 +19,7 @@ import numpy as np
 from ...errors import InputError, OptionWarning
 from ...files.optional import import_optional
 from ...maths.arrays import Numbers
-from .mesh_axes import upright
+from .mesh_axes import turn_upright
 from .mesh_cache import SubMesh
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
@@ -72,9 +72,9 @@ class _Reader:
             "Cube": self._cube,
             "Plane": self._plane,
             "Sphere": self._sphere,
-            "Cylinder": self._round,
-            "Cone": self._round,
-            "Capsule": self._round,
+            "Cylinder": self._round_solid,
+            "Cone": self._round_solid,
+            "Capsule": self._round_solid,
         }
         if not pxr.UsdGeom.StageHasAuthoredMetersPerUnit(stage):
             warnings.warn(
@@ -134,7 +134,7 @@ class _Reader:
         """Yield one piece for each material of a prim that has a shape."""
         vertices, faces, face_of = self._kinds[str(prim.GetTypeName())](prim)
         placed = vertices @ frame[:3, :3] + frame[3, :3]
-        placed = upright(placed, self._up) * self._metres  # type: ignore[arg-type]
+        placed = turn_upright(placed, self._up) * self._metres  # type: ignore[arg-type]
         binding = self._pxr.UsdShade.MaterialBindingAPI(prim)
         unassigned = np.ones(len(faces), dtype=bool)
         for subset in binding.GetMaterialBindSubsets():
@@ -194,7 +194,7 @@ class _Reader:
         import trimesh
 
         size = float(self._pxr.UsdGeom.Cube(prim).GetSizeAttr().Get(self._time))
-        return _whole(trimesh.creation.box((size,) * 3))
+        return _solid_arrays(trimesh.creation.box((size,) * 3))
 
     def _plane(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
         plane = self._pxr.UsdGeom.Plane(prim)
@@ -212,9 +212,9 @@ class _Reader:
         import trimesh
 
         radius = float(self._pxr.UsdGeom.Sphere(prim).GetRadiusAttr().Get(self._time))
-        return _whole(trimesh.creation.icosphere(subdivisions=4, radius=radius))
+        return _solid_arrays(trimesh.creation.icosphere(subdivisions=4, radius=radius))
 
-    def _round(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
+    def _round_solid(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
         """Cylinder, cone or capsule along one of its axes, centred."""
         import trimesh
 
@@ -234,6 +234,6 @@ class _Reader:
         return vertices_on_axis, np.asarray(solid.faces), np.zeros(len(solid.faces), dtype=np.int64)
 
 
-def _whole(mesh: Any) -> tuple[Numbers, Numbers, Numbers]:
+def _solid_arrays(mesh: Any) -> tuple[Numbers, Numbers, Numbers]:
     """Arrays of a solid whose triangles all belong to one face."""
     return np.asarray(mesh.vertices), np.asarray(mesh.faces), np.zeros(len(mesh.faces), dtype=np.int64)

@@ -65,11 +65,13 @@ class ViewerCheck:
 
     def _single(self) -> Criterion:
         pulse_s = self._pulse_s
-        return self._criterion("single pulse", "4.3 f 1", self._through(pulse_s), self._limit(pulse_s), "J")
+        return self._criterion(
+            "single pulse", "4.3 f 1", self._energy_through_aperture(pulse_s), self._limit(pulse_s), "J"
+        )
 
     def _average(self) -> Criterion:
         duration = self.time_base_s
-        power = self._through(duration) * self.train.mean_rate_hz
+        power = self._energy_through_aperture(duration) * self.train.mean_rate_hz
         return self._criterion(
             "average power", "4.3 f 2", power, self._limit(duration) / duration, "W", f"over {duration:g} s"
         )
@@ -84,10 +86,10 @@ class ViewerCheck:
                 criterion = self._criterion(
                     "pulse group",
                     "4.3 f 2",
-                    count * self._through(duration),
+                    count * self._energy_through_aperture(duration),
                     self._limit(duration),
                     "J",
-                    f"{count} pulses in {si(duration, 's')}",
+                    f"{count} pulses in {si_text(duration, 's')}",
                 )
                 worst = criterion if worst is None or criterion.margin < worst.margin else worst
         if worst is not None:
@@ -113,15 +115,15 @@ class ViewerCheck:
             time_base_s=self.time_base_s,
         )
         detail = f"C5 = {factor:.3g} for {pulses:.4g} pulses in {longest:.3g} s"
-        detail += f", {together} within {si(grouping, 's')} as one" if together > 1 else ""
-        emission = together * self._through(duration)
+        detail += f", {together} within {si_text(grouping, 's')} as one" if together > 1 else ""
+        emission = together * self._energy_through_aperture(duration)
         return self._criterion("pulse train", "4.3 f 3", emission, factor * self._limit(duration), "J", detail)
 
     def _blue(self) -> Iterator[Criterion]:
         duration = min(100.0, self.time_base_s)
         limit = iec.class_1_blue_energy_j(wavelength_m=self.sensor.laser.wavelength_m, duration_s=duration)
         if math.isfinite(limit):
-            power = self._through(duration) * self.train.mean_rate_hz
+            power = self._energy_through_aperture(duration) * self.train.mean_rate_hz
             yield self._criterion("blue light", "table 3", power, limit / duration, "W", f"over {duration:g} s")
 
     @property
@@ -137,7 +139,7 @@ class ViewerCheck:
             wavelength_m=self.sensor.laser.wavelength_m, duration_s=duration_s, source_rad=self.source_rad
         )
 
-    def _through(self, duration_s: float) -> float:
+    def _energy_through_aperture(self, duration_s: float) -> float:
         """Energy of one pulse through the aperture that applies to emissions of this duration."""
         aperture, _, beam = geometry(self.sensor, self.viewer, duration_s)
         return self.energy_j * iec.fraction_through_aperture(beam_diameter_m=beam, aperture_m=aperture)
@@ -163,7 +165,7 @@ def geometry(sensor: Sensor, viewer: str, duration_s: float) -> tuple[float, flo
     return aperture, distance, beam
 
 
-def si(value: float, unit: str) -> str:
+def si_text(value: float, unit: str) -> str:
     """Text of a number with an SI prefix, four digits."""
     exponent = min(max(math.floor(math.log10(value) / 3.0 + 1e-12), -5), 0) if value > 0.0 else 0
     return f"{value / 10.0 ** (3 * exponent):.4g} {'fpnum'[exponent] if exponent else ''}{unit}"

@@ -18,7 +18,7 @@ from ...errors import InputError
 from ...physics import eye_safety as iec
 from ...physics.optics.pulse import pulse_energy_j
 from ...sensor.sensor_model import Sensor
-from .criteria import VIEWERS, Criterion, ViewerCheck, geometry, si
+from .criteria import VIEWERS, Criterion, ViewerCheck, geometry, si_text
 from .exposure import PulseTrain, counted_train, scanned_train, stationary_train
 
 NOTICE = "An aid to design, not a certification: docs/eye_safety.md says what it rests on."
@@ -187,7 +187,7 @@ def as_text(report: EyeSafetyReport) -> str:
     margin = "margin" if not report.not_known else "margin of the model's pulse"
     lines.append(
         f"  {verdict[report.verdict]}: {worst.name} limits ({_VIEWER_TEXT[worst.viewer]}), "
-        f"{margin} {worst.margin:.3g}; it allows a peak of {si(report.class_1_peak_power_w, 'W')}"
+        f"{margin} {worst.margin:.3g}; it allows a peak of {si_text(report.class_1_peak_power_w, 'W')}"
     )
     return "\n".join(lines)
 
@@ -195,7 +195,7 @@ def as_text(report: EyeSafetyReport) -> str:
 def _row(criterion: Criterion) -> str:
     """Line of the table for one criterion."""
     clause = f"({criterion.clause})"
-    emission, limit = si(criterion.emission, criterion.unit), si(criterion.limit, criterion.unit)
+    emission, limit = si_text(criterion.emission, criterion.unit), si_text(criterion.limit, criterion.unit)
     row = f"    {criterion.name:<14}{clause:<10}{emission:>12}{limit:>12}{criterion.margin:>10.3g}  {criterion.detail}"
     return row.rstrip()
 
@@ -209,11 +209,12 @@ def report_text(sensor: Sensor) -> str:
     """Text of both reports of a sensor, with the beam scanning and standing still."""
     laser, reports = sensor.laser, both_reports(sensor)
     rate_hz = stationary_train(sensor).mean_rate_hz  # with all shots of a point
+    energy_j = reports[0].pulse_energy_j
     head = (
         f"{sensor.name}: eye safety, class 1 of IEC 60825-1:2014\n{_verdict_text(reports)}\n{NOTICE}\n\n"
-        f"laser    {laser.wavelength_m * 1e9:g} nm, {si(float(laser.peak_power_w), 'W')} peak, "
-        f"{si(float(laser.pulse_fwhm_s), 's')}, {rate_hz * 1e-3:g} kHz: "
-        f"{si(reports[0].pulse_energy_j, 'J')} a pulse, {si(reports[0].pulse_energy_j * rate_hz, 'W')} in the mean"
+        f"laser    {laser.wavelength_m * 1e9:g} nm, {si_text(float(laser.peak_power_w), 'W')} peak, "
+        f"{si_text(float(laser.pulse_fwhm_s), 's')}, {rate_hz * 1e-3:g} kHz: "
+        f"{si_text(energy_j, 'J')} a pulse, {si_text(energy_j * rate_hz, 'W')} in the mean"
     )
     assumptions = dict.fromkeys(line for report in reports for line in report.assumptions)
     assumed = "\n".join(f"{'assumed' if index == 0 else '':<9}{line}" for index, line in enumerate(assumptions))

@@ -251,7 +251,7 @@ def table_text(table: SensitivityTable) -> str:
         if row.range_elasticity is not None and row.detection_points is not None:
             lines.append(
                 f"{row.parameter:32s} {row.value:12.6g} {row.unit:5s} "
-                f"{_signed(row.range_elasticity)} {_signed(row.detection_points)}"
+                f"{_signed_text(row.range_elasticity)} {_signed_text(row.detection_points)}"
             )
     zero = [row for row in moving if row.range_elasticity is None]
     if zero:
@@ -319,7 +319,7 @@ def _light(sensor: Sensor, target: Target, range_m: Lanes) -> Echoes:
     return receive(beams, hits, sensor, ambient)
 
 
-def _signed(value: float) -> str:
+def _signed_text(value: float) -> str:
     """Signed number in ten characters: four decimals, or two digits if these would show as zero."""
     return f"{value:+10.4f}" if abs(value) >= 1e-3 or value == 0.0 else f"{value:+10.1e}"
 

@@ -144,7 +144,7 @@ def parameter_axis(
     for where, tables in files:
         info = numeric_keys(tables).get(key)
         if info is None:
-            raise InputError(f"--over {key}: {_unknown(key, where, tables)}")
+            raise InputError(f"--over {key}: {_unknown_key_text(key, where, tables)}")
         whole = whole or info.whole
         if start is None or stop is None:
             if not info.value:
@@ -248,7 +248,7 @@ def _literals(model: type[BaseModel]) -> tuple[Any, ...]:
     return tuple(getattr(field.annotation, "__args__", ())) if field else ()
 
 
-def _unknown(key: str, where: str, tables: Mapping[str, Any]) -> str:
+def _unknown_key_text(key: str, where: str, tables: Mapping[str, Any]) -> str:
     keys = numeric_keys(tables)
     hint = did_you_mean(key, [*keys, *CONDITIONS])
     hint = hint or f"must be one of {', '.join(CONDITIONS)} or a key such as detector.radius_mm"
