@@ -141,7 +141,7 @@ class Polygon(Mechanism):
         ops = xp(pulse)
         (turn,) = turned
         tilt = ops.float32(ops.take(self.tilt_rad, self._facet_and_column(pulse)[0]))
-        # `rest` is the normal of an upright facet in mid-line; mirrored at it, the incoming beam leaves along x.
+        # `rest_normal` is that of an upright facet in mid-line; mirrored at it, the incoming beam leaves along x.
         rest_normal = ops.cos(self.incidence_rad), self.side * ops.sin(self.incidence_rad), 0.0
         incoming = weighted_sum(1.0, (1.0, 0.0, 0.0), -2.0 * rest_normal[0], rest_normal)
         # The facet has turned on, and leans by its tilt.
@@ -152,7 +152,7 @@ class Polygon(Mechanism):
         direction = reflected(incoming, normal)
         if self.inradius_m is None or self.lens_radius_m is None:
             return direction, 1.0
-        # In units of the inradius: the beam's axis passes through `rest`, the facet's middle is `level`. Follow the
+        # In units of the inradius: the beam's axis passes `rest_normal`, the facet's middle is `level`. Follow the
         # beam to the facet's plane; `aside` is the distance from there to the facet's middle, along the facet.
         along = (1.0 - dot(level, rest_normal)) / dot(level, incoming)
         facet_point = weighted_sum(1.0, rest_normal, along, incoming)

@@ -144,11 +144,12 @@ class Bins:
             # The pulse's only echo is the one in these bins.
             return _Blind(by_sun=1.0 - free, by_echoes=0.0, freed=0.0)
         sigma = pixel.sigma_s
+        # SPADs that fire once in a shot stay blind to its end: their dead time is infinite, here a large number.
         dead = 1e9 if once else pixel.spad.dead_time_s / sigma
         energy = pixel.per_watt * sigma * math.sqrt(2.0 * math.pi)
         before, moment = 0.0 * start, 0.0 * start
         for centre, height in zip(wave.centres, wave.heights, strict=True):
-            # What of a Gaussian lies in the dead time before the first bin, by the logistic function.
+            # Share of a Gaussian within the dead time before the first bin, by the logistic approximation.
             part = self._share_before(start - centre)
             if not once:
                 part = part - self._share_before(start - dead - centre)

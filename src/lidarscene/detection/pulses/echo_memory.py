@@ -122,6 +122,8 @@ def update_memory(shots: Received, rise: Rise, signal: Lanes, residue: Residue |
         pulse_fwhm_s=shots.sensor.laser.pulse_fwhm_s,
         dead_time_s=cells.dead_time_s,
     )
+    # All echoes before the last are one, at the mean of their places weighted by cells; after two dead times they no
+    # longer count (T45b).
     last, older = memory
     forgotten = (rise.peak - older.place) * shots.sigma_s > 2.0 * cells.dead_time_s
     older_amount = ops.where(forgotten, 0.0, older.amount)

@@ -98,12 +98,14 @@ def broadened_fwhm_s(*, pulse_fwhm_s: Lanes, radius_m: Lanes, tangent: Lanes, li
 def highest_between(evaluate: Callable[[Lanes], Shape], low: Lanes, high: Lanes, *, mask: Mask) -> tuple[Lanes, Shape]:
     """Peak of the waveform between two places: its slope is positive at the first and negative at the second.
 
-    wanted  (n,) bool, lanes to search; results of other lanes are undefined
+    mask  (n,) bool, lanes to search; results of other lanes are undefined
 
     Returns the place and the shape there.
     """
 
     def uphill(shape: Shape) -> tuple[Lanes, Lanes]:
+        # Residual -(ln P)' = -P' / P, whose slope is (P' / P)^2 - P'' / P: nearly linear for a Gaussian, on which
+        # Newton's method needs one step.
         _, slope, bend = _relative_shape(shape)
         return -slope, slope * slope - bend
 
@@ -135,7 +137,7 @@ def crossing(
     far     place below the level
     peak    place of the peak, and top the shape there
     near    a place between both that is known to be above the level; the peak if None
-    wanted  (n,) bool, lanes to search; results of other lanes are undefined
+    mask    (n,) bool, lanes to search; results of other lanes are undefined
     """
     ops = xp(level, far, peak)
     highest, _, bend = top

@@ -57,7 +57,9 @@ def clipped_course(*, signal: Numbers, step_s: float, saturation: float, recover
     fading = math.exp(-step_s / max(recovery_s, 1e-18))
     output, zero = np.zeros_like(signal), np.zeros(len(signal))
     held, lowest, clips = zero, signal[:, 0], zero > 0.0
-    # While it clips: what was held and the light when that began, and the highest input and light so far.
+    # State while the amplifier clips: charge and light when that began (base, floor), highest input and light since
+    # (top, brightest). Clipping begins where light and charge together exceed S and the light is new; it ends where
+    # they fall back to S or the new light is gone. From then on the highest input drains as charge.
     base, floor, top, brightest = zero, zero, zero, zero
     for k in range(signal.shape[1]):
         light = signal[:, k]

@@ -225,6 +225,7 @@ def tables() -> tuple[LookupTable, LookupTable]:
         peak = _peak(place, shares[:, None], captured[None, :])
         forward[i] = np.log(peak / captured)
         for j in range(_SHARES):
+            # np.interp needs rising abscissae; rounding may leave ripples where the response is flat.
             rising = np.maximum.accumulate(peak[j])
             inverse[i, j] = np.interp(np.log(reached), np.log(rising), -forward[i, j])
     return LookupTable(forward), LookupTable(inverse)

@@ -48,6 +48,7 @@ def binomial_count(*, trials: Lanes, probability: Lanes, uniform: Lanes, log_non
             count = count + ops.where(uniform > below, 1.0, 0.0)
         return count, term, below
 
+    # Most counts end within the first terms, so packets in which all do skip the rest.
     first_count: Lanes = ops.where(uniform > term, 1.0, 0.0)
     state = add_terms((first_count, term, term), 1, _FIRST_TERMS)
     count, _, _ = ops.where_any(few & (uniform > state[2]), lambda: add_terms(state, _FIRST_TERMS, _TERMS), state)

@@ -79,6 +79,7 @@ def tail(*, excess: Lanes, variance: Lanes, unit: Lanes) -> Lanes:
     theta = ops.log(ops.maximum(1.0 + excess / (unit * mean), 1e-6))
     level = ops.maximum(mean + excess / unit, 1e-6 * mean)
     slope = theta * ops.sqrt(level)
+    # Barndorff-Nielsen's r + ln(v / r) / r is 0 / 0 at the mean, r = 0; its limit there is 1 / (6 sqrt(mean)).
     close = ops.abs(theta) < 2e-2
     ratio = ops.where(close, 1.0, slope / ops.where(close, 1.0, root))
     lift = ops.where(close, 1.0 / (6.0 * ops.sqrt(mean)), ops.log(ratio) / ops.where(close, 1.0, root))

@@ -66,7 +66,7 @@ def _table() -> LookupTable:
     arrived = np.array([0.5 * (1.0 + erf(x / 2.0**0.5)) for x in t])
     places = []
     for light in np.expm1(np.linspace(0.0, np.log1p(_MOST), _SAMPLES)):
-        fired = pulse * np.exp(-light * arrived)
+        fired = pulse * np.exp(-light * arrived)  # density of firings, g exp(-Lambda G)
         place = float(np.sum(t * fired) / np.sum(fired))
         for _ in range(50):  # Newton's method on the filter's slope, from the centroid
             off = t - place

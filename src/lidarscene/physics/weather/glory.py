@@ -56,6 +56,7 @@ def _disc_brightness(diameter: Numbers, angle: Numbers, wavelength_m: float) -> 
     """Mean brightness over all angles up to one, over that of the faces."""
     logs, table = _table(wavelength_m)
     u = math.pi * diameter / wavelength_m * angle
+    # Bilinear interpolation: rows by ln D, columns by u.
     row = (np.log(np.maximum(diameter, _SMALLEST_M)) - logs[0]) / (logs[1] - logs[0])
     low = np.clip(np.floor(row).astype(int), 0, len(logs) - 2)
     part = np.clip(row - low, 0.0, 1.0)

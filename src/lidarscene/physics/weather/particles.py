@@ -94,9 +94,6 @@ def strengths(
 
     backscatter_m2_sr  sigma(diameter_m=D): W/sr per W/m2 on the particle
     gain               g(diameter_m=D, within_rad=..., from_rad=...) of it into the lens; None: one
-    beam_area_m2       S(R), taken as evenly lit. For a Gaussian beam use the disc of the 1/e^2 radius, pi w^2: mean and
-                       variance of the echoes are then those of the Gaussian
-    overlap            xi(R), 0 where the receiver sees nothing of the beam
     count              a key of `MEAN_HITS`; more particles mean a weaker cut
     down_to            strength: the count is the least from ``count`` on whose weakest particle is below it, or the
                        most

@@ -262,6 +262,7 @@ class Macropixel:
         if self.spad.coincidence == 1:
             share = counts / (self.trials * self.free * self.shade)
             return dead_time.detections_of_share(share=share) / unit
+        # With coincidence the counts have no inverse in closed form: bisection on the logarithm of the detections.
         ops = xp(counts, unit, self.free)
         zero = 0.0 * (counts + self.free)
 
