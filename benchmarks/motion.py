@@ -83,12 +83,12 @@ def _row(seconds: clock.Seconds, name: str, still: str, most: float | None) -> R
 
 def _tables(count: int, rounds: int) -> Row:
     """Numpy's work before a frame: where so many splines and the sensor are, every half millisecond."""
-    from lidarscene.maths.paths import Paths
+    from lidarscene.maths.motion_table import MotionTable
 
     times = np.linspace(0.0, 2.0, 21)
     way = tuple(Pose.from_degrees(position_m=(20 * t, math.sin(t), 0.0), yaw_deg=30 * t) for t in times)
     motions = [Spline(time_s=times, poses=way)] * (count + 1)
-    task = {"tables": lambda: Paths.from_motions(motions, start_s=0.5, length_s=0.1, centre_m=np.zeros(3))}
+    task = {"tables": lambda: MotionTable.from_motions(motions, start_s=0.5, length_s=0.1, centre_m=np.zeros(3))}
     values = clock.in_turns(task, rounds=rounds)["tables"]
     return Row(
         f"tables of {count + 1} motions", f"{np.median(values):.3f} s", f"{values.min():.3f} to {values.max():.3f}"

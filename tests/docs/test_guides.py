@@ -19,7 +19,7 @@ from lidarscene.formats import e57, las, osi, ply
 from lidarscene.formats.cloud_columns import COLUMNS
 from lidarscene.kernel.rays import onward, trace
 from lidarscene.labels import files
-from lidarscene.maths.paths import STEP_S
+from lidarscene.maths.motion_table import STEP_S
 from lidarscene.maths.trajectory import LARGEST_SPEED_M_S, LARGEST_STEP_RAD, LARGEST_YAW_RATE_DEG_S
 from lidarscene.outputs import range_image
 from lidarscene.physics import eye_safety

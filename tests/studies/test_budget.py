@@ -11,7 +11,7 @@ from helpers import chain
 from lidarscene import load_scene, load_sensor
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError
-from lidarscene.kernel.rays.retraced_light import COLUMNS, retraced_light
+from lidarscene.kernel.rays.retraced_light import LIGHT_COLUMNS, retraced_light
 from lidarscene.light.echoes import Echoes
 from lidarscene.physics.constants import ELEMENTARY_CHARGE_C
 from lidarscene.rendering.frame import Frame
@@ -80,7 +80,7 @@ def test_every_point_is_explained_by_its_light(frames: Any, name: str) -> None:
         seed=3,
     )
     pulse = pulses_of(cloud, sensor.scanner)
-    light = Echoes(**{name: getattr(whole, name)[pulse] for name in COLUMNS})
+    light = Echoes(**{name: getattr(whole, name)[pulse] for name in LIGHT_COLUMNS})
     budget = budget_of(cloud, sensor, ambient, light=light)
     # Behind panes a pulse may have two echoes, whose SNR is that of their sum.
     hit = np.isfinite(cloud.true_range_m) & (cloud.interactions == 0)

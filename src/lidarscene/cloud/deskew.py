@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..maths.paths import Paths
+from ..maths.motion_table import MotionTable
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, pose_at
 from .point_cloud import PointCloud
@@ -48,7 +48,7 @@ def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None
         raise InputError("deskewed: the cloud's metadata do not say when and where it was taken") from None
     length_s = max(float(cloud.time_s.max(initial=0.0)) if length_s is None else length_s, SHORTEST_S)
     at_start = pose_at(motion, start_s)
-    paths = Paths.from_motions([motion], start_s=start_s, length_s=length_s, centre_m=at_start.position_m)
+    paths = MotionTable.from_motions([motion], start_s=start_s, length_s=length_s, centre_m=at_start.position_m)
     # The traced frame has its origin at the sensor's position at the start; this pose leads from it to the points'.
     to_points = goal @ Pose(rotation=at_start.rotation.T)
     moved = np.zeros_like(cloud.xyz_m)

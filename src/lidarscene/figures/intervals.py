@@ -17,7 +17,7 @@ from ..maths.arrays import Numbers
 from .lines import COLOURS, GREY, GRID, INK
 from .maps import MARKERS, plain_axes, save_figure
 
-_SCATTERED = 12_000  # most points of a scatter plot
+_MOST_SCATTERED = 12_000  # most points of a scatter plot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,7 +132,7 @@ def save_snr(path: str | os.PathLike[str], pairs: Pairs, *, x_label: str, y_labe
     a, b, kind = pairs.a, pairs.b, pairs.kind
 
     def draw(_: Any, axes: Any) -> None:
-        drawn = slice(None, None, max(len(a) // _SCATTERED, 1))
+        drawn = slice(None, None, max(len(a) // _MOST_SCATTERED, 1))
         shades = (GREY, COLOURS[0], COLOURS[1], "#c9c9c9")
         for number, label in enumerate(pairs.kinds):
             of_kind = kind[drawn] == number

@@ -26,7 +26,7 @@ INK, GREY, GRID = "#1a1a1a", "#6b6b6b", "#dddddd"
 STYLES = {"solid": "-", "dashed": (0, (5, 2.2)), "dotted": (0, (1.2, 1.8)), "dashdot": (0, (6, 2, 1.2, 2))}
 SIZE_INCHES = (6.0, 4.2)
 DPI = 200
-_ROW = 88  # characters in a row of the legend
+_LEGEND_CHARACTERS = 88  # characters in a row of the legend
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -215,8 +215,8 @@ def _legend(figure: Any, axes: Any, chart: Chart) -> None:
     if not labels:
         return
     longest = max((len(label) for label in labels), default=1)
-    columns = max(1, min(len(labels), _ROW // (longest + 9)))
-    if sum(len(label) + 9 for label in labels) <= _ROW:
+    columns = max(1, min(len(labels), _LEGEND_CHARACTERS // (longest + 9)))
+    if sum(len(label) + 9 for label in labels) <= _LEGEND_CHARACTERS:
         columns = len(labels)
     axes.legend(
         loc="lower left",

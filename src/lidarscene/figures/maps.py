@@ -18,7 +18,7 @@ from ..maths.arrays import Numbers
 from .lines import COLOURS, DPI, GREY, GRID, INK, arrange
 
 WIDTH_INCHES = 7.2
-NOTHING = "#e4e4e4"
+NO_DATA_COLOUR = "#e4e4e4"
 MARKERS = "osD^vP*"
 
 
@@ -55,7 +55,7 @@ def save_map(path: str | os.PathLike[str], angle_map: AngleMap) -> None:
         norm = (LogNorm if angle_map.log and low > 0.0 else Normalize)(low, high)
         options = {"extent": angle_map.extent, "aspect": "auto", "origin": "lower", "interpolation": "nearest"}
         blank = np.where(angle_map.outside | np.isfinite(values), np.nan, 1.0)
-        axes.imshow(blank, cmap=ListedColormap([NOTHING]), **options)
+        axes.imshow(blank, cmap=ListedColormap([NO_DATA_COLOUR]), **options)
         visible = np.ma.masked_where(angle_map.outside | ~np.isfinite(values), values)
         image = axes.imshow(visible, cmap="viridis", norm=norm, **options)
         bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=24, use_gridspec=False)
@@ -65,7 +65,7 @@ def save_map(path: str | os.PathLike[str], angle_map: AngleMap) -> None:
         bar.ax.tick_params(labelsize=8)
         _angle_axes(axes, angle_map.extent)
         if angle_map.missing and blank[np.isfinite(blank)].size:
-            _colour_legend(axes, [(NOTHING, angle_map.missing)])
+            _colour_legend(axes, [(NO_DATA_COLOUR, angle_map.missing)])
 
     save_figure(path, draw, angle_map.title, _height(angle_map.extent))
 
@@ -150,7 +150,7 @@ def save_ground(
 
         most = max(int(count.max()), 1)
         shades = colormaps["viridis"](np.linspace(0.85, 0.1, most)) if most > 1 else [COLOURS[5]]
-        colours = [NOTHING, *shades]
+        colours = [NO_DATA_COLOUR, *shades]
         axes.imshow(
             np.flip(count.T, axis=1),
             origin="lower",

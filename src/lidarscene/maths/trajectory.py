@@ -79,7 +79,7 @@ LARGEST_SPEED_M_S = 1e4
 """Faster than anything on a road, in each direction."""
 
 LARGEST_YAW_RATE_DEG_S = 36_000.0
-"""A hundred turns a second: 18 degrees from one instant of the tables (`paths.STEP_S`) to the next."""
+"""A hundred turns a second: 18 degrees from one instant of the tables (`motion_table.STEP_S`) to the next."""
 
 ALWAYS = (-math.inf, math.inf)
 """Span of a motion without end."""

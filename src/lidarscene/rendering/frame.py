@@ -14,9 +14,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..kernel.device import transfer
-from ..kernel.world.mitsuba_world import World, fixed_placement, mover_boxes, paths_on_device
+from ..kernel.world.mitsuba_world import World, fixed_placement, motions_on_device, mover_boxes
 from ..maths.arrays import Lanes, Numbers
-from ..maths.paths import Moving, Paths, Placement
+from ..maths.motion_table import MotionTable, MovingBodies, Placement
 from ..maths.pose import Pose
 from ..maths.trajectory import Course, Riding, pose_at
 from ..scan import Scanner
@@ -59,7 +59,7 @@ class Frame:
     place: Pose
     vehicle: Pose
     origin: Placement
-    paths: Paths | None
+    paths: MotionTable | None
     moves: bool
     _scanner: Scanner
 
@@ -76,10 +76,10 @@ class Frame:
         # Where nothing carries the sensor, `pose_at` would only cost half a millisecond of a small frame.
         place = pose_at(riding, start_s) if scene.ego is not None else riding.pose
         # Poses at the times of all pulses would be large. So each path is sampled once a frame, and the device
-        # interpolates between the samples (`maths.paths`).
+        # interpolates between the samples (`maths.motion_table`).
         paths = None
         if scene.ego is not None or world.movers:
-            paths = Paths.from_motions(
+            paths = MotionTable.from_motions(
                 [riding, *(mover.motion for mover in world.movers)],
                 start_s=start_s,
                 length_s=length_s,
@@ -94,7 +94,7 @@ class Frame:
             place=place,
             vehicle=Pose() if scene.ego is None else pose_at(scene.ego, start_s),
             origin=fixed_placement(place, world.centre_m),
-            paths=None if paths is None else paths_on_device(paths),
+            paths=None if paths is None else motions_on_device(paths),
             moves=scene.ego is not None,
             _scanner=sensor.scanner,
         )
@@ -112,7 +112,7 @@ class Frame:
         start_s = self._scanner.time_s(np.zeros(1, np.uint32))
         return transfer.from_numpy(self._scanner.time_s(pulse - np.uint32(self.first_pulse)) - start_s)
 
-    def placements(self, times: Callable[[], Any], rays: int = 1) -> tuple[Placement, Moving | None]:
+    def placements(self, times: Callable[[], Any], rays: int = 1) -> tuple[Placement, MovingBodies | None]:
         """`placements` of the sensor and of the movers, for pulses of ``rays`` rays each.
 
         times  gives `times` of the pulses; called only where something moves
@@ -130,15 +130,15 @@ class Frame:
 
 
 def placements(
-    origin: Placement, paths: Paths | None, times: Lanes | None, *, moves: bool
-) -> tuple[Placement, Moving | None]:
+    origin: Placement, paths: MotionTable | None, times: Lanes | None, *, moves: bool
+) -> tuple[Placement, MovingBodies | None]:
     """Placements of the sensor and of the movers at these times; the latter None where nothing but the sensor moves.
 
     origin  placement of the sensor unless it ``moves``
     """
     if paths is None or times is None:
         return origin, None
-    movers = Moving(paths=paths, time_s=times) if paths.count > 1 else None
+    movers = MovingBodies(motions=paths, time_s=times) if paths.count > 1 else None
     return paths.placement(times, 0) if moves else origin, movers
 
 

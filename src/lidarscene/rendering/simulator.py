@@ -343,7 +343,7 @@ class Simulator:
         if not count:
             return np.zeros(0, np.uint32), None
         columns = {name: values[:count] for name, values in columns.items()}
-        if columns.pop(collect.BROKEN).any():
+        if columns.pop(collect.NAN_COLUMN).any():
             raise points_error(self.scene, self.sensor, columns)
         if placing.added_m is not None:
             columns["xyz_m"] = columns["xyz_m"] + placing.added_m
@@ -351,7 +351,7 @@ class Simulator:
         pulse = columns["time_s"]
         columns["time_s"] = frame.time_s(pulse)
         columns["sensor_index"] = np.broadcast_to(np.uint8(0), len(pulse))
-        for name, default in collect.ABSENT.items():
+        for name, default in collect.DEFAULT_VALUES.items():
             columns.setdefault(name, np.broadcast_to(default, len(pulse)))
         return pulse, columns
 

@@ -22,7 +22,7 @@ from ..light.footprint import Footprint, aim, footprint, spread
 from ..light.hits import Hits
 from ..light.pulse_train import LitAir, join_echoes
 from ..maths.arrays import Array, Lanes
-from ..maths.paths import Moving, Paths, Placement
+from ..maths.motion_table import MotionTable, MovingBodies, Placement
 from ..maths.vectors import Vector
 from ..physics.optics import sunlight
 from ..scene.scene import Scene
@@ -32,7 +32,7 @@ from .frame import Frame, placements
 from .render_options import TraceOptions
 from .tiles import DevicePulses
 
-Places = Callable[[int], tuple[Placement, Moving | None]]
+Places = Callable[[int], tuple[Placement, MovingBodies | None]]
 """Function of the rays of a pulse: placement of the sensor and of moving bodies (None: nothing moves) for each ray."""
 
 RayPulses = Mapping[int, Any]
@@ -208,7 +208,7 @@ class Chain:
         """Start the stages for some pulses of a frame."""
         pulse = pulses.number
         if self.repeats:
-            # A recording takes arrays only, so `Paths` goes in as its parts and is built again inside.
+            # A recording takes arrays only, so `MotionTable` goes in as its parts and is built again inside.
             moving = (
                 ()
                 if frame.paths is None
@@ -249,11 +249,11 @@ class Chain:
                 paths, times = None, None
                 if moving:
                     table, rate_hz, last, boxes, times = moving
-                    paths = Paths(table=table, rate_hz=rate_hz, last=last, count=count, boxes_m=boxes)
+                    paths = MotionTable(table=table, rate_hz=rate_hz, last=last, count=count, boxes_m=boxes)
                 origin_m, rotation = place
                 origin = Placement(origin_m=origin_m, rotation=rotation)
 
-                def places(rays: int) -> tuple[Placement, Moving | None]:
+                def places(rays: int) -> tuple[Placement, MovingBodies | None]:
                     ray_times = times if times is None or rays == 1 else transfer.repeat_lanes(times, rays)[0]
                     return placements(origin, paths, ray_times, moves=moves)
 

@@ -18,7 +18,7 @@ from ..cloud.pixels import camera_for
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
 from ..kernel.rays.camera_distances import distances_m
-from ..kernel.rays.retraced_light import COLUMNS, retraced_light
+from ..kernel.rays.retraced_light import LIGHT_COLUMNS, retraced_light
 from ..kernel.world.mitsuba_world import World
 from ..light.echoes import Ambient, Echoes
 from ..maths.arrays import Numbers
@@ -370,7 +370,7 @@ class Live:
             seed=frame.seed,
         )
         pulse = pulses_of(cloud, sensor.scanner) - timed_frame.first_pulse
-        return Echoes(**{name: getattr(light, name)[pulse] for name in COLUMNS})
+        return Echoes(**{name: getattr(light, name)[pulse] for name in LIGHT_COLUMNS})
 
 
 def deskewed_positions_m(cloud: PointCloud, scene: Scene | None) -> tuple[Numbers | None, str]:

@@ -10,7 +10,7 @@ from helpers.traffic import SENSOR, direction, moving, traffic
 
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays import nearby_bodies
-from lidarscene.maths import paths
+from lidarscene.maths import motion_table
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Spline
 from lidarscene.rendering.simulator import Simulator
@@ -122,7 +122,7 @@ def test_boxes_change_nothing(monkeypatch: pytest.MonkeyPatch, rays: int) -> Non
     sensor = chain.sensor("table1-apd", *SENSOR, "scanner.azimuth_step_deg=0.8")
     cloud = Simulator(crowd(), sensor, rays=rays).render(seed=2)
     monkeypatch.setattr(
-        paths, "_swept_boxes", lambda _, carried: np.tile([[[-1e4] * 3, [1e4] * 3]], (len(carried), 1, 1))
+        motion_table, "_swept_boxes", lambda _, carried: np.tile([[[-1e4] * 3, [1e4] * 3]], (len(carried), 1, 1))
     )
     expected = Simulator(crowd(), sensor, rays=rays).render(seed=2)
     assert len(np.unique(cloud.body)) > nearby_bodies.BOXES_PER_GROUP + 1

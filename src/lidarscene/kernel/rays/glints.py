@@ -18,7 +18,7 @@ from ...maths.arrays import Mask, xp
 from ...physics.optics import glint, receiver
 from ..device.backend import mitsuba
 from .meeting import Meeting, Moment
-from .onward import Way
+from .onward import BeamPath
 
 _WIDTHS = 3.0
 """Reach of a spot beyond the aperture's edge, in its radii (1/e^2). If the spot's centre is farther away, the path
@@ -26,10 +26,12 @@ goes on instead: a Gaussian beam has fallen to exp(-2 * 3^2) = 1.5e-8 there, and
 a few per cent."""
 
 
-def specular_return(moment: Moment, way: Way, meeting: Meeting, further: Way, active: Mask) -> tuple[Any, Way]:
+def specular_return(
+    moment: Moment, path: BeamPath, meeting: Meeting, further: BeamPath, active: Mask
+) -> tuple[Any, BeamPath]:
     """Find where the reflected beam comes back to the receiver. Returns (n,) flags, and the path that ends there.
 
-    way      the path up to the pane or mirror
+    path      the path up to the pane or mirror
     further  the path beyond it, as it reflects
     active   (n,) where it reflects. Paths that were reflected before do not come back: what they see of the sensor is
              not traced
@@ -39,10 +41,10 @@ def specular_return(moment: Moment, way: Way, meeting: Meeting, further: Way, ac
     mi = mitsuba()
     aim = moment.aim
     if aim is None:
-        return mi.Bool(False), way
+        return mi.Bool(False), path
     # The normal is in the frame of the body that was met; the beam's axes are in the traced frame.
     normal = mi.Vector3f(meeting.direction_outside(meeting.surface.n))
-    range_m = way.length_m + meeting.t
+    range_m = path.length_m + meeting.t
     # The surface mirrors the aperture to a place 2 R away along its normal. Seen across the beam that image is
     # 2 R sin(delta) off the axis: the component of the normal along each of the two axes across the beam. Components
     # keep their precision at small angles; 1 - cos(delta) would lose it in single precision.
@@ -63,8 +65,8 @@ def specular_return(moment: Moment, way: Way, meeting: Meeting, further: Way, ac
     )
     # An echo's power goes with throughput^2, once there and once back. Here the panes before the surface are passed
     # twice and the surface reflects once: T (T R) = throughput^2 with throughput = sqrt(T * T R).
-    through = ops.sqrt(mi.Float(way.throughput) * further.throughput)
+    through = ops.sqrt(mi.Float(path.throughput) * further.throughput)
     bright = glint.apparent_backscatter_per_sr(share=share, range_m=range_m, aperture_m2=aim.aperture_m2)
-    comes_back = active & ~mi.Bool(way.mirrored) & near & (bright > 0.0)
-    ended = dataclasses.replace(way, throughput=through, glint_per_sr=dr.select(comes_back, bright, 0.0))
+    comes_back = active & ~mi.Bool(path.mirrored) & near & (bright > 0.0)
+    ended = dataclasses.replace(path, throughput=through, glint_per_sr=dr.select(comes_back, bright, 0.0))
     return comes_back, ended

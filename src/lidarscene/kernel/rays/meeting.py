@@ -19,7 +19,7 @@ from typing import Any
 
 from ...light.footprint import Aim
 from ...maths.arrays import Array, Lanes, Mask
-from ...maths.paths import Moving, Placement
+from ...maths.motion_table import MovingBodies, Placement
 from ...maths.vectors import Vector
 from ..device import transfer
 from ..device.backend import mitsuba
@@ -105,7 +105,7 @@ class Moment:
     sun: Vector
     coherent: bool
     draws: Draws
-    moving: Moving | None = None
+    moving: MovingBodies | None = None
     boxes: Sequence[AxisBox] = ()
     aim: Aim | None = None
 
@@ -198,7 +198,7 @@ class Moment:
         return _make_ray(o, d, ray.maxt), to_sun, shift, _placement_of_numbers(numbers)
 
     def _nearer_of_mover(
-        self, ray: Ray, group: _Group, near: Array, first: Hit, mover_index: Array
+        self, ray: Ray, group: _MoverGroup, near: Array, first: Hit, mover_index: Array
     ) -> tuple[Any, Any, Any]:
         """Ask one more body of a group, as a step of the loop in `_nearest`; returns the new state."""
         import drjit as dr
@@ -210,7 +210,7 @@ class Moment:
         nearer = hit.is_valid() & (hit.t < first.t)
         return remaining, dr.select(nearer, hit, first), dr.select(nearer, candidate_index, mover_index)
 
-    def _next_mover(self, near: Array, group: _Group) -> tuple[Any, Any, Placement]:
+    def _next_mover(self, near: Array, group: _MoverGroup) -> tuple[Any, Any, Placement]:
         """Return the number of the next body that a ray comes near, the bits of those left, and its placement."""
         import drjit as dr
 
@@ -218,7 +218,9 @@ class Moment:
         mover_index = mitsuba().Int32(dr.tzcnt(near) + group.first)
         return mover_index, near & (near - 1), self.moving.placement(mover_index)
 
-    def _nearby_groups(self, ray: Ray, active: Mask, scenes: Sequence[TracedScene | None]) -> list[tuple[_Group, Any]]:
+    def _nearby_groups(
+        self, ray: Ray, active: Mask, scenes: Sequence[TracedScene | None]
+    ) -> list[tuple[_MoverGroup, Any]]:
         """Return groups of movers, each with a UInt32 whose bit i is set where a ray comes near body i of the group."""
         groups = self._groups(scenes)
         if not groups:
@@ -226,9 +228,9 @@ class Moment:
         boxes = [self.boxes[group.first : group.first + group.count] for group in groups]
         return list(zip(groups, boxes_passed(ray, boxes, enclosing_box(self.boxes), active), strict=True))
 
-    def _groups(self, scenes: Sequence[TracedScene | None]) -> list[_Group]:
+    def _groups(self, scenes: Sequence[TracedScene | None]) -> list[_MoverGroup]:
         """Return the movers that share a scene, as many at a time as `boxes_passed` has bits; empty scenes left out."""
-        groups: list[_Group] = []
+        groups: list[_MoverGroup] = []
         if self.moving is None:
             return groups
         for number, scene in enumerate(scenes):
@@ -238,7 +240,7 @@ class Moment:
             if last is not None and last.scene is scene and last.count < BOXES_PER_GROUP:
                 groups[-1] = replace(last, count=last.count + 1)
             else:
-                groups.append(_Group(scene=scene, first=number, count=1))
+                groups.append(_MoverGroup(scene=scene, first=number, count=1))
         return groups
 
     def _surface(self, first: Hit, local_ray: Ray, valid: Mask) -> Any:
@@ -280,7 +282,7 @@ class Moment:
         self._split_kernels(is_blocked)
         return is_blocked
 
-    def _blocked_by_mover(self, ray: Ray, group: _Group, near: Array, is_blocked: Array) -> tuple[Any, Any]:
+    def _blocked_by_mover(self, ray: Ray, group: _MoverGroup, near: Array, is_blocked: Array) -> tuple[Any, Any]:
         """Ask one more body of a group; the state of the loop in `_any`."""
         import drjit as dr
 
@@ -295,7 +297,7 @@ class Moment:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Group:
+class _MoverGroup:
     """Bodies that share a Mitsuba scene: ``count`` of them, from number ``first`` of the world's movers on."""
 
     scene: TracedScene

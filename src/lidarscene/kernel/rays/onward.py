@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from ...maths.arrays import Array, Lanes, Mask, xp
-from ...maths.paths import Placement
+from ...maths.motion_table import Placement
 from ...physics.optics import dielectrics
 from ..device.backend import mitsuba
 from ..device.types import Ray
@@ -32,7 +32,7 @@ the same height: 6 mm at this cosine, and no more than that."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Way:
+class BeamPath:
     """The path of a beam from the sensor to the start of its latest ray; one element for each ray.
 
     ray           the latest ray, in the traced frame
@@ -53,7 +53,7 @@ class Way:
     glint_per_sr: Lanes = 0.0
 
 
-Followed = TypeVar("Followed", Way, Meeting, Placement)
+Followed = TypeVar("Followed", BeamPath, Meeting, Placement)
 
 
 def select_fields(mask: Mask, if_true: Followed, if_false: Followed) -> Followed:
@@ -85,15 +85,15 @@ def kind_of(moment: Moment, meeting: Meeting) -> Any:
     return dr.gather(mi.UInt32, speculars.kind, number, meeting.valid)
 
 
-def is_stopped(moment: Moment, way: Way, pane: Meeting) -> Any:
+def is_stopped(moment: Moment, path: BeamPath, pane: Meeting) -> Any:
     """Return whether paths end at a surface that lets others through: a porous one, where the ray finds no gap."""
     if not moment.speculars.gaps:
         return pane.valid & False
     porous = moment.speculars.is_porous(kind_of(moment, pane))
-    return porous & (moment.draws.uniform(way.interactions) >= gap_share(pane.surface, porous))
+    return porous & (moment.draws.uniform(path.interactions) >= gap_share(pane.surface, porous))
 
 
-def continued(moment: Moment, way: Way, meeting: Meeting, active: Mask, *, reflected: bool) -> Way:
+def continued(moment: Moment, path: BeamPath, meeting: Meeting, active: Mask, *, reflected: bool) -> BeamPath:
     """Return the path beyond the panes, mirrors and gaps that were met: through panes, or ``reflected`` by them."""
     import drjit as dr
 
@@ -107,15 +107,15 @@ def continued(moment: Moment, way: Way, meeting: Meeting, active: Mask, *, refle
     out = dr.normalize(meeting.direction_outside(meeting.surface.to_world(direction)))
     # A mirror that moves by v changes the path's length by v . (d_in - d_out) per second. At a pane both directions
     # are the same, and its motion changes nothing.
-    hit_point = way.ray.o + meeting.t * way.ray.d
-    drift = meeting.receding(hit_point, way.ray.d - out)
-    receding = way.receding_m_s if drift is None else way.receding_m_s + drift
-    return Way(
+    hit_point = path.ray.o + meeting.t * path.ray.d
+    drift = meeting.receding(hit_point, path.ray.d - out)
+    receding = path.receding_m_s if drift is None else path.receding_m_s + drift
+    return BeamPath(
         ray=mi.Ray3f(hit_point + step * out, out),
-        length_m=way.length_m + meeting.t + step,
-        throughput=way.throughput * share,
-        interactions=way.interactions + mi.UInt32(1),
-        mirrored=mi.Bool(True) if reflected else way.mirrored | moment.speculars.is_mirror(kind),
+        length_m=path.length_m + meeting.t + step,
+        throughput=path.throughput * share,
+        interactions=path.interactions + mi.UInt32(1),
+        mirrored=mi.Bool(True) if reflected else path.mirrored | moment.speculars.is_mirror(kind),
         receding_m_s=receding,
     )
 
@@ -173,14 +173,14 @@ def sunlight_share(moment: Moment, ray: Ray, active: Mask, *, interactions: int)
     mi = mitsuba()
     # Opaque surfaces are tested once, for the whole ray. Then the ray is followed from pane to pane. Gaps dim sunlight
     # by their share, without chance: unlike a ray of the beam, sunlight is an average over the surface.
-    way, open_ = Way(ray=ray, throughput=mi.Float(1.0)), active & ~moment.blocked(ray, active)
+    path, open_ = BeamPath(ray=ray, throughput=mi.Float(1.0)), active & ~moment.blocked(ray, active)
     glazed = open_
     for _ in range(interactions):
-        pane = moment.pane(way.ray, dr.inf, glazed)
+        pane = moment.pane(path.ray, dr.inf, glazed)
         glazed = pane.valid
-        way = select_fields(glazed, continued(moment, way, pane, glazed, reflected=False), way)
+        path = select_fields(glazed, continued(moment, path, pane, glazed, reflected=False), path)
         if moment.speculars.gaps:
             porous = moment.speculars.is_porous(kind_of(moment, pane))
-            dimmed = way.throughput * gap_share(pane.surface, porous)
-            way = dataclasses.replace(way, throughput=dr.select(porous, dimmed, way.throughput))
-    return dr.select(open_ & ~moment.glazed(way.ray, glazed), way.throughput, 0.0)
+            dimmed = path.throughput * gap_share(pane.surface, porous)
+            path = dataclasses.replace(path, throughput=dr.select(porous, dimmed, path.throughput))
+    return dr.select(open_ & ~moment.glazed(path.ray, glazed), path.throughput, 0.0)

@@ -31,7 +31,7 @@ from ..device.types import DeviceArray
 from ..world.mitsuba_world import World
 from .kept_lanes import interleave, more_than_one
 
-ABSENT: dict[str, Any] = {
+DEFAULT_VALUES: dict[str, Any] = {
     "radial_velocity_m_s": np.float32(0.0),
     "interactions": np.uint8(0),
     "ghost": np.uint8(0),
@@ -40,13 +40,13 @@ ABSENT: dict[str, Any] = {
 }
 """Columns that only some worlds or sensors have, with their value in all others."""
 
-BROKEN = "broken"
+NAN_COLUMN = "broken"
 """A column beside those of a cloud: 1 if any number of the point is NaN, else 0."""
 
 NOT_A_NUMBER = 255
 """Outcome code of a pulse whose signal is NaN; without it the pulse would count as missed."""
 
-OF_WAYS = ("interactions", "ghost")
+PATH_COLUMNS = ("interactions", "ghost")
 """Columns of pulses that go on through panes, mirrors or gaps."""
 
 
@@ -65,7 +65,7 @@ class Staged:
     """Results of the stages for some pulses, on the device.
 
     pulse  (n,) pulse number of each lane
-    paths  Hits of each way of the light, lane = pulse lane * rays + ray
+    paths  Hits of each path of the beams, lane = pulse lane * rays + ray
     rays   number of rays to a pulse
     """
 
@@ -79,9 +79,9 @@ class Staged:
 class _Ends:
     """The surfaces from which some returns come.
 
-    paths      Hits of each way of the light, lane = pulse lane * rays + ray
+    paths      Hits of each path of the beams, lane = pulse lane * rays + ray
     index      (k,) lane in these Hits
-    path       (k,) number of the way, or None if there is one way only
+    path       (k,) number of the path, or None if there is one path only
     on_surface      (k,) whether the return comes from a surface at all
     """
 
@@ -94,7 +94,7 @@ class _Ends:
     def at_lanes(cls, staged: Staged, lane: Array, source: Array | None) -> _Ends:
         """Find the surfaces of these pulse lanes.
 
-        source  (k,) number of the sub-echo; None if each pulse has one. Those of surfaces come first, way by way
+        source  (k,) number of the sub-echo; None if each pulse has one. Those of surfaces come first, path by path
                 (path * rays + ray), then those of the air; -1 is none
         """
         import drjit as dr
@@ -140,8 +140,8 @@ def point_columns(
 ) -> dict[str, Any]:
     """Return (k,) columns of the kept points by attribute of PointCloud, on the device and not yet computed.
 
-    xyz_m is a Point3f, and `BROKEN` is among them. The columns of `ABSENT` are left out if nothing moves, if no surface
-    lets through or mirrors, or if the sensor measures no widths.
+    xyz_m is a Point3f, and `NAN_COLUMN` is among them. Columns of `DEFAULT_VALUES` are left out if nothing moves, if
+    no surface lets through or mirrors, or if the sensor measures no widths.
 
     sensor       its numbers opaque
     air_classes  class of the light of the air, and of each sub-echo of the air; None in clear air
@@ -221,7 +221,7 @@ def point_columns(
     # Looked for here, where the numbers are at hand: NumPy would fetch all of them once more.
     floats = [*result["xyz_m"], *(values for values in result.values() if isinstance(values, mi.Float))]
     has_nan = functools.reduce(operator.or_, map(dr.isnan, floats))
-    return result | {BROKEN: mi.UInt8(dr.select(has_nan, mi.UInt32(1), 0))}
+    return result | {NAN_COLUMN: mi.UInt8(dr.select(has_nan, mi.UInt32(1), 0))}
 
 
 def _vector_columns(ends: _Ends, turn: tuple[Lanes, ...]) -> dict[str, Any]:
@@ -249,8 +249,8 @@ def merge_by_pulse(parts: Sequence[tuple[dict[str, DeviceArray], int]]) -> dict[
     """Merge several `point_columns` by pulse number, in the layout of `with_flat_positions`.
 
     Pulses that end at the first surface and those that go on through glass are traced apart; their points are put
-    together here. All returns of a pulse are in one part, in order. The columns `OF_WAYS` are always in the result, so
-    that a frame with one part needs no other kernels than one with two.
+    together here. All returns of a pulse are in one part, in order. `PATH_COLUMNS` are always in the result,
+    so that a frame with one part needs no other kernels than one with two.
 
     parts  columns, and the number of their points; one point may be there twice (`kept_lanes.more_than_one`). Either
            every part has a point, or there is one part, and its lanes hold none
@@ -265,8 +265,8 @@ def merge_by_pulse(parts: Sequence[tuple[dict[str, DeviceArray], int]]) -> dict[
         [pulse_numbers.numpy()[:count] for pulse_numbers, (_, count) in zip(pulses, parts, strict=True)]
     )
     total = max(sum(count for _, count in parts), 2)
-    # A part without glass or motion lacks columns that another part has: it gets their value of `ABSENT`.
-    kinds: dict[str, Any] = dict.fromkeys(OF_WAYS, mi.UInt8)
+    # A part without glass or motion lacks columns that another part has: it gets their value of `DEFAULT_VALUES`.
+    kinds: dict[str, Any] = dict.fromkeys(PATH_COLUMNS, mi.UInt8)
     kinds |= {name: type(values) for columns, _ in parts for name, values in columns.items()}
     joined = {
         name: dr.empty(mi.Float, 3 * total) if name == "xyz_m" else dr.empty(kind, total)
@@ -282,7 +282,7 @@ def merge_by_pulse(parts: Sequence[tuple[dict[str, DeviceArray], int]]) -> dict[
                 for axis, values in enumerate(columns[name]):
                     dr.scatter(room, values, 3 * place + axis)
             else:
-                values = columns[name] if name in columns else type(room)(ABSENT[name].item())
+                values = columns[name] if name in columns else type(room)(DEFAULT_VALUES[name].item())
                 dr.scatter(room, values, place)
     return joined
 

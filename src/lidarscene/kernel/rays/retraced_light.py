@@ -9,13 +9,13 @@ from __future__ import annotations
 from ...light import beams, echoes
 from ...light.echoes import Ambient, Echoes
 from ...maths.arrays import Numbers
-from ...maths.paths import Moving, Placement
+from ...maths.motion_table import MovingBodies, Placement
 from ...sensor.sensor_model import Sensor
 from ..device import transfer
 from ..world.mitsuba_world import World
 from .trace import Firing, trace
 
-COLUMNS = ("has_surface", "range_m", "peak_power_w", "background_power_w")
+LIGHT_COLUMNS = ("has_surface", "range_m", "peak_power_w", "background_power_w")
 
 
 def retraced_light(
@@ -24,7 +24,7 @@ def retraced_light(
     ambient: Ambient,
     *,
     sun: Numbers,
-    placements: tuple[Placement, Moving | None],
+    placements: tuple[Placement, MovingBodies | None],
     pulses: range,
     seed: int,
 ) -> Echoes:
@@ -46,8 +46,8 @@ def retraced_light(
     towards = transfer.opaque(tuple(float(x) for x in sun))
     air = transfer.opaque(ambient)
     firing = Firing(seed=transfer.seed_word(seed))
-    ways = trace(world, rays, sun=towards, moving=movers, firing=firing)
-    light = echoes.gather_background([echoes.receive(rays, hits, equipment, air) for hits in ways])[0]
-    columns = {name: getattr(light, name) for name in COLUMNS}
+    paths = trace(world, rays, sun=towards, moving=movers, firing=firing)
+    light = echoes.gather_background([echoes.receive(rays, hits, equipment, air) for hits in paths])[0]
+    columns = {name: getattr(light, name) for name in LIGHT_COLUMNS}
     transfer.start(list(columns.values()))  # together, or each would be traced for itself
     return Echoes(**{name: column.numpy() for name, column in columns.items()})

@@ -24,7 +24,7 @@ from ...light.footprint import Aim
 from ...light.hits import Hits
 from ...light.limits import INTERACTIONS
 from ...maths.arrays import Array, Lanes, Mask, is_drjit, xp
-from ...maths.paths import Moving
+from ...maths.motion_table import MovingBodies
 from ...maths.vectors import Vector
 from ..device.backend import mitsuba
 from ..device.types import DeviceVector, Interaction, Ray, components
@@ -33,7 +33,7 @@ from .gaps import Draws, gap_share
 from .glints import specular_return
 from .meeting import Meeting, Moment
 from .nearby_bodies import boxes_from_numbers
-from .onward import START_OFFSET_M, Way, continued, is_stopped, kind_of, select_fields, sunlight_share
+from .onward import START_OFFSET_M, BeamPath, continued, is_stopped, kind_of, select_fields, sunlight_share
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -61,7 +61,7 @@ def trace(
     beams: Beams,
     *,
     sun: Vector,
-    moving: Moving | None = None,
+    moving: MovingBodies | None = None,
     interactions: int = INTERACTIONS,
     survey: bool = False,
     firing: Firing | None = None,
@@ -89,25 +89,25 @@ def trace(
         sun=sun,
         coherent=True,
         moving=moving,
-        boxes=() if moving is None else boxes_from_numbers(moving.paths.boxes_m),
+        boxes=() if moving is None else boxes_from_numbers(moving.motions.boxes_m),
         draws=Draws(seed=firing.seed, pulse=beams.pulse, ray=firing.ray),
         aim=firing.aim,
     )
     ray = mi.Ray3f(mi.Point3f(*beams.origin_m), mi.Vector3f(*beams.direction))
-    first = Way(ray=ray, receding_m_s=_receding(firing.velocity_m_s, beams.direction))
+    first = BeamPath(ray=ray, receding_m_s=_receding(firing.velocity_m_s, beams.direction))
     if world.speculars is None:
         survey = False
     if survey:
         return (_survey(moment, first, moment.meet(ray), firing),)
-    ways = _ways(moment, first, interactions)
+    paths = _follow_paths(moment, first, interactions)
 
     def sunshine(ray: Ray, sunny: Mask) -> tuple[Any, Lanes]:
         return _sunshine(moment, ray, sunny, interactions)
 
-    return tuple(_hits(moment, way, meeting, sunshine, firing) for way, meeting in ways)
+    return tuple(_hits(moment, path, meeting, sunshine, firing) for path, meeting in paths)
 
 
-def _survey(moment: Moment, way: Way, meeting: Meeting, firing: Firing) -> Hits:
+def _survey(moment: Moment, path: BeamPath, meeting: Meeting, firing: Firing) -> Hits:
     """Return the first surface of each ray, with `Hits.goes_on`: whether the ray has to be traced in full."""
     mi = mitsuba()
     through_glass = mi.Bool(False)
@@ -119,95 +119,101 @@ def _survey(moment: Moment, way: Way, meeting: Meeting, firing: Firing) -> Hits:
         through_glass = moment.glazed(ray, lit)
         return lit, 1.0
 
-    hits = _hits(moment, way, meeting, sunshine, firing)
-    goes_on = (kind_of(moment, meeting) > 0) | moment.glazed(way.ray, True, meeting.t) | through_glass
+    hits = _hits(moment, path, meeting, sunshine, firing)
+    goes_on = (kind_of(moment, meeting) > 0) | moment.glazed(path.ray, True, meeting.t) | through_glass
     return dataclasses.replace(hits, goes_on=goes_on)
 
 
-def _ways(moment: Moment, way: Way, interactions: int) -> list[tuple[Way, Meeting]]:
+def _follow_paths(moment: Moment, path: BeamPath, interactions: int) -> list[tuple[BeamPath, Meeting]]:
     """Return each path of the rays, with the surface at its end: one path, or two in a world with panes."""
     mi = mitsuba()
-    meeting, speculars = moment.meet(way.ray), moment.world.speculars
+    meeting, speculars = moment.meet(path.ray), moment.world.speculars
     if speculars is None:
-        return [(way, meeting)]
+        return [(path, meeting)]
     if not interactions:
-        return [(way, _at_last_pane(moment, way, meeting, mi.Bool(True)))]
+        return [(path, _at_last_pane(moment, path, meeting, mi.Bool(True)))]
     # `going_on` are the lanes whose path has gone on at every step so far, `mirrored` those with a second path, which
     # begins at the first pane. Without mirrors and gaps the first pane, if there is one, is met at the first step, and
     # the later steps need no code for it.
-    second, mirrored, going_on = way, mi.Bool(False), mi.Bool(True)
+    second, mirrored, going_on = path, mi.Bool(False), mi.Bool(True)
     for number in range(interactions):
-        pane = _pane_before(moment, way, meeting, going_on)
+        pane = _pane_before(moment, path, meeting, going_on)
         if pane is not None and speculars.panes and (number == 0 or speculars.mirrors or speculars.gaps):
             splits = pane.valid & ~mirrored
             if speculars.gaps:
                 splits &= speculars.is_pane(kind_of(moment, pane))
-            reflected = continued(moment, way, pane, splits, reflected=True)
-            comes_back, ended = specular_return(moment, way, pane, reflected, splits)
+            reflected = continued(moment, path, pane, splits, reflected=True)
+            comes_back, ended = specular_return(moment, path, pane, reflected, splits)
             second = select_fields(splits, select_fields(comes_back, ended, reflected), second)
             mirrored |= splits
-        way, meeting, going_on = _step(moment, way, meeting, pane, going_on)
-    meeting = _at_last_pane(moment, way, meeting, going_on)
+        path, meeting, going_on = _step(moment, path, meeting, pane, going_on)
+    meeting = _at_last_pane(moment, path, meeting, going_on)
     if not speculars.panes:
-        return [(way, meeting)]
+        return [(path, meeting)]
     second, end = _second_path(moment, second, mirrored, interactions)
-    return [(way, meeting), (second, end)]
+    return [(path, meeting), (second, end)]
 
 
-def _second_path(moment: Moment, way: Way, active: Mask, interactions: int) -> tuple[Way, Meeting]:
+def _second_path(moment: Moment, path: BeamPath, active: Mask, interactions: int) -> tuple[BeamPath, Meeting]:
     """Follow the second path from the first pane on, on the lanes that have one."""
     import drjit as dr
 
-    way = dataclasses.replace(way, throughput=dr.select(active, way.throughput, 0.0))
-    comes_back = active & (way.glint_per_sr > 0.0)  # a specular return: the path ends at that pane
-    meeting, going_on = moment.meet(way.ray, active), active & ~comes_back
+    path = dataclasses.replace(path, throughput=dr.select(active, path.throughput, 0.0))
+    comes_back = active & (path.glint_per_sr > 0.0)  # a specular return: the path ends at that pane
+    meeting, going_on = moment.meet(path.ray, active), active & ~comes_back
     # The first pane was one interaction. A path that met a mirror before it has used up more than one.
     for _ in range(1, interactions):
-        going_on = going_on & (way.interactions < interactions)
-        way, meeting, going_on = _step(moment, way, meeting, _pane_before(moment, way, meeting, going_on), going_on)
-    return way, _at_last_pane(moment, way, meeting, going_on | comes_back)
+        going_on = going_on & (path.interactions < interactions)
+        path, meeting, going_on = _step(moment, path, meeting, _pane_before(moment, path, meeting, going_on), going_on)
+    return path, _at_last_pane(moment, path, meeting, going_on | comes_back)
 
 
-def _pane_before(moment: Moment, way: Way, meeting: Meeting, active: Mask) -> Meeting | None:
+def _pane_before(moment: Moment, path: BeamPath, meeting: Meeting, active: Mask) -> Meeting | None:
     """Return the nearest pane or porous surface in front of what was met; None in a world without any."""
-    return moment.pane(way.ray, meeting.t, active) if moment.speculars.lets_through else None
+    return moment.pane(path.ray, meeting.t, active) if moment.speculars.lets_through else None
 
 
-def _at_last_pane(moment: Moment, way: Way, meeting: Meeting, active: Mask) -> Meeting:
+def _at_last_pane(moment: Moment, path: BeamPath, meeting: Meeting, active: Mask) -> Meeting:
     """Return the end of a path that has used all its interactions: what was met, or a pane in front of it."""
-    pane = _pane_before(moment, way, meeting, active)
+    pane = _pane_before(moment, path, meeting, active)
     return meeting if pane is None else select_fields(pane.valid, pane, meeting)
 
 
-def _step(moment: Moment, way: Way, meeting: Meeting, pane: Meeting | None, active: Mask) -> tuple[Way, Meeting, Any]:
+def _step(
+    moment: Moment, path: BeamPath, meeting: Meeting, pane: Meeting | None, active: Mask
+) -> tuple[BeamPath, Meeting, Any]:
     """Take one step where ``active`` holds: through a pane or gap, or off a mirror.
 
     Returns the path, what it meets next, and (n,) whether it has gone on.
     """
     import drjit as dr
 
-    going_on, way_before = active & False, way
+    going_on, path_before = active & False, path
     if pane is not None:
-        ends = is_stopped(moment, way, pane)
+        ends = is_stopped(moment, path, pane)
         going_on = pane.valid & ~ends
-        way = select_fields(going_on, continued(moment, way, pane, going_on, reflected=False), way)
+        path = select_fields(going_on, continued(moment, path, pane, going_on, reflected=False), path)
         # A thin pane does not bend the ray. What stands behind it is known already, since panes are in scenes of their
         # own: only its distance is less, by the path up to the pane. That saves a query for each pane.
-        nearer = meeting.t - (way.length_m - way_before.length_m)
+        nearer = meeting.t - (path.length_m - path_before.length_m)
         meeting = select_fields(ends, pane, dataclasses.replace(meeting, t=dr.select(going_on, nearer, meeting.t)))
     if moment.speculars.mirrors:
         bounce = active & ~going_on & moment.speculars.is_mirror(kind_of(moment, meeting))
-        reflected = continued(moment, way, meeting, bounce, reflected=False)
+        reflected = continued(moment, path, meeting, bounce, reflected=False)
         # A mirror normal to the beam ends the path with a specular return; off all others it goes on.
-        comes_back, ended = specular_return(moment, way, meeting, reflected, bounce)
-        way, bounce = select_fields(comes_back, ended, select_fields(bounce, reflected, way)), bounce & ~comes_back
-        meeting = select_fields(bounce, moment.meet(way.ray, bounce), meeting)
+        comes_back, ended = specular_return(moment, path, meeting, reflected, bounce)
+        path, bounce = select_fields(comes_back, ended, select_fields(bounce, reflected, path)), bounce & ~comes_back
+        meeting = select_fields(bounce, moment.meet(path.ray, bounce), meeting)
         going_on |= bounce
-    return way, meeting, going_on
+    return path, meeting, going_on
 
 
 def _hits(
-    moment: Moment, way: Way, meeting: Meeting, sunshine: Callable[[Ray, Mask], tuple[Mask, Lanes]], firing: Firing
+    moment: Moment,
+    path: BeamPath,
+    meeting: Meeting,
+    sunshine: Callable[[Ray, Mask], tuple[Mask, Lanes]],
+    firing: Firing,
 ) -> Hits:
     """Return the Hits at the end of a path.
 
@@ -216,7 +222,7 @@ def _hits(
     import drjit as dr
 
     mi = mitsuba()
-    world, surface, length_m = moment.world, meeting.surface, way.length_m + meeting.t
+    world, surface, length_m = moment.world, meeting.surface, path.length_m + meeting.t
     # A sensor that drives into a wall has the wall in its housing: the echo at no distance would have no bounds.
     valid = meeting.valid & (length_m >= firing.housing_m)
     # Two-sided: meshes from elsewhere are rarely wound consistently, so a normal may point inwards. Everything here
@@ -231,8 +237,8 @@ def _hits(
         sunny, side = sunny | behind, dr.select(behind, -normal, normal)
     # Above the surface, or rounding would put half of the shadow rays inside of it ("shadow acne").
     start = meeting.point_outside(surface.p + side * START_OFFSET_M)
-    surface_receding = meeting.receding(start, way.ray.d)
-    receding = way.receding_m_s if surface_receding is None else way.receding_m_s + surface_receding
+    surface_receding = meeting.receding(start, path.ray.d)
+    receding = path.receding_m_s if surface_receding is None else path.receding_m_s + surface_receding
     lit, share = sunshine(mi.Ray3f(start, mi.Vector3f(*moment.sun)), sunny)
     backscatter, towards_sun, reflectivity = _scattering(mi, dr, world, surface, meeting.to_sun, valid, lit)
     if behind is not None:
@@ -245,7 +251,7 @@ def _hits(
         has_surface=valid,
         range_m=dr.select(valid, length_m, 1.0),  # not infinity: later stages divide by it
         cos_incidence=dr.select(valid, xp(meeting.t).minimum(-dr.dot(normal, meeting.local_ray.d), 1.0), 0.0),
-        backscatter_per_sr=backscatter + way.glint_per_sr,
+        backscatter_per_sr=backscatter + path.glint_per_sr,
         sun_scatter_per_sr=towards_sun * share,
         reflectivity=reflectivity,
         transmittance=through,
@@ -253,10 +259,10 @@ def _hits(
         lit=lit,
         radial_velocity_m_s=dr.select(valid, receding, 0.0) if is_drjit(receding) else 0.0,
         face=dr.select(valid, mi.Int32(face), -1),
-        throughput=way.throughput,
-        interactions=way.interactions,
-        mirrored=way.mirrored,
-        direction=tuple(way.ray.d) if is_drjit(way.interactions) else None,
+        throughput=path.throughput,
+        interactions=path.interactions,
+        mirrored=path.mirrored,
+        direction=tuple(path.ray.d) if is_drjit(path.interactions) else None,
         normal=_components_where(valid, meeting.direction_outside(normal)) if firing.vectors else None,
         velocity_m_s=_components_where(valid, meeting.velocity(start)) if firing.vectors else None,
     )

@@ -22,7 +22,7 @@ import numpy as np
 
 from ...errors import InputError, OptionWarning
 from ...maths.arrays import Numbers
-from ...maths.paths import NOWHERE, Moving, Paths, Placement
+from ...maths.motion_table import NOWHERE, MotionTable, MovingBodies, Placement
 from ...maths.pose import Pose
 from ...maths.trajectory import Course, Motion
 from ...scene.scene import Ball, Body, Part, Scene, box_of
@@ -86,7 +86,7 @@ class World:
     scene: Any
     panes: Any
     movers: tuple[Mover, ...]
-    resting: Moving | None
+    resting: MovingBodies | None
     mover_shift: Any
     centre_m: Numbers
     first_face: Any
@@ -343,11 +343,11 @@ def _motion(body: Body) -> Motion:
     return body.motion
 
 
-def paths_on_device(paths: Paths) -> Paths:
-    """Return paths whose numbers are on the device."""
-    table = transfer.from_numpy(np.asarray(paths.table))
-    boxes = None if paths.boxes_m is None else transfer.from_numpy(paths.boxes_m)
-    return replace(transfer.opaque(paths), table=table, boxes_m=boxes)
+def motions_on_device(motions: MotionTable) -> MotionTable:
+    """Return a motion table whose numbers are on the device."""
+    table = transfer.from_numpy(np.asarray(motions.table))
+    boxes = None if motions.boxes_m is None else transfer.from_numpy(motions.boxes_m)
+    return replace(transfer.opaque(motions), table=table, boxes_m=boxes)
 
 
 def mover_boxes(movers: Sequence[Mover]) -> Numbers | None:
@@ -355,13 +355,15 @@ def mover_boxes(movers: Sequence[Mover]) -> Numbers | None:
     return np.stack([NOWHERE if mover.is_absent else mover.box_m for mover in movers]) if movers else None
 
 
-def _resting_movers(movers: Sequence[Mover], centre_m: Numbers) -> Moving | None:
+def _resting_movers(movers: Sequence[Mover], centre_m: Numbers) -> MovingBodies | None:
     """Return the movers at the poses of their bodies; None if nothing moves."""
     if not movers:
         return None
     stay = [Course(), *(Course(start=mover.pose) for mover in movers)]
-    paths = Paths.from_motions(stay, start_s=0.0, length_s=1.0, centre_m=centre_m, carried_m=mover_boxes(movers))
-    return Moving(paths=paths_on_device(paths), time_s=transfer.opaque(0.0))
+    motions = MotionTable.from_motions(
+        stay, start_s=0.0, length_s=1.0, centre_m=centre_m, carried_m=mover_boxes(movers)
+    )
+    return MovingBodies(motions=motions_on_device(motions), time_s=transfer.opaque(0.0))
 
 
 def fixed_placement(pose: Pose, centre_m: Numbers) -> Placement:

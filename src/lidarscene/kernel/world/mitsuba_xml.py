@@ -90,7 +90,7 @@ def load_shapes(
                     # Every kernel asks all BSDFs that are alive: what a traceback kept of this one would stop them all.
                     del shapes, shape, bsdf, answers, file_shapes
                     raise InputError(
-                        f"{path}: BSDF '{identity}' of shape '{name}': cannot be used: {fault}; {xml_bsdfs.HINT}"
+                        f"{path}: BSDF '{identity}' of shape '{name}': cannot be used: {fault}; {xml_bsdfs.NAMING_HINT}"
                     )
                 answers[id(bsdf)] = bsdf
             # A BSDF of the file may have the name of a material of ours; both are then in the cloud's list of names.
@@ -208,7 +208,7 @@ def _resolve_files_and_plugins(root: Element, path: Path) -> None:
     for element in root.iter():
         kind = element.get("type")
         if kind is not None and _fill_parameters(kind, parameters) not in plugins:
-            hint = f"; {xml_bsdfs.HINT}, by its id" if element.tag == "bsdf" else ""
+            hint = f"; {xml_bsdfs.NAMING_HINT}, by its id" if element.tag == "bsdf" else ""
             raise InputError(
                 f"{path}: {element.tag} type: must be one of Mitsuba's own plugins, got '{kind[:60]}'{hint}"
             )
@@ -230,5 +230,5 @@ def _load(root: Element, path: Path) -> Any:
     except Exception as error:
         # Mitsuba raises RuntimeError and others, with its own source line and our line numbers in front.
         reason = re.sub(r"^(\[\S+\]\s*|(At|While loading) string \([^)]*\):\s*)+", "", " ".join(str(error).split()))
-        hint = f"; {xml_bsdfs.HINT}, by its id" if "bsdf" in reason.lower() else ""
+        hint = f"; {xml_bsdfs.NAMING_HINT}, by its id" if "bsdf" in reason.lower() else ""
         raise InputError(f"{path}: not a Mitsuba scene: {reason}{hint}") from None

@@ -68,7 +68,7 @@ The materials of ITU-R P.2040-3, table 3, by which Sionna RT names its own, are 
 Choices of ours: marble is as bright as white plaster, and sheet metal outdoors is matt, as weathered zinc is.
 """
 
-HINT = "base_materials can name a material for it"
+NAMING_HINT = "base_materials can name a material for it"
 
 ONE_SIDED = frozenset(
     {"diffuse", "plastic", "roughplastic", "pplastic", "conductor", "roughconductor", "measured", "principled"}

@@ -78,7 +78,7 @@ class Placement:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Paths:
+class MotionTable:
     """Several motions over one frame, on an even grid of times.
 
     table    (motions, instants, 13), flat: place, quaternion (w, x, y, z), velocity, angular velocity
@@ -104,7 +104,7 @@ class Paths:
         length_s: float,
         centre_m: Numbers,
         carried_m: Numbers | None = None,
-    ) -> Paths:
+    ) -> MotionTable:
         """Tables from ``start_s``, for ``length_s``.
 
         carried_m (m, 2, 3) lowest and highest corner of what each of the last m motions carries, in its frame;
@@ -154,23 +154,23 @@ class Paths:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Moving:
+class MovingBodies:
     """Motions of several bodies, looked up at the times at which n rays leave.
 
-    paths   of the sensor (0) and of the bodies (1, ...), with the bodies' boxes
-    time_s  (n,) when the rays leave, after the start of the paths
+    motions  of the sensor (0) and of the bodies (1, ...), with the bodies' boxes
+    time_s   (n,) when the rays leave, after the start of the table
     """
 
-    paths: Paths
+    motions: MotionTable
     time_s: Lanes
 
     def placement(self, body_index: Lanes) -> Placement:
         """Placement of a body; ``body_index`` counts from 0, one for all rays or (n,)."""
-        return self.paths.placement(self.time_s, body_index + 1)
+        return self.motions.placement(self.time_s, body_index + 1)
 
 
 def _swept_boxes(table: Numbers, carried_m: Numbers) -> Numbers:
-    """(m, 2, 3) boxes which hold all that m motions carry, all the time; (m, instants, 13) `Paths.table`."""
+    """(m, 2, 3) boxes which hold all that m motions carry, all the time; (m, instants, 13) `MotionTable.table`."""
     carries = np.asarray(np.isfinite(carried_m).all(axis=(1, 2)))
     carried_m = np.where(carries[:, None, None], carried_m, 0.0)
     rotation = np.stack(rotation_numbers(*np.moveaxis(table[:, :, 3:7], -1, 0)), axis=-1)

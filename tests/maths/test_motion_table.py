@@ -9,14 +9,16 @@ from helpers.motions import BEND, MOTIONS, SPLINE, START
 from scipy.spatial.transform import Rotation
 
 from lidarscene.kernel.device import transfer
-from lidarscene.maths.paths import NOWHERE, STEP_S, Paths, Placement, _quaternion
+from lidarscene.maths.motion_table import NOWHERE, STEP_S, MotionTable, Placement, _quaternion
 from lidarscene.maths.trajectory import Course, Motion
 
 FRAME_S = 0.1
 
 
 def looked_up(motion: Motion, time_s: np.ndarray, *, start_s: float = 1.05) -> Placement:
-    return Paths.from_motions([motion], start_s=start_s, length_s=FRAME_S, centre_m=np.zeros(3)).placement(time_s, 0)
+    return MotionTable.from_motions([motion], start_s=start_s, length_s=FRAME_S, centre_m=np.zeros(3)).placement(
+        time_s, 0
+    )
 
 
 def rows(numbers: tuple[np.ndarray, ...]) -> np.ndarray:
@@ -61,7 +63,7 @@ def test_a_straight_line_is_exact_whatever_the_origin() -> None:
     """UTM coordinates: the centre is taken off in double precision. To its rounding, 1e-9 of 5e6 m."""
     far = np.array([5e5, 5.4e6, 300.0])
     line = Course(velocity_m_s=(30.0, -20.0, 1.0))
-    paths = Paths.from_motions([line], start_s=0.0, length_s=FRAME_S, centre_m=-far)
+    paths = MotionTable.from_motions([line], start_s=0.0, length_s=FRAME_S, centre_m=-far)
     time_s = np.linspace(0.0, FRAME_S, 77)
     came = rows(paths.placement(time_s, 0).origin_m) - far
     np.testing.assert_allclose(came, line.at(time_s).position_m, atol=3e-9)
@@ -71,7 +73,7 @@ def test_the_ends_and_a_frame_of_no_length() -> None:
     time_s = np.array([-1.0, 0.0, FRAME_S, 2.0])
     came, expected = looked_up(BEND, time_s), BEND.at(1.05 + np.clip(time_s, 0.0, FRAME_S))
     np.testing.assert_allclose(rows(came.origin_m), expected.position_m, atol=1e-12)
-    flash = Paths.from_motions([BEND], start_s=0.0, length_s=1e-9, centre_m=np.zeros(3)).placement(np.zeros(3), 0)
+    flash = MotionTable.from_motions([BEND], start_s=0.0, length_s=1e-9, centre_m=np.zeros(3)).placement(np.zeros(3), 0)
     np.testing.assert_allclose(rows(flash.origin_m), np.tile(START.position_m, (3, 1)), atol=1e-15)
 
 
@@ -107,7 +109,7 @@ def test_placements_there_and_back() -> None:
 
 def test_numpy_and_device_agree(mi) -> None:
     """The same source; single precision of 20 m, of unit vectors, and of 20 m/s."""
-    paths = Paths.from_motions([BEND, SPLINE], start_s=0.5, length_s=FRAME_S, centre_m=np.array([4.0, 1.0, 0.0]))
+    paths = MotionTable.from_motions([BEND, SPLINE], start_s=0.5, length_s=FRAME_S, centre_m=np.array([4.0, 1.0, 0.0]))
     on_device = replace(transfer.opaque(paths), table=transfer.from_numpy(paths.table))
     time_s = np.linspace(0.0, FRAME_S, 333)
     for which in (0, 1):
@@ -126,7 +128,7 @@ def test_numpy_and_device_agree(mi) -> None:
 def test_boxes_hold_all_that_is_carried(name: str) -> None:
     """Corners of a box at 4001 instants, between those of the table too; and no wider than they need by 0.1 m."""
     carried = np.array([[[-1.0, -0.5, 0.0], [2.5, 0.5, 1.5]]])
-    paths = Paths.from_motions(
+    paths = MotionTable.from_motions(
         [BEND, MOTIONS[name]], start_s=1.05, length_s=FRAME_S, centre_m=np.ones(3), carried_m=carried
     )
     low, high = np.asarray(paths.boxes_m).reshape(2, 3)
@@ -140,10 +142,12 @@ def test_boxes_hold_all_that_is_carried(name: str) -> None:
 
 def test_what_carries_nothing_has_a_box_that_nothing_is_in() -> None:
     carried = np.array([np.broadcast_to(np.reshape(NOWHERE, (2, 3)), (2, 3)), [[-1.0] * 3, [1.0] * 3]])
-    paths = Paths.from_motions([BEND, BEND], start_s=0.0, length_s=FRAME_S, centre_m=np.zeros(3), carried_m=carried)
+    paths = MotionTable.from_motions(
+        [BEND, BEND], start_s=0.0, length_s=FRAME_S, centre_m=np.zeros(3), carried_m=carried
+    )
     empty, other = np.asarray(paths.boxes_m).reshape(2, 2, 3)
     assert (empty == NOWHERE).all()
-    alone = Paths.from_motions([BEND], start_s=0.0, length_s=FRAME_S, centre_m=np.zeros(3), carried_m=carried[1:])
+    alone = MotionTable.from_motions([BEND], start_s=0.0, length_s=FRAME_S, centre_m=np.zeros(3), carried_m=carried[1:])
     np.testing.assert_allclose(other.ravel(), alone.boxes_m, atol=1e-3)  # room for the rounding of all
 
 
@@ -151,7 +155,7 @@ def test_a_straight_motion_has_two_instants() -> None:
     """And is where it has to be between them; with one that bends beside it there are as many as that needs."""
     line = Course(velocity_m_s=(30.0, -20.0, 1.0))
     alone, beside = (
-        Paths.from_motions(motions, start_s=0.0, length_s=FRAME_S, centre_m=np.zeros(3))
+        MotionTable.from_motions(motions, start_s=0.0, length_s=FRAME_S, centre_m=np.zeros(3))
         for motions in ([line], [line, BEND])
     )
     assert (alone.last, beside.last) == (1.0, FRAME_S / STEP_S)
