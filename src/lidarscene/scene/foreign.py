@@ -88,6 +88,7 @@ def _material_for(
 
 
 def _part(piece: SubMesh, node: str, material: MaterialChoice | None, surfaces: _Surfaces) -> Part:
+    """Part of a piece with its material, or else with its own colour. Raises InputError."""
     if material is None:
         if piece.grey is None:
             raise InputError(

@@ -56,6 +56,7 @@ def spline(time_s: Numbers, poses: list[Pose], where: str) -> Spline:
 
 
 def _read_tum(path: Path) -> dict[str, Numbers]:
+    """Read columns of a file in the TUM format. Raises InputError."""
     require_file(path)
     try:
         with path.open(encoding="utf-8-sig") as file, warnings.catch_warnings():
@@ -69,6 +70,7 @@ def _read_tum(path: Path) -> dict[str, Numbers]:
 
 
 def _rotations(path: Path, columns: dict[str, Numbers]) -> list[Numbers]:
+    """Rotation matrix of each pose, from quaternions or else angles. Raises InputError."""
     quaternion_columns = [name for name in QUATERNION if name in columns]
     if not quaternion_columns:
         zero = np.zeros(len(columns["time_s"]))

@@ -283,6 +283,7 @@ def _parts(
 
 
 def _mesh_parts(body: BodyFile, path: Path, *, where: str, surfaces: _Surfaces, reader: MeshReader) -> tuple[Part, ...]:
+    """Parts of a mesh file with materials and patterns, upright and in metres. Raises InputError."""
     try:
         pieces = reader(path, body.pattern)
     except InputError as error:

@@ -225,6 +225,7 @@ class SceneFile(FileModel):
 
     @model_validator(mode="after")
     def _check_references(self) -> SceneFile:
+        """Raise ValueError for a scene without shapes, or tables that lack their counterpart."""
         if not self.bodies and self.base is None:
             raise ValueError("the scene must have [[bodies]] or base = ..., got neither")
         riding = [body.name for body in self.bodies if body.motion and body.motion.with_ego]

@@ -67,8 +67,8 @@ def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Ech
     if not cloud.has_truth:
         raise InputError("budget: the cloud has no truth columns, from which it is computed")
     hits = _lambertian(cloud)
-    # Which beam looks into the sun is not in the columns.
-    # A drop right at the lens may be reported at no range at all, where no surface has an echo.
+    # The columns do not say which beam looks into the sun, so sunlight straight into the lens is left out.
+    # A drop right at the lens may be reported at range 0, where the lidar equation divides by zero.
     with np.errstate(divide="ignore", invalid="ignore"):
         lambertian = receive(_beams(cloud, sensor), hits, sensor, replace(ambient, sun_direction=None))
     light = light or lambertian
@@ -78,6 +78,7 @@ def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Ech
     noise = np.broadcast_to(point.noise, len(cloud))
     has_surface = np.asarray(hits.has_surface)
     signal = np.where(has_surface, cloud.snr * noise, 0.0)
+    # A saturated signal does not determine the power, so the traced or Lambertian power stays if it matches.
     explained = np.abs(point.signal(light.peak_power_w) - signal) <= SAME_SIGNAL * signal
     power = np.where(explained, light.peak_power_w, point.power_w(signal))
     at_peak = tdc.noise_at_level(level=signal, noise=noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2)

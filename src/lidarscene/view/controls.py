@@ -117,6 +117,7 @@ class Equipment:
         return dataclasses.replace(sensor, detector=donor.detector, tdc=tdc, histogram=None)
 
     def _controls(self, donor_name: str) -> list[Control]:
+        """Sliders of sun, laser, optics, detector and threshold, for the detector of the donor if one is named."""
         sensor = self._sensor(donor_name, [])
         laser, optics, tdc = sensor.laser, sensor.optics, sensor.tdc
         sun = _sun_values(self.scene.sun)
@@ -167,6 +168,7 @@ class Equipment:
 
 
 def _detector_sliders(detector: Detector) -> list[Control]:
+    """Slider of the gain of an APD, or of the PDE of other detectors."""
     if isinstance(detector, Apd):
         return [
             Control(

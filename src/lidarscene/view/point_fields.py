@@ -159,6 +159,7 @@ def _names(cloud: PointCloud, name: str) -> tuple[str, ...] | None:
 
 
 def _budget_fields(cloud: PointCloud, budget: Budget | None) -> list[tuple[Field, Numbers]]:
+    """Fields and values of the link budget; none without one."""
     if budget is None:
         return []
     unit = cloud.metadata.get("intensity_unit", "A or cells")

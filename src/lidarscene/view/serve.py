@@ -148,6 +148,7 @@ class _Handler(BaseHTTPRequestHandler):
         super().end_headers()
 
     def do_GET(self) -> None:
+        """Answer with the page or a blob."""
         source, (name, _, query) = self.server.source, self.path.partition("?")
         if name == "/":
             self._answer(lambda: page(source.title).encode(), "text/html; charset=utf-8")
@@ -160,6 +161,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(HTTPStatus.NOT_FOUND, b"not found", "text/plain")
 
     def do_POST(self) -> None:
+        """Answer with the frame rendered under the settings in the body."""
         # A refused request closes the connection: its unread body would be parsed as the next request.
         if self.path != "/render":
             self._refuse(HTTPStatus.NOT_FOUND, b"not found")
@@ -189,6 +191,7 @@ class _Handler(BaseHTTPRequestHandler):
         self._send(status, message, "text/plain")
 
     def _answer(self, job: Job, kind: str = "application/octet-stream") -> None:
+        """Send the result of a job, or its error, if the request came for this host."""
         self._arrival.cancel()  # the request is whole; its answer may take minutes
         # DNS rebinding: a name of another site may resolve to this machine, but its pages must not read our answers.
         if self.headers.get("Host") not in self.server.names:
@@ -203,6 +206,7 @@ class _Handler(BaseHTTPRequestHandler):
             raise
 
     def _send(self, status: HTTPStatus, body: bytes, kind: str) -> None:
+        """Send one response; ignore a closed connection."""
         try:
             self.send_response(status)
             self.send_header("Content-Type", kind)

@@ -119,6 +119,7 @@ def _evict(newest: Path) -> None:
 
 
 def _save(entry: Path, pieces: list[SubMesh]) -> None:
+    """Write pieces as an entry. Raises OSError, OutputError."""
     arrays = {
         f"{kind}_{index}": getattr(piece, kind)
         for index, piece in enumerate(pieces)
@@ -130,6 +131,7 @@ def _save(entry: Path, pieces: list[SubMesh]) -> None:
 
 
 def _load(entry: Path) -> list[SubMesh]:
+    """Read the pieces of an entry."""
     with entry.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
         descriptions = json.loads(str(file["about"]))
         return [

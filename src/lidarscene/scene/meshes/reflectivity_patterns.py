@@ -100,6 +100,7 @@ def _colours(geometry: Any, *, linear: bool) -> ReflectivityPattern | tuple[Numb
 
 
 def _texture(visual: Any) -> ReflectivityPattern | None:
+    """Pattern of a texture image with its coordinates; None without either."""
     material = visual.material
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     if image is None or visual.uv is None:

@@ -117,6 +117,7 @@ class _Reader:
                 yield from self._pieces(prim, frame)
 
     def _instances(self, instancer: Any, frame: Numbers) -> Iterator[SubMesh]:
+        """Yield the pieces of all instances of a point instancer."""
         prototypes = [
             instancer.GetPrim().GetStage().GetPrimAtPath(path) for path in instancer.GetPrototypesRel().GetTargets()
         ]
@@ -174,6 +175,7 @@ class _Reader:
     # of the prim's face that it belongs to, (f,).
 
     def _mesh(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
+        """Polygon mesh, cut into triangles. Raises InputError."""
         mesh = self._pxr.UsdGeom.Mesh(prim)
         points = np.asarray(mesh.GetPointsAttr().Get(self._time) or (), dtype=np.float64).reshape(-1, 3)
         counts = np.asarray(mesh.GetFaceVertexCountsAttr().Get(self._time) or (), dtype=np.int64)
@@ -197,6 +199,7 @@ class _Reader:
         return _solid_arrays(trimesh.creation.box((size,) * 3))
 
     def _plane(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
+        """Rectangle normal to one of its axes, centred."""
         plane = self._pxr.UsdGeom.Plane(prim)
         width, length = (
             float(attribute.Get(self._time)) for attribute in (plane.GetWidthAttr(), plane.GetLengthAttr())

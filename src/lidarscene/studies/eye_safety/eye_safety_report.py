@@ -145,6 +145,7 @@ def eye_safety_report(
 
 
 def _train(sensor: Sensor, viewer: str, *, scanned: bool, pulses_in_aperture: int | None) -> PulseTrain:
+    """Pulse train that enters this viewer's eye."""
     if pulses_in_aperture is not None:
         return counted_train(sensor, pulses_in_aperture=pulses_in_aperture)
     if not scanned:
@@ -154,6 +155,7 @@ def _train(sensor: Sensor, viewer: str, *, scanned: bool, pulses_in_aperture: in
 
 
 def _assumptions(sensor: Sensor, motion: str, source_rad: float, time_base_s: float) -> tuple[str, ...]:
+    """Assumptions on beam, source, time base and motion, in words."""
     laser = sensor.laser
     if laser.exit_diameter_m is None:
         beam = "the whole beam enters the aperture (laser.exit_diameter_mm is not given)"

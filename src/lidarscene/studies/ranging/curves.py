@@ -109,6 +109,7 @@ def conditions_for(subject: Subject, question: Question, x: Numbers) -> list[tup
 
 
 def _target_along(sensor: Sensor, target: Target, question: Question, x: Numbers) -> Target:
+    """Target with the values x of the swept condition; distance is no property of a target."""
     match question.axis.key:
         case "illuminance":
             return replace(target, illuminance_klux=x)
@@ -187,6 +188,7 @@ def _difference(question: Question, first: SweepCurve, second: SweepCurve, *, to
 
 
 def _height_over_level(margin: Numbers) -> Numbers:
+    """(n,) 1 - level / peak: it has the sign of peak - level and stays finite."""
     return np.where(np.isinf(margin), 1.0, np.where(margin > 0.0, 1.0 - 1.0 / np.maximum(margin, 1e-300), -1.0))
 
 

@@ -27,10 +27,10 @@ from ...sensor.sensor_model import Sensor
 
 _NEAREST_M, _FARTHEST_M = 1e-2, 1e6
 _STEPS_PER_DECADE = 16  # of the grid for the last crossing
-_ACCURACY = 1e-12  # of the maximum range, relative
-_AT_ONCE = 4096  # points of the grid that are tried in one call
-_EVEN = np.arange(9) / 8.0  # where ranges are tried in a bracket,
-_CLOSER = 2.0 ** -np.arange(4, 48, 2)  # and how far from a guess, relative to the ends
+_ACCURACY = 1e-12  # relative accuracy of the maximum range
+_AT_ONCE = 4096  # most points of the grid in one call
+_EVEN = np.arange(9) / 8.0  # places in a bracket at which ranges are tried,
+_CLOSER = 2.0 ** -np.arange(4, 48, 2)  # and distances from the guess, as shares of the way to the ends
 _BLINDING_W = 1e20  # more light than any detector resolves
 _NOTHING = 1e-100  # below this the products of the closed forms underflow
 _PARTS = ("laser", "optics", "detector", "tdc", "receiver", "histogram")
@@ -176,7 +176,7 @@ def maximum_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:
     cuts = round(decades * _STEPS_PER_DECADE) if several else 1
     grid = np.geomspace(_NEAREST_M, _FARTHEST_M, cuts + 1)
     # Index of the last grid range at which the target is detected; -1: none.
-    calls = min(grid.size * ones.size // _AT_ONCE + 1, grid.size)
+    calls = min(grid.size * ones.size // _AT_ONCE + 1, grid.size)  # several calls, to bound the memory
     parts = [np.multiply.outer(part, ones) for part in np.array_split(grid, calls)]
     detected = np.concatenate([_is_detected(sensor, target, part) for part in parts])
     last = np.where(detected.any(axis=0), cuts - np.argmax(detected[::-1], axis=0), -1)

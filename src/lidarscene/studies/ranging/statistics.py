@@ -100,7 +100,7 @@ def operating_curve(sensor: Sensor, target: Target, range_m: float, threshold_to
     tuned = dataclasses.replace(sensor, tdc=varied)
     light = plane.echoes_of_plane(sensor, target, range_m)
     point = tuned.working_point(light.background_power_w, range_m=light.range_m)
-    threshold = tuned.threshold(point) + 0.0 * ratios
+    threshold = tuned.threshold(point) + 0.0 * ratios  # the shape of the ratios, also where they do not matter
     signal = point.signal(light.peak_power_w) + 0.0 * ratios
     p_detect = np.asarray(point.detection_probability(threshold, signal, _sigma(point, signal)))
     rate_hz = np.asarray(_alarms_hz(sensor, point, threshold))
@@ -169,6 +169,7 @@ def false_points(sensor: Sensor, target: Target, range_m: float | None = None) -
     if range_m is not None and blanking_s <= arrival_s < window_s:
         p_detect = detection_probability(sensor, target, range_m)
         before, after = rate * (arrival_s - blanking_s), rate * (window_s - arrival_s)
+        # With n alarms before it, the echo takes a stop if n < stops; stops - 1 - n are then free for alarms after it.
         with_echo = _mean_of_first(before, stops) + sum(
             _poisson(before, n) * _mean_of_first(after, stops - 1 - n) for n in range(stops)
         )

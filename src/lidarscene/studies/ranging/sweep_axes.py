@@ -172,6 +172,7 @@ def parameter_axis(
 
 
 def _steps(start: float, stop: float, count: int, *, log: bool) -> Numbers:
+    """(count,) values from start to stop. Raises InputError."""
     if not (math.isfinite(start) and math.isfinite(stop)):
         raise InputError(f"--from {start:g} --to {stop:g}: must be finite numbers")
     if start >= stop:
@@ -199,6 +200,7 @@ def numeric_keys(tables: Mapping[str, Any]) -> dict[str, NumericKey]:
 
 
 def _numeric(model: type[BaseModel], tables: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, NumericKey]]:
+    """Yield name and key of each number in a model and its tables; of a union of models, that of the given "type"."""
     for name, info in model.model_fields.items():
         key, value = prefix + (info.alias or name), tables.get(info.alias or name)
         types = list(_types(info.annotation))
