@@ -34,20 +34,20 @@ NEVER_S = 1.0
 class Trip:
     """An echo at the comparator, with the noise that was drawn for it; each field (n,).
 
-    signal       peak s of the signal without noise
-    sigma        standard deviation of the noise at the peak
-    deviate      z of the leading edge, N(0, 1), theory (T24)
-    of_peak      z' of the peak, N(0, 1), independent of the first, theory (T26a)
-    level        noiseless signal at which the edge trips the comparator, theory (T25)
-    probability  P_d, theory (T22) or (T23)
-    tripped      whether the echo trips the comparator
-    base         signal from which the threshold counts: 0 but for what stands on other light
+    signal        peak s of the signal without noise
+    sigma         standard deviation of the noise at the peak
+    deviate       z of the leading edge, N(0, 1), theory (T24)
+    peak_deviate  z' of the peak, N(0, 1), independent of the first, theory (T26a)
+    level         noiseless signal at which the edge trips the comparator, theory (T25)
+    probability   P_d, theory (T22) or (T23)
+    tripped       whether the echo trips the comparator
+    base          signal from which the threshold counts: 0 but for what stands on other light
     """
 
     signal: Lanes
     sigma: Lanes
     deviate: Lanes
-    of_peak: Lanes
+    peak_deviate: Lanes
     level: Lanes
     probability: Lanes
     tripped: Mask
@@ -71,7 +71,7 @@ def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.
     base          (n,) signal from which the threshold counts, that of the light on which the echo stands
     """
     point, threshold = shots.point, shots.threshold + base
-    deviate, of_peak = random.normal_pair(shots.words(Stage.EDGE_NOISE, draw))
+    deviate, peak_deviate = random.normal_pair(shots.words(Stage.EDGE_NOISE, draw))
     signal = point.signal(peak_power_w)
     noise_terms = {"noise": point.noise, "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
     sigma = tdc.noise_at_level(level=signal, **noise_terms)
@@ -89,7 +89,7 @@ def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.
         signal=signal,
         sigma=sigma,
         deviate=deviate,
-        of_peak=of_peak,
+        peak_deviate=peak_deviate,
         level=reached,
         probability=probability,
         tripped=tripped,
@@ -114,7 +114,9 @@ def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
     # (T26a): noise of bandwidth B_w keeps the share r of the edge's deviate until the peak; the rest is fresh. At the
     # threshold crossing and peak coincide, r = 1, and both share one deviate.
     correlation = shots.sensor.noise_correlation(lag_s)
-    peak_noise = correlation * trip.deviate + ops.sqrt(ops.maximum(1.0 - correlation * correlation, 0.0)) * trip.of_peak
+    peak_noise = (
+        correlation * trip.deviate + ops.sqrt(ops.maximum(1.0 - correlation * correlation, 0.0)) * trip.peak_deviate
+    )
     return shots.point.measured(ops.maximum(trip.signal + peak_noise * trip.sigma, shots.threshold + trip.base))
 
 

@@ -75,11 +75,11 @@ def assign_source(
     source_word, height_word = shots.words(Stage.INTERFERENCE, draw)
     place = random.open_uniform(source_word) * sum((lidar.rate_hz for lidar in other_lidars), noise_rate_hz)
     interfering, amplitude = place > noise_rate_hz, noise_amplitude
-    before = noise_rate_hz
+    lower_edge = noise_rate_hz
     for lidar in other_lidars:
         lidar_amplitude = tripping_amplitude(shots, lidar, uniform=random.open_uniform(height_word))
-        amplitude = ops.where(place > before, lidar_amplitude, amplitude)
-        before = before + lidar.rate_hz
+        amplitude = ops.where(place > lower_edge, lidar_amplitude, amplitude)
+        lower_edge = lower_edge + lidar.rate_hz
     return Assigned(amplitude=amplitude, interfering=interfering)
 
 

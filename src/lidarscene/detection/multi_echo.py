@@ -111,17 +111,17 @@ class _Converter(Received):
     def search(self) -> _RiseSearch:
         """Visit all rises and keep the best crossings of each pulse."""
         ops, like, tdc = self.ops, self.wave.origin_m, self.sensor.tdc
-        zero, never, before = ops.full(like, 0.0), ops.full(like, False), ops.full(like, EMPTY)
+        zero, never, earliest = ops.full(like, 0.0), ops.full(like, False), ops.full(like, EMPTY)
         peaks = self.sensor.finds_peaks
         start = _RiseSearch(
             high=never,
             tripped=never,
             in_window=never,
-            last=before,
+            last=earliest,
             highest=zero,
             highest_w=zero,
             stops=stop_list.empty_stops(tdc, like),
-            pulse=_Pulse(stop=stop_list.empty_stop(like), peak=before, top=zero, lowest=zero) if peaks else None,
+            pulse=_Pulse(stop=stop_list.empty_stop(like), peak=earliest, top=zero, lowest=zero) if peaks else None,
             memory=(memory := echo_memory.empty_memory(self)),
             at_highest=echo_memory.Residue(floor=zero, held=zero, share=zero + 1.0) if memory else None,
         )
@@ -151,7 +151,7 @@ class _Converter(Received):
         accepted = edge & comparator.accepts_crossing(self.sensor, crossing_s) & ready
         # Sampling a pulse is the expensive part: only lanes whose crossing may be kept go through it.
         measured = accepted & stop_list.may_keep(tdc, crossing_s, state.stops)
-        new = converter._stop(rise, trip, measured, place, in_valley, crossing_s)
+        new_stop = converter._stop(rise, trip, measured, place, in_valley, crossing_s)
         return self._advance(
             state,
             rise,
@@ -161,7 +161,7 @@ class _Converter(Received):
             in_window=state.in_window | accepted,
             high=ops.where(rise.exists, trip.tripped, state.high),
             last=ops.where(accepted, place, state.last),
-            stops=stop_list.insert_stop(tdc, state.stops, new, later=True),
+            stops=stop_list.insert_stop(tdc, state.stops, new_stop, later=True),
             pulse=None,
         )
 
@@ -177,8 +177,8 @@ class _Converter(Received):
         peak_w = ops.where(rise.exists, rise.top[0], 0.0)
         residue = echo_memory.find_residue(self, rise, state.memory)
         converter = self if residue is None else replace(self, point=residue.working_point(self.point))
-        gain, of_slow = timing.gains(self.sensor, rise)
-        valley = self.point.signal(of_slow * rise.valley_w)
+        gain, lasting_gain = timing.gains(self.sensor, rise)
+        valley = self.point.signal(lasting_gain * rise.valley_w)
         if residue is not None:
             valley = ops.maximum(valley, residue.floor)
         lowest = ops.minimum(last_pulse.lowest, valley)
@@ -192,28 +192,28 @@ class _Converter(Received):
         in_valley = valley >= trip.level
         place = converter._crossing(rise, trip, tripped, in_valley, gain)
         crossing_s = self.time_s(place)
-        apart = (rise.peak - last_pulse.peak) * self.sigma_s >= tdc.dead_time_s
-        apart = apart & (~held | (last_pulse.top >= self.threshold + base))
-        fresh = tripped & apart
+        separate = (rise.peak - last_pulse.peak) * self.sigma_s >= tdc.dead_time_s
+        separate = separate & (~held | (last_pulse.top >= self.threshold + base))
+        fresh = tripped & separate
         # Of two peaks that are one pulse the higher counts.
-        higher = rise.exists & ~apart & (trip.signal > last_pulse.top) & (tripped | state.high)
+        higher = rise.exists & ~separate & (trip.signal > last_pulse.top) & (tripped | state.high)
         accepted = (fresh | higher) & comparator.accepts_crossing(self.sensor, crossing_s)
         measured = accepted & stop_list.may_keep(tdc, crossing_s, state.stops)
-        new = converter._stop(rise, trip, measured, place, in_valley, crossing_s)
-        finished = replace(last_pulse.stop, key=ops.where(accepted & apart, last_pulse.stop.key, EMPTY))
-        stop = new
+        new_stop = converter._stop(rise, trip, measured, place, in_valley, crossing_s)
+        finished = replace(last_pulse.stop, key=ops.where(accepted & separate, last_pulse.stop.key, EMPTY))
+        stop = new_stop
         if self.sensor.times_edge:
             # The edge of a pulse stays where it was, if what comes later only raises it.
             raised = ~tripped & last_pulse.stop.occupied
-            key = stop_list.sort_key(tdc, last_pulse.stop.crossing_s, new.amplitude)
+            key = stop_list.sort_key(tdc, last_pulse.stop.crossing_s, new_stop.amplitude)
             same_edge = replace(
                 last_pulse.stop,
-                key=ops.where(new.occupied, key, EMPTY),
-                amplitude=new.amplitude,
-                snr=new.snr,
-                probability=new.probability,
+                key=ops.where(new_stop.occupied, key, EMPTY),
+                amplitude=new_stop.amplitude,
+                snr=new_stop.snr,
+                probability=new_stop.probability,
             )
-            stop = select_state(raised, same_edge, new)
+            stop = select_state(raised, same_edge, new_stop)
         pulse = _Pulse(
             stop=select_state(accepted, stop, last_pulse.stop),
             peak=ops.where(accepted, rise.peak, last_pulse.peak),
@@ -322,8 +322,8 @@ class _Converter(Received):
         for stop in stops:
             assert stop.status is not None
             occupied = stop.occupied
-            of_air = (stop.status == int(Status.ECHO)) & ((stop.source < 0) | (stop.source >= self.surfaces))
-            status = ops.where(of_air, int(Status.WEATHER), stop.status)
+            is_weather = (stop.status == int(Status.ECHO)) & ((stop.source < 0) | (stop.source >= self.surfaces))
+            status = ops.where(is_weather, int(Status.WEATHER), stop.status)
             has_echo = has_echo | (occupied & (status == int(Status.ECHO)))
             range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=stop.reported_s)
             width_s = stop.width_s if self.sensor.measures_width else None

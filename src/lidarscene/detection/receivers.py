@@ -16,8 +16,10 @@ from .returns import Detection
 
 def is_plain(sensor: Sensor) -> bool:
     """True if the closed form for one echo per pulse (`returns`) holds for the sensor's receiver."""
-    whole = sensor.sampler is not None or sensor.histogram is not None or sensor.receiver.ac_coupling_hz is not None
-    return not whole and sensor.tdc.keep == "first"
+    needs_waveform = (
+        sensor.sampler is not None or sensor.histogram is not None or sensor.receiver.ac_coupling_hz is not None
+    )
+    return not needs_waveform and sensor.tdc.keep == "first"
 
 
 def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
@@ -26,8 +28,8 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)
     pulse  (n,) uint32 pulse numbers
     """
-    way = multi_echo.detect if sensor.histogram is None else histogram_receiver.detect
-    return way(pulse_train, sensor, seed=seed, pulse=pulse)
+    detect_train = multi_echo.detect if sensor.histogram is None else histogram_receiver.detect
+    return detect_train(pulse_train, sensor, seed=seed, pulse=pulse)
 
 
 def detect_alone(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:

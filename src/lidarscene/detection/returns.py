@@ -214,6 +214,6 @@ def interferes(status: Lanes) -> Mask:
 def _nth_alarm(alarms: list[_Alarm], index: Array) -> _Alarm:
     """Alarm number ``index`` of each pulse; the index (n,) differs from pulse to pulse."""
     alarm = alarms[0]
-    for number, later in enumerate(alarms[1:], start=1):
-        alarm = select_state(index >= number, later, alarm)
+    for number, candidate in enumerate(alarms[1:], start=1):
+        alarm = select_state(index >= number, candidate, alarm)
     return alarm

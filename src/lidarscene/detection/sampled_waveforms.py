@@ -168,20 +168,18 @@ def sample_waveforms(
     times = window_times_s(sensor) if times_s is None else np.asarray(times_s, dtype=np.float64)
     powers, signals, backgrounds, counts = [], [], [], []
     # Each run of consecutive pulses is traced in one call.
-    for together in np.split(chosen, np.flatnonzero(np.diff(chosen) > 1) + 1):
-        pulse_train = train_of(int(together[0]), len(together))
+    for run in np.split(chosen, np.flatnonzero(np.diff(chosen) > 1) + 1):
+        pulse_train = train_of(int(run[0]), len(run))
         if sensor.histogram is None:
             power, signal = sample_with_memory(pulse_train, sensor, times)
         else:
-            pulse_histograms = histograms(
-                pulse_train, sensor, seed=seed, pulse=(together + first_pulse).astype(np.uint32)
-            )
+            pulse_histograms = histograms(pulse_train, sensor, seed=seed, pulse=(run + first_pulse).astype(np.uint32))
             times, signal = pulse_histograms.time_s, pulse_histograms.expected
             counts.append(pulse_histograms.counts.astype(np.float32))
             power = sample_power_w(fold(pulse_train, sensor.histogram).train, sensor, times)
         powers.append(power.astype(np.float32))
         signals.append(signal.astype(np.float32))
-        backgrounds.append(pulse_train.background_power_w + np.zeros(len(together)))
+        backgrounds.append(pulse_train.background_power_w + np.zeros(len(run)))
     background = np.concatenate(backgrounds)
     threshold = np.asarray(sensor.threshold(sensor.working_point(background))) + np.zeros(len(chosen))
     pulse = (chosen + first_pulse).astype(np.uint32)

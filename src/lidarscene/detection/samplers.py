@@ -87,10 +87,10 @@ def _read_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, p
     )
     lowest, highest, above, raised = first, first, ops.full(mask, False), ops.full(mask, False)
     for higher_level in higher:
-        later = higher_level.reached & ~lowest.reached
-        raised = raised | (later & (higher_level.level > own_level * (1.0 + 1e-6)))
-        lowest, highest = select_state(later, higher_level, lowest), highest.or_if_reached(higher_level)
-        above = above | (higher_level.reached & ~later)
+        first_reached = higher_level.reached & ~lowest.reached
+        raised = raised | (first_reached & (higher_level.level > own_level * (1.0 + 1e-6)))
+        lowest, highest = select_state(first_reached, higher_level, lowest), highest.or_if_reached(higher_level)
+        above = above | (higher_level.reached & ~first_reached)
     # Only two levels are searched in the waveform: the lowest for the time, the highest reached for the amplitude.
     crossed = place
     place = ops.where(
@@ -126,9 +126,9 @@ def _read_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, p
         # did not reach, is an upper bound. Above the highest level another one at the same ratio is assumed.
         levels = sampler.levels
         following = (*levels[1:], levels[-1] * levels[-1] / levels[-2])
-        for factor, after in zip(levels, following, strict=True):
+        for factor, next_factor in zip(levels, following, strict=True):
             at_level = highest.level == factor * shots.threshold
-            amplitude = ops.where(at_level, ops.minimum(amplitude, after * shots.threshold), amplitude)
+            amplitude = ops.where(at_level, ops.minimum(amplitude, next_factor * shots.threshold), amplitude)
     open_ = ~highest.reached & (foot >= own_level)
     edge_alone = comparator.amplitude(shots, trip, lag_s=(place - rise.peak) * shots.sigma_s)
     amplitude = ops.where(open_, edge_alone, amplitude)
@@ -146,10 +146,10 @@ def _read_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, p
         share = point.power_w(shots.threshold) / power
         walk = pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm) / shots.sigma_s
     if shots.sensor.tdc.walk == "corrected":
-        of_edge = comparator.walk_s(
+        edge_walk_s = comparator.walk_s(
             shots, measured=ops.where(open_, amplitude - trip.base, shots.threshold), width_s=None, true_power_w=1.0
         )
-        walk = ops.where(open_, of_edge / shots.sigma_s, walk)
+        walk = ops.where(open_, edge_walk_s / shots.sigma_s, walk)
     return Reading(
         reported_s=comparator.converted_time_s(shots, shots.time_s(place - walk), draw=rise.number),
         amplitude=ops.maximum(amplitude, shots.threshold),
@@ -186,9 +186,9 @@ class _Level:
             reached = reached & (level < point.saturation)
         return cls(level=level, up=up, down=down, reached=reached)
 
-    def restrict(self, least: Lanes, foot: Lanes) -> _Level:
+    def restrict(self, lowest_level: Lanes, foot: Lanes) -> _Level:
         """Restrict the level to pulses for which it is at least ``least`` and above the light behind the pulse."""
-        reached = self.reached & (self.level >= least * (1.0 - 1e-6)) & (self.level > foot)
+        reached = self.reached & (self.level >= lowest_level * (1.0 - 1e-6)) & (self.level > foot)
         return replace(self, reached=reached)
 
     def or_if_reached(self, other: _Level) -> _Level:

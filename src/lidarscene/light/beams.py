@@ -90,8 +90,8 @@ def _add_jitter(direction: Vector, jitter_rad: Lanes, *, seed: Lanes, pulse: Lan
     words = random.words(seed=seed, stage=random.Stage.POINTING, pulse=pulse)
     u, v = perpendicular_pair(direction)
     first, second = random.normal_pair(words)
-    aside = weighted_sum(jitter_rad * first, u, jitter_rad * second, v)
-    return unit(weighted_sum(1.0, direction, 1.0, aside))
+    offset = weighted_sum(jitter_rad * first, u, jitter_rad * second, v)
+    return unit(weighted_sum(1.0, direction, 1.0, offset))
 
 
 def firing_time_s(sensor: Sensor, pulse: Numbers) -> Numbers:

@@ -232,8 +232,8 @@ def _sun_disc_w(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> L
     assert ambient.sun_direction is not None
     # Near the sun the chord between two unit vectors equals the angle, and single precision resolves it. An arc cosine
     # of a number close to 1 would lose it.
-    apart = weighted_sum(1.0, hits.direction or beams.direction, -1.0, ambient.sun_direction)
-    square = dot(apart, apart)
+    chord = weighted_sum(1.0, hits.direction or beams.direction, -1.0, ambient.sun_direction)
+    square = dot(chord, chord)
     return sunlight.sun_disc_power_w(
         sun_irradiance_w_m2=ambient.sun_irradiance_w_m2,
         sun_angle_rad=xp(square).sqrt(square),
@@ -252,12 +252,12 @@ def _white_w_m2(beams: Beams, sensor: Sensor) -> Lanes:
     )
 
 
-def gather_background(ways: Sequence[Echoes]) -> list[Echoes]:
+def gather_background(paths: Sequence[Echoes]) -> list[Echoes]:
     """Add the background of all paths of a ray to the first path.
 
     A pane splits a ray into paths. The background of all reaches the detector, but a pulse has only one background.
     """
-    if len(ways) == 1:
-        return list(ways)
-    background = sum(way.background_power_w for way in ways)
-    return [replace(ways[0], background_power_w=background), *ways[1:]]
+    if len(paths) == 1:
+        return list(paths)
+    background = sum(path.background_power_w for path in paths)
+    return [replace(paths[0], background_power_w=background), *paths[1:]]

@@ -47,7 +47,7 @@ def _ray_background_w(rays: Beams, hits: Hits, sensor: Sensor, ambient: Ambient)
         return light.background_power_w
     # Each ray stands for a small part of the field of view, which either sees the sun's disc or does not. So it takes
     # the disc's radiance, and not the share of the disc in the whole field that `receive` would add.
-    apart = weighted_sum(1.0, hits.direction or rays.direction, -1.0, ambient.sun_direction)
+    chord = weighted_sum(1.0, hits.direction or rays.direction, -1.0, ambient.sun_direction)
     disc = radiometry.background_power_w(
         radiance_w_m2_sr=sunlight.sun_disc_radiance_w_m2_sr(sun_irradiance_w_m2=ambient.sun_irradiance_w_m2),
         aperture_m2=background_aperture_m2(rays),
@@ -57,5 +57,5 @@ def _ray_background_w(rays: Beams, hits: Hits, sensor: Sensor, ambient: Ambient)
         transmittance=1.0,  # the sun's irradiance is that at the sensor
         efficiency=sensor.optics.efficiency_sun * hits.throughput,
     )
-    on_disc = ~hits.has_surface & (dot(apart, apart) < sunlight.SUN_RADIUS_RAD * sunlight.SUN_RADIUS_RAD)
+    on_disc = ~hits.has_surface & (dot(chord, chord) < sunlight.SUN_RADIUS_RAD * sunlight.SUN_RADIUS_RAD)
     return light.background_power_w + xp(light.background_power_w).where(on_disc, disc, 0.0)

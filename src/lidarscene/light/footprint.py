@@ -171,11 +171,11 @@ def spread(rays: Beams, shape: Footprint, *, ray: Lanes, rotation: tuple[Lanes, 
     # too: a ray that starts at q w_0 leaves with the slope theta q turned by a right angle. Offset and slope are then
     # perpendicular, and after z the distance from the axis is |q| sqrt(w_0^2 + theta^2 z^2).
     start = weighted_sum(shape.exit_radius_m * first, a, shape.exit_radius_m * second, b)
-    aside = weighted_sum(-slope[0] * second, a, slope[1] * first, b)
+    deflection = weighted_sum(-slope[0] * second, a, slope[1] * first, b)
     return replace(
         rays,
         origin_m=weighted_sum(1.0, rays.origin_m, 1.0, start),
-        direction=unit(weighted_sum(1.0, rays.direction, 1.0, aside)),
+        direction=unit(weighted_sum(1.0, rays.direction, 1.0, deflection)),
     )
 
 
@@ -199,10 +199,10 @@ def _axes(direction: Vector, turn_rad: Lanes, rotation: tuple[Lanes, ...]) -> tu
     """Two unit vectors across the beam, towards growing azimuth and growing elevation, both rotated by ``turn_rad``."""
     left: Vector = (rotation[1], rotation[4], rotation[7])
     up: Vector = (rotation[2], rotation[5], rotation[8])
-    aside = cross(up, direction)
-    ops = xp(*aside, turn_rad)
-    steep = dot(aside, aside) < 1e-10  # straight up or down azimuth is undefined: take the sensor's left
-    x, y, z = (ops.where(steep, fallback, component) for fallback, component in zip(left, aside, strict=True))
+    across_beam = cross(up, direction)
+    ops = xp(*across_beam, turn_rad)
+    steep = dot(across_beam, across_beam) < 1e-10  # straight up or down azimuth is undefined: take the sensor's left
+    x, y, z = (ops.where(steep, fallback, component) for fallback, component in zip(left, across_beam, strict=True))
     azimuth = unit((x, y, z))
     elevation = cross(direction, azimuth)
     # The beam's own axes are turned about the beam against azimuth and elevation.

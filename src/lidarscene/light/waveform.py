@@ -159,9 +159,9 @@ class Waveform:
         # ends before everything, so no search enters it.
         # The undershoot only bends a recovering baseline, which rises: it moves peaks by 2 w at most.
         ops = xp(*self.centres, self.origin_m)
-        later = 1.0 if self.undershoot is None else 1.0 + 2.0 * self.undershoot.rate
+        reach = 1.0 if self.undershoot is None else 1.0 + 2.0 * self.undershoot.rate
         intervals = [
-            (ops.where(height > 0.0, centre - 1.0, _FAR), ops.where(height > 0.0, centre + later, -_FAR))
+            (ops.where(height > 0.0, centre - 1.0, _FAR), ops.where(height > 0.0, centre + reach, -_FAR))
             for centre, height in zip(self.centres, self.heights, strict=True)
         ]
         if self.volume is not None:
@@ -172,7 +172,7 @@ class Waveform:
             steepest = (self.volume.end_m - self.origin_m) / self.unit_m + self.unit_m * (
                 2.0 * self.volume.extinction_per_m + 2.0 / self.volume.end_m
             )
-            before, behind = (steepest + way for way in _FADING)
+            before, behind = (steepest + offset for offset in _FADING)
             intervals.append((ops.where(ended, before, _FAR), ops.where(ended, behind, -_FAR)))
         return intervals
 

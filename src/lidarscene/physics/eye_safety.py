@@ -126,7 +126,7 @@ def class_1_energy_j(*, wavelength_m: float, duration_s: float, source_rad: floa
 
 
 def _retina_energy_j(wavelength_m: float, t: float, source_rad: float) -> float:
-    near = wavelength_m < 1050e-9
+    below_1050_nm = wavelength_m < 1050e-9
     water = c7(wavelength_m=min(wavelength_m, _HELD_C7_M))
     size = c6(source_rad=source_rad, duration_s=t)
     absorbed = c4(wavelength_m=wavelength_m) * water
@@ -134,7 +134,7 @@ def _retina_energy_j(wavelength_m: float, t: float, source_rad: float) -> float:
     if t < 1e-11:
         return 3.8e-8 * water * size
     if t < grouping_time_s(wavelength_m=wavelength_m):
-        return (7.7e-8 * absorbed if near else 7.7e-7 * water) * size
+        return (7.7e-8 * absorbed if below_1050_nm else 7.7e-7 * water) * size
     if t < longest_s:
         return 7e-4 * absorbed * size * math.pow(t, 0.75)
     if source_rad <= SMALLEST_SOURCE_RAD:

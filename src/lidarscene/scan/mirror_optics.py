@@ -104,14 +104,14 @@ class MirrorPair:
         # Where the first mirror moves the beam, and from where the last one gets it.
         moved, side = (_LEFT, _UP) if upright else (_UP, _LEFT)
         ops = xp(first, last)
-        angle, after = 0.25 * math.pi + first, 0.25 * math.pi + last
+        angle, last_angle = 0.25 * math.pi + first, 0.25 * math.pi + last
         normal = weighted_sum(-ops.cos(angle), moved, -ops.sin(angle), side)
         between = reflected(moved, normal)
-        last_normal = weighted_sum(ops.cos(after), _X, ops.sin(after), side)
+        last_normal = weighted_sum(ops.cos(last_angle), _X, ops.sin(last_angle), side)
         cos_rest = math.sqrt(0.5)
         shares = (
-            mirror_share(cos_incidence=-dot(before, n), cos_at_rest=cos_rest)
-            for before, n in ((moved, normal), (between, last_normal))
+            mirror_share(cos_incidence=-dot(incoming, mirror_normal), cos_at_rest=cos_rest)
+            for incoming, mirror_normal in ((moved, normal), (between, last_normal))
         )
         first_share, last_share = shares
         return reflected(between, last_normal), first_share * last_share

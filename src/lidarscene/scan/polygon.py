@@ -153,13 +153,13 @@ class Polygon(Mechanism):
         if self.inradius_m is None or self.lens_radius_m is None:
             return direction, 1.0
         # In units of the inradius: the beam's axis passes through the point `rest_normal`, and the facet's middle is
-        # `level`. Follow the beam to the facet's plane; `aside` is the distance from there to the facet's middle, along
+        # `level`. Follow the beam to the facet's plane; `offset` is the distance from there to the facet's middle, along
         # the facet.
         along = (1.0 - dot(level, rest_normal)) / dot(level, incoming)
         facet_point = weighted_sum(1.0, rest_normal, along, incoming)
-        aside = dot(facet_point, (-level[1], level[0], 0.0))
+        offset = dot(facet_point, (-level[1], level[0], 0.0))
         scale = cos_incidence * self.inradius_m / self.lens_radius_m
-        share = slit_share(left=(self.half_facet + aside) * scale, right=(self.half_facet - aside) * scale)
+        share = slit_share(left=(self.half_facet + offset) * scale, right=(self.half_facet - offset) * scale)
         return direction, share
 
     def channel(self, pulse: Lanes) -> Lanes:

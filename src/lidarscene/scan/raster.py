@@ -41,8 +41,8 @@ class Raster(GivenAngles):
         """Build from the full angles of the field of view and the steps."""
         # 120 / 0.2 is 599.99... in binary: allow 1e-6 of a step before rounding down.
         columns, rows = (
-            int(whole / step + 1e-6) + 1
-            for whole, step in ((azimuth_fov_rad, azimuth_step_rad), (elevation_fov_rad, elevation_step_rad))
+            int(fov / step + 1e-6) + 1
+            for fov, step in ((azimuth_fov_rad, azimuth_step_rad), (elevation_fov_rad, elevation_step_rad))
         )
         return cls(
             columns=columns,

@@ -47,13 +47,15 @@ class AdcFile(Table[Adc]):
 
     def build(self, pulse_fwhm_ns: float) -> Adc:
         """Convert to SI units, with as many samples as four pulse widths hold. Raises InputError."""
-        least = 1e3 / pulse_fwhm_ns
-        if self.rate_mhz < least * (1.0 - 1e-9):
-            raise InputError(f"sampler.rate_mhz: must be >= {least:g} (one sample in a pulse), got {self.rate_mhz:g}")
-        samples = math.ceil(4.0 * self.rate_mhz / least - 1e-9) + 1
+        least_rate_mhz = 1e3 / pulse_fwhm_ns
+        if self.rate_mhz < least_rate_mhz * (1.0 - 1e-9):
+            raise InputError(
+                f"sampler.rate_mhz: must be >= {least_rate_mhz:g} (one sample in a pulse), got {self.rate_mhz:g}"
+            )
+        samples = math.ceil(4.0 * self.rate_mhz / least_rate_mhz - 1e-9) + 1
         if samples > MOST_SAMPLES:
             raise InputError(
-                f"sampler.rate_mhz: must be <= {0.25 * (MOST_SAMPLES - 1) * least:g} "
+                f"sampler.rate_mhz: must be <= {0.25 * (MOST_SAMPLES - 1) * least_rate_mhz:g} "
                 f"({MOST_SAMPLES} samples in four pulse widths), got {self.rate_mhz:g}"
             )
         return self.in_si(

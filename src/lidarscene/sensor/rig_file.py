@@ -79,9 +79,9 @@ class RigFile(FileModel):
     @model_validator(mode="after")
     def _own_labels(self) -> RigFile:
         labels = [mounted.label for mounted in self.sensors]
-        twice = sorted({label for label in labels if labels.count(label) > 1})
-        if twice:
-            raise ValueError(f"labels must be unique, got '{twice[0]}' twice")
+        repeated = sorted({label for label in labels if labels.count(label) > 1})
+        if repeated:
+            raise ValueError(f"labels must be unique, got '{repeated[0]}' twice")
         return self
 
 

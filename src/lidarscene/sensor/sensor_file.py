@@ -47,18 +47,18 @@ class LaserFile(Table[Laser]):
 
     @model_validator(mode="after")
     def _not_finer_than_light(self) -> LaserFile:
-        least = min(self.divergence_mrad, self.divergence_elevation_mrad or self.divergence_mrad)
-        if self.exit_diameter_mm is None or least == 0.0:
+        least_mrad = min(self.divergence_mrad, self.divergence_elevation_mrad or self.divergence_mrad)
+        if self.exit_diameter_mm is None or least_mrad == 0.0:
             return self
-        limit = least / beam.beam_quality(
+        limit = least_mrad / beam.beam_quality(
             exit_diameter_m=si(self.exit_diameter_mm, "mm"),
-            divergence_rad=si(least, "mrad"),
+            divergence_rad=si(least_mrad, "mrad"),
             wavelength_m=si(self.wavelength_nm, "nm"),
         )
-        if least < limit * (1.0 - 1e-3):
+        if least_mrad < limit * (1.0 - 1e-3):
             raise ValueError(
                 f"divergence_mrad: must be >= {limit:.3g} for a beam of {self.exit_diameter_mm:g} mm (M2 of 1), "
-                f"got {least:g}"
+                f"got {least_mrad:g}"
             )
         return self
 
@@ -290,9 +290,9 @@ def _check_response(sensor: Sensor) -> None:
     """Raises InputError for a frequency response that this detector or pulse cannot have."""
     rate = sensor.coupling_rate
     if rate is not None and rate > high_pass.WIDEST_RATE:
-        coupling_khz, most = 1e-3 * float(sensor.receiver.ac_coupling_hz or 0.0), high_pass.WIDEST_RATE / rate
+        coupling_khz, largest_ratio = 1e-3 * float(sensor.receiver.ac_coupling_hz or 0.0), high_pass.WIDEST_RATE / rate
         raise InputError(
-            f"receiver.ac_coupling_khz: must be <= {most * coupling_khz:.4g}, behind which the received pulse keeps "
+            f"receiver.ac_coupling_khz: must be <= {largest_ratio * coupling_khz:.4g}, behind which the received pulse keeps "
             f"its shape, got {coupling_khz:g}"
         )
     if sensor.receiver.filters and isinstance(sensor.detector, Sipm) and sensor.detector.counting == "binomial":

@@ -197,8 +197,8 @@ class Sensor:
         """True if pulses are found behind a matched filter."""
         if isinstance(self.detector, Sipm) and self.detector.counting == "binomial":
             return False  # behind a filter no whole cells are counted
-        by_samples = isinstance(self.sampler, Adc) and self.sampler.estimator == "matched_filter"
-        return by_samples or self.tdc.timing == "matched_filter"
+        samples_match = isinstance(self.sampler, Adc) and self.sampler.estimator == "matched_filter"
+        return samples_match or self.tdc.timing == "matched_filter"
 
     @property
     def housing_m(self) -> Lanes:

@@ -114,13 +114,13 @@ class Bins:
         counts = self._draw_counts(first, start, self._blind_shares(start, first * bin_s, time_s), place)
         background = pixel.count_rate_hz * bin_s
         values = self._filter_counts(counts, background)
-        least = reach - search - 1
-        best, peak_bin = values[1], 0.0 * place + (least + 1.0)
+        first_searched = reach - search - 1
+        best, peak_bin = values[1], 0.0 * place + (first_searched + 1.0)
         before, after = values[0], values[2]
         for k in range(2, len(values) - 1):
             better = values[k] > best
             before, after = ops.where(better, values[k - 1], before), ops.where(better, values[k + 1], after)
-            best, peak_bin = ops.where(better, values[k], best), ops.where(better, float(least + k), peak_bin)
+            best, peak_bin = ops.where(better, values[k], best), ops.where(better, float(first_searched + k), peak_bin)
         rising = (before > best) | (after > best)
         if histogram.estimator == "matched_filter":
             peak_bin = peak_bin + self._peak_offset(before, best, after)
@@ -136,8 +136,8 @@ class Bins:
         echo_s         time of flight of the echo, for which the pixel is
         """
         pixel, wave, ops = self.pixel, self.wave, self.ops
-        free, once = pixel.free, pixel.spad.stamps == "first"
-        if once:
+        free, fires_once = pixel.free, pixel.spad.stamps == "first"
+        if fires_once:
             armed = pixel.armed_s + time_s - echo_s
             free = dead_time.free_share_of_first(rate_hz=pixel.rate_hz, time_s=armed)
         if len(wave.centres) == 1 and wave.volume is None:
@@ -145,19 +145,19 @@ class Bins:
             return _Blind(by_sun=1.0 - free, by_echoes=0.0, freed=0.0)
         sigma = pixel.sigma_s
         # SPADs that fire once in a shot stay blind to its end: their dead time is infinite, here a large number.
-        dead = 1e9 if once else pixel.spad.dead_time_s / sigma
+        dead = 1e9 if fires_once else pixel.spad.dead_time_s / sigma
         energy = pixel.per_watt * sigma * math.sqrt(2.0 * math.pi)
         before, moment = 0.0 * start, 0.0 * start
         for centre, height in zip(wave.centres, wave.heights, strict=True):
             # Share of a Gaussian within the dead time before the first bin, by the logistic approximation.
             part = self._share_before(start - centre)
-            if not once:
+            if not fires_once:
                 part = part - self._share_before(start - dead - centre)
             part = part * height * energy
             before, moment = before + part, moment + part * ops.minimum(centre - start, 0.0)
         if wave.volume is not None:
             since = ops.maximum(time_s, 0.0)
-            if not once:
+            if not fires_once:
                 since = ops.minimum(since, pixel.spad.dead_time_s)
             step = since / (sigma * _STEPS)
             for k in range(_STEPS):
@@ -221,7 +221,7 @@ class Bins:
     def _free_trials(self, state: _DrawState, blind: _Blind) -> Lanes:
         """Number of trials that meet a free SPAD in the next bin, (n,)."""
         pixel, ops = self.pixel, self.ops
-        whole = pixel.trials if pixel.spad.coincidence == 1 else 1.0
+        all_trials = pixel.trials if pixel.spad.coincidence == 1 else 1.0
         share = blind.by_sun + blind.by_echoes
         if pixel.spad.stamps == "all":
             # The sun's get free evenly over one dead time; those of echoes one dead time after these; and who fired
@@ -231,12 +231,12 @@ class Bins:
             width = _RELEASE * pixel.sigma_s / pixel.histogram.bin_s
             echo_blind = ops.minimum(ops.maximum((blind.freed - state.number) / width + 0.5, 0.0), 1.0)
             share = blind.by_sun * sun_blind + blind.by_echoes * echo_blind
-        return ops.maximum(whole * (1.0 - share) - state.fired, 0.0)
+        return ops.maximum(all_trials * (1.0 - share) - state.fired, 0.0)
 
-    def _still_blind(self, state: _DrawState, firings: Array, new: Lanes) -> Lanes:
+    def _still_blind(self, state: _DrawState, firings: Array, latest: Lanes) -> Lanes:
         """Firings of the drawn bins, the new one included, that are still blind in the bin after it, (n,)."""
         pixel, ops = self.pixel, self.ops
-        blind = state.fired + new
+        blind = state.fired + latest
         if pixel.spad.stamps == "first":
             return blind
         # Firings are spread over their bin, so half of them get free half a bin earlier or later than the others.
@@ -244,15 +244,15 @@ class Bins:
         late = ops.floor(age)
 
         def revived() -> Lanes:
-            total = 0.0 * new
+            total = 0.0 * latest
             for index, share in ((late, 1.0 - (age - late)), (late + 1.0, age - late)):
                 inside = (index >= 0.0) & (index <= state.number)
-                old = ops.get(firings, ops.int32(ops.where(inside, index, 0.0)))
-                total = total + ops.where(inside, share * old, 0.0)
+                earlier = ops.get(firings, ops.int32(ops.where(inside, index, 0.0)))
+                total = total + ops.where(inside, share * earlier, 0.0)
             return total
 
         # Most bins are nearer to the first one than a dead time.
-        return blind - ops.where_any(late >= -1.0, revived, 0.0 * new)
+        return blind - ops.where_any(late >= -1.0, revived, 0.0 * latest)
 
     def _draw_bin(self, free: Lanes, light: Lanes, uniform: Lanes) -> tuple[Lanes, Lanes]:
         """Draw the firings of one bin and its counts, (n,) each.
@@ -269,8 +269,8 @@ class Bins:
             count = draws.binomial_count(trials=free, probability=share, uniform=uniform, log_none=-detections)
             if not pixel.corrected:
                 return count, count
-            of_free = count / ops.maximum(free, 1e-6 * pixel.trials)
-            return count, pixel.trials * dead_time.detections_of_share(share=of_free)
+            share_of_free = count / ops.maximum(free, 1e-6 * pixel.trials)
+            return count, pixel.trials * dead_time.detections_of_share(share=share_of_free)
         # How many SPADs are free is not known from the pixel's counts: their mean stands for them.
         coincidence = dead_time.coincidence_share(least=spad.coincidence, spads=spad.spads, share=free * share)
         return free * share, draws.binomial_count(trials=pixel.trials, probability=coincidence, uniform=uniform)
@@ -294,8 +294,8 @@ class Bins:
     def _peak_offset(self, before: Lanes, best: Lanes, after: Lanes) -> Lanes:
         """Place of the peak in bins from the highest value: of the Gaussian through it and its neighbours."""
         ops = self.ops
-        least = ops.maximum(_LEAST * best, 1e-20)
-        low, top, high = (ops.log(ops.maximum(height, least)) for height in (before, best, after))
+        lowest = ops.maximum(_LEAST * best, 1e-20)
+        low, top, high = (ops.log(ops.maximum(height, lowest)) for height in (before, best, after))
         bend = low - 2.0 * top + high
         flat = bend > -1e-9
         offset = 0.5 * (low - high) / ops.where(flat, -1.0, bend)
@@ -307,11 +307,11 @@ class Bins:
         half = BOX * self.pixel.sigma_s / self.pixel.histogram.bin_s
         total, moment = 0.0 * middle, 0.0 * middle
         for i, count in enumerate(counts):
-            off = i - middle
+            offset = i - middle
             # The bins at both ends count by the part that lies inside.
-            share = ops.minimum(ops.maximum(half + 0.5 - ops.abs(off), 0.0), 1.0)
+            share = ops.minimum(ops.maximum(half + 0.5 - ops.abs(offset), 0.0), 1.0)
             inside = share * (count - background)
-            total, moment = total + inside, moment + off * inside
+            total, moment = total + inside, moment + offset * inside
         return ops.minimum(ops.maximum(moment / ops.maximum(total, 1.0), -half), half)
 
     def _photons(self, counts: list[Lanes], background: Lanes, middle: Lanes) -> Lanes:

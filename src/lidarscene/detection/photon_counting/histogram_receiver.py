@@ -246,8 +246,8 @@ class _Receiver(Shots):
         """Draw the threshold for a peak of the filtered light, (n,)."""
         assert point.beyond_law is not None
         level, signal = self.sensor.threshold(point), self._signal(point, power_w)
-        more, spread = point.beyond_law(level - self._gain_of_breadth(point, place, power_w), signal)
-        return _draw_threshold(level + more, spread, self.seed, self.pulse)
+        excess, spread = point.beyond_law(level - self._gain_of_breadth(point, place, power_w), signal)
+        return _draw_threshold(level + excess, spread, self.seed, self.pulse)
 
     def _signal(self, point: WorkingPoint, power_w: Lanes) -> Lanes:
         """Photons of a peak of the light behind the filter, (n,)."""
@@ -286,26 +286,26 @@ class _Receiver(Shots):
         ops, wave = self.ops, self.filtered
         surfaces = self.train.surfaces
         strongest, number = ops.full(place, -1.0), ops.full(place, 0)
-        of_surfaces, of_air, weighted, fold = (ops.full(place, 0.0) for _ in range(4))
+        surfaces_w, air_w, weighted, fold = (ops.full(place, 0.0) for _ in range(4))
         for k, (centre, height) in enumerate(zip(wave.centres, wave.heights, strict=True)):
             ahead = centre - place
             part = height * ops.exp(-0.5 * ahead * ahead)
             if k < surfaces:
-                of_surfaces, weighted = of_surfaces + part, weighted + part * ahead
+                surfaces_w, weighted = surfaces_w + part, weighted + part * ahead
                 if self.folds_m is not None:
                     fold = ops.where(part > strongest, self.folds_m[k], fold)
             else:
-                of_air = of_air + part
+                air_w = air_w + part
             number = ops.where(part > strongest, k, number)
             strongest = ops.maximum(part, strongest)
-        lit = of_surfaces > 0.0
-        mean = place + ops.where(lit, weighted / ops.where(lit, of_surfaces, 1.0), 0.0)
+        lit = surfaces_w > 0.0
+        mean = place + ops.where(lit, weighted / ops.where(lit, surfaces_w, 1.0), 0.0)
         range_m = wave.range_m(mean) + fold
         status = ops.where(fold > 0.0, int(Status.ALIASED), int(Status.ECHO))
         if wave.volume is None and len(wave.centres) == surfaces:
             return number, range_m, status
         even = wave.air_w(place)
-        weather = of_air + even > of_surfaces
+        weather = air_w + even > surfaces_w
         number = ops.where(weather & (even > strongest), -1, number)
         range_m = ops.where(weather, ops.maximum(wave.range_m(place), 0.0), range_m)
         return number, range_m, ops.where(weather, int(Status.WEATHER), status)
@@ -356,8 +356,8 @@ class _Receiver(Shots):
         reported, has_echo = [], ops.full(self.light.origin_m, False)
         for stop in stops:
             occupied = stop.key > _EMPTY
-            of_echo = occupied & ((stop.status == int(Status.ECHO)) | (stop.status == int(Status.ALIASED)))
-            has_echo = has_echo | of_echo
+            is_echo = occupied & ((stop.status == int(Status.ECHO)) | (stop.status == int(Status.ALIASED)))
+            has_echo = has_echo | is_echo
             range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=stop.time_s)
             amplitude = ops.maximum(stop.photons, 0.0)
             value = reported_intensity(self, self.train, amplitude=amplitude, width_s=None, range_m=range_m)
@@ -368,10 +368,10 @@ class _Receiver(Shots):
                     range_m=range_m,
                     amplitude=amplitude,
                     intensity=value,
-                    snr=stop.snr if self._multi_peak else ops.where(of_echo, snr, 0.0),
+                    snr=stop.snr if self._multi_peak else ops.where(is_echo, snr, 0.0),
                     detection_probability=stop.probability
                     if self._multi_peak
-                    else ops.where(of_echo, probability, 0.0),
+                    else ops.where(is_echo, probability, 0.0),
                     source=stop.source,
                     true_range_m=stop.true_range_m,
                     photons=amplitude,

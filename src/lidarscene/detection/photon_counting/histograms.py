@@ -57,16 +57,18 @@ def histograms(train: EchoTrain, sensor: Sensor, *, seed: int, pulse: Numbers) -
     width_s = np.sqrt(pixel.sigma_s**2 - bin_s**2 / 12.0)
     spread, narrow = broaden(light, sensor, width_s)
     power = sample_power_w(spread, narrow, times)
-    once = spad.stamps == "first"
+    fires_once = spad.stamps == "first"
     background = np.asarray(pixel.rate_hz) + np.zeros((len(pulse), 1))
     rate = power * pixel.per_watt + background
     armed = times >= float(sensor.tdc.blanking_s)
     # A step of the background alone comes first: it is what the SPADs are in balance with when the pulse leaves.
     fired = dead_time.firing_shares(
-        np.concatenate([0.0 * background if once else background, np.where(armed | (not once), rate, 0.0)], axis=1),
+        np.concatenate(
+            [0.0 * background if fires_once else background, np.where(armed | (not fires_once), rate, 0.0)], axis=1
+        ),
         bin_s=fine_s,
-        dead_time_s=np.inf if once else float(spad.dead_time_s),
-        steady=not once,
+        dead_time_s=np.inf if fires_once else float(spad.dead_time_s),
+        steady=not fires_once,
     )[:, 1:]
     share = fired.reshape(len(pulse), count, _FINE).sum(axis=2)
     if spad.coincidence > 1:

@@ -51,12 +51,12 @@ def crossing_source(
     between = ops.maximum(rise.peak - 1.0, 0.5 * (rise.valley + rise.peak))
     edge = ops.where(in_valley, between, ops.minimum(place, between))
     particle = _brightest(shots, edge, surfaces, len(wave.centres))
-    slope, of_surfaces = wave.at(edge)[1], _brightest(shots, edge, 0, surfaces).slope
+    slope, surface_slope = wave.at(edge)[1], _brightest(shots, edge, 0, surfaces).slope
     # The slope is that of all light. Above twice the surfaces' slope, the air's share is larger than theirs; above
     # that of surfaces plus twice the particles', the even light's share is larger than the particles'.
-    of_air, even = slope > 2.0 * of_surfaces, slope > of_surfaces + 2.0 * particle.slope
-    range_m = wave.range_m(ops.where(of_air, ops.where(even, measured, particle.mean), surface.mean))
-    number = ops.where(of_air, ops.where(even, -1, particle.number), surface.number)
+    by_air, by_even_light = slope > 2.0 * surface_slope, slope > surface_slope + 2.0 * particle.slope
+    range_m = wave.range_m(ops.where(by_air, ops.where(by_even_light, measured, particle.mean), surface.mean))
+    number = ops.where(by_air, ops.where(by_even_light, -1, particle.number), surface.number)
     # Air just in front of the lens can trip the comparator while the pulse still leaves: no range is below 0.
     return number, ops.maximum(range_m, 0.0)
 

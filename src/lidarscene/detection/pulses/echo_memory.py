@@ -109,12 +109,14 @@ def update_memory(shots: Received, rise: Rise, signal: Lanes, residue: Residue |
     ops, point = shots.ops, shots.point
     if point.memory is None:
         assert point.saturation is not None
-        (before,) = memory
+        (previous,) = memory
         # The light falls back to the clipping level a pulse's flank behind its peak.
         overdrive = ops.maximum(signal / point.saturation, 1.0)
         clips = rise.exists & (overdrive > 1.0)
         release = rise.peak + ops.sqrt(2.0 * ops.log(overdrive))
-        return (Earlier(place=ops.where(clips, release, before.place), amount=ops.where(clips, signal, before.amount)),)
+        return (
+            Earlier(place=ops.where(clips, release, previous.place), amount=ops.where(clips, signal, previous.amount)),
+        )
     cells = point.memory
     fired = sipm_response.fired_by_pulse(
         peak=ops.maximum(signal - residue.held, 0.0),

@@ -63,24 +63,27 @@ def fall(shots: Received, rise: Rise, trip: Trip, level: Lanes, since: Lanes, ma
 def foot(shots: Received, rise: Rise, trip: Trip, mask: Mask) -> Lanes:
     """Lowest signal behind a peak before the light rises again by a threshold, (n,); 0 if it falls below it first."""
     ops, threshold = shots.ops, shots.threshold
-    least = threshold + trip.base
+    lowest_level = threshold + trip.base
 
     def step(foot: _Foot) -> _Foot:
         place = foot.place + STEP
         signal = shots.point.signal(shots.wave.at(place)[0])
         lowest = ops.minimum(foot.lowest, signal)
         return _Foot(
-            place=place, lowest=lowest, steps=foot.steps + 1, walking=(signal >= least) & (signal < lowest + threshold)
+            place=place,
+            lowest=lowest,
+            steps=foot.steps + 1,
+            walking=(signal >= lowest_level) & (signal < lowest + threshold),
         )
 
     start = _Foot(
         place=rise.peak + ops.full(rise.peak, 0.0),
         lowest=trip.signal + ops.full(rise.peak, 0.0),
         steps=ops.full(rise.number, 0),
-        walking=mask & (trip.signal >= least),
+        walking=mask & (trip.signal >= lowest_level),
     )
     lowest = ops.loop(start, lambda foot: foot.walking & (foot.steps < _LONGEST), step).lowest
-    return ops.where(lowest >= least, lowest, 0.0)
+    return ops.where(lowest >= lowest_level, lowest, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -67,23 +67,23 @@ class Window:
         correlation = shots.sensor.noise_correlation(1.0 / adc.rate_hz)
         fresh = ops.sqrt(1.0 - correlation * correlation)
         # Each rise of a pulse has a block of draws of its own, one for each sample.
-        before = self.rise.number * ops.uint32(adc.samples)
+        first_draw = self.rise.number * ops.uint32(adc.samples)
         # Samples are evenly spaced, so each sub-echo's part follows from the one before by a multiplication.
         comb = shots.wave.comb(self.start, self.spacing, self.start + 0.5 * (adc.samples - 1) * self.spacing)
 
-        def step(number: Lanes, so_far: _Sampled) -> _Sampled:
-            fresh_deviate = random.normal_pair(shots.words(Stage.SAMPLES, before + ops.uint32(number)))[0]
+        def step(number: Lanes, state: _Sampled) -> _Sampled:
+            fresh_deviate = random.normal_pair(shots.words(Stage.SAMPLES, first_draw + ops.uint32(number)))[0]
             # Noise through a single pole is a first-order recursion: each deviate keeps the share r of the one before
             # (T26a), and sqrt(1 - r^2) of a fresh one keeps its variance at 1.
-            deviate = ops.where(number == 0, fresh_deviate, correlation * so_far.deviate + fresh * fresh_deviate)
-            signal = shots.point.signal(comb.power_w(self.place(number), so_far.parts))
+            deviate = ops.where(number == 0, fresh_deviate, correlation * state.deviate + fresh * fresh_deviate)
+            signal = shots.point.signal(comb.power_w(self.place(number), state.parts))
             sample = sampling.quantise(
                 signal=shots.point.measured(signal + deviate * shots.noise_at(signal)),
                 step=adc.step,
                 full_scale=adc.full_scale,
             )
-            samples = ops.put(so_far.samples, number, sample - self.base)
-            return _Sampled(deviate=deviate, samples=samples, parts=comb.advance(so_far.parts))
+            samples = ops.put(state.samples, number, sample - self.base)
+            return _Sampled(deviate=deviate, samples=samples, parts=comb.advance(state.parts))
 
         zero = ops.full(self.start, 0.0)
         start = _Sampled(deviate=zero, samples=ops.room(self.start, adc.room), parts=tuple(comb.parts))
@@ -112,16 +112,16 @@ class Window:
         ops, threshold = self.shots.ops, self.shots.sample_threshold
         zero, count = ops.full(self.start, 0.0), ops.full(self.rise.number, 0)
 
-        def step(number: Lanes, so_far: _Centroid) -> _Centroid:
+        def step(number: Lanes, state: _Centroid) -> _Centroid:
             place, sample = self.place(number), ops.get(samples, number)
-            above = (sample >= threshold) & ~so_far.closed
+            above = (sample >= threshold) & ~state.closed
             part = ops.where(above, sample, 0.0)
             return _Centroid(
-                total=so_far.total + part,
-                moment=so_far.moment + part * place,
-                count=so_far.count + ops.where(above, 1, 0),
-                highest=ops.maximum(so_far.highest, part),
-                closed=so_far.closed | ((sample < 0.5 * threshold) & (place > self.crossing + 1.0)),
+                total=state.total + part,
+                moment=state.moment + part * place,
+                count=state.count + ops.where(above, 1, 0),
+                highest=ops.maximum(state.highest, part),
+                closed=state.closed | ((sample < 0.5 * threshold) & (place > self.crossing + 1.0)),
             )
 
         empty = _Centroid(total=zero, moment=zero, count=count, highest=zero, closed=ops.full(self.start, False))
@@ -137,15 +137,15 @@ class Window:
         ops = self.shots.ops
         zero = ops.full(self.start, 0.0)
 
-        def step(number: Lanes, so_far: _Correlation) -> _Correlation:
+        def step(number: Lanes, state: _Correlation) -> _Correlation:
             ahead = self.place(number) - centre
             pulse = ops.exp(-0.5 * ahead * ahead)
             part = ops.get(samples, number) * pulse
             return _Correlation(
-                slope=so_far.slope + part * ahead,
-                bend=so_far.bend + part * (1.0 - ahead * ahead),
-                height=so_far.height + part,
-                power=so_far.power + pulse * pulse,
+                slope=state.slope + part * ahead,
+                bend=state.bend + part * (1.0 - ahead * ahead),
+                height=state.height + part,
+                power=state.power + pulse * pulse,
             )
 
         empty = _Correlation(slope=zero, bend=zero, height=zero, power=zero)

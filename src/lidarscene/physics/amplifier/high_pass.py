@@ -33,8 +33,8 @@ def undershoot(*, place: Lanes, rate: Lanes) -> Shape:
     """
     ops = xp(place, rate)
     fading = ops.exp(ops.minimum(rate * (0.5 * rate - place), 2.0))  # no pulse has arrived where this is cut
-    before = rate - place
-    late = before * (1.5976 + 0.07056 * before * before)
+    ahead = rate - place
+    late = ahead * (1.5976 + 0.07056 * ahead * ahead)
     arrived = 1.0 / (1.0 + ops.exp(ops.minimum(late, 80.0)))
     value = math.sqrt(2.0 * math.pi) * rate * fading * arrived
     pulse = ops.exp(-0.5 * place * place)
@@ -54,9 +54,9 @@ def filter_samples(*, values: Numbers, step_s: float, coupling_hz: float) -> Num
     decay = math.exp(-omega * step_s)
     # Exact for straight lines: of the change over a step, the mean of the decay over the step is left at its end.
     fresh = -math.expm1(-omega * step_s) / (omega * step_s)
-    output, level, before = values.astype(float), 0.0, 0.0
+    output, level, previous = values.astype(float), 0.0, 0.0
     for number, value in enumerate(values):
-        level = decay * level + fresh * (float(value) - before)
-        before = float(value)
+        level = decay * level + fresh * (float(value) - previous)
+        previous = float(value)
         output[number] = level
     return output

@@ -156,5 +156,5 @@ def _mills_inverse(w: Lanes) -> Lanes:
 def _scaled_tail(z: Lanes) -> Lanes:
     """Q(z) exp(z^2 / 2) for z of either sign; z below -13 are taken as -13."""
     ops = xp(z)
-    below, beyond = ops.minimum(ops.maximum(z, -13.0), 0.0), scaled_normal_tail(z)
-    return ops.where(z < 0.0, ops.exp(0.5 * below * below) - beyond, beyond)
+    below, tail = ops.minimum(ops.maximum(z, -13.0), 0.0), scaled_normal_tail(z)
+    return ops.where(z < 0.0, ops.exp(0.5 * below * below) - tail, tail)

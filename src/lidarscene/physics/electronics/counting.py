@@ -38,8 +38,8 @@ def upcrossings_hz(*, least: Lanes, cells: Lanes, busy_share: Lanes, dead_time_s
     ops = xp(least, cells, busy_share)
     k = ops.minimum(ops.maximum(least, 1.0), cells)
     share = ops.minimum(ops.maximum(busy_share, 1e-30), 1.0 - 1e-7)
-    ways = log_gamma(cells + 1.0) - log_gamma(k) - log_gamma(cells - k + 1.0)  # of k N! / (k! (N - k)!)
-    rate = ops.exp(ways + k * ops.log(share) + (cells - k) * log1p(-share)) / dead_time_s
+    log_ways = log_gamma(cells + 1.0) - log_gamma(k) - log_gamma(cells - k + 1.0)  # of k N! / (k! (N - k)!)
+    rate = ops.exp(log_ways + k * ops.log(share) + (cells - k) * log1p(-share)) / dead_time_s
     return ops.where(least > cells, 0.0, rate)
 
 

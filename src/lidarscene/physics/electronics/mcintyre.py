@@ -127,8 +127,8 @@ def tail_probability(
     v = saddle.s * ops.sqrt(saddle.curvature)
     tail = normal_tail(r + ops.log(ops.maximum(v / r, _TINY)) / r)
     # The amplifier alone, when no electron comes at all: a lower bound, and the whole of it in the dark.
-    alone = ops.exp(-primaries) * normal_tail((excess + primaries * gain) / ops.maximum(amplifier, 1e-3))
-    tail = ops.where(primaries > 1e-3, ops.maximum(tail, alone), alone)
+    amplifier_tail = ops.exp(-primaries) * normal_tail((excess + primaries * gain) / ops.maximum(amplifier, 1e-3))
+    tail = ops.where(primaries > 1e-3, ops.maximum(tail, amplifier_tail), amplifier_tail)
     return ops.where(saddle.variance > 0.0, tail, 0.0)
 
 
@@ -201,13 +201,13 @@ def _saddle_point(excess: Lanes, primaries: Lanes, gain: Lanes, ionisation_ratio
         coefficients.append((1.0 - power / (1.0 - k)) / n)
     for coefficient in coefficients[:0:-1]:
         series = d * (coefficient - series)
-    beyond = gain * ops.where(d < 0.125, -d * series, log_z(d) - d / gain)
+    nonlinear = gain * ops.where(d < 0.125, -d * series, log_z(d) - d / gain)
     # Step 3, the exponent there, and its curvature.
-    s = (d + beyond) / gain
+    s = (d + nonlinear) / gain
     room = ops.maximum(1.0 / gain - k * q * d, 1e-7 / gain)
     grown = (1.0 + d) * (1.0 + b * d) / room  # G'(s)
     bend = grown * (1.0 + b + 2.0 * b * d + k * q * grown) / room  # G''(s)
-    exponent = s * excess + primaries * beyond - 0.5 * variance * s * s
+    exponent = s * excess + primaries * nonlinear - 0.5 * variance * s * s
     return _Saddle(s, exponent, primaries * bend + variance, total)
 
 

@@ -99,9 +99,9 @@ def residual_busy(*, age_s: Lanes, rate_hz: Lanes, dead_time_s: Lanes, sigma_s: 
     """
     ops = xp(age_s, rate_hz)
     revived = 1.0 - normal_tail((age_s - dead_time_s) / sigma_s)
-    after = ops.maximum(age_s - dead_time_s, 0.0)
-    missing = 1.0 - ops.exp(-rate_hz * dead_time_s) - rate_hz * after
-    below = ops.where(after < dead_time_s, ops.exp(-rate_hz * after) * missing, 0.0)
+    since_revival_s = ops.maximum(age_s - dead_time_s, 0.0)
+    missing = 1.0 - ops.exp(-rate_hz * dead_time_s) - rate_hz * since_revival_s
+    below = ops.where(since_revival_s < dead_time_s, ops.exp(-rate_hz * since_revival_s) * missing, 0.0)
     fired = 1.0 - normal_tail(age_s / sigma_s)
     return (fired - revived) * ops.exp(-rate_hz * ops.minimum(age_s, dead_time_s)) - revived * below
 
@@ -119,8 +119,8 @@ def fired_by_pulse(*, peak: Lanes, rate_hz: Lanes, pulse_fwhm_s: Lanes, dead_tim
 
 def peak_lag_s(*, pulse_fwhm_s: Lanes, dead_time_s: Lanes) -> Lanes:
     """Time from the light's peak to the count's: half a dead time, or two sigma of a pulse that is all there before."""
-    whole = 2.0 / math.sqrt(8.0 * _LN2) * pulse_fwhm_s
-    return xp(whole, dead_time_s).minimum(whole, 0.5 * dead_time_s)
+    whole_pulse_s = 2.0 / math.sqrt(8.0 * _LN2) * pulse_fwhm_s
+    return xp(whole_pulse_s, dead_time_s).minimum(whole_pulse_s, 0.5 * dead_time_s)
 
 
 def binomial_skewness(*, share: Lanes, cells: Lanes) -> Lanes:
@@ -142,9 +142,9 @@ def busy_share_over_time(
     because within a step the rate and the share of reviving cells are taken as constant and integrated exactly.
     """
     steps = steps or max(24, math.ceil(24.0 / pulse_to_dead_time))
-    before = math.ceil(_EDGE * pulse_to_dead_time * steps)
-    after = math.ceil(min(_EDGE * pulse_to_dead_time, LATEST_PEAK) * steps)
-    times = np.arange(-before, after + 1) / steps
+    steps_before = math.ceil(_EDGE * pulse_to_dead_time * steps)
+    steps_after = math.ceil(min(_EDGE * pulse_to_dead_time, LATEST_PEAK) * steps)
+    times = np.arange(-steps_before, steps_after + 1) / steps
     arrived = _arrived(times / pulse_to_dead_time)
     x, y = np.broadcast_arrays(np.asarray(background, float), np.asarray(flash, float))
     alive = 1.0 / (1.0 + x)
@@ -159,9 +159,9 @@ def busy_share_over_time(
         revived = fired[k - steps] if k >= steps else early
         survive = np.exp(-exponent)
         mean = np.where(exponent > 1e-6, -np.expm1(-exponent) / np.maximum(exponent, 1e-6), 1.0)
-        later = alive * survive + revived * mean
-        fired[k] = alive - later + revived
-        free[k + 1] = alive = later
+        next_alive = alive * survive + revived * mean
+        fired[k] = alive - next_alive + revived
+        free[k + 1] = alive = next_alive
     return times, 1.0 - free
 
 
@@ -184,7 +184,7 @@ def busy_share_in_steps(
     """
     free = 1.0 - busy_share
     # What the background and all that follows from it does to a ready cell; light adds to it.
-    alone = busy_share / free - crosstalk * busy_share
+    background_rate = busy_share / free - crosstalk * busy_share
     fired = np.zeros_like(rate)
     busy = np.zeros_like(rate)
     early, pending = busy_share / steps, 0.0 * busy_share
@@ -195,12 +195,12 @@ def busy_share_in_steps(
         pending = pending + lasting * (revived - early)
         refires, pending = pending * (1.0 - fading), pending * fading
         # f / (1 - p f): each firing tries one more cell at once.
-        exponent = (alone + rate[:, k]) / (1.0 - crosstalk * free) / steps + refires
+        exponent = (background_rate + rate[:, k]) / (1.0 - crosstalk * free) / steps + refires
         survive = np.exp(-exponent)
         mean = np.where(exponent > 1e-6, -np.expm1(-exponent) / np.maximum(exponent, 1e-6), 1.0)
-        later = free * survive + revived * mean
-        fired[:, k] = free - later + revived
-        free = later
+        next_free = free * survive + revived * mean
+        fired[:, k] = free - next_free + revived
+        free = next_free
         busy[:, k] = 1.0 - free
     return busy
 

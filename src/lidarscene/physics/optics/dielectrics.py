@@ -64,8 +64,8 @@ def pane_reflectance(*, surface: Lanes, internal: Lanes) -> Lanes:
     No interference: the pulse's coherence length is shorter than the pane is thick, or the faces are not parallel to
     a wavelength. Rubin, Sol. Energy Mater. 12, 275 (1985).
     """
-    twice = internal * internal
-    return surface + (1.0 - surface) * (1.0 - surface) * surface * twice / (1.0 - surface * surface * twice)
+    round_trip = internal * internal
+    return surface + (1.0 - surface) * (1.0 - surface) * surface * round_trip / (1.0 - surface * surface * round_trip)
 
 
 def pane_transmittance(*, surface: Lanes, internal: Lanes) -> Lanes:
@@ -87,7 +87,7 @@ def wet_reflectivity(*, dry: float, index: float, internal: float = 1.0, interna
     Lekner and Dorf, Appl. Opt. 27, 1278 (1988), their first extension of Angstrom's model. Left out: water in the
     pores also lowers the contrast of the grains (their second extension, and Twomey's), which darkens further.
     """
-    into = (1.0 - float(fresnel_reflectance(cos_incidence=np.float64(1.0), index=index))) * internal
+    entering = (1.0 - float(fresnel_reflectance(cos_incidence=np.float64(1.0), index=index))) * internal
     internal_reflection = 1.0 - (1.0 - diffuse_fresnel_reflectance(index)) / index**2
-    out = (1.0 - internal_reflection) * internal_diffuse
-    return into * dry * out / (1.0 - dry * internal_reflection * internal_diffuse**2)
+    leaving = (1.0 - internal_reflection) * internal_diffuse
+    return entering * dry * leaving / (1.0 - dry * internal_reflection * internal_diffuse**2)

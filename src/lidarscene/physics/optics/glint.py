@@ -38,11 +38,13 @@ def share_on_aperture(
     circle of its area, with distances in its own units.
     """
     ops = xp(*aside_m, *spot_radius_m, aperture_radius_m)
-    least = _NARROWEST * aperture_radius_m
-    (x, y), (w1, w2) = aside_m, (ops.maximum(radius, least) for radius in spot_radius_m)
+    narrowest = _NARROWEST * aperture_radius_m
+    (x, y), (w1, w2) = aside_m, (ops.maximum(radius, narrowest) for radius in spot_radius_m)
     if profile == "top_hat":
-        mean_radius, off = ops.sqrt(w1 * w2), ops.sqrt((x / w1) * (x / w1) + (y / w2) * (y / w2))
-        return top_hat_in_circle(spot_radius=mean_radius, circle_radius=aperture_radius_m, distance=off * mean_radius)
+        mean_radius, offset = ops.sqrt(w1 * w2), ops.sqrt((x / w1) * (x / w1) + (y / w2) * (y / w2))
+        return top_hat_in_circle(
+            spot_radius=mean_radius, circle_radius=aperture_radius_m, distance=offset * mean_radius
+        )
     mean: Lanes = 0.0
     for u, v, weight in _places():
         a, b = (x + u * aperture_radius_m) / w1, (y + v * aperture_radius_m) / w2

@@ -34,8 +34,8 @@ def field_of_view_half_angle_rad(*, detector_radius_m: Lanes, focal_length_m: La
 
 def spot_radius_rad(*, exit_radius_m: Lanes, half_divergence_rad: Lanes, range_m: Lanes) -> Lanes:
     """Angular radius of the spot, sqrt((w_0 / R)^2 + theta^2), for a beam with its waist w_0 at the exit."""
-    near = exit_radius_m / range_m
-    square = near * near + half_divergence_rad * half_divergence_rad
+    exit_angle = exit_radius_m / range_m
+    square = exit_angle * exit_angle + half_divergence_rad * half_divergence_rad
     return xp(square).sqrt(square)
 
 
@@ -55,10 +55,10 @@ def circles_overlap(*, first_radius: Lanes, second_radius: Lanes, distance: Lane
     The sum of two circular segments, whose half angles follow from the law of cosines.
     """
     ops = xp(first_radius, second_radius, distance)
-    least = ops.minimum(first_radius, second_radius)
+    smaller = ops.minimum(first_radius, second_radius)
     inside = distance <= ops.abs(first_radius - second_radius)
-    apart = distance >= first_radius + second_radius
-    d = ops.where(inside | apart, first_radius + second_radius, distance)
+    disjoint = distance >= first_radius + second_radius
+    d = ops.where(inside | disjoint, first_radius + second_radius, distance)
 
     def segment(radius: Lanes, opposite_radius: Lanes) -> Lanes:
         cosine = (d * d + radius * radius - opposite_radius * opposite_radius) / ops.maximum(2.0 * d * radius, 1e-30)
@@ -67,7 +67,7 @@ def circles_overlap(*, first_radius: Lanes, second_radius: Lanes, distance: Lane
         return radius * radius * (ops.atan2(sine, cosine) - cosine * sine)
 
     segments = segment(first_radius, second_radius) + segment(second_radius, first_radius)
-    return ops.where(inside, math.pi * least * least, ops.where(apart, 0.0, segments))
+    return ops.where(inside, math.pi * smaller * smaller, ops.where(disjoint, 0.0, segments))
 
 
 def gaussian_in_circle(*, spot_radius: Lanes, circle_radius: Lanes, distance: Lanes) -> Lanes:

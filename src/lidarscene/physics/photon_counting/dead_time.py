@@ -53,8 +53,8 @@ def coincidence_share(*, least: int, spads: Lanes, share: Lanes) -> Lanes:
     ops = xp(spads, share)
     odds_of = ops.minimum(share, _MOST)
     odds = odds_of / (1.0 - odds_of)
-    none = ops.exp(spads * log1p(-odds_of))
-    term, below = none, none
+    none_fires = ops.exp(spads * log1p(-odds_of))
+    term, below = none_fires, none_fires
     for k in range(1, least):
         term = term * ops.maximum(spads - (k - 1.0), 0.0) / k * odds
         below = below + term

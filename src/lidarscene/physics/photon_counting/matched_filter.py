@@ -95,11 +95,11 @@ def _saddle(excess: Lanes, variance: Lanes, unit: Lanes) -> tuple[Lanes, Lanes, 
     x = ops.maximum(1.0 + excess / (unit * mean), 1e-6)
     theta = ops.log(x)
     # x ln x - x + 1, without the difference of near equals close to x = 1.
-    near = x - 1.0
-    series = near * near * (0.5 - near * (1.0 / 6.0 - near * (1.0 / 12.0 - 0.05 * near)))
-    depth = ops.where(ops.abs(near) < 3e-2, series, x * theta - near)
+    x_minus_1 = x - 1.0
+    series = x_minus_1 * x_minus_1 * (0.5 - x_minus_1 * (1.0 / 6.0 - x_minus_1 * (1.0 / 12.0 - 0.05 * x_minus_1)))
+    depth = ops.where(ops.abs(x_minus_1) < 3e-2, series, x * theta - x_minus_1)
     root = ops.sqrt(2.0 * mean * ops.maximum(depth, 0.0))
-    return ops.where(near < 0.0, -root, root), theta, mean
+    return ops.where(x_minus_1 < 0.0, -root, root), theta, mean
 
 
 def false_peak_share(*, threshold: Lanes, rate_hz: Lanes, variance: Lanes, sigma_s: Lanes, bin_s: Lanes) -> Lanes:

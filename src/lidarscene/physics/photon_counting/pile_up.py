@@ -69,9 +69,9 @@ def _table() -> LookupTable:
         fired = pulse * np.exp(-light * arrived)  # density of firings, g exp(-Lambda G)
         place = float(np.sum(t * fired) / np.sum(fired))
         for _ in range(50):  # Newton's method on the filter's slope, from the centroid
-            off = t - place
-            near = fired * np.exp(-0.5 * (off / TEMPLATE) ** 2)
-            slope, bend = np.sum(near * off), np.sum(near * ((off / TEMPLATE) ** 2 - 1.0))
+            offset = t - place
+            weighted = fired * np.exp(-0.5 * (offset / TEMPLATE) ** 2)
+            slope, bend = np.sum(weighted * offset), np.sum(weighted * ((offset / TEMPLATE) ** 2 - 1.0))
             place -= float(slope / bend)
         places.append(place)
     return LookupTable(np.array(places))

@@ -89,8 +89,8 @@ def efficiencies(*, size_parameter: Numbers, index: complex) -> tuple[Numbers, N
     extinction, backscatter = np.zeros_like(x), np.zeros_like(x)
     # Spheres of similar size together: the derivatives need memory for (terms of the largest) x (spheres). As many as
     # fit, for a term takes nearly the same time for 100 spheres and for 1000.
-    together = math.ceil(len(x) * float(_last_term(x).max()) / _DERIVATIVES)
-    for group in np.array_split(order, together):
+    groups = math.ceil(len(x) * float(_last_term(x).max()) / _DERIVATIVES)
+    for group in np.array_split(order, groups):
         extinction[group], backscatter[group] = _efficiencies_sorted(x[group], index)
     return extinction, backscatter
 
@@ -123,19 +123,19 @@ def _terms(x: Numbers, index: complex) -> Iterator[tuple[int, int, Numbers, Numb
     terms = int(last.max())
     derivative = _logarithmic_derivatives(index * x, terms)
     # psi and xi = psi - i chi of orders n - 1 and n, from -1 and 0: the imaginary part of xi is -chi.
-    before, latest = np.exp(1j * x), -1j * np.exp(1j * x)
+    previous, latest = np.exp(1j * x), -1j * np.exp(1j * x)
     first = 0
     for n in range(1, terms + 1):
         # Beyond its last term a sphere's psi is rounding noise and its chi overflows: drop the sphere. Sizes rise, so
         # the finished ones are at the front.
         finished = int(np.searchsorted(last, n)) - first
-        before, latest, first = before[finished:], latest[finished:], first + finished
+        previous, latest, first = previous[finished:], latest[finished:], first + finished
         size = x[first:]
-        before, latest = latest, (2 * n - 1) / size * latest - before
+        previous, latest = latest, (2 * n - 1) / size * latest - previous
         d = derivative[n, first:]
         ratio_a, ratio_b = d / index + n / size, d * index + n / size
-        a = (ratio_a * latest.real - before.real) / (ratio_a * latest - before)
-        b = (ratio_b * latest.real - before.real) / (ratio_b * latest - before)
+        a = (ratio_a * latest.real - previous.real) / (ratio_a * latest - previous)
+        b = (ratio_b * latest.real - previous.real) / (ratio_b * latest - previous)
         yield n, first, a, b
 
 

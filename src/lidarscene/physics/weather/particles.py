@@ -119,7 +119,7 @@ def strengths(
     expected = np.concatenate([nearer(part)[:, -1] for part in np.array_split(trial, 3)])
     usable = expected > 1e-12
     log_expected, log_trial = np.log(expected[usable]), np.log(trial[usable])
-    for count in (more for more in MEAN_HITS if more >= count):
+    for count in (candidate for candidate in MEAN_HITS if candidate >= count):
         last_log = math.log(MEAN_HITS[count])
         if math.exp(np.interp(last_log, log_expected, log_trial)) < down_to:
             break
@@ -170,8 +170,8 @@ class _Ranked:
         diameter = np.linspace(0.0, longest / sizes.slope_per_m, steps)
         sigma = np.asarray(backscatter_m2_sr(diameter_m=diameter))[None, :]
         if gain is not None:
-            within, beyond = sight.angles_rad(range_m[:, None])
-            sigma = sigma * gain(diameter_m=diameter, within_rad=within, from_rad=beyond)
+            largest_rad, smallest_rad = sight.angles_rad(range_m[:, None])
+            sigma = sigma * gain(diameter_m=diameter, within_rad=largest_rad, from_rad=smallest_rad)
         # Particles between the middles of the steps; the last is as long as the exponential goes on.
         edge = np.concatenate([[0.0], 0.5 * (diameter[1:] + diameter[:-1]), [np.inf]])
         number = -sizes.intercept_per_m4 / sizes.slope_per_m * np.diff(np.exp(-sizes.slope_per_m * edge))

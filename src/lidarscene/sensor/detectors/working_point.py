@@ -111,14 +111,14 @@ class WorkingPoint:
             return crossings_hz(threshold / ratio, bandwidth_hz)
 
         # Behind a filter no whole cells rise and fall: Rice's rate takes the place of theirs.
-        of_cells = self.largest is not None
+        counts_cells = self.largest is not None
         return replace(
             self,
             noise=self.noise * ratio,
             kappa_1=self.kappa_1 * sampling.SHOT_SHARE * noise_share,
             kappa_2=self.kappa_2 * sampling.SQUARE_SHARE * noise_share,
             noise_tail=None if tail is None else same_multiple,
-            crossings_hz=None if crossings_hz is None or of_cells else same_multiple_hz,
+            crossings_hz=None if crossings_hz is None or counts_cells else same_multiple_hz,
             unfiltered=self,
         )
 

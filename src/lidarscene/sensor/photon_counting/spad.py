@@ -242,16 +242,16 @@ class Macropixel:
         total: Lanes = 0.0
         background = self.rate_hz * bin_s
         # SPADs that are free at some time in the bin, so that no light makes the counts of `count_share`.
-        before = self.free * background / dead_time.firing_share(detections=background)
+        free_share = self.free * background / dead_time.firing_share(detections=background)
         dark = self.count_share
         step = bin_s / self.sigma_s
         ops = xp(detections, step)
         density = step / math.sqrt(2.0 * math.pi)
         for k in range(-self.histogram.reach, self.histogram.reach + 1):
             light = detections * density * ops.exp(-0.5 * (k * step) * (k * step))
-            share = before * dead_time.firing_share(detections=light + background)
+            share = free_share * dead_time.firing_share(detections=light + background)
             total = total + self._coincidence_probability(share) - dark
-            before = before * ops.exp(-light)
+            free_share = free_share * ops.exp(-light)
         return self.trials * ops.maximum(total, 0.0)
 
     def power_w(self, counts: Lanes) -> Lanes:
@@ -294,8 +294,8 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
     variance = pixel.variance_share * matched_filter.background_variance(rate_hz=rate, sigma_s=sigma)
     ops = xp(variance)
     own_variance = matched_filter.OWN_VARIANCE / (pixel.free if pixel.corrected else 1.0)
-    most = pixel.trials * (pixel.free * pixel.shade if pixel.spad.coincidence == 1 else 1.0)
-    kappa_2 = 0.0 if pixel.corrected else -own_variance / most
+    most_counts = pixel.trials * (pixel.free * pixel.shade if pixel.spad.coincidence == 1 else 1.0)
+    kappa_2 = 0.0 if pixel.corrected else -own_variance / most_counts
     background_unit = matched_filter.background_skewness(variance=variance, rate_hz=rate, sigma_s=sigma)
     own_unit = own_variance * (matched_filter.OWN_SKEWNESS / matched_filter.OWN_VARIANCE)
     near_counts = rate * histogram.bin_s * (2.0 * histogram.reach + 1.0)
@@ -324,14 +324,14 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
         return lone * histogram.lone_photons, None if spread is None else (1.0 - lone) * spread
 
     def echo_probability(threshold: Lanes, signal: Lanes) -> Lanes:
-        more, spread = beyond_law(threshold, signal)
-        return probability(threshold + more, spread, signal)
+        excess, spread = beyond_law(threshold, signal)
+        return probability(threshold + excess, spread, signal)
 
     def false_peak(threshold: Lanes) -> Lanes:
         # A receiver that compares neighbours demands more photons of a noise peak, which they do not share.
-        alone = threshold + histogram.lone_photons
+        noise_threshold = threshold + histogram.lone_photons
         return matched_filter.false_peak_share(
-            threshold=alone, rate_hz=rate, variance=variance, sigma_s=sigma, bin_s=histogram.bin_s
+            threshold=noise_threshold, rate_hz=rate, variance=variance, sigma_s=sigma, bin_s=histogram.bin_s
         )
 
     background = ops.sqrt(rate * ambient_s)
@@ -343,7 +343,7 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
         level=histogram.threshold_floor + histogram.threshold_slope * background,
         signal=lambda power_w: pixel.counts(pixel.detections(power_w)),
         power_w=pixel.power_w,
-        largest=None if pixel.corrected else most * _LARGEST_SHARE,
+        largest=None if pixel.corrected else most_counts * _LARGEST_SHARE,
         noise_tail=false_peak,
         echo_tail=echo_probability,
         beyond_law=beyond_law,

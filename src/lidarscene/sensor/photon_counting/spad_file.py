@@ -115,9 +115,9 @@ class HistogramFile(
         search = math.ceil(_SEARCH_REACH * sigma_ns / self.bin_ns)
         reach = search + 1 + math.ceil(_TEMPLATE_REACH * sigma_ns / self.bin_ns)
         if 2 * reach + 2 > MOST_BINS:
-            least = 2.0 * (_SEARCH_REACH + _TEMPLATE_REACH) * sigma_ns / (MOST_BINS - 8)
+            least_bin_ns = 2.0 * (_SEARCH_REACH + _TEMPLATE_REACH) * sigma_ns / (MOST_BINS - 8)
             raise InputError(
-                f"histogram.bin_ns: must be >= {least:.2g} ({MOST_BINS} bins around an echo), got {self.bin_ns:g}"
+                f"histogram.bin_ns: must be >= {least_bin_ns:.2g} ({MOST_BINS} bins around an echo), got {self.bin_ns:g}"
             )
         if 1e9 * float(spad.dead_time_s) < SHORTEST_DEAD_TIME * pulse_fwhm_ns:
             raise InputError(
@@ -138,9 +138,9 @@ class HistogramFile(
         window_us = self.window_us if self.window_us is not None else period_us
         if window_us is None:
             raise InputError("histogram: one of window_us and pulse_period_us was expected, got none")
-        most = dwell_us if period_us is None else period_us
-        if window_us > most * (1.0 + 1e-9):
-            raise InputError(f"histogram.window_us: must be <= {most:g}, the pulse period, got {window_us:g}")
+        longest_us = dwell_us if period_us is None else period_us
+        if window_us > longest_us * (1.0 + 1e-9):
+            raise InputError(f"histogram.window_us: must be <= {longest_us:g}, the pulse period, got {window_us:g}")
         values: dict[str, Any] = {
             "window_s": si(window_us, "us"),
             "bandwidth_hz": 1.0 / si(float(self.bin_ns), "ns"),
