@@ -153,8 +153,8 @@ class Polygon(Mechanism):
         if self.inradius_m is None or self.lens_radius_m is None:
             return direction, 1.0
         # In units of the inradius: the beam's axis passes through the point `rest_normal`, and the facet's middle is
-        # `level`. Follow the beam to the facet's plane; `offset` is the distance from there to the facet's middle, along
-        # the facet.
+        # `level`. Follow the beam to the facet's plane; `offset` is the distance from there to the facet's middle,
+        # along the facet.
         along = (1.0 - dot(level, rest_normal)) / dot(level, incoming)
         facet_point = weighted_sum(1.0, rest_normal, along, incoming)
         offset = dot(facet_point, (-level[1], level[0], 0.0))

@@ -290,9 +290,9 @@ def _check_response(sensor: Sensor) -> None:
     """Raises InputError for a frequency response that this detector or pulse cannot have."""
     rate = sensor.coupling_rate
     if rate is not None and rate > high_pass.WIDEST_RATE:
-        coupling_khz, largest_ratio = 1e-3 * float(sensor.receiver.ac_coupling_hz or 0.0), high_pass.WIDEST_RATE / rate
+        coupling_khz, factor = 1e-3 * float(sensor.receiver.ac_coupling_hz or 0.0), high_pass.WIDEST_RATE / rate
         raise InputError(
-            f"receiver.ac_coupling_khz: must be <= {largest_ratio * coupling_khz:.4g}, behind which the received pulse keeps "
+            f"receiver.ac_coupling_khz: must be <= {factor * coupling_khz:.4g}, behind which the received pulse keeps "
             f"its shape, got {coupling_khz:g}"
         )
     if sensor.receiver.filters and isinstance(sensor.detector, Sipm) and sensor.detector.counting == "binomial":

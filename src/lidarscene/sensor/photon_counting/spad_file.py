@@ -115,9 +115,9 @@ class HistogramFile(
         search = math.ceil(_SEARCH_REACH * sigma_ns / self.bin_ns)
         reach = search + 1 + math.ceil(_TEMPLATE_REACH * sigma_ns / self.bin_ns)
         if 2 * reach + 2 > MOST_BINS:
-            least_bin_ns = 2.0 * (_SEARCH_REACH + _TEMPLATE_REACH) * sigma_ns / (MOST_BINS - 8)
+            finest_ns = 2.0 * (_SEARCH_REACH + _TEMPLATE_REACH) * sigma_ns / (MOST_BINS - 8)
             raise InputError(
-                f"histogram.bin_ns: must be >= {least_bin_ns:.2g} ({MOST_BINS} bins around an echo), got {self.bin_ns:g}"
+                f"histogram.bin_ns: must be >= {finest_ns:.2g} ({MOST_BINS} bins around an echo), got {self.bin_ns:g}"
             )
         if 1e9 * float(spad.dead_time_s) < SHORTEST_DEAD_TIME * pulse_fwhm_ns:
             raise InputError(
