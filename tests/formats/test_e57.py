@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats import e57
-from lidarscene.formats.described import LARGEST
+from lidarscene.formats.cloud_description import LARGEST
 
 N = 50
 

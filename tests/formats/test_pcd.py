@@ -13,7 +13,7 @@ from helpers.formats import PLACED, need
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.formats import pcd
-from lidarscene.formats.described import LARGEST
+from lidarscene.formats.cloud_description import LARGEST
 
 N = 50
 

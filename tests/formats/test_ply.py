@@ -18,7 +18,7 @@ from helpers.clouds import assert_same, small_cloud, small_columns
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError, OutputError
-from lidarscene.formats import described, ply
+from lidarscene.formats import cloud_description, ply
 from lidarscene.formats.cloud_columns import COLUMNS
 from lidarscene.formats.ply import write_ply
 
@@ -249,7 +249,7 @@ def test_disk_full_in_the_middle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             return super().write(data)
 
-    monkeypatch.setattr(described, "open", lambda name, mode: Full(name, "w"), raising=False)
+    monkeypatch.setattr(cloud_description, "open", lambda name, mode: Full(name, "w"), raising=False)
     with pytest.raises(OutputError) as caught:
         write_ply(path, small_cloud(50))
     assert str(caught.value) == f"{path}: cannot be written: No space left on device"

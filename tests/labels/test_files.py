@@ -18,7 +18,8 @@ from lidarscene.cloud.rig_clouds import merge_clouds
 from lidarscene.errors import InputError
 from lidarscene.files import spool
 from lidarscene.formats.registry import DATASETS, LABELS
-from lidarscene.labels import gathered, kinds, kitti_dataset
+from lidarscene.labels import boxes as labels_boxes
+from lidarscene.labels import kinds, kitti_dataset
 from lidarscene.labels.boxes import Box, box_of, boxes, upright_size_and_yaw
 from lidarscene.labels.files import (
     CAMERA,
@@ -639,7 +640,7 @@ def test_labels_do_not_show_how_the_frame_was_cut(
     """Pieces that end within blocks, against one piece and one block."""
     cloud, scene = driving(motion_in="in the points") if moves else (street.cloud(), street.scene())
     write_labels(cloud, scene, tmp_path / "whole.ply", format=format)
-    monkeypatch.setattr(gathered, "PIECE_POINTS", 700)
+    monkeypatch.setattr(labels_boxes, "PIECE_POINTS", 700)
     monkeypatch.setattr(spool, "BLOCK_ROWS", 300)
     with labels_stream(tmp_path / "pieces.ply", scene, format=format) as append:
         for first in range(0, len(cloud), 1000):

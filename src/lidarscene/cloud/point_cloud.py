@@ -32,7 +32,7 @@ from ..formats.cloud_columns import (
     parse_numbers,
     sensor_positions_m,
 )
-from ..formats.described import input_errors
+from ..formats.cloud_description import input_errors
 from ..formats.registry import FORMATS, format_of
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose

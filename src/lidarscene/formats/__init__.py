@@ -4,17 +4,17 @@ A writer takes whatever has a cloud's columns (`cloud_columns.Cloud`), a reader 
 stand below the class `PointCloud`, which saves and loads through them. Formats that can be written piece by piece have
 a stream whose bytes do not depend on how the cloud was cut.
 
-cloud_columns  table of all columns, and the protocol `Cloud` of what writers need
-described      metadata and names as one line of JSON
-registry       formats by name and suffix
-ply            PLY
-pcd            PCD of the Point Cloud Library
-las            LAS and LAZ
-e57            E57
-npz            NumPy archives
-parquet        Apache Parquet
-kitti          KITTI and nuScenes
-ros            ROS 2 bags
-osi            ASAM OSI
-packets/       UDP packets as the makers' sensors send them
+cloud_columns      table of all columns, and the protocol `Cloud` of what writers need
+cloud_description  metadata and names as one line of JSON; errors of reading and writing
+registry           formats by name and suffix
+ply                PLY
+pcd                PCD of the Point Cloud Library
+las                LAS and LAZ
+e57                E57
+npz                NumPy archives
+parquet            Apache Parquet
+kitti              KITTI and nuScenes
+ros                ROS 2 bags
+osi                ASAM OSI
+packets/           UDP packets as the makers' sensors send them
 """

@@ -3,7 +3,7 @@
 One scan. Standard fields: cartesianX/Y/Z, intensity, timeStamp (from the start of the frame), returnIndex (from 0),
 rowIndex (the channel, where it is not negative). Every other column is a field of its name in our own extension,
 prefix `ls`. The scan's pose takes the points into the world; a cloud in the world frame has none. The
-`described.description` is the scan's description.
+`cloud_description.description` is the scan's description.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ..files.optional import import_optional
 from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
 from .cloud_columns import Cloud
-from .described import LARGEST, description, library_errors
+from .cloud_description import LARGEST, description, library_errors
 
 PREFIX, URI = "ls", "https://lidarscene.invalid/e57/1"
 FIELDS = {

@@ -4,7 +4,7 @@ Point format 6. Standard fields: x, y, z in steps of 10 um from a round origin; 
 value; return_number and number_of_returns, up to 15; gps_time, the pulse's time in the frame; classification, 64 +
 class (the codes that ASPRS leaves to users), 1 where none, 7 for what is no echo; scan_angle, the azimuth, in steps
 of 0.006 degrees. Every column but the positions follows exactly in extra bytes of its name (`LAS_NAMES` where LAS
-has another field of that name). The `described.description` is in a VLR of the user `lidarscene`.
+has another field of that name). The `cloud_description.description` is in a VLR of the user `lidarscene`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ..files.inputs import require_unpacked
 from ..files.optional import import_optional
 from ..maths.arrays import Numbers
 from .cloud_columns import Cloud, Column, Fields
-from .described import described_fields, description, input_errors, unit_of
+from .cloud_description import described_fields, description, input_errors, unit_of
 
 STEP_M = 1e-5
 REACH_M = STEP_M * 2**31

@@ -12,13 +12,13 @@ import numpy as np
 from ..files.atomic import atomic_output
 from ..files.inputs import require_archive
 from .cloud_columns import Cloud, Fields
-from .described import described_fields, description, input_errors
+from .cloud_description import described_fields, description, input_errors
 
 DESCRIPTION = "lidarscene"
 
 
 def write_npz(path: str | os.PathLike[str], cloud: Cloud) -> None:
-    """Write an array for each column, by its name, and the `described.description` as an array of text."""
+    """Write an array for each column, by its name, and the `cloud_description.description` as an array of text."""
     columns = {column.name: cloud.column(column.name) for column in cloud.columns}
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
         np.savez_compressed(file, **{DESCRIPTION: np.array(description(cloud))}, **columns)  # type: ignore[arg-type]

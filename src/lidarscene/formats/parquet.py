@@ -1,6 +1,6 @@
 """Write and read point clouds as Apache Parquet: one table, exact. Needs pyarrow.
 
-The `described.description` is in the file's key-value metadata under `lidarscene`; units are in the columns' own.
+The `cloud_description.description` is in the file's key-value metadata under `lidarscene`; units are in the columns' own.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from ..files.atomic import atomic_output
 from ..files.inputs import require_unpacked
 from ..files.optional import import_optional
 from .cloud_columns import Cloud, Fields
-from .described import described_fields, description, input_errors, unit_of
+from .cloud_description import described_fields, description, input_errors, unit_of
 
 KEY = b"lidarscene"
 WIDEST = 8  # bytes of a number

@@ -1,7 +1,7 @@
 """Write and read point clouds as PCD 0.7 (Point Cloud Library), exact.
 
 Text, binary, or compressed column by column (binary_compressed, needs the package `lzf`). The
-`described.description` is in comment lines; `# room ...` makes headers of one length whatever the number of points,
+`cloud_description.description` is in comment lines; `# room ...` makes headers of one length whatever the number of points,
 which is known last where a cloud is written piece by piece. Infinity is written as 3.40282346e+38 in text files,
 because common readers have no word for it.
 """
@@ -22,7 +22,7 @@ from ..files.optional import import_optional
 from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
 from .cloud_columns import Cloud, Fields
-from .described import LARGEST, counted_stream, described_fields, description, input_errors
+from .cloud_description import LARGEST, counted_stream, described_fields, description, input_errors
 
 FIRST_LINE = "# .PCD v0.7 - Point Cloud Data file format"
 OURS = "# lidarscene "

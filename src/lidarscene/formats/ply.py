@@ -25,7 +25,7 @@ from ..files.atomic import atomic_output
 from ..files.inputs import require_file
 from ..maths.arrays import Numbers
 from .cloud_columns import COLUMNS, NAMES, VECTORS, Cloud, Fields
-from .described import counted_stream, input_errors
+from .cloud_description import counted_stream, input_errors
 
 VERSION_LINE = "lidarscene 2"
 PLY_TYPES = {"float32": "float", "float64": "double", "int32": "int", "uint8": "uchar"}

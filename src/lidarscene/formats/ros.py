@@ -20,7 +20,7 @@ from ..files.optional import import_optional
 from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
 from .cloud_columns import Cloud
-from .described import description, library_errors
+from .cloud_description import description, library_errors
 
 POINTS, TRANSFORMS, SENSOR_FRAME, WORLD_FRAME = "/points", "/tf", "lidar", "map"
 BAG_VERSION = 8

@@ -5,7 +5,6 @@ and place the box of a body where the cloud shows it while the sensor, the body 
 
 kinds          names and numbers that data sets give to the classes of scene files
 boxes          3D boxes and how visible they are
-gathered       boxes of a frame that comes in pieces
 files          class and instance of each point; label files beside a cloud
 kitti_dataset  whole data sets in KITTI's folders
 osi_truth      ground truth as ASAM OSI

@@ -29,8 +29,7 @@ from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
 from ..maths.trajectory import Course
 from ..scene.scene import Scene
-from .boxes import PIECE_POINTS, Box, sensor_place, truth_of, upright_size_and_yaw
-from .gathered import GatheredBoxes
+from .boxes import PIECE_POINTS, Box, GatheredBoxes, sensor_place, truth_of, upright_size_and_yaw
 from .kinds import MOVING, OUTLIER, UNLABELLED, kind_of
 from .osi_truth import ground_truth
 

@@ -21,7 +21,7 @@ from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
 from ..files.atomic import atomic_output
 from ..files.encodings.png import encode_png
-from ..formats.described import unit_of
+from ..formats.cloud_description import unit_of
 from ..maths.arrays import Numbers
 
 RANGE_STEP_M = 0.01

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.optional import import_optional
-from ..formats.described import input_errors
+from ..formats.cloud_description import input_errors
 from ..formats.packets.layouts import Packet
 from ..maths.pose import Pose, rotation_numbers
 from . import hesai_reader, velodyne_reader

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..files.optional import import_optional
-from ..formats.described import input_errors
+from ..formats.cloud_description import input_errors
 from ..formats.packets.layouts import HESAI_START, Packet
 from .pcap_reader import turns_of
 from .recording import Recording

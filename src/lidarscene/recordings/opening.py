@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..errors import InputError
-from ..formats.described import input_errors
+from ..formats.cloud_description import input_errors
 from .recording import Recording
 
 Reader = Callable[[Path, Path | None], Recording]

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.optional import import_optional
-from ..formats.described import input_errors
+from ..formats.cloud_description import input_errors
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from .pcap_reader import json_beside, map_file, records_of

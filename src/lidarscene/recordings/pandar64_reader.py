@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..formats.described import input_errors
+from ..formats.cloud_description import input_errors
 from ..formats.packets.layouts import DUAL, HESAI_START, PANDAR64_PACKET, Packet
 from ..formats.packets.layouts import PANDAR64_AZIMUTH_US as AZIMUTH_US
 from ..formats.packets.layouts import PANDAR64_BLOCKS as BLOCKS

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..formats.described import input_errors
+from ..formats.cloud_description import input_errors
 from ..formats.las import las_columns
 from ..formats.pcd import pcd_columns
 from ..formats.ply import ply_columns

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..files.optional import import_optional
-from ..formats.described import input_errors
+from ..formats.cloud_description import input_errors
 from ..formats.packets.layouts import VELODYNE_BANKS, VELODYNE_PACKET, Packet
 from ..maths.arrays import Numbers
 from .pcap_reader import turns_of

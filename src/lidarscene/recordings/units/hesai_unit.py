@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from ...formats.described import input_errors
+from ...formats.cloud_description import input_errors
 from .unit_beams import Unit
 
 MODELS = {64: "pandar64"}

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ...formats.described import input_errors
+from ...formats.cloud_description import input_errors
 from ...formats.packets.layouts import OUSTER_MODES
 from .unit_beams import Unit
 

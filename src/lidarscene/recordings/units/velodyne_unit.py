@@ -14,7 +14,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from ...files.optional import import_optional
-from ...formats.described import input_errors
+from ...formats.cloud_description import input_errors
 from .unit_beams import Unit
 
 MODELS = {16: "vlp-16", 32: "hdl-32e", 64: "hdl-64e", 128: "vls-128"}

@@ -15,7 +15,7 @@ from helpers.formats import need, written
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError, OutputError
 from lidarscene.formats import las, parquet
-from lidarscene.formats.described import library_errors
+from lidarscene.formats.cloud_description import library_errors
 from lidarscene.formats.registry import FORMATS
 
 STREAMED = [name for name, one in FORMATS.items() if one.stream]
