@@ -1,6 +1,7 @@
 """Write and read point clouds as Apache Parquet: one table, exact. Needs pyarrow.
 
-The `cloud_description.description` is in the file's key-value metadata under `lidarscene`; units are in the columns' own.
+The `cloud_description.description` is in the file's key-value metadata under `lidarscene`; units are in those of the
+columns.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Write and read point clouds as PCD 0.7 (Point Cloud Library), exact.
 
 Text, binary, or compressed column by column (binary_compressed, needs the package `lzf`). The
-`cloud_description.description` is in comment lines; `# room ...` makes headers of one length whatever the number of points,
+`cloud_description.description` is in comment lines. `# room ...` makes headers of one length for any number of points,
 which is known last where a cloud is written piece by piece. Infinity is written as 3.40282346e+38 in text files,
 because common readers have no word for it.
 """
