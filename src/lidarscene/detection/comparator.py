@@ -301,7 +301,7 @@ class _Crossings:
     def alarm_by_time(self, number: Lanes, elapsed: Lanes) -> tuple[Lanes, Alarm]:
         """Alarm ``number`` in order of time, from any source; in reverse order where the last are kept.
 
-        number   (n,) of the alarm, from 0
+        number   (n,) number of the alarm, from 0
         elapsed  (n,) time of the alarm before it, in units of the mean wait 1 / rate
         """
         shots, converter, threshold, point = (self.shots, self.shots.sensor.tdc, self.shots.threshold, self.shots.point)
@@ -340,7 +340,7 @@ class _Crossings:
         """Alarm ``number`` of one source in falling order of height, at a random time of the window (T53).
 
         source  0: noise; 1, 2, ...: another lidar
-        number  (n,) of the alarm, from 0
+        number  (n,) number of the alarm, from 0
         gamma   (n,) Gamma of the alarm before it: expected number of crossings that are higher
         """
         shots, converter, threshold, point = (self.shots, self.shots.sensor.tdc, self.shots.threshold, self.shots.point)

@@ -269,7 +269,7 @@ class _Converter(Received):
         If the valley is above the level, it is the valley. If the peak is below it, as counted cells allow, it is the
         peak.
 
-        gain  (n,) of a matched filter
+        gain  (n,) gain of a matched filter
         """
         ops = self.ops
         reaches = edge & ~in_valley & (trip.level < trip.signal)

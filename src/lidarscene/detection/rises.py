@@ -38,7 +38,7 @@ class Rise:
     """One peak of each pulse and the valley before it; each field (n,). Between the two the power only rises.
 
     exists    whether the pulse has this peak; if not, the other fields are undefined
-    number    how many peaks came before it, unsigned
+    number    number of peaks before it, unsigned
     valley    place of the lowest point before the peak
     valley_w  power there
     peak      place of the peak
@@ -131,7 +131,7 @@ def _march(
     """Walk on to the next pair of places with a peak between them.
 
     next_start             gives the start of the first interval that ends behind a place
-    place, slope, bend    (n,) where the walk starts, and the derivatives of the waveform there
+    place, slope, bend    (n,) start of the walk, and the derivatives of the waveform there
     ahead                 (n,) ``next_start(place)``
     """
     ops = xp(place, slope)

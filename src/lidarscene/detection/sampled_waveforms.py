@@ -45,7 +45,7 @@ class Waveforms:
     signal        (n, times) float32, mean signal of the detector above that of the background, with what earlier
                   light of the pulse leaves in it (`sample_with_memory`)
     threshold     (n,) float32, level of the comparator
-    unit          of signal and threshold: "A" (APD), "cells" (SiPM) or "photons" (histogram of counts)
+    unit          unit of signal and threshold: "A" (APD), "cells" (SiPM) or "photons" (histogram of counts)
     channel       (n,) uint16, as the sensor reports it
     azimuth_rad   (n,) float32, as the sensor reports it
     elevation_rad (n,) float32, as the sensor reports it
@@ -159,7 +159,7 @@ def sample_waveforms(
     chosen       (n,) rising pulse numbers within the frame, from `check_pulses`
     times_s      (times,) time since the middle of the pulse left; None: `window_times_s`
     first_pulse  pulse number of the frame's first pulse
-    seed         of the frame, for the counts of a histogram
+    seed         seed of the frame, for the counts of a histogram
 
     Raises InputError for times with a sensor whose histogram has its own.
     """

@@ -42,9 +42,9 @@ class Interference:
 class Ambient:
     """Light and air of a scene, in the sensor's spectral band.
 
-    sun_irradiance_w_m2  of the sun at normal incidence
-    sky_irradiance_w_m2  of the sky, diffuse
-    transmittance        of the air, one way, the part that does not depend on range
+    sun_irradiance_w_m2  irradiance of the sun at normal incidence
+    sky_irradiance_w_m2  diffuse irradiance of the sky
+    transmittance        transmittance of the air, one way, the part that does not depend on range
     extinction_per_m     alpha, for the part that does
     sun_direction        (x, y, z) unit vector towards the sun; None: no beam looks into it
     lamps_w_m2           irradiance of all surfaces by lamps; None: there are none

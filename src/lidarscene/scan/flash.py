@@ -45,7 +45,7 @@ Count = Annotated[int, Quantity(ge=1, le=2**24)]
 class Flash(Mechanism):
     """Pixels row by row from the top, each row from the left as seen from the sensor.
 
-    pitch          of the pixels over the focal length
+    pitch          pitch of the pixels over the focal length
     projection     a key of LARGEST_HEIGHT
     frame_rate_hz  flashes per second
     """

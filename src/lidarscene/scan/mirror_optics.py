@@ -27,10 +27,10 @@ class Gimbal:
     """One mirror on two axes (MEMS, gimballed galvanometer).
 
     incidence_rad    angle between the incoming beam and the normal at rest; the beam is folded by pi minus twice that
-    side             from where the beam comes: "left", "right", "above" or "below" the x axis
+    side             side from which the beam comes: "left", "right", "above" or "below" the x axis
     outer            turn whose axis is fixed: "azimuth" or "elevation"; it carries the axis of the other turn
-    mirror_radius_m  of a round mirror in front of the lens, or None: the mirror is the stop
-    lens_radius_m    of the receiver's lens; used only with a mirror radius
+    mirror_radius_m  radius of a round mirror in front of the lens, or None: the mirror is the stop
+    lens_radius_m    radius of the receiver's lens; used only with a mirror radius
 
     One axis is perpendicular to the plane of incidence: a turn about it moves the beam by twice as much. The other
     lies in the mirror and in that plane: a turn t moves the beam out of it by asin(cos(incidence) sin(2 t)).

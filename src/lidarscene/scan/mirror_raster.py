@@ -25,8 +25,8 @@ class MirrorRaster(Mechanism):
 
     fast_turn_rad, slow_turn_rad  mechanical amplitudes, zero to peak
     fast      "azimuth" or "elevation": the turn that scans a line; with "elevation" lines are vertical, from the left
-    waveform  of the fast turn: "sawtooth" (every line in one direction) or "triangle" (to and fro), both with even
-              steps and both ends included; "sine" (to and fro, resonant), with pulses at even times
+    waveform  course of the fast turn: "sawtooth" (every line in one direction) or "triangle" (to and fro), both with
+              even steps and both ends included; "sine" (to and fro, resonant), with pulses at even times
     slow      "step" (at rest during a line) or "ramp" (moves on during a line)
     line_duty, frame_duty  part of the time in which pulses leave, in a line and in a frame; a sine's pulses are
               those around its middle, so a smaller duty uses less of its amplitude

@@ -65,11 +65,11 @@ class Polygon(Mechanism):
     """One frame is one turn: ``facets`` lines of ``columns`` pulses, in the middle of each facet. Made by `create`.
 
     turn_rad       turn from pulse to pulse; positive is counter-clockwise seen from above
-    incidence_rad  of the beam on the facet, in the middle of its line
+    incidence_rad  incidence of the beam on the facet, in the middle of its line
     side           1 if the beam comes from the left, -1 from the right
-    tilt_rad       of each facet; positive looks up
-    inradius_m     from the axis to the facets, or None: the facets never cut the beam
-    lens_radius_m  of the receiver; used only with an inradius
+    tilt_rad       tilt of each facet; positive looks up
+    inradius_m     distance from the axis to the facets, or None: the facets never cut the beam
+    lens_radius_m  lens radius of the receiver; used only with an inradius
     """
 
     facets: int

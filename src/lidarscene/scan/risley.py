@@ -78,7 +78,7 @@ class Risley(Mechanism):
     """Pulses at a constant rate; ``pulses`` of them are a frame, and the prisms keep turning. Made by `create`.
 
     beams               lasers that fire in turn
-    beam_elevation_rad  of each laser before the prisms, or None: one along the axis
+    beam_elevation_rad  elevation of each laser before the prisms, or None: one along the axis
     """
 
     pulses: int
@@ -138,7 +138,7 @@ class Risley(Mechanism):
     def refract(self, phases_rad: tuple[Lanes, ...], elevation_rad: Lanes | None = None) -> tuple[Vector, Lanes]:
         """Direction and share of the aperture with the wedges' thick sides in these directions.
 
-        elevation_rad  of the beam before the prisms; along the axis if left out
+        elevation_rad  elevation of the beam before the prisms; along the axis if left out
         """
         direction: Vector = _X
         if elevation_rad is not None:

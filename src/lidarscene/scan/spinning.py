@@ -30,10 +30,10 @@ _TWO_PI = 2.0 * math.pi
 class Bank:
     """The lasers of a head, in any order.
 
-    azimuth_rad      of each laser, from the head's own; None: all 0
+    azimuth_rad      azimuth of each laser, from the head's own; None: all 0
     firing_s         after the cycle's start; None: all at once
     start_m          (x, y, z) of each laser's exit in the head; None: all in the origin
-    responsivity     of each laser's receiver, over that of the sensor file's numbers; None: all 1
+    responsivity     responsivity of each laser's receiver, over that of the sensor file's numbers; None: all 1
     background_gain  background that each receiver counts beside that, as with a wider field of view; None: all 1
     """
 

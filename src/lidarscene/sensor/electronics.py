@@ -22,7 +22,7 @@ class Tdc:
     least_significant_bit_s   step of the reported time; 0: none
     jitter_s                  standard deviation of the converter's own jitter
     stops                     crossings reported per shot, in order of time
-    keep                      which ones: "first", "last", "strongest" or "strongest_and_last"
+    keep                      crossings that are kept: "first", "last", "strongest" or "strongest_and_last"
     both_edges                whether the end of a pulse is timed too: its width is known
     walk                      "raw" leaves the walk error in; "corrected" subtracts the walk inferred from the measured
                               amplitude, or from the width of a saturated pulse; "none" subtracts the exact walk
@@ -146,7 +146,7 @@ class Adc:
 
     rate_hz     samples per second, on a clock that starts with the pulse
     step        least significant bit, in signal units
-    full_scale  with an offset that keeps noise off the lower end
+    full_scale  largest sample, with an offset that keeps noise off the lower end
     samples     read for each crossing, from one pulse width before it to three behind
     room        for how many samples kernels are made: more than there are
     estimator   "matched_filter" or "centroid"

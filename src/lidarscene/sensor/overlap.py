@@ -22,8 +22,8 @@ _PLACES = 1025  # linear between them: 1e-5 where the share changes within a thi
 class Spot:
     """Width of the laser's spot.
 
-    profile        of the beam: "gaussian" or "top_hat"
-    exit_radius_m  where the beam leaves, at its waist
+    profile        profile of the beam: "gaussian" or "top_hat"
+    exit_radius_m  radius at the exit, where the beam has its waist
     """
 
     profile: str
@@ -37,7 +37,7 @@ class Overlap:
 
     table     the share, even in s / (s + R): from far (0) to near (1)
     scale_m   s, the range around which the share changes
-    offset_m  from the receiver's axis to the transmitter's, at the sensor
+    offset_m  distance from the receiver's axis to the transmitter's, at the sensor
     """
 
     table: LookupTable
@@ -61,7 +61,7 @@ class Overlap:
         """Tabulate the overlap by `physics.optics.receiver`.
 
         field_rad   r_PD / f
-        offset_m    from the receiver's axis to the transmitter's, at the sensor
+        offset_m    distance from the receiver's axis to the transmitter's, at the sensor
         crossing_m  range at which the axes meet; inf: side by side
         focus_m     range at which the receiver is in focus
         scattered   share of the light that reaches the detector by scatter, wherever the spot lies

@@ -119,7 +119,7 @@ class Optics:
     """Receiver.
 
     sun_irradiance_w_m2  in band, at normal incidence and 100 klux (E_sun of (6))
-    overlap              of the laser's spot and the field of view, or None: all of the spot is seen at any range
+    overlap              overlap of the laser's spot and the field of view; None: all of the spot is seen at any range
     halo                 around the spot, or None
     """
 
@@ -141,8 +141,8 @@ class Optics:
 class Sensor:
     """All of a lidar. ``sources`` says where each number comes from, by dotted key of the sensor file.
 
-    sampler    what measures the pulses that trip the comparator; None: the TDC alone
-    histogram  of a `Spad`, over which shots are summed; None with any other detector
+    sampler    sampler that measures the pulses that trip the comparator; None: the TDC alone
+    histogram  histogram over the shots of a `Spad`; None with any other detector
     intensity  as the maker reports it, or None: the amplitude
     """
 

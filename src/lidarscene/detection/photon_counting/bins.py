@@ -35,9 +35,9 @@ _STEPS = 12
 class Peak:
     """The highest value of the filter near an echo; each field (n,).
 
-    value    of the filter above the background, in photons
-    time_s   of flight, with the shift by pile-up
-    photons  of the echo: counts around the peak above those of the background
+    value    value of the filter above the background, in photons
+    time_s   time of flight, with the shift by pile-up
+    photons  photons of the echo: counts around the peak above those of the background
     rising   whether the filter goes on rising beyond the searched bins: towards another echo's peak
     """
 
@@ -69,11 +69,11 @@ class _Blind:
 class _DrawState:
     """State of drawing the bins around an echo; each field (n,), with one entry per bin for ``firings`` and ``counts``.
 
-    number   of the next bin, from the first one
+    number   number of the next bin, from the first one
     fired    firings of the bins so far that are blind in it
-    parts    of each sub-echo, the light in it (`light.waveform.Comb`)
-    firings  of each bin
-    counts   of each bin; None: its firings
+    parts    light of each sub-echo in that bin (`light.waveform.Comb`)
+    firings  firings of each bin
+    counts   counts of each bin; None: they are the firings
     """
 
     number: Lanes

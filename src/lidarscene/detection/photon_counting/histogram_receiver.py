@@ -42,11 +42,11 @@ class _Stop:
 
     key           sort key: returns with larger keys are kept first; `_EMPTY` if the stop is unused
     time_s        time of flight that the receiver reports
-    photons       of the return
+    photons       photons of the return
     snr           expected value of the filter over the noise without an echo
     probability   P_d
     source        number of the sub-echo with the most light there, -1 for the even light of the air
-    true_range_m  of the light there
+    true_range_m  mean range of the light there
     status        a `Status`
     """
 
@@ -131,7 +131,7 @@ class _Receiver(Shots):
     """Receiver applied to n pulses.
 
     train     their light, folded into the unambiguous range
-    folds_m   by how much each sub-echo of a surface was folded, (n,) each; None: nothing folds
+    folds_m   range by which each sub-echo of a surface was folded, (n,) each; None: nothing folds
     light     expected light as wide as in the histogram
     filtered  expected light as wide as behind the filter
     """
@@ -268,7 +268,7 @@ class _Receiver(Shots):
     def _walk_s(self, pixel: Macropixel, photons: Lanes, largest: Lanes | None) -> Lanes:
         """Pile-up shift that the receiver corrects, (n,) s: negative or 0.
 
-        photons  (n,) of the return
+        photons  (n,) photons of the return
         largest  (n,) photons above which counts no longer depend on the light; None: no limit
         """
         if pixel.corrected or pixel.spad.coincidence > 1 or pixel.histogram.walk == "raw":

@@ -17,7 +17,7 @@ from .stops import Stop, Stops
 class _NextAlarm:
     """The next false alarm of each pulse; each field (n,).
 
-    number     how many alarms have been drawn, this one included
+    number     number of alarms drawn, this one included
     elapsed    progress of the Poisson process at this alarm
     time_s     crossing time
     amplitude  peak, in signal units

@@ -16,7 +16,7 @@ from ..shots import Received
 class _Brightest:
     """Brightest of some sub-echoes at a place of the waveform, and sums over them; each field (n,).
 
-    number  of the sub-echo with the most light there
+    number  number of the sub-echo with the most light there
     slope   derivative of the sum of their light
     mean    mean of their centres, weighted by their light there
     """

@@ -28,7 +28,7 @@ _REMEMBERED = 2
 class Earlier:
     """An earlier echo, or several; each field (n,).
 
-    place   of its peak; of an amplifier: where it leaves clipping
+    place   place of its peak; for an amplifier: the place at which it leaves clipping
     amount  cells that it fired; of an amplifier: charge that it holds, as a level of the signal
     """
 
@@ -42,7 +42,7 @@ class Residue:
 
     floor  signal that is left where the rise begins
     held   signal that is left at its peak
-    share  of the response that is left at its peak; 1 without memory
+    share  share of the response that is left at its peak; 1 without memory
     """
 
     floor: Lanes

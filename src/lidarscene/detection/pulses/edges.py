@@ -90,7 +90,7 @@ def foot(shots: Received, rise: Rise, trip: Trip, mask: Mask) -> Lanes:
 class _Foot:
     """State of the walk behind a peak in search of the next rise; each field (n,).
 
-    place    where the walk is
+    place    current place of the walk
     lowest   lowest signal so far
     steps    number of steps so far
     walking  whether the walk goes on
@@ -129,7 +129,7 @@ def _find_fall(shots: Received, level_w: Lanes, rise: Rise, since: Lanes, mask: 
 class _Fall:
     """State of the walk down behind a peak; each field (n,).
 
-    place  where the walk is
+    place  current place of the walk
     above  whether the waveform is still above the level there
     steps  number of steps so far
     """

@@ -163,7 +163,7 @@ class Window:
 class _Sampled:
     """State of reading the samples.
 
-    deviate  (n,) of the last sample's noise, N(0, 1)
+    deviate  (n,) deviate of the last sample's noise, N(0, 1)
     samples  local memory for all samples of each lane
     parts    (n,) each, every sub-echo's part at the next sample (`light.waveform.Comb`)
     """

@@ -31,7 +31,7 @@ class LowPass(ABC):
     """A filter by its cutoff f; each method for numpy and Dr.Jit.
 
     noise_ratio     B / f
-    crossing_ratio  how often white noise behind it crosses a level, over that behind an ideal low-pass of the same B
+    crossing_ratio  rate at which white noise crosses a level behind it, over that behind an ideal low-pass of this B
     """
 
     noise_ratio: float

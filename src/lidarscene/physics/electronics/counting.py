@@ -47,7 +47,7 @@ def upcrossings_hz(*, least: Lanes, cells: Lanes, busy_share: Lanes, dead_time_s
 class _Inversion:
     """State of the inversion of a Poisson distribution.
 
-    remainder  of the uniform number, above the probabilities so far
+    remainder  part of the uniform number above the probabilities so far
     term       probability of this count
     """
 

@@ -169,8 +169,8 @@ class _Bracket:
     """A root between two places.
 
     place  the best guess, ``moved`` from the one before
-    steps  so far
-    shape  of the waveform at the guess before
+    steps  number of steps so far
+    shape  shape of the waveform at the guess before
     """
 
     low: Lanes

@@ -92,7 +92,7 @@ def fraction_deviation(
     """Deviation of the time at which an edge reaches a fraction of the measured peak, in sigma_p; slope formula (T76).
 
     noise_share_at_fraction, noise_share_at_peak  deviations of the noise at both, over the peak's height
-    correlation                                   of the noise between both
+    correlation                                   correlation of the noise between both
     """
     ops = xp(fraction, noise_share_at_peak)
     held = fraction * noise_share_at_peak

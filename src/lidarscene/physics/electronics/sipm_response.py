@@ -54,7 +54,7 @@ def captured_photons(*, photons: Lanes, pulse_fwhm_s: Lanes, dead_time_s: Lanes)
 def peak_photons(*, photons: Lanes, busy_share: Lanes, pulse_to_dead_time: Lanes, pde: Lanes, cells: Lanes) -> Lanes:
     """Photons of a flash that would fire as many free cells as the pulse adds to the busy cells at its peak.
 
-    photons             of the pulse in the dead time around its peak, `captured_photons`
+    photons             photons of the pulse in the dead time around its peak, `captured_photons`
     busy_share          before the pulse, x / (1 + x)
     pulse_to_dead_time  FWHM / tau
 
@@ -89,7 +89,7 @@ def residual_busy(*, age_s: Lanes, rate_hz: Lanes, dead_time_s: Lanes, sigma_s: 
     """Count above the background's that an earlier echo leaves, for each cell that it fired: 1 at first, theory (T45b).
 
     age_s    since the echo's light peaked
-    rate_hz  at which the background fires a ready cell, x / tau
+    rate_hz  rate at which the background fires a ready cell, x / tau
     sigma_s  standard deviation of the pulse
 
     Without the pulse's width it is exp(-r t) up to tau: the background fires fewer ready cells and the count falls

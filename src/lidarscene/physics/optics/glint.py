@@ -27,7 +27,7 @@ def share_on_aperture(
     r"""Share of a beam on a round aperture, from 0 to 1.
 
     profile        "gaussian" (radii at 1/e^2) or "top_hat" (radii of the edge, an ellipse)
-    aside_m        from the spot's centre to the aperture's, along the two axes of the beam
+    aside_m        offset from the spot's centre to the aperture's, along the two axes of the beam
     spot_radius_m  along the same axes
 
     For a Gaussian, the mean density over the aperture times its area,

@@ -115,7 +115,7 @@ def spot_share(*, profile: str, spot_rad: Lanes, off_axis_rad: Lanes, field_rad:
     r"""Share of the spot's light that falls on the detector, in or out of focus.
 
     profile       "gaussian" (radius at 1/e^2) or "top_hat"
-    off_axis_rad  of the spot's centre, `parallax_rad`
+    off_axis_rad  angle of the spot's centre off the axis, `parallax_rad`
     blur_rad      `blur_radius_rad`; 0 in focus
 
     It is the mean of `point_share` over the spot. As a function of the distance r from the axis, `point_share` falls

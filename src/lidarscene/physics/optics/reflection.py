@@ -37,7 +37,7 @@ def rough_diffuse_per_sr(
 ) -> Lanes:
     r"""f_r of a rough matt surface, 1/sr.
 
-    reflectivity  at normal incidence: the same into every direction and over the hemisphere
+    reflectivity  reflectivity at normal incidence: the same into every direction and over the hemisphere
     relief        K, by `relief`
     cos_between   between the two directions, both away from the surface: 1 straight back
 

@@ -58,8 +58,8 @@ def sun_disc_power_w(
     """Power of direct sunlight on the detector: radiance of the disc times the solid angle shared with the field of
     view.
 
-    sun_irradiance_w_m2  at the sensor: the air is accounted for
-    sun_angle_rad        from the receiver's axis to the centre of the disc
+    sun_irradiance_w_m2  irradiance at the sensor: the air is accounted for
+    sun_angle_rad        angle from the receiver's axis to the centre of the disc
     field_rad            half angle of the round field of view; small angles
     """
     seen_sr = circles_overlap(

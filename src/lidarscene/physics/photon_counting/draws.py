@@ -28,7 +28,7 @@ def binomial_count(*, trials: Lanes, probability: Lanes, uniform: Lanes, log_non
     """A whole number from a binomial distribution, (n,): by inversion if its mean is small, else by Cornish and Fisher.
 
     trials       number of trials, whole or not
-    probability  of each, from 0 to 1
+    probability  probability of each, from 0 to 1
     uniform      in (0, 1]
     log_none     ln(1 - probability), if it is known
     """

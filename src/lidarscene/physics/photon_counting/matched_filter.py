@@ -70,8 +70,8 @@ def tail(*, excess: Lanes, variance: Lanes, unit: Lanes) -> Lanes:
     F is taken for a scaled and shifted Poisson number with its variance and third cumulant, and that one's tail is
     Lugannani and Rice's (Adv. Appl. Probab. 12, 475, 1980) in the form of Barndorff-Nielsen.
 
-    excess    of the threshold over the mean
-    variance  of F
+    excess    excess of the threshold over the mean
+    variance  variance of F
     unit      third cumulant over variance: the step of the Poisson number
     """
     root, _, mean = _saddle(excess, variance, unit)
@@ -110,7 +110,7 @@ def false_peak_share(*, threshold: Lanes, rate_hz: Lanes, variance: Lanes, sigma
     is Rayleigh's.
 
     rate_hz   r, counts per second
-    variance  of F, `background_variance` unless the counts are not Poisson's
+    variance  variance of F, `background_variance` unless the counts are not Poisson's
     """
     unit = background_skewness(variance=variance, rate_hz=rate_hz, sigma_s=sigma_s)
     above = tail(excess=threshold, variance=variance, unit=unit)

@@ -30,7 +30,7 @@ class Droplets:
     """Droplet sizes by a modified gamma distribution, n(r) = a r^alpha exp(-b r^gamma), b = (alpha / gamma) /
     r_c^gamma.
 
-    number_per_m3  of all droplets; it fixes a
+    number_per_m3  number of all droplets; it fixes a
     mode_m         r_c, the most frequent radius
 
     D. Deirmendjian, Electromagnetic Scattering on Spherical Polydispersions (1969).

@@ -60,7 +60,7 @@ class Sight:
                   mean and variance of the echoes are then those of the Gaussian
     overlap       xi(R), 0 where the receiver sees nothing of the beam
     aperture_radius_m  a, of the lens
-    lens_offset_m      from the laser's exit to the middle of the lens
+    lens_offset_m      distance from the laser's exit to the middle of the lens
     """
 
     beam_area_m2: Callable[[Numbers], Numbers]

@@ -16,9 +16,9 @@ from .working_point import WorkingPoint
 class Apd:
     """Linear-mode avalanche photodiode and its amplifier, (12)-(19). SI units; currents before gain.
 
-    tail          of false alarms: "gaussian" (9), or "mcintyre" (`electronics.mcintyre`), whose variance is the same
-                  and whose upper tail is higher; detection is Gaussian with either
-    saturation_a  at the amplifier's input (`physics.electronics.saturation`)
+    tail          noise distribution for false alarms: "gaussian" (9), or "mcintyre" (`electronics.mcintyre`), of the same
+                  variance and with a higher upper tail; detection is Gaussian with either
+    saturation_a  saturation current at the amplifier's input (`physics.electronics.saturation`)
     """
 
     gain: Annotated[Lanes, Quantity(ge=1, le=1e5)]

@@ -53,7 +53,7 @@ class WorkingPoint:
     least_threshold   lowest threshold that can be set: one cell of a SiPM, 0 of an APD
     signal            optical peak power [W] to peak signal
     power_w           signal to the optical power that makes it
-    cells, busy       of a SiPM whose cells are counted exactly; None where the noise is Gaussian
+    cells, busy       cells of a SiPM that counts them exactly, and those busy; None where the noise is Gaussian
     saturation        signal at which the amplifier clips; None: nowhere
     recovery_s        time constant with which a clipped pulse drains; None: at once
     knee              amplitude above which a pulse's width gives its power better than its height; None: no such one
@@ -67,7 +67,7 @@ class WorkingPoint:
     level             threshold that follows the background by a law of its own; None: the converter sets it
     beyond_law        (threshold, signal) -> signal that an echo without neighbours needs above the threshold, and the
                       standard deviation of the threshold (None: sharp); None: neighbours play no part
-    memory            of a SiPM whose cells are followed in time; None: every echo finds the detector as the first does
+    memory            memory of a SiPM whose cells are followed in time; None: earlier echoes leave no trace
     calibrated        point for which the sensor is calibrated, without residues of earlier echoes; None: this one
     """
 
@@ -203,7 +203,7 @@ class WorkingPoint:
     def crossing_rate_hz(self, threshold: Lanes, bandwidth_hz: Lanes) -> Lanes:
         """Rate at which noise rises through the threshold, Hz: Rice's (T28a) or `crossings_hz`.
 
-        bandwidth_hz  of an ideal low-pass whose white noise has the same mean square frequency
+        bandwidth_hz  bandwidth of an ideal low-pass whose white noise has the same mean square frequency
         """
         if self.crossings_hz is not None:
             rate = self.crossings_hz(threshold, bandwidth_hz)

@@ -123,7 +123,7 @@ _LEAST_RATE_HZ = 1e-3
 class Macropixel:
     """SPADs under one background, and the histogram that they fill. Each field a number or (n,).
 
-    fwhm_s       of the laser's pulse
+    fwhm_s       FWHM of the laser's pulse
     sigma_s      width of an echo in the histogram: of the pulse, the jitter and a bin
     per_watt     detections of one free SPAD in a second, for each watt on the pixel
     rate_hz      lambda of the background and the dark counts
