@@ -16,8 +16,8 @@ from .working_point import WorkingPoint
 class Apd:
     """Linear-mode avalanche photodiode and its amplifier, (12)-(19). SI units; currents before gain.
 
-    tail          noise tail of false alarms: "gaussian" (9), or "mcintyre" (`electronics.mcintyre`), of the same variance
-                  but higher; detection is Gaussian with either
+    tail          noise tail of false alarms: "gaussian" (9), or "mcintyre" (`electronics.mcintyre`), of the same
+                  variance but higher; detection is Gaussian with either
     saturation_a  saturation current at the amplifier's input (`physics.electronics.saturation`)
     """
 
