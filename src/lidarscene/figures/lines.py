@@ -130,14 +130,14 @@ def _draw_chart(chart: Chart) -> Any:
 
 
 def arrange(figure: Any) -> None:
-    """Give axes and texts their places, once. A figure that has a layout is drawn twice for each file to find them."""
+    """Place axes and texts, once: a figure with a layout engine would be drawn twice for each file."""
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     ConstrainedLayoutEngine().execute(figure)
 
 
 def _frame(axes: Any, chart: Chart) -> None:
-    """Limits, ticks, grid and labels."""
+    """Set limits, ticks, grid and labels."""
     x = np.concatenate([line.x for line in chart.lines])
     axes.set_xlim(*(chart.x_limits or (float(np.min(x)), float(np.max(x)))))
     if chart.y_limits:
@@ -157,7 +157,7 @@ def _frame(axes: Any, chart: Chart) -> None:
 
 
 def _plain_decades(axis: Any) -> None:
-    """Ticks as 1, 10, 100 instead of powers; also 2 and 5 if the axis has little more than a decade."""
+    """Label ticks 1, 10, 100 instead of powers; also 2 and 5 if the axis has little more than a decade."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axis.get_view_interval()
@@ -170,7 +170,7 @@ def _plain_decades(axis: Any) -> None:
 
 
 def _notes(axes: Any, chart: Chart) -> None:
-    """Levels and marked points with their texts, with a white halo."""
+    """Draw levels and marked points with their texts, with a white halo."""
     from matplotlib.patheffects import withStroke
 
     halo = [withStroke(linewidth=2.5, foreground="white")]
@@ -207,7 +207,7 @@ def _notes(axes: Any, chart: Chart) -> None:
 
 
 def _legend(figure: Any, axes: Any, chart: Chart) -> None:
-    """Title and legend above the axes, where no curve can cross them."""
+    """Draw title and legend above the axes, where no curve can cross them."""
     if chart.title:
         wrapped = "\n".join(textwrap.wrap(_literal(chart.title), 98))
         figure.suptitle(wrapped, x=0.012, ha="left", fontsize=8.5, color=GREY, linespacing=1.25)
@@ -236,7 +236,7 @@ def _colour(number: int) -> str:
 
 
 def _literal(text: str) -> str:
-    """Text with literal dollar signs; matplotlib takes them as the start of a formula."""
+    """Return a text with literal dollar signs, which matplotlib would take for a formula."""
     return text.replace("$", r"\$")
 
 
@@ -246,7 +246,7 @@ def _literal(text: str) -> str:
 def tornado(
     paths: Iterable[str | os.PathLike[str]], *, bars: Sequence[tuple[str, float]], title: str, label: str
 ) -> None:
-    """Horizontal bars left and right of zero, in the given order from the top, each with its number.
+    """Draw horizontal bars left and right of zero, in the given order from the top, each with its number.
 
     The sign shows in direction and in colour. Raises InputError, OutputError.
     """
@@ -268,7 +268,7 @@ def tornado(
 
 
 def _tornado(axes: Any, bars: Sequence[tuple[str, float]], title: str, label: str) -> None:
-    """Bars, numbers at their ends, names along the left edge."""
+    """Draw bars, numbers at their ends, names along the left edge."""
     from matplotlib.patheffects import withStroke
 
     halo = [withStroke(linewidth=2.0, foreground="white")]

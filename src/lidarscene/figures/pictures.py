@@ -128,7 +128,7 @@ def frame_picture(
 
 
 def common_scale(clouds: Sequence[PointCloud], name: str) -> tuple[float, float]:
-    """Lowest and highest value of the colours that suit a column of all these clouds."""
+    """Return lowest and highest value of a colour scale that suits a column of all these clouds."""
     scale = scale_of(name, np.concatenate([np.asarray(cloud.column(name)) for cloud in clouds]))
     return scale.low, scale.high
 
@@ -147,7 +147,7 @@ def _camera(cloud: PointCloud, view: View | None, size: tuple[int, int]) -> Came
 
 
 def _sensors_apart(cloud: PointCloud) -> list[tuple[str, PointCloud]]:
-    """Label and points of each sensor of a rig; none of a single sensor."""
+    """Return label and points of each sensor of a rig; empty for a single sensor."""
     if len(cloud.sensor_names) < 2:
         return []
     return [(label, cloud.select(cloud.sensor_index == number)) for number, label in enumerate(cloud.sensor_names)]

@@ -144,7 +144,7 @@ def csv_text(header: Sequence[str], rows: Iterable[Any]) -> str:
 
 
 def _with_unit(text: str) -> str:
-    """Text whose numbers stay on one line with their units."""
+    """Keep numbers on one line with their units, by no-break spaces."""
     return re.sub(r"(?<=\d) (?=(?:%|s|m|mm|cm|km|ns|W)(?!\w))", "\N{NO-BREAK SPACE}", text)
 
 
@@ -154,7 +154,7 @@ def count_text(number: int, noun: str) -> str:
 
 
 def _escape(text: str) -> str:
-    """Text with Markdown's special characters escaped, also for tables."""
+    """Escape Markdown's special characters, also for tables."""
     # The backslash first; brackets make links, and a line break would end the table, heading or paragraph.
     for letter in "\\|*_<`[]":
         text = text.replace(letter, "\\" + letter)

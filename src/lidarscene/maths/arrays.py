@@ -348,7 +348,7 @@ _drjit: Any = None
 
 
 def uploaded_tables() -> list[Lanes]:
-    """Device arrays of all tables that have been uploaded."""
+    """Return the device arrays of all tables that have been uploaded."""
     return [] if _drjit is None else [array for by_dtype in _drjit._uploaded.values() for array in by_dtype.values()]
 
 
@@ -358,14 +358,14 @@ def is_drjit(x: object) -> bool:
 
 
 def inverse(order: Numbers) -> Numbers:
-    """(n,) uint32 inverse of a permutation: the place of each of 0 .. n - 1 in ``order``; numpy."""
+    """Return the (n,) uint32 inverse of a permutation: the place of each of 0 .. n - 1 in ``order``; numpy."""
     place = np.zeros(len(order), dtype=np.uint32)
     place[order] = np.arange(len(order), dtype=np.uint32)
     return place
 
 
 def xp(*arguments: object) -> Ops:
-    """The functions for these arguments: Dr.Jit's if any of them is a Dr.Jit array, else numpy's."""
+    """Return the functions for these arguments: Dr.Jit's if any of them is a Dr.Jit array, else numpy's."""
     global _drjit
     if any(is_drjit(x) for x in arguments):
         if _drjit is None:
@@ -375,7 +375,7 @@ def xp(*arguments: object) -> Ops:
 
 
 def frozen(values: object, dtype: Any, shape: tuple[int | None, ...]) -> Numbers:
-    """``values`` as a read-only array of this dtype and shape (None: any length).
+    """Return ``values`` as a read-only array of this dtype and shape (None: any length).
 
     Copies only if the dtype changes. Raises ValueError with the shape it got and the shape it needs.
     """

@@ -105,7 +105,7 @@ class MotionTable:
         centre_m: Numbers,
         carried_m: Numbers | None = None,
     ) -> MotionTable:
-        """Tables from ``start_s``, for ``length_s``.
+        """Tabulate motions from ``start_s``, for ``length_s``.
 
         carried_m (m, 2, 3) lowest and highest corner of what each of the last m motions carries, in its frame;
                   infinite where it carries nothing, whose box in the traced frame is `NOWHERE`
@@ -170,7 +170,7 @@ class MovingBodies:
 
 
 def _swept_boxes(table: Numbers, carried_m: Numbers) -> Numbers:
-    """(m, 2, 3) boxes which hold all that m motions carry, all the time; (m, instants, 13) `MotionTable.table`."""
+    """Return (m, 2, 3) boxes which hold what m motions carry, at all times; (m, instants, 13) `MotionTable.table`."""
     carries = np.asarray(np.isfinite(carried_m).all(axis=(1, 2)))
     carried_m = np.where(carries[:, None, None], carried_m, 0.0)
     rotation = np.stack(rotation_numbers(*np.moveaxis(table[:, :, 3:7], -1, 0)), axis=-1)
@@ -208,7 +208,7 @@ def _quaternion(rotation: Numbers) -> Numbers:
 
 
 def _with_continuous_signs(quaternion: Numbers) -> Numbers:
-    """(m, instants, 4), the same rotations, with signs so that neighbours are close: q and -q are one rotation."""
+    """Choose signs of (m, instants, 4) quaternions so that neighbours are close: q and -q are one rotation."""
     flips = np.ones(quaternion.shape[:2])
     opposite = (quaternion[:, 1:] * quaternion[:, :-1]).sum(axis=2) < 0.0
     flips[:, 1:] = np.cumprod(np.where(opposite, -1.0, 1.0), axis=1)

@@ -131,7 +131,7 @@ class Quantity(FileKey):
         return f"{field.removesuffix(ending)}_{self.unit}"
 
     def in_si(self, value: Any) -> Any:
-        """The field's value from the file's; of a whole number, the float."""
+        """Convert the file's value to the field's; a whole number becomes a float."""
         if self.unit is not None:
             return si(value, self.unit)
         return float(value) if self.whole else value

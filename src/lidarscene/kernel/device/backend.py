@@ -90,7 +90,7 @@ def is_cuda() -> bool:
 
 @functools.cache
 def own_plugins() -> frozenset[str]:
-    """Names of the plugins in Mitsuba's own folder."""
+    """Return the names of the plugins in Mitsuba's own folder."""
     return frozenset(file.stem for file in (_mitsuba_folder(mitsuba()) / "plugins").iterdir())
 
 

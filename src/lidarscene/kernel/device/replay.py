@@ -68,7 +68,7 @@ class Replay:
         while self._records:
             tables = len(uploaded_tables())
             try:
-                return self._repeated(*arguments)
+                return self._replay(*arguments)
             except RuntimeError as error:
                 # Dr.Jit wraps whatever goes wrong while it records. An error of the function itself, or Ctrl-C, is
                 # raised as it was; Dr.Jit's own RuntimeError means that this cannot be recorded.
@@ -87,12 +87,12 @@ class Replay:
         """Number of recordings made; 0 if each call runs the function itself."""
         return int(self._frozen.n_recordings) if self._records and self._frozen is not None else 0
 
-    def _repeated(self, *arguments: object) -> Any:
+    def _replay(self, *arguments: object) -> Any:
         import drjit as dr
 
         with _no_garbage():
             if self._frozen is None:
-                self._frozen = self._prepared()
+                self._frozen = self._frozen_function()
             arrays = self._frozen(*arguments)
         # An output that depends on no lane, such as a constant over all lanes, is replayed with the width of its
         # recording. Such a function is not recorded at all.
@@ -102,7 +102,7 @@ class Replay:
             raise RuntimeError("an array of numbers that are all the same keeps the length it was recorded with")
         return self._plan[0](arrays)
 
-    def _prepared(self) -> Any:
+    def _frozen_function(self) -> Any:
         import drjit as dr
 
         # A frozen function is part of a reference cycle and lives until the garbage collector finds it. It must not

@@ -32,11 +32,11 @@ class DeviceVector(DeviceArray, Protocol):
 
     @property
     def y(self) -> Array:
-        """The second one."""
+        """The second component."""
 
     @property
     def z(self) -> Array:
-        """The third one."""
+        """The third component."""
 
 
 class Ray(Protocol):
@@ -70,7 +70,7 @@ class Bsdf(Protocol):
 
 
 class Interaction(Protocol):
-    """`mitsuba.SurfaceInteraction3f`: the place of each lane at which it met a surface.
+    """`mitsuba.SurfaceInteraction3f`: the point at which each lane met a surface.
 
     t, p, n     distance, point and normal
     wi          direction back along the ray, in the frame whose z is the normal
@@ -96,7 +96,7 @@ class Interaction(Protocol):
 
 
 class Hit(Protocol):
-    """`mitsuba.PreliminaryIntersection3f`: distance, shape and triangle, and nothing else yet."""
+    """`mitsuba.PreliminaryIntersection3f`: distance, shape and triangle only."""
 
     t: Lanes
     shape: Any
@@ -126,7 +126,7 @@ class Shape(Protocol):
         """Its name in the file."""
 
     def class_name(self) -> str:
-        """Its kind."""
+        """Name of its class, such as 'Sphere'."""
 
     def bsdf(self) -> Any:
         """Its `Bsdf`."""
@@ -138,7 +138,7 @@ class Shape(Protocol):
         """True if it is made of triangles."""
 
     def vertex_positions_buffer(self) -> Any:
-        """(3 v,) of a mesh, on the device."""
+        """(3 v,) coordinates of the vertices of a mesh, on the device."""
 
     def faces_buffer(self) -> Any:
         """(3 f,) indices into the vertices of a mesh."""

@@ -94,7 +94,7 @@ class Moment:
     """A world as it stands for each ray when its pulse leaves.
 
     moving    where the world's movers are then; None: nothing moves
-    boxes     around the way of each of them
+    boxes     boxes around each of them, along its whole motion
     sun       unit vector towards the sun
     coherent  whether neighbouring rays are neighbours in angle: Embree then traces them in packets, up to twice as fast
     draws     random numbers of the rays, for gaps
@@ -111,7 +111,7 @@ class Moment:
 
     @property
     def speculars(self) -> Speculars:
-        """The world's panes, mirrors and porous surfaces; ask only a world that has some."""
+        """The world's panes, mirrors and porous surfaces; only for a world that has some."""
         assert self.world.speculars is not None
         return self.world.speculars
 
@@ -200,7 +200,7 @@ class Moment:
     def _nearer_of_mover(
         self, ray: Ray, group: _MoverGroup, near: Array, first: Hit, mover_index: Array
     ) -> tuple[Any, Any, Any]:
-        """Ask one more body of a group, as a step of the loop in `_nearest`; returns the new state."""
+        """Intersect one more body of a group, as a step of the loop in `_nearest`; returns the new state."""
         import drjit as dr
 
         candidate_index, remaining, placement = self._next_mover(near, group)
@@ -283,7 +283,7 @@ class Moment:
         return is_blocked
 
     def _blocked_by_mover(self, ray: Ray, group: _MoverGroup, near: Array, is_blocked: Array) -> tuple[Any, Any]:
-        """Ask one more body of a group; the state of the loop in `_any`."""
+        """Intersect one more body of a group, as a step of the loop in `_meets_any`; returns the new state."""
         import drjit as dr
 
         _, remaining, placement = self._next_mover(near, group)

@@ -1,7 +1,7 @@
 """Find the rays that come near a body that moves.
 
 To intersect a ray with a moving body takes a lookup of the body's pose and a query of its scene. Few rays come near any
-body, so each ray asks only those whose boxes it passes. A box holds the body along its whole way through the frame: it
+body, so each ray asks only those whose boxes it passes. A box holds the body for the whole frame: it
 is the same for all rays, and is made of six numbers.
 """
 

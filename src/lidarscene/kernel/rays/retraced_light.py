@@ -28,8 +28,9 @@ def retraced_light(
     pulses: range,
     seed: int,
 ) -> Echoes:
-    """Return the light of the pulses of these numbers, step 1, on the beam's first path; no pulses of other lidars.
+    """Trace pulses again and return their light on the beam's first path, without pulses of other lidars.
 
+    pulses      consecutive pulse numbers
     sun         (3,) unit vector towards the sun
     placements  of the sensor and of the movers, as `rendering.frame.Frame.placements` returns them for these pulses
     seed        of the frame; it decides the pointing jitter and the gaps

@@ -121,7 +121,7 @@ class World:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _MovingGroup:
+class _BodiesOfOneShape:
     """Moving bodies with the same parts: their indices, and their shapes, whose faces are those of the first body."""
 
     bodies: tuple[int, ...]
@@ -205,8 +205,7 @@ def _warn_of_stand_ins(shapes: Sequence[mitsuba_xml.FileShape], path: Path) -> N
 def _own_shapes(
     bodies: Mapping[int, Body], centre: Numbers, resolved: dict[str, dict[str, object]], bsdfs: dict[str, object]
 ) -> list[PlacedShape]:
-    """Return one mesh for each material and image, over all these bodies where they stand, and a shape for each exact
-    sphere.
+    """Return one mesh for each material and image of these bodies, where they stand, and a shape for each sphere.
 
     bsdfs  by material, those of the world so far: a coat's takes 10 ms to make
     """
@@ -235,7 +234,7 @@ def _own_shapes(
 
 def _moving_groups(
     bodies: Sequence[Body], resolved: dict[str, dict[str, object]], bsdfs: dict[str, object]
-) -> list[_MovingGroup]:
+) -> list[_BodiesOfOneShape]:
     """Group the bodies that move by their parts, and build the shapes of each group in the body's frame."""
     # By identity: the copies of one body of a scene file share their tuple of parts.
     sharing: dict[int, list[int]] = {}
@@ -248,7 +247,7 @@ def _moving_groups(
         at_origin = Body(name=first.name, class_name=first.class_name, parts=first.parts)
         shapes = _own_shapes({indices[0]: at_origin}, np.zeros(3), resolved, bsdfs)
         if shapes:
-            moving.append(_MovingGroup(tuple(indices), shapes))
+            moving.append(_BodiesOfOneShape(tuple(indices), shapes))
     return moving
 
 

@@ -111,7 +111,7 @@ def load_shapes(
 
 
 def _fault(bsdf: Bsdf) -> str:
-    """Return why a BSDF cannot answer at one wavelength, as Mitsuba's `hair` cannot; "" if it can."""
+    """Return why a BSDF cannot be evaluated at one wavelength (Mitsuba's `hair`); "" if it can."""
     import drjit as dr
 
     mi = mitsuba()
@@ -126,7 +126,7 @@ def _fault(bsdf: Bsdf) -> str:
 
 
 def _own_id_or(identity: str, fallback: str) -> str:
-    """Return an id of the file, or the fallback where Mitsuba has made one up."""
+    """Return an id of the file, or the fallback where Mitsuba made up the id."""
     return identity if identity and not identity.startswith("_unnamed") else fallback
 
 
@@ -179,7 +179,7 @@ def _insert_included(element: Element, folder: Path, files: list[Path], depth: i
 
 
 def _default_parameters(element: Element) -> dict[str, str]:
-    """Return the values of parameters by name."""
+    """Return the default values of parameters by name."""
     return {str(parameter.get("name")): str(parameter.get("value")) for parameter in element.iter("default")}
 
 
