@@ -13,12 +13,17 @@ import numpy as np
 
 from ..errors import InputError
 from ..formats.cloud_description import input_errors
-from ..formats.packets.layouts import DUAL, HESAI_START, PANDAR64_PACKET, Packet
-from ..formats.packets.layouts import PANDAR64_AZIMUTH_US as AZIMUTH_US
-from ..formats.packets.layouts import PANDAR64_BLOCKS as BLOCKS
-from ..formats.packets.layouts import PANDAR64_CYCLE_S as CYCLE_S
-from ..formats.packets.layouts import PANDAR64_LASERS as LASERS
-from ..formats.packets.layouts import PANDAR64_STAMP_US as STAMP_US
+from ..formats.packets.layouts import (
+    DUAL,
+    HESAI_START,
+    PANDAR64_AZIMUTH_US,
+    PANDAR64_BLOCKS,
+    PANDAR64_CYCLE_S,
+    PANDAR64_LASERS,
+    PANDAR64_PACKET,
+    PANDAR64_STAMP_US,
+    Packet,
+)
 from ..maths.arrays import Numbers
 from ..maths.pose import direction_from_angles
 from ..scan.spinning import Spinning
@@ -33,7 +38,10 @@ NAME = "pandar64"
 
 def is_pandar64(payload: bytes) -> bool:
     """True if a payload is a packet of measurements, with its sequence number behind it or without."""
-    return payload[:4] == HESAI_START + bytes([LASERS, BLOCKS]) and len(payload) >= PANDAR64_PACKET.itemsize
+    return (
+        payload[:4] == HESAI_START + bytes([PANDAR64_LASERS, PANDAR64_BLOCKS])
+        and len(payload) >= PANDAR64_PACKET.itemsize
+    )
 
 
 def open_pandar64(path: Path, metadata: Path | None, packets: Sequence[Packet]) -> Recording:
@@ -64,13 +72,15 @@ def _angles(metadata: Path | None) -> tuple[Numbers, Numbers, Numbers]:
     scanner = load_sensor(NAME).scanner
     assert isinstance(scanner, Spinning)
     number = scanner.lasers_by_place.values.astype(np.int64)
-    elevation, azimuth, firing_s = (np.zeros(LASERS) for _ in range(3))
+    elevation, azimuth, firing_s = (np.zeros(PANDAR64_LASERS) for _ in range(3))
     elevation[number], azimuth[number] = scanner.elevation_rad.values, scanner.azimuth_rad.values
     firing_s[number] = scanner.firing_s - scanner.firing_s[0]
     if metadata is not None:
         unit = read_hesai(metadata).lists
-        if len(unit["elevation_deg"]) != LASERS:
-            raise InputError(f"{metadata}: must have {LASERS} channels of a Pandar64, got {len(unit['elevation_deg'])}")
+        if len(unit["elevation_deg"]) != PANDAR64_LASERS:
+            raise InputError(
+                f"{metadata}: must have {PANDAR64_LASERS} channels of a Pandar64, got {len(unit['elevation_deg'])}"
+            )
         elevation, azimuth = np.radians(unit["elevation_deg"]), np.radians(unit["azimuth_offset_deg"])
     return elevation, azimuth, firing_s
 
@@ -82,12 +92,12 @@ def _sweep(
     step = 2 if rows["mode"][0] == DUAL else 1
     blocks = rows["blocks"]
     per_second_deg = 6.0 * rows["turns_per_minute"][:, None, None].astype(np.float64)
-    head_deg = 0.01 * blocks["azimuth"][:, ::step, None] - per_second_deg * (1e-6 * AZIMUTH_US - firing_s)
-    last_block = np.arange(BLOCKS // step)[::-1]
+    head_deg = 0.01 * blocks["azimuth"][:, ::step, None] - per_second_deg * (1e-6 * PANDAR64_AZIMUTH_US - firing_s)
+    last_block = np.arange(PANDAR64_BLOCKS // step)[::-1]
     # The sensor's clock gives the time within a second, the recorder's clock the second.
     part_s = 1e-6 * rows["stamp"]
     second = np.rint(stamps_s - part_s)
-    block_start_s = (second + part_s - 1e-6 * STAMP_US)[:, None] - CYCLE_S * last_block
+    block_start_s = (second + part_s - 1e-6 * PANDAR64_STAMP_US)[:, None] - PANDAR64_CYCLE_S * last_block
     time_s = block_start_s[..., None] + firing_s
     beam_azimuth = azimuth - np.radians(head_deg)
     beam_elevation = np.broadcast_to(elevation, beam_azimuth.shape)
@@ -118,7 +128,7 @@ def _sweep(
         time_s=by_laser(time_s) - start_s,
         intensity=by_laser(reflectivity[:, step - 1 :: step]),
         second=second_return,
-        ring=np.broadcast_to(np.arange(LASERS)[:, None], shape),
+        ring=np.broadcast_to(np.arange(PANDAR64_LASERS)[:, None], shape),
         column=np.broadcast_to(np.arange(shape[1]), shape),
         start_s=start_s,
         includes_lost=True,

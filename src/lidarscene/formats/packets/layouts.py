@@ -25,7 +25,8 @@ FULL_TURN = 36_000
 STRONGEST, LAST, DUAL = 0x37, 0x38, 0x39
 """Modes of returns, as Velodyne and Hesai number them."""
 
-_POINT = [("distance", "<u2"), ("reflectivity", "u1")]
+POINT = [("distance", "<u2"), ("reflectivity", "u1")]
+"""Fields of a point in the packets of Velodyne and Pandar64."""
 
 VELODYNE_PORT = 2368
 VELODYNE_BLOCKS, VELODYNE_POINTS = 12, 32
@@ -35,7 +36,7 @@ VELODYNE_BANKS = (0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF)
 VELODYNE_EMPTY = 0xFFFF
 """First bytes of a block without lasers: the last four of a VLS-128 with two returns."""
 
-VELODYNE_BLOCK = np.dtype([("bank", "<u2"), ("azimuth", "<u2"), ("points", _POINT, VELODYNE_POINTS)])
+VELODYNE_BLOCK = np.dtype([("bank", "<u2"), ("azimuth", "<u2"), ("points", POINT, VELODYNE_POINTS)])
 VELODYNE_PACKET = np.dtype(
     [("blocks", VELODYNE_BLOCK, VELODYNE_BLOCKS), ("stamp", "<u4"), ("mode", "u1"), ("model", "u1")]
 )
@@ -51,7 +52,7 @@ PANDAR64_CYCLE_S = 0.1 / 1800
 PANDAR64_AZIMUTH_US, PANDAR64_STAMP_US = 54.668, 97.248
 """Delay of a block's azimuth, and of the packet's stamp, after the first laser of the block, or of the last block."""
 
-PANDAR64_BLOCK = np.dtype([("azimuth", "<u2"), ("points", _POINT, PANDAR64_LASERS)])
+PANDAR64_BLOCK = np.dtype([("azimuth", "<u2"), ("points", POINT, PANDAR64_LASERS)])
 PANDAR64_PACKET = np.dtype(
     [
         ("start", ">u2"),

@@ -18,8 +18,7 @@ from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
 from ...sensor.sensor_model import Sensor
 from .firings import Firings
-from .layouts import OUSTER_MODES, Packet
-from .layouts import OUSTER_PORT as PORT
+from .layouts import OUSTER_MODES, OUSTER_PORT, Packet
 from .packet_encoder import head_deg
 
 COLUMNS_PER_PACKET = 16
@@ -41,7 +40,7 @@ LARGEST_OF = {"RNG15_RFL8_NIR8": {"RANGE": 8 * (2**15 - 1), "NEAR_IR": 16 * 255}
 class OusterEncoder:
     """Packets of frame after frame, each of which is a whole number of packets."""
 
-    port = PORT
+    port = OUSTER_PORT
     needs_ambient = True
 
     def __init__(self, sensor: Sensor, profile: str) -> None:
@@ -137,8 +136,8 @@ def _metadata(sensor: Sensor, scanner: Spinning, profile: str) -> dict[str, Any]
         "build_rev": FIRMWARE,
         "build_date": "",
         "initialization_id": 1,
-        "udp_port_lidar": PORT,
-        "udp_port_imu": PORT + 1,
+        "udp_port_lidar": OUSTER_PORT,
+        "udp_port_imu": OUSTER_PORT + 1,
         "lidar_mode": mode,
         "json_calibration_version": 4,
         "hostname": "",

@@ -18,12 +18,22 @@ from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
 from ...sensor.sensor_model import Sensor
 from .firings import Firings
-from .layouts import DUAL, FULL_TURN, HESAI_PORT, HESAI_START, LAST, PANDAR64_PACKET, STRONGEST, Packet
-from .layouts import PANDAR64_AZIMUTH_US as AZIMUTH_US
-from .layouts import PANDAR64_BLOCKS as BLOCKS
-from .layouts import PANDAR64_CYCLE_S as CYCLE_S
-from .layouts import PANDAR64_LASERS as LASERS
-from .layouts import PANDAR64_STAMP_US as STAMP_US
+from .layouts import (
+    DUAL,
+    FULL_TURN,
+    HESAI_PORT,
+    HESAI_START,
+    LAST,
+    PANDAR64_AZIMUTH_US,
+    PANDAR64_BLOCKS,
+    PANDAR64_CYCLE_S,
+    PANDAR64_LASERS,
+    PANDAR64_PACKET,
+    PANDAR64_STAMP_US,
+    POINT,
+    STRONGEST,
+    Packet,
+)
 from .packet_encoder import head_deg, last_and_strongest
 
 STEP_M = 0.004
@@ -42,12 +52,12 @@ class Pandar64Encoder:
         self._scanner: Spinning = sensor.scanner
         self._dual = sensor.tdc.stops > 1
         self._mode = DUAL if self._dual else LAST if sensor.tdc.keep == "last" else STRONGEST
-        self._turn_deg = 360.0 / (self._scanner.cycles * self._scanner.cycle_s) * 1e-6 * AZIMUTH_US
+        self._turn_deg = 360.0 / (self._scanner.cycles * self._scanner.cycle_s) * 1e-6 * PANDAR64_AZIMUTH_US
         self._waiting: list[Numbers] = []
 
     @property
     def _firings(self) -> int:
-        return BLOCKS // 2 if self._dual else BLOCKS
+        return PANDAR64_BLOCKS // 2 if self._dual else PANDAR64_BLOCKS
 
     def packets(self, frame: Firings) -> list[Packet]:
         """Packets that are full when the frame ends."""
@@ -78,7 +88,7 @@ class Pandar64Encoder:
     def _encode(self, rows: Numbers) -> list[Packet]:
         payloads = np.zeros(len(rows), PANDAR64_PACKET)
         payloads["start"] = int.from_bytes(HESAI_START)
-        payloads["lasers"], payloads["block_count"] = LASERS, BLOCKS
+        payloads["lasers"], payloads["block_count"] = PANDAR64_LASERS, PANDAR64_BLOCKS
         payloads["first_block"], payloads["step_mm"] = int(self._dual), round(1e3 * STEP_M)
         clockwise_deg = self._turn_deg - head_deg(self._scanner, rows["number"].ravel()).reshape(rows.shape)
         azimuth = np.rint(100.0 * clockwise_deg).astype(np.int64) % FULL_TURN
@@ -88,7 +98,7 @@ class Pandar64Encoder:
             blocks["azimuth"], blocks["points"] = azimuth, rows["points"][:, :, return_index]
         payloads["turns_per_minute"] = round(60.0 / self._scanner.frame_s)
         payloads["mode"], payloads["factory"] = self._mode, 0x42
-        stamps_us = np.rint(1e6 * rows["time_s"][:, -1] + STAMP_US).astype(np.int64)
+        stamps_us = np.rint(1e6 * rows["time_s"][:, -1] + PANDAR64_STAMP_US).astype(np.int64)
         payloads["stamp"] = stamps_us % 1_000_000
         payloads["utc"] = [_utc(second) for second in (stamps_us // 1_000_000).tolist()]
         return [
@@ -96,9 +106,7 @@ class Pandar64Encoder:
         ]
 
 
-_ROW = np.dtype(
-    [("number", "i8"), ("time_s", "f8"), ("points", [("distance", "<u2"), ("reflectivity", "u1")], (2, LASERS))]
-)
+_ROW = np.dtype([("number", "i8"), ("time_s", "f8"), ("points", POINT, (2, PANDAR64_LASERS))])
 """Firing of all lasers: points of the last return, and of the strongest."""
 
 
@@ -111,10 +119,11 @@ def _utc(second: int) -> tuple[int, ...]:
 def match_pandar64(sensor: Sensor) -> Pandar64Encoder | None:
     """Encoder for a sensor whose lasers and firing times are those of a Pandar64; None for another."""
     scanner = sensor.scanner
-    if not isinstance(scanner, Spinning) or scanner.lasers != LASERS:
+    if not isinstance(scanner, Spinning) or scanner.lasers != PANDAR64_LASERS:
         return None
     first = scanner.lasers_by_place.values[:2]
     spread_us = 1e6 * float(scanner.firing_s[-1] - scanner.firing_s[0])
-    same_cycle = math.isclose(scanner.cycle_s, CYCLE_S, rel_tol=2e-3)
-    alike = math.isclose(spread_us, AZIMUTH_US - 3.62, abs_tol=0.1) and set(first.tolist()) == {11.0, 39.0}
+    same_cycle = math.isclose(scanner.cycle_s, PANDAR64_CYCLE_S, rel_tol=2e-3)
+    # Lasers 11 and 39 fire first; the last fires 51.048 us later, 3.62 us before the head's azimuth is read.
+    alike = math.isclose(spread_us, PANDAR64_AZIMUTH_US - 3.62, abs_tol=0.1) and set(first.tolist()) == {11.0, 39.0}
     return Pandar64Encoder(sensor) if alike and same_cycle else None

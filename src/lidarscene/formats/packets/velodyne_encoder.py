@@ -17,9 +17,19 @@ from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
 from ...sensor.sensor_model import Sensor
 from .firings import Firings
-from .layouts import DUAL, FULL_TURN, LAST, STRONGEST, VELODYNE_BANKS, VELODYNE_EMPTY, VELODYNE_PACKET, Packet
-from .layouts import VELODYNE_POINTS as POINTS
-from .layouts import VELODYNE_PORT as PORT
+from .layouts import (
+    DUAL,
+    FULL_TURN,
+    LAST,
+    POINT,
+    STRONGEST,
+    VELODYNE_BANKS,
+    VELODYNE_EMPTY,
+    VELODYNE_PACKET,
+    VELODYNE_POINTS,
+    VELODYNE_PORT,
+    Packet,
+)
 from .packet_encoder import head_deg, last_and_strongest
 
 HOUR_US = 3_600_000_000
@@ -83,7 +93,7 @@ MODELS = (
 class VelodyneEncoder:
     """Packets of frame after frame; firings that do not fill a packet wait for the next frame."""
 
-    port = PORT
+    port = VELODYNE_PORT
     needs_ambient = False
     description = None
 
@@ -116,9 +126,8 @@ class VelodyneEncoder:
         return self._encode(np.concatenate([rows, filler]).reshape(1, size))
 
     def _no_rows(self) -> Numbers:
-        point = [("distance", "<u2"), ("reflectivity", "u1")]
         scalars = [("number", "i8"), ("time_s", "f8"), ("azimuth", "<u2")]
-        return np.zeros(0, np.dtype([*scalars, ("points", point, (2, self._model.lasers))]))
+        return np.zeros(0, np.dtype([*scalars, ("points", POINT, (2, self._model.lasers))]))
 
     def _rows(self, frame: Firings) -> Numbers:
         """Row for each firing: number, time, azimuth, and points of the last and the strongest return."""
@@ -140,15 +149,17 @@ class VelodyneEncoder:
         payloads = np.zeros(len(rows), VELODYNE_PACKET)
         returns = 2 if self._dual else 1
         firings = rows.shape[1]
-        blocks = firings * lasers // POINTS
+        blocks = firings * lasers // VELODYNE_POINTS
         for return_index in range(returns):
             # Blocks of 32 lasers: two firings of a VLP-16, a quarter of one of a VLS-128.
-            points = rows["points"][:, :, return_index].reshape(len(rows), blocks, POINTS)
+            points = rows["points"][:, :, return_index].reshape(len(rows), blocks, VELODYNE_POINTS)
             return_blocks = payloads["blocks"][:, return_index : blocks * returns : returns]
             return_blocks["points"] = points
-            first = np.arange(blocks) * POINTS // lasers
+            first = np.arange(blocks) * VELODYNE_POINTS // lasers
             return_blocks["azimuth"] = rows["azimuth"][:, first]
-            return_blocks["bank"] = [VELODYNE_BANKS[block * POINTS % lasers // POINTS] for block in range(blocks)]
+            return_blocks["bank"] = [
+                VELODYNE_BANKS[block * VELODYNE_POINTS % lasers // VELODYNE_POINTS] for block in range(blocks)
+            ]
         payloads["blocks"]["bank"][:, blocks * returns :] = VELODYNE_EMPTY
         stamps = np.rint(1e6 * rows["time_s"][:, 0] + model.stamp_us)
         payloads["stamp"] = (stamps % HOUR_US).astype(np.uint32)
