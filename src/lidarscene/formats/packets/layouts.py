@@ -31,7 +31,7 @@ POINT = [("distance", "<u2"), ("reflectivity", "u1")]
 VELODYNE_PORT = 2368
 VELODYNE_BLOCKS, VELODYNE_POINTS = 12, 32
 VELODYNE_BANKS = (0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF)
-"""First bytes of a block: number of the bank of 32 lasers that it holds."""
+"""First bytes of a block, by the bank of 32 lasers that it holds."""
 
 VELODYNE_EMPTY = 0xFFFF
 """First bytes of a block without lasers: the last four of a VLS-128 with two returns."""
@@ -47,7 +47,7 @@ HESAI_START = b"\xee\xff"
 
 PANDAR64_BLOCKS, PANDAR64_LASERS = 6, 64
 PANDAR64_CYCLE_S = 0.1 / 1800
-"""Time from block to block, whatever the rate at which the head turns."""
+"""Time from block to block, at any rate at which the head turns."""
 
 PANDAR64_AZIMUTH_US, PANDAR64_STAMP_US = 54.668, 97.248
 """Delay of a block's azimuth, and of the packet's stamp, after the first laser of the block, or of the last block."""
