@@ -42,38 +42,38 @@ def trimesh_scene(
     piece_names = {key for _, piece in pieces for key in piece.keys}
     _refuse_unknown(materials, piece_names, f"{where}: materials")
     _refuse_unknown(classes, {node for node, _ in pieces}, f"{where}: classes")
-    surfaces = _Surfaces()
+    scene_materials = _SceneMaterials()
     bodies = [
         Body(
             name=node,
             class_name=classes.get(node, node),
-            parts=(_part(piece, node, _material_for(piece, material, materials), surfaces),),
+            parts=(_part(piece, node, _material_for(piece, material, materials), scene_materials),),
         )
         for node, piece in pieces
         if len(piece.faces)
     ]
-    return Scene(bodies=tuple(bodies), materials=surfaces.materials, **settings)
+    return Scene(bodies=tuple(bodies), materials=scene_materials.materials, **settings)
 
 
 def mitsuba_scene(path: Path, *, materials: Mapping[str, MaterialChoice], settings: Mapping[str, Any]) -> Scene:
     """Make a scene of the shapes of a Mitsuba XML file; arguments as for `load_scene`. Raises InputError."""
-    surfaces = _Surfaces()
-    base_materials = {identity: surfaces.name_of(material) for identity, material in materials.items()}
+    scene_materials = _SceneMaterials()
+    base_materials = {identity: scene_materials.add(material) for identity, material in materials.items()}
     return Scene(
         **({"name": path.stem} | dict(settings)),
         base=xml_file(path),
         base_materials=base_materials,
-        materials=surfaces.materials,
+        materials=scene_materials.materials,
     )
 
 
-class _Surfaces:
+class _SceneMaterials:
     """The materials that a scene needs, by name."""
 
     def __init__(self) -> None:
         self.materials: dict[str, Material] = {}
 
-    def name_of(self, material: MaterialChoice) -> str:
+    def add(self, material: MaterialChoice) -> str:
         """Add a material to the scene and return its name."""
         name = material if isinstance(material, str) else material.name
         if name not in self.materials:
@@ -87,7 +87,7 @@ def _material_for(
     return next((materials[key] for key in piece.keys if key in materials), material)
 
 
-def _part(piece: SubMesh, node: str, material: MaterialChoice | None, surfaces: _Surfaces) -> Part:
+def _part(piece: SubMesh, node: str, material: MaterialChoice | None, scene_materials: _SceneMaterials) -> Part:
     """Part of a piece with its material, or else with its own colour. Raises InputError."""
     if material is None:
         if piece.grey is None:
@@ -95,7 +95,9 @@ def _part(piece: SubMesh, node: str, material: MaterialChoice | None, surfaces: 
                 f"load_scene: '{node}' has no colour of its own and must have a material, by material or materials"
             )
         material = grey_material(f"colour of {node}", piece.grey)
-    return Part(vertices_m=piece.vertices_m, faces=piece.faces, material=surfaces.name_of(material), name=piece.keys[0])
+    return Part(
+        vertices_m=piece.vertices_m, faces=piece.faces, material=scene_materials.add(material), name=piece.keys[0]
+    )
 
 
 def _refuse_unknown(choices: Mapping[str, Any], names: set[str], where: str) -> None:

@@ -149,7 +149,7 @@ def files_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] = 
 
 def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
     """Build the scene of a checked scene file at ``path``. Raises InputError."""
-    surfaces = _Surfaces(file)
+    scene_materials = _SceneMaterials(file)
     reader = functools.cache(reading.read_mesh)
     ego = None
     if file.ego is not None:
@@ -157,16 +157,16 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
     bodies: list[Body] = []
     for index, body in enumerate(file.bodies):
         where = f'{path}: bodies[{index} "{body.name}"]'
-        parts = _parts(body, folder=path.parent, where=where, surfaces=surfaces, reader=reader)
+        parts = _parts(body, folder=path.parent, where=where, scene_materials=scene_materials, reader=reader)
         _check_extent(parts, where)
         bodies.extend(_place_body(body, parts, ego=ego, folder=path.parent, where=where))
     _check_names(bodies, path)
     for identity, name in file.base_materials.items():
-        surfaces.require(name, f"{path}: base_materials.{identity}")
+        scene_materials.load(name, f"{path}: base_materials.{identity}")
     return Scene(
         name=file.name or path.stem,
         bodies=tuple(bodies),
-        materials=surfaces.materials,
+        materials=scene_materials.materials,
         sun=file.sun.build(),
         sky=file.sky.in_si(),
         air=file.air.in_si(weather=file.weather.in_si()),
@@ -191,13 +191,13 @@ def _sensor_name(name: str, folder: Path) -> str:
     return str(folder / name) if name.endswith(".toml") else name
 
 
-class _Surfaces:
+class _SceneMaterials:
     """Materials of a scene by name: those of its file, and those of the catalogue that it uses."""
 
     def __init__(self, file: SceneFile) -> None:
         self.materials = {name: model.build(name) for name, model in file.materials.items()}
 
-    def require(self, name: str, where: str) -> str:
+    def load(self, name: str, where: str) -> str:
         """Load the material of this name unless it is there, and return the name. Raises InputError."""
         if name not in self.materials:
             try:
@@ -259,15 +259,15 @@ MeshReader = Callable[[Path, reflectivity_patterns.Kind | None], list[SubMesh]]
 
 
 def _parts(
-    body: BodyFile, *, folder: Path, where: str, surfaces: _Surfaces, reader: MeshReader
+    body: BodyFile, *, folder: Path, where: str, scene_materials: _SceneMaterials, reader: MeshReader
 ) -> tuple[Part | Ball, ...]:
     """Scaled shapes of the body, each with a material name."""
     if body.material is not None:
-        surfaces.require(body.material, f"{where}.material")
+        scene_materials.load(body.material, f"{where}.material")
     for key, name in body.materials.items():
-        surfaces.require(name, f"{where}.materials.{key}")
+        scene_materials.load(name, f"{where}.materials.{key}")
     if body.mesh is not None:
-        return _mesh_parts(body, folder / body.mesh, where=where, surfaces=surfaces, reader=reader)
+        return _mesh_parts(body, folder / body.mesh, where=where, scene_materials=scene_materials, reader=reader)
     material, scale = body.material or "", body.scale
     size_m = tuple(scale * length for length in body.size_m or ())
     radius_m, height_m = scale * (body.radius_m or 0.0), scale * (body.height_m or 0.0)
@@ -282,7 +282,9 @@ def _parts(
     return (Part(vertices_m=vertices, faces=faces, material=material, name=body.name),)
 
 
-def _mesh_parts(body: BodyFile, path: Path, *, where: str, surfaces: _Surfaces, reader: MeshReader) -> tuple[Part, ...]:
+def _mesh_parts(
+    body: BodyFile, path: Path, *, where: str, scene_materials: _SceneMaterials, reader: MeshReader
+) -> tuple[Part, ...]:
     """Parts of a mesh file with materials and patterns, upright and in metres. Raises InputError."""
     try:
         pieces = reader(path, body.pattern)
@@ -294,7 +296,7 @@ def _mesh_parts(body: BodyFile, path: Path, *, where: str, surfaces: _Surfaces, 
         raise InputError(
             f"{where}.materials: no sub-mesh '{unknown[0]}' in {path.name}; it has {', '.join(sorted(sub_mesh_names))}"
         )
-    pieces_and_materials = [(piece, _material_of(piece, body, where, surfaces)) for piece in pieces]
+    pieces_and_materials = [(piece, _material_of(piece, body, where, scene_materials)) for piece in pieces]
     up, scale = _axes(body, path, where=where)
     return tuple(
         Part(
@@ -305,7 +307,7 @@ def _mesh_parts(body: BodyFile, path: Path, *, where: str, surfaces: _Surfaces, 
             pattern=pattern,
         )
         for (piece, material), pattern in zip(
-            pieces_and_materials, _patterns(pieces_and_materials, body, where, surfaces), strict=True
+            pieces_and_materials, _patterns(pieces_and_materials, body, where, scene_materials), strict=True
         )
     )
 
@@ -333,13 +335,13 @@ def _axes(body: BodyFile, path: Path, *, where: str) -> tuple[Axis, float]:
 
 
 def _patterns(
-    pieces_and_materials: Sequence[tuple[SubMesh, str]], body: BodyFile, where: str, surfaces: _Surfaces
+    pieces_and_materials: Sequence[tuple[SubMesh, str]], body: BodyFile, where: str, scene_materials: _SceneMaterials
 ) -> list[reflectivity_patterns.ReflectivityPattern | None]:
     """Pattern of each piece, None where its material is not diffuse. Raises InputError if no piece has one."""
     if body.pattern is None:
         return [None] * len(pieces_and_materials)
     varied = [
-        piece.pattern if surfaces.materials[material].bsdf == "diffuse" else None
+        piece.pattern if scene_materials.materials[material].bsdf == "diffuse" else None
         for piece, material in pieces_and_materials
     ]
     if all(pattern is None for pattern in varied):
@@ -369,7 +371,7 @@ def _patterns(
     ]
 
 
-def _material_of(piece: SubMesh, body: BodyFile, where: str, surfaces: _Surfaces) -> str:
+def _material_of(piece: SubMesh, body: BodyFile, where: str, scene_materials: _SceneMaterials) -> str:
     """Name of the material that the scene file gives this sub-mesh, else of one with the mesh file's own colour."""
     material = next((body.materials[key] for key in piece.keys if key in body.materials), body.material)
     if material is not None:
@@ -379,4 +381,4 @@ def _material_of(piece: SubMesh, body: BodyFile, where: str, surfaces: _Surfaces
             f"{where}: sub-mesh '{piece.keys[0]}' of {body.mesh} has no colour of its own and must have a material, "
             "by material or materials"
         )
-    return surfaces.add_grey(f"{body.mesh}:{piece.keys[0]}", piece.grey)
+    return scene_materials.add_grey(f"{body.mesh}:{piece.keys[0]}", piece.grey)
