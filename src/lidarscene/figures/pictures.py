@@ -226,7 +226,7 @@ def _draw_range_image(
 
 def _ticks(low: float, high: float, most: int) -> list[float]:
     """Return round values from ``low`` to ``high``, about ``most`` of them."""
-    step = next(s for s in _STEPS_DEG if (high - low) / s <= most or s == _STEPS_DEG[-1])
+    step = next(step for step in _STEPS_DEG if (high - low) / step <= most or step == _STEPS_DEG[-1])
     return [n * step for n in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
 
 
@@ -241,7 +241,7 @@ def _head(canvas: Canvas, whole: Thinned, shades: Shades | None, *, alarms: bool
     """Draw names, numbers of points and the meaning of colours above everything; return the height in pixels."""
     unit = canvas.unit
     kinds = zip(("false alarms", "of other lidars", "of the weather"), whole.statuses[1:4], strict=True)
-    file_names = [Path(whole.cloud().metadata.get(k, "")).name.removesuffix(".toml") for k in ("scene", "sensor")]
+    file_names = [Path(whole.cloud().metadata.get(key, "")).name.removesuffix(".toml") for key in ("scene", "sensor")]
     title = "  ·  ".join(filter(None, file_names)) or "lidarscene"
     canvas.text(30 * unit, 28 * unit, title, LARGE, bold=True)
     numbers = {"points": whole.points} | {name: int(count) for name, count in kinds}

@@ -139,7 +139,7 @@ def csv_text(header: Sequence[str], rows: Iterable[Any]) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(header)
-    writer.writerows([f"{v:.7g}" if isinstance(v, float) else v for v in row] for row in rows)
+    writer.writerows([f"{cell:.7g}" if isinstance(cell, float) else cell for cell in row] for row in rows)
     return out.getvalue()
 
 

@@ -367,7 +367,7 @@ def inverse(order: Numbers) -> Numbers:
 def xp(*arguments: object) -> Ops:
     """Return the functions for these arguments: Dr.Jit's if any of them is a Dr.Jit array, else numpy's."""
     global _drjit
-    if any(is_drjit(x) for x in arguments):
+    if any(is_drjit(argument) for argument in arguments):
         if _drjit is None:
             _drjit = DrjitOps()
         return cast(Ops, _drjit)

@@ -51,8 +51,7 @@ class Pose:
         roll_deg: float = 0.0,
     ) -> Pose:
         """Build from position and angles, as scene and sensor files give them."""
-        angles = (math.radians(a) for a in (yaw_deg, pitch_deg, roll_deg))
-        yaw, pitch, roll = angles
+        yaw, pitch, roll = (math.radians(angle_deg) for angle_deg in (yaw_deg, pitch_deg, roll_deg))
         return cls(
             position_m=np.asarray(position_m, dtype=np.float64),
             rotation=rotation_matrix(yaw_rad=yaw, pitch_rad=pitch, roll_rad=roll),

@@ -200,7 +200,7 @@ def _set_variant(name: str) -> ModuleType:
         llvm.use()  # raises if there is no usable library; `_import_mitsuba` only tries
     mi = _import_mitsuba()
     if name not in mi.variants():
-        choices = ", ".join(v for v in mi.variants() if not v.startswith("scalar"))
+        choices = ", ".join(choice for choice in mi.variants() if not choice.startswith("scalar"))
         raise BackendError(f"no such variant; known are {choices}")
     _require_backend(name)
     try:

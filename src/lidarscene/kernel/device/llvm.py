@@ -72,7 +72,7 @@ def choose() -> LlvmCandidate:
         if candidate.usable:
             return candidate
         if candidate.source == PATH_VARIABLE:
-            alternative = next((c for c in looked_at if c.usable), None)
+            alternative = next((library for library in looked_at if library.usable), None)
             fix = f"unset it, and {alternative.path} is used" if alternative else remedy()
             raise BackendError(f"{PATH_VARIABLE}={candidate.path}: {candidate.problem}; try: {fix}")
         rejected.append(f"\n    {candidate}")
@@ -92,10 +92,10 @@ def candidates() -> Iterator[LlvmCandidate]:
         (f"wheel {WHEEL}", _in_wheel),
         ("system", _in_system),
     ):
-        real = dict.fromkeys(os.path.realpath(p) for p in paths() if _is_library(p))
+        real = dict.fromkeys(os.path.realpath(path) for path in paths() if _is_library(path))
         batch = [examine(path, source) for path in real if path not in examined]
         examined.update(real)
-        yield from sorted(batch, key=lambda c: (c.usable, c.version), reverse=True)
+        yield from sorted(batch, key=lambda library: (library.usable, library.version), reverse=True)
 
 
 def examine(path: str, source: str) -> LlvmCandidate:
@@ -193,12 +193,12 @@ def _in_wheel() -> Iterator[str]:
 def _in_system() -> Iterator[str]:
     machine = platform.machine()
     if sys.platform == "win32":
-        programs = [os.environ.get(v) for v in ("ProgramFiles", "ProgramW6432", "LOCALAPPDATA")]
-        folders = [os.path.join(p, "LLVM", "bin") for p in programs if p]
+        programs = [os.environ.get(variable) for variable in ("ProgramFiles", "ProgramW6432", "LOCALAPPDATA")]
+        folders = [os.path.join(program, "LLVM", "bin") for program in programs if program]
         folders += os.environ.get("PATH", "").split(os.pathsep)
     elif sys.platform == "darwin":
         brew = [os.environ.get("HOMEBREW_PREFIX", "/opt/homebrew"), "/opt/homebrew", "/usr/local"]
-        folders = [f for b in brew for f in glob.iglob(f"{b}/opt/llvm*/lib")] + ["/opt/local/lib"]
+        folders = [folder for prefix in brew for folder in glob.iglob(f"{prefix}/opt/llvm*/lib")] + ["/opt/local/lib"]
         folders += glob.glob("/opt/local/libexec/llvm-*/lib")
     else:
         yield from _in_linker_cache(machine)

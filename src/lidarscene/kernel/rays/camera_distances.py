@@ -43,7 +43,7 @@ def _distances_in_scene(scene: TracedScene, eye_m: Numbers, directions: Numbers)
     import drjit as dr
 
     mi = mitsuba()
-    start = mi.Point3f(*(transfer.opaque(float(x)) for x in eye_m))
+    start = mi.Point3f(*(transfer.opaque(float(coordinate)) for coordinate in eye_m))
     way = mi.Vector3f(*(transfer.from_numpy(np.ascontiguousarray(axis, np.float32)) for axis in directions))
     hit = scene.ray_intersect_preliminary(mi.Ray3f(start, way), coherent=True, active=True)
     return np.array(dr.select(hit.is_valid(), hit.t, dr.inf).numpy(), np.float32)

@@ -44,7 +44,7 @@ def retraced_light(
         rotation=place.rotation,
         seed=transfer.seed_word(seed),
     )
-    towards = transfer.opaque(tuple(float(x) for x in sun))
+    towards = transfer.opaque(tuple(float(component) for component in sun))
     air = transfer.opaque(ambient)
     firing = Firing(seed=transfer.seed_word(seed))
     paths = trace(world, rays, sun=towards, moving=movers, firing=firing)

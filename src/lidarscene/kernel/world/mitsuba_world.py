@@ -257,7 +257,7 @@ def _merged_mesh(
     # The vertices of all pieces one after the other; each piece's faces count from its own first vertex.
     counts = [len(vertices) for _, vertices, _ in pieces]
     starts = np.cumsum([0, *counts[:-1]])
-    vertices = np.concatenate([v for _, v, _ in pieces]).astype(np.float32)
+    vertices = np.concatenate([piece for _, piece, _ in pieces]).astype(np.float32)
     faces = np.concatenate(
         [part.faces.astype(np.int64) + start for (_, _, part), start in zip(pieces, starts, strict=True)]
     )
@@ -289,7 +289,7 @@ def _ball_shape(
     shape = mi.load_dict(
         {
             "type": "sphere",
-            "center": [float(c) for c in centre_m],
+            "center": [float(coordinate) for coordinate in centre_m],
             "radius": float(ball.radius_m),
             "bsdf": bsdf_dict(values),
         }
@@ -367,6 +367,6 @@ def _resting_movers(movers: Sequence[Mover], centre_m: Numbers) -> MovingBodies 
 
 def fixed_placement(pose: Pose, centre_m: Numbers) -> Placement:
     """Return a pose as a placement in the traced frame, its numbers opaque."""
-    numbers = [float(x) for x in (*(pose.position_m - centre_m), *pose.rotation.ravel())]
+    numbers = [float(number) for number in (*(pose.position_m - centre_m), *pose.rotation.ravel())]
     x, y, z, *rotation = transfer.opaque(tuple(numbers))
     return Placement(origin_m=(x, y, z), rotation=tuple(rotation))
