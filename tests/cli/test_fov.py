@@ -108,7 +108,7 @@ from helpers.in_this_process import draw_roughly
 draw_roughly(pytest.MonkeyPatch())
 from lidarscene.cli.main import main
 code = main({argv!r})
-print([name for name in ("mitsuba", "drjit", "scipy", "lidarscene.kernel") if name in sys.modules])
+print([name for name in ("mitsuba", "drjit", "lidarscene.kernel") if name in sys.modules])
 sys.exit(code)
 """
     ran = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")

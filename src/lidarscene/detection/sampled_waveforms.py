@@ -16,18 +16,14 @@ from ..errors import InputError
 from ..light.echoes import EchoTrain
 from ..light.waveform import sample_power_and_signal, sample_power_w
 from ..maths.arrays import Numbers
-from ..physics.electronics import saturation, sipm_response
 from ..physics.optics import radiometry
-from ..sensor.detectors import Apd, Sipm
+from ..sensor.detectors import Wave
 from ..sensor.sensor_model import Sensor
 from .photon_counting.folding import fold
 from .photon_counting.histograms import histograms
 
 MOST_PULSES = 10_000
 """Most pulses of one call: each has some ten thousand samples."""
-
-_STEPS = 24
-"""Fewest steps in a dead time."""
 
 SAMPLES_PER_FWHM = 16
 """Samples in one pulse width: linear interpolation of a Gaussian is then good to 7e-4 of its peak."""
@@ -97,51 +93,21 @@ def sample_with_memory(train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tu
     power, signal = sample_power_and_signal(train, sensor, times_s)
     if not len(times_s):
         return power, signal
-    detector, fwhm_s = sensor.detector, float(sensor.laser.pulse_fwhm_s)
-    cells = isinstance(detector, Sipm) and detector.statistics == "time_domain" and not sensor.receiver.filters
-    drains = isinstance(detector, Apd) and detector.saturation_a is not None
-    if not (cells or drains):
+    fwhm_s = float(sensor.laser.pulse_fwhm_s)
+    step_s = sensor.detector.course_step_s(fwhm_s / SAMPLES_PER_FWHM, filtered=sensor.receiver.filters)
+    if step_s is None:
         return power, signal
-    # Memory needs all light from the first on, whatever times are requested.
-    step = fwhm_s / SAMPLES_PER_FWHM
-    if isinstance(detector, Sipm):
-        step = float(detector.dead_time_s) / max(_STEPS, math.ceil(float(detector.dead_time_s) / step))
-    course_s = step * np.arange(-math.ceil(3.0 * fwhm_s / step), math.ceil(float(np.max(times_s)) / step) + 2)
-    if isinstance(detector, Sipm):
-        # The count is that at the end of a step, the light that of its middle.
-        watts = sample_power_w(train, sensor, course_s - 0.5 * step)
-        course = _busy_cells(watts, train, sensor, detector, round(float(detector.dead_time_s) / step))
-    else:
-        assert isinstance(detector, Apd)
-        assert detector.saturation_a is not None
-        course = saturation.clipped_course(
-            signal=sample_power_and_signal(train, sensor, course_s)[1],
-            step_s=step,
-            saturation=float(detector.saturation_a),
-            recovery_s=float(detector.recovery_s or 0.0),
-        )
-    return power, np.stack([np.interp(times_s, course_s, row) for row in course])
-
-
-def _busy_cells(power_w: Numbers, train: EchoTrain, sensor: Sensor, array: Sipm, steps: int) -> Numbers:
-    """Busy cells above those of the background, (n, times).
-
-    power_w  (n, times) light on the detector, so many ``steps`` in a dead time
-    """
-    background = np.asarray(train.background_power_w) + np.zeros(len(power_w))
-    point, energy_j = sensor.working_point(background), sensor.laser.photon_energy_j
-    assert point.memory is not None
-    busy = 1.0 - np.asarray(point.memory.free) / array.cells
-    per_watt = array.pde * array.dead_time_s / (energy_j * array.cells)
-    share = sipm_response.busy_share_in_steps(
-        rate=power_w * per_watt,
-        busy_share=busy,
-        steps=steps,
-        crosstalk=float(array.crosstalk or 0.0),
-        afterpulse=float(array.afterpulse or 0.0),
-        afterpulse_to_dead_time=float((array.afterpulse_s or array.dead_time_s) / array.dead_time_s),
+    # Memory needs all light from the first on, whatever times are asked for.
+    first, last = -math.ceil(3.0 * fwhm_s / step_s), math.ceil(float(np.max(times_s)) / step_s) + 2
+    course_s = step_s * np.arange(first, last)
+    wave = Wave(
+        point=sensor.working_point(np.asarray(train.background_power_w) + np.zeros(len(power))),
+        reception=sensor.reception,
+        power_w=lambda time_s: sample_power_w(train, sensor, time_s),
+        signal=lambda time_s: sample_power_and_signal(train, sensor, time_s)[1],
     )
-    return np.asarray(array.cells * (share - busy[:, None]))
+    course = sensor.detector.course_in_time(wave, course_s, step_s)
+    return power, np.stack([np.interp(times_s, course_s, row) for row in course])
 
 
 def sample_waveforms(
@@ -184,7 +150,6 @@ def sample_waveforms(
     threshold = np.asarray(sensor.threshold(sensor.working_point(background))) + np.zeros(len(chosen))
     pulse = (chosen + first_pulse).astype(np.uint32)
     azimuth, elevation = sensor.scanner.angles(pulse)
-    unit = "A" if isinstance(sensor.detector, Apd) else "cells" if sensor.histogram is None else "photons"
     return Waveforms(
         pulse=pulse,
         time_s=times,
@@ -193,7 +158,7 @@ def sample_waveforms(
         background_w=background.astype(np.float32),
         signal=np.concatenate(signals),
         threshold=threshold.astype(np.float32),
-        unit=unit,
+        unit=sensor.detector.unit,
         channel=np.asarray(sensor.scanner.channel(pulse)).astype(np.uint16),
         azimuth_rad=np.asarray(azimuth, dtype=np.float32),
         elevation_rad=np.asarray(elevation, dtype=np.float32),

@@ -30,7 +30,6 @@ from ..maths.trajectory import Motion, pose_at
 from ..scene.clearance import Clearance
 from ..scene.scene import Scene
 from ..scene.scene_file import load_scene
-from ..sensor.detectors import Apd
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor
 from .chunk import Chunk, Placing, detection_values, join_columns
@@ -441,9 +440,7 @@ def _intensity_unit(sensor: Sensor) -> str:
     """Unit of the column `intensity`."""
     if sensor.intensity is not None:
         return {"range_corrected": "W", "reflectivity": "of 255"}[sensor.intensity.kind]
-    if sensor.histogram is not None:
-        return "photons"
-    return "A" if isinstance(sensor.detector, Apd) else "cells"
+    return sensor.detector.unit
 
 
 def _text(values: Numbers) -> str:

@@ -20,15 +20,14 @@ from ..maths.units import si
 from ..physics.amplifier import high_pass
 from ..physics.optics import beam
 from ..scan import Scanner
-from .detectors import Apd, Sipm
+from .detectors import AnyDetectorFile, Detector, Spad
 from .electronics import MOST_STOPS, Receiver, Tdc
+from .histogram import Histogram, HistogramFile
 from .optics import OpticsFile
-from .photon_counting.spad import Histogram, Spad
-from .photon_counting.spad_file import HistogramFile, SpadFile
 from .readout import AnyIntensityFile, AnySamplerFile, PublishedFile, read_published
 from .scanner_tables import ScannerContext
 from .scanners import AnyScannerFile, SpinningFile, TableFile
-from .sensor_model import Detector, Laser, Optics, Sensor
+from .sensor_model import Laser, Optics, Sensor
 
 LARGEST_COORDINATE_M = 1e8
 """No position is farther off: enough for any map projection, and far from what single precision can hold."""
@@ -60,37 +59,6 @@ class LaserFile(Table[Laser]):
                 f"divergence_mrad: must be >= {limit:.3g} for a beam of {self.exit_diameter_mm:g} mm (M2 of 1), "
                 f"got {least_mrad:g}"
             )
-        return self
-
-
-class ApdFile(Table[Apd]):
-    """[detector] type = "apd"."""
-
-    type: Literal["apd"]
-
-    @model_validator(mode="after")
-    def _one_excess_noise(self) -> ApdFile:
-        if (self.excess_noise_index is None) == (self.ionisation_ratio is None):
-            raise ValueError("one of excess_noise_index and ionisation_ratio must be given, got both or none")
-        if self.recovery_ns is not None and self.saturation_ua is None:
-            raise ValueError("recovery_ns: together with saturation_ua, from which the pulse recovers")
-        return self
-
-
-class SipmFile(Table[Sipm]):
-    """[detector] type = "sipm"."""
-
-    type: Literal["sipm"]
-
-    @model_validator(mode="after")
-    def _cells_that_know_each_other(self) -> SipmFile:
-        if (self.afterpulse is None) != (self.afterpulse_ns is None):
-            raise ValueError("afterpulse, afterpulse_ns: must be given together, got one of them")
-        for key in ("crosstalk", "afterpulse"):
-            if getattr(self, key) is not None and self.statistics == "published":
-                raise ValueError(f'{key}: must be left out with statistics = "published", which has none')
-        if self.crosstalk is not None and self.counting == "binomial":
-            raise ValueError('crosstalk: must be left out with counting = "binomial", whose cells are independent')
         return self
 
 
@@ -168,7 +136,7 @@ class SensorFile(FileModel):
     laser: LaserFile
     optics: OpticsFile
     scanner: Annotated[AnyScannerFile, Field(discriminator="type")]
-    detector: Annotated[ApdFile | SipmFile | SpadFile, Field(discriminator="type")]
+    detector: Annotated[AnyDetectorFile, Field(discriminator="type")]
     tdc: TdcFile | None = Field(default=None, description="of an APD or a SiPM")
     receiver: ReceiverFile = Field(
         default_factory=ReceiverFile, description="frequency response of the amplifier, of an APD or a SiPM"
@@ -191,14 +159,13 @@ class SensorFile(FileModel):
             raise ValueError(f'tdc.timing: not "{timing}" together with [sampler], which times the pulses')
         if timing != "constant_fraction" and "fraction" in self.tdc.model_fields_set:
             raise ValueError('tdc.fraction: only with timing = "constant_fraction"')
-        counted = isinstance(self.detector, SipmFile) and self.detector.counting == "binomial"
-        if timing == "matched_filter" and counted:
+        if timing == "matched_filter" and self.detector.in_si().counts_whole_cells:
             raise ValueError('detector.counting: must be "gaussian" behind a matched filter, got "binomial"')
         return self
 
     @model_validator(mode="after")
     def _one_receiver(self) -> SensorFile:
-        counts = isinstance(self.detector, SpadFile)
+        counts = self.detector.in_si().fills_histogram
         for key, required in (("tdc", not counts), ("histogram", counts)):
             if (getattr(self, key) is not None) != required:
                 verb = "must be given" if required else "must be left out"
@@ -273,8 +240,12 @@ class SensorFile(FileModel):
         if self.histogram is None:
             return None
         assert isinstance(detector, Spad)
-        fwhm_ns = float(self.laser.pulse_fwhm_ns)
-        return self.histogram.build(detector, pulse_fwhm_ns=fwhm_ns, dwell_us=self._dwell_us)
+        return self.histogram.build(
+            dead_time_s=float(detector.dead_time_s),
+            jitter_s=float(detector.jitter_s),
+            pulse_fwhm_ns=float(self.laser.pulse_fwhm_ns),
+            dwell_us=self._dwell_us,
+        )
 
     def _scanner(self, optics: Optics, folder: Path) -> Scanner:
         context = ScannerContext(
@@ -295,7 +266,7 @@ def _check_response(sensor: Sensor) -> None:
             f"receiver.ac_coupling_khz: must be <= {factor * coupling_khz:.4g}, behind which the received pulse keeps "
             f"its shape, got {coupling_khz:g}"
         )
-    if sensor.receiver.filters and isinstance(sensor.detector, Sipm) and sensor.detector.counting == "binomial":
+    if sensor.receiver.filters and sensor.detector.counts_whole_cells:
         raise InputError('detector.counting: must be "gaussian" behind a filter, got "binomial"')
 
 

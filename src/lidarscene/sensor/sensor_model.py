@@ -19,13 +19,12 @@ from ..physics.amplifier import high_pass
 from ..physics.electronics import sampling, tdc
 from ..physics.optics import radiometry
 from ..scan import Flash, Scanner
-from .detectors import Apd, Filtered, Sipm, WorkingPoint
+from .detectors import Detector, Filtered, Reception, Spad, WorkingPoint
 from .detectors.matching import silicon_doubt, spot_doubt
+from .detectors.spad_detector import Macropixel
 from .electronics import Adc, Intensity, MultiLevel, Receiver, Tdc
+from .histogram import Histogram
 from .overlap import Overlap, Spot
-from .photon_counting.spad import Histogram, Macropixel, Spad, working_point
-
-Detector = Apd | Sipm | Spad
 
 PULSE_BANDWIDTH = 0.35
 """Bandwidth times FWHM that a pulse needs: rise time is 0.35 over the bandwidth, and a slower amplifier lowers it."""
@@ -195,7 +194,7 @@ class Sensor:
     @property
     def matches(self) -> bool:
         """True if pulses are found behind a matched filter."""
-        if isinstance(self.detector, Sipm) and self.detector.counting == "binomial":
+        if self.detector.counts_whole_cells:
             return False  # behind a filter no whole cells are counted
         samples_match = isinstance(self.sampler, Adc) and self.sampler.estimator == "matched_filter"
         return samples_match or self.tdc.timing == "matched_filter"
@@ -209,7 +208,7 @@ class Sensor:
     def noise_bandwidth_hz(self) -> Lanes:
         """Bandwidth of white noise: the amplifier's, or less if cells stay for a dead time or samples are far apart."""
         bandwidth: Lanes = self.tdc.bandwidth_hz
-        limits_hz = [0.5 / self.detector.dead_time_s] if isinstance(self.detector, Sipm) else []
+        limits_hz = [] if self.detector.noise_bandwidth_hz is None else [self.detector.noise_bandwidth_hz]
         limits_hz += [0.5 * self.sampler.rate_hz] if isinstance(self.sampler, Adc) else []
         for limit_hz in limits_hz:
             bandwidth = xp(bandwidth, limit_hz).minimum(bandwidth, limit_hz)
@@ -286,20 +285,24 @@ class Sensor:
             return tdc.noise_correlation(lag_s=lag_s, bandwidth_hz=self.tdc.bandwidth_hz)
         return self.receiver.low_pass.correlation(lag_s=lag_s, cutoff_hz=self.cutoff_hz)
 
+    @property
+    def reception(self) -> Reception:
+        """What the detector needs of the rest."""
+        return Reception(
+            photon_energy_j=self.laser.photon_energy_j,
+            pulse_fwhm_s=self.laser.pulse_fwhm_s,
+            bandwidth_hz=self.tdc.bandwidth_hz,
+            blanking_s=self.tdc.blanking_s,
+            ambient_s=self.tdc.ambient_s,
+            histogram=self.histogram,
+        )
+
     def working_point(self, background_power_w: Lanes, *, range_m: Lanes | None = None) -> WorkingPoint:
         """Working point of the detector under this background; behind a matched filter, if pulses are found there.
 
         range_m  range of the echo, for SPADs that fire once in a shot: those that fired before are blind; None: none is
         """
-        if isinstance(self.detector, Spad):
-            pixel = self.pixel(background_power_w, range_m=range_m)
-            return working_point(pixel, ambient_s=self.tdc.ambient_s)
-        point = self.detector.working_point(
-            background_power_w=background_power_w,
-            photon_energy_j=self.laser.photon_energy_j,
-            bandwidth_hz=self.tdc.bandwidth_hz,
-            pulse_fwhm_s=self.laser.pulse_fwhm_s,
-        )
+        point = self.detector.working_point(background_power_w, self.reception, range_m=range_m)
         if self.receiver.filters:
             point = point.filtered(self.response)
         if not self.matches:
@@ -313,14 +316,8 @@ class Sensor:
         peak, filtering = self.peak_share, self.receiver.low_pass
         if filtering is None:
             return Filtered(peak=peak)
-        if isinstance(self.detector, Sipm):
-            # Cells are as long as their dead time, and so is the noise of their number.
-            cell = {"duration_s": self.detector.dead_time_s, "cutoff_hz": self.cutoff_hz}
-            noise = filtering.box_noise_share(**cell)
-            return Filtered(peak=peak, noise=noise, echo_noise=noise, cell=filtering.box_peak_share(**cell))
-        # The noise of a diode is white: that of the background has the low pass' bandwidth already.
-        pulse = {"fwhm_s": self.laser.pulse_fwhm_s, "cutoff_hz": self.cutoff_hz}
-        return Filtered(peak=peak, echo_noise=filtering.echo_noise_share(**pulse))
+        fwhm_s, cutoff_hz = self.laser.pulse_fwhm_s, self.cutoff_hz
+        return self.detector.filtered(filtering, peak=peak, fwhm_s=fwhm_s, cutoff_hz=cutoff_hz)
 
     @property
     def crossing_bandwidth_hz(self) -> Lanes:
@@ -334,7 +331,7 @@ class Sensor:
             x = sampling.widths(bandwidth_hz=self.noise_bandwidth_hz, pulse_fwhm_s=self.received_fwhm_s)
             slower = sampling.matched_slope_noise(x=x) / sampling.slope_noise(x=x)
             return self.noise_bandwidth_hz * slower
-        if filtering is None or isinstance(self.detector, Sipm):
+        if filtering is None or not self.detector.has_white_noise:
             return bandwidth_hz
         return bandwidth_hz * filtering.crossing_ratio
 
@@ -348,26 +345,11 @@ class Sensor:
     def pixel(self, background_power_w: Lanes, *, range_m: Lanes | None = None) -> Macropixel:
         """SPADs under this background; ``range_m`` as for `working_point`."""
         assert isinstance(self.detector, Spad)
-        assert self.histogram is not None
-        armed: Lanes = 0.0
-        if range_m is not None:
-            armed = radiometry.time_of_flight_s(range_m=range_m) - self.tdc.blanking_s
-        return Macropixel.for_background(
-            background_power_w,
-            self.detector,
-            self.histogram,
-            photon_energy_j=self.laser.photon_energy_j,
-            pulse_fwhm_s=self.laser.pulse_fwhm_s,
-            armed_s=armed,
-        )
+        return self.detector.pixel(background_power_w, self.reception, range_m=range_m)
 
     def background_counts(self, background_power_w: Lanes) -> tuple[Lanes, Lanes]:
         """Counts per second of light and dark, and the factor by which dead times narrow their noise."""
-        if isinstance(self.detector, Spad):
-            return self.pixel(background_power_w).background_counts(self.tdc.ambient_s)
-        return self.detector.background_counts(
-            background_power_w=background_power_w, photon_energy_j=self.laser.photon_energy_j
-        )
+        return self.detector.background_counts(background_power_w, self.reception)
 
     def threshold(self, point: WorkingPoint) -> Lanes:
         """Level U: TNR sigma_0, the fixed level or the detector's own law; never below what the detector resolves."""

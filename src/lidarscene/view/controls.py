@@ -10,9 +10,9 @@ from typing import Any
 
 from ..errors import InputError, shorten
 from ..scene.scene import Scene, Sun
-from ..sensor.detectors import Apd
+from ..sensor.detectors import Detector
 from ..sensor.sensor_file import load_sensor
-from ..sensor.sensor_model import Detector, Sensor
+from ..sensor.sensor_model import Sensor
 
 DETECTOR = "detector"
 """Key of the choice of a detector; keys "detector.*" are those of the sensor file."""
@@ -64,9 +64,8 @@ class Equipment:
         """``sensor`` is a catalogue name or a file. Raises InputError."""
         self.scene, self.name, self.overrides = scene, sensor, tuple(overrides)
         self.sensor = load_sensor(sensor, overrides=overrides)
-        own_kind, other_kind = ("APD", "SiPM") if isinstance(self.sensor.detector, Apd) else ("SiPM", "APD")
-        if self.sensor.histogram is not None:
-            own_kind = "SPAD histogram"
+        own_kind = self.sensor.detector.label
+        other_kind = "SiPM" if own_kind == "APD" else "APD"
         self.detectors = {f"{own_kind}, its own": "", f"{other_kind} of Table 1": f"table1-{other_kind.lower()}"}
 
     def with_settings(self, settings: Settings) -> tuple[Scene, Sensor]:
@@ -144,7 +143,7 @@ class Equipment:
             ),
             _slider_around("laser.peak_power_w", "laser power", "W", laser.peak_power_w, 20.0),
             _slider_around("optics.aperture_radius_mm", "aperture radius", "mm", 1e3 * optics.aperture_radius_m, 5.0),
-            *_detector_sliders(sensor.detector),
+            _detector_slider(sensor.detector),
         ]
         if tdc.threshold_to_noise is not None:
             sliders.append(
@@ -167,15 +166,18 @@ class Equipment:
         return sliders
 
 
-def _detector_sliders(detector: Detector) -> list[Control]:
-    """Slider of the gain of an APD, or of the PDE of other detectors."""
-    if isinstance(detector, Apd):
-        return [
-            Control(
-                key="detector.gain", label="gain", unit="", low=1.0, high=1000.0, log=True, value=float(detector.gain)
-            )
-        ]
-    return [Control(key="detector.pde", label="PDE", unit="", low=0.01, high=1.0, value=float(detector.pde))]
+def _detector_slider(detector: Detector) -> Control:
+    """Slider of the detector's main key."""
+    main = detector.main_key
+    return Control(
+        key=f"detector.{main.name}",
+        label=main.label,
+        unit="",
+        low=main.low,
+        high=main.high,
+        log=main.log,
+        value=float(getattr(detector, main.name)),
+    )
 
 
 def _slider_around(key: str, label: str, unit: str, value: Any, factor: float) -> Control:

@@ -17,7 +17,7 @@ from ...maths import random
 from ...maths.arrays import Array, Lanes, Mask, Ops, xp
 from ...maths.random import Stage
 from ...physics.photon_counting import dead_time, draws, matched_filter, pile_up
-from ...sensor.photon_counting.spad import Macropixel
+from ...sensor.detectors.spad_detector import Macropixel
 
 BOX = 2.4
 """Half width of the bins whose counts are an echo's photons, in sigmas."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from ...light.echoes import EchoTrain
 from ...maths.arrays import Lanes, xp
 from ...physics.optics import radiometry
-from ...sensor.photon_counting.spad import Histogram
+from ...sensor.histogram import Histogram
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,7 +21,7 @@ from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.optics import radiometry
 from ...physics.photon_counting import matched_filter, pile_up
 from ...sensor.detectors import WorkingPoint
-from ...sensor.photon_counting.spad import LEAST_THRESHOLD, Macropixel
+from ...sensor.detectors.spad_detector import LEAST_THRESHOLD, Macropixel
 from ...sensor.sensor_model import Sensor
 from .. import ambient, comparator
 from ..outcomes import Outcome, Status

@@ -16,7 +16,7 @@ from ...maths import random
 from ...maths.arrays import Numbers
 from ...maths.random import Stage
 from ...physics.photon_counting import dead_time, draws
-from ...sensor.photon_counting.spad import Spad
+from ...sensor.detectors.spad_detector import Spad
 from ...sensor.sensor_model import Sensor
 from .folding import fold
 from .histogram_receiver import broaden

@@ -1,15 +1,31 @@
 """Detectors as data, a module for each kind, and their working point under a background.
 
-working_point  noise, response and its inverse, as the comparator uses them
+detector       what every kind gives
 apd_detector   avalanche photodiode with its amplifier
 sipm_detector  silicon photomultiplier
+spad_detector  macro-pixel of single-photon avalanche diodes
+working_point  noise, response and its inverse, as the comparator uses them
 matching       checks that a laser and a detector fit each other
 """
 
-from .apd_detector import Apd
-from .sipm_detector import Sipm
+from .apd_detector import Apd, ApdFile
+from .detector import Detector, Reception, Wave
+from .sipm_detector import Sipm, SipmFile
+from .spad_detector import Spad, SpadFile
 from .working_point import CellMemory, Filtered, WorkingPoint
 
-Detector = Apd | Sipm
+AnyDetectorFile = ApdFile | SipmFile | SpadFile
+"""[detector] of a sensor file: a new kind is a module of its own and its table here."""
 
-__all__ = ["Apd", "CellMemory", "Detector", "Filtered", "Sipm", "WorkingPoint"]
+__all__ = [
+    "AnyDetectorFile",
+    "Apd",
+    "CellMemory",
+    "Detector",
+    "Filtered",
+    "Reception",
+    "Sipm",
+    "Spad",
+    "Wave",
+    "WorkingPoint",
+]

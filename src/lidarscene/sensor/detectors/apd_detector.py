@@ -3,23 +3,35 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
-from ...maths.arrays import Lanes, xp
+from pydantic import model_validator
+
+from ...files.table_model import Table
+from ...maths.arrays import Lanes, Numbers, xp
 from ...maths.units import FileKey, Quantity
 from ...physics.constants import ELEMENTARY_CHARGE_C
-from ...physics.electronics import apd, counting, mcintyre
+from ...physics.electronics import apd, counting, mcintyre, range_limit, saturation
+from .detector import Detector, MainKey, Reception, Wave
 from .working_point import WorkingPoint
+
+INGAAS_GAIN = 40.0
+"""Diodes of InGaAs, which see beyond silicon, reach a gain of 10 to 40 before noise drowns it (Campbell, J. Lightwave
+Technol. 25, 2007); silicon has 50 to 200."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Apd:
+class Apd(Detector):
     """Linear-mode avalanche photodiode and its amplifier, (12)-(19). SI units; currents before gain.
 
     tail          noise tail of false alarms: "gaussian" (9), or "mcintyre" (`electronics.mcintyre`), of the same
                   variance but higher; detection is Gaussian with either
     saturation_a  saturation current at the amplifier's input (`physics.electronics.saturation`)
     """
+
+    label: ClassVar[str] = "APD"
+    unit: ClassVar[str] = "A"
+    main_key: ClassVar[MainKey] = MainKey("gain", "gain", 1.0, 1000.0, log=True)
 
     gain: Annotated[Lanes, Quantity(ge=1, le=1e5)]
     radius_m: Annotated[Lanes, Quantity("mm", ge=1e-3, le=100)]
@@ -70,19 +82,28 @@ class Apd:
         )
         return surface + thermal + self.circuit_noise_a * self.circuit_noise_a
 
-    def background_counts(self, *, background_power_w: Lanes, photon_energy_j: Lanes) -> tuple[Lanes, Lanes]:
+    @property
+    def silicon(self) -> str | None:
+        """A gain that no diode of InGaAs has."""
+        if float(self.gain) <= INGAAS_GAIN:
+            return None
+        return f"a diode with a gain of {float(self.gain):g} is of silicon"
+
+    def background_counts(self, background_power_w: Lanes, reception: Reception) -> tuple[Lanes, Lanes]:
         """Primary electrons per second, light and dark, and the factor that narrows their noise (1)."""
         light = counting.detected_photons_hz(
-            power_w=background_power_w, efficiency=self.quantum_efficiency, photon_energy_j=photon_energy_j
+            power_w=background_power_w, efficiency=self.quantum_efficiency, photon_energy_j=reception.photon_energy_j
         )
         return light + self.bulk_dark_current_a / ELEMENTARY_CHARGE_C, 1.0
 
     def working_point(
-        self, *, background_power_w: Lanes, photon_energy_j: Lanes, bandwidth_hz: Lanes, pulse_fwhm_s: Lanes
+        self, background_power_w: Lanes, reception: Reception, *, range_m: Lanes | None = None
     ) -> WorkingPoint:
         """Noise (18) and response (12) under this background; the pulse width plays no part."""
-        excess = self.excess_noise
-        responsivity = apd.responsivity_a_w(quantum_efficiency=self.quantum_efficiency, photon_energy_j=photon_energy_j)
+        excess, bandwidth_hz = self.excess_noise, reception.bandwidth_hz
+        responsivity = apd.responsivity_a_w(
+            quantum_efficiency=self.quantum_efficiency, photon_energy_j=reception.photon_energy_j
+        )
         avalanche = {"gain": self.gain, "excess_noise": excess, "bandwidth_hz": bandwidth_hz}
         primary = responsivity * background_power_w + self.bulk_dark_current_a
         multiplied = self.gain * primary * apd.shot_variance_per_ampere_a(**avalanche)
@@ -113,3 +134,43 @@ class Apd:
             noise_tail=mcintyre_tail if self.tail == "mcintyre" else None,
             crossings_hz=mcintyre_crossings_hz if self.tail == "mcintyre" else None,
         )
+
+    def closed_form_range_m(
+        self, target: range_limit.Plane, transceiver: range_limit.Transceiver, reception: Reception
+    ) -> Lanes:
+        """(29)."""
+        return range_limit.maximum_range_apd_m(
+            target,
+            transceiver,
+            quantum_efficiency=self.quantum_efficiency,
+            excess_noise=self.excess_noise,
+            bandwidth_hz=reception.bandwidth_hz,
+        )
+
+    def course_step_s(self, step_s: float, *, filtered: bool) -> float | None:
+        """The longest step, of an amplifier that clips."""
+        return None if self.saturation_a is None else step_s
+
+    def course_in_time(self, wave: Wave, time_s: Numbers, step_s: float) -> Numbers:
+        """Signal behind an amplifier that clips and drains (docs/theory_receivers.md 20)."""
+        assert self.saturation_a is not None
+        return saturation.clipped_course(
+            signal=wave.signal(time_s),
+            step_s=step_s,
+            saturation=float(self.saturation_a),
+            recovery_s=float(self.recovery_s or 0.0),
+        )
+
+
+class ApdFile(Table[Apd]):
+    """[detector] type = "apd"."""
+
+    type: Literal["apd"]
+
+    @model_validator(mode="after")
+    def _one_excess_noise(self) -> ApdFile:
+        if (self.excess_noise_index is None) == (self.ionisation_ratio is None):
+            raise ValueError("one of excess_noise_index and ionisation_ratio must be given, got both or none")
+        if self.recovery_ns is not None and self.saturation_ua is None:
+            raise ValueError("recovery_ns: together with saturation_ua, from which the pulse recovers")
+        return self

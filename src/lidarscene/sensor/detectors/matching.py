@@ -2,45 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
-from ...maths.arrays import Lanes
-from .apd_detector import Apd
+from .detector import Detector
 
 SILICON_M = 1150e-9
 """Longest wavelength that silicon absorbs: its band gap of 1.12 eV is 1107 nm, phonons add some 40 nm (Green, Solar
 Energy Materials and Solar Cells 92, 2008)."""
 
-INGAAS_GAIN = 40.0
-"""Diodes of InGaAs, which see beyond that, reach a gain of 10 to 40 before noise drowns it (Campbell, J. Lightwave
-Technol. 25, 2007); silicon has 50 to 200."""
-
 WIDER = 2.0
 """Beam over field of view from which on more than half of a Gaussian beam is beside it: exp(-2 / 2^2) = 0.61."""
 
 
-class _Detector(Protocol):
-    @property
-    def radius_m(self) -> Lanes: ...
-
-
-def silicon_doubt(detector: object, *, wavelength_m: float) -> str | None:
-    """Warning, one line, that a detector of silicon is blind at the laser's wavelength; None if there is no doubt."""
+def silicon_doubt(detector: Detector, *, wavelength_m: float) -> str | None:
+    """In one line, that a detector of silicon does not see the laser; None if it does, or is none."""
     if wavelength_m <= SILICON_M:
         return None
-    if not isinstance(detector, Apd):
-        kind = "a SiPM or SPAD is of silicon"
-    elif float(detector.gain) > INGAAS_GAIN:
-        kind = f"a diode with a gain of {float(detector.gain):g} is of silicon"
-    else:
+    if detector.silicon is None:
         return None
     return (
-        f"{kind} and sees nothing at {1e9 * wavelength_m:.4g} nm: change laser.wavelength_nm, or give the numbers of a "
-        "detector of InGaAs, as mems-1550 has"
+        f"{detector.silicon} and sees nothing at {1e9 * wavelength_m:.4g} nm: change laser.wavelength_nm, or give the "
+        "numbers of a detector of InGaAs, as mems-1550 has"
     )
 
 
-def spot_doubt(detector: _Detector, *, divergence_rad: float, focal_length_m: float) -> str | None:
+def spot_doubt(detector: Detector, *, divergence_rad: float, focal_length_m: float) -> str | None:
     """Warning, one line, that most of the beam is beside the field of view; None if it is not. Small angles."""
     seen_rad = 2.0 * float(detector.radius_m) / focal_length_m
     if divergence_rad <= WIDER * seen_rad:

@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
-from ...maths.arrays import Lanes, xp
+import numpy as np
+from pydantic import model_validator
+
+from ...files.table_model import Table
+from ...maths.arrays import Lanes, Numbers, xp
 from ...maths.units import FileKey, Quantity
-from ...physics.electronics import counting, sipm, sipm_response
-from .working_point import CellMemory, WorkingPoint, least_count
+from ...physics.amplifier.low_pass import LowPass
+from ...physics.electronics import counting, range_limit, sipm, sipm_response
+from .detector import Detector, MainKey, Reception, Wave
+from .working_point import CellMemory, Filtered, WorkingPoint, least_count
+
+_STEPS = 24
+"""Fewest steps of a course in a dead time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sipm:
+class Sipm(Detector):
     """Silicon photomultiplier, (21)-(27). SI units.
 
     statistics   "time_domain": busy cells in steady state, signal from the cells' course in time through a table,
@@ -26,6 +36,11 @@ class Sipm:
     crosstalk, afterpulse  shares of the avalanches that cause another; None: no such thing. Not with "published", nor
                  with counts of independent cells ("binomial")
     """
+
+    label: ClassVar[str] = "SiPM"
+    unit: ClassVar[str] = "cells"
+    main_key: ClassVar[MainKey] = MainKey("pde", "PDE", 0.01, 1.0)
+    has_white_noise: ClassVar[bool] = False
 
     cells: Annotated[Lanes, Quantity(ge=1, le=1e9, whole=True)]
     radius_m: Annotated[Lanes, Quantity("mm", ge=1e-3, le=100)]
@@ -56,11 +71,26 @@ class Sipm:
         """True: the number of cells is finite."""
         return True
 
-    def background_counts(self, *, background_power_w: Lanes, photon_energy_j: Lanes) -> tuple[Lanes, Lanes]:
+    @property
+    def counts_whole_cells(self) -> bool:
+        """With ``counting = "binomial"``."""
+        return self.counting == "binomial"
+
+    @property
+    def noise_bandwidth_hz(self) -> Lanes:
+        """Cells are as long as their dead time, and so is the noise of their number."""
+        return 0.5 / self.dead_time_s
+
+    @property
+    def silicon(self) -> str:
+        """Always."""
+        return "a SiPM or SPAD is of silicon"
+
+    def background_counts(self, background_power_w: Lanes, reception: Reception) -> tuple[Lanes, Lanes]:
         """Cells that fire per second, light and dark, and the factor by which the dead time narrows their noise."""
         busy = self._busy_share(
             sipm.background_photons(
-                power_w=background_power_w, dead_time_s=self.dead_time_s, photon_energy_j=photon_energy_j
+                power_w=background_power_w, dead_time_s=self.dead_time_s, photon_energy_j=reception.photon_energy_j
             )
         )
         rate = counting.fired_cells_hz(busy_share=busy, cells=self.cells, dead_time_s=self.dead_time_s)
@@ -69,9 +99,10 @@ class Sipm:
         return rate, sipm.firing_deviation(busy_share=busy, crosstalk=self.crosstalk)
 
     def working_point(
-        self, *, background_power_w: Lanes, photon_energy_j: Lanes, bandwidth_hz: Lanes, pulse_fwhm_s: Lanes
+        self, background_power_w: Lanes, reception: Reception, *, range_m: Lanes | None = None
     ) -> WorkingPoint:
         """Noise, free cells and response under this background; the bandwidth is that of the dead time."""
+        photon_energy_j, pulse_fwhm_s = reception.photon_energy_j, reception.pulse_fwhm_s
         photons = sipm.background_photons(
             power_w=background_power_w, dead_time_s=self.dead_time_s, photon_energy_j=photon_energy_j
         )
@@ -122,6 +153,48 @@ class Sipm:
             largest=free_cells - 0.5,
             memory=memory,
         )
+
+    def filtered(self, low_pass: LowPass, *, peak: Lanes, fwhm_s: Lanes, cutoff_hz: Lanes) -> Filtered:
+        """Cells as long as their dead time, and so the noise of their number."""
+        cell = {"duration_s": self.dead_time_s, "cutoff_hz": cutoff_hz}
+        noise = low_pass.box_noise_share(**cell)
+        return Filtered(peak=peak, noise=noise, echo_noise=noise, cell=low_pass.box_peak_share(**cell))
+
+    def closed_form_range_m(
+        self, target: range_limit.Plane, transceiver: range_limit.Transceiver, reception: Reception
+    ) -> Lanes:
+        """(30), with all light of the dead time around the peak for cells in the time domain."""
+        return range_limit.maximum_range_sipm_m(
+            target,
+            transceiver,
+            pulse_fwhm_s=reception.pulse_fwhm_s * self.captured(reception.pulse_fwhm_s),
+            pde=self.pde,
+            dead_time_s=self.dead_time_s,
+        )
+
+    def course_step_s(self, step_s: float, *, filtered: bool) -> float | None:
+        """A whole part of the dead time; behind a frequency response cells have no memory here."""
+        if self.statistics != "time_domain" or filtered:
+            return None
+        dead_time_s = float(self.dead_time_s)
+        return dead_time_s / max(_STEPS, math.ceil(dead_time_s / step_s))
+
+    def course_in_time(self, wave: Wave, time_s: Numbers, step_s: float) -> Numbers:
+        """Busy cells above those of the background, by the equation of their share, with crosstalk and afterpulses."""
+        # The count is that at the end of a step, the light that of its middle.
+        power_w = wave.power_w(time_s - 0.5 * step_s)
+        assert wave.point.memory is not None
+        busy = 1.0 - np.asarray(wave.point.memory.free) / self.cells
+        per_watt = self.pde * self.dead_time_s / (wave.reception.photon_energy_j * self.cells)
+        share = sipm_response.busy_share_in_steps(
+            rate=power_w * per_watt,
+            busy_share=busy,
+            steps=round(float(self.dead_time_s) / step_s),
+            crosstalk=float(self.crosstalk or 0.0),
+            afterpulse=float(self.afterpulse or 0.0),
+            afterpulse_to_dead_time=float((self.afterpulse_s or self.dead_time_s) / self.dead_time_s),
+        )
+        return np.asarray(self.cells * (share - busy[:, None]))
 
     def _refill(self, busy_share: Lanes) -> Lanes:
         """Rate per dead time at which the background takes back a change of the ready cells: x, more with crosstalk.
@@ -215,3 +288,20 @@ class Sipm:
             dark_count_rate_hz=self.dark_count_rate_hz,
             dead_time_s=self.dead_time_s,
         )
+
+
+class SipmFile(Table[Sipm]):
+    """[detector] type = "sipm"."""
+
+    type: Literal["sipm"]
+
+    @model_validator(mode="after")
+    def _cells_that_know_each_other(self) -> SipmFile:
+        if (self.afterpulse is None) != (self.afterpulse_ns is None):
+            raise ValueError("afterpulse, afterpulse_ns: must be given together, got one of them")
+        for key in ("crosstalk", "afterpulse"):
+            if getattr(self, key) is not None and self.statistics == "published":
+                raise ValueError(f'{key}: must be left out with statistics = "published", which has none')
+        if self.crosstalk is not None and self.counting == "binomial":
+            raise ValueError('crosstalk: must be left out with counting = "binomial", whose cells are independent')
+        return self

@@ -22,7 +22,7 @@ from ...light.hits import Hits
 from ...maths.arrays import Lanes, Numbers
 from ...physics.electronics import range_limit, tdc
 from ...physics.optics import sunlight
-from ...sensor.detectors import Apd, Sipm, WorkingPoint
+from ...sensor.detectors import WorkingPoint
 from ...sensor.sensor_model import Sensor
 
 _NEAREST_M, _FARTHEST_M = 1e-2, 1e6
@@ -245,7 +245,7 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
     An upper bound of `maximum_range_m`, unless a SiPM is far from linear; for one in the time domain (30) has all light
     of the dead time around the peak, not half of the pulse. With extinction the range is on both sides,
     R = R_0 exp(-3/4 alpha R), solved by Lambert's W: R = W(3/4 alpha R_0) / (3/4 alpha). inf without background, 0
-    without an echo. Raises ValueError for a fixed threshold.
+    without an echo; None for a detector without a closed form. Raises ValueError for a fixed threshold.
     """
     if sensor.tdc.threshold_to_noise is None:
         raise ValueError(f"sensor '{sensor.name}' has a fixed threshold: the closed forms need a ratio to noise")
@@ -272,25 +272,10 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
         efficiency_laser=optics.efficiency_laser,
         efficiency_sun=optics.efficiency_sun,
     )
-    if not isinstance(detector, Apd | Sipm):
-        raise ValueError(f"sensor '{sensor.name}' counts photons: the closed forms are of an APD or a SiPM")
-    if isinstance(detector, Apd):
-        bound = range_limit.maximum_range_apd_m(
-            wall,
-            receiver,
-            quantum_efficiency=detector.quantum_efficiency,
-            excess_noise=detector.excess_noise,
-            bandwidth_hz=sensor.tdc.bandwidth_hz,
-        )
-    else:
-        bound = range_limit.maximum_range_sipm_m(
-            wall,
-            receiver,
-            pulse_fwhm_s=laser.pulse_fwhm_s * detector.captured(laser.pulse_fwhm_s),
-            pde=detector.pde,
-            dead_time_s=detector.dead_time_s,
-        )
-    # SNR is proportional to 1 / R^2 and to the amplifier's factor on the peak over the root of that on the variance.
+    bound = detector.closed_form_range_m(wall, receiver, sensor.reception)
+    if bound is None:
+        return None
+    # SNR goes with 1 / R^2, and with what the amplifier leaves of the peak over the root of that of the noise.
     response = sensor.response
     bound = bound * np.sqrt(response.peak / np.sqrt(response.noise))
     rate = 0.75 * target.extinction_per_m * ones

@@ -223,7 +223,7 @@ def report_text(sensor: Sensor, target: Target, *, distance_m: float | None = No
     """Text of the elasticities, plain derivatives where a value is zero, and for an APD the best gain."""
     table = sensitivities(sensor, target, distance_m=distance_m, method=method)
     text = table_text(table)
-    if isinstance(sensor.detector, Apd):
+    if isinstance(sensor.detector, Apd):  # the one detector with a gain
         best = gain.best_gain(sensor, target, range_m=table.distance_m)
         text += (
             f"\n\ngain of the best SNR: {best.searched:.1f} by search, {best.closed_form:.1f} in closed form; "

@@ -23,7 +23,7 @@ from ...physics.constants import ELEMENTARY_CHARGE_C, SPEED_OF_LIGHT_M_S
 from ...physics.electronics import apd, mcintyre, tdc
 from ...physics.optics import radiometry, sunlight
 from ...sensor.detectors import Apd, WorkingPoint
-from ...sensor.photon_counting.spad import LEAST_THRESHOLD
+from ...sensor.detectors.spad_detector import LEAST_THRESHOLD
 from ...sensor.sensor_model import Sensor
 from . import plane
 from .plane import Target

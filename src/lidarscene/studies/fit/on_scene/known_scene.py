@@ -20,7 +20,7 @@ from ....maths.arrays import Lanes, Numbers, is_drjit, xp
 from ....maths.special import normal_tail
 from ....physics.constants import SPEED_OF_LIGHT_M_S
 from ....sensor.detectors import WorkingPoint
-from ....sensor.photon_counting.spad import Macropixel
+from ....sensor.detectors.spad_detector import Macropixel
 from ....sensor.sensor_model import Sensor
 from ..near_field import share
 from ..products import near_field_m, scatter_over_sigma, width_of_place

@@ -13,15 +13,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
+from ...files.table_model import Table
 from ...maths.arrays import Lanes, xp
 from ...maths.special import normal_tail
 from ...maths.units import FileKey, Quantity
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
-from ...physics.optics import pulse
+from ...physics.optics import pulse, radiometry
 from ...physics.photon_counting import dead_time, matched_filter, pile_up
-from ..detectors import WorkingPoint
+from ..histogram import Histogram
+from .detector import Detector, MainKey, Reception
+from .working_point import WorkingPoint
 
 _INVERSIONS = 40
 """Bisections of the response with coincidence: from 1e-9 to 1e4 detections, to 1e-8 of their logarithm."""
@@ -32,12 +35,17 @@ _LARGEST_SHARE = 0.995
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Spad:
+class Spad(Detector):
     """Macro-pixel of single-photon avalanche diodes. SI units.
 
     stamps       "all": a SPAD fires again after its dead time; "first": once in a shot
     coincidence  1: each SPAD has its own time stamps; else the pixel has one for a bin in which that many SPADs fire
     """
+
+    label: ClassVar[str] = "SPAD histogram"
+    unit: ClassVar[str] = "photons"
+    main_key: ClassVar[MainKey] = MainKey("pde", "PDE", 0.01, 1.0)
+    fills_histogram: ClassVar[bool] = True
 
     spads: Annotated[Lanes, Quantity(ge=1, le=1e6, whole=True, about="SPADs of one pixel")]
     radius_m: Annotated[
@@ -62,53 +70,45 @@ class Spad:
         """True: a SPAD counts each echo only once, so strong ones lose their height."""
         return True
 
+    @property
+    def silicon(self) -> str:
+        """Always."""
+        return "a SiPM or SPAD is of silicon"
+
+    def pixel(self, background_power_w: Lanes, reception: Reception, *, range_m: Lanes | None = None) -> Macropixel:
+        """The SPADs and their histogram under this background; ``range_m`` as for `working_point`."""
+        assert reception.histogram is not None
+        armed_s: Lanes = 0.0
+        if range_m is not None:
+            armed_s = radiometry.time_of_flight_s(range_m=range_m) - reception.blanking_s
+        return Macropixel.for_background(
+            background_power_w,
+            self,
+            reception.histogram,
+            photon_energy_j=reception.photon_energy_j,
+            pulse_fwhm_s=reception.pulse_fwhm_s,
+            armed_s=armed_s,
+        )
+
+    def working_point(
+        self, background_power_w: Lanes, reception: Reception, *, range_m: Lanes | None = None
+    ) -> WorkingPoint:
+        """Signal and noise behind the filter over the histogram, in photons."""
+        return working_point(self.pixel(background_power_w, reception, range_m=range_m), ambient_s=reception.ambient_s)
+
+    def background_counts(self, background_power_w: Lanes, reception: Reception) -> tuple[Lanes, Lanes]:
+        """Counts of all shots of a point, averaged over the ambient window."""
+        return self.pixel(background_power_w, reception).background_counts(reception.ambient_s)
+
+
+class SpadFile(Table[Spad]):
+    """[detector] type = "spad"."""
+
+    type: Literal["spad"]
+
 
 LEAST_THRESHOLD = 1e-3
 """Photons: a threshold that scatters is never lower, and any count exceeds it."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Histogram:
-    """Sum of time stamps over shots, and what reads it.
-
-    shots       added up for one point
-    neighbours  whether a point is compared with its neighbours: then the threshold scatters for echoes alone. Noise,
-                and echoes too weak for the neighbours, are compared with the mean threshold plus `lone_photons`
-    period_s    between the laser's pulses of one point: light that is longer under way folds back; None: no limit
-    reach       bins that are drawn to either side of an echo
-    search      bins to either side of an echo in which its peak is looked for
-    """
-
-    shots: Lanes
-    period_s: Lanes | None
-    bin_s: Annotated[Lanes, Quantity("ns", ge=1e-3, le=1e4)]
-    threshold_floor: Annotated[Lanes, Quantity(ge=0, le=1e7, about="photons, without background")]
-    threshold_slope: Annotated[
-        Lanes, Quantity(ge=0, le=1e4, about="photons for the square root of the background counts of all shots")
-    ]
-    threshold_spread: Annotated[
-        Lanes | None,
-        Quantity(
-            ge=1e-3, le=1e6, about="photons, standard deviation of the threshold from point to point; sharp if left out"
-        ),
-    ] = None
-    lone_photons: Annotated[
-        Lanes, Quantity(ge=0, le=1e7, about="above the threshold, for noise: a peak that no neighbouring point shares")
-    ] = 0.0
-    estimator: Annotated[Literal["matched_filter", "centroid"], FileKey()] = "matched_filter"
-    coates: Annotated[bool, FileKey(about="whether counts are corrected for pile-up before the filter")] = False
-    walk: Annotated[
-        Literal["corrected", "raw"],
-        FileKey(about="whether the shift of strong echoes by pile-up is taken off, from their counts"),
-    ] = "corrected"
-    reach: int
-    search: int
-    neighbours: bool = False
-
-    @property
-    def noise_spread(self) -> Lanes | None:
-        """Standard deviation of the threshold that noise meets; None where that is sharp."""
-        return None if self.neighbours else self.threshold_spread
 
 
 SUPPORTED_SHARE = 0.4

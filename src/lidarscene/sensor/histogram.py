@@ -1,18 +1,19 @@
-"""[detector] type = "spad" and [histogram] of a sensor file: a receiver that counts photons over many shots."""
+"""Histogram of photons over many shots: as data, and as [histogram] of a sensor file."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from ...errors import InputError
-from ...files.table_model import Number, Table
-from ...maths.units import si
-from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
-from ..electronics import MOST_STOPS, Tdc
-from .spad import Histogram, Spad
+from ..errors import InputError
+from ..files.table_model import Number, Table
+from ..maths.arrays import Lanes
+from ..maths.units import FileKey, Quantity, si
+from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM
+from .electronics import MOST_STOPS, Tdc
 
 MOST_BINS = 64
 """Most bins that are drawn around an echo: each is some hundred instructions of the kernel."""
@@ -24,10 +25,48 @@ _TEMPLATE_REACH = 3.0  # of the template to either side, in sigmas of the pulse
 _SEARCH_REACH = 1.25  # of the search for the filter's peak: its place scatters by a third of that at an SNR of 5
 
 
-class SpadFile(Table[Spad]):
-    """[detector] type = "spad"."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Histogram:
+    """Sum of time stamps over shots, and what reads it.
 
-    type: Literal["spad"]
+    shots       added up for one point
+    neighbours  whether a point is compared with its neighbours: then the threshold scatters for echoes alone. Noise,
+                and echoes too weak for the neighbours, are compared with the mean threshold plus `lone_photons`
+    period_s    between the laser's pulses of one point: light that is longer under way folds back; None: no limit
+    reach       bins that are drawn to either side of an echo
+    search      bins to either side of an echo in which its peak is looked for
+    """
+
+    shots: Lanes
+    period_s: Lanes | None
+    bin_s: Annotated[Lanes, Quantity("ns", ge=1e-3, le=1e4)]
+    threshold_floor: Annotated[Lanes, Quantity(ge=0, le=1e7, about="photons, without background")]
+    threshold_slope: Annotated[
+        Lanes, Quantity(ge=0, le=1e4, about="photons for the square root of the background counts of all shots")
+    ]
+    threshold_spread: Annotated[
+        Lanes | None,
+        Quantity(
+            ge=1e-3, le=1e6, about="photons, standard deviation of the threshold from point to point; sharp if left out"
+        ),
+    ] = None
+    lone_photons: Annotated[
+        Lanes, Quantity(ge=0, le=1e7, about="above the threshold, for noise: a peak that no neighbouring point shares")
+    ] = 0.0
+    estimator: Annotated[Literal["matched_filter", "centroid"], FileKey()] = "matched_filter"
+    coates: Annotated[bool, FileKey(about="whether counts are corrected for pile-up before the filter")] = False
+    walk: Annotated[
+        Literal["corrected", "raw"],
+        FileKey(about="whether the shift of strong echoes by pile-up is taken off, from their counts"),
+    ] = "corrected"
+    reach: int
+    search: int
+    neighbours: bool = False
+
+    @property
+    def noise_spread(self) -> Lanes | None:
+        """Standard deviation of the threshold that noise meets; None where that is sharp."""
+        return None if self.neighbours else self.threshold_spread
 
 
 class HistogramFile(
@@ -102,11 +141,11 @@ class HistogramFile(
             )
         return shots
 
-    def build(self, spad: Spad, *, pulse_fwhm_ns: float, dwell_us: float) -> Histogram:
+    def build(self, *, dead_time_s: float, jitter_s: float, pulse_fwhm_ns: float, dwell_us: float) -> Histogram:
         """Convert to SI units for points of this dwell time. Raises InputError."""
         period_us = self.period_us(dwell_us)
         sigma_ns = pulse_fwhm_ns / SIGMAS_PER_FWHM
-        sigma_ns = math.sqrt(sigma_ns**2 + (1e9 * float(spad.jitter_s)) ** 2 + self.bin_ns**2 / 12.0)
+        sigma_ns = math.sqrt(sigma_ns**2 + (1e9 * jitter_s) ** 2 + self.bin_ns**2 / 12.0)
         if self.bin_ns > 1.5 * sigma_ns:
             raise InputError(
                 f"histogram.bin_ns: must be <= {1.5 * sigma_ns:.3g}, 1.5 times the width (sigma) of an echo, "
@@ -119,10 +158,10 @@ class HistogramFile(
             raise InputError(
                 f"histogram.bin_ns: must be >= {finest_ns:.2g} ({MOST_BINS} bins around an echo), got {self.bin_ns:g}"
             )
-        if 1e9 * float(spad.dead_time_s) < SHORTEST_DEAD_TIME * pulse_fwhm_ns:
+        if 1e9 * dead_time_s < SHORTEST_DEAD_TIME * pulse_fwhm_ns:
             raise InputError(
                 f"detector.dead_time_ns: must be >= {SHORTEST_DEAD_TIME * pulse_fwhm_ns:g}, the width of the pulse, "
-                f"got {1e9 * float(spad.dead_time_s):g}"
+                f"got {1e9 * dead_time_s:g}"
             )
         return self.in_si(
             shots=float(self.shots_per_point(dwell_us)),
