@@ -134,9 +134,7 @@ def test_ambient_counts_of_every_pulse():
     pulse, found = np.concatenate(pulses), np.concatenate(counts)
     np.testing.assert_array_equal(pulse, np.arange(441))
     background = simulator.waveforms([220]).background_w[0]
-    rate, _ = sensor.detector.background_counts(
-        background_power_w=background, photon_energy_j=sensor.laser.photon_energy_j
-    )
+    rate, _ = sensor.background_counts(background)
     mean = float(rate * sensor.tdc.ambient_s)
     # The aperture falls with the cosine of the scan angle, 1.5e-4 at a degree.
     assert abs(found.mean() - mean) < 5.0 * math.sqrt(mean / 441) + 1e-3 * mean

@@ -1,0 +1,116 @@
+"""A new detector is one file and its name in the list: a PIN diode goes through every command that knows detectors."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+SOURCES = Path(__file__).parents[3] / "src" / "lidarscene"
+PIN = Path(__file__).parents[2] / "helpers" / "pin_detector.py"
+
+# No avalanche, F = 1, no noise of the load: an APD of gain 1 whose bulk is all that is dark.
+AS_APD = 'type = "apd"\ngain = 1\nexcess_noise_index = 0\nsurface_dark_current_na = 0\nbulk_dark_current_na = 5\n'
+AS_APD += "load_resistance_ohm = 1e12\n"
+AS_PIN = 'type = "pin"\ndark_current_na = 5\n'
+SENSOR = """
+name = "{kind}"
+laser = {{wavelength_nm = 905, peak_power_w = 450, pulse_fwhm_ns = 6, repetition_rate_khz = 50}}
+optics = {{aperture_radius_mm = 25, focal_length_mm = 30, efficiency_laser = 0.7, efficiency_sun = 0.8, \
+sun_irradiance_w_m2 = 29.4}}
+tdc = {{window_us = 4, bandwidth_mhz = 167, threshold_to_noise = 5}}
+[scanner]
+type = "raster"
+azimuth_fov_deg = 120
+elevation_fov_deg = 25
+azimuth_step_deg = 2
+elevation_step_deg = 1
+[detector]
+radius_mm = 0.1
+quantum_efficiency = 0.7
+circuit_noise_na = 20
+{detector}
+"""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Run a command with sources that have the new file and its name."""
+    folder = tmp_path_factory.mktemp("newcomer")
+    package = folder / "src" / "lidarscene"
+    shutil.copytree(SOURCES, package, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("scenes", "assets"):
+        shutil.copytree(SOURCES.parents[1] / name, folder / name)
+    detectors = package / "sensor" / "detectors"
+    shutil.copy(PIN, detectors)
+    names = detectors / "__init__.py"
+    text = names.read_text(encoding="utf-8")
+    changed = text.replace("ApdFile | SipmFile | SpadFile", "ApdFile | PinFile | SipmFile | SpadFile")
+    assert changed != text
+    names.write_text("from .pin_detector import PinFile\n" + changed, encoding="utf-8")
+    for kind, detector in (("pin", AS_PIN), ("apd", AS_APD)):
+        (folder / f"{kind}.toml").write_text(SENSOR.format(kind=kind, detector=detector), encoding="utf-8")
+    paths = os.pathsep.join([str(package.parent), os.environ.get("PYTHONPATH", "")])
+
+    def command(*words):
+        done = subprocess.run(
+            [sys.executable, *words], cwd=folder, env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    return folder, command
+
+
+def test_it_renders_the_points_of_an_apd_without_gain(run):
+    folder, command = run
+    for kind in ("pin", "apd"):
+        command(
+            "-m", "lidarscene", "render", "car", "-o", f"{kind}.npz", "--sensor", f"{kind}.toml", "--seed", "3",
+            "--waveforms", f"{kind}_waveforms.npz", "--pulses", "500-505", "--ambient", f"{kind}_ambient.npz",
+        )  # fmt: skip
+    for name in ("{}.npz", "{}_waveforms.npz", "{}_ambient.npz"):
+        with np.load(folder / name.format("pin")) as pin, np.load(folder / name.format("apd")) as diode:
+            assert set(pin.files) == set(diode.files)
+            assert len(pin.files) > 3
+            for column in set(pin.files) - {"lidarscene"}:  # names of scene and sensor
+                if pin[column].dtype.kind == "f":  # sums in another order: float32 rounding
+                    np.testing.assert_allclose(pin[column], diode[column], rtol=2e-4, atol=1e-6, err_msg=column)
+                else:
+                    np.testing.assert_array_equal(pin[column], diode[column], err_msg=column)
+
+
+def test_studies_know_it(run):
+    folder, command = run
+    both = json.loads(command("-m", "lidarscene", "range", "pin.toml", "apd.toml", "--json"))
+    pin, diode = both["pin"], both["apd"]
+    # The APD's load of 1e12 ohm adds 3e-9 of the variance.
+    assert pin["maximum_range_m"] == pytest.approx(diode["maximum_range_m"], rel=1e-8)
+    assert pin["closed_form_m"] is None
+    assert "-" in command("-m", "lidarscene", "range", "pin.toml")
+    assert "detector.quantum_efficiency" in command("-m", "lidarscene", "range", "pin.toml", "--sensitivities")
+    command("-m", "lidarscene", "range", "pin.toml", "--eye-safety")
+    command("-m", "lidarscene", "compare", "car", "--sensors", "pin.toml,table1-apd", "-o", "compared")
+    assert (folder / "compared" / "index.html").is_file()
+    command("-m", "lidarscene", "fov", "pin.toml", "-o", "fov")
+    command("-m", "lidarscene", "schema", "sensor")
+    assert "pin" in command("-m", "lidarscene", "check", "pin.toml")
+
+
+def test_the_view_has_its_slider_and_its_unit(run):
+    _, command = run
+    code = (
+        "from lidarscene.view.controls import Equipment\nfrom lidarscene.scene.scene_file import load_scene\n"
+        "equipment = Equipment(load_scene('car'), 'pin.toml')\n"
+        "print(list(equipment.detectors), [control.key for control in equipment._controls('')])\n"
+        "import lidarscene\n"
+        "print(lidarscene.Simulator('car', 'pin.toml').render(seed=1).metadata['intensity_unit'])\n"
+    )
+    printed = command("-c", code)
+    assert "PIN diode, its own" in printed
+    assert "detector.quantum_efficiency" in printed
+    assert printed.splitlines()[-1] == "A"
