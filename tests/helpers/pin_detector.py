@@ -1,4 +1,4 @@
-"""A PIN diode as a newcomer would add it: tests/sensor/detectors/test_new_detector.py puts this file among the others."""
+"""A PIN diode as a newcomer would add it: sensor/detectors/test_new_detector.py puts this file among the others."""
 
 from __future__ import annotations
 
@@ -54,9 +54,7 @@ class Pin(Detector):
     def background_counts(self, background_power_w: Lanes, reception: Reception) -> tuple[Lanes, Lanes]:
         """Electrons a second."""
         light_hz = counting.detected_photons_hz(
-            power_w=background_power_w,
-            efficiency=self.quantum_efficiency,
-            photon_energy_j=reception.photon_energy_j,
+            power_w=background_power_w, efficiency=self.quantum_efficiency, photon_energy_j=reception.photon_energy_j
         )
         return light_hz + self.dark_current_a / ELEMENTARY_CHARGE_C, 1.0
 

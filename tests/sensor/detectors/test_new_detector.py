@@ -58,7 +58,11 @@ def run(tmp_path_factory):
 
     def command(*words):
         done = subprocess.run(
-            [sys.executable, *words], cwd=folder, env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True
+            [sys.executable, *words],
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": paths},
+            capture_output=True,
+            text=True,
         )
         assert done.returncode == 0, done.stderr
         return done.stdout
