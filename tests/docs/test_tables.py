@@ -196,25 +196,6 @@ def test_published_against_simulated() -> None:
         row_says([simulated], found.simulated / unit)
 
 
-def test_scatter_as_recorded() -> None:
-    """Every recorded scatter, each with its simulated one."""
-    shown = table("sensors.md", "sensor | target at")
-    named = {row[0].strip("`") for row in shown}
-    assert named == {
-        name
-        for name in catalog.names("sensors")
-        if any("recorded" in c.condition for c in checked(name).repeatability_m)
-    }
-    for name in named:
-        recorded = [c for c in checked(name).repeatability_m if "recorded" in c.condition]
-        rows = [row for row in shown if row[0].strip("`") == name]
-        for row, found in zip(rows, recorded, strict=True):
-            assert found.published is not None
-            assert found.simulated is not None
-            assert found.condition.startswith(f"{row[1]}, ")
-            row_says(row[2:4], 1e3 * found.published, 1e3 * found.simulated)
-
-
 def test_beams_of_the_catalogue() -> None:
     for names, printed, _ in table("sensors.md", "name | azimuth x elevation"):
         for name in re.findall(r"`([\w-]+)`", names):
