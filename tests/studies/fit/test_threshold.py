@@ -126,8 +126,8 @@ def test_a_pulse_is_on_the_surface_of_its_neighbours_whatever_it_reports_itself(
 def test_more_light_that_is_kept_less_is_no_threshold() -> None:
     design = threshold._design(np.arange(100.0), np.linspace(100.0, 900.0, 100))
     rising = np.arange(100) + 20.0 * np.sin(np.arange(100)) > 50.0
-    assert threshold._newton(design, rising) is not None
-    assert threshold._newton(design, ~rising) is None
+    assert threshold._maximise(design, rising) is not None
+    assert threshold._maximise(design, ~rising) is None
 
 
 def test_the_error_is_that_of_the_blocks_that_were_not_fitted() -> None:

@@ -1,4 +1,4 @@
-"""Estimates with their uncertainties, and the solver that finds them.
+"""Estimates with their uncertainties.
 
 Every fit here solves sum_b s_b(theta) = 0, with one score s_b for each block of columns. Two uncertainties follow from
 the scores and from H, the slope of their sum: Fisher's, which is that of the likelihood if blocks are independent and
@@ -24,7 +24,7 @@ DOUBTFUL_RATIO = 1.3
 The sigma of a bootstrap over 40 blocks scatters by 11 %, by 20 % where few of the blocks matter."""
 
 MOST_EVALUATIONS = 50
-"""Largest number of evaluations of a law by the solver, including those for its slopes."""
+"""Largest number of evaluations of a law or likelihood by its solver."""
 
 UNKNOWN_SIGMA = 1.0
 """Sigma of a logarithm above which the number is not known: a factor of e either way."""
@@ -137,48 +137,3 @@ def _inverse(matrix: Numbers) -> Numbers:
         return np.asarray(np.linalg.inv(matrix))
     except np.linalg.LinAlgError:
         return np.full_like(matrix, np.inf)
-
-
-Law = Callable[[Numbers], Numbers]
-"""Function from parameters (p,) to residuals (n,), each over its sigma."""
-
-
-def least_squares(
-    law: Law, start: Numbers, low: Numbers, high: Numbers, slopes: Callable[[Numbers], Numbers] | None = None
-) -> tuple[Numbers, Numbers, int]:
-    """Minimise the sum of squares within bounds by Levenberg and Marquardt's method.
-
-    Returns the parameters (p,), the slopes of the residuals (n, p) and the number of evaluations.
-
-    slopes  function that gives the slopes of the residuals, (n, p); None: forward differences
-    """
-    value, count, damping = np.clip(start, low, high), 1, 1e-3
-    residual = law(value)
-
-    def differences(values: Numbers) -> Numbers:
-        step = 1e-3 * (high - low)
-        step = np.where(values + step > high, -step, step)
-        return np.column_stack(
-            [(law(values + move) - residual) / h for move, h in zip(np.diag(step), step, strict=True)]
-        )
-
-    per_slope = len(value) if slopes is None else 1
-    slope = (slopes or differences)(value)
-    count += per_slope
-    while count < MOST_EVALUATIONS - per_slope:
-        normal = slope.T @ slope
-        # Marquardt's scaling: damping acts on each parameter in units of its own curvature.
-        step = np.linalg.lstsq(normal + damping * np.diag(np.diag(normal) + 1e-12), -slope.T @ residual, rcond=None)[0]
-        candidate = np.clip(value + step, low, high)
-        moved = np.abs(candidate - value) / (high - low)
-        candidate_residual = law(candidate)
-        count += 1
-        if candidate_residual @ candidate_residual < residual @ residual:
-            value, residual, damping = candidate, candidate_residual, damping * 0.2
-            slope = (slopes or differences)(value)
-            count += per_slope
-        else:
-            damping *= 8.0
-        if moved.max() < 1e-6:
-            break
-    return value, slope, count

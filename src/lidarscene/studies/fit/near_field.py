@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from ...maths.arrays import Lanes, Numbers
 from ...maths.special import expm1
 from ...physics.optics import receiver
 from ...sensor.sensor_model import Sensor
-from .estimates import SIGMA_PER_MAD, Estimate, Solution, least_squares
+from .estimates import MOST_EVALUATIONS, SIGMA_PER_MAD, Estimate, Solution
 from .products import FAR_RATIO, near_field_m
 from .recorded_pulses import RecordedPulses
 
@@ -140,15 +139,13 @@ def _law(sensor_curve: Curve | None, p: Numbers, x: Numbers) -> Numbers:
     return np.asarray(p[0] + np.log(share(ratio, np.exp(p[2])) if sensor_curve is None else sensor_curve(ratio)))
 
 
-def _residuals(sensor_curve: Curve | None, root: Numbers, x: Numbers, y: Numbers, p: Numbers) -> Numbers:
-    return np.asarray((y - _law(sensor_curve, p, x)) * root)
-
-
 def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> NearField | None:
     """Fit the near field to a recording; None if SIGNAL or REFLECTIVITY is missing, or too few ranges.
 
     sensor  sensor whose own curve is stretched, unless it has one lens; None: law of one lens
     """
+    from scipy.optimize import least_squares
+
     if pulses.signal is None or pulses.reflectivity is None:
         return None
     fitted_pulses = pulses.select_columns(pulses.fitted)
@@ -174,8 +171,15 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
     value, slope = start, np.zeros((len(y), len(start)))
     for _ in range(4):  # the misfit and the weights follow from the residuals, which follow from the weights
         root = np.sqrt(weight) / np.sqrt(sigma**2 + misfit**2)
-        value, slope, count = least_squares(partial(_residuals, sensor_curve, root, x, y), value, low, high)
-        evaluations = max(evaluations, count)
+        solution = least_squares(
+            lambda p, root=root: (y - _law(sensor_curve, p, x)) * root,
+            value,
+            bounds=(low, high),
+            x_scale="jac",
+            max_nfev=MOST_EVALUATIONS // (1 + len(start)),
+        )
+        value, slope = solution.x, solution.jac
+        evaluations = max(evaluations, solution.nfev + len(start) * solution.njev)
         residual = y - _law(sensor_curve, value, x)
         # What of the scatter is beyond the bins' own noise is the misfit of the law.
         excess = np.median(np.abs(residual)) * SIGMA_PER_MAD
@@ -200,6 +204,8 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
 
 def _bins(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers, Numbers, Numbers] | None:
     """Bin pulses by ln R: (bins,) mean ln R, mean ln white_m2, its sigma; (blocks, bins) sums of it, and counts."""
+    from scipy import ndimage
+
     assert pulses.signal is not None
     assert pulses.reflectivity is not None
     mask = pulses.has_return & (pulses.signal >= LEAST_SIGNAL)
@@ -211,7 +217,7 @@ def _bins(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers, Numbers, N
     block = pulses.blocks(mask)
     bin_index = np.floor(x / LOG_RANGE_STEP).astype(int)
     bin_index -= bin_index.min()
-    median = _medians(y, bin_index)
+    median = np.asarray(ndimage.median(y, bin_index, np.arange(bin_index.max() + 1)))
     near_median = np.abs(y - median[bin_index]) < OUTLIER
     x, y, block, bin_index = x[near_median], y[near_median], block[near_median], bin_index[near_median]
     full_bins = np.flatnonzero(np.bincount(bin_index) >= LEAST_PULSES)
@@ -232,11 +238,3 @@ def _bins(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers, Numbers, N
     flat = block * shape[1] + bin_index
     counts, sums = (np.bincount(flat, weights, minlength=shape[0] * shape[1]).reshape(shape) for weights in (None, y))
     return middle_x, middle_y, np.maximum(spread / np.sqrt(n), 1e-6), sums, counts
-
-
-def _medians(values: Numbers, bin_index: Numbers) -> Numbers:
-    order = np.lexsort((values, bin_index))
-    counts = np.bincount(bin_index)
-    starts = np.cumsum(counts) - counts
-    middle_index = np.minimum(starts + counts // 2, len(values) - 1)
-    return np.asarray(values[order][middle_index])

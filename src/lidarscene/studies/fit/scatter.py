@@ -92,6 +92,8 @@ class Scatter:
 
 def fit_scatter(pulses: RecordedPulses) -> Scatter | None:
     """Fit the scatter of the range to a recording; None without SIGNAL, or with too few patches."""
+    from scipy.optimize import nnls
+
     if pulses.signal is None:
         return None
     squares, inverse, block = _patches(pulses.select_columns(pulses.fitted))
@@ -106,15 +108,9 @@ def fit_scatter(pulses: RecordedPulses) -> Scatter | None:
         if inlier.sum() < LEAST_PATCHES // 4:
             return None
         # The squares are exponentially distributed with mean ``law @ value`` times the truncated mean: iteratively
-        # reweighted least squares with weights 1 / variance^2 solve their likelihood.
-        weighted = law[inlier] / variance[inlier, None] ** 2
-        solution = np.linalg.lstsq(weighted.T @ law[inlier], weighted.T @ (squares[inlier] / _MEAN_BELOW), rcond=None)[
-            0
-        ]
-        if solution[0] <= 0.0 or solution[1] < 0.0:  # a negative floor or photon part: fit the other one alone
-            only = 1 if solution[0] <= 0.0 else 0
-            alone = float(weighted[:, only] @ (squares[inlier] / _MEAN_BELOW) / (weighted[:, only] @ law[inlier, only]))
-            solution = np.array([alone, 0.0]) if only == 0 else np.array([0.0, alone])
+        # reweighted least squares with weights 1 / variance^2 solve their likelihood; neither part is negative.
+        scale = 1.0 / variance[inlier]
+        solution = nnls(law[inlier] * scale[:, None], squares[inlier] / _MEAN_BELOW * scale)[0]
         converged = np.abs(solution - value).max() <= 1e-7 * np.abs(value).max()
         value = solution
         if converged:

@@ -1,7 +1,7 @@
 """Detection threshold over SIGNAL and NEAR_IR, fitted to pulses with and without a return.
 
 The chance of a return is the logistic function of (SIGNAL - floor - slope sqrt(NEAR_IR)) / width. Its parameters
-maximise the likelihood, which has one maximum, by Newton's method. Only pulses with a surface on both sides in their
+maximise the likelihood, which has one maximum. Only pulses with a surface on both sides in their
 row count: real sensors compare neighbours, and an isolated return is noise or treated as such.
 
 The sensor does not compare SIGNAL, which counts photons in a box, but the output of its filter, which weighs them. So
@@ -37,6 +37,9 @@ since a lost pulse has none."""
 
 LEAST_PULSES = 200
 """Least number of pulses near the threshold, with a return and without."""
+
+LARGEST_CONDITION = 1e12
+"""Condition number of the Fisher matrix above which the background hardly varies."""
 
 CHANCE_BINS = 20
 """Bins of the chance for the check."""
@@ -137,7 +140,7 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
             # First guess without a fit, from lost pulses, which lie below the threshold or not far above.
             max_signal = 4.0 * float(np.median(pulses.signal[fit_mask & ~pulses.has_return]))
             continue
-        solution = _newton(design, returned)
+        solution = _maximise(design, returned)
         if solution is None:
             return None
         value = solution
@@ -145,21 +148,20 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
         max_signal = LARGEST_SIGNAL_RATIO * median_level
     fit_mask = mask & columns
     design, returned = _design(pulses.signal[fit_mask], pulses.near_ir[fit_mask]), pulses.has_return[fit_mask]
-    solution = _newton(design, returned)
+    solution = _maximise(design, returned)
     if solution is None:
         return None
     chance = _chance(solution, design)
     block = pulses.blocks(fit_mask)
     pulse_scores = (returned - chance)[:, None] * design
     scores = np.column_stack([np.bincount(block, column) for column in pulse_scores.T])
-    slope = (design * (chance * (1.0 - chance))[:, None]).T @ design
     held_out = mask & ~columns
     expected = _chance(solution, _design(pulses.signal[held_out], pulses.near_ir[held_out]))
     bin_index = np.minimum((expected * CHANCE_BINS).astype(int), CHANCE_BINS - 1)
     counts = np.bincount(bin_index, minlength=CHANCE_BINS)
     filled = counts > 0
     return Threshold(
-        solved=Solution(value=solution, slope=slope, scores=scores),
+        solved=Solution(value=solution, slope=_information(solution, design), scores=scores),
         near_ir=float(np.median(design[:, 2])) ** 2,
         expected_share=np.bincount(bin_index, expected, minlength=CHANCE_BINS)[filled] / counts[filled],
         kept_share=np.bincount(bin_index, pulses.has_return[held_out], minlength=CHANCE_BINS)[filled] / counts[filled],
@@ -188,17 +190,21 @@ def _chance(value: Numbers, design: Numbers) -> Numbers:
     return np.asarray(1.0 / (1.0 + np.exp(-np.clip(design @ value, -60.0, 60.0))))
 
 
-def _newton(design: Numbers, returned: Numbers) -> Numbers | None:
-    """Maximise the likelihood by damped Newton steps; None without a maximum: separable data, or constant light."""
-    value = np.zeros(3)
-    for _ in range(30):
-        chance = _chance(value, design)
-        slope = (design * (chance * (1.0 - chance))[:, None]).T @ design
-        if np.linalg.cond(slope) > 1e12:
-            return None
-        step = np.linalg.solve(slope, design.T @ (returned - chance))
-        # At most 5 in any pulse's logit: a full step from 0 overshoots where the logistic curve is flat.
-        value = value + step * min(1.0, 5.0 / max(float(np.abs(design @ step).max()), 1e-12))
-        if np.abs(step / np.maximum(np.abs(value), 1e-6)).max() < 1e-8:
-            return value if value[0] > 0.0 else None
-    return None
+def _maximise(design: Numbers, returned: Numbers) -> Numbers | None:
+    """Maximise the likelihood; None without a maximum: separable data, constant light, or a chance that falls."""
+    from scipy.optimize import root
+
+    def score(value: Numbers) -> Numbers:
+        return np.asarray(design.T @ (returned - _chance(value, design)))
+
+    solution = root(score, np.zeros(3), jac=lambda value: -_information(value, design))
+    information = _information(solution.x, design)
+    # Of separable data no chance is between 0 and 1; the middle element is the sum of chance times (1 - chance).
+    is_maximum = solution.success and information[1, 1] > 1.0 and np.linalg.cond(information) < LARGEST_CONDITION
+    return np.asarray(solution.x) if is_maximum and solution.x[0] > 0.0 else None
+
+
+def _information(value: Numbers, design: Numbers) -> Numbers:
+    """(3, 3) Fisher matrix."""
+    chance = _chance(value, design)
+    return np.asarray((design * (chance * (1.0 - chance))[:, None]).T @ design)
