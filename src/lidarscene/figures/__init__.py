@@ -8,5 +8,5 @@ maps         maps over angles, patterns, the ground from above
 intervals    values with intervals over bins or names
 canvas       pixels and texts, written as PNG or SVG
 pictures     pictures of point clouds
-report_page  headings, paragraphs, pictures and tables as Markdown and HTML
+report       headings, paragraphs, tables and figures as text, Markdown, HTML, JSON and CSV
 """

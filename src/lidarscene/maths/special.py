@@ -14,6 +14,9 @@ import numpy as np
 
 from .arrays import Lanes, is_drjit, xp
 
+SIGMA_PER_MAD = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+
 # erfc(z) = t exp(-z^2 + g), t = 2 / (2 + z), with g a polynomial in t fitted to scipy.special.erfcx by
 # Chebyshev interpolation on 0 <= z <= 12: 1.8e-10 relative in float64, a few 1e-7 in float32.
 _G = (

@@ -12,6 +12,7 @@ from helpers.clouds import small_cloud
 from lidarscene.recordings.sweep import Second, Sweep
 from lidarscene.studies.compare.recording_comparison import (
     Side,
+    _row,
     compare_with_recording,
     compared_quantities,
     measure_ground,
@@ -107,16 +108,16 @@ def test_page_and_numbers(tmp_path: Path) -> None:
 
 
 def test_the_verdict_names_what_differs_most() -> None:
-    points = ("points", 90, 100, 0.9)
-    same, far, ring = (("range", 1.0, 1.05, 0.952), ("ground [m]", 10.0, 40.0, 0.25), ("points at 3", 1, 9, 0.11))
+    points = _row("points", 90, 100)
+    same, far, ring = (_row("range", 1.0, 1.05), _row("ground [m]", 10.0, 40.0), _row("points at 3", 1, 9))
     counts = "twin has 90 points, real 100 (-10 %)"
-    unknown = ("share", None, 0.9, None)
+    unknown = _row("share", None, 0.9)
     told = verdict("twin", "real", [points, same, far, ring, unknown])
     assert told == f"{counts}; what differs most is 'ground [m]': 10 against 40."
     assert verdict("twin", "real", [points, same, ring]) == f"{counts}; nothing else differs by 10 % or more."
     assert verdict("twin", "real", [points, unknown]) == f"{counts}; nothing else is known of both."
-    assert verdict("a", "b", [("points", 3, 3, 1.0)]).startswith("a has 3 points, as many as b; nothing")
-    assert verdict("a", "b", [("points", 3, 0, None)]).startswith("a has 3 points, b 0; nothing else")
+    assert verdict("a", "b", [_row("points", 3, 3)]).startswith("a has 3 points, as many as b; nothing")
+    assert verdict("a", "b", [_row("points", 3, 0)]).startswith("a has 3 points, b 0; nothing else")
 
 
 def test_the_ground_is_the_lowest_level_not_the_fullest() -> None:

@@ -10,11 +10,12 @@ from helpers.drawn_recordings import Truth, drawn_sweep, drawn_truth, two_lenses
 
 from lidarscene.catalog import path_of
 from lidarscene.errors import InputError
+from lidarscene.figures.report import Report
 from lidarscene.recordings.recording import Recording
 from lidarscene.recordings.sweep import Sweep
 from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.sensor.sensor_model import Sensor
-from lidarscene.studies.fit import recording_fit, recording_fit_report
+from lidarscene.studies.fit import recording_fit
 from lidarscene.studies.fit.estimates import MOST_EVALUATIONS
 from lidarscene.studies.fit.near_field import fit_near_field, share
 from lidarscene.studies.fit.products import near_field_m, scatter_c_mm, white_m2
@@ -69,7 +70,7 @@ def one_lens(folder: Path) -> str:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """Figures take longest, and one test looks at them."""
-    monkeypatch.setattr(recording_fit_report, "add_figures", lambda *_: None)
+    monkeypatch.setattr(Report, "figure", lambda *_: None)
     return monkeypatch
 
 
@@ -158,8 +159,8 @@ def test_a_law_that_does_not_hold_fails(tmp_path: Path, undrawn: pytest.MonkeyPa
     changed = replace(sweep, reflectivity=np.where(other, np.rint(sweep.reflectivity / 1.3), sweep.reflectivity))
     text, passed = written(tmp_path, undrawn, changed)
     assert not passed
-    assert "signal over the range" in text
-    assert text.count("FAILED") == 1
+    assert "it misses 'signal, mean error over the range', 0.2" in text
+    assert text.count("NOT MET") == 1
 
 
 def test_what_is_not_recorded_stays_as_it_was(tmp_path: Path, undrawn: pytest.MonkeyPatch, sweep: Sweep) -> None:

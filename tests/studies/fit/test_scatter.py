@@ -102,10 +102,9 @@ def test_scatter_in_millimetres_and_ratios_over_the_law() -> None:
         check_patches=np.array([25.0, 0.0]),
     )
     assert [estimate.value for estimate in made.estimates] == pytest.approx([200.0, 5.0])
-    np.testing.assert_allclose(made.ratios, [1.2])
-    # 25 patches give a deviation to 10 %, so that 1.2 is two sigmas above this.
-    assert made.beyond(1.2 * np.exp(-0.21))
-    assert not made.beyond(1.2 * np.exp(-0.19))
+    # 25 patches give a deviation to 10 %.
+    law_m = 0.005 * np.sqrt(2.0)
+    np.testing.assert_allclose(made.octaves, [[1600.0, 1.2 * law_m, law_m, 0.1]])
 
 
 def test_held_out_patches_are_judged_by_the_law_of_the_others() -> None:
@@ -131,7 +130,9 @@ def test_held_out_patches_are_judged_by_the_law_of_the_others() -> None:
     # Twice as far off, one in exp(-0.75) is left out as far above the law: 6 / 4 of chi^2 in place of 6.
     inside = 1.0 - np.exp(-0.75)
     mean = (2.0 - (2.0 + 1.5) * np.exp(-0.75)) / inside
-    np.testing.assert_allclose(fit.ratios, 2.0 * np.sqrt(mean / scatter._MEAN_BELOW), rtol=0.08)
+    np.testing.assert_allclose(
+        fit.octaves[:, 1] / fit.octaves[:, 2], 2.0 * np.sqrt(mean / scatter._MEAN_BELOW), rtol=0.08
+    )
 
 
 def test_uncertainties_are_those_of_a_law_whose_far_patches_are_left_out() -> None:

@@ -8,7 +8,7 @@ import pytest
 from helpers.paper_results import results
 from scipy.constants import c, e, h, k
 
-from lidarscene.figures.report_page import Page
+from lidarscene.figures.report import Report
 from lidarscene.studies.paper import case, study
 from lidarscene.studies.paper.claims import FAILS, HOLDS
 from lidarscene.studies.paper.numbers import closed_forms
@@ -190,7 +190,7 @@ def test_case_is_table_1():
 
 
 def test_page_escapes_what_it_is_told():
-    page = Page("a < b")
+    page = Report("a < b")
     page.heading("x & y")
     page.paragraph("1 < 2, N_b | *")
     page.table(("a|b", "c"), [("<script>", "d_e")])

@@ -8,8 +8,9 @@ from helpers.clouds import small_cloud
 from helpers.twins import room_sweep
 
 from lidarscene.maths.arrays import Numbers
+from lidarscene.studies.held import Held
 from lidarscene.studies.twin import judge
-from lidarscene.studies.twin.judge import TwinQuantity, bias_and_scatter, spread
+from lidarscene.studies.twin.judge import bias_and_scatter, spread
 from lidarscene.studies.twin.matched_pulses import NO_SURFACE, MatchedPulses
 from lidarscene.studies.twin.surfels import FILLED, SMOOTH
 
@@ -40,7 +41,7 @@ def pulses(seed: int = 5, **changed: Any) -> MatchedPulses:
     return MatchedPulses(**given | changed)
 
 
-def named(rows: Any, quantity: str) -> list[TwinQuantity]:
+def named(rows: Any, quantity: str) -> list[Held]:
     return [row for row in rows if row.quantity == quantity]
 
 
@@ -63,14 +64,6 @@ def test_spread_is_the_deviation_whatever_a_few_do() -> None:
     assert spread(values) == pytest.approx(3.0, rel=0.05)
 
 
-def test_limits_are_one_or_two_sided() -> None:
-    assert TwinQuantity(quantity="", value=0.5, low=0.4).is_met is True
-    assert TwinQuantity(quantity="", value=0.5, high=0.4).is_met is False
-    assert TwinQuantity(quantity="", value=-11.0, low=-10.0, high=10.0).is_met is False
-    assert TwinQuantity(quantity="", value=None, high=1.0).is_met is None
-    assert TwinQuantity(quantity="", value=1.0).is_met is None
-
-
 def test_a_range_bias_beyond_ten_millimetres_fails() -> None:
     one = pulses()
     for bias_mm, met in ((8.0, True), (12.0, False)):
@@ -78,7 +71,7 @@ def test_a_range_bias_beyond_ten_millimetres_fails() -> None:
         (row,) = named(judge._ranges(shifted), "range, bias")
         # The median of 4000 differences of two scatters of 20 mm is sure to 0.6 mm.
         assert row.value == pytest.approx(bias_mm, abs=2.0)
-        assert row.is_met is met
+        assert row.verdict is met
 
 
 def test_scatter_is_told_by_octaves_and_fails_in_the_one_that_is_off() -> None:
@@ -88,7 +81,7 @@ def test_scatter_is_told_by_octaves_and_fails_in_the_one_that_is_off() -> None:
     found = named(
         judge._ranges(pulses(simulated_change_m=one.simulated_change_m * np.where(weak, 2.0, 1.0))), "range, scatter"
     )
-    assert {row.condition: row.is_met for row in found} == {
+    assert {row.condition: row.verdict for row in found} == {
         "signal 16 to 32": False,
         "signal 32 to 64": True,
         "signal 64 to 128": True,
@@ -101,7 +94,7 @@ def test_what_is_of_another_surface_has_no_bias() -> None:
     one = pulses()
     far = np.arange(N) % 3 == 0
     (row,) = named(judge._ranges(pulses(range_m=one.range_m + 5.0 * far)), "range, bias")
-    assert row.is_met
+    assert row.verdict
 
 
 def test_signals_are_compared_by_range() -> None:
@@ -110,9 +103,9 @@ def test_signals_are_compared_by_range() -> None:
         judge._signals(pulses(simulated_signal=1.2 * one.simulated_signal)), "signal, mean error over the range"
     )
     assert row.value == pytest.approx(0.2, abs=0.02)
-    assert row.is_met is False
+    assert row.verdict is False
     (unknown,) = judge._signals(pulses(signal=None))
-    assert unknown.is_met is None
+    assert unknown.verdict is None
 
 
 def test_points_and_the_worst_ring() -> None:
@@ -121,7 +114,7 @@ def test_points_and_the_worst_ring() -> None:
     found = list(judge._points(pulses(simulated_range_m=without(one.simulated_range_m, lost))))
     (points,), (worst,) = named(found, "points"), named(found, "points per ring, worst")
     assert points.value == pytest.approx(-1.0 / 16.0)
-    assert (worst.condition, worst.value, worst.is_met) == ("ring 3", pytest.approx(-0.5), False)
+    assert (worst.condition, worst.value, worst.verdict) == ("ring 3", pytest.approx(-0.5), False)
 
 
 def test_losses_count_on_surfaces_only_and_without_those_withheld() -> None:
@@ -142,7 +135,7 @@ def test_losses_count_on_surfaces_only_and_without_those_withheld() -> None:
     (losses,) = named(found, "real losses on surfaces kept")
     assert (losses.condition, losses.value) == ("of 200", pytest.approx(kept_anyway.sum() / 200.0))
     (kept,) = named(found, "real returns kept")
-    assert (kept.value, kept.is_met) == (1.0, True)
+    assert (kept.value, kept.verdict) == (1.0, True)
 
 
 def test_second_returns_by_share_and_least_separation() -> None:
@@ -150,8 +143,8 @@ def test_second_returns_by_share_and_least_separation() -> None:
     real = np.where(number % 10 == 0, 0.85 + number / N, np.nan)
     mine = np.where(number % 20 == 0, 0.30 + number / N, np.nan)
     share, gap = judge._second(pulses(gap_m=real, simulated_gap_m=mine))
-    assert (share.value, share.is_met) == (pytest.approx(0.5), False)
-    assert (gap.real, gap.simulated, gap.is_met) == (
+    assert (share.value, share.verdict) == (pytest.approx(0.5), False)
+    assert (gap.reference, gap.simulated, gap.verdict) == (
         pytest.approx(0.86, abs=0.01),
         pytest.approx(0.31, abs=0.01),
         False,
@@ -169,7 +162,7 @@ def test_disagreement_is_held_to_that_of_two_real_frames() -> None:
         lost = np.arange(N) < share * N
         found = judge._kept_quantities(pulses(simulated_range_m=without(one.simulated_range_m, lost)), between)
         (row,) = named(found, "kept or lost otherwise than real")
-        assert (row.value, row.is_met) == (pytest.approx(share), met)
+        assert (row.value, row.verdict) == (pytest.approx(share), met)
     assert judge.disagreement(room_sweep(), room_sweep(includes_lost=False)) is None
 
 
@@ -179,7 +172,7 @@ def fixed(**changed: Any) -> MatchedPulses:
     return pulses(**{"range_m": true_m, "simulated_range_m": true_m} | changed)
 
 
-def value_of(rows: Any, quantity: str) -> TwinQuantity:
+def value_of(rows: Any, quantity: str) -> Held:
     return next(row for row in rows if row.quantity == quantity and row.value is not None)
 
 
@@ -195,7 +188,7 @@ def test_the_bias_is_of_the_simulation_against_the_recording() -> None:
 def test_scatter_is_that_of_the_simulation_over_the_recorded(factor: float, met: bool) -> None:
     plain = pulses()
     row = value_of(judge._ranges(pulses(signal=None, simulated_change_m=factor * plain.change_m)), "range, scatter")
-    assert (row.value, row.is_met) == (pytest.approx(factor), met)
+    assert (row.value, row.verdict) == (pytest.approx(factor), met)
 
 
 def test_errors_of_the_signal_do_not_cancel_over_the_range() -> None:
@@ -209,7 +202,7 @@ def test_errors_of_the_signal_do_not_cancel_over_the_range() -> None:
     assert value_of(rows, "signal, mean error over the range").value == pytest.approx(0.25, abs=1e-3)
     for factor, met in ((1.14, True), (1.16, False), (0.86, True), (0.84, False)):
         scaled = judge._signals(fixed(simulated_signal=factor * plain.signal))
-        assert value_of(scaled, "signal, mean error over the range").is_met is met
+        assert value_of(scaled, "signal, mean error over the range").verdict is met
 
 
 def test_the_simulated_signal_is_of_all_that_was_simulated() -> None:
@@ -249,7 +242,7 @@ def test_limits_of_what_is_lost(quantity: str, lost_share: float, met: bool) -> 
     plain = fixed()
     lost = (np.arange(N) // 8) % 100 < 100 * lost_share  # as many on each ring
     thinned = fixed(simulated_range_m=without(plain.simulated_range_m, lost))
-    assert value_of([*judge._points(thinned), *judge._kept_quantities(thinned)], quantity).is_met is met
+    assert value_of([*judge._points(thinned), *judge._kept_quantities(thinned)], quantity).verdict is met
 
 
 @pytest.mark.parametrize(("kept_anyway", "met"), [(95, True), (105, False)])
@@ -261,7 +254,7 @@ def test_of_real_losses_no_more_than_half_may_be_kept(kept_anyway: int, met: boo
             simulated_range_m=without(plain.simulated_range_m, (number >= kept_anyway) & (number < 200)),
         )
     )
-    assert value_of(rows, "real losses on surfaces kept").is_met is met
+    assert value_of(rows, "real losses on surfaces kept").verdict is met
 
 
 @pytest.mark.parametrize(("angle_deg", "met"), [(0.009, True), (0.011, False)])
@@ -271,7 +264,7 @@ def test_beams_agree_to_a_hundredth_of_a_degree(angle_deg: float, met: bool, mon
     monkeypatch.setattr(judge, "_ground", lambda *_: ())
     rows = judge.twin_quantities(fixed(angle_rad=np.full(N, np.radians(angle_deg))), room_sweep(), None)  # type: ignore[arg-type]
     row = value_of(rows, "beam direction")
-    assert (row.value, row.is_met) == (pytest.approx(angle_deg), met)
+    assert (row.value, row.verdict) == (pytest.approx(angle_deg), met)
 
 
 @pytest.mark.parametrize(("farthest_m", "met"), [(43.0, True), (41.0, False), (57.0, True), (58.0, False)])
@@ -288,7 +281,7 @@ def test_the_farthest_ground_is_held_to_15_per_cent(
     monkeypatch.setattr(judge, "measure_ground", ground)
     cloud = small_cloud(n=8, return_number=np.array([1, 2, 1, 1, 3, 1, 2, 1], np.uint8))
     (row,) = judge._ground(room_sweep(), cloud)
-    assert (row.value, row.is_met) == (pytest.approx(farthest_m / 50.0 - 1.0), met)
+    assert (row.value, row.verdict) == (pytest.approx(farthest_m / 50.0 - 1.0), met)
     assert len(seen[1]) == 5
 
 
@@ -305,8 +298,8 @@ def test_limits_of_second_returns(every: int, gap_m: float, share_met: bool, gap
             simulated_gap_m=np.where(number % every == 0, gap_m + (number > 1000), np.nan),
         )
     )
-    assert (share.value, share.is_met) == (pytest.approx(10.0 / every, rel=0.01), share_met)
-    assert (gap.value, gap.is_met) == (pytest.approx(gap_m - 1.0), gap_met)
+    assert (share.value, share.verdict) == (pytest.approx(10.0 / every, rel=0.01), share_met)
+    assert (gap.value, gap.verdict) == (pytest.approx(gap_m - 1.0), gap_met)
 
 
 def test_frames_are_told_apart_by_the_pulses_that_both_recorded() -> None:
@@ -321,4 +314,4 @@ def test_frames_are_told_apart_by_the_pulses_that_both_recorded() -> None:
 @pytest.mark.parametrize(("bias_mm", "met"), [(9.9, True), (10.1, False), (-9.9, True), (-10.1, False)])
 def test_ten_millimetres_of_bias_either_way(bias_mm: float, met: bool) -> None:
     rows = judge._ranges(fixed(simulated_range_m=fixed().true_range_m + 1e-3 * bias_mm))
-    assert value_of(rows, "range, bias").is_met is met
+    assert value_of(rows, "range, bias").verdict is met

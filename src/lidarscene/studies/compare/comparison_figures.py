@@ -6,9 +6,8 @@ A figure and its CSV come from one place, so that they cannot disagree.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,14 +15,12 @@ import numpy as np
 from ...figures import intervals
 from ...figures import lines as charts
 from ...figures.intervals import Series
+from ...figures.report import Figure
 from ...maths.arrays import Numbers
 from ...sensor.sensor_model import Sensor
 from .comparison_statistics import DetectionRate, RangeError, paired_snr, range_errors, rates_by_group
 from .illuminance_sweep import IlluminanceSweep
 from .observations import Grouping, Observation
-
-Figure = tuple[str, Callable[[Path], None], tuple[Sequence[str], Any], str]
-"""File name without suffix, drawing to a path, CSV header and rows, explanation."""
 
 RATE_HEADER = ("sensor", "group", "low", "high", "surfaces", "found", "rate", "rate_low", "rate_high", "expected")
 ERROR_HEADER = ("sensor", "group", "points", "bias_m", "bias_interval_m", "sigma_m", "sigma_interval_m")
@@ -84,7 +81,7 @@ def rate_figure(observations: Sequence[Observation], grouping: Grouping, populat
         y_limits=(10.0 * math.floor(0.1 * lowest) - 1.0, 101.0),
         title=f"Share of {population} that was found",
     )
-    return f"rate-{grouping.key}", draw, (RATE_HEADER, rate_rows(observations, grouping)), caption
+    return Figure(f"rate-{grouping.key}", draw, (RATE_HEADER, rate_rows(observations, grouping)), caption)
 
 
 def class_rate_figure(observations: Sequence[Observation], grouping: Grouping, population: str) -> Figure:
@@ -104,7 +101,7 @@ def class_rate_figure(observations: Sequence[Observation], grouping: Grouping, p
         x_label="found [%]",
         title=f"Share of {population} that was found",
     )
-    return "rate-class", draw, (RATE_HEADER, rate_rows(observations, grouping)), caption
+    return Figure("rate-class", draw, (RATE_HEADER, rate_rows(observations, grouping)), caption)
 
 
 def _rate_series(name: str, points: Sequence[tuple[float, DetectionRate]]) -> Series:
@@ -159,7 +156,7 @@ def range_error_figure(observations: Sequence[Observation], grouping: Grouping) 
         x_label="true range [m]",
         title="Error of the reported range",
     )
-    return "error-range", draw, (ERROR_HEADER, error_rows(observations, grouping)), caption
+    return Figure("error-range", draw, (ERROR_HEADER, error_rows(observations, grouping)), caption)
 
 
 def _error_series(name: str, x: Numbers, bin_errors: Sequence[RangeError], quantity: str) -> Series:
@@ -197,7 +194,7 @@ def snr_figure(
         (float(x), float(y), kinds[number])
         for x, y, number in zip(snr_a[::step], snr_b[::step], kind[::step], strict=True)
     ]
-    return f"snr-{slug}", draw, (("snr_a", "snr_b", "found"), rows), caption
+    return Figure(f"snr-{slug}", draw, (("snr_a", "snr_b", "found"), rows), caption)
 
 
 def illuminance_figure(sweep: IlluminanceSweep) -> Figure:
@@ -260,4 +257,4 @@ def illuminance_figure(sweep: IlluminanceSweep) -> Figure:
         "false_alarms",
         "sigma_m",
     )
-    return "illuminance", lambda path: charts.save(chart, [path]), (header, rows), caption
+    return Figure("illuminance", lambda path: charts.save(chart, [path]), (header, rows), caption)

@@ -17,8 +17,8 @@ import numpy as np
 from ...cloud import pixels
 from ...cloud.point_cloud import PointCloud
 from ...figures import pictures as plots
-from ...figures.report_page import Page, csv_text
-from ...files.atomic import atomic_folder, put_text, require_writable
+from ...figures.report import Report
+from ...files.atomic import atomic_folder
 from ...files.json_text import json_text
 from ...formats.ply import write_columns
 from ...maths.arrays import Numbers
@@ -80,12 +80,6 @@ def file_names(names: Sequence[str], *, matched: bool, rated: bool, swept: bool,
     return files
 
 
-def require_writable_files(folder: Path, names: Sequence[str]) -> None:
-    """Check that all files can be written, before any work is done. Raises OutputError."""
-    for name in names:
-        require_writable(folder / name)
-
-
 def write_comparison(comparison: Comparison, output: ComparisonOutput, *, as_json: bool = False) -> str:
     """Write all files; returns the text to print. Raises OutputError."""
     with atomic_folder(output.folder) as temporary:
@@ -97,7 +91,7 @@ def write_comparison(comparison: Comparison, output: ComparisonOutput, *, as_jso
 def _write_files(comparison: Comparison, output: ComparisonOutput) -> str:
     """Write all files into the output's folder; returns the numbers as JSON."""
     folder, file_slugs = output.folder, slugs([observation.name for observation in comparison.observations])
-    page = Page(comparison.title, folder=folder, columns=True)
+    page = Report(comparison.title, folder, columns=True)
     page.paragraph(report.verdict(comparison))
     page.table(*report.fate_table(comparison))
     page.table(*report.summary_table(comparison))
@@ -106,61 +100,54 @@ def _write_files(comparison: Comparison, output: ComparisonOutput) -> str:
     if comparison.matched:
         page.heading("Who found what")
         page.table(report.PAIRS, report.pair_rows(comparison))
-        _write_pairs(comparison, folder, file_slugs)
+        _write_pairs(page, comparison, file_slugs)
     page.heading("The clouds")
     _draw_clouds(page, comparison, output, file_slugs)
     if comparison.rated:
-        _write_rates(page, comparison, folder)
+        _write_rates(page, comparison)
     else:
         page.heading("Echoes")
         for key in ("range", "class"):
             page.table(*report.counts_table(comparison, key))
     page.heading("Range error")
-    _show(page, folder, figures.range_error_figure(comparison.observations, comparison.group("range")))
-    _write_snr(page, comparison, folder, file_slugs)
+    page.figure(figures.range_error_figure(comparison.observations, comparison.group("range")))
+    _write_snr(page, comparison, file_slugs)
     if comparison.sweep is not None:
         page.heading("Illuminance")
         for line in report.crossing_lines(comparison.sweep, comparison.observations[0].name):
             page.paragraph(line)
         page.table(*report.sweep_table(comparison.sweep))
-        _show(page, folder, figures.illuminance_figure(comparison.sweep))
+        page.figure(figures.illuminance_figure(comparison.sweep))
     if comparison.seed is not None:
         for observation, slug in zip(comparison.observations, file_slugs, strict=True):
             observation.cloud.save(folder / f"{slug}.ply")
-    numbers = json_text(comparison_as_dict(comparison), indent=2)
-    put_text(folder / NUMBERS, numbers + "\n")
-    put_text(folder / PAGE, page.as_html())
-    return numbers
+    numbers = comparison_as_dict(comparison)
+    page.write(PAGE, NUMBERS, numbers=numbers)
+    return json_text(numbers, indent=1)
 
 
-def _show(page: Page, folder: Path, figure: figures.Figure | None) -> None:
-    if figure is not None:
-        stem, draw, table, caption = figure
-        draw(folder / f"{stem}.png")
-        put_text(folder / f"{stem}.csv", csv_text(*table))
-        page.figure(name=stem, number=stem, caption=caption, svg=False)
-
-
-def _write_rates(page: Page, comparison: Comparison, folder: Path) -> None:
+def _write_rates(page: Report, comparison: Comparison) -> None:
     page.heading("Detection rate")
     observations = comparison.observations
     for key in ("range", "incidence", "reflectivity"):
-        _show(page, folder, figures.rate_figure(observations, comparison.group(key), comparison.population))
-    _show(page, folder, figures.class_rate_figure(observations, comparison.group("class"), comparison.population))
+        page.figure(figures.rate_figure(observations, comparison.group(key), comparison.population))
+    page.figure(figures.class_rate_figure(observations, comparison.group("class"), comparison.population))
     page.table(*report.group_table(comparison, "class"))
     body = comparison.group("body")
-    put_text(folder / "rate-body.csv", csv_text(figures.RATE_HEADER, figures.rate_rows(observations, body)))
+    page.data("rate-body", (figures.RATE_HEADER, figures.rate_rows(observations, body)))
     header, rows = report.group_table(comparison, "body", report.MOST_BODIES)
     choice = "with most pulses that only one sensor found" if comparison.matched else "of most pulses"
     page.paragraph(f"The {len(rows)} bodies {choice}; rate-body.csv has all.")
     page.table(header, rows)
 
 
-def _write_snr(page: Page, comparison: Comparison, folder: Path, file_slugs: Sequence[str]) -> None:
+def _write_snr(page: Report, comparison: Comparison, file_slugs: Sequence[str]) -> None:
     if comparison.matched:
         page.heading("Signal-to-noise ratio")
     for number, ((a, b), slug) in enumerate(_against_first(comparison, file_slugs), start=1):
-        _show(page, folder, figures.snr_figure(a, b, slug, (comparison.sensors[0], comparison.sensors[number])))
+        figure = figures.snr_figure(a, b, slug, (comparison.sensors[0], comparison.sensors[number]))
+        if figure is not None:
+            page.figure(figure)
 
 
 def _against_first(
@@ -170,7 +157,7 @@ def _against_first(
     return zip(comparison.against_first(), file_slugs[1:] if comparison.matched else (), strict=True)
 
 
-def _write_pairs(comparison: Comparison, folder: Path, file_slugs: Sequence[str]) -> None:
+def _write_pairs(page: Report, comparison: Comparison, file_slugs: Sequence[str]) -> None:
     for (a, b), slug in _against_first(comparison, file_slugs):
         rows = []
         for group in (None, *comparison.groups):
@@ -188,10 +175,10 @@ def _write_pairs(comparison: Comparison, folder: Path, file_slugs: Sequence[str]
                             *pair.difference_interval,
                         )
                     )
-        put_text(folder / f"pairs-{slug}.csv", csv_text(_PAIR_HEADER, rows))
+        page.data(f"pairs-{slug}", (_PAIR_HEADER, rows))
 
 
-def _draw_clouds(page: Page, comparison: Comparison, output: ComparisonOutput, file_slugs: Sequence[str]) -> None:
+def _draw_clouds(page: Report, comparison: Comparison, output: ComparisonOutput, file_slugs: Sequence[str]) -> None:
     """Draw every cloud and every difference cloud from one point of view; write the difference clouds."""
     view = _view(comparison.observations[0].cloud, output.view)
     # One scale for all, or the same colour would mean different things.

@@ -13,13 +13,14 @@ import numpy as np
 
 from ...detection.outcomes import Status
 from ...errors import InputError
+from ...figures.report import require_writable_files
 from ...scene.scene import Scene
 from ...sensor.sensor_model import Sensor
 from ..field_of_view.field_of_view_study import ProgressCallback
 from ..ranging.sweep_report import unambiguous_m
 from . import cloud_matching
 from .bench import Bench, NamedSensor, fires_alike, with_beams_of
-from .comparison_files import ComparisonOutput, file_names, require_writable_files, write_comparison
+from .comparison_files import ComparisonOutput, file_names, write_comparison
 from .comparison_report import Comparison
 from .illuminance_sweep import sweep_illuminance
 from .observations import Observation, groupings

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from ...cloud.point_cloud import PointCloud
-from ...figures.report_page import Page
-from ...files.atomic import put_text, require_writable
+from ...figures.report import Report, require_writable_files
 from ...files.json_text import json_text
 from ...maths.arrays import Numbers
 from ...recordings.sweep import Sweep
+from ..held import Held, held_table, value_text
 
 PAGE, NUMBERS = "index.html", "real.json"
 QUANTILES = (1.0, 10.0, 50.0, 90.0, 99.0, 99.9)
@@ -103,48 +103,43 @@ def side_of_cloud(name: str, cloud: PointCloud) -> Side:
 
 def compare_with_recording(side: Side, real: Side, folder: Path, *, as_json: bool = False) -> str:
     """Write page and JSON; returns the text to print. Raises OutputError."""
-    for name in (PAGE, NUMBERS):
-        require_writable(folder / name)
+    require_writable_files(folder, (PAGE, NUMBERS))
     sides = [compared_quantities(side), compared_quantities(real)]
-    rows = [*_quantity_rows(sides), *_channel_rows(sides)]
-    sentence = verdict(side.name, real.name, rows)
-    report = {
-        "verdict": sentence,
+    rows = [*_quantity_rows(*sides), *_channel_rows(*sides)]
+    numbers: dict[str, Any] = {
+        "verdict": verdict(side.name, real.name, rows),
         "sides": sides,
-        "rows": [dict(zip(("quantity", side.name, real.name, "ratio"), row, strict=True)) for row in rows],
+        "rows": [
+            {"quantity": row.quantity, side.name: row.simulated, real.name: row.reference, "ratio": row.value}
+            for row in rows
+        ],
     }
-    page = Page(f"{side.name} beside {real.name}", folder=folder)
-    page.paragraph(sentence)
-    page.paragraph(_NOTE)
-    page.table(("quantity", side.name, real.name, "ratio"), [[_cell_text(cell) for cell in row] for row in rows])
-    put_text(folder / PAGE, page.as_html())
-    put_text(folder / NUMBERS, json_text(report, indent=1) + "\n")
-    if as_json:
-        return json_text(report)
-    lines = [
-        f"{row[0]:34s} {_cell_text(row[1]):>12s} {_cell_text(row[2]):>12s} {_cell_text(row[3]):>8s}" for row in rows
-    ]
-    head = f"{'':34s} {side.name[:12]:>12s} {real.name[:12]:>12s} {'ratio':>8s}"
-    return "\n".join([sentence, head, *lines, f"wrote {folder / PAGE}"])
+    report = Report(f"{side.name} beside {real.name}", folder)
+    report.paragraph(numbers["verdict"])
+    report.table(*held_table(rows, reference=real.name, simulated=side.name, value="ratio"))
+    text = json_text(numbers) if as_json else f"{report.as_text()}\nwrote {folder / PAGE}"
+    report.paragraph(_NOTE)
+    report.write(PAGE, NUMBERS, numbers=numbers)
+    return text
 
 
-QuantityRow = tuple[str, Any, Any, Any]
-"""Row of the table: quantity, its value for the cloud and for the recording, ratio of the two."""
-
-
-def verdict(name: str, real_name: str, rows: Sequence[QuantityRow]) -> str:
+def verdict(name: str, real_name: str, rows: Sequence[Held]) -> str:
     """The outcome in one sentence: how many points, and what differs most."""
-    (_, value, real_value, ratio), *other_rows = (row for row in rows if not row[0].startswith(CHANNEL_PREFIX))
-    sentence = f"{name} has {value:,} points, {'as many as ' if value == real_value else ''}{real_name}"
-    if value != real_value:
-        sentence += f" {real_value:,}" + (f" ({100.0 * (ratio - 1.0):+.3g} %)" if ratio is not None else "")
-    comparable_rows = [row for row in other_rows if row[3] is not None and row[3] > 0.0]
-    if not comparable_rows:
+    points, *others = (row for row in rows if not row.quantity.startswith(CHANNEL_PREFIX))
+    sentence = f"{name} has {value_text(points.simulated)} points"
+    if points.simulated == points.reference:
+        sentence += f", as many as {real_name}"
+    else:
+        share = "" if points.value is None else f" ({100.0 * (points.value - 1.0):+.3g} %)"
+        sentence += f", {real_name} {value_text(points.reference)}{share}"
+    ratios = [(abs(math.log(row.value)), row) for row in others if row.value is not None and row.value > 0.0]
+    if not ratios:
         return f"{sentence}; nothing else is known of both."
-    quantity, value, real_value, ratio = max(comparable_rows, key=lambda row: abs(math.log(row[3])))
-    if abs(ratio - 1.0) < ALIKE:
+    _, row = max(ratios, key=lambda pair: pair[0])
+    if row.value is not None and abs(row.value - 1.0) < ALIKE:
         return f"{sentence}; nothing else differs by {100.0 * ALIKE:.0f} % or more."
-    return f"{sentence}; what differs most is '{quantity}': {_cell_text(value)} against {_cell_text(real_value)}."
+    values = f"{value_text(row.simulated)} against {value_text(row.reference)}"
+    return f"{sentence}; what differs most is '{row.quantity}': {values}."
 
 
 _NOTE = (
@@ -235,38 +230,29 @@ def _height_above(plane: Numbers, xyz_m: Numbers) -> Numbers:
     return np.asarray(xyz_m[:, 2] - plane[0] - xyz_m[:, :2] @ plane[1:])
 
 
-def _quantity_rows(sides: list[dict[str, Any]]) -> list[QuantityRow]:
+def _quantity_rows(quantities: dict[str, Any], real_quantities: dict[str, Any]) -> list[Held]:
     """Rows of all quantities that at least one side has."""
-    quantities, real_quantities = sides
-    names = [
-        name for name in quantities if name != "rings" and (quantities[name], real_quantities[name]) != (None, None)
+    return [
+        _row(name, value, real_quantities[name])
+        for name, value in quantities.items()
+        if name != "rings" and (value, real_quantities[name]) != (None, None)
     ]
-    return [(name, *_with_ratio(quantities[name], real_quantities[name])) for name in names]
 
 
-def _channel_rows(sides: list[dict[str, Any]]) -> list[QuantityRow]:
-    channels, real_channels = (side["rings"] for side in sides)
+def _channel_rows(quantities: dict[str, Any], real_quantities: dict[str, Any]) -> list[Held]:
+    channels, real_channels = quantities["rings"], real_quantities["rings"]
     if channels is None and real_channels is None:
         return []
-    rows: list[QuantityRow] = [
-        (
-            "channels with points",
-            *_with_ratio(*(None if rings is None else len(rings) for rings in (channels, real_channels))),
-        )
-    ]
+    counts = (None if rings is None else len(rings) for rings in (channels, real_channels))
+    rows = [_row("channels with points", *counts)]
     if channels and real_channels and len(channels) == len(real_channels):
         rows += [
-            (f"{CHANNEL_PREFIX}{elevation_deg:.2f} degrees", *_with_ratio(points, real_points))
+            _row(f"{CHANNEL_PREFIX}{elevation_deg:.2f} degrees", points, real_points)
             for (_, points), (elevation_deg, real_points) in zip(channels, real_channels, strict=True)
         ]
     return rows
 
 
-def _with_ratio(value: Any, real_value: Any) -> tuple[Any, Any, Any]:
-    return value, real_value, value / real_value if value is not None and real_value else None
-
-
-def _cell_text(value: Any) -> str:
-    if value is None:
-        return "-"
-    return str(value) if isinstance(value, str | int) else f"{value:.4g}"
+def _row(quantity: str, value: float | None, real_value: float | None) -> Held:
+    ratio = value / real_value if value is not None and real_value else None
+    return Held(quantity=quantity, reference=real_value, simulated=value, value=ratio)

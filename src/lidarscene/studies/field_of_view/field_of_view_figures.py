@@ -5,15 +5,15 @@ A figure and its CSV come from one place, so that they cannot disagree.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ...figures import lines as charts
 from ...figures import maps
+from ...figures.report import Figure
 from ...maths.arrays import Numbers
 from ..ranging.plane import Target
 from .pattern_coverage import LONG, rate_hz
@@ -24,9 +24,6 @@ from .sphere_cells import SphereCells
 if TYPE_CHECKING:
     from .body_points import BodyPoints
     from .sensor_view import SensorView
-
-Figure = tuple[str, Callable[[Path], None], tuple[Sequence[str], Any], str]
-"""File name without suffix, drawing to a path, CSV header and rows, explanation."""
 
 SUMMARY = (
     "sensor",
@@ -124,7 +121,9 @@ def coverage_figure(views: Sequence[SensorView], times_s: Sequence[float], cell_
     )
     caption = f"Share of the field of view whose cells of {cell_deg:g} degrees have got a pulse, against time."
     header = ("time_s", *(f"{view.name} [%]" for view in views))
-    return ("coverage", lambda path: charts.save(chart, [path]), (header, zip(fine, *curves, strict=True)), caption)
+    return Figure(
+        "coverage", lambda path: charts.save(chart, [path]), (header, zip(fine, *curves, strict=True)), caption
+    )
 
 
 def coverage_rows(views: Sequence[SensorView], times_s: Sequence[float]) -> list[tuple[str, ...]]:
@@ -163,7 +162,9 @@ def spacing_figure(views: Sequence[SensorView]) -> Figure:
         f"is exact, for up to {QUERIES} pulses evenly taken of the frame."
     )
     header = ("spacing_deg", *(f"{view.name} [%]" for view in views))
-    return ("spacing", lambda path: charts.save(chart, [path]), (header, zip(middle, *shares, strict=True)), caption)
+    return Figure(
+        "spacing", lambda path: charts.save(chart, [path]), (header, zip(middle, *shares, strict=True)), caption
+    )
 
 
 def spacing_rows(views: Sequence[SensorView]) -> list[tuple[str, ...]]:
@@ -211,7 +212,7 @@ def ground_figure(views: Sequence[SensorView], below: Ground) -> Figure:
     header = ("x_m", "y_m", "sensors", *(view.name for view in views))
     title = "Ground seen from above; grey: blind"
     draw = partial(maps.save_ground, count=below.count, half_m=half, sensors=places, title=title)
-    return "ground", draw, (header, rows), caption
+    return Figure("ground", draw, (header, rows), caption)
 
 
 def body_points_figure(bodies: Sequence[tuple[str, list[BodyPoints]]], scene: str) -> Figure:
@@ -237,7 +238,7 @@ def body_points_figure(bodies: Sequence[tuple[str, list[BodyPoints]]], scene: st
         y_label="points on the body",
         title=f"One frame in the scene {scene}",
     )
-    return "bodies", draw, (("sensor", "body", "class", "distance_m", "points"), rows), caption
+    return Figure("bodies", draw, (("sensor", "body", "class", "distance_m", "points"), rows), caption)
 
 
 def all_patterns_figure(views: Sequence[SensorView]) -> Figure:
@@ -268,7 +269,7 @@ def all_patterns_figure(views: Sequence[SensorView]) -> Figure:
     ]
     caption = f"Where the pulses of all sensors go, up to {most_pulses:,} of each that come first in its frame."
     draw = partial(maps.save_layers, layers=layers, extent=extent, title="Patterns of all sensors, at their mountings")
-    return "patterns", draw, (("sensor", "time_s", "azimuth_deg", "elevation_deg"), rows), caption
+    return Figure("patterns", draw, (("sensor", "time_s", "azimuth_deg", "elevation_deg"), rows), caption)
 
 
 def pattern_figure(view: SensorView) -> Figure:
@@ -288,7 +289,7 @@ def pattern_figure(view: SensorView) -> Figure:
         title=f"{view.name}: the {min(count, DOTS):,} pulses {part}",
     )
     rows = zip(columns[2], columns[0], columns[1], strict=True)
-    return f"{view.slug}-pattern", draw, (("time_s", "azimuth_deg", "elevation_deg"), rows), caption
+    return Figure(f"{view.slug}-pattern", draw, (("time_s", "azimuth_deg", "elevation_deg"), rows), caption)
 
 
 def density_figure(view: SensorView) -> Figure:
@@ -359,7 +360,9 @@ def _map_figure(view: SensorView, values: Numbers, map_words: _MapWords, caption
     azimuth, elevation = view.cells.middle_deg(view.coverage_maps.cell)
     rows = zip(azimuth, elevation, values, strict=True)
     draw = partial(maps.save_map, angle_map=picture)
-    return f"{view.slug}-{map_words.kind}", draw, (("azimuth_deg", "elevation_deg", map_words.column), rows), caption
+    return Figure(
+        f"{view.slug}-{map_words.kind}", draw, (("azimuth_deg", "elevation_deg", map_words.column), rows), caption
+    )
 
 
 def _extent(view: SensorView) -> tuple[float, float, float, float]:

@@ -1,4 +1,4 @@
-"""Entry point of field-of-view studies: `write_study` takes sensors and writes pictures, CSV and a page.
+"""Entry point of field-of-view studies: `write_study` takes sensors and writes pictures, CSV and a report.
 
 The command `fov` and Python users call it.
 """
@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...figures.report_page import Page, csv_text
-from ...files.atomic import atomic_folder, put_text, require_writable
+from ...figures.report import Report, require_writable_files
+from ...files.atomic import atomic_folder
 from ...files.json_text import json_text
 from ...sensor.sensor_model import Sensor
 from . import field_of_view_figures as figures
@@ -79,8 +79,7 @@ def write_study(
     """
     names = [name for name, _ in sensors]
     files = file_names(names, with_ground=_on_vehicle(sensors), with_scene=scene is not None)
-    for name in files:
-        require_writable(folder / name)
+    require_writable_files(folder, files)
     with atomic_folder(folder) as temporary:
         views = _write_files(temporary, sensors, study, scene, vehicle, progress)
     return _result_text(folder, views, study, files, as_json=as_json)
@@ -105,36 +104,32 @@ def _write_files(
         progress(len(views), total)
     below = _ground_around(views, study) if on_vehicle else None
     bodies = _points_on_bodies(sensors, scene, vehicle) if scene is not None else None
-    page = Page("Fields of view", columns=True)
-    page.paragraph(figures.introduction(study.cell_deg, study.mask, DWELL_S, study.target))
-    page.table(figures.SUMMARY, [figures.summary_row(view) for view in views])
+    report = Report("Fields of view", folder, embeds=False, columns=True)
+    report.paragraph(figures.introduction(study.cell_deg, study.mask, DWELL_S, study.target))
+    report.table(figures.SUMMARY, [figures.summary_row(view) for view in views])
 
-    def show(stem: str, draw: Callable[[Path], None], table: tuple[Sequence[str], Iterable[Any]], caption: str) -> None:
-        draw(folder / f"{stem}.png")
-        put_text(folder / f"{stem}.csv", csv_text(*table))
-        page.figure(name=stem, number=stem, caption=caption, svg=False)
-
-    page.heading("All sensors")
+    report.heading("All sensors")
     if len(views) > 1:
-        show(*figures.all_patterns_figure(views))
-    show(*figures.coverage_figure(views, study.times_s, study.cell_deg))
-    page.table(("sensor", *(f"{time_s:g} s" for time_s in study.times_s)), figures.coverage_rows(views, study.times_s))
-    show(*figures.spacing_figure(views))
-    page.table(("sensor", *(f"{percentile} %" for percentile in PERCENTILES)), figures.spacing_rows(views))
+        report.figure(figures.all_patterns_figure(views))
+    report.figure(figures.coverage_figure(views, study.times_s, study.cell_deg))
+    report.table(
+        ("sensor", *(f"{time_s:g} s" for time_s in study.times_s)), figures.coverage_rows(views, study.times_s)
+    )
+    report.figure(figures.spacing_figure(views))
+    report.table(("sensor", *(f"{percentile} %" for percentile in PERCENTILES)), figures.spacing_rows(views))
     if below is not None:
-        show(*figures.ground_figure(views, below))
+        report.figure(figures.ground_figure(views, below))
     else:
-        page.paragraph(figures.NO_GROUND)
+        report.paragraph(figures.NO_GROUND)
     if bodies is not None and scene is not None:
-        show(*figures.body_points_figure(bodies, scene.name))
+        report.figure(figures.body_points_figure(bodies, scene.name))
     progress(len(sensors) + 1, total)
     for step, view in enumerate(views, start=len(sensors) + 2):
-        page.heading(view.name)
+        report.heading(view.name)
         for figure in (figures.pattern_figure, figures.density_figure, figures.revisit_figure, figures.range_figure):
-            show(*figure(view))
+            report.figure(figure(view))
         progress(step, total)
-    put_text(folder / PAGES[0], page.as_markdown())
-    put_text(folder / PAGES[1], page.as_html())
+    report.write(*PAGES)
     return views
 
 

@@ -29,9 +29,6 @@ MOST_EVALUATIONS = 50
 UNKNOWN_SIGMA = 1.0
 """Sigma of a logarithm above which the number is not known: a factor of e either way."""
 
-SIGMA_PER_MAD = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...maths.arrays import Lanes, Numbers
-from ...maths.special import expm1
+from ...maths.special import SIGMA_PER_MAD, expm1
 from ...physics.optics import receiver
 from ...sensor.sensor_model import Sensor
-from .estimates import MOST_EVALUATIONS, SIGMA_PER_MAD, Estimate, Solution
+from .estimates import MOST_EVALUATIONS, Estimate, Solution
 from .products import FAR_RATIO, near_field_m
 from .recorded_pulses import RecordedPulses
 

@@ -8,14 +8,16 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...files.atomic import put_text
+from ...files.json_text import json_text
 from ...recordings.opening import open_recording
 from ...recordings.pcap_reader import metadata_of
 from ...recordings.sweep import Sweep
 from ...sensor.sensor_model import Sensor
+from ..held import passed
 from .near_field import fit_near_field
 from .products import QUANTITIES, find_products
 from .recorded_pulses import RecordedPulses, gather_pulses
-from .recording_fit_report import RecordingFit, as_dict, as_text, check_outputs, printed_text, write_report
+from .recording_fit_report import PAGE, RecordingFit, as_dict, check_outputs, write_report
 from .row_gains import fit_rows
 from .scatter import fit_scatter
 from .sensor_text import base_text, fitted_text, parse_sensor
@@ -53,8 +55,8 @@ def fit_recordings(
     fit = replace(fit, notes=notes)
     parse_sensor(text, str(output))
     put_text(output, text)
-    write_report(fit, report)
-    return printed_text(as_dict(fit), as_text(fit), output, report, as_json=as_json), fit.passed
+    text = write_report(fit, report)
+    return json_text(as_dict(fit)) if as_json else f"{text}\nwrote {output} and {report / PAGE}", passed(fit.checks)
 
 
 def fit_pulses(pulses: RecordedPulses, *, recording: str, sensor: str, optics: Sensor | None = None) -> RecordingFit:

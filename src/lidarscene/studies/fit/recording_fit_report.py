@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
-from ...figures import lines
 from ...figures.lines import Chart, Line
-from ...figures.report_page import Page, count_text, csv_text
-from ...files.atomic import put_text, require_writable
-from ...files.json_text import json_text
+from ...figures.report import Figure, Report, count_text, require_writable_files
+from ...files.atomic import require_writable
+from ...maths.arrays import Numbers
+from ..held import LIMITS, Held, held_table, passed, value_text, verdict
 from .estimates import Estimate, Solution
 from .near_field import NearField
 from .products import Products
@@ -23,35 +24,6 @@ from .scatter import Scatter
 from .threshold import Threshold
 
 PAGE, NUMBERS, MARKDOWN = "index.html", "fit.json", "fit.md"
-
-SIGNAL_ERROR = 0.15
-"""Largest mean relative error of the signal over the range, the limit of `twin.judge`, too."""
-
-KEPT_ERROR = 0.1
-"""Largest mean difference between the recorded share of returns and the law, over the chances from 0 to 1.
-
-This project's choice: held-out columns of three recorded Ousters came to 0.04, 0.05 and 0.14 (docs/fit.md)."""
-
-SCATTER_RATIO = 1.25
-"""Largest ratio of scatters in an octave of the signal, either way, as in `twin.judge`."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LawCheck:
-    """Comparison of a law with held-out blocks. The fields are keys of the JSON.
-
-    found   measured error or ratio, as text
-    wanted  limit, as text
-    held    True if within the limit; None: too little was recorded
-    """
-
-    name: str
-    found: str
-    wanted: str
-    held: bool | None
-
-    def __str__(self) -> str:
-        return f"{self.name}: {self.found} ({self.wanted}){'  FAILED' if self.held is False else ''}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -81,116 +53,118 @@ class RecordingFit:
         return tuple(estimates if self.spread is None else [*estimates, self.spread])
 
     @property
-    def checks(self) -> tuple[LawCheck, ...]:
+    def checks(self) -> list[Held]:
         """Comparison of each law with the held-out blocks."""
-        near, threshold, scatter = self.near_field, self.threshold, self.scatter
-        ratios = None if scatter is None or not len(scatter.ratios) else scatter.ratios
-        return (
-            LawCheck(
-                name="signal over the range",
-                wanted=f"mean error <= {SIGNAL_ERROR:.0%}",
-                found="not recorded" if near is None else f"{near.error:.1%}",
-                held=None if near is None else near.error <= SIGNAL_ERROR,
-            ),
-            LawCheck(
-                name="kept and lost",
-                wanted=f"mean difference <= {KEPT_ERROR:g}",
-                found="not recorded" if threshold is None else f"{threshold.error:.3f}",
-                held=None if threshold is None else threshold.error <= KEPT_ERROR,
-            ),
-            LawCheck(
-                name="scatter by octave of the signal",
-                wanted=f"{1 / SCATTER_RATIO:g} to {SCATTER_RATIO:g} of the law, within 2 sigma",
-                found="too few smooth surfaces" if ratios is None else f"{ratios.min():.2f} to {ratios.max():.2f}",
-                held=None if scatter is None or ratios is None else not scatter.beyond(SCATTER_RATIO),
-            ),
+        return law_rows(
+            None if self.near_field is None else self.near_field.error,
+            None if self.threshold is None else self.threshold.error,
+            np.zeros((0, 4)) if self.scatter is None else self.scatter.octaves,
+            missing="not recorded, or too few smooth surfaces",
         )
 
-    @property
-    def passed(self) -> bool:
-        """True if no check failed."""
-        return all(check.held is not False for check in self.checks)
+
+def law_rows(signal_error: float | None, kept_error: float | None, octaves: Numbers, *, missing: str) -> list[Held]:
+    """Signal, share of returns and scatter of the held-out pulses beside the fitted laws.
+
+    signal_error  mean relative error of the signal over the range; None: not known
+    kept_error    mean difference of the share of returns; None: not known
+    octaves       (k, 4) signal, recorded scatter [m], fitted scatter [m], relative sigma of their ratio
+    missing       note where there is nothing to compare
+    """
+    rows = [
+        Held(quantity="signal, mean error over the range", value=signal_error, limits=LIMITS["signal error"]),
+        Held(quantity="kept and lost, mean difference", value=kept_error, limits=LIMITS["share of returns"]),
+    ]
+    # Of octaves whose true ratio is the limit one in 40 is beyond it by 2 sigma; if it is 1, fewer than one in 1000.
+    rows += [
+        Held(
+            quantity="range, scatter",
+            condition=f"signal {signal / math.sqrt(2.0):.0f} to {signal * math.sqrt(2.0):.0f}, within 2 sigma",
+            reference=1e3 * recorded_m,
+            simulated=1e3 * fitted_m,
+            value=fitted_m / recorded_m,
+            limits=LIMITS["scatter ratio"].widened(math.exp(2.0 * sigma)),
+            unit="mm",
+        )
+        for signal, recorded_m, fitted_m, sigma in octaves.tolist()
+    ] or [Held(quantity="range, scatter", limits=LIMITS["scatter ratio"])]
+    return [replace(row, note=missing) if row.value is None else row for row in rows]
+
+
+def check_as_dict(row: Held) -> dict[str, Any]:
+    """Check as a dictionary for JSON."""
+    name = f"{row.quantity}, {row.condition}" if row.condition else row.quantity
+    return {"name": name, "found": value_text(row.value) or row.note, "wanted": str(row.limits), "held": row.verdict}
+
+
+def uncertainty_as_dict(estimate: Estimate) -> dict[str, Any]:
+    """Uncertainties of an estimate for JSON."""
+    sigmas = {"sigma": estimate.sigma, "fisher": estimate.fisher, "bootstrap": estimate.bootstrap}
+    return sigmas | {"known": estimate.is_known}
 
 
 def as_dict(fit: RecordingFit) -> dict[str, Any]:
     """Result as a dictionary for JSON."""
-    report: dict[str, Any] = {
+    numbers: dict[str, Any] = {
         "recording": fit.recording,
         "sensor": fit.sensor,
         "pulses": fit.pulses,
         "frames": fit.frames,
-        "passed": fit.passed,
+        "passed": passed(fit.checks),
         "estimates": {
-            estimate.key: {
-                "value": estimate.value,
-                "unit": estimate.unit,
-                "sigma": _finite(estimate.sigma),
-                "fisher": _finite(estimate.fisher),
-                "bootstrap": _finite(estimate.bootstrap),
-                "known": estimate.is_known,
-            }
+            estimate.key: {"value": estimate.value, "unit": estimate.unit, **uncertainty_as_dict(estimate)}
             for estimate in fit.estimates
         },
-        "checks": [asdict(check) for check in fit.checks],
+        "checks": [check_as_dict(check) for check in fit.checks],
         "correlations": {name: solved.correlation.tolist() for name, _, solved in _solved(fit)},
     }
     if fit.rows is not None:
-        report["row_gains"] = {"gain": fit.rows.gain.tolist(), "sigma": fit.rows.sigma.tolist()}
+        numbers["row_gains"] = {"gain": fit.rows.gain.tolist(), "sigma": fit.rows.sigma.tolist()}
     if fit.products is not None:
         products = fit.products
-        report["products"] = {name: products.product(name) for name in products.quantities}
-        report["not_identified"] = list(products.null)
-        report["held"] = list(products.fixed)
-    report["notes"] = list(fit.notes)
-    return report
+        numbers["products"] = {name: products.product(name) for name in products.quantities}
+        numbers["not_identified"] = list(products.null)
+        numbers["held"] = list(products.fixed)
+    numbers["notes"] = list(fit.notes)
+    return numbers
 
 
-def as_text(fit: RecordingFit) -> str:
-    """Result as text for the terminal."""
-    lines_ = [f"{fit.recording}: {fit.pulses:,} pulses, {fit.frames} frame{'s' if fit.frames > 1 else ''}"]
-    lines_ += [f"  {estimate.key:<18} {_number(estimate)}" for estimate in fit.estimates]
-    if fit.rows is not None:
-        lines_.append(f"  {'row gains':<18} spread {fit.rows.spread:.1%}, each +/- {fit.rows.sigma[0]:.1%}")
-    lines_ += [f"  {check}" for check in fit.checks]
-    if fit.products is not None and fit.products.null:
-        lines_.append("  cannot be told apart, held at the values of the file:")
-        lines_ += [f"    {direction}" for direction in fit.products.null]
-    lines_ += [f"  {note}" for note in fit.notes]
-    return "\n".join(lines_)
+def add_results(report: Report, checks: Sequence[Held], estimates: Sequence[Estimate]) -> None:
+    """Add whether the fit passed, and a table of the estimates."""
+    report.heading("Pass or fail")
+    report.paragraph(verdict(checks, "The fit"))
+    report.table(*held_table(checks, reference="recorded", simulated="fitted"))
+    report.heading("Estimates")
+    report.table(
+        ("number", "value", "sigma, Fisher", "sigma, bootstrap", ""),
+        [
+            (
+                estimate.key,
+                f"{estimate.value:.4g} {estimate.unit}".rstrip(),
+                f"{estimate.fisher:.2g}",
+                f"{estimate.bootstrap:.2g}",
+                "" if estimate.is_known else "not known",
+            )
+            for estimate in estimates
+        ],
+    )
 
 
-Table = tuple[Sequence[str], Sequence[Sequence[Any]]]
-Figure = tuple[str, str, Chart, Table]
-"""Name of a figure's files, caption, chart, and its data as a table (head, rows)."""
-
-
-def add_checks(page: Page, checks: Sequence[LawCheck]) -> None:
-    """Add the table of checks to a page."""
-    page.heading("Pass or fail")
-    verdict = {None: "-", True: "pass", False: "FAIL"}
-    rows = [(check.name, check.found, check.wanted, verdict[check.held]) for check in checks]
-    page.table(("law", "found", "wanted", ""), rows)
-
-
-def add_notes(page: Page, notes: Sequence[str]) -> None:
-    """Add each note as a sentence of its own."""
+def add_notes(report: Report, notes: Sequence[str]) -> None:
+    """Add each note as a sentence of its own, which begins with a capital or with the key of a sensor file."""
     for note in notes:
-        page.paragraph(note[:1].upper() + note[1:] + ".")
+        report.paragraph((note if "." in note.split()[0] else note[:1].upper() + note[1:]) + ".")
 
 
-def add_figures(page: Page, folder: Path, figures: Sequence[Figure]) -> None:
-    """Draw the figures beside the page, with their data. Raises OutputError."""
-    for number, (name, caption, chart, table) in enumerate(figures, start=1):
-        lines.save(chart, [folder / f"{name}.png", folder / f"{name}.svg"])
-        put_text(folder / f"{name}.csv", csv_text(*table))
-        page.figure(name=name, number=str(number), caption=caption)
-
-
-def write_page(page: Page, folder: Path, numbers: Mapping[str, Any]) -> None:
-    """Write the page, as HTML and as Markdown, and the numbers as JSON. Raises OutputError."""
-    put_text(folder / PAGE, page.as_html())
-    put_text(folder / MARKDOWN, page.as_markdown())
-    put_text(folder / NUMBERS, json_text(numbers, indent=1) + "\n")
+def add_correlations(report: Report, parameters: Sequence[str], solved: Solution) -> None:
+    """Add a table of the correlations of the parameters."""
+    report.table(
+        ("", *parameters),
+        [
+            (parameter, *(f"{value:.2f}" for value in row))
+            for parameter, row in zip(parameters, solved.correlation, strict=True)
+        ],
+    )
 
 
 def check_outputs(output: Path, report: Path) -> None:
@@ -198,59 +172,37 @@ def check_outputs(output: Path, report: Path) -> None:
     if output.suffix.lower() != ".toml":
         raise InputError(f"--output {output}: the name must end in .toml")
     require_writable(output)
-    for name in (PAGE, NUMBERS):
-        require_writable(report / name)
+    require_writable_files(report, (PAGE, NUMBERS))
 
 
-def printed_text(numbers: Mapping[str, Any], text: str, output: Path, report: Path, *, as_json: bool) -> str:
-    """Text to print: JSON, or the summary and where the files are."""
-    return json_text(numbers) if as_json else f"{text}\nwrote {output} and {report / PAGE}"
-
-
-def write_report(fit: RecordingFit, folder: Path) -> None:
-    """Write page, Markdown, figures with their data, and JSON. Raises OutputError."""
-    page = Page(f"{fit.recording}: what it says of {fit.sensor}", folder=folder)
-    page.paragraph(
-        f"{fit.pulses:,} pulses of {count_text(fit.frames, 'frame')}. Three of four blocks of columns were fitted, the "
-        "fourth judges the fit. Sigma is that of the Fisher matrix, unless a bootstrap of the blocks says 1.3 times as "
-        "much."
+def write_report(fit: RecordingFit, folder: Path) -> str:
+    """Write page, Markdown, figures with their data, and JSON; returns the text to print. Raises OutputError."""
+    report = Report(f"{fit.recording}: what it says of {fit.sensor}", folder)
+    report.paragraph(
+        f"{fit.recording}: {fit.pulses:,} pulses of {count_text(fit.frames, 'frame')}. Three of four blocks of columns "
+        "were fitted, the fourth judges the fit. Sigma is that of the Fisher matrix, unless a bootstrap of the blocks "
+        "says 1.3 times as much."
     )
-    add_checks(page, fit.checks)
-    page.heading("Estimates")
-    page.table(
-        ("quantity", "value", "sigma, Fisher", "sigma, bootstrap", ""),
-        [
-            (
-                estimate.key,
-                f"{estimate.value:.4g} {estimate.unit}",
-                f"{estimate.fisher:.2g}",
-                f"{estimate.bootstrap:.2g}",
-                "" if estimate.is_known else "not known",
-            )
-            for estimate in fit.estimates
-        ],
-    )
-    add_notes(page, fit.notes)
-    add_figures(page, folder, _figures(fit))
-    page.heading("Correlations")
-    for name, parameters, solved in _solved(fit):
-        page.paragraph(name)
-        page.table(
-            ("", *parameters),
-            [
-                (parameter, *(f"{value:.2f}" for value in row))
-                for parameter, row in zip(parameters, solved.correlation, strict=True)
-            ],
-        )
+    add_results(report, fit.checks, fit.estimates)
+    add_notes(report, fit.notes)
     if fit.products is not None:
-        page.heading("What cannot be told apart")
-        page.paragraph(
+        report.heading("What cannot be told apart")
+        report.paragraph(
             "Each known quantity is a product of numbers of the sensor file. Each line below changes none of them, so "
             "the first number of each line stays at the value of the file that the fit started from."
         )
-        page.table(("known", "product"), [(name, fit.products.product(name)) for name in fit.products.quantities])
-        page.table(("not known",), [(direction,) for direction in fit.products.null])
-    write_page(page, folder, as_dict(fit))
+        report.table(("not known",), [(direction,) for direction in fit.products.null])
+    text = report.as_text()
+    if fit.products is not None:
+        report.table(("known", "product"), [(name, fit.products.product(name)) for name in fit.products.quantities])
+    for number, figure in enumerate(_figures(fit), start=1):
+        report.figure(figure._replace(number=str(number)))
+    report.heading("Correlations")
+    for name, parameters, solved in _solved(fit):
+        report.paragraph(name)
+        add_correlations(report, parameters, solved)
+    report.write(PAGE, MARKDOWN, NUMBERS, numbers=as_dict(fit))
+    return text
 
 
 def _figures(fit: RecordingFit) -> list[Figure]:
@@ -293,8 +245,8 @@ def _near_field(near: NearField) -> list[Figure]:
     head = ("range_m", "white_m2", "law", "sigma_of_ln")
     caption = f"Photons of a white target times the square of its range. The law misses {near.misfit:.1%} (deviation)."
     return [
-        ("near-field", caption, curve, (head, rows)),
-        ("near-field-residuals", "The same over the law.", residuals, (head, rows)),
+        Figure("near-field", curve, (head, rows), caption),
+        Figure("near-field-residuals", residuals, (head, rows), "The same over the law."),
     ]
 
 
@@ -311,7 +263,7 @@ def _threshold(threshold: Threshold) -> Figure:
     )
     rows = list(zip(threshold.expected_share, threshold.kept_share, threshold.pulses.tolist(), strict=True))
     caption = "Kept pulses of the blocks that were not fitted, by the chance that the law gives them."
-    return "threshold", caption, chart, (("expected", "found", "pulses"), rows)
+    return Figure("threshold", chart, (("expected", "found", "pulses"), rows), caption)
 
 
 def _scatter(scatter: Scatter) -> Figure:
@@ -329,7 +281,7 @@ def _scatter(scatter: Scatter) -> Figure:
     )
     rows = list(zip(scatter.signal, 1e3 * scatter.sigma_m, 1e3 * scatter.check_sigma_m, 1e3 * law, strict=True))
     caption = "Scatter of every second pulse of a row about a parabola, on smooth surfaces."
-    return "scatter", caption, chart, (("signal", "sigma_mm", "not_fitted_mm", "law_mm"), rows)
+    return Figure("scatter", chart, (("signal", "sigma_mm", "not_fitted_mm", "law_mm"), rows), caption)
 
 
 def _rows(rows: RowGains) -> Figure:
@@ -339,7 +291,7 @@ def _rows(rows: RowGains) -> Figure:
     )
     caption = f"Gain of each row, +/- {rows.sigma[0]:.1%}; their spread is {rows.spread:.1%}."
     table = list(zip(number, rows.gain, rows.sigma, strict=True))
-    return "rows", caption, chart, (("row", "gain", "sigma"), table)
+    return Figure("rows", chart, (("row", "gain", "sigma"), table), caption)
 
 
 def _solved(fit: RecordingFit) -> list[tuple[str, tuple[str, ...], Solution]]:
@@ -357,12 +309,3 @@ def _solved(fit: RecordingFit) -> list[tuple[str, tuple[str, ...], Solution]]:
     if fit.scatter is not None:
         solutions.append(("scatter", ("c^2", "floor^2"), fit.scatter.solved))
     return solutions
-
-
-def _number(estimate: Estimate) -> str:
-    text = f"{estimate.value:.4g} +/- {estimate.sigma:.2g} {estimate.unit}".rstrip()
-    return text if estimate.is_known else f"{text} (not known)"
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None

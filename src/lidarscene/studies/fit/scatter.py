@@ -68,18 +68,15 @@ class Scatter:
         return np.asarray(np.sqrt(c2 / signal + floor2))
 
     @property
-    def ratios(self) -> Numbers:
-        """Ratio of the held-out blocks' scatter to the law, by octave."""
-        ratio = self.check_sigma_m / self.law(self.signal)
-        return np.asarray(ratio[np.isfinite(ratio)])
-
-    def beyond(self, most: float) -> bool:
-        """True if a ratio is above ``most``, or below its inverse, by more than two of its sigmas.
+    def octaves(self) -> Numbers:
+        """(k, 4) signal, scatter of the held-out blocks [m], that of the law [m], relative sigma of their ratio.
 
         The relative sigma of a standard deviation from n sums of two squares is 1 / (2 sqrt(n)).
         """
-        sigma = 0.5 / np.sqrt(self.check_patches[np.isfinite(self.check_sigma_m)])
-        return bool(np.any(np.abs(np.log(self.ratios)) > math.log(most) + 2.0 * sigma))
+        with np.errstate(divide="ignore"):
+            sigma = 0.5 / np.sqrt(self.check_patches)
+        octaves = np.column_stack([self.signal, self.check_sigma_m, self.law(self.signal), sigma])
+        return np.asarray(octaves[np.isfinite(self.check_sigma_m)])
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:

@@ -5,19 +5,16 @@ The command `paper` and Python users call `write`.
 
 from __future__ import annotations
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
-from ...figures import lines as charts
-from ...figures.report_page import Page
-from ...files.atomic import atomic_folder, put_text, require_writable
+from ...figures.report import Figure, Report, require_writable_files
+from ...files.atomic import atomic_folder
 from ...files.json_text import json_text
 from .claims import HOLDS, Claim, Erratum, claims_and_errata
-from .figures import PaperFigure, figures
+from .figures import figures
 
 PAGES = ("index.md", "index.html")
 
@@ -54,22 +51,33 @@ def write(
 
     progress  called with (done, total) steps: what is computed, and each figure that is drawn
     """
-    for name in file_names():
-        require_writable(folder / name)
+    require_writable_files(folder, file_names())
     computed, total = 2, 2 + len(file_names()[len(PAGES) :: 3])
     progress(0, total)
-    drawn = figures()
+    drawn_figures = figures()
     progress(1, total)
     claims, errata = claims_and_errata()
     progress(computed, total)
-    page = _page(drawn, claims, errata)
     with atomic_folder(folder) as temporary:
-        for done, figure in enumerate(drawn, start=computed + 1):
-            charts.save(figure.chart, [temporary / f"{figure.file}.png", temporary / f"{figure.file}.svg"])
-            put_text(temporary / f"{figure.file}.csv", _csv(figure))
+        report = Report("Ranging performance analysis: figures, claims, errata", temporary, embeds=False, digits=10)
+        report.paragraph(INTRODUCTION)
+        report.heading("Figures")
+        for done, drawn in enumerate(drawn_figures, start=computed + 1):
+            table = drawn.header, zip(*drawn.columns, strict=True)
+            report.figure(Figure(drawn.file, drawn.chart, table, drawn.caption, drawn.number))
             progress(done, total)
-        put_text(temporary / PAGES[0], page.as_markdown())
-        put_text(temporary / PAGES[1], page.as_html())
+        report.paragraph(SCANNER)
+        report.heading("Claims")
+        report.table(
+            ("place", "the text says", "what we find", "verdict"),
+            [(c.place, c.says, c.found, c.verdict) for c in claims],
+        )
+        report.heading("Errata")
+        report.table(
+            ("place", "printed", "derived", "size at Table 1"),
+            [(e.place, e.printed, e.derived, e.size) for e in errata],
+        )
+        report.write(*PAGES)
     if as_json:
         return json_text(
             {
@@ -79,32 +87,6 @@ def write(
             }
         )
     return _printed(folder, claims, errata)
-
-
-def _csv(figure: PaperFigure) -> str:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(figure.header)
-    writer.writerows([f"{value:.10g}" for value in row] for row in zip(*figure.columns, strict=True))
-    return out.getvalue()
-
-
-def _page(drawn: list[PaperFigure], claims: list[Claim], errata: list[Erratum]) -> Page:
-    page = Page("Ranging performance analysis: figures, claims, errata")
-    page.paragraph(INTRODUCTION)
-    page.heading("Figures")
-    for figure in drawn:
-        page.figure(name=figure.file, number=figure.number, caption=figure.caption)
-    page.paragraph(SCANNER)
-    page.heading("Claims")
-    page.table(
-        ("place", "the text says", "what we find", "verdict"), [(c.place, c.says, c.found, c.verdict) for c in claims]
-    )
-    page.heading("Errata")
-    page.table(
-        ("place", "printed", "derived", "size at Table 1"), [(e.place, e.printed, e.derived, e.size) for e in errata]
-    )
-    return page
 
 
 def _printed(folder: Path, claims: list[Claim], errata: list[Erratum]) -> str:

@@ -9,49 +9,17 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from ...cloud.point_cloud import PointCloud
 from ...maths.arrays import Numbers
+from ...maths.special import SIGMA_PER_MAD
 from ...recordings.sweep import Sweep
 from ..compare.recording_comparison import measure_ground
+from ..held import LIMITS, UNLIMITED, Held
 from .matched_pulses import NO_SURFACE, MatchedPulses
 from .surfels import SMOOTH
-
-# The limits are this project's acceptance test; no standard sets any. Published for comparison, on known targets:
-# amplitude 1.7 %, number of points 8.5 %, mean intensity 9.3 %, distance 2 cm (Haider et al., Sensors 22, 7556, 2022).
-# docs/recordings.md has what three Ousters reach.
-DIRECTION_DEG = 0.01
-"""Largest median angle between recorded and simulated beams."""
-
-BIAS_MM = 10.0
-"""Largest median range error on smooth surfaces."""
-
-SCATTER = (0.8, 1.25)
-"""Ratio of simulated to recorded scatter of the range, in each octave of SIGNAL."""
-
-SIGNAL_ERROR = 0.15
-"""Largest mean relative error of the mean signal over the bins of range."""
-
-POINTS, POINTS_OF_RING = 0.05, 0.10
-"""Largest relative difference of the number of points, of the frame and of any ring."""
-
-KEPT_SHARE = 0.95
-"""Least share of the recorded returns that the simulation has, too."""
-
-KEPT_LOSSES = 0.50
-"""Largest share of the recorded losses on surfaces that the simulation returns."""
-
-DISAGREEMENT = 0.03
-"""Largest excess over the share of pulses that two recorded frames keep or lose differently."""
-
-GROUND = 0.15
-"""Largest relative difference of the range of the farthest ground (99.9 %)."""
-
-SECOND_SHARE, SECOND_GAP = 1.5, 0.15
-"""Largest ratio of the shares of second returns, either way, and relative difference of their least separation."""
 
 RANGE_BINS = 8
 """Bins of range for the mean signal, with as many recorded returns in each."""
@@ -64,54 +32,20 @@ This project's choice: 30 times the largest bias that is allowed."""
 LEAST_PULSES = 50
 """Least number of pulses in a bin; the ratio of two scatters of so many has a sigma of 16 %."""
 
-SIGMA_PER_MAD = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TwinQuantity:
-    """A quantity of the recording and of its twin, as one line of the table.
-
-    value      difference, ratio or share that is held to the limits; None with too few pulses
-    low, high  limits of the value, None if there is none
-    """
-
-    quantity: str
-    condition: str = ""
-    real: float | None = None
-    simulated: float | None = None
-    value: float | None = None
-    low: float | None = None
-    high: float | None = None
-    unit: str = ""
-
-    @property
-    def has_values(self) -> bool:
-        """True if any of the three values is known."""
-        return (self.real, self.simulated, self.value) != (None, None, None)
-
-    @property
-    def is_met(self) -> bool | None:
-        """True if the value is within its limits; None without limits or value."""
-        if self.value is None or (self.low is None and self.high is None):
-            return None
-        above = self.low is None or self.value >= self.low
-        return bool(above and (self.high is None or self.value <= self.high))
-
 
 def twin_quantities(
     pulses: MatchedPulses, sweep: Sweep, cloud: PointCloud, *, between: float | None = None
-) -> list[TwinQuantity]:
+) -> list[Held]:
     """Compute the whole table.
 
     between  share of pulses that two recorded frames keep or lose differently (`disagreement`); None: not known
     """
     rows = [
-        TwinQuantity(
+        Held(
             quantity="beam direction",
             condition="median angle",
             value=float(np.degrees(np.median(pulses.angle_rad))),
-            high=DIRECTION_DEG,
+            limits=LIMITS["beam direction"],
             unit="deg",
         ),
         *_ranges(pulses),
@@ -131,26 +65,25 @@ def bias_and_scatter(real: Numbers, simulated: Numbers) -> tuple[float, float]:
     return bias, float(np.mean(np.abs(differences - bias)))
 
 
-def _ranges(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
+def _ranges(pulses: MatchedPulses) -> Iterator[Held]:
     """Range errors against the twin's surface, where both sides have a return on a smooth surface."""
     near_surface = np.abs(pulses.range_m - pulses.true_range_m) < SAME_SURFACE_M
     returns = pulses.select(pulses.has_return & pulses.has_simulated_return & (pulses.kind == SMOOTH) & near_surface)
     real_mm = 1e3 * (returns.range_m - returns.true_range_m)
     simulated_mm = 1e3 * (returns.simulated_range_m - returns.true_range_m)
     has_enough = bool(len(real_mm) >= LEAST_PULSES)
-    yield TwinQuantity(
+    yield Held(
         quantity="range, bias",
         condition="smooth surfaces",
         unit="mm",
-        low=-BIAS_MM,
-        high=BIAS_MM,
+        limits=LIMITS["range bias"],
         value=float(np.median(simulated_mm - real_mm)) if has_enough else None,
     )
     if not has_enough:
         return
     bias, scatter = bias_and_scatter(real_mm, simulated_mm)
-    yield TwinQuantity(quantity="range, double validation metric", condition="bias", value=bias, unit="mm")
-    yield TwinQuantity(quantity="range, double validation metric", condition="scatter", value=scatter, unit="mm")
+    yield Held(quantity="range, double validation metric", condition="bias", value=bias, unit="mm")
+    yield Held(quantity="range, double validation metric", condition="scatter", value=scatter, unit="mm")
     if returns.signal is None:
         yield _scatter("all strengths", returns)
         return
@@ -161,19 +94,18 @@ def _ranges(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
             yield _scatter(f"signal {2**number} to {2 ** (number + 1)}", octave_returns)
 
 
-def _scatter(name: str, returns: MatchedPulses) -> TwinQuantity:
+def _scatter(name: str, returns: MatchedPulses) -> Held:
     """Scatter of second differences along the ring on both sides, which errors of the twin's surface do not enter."""
     real, simulated = (
         1e3 * spread(values[np.isfinite(values)]) for values in (returns.change_m, returns.simulated_change_m)
     )
-    return TwinQuantity(
+    return Held(
         quantity="range, scatter",
         condition=name,
-        real=real,
+        reference=real,
         simulated=simulated,
         value=simulated / real if real > 0.0 else None,
-        low=SCATTER[0],
-        high=SCATTER[1],
+        limits=LIMITS["scatter ratio"],
         unit="mm",
     )
 
@@ -183,9 +115,9 @@ def spread(values: Numbers) -> float:
     return float(SIGMA_PER_MAD * np.median(np.abs(values - np.median(values))))
 
 
-def _signals(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
+def _signals(pulses: MatchedPulses) -> Iterator[Held]:
     if pulses.signal is None or not np.nanmax(pulses.simulated_signal, initial=0.0) > 0.0:
-        yield TwinQuantity(quantity="signal, mean error over the range", unit="", high=SIGNAL_ERROR)
+        yield Held(quantity="signal, mean error over the range", limits=LIMITS["signal error"])
         return
     returned, simulated = pulses.has_return, pulses.has_simulated_return
     edges = np.quantile(pulses.range_m[returned], np.linspace(0.0, 1.0, RANGE_BINS + 1))
@@ -198,39 +130,36 @@ def _signals(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
         real = float(np.mean(pulses.signal[of_real]))
         simulated_mean = float(np.mean(pulses.simulated_signal[of_simulated]))
         errors.append(simulated_mean / real - 1.0)
-        yield TwinQuantity(
+        yield Held(
             quantity="signal, mean",
             condition=f"{low:.3g} to {high:.3g} m",
-            real=real,
+            reference=real,
             simulated=simulated_mean,
             value=errors[-1],
             unit="photons",
         )
-    yield TwinQuantity(
+    yield Held(
         quantity="signal, mean error over the range",
         value=float(np.mean(np.abs(errors))) if errors else None,
-        high=SIGNAL_ERROR,
+        limits=LIMITS["signal error"],
     )
     both_mask = returned & simulated & (pulses.signal > 0.0) & (pulses.simulated_signal > 0.0)
     if both_mask.sum() >= LEAST_PULSES:
         bias, scatter = bias_and_scatter(pulses.signal[both_mask], pulses.simulated_signal[both_mask])
-        yield TwinQuantity(quantity="signal, double validation metric", condition="bias", value=bias, unit="photons")
-        yield TwinQuantity(
-            quantity="signal, double validation metric", condition="scatter", value=scatter, unit="photons"
-        )
+        yield Held(quantity="signal, double validation metric", condition="bias", value=bias, unit="photons")
+        yield Held(quantity="signal, double validation metric", condition="scatter", value=scatter, unit="photons")
         logs = np.log(pulses.signal[both_mask]), np.log(pulses.simulated_signal[both_mask])
-        yield TwinQuantity(quantity="signal, correlation of logarithms", value=float(np.corrcoef(*logs)[0, 1]))
+        yield Held(quantity="signal, correlation of logarithms", value=float(np.corrcoef(*logs)[0, 1]))
 
 
-def _points(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
+def _points(pulses: MatchedPulses) -> Iterator[Held]:
     real, simulated = int(pulses.has_return.sum()), int(pulses.has_simulated_return.sum())
-    yield TwinQuantity(
+    yield Held(
         quantity="points",
-        real=real,
+        reference=real,
         simulated=simulated,
         value=simulated / real - 1.0 if real else None,
-        low=-POINTS,
-        high=POINTS,
+        limits=LIMITS["points"],
     )
     rings = int(pulses.ring.max()) + 1
     of_real = np.bincount(pulses.ring[pulses.has_return], minlength=rings)
@@ -241,44 +170,43 @@ def _points(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
     error = of_simulated[full_rings] / of_real[full_rings] - 1.0
     worst_index = int(np.argmax(np.abs(error)))
     number = int(np.flatnonzero(full_rings)[worst_index])
-    yield TwinQuantity(
+    yield Held(
         quantity="points per ring, worst",
         condition=f"ring {number}",
-        real=int(of_real[number]),
+        reference=int(of_real[number]),
         simulated=int(of_simulated[number]),
         value=float(error[worst_index]),
-        low=-POINTS_OF_RING,
-        high=POINTS_OF_RING,
+        limits=LIMITS["points of a ring"],
     )
-    yield TwinQuantity(
+    yield Held(
         quantity="rings within 10 %",
         condition=f"of {int(full_rings.sum())}",
-        value=float(np.mean(np.abs(error) <= POINTS_OF_RING)),
+        value=float(np.mean([LIMITS["points of a ring"].include(ring_error) for ring_error in error])),
     )
 
 
-def _kept_quantities(pulses: MatchedPulses, between: float | None = None) -> Iterator[TwinQuantity]:
+def _kept_quantities(pulses: MatchedPulses, between: float | None = None) -> Iterator[Held]:
     returned, simulated = pulses.has_return, pulses.has_simulated_return
-    yield TwinQuantity(quantity="real returns kept", value=_share(simulated[returned]), low=KEPT_SHARE)
+    yield Held(quantity="real returns kept", value=_share(simulated[returned]), limits=LIMITS["returns kept"])
     losses = ~returned & ~pulses.withheld & (pulses.kind != NO_SURFACE)
-    yield TwinQuantity(
+    yield Held(
         quantity="real losses on surfaces kept",
         condition=f"of {int(losses.sum())}",
         value=_share(simulated[losses]) if losses.sum() >= LEAST_PULSES else None,
-        high=KEPT_LOSSES,
+        limits=LIMITS["losses kept"],
     )
     if pulses.withheld.any():
-        yield TwinQuantity(
+        yield Held(
             quantity="found but withheld by the real sensor, kept",
             condition=f"of {int(pulses.withheld.sum())}",
             value=_share(simulated[pulses.withheld]),
         )
-    yield TwinQuantity(
+    yield Held(
         quantity="kept or lost otherwise than real",
         condition="" if between is None else "real: between two frames",
-        real=between,
+        reference=between,
         value=_share(returned != simulated),
-        high=None if between is None else between + DISAGREEMENT,
+        limits=UNLIMITED if between is None else LIMITS["disagreement"].shifted(between),
     )
 
 
@@ -294,23 +222,22 @@ def _share(mask: Numbers) -> float | None:
     return float(np.mean(mask)) if len(mask) else None
 
 
-def _ground(sweep: Sweep, cloud: PointCloud) -> Iterator[TwinQuantity]:
+def _ground(sweep: Sweep, cloud: PointCloud) -> Iterator[Held]:
     real = measure_ground(sweep.xyz_m[sweep.has_return])
     local = cloud.in_sensor_frame()
     simulated = measure_ground(local.select(local.return_number <= 1).xyz_m.astype(np.float64))
     measured = real is not None and simulated is not None
-    yield TwinQuantity(
+    yield Held(
         quantity="farthest ground, 99.9 %",
-        real=real[1] if real else None,
+        reference=real[1] if real else None,
         simulated=simulated[1] if simulated else None,
         value=simulated[1] / real[1] - 1.0 if measured and real and simulated else None,
-        low=-GROUND,
-        high=GROUND,
+        limits=LIMITS["farthest ground"],
         unit="m",
     )
 
 
-def _second(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
+def _second(pulses: MatchedPulses) -> Iterator[Held]:
     real, simulated = (
         pulses.gap_m[np.isfinite(pulses.gap_m)],
         pulses.simulated_gap_m[np.isfinite(pulses.simulated_gap_m)],
@@ -321,23 +248,21 @@ def _second(pulses: MatchedPulses) -> Iterator[TwinQuantity]:
         len(real) / max(int(pulses.has_return.sum()), 1),
         len(simulated) / max(int(pulses.has_simulated_return.sum()), 1),
     )
-    yield TwinQuantity(
+    yield Held(
         quantity="second returns, share",
-        real=shares[0],
+        reference=shares[0],
         simulated=shares[1],
         value=shares[1] / shares[0] if shares[0] else None,
-        low=1.0 / SECOND_SHARE,
-        high=SECOND_SHARE,
+        limits=LIMITS["second returns"],
     )
     has_enough = len(real) >= LEAST_PULSES and len(simulated) >= LEAST_PULSES
     gaps = [float(np.percentile(gap, 1.0)) if len(gap) else None for gap in (real, simulated)]
-    yield TwinQuantity(
+    yield Held(
         quantity="second returns, least separation",
         condition="1 %",
-        real=gaps[0],
+        reference=gaps[0],
         simulated=gaps[1],
         unit="m",
         value=gaps[1] / gaps[0] - 1.0 if has_enough and gaps[0] and gaps[1] else None,
-        low=-SECOND_GAP,
-        high=SECOND_GAP,
+        limits=LIMITS["second separation"],
     )

@@ -19,7 +19,7 @@ import numpy as np
 
 from ...catalog import path_of
 from ...errors import InputError
-from ...figures.report_page import count_text
+from ...figures.report import count_text
 from ...files.atomic import atomic_output, put_text, require_writable
 from ...files.json_text import json_text
 from ...files.toml import validate

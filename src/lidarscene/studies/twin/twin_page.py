@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from ...cloud.point_cloud import PointCloud
 from ...figures.pictures import common_scale, perspective_picture
-from ...figures.report_page import Page
-from ...files.atomic import put_text, require_writable
+from ...figures.report import Report, require_writable_files
 from ...files.json_text import json_text
 from ...recordings.as_cloud import cloud_of
 from ...recordings.recording import Recording
-from ...recordings.sweep import Sweep
 from ...rendering.render_options import DEFAULT_CHUNK
 from ...rendering.simulator import Simulator
 from ...scene.scene import View
 from ...scene.scene_file import load_scene
 from ...sensor.sensor_file import load_sensor
 from ..compare.recording_comparison import compare_with_recording, side_of_cloud, side_of_sweep
-from .judge import TwinQuantity, disagreement, twin_quantities
+from ..held import Held, held_table, verdict
+from .judge import disagreement, twin_quantities
 from .matched_pulses import simulate_pulses
 from .planes import has_grid, select_columns
 from .twin_files import COLUMNS, frame_pose, read_provenance
@@ -28,9 +26,6 @@ from .twin_files import COLUMNS, frame_pose, read_provenance
 PAGE, NUMBERS = "index.html", "twin.json"
 REAL, SIMULATED = "recorded", "simulated"
 """Names of the two pictures."""
-
-MOST_NAMED = 3
-"""Largest number of missed limits that the verdict names."""
 
 _VIEW = View(eye_m=(-9.0, 0.0, 6.0), target_m=(6.0, 0.0, 0.0), fov_deg=70.0)
 """View of the pictures, from behind and above the sensor."""
@@ -55,8 +50,7 @@ def compare_twin(
     provenance = read_provenance(scene_file)
     number = provenance["judged"] if frame is None else frame
     pose = frame_pose(provenance, number, scene_file)
-    for name in (PAGE, NUMBERS):
-        require_writable(folder / name)
+    require_writable_files(folder, (PAGE, NUMBERS))
     scene = load_scene(scene_file)
     sensor = load_sensor(scene.sensor_name)
     sweep = full_sweep = recording[number]
@@ -71,17 +65,40 @@ def compare_twin(
     real_disagreement = disagreement(full_sweep, recording[next_number]) if next_number != number else None
     rows = [row for row in twin_quantities(pulses, sweep, cloud, between=real_disagreement) if row.has_values]
     numbers: dict[str, Any] = {
-        "verdict": verdict(rows),
+        "verdict": verdict(rows, "The twin"),
         "recording": recording.path.name,
         "frame": number,
         "twin": provenance,
         "seen": held_out_note(provenance, number),
-        "rows": [asdict(row) | {"met": row.is_met} for row in rows],
+        "rows": [_row_as_dict(row) for row in rows],
     }
-    text = json_text(numbers, indent=1)
-    put_text(folder / NUMBERS, text + "\n")
-    _page(rows, numbers, (full_sweep, cloud), folder)
-    return text if as_json else "\n".join([as_text(rows), numbers["seen"], f"wrote {folder / PAGE}"])
+    report = Report(f"{numbers['recording']}, frame {number}, and its twin", folder)
+    report.paragraph(numbers["verdict"])
+    report.table(*held_table(rows, reference="real"))
+    report.paragraph(numbers["seen"])
+    text = json_text(numbers, indent=1) if as_json else f"{report.as_text()}\nwrote {folder / PAGE}"
+    report.paragraph(_NOTE)
+    shown_clouds = {REAL: cloud_of(full_sweep), SIMULATED: cloud.in_sensor_frame()}
+    scale = common_scale(list(shown_clouds.values()), "range")
+    for name, shown_cloud in shown_clouds.items():
+        picture(shown_cloud, folder / f"{name}.png", scale=scale)
+    report.pictures([(REAL, "Recorded, by range."), (SIMULATED, "Simulated in the twin, by range.")])
+    report.write(PAGE, NUMBERS, numbers=numbers)
+    return text
+
+
+def _row_as_dict(row: Held) -> dict[str, Any]:
+    return {
+        "quantity": row.quantity,
+        "condition": row.condition,
+        "real": row.reference,
+        "simulated": row.simulated,
+        "value": row.value,
+        "low": row.limits.low,
+        "high": row.limits.high,
+        "unit": row.unit,
+        "met": row.verdict,
+    }
 
 
 def held_out_note(provenance: dict[str, Any], number: int) -> str:
@@ -91,78 +108,6 @@ def held_out_note(provenance: dict[str, Any], number: int) -> str:
     if number in provenance["frames"]:
         return "The twin is made of this frame: surfaces and reflectivities are its own, only the sensor is judged."
     return f"Held out: the twin is made of frames {', '.join(map(str, provenance['frames']))}."
-
-
-def as_text(rows: list[TwinQuantity]) -> str:
-    """Table of the quantities for a terminal."""
-    cells = [_cells(row) for row in rows]
-    head = ("quantity", "condition", "real", "simulated", "value", "limit", "")
-    widths = [max(len(line[k]) for line in (head, *cells)) for k in range(len(head))]
-    lines = [
-        "  ".join(f"{cell:<{w}}" for cell, w in zip(line, widths, strict=True)).rstrip() for line in (head, *cells)
-    ]
-    return "\n".join([verdict(rows), *lines])
-
-
-def verdict(rows: list[TwinQuantity]) -> str:
-    """Outcome in one sentence: how many limits are met, and which are not."""
-    limited = [row for row in rows if row.is_met is not None]
-    missed = [row for row in limited if not row.is_met]
-    if not limited:
-        return "Nothing of this frame can be held to a limit."
-    if not missed:
-        return f"The twin meets all {len(limited)} limits." if len(limited) > 1 else "The twin meets the one limit."
-    misses = []
-    for row in missed[:MOST_NAMED]:
-        condition = f" ({row.condition})" if row.condition else ""
-        misses.append(f"'{row.quantity}{condition}', {_format_value(row.value)} where {_format_limit(row)} is allowed")
-    more = [f"{len(missed) - MOST_NAMED} more"] if len(missed) > MOST_NAMED else []
-    return (
-        f"The twin meets {len(limited) - len(missed)} of {len(limited)} limits; it misses {'; '.join(misses + more)}."
-    )
-
-
-def _cells(row: TwinQuantity) -> tuple[str, ...]:
-    mark = {None: "", True: "met", False: "NOT MET"}[row.is_met]
-    quantity = f"{row.quantity} [{row.unit}]" if row.unit else row.quantity
-    return (
-        quantity,
-        row.condition,
-        _format_value(row.real),
-        _format_value(row.simulated),
-        _format_value(row.value),
-        _format_limit(row),
-        mark,
-    )
-
-
-def _format_limit(row: TwinQuantity) -> str:
-    if row.low is not None and row.high is not None:
-        return f"{row.low:.3g} to {row.high:.3g}"
-    if row.high is not None:
-        return f"at most {row.high:.3g}"
-    return "" if row.low is None else f"at least {row.low:.3g}"
-
-
-def _format_value(value: float | None) -> str:
-    if value is None:
-        return ""
-    return f"{value:,}" if isinstance(value, int) else f"{value:.4g}"
-
-
-def _page(rows: list[TwinQuantity], numbers: dict[str, Any], clouds: tuple[Sweep, PointCloud], folder: Path) -> None:
-    sweep, cloud = clouds
-    shown_clouds = {REAL: cloud_of(sweep), SIMULATED: cloud.in_sensor_frame()}
-    scale = common_scale(list(shown_clouds.values()), "range")
-    for name, shown_cloud in shown_clouds.items():
-        picture(shown_cloud, folder / f"{name}.png", scale=scale)
-    page = Page(f"{numbers['recording']}, frame {numbers['frame']}, and its twin", folder=folder)
-    page.paragraph(numbers["verdict"])
-    page.paragraph(numbers["seen"])
-    page.paragraph(_NOTE)
-    page.table(("quantity", "condition", "real", "simulated", "value", "limit", ""), [_cells(row) for row in rows])
-    page.pictures([(REAL, "Recorded, by range."), (SIMULATED, "Simulated in the twin, by range.")])
-    put_text(folder / PAGE, page.as_html())
 
 
 def picture(cloud: PointCloud, path: Path, *, scale: tuple[float, float]) -> None:

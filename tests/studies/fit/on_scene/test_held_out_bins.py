@@ -12,6 +12,7 @@ from lidarscene.studies.fit.on_scene.held_out_bins import LOG_SIGMA_OF_ONE, Held
 from lidarscene.studies.fit.on_scene.known_scene import KnownScene, Observations, predict
 from lidarscene.studies.fit.on_scene.likelihood import MEAN_SQUARE, ParameterFit
 from lidarscene.studies.fit.on_scene.pulses_on_scene import PulsesOnScene
+from lidarscene.studies.fit.recording_fit_report import law_rows
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
 
@@ -33,26 +34,19 @@ def test_a_tail_of_other_surfaces_counts_little() -> None:
 
 
 def test_a_ratio_is_beyond_its_limit_by_two_of_its_sigmas() -> None:
-    def of(ratio: float, sigma: float) -> HeldOutBins:
-        return HeldOutBins(
-            signal=np.zeros((0, 3)), kept_shares=np.zeros((0, 3)), scatter=np.array([[50.0, 1e-2 * ratio, 1e-2, sigma]])
-        )
-
-    assert not of(1.26, 0.05).beyond(1.25)
-    assert of(1.45, 0.05).beyond(1.25)
-    assert of(0.6, 0.05).beyond(1.25)
-    assert not of(0.6, 0.2).beyond(1.25)
+    for ratio, sigma, held in ((1.26, 0.05, True), (1.45, 0.05, False), (0.6, 0.05, False), (0.6, 0.2, True)):
+        *_, row = law_rows(None, None, np.array([[50.0, 1e-2 * ratio, 1e-2, sigma]]), missing="")
+        assert row.verdict is held
 
 
 def test_the_error_of_the_signal_is_over_what_was_recorded() -> None:
     judged_by_hand = HeldOutBins(
         signal=np.array([[10.0, 100.0, 50.0], [20.0, 100.0, 110.0]]),
         kept_shares=np.array([[0.2, 0.5, 90.0]]),
-        scatter=np.array([[50.0, 0.03, 0.02, 0.1]]),
+        scatter=np.zeros((0, 4)),
     )
     assert judged_by_hand.signal_error == pytest.approx(0.3)
     assert judged_by_hand.kept_error == pytest.approx(0.3)
-    assert judged_by_hand.ratios == pytest.approx([1.5])
 
 
 POWER = "laser.peak_power_w"
@@ -100,7 +94,7 @@ def test_signal_and_scatter_by_bins() -> None:
     np.testing.assert_allclose(result.signal[:, 1] / result.signal[:, 2], 2.0)
     assert result.signal_error == pytest.approx(0.5)
     # All are one sigma off: a normal law's capped mean square is MEAN_SQUARE, theirs is 1.
-    np.testing.assert_allclose(result.ratios, MEAN_SQUARE**-0.5, rtol=1e-6)
+    np.testing.assert_allclose(result.scatter[:, 1] / result.scatter[:, 2], MEAN_SQUARE**-0.5, rtol=1e-6)
     octaves = np.bincount(np.floor(np.log2(plain.reported.signal[~other])).astype(int))
     np.testing.assert_allclose(result.scatter[:, 3], LOG_SIGMA_OF_ONE * octaves[octaves >= 50] ** -0.5, rtol=1e-4)
 

@@ -51,18 +51,6 @@ class HeldOutBins:
             float(np.mean(np.abs(self.kept_shares[:, 0] - self.kept_shares[:, 1]))) if len(self.kept_shares) else None
         )
 
-    @property
-    def ratios(self) -> Numbers:
-        """Ratio of recorded to expected scatter, by octave of the signal."""
-        return np.asarray(self.scatter[:, 1] / self.scatter[:, 2])
-
-    def beyond(self, most: float) -> bool:
-        """True if a ratio is above ``most``, or below its inverse, by more than two of its sigmas.
-
-        By chance that happens in one of 40 bins whose true ratio is ``most``, in fewer than one of 1000 if it is 1.
-        """
-        return bool(np.any(np.abs(np.log(self.ratios)) > np.log(most) + 2.0 * self.scatter[:, 3]))
-
 
 def judge(pulses: PulsesOnScene, parameter_fit: ParameterFit) -> HeldOutBins:
     """Bin recorded and predicted values of these pulses; reflectivities are the scene's, without fitted factors."""

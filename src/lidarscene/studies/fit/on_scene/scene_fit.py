@@ -10,7 +10,9 @@ import numpy as np
 
 from ....errors import InputError
 from ....files.atomic import put_text
+from ....files.json_text import json_text
 from ....maths.pose import Pose
+from ....maths.special import SIGMA_PER_MAD
 from ....maths.trajectory import pose_at
 from ....recordings.opening import open_recording
 from ....recordings.pcap_reader import metadata_of
@@ -18,16 +20,17 @@ from ....recordings.sweep import Sweep
 from ....scene.poses import read_poses
 from ....scene.scene_file import load_scene
 from ....sensor.sensor_model import Sensor
+from ...held import passed
 from ...twin.planes import select_columns
 from ...twin.twin_files import COLUMNS, PROVENANCE, frame_pose, read_provenance
-from ..estimates import MOST_EVALUATIONS, SIGMA_PER_MAD
-from ..recording_fit_report import check_outputs, printed_text
+from ..estimates import MOST_EVALUATIONS
+from ..recording_fit_report import PAGE, check_outputs
 from ..sensor_text import base_text, parse_sensor, scaled_text
 from .held_out_bins import judge
 from .known_scene import LEAST_FLOOR_M, PARAMETERS, predict
 from .likelihood import ParameterFit, fit_parameters
 from .pulses_on_scene import PulsesOnScene, lay_on_scene
-from .scene_fit_report import SceneFit, as_dict, as_text, write_report
+from .scene_fit_report import SceneFit, as_dict, write_report
 
 REFLECTIVITY_SIGMA = 0.1
 """Prior sigma of a patch's reflectivity factor: the maker's REFLECTIVITY, which a twin has, is good to some 10 %."""
@@ -102,8 +105,8 @@ def fit_on_scene(inputs: SceneFitInputs, output: Path, report: Path, *, as_json:
     )
     fit = replace(fit, notes=(*fit.notes, *text_notes))
     put_text(output, sensor_text)
-    write_report(fit, report)
-    return printed_text(as_dict(fit), as_text(fit), output, report, as_json=as_json), fit.passed
+    text = write_report(fit, report)
+    return json_text(as_dict(fit)) if as_json else f"{text}\nwrote {output} and {report / PAGE}", passed(fit.checks)
 
 
 def fit_pulses_on_scene(pulses: PulsesOnScene, sensor: Sensor, *, twin: bool) -> SceneFit:

@@ -1,6 +1,6 @@
-"""A page in two forms: headings, paragraphs, figures and tables in, Markdown and HTML out; and tables as CSV.
+"""A report: headings, paragraphs, tables and figures in; text, Markdown, HTML, JSON and CSV out.
 
-Every study writes its results as such a page, so that text, figure and data of a result lie together.
+Every study writes its results as such a report, so that text, figures and data of a result lie together.
 """
 
 from __future__ import annotations
@@ -11,10 +11,15 @@ import html
 import io
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+from ..files.atomic import put_text, require_writable
+from ..files.json_text import json_text
+from . import lines
+from .lines import Chart
 
 _STYLE = """
 :root { color-scheme: light; }
@@ -36,37 +41,70 @@ a { color: #0072b2; }
 _MEDIA = {"png": "image/png", "csv": "text/csv"}
 
 
-@dataclass
-class Page:
-    """Blocks in order, each added once for both forms.
+Table = tuple[Sequence[str], Iterable[Sequence[Any]]]
+"""Header and rows."""
 
-    folder  of the figures, which are then embedded in the HTML, so that it can be sent alone; None: the HTML links to
-            the files beside it
+
+class Figure(NamedTuple):
+    """A figure and its data, from one place, so that they cannot disagree.
+
+    name     of its files, without suffix
+    drawing  chart, which is drawn as PNG and SVG, or function that draws a PNG to a path
+    data     table of the CSV beside it
+    number   number in the report: "4(e)"; "" for figures that are called by their name
+    """
+
+    name: str
+    drawing: Chart | Callable[[Path], object]
+    data: Table
+    caption: str
+    number: str = ""
+
+
+@dataclass
+class Report:
+    """Blocks in order, each added once for all forms.
+
+    folder   of the report and its figures
+    embeds   whether the HTML contains the figures, so that it can be sent alone; False: it links to the files beside it
     columns  whether figures that follow each other stand side by side, where there is room
+    digits   of the numbers in CSV files
     """
 
     title: str
-    folder: Path | None = None
+    folder: Path = Path()
+    embeds: bool = True
     columns: bool = False
+    digits: int = 7
+    text: list[str] = field(default_factory=list)
     markdown: list[str] = field(default_factory=list)
     body: list[str] = field(default_factory=list)
 
     def heading(self, text: str) -> None:
         """Add a heading of the second level."""
+        self.text.append(f"\n{text}")
         self.markdown.append(f"## {_escape(text)}")
         self.body.append(f"<h2>{html.escape(text)}</h2>")
 
     def paragraph(self, text: str) -> None:
         """Add a paragraph of plain text."""
+        self.text.append(text)
         self.markdown.append(_escape(text))
         self.body.append(f"<p>{html.escape(text)}</p>")
 
-    def figure(self, *, name: str, number: str, caption: str, svg: bool = True) -> None:
-        """Add a PNG of this name beside the page, with its CSV, and its SVG if there is one."""
-        shown_name = f"Fig. {number}" if svg else number
-        drawn = f"[SVG]({name}.svg), " if svg else ""
-        linked = f'<a href="{name}.svg">SVG</a>, ' if svg else ""
-        size = ' width="1200" height="840"' if svg else ""
+    def figure(self, figure: Figure) -> None:
+        """Draw a figure, write its CSV and add both. Raises OutputError."""
+        name, drawing, data, caption, number = figure
+        is_chart = isinstance(drawing, Chart)
+        if isinstance(drawing, Chart):
+            lines.save(drawing, [self.folder / f"{name}.png", self.folder / f"{name}.svg"])
+        else:
+            drawing(self.folder / f"{name}.png")
+        self.data(name, data)
+        shown_name = f"Fig. {number}" if number else name
+        drawn = f"[SVG]({name}.svg), " if is_chart else ""
+        linked = f'<a href="{name}.svg">SVG</a>, ' if is_chart else ""
+        size = ' width="1200" height="840"' if is_chart else ""
         self.markdown.append(
             f"![{shown_name}]({name}.png)\n\n**{shown_name}** {_escape(caption)} {drawn}[CSV]({name}.csv)"
         )
@@ -75,6 +113,10 @@ class Page:
             f"<figcaption><b>{html.escape(shown_name)}</b> {html.escape(caption)} "
             f"{linked}<a {self._link(f'{name}.csv')}>CSV</a></figcaption></figure>"
         )
+
+    def data(self, name: str, table: Table) -> None:
+        """Write a table as CSV beside the report. Raises OutputError."""
+        put_text(self.folder / f"{name}.csv", csv_text(*table, digits=self.digits))
 
     def pictures(self, captioned: Sequence[tuple[str, str]]) -> None:
         """Add PNGs, side by side if there is room: (name without suffix, caption) of each."""
@@ -88,20 +130,21 @@ class Page:
 
     def _source(self, name: str) -> str:
         """A file's name, or its content as a data URL if figures are embedded."""
-        if self.folder is None:
+        if not self.embeds:
             return name
         data = base64.b64encode((self.folder / name).read_bytes()).decode("ascii")
         return f"data:{_MEDIA[name.rpartition('.')[2]]};base64,{data}"
 
     def _link(self, name: str) -> str:
         """The attributes of a link to a file beside the page."""
-        return f'href="{self._source(name)}"' + (f' download="{name}"' if self.folder is not None else "")
+        return f'href="{self._source(name)}"' + (f' download="{name}"' if self.embeds else "")
 
     def table(self, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """Add a table of plain text."""
+        self.text.append(text_table(header, rows))
         head_cells, *body_cells = ([_escape(cell) for cell in row] for row in (header, *rows))
-        lines = [head_cells, ["---"] * len(header), *body_cells]
-        self.markdown.append("\n".join("| " + " | ".join(cells) + " |" for cells in lines))
+        all_cells = [head_cells, ["---"] * len(header), *body_cells]
+        self.markdown.append("\n".join("| " + " | ".join(cells) + " |" for cells in all_cells))
         head = "".join(f"<th>{html.escape(cell)}</th>" for cell in header)
         body = "".join(
             "<tr>" + "".join(f"<td>{html.escape(_with_unit(cell))}</td>" for cell in row) + "</tr>\n" for row in rows
@@ -109,6 +152,10 @@ class Page:
         self.body.append(
             f'<div class="scroll"><table><thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>'
         )
+
+    def as_text(self) -> str:
+        """The blocks so far as plain text, without title and figures."""
+        return "\n".join(self.text)
 
     def as_markdown(self) -> str:
         """The page in Markdown."""
@@ -133,13 +180,53 @@ class Page:
             + "\n</body>\n</html>\n"
         )
 
+    def write(self, *names: str, numbers: Any = None) -> None:
+        """Write the report into its folder, in the form of each name's suffix. Raises OutputError.
 
-def csv_text(header: Sequence[str], rows: Iterable[Any]) -> str:
-    """Return a table as CSV, numbers to seven digits."""
+        numbers  content of the JSON
+        """
+        for name in names:
+            match Path(name).suffix:
+                case ".html":
+                    text = self.as_html()
+                case ".md":
+                    text = self.as_markdown()
+                case _:
+                    text = json_text(numbers, indent=1) + "\n"
+            put_text(self.folder / name, text)
+
+
+def require_writable_files(folder: Path, names: Iterable[str]) -> None:
+    """Check that all files can be written, before any work is done. Raises OutputError."""
+    for name in names:
+        require_writable(folder / name)
+
+
+_NUMBER = re.compile(r"[-+]?[\d,]*\.?\d+(e[-+]?\d+)?( ?%)?|nan|inf|-|")
+
+
+def text_table(header: Sequence[str], rows: Sequence[Sequence[str]], align: str = "") -> str:
+    """Text of a table in columns.
+
+    align  "<" or ">" for each column, the last one for all further ones; "": numbers to the right, text to the left
+    """
+    columns = list(zip(header, *rows, strict=True))
+    if not align:
+        align = "".join(">" if all(map(_NUMBER.fullmatch, cells)) else "<" for _, *cells in columns)
+    align = align.ljust(len(columns), align[-1:])
+    widths = [max(map(len, column)) for column in columns]
+    return "\n".join(
+        "  ".join(f"{cell:{side}{width}}" for cell, side, width in zip(row, align, widths, strict=True)).rstrip()
+        for row in (header, *rows)
+    )
+
+
+def csv_text(header: Sequence[str], rows: Iterable[Any], *, digits: int = 7) -> str:
+    """Return a table as CSV, numbers to so many digits."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(header)
-    writer.writerows([f"{cell:.7g}" if isinstance(cell, float) else cell for cell in row] for row in rows)
+    writer.writerows([f"{cell:.{digits}g}" if isinstance(cell, float) else cell for cell in row] for row in rows)
     return out.getvalue()
 
 

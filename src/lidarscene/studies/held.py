@@ -1,0 +1,170 @@
+"""Quantities held to limits: the row that every judging study yields, and the one table of all limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+MOST_NAMED = 3
+"""Largest number of missed limits that `verdict` names."""
+
+
+class Limits(NamedTuple):
+    """Lowest and highest accepted value, both included, and why these; None: no limit on that side."""
+
+    low: float | None = None
+    high: float | None = None
+    source: str = ""
+
+    def __str__(self) -> str:
+        """Text for tables, such as "0.8 to 1.25"; empty without limits."""
+        if self.low is not None and self.high is not None:
+            return f"{self.low:.3g} to {self.high:.3g}"
+        if self.high is not None:
+            return f"at most {self.high:.3g}"
+        return "" if self.low is None else f"at least {self.low:.3g}"
+
+    def include(self, value: float) -> bool:
+        """True if the value is within, ends included; False for NaN."""
+        return bool(
+            (-math.inf if self.low is None else self.low) <= value <= (math.inf if self.high is None else self.high)
+        )
+
+    def shifted(self, by: float) -> Limits:
+        """Limits that are higher by so much."""
+        low, high = (None if end is None else end + by for end in self[:2])
+        return self._replace(low=low, high=high)
+
+    def widened(self, factor: float) -> Limits:
+        """Limits of a ratio that are farther from 1 by this factor."""
+        low, high = None if self.low is None else self.low / factor, None if self.high is None else self.high * factor
+        return self._replace(low=low, high=high)
+
+
+UNLIMITED = Limits()
+
+
+def _either_way(ratio: float, source: str) -> Limits:
+    """Limits of a ratio and of its inverse."""
+    return Limits(1.0 / ratio, ratio, source)
+
+
+_CHOICE = "this project's choice"
+_HAIDER = "; Haider et al., Sensors 22, 7556, 2022, reach on known targets: "
+
+# No standard sets limits for simulated lidars. docs/recordings.md and docs/fit.md have what three Ousters reach.
+LIMITS = {
+    # Of a twin beside its recording.
+    "beam direction": Limits(None, 0.01, f"{_CHOICE}: median angle between beams, degrees"),
+    "range bias": Limits(-10.0, 10.0, f"{_CHOICE}: median on smooth surfaces, mm{_HAIDER}2 cm"),
+    "points": Limits(-0.05, 0.05, f"{_CHOICE}: relative difference{_HAIDER}8.5 %"),
+    "points of a ring": Limits(-0.10, 0.10, f"{_CHOICE}: relative difference of any ring"),
+    "returns kept": Limits(0.95, None, f"{_CHOICE}: share of the recorded returns"),
+    "losses kept": Limits(None, 0.50, f"{_CHOICE}: share of the recorded losses on surfaces"),
+    "disagreement": Limits(None, 0.03, f"{_CHOICE}: excess over the disagreement of two recorded frames"),
+    "farthest ground": Limits(-0.15, 0.15, f"{_CHOICE}: relative difference of the 99.9 % quantile"),
+    "second returns": _either_way(1.5, f"{_CHOICE}: ratio of the shares"),
+    "second separation": Limits(-0.15, 0.15, f"{_CHOICE}: relative difference of the least separation"),
+    # Of twins, fits and the catalogue.
+    "signal error": Limits(None, 0.15, f"uncertainty of recorded reflectivities: mean over the range{_HAIDER}9.3 %"),
+    "signal ratio": _either_way(1.15, "as the signal error"),
+    "scatter ratio": _either_way(1.25, f"{_CHOICE}: ratio at one signal, in each octave"),
+    "scatter ratio, target assumed": _either_way(1.5, f"{_CHOICE}: signal and light are not recorded"),
+    "threshold ratio": _either_way(
+        1.2, "uncertainty of a recorded floor, steps of a photon; of the highest noise, too"
+    ),
+    "share of returns": Limits(None, 0.1, f"{_CHOICE}: mean difference; three recorded Ousters have 0.04, 0.05, 0.14"),
+    # Of eye safety: limit over emission.
+    "margin": Limits(1.0, None, "IEC 60825-1:2014, 4.3 f"),
+}
+"""Name -> limits, with the source of each."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Held:
+    """A quantity held to its limits, one row of a report.
+
+    subject    sensor, viewer or other part that the quantity is of; "" if the whole report is of one
+    condition  where or how it was found, in words
+    reference  recorded, published or prescribed value; None: there is none
+    simulated  simulated or modelled value; None: there is none
+    value      number that the limits are for: their difference, ratio, or a share; None: not to be judged, NaN: fails
+    unit       unit of the reference and the simulated value, and of a value that is a difference
+    note       what else there is to say
+    """
+
+    subject: str = ""
+    quantity: str
+    condition: str = ""
+    reference: float | None = None
+    simulated: float | None = None
+    value: float | None = None
+    limits: Limits = UNLIMITED
+    unit: str = ""
+    note: str = ""
+
+    @property
+    def verdict(self) -> bool | None:
+        """True if the value is within its limits, ends included; None without limits or value."""
+        is_limited = self.limits.low is not None or self.limits.high is not None
+        return self.limits.include(self.value) if is_limited and self.value is not None else None
+
+    @property
+    def has_values(self) -> bool:
+        """True if any of the three numbers is known."""
+        return (self.reference, self.simulated, self.value) != (None, None, None)
+
+
+def passed(rows: Sequence[Held]) -> bool:
+    """True if no row misses its limits."""
+    return all(row.verdict is not False for row in rows)
+
+
+def verdict(rows: Sequence[Held], whole: str) -> str:
+    """Outcome in one sentence: how many limits are met, and which are not.
+
+    whole  what is judged, to begin the sentence: "The twin"
+    """
+    limited = [row for row in rows if row.verdict is not None]
+    missed = [row for row in limited if not row.verdict]
+    if not limited:
+        return f"{whole} has nothing that can be held to a limit."
+    if not missed:
+        return f"{whole} meets all {len(limited)} limits." if len(limited) > 1 else f"{whole} meets the one limit."
+    misses = []
+    for row in missed[:MOST_NAMED]:
+        where = ", ".join(text for text in (row.subject, row.condition) if text)
+        name = f"{row.quantity} ({where})" if where else row.quantity
+        misses.append(f"'{name}', {value_text(row.value)} where {row.limits} is allowed")
+    more = [f"{len(missed) - MOST_NAMED} more"] if len(missed) > MOST_NAMED else []
+    return f"{whole} meets {len(limited) - len(missed)} of {len(limited)} limits; it misses {'; '.join(misses + more)}."
+
+
+def value_text(value: float | None, form: str = ".4g") -> str:
+    """Text of a number for tables: integers with commas, an unknown one empty."""
+    if value is None:
+        return ""
+    return f"{value:,}" if isinstance(value, int) else format(value, form)
+
+
+def held_table(rows: Sequence[Held], **headings: str) -> tuple[list[str], list[tuple[str, ...]]]:
+    """Header and cells of the rows, without columns that are empty in all of them.
+
+    headings  column -> its heading, where it is not the name of the field
+    """
+    marks = {None: "", True: "met", False: "NOT MET"}
+    columns = {
+        "subject": [row.subject for row in rows],
+        "quantity": [f"{row.quantity} [{row.unit}]" if row.unit else row.quantity for row in rows],
+        "condition": [row.condition for row in rows],
+        "reference": [value_text(row.reference) for row in rows],
+        "simulated": [value_text(row.simulated) for row in rows],
+        "value": [value_text(row.value) for row in rows],
+        "limit": [str(row.limits) for row in rows],
+        "": [marks[row.verdict] for row in rows],
+        "note": [row.note for row in rows],
+    }
+    filled = {name: cells for name, cells in columns.items() if any(cells)}
+    return [headings.get(name, name) for name in filled], list(zip(*filled.values(), strict=True))
