@@ -9,5 +9,6 @@ eye_safety        class 1 by IEC 60825-1
 compare           different sensors on one scene
 paper             the claims of the paper, recomputed
 budget            the link budget of points
+held              quantities held to limits, the table of all limits
 published_values  catalogue sensors against published figures
 """
