@@ -15,6 +15,7 @@ from helpers.command_line import Run
 from helpers.paper_results import results, use
 
 from lidarscene.cli import main
+from lidarscene.figures import lines
 from lidarscene.figures.lines import Chart
 from lidarscene.studies.paper import study
 
@@ -59,14 +60,14 @@ def folder(found: tuple[Path, Any, str]) -> Path:
 def again(found: tuple[Path, Any, str], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """And once more in this process, on what is found once for all tests: its folder, what it prints."""
     where = tmp_path_factory.mktemp("paper again") / "out"
-    told, save = io.StringIO(), study.charts.save
+    told, save = io.StringIO(), lines.save
 
     def save_some(chart: Chart, paths: list[Path]) -> None:
         if paths[0].stem in DRAWN_AGAIN:
             save(chart, paths)
 
     with contextlib.redirect_stdout(told), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study.charts, "save", save_some)
+        patch.setattr(lines, "save", save_some)
         use(patch, results())
         assert main.main(["paper", "-o", str(where)]) == 0
     return where, told.getvalue()
