@@ -21,7 +21,7 @@ from lidarscene.studies.fit.near_field import fit_near_field, share
 from lidarscene.studies.fit.products import near_field_m, scatter_c_mm, white_m2
 from lidarscene.studies.fit.recorded_pulses import gather_pulses
 from lidarscene.studies.fit.recording_fit import fit_pulses, fit_recordings
-from lidarscene.studies.fit.sensor_text import remove_keys
+from lidarscene.studies.fit.sensor_text import TWO_LENS_KEYS, remove_keys
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
 TRUTH = drawn_truth(0)
@@ -62,7 +62,7 @@ def written(folder: Path, patch: pytest.MonkeyPatch, sweep: Sweep, sensor: str =
 def one_lens(folder: Path) -> str:
     """An OS2 whose near field is that of one lens, focused at infinity, on the laser's axis."""
     text = path_of("sensors", "os2-128").read_text("utf-8")
-    text = remove_keys(text, "optics.overlap", ("transmitter_offset_mm", "parallax_free_at_m", "focus_at_m"))
+    text = remove_keys(text, *TWO_LENS_KEYS[:3])
     (folder / "one-lens.toml").write_text(text, "utf-8")
     return str(folder / "one-lens.toml")
 

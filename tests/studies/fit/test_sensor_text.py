@@ -9,10 +9,10 @@ from lidarscene.catalog import path_of
 from lidarscene.studies.fit.estimates import Estimate
 from lidarscene.studies.fit.products import near_field_m, pulse_fwhm_s, scatter_c_mm, white_m2
 from lidarscene.studies.fit.row_gains import RowGains
-from lidarscene.studies.fit.sensor_text import fitted_text, parse_sensor, remove_keys, scaled_values
+from lidarscene.studies.fit.sensor_text import TWO_LENS_KEYS, fitted_text, parse_sensor, remove_keys, scaled_values
 
 TEXT = path_of("sensors", "os2-128").read_text(encoding="utf-8")
-ONE_LENS = remove_keys(TEXT, "optics.overlap", ("transmitter_offset_mm", "parallax_free_at_m", "focus_at_m"))
+ONE_LENS = remove_keys(TEXT, *TWO_LENS_KEYS[:3])
 
 
 def estimate(key: str, value: float, sigma: float = 0.01) -> Estimate:

@@ -13,10 +13,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import tomlkit
-
 from ... import catalog
 from ...errors import InputError
+from ...files.toml_edit import KeyPath, get_value, put_values, remove_values
 from ...recordings.units.unit_file import read_unit, write_unit
 from ...sensor.sensor_file import sensor_from_tables
 from ...sensor.sensor_model import Sensor
@@ -36,6 +35,21 @@ FILE_KEYS = {
     "threshold_spread": "histogram.threshold_spread",
 }
 """Estimate -> key of the file that it sets."""
+
+DIVERGENCES = ("laser.divergence_mrad", "laser.divergence_elevation_mrad")
+
+TWO_LENS_KEYS = (
+    "optics.overlap.transmitter_offset_mm",
+    "optics.overlap.parallax_free_at_m",
+    "optics.overlap.focus_at_m",
+    "optics.overlap.scattered_share",
+    "laser.exit_diameter_mm",
+    "laser.divergence_elevation_mrad",
+)
+"""Keys of a near field other than that of one lens behind a point."""
+
+Changes = dict[str, tuple[float | list[float], str]]
+"""Key of the file -> its new value and the source of that."""
 
 WHOLE = ("detector.spads",)
 """Keys whose values are integers."""
@@ -122,90 +136,93 @@ def fitted_text(
         if key not in accepted and not (key == "threshold_spread" and key not in estimates)
     )
 
-    def source_of(key: str, also: str = "") -> str:
+    def source_of(key: str, also: str) -> str:
         estimate = estimates[key]
-        return f"fitted: {estimate.value:.4g} +/- {estimate.sigma:.2g} {estimate.unit}, {recording}{also}".replace(
-            " ,", ","
-        )
+        return f"fitted: {f'{estimate.value:.4g} +/- {estimate.sigma:.2g} {estimate.unit}'.rstrip()}, {recording}{also}"
 
+    changes: Changes = {}
     if "near_field_m" in accepted and "spot_over_field" not in estimates:
         # The fitted law was the file's own curve, stretched.
         factor = accepted["near_field_m"].value / near_field_m(sensor)
         source = source_of(
             "near_field_m", f"; the near field of the file's own optics, at {factor:.4g} times the range"
         )
-        for key, value in scaled_values(text, {key: factor**power for key, power in STRETCHED.items()}).items():
-            text = put_key(text, key, value, source)
+        stretched = scaled_values(text, {key: factor**power for key, power in STRETCHED.items()})
+        changes |= {key: (value, source) for key, value in stretched.items()}
     elif "near_field_m" in accepted:
         stretch = math.sqrt(accepted["near_field_m"].value / near_field_m(sensor))
         source = source_of("near_field_m", "; R0 = r_A f / r_PD, with r_A r_PD / f held")
-        for key, value in (
-            ("aperture_radius_mm", 1e3 * float(sensor.optics.aperture_radius_m)),
-            ("focal_length_mm", 1e3 * float(sensor.optics.focal_length_m)),
-        ):
-            text = put_value(text, "optics", key, stretch * value, source)
+        lens_keys = ("optics.aperture_radius_mm", "optics.focal_length_mm")
+        changes |= {
+            key: (value, source) for key, value in scaled_values(text, dict.fromkeys(lens_keys, stretch)).items()
+        }
         # The fitted law was that of one lens, focused at infinity, on the laser's axis.
-        if _has_key(text, "optics.overlap", "transmitter_offset_mm", "focus_at_m"):
-            notes += ("optics.overlap: the file's two lenses or focus are replaced by one lens, whose law was fitted",)
-        lens_keys = ("transmitter_offset_mm", "parallax_free_at_m", "focus_at_m", "scattered_share")
-        text = remove_keys(text, "optics.overlap", lens_keys)
-        if _has_key(text, "laser", "exit_diameter_mm"):
-            notes += ("laser.exit_diameter_mm is left out: the fitted spot starts as a point",)
-        text = remove_keys(text, "laser", ("exit_diameter_mm", "divergence_elevation_mrad"))
-        text = _with_overlap(text)
-        text = put_source(text, "optics.overlap", source)
         spot = estimates.get("spot_over_field")
-        if spot is not None and ("spot_over_field" in accepted or _has_key(text, "laser", "divergence_mrad")):
+        if spot is not None and ("spot_over_field" in accepted or _get_key(text, "laser.divergence_mrad") is not None):
             # Full divergence [mrad]: twice the half angle behind the new lens.
             field = float(sensor.detector.radius_m / sensor.optics.focal_length_m) / stretch
-            source = source_of(
+            source_of_spot = source_of(
                 "spot_over_field", "; the spot's radius over the field's, from how sharp the near field ends"
             )
-            text = put_value(text, "laser", "divergence_mrad", 2e3 * spot.value * field, source)
+            changes["laser.divergence_mrad"] = (2e3 * spot.value * field, source_of_spot)
+        if any(_get_key(text, f"optics.overlap.{key}") for key in ("transmitter_offset_mm", "focus_at_m")):
+            notes += ("optics.overlap: the file's two lenses or focus are replaced by one lens, whose law was fitted",)
+        if _get_key(text, "laser.exit_diameter_mm") is not None:
+            notes += ("laser.exit_diameter_mm is left out: the fitted spot starts as a point",)
+        text = remove_keys(text, *TWO_LENS_KEYS)
+        table: dict[KeyPath, Any] = {} if _get_key(text, "optics.overlap") is not None else {("optics", "overlap"): {}}
+        text = put_values(text, {**table, ("sources", "optics.overlap"): source})
     if "scatter_c" in accepted:
         fwhm_s = pulse_fwhm_s(sensor, accepted["scatter_c"].value)
         if fwhm_s is not None:
-            changed = put_value(
-                text, "laser", "pulse_fwhm_ns", 1e9 * fwhm_s, source_of("scatter_c", "; scatter of the range")
-            )
-            try:
-                parse_sensor(changed, where)
-            except InputError:  # shorter than the bins of the file can show
-                notes += (f"laser.pulse_fwhm_ns is left as it was: {1e9 * fwhm_s:.2g} ns is too short for its bins",)
-            else:
-                text = changed
+            changes["laser.pulse_fwhm_ns"] = (1e9 * fwhm_s, source_of("scatter_c", "; scatter of the range"))
     for key in ("threshold_floor", "threshold_slope", "threshold_spread"):
         if key in accepted:
-            text = put_value(
-                text, "histogram", key, accepted[key].value, source_of(key, "; SIGNAL and NEAR_IR of kept and lost")
-            )
+            source = source_of(key, "; SIGNAL and NEAR_IR of kept and lost")
+            changes[f"histogram.{key}"] = (accepted[key].value, source)
     if rows is not None:
-        text, row_notes = _with_rows(text, rows, recording)
+        row_changes, row_notes = _row_changes(text, rows, recording)
+        changes |= row_changes
         notes += row_notes
+    text, change_notes = _with_changes(text, changes, where)
     if "white_m2" in accepted:
         unscaled = parse_sensor(text, where)
         power_w = float(unscaled.laser.peak_power_w) * accepted["white_m2"].value / white_m2(unscaled)
         source = source_of("white_m2", "; power, lens, efficiency, PDE and shots are known as one product")
-        text = put_value(text, "laser", "peak_power_w", power_w, source)
-    return text, notes
+        text = _put_changes(text, {"laser.peak_power_w": (power_w, source)})
+    return text, (*notes, *change_notes)
 
 
-def _with_rows(text: str, rows: RowGains, recording: str) -> tuple[str, tuple[str, ...]]:
-    """Put the gains of the rows into the file; returns the text, and a note if they are not written."""
-    beams = tomllib.loads(text).get("scanner", {}).get("elevation_deg", ())
+def _with_changes(text: str, changes: Changes, where: str) -> tuple[str, tuple[str, ...]]:
+    """Put the changes in; returns the text, and notes on values that stay since the others do not allow them."""
+    full_text = _put_changes(text, changes)
+    try:
+        parse_sensor(full_text, where)
+    except InputError:  # put in those that are allowed, one by one
+        notes = []
+        for key, change in changes.items():
+            changed = _put_changes(text, {key: change})
+            try:
+                parse_sensor(changed, where)
+            except InputError as error:
+                notes.append(f"{key} is left as it was: {error}")
+            else:
+                text = changed
+        return text, tuple(notes)
+    return full_text, ()
+
+
+def _row_changes(text: str, rows: RowGains, recording: str) -> tuple[Changes, tuple[str, ...]]:
+    """Gains of the rows as changes, and a note if they are not written."""
+    beams = _get_key(text, "scanner.elevation_deg") or ()
     if len(beams) != len(rows.gain):
-        return text, (f"row gains are not written: of {len(rows.gain)} rows, and the file has {len(beams)} beams",)
+        return {}, (f"row gains are not written: of {len(rows.gain)} rows, and the file has {len(beams)} beams",)
+    follows = "" if rows.follows is None else "SIGNAL goes with their power of {:.2f} +/- {:.2f}".format(*rows.follows)
     if rows.key is None:
-        reason = "SIGNAL of some rows is too weak"
-        if rows.follows is not None:
-            reason = "it goes with their power of {:.2f} +/- {:.2f}".format(*rows.follows)
-        return text, (f"row gains are not written: whether SIGNAL has those of NEAR_IR is not told ({reason})",)
-    assert rows.follows is not None
-    source = (
-        f"fitted: NEAR_IR of neighbouring rows, each +/- {rows.sigma[0]:.1%}, {recording}; SIGNAL goes with their "
-        f"power of {rows.follows[0]:.2f} +/- {rows.follows[1]:.2f}"
-    )
-    return put_value(text, "scanner", rows.key, rows.gain.tolist(), source), ()
+        reason = follows or "SIGNAL of some rows is too weak"
+        return {}, (f"row gains are not written: whether SIGNAL has those of NEAR_IR is undetermined ({reason})",)
+    source = f"fitted: NEAR_IR of neighbouring rows, each +/- {rows.sigma[0]:.1%}, {recording}; {follows}"
+    return {f"scanner.{rows.key}": (rows.gain.tolist(), source)}, ()
 
 
 def _estimate_text(estimate: Estimate | None) -> str:
@@ -235,38 +252,20 @@ def scaled_text(
     ]
     factors: dict[str, float] = {key: accepted[key].value for key in SCALED_KEYS if key in accepted}
     source = {key: _scaled_source(key, accepted[key], recording) for key in SCALED_KEYS if key in accepted}
-    near_field = accepted.get("near_field_m")
-    if near_field is not None:
-        for key, power in STRETCHED.items():
-            factors[key] = factors.get(key, 1.0) * near_field.value**power
-            source.setdefault(key, _scaled_source("near_field_m", near_field, recording))
-    if "spot_over_field" in accepted:
-        spot = accepted["spot_over_field"]
-        for key in ("laser.divergence_mrad", "laser.divergence_elevation_mrad"):
-            factors[key] = factors.get(key, 1.0) * spot.value
-            source[key] = _scaled_source("spot_over_field", spot, recording)
+    multiplied = {"spot_over_field": dict.fromkeys(DIVERGENCES, 1.0), "near_field_m": STRETCHED}
+    for name, powers in multiplied.items():
+        if name in accepted:
+            for key, power in powers.items():
+                factors[key] = factors.get(key, 1.0) * accepted[name].value ** power
+                source.setdefault(key, _scaled_source(name, accepted[name], recording))
     values = scaled_values(text, factors)
     notes += [
         f"{key} is left as it was: it is not a number of the file"
         for key in factors
         if key in accepted and key not in values
     ]
-    full_text = text
-    for key, value in values.items():
-        full_text = put_key(full_text, key, value, source[key])
-    try:
-        parse_sensor(full_text, where)
-    except InputError:  # one value does not go with the others: put in those that do, one by one
-        for key, value in values.items():
-            changed = put_key(text, key, value, source[key])
-            try:
-                parse_sensor(changed, where)
-            except InputError as error:
-                notes.append(f"{key} is left as it was: {error}")
-            else:
-                text = changed
-        return text, tuple(notes)
-    return full_text, tuple(notes)
+    text, change_notes = _with_changes(text, {key: (value, source[key]) for key, value in values.items()}, where)
+    return text, (*notes, *change_notes)
 
 
 def _scaled_source(key: str, estimate: Estimate, recording: str) -> str:
@@ -275,80 +274,25 @@ def _scaled_source(key: str, estimate: Estimate, recording: str) -> str:
 
 def scaled_values(text: str, factors: Mapping[str, float]) -> dict[str, float | list[float]]:
     """Key -> value of the file times its factor; keys that the file does not have are left out."""
-    tables = tomllib.loads(text)
     values: dict[str, float | list[float]] = {}
     for key, factor in factors.items():
-        node: Any = tables
-        for name in key.split("."):
-            node = node.get(name) if isinstance(node, Mapping) else None
-        if isinstance(node, list):
-            values[key] = [float(number) * factor for number in node]
-        elif node is not None:
-            values[key] = round(node * factor) if key in WHOLE else float(node) * factor
+        value = _get_key(text, key)
+        if isinstance(value, list):
+            values[key] = [float(number) * factor for number in value]
+        elif value is not None:
+            values[key] = round(value * factor) if key in WHOLE else float(value) * factor
     return values
 
 
-def _with_overlap(text: str) -> str:
-    """Add an empty table [optics.overlap] if there is none: field of view and spot on one axis."""
-    document = tomlkit.parse(text)
-    if _table(document, "optics.overlap") is None:
-        document["optics"].append("overlap", tomlkit.table())
-    return tomlkit.dumps(document)
+def remove_keys(text: str, *keys: str) -> str:
+    """Remove keys from a sensor file, and their sources."""
+    return remove_values(text, [path for key in keys for path in (tuple(key.split(".")), ("sources", key))])
 
 
-def put_key(text: str, key: str, value: float | Sequence[float], source: str) -> str:
-    """`put_value` with table and key as one."""
-    table, _, name = key.rpartition(".")
-    return put_value(text, table, name, value, source)
+def _put_changes(text: str, changes: Changes) -> str:
+    values = {tuple(key.split(".")): value for key, (value, _) in changes.items()}
+    return put_values(text, {**values, **{("sources", key): source for key, (_, source) in changes.items()}})
 
 
-def put_value(text: str, table: str, key: str, value: float | Sequence[float], source: str) -> str:
-    """Put a number or a list into a table of the text, with its source. Raises InputError without the table."""
-    document = tomlkit.parse(text)
-    entries = _table(document, table)
-    if entries is None:
-        raise InputError(f"[{table}]: must be a table of the sensor file, got none")
-    numbers = [value] if isinstance(value, int | float) else value
-    digits = ", ".join(str(number) if isinstance(number, int) else f"{number:.6g}" for number in numbers)
-    entries[key] = tomlkit.value(digits if numbers is not value else f"[{digits}]")
-    _put_source(document, f"{table}.{key}", source)
-    return tomlkit.dumps(document)
-
-
-def remove_keys(text: str, table: str, keys: Sequence[str]) -> str:
-    """Remove keys of a table, and their sources, from the text."""
-    document = tomlkit.parse(text)
-    entries, sources = _table(document, table), _table(document, "sources")
-    for key in keys:
-        for node, name in ((entries, key), (sources, f"{table}.{key}")):
-            if node is not None and name in node:
-                node.remove(name)
-    return tomlkit.dumps(document)
-
-
-def put_source(text: str, key: str, source: str) -> str:
-    """Put a source into `[sources]`."""
-    document = tomlkit.parse(text)
-    _put_source(document, key, source)
-    return tomlkit.dumps(document)
-
-
-def _put_source(document: tomlkit.TOMLDocument, key: str, source: str) -> None:
-    sources = _table(document, "sources")
-    if sources is None:
-        sources = document["sources"] = tomlkit.table()
-    sources[key] = source
-
-
-def _table(document: tomlkit.TOMLDocument, name: str) -> Any:
-    """Editable table of a dotted name; None if the file has none."""
-    node: Any = document
-    for part in name.split("."):
-        node = node.get(part) if isinstance(node, Mapping) else None
-    return node if isinstance(node, Mapping) else None
-
-
-def _has_key(text: str, table: str, *keys: str) -> bool:
-    """True if a table of the file has one of these keys."""
-    entries = _table(tomlkit.parse(text), table)
-    return entries is not None and any(key in entries for key in keys)
+def _get_key(text: str, key: str) -> Any:
+    return get_value(text, tuple(key.split(".")))

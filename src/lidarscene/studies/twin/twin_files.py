@@ -23,6 +23,7 @@ from ...figures.report import count_text
 from ...files.atomic import atomic_output, put_text, require_writable
 from ...files.json_text import json_text
 from ...files.toml import validate
+from ...files.toml_edit import get_value, put_values
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
 from ...recordings.pcap_reader import metadata_of
@@ -176,7 +177,9 @@ def _sensor_file(recording: Recording, path: Path, metadata: Path | None, sensor
     message = write_unit(read_unit(described), described, path)
     if sweep.second is not None:
         text = path.read_text(encoding="utf-8")
-        put_text(path, re.sub(r"(?m)^\[histogram\]\n", '[histogram]\nstops = 2\nkeep = "strongest"\n', text))
+        if get_value(text, ("histogram",)) is not None:
+            text = put_values(text, {("histogram", "stops"): 2, ("histogram", "keep"): "strongest"})
+        put_text(path, text)
     return message
 
 

@@ -1,0 +1,56 @@
+"""Edits of the text of a TOML file, which keep its comments and its order.
+
+A path is the names of the tables down to the key: ("optics", "overlap", "focus_at_m").
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import tomlkit
+
+DIGITS = 6
+"""Significant digits of the numbers that are put."""
+
+KeyPath = tuple[str, ...]
+
+
+def put_values(text: str, values: Mapping[KeyPath, Any]) -> str:
+    """Put a value under each path; tables that the file lacks are added."""
+    document = tomlkit.parse(text)
+    for path, value in values.items():
+        table: Any = document
+        for name in path[:-1]:
+            if name not in table:
+                table.append(name, tomlkit.table())
+            table = table[name]
+        table[path[-1]] = _rounded(value)
+    return tomlkit.dumps(document)
+
+
+def get_value(text: str, path: KeyPath) -> Any:
+    """Value under a path; None if the file has none."""
+    return _at(tomllib.loads(text), path)
+
+
+def remove_values(text: str, paths: Iterable[KeyPath]) -> str:
+    """Remove the keys of these paths; those that the file lacks are skipped."""
+    document = tomlkit.parse(text)
+    for path in paths:
+        if _at(document, path) is not None:
+            _at(document, path[:-1]).remove(path[-1])
+    return tomlkit.dumps(document)
+
+
+def _at(node: Any, path: KeyPath) -> Any:
+    for name in path:
+        node = node.get(name) if isinstance(node, Mapping) else None
+    return node
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_rounded(number) for number in value]
+    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
