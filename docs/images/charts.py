@@ -188,9 +188,10 @@ def sensors() -> None:
     figure, (axes,) = dark(1, 1, height=5.0)
     names: dict[tuple[float, float], list[str]] = {}
     for name in catalog.names("sensors"):
-        for one in published_values.check(name).also:
-            if one.published and one.simulated:
-                place = one.published, one.simulated
+        _, *further_ranges = (row for row in published_values.check(name) if row.quantity == "range")
+        for one in further_ranges:
+            if one.reference and one.simulated:
+                place = one.reference, one.simulated
                 # One label for points that lie on each other.
                 same = (other for other in names if np.allclose(other, place, rtol=0.02))
                 names.setdefault(next(same, place), []).append(name)

@@ -19,6 +19,7 @@ from lidarscene.physics.optics import reflection, solar_spectrum
 from lidarscene.scene.weather import Weather
 from lidarscene.studies import published_values
 from lidarscene.studies.eye_safety.eye_safety_report import eye_safety_report
+from lidarscene.studies.held import Held
 from lidarscene.studies.paper import case
 from lidarscene.studies.paper.case import (
     FLOOR,
@@ -177,22 +178,21 @@ def leaf(nm: float) -> tuple[float, float]:
 
 
 @cache
-def checked(name: str) -> published_values.PublishedComparison:
+def checked(name: str) -> list[Held]:
     return published_values.check(name)
 
 
 def test_published_against_simulated() -> None:
     """The rows that are shown, in the words of `catalog check`; scatters to the own error of its draws."""
     for name, quantity, published, simulated in table("sensors.md", "sensor | quantity"):
-        one = checked(name.strip("`"))
         kind, condition = quantity.split(", ", 1)
-        kinds = {"scatter": one.repeatability_m, "false points": (one.false_points,)}
-        candidates = kinds.get(kind, (one.range_m, *one.also))
-        (found,) = [c for c in candidates if c.condition.startswith(condition)]
-        assert found.published is not None
+        kind = kind if kind in ("scatter", "false points") else "range"
+        rows = [row for row in checked(name.strip("`")) if row.quantity == kind]
+        (found,) = [row for row in rows if row.condition.startswith(condition)]
+        assert found.reference is not None
         assert found.simulated is not None
         unit = {"cm": 0.01, "mm": 0.001}.get(simulated.split()[-1], 1.0)
-        row_says([published], found.published / unit)
+        row_says([published], found.reference / unit)
         row_says([simulated], found.simulated / unit)
 
 

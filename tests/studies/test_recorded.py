@@ -15,6 +15,7 @@ from lidarscene.errors import InputError
 from lidarscene.sensor.readout import PublishedFile, RepeatabilityFile
 from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies import published_values, recorded
+from lidarscene.studies.held import LIMITS, Limits
 from lidarscene.studies.ranging import statistics
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
@@ -33,15 +34,15 @@ def test_held_to_its_recording(name: str) -> None:
     """15 % in signal, 20 % in threshold and noise, a ratio of 1.25 in scatter."""
     rows = recorded.compare(name)
     assert {row.quantity.split(",")[0] for row in rows} == {"signal", "threshold", "highest noise", "scatter"}
-    assert [row for row in rows if not row.held] == []
+    assert [row for row in rows if not row.verdict] == []
 
 
 FAULTS = {
     "laser.peak_power_w=1": "signal",
     "optics.overlap.transmitter_offset_mm=[0,0]": "signal, spread",
-    "histogram.threshold_slope=0.5": "threshold, photons",
-    "histogram.ambient_window_us=0.2": "highest noise, photons",
-    "laser.pulse_fwhm_ns=6": "scatter, mm",
+    "histogram.threshold_slope=0.5": "threshold",
+    "histogram.ambient_window_us=0.2": "highest noise",
+    "laser.pulse_fwhm_ns=6": "scatter",
 }
 
 
@@ -50,7 +51,7 @@ def test_a_wrong_value_fails(change: str) -> None:
     curves = recorded.recorded_curves("os1-128")
     assert curves is not None
     sensor = load_sensor("os1-128", overrides=[*MODE, change])
-    failed = {row.quantity for row in recorded.compare_curves("os1-128", curves, sensor) if not row.held}
+    failed = {row.quantity for row in recorded.compare_curves(curves, sensor) if not row.verdict}
     assert FAULTS[change] in failed
 
 
@@ -126,8 +127,8 @@ def test_lists_of_unequal_length(tmp_path: Path) -> None:
 def test_command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """A table and 0; JSON; 1 where a bound is passed; one line without a recording."""
     assert main.main(["catalog", "check", "os0-128", "--real"]) == 0
-    assert "all 12 held" in capsys.readouterr().out
-    monkeypatch.setattr(recorded, "SIGNAL_ERROR", 1e-3)
+    assert "The catalogue meets all 12 limits." in capsys.readouterr().out
+    monkeypatch.setitem(LIMITS, "signal ratio", Limits(1.0 / 1.001, 1.001))
     assert main.main(["catalog", "check", "os0-128", "--real", "--json"]) == 1
     rows = json.loads(capsys.readouterr().out)
     assert [row["quantity"] for row in rows if not row["held"]] == ["signal", "signal, spread"]
@@ -140,28 +141,21 @@ def test_command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[
     ("simulated", "held"), [(79.0, False), (81.0, True), (124.0, True), (126.0, False), (None, False)]
 )
 def test_a_ratio_is_held_either_way(simulated: float | None, held: bool) -> None:
-    row = recorded.RecordedComparison(
-        sensor="s", quantity="q", condition="", recorded=100.0, simulated=simulated, most=1.25
-    )
-    assert row.held is held
-    assert row.ratio == (None if simulated is None else simulated / 100.0)
+    row = recorded._row("scatter", "", 100.0, simulated)
+    assert row.verdict is held
+    if simulated is not None:
+        assert row.value == simulated / 100.0
 
 
 def test_a_deviation_is_over_what_is_published() -> None:
-    assert published_values.Compared(published=10.0, simulated=12.0).deviation == pytest.approx(0.2)
-    assert published_values.Compared(published=None, simulated=12.0).deviation is None
+    assert published_values._row("range", "", 10.0, 12.0).value == pytest.approx(0.2)
+    assert published_values._row("range", "", None, 12.0).value is None
 
 
 def test_bounds_of_each_curve() -> None:
     """15 % of the signal, 20 % of threshold and noise, a ratio of 1.25 of scatters in counted light."""
-    bounds = {row.quantity: row.most for row in recorded.compare("os0-128") if row.condition[0] != "2"}
-    assert bounds == {
-        "signal": 1.15,
-        "signal, spread": 1.15,
-        "threshold, photons": 1.2,
-        "highest noise, photons": 1.2,
-        "scatter, mm": 1.25,
-    }
+    bounds = {row.quantity: row.limits.high for row in recorded.compare("os0-128") if row.condition[0] != "2"}
+    assert bounds == {"signal": 1.15, "signal, spread": 1.15, "threshold": 1.2, "highest noise": 1.2, "scatter": 1.25}
 
 
 def test_the_signal_is_that_of_the_simulation_over_the_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -169,8 +163,7 @@ def test_the_signal_is_that_of_the_simulation_over_the_recorded(monkeypatch: pyt
     assert curves is not None
     monkeypatch.setattr(recorded, "white_m2", lambda *_: 1.1 * np.asarray(curves.signal.white_m2))
     rows = {
-        row.quantity: row.simulated
-        for row in recorded.compare_curves("os0", curves, load_sensor("os0-128", overrides=MODE))
+        row.quantity: row.simulated for row in recorded.compare_curves(curves, load_sensor("os0-128", overrides=MODE))
     }
     assert rows["signal"] == pytest.approx(1.1)
     assert rows["signal, spread"] == pytest.approx(1.0)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
 
 MOST_NAMED = 3
 """Largest number of missed limits that `verdict` names."""
@@ -116,6 +116,17 @@ class Held:
         """True if any of the three numbers is known."""
         return (self.reference, self.simulated, self.value) != (None, None, None)
 
+    def as_dict(self, **keys: str) -> dict[str, Any]:
+        """The row for JSON.
+
+        keys  field -> its key, where that is another word; subject and note are left out without one
+        """
+        row = asdict(self)
+        low, high, _ = row.pop("limits")
+        row |= {"low": low, "high": high, "met": self.verdict}
+        shown = row.keys() - {"subject", "note"} | keys.keys()
+        return {keys.get(field, field): row[field] for field in row if field in shown}
+
 
 def passed(rows: Sequence[Held]) -> bool:
     """True if no row misses its limits."""
@@ -142,16 +153,19 @@ def verdict(rows: Sequence[Held], whole: str) -> str:
     return f"{whole} meets {len(limited) - len(missed)} of {len(limited)} limits; it misses {'; '.join(misses + more)}."
 
 
-def value_text(value: float | None, form: str = ".4g") -> str:
-    """Text of a number for tables: integers with commas, an unknown one empty."""
+def value_text(value: float | None) -> str:
+    """Text of a number for tables: four digits, or all before the point; an unknown one is empty."""
     if value is None:
         return ""
-    return f"{value:,}" if isinstance(value, int) else format(value, form)
+    return f"{value:,}" if isinstance(value, int) else f"{value:,.0f}" if 1e4 <= abs(value) < 1e9 else f"{value:.4g}"
 
 
-def held_table(rows: Sequence[Held], **headings: str) -> tuple[list[str], list[tuple[str, ...]]]:
+def held_table(
+    rows: Sequence[Held], *, percent: bool = False, **headings: str
+) -> tuple[list[str], list[tuple[str, ...]]]:
     """Header and cells of the rows, without columns that are empty in all of them.
 
+    percent   write values in per cent, with their signs
     headings  column -> its heading, where it is not the name of the field
     """
     marks = {None: "", True: "met", False: "NOT MET"}
@@ -161,7 +175,7 @@ def held_table(rows: Sequence[Held], **headings: str) -> tuple[list[str], list[t
         "condition": [row.condition for row in rows],
         "reference": [value_text(row.reference) for row in rows],
         "simulated": [value_text(row.simulated) for row in rows],
-        "value": [value_text(row.value) for row in rows],
+        "value": [f"{row.value:+z.1%}" if percent and row.value is not None else value_text(row.value) for row in rows],
         "limit": [str(row.limits) for row in rows],
         "": [marks[row.verdict] for row in rows],
         "note": [row.note for row in rows],

@@ -5,17 +5,20 @@ Sensor files hold estimates for numbers that makers do not publish. The publishe
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..detection.outcomes import Status
 from ..detection.receivers import detect_alone
+from ..figures.report import text_table
 from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..sensor.readout import PublishedFile, RepeatabilityFile
 from ..sensor.sensor_file import load_sensor, published_performance
 from ..sensor.sensor_model import Sensor
+from .held import Held, held_table
 from .ranging import statistics
 from .ranging.plane import Target, echoes_of_plane, maximum_range_m
 
@@ -28,41 +31,6 @@ NOTE = """\
 * not published: assumed. Of several ranges the first is the one that the laser's power was fitted to, if it was.
 The scatter is the standard deviation of one shot's range; false points are per pulse. "recorded" stands for what others
 measured in recordings, with the roughness of the surface in it: an upper bound."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Compared:
-    """Published and simulated value of one quantity; None is unknown.
-
-    condition  conditions under which it was published, in words
-    """
-
-    published: float | None
-    simulated: float | None
-    condition: str = ""
-
-    @property
-    def deviation(self) -> float | None:
-        """Simulated over published, minus one."""
-        if self.published is None or self.simulated is None:
-            return None
-        return self.simulated / self.published - 1.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PublishedComparison:
-    """Comparison of one catalogue sensor.
-
-    also  ranges on further targets, to which no value was fitted
-    """
-
-    name: str
-    range_m: Compared
-    also: tuple[Compared, ...]
-    repeatability_m: tuple[Compared, ...]
-    false_points: Compared
-    points_per_second: Compared
-    source: str
 
 
 def points_per_second(sensor: Sensor) -> float:
@@ -90,24 +58,36 @@ def scatter_m(sensor: Sensor, target: Target, *, range_m: float, snr: float | No
     return float(np.std(errors)) if errors.size > SHOTS // 100 else None
 
 
-def check(name: str) -> PublishedComparison:
-    """Compare a catalogue sensor with its `[published]` values. Raises InputError."""
+def check(name: str) -> list[Held]:
+    """Compare a catalogue sensor with its `[published]` values: ranges, the fitted one first, scatters, points.
+
+    Raises InputError.
+    """
     published = published_performance(name) or PublishedFile(source="unknown")
     sensor = load_sensor(name, overrides=published.settings)
-    return PublishedComparison(
-        name=name,
-        range_m=_range(sensor, published, published.reflectivity, published.range_m),
-        also=tuple(_range(sensor, published, *pair) for pair in published.also),
-        repeatability_m=tuple(repeatability(sensor, published, entry) for entry in published.repeatability),
-        false_points=_false_points(sensor, published),
-        points_per_second=Compared(
-            published=published.points_per_second, simulated=points_per_second(load_sensor(name))
-        ),
-        source=published.source,
+    rows = (
+        _range(sensor, published, published.reflectivity, published.range_m),
+        *(_range(sensor, published, *pair) for pair in published.also),
+        *(repeatability(sensor, published, entry) for entry in published.repeatability),
+        _false_points(sensor, published),
+        _row("points/s", "", published.points_per_second, points_per_second(load_sensor(name))),
+    )
+    return [replace(row, subject=name) for row in rows]
+
+
+def _row(quantity: str, condition: str, published: float | None, simulated: float | None, unit: str = "") -> Held:
+    """Row whose value is simulated over published, minus one; no limits, since most values were fitted to."""
+    return Held(
+        quantity=quantity,
+        condition=condition,
+        reference=published,
+        simulated=simulated,
+        value=None if published is None or simulated is None else simulated / published - 1.0,
+        unit=unit,
     )
 
 
-def _range(sensor: Sensor, published: PublishedFile, reflectivity: float | None, range_m: float | None) -> Compared:
+def _range(sensor: Sensor, published: PublishedFile, reflectivity: float | None, range_m: float | None) -> Held:
     """Compare the range under the published condition, or at 10 % and 100 klux if there is none."""
     is_given = reflectivity is not None
     share = reflectivity if reflectivity is not None else 0.1
@@ -115,10 +95,10 @@ def _range(sensor: Sensor, published: PublishedFile, reflectivity: float | None,
     limit, _ = maximum_range_m(sensor, Target(reflectivity=share, illuminance_klux=klux))
     stated = is_given and not (share == published.reflectivity and "reflectivity" in published.assumed)
     words = f"{share:.0%}{'' if stated else '*'}, {_words(published, ('illuminance_klux', f'{klux:g} klux'))}"
-    return Compared(published=range_m, simulated=float(limit), condition=words)
+    return _row("range", words, range_m, float(limit), "m")
 
 
-def repeatability(sensor: Sensor, published: PublishedFile, entry: RepeatabilityFile) -> Compared:
+def repeatability(sensor: Sensor, published: PublishedFile, entry: RepeatabilityFile) -> Held:
     """Compare a published scatter, at its SNR (on 10 % at 20 m, which sets the background) or on its target."""
     klux = entry.illuminance_klux if entry.illuminance_klux is not None else published.illuminance_klux
     target = Target(reflectivity=entry.reflectivity or 0.1, illuminance_klux=100.0 if klux is None else klux)
@@ -129,23 +109,18 @@ def repeatability(sensor: Sensor, published: PublishedFile, entry: Repeatability
         words = [f"{entry.at_m:g} m", f"{entry.reflectivity:.0%}{'*' if 'reflectivity' in entry.assumed else ''}"]
     words += [f"{target.illuminance_klux:g} klux{sunlit}"]
     words += ["at most"] * entry.at_most + ["recorded"] * entry.recording
-    return Compared(
-        published=entry.sigma_m,
-        simulated=scatter_m(sensor, target, range_m=entry.at_m or 20.0, snr=entry.snr),
-        condition=", ".join(words),
-    )
+    simulated_m = scatter_m(sensor, target, range_m=entry.at_m or 20.0, snr=entry.snr)
+    return _row("scatter", ", ".join(words), entry.sigma_m, simulated_m, "m")
 
 
-def _false_points(sensor: Sensor, published: PublishedFile) -> Compared:
+def _false_points(sensor: Sensor, published: PublishedFile) -> Held:
     """Compare the false points of a pulse without echo, under the light of a 10 % target."""
     klux = 100.0 if published.illuminance_klux is None else published.illuminance_klux
     target = Target(reflectivity=0.1, illuminance_klux=klux)
     beyond_m = float(sensor.tdc.window_s) * SPEED_OF_LIGHT_M_S
-    return Compared(
-        published=published.false_points,
-        simulated=statistics.false_points(sensor, target, beyond_m).per_pulse,
-        condition=_words(published, ("illuminance_klux", f"{klux:g} klux")),
-    )
+    per_pulse = statistics.false_points(sensor, target, beyond_m).per_pulse
+    words = _words(published, ("illuminance_klux", f"{klux:g} klux"))
+    return _row("false points", words, published.false_points, per_pulse)
 
 
 def _words(published: PublishedFile, *conditions: tuple[str, str]) -> str:
@@ -156,44 +131,26 @@ def _words(published: PublishedFile, *conditions: tuple[str, str]) -> str:
     )
 
 
-def as_dict(comparison: PublishedComparison) -> dict[str, Any]:
-    """Fields for JSON; null is unknown."""
+def as_dict(rows: Sequence[Held]) -> dict[str, Any]:
+    """Rows of one sensor for JSON, by quantity; null is unknown."""
+    ranges, scatters, false_points, points = (
+        [row.as_dict(reference="published", value="deviation") for row in rows if row.quantity == quantity]
+        for quantity in ("range", "scatter", "false points", "points/s")
+    )
+    name = rows[0].subject
+    published = published_performance(name)
     return {
-        "name": comparison.name,
-        "range_m": _as_dict(comparison.range_m),
-        "also_range_m": [_as_dict(further) for further in comparison.also],
-        "repeatability_m": [_as_dict(scatter) for scatter in comparison.repeatability_m],
-        "false_points": _as_dict(comparison.false_points),
-        "points_per_second": _as_dict(comparison.points_per_second),
-        "source": comparison.source,
+        "name": name,
+        "range_m": ranges[0],
+        "also_range_m": ranges[1:],
+        "repeatability_m": scatters,
+        "false_points": false_points[0],
+        "points_per_second": points[0],
+        "source": "unknown" if published is None else published.source,
     }
 
 
-def _as_dict(compared: Compared) -> dict[str, Any]:
-    values = {"published": compared.published, "simulated": compared.simulated, "deviation": compared.deviation}
-    return values | ({"condition": compared.condition} if compared.condition else {})
-
-
-def as_text(checks: list[PublishedComparison]) -> str:
+def as_text(rows: Sequence[Held]) -> str:
     """Text table of the comparisons."""
-    rows = [("sensor", "", "published", "simulated", "deviation", "condition")]
-    for comparison in checks:
-        name = comparison.name
-        for label, digits, c in (
-            ("range, m", ".1f", comparison.range_m),
-            *(("range, m", ".1f", further) for further in comparison.also),
-            *(("scatter, m", ".4f", c) for c in comparison.repeatability_m),
-            ("false points", ".2e", comparison.false_points),
-            ("points/s", ",.0f", comparison.points_per_second),
-        ):
-            shift = None if c.deviation is None else round(c.deviation, 3) + 0.0  # no minus before zero
-            cells = ((c.published, digits), (c.simulated, digits), (shift, "+.1%"))
-            texts = ["unknown" if value is None else format(value, spec) for value, spec in cells]
-            rows.append((name, label, texts[0], texts[1], texts[2], c.condition))
-            name = ""
-    widths = [max(len(row[column]) for row in rows) for column in range(5)]
-    lines = []
-    for row in rows:
-        cells_text = [f"{row[column]:{'<' if column < 2 else '>'}{widths[column]}}" for column in range(5)]
-        lines.append("  ".join([*cells_text, row[5]]).rstrip())
-    return "\n".join([*lines, NOTE])
+    table = held_table(rows, percent=True, subject="sensor", reference="published", value="deviation")
+    return f"{text_table(*table)}\n{NOTE}"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,24 +17,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from .. import catalog
+from ..figures.report import text_table
 from ..files.toml import FileModel, read_toml, validate
 from ..maths.arrays import Numbers
 from ..sensor.sensor_file import load_sensor, published_performance
 from ..sensor.sensor_model import Sensor
+from .held import LIMITS, Held, held_table, verdict
 from .published_values import repeatability, scatter_m
 from .ranging.plane import Target, echoes_of_plane
-
-SIGNAL_ERROR = 0.15
-"""Largest mean deviation of the signal over the range, limited by the uncertainty of a recording's reflectivities."""
-
-THRESHOLD_ERROR = 0.2
-"""Largest deviation of the threshold and the highest noise: uncertainty of a recording's floor, steps of a photon."""
-
-SCATTER_RATIO = 1.25
-"""Largest ratio of two scatters at one signal, in either direction."""
-
-ASSUMED_RATIO = 1.5
-"""Largest ratio of two scatters if signal and light are not recorded, so that the target is assumed."""
 
 PositiveNumbers = Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=1)]
 
@@ -82,31 +72,6 @@ class RecordedFile(FileModel):
     scatter: ScatterFile
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedComparison:
-    """Recorded and simulated value of one quantity.
-
-    most  largest accepted ratio of the two, in either direction
-    """
-
-    sensor: str
-    quantity: str
-    condition: str
-    recorded: float
-    simulated: float | None
-    most: float
-
-    @property
-    def ratio(self) -> float | None:
-        """Simulated over recorded."""
-        return None if self.simulated is None else self.simulated / self.recorded
-
-    @property
-    def held(self) -> bool:
-        """True if the ratio is within bounds."""
-        return self.ratio is not None and 1.0 / self.most <= self.ratio <= self.most
-
-
 def recorded_curves(name: str) -> RecordedFile | None:
     """Read the curves of a recording of this catalogue sensor; None without one. Raises InputError."""
     path = catalog.folder("recorded") / f"{name}.toml"
@@ -118,80 +83,58 @@ def read_recorded(path: Path) -> RecordedFile:
     return validate(RecordedFile, read_toml(path), str(path))
 
 
-def compare(name: str) -> list[RecordedComparison]:
+def compare(name: str) -> list[Held]:
     """Compare a catalogue sensor with all that is recorded of it. Raises InputError."""
     curves = recorded_curves(name)
-    rows = [] if curves is None else list(compare_curves(name, curves, load_sensor(name, overrides=curves.settings)))
+    rows = [] if curves is None else list(compare_curves(curves, load_sensor(name, overrides=curves.settings)))
     published = published_performance(name)
-    if published is None:
-        return rows
-    for entry in published.repeatability:
-        if entry.recording:
-            scatter = repeatability(load_sensor(name), published, entry)
-            rows.append(
-                RecordedComparison(
-                    sensor=name,
-                    quantity="scatter, mm",
-                    condition=f"{entry.at_m:g} m",
-                    recorded=1e3 * entry.sigma_m,
-                    simulated=None if scatter.simulated is None else 1e3 * scatter.simulated,
-                    most=ASSUMED_RATIO,
-                )
-            )
-    return rows
+    if published is not None:
+        for entry in (entry for entry in published.repeatability if entry.recording):
+            sigma_m = repeatability(load_sensor(name), published, entry).simulated
+            sigma_mm = None if sigma_m is None else 1e3 * sigma_m
+            rows.append(_row("scatter, target assumed", f"{entry.at_m:g} m", 1e3 * entry.sigma_m, sigma_mm, "mm"))
+    return [replace(row, subject=name) for row in rows]
 
 
-def compare_curves(name: str, curves: RecordedFile, sensor: Sensor) -> Iterator[RecordedComparison]:
+def compare_curves(curves: RecordedFile, sensor: Sensor) -> Iterator[Held]:
     """Compare the four curves of a sensor that counts photons, in its recorded mode."""
     range_m = np.asarray(curves.signal.range_m)
-    white = white_m2(sensor, range_m)
-    error = np.log(white / np.asarray(curves.signal.white_m2))
+    error = np.log(white_m2(sensor, range_m) / np.asarray(curves.signal.white_m2))
     span = f"{range_m[0]:g} to {range_m[-1]:g} m"
-    yield RecordedComparison(
-        sensor=name,
-        quantity="signal",
-        condition=f"mean of {span}",
-        recorded=1.0,
-        simulated=float(np.exp(np.mean(error))),
-        most=1.0 + SIGNAL_ERROR,
-    )
-    yield RecordedComparison(
-        sensor=name,
-        quantity="signal, spread",
-        condition=f"over {span}",
-        recorded=1.0,
-        simulated=float(np.exp(np.mean(np.abs(error - np.mean(error))))),
-        most=1.0 + SIGNAL_ERROR,
-    )
+    yield _row("signal", f"mean of {span}", 1.0, float(np.exp(np.mean(error))))
+    yield _row("signal, spread", f"over {span}", 1.0, float(np.exp(np.mean(np.abs(error - np.mean(error))))))
     for near_ir, photons in zip(curves.threshold.near_ir, curves.threshold.photons, strict=True):
         point = sensor.working_point(background_w(sensor, near_ir))
-        yield RecordedComparison(
-            sensor=name,
-            quantity="threshold, photons",
-            condition=f"NEAR_IR {near_ir:g}",
-            recorded=photons,
-            simulated=float(np.ravel(sensor.threshold(point))[0]),
-            most=1.0 + THRESHOLD_ERROR,
-        )
+        threshold = float(np.ravel(sensor.threshold(point))[0])
+        yield _row("threshold", f"NEAR_IR {near_ir:g}", photons, threshold, "photons")
     for near_ir, photons in zip(curves.noise.near_ir, curves.noise.photons, strict=True):
-        yield RecordedComparison(
-            sensor=name,
-            quantity="highest noise, photons",
-            condition=f"NEAR_IR {near_ir:g}",
-            recorded=photons,
-            simulated=highest_noise(sensor, near_ir),
-            most=1.0 + THRESHOLD_ERROR,
-        )
+        yield _row("highest noise", f"NEAR_IR {near_ir:g}", photons, highest_noise(sensor, near_ir), "photons")
     scatter = curves.scatter
-    for index, signal in enumerate(scatter.signal):
-        yield RecordedComparison(
-            sensor=name,
-            quantity="scatter, mm",
-            condition=f"SIGNAL {signal:g}",
-            recorded=scatter.sigma_mm[index],
-            simulated=scatter_mm(sensor, signal, scatter.near_ir[index]),
-            most=SCATTER_RATIO,
-        )
+    for signal, near_ir, sigma_mm in zip(scatter.signal, scatter.near_ir, scatter.sigma_mm, strict=True):
+        yield _row("scatter", f"SIGNAL {signal:g}", sigma_mm, scatter_mm(sensor, signal, near_ir), "mm")
+
+
+def _row(quantity: str, condition: str, recorded: float, simulated: float | None, unit: str = "") -> Held:
+    """Row whose value is simulated over recorded; one that cannot be simulated fails."""
+    return Held(
+        quantity=quantity,
+        condition=condition,
+        reference=recorded,
+        simulated=simulated,
+        value=math.nan if simulated is None else simulated / recorded,
+        limits=LIMITS[_LIMITS_OF[quantity]],
+        unit=unit,
+    )
+
+
+_LIMITS_OF = {
+    "signal": "signal ratio",
+    "signal, spread": "signal ratio",
+    "threshold": "threshold ratio",
+    "highest noise": "threshold ratio",
+    "scatter": "scatter ratio",
+    "scatter, target assumed": "scatter ratio, target assumed",
+}
 
 
 def white_m2(sensor: Sensor, range_m: Numbers) -> Numbers:
@@ -241,23 +184,13 @@ def scatter_mm(sensor: Sensor, signal: float, near_ir: float) -> float | None:
     return None if sigma_m is None else 1e3 * sigma_m
 
 
-def as_dict(row: RecordedComparison) -> dict[str, Any]:
+def as_dict(row: Held) -> dict[str, Any]:
     """Fields for JSON."""
-    keys = ("sensor", "quantity", "condition", "recorded", "simulated", "ratio", "most", "held")
-    return {key: getattr(row, key) for key in keys}
+    fields = row.as_dict(subject="sensor", reference="recorded", value="ratio", met="held")
+    return fields | {"most": row.limits.high}
 
 
-def as_text(rows: Sequence[RecordedComparison]) -> str:
+def as_text(rows: Sequence[Held]) -> str:
     """Text table of the comparisons, with a verdict."""
-    heads = f"{'recorded':>9} {'simulated':>9} {'ratio':>6} {'at most':>7}"
-    lines, before = [f"{'sensor':<10} {'quantity':<23} {'condition':<22} {heads}"], ""
-    for row in rows:
-        name, before = ("" if row.sensor == before else row.sensor), row.sensor
-        simulated, ratio = ("none", "") if row.simulated is None else (f"{row.simulated:.3g}", f"{row.ratio:.2f}")
-        lines.append(
-            f"{name:<10} {row.quantity:<23} {row.condition:<22} {row.recorded:>9.3g} {simulated:>9} {ratio:>6} "
-            f"{row.most:>7g}{'' if row.held else '  FAILED'}"
-        )
-    failed = sum(not row.held for row in rows)
-    lines.append(f"{failed} of {len(rows)} failed" if failed else f"all {len(rows)} held")
-    return "\n".join(lines)
+    table = held_table(rows, subject="sensor", reference="recorded", value="ratio")
+    return f"{text_table(*table)}\n{verdict(rows, 'The catalogue')}"

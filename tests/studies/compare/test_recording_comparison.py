@@ -97,7 +97,7 @@ def test_page_and_numbers(tmp_path: Path) -> None:
     assert f"wrote {tmp_path / 'index.html'}" in text
     written = json.loads((tmp_path / "real.json").read_text())
     told = {row["quantity"]: row for row in written["rows"]}
-    assert told["points"] == {"quantity": "points", "bare": 3, "real": 7170, "ratio": 3 / 7170}
+    assert {"quantity": "points", "bare": 3, "real": 7170, "ratio": 3 / 7170}.items() <= told["points"].items()
     assert told["sensor above ground [m]"]["bare"] is None
     page = (tmp_path / "index.html").read_text()
     assert "channels with points" in page

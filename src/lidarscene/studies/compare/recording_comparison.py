@@ -109,10 +109,7 @@ def compare_with_recording(side: Side, real: Side, folder: Path, *, as_json: boo
     numbers: dict[str, Any] = {
         "verdict": verdict(side.name, real.name, rows),
         "sides": sides,
-        "rows": [
-            {"quantity": row.quantity, side.name: row.simulated, real.name: row.reference, "ratio": row.value}
-            for row in rows
-        ],
+        "rows": [row.as_dict(reference=real.name, simulated=side.name, value="ratio") for row in rows],
     }
     report = Report(f"{side.name} beside {real.name}", folder)
     report.paragraph(numbers["verdict"])

@@ -17,7 +17,7 @@ from ...scene.scene import View
 from ...scene.scene_file import load_scene
 from ...sensor.sensor_file import load_sensor
 from ..compare.recording_comparison import compare_with_recording, side_of_cloud, side_of_sweep
-from ..held import Held, held_table, verdict
+from ..held import held_table, verdict
 from .judge import disagreement, twin_quantities
 from .matched_pulses import simulate_pulses
 from .planes import has_grid, select_columns
@@ -70,7 +70,7 @@ def compare_twin(
         "frame": number,
         "twin": provenance,
         "seen": held_out_note(provenance, number),
-        "rows": [_row_as_dict(row) for row in rows],
+        "rows": [row.as_dict(reference="real") for row in rows],
     }
     report = Report(f"{numbers['recording']}, frame {number}, and its twin", folder)
     report.paragraph(numbers["verdict"])
@@ -85,20 +85,6 @@ def compare_twin(
     report.pictures([(REAL, "Recorded, by range."), (SIMULATED, "Simulated in the twin, by range.")])
     report.write(PAGE, NUMBERS, numbers=numbers)
     return text
-
-
-def _row_as_dict(row: Held) -> dict[str, Any]:
-    return {
-        "quantity": row.quantity,
-        "condition": row.condition,
-        "real": row.reference,
-        "simulated": row.simulated,
-        "value": row.value,
-        "low": row.limits.low,
-        "high": row.limits.high,
-        "unit": row.unit,
-        "met": row.verdict,
-    }
 
 
 def held_out_note(provenance: dict[str, Any], number: int) -> str:
