@@ -16,6 +16,7 @@ from lidarscene.figures import lines
 from lidarscene.files.pvlib import reference_spectrum
 from lidarscene.physics.optics import solar_spectrum
 from lidarscene.studies import published_values
+from lidarscene.studies.eye_safety.criteria import margin_of
 from lidarscene.studies.eye_safety.eye_safety_report import eye_safety_report
 from lidarscene.studies.paper import figures as paper_figures
 from lidarscene.studies.ranging import plane
@@ -125,12 +126,14 @@ def eye_safety() -> None:
     figure, (axes,) = dark(1, 1, height=3.6)
     sensor = lidarscene.load_sensor("table1-apd")
     at_rest, scanned = (eye_safety_report(sensor, scanned=one) for one in (False, True))
-    names = [one for one in at_rest.criteria if one.viewer == at_rest.limiting.viewer]
+    names = [one for one in at_rest.criteria if one.subject == at_rest.limiting.subject]
     for number, (report, colour, label) in enumerate(((at_rest, APD, "standing still"), (scanned, SIPM, "as scanned"))):
-        margins = {(one.viewer, one.name): one.margin for one in report.criteria}
+        margins = {(one.subject, one.quantity): margin_of(one) for one in report.criteria}
         heights = np.arange(len(names))[::-1] + 0.2 - 0.4 * number
-        axes.barh(heights, [margins[one.viewer, one.name] for one in names], height=0.36, color=colour, label=label)
-    axes.set_yticks(np.arange(len(names))[::-1], [one.name for one in names])
+        axes.barh(
+            heights, [margins[one.subject, one.quantity] for one in names], height=0.36, color=colour, label=label
+        )
+    axes.set_yticks(np.arange(len(names))[::-1], [one.quantity for one in names])
     axes.axvline(1.0, color=INK, linewidth=0.9, linestyle=DASHED)
     axes.text(1.05, 3.2, "from here on it passes", color=INK, fontsize=9)
     axes.set(xscale="log")

@@ -287,17 +287,17 @@ def test_sun() -> None:
 
 def test_eye_safety_of_table_1() -> None:
     still, moved = (
-        {c.name: c for c in report.criteria if c.viewer == "eye"}
+        {c.quantity: c for c in report.criteria if c.subject == "eye"}
         for report in (eye_safety_report(load_sensor("table1-apd"), scanned=scanned) for scanned in (False, True))
     )
     rows = {row[0]: row[1:] for row in table("eye_safety.md", "| limit")}
     for name, unit in (("single pulse", 1e9), ("pulse train", 1e9), ("average power", 1e3)):
         one, other = still[name], moved[name]
-        c5 = [float(c.detail.split()[2]) for c in (one, other) if c.detail.startswith("C5")]
-        limits = [unit * one.limit]
+        c5 = [float(c.note.split()[2]) for c in (one, other) if c.note.startswith("C5")]
+        limits = [unit * (one.reference or 0.0)]
         if c5:
-            limits += [c5[0], unit * other.limit, c5[1]]
-        row_says(rows[name], *limits, one.margin, other.margin)
+            limits += [c5[0], unit * (other.reference or 0.0), c5[1]]
+        row_says(rows[name], *limits, one.value, other.value)
     powers = [
         eye_safety_report(load_sensor("table1-apd"), scanned=scanned).class_1_peak_power_w for scanned in (False, True)
     ]

@@ -1,7 +1,7 @@
 """Criteria of class 1: emissions of a pulse train into one viewer's eye, compared with their limits.
 
 The standard has several rules for single pulses, groups of pulses and average power; the strictest decides. Each is a
-`Criterion` with its own margin.
+`Held` row: emission through the aperture as simulated, its limit as reference, both in J or W, and their margin.
 
 Symbols: as in the standard, T_i grouping time, T2, C5 reduction for many pulses.
 """
@@ -14,28 +14,16 @@ from dataclasses import dataclass
 
 from ...physics import eye_safety as iec
 from ...sensor.sensor_model import Sensor
+from ..held import LIMITS, Held
 from .exposure import PulseTrain
 
 VIEWERS = {"eye": False, "telescope": True}
 """Conditions 3 and 1 of table 10."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Criterion:
-    """One rule: emission through the aperture and its limit, both in ``unit`` (J or W)."""
-
-    name: str
-    clause: str
-    viewer: str
-    emission: float
-    limit: float
-    unit: str
-    detail: str = ""
-
-    @property
-    def margin(self) -> float:
-        """Limit over emission; >= 1 passes."""
-        return self.limit / self.emission if self.emission > 0.0 else math.inf
+def margin_of(criterion: Held) -> float:
+    """Limit over emission of a criterion; 1 or more passes."""
+    return math.inf if criterion.value is None else criterion.value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +42,7 @@ class ViewerCheck:
     source_rad: float
     time_base_s: float
 
-    def criteria(self) -> Iterator[Criterion]:
+    def criteria(self) -> Iterator[Held]:
         """Yield all criteria that apply."""
         yield self._single()
         yield from self._group()
@@ -63,39 +51,33 @@ class ViewerCheck:
             yield self._train_of_pulses()
         yield from self._blue()
 
-    def _single(self) -> Criterion:
+    def _single(self) -> Held:
         pulse_s = self._pulse_s
         return self._criterion(
             "single pulse", "4.3 f 1", self._energy_through_aperture(pulse_s), self._limit(pulse_s), "J"
         )
 
-    def _average(self) -> Criterion:
+    def _average(self) -> Held:
         duration = self.time_base_s
         power = self._energy_through_aperture(duration) * self.train.mean_rate_hz
         return self._criterion(
             "average power", "4.3 f 2", power, self._limit(duration) / duration, "W", f"over {duration:g} s"
         )
 
-    def _group(self) -> Iterator[Criterion]:
+    def _group(self) -> Iterator[Held]:
         """Yield the worst group of consecutive pulses, of durations from T_i up to 10 s."""
         least = self._grouping_s if iec.reaches_retina(self.sensor.laser.wavelength_m) else 0.0
-        worst: Criterion | None = None
+        groups = []
         for count in self.train.group_sizes(min(iec.t2_s(source_rad=0.0), self.time_base_s)):
             duration = max(self.train.shortest_span_s(count) + self._pulse_s, least)
             if count > 1:
-                criterion = self._criterion(
-                    "pulse group",
-                    "4.3 f 2",
-                    count * self._energy_through_aperture(duration),
-                    self._limit(duration),
-                    "J",
-                    f"{count} pulses in {si_text(duration, 's')}",
-                )
-                worst = criterion if worst is None or criterion.margin < worst.margin else worst
-        if worst is not None:
-            yield worst
+                detail = f"{count} pulses in {si_text(duration, 's')}"
+                emission = count * self._energy_through_aperture(duration)
+                groups.append(self._criterion("pulse group", "4.3 f 2", emission, self._limit(duration), "J", detail))
+        if groups:
+            yield min(groups, key=margin_of)
 
-    def _train_of_pulses(self) -> Criterion:
+    def _train_of_pulses(self) -> Held:
         """Rule with C5: pulses within T_i count as one, with their summed energy and the duration T_i."""
         grouping, train = self._grouping_s, self.train
         longest = min(iec.t2_s(source_rad=self.source_rad), self.time_base_s)
@@ -119,7 +101,7 @@ class ViewerCheck:
         emission = together * self._energy_through_aperture(duration)
         return self._criterion("pulse train", "4.3 f 3", emission, factor * self._limit(duration), "J", detail)
 
-    def _blue(self) -> Iterator[Criterion]:
+    def _blue(self) -> Iterator[Held]:
         duration = min(100.0, self.time_base_s)
         limit = iec.class_1_blue_energy_j(wavelength_m=self.sensor.laser.wavelength_m, duration_s=duration)
         if math.isfinite(limit):
@@ -144,11 +126,17 @@ class ViewerCheck:
         aperture, _, beam = geometry(self.sensor, self.viewer, duration_s)
         return self.energy_j * iec.fraction_through_aperture(beam_diameter_m=beam, aperture_m=aperture)
 
-    def _criterion(
-        self, name: str, clause: str, emission: float, limit: float, unit: str, detail: str = ""
-    ) -> Criterion:
-        return Criterion(
-            name=name, clause=clause, viewer=self.viewer, emission=emission, limit=limit, unit=unit, detail=detail
+    def _criterion(self, name: str, clause: str, emission: float, limit: float, unit: str, detail: str = "") -> Held:
+        return Held(
+            subject=self.viewer,
+            quantity=name,
+            condition=clause,
+            reference=limit,
+            simulated=emission,
+            value=limit / emission if emission > 0.0 else math.inf,
+            limits=LIMITS["margin"],
+            unit=unit,
+            note=detail,
         )
 
 

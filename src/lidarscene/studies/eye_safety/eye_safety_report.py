@@ -18,7 +18,8 @@ from ...errors import InputError
 from ...physics import eye_safety as iec
 from ...physics.optics.pulse import pulse_energy_j
 from ...sensor.sensor_model import Sensor
-from .criteria import VIEWERS, Criterion, ViewerCheck, geometry, si_text
+from ..held import Held, passed
+from .criteria import VIEWERS, ViewerCheck, geometry, margin_of, si_text
 from .exposure import PulseTrain, counted_train, scanned_train, stationary_train
 
 NOTICE = "An aid to design, not a certification: docs/eye_safety.md says what it rests on."
@@ -41,6 +42,18 @@ def not_known(sensor: Sensor) -> tuple[str, ...]:
     return tuple(f"{key} is {word.group()}" for key, word in guesses if word is not None)
 
 
+_KEYS = {
+    "subject": "viewer",
+    "quantity": "name",
+    "condition": "clause",
+    "reference": "limit",
+    "simulated": "emission",
+    "value": "margin",
+    "note": "detail",
+}
+"""Field of a criterion -> its key in the JSON."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EyeSafetyReport:
     """All criteria of one sensor in one state of motion ("stationary", "scanned" or "counted").
@@ -54,29 +67,33 @@ class EyeSafetyReport:
     peak_power_w: float
     not_known: tuple[str, ...]
     assumptions: tuple[str, ...]
-    criteria: tuple[Criterion, ...]
+    criteria: tuple[Held, ...]
 
     @property
-    def limiting(self) -> Criterion:
+    def limiting(self) -> Held:
         """The criterion with the smallest margin."""
-        return min(self.criteria, key=lambda criterion: criterion.margin)
+        return min(self.criteria, key=margin_of)
+
+    @property
+    def margin(self) -> float:
+        """The smallest margin."""
+        return margin_of(self.limiting)
 
     @property
     def verdict(self) -> Verdict:
         """Verdict: "class 1" if every criterion passes; "not judged" if the pulse energy is a guess."""
-        if self.not_known:
-            return "not judged"
-        return "class 1" if self.limiting.margin >= 1.0 else "not class 1"
+        verdicts: dict[bool | None, Verdict] = {None: "not judged", True: "class 1", False: "not class 1"}
+        return verdicts[self.is_class_1]
 
     @property
     def is_class_1(self) -> bool | None:
         """True if every criterion passes; None where not judged."""
-        return None if self.not_known else self.limiting.margin >= 1.0
+        return None if self.not_known else passed(self.criteria)
 
     @property
     def class_1_peak_power_w(self) -> float:
         """Peak power at which the limiting criterion is just met; emissions are linear in it."""
-        return self.peak_power_w * self.limiting.margin
+        return self.peak_power_w * self.margin
 
     def as_dict(self) -> dict[str, Any]:
         """Fields for JSON."""
@@ -85,11 +102,11 @@ class EyeSafetyReport:
             **{key: value for key, value in asdict(self).items() if key != "criteria"},
             "notice": NOTICE,
             "is_class_1": self.is_class_1,
-            "limiting": self.limiting.name,
-            "limiting_viewer": self.limiting.viewer,
-            "margin": self.limiting.margin,
+            "limiting": self.limiting.quantity,
+            "limiting_viewer": self.limiting.subject,
+            "margin": self.margin,
             "class_1_peak_power_w": self.class_1_peak_power_w,
-            "criteria": [{**asdict(criterion), "margin": criterion.margin} for criterion in self.criteria],
+            "criteria": [criterion.as_dict(**_KEYS) for criterion in self.criteria],
         }
 
 
@@ -183,23 +200,22 @@ def as_text(report: EyeSafetyReport) -> str:
     lines = [_MOTION_TEXT[report.motion]]
     for viewer, title in _VIEWER_TEXT.items():
         lines.append(f"  {title:<26}{'emitted':>12}{'allowed':>12}{'margin':>10}")
-        lines += [_row(criterion) for criterion in report.criteria if criterion.viewer == viewer]
+        lines += [_row(criterion) for criterion in report.criteria if criterion.subject == viewer]
     worst = report.limiting
     verdict = {"class 1": "within class 1", "not class 1": "NOT within class 1", "not judged": "NOT JUDGED"}
     margin = "margin" if not report.not_known else "margin of the model's pulse"
     lines.append(
-        f"  {verdict[report.verdict]}: {worst.name} limits ({_VIEWER_TEXT[worst.viewer]}), "
-        f"{margin} {worst.margin:.3g}; it allows a peak of {si_text(report.class_1_peak_power_w, 'W')}"
+        f"  {verdict[report.verdict]}: {worst.quantity} limits ({_VIEWER_TEXT[worst.subject]}), "
+        f"{margin} {report.margin:.3g}; it allows a peak of {si_text(report.class_1_peak_power_w, 'W')}"
     )
     return "\n".join(lines)
 
 
-def _row(criterion: Criterion) -> str:
+def _row(criterion: Held) -> str:
     """Line of the table for one criterion."""
-    clause = f"({criterion.clause})"
-    emission, limit = si_text(criterion.emission, criterion.unit), si_text(criterion.limit, criterion.unit)
-    row = f"    {criterion.name:<14}{clause:<10}{emission:>12}{limit:>12}{criterion.margin:>10.3g}  {criterion.detail}"
-    return row.rstrip()
+    emission, limit = (si_text(value or 0.0, criterion.unit) for value in (criterion.simulated, criterion.reference))
+    name = f"{criterion.quantity:<14}{f'({criterion.condition})':<10}"
+    return f"    {name}{emission:>12}{limit:>12}{margin_of(criterion):>10.3g}  {criterion.note}".rstrip()
 
 
 def both_reports(sensor: Sensor) -> tuple[EyeSafetyReport, EyeSafetyReport]:
