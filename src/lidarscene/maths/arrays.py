@@ -64,6 +64,19 @@ def select_state(condition: Mask, if_true: S, if_false: S) -> S:
     return rebuild(if_false, (choice(if_true, if_false) for if_true, if_false in pairs))
 
 
+def map_arrays(function: Callable[..., Numbers], first: S, *others: S) -> S:
+    """Apply a function to the numpy arrays of dataclasses, field by field; None where one of them has None.
+
+    All other fields are those of ``first``.
+    """
+    changes: dict[str, Numbers | None] = {}
+    for name in _fields(type(first)) or ():
+        values = [getattr(state, name) for state in (first, *others)]
+        if isinstance(values[0], np.ndarray):
+            changes[name] = None if any(value is None for value in values) else function(*values)
+    return cast(S, dataclasses.replace(cast(Any, first), **changes))
+
+
 class NumpyOps:
     """The shared functions, on numpy."""
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...maths.arrays import Numbers
+from ...maths.arrays import Numbers, map_arrays
 from ...recordings.sweep import Sweep
 
 BLOCK_COLUMNS = 20
@@ -15,6 +15,11 @@ BLOCK_COLUMNS = 20
 
 HELD_OUT_PERIOD = 4
 """Period of the held-out blocks: each fourth block is not fitted but judges the fit."""
+
+
+def fitted_blocks(block: Numbers) -> Numbers:
+    """Mask of the block indices whose pulses are fitted."""
+    return np.asarray(block % HELD_OUT_PERIOD != HELD_OUT_PERIOD - 1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,7 +51,7 @@ class RecordedPulses:
     @property
     def fitted(self) -> Numbers:
         """(columns,) mask of the fitted columns; the others judge the fit."""
-        return np.asarray(self.block % HELD_OUT_PERIOD != HELD_OUT_PERIOD - 1)
+        return fitted_blocks(self.block)
 
     @property
     def frames(self) -> int:
@@ -55,16 +60,7 @@ class RecordedPulses:
 
     def select_columns(self, columns: Numbers) -> RecordedPulses:
         """Select the pulses of a mask of columns."""
-        return RecordedPulses(
-            range_m=self.range_m[:, columns],
-            recorded=self.recorded[:, columns],
-            signal=None if self.signal is None else self.signal[:, columns],
-            near_ir=None if self.near_ir is None else self.near_ir[:, columns],
-            reflectivity=None if self.reflectivity is None else self.reflectivity[:, columns],
-            azimuth_rad=self.azimuth_rad[:, columns],
-            frame=self.frame[columns],
-            block=self.block[columns],
-        )
+        return map_arrays(lambda values: values[..., columns], self)
 
     def blocks(self, mask: Numbers) -> Numbers:
         """Block index of each pulse of a (rows, columns) mask, (n,), counted from 0 without gaps."""
@@ -104,15 +100,7 @@ def gather_pulses(sweeps: Iterable[Sweep]) -> RecordedPulses:
     if not parts:
         raise ValueError("must have pulses, got none")
 
-    def concatenate(name: str) -> Numbers | None:
-        values = [getattr(part, name) for part in parts]
-        return None if any(array is None for array in values) else np.concatenate(values, axis=-1)
-
-    arrays = {
-        name: concatenate(name)
-        for name in ("range_m", "recorded", "signal", "near_ir", "reflectivity", "azimuth_rad", "frame", "block")
-    }
-    return RecordedPulses(**arrays)  # type: ignore[arg-type]
+    return map_arrays(lambda *values: np.concatenate(values, axis=-1), *parts)
 
 
 def _take_columns(values: Numbers | None, columns: Numbers) -> Numbers | None:

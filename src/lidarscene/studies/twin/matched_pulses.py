@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...cloud.point_cloud import PointCloud
 from ...errors import InputError
-from ...maths.arrays import Numbers
+from ...maths.arrays import Numbers, map_arrays
 from ...maths.pose import Pose
 from ...recordings.sweep import Sweep
 from ...rendering.render_options import DEFAULT_CHUNK
@@ -76,10 +75,7 @@ class MatchedPulses:
 
     def select(self, mask: Numbers) -> MatchedPulses:
         """Keep only the pulses of a mask."""
-        values: dict[str, Any] = {
-            field.name: None if (value := getattr(self, field.name)) is None else value[mask] for field in fields(self)
-        }
-        return MatchedPulses(**values)
+        return map_arrays(lambda values: values[mask], self)
 
 
 def simulate_pulses(

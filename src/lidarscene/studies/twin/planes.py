@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...errors import InputError
-from ...maths.arrays import Numbers
-from ...recordings.sweep import SECOND, Sweep
+from ...maths.arrays import Numbers, map_arrays
+from ...recordings.sweep import Sweep
 
 REACH_RAD = math.radians(0.5)
 """Reach of a window to each side, but at least to the next ring and the second next column."""
@@ -86,22 +85,13 @@ class Planes:
 
 def select_columns(sweep: Sweep, columns: slice) -> Sweep:
     """Select columns of a sweep."""
-    return _map_arrays(sweep, lambda values: values[:, columns])
+    return _map_sweep(lambda values: values[:, columns], sweep)
 
 
-def _map_arrays(sweep: Sweep, take: Callable[[Numbers], Numbers]) -> Sweep:
+def _map_sweep(take: Callable[[Numbers], Numbers], sweep: Sweep) -> Sweep:
     """Apply ``take`` to every array of a sweep."""
-    changed: dict[str, Any] = {
-        field.name: take(value)
-        for field in fields(Sweep)
-        if isinstance(value := getattr(sweep, field.name), np.ndarray)
-    }
-    if sweep.second is not None:
-        parts: dict[str, Any] = {
-            name: take(value) for name in SECOND if (value := getattr(sweep.second, name)) is not None
-        }
-        changed["second"] = replace(sweep.second, **parts)
-    return replace(sweep, **changed)
+    changed = map_arrays(take, replace(sweep, second=None))
+    return changed if sweep.second is None else replace(changed, second=map_arrays(take, sweep.second))
 
 
 def has_grid(sweep: Sweep) -> bool:
@@ -122,7 +112,7 @@ def align_columns(sweep: Sweep) -> Grid:
     columns = (np.arange(columns_n)[None, :] - shift[rows, None]) % columns_n
     half = 0.5 * np.abs(np.diff(elevation[rows]))
     return Grid(
-        sweep=_map_arrays(sweep, lambda values: values[rows[:, None], columns]),
+        sweep=_map_sweep(lambda values: values[rows[:, None], columns], sweep),
         step_rad=step_rad,
         above_rad=np.r_[half[:1], half],
         below_rad=np.r_[half, half[-1:]],

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...files.open3d import open3d
-from ...maths.arrays import Numbers
+from ...maths.arrays import Numbers, map_arrays
 from ...maths.pose import Pose
 from ...recordings.sweep import Sweep
 from .apparent_reflectivity import (
@@ -97,7 +97,7 @@ class Surfels:
 
 def join_surfels(parts: Sequence[Surfels]) -> Surfels:
     """Join several sets of quads into one."""
-    return Surfels(**{field.name: np.concatenate([getattr(p, field.name) for p in parts]) for field in fields(Surfels)})
+    return map_arrays(lambda *values: np.concatenate(values), *parts)
 
 
 def surfels_of_grid(grid: Grid, gauge: ReflectivityGauge | None, ground: Numbers | None) -> Surfels:

@@ -5,15 +5,14 @@ The light is traced once for each frame. Pulses that meet no surface of the scen
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ....errors import InputError
 from ....light.echoes import EchoTrain, SubEchoes
-from ....maths.arrays import Numbers
+from ....maths.arrays import Numbers, map_arrays
 from ....maths.pose import Pose
 from ....recordings.sweep import Sweep
 from ....rendering.simulator import Simulator
@@ -23,7 +22,7 @@ from ...twin.apparent_reflectivity import withheld_mask
 from ...twin.matched_pulses import match_pulses, ranges_from_exit
 from ...twin.surfels import BRIGHT, KINDS, ROUGH, SMOOTH
 from ..near_field import spot_over_field
-from ..recorded_pulses import BLOCK_COLUMNS, HELD_OUT_PERIOD
+from ..recorded_pulses import BLOCK_COLUMNS, fitted_blocks
 from .known_scene import KnownScene, Observations
 
 PATCH_ROWS = 8
@@ -49,14 +48,12 @@ class PulsesOnScene:
 
     def select(self, mask: Numbers) -> PulsesOnScene:
         """Keep only the pulses of a mask."""
-        return replace(
-            self, scene=_select(self.scene, mask), reported=_select(self.reported, mask), block=self.block[mask]
-        )
+        return _map_pulses(lambda values: values[mask], self)
 
     @property
     def fitted(self) -> Numbers:
         """(n,) mask of the fitted pulses; the others judge the fit."""
-        return np.asarray(self.block % HELD_OUT_PERIOD != HELD_OUT_PERIOD - 1)
+        return fitted_blocks(self.block)
 
 
 def _keep_kinds(world: World, *kinds: int) -> World:
@@ -80,7 +77,7 @@ def lay_on_scene(
     parts = [_lay_frame(simulators, sweep, pose, number=number) for number, (sweep, pose) in enumerate(frames)]
     if not sum(len(part.block) for part in parts):
         raise InputError("--scene: must have surfaces before the recorded pulses, got none")
-    joined = _join(parts)
+    joined = _map_pulses(lambda *values: np.concatenate(values), *parts)
     group = np.unique(joined.scene.group, return_inverse=True)[1]
     return replace(joined, scene=replace(joined.scene, group=group))
 
@@ -150,29 +147,11 @@ def _power_w(sensor: Sensor, near_ir: Numbers) -> Numbers:
     return np.interp(near_ir, counts, POWERS_W, left=0.0)
 
 
-def _select(values: Any, mask: Numbers) -> Any:
-    selected = {
-        field.name: value[mask]
-        for field in fields(values)
-        if isinstance(value := getattr(values, field.name), np.ndarray)
-    }
-    return replace(values, **selected)
-
-
-def _join(parts: Iterable[PulsesOnScene]) -> PulsesOnScene:
-    pulses = list(parts)
-
-    def concatenate(values: Sequence[Any]) -> Any:
-        first = values[0]
-        arrays = {
-            field.name: np.concatenate([getattr(value, field.name) for value in values])
-            for field in fields(first)
-            if isinstance(getattr(first, field.name), np.ndarray)
-        }
-        return replace(first, **arrays)
-
+def _map_pulses(function: Callable[..., Numbers], first: PulsesOnScene, *others: PulsesOnScene) -> PulsesOnScene:
+    """Apply a function to the arrays of pulses."""
+    parts = (first, *others)
     return PulsesOnScene(
-        scene=concatenate([part.scene for part in pulses]),
-        reported=concatenate([part.reported for part in pulses]),
-        block=np.concatenate([part.block for part in pulses]),
+        scene=map_arrays(function, *(part.scene for part in parts)),
+        reported=map_arrays(function, *(part.reported for part in parts)),
+        block=function(*(part.block for part in parts)),
     )
