@@ -226,8 +226,9 @@ def paper() -> None:
     with tempfile.TemporaryDirectory() as folder:
         halves = []
         for figure in (paper_figures.fig_6a(), paper_figures.fig_6c()):
-            path = Path(folder) / f"{figure.file}.png"
-            lines.save(figure.chart, [path])
+            path = Path(folder) / f"{figure.name}.png"
+            assert isinstance(figure.drawing, lines.Chart)
+            lines.save(figure.drawing, [path])
             halves.append(Image.open(path).convert("RGB"))
     half = WIDTH // 2
     sizes = [(half, round(half * one.height / one.width)) for one in halves]

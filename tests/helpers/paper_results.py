@@ -12,18 +12,19 @@ from typing import NamedTuple
 
 import pytest
 
+from lidarscene.figures.report import Figure
 from lidarscene.studies.paper import figures as drawn
 from lidarscene.studies.paper import study
 from lidarscene.studies.paper.claims import Claim, Erratum, claims_and_errata
 
 
 class Results(NamedTuple):
-    figures: list[drawn.PaperFigure]
+    figures: list[Figure]
     claims: list[Claim]
     errata: list[Erratum]
 
-    def figure(self, file: str) -> drawn.PaperFigure:
-        (one,) = (figure for figure in self.figures if figure.file == file)
+    def figure(self, name: str) -> Figure:
+        (one,) = (figure for figure in self.figures if figure.name == name)
         return one
 
 

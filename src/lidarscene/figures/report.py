@@ -41,8 +41,11 @@ a { color: #0072b2; }
 _MEDIA = {"png": "image/png", "csv": "text/csv"}
 
 
-Table = tuple[Sequence[str], Iterable[Sequence[Any]]]
-"""Header and rows."""
+Table = tuple[Sequence[str], Sequence[Sequence[str]]]
+"""Header and rows of text."""
+
+Data = tuple[Sequence[str], Iterable[Sequence[Any]]]
+"""Header and rows of numbers and text."""
 
 
 class Figure(NamedTuple):
@@ -56,7 +59,7 @@ class Figure(NamedTuple):
 
     name: str
     drawing: Chart | Callable[[Path], object]
-    data: Table
+    data: Data
     caption: str
     number: str = ""
 
@@ -114,9 +117,9 @@ class Report:
             f"{linked}<a {self._link(f'{name}.csv')}>CSV</a></figcaption></figure>"
         )
 
-    def data(self, name: str, table: Table) -> None:
+    def data(self, name: str, data: Data) -> None:
         """Write a table as CSV beside the report. Raises OutputError."""
-        put_text(self.folder / f"{name}.csv", csv_text(*table, digits=self.digits))
+        put_text(self.folder / f"{name}.csv", csv_text(*data, digits=self.digits))
 
     def pictures(self, captioned: Sequence[tuple[str, str]]) -> None:
         """Add PNGs, side by side if there is room: (name without suffix, caption) of each."""

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
+from ..figures.report import Table
+
 MOST_NAMED = 3
 """Largest number of missed limits that `verdict` names."""
 
@@ -160,9 +162,7 @@ def value_text(value: float | None) -> str:
     return f"{value:,}" if isinstance(value, int) else f"{value:,.0f}" if 1e4 <= abs(value) < 1e9 else f"{value:.4g}"
 
 
-def held_table(
-    rows: Sequence[Held], *, percent: bool = False, **headings: str
-) -> tuple[list[str], list[tuple[str, ...]]]:
+def held_table(rows: Sequence[Held], *, percent: bool = False, **headings: str) -> Table:
     """Header and cells of the rows, without columns that are empty in all of them.
 
     percent   write values in per cent, with their signs

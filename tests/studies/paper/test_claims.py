@@ -471,6 +471,6 @@ def test_sizes_of_errata():
 
 
 def test_numbers_of_captions():
-    captions = {figure.file: figure.caption for figure in results().figures}
+    captions = {figure.name: figure.caption for figure in results().figures}
     for file, expected in CAPTIONS.items():
         agrees(captions[file], expected)

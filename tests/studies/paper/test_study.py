@@ -22,12 +22,17 @@ def claims():
 
 
 def column(figure, name):
-    return figure.columns[figure.header.index(name)]
+    header, rows = figure.data
+    return np.array(rows)[:, header.index(name)]
+
+
+def first_column(figure):
+    return np.array(figure.data[1])[:, 0]
 
 
 def at(figure, name, x):
     """A column at a place between its points, along logarithms."""
-    return math.exp(np.interp(math.log(x), np.log(figure.columns[0]), np.log(column(figure, name))))
+    return math.exp(np.interp(math.log(x), np.log(first_column(figure)), np.log(column(figure, name))))
 
 
 # --- figures ----------------------------------------------------------------------------------------
@@ -36,7 +41,7 @@ def at(figure, name, x):
 def test_fig_4e_by_hand():
     """(19) typed out again."""
     figure = results().figure("fig-4e")
-    gain = figure.columns[0]
+    gain = first_column(figure)
     aperture = math.pi * 0.025**2
     echo = 0.98**2 * 0.7206 * 0.1 * 45 * aperture / (math.pi * 100**2)
     sun = 29.4 * 0.7986 * 0.98 * 0.1 * aperture * (1e-4 / 0.03) ** 2 * 0.5
@@ -50,11 +55,11 @@ def test_fig_4e_by_hand():
 
 def test_fig_5_by_hand():
     five_a, five_b, five_c = (results().figure(f"fig-5{letter}") for letter in "abc")
-    n = five_a.columns[0]
+    n = first_column(five_a)
     assert column(five_a, "PDE 40%") == pytest.approx(100 * (1 - np.exp(n * (math.exp(-0.4 / 100) - 1))), abs=1e-9)
-    n = five_b.columns[0]
+    n = first_column(five_b)
     assert column(five_b, "400 cells") == pytest.approx(400 * (1 - np.exp(n * (math.exp(-0.22 / 400) - 1))), abs=1e-9)
-    n, trigger = five_c.columns[0], math.exp(-0.22 / 100) - 1
+    n, trigger = first_column(five_c), math.exp(-0.22 / 100) - 1
     busy = 100 * (1 - math.exp(300 * trigger))
     free = 100 - busy - 100 * 2007 * 6e-9
     assert column(five_c, "300 photons") == pytest.approx(free * (1 - np.exp(n * trigger)), abs=1e-9)
@@ -67,7 +72,7 @@ def test_fig_6a_meets_the_table():
     figure = results().figure("fig-6a")
     assert at(figure, "APD (19)", 100.0) == pytest.approx(61.4618, rel=1e-4)
     assert at(figure, "SiPM (27)", 100.0) == pytest.approx(22.7009, rel=1e-3)
-    assert [mark.x for mark in figure.chart.marks] == pytest.approx([350.605, 280.871], rel=1e-5)
+    assert [mark.x for mark in figure.drawing.marks] == pytest.approx([350.605, 280.871], rel=1e-5)
 
 
 def test_fig_6b_says_which_law():
@@ -99,11 +104,12 @@ def test_fig_6c_meets_the_table():
 
 def test_figures_have_axes_with_units_and_columns_with_names():
     for figure in results().figures:
-        assert len(figure.header) == len(figure.columns) == len(figure.chart.lines) + 1
-        assert len({len(values) for values in figure.columns}) == 1
-        assert all(np.isfinite(values).all() for values in figure.columns)
-        assert figure.chart.x_label
-        assert figure.chart.y_label
+        header, rows = figure.data
+        assert len(header) == len(figure.drawing.lines) + 1
+        assert {len(row) for row in rows} == {len(header)}
+        assert np.isfinite(rows).all()
+        assert figure.drawing.x_label
+        assert figure.drawing.y_label
 
 
 # --- claims -----------------------------------------------------------------------------------------

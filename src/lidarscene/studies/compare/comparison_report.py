@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...figures.report import Table, text_table
 from ...sensor.sensor_model import Sensor
 from .comparison_statistics import (
     DetectionRate,
@@ -118,9 +119,6 @@ def _percent(share: float) -> str:
 def _interval_text(ends: tuple[float, float]) -> str:
     return f"{100.0 * ends[0]:.2f} to {100.0 * ends[1]:.2f} %"
 
-
-Table = tuple[Sequence[str], Sequence[Sequence[str]]]
-"""Header and rows."""
 
 _FATE_SHORT = ("sensor", "pulses", "met a surface", "kept", "points", "false alarms")
 _RATES_SHORT = ("sensor", "found", "95 % interval", "expected", "mean range error", "deviation of range error")
@@ -339,7 +337,8 @@ def as_text(comparison: Comparison) -> str:
     lines = [verdict(comparison)]
     for short, (header, rows) in ((_FATE_SHORT, fate_table(comparison)), (_RATES_SHORT, summary_table(comparison))):
         columns = [i for i, name in enumerate(header) if name in short]
-        lines += _aligned([[row[i] for i in columns] for row in (("", *header[1:]), *rows)])
+        short_rows = [[row[i] for i in columns] for row in (("", *header[1:]), *rows)]
+        lines.append(text_table(short_rows[0], short_rows[1:], "<>"))
     for row in pair_rows(comparison):
         lines.append(
             f"{row[0]} against {row[1]}: both {row[2]}, only {row[0]} {row[3]}, only {row[1]} {row[4]}, "
@@ -349,12 +348,3 @@ def as_text(comparison: Comparison) -> str:
     if comparison.sweep is not None:
         lines += crossing_lines(comparison.sweep, comparison.observations[0].name)
     return "\n".join(lines)
-
-
-def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of text with the first column flush left and the others flush right."""
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return [
-        row[0].ljust(widths[0]) + "".join(f"  {cell:>{width}}" for cell, width in zip(row[1:], widths[1:], strict=True))
-        for row in rows
-    ]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...figures.report import Report, require_writable_files
+from ...figures.report import Report, require_writable_files, text_table
 from ...files.atomic import atomic_folder
 from ...files.json_text import json_text
 from ...sensor.sensor_model import Sensor
@@ -180,9 +180,8 @@ def _result_text(
         for view in views
     ]
     lines += [f"coverage with cells of {study.cell_deg:g} degrees"]
-    lines.append(" " * width + "".join(f"{time_s:>8g} s" for time_s in study.times_s))
-    for view in views:
-        lines.append(f"{view.name:<{width}}" + "".join(f"{100.0 * share:>8.1f} %" for share in _coverage(view, study)))
+    header = ("", *(f"{time_s:g} s" for time_s in study.times_s))
+    lines.append(text_table(header, figures.coverage_rows(views, study.times_s), "<>"))
     lines.append(f"wrote {folder / PAGES[0]}, {folder / PAGES[1]} and the figures beside them")
     return "\n".join(lines)
 

@@ -6,11 +6,11 @@ Solid curves are the formulas as printed. Dashed ones are the derived formulas, 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from ...figures.lines import Chart, Level, Line, Mark
+from ...figures.report import Figure
 from ...maths.arrays import Numbers
 from ...physics.electronics import apd, sipm
 from ...sensor.sensor_model import Sensor
@@ -21,36 +21,19 @@ from .case import TABLE_1, apd_lidar, apd_noise, range_m, sipm_printed, sipm_ste
 _DEAD_TIME_S, _DARK_HZ = 6e-9, 2007.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PaperFigure:
-    """One figure: ``file`` without suffix, number, caption, and its CSV as header and columns."""
-
-    file: str
-    number: str
-    caption: str
-    chart: Chart
-    header: tuple[str, ...]
-    columns: tuple[Numbers, ...]
-
-
-def figures() -> list[PaperFigure]:
+def figures() -> list[Figure]:
     """All of them, in the paper's order."""
     return [fig_4e(), fig_5a(), fig_5b(), fig_5c(), fig_6a(), fig_6b(), fig_6c()]
 
 
-def _figure(file: str, number: str, caption: str, chart: Chart, first: str) -> PaperFigure:
+def _figure(name: str, number: str, caption: str, chart: Chart, first: str) -> Figure:
     """A figure whose CSV is made of the chart's own lines, which share their x values."""
-    return PaperFigure(
-        file=file,
-        number=number,
-        caption=caption,
-        chart=chart,
-        header=(first, *(line.label for line in chart.lines)),
-        columns=(chart.lines[0].x, *(line.y for line in chart.lines)),
-    )
+    columns = (chart.lines[0].x, *(line.y for line in chart.lines))
+    header = (first, *(line.label for line in chart.lines))
+    return Figure(name, chart, (header, list(zip(*columns, strict=True))), caption, number)
 
 
-def fig_4e() -> PaperFigure:
+def fig_4e() -> Figure:
     """SNR of the APD over its gain."""
     gain = np.geomspace(1.0, 500.0, 300)
     noise = apd_noise()
@@ -92,7 +75,7 @@ def _response(lines: tuple[Line, ...], title: str = "") -> Chart:
     )
 
 
-def fig_5a() -> PaperFigure:
+def fig_5a() -> Figure:
     """Photon response for several PDE."""
     photons = np.linspace(0.0, 1500.0, 301)
     lines = tuple(
@@ -111,7 +94,7 @@ def fig_5a() -> PaperFigure:
     return _figure("fig-5a", "5(a)", caption, _response(lines), "photons")
 
 
-def fig_5b() -> PaperFigure:
+def fig_5b() -> Figure:
     """Photon response for several numbers of cells."""
     photons = np.linspace(0.0, 4000.0, 401)
     lines = tuple(
@@ -126,7 +109,7 @@ def fig_5b() -> PaperFigure:
     return _figure("fig-5b", "5(b)", "Response (22) at a PDE of 22 %, without background.", _response(lines), "photons")
 
 
-def fig_5c() -> PaperFigure:
+def fig_5c() -> Figure:
     """Photon response under background."""
     photons = np.linspace(0.0, 1500.0, 301)
     pde, cells = 0.22, 100.0
@@ -152,7 +135,7 @@ def fig_5c() -> PaperFigure:
     return _figure("fig-5c", "5(c)", caption, _response(tuple(lines), "background in a dead time:"), "photons")
 
 
-def fig_6a() -> PaperFigure:
+def fig_6a() -> Figure:
     """SNR over distance at 100 klux."""
     x = np.geomspace(5.0, 1000.0, 300)
     three = (apd_lidar(), sipm_printed(), sipm_steady())
@@ -182,7 +165,7 @@ def fig_6a() -> PaperFigure:
     return _figure("fig-6a", "6(a)", caption, chart, "distance_m")
 
 
-def fig_6b() -> PaperFigure:
+def fig_6b() -> Figure:
     """Maximum range over elevation under three aperture laws."""
     angle = np.linspace(-30.0, 30.0, 121)
 
@@ -227,7 +210,7 @@ def fig_6b() -> PaperFigure:
     return _figure("fig-6b", "6(b)", caption, chart, "elevation_deg")
 
 
-def fig_6c() -> PaperFigure:
+def fig_6c() -> Figure:
     """Maximum range over illuminance."""
     x = np.geomspace(1e-3, 100.0, 251)
     target = Target(illuminance_klux=x)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
-from ...figures.report import Figure, Report, require_writable_files
+from ...figures.report import Report, require_writable_files
 from ...files.atomic import atomic_folder
 from ...files.json_text import json_text
 from .claims import HOLDS, Claim, Erratum, claims_and_errata
@@ -62,9 +62,8 @@ def write(
         report = Report("Ranging performance analysis: figures, claims, errata", temporary, embeds=False, digits=10)
         report.paragraph(INTRODUCTION)
         report.heading("Figures")
-        for done, drawn in enumerate(drawn_figures, start=computed + 1):
-            table = drawn.header, zip(*drawn.columns, strict=True)
-            report.figure(Figure(drawn.file, drawn.chart, table, drawn.caption, drawn.number))
+        for done, figure in enumerate(drawn_figures, start=computed + 1):
+            report.figure(figure)
             progress(done, total)
         report.paragraph(SCANNER)
         report.heading("Claims")

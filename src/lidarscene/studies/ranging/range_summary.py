@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from ...figures.report import text_table
 from . import plane
 from .curves import limit_word, with_haze
 from .plane import RangeStatus, Target
@@ -52,15 +53,10 @@ def text_of(
         table.append(
             [row["name"], limit, bound, f"{row['window_m']:.1f} m", snr, f"{row['detection_probability']:.6g}"]
         )
-    widths = [max(len(row[column]) for row in table) for column in range(6)]
-    lines = [
-        "  ".join(
-            [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
-        )
-        for row in table
-    ]
     conditions = (
         f"{target.illuminance_klux:g} klux, sun {sun_angle_deg:g}° off the normal, reflectivity "
         f"{target.reflectivity:g}, incidence {incidence:g}°, {air_text(target, visibility_m)}"
     )
-    return "\n".join([conditions, *lines, *(row["note"] for row in rows if row["note"] is not None)])
+    return "\n".join(
+        [conditions, text_table(table[0], table[1:], "<>"), *(row["note"] for row in rows if row["note"] is not None)]
+    )

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...figures.lines import Chart, Level, Line, Mark
+from ...figures.report import text_table
 from ...physics.optics import radiometry
 from ...sensor.sensor_model import Sensor
 from .aperture_laws import LAWS, of_scanner
@@ -71,11 +72,8 @@ def table_text(swept: Curves) -> str:
     """Text table of about a dozen rows of the curves; the CSV has all."""
     axis = swept.question.axis
     rows = np.unique(np.rint(np.linspace(0, len(axis.values) - 1, min(_ROWS, len(axis.values)))).astype(int))
-    table = [[axis.column, *(curve.name for curve in swept.curves)]]
-    table += [[f"{axis.values[row]:.6g}", *(_cell(curve, row) for curve in swept.curves)] for row in rows]
-    widths = [max(len(row[column]) for row in table) for column in range(len(table[0]))]
-    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in table]
-    return "\n".join(lines)
+    cells = [[f"{axis.values[row]:.6g}", *(_cell(curve, row) for curve in swept.curves)] for row in rows]
+    return text_table([axis.column, *(curve.name for curve in swept.curves)], cells, ">")
 
 
 def window_m(sensor: Sensor) -> float:
