@@ -4,6 +4,8 @@ Docstrings give the parts of a type and the parameters of a function as lines of
 it is. Markdown would run such lines together.
 """
 
+import importlib
+import inspect
 import re
 from typing import Any
 
@@ -22,6 +24,13 @@ class Lists(griffe.Extension):
         """Called for every module, class, function and attribute."""
         if obj.docstring:
             obj.docstring.value = as_markdown(obj.docstring.value)
+
+    def on_class_members(self, *, cls: griffe.Class, **_: Any) -> None:
+        """Called for every class. One with options lists them in its docstring when it is made (`list_options`)."""
+        values = [member.value for member in cls.members.values() if isinstance(member, griffe.Attribute)]
+        if cls.docstring and any(isinstance(v, griffe.ExprCall) and str(v.function) == "option" for v in values):
+            described = getattr(importlib.import_module(cls.module.path), cls.name)
+            cls.docstring.value = as_markdown(inspect.cleandoc(described.__doc__))
 
 
 def as_markdown(docstring: str) -> str:

@@ -34,6 +34,8 @@ POSE = "a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees
         (TraceOptions, {"rays": 0}, "rays: must be a whole number from 1 to 1024, got 0"),
         (TraceOptions, {"interactions": 9}, "interactions: must be a whole number from 0 to 8, got 9"),
         (TraceOptions, {"background_rays": 0}, "background_rays: must be a whole number from 1 to 1024, got 0"),
+        (TraceOptions, {"rays": None}, "rays: must be a whole number from 1 to 1024, got None"),
+        (TraceOptions, {"vectors": 1}, "vectors: must be True or False, got 1"),
         (Observers, {"missed": 3}, "missed: must be a function, got 3"),
     ],
 )
@@ -57,6 +59,7 @@ def test_a_wrong_value_is_one_line(kind: Any, given: dict[str, Any], told: str) 
         ({"picture": "p.gif"}, "picture p.gif: the name must end in .png or .svg"),
         ({"missed": "{0}.csv"}, "missed {0}.csv: the name must end in .npz"),
         ({"pulses": [3]}, "pulses goes with waveforms"),
+        ({"ascii": "no"}, "ascii: must be True or False, got 'no'"),
     ],
 )
 def test_outputs_that_do_not_go_together(given: dict[str, Any], told: str) -> None:

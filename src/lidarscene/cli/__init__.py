@@ -4,6 +4,7 @@ Every command has a public function that does its work, so that Python and the c
 modules here turn arguments into the library's own options, and errors into one line.
 
 main              the parser of all commands
+options           arguments made of the options of the library
 words             numbers, poses and lists on the command line
 terminal          printed answers, errors, notes and progress
 render            `render`: clouds of a sensor or rig

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..files.json_text import json_text
-from ..rendering.render_options import Whole
+from ..rendering.option_fields import Whole
+from .options import CommandOptions, add_options
 from .terminal import Answer, Lines
 from .words import whole_number
 
@@ -49,13 +50,8 @@ def add_batch(commands: Any) -> None:
     )
     batch.add_argument("job", metavar="JOB.toml", type=Path, help="job file: what is multiplied with what")
     add = batch.add_argument
-    add(
-        "-o",
-        "--output",
-        metavar="DIR",
-        type=Path,
-        required=True,
-        help="folder for frames/ and manifest.parquet; what is there already is not done again",
+    add_options(
+        batch, CommandOptions, output="frames/ and manifest.parquet in it; what is there already is not done again"
     )
     add(
         "--scheduler",
@@ -68,7 +64,7 @@ def add_batch(commands: Any) -> None:
         type=whole_number(Whole(1, 1024)),
         help="processes of this machine (default: one for each core)",
     )
-    add("--json", action="store_true", help="print what was done as JSON")
+    add_options(batch, CommandOptions, "json")
     batch.set_defaults(run=batch_answer)
 
 

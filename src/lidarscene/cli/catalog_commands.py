@@ -13,6 +13,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..files.json_text import json_text
+from .options import CommandOptions, add_options
 from .terminal import Answer
 
 KINDS = ("scene", "sensor", "rig", "material", "job")
@@ -38,7 +39,7 @@ def add_catalogue(commands: Any) -> None:
         "kind", nargs="?", choices=("sensors", "materials", "scenes", "check"), help="list only these, or check sensors"
     )
     catalog.add_argument("name", metavar="NAME", nargs="?", help="print, or check, this entry")
-    catalog.add_argument("--json", action="store_true", help="print the check as JSON")
+    add_options(catalog, CommandOptions, json="of a check only")
     catalog.add_argument(
         "--real",
         action="store_true",

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from ..rendering.render_options import CHUNKS, SEEDS
+from ..rendering.render_options import FrameOptions
+from .options import StudyOptions, add_options, flag_of, options_from
 from .recordings.recording_options import add_recording, is_recording
 from .terminal import progress
-from .words import pose, rising_numbers, whole_number
+from .words import rising_numbers
 
 if TYPE_CHECKING:
     from ..studies.compare.bench import NamedSensor
@@ -50,7 +51,7 @@ def add_compare(commands: Any) -> None:
     )
     add = command.add_argument
     add("--sensors", metavar="A,B,...", help="catalogue names or sensor files; the first is compared with each other")
-    add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
+    add_options(command, StudyOptions, "output")
     add("--same-beams", action="store_true", default=None, help="run all with the first sensor's scanner and mounting")
     add(
         "--illuminance",
@@ -58,23 +59,9 @@ def add_compare(commands: Any) -> None:
         type=rising_numbers("illuminances in klux", "0.05,1,10,100"),
         help="sweep over these, and find where sensors overtake each other",
     )
-    add(
-        "--set",
-        metavar="[SENSOR:]KEY=VALUE",
-        action="append",
-        default=None,
-        dest="overrides",
-        help="change a value of the sensor files, may be repeated",
-    )
-    add(
-        "--pose",
-        type=pose,
-        metavar="X,Y,Z[,YAW,PITCH,ROLL]",
-        help="where the sensors stand, metres and degrees (default: the scene's); positive pitch looks up",
-    )
-    add("--seed", metavar="N", type=whole_number(SEEDS), default=None, help="the same for all sensors (default 0)")
-    add("--chunk", metavar="N", type=whole_number(CHUNKS), help="pulses at a time: bounds the memory, no more")
-    add("--json", action="store_true", help="print the numbers as JSON")
+    add_options(command, StudyOptions, "overrides")
+    add_options(command, FrameOptions, "pose", "seed", "chunk")
+    add_options(command, StudyOptions, "json")
     add(
         "--real",
         metavar="REC",
@@ -82,7 +69,8 @@ def add_compare(commands: Any) -> None:
         help="compare one cloud, or recording, or the scene of its twin, with a frame of this recording",
     )
     add_recording(command)
-    command.set_defaults(run=compare_text)
+    # None without the option: it is refused where it would change nothing.
+    command.set_defaults(run=compare_text, **dict.fromkeys(_OF_SCENES))
 
 
 def compare_text(arguments: argparse.Namespace) -> str:
@@ -100,7 +88,6 @@ def compare_text(arguments: argparse.Namespace) -> str:
 
 
 def _compare_sensors(arguments: argparse.Namespace) -> str:
-    from ..rendering.render_options import DEFAULT_CHUNK
     from ..scene.scene_file import load_scene
     from ..studies.compare.bench import Bench
     from ..studies.compare.comparison_study import compare_sensors
@@ -118,7 +105,7 @@ def _compare_sensors(arguments: argparse.Namespace) -> str:
     sensors: list[NamedSensor] = [
         (subject.name, subject.sensor()) for subject in subjects(words, arguments.overrides or ())
     ]
-    bench = Bench(scene, seed=arguments.seed or 0, pose=arguments.pose, chunk=arguments.chunk or DEFAULT_CHUNK)
+    bench = Bench(scene, options_from(FrameOptions, arguments))
     with progress("steps") as report:
         return compare_sensors(
             bench,
@@ -138,8 +125,7 @@ def _compare_real(arguments: argparse.Namespace) -> str:
     is_twin = len(arguments.inputs) == 1 and arguments.inputs[0].suffix == ".toml"
     for option in (*_OF_SCENES, "sensors"):
         if getattr(arguments, option) is not None and not (is_twin and option in ("seed", "chunk")):
-            word = "set" if option == "overrides" else option.replace("_", "-")
-            raise InputError(f"--{word}: goes with a scene, not with --real")
+            raise InputError(f"{flag_of(option)}: goes with a scene, not with --real")
     if len(arguments.inputs) != 1:
         raise InputError(f"--real: must go with one cloud or recording, got {len(arguments.inputs)} files")
     if is_twin:
@@ -159,7 +145,6 @@ def _compare_real(arguments: argparse.Namespace) -> str:
 
 def _compare_twin(arguments: argparse.Namespace) -> str:
     from ..recordings.opening import open_recording
-    from ..rendering.render_options import DEFAULT_CHUNK
     from ..studies.twin.twin_page import compare_twin
 
     with open_recording(arguments.real, arguments.metadata) as recording:
@@ -168,8 +153,7 @@ def _compare_twin(arguments: argparse.Namespace) -> str:
             recording,
             arguments.output,
             frame=arguments.frame,
-            seed=arguments.seed or 0,
-            chunk=arguments.chunk or DEFAULT_CHUNK,
+            options=options_from(FrameOptions, arguments),
             as_json=arguments.json,
         )
 
@@ -183,8 +167,7 @@ def _compare_clouds(arguments: argparse.Namespace) -> str:
 
     for option in _OF_SCENES:
         if getattr(arguments, option) is not None:
-            word = "set" if option == "overrides" else option.replace("_", "-")
-            raise InputError(f"--{word}: goes with a scene and --sensors, not with clouds")
+            raise InputError(f"{flag_of(option)}: goes with a scene and --sensors, not with clouds")
     if len(arguments.inputs) == 1:
         raise InputError(
             f"{arguments.inputs[0]}: must be a scene with --sensors A,B, or two clouds or more, got one file"

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ..rendering.render_options import FrameOptions
+from .options import StudyOptions, add_options
 from .terminal import progress
-from .words import number, pose, rising_numbers
+from .words import number, rising_numbers
 
 if TYPE_CHECKING:
     from ..sensor.sensor_model import Sensor
@@ -39,8 +41,7 @@ def add_fov(commands: Any) -> None:
     )
     command.add_argument("sensors", metavar="SENSOR", nargs="*", help="catalogue name or sensor file")
     add = command.add_argument
-    add("--rig", metavar="RIG.toml", type=Path, help="the sensors of a vehicle, at their places, instead")
-    add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
+    add_options(command, StudyOptions, "rig", "output")
     add(
         "--time",
         metavar="S,S,...",
@@ -55,24 +56,11 @@ def add_fov(commands: Any) -> None:
         help="the field of view: the pattern's convex outline (default), or cells ever reached",
     )
     add("--scene", metavar="SCENE", type=Path, help="count points on its bodies too; needs a back end")
-    add(
-        "--pose",
-        type=pose,
-        metavar="X,Y,Z[,YAW,PITCH,ROLL]",
-        help="with --scene: where the sensors stand, or the rig's vehicle, metres and degrees (default: where the "
-        "scene's sensor stands; the origin for a rig)",
-    )
+    add_options(command, FrameOptions, pose="of a rig, where its vehicle stands (default: the origin); with --scene")
     add("--reflectivity", metavar="SHARE", type=number, help="of the target (default 0.1)")
     add("--illuminance", metavar="KLUX", type=number, help="on the target (default 100)")
-    add(
-        "--set",
-        metavar="[SENSOR:]KEY=VALUE",
-        action="append",
-        default=[],
-        dest="overrides",
-        help="change a value of the sensor files, of all or of one (or LABEL: of a rig), may be repeated",
-    )
-    add("--json", action="store_true", help="print the numbers as JSON")
+    add_options(command, StudyOptions, overrides="LABEL:KEY=VALUE for one of a rig")
+    add_options(command, StudyOptions, "json")
     command.set_defaults(run=fov_text)
 
 

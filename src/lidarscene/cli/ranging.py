@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..files.json_text import json_text
-from ..rendering.render_options import Whole
+from ..rendering.option_fields import Whole
+from .options import StudyOptions, add_options, flag_of
 from .terminal import Answer, progress
 from .words import number, whole_number
 
@@ -43,8 +44,7 @@ def add_commands(commands: Any) -> None:
         description="Compute Fig. 4(e), 5 and 6 of the paper as pictures and CSV, and a page that checks each "
         "claim of its text.",
     )
-    paper.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
-    paper.add_argument("--json", action="store_true", help="print the claims as JSON")
+    add_options(paper, StudyOptions, "output", "json")
     paper.set_defaults(run=paper_text)
 
 
@@ -77,7 +77,8 @@ def _add_range(commands: Any) -> None:
     scale.add_argument("--linear", action="store_true", help="even steps")
     add("--sensitivities", action="store_true", help="what each parameter of the sensor is worth in range")
     add("--eye-safety", action="store_true", help="class 1 or not; exit code 1: the laser is not known")
-    add = command.add_argument_group("what is held").add_argument
+    held = command.add_argument_group("what is held")
+    add = held.add_argument
     add("--distance", metavar="M", type=number, help="of the target, for snr and pd (default 100)")
     add("--illuminance", metavar="KLUX", type=number, help="default 100")
     add("--sun-angle", metavar="DEG", type=number, help="between sun and surface normal (default 60)")
@@ -92,18 +93,12 @@ def _add_range(commands: Any) -> None:
     air("--transmittance", metavar="SHARE", type=number, help="of the air, one way, fixed (default 0.98)")
     air("--extinction", metavar="PER_M", type=number, help="of the air, exp(-alpha R)")
     air("--visibility", metavar="KM", type=number, help="of the air, by Kim's extinction")
-    add(
-        "--set",
-        metavar="[SENSOR:]KEY=VALUE",
-        action="append",
-        default=[],
-        dest="overrides",
-        help="change a value of the sensor files, such as detector.gain=60; may be repeated",
-    )
-    add = command.add_argument_group("what is written").add_argument
+    add_options(held, StudyOptions, "overrides")
+    written = command.add_argument_group("what is written")
+    add = written.add_argument
     add("--csv", metavar="F.csv", type=Path, help="all points of all curves")
     add("--plot", metavar="F.png|svg", type=Path, help="the curves as a picture")
-    add("--json", action="store_true", help="print everything as JSON")
+    add_options(written, StudyOptions, "json")
     command.set_defaults(run=range_text)
 
 
@@ -137,12 +132,12 @@ def _require_sense(arguments: argparse.Namespace) -> None:
         if reports == ["sensitivities"] and len(arguments.sensors) == 1:
             idle = [name for name in idle if name != "plot"]
         if idle:
-            raise InputError(f"{_option(idle[0])} goes with --over: say what is swept")
+            raise InputError(f"{flag_of(idle[0])} goes with --over: say what is swept")
         if arguments.sensitivities and arguments.json:
             raise InputError("--json does not go with --sensitivities")
         return
     if reports:
-        raise InputError(f"{_option(reports[0])} does not go with --over")
+        raise InputError(f"{flag_of(reports[0])} does not go with --over")
     axis, quantity = arguments.over, _quantity(arguments)
     if axis == "distance" and quantity == "range":
         raise InputError("--over distance --quantity range: the quantity must be snr or pd; the range is their limit")
@@ -168,7 +163,7 @@ def _target(arguments: argparse.Namespace) -> Target:
 
     def condition(name: str, default: float, bounds: Bounds) -> float:
         value = getattr(arguments, name)
-        return default if value is None else bounds.require(_option(name), float(value))
+        return default if value is None else bounds.require(flag_of(name), float(value))
 
     share = Bounds(unit="", low=0.0, high=1.0, start=0.0, stop=1.0, above=True)
     condition("distance", 100.0, CONDITIONS["distance"])
@@ -322,7 +317,3 @@ def paper_text(arguments: argparse.Namespace) -> str:
 
     with progress("steps") as report:
         return paper.write(arguments.output, as_json=arguments.json, progress=report)
-
-
-def _option(name: str) -> str:
-    return f"--{name.replace('_', '-')}"

@@ -15,12 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..files.json_text import json_text
-from ..formats.registry import DATASETS, FORMATS, LABELS, PACKETS
-from ..outputs.output_options import FEW_PULSES, FRAMES, Outputs
-from ..rendering.render_options import CHUNKS, COORDINATES, MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
+from ..outputs.output_options import FRAMES, Outputs
+from ..rendering.render_options import FrameOptions, TraceOptions
+from .options import CommandOptions, add_options, options_from
 from .terminal import progress
-from .words import number as seconds
-from .words import pose, pulses, whole_number
+from .words import whole_number
 
 if TYPE_CHECKING:
     from ..kernel.device.profile import KernelHistory
@@ -35,30 +34,11 @@ examples:
   lidarscene render drive -o out/drive --frames 10 --deskew
 """
 
-TRACE, FRAME = TraceOptions(), FrameOptions()
-"""Defaults of the options."""
-
 TAKEN_EVERY = 16
 """Chunks after which `--profile` takes Dr.Jit's history: some 50 MB of kernels' texts. It waits for the device then."""
 
 PATIENCE_S = 1.0
 """Runs longer than this show their progress on a terminal."""
-
-SAME = (
-    "format",
-    "ascii",
-    "colours",
-    "labels",
-    "dataset",
-    "deskew",
-    "merge",
-    "picture",
-    "range_image",
-    "ambient",
-    "waveforms",
-    "pulses",
-)
-"""Options of the command line that are fields of `Outputs` by the same name."""
 
 KEYS = {"missed": "keep_missed"}
 """Key of a file in `Plan.files` -> in the JSON, where they differ."""
@@ -79,155 +59,31 @@ def add_render(commands: Any) -> None:
         type=Path,
         help="scene file (.toml), Mitsuba scene (.xml), mesh (.glb, .obj, ...), or a scene's name, such as car",
     )
-    add = render.add_argument_group("what is simulated").add_argument
-    add("--sensor", metavar="NAME|FILE", help="catalogue name or sensor file (default: the scene's)")
-    add("--rig", metavar="RIG.toml", type=Path, help="several sensors on one vehicle, in place of --sensor")
-    add(
-        "--set",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        dest="overrides",
-        help="change a value of the sensor file, such as detector.gain=60; may be repeated; LABEL:KEY=VALUE for one "
-        "sensor of a rig",
-    )
-    add(
-        "--scene-set",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        dest="scene_overrides",
-        help="change a value of the scene file, such as sun.illuminance_klux=1 or bodies.car.yaw_deg=30",
-    )
-    add(
-        "--pose",
-        type=pose,
-        metavar="X,Y,Z[,YAW,PITCH,ROLL]",
-        help="where the sensor stands, or the rig's vehicle, metres and degrees (default: the scene's; the origin for "
-        "a rig); positive pitch looks up",
-    )
-    add(
+    group = render.add_argument_group("what is simulated")
+    add_options(group, CommandOptions, "sensor", "rig", overrides="LABEL:KEY=VALUE for one sensor of a rig")
+    add_options(group, CommandOptions, "scene_overrides")
+    add_options(group, FrameOptions, pose="of a rig, where its vehicle stands (default: the origin)")
+    group.add_argument(
         "--frames",
         metavar="N",
         type=whole_number(FRAMES),
         help="so many frames, one after the other; -o is then a folder for frame_0000.ply and so on, or one file of "
         "all of them: a bag of ROS 2 (.mcap, .db3) or packets (.pcap)",
     )
-    add(
-        "--begin",
-        metavar="S",
-        type=seconds,
-        default=FRAME.begin_s,
-        help="when the first frame begins, by the clock of the scene's motions (default 0)",
-    )
-    add("--seed", metavar="N", type=whole_number(SEEDS), default=FRAME.seed, help="same seed, same cloud (default 0)")
-    add(
-        "--rays",
-        metavar="N",
-        type=whole_number(RAYS),
-        default=TRACE.rays,
-        help="of each pulse, over the footprint of its beam (default 1: its axis)",
-    )
-    add(
-        "--interactions",
-        metavar="N",
-        type=whole_number(MEETINGS),
-        default=TRACE.interactions,
-        help="panes, mirrors and gaps that a beam may meet; with 0 it ends at the first (default 3)",
-    )
-    add(
-        "--background-rays",
-        metavar="K",
-        type=whole_number(RAYS),
-        help="of each pulse, over the receiver's field of view, for its background (default: as its rays)",
-    )
-    add("--vectors", action="store_true", help="normals of the surfaces and their velocities over the ground, too")
-    add(
-        "--chunk",
-        metavar="N",
-        type=whole_number(CHUNKS),
-        default=FRAME.chunk,
-        help="rays at a time: bounds the memory, no more",
-    )
-    add = render.add_argument_group("what is written").add_argument
-    add(
-        "-o",
-        "--output",
-        metavar="OUT.ply|DIR",
-        type=Path,
-        required=True,
-        help="the point cloud, its name ends as its format's do; a folder with --frames and --dataset, and with "
-        "--rig unless merged",
-    )
-    _add_format_options(add)
-    add(
-        "--coordinates",
-        "--frame",
-        choices=COORDINATES,
-        default=FRAME.coordinates,
-        help="of the points (default world); --frame is the older name",
-    )
-    add("--merge", action="store_true", help="one cloud of all sensors of the rig")
-    add("--deskew", action="store_true", help="write OUT.deskewed.ply too: the cloud without the sensor's own motion")
-    add("--colours", metavar="COLUMN", help="give points of a PLY file red, green and blue by a column, as intensity")
-    add("--no-truth", action="store_true", help="leave the columns of ground truth out of the cloud")
-    add("--ascii", action="store_true", help="write text instead of binary")
-    add("--keep-missed", metavar="F.npz", type=Path, help="every pulse without an echo point, and why")
-    add("--picture", metavar="F.png", type=Path, help="a view of the cloud and its range image (or F.svg)")
-    add("--json", action="store_true", help="print the summary as JSON")
-    add(
+    add_options(group, FrameOptions, "begin_s", "seed")
+    add_options(group, TraceOptions, "rays", "interactions", "background_rays", "vectors")
+    add_options(group, FrameOptions, "chunk")
+    group = render.add_argument_group("what is written")
+    add_options(group, Outputs, "path", "format", "labels", "dataset", "range_image", "ambient", "waveforms", "pulses")
+    add_options(group, FrameOptions, coordinates="--frame is the older name")
+    add_options(group, Outputs, "merge", "deskew", "colours", "truth", "ascii", "missed", "picture")
+    add_options(group, CommandOptions, "json")
+    group.add_argument(
         "--profile",
         action="store_true",
         help="print the time by stage, kernels launched and compiled, and the peak of memory",
     )
     render.set_defaults(run=render_text)
-
-
-def _add_format_options(add: Callable[..., Any]) -> None:
-    """Add the options that choose formats."""
-    add(
-        "--format",
-        choices=FORMATS | PACKETS,
-        metavar="NAME",
-        help=f"format of the cloud, where its name does not say it: {', '.join(FORMATS)}; or the sensor's own packets: "
-        f"{', '.join(PACKETS)}",
-    )
-    add(
-        "--labels",
-        choices=LABELS,
-        metavar="NAME",
-        help=f"write boxes or classes of points beside the cloud, as {', '.join(LABELS)} has them",
-    )
-    add(
-        "--dataset",
-        choices=DATASETS,
-        metavar="NAME",
-        help=f"make the folder -o a data set, clouds and labels: {', '.join(DATASETS)}",
-    )
-    add(
-        "--range-image",
-        metavar="F.png|F.npz",
-        type=Path,
-        help="range, intensity and status by ring and azimuth, a pixel a beam",
-    )
-    add(
-        "--ambient",
-        metavar="F.npz|F.png",
-        type=Path,
-        help="background counts of every pulse, a near-infrared picture by ring and azimuth",
-    )
-    add(
-        "--waveforms",
-        metavar="F.npz",
-        type=Path,
-        help="power on the detector and its signal against time, of the pulses of --pulses",
-    )
-    add(
-        "--pulses",
-        metavar="0,100,2000-2010",
-        type=pulses,
-        help=f"which ones of a frame, 0 for its first (default: {FEW_PULSES} of them, evenly)",
-    )
 
 
 def render_text(arguments: argparse.Namespace) -> str:
@@ -248,26 +104,6 @@ def _record(arguments: argparse.Namespace, history: KernelHistory | None) -> Rec
 
     if arguments.rig is not None and arguments.sensor is not None:
         raise InputError("--sensor and --rig: must be only one of them, got both")
-    values = vars(arguments)
-    outputs = Outputs(
-        arguments.output,
-        truth=not arguments.no_truth,
-        missed=arguments.keep_missed,
-        **{name: values[name] for name in SAME},
-    )
-    trace = TraceOptions(
-        rays=arguments.rays,
-        interactions=arguments.interactions,
-        background_rays=arguments.background_rays,
-        vectors=arguments.vectors,
-    )
-    frame = FrameOptions(
-        seed=arguments.seed,
-        begin_s=arguments.begin,
-        pose=arguments.pose,
-        coordinates=arguments.coordinates,
-        chunk=arguments.chunk,
-    )
     overrides = arguments.overrides
     sensor = arguments.sensor
     # `load_rig` applies the overrides itself: they may name one sensor of the rig.
@@ -277,9 +113,9 @@ def _record(arguments: argparse.Namespace, history: KernelHistory | None) -> Rec
         return record(
             arguments.scene,
             sensor,
-            outputs=outputs,
-            trace=trace,
-            frame=frame,
+            outputs=options_from(Outputs, arguments),
+            trace=options_from(TraceOptions, arguments),
+            frame=options_from(FrameOptions, arguments),
             frames=arguments.frames,
             overrides=overrides,
             scene_overrides=arguments.scene_overrides,
@@ -292,7 +128,7 @@ def _as_text(arguments: argparse.Namespace, run: RecordedRun, history: KernelHis
     from ..outputs import run_report
 
     one_file = len({cloud.files["output"] for cloud in run.clouds}) < len(run.clouds)
-    written = [f"{len(run.clouds)} {'frames' if one_file else 'clouds'} in {arguments.output}"]
+    written = [f"{len(run.clouds)} {'frames' if one_file else 'clouds'} in {arguments.path}"]
     if len(run.clouds) == 1:
         written = [str(path) for path in run.files]
     profile = "" if history is None else "\n" + run_report.profile_as_text(run.summary, history)

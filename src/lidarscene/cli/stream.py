@@ -11,17 +11,15 @@ from typing import Any
 from ..errors import InputError
 from ..formats.registry import PACKETS
 from ..outputs.output_options import FRAMES
-from ..rendering.render_options import MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
-from .words import number as seconds
-from .words import pose, whole_number
+from ..rendering.render_options import FrameOptions, TraceOptions
+from .options import CommandOptions, add_options, options_from
+from .words import number, whole_number
 
 STREAM_HELP = """\
 examples:
   lidarscene stream drive --sensor vlp-16 --udp 127.0.0.1:2368
   lidarscene stream drive --sensor os1-128 --udp 127.0.0.1:7502 --metadata os1.json --rate 2 --frames 20
 """
-
-TRACE, FRAME = TraceOptions(), FrameOptions()
 
 
 def add_stream(commands: Any) -> None:
@@ -36,41 +34,10 @@ def add_stream(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     stream.add_argument("scene", metavar="SCENE", type=Path, help="scene file, mesh or a scene's name, as for render")
-    add = stream.add_argument_group("what is simulated").add_argument
-    add("--sensor", metavar="NAME|FILE", help="catalogue name or sensor file (default: the scene's)")
-    add(
-        "--set",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        dest="overrides",
-        help="change a value of the sensor file, such as scanner.rotation_hz=-20; may be repeated",
-    )
-    add(
-        "--scene-set",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        dest="scene_overrides",
-        help="change a value of the scene file",
-    )
-    add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]", help="where the sensor stands, metres and degrees")
-    add(
-        "--begin",
-        metavar="S",
-        type=seconds,
-        default=FRAME.begin_s,
-        help="when the first frame begins, by the clock of the scene's motions (default 0)",
-    )
-    add("--seed", metavar="N", type=whole_number(SEEDS), default=FRAME.seed, help="of the noise (default 0)")
-    add("--rays", metavar="N", type=whole_number(RAYS), default=TRACE.rays, help="of each pulse (default 1)")
-    add(
-        "--interactions",
-        metavar="N",
-        type=whole_number(MEETINGS),
-        default=TRACE.interactions,
-        help="panes, mirrors and gaps that a beam may meet (default 3)",
-    )
+    group = stream.add_argument_group("what is simulated")
+    add_options(group, CommandOptions, "sensor", "overrides", "scene_overrides")
+    add_options(group, FrameOptions, "pose", "begin_s", "seed")
+    add_options(group, TraceOptions, "rays", "interactions")
     add = stream.add_argument_group("what is sent").add_argument
     add(
         "--udp",
@@ -107,8 +74,7 @@ def stream_text(arguments: argparse.Namespace) -> str:
     from ..sensor.sensor_file import load_sensor
 
     host, port = arguments.udp
-    frame = FrameOptions(seed=arguments.seed, begin_s=arguments.begin, pose=arguments.pose)
-    trace = TraceOptions(rays=arguments.rays, interactions=arguments.interactions)
+    frame, trace = options_from(FrameOptions, arguments), options_from(TraceOptions, arguments)
     with udp(host, port) as send:
         scene = load_scene(arguments.scene, overrides=arguments.scene_overrides)
         sensor = load_sensor(arguments.sensor or scene.sensor_name, overrides=arguments.overrides)
@@ -118,9 +84,9 @@ def stream_text(arguments: argparse.Namespace) -> str:
                 raise InputError(f"--metadata: sensor '{sensor.name}' has none; an Ouster has")
             ports = {"udp_port_lidar": port, "udp_port_imu": port + 1}
             put_text(arguments.metadata, json.dumps(json.loads(encoder.description[0]) | ports, indent=1))
-        simulator = Simulator(scene, sensor, trace, pose=arguments.pose)
+        simulator = Simulator(scene, sensor, trace, pose=frame.pose)
         if arguments.frames is not None:
-            simulator.check_frames(range(arguments.frames), begin_s=arguments.begin)
+            simulator.check_frames(range(arguments.frames), begin_s=frame.begin_s)
         sys.stdout.write(f"{sensor.name} in {scene.name} to {host}:{port} (Ctrl-C ends)\n")
         sys.stdout.flush()
         frames = render_firings(simulator, frame, needs_ambient=encoder.needs_ambient, frames=arguments.frames)
@@ -143,7 +109,7 @@ def _address(text: str) -> tuple[str, int]:
 
 def _rate(text: str) -> float:
     """Parse a number of frames in a second (an argparse type)."""
-    value = seconds(text)
+    value = number(text)
     if not 1e-3 <= value <= 1e3:
         raise argparse.ArgumentTypeError(f"must be from 0.001 to 1000 frames in a second, got {text}")
     return value

@@ -16,17 +16,7 @@ from contextlib import ExitStack, contextmanager
 from typing import Any, NamedTuple
 
 from ..errors import BackendError, LidarSceneError, OptionError, OptionWarning, OutputError
-
-OPTIONS = {
-    "path": "--output",
-    "missed": "--keep-missed",
-    "truth": "--no-truth",
-    "begin_s": "--begin",
-    "overrides": "--set",
-    "scene_overrides": "--scene-set",
-}
-"""Name of an option in Python -> on the command line, unless it is the same with dashes."""
-
+from .options import flag_of
 
 FIRST_LINE_S, LONGEST_PAUSE_S = 10.0, 300.0
 
@@ -36,11 +26,6 @@ class Answer(NamedTuple):
 
     text: str
     code: int = 0
-
-
-def option(name: str) -> str:
-    """Name on the command line of an option of the library."""
-    return OPTIONS.get(name, f"--{name.replace('_', '-')}")
 
 
 def print_text(text: str) -> None:
@@ -65,7 +50,7 @@ def print_error(text: str) -> None:
 
 def error_text(error: LidarSceneError) -> str:
     """Message of an error, with the command line's names of options."""
-    text = error.message_with(option) if isinstance(error, OptionError) else str(error)
+    text = error.message_with(flag_of) if isinstance(error, OptionError) else str(error)
     # The advice of a BackendError takes several lines; all other messages take one.
     return text if isinstance(error, BackendError) else printable(text)
 
@@ -165,7 +150,7 @@ def notes() -> Iterator[None]:
 
         def show(message: Any, *about: Any, **more: Any) -> None:
             if isinstance(message, OptionWarning):
-                sys.stderr.write(f"lidarscene: note: {printable(message.message_with(option))}\n")
+                sys.stderr.write(f"lidarscene: note: {printable(message.message_with(flag_of))}\n")
             else:
                 show_other(message, *about, **more)
 

@@ -17,9 +17,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from ..rendering.render_options import SEEDS, Whole
+from ..rendering.option_fields import Whole
+from ..rendering.render_options import FrameOptions
+from .options import CommandOptions, add_options, flag_of, options_from
 from .recordings.recording_options import add_recording, is_recording, with_progress
-from .words import pose, whole_number
+from .words import whole_number
 
 if TYPE_CHECKING:
     from ..view.page_sources import Source
@@ -54,18 +56,10 @@ def add_view(commands: Any) -> None:
         help="clouds, or a folder of them, are frames; a scene alone is rendered live; a recording of "
         "a real lidar comes alone",
     )
-    add = view.add_argument_group("what is shown").add_argument
-    add("--sensor", metavar="NAME|FILE", help="catalogue name or sensor file (default: the scene's, or the cloud's)")
-    add(
-        "--set",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        dest="overrides",
-        help="change a value of the sensor file, may be repeated",
-    )
-    add("--pose", type=pose, metavar="X,Y,Z[,YAW,PITCH,ROLL]", help="where the sensor stands in a live scene")
-    add("--seed", metavar="N", type=whole_number(SEEDS), default=0, help="of a live scene (default 0)")
+    group = view.add_argument_group("what is shown")
+    add_options(group, CommandOptions, sensor="of clouds, their own")
+    add_options(group, CommandOptions, "overrides")
+    add_options(group, FrameOptions, "pose", "seed")
     add_recording(view)
     add = view.add_argument_group("where").add_argument
     add("--save", metavar="F.html", type=Path, help="write one file that needs no server, and end")
@@ -100,7 +94,6 @@ def view_text(arguments: argparse.Namespace) -> str:
 
 
 def _source(arguments: argparse.Namespace) -> Source:
-    from ..rendering.render_options import FrameOptions
     from ..scene.scene_file import load_scene
     from ..view.page_sources import Clouds, Live
 
@@ -116,7 +109,7 @@ def _source(arguments: argparse.Namespace) -> Source:
     clouds = list_clouds([path for path in arguments.paths if path not in scenes])
     scene = load_scene(scenes[0]) if scenes else None
     if scene is not None and not clouds:
-        frame = FrameOptions(seed=arguments.seed, pose=arguments.pose)
+        frame = options_from(FrameOptions, arguments)
         name = str(scenes[0])
         return Live(scene, sensor=arguments.sensor, overrides=arguments.overrides, frame=frame, scene_argument=name)
     if arguments.pose is not None:
@@ -137,8 +130,7 @@ def _recording_source(arguments: argparse.Namespace, path: Path) -> Source:
         raise InputError(f"view: a recording must come alone, got {len(arguments.paths)} paths with {path}")
     for option in ("sensor", "overrides", "pose"):
         if getattr(arguments, option):
-            word = "set" if option == "overrides" else option
-            raise InputError(f"--{word}: goes with a scene or clouds, not with the recording {path}")
+            raise InputError(f"{flag_of(option)}: goes with a scene or clouds, not with the recording {path}")
     recording = open_recording(path, arguments.metadata)
     return RecordingFrames(with_progress(recording) if arguments.save else recording, frame=arguments.frame)
 

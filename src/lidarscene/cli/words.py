@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from ..rendering.render_options import Whole
+from ..rendering.option_fields import Whole
 
 if TYPE_CHECKING:
     from ..maths.pose import Pose

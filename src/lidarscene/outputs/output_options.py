@@ -8,27 +8,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
 from ..errors import InputError, OptionError
 from ..formats.registry import DATASETS, FORMATS, LABELS, PACKETS, SUFFIXES, Format, format_of
-from ..rendering.render_options import Whole
+from ..rendering.option_fields import FileName, OneOf, Whole, check_options, declared, list_options, option, options_of
 
 File = str | os.PathLike[str]
-
-ENDINGS = {
-    "missed": (".npz",),
-    "picture": (".png", ".svg"),
-    "range_image": (".png", ".npz"),
-    "ambient": (".png", ".npz"),
-    "waveforms": (".npz",),
-}
-"""Option of a file beside the cloud -> suffixes that its name may have."""
-
-SINGLE = ("missed", "range_image", "ambient", "waveforms")
-"""Options of ENDINGS whose files hold the pulses of a single sensor."""
 
 FRAMES = Whole(1, 10_000)
 """Frames of a run; file names have four digits for the number."""
@@ -37,77 +25,106 @@ FEW_PULSES = 9
 """Default number of pulses with waveforms."""
 
 
+@list_options
 @dataclass(frozen=True, slots=True)
 class Outputs:
     """Every file that a frame becomes.
 
-    path         file of the point cloud; a folder for the clouds of several frames, of a rig or of a data set. A bag of
-                 ROS 2, such as drive.mcap, and packets hold several frames in one file
-    format       format of the cloud, a key of `formats.registry.FORMATS` or PACKETS; None: by the name's suffix, PLY in
-                 a folder
-    ascii        whether the cloud is text instead of binary
-    colours      column by which points get red, green and blue, as in pictures; for PLY files
-    truth        whether the cloud has the columns of ground truth; labels are made of the truth either way
-    labels       boxes or classes beside the cloud, a key of `formats.registry.LABELS`
-    dataset      makes the folder a data set, clouds and labels: one of `formats.registry.DATASETS`
-    deskew       whether a second cloud without the sensor's own motion is written
-    merge        whether the sensors of a rig make one cloud
-    picture      a view of the cloud and its range image, .png or .svg
-    range_image  range, intensity and status by ring and azimuth, .png or .npz
-    missed       every pulse without an echo point, and why, .npz
-    ambient      background counts of every pulse, .png or .npz
-    waveforms    power on the detector and its signal against time, .npz
-    pulses       pulses of a frame with waveforms, 0 for its first; None: a few, evenly spaced
-    Each of several frames or sensors has files of its own: labels and numbers are added to the names.
-    Raises InputError for options that do not go together.
+    Each of several frames or sensors has files of its own: labels and numbers are added to the names. Labels are made
+    of the ground truth whether or not the cloud has it. Raises InputError for options that do not go together.
     """
 
     KEYWORD: ClassVar[str] = "outputs"
 
-    path: File
+    path: File = field(
+        metadata=declared(
+            "the point cloud, its name ends as its format's do; a folder for several frames, a data set, and a rig "
+            "unless merged; a bag of ROS 2 (.mcap, .db3) and packets (.pcap) hold several frames in one file",
+            metavar="OUT.ply|DIR",
+            flags=("-o", "--output"),
+        )
+    )
     _: KW_ONLY
-    format: str | None = None
-    ascii: bool = False
-    truth: bool = True
-    colours: str | None = None
-    labels: str | None = None
-    dataset: str | None = None
-    deskew: bool = False
-    merge: bool = False
-    picture: File | None = None
-    range_image: File | None = None
-    missed: File | None = None
-    ambient: File | None = None
-    waveforms: File | None = None
-    pulses: Sequence[int] | None = None
+    format: str | None = option(
+        None,
+        OneOf(FORMATS | PACKETS),
+        help=f"format of the cloud, where its name does not say it: {', '.join(FORMATS)}; or the sensor's own packets: "
+        f"{', '.join(PACKETS)}",
+        metavar="NAME",
+    )
+    ascii: bool = option(False, help="write text instead of binary")
+    truth: bool = option(True, help="columns of ground truth in the cloud", flags=("--no-truth",))
+    colours: str | None = option(
+        None, help="give points of a PLY file red, green and blue by a column, as intensity", metavar="COLUMN"
+    )
+    labels: str | None = option(
+        None,
+        OneOf(LABELS),
+        help=f"write boxes or classes of points beside the cloud, as {', '.join(LABELS)} has them",
+        metavar="NAME",
+    )
+    dataset: str | None = option(
+        None,
+        OneOf(DATASETS),
+        help=f"make the folder a data set, clouds and labels: {', '.join(DATASETS)}",
+        metavar="NAME",
+    )
+    deskew: bool = option(False, help="write OUT.deskewed.ply too: the cloud without the sensor's own motion")
+    merge: bool = option(False, help="one cloud of all sensors of the rig")
+    missed: File | None = option(
+        None,
+        FileName((".npz",)),
+        help="every pulse without an echo point, and why",
+        metavar="F.npz",
+        flags=("--keep-missed",),
+    )
+    picture: File | None = option(
+        None, FileName((".png", ".svg")), help="a view of the cloud and its range image (or F.svg)", metavar="F.png"
+    )
+    range_image: File | None = option(
+        None,
+        FileName((".png", ".npz")),
+        help="range, intensity and status by ring and azimuth, a pixel a beam",
+        metavar="F.png|F.npz",
+    )
+    ambient: File | None = option(
+        None,
+        FileName((".png", ".npz")),
+        help="background counts of every pulse, a near-infrared picture by ring and azimuth",
+        metavar="F.npz|F.png",
+    )
+    waveforms: File | None = option(
+        None,
+        FileName((".npz",)),
+        help="power on the detector and its signal against time, of a few pulses",
+        metavar="F.npz",
+    )
+    pulses: Sequence[int] | None = option(
+        None,
+        help=f"with waveforms, which ones of a frame, 0 for its first (default: {FEW_PULSES} of them, evenly)",
+        metavar="0,100,2000-2010",
+    )
 
     def __post_init__(self) -> None:
-        for option, choices in (("format", FORMATS | PACKETS), ("labels", LABELS), ("dataset", DATASETS)):
-            name = getattr(self, option)
-            if name is not None and name not in choices:
-                raise OptionError(f"{{{option}}}: must be one of {{0}}, got {{1!r}}", ", ".join(choices), name)
+        check_options(self)
         self._check_together()
-        for option, endings in ENDINGS.items():
-            file = self.extra_file(option)
-            if file is not None and file.suffix.lower() not in endings:
-                raise OptionError(f"{{{option}}} {{0}}: the name must end in {{1}}", file, " or ".join(endings))
 
     def _check_together(self) -> None:
         if self.merge:
-            for option in SINGLE:
-                if self.extra_file(option) is not None:
-                    raise OptionError(f"{{{option}}}: goes with the clouds of single sensors, not with {{merge}}")
+            for name in SINGLE:
+                if getattr(self, name) is not None:
+                    raise OptionError(f"{{{name}}}: goes with the clouds of single sensors, not with {{merge}}")
         if self.dataset is not None:
-            for option in ("format", "labels"):
-                if getattr(self, option) is not None:
-                    raise OptionError(f"{{{option}}}: a data set has its own, leave it out with {{dataset}}")
-            for option in ("merge", "ascii"):
-                if getattr(self, option):
-                    raise OptionError(f"{{dataset}}: goes without {{{option}}}")
+            for name in ("format", "labels"):
+                if getattr(self, name) is not None:
+                    raise OptionError(f"{{{name}}}: a data set has its own, leave it out with {{dataset}}")
+            for name in ("merge", "ascii"):
+                if getattr(self, name):
+                    raise OptionError(f"{{dataset}}: goes without {{{name}}}")
         if self.packets:
-            for option in ("labels", "deskew", "merge", "ascii"):
-                if getattr(self, option):
-                    raise OptionError(f"{{{option}}}: goes with clouds, not with packets")
+            for name in ("labels", "deskew", "merge", "ascii"):
+                if getattr(self, name):
+                    raise OptionError(f"{{{name}}}: goes with clouds, not with packets")
         if self.pulses is not None and self.waveforms is None:
             raise OptionError("{pulses} goes with {waveforms}")
 
@@ -122,11 +139,6 @@ class Outputs:
         """Path of the cloud, or of the folder of clouds."""
         return Path(self.path)
 
-    def extra_file(self, option: str) -> Path | None:
-        """File that an option of ENDINGS names; None without it."""
-        file = getattr(self, option)
-        return None if file is None else Path(file)
-
     def format_of(self, *, folder: bool) -> Format:
         """Format by its name, or else by the suffix of the path; in a folder PLY."""
         if self.dataset is not None:
@@ -140,3 +152,10 @@ class Outputs:
             raise OptionError(
                 "{path} {0}: the name must end in one of {1}, or go with {format}", self.place, ", ".join(SUFFIXES)
             ) from None
+
+
+EXTRA_FILES = tuple(name for name, (_, entry) in options_of(Outputs).items() if isinstance(entry.values, FileName))
+"""Options that name a file beside the cloud."""
+
+SINGLE = tuple(name for name in EXTRA_FILES if name != "picture")
+"""Options of EXTRA_FILES whose files hold the pulses of a single sensor."""

@@ -17,7 +17,7 @@ from ..formats.cloud_columns import COLUMNS
 from ..formats.registry import FORMATS, SUFFIXES, Format
 from ..labels.files import label_paths
 from ..labels.kitti_dataset import cloud_path
-from .output_options import ENDINGS, Outputs
+from .output_options import EXTRA_FILES, Outputs
 from .range_image import all_range_image_paths
 
 CLOUDS = ("output", "deskewed")
@@ -113,16 +113,17 @@ class Plan:
         chosen.require()
 
     def files(self, label: str, number: int) -> dict[str, Path]:
-        """Files of one cloud by key: "output", "deskewed", "output_labels", ..., and the options of ENDINGS.
+        """Files of one cloud by key: "output", "deskewed", "output_labels", ..., and the options of EXTRA_FILES.
 
         label  label of the rig's sensor; "" for a single sensor, and for merged clouds
         """
         # F.png of a single cloud is F.png; of several, F_front_0003.png, so that none writes over another.
         counted = "" if self.frames is None else f"{number:04d}"
         files = self._clouds(label, number)
-        for option in ENDINGS:
-            path = self.outputs.extra_file(option)
-            if path is not None:
+        for option in EXTRA_FILES:
+            file = getattr(self.outputs, option)
+            if file is not None:
+                path = Path(file)
                 files[option] = path.with_name("_".join(filter(None, (path.stem, label, counted))) + path.suffix)
         return files
 
@@ -178,7 +179,7 @@ def check_writable(clouds: Sequence[Mapping[str, Path]]) -> None:
 
 def _option(key: str) -> str:
     """Name of the option behind a key of `Plan.files`."""
-    return key if key in ENDINGS else "path"
+    return key if key in EXTRA_FILES else "path"
 
 
 def protect_inputs(clouds: Sequence[Mapping[str, Path]], inputs: Sequence[Path]) -> None:

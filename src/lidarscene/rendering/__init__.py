@@ -6,6 +6,7 @@ in docs/architecture.md; the other modules take it through a frame in chunks, so
 api             `render` and `render_frames`: names or files in
 render_options  `TraceOptions`, `FrameOptions`, `Observers`
 simulator       `Simulator`: frames, chunk by chunk, and the metadata of their clouds
+option_fields   an option's values, help and name, declared on its field
 stages          the chain on the device
 frame           pulses, times and places of one frame
 tiles           the order in which pulses are traced

@@ -16,7 +16,8 @@ from ..scene.scene import Scene
 from ..scene.scene_file import load_scene
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor, warn_of_doubts
-from .render_options import NUMBERS, FrameOptions, Keywords, Observers, RenderKeywords, TraceOptions, Whole
+from .option_fields import Whole
+from .render_options import NUMBERS, FrameOptions, Keywords, Observers, RenderKeywords, TraceOptions
 from .simulator import Simulator
 from .surroundings import simulator_surroundings, warn_of_surroundings
 

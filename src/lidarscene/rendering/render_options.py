@@ -1,7 +1,8 @@
 """Options: how rays are traced, which frame is rendered, and who observes it. Each is declared here, once.
 
-The library, the command line, `batch` and `view` build the same objects, and an object checks itself when it is made:
-a wrong value gives the same one-line error everywhere. A call takes the objects, or their fields as keywords, or both:
+The library, the command line, `batch` and `view` build the same objects from the same fields (`option_fields`), and an
+object checks itself when it is made: a wrong value gives the same one-line error everywhere. A call takes the objects,
+or their fields as keywords, or both:
 ``render(scene, sensor, seed=1, rays=3)``. `Keywords` sorts these.
 """
 
@@ -11,11 +12,12 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, TypedDict, TypeVar, cast
+from numbers import Real
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypedDict, TypeVar
 
 from ..errors import InputError, OptionError
 from ..light.limits import INTERACTIONS, MOST_INTERACTIONS
+from .option_fields import Finite, OneOf, Whole, check_options, list_options, option
 
 # Options load no NumPy: the command line names them, and still answers --help at once.
 if TYPE_CHECKING:
@@ -26,100 +28,93 @@ if TYPE_CHECKING:
 Placed: TypeAlias = "Pose | Sequence[float]"
 """Pose of a sensor: a `Pose`, or x, y, z in metres, with or without yaw, pitch, roll in degrees."""
 
-COORDINATES = ("world", "vehicle", "sensor")
-
 DEFAULT_CHUNK = 2**20
 """Rays traced at a time: some 100 MB of arrays; smaller chunks spend more of their time in Python."""
-
-
-class Whole(NamedTuple):
-    """The whole numbers from ``low`` to ``high``, both included."""
-
-    low: int
-    high: int
-
-    def __str__(self) -> str:
-        return f"a whole number from {self.low} to {self.high}"
-
-    def check(self, option: str, value: object) -> None:
-        """Raise OptionError unless the value is one of these numbers."""
-        whole = isinstance(value, Integral) and not isinstance(value, bool)
-        if not whole or not self.low <= int(cast(int, value)) <= self.high:
-            raise OptionError(f"{{{option}}}: must be {self}, got {{0!r}}", value)
-
 
 RAYS = Whole(1, 1024)
 MEETINGS = Whole(0, MOST_INTERACTIONS)
 SEEDS = Whole(0, 2**32 - 1)
 NUMBERS = Whole(0, 2**31 - 1)
 CHUNKS = Whole(1, 2**31 - 1)
+COORDINATES = OneOf(("world", "vehicle", "sensor"), "'world' or 'vehicle' or 'sensor'")
 
 
+@list_options
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TraceOptions:
-    """Options of tracing: all that chooses the compiled kernels.
-
-    rays             rays of each pulse, over the footprint of its beam; a single one is the beam's axis
-    interactions     panes, mirrors and gaps that a beam may meet; with 0 it ends at the first, without an echo
-    background_rays  rays of each pulse over the receiver's field of view, for its background; None: the laser's rays
-                     gather it
-    vectors          whether points have the normals and velocities of their surfaces
-    Raises InputError for a value out of bounds.
-    """
+    """Options of tracing: all that chooses the compiled kernels. Raises InputError for a value out of bounds."""
 
     KEYWORD: ClassVar[str] = "trace"
 
-    rays: int = 1
-    interactions: int = INTERACTIONS
-    background_rays: int | None = None
-    vectors: bool = False
+    rays: int = option(
+        1, RAYS, help="of each pulse, over the footprint of its beam (default {default}: its axis)", metavar="N"
+    )
+    interactions: int = option(
+        INTERACTIONS,
+        MEETINGS,
+        help="panes, mirrors and gaps that a beam may meet; with 0 it ends at the first, without an echo "
+        "(default {default})",
+        metavar="N",
+    )
+    background_rays: int | None = option(
+        None,
+        RAYS,
+        help="of each pulse, over the receiver's field of view, for its background (default: as its rays)",
+        metavar="K",
+    )
+    vectors: bool = option(False, help="normals of the surfaces and their velocities over the ground, too")
 
     def __post_init__(self) -> None:
-        if not isinstance(self.vectors, bool):
-            raise OptionError("{vectors}: must be True or False, got {0!r}", self.vectors)
-        RAYS.check("rays", self.rays)
-        MEETINGS.check("interactions", self.interactions)
-        if self.background_rays is not None:
-            RAYS.check("background_rays", self.background_rays)
+        check_options(self)
 
 
+@list_options
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameOptions:
     """Choice of one frame (one sweep of the sensor in time) and of the coordinates of its points.
 
-    seed         32 bits; the same seed gives the same cloud whatever the chunk
-    number       number of the frame: later frames have later pulses, at later times, with noise of their own
-    begin_s      time at which frame 0 begins, by the clock of the scene's motions
-    pose         pose of the sensor, its mounting not included: in the world, or on the scene's ego vehicle; None: the
-                 simulator's, or else the scene's own. A `Pose`, or (x, y, z) in metres, with or without
-                 (..., yaw, pitch, roll) in degrees
-    coordinates  of the points: "world", "vehicle" or "sensor". Motion of the sensor within a frame is not corrected:
-                 all points are placed from where it stood at the frame's start (see `deskewed`)
-    chunk        rays traced at a time: bounds the memory, changes nothing else
+    A pose is a `Pose`, or (x, y, z) in metres, with or without (..., yaw, pitch, roll) in degrees; the sensor's
+    mounting is not included. None: the simulator's, or else the scene's own. Motion of the sensor within a frame is not
+    corrected: all points are placed from where it stood at the frame's start (see `deskewed`).
     Raises InputError for a value out of bounds.
     """
 
     KEYWORD: ClassVar[str] = "frame"
 
-    seed: int = 0
-    number: int = 0
-    begin_s: float = 0.0
-    pose: Pose | None = None
-    coordinates: str = "world"
-    chunk: int = DEFAULT_CHUNK
+    seed: int = option(
+        0,
+        SEEDS,
+        help="of the noise: the same seed gives the same cloud, whatever the chunk (default {default})",
+        metavar="N",
+    )
+    number: int = option(
+        0, NUMBERS, help="of the frame: later frames have later pulses, at later times, with noise of their own"
+    )
+    begin_s: float = option(
+        0.0,
+        Finite("seconds"),
+        help="when frame 0 begins, by the clock of the scene's motions (default {default:g})",
+        metavar="S",
+        flags=("--begin",),
+    )
+    pose: Pose | None = option(
+        None,
+        help="where the sensor stands, in the world or on the scene's ego vehicle, metres and degrees "
+        "(default: the scene's); positive pitch looks up",
+        metavar="X,Y,Z[,YAW,PITCH,ROLL]",
+    )
+    coordinates: str = option(
+        "world",
+        COORDINATES,
+        help="of the points: world, vehicle or sensor (default {default})",
+        flags=("--coordinates", "--frame"),
+    )
+    chunk: int = option(DEFAULT_CHUNK, CHUNKS, help="rays at a time: bounds the memory, no more", metavar="N")
 
     def __post_init__(self) -> None:
-        SEEDS.check("seed", self.seed)
-        NUMBERS.check("number", self.number)
-        CHUNKS.check("chunk", self.chunk)
-        begin_s: object = self.begin_s
-        if not isinstance(begin_s, Real) or not math.isfinite(self.begin_s):
-            raise OptionError("{begin_s}: must be a finite number of seconds, got {0!r}", begin_s)
+        check_options(self)
         if self.pose is not None:
             object.__setattr__(self, "pose", to_pose(self.pose))
-        if self.coordinates not in COORDINATES:
-            choices = " or ".join(map(repr, COORDINATES))
-            raise OptionError("{coordinates}: must be {0}, got {1!r}", choices, self.coordinates)
 
 
 def to_pose(pose: object) -> Pose:

@@ -13,6 +13,7 @@ from scipy import stats
 from lidarscene import InputError, load_sensor
 from lidarscene.detection.outcomes import Status
 from lidarscene.maths.pose import Pose
+from lidarscene.rendering.render_options import FrameOptions
 from lidarscene.rendering.simulator import Simulator, Summary
 from lidarscene.scene.scene import Air
 from lidarscene.studies.compare import cloud_matching, observations
@@ -42,7 +43,7 @@ def scene():
 
 @pytest.fixture(scope="module")
 def bench(mi):
-    return Bench(scene(), seed=3)
+    return Bench(scene(), FrameOptions(seed=3))
 
 
 @pytest.fixture(scope="module")
@@ -173,7 +174,7 @@ def test_observer_sees_every_surface(mi) -> None:
 
 def test_chunks_change_nothing(bench) -> None:
     sensor = chain.sensor("table1-apd", WEAK, *COARSE)
-    whole, parts = bench.observe("a", sensor), Bench(scene(), seed=3, chunk=700).observe("a", sensor)
+    whole, parts = bench.observe("a", sensor), Bench(scene(), FrameOptions(seed=3, chunk=700)).observe("a", sensor)
     for field in dataclasses.fields(observations.Surfaces):
         assert np.array_equal(getattr(whole.rated_surfaces, field.name), getattr(parts.rated_surfaces, field.name)), (
             field.name
@@ -259,7 +260,7 @@ def test_clouds_of_other_scenes_are_told_apart(mi, seen) -> None:
         *scene().bodies,
         materials=tuple(scene().materials.values()),
     )
-    cloud = Bench(other, seed=3).observe("b", chain.sensor("table1-apd", WEAK, *COARSE)).cloud
+    cloud = Bench(other, FrameOptions(seed=3)).observe("b", chain.sensor("table1-apd", WEAK, *COARSE)).cloud
     a, b = cloud_matching.observe_clouds(["x", "x"], [seen[0].cloud, cloud])
     assert (a.name, b.name) == ("x", "x (2)")
     assert a.cloud.body_names == b.cloud.body_names == ("plane", "box", "ball", "new")
@@ -361,7 +362,7 @@ def test_equal_sensors_do_not_cross(mi) -> None:
 
 def test_the_place_may_be_another(mi) -> None:
     """Reference: the nearest corner of the box, 9 m ahead and 4.5 m aside. Tolerance: the beams' half a degree."""
-    bench = Bench(scene(), pose=Pose.from_degrees(position_m=(5.0, 0.0, 0.0)))
+    bench = Bench(scene(), FrameOptions(pose=Pose.from_degrees(position_m=(5.0, 0.0, 0.0))))
     one = bench.observe("a", chain.sensor("table1-apd", *COARSE))
     assert float(one.rated_surfaces.true_range_m.min()) == pytest.approx(math.hypot(9.0, 4.5), rel=5e-3)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
+from ..options import CommandOptions, add_options
 from ..terminal import Answer
 
 FIT_HELP = """\
@@ -51,15 +52,10 @@ def add_fit(commands: Any) -> None:
         help="with --scene, where the sensor stood at each frame: CSV, or TUM's format (default: as the twin knows, "
         "else the scene's sensor)",
     )
-    add(
-        "--metadata",
-        metavar="F",
-        type=Path,
-        help="what the maker says of the unit (default: the json beside the recording)",
-    )
+    add_options(command, CommandOptions, "metadata")
     add("-o", "--output", metavar="F.toml", type=Path, required=True, help="sensor file to write")
     add("--report", metavar="DIR", type=Path, required=True, help="folder of the page, its figures and fit.json")
-    add("--json", action="store_true", help="print the numbers as JSON")
+    add_options(command, CommandOptions, "json")
     command.set_defaults(run=fit_text)
 
 

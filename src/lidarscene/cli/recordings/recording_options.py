@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...rendering.render_options import SEEDS
+from ..options import CommandOptions, add_options
 from ..words import whole_number
 
 if TYPE_CHECKING:
@@ -29,16 +30,11 @@ HEADER_BYTES = 1 << 16
 
 def add_recording(command: argparse.ArgumentParser) -> None:
     """Add `--frame` and `--metadata`."""
-    add = command.add_argument_group("of a recording").add_argument
-    add("--frame", metavar="N", type=whole_number(SEEDS), default=None, help="number of the frame, from 0")
-    add(
-        "--metadata",
-        metavar="F",
-        type=Path,
-        default=None,
-        help="what the maker says of the unit: json of an Ouster (default: beside the recording), YAML of a Velodyne, "
-        "CSV of a Hesai",
+    group = command.add_argument_group("of a recording")
+    group.add_argument(
+        "--frame", metavar="N", type=whole_number(SEEDS), default=None, help="number of the frame, from 0"
     )
+    add_options(group, CommandOptions, "metadata")
 
 
 def is_recording(path: Path) -> bool:

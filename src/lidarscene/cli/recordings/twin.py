@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
+from ..options import CommandOptions, add_options
 
 TWIN_HELP = """\
 examples:
@@ -32,7 +33,7 @@ def add_twin(commands: Any) -> None:
     )
     command.add_argument("recording", metavar="REC", type=Path, help="recording of a real lidar")
     add = command.add_argument
-    add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
+    add_options(command, CommandOptions, "output")
     add("--frames", metavar="N,N,...", type=_frames, help="frames to make it of, from 0 (default: all)")
     add(
         "--held-out",
@@ -41,12 +42,7 @@ def add_twin(commands: Any) -> None:
         help="leave out this frame, at whose pose the sensor then stands, or every second column of the only frame, "
         "so that compare --real judges by what the twin has not seen",
     )
-    add(
-        "--metadata",
-        metavar="F",
-        type=Path,
-        help="json of an Ouster, YAML of a Velodyne, CSV of a Hesai (default: json beside the recording)",
-    )
+    add_options(command, CommandOptions, "metadata")
     add("--sensor", metavar="NAME", help="a catalogue sensor or a sensor file, in place of the unit's own")
     command.set_defaults(run=twin_text)
 

@@ -14,9 +14,8 @@ import numpy as np
 from ...detection.outcomes import Outcome
 from ...kernel.world.mitsuba_world import World
 from ...maths.arrays import Numbers
-from ...maths.pose import Pose
 from ...outputs.run_report import OUTCOME_TEXT
-from ...rendering.render_options import DEFAULT_CHUNK
+from ...rendering.render_options import FrameOptions
 from ...rendering.simulator import Simulator, Summary
 from ...scene.scene import Scene
 from ...sensor.sensor_model import Sensor
@@ -31,9 +30,9 @@ _PULSES_AT_ONCE = 2**18  # compared together, which bounds the memory
 class Bench:
     """A scene in which sensors are simulated one after the other, with the same seed and at the same place."""
 
-    def __init__(self, scene: Scene, *, seed: int = 0, pose: Pose | None = None, chunk: int = DEFAULT_CHUNK) -> None:
-        """Place the bench at ``pose``, to which each sensor adds its mounting; at the scene's sensor pose if None."""
-        self.scene, self.seed, self.pose, self.chunk = scene, seed, pose, chunk
+    def __init__(self, scene: Scene, frame: FrameOptions | None = None) -> None:
+        """Place the bench at the pose of ``frame``, to which each sensor adds its mounting."""
+        self.scene, self.frame = scene, frame or FrameOptions()
         self._worlds: dict[float, World] = {}
 
     def observe(self, name: str, sensor: Sensor, *, illuminance_klux: float | None = None) -> Observation:
@@ -47,10 +46,10 @@ class Bench:
         if illuminance_klux is not None:
             scene = replace(scene, sun=replace(scene.sun, illuminance_klux=illuminance_klux))
         wavelength_m = sensor.laser.wavelength_m
-        simulator = Simulator(scene, sensor, world=self._worlds.get(wavelength_m), pose=self.pose)
+        simulator = Simulator(scene, sensor, world=self._worlds.get(wavelength_m), pose=self.frame.pose)
         self._worlds[wavelength_m] = simulator.world
         collector, summary = _PulseCollector(), Summary()
-        cloud = simulator.render(seed=self.seed, chunk=self.chunk, points=collector, summary=summary)
+        cloud = simulator.render(self.frame, points=collector, summary=summary)
         losses = {
             text: int(summary.outcomes[outcome])
             for outcome, text in OUTCOME_TEXT.items()

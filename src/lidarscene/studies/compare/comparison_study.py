@@ -72,9 +72,9 @@ def compare_sensors(
         groups=groupings(observations),
         matched=matched,
         population="the pulses that met a surface",
-        notes=(_beams_note(scene, bench.seed, matched=matched, same_beams=same_beams), _RATES_NOTE, _INTERVALS),
+        notes=(_beams_note(scene, bench.frame.seed, matched=matched, same_beams=same_beams), _RATES_NOTE, _INTERVALS),
         aliasing_notes=aliasing_notes(observations, [sensor for _, sensor in sensors]),
-        seed=bench.seed,
+        seed=bench.frame.seed,
         sweep=sweep_illuminance(
             bench, sensors, illuminances_klux, progress=lambda rendered: progress(len(sensors) + rendered, total)
         )
@@ -82,7 +82,7 @@ def compare_sensors(
         else None,
     )
     # The scene's camera is set for the scene's own sensor pose.
-    output = ComparisonOutput(folder, scene.camera if bench.pose is None else None)
+    output = ComparisonOutput(folder, scene.camera if bench.frame.pose is None else None)
     return write_comparison(comparison, output, as_json=as_json)
 
 

@@ -12,7 +12,7 @@ from ...errors import InputError
 from ...maths.arrays import Numbers, map_arrays
 from ...maths.pose import Pose
 from ...recordings.sweep import Sweep
-from ...rendering.render_options import DEFAULT_CHUNK
+from ...rendering.render_options import FrameOptions
 from ...rendering.simulator import Simulator
 from ...scene.scene import Scene
 from ...sensor.sensor_model import Sensor
@@ -79,18 +79,19 @@ class MatchedPulses:
 
 
 def simulate_pulses(
-    scene: Scene, sensor: Sensor, sweep: Sweep, *, pose: Pose | None = None, seed: int = 0, chunk: int = DEFAULT_CHUNK
+    scene: Scene, sensor: Sensor, sweep: Sweep, *, pose: Pose | None = None, options: FrameOptions | None = None
 ) -> tuple[MatchedPulses, PointCloud]:
     """Render the twin and match its pulses to the recorded ones; returns them and the cloud.
 
-    pose  pose of the sensor; None: the scene's own
+    pose     pose of the sensor; None: the scene's own
+    options  seed and chunk of the rendering
 
     Raises InputError where the sensor does not fire the recording's pulses.
     """
     numbers, angle_rad = match_pulses(sensor, sweep)
     simulator = Simulator(scene, sensor, pose=pose, rays=RAYS if sensor.tdc.stops > 1 else 1)
     chunks: list[tuple[Numbers, Mapping[str, Numbers]]] = []
-    cloud = simulator.render(seed=seed, chunk=chunk, points=lambda pulse, columns: chunks.append((pulse, columns)))
+    cloud = simulator.render(options, points=lambda pulse, columns: chunks.append((pulse, columns)))
     n = sensor.scanner.pulses
     of_points = np.concatenate([np.zeros(0, np.int64), *(pulse.astype(np.int64) for pulse, _ in chunks)])
     first, second = _by_pulse(of_points, n)

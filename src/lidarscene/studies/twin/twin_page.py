@@ -11,7 +11,7 @@ from ...figures.report import Report, require_writable_files
 from ...files.json_text import json_text
 from ...recordings.as_cloud import cloud_of
 from ...recordings.recording import Recording
-from ...rendering.render_options import DEFAULT_CHUNK
+from ...rendering.render_options import FrameOptions
 from ...rendering.simulator import Simulator
 from ...scene.scene import View
 from ...scene.scene_file import load_scene
@@ -37,13 +37,13 @@ def compare_twin(
     folder: Path,
     *,
     frame: int | None = None,
-    seed: int = 0,
-    chunk: int = DEFAULT_CHUNK,
+    options: FrameOptions | None = None,
     as_json: bool = False,
 ) -> str:
     """Render a twin at a frame's pose and write page, JSON and pictures; returns the text to print.
 
-    frame  index of the frame; None: the held-out one, or the first
+    frame    index of the frame; None: the held-out one, or the first
+    options  seed and chunk of the rendering
     A list of points has no pulses to match: for it the statistics of `compare.recording_comparison` are written.
     Raises InputError and OutputError.
     """
@@ -57,10 +57,10 @@ def compare_twin(
     if provenance["held_out"] == COLUMNS:
         sweep = select_columns(sweep, slice(1, None, 2))
     if not has_grid(sweep):
-        cloud = Simulator(scene, sensor, pose=pose).render(seed=seed, chunk=chunk)
+        cloud = Simulator(scene, sensor, pose=pose).render(options)
         sides = side_of_cloud("twin", cloud), side_of_sweep(f"{recording.path.name} frame {number}", sweep)
         return compare_with_recording(*sides, folder, as_json=as_json)
-    pulses, cloud = simulate_pulses(scene, sensor, sweep, pose=pose, seed=seed, chunk=chunk)
+    pulses, cloud = simulate_pulses(scene, sensor, sweep, pose=pose, options=options)
     next_number = (number + 1) % len(recording)
     real_disagreement = disagreement(full_sweep, recording[next_number]) if next_number != number else None
     rows = [row for row in twin_quantities(pulses, sweep, cloud, between=real_disagreement) if row.has_values]

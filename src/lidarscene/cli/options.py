@@ -1,0 +1,112 @@
+"""Options of the commands: arguments made of the dataclass fields that declare them, and the objects made of arguments.
+
+A command names the options that it takes: ``add_options(group, TraceOptions, "rays", "interactions")``.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import MISSING, dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+from ..outputs.output_options import Outputs
+from ..rendering.option_fields import OneOf, Whole, declared, option, options_of
+from ..rendering.render_options import FrameOptions, TraceOptions
+from .words import number, pose, pulses, whole_number
+
+Kind = TypeVar("Kind")
+
+PARSERS = {
+    "float": number,
+    "Pose | None": pose,
+    "Sequence[int] | None": pulses,
+    "File | None": Path,
+    "Path | None": Path,
+}
+"""Type of a field -> function that parses it, unless the option is one of some names or numbers; else it is text."""
+
+
+@dataclass(init=False, repr=False, eq=False)
+class CommandOptions:
+    """Options of several commands that are no option of the library."""
+
+    sensor: str | None = option(None, help="catalogue name or sensor file (default: the scene's)", metavar="NAME|FILE")
+    rig: Path | None = option(None, help="several sensors on one vehicle, instead of one", metavar="RIG.toml")
+    overrides: Sequence[str] = option(
+        (),
+        help="change a value of the sensor file, such as detector.gain=60; may be repeated",
+        metavar="KEY=VALUE",
+        flags=("--set",),
+    )
+    scene_overrides: Sequence[str] = option(
+        (),
+        help="change a value of the scene file, such as sun.illuminance_klux=1 or bodies.car.yaw_deg=30",
+        metavar="KEY=VALUE",
+        flags=("--scene-set",),
+    )
+    output: Path = field(metadata=declared("folder to write to", metavar="DIR", flags=("-o", "--output")))
+    metadata: Path | None = option(
+        None,
+        help="what the maker says of the unit: json of an Ouster (default: beside the recording), YAML of a Velodyne, "
+        "CSV of a Hesai",
+        metavar="F",
+    )
+    json: bool = option(False, help="print JSON instead of text")
+
+
+@dataclass(init=False, repr=False, eq=False)
+class StudyOptions(CommandOptions):
+    """Options of commands that take several sensors."""
+
+    overrides: Sequence[str] = option(
+        (),
+        help="change a value of the sensor files, of all or of one, such as detector.gain=60; may be repeated",
+        metavar="[SENSOR:]KEY=VALUE",
+        flags=("--set",),
+    )
+
+
+FLAGS = {
+    name: next(flag for flag in entry.flags if flag.startswith("--"))
+    for kind in (TraceOptions, FrameOptions, Outputs, CommandOptions)
+    for name, (_, entry) in options_of(kind).items()
+    if entry.flags
+}
+"""Name of a field -> its name on the command line, unless that is the same with dashes."""
+
+
+def flag_of(name: str) -> str:
+    """Name on the command line of an option of the library."""
+    return FLAGS.get(name, f"--{name.replace('_', '-')}")
+
+
+def add_options(group: argparse._ActionsContainer, kind: type[Any], *names: str, **remarks: str) -> None:
+    """Add an argument for each of these options of a dataclass; ``remarks`` end the help of an option."""
+    declarations = options_of(kind)
+    for name in (*names, *remarks):
+        entry, declaration = declarations[name]
+        settings: dict[str, Any] = {"default": entry.default, "metavar": declaration.metavar}
+        about = declaration.help
+        if isinstance(entry.default, bool):
+            settings = {"action": f"store_{not entry.default}".lower()}
+            about = f"without {about}" if entry.default else about
+        elif entry.default == ():
+            settings |= {"action": "append", "default": []}
+        elif entry.default is MISSING:
+            settings |= {"required": True, "type": Path, "default": None}
+        elif isinstance(declaration.values, OneOf):
+            settings["choices"] = declaration.values.names
+        elif isinstance(declaration.values, Whole):
+            settings["type"] = whole_number(declaration.values)
+        else:
+            settings["type"] = PARSERS.get(str(entry.type), str)
+        about = "; ".join(filter(None, (about, remarks.get(name))))
+        group.add_argument(*(declaration.flags or (flag_of(name),)), dest=name, help=about, **settings)
+
+
+def options_from(kind: type[Kind], arguments: argparse.Namespace) -> Kind:
+    """Make the options of a command from its arguments; those that it does not take have their defaults."""
+    values = {name: getattr(arguments, name, None) for name in options_of(kind)}
+    return kind(**{name: value for name, value in values.items() if value is not None})

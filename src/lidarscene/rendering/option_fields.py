@@ -1,0 +1,134 @@
+"""Option: a dataclass field that declares its allowed values, its help text and its name on the command line, once.
+
+``rays: int = option(1, RAYS, help="rays of each pulse", metavar="N")``. The check of the object (`check_options`), its
+docstring (`list_options`) and the argument of the command line (`cli.options.add_options`) are made of the field.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import MISSING, Field, field, fields
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias, TypeVar, cast
+
+from ..errors import OptionError
+
+Options = TypeVar("Options")
+
+
+class Whole(NamedTuple):
+    """The whole numbers from ``low`` to ``high``, both included."""
+
+    low: int
+    high: int
+
+    def __str__(self) -> str:
+        return f"a whole number from {self.low} to {self.high}"
+
+    def check(self, option: str, value: object) -> None:
+        """Raise OptionError unless the value is one of these numbers."""
+        whole = isinstance(value, Integral) and not isinstance(value, bool)
+        if not whole or not self.low <= int(cast(int, value)) <= self.high:
+            raise OptionError(f"{{{option}}}: must be {self}, got {{0!r}}", value)
+
+
+class Finite(NamedTuple):
+    """The finite numbers of a unit, such as "seconds"."""
+
+    unit: str
+
+    def check(self, option: str, value: object) -> None:
+        """Raise OptionError unless the value is a finite number."""
+        if not isinstance(value, Real) or not math.isfinite(value):
+            raise OptionError(f"{{{option}}}: must be a finite number of {self.unit}, got {{0!r}}", value)
+
+
+class OneOf(NamedTuple):
+    """Some names. ``wording`` replaces "one of a, b" in messages."""
+
+    names: Collection[str]
+    wording: str = ""
+
+    def check(self, option: str, value: object) -> None:
+        """Raise OptionError unless the value is one of the names."""
+        if value not in self.names:
+            allowed = self.wording or f"one of {', '.join(self.names)}"
+            raise OptionError(f"{{{option}}}: must be {{0}}, got {{1!r}}", allowed, value)
+
+
+class FileName(NamedTuple):
+    """The names of files that end in one of these suffixes."""
+
+    suffixes: tuple[str, ...]
+
+    def check(self, option: str, value: Any) -> None:
+        """Raise OptionError unless the path has one of the suffixes."""
+        if Path(value).suffix.lower() not in self.suffixes:
+            raise OptionError(f"{{{option}}} {{0}}: the name must end in {{1}}", value, " or ".join(self.suffixes))
+
+
+Values: TypeAlias = Whole | Finite | OneOf | FileName
+
+
+class Declaration(NamedTuple):
+    """What a field says of its option.
+
+    help     one line for the docstring and for ``--help``
+    values   allowed values; None: all of the field's type
+    metavar  name of the value in ``--help``
+    flags    names on the command line; none: the field's own name
+    """
+
+    help: str
+    values: Values | None = None
+    metavar: str | None = None
+    flags: tuple[str, ...] = ()
+
+
+def option(
+    default: Any = MISSING,
+    values: Values | None = None,
+    *,
+    help: str,
+    metavar: str | None = None,
+    flags: tuple[str, ...] = (),
+) -> Any:
+    """Declare an option: the dataclass field with this default and a `Declaration`.
+
+    help  in which ``{default}`` stands for the default
+    """
+    return field(default=default, metadata=declared(help.format(default=default), values, metavar, flags))
+
+
+def declared(
+    help: str, values: Values | None = None, metavar: str | None = None, flags: tuple[str, ...] = ()
+) -> dict[str, Declaration]:
+    """Metadata of a field that is an option without a default: type checkers see that only in a call of `field`."""
+    return {"option": Declaration(help, values, metavar, flags)}
+
+
+def options_of(kind: type[Any]) -> dict[str, tuple[Field[Any], Declaration]]:
+    """Name -> field and declaration of each option of a dataclass."""
+    return {entry.name: (entry, entry.metadata["option"]) for entry in fields(kind) if "option" in entry.metadata}
+
+
+def check_options(options: Any) -> None:
+    """Raise OptionError for an option out of its values. A field whose default is None may be None."""
+    for name, (entry, declaration) in options_of(type(options)).items():
+        value = getattr(options, name)
+        if isinstance(entry.default, bool):
+            if not isinstance(value, bool):
+                raise OptionError(f"{{{name}}}: must be True or False, got {{0!r}}", value)
+        elif declaration.values is not None and (value is not None or entry.default is not None):
+            declaration.values.check(name, value)
+
+
+def list_options(kind: type[Options]) -> type[Options]:
+    """Add the list of its options to the docstring of a dataclass (a decorator)."""
+    declarations = {name: declaration for name, (_, declaration) in options_of(kind).items()}
+    width = max(map(len, declarations))
+    lines = [f"    {name:<{width}}  {declaration.help}" for name, declaration in declarations.items()]
+    kind.__doc__ = "\n".join([f"{(kind.__doc__ or '').rstrip()}\n", *lines])
+    return kind
