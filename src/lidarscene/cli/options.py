@@ -28,7 +28,7 @@ PARSERS = {
 """Type of a field -> function that parses it, unless the option is one of some names or numbers; else it is text."""
 
 
-@dataclass(init=False, repr=False, eq=False)
+@dataclass(init=False, repr=False, eq=False, kw_only=True)
 class CommandOptions:
     """Options of several commands that are no option of the library."""
 
@@ -56,7 +56,7 @@ class CommandOptions:
     json: bool = option(False, help="print JSON instead of text")
 
 
-@dataclass(init=False, repr=False, eq=False)
+@dataclass(init=False, repr=False, eq=False, kw_only=True)
 class StudyOptions(CommandOptions):
     """Options of commands that take several sensors."""
 
