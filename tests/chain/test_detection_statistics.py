@@ -43,9 +43,9 @@ def expected_detection(sensor, range_m):
     """P_d = Q((U - peak) / sigma), sigma with the echo's own shot noise, by SciPy; and P_f."""
     light = plane.echoes_of_plane(sensor, Target(), range_m)
     point = sensor.working_point(light.background_power_w)
-    level, peak = sensor.threshold(point), point.signal(light.peak_power_w)
-    sigma = np.sqrt(point.noise**2 + point.kappa_1 * peak + point.kappa_2 * peak**2)
-    return norm.sf((level - peak) / sigma)[0], norm.sf(level / point.noise)[0]
+    level, peak = sensor.threshold(point), point.response.signal(light.peak_power_w)
+    sigma = np.sqrt(point.noise.deviation**2 + point.noise.kappa_1 * peak + point.noise.kappa_2 * peak**2)
+    return norm.sf((level - peak) / sigma)[0], norm.sf(level / point.noise.deviation)[0]
 
 
 @pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
@@ -161,8 +161,8 @@ def test_exact_counting_of_cells():
     _, summary = frame(chain.scene(chain.facing(range_m=300.0), klux=1.0), sensor)
     light = plane.echoes_of_plane(sensor, Target(illuminance_klux=1.0), 300.0)
     point = sensor.working_point(light.background_power_w)
-    busy, signal = point.busy[0], point.signal(light.peak_power_w)[0]
-    least = np.ceil(max(3.0 * point.noise[0], 1.0) + busy)
+    busy, signal = point.counts.busy[0], point.response.signal(light.peak_power_w)[0]
+    least = np.ceil(max(3.0 * point.noise.deviation[0], 1.0) + busy)
     p_false, p_detect = binom.sf(least - 1, 400, busy / 400), binom.sf(least - 1, 400, (busy + signal) / 400)
     # An alarm hides the echo until the echo crosses: at `least` cells on its leading edge, 6 ns before its peak. That
     # is one comparison less, 0.5 % of the points or 2.5 standard errors.

@@ -76,7 +76,7 @@ def held_m(*, background_w, above=1.0):
     sensor = load_sensor("biaxial-905")
     point = sensor.working_point(np.array([background_w]))
     at, power_w = fog_light()
-    over = at[power_w > above * float(point.power_w(sensor.threshold(point))[0])]
+    over = at[power_w > above * float(point.response.power_w(sensor.threshold(point))[0])]
     return over.min(), over.max()
 
 
@@ -86,14 +86,14 @@ def crossed_m(*, background_w, deviate):
     point = sensor.working_point(np.array([background_w]))
     level = tdc.crossing_level(
         threshold=sensor.threshold(point),
-        noise=point.noise,
-        kappa_1=point.kappa_1,
-        kappa_2=point.kappa_2,
+        noise=point.noise.deviation,
+        kappa_1=point.noise.kappa_1,
+        kappa_2=point.noise.kappa_2,
         deviate=np.array([deviate]),
     )
     at, power_w = fog_light()
     rise = slice(0, np.argmax(power_w) + 1)
-    return np.interp(float(point.power_w(level)[0]), power_w[rise], at[rise])
+    return np.interp(float(point.response.power_w(level)[0]), power_w[rise], at[rise])
 
 
 def test_fog_trips_the_comparator_where_its_light_reaches_the_threshold(rendered):

@@ -87,7 +87,7 @@ def needed_w():
     """Peak power that reaches the threshold, five times the noise."""
     sensor = load_sensor("biaxial-905")
     point = sensor.working_point(np.array([SKY_W]))
-    return float(point.power_w(sensor.threshold(point))[0])
+    return float(point.response.power_w(sensor.threshold(point))[0])
 
 
 def beam(kind, r):

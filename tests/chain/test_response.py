@@ -50,7 +50,7 @@ def test_waveform_is_the_filtered_light(coupling_khz, good_to):
     # The comparator's waveform is the same signal, at any place.
     wave = waveform(light, equipped)
     place = np.linspace(-3.0, 150.0, 300)
-    seen = equipped.working_point(light.background_power_w).signal(
+    seen = equipped.working_point(light.background_power_w).response.signal(
         np.array([float(wave.at(np.array([one]))[0][0]) for one in place])
     )
     at_s = radiometry.time_of_flight_s(range_m=wave.origin_m + place * wave.unit_m)
@@ -76,7 +76,7 @@ def test_a_weak_echo_behind_a_strong_one_is_lost():
     assert weak_behind_strong("receiver.ac_coupling_khz=500") == 0.0
     assert weak_behind_strong("receiver.ac_coupling_khz=20") == 1.0
     point = sensor("table1-apd").working_point(np.array([BACKGROUND_W]))
-    clips = f"detector.saturation_ua={1e8 * float(point.noise[0])!r}"
+    clips = f"detector.saturation_ua={1e8 * float(point.noise.deviation[0])!r}"
     assert weak_behind_strong("receiver.ac_coupling_khz=500", clips) == 1.0
 
 
@@ -86,7 +86,7 @@ def test_undershoot_of_cells_is_that_of_the_cells_that_fired():
     light = train(np.array([[40.0]]), np.array([[1e-2]]))
     _, (signal,) = sample_power_and_signal(light, equipped, TIME_S)
     point = equipped.working_point(light.background_power_w)
-    deepest = float(np.sqrt(2.0 * np.pi) * equipped.coupling_rate) * point.largest[0]
+    deepest = float(np.sqrt(2.0 * np.pi) * equipped.coupling_rate) * point.response.largest[0]
     # The light outshines the cells for some widths, in which the baseline begins to recover: 3 %.
     assert -signal.min() == pytest.approx(deepest, rel=0.05)
 

@@ -96,7 +96,7 @@ def test_width_and_range_of_a_saturated_plate(clouds):
     light = 0.3 / math.pi * 0.5 * 29.4 * (np.cos(both.sun_angle_rad) + 0.2)
     background = light * optics.aperture_m2 * math.pi * (sensor.detector.radius_m / 0.03) ** 2 * 0.7986
     point = sensor.working_point(background.astype(float))
-    shape = {"signal": point.signal(power), "saturation": CLIPS_A, "fwhm_s": 6e-9}
+    shape = {"signal": point.response.signal(power), "saturation": CLIPS_A, "fwhm_s": 6e-9}
     level = sensor.threshold(point)
     expected_s = saturation.width_at_level_s(level=level, recovery_s=RECOVERY_S, **shape)
     assert both.pulse_width_s.mean() == pytest.approx(expected_s.mean(), rel=0.01)

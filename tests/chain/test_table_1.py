@@ -75,7 +75,7 @@ def test_sipm_counts():
     assert busy == six(125.701)
     assert signal == six(2660.31)
     point = SIPM.working_point(light().background_power_w)
-    assert point.signal(light().peak_power_w)[0] == six(210.769)
+    assert point.response.signal(light().peak_power_w)[0] == six(210.769)
 
 
 @pytest.mark.parametrize(("sensor", "expected"), [(APD, 61.4618), (SIPM, 22.7009)])

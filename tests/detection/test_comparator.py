@@ -41,7 +41,7 @@ def range_errors(range_m, *overrides, name="table1-apd"):
 def working_point(sensor, range_m):
     light = plane.echoes_of_plane(sensor, Target(), range_m)
     point = sensor.working_point(light.background_power_w)
-    return point, float(sensor.threshold(point)[0]), float(point.signal(light.peak_power_w)[0])
+    return point, float(sensor.threshold(point)[0]), float(point.response.signal(light.peak_power_w)[0])
 
 
 def slope_formula(sensor, range_m):
@@ -49,7 +49,9 @@ def slope_formula(sensor, range_m):
     point, level, peak = working_point(sensor, range_m)
     time = pulse.leading_edge_time_s(level=level / peak, fwhm_s=FWHM_S)
     slope = peak * pulse.leading_edge_slope_per_s(level=level / peak, fwhm_s=FWHM_S)
-    sigma = tdc.noise_at_level(level=level, noise=point.noise[0], kappa_1=point.kappa_1, kappa_2=point.kappa_2)
+    sigma = tdc.noise_at_level(
+        level=level, noise=point.noise.deviation[0], kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2
+    )
     return HALF_C * time, HALF_C * sigma / slope
 
 
@@ -78,13 +80,15 @@ def test_moments_at_the_papers_threshold(range_m):
     point, level, peak = working_point(sensor, range_m)
 
     def shift(z):
-        own = {"noise": point.noise[0], "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
+        own = {"noise": point.noise.deviation[0], "kappa_1": point.noise.kappa_1, "kappa_2": point.noise.kappa_2}
         crossing = tdc.crossing_level(threshold=level, deviate=z, **own)
         return HALF_C * pulse.leading_edge_time_s(level=crossing / peak, fwhm_s=FWHM_S)
 
     found = norm.sf(
         (level - peak)
-        / tdc.noise_at_level(level=peak, noise=point.noise[0], kappa_1=point.kappa_1, kappa_2=point.kappa_2)
+        / tdc.noise_at_level(
+            level=peak, noise=point.noise.deviation[0], kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2
+        )
     )
     assert found > 1.0 - 1e-4
     mean = quad(lambda z: norm.pdf(z) * shift(z), -4.9, 4.9, limit=200)[0]
@@ -155,12 +159,13 @@ def test_width_of_a_clipped_pulse_by_a_fine_march(overdrive):
         "table1-apd", "tdc.threshold_to_noise=1000", "detector.saturation_ua=600", "detector.recovery_ns=25"
     )
     light = plane.echoes_of_plane(sensor, Target(), 50.0)
-    point = dataclasses.replace(sensor.working_point(light.background_power_w), kappa_1=0.0, kappa_2=0.0)
-    level, clips = (float(np.ravel(one)[0]) for one in (sensor.threshold(point), point.saturation))
+    point = sensor.working_point(light.background_power_w)
+    point = dataclasses.replace(point, noise=dataclasses.replace(point.noise, kappa_1=0.0, kappa_2=0.0))
+    level, clips = (float(np.ravel(one)[0]) for one in (sensor.threshold(point), point.response.saturation))
     peak = np.array([overdrive * clips])
     assert clips > 3.0 * level
     shots = Shots(sensor=sensor, point=point, threshold=level, seed=1, pulse=np.zeros(1, np.uint32))
-    power_w = point.power_w(peak)
+    power_w = point.response.power_w(peak)
     trip = comparator.trip(shots, power_w)
     early_s = pulse.leading_edge_time_s(level=level / peak, fwhm_s=FWHM_S)
     width_s = comparator.width_s(shots, trip, peak_power_w=power_w, early_s=early_s)
@@ -192,7 +197,7 @@ def test_counted_cells_and_gaussian_noise_trip_by_one_deviate():
 def test_an_amplifier_that_clips_below_the_threshold_trips_nothing():
     """However strong the echo is: the output never gets there."""
     point = chain.sensor("table1-apd").working_point(np.array([trains.BACKGROUND_W]))
-    level_ua = 1e6 * 40.0 * float(point.noise[0])
+    level_ua = 1e6 * 40.0 * float(point.noise.deviation[0])
     for clips_ua, kept in ((0.9 * level_ua, False), (1.1 * level_ua, True)):
         equipped = chain.sensor("table1-apd", "tdc.threshold_to_noise=40", f"detector.saturation_ua={clips_ua!r}")
         assert lone(equipped, 4000.0, count=20).reported.all() == kept

@@ -45,7 +45,7 @@ def counted(found, status):
 
 def needed_w(sensor, light):
     point = sensor.working_point(light.background_power_w)
-    return float(point.power_w(sensor.threshold(point))[0])
+    return float(point.response.power_w(sensor.threshold(point))[0])
 
 
 @pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
@@ -71,7 +71,7 @@ def test_peaks_are_the_tail_of_theirs():
     amplitude = stop.amplitude[stop.reported & (stop.status == Status.INTERFERENCE)]
     peaks = MEDIAN_W * 10.0 ** (0.1 * SPREAD_DB * np.random.default_rng(3).normal(size=200_000))
     point = sensor.working_point(np.zeros(1) + light.background_power_w[0])
-    tail = point.signal(peaks[peaks >= needed_w(sensor, light)])
+    tail = point.response.signal(peaks[peaks >= needed_w(sensor, light)])
     assert ks_2samp(amplitude, tail).pvalue > 1e-4
     ranges = stop.range_m[stop.reported & (stop.status == Status.INTERFERENCE)]
     assert ranges.max() < 600.0  # the window
@@ -100,7 +100,7 @@ def test_of_two_lidars_each_has_its_share():
     stop = found.stops[0]
     theirs = stop.reported & (stop.status == Status.INTERFERENCE)
     point = sensor.working_point(np.array([0.0]))
-    strong = stop.amplitude[theirs] > point.signal(np.array([1e-4]))[0]
+    strong = stop.amplitude[theirs] > point.response.signal(np.array([1e-4]))[0]
     assert abs(strong.mean() - 1.0 / 3.0) < SIGMAS * np.sqrt(2.0 / 9.0 / theirs.sum())
 
 
@@ -113,7 +113,7 @@ def test_the_strongest_of_two_lidars_come_by_themselves():
     light = trains.train(np.full((shots, 1), 20.0), 0.0, background_w=0.0)
     light = replace(light, interference=(lidar(rate_hz, 1e-6), lidar(rate_hz, 1e-2)))
     stops = trains.detect(light, sensor, seed=5).stops
-    strong_a = float(sensor.working_point(np.zeros(1)).signal(np.array([1e-4]))[0])
+    strong_a = float(sensor.working_point(np.zeros(1)).response.signal(np.array([1e-4]))[0])
     seen = [stop.reported & (stop.status == Status.INTERFERENCE) for stop in stops]
     none = 1.0 - np.exp(-rate_hz * sensor.tdc.window_s)
     for found, expected in (
@@ -137,7 +137,7 @@ def test_height_and_time_of_noise_alarms(keep):
     assert 0.2 < kept.mean() < 0.9
     point = sensor.working_point(light.background_power_w[:1])
     level = sensor.threshold(point)[0]
-    excess = (stop.amplitude[kept] - level) * level / point.noise[0] ** 2
+    excess = (stop.amplitude[kept] - level) * level / point.noise.deviation[0] ** 2
     assert kstest(excess, "expon").pvalue > 1e-4
     assert spearmanr(excess, stop.range_m[kept]).pvalue > 1e-4
 
@@ -232,7 +232,7 @@ def test_of_three_lidars_the_last_has_its_share_and_its_peaks():
     stop = detected(unclipped, empty(unclipped, *sources)).stops[0]
     theirs = stop.reported & (stop.status == Status.INTERFERENCE)
     point = unclipped.working_point(np.array([0.0]))
-    power = point.power_w(stop.amplitude[theirs])
+    power = point.response.power_w(stop.amplitude[theirs])
     strong = power > 4.5e-5  # 16 dB from either median, 2.7 deviations
     expected = 0.25 * norm.sf(-16.5 / SPREAD_DB) + 0.75 * norm.sf(16.5 / SPREAD_DB)
     deviation = np.sqrt(expected * (1.0 - expected) / theirs.sum())

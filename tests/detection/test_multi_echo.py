@@ -107,7 +107,11 @@ def two_boards(separation, *, weights=(0.5, 0.5)):
     peak = power_at_snr(equipped, 1e7)
     light = train(np.array([[100.0, 100.0 + separation * SIGMA_M]]), peak * np.array([weights]))
     point = equipped.working_point(light.background_power_w)
-    return (equipped, light, float(point.signal(peak)[0] if np.ndim(point.signal(peak)) else point.signal(peak)))
+    return (
+        equipped,
+        light,
+        float(point.response.signal(peak)[0] if np.ndim(point.response.signal(peak)) else point.response.signal(peak)),
+    )
 
 
 def at_level(equipped, share, full):
@@ -178,7 +182,7 @@ def test_energy_is_conserved():
     alone = pulse_shape.pulse_energy_j(peak_power_w=power, fwhm_s=FWHM_S).sum(axis=1)
     np.testing.assert_allclose(energy, alone, rtol=1e-12)
     point = equipped.working_point(np.full(50, trains.BACKGROUND_W))
-    np.testing.assert_allclose(signal, point.signal(watts), rtol=1e-14)
+    np.testing.assert_allclose(signal, point.response.signal(watts), rtol=1e-14)
 
 
 @pytest.mark.parametrize("rays", [19, 64, 256])
@@ -336,7 +340,7 @@ def test_a_weak_surface_that_ends_the_fog_is_crossed():
     equipped, _, full = two_boards(1.0)
     equipped = at_level(equipped, 0.05, full)
     point = equipped.working_point(np.array([trains.BACKGROUND_W]))
-    level_w = float(np.ravel(point.power_w(equipped.threshold(point)))[0])
+    level_w = float(np.ravel(point.response.power_w(equipped.threshold(point)))[0])
     wall_m, range_m, bins_m = 25.0, np.arange(0.0, 40.0, 0.004), np.linspace(0.0, 150.0, 3001)
     course = np.exp(-bins_m / 20.0) / (1.0 + np.exp((7.0 - bins_m) / 0.7))
 
@@ -386,9 +390,9 @@ def test_a_crossing_is_of_the_light_that_makes_it():
     equipped = at_level(replace(equipped, tdc=replace(equipped.tdc, stops=8)), 0.05, full)
     point = equipped.working_point(np.array([trains.BACKGROUND_W]))
     threshold = equipped.threshold(point)
-    model = {"noise": point.noise, "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
+    model = {"noise": point.noise.deviation, "kappa_1": point.noise.kappa_1, "kappa_2": point.noise.kappa_2}
     low_w, level_w, high_w = sorted(
-        float(np.ravel(point.power_w(tdc.crossing_level(threshold=threshold, deviate=deviate, **model)))[0])
+        float(np.ravel(point.response.power_w(tdc.crossing_level(threshold=threshold, deviate=deviate, **model)))[0])
         for deviate in (-6.0, 0.0, 6.0)
     )
     walls_m, drops_m = random.uniform(7.5, 30.0, (2, count, 2))

@@ -174,7 +174,7 @@ def test_a_clipped_echo_behind_a_low_pass_reads_by_its_width():
     )
     assert sensor.peak_share < 0.9
     point = sensor.working_point(np.array([trains.BACKGROUND_W]))
-    power = float(np.ravel(point.power_w(np.array([0.1])))[0])
+    power = float(np.ravel(point.response.power_w(np.array([0.1])))[0])
     light = trains.train(np.full((200, 1), 50.0), np.full((200, 1), power))
     stop = trains.detect(light, sensor).stops[0]
     assert np.median(stop.intensity) == pytest.approx(power, rel=0.02)

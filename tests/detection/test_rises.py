@@ -41,9 +41,9 @@ def test_fog_is_crossed_where_it_reaches_the_level(lenses):
     level = tdc.crossing_level(
         threshold=equipped.threshold(point),
         deviate=noise.normal_pair(words)[0],
-        noise=point.noise,
-        kappa_1=point.kappa_1,
-        kappa_2=point.kappa_2,
+        noise=point.noise.deviation,
+        kappa_1=point.noise.kappa_1,
+        kappa_2=point.noise.kappa_2,
     )
     # A range before 0, of light that came back while the pulse was still leaving, is reported as 0.
     judged = np.flatnonzero(found.reported & (found.range_m > 0.0))

@@ -53,7 +53,7 @@ def test_a_walls_waveform_is_the_lidar_equations_gaussian(rays):
     assert energy == pytest.approx(peak * FWHM_S * math.sqrt(math.pi / (4.0 * math.log(2.0))), rel=1e-4)
     np.testing.assert_allclose(found.range_m, 0.5 * SPEED_OF_LIGHT_M_S * times)
     point = sensor.working_point(found.background_w.astype(np.float64))
-    np.testing.assert_allclose(found.signal[0], point.signal(found.power_w[0].astype(np.float64)), rtol=1e-5)
+    np.testing.assert_allclose(found.signal[0], point.response.signal(found.power_w[0].astype(np.float64)), rtol=1e-5)
     assert found.threshold[0] == pytest.approx(float(sensor.threshold(point)[0]), rel=1e-6)
     assert found.unit == "A"
 
@@ -71,7 +71,9 @@ def test_the_waveform_crosses_where_the_point_is():
     found = simulator.waveforms(range(9), 2.0 / SPEED_OF_LIGHT_M_S * np.linspace(48.0, 50.0, 2001))
     assert len(cloud) == 9
     point = sensor.working_point(found.background_w.astype(np.float64))
-    noise = tdc.noise_at_level(level=found.threshold, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2)
+    noise = tdc.noise_at_level(
+        level=found.threshold, noise=point.noise.deviation, kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2
+    )
     for pulse in range(9):
         crossing = np.interp(found.threshold[pulse], found.signal[pulse], found.range_m)
         slope = np.interp(crossing, found.range_m, np.gradient(found.signal[pulse], found.range_m))

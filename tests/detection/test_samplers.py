@@ -45,7 +45,7 @@ def alone(equipped, snr, road, *, seed=6, widths=False):
 
 def sigma_of(point, signal):
     """(13) by hand."""
-    return np.sqrt(point.noise[0] ** 2 + point.kappa_1 * signal + point.kappa_2 * signal**2)
+    return np.sqrt(point.noise.deviation[0] ** 2 + point.noise.kappa_1 * signal + point.noise.kappa_2 * signal**2)
 
 
 def deviate_at(equipped, point, level):
@@ -65,9 +65,9 @@ def test_noise_of_the_tdcs_amplitude(name, snr, road):
     equipped = sensor(name, "tdc.bandwidth_mhz=20", "tdc.walk='raw'")
     range_m, amplitude, power, point = alone(equipped, snr, road)
     early_s = (range_m - 100.0) / HALF_C
-    deviate = deviate_at(equipped, point, point.signal(power * np.exp(-0.5 * (early_s / SIGMA_S) ** 2)))
+    deviate = deviate_at(equipped, point, point.response.signal(power * np.exp(-0.5 * (early_s / SIGMA_S) ** 2)))
     assert kstest(deviate, "norm").pvalue > 1e-4
-    peak = point.signal(np.array([power]))[0]
+    peak = point.response.signal(np.array([power]))[0]
     of_peak = (amplitude - peak) / sigma_of(point, peak)
     kept = np.exp(-2.0 * math.pi * 20e6 * np.abs(early_s))
     assert 0.3 < kept.mean() < 0.7
@@ -88,7 +88,7 @@ def test_noise_of_the_trailing_edge(name, snr, road):
     range_m, _, power, point, width_s = alone(equipped, snr, road, widths=True)
     early_s = (range_m - 100.0) / HALF_C
     first, last = (
-        deviate_at(equipped, point, point.signal(power * np.exp(-0.5 * (t / SIGMA_S) ** 2)))
+        deviate_at(equipped, point, point.response.signal(power * np.exp(-0.5 * (t / SIGMA_S) ** 2)))
         for t in (early_s, early_s + width_s)
     )
     kept = np.exp(-2.0 * math.pi * 10e6 * 2.0 * np.abs(early_s))
@@ -113,7 +113,7 @@ def test_walk_that_the_amplitude_tells(name, road):
     np.testing.assert_array_equal(raw_amplitude, amplitude)
     ratio = amplitude / level
     if name == "table1-sipm":
-        free = 400.0 - point.busy[0]
+        free = point.response.largest[0] + 0.5
         ratio = np.log1p(-amplitude / free) / np.log1p(-level / free)
     np.testing.assert_allclose(range_m - raw_m, HALF_C * SIGMA_S * np.sqrt(2.0 * np.log(ratio)), rtol=1e-9, atol=1e-9)
 
@@ -128,7 +128,7 @@ def test_levels_know_width_amplitude_and_walk(name):
         error, amplitude, width = readings(snr, *quiet, *LEVELS, "tdc.threshold_to_noise=6", name=name)
         equipped = sensor(name, *quiet, "tdc.threshold_to_noise=6")
         point = equipped.working_point(np.array([trains.BACKGROUND_W]))
-        ratio = trains.power_at_snr(equipped, snr) / float(point.power_w(equipped.threshold(point))[0])
+        ratio = trains.power_at_snr(equipped, snr) / float(point.response.power_w(equipped.threshold(point))[0])
         wanted = 2.0 * SIGMA_S * math.sqrt(2.0 * math.log(ratio))
         assert width.mean() == pytest.approx(wanted, abs=5.0 * width.std() / math.sqrt(SHOTS) + 0.01 * wanted)
         assert abs(error.mean()) < 5.0 * error.std() / math.sqrt(SHOTS)
@@ -160,7 +160,7 @@ def test_levels_without_walk_correction_are_the_tdc(walk, name, snr):
     if walk == "none":
         equipped = sensor(name)
         point = equipped.working_point(np.array([trains.BACKGROUND_W]))
-        ratio = trains.power_at_snr(equipped, snr) / point.power_w(equipped.threshold(point))[0]
+        ratio = trains.power_at_snr(equipped, snr) / point.response.power_w(equipped.threshold(point))[0]
         raw_m = readings(snr, *LEVELS, "tdc.walk='raw'", name=name)[0]
         np.testing.assert_allclose(by_levels - raw_m, HALF_C * SIGMA_S * math.sqrt(2.0 * math.log(ratio)), atol=1e-9)
 

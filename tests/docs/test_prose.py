@@ -77,7 +77,7 @@ def test_sipm_of_table_1() -> None:
     for klux, acts in ((floor_klux - 5e-4, True), (floor_klux + 5e-4, False)):
         light = plane.echoes_of_plane(SIPM, Target(illuminance_klux=klux), 100.0)
         point = SIPM.working_point(light.background_power_w)
-        assert (TABLE_1_TNR * float(point.noise[0]) < 1.0) == acts, klux
+        assert (TABLE_1_TNR * float(point.noise.deviation[0]) < 1.0) == acts, klux
     says("theory.md", "With Table 1 it would act below {} klux", floor_klux)
     ratio = {}
     for klux in (100.0, 1.0):
@@ -98,7 +98,7 @@ TABLE_1_TNR = 5.0
 def test_edge() -> None:
     light = plane.echoes_of_plane(APD, TABLE_1, 50.0)
     point = APD.working_point(light.background_power_w)
-    level = float(APD.threshold(point)[0] / point.signal(light.peak_power_w)[0])
+    level = float(APD.threshold(point)[0] / point.response.signal(light.peak_power_w)[0])
     walk_s = pulse.leading_edge_time_s(level=level, fwhm_s=6e-9)
     says("theory.md", "is the walk error: {} m at 50 m", 0.5 * SPEED_OF_LIGHT_M_S * walk_s)
     share, line = edge(5.0)
@@ -115,8 +115,8 @@ def edge(tnr: float) -> tuple[float, float]:
     sensor = load_sensor("table1-apd", overrides=[f"tdc.threshold_to_noise={tnr}"])
     light = plane.echoes_of_plane(sensor, TABLE_1, 50.0)
     point = sensor.working_point(light.background_power_w)
-    level, peak = float(sensor.threshold(point)[0]), float(point.signal(light.peak_power_w)[0])
-    own = {"noise": float(point.noise[0]), "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
+    level, peak = float(sensor.threshold(point)[0]), float(point.response.signal(light.peak_power_w)[0])
+    own = {"noise": float(point.noise.deviation[0]), "kappa_1": point.noise.kappa_1, "kappa_2": point.noise.kappa_2}
     z = np.linspace(-4.9, 4.9, 20_001)
     weight = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
     time_s = pulse.leading_edge_time_s(level=tdc.crossing_level(threshold=level, deviate=z, **own) / peak, fwhm_s=6e-9)
@@ -255,7 +255,7 @@ def saddle_point(primaries: float) -> float:
 def test_saturation() -> None:
     light = plane.echoes_of_plane(APD, Target(reflectivity=0.8), 20.0)
     point = APD.working_point(light.background_power_w)
-    signal, level = float(point.signal(light.peak_power_w)[0]), float(APD.threshold(point)[0])
+    signal, level = float(point.response.signal(light.peak_power_w)[0]), float(APD.threshold(point)[0])
     bias = saturation.walk_bias_m(threshold=level, signal=signal, saturation=50e-6, fwhm_s=6e-9)
     says(
         "theory.md", "a wall of 80 % at 20 m has {} times that and is reported {} m too near", signal / 50e-6, abs(bias)
@@ -341,10 +341,10 @@ def test_crosstalk() -> None:
         sensor = sipm_in_time(*keys)
         photon = sensor.laser.photon_energy_j
         point = sensor.working_point(np.array([686.093 * photon / 6e-9]))
-        signal = point.signal(np.array([2.0 * 311.96 * photon / 6e-9]))
-        sigma = np.sqrt(point.noise**2 + point.kappa_1 * signal + point.kappa_2 * signal**2)
+        signal = point.response.signal(np.array([2.0 * 311.96 * photon / 6e-9]))
+        sigma = np.sqrt(point.noise.deviation**2 + point.noise.kappa_1 * signal + point.noise.kappa_2 * signal**2)
         p_detect = point.detection_probability(sensor.threshold(point), signal, sigma)
-        found.append((float(signal[0] / point.noise[0]), float(p_detect[0])))
+        found.append((float(signal[0] / point.noise.deviation[0]), float(p_detect[0])))
     loss = [100.0 * (1.0 - snr / found[0][0]) for snr, _ in found]
     says(
         "theory.md",

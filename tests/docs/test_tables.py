@@ -66,7 +66,7 @@ def test_numbers_of_the_reference() -> None:
     apd, printed = apd_lidar(), sipm_printed()
     light = plane.echoes_of_plane(apd, TABLE_1, 100.0)
     counts = sipm_counts()
-    signal = printed.working_point(light.background_power_w).signal(light.peak_power_w)[0]
+    signal = printed.working_point(light.background_power_w).response.signal(light.peak_power_w)[0]
     p_false = tdc.false_alarm_probability(threshold=5.0, noise=1.0)
     comparisons = tdc.comparisons(window_s=4e-6, bandwidth_hz=100e6)
     p_correct = tdc.correct_probability(p_false=p_false, p_detect=0.5, comparisons=comparisons)

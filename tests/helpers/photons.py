@@ -45,7 +45,7 @@ def echoes_of(counter, range_m, *, photons=None, count=4000, **target):
     from dataclasses import replace
 
     point = counter.working_point(light.background_power_w, range_m=light.range_m)
-    return replace(light, peak_power_w=np.asarray(point.power_w(photons + 0.0 * light.range_m)))
+    return replace(light, peak_power_w=np.asarray(point.response.power_w(photons + 0.0 * light.range_m)))
 
 
 def detected(counter, light, *, seed=1):

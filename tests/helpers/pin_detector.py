@@ -11,7 +11,7 @@ from ...maths.units import Quantity
 from ...physics.constants import ELEMENTARY_CHARGE_C
 from ...physics.electronics import apd, counting
 from .detector import Detector, MainKey, Reception
-from .working_point import WorkingPoint
+from .working_point import Noise, Response, WorkingPoint
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,12 +43,10 @@ class Pin(Detector):
         variance = per_ampere * (responsivity * background_power_w + self.dark_current_a)
         variance = variance + self.circuit_noise_a * self.circuit_noise_a
         return WorkingPoint(
-            noise=xp(variance).sqrt(variance),
-            kappa_1=per_ampere,
-            kappa_2=0.0,
-            least_threshold=0.0,
-            signal=lambda power_w: responsivity * power_w,
-            power_w=lambda signal: signal / responsivity,
+            noise=Noise(deviation=xp(variance).sqrt(variance), kappa_1=per_ampere, kappa_2=0.0),
+            response=Response(
+                signal=lambda power_w: responsivity * power_w, power_w=lambda signal: signal / responsivity
+            ),
         )
 
     def background_counts(self, background_power_w: Lanes, reception: Reception) -> tuple[Lanes, Lanes]:

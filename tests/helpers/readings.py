@@ -33,7 +33,7 @@ def readings(snr, *overrides, sub_echoes=((0.0, 1.0),), name="table1-apd", seed=
     kept = stop.reported & (stop.status == 0)
     assert kept.mean() > 0.99
     width_s = np.zeros(SHOTS) if stop.width_s is None else stop.width_s
-    signal = float(equipped.working_point(light.background_power_w[:1]).signal(np.array([power]))[0])
+    signal = float(equipped.working_point(light.background_power_w[:1]).response.signal(np.array([power]))[0])
     return (stop.range_m - range_m)[kept], stop.amplitude[kept] / signal, width_s[kept]
 
 
@@ -44,7 +44,7 @@ def on_light(equipped, echoes, lasting):
     lasting  (range [m], height in U) of corners, between which the other light goes straight; none beyond the last
     """
     point = equipped.working_point(np.array([trains.BACKGROUND_W]))
-    level_w = float(point.power_w(equipped.threshold(point))[0])
+    level_w = float(point.response.power_w(equipped.threshold(point))[0])
     bins_m, (ranges_m, heights) = np.linspace(0.0, 150.0, 3001), np.array(echoes).T
     course = np.interp(bins_m, *np.array(lasting).T, left=0.0, right=0.0) if lasting else 0.0 * bins_m
     air = Volume(

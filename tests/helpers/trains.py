@@ -77,7 +77,7 @@ def power_at_snr(equipped, snr):
     """Peak power of this SNR, before a matched filter."""
     point = equipped.working_point(np.array([BACKGROUND_W]))
     point = point.unfiltered or point
-    return float(point.power_w(snr * point.noise)[0])
+    return float(point.response.power_w(snr * point.noise.deviation)[0])
 
 
 def random_trains(pulses, sub_echoes, equipped, *, seed, spread_m=6.0):
@@ -137,10 +137,9 @@ def slow_crossings(light, equipped, *, seed=0, step=0.005):
             background_power_w=light.background_power_w[pulse : pulse + 1],
         )
         watts, signal = (one[0] for one in sample_power_and_signal(alone, equipped, time))
-        own = {
-            name: np.broadcast_to(getattr(point, name), len(threshold))[pulse]
-            for name in ("noise", "kappa_1", "kappa_2")
-        }
+        edge_noise = point.noise
+        named = {"noise": edge_noise.deviation, "kappa_1": edge_noise.kappa_1, "kappa_2": edge_noise.kappa_2}
+        own = {name: np.broadcast_to(value, len(threshold))[pulse] for name, value in named.items()}
         peaks = np.flatnonzero((watts[1:-1] > watts[:-2]) & (watts[1:-1] >= watts[2:])) + 1
         valleys = np.flatnonzero((watts[1:-1] < watts[:-2]) & (watts[1:-1] <= watts[2:])) + 1
         turns = watts[np.sort(np.r_[peaks, valleys])]

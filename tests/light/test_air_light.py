@@ -98,7 +98,7 @@ def test_what_is_drawn_and_what_is_even_are_the_whole_rain(monkeypatch):
     (medium,) = RAIN.media(equipped.laser.wavelength_m)
     point = equipped.working_point(np.zeros(1))
     sent = 45.0 * float(equipped.optics.efficiency_laser) * float(equipped.optics.aperture_m2)
-    least = float(np.ravel(point.power_w(equipped.threshold(point)))[0]) / sent
+    least = float(np.ravel(point.response.power_w(equipped.threshold(point)))[0]) / sent
     weakest = math.exp(float(tables.log_strength.values[-1]))
     assert tables.count == 32 or weakest <= 0.5 * least
     pulse = np.arange(60_000, dtype=np.uint32)

@@ -185,7 +185,7 @@ def _trips(sensor, air, pulses):
     """Whether the light of all drops in each pulse comes over the threshold. Beyond 20 m no drop does."""
     (rain,) = air.weather.media(905e-9)
     point = sensor.working_point(np.zeros(1))
-    least_w = float(point.power_w(sensor.threshold(point))[0])
+    least_w = float(point.response.power_w(sensor.threshold(point))[0])
     overlap = overlap_of(sensor)
     random = np.random.default_rng(11)
     farthest = 20.0

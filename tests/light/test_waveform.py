@@ -213,7 +213,9 @@ def test_even_places_see_all_light(overrides, foggy):
             point = equipped.working_point(light.background_power_w)
             times_s = radiometry.time_of_flight_s(range_m=wave.range_m(place))
             signal = np.diagonal(sample_power_and_signal(light, equipped, times_s)[1])
-            np.testing.assert_allclose(signal, point.signal(wanted), atol=1e-6 * point.signal(power.max()).max())
+            np.testing.assert_allclose(
+                signal, point.response.signal(wanted), atol=1e-6 * point.response.signal(power.max()).max()
+            )
     assert np.all((wave.air_w(start) > 0.0) == foggy)
 
 
@@ -221,7 +223,7 @@ def test_a_clipped_pulse_has_the_undershoot_of_what_passes():
     """The baseline behind it is low by the signal's area: of a pulse that clips no more than at the clipping level."""
     equipped = trains.sensor("table1-apd", *COUPLED, "detector.saturation_ua=5")
     point = equipped.working_point(np.array([trains.BACKGROUND_W]))
-    clips_w = float(np.ravel(point.power_w(5e-6))[0])
+    clips_w = float(np.ravel(point.response.power_w(5e-6))[0])
     behind = [
         waveform(trains.train(np.full((1, 1), 30.0), np.full((1, 1), watts)), equipped).at(np.array([10.0]))[0][0]
         for watts in (0.5 * clips_w, clips_w, 100.0 * clips_w)
@@ -294,4 +296,4 @@ def test_a_plane_wider_than_the_spot_gives_5(rays, profile):
     found = trains.detect(train, equipped)
     point = equipped.working_point(np.array([2.5e-8]))
     np.testing.assert_allclose(power[4].sum(), wanted, rtol=1e-5)
-    assert found.snr[4] == pytest.approx(float(point.signal(wanted) / point.noise[0]), rel=1e-4)
+    assert found.snr[4] == pytest.approx(float(point.response.signal(wanted) / point.noise.deviation[0]), rel=1e-4)

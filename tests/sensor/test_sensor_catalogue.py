@@ -167,7 +167,7 @@ def test_scatter_of_photons_as_in_recordings(photons: int) -> None:
     """120 to 200 mm over their root, by two frames of an OS0 at rest; here in the dark. Draws have 0.5 %."""
     name = "os0-128"
     sensor, target = load_sensor(name), Target(illuminance_klux=0.0)
-    snr = photons / float(sensor.working_point(np.zeros(1)).noise[0])
+    snr = photons / float(sensor.working_point(np.zeros(1)).noise.deviation[0])
     scatter = published_values.scatter_m(sensor, target, range_m=20.0, snr=snr)
     assert scatter is not None
     assert 0.12 < scatter * math.sqrt(photons) < 0.2

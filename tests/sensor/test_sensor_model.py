@@ -71,7 +71,7 @@ def test_one_number_is_enough():
     """The low pass of a sensor without `receiver.bandwidth_mhz` has the bandwidth of its noise."""
     paper, filtered = load_sensor("table1-apd"), sensor("gaussian")
     light = np.array([BACKGROUND_W])
-    assert filtered.working_point(light).noise[0] == paper.working_point(light).noise[0]
+    assert filtered.working_point(light).noise.deviation[0] == paper.working_point(light).noise.deviation[0]
     assert filtered.cutoff_hz == pytest.approx(167e6 / 1.0645, rel=1e-4)
     assert sensor("gaussian", bandwidth_mhz=100.0).tdc.bandwidth_hz == pytest.approx(1.0645 * 100e6, rel=1e-4)
     assert sensor("single_pole", bandwidth_mhz=100.0).tdc.bandwidth_hz == pytest.approx(1.5708e8, rel=1e-4)
@@ -107,7 +107,7 @@ def test_noise_of_a_diode_by_sampled_noise(kind):
     found = sensor(kind, "detector.load_resistance_ohm=1e12", bandwidth_mhz=100.0)
     diode, step_s = found.detector, 0.1e-9
     light = np.array([BACKGROUND_W])
-    watts = float(found.working_point(light).signal(1.0)) / (diode.gain * found.peak_share)
+    watts = float(found.working_point(light).response.signal(1.0)) / (diode.gain * found.peak_share)
     primary = watts * BACKGROUND_W + diode.bulk_dark_current_a
     density = 2.0 * ELEMENTARY_CHARGE_C * diode.gain**2 * diode.excess_noise * primary
     count = 1 << 18
@@ -115,7 +115,7 @@ def test_noise_of_a_diode_by_sampled_noise(kind):
     ratio = np.fft.rfftfreq(count, step_s) / 100e6
     passes = 2.0 ** (-0.5 * ratio**2) if kind == "gaussian" else 1.0 / (1.0 + 1j * ratio)
     noise = np.fft.irfft(np.fft.rfft(white) * passes, count).std()
-    assert noise == pytest.approx(float(found.working_point(light).noise[0]), rel=0.02)
+    assert noise == pytest.approx(float(found.working_point(light).noise.deviation[0]), rel=0.02)
 
 
 @pytest.mark.parametrize("kind", ["matched filter", "gaussian", "none"])
@@ -160,7 +160,7 @@ def test_noise_of_cells_by_random_cells(kind):
     found = sensor(kind, name="table1-sipm", bandwidth_mhz=50.0)
     plain = load_sensor("table1-sipm")
     light = np.array([1e-10])
-    share = (found.working_point(light).noise / plain.working_point(light).noise)[0]
+    share = (found.working_point(light).noise.deviation / plain.working_point(light).noise.deviation)[0]
     step_s, count = 0.25e-9, 1 << 18
     fired = np.random.default_rng(2).poisson(0.02, count)
     busy = np.convolve(fired, np.ones(24))[:count]  # 6 ns
@@ -175,7 +175,7 @@ def test_noise_of_cells_by_random_cells(kind):
 def test_signal_and_power_are_inverse(kind, name):
     point = sensor(kind, "receiver.ac_coupling_khz=200", name=name).working_point(np.array([BACKGROUND_W]))
     power = np.geomspace(1e-9, 1e-7, 20)
-    np.testing.assert_allclose(point.power_w(point.signal(power)), power, rtol=1e-9)
+    np.testing.assert_allclose(point.response.power_w(point.response.signal(power)), power, rtol=1e-9)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -184,7 +184,9 @@ def test_peak_of_a_sipm_is_lowered_behind_the_cells(kind):
     found, plain = sensor(kind, name="table1-sipm"), load_sensor("table1-sipm")
     background = np.array([BACKGROUND_W])
     for power in (1e-9, 1e-7, 1e-3):
-        share = found.working_point(background).signal(power) / plain.working_point(background).signal(power)
+        share = found.working_point(background).response.signal(power) / plain.working_point(
+            background
+        ).response.signal(power)
         assert share[0] == pytest.approx(float(found.low_pass_share), rel=1e-12)
 
 
@@ -299,10 +301,10 @@ def test_crossings_behind_a_matched_filter_by_the_spectrum(kind, filtering, band
     spectrum = np.exp(-((2.0 * math.pi * frequency * sigma_s) ** 2))
     rms_hz = math.sqrt((frequency**2 * spectrum).sum() / spectrum.sum())
     point = equipped.working_point(np.array([BACKGROUND_W]))
-    found = equipped.false_alarm_rate_hz(point, 5.0 * point.noise)[0]
+    found = equipped.false_alarm_rate_hz(point, 5.0 * point.noise.deviation)[0]
     assert found == pytest.approx(rms_hz * math.exp(-12.5), rel=1e-5)
     # A lone pulse keeps its height, noise that share of its variance.
-    ratio = float((point.noise / point.unfiltered.noise)[0]) ** 2
+    ratio = float((point.noise.deviation / point.unfiltered.noise.deviation)[0]) ** 2
     assert ratio == pytest.approx(2.0 * spectrum.mean(), rel=1e-5)
 
 
@@ -313,7 +315,7 @@ def test_a_gaussian_filter_crosses_more_often_than_an_ideal_one(tail):
     for kind in ("none", "gaussian"):
         equipped = sensor(kind, "tdc.false_alarms='crossings'", f"detector.tail='{tail}'")
         point = equipped.working_point(np.array([BACKGROUND_W]))
-        rates.append(float(equipped.false_alarm_rate_hz(point, 5.0 * point.noise)[0]))
+        rates.append(float(equipped.false_alarm_rate_hz(point, 5.0 * point.noise.deviation)[0]))
     assert rates[1] / rates[0] == pytest.approx(math.sqrt(6.0 / math.pi), rel=1e-6)
 
 
@@ -368,5 +370,5 @@ def test_what_a_receiver_looks_for(overrides, peaks, width):
 def test_in_the_dark_one_cell_is_the_least_level():
     equipped = load_sensor("table1-sipm", overrides=["detector.dark_count_rate_hz=0", "detector.cell_floor=1"])
     point = equipped.working_point(np.array([1e-16]))
-    assert 5.0 * point.noise[0] < 0.5
+    assert 5.0 * point.noise.deviation[0] < 0.5
     assert equipped.threshold(point)[0] == 1.0

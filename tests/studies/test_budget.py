@@ -53,7 +53,7 @@ def test_diffuse_points_are_explained_by_the_truth_columns(frames: Any, name: st
     lambertian = is_lambertian(scene, cloud) & (cloud.interactions == 0)  # panes take their share off
     assert lambertian.sum() > 10_000
     point = sensor.working_point(budget.background_power_w)
-    snr = point.signal(budget.lambertian_power_w) / budget.noise
+    snr = point.response.signal(budget.lambertian_power_w) / budget.noise
     np.testing.assert_allclose(snr[lambertian], cloud.snr[lambertian], rtol=2e-5)
     np.testing.assert_allclose(
         budget.detection_probability[lambertian], cloud.detection_probability[lambertian], atol=1e-6
@@ -85,7 +85,7 @@ def test_every_point_is_explained_by_its_light(frames: Any, name: str) -> None:
     # Behind panes a pulse may have two echoes, whose SNR is that of their sum.
     hit = np.isfinite(cloud.true_range_m) & (cloud.interactions == 0)
     point = sensor.working_point(light.background_power_w)
-    snr = point.signal(light.peak_power_w)[hit] / budget.noise[hit]
+    snr = point.response.signal(light.peak_power_w)[hit] / budget.noise[hit]
     assert np.isclose(snr, cloud.snr[hit], rtol=1e-5, atol=0).mean() > 0.9999
     # The deviates of the peaks are standard normal: their mean over n is 0 within 4.5 / sqrt(n), a false alarm
     # of 7e-6, where the threshold and saturation do not cut them.
@@ -171,7 +171,7 @@ def test_the_echos_power_is_that_which_makes_the_clouds_snr(frames: Any) -> None
     scene, sensor, _, cloud = frames["table1-apd"]
     budget = budget_of(cloud, sensor, ambient_of(scene, sensor))
     met = np.isfinite(cloud.true_range_m) & (cloud.snr > 0.0)
-    made = sensor.working_point(budget.background_power_w).signal(budget.echo_power_w) / budget.noise
+    made = sensor.working_point(budget.background_power_w).response.signal(budget.echo_power_w) / budget.noise
     np.testing.assert_allclose(made[met], cloud.snr[met], rtol=2e-3)
     other = met & ~is_lambertian(scene, cloud) & (budget.lambertian_power_w > 0.0)
     apart = budget.echo_power_w[other] / budget.lambertian_power_w[other]

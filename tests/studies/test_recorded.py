@@ -66,7 +66,7 @@ def test_half_are_kept_at_the_threshold() -> None:
     light = echoes_of_plane(sensor, Target(illuminance_klux=0.0), np.full(shots, 20.0))
 
     def kept(photons: float) -> float:
-        power = np.full(shots, float(np.ravel(point.power_w(np.array([photons])))[0]))
+        power = np.full(shots, float(np.ravel(point.response.power_w(np.array([photons])))[0]))
         seen = replace(light, peak_power_w=power, background_power_w=np.full(shots, background[0]))
         return float(np.mean(detect_alone(seen, sensor, seed=3, pulse=np.arange(shots)).stops[0].reported))
 

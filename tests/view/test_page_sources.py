@@ -37,7 +37,7 @@ def test_budgets_in_a_scene_that_moves(mi: Any, tmp_path: Path) -> None:
     hit = np.isfinite(arrays["true_range"])
     assert hit.sum() > 60
     sensor = load_sensor("table1-apd", overrides=COARSE)
-    signal = sensor.working_point(arrays["background_power"].astype(float)).signal(arrays["echo_power"])
+    signal = sensor.working_point(arrays["background_power"].astype(float)).response.signal(arrays["echo_power"])
     np.testing.assert_allclose((signal / arrays["noise"])[hit], arrays["snr"][hit], rtol=1e-5)
     assert np.abs(arrays["radial_velocity"][hit]).max() > 10
 

@@ -59,7 +59,11 @@ def level(shots: Shots, *, draw: Lanes = 0) -> Lanes:
     deviate, _ = random.normal_pair(shots.words(Stage.EDGE_NOISE, draw))
     point = shots.point
     return tdc.crossing_level(
-        threshold=shots.threshold, deviate=deviate, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2
+        threshold=shots.threshold,
+        deviate=deviate,
+        noise=point.noise.deviation,
+        kappa_1=point.noise.kappa_1,
+        kappa_2=point.noise.kappa_2,
     )
 
 
@@ -72,8 +76,8 @@ def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.
     """
     point, threshold = shots.point, shots.threshold + base
     deviate, peak_deviate = random.normal_pair(shots.words(Stage.EDGE_NOISE, draw))
-    signal = point.signal(peak_power_w)
-    noise_terms = {"noise": point.noise, "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
+    signal = point.response.signal(peak_power_w)
+    noise_terms = {"noise": point.noise.deviation, "kappa_1": point.noise.kappa_1, "kappa_2": point.noise.kappa_2}
     sigma = tdc.noise_at_level(level=signal, **noise_terms)
     probability = point.detection_probability(threshold, signal, sigma)
     reached = tdc.crossing_level(threshold=threshold, deviate=deviate, **noise_terms)
@@ -81,10 +85,10 @@ def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.
     # its peak is at least that high. P(s + z sigma(s) >= U) is (T22): the same z gives P_d and the crossing time.
     # Counted cells are not Gaussian and have P_d of (T23). Q(z) is uniform in (0, 1), so comparing it with P_d keeps
     # that probability and the one deviate: a large z still means an early crossing and a likely detection.
-    tripped = normal_tail(deviate) < probability if point.exact else signal >= reached
-    if point.saturation is not None:
+    tripped = normal_tail(deviate) < probability if point.counts is not None else signal >= reached
+    if point.response.saturation is not None:
         # The amplifier's output never rises above where it clips.
-        tripped = tripped & (threshold < point.saturation)
+        tripped = tripped & (threshold < point.response.saturation)
     return Trip(
         signal=signal,
         sigma=sigma,
@@ -100,7 +104,7 @@ def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.
 def probability(shots: Shots, signal: Lanes) -> Lanes:
     """P_d of a peak signal, (n,); theory (T22) or (T23)."""
     point = shots.point
-    noise_terms = {"noise": point.noise, "kappa_1": point.kappa_1, "kappa_2": point.kappa_2}
+    noise_terms = {"noise": point.noise.deviation, "kappa_1": point.noise.kappa_1, "kappa_2": point.noise.kappa_2}
     sigma = tdc.noise_at_level(level=signal, **noise_terms)
     return point.detection_probability(shots.threshold, signal, sigma)
 
@@ -117,7 +121,9 @@ def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
     peak_noise = (
         correlation * trip.deviate + ops.sqrt(ops.maximum(1.0 - correlation * correlation, 0.0)) * trip.peak_deviate
     )
-    return shots.point.measured(ops.maximum(trip.signal + peak_noise * trip.sigma, shots.threshold + trip.base))
+    return shots.point.response.measured(
+        ops.maximum(trip.signal + peak_noise * trip.sigma, shots.threshold + trip.base)
+    )
 
 
 def trailing_level(shots: Shots, trip: Trip, *, threshold: Lanes | None = None, lag_s: Lanes, draw: Lanes = 0) -> Lanes:
@@ -139,9 +145,9 @@ def trailing_level(shots: Shots, trip: Trip, *, threshold: Lanes | None = None, 
     return tdc.crossing_level(
         threshold=shots.threshold if threshold is None else threshold,
         deviate=deviate,
-        noise=point.noise,
-        kappa_1=point.kappa_1,
-        kappa_2=point.kappa_2,
+        noise=point.noise.deviation,
+        kappa_1=point.noise.kappa_1,
+        kappa_2=point.noise.kappa_2,
     )
 
 
@@ -154,19 +160,19 @@ def width_s(shots: Shots, trip: Trip, *, peak_power_w: Lanes, early_s: Lanes) ->
     # The pulse is symmetric: without noise the falling edge crosses as long after the peak as the rising edge before.
     level = trailing_level(shots, trip, lag_s=2.0 * early_s)
     below = trip.tripped & (level < trip.signal)
-    share = ops.where(below, point.power_w(level) / peak_power_w, 1.0)
+    share = ops.where(below, point.response.power_w(level) / peak_power_w, 1.0)
     fall = -pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm)
-    if point.saturation is not None and point.recovery_s is not None:
+    if point.response.saturation is not None and point.response.recovery_s is not None:
         # A clipped pulse drains from the moment when the light has fallen back to the clipping level (T45).
-        signal = ops.where(below, trip.signal, point.saturation)
-        released = -pulse_shape.leading_edge_time_s(level=point.saturation / signal, fwhm_s=fwhm)
+        signal = ops.where(below, trip.signal, point.response.saturation)
+        released = -pulse_shape.leading_edge_time_s(level=point.response.saturation / signal, fwhm_s=fwhm)
         fall = saturation.held_until(
             fall_s=fall,
             released_s=released,
             level=level,
             signal=signal,
-            saturation=point.saturation,
-            recovery_s=point.recovery_s,
+            saturation=point.response.saturation,
+            recovery_s=point.response.recovery_s,
         )
     return fall - early_s
 
@@ -184,7 +190,7 @@ def alarm_width_s(shots: Shots, amplitude: Lanes, *, interfering: Mask | None) -
     noise_width_s = tdc.excursion_width_s(height=amplitude, threshold=threshold, bandwidth_hz=sensor.tdc.bandwidth_hz)
     if interfering is None:
         return noise_width_s
-    share = shots.point.power_w(threshold) / shots.point.power_w(amplitude)
+    share = shots.point.response.power_w(threshold) / shots.point.response.power_w(amplitude)
     pulse_width_s = -2.0 * pulse_shape.leading_edge_time_s(level=share, fwhm_s=sensor.received_fwhm_s)
     return xp(threshold, amplitude).where(interfering, pulse_width_s, noise_width_s)
 
@@ -218,8 +224,8 @@ def walk_s(shots: Shots, *, measured: Lanes, width_s: Lanes | None, true_power_w
     power = true_power_w
     if sensor.tdc.walk == "corrected":
         point = point.calibrated or point
-        power = point.inferred_power_w(measured, width_s=width_s, threshold=threshold, pulse_fwhm_s=fwhm)
-    return pulse_shape.leading_edge_time_s(level=point.power_w(threshold) / power, fwhm_s=fwhm)
+        power = point.response.inferred_power_w(measured, width_s=width_s, threshold=threshold, pulse_fwhm_s=fwhm)
+    return pulse_shape.leading_edge_time_s(level=point.response.power_w(threshold) / power, fwhm_s=fwhm)
 
 
 def converted_time_s(shots: Shots, time_s: Lanes, *, draw: Lanes = 0) -> Lanes:
@@ -320,7 +326,7 @@ class _Crossings:
         def crossing() -> interference.Assigned:
             height = random.exponential(shots.words(Stage.FALSE_ALARM, 2 * number + 1))
             # Far out, a Gaussian tail falls like exp(-U x / sigma_0^2): the excess over U is exponential.
-            amplitude = threshold + height * point.noise * point.noise / threshold
+            amplitude = threshold + height * point.noise.deviation * point.noise.deviation / threshold
             if not self.other_lidars:
                 return interference.Assigned(amplitude=amplitude, interfering=None)
             return interference.assign_source(
@@ -362,7 +368,7 @@ class _Crossings:
             time_s = ops.where(exists, converter.blanking_s + uniform * converter.listening_s, NEVER_S)
             if lidar is not None:
                 return time_s, interference.tripping_amplitude(shots, lidar, uniform=share)
-            return time_s, threshold - ops.log(share) * point.noise * point.noise / threshold
+            return time_s, threshold - ops.log(share) * point.noise.deviation * point.noise.deviation / threshold
 
         # Few pulses have an alarm: only those draw its time and height.
         never: tuple[Lanes, Lanes] = 0.0 * gamma + NEVER_S, threshold + 0.0 * gamma

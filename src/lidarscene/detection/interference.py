@@ -49,7 +49,7 @@ def crossings(shots: Shots, sources: tuple[Interference, ...]) -> tuple[Crossing
 
     The receiver's noise is neglected: it is small against the spread of the peaks (docs/theory_light.md 19).
     """
-    needed = shots.point.power_w(shots.threshold)
+    needed = shots.point.response.power_w(shots.threshold)
     by_lidar = []
     for source in sources:
         probability = formulas.tripping_probability(
@@ -95,4 +95,4 @@ def tripping_amplitude(shots: Shots, lidar: Crossings, *, uniform: Lanes) -> Lan
         median_power_w=lidar.source.peak_power_w,
         spread_db=lidar.source.spread_db,
     )
-    return point.measured(xp(threshold).maximum(point.signal(power), threshold))
+    return point.response.measured(xp(threshold).maximum(point.response.signal(power), threshold))

@@ -141,7 +141,7 @@ class _Converter(Received):
         trip = comparator.trip(converter, peak_w, draw=rise.number)
         # A comparator makes an edge only if it was low. After a rise that tripped it, it falls in the valley if the
         # signal there is below the level, which includes this rise's own noise. Else both rises are one long pulse.
-        valley = self.point.signal(rise.valley_w)
+        valley = self.point.response.signal(rise.valley_w)
         in_valley = (valley if residue is None else ops.maximum(valley, residue.floor)) >= trip.level
         edge = rise.exists & trip.tripped & ~(state.high & in_valley)
         place = converter._crossing(rise, trip, edge, in_valley)
@@ -178,7 +178,7 @@ class _Converter(Received):
         residue = echo_memory.find_residue(self, rise, state.memory)
         converter = self if residue is None else replace(self, point=residue.working_point(self.point))
         gain, lasting_gain = timing.gains(self.sensor, rise)
-        valley = self.point.signal(lasting_gain * rise.valley_w)
+        valley = self.point.response.signal(lasting_gain * rise.valley_w)
         if residue is not None:
             valley = ops.maximum(valley, residue.floor)
         lowest = ops.minimum(last_pulse.lowest, valley)
@@ -273,7 +273,7 @@ class _Converter(Received):
         """
         ops = self.ops
         reaches = edge & ~in_valley & (trip.level < trip.signal)
-        level_w = ops.where(reaches, self.point.power_w(trip.level) / gain, 1.0)
+        level_w = ops.where(reaches, self.point.response.power_w(trip.level) / gain, 1.0)
         place = crossing(self.wave.at, level_w, far=rise.valley, peak=rise.peak, top=rise.top, mask=reaches)
         return ops.where(reaches, place, ops.where(in_valley, rise.valley, rise.peak))
 
@@ -301,7 +301,7 @@ class _Converter(Received):
 
     def snr(self, signal: Lanes) -> Lanes:
         """Signal over the noise without an echo, (n,); (19) or (27)."""
-        return signal / self.ops.where(self.point.noise <= 0.0, 1e-30, self.point.noise)
+        return signal / self.ops.where(self.point.noise.deviation <= 0.0, 1e-30, self.point.noise.deviation)
 
     def strongest(self) -> tuple[Array, Lanes]:
         """Number and range [m] of each pulse's strongest sub-echo of a surface, both (n,)."""
@@ -352,7 +352,7 @@ class _Converter(Received):
         # The derivative of its place is not needed: P' is zero there, so moving the place does not change the power.
         lit = state.highest_w > 0.0
         point = self.point if state.at_highest is None else state.at_highest.working_point(self.point)
-        signal = point.signal(ops.where(lit, self.wave.at(state.highest)[0], 0.0))
+        signal = point.response.signal(ops.where(lit, self.wave.at(state.highest)[0], 0.0))
         probability = comparator.probability(self, signal)
         return Detection(
             snr=ops.where(lit, self.snr(signal), 0.0),

@@ -29,7 +29,7 @@ def reported_intensity(
     scale = sensor.intensity
     if scale is None:
         return amplitude
-    power = shots.point.inferred_power_w(
+    power = shots.point.response.inferred_power_w(
         amplitude, width_s=width_s, threshold=shots.threshold, pulse_fwhm_s=sensor.received_fwhm_s
     )
     if scale.kind == "range_corrected":

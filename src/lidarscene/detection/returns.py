@@ -156,10 +156,10 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Dete
     outcome = ops.where(in_window, outcome, int(Outcome.OUT_OF_WINDOW))
     outcome = ops.where(edge.tripped, outcome, int(Outcome.BELOW_THRESHOLD))
     outcome = ops.where(echoes.has_surface, outcome, int(Outcome.NO_SURFACE))
-    signal = point.signal(echoes.peak_power_w)
-    quiet = point.noise <= 0.0
+    signal = point.response.signal(echoes.peak_power_w)
+    quiet = point.noise.deviation <= 0.0
     return Detection(
-        snr=ops.where(echoes.has_surface, signal / ops.where(quiet, 1e-30, point.noise), 0.0),
+        snr=ops.where(echoes.has_surface, signal / ops.where(quiet, 1e-30, point.noise.deviation), 0.0),
         detection_probability=ops.where(echoes.has_surface, edge.probability, 0.0),
         outcome=outcome,
         ambient=ambient.counts(echoes.background_power_w, sensor, seed=seed, pulse=pulse),
@@ -177,7 +177,7 @@ def _edge(shots: Shots, echoes: Echoes) -> _Edge:
     arrival = radiometry.time_of_flight_s(range_m=echoes.range_m)
     # With counted cells P_d is not Gaussian, so an echo may trip although its peak is below the level: at the peak
     # then.
-    share = ops.where(tripped & (trip.level < trip.signal), shots.point.power_w(trip.level) / power, 1.0)
+    share = ops.where(tripped & (trip.level < trip.signal), shots.point.response.power_w(trip.level) / power, 1.0)
     early = pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm)
     crossing = arrival + early
     measured = timing.amplitude(shots, trip, lag_s=early)

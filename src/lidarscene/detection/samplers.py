@@ -97,7 +97,7 @@ def _read_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, p
         raised,
         crossing(
             shots.wave.at,
-            ops.where(raised, point.power_w(lowest.up), 1.0),
+            ops.where(raised, point.response.power_w(lowest.up), 1.0),
             far=rise.valley,
             peak=rise.peak,
             top=rise.top,
@@ -107,7 +107,7 @@ def _read_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, p
     )
     start = crossing(
         shots.wave.at,
-        ops.where(above, point.power_w(highest.up), 1.0),
+        ops.where(above, point.response.power_w(highest.up), 1.0),
         far=rise.valley,
         peak=rise.peak,
         top=rise.top,
@@ -117,10 +117,12 @@ def _read_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, p
     end, near = edges.fall(shots, rise, trip, highest.down, rise.peak, above)
     since = ops.where(above, near, rise.peak)
     width = ops.where(lowest.reached, edges.fall(shots, rise, trip, lowest.down, since, lowest.reached)[0] - place, 0.0)
-    power = point.power_of_width_w(
+    power = point.response.power_of_width_w(
         ops.where(above, end - start, width) * shots.sigma_s, threshold=highest.level, pulse_fwhm_s=fwhm
     )
-    amplitude: Lanes = ops.where(highest.reached, point.signal(ops.where(highest.reached, power, 0.0)), shots.threshold)
+    amplitude: Lanes = ops.where(
+        highest.reached, point.response.signal(ops.where(highest.reached, power, 0.0)), shots.threshold
+    )
     if shots.wave.volume is not None:
         # The air's light lasts longer than any pulse, so its width overestimates its power. The next level, which it
         # did not reach, is an upper bound. Above the highest level another one at the same ratio is assumed.
@@ -139,11 +141,11 @@ def _read_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, p
         true_power = ops.where(mask, rise.top[0], 1.0)
         walk_s = comparator.walk_s(shots, measured=amplitude, width_s=None, true_power_w=true_power)
         walk = walk_s / shots.sigma_s
-    elif point.recovery_s is not None:
+    elif point.response.recovery_s is not None:
         # An amplifier that drains slowly lengthens the falling edge, and the pulse is not symmetric. Then the width
         # gives the power (T45), and the power how long before its peak the pulse crossed.
-        power = point.power_of_width_w(width * shots.sigma_s, threshold=shots.threshold, pulse_fwhm_s=fwhm)
-        share = point.power_w(shots.threshold) / power
+        power = point.response.power_of_width_w(width * shots.sigma_s, threshold=shots.threshold, pulse_fwhm_s=fwhm)
+        share = point.response.power_w(shots.threshold) / power
         walk = pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm) / shots.sigma_s
     if shots.sensor.tdc.walk == "corrected":
         edge_walk_s = comparator.walk_s(
@@ -178,12 +180,16 @@ class _Level:
         """Compare one threshold with a pulse that crossed the lowest one at ``place``."""
         point = shots.point
         up = tdc.crossing_level(
-            threshold=level, deviate=trip.deviate, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2
+            threshold=level,
+            deviate=trip.deviate,
+            noise=point.noise.deviation,
+            kappa_1=point.noise.kappa_1,
+            kappa_2=point.noise.kappa_2,
         )
         down = edges.trailing_level(shots, rise, trip, place, level)
         reached = mask & (up < trip.signal) & (down < trip.signal)
-        if point.saturation is not None:
-            reached = reached & (level < point.saturation)
+        if point.response.saturation is not None:
+            reached = reached & (level < point.response.saturation)
         return cls(level=level, up=up, down=down, reached=reached)
 
     def restrict(self, lowest_level: Lanes, foot: Lanes) -> _Level:

@@ -72,4 +72,6 @@ class Received(Shots):
     def noise_at(self, signal: Lanes) -> Lanes:
         """Standard deviation of a sample's noise at a signal level, (n,); (T12) or (T20)."""
         point = self.point.unfiltered or self.point
-        return tdc.noise_at_level(level=signal, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2)
+        return tdc.noise_at_level(
+            level=signal, noise=point.noise.deviation, kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2
+        )

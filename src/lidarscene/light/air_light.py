@@ -198,7 +198,7 @@ def _least_strength(sensor: Sensor) -> float:
     """
     # Backwards through the electronics: from the threshold to the optical power that just reaches it.
     point = sensor.working_point(np.zeros(1))
-    least_w = np.asarray(point.power_w(sensor.threshold(point))).ravel()[0]
+    least_w = np.asarray(point.response.power_w(sensor.threshold(point))).ravel()[0]
     # The lidar equation at 1 m, 1 per sr and clear air gives P_t eta A, the unit of a strength.
     sent = radiometry.echo_power_w(
         peak_power_w=sensor.laser.peak_power_w,

@@ -255,8 +255,10 @@ def couple_pulses(
     point, peak_share = sensor.working_point(background_power_w), high_pass.peak_share(rate=rate)
     # The undershoot is of the signal. A later echo that is weak enough to be lost in it lies where the detector is
     # linear: the signal is brought back to power as for weak light.
-    power_per_signal = _WEAK_W / point.signal(_WEAK_W + 0.0 * background_power_w)
-    depths = [point.measured(point.signal(height)) * power_per_signal / peak_share for height in heights]
+    power_per_signal = _WEAK_W / point.response.signal(_WEAK_W + 0.0 * background_power_w)
+    depths = [
+        point.response.measured(point.response.signal(height)) * power_per_signal / peak_share for height in heights
+    ]
     return [height / peak_share for height in heights], Undershoot(rate=rate, depths=depths)
 
 
@@ -270,7 +272,7 @@ def sample_power_and_signal(pulse_train: EchoTrain, sensor: Sensor, times_s: Num
     """
     power, received = _sample_powers_w(pulse_train, sensor, times_s)
     point = sensor.working_point(np.asarray(pulse_train.background_power_w)[:, None])
-    return power, np.asarray(point.signal(received))
+    return power, np.asarray(point.response.signal(received))
 
 
 def sample_power_w(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> Numbers:

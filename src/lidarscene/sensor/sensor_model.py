@@ -356,10 +356,10 @@ class Sensor:
         if self.tdc.threshold_level is not None:
             level: Lanes = self.tdc.threshold_level
         elif self.tdc.threshold_to_noise is not None:
-            level = self.tdc.threshold_to_noise * point.noise
+            level = self.tdc.threshold_to_noise * point.noise.deviation
         else:
-            assert point.level is not None
-            level = point.level
+            assert point.law is not None
+            level = point.law.level
         return xp(level, point.least_threshold).maximum(level, point.least_threshold)
 
 

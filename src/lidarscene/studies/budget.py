@@ -75,13 +75,13 @@ def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Ech
     background = np.broadcast_to(light.background_power_w, len(cloud))
     point = sensor.working_point(background, range_m=np.asarray(hits.range_m))
     threshold = np.broadcast_to(sensor.threshold(point), len(cloud))
-    noise = np.broadcast_to(point.noise, len(cloud))
+    noise = np.broadcast_to(point.noise.deviation, len(cloud))
     has_surface = np.asarray(hits.has_surface)
     signal = np.where(has_surface, cloud.snr * noise, 0.0)
     # A saturated signal does not determine the power, so the traced or Lambertian power stays if it matches.
-    explained = np.abs(point.signal(light.peak_power_w) - signal) <= SAME_SIGNAL * signal
-    power = np.where(explained, light.peak_power_w, point.power_w(signal))
-    at_peak = tdc.noise_at_level(level=signal, noise=noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2)
+    explained = np.abs(point.response.signal(light.peak_power_w) - signal) <= SAME_SIGNAL * signal
+    power = np.where(explained, light.peak_power_w, point.response.power_w(signal))
+    at_peak = tdc.noise_at_level(level=signal, noise=noise, kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2)
     probability = np.broadcast_to(point.detection_probability(threshold, signal, at_peak), len(cloud))
     return Budget(
         echo_power_w=np.where(has_surface, power, 0.0),

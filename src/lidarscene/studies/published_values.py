@@ -48,10 +48,10 @@ def scatter_m(sensor: Sensor, target: Target, *, range_m: float, snr: float | No
     light = echoes_of_plane(sensor, target, ranges)
     if snr is not None:
         point = sensor.working_point(light.background_power_w)
-        level = snr * point.noise
-        if point.largest is not None and np.any(level > point.largest):
+        level = snr * point.noise.deviation
+        if point.response.largest is not None and np.any(level > point.response.largest):
             return None  # more than the cells can show
-        light = replace(light, peak_power_w=point.power_w(level))
+        light = replace(light, peak_power_w=point.response.power_w(level))
     stop = detect_alone(light, sensor, seed=_SEED, pulse=np.arange(SHOTS, dtype=np.uint32)).stops[0]
     echo = stop.reported & (stop.status == int(Status.ECHO))
     errors = (np.asarray(stop.range_m) - ranges)[np.asarray(echo)]

@@ -141,7 +141,7 @@ def white_m2(sensor: Sensor, range_m: Numbers) -> Numbers:
     """(n,) photons of a white target times the square of its range, m2."""
     reflectivity = 0.2  # scaled to white: an echo this weak does not saturate the detector
     light = echoes_of_plane(sensor, Target(reflectivity=reflectivity, illuminance_klux=0.0), range_m)
-    photons = np.asarray(sensor.working_point(light.background_power_w).signal(light.peak_power_w))
+    photons = np.asarray(sensor.working_point(light.background_power_w).response.signal(light.peak_power_w))
     return photons * range_m * range_m / reflectivity
 
 
@@ -179,7 +179,7 @@ def scatter_mm(sensor: Sensor, signal: float, near_ir: float) -> float | None:
     light = echoes_of_plane(sensor, Target(illuminance_klux=100.0), 20.0 * np.ones(1))
     # The background power is proportional to the illuminance.
     klux = 100.0 * float(np.ravel(power / light.background_power_w)[0])
-    noise = float(np.ravel(sensor.working_point(power).noise)[0])
+    noise = float(np.ravel(sensor.working_point(power).noise.deviation)[0])
     sigma_m = scatter_m(sensor, Target(illuminance_klux=klux), range_m=20.0, snr=signal / noise)
     return None if sigma_m is None else 1e3 * sigma_m
 

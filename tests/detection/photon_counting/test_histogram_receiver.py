@@ -224,7 +224,7 @@ def sunlit(rate_mhz, dead_ns, fwhm_ns, above, count, *overrides):
     light = photons.echoes_of(counter, 60.0, photons=1.0, count=count, illuminance_klux=0.0)
     light.background_power_w[:] = (1e6 * rate_mhz - float(dark.rate_hz[0])) / float(dark.per_watt)
     point = counter.working_point(light.background_power_w, range_m=light.range_m)
-    light.peak_power_w[:] = point.power_w(counter.threshold(point) + above * point.noise)
+    light.peak_power_w[:] = point.response.power_w(counter.threshold(point) + above * point.noise.deviation)
     return counter, light
 
 
@@ -410,7 +410,7 @@ def test_echoes_that_merge_are_found_as_often_as_their_broad_peak(background_w, 
     point = counter.working_point(np.full(1, background_w))
     level = float(counter.threshold(point)[0])
     step_m = 0.5 * C * apart * float(pixel.sigma_s) * matched_filter.OUTPUT_WIDTH
-    one_w = float(np.ravel(point.power_w(np.full(1, 0.5 * level * math.exp(apart**2 / 8.0))))[0])
+    one_w = float(np.ravel(point.response.power_w(np.full(1, 0.5 * level * math.exp(apart**2 / 8.0))))[0])
     range_m = 25.0 + np.linspace(0.0, 0.15, count)[:, None] + np.array([0.0, step_m])
     light = train(range_m, np.full((count, 2), one_w), background_w=background_w)
     pulse = np.arange(count, dtype=np.uint32)

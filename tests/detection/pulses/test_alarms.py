@@ -27,7 +27,7 @@ def test_false_alarms_by_what_is_kept(keep):
     threshold = float(equipped.threshold(point)[0])
     p_false, window = norm.sf(3.3), equipped.tdc.window_s
     expected = -np.log1p(-p_false) * equipped.tdc.bandwidth_hz * window
-    scale = float(point.noise[0]) ** 2 / threshold
+    scale = float(point.noise.deviation[0]) ** 2 / threshold
     random = np.random.default_rng(8)
     times, excess = [], []
     for _ in range(count):

@@ -68,7 +68,7 @@ def counts(equipped, background_w, powers_w, arrivals_s, *, shots=200, step_s=0.
 def echoes(equipped, background_w, signals, apart_m, *, pulses=400):
     """What is detected of boards whose lone echoes have these peaks, their powers and their arrivals."""
     point = equipped.working_point(np.array([background_w]))
-    powers = [float(point.power_w(np.array([one]))[0]) for one in signals]
+    powers = [float(point.response.power_w(np.array([one]))[0]) for one in signals]
     range_m = 30.0 + apart_m * np.arange(len(signals))
     light = train(np.tile(range_m, (pulses, 1)), np.tile(powers, (pulses, 1)), background_w=background_w)
     return detect(light, equipped), powers, 2.0 * (range_m - 30.0) / SPEED_OF_LIGHT_M_S
@@ -114,7 +114,7 @@ def test_peak_of_the_second_echo(background_w, signals, apart_m):
     stop = found.stops[1]
     seen = stop.reported & (stop.status == 0)
     assert seen.mean() > 0.9
-    lone = equipped.working_point(np.array([background_w])).noise[0]
+    lone = equipped.working_point(np.array([background_w])).noise.deviation[0]
     assert stop.snr[seen].mean() * lone == pytest.approx(count[:, peak].mean(), rel=0.03)
 
 
@@ -126,7 +126,7 @@ def test_what_an_echo_leaves(background_w):
     """
     equipped = sensor("table1-sipm", IN_TIME, *KEYS)
     point = equipped.working_point(np.array([background_w]))
-    power = float(point.power_w(np.array([110.0]))[0])
+    power = float(point.response.power_w(np.array([110.0]))[0])
     time_s, count = counts(equipped, background_w, [power, 0.0], np.array([0.0, 1.1 * DEAD_S]))
     memory = {"rate_hz": rate_hz(equipped, background_w), "dead_time_s": DEAD_S}
     fired = sipm_response.fired_by_pulse(peak=110.0, rate_hz=memory["rate_hz"], pulse_fwhm_s=FWHM_S, dead_time_s=DEAD_S)
@@ -146,7 +146,7 @@ def test_the_signal_of_a_waveform_is_the_mean_count(background_w):
     """
     equipped = sensor("table1-sipm", IN_TIME, *KEYS)
     point = equipped.working_point(np.array([background_w]))
-    powers = [float(point.power_w(np.array([one]))[0]) for one in (150.0, 100.0)]
+    powers = [float(point.response.power_w(np.array([one]))[0]) for one in (150.0, 100.0)]
     range_m = np.array([30.0, 32.8])
     arrivals = 2.0 * (range_m - 30.0) / SPEED_OF_LIGHT_M_S
     time_s, count = counts(equipped, background_w, powers, arrivals, shots=800)
@@ -188,8 +188,8 @@ def test_charge_adds_to_the_next_echo():
     found, _, arrivals = echoes(equipped, 2.5e-8, (5e-3, 1.5e-6), 9.5)
     point = equipped.working_point(np.array([2.5e-8]))
     since_s = arrivals[1] - SIGMA_S * math.sqrt(2.0 * math.log(100.0))
-    expected = (1.5e-6 + 5e-3 * math.exp(-since_s / 5e-9)) / float(point.noise[0])
-    assert expected > 1.04 * 1.5e-6 / float(point.noise[0])
+    expected = (1.5e-6 + 5e-3 * math.exp(-since_s / 5e-9)) / float(point.noise.deviation[0])
+    assert expected > 1.04 * 1.5e-6 / float(point.noise.deviation[0])
     stop = found.stops[1]
     seen = stop.reported & (stop.status == 0)
     assert seen.mean() > 0.9
@@ -211,7 +211,7 @@ def test_on_the_device(mi, equipment):
     """
     equipped, random, count = sensor(*equipment), np.random.default_rng(4), 2000
     point = equipped.working_point(np.array([DIM_W]))
-    power = point.power_w(point.noise * 60.0)[0] * random.uniform(0.1, 1.5, (count, 3))
+    power = point.response.power_w(point.noise.deviation * 60.0)[0] * random.uniform(0.1, 1.5, (count, 3))
     light = train(30.0 + np.cumsum(random.uniform(1.0, 5.0, (count, 3)), axis=1), power, background_w=DIM_W)
     here = detect(light, equipped)
     there = multi_echo.detect(
@@ -241,13 +241,13 @@ def test_peak_behind_several_echoes(background_w, signals, arrivals_ns):
     """
     equipped = sensor("table1-sipm", IN_TIME, *KEYS)
     point = equipped.working_point(np.array([background_w]))
-    powers = [float(point.power_w(np.array([one]))[0]) for one in signals]
+    powers = [float(point.response.power_w(np.array([one]))[0]) for one in signals]
     arrivals = 1e-9 * np.array(arrivals_ns)
     range_m = 30.0 + 0.5 * SPEED_OF_LIGHT_M_S * arrivals
     found = detect(train(range_m[None], np.array([powers]), background_w=background_w), equipped)
     time_s, count = counts(equipped, background_w, powers, arrivals, shots=240)
     last = np.abs(time_s - arrivals[-1] - 2e-9) < 4e-9
-    assert found.snr[0] * point.noise[0] == pytest.approx(count[:, last].mean(axis=0).max(), rel=0.126)
+    assert found.snr[0] * point.noise.deviation[0] == pytest.approx(count[:, last].mean(axis=0).max(), rel=0.126)
 
 
 def test_what_is_left_counts_as_signal_for_the_walk():
@@ -301,7 +301,7 @@ def test_the_signal_of_a_clipped_waveform_drains():
     """Behind the light's fall to the clipping level it fades by a factor of e in each recovery time."""
     equipped = sensor("table1-apd", "detector.saturation_ua=50", "detector.recovery_ns=20")
     point = equipped.working_point(np.array([DIM_W]))
-    light = train(np.full((1, 1), 30.0), np.full((1, 1), float(np.ravel(point.power_w(5e-3))[0])))
+    light = train(np.full((1, 1), 30.0), np.full((1, 1), float(np.ravel(point.response.power_w(5e-3))[0])))
     released_s = SIGMA_S * math.sqrt(2.0 * math.log(100.0)) + 2.0 * 30.0 / SPEED_OF_LIGHT_M_S
     since_s = np.array([100e-9, 120e-9, 160e-9])
     _, (signal,) = sample_with_memory(light, equipped, released_s + since_s)
@@ -313,5 +313,5 @@ def test_what_a_rise_finds_can_be_undone():
     bare = sensor("table1-sipm", STEADY, *KEYS).working_point(np.array([DIM_W]))
     met = Residue(floor=np.zeros(1), held=np.array([20.0]), share=np.array([0.5])).working_point(bare)
     power = np.geomspace(1e-10, 1e-7, 20)
-    assert met.signal(power)[0] == pytest.approx(20.0 + 0.5 * bare.signal(power)[0])
-    np.testing.assert_allclose(met.power_w(met.signal(power)), power, rtol=1e-9)
+    assert met.response.signal(power)[0] == pytest.approx(20.0 + 0.5 * bare.response.signal(power)[0])
+    np.testing.assert_allclose(met.response.power_w(met.response.signal(power)), power, rtol=1e-9)

@@ -87,7 +87,10 @@ def test_quantisation_noise():
     8 bits of 2560 sigma are steps of 10 sigma, 2.9 sigma of noise; the pulse's 30 sigma per sample move it over many
     steps, so that errors are evenly spread: 10 % for what is left of the steps' own pattern.
     """
-    snr, sigma = (300.0, float(sensor("table1-apd", *WHITE).working_point(np.array([trains.BACKGROUND_W])).noise[0]))
+    snr, sigma = (
+        300.0,
+        float(sensor("table1-apd", *WHITE).working_point(np.array([trains.BACKGROUND_W])).noise.deviation[0]),
+    )
     coarse = ["sampler.bits=8", f"sampler.full_scale={2560.0 * sigma!r}"]
     _, amplitude, _ = readings(snr, *WHITE, *ADC, *coarse)
     noise = math.hypot(1.0, sampling.quantisation_noise(step=10.0))
@@ -100,7 +103,7 @@ def test_quantisation_noise():
 
 def test_an_adc_that_is_full_clips():
     """The centroid stays, since both sides are cut alike; the amplitude is full scale."""
-    sigma = float(sensor("table1-apd", *WHITE).working_point(np.array([trains.BACKGROUND_W])).noise[0])
+    sigma = float(sensor("table1-apd", *WHITE).working_point(np.array([trains.BACKGROUND_W])).noise.deviation[0])
     error, amplitude, _ = readings(
         1000.0, *WHITE, *ADC, f"sampler.full_scale={500.0 * sigma!r}", "sampler.estimator='centroid'"
     )
@@ -156,7 +159,7 @@ def clean_pulses(height, *overrides, tick_s=1e-9, phases=97):
     range_m = 60.0 + HALF_C * tick_s * (np.arange(phases) + 0.5) / phases
     point = equipped.working_point(np.array([trains.BACKGROUND_W]))
     level = equipped.threshold(point)
-    stop = detect(train(range_m[:, None], height * float(point.power_w(level)[0])), equipped).stops[0]
+    stop = detect(train(range_m[:, None], height * float(point.response.power_w(level)[0])), equipped).stops[0]
     assert stop.reported.all()
     return (stop.range_m - range_m) / SIGMA_M, stop, range_m, float(level[0])
 
@@ -285,7 +288,7 @@ def test_samples_have_the_noise_of_their_light():
     equipped = sensor("table1-apd", *keys, *ADC, "sampler.full_scale=1e-3")
     _, amplitude, _ = readings(snr, *keys, *ADC, "sampler.full_scale=1e-3", "tdc.threshold_to_noise=7")
     point = equipped.working_point(np.array([trains.BACKGROUND_W])).unfiltered
-    kappa = float(point.kappa_1) / (snr * float(point.noise[0]))
+    kappa = float(point.noise.kappa_1) / (snr * float(point.noise.deviation[0]))
     place = np.arange(-30, 31) * 1e-9 / SIGMA_S
     pulse = np.exp(-0.5 * place**2)
     variance = (pulse**2 * (snr**-2 + kappa * pulse)).sum() / (pulse**2).sum() ** 2

@@ -214,7 +214,7 @@ def test_alarms_beside_the_strongest_and_the_last():
     times = [np.where(stop.reported, stop.range_m, 0.0) for stop in found.stops]
     have = (
         np.maximum(*times)[reported] * 2.0 / c,
-        (np.maximum(*kept)[reported] - threshold) * threshold / float(point.noise[0]) ** 2,
+        (np.maximum(*kept)[reported] - threshold) * threshold / float(point.noise.deviation[0]) ** 2,
     )
     for a, b in zip(have, (np.array(last), np.array(highest)), strict=True):
         error = math.hypot(a.std() / math.sqrt(len(a)), b.std() / math.sqrt(len(b)))
@@ -282,5 +282,5 @@ def test_the_last_and_the_highest_of_many_alarms(rate):
     point = sensor.working_point(light.background_power_w[:1])
     level = float(sensor.threshold(point)[0])
     highest = np.stack([np.where(stop.reported, stop.amplitude, 0.0) for stop in found.stops]).max(axis=0)
-    over = (highest[there] - level) * level / float(point.noise[0]) ** 2
+    over = (highest[there] - level) * level / float(point.noise.deviation[0]) ** 2
     assert kstest(over, lambda x: (np.exp(-rate * np.exp(-np.asarray(x))) - none) / (1.0 - none)).pvalue > 1e-6

@@ -101,8 +101,11 @@ def shots(rule, snr, *overrides):
     )
     stop = returns.detect(light, sensor, seed=1, pulse=np.arange(count, dtype=np.uint32)).stops[0]
     point = plain.working_point(light.background_power_w)
-    peak = float(np.ravel(point.signal(power))[0])
-    own = {"kappa_1": float(np.ravel(point.kappa_1)[0]) / peak, "kappa_2": float(np.ravel(point.kappa_2)[0])}
+    peak = float(np.ravel(point.response.signal(power))[0])
+    own = {
+        "kappa_1": float(np.ravel(point.noise.kappa_1)[0]) / peak,
+        "kappa_2": float(np.ravel(point.noise.kappa_2)[0]),
+    }
     kept = stop.reported & (stop.status == 0)
     return (stop.range_m[kept] - 50.0) * 2.0 / c, stop.amplitude[kept] / peak, own
 
@@ -297,7 +300,8 @@ def test_light_that_lasts_does_not_blur_a_peak(lasting, rule, too_much):
     count = 3000
     sensor = equipped(QUIET_ECHO, f"tdc.timing='{rule}'", "tdc.threshold_to_noise=10", *WITH_BRIGHTER)
     point = sensor.working_point(np.array([trains.BACKGROUND_W]))
-    height = 10.0 * float(((point.unfiltered or point).noise / point.noise)[0])  # of SNR 100 before a filter, in U
+    before = (point.unfiltered or point).noise.deviation
+    height = 10.0 * float((before / point.noise.deviation)[0])  # of SNR 100 before a filter, in U
     stop = on_lasting(sensor, height, lasting * height, count)
     assert stop.reported.all()
     wanted_s = samples_of(rule, lambda place: np.exp(-0.5 * place**2) + lasting)
@@ -335,7 +339,7 @@ def test_a_peak_is_compared_with_the_threshold_as_it_is_measured():
     stop = trains.detect(light, sensor, seed=2).stops[0]
     amplitude = stop.amplitude[stop.reported & (stop.status == 0)]
     point = sensor.working_point(light.background_power_w[:1])
-    threshold, noise_a = float(sensor.threshold(point)[0]), float(point.noise[0])
+    threshold, noise_a = float(sensor.threshold(point)[0]), float(point.noise.deviation[0])
     assert (amplitude > threshold).all()
     own = norm(6.5, 1.0)
     shares = 1.0 - own.sf(amplitude / noise_a) / own.sf(threshold / noise_a)
@@ -361,7 +365,7 @@ def test_a_clipped_pulse_has_the_walk_of_what_is_measured():
     power = trains.power_at_snr(sensor, 1e4)
     stop = trains.detect(trains.train(np.full((200, 1), 50.0), np.full((200, 1), power)), sensor).stops[0]
     point = sensor.working_point(np.array([trains.BACKGROUND_W]))
-    early = math.sqrt(2.0 * math.log(2.0 * 1e4 * float(point.noise[0]) / 5e-3))
+    early = math.sqrt(2.0 * math.log(2.0 * 1e4 * float(point.noise.deviation[0]) / 5e-3))
     assert early > 2.0
     # Noise is 1 % of the clipped peak, and the edge there 2.5 per sigma_p.
     np.testing.assert_allclose(stop.range_m, 50.0, atol=0.02 * trains.SIGMA_M)
@@ -375,20 +379,20 @@ def test_time_of_cells_behind_a_matched_filter():
     sensor, count = load_sensor("table1-sipm", overrides=["tdc.timing='matched_filter'"]), 20_000
     point = sensor.working_point(np.array([trains.BACKGROUND_W]))
     raw = point.unfiltered
-    signal = 0.75 * (400.0 - float(raw.busy[0]))
-    power = float(raw.power_w(np.array([signal]))[0])
+    signal = 0.75 * (float(raw.response.largest[0]) + 0.5)
+    power = float(raw.response.power_w(np.array([signal]))[0])
     stop = trains.detect(trains.train(np.full((count, 1), 50.0), np.full((count, 1), power)), sensor).stops[0]
     time_s = (stop.range_m[stop.reported & (stop.status == 0)] - 50.0) * 2.0 / c
     x = 2.0 * math.pi * float(sensor.noise_bandwidth_hz) * SIGMA_S
     share = math.sqrt(math.pi) * erf(x) / x
     variance = share * (
-        float(raw.noise[0]) ** 2
-        + (2.0 / 3.0) ** 1.5 * float(np.ravel(raw.kappa_1)[0]) * signal
-        + 0.5**1.5 * float(np.ravel(raw.kappa_2)[0]) * signal**2
+        float(raw.noise.deviation[0]) ** 2
+        + (2.0 / 3.0) ** 1.5 * float(np.ravel(raw.noise.kappa_1)[0]) * signal
+        + 0.5**1.5 * float(np.ravel(raw.noise.kappa_2)[0]) * signal**2
     )
     slope = 1.0 - 2.0 * x * math.exp(-(x**2)) / (math.sqrt(math.pi) * erf(x))
     wanted_s = math.sqrt(2.0 * variance * slope) * SIGMA_S / signal
-    assert abs(0.5**1.5 * float(np.ravel(raw.kappa_2)[0]) * signal**2) * share > 0.3 * variance
+    assert abs(0.5**1.5 * float(np.ravel(raw.noise.kappa_2)[0]) * signal**2) * share > 0.3 * variance
     low, high = (math.sqrt(chi2.ppf(p, count - 1) / (count - 1)) for p in (1e-6, 1.0 - 1e-6))
     assert 0.98 * low * wanted_s < time_s.std() < 1.02 * high * wanted_s
 

@@ -61,7 +61,7 @@ def test_walk_bias_of_shots(range_m):
     point = clipped.working_point(light.background_power_w)
     expected = saturation.walk_bias_m(
         threshold=clipped.threshold(point)[0],
-        signal=point.signal(light.peak_power_w)[0],
+        signal=point.response.signal(light.peak_power_w)[0],
         saturation=50e-6,
         fwhm_s=FWHM_S,
     )
@@ -98,7 +98,7 @@ def test_on_the_device(mi):
 
 def test_sipm_does_not_clip():
     sensor = chain.sensor("table1-sipm")
-    assert sensor.working_point(np.array([1e-8])).saturation is None
+    assert sensor.working_point(np.array([1e-8])).response.saturation is None
 
 
 def test_a_width_tells_the_peak():
@@ -140,7 +140,7 @@ def test_width_and_range_of_a_clipped_echo(range_m, rays, recovery_ns):
     point, stop = sensor.working_point(light.background_power_w), found.stops[0]
     expected_s = saturation.width_at_level_s(
         level=sensor.threshold(point)[0],
-        signal=point.signal(light.peak_power_w)[0],
+        signal=point.response.signal(light.peak_power_w)[0],
         saturation=50e-6,
         fwhm_s=FWHM_S,
         recovery_s=0.0 if recovery_ns is None else recovery_ns * 1e-9,
@@ -186,10 +186,10 @@ def test_ranges_of_a_full_sipm(range_m):
         stop = returns.detect(light, sensor, seed=3, pulse=pulse).stops[0]
         bias_m[edges] = (stop.range_m - range_m)[stop.status == 0].mean()
     point = sensor.working_point(light.background_power_w[:1])
-    free = 400.0 - float(point.busy[0])
-    assert point.signal(light.peak_power_w[:1])[0] > free - 0.5
+    free = float(point.response.largest[0]) + 0.5
+    assert point.response.signal(light.peak_power_w[:1])[0] > free - 0.5
     expected = saturation.walk_bias_m(
-        threshold=point.power_w(sensor.threshold(point))[0],
+        threshold=point.response.power_w(sensor.threshold(point))[0],
         signal=light.peak_power_w[0],
         saturation=-np.log(0.5 / free) * 400.0 / 0.22 * 2.0 * sensor.laser.photon_energy_j / FWHM_S,
         fwhm_s=FWHM_S,
@@ -203,10 +203,10 @@ def test_a_full_sipm_tells_the_power_of_half_a_cell_less():
     """Of N cells of which n are free: -ln(0.5 / n) N / PDE photons, twice the pulse's mean power; the same above."""
     sensor = chain.sensor("table1-sipm", STEADY)
     point = sensor.working_point(np.array([2.5e-8]))
-    free = 400.0 - point.busy[0]
+    free = point.response.largest[0] + 0.5
     full_w = -np.log(0.5 / free) * 400.0 / 0.22 * 2.0 * sensor.laser.photon_energy_j / FWHM_S
     for cells, power_w in ((free - 0.5, full_w), (free - 0.2, full_w), (free, full_w), (free - 1.0, None)):
-        told = point.inferred_power_w(np.array([cells]), width_s=None, threshold=None, pulse_fwhm_s=FWHM_S)[0]
+        told = point.response.inferred_power_w(np.array([cells]), width_s=None, threshold=None, pulse_fwhm_s=FWHM_S)[0]
         expected = power_w or -np.log(1.0 / free) * full_w / -np.log(0.5 / free)
         assert told == pytest.approx(expected, rel=1e-9)
 

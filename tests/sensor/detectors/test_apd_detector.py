@@ -74,4 +74,4 @@ def test_electrical_noise_floor_of_table_1():
     excess = 80.0**0.3
     dark = 2 * e * (1e-10 + 1e-10 * 6400 * excess) * 167e6
     expected = np.sqrt(4 * k * 300.0 * 167e6 / 1e4 + dark)
-    assert sensor.working_point(0.0).noise == pytest.approx(expected, rel=1e-9)
+    assert sensor.working_point(0.0).noise.deviation == pytest.approx(expected, rel=1e-9)

@@ -68,7 +68,7 @@ def test_approximate_snr_of_few_photons():
         overrides=["detector.statistics='published'", "detector.cells=4000000", "detector.dark_count_rate_hz=0"],
     )
     point = sensor.working_point(2.5e-8)
-    exact = point.signal(1e-7) / point.noise
+    exact = point.response.signal(1e-7) / point.noise.deviation
     photon = sensor.laser.photon_energy_j
     approximate = sipm.snr_approximate(
         signal_photons=sipm.signal_photons(peak_power_w=1e-7, pulse_fwhm_s=6e-9, photon_energy_j=photon),

@@ -118,8 +118,8 @@ def test_the_most_photons_that_tell_the_light():
     counter = photons.sensor()
     pixel, point = counter.pixel(BACKGROUND_W), counter.working_point(BACKGROUND_W)
     most = float(pixel.counts(np.array([50.0]))[0])
-    assert float(point.largest[0]) == pytest.approx(0.995 * most, rel=1e-9)
-    assert photons.sensor("histogram.coates=true").working_point(BACKGROUND_W).largest is None
+    assert float(point.response.largest[0]) == pytest.approx(0.995 * most, rel=1e-9)
+    assert photons.sensor("histogram.coates=true").working_point(BACKGROUND_W).response.largest is None
 
 
 def test_the_noise_of_near_ir_is_narrowed_by_dead_times():

@@ -25,8 +25,8 @@ def test_a_working_point_finds_the_power_of_its_own_signal(overrides, rtol):
     sensor = load_sensor("table1-sipm" if overrides else "table1-apd", overrides=overrides)
     point = sensor.working_point(np.array([2.5e-8]))
     power = np.geomspace(1e-9, 1.5e-7, 25)
-    assert not overrides or 0.5 < point.signal(power).max() / (400.0 - point.busy[0]) < 0.99
-    np.testing.assert_allclose(point.power_w(point.signal(power)), power, rtol=rtol)
+    assert not overrides or 0.5 < point.response.signal(power).max() / (point.response.largest[0] + 0.5) < 0.99
+    np.testing.assert_allclose(point.response.power_w(point.response.signal(power)), power, rtol=rtol)
 
 
 def test_counted_cells_by_scipy():
@@ -37,7 +37,7 @@ def test_counted_cells_by_scipy():
     sensor = load_sensor("table1-sipm", overrides=["detector.counting='binomial'"])
     for background_w in (1e-10, 2.5e-8):
         point = sensor.working_point(np.array([background_w]))
-        busy = float(point.busy[0])
+        busy = float(point.counts.busy[0])
         count = np.repeat(np.arange(math.ceil(busy) + 1, math.ceil(busy) + 12), 4)
         threshold = count - np.tile([0.75, 0.5, 0.25, 0.0], 11) - busy
         alarm = point.false_alarm_probability(threshold)
@@ -84,9 +84,9 @@ def test_shot_noise_of_a_filtered_pulse_by_campbell(kind, cutoff_mhz):
     times = np.linspace(-1.0, 4.0, 201) * sigma_s
     at_s = times[int(np.argmax([passed(one, 1) for one in times]))]
     signal = e * detector.gain * per_second * passed(at_s, 1)
-    assert float(point.signal(np.array([power_w]))[0]) == pytest.approx(signal, rel=1e-3)
+    assert float(point.response.signal(np.array([power_w]))[0]) == pytest.approx(signal, rel=1e-3)
     variance = (e * detector.gain) ** 2 * detector.excess_noise * per_second * passed(at_s, 2)
-    have = float(point.kappa_1 * signal)
+    have = float(point.noise.kappa_1 * signal)
     assert variance * 0.995 < have < variance * (1.005 if kind == "gaussian" else 1.036)
 
 
@@ -104,10 +104,10 @@ def test_noise_of_filtered_cells_is_theirs_in_one_share(kind):
     for power_w in (0.0, 2e-8, 6e-8, 1.2e-7):
         variances = []
         for point in (bare, filtered):
-            signal = float(np.ravel(point.signal(np.array([power_w])))[0])
-            kappas = (float(np.ravel(one)[0]) for one in (point.kappa_1, point.kappa_2))
+            signal = float(np.ravel(point.response.signal(np.array([power_w])))[0])
+            kappas = (float(np.ravel(one)[0]) for one in (point.noise.kappa_1, point.noise.kappa_2))
             kappa_1, kappa_2 = kappas
-            variances.append(float(point.noise[0]) ** 2 + kappa_1 * signal + kappa_2 * signal**2)
+            variances.append(float(point.noise.deviation[0]) ** 2 + kappa_1 * signal + kappa_2 * signal**2)
         shares.append(variances[1] / variances[0])
     assert 0.2 < shares[0] < 0.9
     np.testing.assert_allclose(shares, shares[0], rtol=1e-9)
@@ -132,18 +132,19 @@ def test_a_filter_takes_levels_of_light_where_light_goes(name):
         for more in ([], ["receiver.response='gaussian'"])
     )
     power = np.array([1e-8])
-    assert filtered.signal(power)[0] < 0.95 * bare.signal(power)[0]
-    np.testing.assert_allclose(filtered.power_w(filtered.signal(power)), power, rtol=5e-3)
+    assert filtered.response.signal(power)[0] < 0.95 * bare.response.signal(power)[0]
+    np.testing.assert_allclose(filtered.response.power_w(filtered.response.signal(power)), power, rtol=5e-3)
     if name == "table1-apd":
-        assert filtered.knee == filtered.saturation == bare.saturation == pytest.approx(5e-6)
+        assert filtered.response.knee == filtered.response.saturation == bare.response.saturation == pytest.approx(5e-6)
         return
-    share = float(filtered.signal(power)[0] / bare.signal(power)[0])
+    share = float(filtered.response.signal(power)[0] / bare.response.signal(power)[0])
     for key in ("knee", "largest"):
-        np.testing.assert_allclose(getattr(filtered, key), share * getattr(bare, key), rtol=1e-9)
+        np.testing.assert_allclose(getattr(filtered.response, key), share * getattr(bare.response, key), rtol=1e-9)
     # No light is inferred beyond the last half of a cell.
     threshold = {"width_s": None, "threshold": 5.0, "pulse_fwhm_s": 6e-9}
     np.testing.assert_allclose(
-        filtered.inferred_power_w(np.array([1e9]), **threshold), filtered.power_w(filtered.largest)
+        filtered.response.inferred_power_w(np.array([1e9]), **threshold),
+        filtered.response.power_w(filtered.response.largest),
     )
 
 
@@ -155,8 +156,8 @@ def test_nothing_trips_at_the_clipping_level():
     threshold = np.array([1e-6 * (1.0 - 1e-9), 1e-6 * (1.0 + 1e-9)])
     for found in (
         point.detection_probability(threshold, np.full(2, 5e-6), sigma),
-        point.false_alarm_probability(0.0 * point.noise + threshold),
-        point.crossing_rate_hz(0.0 * point.noise + threshold, 1e8),
+        point.false_alarm_probability(0.0 * point.noise.deviation + threshold),
+        point.crossing_rate_hz(0.0 * point.noise.deviation + threshold, 1e8),
     ):
         assert found[0] >= 0.0
         assert found[1] == 0.0
@@ -169,10 +170,13 @@ def test_alarms_behind_a_matched_filter_are_those_of_as_many_deviations(tail):
     sensor = load_sensor("table1-apd", overrides=[f"detector.tail='{tail}'", "tdc.timing='matched_filter'"])
     point = sensor.working_point(np.array([2.5e-8]))
     raw = point.unfiltered
-    assert point.noise[0] < 0.9 * raw.noise[0]
+    assert point.noise.deviation[0] < 0.9 * raw.noise.deviation[0]
     for ratio in (3.0, 5.0):
         pairs = [
-            (one.false_alarm_probability(ratio * one.noise)[0], one.crossing_rate_hz(ratio * one.noise, 1e8)[0])
+            (
+                one.false_alarm_probability(ratio * one.noise.deviation)[0],
+                one.crossing_rate_hz(ratio * one.noise.deviation, 1e8)[0],
+            )
             for one in (point, raw)
         ]
         np.testing.assert_allclose(*pairs, rtol=1e-9)
@@ -183,7 +187,7 @@ def test_cells_behind_a_filter_cross_as_rice_says(more):
     """No whole cells rise and fall there: B' / sqrt(3) exp(-TNR^2 / 2)."""
     sensor = load_sensor("table1-sipm", overrides=["tdc.false_alarms='crossings'", *more])
     point = sensor.working_point(np.array([2.5e-8]))
-    rates = sensor.false_alarm_rate_hz(point, np.array([4.0, 5.0]) * point.noise[0])
+    rates = sensor.false_alarm_rate_hz(point, np.array([4.0, 5.0]) * point.noise.deviation[0])
     bandwidth_hz = sensor.crossing_bandwidth_hz
     np.testing.assert_allclose(rates, bandwidth_hz / math.sqrt(3.0) * np.exp([-8.0, -12.5]), rtol=1e-9)
 
@@ -192,8 +196,11 @@ def test_all_free_cells_fired_have_no_noise_of_their_own():
     """A binomial number that is certain, on the cells that background and dark counts left, as printed."""
     sensor = load_sensor("table1-sipm", overrides=["detector.statistics='published'"])
     point = sensor.working_point(np.array([2.5e-8]))
-    free = 400.0 - float(point.busy[0])
+    free = float(point.response.largest[0]) + 0.5
     assert free < 350.0
     for share in (0.5, 1.0):
-        own = float(np.ravel(point.kappa_1)[0]) * share * free + float(np.ravel(point.kappa_2)[0]) * (share * free) ** 2
+        own = (
+            float(np.ravel(point.noise.kappa_1)[0]) * share * free
+            + float(np.ravel(point.noise.kappa_2)[0]) * (share * free) ** 2
+        )
         assert own == pytest.approx(free * share * (1.0 - share), abs=1e-9 * free)

@@ -118,7 +118,7 @@ def test_sensor_file_and_page_have_what_was_found(
 def white_over_range(sensor: Sensor, range_m: np.ndarray) -> np.ndarray:
     """Photons of a white wall times the square of its range, by the stages of `render`."""
     light = echoes_of_plane(sensor, Target(reflectivity=1e-3, illuminance_klux=0.0), range_m)
-    photons = np.ravel(np.asarray(sensor.working_point(light.background_power_w).signal(light.peak_power_w)))
+    photons = np.ravel(np.asarray(sensor.working_point(light.background_power_w).response.signal(light.peak_power_w)))
     return np.asarray(1e3 * photons * range_m**2)
 
 

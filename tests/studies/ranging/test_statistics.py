@@ -48,9 +48,11 @@ def test_operating_curve():
     np.testing.assert_allclose(curve.quiet_probability, (1.0 - p_false) ** m, rtol=1e-6)
     np.testing.assert_allclose(curve.false_alarms_per_shot, -m * np.log1p(-p_false), rtol=1e-6)
     point = APD.working_point(plane.echoes_of_plane(APD, Target(), 340.0).background_power_w)
-    signal = plane.snr(APD, Target(), 340.0) * point.noise
-    sigma = np.sqrt(point.noise**2 + point.kappa_1 * signal)
-    np.testing.assert_allclose(curve.detection_probability, norm.sf((ratios * point.noise - signal) / sigma), rtol=1e-8)
+    signal = plane.snr(APD, Target(), 340.0) * point.noise.deviation
+    sigma = np.sqrt(point.noise.deviation**2 + point.noise.kappa_1 * signal)
+    np.testing.assert_allclose(
+        curve.detection_probability, norm.sf((ratios * point.noise.deviation - signal) / sigma), rtol=1e-8
+    )
     quiet = (1.0 - p_false) ** (m - 1.0)
     correct = quiet * curve.detection_probability / (1.0 - quiet * (1.0 - curve.detection_probability))
     np.testing.assert_allclose(curve.correct_probability, correct, rtol=1e-6)
@@ -63,7 +65,7 @@ def test_operating_curve_of_counted_cells():
     sensor = load_sensor("table1-sipm", overrides=["detector.counting='binomial'"])
     curve = statistics.operating_curve(sensor, Target(illuminance_klux=1.0), 300.0, np.array([3.0, 5.0]))
     point = sensor.working_point(plane.echoes_of_plane(sensor, Target(illuminance_klux=1.0), 300.0).background_power_w)
-    busy, noise = float(point.busy[0]), float(point.noise[0])
+    busy, noise = float(point.counts.busy[0]), float(point.noise.deviation[0])
     for i, ratio in enumerate((3.0, 5.0)):
         p = binom.sf(math.ceil(ratio * noise + busy) - 1, 400, busy / 400.0)
         expected = -math.log1p(-p) * 4e-6 * 167e6
@@ -112,7 +114,7 @@ def test_electrons_hold_the_variance_of_18():
     background = float(plane.echoes_of_plane(APD, Target(), 100.0).background_power_w[0])
     own = statistics.electrons(APD, background)
     variance = own["primaries"] * own["gain"] ** 2 * own["excess_noise"] + own["amplifier"] ** 2
-    noise = float(APD.working_point(np.array([background])).noise[0])
+    noise = float(APD.working_point(np.array([background])).noise.deviation[0])
     assert math.sqrt(variance) == pytest.approx(noise * own["per_ampere"], rel=1e-12)
     assert own["primaries"] == pytest.approx(241.5, abs=0.1)
     assert own["amplifier"] == pytest.approx(311.0, abs=1.0)

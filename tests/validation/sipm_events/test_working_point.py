@@ -49,10 +49,10 @@ def test_table_against_the_equation(fwhm_ns):
         steps=max(96, math.ceil(400 / fwhm_ns)),
     )
     point, power = working_point(sensor, background=background[:, None], signal=signal[None, :])
-    np.testing.assert_allclose(point.signal(power), exact.mean - exact.before[:, None], rtol=5e-3)
-    np.testing.assert_allclose(point.noise[:, 0], exact.noise, rtol=1e-12)
+    np.testing.assert_allclose(point.response.signal(power), exact.mean - exact.before[:, None], rtol=5e-3)
+    np.testing.assert_allclose(point.noise.deviation[:, 0], exact.noise, rtol=1e-12)
     peak = exact.mean - exact.before[:, None]
-    variance = point.noise**2 + point.kappa_1 * peak + point.kappa_2 * peak**2
+    variance = point.noise.deviation**2 + point.noise.kappa_1 * peak + point.noise.kappa_2 * peak**2
     np.testing.assert_allclose(variance, exact.variance, rtol=1e-9, atol=1e-9)
 
 
@@ -65,14 +65,14 @@ def test_power_is_the_inverse_of_signal():
             background=np.array([0.0, 100.0, 686.0, 3000.0])[:, None],
             signal=np.geomspace(0.1, 1e5, 60)[None, :],
         )
-        signal = point.signal(power)
-        free = 400 - point.busy
-        off = np.abs(point.power_w(signal) / power - 1.0)
+        signal = point.response.signal(power)
+        free = point.response.largest + 0.5
+        off = np.abs(point.response.power_w(signal) / power - 1.0)
         for share, allowed in ((0.9, 0.01), (0.95, 0.02)):
             known = signal < share * free
             assert known.sum() > 100
             assert off[known].max() < allowed
-        assert np.isfinite(point.power_w(1.5 * free)).all()
+        assert np.isfinite(point.response.power_w(1.5 * free)).all()
         assert (np.diff(signal, axis=1) > -1e-2).all()
 
 
@@ -104,9 +104,9 @@ def test_table_1_against_events():
     shown = Light(background_photons=background, signal_photons=arriving, pulse_fwhm_s=6e-9)
     shots = 4_000
     found = measure(CellArray.of(sensor.detector), shown, shots=shots, seed=21)
-    signal = point.signal(light.peak_power_w)[0]
+    signal = point.response.signal(light.peak_power_w)[0]
     assert found.signal == pytest.approx(signal, abs=4 * 9 / math.sqrt(shots) + 5e-4 * signal)
-    assert found.noise == pytest.approx(point.noise[0], rel=0.03)
+    assert found.noise == pytest.approx(point.noise.deviation[0], rel=0.03)
     assert found.snr == pytest.approx(24.23, rel=0.03)
     assert plane.snr(sensor, Target(), 100.0)[0] == pytest.approx(24.24, abs=0.02)
     # (27) has a third less light in it at long range, and a shorter reach.
@@ -161,10 +161,11 @@ def crosstalking(*keys, light=WEAK):
     """Table 1 in the time domain with these keys: noise, cells busy before, signal and P_d of a weak pulse."""
     sensor = chain.sensor("table1-sipm", "detector.statistics='time_domain'", "detector.cell_floor=1", *keys)
     point, power = working_point(sensor, background=[light.background_photons], signal=[light.signal_photons])
-    signal = point.signal(power)
-    sigma = np.sqrt(point.noise**2 + point.kappa_1 * signal + point.kappa_2 * signal**2)
+    signal = point.response.signal(power)
+    sigma = np.sqrt(point.noise.deviation**2 + point.noise.kappa_1 * signal + point.noise.kappa_2 * signal**2)
     found = point.detection_probability(sensor.threshold(point), signal, sigma)
-    return [float(one[0]) for one in (point.noise, point.busy, signal, found)]
+    busy = float(sensor.detector.cells) - 0.5 - point.response.largest
+    return [float(one[0]) for one in (point.noise.deviation, busy, signal, found)]
 
 
 @pytest.mark.parametrize(

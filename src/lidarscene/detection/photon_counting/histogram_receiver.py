@@ -205,7 +205,7 @@ class _Receiver(Shots):
         tripped = exists & (peak.value >= threshold)
         if self._multi_peak:
             tripped = tripped & ~peak.rising
-        time_s = peak.time_s - self._walk_s(pixel, peak.photons, point.largest)
+        time_s = peak.time_s - self._walk_s(pixel, peak.photons, point.response.largest)
         time_s = tdc.quantise(
             time_s=ops.maximum(time_s, 0.0), least_significant_bit_s=converter.least_significant_bit_s
         )
@@ -240,18 +240,18 @@ class _Receiver(Shots):
         point = self.sensor.working_point(self.train.background_power_w, range_m=self.filtered.range_m(place))
         signal = self._signal(point, power_w)
         threshold = self.sensor.threshold(point) - self._gain_of_breadth(point, place, power_w)
-        return signal / point.noise, point.detection_probability(threshold, signal, 0.0)
+        return signal / point.noise.deviation, point.detection_probability(threshold, signal, 0.0)
 
     def _echo_threshold(self, point: WorkingPoint, place: Lanes, power_w: Lanes) -> Lanes:
         """Draw the threshold for a peak of the filtered light, (n,)."""
-        assert point.beyond_law is not None
+        assert point.law is not None
         level, signal = self.sensor.threshold(point), self._signal(point, power_w)
-        excess, spread = point.beyond_law(level - self._gain_of_breadth(point, place, power_w), signal)
+        excess, spread = point.law.beyond(level - self._gain_of_breadth(point, place, power_w), signal)
         return _draw_threshold(level + excess, spread, self.seed, self.pulse)
 
     def _signal(self, point: WorkingPoint, power_w: Lanes) -> Lanes:
         """Photons of a peak of the light behind the filter, (n,)."""
-        return point.signal(power_w * (self.filtered.fwhm_s / self.sensor.laser.pulse_fwhm_s))
+        return point.response.signal(power_w * (self.filtered.fwhm_s / self.sensor.laser.pulse_fwhm_s))
 
     def _gain_of_breadth(self, point: WorkingPoint, place: Lanes, power_w: Lanes) -> Lanes:
         """Photons that noise gains on the broad peak of echoes that merge behind the filter, (n,) (T98a)."""
@@ -260,8 +260,8 @@ class _Receiver(Shots):
         ops, signal = self.ops, self._signal(point, power_w)
         return matched_filter.gain_of_breadth(
             signal=signal,
-            background=point.noise * point.noise,
-            own_variance=ops.maximum(point.kappa_1 * signal + point.kappa_2 * signal * signal, 0.0),
+            background=point.noise.deviation * point.noise.deviation,
+            own_variance=ops.maximum(point.noise.kappa_1 * signal + point.noise.kappa_2 * signal * signal, 0.0),
             bend=self.filtered.at(place)[2] / ops.maximum(power_w, 1e-30),
         )
 

@@ -54,14 +54,14 @@ class Residue:
         ops = xp(self.held, self.share)
 
         def power_w(signal: Lanes) -> Lanes:
-            return point.power_w(ops.maximum(signal - self.held, 1e-30) / self.share)
+            return point.response.power_w(ops.maximum(signal - self.held, 1e-30) / self.share)
 
-        return replace(
-            point,
-            signal=lambda power_w: self.held + self.share * point.signal(power_w),
+        response = replace(
+            point.response,
+            signal=lambda power_w: self.held + self.share * point.response.signal(power_w),
             power_w=power_w,
-            calibrated=point,
         )
+        return replace(point, response=response, calibrated=point)
 
 
 Memory = tuple[Earlier, ...]
@@ -73,7 +73,7 @@ def empty_memory(shots: Received) -> Memory:
     point, zero = shots.point, shots.ops.full(shots.wave.origin_m, 0.0)
     if point.memory is not None:
         return (Earlier(place=zero, amount=zero),) * _REMEMBERED
-    if point.saturation is not None and point.recovery_s is not None:
+    if point.response.saturation is not None and point.response.recovery_s is not None:
         return (Earlier(place=zero, amount=zero),)
     return ()
 
@@ -108,10 +108,10 @@ def update_memory(shots: Received, rise: Rise, signal: Lanes, residue: Residue |
         return memory
     ops, point = shots.ops, shots.point
     if point.memory is None:
-        assert point.saturation is not None
+        assert point.response.saturation is not None
         (previous,) = memory
         # The light falls back to the clipping level a pulse's flank behind its peak.
-        overdrive = ops.maximum(signal / point.saturation, 1.0)
+        overdrive = ops.maximum(signal / point.response.saturation, 1.0)
         clips = rise.exists & (overdrive > 1.0)
         release = rise.peak + ops.sqrt(2.0 * ops.log(overdrive))
         return (
@@ -153,7 +153,7 @@ def _busy_cells(shots: Received, cells: CellMemory, echo: Earlier, place: Lanes)
 
 def _charge(shots: Received, clipped: Earlier, place: Lanes) -> Lanes:
     """Signal that a clipped amplifier still holds at a place, (n,); theory (T45c)."""
-    assert shots.point.recovery_s is not None
+    assert shots.point.response.recovery_s is not None
     return saturation.remaining_charge(
-        held=clipped.amount, since_s=(place - clipped.place) * shots.sigma_s, recovery_s=shots.point.recovery_s
+        held=clipped.amount, since_s=(place - clipped.place) * shots.sigma_s, recovery_s=shots.point.response.recovery_s
     )

@@ -42,20 +42,20 @@ def fall(shots: Received, rise: Rise, trip: Trip, level: Lanes, since: Lanes, ma
     """
     ops, point = shots.ops, shots.point
     below = mask & (level < trip.signal)
-    end, near = _find_fall(shots, ops.where(below, point.power_w(level), 1.0), rise, since, below)
-    if point.saturation is not None and point.recovery_s is not None:
+    end, near = _find_fall(shots, ops.where(below, point.response.power_w(level), 1.0), rise, since, below)
+    if point.response.saturation is not None and point.response.recovery_s is not None:
         # A clipped amplifier drains from where the light falls back to the clipping level, and may hold the output
         # above the level for longer than the light does (T45).
-        clipped = below & (trip.signal > point.saturation)
-        clipped_w = ops.where(clipped, point.power_w(point.saturation), 1.0)
+        clipped = below & (trip.signal > point.response.saturation)
+        clipped_w = ops.where(clipped, point.response.power_w(point.response.saturation), 1.0)
         released, _ = _find_fall(shots, clipped_w, rise, rise.peak, clipped)
         end = saturation.held_until(
             fall_s=end,
             released_s=released,
             level=level,
             signal=trip.signal,
-            saturation=point.saturation,
-            recovery_s=point.recovery_s / shots.sigma_s,
+            saturation=point.response.saturation,
+            recovery_s=point.response.recovery_s / shots.sigma_s,
         )
     return ops.where(below, end, rise.peak), near
 
@@ -67,7 +67,7 @@ def foot(shots: Received, rise: Rise, trip: Trip, mask: Mask) -> Lanes:
 
     def step(foot: _Foot) -> _Foot:
         place = foot.place + STEP
-        signal = shots.point.signal(shots.wave.at(place)[0])
+        signal = shots.point.response.signal(shots.wave.at(place)[0])
         lowest = ops.minimum(foot.lowest, signal)
         return _Foot(
             place=place,

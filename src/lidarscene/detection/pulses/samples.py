@@ -76,9 +76,9 @@ class Window:
             # Noise through a single pole is a first-order recursion: each deviate keeps the share r of the one before
             # (T26a), and sqrt(1 - r^2) of a fresh one keeps its variance at 1.
             deviate = ops.where(number == 0, fresh_deviate, correlation * state.deviate + fresh * fresh_deviate)
-            signal = shots.point.signal(comb.power_w(self.place(number), state.parts))
+            signal = shots.point.response.signal(comb.power_w(self.place(number), state.parts))
             sample = sampling.quantise(
-                signal=shots.point.measured(signal + deviate * shots.noise_at(signal)),
+                signal=shots.point.response.measured(signal + deviate * shots.noise_at(signal)),
                 step=adc.step,
                 full_scale=adc.full_scale,
             )

@@ -73,7 +73,7 @@ def lone_pulse_time_s(
         return comparator.reported_s(shots, crossing_s, measured=measured, width_s=width_s, true_power_w=power_w)
     if timing == "constant_fraction":
         level = fraction_level(shots, trip, measured)
-        share = ops.where(level < trip.signal, shots.point.power_w(level) / power_w, 1.0)
+        share = ops.where(level < trip.signal, shots.point.response.power_w(level) / power_w, 1.0)
         early = pulse_shape.leading_edge_time_s(level=share, fwhm_s=_fwhm_s(shots))
         time_s = arrival_s + early - _fraction_walk_s(shots, measured, power_w, width_s)
     else:
@@ -101,10 +101,10 @@ def rise_time_s(
         return reported, place
     if timing == "constant_fraction":
         level = fraction_level(shots, trip, measured)
-        reaches = mask & (level < trip.signal) & (level > shots.point.signal(rise.valley_w))
+        reaches = mask & (level < trip.signal) & (level > shots.point.response.signal(rise.valley_w))
         place = crossing(
             shots.wave.at,
-            ops.where(reaches, shots.point.power_w(level), 1.0),
+            ops.where(reaches, shots.point.response.power_w(level), 1.0),
             far=rise.valley,
             peak=rise.peak,
             top=rise.top,
@@ -126,9 +126,9 @@ def fraction_level(shots: Shots, trip: Trip, measured: Lanes) -> Lanes:
     return tdc.crossing_level(
         threshold=trip.base + shots.sensor.tdc.fraction * (measured - trip.base),
         deviate=trip.deviate,
-        noise=point.noise,
-        kappa_1=point.kappa_1,
-        kappa_2=point.kappa_2,
+        noise=point.noise.deviation,
+        kappa_1=point.noise.kappa_1,
+        kappa_2=point.noise.kappa_2,
     )
 
 
@@ -148,11 +148,11 @@ def _fraction_walk_s(shots: Shots, measured: Lanes, true_power_w: Lanes, width_s
     if sensor.tdc.walk == "raw":
         return -_fraction_s(shots)
     if sensor.tdc.walk == "corrected":
-        power = point.inferred_power_w(measured, width_s=width_s, threshold=shots.threshold, pulse_fwhm_s=fwhm)
+        power = point.response.inferred_power_w(measured, width_s=width_s, threshold=shots.threshold, pulse_fwhm_s=fwhm)
         level = fraction * measured
     else:
-        power, level = true_power_w, fraction * point.measured(point.signal(true_power_w))
-    return pulse_shape.leading_edge_time_s(level=point.power_w(level) / power, fwhm_s=fwhm)
+        power, level = true_power_w, fraction * point.response.measured(point.response.signal(true_power_w))
+    return pulse_shape.leading_edge_time_s(level=point.response.power_w(level) / power, fwhm_s=fwhm)
 
 
 def _peak_error_s(shots: Shots, trip: Trip, curved: Lanes, *, draw: Lanes) -> Lanes:
@@ -163,7 +163,10 @@ def _peak_error_s(shots: Shots, trip: Trip, curved: Lanes, *, draw: Lanes) -> La
     if sensor.matches:
         # The slope of the pulse looks away from its peak, where most of the echo's own noise is.
         sigma = tdc.noise_at_level(
-            level=trip.signal, noise=point.noise, kappa_1=2.0 / 3.0 * point.kappa_1, kappa_2=0.5 * point.kappa_2
+            level=trip.signal,
+            noise=point.noise.deviation,
+            kappa_1=2.0 / 3.0 * point.noise.kappa_1,
+            kappa_2=0.5 * point.noise.kappa_2,
         )
         slope = sampling.matched_slope_noise(x=x)
         curved = sampling.matched_curvature(curvature=curved)
@@ -182,7 +185,7 @@ def _power_above_base_w(shots: Received, rise: Rise, trip: Trip) -> Lanes:
     if isinstance(trip.base, float):
         return rise.top[0]
     base = trip.base / sampling.LASTING_GAIN if shots.sensor.matches else trip.base
-    return rise.top[0] - shots.ops.where(trip.base > 0.0, shots.point.power_w(base), 0.0)
+    return rise.top[0] - shots.ops.where(trip.base > 0.0, shots.point.response.power_w(base), 0.0)
 
 
 def _fwhm_s(shots: Shots) -> Lanes:

@@ -13,7 +13,7 @@ from ...maths.units import FileKey, Quantity
 from ...physics.constants import ELEMENTARY_CHARGE_C
 from ...physics.electronics import apd, counting, mcintyre, range_limit, saturation
 from .detector import Detector, MainKey, Reception, Wave
-from .working_point import WorkingPoint
+from .working_point import Noise, Response, WorkingPoint
 
 INGAAS_GAIN = 40.0
 """Diodes of InGaAs, which see beyond silicon, reach a gain of 10 to 40 before noise drowns it (Campbell, J. Lightwave
@@ -122,17 +122,20 @@ class Apd(Detector):
 
         ampere_per_watt = responsivity * self.gain
         return WorkingPoint(
-            noise=xp(variance).sqrt(variance),
-            kappa_1=apd.shot_variance_per_ampere_a(**avalanche),
-            kappa_2=0.0,
-            least_threshold=0.0,
-            signal=lambda power_w: ampere_per_watt * power_w,
-            power_w=lambda signal: signal / ampere_per_watt,
-            saturation=self.saturation_a,
-            recovery_s=self.recovery_s,
-            knee=self.saturation_a,
-            noise_tail=mcintyre_tail if self.tail == "mcintyre" else None,
-            crossings_hz=mcintyre_crossings_hz if self.tail == "mcintyre" else None,
+            noise=Noise(
+                deviation=xp(variance).sqrt(variance),
+                kappa_1=apd.shot_variance_per_ampere_a(**avalanche),
+                kappa_2=0.0,
+                tail=mcintyre_tail if self.tail == "mcintyre" else None,
+                crossings_hz=mcintyre_crossings_hz if self.tail == "mcintyre" else None,
+            ),
+            response=Response(
+                signal=lambda power_w: ampere_per_watt * power_w,
+                power_w=lambda signal: signal / ampere_per_watt,
+                saturation=self.saturation_a,
+                recovery_s=self.recovery_s,
+                knee=self.saturation_a,
+            ),
         )
 
     def closed_form_range_m(

@@ -16,7 +16,7 @@ from ...maths.units import FileKey, Quantity
 from ...physics.amplifier.low_pass import LowPass
 from ...physics.electronics import counting, range_limit, sipm, sipm_response
 from .detector import Detector, MainKey, Reception, Wave
-from .working_point import CellMemory, Filtered, WorkingPoint, least_count
+from .working_point import CellCounts, CellMemory, Filtered, Noise, Response, WorkingPoint, least_count
 
 _STEPS = 24
 """Fewest steps of a course in a dead time."""
@@ -140,17 +140,14 @@ class Sipm(Detector):
             )
 
         return WorkingPoint(
-            noise=xp(variance).sqrt(variance),
-            kappa_1=kappa_1,
-            kappa_2=kappa_2,
-            crossings_hz=crossings_hz,
+            noise=Noise(
+                deviation=xp(variance).sqrt(variance), kappa_1=kappa_1, kappa_2=kappa_2, crossings_hz=crossings_hz
+            ),
+            response=Response(
+                signal=signal, power_w=power_w, knee=sipm.MOST_TELLING_SHARE * free_cells, largest=free_cells - 0.5
+            ),
+            counts=CellCounts(cells=self.cells, busy=self.cells - free_cells) if self.counts_whole_cells else None,
             least_threshold=self.cell_floor,
-            signal=signal,
-            power_w=power_w,
-            cells=self.cells if self.counting == "binomial" else None,
-            busy=self.cells - free_cells,
-            knee=sipm.MOST_TELLING_SHARE * free_cells,
-            largest=free_cells - 0.5,
             memory=memory,
         )
 

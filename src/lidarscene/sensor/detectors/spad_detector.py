@@ -24,7 +24,7 @@ from ...physics.optics import pulse, radiometry
 from ...physics.photon_counting import dead_time, matched_filter, pile_up
 from ..histogram import Histogram
 from .detector import Detector, MainKey, Reception
-from .working_point import WorkingPoint
+from .working_point import Noise, Response, ThresholdLaw, WorkingPoint
 
 _INVERSIONS = 40
 """Bisections of the response with coincidence: from 1e-9 to 1e4 detections, to 1e-8 of their logarithm."""
@@ -336,15 +336,17 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
 
     background = ops.sqrt(rate * ambient_s)
     return WorkingPoint(
-        noise=ops.sqrt(variance),
-        kappa_1=own_variance,
-        kappa_2=kappa_2,
-        least_threshold=0.0,
-        level=histogram.threshold_floor + histogram.threshold_slope * background,
-        signal=lambda power_w: pixel.counts(pixel.detections(power_w)),
-        power_w=pixel.power_w,
-        largest=None if pixel.corrected else most_counts * _LARGEST_SHARE,
-        noise_tail=false_peak,
-        echo_tail=echo_probability,
-        beyond_law=beyond_law,
+        noise=Noise(
+            deviation=ops.sqrt(variance),
+            kappa_1=own_variance,
+            kappa_2=kappa_2,
+            tail=false_peak,
+            echo_tail=echo_probability,
+        ),
+        response=Response(
+            signal=lambda power_w: pixel.counts(pixel.detections(power_w)),
+            power_w=pixel.power_w,
+            largest=None if pixel.corrected else most_counts * _LARGEST_SHARE,
+        ),
+        law=ThresholdLaw(level=histogram.threshold_floor + histogram.threshold_slope * background, beyond=beyond_law),
     )

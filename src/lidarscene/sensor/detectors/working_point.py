@@ -45,60 +45,32 @@ class Filtered:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WorkingPoint:
-    """A detector under one background, per pulse.
+class Noise:
+    """Noise of the signal, without echo and on its edge.
 
-    noise             sigma_0, standard deviation without echo: root of (18), or of (25) + (26)
+    deviation         sigma_0, standard deviation without echo: root of (18), or of (25) + (26)
     kappa_1, kappa_2  sigma(s)^2 = sigma_0^2 + kappa_1 s + kappa_2 s^2 at signal level s
-    least_threshold   lowest threshold that can be set: one cell of a SiPM, 0 of an APD
-    signal            optical peak power [W] to peak signal
-    power_w           signal to the optical power that makes it
-    cells, busy       cells of a SiPM that counts them exactly, and those busy; None where the noise is Gaussian
-    saturation        signal at which the amplifier clips; None: nowhere
-    recovery_s        time constant with which a clipped pulse drains; None: at once
-    knee              amplitude above which a pulse's width gives its power better than its height; None: no such one
-    largest           amplitude above which the height no longer depends on the power; None: no such one
-    crossings_hz      threshold and bandwidth to crossings a second where Rice's formula for Gaussian noise does not
-                      hold; None where it does
-    unfiltered        the same before a matched filter; None without one
-    noise_tail        threshold to P_f where (9) does not hold: McIntyre's for an APD, that of a filter over counted
+    tail              threshold to P_f where (9) does not hold: McIntyre's for an APD, that of a filter over counted
                       photons; None for (9)
     echo_tail         threshold and signal to P_d where counts are not Gaussian; None: they are, or cells are counted
-    level             threshold that follows the background by a law of its own; None: the converter sets it
-    beyond_law        (threshold, signal) -> signal that an echo without neighbours needs above the threshold, and the
-                      standard deviation of the threshold (None: sharp); None: neighbours play no part
-    memory            memory of a SiPM whose cells are followed in time; None: earlier echoes leave no trace
-    calibrated        point for which the sensor is calibrated, without residues of earlier echoes; None: this one
+    crossings_hz      threshold and bandwidth to crossings a second where Rice's formula for Gaussian noise does not
+                      hold; None where it does
     """
 
-    noise: Lanes
+    deviation: Lanes
     kappa_1: Lanes
     kappa_2: Lanes
-    least_threshold: Lanes
-    signal: Callable[[Lanes], Lanes]
-    power_w: Callable[[Lanes], Lanes]
-    cells: Lanes | None = None
-    busy: Lanes | None = None
-    saturation: Lanes | None = None
-    recovery_s: Lanes | None = None
-    knee: Lanes | None = None
-    largest: Lanes | None = None
-    noise_tail: Callable[[Lanes], Lanes] | None = None
-    crossings_hz: Callable[[Lanes, Lanes], Lanes] | None = None
+    tail: Callable[[Lanes], Lanes] | None = None
     echo_tail: Callable[[Lanes, Lanes], Lanes] | None = None
-    level: Lanes | None = None
-    beyond_law: Callable[[Lanes, Lanes], tuple[Lanes, Lanes | None]] | None = None
-    unfiltered: WorkingPoint | None = None
-    memory: CellMemory | None = None
-    calibrated: WorkingPoint | None = None
+    crossings_hz: Callable[[Lanes, Lanes], Lanes] | None = None
 
-    def matched(self, noise_share: Lanes) -> WorkingPoint:
-        """Working point behind a matched filter, which leaves the height of a lone pulse as it is (T78).
+    def matched(self, noise_share: Lanes, *, of_cells: bool) -> Noise:
+        """Noise behind a matched filter (T78); see `WorkingPoint.matched`.
 
-        noise_share  variance of white noise behind the filter over that before it
+        of_cells  whether it is that of whole cells, which a filter leaves no longer whole
         """
         ratio = xp(noise_share).sqrt(noise_share)
-        tail, crossings_hz = self.noise_tail, self.crossings_hz
+        tail, crossings_hz = self.tail, self.crossings_hz
 
         # The tail is taken at as many deviations as before. The filter adds up more electrons, so the true tail is
         # nearer to a Gaussian's.
@@ -111,42 +83,45 @@ class WorkingPoint:
             return crossings_hz(threshold / ratio, bandwidth_hz)
 
         # Behind a filter no whole cells rise and fall: Rice's rate takes the place of theirs.
-        counts_cells = self.largest is not None
         return replace(
             self,
-            noise=self.noise * ratio,
+            deviation=self.deviation * ratio,
             kappa_1=self.kappa_1 * sampling.SHOT_SHARE * noise_share,
             kappa_2=self.kappa_2 * sampling.SQUARE_SHARE * noise_share,
-            noise_tail=None if tail is None else same_multiple,
-            crossings_hz=None if crossings_hz is None or counts_cells else same_multiple_hz,
-            unfiltered=self,
+            tail=None if tail is None else same_multiple,
+            crossings_hz=None if crossings_hz is None or of_cells else same_multiple_hz,
         )
 
-    @property
-    def exact(self) -> bool:
-        """True if probabilities are those of counted cells rather than of a Gaussian."""
-        return self.cells is not None
-
-    def filtered(self, response: Filtered) -> WorkingPoint:
-        """Working point behind an amplifier that filters signal and noise; clipping comes after the filter."""
-        # Nothing but peaks passes here, so that a cell's response to light, which is not linear, comes first: what is
-        # filtered is its signal. Numbers of cells are no longer whole, and count as Gaussian.
-        cells = self.saturation is None
+    def filtered(self, by: Filtered, *, of_cells: bool) -> Noise:
+        """Noise behind an amplifier that filters; ``of_cells`` as for `matched`."""
         return replace(
             self,
-            noise=self.noise * xp(response.noise).sqrt(response.noise),
-            kappa_1=self.kappa_1 * response.echo_noise / response.peak,
-            kappa_2=self.kappa_2 * response.echo_noise / (response.peak * response.peak),
-            least_threshold=self.least_threshold * response.cell,
-            signal=lambda power_w: response.peak * self.signal(power_w),
-            power_w=lambda signal: self.power_w(signal / response.peak),
-            cells=None,
-            busy=None,
+            deviation=self.deviation * xp(by.noise).sqrt(by.noise),
+            kappa_1=self.kappa_1 * by.echo_noise / by.peak,
+            kappa_2=self.kappa_2 * by.echo_noise / (by.peak * by.peak),
             # Of cells that are no longer whole the law of their counts is void: Rice's takes its place.
-            crossings_hz=self.crossings_hz if self.largest is None else None,
-            knee=self.knee * response.peak if cells and self.knee is not None else self.knee,
-            largest=None if self.largest is None else self.largest * response.peak,
+            crossings_hz=None if of_cells else self.crossings_hz,
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Response:
+    """Light to signal and back.
+
+    signal      optical peak power [W] to peak signal
+    power_w     signal to the optical power that makes it
+    saturation  signal at which the amplifier clips; None: nowhere
+    recovery_s  time constant with which a clipped pulse drains; None: at once
+    knee        amplitude above which a pulse's width gives its power better than its height; None: no such one
+    largest     amplitude above which the height no longer depends on the power; None: no such one
+    """
+
+    signal: Callable[[Lanes], Lanes]
+    power_w: Callable[[Lanes], Lanes]
+    saturation: Lanes | None = None
+    recovery_s: Lanes | None = None
+    knee: Lanes | None = None
+    largest: Lanes | None = None
 
     def measured(self, signal: Lanes) -> Lanes:
         """Clip a peak at the amplifier's saturation level."""
@@ -190,40 +165,118 @@ class WorkingPoint:
             return probability
         return xp(threshold, probability).where(threshold < self.saturation, probability, 0.0)
 
+    def filtered(self, by: Filtered) -> Response:
+        """Response behind an amplifier that filters the signal; clipping comes after the filter."""
+        of_cells = self.saturation is None
+        return replace(
+            self,
+            signal=lambda power_w: by.peak * self.signal(power_w),
+            power_w=lambda signal: self.power_w(signal / by.peak),
+            knee=self.knee * by.peak if of_cells and self.knee is not None else self.knee,
+            largest=None if self.largest is None else self.largest * by.peak,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CellCounts:
+    """Cells of a SiPM that counts them exactly, and those that the background keeps busy."""
+
+    cells: Lanes
+    busy: Lanes
+
+    def tail(self, threshold: Lanes, signal: Lanes = 0.0) -> Lanes:
+        """Probability of a count that lies ``threshold`` or more above the mean background, with ``signal`` cells."""
+        share = (self.busy + signal) / self.cells
+        return binomial_tail(least=least_count(threshold + self.busy), trials=self.cells, probability=share)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThresholdLaw:
+    """Threshold that follows the background by a law of its own.
+
+    level   signal
+    beyond  (threshold, signal) -> signal that an echo without neighbours needs above the threshold, and the standard
+            deviation of the threshold (None: sharp)
+    """
+
+    level: Lanes
+    beyond: Callable[[Lanes, Lanes], tuple[Lanes, Lanes | None]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorkingPoint:
+    """A detector under one background, per pulse.
+
+    counts           of a SiPM that counts cells exactly; None where the noise is Gaussian
+    least_threshold  lowest threshold that can be set: one cell of a SiPM, 0 of an APD
+    law              of the threshold; None: the converter sets it
+    memory           memory of a SiPM whose cells are followed in time; None: earlier echoes leave no trace
+    unfiltered       the same before a matched filter; None without one
+    calibrated       point for which the sensor is calibrated, without residues of earlier echoes; None: this one
+    """
+
+    noise: Noise
+    response: Response
+    counts: CellCounts | None = None
+    least_threshold: Lanes = 0.0
+    law: ThresholdLaw | None = None
+    memory: CellMemory | None = None
+    unfiltered: WorkingPoint | None = None
+    calibrated: WorkingPoint | None = None
+
+    @property
+    def _of_cells(self) -> bool:
+        return self.response.largest is not None
+
+    def matched(self, noise_share: Lanes) -> WorkingPoint:
+        """Working point behind a matched filter, which leaves the height of a lone pulse as it is (T78).
+
+        noise_share  variance of white noise behind the filter over that before it
+        """
+        noise = self.noise.matched(noise_share, of_cells=self._of_cells)
+        return replace(self, noise=noise, unfiltered=self)
+
+    def filtered(self, by: Filtered) -> WorkingPoint:
+        """Working point behind an amplifier that filters signal and noise; clipping comes after the filter."""
+        # Nothing but peaks passes here, so that a cell's response to light, which is not linear, comes first: what is
+        # filtered is its signal. Numbers of cells are no longer whole, and count as Gaussian.
+        return replace(
+            self,
+            noise=self.noise.filtered(by, of_cells=self._of_cells),
+            response=self.response.filtered(by),
+            counts=None,
+            least_threshold=self.least_threshold * by.cell,
+        )
+
     def false_alarm_probability(self, threshold: Lanes) -> Lanes:
         """P_f of one comparison: (9), the exact binomial tail, or McIntyre's."""
-        if self.noise_tail is not None:
-            tail = self.noise_tail(threshold)
-        elif self.cells is None or self.busy is None:
-            tail = tdc.false_alarm_probability(threshold=threshold, noise=self.noise)
+        if self.noise.tail is not None:
+            tail = self.noise.tail(threshold)
+        elif self.counts is None:
+            tail = tdc.false_alarm_probability(threshold=threshold, noise=self.noise.deviation)
         else:
-            tail = self._tail(threshold, self.cells, self.busy, self.busy / self.cells)
-        return self.reachable(threshold, tail)
+            tail = self.counts.tail(threshold)
+        return self.response.reachable(threshold, tail)
 
     def crossing_rate_hz(self, threshold: Lanes, bandwidth_hz: Lanes) -> Lanes:
-        """Rate at which noise rises through the threshold, Hz: Rice's (T28a) or `crossings_hz`.
+        """Rate at which noise rises through the threshold, Hz: Rice's (T28a) or the noise's own.
 
         bandwidth_hz  bandwidth of an ideal low-pass whose white noise has the same mean square frequency
         """
-        if self.crossings_hz is not None:
-            rate = self.crossings_hz(threshold, bandwidth_hz)
+        if self.noise.crossings_hz is not None:
+            rate = self.noise.crossings_hz(threshold, bandwidth_hz)
         else:
-            rate = tdc.rice_rate_hz(threshold=threshold, noise=self.noise, bandwidth_hz=bandwidth_hz)
-        return self.reachable(threshold, rate)
+            rate = tdc.rice_rate_hz(threshold=threshold, noise=self.noise.deviation, bandwidth_hz=bandwidth_hz)
+        return self.response.reachable(threshold, rate)
 
     def detection_probability(self, threshold: Lanes, signal: Lanes, sigma: Lanes) -> Lanes:
         """P_d of an echo whose peak is ``signal``, with noise ``sigma`` at the peak."""
-        if self.echo_tail is not None:
-            return self.echo_tail(threshold, signal)
-        if self.cells is not None and self.busy is not None:
-            return self._tail(threshold, self.cells, self.busy, (self.busy + signal) / self.cells)
+        if self.noise.echo_tail is not None:
+            return self.noise.echo_tail(threshold, signal)
+        if self.counts is not None:
+            return self.counts.tail(threshold, signal)
         probability = tdc.detection_probability(signal=signal, threshold=threshold, noise_at_peak=sigma)
-        return self.reachable(threshold, probability)
-
-    @staticmethod
-    def _tail(threshold: Lanes, cells: Lanes, busy: Lanes, share: Lanes) -> Lanes:
-        """Probability of a count that lies ``threshold`` or more above the mean background."""
-        return binomial_tail(least=least_count(threshold + busy), trials=cells, probability=share)
+        return self.response.reachable(threshold, probability)
 
 
 def least_count(level: Lanes) -> Lanes:

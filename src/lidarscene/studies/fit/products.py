@@ -58,7 +58,7 @@ def white_m2(sensor: Sensor) -> float:
     range_m = FAR_RATIO * near_field_m(sensor)
     dim = 1e-3
     light = echoes_of_plane(sensor, Target(reflectivity=dim, illuminance_klux=0.0), np.array([range_m]))
-    photons = sensor.working_point(light.background_power_w).signal(light.peak_power_w)
+    photons = sensor.working_point(light.background_power_w).response.signal(light.peak_power_w)
     return float(np.ravel(np.asarray(photons))[0]) * range_m**2 / dim
 
 

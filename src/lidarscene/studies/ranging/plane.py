@@ -128,7 +128,7 @@ def _response(sensor: Sensor, light: Echoes) -> tuple[WorkingPoint, Numbers, Num
     """The working point, the peak signal and the comparator's level, in the shape of the light."""
     point = sensor.working_point(light.background_power_w, range_m=light.range_m)
     ones = np.ones_like(light.range_m)
-    signal, level = point.signal(light.peak_power_w) * ones, sensor.threshold(point) * ones
+    signal, level = point.response.signal(light.peak_power_w) * ones, sensor.threshold(point) * ones
     return point, np.asarray(signal), np.asarray(level)
 
 
@@ -141,7 +141,7 @@ def _ratio(signal: Numbers, level: Numbers) -> Numbers:
 def snr(sensor: Sensor, target: Target, range_m: Numbers | float) -> Numbers:
     """(n,) signal-to-noise ratio (19) or (27) at these ranges; inf without any noise."""
     point, signal, _ = _response(sensor, echoes_of_plane(sensor, target, range_m))
-    return _ratio(signal, np.asarray(point.noise * np.ones_like(signal)))
+    return _ratio(signal, np.asarray(point.noise.deviation * np.ones_like(signal)))
 
 
 def detection_margin(sensor: Sensor, target: Target, range_m: Numbers | float) -> Numbers:
@@ -153,7 +153,9 @@ def detection_margin(sensor: Sensor, target: Target, range_m: Numbers | float) -
 def detection_probability(sensor: Sensor, target: Target, range_m: Numbers | float) -> Numbers:
     """(n,) P_d with the echo's own shot noise (13): the share that `render` keeps, apart from its window."""
     point, signal, level = _response(sensor, echoes_of_plane(sensor, target, range_m))
-    sigma = tdc.noise_at_level(level=signal, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2)
+    sigma = tdc.noise_at_level(
+        level=signal, noise=point.noise.deviation, kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2
+    )
     with np.errstate(over="ignore"):  # exp(-x^2) of a vanishing noise
         return np.asarray(point.detection_probability(level, signal, sigma))
 
@@ -236,7 +238,7 @@ def _is_noiseless(sensor: Sensor, target: Target) -> Numbers:
 def _is_saturated(sensor: Sensor, target: Target) -> Numbers:
     """True where the level is above the detector's response to any light."""
     point, _, level = _response(sensor, echoes_of_plane(sensor, target, _NEAREST_M))
-    return np.asarray(point.signal(_BLINDING_W * np.ones_like(level)) < level)
+    return np.asarray(point.response.signal(_BLINDING_W * np.ones_like(level)) < level)
 
 
 def closed_form_range_m(sensor: Sensor, target: Target) -> Any:

@@ -122,8 +122,10 @@ def margin_and_detection(sensor: Sensor, target: Target, range_m: Lanes) -> tupl
     """ln(peak / comparator's level) and P_d at a range, by the stages that render; numpy or Dr.Jit numbers."""
     light = _light(sensor, target, range_m)
     point = sensor.working_point(light.background_power_w, range_m=light.range_m)
-    signal, level = point.signal(light.peak_power_w), sensor.threshold(point)
-    sigma = tdc.noise_at_level(level=signal, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2)
+    signal, level = point.response.signal(light.peak_power_w), sensor.threshold(point)
+    sigma = tdc.noise_at_level(
+        level=signal, noise=point.noise.deviation, kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2
+    )
     ops = xp(signal, level)
     return ops.log(signal / level), point.detection_probability(level, signal, sigma)
 

@@ -88,8 +88,8 @@ def detection_curve(sensor: Sensor, target: Target, snr: Numbers, *, own_noise: 
     own_noise   False leaves out the echo's own shot noise, so that P_d = Q(TNR - SNR) for a Gaussian
     """
     point = sensor.working_point(_background_w(sensor, target))
-    signal = np.asarray(snr, dtype=np.float64) * point.noise
-    sigma = _sigma(point, signal) if own_noise else point.noise + 0.0 * signal
+    signal = np.asarray(snr, dtype=np.float64) * point.noise.deviation
+    sigma = _sigma(point, signal) if own_noise else point.noise.deviation + 0.0 * signal
     return np.asarray(point.detection_probability(sensor.threshold(point), signal, sigma))
 
 
@@ -101,7 +101,7 @@ def operating_curve(sensor: Sensor, target: Target, range_m: float, threshold_to
     light = plane.echoes_of_plane(sensor, target, range_m)
     point = tuned.working_point(light.background_power_w, range_m=light.range_m)
     threshold = tuned.threshold(point) + 0.0 * ratios  # the shape of the ratios, also where they do not matter
-    signal = point.signal(light.peak_power_w) + 0.0 * ratios
+    signal = point.response.signal(light.peak_power_w) + 0.0 * ratios
     p_detect = np.asarray(point.detection_probability(threshold, signal, _sigma(point, signal)))
     rate_hz = np.asarray(_alarms_hz(sensor, point, threshold))
     p_false = -np.expm1(-rate_hz / sensor.tdc.bandwidth_hz)  # of one comparison, as in (10)
@@ -122,7 +122,7 @@ def detection_probability(sensor: Sensor, target: Target, range_m: float) -> flo
     """P_d of the target at this range."""
     light = plane.echoes_of_plane(sensor, target, range_m)
     point = sensor.working_point(light.background_power_w, range_m=light.range_m)
-    signal = point.signal(light.peak_power_w)
+    signal = point.response.signal(light.peak_power_w)
     probability = point.detection_probability(sensor.threshold(point), signal, _sigma(point, signal))
     return float(np.ravel(probability)[0])
 
@@ -259,7 +259,11 @@ def _alarms_hz(sensor: Sensor, point: WorkingPoint, threshold: Lanes) -> Lanes:
 
 def _sigma(point: WorkingPoint, signal: Lanes) -> Numbers:
     """Noise at the peak, with the echo's own shot noise."""
-    return np.asarray(tdc.noise_at_level(level=signal, noise=point.noise, kappa_1=point.kappa_1, kappa_2=point.kappa_2))
+    return np.asarray(
+        tdc.noise_at_level(
+            level=signal, noise=point.noise.deviation, kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2
+        )
+    )
 
 
 def _webb_with_amplifier(

@@ -162,7 +162,7 @@ def test_background_scatters_ranges_and_counts_as_its_filters_have_it() -> None:
     shape = np.sum(slope**2) / np.sum(slope * np.gradient(echo, t)) ** 2 / (t[1] - t[0])
     rate = np.asarray(pixel.variance_share * pixel.count_rate_hz - without.variance_share * without.count_rate_hz)
     signal = np.asarray(
-        sensor.working_point(scene.background_w).signal(
+        sensor.working_point(scene.background_w).response.signal(
             scene.power_w * np.asarray(share(scene.range_m / near_field_m(sensor), 0.5))
         )
     )

@@ -210,7 +210,7 @@ def predict(scene: KnownScene, parameters: Mapping[str, Lanes], reflectivity: Nu
         background = background * surface
     point = sensor.working_point(background)
     pixel = sensor.pixel(background)
-    signal, level = point.signal(power), sensor.threshold(point)
+    signal, level = point.response.signal(power), sensor.threshold(point)
     # The counts' box has sloping edges, a bin wide, beyond which a little more of the echo lies.
     edge = sensor.histogram.bin_s / pixel.sigma_s  # type: ignore[union-attr]
     widening = 1.0 + edge * edge / 12.0
@@ -224,22 +224,22 @@ def predict(scene: KnownScene, parameters: Mapping[str, Lanes], reflectivity: Nu
         chance=chance,
         near_ir=rate * sensor.tdc.ambient_s,
         level=level,
-        fired=-point.kappa_2 / point.kappa_1 * signal,
+        fired=-point.noise.kappa_2 / point.noise.kappa_1 * signal,
         # Binomial: each SPAD fires once, and -kappa_2 / kappa_1 is one over how many there are.
         variance=(captured_signal + background_photons / BOX_SHARE) / BOX_SHARE
-        + (point.kappa_2 / point.kappa_1 + scene.texture**2) * captured_signal * captured_signal,
+        + (point.noise.kappa_2 / point.noise.kappa_1 + scene.texture**2) * captured_signal * captured_signal,
         sigma_m=_sigma_m(signal, pixel, floor_m),
     )
 
 
 def _chance(point: WorkingPoint, level: Lanes, signal: Lanes, texture: float) -> Lanes:
     """Probability of a return, averaged over the surfaces' texture (log-normal, mean 1)."""
-    assert point.echo_tail is not None
+    assert point.noise.echo_tail is not None
     if texture == 0.0:
-        return point.echo_tail(level, signal)
+        return point.noise.echo_tail(level, signal)
     total: Lanes = 0.0
     for node, weight in zip(*GAUSS_HERMITE, strict=True):
-        total = total + weight * point.echo_tail(level, signal * math.exp(texture * node - 0.5 * texture**2))
+        total = total + weight * point.noise.echo_tail(level, signal * math.exp(texture * node - 0.5 * texture**2))
     return total
 
 
