@@ -20,7 +20,7 @@ from pydantic_core import PydanticUndefined
 import lidarscene
 from lidarscene.cli import main
 from lidarscene.files.toml import FileModel
-from lidarscene.formats.cloud_columns import COLUMNS
+from lidarscene.formats.cloud_columns import COLUMNS, columns_of
 
 pytestmark = pytest.mark.fixed_streams
 
@@ -94,9 +94,15 @@ def test_python_blocks_run(
         assert output == block.output
 
 
+def readme_columns() -> tuple[str, str]:
+    """Names of the measured columns, and of the truth."""
+    names = [" ".join(c.name for c in columns_of(truth=truth, vectors=False)) for truth in (False, True)]
+    return names[0], names[1].removeprefix(names[0]).strip()
+
+
 def test_readme_names_the_columns() -> None:
-    told = [span for span in code_spans(README) if span.startswith(("x y z", "true_range"))]
-    assert " ".join(told).split() == [column.name for column in COLUMNS]
+    for names in readme_columns():
+        assert names in code_spans(README), "run: PYTHONPATH=src:tests python tests/docs/test_docs.py"
 
 
 def test_readme_summary(
@@ -214,7 +220,7 @@ def columns_table() -> str:
     rows = ["| name | dtype | unit | meaning | |", "|---|---|---|---|---|"]
     for c in COLUMNS:
         dtype = "float32 or float64" if c.attribute == "xyz_m" else c.dtype
-        rows.append(f"| `{c.name}` | {dtype} | {c.unit} | {c.meaning} | {'truth' if c.truth else ''} |")
+        rows.append(f"| `{c.name}` | {dtype} | {c.unit} | {c.meaning} | {c.group if c.truth else ''} |")
     return "\n".join(rows)
 
 
@@ -371,6 +377,9 @@ def refresh() -> None:
     pattern = r"<!-- columns -->\n(\|.*?\n)?\n"
     text = re.sub(pattern, lambda _: table, text_of(CONVENTIONS), flags=re.DOTALL)
     CONVENTIONS.write_text(text, encoding="utf-8")
+    measured, truth = readme_columns()
+    text = re.sub("(?<=`)x y z range [^`]*", measured, text_of(README))
+    README.write_text(re.sub("(?<=`)true_range [^`]*", truth, text), encoding="utf-8")
     for page in THEORY:
         text = text_of(page)
         for block in blocks(page, "python"):

@@ -16,7 +16,7 @@ from lidarscene.cli import main
 from lidarscene.cloud.thinning import FACTOR, MOST_POINTS
 from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.formats import e57, las, osi, ply
-from lidarscene.formats.cloud_columns import COLUMNS
+from lidarscene.formats.cloud_columns import columns_of
 from lidarscene.kernel.rays import onward, trace
 from lidarscene.labels import files
 from lidarscene.maths.motion_table import STEP_S
@@ -131,7 +131,6 @@ def test_defaults_of_render_and_batch() -> None:
 
 
 def test_counts() -> None:
-    says("architecture.md", "the kept points in {} columns", len(COLUMNS))
     kinds = {name for name, model in MODELS.items() if "type" in model.model_fields}
     scanners = [n for n in kinds if "jitter_mrad" in MODELS[n].model_fields]
     says("limits.md", "by [{} kinds](scanners.md) of mechanics", len(scanners))
@@ -190,7 +189,7 @@ def test_formats() -> None:
     shares = sorted(100.0 * share for share, _ in files.VISIBILITY)[1:]
     says("formats.md", "bins are below {}, {}, {} percent", *shares)
     says("formats.md", "`occluded` is {} from {} percent, {} from {}", 0, shares[2], 1, shares[0])
-    size = sum(np.dtype("float32" if c.attribute == "xyz_m" else c.dtype).itemsize for c in COLUMNS)
+    size = sum(np.dtype(c.dtype).itemsize for c in columns_of(truth=True, vectors=False))
     says("formats.md", "some {} bytes a point and more", 10.0 * round(size / 10.0))
 
 

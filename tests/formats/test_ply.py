@@ -19,10 +19,10 @@ from helpers.clouds import assert_same, small_cloud, small_columns
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError, OutputError
 from lidarscene.formats import cloud_description, ply
-from lidarscene.formats.cloud_columns import COLUMNS
-from lidarscene.formats.ply import write_ply
+from lidarscene.formats.cloud_columns import columns_of
+from lidarscene.formats.ply import PLY_TYPES, write_ply
 
-TYPES = {"float32": "float", "float64": "double", "int32": "int", "uint8": "uchar"}
+COLUMNS = columns_of(truth=True, vectors=False)
 
 
 def header_of(path: Path) -> list[str]:
@@ -112,9 +112,9 @@ def test_header(tmp_path: Path, dtype: Any, ascii: bool) -> None:
     assert "comment unit time s" in lines
     assert "comment class 1 car" in lines
     start = lines.index("element vertex 7")
-    position = TYPES[np.dtype(dtype).name]
+    position = PLY_TYPES[np.dtype(dtype).name]
     assert lines[start + 1 :] == [
-        f"property {position if c.name in 'xyz' else TYPES[c.dtype]} {c.name}" for c in COLUMNS
+        f"property {position if c.name in 'xyz' else PLY_TYPES[c.dtype]} {c.name}" for c in COLUMNS
     ]
 
 
@@ -122,7 +122,7 @@ def test_size_is_header_plus_points(tmp_path: Path) -> None:
     for n in (0, 5):
         write_ply(tmp_path / "a.ply", small_cloud(n))
         head = tmp_path.joinpath("a.ply").read_bytes().index(b"end_header\n") + len(b"end_header\n")
-        assert (tmp_path / "a.ply").stat().st_size == head + n * (12 + 9 * 4 + 8 + 4 + 3 + 4 * 4 + 3 + 4 + 3 * 4)
+        assert (tmp_path / "a.ply").stat().st_size == head + n * small_cloud(0).to_structured().itemsize
 
 
 @pytest.mark.parametrize("ascii", [False, True])

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from lidarscene.cloud.point_cloud import PointCloud
-from lidarscene.formats.cloud_columns import COLUMNS, MEASURED, TRUTH
+from lidarscene.formats.cloud_columns import COLUMNS, MEASURED, TRUTH, columns_of
 
 NAMES: dict[str, tuple[str, ...]] = {
     "sensor_names": ("roof", "left"),
@@ -19,7 +19,7 @@ def small_columns(n: int = 7, *, truth: bool = True, seed: int = 1) -> dict[str,
     """Arrays by attribute: every column different, with the extremes that are legal."""
     rng = np.random.default_rng(seed)
     columns: dict[str, Any] = {"xyz_m": rng.normal(0, 30, (n, 3)).astype(np.float32)}
-    for c in COLUMNS[3:]:
+    for c in columns_of(truth=True, vectors=False)[3:]:
         if c.dtype.startswith("float"):
             columns[c.attribute] = rng.random(n).astype(c.dtype)
         else:
@@ -32,15 +32,9 @@ def small_columns(n: int = 7, *, truth: bool = True, seed: int = 1) -> dict[str,
 
 def chunk_of(n: int, *, velocity: float = 0.0) -> dict[str, Any]:
     """Points of a chunk as the simulator hands them over where nothing moves and there is no glass."""
-    repeated = {
-        "sensor_index": np.broadcast_to(np.uint8(0), n),
-        "radial_velocity_m_s": np.broadcast_to(np.float32(velocity), n),
-        "interactions": np.broadcast_to(np.uint8(0), n),
-        "ghost": np.broadcast_to(np.uint8(0), n),
-        "pulse_width_s": np.broadcast_to(np.float32(0.0), n),
-        "signal": np.broadcast_to(np.float32(0.0), n),
-    }
-    return small_columns(n) | repeated
+    absent = {c.attribute: np.dtype(c.dtype).type(c.absent) for c in COLUMNS if c.absent is not None}
+    absent["radial_velocity_m_s"] = np.float32(velocity)
+    return small_columns(n) | {name: np.broadcast_to(value, n) for name, value in absent.items()}
 
 
 def small_cloud(n: int = 7, *, truth: bool = True, seed: int = 1, **changes: Any) -> PointCloud:

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from lidarscene.cloud.point_cloud import PointCloud
+from lidarscene.formats.cloud_columns import MEASURED, TRUTH
 
 BOXES = (  # low and high corner in metres, z from the sensor, 1.8 m above the road
     ((14.0, 2.0, -1.5), (18.2, 3.8, -0.3)),
@@ -53,30 +54,23 @@ def street(*, step_deg: float = 0.5, alarms: int = 20, seed: int = 3) -> PointCl
     material = np.array([0, 1, 1, 2, 2, 3, 4, 4, 5, -1])[body]
     reflectivity = np.array([0.12, 0.5, 0.08, 0.8, 0.35, 0.6, 0.0])[material]
     snr = np.where(np.isfinite(true), reflectivity * cosine * 2e6 / np.maximum(true, 1) ** 2, 0) + 5
-    columns: dict[str, Any] = {
+    columns: dict[str, Any] = dict.fromkeys((*MEASURED, *TRUTH), np.zeros(len(true))) | {
         "xyz_m": (beam * reported).T.astype(np.float32),
         "range_m": reported,
         "intensity": snr * 1e-9,
         "snr": snr,
         "pulse_width_s": 1e-8 * np.ones(len(true)),
-        "signal": np.zeros(len(true)),
         "detection_probability": 1 - np.exp(-snr / 10),
-        "ambient": np.zeros(len(true)),
         "time_s": np.arange(len(true)) * 2e-5,
         "channel": np.arange(len(true)) % 16,
         "azimuth_rad": azimuth,
         "elevation_rad": elevation,
         "return_number": np.ones(len(true)),
         "status": alarm,
-        "sensor_index": np.zeros(len(true)),
         "true_range_m": true,
         "incidence_angle_rad": np.arccos(np.clip(cosine, 0, 1)),
         "reflectivity": reflectivity,
         "sun_angle_rad": np.full(len(true), 0.5),
-        "in_shadow": np.zeros(len(true)),
-        "interactions": np.zeros(len(true)),
-        "ghost": np.zeros(len(true)),
-        "radial_velocity_m_s": np.zeros(len(true)),
         "body": body,
         "class_id": np.array([0, 1, 1, 1, 1, 2, 3, 3, 4, -1])[body],
         "material": material,

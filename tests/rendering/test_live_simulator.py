@@ -10,7 +10,7 @@ from helpers import chain, launches, panes
 from lidarscene import LiveSimulator, Simulator
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError
-from lidarscene.formats.cloud_columns import COLUMNS
+from lidarscene.formats.cloud_columns import columns_of
 from lidarscene.labels.boxes import boxes
 from lidarscene.labels.files import point_labels
 from lidarscene.maths.pose import Pose
@@ -60,7 +60,7 @@ def file(folder: Path, *, car: str, ego: str = "position_m = [0, 0, 0]", motion:
 def assert_same(cloud: PointCloud, expected: PointCloud) -> None:
     """To the last bit, metadata too."""
     assert len(cloud) == len(expected) > 500
-    for column in COLUMNS:
+    for column in columns_of(truth=True, vectors=False):
         np.testing.assert_array_equal(cloud.column(column.name), expected.column(column.name), err_msg=column.name)
     assert (cloud.metadata, cloud.body_names) == (expected.metadata, expected.body_names)
 

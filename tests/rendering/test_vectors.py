@@ -6,12 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import chain, launches, panes
+from helpers.formats import file_of, need
 from helpers.traffic import SENSOR, traffic
 
 from lidarscene import PointCloud, Simulator
 from lidarscene.cloud.deskew import deskewed
 from lidarscene.errors import InputError
-from lidarscene.formats.cloud_columns import COLUMNS, OF_VECTORS, VECTORS
+from lidarscene.formats.cloud_columns import COLUMNS, OF_VECTORS, columns_of
+from lidarscene.formats.registry import FORMATS
 from lidarscene.maths.pose import Pose, direction_from_angles
 from lidarscene.maths.trajectory import Course
 from lidarscene.scene.scene import Body, Part
@@ -151,20 +153,20 @@ def test_they_change_no_other_column_and_nothing_is_compiled_twice(options) -> N
     launches.assert_none_is_new(later, first)
     assert len(later) == len(before)
     assert not cloud.has_vectors
-    assert [c.name for c in found.columns] == [c.name for c in (*COLUMNS, *VECTORS)]
-    for column in COLUMNS:
+    assert [c.name for c in found.columns] == [c.name for c in COLUMNS]
+    for column in columns_of(truth=True, vectors=False):
         np.testing.assert_array_equal(found.column(column.name), cloud.column(column.name), err_msg=column.name)
     behind = echoes(found).select(echoes(found).interactions == 1)
     assert len(behind) > 20
     np.testing.assert_allclose(behind.normals, np.tile([-1.0, 0.0, 0.0], (len(behind), 1)), atol=1e-6)
 
 
-@pytest.mark.parametrize("suffix", ["ply", "npz", "pcd", "parquet", "las"])
-def test_files_have_them(suffix: str, tmp_path: Path) -> None:
-    pytest.importorskip({"parquet": "pyarrow", "las": "laspy"}.get(suffix, "numpy"))
+@pytest.mark.parametrize("name", [name for name, one in FORMATS.items() if one.read])
+def test_files_have_them(name: str, tmp_path: Path) -> None:
+    need(name)
     cloud = Simulator(traffic(), chain.sensor("table1-apd", *FEW), vectors=True).render(coordinates="sensor")
-    cloud.save(path := tmp_path / f"cloud.{suffix}")
-    read = PointCloud.load(path)
+    cloud.save(file_of(tmp_path, name), format=name)
+    read = PointCloud.load(file_of(tmp_path, name), format=name)
     assert read.has_vectors
     for name in OF_VECTORS:
         np.testing.assert_array_equal(getattr(read, name), getattr(cloud, name))
@@ -174,7 +176,7 @@ def test_files_have_them(suffix: str, tmp_path: Path) -> None:
 def test_a_cloud_without_points_has_the_columns() -> None:
     simulator = Simulator(chain.scene(chain.ball(at=(-9.0, 0.0, 0.0))), chain.sensor("table1-apd", *FEW), vectors=True)
     assert simulator.empty().has_vectors
-    assert {c.name for c in VECTORS} <= {c.name for c in simulator.render().columns}
+    assert set(OF_VECTORS) <= {c.attribute for c in simulator.render().columns}
     with pytest.raises(InputError, match="render with vectors=True"):
         _ = Simulator(chain.scene(chain.ball(at=(9.0, 0.0, 0.0))), chain.sensor("table1-apd")).empty().normals
     with pytest.raises(InputError, match="vectors: must be True or False"):

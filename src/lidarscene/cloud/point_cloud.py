@@ -1,7 +1,7 @@
 """Point cloud: columns of points, their meaning, and how to save, load and convert them.
 
 A frozen struct of arrays, checked once when it is made, so that every user of a PointCloud can rely on shapes, types
-and finite numbers. The table `formats.cloud_columns.COLUMNS` says what each column is.
+and finite numbers. `formats.cloud_columns.CloudColumns` declares each column.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from ..detection.outcomes import Status
 from ..errors import InputError, did_you_mean
 from ..files import facts
 from ..formats.cloud_columns import (
-    COLUMNS,
     NAMES,
     OF_VECTORS,
     SENSOR_TO_WORLD,
     STATUS_PLURALS,
     TRUTH,
-    VECTORS,
+    CloudColumns,
     Column,
     attributes,
+    columns_of,
     frame_starts_s,
     freeze_column,
     is_constant,
@@ -40,11 +40,11 @@ from .builder import CloudBuilder
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class PointCloud:
-    """The points of one frame, struct of arrays, read-only; COLUMNS has the meaning of each field.
+class PointCloud(CloudColumns):
+    """The points of one frame, struct of arrays, read-only; `CloudColumns` declares each column.
 
     xyz_m     (n, 3) float32 or float64, in the frame metadata["frame"]: "sensor" (default), "vehicle" or "world"
-    range_m   (n,) float32, c t / 2 as the sensor reports it; all others (n,) of the dtype in COLUMNS
+    range_m   (n,) float32, c t / 2 as the sensor reports it; all others (n,) of the dtype declared
     truth     true_range_m to material: all given or all None; -1 and inf mean no surface
     vectors   normal_x to velocity_z_m_s: all given or all None; they need the truth
     names     sensor_names[sensor_index], body_names[body], class_names[class_id], material_names[material]; each
@@ -58,38 +58,6 @@ class PointCloud:
     wrong shape, an integer out of range, a NaN anywhere.
     """
 
-    xyz_m: Numbers
-    range_m: Numbers
-    intensity: Numbers
-    pulse_width_s: Numbers
-    signal: Numbers
-    snr: Numbers
-    detection_probability: Numbers
-    ambient: Numbers
-    time_s: Numbers
-    channel: Numbers
-    azimuth_rad: Numbers
-    elevation_rad: Numbers
-    return_number: Numbers
-    status: Numbers
-    sensor_index: Numbers
-    true_range_m: Numbers | None = None
-    incidence_angle_rad: Numbers | None = None
-    reflectivity: Numbers | None = None
-    sun_angle_rad: Numbers | None = None
-    in_shadow: Numbers | None = None
-    interactions: Numbers | None = None
-    ghost: Numbers | None = None
-    radial_velocity_m_s: Numbers | None = None
-    body: Numbers | None = None
-    class_id: Numbers | None = None
-    material: Numbers | None = None
-    normal_x: Numbers | None = None
-    normal_y: Numbers | None = None
-    normal_z: Numbers | None = None
-    velocity_x_m_s: Numbers | None = None
-    velocity_y_m_s: Numbers | None = None
-    velocity_z_m_s: Numbers | None = None
     sensor_names: tuple[str, ...] = ()
     body_names: tuple[str, ...] = ()
     class_names: tuple[str, ...] = ()
@@ -196,8 +164,7 @@ class PointCloud:
     @property
     def columns(self) -> tuple[Column, ...]:
         """Columns of this cloud, in the order of files."""
-        columns = COLUMNS + (VECTORS if self.has_vectors else ())
-        return tuple(column for column in columns if self.has_truth or not column.truth)
+        return columns_of(truth=self.has_truth, vectors=self.has_vectors)
 
     def column(self, name: str) -> Numbers:
         """(n,) values of the column of this name, as in files: "x", "snr", "class", ..."""
@@ -276,7 +243,8 @@ class PointCloud:
         """
         if not self.has_vectors:
             return {}
-        turned = [np.einsum("...ij,...j->...i", rotation, vectors) for vectors in (self.normals, self.velocities_m_s)]
+        triples = (self._vectors("vectors", OF_VECTORS[first : first + 3]) for first in range(0, len(OF_VECTORS), 3))
+        turned = [np.einsum("...ij,...j->...i", rotation, vectors) for vectors in triples]
         return dict(zip(OF_VECTORS, np.concatenate(turned, axis=1).astype(np.float32).T, strict=True))
 
     def _vectors(self, quantity: str, names: tuple[str, ...]) -> Numbers:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
-from ..formats.cloud_columns import COLUMNS, STATUS_NAMES, Cloud
+from ..formats.cloud_columns import STATUS_NAMES, Cloud
+from ..formats.cloud_description import unit_of
 from ..maths.arrays import Numbers
 from .scales import Scale, scale_of
 
@@ -32,26 +31,6 @@ def rgb(colour: str) -> Numbers:
     return np.frombuffer(bytes.fromhex(colour[1:]), np.uint8)
 
 
-class NamedCloud(Cloud, Protocol):
-    """Cloud with names for its indices of bodies, classes, materials and sensors."""
-
-    @property
-    def body_names(self) -> tuple[str, ...]:
-        """Names of the bodies."""
-
-    @property
-    def class_names(self) -> tuple[str, ...]:
-        """Names of the bodies' classes."""
-
-    @property
-    def material_names(self) -> tuple[str, ...]:
-        """Names of the materials."""
-
-    @property
-    def sensor_names(self) -> tuple[str, ...]:
-        """Names of the sensors."""
-
-
 class Shades:
     """Colour of each point for one column, and the scale that explains it.
 
@@ -60,11 +39,10 @@ class Shades:
     scale  scale of a quantity; None for categories
     """
 
-    def __init__(self, cloud: NamedCloud, name: str, *, limits: tuple[float, float] | None = None) -> None:
+    def __init__(self, cloud: Cloud, name: str, *, limits: tuple[float, float] | None = None) -> None:
         self.name = name
         values = np.asarray(cloud.column(name))
-        units = {column.name: column.unit for column in COLUMNS}
-        unit = cloud.metadata.get(f"{name}_unit", units[name])
+        unit = unit_of(cloud, name)
         self.kinds: list[tuple[str, str]] = []
         self.scale: Scale | None = None
         if (names := _category_names(cloud, name)) is not None:
@@ -96,15 +74,14 @@ class Shades:
         return np.asarray(np.minimum(rank[inverse], len(PALETTE)), dtype=np.int64)
 
 
-def _category_names(cloud: NamedCloud, name: str) -> dict[int, str] | None:
+def _category_names(cloud: Cloud, name: str) -> dict[int, str] | None:
     """Names by value for a column of categories, None for a quantity."""
     tables = {
         "status": STATUS_NAMES,
         "in_shadow": ("lit", "in shadow"),
-        "body": cloud.body_names,
-        "sensor_index": cloud.sensor_names,
+        "interactions": ("direct", "after one", "after two", "after three"),
+        "ghost": ("in its place", "ghost"),
+        "return_number": ("none", "first", "second", "third"),
     }
-    tables |= {"class": cloud.class_names, "material": cloud.material_names}
-    tables |= {"interactions": ("direct", "after one", "after two", "after three"), "ghost": ("in its place", "ghost")}
-    tables |= {"return_number": ("none", "first", "second", "third")}
+    tables |= {column.name: getattr(cloud, column.names) for column in cloud.columns if column.names}
     return dict(enumerate(tables[name])) if name in tables else None

@@ -8,10 +8,10 @@ below clouds: writers take whatever has a `Cloud`'s columns, readers return `Fie
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from dataclasses import KW_ONLY, dataclass, replace
+from typing import Annotated, Any, Protocol, Self, get_type_hints
 
 import numpy as np
 
@@ -27,81 +27,144 @@ STATUS_NAMES = tuple(status.name.lower().replace("_", " ") for status in Status)
 """Meaning of the `status` column, by value."""
 
 
+Measured = Annotated[Numbers, "measured"]
+Truth = Annotated[Numbers | None, "truth"]
+Vectors = Annotated[Numbers | None, "vectors"]
+"""Groups of columns: every cloud has the measured ones; the others come all together, vectors only with the truth."""
+
+
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One scalar column: its name in files, the attribute of PointCloud that holds it, dtype and unit.
+    """Declaration of one scalar column: its name in files, dtype, unit and meaning.
 
-    x, y and z are the three columns of `xyz_m`, float32 or float64 as that array is.
+    dtype      one of `DTYPES`
+    attribute  field of `CloudColumns` that holds it
+    names      field with the names behind an index; index -1 has no name
+    absent     value in clouds of sensors or worlds that lack the quantity; None if all have it
+    group      "measured", "truth" or "vectors", from the type of the field
     """
 
     name: str
-    attribute: str
     dtype: str
     unit: str
     meaning: str
-    truth: bool = False
+    _: KW_ONLY
+    names: str | None = None
+    absent: float | None = None
+    group: str = ""
+    attribute: str = ""
+
+    @property
+    def truth(self) -> bool:
+        """True if no real sensor could report it."""
+        return self.group != "measured"
 
 
-COLUMNS = (
-    Column("x", "xyz_m", "float32", "m", "position, forward"),
-    Column("y", "xyz_m", "float32", "m", "position, left"),
-    Column("z", "xyz_m", "float32", "m", "position, up"),
-    Column("range", "range_m", "float32", "m", "range that the sensor reports"),
-    Column("intensity", "intensity", "float32", "A, cells or photons", "peak of the echo at the comparator"),
-    Column("pulse_width", "pulse_width_s", "float32", "s", "time over the threshold, 0 if it is not measured"),
-    Column("signal", "signal", "float32", "1", "photons counted of the return, 0 if they are not counted"),
-    Column("snr", "snr", "float32", "1", "signal-to-noise ratio"),
-    Column("detection_probability", "detection_probability", "float32", "1", "probability of detection"),
-    Column("ambient", "ambient", "float32", "1", "background counts of the pulse"),
-    Column("time", "time_s", "float64", "s", "emission of the pulse, from the start of the frame"),
-    Column("channel", "channel", "int32", "1", "laser channel"),
-    Column("azimuth", "azimuth_rad", "float32", "rad", "commanded beam azimuth in the sensor frame"),
-    Column("elevation", "elevation_rad", "float32", "rad", "commanded beam elevation in the sensor frame"),
-    Column("return_number", "return_number", "uint8", "1", "return of this shot, 1 = first"),
-    Column("status", "status", "uint8", "1", "0 echo, 1 false alarm, 2 interference, 3 weather, 4 aliased"),
-    Column("sensor_index", "sensor_index", "uint8", "1", "which sensor of a rig, 0 without one"),
-    Column("true_range", "true_range_m", "float32", "m", "true range, inf without a surface", True),
-    Column("incidence_angle", "incidence_angle_rad", "float32", "rad", "angle of incidence", True),
-    Column("reflectivity", "reflectivity", "float32", "1", "diffuse reflectivity of the surface", True),
-    Column("sun_angle", "sun_angle_rad", "float32", "rad", "angle of the sun to the surface normal", True),
-    Column("in_shadow", "in_shadow", "uint8", "1", "1 where the sun does not reach", True),
-    Column("interactions", "interactions", "uint8", "1", "panes, mirrors and gaps on the way to the surface", True),
-    Column("ghost", "ghost", "uint8", "1", "1 where one mirrored it: no surface is there", True),
-    Column("radial_velocity", "radial_velocity_m_s", "float32", "m/s", "of surface and sensor apart", True),
-    Column("body", "body", "int32", "1", "body that was hit, -1 none", True),
-    Column("class", "class_id", "int32", "1", "class of that body, -1 none", True),
-    Column("material", "material", "int32", "1", "material that was hit, -1 none", True),
-)
+DTYPES = ("float32", "float64", "int8", "uint8", "int16", "uint16", "int32", "uint32")
+"""Types that every format of all columns can hold."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class CloudColumns:
+    """Arrays of a cloud. Each column is declared here alone: files, documentation and pictures follow.
+
+    xyz_m holds three columns, float32 or float64 as the array is. What may be None is the truth, or vectors: normals
+    (unit vectors on the side from which the light came) and velocities against the ground, both in the axes of x, y
+    and z and 0 without a surface.
+    """
+
+    xyz_m: Annotated[
+        Measured,
+        Column("x", "float32", "m", "position, forward"),
+        Column("y", "float32", "m", "position, left"),
+        Column("z", "float32", "m", "position, up"),
+    ]
+    range_m: Annotated[Measured, Column("range", "float32", "m", "range that the sensor reports")]
+    intensity: Annotated[
+        Measured, Column("intensity", "float32", "A, cells or photons", "peak of the echo at the comparator")
+    ]
+    pulse_width_s: Annotated[
+        Measured, Column("pulse_width", "float32", "s", "time over the threshold, 0 if it is not measured", absent=0)
+    ]
+    signal: Annotated[
+        Measured, Column("signal", "float32", "1", "photons counted of the return, 0 if they are not counted", absent=0)
+    ]
+    snr: Annotated[Measured, Column("snr", "float32", "1", "signal-to-noise ratio")]
+    detection_probability: Annotated[
+        Measured, Column("detection_probability", "float32", "1", "probability of detection")
+    ]
+    ambient: Annotated[Measured, Column("ambient", "float32", "1", "background counts of the pulse")]
+    time_s: Annotated[Measured, Column("time", "float64", "s", "emission of the pulse, from the start of the frame")]
+    channel: Annotated[Measured, Column("channel", "int32", "1", "laser channel")]
+    azimuth_rad: Annotated[Measured, Column("azimuth", "float32", "rad", "commanded beam azimuth in the sensor frame")]
+    elevation_rad: Annotated[
+        Measured, Column("elevation", "float32", "rad", "commanded beam elevation in the sensor frame")
+    ]
+    return_number: Annotated[Measured, Column("return_number", "uint8", "1", "return of this shot, 1 = first")]
+    status: Annotated[
+        Measured, Column("status", "uint8", "1", "0 echo, 1 false alarm, 2 interference, 3 weather, 4 aliased")
+    ]
+    sensor_index: Annotated[
+        Measured,
+        Column("sensor_index", "uint8", "1", "which sensor of a rig, 0 without one", names="sensor_names", absent=0),
+    ]
+    true_range_m: Annotated[Truth, Column("true_range", "float32", "m", "true range, inf without a surface")] = None
+    incidence_angle_rad: Annotated[Truth, Column("incidence_angle", "float32", "rad", "angle of incidence")] = None
+    reflectivity: Annotated[Truth, Column("reflectivity", "float32", "1", "diffuse reflectivity of the surface")] = None
+    sun_angle_rad: Annotated[Truth, Column("sun_angle", "float32", "rad", "angle of the sun to the surface normal")] = (
+        None
+    )
+    in_shadow: Annotated[Truth, Column("in_shadow", "uint8", "1", "1 where the sun does not reach")] = None
+    interactions: Annotated[
+        Truth, Column("interactions", "uint8", "1", "panes, mirrors and gaps on the way to the surface", absent=0)
+    ] = None
+    ghost: Annotated[Truth, Column("ghost", "uint8", "1", "1 where one mirrored it: no surface is there", absent=0)] = (
+        None
+    )
+    radial_velocity_m_s: Annotated[
+        Truth, Column("radial_velocity", "float32", "m/s", "of surface and sensor apart", absent=0)
+    ] = None
+    body: Annotated[Truth, Column("body", "int32", "1", "body that was hit, -1 none", names="body_names")] = None
+    class_id: Annotated[Truth, Column("class", "int32", "1", "class of that body, -1 none", names="class_names")] = None
+    material: Annotated[
+        Truth, Column("material", "int32", "1", "material that was hit, -1 none", names="material_names")
+    ] = None
+    normal_x: Annotated[Vectors, Column("normal_x", "float32", "1", "normal of the surface, forward")] = None
+    normal_y: Annotated[Vectors, Column("normal_y", "float32", "1", "normal of the surface, left")] = None
+    normal_z: Annotated[Vectors, Column("normal_z", "float32", "1", "normal of the surface, up")] = None
+    velocity_x_m_s: Annotated[Vectors, Column("velocity_x", "float32", "m/s", "of the surface, forward")] = None
+    velocity_y_m_s: Annotated[Vectors, Column("velocity_y", "float32", "m/s", "of the surface, left")] = None
+    velocity_z_m_s: Annotated[Vectors, Column("velocity_z", "float32", "m/s", "of the surface, up")] = None
+
+
+def _declared_columns() -> Iterator[Column]:
+    """Yield the columns that `CloudColumns` declares."""
+    for attribute, hint in get_type_hints(CloudColumns, include_extras=True).items():
+        group, *columns = hint.__metadata__
+        yield from (replace(column, group=group, attribute=attribute) for column in columns)
+
+
+COLUMNS = tuple(_declared_columns())
 """Every column of a file, in order: the one table for files, documentation and pictures."""
 
-VECTORS = (
-    *(
-        Column(f"normal_{axis}", f"normal_{axis}", "float32", "1", f"normal of the surface, {way}", True)
-        for axis, way in (("x", "forward"), ("y", "left"), ("z", "up"))
-    ),
-    *(
-        Column(f"velocity_{axis}", f"velocity_{axis}_m_s", "float32", "m/s", f"of the surface, {way}", True)
-        for axis, way in (("x", "forward"), ("y", "left"), ("z", "up"))
-    ),
+MEASURED, TRUTH, OF_VECTORS = (
+    tuple(dict.fromkeys(column.attribute for column in COLUMNS if column.group == group))
+    for group in ("measured", "truth", "vectors")
 )
-"""Columns of clouds with vectors, which follow the others. The axes are those of x, y and z. A normal is a unit vector
-on the side from which the light came, a velocity is against the ground; both are 0 without a surface.
-"""
-
-_SCALARS = {column.attribute: column for column in COLUMNS[3:]}
-MEASURED = ("xyz_m", *(attribute for attribute, column in _SCALARS.items() if not column.truth))
-TRUTH = tuple(attribute for attribute, column in _SCALARS.items() if column.truth)
 """Attributes that every cloud has, and those that come all together or not at all."""
 
-OF_VECTORS = tuple(column.attribute for column in VECTORS)
-"""Attributes that come all together, with the truth, or not at all."""
-
-_TYPES = {attribute: column.dtype for attribute, column in _SCALARS.items()} | {
-    column.attribute: column.dtype for column in VECTORS
-}
-
-NAMES = {"sensor_index": "sensor_names", "body": "body_names", "class_id": "class_names", "material": "material_names"}
+NAMES = {column.attribute: column.names for column in COLUMNS if column.names}
 """Attribute of an index -> attribute of the names. Index -1 has no name."""
+
+
+_DTYPES = {column.attribute: column.dtype for column in COLUMNS}
+
+
+def columns_of(*, truth: bool, vectors: bool) -> tuple[Column, ...]:
+    """Columns of a file, in order; vectors need the truth."""
+    groups = ("measured", *(("truth",) if truth else ()), *(("vectors",) if truth and vectors else ()))
+    return tuple(column for column in COLUMNS if column.group in groups)
+
 
 SENSOR_TO_WORLD = "sensor_to_world"
 """Key of the metadata whose text is the pose of the sensor in the world: a (3, 4) matrix row by row."""
@@ -130,7 +193,7 @@ class Cloud(Protocol):
 
     @property
     def has_vectors(self) -> bool:
-        """True if the cloud has the columns `VECTORS`."""
+        """True if the cloud has normals and velocities."""
 
     @property
     def sensor_position_m(self) -> Numbers:
@@ -199,7 +262,7 @@ def freeze_column(attribute: str, values: Any, points: int) -> Numbers:
     """Freeze ``values`` in dtype and shape of this attribute; ValueError that names it if they do not fit."""
     array, is_position = np.asarray(values), attribute == "xyz_m"
     position_dtype = "float32" if array.dtype == np.float32 else "float64"
-    dtype = np.dtype(position_dtype if is_position else _TYPES[attribute])
+    dtype = np.dtype(position_dtype if is_position else _DTYPES[attribute])
     shape = (points, 3) if is_position else (points,)
     if array.dtype == dtype and array.shape == shape and not array.flags.writeable:
         return array  # it went through this function before

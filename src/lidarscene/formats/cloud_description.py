@@ -21,7 +21,7 @@ from ..errors import InputError, LidarSceneError, OutputError
 from ..files.atomic import atomic_output
 from ..files.inputs import require_file
 from ..maths.arrays import Numbers
-from .cloud_columns import COLUMNS, NAMES, VECTORS, Cloud, Fields
+from .cloud_columns import COLUMNS, NAMES, Cloud, Fields
 
 VERSION = 1
 NO_ROOM = 1 << 20  # bytes: a disk that has no more is full
@@ -42,8 +42,7 @@ def description(cloud: Cloud) -> str:
 
 def unit_of(cloud: Cloud, name: str) -> str:
     """Return the unit of a column; that of the intensity depends on the detector, and is in the metadata."""
-    unit = next(column.unit for column in (*COLUMNS, *VECTORS) if column.name == name)
-    return cloud.metadata.get(f"{name}_unit", unit)
+    return cloud.metadata.get(f"{name}_unit", next(column.unit for column in cloud.columns if column.name == name))
 
 
 def described_fields(columns: Mapping[str, Numbers], text: str) -> Fields:
@@ -59,10 +58,16 @@ def described_fields(columns: Mapping[str, Numbers], text: str) -> Fields:
         raise ValueError(f"columns are missing: {', '.join(missing_columns)}")
     xyz_m = np.stack([columns[name] for name in "xyz"], axis=-1).astype(content["position"], copy=False)
     attributes: dict[str, Any] = {
-        column.attribute: columns[column.name] for column in (*COLUMNS[3:], *VECTORS) if column.name in content["units"]
+        column.attribute: columns[column.name] for column in COLUMNS[3:] if column.name in content["units"]
     }
     attributes |= {attribute: tuple(content[attribute]) for attribute in NAMES.values()}
     return {"xyz_m": xyz_m, "metadata": content["metadata"], **attributes}
+
+
+def line_format(dtype: np.dtype[Any]) -> str:
+    """Format of a point as a line of text, with enough digits to be read back exactly."""
+    kinds = {"float32": "%.9g", "float64": "%.17g"}
+    return " ".join(kinds.get(dtype[name].name, "%d") for name in dtype.names or ()) + "\n"
 
 
 @contextmanager

@@ -84,11 +84,11 @@ def _columns(cloud: Cloud) -> dict[str, Numbers]:
     columns = {}
     for column in cloud.columns:
         values = cloud.column(column.name)
-        if values.dtype.kind == "i" or column.name == "return_number":
-            # The library writes C's long as 32 bits; long long is its only signed type of 64 bits.
+        if values.dtype.kind == "i" or values.dtype == np.uint32:
+            # The library has no unsigned type of 32 bits, and writes C's long as 32 bits; long long has 64.
             values = values.astype(np.longlong)
         if column.name == "return_number":
-            values = values - 1
+            values = values.astype(np.longlong) - 1
         if column.name == "channel" and len(values) and values.min() < 0:
             columns[f"{PREFIX}:channel"] = values
             continue

@@ -22,14 +22,13 @@ from ..files.optional import import_optional
 from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
 from .cloud_columns import Cloud, Fields
-from .cloud_description import LARGEST, counted_stream, described_fields, description, input_errors
+from .cloud_description import LARGEST, counted_stream, described_fields, description, input_errors, line_format
 
 FIRST_LINE = "# .PCD v0.7 - Point Cloud Data file format"
 OURS = "# lidarscene "
 LONGEST_TEXT = 800  # common readers stop at 1024 characters
 _KINDS = {"f": "F", "i": "I", "u": "U"}
 _DTYPES = {kind: dtype for dtype, kind in _KINDS.items()}
-_TEXT = {"float32": "%.9g", "float64": "%.17g"}
 BLOCK_POINTS = 1 << 16
 COUNT_DIGITS = 18
 LONGEST_RUN = 32
@@ -125,7 +124,7 @@ def _header(cloud: Cloud, *, points: int, data: str) -> bytes:
 
 def _lines(rows: Numbers) -> Iterator[bytes]:
     """Yield a line of text for each point, with enough digits to be read back exactly."""
-    line = " ".join(_TEXT.get(rows.dtype[name].name, "%d") for name in rows.dtype.names or ()) + "\n"
+    line = line_format(rows.dtype)
     for row in rows.tolist():
         yield (line % row).replace("inf", repr(float(LARGEST))).encode("ascii")
 

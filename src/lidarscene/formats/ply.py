@@ -24,11 +24,10 @@ from ..errors import InputError
 from ..files.atomic import atomic_output
 from ..files.inputs import require_file
 from ..maths.arrays import Numbers
-from .cloud_columns import COLUMNS, NAMES, VECTORS, Cloud, Fields
-from .cloud_description import counted_stream, input_errors
+from .cloud_columns import COLUMNS, Cloud, Fields, columns_of
+from .cloud_description import counted_stream, input_errors, line_format, unit_of
 
 VERSION_LINE = "lidarscene 2"
-PLY_TYPES = {"float32": "float", "float64": "double", "int32": "int", "uint8": "uchar"}
 _SIZES = {
     "char": "i1",
     "uchar": "u1",
@@ -47,12 +46,15 @@ _SIZES = {
     "float32": "f4",
     "float64": "f8",
 }
+PLY_TYPES = {np.dtype(size).name: word for word, size in reversed(_SIZES.items())}
+"""Name of a numpy dtype -> the older word for it, which all readers take."""
+
 BLOCK_POINTS = 1 << 16  # a few MB: stays in the cache
 LONGEST_TEXT = 800
 LARGEST = "3.40282346e+38"
 COUNT_DIGITS = 18
 RGB = ("red", "green", "blue")
-_NAMES = {column.name: NAMES[column.attribute] for column in COLUMNS if column.attribute in NAMES}
+_NAMES = {column.name: column.names for column in COLUMNS if column.names}
 _RESERVED = ("lidarscene", "unit", "+", "room", *_NAMES)
 
 
@@ -119,7 +121,7 @@ class _Header:
 def _dtype(*, has_truth: bool, has_vectors: bool, double: bool, coloured: bool = False) -> np.dtype[Any]:
     """Structured type of a point in a file."""
     position = "float64" if double else "float32"
-    columns = [column for column in COLUMNS if has_truth or not column.truth] + list(VECTORS if has_vectors else ())
+    columns = columns_of(truth=has_truth, vectors=has_vectors)
     pairs = ((column.name, np.dtype(position if column.attribute == "xyz_m" else column.dtype)) for column in columns)
     colours = [(name, np.dtype("u1")) for name in RGB] if coloured else []
     return np.dtype([(name, dtype.newbyteorder("<")) for name, dtype in [*pairs, *colours]])
@@ -182,8 +184,7 @@ def _header(cloud: Cloud, *, points: int, ascii: bool, coloured: bool) -> bytes:
     for key, value in cloud.metadata.items():
         lines += _comment_lines(_escape_key(key), value)
     for column in cloud.columns:
-        unit = cloud.metadata.get(f"{column.name}_unit", column.unit)
-        lines += _comment_lines(f"unit {column.name}", unit)
+        lines += _comment_lines(f"unit {column.name}", unit_of(cloud, column.name))
     for word, attribute in _NAMES.items():
         for index, name in enumerate(getattr(cloud, attribute)):
             lines += _comment_lines(f"{word} {index}", name)
@@ -214,9 +215,7 @@ def _escape_key(key: str) -> str:
 
 def _as_text(points: Numbers) -> bytes:
     """Format points as lines of text with enough digits to be read back exactly."""
-    kinds = {"float32": "%.9g", "float64": "%.17g", "int32": "%d", "uint8": "%d"}
-    names = points.dtype.names or ()
-    line = " ".join(kinds[points.dtype[name].name] for name in names) + "\n"
+    names, line = points.dtype.names or (), line_format(points.dtype)
     text = "".join(line % row for row in zip(*(points[name].tolist() for name in names), strict=True))
     return text.replace("inf", LARGEST).encode("ascii")
 
@@ -320,7 +319,7 @@ def _text_blocks(file: IO[bytes], header: _Header) -> Iterator[Numbers]:
 def _gather_fields(blocks: Iterator[Numbers], header: _Header, most: int) -> Fields:
     """Return the fields of the cloud in these blocks; ``most`` is the number of points that the file has room for."""
     names_in_file = header.dtype.names or ()
-    scalars = [column for column in (*COLUMNS[3:], *VECTORS) if column.name in names_in_file]
+    scalars = [column for column in COLUMNS[3:] if column.name in names_in_file]
     rows = min(header.points, most)  # a damaged header may promise more than any memory holds
     fields: Fields = {column.attribute: np.zeros(rows, column.dtype) for column in scalars}
     fields["xyz_m"] = np.zeros((rows, 3), header.dtype["x"].newbyteorder("="))

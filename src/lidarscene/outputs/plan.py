@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ..errors import OptionError
 from ..files.atomic import require_writable
-from ..formats.cloud_columns import COLUMNS
+from ..formats.cloud_columns import columns_of
 from ..formats.registry import FORMATS, SUFFIXES, Format
 from ..labels.files import label_paths
 from ..labels.kitti_dataset import cloud_path
@@ -104,7 +104,7 @@ class Plan:
             able = " and ".join(name for name, file_format in FORMATS.items() if file_format.text)
             raise OptionError("{ascii}: {0} can be text", able)
         if outputs.colours is not None:
-            column_names = [column.name for column in COLUMNS if outputs.truth or not column.truth]
+            column_names = [column.name for column in columns_of(truth=outputs.truth, vectors=False)]
             if outputs.colours not in column_names:
                 raise OptionError("{colours}: must be one of {0}, got {1!r}", ", ".join(column_names), outputs.colours)
             if not chosen.colour:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import OptionWarning
-from ..formats.cloud_columns import COLUMNS, VECTORS
+from ..formats.cloud_columns import columns_of
 from ..rendering.render_options import TraceOptions
 from ..sensor.rig_file import Mounted
 from .plan import Plan
@@ -40,8 +40,8 @@ def warn_of_size(plan: Plan, sensors: Sequence[Mounted], trace: TraceOptions, ch
     if pulses < LARGE:
         return
     outputs = plan.outputs
-    columns = COLUMNS + (VECTORS if trace.vectors else ())
-    point_bytes = sum(np.dtype(c.dtype).itemsize for c in columns if outputs.truth or not c.truth)
+    columns = columns_of(truth=outputs.truth, vectors=trace.vectors)
+    point_bytes = sum(np.dtype(column.dtype).itemsize for column in columns)
     cloud_bytes = [mounted.sensor.scanner.pulses * mounted.sensor.tdc.stops * point_bytes for mounted in sensors]
     copies = (2 if outputs.deskew else 1) * (BYTES_OF_TEXT if outputs.ascii else 1)
     disk = float(frames * sum(cloud_bytes) * copies)

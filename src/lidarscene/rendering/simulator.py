@@ -349,7 +349,6 @@ class Simulator:
         # The device hands on pulse numbers; times need float64, which only NumPy has here.
         pulse = columns["time_s"]
         columns["time_s"] = frame.time_s(pulse)
-        columns["sensor_index"] = np.broadcast_to(np.uint8(0), len(pulse))
         for name, default in collect.DEFAULT_VALUES.items():
             columns.setdefault(name, np.broadcast_to(default, len(pulse)))
         return pulse, columns

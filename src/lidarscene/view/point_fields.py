@@ -9,6 +9,7 @@ import numpy as np
 
 from ..cloud.point_cloud import PointCloud
 from ..formats.cloud_columns import STATUS_NAMES, Column
+from ..formats.cloud_description import unit_of
 from ..maths.arrays import Numbers
 from ..studies.budget import Budget
 from .blob import pack_blob
@@ -123,12 +124,10 @@ def _column_fields(cloud: PointCloud) -> list[tuple[Field, Numbers]]:
     for column in cloud.columns:
         if column.attribute not in (*attributes, "status"):
             continue
-        values, unit = cloud.column(column.name), cloud.metadata.get(f"{column.name}_unit", column.unit)
+        values, unit = cloud.column(column.name), unit_of(cloud, column.name)
         if unit == "rad":
             values, unit = np.degrees(values), "°"
-        field = Field(
-            column.name, _group(column), "" if unit == "1" else unit, column.meaning, _names(cloud, column.name)
-        )
+        field = Field(column.name, _group(column), "" if unit == "1" else unit, column.meaning, _names(cloud, column))
         fields.append((field, _as_blob_type(values)))
         if column.name == "true_range":
             echo = (cloud.status == 0) & np.isfinite(values)
@@ -145,17 +144,11 @@ def _group(column: Column) -> str:
     return SURFACE if column.truth else POINT
 
 
-def _names(cloud: PointCloud, name: str) -> tuple[str, ...] | None:
+def _names(cloud: PointCloud, column: Column) -> tuple[str, ...] | None:
     """Names by value of a column of categories; None for a quantity."""
-    tables = {
-        "status": STATUS_NAMES,
-        "in_shadow": ("lit", "in shadow"),
-        "sensor_index": cloud.sensor_names,
-        "body": cloud.body_names,
-        "class": cloud.class_names,
-        "material": cloud.material_names,
-    }
-    return tables.get(name)
+    if column.names:
+        return tuple(getattr(cloud, column.names))
+    return {"status": STATUS_NAMES, "in_shadow": ("lit", "in shadow")}.get(column.name)
 
 
 def _budget_fields(cloud: PointCloud, budget: Budget | None) -> list[tuple[Field, Numbers]]:

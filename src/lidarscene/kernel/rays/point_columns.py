@@ -20,7 +20,7 @@ import numpy as np
 
 from ...detection.outcomes import Outcome, Status
 from ...detection.returns import Detection
-from ...formats.cloud_columns import OF_VECTORS
+from ...formats.cloud_columns import COLUMNS, OF_VECTORS
 from ...light.beams import reported_beams
 from ...light.hits import Hits
 from ...maths.arrays import Array, Lanes, Numbers, inverse, is_drjit
@@ -31,12 +31,8 @@ from ..device.types import DeviceArray
 from ..world.mitsuba_world import World
 from .kept_lanes import interleave, more_than_one
 
-DEFAULT_VALUES: dict[str, Any] = {
-    "radial_velocity_m_s": np.float32(0.0),
-    "interactions": np.uint8(0),
-    "ghost": np.uint8(0),
-    "pulse_width_s": np.float32(0.0),
-    "signal": np.float32(0.0),
+DEFAULT_VALUES = {
+    column.attribute: np.dtype(column.dtype).type(column.absent) for column in COLUMNS if column.absent is not None
 }
 """Columns that only some worlds or sensors have, with their value in all others."""
 
