@@ -27,6 +27,7 @@ from lidarscene.studies.fit.on_scene.known_scene import KnownScene, Observations
 from lidarscene.studies.fit.on_scene.likelihood import fit_parameters
 from lidarscene.studies.fit.recorded_pulses import gather_pulses
 from lidarscene.studies.fit.recording_fit import fit_pulses
+from lidarscene.studies.held import passed
 
 UNITS = 5
 STREET = Path(__file__).parents[1] / "scenes" / "drive.toml"
@@ -39,8 +40,8 @@ def without_scene(seeds: int) -> None:
         truth = drawn_truth(unit)
         for seed in range(seeds):
             pulses = gather_pulses([drawn_sweep(truth, 1000 * unit + seed)])
-            fit = fit_pulses(pulses, recording="drawn", sensor="drawn")
-            held += fit.passed
+            fit = fit_pulses(pulses)
+            held += passed(fit.checks)
             for one in fit.estimates:
                 off.setdefault(one.key, []).append((one.value - asdict(truth)[one.key]) / one.sigma)
     told(off)

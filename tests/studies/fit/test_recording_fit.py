@@ -42,7 +42,7 @@ def test_the_truth_is_within_two_sigma() -> None:
     for unit in range(5):
         truth = drawn_truth(unit)
         pulses = gather_pulses([drawn_sweep(truth, 10 * unit)])
-        fit = fit_pulses(pulses, recording="drawn", sensor="drawn")
+        fit = fit_pulses(pulses)
         assert len(fit.estimates) == 8
         assert fit.near_field is not None
         assert fit.near_field.solved.evaluations <= MOST_EVALUATIONS
@@ -109,7 +109,7 @@ def test_sensor_file_and_page_have_what_was_found(
     )
     assert "reflectivity of all targets +1 %: laser.peak_power_w -1 %" in text
     page = (tmp_path / "report" / "index.html").read_text("utf-8")
-    for part in ("Pass or fail", "Estimates", "Correlations", "What cannot be told apart", "not fitted"):
+    for part in ("Pass or fail", "Estimates", "Correlations", "Undetermined directions", "not fitted"):
         assert part in page
     names = {one.stem for one in (tmp_path / "report").glob("*.png")}
     assert names == {"near-field", "near-field-residuals", "threshold", "scatter", "rows"}

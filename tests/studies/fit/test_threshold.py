@@ -39,9 +39,7 @@ def test_the_filter_scatters_so_much_at_one_signal() -> None:
 def test_the_spread_is_what_is_left_of_the_width() -> None:
     def of(width: float) -> Threshold:
         solved = Solution(value=np.array([1.0, -8.0, 0.0]) / width, slope=1e6 * np.eye(3), scores=np.zeros((4, 3)))
-        return Threshold(
-            solved=solved, near_ir=400.0, expected_share=np.zeros(0), kept_share=np.zeros(0), pulses=np.zeros(0)
-        )
+        return Threshold(solved=solved, near_ir=400.0, shares=np.zeros((0, 3)))
 
     own = filter_variance(SENSOR, photons=8.0, near_ir=400.0)
     found = of(2.0).spread(SENSOR)
@@ -86,21 +84,16 @@ def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:
     np.testing.assert_allclose(fit.level(middle), expected, rtol=0.1)
     # Held-out blocks: 20 bins of the chance, as large as their law says to a few per cent.
     held_out = np.isin(np.arange(sweep.shape[1]) // 20 % 4, 3)
-    assert fit.pulses.sum() <= held_out.sum() * sweep.shape[0]
+    expected, _, pulses = fit.shares.T
+    assert pulses.sum() <= held_out.sum() * sweep.shape[0]
     # A share of n pulses scatters by sqrt(p (1 - p) / n); the mean of its absolute is 0.8 of that, the deviation 0.6.
-    scatter = np.sqrt(fit.expected_share * (1.0 - fit.expected_share) * fit.pulses) / fit.pulses.sum()
+    scatter = np.sqrt(expected * (1.0 - expected) * pulses) / pulses.sum()
     assert fit.error < 0.8 * scatter.sum() + 5.0 * 0.6 * np.linalg.norm(scatter) + 0.02
 
 
 def test_the_error_weighs_bins_by_their_pulses() -> None:
     solved = Solution(value=np.array([1.0, -8.0, 0.0]), slope=np.eye(3), scores=np.zeros((4, 3)))
-    fit = Threshold(
-        solved=solved,
-        near_ir=400.0,
-        expected_share=np.array([0.5, 0.9]),
-        kept_share=np.array([0.4, 0.9]),
-        pulses=np.array([1, 9]),
-    )
+    fit = Threshold(solved=solved, near_ir=400.0, shares=np.array([[0.5, 0.4, 1], [0.9, 0.9, 9]]))
     assert fit.error == pytest.approx(0.01)
 
 

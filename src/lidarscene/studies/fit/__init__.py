@@ -5,10 +5,10 @@ near_field            photons of a white target over the range: K, R0, sharpness
 threshold             chance of a return over SIGNAL and NEAR_IR: floor, slope, width
 scatter               scatter of the range over SIGNAL: c and floor
 row_gains             gains of the rows
-estimates             solver, Fisher matrix, block bootstrap
+estimates             Fisher matrix, block bootstrap
 products              products of a sensor file's numbers that are known, and directions that are not
 sensor_text           sensor file of the fitted unit
 recording_fit         all of these for one recording
-recording_fit_report  page, JSON, text
+fit_report            page, JSON, text
 on_scene              fit with a twin, or any known scene
 """

@@ -3,25 +3,62 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from ...errors import InputError
-from ...files.atomic import put_text
-from ...files.json_text import json_text
+from ...figures.lines import Chart, Line
+from ...figures.report import Figure, count_text
 from ...recordings.opening import open_recording
 from ...recordings.pcap_reader import metadata_of
 from ...recordings.sweep import Sweep
 from ...sensor.sensor_model import Sensor
-from ..held import passed
-from .near_field import fit_near_field
-from .products import QUANTITIES, find_products
+from ..held import Held
+from .estimates import Estimate, Solution
+from .fit_report import FitReport, check_outputs, law_figure, law_rows, share_figure, write_outputs
+from .near_field import NearField, fit_near_field
+from .products import QUANTITIES, Products, find_products
 from .recorded_pulses import RecordedPulses, gather_pulses
-from .recording_fit_report import PAGE, RecordingFit, as_dict, check_outputs, write_report
-from .row_gains import fit_rows
-from .scatter import fit_scatter
+from .row_gains import RowGains, fit_rows
+from .scatter import Scatter, fit_scatter
 from .sensor_text import base_text, fitted_text, parse_sensor
-from .threshold import fit_threshold
+from .threshold import Threshold, fit_threshold
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RecordingFit:
+    """Result of a fit without a scene; None for laws whose fields were not recorded.
+
+    spread    spread of the threshold, without what the sensor's filter adds to its width
+    products  known quantities as products of numbers of the sensor file
+    """
+
+    near_field: NearField | None = None
+    threshold: Threshold | None = None
+    scatter: Scatter | None = None
+    rows: RowGains | None = None
+    spread: Estimate | None = None
+    products: Products | None = None
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """Estimates of all laws."""
+        laws = (self.near_field, self.threshold, self.scatter)
+        estimates = [estimate for law in laws if law is not None for estimate in law.estimates]
+        return tuple(estimates if self.spread is None else [*estimates, self.spread])
+
+    @property
+    def checks(self) -> list[Held]:
+        """Comparison of each law with the held-out blocks."""
+        return law_rows(
+            None if self.near_field is None else self.near_field.error,
+            None if self.threshold is None else self.threshold.error,
+            np.zeros((0, 4)) if self.scatter is None else self.scatter.octaves,
+            missing="not recorded, or too few smooth surfaces",
+        )
 
 
 def fit_recordings(
@@ -43,54 +80,133 @@ def fit_recordings(
     base = base_text(sensor, metadata_of(recordings[0], metadata))
     where = f"--sensor {sensor}"
     base_sensor = parse_sensor(base, where)
-    pulses = _read_pulses(recordings, metadata)
-    fit = fit_pulses(pulses, recording=", ".join(path.name for path in recordings), sensor=sensor, optics=base_sensor)
-    if base_sensor.histogram is not None:
-        if fit.threshold is not None:
-            fit = replace(fit, spread=fit.threshold.spread(base_sensor))
-        known_keys = [estimate.key for estimate in fit.estimates if estimate.is_known and estimate.key in QUANTITIES]
-        fit = replace(fit, products=find_products(base_sensor, known_keys) if known_keys else None)
+    recording = ", ".join(path.name for path in recordings)
+    try:
+        pulses = gather_pulses(_read_sweeps(recordings, metadata))
+        fit = fit_pulses(pulses, base_sensor)
+    except ValueError as error:
+        raise InputError(f"{recording}: {error}") from None
     estimates = {estimate.key: estimate for estimate in fit.estimates}
-    text, notes = fitted_text(base, estimates, fit.recording, where, rows=fit.rows)
-    fit = replace(fit, notes=notes)
+    text, notes = fitted_text(base, estimates, recording, where, rows=fit.rows)
     parse_sensor(text, str(output))
-    put_text(output, text)
-    text = write_report(fit, report)
-    return json_text(as_dict(fit)) if as_json else f"{text}\nwrote {output} and {report / PAGE}", passed(fit.checks)
+    fit_report = _report(fit, pulses, recording, sensor, notes)
+    return write_outputs(fit_report, text, output, report, as_json=as_json)
 
 
-def fit_pulses(pulses: RecordedPulses, *, recording: str, sensor: str, optics: Sensor | None = None) -> RecordingFit:
-    """Fit all laws to these pulses. Raises InputError if none can be fitted.
+def _read_sweeps(recordings: Sequence[Path], metadata: Path | None) -> list[Sweep]:
+    sweeps: list[Sweep] = []
+    for path in recordings:
+        with open_recording(path, metadata) as recording:
+            sweeps += list(recording)
+    return sweeps
 
-    optics  sensor whose own near field is stretched, unless it has one lens; None: law of one lens
+
+def fit_pulses(pulses: RecordedPulses, sensor: Sensor | None = None) -> RecordingFit:
+    """Fit all laws to these pulses. Raises ValueError if none can be fitted.
+
+    sensor  sensor whose own near field is stretched, unless it has one lens; None: law of one lens
     """
     fit = RecordingFit(
-        recording=recording,
-        sensor=sensor,
-        pulses=int(pulses.recorded.sum()),
-        frames=pulses.frames,
-        near_field=fit_near_field(pulses, optics),
+        near_field=fit_near_field(pulses, sensor),
         threshold=fit_threshold(pulses),
         scatter=fit_scatter(pulses),
         rows=fit_rows(pulses),
     )
     if not fit.estimates and fit.rows is None:
-        raise InputError(
-            f"{recording}: must have SIGNAL, NEAR_IR or REFLECTIVITY of enough pulses, as Ousters record; got none. "
+        raise ValueError(
+            "must have SIGNAL, NEAR_IR or REFLECTIVITY of enough pulses, as Ousters record; got none. "
             "Without them only threshold over power could be had, and not apart from the reflectivities"
         )
-    return fit
+    if sensor is None or sensor.histogram is None:
+        return fit
+    if fit.threshold is not None:
+        fit = replace(fit, spread=fit.threshold.spread(sensor))
+    known_keys = [estimate.key for estimate in fit.estimates if estimate.is_known and estimate.key in QUANTITIES]
+    return replace(fit, products=find_products(sensor, known_keys) if known_keys else None)
 
 
-def _read_pulses(recordings: Sequence[Path], metadata: Path | None) -> RecordedPulses:
-    def sweeps() -> list[Sweep]:
-        gathered: list[Sweep] = []
-        for path in recordings:
-            with open_recording(path, metadata) as recording:
-                gathered += list(recording)
-        return gathered
+def _report(fit: RecordingFit, pulses: RecordedPulses, recording: str, sensor: str, notes: Sequence[str]) -> FitReport:
+    count = int(pulses.recorded.sum())
+    numbers: dict[str, Any] = {"recording": recording, "sensor": sensor, "pulses": count, "frames": pulses.frames}
+    if fit.rows is not None:
+        numbers["row_gains"] = {"gain": fit.rows.gain.tolist(), "sigma": fit.rows.sigma.tolist()}
+    solutions: dict[str, tuple[Sequence[str], Solution]] = {}
+    if fit.near_field is not None:
+        names = ("ln white_m2", "ln R0", "ln spot")[: len(fit.near_field.solved.value)]
+        solutions["near field"] = names, fit.near_field.solved
+    if fit.threshold is not None:
+        solutions["threshold"] = ("SIGNAL", "constant", "sqrt(NEAR_IR)"), fit.threshold.solved
+    if fit.scatter is not None:
+        solutions["scatter"] = ("c^2", "floor^2"), fit.scatter.solved
+    products = fit.products
+    return FitReport(
+        title=f"{recording}: what it says of {sensor}",
+        summary=f"{recording}: {count:,} pulses of {count_text(pulses.frames, 'frame')}. Three of four blocks of "
+        "columns were fitted, the fourth judges the fit. Sigma is that of the Fisher matrix, unless a bootstrap of the "
+        "blocks says 1.3 times as much.",
+        checks=fit.checks,
+        estimates=fit.estimates,
+        notes=notes,
+        null=() if products is None else products.null,
+        held=() if products is None else products.fixed,
+        products={} if products is None else {name: products.product(name) for name in products.quantities},
+        solutions=solutions,
+        figures=_figures(fit),
+        numbers=numbers,
+    )
 
-    try:
-        return gather_pulses(sweeps())
-    except ValueError as error:
-        raise InputError(f"{recordings[0]}: {error}") from None
+
+def _figures(fit: RecordingFit) -> list[Figure]:
+    figures = []
+    if fit.near_field is not None:
+        figures += _near_field(fit.near_field)
+    if fit.threshold is not None:
+        figures.append(share_figure("threshold", fit.threshold.shares))
+    if fit.scatter is not None:
+        figures.append(_scatter(fit.scatter))
+    if fit.rows is not None:
+        figures.append(_rows(fit.rows))
+    return figures
+
+
+def _near_field(near: NearField) -> list[Figure]:
+    law, check_law = near.law(near.range_m), near.law(near.check_range_m)
+    table = {"range_m": near.range_m, "white_m2": near.white_m2, "law": law, "sigma_of_ln": near.sigma}
+    curves = {
+        "recorded": (near.range_m, near.white_m2),
+        "not fitted": (near.check_range_m, near.check_white_m2),
+        "law": (near.range_m, law),
+    }
+    ratios = {
+        "recorded": (near.range_m, near.white_m2 / law),
+        "not fitted": (near.check_range_m, near.check_white_m2 / check_law),
+    }
+    caption = f"Photons of a white target times the square of its range. The law misses {near.misfit:.1%} (deviation)."
+    y_label = "SIGNAL R² 100 / REFLECTIVITY [photons m²]"
+    return [
+        law_figure("near-field", caption, ("range [m]", y_label), curves, table),
+        law_figure("near-field-residuals", "The same over the law.", ("range [m]", "ratio to the law"), ratios, table),
+    ]
+
+
+def _scatter(scatter: Scatter) -> Figure:
+    columns = (1e3 * sigma_m for sigma_m in (scatter.sigma_m, scatter.check_sigma_m, scatter.law(scatter.signal)))
+    curves = dict(zip(("recorded", "not fitted", "law"), columns, strict=True))
+    heads = dict(zip(("sigma_mm", "not_fitted_mm", "law_mm"), curves.values(), strict=True))
+    return law_figure(
+        "scatter",
+        "Scatter of every second pulse of a row about a parabola, on smooth surfaces.",
+        ("SIGNAL [photons]", "scatter of the range [mm]"),
+        {label: (scatter.signal, sigma_mm) for label, sigma_mm in curves.items()},
+        {"signal": scatter.signal, **heads},
+    )
+
+
+def _rows(rows: RowGains) -> Figure:
+    number = np.arange(len(rows.gain), dtype=float)
+    chart = Chart(
+        lines=(Line(label="", x=number, y=rows.gain),), x_label="row, from the top", y_label="gain of NEAR_IR"
+    )
+    caption = f"Gain of each row, +/- {rows.sigma[0]:.1%}; their spread is {rows.spread:.1%}."
+    table = list(zip(number, rows.gain, rows.sigma, strict=True))
+    return Figure("rows", chart, (("row", "gain", "sigma"), table), caption)

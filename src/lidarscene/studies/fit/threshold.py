@@ -54,15 +54,12 @@ class Threshold:
 
     solved   solution: a, b, c
     near_ir  median NEAR_IR of the pulses near the threshold
-    expected_share, found, pulses  (n,) chance by the law, share that was kept, and number, of the blocks that were not
-             fitted, by the chance
+    shares   (k, 3) chance by the law, share that was kept, and number of the held-out pulses, by the chance
     """
 
     solved: Solution
     near_ir: float
-    expected_share: Numbers
-    kept_share: Numbers
-    pulses: Numbers
+    shares: Numbers
 
     def level(self, near_ir: Numbers) -> Numbers:
         """SIGNAL at which the chance of a return is one half."""
@@ -76,7 +73,7 @@ class Threshold:
     @property
     def error(self) -> float:
         """Mean absolute difference of expected and recorded share, weighted by the number of pulses."""
-        return float(np.average(np.abs(self.expected_share - self.kept_share), weights=self.pulses))
+        return float(np.average(np.abs(self.shares[:, 0] - self.shares[:, 1]), weights=self.shares[:, 2]))
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
@@ -157,16 +154,23 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
     scores = np.column_stack([np.bincount(block, column) for column in pulse_scores.T])
     held_out = mask & ~columns
     expected = _chance(solution, _design(pulses.signal[held_out], pulses.near_ir[held_out]))
-    bin_index = np.minimum((expected * CHANCE_BINS).astype(int), CHANCE_BINS - 1)
-    counts = np.bincount(bin_index, minlength=CHANCE_BINS)
-    filled = counts > 0
     return Threshold(
         solved=Solution(value=solution, slope=_information(solution, design), scores=scores),
         near_ir=float(np.median(design[:, 2])) ** 2,
-        expected_share=np.bincount(bin_index, expected, minlength=CHANCE_BINS)[filled] / counts[filled],
-        kept_share=np.bincount(bin_index, pulses.has_return[held_out], minlength=CHANCE_BINS)[filled] / counts[filled],
-        pulses=counts[filled],
+        shares=shares_by_chance(expected, pulses.has_return[held_out], CHANCE_BINS),
     )
+
+
+def shares_by_chance(chance: Numbers, returned: Numbers, bins: int, least: int = 1) -> Numbers:
+    """(k, 3) mean chance of a return, share that returned and number of pulses, by the chance.
+
+    bins   number of bins from 0 to 1
+    least  least number of pulses in a bin
+    """
+    bin_index = np.minimum((chance * bins).astype(int), bins - 1)
+    masks = [bin_index == number for number in range(bins)]
+    rows = [(chance[mask].mean(), returned[mask].mean(), mask.sum()) for mask in masks if mask.sum() >= least]
+    return np.array(rows, float).reshape(-1, 3)
 
 
 def _on_surface(pulses: RecordedPulses) -> Numbers:

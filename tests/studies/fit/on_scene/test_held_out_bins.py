@@ -8,11 +8,11 @@ import pytest
 from helpers.drawn_scenes import published
 
 from lidarscene.studies.fit.estimates import Solution
+from lidarscene.studies.fit.fit_report import law_rows
 from lidarscene.studies.fit.on_scene.held_out_bins import LOG_SIGMA_OF_ONE, HeldOutBins, capped_scatter, judge
 from lidarscene.studies.fit.on_scene.known_scene import KnownScene, Observations, predict
 from lidarscene.studies.fit.on_scene.likelihood import MEAN_SQUARE, ParameterFit
 from lidarscene.studies.fit.on_scene.pulses_on_scene import PulsesOnScene
-from lidarscene.studies.fit.recording_fit_report import law_rows
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
 

@@ -87,7 +87,7 @@ def test_the_written_sensor_is_the_one_that_recorded(fitted: Any, made: Made) ->
     assert photons[0] == pytest.approx(photons[1], rel=0.05)
     assert "fitted with a scene: laser.peak_power_w 1." in found.sources["laser.peak_power_w"]
     page = (folder / "report" / "index.html").read_text(encoding="utf-8")
-    for part in ("Pass or fail", "Estimates", "Correlations", "What cannot be told"):
+    for part in ("Pass or fail", "Estimates", "Correlations", "Undetermined directions"):
         assert part in page
     assert {one.stem for one in (folder / "report").glob("*.png")} == {"signal", "kept", "scatter"}
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ....maths.arrays import Numbers
+from ..threshold import shares_by_chance
 from .known_scene import MOST_FIRED, STRONG_RATIO, Prediction, predict
 from .likelihood import LARGEST_SQUARE, MEAN_SQUARE, OUTLIER_SIGMAS, ParameterFit
 from .pulses_on_scene import PulsesOnScene
@@ -82,13 +83,7 @@ def _kept_shares(pulses: PulsesOnScene, prediction: Prediction) -> Numbers:
     """Expected chance, recorded share and number of the pulses not far above the threshold, by chance."""
     weak_mask = np.asarray(prediction.signal <= STRONG_RATIO * prediction.level)
     chance, returned = np.asarray(prediction.chance)[weak_mask], pulses.reported.has_return[weak_mask]
-    bin_index = np.minimum((chance * CHANCE_BINS).astype(int), CHANCE_BINS - 1)
-    rows = [
-        [float(chance[bin_index == k].mean()), float(returned[bin_index == k].mean()), int((bin_index == k).sum())]
-        for k in range(CHANCE_BINS)
-        if (bin_index == k).sum() >= LEAST_PULSES
-    ]
-    return np.array(rows).reshape(-1, 3)
+    return shares_by_chance(chance, returned, CHANCE_BINS, LEAST_PULSES)
 
 
 def capped_scatter(relative: Numbers) -> float:

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ....errors import InputError
-from ....files.atomic import put_text
-from ....files.json_text import json_text
+from ....figures.report import Figure, count_text
 from ....maths.pose import Pose
 from ....maths.special import SIGMA_PER_MAD
 from ....maths.trajectory import pose_at
@@ -20,17 +19,15 @@ from ....recordings.sweep import Sweep
 from ....scene.poses import read_poses
 from ....scene.scene_file import load_scene
 from ....sensor.sensor_model import Sensor
-from ...held import passed
 from ...twin.planes import select_columns
 from ...twin.twin_files import COLUMNS, PROVENANCE, frame_pose, read_provenance
 from ..estimates import MOST_EVALUATIONS
-from ..recording_fit_report import PAGE, check_outputs
+from ..fit_report import FitReport, check_outputs, law_figure, law_rows, share_figure, write_outputs
 from ..sensor_text import base_text, parse_sensor, scaled_text
-from .held_out_bins import judge
+from .held_out_bins import HeldOutBins, judge
 from .known_scene import LEAST_FLOOR_M, PARAMETERS, predict
 from .likelihood import ParameterFit, fit_parameters
 from .pulses_on_scene import PulsesOnScene, lay_on_scene
-from .scene_fit_report import SceneFit, as_dict, write_report
 
 REFLECTIVITY_SIGMA = 0.1
 """Prior sigma of a patch's reflectivity factor: the maker's REFLECTIVITY, which a twin has, is good to some 10 %."""
@@ -43,14 +40,31 @@ LEAST_TEXTURE = 0.01
 
 
 _TWIN_NOTE = (
-    "the scene is a twin: its light and the scale of its reflectivities are the recording's own: sun and dark counts "
-    "cannot be told, and power only with the maker's REFLECTIVITY as the scale"
+    "the scene is a twin, whose light and scale of reflectivities are the recording's own: sun and dark counts are "
+    "undetermined, and the power follows the scale of the maker's REFLECTIVITY"
 )
 _SEEN_NOTE = (
-    "the twin is made of these frames: it was told their signals, so these say nothing new of power and near field; "
-    "twin --held-out columns, or --held-out K, keeps them apart"
+    "the twin is made of these frames and has their signals, so power and near field are not tested; make the twin "
+    "with --held-out columns, or --held-out K"
 )
-_HELD_OUT_NOTE = "the twin has not seen what is fitted here (held out)"
+_HELD_OUT_NOTE = "the fitted pulses were held out of the twin"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SceneFit:
+    """Result of a fit with a scene.
+
+    pulses             number of fitted pulses, and of held-out ones
+    evaluations        number of evaluations of the likelihood, over all rounds
+    texture, strangers  as in `known_scene.KnownScene`, estimated along with the parameters
+    """
+
+    pulses: tuple[int, int]
+    parameter_fit: ParameterFit
+    held_out_bins: HeldOutBins
+    evaluations: int
+    texture: float
+    strangers: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,21 +106,12 @@ def fit_on_scene(inputs: SceneFitInputs, output: Path, report: Path, *, as_json:
     except ValueError as error:
         raise InputError(f"{recording}: {error}") from None
     fit = fit_pulses_on_scene(pulses, sensor, twin=provenance is not None)
-    fit = replace(
-        fit,
-        recording=recording,
-        scene=inputs.scene.parent.name if provenance is not None else inputs.scene.stem,
-        sensor=sensor_name if inputs.sensor is not None else sensor.name,
-        frames=len(frames),
-        notes=notes,
-    )
-    sensor_text, text_notes = scaled_text(
-        base, {estimate.key: estimate for estimate in fit.estimates}, f"{recording} on {fit.scene}", where
-    )
-    fit = replace(fit, notes=(*fit.notes, *text_notes))
-    put_text(output, sensor_text)
-    text = write_report(fit, report)
-    return json_text(as_dict(fit)) if as_json else f"{text}\nwrote {output} and {report / PAGE}", passed(fit.checks)
+    scene = inputs.scene.parent.name if provenance is not None else inputs.scene.stem
+    estimates = {estimate.key: estimate for estimate in fit.parameter_fit.estimates}
+    sensor_text, text_notes = scaled_text(base, estimates, f"{recording} on {scene}", where)
+    names = recording, scene, sensor_name if inputs.sensor is not None else sensor.name
+    fit_report = _report(fit, names, len(frames), (*notes, *text_notes))
+    return write_outputs(fit_report, sensor_text, output, report, as_json=as_json)
 
 
 def fit_pulses_on_scene(pulses: PulsesOnScene, sensor: Sensor, *, twin: bool) -> SceneFit:
@@ -117,7 +122,7 @@ def fit_pulses_on_scene(pulses: PulsesOnScene, sensor: Sensor, *, twin: bool) ->
     fitted_pulses = pulses.select(pulses.fitted)
     group = np.unique(fitted_pulses.scene.group, return_inverse=True)[1]
     fitted_pulses = replace(fitted_pulses, scene=replace(fitted_pulses.scene, group=group))
-    names = [name for name in PARAMETERS if name not in _undetermined(pulses, sensor, twin=twin)]
+    names = [name for name in PARAMETERS if name not in _absent(pulses, sensor)]
     evaluations = 0
     if twin:
         fitted_pulses = replace(fitted_pulses, scene=replace(fitted_pulses.scene, floor_m=_floor_m(fitted_pulses)))
@@ -142,10 +147,6 @@ def fit_pulses_on_scene(pulses: PulsesOnScene, sensor: Sensor, *, twin: bool) ->
     scene = replace(held_out.scene, texture=texture, strangers=strangers, floor_m=fitted_pulses.scene.floor_m)
     held_out = replace(held_out, scene=scene)
     return SceneFit(
-        recording="",
-        scene="",
-        sensor=sensor.name,
-        frames=1,
         pulses=(len(fitted_pulses.block), len(held_out.block)),
         parameter_fit=parameter_fit,
         held_out_bins=judge(held_out, parameter_fit),
@@ -155,7 +156,7 @@ def fit_pulses_on_scene(pulses: PulsesOnScene, sensor: Sensor, *, twin: bool) ->
     )
 
 
-def _undetermined(pulses: PulsesOnScene, sensor: Sensor, *, twin: bool) -> set[str]:
+def _absent(pulses: PulsesOnScene, sensor: Sensor) -> set[str]:
     """Names of parameters that the sensor does not have, or that the scene was made from."""
     names = set()
     if pulses.scene.spot_over_field is None:
@@ -241,3 +242,61 @@ def _place_frames(frames: list[tuple[Sweep, Pose | None]], path: Path) -> list[t
             )
         placed.append((sweep, pose_at(motion, time_s)))
     return placed
+
+
+def _report(fit: SceneFit, names: tuple[str, str, str], frames: int, notes: Sequence[str]) -> FitReport:
+    """Report of a fit; ``names`` are those of the recording, the scene and the sensor."""
+    recording, scene, sensor = names
+    bins, parameter_fit = fit.held_out_bins, fit.parameter_fit
+    return FitReport(
+        title=f"{recording} on {scene}: what they say of {sensor}",
+        summary=f"{recording} on {scene}: {fit.pulses[0]:,} pulses of {count_text(frames, 'frame')} were fitted; "
+        f"{fit.pulses[1]:,} of every fourth block of columns judge the fit. The light of the scene was traced once, "
+        f"the likelihood of what was kept, of signals and ranges evaluated {fit.evaluations} times. Reflectivities are "
+        f"free, patch by patch, within {REFLECTIVITY_SIGMA:.0%} of the scene's. Signals scatter by {fit.texture:.0%} "
+        "more than photons do: texture of the surfaces, and what the scene has wrong. "
+        f"{fit.strangers:.1%} of the pulses met something that is not in the scene.",
+        checks=law_rows(bins.signal_error, bins.kept_error, bins.scatter, missing="too few"),
+        estimates=parameter_fit.estimates,
+        notes=notes,
+        null=parameter_fit.null,
+        held=parameter_fit.held,
+        products={},
+        solutions={"parameters": (parameter_fit.names, parameter_fit.solved)},
+        figures=_figures(bins),
+        numbers={
+            "recording": recording,
+            "scene": scene,
+            "sensor": sensor,
+            "frames": frames,
+            "pulses": {"fitted": fit.pulses[0], "not fitted": fit.pulses[1]},
+            "evaluations": fit.evaluations,
+            "texture": fit.texture,
+            "strangers": fit.strangers,
+        },
+    )
+
+
+def _figures(bins: HeldOutBins) -> list[Figure]:
+    figures = [share_figure("kept", bins.kept_shares)] if len(bins.kept_shares) else []
+    for name, caption, axes, columns, heads in (
+        (
+            "signal",
+            "Mean signal by range, of columns that were not fitted.",
+            ("range [m]", "SIGNAL [photons]"),
+            bins.signal.T,
+            ("range_m", "recorded", "expected"),
+        ),
+        (
+            "scatter",
+            "Scatter of the range about the scene's surface, by signal.",
+            ("SIGNAL [photons]", "scatter of the range [mm]"),
+            (bins.scatter[:, :3] * [1.0, 1e3, 1e3]).T,
+            ("signal", "recorded_mm", "expected_mm"),
+        ),
+    ):
+        x, recorded, expected = columns
+        curves = {"recorded": (x, recorded), "law": (x, expected)}
+        if len(x):
+            figures.append(law_figure(name, caption, axes, curves, dict(zip(heads, columns, strict=True))))
+    return figures

@@ -8,13 +8,9 @@ import pytest
 
 from lidarscene.studies import held
 from lidarscene.studies.fit.estimates import Solution
-from lidarscene.studies.fit.recording_fit_report import RecordingFit, check_as_dict
+from lidarscene.studies.fit.fit_report import check_as_dict
+from lidarscene.studies.fit.recording_fit import RecordingFit
 from lidarscene.studies.fit.scatter import Scatter
-
-
-def fit_of(**laws: Any) -> RecordingFit:
-    given: dict[str, Any] = {"near_field": None, "threshold": None, "scatter": None, "rows": None}
-    return RecordingFit(recording="r", sensor="s", pulses=1, frames=1, **given | laws)
 
 
 @pytest.mark.parametrize(
@@ -40,15 +36,15 @@ def test_limits_of_each_law(law: str, value: Any, passed: bool) -> None:
         check_sigma_m=ratios,
         check_patches=np.full(len(ratios), 1e9),
     )
-    laws = SimpleNamespace(error=value, estimates=())
-    fit = fit_of(**{law: scatter if law == "scatter" else laws})
+    laws: Any = scatter if law == "scatter" else SimpleNamespace(error=value, estimates=())
+    fit = RecordingFit(**{law: laws})
     assert held.passed(fit.checks) is passed
     assert {check.verdict for check in fit.checks} >= {None, passed}
     assert [check_as_dict(check)["held"] for check in fit.checks].count(False) == (not passed)
 
 
 def test_of_a_recording_that_tells_nothing_nothing_fails() -> None:
-    checks = fit_of().checks
+    checks = RecordingFit().checks
     assert held.passed(checks)
     assert held.verdict(checks, "The fit") == "The fit has nothing that can be held to a limit."
     assert {check_as_dict(check)["found"] for check in checks} == {"not recorded, or too few smooth surfaces"}

@@ -1,0 +1,211 @@
+"""Report of a fit: checks, estimates, figures, correlations and undetermined directions, as page, JSON and text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ...errors import InputError
+from ...figures.lines import Chart, Line
+from ...figures.report import Figure, Report, require_writable_files
+from ...files.atomic import put_text, require_writable
+from ...files.json_text import json_text
+from ...maths.arrays import Numbers
+from ..held import LIMITS, Held, held_table, passed, value_text, verdict
+from .estimates import Estimate, Solution
+
+PAGE, NUMBERS, MARKDOWN = "index.html", "fit.json", "fit.md"
+
+STYLES: dict[str, dict[str, Any]] = {
+    "recorded": {"colour": 0},
+    "not fitted": {"colour": 2, "style": "dotted"},
+    "law": {"colour": 1, "style": "dashed"},
+}
+"""Label of a curve -> its look."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FitReport:
+    """Contents of the report.
+
+    notes      notes for the reader, without full stop: which numbers of the file stay, with the reason
+    null       a line for each direction that the recording does not determine
+    held       keys that keep the values of the file
+    products   quantity -> product of numbers of the file that it is
+    solutions  name -> parameters, and solution
+    numbers    entries of the JSON that only this kind of fit has
+    """
+
+    title: str
+    summary: str
+    checks: Sequence[Held]
+    estimates: Sequence[Estimate]
+    notes: Sequence[str]
+    null: Sequence[str]
+    held: Sequence[str]
+    products: Mapping[str, str]
+    solutions: Mapping[str, tuple[Sequence[str], Solution]]
+    figures: Sequence[Figure]
+    numbers: Mapping[str, Any]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Results as a dictionary for JSON."""
+        return {
+            **self.numbers,
+            "passed": passed(self.checks),
+            "estimates": {estimate.key: _estimate_as_dict(estimate) for estimate in self.estimates},
+            "checks": [check_as_dict(check) for check in self.checks],
+            "correlations": {
+                name: {"names": list(names), "matrix": solved.correlation.tolist()}
+                for name, (names, solved) in self.solutions.items()
+            },
+            "products": dict(self.products),
+            "not_identified": list(self.null),
+            "held": list(self.held),
+            "notes": list(self.notes),
+        }
+
+    def write(self, folder: Path) -> str:
+        """Write page, Markdown, figures with their data, and JSON; returns the text to print. Raises OutputError."""
+        report = Report(self.title, folder)
+        report.paragraph(self.summary)
+        report.heading("Pass or fail")
+        report.paragraph(verdict(self.checks, "The fit"))
+        report.table(*held_table(self.checks, reference="recorded", simulated="fitted"))
+        report.heading("Estimates")
+        report.table(
+            ("number", "value", "sigma, Fisher", "sigma, bootstrap", ""),
+            [
+                (
+                    estimate.key,
+                    f"{estimate.value:.4g} {estimate.unit}".rstrip(),
+                    f"{estimate.fisher:.2g}",
+                    f"{estimate.bootstrap:.2g}",
+                    "" if estimate.is_known else "not known",
+                )
+                for estimate in self.estimates
+            ],
+        )
+        for note in self.notes:  # a sentence of its own, which begins with a capital or with the key of a sensor file
+            report.paragraph((note if "." in note.split()[0] else note[:1].upper() + note[1:]) + ".")
+        if self.null:
+            report.heading("Undetermined directions")
+            report.paragraph(
+                "If the numbers of a line change together, nothing changes that was recorded. The first number of each "
+                "line stays as the file has it."
+            )
+            report.table(("undetermined",), [(direction,) for direction in self.null])
+        text = report.as_text()
+        if self.products:
+            report.table(("known", "product"), list(self.products.items()))
+        for number, figure in enumerate(self.figures, start=1):
+            report.figure(figure._replace(number=str(number)))
+        report.heading("Correlations")
+        for name, (names, solved) in self.solutions.items():
+            report.paragraph(name)
+            rows = zip(names, solved.correlation, strict=True)
+            report.table(("", *names), [(row_name, *(f"{value:.2f}" for value in row)) for row_name, row in rows])
+        report.write(PAGE, MARKDOWN, NUMBERS, numbers=self.as_dict())
+        return text
+
+
+def check_outputs(output: Path, folder: Path) -> None:
+    """Refuse a sensor file and a folder that cannot be written, before any work. Raises InputError, OutputError."""
+    if output.suffix.lower() != ".toml":
+        raise InputError(f"--output {output}: the name must end in .toml")
+    require_writable(output)
+    require_writable_files(folder, (PAGE, NUMBERS))
+
+
+def write_outputs(
+    report: FitReport, sensor_text: str, output: Path, folder: Path, *, as_json: bool
+) -> tuple[str, bool]:
+    """Write sensor file and report; returns the text to print and whether no check failed. Raises OutputError."""
+    put_text(output, sensor_text)
+    text = f"{report.write(folder)}\nwrote {output} and {folder / PAGE}"
+    return json_text(report.as_dict()) if as_json else text, passed(report.checks)
+
+
+def law_rows(signal_error: float | None, kept_error: float | None, octaves: Numbers, *, missing: str) -> list[Held]:
+    """Signal, share of returns and scatter of the held-out pulses beside the fitted laws.
+
+    signal_error  mean relative error of the signal over the range; None: not known
+    kept_error    mean difference of the share of returns; None: not known
+    octaves       (k, 4) signal, recorded scatter [m], fitted scatter [m], relative sigma of their ratio
+    missing       note where there is nothing to compare
+    """
+    rows = [
+        Held(quantity="signal, mean error over the range", value=signal_error, limits=LIMITS["signal error"]),
+        Held(quantity="kept and lost, mean difference", value=kept_error, limits=LIMITS["share of returns"]),
+    ]
+    # Of octaves whose true ratio is the limit one in 40 is beyond it by 2 sigma; if it is 1, fewer than one in 1000.
+    rows += [
+        Held(
+            quantity="range, scatter",
+            condition=f"signal {signal / math.sqrt(2.0):.0f} to {signal * math.sqrt(2.0):.0f}, within 2 sigma",
+            reference=1e3 * recorded_m,
+            simulated=1e3 * fitted_m,
+            value=fitted_m / recorded_m,
+            limits=LIMITS["scatter ratio"].widened(math.exp(2.0 * sigma)),
+            unit="mm",
+        )
+        for signal, recorded_m, fitted_m, sigma in octaves.tolist()
+    ] or [Held(quantity="range, scatter", limits=LIMITS["scatter ratio"])]
+    return [replace(row, note=missing) if row.value is None else row for row in rows]
+
+
+def check_as_dict(row: Held) -> dict[str, Any]:
+    """Check as a dictionary for JSON."""
+    name = f"{row.quantity}, {row.condition}" if row.condition else row.quantity
+    return {"name": name, "found": value_text(row.value) or row.note, "wanted": str(row.limits), "held": row.verdict}
+
+
+def _estimate_as_dict(estimate: Estimate) -> dict[str, Any]:
+    is_factor = estimate.unit == "times"
+    return {
+        **({"times": estimate.value} if is_factor else {"value": estimate.value, "unit": estimate.unit}),
+        "sigma": estimate.sigma,
+        "fisher": estimate.fisher,
+        "bootstrap": estimate.bootstrap,
+        "known": estimate.is_known,
+    }
+
+
+def law_figure(
+    name: str,
+    caption: str,
+    axes: tuple[str, str],
+    curves: Mapping[str, tuple[Numbers, Numbers]],
+    table: Mapping[str, Numbers],
+    **options: Any,
+) -> Figure:
+    """Figure of a law beside recorded values, on logarithmic axes.
+
+    axes     their labels
+    curves   label, as in `STYLES` -> x and y
+    table    heading -> column of the data beside the figure
+    options  further options of the chart
+    """
+    chart = Chart(
+        lines=tuple(Line(label=label, x=x, y=y, **STYLES[label]) for label, (x, y) in curves.items()),
+        x_label=axes[0],
+        y_label=axes[1],
+        **({"x_log": True, "y_log": True} | options),
+    )
+    return Figure(name, chart, (tuple(table), list(zip(*table.values(), strict=True))), caption)
+
+
+def share_figure(name: str, shares: Numbers) -> Figure:
+    """Figure of the shares of returns of held-out pulses.
+
+    shares  (k, 3) chance of a return by the law, recorded share, number of pulses
+    """
+    chance, kept, pulses = shares.T
+    table = {"chance": chance, "kept": kept, "pulses": pulses.astype(int)}
+    caption = "Share of the pulses that were not fitted that was kept, by the chance that the law gives them."
+    axes = "chance of a return, by the law", "share with a return"
+    limits = {"x_log": False, "y_log": False, "x_limits": (0.0, 1.0), "y_limits": (0.0, 1.0)}
+    return law_figure(name, caption, axes, {"recorded": (chance, kept), "law": (chance, chance)}, table, **limits)
