@@ -1,0 +1,34 @@
+"""Public names of lidarscene and where each is: imported when first asked for (`lazy_loader`)."""
+
+from ._version import __version__ as __version__
+from .cloud.deskew import deskewed as deskewed
+from .cloud.point_cloud import PointCloud as PointCloud
+from .detection.outcomes import Outcome as Outcome
+from .detection.outcomes import Status as Status
+from .errors import BackendError as BackendError
+from .errors import InputError as InputError
+from .errors import LidarSceneError as LidarSceneError
+from .errors import OutputError as OutputError
+from .labels.boxes import boxes as boxes
+from .materials.material import Material as Material
+from .maths.pose import Pose as Pose
+from .outputs.output_options import Outputs as Outputs
+from .outputs.record import record as record
+from .rendering.api import render as render
+from .rendering.api import render_frames as render_frames
+from .rendering.live_simulator import LiveSimulator as LiveSimulator
+from .rendering.render_options import FrameOptions as FrameOptions
+from .rendering.render_options import Observers as Observers
+from .rendering.render_options import TraceOptions as TraceOptions
+from .rendering.simulator import Simulator as Simulator
+from .scene.scene import Air as Air
+from .scene.scene import Body as Body
+from .scene.scene import Part as Part
+from .scene.scene import Scene as Scene
+from .scene.scene import Sky as Sky
+from .scene.scene import Sun as Sun
+from .scene.scene_file import load_scene as load_scene
+from .sensor.rig_file import Rig as Rig
+from .sensor.rig_file import load_rig as load_rig
+from .sensor.sensor_file import load_sensor as load_sensor
+from .sensor.sensor_model import Sensor as Sensor
