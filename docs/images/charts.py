@@ -191,7 +191,7 @@ def sensors() -> None:
     figure, (axes,) = dark(1, 1, height=5.0)
     names: dict[tuple[float, float], list[str]] = {}
     for name in catalog.names("sensors"):
-        _, *further_ranges = (row for row in published_values.check(name) if row.quantity == "range")
+        _, *further_ranges = (row for row in published_values.compare(name) if row.quantity == "range")
         for one in further_ranges:
             if one.reference and one.simulated:
                 place = one.reference, one.simulated

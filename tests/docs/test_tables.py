@@ -166,7 +166,7 @@ def leaf(nm: float) -> tuple[float, float]:
 
 @cache
 def checked(name: str) -> list[Held]:
-    return published_values.check(name)
+    return published_values.compare(name)
 
 
 def test_published_against_simulated() -> None:

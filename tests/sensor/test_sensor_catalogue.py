@@ -49,7 +49,7 @@ def checked(name: str) -> list[Held]:
     """With a tenth of the draws: a scatter is good to 1.6 %, and is held to a factor."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(published_values, "SHOTS", 2000)
-        return published_values.check(name)
+        return published_values.compare(name)
 
 
 def of_quantity(name: str, quantity: str) -> list[Held]:

@@ -141,7 +141,7 @@ def test_command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[
     ("simulated", "held"), [(79.0, False), (81.0, True), (124.0, True), (126.0, False), (None, False)]
 )
 def test_a_ratio_is_held_either_way(simulated: float | None, held: bool) -> None:
-    row = recorded._row("scatter", "", 100.0, simulated)
+    row = recorded._row("scatter ratio", "scatter", "", 100.0, simulated)
     assert row.verdict is held
     if simulated is not None:
         assert row.value == simulated / 100.0

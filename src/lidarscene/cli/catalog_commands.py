@@ -73,7 +73,7 @@ def catalog_text(arguments: argparse.Namespace) -> str | Answer:
     from ..outputs import run_report
 
     if arguments.kind == "check":
-        return _real_answer(arguments) if arguments.real else _check_text(arguments)
+        return _check_answer(arguments)
     for option in ("json", "real"):
         if getattr(arguments, option):
             raise InputError(f"--{option} goes with catalog check")
@@ -82,28 +82,18 @@ def catalog_text(arguments: argparse.Namespace) -> str | Answer:
     return "\n".join(run_report.catalog_text(kind) for kind in ([arguments.kind] if arguments.kind else catalog.KINDS))
 
 
-def _check_text(arguments: argparse.Namespace) -> str:
+def _check_answer(arguments: argparse.Namespace) -> Answer:
     from .. import catalog
-    from ..studies import published_values
-
-    names = [arguments.name] if arguments.name else catalog.names("sensors")
-    checks = [published_values.check(name) for name in names]
-    if arguments.json:
-        return json_text([published_values.as_dict(rows) for rows in checks], indent=2)
-    return published_values.as_text([row for rows in checks for row in rows])
-
-
-def _real_answer(arguments: argparse.Namespace) -> Answer:
-    from .. import catalog
-    from ..studies import recorded
+    from ..studies import published_values, recorded
     from ..studies.held import passed
 
+    study = recorded if arguments.real else published_values
     names = [arguments.name] if arguments.name else catalog.names("sensors")
-    rows = [row for name in names for row in recorded.compare(name)]
+    rows = [row for name in names for row in study.compare(name)]
     if not rows:
         raise InputError(f"{arguments.name}: no recording of such a sensor is known")
-    text = json_text([recorded.as_dict(row) for row in rows], indent=2) if arguments.json else ""
-    return Answer(text or recorded.as_text(rows), 0 if passed(rows) else 1)
+    text = json_text(study.as_dicts(rows), indent=2) if arguments.json else study.as_text(rows)
+    return Answer(text, 0 if passed(rows) else 1)
 
 
 def file_models() -> dict[str, Any]:

@@ -130,6 +130,17 @@ class Held:
         return {keys.get(field, field): row[field] for field in row if field in shown}
 
 
+def ratio(simulated: float | None, reference: float | None) -> float | None:
+    """Simulated over reference value; None if one of them is unknown or the reference is 0."""
+    return simulated / reference if simulated is not None and reference else None
+
+
+def relative(simulated: float | None, reference: float | None) -> float | None:
+    """Relative difference of the simulated from the reference value; None as in `ratio`."""
+    share = ratio(simulated, reference)
+    return None if share is None else share - 1.0
+
+
 def passed(rows: Sequence[Held]) -> bool:
     """True if no row misses its limits."""
     return all(row.verdict is not False for row in rows)

@@ -5,6 +5,7 @@ Sensor files hold estimates for numbers that makers do not publish. The publishe
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -18,7 +19,7 @@ from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..sensor.readout import PublishedFile, RepeatabilityFile
 from ..sensor.sensor_file import load_sensor, published_performance
 from ..sensor.sensor_model import Sensor
-from .held import Held, held_table
+from .held import Held, held_table, relative
 from .ranging import statistics
 from .ranging.plane import Target, echoes_of_plane, maximum_range_m
 
@@ -58,7 +59,7 @@ def scatter_m(sensor: Sensor, target: Target, *, range_m: float, snr: float | No
     return float(np.std(errors)) if errors.size > SHOTS // 100 else None
 
 
-def check(name: str) -> list[Held]:
+def compare(name: str) -> list[Held]:
     """Compare a catalogue sensor with its `[published]` values: ranges, the fitted one first, scatters, points.
 
     Raises InputError.
@@ -82,7 +83,7 @@ def _row(quantity: str, condition: str, published: float | None, simulated: floa
         condition=condition,
         reference=published,
         simulated=simulated,
-        value=None if published is None or simulated is None else simulated / published - 1.0,
+        value=relative(simulated, published),
         unit=unit,
     )
 
@@ -131,23 +132,26 @@ def _words(published: PublishedFile, *conditions: tuple[str, str]) -> str:
     )
 
 
-def as_dict(rows: Sequence[Held]) -> dict[str, Any]:
-    """Rows of one sensor for JSON, by quantity; null is unknown."""
-    ranges, scatters, false_points, points = (
-        [row.as_dict(reference="published", value="deviation") for row in rows if row.quantity == quantity]
-        for quantity in ("range", "scatter", "false points", "points/s")
-    )
-    name = rows[0].subject
-    published = published_performance(name)
-    return {
-        "name": name,
-        "range_m": ranges[0],
-        "also_range_m": ranges[1:],
-        "repeatability_m": scatters,
-        "false_points": false_points[0],
-        "points_per_second": points[0],
-        "source": "unknown" if published is None else published.source,
-    }
+def as_dicts(rows: Sequence[Held]) -> list[dict[str, Any]]:
+    """Each sensor's rows for JSON, by quantity; null is unknown."""
+    sensors = []
+    for name, group in itertools.groupby(rows, key=lambda row: row.subject):
+        quantities: dict[str, list[dict[str, Any]]] = {}
+        for row in group:
+            quantities.setdefault(row.quantity, []).append(row.as_dict(reference="published", value="deviation"))
+        published = published_performance(name)
+        sensors.append(
+            {
+                "name": name,
+                "range_m": quantities["range"][0],
+                "also_range_m": quantities["range"][1:],
+                "repeatability_m": quantities.get("scatter", []),
+                "false_points": quantities["false points"][0],
+                "points_per_second": quantities["points/s"][0],
+                "source": "unknown" if published is None else published.source,
+            }
+        )
+    return sensors
 
 
 def as_text(rows: Sequence[Held]) -> str:

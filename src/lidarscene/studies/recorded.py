@@ -92,7 +92,8 @@ def compare(name: str) -> list[Held]:
         for entry in (entry for entry in published.repeatability if entry.recording):
             sigma_m = repeatability(load_sensor(name), published, entry).simulated
             sigma_mm = None if sigma_m is None else 1e3 * sigma_m
-            rows.append(_row("scatter, target assumed", f"{entry.at_m:g} m", 1e3 * entry.sigma_m, sigma_mm, "mm"))
+            where, limits = f"{entry.at_m:g} m, target assumed", "scatter ratio, target assumed"
+            rows.append(_row(limits, "scatter", where, 1e3 * entry.sigma_m, sigma_mm, "mm"))
     return [replace(row, subject=name) for row in rows]
 
 
@@ -101,20 +102,31 @@ def compare_curves(curves: RecordedFile, sensor: Sensor) -> Iterator[Held]:
     range_m = np.asarray(curves.signal.range_m)
     error = np.log(white_m2(sensor, range_m) / np.asarray(curves.signal.white_m2))
     span = f"{range_m[0]:g} to {range_m[-1]:g} m"
-    yield _row("signal", f"mean of {span}", 1.0, float(np.exp(np.mean(error))))
-    yield _row("signal, spread", f"over {span}", 1.0, float(np.exp(np.mean(np.abs(error - np.mean(error))))))
+    yield _row("signal ratio", "signal", f"mean of {span}", 1.0, float(np.exp(np.mean(error))))
+    yield _row(
+        "signal ratio", "signal, spread", f"over {span}", 1.0, float(np.exp(np.mean(np.abs(error - np.mean(error)))))
+    )
     for near_ir, photons in zip(curves.threshold.near_ir, curves.threshold.photons, strict=True):
         point = sensor.working_point(background_w(sensor, near_ir))
         threshold = float(np.ravel(sensor.threshold(point))[0])
-        yield _row("threshold", f"NEAR_IR {near_ir:g}", photons, threshold, "photons")
+        yield _row("threshold ratio", "threshold", f"NEAR_IR {near_ir:g}", photons, threshold, "photons")
     for near_ir, photons in zip(curves.noise.near_ir, curves.noise.photons, strict=True):
-        yield _row("highest noise", f"NEAR_IR {near_ir:g}", photons, highest_noise(sensor, near_ir), "photons")
+        yield _row(
+            "threshold ratio",
+            "highest noise",
+            f"NEAR_IR {near_ir:g}",
+            photons,
+            highest_noise(sensor, near_ir),
+            "photons",
+        )
     scatter = curves.scatter
     for signal, near_ir, sigma_mm in zip(scatter.signal, scatter.near_ir, scatter.sigma_mm, strict=True):
-        yield _row("scatter", f"SIGNAL {signal:g}", sigma_mm, scatter_mm(sensor, signal, near_ir), "mm")
+        yield _row(
+            "scatter ratio", "scatter", f"SIGNAL {signal:g}", sigma_mm, scatter_mm(sensor, signal, near_ir), "mm"
+        )
 
 
-def _row(quantity: str, condition: str, recorded: float, simulated: float | None, unit: str = "") -> Held:
+def _row(limits: str, quantity: str, condition: str, recorded: float, simulated: float | None, unit: str = "") -> Held:
     """Row whose value is simulated over recorded; one that cannot be simulated fails."""
     return Held(
         quantity=quantity,
@@ -122,19 +134,9 @@ def _row(quantity: str, condition: str, recorded: float, simulated: float | None
         reference=recorded,
         simulated=simulated,
         value=math.nan if simulated is None else simulated / recorded,
-        limits=LIMITS[_LIMITS_OF[quantity]],
+        limits=LIMITS[limits],
         unit=unit,
     )
-
-
-_LIMITS_OF = {
-    "signal": "signal ratio",
-    "signal, spread": "signal ratio",
-    "threshold": "threshold ratio",
-    "highest noise": "threshold ratio",
-    "scatter": "scatter ratio",
-    "scatter, target assumed": "scatter ratio, target assumed",
-}
 
 
 def white_m2(sensor: Sensor, range_m: Numbers) -> Numbers:
@@ -184,10 +186,10 @@ def scatter_mm(sensor: Sensor, signal: float, near_ir: float) -> float | None:
     return None if sigma_m is None else 1e3 * sigma_m
 
 
-def as_dict(row: Held) -> dict[str, Any]:
-    """Fields for JSON."""
-    fields = row.as_dict(subject="sensor", reference="recorded", value="ratio", met="held")
-    return fields | {"most": row.limits.high}
+def as_dicts(rows: Sequence[Held]) -> list[dict[str, Any]]:
+    """Each row for JSON."""
+    words = {"subject": "sensor", "reference": "recorded", "value": "ratio", "met": "held"}
+    return [row.as_dict(**words) | {"most": row.limits.high} for row in rows]
 
 
 def as_text(rows: Sequence[Held]) -> str:

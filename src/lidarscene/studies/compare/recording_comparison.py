@@ -19,7 +19,7 @@ from ...figures.report import Report, require_writable_files
 from ...files.json_text import json_text
 from ...maths.arrays import Numbers
 from ...recordings.sweep import Sweep
-from ..held import Held, held_table, value_text
+from ..held import Held, held_table, ratio, value_text
 
 PAGE, NUMBERS = "index.html", "real.json"
 QUANTILES = (1.0, 10.0, 50.0, 90.0, 99.0, 99.9)
@@ -251,5 +251,4 @@ def _channel_rows(quantities: dict[str, Any], real_quantities: dict[str, Any]) -
 
 
 def _row(quantity: str, value: float | None, real_value: float | None) -> Held:
-    ratio = value / real_value if value is not None and real_value else None
-    return Held(quantity=quantity, reference=real_value, simulated=value, value=ratio)
+    return Held(quantity=quantity, reference=real_value, simulated=value, value=ratio(value, real_value))

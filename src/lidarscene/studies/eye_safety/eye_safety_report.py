@@ -42,18 +42,6 @@ def not_known(sensor: Sensor) -> tuple[str, ...]:
     return tuple(f"{key} is {word.group()}" for key, word in guesses if word is not None)
 
 
-_KEYS = {
-    "subject": "viewer",
-    "quantity": "name",
-    "condition": "clause",
-    "reference": "limit",
-    "simulated": "emission",
-    "value": "margin",
-    "note": "detail",
-}
-"""Field of a criterion -> its key in the JSON."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EyeSafetyReport:
     """All criteria of one sensor in one state of motion ("stationary", "scanned" or "counted").
@@ -97,6 +85,8 @@ class EyeSafetyReport:
 
     def as_dict(self) -> dict[str, Any]:
         """Fields for JSON."""
+        words = {"subject": "viewer", "quantity": "name", "condition": "clause", "note": "detail"}
+        words |= {"reference": "limit", "simulated": "emission", "value": "margin"}
         return {
             "verdict": self.verdict,
             **{key: value for key, value in asdict(self).items() if key != "criteria"},
@@ -106,7 +96,7 @@ class EyeSafetyReport:
             "limiting_viewer": self.limiting.subject,
             "margin": self.margin,
             "class_1_peak_power_w": self.class_1_peak_power_w,
-            "criteria": [criterion.as_dict(**_KEYS) for criterion in self.criteria],
+            "criteria": [criterion.as_dict(**words) for criterion in self.criteria],
         }
 
 

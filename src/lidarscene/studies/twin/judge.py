@@ -17,7 +17,7 @@ from ...maths.arrays import Numbers
 from ...maths.special import SIGMA_PER_MAD
 from ...recordings.sweep import Sweep
 from ..compare.recording_comparison import measure_ground
-from ..held import LIMITS, UNLIMITED, Held
+from ..held import LIMITS, UNLIMITED, Held, ratio, relative
 from .matched_pulses import NO_SURFACE, MatchedPulses
 from .surfels import SMOOTH
 
@@ -65,6 +65,11 @@ def bias_and_scatter(real: Numbers, simulated: Numbers) -> tuple[float, float]:
     return bias, float(np.mean(np.abs(differences - bias)))
 
 
+def _double_metric(name: str, real: Numbers, simulated: Numbers, unit: str) -> Iterator[Held]:
+    for part, value in zip(("bias", "scatter"), bias_and_scatter(real, simulated), strict=True):
+        yield Held(quantity=f"{name}, double validation metric", condition=part, value=value, unit=unit)
+
+
 def _ranges(pulses: MatchedPulses) -> Iterator[Held]:
     """Range errors against the twin's surface, where both sides have a return on a smooth surface."""
     near_surface = np.abs(pulses.range_m - pulses.true_range_m) < SAME_SURFACE_M
@@ -81,9 +86,7 @@ def _ranges(pulses: MatchedPulses) -> Iterator[Held]:
     )
     if not has_enough:
         return
-    bias, scatter = bias_and_scatter(real_mm, simulated_mm)
-    yield Held(quantity="range, double validation metric", condition="bias", value=bias, unit="mm")
-    yield Held(quantity="range, double validation metric", condition="scatter", value=scatter, unit="mm")
+    yield from _double_metric("range", real_mm, simulated_mm, "mm")
     if returns.signal is None:
         yield _scatter("all strengths", returns)
         return
@@ -104,7 +107,7 @@ def _scatter(name: str, returns: MatchedPulses) -> Held:
         condition=name,
         reference=real,
         simulated=simulated,
-        value=simulated / real if real > 0.0 else None,
+        value=ratio(simulated, real),
         limits=LIMITS["scatter ratio"],
         unit="mm",
     )
@@ -145,21 +148,15 @@ def _signals(pulses: MatchedPulses) -> Iterator[Held]:
     )
     both_mask = returned & simulated & (pulses.signal > 0.0) & (pulses.simulated_signal > 0.0)
     if both_mask.sum() >= LEAST_PULSES:
-        bias, scatter = bias_and_scatter(pulses.signal[both_mask], pulses.simulated_signal[both_mask])
-        yield Held(quantity="signal, double validation metric", condition="bias", value=bias, unit="photons")
-        yield Held(quantity="signal, double validation metric", condition="scatter", value=scatter, unit="photons")
-        logs = np.log(pulses.signal[both_mask]), np.log(pulses.simulated_signal[both_mask])
-        yield Held(quantity="signal, correlation of logarithms", value=float(np.corrcoef(*logs)[0, 1]))
+        signals = pulses.signal[both_mask], pulses.simulated_signal[both_mask]
+        yield from _double_metric("signal", *signals, "photons")
+        yield Held(quantity="signal, correlation of logarithms", value=float(np.corrcoef(*np.log(signals))[0, 1]))
 
 
 def _points(pulses: MatchedPulses) -> Iterator[Held]:
     real, simulated = int(pulses.has_return.sum()), int(pulses.has_simulated_return.sum())
     yield Held(
-        quantity="points",
-        reference=real,
-        simulated=simulated,
-        value=simulated / real - 1.0 if real else None,
-        limits=LIMITS["points"],
+        quantity="points", reference=real, simulated=simulated, value=relative(simulated, real), limits=LIMITS["points"]
     )
     rings = int(pulses.ring.max()) + 1
     of_real = np.bincount(pulses.ring[pulses.has_return], minlength=rings)
@@ -223,46 +220,40 @@ def _share(mask: Numbers) -> float | None:
 
 
 def _ground(sweep: Sweep, cloud: PointCloud) -> Iterator[Held]:
-    real = measure_ground(sweep.xyz_m[sweep.has_return])
     local = cloud.in_sensor_frame()
-    simulated = measure_ground(local.select(local.return_number <= 1).xyz_m.astype(np.float64))
-    measured = real is not None and simulated is not None
+    first = local.select(local.return_number <= 1)
+    sides = (measure_ground(xyz_m) for xyz_m in (sweep.xyz_m[sweep.has_return], first.xyz_m.astype(np.float64)))
+    real, simulated = (None if ground is None else ground[1] for ground in sides)
     yield Held(
         quantity="farthest ground, 99.9 %",
-        reference=real[1] if real else None,
-        simulated=simulated[1] if simulated else None,
-        value=simulated[1] / real[1] - 1.0 if measured and real and simulated else None,
+        reference=real,
+        simulated=simulated,
+        value=relative(simulated, real),
         limits=LIMITS["farthest ground"],
         unit="m",
     )
 
 
 def _second(pulses: MatchedPulses) -> Iterator[Held]:
-    real, simulated = (
-        pulses.gap_m[np.isfinite(pulses.gap_m)],
-        pulses.simulated_gap_m[np.isfinite(pulses.simulated_gap_m)],
-    )
-    if not len(real) and not len(simulated):
+    gaps_m = [gap_m[np.isfinite(gap_m)] for gap_m in (pulses.gap_m, pulses.simulated_gap_m)]
+    if not any(map(len, gaps_m)):
         return
-    shares = (
-        len(real) / max(int(pulses.has_return.sum()), 1),
-        len(simulated) / max(int(pulses.has_simulated_return.sum()), 1),
-    )
+    returns = (pulses.has_return, pulses.has_simulated_return)
+    real, simulated = (len(gap_m) / max(int(mask.sum()), 1) for gap_m, mask in zip(gaps_m, returns, strict=True))
     yield Held(
         quantity="second returns, share",
-        reference=shares[0],
-        simulated=shares[1],
-        value=shares[1] / shares[0] if shares[0] else None,
+        reference=real,
+        simulated=simulated,
+        value=ratio(simulated, real),
         limits=LIMITS["second returns"],
     )
-    has_enough = len(real) >= LEAST_PULSES and len(simulated) >= LEAST_PULSES
-    gaps = [float(np.percentile(gap, 1.0)) if len(gap) else None for gap in (real, simulated)]
+    real_m, simulated_m = (float(np.percentile(gap_m, 1.0)) if len(gap_m) else None for gap_m in gaps_m)
     yield Held(
         quantity="second returns, least separation",
         condition="1 %",
-        reference=gaps[0],
-        simulated=gaps[1],
+        reference=real_m,
+        simulated=simulated_m,
         unit="m",
-        value=gaps[1] / gaps[0] - 1.0 if has_enough and gaps[0] and gaps[1] else None,
+        value=relative(simulated_m, real_m) if min(map(len, gaps_m)) >= LEAST_PULSES else None,
         limits=LIMITS["second separation"],
     )

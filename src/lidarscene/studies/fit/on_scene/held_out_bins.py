@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ....maths.arrays import Numbers
+from ...twin.judge import SAME_SURFACE_M
 from ..threshold import shares_by_chance
 from .known_scene import MOST_FIRED, STRONG_RATIO, Prediction, predict
 from .likelihood import LARGEST_SQUARE, MEAN_SQUARE, OUTLIER_SIGMAS, ParameterFit
@@ -21,9 +22,6 @@ and even a simulated recording misses the law there."""
 
 LOG_SIGMA_OF_ONE = 0.75
 """Sigma of ln(`capped_scatter`), times the square root of the number of pulses."""
-
-SAME_SURFACE_M = 0.3
-"""Distance from the scene's surface beyond which a return is another one's, as in `twin.judge.SAME_SURFACE_M`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
