@@ -12,7 +12,7 @@ from pydantic import Field
 from lidarscene.errors import InputError
 from lidarscene.files.table_model import Table
 from lidarscene.files.toml import validate
-from lidarscene.maths.units import UNITS, FileKey, Quantity, SameTable, si
+from lidarscene.maths.units import SYMBOLS, UNITS, FileKey, Quantity, SameTable, si, split_unit
 from lidarscene.scene import scene_file as _scene  # noqa: F401 all tables are known once it is
 from lidarscene.sensor import sensor_file as _sensor  # noqa: F401
 
@@ -57,6 +57,14 @@ def test_units_are_those_of_the_names() -> None:
     }
 
 
+def test_a_name_is_split_from_its_unit() -> None:
+    assert split_unit("optics.aperture_radius_mm") == ("optics.aperture_radius", "mm")
+    assert split_unit("sun_irradiance_w_m2") == ("sun_irradiance", "W/m²")
+    assert split_unit("extinction_per_m") == ("extinction", "1/m")
+    assert split_unit("detector.gain") == ("detector.gain", "")
+    assert set(UNITS) | {unit for unit, _ in UNITS.values()} - {"rad_s"} <= set(SYMBOLS)
+
+
 @dataclass(frozen=True, slots=True)
 class Row:
     """Made by `create`."""
@@ -98,6 +106,22 @@ class Lamp:
     count: Annotated[int, Quantity(ge=1)] = 1
     shape: Annotated[Literal["round", "square"], FileKey(name="form")] = "round"
     inner: float = 7.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Burst:
+    shots: Annotated[int, Quantity(ge=1, whole=True)]
+    pauses: Annotated[int | None, Quantity(ge=0, whole=True)] = None
+
+
+class BurstFile(Table[Burst]):
+    """Whole numbers."""
+
+
+def test_a_whole_number_of_an_int_field_is_an_int() -> None:
+    burst = validate(BurstFile, {"shots": 3, "pauses": 2}, "file").in_si()
+    assert (type(burst.shots), type(burst.pauses)) == (int, int)
+    assert type(validate(LampFile, {"width_ns": 1.0, "cells": 4}, "file").in_si().cells) is float
 
 
 class LampFile(Table[Lamp]):

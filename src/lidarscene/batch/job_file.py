@@ -14,7 +14,8 @@ from ..files.overrides import toml_text
 from ..files.table_model import Number
 from ..files.toml import FileModel, read_toml, validate
 from ..formats.registry import FORMATS
-from ..rendering.render_options import CHUNKS, MEETINGS, RAYS, SEEDS, FrameOptions, TraceOptions
+from ..rendering.option_fields import Whole, options_of
+from ..rendering.render_options import SEEDS, FrameOptions, TraceOptions
 from ..scene.motion import EgoFile
 
 Name = Annotated[str, Field(min_length=1)]
@@ -26,8 +27,14 @@ SWEPT: JsonDict = {"additionalProperties": {"anyOf": [{"type": "array", "minItem
 MOST_FRAMES = 10_000_000
 """Most frames of one combination."""
 
-_TRACE, _FRAME = TraceOptions(), FrameOptions()
-"""Defaults of a job file."""
+
+def _key(kind: type[Any], name: str) -> Any:
+    """Key of the file that is an option: its default, its help as description, the bounds of a whole number."""
+    field, declaration = options_of(kind)[name]
+    bounds: dict[str, Any] = {}
+    if isinstance(declaration.values, Whole):
+        bounds = {"ge": declaration.values.low, "le": declaration.values.high}
+    return Field(default=field.default, description=declaration.help, **bounds)
 
 
 def _leaves(tables: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -101,9 +108,7 @@ class JobFile(FileModel):
     frames: Annotated[int, Field(ge=1, le=MOST_FRAMES)] = Field(
         default=1, description="of each combination, one after the other"
     )
-    begin_s: Annotated[float, Number(ge=-1e12, le=1e12)] = Field(
-        default=_FRAME.begin_s, description="when frame 0 begins, by the clock of the scene's motions"
-    )
+    begin_s: Annotated[float, Number(ge=-1e12, le=1e12)] = _key(FrameOptions, "begin_s")
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (0,)
     seed_count: Annotated[int, Field(ge=1, le=2**32)] | None = Field(
         default=None, description="seeds 0 to this number less one, in place of seeds"
@@ -112,15 +117,9 @@ class JobFile(FileModel):
     format: str = Field(default="ply", description="of the clouds' files", json_schema_extra={"enum": list(FORMATS)})
     coordinates: Literal["world", "vehicle", "sensor"] = "world"
     truth: bool = Field(default=True, description="false leaves the ground truth out")
-    rays: Annotated[int, Field(ge=RAYS.low, le=RAYS.high)] = Field(
-        default=_TRACE.rays, description="of each pulse, over the footprint of its beam"
-    )
-    interactions: Annotated[int, Field(ge=MEETINGS.low, le=MEETINGS.high)] = Field(
-        default=_TRACE.interactions, description="panes, mirrors and gaps that a beam may meet"
-    )
-    chunk: Annotated[int, Field(ge=CHUNKS.low, le=CHUNKS.high)] | None = Field(
-        default=None, description="rays at a time: bounds the memory, no more"
-    )
+    rays: int = _key(TraceOptions, "rays")
+    interactions: int = _key(TraceOptions, "interactions")
+    chunk: int = _key(FrameOptions, "chunk")
 
     @model_validator(mode="after")
     def _one_way(self) -> JobFile:
@@ -144,11 +143,7 @@ class JobFile(FileModel):
     def frame_options(self, seed: int, number: int) -> FrameOptions:
         """Options of the frame with this seed and number."""
         return FrameOptions(
-            seed=seed,
-            number=number,
-            begin_s=self.begin_s,
-            coordinates=self.coordinates,
-            chunk=self.chunk or _FRAME.chunk,
+            seed=seed, number=number, begin_s=self.begin_s, coordinates=self.coordinates, chunk=self.chunk
         )
 
 

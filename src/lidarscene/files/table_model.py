@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 import typing
 from collections.abc import Callable, Container, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from types import NoneType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar
 
@@ -83,6 +83,8 @@ class Table(FileModel, Generic[Target]):
             key = _annotation(hint, FileKey)
             if key is None or (only is not None and field not in only):
                 continue
+            if isinstance(key, Quantity) and _takes_int(hint.__origin__):
+                key = replace(key, whole=False)  # a whole number by its type: no float is made of it
             name = key.for_field(field)
             cls.keys[field] = (name, key)
             if name not in written and name not in cls.model_fields:
@@ -142,12 +144,17 @@ def _annotation(hint: Any, kind: type[Note]) -> Note | None:
     return next((note for note in getattr(hint, "__metadata__", ()) if isinstance(note, kind)), None)
 
 
+def _takes_int(hint: Any) -> bool:
+    """Whether int is the type of a field, or one of its types."""
+    return int in (hint, *typing.get_args(hint))
+
+
 def _type_in_file(hint: Any, key: FileKey) -> Any:
     """Type of a field in the file: one number for an array, a list for a sequence."""
     if not isinstance(key, Quantity):
         return hint
     options = typing.get_args(hint)
-    number: Any = int if key.whole or int in (hint, *options) else float
+    number: Any = int if key.whole or _takes_int(hint) else float
     if key.bounds:
         quantity = {part.name: getattr(key, part.name) for part in fields(Quantity)}
         number = Annotated[number, Number(**quantity)]

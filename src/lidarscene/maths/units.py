@@ -30,6 +30,33 @@ UNITS = {
 }
 """Units that people write, as the names of keys end: the SI unit, and the factor to it."""
 
+SYMBOLS = {unit: unit for unit in (*UNITS, "m", "s", "rad", "klux")} | {
+    "um": "µm",
+    "us": "µs",
+    "hz": "Hz",
+    "khz": "kHz",
+    "mhz": "MHz",
+    "a": "A",
+    "na": "nA",
+    "ua": "µA",
+    "deg": "°",
+    "deg_s": "°/s",
+    "w": "W",
+    "w_m2": "W/m²",
+    "m2": "m²",
+    "per_m": "1/m",
+    "ohm": "Ω",
+    "k": "K",
+}
+"""Units as names of keys and fields end -> as charts and tables write them."""
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """Split the unit off the name of a key or field: "laser.pulse_fwhm_us" -> ("laser.pulse_fwhm", "µs")."""
+    unit = max((unit for unit in SYMBOLS if name.endswith(f"_{unit}")), key=len, default="")
+    return name.removesuffix(f"_{unit}"), SYMBOLS.get(unit, "")
+
+
 Number = TypeVar("Number", float, float | None, tuple[float, ...])
 
 
@@ -80,7 +107,7 @@ class Quantity(FileKey):
                     wider than any device: what is beyond is a mistake, most often of the unit
     finest          the smallest size of a number that is not 0, in the unit of the file
     multiple        the file's unit over the SI unit, where the field has the file's: 1e3 of klux
-    whole           of an array: the file takes whole numbers only
+    whole           the file takes whole numbers only; a field of floats or arrays gets the float
     least           how many numbers there are at least, where the field has several
     """
 

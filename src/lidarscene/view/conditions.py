@@ -6,7 +6,8 @@ import dataclasses
 from typing import NamedTuple
 
 from ..errors import InputError
-from ..rendering.render_options import FrameOptions, TraceOptions
+from ..rendering.render_options import NUMBERS, SEEDS, FrameOptions, TraceOptions
+from ..rendering.render_options import RAYS as TRACED
 from ..scene.scene import Scene
 from ..scene.weather import Weather
 from .controls import Control, Settings, number_of
@@ -47,7 +48,15 @@ def controls(scene: Scene, frame: FrameOptions) -> list[Control]:
         Control(key=RAIN, label="rain", unit="mm/h", low=0.0, high=100.0, value=air.rain_mm_h, least=0.0, most=300.0),
         Control(key=SNOW, label="snow", unit="mm/h", low=0.0, high=20.0, value=air.snow_mm_h, least=0.0, most=50.0),
         Control(
-            key=RAYS, label="rays a pulse", unit="", low=1.0, high=64.0, value=1.0, least=1.0, most=1024.0, whole=True
+            key=RAYS,
+            label="rays a pulse",
+            unit="",
+            low=1.0,
+            high=64.0,
+            value=1.0,
+            least=TRACED.low,
+            most=TRACED.high,
+            whole=True,
         ),
         Control(
             key=FRAME,
@@ -57,7 +66,7 @@ def controls(scene: Scene, frame: FrameOptions) -> list[Control]:
             high=50.0,
             value=float(frame.number),
             least=0.0,
-            most=2.0**31 - 1,
+            most=NUMBERS.high,
             whole=True,
         ),
         Control(
@@ -68,7 +77,7 @@ def controls(scene: Scene, frame: FrameOptions) -> list[Control]:
             high=100.0,
             value=float(frame.seed),
             least=0.0,
-            most=2.0**32 - 1,
+            most=SEEDS.high,
             whole=True,
         ),
     ]

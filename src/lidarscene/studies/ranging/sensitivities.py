@@ -23,6 +23,7 @@ from ...light.beams import Beams
 from ...light.echoes import Ambient, Echoes, receive
 from ...light.hits import Hits
 from ...maths.arrays import Lanes, xp
+from ...maths.units import split_unit
 from ...physics.electronics import tdc
 from ...physics.optics import sunlight
 from ...sensor.detectors import Apd
@@ -39,18 +40,6 @@ Derivation = Callable[[Formula, Mapping[str, float]], tuple[float, dict[str, flo
 _RANGE = "range_m"
 _CODE = ("stops", "reach", "search", "coincidence")
 _PARTS = ("laser", "optics", "detector", "tdc", "receiver", "histogram")
-_UNITS = {
-    "m": "m",
-    "w": "W",
-    "s": "s",
-    "hz": "Hz",
-    "m2": "m2",
-    "rad": "rad",
-    "a": "A",
-    "ohm": "ohm",
-    "k": "K",
-    "klux": "klux",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -327,10 +316,5 @@ def _signed_text(value: float) -> str:
 
 
 def _unit(name: str) -> str:
-    """Unit from the suffix of the name; empty for plain numbers."""
-    last = name.rpartition(".")[2]
-    if last.endswith("_w_m2"):
-        return "W/m2"
-    if last.endswith("_per_m"):
-        return "1/m"
-    return _UNITS.get(last.rpartition("_")[2], "") if "_" in last else ""
+    """Unit from the suffix of the name, in ASCII; empty for plain numbers."""
+    return split_unit(name)[1].replace("²", "2").replace("Ω", "ohm")

@@ -15,6 +15,7 @@ from pydantic import BaseModel
 
 from ...errors import InputError, did_you_mean
 from ...maths.arrays import Numbers
+from ...maths.units import split_unit
 from ...sensor.sensor_file import SensorFile
 from .aperture_laws import LARGEST_DEG
 
@@ -61,25 +62,6 @@ MEANING = {
     "azimuth": "azimuth of the beam",
     "reflectivity": "reflectivity of the target",
     "incidence": "angle of incidence",
-}
-
-# Units by the end of a key, longest first.
-_UNITS = {
-    "_w_m2": "W/m²",
-    "_nm": "nm",
-    "_ns": "ns",
-    "_ps": "ps",
-    "_us": "µs",
-    "_mm": "mm",
-    "_mrad": "mrad",
-    "_khz": "kHz",
-    "_mhz": "MHz",
-    "_hz": "Hz",
-    "_na": "nA",
-    "_ohm": "Ω",
-    "_deg": "°",
-    "_w": "W",
-    "_k": "K",
 }
 
 
@@ -157,9 +139,7 @@ def parameter_axis(
     last = max(highs) if stop is None else stop
     log = (first > 0.0) if log is None else log
     values = _steps(first, last, count, log=log)
-    unit = next((unit for end, unit in _UNITS.items() if key.endswith(end)), "")
-    end = next((end for end in _UNITS if key.endswith(end)), "")
-    name = key.removesuffix(end)
+    name, unit = split_unit(key)
     return Axis(
         key=key,
         column=key,
