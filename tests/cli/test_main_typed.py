@@ -128,7 +128,7 @@ CALLED: list[tuple[Callable[[], Any], str]] = [
     (lambda: lidarscene.render("wall.toml", overrides=3), 'overrides: must be "key=value", a list of these, or a dict'),
     (lambda: lidarscene.render("wall.toml", colour=1), "unknown option 'colour'; known here: rays,"),
     (lambda: lidarscene.render(lidarscene.load_sensor("vlp-16")), "trimesh.Scene, got Sensor"),
-    (lambda: lidarscene.record("wall.toml", outputs="a.xyz"), "path a.xyz: the name must end in one of .ply,"),
+    (lambda: lidarscene.record("wall.toml", outputs="a.abc"), "path a.abc: the name must end in one of .ply,"),
     (lambda: lidarscene.render("wall.toml", pose=np.eye(4)), "yaw, pitch, roll in degrees, got array([[1., 0.,"),
     (lambda: small_cloud().column("intesity"), "column 'intesity': not in this cloud; did you mean intensity?"),
     (lambda: small_cloud().select(small_cloud().status), "select: must be a mask such as cloud.status == 0"),

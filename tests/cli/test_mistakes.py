@@ -337,7 +337,7 @@ def test_wavelength_that_no_material_knows(run: Run, tmp_path: Path, wall: str, 
         (".", "the name must end in one of .ply, "),
         ("", "the name must end in one of .ply, "),
         ("folder.ply", "must be the name of a file, got a folder"),
-        ("o.xyz", "--output o.xyz: the name must end in one of .ply, "),
+        ("o.abc", "--output o.abc: the name must end in one of .ply, "),
         ("wall.toml", "--output wall.toml: the name must end in one of .ply, "),
     ],
 )

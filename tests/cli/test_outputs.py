@@ -11,7 +11,7 @@ from helpers.command_line import BEAMS, COARSE, Run
 from lidarscene import load_sensor
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import LidarSceneError
-from lidarscene.formats.registry import FORMATS, LABELS
+from lidarscene.formats.registry import FORMATS, LABELS, SUFFIXES
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -87,7 +87,7 @@ def test_range_image(run: Run, wall: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["-o", "a.xyz"], "--output a.xyz: the name must end in one of .ply, .pcd, .las"),
+        (["-o", "a.abc"], f"--output a.abc: the name must end in one of {', '.join(SUFFIXES)}"),
         (["-o", "a.ply", "--format", "pointcloud"], "argument --format: invalid choice: 'pointcloud'"),
         (["-o", "a.bin", "--ascii"], "--ascii: ply and pcd can be text"),
         (["-o", "a.ply", "--labels", "coco"], "argument --labels: invalid choice: 'coco'"),

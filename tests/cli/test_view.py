@@ -37,7 +37,7 @@ def test_frames_of_a_folder_come_by_their_numbers(tmp_path: Path) -> None:
     [
         (["nothing.ply"], "nothing.ply: no such file"),
         (["nothing.toml"], "nothing.toml: no such file"),
-        (["a.xyz"], "a.xyz: suffix '.xyz' names no point cloud format; known: .ply"),
+        (["a.abc"], "a.abc: suffix '.abc' names no point cloud format; known: .ply"),
         (["empty"], "empty: must hold files that end in .las, .laz, .npz, .parquet, .pcd, .ply, got none"),
         (["wall.toml", "wall.toml"], "view: must be one scene, got wall.toml and wall.toml"),
         (["wall.toml", "--save", "page.pdf"], "--save page.pdf: the name must end in .html"),

@@ -1,6 +1,6 @@
 """The documentation tells the truth: links, names, keys, tables, commands and examples against the code.
 
-`PYTHONPATH=src:tests python tests/docs/test_docs.py` writes the columns' table and the examples' outputs anew.
+`PYTHONPATH=src:tests python tests/docs/test_docs.py` writes the tables and the examples' outputs anew.
 """
 
 import ast
@@ -21,6 +21,7 @@ import lidarscene
 from lidarscene.cli import main
 from lidarscene.files.toml import FileModel
 from lidarscene.formats.cloud_columns import COLUMNS, columns_of
+from lidarscene.formats.registry import FORMATS
 
 pytestmark = pytest.mark.fixed_streams
 
@@ -224,10 +225,32 @@ def columns_table() -> str:
     return "\n".join(rows)
 
 
-def test_columns_are_up_to_date() -> None:
-    table = re.search(r"<!-- columns -->\n(.*?)\n\n", text_of(CONVENTIONS), re.DOTALL)
+def formats_table() -> str:
+    """Formats that keep the same share a row."""
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for name, one in FORMATS.items():
+        does = ("yes" if able else "no" for able in (one.stream, one.read))
+        kept = (f"`{one.extra}`" if one.extra else "-", one.columns, one.positions, one.beside, *does)
+        groups.setdefault(kept, []).append(name)
+    rows = ["| `--format` | suffix | needs | columns | positions | also in the file | in pieces | read again |"]
+    rows += ["|---|---|---|---|---|---|---|---|"]
+    for kept, names in groups.items():
+        suffixes = dict.fromkeys(FORMATS[name].suffix for name in names)
+        cells = [", ".join(f"`{word}`" for word in words) for words in (names, suffixes)]
+        rows.append(f"| {' | '.join((*cells, *kept))} |")
+    return "\n".join(rows)
+
+
+GENERATED = {"columns": (CONVENTIONS, columns_table), "formats": (ROOT / "docs" / "formats.md", formats_table)}
+"""Tables that are written from the code: mark -> page and function."""
+
+
+@pytest.mark.parametrize("mark", GENERATED)
+def test_generated_tables_are_up_to_date(mark: str) -> None:
+    page, written = GENERATED[mark]
+    table = re.search(rf"<!-- {mark} -->\n(.*?)\n\n", text_of(page), re.DOTALL)
     assert table
-    assert table[1] == columns_table(), "run: PYTHONPATH=src:tests python tests/docs/test_docs.py"
+    assert table[1] == written(), "run: PYTHONPATH=src:tests python tests/docs/test_docs.py"
 
 
 def default_of(info: Any) -> str:
@@ -373,10 +396,10 @@ def refresh() -> None:
             texts[page] = re.sub(keys_table(name), lambda found: found[1] + new, text, flags=re.DOTALL)  # noqa: B023
     for page, text in texts.items():
         page.write_text(text, encoding="utf-8")
-    table = f"<!-- columns -->\n{columns_table()}\n\n"
-    pattern = r"<!-- columns -->\n(\|.*?\n)?\n"
-    text = re.sub(pattern, lambda _: table, text_of(CONVENTIONS), flags=re.DOTALL)
-    CONVENTIONS.write_text(text, encoding="utf-8")
+    for mark, (page, written) in GENERATED.items():
+        table = f"<!-- {mark} -->\n{written()}\n\n"
+        text = re.sub(rf"<!-- {mark} -->\n(\|.*?\n)?\n", lambda _: table, text_of(page), flags=re.DOTALL)  # noqa: B023
+        page.write_text(text, encoding="utf-8")
     measured, truth = readme_columns()
     text = re.sub("(?<=`)x y z range [^`]*", measured, text_of(README))
     README.write_text(re.sub("(?<=`)true_range [^`]*", truth, text), encoding="utf-8")

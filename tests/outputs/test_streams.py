@@ -22,6 +22,7 @@ from lidarscene.cloud.deskew import deskewed
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.cloud.rig_clouds import merge_clouds
 from lidarscene.formats import parquet
+from lidarscene.formats.registry import FORMATS
 from lidarscene.labels import kitti_dataset
 from lidarscene.labels.files import write_labels
 from lidarscene.rendering.rig_simulators import simulators
@@ -53,7 +54,7 @@ def streamed_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Simulator, "render", refused)
 
 
-@pytest.mark.parametrize("name", ["a.ply", "a.pcd", "a.las", "a.laz", "a.parquet", "a.bin", "a.pcd.bin"])
+@pytest.mark.parametrize("name", [f"a{one.suffix}" for one in FORMATS.values() if one.stream])
 def test_the_file_is_that_of_the_whole_cloud(
     run: Run, wall: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:

@@ -125,7 +125,7 @@ def test_what_is_damaged_is_told(tmp_path: Path, library: Callable[[str], Any]) 
     assert told("a.bin", bytes(17)) == ("cannot be read: must be rows of 16 bytes (x, y, z, intensity), got 17 bytes")
     assert told("b.bin", b"") == "must be a recording, got an empty file"
     assert told("c.bin", bytes(32)) == "must have points, got none"
-    assert told("a.xyz", b"1").startswith("must be a recording that ends in .pcap, .osf, ")
+    assert told("a.abc", b"1").startswith("must be a recording that ends in .pcap, .osf, ")
     assert told("a.ply", b"ply\nformat ascii 1.0\nelement face 1\nend_header\n").endswith(
         "must be a PLY whose first element is 'vertex'"
     )

@@ -33,7 +33,7 @@ from ..formats.cloud_columns import (
     sensor_positions_m,
 )
 from ..formats.cloud_description import input_errors
-from ..formats.registry import FORMATS, format_of
+from ..formats.registry import format_of, formats_with
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from .builder import CloudBuilder
@@ -267,9 +267,11 @@ class PointCloud(CloudColumns):
         """
         chosen = format_of(path, format)
         if colour_by is not None and not chosen.colour:
-            raise InputError(f"{os.fspath(path)}: this format has no colours; ply can have some")
+            able = " and ".join(formats_with("colour"))
+            raise InputError(f"{os.fspath(path)}: this format has no colours; {able} can have some")
         if ascii and not chosen.text:
-            raise InputError(f"{os.fspath(path)}: this format is not text; ply and pcd can be")
+            able = " and ".join(formats_with("text"))
+            raise InputError(f"{os.fspath(path)}: this format is not text; {able} can be")
         options: dict[str, Any] = {"ascii": True} if ascii else {}
         if colour_by is not None:
             options["colours"] = self.colours(colour_by)
@@ -288,7 +290,7 @@ class PointCloud(CloudColumns):
         if chosen.read is None:
             raise InputError(
                 f"{os.fspath(path)}: such files are written only, they do not hold all of a point cloud; "
-                f"those that do: {', '.join(name for name, file_format in FORMATS.items() if file_format.read)}"
+                f"those that do: {', '.join(formats_with('read'))}"
             )
         fields = chosen.read(path)
         with input_errors(path):

@@ -40,7 +40,8 @@ class Format:
             holds a single frame
     text    whether ``write`` and ``stream`` take ``ascii``
     colour  whether ``write`` takes ``colours``
-    all_columns  whether a file holds every column of a cloud, normals and velocities too
+    columns  what a file holds of a cloud's columns, in words; begins with "all" if it is every one
+    positions, beside  types and coordinates of its positions, and what else it holds, in words
     """
 
     suffix: str
@@ -52,7 +53,14 @@ class Format:
     extra: str = ""
     text: bool = False
     colour: bool = False
-    all_columns: bool = True
+    columns: str = "all, exact"
+    positions: str = "float32 or float64"
+    beside: str = "metadata, units, names"
+
+    @property
+    def all_columns(self) -> bool:
+        """True if a file holds every column of a cloud, normals and velocities too."""
+        return self.columns.startswith("all")
 
     def require(self) -> None:
         """Raise LidarSceneError, with what to install, if a package is missing."""
@@ -69,11 +77,20 @@ def _import_on_call(module: str, name: str, **options: object) -> Callable[..., 
     return call
 
 
+_ROS_COLUMNS = {
+    "velodyne": "all; `time` as float32, `channel` as `ring` up to 65535",
+    "ouster": "all; `t` in ns, `range` in mm, `reflectivity` in percent, whole numbers",
+}
+
+
 def _ros(suffix: str, storage: str, layout: str = "velodyne") -> Format:
     module, options = "lidarscene.formats.ros", {"storage": storage, "layout": layout}
     return Format(
         suffix=suffix,
         extra="ros",
+        columns=_ROS_COLUMNS[layout],
+        positions="float32, sensor frame",
+        beside="pose as `/tf`; metadata, units, names",
         write=_import_on_call(module, "write_ros", **options),
         frames=_import_on_call(module, "ros_frames", **options),
     )
@@ -83,6 +100,8 @@ def _las(suffix: str, *, compressed: bool) -> Format:
     return Format(
         suffix=suffix,
         extra="las",
+        columns="all, exact, as extra bytes; the standard fields coarser",
+        positions="steps of 10 um, 21 km around the sensor",
         write=_import_on_call("lidarscene.formats.las", "write_las", compressed=compressed),
         read=_import_on_call("lidarscene.formats.las", "read_las"),
         stream=_import_on_call("lidarscene.formats.las", "las_stream", compressed=compressed),
@@ -100,6 +119,7 @@ FORMATS = {
     ),
     "pcd": Format(
         suffix=".pcd",
+        beside="metadata, units, names, viewpoint",
         text=True,
         write=_import_on_call("lidarscene.formats.pcd", "write_pcd"),
         read=_import_on_call("lidarscene.formats.pcd", "read_pcd"),
@@ -107,22 +127,33 @@ FORMATS = {
     ),
     "pcd-compressed": Format(
         suffix=".pcd",
+        beside="metadata, units, names, viewpoint",
         extra="pcd",
         write=_import_on_call("lidarscene.formats.pcd", "write_pcd", compressed=True),
         read=_import_on_call("lidarscene.formats.pcd", "read_pcd"),
     ),
     "las": _las(".las", compressed=False),
     "laz": _las(".laz", compressed=True),
-    "e57": Format(suffix=".e57", extra="e57", write=_import_on_call("lidarscene.formats.e57", "write_e57")),
+    "e57": Format(
+        suffix=".e57",
+        extra="e57",
+        columns="all, exact, infinity as 3.4e38",
+        beside="metadata, units, names; the pose of the scan",
+        write=_import_on_call("lidarscene.formats.e57", "write_e57"),
+    ),
     "kitti": Format(
         suffix=".bin",
-        all_columns=False,
+        columns="`intensity`",
+        positions="float32, sensor frame",
+        beside="nothing",
         write=_import_on_call("lidarscene.formats.kitti", "write_kitti"),
         stream=_import_on_call("lidarscene.formats.kitti", "kitti_stream"),
     ),
     "nuscenes": Format(
         suffix=".pcd.bin",
-        all_columns=False,
+        columns="`intensity`, `channel`",
+        positions="float32, sensor frame",
+        beside="nothing",
         write=_import_on_call("lidarscene.formats.kitti", "write_nuscenes"),
         stream=_import_on_call("lidarscene.formats.kitti", "nuscenes_stream"),
     ),
@@ -142,14 +173,27 @@ FORMATS = {
     "mcap-ouster": _ros(".mcap", storage="mcap", layout="ouster"),
     "rosbag2": _ros(".db3", storage="sqlite3"),
     "rosbag2-ouster": _ros(".db3", storage="sqlite3", layout="ouster"),
-    "osi": Format(suffix=".osi", all_columns=False, write=_import_on_call("lidarscene.formats.osi", "write_osi")),
+    "osi": Format(
+        suffix=".osi",
+        columns="`range`, `azimuth`, `elevation`, `detection_probability`, `intensity` in percent, `pulse_width` in "
+        "metres of range if it is measured, `channel`, what is no echo as clutter; `body`, `reflectivity`, "
+        "`radial_velocity`",
+        positions="none: range and angles",
+        beside="time",
+        write=_import_on_call("lidarscene.formats.osi", "write_osi"),
+    ),
 }
 """Formats by name. A suffix means the first format that has it."""
 
 
+def formats_with(member: str) -> list[str]:
+    """Names of the formats of which this member of `Format` is true or given."""
+    return [name for name, file_format in FORMATS.items() if getattr(file_format, member)]
+
+
 def _packets(profile: str) -> Format:
     write = _import_on_call("lidarscene.formats.packets.pcap", "refuse_cloud")
-    return Format(suffix=".pcap", write=write, profile=profile, all_columns=False)
+    return Format(suffix=".pcap", write=write, profile=profile, columns="")
 
 
 PACKETS = {"pcap": _packets("default"), "pcap-low-rate": _packets("low-rate"), "pcap-legacy": _packets("legacy")}

@@ -14,7 +14,7 @@ from pathlib import Path
 from ..errors import OptionError
 from ..files.atomic import require_writable
 from ..formats.cloud_columns import columns_of
-from ..formats.registry import FORMATS, SUFFIXES, Format
+from ..formats.registry import FORMATS, SUFFIXES, Format, formats_with
 from ..labels.files import label_paths
 from ..labels.kitti_dataset import cloud_path
 from .output_options import EXTRA_FILES, Outputs
@@ -95,21 +95,19 @@ class Plan:
         if vectors and not outputs.truth:
             raise OptionError("{vectors}: normals and velocities are ground truth, which is left out ({truth})")
         if vectors and not chosen.all_columns:
-            able = ", ".join(name for name, file_format in FORMATS.items() if file_format.all_columns)
+            able = ", ".join(formats_with("all_columns"))
             raise OptionError("{vectors}: must go with a format that has all columns: {0}", able)
         name = place.name.lower()
         if not self.is_folder and not name.endswith(chosen.suffix) and (outputs.packets or name.endswith(SUFFIXES)):
             raise OptionError("{path} {0}: the name must end in {1}", place, chosen.suffix)
         if outputs.ascii and not chosen.text:
-            able = " and ".join(name for name, file_format in FORMATS.items() if file_format.text)
-            raise OptionError("{ascii}: {0} can be text", able)
+            raise OptionError("{ascii}: {0} can be text", " and ".join(formats_with("text")))
         if outputs.colours is not None:
             column_names = [column.name for column in columns_of(truth=outputs.truth, vectors=False)]
             if outputs.colours not in column_names:
                 raise OptionError("{colours}: must be one of {0}, got {1!r}", ", ".join(column_names), outputs.colours)
             if not chosen.colour:
-                able = " and ".join(name for name, file_format in FORMATS.items() if file_format.colour)
-                raise OptionError("{colours}: {0} can have colours", able)
+                raise OptionError("{colours}: {0} can have colours", " and ".join(formats_with("colour")))
         chosen.require()
 
     def files(self, label: str, number: int) -> dict[str, Path]:
