@@ -42,9 +42,9 @@ def without_scene(seeds: int) -> None:
             pulses = gather_pulses([drawn_sweep(truth, 1000 * unit + seed)])
             fit = fit_pulses(pulses)
             held += passed(fit.checks)
-            for one in fit.estimates:
-                off.setdefault(one.key, []).append((one.value - asdict(truth)[one.key]) / one.sigma)
-    told(off)
+            for estimate in fit.estimates:
+                off.setdefault(estimate.key, []).append((estimate.value - asdict(truth)[estimate.key]) / estimate.sigma)
+    print_coverage(off)
     print(f"{held} of {UNITS * seeds} pass on what was not fitted")
 
 
@@ -56,9 +56,11 @@ def with_two_lenses(seeds: int) -> None:
         for seed in range(seeds):
             near = fit_near_field(gather_pulses([drawn_sweep(truth, 1000 * unit + seed, curve=curve)]), sensor)
             assert near is not None
-            for one in near.estimates:
-                off.setdefault(f"{one.key}, two lenses", []).append((one.value - asdict(truth)[one.key]) / one.sigma)
-    told(off)
+            for estimate in near.estimates:
+                off.setdefault(f"{estimate.key}, two lenses", []).append(
+                    (estimate.value - asdict(truth)[estimate.key]) / estimate.sigma
+                )
+    print_coverage(off)
 
 
 def with_scene(seeds: int) -> None:
@@ -71,10 +73,12 @@ def with_scene(seeds: int) -> None:
             scene, reported = drawn_report(sensor, 1000 * unit + seed)
             fit = fit_parameters(scene, reported, reflectivity_sigma=REFLECTIVITY_SIGMA)
             evaluations.append(fit.solved.evaluations)
-            for one in fit.estimates:
-                if one.key in truth:
-                    off.setdefault(one.key, []).append((one.value - math.exp(truth[one.key])) / one.sigma)
-    told(off)
+            for estimate in fit.estimates:
+                if estimate.key in truth:
+                    off.setdefault(estimate.key, []).append(
+                        (estimate.value - math.exp(truth[estimate.key])) / estimate.sigma
+                    )
+    print_coverage(off)
     print(f"at most {max(evaluations)} evaluations; held: {', '.join(fit.held)}")
 
 
@@ -86,13 +90,13 @@ def rendered() -> None:
     cloud = Simulator(street, unit_of(truth, base)).render(seed=1, points=lambda pulse, _: numbers.append(pulse))
     there, pulse = np.asarray(light.has_surface), np.concatenate(numbers).astype(int)
     echo = cloud.status == 0
-    told_of = {name: np.full(len(there), np.nan) for name in ("signal", "range_m", "ambient")}
-    for name, values in told_of.items():
+    values_of = {name: np.full(len(there), np.nan) for name in ("signal", "range_m", "ambient")}
+    for name, values in values_of.items():
         chosen = np.ones_like(echo) if name == "ambient" else echo
         values[pulse[chosen]] = getattr(cloud, name)[chosen]
-    signal, range_m, ambient = (one[there] for one in told_of.values())
+    signal, range_m, ambient = (values[there] for values in values_of.values())
     scene = KnownScene.from_light(light, base, np.zeros(len(there), int), spot_over_field=SPOT)
-    # `render` tells no background of lost pulses: none, at the truth, moves nothing.
+    # `render` reports no background of lost pulses; theirs at the truth has no effect.
     silent = np.asarray(predict(scene, truth).near_ir)
     reported = Observations(
         has_return=np.isfinite(range_m),
@@ -101,14 +105,14 @@ def rendered() -> None:
         range_m=range_m,
     )
     fit = fit_parameters(scene, reported, reflectivity_sigma=0.01)
-    for one in fit.estimates:
-        if one.key in truth:
-            off = (one.value - math.exp(truth[one.key])) / one.sigma
-            print(f"{one.key:<28} {one.value:.4f} +/- {one.sigma:.4f}, {off:+.1f} sigma from the truth")
+    for estimate in fit.estimates:
+        if estimate.key in truth:
+            off = (estimate.value - math.exp(truth[estimate.key])) / estimate.sigma
+            print(f"{estimate.key:<28} {estimate.value:.4f} +/- {estimate.sigma:.4f}, {off:+.1f} sigma from the truth")
     print(f"{len(range_m)} pulses, {fit.solved.evaluations} evaluations")
 
 
-def told(off: dict[str, list[float]]) -> None:
+def print_coverage(off: dict[str, list[float]]) -> None:
     for key, far in off.items():
         inside, mean = sum(abs(x) < 2.0 for x in far), sum(far) / len(far)
         largest = max(map(abs, far))

@@ -39,7 +39,7 @@ def test_the_bootstrap_sees_that_a_block_shares_its_noise() -> None:
     np.testing.assert_allclose(ratio, np.sqrt(20.0), rtol=0.25)
 
 
-def test_what_is_not_told_is_not_known() -> None:
+def test_an_undetermined_number_is_not_known() -> None:
     slope = np.array([[1.0, 1.0], [1.0, 1.0]])
     solved = Solution(value=np.ones(2), slope=slope, scores=np.ones((3, 2)))
     assert not solved.estimate("a", "", lambda p: float(p[0])).is_known

@@ -1,4 +1,4 @@
-"""What cannot be told apart is found, and is right."""
+"""Undetermined directions are found, and are right."""
 
 import math
 from dataclasses import replace

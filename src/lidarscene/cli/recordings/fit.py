@@ -35,7 +35,7 @@ def add_fit(commands: Any) -> None:
     add(
         "--sensor",
         metavar="NAME",
-        help="the catalogue's sensor of its kind, or a sensor file, for what the recording does not tell "
+        help="the catalogue's sensor of its kind, or a sensor file, for what the recording leaves open "
         "(default: with --scene, the scene's)",
     )
     add(
@@ -49,7 +49,7 @@ def add_fit(commands: Any) -> None:
         "--poses",
         metavar="F",
         type=Path,
-        help="with --scene, where the sensor stood at each frame: CSV, or TUM's format (default: as the twin knows, "
+        help="with --scene, where the sensor stood at each frame: CSV, or TUM's format (default: that of the twin's frame, "
         "else the scene's sensor)",
     )
     add_options(command, CommandOptions, "metadata")

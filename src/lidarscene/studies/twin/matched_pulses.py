@@ -150,7 +150,7 @@ def match_pulses(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
     another number of channels, or a median angle above `LARGEST_ANGLE_RAD`.
     """
     if not has_grid(sweep):
-        raise InputError("the recording is a list of points: its pulses cannot be told")
+        raise InputError("the recording must have rows and columns, got a list of points")
     pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
     fired = np.stack([np.asarray(x, np.float64) for x in sensor.scanner.direction(pulse)], axis=-1)
     channel = np.asarray(sensor.scanner.channel(pulse))

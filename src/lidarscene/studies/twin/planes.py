@@ -102,7 +102,7 @@ def has_grid(sweep: Sweep) -> bool:
 def align_columns(sweep: Sweep) -> Grid:
     """Order rows by elevation, and shift each until its columns agree. Raises InputError for a list of points."""
     if not has_grid(sweep):
-        raise InputError("must be a sweep of rows and columns that knows all directions, got a list of points")
+        raise InputError("must be a sweep of rows and columns with all directions, got a list of points")
     azimuth = np.arctan2(sweep.direction[..., 1], sweep.direction[..., 0])
     step_rad = float(np.median(_wrapped(np.diff(azimuth, axis=1))))
     elevation = np.median(np.arcsin(sweep.direction[..., 2].clip(-1.0, 1.0)), axis=1)

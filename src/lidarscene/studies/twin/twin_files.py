@@ -330,6 +330,6 @@ def frame_pose(provenance: dict[str, Any], number: int, scene: Path) -> Pose:
     """Pose of a frame of the twin. Raises InputError for other frames."""
     pose = provenance["places"].get(str(number))
     if pose is None:
-        raise InputError(f"--frame {number}: must be one of {', '.join(provenance['places'])}, which {scene} knows")
+        raise InputError(f"--frame {number}: must be one of {', '.join(provenance['places'])}, the frames of {scene}")
     x, y, z, yaw, pitch, roll = pose
     return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)

@@ -109,5 +109,5 @@ _NOTE = (
     "beam's exit. Range bias is that of smooth surfaces; scatter is that of second differences along the ring there, "
     "on both sides. The double validation metric is the difference of the means (bias) and the area between both "
     "distributions without it (scatter). Losses on surfaces are lost pulses that meet a surface of the twin; those "
-    "of which the sensor tells a reflectivity and no range are left out and told apart."
+    "with a reflectivity and without a range are left out and counted by themselves."
 )

@@ -1,4 +1,4 @@
-"""Known scenes: a unit is rendered, forgotten, and fitted; slopes; what cannot be told apart."""
+"""Known scenes: a unit is rendered, forgotten, and fitted; slopes; undetermined directions."""
 
 import math
 from dataclasses import replace
