@@ -49,7 +49,7 @@ def add_fit(commands: Any) -> None:
         "--poses",
         metavar="F",
         type=Path,
-        help="with --scene, where the sensor stood at each frame: CSV, or TUM's format (default: that of the twin's frame, "
+        help="with --scene, where the sensor stood at each frame: CSV, or TUM's format (default: of the twin's frame, "
         "else the scene's sensor)",
     )
     add_options(command, CommandOptions, "metadata")
