@@ -11,7 +11,7 @@ import html
 import io
 import itertools
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -203,6 +203,14 @@ def require_writable_files(folder: Path, names: Iterable[str]) -> None:
     """Check that all files can be written, before any work is done. Raises OutputError."""
     for name in names:
         require_writable(folder / name)
+
+
+def without_empty_columns(
+    header: Sequence[str], rows: Sequence[Sequence[str]], empty: Collection[str] = ("",)
+) -> Table:
+    """Table without the columns whose cells are all ``empty``."""
+    filled = [column for column in range(len(header)) if any(row[column] not in empty for row in rows)]
+    return [header[column] for column in filled], [tuple(row[column] for column in filled) for row in rows]
 
 
 _NUMBER = re.compile(r"[-+]?[\d,]*\.?\d+(e[-+]?\d+)?( ?%)?|nan|inf|-|")

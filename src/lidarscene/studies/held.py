@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
-from ..figures.report import Table
+from ..figures.report import Table, without_empty_columns
 
 MOST_NAMED = 3
 """Largest number of missed limits that `verdict` names."""
@@ -125,7 +125,7 @@ class Held:
         """
         row = asdict(self)
         low, high, _ = row.pop("limits")
-        row |= {"low": low, "high": high, "met": self.verdict}
+        row |= {"low": low, "high": high, "unit": row.pop("unit"), "met": self.verdict}
         shown = row.keys() - {"subject", "note"} | keys.keys()
         return {keys.get(field, field): row[field] for field in row if field in shown}
 
@@ -180,16 +180,19 @@ def held_table(rows: Sequence[Held], *, percent: bool = False, **headings: str) 
     headings  column -> its heading, where it is not the name of the field
     """
     marks = {None: "", True: "met", False: "NOT MET"}
-    columns = {
-        "subject": [row.subject for row in rows],
-        "quantity": [f"{row.quantity} [{row.unit}]" if row.unit else row.quantity for row in rows],
-        "condition": [row.condition for row in rows],
-        "reference": [value_text(row.reference) for row in rows],
-        "simulated": [value_text(row.simulated) for row in rows],
-        "value": [f"{row.value:+z.1%}" if percent and row.value is not None else value_text(row.value) for row in rows],
-        "limit": [str(row.limits) for row in rows],
-        "": [marks[row.verdict] for row in rows],
-        "note": [row.note for row in rows],
-    }
-    filled = {name: cells for name, cells in columns.items() if any(cells)}
-    return [headings.get(name, name) for name in filled], list(zip(*filled.values(), strict=True))
+    columns = ("subject", "quantity", "condition", "reference", "simulated", "value", "limit", "", "note")
+    cells = [
+        (
+            row.subject,
+            f"{row.quantity} [{row.unit}]" if row.unit else row.quantity,
+            row.condition,
+            value_text(row.reference),
+            value_text(row.simulated),
+            f"{row.value:+z.1%}" if percent and row.value is not None else value_text(row.value),
+            str(row.limits),
+            marks[row.verdict],
+            row.note,
+        )
+        for row in rows
+    ]
+    return without_empty_columns([headings.get(column, column) for column in columns], cells)

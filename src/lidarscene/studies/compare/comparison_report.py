@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...figures.report import Table, text_table
+from ...figures.report import Table, text_table, without_empty_columns
 from ...sensor.sensor_model import Sensor
 from .comparison_statistics import (
     DetectionRate,
@@ -149,7 +149,7 @@ def fate_table(comparison: Comparison) -> Table:
             counts = (observation.pulses_fired, surface_pulses, detected, below, dark, *other_losses)
             cells = [f"{count:,}" for count in counts]
         rows.append((observation.name, *cells, f"{len(observation.cloud):,}", f"{observation.false_alarms:,}"))
-    return _without_empty_columns(FATE, rows)
+    return without_empty_columns(FATE, rows, ("-", "0"))
 
 
 RATES = (
@@ -182,13 +182,7 @@ def summary_table(comparison: Comparison) -> Table:
                 f"{1e3 * error.sigma_m:.2f} ± {1e3 * error.sigma_interval_m:.2f} mm",
             )
         rows.append((observation.name, *cells, *error_cells))
-    return _without_empty_columns(RATES, rows)
-
-
-def _without_empty_columns(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    """Table without the columns in which every cell is unknown or 0."""
-    columns = [i for i in range(len(header)) if any(row[i] not in ("-", "0") for row in rows)]
-    return [header[i] for i in columns], [[row[i] for i in columns] for row in rows]
+    return without_empty_columns(RATES, rows, ("-", "0"))
 
 
 PAIRS = (
