@@ -30,11 +30,8 @@ def test_limits_of_each_law(law: str, value: Any, passed: bool) -> None:
     ratios = np.atleast_1d(value)
     scatter = Scatter(
         solved=Solution(value=np.array([1.0, 0.0]), slope=np.eye(2), scores=np.zeros((4, 2))),
-        signal=np.ones(len(ratios)),
-        sigma_m=np.ones(len(ratios)),
-        patches=np.ones(len(ratios)),
-        check_sigma_m=ratios,
-        check_patches=np.full(len(ratios), 1e9),
+        fitted=np.zeros((0, 3)),
+        held_out=np.array([(1.0, ratio, 1e9) for ratio in ratios]),
     )
     laws: Any = scatter if law == "scatter" else SimpleNamespace(error=value, estimates=())
     fit = RecordingFit(**{law: laws})

@@ -95,11 +95,8 @@ def test_scatter_in_millimetres_and_ratios_over_the_law() -> None:
     """c = 200 mm and a floor of 5 mm; at 1600 photons 5 mm each way, 7.07 mm together."""
     made = Scatter(
         solved=Solution(value=np.array([0.2**2, 0.005**2]), slope=1e12 * np.eye(2), scores=np.zeros((4, 2))),
-        signal=np.array([1600.0, 400.0]),
-        sigma_m=np.full(2, np.nan),
-        patches=np.ones(2),
-        check_sigma_m=np.array([0.005 * np.sqrt(2.0) * 1.2, np.nan]),
-        check_patches=np.array([25.0, 0.0]),
+        fitted=np.zeros((0, 3)),
+        held_out=np.array([[1600.0, 0.005 * np.sqrt(2.0) * 1.2, 25.0]]),
     )
     assert [estimate.value for estimate in made.estimates] == pytest.approx([200.0, 5.0])
     # 25 patches give a deviation to 10 %.
@@ -125,7 +122,7 @@ def test_held_out_patches_are_judged_by_the_law_of_the_others() -> None:
     smooth = ring_of(np.full((2 * blocks, 2, 2), 1e-5), levels)
     fit = fit_scatter(pulses_of_rings(smooth, ring_of(residuals, levels), smooth))
     assert fit is not None
-    np.testing.assert_allclose(fit.sigma_m, 0.01, rtol=0.05)
+    np.testing.assert_allclose(fit.fitted[:, 1], 0.01, rtol=0.05)
     np.testing.assert_allclose(fit.law(np.array([400.0])), 0.01, rtol=0.05)
     # Twice as far off, one in exp(-0.75) is left out as far above the law: 6 / 4 of chi^2 in place of 6.
     inside = 1.0 - np.exp(-0.75)
@@ -162,7 +159,7 @@ def test_uncertainties_are_those_of_a_law_whose_far_patches_are_left_out() -> No
     fit = fit_scatter(pulses_of_rings(smooth, ring_of(residuals, levels), smooth))
     assert fit is not None
     assert fit.solved.meat is not None
-    number = fit.patches.sum()
+    number = fit.fitted[:, 2].sum()
     # At the solution the blocks' scores have no sum.
     scores = fit.solved.scores
     np.testing.assert_allclose(scores.sum(axis=0) / np.abs(scores).sum(axis=0), 0.0, atol=1e-5)

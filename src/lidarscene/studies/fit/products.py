@@ -192,21 +192,15 @@ def find_products(sensor: Sensor, quantities: Sequence[str]) -> Products:
     return Products(keys=(*(entry[0] for entry in present), REFLECTIVITY), quantities=names, exponents=exponents)
 
 
-def row_echelon(exponents: Numbers) -> tuple[Numbers, list[int]]:
-    """Reduced row echelon form of a matrix, and the columns of its pivots, the first columns first."""
-    matrix, pivots = np.array(exponents), []
-    row = 0
+def row_echelon(matrix: Numbers) -> tuple[Numbers, list[int]]:
+    """Reduced row echelon form of a matrix without its zero rows, and the columns of its pivots, the first ones first.
+
+    Each column is its row echelon's combination of the pivots' columns.
+    """
+    pivots: list[int] = []
     for column in range(matrix.shape[1]):
-        if row == len(matrix):
-            break
-        best = row + int(np.argmax(np.abs(matrix[row:, column])))
-        if abs(matrix[best, column]) < LEAST_EXPONENT:
-            continue
-        matrix[[row, best]] = matrix[[best, row]]
-        matrix[row] /= matrix[row, column]
-        for other_row in range(len(matrix)):
-            if other_row != row:
-                matrix[other_row] -= matrix[other_row, column] * matrix[row]
-        pivots.append(column)
-        row += 1
-    return matrix, pivots
+        basis = matrix[:, pivots]
+        outside = matrix[:, column] - basis @ np.linalg.lstsq(basis, matrix[:, column], rcond=None)[0]
+        if np.abs(outside).max() > LEAST_EXPONENT:
+            pivots.append(column)
+    return np.asarray(np.linalg.lstsq(matrix[:, pivots], matrix, rcond=None)[0]), pivots

@@ -190,15 +190,21 @@ def _near_field(near: NearField) -> list[Figure]:
 
 
 def _scatter(scatter: Scatter) -> Figure:
-    columns = (1e3 * sigma_m for sigma_m in (scatter.sigma_m, scatter.check_sigma_m, scatter.law(scatter.signal)))
-    curves = dict(zip(("recorded", "not fitted", "law"), columns, strict=True))
-    heads = dict(zip(("sigma_mm", "not_fitted_mm", "law_mm"), curves.values(), strict=True))
+    (signal, sigma_m, _), (held_out_signal, held_out_m, _) = scatter.fitted.T, scatter.held_out.T
+    held_out_mm = dict(zip(held_out_signal, 1e3 * held_out_m, strict=True))
+    columns = {
+        "signal": signal,
+        "sigma_mm": 1e3 * sigma_m,
+        "not_fitted_mm": np.array([held_out_mm.get(value, np.nan) for value in signal]),
+        "law_mm": 1e3 * scatter.law(signal),
+    }
+    curves = dict(zip(("recorded", "not fitted", "law"), list(columns.values())[1:], strict=True))
     return law_figure(
         "scatter",
         "Scatter of every second pulse of a row about a parabola, on smooth surfaces.",
         ("SIGNAL [photons]", "scatter of the range [mm]"),
-        {label: (scatter.signal, sigma_mm) for label, sigma_mm in curves.items()},
-        {"signal": scatter.signal, **heads},
+        {label: (signal, sigma_mm) for label, sigma_mm in curves.items()},
+        columns,
     )
 
 

@@ -48,19 +48,14 @@ _MEAN_BELOW = (2.0 - (2.0 + LARGEST_SQUARE) * math.exp(-0.5 * LARGEST_SQUARE)) /
 class Scatter:
     """Fitted scatter of the range.
 
-    solved         solution: c^2 [m2 photons] and floor^2 [m2]
-    signal         (k,) middle of each octave of SIGNAL
-    sigma_m        (k,) scatter in the fitted blocks
-    check_sigma_m  (k,) scatter in the held-out blocks; NaN with too few patches
-    patches, check_patches  (k,) number of patches in the fitted, and in the held-out blocks
+    solved            solution: c^2 [m2 photons] and floor^2 [m2]
+    fitted, held_out  (k, 3) middle of each octave of SIGNAL, scatter [m] and number of patches, of fitted and held-out
+                      blocks
     """
 
     solved: Solution
-    signal: Numbers
-    sigma_m: Numbers
-    check_sigma_m: Numbers
-    patches: Numbers
-    check_patches: Numbers
+    fitted: Numbers
+    held_out: Numbers
 
     def law(self, signal: Numbers) -> Numbers:
         """Evaluate the fitted sigma at these signals [m]."""
@@ -73,10 +68,8 @@ class Scatter:
 
         The relative sigma of a standard deviation from n sums of two squares is 1 / (2 sqrt(n)).
         """
-        with np.errstate(divide="ignore"):
-            sigma = 0.5 / np.sqrt(self.check_patches)
-        octaves = np.column_stack([self.signal, self.check_sigma_m, self.law(self.signal), sigma])
-        return np.asarray(octaves[np.isfinite(self.check_sigma_m)])
+        signal, sigma_m, patches = self.held_out.T
+        return np.column_stack([signal, sigma_m, self.law(signal), 0.5 / np.sqrt(patches)])
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
@@ -122,20 +115,10 @@ def fit_scatter(pulses: RecordedPulses) -> Scatter | None:
     fisher = relative.T @ relative
     spread = float(np.var(squares[inlier] / variance[inlier] / _MEAN_BELOW))
     solved = Solution(value=value, slope=(1.0 - edge) * fisher, scores=scores, meat=spread * fisher)
-    signal, sigma, patches = _octaves(squares, inverse, value)
-    check_patches_of = _patches(pulses.select_columns(~pulses.fitted))
-    held_out = (
-        _octaves(check_patches_of[0], check_patches_of[1], value) if len(check_patches_of[0]) else (np.zeros(0),) * 3
-    )
-    check = {octave: values for octave, *values in zip(*held_out, strict=True)}
-    check_sigma_m, check_patches = np.array([check.get(octave, (math.nan, 0)) for octave in signal]).T
     return Scatter(
         solved=solved,
-        signal=signal,
-        sigma_m=sigma,
-        patches=patches,
-        check_sigma_m=check_sigma_m,
-        check_patches=check_patches,
+        fitted=_octaves(squares, inverse, value),
+        held_out=_octaves(*_patches(pulses.select_columns(~pulses.fitted))[:2], value),
     )
 
 
@@ -171,15 +154,13 @@ def _start(squares: Numbers, inverse: Numbers) -> Numbers:
     return np.array([max(float(np.median(squares / inverse)) / (2.0 * math.log(2.0)), 1e-9), 1e-12])
 
 
-def _octaves(squares: Numbers, inverse: Numbers, value: Numbers) -> tuple[Numbers, Numbers, Numbers]:
-    """Signal, sigma and number of patches by octave, without patches far above the law."""
-    variance = value[0] * inverse + value[1]
-    inlier = squares < LARGEST_SQUARE * variance
-    octave = np.floor(np.log2(1.0 / inverse)).astype(int)
+def _octaves(squares: Numbers, inverse: Numbers, value: Numbers) -> Numbers:
+    """(k, 3) signal, sigma and number of patches by octave, without patches far above the law."""
+    inlier = squares < LARGEST_SQUARE * (value[0] * inverse + value[1])
+    octave = np.floor(np.log2(1.0 / inverse[inlier])).astype(int)
     rows = []
-    for number in np.unique(octave[inlier]):
-        in_octave = inlier & (octave == number)
-        if in_octave.sum() >= LEAST_OF_OCTAVE:
-            sigma = math.sqrt(float(squares[in_octave].mean()) / _MEAN_BELOW)
-            rows.append((2.0 ** (number + 0.5), sigma, int(in_octave.sum())))
-    return tuple(np.array(column) for column in zip(*rows, strict=True)) if rows else (np.zeros(0),) * 3  # type: ignore[return-value]
+    for number in np.unique(octave):
+        of_octave = squares[inlier][octave == number]
+        if len(of_octave) >= LEAST_OF_OCTAVE:
+            rows.append((2.0 ** (number + 0.5), math.sqrt(float(of_octave.mean()) / _MEAN_BELOW), len(of_octave)))
+    return np.array(rows).reshape(-1, 3)

@@ -122,40 +122,31 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
     if pulses.reflectivity is not None:
         # A reflectivity without a range marks an echo that was detected but withheld, not missed.
         usable &= pulses.has_return | ~(pulses.reflectivity > 0.0)
-    max_signal = np.inf
-    value = np.zeros(3)
-    columns = np.broadcast_to(pulses.fitted, usable.shape)
-    mask = usable
-    for _ in range(3):  # the largest signal follows from the fit, and the fit from the signals
+    fitted = np.broadcast_to(pulses.fitted, usable.shape)
+    lost = usable & fitted & ~pulses.has_return
+    # Largest signal: first a guess from lost pulses, which lie below the threshold or not far above, then by the fit.
+    max_signal = 4.0 * float(np.median(pulses.signal[lost])) if lost.any() else 0.0
+    for _ in range(2):
         mask = usable & (pulses.signal <= max_signal)
-        fit_mask = mask & columns
+        fit_mask = mask & fitted
         returned = pulses.has_return[fit_mask]
         if min(returned.sum(), (~returned).sum()) < LEAST_PULSES:
             return None
         design = _design(pulses.signal[fit_mask], pulses.near_ir[fit_mask])
-        if not np.isfinite(max_signal):
-            # First guess without a fit, from lost pulses, which lie below the threshold or not far above.
-            max_signal = 4.0 * float(np.median(pulses.signal[fit_mask & ~pulses.has_return]))
-            continue
         solution = _maximise(design, returned)
         if solution is None:
             return None
         value = solution
         median_level = -(value[1] + value[2] * float(np.median(design[:, 2]))) / value[0]
         max_signal = LARGEST_SIGNAL_RATIO * median_level
-    fit_mask = mask & columns
-    design, returned = _design(pulses.signal[fit_mask], pulses.near_ir[fit_mask]), pulses.has_return[fit_mask]
-    solution = _maximise(design, returned)
-    if solution is None:
-        return None
-    chance = _chance(solution, design)
+    chance = _chance(value, design)
     block = pulses.blocks(fit_mask)
     pulse_scores = (returned - chance)[:, None] * design
     scores = np.column_stack([np.bincount(block, column) for column in pulse_scores.T])
-    held_out = mask & ~columns
-    expected = _chance(solution, _design(pulses.signal[held_out], pulses.near_ir[held_out]))
+    held_out = mask & ~fitted
+    expected = _chance(value, _design(pulses.signal[held_out], pulses.near_ir[held_out]))
     return Threshold(
-        solved=Solution(value=solution, slope=_information(solution, design), scores=scores),
+        solved=Solution(value=value, slope=_information(value, design), scores=scores),
         near_ir=float(np.median(design[:, 2])) ** 2,
         shares=shares_by_chance(expected, pulses.has_return[held_out], CHANCE_BINS),
     )

@@ -230,8 +230,7 @@ def _hold_undetermined(
         directions, pivots = row_echelon(vectors[:, undetermined].T[:, ::-1])
         directions, last_columns = directions[:, ::-1], [len(active) - 1 - pivot for pivot in pivots]
         null = null + [
-            _direction_text(active, direction, pivot)
-            for direction, pivot in zip(directions, last_columns, strict=False)
+            _direction_text(active, direction, pivot) for direction, pivot in zip(directions, last_columns, strict=True)
         ]
         held = held + [active[pivot] for pivot in last_columns]
         active = [name for name in active if name not in held]
