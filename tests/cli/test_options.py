@@ -11,9 +11,10 @@ from lidarscene.cli.options import CommandOptions, StudyOptions, add_options, fl
 from lidarscene.outputs.output_options import Outputs
 from lidarscene.rendering.option_fields import options_of
 from lidarscene.rendering.render_options import FrameOptions, TraceOptions
+from lidarscene.studies.ranging.conditions import Conditions
 
 COMMANDS = ("render", "stream", "batch", "range", "paper", "fov", "compare", "view", "catalog", "fit", "twin", "sensor")
-KINDS = (TraceOptions, FrameOptions, Outputs, StudyOptions)
+KINDS = (TraceOptions, FrameOptions, Outputs, Conditions, StudyOptions)
 
 
 def arguments_of(command: str) -> list[argparse.Action]:

@@ -34,8 +34,8 @@ from lidarscene.studies.compare import cloud_matching
 from lidarscene.studies.eye_safety.eye_safety_report import TIME_BASE_S
 from lidarscene.studies.field_of_view import field_of_view_figures as figures
 from lidarscene.studies.field_of_view import pattern_coverage, reach, sensor_view, spacing
+from lidarscene.studies.ranging.conditions import CONDITIONS
 from lidarscene.studies.ranging.plane import RangeStatus, Target
-from lidarscene.studies.ranging.sweep_axes import CONDITIONS
 
 pytestmark = pytest.mark.fixed_streams
 

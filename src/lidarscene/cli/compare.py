@@ -91,8 +91,8 @@ def _compare_sensors(arguments: argparse.Namespace) -> str:
     from ..scene.scene_file import load_scene
     from ..studies.compare.bench import Bench
     from ..studies.compare.comparison_study import compare_sensors
+    from ..studies.ranging.conditions import CONDITIONS
     from ..studies.ranging.subjects import subjects
-    from ..studies.ranging.sweep_axes import CONDITIONS
 
     words = arguments.sensors.split(",")
     if not 2 <= len(words) <= MOST_SENSORS or not all(words):

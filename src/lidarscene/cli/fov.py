@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..rendering.render_options import FrameOptions
-from .options import StudyOptions, add_options
+from ..studies.ranging.conditions import Conditions
+from .options import StudyOptions, add_options, options_from
 from .terminal import progress
 from .words import number, rising_numbers
 
@@ -57,8 +58,7 @@ def add_fov(commands: Any) -> None:
     )
     add("--scene", metavar="SCENE", type=Path, help="count points on its bodies too; needs a back end")
     add_options(command, FrameOptions, pose="of a rig, where its vehicle stands (default: the origin); with --scene")
-    add("--reflectivity", metavar="SHARE", type=number, help="of the target (default 0.1)")
-    add("--illuminance", metavar="KLUX", type=number, help="on the target (default 100)")
+    add_options(command, Conditions, "reflectivity", "illuminance")
     add_options(command, StudyOptions, overrides="LABEL:KEY=VALUE for one of a rig")
     add_options(command, StudyOptions, "json")
     command.set_defaults(run=fov_text)
@@ -68,8 +68,6 @@ def fov_text(arguments: argparse.Namespace) -> str:
     """Run `fov`; returns the text to print. Raises InputError and OutputError before anything is written."""
     from ..studies.field_of_view.field_of_view_study import write_study
     from ..studies.field_of_view.sensor_view import CELL_DEG, TIMES_S, FieldOfViewStudy
-    from ..studies.ranging.plane import Target
-    from ..studies.ranging.sweep_axes import CONDITIONS
 
     if bool(arguments.sensors) == (arguments.rig is not None):
         raise InputError("SENSOR and --rig: one of them must be given, got both or none; see lidarscene fov -h")
@@ -79,11 +77,7 @@ def fov_text(arguments: argparse.Namespace) -> str:
     if not SMALLEST_CELL_DEG <= cell <= LARGEST_CELL_DEG:
         raise InputError(f"--cell: must be {SMALLEST_CELL_DEG:g} to {LARGEST_CELL_DEG:g} degrees, got {cell:g}")
 
-    def condition(name: str, default: float) -> float:
-        value = getattr(arguments, name)
-        return default if value is None else CONDITIONS[name].require(f"--{name}", float(value))
-
-    target = Target(reflectivity=condition("reflectivity", 0.1), illuminance_klux=condition("illuminance", 100.0))
+    target = options_from(Conditions, arguments).target()
     sensors = _sensors(arguments)
     scene, vehicle = None, arguments.pose
     if arguments.scene is not None:

@@ -20,6 +20,7 @@ Kind = TypeVar("Kind")
 
 PARSERS = {
     "float": number,
+    "float | None": number,
     "Pose | None": pose,
     "Sequence[int] | None": pulses,
     "File | None": Path,

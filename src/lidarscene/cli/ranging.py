@@ -6,20 +6,19 @@ The studies do the work; this module checks conditions under the names of their 
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..files.json_text import json_text
-from ..rendering.option_fields import Whole
-from .options import StudyOptions, add_options, flag_of
+from ..rendering.option_fields import Whole, options_of
+from ..studies.ranging.conditions import CONDITIONS, Conditions
+from .options import StudyOptions, add_options, flag_of, options_from
 from .terminal import Answer, progress
 from .words import number, whole_number
 
 if TYPE_CHECKING:
     from ..studies.ranging.curves import Curves, Question
-    from ..studies.ranging.plane import Target
     from ..studies.ranging.subjects import Subject
     from ..studies.ranging.sweep_axes import Axis
 
@@ -79,27 +78,22 @@ def _add_range(commands: Any) -> None:
     add("--eye-safety", action="store_true", help="class 1 or not; exit code 1: the laser is not known")
     held = command.add_argument_group("what is held")
     add = held.add_argument
-    add("--distance", metavar="M", type=number, help="of the target, for snr and pd (default 100)")
-    add("--illuminance", metavar="KLUX", type=number, help="default 100")
-    add("--sun-angle", metavar="DEG", type=number, help="between sun and surface normal (default 60)")
-    add("--reflectivity", metavar="SHARE", type=number, help="of the target (default 0.1)")
-    add("--incidence", metavar="DEG", type=number, help="of the beam on the target (default 0)")
+    add_options(held, Conditions, "distance", "illuminance", "sun_angle", "reflectivity", "incidence")
     add(
         "--aperture-law",
         choices=("scanner", "constant", "cosine", "mirror"),
         help="receiver off the axis, over elevation or azimuth (default: the sensor's own scanner's)",
     )
-    air = command.add_mutually_exclusive_group().add_argument
-    air("--transmittance", metavar="SHARE", type=number, help="of the air, one way, fixed (default 0.98)")
-    air("--extinction", metavar="PER_M", type=number, help="of the air, exp(-alpha R)")
-    air("--visibility", metavar="KM", type=number, help="of the air, by Kim's extinction")
+    air = command.add_mutually_exclusive_group()
+    add_options(air, Conditions, "transmittance", "extinction", "visibility")
     add_options(held, StudyOptions, "overrides")
     written = command.add_argument_group("what is written")
     add = written.add_argument
     add("--csv", metavar="F.csv", type=Path, help="all points of all curves")
     add("--plot", metavar="F.png|svg", type=Path, help="the curves as a picture")
     add_options(written, StudyOptions, "json")
-    command.set_defaults(run=range_text)
+    # None without the option: some do not go together.
+    command.set_defaults(run=range_text, **dict.fromkeys(options_of(Conditions)))
 
 
 def range_text(arguments: argparse.Namespace) -> str | Answer:
@@ -111,17 +105,17 @@ def range_text(arguments: argparse.Namespace) -> str | Answer:
     from ..studies.ranging.subjects import subjects
 
     _require_sense(arguments)
-    target = _target(arguments)
+    conditions = options_from(Conditions, arguments)
     subject_list = subjects(arguments.sensors, arguments.overrides)
     warn_of_doubts(subject.sensor() for subject in subject_list)
     _check_outputs(arguments)
     if arguments.eye_safety:
-        return _eye_safety(arguments, subject_list, target)
+        return _eye_safety(arguments, subject_list, conditions)
     if arguments.sensitivities:
-        return "\n\n".join(_sensitivities(arguments, subject_list, target))
+        return "\n\n".join(_sensitivities(arguments, subject_list, conditions))
     if arguments.over is None:
-        return _summary(arguments, subject_list, target)
-    return _sweep(arguments, subject_list, target)
+        return _summary(arguments, subject_list, conditions)
+    return _sweep(arguments, subject_list, conditions)
 
 
 def _require_sense(arguments: argparse.Namespace) -> None:
@@ -156,33 +150,6 @@ def _quantity(arguments: argparse.Namespace) -> str:
     return str(arguments.quantity or ("snr" if arguments.over == "distance" else "range"))
 
 
-def _target(arguments: argparse.Namespace) -> Target:
-    """Target that the options describe. Raises InputError."""
-    from ..studies.ranging.plane import Target
-    from ..studies.ranging.sweep_axes import CONDITIONS, Bounds
-
-    def condition(name: str, default: float, bounds: Bounds) -> float:
-        value = getattr(arguments, name)
-        return default if value is None else bounds.require(flag_of(name), float(value))
-
-    share = Bounds(unit="", low=0.0, high=1.0, start=0.0, stop=1.0, above=True)
-    condition("distance", 100.0, CONDITIONS["distance"])
-    condition("visibility", 1.0, Bounds(unit="km", low=0.0, high=1e4, start=1.0, stop=50.0, above=True))
-    clear = arguments.extinction is None and arguments.visibility is None
-    return Target(
-        reflectivity=condition("reflectivity", 0.1, CONDITIONS["reflectivity"]),
-        cos_incidence=max(math.cos(math.radians(condition("incidence", 0.0, CONDITIONS["incidence"]))), 0.0),
-        cos_sun=_cos_sun(condition("sun_angle", 60.0, Bounds(unit="deg", low=0, high=180, start=0, stop=180))),
-        illuminance_klux=condition("illuminance", 100.0, CONDITIONS["illuminance"]),
-        transmittance=condition("transmittance", 0.98 if clear else 1.0, share),
-        extinction_per_m=condition("extinction", 0.0, Bounds(unit="per metre", low=0, high=100, start=0, stop=1)),
-    )
-
-
-def _cos_sun(angle_deg: float) -> float:
-    return 0.5 if angle_deg == 60.0 else math.cos(math.radians(angle_deg))
-
-
 def _check_outputs(arguments: argparse.Namespace) -> None:
     """Raise an error for an output that could not be written."""
     from ..files.atomic import require_writable
@@ -196,7 +163,7 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
         require_writable(path)
 
 
-def _question(arguments: argparse.Namespace, subjects: list[Subject], target: Target) -> Question:
+def _question(arguments: argparse.Namespace, subjects: list[Subject], conditions: Conditions) -> Question:
     from ..studies.ranging.curves import Question
     from ..studies.ranging.sweep_axes import require_within_law
 
@@ -207,16 +174,16 @@ def _question(arguments: argparse.Namespace, subjects: list[Subject], target: Ta
     return Question(
         quantity=_quantity(arguments),
         axis=axis,
-        target=target,
+        target=conditions.target(),
         law=law,
-        distance_m=100.0 if arguments.distance is None else arguments.distance,
-        visibility_m=None if arguments.visibility is None else arguments.visibility * 1e3,
+        distance_m=conditions.distance,
+        visibility_m=conditions.visibility_m,
     )
 
 
 def _axis(arguments: argparse.Namespace, subjects: list[Subject]) -> Axis:
     from ..studies.ranging.aperture_laws import field_of_view_deg
-    from ..studies.ranging.sweep_axes import CONDITIONS, condition_axis, parameter_axis
+    from ..studies.ranging.sweep_axes import condition_axis, parameter_axis
 
     name, start, stop = arguments.over, getattr(arguments, "from"), arguments.to
     log = True if arguments.log else False if arguments.linear else None
@@ -231,14 +198,14 @@ def _axis(arguments: argparse.Namespace, subjects: list[Subject]) -> Axis:
     return condition_axis(name, start=start, stop=stop, count=count, log=log)
 
 
-def _sweep(arguments: argparse.Namespace, subjects: list[Subject], target: Target) -> str:
+def _sweep(arguments: argparse.Namespace, subjects: list[Subject], held: Conditions) -> str:
     """Write the curves; returns them as a table or JSON."""
     from ..studies.ranging import sweep_report
     from ..studies.ranging.curves import curves
 
-    swept = curves(subjects, _question(arguments, subjects, target))
+    swept = curves(subjects, _question(arguments, subjects, held))
     sensors = {subject.name: subject.sensor() for subject in subjects}
-    conditions = sweep_report.conditions_text(swept, sun_angle_deg=_sun_angle(arguments))
+    conditions = sweep_report.conditions_text(swept, sun_angle_deg=held.sun_angle)
     written = _write(arguments, swept, conditions, {n: s.tdc.threshold_to_noise for n, s in sensors.items()})
     notes = sweep_report.notes(swept, sensors)
     if arguments.json:
@@ -265,32 +232,26 @@ def _write(arguments: argparse.Namespace, swept: Curves, conditions: str, thresh
     return written
 
 
-def _sun_angle(arguments: argparse.Namespace) -> float:
-    return 60.0 if arguments.sun_angle is None else float(arguments.sun_angle)
-
-
-def _summary(arguments: argparse.Namespace, subjects: list[Subject], target: Target) -> str:
+def _summary(arguments: argparse.Namespace, subjects: list[Subject], conditions: Conditions) -> str:
     """Text or JSON of each sensor's maximum range, its closed form, and SNR and P_d at one distance."""
     from ..studies.ranging.range_summary import summary_of, text_of
 
-    visibility_m = None if arguments.visibility is None else arguments.visibility * 1e3
-    distance_m = 100.0 if arguments.distance is None else float(arguments.distance)
+    target, distance_m, visibility_m = conditions.target(), conditions.distance, conditions.visibility_m
     rows = [summary_of(subject, target, distance_m=distance_m, visibility_m=visibility_m) for subject in subjects]
     if arguments.json:
         return json_text({row.pop("name"): row for row in rows})
-    return text_of(rows, target, distance_m, _sun_angle(arguments), visibility_m)
+    return text_of(rows, target, distance_m, conditions.sun_angle, visibility_m)
 
 
-def _sensitivities(arguments: argparse.Namespace, subjects: list[Subject], conditions: Target) -> list[str]:
+def _sensitivities(arguments: argparse.Namespace, subjects: list[Subject], conditions: Conditions) -> list[str]:
     """Reports of how the range depends on each parameter of each sensor; writes the plot."""
     from ..studies.ranging import sensitivities as worth
     from ..studies.ranging.curves import with_haze
 
-    visibility_m = None if arguments.visibility is None else arguments.visibility * 1e3
     texts = []
     for subject in subjects:
         sensor = subject.sensor()
-        target = with_haze(sensor, conditions, visibility_m)
+        target = with_haze(sensor, conditions.target(), conditions.visibility_m)
         texts.append(worth.report_text(sensor, target, distance_m=arguments.distance))
         if arguments.plot is not None:
             worth.tornado(arguments.plot, sensor, target, distance_m=arguments.distance)
@@ -298,7 +259,7 @@ def _sensitivities(arguments: argparse.Namespace, subjects: list[Subject], condi
     return texts
 
 
-def _eye_safety(arguments: argparse.Namespace, subjects: list[Subject], target: Target) -> Answer:
+def _eye_safety(arguments: argparse.Namespace, subjects: list[Subject], conditions: Conditions) -> Answer:
     """Report of eye safety for each sensor, after the sensitivities with `--sensitivities`."""
     from ..studies.eye_safety.eye_safety_report import both_reports, not_known, report_text
 
@@ -306,7 +267,7 @@ def _eye_safety(arguments: argparse.Namespace, subjects: list[Subject], target: 
     if arguments.json:
         text = json_text([report.as_dict() for sensor in sensors for report in both_reports(sensor)])
     else:
-        first = _sensitivities(arguments, subjects, target) if arguments.sensitivities else []
+        first = _sensitivities(arguments, subjects, conditions) if arguments.sensitivities else []
         text = "\n\n".join([*first, *(report_text(sensor) for sensor in sensors)])
     return Answer(text, int(any(not_known(sensor) for sensor in sensors)))
 

@@ -11,7 +11,7 @@ from collections.abc import Collection
 from dataclasses import MISSING, Field, field, fields
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias, TypeVar, cast
+from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 from ..errors import OptionError
 
@@ -69,7 +69,11 @@ class FileName(NamedTuple):
             raise OptionError(f"{{{option}}} {{0}}: the name must end in {{1}}", value, " or ".join(self.suffixes))
 
 
-Values: TypeAlias = Whole | Finite | OneOf | FileName
+class Values(Protocol):
+    """Allowed values of an option, such as `Whole`."""
+
+    def check(self, option: str, value: Any, /) -> None:
+        """Raise OptionError unless the value is allowed."""
 
 
 class Declaration(NamedTuple):

@@ -11,16 +11,11 @@ from lidarscene import catalog, load_sensor
 from lidarscene.errors import InputError
 from lidarscene.studies.ranging import aperture_laws, plane
 from lidarscene.studies.ranging.aperture_laws import LAWS
+from lidarscene.studies.ranging.conditions import Bounds
 from lidarscene.studies.ranging.curves import Question, SweepCurve, _difference, _refine, curves, is_flat, with_haze
 from lidarscene.studies.ranging.plane import RangeStatus, Target
 from lidarscene.studies.ranging.subjects import subjects
-from lidarscene.studies.ranging.sweep_axes import (
-    Bounds,
-    condition_axis,
-    numeric_keys,
-    parameter_axis,
-    require_within_law,
-)
+from lidarscene.studies.ranging.sweep_axes import condition_axis, numeric_keys, parameter_axis, require_within_law
 
 BOTH = subjects(["table1-apd", "table1-sipm"])
 

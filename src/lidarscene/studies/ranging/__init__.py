@@ -5,6 +5,7 @@ stages of the simulation, over any axis and for any sensor.
 
 plane          SNR and range limit of a flat target
 statistics     detection, false alarms and range error
+conditions     target, light and air, their bounds and defaults
 sweep_axes     what can be varied
 subjects       which sensors, with which changes
 curves         values over an axis, and their crossings

@@ -18,51 +18,7 @@ from ...maths.arrays import Numbers
 from ...maths.units import split_unit
 from ...sensor.sensor_file import SensorFile
 from .aperture_laws import LARGEST_DEG
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Bounds:
-    """Allowed values of a condition, and the default ends of an axis over it.
-
-    above  True if ``low`` itself is excluded
-    """
-
-    unit: str
-    low: float
-    high: float
-    start: float
-    stop: float
-    log: bool = False
-    above: bool = False
-
-    def require(self, option: str, value: float) -> float:
-        """Return ``value``, or raise InputError with the option and the allowed values."""
-        outside = not self.low <= value <= self.high or (self.above and value == self.low)
-        if not math.isfinite(value) or outside:
-            least = f"more than {self.low:g}" if self.above else f"{self.low:g} or more"
-            unit = f" {self.unit}" if self.unit else ""
-            raise InputError(f"{option} {value:g}: must be {least} and up to {self.high:g}{unit}")
-        return value
-
-
-CONDITIONS: dict[str, Bounds] = {
-    "distance": Bounds(unit="m", low=0.0, high=1e6, start=10.0, stop=1000.0, log=True, above=True),
-    "illuminance": Bounds(unit="klux", low=0.0, high=1e6, start=0.1, stop=100.0, log=True),
-    "elevation": Bounds(unit="deg", low=-90.0, high=90.0, start=-12.5, stop=12.5),
-    "azimuth": Bounds(unit="deg", low=-180.0, high=180.0, start=-60.0, stop=60.0),
-    "reflectivity": Bounds(unit="", low=0.0, high=1.0, start=0.01, stop=1.0, log=True),
-    "incidence": Bounds(unit="deg", low=0.0, high=90.0, start=0.0, stop=85.0),
-}
-"""Conditions that can be swept, besides the keys of the sensor file."""
-
-MEANING = {
-    "distance": "distance",
-    "illuminance": "illuminance of the sun",
-    "elevation": "elevation of the beam",
-    "azimuth": "azimuth of the beam",
-    "reflectivity": "reflectivity of the target",
-    "incidence": "angle of incidence",
-}
+from .conditions import CONDITIONS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,7 +59,7 @@ def condition_axis(key: str, *, start: float | None, stop: float | None, count: 
         key=key,
         column=f"{key}_{bounds.unit}" if bounds.unit else key,
         unit=bounds.unit.replace("deg", "°"),
-        label=MEANING[key] + (f" [{bounds.unit.replace('deg', '°')}]" if bounds.unit else ""),
+        label=bounds.meaning + (f" [{bounds.unit.replace('deg', '°')}]" if bounds.unit else ""),
         values=_steps(first, last, count, log=log),
         log=log,
     )

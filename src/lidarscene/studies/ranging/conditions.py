@@ -1,0 +1,130 @@
+"""Conditions of a study: target, light and air as options, with their bounds, and which of them an axis can be.
+
+The command line reads them for ``--help``, so that this module loads no NumPy.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ...errors import InputError, OptionError
+from ...rendering.option_fields import check_options, list_options, option
+
+if TYPE_CHECKING:
+    from .plane import Target
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """Allowed values of a condition, and the default ends of an axis over it.
+
+    above    True if ``low`` itself is excluded
+    meaning  words for the axis of a chart
+    """
+
+    unit: str
+    low: float
+    high: float
+    start: float = 0.0
+    stop: float = 1.0
+    log: bool = False
+    above: bool = False
+    meaning: str = ""
+
+    def __str__(self) -> str:
+        least = f"more than {self.low:g}" if self.above else f"{self.low:g} or more"
+        return f"{least} and up to {self.high:g}{f' {self.unit}' if self.unit else ''}"
+
+    def __contains__(self, value: float) -> bool:
+        return self.low <= value <= self.high and not (self.above and value == self.low)
+
+    def check(self, option: str, value: float) -> None:
+        """Raise OptionError unless the value is one of these."""
+        if value not in self:
+            raise OptionError(f"{{{option}}} {{0:g}}: must be {{1}}", value, self)
+
+    def require(self, option: str, value: float) -> float:
+        """Return ``value``, or raise InputError with the option and the allowed values."""
+        if value not in self:
+            raise InputError(f"{option} {value:g}: must be {self}")
+        return value
+
+
+CONDITIONS: dict[str, Bounds] = {
+    "distance": Bounds(unit="m", low=0.0, high=1e6, start=10.0, stop=1000.0, log=True, above=True, meaning="distance"),
+    "illuminance": Bounds(
+        unit="klux", low=0.0, high=1e6, start=0.1, stop=100.0, log=True, meaning="illuminance of the sun"
+    ),
+    "elevation": Bounds(unit="deg", low=-90.0, high=90.0, start=-12.5, stop=12.5, meaning="elevation of the beam"),
+    "azimuth": Bounds(unit="deg", low=-180.0, high=180.0, start=-60.0, stop=60.0, meaning="azimuth of the beam"),
+    "reflectivity": Bounds(
+        unit="", low=0.0, high=1.0, start=0.01, stop=1.0, log=True, meaning="reflectivity of the target"
+    ),
+    "incidence": Bounds(unit="deg", low=0.0, high=90.0, start=0.0, stop=85.0, meaning="angle of incidence"),
+}
+"""Conditions that can be swept, besides the keys of the sensor file."""
+
+CLEAR_AIR = 0.98
+"""Transmittance of the air one way at any range (Table 1)."""
+
+
+@list_options
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conditions:
+    """Target, light and air, in the units of the command line. Raises InputError for a value out of bounds."""
+
+    distance: float = option(
+        100.0, CONDITIONS["distance"], help="of the target, for snr and pd (default {default:g})", metavar="M"
+    )
+    illuminance: float = option(
+        100.0, CONDITIONS["illuminance"], help="on the target (default {default:g})", metavar="KLUX"
+    )
+    sun_angle: float = option(
+        60.0,
+        Bounds(unit="deg", low=0, high=180),
+        help="between sun and surface normal (default {default:g})",
+        metavar="DEG",
+    )
+    reflectivity: float = option(
+        0.1, CONDITIONS["reflectivity"], help="of the target (default {default:g})", metavar="SHARE"
+    )
+    incidence: float = option(
+        0.0, CONDITIONS["incidence"], help="of the beam on the target (default {default:g})", metavar="DEG"
+    )
+    transmittance: float | None = option(
+        None,
+        Bounds(unit="", low=0.0, high=1.0, above=True),
+        help=f"of the air, one way, fixed (default {CLEAR_AIR})",
+        metavar="SHARE",
+    )
+    extinction: float | None = option(
+        None, Bounds(unit="per metre", low=0, high=100), help="of the air, exp(-alpha R)", metavar="PER_M"
+    )
+    visibility: float | None = option(
+        None, Bounds(unit="km", low=0.0, high=1e4, above=True), help="of the air, by Kim's extinction", metavar="KM"
+    )
+
+    def __post_init__(self) -> None:
+        check_options(self)
+
+    @property
+    def visibility_m(self) -> float | None:
+        """Visibility in metres; None if it was not given."""
+        return None if self.visibility is None else self.visibility * 1e3
+
+    def target(self) -> Target:
+        """Plane target under these conditions; the extinction of a visibility depends on the sensor's wavelength."""
+        from .plane import Target
+
+        clear = CLEAR_AIR if self.extinction is None and self.visibility is None else 1.0
+        return Target(
+            reflectivity=self.reflectivity,
+            cos_incidence=max(math.cos(math.radians(self.incidence)), 0.0),
+            # The cosine of 60 degrees misses the 0.5 of Table 1 by a rounding.
+            cos_sun=0.5 if self.sun_angle == 60.0 else math.cos(math.radians(self.sun_angle)),
+            illuminance_klux=self.illuminance,
+            transmittance=clear if self.transmittance is None else self.transmittance,
+            extinction_per_m=self.extinction or 0.0,
+        )
