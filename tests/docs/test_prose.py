@@ -408,3 +408,5 @@ def test_range_page() -> None:
     )
     says("range.md", "`table1-apd: maximum range {} m, where SNR {}`", range_m(apd_lidar()), 5.0)
     says("compare.md", "{} klux for the paper's APD and SiPM", equal)
+    in_time = plane.equal_range_illuminance_klux(apd_lidar(), sipm_in_time(), TABLE_1)
+    says("theory.md", "equal at {} klux by (27), at {} klux in the time domain", equal, in_time)
