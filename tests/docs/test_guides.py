@@ -33,7 +33,7 @@ from lidarscene.sensor.sensor_file import MOST_STOPS
 from lidarscene.studies.compare import cloud_matching
 from lidarscene.studies.eye_safety.eye_safety_report import TIME_BASE_S
 from lidarscene.studies.field_of_view import field_of_view_figures as figures
-from lidarscene.studies.field_of_view import pattern_coverage, reach, sensor_view, spacing
+from lidarscene.studies.field_of_view import pattern_coverage, reach, spacing, study_options
 from lidarscene.studies.ranging.conditions import CONDITIONS
 from lidarscene.studies.ranging.plane import RangeStatus, Target
 
@@ -83,8 +83,8 @@ def test_defaults_of_range() -> None:
 
 
 def test_defaults_of_fov() -> None:
-    assert default("fov", "--cell") == sensor_view.CELL_DEG
-    says("fov.md", "is the size of the cells, {} degrees unless given", sensor_view.CELL_DEG)
+    assert default("fov", "--cell") == study_options.CELL_DEG
+    says("fov.md", "is the size of the cells, {} degrees unless given", study_options.CELL_DEG)
     says(
         "fov.md",
         "`--reflectivity` ({}) and `--illuminance` ({} klux) describe",
@@ -102,10 +102,10 @@ def test_defaults_of_fov() -> None:
     says("fov.md", "exact, for {} of them evenly taken", spacing.QUERIES)
     says("fov.md", "vehicle's frame, {} m square", 2.0 * reach.GROUND_M)
     (row,) = [r for r in table("fov.md", "time (s)") if r[0].startswith("here")]
-    assert len(row) == len(sensor_view.TIMES_S) + 1
-    assert f"default {','.join(f'{t:g}' for t in sensor_view.TIMES_S)}" in (options("fov")["--time"].help or "")
+    assert len(row) == len(study_options.TIMES_S) + 1
+    assert f"default {','.join(f'{t:g}' for t in study_options.TIMES_S)}" in (options("fov")["--time"].help or "")
     assert re.findall(r"\| time \(s\) \| (.*) \|", prose(README.parent / "docs" / "fov.md")) == [
-        " | ".join(f"{t:.1f}" for t in sensor_view.TIMES_S)
+        " | ".join(f"{t:.1f}" for t in study_options.TIMES_S)
     ]
 
 

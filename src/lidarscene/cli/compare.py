@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ..rendering.option_fields import Rising
 from ..rendering.render_options import FrameOptions
 from .options import StudyOptions, add_options, flag_of, options_from
 from .recordings.recording_options import add_recording, is_recording
@@ -56,7 +57,7 @@ def add_compare(commands: Any) -> None:
     add(
         "--illuminance",
         metavar="KLUX,KLUX,...",
-        type=rising_numbers("illuminances in klux", "0.05,1,10,100"),
+        type=rising_numbers(Rising("illuminances in klux", "0.05,1,10,100")),
         help="sweep over these, and find where sensors overtake each other",
     )
     add_options(command, StudyOptions, "overrides")

@@ -6,15 +6,16 @@ The study does the work (`studies.field_of_view`); this module reads and checks 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..rendering.render_options import FrameOptions
+from ..studies.field_of_view.study_options import FieldOfViewStudy
 from ..studies.ranging.conditions import Conditions
 from .options import StudyOptions, add_options, options_from
 from .terminal import progress
-from .words import number, rising_numbers
 
 if TYPE_CHECKING:
     from ..sensor.sensor_model import Sensor
@@ -26,8 +27,6 @@ examples:
   lidarscene fov table1-apd --scene car -o out/fov
   lidarscene fov --rig scenes/rig.toml --scene drive -o out/fov
 """
-
-SMALLEST_CELL_DEG, LARGEST_CELL_DEG = 0.02, 10.0
 
 
 def add_fov(commands: Any) -> None:
@@ -41,22 +40,9 @@ def add_fov(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_argument("sensors", metavar="SENSOR", nargs="*", help="catalogue name or sensor file")
-    add = command.add_argument
     add_options(command, StudyOptions, "rig", "output")
-    add(
-        "--time",
-        metavar="S,S,...",
-        type=rising_numbers("seconds", "0.1,0.5,1"),
-        help="seconds (default 0.1,0.2,0.3,0.4,0.5,0.7,1,1.4)",
-    )
-    add("--cell", metavar="DEG", type=number, help="size of the cells (default 0.28)")
-    add(
-        "--mask",
-        choices=("outline", "reached"),
-        default="outline",
-        help="the field of view: the pattern's convex outline (default), or cells ever reached",
-    )
-    add("--scene", metavar="SCENE", type=Path, help="count points on its bodies too; needs a back end")
+    add_options(command, FieldOfViewStudy, "times_s", "cell_deg", "mask")
+    command.add_argument("--scene", metavar="SCENE", type=Path, help="count points on its bodies too; needs a back end")
     add_options(command, FrameOptions, pose="of a rig, where its vehicle stands (default: the origin); with --scene")
     add_options(command, Conditions, "reflectivity", "illuminance")
     add_options(command, StudyOptions, overrides="LABEL:KEY=VALUE for one of a rig")
@@ -67,17 +53,13 @@ def add_fov(commands: Any) -> None:
 def fov_text(arguments: argparse.Namespace) -> str:
     """Run `fov`; returns the text to print. Raises InputError and OutputError before anything is written."""
     from ..studies.field_of_view.field_of_view_study import write_study
-    from ..studies.field_of_view.sensor_view import CELL_DEG, TIMES_S, FieldOfViewStudy
 
     if bool(arguments.sensors) == (arguments.rig is not None):
         raise InputError("SENSOR and --rig: one of them must be given, got both or none; see lidarscene fov -h")
     if arguments.pose is not None and arguments.scene is None:
         raise InputError("--pose goes with --scene")
-    cell = CELL_DEG if arguments.cell is None else arguments.cell
-    if not SMALLEST_CELL_DEG <= cell <= LARGEST_CELL_DEG:
-        raise InputError(f"--cell: must be {SMALLEST_CELL_DEG:g} to {LARGEST_CELL_DEG:g} degrees, got {cell:g}")
-
-    target = options_from(Conditions, arguments).target()
+    study = options_from(FieldOfViewStudy, arguments)
+    study = replace(study, target=options_from(Conditions, arguments).target())
     sensors = _sensors(arguments)
     scene, vehicle = None, arguments.pose
     if arguments.scene is not None:
@@ -87,7 +69,6 @@ def fov_text(arguments: argparse.Namespace) -> str:
         scene = load_scene(arguments.scene)
         if arguments.rig is not None:
             vehicle = vehicle or Pose()
-    study = FieldOfViewStudy(times_s=arguments.time or TIMES_S, cell_deg=cell, mask=arguments.mask, target=target)
     with progress("steps") as report:
         return write_study(
             arguments.output, sensors, study, scene=scene, vehicle=vehicle, as_json=arguments.json, progress=report

@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..outputs.output_options import Outputs
-from ..rendering.option_fields import OneOf, Whole, declared, option, options_of
+from ..rendering.option_fields import OneOf, Rising, Whole, declared, option, options_of
 from ..rendering.render_options import FrameOptions, TraceOptions
-from .words import number, pose, pulses, whole_number
+from ..studies.field_of_view.study_options import FieldOfViewStudy
+from .words import number, pose, pulses, rising_numbers, whole_number
 
 Kind = TypeVar("Kind")
 
@@ -71,7 +72,7 @@ class StudyOptions(CommandOptions):
 
 FLAGS = {
     name: next(flag for flag in entry.flags if flag.startswith("--"))
-    for kind in (TraceOptions, FrameOptions, Outputs, CommandOptions)
+    for kind in (TraceOptions, FrameOptions, Outputs, FieldOfViewStudy, CommandOptions)
     for name, (_, entry) in options_of(kind).items()
     if entry.flags
 }
@@ -101,6 +102,8 @@ def add_options(group: argparse._ActionsContainer, kind: type[Any], *names: str,
             settings["choices"] = declaration.values.names
         elif isinstance(declaration.values, Whole):
             settings["type"] = whole_number(declaration.values)
+        elif isinstance(declaration.values, Rising):
+            settings["type"] = rising_numbers(declaration.values)
         else:
             settings["type"] = PARSERS.get(str(entry.type), str)
         about = "; ".join(filter(None, (about, remarks.get(name))))

@@ -6,8 +6,9 @@ docstring (`list_options`) and the argument of the command line (`cli.options.ad
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import MISSING, Field, field, fields
 from numbers import Integral, Real
 from pathlib import Path
@@ -45,6 +46,40 @@ class Finite(NamedTuple):
             raise OptionError(f"{{{option}}}: must be a finite number of {self.unit}, got {{0!r}}", value)
 
 
+class Between(NamedTuple):
+    """The numbers from ``low`` to ``high`` in a unit, both included."""
+
+    low: float
+    high: float
+    unit: str
+
+    def check(self, option: str, value: float) -> None:
+        """Raise OptionError unless the value is one of these numbers."""
+        if not self.low <= value <= self.high:
+            allowed = f"{self.low:g} to {self.high:g} {self.unit}"
+            raise OptionError(f"{{{option}}}: must be {allowed}, got {{0:g}}", value)
+
+
+class Rising(NamedTuple):
+    """Positive numbers of a quantity, each above the one before; an example shows how they are written."""
+
+    quantity: str
+    example: str
+
+    def check(self, option: str, value: Sequence[float]) -> None:
+        """Raise OptionError unless the values rise."""
+        if not self.holds(value):
+            raise OptionError(f"{{{option}}}: must be {self}, got {{0!r}}", value)
+
+    def holds(self, values: Sequence[float]) -> bool:
+        """Whether there are values, and all are finite, positive and above the one before."""
+        in_order = all(a < b for a, b in itertools.pairwise(values))
+        return bool(values) and in_order and all(math.isfinite(v) and v > 0.0 for v in values)
+
+    def __str__(self) -> str:
+        return f"{self.quantity} that rise, such as {self.example}"
+
+
 class OneOf(NamedTuple):
     """Some names. ``wording`` replaces "one of a, b" in messages."""
 
@@ -67,6 +102,15 @@ class FileName(NamedTuple):
         """Raise OptionError unless the path has one of the suffixes."""
         if Path(value).suffix.lower() not in self.suffixes:
             raise OptionError(f"{{{option}}} {{0}}: the name must end in {{1}}", value, " or ".join(self.suffixes))
+
+
+class Function:
+    """All that can be called."""
+
+    def check(self, option: str, value: object) -> None:
+        """Raise OptionError unless the value can be called."""
+        if not callable(value):
+            raise OptionError(f"{{{option}}}: must be a function, got {{0!r}}", value)
 
 
 class Values(Protocol):

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypedDict, TypeVar
 
 from ..errors import InputError, OptionError
 from ..light.limits import INTERACTIONS, MOST_INTERACTIONS
-from .option_fields import Finite, OneOf, Whole, check_options, list_options, option
+from .option_fields import Finite, Function, OneOf, Whole, check_options, list_options, option
 
 # Options load no NumPy: the command line names them, and still answers --help at once.
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ MEETINGS = Whole(0, MOST_INTERACTIONS)
 SEEDS = Whole(0, 2**32 - 1)
 NUMBERS = Whole(0, 2**31 - 1)
 CHUNKS = Whole(1, 2**31 - 1)
+FUNCTION = Function()
 COORDINATES = OneOf(("world", "vehicle", "sensor"), "'world' or 'vehicle' or 'sensor'")
 
 
@@ -133,32 +134,37 @@ def to_pose(pose: object) -> Pose:
     return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)
 
 
+@list_options
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Observers:
     """Functions called while a frame is rendered, once for each chunk, and a summary that is filled.
 
-    progress  called with (done, pulses): the number of pulses done, and of all
-    missed    called with (pulse, outcome): arrays of all pulses without an echo point
-    ambient   called with (pulse, counts): arrays of all pulses and of their background, `detection.ambient.counts`
-    points    called with (pulse, surfaces): the pulse of each point of the cloud, and `surface_columns` (in
-              `kernel.rays.point_columns`) of every pulse that met a surface; rates of detection are made of these
-    summary   filled with pulses by outcome, points, seconds by stage
     Raises InputError for an observer that cannot be called.
     """
 
     KEYWORD: ClassVar[str] = "observers"
 
-    progress: Callable[[int, int], object] | None = None
-    missed: Callable[[Numbers, Numbers], object] | None = None
-    ambient: Callable[[Numbers, Numbers], object] | None = None
-    points: Callable[[Numbers, Mapping[str, Numbers]], object] | None = None
-    summary: Summary | None = None
+    progress: Callable[[int, int], object] | None = option(
+        None, FUNCTION, help="called with (done, pulses): the number of pulses done, and of all"
+    )
+    missed: Callable[[Numbers, Numbers], object] | None = option(
+        None, FUNCTION, help="called with (pulse, outcome): arrays of all pulses without an echo point"
+    )
+    ambient: Callable[[Numbers, Numbers], object] | None = option(
+        None,
+        FUNCTION,
+        help="called with (pulse, counts): arrays of all pulses and of their background, `detection.ambient.counts`",
+    )
+    points: Callable[[Numbers, Mapping[str, Numbers]], object] | None = option(
+        None,
+        FUNCTION,
+        help="called with (pulse, surfaces): the pulse of each point of the cloud, and `surface_columns` (in "
+        "`kernel.rays.point_columns`) of every pulse that met a surface; rates of detection are made of these",
+    )
+    summary: Summary | None = option(None, help="filled with pulses by outcome, points, seconds by stage")
 
     def __post_init__(self) -> None:
-        for name in ("progress", "missed", "ambient", "points"):
-            observer = getattr(self, name)
-            if observer is not None and not callable(observer):
-                raise OptionError(f"{{{name}}}: must be a function, got {{0!r}}", observer)
+        check_options(self)
 
 
 class TraceKeywords(TypedDict, total=False):

@@ -4,7 +4,8 @@ Spinning, mirror and prism scanners are compared by the share of the field of vi
 and by the time until they return to a direction, which data sheets do not say.
 
 field_of_view_study    entry point: from sensors to pictures, CSV and a page
-sensor_view            settings of a study, and the results for one sensor
+study_options          settings of a study
+sensor_view            the results for one sensor
 pattern_coverage       pulses of a scanner; coverage, density and revisit time of each cell
 sphere_cells           cells of equal solid angle on the sphere of directions
 spacing                angles between neighbouring pulses

@@ -20,8 +20,9 @@ from ...sensor.sensor_model import Sensor
 from . import field_of_view_figures as figures
 from .pattern_coverage import DWELL_S, rate_hz
 from .reach import Ground, ground_view
-from .sensor_view import FieldOfViewStudy, SensorView, study_sensor
+from .sensor_view import SensorView, study_sensor
 from .spacing import PERCENTILES
+from .study_options import FieldOfViewStudy
 
 if TYPE_CHECKING:
     from ...maths.pose import Pose

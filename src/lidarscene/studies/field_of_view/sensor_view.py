@@ -1,35 +1,19 @@
-"""Settings of a field-of-view study, and its results for one sensor.
+"""Results of a field-of-view study for one sensor.
 
 A module of its own, because both the figures and the study need these types.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from ...maths.arrays import Numbers
 from ...sensor.sensor_model import Sensor
-from ..ranging.plane import Target
 from .pattern_coverage import CellMaps, FiredPulses, cell_maps, field_cells, fired_pulses
 from .reach import range_map_m
 from .spacing import nearest_deg
 from .sphere_cells import SphereCells
-
-TIMES_S = (0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.4)
-CELL_DEG = 0.28
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FieldOfViewStudy:
-    """Settings of a study: times at which coverage is given, size of the cells, kind of field of view, target.
-
-    mask  "outline" or "reached", as in `pattern_coverage.field_cells`
-    """
-
-    times_s: tuple[float, ...] = TIMES_S
-    cell_deg: float = CELL_DEG
-    mask: str = "outline"
-    target: Target = field(default_factory=Target)
+from .study_options import FieldOfViewStudy
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,0 +1,45 @@
+"""Settings of a field-of-view study, as options. The command line reads them for ``--help``: no NumPy is loaded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from ...rendering.option_fields import Between, OneOf, Rising, check_options, list_options, option
+from ..ranging.conditions import Conditions
+
+if TYPE_CHECKING:
+    from ..ranging.plane import Target
+
+TIMES_S = (0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.4)
+CELL_DEG = 0.28
+
+
+@list_options
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FieldOfViewStudy:
+    """Settings of a study. ``target`` is the plane whose maximum range is mapped."""
+
+    times_s: tuple[float, ...] = option(
+        TIMES_S,
+        Rising("seconds", "0.1,0.5,1"),
+        help=f"when coverage is given, seconds (default {','.join(f'{time_s:g}' for time_s in TIMES_S)})",
+        metavar="S,S,...",
+        flags=("--time",),
+    )
+    cell_deg: float = option(
+        CELL_DEG,
+        Between(0.02, 10.0, "degrees"),
+        help="size of the cells (default {default})",
+        metavar="DEG",
+        flags=("--cell",),
+    )
+    mask: str = option(
+        "outline",
+        OneOf(("outline", "reached")),
+        help="the field of view: the pattern's convex outline (default), or cells ever reached",
+    )
+    target: Target = field(default_factory=lambda: Conditions().target())
+
+    def __post_init__(self) -> None:
+        check_options(self)
