@@ -19,10 +19,10 @@ def test_sun_disc_by_counting():
     """Reference: points of the field of view that lie on the disc. Tolerance: of a grid of 1500."""
     grid = FIELD_RAD * ((np.arange(1500) + 0.5) / 750 - 1)
     x, y = np.meshgrid(grid, grid)
-    seen = np.hypot(x, y) <= FIELD_RAD
+    in_field = np.hypot(x, y) <= FIELD_RAD
     disc = math.radians(959.63 / 3600.0)
     for angle in (0.0, 1e-3, 2e-3, 5e-3, 7e-3, 9e-3):
-        counted = np.count_nonzero(seen & (np.hypot(x - angle, y) <= disc)) * (grid[1] - grid[0]) ** 2
+        counted = np.count_nonzero(in_field & (np.hypot(x - angle, y) <= disc)) * (grid[1] - grid[0]) ** 2
         power = sunlight.sun_disc_power_w(
             sun_irradiance_w_m2=ESUN,
             sun_angle_rad=np.array([angle]),
@@ -78,12 +78,12 @@ def test_the_sun_through_a_pane(mi, off_deg):
         sky=0.1,
         air=Air(transmittance=1.0),
     )
-    seen = chain.run(described, chain.sensor("table1-apd", *chain.NARROW), interactions=3)
+    through_pane = chain.run(described, chain.sensor("table1-apd", *chain.NARROW), interactions=3)
     free = looking_at_the_sun("table1-apd", off_deg=off_deg).light.background_power_w[4]
     sky = 0.1 * ESUN / math.pi * APERTURE_M2 * math.pi * FIELD_RAD**2 * ETA
     mirrored = both_sides(math.cos(math.radians(30.0)))
-    assert not any(hits.has_surface[4] for hits in seen.ways)
-    assert seen.light.background_power_w[4] == pytest.approx((1.0 - mirrored) * free + mirrored * sky, rel=2e-5)
+    assert not any(hits.has_surface[4] for hits in through_pane.ways)
+    assert through_pane.light.background_power_w[4] == pytest.approx((1.0 - mirrored) * free + mirrored * sky, rel=2e-5)
 
 
 @pytest.mark.parametrize(
@@ -99,10 +99,15 @@ def test_the_sun_through_a_pane(mi, off_deg):
 )
 def test_blinded_channels_stay_finite(mi, name, options):
     """A million times the usual background: no NaN in any lane, and an SNR of nothing."""
-    found = looking_at_the_sun(name, *options, off_deg=0.0).detection
-    for values in (found.snr, found.detection_probability, found.stops[0].range_m, found.stops[0].amplitude):
+    detection = looking_at_the_sun(name, *options, off_deg=0.0).detection
+    for values in (
+        detection.snr,
+        detection.detection_probability,
+        detection.stops[0].range_m,
+        detection.stops[0].amplitude,
+    ):
         assert np.isfinite(values).all()
-    assert (found.snr == 0.0).all()
+    assert (detection.snr == 0.0).all()
 
 
 def test_a_wall_hides_the_sun(mi):
@@ -125,5 +130,5 @@ def test_lamps_light_surfaces_and_not_the_sky(mi):
     expected = 0.1 * 2.0 / math.pi * APERTURE_M2 * math.pi * FIELD_RAD**2 * ETA
     np.testing.assert_allclose(lit, expected, rtol=1e-5)
     assert (chain.run(dark, sensor).light.background_power_w == 0.0).all()
-    away = replace(chain.scene(chain.ball(at=(-50.0, 0.0, 0.0)), klux=0.0), lamps_w_m2=2.0)
-    assert (chain.run(away, sensor).light.background_power_w == 0.0).all()
+    ball_behind = replace(chain.scene(chain.ball(at=(-50.0, 0.0, 0.0)), klux=0.0), lamps_w_m2=2.0)
+    assert (chain.run(ball_behind, sensor).light.background_power_w == 0.0).all()

@@ -56,10 +56,10 @@ def test_a_blanked_echo_takes_no_stop_and_starts_no_dead_time():
     options = [*trains.QUIET, f"tdc.blanking_ns={BLANKING_NS}", "tdc.dead_time_ns=100"]
     equipped = trains.sensor("table1-apd", *options)
     power = trains.power_at_snr(equipped, 300.0)
-    found = trains.detect(trains.train(np.tile([[3.0, 10.0]], (50, 1)), power), equipped)
-    assert np.all(found.stops[0].reported)
+    detection = trains.detect(trains.train(np.tile([[3.0, 10.0]], (50, 1)), power), equipped)
+    assert np.all(detection.stops[0].reported)
     # Within 5 cm: jitter of an edge 250 noises above the threshold is a tenth of that.
-    np.testing.assert_allclose(found.stops[0].range_m, 10.0, atol=0.05)
+    np.testing.assert_allclose(detection.stops[0].range_m, 10.0, atol=0.05)
     sighted = trains.sensor("table1-apd", *trains.QUIET, "tdc.dead_time_ns=100", "tdc.stops=2")
     first = trains.detect(trains.train(np.tile([[3.0, 10.0]], (50, 1)), power), sighted)
     np.testing.assert_allclose(first.stops[0].range_m, 3.0, atol=0.05)
@@ -75,26 +75,26 @@ def test_alarms_come_only_while_the_converter_listens(keep):
     options = ["tdc.threshold_to_noise=3", "tdc.window_us=4", "tdc.blanking_ns=2000", f"tdc.keep='{keep}'"]
     equipped = trains.sensor("table1-apd", *options)
     pulses = 20_000
-    found = trains.detect(trains.train(np.full((pulses, 1), 20.0), 0.0), equipped, seed=5)
+    detection = trains.detect(trains.train(np.full((pulses, 1), 20.0), 0.0), equipped, seed=5)
     point = equipped.working_point(np.array([trains.BACKGROUND_W]))
     p_false = point.false_alarm_probability(equipped.threshold(point))
     rate = float(tdc.false_alarm_rate_hz(p_false=p_false, bandwidth_hz=equipped.tdc.bandwidth_hz)[0])
     quiet = math.exp(-rate * 2e-6)
     assert 0.05 < quiet < 0.95
-    reported = np.asarray(found.stops[0].reported)
+    reported = np.asarray(detection.stops[0].reported)
     assert abs(np.mean(~reported) - quiet) < 4.5 * math.sqrt(quiet * (1.0 - quiet) / pulses)
-    times = 2.0 / SPEED_OF_LIGHT_M_S * np.asarray(found.stops[0].range_m)[reported]
+    times = 2.0 / SPEED_OF_LIGHT_M_S * np.asarray(detection.stops[0].range_m)[reported]
     assert times.min() >= 2e-6
     assert times.max() < 4e-6
-    assert np.all(np.asarray(found.stops[0].status)[reported] == Status.FALSE_ALARM)
+    assert np.all(np.asarray(detection.stops[0].status)[reported] == Status.FALSE_ALARM)
 
 
 def test_no_blanking_is_the_default_and_takes_crossings_before_time_zero():
     """An echo from 0.3 m: its edge crosses before the middle of its pulse has left."""
     equipped = trains.sensor("table1-apd", *trains.QUIET)
     assert equipped.tdc.blanking_s == 0.0
-    found = trains.detect(trains.train(np.full((20, 1), 0.3), trains.power_at_snr(equipped, 3000.0)), equipped)
-    assert np.all(found.stops[0].reported)
+    detection = trains.detect(trains.train(np.full((20, 1), 0.3), trains.power_at_snr(equipped, 3000.0)), equipped)
+    assert np.all(detection.stops[0].reported)
 
 
 def test_blanking_beyond_the_window_is_a_mistake():

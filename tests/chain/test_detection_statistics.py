@@ -59,9 +59,9 @@ def test_share_of_kept_points(name, margin):
     # A single-stop converter shows the echo only if no false alarm came first: (1 - P_f)^m.
     before = 2.0 * range_m / SPEED_OF_LIGHT_M_S * float(sensor.tdc.bandwidth_hz)
     expected = p_detect * (1.0 - p_false) ** before
-    kept = int(summary.outcomes[Outcome.KEPT])
+    kept_count = int(summary.outcomes[Outcome.KEPT])
     assert 0.05 < expected < 0.95
-    assert agrees(kept, summary.beams, expected)
+    assert agrees(kept_count, summary.beams, expected)
     assert np.mean(cloud.detection_probability) == pytest.approx(p_detect, rel=1e-4)  # float32 tail
 
 
@@ -138,18 +138,18 @@ def test_a_multi_stop_converter_reports_what_alarms_hide():
     few = ["scanner.azimuth_step_deg=1e-5", "scanner.elevation_step_deg=1e-5", "tdc.threshold_to_noise=3.0"]
     single = chain.sensor("table1-apd", *MILLION, *few)
     several = chain.sensor("table1-apd", *MILLION, *few, "tdc.stops=4")
-    one, summary_one = frame(sky_and_echo, single)
-    many, summary_many = frame(sky_and_echo, several)
+    single_stop, summary_one = frame(sky_and_echo, single)
+    multi_stop, summary_many = frame(sky_and_echo, several)
     hidden = summary_one.outcomes[Outcome.HIDDEN]
     assert hidden > 100
     assert summary_many.outcomes[Outcome.HIDDEN] < 0.02 * hidden
     # Same seed, same alarms: the first return of the four is the single stop's return.
-    first = many.select(many.return_number == 1)
-    np.testing.assert_array_equal(first.range_m, one.range_m)
-    np.testing.assert_array_equal(first.status, one.status)
-    assert many.return_number.max() > 1
-    ranges = many.range_m.astype(float)
-    same_pulse = np.diff(many.time_s) == 0.0
+    first = multi_stop.select(multi_stop.return_number == 1)
+    np.testing.assert_array_equal(first.range_m, single_stop.range_m)
+    np.testing.assert_array_equal(first.status, single_stop.status)
+    assert multi_stop.return_number.max() > 1
+    ranges = multi_stop.range_m.astype(float)
+    same_pulse = np.diff(multi_stop.time_s) == 0.0
     # Echoes are reported with their walk taken off, alarms are not: up to the pulse's foot, 6 ns or 0.9 m.
     assert (np.diff(ranges)[same_pulse] > -1.0).all()
 

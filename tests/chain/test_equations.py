@@ -197,8 +197,8 @@ def test_as_typed_by_hand(equation):
 def test_apd_noise_and_snr():
     """(18), (19), and (20), which is (19) in other letters."""
     assert noise_18() == pytest.approx(sigma_18(P_RS), rel=1e-12)
-    own = apd.snr(responsivity_a_w=K_PD, gain=M, echo_power_w=P_R, noise_a=noise_18())
-    assert own == pytest.approx(K_PD * M * P_R / sigma_18(P_RS), rel=1e-12)
+    snr = apd.snr(responsivity_a_w=K_PD, gain=M, echo_power_w=P_R, noise_a=noise_18())
+    assert snr == pytest.approx(K_PD * M * P_R / sigma_18(P_RS), rel=1e-12)
     abc = apd.snr_of_gain(
         signal_at_unit_gain_a=K_PD * P_R,
         optical_variance_a2=2 * e * K_PD * P_RS * BW,
@@ -207,7 +207,7 @@ def test_apd_noise_and_snr():
         gain=M,
         excess_noise_index=X,
     )
-    assert abc == pytest.approx(own, rel=1e-12)
+    assert abc == pytest.approx(snr, rel=1e-12)
 
 
 def test_the_best_gain_is_the_derived_one():
@@ -281,9 +281,9 @@ def test_through_the_aperture():
     """(5) is (3) through (4), and (8) is (6) and (7) through (4), at any range and incidence."""
     for range_m, theta in ((3.0, 0.2), (300.0, 1.2)):
         spread = radiometry.aperture_solid_angle_sr(aperture_m2=A, range_m=range_m)
-        seen = radiometry.field_of_view_area_m2(
+        seen_area_m2 = radiometry.field_of_view_area_m2(
             range_m=range_m, detector_radius_m=RPD, focal_length_m=F, cos_incidence=cos(theta)
         )
-        flux = radiometry.sun_flux_w(sun_irradiance_w_m2=ESUN, seen_area_m2=seen, cos_sun=CS)
+        flux = radiometry.sun_flux_w(sun_irradiance_w_m2=ESUN, seen_area_m2=seen_area_m2, cos_sun=CS)
         intensity = radiometry.sun_intensity_w_sr(sun_flux_w=flux, reflectivity=RHO, cos_incidence=cos(theta))
         assert ETA_RS * TAU * intensity * spread == pytest.approx(P_RS, rel=1e-12)

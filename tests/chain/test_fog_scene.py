@@ -66,18 +66,18 @@ def fog_light():
         blur_rad=0.012 / r,
     )
     light = POWER_W * EFFICIENCY * LENS_M2 * beta * share * np.exp(-2.0 * alpha * r) / r**2
-    at = np.linspace(2.0, 50.0, 1021)
-    pulse = np.exp(-4.0 * math.log(2.0) * ((at[:, None] - r) / FWHM_M) ** 2)
-    return at, pulse @ light * (r[1] - r[0])
+    range_m = np.linspace(2.0, 50.0, 1021)
+    pulse = np.exp(-4.0 * math.log(2.0) * ((range_m[:, None] - r) / FWHM_M) ** 2)
+    return range_m, pulse @ light * (r[1] - r[0])
 
 
 def held_m(*, background_w, above=1.0):
     """From where to where the fog's light is over the threshold, or over so many of it."""
     sensor = load_sensor("biaxial-905")
     point = sensor.working_point(np.array([background_w]))
-    at, power_w = fog_light()
-    over = at[power_w > above * float(point.response.power_w(sensor.threshold(point))[0])]
-    return over.min(), over.max()
+    range_m, power_w = fog_light()
+    crossing_m = range_m[power_w > above * float(point.response.power_w(sensor.threshold(point))[0])]
+    return crossing_m.min(), crossing_m.max()
 
 
 def crossed_m(*, background_w, deviate):
@@ -91,9 +91,9 @@ def crossed_m(*, background_w, deviate):
         kappa_2=point.noise.kappa_2,
         deviate=np.array([deviate]),
     )
-    at, power_w = fog_light()
+    range_m, power_w = fog_light()
     rise = slice(0, np.argmax(power_w) + 1)
-    return np.interp(float(point.response.power_w(level)[0]), power_w[rise], at[rise])
+    return np.interp(float(point.response.power_w(level)[0]), power_w[rise], range_m[rise])
 
 
 def test_fog_trips_the_comparator_where_its_light_reaches_the_threshold(rendered):

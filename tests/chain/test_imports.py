@@ -103,7 +103,7 @@ def imported(code: str, *, file: Path, modules: Iterable[str]) -> Iterator[str]:
     they begin with.
     """
     package = (PACKAGE, *file.parts[:-1])
-    known = set(modules)
+    module_names = set(modules)
     for node in nodes(code):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -112,40 +112,44 @@ def imported(code: str, *, file: Path, modules: Iterable[str]) -> Iterator[str]:
             origin = ".".join([*base, *([node.module] if node.module else [])])
             for alias in node.names:
                 deeper = f"{origin}.{alias.name}"
-                yield deeper if deeper in known or (origin == PACKAGE and alias.name in RANK) else origin
+                yield deeper if deeper in module_names or (origin == PACKAGE and alias.name in RANK) else origin
         elif isinstance(node, ast.Constant) and isinstance(node.value, str):
             name = node.value.strip(".")
-            if name.startswith(f"{PACKAGE}.") and (name in known or room(name) in RANK) and " " not in name:
+            if name.startswith(f"{PACKAGE}.") and (name in module_names or room(name) in RANK) and " " not in name:
                 yield name
 
 
 def problems(sources: dict[Path, str]) -> list[str]:
     """What is against the architecture, one line each."""
-    found = []
+    complaints = []
     files = {module_of(file): file for file in sources}
     graph: dict[str, set[str]] = {}
     for module, file in files.items():
-        own = room(module)
-        if own == "":  # the face of the package shows everything
+        importing_room = room(module)
+        if importing_room == "":  # the face of the package shows everything
             continue
-        if own not in RANK:
-            found.append(f"{file}: '{own}' has no place in the architecture; add it to TIERS in {__file__}")
+        if importing_room not in RANK:
+            complaints.append(
+                f"{file}: '{importing_room}' has no place in the architecture; add it to TIERS in {__file__}"
+            )
             continue
         names = {n for n in imported(sources[file], file=file, modules=files) if n.split(".")[0] == PACKAGE}
         graph[module] = {name for name in names if name in files and name != module}
         for name in sorted(names):
-            other = room(name)
-            if other == "":
-                found.append(f"{file}: imports from {PACKAGE} itself; name the module")
-            elif other not in RANK:
-                found.append(f"{file}: imports '{other}', which has no place in TIERS in {__file__}")
-            elif other != own and RANK[other] >= RANK[own]:
-                found.append(f"{file}: '{own}' must not import '{other}', which is not below it ({name})")
+            imported_room = room(name)
+            if imported_room == "":
+                complaints.append(f"{file}: imports from {PACKAGE} itself; name the module")
+            elif imported_room not in RANK:
+                complaints.append(f"{file}: imports '{imported_room}', which has no place in TIERS in {__file__}")
+            elif imported_room != importing_room and RANK[imported_room] >= RANK[importing_room]:
+                complaints.append(
+                    f"{file}: '{importing_room}' must not import '{imported_room}', which is not below it ({name})"
+                )
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as circle:
-        found.append(f"a circle of files: {' -> '.join(circle.args[1])}")
-    return found
+        complaints.append(f"a circle of files: {' -> '.join(circle.args[1])}")
+    return complaints
 
 
 @cache
@@ -188,9 +192,9 @@ def test_imports_point_downwards() -> None:
     ],
 )
 def test_the_rule_finds_what_it_should(file: str, code: str, complaint: str) -> None:
-    found = [line for line in problems({Path(file): code}) if line.startswith(file)]
-    assert len(found) == bool(complaint), found
-    assert all(complaint in line for line in found)
+    complaints = [line for line in problems({Path(file): code}) if line.startswith(file)]
+    assert len(complaints) == bool(complaint), complaints
+    assert all(complaint in line for line in complaints)
 
 
 def test_a_circle_of_files_is_found() -> None:
@@ -221,19 +225,27 @@ def parameters(code: str) -> Iterator[tuple[str, list[ast.arg]]]:
     """Place and parameters of every function, but for self and cls."""
     for node in nodes(code):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            given = node.args
-            every = [*given.posonlyargs, *given.args, *given.kwonlyargs, given.vararg, given.kwarg]
-            taken = [one for one in every if one is not None and one.arg not in ("self", "cls")]
-            yield f"{node.lineno} {node.name}", taken
+            signature = node.args
+            all_arguments = [
+                *signature.posonlyargs,
+                *signature.args,
+                *signature.kwonlyargs,
+                signature.vararg,
+                signature.kwarg,
+            ]
+            arguments = [
+                argument for argument in all_arguments if argument is not None and argument.arg not in ("self", "cls")
+            ]
+            yield f"{node.lineno} {node.name}", arguments
 
 
 def test_no_function_takes_more_than_seven() -> None:
     """What belongs together is one object."""
     many = [
-        f"{file}:{place}: {len(taken)}"
+        f"{file}:{place}: {len(arguments)}"
         for file, code in sources().items()
-        for place, taken in parameters(code)
-        if len(taken) > MOST_PARAMETERS
+        for place, arguments in parameters(code)
+        if len(arguments) > MOST_PARAMETERS
     ]
     assert many == []
 
@@ -251,7 +263,7 @@ def test_no_function_takes_more_than_seven() -> None:
     ],
 )
 def test_eight_are_found(code: str) -> None:
-    assert [len(taken) for _, taken in parameters(code)] == [8]
+    assert [len(arguments) for _, arguments in parameters(code)] == [8]
 
 
 def says_any(annotation: ast.expr) -> bool:
@@ -267,12 +279,12 @@ def says_any(annotation: ast.expr) -> bool:
 @pytest.mark.parametrize("folder", CHAIN)
 def test_few_parameters_are_any(folder: str) -> None:
     annotated = [
-        (f"{file}:{place}: {one.arg}", one.annotation)
+        (f"{file}:{place}: {argument.arg}", argument.annotation)
         for file, code in sources().items()
         if file.parts[0] == folder
-        for place, taken in parameters(code)
-        for one in taken
-        if one.annotation is not None
+        for place, arguments in parameters(code)
+        for argument in arguments
+        if argument.annotation is not None
     ]
     loose = [place for place, annotation in annotated if says_any(annotation)]
     assert len(annotated) > 100  # the folder is there
@@ -310,9 +322,9 @@ import lidarscene.cli.main
 for name in lidarscene.__all__:
     getattr(lidarscene, name)
 """
-    done = run_python(code, DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == "||"
+    process = run_python(code, DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
+    assert (process.returncode, process.stderr) == (0, "")
+    assert process.stdout == "||"
 
 
 def test_tiers_name_each_folder_once() -> None:

@@ -87,7 +87,7 @@ def test_false_points_know_nothing_of_our_clock(frame):
 
 def test_false_points_are_elsewhere_in_the_next_frame(frame, simulator):
     """Beams with one in two frames: as many as two independent shares have in common."""
-    other, outcomes, _ = rendered(simulator(), seed=1)
+    next_cloud, outcomes, _ = rendered(simulator(), seed=1)
     beams = np.sum(outcomes == Outcome.NO_SURFACE)
     first, second = (
         set(
@@ -97,7 +97,7 @@ def test_false_points_are_elsewhere_in_the_next_frame(frame, simulator):
                 strict=True,
             )
         )
-        for cloud in (frame[0], other)
+        for cloud in (frame[0], next_cloud)
     )
     expected = len(first) * len(second) / beams
     assert abs(len(first & second) - expected) < SIGMAS * math.sqrt(expected)

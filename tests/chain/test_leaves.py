@@ -51,21 +51,21 @@ def expected_w(radiance_over_sun):
 
 def test_sunlight_from_behind_comes_through():
     """tau E cos(theta_s) / pi, while the echo is that of the reflectivity alone."""
-    seen, opaque = run(chain.facing(range_m=20.0, material="leaf")), run(chain.facing(range_m=20.0))
+    leaf, opaque = run(chain.facing(range_m=20.0, material="leaf")), run(chain.facing(range_m=20.0))
     cosine = math.cos(math.radians(ELEVATION_DEG))
-    assert seen.light.background_power_w[MIDDLE] == pytest.approx(expected_w(TAU * cosine / math.pi), **CLOSE)
-    assert seen.hits.lit[MIDDLE]
-    assert seen.hits.cos_sun[MIDDLE] == pytest.approx(-cosine, **CLOSE)
+    assert leaf.light.background_power_w[MIDDLE] == pytest.approx(expected_w(TAU * cosine / math.pi), **CLOSE)
+    assert leaf.hits.lit[MIDDLE]
+    assert leaf.hits.cos_sun[MIDDLE] == pytest.approx(-cosine, **CLOSE)
     assert opaque.light.background_power_w[MIDDLE] == 0.0
     assert not opaque.hits.lit[MIDDLE]
-    ratio = seen.light.peak_power_w[MIDDLE] / opaque.light.peak_power_w[MIDDLE]
+    ratio = leaf.light.peak_power_w[MIDDLE] / opaque.light.peak_power_w[MIDDLE]
     assert ratio == pytest.approx(RHO / 0.1, **CLOSE)
 
 
 def test_sunlight_from_the_front_is_reflected():
-    seen = run(chain.facing(range_m=20.0, material="leaf"), sun=IN_FRONT)
+    leaf = run(chain.facing(range_m=20.0, material="leaf"), sun=IN_FRONT)
     cosine = math.cos(math.radians(ELEVATION_DEG))
-    assert seen.light.background_power_w[MIDDLE] == pytest.approx(expected_w(RHO * cosine / math.pi), **CLOSE)
+    assert leaf.light.background_power_w[MIDDLE] == pytest.approx(expected_w(RHO * cosine / math.pi), **CLOSE)
 
 
 @pytest.mark.parametrize("sun", [BEHIND, IN_FRONT])
@@ -73,17 +73,17 @@ def test_either_side_may_be_in_shadow(sun):
     """What stands between the leaf and the sun, on whichever side that is."""
     side = 1.0 if sun is BEHIND else -1.0
     screen = chain.facing(range_m=20.0 + 2.0 * side, at=(0.0, 0.0, 3.0), size_m=4.0)
-    seen = run(chain.facing(range_m=20.0, material="leaf"), screen, sun=sun)
-    assert not seen.hits.lit[MIDDLE]
-    assert seen.light.background_power_w[MIDDLE] == 0.0
+    leaf = run(chain.facing(range_m=20.0, material="leaf"), screen, sun=sun)
+    assert not leaf.hits.lit[MIDDLE]
+    assert leaf.light.background_power_w[MIDDLE] == 0.0
 
 
 def test_the_sky_is_on_both_sides():
     """(rho + tau) E_sky / pi; the reflectivity that the truth tells stays rho."""
     night = Sun(azimuth_rad=0.0, elevation_rad=math.radians(-30.0), illuminance_klux=100.0)
-    seen = run(chain.facing(range_m=20.0, material="leaf"), run_floor(), sun=night, sky=0.3)
-    assert seen.light.background_power_w[MIDDLE] == pytest.approx(expected_w((RHO + TAU) * 0.3 / math.pi), **CLOSE)
-    assert seen.hits.reflectivity[MIDDLE] == pytest.approx(RHO, rel=1e-6)
+    leaf = run(chain.facing(range_m=20.0, material="leaf"), run_floor(), sun=night, sky=0.3)
+    assert leaf.light.background_power_w[MIDDLE] == pytest.approx(expected_w((RHO + TAU) * 0.3 / math.pi), **CLOSE)
+    assert leaf.hits.reflectivity[MIDDLE] == pytest.approx(RHO, rel=1e-6)
 
 
 def run_floor():
@@ -97,9 +97,9 @@ def test_a_porous_leaf_lets_the_same_share_through():
     """What of a porous surface is met is all leaf, from behind as from the front."""
     whole = run(chain.facing(range_m=20.0, material="leaf"))
     porous = run(chain.facing(range_m=20.0, material="leaf"), material=leaf(cover=0.7))
-    met = porous.hits.has_surface
-    assert met.any()
-    np.testing.assert_allclose(porous.light.background_power_w[met], whole.light.background_power_w[met], rtol=1e-5)
+    hit = porous.hits.has_surface
+    assert hit.any()
+    np.testing.assert_allclose(porous.light.background_power_w[hit], whole.light.background_power_w[hit], rtol=1e-5)
 
 
 def test_a_moving_leaf():

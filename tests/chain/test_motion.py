@@ -30,8 +30,8 @@ def test_hits_are_those_of_a_scene_rebuilt_for_each_pulse() -> None:
     rng = np.random.default_rng(2)
     chosen = np.concatenate(
         [
-            rng.choice(own, min(len(own), 8), replace=False)
-            for own in (echoes[cloud.body[echoes] == b] for b in range(4))
+            rng.choice(body_echoes, min(len(body_echoes), 8), replace=False)
+            for body_echoes in (echoes[cloud.body[echoes] == b] for b in range(4))
         ]
     )
     assert len(chosen) == 32
@@ -48,12 +48,12 @@ def test_hits_are_those_of_a_scene_rebuilt_for_each_pulse() -> None:
         )
         low = dataclasses.replace(sensor.tdc, threshold_to_noise=0.01)
         alone = dataclasses.replace(sensor, scanner=beam, tdc=low, mounting=Pose())
-        one = Simulator(frozen(scene, time_s), alone, pose=pose_at(simulator.motion, time_s)).render()
-        assert one.body[0] == cloud.body[point]
-        assert one.true_range_m[0] == pytest.approx(cloud.true_range_m[point], abs=1e-4)
-        assert one.incidence_angle_rad[0] == pytest.approx(cloud.incidence_angle_rad[point], abs=1e-4)
-        assert one.sun_angle_rad[0] == pytest.approx(cloud.sun_angle_rad[point], abs=1e-4)
-        assert one.in_shadow[0] == cloud.in_shadow[point]
+        rebuilt = Simulator(frozen(scene, time_s), alone, pose=pose_at(simulator.motion, time_s)).render()
+        assert rebuilt.body[0] == cloud.body[point]
+        assert rebuilt.true_range_m[0] == pytest.approx(cloud.true_range_m[point], abs=1e-4)
+        assert rebuilt.incidence_angle_rad[0] == pytest.approx(cloud.incidence_angle_rad[point], abs=1e-4)
+        assert rebuilt.sun_angle_rad[0] == pytest.approx(cloud.sun_angle_rad[point], abs=1e-4)
+        assert rebuilt.in_shadow[0] == cloud.in_shadow[point]
 
 
 def test_a_moving_body_that_stands_still_is_a_still_body() -> None:
@@ -62,16 +62,16 @@ def test_a_moving_body_that_stands_still_is_a_still_body() -> None:
     standing = [dataclasses.replace(body, motion=Course(start=body.pose)) for body in scene.bodies]
     expected = Simulator(scene, sensor).render(seed=3)
     cloud = Simulator(dataclasses.replace(scene, bodies=tuple(standing)), sensor).render(seed=3)
-    expected, cloud = (one.select(one.status == 0) for one in (expected, cloud))
+    expected, cloud = (unfiltered.select(unfiltered.status == 0) for unfiltered in (expected, cloud))
     # A beam that grazes an edge may fall to the other side of it: fewer than one in a thousand.
-    same = np.isin(cloud.time_s, expected.time_s)
-    assert same.mean() > 0.999
-    other = expected.select(np.searchsorted(expected.time_s, cloud.time_s[same]))
-    here = cloud.select(same)
-    agree = (here.body == other.body) & (np.abs(here.true_range_m - other.true_range_m) < 1e-4)
+    in_both = np.isin(cloud.time_s, expected.time_s)
+    assert in_both.mean() > 0.999
+    still = expected.select(np.searchsorted(expected.time_s, cloud.time_s[in_both]))
+    moving = cloud.select(in_both)
+    agree = (moving.body == still.body) & (np.abs(moving.true_range_m - still.true_range_m) < 1e-4)
     assert agree.mean() > 0.999
-    assert (here.in_shadow == other.in_shadow).mean() > 0.999
-    assert np.all(here.radial_velocity_m_s == 0.0)
+    assert (moving.in_shadow == still.in_shadow).mean() > 0.999
+    assert np.all(moving.radial_velocity_m_s == 0.0)
 
 
 def test_a_plane_that_comes_nearer() -> None:
@@ -119,11 +119,11 @@ def test_a_car_that_crosses_is_sheared() -> None:
     assert len(rows) > 20
     step = 30.0 * np.radians(0.4) * 1.05  # from beam to beam on the board, at 10 degrees at most
     for row in rows:
-        own = cloud.channel == row
-        centre = 12.0 * cloud.time_s[own].mean()
+        in_row = cloud.channel == row
+        centre = 12.0 * cloud.time_s[in_row].mean()
         # Each edge is known to one beam, and moves by less than a beam while its row is scanned.
-        assert cloud.xyz_m[own, 1].max() == pytest.approx(centre + 3.0, abs=step + 0.15)
-        assert cloud.xyz_m[own, 1].min() == pytest.approx(centre - 3.0, abs=step + 0.15)
+        assert cloud.xyz_m[in_row, 1].max() == pytest.approx(centre + 3.0, abs=step + 0.15)
+        assert cloud.xyz_m[in_row, 1].min() == pytest.approx(centre - 3.0, abs=step + 0.15)
     # The board crosses: seen along the beam it moves with v sin(azimuth) cos(elevation).
     across = np.cos(cloud.elevation_rad) * np.sin(cloud.azimuth_rad)
     np.testing.assert_allclose(cloud.radial_velocity_m_s, 12.0 * across, atol=1e-4)
@@ -139,23 +139,23 @@ def test_radial_velocity_is_that_of_the_point_that_was_hit() -> None:
     cloud = simulator.render(seed=8)
     cloud = cloud.select(cloud.status == 0)
     times = cloud.time_s
-    own = cloud.true_range_m[:, None] * direction(cloud)
+    sensor_points = cloud.true_range_m[:, None] * direction(cloud)
     sensor = [simulator.motion.at(times + shift) for shift in (-step_s, 0.0, step_s)]
-    points = placed(sensor[1], own)
+    points = placed(sensor[1], sensor_points)
     beam = points - sensor[1].position_m
     beam /= np.linalg.norm(beam, axis=1, keepdims=True)
     for number, body in enumerate(scene.bodies):
-        here = cloud.body == number
-        assert here.sum() > 20
-        moved = [points[here], points[here]]
+        on_body = cloud.body == number
+        assert on_body.sum() > 20
+        moved = [points[on_body], points[on_body]]
         if body.motion is not None:
-            states = [body.motion.at(times[here] + shift) for shift in (-step_s, 0.0, step_s)]
-            within = np.einsum("nji,nj->ni", states[1].rotation, points[here] - states[1].position_m)
+            states = [body.motion.at(times[on_body] + shift) for shift in (-step_s, 0.0, step_s)]
+            within = np.einsum("nji,nj->ni", states[1].rotation, points[on_body] - states[1].position_m)
             moved = [placed(states[0], within), placed(states[2], within)]
         surface = (moved[1] - moved[0]) / (2.0 * step_s)
-        origin = (sensor[2].position_m - sensor[0].position_m)[here] / (2.0 * step_s)
-        expected = ((surface - origin) * beam[here]).sum(axis=1)
-        np.testing.assert_allclose(cloud.radial_velocity_m_s[here], expected, atol=2e-3)
+        origin = (sensor[2].position_m - sensor[0].position_m)[on_body] / (2.0 * step_s)
+        expected = ((surface - origin) * beam[on_body]).sum(axis=1)
+        np.testing.assert_allclose(cloud.radial_velocity_m_s[on_body], expected, atol=2e-3)
 
 
 def placed(states: States, points_m: np.ndarray) -> np.ndarray:

@@ -49,9 +49,9 @@ def test_deskewed_points_are_where_the_beams_went(frame: str) -> None:
     raw = echoes(simulator.render(seed=1, number=1, begin_s=0.2, coordinates=frame))
     cloud = deskewed(raw, simulator.motion)
     start_s = float(raw.metadata["frame_start_s"])
-    now = simulator.motion.at(start_s + raw.time_s)
+    state = simulator.motion.at(start_s + raw.time_s)
     beams = direction(raw) * raw.range_m[:, None].astype(float)
-    world = now.position_m + np.einsum("nij,nj->ni", now.rotation, beams)
+    world = state.position_m + np.einsum("nij,nj->ni", state.rotation, beams)
     vehicle, sensor = pose_at(EGO, start_s), pose_at(simulator.motion, start_s)
     expected = {"world": Pose(), "vehicle": vehicle, "sensor": sensor}[frame].inverse_apply(world)
     np.testing.assert_allclose(cloud.xyz_m, expected, atol=1e-4)
@@ -68,12 +68,12 @@ def test_a_cloud_from_a_file_is_deskewed_as_well(frame: str, tmp_path: Path) -> 
     simulator = Simulator(standing(), table1(), pose=MOUNT)
     cloud = simulator.render(seed=1, number=1, begin_s=0.2, coordinates=frame)
     cloud.save(tmp_path / "raw.ply")
-    again = deskewed(PointCloud.load(tmp_path / "raw.ply"), simulator.motion)
-    np.testing.assert_array_equal(again.xyz_m, deskewed(cloud, simulator.motion).xyz_m)
-    again.save(tmp_path / "deskewed.ply")
-    back = PointCloud.load(tmp_path / "deskewed.ply")
-    np.testing.assert_array_equal(back.xyz_m, again.xyz_m)
-    assert back.metadata == again.metadata
+    from_file = deskewed(PointCloud.load(tmp_path / "raw.ply"), simulator.motion)
+    np.testing.assert_array_equal(from_file.xyz_m, deskewed(cloud, simulator.motion).xyz_m)
+    from_file.save(tmp_path / "deskewed.ply")
+    reloaded = PointCloud.load(tmp_path / "deskewed.ply")
+    np.testing.assert_array_equal(reloaded.xyz_m, from_file.xyz_m)
+    assert reloaded.metadata == from_file.metadata
 
 
 def test_what_cannot_be_deskewed_is_refused() -> None:
@@ -96,22 +96,22 @@ def test_a_rig_is_its_sensors_each_at_its_place(tmp_path: Path) -> None:
         Mounted(label="roof", sensor=table1(), pose=MOUNT),
         Mounted(label="rear", sensor=sipm, pose=Pose.from_degrees(position_m=(-2, 0, 1), yaw_deg=-20.0)),
     ]
-    made = dict(simulators(traffic(), rig))
-    assert made["roof"].world is made["rear"].world
-    clouds = [simulator.render(seed=3, coordinates="vehicle") for simulator in made.values()]
-    for one, cloud in zip(rig, clouds, strict=True):
-        alone = Simulator(traffic(), one.sensor, pose=one.pose).render(seed=3, coordinates="vehicle")
+    rig_simulators = dict(simulators(traffic(), rig))
+    assert rig_simulators["roof"].world is rig_simulators["rear"].world
+    clouds = [simulator.render(seed=3, coordinates="vehicle") for simulator in rig_simulators.values()]
+    for rig_sensor, cloud in zip(rig, clouds, strict=True):
+        alone = Simulator(traffic(), rig_sensor.sensor, pose=rig_sensor.pose).render(seed=3, coordinates="vehicle")
         # The shared world has another origin: single precision, and beams that graze an edge.
         assert len(alone) == pytest.approx(len(cloud), rel=1e-3)
         assert len(alone) > 10_000
         assert np.mean(np.isin(alone.time_s, cloud.time_s)) > 0.999
-    together = merge_clouds(clouds, list(made))
+    together = merge_clouds(clouds, list(rig_simulators))
     assert together.sensor_names == ("roof", "rear")
     assert len(together) == sum(map(len, clouds))
     for number, cloud in enumerate(clouds):
-        own = together.select(together.sensor_index == number)
-        np.testing.assert_array_equal(own.xyz_m, cloud.xyz_m)
-        np.testing.assert_array_equal(own.body, cloud.body)
+        sensor_points = together.select(together.sensor_index == number)
+        np.testing.assert_array_equal(sensor_points.xyz_m, cloud.xyz_m)
+        np.testing.assert_array_equal(sensor_points.body, cloud.body)
     positions = np.array(together.metadata["sensor_position_m"].split(), float).reshape(2, 3)
     np.testing.assert_allclose(positions, [MOUNT.position_m, [-2, 0, 1]], atol=1e-12)
     assert len(together.metadata["sensor_rotation"].split()) == 18
@@ -121,11 +121,11 @@ def test_a_rig_is_its_sensors_each_at_its_place(tmp_path: Path) -> None:
         "A or cells",
     )
     together.save(tmp_path / "rig.ply")
-    back = PointCloud.load(tmp_path / "rig.ply")
-    np.testing.assert_array_equal(back.sensor_index, together.sensor_index)
-    assert (back.sensor_names, back.metadata) == (together.sensor_names, dict(together.metadata))
+    reloaded = PointCloud.load(tmp_path / "rig.ply")
+    np.testing.assert_array_equal(reloaded.sensor_index, together.sensor_index)
+    assert (reloaded.sensor_names, reloaded.metadata) == (together.sensor_names, dict(together.metadata))
     with pytest.raises(ValueError, match="clouds must be in one frame, world or vehicle, got"):
-        merge_clouds([clouds[0], made["roof"].render(coordinates="world")], ["a", "b"])
+        merge_clouds([clouds[0], rig_simulators["roof"].render(coordinates="world")], ["a", "b"])
 
 
 def test_frames_that_drift_apart_are_not_merged() -> None:
@@ -140,16 +140,16 @@ def test_frames_that_drift_apart_are_not_merged() -> None:
 FAR = np.array([500_000.0, 5_400_000.0, 300.0])
 
 
-def moved(scene: Scene, by: np.ndarray) -> Scene:
+def moved(scene: Scene, shift_m: np.ndarray) -> Scene:
     """The same scene elsewhere in the world."""
-    shift = Pose(position_m=by)
+    shift = Pose(position_m=shift_m)
     bodies = []
     for body in scene.bodies:
         motion = body.motion
         if isinstance(motion, Course):
             motion = dataclasses.replace(motion, start=shift @ motion.start)
         if isinstance(motion, Spline):
-            motion = Spline(time_s=motion.time_s, poses=tuple(shift @ one for one in motion.poses))
+            motion = Spline(time_s=motion.time_s, poses=tuple(shift @ pose for pose in motion.poses))
         bodies.append(dataclasses.replace(body, motion=motion, pose=shift @ body.pose))
     return dataclasses.replace(scene, bodies=tuple(bodies), ego=dataclasses.replace(EGO, start=shift @ EGO.start))
 
@@ -162,17 +162,17 @@ def test_utm_coordinates_cost_nothing() -> None:
     near = echoes(Simulator(traffic(), table1()).render(seed=2))
     far = echoes(Simulator(moved(traffic(), FAR), table1()).render(seed=2))
     assert far.xyz_m.dtype == np.float64
-    same = np.isin(far.time_s, near.time_s)
-    assert same.mean() > 0.999
-    other = near.select(np.searchsorted(near.time_s, far.time_s[same]))
-    here = far.select(same)
-    agree = here.body == other.body
+    in_both = np.isin(far.time_s, near.time_s)
+    assert in_both.mean() > 0.999
+    near_points = near.select(np.searchsorted(near.time_s, far.time_s[in_both]))
+    far_points = far.select(in_both)
+    agree = far_points.body == near_points.body
     assert agree.mean() > 0.999
-    np.testing.assert_allclose(here.true_range_m[agree], other.true_range_m[agree], atol=1e-3)
+    np.testing.assert_allclose(far_points.true_range_m[agree], near_points.true_range_m[agree], atol=1e-3)
     # Edges between triangles of one body: fewer than one beam in a hundred differs by more than 0.1 mm.
-    assert np.mean(np.abs(here.true_range_m - other.true_range_m)[agree] < 1e-4) > 0.99
-    np.testing.assert_allclose(here.xyz_m[agree] - FAR, other.xyz_m[agree], atol=2e-3)
-    np.testing.assert_allclose(here.radial_velocity_m_s[agree], other.radial_velocity_m_s[agree], atol=1e-3)
+    assert np.mean(np.abs(far_points.true_range_m - near_points.true_range_m)[agree] < 1e-4) > 0.99
+    np.testing.assert_allclose(far_points.xyz_m[agree] - FAR, near_points.xyz_m[agree], atol=2e-3)
+    np.testing.assert_allclose(far_points.radial_velocity_m_s[agree], near_points.radial_velocity_m_s[agree], atol=1e-3)
 
 
 def test_a_scene_in_which_everything_moves() -> None:
@@ -184,14 +184,14 @@ def test_a_scene_in_which_everything_moves() -> None:
     assert len(simulator.world.movers) == 2
     cloud = echoes(simulator.render(seed=4, coordinates="vehicle"))
     expected = echoes(Simulator(still, table1()).render(seed=4, coordinates="sensor"))
-    same = np.isin(cloud.time_s, expected.time_s)
-    assert same.mean() > 0.999
-    other = expected.select(np.searchsorted(expected.time_s, cloud.time_s[same]))
-    here = cloud.select(same)
-    agree = (here.body == other.body) & (np.abs(here.true_range_m - other.true_range_m) < 1e-4)
+    in_both = np.isin(cloud.time_s, expected.time_s)
+    assert in_both.mean() > 0.999
+    expected_points = expected.select(np.searchsorted(expected.time_s, cloud.time_s[in_both]))
+    points = cloud.select(in_both)
+    agree = (points.body == expected_points.body) & (np.abs(points.true_range_m - expected_points.true_range_m) < 1e-4)
     assert agree.mean() > 0.999
     # v and w of 25 m/s and 0.3 rad/s in single precision.
-    np.testing.assert_allclose(here.radial_velocity_m_s, 0.0, atol=1e-4)
+    np.testing.assert_allclose(points.radial_velocity_m_s, 0.0, atol=1e-4)
 
 
 def test_many_bodies_of_one_shape() -> None:
@@ -259,10 +259,10 @@ def test_a_mitsuba_scene_can_be_driven_through(tmp_path: Path) -> None:
     # The exact sphere: the distance of each point from its centre then, in the world, is its radius.
     ball = cloud.body == cloud.body_names.index("ball")
     assert ball.sum() > 20
-    own = cloud.select(ball)
-    points = direction(own) * own.true_range_m[:, None].astype(float)
-    points[:, 0] += 20 * own.time_s
-    centre = np.stack([np.full(len(own), 12.0), 3 * own.time_s, np.zeros(len(own))], axis=1)
+    ball_points = cloud.select(ball)
+    points = direction(ball_points) * ball_points.true_range_m[:, None].astype(float)
+    points[:, 0] += 20 * ball_points.time_s
+    centre = np.stack([np.full(len(ball_points), 12.0), 3 * ball_points.time_s, np.zeros(len(ball_points))], axis=1)
     np.testing.assert_allclose(np.linalg.norm(points - centre, axis=1), 0.5, atol=1e-4)
 
 

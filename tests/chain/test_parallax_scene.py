@@ -56,17 +56,17 @@ def test_two_lenses_are_blind_up_close(clouds):
     """Nothing nearer than the blind range, which is exact for a beam with an edge (tolerance: single precision), the
     post at 3.5 m in part, where 1e-4 of the spot is seen; the coaxial sensor sees every post.
     """
-    two, one = clouds
+    two_lenses, one_lens = clouds
     assert pytest.approx(3.0, abs=1e-3) == BLIND_M
     nearest = [cloud.true_range_m[np.asarray(cloud.status) == 0].min() for cloud in clouds]
     assert BLIND_M - 1e-5 < nearest[0] < 3.5
     assert nearest[1] < 0.3
-    two, one = posts(two), posts(one)
-    assert len(one) == 13
-    assert min(one) > 50
-    assert two[:7] == [0] * 7
-    assert 0 < two[7] <= one[7]
-    assert two[8:] == one[8:]
+    two_lenses, one_lens = posts(two_lenses), posts(one_lens)
+    assert len(one_lens) == 13
+    assert min(one_lens) > 50
+    assert two_lenses[:7] == [0] * 7
+    assert 0 < two_lenses[7] <= one_lens[7]
+    assert two_lenses[8:] == one_lens[8:]
     says("gallery.md", "so below {} m nothing of the spot", BLIND_M)
 
 
@@ -76,11 +76,11 @@ def test_what_reaches_the_detector_grows_as_rays_through_the_lens_have_it(lanes)
     Reference: rays from the spot to a thin lens, as in `test_receiver.py`. Tolerance: 4.5 sigma of the
     counted share (7e-6 false alarms each), 5e-4 of the formula and its table.
     """
-    two, one = lanes
+    two_lenses, one_lens = lanes
     for range_m in (3.5, 4.0, 5.0, 6.0, 8.0, 10.0):
-        here = np.abs(one.hits.range_m - (range_m - 0.035)) < 5e-3
-        assert here.sum() > 10
-        measured = two.light.peak_power_w[here] / one.light.peak_power_w[here]
+        on_post = np.abs(one_lens.hits.range_m - (range_m - 0.035)) < 5e-3
+        assert on_post.sum() > 10
+        measured = two_lenses.light.peak_power_w[on_post] / one_lens.light.peak_power_w[on_post]
         apart, together = (counted(range_m - 0.035, offset) for offset in (OFFSET_M, 0.0))
         error = 4.5 * math.sqrt(apart * (1.0 - apart) / RAYS) + 5e-4
         slope = 1.5 * 5e-3 / range_m  # of the share over the ranges that are taken together
@@ -108,15 +108,18 @@ def test_from_13_m_on_all_of_the_spot_is_seen(lanes):
     """Where its outer edge, seen from the near edge of the lens, is on the rim: 13.3 m. The wall beyond is the same
     to both, to the table's 1e-5; half a metre nearer something is missing.
     """
-    two, one = lanes
+    two_lenses, one_lens = lanes
 
     def beyond(r):
         return (OFFSET_M + APERTURE_M) / r + math.hypot(EXIT_M / r, SLOPE) - FIELD
 
     whole_m = brentq(beyond, 1.0, 100.0)
     assert whole_m == pytest.approx(13.3, abs=0.1)
-    ratio = two.light.peak_power_w[one.hits.has_surface] / one.light.peak_power_w[one.hits.has_surface]
-    far = one.hits.range_m[one.hits.has_surface]
+    ratio = (
+        two_lenses.light.peak_power_w[one_lens.hits.has_surface]
+        / one_lens.light.peak_power_w[one_lens.hits.has_surface]
+    )
+    far = one_lens.hits.range_m[one_lens.hits.has_surface]
     np.testing.assert_allclose(ratio[far > whole_m], 1.0, atol=1e-4)
     near = (far > whole_m - 0.6) & (far < whole_m - 0.4)
     assert near.sum() > 20

@@ -23,8 +23,10 @@ RASTER = [
 ]
 
 
-def scene(**told):
-    return chain.scene(chain.facing(range_m=30.0, theta_deg=30.0, size_m=60.0), chain.ball(at=(15.0, 1.0, 0.0)), **told)
+def scene(**options):
+    return chain.scene(
+        chain.facing(range_m=30.0, theta_deg=30.0, size_m=60.0), chain.ball(at=(15.0, 1.0, 0.0)), **options
+    )
 
 
 def test_numpy_and_device_agree():
@@ -35,24 +37,24 @@ def test_numpy_and_device_agree():
     light = photons.echoes_of(counter, 20.0, count=6_000, illuminance_klux=5.0)
     light.range_m[:] = np.linspace(10.0, 60.0, 6_000)
     light.peak_power_w[:] *= (20.0 / light.range_m) ** 2
-    here = photons.detected(counter, light, seed=4)
+    host = photons.detected(counter, light, seed=4)
     arrays = {
         name: transfer.from_numpy(getattr(light, name)) for name in ("range_m", "peak_power_w", "background_power_w")
     }
     on_device = dataclasses.replace(light, has_surface=arrays["range_m"] > 0.0, **arrays)
-    there = transfer.fetch(
+    device = transfer.fetch(
         receivers.detect_alone(
             on_device, transfer.opaque(counter), seed=transfer.seed_word(4), pulse=transfer.counter(0, 6_000)
         )
     )
-    assert 0.2 < photons.echo_of(here.stops[0]).mean() < 1.0
-    np.testing.assert_allclose(here.snr, there.snr, rtol=1e-3)
-    np.testing.assert_allclose(here.detection_probability, there.detection_probability, atol=2e-3)
+    assert 0.2 < photons.echo_of(host.stops[0]).mean() < 1.0
+    np.testing.assert_allclose(host.snr, device.snr, rtol=1e-3)
+    np.testing.assert_allclose(host.detection_probability, device.detection_probability, atol=2e-3)
     # Both stops together: the second alone has some twenty echoes, of which one more or less is 5 %.
-    ours, theirs = (np.stack([photons.echo_of(stop) for stop in stops]) for stops in (here.stops, there.stops))
-    both = ours & theirs
-    assert both.sum() > 0.98 * ours.sum()
-    range_m = [np.stack([np.asarray(stop.range_m) for stop in stops])[both] for stops in (here.stops, there.stops)]
+    ours, theirs = (np.stack([photons.echo_of(stop) for stop in stops]) for stops in (host.stops, device.stops))
+    in_both = ours & theirs
+    assert in_both.sum() > 0.98 * ours.sum()
+    range_m = [np.stack([np.asarray(stop.range_m) for stop in stops])[in_both] for stops in (host.stops, device.stops)]
     assert (np.abs(range_m[0] - range_m[1]) < 1e-3).mean() > 0.98
 
 
@@ -62,11 +64,11 @@ def test_echoes_are_found_as_often_as_their_probabilities_say():
     """
     counter = photons.sensor(*RASTER, "histogram.stops=2", "laser.peak_power_w=0.007")
     frames = [chain.run(scene(klux=10.0), counter, seed=seed).detection for seed in range(8)]
-    p = np.concatenate([np.asarray(one.detection_probability, dtype=np.float64) for one in frames])
-    found = np.concatenate([np.any([photons.echo_of(stop) for stop in one.stops], axis=0) for one in frames])
+    p = np.concatenate([np.asarray(frame.detection_probability, dtype=np.float64) for frame in frames])
+    detected = np.concatenate([np.any([photons.echo_of(stop) for stop in frame.stops], axis=0) for frame in frames])
     assert 0.5 < p.mean() < 0.9
     error = np.sqrt(np.sum(p * (1.0 - p))) / len(p)
-    assert found.mean() == pytest.approx(p.mean(), abs=4.0 * error)
+    assert detected.mean() == pytest.approx(p.mean(), abs=4.0 * error)
 
 
 def test_frames_compile_nothing_and_columns_are_photons():

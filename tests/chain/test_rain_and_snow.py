@@ -47,11 +47,11 @@ def without_glory():
 def simulator(without_glory):
     """Function of a kind: the scene from a sensor that is turned up into the sky: no beam is below 8 degrees."""
 
-    def of(kind):
+    def simulator_in(kind):
         scene, up = load_scene(SCENES / f"{kind}.toml"), Pose.from_degrees(pitch_deg=UP_DEG)
         return Simulator(replace(scene, sensor_pose=scene.sensor_pose @ up), load_sensor("biaxial-905"))
 
-    return cache(of)
+    return cache(simulator_in)
 
 
 @pytest.fixture(scope="module")
@@ -156,13 +156,13 @@ def tripped_by_all(kind, pulses, far_m=25.0):
     per_m = area * number_m4 / slope_per_m * np.exp(-slope_per_m * smallest)
     before = np.concatenate([[0.0], np.cumsum(0.5 * (per_m[1:] + per_m[:-1]) * np.diff(r))])
     counts = random.poisson(before[-1], pulses)
-    at = np.interp(random.random(counts.sum()) * before[-1], before, r)
-    wide = np.interp(at, r, smallest) + random.exponential(1.0 / slope_per_m, counts.sum())
-    watts = np.interp(at, r, per_sigma) * one_mm * 1e6 * wide**2
-    of = np.repeat(np.arange(pulses), counts)
-    hopeful = np.bincount(of, watts, minlength=pulses) > 0.2 * needed  # four deviations below
-    mine = hopeful[of]
-    of, at, watts = (np.cumsum(hopeful) - 1)[of[mine]], at[mine], watts[mine]
+    particle_m = np.interp(random.random(counts.sum()) * before[-1], before, r)
+    wide = np.interp(particle_m, r, smallest) + random.exponential(1.0 / slope_per_m, counts.sum())
+    watts = np.interp(particle_m, r, per_sigma) * one_mm * 1e6 * wide**2
+    pulse_index = np.repeat(np.arange(pulses), counts)
+    hopeful = np.bincount(pulse_index, watts, minlength=pulses) > 0.2 * needed  # four deviations below
+    mine = hopeful[pulse_index]
+    pulse_index, particle_m, watts = (np.cumsum(hopeful) - 1)[pulse_index[mine]], particle_m[mine], watts[mine]
     step_m = 0.04
     grid = np.arange(1.0, far_m, step_m)
     floor, sigma_m = np.interp(grid, r, even), 0.5 * c * 5e-9 / math.sqrt(8.0 * math.log(2.0))
@@ -171,13 +171,13 @@ def tripped_by_all(kind, pulses, far_m=25.0):
     shape = rfft(np.exp(-0.5 * (apart / sigma_m) ** 2))
     tripped, rows = 0.0, 2000
     for first in range(0, int(hopeful.sum()), rows):
-        here = slice(*np.searchsorted(of, (first, first + rows)))
-        row, place = of[here] - first, (at[here] - grid[0]) / step_m
-        left = np.minimum(place.astype(int), len(grid) - 2)
+        block = slice(*np.searchsorted(pulse_index, (first, first + rows)))
+        row, place = pulse_index[block] - first, (particle_m[block] - grid[0]) / step_m
+        lower = np.minimum(place.astype(int), len(grid) - 2)
         # Shared out to the grid's two points beside it, which widens a pulse by less than 0.1 %.
         powers, size = np.zeros(rows * length), rows * length
-        for beside, share in ((0, 1.0 - (place - left)), (1, place - left)):
-            powers += np.bincount(row * length + left + beside, watts[here] * share, minlength=size)
+        for side, share in ((0, 1.0 - (place - lower)), (1, place - lower)):
+            powers += np.bincount(row * length + lower + side, watts[block] * share, minlength=size)
         light = floor + irfft(rfft(powers.reshape(rows, length)) * shape, length)[:, : len(grid)]
         inner = light[:, 1:-1]
         pulse, peak = np.nonzero((inner > light[:, :-2]) & (inner >= light[:, 2:]))
@@ -192,12 +192,12 @@ def test_as_many_beams_as_where_all_particles_are_drawn(sky):
     Tolerance: counting, and 1 %: of all light one deviate for each peak here, one for each particle there. With
     particles down to what trips it alone rain has 5 % fewer.
     """
-    kind, found, beams = sky
+    kind, cloud, beams = sky
     pulses = 20_000
-    taken = np.sum((np.asarray(found.status) == Status.WEATHER) & (found.range_m < 25.0)) / beams
+    tripped_share = np.sum((np.asarray(cloud.status) == Status.WEATHER) & (cloud.range_m < 25.0)) / beams
     expected = tripped_by_all(kind, pulses)
     error = math.sqrt(expected * (1.0 - expected) * (1.0 / beams + 1.0 / pulses))
-    assert abs(taken - expected) < SIGMAS * error + 0.01 * expected, (taken, expected)
+    assert abs(tripped_share - expected) < SIGMAS * error + 0.01 * expected, (tripped_share, expected)
     if kind == "rain":
         # Half a per cent is what the page rounds off.
         says(
@@ -214,11 +214,11 @@ def test_share_of_beams_that_one_takes(sky, range_m):
     Tolerance: counting, and 2 % of the expected: those just too weak are even light here, so that of two that only
     trip it together both are counted (1.3 % in rain, see above).
     """
-    kind, found, beams = sky
-    taken = np.sum((np.asarray(found.status) == Status.WEATHER) & (found.range_m < range_m))
+    kind, cloud, beams = sky
+    tripped = np.sum((np.asarray(cloud.status) == Status.WEATHER) & (cloud.range_m < range_m))
     expected = -math.expm1(-strong_before(kind, range_m))
     error = math.sqrt(expected * (1.0 - expected) / beams)
-    assert abs(taken / beams - expected) < SIGMAS * error + 0.02 * expected
+    assert abs(tripped / beams - expected) < SIGMAS * error + 0.02 * expected
 
 
 def test_more_particles_to_a_pulse_change_nothing(simulator, frame, monkeypatch):
@@ -229,18 +229,18 @@ def test_more_particles_to_a_pulse_change_nothing(simulator, frame, monkeypatch)
     """
     clouds = [frame("rain")]
     monkeypatch.setattr(air_light, "_LEFT_OUT", 0.5 * air_light._LEFT_OUT)
-    known = simulator("rain")
-    clouds.append(Simulator(known.scene, load_sensor("biaxial-905"), world=known.world).render())
+    rain_simulator = simulator("rain")
+    clouds.append(Simulator(rain_simulator.scene, load_sensor("biaxial-905"), world=rain_simulator.world).render())
     counts = [np.sum(np.asarray(cloud.status) == Status.WEATHER) for cloud in clouds]
     assert counts[0] > 20_000
     assert abs(counts[1] / counts[0] - 1.0) < 0.01
 
 
 def test_they_are_labelled_and_none_is_where_the_lenses_see_nothing(sky):
-    kind, found, _ = sky
-    theirs = np.asarray(found.status) == Status.WEATHER
-    assert {found.class_names[i] for i in np.unique(found.class_id[theirs])} == {kind}
-    assert found.range_m[theirs].min() > 3.0  # the blind range of `tests/chain/test_parallax_scene.py`
+    kind, cloud, _ = sky
+    theirs = np.asarray(cloud.status) == Status.WEATHER
+    assert {cloud.class_names[i] for i in np.unique(cloud.class_id[theirs])} == {kind}
+    assert cloud.range_m[theirs].min() > 3.0  # the blind range of `tests/chain/test_parallax_scene.py`
 
 
 def test_things_behind_are_dimmer_by_the_extinction(simulator):

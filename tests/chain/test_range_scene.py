@@ -36,25 +36,25 @@ def test_boards_of_the_range_scene(name, compiled):
     lanes = chain.run(scene, sensor, seed=4, world=world)
     cloud = Simulator(scene, sensor, world=world).render(seed=4)
     range_m, snr = lanes.hits.range_m, lanes.detection.snr
-    seen = 0
+    kept_total = 0
     for rho in (0.1, 0.8):
         for board_m in range(50, 501, 50):
             target = Target(reflectivity=rho)
-            here = lanes.hits.has_surface & (np.abs(range_m - board_m) < 0.01 * board_m)
-            here &= np.abs(lanes.hits.reflectivity - rho) < 0.01
-            assert here.sum() > 300
-            facing = here & (lanes.hits.cos_incidence > 0.9999)
+            on_board = lanes.hits.has_surface & (np.abs(range_m - board_m) < 0.01 * board_m)
+            on_board &= np.abs(lanes.hits.reflectivity - rho) < 0.01
+            assert on_board.sum() > 300
+            facing = on_board & (lanes.hits.cos_incidence > 0.9999)
             expected = plane.snr(sensor, target, board_m)[0]
             np.testing.assert_allclose(snr[facing], expected, rtol=4e-3)
-            np.testing.assert_allclose(lanes.hits.cos_sun[here], 0.5, atol=1e-5)
-            probability = lanes.detection.detection_probability[here].astype(float)
+            np.testing.assert_allclose(lanes.hits.cos_sun[on_board], 0.5, atol=1e-5)
+            probability = lanes.detection.detection_probability[on_board].astype(float)
             before = 2.0 * board_m / SPEED_OF_LIGHT_M_S * float(sensor.tdc.bandwidth_hz)
             probability *= (1.0 - tdc.false_alarm_probability(threshold=5.0, noise=1.0)) ** before
-            kept = np.count_nonzero(lanes.detection.outcome[here] == 0)
+            kept_count = np.count_nonzero(lanes.detection.outcome[on_board] == 0)
             error = np.sqrt(np.sum(probability * (1.0 - probability)) + 0.1)  # 0.1: counts are whole
-            assert abs(kept - probability.sum()) < 4.0 * error
-            seen += kept
-    assert seen == np.count_nonzero(cloud.status == 0)
+            assert abs(kept_count - probability.sum()) < 4.0 * error
+            kept_total += kept_count
+    assert kept_total == np.count_nonzero(cloud.status == 0)
 
 
 def test_the_limit_of_table_1_lies_where_the_paper_has_it(compiled):
@@ -63,12 +63,12 @@ def test_the_limit_of_table_1_lies_where_the_paper_has_it(compiled):
     scene, world = compiled
     lanes = chain.run(scene, sensor, seed=1, world=world)
 
-    def kept(rho, board_m):
-        here = lanes.hits.has_surface & (np.abs(lanes.hits.range_m - board_m) < 0.01 * board_m)
-        here &= np.abs(lanes.hits.reflectivity - rho) < 0.01
-        return np.mean(lanes.detection.outcome[here] == 0)
+    def kept_share(rho, board_m):
+        on_board = lanes.hits.has_surface & (np.abs(lanes.hits.range_m - board_m) < 0.01 * board_m)
+        on_board &= np.abs(lanes.hits.reflectivity - rho) < 0.01
+        return np.mean(lanes.detection.outcome[on_board] == 0)
 
-    assert kept(0.1, 300) > 0.85
-    assert 0.3 < kept(0.1, 350) < 0.7
-    assert kept(0.1, 400) < 0.25
-    assert kept(0.8, 500) > 0.9
+    assert kept_share(0.1, 300) > 0.85
+    assert 0.3 < kept_share(0.1, 350) < 0.7
+    assert kept_share(0.1, 400) < 0.25
+    assert kept_share(0.8, 500) > 0.9

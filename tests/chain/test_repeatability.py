@@ -42,7 +42,7 @@ def mixed_scene():
     )
 
 
-def same(first, second):
+def assert_same(first, second):
     """Bit for bit, every column."""
     for column in first.columns:
         np.testing.assert_array_equal(first.column(column.name), second.column(column.name), column.name)
@@ -55,14 +55,14 @@ def test_chunks_do_not_matter(name, stops):
     whole = simulator.render(seed=3)
     assert np.count_nonzero(whole.status) > 50
     for chunk in (7919, 60_501, 60_500):
-        same(whole, simulator.render(seed=3, chunk=chunk))
+        assert_same(whole, simulator.render(seed=3, chunk=chunk))
 
 
 def test_chunks_shorter_than_a_tile_do_not_matter(mi):
     """Rationale: on the edge of two triangles a ray meets the one or the other by the rays that are traced with it."""
     scene = load_scene(ROOT / "scenes" / "retro.toml")
     simulator = Simulator(scene, load_sensor("table1-apd"))
-    same(simulator.render(), simulator.render(chunk=4097))
+    assert_same(simulator.render(), simulator.render(chunk=4097))
 
 
 def test_threads_do_not_matter(mi):
@@ -74,14 +74,14 @@ def test_threads_do_not_matter(mi):
         for count in (4, 1):
             dr.set_thread_count(count)
             clouds.append(simulator.render(seed=5))
-        same(*clouds)
+        assert_same(*clouds)
     finally:
         dr.set_thread_count(threads)
 
 
 def test_a_new_world_gives_the_same_cloud():
     sensor = chain.sensor("table1-apd", *RASTER)
-    same(Simulator(mixed_scene(), sensor).render(seed=5), Simulator(mixed_scene(), sensor).render(seed=5))
+    assert_same(Simulator(mixed_scene(), sensor).render(seed=5), Simulator(mixed_scene(), sensor).render(seed=5))
 
 
 def test_seeds_matter():
@@ -116,13 +116,13 @@ def test_numpy_and_device_agree(name, extra):
     detection = returns.detect(light, sensor, seed=9, pulse=pulse)
     np.testing.assert_allclose(detection.snr, lanes.detection.snr, rtol=1e-4, atol=1e-6)
     assert np.mean(detection.outcome != lanes.detection.outcome) < 2e-4
-    for here, there in zip(detection.stops, lanes.detection.stops, strict=True):
-        assert np.mean(here.reported != there.reported) < 2e-4
-        both = here.reported & there.reported & (here.status == there.status)
-        assert both.sum() > 0
+    for host, device in zip(detection.stops, lanes.detection.stops, strict=True):
+        assert np.mean(host.reported != device.reported) < 2e-4
+        in_both = host.reported & device.reported & (host.status == device.status)
+        assert in_both.sum() > 0
         # An alarm's time is an exponential over its rate, and the rate a float32 tail: 1e-3 relative.
-        allowed = 2e-3 + np.where(here.status == 1, 1e-3 * here.range_m, 0.0)
-        difference = (np.abs(here.range_m - there.range_m) / allowed)[both]
+        allowed = 2e-3 + np.where(host.status == 1, 1e-3 * host.range_m, 0.0)
+        difference = (np.abs(host.range_m - device.range_m) / allowed)[in_both]
         assert np.quantile(difference, 0.999) < 1.0
 
 

@@ -38,23 +38,25 @@ def test_waveform_is_the_filtered_light(coupling_khz, good_to):
     equipped = sensor("table1-apd", *filtered)
     light = train(np.array([[30.0, 31.0, 36.0, 80.0]]), np.array([[1e-6, 6e-7, 2e-7, 3e-8]]))
     (optical,), (signal,) = sample_power_and_signal(light, sensor("table1-apd"), TIME_S)
-    wanted = behind(signal, gaussian_hz=40e6, coupling_hz=None if coupling_khz is None else 1e3 * coupling_khz)
-    (power,), (found,) = sample_power_and_signal(light, equipped, TIME_S)
+    expected = behind(signal, gaussian_hz=40e6, coupling_hz=None if coupling_khz is None else 1e3 * coupling_khz)
+    (power,), (sampled,) = sample_power_and_signal(light, equipped, TIME_S)
     np.testing.assert_array_equal(power, optical)
     # AC coupling lets pulses peak early by w sigma_p, which the sensor is calibrated for.
     late_s = 0.0
     if coupling_khz is not None:
         late_s = float(equipped.coupling_rate * equipped.received_fwhm_s) / math.sqrt(8.0 * math.log(2.0))
-    found = np.interp(TIME_S, TIME_S - late_s, found)
-    assert np.abs(found - wanted).max() < good_to * wanted.max()
+    sampled = np.interp(TIME_S, TIME_S - late_s, sampled)
+    assert np.abs(sampled - expected).max() < good_to * expected.max()
     # The comparator's waveform is the same signal, at any place.
     wave = waveform(light, equipped)
     place = np.linspace(-3.0, 150.0, 300)
-    seen = equipped.working_point(light.background_power_w).response.signal(
-        np.array([float(wave.at(np.array([one]))[0][0]) for one in place])
+    signal_at_places = equipped.working_point(light.background_power_w).response.signal(
+        np.array([float(wave.at(np.array([instant]))[0][0]) for instant in place])
     )
     at_s = radiometry.time_of_flight_s(range_m=wave.origin_m + place * wave.unit_m)
-    np.testing.assert_allclose(seen, np.interp(at_s, TIME_S + late_s, found), atol=max(good_to, 2e-4) * wanted.max())
+    np.testing.assert_allclose(
+        signal_at_places, np.interp(at_s, TIME_S + late_s, sampled), atol=max(good_to, 2e-4) * expected.max()
+    )
 
 
 def weak_behind_strong(*overrides, snr=2000.0):
@@ -62,8 +64,8 @@ def weak_behind_strong(*overrides, snr=2000.0):
     equipped = sensor("table1-apd", "tdc.stops=2", "tdc.threshold_to_noise=6", *overrides)
     plain = sensor("table1-apd")
     power = np.array([[power_at_snr(plain, snr), power_at_snr(plain, 15.0)]])
-    found = detect(train(np.tile([[40.0, 60.0]], (400, 1)), np.tile(power, (400, 1))), equipped)
-    far = [stop.reported & (np.abs(stop.range_m - 60.0) < 1.0) for stop in found.stops]
+    detection = detect(train(np.tile([[40.0, 60.0]], (400, 1)), np.tile(power, (400, 1))), equipped)
+    far = [stop.reported & (np.abs(stop.range_m - 60.0) < 1.0) for stop in detection.stops]
     return np.mean(far[0] | far[1])
 
 
@@ -96,10 +98,10 @@ def test_one_echo_behind_coupling_is_where_it_was():
     quiet = ["tdc.threshold_to_noise=50", "tdc.walk='none'"]
     coupled = sensor("table1-apd", *quiet, "receiver.ac_coupling_khz=200")
     power = np.full((200, 1), power_at_snr(coupled, 5000.0))
-    found = detect(train(np.full((200, 1), 50.0), power), coupled).stops[0]
+    stop = detect(train(np.full((200, 1), 50.0), power), coupled).stops[0]
     plain = detect(train(np.full((200, 1), 50.0), power), sensor("table1-apd", *quiet)).stops[0]
-    assert found.range_m.mean() == pytest.approx(plain.range_m.mean(), abs=2e-3)
-    assert (found.snr / plain.snr).mean() == pytest.approx(float(coupled.peak_share), rel=1e-4)
+    assert stop.range_m.mean() == pytest.approx(plain.range_m.mean(), abs=2e-3)
+    assert (stop.snr / plain.snr).mean() == pytest.approx(float(coupled.peak_share), rel=1e-4)
 
 
 def test_fog_behind_the_filters():
@@ -122,8 +124,8 @@ def test_fog_behind_the_filters():
         range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=TIME_S)
         courses.append(np.interp(range_m, np.linspace(air.near_m, air.far_m, len(air.shape.values)), air.shape.values))
         courses[-1][range_m > air.far_m] = 0.0
-    wanted = behind(courses[0], gaussian_hz=40e6, coupling_hz=1e6) / float(filtered.peak_share)
+    expected = behind(courses[0], gaussian_hz=40e6, coupling_hz=1e6) / float(filtered.peak_share)
     near = (TIME_S > 20e-9) & (TIME_S < 0.9e-6)
-    assert np.abs(courses[1] - wanted)[near].max() < 0.01 * wanted.max()
+    assert np.abs(courses[1] - expected)[near].max() < 0.01 * expected.max()
     assert courses[1].min() < -0.02 * courses[1].max()
     assert filtered.coupling_rate < high_pass.WIDEST_RATE

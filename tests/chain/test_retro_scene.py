@@ -29,7 +29,7 @@ def compiled():
 @pytest.fixture(scope="module")
 def clouds(compiled):
     """By name: the scene with both edges timed, with rising edges only, and with a SiPM."""
-    (scene, world), made = compiled, {}
+    (scene, world), rendered = compiled, {}
     options = {
         "both": ("table1-apd", *CLIPPING),
         "rising": ("table1-apd", *CLIPPING, "tdc.edges='rising'"),
@@ -37,14 +37,14 @@ def clouds(compiled):
     }
     for name, (sensor, *keys) in options.items():
         equipped = chain.sensor(sensor, *FINE, CALIBRATED, *keys)
-        made[name] = Simulator(scene, equipped, world=world).render(seed=2)
-    return made
+        rendered[name] = Simulator(scene, equipped, world=world).render(seed=2)
+    return rendered
 
 
 def of_body(cloud, name):
     """Echoes of a body, looked at squarely."""
-    here = (cloud.body == cloud.body_names.index(name)) & (cloud.status == 0)
-    return cloud.select(here & (cloud.incidence_angle_rad < math.radians(6.0)))
+    on_body = (cloud.body == cloud.body_names.index(name)) & (cloud.status == 0)
+    return cloud.select(on_body & (cloud.incidence_angle_rad < math.radians(6.0)))
 
 
 @pytest.mark.parametrize("name", ["both", "sipm"])
@@ -70,9 +70,9 @@ def test_retro_reflectors_read_above_white(clouds, sensor, name, r_a, half_deg, 
     peak = r_a * 2.0 ** ((0.2 / half_deg) ** 2) / math.cos(math.radians(4.0)) ** 3.61
     expected = min(100.0 + 155.0 * math.log(0.3 + math.pi * peak) / math.log(1000.0), 255.0)
     body = f"{name}_{range_m}m" + (".0" if name == "vest" else "")
-    seen = of_body(clouds[sensor], body)
-    assert len(seen) > 10
-    assert seen.intensity.mean() == pytest.approx(expected, abs=2.0)
+    points = of_body(clouds[sensor], body)
+    assert len(points) > 10
+    assert points.intensity.mean() == pytest.approx(expected, abs=2.0)
     # The amplitude alone could not: it ends at S, or at half a cell below all.
     if sensor == "both":
         dark = of_body(clouds["rising"], body)
@@ -84,23 +84,23 @@ def test_width_and_range_of_a_saturated_plate(clouds):
     and where it is if its width is. Reference: powers typed out from (5) and (T8), with incidence and range of each
     point; widths and ranges in the mean, to 1 % and 15 mm for the noise of a curved edge.
     """
-    both, rising = (of_body(clouds[name], "plate_10m") for name in ("both", "rising"))
+    both_edges, rising = (of_body(clouds[name], "plate_10m") for name in ("both", "rising"))
     sensor = chain.sensor("table1-apd", *CLIPPING)
     optics = sensor.optics
     peak = 70.0 * 2.0 ** ((0.2 / 0.41) ** 2) / math.cos(math.radians(4.0)) ** 3.61
-    cos, range_m = np.cos(both.incidence_angle_rad), both.true_range_m.astype(float)
+    cos, range_m = np.cos(both_edges.incidence_angle_rad), both_edges.true_range_m.astype(float)
     # R_A / cos^2 of incidence, cos of the surface that is seen, cos^3.61 of the entrance angle.
     per_sr = (0.3 / math.pi + peak * cos**3.61 / cos**2) * cos
     power = 45.0 * per_sr * optics.efficiency_laser * math.pi * 0.025**2 / range_m**2
     # The sun of 50 klux on its white face, and a sky of 20 % of it, by (T6) and (T7).
-    light = 0.3 / math.pi * 0.5 * 29.4 * (np.cos(both.sun_angle_rad) + 0.2)
+    light = 0.3 / math.pi * 0.5 * 29.4 * (np.cos(both_edges.sun_angle_rad) + 0.2)
     background = light * optics.aperture_m2 * math.pi * (sensor.detector.radius_m / 0.03) ** 2 * 0.7986
     point = sensor.working_point(background.astype(float))
     shape = {"signal": point.response.signal(power), "saturation": CLIPS_A, "fwhm_s": 6e-9}
     level = sensor.threshold(point)
     expected_s = saturation.width_at_level_s(level=level, recovery_s=RECOVERY_S, **shape)
-    assert both.pulse_width_s.mean() == pytest.approx(expected_s.mean(), rel=0.01)
-    assert abs((both.range_m - both.true_range_m).mean()) < 0.015
+    assert both_edges.pulse_width_s.mean() == pytest.approx(expected_s.mean(), rel=0.01)
+    assert abs((both_edges.range_m - both_edges.true_range_m).mean()) < 0.015
     bias_m = saturation.walk_bias_m(threshold=level, **shape).mean()
     assert bias_m < -0.3
     assert (rising.range_m - rising.true_range_m).mean() == pytest.approx(bias_m, abs=0.015)

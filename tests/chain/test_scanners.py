@@ -100,8 +100,8 @@ def test_jitter_moves_the_beam_and_not_what_is_reported():
         assert abs(aside.mean()) < 4 * sigma / math.sqrt(len(pulse))
     np.testing.assert_array_equal(fired(shaky, 0), bent)
     assert np.mean(np.abs(fired(shaky, 1) - bent).max(axis=1) < 1e-6) < 0.01
-    for here, there in zip(shaky.angles(pulse), exact.angles(pulse), strict=True):
-        np.testing.assert_array_equal(here, there)
+    for shaky_angle, exact_angle in zip(shaky.angles(pulse), exact.angles(pulse), strict=True):
+        np.testing.assert_array_equal(shaky_angle, exact_angle)
 
 
 def test_jitter_does_not_depend_on_the_chunk():
@@ -126,9 +126,9 @@ def test_another_frame_of_another_pattern_compiles_nothing(mi):
     first = Simulator(around(), equipped(scanners.mid40(jitter_rad=1e-3, encoder_rad=1e-3)))
     with launches.launched() as before:
         first.render(seed=0, chunk=2000)
-    other = scanners.mid40(jitter_rad=2e-3, encoder_rad=2e-3, index=[1.6, 1.7], rotation_hz=[10.0, -3.0])
+    next_pattern = scanners.mid40(jitter_rad=2e-3, encoder_rad=2e-3, index=[1.6, 1.7], rotation_hz=[10.0, -3.0])
     with launches.launched() as later:
-        Simulator(around(), equipped(other), world=first.world).render(seed=1, chunk=1500)
+        Simulator(around(), equipped(next_pattern), world=first.world).render(seed=1, chunk=1500)
     launches.assert_none_is_new(later, before)
 
 

@@ -31,9 +31,9 @@ def test_numpy_and_device_agree(name):
     pulse = scanners.frame(scanner)
     expected = [*scanner.direction(pulse), *scanner.angles(pulse), scanner.channel(pulse)]
     expected += [scanner.aperture_share(pulse), *(scanner.offset_m(pulse) or ())]
-    got = on_device(scanner, transfer.counter(0, scanner.pulses))
-    for there, here in zip(got, expected, strict=True):
-        off = np.abs(there.astype(float) - here)
+    computed = on_device(scanner, transfer.counter(0, scanner.pulses))
+    for angle, reference in zip(computed, expected, strict=True):
+        off = np.abs(angle.astype(float) - reference)
         off = np.minimum(off, np.abs(off - 2 * math.pi))  # plus and minus 180 degrees are one azimuth
         np.testing.assert_array_less(off, 4e-6)
 
@@ -50,9 +50,9 @@ def test_phases_of_ten_million_pulses(mi):
         assert np.abs(np.remainder(error + math.pi, 2 * math.pi) - math.pi).max() < 1e-6
     fast = scanners.lissajous(rate_hz=2e6)
     azimuth, elevation = transfer.opaque(fast)._mechanism(pulse)
-    for got, amplitude, f, p in ((azimuth, 12, 1310.0, 0.3), (elevation, 8, 1190.0, 1.2)):
+    for angle, amplitude, f, p in ((azimuth, 12, 1310.0, 0.3), (elevation, 8, 1190.0, 1.2)):
         expected = amplitude * DEG * np.sin(2 * math.pi * np.remainder(t * (f / 2e6), 1.0) + p)
-        assert np.abs(got.numpy() - expected).max() < 1e-6
+        assert np.abs(angle.numpy() - expected).max() < 1e-6
 
 
 CHANGED = {
@@ -100,11 +100,11 @@ def test_tables_go_to_the_device_once():
     pulse = transfer.counter(0, 10)
     uploaded = xp(pulse)._uploaded
     on_device(scanner, pulse)
-    (there,) = uploaded[scanner.azimuth_rad].values()
+    (array,) = uploaded[scanner.azimuth_rad].values()
     on_device(scanner, pulse)
-    assert next(iter(uploaded[scanner.azimuth_rad].values())) is there
+    assert next(iter(uploaded[scanner.azimuth_rad].values())) is array
     before = len(uploaded)
-    del scanner, there
+    del scanner, array
     gc.collect()
     assert len(uploaded) == before - 3  # azimuth, elevation, channel
 

@@ -45,10 +45,10 @@ def test_numpy_and_device_agree(counting, more):
     assert (detection.snr > 5.0).sum() > 1000
     np.testing.assert_allclose(detection.snr, lanes.detection.snr, rtol=2e-4, atol=1e-6)
     assert np.mean(detection.outcome != lanes.detection.outcome) < 2e-4
-    here, there = detection.stops[0], lanes.detection.stops[0]
-    both = here.reported & there.reported & (here.status == 0) & (there.status == 0)
-    assert both.sum() > 1000
-    difference = np.abs(here.range_m - there.range_m)[both]
+    host, device = detection.stops[0], lanes.detection.stops[0]
+    in_both = host.reported & device.reported & (host.status == 0) & (device.status == 0)
+    assert in_both.sum() > 1000
+    difference = np.abs(host.range_m - device.range_m)[in_both]
     assert np.quantile(difference, 0.999) < 2e-3
 
 

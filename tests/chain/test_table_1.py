@@ -90,9 +90,9 @@ def test_snr_at_100_m(sensor, expected):
 def test_maximum_range(klux, apd_m, sipm_m):
     target = Target(illuminance_klux=klux)
     for sensor, expected in ((APD, apd_m), (SIPM, sipm_m)):
-        found, status = plane.maximum_range_m(sensor, target)
+        maximum_m, status = plane.maximum_range_m(sensor, target)
         assert status == RangeStatus.FOUND
-        assert found == six(expected)
+        assert maximum_m == six(expected)
 
 
 def test_illuminance_of_equal_range():

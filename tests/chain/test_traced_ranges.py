@@ -24,9 +24,9 @@ def traced(body, place):
     lanes = chain.run(chain.scene(body, pose=Pose.from_degrees(position_m=place)), SENSOR)
     direction = lanes.direction.astype(np.float64)
     length = np.linalg.norm(direction, axis=1)
-    found = lanes.hits.has_surface
+    hit = lanes.hits.has_surface
     # The tracer's t counts direction vectors; those are unit to float32 rounding.
-    return ((lanes.hits.range_m.astype(np.float64) * length)[found], (direction / length[:, None])[found], found)
+    return ((lanes.hits.range_m.astype(np.float64) * length)[hit], (direction / length[:, None])[hit], hit)
 
 
 def worst(measured, expected):
@@ -38,10 +38,10 @@ def worst(measured, expected):
 def test_tilted_plane(range_m, place):
     theta = 40.0
     body = chain.facing(range_m=range_m, theta_deg=theta, at=place, size_m=0.4 * range_m)
-    measured, direction, found = traced(body, place)
+    measured, direction, hit = traced(body, place)
     normal = np.array([-np.cos(np.radians(theta)), -np.sin(np.radians(theta)), 0.0])
     expected = -range_m * np.cos(np.radians(theta)) / (direction @ normal)
-    assert found.all()
+    assert hit.all()
     assert worst(measured, expected) < CHECK_2
 
 
@@ -49,13 +49,13 @@ def test_tilted_plane(range_m, place):
 @pytest.mark.parametrize("range_m", [1.0, 3.0, 20.0, 100.0, 500.0])
 def test_sphere(range_m, place):
     radius, distance = 0.05 * range_m, 1.05 * range_m
-    measured, direction, found = traced(chain.ball(at=np.add(place, (distance, 0.0, 0.0)), radius_m=radius), place)
+    measured, direction, hit = traced(chain.ball(at=np.add(place, (distance, 0.0, 0.0)), radius_m=radius), place)
     along = direction[:, 0] * distance
     inside = along**2 - distance**2 + radius**2
     # Rays that graze within 1 % of the radius are left to the silhouette.
     clear = inside > (0.14 * radius) ** 2
     expected = along - np.sqrt(np.maximum(inside, 0.0))
-    assert 500 < clear.sum() <= found.sum()
+    assert 500 < clear.sum() <= hit.sum()
     assert worst(measured[clear], expected[clear]) < CHECK_2
 
 
@@ -65,13 +65,13 @@ def test_box(range_m, place):
     """Against the slab method in float64, the box turned by 30 degrees."""
     size, yaw = np.array([0.06, 0.08, 0.05]) * range_m, 30.0
     centre = np.array([1.04 * range_m, 0.0, 0.0])
-    measured, direction, found = traced(chain.box(at=np.array(place) + centre, size_m=size, yaw_deg=yaw), place)
+    measured, direction, on_box = traced(chain.box(at=np.array(place) + centre, size_m=size, yaw_deg=yaw), place)
     turn = Pose.from_degrees(yaw_deg=yaw).rotation
     origin, local = -centre @ turn, direction @ turn
     with np.errstate(divide="ignore"):
-        one, other = (-size / 2 - origin) / local, (size / 2 - origin) / local
-    near, far = np.minimum(one, other).max(axis=1), np.maximum(one, other).min(axis=1)
-    assert found.sum() > 500
+        to_low, to_high = (-size / 2 - origin) / local, (size / 2 - origin) / local
+    near, far = np.minimum(to_low, to_high).max(axis=1), np.maximum(to_low, to_high).min(axis=1)
+    assert on_box.sum() > 500
     assert np.mean(near > far) < 0.01  # rays that graze an edge may go either way
     hit = near <= far
     assert worst(measured[hit], near[hit]) < CHECK_2

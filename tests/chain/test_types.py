@@ -39,27 +39,27 @@ def halved(make, ops) -> Nested:
     first = make(np.array([0.5, 5.0, 40.0], dtype=np.float32))
     start = Nested(count=ops.full(first, 0), pairs=(Pair(value=first), Pair(value=first, other=2.0 * first)))
 
-    def step(now: Nested) -> Nested:
-        one, two = now.pairs
-        pairs = (Pair(value=0.5 * one.value), Pair(value=two.value, other=0.5 * two.other))
-        return Nested(count=now.count + 1, pairs=pairs)
+    def step(state: Nested) -> Nested:
+        first, second = state.pairs
+        pairs = (Pair(value=0.5 * first.value), Pair(value=second.value, other=0.5 * second.other))
+        return Nested(count=state.count + 1, pairs=pairs)
 
-    return ops.loop(start, lambda now: now.pairs[0].value >= 1.0, step)
+    return ops.loop(start, lambda state: state.pairs[0].value >= 1.0, step)
 
 
 @pytest.mark.parametrize("where", ["numpy", "device"])
 def test_a_loop_carries_dataclasses(where: str, request: pytest.FixtureRequest) -> None:
     if where == "device":
         mi = request.getfixturevalue("mi")
-        found = halved(mi.Float, arrays.xp(mi.Float(0.0)))
+        final = halved(mi.Float, arrays.xp(mi.Float(0.0)))
     else:
-        found = halved(np.asarray, NUMPY)
-    one, two = found.pairs
-    assert np.array(found.count).tolist() == [0, 3, 6]
-    assert np.array(one.value).tolist() == [0.5, 0.625, 0.625]
-    assert np.array(two.value).tolist() == [0.5, 5.0, 40.0]
-    assert np.array(two.other).tolist() == [1.0, 1.25, 1.25]
-    assert one.other is None
+        final = halved(np.asarray, NUMPY)
+    first, second = final.pairs
+    assert np.array(final.count).tolist() == [0, 3, 6]
+    assert np.array(first.value).tolist() == [0.5, 0.625, 0.625]
+    assert np.array(second.value).tolist() == [0.5, 5.0, 40.0]
+    assert np.array(second.other).tolist() == [1.0, 1.25, 1.25]
+    assert first.other is None
 
 
 @pytest.mark.parametrize("where", ["numpy", "device"])
@@ -67,9 +67,9 @@ def test_where_any_takes_a_state(where: str, request: pytest.FixtureRequest) -> 
     make = np.asarray if where == "numpy" else request.getfixturevalue("mi").Float
     value = make(np.array([1.0, 2.0, 3.0], dtype=np.float32))
     ops = arrays.xp(value)
-    found = ops.where_any(value > 2.5, lambda: Pair(value=10.0 * value), Pair(value=value))
-    assert np.array(found.value).tolist() == [1.0, 2.0, 30.0]
-    assert found.other is None
+    chosen = ops.where_any(value > 2.5, lambda: Pair(value=10.0 * value), Pair(value=value))
+    assert np.array(chosen.value).tolist() == [1.0, 2.0, 30.0]
+    assert chosen.other is None
 
 
 def test_both_array_types_have_every_function(mi) -> None:
@@ -100,9 +100,9 @@ def test_numbers_of_stages_are_never_given_out_again() -> None:
 
 def test_a_stage_is_a_plain_number_to_the_generator(mi) -> None:
     pulse = np.arange(5, dtype=np.uint32)
-    for given in (pulse, mi.UInt32(pulse)):
-        named = random.words(seed=3, stage=random.Stage.GAPS, pulse=given)
-        plain = random.words(seed=3, stage=12, pulse=given)
-        for a, b in zip(named, plain, strict=True):
+    for number in (pulse, mi.UInt32(pulse)):
+        by_name = random.words(seed=3, stage=random.Stage.GAPS, pulse=number)
+        plain = random.words(seed=3, stage=12, pulse=number)
+        for a, b in zip(by_name, plain, strict=True):
             assert np.array(a).dtype == np.uint32
             np.testing.assert_array_equal(np.array(a), np.array(b))

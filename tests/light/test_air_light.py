@@ -42,9 +42,9 @@ def test_even_light_far_from_the_lens_is_the_soft_targets():
     (medium,) = trains.FOG.media(equipped.laser.wavelength_m)
     range_m = np.array([30.0, 60.0])
     length_m = soft_target.pulse_length_m(fwhm_s=trains.FWHM_S) * math.sqrt(math.pi / (4.0 * math.log(2.0)))
-    wanted = length_m * medium.backscatter_per_m_sr * np.exp(-2.0 * extinction * range_m) / range_m**2
+    expected = length_m * medium.backscatter_per_m_sr * np.exp(-2.0 * extinction * range_m) / range_m**2
     share = np.asarray(air.shape.at((range_m - air.near_m) / (air.far_m - air.near_m)))
-    np.testing.assert_allclose(share, wanted, rtol=0.02)
+    np.testing.assert_allclose(share, expected, rtol=0.02)
 
 
 def test_fog_behind_a_high_pass():
@@ -55,12 +55,12 @@ def test_fog_behind_a_high_pass():
     equipped, coupled, _ = lit(trains.FOG, "receiver.ac_coupling_khz=5000")
     grid = np.linspace(plain.near_m, plain.far_m, len(plain.shape.values))
     time = (grid - grid[0]) * 2.0 / c
-    kept = math.exp(-2.0 * math.pi * 5e6 * (time[1] - time[0]))
-    taken, values = 0.0, np.array(plain.shape.values)
+    decay = math.exp(-2.0 * math.pi * 5e6 * (time[1] - time[0]))
+    slow_part, values = 0.0, np.array(plain.shape.values)
     passed = np.zeros_like(values)
     for k in range(1, len(values)):
-        taken = kept * taken + (1.0 - kept) * 0.5 * (values[k] + values[k - 1])
-        passed[k] = values[k] - taken
+        slow_part = decay * slow_part + (1.0 - decay) * 0.5 * (values[k] + values[k - 1])
+        passed[k] = values[k] - slow_part
     passed /= float(equipped.peak_share)
     assert float(equipped.peak_share) < 0.92
     np.testing.assert_allclose(coupled.shape.values, passed, atol=0.02 * passed.max())
@@ -77,13 +77,13 @@ def test_drops_are_lit_before_the_surface_only(monkeypatch):
     assert air.sources == ("rain",) * tables.count
     end_m = np.full(len(pulse), 8.0)
     lanes = {"scale": np.ones(len(pulse)), "end_m": end_m, "seed": 3, "pulse": pulse}
-    found = air.sub_echoes(**lanes)
-    ranges, powers = (np.stack([getattr(one, key) for one in found]) for key in ("range_m", "peak_power_w"))
+    drop_echoes = air.sub_echoes(**lanes)
+    ranges, powers = (np.stack([getattr(echo, key) for echo in drop_echoes]) for key in ("range_m", "peak_power_w"))
     assert (ranges > 8.0).mean() > 0.01
     assert (powers[ranges > 8.0] == 0.0).all()
     assert (powers[ranges < 8.0] > 0.0).mean() > 0.3
     twice = dataclasses.replace(air, particles=((tables, "rain"), (tables, "snow")))
-    first, second = np.split(np.stack([one.range_m for one in twice.sub_echoes(**lanes)]), 2)
+    first, second = np.split(np.stack([echo.range_m for echo in twice.sub_echoes(**lanes)]), 2)
     np.testing.assert_array_equal(first, ranges)
     assert not (first == second).any()
 
@@ -106,19 +106,20 @@ def test_what_is_drawn_and_what_is_even_are_the_whole_rain(monkeypatch):
     drawn = air.sub_echoes(**lanes)
     low, high = 3.0, 12.0
     light = sum(
-        np.where((one.range_m > low) & (one.range_m < high), one.peak_power_w * one.range_m**2, 0.0) for one in drawn
+        np.where((echo.range_m > low) & (echo.range_m < high), echo.peak_power_w * echo.range_m**2, 0.0)
+        for echo in drawn
     )
     range_m = np.linspace(low, high, 2001)
-    seen = np.asarray(overlap_of(equipped).share(range_m)) * np.exp(-2.0 * extinction * range_m)
+    weight = np.asarray(overlap_of(equipped).share(range_m)) * np.exp(-2.0 * extinction * range_m)
     drawn_beta = medium.backscatter_per_m_sr - tables.weak_backscatter_per_m_sr(range_m)
-    wanted = np.trapezoid(seen * drawn_beta, range_m)
-    assert wanted > 0.02 * np.trapezoid(seen * medium.backscatter_per_m_sr, range_m)
-    left = np.asarray(air.shape.at((range_m[::100] - air.near_m) / (air.far_m - air.near_m)))
+    expected = np.trapezoid(weight * drawn_beta, range_m)
+    assert expected > 0.02 * np.trapezoid(weight * medium.backscatter_per_m_sr, range_m)
+    remaining = np.asarray(air.shape.at((range_m[::100] - air.near_m) / (air.far_m - air.near_m)))
     length_m = soft_target.pulse_length_m(fwhm_s=trains.FWHM_S) * math.sqrt(math.pi / (4.0 * math.log(2.0)))
-    even = length_m * (seen * tables.weak_backscatter_per_m_sr(range_m) / range_m**2)[::100]
-    np.testing.assert_allclose(left, even, rtol=0.1)  # it bends over the pulse's length, most of all near the lens
+    even = length_m * (weight * tables.weak_backscatter_per_m_sr(range_m) / range_m**2)[::100]
+    np.testing.assert_allclose(remaining, even, rtol=0.1)  # it bends over the pulse's length, most of all near the lens
     error = light.std() / math.sqrt(len(pulse))
-    assert abs(light.mean() - wanted) < 5.0 * error + 0.02 * wanted
+    assert abs(light.mean() - expected) < 5.0 * error + 0.02 * expected
 
 
 def test_as_many_drops_as_the_beam_holds(monkeypatch):
@@ -133,8 +134,8 @@ def test_as_many_drops_as_the_beam_holds(monkeypatch):
     pulse = np.arange(60_000, dtype=np.uint32)
     lanes = {"scale": np.ones(len(pulse)), "end_m": np.full(len(pulse), 1e3), "seed": 5, "pulse": pulse}
     have = sum(
-        int(((one.range_m > 4.0) & (one.range_m < 10.0) & (one.peak_power_w > level)).sum())
-        for one in air.sub_echoes(**lanes)
+        int(((echo.range_m > 4.0) & (echo.range_m < 10.0) & (echo.peak_power_w > level)).sum())
+        for echo in air.sub_echoes(**lanes)
     )
     range_m, diameter_m = np.linspace(4.0, 10.0, 601), np.linspace(0.0, 15e-3, 6001)
     area = math.pi * np.hypot(5e-3, 1.5e-3 * range_m) * np.hypot(5e-3, 0.5e-3 * range_m)
@@ -143,23 +144,23 @@ def test_as_many_drops_as_the_beam_holds(monkeypatch):
     sigma = np.asarray(medium.particle_m2_sr(diameter_m=diameter_m))
     at_least = np.interp(needed, sigma, diameter_m)
     per_m3 = medium.sizes.intercept_per_m4 / medium.sizes.slope_per_m * np.exp(-medium.sizes.slope_per_m * at_least)
-    wanted = len(pulse) * np.trapezoid(per_m3 * area, range_m)
-    assert wanted > 500.0
-    assert abs(have - wanted) < norm.isf(0.5e-6) * math.sqrt(wanted) + 0.01 * wanted  # the table's steps
+    expected = len(pulse) * np.trapezoid(per_m3 * area, range_m)
+    assert expected > 500.0
+    assert abs(have - expected) < norm.isf(0.5e-6) * math.sqrt(expected) + 0.01 * expected  # the table's steps
 
 
 def test_drops_are_seen_by_a_lens_that_stands_beside_the_laser(monkeypatch):
     """From the near edge of the lens to the far one: 35 and 85 mm of one with 25 mm of radius, 60 mm off."""
-    seen = []
+    ratios = []
 
     def gain(*, diameter_m, within_rad, from_rad=0.0, **_):
-        seen.append(float(np.median(from_rad / within_rad)))
+        ratios.append(float(np.median(from_rad / within_rad)))
         return np.ones_like(diameter_m * within_rad)
 
     monkeypatch.setattr(glory, "gain", gain)
     lit(RAIN, *BEAM, "optics.overlap.transmitter_offset_mm=[60, 0]")
-    assert seen
-    np.testing.assert_allclose(seen, 35.0 / 85.0)
-    seen.clear()
+    assert ratios
+    np.testing.assert_allclose(ratios, 35.0 / 85.0)
+    ratios.clear()
     lit(RAIN, *BEAM, "optics.overlap.transmitter_offset_mm=[0, 0]")
-    np.testing.assert_array_equal(seen, 0.0)
+    np.testing.assert_array_equal(ratios, 0.0)

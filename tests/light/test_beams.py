@@ -16,8 +16,8 @@ def test_rays_turn_and_move_with_the_sensor():
     sensor = load_sensor("vlp-16")
     pulse = PULSE[:100]
     rays = beams.fire(sensor, pulse=pulse, origin_m=(1.0, 2.0, 3.0), rotation=tuple(TURN.ravel()))
-    wanted = TURN @ np.array(sensor.scanner.direction(pulse))
-    np.testing.assert_allclose(np.array(rays.direction), wanted, atol=1e-6)
+    expected = TURN @ np.array(sensor.scanner.direction(pulse))
+    np.testing.assert_allclose(np.array(rays.direction), expected, atol=1e-6)
 
 
 def test_jitter_is_gaussian_on_two_axes():
@@ -27,13 +27,13 @@ def test_jitter_is_gaussian_on_two_axes():
     sensor = load_sensor("table1-apd", overrides=["scanner.jitter_mrad=1"])
     identity = tuple(np.eye(3).ravel())
     true = np.array(beams.fire(sensor, pulse=PULSE, origin_m=(0.0,) * 3, rotation=identity, seed=4).direction)
-    told = np.array(beams.reported_beams(sensor, pulse=PULSE, origin_m=(0.0,) * 3, rotation=identity).direction)
+    reported = np.array(beams.reported_beams(sensor, pulse=PULSE, origin_m=(0.0,) * 3, rotation=identity).direction)
     np.testing.assert_allclose(np.linalg.norm(true, axis=0), 1.0, atol=1e-6)
-    left = np.stack([-told[1], told[0], np.zeros(len(PULSE))]) / np.hypot(told[0], told[1])
-    up = np.cross(told, left, axis=0)
+    left = np.stack([-reported[1], reported[0], np.zeros(len(PULSE))]) / np.hypot(reported[0], reported[1])
+    up = np.cross(reported, left, axis=0)
     across = np.einsum("in,in->n", true, left), np.einsum("in,in->n", true, up)
-    for one in across:
-        assert kstest(np.asarray(one, float) / 1e-3, "norm").pvalue > 1e-6
+    for component in across:
+        assert kstest(np.asarray(component, float) / 1e-3, "norm").pvalue > 1e-6
     assert abs(np.corrcoef(*across)[0, 1]) < norm.isf(0.5e-6) / np.sqrt(len(PULSE))
 
 

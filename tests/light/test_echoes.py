@@ -70,10 +70,10 @@ def test_one_ray_and_many_at_one_place_draw_the_same_noise():
     # An edge within rounding of the threshold may fall to the other side: fewer than one in a thousand.
     assert abs(len(alone) - len(many)) <= 1 + len(alone) // 1000
     alone, many = (cloud.select(cloud.status == Status.ECHO) for cloud in (alone, many))
-    _, here, there = np.intersect1d(alone.time_s, many.time_s, return_indices=True)
-    np.testing.assert_array_equal(alone.body[here], many.body[there])
-    assert np.quantile(np.abs(alone.range_m[here] - many.range_m[there]), 0.998) < 3e-4
-    assert np.quantile(np.abs(alone.snr[here] / many.snr[there] - 1.0), 0.998) < 1e-4
+    _, alone_index, many_index = np.intersect1d(alone.time_s, many.time_s, return_indices=True)
+    np.testing.assert_array_equal(alone.body[alone_index], many.body[many_index])
+    assert np.quantile(np.abs(alone.range_m[alone_index] - many.range_m[many_index]), 0.998) < 3e-4
+    assert np.quantile(np.abs(alone.snr[alone_index] / many.snr[many_index] - 1.0), 0.998) < 1e-4
 
 
 @pytest.mark.parametrize("apart_m", [4.0, 12.0])
@@ -137,7 +137,7 @@ def test_fog_is_the_first_return_and_the_wall_the_last():
     first = chain.sensor("table1-apd", *chain.NARROW, *BEAM)
     cloud = Simulator(chain.scene(plane, air=dense, klux=0.0), first).render(seed=1)
     assert (cloud.status == Status.WEATHER).all()
-    assert {cloud.class_names[one] for one in cloud.class_id} == {"fog"}
+    assert {cloud.class_names[class_index] for class_index in cloud.class_id} == {"fog"}
     assert (cloud.body == -1).all()
     assert cloud.range_m.max() < 10.0
     # At a lower threshold the comparator would still be high from the fog when the wall's echo comes.
@@ -149,10 +149,10 @@ def test_fog_is_the_first_return_and_the_wall_the_last():
     (fog,) = dense.weather.media(905e-9)
     fwhm_s = last.laser.pulse_fwhm_s
     before = soft_target.share_before_surface(range_m=30.0, surface_m=30.0, extinction_per_m=alpha, fwhm_s=fwhm_s)
-    own = 1.0645 * soft_target.pulse_length_m(fwhm_s=fwhm_s) * fog.backscatter_per_m_sr * before / (0.1 / np.pi)
-    assert 0.01 < own < 0.1
+    fog_share = 1.0645 * soft_target.pulse_length_m(fwhm_s=fwhm_s) * fog.backscatter_per_m_sr * before / (0.1 / np.pi)
+    assert 0.01 < fog_share < 0.1
     # The peak of the sum is not where the wall is, and the air's course is a table: a part in a hundred.
-    assert behind.snr[0] == pytest.approx(clear.snr[0] * np.exp(-2.0 * alpha * 30.0) * (1.0 + own), rel=0.01)
+    assert behind.snr[0] == pytest.approx(clear.snr[0] * np.exp(-2.0 * alpha * 30.0) * (1.0 + fog_share), rel=0.01)
 
 
 @pytest.mark.parametrize("rate_mm_h", [0.5, 2.0])
@@ -169,7 +169,7 @@ def test_rain_trips_as_often_as_drops_by_brute_force(rate_mm_h):
     scene = chain.scene(chain.facing(range_m=40.0, size_m=100.0), air=air, klux=0.0)
     cloud = Simulator(scene, sensor).render(seed=5, summary=summary)
     drops = cloud.select(cloud.status == Status.WEATHER)
-    assert {drops.class_names[one] for one in drops.class_id} == {"rain"}
+    assert {drops.class_names[class_index] for class_index in drops.class_id} == {"rain"}
     assert summary.weather == len(drops)
     assert (drops.true_range_m < 80.0).all()
     share = len(np.unique(drops.time_s)) / summary.beams
@@ -193,22 +193,22 @@ def _trips(sensor, air, pulses):
     slope, smallest = rain.sizes.slope_per_m, 1e-4
     density = rain.sizes.intercept_per_m4 / slope * np.exp(-slope * smallest)
     sent = sensor.laser.peak_power_w * sensor.optics.efficiency_laser * sensor.optics.aperture_m2
-    at = np.arange(0.0, farthest, 0.1)
-    of = np.repeat(np.arange(pulses), random.poisson(density * widest * farthest, pulses))
-    r, d = random.uniform(0.0, farthest, len(of)), smallest + random.exponential(1.0 / slope, len(of))
+    grid_m = np.arange(0.0, farthest, 0.1)
+    pulse_index = np.repeat(np.arange(pulses), random.poisson(density * widest * farthest, pulses))
+    r, d = random.uniform(0.0, farthest, len(pulse_index)), smallest + random.exponential(1.0 / slope, len(pulse_index))
     area = np.pi * (0.005**2 + (0.0015 * r) ** 2)
-    inside = random.uniform(size=len(of)) < area / widest
-    of, r, d, area = of[inside], r[inside], d[inside], area[inside]
-    seen = sent * overlap.share(r) * np.exp(-2.0 * rain.extinction_per_m * r) / (area * r * r)
+    inside = random.uniform(size=len(pulse_index)) < area / widest
+    pulse_index, r, d, area = pulse_index[inside], r[inside], d[inside], area[inside]
+    received = sent * overlap.share(r) * np.exp(-2.0 * rain.extinction_per_m * r) / (area * r * r)
     lens = float(sensor.optics.aperture_radius_m) / np.maximum(r, 1e-3)
     gain = rain.particle_gain(diameter_m=d, within_rad=lens, from_rad=0.0)
-    watts = seen * rain.particle_m2_sr(diameter_m=d) * gain
-    found = []
-    for some in np.split(np.arange(len(of)), np.searchsorted(of, np.arange(1, pulses))):
-        apart_s = (2.0 / SPEED_OF_LIGHT_M_S) * (at[:, None] - r[some])
-        course = gaussian_pulse(time_s=apart_s, fwhm_s=sensor.laser.pulse_fwhm_s) @ watts[some]
-        found.append(course.max() > least_w)
-    return found
+    watts = received * rain.particle_m2_sr(diameter_m=d) * gain
+    tripped = []
+    for drop_indices in np.split(np.arange(len(pulse_index)), np.searchsorted(pulse_index, np.arange(1, pulses))):
+        apart_s = (2.0 / SPEED_OF_LIGHT_M_S) * (grid_m[:, None] - r[drop_indices])
+        course = gaussian_pulse(time_s=apart_s, fwhm_s=sensor.laser.pulse_fwhm_s) @ watts[drop_indices]
+        tripped.append(course.max() > least_w)
+    return tripped
 
 
 def test_keep_and_dead_time_act_with_one_ray():
@@ -246,7 +246,7 @@ HITS = Hits(
     lit=np.array([True, False]),
     face=np.array([3, -1]),
     throughput=np.array([0.7, 0.8]),
-    direction=tuple(np.full(2, one) for one in SUN),
+    direction=tuple(np.full(2, component) for component in SUN),
 )
 AMBIENT = Ambient(
     sun_irradiance_w_m2=29.0,
@@ -278,9 +278,9 @@ def test_echo_and_background_of_a_ray():
     cloudy = receive(BEAMS, HITS, BY_HAND, dataclasses.replace(AMBIENT, sun_direction=None))
     sky = 5.0 / math.pi * 0.9 * 2e-3 * FIELD_SR * 0.4 * 0.8
     np.testing.assert_allclose(cloudy.background_power_w, [surface, sky], rtol=1e-12)
-    (other,) = light.interference
-    assert (other.rate_hz, other.spread_db) == (1e4, 6.0)
-    assert other.peak_power_w == pytest.approx(1e-3 * 1e-3 * 0.5)
+    (interferer,) = light.interference
+    assert (interferer.rate_hz, interferer.spread_db) == (1e4, 6.0)
+    assert interferer.peak_power_w == pytest.approx(1e-3 * 1e-3 * 0.5)
     assert light.white_w_m2 == 1.0
     scaled = trains.sensor("table1-apd", "optics.efficiency_laser=0.5", "intensity.kind='reflectivity'")
     assert receive(BEAMS, HITS, scaled, AMBIENT).white_w_m2 == pytest.approx(45.0 * 1e-3 * 0.5 / math.pi)
@@ -288,10 +288,10 @@ def test_echo_and_background_of_a_ray():
 
 def test_background_of_a_field_of_view():
     """The mean over its rays, each as if all of the field saw what it sees; the disc is not dimmed once more."""
-    seen = background_power_w(BEAMS, [HITS], BY_HAND, AMBIENT, count=2)
+    background_w = background_power_w(BEAMS, [HITS], BY_HAND, AMBIENT, count=2)
     surface = LIT * 2e-3 * FIELD_SR * AIR * 0.4 * 0.7
     above = (5.0 / math.pi * 0.9 + DISC) * 2e-3 * FIELD_SR * 0.4 * 0.8
-    np.testing.assert_allclose(seen, [0.5 * (surface + above)], rtol=1e-6)
+    np.testing.assert_allclose(background_w, [0.5 * (surface + above)], rtol=1e-6)
     rays = field_of_view(BY_HAND, 64)
     assert rays.slope == pytest.approx((FIELD_RAD, FIELD_RAD))
     # An even disc of radius 1 has the variance 1 / 4 on each axis, and nothing beyond its edge.
@@ -301,9 +301,9 @@ def test_background_of_a_field_of_view():
 
 def test_the_background_of_all_paths_is_the_first_ones():
     ways = [receive(BEAMS, HITS, BY_HAND, AMBIENT) for _ in range(3)]
-    first, *others = gather_background(ways)
+    first, *further = gather_background(ways)
     np.testing.assert_allclose(first.background_power_w, 3.0 * ways[0].background_power_w)
-    assert [one is way for one, way in zip(others, ways[1:], strict=True)] == [True, True]
+    assert [gathered is way for gathered, way in zip(further, ways[1:], strict=True)] == [True, True]
 
 
 @pytest.mark.parametrize("near_m", [0.0, -2.0])
@@ -336,5 +336,5 @@ def test_a_drop_is_rain_however_much_fog_is_between() -> None:
     drops = points_of(2.0)
     assert len(drops) > 1000
     # Haze and small drops together may trip once in a while; a first drop that was taken for haze would be most points.
-    of_rain = np.array([drops.class_names[one] == "rain" for one in drops.class_id])
+    of_rain = np.array([drops.class_names[class_index] == "rain" for class_index in drops.class_id])
     assert of_rain.mean() > 0.99

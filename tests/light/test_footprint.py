@@ -23,7 +23,7 @@ ROTATION = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def laser(*overrides):
-    return load_sensor("table1-apd", overrides=[f"laser.{one}" for one in overrides]).laser
+    return load_sensor("table1-apd", overrides=[f"laser.{override}" for override in overrides]).laser
 
 
 def share_beyond(profile, distance):
@@ -177,8 +177,8 @@ def test_both_array_types_agree(mi):
         aperture_m2=1.0,
     )
     on_device = spread(alike, shape, ray=ray, rotation=ROTATION)
-    for found, wanted in ((on_device.origin_m, origin), (on_device.direction, direction)):
-        np.testing.assert_allclose(np.stack([x.numpy() for x in found], axis=1), wanted, atol=2e-7)  # float32
+    for computed, expected in ((on_device.origin_m, origin), (on_device.direction, direction)):
+        np.testing.assert_allclose(np.stack([x.numpy() for x in computed], axis=1), expected, atol=2e-7)  # float32
 
 
 def test_a_beam_finer_than_light_is_refused():
@@ -250,11 +250,11 @@ def test_a_bright_disc_beside_the_beam():
     deviation, radius = 0.25 * wide, 3e-3
     inside = np.hypot(aside[0] - 8e-3, aside[1]) < radius
     weight = shape.skirt.weight(np.tile(np.arange(rays), pulses), rays)
-    seen = (inside * weight).reshape(pulses, rays).sum(axis=1)
+    collected = (inside * weight).reshape(pulses, rays).sum(axis=1)
     expected = share * ncx2.cdf((radius / deviation) ** 2, 2, (8e-3 / deviation) ** 2)
-    assert seen.mean() == pytest.approx(expected, rel=0.03)
-    assert np.abs(seen - expected).max() < 0.05 * share
-    assert len(np.unique(seen)) > 3
+    assert collected.mean() == pytest.approx(expected, rel=0.03)
+    assert np.abs(collected - expected).max() < 0.05 * share
+    assert len(np.unique(collected)) > 3
     # Without a halo no light goes there at all.
     assert not inside[np.tile(np.arange(rays), pulses) < rays // 2].any()
 

@@ -55,8 +55,8 @@ def test_a_pulse_is_the_weighted_sum_of_its_rays(halo):
     np.testing.assert_allclose(train.background_power_w, background @ weight)
     np.testing.assert_array_equal(train.has_surface, [True, True])
     np.testing.assert_array_equal(train.white_w_m2, [5.0, 6.0])
-    lost = [Echoes(has_surface=MET & False, range_m=LANES + 1.0, peak_power_w=0.0 * LANES, background_power_w=LANES)]
-    assert not join_echoes(lost, BEAMS, rays=RAYS).has_surface.any()
+    missed = [Echoes(has_surface=MET & False, range_m=LANES + 1.0, peak_power_w=0.0 * LANES, background_power_w=LANES)]
+    assert not join_echoes(missed, BEAMS, rays=RAYS).has_surface.any()
 
 
 @pytest.mark.parametrize(("halo", "ends_m"), [(False, [150.0, 150.0]), (True, [30.0, 150.0])])

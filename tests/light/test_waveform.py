@@ -46,13 +46,13 @@ with those of the sub-echoes, so that seven are left to two cases.
 def fetched(light, equipped, mi, *, seed=0):
     """What the device makes of a train, as numpy."""
     count = len(light.background_power_w)
-    found = multi_echo.detect(
+    detection = multi_echo.detect(
         trains.on_device(light),
         transfer.opaque(equipped),
         seed=transfer.seed_word(seed),
         pulse=transfer.counter(0, count),
     )
-    return chain.fetched(found)
+    return chain.fetched(detection)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -63,22 +63,22 @@ def test_device_and_numpy_agree(case, mi):
     equipped = trains.sensor(*CASES[case])
     range_m, power = trains.random_trains(COUNT, SUB_ECHOES.get(case, 7), equipped, seed=9)
     light = trains.train(range_m.astype(np.float32), power.astype(np.float32))
-    wanted, found = trains.detect(light, equipped), fetched(light, equipped, mi)
-    assert np.mean(found.outcome != wanted.outcome) < 1e-3
-    np.testing.assert_allclose(found.snr, wanted.snr, rtol=1e-5)
+    expected, detection = trains.detect(light, equipped), fetched(light, equipped, mi)
+    assert np.mean(detection.outcome != expected.outcome) < 1e-3
+    np.testing.assert_allclose(detection.snr, expected.snr, rtol=1e-5)
     # The binomial tail's own single-precision error is some 1e-4 (`maths.special.binomial_tail`).
     close = 3e-4 if case == "counted cells" else 1e-5
-    np.testing.assert_allclose(found.detection_probability, wanted.detection_probability, atol=close)
+    np.testing.assert_allclose(detection.detection_probability, expected.detection_probability, atol=close)
     sampled = equipped.sampler is not None and hasattr(equipped.sampler, "samples")
-    for have, want in zip(found.stops, wanted.stops, strict=True):
+    for have, want in zip(detection.stops, expected.stops, strict=True):
         assert np.mean(have.reported != want.reported) < 1e-3
-        both = have.reported & want.reported & (have.status == want.status) & (have.source == want.source)
-        assert both.sum() > 0.995 * want.reported.sum()
-        apart = np.abs(have.range_m - want.range_m)[both]
+        in_both = have.reported & want.reported & (have.status == want.status) & (have.source == want.source)
+        assert in_both.sum() > 0.995 * want.reported.sum()
+        apart = np.abs(have.range_m - want.range_m)[in_both]
         assert np.quantile(apart, 0.9 if sampled else 0.998) < (0.02 if sampled else 3e-4)
-        np.testing.assert_allclose(have.true_range_m[both], want.true_range_m[both], rtol=2e-6, atol=1e-4)
+        np.testing.assert_allclose(have.true_range_m[in_both], want.true_range_m[in_both], rtol=2e-6, atol=1e-4)
         if not sampled:
-            assert np.quantile(np.abs(have.amplitude[both] / want.amplitude[both] - 1.0), 0.998) < 2e-4
+            assert np.quantile(np.abs(have.amplitude[in_both] / want.amplitude[in_both] - 1.0), 0.998) < 2e-4
 
 
 def test_fog_agrees(mi):
@@ -95,15 +95,15 @@ def test_fog_agrees(mi):
         extinction_per_m=0.05,
     )
     light = trains.train(distance.astype(np.float32), power.astype(np.float32), volume=air)
-    wanted, found = trains.detect(light, equipped), fetched(light, equipped, mi)
+    expected, detection = trains.detect(light, equipped), fetched(light, equipped, mi)
     fogs = 0
-    for have, want in zip(found.stops, wanted.stops, strict=True):
+    for have, want in zip(detection.stops, expected.stops, strict=True):
         # The table's slopes have corners, where single precision may see another peak: 1 % of the pulses.
         assert np.mean(have.reported != want.reported) < 0.01
-        both = have.reported & want.reported
-        if both.any():
-            assert np.quantile(np.abs(have.range_m - want.range_m)[both], 0.97) < 2e-3
-        fogs += int(np.sum(have.source[both] < 0))
+        in_both = have.reported & want.reported
+        if in_both.any():
+            assert np.quantile(np.abs(have.range_m - want.range_m)[in_both], 0.97) < 2e-3
+        fogs += int(np.sum(have.source[in_both] < 0))
     assert fogs > 50
 
 
@@ -114,15 +114,15 @@ def test_derivatives_are_those_of_the_power(overrides):
     """
     equipped = trains.sensor("table1-apd", *overrides)
     range_m, power = trains.random_trains(200, 3, equipped, seed=11)
-    some = power.any(axis=1)  # a pulse without any sub-echo has its places at the lens, where the air begins
-    range_m, power = range_m[some], power[some]
+    lit = power.any(axis=1)  # a pulse without any sub-echo has its places at the lens, where the air begins
+    range_m, power = range_m[lit], power[lit]
     bare = waveform(trains.train(range_m, power), equipped)
     place = np.random.default_rng(3).uniform(-3.0, 15.0, len(power))
     step, peak = 0.01, power.max()
-    before, here, after = (bare.at(place + shift)[0] for shift in (-step, 0.0, step))
+    before, centre, after = (bare.at(place + shift)[0] for shift in (-step, 0.0, step))
     _, slope, bend = bare.at(place)
     np.testing.assert_allclose(slope, (after - before) / (2.0 * step), atol=1e-4 * peak)
-    np.testing.assert_allclose(bend, (after - 2.0 * here + before) / step**2, atol=1e-3 * peak)
+    np.testing.assert_allclose(bend, (after - 2.0 * centre + before) / step**2, atol=1e-3 * peak)
 
     shape = echoes.LookupTable(1.5 + np.sin(np.linspace(0.0, 150.0, 30_001) / 1.5))
     air = echoes.Volume(
@@ -135,10 +135,10 @@ def test_derivatives_are_those_of_the_power(overrides):
     )
     wave = waveform(trains.train(range_m, power, volume=air), equipped)
     swing, by_place = wave.range_m(place) / 1.5, wave.unit_m / 1.5
-    found = wave.at(place)
+    derivatives = wave.at(place)
     parts = 1.5 + np.sin(swing), by_place * np.cos(swing), -(by_place**2) * np.sin(swing)
-    for have, own, part in zip(found, (here, slope, bend), parts, strict=True):
-        np.testing.assert_allclose(have - own, peak * part, atol=4e-3 * peak * np.abs(part).max())
+    for have, bare_value, part in zip(derivatives, (centre, slope, bend), parts, strict=True):
+        np.testing.assert_allclose(have - bare_value, peak * part, atol=4e-3 * peak * np.abs(part).max())
 
 
 COUPLED = ("receiver.ac_coupling_khz=500",)
@@ -147,11 +147,11 @@ COUPLED = ("receiver.ac_coupling_khz=500",)
 def behind_a_high_pass(time, powers, arrivals, rate):
     """Gaussian pulses behind s - k * s, by small exact steps of K' = w (s - K); times in sigma_p."""
     light = sum(p * np.exp(-0.5 * (time - a) ** 2) for p, a in zip(powers, arrivals, strict=True))
-    kept = np.exp(-rate * (time[1] - time[0]))
-    taken = np.zeros_like(light)
+    decay = np.exp(-rate * (time[1] - time[0]))
+    slow_part = np.zeros_like(light)
     for k in range(1, len(time)):
-        taken[k] = kept * taken[k - 1] + (1.0 - kept) * 0.5 * (light[k] + light[k - 1])
-    return light - taken
+        slow_part[k] = decay * slow_part[k - 1] + (1.0 - decay) * 0.5 * (light[k] + light[k - 1])
+    return light - slow_part
 
 
 @pytest.mark.parametrize("coupling_khz", [500, 5000])
@@ -166,16 +166,16 @@ def test_pulses_behind_a_high_pass(coupling_khz):
     wave = waveform(trains.train(30.0 + trains.SIGMA_M * arrivals[None], powers[None]), equipped)
     time = np.arange(-10.0, 45.0, 2e-3)
     lone = behind_a_high_pass(time[time < 10.0], [1.0], [0.0], rate)
-    wanted = behind_a_high_pass(time, powers, arrivals, rate) / lone.max()
+    expected = behind_a_high_pass(time, powers, arrivals, rate) / lone.max()
     assert time[np.argmax(lone)] == pytest.approx(-rate, abs=rate**2 + 2e-3)
-    slope = np.gradient(wanted, time)
-    references = wanted, slope, np.gradient(slope, time)
-    for found, reference in zip(wave.at(time + rate), references, strict=True):
-        np.testing.assert_allclose(found[10:-10], reference[10:-10], atol=4e-4 * powers.max())
+    slope = np.gradient(expected, time)
+    references = expected, slope, np.gradient(slope, time)
+    for filtered, reference in zip(wave.at(time + rate), references, strict=True):
+        np.testing.assert_allclose(filtered[10:-10], reference[10:-10], atol=4e-4 * powers.max())
     # Far behind them the baseline is as low as the areas of the pulses say, and recovers.
     area = np.sqrt(2.0 * np.pi) * rate * (powers * np.exp(0.5 * rate**2 - rate * (40.0 - arrivals))).sum()
-    found = wave.at(np.array([40.0 + rate]))[0][0]
-    assert found == pytest.approx(-area / lone.max(), rel=1e-3)
+    filtered = wave.at(np.array([40.0 + rate]))[0][0]
+    assert filtered == pytest.approx(-area / lone.max(), rel=1e-3)
 
 
 @pytest.mark.parametrize("foggy", [False, True])
@@ -186,8 +186,8 @@ def test_even_places_see_all_light(overrides, foggy):
     """
     equipped = trains.sensor("table1-apd", *overrides)
     range_m, power = trains.random_trains(60, 3, equipped, seed=5)
-    some = np.flatnonzero(power.any(axis=1))[:40]  # the others have their places at the lens, where the air begins
-    range_m, power = range_m[some], power[some]
+    lit = np.flatnonzero(power.any(axis=1))[:40]  # the others have their places at the lens, where the air begins
+    range_m, power = range_m[lit], power[lit]
     air = None
     if foggy:
         course = echoes.LookupTable(1.5 + np.sin(np.linspace(0.0, 150.0, 30_001) / 3.0))
@@ -206,15 +206,15 @@ def test_even_places_see_all_light(overrides, foggy):
     parts = tuple(comb.parts)
     for number in range(25):
         place = start + number * spacing
-        wanted = wave.at(place)[0]
-        np.testing.assert_allclose(comb.power_w(place, parts), wanted, atol=1e-9 * power.max())
+        expected_w = wave.at(place)[0]
+        np.testing.assert_allclose(comb.power_w(place, parts), expected_w, atol=1e-9 * power.max())
         parts = comb.advance(parts)
         if number == 12:
             point = equipped.working_point(light.background_power_w)
             times_s = radiometry.time_of_flight_s(range_m=wave.range_m(place))
             signal = np.diagonal(sample_power_and_signal(light, equipped, times_s)[1])
             np.testing.assert_allclose(
-                signal, point.response.signal(wanted), atol=1e-6 * point.response.signal(power.max()).max()
+                signal, point.response.signal(expected_w), atol=1e-6 * point.response.signal(power.max()).max()
             )
     assert np.all((wave.air_w(start) > 0.0) == foggy)
 
@@ -250,11 +250,11 @@ def test_a_second_frame_compiles_nothing(case, mi):
     equipped, count = trains.sensor(*CASES[case]), SUB_ECHOES.get(case, 7)
     with launches.launched() as before:
         fetched(trains.train(*trains.random_trains(500, count, equipped, seed=1)), equipped, mi)
-    other = trains.sensor(
+    changed = trains.sensor(
         *CASES[case], "tdc.bandwidth_mhz=150", "tdc.dead_time_ns=3", "detector.gain=70", "laser.pulse_fwhm_ns=5.9"
     )
     with launches.launched() as later:
-        fetched(trains.train(*trains.random_trains(500, count, other, seed=2)), other, mi, seed=5)
+        fetched(trains.train(*trains.random_trains(500, count, changed, seed=2)), changed, mi, seed=5)
     launches.assert_none_is_new(later, before)
 
 
@@ -283,7 +283,7 @@ def test_a_plane_wider_than_the_spot_gives_5(rays, profile):
     light = echoes.receive(fan, hits, on_device, transfer.opaque(ambient_of(described, equipped)))
     power = np.array(light.peak_power_w.numpy()).reshape(9, rays).astype(float) * shape.weight
     range_m = np.array(light.range_m.numpy()).reshape(9, rays)
-    wanted = radiometry.lambertian_echo_power_w(
+    expected_w = radiometry.lambertian_echo_power_w(
         peak_power_w=45.0,
         reflectivity=0.1,
         cos_incidence=1.0,
@@ -293,7 +293,9 @@ def test_a_plane_wider_than_the_spot_gives_5(rays, profile):
         efficiency=equipped.optics.efficiency_laser,
     )
     train = dataclasses.replace(trains.train(range_m, power), background_power_w=np.full(9, 2.5e-8))
-    found = trains.detect(train, equipped)
+    detection = trains.detect(train, equipped)
     point = equipped.working_point(np.array([2.5e-8]))
-    np.testing.assert_allclose(power[4].sum(), wanted, rtol=1e-5)
-    assert found.snr[4] == pytest.approx(float(point.response.signal(wanted) / point.noise.deviation[0]), rel=1e-4)
+    np.testing.assert_allclose(power[4].sum(), expected_w, rtol=1e-5)
+    assert detection.snr[4] == pytest.approx(
+        float(point.response.signal(expected_w) / point.noise.deviation[0]), rel=1e-4
+    )

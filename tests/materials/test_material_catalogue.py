@@ -97,8 +97,8 @@ def sources(node: object) -> list[str]:
         return [text for item in node for text in sources(item)]
     if not isinstance(node, dict):
         return []
-    own = [text for key, text in node.items() if key.endswith("source")]
-    return own + [text for item in node.values() for text in sources(item)]
+    direct = [text for key, text in node.items() if key.endswith("source")]
+    return direct + [text for item in node.values() for text in sources(item)]
 
 
 every_material = pytest.mark.parametrize("name", sorted(path.stem for path in MATERIALS.glob("*.toml")))
@@ -139,9 +139,9 @@ def test_reflectivity_rows(name):
 @every_material
 def test_every_number_has_a_source(name):
     """A number without a source is not allowed in this project."""
-    found = sources(load(name))
-    assert len(found) >= len(WAVELENGTHS)
-    assert all(isinstance(text, str) and len(text.strip()) > 10 for text in found)
+    texts = sources(load(name))
+    assert len(texts) >= len(WAVELENGTHS)
+    assert all(isinstance(text, str) and len(text.strip()) > 10 for text in texts)
 
 
 @every_material
@@ -198,34 +198,34 @@ def test_coat_is_a_dielectric(name):
 @pytest.mark.parametrize("name", ["grass", "tree_foliage"])
 def test_vegetation_has_its_plateau_and_water_band(name):
     """Green leaves are bright beyond the red edge and dark where liquid water absorbs."""
-    at = values(load(name))
-    assert at[850] > 0.35
-    assert at[1550] < at[1064]
-    assert 0.2 < at[1550] < 0.35
+    reflectivity = values(load(name))
+    assert reflectivity[850] > 0.35
+    assert reflectivity[1550] < reflectivity[1064]
+    assert 0.2 < reflectivity[1550] < 0.35
 
 
 def test_a_leaf_lets_through_what_it_does_not_reflect_or_absorb():
     """Leaves hardly absorb on the plateau, and water takes a third or more at 1550 nm (PROSPECT: Jacquemoud, 1990)."""
     material = load("leaf")
-    back, through = (values(material), {row["wavelength_nm"]: row["value"] for row in material["transmittance"]})
+    reflected, through = (values(material), {row["wavelength_nm"]: row["value"] for row in material["transmittance"]})
     assert list(through) == WAVELENGTHS
     for wavelength in (850, 905, 940, 1064):
-        assert 0.9 < back[wavelength] + through[wavelength] < 1.0
-    assert 0.4 < back[1550] + through[1550] < 0.67
+        assert 0.9 < reflected[wavelength] + through[wavelength] < 1.0
+    assert 0.4 < reflected[1550] + through[1550] < 0.67
 
 
 def test_skin_is_dark_where_water_absorbs():
     """Skin is mostly water: a dip at 940 nm and little left at 1550 nm."""
-    at = values(load("skin"))
-    assert at[940] < at[905]
-    assert at[1550] < 0.2 * at[905]
+    reflectivity = values(load("skin"))
+    assert reflectivity[940] < reflectivity[905]
+    assert reflectivity[1550] < 0.2 * reflectivity[905]
 
 
 @pytest.mark.parametrize("name", ["cotton_cloth", "wood"])
 def test_cellulose_band(name):
     """Cellulose absorbs near 1490 nm, so these are darker at 1550 than at 1064 nm, but not black."""
-    at = values(load(name))
-    assert 0.5 * at[1064] < at[1550] < 0.9 * at[1064]
+    reflectivity = values(load(name))
+    assert 0.5 * reflectivity[1064] < reflectivity[1550] < 0.9 * reflectivity[1064]
 
 
 def test_car_paints_are_ordered():

@@ -16,17 +16,17 @@ def read(**table: object) -> MaterialFile:
 
 
 @pytest.mark.parametrize(
-    ("reflectivity", "transmittance", "told"),
+    ("reflectivity", "transmittance", "message"),
     [
         (0.6, 0.5, "must be <= 1 together, got 1.1"),
         (rows((850, 0.1), (950, 0.9)), 0.3, "must be <= 1 together, got 1.2 at 950 nm"),
         (rows((850, 0.1), (950, 0.9)), rows((800, 0.1), (900, 0.6), (1000, 0.0)), "got 1.1 at 900 nm"),
     ],
 )
-def test_no_more_light_leaves_than_came(reflectivity: object, transmittance: object, told: str) -> None:
+def test_no_more_light_leaves_than_came(reflectivity: object, transmittance: object, message: str) -> None:
     with pytest.raises(InputError) as caught:
         read(reflectivity=reflectivity, transmittance=transmittance)
-    assert told in str(caught.value)
+    assert message in str(caught.value)
     assert read(reflectivity=0.6, transmittance=0.4)
 
 

@@ -20,9 +20,11 @@ def test_where_any_is_a_choice():
         expected = np.where(chosen, np.sqrt(x) + 1.0, -x), np.where(chosen, 2.0 * x, 7.0)
         for array, where in ((x, chosen), (mi.Float(x), mi.Bool(chosen))):
             ops = xp(array)
-            found = ops.where_any(where, lambda a=array, o=ops: (o.sqrt(a) + 1.0, 2.0 * a), (-array, 7.0 + 0.0 * array))
-            for one, other in zip(found, expected, strict=True):
-                np.testing.assert_allclose(np.asarray(one), other, rtol=1e-6)
+            picked = ops.where_any(
+                where, lambda a=array, o=ops: (o.sqrt(a) + 1.0, 2.0 * a), (-array, 7.0 + 0.0 * array)
+            )
+            for part, expected_part in zip(picked, expected, strict=True):
+                np.testing.assert_allclose(np.asarray(part), expected_part, rtol=1e-6)
 
 
 def test_poisson_counts_of_mixed_means():
@@ -37,23 +39,23 @@ def test_poisson_counts_of_mixed_means():
     drawn = {"mean": mean, "uniform": 1.0 - rng.random(count), "deviate": rng.normal(size=count)}
     single = {name: values.astype(np.float32) for name, values in drawn.items()}
     expected = counting.poisson_count(**{k: v.astype(float) for k, v in single.items()}, narrowing=1.0)
-    found = counting.poisson_count(**{k: mi.Float(v) for k, v in single.items()}, narrowing=1.0).numpy()
+    counts = counting.poisson_count(**{k: mi.Float(v) for k, v in single.items()}, narrowing=1.0).numpy()
     few = mean < 10.0
-    assert (found[few] != expected[few]).sum() <= 6
-    assert np.abs(found - expected).max() <= 1.0
+    assert (counts[few] != expected[few]).sum() <= 6
+    assert np.abs(counts - expected).max() <= 1.0
 
 
-@pytest.mark.parametrize("by", [1, 2, 3, 7, 128, 1001, 65_537, 2**20, 2**30 + 1, 2**31 - 1])
-def test_whole_numbers_are_divided_exactly(mi, by):
+@pytest.mark.parametrize("denominator", [1, 2, 3, 7, 128, 1001, 65_537, 2**20, 2**30 + 1, 2**31 - 1])
+def test_whole_numbers_are_divided_exactly(mi, denominator):
     """Around each of many multiples, up to the largest pulse number; against integers of Python."""
     largest = 2**31 - 1
     rng = np.random.default_rng(5)
-    multiples = by * np.append(rng.integers(0, largest // by + 1, 300), largest // by)
+    multiples = denominator * np.append(rng.integers(0, largest // denominator + 1, 300), largest // denominator)
     numbers = np.clip(multiples[:, None] + np.arange(-2, 3), 0, largest).ravel().astype(np.uint32)
-    wanted = np.array([divmod(int(number), by) for number in numbers]).T
-    for lanes, divisor in ((mi.UInt32(numbers), mi.Int32(by)), (numbers, by)):
-        found = xp(lanes).divmod(xp(lanes).int32(lanes), divisor)
-        assert (np.array([np.asarray(one) for one in found]) == wanted).all()
+    expected = np.array([divmod(int(number), denominator) for number in numbers]).T
+    for lanes, divisor in ((mi.UInt32(numbers), mi.Int32(denominator)), (numbers, denominator)):
+        parts = xp(lanes).divmod(xp(lanes).int32(lanes), divisor)
+        assert (np.array([np.asarray(part) for part in parts]) == expected).all()
 
 
 ROOMS = """
@@ -83,5 +85,5 @@ def test_each_room_has_its_own_size(mi: Any, run_python: Any, tmp_path: Any) -> 
 
     The largest number, 64 * 30,000, is exact in single precision.
     """
-    done = run_python(ROOMS.format(sizes=(8, 9, 30_000, 8)), HOME=str(tmp_path), LIDARSCENE_VARIANT=mi.variant())
-    assert (done.returncode, done.stdout) == (0, "all\n"), (done.returncode, done.stderr)
+    process = run_python(ROOMS.format(sizes=(8, 9, 30_000, 8)), HOME=str(tmp_path), LIDARSCENE_VARIANT=mi.variant())
+    assert (process.returncode, process.stdout) == (0, "all\n"), (process.returncode, process.stderr)

@@ -29,12 +29,12 @@ def test_published_vectors(counter, key, expected):
 def test_same_bits_on_the_device(mi):
     pulse = np.arange(5000, dtype=np.uint32) * np.uint32(858_993)
     for seed, stage, draw in ((0, 1, 0), (4_294_967_295, 3, 7)):
-        here = random.words(seed=seed, stage=stage, pulse=pulse, draw=draw)
-        there = random.words(seed=transfer.seed_word(seed), stage=stage, pulse=mi.UInt32(pulse), draw=draw)
-        for a, b in zip(here, there, strict=True):
+        host = random.words(seed=seed, stage=stage, pulse=pulse, draw=draw)
+        device = random.words(seed=transfer.seed_word(seed), stage=stage, pulse=mi.UInt32(pulse), draw=draw)
+        for a, b in zip(host, device, strict=True):
             np.testing.assert_array_equal(a, b.numpy())
     for deviate in (random.normal_pair, lambda w: (random.exponential(w),)):
-        for a, b in zip(deviate(here), deviate(there), strict=True):
+        for a, b in zip(deviate(host), deviate(device), strict=True):
             np.testing.assert_allclose(a, b.numpy(), rtol=2e-5, atol=2e-6)
 
 
@@ -57,9 +57,9 @@ def test_neighbouring_pulses_are_independent():
         assert abs(r) < stats.norm.isf(FALSE_ALARM / 2) / np.sqrt(len(deviate))
 
 
-@pytest.mark.parametrize("which", [0, 1])
-def test_normal(which):
-    deviate = random.normal_pair(random.words(seed=5, stage=1, pulse=np.arange(300_000, dtype=np.uint32)))[which]
+@pytest.mark.parametrize("component", [0, 1])
+def test_normal(component):
+    deviate = random.normal_pair(random.words(seed=5, stage=1, pulse=np.arange(300_000, dtype=np.uint32)))[component]
     assert stats.kstest(deviate, "norm").pvalue > FALSE_ALARM
     assert 4.0 < np.abs(deviate).max() < 6.8
 

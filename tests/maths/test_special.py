@@ -9,8 +9,8 @@ from lidarscene.kernel.device import transfer
 from lidarscene.maths import special
 
 
-def relative(got, expected):
-    return np.max(np.abs(got / expected - 1.0))
+def relative(computed, expected):
+    return np.max(np.abs(computed / expected - 1.0))
 
 
 def test_normal_tail():
@@ -41,25 +41,25 @@ def test_binomial_tail(trials):
     rng = np.random.default_rng(0)
     least, probability = rng.integers(0, trials + 2, 3000).astype(float), rng.random(3000)
     expected = stats.binom.sf(least - 1, trials, probability)
-    got = special.binomial_tail(least=least, trials=float(trials), probability=probability)
-    seen = expected > 1e-25
-    assert np.max(np.abs(got - expected)[seen] / expected[seen]) < 1e-8
-    assert (got[~seen] < 1e-24).all()
+    computed = special.binomial_tail(least=least, trials=float(trials), probability=probability)
+    sizable = expected > 1e-25
+    assert np.max(np.abs(computed - expected)[sizable] / expected[sizable]) < 1e-8
+    assert (computed[~sizable] < 1e-24).all()
 
 
 def test_binomial_tail_on_the_device(mi):
     rng = np.random.default_rng(1)
     least = rng.integers(0, 402, 3000).astype(np.float32)
     probability = rng.random(3000).astype(np.float32)
-    got = special.binomial_tail(least=mi.Float(least), trials=mi.Float(400.0), probability=mi.Float(probability))
+    computed = special.binomial_tail(least=mi.Float(least), trials=mi.Float(400.0), probability=mi.Float(probability))
     expected = stats.binom.sf(least - 1, 400, probability.astype(float))
-    seen = expected > 1e-12
-    assert np.max(np.abs(got.numpy() - expected)[seen] / expected[seen]) < 2e-3
+    sizable = expected > 1e-12
+    assert np.max(np.abs(computed.numpy() - expected)[sizable] / expected[sizable]) < 2e-3
 
 
 def test_series_on_the_device(mi):
     """Single precision where 1 + x has lost most digits of x: 1e-6 of it on either side of where the series ends."""
     x = np.concatenate([-np.geomspace(1e-6, 0.4, 100), np.geomspace(1e-6, 0.4, 100)]).astype(np.float32)
     for ours, numpys in ((special.log1p, np.log1p), (special.expm1, np.expm1)):
-        found = np.array(ours(transfer.from_numpy(x)).numpy(), dtype=float)
-        assert relative(found, numpys(x.astype(float))) < 1e-5
+        computed = np.array(ours(transfer.from_numpy(x)).numpy(), dtype=float)
+        assert relative(computed, numpys(x.astype(float))) < 1e-5

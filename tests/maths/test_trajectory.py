@@ -29,13 +29,13 @@ def test_velocities_are_the_derivatives_of_the_pose(name: str) -> None:
     """
     motion = MOTIONS[name]
     time_s = np.setdiff1d(np.linspace(0.01, 2.49, 173), TIMES)
-    before, now, after = (motion.at(time_s + shift) for shift in (-STEP_S, 0.0, STEP_S))
+    before, middle, after = (motion.at(time_s + shift) for shift in (-STEP_S, 0.0, STEP_S))
     velocity = (after.position_m - before.position_m) / (2 * STEP_S)
-    np.testing.assert_allclose(now.velocity_m_s, velocity, atol=2e-5)
+    np.testing.assert_allclose(middle.velocity_m_s, velocity, atol=2e-5)
     rate = (after.rotation - before.rotation) / (2 * STEP_S)
-    np.testing.assert_allclose(now.turning_rad_s, turning(now.rotation, rate), atol=2e-5)
+    np.testing.assert_allclose(middle.turning_rad_s, turning(middle.rotation, rate), atol=2e-5)
     np.testing.assert_allclose(
-        now.rotation @ now.rotation.transpose(0, 2, 1), np.eye(3)[None] + 0 * now.rotation, atol=1e-13
+        middle.rotation @ middle.rotation.transpose(0, 2, 1), np.eye(3)[None] + 0 * middle.rotation, atol=1e-13
     )
 
 
@@ -61,21 +61,22 @@ def test_a_course_may_start_later() -> None:
         np.testing.assert_allclose(getattr(later, field.name), getattr(BEND.at(time_s), field.name), atol=1e-14)
     assert Course(start=START, since_s=3.0).rests
     assert not any(
-        Course(**one).rests for one in ({"speed_m_s": 1.0}, {"yaw_rate_rad_s": 1.0}, {"velocity_m_s": (0.0, 1.0, 0.0)})
+        Course(**options).rests
+        for options in ({"speed_m_s": 1.0}, {"yaw_rate_rad_s": 1.0}, {"velocity_m_s": (0.0, 1.0, 0.0)})
     )
 
 
 def test_a_spline_that_is_not_smooth_goes_evenly() -> None:
     """Through the poses, with one twist in the body's frame from each to the next; held before and after."""
     spline = Spline(time_s=TIMES, poses=WAY, smooth=False)
-    for number, one in enumerate(WAY):
-        np.testing.assert_allclose(spline.at(TIMES[number : number + 1]).position_m[0], one.position_m, atol=1e-12)
+    for number, waypoint in enumerate(WAY):
+        np.testing.assert_allclose(spline.at(TIMES[number : number + 1]).position_m[0], waypoint.position_m, atol=1e-12)
     for first, last in itertools.pairwise(TIMES):
         states = spline.at(np.linspace(first, last, 9)[:-1])
-        back = states.rotation.transpose(0, 2, 1)
+        inverse = states.rotation.transpose(0, 2, 1)
         for rate in (states.velocity_m_s, states.turning_rad_s):
-            own = np.einsum("nij,nj->ni", back, rate)
-            np.testing.assert_allclose(own, np.broadcast_to(own[0], own.shape), atol=1e-10)
+            body_rate = np.einsum("nij,nj->ni", inverse, rate)
+            np.testing.assert_allclose(body_rate, np.broadcast_to(body_rate[0], body_rate.shape), atol=1e-10)
     held = HeldAtEnds(motion=spline).at(np.array([TIMES[0] - 1.0, TIMES[-1] + 1.0]))
     np.testing.assert_array_equal(held.position_m, [WAY[0].position_m, held.position_m[1]])
     np.testing.assert_allclose(held.position_m[1], WAY[-1].position_m, atol=1e-12)
@@ -135,11 +136,11 @@ def test_a_constant_twist_is_met_exactly() -> None:
     times = np.array([0.0, 0.4, 0.5, 1.7, 2.0])
     spline = Spline(time_s=times, poses=tuple(pose_at(climbing, t) for t in times))
     time_s = np.linspace(0.0, 2.0, 101)
-    came, expected = spline.at(time_s), climbing.at(time_s)
-    np.testing.assert_allclose(came.position_m, expected.position_m, atol=1e-12)
-    np.testing.assert_allclose(came.rotation, expected.rotation, atol=1e-13)
-    np.testing.assert_allclose(came.velocity_m_s, expected.velocity_m_s, atol=1e-11)
-    np.testing.assert_allclose(came.turning_rad_s, expected.turning_rad_s, atol=1e-11)
+    states, expected = spline.at(time_s), climbing.at(time_s)
+    np.testing.assert_allclose(states.position_m, expected.position_m, atol=1e-12)
+    np.testing.assert_allclose(states.rotation, expected.rotation, atol=1e-13)
+    np.testing.assert_allclose(states.velocity_m_s, expected.velocity_m_s, atol=1e-11)
+    np.testing.assert_allclose(states.turning_rad_s, expected.turning_rad_s, atol=1e-11)
 
 
 def test_without_turns_it_is_the_hermite_cubic_through_points() -> None:
@@ -160,9 +161,9 @@ def test_it_is_the_same_in_any_frame() -> None:
     """Moving all poses moves the spline: no axis of the world is special."""
     moved = Spline(time_s=TIMES, poses=tuple(START @ p for p in WAY))
     time_s = np.linspace(0.0, 2.5, 31)
-    came, own = moved.at(time_s), SPLINE.at(time_s)
-    np.testing.assert_allclose(came.position_m, START.apply(own.position_m), atol=1e-12)
-    np.testing.assert_allclose(came.velocity_m_s, own.velocity_m_s @ START.rotation.T, atol=1e-11)
+    moved_states, states = moved.at(time_s), SPLINE.at(time_s)
+    np.testing.assert_allclose(moved_states.position_m, START.apply(states.position_m), atol=1e-12)
+    np.testing.assert_allclose(moved_states.velocity_m_s, states.velocity_m_s @ START.rotation.T, atol=1e-11)
 
 
 def test_beyond_its_ends_it_stands_at_them() -> None:
@@ -196,8 +197,8 @@ def test_states_of_a_fixed_frame() -> None:
         turning_rad_s=np.array([[0.0, 0.0, 2.0]]),
     )
     child = pose(0, 0, 1, roll=90)
-    seen = states @ child
+    combined = states @ child
     arm = START.rotation[:, 2]
-    np.testing.assert_allclose(seen.position_m[0] - arm, [1, 2, 3], atol=1e-15)
-    np.testing.assert_allclose(seen.velocity_m_s[0], [4 - 2 * arm[1], 5 + 2 * arm[0], 6], atol=1e-15)
-    np.testing.assert_allclose(seen.pose().rotation, START.rotation @ child.rotation, atol=1e-15)
+    np.testing.assert_allclose(combined.position_m[0] - arm, [1, 2, 3], atol=1e-15)
+    np.testing.assert_allclose(combined.velocity_m_s[0], [4 - 2 * arm[1], 5 + 2 * arm[0], 6], atol=1e-15)
+    np.testing.assert_allclose(combined.pose().rotation, START.rotation @ child.rotation, atol=1e-15)

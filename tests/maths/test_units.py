@@ -88,8 +88,8 @@ class RowFile(Table[Row]):
 
 def test_lists_of_a_class_that_is_made_by_its_method() -> None:
     assert validate(RowFile, {"times_ns": [3.0, 5]}, "file").in_si() == Row((3.0 * 1e-9, 5.0 * 1e-9))
-    both = validate(RowFile, {"times_ns": [3.0, 5], "more_us": [0.1]}, "file").in_si()
-    assert both == Row((3.0 * 1e-9, 5.0 * 1e-9, 0.1 * 1e-6))
+    row = validate(RowFile, {"times_ns": [3.0, 5], "more_us": [0.1]}, "file").in_si()
+    assert row == Row((3.0 * 1e-9, 5.0 * 1e-9, 0.1 * 1e-6))
     with pytest.raises(InputError, match="times_ns: must be a list of at least 2"):
         validate(RowFile, {"times_ns": [3.0]}, "file")
     with pytest.raises(InputError, match=r"times_ns\[1\]: must be >= 1, got 0.5"):
@@ -163,8 +163,8 @@ def test_a_table_has_the_declared_keys() -> None:
 def test_a_table_makes_what_declares_it() -> None:
     assert LampFile(width_ns=3.0).in_si() == Lamp(width_s=3.0 * 1e-9, count=3)
     tables = {"width_ns": 7.3, "power_w": 1, "radius_mm": 7.3, "tilt_deg": 7.3, "cells": 9, "form": "square"}
-    found = validate(LampFile, tables, "file").in_si(inner=1.0)
-    assert found == Lamp(
+    lamp = validate(LampFile, tables, "file").in_si(inner=1.0)
+    assert lamp == Lamp(
         width_s=7.3 * 1e-9,
         power_w=1.0,
         radius_m=7.3 * 1e-3,
@@ -174,11 +174,11 @@ def test_a_table_makes_what_declares_it() -> None:
         shape="square",
         inner=1.0,
     )
-    assert isinstance(found.cells, float)
+    assert isinstance(lamp.cells, float)
 
 
 @pytest.mark.parametrize(
-    ("tables", "told"),
+    ("tables", "message"),
     [
         ({"width_ns": 0.0}, "file: width_ns: must be > 0, got 0.0"),
         ({"width_ns": 1.0, "cells": 1.5}, "file: cells: must be a whole number, got 1.5"),
@@ -193,10 +193,10 @@ def test_a_table_makes_what_declares_it() -> None:
         ),
     ],
 )
-def test_mistakes_are_told_as_of_every_file(tables: dict[str, Any], told: str) -> None:
+def test_mistakes_are_told_as_of_every_file(tables: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as error:
         validate(LampFile, tables, "file")
-    assert str(error.value) == told
+    assert str(error.value) == message
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -213,8 +213,8 @@ class StreetFile(Table[Street]):
 def test_a_part_has_its_keys_in_the_table_of_the_whole() -> None:
     whole = list(StreetFile.model_fields)
     assert whole == ["name", "width_ns", "power_w", "radius_mm", "tilt_deg", "cells", "count", "form", "length_km"]
-    found = validate(StreetFile, {"width_ns": 3.0, "length_km": 2.0}, "file").in_si(inner=1.0)
-    assert found == Street(lamp=Lamp(width_s=3.0 * 1e-9, inner=1.0), length_m=2000.0)
+    street = validate(StreetFile, {"width_ns": 3.0, "length_km": 2.0}, "file").in_si(inner=1.0)
+    assert street == Street(lamp=Lamp(width_s=3.0 * 1e-9, inner=1.0), length_m=2000.0)
 
 
 def test_a_name_with_another_unit_is_refused() -> None:
@@ -224,13 +224,13 @@ def test_a_name_with_another_unit_is_refused() -> None:
 
 def tables() -> list[type[Table[Any]]]:
     """All tables of the package."""
-    found, todo = [], [Table]
+    table_classes, todo = [], [Table]
     while todo:
-        one = todo.pop()
-        todo += one.__subclasses__()
-        if "keys" in vars(one) and one.__module__.startswith("lidarscene."):
-            found.append(one)
-    return found
+        table_class = todo.pop()
+        todo += table_class.__subclasses__()
+        if "keys" in vars(table_class) and table_class.__module__.startswith("lidarscene."):
+            table_classes.append(table_class)
+    return table_classes
 
 
 @pytest.mark.parametrize("table", tables(), ids=lambda table: table.__name__)

@@ -28,10 +28,10 @@ def test_field_of_view(name):
     scanner = ALL[name]()
     azimuth, elevation = (np.degrees(a) for a in scanner.angles(frame(scanner)))
     edges = azimuth.min(), azimuth.max(), elevation.min(), elevation.max()
-    for got, expected in zip(edges, FIELD_OF_VIEW_DEG[name], strict=True):
+    for edge, expected in zip(edges, FIELD_OF_VIEW_DEG[name], strict=True):
         if expected is not None:
-            assert got == pytest.approx(expected, abs=0.21)  # VLP-16 columns; sines may miss their peaks
-            assert abs(got) < abs(expected) + 1e-4
+            assert edge == pytest.approx(expected, abs=0.21)  # VLP-16 columns; sines may miss their peaks
+            assert abs(edge) < abs(expected) + 1e-4
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -65,8 +65,8 @@ def test_frames_close(name):
     scanner = ALL[name]()
     pulse = frame(scanner)
     following = pulse + np.uint32(scanner.pulses)
-    for here, there in zip(scanner.direction(pulse), scanner.direction(following), strict=True):
-        np.testing.assert_allclose(here, there, atol=1e-6)
+    for component, next_component in zip(scanner.direction(pulse), scanner.direction(following), strict=True):
+        np.testing.assert_allclose(component, next_component, atol=1e-6)
     np.testing.assert_array_equal(scanner.channel(pulse), scanner.channel(following))
 
 
@@ -87,10 +87,10 @@ CHANNELS = {
 @pytest.mark.parametrize("name", CHANNELS)
 def test_channels_follow_each_other(name):
     """Reference: a count of the pulses of a frame and a half."""
-    scanner, (each, channels) = ALL[name](), CHANNELS[name]
+    scanner, (pulses_each, channels) = ALL[name](), CHANNELS[name]
     pulse = np.arange(scanner.pulses * 3 // 2, dtype=np.uint32)
     within = np.arange(len(pulse)) % scanner.pulses if name in CLOSING else np.arange(len(pulse))
-    np.testing.assert_array_equal(scanner.channel(pulse), within // each % channels)
+    np.testing.assert_array_equal(scanner.channel(pulse), within // pulses_each % channels)
 
 
 def test_a_facet_is_a_channel():
@@ -161,11 +161,11 @@ def test_lasers_fire_in_the_order_of_their_times():
 def test_turns_are_exact(frequency_hz, rate_hz):
     """Ten million pulses and more against float64, which is itself good to 1e-9 here; `Turns` says 1e-6."""
     pulse = np.concatenate([np.arange(10_000_000, dtype=np.uint32)[::97], [2**31 - 1]]).astype(np.uint32)
-    got = Turns.per_pulse(frequency_hz=frequency_hz, rate_hz=rate_hz, start_rad=0.7).angle_rad(pulse)
+    angle_rad = Turns.per_pulse(frequency_hz=frequency_hz, rate_hz=rate_hz, start_rad=0.7).angle_rad(pulse)
     expected = 2 * math.pi * np.remainder(pulse * np.float64(frequency_hz / rate_hz), 1.0) + 0.7
-    error = np.remainder(got - expected + math.pi, 2 * math.pi) - math.pi
+    error = np.remainder(angle_rad - expected + math.pi, 2 * math.pi) - math.pi
     assert np.abs(error).max() < 1e-6
-    assert np.abs(got).max() <= np.float32(math.pi)
+    assert np.abs(angle_rad).max() <= np.float32(math.pi)
 
 
 @pytest.mark.parametrize("name", [n for n in ALL if not n.startswith("flash")])
@@ -176,8 +176,8 @@ def test_encoders_round_what_is_reported_and_not_where_the_beam_goes(name):
     step = 0.7e-3
     coarse = dataclasses.replace(exact, encoder_rad=step)
     pulse = frame(exact)
-    for here, there in zip(exact.direction(pulse), coarse.direction(pulse), strict=True):
-        np.testing.assert_array_equal(here, there)
+    for exact_component, coarse_component in zip(exact.direction(pulse), coarse.direction(pulse), strict=True):
+        np.testing.assert_array_equal(exact_component, coarse_component)
     turned = np.stack(coarse._read(pulse)) / step
     np.testing.assert_allclose(turned, np.rint(turned), atol=2e-3)
     true, read = (np.stack(s.angles(pulse)) for s in (exact, coarse))

@@ -10,8 +10,8 @@ from helpers.scanners import DEG, PULSES, directions
 def test_lissajous():
     """Reference: the two sines at the pulse's own time in float64, then the mirror by brute force."""
     scanner = scanners.lissajous()
-    got = directions(scanner, PULSES)
-    for pulse, direction in zip(PULSES, got, strict=True):
+    beams = directions(scanner, PULSES)
+    for pulse, direction in zip(PULSES, beams, strict=True):
         t = int(pulse) / 200e3
         a = 12 * DEG * math.sin(2 * math.pi * 1310 * t + 0.3)
         e = 8 * DEG * math.sin(2 * math.pi * 1190 * t + 1.2)

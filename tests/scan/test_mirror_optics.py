@@ -39,8 +39,8 @@ def test_lines_of_a_pair_are_cones_about_the_last_axis(last):
     """Rationale: the last mirror turns what it gets about its own axis, so the angle to that axis stays."""
     turns = np.linspace(-0.2, 0.2, 9)
     first = np.full(9, 0.1)
-    at = (first, turns) if last == "elevation" else (turns, first)
-    direction, _ = scan.MirrorPair(last=last).beam(*at)
+    angles = (first, turns) if last == "elevation" else (turns, first)
+    direction, _ = scan.MirrorPair(last=last).beam(*angles)
     np.testing.assert_allclose(direction[1 if last == "elevation" else 2], math.sin(0.2), atol=1e-15)
 
 

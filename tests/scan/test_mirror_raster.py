@@ -14,8 +14,8 @@ def test_mirror_raster_turns_its_mirrors_by_its_grid():
     row, column = 3, 117
     turned = (1 - 2 * column / 119) * 15 * DEG, (1 - 2 * row / 40) * 6 * DEG
     expected, _ = brute.gimbal(0.6, "below", "elevation", *turned)
-    got = directions(scanner, np.array([row * 120 + column], dtype=np.uint32))[0]
-    np.testing.assert_allclose(got, expected, atol=3e-7)
+    direction = directions(scanner, np.array([row * 120 + column], dtype=np.uint32))[0]
+    np.testing.assert_allclose(direction, expected, atol=3e-7)
 
 
 def test_sine_lines_come_back_and_are_even_in_time():
@@ -39,7 +39,7 @@ def test_lines_are_vertical_where_the_fast_turn_is_that_of_elevation():
     """From the left, each from the top."""
     scanner = scanners.mirror(fast="elevation")
     pulse = np.arange(scanner.pulses, dtype=np.uint32)
-    azimuth, elevation = (np.asarray(one).reshape(41, 120) for one in scanner._mechanism(pulse))
+    azimuth, elevation = (np.asarray(angle).reshape(41, 120) for angle in scanner._mechanism(pulse))
     assert np.ptp(azimuth, axis=1).max() == 0.0
     assert (np.diff(azimuth[:, 0]) < 0.0).all()
     assert (np.diff(elevation, axis=1) < 0.0).all()

@@ -13,12 +13,12 @@ from helpers.scanners import DEG, PULSES, directions, shares
 def test_polygon(side, rotation_hz):
     scanner = scanners.polygon(side=side, rotation_hz=rotation_hz)
     assert scanner.columns == 750  # 150 kHz, 30 turns of four facets, 60 % of the time
-    got, share = directions(scanner, PULSES), shares(scanner, PULSES)
+    beams, share = directions(scanner, PULSES), shares(scanner, PULSES)
     for n, pulse in enumerate(PULSES.astype(int)):
         number, column = divmod(int(pulse), 750)
         tilt = (-4, -1, 2, 5)[number] * DEG
         turn = 2 * math.pi * rotation_hz * (column - 374.5) / 150e3
-        np.testing.assert_allclose(got[n], brute.facet(40 * DEG, side, turn, tilt), atol=1e-6)
+        np.testing.assert_allclose(beams[n], brute.facet(40 * DEG, side, turn, tilt), atol=1e-6)
         expected = brute.facet_share(40 * DEG, side, turn, 4, 0.03, 0.012)
         assert share[n] == pytest.approx(expected, abs=0.003)
 

@@ -22,7 +22,8 @@ def test_rows_go_down_and_each_to_the_right(fov_deg: float, step_deg: float, cou
     )
     assert (scanner.columns, scanner.rows) == (count, 3)
     azimuth, elevation = (
-        np.asarray(one, float).reshape(3, count) / DEG for one in scanner.angles(np.arange(3 * count, dtype=np.uint32))
+        np.asarray(angle, float).reshape(3, count) / DEG
+        for angle in scanner.angles(np.arange(3 * count, dtype=np.uint32))
     )
     edge = 0.5 * (count - 1) * step_deg
     np.testing.assert_allclose(azimuth, np.tile(np.linspace(edge, -edge, count), (3, 1)), atol=1e-5)

@@ -16,12 +16,12 @@ def test_risley(make):
         hz, start = (-121.5657, 77.7430), (0.0, 0.0)
     else:
         hz, start = (100.3, -70.1, 11.7), (0.1, 0.2, 0.3)
-    got, share = directions(scanner, PULSES), shares(scanner, PULSES)
+    beams, share = directions(scanner, PULSES), shares(scanner, PULSES)
     for n, pulse in enumerate(PULSES.astype(int)):
         phases = [2 * math.pi * f * pulse / 100e3 + p for f, p in zip(hz, start, strict=True)]
         angles, indices, tilted = zip(*parts, strict=True)
         expected, grown = brute.prisms(angles, indices, phases, tilted)
-        np.testing.assert_allclose(got[n], expected, atol=1e-6)
+        np.testing.assert_allclose(beams[n], expected, atol=1e-6)
         assert share[n] == pytest.approx(grown, abs=3e-6)
 
 
@@ -49,8 +49,8 @@ def test_six_beams_take_turns():
     assert clear.channel(pulse).tolist() == [0, 1, 2] * 33
     axial, tilted = scanners.mid40(tilted=["in", "in"]), scanners.six_beams()
     on_axis = scanners.mid40(tilted=["in", "in"], beam_elevation_rad=[0.0])
-    for one, other in zip(axial.direction(pulse), on_axis.direction(pulse), strict=True):
-        assert one == pytest.approx(other, abs=1e-6)
+    for component, on_axis_component in zip(axial.direction(pulse), on_axis.direction(pulse), strict=True):
+        assert component == pytest.approx(on_axis_component, abs=1e-6)
     assert np.degrees(np.ptp(tilted.angles(np.arange(60_000, dtype=np.uint32))[1])) > 38.3 + 5.5
 
 
@@ -82,8 +82,8 @@ def test_prisms_keep_aperture_times_solid_angle():
     for axis in (1, 2):
         aside = np.zeros(3)
         aside[axis] = math.sin(step)
-        there, back = (through((math.cos(step), *(sign * aside[1:])))[0] for sign in (1.0, -1.0))
-        slopes.append((there - back) / (2.0 * step))
+        forward, backward = (through((math.cos(step), *(sign * aside[1:])))[0] for sign in (1.0, -1.0))
+        slopes.append((forward - backward) / (2.0 * step))
     growth = np.abs(np.sum(middle * np.cross(slopes[0], slopes[1], axis=0), axis=0))
     assert np.ptp(share) > 0.05
     np.testing.assert_allclose(growth * share, 1.0, atol=1e-6)

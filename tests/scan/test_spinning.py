@@ -45,5 +45,5 @@ def test_a_head_clocked_by_its_encoder_turns_as_it_rotates(rotation_hz):
     """A column of 1024 later it is a 1024th of a turn on: to the left, or to the right if the rate is negative."""
     scanner = Spinning.create(rotation_hz=rotation_hz, cycles_per_turn=1024, bank=Bank(elevation_rad=(0.0, 0.1)))
     azimuth, _ = scanner.angles(np.arange(0, 20, 2, dtype=np.uint32))
-    wanted = math.copysign(2.0 * math.pi / 1024, rotation_hz) * np.arange(10)
-    np.testing.assert_allclose(azimuth, wanted, atol=3e-7)
+    expected = math.copysign(2.0 * math.pi / 1024, rotation_hz) * np.arange(10)
+    np.testing.assert_allclose(azimuth, expected, atol=3e-7)

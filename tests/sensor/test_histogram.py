@@ -64,9 +64,9 @@ def test_the_range_of_a_mode_is_that_which_the_maker_publishes():
                 "histogram.ambient_window_us=0.6",
             )
             base = photons.spinning("histogram.window_us=0.6", "histogram.ambient_window_us=0.6")
-            own = plane.maximum_range_m(base, target)[0]
-            found = plane.maximum_range_m(counter, target)[0] / own
-            assert found == pytest.approx(factor, rel=0.025), (columns, rotation, multiplier)
+            base_m = plane.maximum_range_m(base, target)[0]
+            ratio = plane.maximum_range_m(counter, target)[0] / base_m
+            assert ratio == pytest.approx(factor, rel=0.025), (columns, rotation, multiplier)
 
 
 def ranges_of_poisson_histograms(shares, *, background):

@@ -91,8 +91,8 @@ def test_table_that_is_not_text(tmp_path: Path) -> None:
 def test_table_is_straight_lines_and_zero_outside(tmp_path: Path) -> None:
     path = tmp_path / "filter.csv"
     path.write_text("900,0.5\n910,1\n", encoding="utf-8")
-    found = read_transmittance(path).at(np.array([899, 900, 905, 910, 911]) * 1e-9)
-    np.testing.assert_allclose(found, [0, 0.5, 0.75, 1, 0], atol=1e-9)
+    transmittance = read_transmittance(path).at(np.array([899, 900, 905, 910, 911]) * 1e-9)
+    np.testing.assert_allclose(transmittance, [0, 0.5, 0.75, 1, 0], atol=1e-9)
 
 
 def test_shape_without_files() -> None:
@@ -108,7 +108,7 @@ def test_a_focus_is_where_the_spot_is_sharp() -> None:
     near, far = (load_sensor("table1-apd", overrides=[*keys, *more]) for more in (["optics.overlap.focus_at_m=5"], []))
     spot_rad = math.hypot(2.5e-3 / 5.0, 4e-3)
     field_rad = float(near.detector.radius_m / near.optics.focal_length_m)
-    shares = [float(one.optics.overlap.share(np.array([5.0]))[0]) for one in (near, far)]
+    shares = [float(sensor.optics.overlap.share(np.array([5.0]))[0]) for sensor in (near, far)]
     assert shares[0] == pytest.approx(1.0 - math.exp(-2.0 * (field_rad / spot_rad) ** 2), rel=2e-3)
     assert shares[1] < 0.8 * shares[0]
     aside = load_sensor("table1-apd", overrides=[*keys[:2], "optics.overlap.transmitter_offset_mm=[30, 40]"])

@@ -78,21 +78,21 @@ def test_a_file_makes_the_same_scanner(kind, expected):
     assert scanner.pulses == expected.pulses
     assert scanner.frame_s == pytest.approx(expected.frame_s, rel=1e-12)
     pulse = scanners.frame(expected)
-    for here, there in zip(scanner.direction(pulse), expected.direction(pulse), strict=True):
-        np.testing.assert_allclose(here, there, atol=3e-7)
+    for component, expected_component in zip(scanner.direction(pulse), expected.direction(pulse), strict=True):
+        np.testing.assert_allclose(component, expected_component, atol=3e-7)
     np.testing.assert_allclose(scanner.aperture_share(pulse), expected.aperture_share(pulse), atol=1e-6)
 
 
 def test_mirrors_of_a_file():
-    one = read("mirror", mirror_radius_mm=10.0, side="right", outer="azimuth", encoder_step_deg=0.1).scanner
-    assert isinstance(one, scan.MirrorRaster)
-    assert isinstance(one.mirrors, scan.Gimbal)
-    assert (one.mirrors.side, one.mirrors.outer) == ("right", "azimuth")
-    assert one.mirrors.incidence_rad == pytest.approx(45 * DEG)
-    assert (one.mirrors.mirror_radius_m, one.mirrors.lens_radius_m) == (0.01, 0.012)
-    assert (one.columns, one.rows, one.rate_hz) == (120, 41, 100e3)
-    assert (one.fast_turn_rad, one.slow_turn_rad) == pytest.approx((15 * DEG, 6 * DEG))
-    assert one.encoder_rad == pytest.approx(0.1 * DEG)
+    scanner = read("mirror", mirror_radius_mm=10.0, side="right", outer="azimuth", encoder_step_deg=0.1).scanner
+    assert isinstance(scanner, scan.MirrorRaster)
+    assert isinstance(scanner.mirrors, scan.Gimbal)
+    assert (scanner.mirrors.side, scanner.mirrors.outer) == ("right", "azimuth")
+    assert scanner.mirrors.incidence_rad == pytest.approx(45 * DEG)
+    assert (scanner.mirrors.mirror_radius_m, scanner.mirrors.lens_radius_m) == (0.01, 0.012)
+    assert (scanner.columns, scanner.rows, scanner.rate_hz) == (120, 41, 100e3)
+    assert (scanner.fast_turn_rad, scanner.slow_turn_rad) == pytest.approx((15 * DEG, 6 * DEG))
+    assert scanner.encoder_rad == pytest.approx(0.1 * DEG)
     two = read("mirror", mirrors="two", outer="azimuth", fast="elevation", jitter_mrad=0.5).scanner
     assert isinstance(two, scan.MirrorRaster)
     assert two.mirrors == scan.MirrorPair(last="azimuth")
@@ -232,10 +232,13 @@ def test_not_an_npz(tmp_path):
 def test_exits_are_forward_left_and_up_in_the_head():
     """At azimuth 0 the beams of a head start there; a quarter of a turn later forward is to the left."""
     lasers = len(load_sensor("vlp-16").scanner.firing_s)
-    keys = [f"scanner.{axis}_mm={[one] * lasers}" for axis, one in (("forward", 30), ("left", 20), ("height", 10))]
+    keys = [
+        f"scanner.{axis}_mm={[millimetres] * lasers}"
+        for axis, millimetres in (("forward", 30), ("left", 20), ("height", 10))
+    ]
     scanner = load_sensor("vlp-16", overrides=keys).scanner
     pulse = np.arange(scanner.pulses, dtype=np.uint32)
-    x, y, z = (np.asarray(one, float) for one in scanner.offset_m(pulse))
+    x, y, z = (np.asarray(component, float) for component in scanner.offset_m(pulse))
     head = np.asarray(scanner._mechanism(pulse)[0], float)
     np.testing.assert_allclose(x + 1j * y, (0.03 + 0.02j) * np.exp(1j * head), atol=1e-7)
     np.testing.assert_allclose(z, 0.01, atol=1e-7)

@@ -178,11 +178,11 @@ def test_scatter_at_an_snr() -> None:
     sensor = load_sensor("vlp-16")
     target = Target(reflectivity=0.5, illuminance_klux=0.0)
     snr = float(plane.snr(sensor, target, 30.0)[0])
-    here = published_values.scatter_m(sensor, target, range_m=30.0)
-    there = published_values.scatter_m(sensor, target, range_m=20.0, snr=snr)
-    assert here is not None
+    at_range_m = published_values.scatter_m(sensor, target, range_m=30.0)
+    at_snr_m = published_values.scatter_m(sensor, target, range_m=20.0, snr=snr)
+    assert at_range_m is not None
     # 0.5 % each from the draws; the target's power falls by 7 % over the metre of ranges, which is 0.2 % on average.
-    assert there == pytest.approx(here, rel=0.03)
+    assert at_snr_m == pytest.approx(at_range_m, rel=0.03)
     assert published_values.scatter_m(load_sensor("table1-sipm"), target, range_m=20.0, snr=1e4) is None
 
 
@@ -312,26 +312,26 @@ def test_check_prints_every_sensor(monkeypatch: pytest.MonkeyPatch, capsys: pyte
 
 def test_check_one_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert main.main(["catalog", "check", "livox-mid-40", "--json"]) == 0
-    (told,) = json.loads(capsys.readouterr().out)
-    assert told["range_m"]["published"] == 90.0
-    assert told["range_m"]["condition"] == "10%, 100 klux"
-    assert [further["published"] for further in told["also_range_m"]] == [130.0, 260.0]
-    (scatter,) = told["repeatability_m"]
+    (report,) = json.loads(capsys.readouterr().out)
+    assert report["range_m"]["published"] == 90.0
+    assert report["range_m"]["condition"] == "10%, 100 klux"
+    assert [further["published"] for further in report["also_range_m"]] == [130.0, 260.0]
+    (scatter,) = report["repeatability_m"]
     assert scatter["condition"] == "20 m, 80%*, 100 klux, at most"
     assert scatter["simulated"] == pytest.approx(0.02, rel=0.5)
-    assert told["false_points"]["published"] == 1e-4
-    assert told["false_points"]["simulated"] == pytest.approx(1e-4, rel=0.2)  # TNR in tenths
-    assert told["points_per_second"]["simulated"] == 100_000.0
+    assert report["false_points"]["published"] == 1e-4
+    assert report["false_points"]["simulated"] == pytest.approx(1e-4, rel=0.2)  # TNR in tenths
+    assert report["points_per_second"]["simulated"] == 100_000.0
 
 
 def test_check_of_what_is_not_published(capsys: pytest.CaptureFixture[str]) -> None:
     assert main.main(["catalog", "check", "mems-1550", "--json"]) == 0
-    (told,) = json.loads(capsys.readouterr().out)
-    assert told["range_m"]["published"] is None
-    assert told["range_m"]["deviation"] is None
-    assert told["range_m"]["condition"] == "10%*, 100 klux*"
-    assert told["repeatability_m"] == []
-    assert told["false_points"]["published"] is None
+    (report,) = json.loads(capsys.readouterr().out)
+    assert report["range_m"]["published"] is None
+    assert report["range_m"]["deviation"] is None
+    assert report["range_m"]["condition"] == "10%*, 100 klux*"
+    assert report["repeatability_m"] == []
+    assert report["false_points"]["published"] is None
 
 
 def test_check_of_an_unknown_sensor(capsys: pytest.CaptureFixture[str]) -> None:
@@ -341,7 +341,7 @@ def test_check_of_an_unknown_sensor(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("tables", "told"),
+    ("tables", "message"),
     [
         ({"range_m": 90.0, "source": "x"}, "range_m needs reflectivity and illuminance_klux"),
         ({"false_points": 1e-4, "source": "x"}, "false_points needs illuminance_klux"),
@@ -364,8 +364,8 @@ def test_check_of_an_unknown_sensor(capsys: pytest.CaptureFixture[str]) -> None:
         ({"points_per_second": 1000.0}, "source"),
     ],
 )
-def test_published_must_be_complete(tables: dict[str, Any], told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_published_must_be_complete(tables: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         validate(PublishedFile, tables, "file")
 
 

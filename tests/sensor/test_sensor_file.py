@@ -26,30 +26,30 @@ def test_a_changed_firing_table_gives_the_rate(name: str, override: str, rate_kh
 
 
 def test_a_rate_that_is_left_out_follows_from_the_table(tmp_path: Path) -> None:
-    for name, told in (
+    for name, complaint in (
         ("vlp-16", None),
         ("table1-apd", 'laser.repetition_rate_khz: must be given with scanner.type = "raster", got none'),
     ):
         lines = catalog.path_of("sensors", name).read_text().splitlines(keepends=True)
         path = tmp_path / f"{name}.toml"
         path.write_text("".join(line for line in lines if not line.startswith("repetition_rate_khz")))
-        if told is None:
+        if complaint is None:
             rate_hz = float(load_sensor(str(path)).laser.repetition_rate_hz)
             assert rate_hz == pytest.approx(16 / 55.296e-6, rel=1e-9)
         else:
             with pytest.raises(InputError) as caught:
                 load_sensor(str(path))
-            assert told in str(caught.value)
+            assert complaint in str(caught.value)
 
 
 def test_units_differ_in_shift_and_scale_of_the_elevation() -> None:
-    usual, other = (
+    usual, shifted = (
         load_sensor("vlp-16", overrides=more).scanner.angles(0)
         for more in ((), ("scanner.elevation_shift_deg=0.5", "scanner.elevation_scale=0.99"))
     )
     degrees = 57.29577951308232
     assert float(usual[1]) * degrees == pytest.approx(-15.0, abs=1e-5)
-    assert float(other[1]) * degrees == pytest.approx(-15.0 * 0.99 + 0.5, abs=1e-5)
+    assert float(shifted[1]) * degrees == pytest.approx(-15.0 * 0.99 + 0.5, abs=1e-5)
     with pytest.raises(InputError, match=r"elevations must be -90 to 90 degrees, got 92"):
         load_sensor(
             "vlp-16",
@@ -63,7 +63,7 @@ def test_units_differ_in_shift_and_scale_of_the_elevation() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "overrides", "both"),
+    ("name", "overrides", "both_edges"),
     [
         ("table1-sipm", [], True),
         ("table1-apd", [], False),
@@ -72,10 +72,10 @@ def test_units_differ_in_shift_and_scale_of_the_elevation() -> None:
         ("table1-apd", ["tdc.edges='both'"], True),
     ],
 )
-def test_both_edges_are_timed_where_heights_are_lost(name: str, overrides: list[str], both: bool) -> None:
+def test_both_edges_are_timed_where_heights_are_lost(name: str, overrides: list[str], both_edges: bool) -> None:
     text = (catalog.path_of("sensors", name)).read_text()
     assert "edges" not in text
-    assert load_sensor(name, overrides=overrides).tdc.both_edges == both
+    assert load_sensor(name, overrides=overrides).tdc.both_edges == both_edges
 
 
 def test_a_beam_spreads_as_far_as_its_light_must() -> None:

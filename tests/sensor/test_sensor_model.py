@@ -36,9 +36,9 @@ def range_m(kind, bandwidth_mhz, *overrides):
 
 def test_without_a_response_narrower_is_farther_without_end():
     """Table 1: the paper's receiver filters the noise alone."""
-    found = [range_m("none", mhz) for mhz in (400.0, 167.0, 50.0, 10.0, 5.0)]
-    assert [round(one) for one in found] == [282, 351, 474, 709, 843]
-    assert found[1] == plane.maximum_range_m(load_sensor("table1-apd"), Target())[0]
+    ranges_m = [range_m("none", mhz) for mhz in (400.0, 167.0, 50.0, 10.0, 5.0)]
+    assert [round(reach_m) for reach_m in ranges_m] == [282, 351, 474, 709, 843]
+    assert ranges_m[1] == plane.maximum_range_m(load_sensor("table1-apd"), Target())[0]
 
 
 @pytest.mark.parametrize(("kind", "best"), [("gaussian", 0.3120), ("single_pole", 0.1812)])
@@ -47,8 +47,8 @@ def test_matched_bandwidth_is_best(kind, best):
 
     A search on R_max; the second road is the best of a sampled pulse behind the filter. 1 %: R_max is flat there.
     """
-    found = minimize_scalar(lambda log: -range_m(kind, math.exp(log)), bounds=(1.0, 6.0), method="bounded")
-    assert math.exp(found.x) * 1e-3 * 6.0 == pytest.approx(best, rel=0.01)
+    optimum = minimize_scalar(lambda log: -range_m(kind, math.exp(log)), bounds=(1.0, 6.0), method="bounded")
+    assert math.exp(optimum.x) * 1e-3 * 6.0 == pytest.approx(best, rel=0.01)
     time = np.linspace(-4.0, 36.0, 40001)
     light = np.exp(-4.0 * math.log(2.0) * time**2)  # FWHM 1
     step = time[1] - time[0]
@@ -83,8 +83,8 @@ def test_closed_forms_follow():
     for name in ("table1-apd", "table1-sipm"):
         shares = []
         for kind in ("none", *KINDS):
-            found = sensor(kind, name=name, bandwidth_mhz=80.0)
-            shares.append(plane.maximum_range_m(found, Target())[0] / plane.closed_form_range_m(found, Target()))
+            equipped = sensor(kind, name=name, bandwidth_mhz=80.0)
+            shares.append(plane.maximum_range_m(equipped, Target())[0] / plane.closed_form_range_m(equipped, Target()))
         assert 0.9 < shares[0] < 1.0
         assert shares[1:] == pytest.approx([shares[0]] * len(KINDS), abs=0.002)
 
@@ -93,9 +93,9 @@ def test_closed_forms_follow():
 def test_sensitivity_to_the_bandwidth(kind):
     """`tdc.bandwidth_hz` is pulse and noise in one number; central differences over the key of the file."""
     table = sensitivities.sensitivities(sensor(kind, bandwidth_mhz=90.0), Target(), method="differences")
-    found = {row.parameter: row.range_elasticity for row in table.rows}["tdc.bandwidth_hz"]
-    wanted = math.log(range_m(kind, 90.0 * 1.001) / range_m(kind, 90.0 / 1.001)) / (2.0 * math.log(1.001))
-    assert found == pytest.approx(wanted, rel=1e-3)
+    elasticity = {row.parameter: row.range_elasticity for row in table.rows}["tdc.bandwidth_hz"]
+    expected = math.log(range_m(kind, 90.0 * 1.001) / range_m(kind, 90.0 / 1.001)) / (2.0 * math.log(1.001))
+    assert elasticity == pytest.approx(expected, rel=1e-3)
 
 
 # --- noise and peaks --------------------------------------------------------------------------------
@@ -104,10 +104,10 @@ def test_sensitivity_to_the_bandwidth(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_noise_of_a_diode_by_sampled_noise(kind):
     """Background electrons as white noise of 2 e M^2 F i, through the sampled filter: 2 %, four standard errors."""
-    found = sensor(kind, "detector.load_resistance_ohm=1e12", bandwidth_mhz=100.0)
-    diode, step_s = found.detector, 0.1e-9
+    equipped = sensor(kind, "detector.load_resistance_ohm=1e12", bandwidth_mhz=100.0)
+    diode, step_s = equipped.detector, 0.1e-9
     light = np.array([BACKGROUND_W])
-    watts = float(found.working_point(light).response.signal(1.0)) / (diode.gain * found.peak_share)
+    watts = float(equipped.working_point(light).response.signal(1.0)) / (diode.gain * equipped.peak_share)
     primary = watts * BACKGROUND_W + diode.bulk_dark_current_a
     density = 2.0 * ELEMENTARY_CHARGE_C * diode.gain**2 * diode.excess_noise * primary
     count = 1 << 18
@@ -115,7 +115,7 @@ def test_noise_of_a_diode_by_sampled_noise(kind):
     ratio = np.fft.rfftfreq(count, step_s) / 100e6
     passes = 2.0 ** (-0.5 * ratio**2) if kind == "gaussian" else 1.0 / (1.0 + 1j * ratio)
     noise = np.fft.irfft(np.fft.rfft(white) * passes, count).std()
-    assert noise == pytest.approx(float(found.working_point(light).noise.deviation[0]), rel=0.02)
+    assert noise == pytest.approx(float(equipped.working_point(light).noise.deviation[0]), rel=0.02)
 
 
 @pytest.mark.parametrize("kind", ["matched filter", "gaussian", "none"])
@@ -157,10 +157,10 @@ def test_noise_of_cells_by_random_cells(kind):
 
     Few of them, as in weak light: where most are busy, one cell's rectangles are not independent.
     """
-    found = sensor(kind, name="table1-sipm", bandwidth_mhz=50.0)
+    equipped = sensor(kind, name="table1-sipm", bandwidth_mhz=50.0)
     plain = load_sensor("table1-sipm")
     light = np.array([1e-10])
-    share = (found.working_point(light).noise.deviation / plain.working_point(light).noise.deviation)[0]
+    share = (equipped.working_point(light).noise.deviation / plain.working_point(light).noise.deviation)[0]
     step_s, count = 0.25e-9, 1 << 18
     fired = np.random.default_rng(2).poisson(0.02, count)
     busy = np.convolve(fired, np.ones(24))[:count]  # 6 ns
@@ -181,20 +181,20 @@ def test_signal_and_power_are_inverse(kind, name):
 @pytest.mark.parametrize("kind", KINDS)
 def test_peak_of_a_sipm_is_lowered_behind_the_cells(kind):
     """In any light: what is filtered is the number of cells, which saturates before."""
-    found, plain = sensor(kind, name="table1-sipm"), load_sensor("table1-sipm")
+    filtered, plain = sensor(kind, name="table1-sipm"), load_sensor("table1-sipm")
     background = np.array([BACKGROUND_W])
     for power in (1e-9, 1e-7, 1e-3):
-        share = found.working_point(background).response.signal(power) / plain.working_point(
+        share = filtered.working_point(background).response.signal(power) / plain.working_point(
             background
         ).response.signal(power)
-        assert share[0] == pytest.approx(float(found.low_pass_share), rel=1e-12)
+        assert share[0] == pytest.approx(float(filtered.low_pass_share), rel=1e-12)
 
 
 # --- the file ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("override", "said"),
+    ("override", "message"),
     [
         ("response='bessel'", "response: must be 'none', 'gaussian' or 'single_pole', got \"bessel\""),
         ("bandwidth_mhz=0", "bandwidth_mhz: must be >= 0.001, got 0"),
@@ -202,10 +202,10 @@ def test_peak_of_a_sipm_is_lowered_behind_the_cells(kind):
         ("ac_coupling_khz=2e4", "ac_coupling_khz: must be <= 6246, behind which the received pulse "),
     ],
 )
-def test_mistakes(override, said):
+def test_mistakes(override, message):
     with pytest.raises(InputError) as caught:
         load_sensor("table1-apd", overrides=[f"receiver.{override}"])
-    assert f"receiver.{said}" in str(caught.value)
+    assert f"receiver.{message}" in str(caught.value)
 
 
 def test_whole_cells_are_not_filtered():
@@ -227,7 +227,7 @@ def test_a_slow_amplifier_is_told():
     slow = sensor("none", bandwidth_mhz=50.0)
     with pytest.warns(OptionWarning) as noted:
         warn_of_doubts([slow, slow, sensor("gaussian", bandwidth_mhz=50.0), load_sensor("table1-apd")])
-    assert [str(one.message).partition("; ")[2] for one in noted] == [
+    assert [str(warning.message).partition("; ")[2] for warning in noted] == [
         'receiver.response = "none" lets the pulse pass whole, so ranges come out too long',
         "it leaves 69 % of the peak",
     ]
@@ -237,11 +237,11 @@ def test_a_slow_amplifier_is_told():
 
 
 def test_coupling_alone_lowers_the_peak():
-    found = sensor("none", "receiver.ac_coupling_khz=1000")
+    filtered = sensor("none", "receiver.ac_coupling_khz=1000")
     rate = 2.0 * math.pi * 1e6 * 6e-9 / math.sqrt(8.0 * math.log(2.0))
-    assert found.peak_share == high_pass.peak_share(rate=found.coupling_rate)
-    assert found.peak_share == pytest.approx(1.0 - math.sqrt(0.5 * math.pi) * rate, abs=2.0 * rate**2)
-    assert dataclasses.replace(found, receiver=load_sensor("table1-apd").receiver).peak_share == 1.0
+    assert filtered.peak_share == high_pass.peak_share(rate=filtered.coupling_rate)
+    assert filtered.peak_share == pytest.approx(1.0 - math.sqrt(0.5 * math.pi) * rate, abs=2.0 * rate**2)
+    assert dataclasses.replace(filtered, receiver=load_sensor("table1-apd").receiver).peak_share == 1.0
 
 
 def test_numbers_of_the_page():
@@ -301,8 +301,8 @@ def test_crossings_behind_a_matched_filter_by_the_spectrum(kind, filtering, band
     spectrum = np.exp(-((2.0 * math.pi * frequency * sigma_s) ** 2))
     rms_hz = math.sqrt((frequency**2 * spectrum).sum() / spectrum.sum())
     point = equipped.working_point(np.array([BACKGROUND_W]))
-    found = equipped.false_alarm_rate_hz(point, 5.0 * point.noise.deviation)[0]
-    assert found == pytest.approx(rms_hz * math.exp(-12.5), rel=1e-5)
+    rate_hz = equipped.false_alarm_rate_hz(point, 5.0 * point.noise.deviation)[0]
+    assert rate_hz == pytest.approx(rms_hz * math.exp(-12.5), rel=1e-5)
     # A lone pulse keeps its height, noise that share of its variance.
     ratio = float((point.noise.deviation / point.unfiltered.noise.deviation)[0]) ** 2
     assert ratio == pytest.approx(2.0 * spectrum.mean(), rel=1e-5)
@@ -325,8 +325,8 @@ def test_noise_of_a_gaussian_filter_after_a_time():
     frequency = np.linspace(0.0, 800e6, 80_001)
     spectrum = 2.0 ** -((frequency / 80e6) ** 2)
     for lag_s in (1e-9, 4e-9):
-        wanted = (spectrum * np.cos(2.0 * math.pi * frequency * lag_s)).sum() / spectrum.sum()
-        assert equipped.noise_correlation(lag_s) == pytest.approx(wanted, abs=1e-4)
+        expected = (spectrum * np.cos(2.0 * math.pi * frequency * lag_s)).sum() / spectrum.sum()
+        assert equipped.noise_correlation(lag_s) == pytest.approx(expected, abs=1e-4)
 
 
 def test_peak_behind_both_filters_by_small_steps():
@@ -336,10 +336,10 @@ def test_peak_behind_both_filters_by_small_steps():
     sigma_s = 6e-9 / math.sqrt(8.0 * math.log(2.0))
     wide_s = math.hypot(sigma_s, math.sqrt(math.log(2.0)) / (2.0 * math.pi * 80e6))
     light = sigma_s / wide_s * np.exp(-0.5 * (time_s / wide_s) ** 2)
-    kept, taken, passed = math.exp(-2.0 * math.pi * 2e6 * 2e-11), 0.0, []
-    for one in light:
-        taken = kept * taken + (1.0 - kept) * one
-        passed.append(one - taken)
+    decay, slow_part, passed = math.exp(-2.0 * math.pi * 2e6 * 2e-11), 0.0, []
+    for sample in light:
+        slow_part = decay * slow_part + (1.0 - decay) * sample
+        passed.append(sample - slow_part)
     assert equipped.peak_share == pytest.approx(max(passed), rel=2e-3)
     assert equipped.received_fwhm_s == pytest.approx(6e-9 * wide_s / sigma_s, rel=1e-6)
 

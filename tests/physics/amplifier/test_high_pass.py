@@ -22,20 +22,20 @@ def coupled(values, rate):
 @pytest.mark.parametrize("rate", RATES)
 def test_undershoot_is_what_the_filter_takes_off(rate):
     """1e-4 of the depth: the transform repeats after 12 recoveries."""
-    wanted = PULSE - coupled(PULSE, rate)
-    found, _, _ = high_pass.undershoot(place=PLACE, rate=rate)
-    np.testing.assert_allclose(found, wanted, atol=1e-3 * wanted.max())
-    assert found.sum() == pytest.approx(PULSE.sum(), rel=1e-3)  # nothing constant passes
+    expected = PULSE - coupled(PULSE, rate)
+    undershoot, _, _ = high_pass.undershoot(place=PLACE, rate=rate)
+    np.testing.assert_allclose(undershoot, expected, atol=1e-3 * expected.max())
+    assert undershoot.sum() == pytest.approx(PULSE.sum(), rel=1e-3)  # nothing constant passes
 
 
 @pytest.mark.parametrize("rate", RATES)
 def test_derivatives_of_the_undershoot(rate):
     """Central differences; the form for Phi is not quite what its slope is taken of: 1.5e-3 of the largest."""
-    at = np.linspace(-8.0, 60.0, 500)
-    _, slope, bend = high_pass.undershoot(place=at, rate=rate)
+    place = np.linspace(-8.0, 60.0, 500)
+    _, slope, bend = high_pass.undershoot(place=place, rate=rate)
     step = 0.01
     (before, before_slope, _), (after, after_slope, _) = (
-        high_pass.undershoot(place=at + to, rate=rate) for to in (-step, step)
+        high_pass.undershoot(place=place + offset, rate=rate) for offset in (-step, step)
     )
     np.testing.assert_allclose(slope, (after - before) / (2.0 * step), atol=1.5e-3 * rate)
     np.testing.assert_allclose(bend, (after_slope - before_slope) / (2.0 * step), atol=1.5e-3 * rate)
@@ -44,9 +44,9 @@ def test_derivatives_of_the_undershoot(rate):
 @pytest.mark.parametrize("rate", RATES)
 def test_peak_behind_the_filter(rate):
     """w^2 / 2 of the place is left out, so w^4 of the height; bins of 0.05 sigma_p miss 3e-4 of it."""
-    left = PULSE - high_pass.undershoot(place=PLACE, rate=rate)[0]
-    assert float(high_pass.peak_share(rate=rate)) == pytest.approx(left.max(), rel=5e-4)
-    assert PLACE[np.argmax(left)] == pytest.approx(-rate, abs=1.3 * rate**2 + STEP)
+    remaining = PULSE - high_pass.undershoot(place=PLACE, rate=rate)[0]
+    assert float(high_pass.peak_share(rate=rate)) == pytest.approx(remaining.max(), rel=5e-4)
+    assert PLACE[np.argmax(remaining)] == pytest.approx(-rate, abs=1.3 * rate**2 + STEP)
 
 
 def test_far_away_nothing_is_left():
@@ -62,11 +62,11 @@ def test_samples_behind_the_filter():
     coupling_hz, step_s = 1e6, 1e-9
     omega = 2.0 * math.pi * coupling_hz
     time = step_s * np.arange(2000)
-    found = high_pass.filter_samples(values=time, step_s=step_s, coupling_hz=coupling_hz)
-    np.testing.assert_allclose(found, -np.expm1(-omega * time) / omega, rtol=1e-9, atol=1e-20)
+    filtered = high_pass.filter_samples(values=time, step_s=step_s, coupling_hz=coupling_hz)
+    np.testing.assert_allclose(filtered, -np.expm1(-omega * time) / omega, rtol=1e-9, atol=1e-20)
     sigma = 2.5e-9
     place = (time - 40e-9) / sigma
     pulse = np.exp(-0.5 * place**2)
-    wanted = pulse - high_pass.undershoot(place=place, rate=omega * sigma)[0]
-    found = high_pass.filter_samples(values=pulse, step_s=step_s, coupling_hz=coupling_hz)
-    np.testing.assert_allclose(found, wanted, atol=3e-4)  # straight lines between samples 0.4 sigma_p apart
+    expected = pulse - high_pass.undershoot(place=place, rate=omega * sigma)[0]
+    filtered = high_pass.filter_samples(values=pulse, step_s=step_s, coupling_hz=coupling_hz)
+    np.testing.assert_allclose(filtered, expected, atol=3e-4)  # straight lines between samples 0.4 sigma_p apart

@@ -39,8 +39,8 @@ def impulse_response(kind, cutoff_hz):
 @pytest.mark.parametrize(("cutoff_mhz", "share"), [(167, 0.94), (50, 0.73), (10, 0.29)])
 def test_peak_behind_a_single_pole(cutoff_mhz, share):
     """Of a 6 ns pulse, in two digits."""
-    found = LOW_PASSES["single_pole"].peak_share(fwhm_s=FWHM_S, cutoff_hz=cutoff_mhz * 1e6)
-    assert round(float(found), 2) == share
+    peak_share = LOW_PASSES["single_pole"].peak_share(fwhm_s=FWHM_S, cutoff_hz=cutoff_mhz * 1e6)
+    assert round(float(peak_share), 2) == share
 
 
 @pytest.mark.parametrize("cutoff_mhz", [5.0, 20.0, 58.0, 167.0, 900.0])
@@ -108,8 +108,8 @@ def test_noise_of_the_echo_is_filtered_by_the_square(kind, cutoff_mhz):
     cutoff_hz = cutoff_mhz * 1e6
     squared = impulse_response(kind, cutoff_hz) ** 2
     at_peak = by_response(PULSE, squared / squared.sum())[np.argmax(filtered(PULSE, kind, cutoff_hz))]
-    found = float(LOW_PASSES[kind].echo_noise_share(fwhm_s=FWHM_S, cutoff_hz=cutoff_hz))
-    assert -1e-5 < found / at_peak - 1.0 < (1e-5 if kind == "gaussian" else 0.035)
+    noise_share = float(LOW_PASSES[kind].echo_noise_share(fwhm_s=FWHM_S, cutoff_hz=cutoff_hz))
+    assert -1e-5 < noise_share / at_peak - 1.0 < (1e-5 if kind == "gaussian" else 0.035)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -118,9 +118,9 @@ def test_correlation_of_the_noise(kind):
     cutoff_hz = 50e6
     correlation = np.fft.irfft(abs(TRANSFER[kind](FREQUENCY_HZ / cutoff_hz)) ** 2, SAMPLES)
     lag = np.arange(0, 2000, 125)
-    found = LOW_PASSES[kind].correlation(lag_s=lag * STEP_S, cutoff_hz=cutoff_hz)
-    np.testing.assert_allclose(found, correlation[lag] / correlation[0], atol=2e-3)
-    assert found[0] == 1.0
+    computed = LOW_PASSES[kind].correlation(lag_s=lag * STEP_S, cutoff_hz=cutoff_hz)
+    np.testing.assert_allclose(computed, correlation[lag] / correlation[0], atol=2e-3)
+    assert computed[0] == 1.0
 
 
 @pytest.mark.parametrize("cutoff_mhz", [10.0, 58.0, 400.0])
@@ -141,8 +141,8 @@ def test_a_cell_and_the_noise_of_many(kind, cutoff_mhz):
 def test_single_precision(kind):
     """As the device computes it, from a filter of no use to one of no effect."""
     cutoff_hz = np.geomspace(1e5, 1e12, 400)
-    wanted = LOW_PASSES[kind].peak_share(fwhm_s=FWHM_S, cutoff_hz=cutoff_hz)
-    found = LOW_PASSES[kind].peak_share(fwhm_s=np.float32(FWHM_S), cutoff_hz=cutoff_hz.astype(np.float32))
-    assert found.dtype == np.float32
-    np.testing.assert_allclose(found, wanted, rtol=3e-6)
-    assert (np.diff(wanted) > -1e-12).all()
+    double = LOW_PASSES[kind].peak_share(fwhm_s=FWHM_S, cutoff_hz=cutoff_hz)
+    single = LOW_PASSES[kind].peak_share(fwhm_s=np.float32(FWHM_S), cutoff_hz=cutoff_hz.astype(np.float32))
+    assert single.dtype == np.float32
+    np.testing.assert_allclose(single, double, rtol=3e-6)
+    assert (np.diff(double) > -1e-12).all()

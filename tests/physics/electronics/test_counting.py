@@ -34,8 +34,8 @@ def test_rises_of_the_number_of_busy_cells(cells: int, busy_share: float, least:
     )
     expected = float(rate_hz) * 1e-9 * (time_ns - 200.0)
     assert expected > 30.0
-    found = rises(cells=cells, busy_share=busy_share, least=least, time_ns=time_ns)
-    assert abs(found - expected) < FOUR * np.sqrt(expected)
+    count = rises(cells=cells, busy_share=busy_share, least=least, time_ns=time_ns)
+    assert abs(count - expected) < FOUR * np.sqrt(expected)
 
 
 def test_more_cells_than_there_are_are_never_busy() -> None:

@@ -41,8 +41,8 @@ def test_special_cases():
     total = np.arange(4.0, 200.0)
     p = np.exp(mcintyre.log_probability(primary=4.0, total=total, gain=20.0, ionisation_ratio=0.0))
     np.testing.assert_allclose(p, nbinom.pmf(total - 4.0, 4, 1.0 / 20.0), rtol=1e-9)
-    same = mcintyre.log_probability(primary=4.0, total=np.arange(3.0, 6.0), gain=1.0, ionisation_ratio=0.3)
-    np.testing.assert_allclose(np.exp(same), [0.0, 1.0, 0.0], atol=1e-12)
+    log_probability = mcintyre.log_probability(primary=4.0, total=np.arange(3.0, 6.0), gain=1.0, ionisation_ratio=0.3)
+    np.testing.assert_allclose(np.exp(log_probability), [0.0, 1.0, 0.0], atol=1e-12)
 
 
 def test_ionisation_ratio_of_table_1():
@@ -193,14 +193,14 @@ def test_on_the_device(mi):
     """Dr.Jit's single precision against numpy's double, over backgrounds from darkness to full sun."""
     primaries = np.array([0.0, 1e-4, 0.5, 1.9, 24.0, 241.0, 3e4])
     excess = 5.0 * np.hypot(311.0, 80.0 * np.sqrt(primaries * second_moment(80.0, 0.02225)))
-    rest = {"gain": 80.0, "ionisation_ratio": 0.02225, "amplifier": 311.0}
-    expected = mcintyre.tail_probability(excess=excess, primaries=primaries, **rest)
-    found = mcintyre.tail_probability(
+    diode = {"gain": 80.0, "ionisation_ratio": 0.02225, "amplifier": 311.0}
+    expected = mcintyre.tail_probability(excess=excess, primaries=primaries, **diode)
+    computed = mcintyre.tail_probability(
         excess=mi.Float(excess),
         primaries=mi.Float(primaries),
-        **{name: mi.Float(value) for name, value in rest.items()},
+        **{name: mi.Float(value) for name, value in diode.items()},
     )
-    np.testing.assert_allclose(found.numpy(), expected, rtol=5e-3)
+    np.testing.assert_allclose(computed.numpy(), expected, rtol=5e-3)
 
 
 def test_rendered_false_alarms(mi):
@@ -251,9 +251,9 @@ def test_crossings_of_multiplied_shot_noise(
         excess=excess, primaries=primaries, gain=gain, ionisation_ratio=k, amplifier=amplifier
     )
     expected = float(per_frequency) * tdc.MEAN_FREQUENCY_LOW_PASS * samples / oversampling
-    found = np.count_nonzero((noise[1:] >= excess) & (noise[:-1] < excess))
-    assert abs(found - expected) < 4.0 * math.sqrt(expected) + slack * expected
-    assert found > 1.2 * tdc.MEAN_FREQUENCY_LOW_PASS * samples / oversampling * math.exp(-0.5 * level**2)
+    crossings = np.count_nonzero((noise[1:] >= excess) & (noise[:-1] < excess))
+    assert abs(crossings - expected) < 4.0 * math.sqrt(expected) + slack * expected
+    assert crossings > 1.2 * tdc.MEAN_FREQUENCY_LOW_PASS * samples / oversampling * math.exp(-0.5 * level**2)
 
 
 def test_crossings_without_electrons_are_rices() -> None:

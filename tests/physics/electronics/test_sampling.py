@@ -10,9 +10,9 @@ from lidarscene.physics.electronics import sampling
 
 def test_a_broad_top_moves_no_farther_than_the_light_falls_by_the_noise():
     """P (1 - kappa u^2 / 2) has fallen by the noise at u = sqrt(2 noise / kappa); a narrow one moves by less."""
-    for curvature, wanted in ((1e-4, math.sqrt(2.0 * 0.05 / 1e-4)), (1.0, 0.05 * 0.4)):
-        found = sampling.peak_deviation(noise_share=np.array([0.05]), slope_noise=0.4, curvature=curvature)
-        assert found[0] == pytest.approx(wanted)
+    for curvature, expected in ((1e-4, math.sqrt(2.0 * 0.05 / 1e-4)), (1.0, 0.05 * 0.4)):
+        deviation = sampling.peak_deviation(noise_share=np.array([0.05]), slope_noise=0.4, curvature=curvature)
+        assert deviation[0] == pytest.approx(expected)
 
 
 def test_fraction_of_a_peak_by_draws():
@@ -21,10 +21,10 @@ def test_fraction_of_a_peak_by_draws():
     """
     random = np.random.default_rng(7)
     edge = random.normal(size=200_000)
-    for kept in (0.0, 0.6, 1.0):
-        peak = kept * edge + math.sqrt(1.0 - kept**2) * random.normal(size=edge.size)
+    for correlation in (0.0, 0.6, 1.0):
+        peak = correlation * edge + math.sqrt(1.0 - correlation**2) * random.normal(size=edge.size)
         error = (0.02 * edge - 0.5 * 0.03 * peak) / (0.5 * math.sqrt(2.0 * math.log(2.0)))
-        found = sampling.fraction_deviation(
-            fraction=np.array([0.5]), noise_share_at_fraction=0.02, noise_share_at_peak=0.03, correlation=kept
+        deviation = sampling.fraction_deviation(
+            fraction=np.array([0.5]), noise_share_at_fraction=0.02, noise_share_at_peak=0.03, correlation=correlation
         )
-        assert found[0] == pytest.approx(error.std(), rel=4.9 / math.sqrt(2.0 * edge.size))
+        assert deviation[0] == pytest.approx(error.std(), rel=4.9 / math.sqrt(2.0 * edge.size))

@@ -57,7 +57,7 @@ def test_walk_bias_of_shots(range_m):
     is counted, four standard errors.
     """
     clipped, free = chain.sensor("table1-apd", CLIPPED, RISING), chain.sensor("table1-apd")
-    (light, found), (_, reference) = shots(clipped, range_m), shots(free, range_m)
+    (light, detection), (_, reference) = shots(clipped, range_m), shots(free, range_m)
     point = clipped.working_point(light.background_power_w)
     expected = saturation.walk_bias_m(
         threshold=clipped.threshold(point)[0],
@@ -65,27 +65,29 @@ def test_walk_bias_of_shots(range_m):
         saturation=50e-6,
         fwhm_s=FWHM_S,
     )
-    moved = found.stops[0].range_m - reference.stops[0].range_m
+    moved = detection.stops[0].range_m - reference.stops[0].range_m
     assert expected < -0.05
     assert abs(moved.mean() - expected) < 4.0 * moved.std() / np.sqrt(SHOTS) + 1e-4
-    assert found.stops[0].amplitude.max() == pytest.approx(50e-6)
+    assert detection.stops[0].amplitude.max() == pytest.approx(50e-6)
 
 
 def test_weak_echoes_keep_their_bits():
     """Far below the level nothing changes, not even the last bit."""
-    (_, found), (_, reference) = (shots(chain.sensor("table1-apd", *one), 300.0) for one in ([CLIPPED], []))
+    (_, detection), (_, reference) = (
+        shots(chain.sensor("table1-apd", *overrides), 300.0) for overrides in ([CLIPPED], [])
+    )
     for name in ("reported", "status", "range_m", "amplitude", "intensity"):
-        np.testing.assert_array_equal(getattr(found.stops[0], name), getattr(reference.stops[0], name))
+        np.testing.assert_array_equal(getattr(detection.stops[0], name), getattr(reference.stops[0], name))
 
 
 def test_a_threshold_above_the_level_is_never_crossed():
     """Neither by an echo nor by noise, which would cross a threshold of 1 sigma all the time."""
     sensor = chain.sensor("table1-apd", "detector.saturation_ua=0.3", "tdc.threshold_to_noise=1")
-    light, found = shots(sensor, 20.0)
+    light, detection = shots(sensor, 20.0)
     assert sensor.threshold(sensor.working_point(light.background_power_w))[0] > 0.3e-6
-    assert not found.stops[0].reported.any()
-    assert (found.detection_probability == 0.0).all()
-    assert (found.outcome == Outcome.BELOW_THRESHOLD).all()
+    assert not detection.stops[0].reported.any()
+    assert (detection.detection_probability == 0.0).all()
+    assert (detection.outcome == Outcome.BELOW_THRESHOLD).all()
 
 
 def test_on_the_device(mi):
@@ -134,10 +136,10 @@ def test_width_and_range_of_a_clipped_echo(range_m, rays, recovery_ns):
         whole = trains.train(
             range_m, light.peak_power_w[:, None] * [0.25, 0.75], background_w=light.background_power_w[0]
         )
-        found = multi_echo.detect(whole, sensor, seed=3, pulse=pulse)
+        detection = multi_echo.detect(whole, sensor, seed=3, pulse=pulse)
     else:
-        found = returns.detect(light, sensor, seed=3, pulse=pulse)
-    point, stop = sensor.working_point(light.background_power_w), found.stops[0]
+        detection = returns.detect(light, sensor, seed=3, pulse=pulse)
+    point, stop = sensor.working_point(light.background_power_w), detection.stops[0]
     expected_s = saturation.width_at_level_s(
         level=sensor.threshold(point)[0],
         signal=point.response.signal(light.peak_power_w)[0],
@@ -145,12 +147,12 @@ def test_width_and_range_of_a_clipped_echo(range_m, rays, recovery_ns):
         fwhm_s=FWHM_S,
         recovery_s=0.0 if recovery_ns is None else recovery_ns * 1e-9,
     )
-    kept = stop.reported & (stop.status == 0)
-    assert kept.mean() > 0.99
-    error_s = 5.0 * stop.width_s[kept].std() / np.sqrt(SHOTS)
-    assert stop.width_s[kept].mean() == pytest.approx(expected_s, abs=error_s + 5e-3 * expected_s)
-    assert abs(stop.range_m[kept].mean() - range_m) < 0.02
-    assert stop.amplitude[kept].max() == pytest.approx(50e-6)
+    is_echo = stop.reported & (stop.status == 0)
+    assert is_echo.mean() > 0.99
+    error_s = 5.0 * stop.width_s[is_echo].std() / np.sqrt(SHOTS)
+    assert stop.width_s[is_echo].mean() == pytest.approx(expected_s, abs=error_s + 5e-3 * expected_s)
+    assert abs(stop.range_m[is_echo].mean() - range_m) < 0.02
+    assert stop.amplitude[is_echo].max() == pytest.approx(50e-6)
 
 
 @pytest.mark.parametrize("name", ["table1-sipm", "table1-apd"])
@@ -162,13 +164,13 @@ def test_one_sub_echo_is_several(name):
     light = plane.echoes_of_plane(sensor, Target(), range_m)
     pulse = np.arange(len(range_m), dtype=np.uint32)
     whole = trains.train(range_m[:, None], light.peak_power_w[:, None], background_w=light.background_power_w[0])
-    one = returns.detect(light, sensor, seed=5, pulse=pulse).stops[0]
-    other = multi_echo.detect(whole, sensor, seed=5, pulse=pulse).stops[0]
-    assert (one.reported == other.reported).all()
-    here = one.reported
+    single = returns.detect(light, sensor, seed=5, pulse=pulse).stops[0]
+    several = multi_echo.detect(whole, sensor, seed=5, pulse=pulse).stops[0]
+    assert (single.reported == several.reported).all()
+    reported = single.reported
     # Where an edge crosses within rounding of the peak its place is the root of 1e-16: 1e-8 of a pulse.
-    np.testing.assert_allclose(one.width_s[here], other.width_s[here], atol=2e-15)
-    np.testing.assert_allclose(one.range_m[here], other.range_m[here], atol=1e-6)
+    np.testing.assert_allclose(single.width_s[reported], several.width_s[reported], atol=2e-15)
+    np.testing.assert_allclose(single.range_m[reported], several.range_m[reported], atol=1e-6)
 
 
 @pytest.mark.parametrize("range_m", [3.0, 10.0, 30.0])
@@ -206,9 +208,11 @@ def test_a_full_sipm_tells_the_power_of_half_a_cell_less():
     free = point.response.largest[0] + 0.5
     full_w = -np.log(0.5 / free) * 400.0 / 0.22 * 2.0 * sensor.laser.photon_energy_j / FWHM_S
     for cells, power_w in ((free - 0.5, full_w), (free - 0.2, full_w), (free, full_w), (free - 1.0, None)):
-        told = point.response.inferred_power_w(np.array([cells]), width_s=None, threshold=None, pulse_fwhm_s=FWHM_S)[0]
+        inferred_w = point.response.inferred_power_w(
+            np.array([cells]), width_s=None, threshold=None, pulse_fwhm_s=FWHM_S
+        )[0]
         expected = power_w or -np.log(1.0 / free) * full_w / -np.log(0.5 / free)
-        assert told == pytest.approx(expected, rel=1e-9)
+        assert inferred_w == pytest.approx(expected, rel=1e-9)
 
 
 def test_width_of_noise_peaks():
@@ -247,16 +251,18 @@ def test_the_course_of_a_lone_pulse_is_its_waveform(signal, recovery_ns):
     time_s = step_s * np.arange(-96, 640)
     shape = {"saturation": 1.0, "recovery_s": 1e-9 * recovery_ns}
     light = signal * np.exp(-4.0 * math.log(2.0) * (time_s / FWHM_S) ** 2)
-    found = saturation.clipped_course(signal=light[None], step_s=step_s, **shape)[0]
+    course = saturation.clipped_course(signal=light[None], step_s=step_s, **shape)[0]
     lone = saturation.clipped_waveform(time_s=time_s, signal=np.array(signal), fwhm_s=FWHM_S, **shape)
     # A step of the drain and the place of the release.
-    np.testing.assert_allclose(found, lone, atol=0.02 + 1.5 * step_s / shape["recovery_s"] * (signal > 1.0))
+    np.testing.assert_allclose(course, lone, atol=0.02 + 1.5 * step_s / shape["recovery_s"] * (signal > 1.0))
     later = 0.2 * np.exp(-4.0 * math.log(2.0) * ((time_s - 8.0 * FWHM_S) / FWHM_S) ** 2)
-    both = saturation.clipped_course(signal=(light + later)[None], step_s=step_s, **shape)[0]
-    np.testing.assert_allclose(both - found, later * (found < 0.8), atol=0.02)
+    with_later = saturation.clipped_course(signal=(light + later)[None], step_s=step_s, **shape)[0]
+    np.testing.assert_allclose(with_later - course, later * (course < 0.8), atol=0.02)
 
 
 def test_charge_is_whole_until_it_drains():
     """Before the light has fallen back all is held, however early; then a factor of e in each recovery time."""
-    left = saturation.remaining_charge(held=5.0, since_s=np.array([-20.0, 0.0, 2.0, 4.0]) * 1e-9, recovery_s=RECOVERY_S)
-    np.testing.assert_allclose(left, [5.0, 5.0, 5.0 / math.e, 5.0 / math.e**2])
+    charge = saturation.remaining_charge(
+        held=5.0, since_s=np.array([-20.0, 0.0, 2.0, 4.0]) * 1e-9, recovery_s=RECOVERY_S
+    )
+    np.testing.assert_allclose(charge, [5.0, 5.0, 5.0 / math.e, 5.0 / math.e**2])

@@ -30,11 +30,11 @@ def test_cells_of_a_weak_pulse_that_are_busy_at_once(fwhm_s):
 
 def test_what_is_two_dead_times_ago_is_over():
     """Before, more or fewer cells are busy than the background keeps."""
-    left = sipm_response.residual_busy(
+    residual = sipm_response.residual_busy(
         age_s=np.array([10.0, 25.0, 41.0, 60.0, 200.0]) * 1e-9, rate_hz=5e7, dead_time_s=20e-9, sigma_s=1e-10
     )
-    assert left[0] > 0.1 > -0.05 > left[1]
-    np.testing.assert_array_equal(left[2:], 0.0)
+    assert residual[0] > 0.1 > -0.05 > residual[1]
+    np.testing.assert_array_equal(residual[2:], 0.0)
 
 
 @pytest.mark.parametrize("keys", [{}, {"crosstalk": 0.25}, {"afterpulse": 0.2, "afterpulse_to_dead_time": 1.5}])
@@ -44,17 +44,17 @@ def test_cells_in_steps_keep_their_balance(keys):
     """
     busy = np.array([0.05, 0.3])
     steps = 50
-    found = sipm_response.busy_share_in_steps(rate=np.zeros((2, 500)), busy_share=busy, steps=steps, **keys)
-    np.testing.assert_allclose(found, busy[:, None] + 0.0 * found, rtol=1e-9)
+    busy_share = sipm_response.busy_share_in_steps(rate=np.zeros((2, 500)), busy_share=busy, steps=steps, **keys)
+    np.testing.assert_allclose(busy_share, busy[:, None] + 0.0 * busy_share, rtol=1e-9)
     if "afterpulse" in keys:
         return
     p, more = keys.get("crosstalk", 0.0), 0.4
     x = busy / (1.0 - busy) - p * busy
-    wanted = sipm.busy_share_correlated(
+    expected = sipm.busy_share_correlated(
         firings=x + more, crosstalk=p, afterpulse=0.0 * x, afterpulse_to_dead_time=1.0 + 0.0 * x
     )
-    found = sipm_response.busy_share_in_steps(rate=np.full((2, 1000), more), busy_share=busy, steps=steps, **keys)
-    np.testing.assert_allclose(found[:, -1], wanted, rtol=2e-3)
+    busy_share = sipm_response.busy_share_in_steps(rate=np.full((2, 1000), more), busy_share=busy, steps=steps, **keys)
+    np.testing.assert_allclose(busy_share[:, -1], expected, rtol=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -71,5 +71,5 @@ def test_weak_light_makes_so_many_avalanches_of_one(keys, avalanches):
     steps = 50
     flash = np.zeros((1, 60 * steps))
     flash[0, 100] = 1e-4 * steps
-    found = sipm_response.busy_share_in_steps(rate=flash, busy_share=np.zeros(1), steps=steps, **keys)
-    assert found.sum() / steps == pytest.approx(1e-4 * avalanches, rel=2e-3)
+    busy_share = sipm_response.busy_share_in_steps(rate=flash, busy_share=np.zeros(1), steps=steps, **keys)
+    assert busy_share.sum() / steps == pytest.approx(1e-4 * avalanches, rel=2e-3)

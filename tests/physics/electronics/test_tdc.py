@@ -47,8 +47,8 @@ def test_correct_returns_by_a_race_of_comparisons() -> None:
     """
     quiet = 0.9**3
     reported = 1.0 - quiet * (1.0 - 0.6)
-    found = tdc.correct_probability(p_false=0.1, p_detect=0.6, comparisons=4.0)
-    assert found == pytest.approx(quiet * 0.6 / reported, rel=1e-12)
+    probability = tdc.correct_probability(p_false=0.1, p_detect=0.6, comparisons=4.0)
+    assert probability == pytest.approx(quiet * 0.6 / reported, rel=1e-12)
 
 
 @pytest.mark.parametrize(("kappa_1", "kappa_2"), [(0.5, 0.0), (0.7, -2e-3), (0.0, -4e-3)])

@@ -61,13 +61,13 @@ def test_passage_through_glass():
     depth = dielectrics.optical_depth(index_k=1e-5, thickness_m=4e-3, wavelength_m=905e-9)
     assert depth == pytest.approx(4 * math.pi * 1e-5 * 4e-3 / 905e-9, rel=1e-12)
     inside = math.asin(math.sin(math.radians(60.0)) / 1.5)
-    came = dielectrics.internal_transmittance(depth=depth, cos_incidence=np.float64(0.5), index=1.5)
-    assert came == pytest.approx(math.exp(-depth / math.cos(inside)), rel=1e-12)
+    transmittance = dielectrics.internal_transmittance(depth=depth, cos_incidence=np.float64(0.5), index=1.5)
+    assert transmittance == pytest.approx(math.exp(-depth / math.cos(inside)), rel=1e-12)
 
 
 def test_wet_surfaces():
     """Black stays black and white white; between it is darker."""
-    back = 1.0 - (1.0 - dielectrics.diffuse_fresnel_reflectance(1.33)) / 1.33**2
+    reflected = 1.0 - (1.0 - dielectrics.diffuse_fresnel_reflectance(1.33)) / 1.33**2
     assert dielectrics.wet_reflectivity(dry=0.0, index=1.33) == 0.0
     # All comes back of a white base: the mirror's 2 % are not in the diffuse part.
     assert dielectrics.wet_reflectivity(dry=1.0, index=1.33) == pytest.approx(1.0 - 0.02006, abs=1e-4)
@@ -76,7 +76,7 @@ def test_wet_surfaces():
     # Followed up and down through the film, bounce by bounce.
     up, out = (1.0 - 0.02006) * 0.3, 0.0
     for _ in range(100):
-        out, up = out + up * (1.0 - back), up * back * 0.3
+        out, up = out + up * (1.0 - reflected), up * reflected * 0.3
     assert dielectrics.wet_reflectivity(dry=0.3, index=1.33) == pytest.approx(out, rel=1e-4)
 
 
@@ -89,7 +89,7 @@ def test_wet_asphalt_of_the_catalogue():
         dry, wet = (
             catalogue_material(name).at(wavelength_nm * 1e-9)["reflectivity"] for name in ("asphalt", "asphalt_wet")
         )
-        came = dielectrics.wet_reflectivity(
+        reflectivity = dielectrics.wet_reflectivity(
             dry=dry, index=1.33, internal=math.exp(-depth), internal_diffuse=2.0 * float(expn(3, depth))
         )
-        assert wet == pytest.approx(came, abs=1e-4)  # four digits in the file
+        assert wet == pytest.approx(reflectivity, abs=1e-4)  # four digits in the file

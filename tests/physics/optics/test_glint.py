@@ -13,8 +13,8 @@ A_M = 12.5e-3
 
 def share(off_m, radius_m, *, profile="gaussian", turn=0.6):
     aside = (off_m * math.cos(turn), off_m * math.sin(turn))
-    both = radius_m if isinstance(radius_m, tuple) else (radius_m, radius_m)
-    return glint.share_on_aperture(profile=profile, aside_m=aside, spot_radius_m=both, aperture_radius_m=A_M)
+    radii_m = radius_m if isinstance(radius_m, tuple) else (radius_m, radius_m)
+    return glint.share_on_aperture(profile=profile, aside_m=aside, spot_radius_m=radii_m, aperture_radius_m=A_M)
 
 
 @pytest.mark.parametrize(("wide", "off_by"), [(0.7, 7e-3), (1.0, 6e-4), (1.5, 3e-5), (3.0, 1e-6), (20.0, 1e-9)])

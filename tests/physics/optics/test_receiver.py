@@ -195,12 +195,12 @@ def test_the_echo_has_the_factor(mi):
     described = chain.scene(chain.facing(range_m=5.0))
     with_overlap = chain.sensor("table1-apd", *chain.NARROW, COAXIAL)
     plain = chain.sensor("table1-apd", *chain.NARROW)
-    seen, all_of_it = (chain.run(described, one).light.peak_power_w[4] for one in (with_overlap, plain))
+    overlapped_w, all_of_it = (chain.run(described, sensor).light.peak_power_w[4] for sensor in (with_overlap, plain))
     share = with_overlap.optics.overlap.share(np.array([5.0]))[0]
     assert share < 0.5
-    assert seen / all_of_it == pytest.approx(share, rel=1e-5)
+    assert overlapped_w / all_of_it == pytest.approx(share, rel=1e-5)
     by_hand = plane.echoes_of_plane(with_overlap, Target(), 5.0).peak_power_w[0]
-    assert seen == pytest.approx(by_hand, rel=1e-5)
+    assert overlapped_w == pytest.approx(by_hand, rel=1e-5)
 
 
 def test_focus_before_the_lens_is_refused():
@@ -223,7 +223,7 @@ def test_nothing_is_seen_nearer_than_the_blind_range():
     """A beam with straight edges that starts 5 mm wide, beside the lens: its inner edge, blurred, leaves the field."""
     optics = {"exit_radius_m": 0.005, "aperture_radius_m": 0.01, "field_rad": 3e-3}
     blind_m = float(receiver.blind_range_m(offset_m=np.array(0.05), edge_rad=1e-3, **optics))
-    for range_m, seen in ((0.99 * blind_m, False), (1.01 * blind_m, True)):
+    for range_m, visible in ((0.99 * blind_m, False), (1.01 * blind_m, True)):
         share = receiver.spot_share(
             profile="top_hat",
             spot_rad=np.array([0.005 / range_m + 1e-3]),
@@ -231,5 +231,5 @@ def test_nothing_is_seen_nearer_than_the_blind_range():
             field_rad=3e-3,
             blur_rad=0.01 / range_m,
         )
-        assert (share[0] > 0.0) == seen
+        assert (share[0] > 0.0) == visible
     assert receiver.blind_range_m(offset_m=np.array(0.014), edge_rad=1e-3, **optics) == 0.0

@@ -36,12 +36,12 @@ def grooves_per_sr(slope_deg, incoming, outgoing):
     facet = direction(theta, phi)
     weight = np.exp(-0.5 * (theta / slope_deg) ** 2) * np.sin(np.radians(theta))
     to_in, to_out = np.tensordot(incoming, facet, 1), np.tensordot(outgoing, facet, 1)
-    both = (to_in > 0) & (to_out > 0)
-    to_in, to_out = np.where(both, to_in, 1.0), np.where(both, to_out, 1.0)
+    facing = (to_in > 0) & (to_out > 0)
+    to_in, to_out = np.where(facing, to_in, 1.0), np.where(facing, to_out, 1.0)
     open_share = np.minimum(
         1.0, 2.0 * facet[2] * np.minimum(incoming[2] / to_in, outgoing[2] / to_out)
     )  # of the facet, neither in shadow nor hidden
-    sent = np.where(both, to_in * to_out * open_share / (facet[2] * incoming[2] * outgoing[2]), 0.0)
+    sent = np.where(facing, to_in * to_out * open_share / (facet[2] * incoming[2] * outgoing[2]), 0.0)
     return float((weight * sent).sum() / weight.sum() / math.pi)
 
 
@@ -80,10 +80,10 @@ def test_into_all_directions_it_is_the_integral_over_grooves(slope_deg):
 @pytest.mark.parametrize(("slope_deg", "exponent", "over_lambert"), [(30, 0.27, 4.5), (45, 0.20, 5.7)])
 def test_a_road_hardly_darkens_at_flat_angles(slope_deg, exponent, over_lambert):
     """f_r cos(theta) from 70 to 83 degrees as a power of the cosine, and over a Lambertian of the same reflectivity."""
-    back = [per_sr(slope_deg, direction(t), direction(t)) * direction(t)[2] for t in (70, 83)]
-    power = math.log(back[1] / back[0]) / math.log(direction(83)[2] / direction(70)[2])
+    returned = [per_sr(slope_deg, direction(t), direction(t)) * direction(t)[2] for t in (70, 83)]
+    power = math.log(returned[1] / returned[0]) / math.log(direction(83)[2] / direction(70)[2])
     assert power == pytest.approx(exponent, abs=0.01)
-    assert back[1] * math.pi / direction(83)[2] == pytest.approx(over_lambert, abs=0.05)
+    assert returned[1] * math.pi / direction(83)[2] == pytest.approx(over_lambert, abs=0.05)
 
 
 def hemisphere():

@@ -140,11 +140,11 @@ def test_flat_spectrum(centre: float, width: float, order: float, value: float) 
 @settings(max_examples=40)
 def test_bands_add_up_and_wider_is_more(low: float, first: float, more: float) -> None:
     """Rationale: the integral is exact, so two boxes side by side are one."""
-    one = band("global", low + 0.5 * first, first)
-    two = band("global", low + first + 0.5 * more, more)
-    both = band("global", low + 0.5 * (first + more), first + more)
-    assert both == pytest.approx(one + two, rel=1e-9)
-    assert both > one
+    lower = band("global", low + 0.5 * first, first)
+    upper = band("global", low + first + 0.5 * more, more)
+    whole = band("global", low + 0.5 * (first + more), first + more)
+    assert whole == pytest.approx(lower + upper, rel=1e-9)
+    assert whole > lower
 
 
 @pytest.mark.parametrize(("order", "factor"), [(2.0, 1.0644670), (6.0, 0.986156), (50.0, 0.996)])
@@ -175,5 +175,5 @@ def test_the_product_of_straight_lines_is_integrated_exactly() -> None:
     for inner in ([], [1.3]):
         points = np.array([1.0, *inner, 2.0])
         line = SpectralCurve(wavelength_m=points, value=points)
-        found = sun.integral(line, lambda x: 3.0 - x, nodes_m=np.array([0.5, 1.6, 2.5]))
-        assert found == pytest.approx(13.0 / 6.0, rel=1e-12)
+        integral = sun.integral(line, lambda x: 3.0 - x, nodes_m=np.array([0.5, 1.6, 2.5]))
+        assert integral == pytest.approx(13.0 / 6.0, rel=1e-12)

@@ -27,12 +27,12 @@ def test_a_raw_histogram_is_that_of_photons_that_arrive_one_by_one(dead_ns):
     which makes chi-square smaller than its law says, never larger.
     """
     rng, shots, bins, bin_ns = np.random.default_rng(0), 100_000, 80, 1.0
-    told = {"rate_per_ns": 0.063, "echo": (0.8, 40.3, 2.0)}
+    light = {"rate_per_ns": 0.063, "echo": (0.8, 40.3, 2.0)}
     once = math.isinf(dead_ns)
-    times = photons.arrivals(rng, shots, start=0.0 if once else -120.0, end=bins * bin_ns, **told)
+    times = photons.arrivals(rng, shots, start=0.0 if once else -120.0, end=bins * bin_ns, **light)
     counts = photons.histogram(photons.fired(times, dead_ns), bins=bins, bin_ns=bin_ns)
     share = dead_time.firing_shares(
-        course(**told, bins=bins, bin_ns=bin_ns),
+        course(**light, bins=bins, bin_ns=bin_ns),
         bin_s=1e-9 * bin_ns / FINE,
         dead_time_s=1e-9 * dead_ns,
         steady=not once,
@@ -41,7 +41,7 @@ def test_a_raw_histogram_is_that_of_photons_that_arrive_one_by_one(dead_ns):
     chi2 = np.sum((counts - expected) ** 2 / (expected * (1 - expected / shots)))
     assert stats.chi2.sf(chi2, bins) > 0.01
     # The test sees a fault: without dead time the same histogram fails.
-    naive = shots * 1e-9 * course(**told, bins=bins, bin_ns=bin_ns).reshape(bins, FINE).mean(axis=1)
+    naive = shots * 1e-9 * course(**light, bins=bins, bin_ns=bin_ns).reshape(bins, FINE).mean(axis=1)
     assert stats.chi2.sf(np.sum((counts - naive) ** 2 / naive), bins) < 1e-6
 
 
@@ -80,10 +80,10 @@ def test_coates_correction_gives_the_light_back(mean, dead_ns):
     300,000 trials: the error of the sum is 0.3 % at most.
     """
     rng, trials, bins = np.random.default_rng(11), 300_000, 60
-    told = {"rate_per_ns": 0.01, "echo": (mean, 30.0, 2.0)}
+    light = {"rate_per_ns": 0.01, "echo": (mean, 30.0, 2.0)}
     counts = np.zeros(bins)
     for _ in range(2):
-        times = photons.arrivals(rng, trials // 2, start=0.0, end=float(bins), **told)
+        times = photons.arrivals(rng, trials // 2, start=0.0, end=float(bins), **light)
         counts += photons.histogram(photons.fired(times, dead_ns), bins=bins, bin_ns=1.0)
     corrected = dead_time.coates(counts, trials=trials, dead_bins=None if math.isinf(dead_ns) else dead_ns)
     raw = counts / trials
@@ -96,11 +96,11 @@ def test_coates_correction_gives_the_light_back(mean, dead_ns):
 @pytest.mark.parametrize("spads", [16, 400])
 @pytest.mark.parametrize("share", [1e-5, 1e-3, 0.02, 0.05, 0.3, 0.9])
 def test_coincidences_are_a_binomial_tail(least, spads, share):
-    found = float(dead_time.coincidence_share(least=least, spads=float(spads), share=np.float64(share)))
-    assert found == pytest.approx(stats.binom.sf(least - 1, spads, share), rel=2e-5)
+    coincidences = float(dead_time.coincidence_share(least=least, spads=float(spads), share=np.float64(share)))
+    assert coincidences == pytest.approx(stats.binom.sf(least - 1, spads, share), rel=2e-5)
 
 
 def test_what_a_share_says_of_the_light_is_its_inverse():
     light = np.array([1e-6, 1e-3, 0.3, 2.0, 8.0])
-    back = dead_time.detections_of_share(share=dead_time.firing_share(detections=light))
-    np.testing.assert_allclose(back, light, rtol=1e-6)
+    recovered = dead_time.detections_of_share(share=dead_time.firing_share(detections=light))
+    np.testing.assert_allclose(recovered, light, rtol=1e-6)

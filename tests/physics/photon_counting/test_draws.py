@@ -16,8 +16,8 @@ def test_counts_have_the_binomial_distribution(trials, share):
     """Tolerance: Cornish and Fisher from a mean of 4 on, 2e-3 of probability; term by term below, 2e-5."""
     counts = draws.binomial_count(trials=trials, probability=share, uniform=UNIFORM)
     values = np.arange(int(trials) + 1)
-    found = np.cumsum(np.bincount(counts.astype(int), minlength=len(values))) / len(UNIFORM)
-    apart = np.abs(found - stats.binom.cdf(values, int(trials), share)).max()
+    cumulative = np.cumsum(np.bincount(counts.astype(int), minlength=len(values))) / len(UNIFORM)
+    apart = np.abs(cumulative - stats.binom.cdf(values, int(trials), share)).max()
     assert apart < (2e-5 if trials * share < 4 else 2e-3)
     assert counts.mean() == pytest.approx(trials * share, rel=1e-3)
     assert counts.var() == pytest.approx(trials * share * (1 - share), rel=5e-3)

@@ -30,10 +30,10 @@ def test_the_shadow_of_an_echo():
     rate, sigma, w = 2e7, 1e-9, matched_filter.TEMPLATE
     t = np.linspace(-10.0, 10.0, 4001)
     step = t[1] - t[0]
-    done = norm.cdf(t)
+    fired_share = norm.cdf(t)
     template = matched_filter.SCALE * np.exp(-0.5 * (t / w) ** 2)
-    lost = rate * sigma * np.sum(done * template) * step
-    assert 1.0 - pile_up.shade(rate_hz=rate, sigma_s=sigma) == pytest.approx(lost, rel=0.03)
+    lost_share = rate * sigma * np.sum(fired_share * template) * step
+    assert 1.0 - pile_up.shade(rate_hz=rate, sigma_s=sigma) == pytest.approx(lost_share, rel=0.03)
     # The lost background pulls the filter's peak: slope of the loss over the curvature of the echo behind the filter.
     shift = rate * sigma * np.sum(norm.pdf(t) * template) * step * (1.0 + w**2)
     assert pile_up.shadow_s(rate_hz=rate, sigma_s=sigma) == pytest.approx(shift * sigma, rel=1e-3)

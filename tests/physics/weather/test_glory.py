@@ -33,11 +33,11 @@ def by_angular_functions(diameter_m: float, angle_rad: float) -> float:
 def test_brightness_near_straight_back(diameter_m: float) -> None:
     """Tolerance: the small angles of the Bessel functions and their table, 0.3 % of the brightness straight back."""
     places = np.array([0.0, 1.0, 2.5, 5.0, 12.0])
-    found = glory.sphere_over_faces(diameter_m=np.array([diameter_m]), wavelength_m=WAVELENGTH_M, places=places)[0]
+    brightness = glory.sphere_over_faces(diameter_m=np.array([diameter_m]), wavelength_m=WAVELENGTH_M, places=places)[0]
     faces = float(precipitation.drop_backscatter_m2_sr(diameter_m=diameter_m, wavelength_m=WAVELENGTH_M))
     angles = places * WAVELENGTH_M / (math.pi * diameter_m)
     exact = np.array([by_angular_functions(diameter_m, angle) / faces for angle in angles])
-    assert found == pytest.approx(exact, abs=3e-3 * exact.max(), rel=3e-3)
+    assert brightness == pytest.approx(exact, abs=3e-3 * exact.max(), rel=3e-3)
 
 
 def test_straight_back_is_the_radar_cross_section() -> None:
@@ -46,16 +46,16 @@ def test_straight_back_is_the_radar_cross_section() -> None:
     index = mie.water_index(wavelength_m=WAVELENGTH_M)
     radar = mie.efficiencies(size_parameter=x, index=index)[1] * diameter**2 / 16.0
     faces = np.asarray(precipitation.drop_backscatter_m2_sr(diameter_m=diameter, wavelength_m=WAVELENGTH_M))
-    found = glory.sphere_over_faces(diameter_m=diameter, wavelength_m=WAVELENGTH_M, places=np.zeros(1))
-    assert found[:, 0] == pytest.approx(radar / faces, rel=1e-6)
+    ratio = glory.sphere_over_faces(diameter_m=diameter, wavelength_m=WAVELENGTH_M, places=np.zeros(1))
+    assert ratio[:, 0] == pytest.approx(radar / faces, rel=1e-6)
 
 
 @pytest.mark.slow
 def test_bessel_functions() -> None:
-    at = np.arange(0.0, 60.0, glory._STEP)
+    argument = np.arange(0.0, 60.0, glory._STEP)
     j0, j2 = glory._bessel(60.0)
-    np.testing.assert_allclose(j0, jv(0, at), rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(j2, jv(2, at), rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(j0, jv(0, argument), rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(j2, jv(2, argument), rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize(("range_m", "low", "high"), [(3.0, 5.0, 12.0), (10.0, 11.0, 26.0), (30.0, 20.0, 36.0)])
@@ -77,11 +77,11 @@ def test_mean_over_a_lens() -> None:
     angle = 0.0125 / 10.0
     u = np.linspace(0.0, math.pi * sizes.max() / WAVELENGTH_M * angle, 41)
     bright = glory.sphere_over_faces(diameter_m=sizes, wavelength_m=WAVELENGTH_M, places=u)
-    own = math.pi * sizes / WAVELENGTH_M * angle
+    size_angle = math.pi * sizes / WAVELENGTH_M * angle
     lens = np.linspace(0.0, 1.0, 41)
-    means = [np.trapezoid(2.0 * lens * np.interp(lens * own[i], u, bright[i]), lens) for i in range(len(sizes))]
-    found = glory.gain(diameter_m=np.array(0.3e-3), wavelength_m=WAVELENGTH_M, within_rad=np.array(angle))
-    assert float(found) == pytest.approx(np.mean(means), rel=0.15)
+    means = [np.trapezoid(2.0 * lens * np.interp(lens * size_angle[i], u, bright[i]), lens) for i in range(len(sizes))]
+    gain = glory.gain(diameter_m=np.array(0.3e-3), wavelength_m=WAVELENGTH_M, within_rad=np.array(angle))
+    assert float(gain) == pytest.approx(np.mean(means), rel=0.15)
 
 
 def test_a_lens_in_two_rings() -> None:
@@ -125,12 +125,12 @@ def test_drawn_and_even_light_are_the_whole_medium() -> None:
     levels = np.exp(mean_log)
     # Per beam area, as the even light.
     drawn = np.trapezoid(np.exp(tables.log_strength.values), levels)
-    seen = 1.0 / tables.range_m**2
+    falloff = 1.0 / tables.range_m**2
     weak = tables.weak_backscatter_per_m_sr(tables.range_m)
     assert np.all(weak <= whole * (1.0 + 1e-9))
-    total = np.trapezoid(seen * whole, tables.range_m)
-    assert drawn + np.trapezoid(seen * weak, tables.range_m) == pytest.approx(total, rel=0.01)
-    faces = np.trapezoid(seen, tables.range_m) * 1e-2 * 2.0 * sizes.intercept_per_m4 / sizes.slope_per_m**3
+    total = np.trapezoid(falloff * whole, tables.range_m)
+    assert drawn + np.trapezoid(falloff * weak, tables.range_m) == pytest.approx(total, rel=0.01)
+    faces = np.trapezoid(falloff, tables.range_m) * 1e-2 * 2.0 * sizes.intercept_per_m4 / sizes.slope_per_m**3
     assert total > 1.5 * faces
 
 

@@ -33,7 +33,7 @@ def test_bessel_functions(index):
     """
     x = np.array([1000.0, 0.5, 123.4, 5.21282, 10.0, 50.0, 3000.0, 0.1])
     extinction, backscatter = mie.efficiencies(size_parameter=x, index=index)
-    expected = np.array([by_bessel_functions(one, index) for one in x])
+    expected = np.array([by_bessel_functions(size, index) for size in x])
     np.testing.assert_allclose(extinction, expected[:, 0], rtol=1e-9)
     np.testing.assert_allclose(backscatter, expected[:, 1], rtol=1e-6)
 
@@ -79,6 +79,6 @@ def test_small_spheres_are_electric_dipoles():
     """a_1 = -(2 i x^3 / 3) (m^2 - 1) / (m^2 + 2) and b_1 = -(i x^5 / 45) (m^2 - 1): Lord Rayleigh, to x^2."""
     x, index = np.array([0.02, 0.05]), complex(1.5, 0.01)
     electric, magnetic = mie.coefficients(size_parameter=x, index=index)
-    wanted = -2j / 3.0 * x**3 * (index**2 - 1.0) / (index**2 + 2.0)
-    np.testing.assert_allclose(electric[0], wanted, rtol=5e-3)
+    expected = -2j / 3.0 * x**3 * (index**2 - 1.0) / (index**2 + 2.0)
+    np.testing.assert_allclose(electric[0], expected, rtol=5e-3)
     np.testing.assert_allclose(magnetic[0], -1j / 45.0 * x**5 * (index**2 - 1.0), rtol=5e-3)

@@ -33,7 +33,7 @@ def spread(r):
     return overlap(r) * np.exp(-2 * ALPHA_PER_M * r) / (beam_area_m2(r) * r * r)
 
 
-def made(count):
+def drawn_tables(count):
     sight = particles.Sight(
         beam_area_m2=beam_area_m2, overlap=overlap, extinction_per_m=ALPHA_PER_M, nearest_m=NEAR_M, farthest_m=FAR_M
     )
@@ -42,7 +42,7 @@ def made(count):
 
 @pytest.fixture(scope="module")
 def tables():
-    return made(4)
+    return drawn_tables(4)
 
 
 @pytest.fixture(scope="module")
@@ -75,14 +75,14 @@ def above(tables, power):
 @pytest.mark.parametrize(("count", "mean"), particles.MEAN_HITS.items())
 def test_so_many_drops_a_pulse_are_strong(count, mean):
     """The cut is where that number is expected, and few are lost. Tolerance: 1000 ranges and linear tables."""
-    assert above(made(count), 0) == pytest.approx(mean, rel=2e-3)
+    assert above(drawn_tables(count), 0) == pytest.approx(mean, rel=2e-3)
     number = np.arange(400)
     assert ((number - count).clip(0) * poisson.pmf(number, mean)).sum() < 0.005 * mean
 
 
 def test_more_of_them():
     """The power of 16 a pulse, as below of 4, with the same slack."""
-    tables = made(16)
+    tables = drawn_tables(16)
     hits = particles.hits(tables, seed=6, pulse=np.arange(60_000, dtype=np.uint32))
     sums = sum(hit[1].astype(float) for hit in hits)
     error = sums.std() / math.sqrt(len(sums))
@@ -172,12 +172,12 @@ def test_against_a_box_of_drops(tables, drawn):
 def test_on_the_device(mi, tables):
     """The same drops from Dr.Jit. Tolerance: float32 logarithms, of numbers up to 30."""
     pulse = np.arange(20_000, dtype=np.uint32)
-    here = particles.hits(tables, seed=9, pulse=pulse)
-    there = particles.hits(tables, seed=transfer.seed_word(9), pulse=mi.UInt32(pulse))
-    for mine, theirs in zip(here, there, strict=True):
+    host = particles.hits(tables, seed=9, pulse=pulse)
+    device = particles.hits(tables, seed=transfer.seed_word(9), pulse=mi.UInt32(pulse))
+    for mine, theirs in zip(host, device, strict=True):
         np.testing.assert_allclose(theirs[0].numpy(), mine[0], rtol=2e-3)
-        both = (mine[1] > 0) & (theirs[1].numpy() > 0)
-        np.testing.assert_allclose(theirs[1].numpy()[both], mine[1][both], rtol=1e-3)
+        hit_in_both = (mine[1] > 0) & (theirs[1].numpy() > 0)
+        np.testing.assert_allclose(theirs[1].numpy()[hit_in_both], mine[1][hit_in_both], rtol=1e-3)
         assert ((mine[1] > 0) != (theirs[1].numpy() > 0)).mean() < 1e-3
 
 

@@ -21,8 +21,8 @@ def even(r):
 
 
 def response(range_m, backscatter=even, **changes):
-    given = {"extinction_per_m": ALPHA_PER_M, "fwhm_s": FWHM_S, "nearest_m": NEAR_M} | changes
-    return soft_target.volume_response(range_m=np.asarray(range_m, float), backscatter_per_m_sr=backscatter, **given)
+    options = {"extinction_per_m": ALPHA_PER_M, "fwhm_s": FWHM_S, "nearest_m": NEAR_M} | changes
+    return soft_target.volume_response(range_m=np.asarray(range_m, float), backscatter_per_m_sr=backscatter, **options)
 
 
 @pytest.mark.parametrize("alpha", [1e-4, 0.02, 0.1])
@@ -46,10 +46,10 @@ def test_energy_is_an_exponential_integral(alpha, nearest_m):
 def test_a_medium_between_two_ranges():
     """A slab much thinner than the pulse is a surface: it echoes the pulse, with the energy of the closed form."""
     near, far = 30.0, 30.002
-    at = np.array([29.3, 30.001, 30.9])
+    range_m = np.array([29.3, 30.001, 30.9])
     column = BETA * (expn(2, 2 * ALPHA_PER_M * near) / near - expn(2, 2 * ALPHA_PER_M * far) / far)
-    shape = pulse.gaussian_pulse(time_s=(at - 30.001) / HALF_C, fwhm_s=FWHM_S)
-    np.testing.assert_allclose(response(at, nearest_m=near, farthest_m=far), column * shape, rtol=1e-5)
+    shape = pulse.gaussian_pulse(time_s=(range_m - 30.001) / HALF_C, fwhm_s=FWHM_S)
+    np.testing.assert_allclose(response(range_m, nearest_m=near, farthest_m=far), column * shape, rtol=1e-5)
 
 
 @pytest.mark.parametrize("range_m", [0.9, 1.5, 1.8, 2.5, 10.0, 80.0])
@@ -65,8 +65,8 @@ def test_adaptive_quadrature(range_m):
 
     expected, _ = quad(integrand, 0.5, range_m + 5, points=[0.9, 5.0, range_m], epsabs=0, epsrel=1e-11, limit=400)
     # The quadrature's panels do not know the kinks of the overlap.
-    got = response([range_m], lambda r: BETA * overlap(r), nearest_m=0.5)[0]
-    assert got == pytest.approx(expected, rel=3e-4)
+    computed = response([range_m], lambda r: BETA * overlap(r), nearest_m=0.5)[0]
+    assert computed == pytest.approx(expected, rel=3e-4)
 
 
 def test_a_sine_squared_pulse_of_the_same_energy():
@@ -77,8 +77,8 @@ def test_a_sine_squared_pulse_of_the_same_energy():
     tau, r = FWHM_S, 40.0
 
     def integrand(t):
-        back = r - HALF_C * t
-        return math.sin(math.pi * t / (2 * tau)) ** 2 * BETA * math.exp(-2 * ALPHA_PER_M * back) / back**2
+        scatter_m = r - HALF_C * t
+        return math.sin(math.pi * t / (2 * tau)) ** 2 * BETA * math.exp(-2 * ALPHA_PER_M * scatter_m) / scatter_m**2
 
     theirs = HALF_C * quad(integrand, 0.0, 2 * tau)[0]
     assert response([r - HALF_C * tau])[0] / theirs == pytest.approx(1.0645, rel=1e-3)
@@ -125,11 +125,11 @@ def test_the_table_s_grid_is_fine_enough():
     assert np.ptp(np.diff(grid)) < 1e-12
     table = LookupTable(response(grid))
     r = 0.5 * (grid[1:] + grid[:-1])
-    found, wanted = table.at((r - grid[0]) / (150.0 - grid[0])), response(r)
+    tabulated, expected = table.at((r - grid[0]) / (150.0 - grid[0])), response(r)
     eighth = (grid[1] - grid[0]) ** 2 / 8.0
     sigma_m = HALF_C * FWHM_S / math.sqrt(8.0 * math.log(2.0))
-    np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1.1 * eighth / sigma_m**2 * wanted.max())
+    np.testing.assert_allclose(tabulated, expected, rtol=0.0, atol=1.1 * eighth / sigma_m**2 * expected.max())
     far = r > 5.0
-    r, found, wanted = r[far], found[far], wanted[far]
+    r, tabulated, expected = r[far], tabulated[far], expected[far]
     bend = 6.0 / r**2 + 8.0 * ALPHA_PER_M / r + 4.0 * ALPHA_PER_M**2
-    assert np.all(np.abs(found / wanted - 1.0) < 1.1 * eighth * bend)
+    assert np.all(np.abs(tabulated / expected - 1.0) < 1.1 * eighth * bend)

@@ -47,9 +47,9 @@ def test_best_gain_is_best():
     a_and_b, c, x = 3e-19, 4e-16, 0.3
     gains = np.geomspace(1.0, 1e4, 200_001)
     searched = gains[np.argmax(gains / np.sqrt(a_and_b * gains ** (2 + x) + c))]
-    found = apd.best_gain(multiplied_variance_a2=a_and_b, unmultiplied_variance_a2=c, excess_noise_index=x)
-    assert found == pytest.approx(searched, rel=1e-4)  # the grid's step
-    assert a_and_b * found ** (2 + x) / c == pytest.approx(2.0 / x, rel=1e-9)
+    gain = apd.best_gain(multiplied_variance_a2=a_and_b, unmultiplied_variance_a2=c, excess_noise_index=x)
+    assert gain == pytest.approx(searched, rel=1e-4)  # the grid's step
+    assert a_and_b * gain ** (2 + x) / c == pytest.approx(2.0 / x, rel=1e-9)
 
 
 def test_gain_from_bias():

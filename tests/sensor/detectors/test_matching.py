@@ -23,7 +23,7 @@ BLIND, ALIKE = "of silicon and sees nothing at", "a SiPM or SPAD is"
 )
 def test_a_fault_is_one_line(name, override, line):
     doubts = load_sensor(name, overrides=override).doubts
-    assert [one.startswith(f"'{name}': {line}") for one in doubts] == [True]
+    assert [doubt.startswith(f"'{name}': {line}") for doubt in doubts] == [True]
 
 
 @pytest.mark.parametrize(

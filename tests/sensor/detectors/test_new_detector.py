@@ -57,15 +57,15 @@ def run(tmp_path_factory):
     paths = os.pathsep.join([str(package.parent), os.environ.get("PYTHONPATH", "")])
 
     def command(*words):
-        done = subprocess.run(
+        process = subprocess.run(
             [sys.executable, *words],
             cwd=folder,
             env={**os.environ, "PYTHONPATH": paths},
             capture_output=True,
             text=True,
         )
-        assert done.returncode == 0, done.stderr
-        return done.stdout
+        assert process.returncode == 0, process.stderr
+        return process.stdout
 
     return folder, command
 
@@ -90,8 +90,8 @@ def test_it_renders_the_points_of_an_apd_without_gain(run):
 
 def test_studies_know_it(run):
     folder, command = run
-    both = json.loads(command("-m", "lidarscene", "range", "pin.toml", "apd.toml", "--json"))
-    pin, diode = both["pin"], both["apd"]
+    ranges = json.loads(command("-m", "lidarscene", "range", "pin.toml", "apd.toml", "--json"))
+    pin, diode = ranges["pin"], ranges["apd"]
     # The APD's load of 1e12 ohm adds 3e-9 of the variance.
     assert pin["maximum_range_m"] == pytest.approx(diode["maximum_range_m"], rel=1e-8)
     assert pin["closed_form_m"] is None

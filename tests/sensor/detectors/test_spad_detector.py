@@ -20,8 +20,8 @@ def test_power_and_photons_are_inverse(coincidence, coates):
     counter = photons.sensor(f"detector.coincidence={coincidence}", f"histogram.coates={coates}")
     pixel = counter.pixel(BACKGROUND_W)
     power = np.geomspace(1e-10, 5e-9, 9)
-    back = pixel.power_w(pixel.counts(pixel.detections(power)))
-    np.testing.assert_allclose(back, power, rtol=1e-6 if coincidence == 1 else 1e-4)
+    recovered_w = pixel.power_w(pixel.counts(pixel.detections(power)))
+    np.testing.assert_allclose(recovered_w, power, rtol=1e-6 if coincidence == 1 else 1e-4)
 
 
 def in_sun(rate_hz, *overrides):
@@ -44,8 +44,8 @@ def test_background_counts_are_those_of_free_spads(rate_mhz, dead_ns, least):
     )
     pixel = counter.pixel(power_w)
     mean = float(1e-3 * rate_mhz / (1.0 + 1e-3 * rate_mhz * dead_ns))
-    told = {"rate_per_ns": 1e-3 * rate_mhz, "dead": dead_ns, "bins": 30, "bin_ns": 1.0}
-    of_spads = photons.renewed(np.random.default_rng(8), (128_000, 1), **told).reshape(2000, 64, 30)
+    options = {"rate_per_ns": 1e-3 * rate_mhz, "dead": dead_ns, "bins": 30, "bin_ns": 1.0}
+    of_spads = photons.renewed(np.random.default_rng(8), (128_000, 1), **options).reshape(2000, 64, 30)
     assert of_spads.max() == 1.0
     counts = float((of_spads.sum(axis=1) >= least).mean()) * 2000 if least > 1 else float(of_spads.mean()) * 128e3
     expected = 1e-9 * float(pixel.count_rate_hz[0])
@@ -83,8 +83,8 @@ def test_dead_time_narrows_the_noise_of_the_filter(rate_mhz, dead_ns, within):
     pixel = counter.pixel(power_w)
     w = 1e9 * matched_filter.TEMPLATE * float(pixel.sigma_s)
     template = np.exp(-0.5 * (0.5 * np.arange(-24, 25) / w) ** 2)
-    told = {"rate_per_ns": 1e-3 * rate_mhz, "dead": dead_ns, "bins": 3000, "bin_ns": 0.5}
-    counts = photons.renewed(np.random.default_rng(5), (1000, 1), **told)
+    options = {"rate_per_ns": 1e-3 * rate_mhz, "dead": dead_ns, "bins": 3000, "bin_ns": 0.5}
+    counts = photons.renewed(np.random.default_rng(5), (1000, 1), **options)
     filtered = np.stack([np.convolve(of_spad, template, "valid") for of_spad in counts])
     share = filtered.var(axis=0).mean() / (counts.mean() * np.sum(template**2))
     # Some 1000 x 1500 ns / (w sqrt(2 pi)) independent values.
@@ -109,8 +109,8 @@ def test_coincidences_of_an_echo_in_the_sun_are_those_of_its_bins(detections):
         for peak in (peak_w, 0.0)
     )
     near = slice(190, 211)
-    found = (lit - dark)[:, near].sum(axis=1).mean()
-    assert float(pixel.counts(np.array([detections]))[0]) == pytest.approx(found, rel=0.06)
+    echo_counts = (lit - dark)[:, near].sum(axis=1).mean()
+    assert float(pixel.counts(np.array([detections]))[0]) == pytest.approx(echo_counts, rel=0.06)
 
 
 def test_the_most_photons_that_tell_the_light():
@@ -128,6 +128,6 @@ def test_the_noise_of_near_ir_is_narrowed_by_dead_times():
     """
     counter, power_w = in_sun(40e6)
     _, narrowing = counter.pixel(power_w).background_counts(600e-9)
-    told = {"rate_per_ns": 0.04, "dead": 12.0, "bins": 600, "bin_ns": 1.0}
-    counts = photons.renewed(np.random.default_rng(9), (10_000, 1), **told).sum(axis=1)
+    options = {"rate_per_ns": 0.04, "dead": 12.0, "bins": 600, "bin_ns": 1.0}
+    counts = photons.renewed(np.random.default_rng(9), (10_000, 1), **options).sum(axis=1)
     assert counts.var() / counts.mean() == pytest.approx(narrowing[0] ** 2, rel=0.064 + 0.02)

@@ -42,8 +42,8 @@ def test_counted_cells_by_scipy():
         threshold = count - np.tile([0.75, 0.5, 0.25, 0.0], 11) - busy
         alarm = point.false_alarm_probability(threshold)
         np.testing.assert_allclose(alarm, binom.sf(count - 1, 400, busy / 400), rtol=1e-6)
-        found = point.detection_probability(threshold, np.array([20.0]), None)
-        np.testing.assert_allclose(found, binom.sf(count - 1, 400, (busy + 20.0) / 400), rtol=1e-6)
+        probability = point.detection_probability(threshold, np.array([20.0]), None)
+        np.testing.assert_allclose(probability, binom.sf(count - 1, 400, (busy + 20.0) / 400), rtol=1e-6)
 
 
 def response(kind, cutoff_hz):
@@ -82,7 +82,7 @@ def test_shot_noise_of_a_filtered_pulse_by_campbell(kind, cutoff_mhz):
         )[0]
 
     times = np.linspace(-1.0, 4.0, 201) * sigma_s
-    at_s = times[int(np.argmax([passed(one, 1) for one in times]))]
+    at_s = times[int(np.argmax([passed(instant_s, 1) for instant_s in times]))]
     signal = e * detector.gain * per_second * passed(at_s, 1)
     assert float(point.response.signal(np.array([power_w]))[0]) == pytest.approx(signal, rel=1e-3)
     variance = (e * detector.gain) ** 2 * detector.excess_noise * per_second * passed(at_s, 2)
@@ -105,7 +105,7 @@ def test_noise_of_filtered_cells_is_theirs_in_one_share(kind):
         variances = []
         for point in (bare, filtered):
             signal = float(np.ravel(point.response.signal(np.array([power_w])))[0])
-            kappas = (float(np.ravel(one)[0]) for one in (point.noise.kappa_1, point.noise.kappa_2))
+            kappas = (float(np.ravel(kappa)[0]) for kappa in (point.noise.kappa_1, point.noise.kappa_2))
             kappa_1, kappa_2 = kappas
             variances.append(float(point.noise.deviation[0]) ** 2 + kappa_1 * signal + kappa_2 * signal**2)
         shares.append(variances[1] / variances[0])
@@ -154,13 +154,13 @@ def test_nothing_trips_at_the_clipping_level():
     point = sensor.working_point(np.array([2.5e-8]))
     sigma = np.full(2, 1e-7)
     threshold = np.array([1e-6 * (1.0 - 1e-9), 1e-6 * (1.0 + 1e-9)])
-    for found in (
+    for values in (
         point.detection_probability(threshold, np.full(2, 5e-6), sigma),
         point.false_alarm_probability(0.0 * point.noise.deviation + threshold),
         point.crossing_rate_hz(0.0 * point.noise.deviation + threshold, 1e8),
     ):
-        assert found[0] >= 0.0
-        assert found[1] == 0.0
+        assert values[0] >= 0.0
+        assert values[1] == 0.0
     assert point.detection_probability(threshold, np.full(2, 5e-6), sigma)[0] > 0.99
 
 
@@ -174,10 +174,10 @@ def test_alarms_behind_a_matched_filter_are_those_of_as_many_deviations(tail):
     for ratio in (3.0, 5.0):
         pairs = [
             (
-                one.false_alarm_probability(ratio * one.noise.deviation)[0],
-                one.crossing_rate_hz(ratio * one.noise.deviation, 1e8)[0],
+                working_point.false_alarm_probability(ratio * working_point.noise.deviation)[0],
+                working_point.crossing_rate_hz(ratio * working_point.noise.deviation, 1e8)[0],
             )
-            for one in (point, raw)
+            for working_point in (point, raw)
         ]
         np.testing.assert_allclose(*pairs, rtol=1e-9)
 
@@ -199,8 +199,8 @@ def test_all_free_cells_fired_have_no_noise_of_their_own():
     free = float(point.response.largest[0]) + 0.5
     assert free < 350.0
     for share in (0.5, 1.0):
-        own = (
+        variance = (
             float(np.ravel(point.noise.kappa_1)[0]) * share * free
             + float(np.ravel(point.noise.kappa_2)[0]) * (share * free) ** 2
         )
-        assert own == pytest.approx(free * share * (1.0 - share), abs=1e-9 * free)
+        assert variance == pytest.approx(free * share * (1.0 - share), abs=1e-9 * free)
