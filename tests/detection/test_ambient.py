@@ -66,12 +66,12 @@ def test_cells_that_fire_others_are_counted_in_clusters():
     for k in range((window + 6) * steps):
         busy = busy - fired[k % steps]
         new = rng.binomial(cells - busy, rate)
-        here = np.zeros(shots, int)
+        cluster = np.zeros(shots, int)
         while new.any():
-            here, busy = here + new, busy + new
+            cluster, busy = cluster + new, busy + new
             new = np.minimum(rng.binomial(new, crosstalk * (cells - busy) / cells), cells - busy)
-        fired[k % steps] = here
-        total += here if k >= 6 * steps else 0
+        fired[k % steps] = cluster
+        total += cluster if k >= 6 * steps else 0
     more = f"detector.crosstalk={crosstalk}", f"tdc.ambient_window_us={1e6 * window * DEAD!r}"
     drawn = counted("table1-sipm", P_RS, 3, "detector.statistics='steady_state'", *more)
     assert drawn.mean() == pytest.approx(total.mean(), rel=0.02)  # a step of a fiftieth of the dead time
@@ -88,9 +88,9 @@ def test_window():
 
 def test_counts_belong_to_the_pulse():
     """Another seed, other numbers; independent of each other (correlation below 4.5 / sqrt n)."""
-    first, again, other = (counted("table1-apd", P_RS, seed) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(first, again)
-    assert abs(np.corrcoef(first, other)[0, 1]) < norm.isf(3e-6) / np.sqrt(len(first))
+    first, repeated, other_seed = (counted("table1-apd", P_RS, seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, repeated)
+    assert abs(np.corrcoef(first, other_seed)[0, 1]) < norm.isf(3e-6) / np.sqrt(len(first))
 
 
 @pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])

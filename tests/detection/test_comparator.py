@@ -80,17 +80,21 @@ def test_moments_at_the_papers_threshold(range_m):
     point, level, peak = working_point(sensor, range_m)
 
     def shift(z):
-        own = {"noise": point.noise.deviation[0], "kappa_1": point.noise.kappa_1, "kappa_2": point.noise.kappa_2}
-        crossing = tdc.crossing_level(threshold=level, deviate=z, **own)
+        noise_terms = {
+            "noise": point.noise.deviation[0],
+            "kappa_1": point.noise.kappa_1,
+            "kappa_2": point.noise.kappa_2,
+        }
+        crossing = tdc.crossing_level(threshold=level, deviate=z, **noise_terms)
         return HALF_C * pulse.leading_edge_time_s(level=crossing / peak, fwhm_s=FWHM_S)
 
-    found = norm.sf(
+    probability = norm.sf(
         (level - peak)
         / tdc.noise_at_level(
             level=peak, noise=point.noise.deviation[0], kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2
         )
     )
-    assert found > 1.0 - 1e-4
+    assert probability > 1.0 - 1e-4
     mean = quad(lambda z: norm.pdf(z) * shift(z), -4.9, 4.9, limit=200)[0]
     square = quad(lambda z: norm.pdf(z) * (shift(z) - mean) ** 2, -4.9, 4.9, limit=200)[0]
     straight = slope_formula(sensor, range_m)
@@ -110,11 +114,11 @@ def test_crossing_by_brute_force():
         kappa_2 = -rng.uniform(0.0, 2e-3)
         threshold, peak = 5.0, rng.uniform(8.0, 150.0)
         signal = peak * shape
-        seen = signal + z * tdc.noise_at_level(level=signal, noise=noise, kappa_1=kappa_1, kappa_2=kappa_2)
+        noisy = signal + z * tdc.noise_at_level(level=signal, noise=noise, kappa_1=kappa_1, kappa_2=kappa_2)
         level = tdc.crossing_level(threshold=threshold, noise=noise, kappa_1=kappa_1, kappa_2=kappa_2, deviate=z)
-        assert (peak >= level) == (seen[-1] >= threshold)
+        assert (peak >= level) == (noisy[-1] >= threshold)
         if peak >= level:
-            marched = time[np.argmax(seen >= threshold)]
+            marched = time[np.argmax(noisy >= threshold)]
             exact = pulse.leading_edge_time_s(level=level / peak, fwhm_s=FWHM_S)
             assert marched == pytest.approx(exact, abs=2 * (time[1] - time[0]))
 
@@ -161,7 +165,7 @@ def test_width_of_a_clipped_pulse_by_a_fine_march(overdrive):
     light = plane.echoes_of_plane(sensor, Target(), 50.0)
     point = sensor.working_point(light.background_power_w)
     point = dataclasses.replace(point, noise=dataclasses.replace(point.noise, kappa_1=0.0, kappa_2=0.0))
-    level, clips = (float(np.ravel(one)[0]) for one in (sensor.threshold(point), point.response.saturation))
+    level, clips = (float(np.ravel(array)[0]) for array in (sensor.threshold(point), point.response.saturation))
     peak = np.array([overdrive * clips])
     assert clips > 3.0 * level
     shots = Shots(sensor=sensor, point=point, threshold=level, seed=1, pulse=np.zeros(1, np.uint32))
@@ -170,10 +174,10 @@ def test_width_of_a_clipped_pulse_by_a_fine_march(overdrive):
     early_s = pulse.leading_edge_time_s(level=level / peak, fwhm_s=FWHM_S)
     width_s = comparator.width_s(shots, trip, peak_power_w=power_w, early_s=early_s)
     time_s = np.linspace(-30e-9, 300e-9, 330_001)
-    seen = saturation.clipped_waveform(
+    waveform = saturation.clipped_waveform(
         time_s=time_s, signal=peak, saturation=np.array([clips]), fwhm_s=FWHM_S, recovery_s=25e-9
     )
-    above = np.flatnonzero(seen >= level)
+    above = np.flatnonzero(waveform >= level)
     marched_s = time_s[above[-1]] - time_s[above[0]]
     assert width_s[0] == pytest.approx(marched_s, rel=5e-3, abs=2e-12)
 
@@ -187,8 +191,8 @@ def lone(equipped, snr, *, range_m=50.0, count=4000, seed=3):
 def test_counted_cells_and_gaussian_noise_trip_by_one_deviate():
     """Near the threshold a large deviate is a likely detection with either: the same seeds trip, but for a few."""
     counted, gaussian = (
-        lone(chain.sensor("table1-sipm", f"detector.counting='{one}'"), 5.0).reported
-        for one in ("binomial", "gaussian")
+        lone(chain.sensor("table1-sipm", f"detector.counting='{counting}'"), 5.0).reported
+        for counting in ("binomial", "gaussian")
     )
     assert 0.3 < gaussian.mean() < 0.7
     assert np.mean(counted != gaussian) < 0.1
@@ -198,9 +202,9 @@ def test_an_amplifier_that_clips_below_the_threshold_trips_nothing():
     """However strong the echo is: the output never gets there."""
     point = chain.sensor("table1-apd").working_point(np.array([trains.BACKGROUND_W]))
     level_ua = 1e6 * 40.0 * float(point.noise.deviation[0])
-    for clips_ua, kept in ((0.9 * level_ua, False), (1.1 * level_ua, True)):
+    for clips_ua, reported in ((0.9 * level_ua, False), (1.1 * level_ua, True)):
         equipped = chain.sensor("table1-apd", "tdc.threshold_to_noise=40", f"detector.saturation_ua={clips_ua!r}")
-        assert lone(equipped, 4000.0, count=20).reported.all() == kept
+        assert lone(equipped, 4000.0, count=20).reported.all() == reported
 
 
 def test_no_time_is_before_the_pulse():
@@ -219,10 +223,10 @@ def test_a_measured_peak_is_no_lower_than_what_it_tripped():
     equipped = chain.sensor(
         "table1-apd", "detector.circuit_noise_na=1e5", "tdc.threshold_to_noise=8", "tdc.stops=2", "tdc.keep='last'"
     )
-    one, _, _ = on_light(equipped, [(50.0, 20.0), (60.0, 1.1)], [(50.0, 0.0), (51.0, 2.0), (80.0, 2.0)])
-    (part,) = one.parts
+    lone_train, _, _ = on_light(equipped, [(50.0, 20.0), (60.0, 1.1)], [(50.0, 0.0), (51.0, 2.0), (80.0, 2.0)])
+    (part,) = lone_train.parts
     many = dataclasses.replace(
-        one,
+        lone_train,
         has_surface=np.full(4000, True),
         background_power_w=np.full(4000, trains.BACKGROUND_W),
         parts=(
@@ -230,10 +234,12 @@ def test_a_measured_peak_is_no_lower_than_what_it_tripped():
                 part, range_m=np.tile(part.range_m, 4000), peak_power_w=np.tile(part.peak_power_w, 4000)
             ),
         ),
-        volume=dataclasses.replace(one.volume, scale=np.tile(one.volume.scale, 4000), end_m=np.full(4000, 1e6)),
+        volume=dataclasses.replace(
+            lone_train.volume, scale=np.tile(lone_train.volume.scale, 4000), end_m=np.full(4000, 1e6)
+        ),
     )
     stop = trains.detect(many, equipped, seed=2).stops[1]
-    seen = stop.reported & (stop.status == Status.ECHO) & (np.abs(stop.range_m - 60.0) < 2.0)
-    assert 0.3 < seen.mean() < 0.95
+    is_second = stop.reported & (stop.status == Status.ECHO) & (np.abs(stop.range_m - 60.0) < 2.0)
+    assert 0.3 < is_second.mean() < 0.95
     level = float(equipped.threshold(equipped.working_point(np.array([trains.BACKGROUND_W])))[0])
-    assert stop.amplitude[seen].min() / level == pytest.approx(3.0, rel=1e-3)
+    assert stop.amplitude[is_second].min() / level == pytest.approx(3.0, rel=1e-3)

@@ -39,8 +39,8 @@ def lidar(rate_hz, median_w=MEDIAN_W):
     return Interference(rate_hz=rate_hz, peak_power_w=median_w, spread_db=SPREAD_DB)
 
 
-def counted(found, status):
-    return sum(int(np.sum(stop.reported & (stop.status == status))) for stop in found.stops)
+def counted(detection, status):
+    return sum(int(np.sum(stop.reported & (stop.status == status))) for stop in detection.stops)
 
 
 def needed_w(sensor, light):
@@ -84,9 +84,9 @@ def test_rates_add_up():
     """Three lidars of one kind are one at their sum, and noise keeps its own: 3 stops, three kinds counted."""
     sensor = chain.sensor("table1-apd", "tdc.stops=3", "tdc.threshold_to_noise=3.5")
     three = detected(sensor, empty(sensor, lidar(1e4), lidar(2e4), lidar(3e4)))
-    one = detected(sensor, empty(sensor, lidar(6e4)), seed=6)
+    one_lidar = detected(sensor, empty(sensor, lidar(6e4)), seed=6)
     none = detected(sensor, empty(sensor), seed=7)
-    a, b = counted(three, Status.INTERFERENCE), counted(one, Status.INTERFERENCE)
+    a, b = counted(three, Status.INTERFERENCE), counted(one_lidar, Status.INTERFERENCE)
     assert abs(a - b) < SIGMAS * np.sqrt(a + b)
     noise, alone = counted(three, Status.FALSE_ALARM), counted(none, Status.FALSE_ALARM)
     assert abs(noise - alone) < SIGMAS * np.sqrt(noise + alone)
@@ -96,8 +96,8 @@ def test_rates_add_up():
 def test_of_two_lidars_each_has_its_share():
     """A strong one in three pulses: so many points are too strong for the weak one."""
     sensor = chain.sensor("table1-apd")
-    found = detected(sensor, empty(sensor, lidar(2e5, 1e-6), lidar(1e5, 1e-2)))
-    stop = found.stops[0]
+    detection = detected(sensor, empty(sensor, lidar(2e5, 1e-6), lidar(1e5, 1e-2)))
+    stop = detection.stops[0]
     theirs = stop.reported & (stop.status == Status.INTERFERENCE)
     point = sensor.working_point(np.array([0.0]))
     strong = stop.amplitude[theirs] > point.response.signal(np.array([1e-4]))[0]
@@ -114,14 +114,14 @@ def test_the_strongest_of_two_lidars_come_by_themselves():
     light = replace(light, interference=(lidar(rate_hz, 1e-6), lidar(rate_hz, 1e-2)))
     stops = trains.detect(light, sensor, seed=5).stops
     strong_a = float(sensor.working_point(np.zeros(1)).response.signal(np.array([1e-4]))[0])
-    seen = [stop.reported & (stop.status == Status.INTERFERENCE) for stop in stops]
+    interfered = [stop.reported & (stop.status == Status.INTERFERENCE) for stop in stops]
     none = 1.0 - np.exp(-rate_hz * sensor.tdc.window_s)
-    for found, expected in (
-        (~seen[0], (1.0 - none) ** 2),
+    for mask, expected in (
+        (~interfered[0], (1.0 - none) ** 2),
         # Of two that are kept the strongest comes from the strong lidar if there is one.
-        (np.any([s & (stop.amplitude > strong_a) for s, stop in zip(seen, stops, strict=True)], axis=0), none),
+        (np.any([s & (stop.amplitude > strong_a) for s, stop in zip(interfered, stops, strict=True)], axis=0), none),
     ):
-        assert abs(found.mean() - expected) < SIGMAS * np.sqrt(expected * (1.0 - expected) / shots)
+        assert abs(mask.mean() - expected) < SIGMAS * np.sqrt(expected * (1.0 - expected) / shots)
 
 
 @pytest.mark.parametrize("keep", ["first", "last"])
@@ -133,13 +133,13 @@ def test_height_and_time_of_noise_alarms(keep):
     shots = 40_000
     light = trains.train(np.full((shots, 1), 20.0), 0.0)
     stop = trains.detect(light, sensor, seed=5).stops[0]
-    kept = stop.reported
-    assert 0.2 < kept.mean() < 0.9
+    reported = stop.reported
+    assert 0.2 < reported.mean() < 0.9
     point = sensor.working_point(light.background_power_w[:1])
     level = sensor.threshold(point)[0]
-    excess = (stop.amplitude[kept] - level) * level / point.noise.deviation[0] ** 2
+    excess = (stop.amplitude[reported] - level) * level / point.noise.deviation[0] ** 2
     assert kstest(excess, "expon").pvalue > 1e-4
-    assert spearmanr(excess, stop.range_m[kept]).pvalue > 1e-4
+    assert spearmanr(excess, stop.range_m[reported]).pvalue > 1e-4
 
 
 def test_width_of_another_lidars_pulse():
@@ -160,16 +160,16 @@ def test_an_early_pulse_hides_the_echo():
     """One stop: a wall at 300 m is seen unless theirs came within 2 us, probability exp(-nu q t)."""
     sensor = chain.sensor("table1-apd")
     light = empty(sensor, lidar(2e5, 1e-5), range_m=150.0)
-    found = detected(sensor, light)
-    seen = np.mean(found.outcome == Outcome.KEPT)
-    assert seen == pytest.approx(np.exp(-2e5 * 1e-6), abs=SIGMAS * 0.4 / np.sqrt(SHOTS) + 1e-3)
-    assert np.mean(found.outcome == Outcome.HIDDEN) > 0.1
+    detection = detected(sensor, light)
+    kept_share = np.mean(detection.outcome == Outcome.KEPT)
+    assert kept_share == pytest.approx(np.exp(-2e5 * 1e-6), abs=SIGMAS * 0.4 / np.sqrt(SHOTS) + 1e-3)
+    assert np.mean(detection.outcome == Outcome.HIDDEN) > 0.1
 
 
 def test_without_lidars_the_bits_stay():
     """One that is too weak to trip leaves every number of a frame as it is without."""
     sensor = chain.sensor("table1-apd", "tdc.stops=2", "tdc.threshold_to_noise=3.5")
-    weak, none = (detected(sensor, empty(sensor, *who)) for who in ([lidar(1e5, 1e-20)], []))
+    weak, none = (detected(sensor, empty(sensor, *lidars)) for lidars in ([lidar(1e5, 1e-20)], []))
     for a, b in zip(weak.stops, none.stops, strict=True):
         for name in ("reported", "status", "range_m", "amplitude"):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))

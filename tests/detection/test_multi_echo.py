@@ -57,26 +57,26 @@ def test_sub_echoes_at_one_range_are_one_echo(name, sub_echoes):
     lone = Echoes(
         has_surface=power > 0.0, range_m=range_m, peak_power_w=power, background_power_w=light.background_power_w
     )
-    wanted = returns.detect(lone, equipped, seed=0, pulse=np.arange(count, dtype=np.uint32))
-    found = detect(light, equipped)
-    np.testing.assert_array_equal(found.outcome, wanted.outcome)
-    np.testing.assert_allclose(found.snr, wanted.snr, rtol=1e-9)
-    np.testing.assert_allclose(found.detection_probability, wanted.detection_probability, atol=1e-9)
-    for have, want in zip(found.stops, wanted.stops, strict=True):
+    expected = returns.detect(lone, equipped, seed=0, pulse=np.arange(count, dtype=np.uint32))
+    detection = detect(light, equipped)
+    np.testing.assert_array_equal(detection.outcome, expected.outcome)
+    np.testing.assert_allclose(detection.snr, expected.snr, rtol=1e-9)
+    np.testing.assert_allclose(detection.detection_probability, expected.detection_probability, atol=1e-9)
+    for have, want in zip(detection.stops, expected.stops, strict=True):
         np.testing.assert_array_equal(have.reported, want.reported)
-        kept = want.reported
-        np.testing.assert_array_equal(have.status[kept], want.status[kept])
-        np.testing.assert_allclose(have.range_m[kept], want.range_m[kept], rtol=0.0, atol=1e-4 * PICOSECOND_M)
-        np.testing.assert_allclose(have.amplitude[kept], want.amplitude[kept], rtol=1e-9)
-        echo = kept & (want.status == 0)
-        np.testing.assert_allclose(have.snr[echo], wanted.snr[echo], rtol=1e-9)
+        reported = want.reported
+        np.testing.assert_array_equal(have.status[reported], want.status[reported])
+        np.testing.assert_allclose(have.range_m[reported], want.range_m[reported], rtol=0.0, atol=1e-4 * PICOSECOND_M)
+        np.testing.assert_allclose(have.amplitude[reported], want.amplitude[reported], rtol=1e-9)
+        echo = reported & (want.status == 0)
+        np.testing.assert_allclose(have.snr[echo], expected.snr[echo], rtol=1e-9)
         np.testing.assert_allclose(have.true_range_m[echo], range_m[echo], rtol=1e-12)
         assert ((have.source[echo] >= 0) & (have.source[echo] < sub_echoes)).all()
 
 
-def echoes_only(found):
+def echoes_only(detection):
     """The stops without false alarms."""
-    return [replace(stop, reported=stop.reported & (stop.status == 0)) for stop in found.stops]
+    return [replace(stop, reported=stop.reported & (stop.status == 0)) for stop in detection.stops]
 
 
 @pytest.mark.parametrize(("name", "sub_echoes"), [("apd", 3), ("apd", 8), ("sipm", 8)])
@@ -94,7 +94,7 @@ def test_fine_bins_find_the_same_crossings(name, sub_echoes):
     }
     want, good_to = {}, {}
     for pulse, crossing, tolerance in crossings:
-        key = pulse, sum(1 for other in want if other[0] == pulse)
+        key = pulse, sum(1 for earlier in want if earlier[0] == pulse)
         want[key], good_to[key] = crossing, tolerance
     assert have.keys() == want.keys()
     assert len(want) > 1.1 * len({pulse for pulse, _ in want})  # some pulses have several
@@ -136,15 +136,15 @@ def test_two_boards_merge_or_separate(separation, share):
         return 0.5 * (np.exp(-0.5 * place**2) + np.exp(-0.5 * (place - separation) ** 2)) - share
 
     highest = waveform_at(np.linspace(-1.0, separation + 1.0, 20_001)).max()
-    found = detect(light, at_level(equipped, share, full))
-    assert sum(int(stop.reported[0]) for stop in found.stops) == (0 if highest < 0.0 else 1 + apart)
+    detection = detect(light, at_level(equipped, share, full))
+    assert sum(int(stop.reported[0]) for stop in detection.stops) == (0 if highest < 0.0 else 1 + apart)
     if highest < 0.0:
         return
     middle = 0.5 * separation
     edges = [brentq(waveform_at, -8.0, 0.0 if separation > 2.0 else middle)]
     if apart:
         edges.append(brentq(waveform_at, middle, separation))
-    for edge, stop, source in zip(edges, found.stops, (0, 1), strict=False):
+    for edge, stop, source in zip(edges, detection.stops, (0, 1), strict=False):
         slope = (waveform_at(edge + 1e-6) - waveform_at(edge - 1e-6)) / 2e-6
         tolerance = 5.0 * 1e-3 * share / slope
         assert (stop.range_m[0] - 100.0) / SIGMA_M == pytest.approx(edge, abs=tolerance)
@@ -164,10 +164,10 @@ def test_a_dip_needs_two_sigma():
 def test_derivatives_of_the_sum():
     place = np.linspace(-3.0, 6.0, 91)
     centres, heights = [0.0, 0.7, 3.1], [1.0, 0.2, 2.0]
-    at = [pulse_sums.sum_of_pulses(place=place + h, centres=centres, heights=heights) for h in (-1e-4, 0.0, 1e-4)]
+    sums = [pulse_sums.sum_of_pulses(place=place + h, centres=centres, heights=heights) for h in (-1e-4, 0.0, 1e-4)]
     # Central differences: their error is h^2 / 6 times a third derivative of some ten, and rounding over h.
-    np.testing.assert_allclose(at[1][1], (at[2][0] - at[0][0]) / 2e-4, atol=1e-7)
-    np.testing.assert_allclose(at[1][2], (at[2][1] - at[0][1]) / 2e-4, atol=1e-7)
+    np.testing.assert_allclose(sums[1][1], (sums[2][0] - sums[0][0]) / 2e-4, atol=1e-7)
+    np.testing.assert_allclose(sums[1][2], (sums[2][1] - sums[0][1]) / 2e-4, atol=1e-7)
 
 
 def test_energy_is_conserved():
@@ -200,12 +200,12 @@ def test_a_tilted_board_widens_the_echo(tilt_deg, rays):
     )[0][0]
     mean = (watts * time_s).sum() / watts.sum()
     variance = (watts * (time_s - mean) ** 2).sum() / watts.sum()
-    wanted = pulse_sums.broadened_fwhm_s(
+    fwhm_s = pulse_sums.broadened_fwhm_s(
         pulse_fwhm_s=FWHM_S, radius_m=radius, tangent=tangent, light_m_s=SPEED_OF_LIGHT_M_S
     )
-    assert math.sqrt(variance) * pulse_sums.SIGMAS_PER_FWHM == pytest.approx(wanted, rel=1e-9)
-    over = time_s[watts >= 0.5 * watts.max()]
-    assert np.ptp(over) == pytest.approx(wanted, rel=0.1 if rays < 64 else 0.03)
+    assert math.sqrt(variance) * pulse_sums.SIGMAS_PER_FWHM == pytest.approx(fwhm_s, rel=1e-9)
+    above_half_s = time_s[watts >= 0.5 * watts.max()]
+    assert np.ptp(above_half_s) == pytest.approx(fwhm_s, rel=0.1 if rays < 64 else 0.03)
 
 
 @pytest.mark.parametrize("snr", [(5.2, 4.6), (8.0, 5.5)])
@@ -213,25 +213,27 @@ def test_each_return_has_its_own_probability(snr):
     """Two echoes far apart trip with their own P_d, independently: binomial tests at 1e-4 each."""
     equipped = sensor("table1-apd", "tdc.stops=2")
     count = 30_000
-    power = [power_at_snr(equipped, one) for one in snr]
-    found = detect(train(np.full((count, 2), (100.0, 140.0)), np.full((count, 2), power)), equipped, seed=2)
+    power = [power_at_snr(equipped, echo_snr) for echo_snr in snr]
+    detection = detect(train(np.full((count, 2), (100.0, 140.0)), np.full((count, 2), power)), equipped, seed=2)
     tripped = []
     for echo, range_m in enumerate((100.0, 140.0)):
-        here = [s.reported & (s.status == 0) & (np.abs(s.range_m - range_m) < 10.0) for s in found.stops]
-        tripped.append(here[0] | here[1])
-        probability = {float(p) for s, at in zip(found.stops, here, strict=True) for p in s.detection_probability[at]}
+        near_board = [s.reported & (s.status == 0) & (np.abs(s.range_m - range_m) < 10.0) for s in detection.stops]
+        tripped.append(near_board[0] | near_board[1])
+        probability = {
+            float(p) for s, mask in zip(detection.stops, near_board, strict=True) for p in s.detection_probability[mask]
+        }
         assert max(probability) - min(probability) < 1e-12
         assert binomtest(int(tripped[echo].sum()), count, max(probability)).pvalue > 1e-4
-    both = int((tripped[0] & tripped[1]).sum())
-    assert binomtest(both, count, tripped[0].mean() * tripped[1].mean()).pvalue > 1e-4
+    both_count = int((tripped[0] & tripped[1]).sum())
+    assert binomtest(both_count, count, tripped[0].mean() * tripped[1].mean()).pvalue > 1e-4
 
 
 def three_echoes(*overrides):
     """Strong, stronger, weak at 100, 110 and 130 m, all of them far above the threshold; 40 m is 267 ns."""
     equipped = sensor("table1-apd", *trains.QUIET, *overrides)
-    power = [power_at_snr(equipped, one) for one in (2000.0, 4000.0, 500.0)]
-    found = detect(train(np.full((50, 3), (100.0, 110.0, 130.0)), np.full((50, 3), power)), equipped)
-    return [np.where(stop.reported, np.rint(stop.true_range_m), 0.0) for stop in found.stops], found
+    power = [power_at_snr(equipped, echo_snr) for echo_snr in (2000.0, 4000.0, 500.0)]
+    detection = detect(train(np.full((50, 3), (100.0, 110.0, 130.0)), np.full((50, 3), power)), equipped)
+    return [np.where(stop.reported, np.rint(stop.true_range_m), 0.0) for stop in detection.stops], detection
 
 
 @pytest.mark.parametrize(
@@ -253,18 +255,18 @@ def three_echoes(*overrides):
     ],
 )
 def test_which_crossings_are_kept(overrides, ranges):
-    kept, found = three_echoes(*overrides)
-    for stop, wanted in zip(kept, ranges, strict=True):
-        np.testing.assert_array_equal(stop, wanted)
-    assert set(found.outcome) == {int(Outcome.KEPT)}
+    kept_ranges, detection = three_echoes(*overrides)
+    for stop, expected_m in zip(kept_ranges, ranges, strict=True):
+        np.testing.assert_array_equal(stop, expected_m)
+    assert set(detection.outcome) == {int(Outcome.KEPT)}
 
 
 def test_outcomes():
     equipped = sensor("table1-apd", *trains.QUIET, "tdc.window_us=0.8")
     power = power_at_snr(equipped, 2000.0) * np.array([[0.0, 0.0], [1e-3, 1e-3], [0.0, 1.0], [1.0, 1.0]])
-    found = detect(train(np.array([[50.0, 130.0]]), power), equipped)
-    wanted = [Outcome.NO_SURFACE, Outcome.BELOW_THRESHOLD, Outcome.OUT_OF_WINDOW, Outcome.KEPT]
-    np.testing.assert_array_equal(found.outcome, [int(one) for one in wanted])
+    detection = detect(train(np.array([[50.0, 130.0]]), power), equipped)
+    expected = [Outcome.NO_SURFACE, Outcome.BELOW_THRESHOLD, Outcome.OUT_OF_WINDOW, Outcome.KEPT]
+    np.testing.assert_array_equal(detection.outcome, [int(outcome) for outcome in expected])
 
 
 def fog(scale_w, *, end_m):
@@ -298,9 +300,9 @@ def test_fog_trips_and_hides():
     for distance, stops in ((60.0, 2), (8.0, 1)):
         air = fog(power, end_m=distance)
         light = train(np.array([[distance]]), np.array([[power]]), volume=air)
-        found = detect(light, equipped)
-        assert sum(int(stop.reported[0]) for stop in found.stops) == stops
-        first = found.stops[0]
+        detection = detect(light, equipped)
+        assert sum(int(stop.reported[0]) for stop in detection.stops) == stops
+        first = detection.stops[0]
         assert first.source[0] == -1
         assert first.status[0] == Status.WEATHER
         range_m = np.linspace(0.0, 5.0, 500_001)
@@ -308,8 +310,8 @@ def test_fog_trips_and_hides():
         crossed = range_m[np.argmax(air.shape.at(range_m / 150.0) >= 50.0 / 2000.0)]
         assert first.range_m[0] == pytest.approx(crossed, abs=0.1 * crossed)
         if stops == 2:
-            assert found.stops[1].source[0] == 0
-            assert found.stops[1].true_range_m[0] == pytest.approx(60.0, abs=1e-3)
+            assert detection.stops[1].source[0] == 0
+            assert detection.stops[1].true_range_m[0] == pytest.approx(60.0, abs=1e-3)
 
 
 def lights(light, air, range_m):
@@ -320,8 +322,8 @@ def lights(light, air, range_m):
         for part in light.parts
     ]
     end_m = air.end_m[:, None]
-    left = norm.sf((range_m - end_m) / SIGMA_M - (2.0 * 0.05 + 2.0 / end_m) * SIGMA_M)  # (T37)
-    spread = air.scale[:, None] * left * np.interp(range_m, np.linspace(0.0, 150.0, 3001), air.shape.values)
+    before_end = norm.sf((range_m - end_m) / SIGMA_M - (2.0 * 0.05 + 2.0 / end_m) * SIGMA_M)  # (T37)
+    spread = air.scale[:, None] * before_end * np.interp(range_m, np.linspace(0.0, 150.0, 3001), air.shape.values)
     return *(part.sum(axis=1) for part in pulses), spread
 
 
@@ -358,9 +360,9 @@ def test_a_weak_surface_that_ends_the_fog_is_crossed():
     lane = lane[whole[lane, valley[lane]] < 0.99 * whole[lane, peak[lane]]]
     assert (wall_m - range_m[peak[lane]] > 1.05 * SIGMA_M).sum() > 5
     scale_w = 2.0 * level_w / (whole[lane, valley[lane]] + whole[lane, peak[lane]])
-    found = detect(fog_and_wall(walls_w[lane], scale_w)[0], equipped)
+    detection = detect(fog_and_wall(walls_w[lane], scale_w)[0], equipped)
     for number, pulse in enumerate(lane):
-        stops = [float(stop.range_m[number]) for stop in found.stops if stop.reported[number]]
+        stops = [float(stop.range_m[number]) for stop in detection.stops if stop.reported[number]]
         assert len(stops) == 2
         assert stops[0] < 15.0
         assert range_m[valley[pulse]] < stops[1] < range_m[peak[pulse]]
@@ -408,32 +410,32 @@ def test_a_crossing_is_of_the_light_that_makes_it():
     air = volume(course, level_w * top, end_m)
     light = train(walls_m, walls_w, volume=air)
     light = replace(light, parts=(*light.parts, *train(drops_m, drops_w).parts))
-    found = detect(light, equipped)
+    detection = detect(light, equipped)
     range_m = np.arange(0.0, 40.0, 0.004)
     by_kind = {"surface": 0, "drop": 0, "fog": 0}
     judged = crossings = unclear = 0
     for pulse, (walls, drops, spread) in enumerate(zip(*lights(light, air, range_m), strict=True)):
-        of_air, even = (range_m[upward(one, level_w)] for one in (drops + spread, spread))
+        of_air, even = (range_m[upward(course, level_w)] for course in (drops + spread, spread))
         whole = walls + drops + spread
         turns = (whole[1:-1] - whole[:-2]) * (whole[2:] - whole[1:-1]) < 0.0
         if (turns & (whole[1:-1] > low_w) & (whole[1:-1] < high_w)).any():
             unclear += 1
             continue
-        begun, every, ended = (range_m[upward(whole, one_w)] for one_w in (low_w, level_w, high_w))
-        stops = [stop for stop in found.stops if stop.reported[pulse]]
+        begun, crossings_m, ended = (range_m[upward(whole, one_w)] for one_w in (low_w, level_w, high_w))
+        stops = [stop for stop in detection.stops if stop.reported[pulse]]
         stops_m = np.array([float(stop.range_m[pulse]) for stop in stops])
-        assert len(stops) == len(every)
+        assert len(stops) == len(crossings_m)
         assert (begun - 0.004 <= stops_m).all()
         assert (stops_m <= ended).all()
-        for crossing, stop_m, stop in zip(every, stops_m, stops, strict=True):
+        for crossing, stop_m, stop in zip(crossings_m, stops_m, stops, strict=True):
 
-            def apart(others, crossing=crossing):
-                return np.abs(others - crossing).min(initial=math.inf)
+            def apart(candidates_m, crossing=crossing):
+                return np.abs(candidates_m - crossing).min(initial=math.inf)
 
             crossings += 1
-            here = np.searchsorted(range_m, crossing)
-            before = here - round(SIGMA_M / 0.004)
-            by_air, by_walls = (one[here] - one[before] for one in (drops + spread, walls))
+            at_crossing = np.searchsorted(range_m, crossing)
+            before = at_crossing - round(SIGMA_M / 0.004)
+            by_air, by_walls = (course[at_crossing] - course[before] for course in (drops + spread, walls))
             if 0.1 * SIGMA_M < apart(of_air) < FWHM_M or (apart(of_air) >= FWHM_M and by_air > 0.5 * by_walls):
                 continue
             judged += 1
@@ -443,7 +445,7 @@ def test_a_crossing_is_of_the_light_that_makes_it():
                 assert stop.status[pulse] == Status.ECHO
                 assert source in (0, 1)
                 # Half a bin of the peak's place moves the mean of two, four sigma_p apart at most, by 0.02 sigma_p.
-                peak_m = range_m[here + int(np.argmax(np.diff(whole[here:]) < 0.0))]
+                peak_m = range_m[at_crossing + int(np.argmax(np.diff(whole[at_crossing:]) < 0.0))]
                 light_w = walls_w[pulse] * np.exp(-0.5 * ((peak_m - walls_m[pulse]) / SIGMA_M) ** 2)
                 mean_m = light_w @ walls_m[pulse] / light_w.sum()
                 assert true_m == pytest.approx(mean_m, abs=0.03 * SIGMA_M)
@@ -474,14 +476,14 @@ def test_a_crossing_in_a_valley_is_of_what_rises_behind_it():
     air = volume(course, np.full(count, 0.3 * power), np.full(count, 11.1))
     light = train(np.full((count, 2), (10.0, 11.1)), np.full((count, 2), power), volume=air)
     range_m = np.arange(10.2, 10.9, 0.001)
-    one = train(np.array([[10.0, 11.1]]), np.full((1, 2), power), volume=volume(course, 0.3 * power, 11.1))
-    watts = sample_power_and_signal(one, equipped, range_m / HALF_C)[0][0]
+    lone_light = train(np.array([[10.0, 11.1]]), np.full((1, 2), power), volume=volume(course, 0.3 * power, 11.1))
+    watts = sample_power_and_signal(lone_light, equipped, range_m / HALF_C)[0][0]
     valley_m = range_m[np.argmin(watts)]
     first = detect(light, equipped).stops[0]
-    there = first.reported & (np.abs(first.range_m - valley_m) < 0.005)
-    assert there.sum() > 100
-    assert np.all(first.status[there] == Status.ECHO)
-    assert np.all(first.source[there] == 1)
+    in_valley = first.reported & (np.abs(first.range_m - valley_m) < 0.005)
+    assert in_valley.sum() > 100
+    assert np.all(first.status[in_valley] == Status.ECHO)
+    assert np.all(first.source[in_valley] == 1)
 
 
 def test_fog_ends_at_the_surface():
@@ -532,19 +534,19 @@ def test_even_places_by_factors(kind, samples):
         start=start, spacing=spacing, middle=middle, centres=list(centres), heights=list(heights)
     )
     for number in range(samples):
-        at = (start + np.asarray(number, dtype=kind) * spacing).astype(kind)
-        found = pulse_sums.even_sum(place=at, middle=middle, parts=parts)
+        places = (start + np.asarray(number, dtype=kind) * spacing).astype(kind)
+        computed = pulse_sums.even_sum(place=places, middle=middle, parts=parts)
         exact = start.astype(float) + number * spacing.astype(float)
-        wanted = pulse_sums.sum_of_pulses(
+        expected = pulse_sums.sum_of_pulses(
             place=exact, centres=list(centres.astype(float)), heights=list(heights.astype(float))
         )[0]
-        scale = np.maximum(wanted, 1e-3 * heights.max(axis=0))
-        assert np.all(np.abs(found - wanted) < good_to * scale + left_out)
+        scale = np.maximum(expected, 1e-3 * heights.max(axis=0))
+        assert np.all(np.abs(computed - expected) < good_to * scale + left_out)
         parts = [part * growth for part, growth in zip(parts, growths, strict=True)]
 
 
-@pytest.mark.parametrize(("second", "found"), [(2.5, 1), (3.5, 1), (4.5, 2), (6.0, 2)])
-def test_fixed_levels_see_a_rise_only_if_it_reaches_one_of_them(second, found):
+@pytest.mark.parametrize(("second", "stop_count"), [(2.5, 1), (3.5, 1), (4.5, 2), (6.0, 2)])
+def test_fixed_levels_see_a_rise_only_if_it_reaches_one_of_them(second, stop_count):
     """A board of 6 thresholds, and one behind it, 3.4 sigma later: the light between them is 1.8 to 2.8 thresholds. So
     the next edge is where the sum reaches the second level, of 4 thresholds.
 
@@ -562,8 +564,8 @@ def test_fixed_levels_see_a_rise_only_if_it_reaches_one_of_them(second, found):
     level = power_at_snr(equipped, 50.0)
     light = train(np.array([[60.0, 60.0 + 3.4 * SIGMA_M]]), level * np.array([[6.0, second]]))
     stops = detect(light, equipped).stops
-    assert sum(int(stop.reported[0]) for stop in stops) == found
-    assert [int(stop.source[0]) for stop in stops[:found]] == [0, 1][:found]
+    assert sum(int(stop.reported[0]) for stop in stops) == stop_count
+    assert [int(stop.source[0]) for stop in stops[:stop_count]] == [0, 1][:stop_count]
 
 
 def test_a_comparator_that_missed_a_rise_is_low():
@@ -577,8 +579,8 @@ def test_a_comparator_that_missed_a_rise_is_low():
     light = train(np.full((count, 3), (4.0, 10.0, 11.1)), np.full((count, 3), (40.0 * power, power, power)), volume=air)
     second = detect(light, equipped).stops[1]
     range_m = np.arange(10.2, 10.9, 0.001)
-    one = train(np.array([[10.0, 11.1]]), np.full((1, 2), power), volume=volume(course, 0.3 * power, 11.1))
-    valley_m = range_m[np.argmin(sample_power_and_signal(one, equipped, range_m / HALF_C)[0][0])]
+    lone_light = train(np.array([[10.0, 11.1]]), np.full((1, 2), power), volume=volume(course, 0.3 * power, 11.1))
+    valley_m = range_m[np.argmin(sample_power_and_signal(lone_light, equipped, range_m / HALF_C)[0][0])]
     assert (second.reported & (np.abs(second.range_m - valley_m) < 0.005)).sum() > 100
 
 
@@ -619,6 +621,6 @@ def test_light_that_rises_slowly_trips_where_it_reaches_the_level():
     assert first.range_m[0] == pytest.approx(60.0 - 5.0 * math.log(100.0), abs=2e-3)
     begins = replace(air, near_m=30.0, hump_m=(30.0, 150.0), shape=LookupTable(np.linspace(1.0, 0.0, 3001)))
     wave = waveform(train(np.array([[120.0]]), np.array([[0.0]]), volume=begins), equipped)
-    before, behind = ((one - wave.origin_m) / wave.unit_m for one in (29.9, 30.1))
+    before, behind = ((distance_m - wave.origin_m) / wave.unit_m for distance_m in (29.9, 30.1))
     assert wave.air_w(before) == 0.0
     assert wave.air_w(behind) == pytest.approx(0.999 * power_at_snr(equipped, 1e6), rel=1e-3)

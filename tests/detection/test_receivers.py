@@ -45,14 +45,14 @@ def test_receivers_of_several_sizes_share_a_process(mi: Any, run_python: Any, tm
     """
     outputs = []
     for order in (CASES, CASES[::-1]):
-        done = run_python(
+        process = run_python(
             DETECT.format(cases=order),
             PYTHONPATH=f"{TESTS.parent / 'src'}{os.pathsep}{TESTS}",
             HOME=str(tmp_path),
             LIDARSCENE_VARIANT=mi.variant(),
         )
-        assert done.returncode == 0, (done.returncode, done.stderr)
-        outputs.append(sorted(done.stdout.splitlines()))
+        assert process.returncode == 0, (process.returncode, process.stderr)
+        outputs.append(sorted(process.stdout.splitlines()))
     rising, falling = outputs
     assert rising == falling
     assert len({line.split()[-1] for line in rising}) == len(CASES)

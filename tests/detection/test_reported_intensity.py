@@ -94,20 +94,20 @@ def test_a_sipm_knows_its_cells():
 )
 def test_scales_of_the_makers(name, values):
     scale = load_sensor(name).intensity
-    found = intensity.on_scale(
+    reported = intensity.on_scale(
         reflectivity=np.array(list(values)),
         white_value=scale.white_value,
         retro=scale.retro,
         retro_reflectivity=scale.retro_reflectivity,
     )
-    np.testing.assert_array_equal(found, list(values.values()))
+    np.testing.assert_array_equal(reported, list(values.values()))
 
 
 def test_retro_range_is_logarithmic():
     """The same ratio of reflectivities is the same number of steps, and 101 comes right above white."""
     rho = np.geomspace(1.0, 1000.0, 4)
-    found = intensity.on_scale(reflectivity=rho, white_value=105.0, retro="logarithmic", retro_reflectivity=1000.0)
-    np.testing.assert_array_equal(np.diff(found), 50.0)
+    reported = intensity.on_scale(reflectivity=rho, white_value=105.0, retro="logarithmic", retro_reflectivity=1000.0)
+    np.testing.assert_array_equal(np.diff(reported), 50.0)
 
 
 def test_traced_boards(mi):
@@ -154,9 +154,9 @@ def test_where_the_overlap_vanishes_a_board_reads_dark():
     values = stop.intensity[stop.reported & (stop.status == 0)]
     white_w_m2 = 45.0 * sensor.optics.aperture_m2 * sensor.optics.efficiency_laser / math.pi
     rho = power * 6.0**2 / (1e-3 * white_w_m2)
-    wanted = 100.0 * rho if rho < 1.0 else 100.0 + 155.0 * math.log(rho) / math.log(1000.0)
-    assert 5.0 < wanted < 250.0
-    assert np.median(values) == pytest.approx(wanted, rel=0.03, abs=0.5)
+    expected = 100.0 * rho if rho < 1.0 else 100.0 + 155.0 * math.log(rho) / math.log(1000.0)
+    assert 5.0 < expected < 250.0
+    assert np.median(values) == pytest.approx(expected, rel=0.03, abs=0.5)
 
 
 def test_a_clipped_echo_behind_a_low_pass_reads_by_its_width():

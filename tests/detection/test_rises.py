@@ -32,7 +32,7 @@ def test_fog_is_crossed_where_it_reaches_the_level(lenses):
     equipped = load_sensor("biaxial-905", overrides=[RAW, *LENSES[lenses]])
     count = 60
     light = trains.in_fog(equipped, 10.0 ** np.linspace(-0.3, 0.3, count))
-    found = trains.detect(light, equipped).stops[0]
+    stop = trains.detect(light, equipped).stops[0]
     fwhm = equipped.laser.pulse_fwhm_s
     time_s = np.arange(-4.0 * fwhm, 2.0 * 25.0 / c, 4e-3 * fwhm)
     _, signal = sample_power_and_signal(light, equipped, time_s)
@@ -46,13 +46,13 @@ def test_fog_is_crossed_where_it_reaches_the_level(lenses):
         kappa_2=point.noise.kappa_2,
     )
     # A range before 0, of light that came back while the pulse was still leaving, is reported as 0.
-    judged = np.flatnonzero(found.reported & (found.range_m > 0.0))
+    judged = np.flatnonzero(stop.reported & (stop.range_m > 0.0))
     assert len(judged) > count // 4
-    assert len(np.unique(found.range_m[judged])) == len(judged)
+    assert len(np.unique(stop.range_m[judged])) == len(judged)
     for pulse in judged:
         edge = int(np.argmax(signal[pulse] >= level[pulse]))
         crossed = np.interp(level[pulse], signal[pulse, edge - 1 : edge + 1], time_s[edge - 1 : edge + 1])
-        assert found.range_m[pulse] == pytest.approx(0.5 * c * crossed, abs=2e-4)
+        assert stop.range_m[pulse] == pytest.approx(0.5 * c * crossed, abs=2e-4)
 
 
 def test_the_search_does_not_stop_where_the_air_begins():
@@ -66,8 +66,8 @@ def test_the_search_does_not_stop_where_the_air_begins():
         return np.maximum(place, 0.0) ** 2
 
     def shape(place):
-        before, here, after = course(place - 0.5), course(place), course(place + 0.5)
-        return here, after - before, 4.0 * (after - 2.0 * here + before)
+        before, centre, after = course(place - 0.5), course(place), course(place + 0.5)
+        return centre, after - before, 4.0 * (after - 2.0 * centre + before)
 
     peak = np.array([10.0])
     top = (course(peak), np.zeros(1), np.array([-1e-3]))

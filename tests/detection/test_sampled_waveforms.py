@@ -45,17 +45,19 @@ def test_a_walls_waveform_is_the_lidar_equations_gaussian(rays):
     sensor = chain.sensor("table1-apd", *chain.NARROW, *BEAM)
     arrival = 2.0 * WALL_M / SPEED_OF_LIGHT_M_S
     times = arrival + np.linspace(-20e-9, 20e-9, 4001)
-    found = Simulator(wall(), sensor, rays=rays).waveforms([4], times)
+    waveforms = Simulator(wall(), sensor, rays=rays).waveforms([4], times)
     peak = lidar_equation_w(sensor)
-    assert found.power_w.shape == found.signal.shape == (1, 4001)
-    assert found.power_w[0, 2000] == pytest.approx(peak, rel=1e-4)
-    energy = np.trapezoid(found.power_w[0].astype(np.float64), times)
+    assert waveforms.power_w.shape == waveforms.signal.shape == (1, 4001)
+    assert waveforms.power_w[0, 2000] == pytest.approx(peak, rel=1e-4)
+    energy = np.trapezoid(waveforms.power_w[0].astype(np.float64), times)
     assert energy == pytest.approx(peak * FWHM_S * math.sqrt(math.pi / (4.0 * math.log(2.0))), rel=1e-4)
-    np.testing.assert_allclose(found.range_m, 0.5 * SPEED_OF_LIGHT_M_S * times)
-    point = sensor.working_point(found.background_w.astype(np.float64))
-    np.testing.assert_allclose(found.signal[0], point.response.signal(found.power_w[0].astype(np.float64)), rtol=1e-5)
-    assert found.threshold[0] == pytest.approx(float(sensor.threshold(point)[0]), rel=1e-6)
-    assert found.unit == "A"
+    np.testing.assert_allclose(waveforms.range_m, 0.5 * SPEED_OF_LIGHT_M_S * times)
+    point = sensor.working_point(waveforms.background_w.astype(np.float64))
+    np.testing.assert_allclose(
+        waveforms.signal[0], point.response.signal(waveforms.power_w[0].astype(np.float64)), rtol=1e-5
+    )
+    assert waveforms.threshold[0] == pytest.approx(float(sensor.threshold(point)[0]), rel=1e-6)
+    assert waveforms.unit == "A"
 
 
 def test_the_waveform_crosses_where_the_point_is():
@@ -68,15 +70,15 @@ def test_the_waveform_crosses_where_the_point_is():
     sensor = chain.sensor("table1-apd", *chain.NARROW, *options, "laser.peak_power_w=2000")
     simulator = Simulator(wall(), sensor)
     cloud = simulator.render(seed=1)
-    found = simulator.waveforms(range(9), 2.0 / SPEED_OF_LIGHT_M_S * np.linspace(48.0, 50.0, 2001))
+    waveforms = simulator.waveforms(range(9), 2.0 / SPEED_OF_LIGHT_M_S * np.linspace(48.0, 50.0, 2001))
     assert len(cloud) == 9
-    point = sensor.working_point(found.background_w.astype(np.float64))
+    point = sensor.working_point(waveforms.background_w.astype(np.float64))
     noise = tdc.noise_at_level(
-        level=found.threshold, noise=point.noise.deviation, kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2
+        level=waveforms.threshold, noise=point.noise.deviation, kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2
     )
     for pulse in range(9):
-        crossing = np.interp(found.threshold[pulse], found.signal[pulse], found.range_m)
-        slope = np.interp(crossing, found.range_m, np.gradient(found.signal[pulse], found.range_m))
+        crossing = np.interp(waveforms.threshold[pulse], waveforms.signal[pulse], waveforms.range_m)
+        slope = np.interp(crossing, waveforms.range_m, np.gradient(waveforms.signal[pulse], waveforms.range_m))
         assert cloud.range_m[pulse] == pytest.approx(crossing, abs=5.0 * noise[pulse] / slope + 1e-3)
 
 
@@ -87,23 +89,23 @@ def test_pulses_are_those_of_the_frame_in_rising_order():
     wet = dataclasses.replace(wall(), air=Air(weather=Weather(fog_visibility_m=100.0, rain_mm_h=20.0)))
     simulator = Simulator(wet, sensor, rays=3)
     times = np.linspace(0.0, 400e-9, 500)
-    every = simulator.waveforms(range(9), times, seed=3, number=2)
-    some = simulator.waveforms([7, 2, 3], times, seed=3, number=2)
-    assert some.pulse.tolist() == [20, 21, 25]
-    assert some.unit == "cells"
+    all_pulses = simulator.waveforms(range(9), times, seed=3, number=2)
+    chosen = simulator.waveforms([7, 2, 3], times, seed=3, number=2)
+    assert chosen.pulse.tolist() == [20, 21, 25]
+    assert chosen.unit == "cells"
     for name in ("power_w", "signal", "threshold", "background_w", "channel", "azimuth_rad", "elevation_rad"):
-        np.testing.assert_array_equal(getattr(some, name), getattr(every, name)[[2, 3, 7]])
+        np.testing.assert_array_equal(getattr(chosen, name), getattr(all_pulses, name)[[2, 3, 7]])
     # Fog's light comes first, and rain differs from pulse to pulse.
-    assert every.power_w[:, times < 100e-9].max() > 1e-9
-    assert not np.array_equal(every.power_w[0], every.power_w[1])
+    assert all_pulses.power_w[:, times < 100e-9].max() > 1e-9
+    assert not np.array_equal(all_pulses.power_w[0], all_pulses.power_w[1])
 
 
 def test_without_times_it_is_the_window():
     sensor = chain.sensor("table1-apd", *chain.NARROW, "tdc.window_us=1")
-    found = Simulator(wall(), sensor).waveforms([0])
-    step = np.diff(found.time_s)
-    assert found.time_s[0] == 0.0
-    assert 1e-6 - FWHM_S / 16 < found.time_s[-1] <= 1e-6
+    waveforms = Simulator(wall(), sensor).waveforms([0])
+    step = np.diff(waveforms.time_s)
+    assert waveforms.time_s[0] == 0.0
+    assert 1e-6 - FWHM_S / 16 < waveforms.time_s[-1] <= 1e-6
     np.testing.assert_allclose(step, FWHM_S / 16)
 
 
@@ -119,9 +121,9 @@ def test_ambient_counts_of_every_pulse():
     5 sigma of the mean of 441 Poisson numbers: 6e-7 false alarms.
     """
     fine = [
-        f"scanner.{axis}_{what}_deg={value}"
+        f"scanner.{axis}_{key}_deg={value}"
         for axis in ("azimuth", "elevation")
-        for what, value in (("fov", 2.0), ("step", 0.1))
+        for key, value in (("fov", 2.0), ("step", 0.1))
     ]
     sensor = chain.sensor("table1-apd", *fine, "laser.peak_power_w=1e-3")
     simulator = Simulator(wall(), sensor)
@@ -133,11 +135,11 @@ def test_ambient_counts_of_every_pulse():
 
     cloud = simulator.render(seed=4, chunk=100, ambient=gathered)
     assert len(cloud) < 50
-    pulse, found = np.concatenate(pulses), np.concatenate(counts)
+    pulse, all_counts = np.concatenate(pulses), np.concatenate(counts)
     np.testing.assert_array_equal(pulse, np.arange(441))
     background = simulator.waveforms([220]).background_w[0]
     rate, _ = sensor.background_counts(background)
     mean = float(rate * sensor.tdc.ambient_s)
     # The aperture falls with the cosine of the scan angle, 1.5e-4 at a degree.
-    assert abs(found.mean() - mean) < 5.0 * math.sqrt(mean / 441) + 1e-3 * mean
-    assert 0.7 < found.var() / mean < 1.4
+    assert abs(all_counts.mean() - mean) < 5.0 * math.sqrt(mean / 441) + 1e-3 * mean
+    assert 0.7 < all_counts.var() / mean < 1.4

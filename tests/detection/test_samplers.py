@@ -24,23 +24,23 @@ def alone(equipped, snr, road, *, seed=6, widths=False):
     """One echo of this SNR at 100 m, many times, by either road: ranges and amplitudes, its power, working point,
     and the widths if asked for.
     """
-    power, every = trains.power_at_snr(equipped, snr), np.ones(SHOTS)
+    power, ones = trains.power_at_snr(equipped, snr), np.ones(SHOTS)
     if road == "several":
-        stop = detect(train(100.0 * every[:, None], power), equipped, seed=seed).stops[0]
+        stop = detect(train(100.0 * ones[:, None], power), equipped, seed=seed).stops[0]
     else:
         light = Echoes(
-            has_surface=every > 0.0,
-            range_m=100.0 * every,
-            peak_power_w=power * every,
-            background_power_w=trains.BACKGROUND_W * every,
+            has_surface=ones > 0.0,
+            range_m=100.0 * ones,
+            peak_power_w=power * ones,
+            background_power_w=trains.BACKGROUND_W * ones,
         )
         pulse = np.arange(SHOTS, dtype=np.uint32)
         stop = returns.detect(light, equipped, seed=seed, pulse=pulse).stops[0]
-    kept = stop.reported & (stop.status == 0)
-    assert kept.mean() > 0.999  # a false alarm or two
+    is_echo = stop.reported & (stop.status == 0)
+    assert is_echo.mean() > 0.999  # a false alarm or two
     point = equipped.working_point(np.array([trains.BACKGROUND_W]))
-    found = stop.range_m[kept], stop.amplitude[kept], power, point
-    return (*found, stop.width_s[kept]) if widths else found
+    measured = stop.range_m[is_echo], stop.amplitude[is_echo], power, point
+    return (*measured, stop.width_s[is_echo]) if widths else measured
 
 
 def sigma_of(point, signal):
@@ -69,9 +69,9 @@ def test_noise_of_the_tdcs_amplitude(name, snr, road):
     assert kstest(deviate, "norm").pvalue > 1e-4
     peak = point.response.signal(np.array([power]))[0]
     of_peak = (amplitude - peak) / sigma_of(point, peak)
-    kept = np.exp(-2.0 * math.pi * 20e6 * np.abs(early_s))
-    assert 0.3 < kept.mean() < 0.7
-    fresh = (of_peak - kept * deviate) / np.sqrt(1.0 - kept**2)
+    correlation = np.exp(-2.0 * math.pi * 20e6 * np.abs(early_s))
+    assert 0.3 < correlation.mean() < 0.7
+    fresh = (of_peak - correlation * deviate) / np.sqrt(1.0 - correlation**2)
     assert kstest(fresh, "norm").pvalue > 1e-4
     assert abs(np.corrcoef(fresh, deviate)[0, 1]) < norm.isf(0.5e-4) / math.sqrt(SHOTS)
 
@@ -91,9 +91,9 @@ def test_noise_of_the_trailing_edge(name, snr, road):
         deviate_at(equipped, point, point.response.signal(power * np.exp(-0.5 * (t / SIGMA_S) ** 2)))
         for t in (early_s, early_s + width_s)
     )
-    kept = np.exp(-2.0 * math.pi * 10e6 * 2.0 * np.abs(early_s))
-    assert 0.4 < kept.mean() < 0.8
-    fresh = (last - kept * first) / np.sqrt(1.0 - kept**2)
+    correlation = np.exp(-2.0 * math.pi * 10e6 * 2.0 * np.abs(early_s))
+    assert 0.4 < correlation.mean() < 0.8
+    fresh = (last - correlation * first) / np.sqrt(1.0 - correlation**2)
     assert kstest(fresh, "norm").pvalue > 1e-4
     assert abs(np.corrcoef(fresh, first)[0, 1]) < norm.isf(0.5e-4) / math.sqrt(SHOTS)
 
@@ -129,8 +129,8 @@ def test_levels_know_width_amplitude_and_walk(name):
         equipped = sensor(name, *quiet, "tdc.threshold_to_noise=6")
         point = equipped.working_point(np.array([trains.BACKGROUND_W]))
         ratio = trains.power_at_snr(equipped, snr) / float(point.response.power_w(equipped.threshold(point))[0])
-        wanted = 2.0 * SIGMA_S * math.sqrt(2.0 * math.log(ratio))
-        assert width.mean() == pytest.approx(wanted, abs=5.0 * width.std() / math.sqrt(SHOTS) + 0.01 * wanted)
+        expected_s = 2.0 * SIGMA_S * math.sqrt(2.0 * math.log(ratio))
+        assert width.mean() == pytest.approx(expected_s, abs=5.0 * width.std() / math.sqrt(SHOTS) + 0.01 * expected_s)
         assert abs(error.mean()) < 5.0 * error.std() / math.sqrt(SHOTS)
         assert amplitude.mean() == pytest.approx(1.0, abs=0.02)
 
@@ -189,7 +189,7 @@ def test_walk_that_the_levels_tell(name, recovery_s):
                 level=level, signal=level * np.exp(overdrive), saturation=2e-6, fwhm_s=FWHM_S, recovery_s=recovery_s
             )
 
-        overdrives = np.array([brentq(too_wide_s, 1e-9, 80.0, args=(one,), xtol=1e-12) for one in width_s])
+        overdrives = np.array([brentq(too_wide_s, 1e-9, 80.0, args=(width,), xtol=1e-12) for width in width_s])
         assert np.exp(overdrives.mean()) * level > 4e-6  # they do clip
         early_s = SIGMA_S * np.sqrt(2.0 * overdrives)
         assert np.abs(early_s / (0.5 * width_s) - 1.0).min() > 0.05
@@ -212,10 +212,10 @@ def test_walk_that_the_levels_tell(name, recovery_s):
     ],
 )
 def test_mistakes_are_told(overrides, message):
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as raised:
         sensor("table1-apd", *overrides)
-    assert message in str(told.value), str(told.value)
-    assert "\n" not in str(told.value)
+    assert message in str(raised.value), str(raised.value)
+    assert "\n" not in str(raised.value)
 
 
 @pytest.mark.parametrize(("rate_mhz", "samples"), [(1e3 / 6.0, 5), (41e3, 985), (42625, 1024)])
@@ -232,10 +232,10 @@ def test_rates_at_their_limits(rate_mhz, samples):
 
 def passed(fine_m, power, level, peak_m):
     """Ranges at which light comes over a level before a peak and falls below it behind."""
-    over = power >= level
+    above = power >= level
     top = int(np.argmin(np.abs(fine_m - peak_m)))
-    assert over[top]
-    return fine_m[top - int(np.argmin(over[top::-1]))], fine_m[top + int(np.argmin(over[top:]))]
+    assert above[top]
+    return fine_m[top - int(np.argmin(above[top::-1]))], fine_m[top + int(np.argmin(above[top:]))]
 
 
 @pytest.mark.parametrize(
@@ -266,8 +266,8 @@ def test_levels_of_a_pulse_on_other_light(lasting, level, highest):
     up_m, down_m = passed(fine_m, power, highest, 60.0)
     assert power.max() > 6.0
     by_width = highest * math.exp((down_m - up_m) ** 2 / (8.0 * SIGMA_M**2))
-    wanted = min(by_width, 4.0) if lasting else by_width
-    assert second.amplitude[0] / equipped.threshold(point)[0] == pytest.approx(wanted, rel=0.01)
+    expected = min(by_width, 4.0) if lasting else by_width
+    assert second.amplitude[0] / equipped.threshold(point)[0] == pytest.approx(expected, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -297,8 +297,8 @@ def test_levels_that_light_behind_a_pulse_holds_say_nothing(lasting, base):
     assert second.amplitude[0] / equipped.threshold(point)[0] == pytest.approx(peak, rel=0.03)
 
 
-@pytest.mark.parametrize(("top", "wanted"), [(1.7, 2.0), (3.0, 4.0), (5.0, 8.0), (20.0, 8.0)])
-def test_levels_take_air_for_no_more_than_the_next_one(top, wanted):
+@pytest.mark.parametrize(("top", "expected"), [(1.7, 2.0), (3.0, 4.0), (5.0, 8.0), (20.0, 8.0)])
+def test_levels_take_air_for_no_more_than_the_next_one(top, expected):
     """Light over 12 m: its width says thousands of times its height. Above the highest level another is assumed, as far
     from it as that is from the one before.
     """
@@ -307,19 +307,19 @@ def test_levels_take_air_for_no_more_than_the_next_one(top, wanted):
     light, _, _ = on_light(equipped, [(50.0, 0.0)], lasting)
     first = detect(light, equipped).stops[0]
     point = equipped.working_point(light.background_power_w)
-    assert first.amplitude[0] / equipped.threshold(point)[0] == pytest.approx(wanted, rel=1e-9)
+    assert first.amplitude[0] / equipped.threshold(point)[0] == pytest.approx(expected, rel=1e-9)
 
 
 def test_levels_above_where_an_amplifier_clips_are_not_there():
     """Two sensors that differ in such a level alone read strong pulses alike, shot by shot."""
     clips = ["detector.circuit_noise_na=1e4", "tdc.threshold_to_noise=100", "detector.saturation_ua=5e3"]
-    both = [
+    results = [
         readings(2e4, *clips, "sampler.type='multi_level_tdc'", f"sampler.levels={levels}")
         for levels in ("[2, 4]", "[2, 4, 8]")
     ]
-    for have, want in zip(*both, strict=True):
+    for have, want in zip(*results, strict=True):
         np.testing.assert_array_equal(have, want)
-    assert both[0][1].mean() > 0.9
+    assert results[0][1].mean() > 0.9
 
 
 def test_a_pulse_that_grazes_the_levels_has_neither_width_nor_walk():

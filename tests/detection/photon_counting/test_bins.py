@@ -46,7 +46,7 @@ def test_peak_and_photons_are_those_of_the_whole_histogram(overrides, power_w, c
     template = np.exp(-0.5 * (np.arange(-12, 13) / w) ** 2) * math.sqrt(1.0 + 1.44) / 1.2
     first = 190
     near = whole.counts[:, first - 12 : first + 32]
-    values = np.stack([np.convolve(one, template, "valid") for one in near])
+    values = np.stack([np.convolve(window, template, "valid") for window in near])
     values -= float(np.mean(pixel.count_rate_hz)) * 1e-9 * template.sum()
     theirs = values.max(axis=1)
     assert theirs.mean() > 150.0
@@ -172,14 +172,14 @@ def test_photons_of_an_echo_and_the_flank_of_one(rate_mhz):
     assert peak.photons.mean() == pytest.approx(expected, abs=4.5 * scatter + within * expected)
     assert peak.rising.mean() < 0.01
     for side in (-1.0, 1.0):
-        away = bins.highest(place + side * 6e-9 / bins.pixel.sigma_s, time_s + side * 6e-9)
-        assert away.rising.mean() > 0.95
+        off_peak = bins.highest(place + side * 6e-9 / bins.pixel.sigma_s, time_s + side * 6e-9)
+        assert off_peak.rising.mean() > 0.95
     # Bins are drawn in pairs from an even one, so a search 3.3 ns late begins with the echo's bin where that is odd.
     # Its place between bins follows from both of its sides there too: to 0.1 ns, where a neighbour left out is 0.5.
     odd_m = 30.15
     light = echoes_in_sun(counter, [odd_m], [0.1], rate_hz=1e6 * rate_mhz)(4000)
     bins, time_s, place = bins_of(counter, light, odd_m)
     late = bins.highest(place + 3.3e-9 / bins.pixel.sigma_s, time_s + 3.3e-9)
-    there = ~late.rising
-    assert there.mean() > 0.2
-    assert abs(np.mean(late.time_s[there] - bins.highest(place, time_s).time_s[there])) < 1e-10
+    falling = ~late.rising
+    assert falling.mean() > 0.2
+    assert abs(np.mean(late.time_s[falling] - bins.highest(place, time_s).time_s[falling])) < 1e-10

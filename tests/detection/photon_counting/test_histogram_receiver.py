@@ -32,13 +32,13 @@ def histograms(rng, counter, light, count):
     echo = float(np.ravel(pixel.detections(light.peak_power_w[:1]))[0])
     place = 2e9 * float(light.range_m[0]) / C
     bins, dead = round(1e9 * float(counter.tdc.window_s)), 1e9 * float(spad.dead_time_s)
-    trials, found = int(float(spad.spads) * float(summed.shots)), []
+    trials, recorded = int(float(spad.spads) * float(summed.shots)), []
     for _ in range(count):
         times = photons.arrivals(
             rng, trials, rate_per_ns=rate, start=-5 * dead, end=float(bins), echo=(echo, place, sigma_ns)
         )
-        found.append(photons.histogram(photons.fired(times, dead), bins=bins, bin_ns=1.0))
-    return np.array(found), pixel, place
+        recorded.append(photons.histogram(photons.fired(times, dead), bins=bins, bin_ns=1.0))
+    return np.array(recorded), pixel, place
 
 
 def read(counts, counter, pixel, place=None):
@@ -85,12 +85,12 @@ def test_photons_found_and_their_place_are_those_of_photons_one_by_one(counter):
     stop = photons.detected(counter, light).stops[0]
     point = counter.working_point(light.background_power_w[:1])
     level = float(counter.threshold(point)[0])
-    seen = photons.echo_of(stop)
+    detected = photons.echo_of(stop)
     simulated = top > level
     share = simulated.mean()
-    assert seen.mean() == pytest.approx(share, abs=4 * math.sqrt(0.25 / count) * 0.5 + 1e-3)
+    assert detected.mean() == pytest.approx(share, abs=4 * math.sqrt(0.25 / count) * 0.5 + 1e-3)
     apart = 1e-9 * (time_ns - place)[simulated] * C / 2
-    ours = (stop.range_m - range_m)[seen]
+    ours = (stop.range_m - range_m)[detected]
     assert ours.std() == pytest.approx(apart.std(), rel=4 / math.sqrt(2 * count))
     # The shift by pile-up and shadow, which the receiver takes off, is there in the other road's ranges.
     assert ours.mean() == pytest.approx(0.0, abs=4e-3)
@@ -110,10 +110,10 @@ def test_the_share_that_is_found_is_the_probability(illuminance_klux, snr):
         count=15_000,
         illuminance_klux=illuminance_klux,
     )
-    found = photons.detected(counter, light)
-    expected = float(found.detection_probability[0])
+    detection = photons.detected(counter, light)
+    expected = float(detection.detection_probability[0])
     assert 0.2 < expected < 0.9
-    share = sum(photons.echo_of(stop).mean() for stop in found.stops)
+    share = sum(photons.echo_of(stop).mean() for stop in detection.stops)
     assert share == pytest.approx(expected, abs=0.026)
 
 
@@ -125,10 +125,10 @@ def test_a_threshold_that_scatters_finds_as_many_as_its_probability():
     apart = []
     for above in (-5.0, 0.0, 5.0):
         light = photons.echoes_of(counter, 60.0, photons=level + above, count=6_000, illuminance_klux=0.0)
-        found, plain = (photons.detected(one, light) for one in (counter, sharp))
-        share = sum(photons.echo_of(stop).mean() for stop in found.stops)
-        assert share == pytest.approx(float(found.detection_probability[0]), abs=0.036)
-        apart.append(float(found.detection_probability[0] - plain.detection_probability[0]))
+        detection, plain = (photons.detected(receiver, light) for receiver in (counter, sharp))
+        share = sum(photons.echo_of(stop).mean() for stop in detection.stops)
+        assert share == pytest.approx(float(detection.detection_probability[0]), abs=0.036)
+        apart.append(float(detection.detection_probability[0] - plain.detection_probability[0]))
     # A sharp threshold loses more of the weak ones and keeps more of the strong ones.
     assert apart[0] > 0.04
     assert apart[2] < -0.04
@@ -148,9 +148,9 @@ def test_an_echo_without_photons_is_none_however_low_its_threshold_is_drawn():
     )
     for signal in (1e-3, 0.03, 0.3, 1.0):
         light = photons.echoes_of(counter, 60.0, photons=signal, count=20_000, illuminance_klux=0.0)
-        found = photons.detected(counter, light)
-        expected = float(found.detection_probability[0])
-        share = sum(photons.echo_of(stop).mean() for stop in found.stops)
+        detection = photons.detected(counter, light)
+        expected = float(detection.detection_probability[0])
+        share = sum(photons.echo_of(stop).mean() for stop in detection.stops)
         assert share == pytest.approx(expected, rel=0.15, abs=4.0 * math.sqrt(signal / 20_000))
         assert expected < -math.expm1(-signal)
 
@@ -165,12 +165,12 @@ def test_what_neighbours_do_not_see_either_is_no_echo_of_an_ouster(name):
     alike = load_sensor(name, overrides=["histogram.lone_photons=0"])
     range_m = np.array([15.0, 20.0, 30.0, 40.0, 50.0, 65.0, 100.0, 590.0])
     light = plane.echoes_of_plane(counter, plane.Target(), np.repeat(range_m, 2000))
-    found = photons.detected(counter, light)
-    share = np.any([photons.echo_of(stop) for stop in found.stops], axis=0).reshape(-1, 2000).mean(axis=1)
-    expected = np.asarray(found.detection_probability).reshape(-1, 2000)[:, 0]
+    detection = photons.detected(counter, light)
+    share = np.any([photons.echo_of(stop) for stop in detection.stops], axis=0).reshape(-1, 2000).mean(axis=1)
+    expected = np.asarray(detection.detection_probability).reshape(-1, 2000)[:, 0]
     error = 4.0 * np.sqrt(expected * (1.0 - expected) / 2000)
     assert (np.abs(share - expected) < error + 0.02).all()
-    by_signal = np.argsort(np.asarray(found.snr)[::2000])
+    by_signal = np.argsort(np.asarray(detection.snr)[::2000])
     assert (np.diff(expected[by_signal]) >= 0.0).all()
     # A lone peak in one of the bins that are searched is rarer still than one in 10^10.
     point = counter.working_point(light.background_power_w[:1])
@@ -197,7 +197,7 @@ def of_renewed(rng, counter, light, points):
     mean = trials * rate / (1.0 + rate * dead) * bin_ns * template.sum()
     point = counter.working_point(light.background_power_w[:1], range_m=light.range_m[:1])
     level, echo = (float(counter.threshold(point)[0]), float(np.ravel(pixel.detections(light.peak_power_w[:1]))[0]))
-    found, at_once = 0, 100
+    detections, at_once = 0, 100
     for _ in range(points // at_once):
         place = (reach + 4 + rng.random()) * bin_ns
         counts = photons.renewed(
@@ -211,8 +211,8 @@ def of_renewed(rng, counter, light, points):
         )
         values = np.lib.stride_tricks.sliding_window_view(counts, len(template), axis=1) @ template - mean
         first = reach + 4 - side - search - 1
-        found += int((values[:, first : first + 2 * search + 3].max(axis=1) >= level).sum())
-    return found / points
+        detections += int((values[:, first : first + 2 * search + 3].max(axis=1) >= level).sum())
+    return detections / points
 
 
 def sunlit(rate_mhz, dead_ns, fwhm_ns, above, count, *overrides):
@@ -263,9 +263,9 @@ def test_the_share_found_in_strong_sun_is_the_probability(case):
     build, lacking, excess = SUN[case]
     counter, light = build(6000)
     light.range_m[:] += np.linspace(0.0, 0.15, 6000)
-    found = photons.detected(counter, light)
-    share = np.any([photons.echo_of(stop) for stop in found.stops], axis=0).mean()
-    expected = float(np.mean(found.detection_probability))
+    detection = photons.detected(counter, light)
+    share = np.any([photons.echo_of(stop) for stop in detection.stops], axis=0).mean()
+    expected = float(np.mean(detection.detection_probability))
     error = 5.0 * math.sqrt(max(share * (1.0 - share), 0.01) / 6000)
     assert expected - error - max(excess, 0.01) < share < expected + error + lacking
 
@@ -277,10 +277,10 @@ def test_the_share_found_in_strong_sun_is_that_of_photons_one_by_one(case):
     """
     counter, light = SUN[case][0](6000)
     light.range_m[:] += np.linspace(0.0, 0.15, 6000)
-    found = photons.detected(counter, light)
-    share = np.any([photons.echo_of(stop) for stop in found.stops], axis=0).mean()
-    own = of_renewed(np.random.default_rng(6), counter, light, 500)
-    assert share == pytest.approx(own, abs=4.0 * math.sqrt(0.25 / 500 + 0.25 / 6000) + 0.025)
+    detection = photons.detected(counter, light)
+    share = np.any([photons.echo_of(stop) for stop in detection.stops], axis=0).mean()
+    simulated_share = of_renewed(np.random.default_rng(6), counter, light, 500)
+    assert share == pytest.approx(simulated_share, abs=4.0 * math.sqrt(0.25 / 500 + 0.25 / 6000) + 0.025)
 
 
 def test_a_threshold_that_scatters_has_the_false_alarms_of_its_thresholds():
@@ -293,8 +293,8 @@ def test_a_threshold_that_scatters_has_the_false_alarms_of_its_thresholds():
     )
     sky = photons.echoes_of(counter, 60.0, count=40_000, illuminance_klux=1.0)
     sky.has_surface[:], sky.peak_power_w[:] = False, 0.0
-    found = photons.detected(counter, sky)
-    ours = sum((stop.reported & (stop.status == Status.FALSE_ALARM)).mean() for stop in found.stops)
+    detection = photons.detected(counter, sky)
+    ours = sum((stop.reported & (stop.status == Status.FALSE_ALARM)).mean() for stop in detection.stops)
     point = counter.working_point(sky.background_power_w[:1])
     drawn = 18.0 + 2.0 * np.random.default_rng(0).standard_normal(200_000)
     rate_hz = np.asarray(counter.false_alarm_rate_hz(point, np.maximum(drawn, 0.0)))
@@ -311,8 +311,8 @@ def test_a_threshold_that_scatters_has_the_false_alarms_of_its_thresholds():
         "histogram.lone_photons=4",
         "histogram.stops=4",
     )
-    found = photons.detected(asking, sky)
-    of_noise = sum((stop.reported & (stop.status == Status.FALSE_ALARM)).mean() for stop in found.stops)
+    detection = photons.detected(asking, sky)
+    of_noise = sum((stop.reported & (stop.status == Status.FALSE_ALARM)).mean() for stop in detection.stops)
     assert of_noise == pytest.approx(sharp, rel=0.05, abs=4.0 * math.sqrt(sharp / 40_000))
 
 
@@ -326,7 +326,7 @@ def test_precision_is_close_to_the_bound(estimator, photons_of_echo, klux):
     light = photons.echoes_of(counter, 40.0, photons=photons_of_echo, count=8_000, illuminance_klux=klux)
     light.range_m[:] += np.linspace(0.0, 0.3, 8_000)
     stop = photons.detected(counter, light).stops[0]
-    seen = photons.echo_of(stop)
+    detected = photons.echo_of(stop)
     pixel = counter.pixel(light.background_power_w)
     bound_m = (
         0.5
@@ -342,7 +342,7 @@ def test_precision_is_close_to_the_bound(estimator, photons_of_echo, klux):
             )
         )
     )
-    ratio = (stop.range_m - light.range_m)[seen].std() / bound_m
+    ratio = (stop.range_m - light.range_m)[detected].std() / bound_m
     if estimator == "matched_filter" or klux == 0.0:
         assert 0.98 < ratio < 1.2
     else:
@@ -354,8 +354,8 @@ def test_false_alarms_are_as_many_as_in_whole_histograms():
     counter = photons.sensor("histogram.threshold_floor=0.0", "histogram.threshold_slope=0.27", "histogram.stops=4")
     sky = photons.echoes_of(counter, 60.0, count=40_000, **SUNNY)
     sky.has_surface[:], sky.peak_power_w[:] = False, 0.0
-    found = photons.detected(counter, sky)
-    ours = sum((stop.reported & (stop.status == Status.FALSE_ALARM)).sum() for stop in found.stops) / 40_000
+    detection = photons.detected(counter, sky)
+    ours = sum((stop.reported & (stop.status == Status.FALSE_ALARM)).sum() for stop in detection.stops) / 40_000
     pixel = counter.pixel(sky.background_power_w[:1])
     point = counter.working_point(sky.background_power_w[:1])
     level, mean = float(counter.threshold(point)[0]), float(pixel.count_rate_hz[0]) * 1e-9
@@ -369,7 +369,7 @@ def test_false_alarms_are_as_many_as_in_whole_histograms():
     share = float(pixel.variance_share[0])
     assert share > 0.97
     assert ours == pytest.approx(theirs, abs=4 * math.sqrt(theirs / 2000) + 0.1 * theirs)
-    assert (found.outcome == Outcome.NO_SURFACE).all()
+    assert (detection.outcome == Outcome.NO_SURFACE).all()
 
 
 def trains(counter, ranges_m, powers_w, count):
@@ -392,11 +392,11 @@ def test_two_boards_are_two_returns_and_the_first_shades_the_second():
     pixel = counter.pixel(np.full(1, 1e-10))
     one_w = float(np.ravel(pixel.power_w(1500.0 * np.ones(1)))[0])
     light = -math.log(1 - 1500.0 / float(pixel.trials) / float(pixel.free[0]))
-    for apart, left in ((1.2, math.exp(-light)), (6.0, 1.0)):
+    for apart, unshaded_share in ((1.2, math.exp(-light)), (6.0, 1.0)):
         train = trains(counter, [30.0, 30.0 + apart], [one_w, one_w], 4000)
         stops = histogram_receiver.detect(train, counter, seed=1, pulse=np.arange(4000, dtype=np.uint32)).stops
         assert all(photons.echo_of(stop).all() for stop in stops)
-        assert stops[1].photons.mean() / stops[0].photons.mean() == pytest.approx(left, rel=0.05)
+        assert stops[1].photons.mean() / stops[0].photons.mean() == pytest.approx(unshaded_share, rel=0.05)
         assert stops[1].true_range_m.mean() == pytest.approx(30.0 + apart, abs=0.03)
 
 
@@ -419,8 +419,8 @@ def test_echoes_that_merge_are_found_as_often_as_their_broad_peak(background_w, 
     values, _ = read(whole.histograms(light, counter, seed=1, pulse=pulse).counts, counter, pixel)
     middle = 1e9 * (2.0 * range_m.mean(axis=1) / C)
     near = np.abs(np.arange(values.shape[1]) + 0.5 - middle[:, None]) < 5.0
-    found = (np.where(near, values, 0.0).max(axis=1) >= level).mean()
-    assert found == pytest.approx(expected, abs=4.0 * math.sqrt(0.25 / count) + 0.02)
+    above_share = (np.where(near, values, 0.0).max(axis=1) >= level).mean()
+    assert above_share == pytest.approx(expected, abs=4.0 * math.sqrt(0.25 / count) + 0.02)
 
 
 @pytest.mark.parametrize(
@@ -500,7 +500,7 @@ def test_which_of_two_boards_is_kept():
     to the return before than the least separation is none. The source is the brighter one's number.
     """
 
-    def found(*overrides):
+    def detect_with(*overrides):
         counter = photons.sensor(
             "detector.spads=100", "histogram.window_us=0.6", "histogram.threshold_floor=100", *overrides
         )
@@ -509,12 +509,12 @@ def test_which_of_two_boards_is_kept():
         return photons.detected_train(counter, trains(counter, [30.0, 33.0], powers, 50))
 
     for keep, place_m in (("strongest", 33.0), ("first", 30.0), ("last", 33.0)):
-        result = found(f"histogram.keep='{keep}'")
+        result = detect_with(f"histogram.keep='{keep}'")
         np.testing.assert_allclose(result.stops[0].true_range_m, place_m, atol=0.01)
         assert (np.asarray(result.source) == 1).all()
-    both = found("histogram.stops=2", "histogram.separation_ns=18")
-    assert all(photons.echo_of(stop).all() for stop in both.stops)
-    alone = found("histogram.stops=2", "histogram.separation_ns=22")
+    two_boards = detect_with("histogram.stops=2", "histogram.separation_ns=18")
+    assert all(photons.echo_of(stop).all() for stop in two_boards.stops)
+    alone = detect_with("histogram.stops=2", "histogram.separation_ns=22")
     assert photons.echo_of(alone.stops[0]).all()
     assert not np.asarray(alone.stops[1].reported).any()
     np.testing.assert_allclose(alone.stops[0].true_range_m, 30.0, atol=0.01)
@@ -558,7 +558,7 @@ def test_what_lies_beyond_the_unambiguous_range_folds_back_and_says_so():
 
 def test_coates_correction_straightens_the_photons_of_strong_echoes():
     """Two detections a shot and SPAD: corrected counts are in proportion to the light to 1 %, raw ones 0.43 of it."""
-    found = {}
+    ratios = {}
     for coates in ("true", "false"):
         counter = photons.sensor(f"histogram.coates={coates}", "detector.stamps='first'", "detector.spads=1000")
         light = photons.echoes_of(counter, 5.0, count=4000, illuminance_klux=1.0)
@@ -566,9 +566,9 @@ def test_coates_correction_straightens_the_photons_of_strong_echoes():
         unit = float(np.ravel(pixel.detections(1.0))[0])
         light.peak_power_w[:] = 2.0 / unit
         stop = photons.detected(counter, light).stops[0]
-        found[coates] = stop.photons.mean() / (2.0 * float(pixel.trials))
-    assert found["true"] == pytest.approx(1.0, abs=0.01)
-    assert found["false"] == pytest.approx((1 - math.exp(-2.0)) / 2.0, rel=0.03)
+        ratios[coates] = stop.photons.mean() / (2.0 * float(pixel.trials))
+    assert ratios["true"] == pytest.approx(1.0, abs=0.01)
+    assert ratios["false"] == pytest.approx((1 - math.exp(-2.0)) / 2.0, rel=0.03)
 
 
 def test_coincidence_keeps_the_dark_and_loses_the_weak():
@@ -583,9 +583,9 @@ def test_coincidence_keeps_the_dark_and_loses_the_weak():
     assert float(pixel.count_share[0]) == pytest.approx(
         1 - (1 - per_bin) ** 64 - 64 * per_bin * (1 - per_bin) ** 63, rel=1e-3
     )
-    found = photons.detected(counter, light)
-    stop = found.stops[0]
-    assert photons.echo_of(stop).mean() == pytest.approx(float(found.detection_probability[0]), abs=0.045)
+    detection = photons.detected(counter, light)
+    stop = detection.stops[0]
+    assert photons.echo_of(stop).mean() == pytest.approx(float(detection.detection_probability[0]), abs=0.045)
     assert stop.photons.mean() == pytest.approx(30.0, rel=0.05)
 
 
@@ -596,7 +596,7 @@ def test_more_light_is_never_less_likely_to_be_found(dark_hz, klux):
     counter = photons.sensor(f"detector.dark_count_rate_hz={dark_hz}")
     light = photons.echoes_of(counter, 10.0, count=400, illuminance_klux=klux)
     light = dataclasses.replace(light, peak_power_w=light.peak_power_w * np.geomspace(1e-6, 30.0, 400))
-    found = np.asarray(photons.detected(counter, light).detection_probability)
-    assert found[0] < 0.1
-    assert (np.diff(found) >= -1e-9).all()
-    assert found[-1] == pytest.approx(1.0)
+    probability = np.asarray(photons.detected(counter, light).detection_probability)
+    assert probability[0] < 0.1
+    assert (np.diff(probability) >= -1e-9).all()
+    assert probability[-1] == pytest.approx(1.0)

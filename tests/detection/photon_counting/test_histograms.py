@@ -23,14 +23,14 @@ def test_background_and_echo_have_their_means_and_the_counts_scatter_around_them
     """
     counter = photons.sensor("histogram.window_us=0.4")
     pixel = counter.pixel(np.array([2e-10]))
-    found = filled(counter, 0.0, 2e-10)
-    np.testing.assert_allclose(found.expected, float(pixel.count_share[0]) * 3200.0, rtol=2e-3)
-    mean = found.expected[0]
-    assert (np.abs(found.counts.mean(axis=0) - mean) < 4.5 * np.sqrt(mean / COUNT)).all()
+    histogram = filled(counter, 0.0, 2e-10)
+    np.testing.assert_allclose(histogram.expected, float(pixel.count_share[0]) * 3200.0, rtol=2e-3)
+    mean = histogram.expected[0]
+    assert (np.abs(histogram.counts.mean(axis=0) - mean) < 4.5 * np.sqrt(mean / COUNT)).all()
     dark = photons.sensor("histogram.window_us=0.4", "detector.dark_count_rate_hz=0")
     light = float(dark.pixel(np.zeros(1)).detections(2e-8))
-    found = filled(dark, 2e-8, 0.0)
-    assert found.expected[0].sum() == pytest.approx(-3200.0 * math.expm1(-light), rel=5e-3)
-    place = float(np.sum(found.time_s * found.expected[0]) / found.expected[0].sum())
+    histogram = filled(dark, 2e-8, 0.0)
+    assert histogram.expected[0].sum() == pytest.approx(-3200.0 * math.expm1(-light), rel=5e-3)
+    place = float(np.sum(histogram.time_s * histogram.expected[0]) / histogram.expected[0].sum())
     assert 1.498962e8 * place == pytest.approx(30.0, abs=0.15)
-    assert found.counts.sum(axis=1).mean() == pytest.approx(found.expected[0].sum(), rel=5e-3)
+    assert histogram.counts.sum(axis=1).mean() == pytest.approx(histogram.expected[0].sum(), rel=5e-3)

@@ -20,7 +20,7 @@ from lidarscene.physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 DEAD_S, FWHM_S, CELLS, PDE, DARK_HZ = 20e-9, 3e-9, 400, 0.22, 2007.0
 SIGMA_PULSE_S = FWHM_S / SIGMAS_PER_FWHM
 KEYS = ("detector.dead_time_ns=20", "laser.pulse_fwhm_ns=3", "tdc.stops=4", "detector.cell_floor=1", "tdc.lsb_ps=0")
-IN_TIME, STEADY = (f"detector.statistics='{one}'" for one in ("time_domain", "steady_state"))
+IN_TIME, STEADY = (f"detector.statistics='{statistics}'" for statistics in ("time_domain", "steady_state"))
 DIM_W, BRIGHT_W = 2.5e-9, 2.5e-8
 """Background at which a ready cell fires 0.13 and 1.3 times in a dead time."""
 
@@ -56,9 +56,9 @@ def counts(equipped, background_w, powers_w, arrivals_s, *, shots=200, step_s=0.
     np.add.at(changes, (shot[was_busy], 0), 1.0)
     np.add.at(changes, (shot[was_busy], np.searchsorted(times_s, ready_s[was_busy])), -1.0)
     while len(shot):
-        wanted = np.interp(ready_s, fine_s, hazard) + random.exponential(size=len(shot))
-        fires = (ready_s < end_s) & (wanted < hazard[-1])
-        shot, fired_s = shot[fires], np.interp(wanted[fires], hazard, fine_s)
+        due = np.interp(ready_s, fine_s, hazard) + random.exponential(size=len(shot))
+        fires = (ready_s < end_s) & (due < hazard[-1])
+        shot, fired_s = shot[fires], np.interp(due[fires], hazard, fine_s)
         ready_s = fired_s + DEAD_S
         np.add.at(changes, (shot, np.searchsorted(times_s, fired_s)), 1.0)
         np.add.at(changes, (shot, np.searchsorted(times_s, ready_s)), -1.0)
@@ -68,15 +68,15 @@ def counts(equipped, background_w, powers_w, arrivals_s, *, shots=200, step_s=0.
 def echoes(equipped, background_w, signals, apart_m, *, pulses=400):
     """What is detected of boards whose lone echoes have these peaks, their powers and their arrivals."""
     point = equipped.working_point(np.array([background_w]))
-    powers = [float(point.response.power_w(np.array([one]))[0]) for one in signals]
+    powers = [float(point.response.power_w(np.array([signal]))[0]) for signal in signals]
     range_m = 30.0 + apart_m * np.arange(len(signals))
     light = train(np.tile(range_m, (pulses, 1)), np.tile(powers, (pulses, 1)), background_w=background_w)
     return detect(light, equipped), powers, 2.0 * (range_m - 30.0) / SPEED_OF_LIGHT_M_S
 
 
-def returns(found):
+def returns(detection):
     """Mean number of echoes reported of a pulse."""
-    return sum(float(np.mean(stop.reported & (stop.status == 0))) for stop in found.stops)
+    return sum(float(np.mean(stop.reported & (stop.status == 0))) for stop in detection.stops)
 
 
 @pytest.mark.parametrize(("apart_m", "expected"), [(2.0, 1), (2.8, 1), (4.0, 2)])
@@ -86,8 +86,8 @@ def test_second_board_within_the_dead_time(apart_m, expected):
     was below the level for 4 ns: it jitters around the level on its way through it. Both to 0.05.
     """
     equipped = sensor("table1-sipm", IN_TIME, *KEYS)
-    found, powers, arrivals = echoes(equipped, DIM_W, (100.0, 100.0), apart_m)
-    assert returns(found) == pytest.approx(expected, abs=0.05)
+    detection, powers, arrivals = echoes(equipped, DIM_W, (100.0, 100.0), apart_m)
+    assert returns(detection) == pytest.approx(expected, abs=0.05)
     _, count = counts(equipped, DIM_W, powers, arrivals, shots=60)
     level = float(equipped.threshold(equipped.working_point(np.array([DIM_W])))[0])
     high = count >= level
@@ -108,14 +108,14 @@ def test_peak_of_the_second_echo(background_w, signals, apart_m):
     mean count of cells simulated one by one. Tolerance 3 %: four standard errors of 200 shots are 1.5 to 2.6 %.
     """
     equipped = sensor("table1-sipm", IN_TIME, *KEYS)
-    found, powers, arrivals = echoes(equipped, background_w, signals, apart_m)
+    detection, powers, arrivals = echoes(equipped, background_w, signals, apart_m)
     time_s, count = counts(equipped, background_w, powers, arrivals)
     peak = np.searchsorted(time_s, arrivals[1] + 2.0 * SIGMA_PULSE_S)
-    stop = found.stops[1]
-    seen = stop.reported & (stop.status == 0)
-    assert seen.mean() > 0.9
+    stop = detection.stops[1]
+    is_echo = stop.reported & (stop.status == 0)
+    assert is_echo.mean() > 0.9
     lone = equipped.working_point(np.array([background_w])).noise.deviation[0]
-    assert stop.snr[seen].mean() * lone == pytest.approx(count[:, peak].mean(), rel=0.03)
+    assert stop.snr[is_echo].mean() * lone == pytest.approx(count[:, peak].mean(), rel=0.03)
 
 
 @pytest.mark.parametrize("background_w", [DIM_W, BRIGHT_W])
@@ -146,16 +146,16 @@ def test_the_signal_of_a_waveform_is_the_mean_count(background_w):
     """
     equipped = sensor("table1-sipm", IN_TIME, *KEYS)
     point = equipped.working_point(np.array([background_w]))
-    powers = [float(point.response.power_w(np.array([one]))[0]) for one in (150.0, 100.0)]
+    powers = [float(point.response.power_w(np.array([cells]))[0]) for cells in (150.0, 100.0)]
     range_m = np.array([30.0, 32.8])
     arrivals = 2.0 * (range_m - 30.0) / SPEED_OF_LIGHT_M_S
     time_s, count = counts(equipped, background_w, powers, arrivals, shots=800)
     light = train(range_m[None], np.array([powers]), background_w=background_w)
     # The count of a step is at its end.
-    at = time_s + 2.0 * 30.0 / SPEED_OF_LIGHT_M_S
-    _, (signal,) = sample_with_memory(light, equipped, at)
+    shifted_s = time_s + 2.0 * 30.0 / SPEED_OF_LIGHT_M_S
+    _, (signal,) = sample_with_memory(light, equipped, shifted_s)
     np.testing.assert_allclose(signal, count.mean(axis=0), atol=2.2)
-    _, (forgetful,) = sample_power_and_signal(light, equipped, at)
+    _, (forgetful,) = sample_power_and_signal(light, equipped, shifted_s)
     assert np.abs(forgetful - signal).max() > 50.0
 
 
@@ -165,8 +165,8 @@ def test_the_paper_forgets():
     assert sensor("table1-sipm").working_point(background).memory is None
     for name, keys in (("table1-sipm", ()), ("table1-apd", ("detector.saturation_ua=50",))):
         equipped = sensor(name, "tdc.stops=2", *keys)
-        found, _, _ = echoes(equipped, DIM_W, (40e-6, 40e-6) if "apd" in name else (150.0, 150.0), 6.0)
-        np.testing.assert_allclose(found.stops[0].snr, found.stops[1].snr, rtol=1e-6)
+        detection, _, _ = echoes(equipped, DIM_W, (40e-6, 40e-6) if "apd" in name else (150.0, 150.0), 6.0)
+        np.testing.assert_allclose(detection.stops[0].snr, detection.stops[1].snr, rtol=1e-6)
 
 
 @pytest.mark.parametrize(("recovery_ns", "apart_m", "expected"), [(5.0, 6.0, 1), (5.0, 20.0, 2), (20.0, 20.0, 1)])
@@ -175,25 +175,25 @@ def test_a_clipped_amplifier_is_blind_for_the_next_echo(recovery_ns, apart_m, ex
     time by hand, after a plate 100 times above clipping.
     """
     equipped = sensor("table1-apd", "detector.saturation_ua=50", f"detector.recovery_ns={recovery_ns}", "tdc.stops=3")
-    found, _, arrivals = echoes(equipped, 2.5e-8, (5e-3, 10e-6), apart_m)
+    detection, _, arrivals = echoes(equipped, 2.5e-8, (5e-3, 10e-6), apart_m)
     level = float(equipped.threshold(equipped.working_point(np.array([2.5e-8])))[0])
     blind_s = SIGMA_S * math.sqrt(2.0 * math.log(100.0)) + recovery_ns * 1e-9 * math.log(5e-3 / level)
     assert (blind_s > arrivals[1]) == (expected == 1)
-    assert returns(found) == pytest.approx(expected, abs=0.02)
+    assert returns(detection) == pytest.approx(expected, abs=0.02)
 
 
 def test_charge_adds_to_the_next_echo():
     """What is left drains as exp(-t / tau) and carries the next echo: its peak by hand, to rounding."""
     equipped = sensor("table1-apd", "detector.saturation_ua=50", "detector.recovery_ns=5", "tdc.stops=3")
-    found, _, arrivals = echoes(equipped, 2.5e-8, (5e-3, 1.5e-6), 9.5)
+    detection, _, arrivals = echoes(equipped, 2.5e-8, (5e-3, 1.5e-6), 9.5)
     point = equipped.working_point(np.array([2.5e-8]))
     since_s = arrivals[1] - SIGMA_S * math.sqrt(2.0 * math.log(100.0))
     expected = (1.5e-6 + 5e-3 * math.exp(-since_s / 5e-9)) / float(point.noise.deviation[0])
     assert expected > 1.04 * 1.5e-6 / float(point.noise.deviation[0])
-    stop = found.stops[1]
-    seen = stop.reported & (stop.status == 0)
-    assert seen.mean() > 0.9
-    np.testing.assert_allclose(stop.snr[seen], expected, rtol=1e-6)
+    stop = detection.stops[1]
+    is_echo = stop.reported & (stop.status == 0)
+    assert is_echo.mean() > 0.9
+    np.testing.assert_allclose(stop.snr[is_echo], expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -213,16 +213,16 @@ def test_on_the_device(mi, equipment):
     point = equipped.working_point(np.array([DIM_W]))
     power = point.response.power_w(point.noise.deviation * 60.0)[0] * random.uniform(0.1, 1.5, (count, 3))
     light = train(30.0 + np.cumsum(random.uniform(1.0, 5.0, (count, 3)), axis=1), power, background_w=DIM_W)
-    here = detect(light, equipped)
-    there = multi_echo.detect(
+    host = detect(light, equipped)
+    device = multi_echo.detect(
         trains.on_device(light), transfer.opaque(equipped), seed=transfer.seed_word(0), pulse=transfer.counter(0, count)
     )
-    seen = [np.array(stop.reported.numpy()) for stop in there.stops]
-    assert 1.05 < sum(stop.mean() for stop in seen) < 2.8
-    for one, other, reported in list(zip(here.stops, there.stops, seen, strict=True))[:2]:
-        assert np.sum(one.reported != reported) < 18
-        both = one.reported & reported
-        off_m = np.abs(one.range_m - np.array(other.range_m.numpy()))[both]
+    device_reported = [np.array(stop.reported.numpy()) for stop in device.stops]
+    assert 1.05 < sum(stop.mean() for stop in device_reported) < 2.8
+    for host_stop, device_stop, reported in list(zip(host.stops, device.stops, device_reported, strict=True))[:2]:
+        assert np.sum(host_stop.reported != reported) < 18
+        in_both = host_stop.reported & reported
+        off_m = np.abs(host_stop.range_m - np.array(device_stop.range_m.numpy()))[in_both]
         assert np.sum(off_m > 2e-3) < 18
 
 
@@ -241,13 +241,13 @@ def test_peak_behind_several_echoes(background_w, signals, arrivals_ns):
     """
     equipped = sensor("table1-sipm", IN_TIME, *KEYS)
     point = equipped.working_point(np.array([background_w]))
-    powers = [float(point.response.power_w(np.array([one]))[0]) for one in signals]
+    powers = [float(point.response.power_w(np.array([signal]))[0]) for signal in signals]
     arrivals = 1e-9 * np.array(arrivals_ns)
     range_m = 30.0 + 0.5 * SPEED_OF_LIGHT_M_S * arrivals
-    found = detect(train(range_m[None], np.array([powers]), background_w=background_w), equipped)
+    detection = detect(train(range_m[None], np.array([powers]), background_w=background_w), equipped)
     time_s, count = counts(equipped, background_w, powers, arrivals, shots=240)
     last = np.abs(time_s - arrivals[-1] - 2e-9) < 4e-9
-    assert found.snr[0] * point.noise.deviation[0] == pytest.approx(count[:, last].mean(axis=0).max(), rel=0.126)
+    assert detection.snr[0] * point.noise.deviation[0] == pytest.approx(count[:, last].mean(axis=0).max(), rel=0.126)
 
 
 def test_what_is_left_counts_as_signal_for_the_walk():
@@ -258,14 +258,16 @@ def test_what_is_left_counts_as_signal_for_the_walk():
     read = []
     for walk in ("corrected", "raw"):
         equipped = sensor("table1-apd", *keys, f"tdc.walk='{walk}'")
-        found, _, _ = echoes(equipped, 2.5e-8, (5e-3, 3e-6), 9.5)
-        read.append(found.stops[1])
+        detection, _, _ = echoes(equipped, 2.5e-8, (5e-3, 3e-6), 9.5)
+        read.append(detection.stops[1])
     corrected, raw = read
-    seen = corrected.reported & (corrected.status == 0)
-    assert seen.mean() > 0.9
+    is_echo = corrected.reported & (corrected.status == 0)
+    assert is_echo.mean() > 0.9
     level = float(equipped.threshold(equipped.working_point(np.array([2.5e-8])))[0])
-    early_s = SIGMA_S * np.sqrt(2.0 * np.log(corrected.amplitude[seen] / level))
-    np.testing.assert_allclose((corrected.range_m - raw.range_m)[seen], 0.5 * SPEED_OF_LIGHT_M_S * early_s, rtol=1e-9)
+    early_s = SIGMA_S * np.sqrt(2.0 * np.log(corrected.amplitude[is_echo] / level))
+    np.testing.assert_allclose(
+        (corrected.range_m - raw.range_m)[is_echo], 0.5 * SPEED_OF_LIGHT_M_S * early_s, rtol=1e-9
+    )
 
 
 @pytest.mark.parametrize("order", [(1.0, 2.0, 3.0), (1.0, 3.0, 2.0), (3.0, 2.0, 1.0)])
@@ -311,7 +313,7 @@ def test_the_signal_of_a_clipped_waveform_drains():
 def test_what_a_rise_finds_can_be_undone():
     """Signal and power of the point that it meets are inverse, on what is held and with half of the cells."""
     bare = sensor("table1-sipm", STEADY, *KEYS).working_point(np.array([DIM_W]))
-    met = Residue(floor=np.zeros(1), held=np.array([20.0]), share=np.array([0.5])).working_point(bare)
+    working_point = Residue(floor=np.zeros(1), held=np.array([20.0]), share=np.array([0.5])).working_point(bare)
     power = np.geomspace(1e-10, 1e-7, 20)
-    assert met.response.signal(power)[0] == pytest.approx(20.0 + 0.5 * bare.response.signal(power)[0])
-    np.testing.assert_allclose(met.response.power_w(met.response.signal(power)), power, rtol=1e-9)
+    assert working_point.response.signal(power)[0] == pytest.approx(20.0 + 0.5 * bare.response.signal(power)[0])
+    np.testing.assert_allclose(working_point.response.power_w(working_point.response.signal(power)), power, rtol=1e-9)

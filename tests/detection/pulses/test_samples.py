@@ -62,9 +62,9 @@ def test_noise_of_samples_in_a_row(bandwidth_mhz):
     place = np.arange(-30, 31) * 1e-9 / SIGMA_S
     pulse, slope = np.exp(-0.5 * place**2), place * np.exp(-0.5 * place**2)
     rho = np.exp(-2.0 * math.pi * bandwidth_mhz * 1e6 * 1e-9) ** np.abs(np.subtract.outer(np.arange(61), np.arange(61)))
-    wanted = math.sqrt(pulse @ rho @ pulse) / (pulse @ pulse) / snr
-    assert wanted > 1.3 / math.sqrt(pulse @ pulse) / snr
-    assert amplitude.std() == pytest.approx(wanted, rel=0.06)
+    expected = math.sqrt(pulse @ rho @ pulse) / (pulse @ pulse) / snr
+    assert expected > 1.3 / math.sqrt(pulse @ pulse) / snr
+    assert amplitude.std() == pytest.approx(expected, rel=0.06)
     wanted_m = HALF_C * SIGMA_S * math.sqrt(slope @ rho @ slope) / (slope @ slope) / snr
     assert error_m.std() == pytest.approx(wanted_m, rel=0.06)
 
@@ -133,10 +133,10 @@ def test_samples_end_below_half_of_the_threshold(dip, apart):
     spacing, width = 1e-9 / SIGMA_S, FWHM_S / SIGMA_S
     centroids = []
     for phase in (np.arange(500) + 0.5) / 500.0:
-        at = crossing - width + spacing * (phase + np.arange(25))
-        height = snr * (np.exp(-0.5 * at**2) + np.exp(-0.5 * (at - places) ** 2))
-        kept = (height >= 50.0) & ((at < 0.5 * places) | (not apart))
-        centroids.append((at * height)[kept].sum() / height[kept].sum())
+        sample_place = crossing - width + spacing * (phase + np.arange(25))
+        height = snr * (np.exp(-0.5 * sample_place**2) + np.exp(-0.5 * (sample_place - places) ** 2))
+        in_window = (height >= 50.0) & ((sample_place < 0.5 * places) | (not apart))
+        centroids.append((sample_place * height)[in_window].sum() / height[in_window].sum())
     assert (np.mean(centroids) < 0.01) == apart
     tolerance = 5.0 * error_m.std() / math.sqrt(len(error_m)) + 0.01 * SIGMA_M
     assert error_m.mean() == pytest.approx(np.mean(centroids) * SIGMA_M, abs=tolerance)
@@ -146,11 +146,11 @@ def test_two_pulses_in_one_window_are_read_apart():
     """Two echoes 4 m apart, with the waveform below half of the threshold between them: each at its own place."""
     equipped = sensor("table1-apd", *WHITE, *ADC, "tdc.stops=2")
     power = trains.power_at_snr(equipped, 200.0)
-    found = detect(train(np.full((200, 2), (50.0, 54.0)), np.full((200, 2), power)), equipped)
-    for stop, place in zip(found.stops, (50.0, 54.0), strict=True):
-        here = stop.reported & (stop.status == 0)
-        assert here.mean() > 0.98
-        assert np.median(stop.range_m[here]) == pytest.approx(place, abs=0.05 * SIGMA_M)
+    detection = detect(train(np.full((200, 2), (50.0, 54.0)), np.full((200, 2), power)), equipped)
+    for stop, place in zip(detection.stops, (50.0, 54.0), strict=True):
+        is_echo = stop.reported & (stop.status == 0)
+        assert is_echo.mean() > 0.98
+        assert np.median(stop.range_m[is_echo]) == pytest.approx(place, abs=0.05 * SIGMA_M)
 
 
 def clean_pulses(height, *overrides, tick_s=1e-9, phases=97):
@@ -218,8 +218,8 @@ def test_a_sample_at_the_threshold_is_over_it():
     counted = np.where(steps >= 4, steps, 0.0)
     assert (counted == 4).any(axis=1).mean() > 0.5
     np.testing.assert_allclose(stop.width_s[sure], 1e-9 * (counted > 0).sum(axis=1)[sure])
-    wanted = (counted * time_s).sum(axis=1) / counted.sum(axis=1) * HALF_C
-    np.testing.assert_allclose(stop.range_m[sure], wanted[sure], atol=1e-6)
+    expected_m = (counted * time_s).sum(axis=1) / counted.sum(axis=1) * HALF_C
+    np.testing.assert_allclose(stop.range_m[sure], expected_m[sure], atol=1e-6)
     np.testing.assert_allclose(stop.amplitude[sure], step * counted.max(axis=1)[sure])
 
 
@@ -272,10 +272,10 @@ def test_noise_of_two_pulses_of_a_shot_is_their_own():
     power, apart_m = trains.power_at_snr(equipped, 100.0), 200 * 1e-9 * HALF_C
     light = train(np.full((2000, 2), (60.0, 60.0 + apart_m)), np.full((2000, 2), power))
     first, second = detect(light, equipped).stops
-    both = first.reported & second.reported & (first.status == 0) & (second.status == 0)
-    assert both.mean() > 0.99
-    together = np.corrcoef(first.range_m[both], second.range_m[both])[0, 1]
-    assert abs(together) < norm.isf(0.5e-6) / math.sqrt(both.sum())
+    in_both = first.reported & second.reported & (first.status == 0) & (second.status == 0)
+    assert in_both.mean() > 0.99
+    together = np.corrcoef(first.range_m[in_both], second.range_m[in_both])[0, 1]
+    assert abs(together) < norm.isf(0.5e-6) / math.sqrt(in_both.sum())
 
 
 def test_samples_have_the_noise_of_their_light():

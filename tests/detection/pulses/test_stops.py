@@ -125,7 +125,7 @@ def test_peaks_of_any_train(keep, dead_time_ns):
         ],
     )
     light = random_trains(sensor, 300, seed=7)
-    found = trains.detect(light, sensor)
+    detection = trains.detect(light, sensor)
     point = sensor.working_point(light.background_power_w)
     threshold = sensor.threshold(point)
     step_s = 0.01 * trains.SIGMA_S
@@ -133,7 +133,7 @@ def test_peaks_of_any_train(keep, dead_time_ns):
     for pulse in range(300):
         ranges = light.parts[0].range_m.reshape(300, -1)[pulse]
         time_s = np.arange(2.0 * ranges.min() / c - 30e-9, 2.0 * ranges.max() / c + 30e-9, step_s)
-        one = replace(
+        lone_light = replace(
             light,
             background_power_w=light.background_power_w[:1],
             parts=(
@@ -142,7 +142,7 @@ def test_peaks_of_any_train(keep, dead_time_ns):
                 ),
             ),
         )
-        signal = sample_power_and_signal(one, sensor, time_s)[1][0] / threshold[pulse]
+        signal = sample_power_and_signal(lone_light, sensor, time_s)[1][0] / threshold[pulse]
         peaks, about = find_peaks(signal, height=1.0, prominence=0.0)
         low = np.array([signal[a : b + 1].min() for a, b in itertools.pairwise(peaks)])
         doubtful = (np.abs(about["prominences"] - 1.0) < 0.05).any() or (low < 1.05).any()
@@ -156,7 +156,7 @@ def test_peaks_of_any_train(keep, dead_time_ns):
             if len(peaks) > 1 and np.diff(np.sort(signal[peaks]))[-1] < 0.005:
                 continue  # two are as strong: noise says which is the stronger
             peaks = peaks[[np.argmax(signal[peaks])]] if len(peaks) else peaks
-        have = [float(stop.range_m[pulse]) for stop in found.stops if stop.reported[pulse]]
+        have = [float(stop.range_m[pulse]) for stop in detection.stops if stop.reported[pulse]]
         assert have == pytest.approx(list(0.5 * c * time_s[peaks]), abs=0.05 * trains.SIGMA_M)
         judged, several = judged + 1, several + (len(peaks) > 1)
     # On average 100 are judged, and 60 have several; a binomial's deviation is 8 of these, and 7.
@@ -187,18 +187,18 @@ ECHOES = ((100.0, 2000.0), (110.0, 4000.0), (130.0, 500.0))
 )
 def test_orders_of_returns(overrides, ranges):
     sensor = load_sensor("table1-apd", overrides=[*trains.QUIET, *overrides])
-    distances, snr = (np.array(one) for one in zip(*ECHOES, strict=True))
+    distances, snr = (np.array(column) for column in zip(*ECHOES, strict=True))
     power = trains.power_at_snr(sensor, 1.0) * snr
-    found = trains.detect(trains.train(np.tile(distances, (20, 1)), np.tile(power, (20, 1))), sensor)
-    for stop, wanted in zip(found.stops, ranges, strict=True):
-        np.testing.assert_array_equal(np.where(stop.reported, np.rint(stop.true_range_m), 0.0), wanted)
+    detection = trains.detect(trains.train(np.tile(distances, (20, 1)), np.tile(power, (20, 1))), sensor)
+    for stop, expected_ranges in zip(detection.stops, ranges, strict=True):
+        np.testing.assert_array_equal(np.where(stop.reported, np.rint(stop.true_range_m), 0.0), expected_ranges)
 
 
 def test_alarms_beside_the_strongest_and_the_last():
     """In an empty window: both are a Poisson number's highest and last, against brute force; z-tests at 1e-4."""
     sensor = load_sensor("table1-apd", overrides=["tdc.threshold_to_noise=3.3", "tdc.keep='strongest_and_last'"])
     count = 20_000
-    found = trains.detect(trains.train(np.full((count, 1), 50.0), np.zeros((count, 1))), sensor, seed=4)
+    detection = trains.detect(trains.train(np.full((count, 1), 50.0), np.zeros((count, 1))), sensor, seed=4)
     point = sensor.working_point(np.array([trains.BACKGROUND_W]))
     threshold = float(sensor.threshold(point)[0])
     expected = -np.log1p(-norm.sf(3.3)) * sensor.tdc.bandwidth_hz * sensor.tdc.window_s
@@ -209,12 +209,12 @@ def test_alarms_beside_the_strongest_and_the_last():
             time, height = random.uniform(0.0, sensor.tdc.window_s, number), random.exponential(1.0, number)
             last.append(time.max())
             highest.append(height.max())
-    kept = [np.where(stop.reported, stop.amplitude, 0.0) for stop in found.stops]
-    reported = found.stops[0].reported
-    times = [np.where(stop.reported, stop.range_m, 0.0) for stop in found.stops]
+    amplitudes = [np.where(stop.reported, stop.amplitude, 0.0) for stop in detection.stops]
+    reported = detection.stops[0].reported
+    times = [np.where(stop.reported, stop.range_m, 0.0) for stop in detection.stops]
     have = (
         np.maximum(*times)[reported] * 2.0 / c,
-        (np.maximum(*kept)[reported] - threshold) * threshold / float(point.noise.deviation[0]) ** 2,
+        (np.maximum(*amplitudes)[reported] - threshold) * threshold / float(point.noise.deviation[0]) ** 2,
     )
     for a, b in zip(have, (np.array(last), np.array(highest)), strict=True):
         error = math.hypot(a.std() / math.sqrt(len(a)), b.std() / math.sqrt(len(b)))
@@ -231,7 +231,7 @@ CLEAN = ("detector.circuit_noise_na=1e6", "tdc.threshold_to_noise=1e4")
 
 
 @pytest.mark.parametrize(
-    ("peaks", "wanted"),
+    ("peaks", "expected"),
     [
         # Peaks and the valleys between them, in thresholds, and those that are pulses of their own: each rises by a
         # threshold over the lowest light since the last one, which is a threshold over that itself.
@@ -244,7 +244,7 @@ CLEAN = ("detector.circuit_noise_na=1e6", "tdc.threshold_to_noise=1e4")
         ([1.5, 0.3, 1.4], [0, 1]),  # below the threshold in between
     ],
 )
-def test_pulses_by_their_valleys(peaks, wanted):
+def test_pulses_by_their_valleys(peaks, expected):
     """The rule of (T75) on light in straight lines from peak to valley, 3 m apart. SciPy's prominences say the same.
 
     The place of a corner is good to the differences that stand for the slope of such light.
@@ -254,10 +254,10 @@ def test_pulses_by_their_valleys(peaks, wanted):
     corners.append((corners[-1][0] + 5.0, 0.0))
     light, fine_m, power = on_light(sensor, [(30.0, 0.0)], corners)
     tops, _ = find_peaks(power, height=1.0, prominence=1.0 - 1e-9)
-    assert list(fine_m[tops]) == pytest.approx([50.0 + 6.0 * i for i in wanted], abs=0.02)
-    found = trains.detect(light, sensor)
-    have = [float(stop.range_m[0]) for stop in found.stops if stop.reported[0]]
-    assert have == pytest.approx([50.0 + 6.0 * i for i in wanted], abs=0.3 * trains.SIGMA_M)
+    assert list(fine_m[tops]) == pytest.approx([50.0 + 6.0 * i for i in expected], abs=0.02)
+    detection = trains.detect(light, sensor)
+    have = [float(stop.range_m[0]) for stop in detection.stops if stop.reported[0]]
+    assert have == pytest.approx([50.0 + 6.0 * i for i in expected], abs=0.3 * trains.SIGMA_M)
 
 
 @pytest.mark.parametrize("rate", [2.0, 25.0])
@@ -270,17 +270,17 @@ def test_the_last_and_the_highest_of_many_alarms(rate):
     tnr = float(norm.isf(-math.expm1(-probability)))
     sensor = load_sensor("table1-apd", overrides=[f"tdc.threshold_to_noise={tnr!r}", "tdc.keep='strongest_and_last'"])
     light = trains.train(np.full((6000, 1), 50.0), np.zeros((6000, 1)))
-    found = trains.detect(light, sensor, seed=5)
-    times = np.stack([np.where(stop.reported, stop.range_m, -1.0) for stop in found.stops]).max(axis=0)
-    there = times >= 0.0
-    assert abs(there.mean() + math.expm1(-rate)) < 5.0 * math.sqrt(math.exp(-rate) / 6000) + 1e-9
-    waits = (sensor.tdc.window_s - times[there] * 2.0 / c) / sensor.tdc.window_s * rate
+    detection = trains.detect(light, sensor, seed=5)
+    times = np.stack([np.where(stop.reported, stop.range_m, -1.0) for stop in detection.stops]).max(axis=0)
+    has_alarm = times >= 0.0
+    assert abs(has_alarm.mean() + math.expm1(-rate)) < 5.0 * math.sqrt(math.exp(-rate) / 6000) + 1e-9
+    waits = (sensor.tdc.window_s - times[has_alarm] * 2.0 / c) / sensor.tdc.window_s * rate
     none = math.exp(-rate)
     assert kstest(waits, lambda x: -np.expm1(-np.asarray(x)) / (1.0 - none)).pvalue > 1e-6
     if rate > 10.0:  # more than the converter has stops for: the highest are of those
         return
     point = sensor.working_point(light.background_power_w[:1])
     level = float(sensor.threshold(point)[0])
-    highest = np.stack([np.where(stop.reported, stop.amplitude, 0.0) for stop in found.stops]).max(axis=0)
-    over = (highest[there] - level) * level / float(point.noise.deviation[0]) ** 2
-    assert kstest(over, lambda x: (np.exp(-rate * np.exp(-np.asarray(x))) - none) / (1.0 - none)).pvalue > 1e-6
+    highest = np.stack([np.where(stop.reported, stop.amplitude, 0.0) for stop in detection.stops]).max(axis=0)
+    excess = (highest[has_alarm] - level) * level / float(point.noise.deviation[0]) ** 2
+    assert kstest(excess, lambda x: (np.exp(-rate * np.exp(-np.asarray(x))) - none) / (1.0 - none)).pvalue > 1e-6

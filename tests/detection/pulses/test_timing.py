@@ -44,11 +44,11 @@ def noise(seed=3):
     return white / white.std()
 
 
-def sampled(snr, own):
+def sampled(snr, kappas):
     """Time, and noisy pulses of unit peak; ``own`` names the coefficients of the noise in units of the peak."""
     time_s = (np.arange(1024) - 512) * STEP_S
     pulse = np.exp(-0.5 * (time_s / SIGMA_S) ** 2)
-    sigma = np.sqrt(snr**-2 + own["kappa_1"] * pulse + own["kappa_2"] * pulse**2)
+    sigma = np.sqrt(snr**-2 + kappas["kappa_1"] * pulse + kappas["kappa_2"] * pulse**2)
     return time_s, pulse + sigma * noise()
 
 
@@ -56,11 +56,11 @@ def top(time_s, signal):
     """Time and height of the highest sample near the pulse, by the parabola through it and its neighbours."""
     near = np.abs(time_s) < 2.0 * SIGMA_S
     first = int(np.argmax(near))
-    at = first + np.argmax(signal[:, near], axis=1)
+    top_index = first + np.argmax(signal[:, near], axis=1)
     lane = np.arange(len(signal))
-    left, middle, right = signal[lane, at - 1], signal[lane, at], signal[lane, at + 1]
+    left, middle, right = signal[lane, top_index - 1], signal[lane, top_index], signal[lane, top_index + 1]
     off = 0.5 * (left - right) / (left - 2.0 * middle + right)
-    return time_s[at] + off * STEP_S, middle + 0.25 * (right - left) * off
+    return time_s[top_index] + off * STEP_S, middle + 0.25 * (right - left) * off
 
 
 def filtered(signal):
@@ -70,18 +70,18 @@ def filtered(signal):
     return np.fft.irfft(np.fft.rfft(signal) * passed, signal.shape[1])
 
 
-def by_hand(rule, snr, own, *, fraction=0.5):
+def by_hand(rule, snr, kappas, *, fraction=0.5):
     """Error of the time [s] and height of each shot."""
-    time_s, signal = sampled(snr, own)
+    time_s, signal = sampled(snr, kappas)
     if rule == "matched_filter":
         return top(time_s, filtered(signal))
-    at, height = top(time_s, signal)
+    peak_s, height = top(time_s, signal)
     if rule == "peak":
-        return at, height
+        return peak_s, height
     # Down from the peak to the fraction of it, and a straight line in the last step.
     early = SIGMA_S * math.sqrt(-2.0 * math.log(fraction))
     level = fraction * height[:, None]
-    below = (signal < level) & (time_s < at[:, None])
+    below = (signal < level) & (time_s < peak_s[:, None])
     last = below.shape[1] - 1 - np.argmax(below[:, ::-1], axis=1)
     lane = np.arange(len(signal))
     low, high = signal[lane, last], signal[lane, last + 1]
@@ -102,12 +102,12 @@ def shots(rule, snr, *overrides):
     stop = returns.detect(light, sensor, seed=1, pulse=np.arange(count, dtype=np.uint32)).stops[0]
     point = plain.working_point(light.background_power_w)
     peak = float(np.ravel(point.response.signal(power))[0])
-    own = {
+    kappas = {
         "kappa_1": float(np.ravel(point.noise.kappa_1)[0]) / peak,
         "kappa_2": float(np.ravel(point.noise.kappa_2)[0]),
     }
-    kept = stop.reported & (stop.status == 0)
-    return (stop.range_m[kept] - 50.0) * 2.0 / c, stop.amplitude[kept] / peak, own
+    is_echo = stop.reported & (stop.status == 0)
+    return (stop.range_m[is_echo] - 50.0) * 2.0 / c, stop.amplitude[is_echo] / peak, kappas
 
 
 @pytest.mark.parametrize("overrides", [(QUIET_ECHO,), ()])
@@ -119,11 +119,11 @@ def test_times_scatter_as_those_of_samples(rule, snr, overrides):
     What is left is curvature: the forms are straight lines through the edge and parabolas at the peak. The deviation of
     a held peak is 10 % off: the sampled one is the highest of several values.
     """
-    time_s, height, own = shots(rule, snr, *overrides)
-    wanted_s, wanted = by_hand(rule, snr, own)
-    assert time_s.std() == pytest.approx(wanted_s.std(), rel=0.06)
-    assert abs(time_s.mean() - wanted_s.mean()) < 0.1 * wanted_s.std()
-    assert height.std() == pytest.approx(wanted.std(), rel=0.1)
+    time_s, height, kappas = shots(rule, snr, *overrides)
+    expected_s, expected_height = by_hand(rule, snr, kappas)
+    assert time_s.std() == pytest.approx(expected_s.std(), rel=0.06)
+    assert abs(time_s.mean() - expected_s.mean()) < 0.1 * expected_s.std()
+    assert height.std() == pytest.approx(expected_height.std(), rel=0.1)
 
 
 def test_closed_forms_of_the_deviations():
@@ -135,7 +135,7 @@ def test_closed_forms_of_the_deviations():
     x = sampling.widths(bandwidth_hz=BAND_HZ, pulse_fwhm_s=FWHM_S)
     share = 1.0 / snr
     early_s = SIGMA_S * math.sqrt(2.0 * math.log(2.0))
-    wanted = {
+    expected = {
         "constant_fraction": SIGMA_S
         * sampling.fraction_deviation(
             fraction=0.5,
@@ -147,7 +147,7 @@ def test_closed_forms_of_the_deviations():
         * sampling.peak_deviation(noise_share=share, slope_noise=sampling.slope_noise(x=x), curvature=1.0),
         "matched_filter": sampling.least_time_deviation_s(snr=snr, rate_hz=2.0 * BAND_HZ, pulse_fwhm_s=FWHM_S),
     }
-    for rule, deviation_s in wanted.items():
+    for rule, deviation_s in expected.items():
         time_s = shots(rule, snr, QUIET_ECHO)[0]
         count = len(time_s)
         low, high = (math.sqrt(chi2.ppf(p, count - 1) / (count - 1)) for p in (1e-4, 1.0 - 1e-4))
@@ -171,13 +171,13 @@ def test_a_broad_pulse_behind_a_matched_filter(width):
     """Height and curvature of the filter's output for a pulse of another width, by the sum over samples; echo noise."""
     time_s = (np.arange(1024) - 512) * STEP_S
     place = time_s / SIGMA_S
-    pulse, own = np.exp(-0.5 * (place / width) ** 2), np.exp(-0.5 * place**2)
+    pulse, template = np.exp(-0.5 * (place / width) ** 2), np.exp(-0.5 * place**2)
     output = filtered(pulse[None])[0]
     curvature = 1.0 / width**2
     assert sampling.matched_gain(curvature=curvature) == pytest.approx(output.max(), rel=1e-6)
     bend = -(output[513] - 2.0 * output[512] + output[511]) / (STEP_S / SIGMA_S) ** 2 / output[512]
     assert sampling.matched_curvature(curvature=curvature) == pytest.approx(bend, rel=2e-3)
-    shares = [(own**power).sum() / (own**2).sum() for power in (3, 4, 1)]
+    shares = [(template**power).sum() / (template**2).sum() for power in (3, 4, 1)]
     assert shares == pytest.approx([sampling.SHOT_SHARE, sampling.SQUARE_SHARE, sampling.LASTING_GAIN], rel=1e-9)
 
 
@@ -191,17 +191,17 @@ def test_a_matched_filter_finds_what_a_comparator_misses(how):
     options = ("tdc.timing='matched_filter'",) if how == "tdc" else adc
     power = trains.power_at_snr(plain, snr)
     light = trains.train(np.full((count, 1), 50.0), np.full((count, 1), power))
-    kept = []
+    kept_shares = []
     for sensor in (plain, equipped(QUIET_ECHO, *options)):
         stop = trains.detect(light, sensor).stops[0]
-        kept.append((stop.reported & (stop.status == 0)).mean())
+        kept_shares.append((stop.reported & (stop.status == 0)).mean())
     _, signal = sampled(snr, {"kappa_1": 0.0, "kappa_2": 0.0})
     quiet = filtered(noise() / snr)
-    wanted = (filtered(signal)[:, 512] >= 5.0 * quiet.std()).mean()
-    error = math.sqrt(wanted * (1.0 - wanted) * (1.0 / count + 1.0 / SHOTS))
-    assert kept[0] == pytest.approx(norm.sf(0.5), abs=4.0 * math.sqrt(0.25 / count))
-    assert abs(kept[1] - wanted) < 4.0 * error
-    assert kept[1] > 2.0 * kept[0]
+    filtered_share = (filtered(signal)[:, 512] >= 5.0 * quiet.std()).mean()
+    error = math.sqrt(filtered_share * (1.0 - filtered_share) * (1.0 / count + 1.0 / SHOTS))
+    assert kept_shares[0] == pytest.approx(norm.sf(0.5), abs=4.0 * math.sqrt(0.25 / count))
+    assert abs(kept_shares[1] - filtered_share) < 4.0 * error
+    assert kept_shares[1] > 2.0 * kept_shares[0]
 
 
 @pytest.mark.parametrize("fraction", [0.2, 0.5, 0.8])
@@ -234,22 +234,22 @@ def test_one_echo_or_a_train_of_one(rule):
     have = trains.detect(light, sensor).stops[0]
     want = returns.detect(lone, sensor, seed=0, pulse=np.arange(count, dtype=np.uint32)).stops[0]
     np.testing.assert_array_equal(have.reported, want.reported)
-    kept = want.reported
+    reported = want.reported
     for name in ("range_m", "amplitude", "width_s"):
-        np.testing.assert_allclose(getattr(have, name)[kept], getattr(want, name)[kept], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(getattr(have, name)[reported], getattr(want, name)[reported], rtol=1e-9, atol=1e-9)
 
 
 def on_lasting(sensor, height, lasting, shots):
     """Second returns of pulses with an echo at 60 m on light that lasts, heights in U; a brighter echo comes first."""
     corners = [(50.0, 0.0), (51.0, lasting), (80.0, lasting)]
-    one, _, _ = on_light(sensor, [(50.0, 20.0 * height), (60.0, height)], corners)
-    (part,) = one.parts
+    lone_train, _, _ = on_light(sensor, [(50.0, 20.0 * height), (60.0, height)], corners)
+    (part,) = lone_train.parts
     many = replace(
-        one,
+        lone_train,
         has_surface=np.full(shots, True),
         background_power_w=np.full(shots, trains.BACKGROUND_W),
         parts=(replace(part, range_m=np.tile(part.range_m, shots), peak_power_w=np.tile(part.peak_power_w, shots)),),
-        volume=replace(one.volume, scale=np.tile(one.volume.scale, shots), end_m=np.full(shots, 1e6)),
+        volume=replace(lone_train.volume, scale=np.tile(lone_train.volume.scale, shots), end_m=np.full(shots, 1e6)),
     )
     return trains.detect(many, sensor, seed=3).stops[1]
 
@@ -284,8 +284,8 @@ def test_a_matched_filter_finds_pulses_of_a_threshold_on_light_that_lasts(height
 def samples_of(rule, signal):
     """Scatter of the time [s] of such light in noise of 1 % of a unit."""
     time_s, noisy = sampled(100.0, {"kappa_1": 0.0, "kappa_2": 0.0})
-    own = noisy - np.exp(-0.5 * (time_s / SIGMA_S) ** 2) + signal(time_s / SIGMA_S)
-    return top(time_s, filtered(own) if rule == "matched_filter" else own)[0].std()
+    waveform = noisy - np.exp(-0.5 * (time_s / SIGMA_S) ** 2) + signal(time_s / SIGMA_S)
+    return top(time_s, filtered(waveform) if rule == "matched_filter" else waveform)[0].std()
 
 
 @pytest.mark.parametrize(("rule", "too_much"), [("peak", 1.04), ("matched_filter", 1.35)])
@@ -341,8 +341,8 @@ def test_a_peak_is_compared_with_the_threshold_as_it_is_measured():
     point = sensor.working_point(light.background_power_w[:1])
     threshold, noise_a = float(sensor.threshold(point)[0]), float(point.noise.deviation[0])
     assert (amplitude > threshold).all()
-    own = norm(6.5, 1.0)
-    shares = 1.0 - own.sf(amplitude / noise_a) / own.sf(threshold / noise_a)
+    distribution = norm(6.5, 1.0)
+    shares = 1.0 - distribution.sf(amplitude / noise_a) / distribution.sf(threshold / noise_a)
     assert kstest(shares, "uniform").pvalue > 1e-6
 
 
@@ -410,10 +410,10 @@ def test_time_of_cells_behind_a_matched_filter():
     ],
 )
 def test_mistakes_are_told(overrides, message):
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as raised:
         equipped(*overrides)
-    assert message in str(told.value), str(told.value)
-    assert "\n" not in str(told.value)
+    assert message in str(raised.value), str(raised.value)
+    assert "\n" not in str(raised.value)
 
 
 def test_counted_cells_have_no_matched_filter():
@@ -427,9 +427,9 @@ def test_noise_of_a_fraction_that_lasts_to_the_peak():
     """
     snr, bandwidth_hz = 100.0, 20e6
     time_s = shots("constant_fraction", snr, QUIET_ECHO, f"tdc.bandwidth_mhz={1e-6 * bandwidth_hz}")[0]
-    kept = math.exp(-2.0 * math.pi * bandwidth_hz * SIGMA_S * math.sqrt(2.0 * math.log(2.0)))
-    assert kept == pytest.approx(0.69, abs=0.01)
-    wanted_s = SIGMA_S * math.sqrt(1.25 - kept) / (snr * 0.5 * math.sqrt(2.0 * math.log(2.0)))
+    correlation = math.exp(-2.0 * math.pi * bandwidth_hz * SIGMA_S * math.sqrt(2.0 * math.log(2.0)))
+    assert correlation == pytest.approx(0.69, abs=0.01)
+    wanted_s = SIGMA_S * math.sqrt(1.25 - correlation) / (snr * 0.5 * math.sqrt(2.0 * math.log(2.0)))
     count = len(time_s)
     low, high = (math.sqrt(chi2.ppf(p, count - 1) / (count - 1)) for p in (1e-6, 1.0 - 1e-6))
     assert 0.97 * low * wanted_s < time_s.std() < 1.03 * high * wanted_s

@@ -41,14 +41,14 @@ def library(tmp_path: Path):
 @pytest.fixture
 def places(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[str]]:
     """A machine with no LLVM but what the test puts in."""
-    found: dict[str, list[str]] = {"environment": [], "wheel": [], "system": []}
-    for name, paths in found.items():
+    by_place: dict[str, list[str]] = {"environment": [], "wheel": [], "system": []}
+    for name, paths in by_place.items():
         monkeypatch.setattr(llvm, f"_in_{name}", lambda paths=paths: iter(paths))
     monkeypatch.setattr(llvm, "_chosen", None)
     # Set before it is deleted, so that what the test itself sets is taken back too.
     monkeypatch.setenv(llvm.PATH_VARIABLE, "")
     monkeypatch.delenv(llvm.PATH_VARIABLE)
-    return found
+    return by_place
 
 
 @pytest.mark.parametrize(
@@ -86,10 +86,10 @@ def test_links_are_followed(tmp_path: Path, library) -> None:
 def test_newest_of_a_place_comes_first(places, library) -> None:
     names = ["libLLVM-14.so.1", "libLLVM.so.9.0", "libLLVM.so.19.1", "libLLVM.so.16.0", "libLLVM-20.so.1"]
     places["system"] += map(library, names)
-    found = list(llvm.candidates())
-    assert [c.version for c in found] == [(20,), (19, 1), (16, 0), (14,), (9, 0)]
-    assert [c.usable for c in found] == [True, True, False, False, False]
-    assert llvm.choose() == found[0]
+    candidates = list(llvm.candidates())
+    assert [c.version for c in candidates] == [(20,), (19, 1), (16, 0), (14,), (9, 0)]
+    assert [c.usable for c in candidates] == [True, True, False, False, False]
+    assert llvm.choose() == candidates[0]
 
 
 def test_the_environment_comes_before_a_newer_system(places, library) -> None:
@@ -120,17 +120,17 @@ def test_users_library_comes_first(places, library, monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.parametrize(
-    ("name", "what"), [("libLLVM-14.so.1", "too old"), ("libLLVM-16.so.1", "too old"), (None, "no such file")]
+    ("name", "complaint"), [("libLLVM-14.so.1", "too old"), ("libLLVM-16.so.1", "too old"), (None, "no such file")]
 )
 def test_users_bad_library_is_an_error_with_the_fix(
-    name: str | None, what: str, places, library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str | None, complaint: str, places, library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = library(name) if name else str(tmp_path / "missing" / "libLLVM.so")
     monkeypatch.setenv(llvm.PATH_VARIABLE, path)
     with pytest.raises(BackendError) as error:
         llvm.choose()
     assert path in str(error.value)
-    assert what in str(error.value)
+    assert complaint in str(error.value)
     assert llvm.remedy() in str(error.value)
 
     places["environment"].append(library("good/libLLVM.so.19.1"))
@@ -235,9 +235,9 @@ def test_what_is_unfit_is_an_error_not_an_abort(run_python) -> None:
 
     Rationale: Dr.Jit with LLVM 15 or 16 aborts the process when the first kernel is compiled.
     """
-    done = run_python(UNFIT.format(olds=OLD_LLVMS))
-    assert (done.returncode, done.stderr) == (0, "")
-    *old, nowhere, nonsense, scalar = done.stdout.splitlines()
+    process = run_python(UNFIT.format(olds=OLD_LLVMS))
+    assert (process.returncode, process.stderr) == (0, "")
+    *old, nowhere, nonsense, scalar = process.stdout.splitlines()
     assert len(old) == len(OLD_LLVMS)
     for path, line in zip(OLD_LLVMS, old, strict=True):
         assert line.startswith("BackendError:")
@@ -257,18 +257,18 @@ def test_an_old_llvm_that_drjit_has_loaded_is_an_error_too(run_python) -> None:
         pytest.skip("no LLVM 15 on this system")
     old = next(path for path in OLD_LLVMS if "LLVM-15" in path)
     code = f"import drjit\n{OPEN}"
-    done = run_python(code, DRJIT_LIBLLVM_PATH=old, LIDARSCENE_VARIANT="llvm_ad_mono")
-    assert done.returncode == 0
-    assert "imported before lidarscene and has loaded LLVM 15" in done.stdout
+    process = run_python(code, DRJIT_LIBLLVM_PATH=old, LIDARSCENE_VARIANT="llvm_ad_mono")
+    assert process.returncode == 0
+    assert "imported before lidarscene and has loaded LLVM 15" in process.stdout
 
 
 def test_the_door_opens_without_noise(mi, run_python) -> None:
-    done = run_python(OPEN, LIDARSCENE_VARIANT=mi.variant())
-    assert (done.returncode, done.stderr) == (0, "")
-    variant, expected, found = done.stdout.split()
+    process = run_python(OPEN, LIDARSCENE_VARIANT=mi.variant())
+    assert (process.returncode, process.stderr) == (0, "")
+    variant, expected, measured = process.stdout.split()
     assert variant == mi.variant()
     # One step of single precision at 5 m: which way Embree rounds depends on the processor.
-    assert float(found) == pytest.approx(float(expected), abs=5e-7)
+    assert float(measured) == pytest.approx(float(expected), abs=5e-7)
 
 
 def test_a_vectorised_variant_of_the_user_stays(mi, run_python) -> None:
@@ -276,14 +276,14 @@ def test_a_vectorised_variant_of_the_user_stays(mi, run_python) -> None:
         pytest.skip("for LLVM")
     path = os.environ[llvm.PATH_VARIABLE]
     code = f"import mitsuba; mitsuba.set_variant('llvm_ad_spectral')\n{OPEN}"
-    done = run_python(code, DRJIT_LIBLLVM_PATH=path, LIDARSCENE_VARIANT=None)
-    assert done.stdout.split()[0] == "llvm_ad_spectral"
+    process = run_python(code, DRJIT_LIBLLVM_PATH=path, LIDARSCENE_VARIANT=None)
+    assert process.stdout.split()[0] == "llvm_ad_spectral"
 
 
 def test_a_scalar_variant_of_the_user_is_an_error(run_python) -> None:
     code = f"import mitsuba; mitsuba.set_variant('scalar_rgb')\n{OPEN}"
-    done = run_python(code, LIDARSCENE_VARIANT=None)
-    assert "BackendError: the Mitsuba variant 'scalar_rgb' is set" in done.stdout
+    process = run_python(code, LIDARSCENE_VARIANT=None)
+    assert "BackendError: the Mitsuba variant 'scalar_rgb' is set" in process.stdout
 
 
 def test_hidden_gpus_are_respected(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -327,10 +327,10 @@ trial.FRAMES = {"small": ("edges",)}
 report = backend.probe()
 print(report.variant, report.cuda)
 """
-    done = run_python(code, LIDARSCENE_VARIANT=None)
-    without, failing = done.stdout.splitlines()
-    assert without == "llvm_ad_mono Dr.Jit finds no GPU that it can use", done.stderr
-    assert failing.startswith("llvm_ad_mono cannot render a small frame (small): "), done.stderr
+    process = run_python(code, LIDARSCENE_VARIANT=None)
+    without, failing = process.stdout.splitlines()
+    assert without == "llvm_ad_mono Dr.Jit finds no GPU that it can use", process.stderr
+    assert failing.startswith("llvm_ad_mono cannot render a small frame (small): "), process.stderr
 
 
 def test_backend_errors_are_ours() -> None:

@@ -38,11 +38,11 @@ def test_the_library_takes_the_size() -> None:
     if is_cuda():
         pytest.skip("blocks are of CPUs")
     (path,) = Path(str(drjit().__file__)).parent.glob("libdrjit-core.*")
-    asked = ctypes.CDLL(str(path))._Z19jit_llvm_block_sizev
-    asked.restype = ctypes.c_uint32
+    size_function = ctypes.CDLL(str(path))._Z19jit_llvm_block_sizev
+    size_function.restype = ctypes.c_uint32
     for lanes in (20_000, 1_000_000):
         blocks.share_out(lanes)
-        assert asked() == blocks.block_size(lanes, drjit().thread_count())
+        assert size_function() == blocks.block_size(lanes, drjit().thread_count())
 
 
 @pytest.mark.usefixtures("mi")

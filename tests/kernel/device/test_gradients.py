@@ -43,12 +43,9 @@ def light_of(numbers, equipped):
         lit=True,
         face=0,
     )
-    nothing = ops.full(numbers["range_m"], 0.0)
+    zero = ops.full(numbers["range_m"], 0.0)
     rays = Beams(
-        pulse=None,
-        origin_m=(nothing,) * 3,
-        direction=(nothing + 1.0, nothing, nothing),
-        aperture_m2=equipped.optics.aperture_m2,
+        pulse=None, origin_m=(zero,) * 3, direction=(zero + 1.0, zero, zero), aperture_m2=equipped.optics.aperture_m2
     )
     ambient = Ambient(
         sun_irradiance_w_m2=numbers["sun"],
@@ -75,17 +72,19 @@ def differentiated(numbers, result, mi):
     attached = {name: mi.Float(values.astype(np.float32)) for name, values in numbers.items()}
     for values in attached.values():
         dr.enable_grad(values)
-    found = result(attached)
-    dr.backward(dr.sum(found))
+    output = result(attached)
+    dr.backward(dr.sum(output))
     slopes = {name: np.array(dr.grad(values).numpy(), dtype=float) for name, values in attached.items()}
-    return np.array(dr.detach(found).numpy(), dtype=float), slopes
+    return np.array(dr.detach(output).numpy(), dtype=float), slopes
 
 
 def test_power_of_an_echo(mi):
     """(5): P is in proportion to rho, and falls as exp(-2 alpha R) / R^2."""
     equipped = chain.sensor("table1-apd")
     numbers = numbers_at()
-    power, slope = differentiated(numbers, lambda at: light_of(at, transfer.opaque(equipped))[2].peak_power_w, mi)
+    power, slope = differentiated(
+        numbers, lambda attached: light_of(attached, transfer.opaque(equipped))[2].peak_power_w, mi
+    )
     np.testing.assert_allclose(slope["reflectivity"], power / 0.3, rtol=SINGLE)
     falling = -power * (2.0 / RANGES_M + 2.0 * EXTINCTION_PER_M)
     np.testing.assert_allclose(slope["range_m"], falling, rtol=SINGLE)
@@ -96,7 +95,7 @@ def test_background_of_a_surface(mi):
     """(8) is linear in the sun, and in rho: all of it is the surface's."""
     equipped = chain.sensor("table1-apd")
     power, slope = differentiated(
-        numbers_at(), lambda at: light_of(at, transfer.opaque(equipped))[2].background_power_w, mi
+        numbers_at(), lambda attached: light_of(attached, transfer.opaque(equipped))[2].background_power_w, mi
     )
     np.testing.assert_allclose(slope["sun"], power / 10.0, rtol=SINGLE)
     np.testing.assert_allclose(slope["reflectivity"], power / 0.3, rtol=SINGLE)
@@ -127,32 +126,36 @@ def test_many_rays_on_one_pulse(case, mi):
     def numbers_around(range_m):
         return numbers_at((range_m + apart).ravel()) | {"reflectivity": reflectivity}
 
-    def detected(at):
-        on_device = not isinstance(at["range_m"], np.ndarray)
+    def detected(attached):
+        on_device = not isinstance(attached["range_m"], np.ndarray)
         sensor = transfer.opaque(equipped) if on_device else equipped
         pulse = transfer.counter(0, 40) if on_device else np.arange(40, dtype=np.uint32)
-        rays, _, light = light_of(at, sensor)
+        rays, _, light = light_of(attached, sensor)
         whole = trains_of.join_echoes([light], rays, rays=RAYS)
         return multi_echo.detect(whole, sensor, seed=0, pulse=pulse)
 
-    far = (at for at in map(numbers_around, range(60, 1000, 20)) if np.median(detected(at).snr) < 5.5)
+    far = (
+        candidate for candidate in map(numbers_around, range(60, 1000, 20)) if np.median(detected(candidate).snr) < 5.5
+    )
     numbers = next(far)
-    here = detected(numbers)
-    found, slopes = {}, {}
+    host = detected(numbers)
+    outputs, slopes = {}, {}
     for name in OF_A_PULSE:
-        found[name], slopes[name] = differentiated(numbers, lambda at, name=name: getattr(detected(at), name), mi)
-        np.testing.assert_allclose(found[name], getattr(here, name), rtol=1e-4, atol=1e-5)
-    assert np.sum((found["detection_probability"] > 0.05) & (found["detection_probability"] < 0.95)) > 5
+        outputs[name], slopes[name] = differentiated(
+            numbers, lambda attached, name=name: getattr(detected(attached), name), mi
+        )
+        np.testing.assert_allclose(outputs[name], getattr(host, name), rtol=1e-4, atol=1e-5)
+    assert np.sum((outputs["detection_probability"] > 0.05) & (outputs["detection_probability"] < 0.95)) > 5
     for parameter, step in (("reflectivity", 1e-4), ("sun", 1e-3), ("range_m", 1e-4)):
         for ray in range(RAYS):
             moved = np.zeros(apart.size)
             moved[ray::RAYS] = step
             two = [detected(numbers | {parameter: numbers[parameter] + sign * moved}) for sign in (1.0, -1.0)]
             for name in OF_A_PULSE:
-                wanted = (getattr(two[0], name) - getattr(two[1], name)) / (2.0 * step)
+                expected = (getattr(two[0], name) - getattr(two[1], name)) / (2.0 * step)
                 # The tail of P_d is good to 1e-4 of its slope's height in single precision.
                 np.testing.assert_allclose(
-                    slopes[name][parameter][ray::RAYS], wanted, rtol=1e-3, atol=1e-3 * np.abs(wanted).max()
+                    slopes[name][parameter][ray::RAYS], expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max()
                 )
 
 
@@ -166,7 +169,7 @@ def test_reflectivity_of_a_traced_plane(mi):
     described = chain.scene(chain.facing(range_m=60.0), klux=0.0)
     world = build_world(described, wavelength_m=equipped.laser.wavelength_m, centre_m=np.zeros(3))
     parameters = mi.traverse(world.scene)
-    (key,) = (one for one in parameters.keys() if one.endswith("reflectance.value"))  # noqa: SIM118
+    (key,) = (name for name in parameters.keys() if name.endswith("reflectance.value"))  # noqa: SIM118
     dr.enable_grad(parameters[key])
     parameters.update()
     sensor, rotation = transfer.opaque(equipped), transfer.opaque(tuple(np.eye(3).ravel().tolist()))
@@ -196,10 +199,10 @@ def test_what_a_converter_reports_has_none(mi):
     dr.enable_grad(scale)
     (part,) = light.parts
     light = replace(light, parts=(replace(part, peak_power_w=part.peak_power_w * scale),))
-    found = multi_echo.detect(
+    detection = multi_echo.detect(
         light, transfer.opaque(equipped), seed=transfer.seed_word(0), pulse=transfer.counter(0, 1)
     )
-    assert dr.grad_enabled(found.snr)
-    for one in (found.stops[0].range_m, found.stops[0].amplitude, found.stops[0].snr):
+    assert dr.grad_enabled(detection.snr)
+    for output in (detection.stops[0].range_m, detection.stops[0].amplitude, detection.stops[0].snr):
         with pytest.raises(RuntimeError, match="does not depend"):
-            dr.backward(one)
+            dr.backward(output)

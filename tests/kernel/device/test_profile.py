@@ -38,11 +38,11 @@ def test_peak_memory_is_that_of_the_largest_moment(run_python: Any) -> None:
         "import numpy as np\nfrom lidarscene.kernel.device.profile import peak_memory_bytes as peak\n"
         "before = peak()\nheld = np.ones(2**26)\ndel held\nprint(before, peak())"
     )
-    done = run_python(code)
-    assert done.returncode == 0, done.stderr
-    if "None" in done.stdout:
+    process = run_python(code)
+    assert process.returncode == 0, process.stderr
+    if "None" in process.stdout:
         pytest.skip("the system does not tell")
-    before, after = map(int, done.stdout.split())
+    before, after = map(int, process.stdout.split())
     assert 5e6 < before < 200e6
     assert 512 * 2**20 <= after - before + 50e6 < 512 * 2**20 + 100e6
 
@@ -56,14 +56,14 @@ def test_render_prints_it(
 
     def profile(*argv: str) -> dict[str, Any]:
         assert main.main(["render", "wall.toml", *COARSE, "--profile", "--json", *argv]) == 0
-        told: dict[str, Any] = json.loads(capsys.readouterr().out)
-        return told["profile"]
+        report: dict[str, Any] = json.loads(capsys.readouterr().out)
+        return report["profile"]
 
-    one = profile("-o", "a.ply")
-    four = profile("-o", "a", "--frames", "4")
-    assert four["kernels"]["launched"] > one["kernels"]["launched"] > 0
-    assert four["kernels"]["compiled"] + four["kernels"]["from_disk"] == 0
-    assert four["peak_memory_bytes"] is None or four["peak_memory_bytes"] > 1e7
+    one_frame = profile("-o", "a.ply")
+    four_frames = profile("-o", "a", "--frames", "4")
+    assert four_frames["kernels"]["launched"] > one_frame["kernels"]["launched"] > 0
+    assert four_frames["kernels"]["compiled"] + four_frames["kernels"]["from_disk"] == 0
+    assert four_frames["peak_memory_bytes"] is None or four_frames["peak_memory_bytes"] > 1e7
     assert main.main(["render", "wall.toml", *COARSE, "--profile", "-o", "b.ply"]) == 0
     text = capsys.readouterr().out.split("\nprofile\n")[1]
     assert [line.split()[0] for line in text.splitlines()][-3:] == ["kernels", "their", "peak"]
@@ -86,10 +86,10 @@ def test_texts_of_kernels_do_not_gather(
     monkeypatch.setattr(KernelHistory, "take", counted)
     steps = ("--set=scanner.azimuth_step_deg=2", "--set=scanner.elevation_step_deg=0.8")
     assert main.main(["render", "wall.toml", *steps, "--profile", "--json", "-o", "a.ply", "--chunk", "48"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    chunks = -(-told["beams"] // 48)
+    report = json.loads(capsys.readouterr().out)
+    chunks = -(-report["beams"] // 48)
     assert len(lengths) == chunks // 16 + 1 >= 3
-    assert sum(lengths) == told["profile"]["kernels"]["launched"] >= chunks
+    assert sum(lengths) == report["profile"]["kernels"]["launched"] >= chunks
     assert max(lengths) < 0.5 * sum(lengths)
 
 

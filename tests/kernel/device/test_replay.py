@@ -50,7 +50,7 @@ def glazed(scene):
     """With a pane before the sensor that drives along."""
     glass = pane(6.0, 30.0)
     moving = dataclasses.replace(glass, motion=dataclasses.replace(scene.ego, start=glass.pose))
-    materials = {**scene.materials, **{one.name: one for one in MATERIALS}}
+    materials = {**scene.materials, **{material.name: material for material in MATERIALS}}
     return dataclasses.replace(scene, bodies=(*scene.bodies, moving), materials=materials)
 
 
@@ -71,8 +71,8 @@ def _no_world_stays():
 def frames(simulator):
     """Other seeds, places, numbers of the frame and lengths of chunks; of each every column."""
     moved = simulator.pose @ Pose.from_degrees(position_m=(0.4, 0.3, 0.1), yaw_deg=3.0)
-    told = ({}, {"pose": moved, "number": 3}, {"chunk": 1500, "coordinates": "sensor"})
-    for seed, arguments in enumerate(told):
+    calls = ({}, {"pose": moved, "number": 3}, {"chunk": 1500, "coordinates": "sensor"})
+    for seed, arguments in enumerate(calls):
         yield simulator.render(seed=seed, **arguments)
 
 
@@ -91,18 +91,20 @@ def test_frames_are_those_of_stages_that_python_writes_down_and_compile_nothing(
     simulator = Simulator(scene, sensor, world=world, **how)
     rendered = frames(simulator)
     with launches.launched() as before:
-        found = [next(rendered)]
+        clouds = [next(rendered)]
     recordings = simulator._chain.recordings
     with launches.launched() as ran:
-        found += rendered
+        clouds += rendered
     assert recordings
     later = simulator._chain.recordings
-    assert all(0 < then <= now <= then + 2 for now, then in zip(later, recordings, strict=True)), later
+    assert all(
+        0 < earlier_count <= count <= earlier_count + 2 for count, earlier_count in zip(later, recordings, strict=True)
+    ), later
     assert len(ran) > 8
     launches.assert_none_is_new(ran, before)
     monkeypatch.setattr(Chain, "repeats", False)
     plain = Simulator(scene, sensor, world=world, **how)
-    for ours, theirs in zip(found, frames(plain), strict=True):
+    for ours, theirs in zip(clouds, frames(plain), strict=True):
         assert len(ours) > 100
         for column in ours.columns:
             np.testing.assert_array_equal(ours.column(column.name), theirs.column(column.name), err_msg=column.name)
@@ -131,10 +133,10 @@ def test_only_what_is_wanted_comes_out():
     replay = Replay(function, lambda pair: [pair.first], captured=held)
     for call, size in enumerate((3, 3, 5, 2)):
         x = transfer.from_numpy(np.arange(size) % 3)
-        found = replay(x, (dr.opaque(mi.Float, float(call)),))
-        np.testing.assert_array_equal(found.first.numpy(), np.arange(size) % 3 + 1.0 + call)
-        assert found.name == "pair"
-        assert found.second is LEFT_OUT
+        pair = replay(x, (dr.opaque(mi.Float, float(call)),))
+        np.testing.assert_array_equal(pair.first.numpy(), np.arange(size) % 3 + 1.0 + call)
+        assert pair.name == "pair"
+        assert pair.second is LEFT_OUT
     assert len(calls) == replay.recordings <= 2
 
 
@@ -198,10 +200,10 @@ def test_a_simulator_goes_when_nobody_holds_it():
     simulator = Simulator(load_scene(SCENES / "glass.toml"), load_sensor("table1-apd", overrides=list(COARSE)))
     for seed in range(2):
         simulator.render(seed=seed)
-    gone, world = weakref.ref(simulator), simulator.world
+    reference, world = weakref.ref(simulator), simulator.world
     gc.collect()
     gc.disable()
     del simulator
     gc.enable()
-    assert gone() is None
+    assert reference() is None
     assert sys.getrefcount(world) == 2  # our name, and what asks

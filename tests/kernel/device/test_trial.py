@@ -42,55 +42,61 @@ def changed(columns: Columns, name: str, values: np.ndarray) -> Columns:
 
 
 def test_rounding_is_no_difference() -> None:
-    one = frame()
-    rounded = changed(changed(one, "range", one["range"] + 2e-4), "intensity", one["intensity"] * 1.0002)
-    assert trial.difference(one, rounded) == ""
-    assert trial.difference(without(one, [3]), without(one, [900])) == ""  # two echoes at the threshold
-    assert trial.difference(without(one, list(range(4000))), without(one, list(range(4000)))) == ""
+    columns = frame()
+    rounded = changed(changed(columns, "range", columns["range"] + 2e-4), "intensity", columns["intensity"] * 1.0002)
+    assert trial.difference(columns, rounded) == ""
+    assert trial.difference(without(columns, [3]), without(columns, [900])) == ""  # two echoes at the threshold
+    assert trial.difference(without(columns, list(range(4000))), without(columns, list(range(4000)))) == ""
 
 
 @pytest.mark.parametrize(
-    ("fault", "told"),
+    ("fault", "complaint"),
     [
-        (lambda one: without(one, [1, 50, 900, 901, 2000]), "5 of 4000 points have no counterpart"),
-        (lambda one: without(one, list(range(4000))), "4000 of 4000 points have no counterpart"),
-        (lambda one: changed(one, "range", one["range"] * 1.001), "points differ in range"),
-        (lambda one: changed(one, "intensity", one["intensity"][::-1]), "points differ in intensity"),
-        (lambda one: changed(one, "true_range", np.full(4000, np.inf)), "4000 of 4000 points differ in true_range"),
-        (lambda one: changed(one, "range", np.full(4000, np.nan, np.float32)), "4000 of 4000 points differ in range"),
-        (lambda one: changed(one, "status", one["status"] + 1), "4000 of 4000 points differ in status"),
+        (lambda columns: without(columns, [1, 50, 900, 901, 2000]), "5 of 4000 points have no counterpart"),
+        (lambda columns: without(columns, list(range(4000))), "4000 of 4000 points have no counterpart"),
+        (lambda columns: changed(columns, "range", columns["range"] * 1.001), "points differ in range"),
+        (lambda columns: changed(columns, "intensity", columns["intensity"][::-1]), "points differ in intensity"),
+        (
+            lambda columns: changed(columns, "true_range", np.full(4000, np.inf)),
+            "4000 of 4000 points differ in true_range",
+        ),
+        (
+            lambda columns: changed(columns, "range", np.full(4000, np.nan, np.float32)),
+            "4000 of 4000 points differ in range",
+        ),
+        (lambda columns: changed(columns, "status", columns["status"] + 1), "4000 of 4000 points differ in status"),
     ],
 )
-def test_what_rounding_does_not_explain_is_told(fault, told: str) -> None:
-    one = frame()
-    assert told in trial.difference(one, fault(one))
-    assert told in trial.difference(fault(one), one)
+def test_what_rounding_does_not_explain_is_told(fault, complaint: str) -> None:
+    columns = frame()
+    assert complaint in trial.difference(columns, fault(columns))
+    assert complaint in trial.difference(fault(columns), columns)
 
 
 def test_a_verdict_is_kept(cache: Path) -> None:
-    asked: list[tuple[str, str]] = []
+    calls: list[tuple[str, str]] = []
 
     def render(name: str, variant: str) -> Columns:
-        asked.append((name, variant))
+        calls.append((name, variant))
         return frame()
 
     for _ in range(2):
         assert trial.verdict("cuda_ad_mono", "llvm_ad_mono", render=render) == Verdict()
-    assert asked == [(name, variant) for name in trial.FRAMES for variant in ("cuda_ad_mono", "llvm_ad_mono")]
+    assert calls == [(name, variant) for name in trial.FRAMES for variant in ("cuda_ad_mono", "llvm_ad_mono")]
     assert len(list(cache.iterdir())) == 1
     shutil.rmtree(cache)
     trial.verdict("cuda_ad_mono", "llvm_ad_mono", render=render)
-    assert len(asked) == 8
+    assert len(calls) == 8
 
 
 def test_a_bad_verdict_is_kept_too_but_not_for_another_driver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(name: str, variant: str) -> Columns | str:
+    def render_crashing(name: str, variant: str) -> Columns | str:
         return "the process ended with -11" if variant.startswith("cuda") else frame()
 
     (tmp_path / "version").write_text("driver 1")
     monkeypatch.setattr(trial, "_DRIVER", tmp_path / "version")
     expected = Verdict("cannot render a small frame (drive): the process ended with -11", renders=False)
-    assert trial.verdict("cuda_ad_mono", "llvm_ad_mono", render=broken) == expected
+    assert trial.verdict("cuda_ad_mono", "llvm_ad_mono", render=render_crashing) == expected
     assert trial.verdict("cuda_ad_mono", "llvm_ad_mono", render=lambda *_: frame()) == expected
     (tmp_path / "version").write_text("driver 2")
     assert trial.verdict("cuda_ad_mono", "llvm_ad_mono", render=lambda *_: frame()) == Verdict()
@@ -119,9 +125,9 @@ def test_frames_come_from_processes_of_their_own(mi, monkeypatch: pytest.MonkeyP
     assert len(columns["time"]) > 1000
     assert columns["range"].min() > 1.0
     assert trial.difference(columns, columns) == ""
-    said = trial._render_in_process("edges", "nonsense_variant")
-    assert isinstance(said, str)
-    assert said.startswith("LIDARSCENE_VARIANT=nonsense_variant: no such variant")
+    message = trial._render_in_process("edges", "nonsense_variant")
+    assert isinstance(message, str)
+    assert message.startswith("LIDARSCENE_VARIANT=nonsense_variant: no such variant")
     monkeypatch.setattr(sys, "executable", "/bin/false")
     assert trial._render_in_process("drive", mi.variant()) == "the process ended with 1"
 
@@ -145,9 +151,9 @@ for renders in (True, False):
     backend._refused["llvm_ad_mono"] = "not yet tried"
     trial._verdict_file = lambda *_: None
 """
-    done = run_python(code, LIDARSCENE_VARIANT=None, LIDARSCENE_CACHE=str(tmp_path))
+    process = run_python(code, LIDARSCENE_VARIANT=None, LIDARSCENE_CACHE=str(tmp_path))
     warning = "the GPU is not used: points are wrong; LIDARSCENE_VARIANT=cuda_ad_mono uses it nevertheless"
-    assert [line.strip() for line in done.stdout.splitlines()] == [
+    assert [line.strip() for line in process.stdout.splitlines()] == [
         f"llvm_ad_mono | points are wrong | {warning}",
         "llvm_ad_mono | points are wrong |",
-    ], done.stderr
+    ], process.stderr

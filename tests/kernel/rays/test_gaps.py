@@ -37,37 +37,39 @@ def run(*bodies, overrides=GRID, materials=None, **tracing):
     return chain.run(described, chain.sensor("table1-apd", *overrides), **tracing)
 
 
-def within(count, of, share):
+def within(count, trials, share):
     """Five standard deviations of a binomial count: a false alarm in 1.7 million."""
-    return abs(count - of * share) < 5.0 * math.sqrt(of * share * (1.0 - share))
+    return abs(count - trials * share) < 5.0 * math.sqrt(trials * share * (1.0 - share))
 
 
 @pytest.mark.parametrize("theta_deg", [0.0, 60.0])
 def test_rays_are_shared_between_a_fence_and_what_is_behind(theta_deg):
     """cover of them end at the fence with the echo of a solid one; the others behind it, as if it were not there."""
-    seen = run(layer(10.0, theta_deg=theta_deg), layer(20.0, "grey"))
+    lanes = run(layer(10.0, theta_deg=theta_deg), layer(20.0, "grey"))
     solid = run(layer(10.0, theta_deg=theta_deg), layer(20.0, "grey"), materials=(fence(1.0),))
     free = run(layer(20.0, "grey"))
-    near = seen.hits.interactions == 0
+    near = lanes.hits.interactions == 0
     assert within(near.sum(), len(near), COVER)
-    np.testing.assert_array_equal(seen.hits.interactions[~near], 1)
-    for mask, other in ((near, solid), (~near, free)):
-        np.testing.assert_allclose(seen.hits.range_m[mask], other.hits.range_m[mask], rtol=1e-6)
-        np.testing.assert_allclose(seen.light.peak_power_w[mask], other.light.peak_power_w[mask], rtol=2e-5)
-        np.testing.assert_allclose(seen.light.background_power_w[mask], other.light.background_power_w[mask], rtol=2e-5)
-    np.testing.assert_array_equal(seen.hits.mirrored, False)
+    np.testing.assert_array_equal(lanes.hits.interactions[~near], 1)
+    for mask, reference in ((near, solid), (~near, free)):
+        np.testing.assert_allclose(lanes.hits.range_m[mask], reference.hits.range_m[mask], rtol=1e-6)
+        np.testing.assert_allclose(lanes.light.peak_power_w[mask], reference.light.peak_power_w[mask], rtol=2e-5)
+        np.testing.assert_allclose(
+            lanes.light.background_power_w[mask], reference.light.background_power_w[mask], rtol=2e-5
+        )
+    np.testing.assert_array_equal(lanes.hits.mirrored, False)
 
 
 def test_layers_one_behind_the_other():
     """Layer k gets c (1 - c)^(k - 1), and the one after the last that is allowed all the rest."""
-    seen = run(*(layer(8.0 + 2.0 * k) for k in range(5)), interactions=3)
-    number = np.rint((seen.hits.range_m * seen.direction[:, 0] - 8.0) / 2.0).astype(int)
+    lanes = run(*(layer(8.0 + 2.0 * k) for k in range(5)), interactions=3)
+    number = np.rint((lanes.hits.range_m * lanes.direction[:, 0] - 8.0) / 2.0).astype(int)
     shares = [COVER * (1.0 - COVER) ** k for k in range(3)] + [(1.0 - COVER) ** 3]
     for k, share in enumerate(shares):
         assert within((number == k).sum(), len(number), share)
     assert number.max() == 3
-    np.testing.assert_array_equal(seen.hits.interactions, number)
-    assert np.all(seen.light.peak_power_w > 0.0)
+    np.testing.assert_array_equal(lanes.hits.interactions, number)
+    assert np.all(lanes.light.peak_power_w > 0.0)
 
 
 @pytest.mark.parametrize("rays", [7, 19, 64])
@@ -86,9 +88,9 @@ def test_numbers_of_a_pulse_fill_the_unit_interval(rays):
             assert np.abs((numbers < level).sum(axis=1) - level * rays).max() <= 3.5
             # Over pulses the offsets are random: 5 sigma of the mean of 500 counts that spread by 1 at most.
             assert abs((numbers < level).sum(axis=1).mean() - level * rays) < 5.0 / math.sqrt(pulses)
-        both = ((steps[0] < level) & (steps[1] < level)).sum(axis=1)
-        assert np.abs(both - level**2 * rays).max() <= 5.5
-    numbers = np.concatenate([one.ravel() for one in steps])
+        counts = ((steps[0] < level) & (steps[1] < level)).sum(axis=1)
+        assert np.abs(counts - level**2 * rays).max() <= 5.5
+    numbers = np.concatenate([step.ravel() for step in steps])
     assert 0.0 <= numbers.min() <= numbers.max() < 1.0
 
 
@@ -103,14 +105,14 @@ def test_a_pulse_of_many_rays_has_both_echoes():
         ((layer(20.0, "grey"),), (fence(),)),
     ):
         simulator = Simulator(chain.scene(*bodies, materials=materials), sensor, rays=rays)
-        found = simulator.waveforms([4])
-        near = np.abs(found.range_m - 10.0) < 3.0
-        far = np.abs(found.range_m - 20.0) < 3.0
-        powers.append((found.power_w[0][near].max(), found.power_w[0][far].max()))
-    (front, back), (solid, _), (_, free) = powers
+        waveforms = simulator.waveforms([4])
+        near = np.abs(waveforms.range_m - 10.0) < 3.0
+        far = np.abs(waveforms.range_m - 20.0) < 3.0
+        powers.append((waveforms.power_w[0][near].max(), waveforms.power_w[0][far].max()))
+    (front, behind), (solid, _), (_, free) = powers
     assert front / solid == pytest.approx(COVER, abs=2.0 / rays)
-    assert back / free == pytest.approx(1.0 - COVER, abs=2.0 / rays)
-    assert front / solid + back / free == pytest.approx(1.0, rel=1e-4)
+    assert behind / free == pytest.approx(1.0 - COVER, abs=2.0 / rays)
+    assert front / solid + behind / free == pytest.approx(1.0, rel=1e-4)
 
 
 def roof(height_m):
@@ -130,10 +132,10 @@ def test_the_sun_comes_through_gaps(roofs):
     board = chain.facing(range_m=20.0)
     free = chain.run(chain.scene(board, sun=sun), sensor)
     covered = chain.scene(board, *(roof(4.0 + k) for k in range(roofs)), sun=sun, materials=(fence(),))
-    seen = chain.run(covered, sensor)
-    assert np.all(seen.hits.lit)
+    lanes = chain.run(covered, sensor)
+    assert np.all(lanes.hits.lit)
     np.testing.assert_allclose(
-        seen.hits.sun_scatter_per_sr, free.hits.sun_scatter_per_sr * (1.0 - COVER) ** roofs, rtol=1e-5
+        lanes.hits.sun_scatter_per_sr, free.hits.sun_scatter_per_sr * (1.0 - COVER) ** roofs, rtol=1e-5
     )
 
 
@@ -144,11 +146,11 @@ def test_the_same_seed_finds_the_same_gaps_and_a_second_frame_compiles_nothing()
     with launches.launched() as before:
         whole = simulator.render(seed=1)
     with launches.launched() as later:
-        parts, other = simulator.render(seed=1, chunk=1000), simulator.render(seed=2)
+        parts, other_cloud = simulator.render(seed=1, chunk=1000), simulator.render(seed=2)
     launches.assert_none_is_new(later, before)
     np.testing.assert_array_equal(whole.xyz_m, parts.xyz_m)
     np.testing.assert_array_equal(whole.interactions, parts.interactions)
-    assert len(other) != len(whole) or np.any(other.true_range_m != whole.true_range_m)
+    assert len(other_cloud) != len(whole) or np.any(other_cloud.true_range_m != whole.true_range_m)
 
 
 def test_masks_of_mitsuba_files_have_gaps_too(tmp_path):
@@ -168,10 +170,10 @@ def test_masks_of_mitsuba_files_have_gaps_too(tmp_path):
             <bsdf type="twosided" id="plaster"><bsdf type="diffuse"/></bsdf>
         </shape></scene>""")
     described = dataclasses.replace(chain.scene(), base=tmp_path / "scene.xml")
-    seen = chain.run(described, chain.sensor("table1-apd", *GRID))
-    near = seen.hits.interactions == 0
+    lanes = chain.run(described, chain.sensor("table1-apd", *GRID))
+    near = lanes.hits.interactions == 0
     assert within(near.sum(), len(near), 0.3)
     # Mitsuba's diffuse is 0.5: 0.5 / pi straight back, on the card as on the wall.
-    cosine = seen.hits.cos_incidence
-    np.testing.assert_allclose(seen.hits.backscatter_per_sr, 0.5 / math.pi * cosine, rtol=1e-5)
-    np.testing.assert_allclose(seen.hits.reflectivity, 0.5, rtol=1e-6)
+    cosine = lanes.hits.cos_incidence
+    np.testing.assert_allclose(lanes.hits.backscatter_per_sr, 0.5 / math.pi * cosine, rtol=1e-5)
+    np.testing.assert_allclose(lanes.hits.reflectivity, 0.5, rtol=1e-6)

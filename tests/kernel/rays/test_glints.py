@@ -35,12 +35,12 @@ def in_space(sensor, tilt_rad, range_m=RANGE_M):
     """
     radius = float(sensor.optics.aperture_radius_m)
     line = (np.arange(400) + 0.5) / 400 * 2.0 - 1.0
-    y, z = (radius * one.ravel() for one in np.meshgrid(line, line))
-    kept = y**2 + z**2 < radius**2
-    points = np.stack([0.0 * y, y, z], axis=1)[kept]
+    y, z = (radius * axis.ravel() for axis in np.meshgrid(line, line))
+    on_disc = y**2 + z**2 < radius**2
+    points = np.stack([0.0 * y, y, z], axis=1)[on_disc]
     normal = np.array([-math.cos(tilt_rad), math.sin(tilt_rad), 0.0])
-    away = (points - [range_m, 0.0, 0.0]) @ normal
-    x, y, z = (points - 2.0 * away[:, None] * normal).T
+    offset = (points - [range_m, 0.0, 0.0]) @ normal
+    x, y, z = (points - 2.0 * offset[:, None] * normal).T
     w = np.sqrt((EXIT_M / 2.0) ** 2 + (DIVERGENCE_RAD / 2.0 * x) ** 2)
     density = 2.0 / (math.pi * w**2) * np.exp(-2.0 * (y**2 + z**2) / w**2)
     return float(density.sum() * (2.0 * radius / 400) ** 2)
@@ -59,43 +59,43 @@ CLOSE = {"rel": 2e-3}
 @pytest.mark.parametrize("tilt_deg", [0.0, 0.02, 0.06, 0.1])
 def test_a_pane_throws_the_beam_back(tilt_deg):
     """R times what lands on the aperture, at the pane's range, as an echo of the pane; the first way goes through."""
-    sensor, seen = run(pane(RANGE_M, tilt_deg), chain.facing(range_m=50.0))
-    first, second = seen.ways
-    assert seen.light_of_ways[1].peak_power_w[MIDDLE] == pytest.approx(
+    sensor, lanes = run(pane(RANGE_M, tilt_deg), chain.facing(range_m=50.0))
+    first, second = lanes.ways
+    assert lanes.light_of_ways[1].peak_power_w[MIDDLE] == pytest.approx(
         expected_w(sensor, math.radians(tilt_deg)), **CLOSE
     )
     assert second.has_surface[MIDDLE]
     assert second.range_m[MIDDLE] == pytest.approx(RANGE_M, rel=1e-6)
     assert not second.mirrored[MIDDLE]
     assert second.interactions[MIDDLE] == 0
-    assert seen.light_of_ways[1].background_power_w[MIDDLE] == 0.0
+    assert lanes.light_of_ways[1].background_power_w[MIDDLE] == 0.0
     assert first.range_m[MIDDLE] == pytest.approx(50.0, rel=1e-6)
     assert first.throughput[MIDDLE] == pytest.approx(1.0 - R, rel=1e-4)
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 0.06])
 def test_a_mirror_throws_the_beam_back(tilt_deg):
-    sensor, seen = run(pane(RANGE_M, tilt_deg, material="mirror"))
-    echo, hits = seen.light, seen.hits
+    sensor, lanes = run(pane(RANGE_M, tilt_deg, material="mirror"))
+    echo, hits = lanes.light, lanes.hits
     assert echo.peak_power_w[MIDDLE] == pytest.approx(expected_w(sensor, math.radians(tilt_deg), one_way=0.9), **CLOSE)
     assert (hits.range_m[MIDDLE], hits.interactions[MIDDLE]) == (pytest.approx(RANGE_M, rel=1e-6), 0)
 
 
 def test_a_mirror_behind_a_pane():
     """The pane takes T there and T back; it leans by 30 degrees and has no glint of its own."""
-    sensor, seen = run(pane(4.0, 30.0, size_m=20.0, name="front"), pane(RANGE_M, 0.0, material="mirror"))
+    sensor, lanes = run(pane(4.0, 30.0, size_m=20.0, name="front"), pane(RANGE_M, 0.0, material="mirror"))
     t = 1.0 - both_sides(math.cos(math.radians(30.0)))
-    assert seen.light_of_ways[0].peak_power_w[MIDDLE] == pytest.approx(
+    assert lanes.light_of_ways[0].peak_power_w[MIDDLE] == pytest.approx(
         expected_w(sensor, 0.0, one_way=0.9 * t * t), **CLOSE
     )
-    assert seen.hits.interactions[MIDDLE] == 1
+    assert lanes.hits.interactions[MIDDLE] == 1
 
 
 def test_a_pane_that_leans_too_far_mirrors_as_before():
     """At 0.5 degrees the beam passes 17 cm beside the sensor: the board behind that is what the pane shows."""
     behind = chain.facing(range_m=-5.0, size_m=4.0)
-    _, seen = run(pane(RANGE_M, 0.5), behind)
-    second = seen.ways[1]
+    _, lanes = run(pane(RANGE_M, 0.5), behind)
+    second = lanes.ways[1]
     assert second.has_surface[MIDDLE]
     assert second.mirrored[MIDDLE]
     assert second.range_m[MIDDLE] == pytest.approx(2 * RANGE_M + 5.0, rel=1e-3)
@@ -105,7 +105,7 @@ def test_with_a_moving_pane():
     """In its own frame, turned: the same echo."""
     body = pane(RANGE_M, 0.06)
     moving = dataclasses.replace(body, motion=Course(start=body.pose))
-    powers = [run(one)[1].light_of_ways[1].peak_power_w[MIDDLE] for one in (body, moving)]
+    powers = [run(pane_body)[1].light_of_ways[1].peak_power_w[MIDDLE] for pane_body in (body, moving)]
     assert powers[1] == pytest.approx(powers[0], rel=1e-3)
 
 
@@ -117,8 +117,8 @@ def test_any_number_of_rays_gives_the_same_glint(rays):
     """
     sensor = chain.sensor("table1-apd", *chain.NARROW, *WIDE)
     simulator = Simulator(chain.scene(pane(RANGE_M, 0.06), materials=MATERIALS), sensor, rays=rays)
-    found = simulator.waveforms([MIDDLE])
-    assert found.power_w[0].max() == pytest.approx(expected_w(sensor, math.radians(0.06)), rel=3e-3)
+    waveforms = simulator.waveforms([MIDDLE])
+    assert waveforms.power_w[0].max() == pytest.approx(expected_w(sensor, math.radians(0.06)), rel=3e-3)
 
 
 def test_its_point_is_the_panes():

@@ -20,18 +20,18 @@ def test_returns_come_by_pulse_and_then_by_stop(mi, stops, ordered):
     flags = rng.random((stops, 50)) < 0.3  # of lanes
     lane_of = rng.permutation(50).astype(np.uint32) if ordered else np.arange(50, dtype=np.uint32)
     lane, stop, count = kept_lanes.reported_lanes(detection(mi, flags), mi.UInt32(lane_of) if ordered else None)
-    wanted = [(lane_of[pulse], s) for pulse in range(50) for s in range(stops) if flags[s, lane_of[pulse]]]
-    found = np.broadcast_arrays(lane.numpy(), stop.numpy())
-    assert count == len(wanted)
-    assert list(zip(*found, strict=True)) == wanted
+    expected = [(lane_of[pulse], s) for pulse in range(50) for s in range(stops) if flags[s, lane_of[pulse]]]
+    reported_pairs = np.broadcast_arrays(lane.numpy(), stop.numpy())
+    assert count == len(expected)
+    assert list(zip(*reported_pairs, strict=True)) == expected
 
 
 @pytest.mark.parametrize(("reported", "twice", "count"), [((), False, 0), ((3,), False, 1), ((0, 1), True, 1)])
 def test_one_return_or_none_is_two_lanes(mi, reported, twice, count):
     """Dr.Jit would take one lane for all lanes, and compile anew."""
     flags = np.isin(np.arange(2 if twice else 5), reported)[None]
-    lane, _, found = kept_lanes.reported_lanes(detection(mi, flags), twice=twice)
-    assert found == count
+    lane, _, lane_count = kept_lanes.reported_lanes(detection(mi, flags), twice=twice)
+    assert lane_count == count
     assert len(lane.numpy()) == 2
     if reported:
         assert lane.numpy()[0] == reported[0]

@@ -43,20 +43,22 @@ def test_surface_is_mitsubas():
     directions /= np.linalg.norm(directions, axis=0)
     ray = mi.Ray3f(mi.Point3f(0.0, 0.0, 0.1), mi.Vector3f(*directions.astype(np.float32)))
     zero = transfer.opaque_uint32(0)
-    met = [
-        Moment(world=one, sun=(0.0, 0.0, 1.0), coherent=False, draws=Draws(seed=zero, pulse=zero, ray=zero)).meet(ray)
-        for one in (world, dataclasses.replace(world, face_normal=None))
+    meetings = [
+        Moment(world=variant, sun=(0.0, 0.0, 1.0), coherent=False, draws=Draws(seed=zero, pulse=zero, ray=zero)).meet(
+            ray
+        )
+        for variant in (world, dataclasses.replace(world, face_normal=None))
     ]
-    found = np.array(met[0].valid)
-    assert 1000 < found.sum() < len(found)
-    ours, theirs = (one.surface for one in met)
+    valid = np.array(meetings[0].valid)
+    assert 1000 < valid.sum() < len(valid)
+    ours, theirs = (meeting.surface for meeting in meetings)
     for name, tolerance in (("p", 2e-5), ("n", 2e-6)):
         difference = np.array(getattr(ours, name)) - np.array(getattr(theirs, name))
-        assert np.abs(difference[:, found]).max() < tolerance, name
-    np.testing.assert_array_equal(np.array(ours.prim_index)[found], np.array(theirs.prim_index)[found])
+        assert np.abs(difference[:, valid]).max() < tolerance, name
+    np.testing.assert_array_equal(np.array(ours.prim_index)[valid], np.array(theirs.prim_index)[valid])
     # Where the frame's other axes point has no meaning: no material of ours knows a direction in the surface.
-    assert np.array(ours.wi)[2, found] == pytest.approx(np.array(theirs.wi)[2, found], abs=2e-5)
-    assert np.array(ours.sh_frame.n)[:, found] == pytest.approx(np.array(theirs.sh_frame.n)[:, found], abs=2e-6)
+    assert np.array(ours.wi)[2, valid] == pytest.approx(np.array(theirs.wi)[2, valid], abs=2e-5)
+    assert np.array(ours.sh_frame.n)[:, valid] == pytest.approx(np.array(theirs.sh_frame.n)[:, valid], abs=2e-6)
 
 
 def test_frame_is_the_same():

@@ -32,9 +32,9 @@ def rays(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def slabs(origin: np.ndarray, towards: np.ndarray, length: np.ndarray, box: np.ndarray) -> np.ndarray:
     """(n,) whether rays pass a (2, 3) box."""
     with np.errstate(divide="ignore"):
-        one, other = ((corner - origin) / towards for corner in box)
-    near = np.maximum(np.fmin(one, other).max(axis=1), 0.0)
-    return near <= np.minimum(np.fmax(one, other).min(axis=1), length)
+        to_low, to_high = ((corner - origin) / towards for corner in box)
+    near = np.maximum(np.fmin(to_low, to_high).max(axis=1), 0.0)
+    return near <= np.minimum(np.fmax(to_low, to_high).min(axis=1), length)
 
 
 def test_boxes_that_are_passed() -> None:
@@ -43,21 +43,23 @@ def test_boxes_that_are_passed() -> None:
     """
     import mitsuba as mi
 
-    origin, towards, length = (one.astype(np.float32).astype(np.float64) for one in rays(4000))
+    origin, towards, length = (array.astype(np.float32).astype(np.float64) for array in rays(4000))
     rng = np.random.default_rng(12)
     low = rng.uniform(-20.0, 15.0, (nearby_bodies.BOXES_PER_GROUP, 3))
     boxes = np.stack([low, low + rng.uniform(4.0, 9.0, low.shape)], axis=1)
     ray = mi.Ray3f(mi.Point3f(*origin.T), mi.Vector3f(*towards.T))
     ray.maxt = mi.Float(length)
-    given = nearby_bodies.boxes_from_numbers(transfer.from_numpy(boxes.ravel()))
-    (found,) = nearby_bodies.boxes_passed(ray, [given], nearby_bodies.enclosing_box(given), mi.Bool(True))
-    bits = found.numpy()
+    device_boxes = nearby_bodies.boxes_from_numbers(transfer.from_numpy(boxes.ravel()))
+    (passed,) = nearby_bodies.boxes_passed(
+        ray, [device_boxes], nearby_bodies.enclosing_box(device_boxes), mi.Bool(True)
+    )
+    bits = passed.numpy()
     for number, box in enumerate(boxes):
-        found = (bits >> number) & 1 == 1
-        assert found.any()
+        passed = (bits >> number) & 1 == 1
+        assert passed.any()
         grow = np.array([[-1e-3], [1e-3]])
-        assert not (slabs(origin, towards, length, box - grow) & ~found).any()
-        assert not (found & ~slabs(origin, towards, length, box + grow)).any()
+        assert not (slabs(origin, towards, length, box - grow) & ~passed).any()
+        assert not (passed & ~slabs(origin, towards, length, box + grow)).any()
 
 
 def crowd() -> Scene:
@@ -65,16 +67,16 @@ def crowd() -> Scene:
     shape = chain.box(at=(0.0, 0.0, 0.0), size_m=(0.4, 0.3, 1.6))
     bodies = [chain.facing(range_m=50.0, size_m=120.0)]
     for number in range(40):
-        azimuth, away = math.radians(-17.5 + 0.9 * number), 22.0 + number % 7 * 2.0
+        azimuth, distance_m = math.radians(-17.5 + 0.9 * number), 22.0 + number % 7 * 2.0
         start = Pose.from_degrees(
-            position_m=(away * math.cos(azimuth), away * math.sin(azimuth), 0.3), yaw_deg=31.0 * number
+            position_m=(distance_m * math.cos(azimuth), distance_m * math.sin(azimuth), 0.3), yaw_deg=31.0 * number
         )
         motion = Course(start=start, speed_m_s=0.05 * number, yaw_rate_rad_s=0.2 * (number % 3))
         bodies.append(moving(shape, f"box {number}", motion))
     return dataclasses.replace(traffic(), bodies=tuple(bodies))
 
 
-def met(origin: np.ndarray, towards: np.ndarray, part: Part) -> np.ndarray:
+def nearest_hit_m(origin: np.ndarray, towards: np.ndarray, part: Part) -> np.ndarray:
     """(n,) distance to the nearest triangle, one after the other (Moeller and Trumbore), infinite for none."""
     nearest = np.full(len(origin), np.inf)
     for corners in np.asarray(part.vertices_m, np.float64)[part.faces]:
@@ -82,10 +84,10 @@ def met(origin: np.ndarray, towards: np.ndarray, part: Part) -> np.ndarray:
         across = np.cross(towards, second)
         with np.errstate(divide="ignore", invalid="ignore"):
             share = 1.0 / (across @ first)
-            there = origin - corners[0]
-            u = np.einsum("ni,ni->n", there, across) * share
-            over = np.cross(there, first)
-            v, t = np.einsum("ni,ni->n", towards, over) * share, over @ second * share
+            offset = origin - corners[0]
+            u = np.einsum("ni,ni->n", offset, across) * share
+            normal = np.cross(offset, first)
+            v, t = np.einsum("ni,ni->n", towards, normal) * share, normal @ second * share
             inside = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (t > 0.0)
         nearest = np.where(inside, np.fmin(nearest, t), nearest)
     return nearest
@@ -106,11 +108,11 @@ def test_the_nearest_of_a_loop_over_all_bodies() -> None:
     towards = np.einsum("nij,nj->ni", sensor.rotation, direction(cloud))
     distance = []
     for body in scene.bodies:
-        there = (body.motion or Course(start=body.pose)).at(cloud.time_s)
-        origin = np.einsum("nji,nj->ni", there.rotation, sensor.position_m - there.position_m)
+        states = (body.motion or Course(start=body.pose)).at(cloud.time_s)
+        origin = np.einsum("nji,nj->ni", states.rotation, sensor.position_m - states.position_m)
         (part,) = body.parts
         assert isinstance(part, Part)
-        distance.append(met(origin, np.einsum("nji,nj->ni", there.rotation, towards), part))
+        distance.append(nearest_hit_m(origin, np.einsum("nji,nj->ni", states.rotation, towards), part))
     table = np.stack(distance)
     agree = (table.argmin(axis=0) == cloud.body) & (np.abs(table.min(axis=0) - cloud.true_range_m) < 1e-4)
     assert agree.mean() > 0.999
@@ -138,9 +140,9 @@ def test_a_body_that_comes_into_view_compiles_nothing() -> None:
         chain.scene(chain.facing(range_m=50.0, size_m=120.0), comes), chain.sensor("table1-apd", *SENSOR)
     )
     with launches.launched() as before:
-        away = simulator.render(seed=0)
+        without_body = simulator.render(seed=0)
     with launches.launched() as later:
-        there = simulator.render(seed=1, begin_s=1.1)
-    assert not np.any(away.body == 1)
-    assert np.any(there.body == 1)
+        with_body = simulator.render(seed=1, begin_s=1.1)
+    assert not np.any(without_body.body == 1)
+    assert np.any(with_body.body == 1)
     launches.assert_none_is_new(later, before)

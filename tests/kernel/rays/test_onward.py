@@ -17,7 +17,7 @@ from lidarscene.scene.scene import Body, Sun
 pytestmark = pytest.mark.usefixtures("mi")
 
 
-def beside(distance_m, at_m=10.0, size_m=4.0) -> Body:
+def board_beside(distance_m, at_m=10.0, size_m=4.0) -> Body:
     """A board to the left of x = at_m that faces the x axis."""
     board = chain.facing(range_m=0.0, size_m=size_m)
     turned = Pose.from_degrees(position_m=(at_m, distance_m, 0.0), yaw_deg=90.0)
@@ -40,9 +40,9 @@ def test_a_board_behind_panes(theta_deg, panes):
     """Each pane takes T(theta) there and T(theta) back; the range stays what it was."""
     board = chain.facing(range_m=50.0)
     free = run(board)
-    seen = run(board, *(pane(10.0 + 8.0 * k, theta_deg, size_m=20.0) for k in range(panes)))
+    lanes = run(board, *(pane(10.0 + 8.0 * k, theta_deg, size_m=20.0) for k in range(panes)))
     t = 1.0 - both_sides(math.cos(math.radians(theta_deg)))
-    echo, hits = seen.light_of_ways[0], seen.hits
+    echo, hits = lanes.light_of_ways[0], lanes.hits
     assert echo.peak_power_w[MIDDLE] / free.light.peak_power_w[MIDDLE] == pytest.approx(t ** (2 * panes), **CLOSE)
     assert hits.throughput[MIDDLE] == pytest.approx(t**panes, **CLOSE)
     assert hits.interactions[MIDDLE] == panes
@@ -53,23 +53,23 @@ def test_a_board_behind_panes(theta_deg, panes):
 
 def test_a_pane_mirrors_a_board_beside():
     """At 45 degrees the second way goes to the left: its echo is that of a board at the whole length, times R^2."""
-    seen = run(pane(10.0, -45.0), beside(5.0), chain.facing(range_m=50.0))
+    lanes = run(pane(10.0, -45.0), board_beside(5.0), chain.facing(range_m=50.0))
     direct = run(chain.facing(range_m=15.0))
     r = both_sides(math.cos(math.radians(45.0)))
-    way, echo = seen.ways[1], seen.light_of_ways[1]
+    way, echo = lanes.ways[1], lanes.light_of_ways[1]
     assert way.range_m[MIDDLE] == pytest.approx(15.0, rel=1e-6)
     assert way.cos_incidence[MIDDLE] == pytest.approx(1.0, abs=1e-6)
     assert echo.peak_power_w[MIDDLE] / direct.light.peak_power_w[MIDDLE] == pytest.approx(r**2, **CLOSE)
     assert way.mirrored[MIDDLE]
     assert way.interactions[MIDDLE] == 1
-    assert seen.ways[0].range_m[MIDDLE] == pytest.approx(50.0, rel=1e-6)
+    assert lanes.ways[0].range_m[MIDDLE] == pytest.approx(50.0, rel=1e-6)
 
 
 def test_nothing_is_lost_at_a_clear_pane():
     """T + R = 1 at every angle."""
     for theta in (0.0, 45.0, 80.0, 89.0):
-        seen = run(pane(10.0, theta, size_m=8.0), chain.facing(range_m=50.0))
-        assert sum(way.throughput[MIDDLE] for way in seen.ways) == pytest.approx(1.0, abs=1e-6)
+        lanes = run(pane(10.0, theta, size_m=8.0), chain.facing(range_m=50.0))
+        assert sum(way.throughput[MIDDLE] for way in lanes.ways) == pytest.approx(1.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,7 @@ def test_absorption_at_an_angle(theta_deg, moves):
     glass = pane(10.0, theta_deg, material=tinted.name, size_m=8.0)
     if moves:
         glass = dataclasses.replace(glass, motion=Course(start=glass.pose))
-    seen = run(glass, chain.facing(range_m=50.0), materials=(tinted,))
+    lanes = run(glass, chain.facing(range_m=50.0), materials=(tinted,))
     values, theta = tinted.at(905e-9), max(math.radians(theta_deg), 1e-4)
     inside = math.asin(math.sin(theta) / values["index_n"])
     r = 0.5 * (
@@ -91,31 +91,31 @@ def test_absorption_at_an_angle(theta_deg, moves):
     passage = math.exp(-4 * math.pi * values["index_k"] * 4e-3 / math.cos(inside) / 905e-9)
     series = sum((r * passage) ** (2 * k) for k in range(50))
     through, mirrored = (1 - r) ** 2 * passage * series, r + (1 - r) ** 2 * r * passage**2 * series
-    assert seen.ways[0].throughput[MIDDLE] == pytest.approx(through, **CLOSE)
-    assert seen.ways[1].throughput[MIDDLE] == pytest.approx(mirrored, **CLOSE)
+    assert lanes.ways[0].throughput[MIDDLE] == pytest.approx(through, **CLOSE)
+    assert lanes.ways[1].throughput[MIDDLE] == pytest.approx(mirrored, **CLOSE)
 
 
-@pytest.mark.parametrize("known", ["reflectivity", "index"])
-def test_a_mirror_at_45_degrees(known):
+@pytest.mark.parametrize("described_by", ["reflectivity", "index"])
+def test_a_mirror_at_45_degrees(described_by):
     """The only way goes off the mirror: R there and R back, at the whole length; no second way without panes.
 
     R of a metal by the complex Fresnel equations.
     """
     n, k = 2.052, 8.257  # aluminium at 905 nm
-    parameters = {"index_n": n, "index_k": k} if known == "index" else {}
+    parameters = {"index_n": n, "index_k": k} if described_by == "index" else {}
     material = mirror_material(**parameters)
-    seen = run(pane(10.0, -45.0, material="mirror"), beside(5.0), materials=(material,))
+    lanes = run(pane(10.0, -45.0, material="mirror"), board_beside(5.0), materials=(material,))
     cosine, index = math.cos(math.radians(45.0)), complex(n, k)
     inside = np.sqrt(1.0 - (1.0 - cosine**2) / index**2)
     s = abs((cosine - index * inside) / (cosine + index * inside)) ** 2
     p = abs((index * cosine - inside) / (index * cosine + inside)) ** 2
-    r = 0.5 * (s + p) if known == "index" else 0.9
+    r = 0.5 * (s + p) if described_by == "index" else 0.9
     direct = run(chain.facing(range_m=15.0)).light.peak_power_w[MIDDLE]
-    assert len(seen.ways) == 1
-    assert seen.light.peak_power_w[MIDDLE] / direct == pytest.approx(r**2, rel=1e-4)
-    assert seen.hits.range_m[MIDDLE] == pytest.approx(15.0, rel=1e-6)
-    assert seen.hits.mirrored[MIDDLE]
-    assert seen.hits.interactions[MIDDLE] == 1
+    assert len(lanes.ways) == 1
+    assert lanes.light.peak_power_w[MIDDLE] / direct == pytest.approx(r**2, rel=1e-4)
+    assert lanes.hits.range_m[MIDDLE] == pytest.approx(15.0, rel=1e-6)
+    assert lanes.hits.mirrored[MIDDLE]
+    assert lanes.hits.interactions[MIDDLE] == 1
 
 
 def test_a_beam_meets_no_more_than_its_interactions():
@@ -123,34 +123,34 @@ def test_a_beam_meets_no_more_than_its_interactions():
     board = chain.facing(range_m=50.0)
     panes = [pane(10.0 + k) for k in range(3)]
     for allowed in range(5):
-        seen = run(board, *panes, interactions=allowed, sky=0.2)
+        lanes = run(board, *panes, interactions=allowed, sky=0.2)
         ends_at = 50.0 if allowed >= 3 else 10.0 + allowed
-        assert seen.hits.has_surface[MIDDLE]
-        assert seen.hits.range_m[MIDDLE] == pytest.approx(ends_at, rel=1e-6)
-        assert (seen.light_of_ways[0].peak_power_w[MIDDLE] > 0.0) == (allowed >= 3)
-        assert (seen.light_of_ways[0].background_power_w[MIDDLE] > 0.0) == (allowed >= 3)
-        assert len(seen.ways) == (1 if allowed == 0 else 2)
+        assert lanes.hits.has_surface[MIDDLE]
+        assert lanes.hits.range_m[MIDDLE] == pytest.approx(ends_at, rel=1e-6)
+        assert (lanes.light_of_ways[0].peak_power_w[MIDDLE] > 0.0) == (allowed >= 3)
+        assert (lanes.light_of_ways[0].background_power_w[MIDDLE] > 0.0) == (allowed >= 3)
+        assert len(lanes.ways) == (1 if allowed == 0 else 2)
 
 
 def test_a_beam_that_passes_into_the_sky():
     """Nothing is found, and the sky is seen through the pane and in it: together as without."""
-    seen, free = run(pane(10.0, 20.0), sky=0.2), run(chain.facing(range_m=5.0, at=(0, 50, 0)), sky=0.2)
+    lanes, free = run(pane(10.0, 20.0), sky=0.2), run(chain.facing(range_m=5.0, at=(0, 50, 0)), sky=0.2)
     assert not free.hits.has_surface[MIDDLE]
-    assert not seen.ways[0].has_surface[MIDDLE]
-    assert not seen.ways[1].has_surface[MIDDLE]
-    assert seen.hits.face[MIDDLE] == -1
-    assert seen.light.background_power_w[MIDDLE] == pytest.approx(free.light.background_power_w[MIDDLE], **CLOSE)
+    assert not lanes.ways[0].has_surface[MIDDLE]
+    assert not lanes.ways[1].has_surface[MIDDLE]
+    assert lanes.hits.face[MIDDLE] == -1
+    assert lanes.light.background_power_w[MIDDLE] == pytest.approx(free.light.background_power_w[MIDDLE], **CLOSE)
 
 
 def test_background_is_what_is_behind_and_what_is_mirrored():
     """T times the board's radiance rho E / pi, R times the sky's E / pi."""
     board = chain.facing(range_m=50.0)
-    seen, free = run(board, pane(10.0, 30.0), klux=100.0, sky=0.3), run(board, klux=100.0, sky=0.3)
+    lanes, free = run(board, pane(10.0, 30.0), klux=100.0, sky=0.3), run(board, klux=100.0, sky=0.3)
     dark = Sun(azimuth_rad=0.0, elevation_rad=math.radians(-60.0))
-    seen = run(board, pane(10.0, 30.0), sun=dark, sky=0.3)
+    lanes = run(board, pane(10.0, 30.0), sun=dark, sky=0.3)
     free = run(board, sun=dark, sky=0.3)
     r = both_sides(math.cos(math.radians(30.0)))
-    ratio = seen.light.background_power_w[MIDDLE] / free.light.background_power_w[MIDDLE]
+    ratio = lanes.light.background_power_w[MIDDLE] / free.light.background_power_w[MIDDLE]
     assert ratio == pytest.approx((1.0 - r) + r / 0.1, **CLOSE)
 
 
@@ -165,11 +165,11 @@ def test_the_sun_comes_through_panes(panes):
     """A board in the sun under level panes: its radiance falls by T at the sun's zenith angle for each."""
     sun = Sun(azimuth_rad=math.pi, elevation_rad=math.radians(60.0))
     board = chain.facing(range_m=30.0)
-    seen = run(board, *(roof(5.0 + k, name=f"roof {k}") for k in range(panes)), sun=sun)
+    lanes = run(board, *(roof(5.0 + k, name=f"roof {k}") for k in range(panes)), sun=sun)
     free = run(board, sun=sun)
     t = 1.0 - both_sides(math.cos(math.radians(30.0)))
-    assert seen.hits.lit[MIDDLE]
-    ratio = seen.hits.sun_scatter_per_sr[MIDDLE] / free.hits.sun_scatter_per_sr[MIDDLE]
+    assert lanes.hits.lit[MIDDLE]
+    ratio = lanes.hits.sun_scatter_per_sr[MIDDLE] / free.hits.sun_scatter_per_sr[MIDDLE]
     assert ratio == pytest.approx(t**panes, **CLOSE)
 
 
@@ -178,24 +178,24 @@ def test_the_sun_does_not_come_through_boards_and_mirrors():
     for blocking in ("grey", "mirror"):
         for order in (("pane", blocking), (blocking, "pane")):
             roofs = [roof(5.0 + k, material, name=f"{k}") for k, material in enumerate(order)]
-            seen = run(chain.facing(range_m=30.0), *roofs, sun=sun)
-            assert not seen.hits.lit[MIDDLE]
-            assert seen.hits.sun_scatter_per_sr[MIDDLE] == 0.0
+            lanes = run(chain.facing(range_m=30.0), *roofs, sun=sun)
+            assert not lanes.hits.lit[MIDDLE]
+            assert lanes.hits.sun_scatter_per_sr[MIDDLE] == 0.0
 
 
 @pytest.mark.parametrize("range_m", [5.0, 100.0, 250.0])
 def test_panes_that_are_6_mm_apart_are_two(range_m):
     """Far from the origin as well: Mitsuba's own offset would jump over the second from 100 m on."""
-    seen = run(pane(range_m, 10.0), pane(range_m + 0.006, 10.0), chain.facing(range_m=300.0))
-    np.testing.assert_array_equal(seen.hits.interactions, 2)
+    lanes = run(pane(range_m, 10.0), pane(range_m + 0.006, 10.0), chain.facing(range_m=300.0))
+    np.testing.assert_array_equal(lanes.hits.interactions, 2)
 
 
 @pytest.mark.parametrize("theta_deg", [80.0, 87.0, 89.0])
 def test_grazing_beams_meet_a_surface_once(theta_deg):
     """Tolerance: 0.3 mm of height over the mirror is the start's own; a second meeting would count one more."""
     for material in ("pane", "mirror"):
-        seen = run(pane(20.0, theta_deg, material=material, size_m=10.0), chain.facing(range_m=50.0, size_m=200.0))
-        for way in seen.ways:
+        lanes = run(pane(20.0, theta_deg, material=material, size_m=10.0), chain.facing(range_m=50.0, size_m=200.0))
+        for way in lanes.ways:
             assert way.interactions[MIDDLE] == 1
             assert way.has_surface[MIDDLE]
 
@@ -217,16 +217,16 @@ class Reference:
 
     def follow(self, start, way, *, reflect_first, allowed):
         """(range, plane, one-way share, interactions, mirrored); plane None for the sky, share 0 for no such way."""
-        length, share, count, mirrored, waiting, at = 0.0, 1.0, 0, False, reflect_first, None
+        length, share, count, mirrored, waiting, on_surface = 0.0, 1.0, 0, False, reflect_first, None
         while True:
-            t, number = self.hit(start, way, at)
+            t, number = self.hit(start, way, on_surface)
             if number is None:
                 return (1.0, None, share, count, mirrored) if not waiting else None
             _, normal, kind = self.planes[number]
             length += t
             if kind == "grey" or count == allowed:
                 return (length, number, share, count, mirrored) if not waiting else None
-            start, at, count = start + t * way, number, count + 1
+            start, on_surface, count = start + t * way, number, count + 1
             cosine = abs(way @ normal)
             turn = kind == "mirror" or waiting
             if kind == "pane":
@@ -266,10 +266,10 @@ def test_against_a_ray_tracer_of_planes():
             pose = Pose(position_m=turn.position_m, rotation=turn.rotation @ board.pose.rotation)
             bodies.append(dataclasses.replace(board, name=f"{number}", pose=pose))
             planes.append((turn.position_m, turn.rotation @ np.array([1.0, 0.0, 0.0]), kind))
-        seen = run(*bodies, interactions=4, overrides=overrides)
+        lanes = run(*bodies, interactions=4, overrides=overrides)
         tracer = Reference(planes)
-        for lane, way in enumerate(seen.direction.astype(float)):
-            for number, hits in enumerate(seen.ways):
+        for lane, way in enumerate(lanes.direction.astype(float)):
+            for number, hits in enumerate(lanes.ways):
                 expected = tracer.follow(np.zeros(3), way, reflect_first=number == 1, allowed=4)
                 if expected is None:
                     assert hits.throughput[lane] == 0.0
@@ -293,13 +293,13 @@ def test_a_moving_pane_and_a_moving_mirror():
     """
     sensor = chain.sensor("table1-apd", *chain.NARROW)
     coming = (-12.0, 0.0, 0.0)
-    for material, others, length_m, rate in (
-        ("mirror", (beside(5.0, size_m=8.0),), 15.0, -12.0),
+    for material, more_bodies, length_m, rate in (
+        ("mirror", (board_beside(5.0, size_m=8.0),), 15.0, -12.0),
         ("pane", (chain.facing(range_m=30.0),), 30.0, 0.0),
     ):
         still = pane(10.0, -45.0, material=material)
         body = dataclasses.replace(still, motion=Course(start=still.pose, velocity_m_s=coming))
-        described = chain.scene(body, *others, materials=MATERIALS)
+        described = chain.scene(body, *more_bodies, materials=MATERIALS)
         for begin_s in (0.0, 0.1):
             cloud = Simulator(described, sensor).render(seed=1, begin_s=begin_s)
             on_axis = cloud.select((np.abs(cloud.azimuth_rad) < 1e-6) & (np.abs(cloud.elevation_rad) < 1e-6))
@@ -318,22 +318,26 @@ def test_a_moving_pane_and_a_moving_mirror():
 
 def test_moving_bodies_that_stand_still_are_still_ones():
     """Panes and mirrors in their own frames: the same ways."""
-    bodies = [pane(10.0, 30.0), pane(14.0, -40.0, material="mirror", name="m"), beside(-6.0, at_m=14.0, size_m=40.0)]
+    bodies = [
+        pane(10.0, 30.0),
+        pane(14.0, -40.0, material="mirror", name="m"),
+        board_beside(-6.0, at_m=14.0, size_m=40.0),
+    ]
     standing = [dataclasses.replace(body, motion=Course(start=body.pose)) for body in bodies]
-    bodies, standing = ([*some, chain.facing(range_m=30.0)] for some in (bodies, standing))
+    bodies, standing = ([*group, chain.facing(range_m=30.0)] for group in (bodies, standing))
     sun = Sun(azimuth_rad=2.0, elevation_rad=math.radians(50.0))  # grazes none of them
     still, moved = run(*bodies, sun=sun), run(*standing, sun=sun)
-    for one, other in zip(still.ways, moved.ways, strict=True):
-        np.testing.assert_allclose(one.range_m, other.range_m, rtol=1e-5)
-        np.testing.assert_allclose(one.throughput, other.throughput, rtol=1e-5)
-        np.testing.assert_array_equal(one.interactions, other.interactions)
-        np.testing.assert_array_equal(one.lit, other.lit)
-        np.testing.assert_allclose(one.sun_scatter_per_sr, other.sun_scatter_per_sr, rtol=1e-5)
+    for still_way, moved_way in zip(still.ways, moved.ways, strict=True):
+        np.testing.assert_allclose(still_way.range_m, moved_way.range_m, rtol=1e-5)
+        np.testing.assert_allclose(still_way.throughput, moved_way.throughput, rtol=1e-5)
+        np.testing.assert_array_equal(still_way.interactions, moved_way.interactions)
+        np.testing.assert_array_equal(still_way.lit, moved_way.lit)
+        np.testing.assert_allclose(still_way.sun_scatter_per_sr, moved_way.sun_scatter_per_sr, rtol=1e-5)
 
 
 def test_points_are_where_the_sensor_places_them():
     """Off a mirror: along the beam, at the length of the way; the body is the one that was seen in it."""
-    described = chain.scene(pane(10.0, -45.0, material="mirror"), beside(5.0), materials=MATERIALS)
+    described = chain.scene(pane(10.0, -45.0, material="mirror"), board_beside(5.0), materials=MATERIALS)
     cloud = Simulator(described, chain.sensor("table1-apd", *chain.NARROW)).render(seed=2)
     assert len(cloud) == 9
     assert {cloud.body_names[body] for body in cloud.body} == {"beside"}
@@ -345,34 +349,34 @@ def test_points_are_where_the_sensor_places_them():
 
 def test_a_pane_gives_two_echoes_of_a_pulse():
     """What it mirrors at 15 m, a ghost, and what is behind it at 50 m, in its place: two returns of each pulse."""
-    described = chain.scene(pane(10.0, -45.0), beside(5.0), chain.facing(range_m=50.0), materials=MATERIALS)
+    described = chain.scene(pane(10.0, -45.0), board_beside(5.0), chain.facing(range_m=50.0), materials=MATERIALS)
     sensor = chain.sensor("table1-apd", *chain.NARROW, "tdc.stops=2")
     cloud = Simulator(described, sensor).render(seed=2)
     assert len(cloud) == 18
     for number, name, ghost, range_m in ((1, "beside", 1, 15.0), (2, "plane", 0, 50.0)):
-        own = cloud.select(cloud.return_number == number)
-        assert {own.body_names[body] for body in own.body} == {name}
-        np.testing.assert_array_equal(own.ghost, ghost)
-        np.testing.assert_array_equal(own.interactions, 1)
-        np.testing.assert_allclose(own.true_range_m, range_m, rtol=1e-3)
-        np.testing.assert_allclose(own.xyz_m[:, 0], range_m, atol=0.3)
+        echoes = cloud.select(cloud.return_number == number)
+        assert {echoes.body_names[body] for body in echoes.body} == {name}
+        np.testing.assert_array_equal(echoes.ghost, ghost)
+        np.testing.assert_array_equal(echoes.interactions, 1)
+        np.testing.assert_allclose(echoes.true_range_m, range_m, rtol=1e-3)
+        np.testing.assert_allclose(echoes.xyz_m[:, 0], range_m, atol=0.3)
 
 
 def kernels(simulator, **render):
-    with launches.launched() as found:
+    with launches.launched() as launched:
         cloud = simulator.render(**render)
-    return cloud, found
+    return cloud, launched
 
 
 def test_without_panes_and_mirrors_nothing_changes():
     """The very kernels that run where a beam may go on nowhere, and the same bits."""
     described = chain.scene(chain.facing(range_m=20.0), chain.box(at=(12.0, 3.0, 0.0)), chain.ball(at=(9, -2, 0)))
     sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=1", "scanner.elevation_step_deg=1")
-    one, ran = kernels(Simulator(described, sensor, interactions=0), seed=1)
-    other, ran_too = kernels(Simulator(described, sensor, interactions=3), seed=1)
+    cloud_0, ran = kernels(Simulator(described, sensor, interactions=0), seed=1)
+    cloud_3, ran_too = kernels(Simulator(described, sensor, interactions=3), seed=1)
     assert [k["hash"] for k in ran] == [k["hash"] for k in ran_too]
-    np.testing.assert_array_equal(one.xyz_m, other.xyz_m)
-    np.testing.assert_array_equal(other.interactions, 0)
+    np.testing.assert_array_equal(cloud_0.xyz_m, cloud_3.xyz_m)
+    np.testing.assert_array_equal(cloud_3.interactions, 0)
 
 
 def test_a_second_frame_compiles_nothing_and_chunks_do_not_show():
@@ -396,20 +400,20 @@ def test_a_single_pulse_that_meets_glass_is_told_once():
     """It is traced on two lanes. A pane that a single beam meets."""
     described = chain.scene(pane(10.0, 20.0, size_m=0.15), chain.facing(range_m=30.0, size_m=60.0), materials=MATERIALS)
     sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=1", "scanner.elevation_step_deg=1")
-    simulator, told = Simulator(described, sensor), []
+    simulator, outputs = Simulator(described, sensor), []
     for chunk in (2**20, 100):
-        seen = []
+        batches = []
         cloud = simulator.render(
             seed=1,
             chunk=chunk,
             pose=Pose.from_degrees(pitch_deg=0.5),
-            points=lambda *all_of, seen=seen: seen.append(all_of),
+            points=lambda *all_of, batches=batches: batches.append(all_of),
         )
-        pulse = np.concatenate([every["pulse"] for _, every in seen])
+        pulse = np.concatenate([columns["pulse"] for _, columns in batches])
         assert sum(cloud.interactions > 0) == 1
         assert len(np.unique(pulse)) == len(pulse) > 1000
-        told.append((np.sort(pulse), np.concatenate([points for points, _ in seen]), cloud.xyz_m))
-    for whole, parts in zip(*told, strict=True):
+        outputs.append((np.sort(pulse), np.concatenate([points for points, _ in batches]), cloud.xyz_m))
+    for whole, parts in zip(*outputs, strict=True):
         np.testing.assert_array_equal(whole, parts)
 
 
@@ -420,15 +424,15 @@ def test_what_meets_glass_for_the_first_time_is_compiled_then_and_only_then():
     )
     described = chain.scene(aside, chain.facing(range_m=30.0, size_m=60.0), materials=MATERIALS)
     sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=1", "scanner.elevation_step_deg=1")
-    left, come = Simulator(described, sensor), Simulator(described, sensor, interactions=2)
-    cloud, before = kernels(left, seed=1)
+    leaving, coming = Simulator(described, sensor), Simulator(described, sensor, interactions=2)
+    cloud, before = kernels(leaving, seed=1)
     assert set(cloud.interactions) == {0, 1}
-    cloud, later = kernels(left, seed=2, begin_s=2.0)
+    cloud, later = kernels(leaving, seed=2, begin_s=2.0)
     assert set(cloud.interactions) == {0}
     launches.assert_none_is_new(later, before)
-    _, before = kernels(come, seed=1, begin_s=2.0)
-    _, first = kernels(come, seed=1)
-    _, later = kernels(come, seed=2)
+    _, before = kernels(coming, seed=1, begin_s=2.0)
+    _, first = kernels(coming, seed=1)
+    _, later = kernels(coming, seed=2)
     assert max(kernel["operation_count"] for kernel in launches.new(first, before)) > 3000
     launches.assert_none_is_new(later, [*before, *first])
 
@@ -445,11 +449,11 @@ def test_a_world_that_nothing_sees_through_is_the_first_surface_of_one_that_can_
     sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=1", "scanner.elevation_step_deg=1")
     apart = Simulator(described, sensor).world
     assert apart.panes is not None
-    one = Simulator(described, sensor, interactions=0)
-    assert one.world.panes is None
-    assert one.world.speculars is None
-    other = Simulator(described, sensor, interactions=0, world=apart)
-    first, second = one.render(seed=1), other.render(seed=1)
+    plain = Simulator(described, sensor, interactions=0)
+    assert plain.world.panes is None
+    assert plain.world.speculars is None
+    separate = Simulator(described, sensor, interactions=0, world=apart)
+    first, second = plain.render(seed=1), separate.render(seed=1)
     for name in ("xyz_m", "ambient", "intensity", "body", "in_shadow"):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
     assert 0 < len(first) < sensor.scanner.pulses

@@ -46,26 +46,26 @@ class View:
     road: "Road"
 
     @property
-    def both(self) -> Array:
+    def hit_in_both(self) -> Array:
         return self.hits["has_surface"] & np.isfinite(self.theirs["t_hit"])
 
     @property
     def same_face(self) -> Array:
-        return self.both & (self.hits["face"] == self.theirs["primitive_ids"].astype(np.int64))
+        return self.hit_in_both & (self.hits["face"] == self.theirs["primitive_ids"].astype(np.int64))
 
     @property
     def relative_difference(self) -> Array:
         """Of ranges, where both found something."""
-        t = self.theirs["t_hit"][self.both].astype(np.float64)
-        return np.abs(self.hits["range_m"][self.both] - t) / t
+        t = self.theirs["t_hit"][self.hit_in_both].astype(np.float64)
+        return np.abs(self.hits["range_m"][self.hit_in_both] - t) / t
 
     def grazes(self, rays: Array) -> Array:
         """Whether Open3D finds another triangle, or none, or one more, within EDGE_RAD of these rays."""
-        seen = [
+        tilted_ids = [
             self.road.cast(self.origin_m, tilted)["primitive_ids"]
             for tilted in self.direction[rays] + across(self.direction[rays], EDGE_RAD)
         ]
-        return np.any([ids != self.theirs["primitive_ids"][rays] for ids in seen], axis=0)
+        return np.any([ids != self.theirs["primitive_ids"][rays] for ids in tilted_ids], axis=0)
 
 
 class Road:
@@ -105,10 +105,10 @@ class Road:
 
 def across(axis: Array, length: float) -> Array:
     """(8, n, 3) vectors of this length at right angles to each (n, 3) axis, all around it."""
-    one = np.cross(axis, np.where(np.abs(axis[:, 2:]) < 0.9, (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)))
-    one /= np.linalg.norm(one, axis=1, keepdims=True)
+    perpendicular = np.cross(axis, np.where(np.abs(axis[:, 2:]) < 0.9, (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)))
+    perpendicular /= np.linalg.norm(perpendicular, axis=1, keepdims=True)
     angle = np.arange(8)[:, None, None] * (np.pi / 4)
-    return length * (np.cos(angle) * one + np.sin(angle) * np.cross(axis, one))
+    return length * (np.cos(angle) * perpendicular + np.sin(angle) * np.cross(axis, perpendicular))
 
 
 @pytest.fixture(scope="module")
@@ -164,8 +164,8 @@ def test_ranges_are_the_same(view: View) -> None:
     """
     difference = view.relative_difference
     assert np.median(difference) < 1e-5
-    assert np.quantile(difference[view.same_face[view.both]], 0.9999) < 1e-4
-    apart = np.flatnonzero(view.both)[difference > 1e-4]
+    assert np.quantile(difference[view.same_face[view.hit_in_both]], 0.9999) < 1e-4
+    apart = np.flatnonzero(view.hit_in_both)[difference > 1e-4]
     assert len(apart) <= EDGE_SHARE * len(view.direction)
     assert view.grazes(apart).all()
 
@@ -175,10 +175,10 @@ def test_triangles_are_the_same(view: View) -> None:
     Tolerance: 0.2 %, since neighbours share edges and the houses have a few coincident faces: there the two
     may name either, if only the ranges agree; where they do not, an edge is near.
     """
-    other = np.flatnonzero(view.both & ~view.same_face)
-    assert len(other) <= 2e-3 * view.both.sum()
-    t = view.theirs["t_hit"][other]
-    apart = other[np.abs(view.hits["range_m"][other] - t) > 1e-5 * t]
+    differing = np.flatnonzero(view.hit_in_both & ~view.same_face)
+    assert len(differing) <= 2e-3 * view.hit_in_both.sum()
+    t = view.theirs["t_hit"][differing]
+    apart = differing[np.abs(view.hits["range_m"][differing] - t) > 1e-5 * t]
     assert view.grazes(apart).all()
 
 
@@ -197,12 +197,12 @@ def test_sunlight_and_shadow_are_the_same(view: View, simulator: Simulator) -> N
     rounding, is left out.
     """
     sun = simulator.scene.sun.direction.astype(np.float32)
-    same = np.flatnonzero(view.same_face)
-    direction, t = view.direction[same], view.theirs["t_hit"][same, None]
-    normal = view.road.normal(view.hits["face"][same])
+    agreeing = np.flatnonzero(view.same_face)
+    direction, t = view.direction[agreeing], view.theirs["t_hit"][agreeing, None]
+    normal = view.road.normal(view.hits["face"][agreeing])
     normal *= -np.sign(np.einsum("ij,ij->i", normal, direction))[:, None]
-    cos_sun, lit = normal @ sun, view.hits["lit"][same]
-    np.testing.assert_allclose(view.hits["cos_sun"][same], cos_sun, atol=2e-6)
+    cos_sun, lit = normal @ sun, view.hits["lit"][agreeing]
+    np.testing.assert_allclose(view.hits["cos_sun"][agreeing], cos_sun, atol=2e-6)
     assert not lit[cos_sun < -TERMINATOR].any()
 
     facing = cos_sun > TERMINATOR
@@ -212,11 +212,11 @@ def test_sunlight_and_shadow_are_the_same(view: View, simulator: Simulator) -> N
     differing = lit[facing] == shadowed
     assert differing.sum() <= EDGE_SHARE * len(points)
     moved = points[differing] + across(normal[facing][differing], EDGE_M)
-    near = [view.road.occluded(there, sun[None]) for there in moved]
-    assert np.any([there != shadowed[differing] for there in near], axis=0).all()
+    near = [view.road.occluded(points, sun[None]) for points in moved]
+    assert np.any([points != shadowed[differing] for points in near], axis=0).all()
 
 
 def test_few_rays_count_as_grazing(view: View) -> None:
     """Rationale: an excuse that fits every ray would excuse every mistake."""
-    sample = np.flatnonzero(view.both)[::20]
+    sample = np.flatnonzero(view.hit_in_both)[::20]
     assert view.grazes(sample).mean() < 0.05

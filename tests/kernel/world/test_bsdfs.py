@@ -144,9 +144,9 @@ def test_retroreflector_conserves_energy(mi):
 
 def test_retroreflector_is_reciprocal(mi):
     a, b = tilted(20.0), tilted(20.4, 0.5)
-    forth = evaluated(mi, loaded(mi, RETRO), a, [b])[0] / b[2]
-    back = evaluated(mi, loaded(mi, RETRO), b, [a])[0] / a[2]
-    assert forth == pytest.approx(back, rel=1e-4)
+    forward = evaluated(mi, loaded(mi, RETRO), a, [b])[0] / b[2]
+    backward = evaluated(mi, loaded(mi, RETRO), b, [a])[0] / a[2]
+    assert forward == pytest.approx(backward, rel=1e-4)
 
 
 def test_retroreflector_sampling_matches_its_density(mi):
@@ -176,15 +176,15 @@ def test_every_material_of_the_catalogue_from_both_sides(mi, name):
     import dataclasses
 
     flipped = dataclasses.replace(front, parts=(dataclasses.replace(part, faces=part.faces[:, ::-1]),))
-    seen = [chain.run(chain.scene(body, materials=(material,)), sensor).hits for body in (front, flipped)]
+    sides = [chain.run(chain.scene(body, materials=(material,)), sensor).hits for body in (front, flipped)]
     for quantity in ("backscatter_per_sr", "sun_scatter_per_sr", "cos_sun", "cos_incidence", "lit"):
-        one, other = (getattr(hits, quantity)[MIDDLE] for hits in seen)
-        assert one == pytest.approx(other, rel=1e-5)
+        front_value, flipped_value = (getattr(hits, quantity)[MIDDLE] for hits in sides)
+        assert front_value == pytest.approx(flipped_value, rel=1e-5)
     if "cover" in material.parameters:
         return
     ends_the_beam = material.bsdf not in ("glass", "mirror")
-    assert (seen[0].backscatter_per_sr[MIDDLE] > 0.0) == ends_the_beam
-    assert seen[0].lit[MIDDLE] == ends_the_beam
+    assert (sides[0].backscatter_per_sr[MIDDLE] > 0.0) == ends_the_beam
+    assert sides[0].lit[MIDDLE] == ends_the_beam
 
 
 def test_number_plate_outshines_paint(mi):

@@ -18,7 +18,7 @@ VALUES = {"name": "road", "bsdf": "diffuse", "reflectivity": 0.2, "facet_slope_d
 RELIEF = reflection.relief(math.radians(40.0))
 
 
-def seen(mi, bsdf, incoming, outgoing):
+def scattered(mi, bsdf, incoming, outgoing):
     import drjit as dr
 
     surface = dr.zeros(mi.SurfaceInteraction3f, 1)
@@ -32,14 +32,18 @@ def test_the_plug_in_is_the_formula(mi, side):
     bsdf = mi.load_dict(bsdfs.bsdf_dict(VALUES))
     rng = np.random.default_rng(0)
     for _ in range(20):
-        one, other = (v / np.linalg.norm(v) for v in np.abs(rng.normal(size=(2, 3))))
-        one[0] *= rng.choice([-1.0, 1.0])
-        expected = other[2] * reflection.rough_diffuse_per_sr(
-            reflectivity=0.2, relief=RELIEF, cos_in=one[2], cos_out=other[2], cos_between=float(one @ other)
+        incoming, outgoing = (v / np.linalg.norm(v) for v in np.abs(rng.normal(size=(2, 3))))
+        incoming[0] *= rng.choice([-1.0, 1.0])
+        expected = outgoing[2] * reflection.rough_diffuse_per_sr(
+            reflectivity=0.2,
+            relief=RELIEF,
+            cos_in=incoming[2],
+            cos_out=outgoing[2],
+            cos_between=float(incoming @ outgoing),
         )
         turned = np.array([1.0, 1.0, side])
-        assert seen(mi, bsdf, one * turned, other * turned) == pytest.approx(expected, rel=1e-5)
-        assert seen(mi, bsdf, one * turned, -other * turned) == 0.0
+        assert scattered(mi, bsdf, incoming * turned, outgoing * turned) == pytest.approx(expected, rel=1e-5)
+        assert scattered(mi, bsdf, incoming * turned, -outgoing * turned) == 0.0
 
 
 def test_sampling_matches_its_density(mi):
@@ -64,14 +68,16 @@ def test_beam_and_sun_see_the_same_relief():
     sensor = chain.sensor("table1-apd", *chain.NARROW)
     body = chain.facing(range_m=30.0, theta_deg=70.0, material="road")
     matt, rough = (
-        chain.run(chain.scene(body, materials=(one,)), sensor).hits
-        for one in (material(), material(facet_slope_deg=40.0))
+        chain.run(chain.scene(body, materials=(rough_material,)), sensor).hits
+        for rough_material in (material(), material(facet_slope_deg=40.0))
     )
     cos, cos_sun = (float(value[MIDDLE]) for value in (rough.cos_incidence, rough.cos_sun))
     assert rough.lit[MIDDLE]
     assert float(rough.reflectivity[MIDDLE]) == pytest.approx(0.2)
-    back = reflection.rough_diffuse_per_sr(reflectivity=0.2, relief=RELIEF, cos_in=cos, cos_out=cos, cos_between=1.0)
-    assert float(rough.backscatter_per_sr[MIDDLE]) == pytest.approx(back * cos, rel=1e-4)
+    expected = reflection.rough_diffuse_per_sr(
+        reflectivity=0.2, relief=RELIEF, cos_in=cos, cos_out=cos, cos_between=1.0
+    )
+    assert float(rough.backscatter_per_sr[MIDDLE]) == pytest.approx(expected * cos, rel=1e-4)
     assert float(matt.backscatter_per_sr[MIDDLE]) == pytest.approx(0.2 / math.pi * cos, rel=1e-4)
     # The sun's direction is the scene's: what is asked of the formula is the angle between beam and sun.
     between = float(np.dot(chain.scene(body).sun.direction, [-1.0, 0.0, 0.0]))

@@ -49,13 +49,13 @@ def places_hit(lanes):
 def test_vertices(material):
     """Reflectivity is linear over the triangles, and echo and sunlight follow it; 1e-4: the hit in single precision."""
     flat = chain.run(chain.scene(wall(lambda _: None, material=material), materials=(material,)), SENSOR)
-    seen = chain.run(chain.scene(wall(slope, material=material), materials=(material,)), SENSOR)
-    y, z = places_hit(seen).T
+    lanes = chain.run(chain.scene(wall(slope, material=material), materials=(material,)), SENSOR)
+    y, z = places_hit(lanes).T
     expected = 0.4 + 0.05 * y + 0.02 * z
     assert np.ptp(expected) > 0.05
-    np.testing.assert_allclose(seen.hits.reflectivity, expected, rtol=1e-4)
+    np.testing.assert_allclose(lanes.hits.reflectivity, expected, rtol=1e-4)
     for quantity in ("backscatter_per_sr", "sun_scatter_per_sr"):
-        ratio = np.asarray(getattr(seen.hits, quantity)) / np.asarray(getattr(flat.hits, quantity))
+        ratio = np.asarray(getattr(lanes.hits, quantity)) / np.asarray(getattr(flat.hits, quantity))
         np.testing.assert_allclose(ratio, expected / 0.3, rtol=1e-4)
 
 
@@ -68,12 +68,14 @@ def test_an_image_and_its_orientation():
         image[50:] *= 2.0
         return ReflectivityPattern(kind="colour", values=image, uv=uv, mean=0.2)
 
-    seen = chain.run(chain.scene(wall(halves), materials=(MATT,)), SENSOR)
-    y, z = places_hit(seen).T
+    lanes = chain.run(chain.scene(wall(halves), materials=(MATT,)), SENSOR)
+    y, z = places_hit(lanes).T
     red = np.where(y < 0, 0.1, 0.3) * np.where(z < 0, 2.0, 1.0)
     clear = (np.abs(y) > 0.1) & (np.abs(z) > 0.1)  # of the seams, where pixels of 4 cm blend
     assert {*np.sign(y[clear])} == {*np.sign(z[clear])} == {-1.0, 1.0}
-    np.testing.assert_allclose(np.asarray(seen.hits.reflectivity)[clear], (0.3 * (red / 0.2) ** 0.93)[clear], rtol=1e-3)
+    np.testing.assert_allclose(
+        np.asarray(lanes.hits.reflectivity)[clear], (0.3 * (red / 0.2) ** 0.93)[clear], rtol=1e-3
+    )
 
 
 def test_bodies_share_a_mesh_and_keep_their_values():
@@ -85,13 +87,13 @@ def test_bodies_share_a_mesh_and_keep_their_values():
     world = build_world(chain.scene(*bodies, materials=(MATT,)), wavelength_m=905e-9)
     assert len(world.scene.shapes()) == 2, "one mesh with values of its vertices, and one without"
     for order in (bodies[1:], bodies[2:]):
-        seen = chain.run(chain.scene(*order, materials=(MATT,)), SENSOR)
-        np.testing.assert_allclose(seen.hits.reflectivity, 0.7 if len(order) == 2 else 0.3, rtol=1e-6)
+        lanes = chain.run(chain.scene(*order, materials=(MATT,)), SENSOR)
+        np.testing.assert_allclose(lanes.hits.reflectivity, 0.7 if len(order) == 2 else 0.3, rtol=1e-6)
 
 
 def test_no_more_light_than_came():
     """A rough surface of 30 degrees cannot have 1: the values end where the energy does."""
-    seen = chain.run(
+    lanes = chain.run(
         chain.scene(
             wall(lambda p: ReflectivityPattern(kind="reflectivity", values=np.ones(len(p))), material=ROUGH),
             materials=(ROUGH,),
@@ -101,7 +103,7 @@ def test_no_more_light_than_came():
     relief = 0.45 * math.radians(30) ** 2 / (math.radians(30) ** 2 + 0.09)
     relief /= 1.0 - 0.5 * math.radians(30) ** 2 / (math.radians(30) ** 2 + 0.33)
     limit = 1.0 / (1.0 + relief * (0.5 - 2.0 / (3.0 * math.pi)))
-    np.testing.assert_allclose(seen.hits.reflectivity, limit, rtol=1e-5)
+    np.testing.assert_allclose(lanes.hits.reflectivity, limit, rtol=1e-5)
 
 
 def test_only_diffuse_materials_vary():
@@ -133,10 +135,12 @@ def test_another_pattern_compiles_nothing():
 
 def test_what_may_be_one_mesh():
     """Values of vertices lie with a mesh; an image is one for all of it, scaled by its mean."""
-    image, other = (
+    image, other_image = (
         ReflectivityPattern(kind="colour", values=np.full((2, 2), v), uv=np.zeros((3, 2))) for v in (0.2, 0.4)
     )
     values = ReflectivityPattern(kind="reflectivity", values=np.full(3, 0.2))
-    keys = [texture_key(one) for one in (None, values, image, other, dataclasses.replace(image, mean=0.5))]
+    keys = [
+        texture_key(pattern) for pattern in (None, values, image, other_image, dataclasses.replace(image, mean=0.5))
+    ]
     assert len(set(keys)) == 5
     assert texture_key(dataclasses.replace(values, values=np.full(3, 0.4))) == texture_key(values)

@@ -95,7 +95,7 @@ def mixed(tmp_path: Path) -> Path:
 def test_shapes_of_one_bsdf_become_one(mi: ModuleType, mixed: Path) -> None:
     """Of eight shapes five stay. The rectangle's normals are those of its triangles, the roof's are not."""
     placed = merged_meshes.merge_by_bsdf(load_shapes(mixed, {}, {}, 905e-9), 3)
-    assert [(one.material, one.face_body.tolist(), one.is_plain) for one in placed] == [
+    assert [(mesh.material, mesh.face_body.tolist(), mesh.is_plain) for mesh in placed] == [
         ("grey", [3, 3, 5, 5, 8, 8], True),
         ("white", [4, 4], True),
         ("grey", [6], False),
@@ -142,7 +142,7 @@ def test_what_reads_a_place_varies(mi: ModuleType, bsdf: dict[str, object], vari
 def test_meshes_that_are_turned_inside_out_stay_alone() -> None:
     """Mitsuba's `flip_normals`: a merged mesh has one such flag for all."""
 
-    def found(*, flipped: bool, faces: int = 2, is_mesh: bool = True) -> Any:
+    def mesh_shape(*, flipped: bool, faces: int = 2, is_mesh: bool = True) -> Any:
         shape = SimpleNamespace(
             is_mesh=lambda: is_mesh,
             face_count=lambda: 2,
@@ -153,6 +153,10 @@ def test_meshes_that_are_turned_inside_out_stay_alone() -> None:
         )
         return SimpleNamespace(shape=shape, faces=faces, bsdf=None)
 
-    assert merged_meshes._merge_key(found(flipped=False), False) is not None
-    for alone in (found(flipped=True), found(flipped=False, faces=3), found(flipped=False, is_mesh=False)):
+    assert merged_meshes._merge_key(mesh_shape(flipped=False), False) is not None
+    for alone in (
+        mesh_shape(flipped=True),
+        mesh_shape(flipped=False, faces=3),
+        mesh_shape(flipped=False, is_mesh=False),
+    ):
         assert merged_meshes._merge_key(alone, False) is None

@@ -23,7 +23,7 @@ WIDE = [
 ]
 
 
-def named(body, name, class_name):
+def with_name(body, name, class_name):
     return dataclasses.replace(body, name=name, class_name=class_name)
 
 
@@ -36,13 +36,13 @@ def test_identity_of_interleaved_bodies():
     bodies, expected = [], {}
     for i, azimuth_deg in enumerate((-25.0, -15.0, -5.0, 5.0, 15.0, 25.0)):
         azimuth = math.radians(azimuth_deg)
-        at = (20.0 * math.cos(azimuth), 20.0 * math.sin(azimuth), 0.0)
+        position_m = (20.0 * math.cos(azimuth), 20.0 * math.sin(azimuth), 0.0)
         material = ("dark", "bright", "mid")[i % 3]
         if i == 3:
-            body = chain.ball(at=at, radius_m=0.8, material=material)
+            body = chain.ball(at=position_m, radius_m=0.8, material=material)
         else:
-            body = chain.box(at=at, size_m=(0.5 + 0.2 * i, 1.0, 0.7), yaw_deg=10.0 * i, material=material)
-        bodies.append(named(body, f"body_{i}", ("car", "person")[i % 2]))
+            body = chain.box(at=position_m, size_m=(0.5 + 0.2 * i, 1.0, 0.7), yaw_deg=10.0 * i, material=material)
+        bodies.append(with_name(body, f"body_{i}", ("car", "person")[i % 2]))
         expected[azimuth_deg] = (f"body_{i}", ("car", "person")[i % 2], material)
     cloud = Simulator(chain.scene(*bodies, materials=materials), chain.sensor("table1-apd", *WIDE)).render()
     echoes = cloud.select(cloud.status == 0)
@@ -109,7 +109,7 @@ def test_clear_glass_sends_nothing():
     from lidarscene.materials.material_file import catalogue_material
 
     pane = chain.facing(range_m=10.0, theta_deg=30.0, material="clear_glass")
-    board = named(chain.facing(range_m=20.0), "board", "board")
+    board = with_name(chain.facing(range_m=20.0), "board", "board")
     scene = chain.scene(pane, board, materials=(catalogue_material("clear_glass"),))
     lanes = chain.run(scene, chain.sensor("table1-apd", *chain.NARROW), interactions=0)
     assert lanes.hits.has_surface.all()
@@ -161,7 +161,9 @@ def test_no_ray_passes_between_two_triangles(step_deg):
     part = Part(vertices_m=mesh.vertices, faces=mesh.faces, material="grey")
     body = Body(name="ball", class_name="ball", parts=(part,), pose=Pose.from_degrees(position_m=(12.0, 0.0, 0.0)))
     steps = [
-        f"scanner.{axis}_{what}" for axis in ("azimuth", "elevation") for what in (f"step_deg={step_deg}", "fov_deg=20")
+        f"scanner.{axis}_{setting}"
+        for axis in ("azimuth", "elevation")
+        for setting in (f"step_deg={step_deg}", "fov_deg=20")
     ]
     hits = chain.run(chain.scene(body), chain.sensor("table1-apd", *steps)).hits
     assert hits.has_surface.sum() > 50

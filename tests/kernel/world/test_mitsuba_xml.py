@@ -58,7 +58,7 @@ def base(tmp_path: Path) -> Path:
     return tmp_path / "xml" / "base.xml"
 
 
-def seen(cloud: PointCloud, name: str) -> np.ndarray:
+def echoes_of(cloud: PointCloud, name: str) -> np.ndarray:
     """Which echoes are of this body."""
     assert cloud.body is not None
     return (np.array(cloud.body_names)[cloud.body] == name) & (cloud.status == Status.ECHO)
@@ -66,13 +66,13 @@ def seen(cloud: PointCloud, name: str) -> np.ndarray:
 
 def material_of(cloud: PointCloud, name: str) -> str:
     assert cloud.material is not None
-    (index,) = set(cloud.material[seen(cloud, name)])
+    (index,) = set(cloud.material[echoes_of(cloud, name)])
     return cloud.material_names[index]
 
 
 def reflectivity_of(cloud: PointCloud, name: str) -> float:
     assert cloud.reflectivity is not None
-    return float(np.unique(cloud.reflectivity[seen(cloud, name)])[0])
+    return float(np.unique(cloud.reflectivity[echoes_of(cloud, name)])[0])
 
 
 def test_shapes_keep_their_names_and_bsdfs(mi: ModuleType, base: Path) -> None:
@@ -81,7 +81,7 @@ def test_shapes_keep_their_names_and_bsdfs(mi: ModuleType, base: Path) -> None:
     assert cloud.metadata["scene"] == "base"
     assert set(cloud.body_names) == {"ball", "kite", "shape_2"}
     for name, side in (("ball", 3), ("kite", 0), ("shape_2", -3)):
-        assert np.abs(cloud.xyz_m[seen(cloud, name), 1] - side).max() < 2.1
+        assert np.abs(cloud.xyz_m[echoes_of(cloud, name), 1] - side).max() < 2.1
     assert [material_of(cloud, name) for name in ("ball", "kite", "shape_2")] == ["paint", "grey", "bsdf"]
     assert reflectivity_of(cloud, "kite") == pytest.approx(0.25)
     assert reflectivity_of(cloud, "shape_2") == pytest.approx(0.75)
@@ -90,8 +90,8 @@ def test_shapes_keep_their_names_and_bsdfs(mi: ModuleType, base: Path) -> None:
 def test_the_same_seen_from_elsewhere(mi: ModuleType, base: Path) -> None:
     """The origin of a Mitsuba file stays where it is."""
     cloud = lidarscene.render(base, pose=Pose.from_degrees(position_m=(4, 0, 0.5)), overrides=COARSE)
-    assert np.count_nonzero(seen(cloud, "kite")) > 50
-    assert np.abs(cloud.xyz_m[seen(cloud, "kite"), 0] - 10).max() < 0.5  # range noise
+    assert np.count_nonzero(echoes_of(cloud, "kite")) > 50
+    assert np.abs(cloud.xyz_m[echoes_of(cloud, "kite"), 0] - 10).max() < 0.5  # range noise
 
 
 def test_mapped_materials_and_own_bodies(mi: ModuleType, base: Path, tmp_path: Path) -> None:
@@ -127,7 +127,7 @@ def test_a_mapped_bsdf_scatters_as_on_an_own_body(mi: ModuleType, base: Path, tm
     for text in (head, plane):
         (tmp_path / "scene.toml").write_text(text)
         clouds.append(lidarscene.render(tmp_path / "scene.toml", overrides=(*COARSE, "tdc.threshold_to_noise=3")))
-    theirs, ours = (cloud.snr[seen(cloud, "shape_2")] for cloud in clouds)
+    theirs, ours = (cloud.snr[echoes_of(cloud, "shape_2")] for cloud in clouds)
     assert len(theirs) > 50
     np.testing.assert_allclose(theirs, ours, rtol=1e-3)
 
@@ -256,7 +256,7 @@ def test_a_bsdf_that_cannot_be_used_stops_no_later_frame(mi: ModuleType, tmp_pat
     (tmp_path / "hair.xml").write_text(
         "<scene version='3.0.0'><shape type='sphere' id='one'><bsdf type='hair' id='h'/></shape></scene>"
     )
-    with pytest.raises(InputError, match="cannot be used") as kept:
+    with pytest.raises(InputError, match="cannot be used") as raised:
         load_shapes(tmp_path / "hair.xml", {}, {}, 905e-9)
     assert len(lidarscene.render("edges", overrides=COARSE)) > 0
-    assert kept.value
+    assert raised.value

@@ -32,7 +32,7 @@ def wall(folder: Path, bsdf: str, *, more: str = "", place: str = FRONT) -> Path
     return folder / "wall.xml"
 
 
-def found(folder: Path, bsdf: str, *, more: str = "") -> FileShape:
+def only_shape(folder: Path, bsdf: str, *, more: str = "") -> FileShape:
     (shape,) = load_shapes(wall(folder, bsdf, more=more), {}, {}, 905e-9)
     return shape
 
@@ -59,15 +59,15 @@ def scattered(mi: ModuleType, bsdf: object, side: float) -> float:
     ],
 )
 def test_opaque_bsdfs_are_as_bright_from_behind(mi: ModuleType, tmp_path: Path, bsdf: str) -> None:
-    shape = found(tmp_path, bsdf, more='<bsdf type="diffuse" id="plain"/>')
-    front, back = (scattered(mi, shape.bsdf, side) for side in (1.0, -1.0))
-    assert front > 0.01
-    assert back == front
+    shape = only_shape(tmp_path, bsdf, more='<bsdf type="diffuse" id="plain"/>')
+    from_front, from_behind = (scattered(mi, shape.bsdf, side) for side in (1.0, -1.0))
+    assert from_front > 0.01
+    assert from_behind == from_front
 
 
 def test_mirrors_reflect_on_both_sides(mi: ModuleType, tmp_path: Path) -> None:
     """`conductor` has no lobe to evaluate; its flags tell."""
-    flags = found(tmp_path, '<bsdf type="conductor"/>').bsdf.flags()
+    flags = only_shape(tmp_path, '<bsdf type="conductor"/>').bsdf.flags()
     assert mi.has_flag(flags, mi.BSDFFlags.BackSide)
 
 
@@ -81,7 +81,7 @@ def test_mirrors_reflect_on_both_sides(mi: ModuleType, tmp_path: Path) -> None:
     ],
 )
 def test_glass_stays_as_it_is(mi: ModuleType, tmp_path: Path, bsdf: str, kind: str) -> None:
-    assert found(tmp_path, bsdf).bsdf.class_name() == kind
+    assert only_shape(tmp_path, bsdf).bsdf.class_name() == kind
 
 
 def test_a_wall_that_is_turned_away_is_seen(mi: ModuleType, tmp_path: Path) -> None:
@@ -101,7 +101,7 @@ def test_stand_ins_are_in_the_catalogue() -> None:
 
 
 @pytest.mark.parametrize(
-    ("bsdf", "taken"),
+    ("bsdf", "material_name"),
     [
         (RADIO.format(id="box-mat", kind="metal"), "galvanised_steel"),
         (RADIO.format(id="facade", kind="marble"), "plaster_white"),
@@ -112,26 +112,26 @@ def test_stand_ins_are_in_the_catalogue() -> None:
         ('<bsdf type="game" id="car_paint_red"/>', "car_paint_red"),
     ],
 )
-def test_unknown_bsdfs_by_their_names(mi: ModuleType, tmp_path: Path, bsdf: str, taken: str) -> None:
+def test_unknown_bsdfs_by_their_names(mi: ModuleType, tmp_path: Path, bsdf: str, material_name: str) -> None:
     """Reference: the catalogue's material of that name."""
-    shape = found(tmp_path, bsdf)
-    assert (shape.material, shape.values) == (taken, catalogue_material(taken).at(905e-9))
+    shape = only_shape(tmp_path, bsdf)
+    assert (shape.material, shape.values) == (material_name, catalogue_material(material_name).at(905e-9))
 
 
 def test_materials_of_the_scene_file_go_first(mi: ModuleType, tmp_path: Path) -> None:
     path = wall(tmp_path, RADIO.format(id="facade", kind="brick"))
-    own = {"brick": catalogue_material("wood").at(905e-9)}
-    (shape,) = load_shapes(path, {}, own, 905e-9)
-    assert shape.values == own["brick"]
+    scene_materials = {"brick": catalogue_material("wood").at(905e-9)}
+    (shape,) = load_shapes(path, {}, scene_materials, 905e-9)
+    assert shape.values == scene_materials["brick"]
     (shape,) = load_shapes(path, {"facade": "grass"}, {"grass": catalogue_material("grass").at(905e-9)}, 905e-9)
     assert (shape.material, shape.assumed) == ("grass", "")
 
 
 def test_what_is_assumed_is_told_once(mi: ModuleType, tmp_path: Path) -> None:
     path = wall(tmp_path, RADIO.format(id="facade", kind="brick"))
-    with pytest.warns(OptionWarning) as told:
+    with pytest.warns(OptionWarning) as warned:
         cloud = lidarscene.render(path, overrides=COARSE)
-    (line,) = [str(one.message) for one in told]
+    (line,) = [str(warning.message) for warning in warned]
     assert line == (
         f"{path}: BSDFs that Mitsuba does not have are of the catalogue's materials, by their names: "
         "facade is brick; base_materials can name others"
@@ -140,17 +140,17 @@ def test_what_is_assumed_is_told_once(mi: ModuleType, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("bsdf", "told"),
+    ("bsdf", "message"),
     [
         (RADIO.format(id="sky", kind="vacuum"), "bsdf type: must be one of Mitsuba's own plugins, got 'itu-"),
         ('<bsdf type="hair" id="sky"/>', "BSDF 'sky' of shape 'wall': cannot be used"),
         ('<bsdf type="diffuse" id="sky"><float name="gloss" value="1"/></bsdf>', "not a Mitsuba scene: "),
     ],
 )
-def test_errors_of_bsdfs_name_base_materials(mi: ModuleType, tmp_path: Path, bsdf: str, told: str) -> None:
+def test_errors_of_bsdfs_name_base_materials(mi: ModuleType, tmp_path: Path, bsdf: str, message: str) -> None:
     with pytest.raises(InputError, match="base_materials can name a material for ") as raised:
-        found(tmp_path, bsdf)
-    assert told in str(raised.value)
+        only_shape(tmp_path, bsdf)
+    assert message in str(raised.value)
     (shape,) = load_shapes(
         tmp_path / "wall.xml", {"sky": "brick"}, {"brick": catalogue_material("brick").at(905e-9)}, 905e-9
     )
