@@ -212,8 +212,8 @@ def test_sunlight_and_shadow_are_the_same(view: View, simulator: Simulator) -> N
     differing = lit[facing] == shadowed
     assert differing.sum() <= EDGE_SHARE * len(points)
     moved = points[differing] + across(normal[facing][differing], EDGE_M)
-    near = [view.road.occluded(points, sun[None]) for points in moved]
-    assert np.any([points != shadowed[differing] for points in near], axis=0).all()
+    near = [view.road.occluded(beside, sun[None]) for beside in moved]
+    assert np.any([shaded != shadowed[differing] for shaded in near], axis=0).all()
 
 
 def test_few_rays_count_as_grazing(view: View) -> None:
