@@ -46,6 +46,10 @@ class Estimate:
     fisher: float
     bootstrap: float
 
+    def __str__(self) -> str:
+        """Value, sigma and unit."""
+        return f"{self.value:.4g} +/- {self.sigma:.2g} {self.unit}".rstrip()
+
     @property
     def sigma(self) -> float:
         """Standard deviation: Fisher's, unless the bootstrap shows that the law or the blocks' independence fails.

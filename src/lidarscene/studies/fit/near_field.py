@@ -154,19 +154,18 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
     if binned is None or check is None:
         return None
     x, y, sigma, sums, counts = binned
-    low = np.array([y.min() - 2.0, x.min() - 1.5, math.log(SPOT_BOUNDS[0])])
-    high = np.array([y.max() + 2.0, x.max() + 1.5, math.log(SPOT_BOUNDS[-1])])
     # Start: the plateau from the highest third of the bins, the knee where the share has fallen to one half.
     plateau = float(np.median(np.sort(y)[-max(len(y) // 3, 3) :]))
-    knee = float(x[np.argmin(np.abs(y - plateau + math.log(2.0)))])
-    start, misfit, evaluations = np.array([plateau, knee, math.log(0.35)]), 0.05, 0
     sensor_curve = None if sensor is None else own_curve(sensor)
-    if sensor is not None and sensor_curve is not None:
+    if sensor is None or sensor_curve is None:
+        knee, knee_bounds = float(x[np.argmin(np.abs(y - plateau + math.log(2.0)))]), (x.min() - 1.5, x.max() + 1.5)
+    else:
         knee = math.log(near_field_m(sensor))
-        start = np.array([plateau, knee])
-        low, high = (
-            np.array([bounds[0], knee + reach]) for bounds, reach in ((low, -LONGEST_STRETCH), (high, LONGEST_STRETCH))
-        )
+        knee_bounds = knee - LONGEST_STRETCH, knee + LONGEST_STRETCH
+    parameters = 3 if sensor_curve is None else 2
+    start = np.array([plateau, knee, math.log(0.35)])[:parameters]
+    bounds = np.array([(y.min() - 2.0, y.max() + 2.0), knee_bounds, np.log(SPOT_BOUNDS)])[:parameters].T
+    misfit, evaluations = 0.05, 0
     weight = np.ones_like(y)
     value, slope = start, np.zeros((len(y), len(start)))
     for _ in range(4):  # the misfit and the weights follow from the residuals, which follow from the weights
@@ -174,12 +173,12 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
         solution = least_squares(
             lambda p, root=root: (y - _law(sensor_curve, p, x)) * root,
             value,
-            bounds=(low, high),
+            bounds=bounds,
             x_scale="jac",
-            max_nfev=MOST_EVALUATIONS // (1 + len(start)),
+            max_nfev=MOST_EVALUATIONS // (1 + parameters),
         )
         value, slope = solution.x, solution.jac
-        evaluations = max(evaluations, solution.nfev + len(start) * solution.njev)
+        evaluations = max(evaluations, solution.nfev + parameters * solution.njev)
         residual = y - _law(sensor_curve, value, x)
         # What of the scatter is beyond the bins' own noise is the misfit of the law.
         excess = np.median(np.abs(residual)) * SIGMA_PER_MAD

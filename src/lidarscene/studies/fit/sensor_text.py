@@ -122,23 +122,20 @@ def fitted_text(
     sensor = parse_sensor(text, where)
     if sensor.histogram is None:
         return text, ("all but the beams is left as it was: only sensors with [histogram] are fitted",)
-    accepted = {
-        key: estimate for key, estimate in estimates.items() if estimate.sigma < MOST_RELATIVE_SIGMA * estimate.value
-    }
+    accepted = _certain(estimates)
     slope = estimates.get("threshold_slope")
     if "threshold_floor" in accepted and slope is not None and slope.value >= 0.0:
         accepted["threshold_slope"] = slope
     else:
         accepted.pop("threshold_floor", None)
     notes = tuple(
-        f"{subject} is left as it was: {key} is {_estimate_text(estimates.get(key))}"
+        f"{subject} is left as it was: {key} is {estimates.get(key, 'not recorded')}"
         for key, subject in FILE_KEYS.items()
         if key not in accepted and not (key == "threshold_spread" and key not in estimates)
     )
 
     def source_of(key: str, also: str) -> str:
-        estimate = estimates[key]
-        return f"fitted: {f'{estimate.value:.4g} +/- {estimate.sigma:.2g} {estimate.unit}'.rstrip()}, {recording}{also}"
+        return f"fitted: {estimates[key]}, {recording}{also}"
 
     changes: Changes = {}
     if "near_field_m" in accepted and "spot_over_field" not in estimates:
@@ -225,12 +222,11 @@ def _row_changes(text: str, rows: RowGains, recording: str) -> tuple[Changes, tu
     return {f"scanner.{rows.key}": (rows.gain.tolist(), source)}, ()
 
 
-def _estimate_text(estimate: Estimate | None) -> str:
-    return (
-        "not recorded"
-        if estimate is None
-        else f"{estimate.value:.3g} +/- {estimate.sigma:.2g} {estimate.unit}".rstrip()
-    )
+def _certain(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
+    """Estimates that are certain enough for the file."""
+    return {
+        key: estimate for key, estimate in estimates.items() if estimate.sigma < MOST_RELATIVE_SIGMA * estimate.value
+    }
 
 
 def scaled_text(
@@ -240,13 +236,9 @@ def scaled_text(
 
     estimates  factors of the file's values; those with a relative sigma above `MOST_RELATIVE_SIGMA` are not written
     """
-    accepted = {
-        key: estimate
-        for key, estimate in estimates.items()
-        if estimate.is_known and estimate.sigma < MOST_RELATIVE_SIGMA * estimate.value
-    }
+    accepted = _certain(estimates)
     notes = [
-        f"{key} is left as it was: {estimate.value:.3g} +/- {estimate.sigma:.2g} times"
+        f"{key} is left as it was: {estimate}"
         for key, estimate in estimates.items()
         if key not in accepted and key != "scatter_floor"
     ]
@@ -269,7 +261,7 @@ def scaled_text(
 
 
 def _scaled_source(key: str, estimate: Estimate, recording: str) -> str:
-    return f"fitted with a scene: {key} {estimate.value:.4g} +/- {estimate.sigma:.2g} times what it was, {recording}"
+    return f"fitted with a scene: {key} {estimate} what it was, {recording}"
 
 
 def scaled_values(text: str, factors: Mapping[str, float]) -> dict[str, float | list[float]]:

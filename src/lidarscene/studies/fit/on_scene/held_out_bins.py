@@ -9,7 +9,7 @@ import numpy as np
 from ....maths.arrays import Numbers
 from ...twin.judge import SAME_SURFACE_M
 from ..threshold import shares_by_chance
-from .known_scene import MOST_FIRED, STRONG_RATIO, Prediction, predict
+from .known_scene import STRONG_RATIO, Prediction, predict
 from .likelihood import LARGEST_SQUARE, MEAN_SQUARE, OUTLIER_SIGMAS, ParameterFit
 from .pulses_on_scene import PulsesOnScene
 
@@ -72,9 +72,8 @@ def judge(pulses: PulsesOnScene, parameter_fit: ParameterFit) -> HeldOutBins:
 
 def _strong_mask(pulses: PulsesOnScene, prediction: Prediction) -> Numbers:
     """Mask of the pulses far above the threshold whose signal and range count, on the scene's surface."""
-    finite = np.isfinite(pulses.reported.signal) & np.isfinite(pulses.reported.range_m)
-    mask = (prediction.signal > STRONG_RATIO * prediction.level) & (prediction.fired < MOST_FIRED) & finite
-    return np.asarray(mask & (np.abs(np.nan_to_num(pulses.reported.range_m) - pulses.scene.range_m) < SAME_SURFACE_M))
+    off_m = np.abs(np.nan_to_num(pulses.reported.range_m) - pulses.scene.range_m)
+    return np.asarray(prediction.is_strong & pulses.reported.has_values & (off_m < SAME_SURFACE_M))
 
 
 def _kept_shares(pulses: PulsesOnScene, prediction: Prediction) -> Numbers:

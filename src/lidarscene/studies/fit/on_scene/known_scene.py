@@ -16,7 +16,7 @@ import numpy as np
 
 from ....detection.photon_counting.bins import BOX, BOX_SHARE
 from ....light.echoes import Echoes, EchoTrain
-from ....maths.arrays import Lanes, Numbers, is_drjit, xp
+from ....maths.arrays import Lanes, Mask, Numbers, is_drjit, xp
 from ....maths.special import normal_tail
 from ....physics.constants import SPEED_OF_LIGHT_M_S
 from ....sensor.detectors import WorkingPoint
@@ -146,6 +146,11 @@ class Observations:
     near_ir: Numbers
     range_m: Numbers
 
+    @property
+    def has_values(self) -> Numbers:
+        """Mask of the pulses whose signal and range count."""
+        return np.isfinite(self.signal) & np.isfinite(self.range_m)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
@@ -166,6 +171,11 @@ class Prediction:
     sigma_m: Lanes
     level: Lanes
     fired: Lanes
+
+    @property
+    def is_strong(self) -> Mask:
+        """Mask of the pulses whose signal and range enter the likelihood, if they were recorded."""
+        return (self.signal > STRONG_RATIO * self.level) & (self.fired < MOST_FIRED)
 
 
 def predict(scene: KnownScene, parameters: Mapping[str, Lanes], reflectivity: Numbers | float = 0.0) -> Prediction:

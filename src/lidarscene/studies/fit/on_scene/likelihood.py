@@ -18,16 +18,7 @@ from ....errors import BackendError
 from ....maths.arrays import Lanes, Numbers
 from ..estimates import MOST_EVALUATIONS, UNKNOWN_SIGMA, Estimate, Solution
 from ..products import row_echelon
-from .known_scene import (
-    LEAST_CHANCE,
-    MOST_FIRED,
-    PARAMETERS,
-    STRONG_RATIO,
-    KnownScene,
-    Observations,
-    Prediction,
-    predict,
-)
+from .known_scene import LEAST_CHANCE, PARAMETERS, KnownScene, Observations, Prediction, predict
 
 BLOCKS = 40
 """Blocks of consecutive pulses for the bootstrap."""
@@ -275,9 +266,7 @@ def prediction_slopes(
 
 
 def _strong_mask(scene: KnownScene, reported: Observations, values: Mapping[str, float], surfaces: Numbers) -> Numbers:
-    prediction = predict(scene, values, surfaces[scene.group])
-    finite = np.isfinite(reported.signal) & np.isfinite(reported.range_m)
-    return np.asarray((prediction.signal > STRONG_RATIO * prediction.level) & (prediction.fired < MOST_FIRED) & finite)
+    return np.asarray(predict(scene, values, surfaces[scene.group]).is_strong & reported.has_values)
 
 
 def _step(
