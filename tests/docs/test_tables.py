@@ -6,16 +6,19 @@ import re
 import tomllib
 from functools import cache
 
+import numpy as np
 import pytest
 from helpers.documentation import ROOT, row_says, says, table, text_of, told, value_of
 from scipy.stats import norm
 
 from lidarscene import catalog, load_sensor
 from lidarscene.files import pvlib
+from lidarscene.light.footprint import points
 from lidarscene.materials import colour
 from lidarscene.materials.material_file import catalogue_material
-from lidarscene.physics.electronics import sipm, tdc
-from lidarscene.physics.optics import reflection, solar_spectrum
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.physics.electronics import sampling, sipm, tdc
+from lidarscene.physics.optics import glint, receiver, reflection, solar_spectrum
 from lidarscene.scene.weather import Weather
 from lidarscene.studies import published_values
 from lidarscene.studies.eye_safety.eye_safety_report import eye_safety_report
@@ -32,7 +35,8 @@ from lidarscene.studies.paper.case import (
     sipm_steady,
 )
 from lidarscene.studies.paper.numbers import closed_forms
-from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging import plane, statistics
+from lidarscene.studies.ranging.plane import Target
 
 pytestmark = pytest.mark.fixed_streams
 
@@ -205,6 +209,75 @@ def test_white_on_the_scales_of_intensity() -> None:
             row_says([white], scale.white_value)
             if "%" not in above:
                 row_says([above], scale.white_value + 1.0, 255.0)
+
+
+def test_tails_of_the_avalanche() -> None:
+    apd = apd_lidar()
+    places = {
+        "100 klux": {"target": TABLE_1},
+        "10 klux": {"target": Target(illuminance_klux=10.0)},
+        "night sky": {"target": TABLE_1, "sky": True},
+    }
+    rows = table("theory.md", "light | Gaussian")
+    assert [row[0] for row in rows] == list(places)
+    for row in rows:
+        tails = ("gaussian", "mcintyre", "webb", "exact")
+        row_says(row[1:], *(statistics.false_alarm_probability(apd, tail=tail, **places[row[0]]) for tail in tails))
+
+
+def test_deviations_of_four_ways_to_time_a_pulse() -> None:
+    """Without the echo's own noise: the slope formula, (T76) at half of the peak, (T77), (T79)."""
+    apd = apd_lidar()
+    fwhm_s, bandwidth_hz = apd.laser.pulse_fwhm_s, apd.tdc.bandwidth_hz
+    sigma_m = 0.5 * SPEED_OF_LIGHT_M_S * fwhm_s / math.sqrt(8.0 * math.log(2.0))
+    x = sampling.widths(bandwidth_hz=bandwidth_hz, pulse_fwhm_s=fwhm_s)
+    correlation = tdc.noise_correlation(lag_s=fwhm_s / 2.0, bandwidth_hz=bandwidth_hz)
+    for row in table("theory.md", "SNR | edge"):
+        noise = 1.0 / float(row[0])
+        edge = 1.0 / (5.0 * math.sqrt(2.0 * math.log(float(row[0]) / 5.0)))
+        half = sampling.fraction_deviation(
+            fraction=0.5, noise_share_at_fraction=noise, noise_share_at_peak=noise, correlation=correlation
+        )
+        peak = sampling.peak_deviation(noise_share=noise, slope_noise=sampling.slope_noise(x=x), curvature=1.0)
+        matched = sampling.peak_deviation(
+            noise_share=noise * math.sqrt(sampling.matched_noise_share(x=x)),
+            slope_noise=sampling.matched_slope_noise(x=x),
+            curvature=0.5,
+        )
+        row_says(row[1:], *(100.0 * sigma_m * float(one) for one in (edge, half, peak, matched)))
+
+
+def test_glint_of_a_pane() -> None:
+    """White boards as bright as a window pane: of 3 mrad from an exit of 10 mm, and a lens of 25 mm."""
+    area_m2 = math.pi * 0.025**2
+    heading = "distance | 0 mrad off | 1 mrad off | 2 mrad off"
+    for distance, *boards in table("theory.md", heading):
+        range_m = float(distance.removesuffix(" m"))
+        spot_rad = receiver.spot_radius_rad(exit_radius_m=5e-3, half_divergence_rad=1.5e-3, range_m=2.0 * range_m)
+        wide_m = 2.0 * range_m * float(spot_rad)
+        for off_mrad, printed in enumerate(boards):
+            share = glint.share_on_aperture(
+                profile="gaussian",
+                aside_m=(2e-3 * range_m * off_mrad, 0.0),
+                spot_radius_m=(wide_m, wide_m),
+                aperture_radius_m=0.025,
+            )
+            bright = 0.08 * glint.apparent_backscatter_per_sr(share=share, range_m=range_m, aperture_m2=area_m2)
+            row_says([printed], math.pi * float(bright))
+
+
+def test_rays_on_the_wrong_side_of_an_edge() -> None:
+    random = np.random.default_rng(1)
+    angle, distance = random.uniform(0.0, 2.0 * math.pi, 4000), random.uniform(-1.0, 1.0, 4000)
+    beyond = norm.sf(2.0 * distance)
+    across = np.stack([np.cos(angle), np.sin(angle)])
+    for row in table("theory.md", "rays | spiral"):
+        rays = int(row[0])
+        for printed, places in zip(
+            row[1:], (points("gaussian", rays), 0.5 * random.standard_normal((rays, 2))), strict=True
+        ):
+            share = (places @ across > distance).mean(axis=0)
+            row_says([printed], 100.0 * math.sqrt(np.mean((share - beyond) ** 2)))
 
 
 # --- weather ----------------------------------------------------------------------------------------
