@@ -29,6 +29,7 @@ def test_names_are_text_in_markdown(where: str, tmp_path: Path) -> None:
     assert text.count(ESCAPED) == (2 if where == "caption" else 1)
     assert "javascript" not in text.replace(ESCAPED, "")
     assert "<script" not in report.as_html()
+    assert "&lt;script&gt;" in report.as_html()
 
 
 def test_a_number_stays_on_the_line_of_its_unit() -> None:

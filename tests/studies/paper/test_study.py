@@ -8,7 +8,6 @@ import pytest
 from helpers.paper_results import results
 from scipy.constants import c, e, h, k
 
-from lidarscene.figures.report import Figure, Report
 from lidarscene.studies.paper import case, study
 from lidarscene.studies.paper.claims import FAILS, HOLDS
 from lidarscene.studies.paper.numbers import closed_forms
@@ -193,22 +192,6 @@ def test_case_is_table_1():
 
 
 # --- page -------------------------------------------------------------------------------------------
-
-
-def test_page_escapes_its_text(tmp_path):
-    page = Report("a < b", folder=tmp_path)
-    page.heading("x & y")
-    page.paragraph("1 < 2, N_b | *")
-    page.table(("a|b", "c"), [("<script>", "d_e")])
-    drawing = lambda path: path.write_bytes(b"picture")  # noqa: E731
-    page.figure(Figure(name="fig", drawing=drawing, data=(("x",), [("1",)]), caption="a < b", number="1"))
-    text, markup = page.as_markdown(), page.as_html()
-    assert r"1 \< 2, N\_b \| \*" in text
-    assert r"| \<script> | d\_e |" in text
-    assert "<script>" not in markup
-    assert "&lt;script&gt;" in markup
-    assert "<h1>a &lt; b</h1>" in markup
-    assert markup.count("<img") == 1
 
 
 def test_scanner_is_named_and_explained():
