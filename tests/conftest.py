@@ -85,8 +85,8 @@ def pytest_configure(config: pytest.Config) -> None:
     """Every folder is a marker: `pytest -m unit` runs tests/unit. Hypothesis has the run's seed."""
     if SEED is not None and config.option.hypothesis_seed is None:
         config.option.hypothesis_seed = str(SEED)
-    if gone := [name for name in LONGEST if not (TESTS / name).is_file()]:
-        raise pytest.UsageError(f"conftest.py: LONGEST: no such file: {', '.join(gone)}")
+    if missing_files := [name for name in LONGEST if not (TESTS / name).is_file()]:
+        raise pytest.UsageError(f"conftest.py: LONGEST: no such file: {', '.join(missing_files)}")
     for folder in sorted(path.name for path in TESTS.iterdir() if path.is_dir()):
         config.addinivalue_line("markers", f"{folder}: the tests in tests/{folder}")
 
@@ -113,7 +113,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 def refused_skips(terminal: Any) -> list[str]:
     """Reasons of skipped tests that TEST_NO_SKIPS=1 does not allow."""
     reasons = {report.longrepr[2].removeprefix("Skipped: ") for report in terminal.stats.get("skipped", ())}
-    return sorted(one for one in reasons if NO_SKIPS and not one.startswith(MAY_BE_SKIPPED))
+    return sorted(reason for reason in reasons if NO_SKIPS and not reason.startswith(MAY_BE_SKIPPED))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -212,9 +212,9 @@ def run_python() -> RunPython:
 
     def run(code: str, **environment: str | None) -> subprocess.CompletedProcess[str]:
         merged = OUTSIDE | environment
-        kept = {name: value for name, value in merged.items() if value is not None}
+        variables = {name: value for name, value in merged.items() if value is not None}
         return subprocess.run(
-            [sys.executable, "-c", code], env=kept, capture_output=True, text=True, timeout=PATIENCE_S
+            [sys.executable, "-c", code], env=variables, capture_output=True, text=True, timeout=PATIENCE_S
         )
 
     return run

@@ -48,7 +48,7 @@ class Standing:
 
     def start(self, *command: str, first: Path | None = None) -> None:
         """Start a part of Dask; ``first`` is where its Python looks for modules first."""
-        path = os.pathsep.join(str(one) for one in (first, os.environ["PYTHONPATH"]) if one)
+        path = os.pathsep.join(str(entry) for entry in (first, os.environ["PYTHONPATH"]) if entry)
         with (self.folder / f"{len(self.processes)}.log").open("wb") as log:
             started = subprocess.Popen(
                 [sys.executable, "-m", "dask", *command, "--no-dashboard"],
@@ -96,12 +96,12 @@ def _started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], 
     """Gives the scheduler of this module, or a new one if it is dead; no process of it lives after this module."""
     started: list[Standing] = []
 
-    def one() -> Standing:
+    def current_scheduler() -> Standing:
         if not (started and started[-1].runs):
             started.append(Standing(tmp_path_factory.mktemp("dask")))
         return started[-1]
 
-    yield one
+    yield current_scheduler
     for standing in started:
         standing.end(0)
 
@@ -124,7 +124,7 @@ def equipped(_started: Callable[[], Standing]) -> Standing:
 
 
 @pytest.mark.parametrize(
-    ("module", "text", "told"),
+    ("module", "text", "message"),
     [
         ("lidarscene.py", WITHOUT, "the worker said ModuleNotFoundError: No module named 'lidarscene'"),
         ("sitecustomize.py", OLDER, "gave this frame out, the worker has 0.0.9"),
@@ -132,7 +132,7 @@ def equipped(_started: Callable[[], Standing]) -> Standing:
     ids=["without", "older"],
 )
 def test_workers_that_do_not_fit(
-    bare: Standing, job_file: Path, tmp_path: Path, capsys: Printed, module: str, text: str, told: str
+    bare: Standing, job_file: Path, tmp_path: Path, capsys: Printed, module: str, text: str, message: str
 ) -> None:
     """Every frame fails with that cause; nothing is written, and nothing waits for ever."""
     (tmp_path / "path").mkdir()
@@ -144,7 +144,7 @@ def test_workers_that_do_not_fit(
     assert code == 1
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("failed")]
     assert len(lines) == 4
-    assert all(line.endswith(told) for line in lines)
+    assert all(line.endswith(message) for line in lines)
     assert list((tmp_path / "out").rglob("*.ply")) == []
 
 
@@ -158,13 +158,13 @@ def test_the_bits_of_render(equipped: Standing, job_file: Path, tmp_path: Path, 
     assert first.err.count(note) == 1
     assert "dashboard     http://127.0.0.1:" in first.err
     assert main.main(argv) == 0
-    again = json.loads(capsys.readouterr().out)
+    resumed = json.loads(capsys.readouterr().out)
     assert [json.loads(first.out)[name] for name in ("rendered", "reused")] == [4, 0]
-    assert [again[name] for name in ("rendered", "reused")] == [0, 4]
+    assert [resumed[name] for name in ("rendered", "reused")] == [0, 4]
     for task in Job.read(job_file).tasks():
         alone = tmp_path / "alone.ply"
-        changes = [f"--scene-set={one}" for one in task.scene.overrides]
-        changes += [f"--set={one}" for one in task.sensor.overrides]
+        changes = [f"--scene-set={override}" for override in task.scene.overrides]
+        changes += [f"--set={override}" for override in task.sensor.overrides]
         assert main.main(["render", task.scene.path, "-o", str(alone), f"--seed={task.frame.seed}", *changes]) == 0
         (written,) = out.rglob(f"{task.key}.ply")
         assert written.read_bytes() == alone.read_bytes()
@@ -186,15 +186,15 @@ def test_a_scheduler_that_dies(
         if progress.rendered == 3:
             equipped.processes[0].kill()
 
-    with pytest.raises(LidarSceneError, match=r"^the Dask scheduler has gone; \d+ of 10 frames were done") as told:
+    with pytest.raises(LidarSceneError, match=r"^the Dask scheduler has gone; \d+ of 10 frames were done") as caught:
         run_job(job, out, connect=lambda: cluster.remote_client(equipped.address), report=kill)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(caught.value)
     assert capfd.readouterr().err == ""
     equipped.end(0)
-    done = len(list(out.rglob("*.json")))
-    assert 3 <= done < 10
+    frames_done = len(list(out.rglob("*.json")))
+    assert 3 <= frames_done < 10
     progress = run_job(job, out, connect=threads)
-    assert (progress.reused, progress.rendered, progress.failed) == (done, 10 - done, {})
+    assert (progress.reused, progress.rendered, progress.failed) == (frames_done, 10 - frames_done, {})
 
 
 def test_a_scheduler_that_asks_for_a_key(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
@@ -216,7 +216,7 @@ def test_a_scheduler_that_asks_for_a_key(tmp_path: Path, recwarn: pytest.Warning
         refused = rf"^--scheduler {address}: no Dask scheduler answers there: .*ssl_context"
         with pytest.raises(LidarSceneError, match=refused), cluster.remote_client(address):
             pass
-    assert not [one for one in recwarn if issubclass(one.category, OptionWarning)]
+    assert not [warning for warning in recwarn if issubclass(warning.category, OptionWarning)]
 
 
 @pytest.mark.parametrize("listens", [True, False], ids=["another program", "nobody"])
@@ -225,15 +225,15 @@ def test_a_wrong_address(
 ) -> None:
     """One line, also where something listens that never answers, for which Dask alone would wait for ever."""
     monkeypatch.setattr(cluster, "PATIENCE_S", 0.4)
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
         if listens:
-            taken.listen()
-        address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+            listener.listen()
+        address = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
         assert main.main(["batch", str(job_file), "-o", str(tmp_path / "out"), "--scheduler", address]) == 1
-    told = capsys.readouterr().err
+    message = capsys.readouterr().err
     # A machine that is busy may spend this before the first refusal comes.
     reasons = ("no answer\n",) if listens else ("Connection refused\n", "no answer\n")
-    assert told.startswith(f"lidarscene: error: --scheduler {address}: no Dask scheduler answers there: ")
-    assert told.endswith(reasons)
-    assert told.count("\n") == 1
+    assert message.startswith(f"lidarscene: error: --scheduler {address}: no Dask scheduler answers there: ")
+    assert message.endswith(reasons)
+    assert message.count("\n") == 1

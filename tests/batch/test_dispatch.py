@@ -92,10 +92,15 @@ def test_who_lacks_the_key_runs_no_code(client: Any, tmp_path: Path) -> None:
     client.wait_for_workers(2, timeout=PATIENCE_S)  # a test before may have killed one, which its nanny replaces
     processes = [psutil.Process(), *psutil.Process().children(recursive=True)]
     # Before psutil 6 the method had another name.
-    sockets = [getattr(one, "net_connections", None) or one.connections for one in processes]
-    ports = {one.laddr.port for of in sockets for one in of(kind="tcp") if one.status == psutil.CONN_LISTEN}
-    nannies = [one.address for one in client.cluster.workers.values()]
-    doors = {_port(one): "run" for one in [*nannies, *client.nthreads()]}
+    sockets = [getattr(process, "net_connections", None) or process.connections for process in processes]
+    ports = {
+        connection.laddr.port
+        for connections_of in sockets
+        for connection in connections_of(kind="tcp")
+        if connection.status == psutil.CONN_LISTEN
+    }
+    nannies = [nanny.address for nanny in client.cluster.workers.values()]
+    doors = {_port(address): "run" for address in [*nannies, *client.nthreads()]}
     doors[_port(client.cluster.scheduler_address)] = "run_function"
     assert len(doors) == 5
     assert doors.keys() <= ports
@@ -155,12 +160,12 @@ def test_a_killed_client_is_run_again(client: Any, long_job: Path, tmp_path: Pat
         first.wait()
     wait_until(lambda: not _lives(first.pid))  # the group: its worker too
     long_job.write_text(text)
-    before, done = (times(out), sum(Store(out).row(task.key) is not None for task in Job.read(long_job).tasks()))
-    assert 3 <= done <= 5
+    before, done_before = (times(out), sum(Store(out).row(task.key) is not None for task in Job.read(long_job).tasks()))
+    assert 3 <= done_before <= 5
     second = run_job(Job.read(long_job), out, connect=lambda: nullcontext(client), threads=1)
-    assert (second.frames, second.reused, second.rendered, second.failed) == (10, done, 10 - done, {})
+    assert (second.frames, second.reused, second.rendered, second.failed) == (10, done_before, 10 - done_before, {})
     after = times(out)
-    assert sum(after[name] == when for name, when in before.items()) >= done
+    assert sum(after[name] == when for name, when in before.items()) >= done_before
     assert all_done(Job.read(long_job), out)
 
 
@@ -172,10 +177,10 @@ def _lives(group: int) -> bool:
 
 
 def test_a_corrupt_file_is_made_again_and_no_other(client: Any, job: Job, tmp_path: Path) -> None:
-    out, asked = tmp_path / "out", []
+    out, connects = tmp_path / "out", []
 
     def connect() -> Any:
-        asked.append(1)
+        connects.append(1)
         return nullcontext(client)
 
     assert run_job(job, out, connect=connect, threads=1).rendered == 4
@@ -183,14 +188,14 @@ def test_a_corrupt_file_is_made_again_and_no_other(client: Any, job: Job, tmp_pa
     spoilt = next((out / "frames").rglob("*.ply"))
     spoilt.write_bytes(spoilt.read_bytes()[:-100])
     (spoilt.parent / f".{spoilt.name}.999999999.part").write_bytes(b"half")
-    again = run_job(job, out, connect=connect, threads=1)
-    assert (again.rendered, again.reused) == (1, 3)
+    repaired = run_job(job, out, connect=connect, threads=1)
+    assert (repaired.rendered, repaired.reused) == (1, 3)
     assert clouds(out) == whole
     assert {name for name, when in times(out).items() if when != before[name]} == {spoilt.name}
     assert list(out.rglob("*.part")) == []
     third = run_job(job, out, connect=connect, threads=1)
     assert (third.rendered, third.reused) == (0, 4)
-    assert len(asked) == 2  # nothing to do needs no cluster
+    assert len(connects) == 2  # nothing to do needs no cluster
 
 
 FULL_DISK = """
@@ -213,29 +218,31 @@ for _ in range(2):
 def test_a_disk_that_is_full_and_then_larger(mi: Any, job_file: Path, tmp_path: Path) -> None:
     """Rationale: a real one, on which two of four clouds fit at most."""
     (tmp_path / "out").mkdir()
-    store, one = Store(tmp_path / "probe"), next(Job.read(job_file).tasks())
-    assert work._try_render(one, store, 1) == ""
-    size = int(2.5 * store.cloud(one.key, "ply").stat().st_size)
+    store, task = Store(tmp_path / "probe"), next(Job.read(job_file).tasks())
+    assert work._try_render(task, store, 1) == ""
+    size = int(2.5 * store.cloud(task.key, "ply").stat().st_size)
     apart = ["unshare", "--user", "--map-root-user", "--mount", sys.executable, "-c", FULL_DISK, str(size)]
-    done = subprocess.run(
+    completed = subprocess.run(
         [*apart, str(ROOT / "src"), str(ROOT / "tests")],
         cwd=tmp_path,
         capture_output=True,
         text=True,
         timeout=PATIENCE_S,
     )
-    if done.returncode in (1, 77) and not done.stdout:
-        pytest.skip(f"no disk of its own can be mounted here: {done.stderr}")
-    assert done.returncode == 0, done.stderr
-    *_, code, there, again, code_again, whole = done.stdout.splitlines()  # a full disk may have no manifest either
-    failed = [line for line in done.stderr.splitlines() if line.startswith("failed")]
+    if completed.returncode in (1, 77) and not completed.stdout:
+        pytest.skip(f"no disk of its own can be mounted here: {completed.stderr}")
+    assert completed.returncode == 0, completed.stderr
+    *_, code, files, second_run, code_again, whole = (
+        completed.stdout.splitlines()
+    )  # a full disk may have no manifest either
+    failed = [line for line in completed.stderr.splitlines() if line.startswith("failed")]
     assert failed
     assert all(line.endswith("cannot be written: No space left on device") for line in failed)
-    kept = there.count(".json")
-    assert kept == 4 - len(failed) > 0
-    assert ".part" not in there
-    told = json.loads(again)
-    assert (told["reused"], told["rendered"], told["failed"]) == (kept, 4 - kept, {})
+    rows_kept = files.count(".json")
+    assert rows_kept == 4 - len(failed) > 0
+    assert ".part" not in files
+    summary = json.loads(second_run)
+    assert (summary["reused"], summary["rendered"], summary["failed"]) == (rows_kept, 4 - rows_kept, {})
     assert code != code_again == "0"
     assert whole.count(".ply") == 4
 
@@ -249,17 +256,17 @@ def test_failures_are_told_and_do_not_stop_the_rest(client: Any, write_job: Writ
     (tmp_path / "bad.toml").write_text(wall.replace("concrete", "concrate"))
     (tmp_path / "far.toml").write_text(wall.replace("[10, 0, 1.8]", "[12, 0, 1.8]"))
     path.write_text(path.read_text().replace('["wall.toml"]', '["wall.toml", "bad.toml", "far.toml"]'))
-    job, out, told = Job.read(path), tmp_path / "out", []
+    job, out, reports = Job.read(path), tmp_path / "out", []
 
     def tell(progress: Progress, task: FrameTask | None, cause: str) -> None:
-        told.append((task, cause))
+        reports.append((task, cause))
 
-    def again() -> Progress:
+    def run_again() -> Progress:
         return run_job(Job.read(path), out, connect=lambda: nullcontext(client), threads=1, report=tell)
 
-    progress = again()
+    progress = run_again()
     assert (progress.rendered, len(progress.failed)) == (8, 4)
-    assert [cause for task, cause in told if task] == list(progress.failed.values())
+    assert [cause for task, cause in reports if task] == list(progress.failed.values())
     assert all("no material 'concrate' in the catalogue" in cause for cause in progress.failed.values())
     rows = parquet.read_table(out / "manifest.parquet").to_pylist()
     assert [row["key"] for row in rows] == [task.key for task in job.tasks()]
@@ -278,7 +285,7 @@ def test_failures_are_told_and_do_not_stop_the_rest(client: Any, write_job: Writ
             assert row["missed_no_surface"] == row["beams"] - row["hits"] > 0
             assert row["seconds"] == pytest.approx(sum(json.loads(row["seconds_by_stage"]).values()))
     (tmp_path / "bad.toml").write_text(wall)
-    progress = again()
+    progress = run_again()
     assert (progress.rendered, progress.reused, progress.failed) == (4, 8, {})
     rows = parquet.read_table(out / "manifest.parquet").to_pylist()
     assert {row["error"] for row in rows} == {None}
@@ -288,8 +295,8 @@ def test_frames_that_kill_every_worker_have_a_cause() -> None:
     """What Dask says of them, in one line."""
     from distributed import KilledWorker
 
-    told = dispatch._cause(KilledWorker("render-x", None, 3))
-    assert "died" in told
+    cause = dispatch._cause(KilledWorker("render-x", None, 3))
+    assert "died" in cause
     assert dispatch._cause(RuntimeError("a\nb")) == "the worker said RuntimeError: a b"
 
 
@@ -297,16 +304,16 @@ def test_a_bundle_that_fails_is_taken_apart(
     client: Any, long_job: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Rationale: frames are given out several at a time, and one that kills its worker must not take others along."""
-    given, submit = [], dispatch._Dispatcher.submit
+    bundle_sizes, submit = [], dispatch._Dispatcher.submit
     long_job.write_text(long_job.read_text().replace("seed_count = 5", "seed_count = 10"))
 
     def counted(self: Any, bundle: list[FrameTask]) -> None:
-        given.append(len(bundle))
+        bundle_sizes.append(len(bundle))
         submit(self, bundle)
 
     monkeypatch.setattr(dispatch, "BUNDLE_S", 1000.0)  # several frames to a bundle, however slow this machine is
     monkeypatch.setattr(dispatch, "render_frames", fails_in_company)
     monkeypatch.setattr(dispatch._Dispatcher, "submit", counted)
     progress = run_job(Job.read(long_job), tmp_path / "out", connect=lambda: nullcontext(client), threads=1)
-    assert max(given) > 1
+    assert max(bundle_sizes) > 1
     assert (progress.rendered, list(progress.failed.values())) == (18, ["the worker said RuntimeError: broken"] * 2)

@@ -19,7 +19,7 @@ def test_dotted_and_nested_keys_are_the_same(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("", "key 'scenes' is missing"),
         ("scenes = []", "scenes: must be a list of at least 1, got []"),
@@ -43,12 +43,12 @@ def test_dotted_and_nested_keys_are_the_same(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_mistakes(tmp_path: Path, text: str, told: str) -> None:
+def test_mistakes(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "job.toml"
     path.write_text(text)
     with pytest.raises(InputError) as caught:
         read_job(path)
-    assert told in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

@@ -8,12 +8,12 @@ from lidarscene.batch import manifest
 from lidarscene.batch.dispatch import BUNDLES_FOR_EACH, _Dispatcher
 
 
-def share(left: int, *, threads: int, frame_s: float) -> int:
-    return _Dispatcher.share(SimpleNamespace(_frame_s=frame_s, _count=lambda: threads), left)
+def share(frames_left: int, *, threads: int, frame_s: float) -> int:
+    return _Dispatcher.share(SimpleNamespace(_frame_s=frame_s, _count=lambda: threads), frames_left)
 
 
 @pytest.mark.parametrize(
-    ("frame_s", "threads", "left", "frames"),
+    ("frame_s", "threads", "frames_left", "frames"),
     [
         (1.0, 4, 10**6, 1),  # a second of work
         (0.25, 4, 10**6, 4),
@@ -28,8 +28,8 @@ def share(left: int, *, threads: int, frame_s: float) -> int:
         (0.02, 4, 1, 1),
     ],
 )
-def test_share_by_hand(frame_s: float, threads: int, left: int, frames: int) -> None:
-    assert share(left, threads=threads, frame_s=frame_s) == frames
+def test_share_by_hand(frame_s: float, threads: int, frames_left: int, frames: int) -> None:
+    assert share(frames_left, threads=threads, frame_s=frame_s) == frames
 
 
 @pytest.mark.parametrize("threads", [1, 3, 16])
@@ -37,38 +37,38 @@ def test_no_thread_waits_long_for_the_last_bundle(threads: int) -> None:
     """Rationale: what is given out last is what the others wait for. Whatever is left, a bundle is half of a thread's
     even part of it at most, or a single frame; and bundles become smaller to the end.
     """
-    left, before = 5000, 100
-    while left:
-        frames = share(left, threads=threads, frame_s=1e-3)
+    frames_left, before = 5000, 100
+    while frames_left:
+        frames = share(frames_left, threads=threads, frame_s=1e-3)
         assert 1 <= frames <= before
-        assert frames == 1 or frames <= 0.5 * left / threads
-        left, before = left - frames, frames
+        assert frames == 1 or frames <= 0.5 * frames_left / threads
+        frames_left, before = frames_left - frames, frames
     assert before == 1
 
 
 def test_each_thread_has_one_bundle_waiting() -> None:
-    given = SimpleNamespace(bundles={}, _count=lambda: 3)
+    dispatcher = SimpleNamespace(bundles={}, _count=lambda: 3)
     for number in range(2 * 3):
-        assert not _Dispatcher.is_enough(given)
-        given.bundles[number] = []
-    assert _Dispatcher.is_enough(given)
+        assert not _Dispatcher.is_enough(dispatcher)
+        dispatcher.bundles[number] = []
+    assert _Dispatcher.is_enough(dispatcher)
     assert BUNDLES_FOR_EACH == 2
 
 
 def test_the_time_of_a_frame_is_that_of_its_bundle_over_its_frames() -> None:
     """Three frames in 0.6 s: 0.2 s each, and five of these are a second."""
     future = SimpleNamespace(key="render-1", cancelled=lambda: False, status="finished")
-    given = SimpleNamespace(
+    dispatcher = SimpleNamespace(
         bundles={"render-1": ["a", "b", "c"]},
         _waiting=iter([(future, (["", "broken", ""], 0.6))]),
         _frame_s=1.0,
         _count=lambda: 4,
         _futures={},
     )
-    assert _Dispatcher.next(given) == [("a", ""), ("b", "broken"), ("c", "")]
-    assert given.bundles == {}
-    assert given._frame_s == pytest.approx(0.2)
-    assert _Dispatcher.share(given, 1000) == 5
+    assert _Dispatcher.next(dispatcher) == [("a", ""), ("b", "broken"), ("c", "")]
+    assert dispatcher.bundles == {}
+    assert dispatcher._frame_s == pytest.approx(0.2)
+    assert _Dispatcher.share(dispatcher, 1000) == 5
 
 
 @pytest.mark.parametrize(

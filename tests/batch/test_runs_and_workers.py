@@ -60,32 +60,32 @@ def test_workers_that_are_all_gone(threads: Any, job: Job, tmp_path: Path, monke
 
 
 def test_workers_that_never_come(threads: Any, job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    tried = []
+    attempts = []
 
     @contextlib.contextmanager
     def connect() -> Any:
         with threads() as client:
             client.cluster.scale(0)
-            tried.append(1)
+            attempts.append(1)
             yield client
 
     monkeypatch.setattr(dispatch, "WITHOUT_WORKERS_S", 0.2)
-    told = "^the workers of this machine are gone; 0 of 4 frames were done, and the same command goes on from there$"
-    with pytest.raises(LidarSceneError, match=told):
+    message = "^the workers of this machine are gone; 0 of 4 frames were done, and the same command goes on from there$"
+    with pytest.raises(LidarSceneError, match=message):
         run_job(job, tmp_path / "out", connect=connect)
-    assert len(tried) == dispatch.STARTS
+    assert len(attempts) == dispatch.STARTS
 
 
 def test_a_pool_that_cannot_start_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rationale: a worker that dies while the pool starts ended in a traceback of Dask."""
-    tried = []
+    attempts = []
 
     def dies(workers: int) -> Any:
-        tried.append(workers)
+        attempts.append(workers)
         raise RuntimeError("Nanny failed\nto start")
 
     monkeypatch.setattr(cluster, "_start_cluster", dies)
-    told = "^--workers 2: the processes could not be started: Nanny failed to start$"
-    with pytest.raises(LidarSceneError, match=told), cluster.local_client(2):
+    message = "^--workers 2: the processes could not be started: Nanny failed to start$"
+    with pytest.raises(LidarSceneError, match=message), cluster.local_client(2):
         pass
-    assert len(tried) == cluster.STARTS
+    assert len(attempts) == cluster.STARTS

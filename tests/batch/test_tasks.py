@@ -57,15 +57,15 @@ def test_the_product(folder: Path) -> None:
         '[sweep.sensor]\n"laser.peak_power_w" = [50, 75.5, 80]\n'
     )
     job = Job.read(path)
-    found = list(job.tasks())
-    assert len(found) == len(job) == 2 * 2 * (2 + 2) * 3 * 3 * 2
-    assert len({task.key for task in found}) == len(found)
+    tasks = list(job.tasks())
+    assert len(tasks) == len(job) == 2 * 2 * (2 + 2) * 3 * 3 * 2
+    assert len({task.key for task in tasks}) == len(tasks)
     assert len(
-        {(t.scene.trajectory, *t.parameters.items(), t.sensor, t.frame.seed, t.frame.number) for t in found}
-    ) == len(found)
-    assert {task.frame.begin_s for task in found} == {0.1}
-    worlds = [task.scene.world for task in found]
-    changes = sum(one != other for one, other in itertools.pairwise(worlds))
+        {(t.scene.trajectory, *t.parameters.items(), t.sensor, t.frame.seed, t.frame.number) for t in tasks}
+    ) == len(tasks)
+    assert {task.frame.begin_s for task in tasks} == {0.1}
+    worlds = [task.scene.world for task in tasks]
+    changes = sum(world != next_world for world, next_world in itertools.pairwise(worlds))
     assert changes == 1  # two trajectories; the sun's values share a world
 
 
@@ -130,7 +130,7 @@ def test_nothing_else_is(folder: Path, tmp_path_factory: pytest.TempPathFactory)
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ('scenes = ["none.toml"]', "none.toml: no such file"),
         ('scenes = ["scene.toml"]\nsensors = ["table1-apt"]', "no sensor 'table1-apt' in the catalogue; did you mean"),
@@ -142,17 +142,17 @@ def test_nothing_else_is(folder: Path, tmp_path_factory: pytest.TempPathFactory)
         ('scenes = ["a.xml"]\n[sweep.scene]\n"sun.illuminance_klux" = [1]', "the scene must be a TOML file, got"),
     ],
 )
-def test_mistakes_are_found_before_anything_is_rendered(folder: Path, text: str, told: str) -> None:
+def test_mistakes_are_found_before_anything_is_rendered(folder: Path, text: str, message: str) -> None:
     path = folder / "job.toml"
     path.write_text(text)
     with pytest.raises(InputError) as caught:
         Job.read(path)
     assert str(caught.value).startswith(f"{path}: ")
-    assert told in str(caught.value)
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("swept", "told"),
+    ("swept", "message"),
     [
         ('"weather.rain" = [1]', "scene.toml --scene-set weather.rain=1: unknown key 'weather.rain'; did you mean"),
         ('"wether.rain_mm_h" = [1]', "--scene-set wether.rain_mm_h=1: unknown key 'wether'; did you mean weather? "),
@@ -160,15 +160,15 @@ def test_mistakes_are_found_before_anything_is_rendered(folder: Path, text: str,
         ('"sun.azimuth_deg" = [0, "east"]', 'sun.azimuth_deg: must be a number, got "east"'),
     ],
 )
-def test_keys_that_no_scene_has(folder: Path, swept: str, told: str) -> None:
+def test_keys_that_no_scene_has(folder: Path, swept: str, message: str) -> None:
     with pytest.raises(InputError) as caught:
         keys(folder, f"[sweep.scene]\n{swept}\n")
-    assert told in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("kind", "swept", "of"),
+    ("kind", "swept", "part_of"),
     [
         ("scene", '"weather.rain_mm_h" = [0, 50]', lambda frame: str(frame[0].air)),
         ("scene", '"bodies.wall.yaw_deg" = [0, 50]', lambda frame: str(frame[0].bodies[0].pose)),
@@ -178,17 +178,17 @@ def test_keys_that_no_scene_has(folder: Path, swept: str, told: str) -> None:
         ("sensor", '"scanner.azimuth_step_deg" = [1, 2]', lambda frame: frame[1].scanner.pulses),
     ],
 )
-def test_any_key_is_swept(folder: Path, kind: str, swept: str, of: Any) -> None:
+def test_any_key_is_swept(folder: Path, kind: str, swept: str, part_of: Any) -> None:
     """Weather, light, places, motions, detectors, scanners: what a worker reads is another scene, or sensor."""
     keys(folder, f"[sweep.{kind}]\n{swept}\n")
-    one, other = (
+    first, second = (
         (
             load_scene(task.scene.path, overrides=task.scene.overrides),
             load_sensor(task.sensor.name, overrides=task.sensor.overrides),
         )
         for task in Job.read(folder / "job.toml").tasks()
     )
-    assert of(one) != of(other)
+    assert part_of(first) != part_of(second)
 
 
 def test_a_scenes_content_is_without_its_sensor(folder: Path) -> None:

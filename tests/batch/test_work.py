@@ -43,7 +43,7 @@ def _fresh(mi: Any, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(work, name, work._Cache())
 
 
-def done(task: FrameTask, store: Store) -> Path:
+def render_in_process(task: FrameTask, store: Store) -> Path:
     """Render a frame in this process; returns its file."""
     work._render(task, store)
     row = store.row(task.key)
@@ -61,7 +61,7 @@ def test_the_bytes_are_those_of_render(job: Job, tmp_path: Path) -> None:
         klux = task.parameters["scene.sun.illuminance_klux"]
         argv = ["render", str(tmp_path / "wall.toml"), "-o", str(alone), *COARSE, "--seed", str(task.frame.seed)]
         assert main.main([*argv, "--scene-set", f"sun.illuminance_klux={klux}"]) == 0
-        assert done(task, store).read_bytes() == alone.read_bytes()
+        assert render_in_process(task, store).read_bytes() == alone.read_bytes()
     assert len(list((tmp_path / "out" / "frames").rglob("*.ply"))) == len(job) == 4
 
 
@@ -75,7 +75,7 @@ def test_with_several_rays_too(job_file: Path, tmp_path: Path) -> None:
     argv = ["render", str(tmp_path / "wall.toml"), "-o", str(alone), *COARSE, "--rays=4", "--interactions=1"]
     assert main.main([*argv, "--scene-set", "sun.illuminance_klux=1"]) == 0
     first = next(Job.read(job_file).tasks())
-    assert done(first, Store(tmp_path / "out")).read_bytes() == alone.read_bytes()
+    assert render_in_process(first, Store(tmp_path / "out")).read_bytes() == alone.read_bytes()
 
 
 def test_of_a_rig_too(job_file: Path, tmp_path: Path) -> None:
@@ -89,7 +89,7 @@ def test_of_a_rig_too(job_file: Path, tmp_path: Path) -> None:
     for task in reversed(list(Job.read(job_file).tasks())):  # the second sensor comes first
         if task.frame.seed == 7 and task.parameters["scene.sun.illuminance_klux"] == 1:
             alone = tmp_path / "rig" / task.sensor.label / f"frame_{task.frame.number:04d}.ply"
-            assert done(task, store).read_bytes() == alone.read_bytes()
+            assert render_in_process(task, store).read_bytes() == alone.read_bytes()
             compared += 1
     assert compared == 4
 
@@ -105,7 +105,7 @@ def test_a_world_is_compiled_once(job: Job, tmp_path: Path, monkeypatch: pytest.
 
     monkeypatch.setattr(work, "Simulator", counted)
     for task in job.tasks():
-        done(task, Store(tmp_path / "out"))
+        render_in_process(task, Store(tmp_path / "out"))
     assert len(compiled) == 1
 
 
@@ -131,7 +131,7 @@ def test_a_sensor_elsewhere_has_a_world_of_its_own(
         place = tuple(task.parameters["scene.sensor.position_m"])
         worlds.setdefault(place, set()).add(id(work._simulator(task).world))
     assert len(compiled) == len(worlds) == 2
-    assert [len(seen) for seen in worlds.values()] == [1, 1]
+    assert [len(world_ids) for world_ids in worlds.values()] == [1, 1]
 
 
 def test_another_scene_has_a_world_of_its_own_and_another_sun_has_not(
@@ -157,10 +157,10 @@ def test_another_scene_has_a_world_of_its_own_and_another_sun_has_not(
 
 
 def test_no_more_than_a_few_things_are_kept() -> None:
-    kept, made = work._Cache(), []
+    cache, made_keys = work._Cache(), []
 
     def get(key: int) -> int:
-        return kept.get(key, lambda: made.append(key) or key)
+        return cache.get(key, lambda: made_keys.append(key) or key)
 
     for key in range(work.CACHED):
         get(key)
@@ -168,21 +168,21 @@ def test_no_more_than_a_few_things_are_kept() -> None:
     get(99)  # now 1 has waited longest
     get(0)
     get(1)
-    assert made == [*range(work.CACHED), 99, 1]
-    assert len(kept._entries) == work.CACHED
+    assert made_keys == [*range(work.CACHED), 99, 1]
+    assert len(cache._entries) == work.CACHED
 
 
 def test_a_frame_that_is_there_is_not_rendered_again(job: Job, tmp_path: Path) -> None:
     task, store = next(job.tasks()), Store(tmp_path / "out")
-    before = done(task, store).stat().st_mtime_ns
-    assert done(task, store).stat().st_mtime_ns == before
+    before = render_in_process(task, store).stat().st_mtime_ns
+    assert render_in_process(task, store).stat().st_mtime_ns == before
 
 
 @pytest.mark.parametrize("spoil", ["shorter", "longer", "gone", "flipped", "row", "empty row"])
 def test_a_corrupt_file_is_rendered_again(job: Job, tmp_path: Path, spoil: str) -> None:
     """What a dying machine may leave, or a careless user; the whole file comes back."""
     task, store = next(job.tasks()), Store(tmp_path / "out")
-    cloud = done(task, store)
+    cloud = render_in_process(task, store)
     whole, (row,) = cloud.read_bytes(), store.folder.glob("rows/*/*.json")
     if spoil == "gone":
         cloud.unlink()
@@ -195,11 +195,11 @@ def test_a_corrupt_file_is_rendered_again(job: Job, tmp_path: Path, spoil: str) 
     else:
         cloud.write_bytes(whole[:-7] if spoil == "shorter" else whole + b"x")
     assert store.row(task.key) is None
-    assert done(task, store).read_bytes() == whole
+    assert render_in_process(task, store).read_bytes() == whole
 
 
-@pytest.mark.parametrize("what", ["cloud", "row"])
-def test_a_full_disk_loses_nothing(job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str) -> None:
+@pytest.mark.parametrize("full_at", ["cloud", "row"])
+def test_a_full_disk_loses_nothing(job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, full_at: str) -> None:
     """The write that meets it, of the cloud (when it is synced) or of its row, fails as a whole."""
     task, store = next(job.tasks()), Store(tmp_path / "out")
 
@@ -207,12 +207,12 @@ def test_a_full_disk_loses_nothing(job: Job, tmp_path: Path, monkeypatch: pytest
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(*((atomic, "_sync") if what == "cloud" else (Path, "write_text")), full)
-        told = work._try_render(task, store, 1)
-    assert told.endswith("cannot be written: No space left on device")
-    assert "\n" not in told
+        patch.setattr(*((atomic, "_sync") if full_at == "cloud" else (Path, "write_text")), full)
+        cause = work._try_render(task, store, 1)
+    assert cause.endswith("cannot be written: No space left on device")
+    assert "\n" not in cause
     assert store.row(task.key) is None
-    assert [one.name for one in tmp_path.rglob("*.part")] == []
+    assert [path.name for path in tmp_path.rglob("*.part")] == []
     assert work._try_render(task, store, 1) == ""
     assert store.row(task.key) is not None
 
@@ -226,7 +226,7 @@ def test_what_changed_since_it_was_asked_is_refused(job: Job, tmp_path: Path) ->
     assert work._try_render(dataclasses.replace(task, version="0.0.0"), store, 1).startswith(
         "lidarscene 0.0.0 gave this"
     )
-    assert [one.name for one in store.folder.iterdir()] == [".claims"]
+    assert [path.name for path in store.folder.iterdir()] == [".claims"]
 
 
 def test_so_is_another_sensor(job_file: Path, tmp_path: Path) -> None:
@@ -250,7 +250,7 @@ with Store(Path(sys.argv[1])).claim(sys.argv[2]) as is_ours:
 @pytest.mark.skipif(sys.platform == "win32", reason="no such locks")
 def test_a_frame_that_another_run_is_at_is_left_to_it(job: Job, tmp_path: Path) -> None:
     """And no longer: a run that is killed lets go of it."""
-    (task, other, *_), store = list(job.tasks()), Store(tmp_path / "out")
+    (task, second, *_), store = list(job.tasks()), Store(tmp_path / "out")
     holder = subprocess.Popen(
         [sys.executable, "-c", HOLD, str(store.folder), task.key], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     )
@@ -258,7 +258,7 @@ def test_a_frame_that_another_run_is_at_is_left_to_it(job: Job, tmp_path: Path) 
     assert holder.stdout.readline() == b"True\n"
     assert work._try_render(task, store, 1) == work.ELSEWHERE
     assert store.row(task.key) is None
-    assert work._try_render(other, store, 1) == ""
+    assert work._try_render(second, store, 1) == ""
     holder.kill()
     holder.communicate()
     assert work._try_render(task, store, 1) == ""
@@ -268,7 +268,7 @@ def test_a_frame_that_another_run_is_at_is_left_to_it(job: Job, tmp_path: Path) 
 def test_no_truth_if_none_is_wanted(job_file: Path, tmp_path: Path) -> None:
     job_file.write_text("truth = false\n" + job_file.read_text(encoding="utf-8"), encoding="utf-8")
     task = next(iter(Job.read(job_file).tasks()))
-    assert not PointCloud.load(done(task, Store(tmp_path / "out"))).has_truth
+    assert not PointCloud.load(render_in_process(task, Store(tmp_path / "out"))).has_truth
 
 
 def test_the_manifest_has_the_cause_of_what_failed(job: Job, tmp_path: Path) -> None:

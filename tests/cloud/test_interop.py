@@ -72,8 +72,8 @@ def test_notebooks_show_a_picture(street_cloud: PointCloud) -> None:
     with PIL.Image.open(io.BytesIO(data)) as image:
         pixels = np.asarray(image).astype(int)
     assert pixels.shape == (405, 720, 3)
-    shown = pixels.sum(axis=2) > 100
-    assert shown.mean() > 0.05
+    bright = pixels.sum(axis=2) > 100
+    assert bright.mean() > 0.05
     bottom, top = (
         part[part.sum(axis=1) > 100].mean(axis=0)
         for part in (pixels[-150:].reshape(-1, 3), pixels[:200].reshape(-1, 3))
@@ -89,8 +89,8 @@ def test_nothing_heavy_is_imported_to_save_and_show(run_python: Any) -> None:
         "c = PointCloud(**CloudBuilder().fields())\nc._repr_png_(); c.to_structured()\n"
         "print(*(n for n in ('matplotlib', 'mitsuba', 'open3d', 'pandas', 'PIL') if n in sys.modules))"
     )
-    done = run_python(code)
-    assert (done.returncode, done.stdout.split()) == (0, []), done.stderr
+    process = run_python(code)
+    assert (process.returncode, process.stdout.split()) == (0, []), process.stderr
 
 
 # --- scenes -----------------------------------------------------------------------------------------
@@ -110,19 +110,19 @@ def test_a_trimesh_is_a_body(mi: ModuleType) -> None:
 
 
 def scene_of_two() -> trimesh.Scene:
-    made = trimesh.Scene()
-    made.add_geometry(trimesh.creation.box((1, 2, 3)), geom_name="body", node_name="van")
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.creation.box((1, 2, 3)), geom_name="body", node_name="van")
     shift = trimesh.transformations.translation_matrix((5, 6, 7))
-    made.add_geometry(trimesh.creation.icosphere(radius=0.5), geom_name="ball", node_name="ball", transform=shift)
-    return made
+    scene.add_geometry(trimesh.creation.icosphere(radius=0.5), geom_name="ball", node_name="ball", transform=shift)
+    return scene
 
 
 def test_nodes_of_a_trimesh_scene_are_bodies() -> None:
-    own = Material(name="mine", bsdf="diffuse", reflectivity=Spectrum.constant(0.3), description="")
+    material = Material(name="mine", bsdf="diffuse", reflectivity=Spectrum.constant(0.3), description="")
     scene = load_scene(
         scene_of_two(),
         material="asphalt",
-        materials={"ball": own},
+        materials={"ball": material},
         classes={"van": "car"},
         sensor_name="vlp-16",
         sensor_pose=Pose(position_m=np.array([0.0, 0.0, 2.0])),
@@ -132,7 +132,7 @@ def test_nodes_of_a_trimesh_scene_are_bodies() -> None:
         ("ball", "ball", "mine"),
     ]
     np.testing.assert_allclose(scene.bodies[1].parts[0].vertices_m.mean(axis=0), [5, 6, 7], atol=1e-12)
-    assert scene.materials["mine"] is own
+    assert scene.materials["mine"] is material
     assert (scene.sensor_name, scene.sensor_pose.position_m[2]) == ("vlp-16", 2.0)
 
 

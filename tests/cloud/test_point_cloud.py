@@ -32,18 +32,18 @@ def test_columns_name_every_array_once() -> None:
 def test_arrays_are_read_only_and_not_copied() -> None:
     columns = small_columns()
     cloud = PointCloud(**columns)
-    for attribute, given in columns.items():
-        assert np.shares_memory(getattr(cloud, attribute), given)
+    for attribute, values in columns.items():
+        assert np.shares_memory(getattr(cloud, attribute), values)
         with pytest.raises(ValueError, match="read-only"):
             getattr(cloud, attribute)[0] = 0
-        given[:1] = given[1:2]  # the owner's array stays as it was
+        values[:1] = values[1:2]  # the owner's array stays as it was
 
 
 def test_position_is_single_or_double() -> None:
     columns = small_columns()
     assert PointCloud(**columns).xyz_m.dtype == np.float32
-    for other in (np.float64, np.int64, np.float16):
-        changed = columns | {"xyz_m": columns["xyz_m"].astype(other)}
+    for dtype in (np.float64, np.int64, np.float16):
+        changed = columns | {"xyz_m": columns["xyz_m"].astype(dtype)}
         assert PointCloud(**changed).xyz_m.dtype == np.float64
 
 
@@ -186,9 +186,9 @@ def test_memory_of_a_builder(run_python: Any) -> None:
     size = sum(np.dtype(c.dtype).itemsize for c in changing_columns)
     count, n = 20, 20_000
     path = os.pathsep.join((str(TESTS.parent / "src"), str(TESTS)))
-    done = run_python(MEMORY.format(count=count, n=n), PYTHONPATH=path)
-    assert done.returncode == 0, done.stderr
-    join, changing = json.loads(done.stdout)
+    process = run_python(MEMORY.format(count=count, n=n), PYTHONPATH=path)
+    assert process.returncode == 0, process.stderr
+    join, changing = json.loads(process.stdout)
     assert join < count * n * 12 + 65536
     assert size * count * n <= changing < (size + 0.5) * count * n
 

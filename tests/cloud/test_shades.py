@@ -28,4 +28,4 @@ def test_the_most_frequent_category_is_first() -> None:
     shades = Shades(cloud, "class")
     assert [name for name, _ in shades.kinds] == ["road", "car", "none"]
     colours = [tuple(rgb(colour)) for _, colour in shades.kinds]
-    assert [tuple(one) for one in shades.rgb] == [colours[k] for k in (0, 1, 0, 2, 1, 0)]
+    assert [tuple(colour) for colour in shades.rgb] == [colours[k] for k in (0, 1, 0, 2, 1, 0)]

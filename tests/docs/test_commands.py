@@ -20,8 +20,8 @@ MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 @pytest.fixture(scope="module")
 def reader(tmp_path_factory: pytest.TempPathFactory) -> Reader:
     """What a page of studies shows too is run there."""
-    done = {by_names(command) for page in pages(of_studies=True) for command in commands(page)}
-    return Reader(tmp_path_factory.mktemp("documentation"), done)
+    commands_run = {by_names(command) for page in pages(of_studies=True) for command in commands(page)}
+    return Reader(tmp_path_factory.mktemp("documentation"), commands_run)
 
 
 def test_pages_show_commands() -> None:
@@ -36,9 +36,9 @@ def test_commands_run(
 
 
 def test_what_is_only_parsed_is_shown_and_run_elsewhere() -> None:
-    shown = [command for page in PAGES for command in commands(page)]
+    shown_commands = [command for page in PAGES for command in commands(page)]
     for start, test in PARSED_ONLY.items():
-        assert any(command.startswith(start) for command in shown), start
+        assert any(command.startswith(start) for command in shown_commands), start
         file, _, name = test.partition("::")
         assert f"def {name}(" in (ROOT / file).read_text(encoding="utf-8")
 

@@ -121,11 +121,11 @@ def test_readme_summary(
     make_workplace(tmp_path, README, monkeypatch)
     assert main.main(["render", "scenes/car.toml", "-o", "out/car.ply"]) == 0
     excerpt = next(re.finditer(r"```text\n(scene .*?)```", text_of(README), re.DOTALL))[1]
-    came, told = lines(capsys.readouterr().out), lines(excerpt)
-    assert [words for words, _ in came] == [words for words, _ in told]
-    assert came[0] == told[0]
-    for (words, here), (_, there) in zip(came, told, strict=True):
-        assert here == pytest.approx(there, rel=2e-4, abs=1), words
+    printed, documented = lines(capsys.readouterr().out), lines(excerpt)
+    assert [words for words, _ in printed] == [words for words, _ in documented]
+    assert printed[0] == documented[0]
+    for (words, printed_numbers), (_, documented_numbers) in zip(printed, documented, strict=True):
+        assert printed_numbers == pytest.approx(documented_numbers, rel=2e-4, abs=1), words
 
 
 # --- names ------------------------------------------------------------------------------------------
@@ -144,13 +144,13 @@ def dotted_names(page: Path) -> list[str]:
 def resolved(name: str) -> object:
     """The module, class, function or attribute of this name below lidarscene."""
     parts = name.split(".")
-    found: Any = lidarscene
+    resolved_object: Any = lidarscene
     for depth, part in enumerate(parts):
         try:
-            found = importlib.import_module(".".join(["lidarscene", *parts[: depth + 1]]))
+            resolved_object = importlib.import_module(".".join(["lidarscene", *parts[: depth + 1]]))
         except ModuleNotFoundError:
-            found = getattr(found, part)
-    return found
+            resolved_object = getattr(resolved_object, part)
+    return resolved_object
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -161,11 +161,11 @@ def test_names_exist(page: Path) -> None:
 
 def test_theory_names_the_formulas() -> None:
     """Every module of formulas has its place on a page; docs/api_physics.md has its functions."""
-    named = [f"{name}." for page in PAGES for name in dotted_names(page)]
+    dotted = [f"{name}." for page in PAGES for name in dotted_names(page)]
     package = ROOT / "src" / "lidarscene"
     files = [path.relative_to(package).with_suffix("") for path in (package / "physics").rglob("[a-z]*.py")]
     modules = {".".join(file.parts) for file in files} - {"physics.constants", "physics.photon_counting.draws"}
-    assert [m for m in sorted(modules) if not any(name.startswith(f"{m}.") for name in named)] == []
+    assert [m for m in sorted(modules) if not any(name.startswith(f"{m}.") for name in dotted)] == []
 
 
 def test_equations_are_numbered_in_order() -> None:
@@ -190,9 +190,9 @@ def test_named_tests_exist() -> None:
 @pytest.mark.parametrize("file", ["Makefile", "CONTRIBUTING.md", "tools/environments.py"])
 def test_paths_of_tests_exist(file: str) -> None:
     """Those that `make quick` and tools/environments.py run, too: pytest sees one that is gone only there."""
-    named = re.findall(r"\btests/[\w/]+(?:\.py)?", text_of(ROOT / file))
-    assert named
-    assert [path for path in named if not (ROOT / path).exists()] == []
+    paths = re.findall(r"\btests/[\w/]+(?:\.py)?", text_of(ROOT / file))
+    assert paths
+    assert [path for path in paths if not (ROOT / path).exists()] == []
 
 
 def test_tiers_are_those_of_the_test() -> None:
@@ -202,9 +202,9 @@ def test_tiers_are_those_of_the_test() -> None:
         for node in source.body
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "TIERS"
     ]
-    shown = re.search(r"<!-- tiers -->\n```text\n(.*?)```", text_of(ARCHITECTURE), re.DOTALL)
-    assert shown
-    assert [tuple(line.split()) for line in shown[1].splitlines()] == list(tiers)
+    excerpt = re.search(r"<!-- tiers -->\n```text\n(.*?)```", text_of(ARCHITECTURE), re.DOTALL)
+    assert excerpt
+    assert [tuple(line.split()) for line in excerpt[1].splitlines()] == list(tiers)
 
 
 def test_the_tree_names_every_module() -> None:
@@ -296,15 +296,17 @@ def values_of(schema: dict[str, Any]) -> str:
     """What a key takes, in words, from its JSON Schema."""
     choices = schema.get("anyOf", schema.get("oneOf"))
     if choices:
-        kinds = [values_of(one) for one in choices if one.get("type") != "null"]
+        kinds = [values_of(choice) for choice in choices if choice.get("type") != "null"]
         return " or ".join(dict.fromkeys(kinds))
     if "enum" in schema or "const" in schema:
-        return ", ".join(f'`"{one}"`' for one in schema.get("enum", [schema.get("const")]))
+        return ", ".join(f'`"{choice}"`' for choice in schema.get("enum", [schema.get("const")]))
     kind = schema.get("type", "table")
     if kind == "array":
-        each = schema.get("prefixItems") or [schema["items"]]
+        items = schema.get("prefixItems") or [schema["items"]]
         plural = {"table": "tables", "text": "texts"}
-        words = list(dict.fromkeys(plural.get(values_of(one), values_of(one)) for one in each))
+        words = list(
+            dict.fromkeys(plural.get(values_of(schema_of_item), values_of(schema_of_item)) for schema_of_item in items)
+        )
         least, most = schema.get("minItems", 0), schema.get("maxItems")
         count = f"{least}" if least == most else f"{least} to {most}" if most else f"{least} or more"
         return f"{count if least else 'list'} of {', '.join(words)}"
@@ -332,18 +334,18 @@ def keys_table(name: str) -> str:
 
 def rows_of(name: str) -> tuple[list[str], dict[str, tuple[str, str, str]]]:
     """Models whose tables go on with this one's keys; default, values and meaning of each key in its own table."""
-    found = [table for page in KEYS if (table := re.search(keys_table(name), text_of(page), re.DOTALL))]
-    assert len(found) == 1, f"{len(found)} tables of {name} in {', '.join(page.name for page in KEYS)}"
-    (table,) = found
+    tables = [table for page in KEYS if (table := re.search(keys_table(name), text_of(page), re.DOTALL))]
+    assert len(tables) == 1, f"{len(tables)} tables of {name} in {', '.join(page.name for page in KEYS)}"
+    (table,) = tables
     rows = [[cell.strip(" |") for cell in line.strip().split(" | ")] for line in table[3].splitlines()]
     return re.findall(r"\w+", table[2]), {row[0].strip("`"): (row[1], row[2], row[3]) for row in rows}
 
 
 def keys_of(name: str) -> dict[str, tuple[str, str, str]]:
     """Default, values and meaning of each key, as the page has them."""
-    others, rows = rows_of(name)
-    for other in others:
-        inherited = keys_of(other)
+    parents, rows = rows_of(name)
+    for parent in parents:
+        inherited = keys_of(parent)
         rows |= {key: inherited[key] for key in declared(name) if key not in rows and key in inherited}
     return rows
 
@@ -351,8 +353,8 @@ def keys_of(name: str) -> dict[str, tuple[str, str, str]]:
 @pytest.mark.parametrize("name", MODELS)
 def test_every_key_has_its_row(name: str) -> None:
     """Key, default, values and some words for each field, in the model's order or another."""
-    told = {key: (default, values) for key, (default, values, _) in keys_of(name).items()}
-    assert told == declared(name), "run: PYTHONPATH=src:tests python tests/docs/test_docs.py"
+    documented = {key: (default, values) for key, (default, values, _) in keys_of(name).items()}
+    assert documented == declared(name), "run: PYTHONPATH=src:tests python tests/docs/test_docs.py"
 
 
 def limits(schema: Any) -> set[float]:
@@ -371,8 +373,8 @@ def test_limits_of_keys(name: str) -> None:
     properties = MODELS[name].model_json_schema()["properties"]
     for key, (_, _, meaning) in keys_of(name).items():
         words = re.sub(r"`[^`]*`|\([^)]*\)|up to 1.5 it is a point", "", meaning)
-        told = re.findall(r"(-?[\d.]+) to (-?[\d.]+)|up to ([\d.]+)|(\d+) or more", words)
-        for number in filter(None, (number for one in told for number in one)):
+        number_ranges = re.findall(r"(-?[\d.]+) to (-?[\d.]+)|up to ([\d.]+)|(\d+) or more", words)
+        for number in filter(None, (number for numbers in number_ranges for number in numbers)):
             assert float(number) in limits(properties[key]), f"{key}: {meaning}"
 
 
@@ -383,17 +385,17 @@ def refresh() -> None:
     """Write what is generated: the tables of columns and keys, and what the examples of the theory print."""
     texts = {page: text_of(page) for page in KEYS}
     for name in MODELS:
-        others, shown = rows_of(name)
-        words = {key: meaning for key, (*_, meaning) in shown.items()}
-        known = declared(name)
-        elsewhere = {key for other in others for key in keys_of(other)}
-        order = [key for key in words if key in known]
-        order += [key for key in known if key not in words and key not in elsewhere]
+        parents, table_rows = rows_of(name)
+        words = {key: meaning for key, (*_, meaning) in table_rows.items()}
+        keys = declared(name)
+        elsewhere = {key for parent in parents for key in keys_of(parent)}
+        order = [key for key in words if key in keys]
+        order += [key for key in keys if key not in words and key not in elsewhere]
         rows = ["| key | default | values | meaning |", "|---|---|---|---|"]
-        rows += [f"| `{key}` | {' | '.join(known[key])} | {words.get(key, '')} |" for key in order]
+        rows += [f"| `{key}` | {' | '.join(keys[key])} | {words.get(key, '')} |" for key in order]
         new = "\n".join(rows)
         for page, text in texts.items():
-            texts[page] = re.sub(keys_table(name), lambda found: found[1] + new, text, flags=re.DOTALL)  # noqa: B023
+            texts[page] = re.sub(keys_table(name), lambda heading: heading[1] + new, text, flags=re.DOTALL)  # noqa: B023
     for page, text in texts.items():
         page.write_text(text, encoding="utf-8")
     for mark, (page, written) in GENERATED.items():

@@ -51,14 +51,14 @@ def options(command: str) -> dict[str, argparse.Action]:
 def default(command: str, option: str) -> float:
     """Of an option, as `-h` says."""
     action = options(command)[option]
-    (told,) = re.findall(r"default:? (-?\d+(?:\.\d+)?)", action.help or "")
-    assert action.default in (None, float(told))
-    return float(told)
+    (default_text,) = re.findall(r"default:? (-?\d+(?:\.\d+)?)", action.help or "")
+    assert action.default in (None, float(default_text))
+    return float(default_text)
 
 
 def test_defaults_of_range() -> None:
-    said = ["distance", "illuminance", "sun-angle", "reflectivity", "incidence", "transmittance"]
-    distance, klux, sun, rho, incidence, tau = (default("range", f"--{name}") for name in said)
+    options_of_range = ["distance", "illuminance", "sun-angle", "reflectivity", "incidence", "transmittance"]
+    distance, klux, sun, rho, incidence, tau = (default("range", f"--{name}") for name in options_of_range)
     says("range.md", "SNR and P_d at `--distance` ({} m)", distance)
     says(
         "range.md",
@@ -254,8 +254,8 @@ def test_sun_in_the_field_of_view() -> None:
 
 
 def test_sensors() -> None:
-    shown = re.findall(r"`([\w-]+)`", " ".join(row[0] for row in table("sensors.md", "name | exact")))
-    assert sorted(shown) == catalog.names("sensors")
+    documented_names = re.findall(r"`([\w-]+)`", " ".join(row[0] for row in table("sensors.md", "name | exact")))
+    assert sorted(documented_names) == catalog.names("sensors")
     os1 = load_sensor("os1-128").scanner
     says("sensors.md", "| {} beams at once, {} columns", os1.lasers, os1.cycles)
 
@@ -291,26 +291,28 @@ def test_eye_safety() -> None:
         1e9 * eye_safety.LONGEST_WAVELENGTH_M,
     )
     energy = eye_safety.class_1_energy_j
-    for nm, told in (
+    for nm, cells in (
         (905, "| 400-1050 | {} C6 below 10 ps | {} C4 C6 below 5 us | {} t^0.75 C4 C6 below T2 |"),
         (1064, "| 1050-1400 | {} C6 C7 below 10 ps | {} C6 C7 below 13 us | {} t^0.75 C6 C7 below T2 |"),
     ):
         c4 = eye_safety.c4(wavelength_m=1e-9 * nm)
-        at = {t: energy(wavelength_m=1e-9 * nm, duration_s=t, source_rad=0.0) for t in (5e-12, 1e-6, 1e-2)}
-        first = at[5e-12]
+        energy_by_duration = {
+            t: energy(wavelength_m=1e-9 * nm, duration_s=t, source_rad=0.0) for t in (5e-12, 1e-6, 1e-2)
+        }
+        first = energy_by_duration[5e-12]
         says(
             "eye_safety.md",
-            told,
+            cells,
             first,
-            at[1e-6] / (c4 if nm == 905 else 1.0),
-            at[1e-2] / 1e-2**0.75 / (c4 if nm == 905 else 1.0),
+            energy_by_duration[1e-6] / (c4 if nm == 905 else 1.0),
+            energy_by_duration[1e-2] / 1e-2**0.75 / (c4 if nm == 905 else 1.0),
         )
 
 
 def test_every_choice_of_fog_is_named() -> None:
     kinds = MODELS["WeatherFile"].model_fields["fog"].annotation
-    told = re.findall(r'fog = "(\w+)"` \|', text_of(README.parent / "docs" / "weather.md"))
-    assert set(told) == set(get_args(get_args(kinds)[0]))
+    documented_kinds = re.findall(r'fog = "(\w+)"` \|', text_of(README.parent / "docs" / "weather.md"))
+    assert set(documented_kinds) == set(get_args(get_args(kinds)[0]))
 
 
 UNITS = {"ps": 1e-12, "ns": 1e-9, "us": 1e-6, "ms": 1e-3, "nm": 1e-9, "mrad": 1e-3, "mm": 1e-3}
@@ -326,7 +328,7 @@ def test_limits_of_the_standard(header: str) -> None:
     for row in table("eye_safety.md", header):
         cells = re.sub(r"625 us|\(3/8\)|10 \* ", "", " ".join(row[1:]))
         for number, unit in re.findall(rf"(?<![\w.^])({PLAIN}) ?(ps|ns|us|ms|nm|mrad|mm)?\b", cells):
-            at = float(number) * UNITS.get(unit, 1.0)
+            limit = float(number) * UNITS.get(unit, 1.0)
             scales = (1.0, 1e-9, 1e-3) if not unit or unit == "nm" else (1.0,)
-            near = any(math.isclose(at * k, w) or math.isclose(float(number), w) for k in scales for w in written)
+            near = any(math.isclose(limit * k, w) or math.isclose(float(number), w) for k in scales for w in written)
             assert near, f"{number} {unit} of {row[0]}"

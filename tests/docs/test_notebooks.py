@@ -30,14 +30,14 @@ print(Path.cwd(), Path("left.ply").is_file())
 def kinds(notebook: dict[str, Any]) -> list[list[list[str]]]:
     """The kinds of what each cell shows: numbers may differ by a rounding on another machine."""
     cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
-    return [[sorted(one.get("data", {"text": ""})) for one in cell["outputs"]] for cell in cells]
+    return [[sorted(output.get("data", {"text": ""})) for output in cell["outputs"]] for cell in cells]
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(mi, path: Path) -> None:
     mpl.use("agg")
-    kept = json.loads(path.read_text(encoding="utf-8"))
-    assert kinds(run(path)) == kinds(kept)
+    stored = json.loads(path.read_text(encoding="utf-8"))
+    assert kinds(run(path)) == kinds(stored)
 
 
 def test_a_notebook_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -45,8 +45,8 @@ def test_a_notebook_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.chdir(tmp_path)
     cell = {"cell_type": "code", "source": [SAVES]}
     (tmp_path / "saves.ipynb").write_text(json.dumps({"cells": [cell]}), encoding="utf-8")
-    (shown,) = run(tmp_path / "saves.ipynb")["cells"][0]["outputs"]
-    folder, is_there = shown["text"][0].split()
+    (output,) = run(tmp_path / "saves.ipynb")["cells"][0]["outputs"]
+    folder, is_there = output["text"][0].split()
     assert is_there == "True"
     assert not Path(folder).exists()
     assert [path.name for path in tmp_path.iterdir()] == ["saves.ipynb"]
@@ -71,5 +71,5 @@ def test_there_are_three_and_the_docs_name_them() -> None:
 
 if __name__ == "__main__":
     mpl.use("agg")
-    for one in NOTEBOOKS:
-        one.write_text(written(run(one)), encoding="utf-8")
+    for notebook in NOTEBOOKS:
+        notebook.write_text(written(run(notebook)), encoding="utf-8")

@@ -116,13 +116,19 @@ def edge(tnr: float) -> tuple[float, float]:
     light = plane.echoes_of_plane(sensor, TABLE_1, 50.0)
     point = sensor.working_point(light.background_power_w)
     level, peak = float(sensor.threshold(point)[0]), float(point.response.signal(light.peak_power_w)[0])
-    own = {"noise": float(point.noise.deviation[0]), "kappa_1": point.noise.kappa_1, "kappa_2": point.noise.kappa_2}
+    noise_parameters = {
+        "noise": float(point.noise.deviation[0]),
+        "kappa_1": point.noise.kappa_1,
+        "kappa_2": point.noise.kappa_2,
+    }
     z = np.linspace(-4.9, 4.9, 20_001)
     weight = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
-    time_s = pulse.leading_edge_time_s(level=tdc.crossing_level(threshold=level, deviate=z, **own) / peak, fwhm_s=6e-9)
+    time_s = pulse.leading_edge_time_s(
+        level=tdc.crossing_level(threshold=level, deviate=z, **noise_parameters) / peak, fwhm_s=6e-9
+    )
     model = np.sqrt((weight * (time_s - (weight * time_s).sum()) ** 2).sum())
     slope = peak * pulse.leading_edge_slope_per_s(level=level / peak, fwhm_s=6e-9)
-    sigma = float(tdc.noise_at_level(level=level, **own))
+    sigma = float(tdc.noise_at_level(level=level, **noise_parameters))
     return sigma / level, sigma / slope / float(model)
 
 
@@ -195,11 +201,11 @@ def test_errata() -> None:
         *short,
         100.0 * (short[1] / short[0] - 1.0),
     )
-    rest = noise.unmultiplied_a2
+    unmultiplied_a2 = noise.unmultiplied_a2
     says(
         "theory.md",
         "| {} % of these terms do not depend on the gain |",
-        100.0 * rest / (rest + 80.0**2.3 * noise.bulk_dark_a2),
+        100.0 * unmultiplied_a2 / (unmultiplied_a2 + 80.0**2.3 * noise.bulk_dark_a2),
     )
     says("theory.md", "| {} % of the photons, PDE / 2N |", 100.0 * 0.22 / 800.0)
     energy = pulse.pulse_energy_j(peak_power_w=1.0, fwhm_s=1.0)
@@ -217,8 +223,8 @@ def test_tails() -> None:
     says("theory.md", "With {} primaries in a resolution time", primaries)
     tail = {
         name: {
-            one: statistics.false_alarm_probability(APD, Target(illuminance_klux=klux), tail=one)
-            for one in statistics.TAILS
+            tail: statistics.false_alarm_probability(APD, Target(illuminance_klux=klux), tail=tail)
+            for tail in statistics.TAILS
         }
         for name, klux in (("bright", 100.0), ("dim", 10.0))
     }
@@ -305,9 +311,9 @@ def test_two_boards() -> None:
 
 def test_sipm_page() -> None:
     whole = sipm_response.captured_photons(photons=1.0, pulse_fwhm_s=1.0, dead_time_s=1e3)
-    same = sipm_response.captured_photons(photons=1.0, pulse_fwhm_s=1.0, dead_time_s=1.0)
+    equal_duration = sipm_response.captured_photons(photons=1.0, pulse_fwhm_s=1.0, dead_time_s=1.0)
     says("sipm.md", "light in the count at its peak, {} times what (24) has", whole)
-    says("sipm.md", "a pulse as long as tau has {} times", same)
+    says("sipm.md", "a pulse as long as tau has {} times", equal_duration)
     low, high = 0.1, 10.0
     while high - low > 1e-6:
         middle = 0.5 * (low + high)
@@ -336,7 +342,7 @@ def test_sipm_page() -> None:
 
 def test_crosstalk() -> None:
     """Of a weak pulse under Table 1's sun: the events' number is held by test_what_crosstalk_costs, to 0.03."""
-    found = []
+    snr_and_probability = []
     for keys in ((), ("detector.crosstalk=0.1",), ("detector.crosstalk=0.25",)):
         sensor = sipm_in_time(*keys)
         photon = sensor.laser.photon_energy_j
@@ -344,22 +350,28 @@ def test_crosstalk() -> None:
         signal = point.response.signal(np.array([2.0 * 311.96 * photon / 6e-9]))
         sigma = np.sqrt(point.noise.deviation**2 + point.noise.kappa_1 * signal + point.noise.kappa_2 * signal**2)
         p_detect = point.detection_probability(sensor.threshold(point), signal, sigma)
-        found.append((float(signal[0] / point.noise.deviation[0]), float(p_detect[0])))
-    loss = [100.0 * (1.0 - snr / found[0][0]) for snr, _ in found]
+        snr_and_probability.append((float(signal[0] / point.noise.deviation[0]), float(p_detect[0])))
+    loss = [100.0 * (1.0 - snr / snr_and_probability[0][0]) for snr, _ in snr_and_probability]
     says(
         "theory.md",
         "where P_d is {} without, 10 % of crosstalk cost {} % of the SNR and leave {}, and 25 % cost {} % and leave {}",
-        found[0][1],
+        snr_and_probability[0][1],
         loss[1],
-        found[1][1],
+        snr_and_probability[1][1],
         loss[2],
-        found[2][1],
+        snr_and_probability[2][1],
     )
 
 
 def test_paper_page() -> None:
-    found = [sipm.fired_cells_published(photons=200.0, pde=pde, cells=100.0) / (200.0 * pde) for pde in (0.1, 0.6)]
-    says("paper.md", "200 photons on 100 cells give {} % of linear at 10 %, {} % at 60 %", *(100.0 * f for f in found))
+    linear_fractions = [
+        sipm.fired_cells_published(photons=200.0, pde=pde, cells=100.0) / (200.0 * pde) for pde in (0.1, 0.6)
+    ]
+    says(
+        "paper.md",
+        "200 photons on 100 cells give {} % of linear at 10 %, {} % at 60 %",
+        *(100.0 * f for f in linear_fractions),
+    )
     ranges = {k: [range_m(s, illuminance_klux=k) for s in (sipm_printed(), sipm_steady())] for k in (100.0, 1.0)}
     more = {k: 100.0 * (b / a - 1.0) for k, (a, b) in ranges.items()}
     says("paper.md", "{} % of range at 100 klux from busy cells alone, {} % at 1 klux", more[100.0], more[1.0])

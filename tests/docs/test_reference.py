@@ -23,27 +23,27 @@ def docstrings() -> ModuleType:
     return module
 
 
-def named(page: str) -> list[str]:
+def names_of_page(page: str) -> list[str]:
     """What a page takes from the code."""
     lines = text_of(ROOT / "docs" / page).splitlines()
     return [line.removeprefix("::: lidarscene.") for line in lines if line.startswith("::: ")]
 
 
 def test_every_public_name_is_there() -> None:
-    assert sorted(named("api.md")) == sorted(set(lidarscene.__all__) - {"__version__"})
+    assert sorted(names_of_page("api.md")) == sorted(set(lidarscene.__all__) - {"__version__"})
 
 
 def test_every_module_of_formulas_is_there() -> None:
     modules = [path.relative_to(PHYSICS.parent) for path in PHYSICS.rglob("*.py") if path.stem != "__init__"]
-    assert sorted(named("api_physics.md")) == sorted(".".join(path.with_suffix("").parts) for path in modules)
+    assert sorted(names_of_page("api_physics.md")) == sorted(".".join(path.with_suffix("").parts) for path in modules)
 
 
 def test_lists_become_tables(docstrings: ModuleType) -> None:
     """Names, whatever is two spaces on, and lines that go on; text with single spaces stays text."""
-    made = docstrings.as_markdown(
+    markdown = docstrings.as_markdown(
         "What it does.\n\nrange_m  in metres, a | b,\n         in 2 rows\nx, y     both\nRaises InputError. Not a list."
     )
-    assert made == (
+    assert markdown == (
         "What it does.\n\n\n| | |\n|---|---|\n| `range_m` | in metres, a \\| b, in 2 rows |\n| `x, y` | both |\n\n"
         "Raises InputError. Not a list."
     )
@@ -51,8 +51,8 @@ def test_lists_become_tables(docstrings: ModuleType) -> None:
 
 def test_no_list_of_the_public_names_is_lost(docstrings: ModuleType) -> None:
     """Each word of their docstrings is on the page, whether in a table or not."""
-    for name in named("api.md"):
+    for name in names_of_page("api.md"):
         text = str(getattr(lidarscene, name).__doc__)
-        made = docstrings.as_markdown("\n".join(line.strip() for line in text.splitlines()))
-        words = made.replace("\\|", "|").replace("|", " ").replace("`", " ").split()
+        markdown = docstrings.as_markdown("\n".join(line.strip() for line in text.splitlines()))
+        words = markdown.replace("\\|", "|").replace("|", " ").replace("`", " ").split()
         assert [word for word in text.replace("|", " ").replace("`", " ").split() if word not in words] == []

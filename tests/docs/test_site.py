@@ -40,7 +40,7 @@ def test_every_equation_is_drawn(site: Path, page: Path) -> None:
     """No LaTeX is left in what is drawn, and every number is an anchor."""
     drawn = re.findall(r"<math .*?</math>", html(site, page), re.DOTALL)
     assert len(drawn) == len(EQUATION.findall(prose(page)))
-    assert not [one for one in drawn if "\\" in re.sub("<[^>]*>", "", one)]
+    assert not [equation for equation in drawn if "\\" in re.sub("<[^>]*>", "", equation)]
     for number in re.findall(r"\\tag\{(\w+)\}", text_of(page)):
         assert f'id="{number}"' in html(site, page)
 
@@ -57,7 +57,7 @@ def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:
     for page in pages:
         loaded = re.findall(r"<(?:script|link|img|iframe)\b[^>]*?(?:src|href)=\"?([^\s\">]+)", text_of(page))
         assert loaded
-        assert not [one for one in loaded if re.match(r"(https?:)?//", one)], page.name
+        assert not [address for address in loaded if re.match(r"(https?:)?//", address)], page.name
 
 
 def test_equations_have_no_scroll_bar(site: Path, browser: Chromium) -> None:

@@ -66,7 +66,7 @@ def test_tolerances_are_those_of_the_tests(row: list[str]) -> None:
 
 
 def test_numbers_of_the_reference() -> None:
-    found = {row[0]: row[1] for row in table("validation.md", "quantity | value")}
+    printed_values = {row[0]: row[1] for row in table("validation.md", "quantity | value")}
     apd, printed = apd_lidar(), sipm_printed()
     light = plane.echoes_of_plane(apd, TABLE_1, 100.0)
     counts = sipm_counts()
@@ -106,9 +106,9 @@ def test_numbers_of_the_reference() -> None:
     }
     assert range_m(floored, illuminance_klux=0.0) < 2600.0
     says("validation.md", "a false alarm rate of {} per comparison", 2.0 * norm.sf(4.0))
-    assert set(found) == set(expected)
+    assert set(printed_values) == set(expected)
     for quantity, computed in expected.items():
-        row_says([found[quantity]], *computed)
+        row_says([printed_values[quantity]], *computed)
 
 
 # --- the catalogue ----------------------------------------------------------------------------------
@@ -121,10 +121,10 @@ def test_materials() -> None:
         data = tomllib.loads(text_of(catalog.path_of("materials", row[0].strip("`"))))
         material = catalogue_material(row[0].strip("`"))
         assert row[1:3] == [data["description"], data["bsdf"]]
-        sources = {one["wavelength_nm"]: one["source"] for one in data["reflectivity"]}
+        sources = {spectrum_entry["wavelength_nm"]: spectrum_entry["source"] for spectrum_entry in data["reflectivity"]}
         stars = {nm: "*" * sources[nm].startswith("estimate") for nm in (905, 1550)}
-        shown = [f"{material.at(nm * 1e-9)['reflectivity']:.3f}{stars[nm]}" for nm in (905, 1550)]
-        assert row[3:5] == shown, row[0]
+        expected = [f"{material.at(nm * 1e-9)['reflectivity']:.3f}{stars[nm]}" for nm in (905, 1550)]
+        assert row[3:5] == expected, row[0]
 
 
 def test_what_a_colour_is_worth() -> None:
@@ -136,7 +136,7 @@ def test_what_a_colour_is_worth() -> None:
 
 
 def test_flat_angles_of_rough_surfaces() -> None:
-    def back(slope_deg: float, theta_deg: float) -> float:
+    def backscatter(slope_deg: float, theta_deg: float) -> float:
         cos = math.cos(math.radians(theta_deg))
         relief = reflection.relief(math.radians(slope_deg))
         per_sr = reflection.rough_diffuse_per_sr(
@@ -144,8 +144,8 @@ def test_flat_angles_of_rough_surfaces() -> None:
         )
         return float(math.pi * per_sr * cos)
 
-    over = [back(slope, 83) / math.cos(math.radians(83)) for slope in (30, 45)]
-    says("theory.md", "At 83 degrees it is {} and {} times as bright as Lambert's", *over)
+    brightness = [backscatter(slope, 83) / math.cos(math.radians(83)) for slope in (30, 45)]
+    says("theory.md", "At 83 degrees it is {} and {} times as bright as Lambert's", *brightness)
     says("theory.md", "1 + {} K", (1.0 / reflection.largest_reflectivity(1e3) - 1.0) / float(reflection.relief(1e3)))
 
 
@@ -157,7 +157,7 @@ def test_wavelengths_of_materials() -> None:
         if isinstance(data["reflectivity"], list):
             nm.append([row["wavelength_nm"] for row in data["reflectivity"]])
     assert nm
-    assert all(one == nm[0] for one in nm)
+    assert all(wavelengths == nm[0] for wavelengths in nm)
     says("materials.md", "the wavelengths {}, {}, {}, {} and {} nm", *nm[0])
     says("theory.md", "A green leaf reflects {} % at 905 nm and lets {} % through", *leaf(905))
     says("theory.md", "at 1550 nm {} and {} (`leaf`)", *leaf(1550))
@@ -191,15 +191,17 @@ def test_beams_of_the_catalogue() -> None:
     for names, printed, _ in table("sensors.md", "name | azimuth x elevation"):
         for name in re.findall(r"`([\w-]+)`", names):
             laser = load_sensor(name).laser
-            told = [laser.divergence_rad]
+            sizes_rad = [laser.divergence_rad]
             if " x " in printed:
-                told.append(laser.divergence_elevation_rad)
+                sizes_rad.append(laser.divergence_elevation_rad)
             if "from" in printed:
-                told.append(laser.exit_diameter_m)
-            row_says([printed], *(1e3 * float(one) for one in told))
-    shown = re.findall(r"`([\w-]+)`", " ".join(row[0] for row in table("sensors.md", "name | azimuth x elevation")))
+                sizes_rad.append(laser.exit_diameter_m)
+            row_says([printed], *(1e3 * float(size_rad) for size_rad in sizes_rad))
+    documented_names = re.findall(
+        r"`([\w-]+)`", " ".join(row[0] for row in table("sensors.md", "name | azimuth x elevation"))
+    )
     wide = [name for name in catalog.names("sensors") if float(load_sensor(name).laser.divergence_rad) > 0.0]
-    assert sorted(shown) == wide
+    assert sorted(documented_names) == wide
 
 
 def test_white_on_the_scales_of_intensity() -> None:
@@ -352,12 +354,12 @@ def test_eye_safety_of_table_1() -> None:
     )
     rows = {row[0]: row[1:] for row in table("eye_safety.md", "| limit")}
     for name, unit in (("single pulse", 1e9), ("pulse train", 1e9), ("average power", 1e3)):
-        one, other = still[name], moved[name]
-        c5 = [float(c.note.split()[2]) for c in (one, other) if c.note.startswith("C5")]
-        limits = [unit * (one.reference or 0.0)]
+        check_still, check_moved = still[name], moved[name]
+        c5 = [float(c.note.split()[2]) for c in (check_still, check_moved) if c.note.startswith("C5")]
+        limits = [unit * (check_still.reference or 0.0)]
         if c5:
-            limits += [c5[0], unit * (other.reference or 0.0), c5[1]]
-        row_says(rows[name], *limits, one.value, other.value)
+            limits += [c5[0], unit * (check_moved.reference or 0.0), c5[1]]
+        row_says(rows[name], *limits, check_still.value, check_moved.value)
     powers = [
         eye_safety_report(load_sensor("table1-apd"), scanned=scanned).class_1_peak_power_w for scanned in (False, True)
     ]

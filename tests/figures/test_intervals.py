@@ -16,11 +16,13 @@ def series(label: str, ends: tuple[float, float], expected: float) -> Series:
 def test_bars_reach_from_low_to_high(vertical: bool) -> None:
     """Reference: the segments that matplotlib draws; the ends are not as far apart."""
     axes = Figure().subplots()
-    one = series("a", (0.5, 2.0), 6.0)
-    _draw_markers(axes, 0, one, *((one.x, one.y) if vertical else (one.y, one.x)), vertical=vertical)
+    interval = series("a", (0.5, 2.0), 6.0)
+    _draw_markers(
+        axes, 0, interval, *((interval.x, interval.y) if vertical else (interval.y, interval.x)), vertical=vertical
+    )
     (bars,) = axes.collections
     ends = np.array(bars.get_segments())[:, :, int(vertical)]
-    np.testing.assert_allclose(np.sort(ends, axis=1), np.stack([one.low, one.high], axis=1))
+    np.testing.assert_allclose(np.sort(ends, axis=1), np.stack([interval.low, interval.high], axis=1))
 
 
 def test_sensors_stand_beside_each_other_and_lines_are_expected_values() -> None:
@@ -33,4 +35,4 @@ def test_sensors_stand_beside_each_other_and_lines_are_expected_values() -> None
     lines = [
         line.get_ydata().tolist() for line in axes.lines if line.get_linestyle() == "-" and line.get_linewidth() > 1
     ]
-    assert [one for one in lines if one[0] == one[1]] == [[6.0, 6.0], [8.0, 8.0]]
+    assert [line for line in lines if line[0] == line[1]] == [[6.0, 6.0], [8.0, 8.0]]

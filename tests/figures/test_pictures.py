@@ -96,10 +96,10 @@ def test_unknown_column_lists_the_choices(cloud: PointCloud, tmp_path: Path) -> 
 
 def test_false_alarms_stand_out(cloud: PointCloud, tmp_path: Path) -> None:
     magenta = np.frombuffer(bytes.fromhex(pictures.ALARM[1:]), np.uint8)
-    for shown, least in ((True, 20), (False, 0)):
-        perspective_picture(cloud, tmp_path / "a.png", highlight_false_alarms=shown, size_px=(960, 540))
-        found = int((np.abs(picture(tmp_path / "a.png").astype(int) - magenta).max(axis=2) < 3).sum())
-        assert found > least if shown else found == 0
+    for highlighted, least in ((True, 20), (False, 0)):
+        perspective_picture(cloud, tmp_path / "a.png", highlight_false_alarms=highlighted, size_px=(960, 540))
+        pixels_of_alarms = int((np.abs(picture(tmp_path / "a.png").astype(int) - magenta).max(axis=2) < 3).sum())
+        assert pixels_of_alarms > least if highlighted else pixels_of_alarms == 0
 
 
 def test_svg_has_pixels_and_texts(cloud: PointCloud, tmp_path: Path) -> None:
@@ -108,20 +108,20 @@ def test_svg_has_pixels_and_texts(cloud: PointCloud, tmp_path: Path) -> None:
     space = "{http://www.w3.org/2000/svg}"
     assert (tree.get("width"), tree.get("height")) == ("1920", "640")
     assert len(tree.findall(f"{space}image")) == 1
-    texts = [one.text or "" for one in tree.findall(f"{space}text")]
+    texts = [element.text or "" for element in tree.findall(f"{space}text")]
     assert any("points" in text for text in texts)
     assert any("azimuth" in text for text in texts)
 
 
 def test_no_label_lies_over_points(cloud: PointCloud, monkeypatch: Any, tmp_path: Path) -> None:
     """Every text, bar and legend stands in the head, beside or below: nothing is put on an image of points."""
-    shown: list[tuple[int, int, int, int]] = []
+    images: list[tuple[int, int, int, int]] = []
     texts: list[tuple[float, float]] = []
     show, text = Canvas.show, Canvas.text
 
     def shown_too(self: Canvas, image: Any, x: int, y: int) -> None:
         if image.shape[0] > 60 and image.shape[1] > 60:  # a bar is narrower
-            shown.append((x, y, x + image.shape[1], y + image.shape[0]))
+            images.append((x, y, x + image.shape[1], y + image.shape[0]))
         show(self, image, x, y)
 
     def text_too(self: Canvas, x: float, y: float, *about: Any, **more: Any) -> None:
@@ -132,9 +132,9 @@ def test_no_label_lies_over_points(cloud: PointCloud, monkeypatch: Any, tmp_path
     monkeypatch.setattr(Canvas, "text", text_too)
     for column in ("intensity", "class"):
         frame_picture(cloud, tmp_path / "a.png", colour_by=column)
-    assert len(shown) == 6
+    assert len(images) == 6
     assert len(texts) > 40
-    for left, top, right, bottom in shown:
+    for left, top, right, bottom in images:
         assert not any(left < x < right and top < y < bottom for x, y in texts)
 
 
@@ -157,8 +157,8 @@ def test_surfaces_are_drawn_faintly_behind_points(cloud: PointCloud, tmp_path: P
     assert (bare != behind).any(axis=2).mean() > 0.2
     assert (bare[:, 970:] == behind[:, 970:]).all()
     empty = (bare[100:200, 100:800] == rgb(pictures.BACKGROUND)).all(axis=2)
-    found = behind[100:200, 100:800][empty]
-    assert (np.abs(np.median(found, axis=0) - np.array(pixels.SURFACE_RGB)) <= 1).all()
+    background_rgb = behind[100:200, 100:800][empty]
+    assert (np.abs(np.median(background_rgb, axis=0) - np.array(pixels.SURFACE_RGB)) <= 1).all()
     bright = bare.max(axis=2) > 100
     assert (bare[bright] == behind[bright]).all()
 
@@ -168,7 +168,7 @@ def test_common_scale_holds_all_clouds(cloud: PointCloud, tmp_path: Path) -> Non
     near, far = cloud.select(cloud.range_m < 15), cloud.select(cloud.range_m > 15)
     low, high = pictures.common_scale([near, far], "range")
     np.testing.assert_allclose([low, high], np.percentile(cloud.range_m, (1, 99)), rtol=1e-6)
-    shades = [Shades(one, "range", limits=(low, high)).rgb for one in (near, far)]
+    shades = [Shades(near_or_far, "range", limits=(low, high)).rgb for near_or_far in (near, far)]
     whole = Shades(cloud, "range").rgb
     np.testing.assert_array_equal(shades[0], whole[cloud.range_m < 15])
     assert (Shades(near, "range").rgb != shades[0]).any()
@@ -185,13 +185,13 @@ def test_colour_maps_are_those_of_matplotlib(name: str) -> None:
         "inferno": ("inferno", 0.3, 1.0),
     }[name]
     parts = np.linspace(0.0, 1.0, 101)
-    found = Scale(low=0.0, high=1.0, kind="linear", map=name).table(parts).astype(float)
+    table = Scale(low=0.0, high=1.0, kind="linear", map=name).table(parts).astype(float)
     expected = 255.0 * mpl.colormaps[base](low + (high - low) * parts)[:, :3]
-    np.testing.assert_allclose(found, expected, atol=4.5)
+    np.testing.assert_allclose(table, expected, atol=4.5)
 
 
 @pytest.mark.parametrize(
-    ("scale", "told"),
+    ("scale", "texts"),
     [
         (Scale(low=2e-6, high=3e-3, kind="logarithmic", map="inferno"), ["10⁻⁵", "10⁻⁴", "10⁻³"]),
         (Scale(low=1.5, high=40.0, kind="logarithmic", map="inferno"), ["2", "5", "10", "20"]),
@@ -199,9 +199,9 @@ def test_colour_maps_are_those_of_matplotlib(name: str) -> None:
         (Scale(low=-0.2, high=1.0, kind="linear", map="viridis"), [*["−0.2", "0", "0.2", "0.4", "0.6", "0.8", "1"]]),
     ],
 )
-def test_round_numbers_on_a_scale(scale: Scale, told: list[str]) -> None:
+def test_round_numbers_on_a_scale(scale: Scale, texts: list[str]) -> None:
     ticks = scale.ticks(7)
-    assert [text for _, text in ticks] == told
+    assert [text for _, text in ticks] == texts
     assert all(0.0 <= scale.part(value) <= 1.0 for value, _ in ticks)
 
 
@@ -247,8 +247,8 @@ def test_nearest_point_is_on_top_whatever_the_order() -> None:
     camera = camera_for(PointCloud(**CloudBuilder().fields()), eye_m=(0, 0, 0), target_m=(1, 0, 0))
     for x in ([10.0, 5.0, -5.0, 20.0], [5.0, 10.0, 20.0, -5.0]):
         front = splat(camera, np.array([[d, 0, 0] for d in x]), size=(101, 51))
-        shown = set(np.unique(front.rank)) - {NOTHING}
-        assert [front.point[rank] for rank in shown] == [x.index(5.0)]
+        ranks = set(np.unique(front.rank)) - {NOTHING}
+        assert [front.point[rank] for rank in ranks] == [x.index(5.0)]
         assert front.depth_m[front.rank[25, 50]] == 5.0
         assert front.rank[0, 0] == NOTHING
 
@@ -340,15 +340,15 @@ def test_light_makes_edges_dark() -> None:
     rank = np.where(np.arange(40) < 20, 1, 0)[None].repeat(20, axis=0).astype(np.int32)
     rank[:, 36:] = NOTHING
     front = pixels.Front(point=np.array([1, 0]), depth_m=np.array([20.0, 5.0], np.float32), rank=rank)
-    image, seen = pixels.eye_dome_picture(
+    image, drawn = pixels.eye_dome_picture(
         front, np.full((2, 3), 200, np.uint8), background=np.array([9, 8, 7], np.uint8), reduction=2
     )
-    shown = pixels.unpack_rgb(image)
-    assert shown.shape == (10, 20, 3)
-    assert (seen == (np.arange(20) < 18)).all()
-    assert (shown[:, 18:] == [9, 8, 7]).all()
-    assert shown[5, 10, 0] < 150
-    assert (shown[5, [3, 15], 0] == 200).all()
+    rgb_image = pixels.unpack_rgb(image)
+    assert rgb_image.shape == (10, 20, 3)
+    assert (drawn == (np.arange(20) < 18)).all()
+    assert (rgb_image[:, 18:] == [9, 8, 7]).all()
+    assert rgb_image[5, 10, 0] < 150
+    assert (rgb_image[5, [3, 15], 0] == 200).all()
 
 
 def test_each_sensor_of_a_rig_has_its_own_range_image(cloud: PointCloud, monkeypatch: Any, tmp_path: Path) -> None:
@@ -370,10 +370,10 @@ def test_each_sensor_of_a_rig_has_its_own_range_image(cloud: PointCloud, monkeyp
 def test_a_row_without_beams_stays_empty() -> None:
     """Rows at 0, 1, 2, 4 and 5 degrees are six of one step, the fourth without a point; by hand."""
     elevation, azimuth = np.meshgrid(np.radians([0.0, 1.0, 2.0, 4.0, 5.0]), np.radians(np.arange(40.0)))
-    found = cells_of_beams(azimuth.ravel(), elevation.ravel(), np.ones(azimuth.size, np.uint8))
-    np.testing.assert_allclose(found.elevation_deg, np.arange(7) - 0.5, atol=1e-9)
-    assert (found.point[3] == NOTHING).all()
-    assert (np.delete(found.point, 3, axis=0) != NOTHING).all()
+    cells = cells_of_beams(azimuth.ravel(), elevation.ravel(), np.ones(azimuth.size, np.uint8))
+    np.testing.assert_allclose(cells.elevation_deg, np.arange(7) - 0.5, atol=1e-9)
+    assert (cells.point[3] == NOTHING).all()
+    assert (np.delete(cells.point, 3, axis=0) != NOTHING).all()
 
 
 def test_axes_of_a_range_image_run_as_the_sensor_looks(cloud: PointCloud, tmp_path: Path) -> None:
@@ -382,13 +382,13 @@ def test_axes_of_a_range_image_run_as_the_sensor_looks(cloud: PointCloud, tmp_pa
     """
     range_image(cloud, tmp_path / "a.svg")
     tree = ElementTree.parse(tmp_path / "a.svg").getroot()
-    texts = [one for one in tree.iter() if one.tag.endswith("text") and one.text]
+    texts = [element for element in tree.iter() if element.tag.endswith("text") and element.text]
     placed: dict[str, list[tuple[float, float]]] = {"x": [], "y": [], "scale": []}
     numbers = []
-    for one in texts:
-        word = str(one.text).replace("\N{MINUS SIGN}", "-")
-        if re.fullmatch(r"-?[0-9.]+", word) and not one.get("transform"):
-            numbers.append((float(word), float(one.get("x", "0")), float(one.get("y", "0"))))
+    for element in texts:
+        word = str(element.text).replace("\N{MINUS SIGN}", "-")
+        if re.fullmatch(r"-?[0-9.]+", word) and not element.get("transform"):
+            numbers.append((float(word), float(element.get("x", "0")), float(element.get("y", "0"))))
     below = max(y for _, _, y in numbers)
     for value, x, y in numbers:
         key = "x" if y == below else "scale" if x > 1700 else "y"
@@ -416,14 +416,14 @@ def test_uneven_rows_end_half_a_gap_beyond_their_beams() -> None:
 def test_each_false_alarm_is_drawn_in_its_own_colour(cloud: PointCloud, tmp_path: Path) -> None:
     """Below the head, where a square of that colour explains it; interference is not among them."""
     magenta = np.frombuffer(bytes.fromhex(pictures.ALARM[1:]), np.uint8)
-    found = []
+    alarm_pixels = []
     for status in (0, 1, 2):
         marked = dataclasses.replace(cloud, status=np.full(len(cloud), status))
         perspective_picture(marked, tmp_path / "a.png", size_px=SMALL)
         below = picture(tmp_path / "a.png")[SMALL[1] // 4 :].astype(int)
-        found.append(int((np.abs(below - magenta).max(axis=2) < 3).sum()))
-    assert found[0] == found[2] == 0
-    assert found[1] > 100
+        alarm_pixels.append(int((np.abs(below - magenta).max(axis=2) < 3).sum()))
+    assert alarm_pixels[0] == alarm_pixels[2] == 0
+    assert alarm_pixels[1] > 100
 
 
 def test_the_head_counts_what_is_no_echo(cloud: PointCloud, tmp_path: Path) -> None:
@@ -431,7 +431,11 @@ def test_the_head_counts_what_is_no_echo(cloud: PointCloud, tmp_path: Path) -> N
     status = np.zeros(len(cloud), np.uint8)
     status[:10] = [1, 2, 2, 3, 3, 3, 4, 4, 4, 4]
     range_image(dataclasses.replace(cloud, status=status), tmp_path / "a.svg")
-    texts = {one.text for one in ElementTree.parse(tmp_path / "a.svg").getroot().iter() if one.tag.endswith("text")}
+    texts = {
+        element.text
+        for element in ElementTree.parse(tmp_path / "a.svg").getroot().iter()
+        if element.tag.endswith("text")
+    }
     assert {"1 false alarm", "2 of other lidars", "3 of the weather"} <= texts
 
 

@@ -126,9 +126,9 @@ def test_link_is_followed(tmp_path: Path) -> None:
 def test_remains_of_the_dead_are_removed_and_only_they(tmp_path: Path) -> None:
     dead = subprocess.Popen(["true"])
     dead.wait()
-    gone = [f".a[1].txt.{dead.pid}.part", f".a[1].txt.{os.getpid()}.part"]
+    removed = [f".a[1].txt.{dead.pid}.part", f".a[1].txt.{os.getpid()}.part"]
     stay = [f".a[1].txt.{os.getppid()}.part", f".b.txt.{dead.pid}.part", ".a[1].txt.x.part", ".a1.txt.5.part"]
-    for name in gone + stay:
+    for name in removed + stay:
         (tmp_path / name).write_text("half")
     write(tmp_path / "a[1].txt")
     assert names(tmp_path) == sorted([*stay, "a[1].txt"])

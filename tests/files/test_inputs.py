@@ -51,10 +51,10 @@ READERS: dict[str, Callable[[Path], object]] = {
 def refused(work: Callable[[Path], object], path: Path) -> str:
     with pytest.raises(InputError) as error:
         work(path)
-    told = str(error.value)
-    assert "\n" not in told
-    assert len(told) <= LONGEST
-    return told
+    message = str(error.value)
+    assert "\n" not in message
+    assert len(message) <= LONGEST
+    return message
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names on this system")
@@ -92,8 +92,8 @@ def test_bombs_in_archives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name
     monkeypatch.setattr(inputs, "FREE_UNPACKED", inputs.FREE_UNPACKED // 100)
     with zipfile.ZipFile(tmp_path / name, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         archive.writestr("lidarscene.npy", bytes(60_000_000))
-    told = refused(READERS.get(name, read_mesh), tmp_path / name)
-    assert "must unpack to at most 100 times its size, got 0.06 GB out of 0.2" in told
+    message = refused(READERS.get(name, read_mesh), tmp_path / name)
+    assert "must unpack to at most 100 times its size, got 0.06 GB out of 0.2" in message
 
 
 def test_bombs_in_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -133,8 +133,8 @@ def test_records_that_a_las_file_has_no_room_for(tmp_path: Path, offset: int) ->
 def test_deep_xml(tmp_path: Path, depth: int) -> None:
     """Rationale: Mitsuba follows it with its stack."""
     (tmp_path / "a.xml").write_text(f"<scene version='3.0.0'>{'<a>' * depth}{'</a>' * depth}</scene>")
-    told = refused(lambda path: load_shapes(path, {}, {}, 905e-9), tmp_path / "a.xml")
-    assert told.endswith("not valid XML: must be nested 100 deep at most, got more")
+    message = refused(lambda path: load_shapes(path, {}, {}, 905e-9), tmp_path / "a.xml")
+    assert message.endswith("not valid XML: must be nested 100 deep at most, got more")
 
 
 def test_files_that_include_ten_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -153,9 +153,9 @@ def test_deep_toml(tmp_path: Path, text: str) -> None:
 
 def test_long_texts_are_shortened(tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text("a" * 20_000 + " = 1")
-    told = refused(load_scene, tmp_path / "a.toml")
-    assert "unknown key 'aaa" in told
-    assert " ... " in told
+    message = refused(load_scene, tmp_path / "a.toml")
+    assert "unknown key 'aaa" in message
+    assert " ... " in message
 
 
 def test_a_text_file_of_gigabytes(tmp_path: Path) -> None:

@@ -99,10 +99,10 @@ def test_libusb_may_be_missing_or_broken(monkeypatch: pytest.MonkeyPatch) -> Non
     assert not open3d_door._preload_libusb()
     monkeypatch.undo()
 
-    def broken(*_: object, **__: object) -> None:
+    def raise_os_error(*_: object, **__: object) -> None:
         raise OSError("invalid ELF header")
 
-    monkeypatch.setattr(ctypes, "CDLL", broken)
+    monkeypatch.setattr(ctypes, "CDLL", raise_os_error)
     assert not open3d_door._preload_libusb()
 
 

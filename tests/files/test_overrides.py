@@ -56,8 +56,8 @@ def test_override_in_a_list_of_tables(assignment: str, changed: list[object]) ->
 def test_override_of_a_table_that_is_not_there(assignment: str) -> None:
     with pytest.raises(InputError) as caught:
         with_overrides(BODIES, [assignment], option="--scene-set")
-    told = f"--scene-set {assignment}: must be bodies.NAME.KEY, with a name of a, b"
-    assert str(caught.value) == told
+    message = f"--scene-set {assignment}: must be bodies.NAME.KEY, with a name of a, b"
+    assert str(caught.value) == message
 
 
 @pytest.mark.parametrize("value", [1, 2.5, 1e-9, True, 'x "y"', [1, [2.5, "z"]], {"a b": {"c": [1, {"d": False}]}}])
@@ -66,9 +66,9 @@ def test_toml_text_is_read_back(value: object) -> None:
 
 
 def test_overrides_of_python_are_those_of_the_command_line() -> None:
-    wanted = ("a.b=1", "a.c=[1, 2]")
-    assert assignments(list(wanted)) == assignments({"a": {"b": 1, "c": (1, 2)}}) == wanted
-    assert assignments("a.b=1") == assignments({"a.b": 1}) == wanted[:1]
+    expected = ("a.b=1", "a.c=[1, 2]")
+    assert assignments(list(expected)) == assignments({"a": {"b": 1, "c": (1, 2)}}) == expected
+    assert assignments("a.b=1") == assignments({"a.b": 1}) == expected[:1]
     with pytest.raises(InputError, match=r"^overrides: must be .*, got 3$"):
         assignments(3)  # type: ignore[arg-type]
 

@@ -122,10 +122,10 @@ def test_without_pvlib(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """One line that says what to install, and angles still work."""
     real = builtins.__import__
 
-    def absent(name: str, *rest: Any) -> Any:
+    def absent(name: str, *arguments: Any) -> Any:
         if name.split(".")[0] == "pvlib":
             raise ModuleNotFoundError("No module named 'pvlib'")
-        return real(name, *rest)
+        return real(name, *arguments)
 
     monkeypatch.setattr(builtins, "__import__", absent)
     pvlib.pvlib.cache_clear()

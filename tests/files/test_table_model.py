@@ -26,8 +26,8 @@ LOW, HIGH = {"minimum", "exclusiveMinimum"}, {"maximum", "exclusiveMaximum"}
 def numbers(schema: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
     """Every number in a JSON Schema, with where it is."""
     if isinstance(schema, list):
-        for one in schema:
-            yield from numbers(one, place)
+        for entry in schema:
+            yield from numbers(entry, place)
     elif isinstance(schema, dict):
         if schema.get("type") in ("number", "integer"):
             yield place, schema
@@ -39,9 +39,9 @@ def numbers(schema: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]
 @pytest.mark.parametrize("kind", FILES)
 def test_every_number_has_bounds(kind: str) -> None:
     """Rationale: what has none lets 1e300 and the wrong unit pass, and the frame ends in NaN."""
-    found = list(numbers(FILES[kind].model_json_schema()))
-    assert len(found) >= {"sensor": 120, "scene": 50, "rig": 3, "material": 12, "job": 10}[kind]
-    open_ended = [place for place, one in found if not (LOW & set(one) and HIGH & set(one))]
+    constraints = list(numbers(FILES[kind].model_json_schema()))
+    assert len(constraints) >= {"sensor": 120, "scene": 50, "rig": 3, "material": 12, "job": 10}[kind]
+    open_ended = [place for place, keywords in constraints if not (LOW & set(keywords) and HIGH & set(keywords))]
     assert open_ended == []
 
 
@@ -69,21 +69,21 @@ def units_of(kind: str, name: str) -> list[tuple[str, float | list[float], float
                 many = value if isinstance(value, list) else [value]
                 unit = key.rpartition("_")[2]
                 factor = UNITS[unit][1] if unit in UNITS else 1e3 if unit == "klux" else None
-                if factor and all(isinstance(one, (int, float)) for one in many) and any(many):
+                if factor and all(isinstance(number, (int, float)) for number in many) and any(many):
                     yield f"{before}{key}", value, factor
 
     return list(walk(tables, ""))
 
 
 def in_si(value: float | list[float], factor: float) -> float | list[float]:
-    return [one * factor for one in value] if isinstance(value, list) else value * factor
+    return [number * factor for number in value] if isinstance(value, list) else value * factor
 
 
 @pytest.mark.parametrize("name", catalog.names("sensors"))
 def test_values_in_si_units_are_refused(name: str) -> None:
     """Each number of each sensor of the catalogue, in its SI unit: one line, with the number that was meant."""
     path = catalog.path_of("sensors", name)
-    seen = 0
+    refused_count = 0
     for key, value, factor in units_of("sensors", name):
         place = key.split(".")
         if key.rpartition("_")[2] in TOO_NEAR or f"{name} {key}" in TOO_NEAR:
@@ -95,13 +95,13 @@ def test_values_in_si_units_are_refused(name: str) -> None:
         inner[place[-1]] = in_si(value, factor)
         with pytest.raises(InputError) as error:
             validate(SensorFile, changed, name)
-        told = str(error.value)
-        assert told.startswith(f"{name}: {key}"), told
-        meant = float(told.partition("did you mean ")[2].partition("?")[0])
-        one = value if isinstance(value, (int, float)) else min(value, key=lambda x: abs(x - meant))
-        assert math.isclose(meant, one, rel_tol=1e-5), told
-        seen += 1
-    assert seen >= 9
+        message = str(error.value)
+        assert message.startswith(f"{name}: {key}"), message
+        suggested = float(message.partition("did you mean ")[2].partition("?")[0])
+        nearest = value if isinstance(value, (int, float)) else min(value, key=lambda x: abs(x - suggested))
+        assert math.isclose(suggested, nearest, rel_tol=1e-5), message
+        refused_count += 1
+    assert refused_count >= 9
 
 
 def test_the_line_of_a_pulse_in_seconds() -> None:
@@ -114,7 +114,7 @@ def test_the_line_of_a_pulse_in_seconds() -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "told"),
+    ("value", "message"),
     [
         (0.0, None),
         (5.0, None),
@@ -125,13 +125,13 @@ def test_the_line_of_a_pulse_in_seconds() -> None:
         (1e-9, "must be 0 or >= 0.1, got 1e-09"),  # 1e-6 mm would be outside as well
     ],
 )
-def test_a_number_is_nought_or_no_finer_than(value: float, told: str | None) -> None:
+def test_a_number_is_nought_or_no_finer_than(value: float, message: str | None) -> None:
     class Place(FileModel):
         x_mm: Annotated[float, Number("mm", ge=-1e4, le=1e4, finest=0.1)]
 
-    if told is None:
+    if message is None:
         assert validate(Place, {"x_mm": value}, "file").x_mm == value
         return
     with pytest.raises(InputError) as error:
         validate(Place, {"x_mm": value}, "file")
-    assert str(error.value) == f"file: x_mm: {told}"
+    assert str(error.value) == f"file: x_mm: {message}"

@@ -19,7 +19,7 @@ def test_byte_order_mark_and_windows_lines_are_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "message"),
     [
         (b"x = 1\nx = 2\n", "not valid TOML: Cannot overwrite a value (at line 2, column 6)"),
         (b"x = " + b"[" * 100_000, "not valid TOML: nested too deeply"),
@@ -27,12 +27,12 @@ def test_byte_order_mark_and_windows_lines_are_read(tmp_path: Path) -> None:
         (b"\xff\xfe", "not UTF-8 text (at line 1)"),
     ],
 )
-def test_what_is_not_toml(tmp_path: Path, content: bytes, told: str) -> None:
+def test_what_is_not_toml(tmp_path: Path, content: bytes, message: str) -> None:
     path = tmp_path / "a.toml"
     path.write_bytes(content)
     with pytest.raises(InputError) as caught:
         read_toml(path)
-    assert str(caught.value).startswith(f"{path}: {told}")
+    assert str(caught.value).startswith(f"{path}: {message}")
 
 
 class Inner(BaseModel):
@@ -64,5 +64,5 @@ def test_a_scene_names_the_override_that_is_to_blame(tmp_path: Path) -> None:
     assert scene_model(path, overrides=["bodies.w.scale=2", "sun.illuminance_klux=1"]).bodies[0].scale == 2
     with pytest.raises(InputError) as caught:
         scene_model(path, overrides=["sun.illuminance_klux=1", "bodies.w.scale=-2"])
-    told = f'{path} --scene-set bodies.w.scale=-2: bodies[0 "w"].scale: must be > 0, got -2'
-    assert str(caught.value) == told
+    message = f'{path} --scene-set bodies.w.scale=-2: bodies[0 "w"].scale: must be > 0, got -2'
+    assert str(caught.value) == message

@@ -37,7 +37,7 @@ def _resident() -> int:
 def test_frames_compile_and_leave_nothing(mi: Any, tmp_path: Path) -> None:
     """No growth of memory, of open files, of files, of kernels; a scene that moves, another seed in each frame."""
     (tmp_path / "moving.toml").write_text(MOVING)
-    sensor = load_sensor("table1-apd", overrides=[one.removeprefix("--set=") for one in COARSE])
+    sensor = load_sensor("table1-apd", overrides=[option.removeprefix("--set=") for option in COARSE])
     simulator = Simulator(load_scene(tmp_path / "moving.toml"), sensor)
     memory = files = compiled = 0
     with kernel_history() as history:
@@ -51,7 +51,7 @@ def test_frames_compile_and_leave_nothing(mi: Any, tmp_path: Path) -> None:
     assert history.launched >= FRAMES
     assert history.compiled == compiled
     assert len(os.listdir("/proc/self/fd")) == files
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["a.ply", "moving.toml"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.ply", "moving.toml"]
     assert _resident() - memory < GROWTH
 
 
@@ -89,11 +89,11 @@ def test_killed_at_any_moment(mi: Any, tmp_path: Path) -> None:
         running.send_signal(how)
         running.wait(PATIENCE_S)
         assert running.returncode == (-how if how == signal.SIGKILL else 128 + how)
-        left = sorted(one for one in out.rglob("*.part") if f".{running.pid}." in one.name)
-        assert len(left) <= (4 if how == signal.SIGKILL else 0)
+        parts_left = sorted(part for part in out.rglob("*.part") if f".{running.pid}." in part.name)
+        assert len(parts_left) <= (4 if how == signal.SIGKILL else 0)
         for path in out.glob("*.ply"):
             PointCloud.load(path)
-        left_frames = {one.name.split(".")[1].split("_")[-1] for one in left}
+        left_frames = {part.name.split(".")[1].split("_")[-1] for part in parts_left}
         assert len(left_frames) <= 1
     if LONG:
         command = running.args
@@ -103,5 +103,5 @@ def test_killed_at_any_moment(mi: Any, tmp_path: Path) -> None:
 
 def _clouds(out: Path) -> dict[str, int]:
     with contextlib.suppress(FileNotFoundError):  # the folder comes and goes while the run looks whether it can write
-        return {one.name: one.stat().st_mtime_ns for one in out.glob("*.ply")}
+        return {cloud.name: cloud.stat().st_mtime_ns for cloud in out.glob("*.ply")}
     return {}

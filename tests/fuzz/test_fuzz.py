@@ -25,7 +25,7 @@ def test_nothing_breaks_it(mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     whole = os.environ.get("FUZZ_TRACED") == "1"
     with warnings.catch_warnings(), bounded_memory(), contextlib.nullcontext() if whole else untraced():
         warnings.simplefilter("ignore")  # of NumPy, about numbers that overflow
-        found = list(failures(tmp_path, SEED, share, first=part * share))
-    for where, one, why in found:
-        print(f"{where}: {one.about[:300]}\n{why}\n")  # noqa: T201 what pytest shows of a failure
-    assert not found, f"{len(found)} of {share} inputs break it"
+        broken_inputs = list(failures(tmp_path, SEED, share, first=part * share))
+    for where, fuzzed, why in broken_inputs:
+        print(f"{where}: {fuzzed.about[:300]}\n{why}\n")  # noqa: T201 what pytest shows of a failure
+    assert not broken_inputs, f"{len(broken_inputs)} of {share} inputs break it"

@@ -42,15 +42,15 @@ def test_a_capture_has_the_points_of_the_clouds(mi: Any, run: Run, wall: str, li
     clouds = [cloud.select(cloud.range_m < 130.0) for cloud in clouds]
     with open_recording("out/a.pcap") as recording:
         sweeps = list(recording)
-    found = np.concatenate([one.xyz_m[one.has_return] for one in sweeps])
-    time_s = np.concatenate([one.time_s[one.has_return] + one.start_s for one in sweeps])
-    ring = np.concatenate([one.ring[one.has_return] for one in sweeps])
-    elevation = np.concatenate([one.elevation_rad for one in clouds])
-    expected_s = np.concatenate([one.time_s + one.frame_start_s for one in clouds])
+    xyz_m = np.concatenate([sweep.xyz_m[sweep.has_return] for sweep in sweeps])
+    time_s = np.concatenate([sweep.time_s[sweep.has_return] + sweep.start_s for sweep in sweeps])
+    ring = np.concatenate([sweep.ring[sweep.has_return] for sweep in sweeps])
+    elevation = np.concatenate([cloud.elevation_rad for cloud in clouds])
+    expected_s = np.concatenate([cloud.time_s + cloud.frame_start_s for cloud in clouds])
     theirs, ours = np.lexsort((ring, time_s.round(6))), np.lexsort((elevation, expected_s.round(6)))
-    expected = np.concatenate([one.xyz_m for one in clouds])[ours]
-    assert len(found) == len(expected) > 1000
-    apart_m = np.linalg.norm(found[theirs] - expected, axis=1)
+    expected = np.concatenate([cloud.xyz_m for cloud in clouds])[ours]
+    assert len(xyz_m) == len(expected) > 1000
+    apart_m = np.linalg.norm(xyz_m[theirs] - expected, axis=1)
     assert (apart_m < 0.003 + np.radians(0.01) * np.linalg.norm(expected, axis=1)).all()
 
 
@@ -65,9 +65,9 @@ def test_ouster_metadata_and_background(mi: Any, run: Run, wall: str, library: C
         sweep = recording[0]
     with np.load("a.npz") as ambient, np.load("m.npz") as missed:
         counts = ambient["counts"].reshape(512, 128).T
-        lost = len(missed["pulse"])
+        missed_pulses = len(missed["pulse"])
     assert (sweep.near_ir == counts).all()
-    assert sweep.lost.sum() <= lost < 512 * 128  # false alarms are points, and of missed pulses
+    assert sweep.lost.sum() <= missed_pulses < 512 * 128  # false alarms are points, and of missed pulses
 
 
 def test_a_rig_has_a_capture_for_each_sensor(mi: Any, run: Run, wall: str, library: Callable[[str], Any]) -> None:
@@ -82,7 +82,7 @@ def test_a_rig_has_a_capture_for_each_sensor(mi: Any, run: Run, wall: str, libra
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("--sensor", "table1-apd", "-o", "a.pcap"), "sensor 'table1-apd': has no format of packets; "),
         (("--sensor", "vlp-16", "-o", "a", "--format", "pcap"), "--output a: the name must end in .pcap"),
@@ -96,13 +96,13 @@ def test_a_rig_has_a_capture_for_each_sensor(mi: Any, run: Run, wall: str, libra
     ],
 )
 def test_mistakes_are_told_before_anything_is_traced(
-    run: Run, wall: str, library: Callable[[str], Any], arguments: tuple[str, ...], told: str
+    run: Run, wall: str, library: Callable[[str], Any], arguments: tuple[str, ...], message: str
 ) -> None:
     library("ouster.sdk")
     Path("taken.json").mkdir()
     ran = run("render", wall, *arguments)
     assert (ran.code, ran.out) == (2, "")
-    assert told in ran.err
+    assert message in ran.err
     assert ran.err.count("\n") == 1
     assert sorted(os.listdir()) == ["taken.json", "wall.toml"]
 

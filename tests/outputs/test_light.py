@@ -24,15 +24,15 @@ def test_waveforms_of_chosen_pulses(run: Run, wall: str, tmp_path: Path) -> None
     assert (ran.code, ran.err) == (0, "")
     assert json.loads(ran.out)["waveforms"] == "w.npz"
     with np.load(tmp_path / "w.npz") as archive:
-        found = dict(archive)
-    assert found["pulse"].tolist() == [0, 2, 3, 4, 115]
-    assert found["power_w"].shape == found["signal"].shape == (5, len(found["time_s"]))
-    peak = found["signal"].argmax(axis=1)
+        waveforms = dict(archive)
+    assert waveforms["pulse"].tolist() == [0, 2, 3, 4, 115]
+    assert waveforms["power_w"].shape == waveforms["signal"].shape == (5, len(waveforms["time_s"]))
+    peak = waveforms["signal"].argmax(axis=1)
     # A sample is 0.056 m long.
-    assert found["range_m"][peak[4]] == pytest.approx(10.0, abs=0.06)
-    assert found["signal"][4].max() > found["threshold"][4]
-    assert not found["power_w"][0].any()
-    assert str(found["unit"]) == "A"
+    assert waveforms["range_m"][peak[4]] == pytest.approx(10.0, abs=0.06)
+    assert waveforms["signal"][4].max() > waveforms["threshold"][4]
+    assert not waveforms["power_w"][0].any()
+    assert str(waveforms["unit"]) == "A"
 
 
 def test_a_few_pulses_of_each_frame(run: Run, wall: str, tmp_path: Path) -> None:
@@ -53,16 +53,16 @@ def test_ambient_of_every_pulse(run: Run, wall: str, tmp_path: Path) -> None:
         ran = run("render", wall, "-o", "c.npz", "--ambient", name, "--background-rays", "4", *COARSE)
         assert (ran.code, ran.err) == (0, "")
     with np.load(tmp_path / "a.npz") as archive:
-        found = dict(archive)
-    assert found["pulse"].tolist() == list(range(BEAMS))
-    assert found["image"].shape == (11, 21)
-    assert sorted(found["image"].ravel()) == sorted(found["counts"])
-    row = np.searchsorted(-found["elevation_deg"], -np.degrees(found["elevation_rad"])) - 1
-    column = np.searchsorted(-found["azimuth_deg"], -np.degrees(found["azimuth_rad"])) - 1
-    np.testing.assert_array_equal(found["image"][row, column], found["counts"])
+        ambient = dict(archive)
+    assert ambient["pulse"].tolist() == list(range(BEAMS))
+    assert ambient["image"].shape == (11, 21)
+    assert sorted(ambient["image"].ravel()) == sorted(ambient["counts"])
+    row = np.searchsorted(-ambient["elevation_deg"], -np.degrees(ambient["elevation_rad"])) - 1
+    column = np.searchsorted(-ambient["azimuth_deg"], -np.degrees(ambient["azimuth_rad"])) - 1
+    np.testing.assert_array_equal(ambient["image"][row, column], ambient["counts"])
     picture = Image.open(io.BytesIO((tmp_path / "a.png").read_bytes()))
     step = int(picture.info["Description"].split()[3])
-    np.testing.assert_array_equal(np.asarray(picture), np.minimum(np.rint(found["image"] / step), 65535))
+    np.testing.assert_array_equal(np.asarray(picture), np.minimum(np.rint(ambient["image"] / step), 65535))
 
 
 @pytest.mark.parametrize(

@@ -30,20 +30,20 @@ def test_every_beam_has_its_pixel(tmp_path: Path, street_cloud: PointCloud) -> N
     """Reference: the raster of the street, 151 by 61 beams with an echo below the horizon. Range to half a step."""
     files = write_range_image(tmp_path / "a.png", street_cloud)
     assert [file.name for file in files] == ["a.png", "a.intensity.png", "a.ambient.png", "a.status.png"]
-    found = {}
+    images = {}
     for file in files:
         with PIL.Image.open(file) as image:
-            found[file.name] = np.asarray(image)
-    seen = found["a.status.png"] == 1
-    assert np.count_nonzero(seen) == len(street_cloud)
-    assert seen.shape[1] == 151
-    row, column = pixel_of(street_cloud, seen.shape[0])
-    assert seen[row, column].all()
-    np.testing.assert_allclose(found["a.png"][row, column] / 100.0, street_cloud.range_m, atol=0.0051)
+            images[file.name] = np.asarray(image)
+    has_point = images["a.status.png"] == 1
+    assert np.count_nonzero(has_point) == len(street_cloud)
+    assert has_point.shape[1] == 151
+    row, column = pixel_of(street_cloud, has_point.shape[0])
+    assert has_point[row, column].all()
+    np.testing.assert_allclose(images["a.png"][row, column] / 100.0, street_cloud.range_m, atol=0.0051)
     peak = street_cloud.intensity.max()
-    levels = found["a.intensity.png"][row, column]
+    levels = images["a.intensity.png"][row, column]
     np.testing.assert_allclose(levels / 65535.0 * peak, street_cloud.intensity, atol=0.51 * peak / 65535.0)
-    assert not found["a.png"][~seen].any()
+    assert not images["a.png"][~has_point].any()
 
 
 def pixel_of(cloud: PointCloud, rows: int) -> tuple[np.ndarray, np.ndarray]:
@@ -74,11 +74,11 @@ def test_a_range_beyond_16_bits_stays_the_largest() -> None:
 
 
 def test_an_empty_cloud_and_a_wrong_name(tmp_path: Path) -> None:
-    nothing = street.cloud().select(slice(0, 0))
-    write_range_image(tmp_path / "a.png", nothing)
+    empty = street.cloud().select(slice(0, 0))
+    write_range_image(tmp_path / "a.png", empty)
     assert not matplotlib.image.imread(tmp_path / "a.png").any()
     with pytest.raises(InputError, match=r"a\.jpg: the name must end in \.png or \.npz"):
-        write_range_image(tmp_path / "a.jpg", nothing)
+        write_range_image(tmp_path / "a.jpg", empty)
 
 
 def test_levels_of_a_png(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from lidarscene.errors import OptionWarning
 
 pytestmark = pytest.mark.usefixtures("small_pictures")
 
-SETS = tuple(one.removeprefix("--set=") for one in COARSE)
+SETS = tuple(option.removeprefix("--set=") for option in COARSE)
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def moving(run: Run, tmp_path: Path) -> str:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    return {str(one.relative_to(folder)): one.read_bytes() for one in folder.rglob("*") if one.is_file()}
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 EVERY = {
@@ -108,19 +108,19 @@ CASES: dict[str, tuple[str, dict[str, Any], dict[str, Any], tuple[str, ...]]] = 
 @pytest.mark.parametrize("case", CASES)
 def test_python_writes_the_files_of_the_command(mi, run: Run, moving: str, tmp_path: Path, case: str) -> None:
     path, files, options, argv = CASES[case]
-    files = {key: one.format("api") if isinstance(one, str) else one for key, one in files.items()}
-    sets = [*SETS, *(one.removeprefix("--set=") for one in argv if one.startswith("--set="))]
+    files = {key: value.format("api") if isinstance(value, str) else value for key, value in files.items()}
+    sets = [*SETS, *(option.removeprefix("--set=") for option in argv if option.startswith("--set="))]
     subject: dict[str, Any] = {"overrides": sets}
     if "--rig" in argv:
         subject = {"sensor": load_rig("rig.toml", overrides=sets)}
-    done = record(moving, **subject, outputs=Outputs(path.format("api"), **files), **options)
-    ran = run("render", moving, "-o", path.format("cli"), *(one.format("cli") for one in argv), *COARSE)
+    recorded = record(moving, **subject, outputs=Outputs(path.format("api"), **files), **options)
+    ran = run("render", moving, "-o", path.format("cli"), *(argument.format("cli") for argument in argv), *COARSE)
     assert (ran.code, ran.err) == (0, "")
     written = contents(tmp_path / "api")
-    assert len(written) >= len(done.files) > 0
-    assert set(done.files) <= {Path("api") / name for name in written}
+    assert len(written) >= len(recorded.files) > 0
+    assert set(recorded.files) <= {Path("api") / name for name in written}
     assert written == contents(tmp_path / "cli")
-    assert done.summary.beams == len(done.clouds) * BEAMS * (2 if "--merge" in argv else 1)
+    assert recorded.summary.beams == len(recorded.clouds) * BEAMS * (2 if "--merge" in argv else 1)
 
 
 def test_objects_do_as_well_as_files(mi, run: Run, moving: str, tmp_path: Path) -> None:
@@ -148,30 +148,30 @@ def test_frames_go_on_from_a_number(mi, moving: str, tmp_path: Path) -> None:
     """Frame 1 of two is frame 1 alone, where its name says so."""
     for folder, first, count in (("two", 0, 2), ("one", 1, 1)):
         record(moving, outputs=Outputs(folder), frames=count, number=first, overrides=SETS)
-    two, one = contents(tmp_path / "two"), contents(tmp_path / "one")
-    assert list(one) == ["frame_0001.ply"]
-    assert one["frame_0001.ply"] == two["frame_0001.ply"] != two["frame_0000.ply"]
+    two, single = contents(tmp_path / "two"), contents(tmp_path / "one")
+    assert list(single) == ["frame_0001.ply"]
+    assert single["frame_0001.ply"] == two["frame_0001.ply"] != two["frame_0000.ply"]
 
 
 def test_progress_is_that_of_the_run(mi, moving: str) -> None:
     """Of two frames of two sensors, in chunks; what is done only grows, and ends with all."""
-    told: list[tuple[int, int]] = []
+    reports: list[tuple[int, int]] = []
     record(
         moving,
         load_rig("rig.toml", overrides=SETS),
         outputs=Outputs("out"),
         frames=2,
         chunk=100,
-        progress=lambda done, pulses: told.append((done, pulses)),
+        progress=lambda pulses_done, pulses: reports.append((pulses_done, pulses)),
     )
-    done = [one for one, _ in told]
-    assert {pulses for _, pulses in told} == {4 * BEAMS}
-    assert done == sorted(set(done))
-    assert (len(done), done[-1]) == (12, 4 * BEAMS)
+    pulses_done = [count_done for count_done, _ in reports]
+    assert {pulses for _, pulses in reports} == {4 * BEAMS}
+    assert pulses_done == sorted(set(pulses_done))
+    assert (len(pulses_done), pulses_done[-1]) == (12, 4 * BEAMS)
 
 
 @pytest.mark.parametrize(
-    ("files", "options", "told"),
+    ("files", "options", "message"),
     [
         (("a.ply",), {"frames": 2}, "path a.ply: must be a folder with frames"),
         (("out",), {}, "path out: the name must end in one of .ply, "),
@@ -186,13 +186,13 @@ def test_progress_is_that_of_the_run(mi, moving: str) -> None:
     ],
 )
 def test_mistakes_are_told_in_the_words_of_python(
-    run: Run, moving: str, tmp_path: Path, files: tuple[Any, ...], options: dict[str, Any], told: str
+    run: Run, moving: str, tmp_path: Path, files: tuple[Any, ...], options: dict[str, Any], message: str
 ) -> None:
     before = contents(tmp_path)
     path, *more = files
     with pytest.raises(InputError) as caught:
         record(moving, outputs=Outputs(path, **dict(*more)), overrides=SETS, **options)
-    assert str(caught.value).startswith(told)
+    assert str(caught.value).startswith(message)
     assert contents(tmp_path) == before
 
 
@@ -212,8 +212,10 @@ def test_overrides_are_for_files(run: Run, moving: str) -> None:
 
 def test_rays_without_a_width_are_warned_of(mi, run: Run, moving: str) -> None:
     sensor = load_sensor("table1-apd", overrides=SETS)
-    said = r"^rays 3 changes nothing: laser.divergence_mrad of 'table1-apd' is 0; a width is given by overrides laser"
-    with pytest.warns(OptionWarning, match=said) as noted:
+    message = (
+        r"^rays 3 changes nothing: laser.divergence_mrad of 'table1-apd' is 0; a width is given by overrides laser"
+    )
+    with pytest.warns(OptionWarning, match=message) as noted:
         record(moving, sensor, outputs=Outputs("a.ply"), rays=3)
     assert noted[0].filename == __file__
 
@@ -252,7 +254,7 @@ def test_two_outputs_of_one_name(run: Run, wall: str, tmp_path: Path, option: st
 def test_the_first_frame_bears_what_comes_before_all(mi, moving: str) -> None:
     """Loading and building happen once: the seconds of all frames are those of the run."""
     recorded = record(moving, outputs=Outputs("out"), frames=3, overrides=SETS)
-    first, *others = [one.summary.seconds for one in recorded.clouds]
+    first, *later_frames = [cloud.summary.seconds for cloud in recorded.clouds]
     assert {"load", "build"} <= set(first)
-    for seconds in others:
+    for seconds in later_frames:
         assert not {"load", "build"} & set(seconds)

@@ -72,14 +72,14 @@ def test_times_in_words(seconds: float, words: str) -> None:
 
 def test_lines_in_a_log(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """Rationale: a run of a night shows that it lives, and its log stays short."""
-    now = [0.0]
-    lines = Lines("pulses", clock=lambda: now[0])
+    clock_s = [0.0]
+    lines = Lines("pulses", clock=lambda: clock_s[0])
     for second in range(8 * 3600):
-        now[0] = float(second)
+        clock_s[0] = float(second)
         lines(second, 8 * 3600)
-    shown = capsys.readouterr().err.splitlines()
-    assert shown[0] == "lidarscene: 10 of 28,800 pulses (0.0%), some 8 h left"
-    assert 60 < len(shown) < 120
+    log_lines = capsys.readouterr().err.splitlines()
+    assert log_lines[0] == "lidarscene: 10 of 28,800 pulses (0.0%), some 8 h left"
+    assert 60 < len(log_lines) < 120
     lines(28_800, 28_800)
     assert capsys.readouterr().err == ""
 
@@ -89,23 +89,23 @@ def test_a_bar_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch, capsys: pyte
     steps: list[Any] = []
 
     @contextmanager
-    def bar(of: str, total: int) -> Iterator[Any]:
-        steps.append((of, total))
+    def bar(label: str, total: int) -> Iterator[Any]:
+        steps.append((label, total))
         yield steps.append
         steps.append("gone")
 
     monkeypatch.setattr(terminal, "_bar", bar)
-    with terminal.progress("steps") as told:
-        told(0, 3)
-        told(3, 3)
+    with terminal.progress("steps") as report:
+        report(0, 3)
+        report(3, 3)
     assert steps == []
     monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
-    with terminal.progress("steps") as told:
-        for done in range(3):
-            told(done, 3)
+    with terminal.progress("steps") as report:
+        for step in range(3):
+            report(step, 3)
     assert steps == [("steps", 3), 0, 1, 2, "gone"]
-    with terminal.progress("pulses", after_s=1e6) as told:
-        told(1, 3)
+    with terminal.progress("pulses", after_s=1e6) as report:
+        report(1, 3)
     assert len(steps) == 5
     assert capsys.readouterr().err == ""
 
@@ -118,11 +118,11 @@ def test_long_commands_tell_how_far_they_are(
     draw_nothing(monkeypatch)
     if command == "paper":
         use(monkeypatch, results())
-    told: list[tuple[int, int]] = []
+    reports: list[tuple[int, int]] = []
 
     @contextmanager
-    def bar(of: str, total: int) -> Iterator[Any]:
-        yield lambda done: told.append((done, total))
+    def bar(label: str, total: int) -> Iterator[Any]:
+        yield lambda steps_done: reports.append((steps_done, total))
 
     monkeypatch.setattr(terminal, "_bar", bar)
     monkeypatch.setattr(render, "PATIENCE_S", 0.0)
@@ -135,11 +135,11 @@ def test_long_commands_tell_how_far_they_are(
         "render": (wall, "--frames", "2", *COARSE),
     }
     assert run(command, *options[command], "-o", "out").code == 0
-    done, total = zip(*told, strict=True)
+    steps_done, total = zip(*reports, strict=True)
     assert len(set(total)) == 1
-    assert list(done) == sorted(done)
-    assert done[-1] >= total[0] - 1
-    assert len(done) >= 2
+    assert list(steps_done) == sorted(steps_done)
+    assert steps_done[-1] >= total[0] - 1
+    assert len(steps_done) >= 2
 
 
 def test_a_short_run_has_no_lines(run: Run, wall: str, mi: Any) -> None:
@@ -154,15 +154,17 @@ def size_told(*, frames: int | None = None, pulses: int = 10**8, stops: int = 1,
     plan = Plan(Outputs("o", format="npz", **outputs), frames, rig=True)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        mounted: Any = [SimpleNamespace(sensor=one) for one in (sensor, small)]
+        mounted: Any = [SimpleNamespace(sensor=sensor_of_two) for sensor_of_two in (sensor, small)]
         warn_of_size(plan, mounted, TraceOptions(rays=rays), chunk=0)
     return str(caught[0].message) if caught else ""
 
 
-def numbers_of(told: str) -> tuple[str, float, float]:
+def numbers_of(warning_text: str) -> tuple[str, float, float]:
     """Time, disk and memory [GB]."""
-    words = re.search(r"take some (\d+ \w+) .*, up to ([\d.]+) GB of disk .* up to ([\d.e+]+) GB of memory", told)
-    assert words is not None, told
+    words = re.search(
+        r"take some (\d+ \w+) .*, up to ([\d.]+) GB of disk .* up to ([\d.e+]+) GB of memory", warning_text
+    )
+    assert words is not None, warning_text
     return words[1], float(words[2]), float(words[3])
 
 
@@ -182,10 +184,10 @@ def test_what_makes_a_run_larger() -> None:
         ({"merge": True}, "25 s", 1, 1.25),
         ({"frames": 2}, "50 s", 2, 1),
     ):
-        found = numbers_of(size_told(**options))
-        assert found[0] == longer.replace("100 s", "2 min"), options
-        assert found[1] == pytest.approx(disk * plain[1], rel=0.01), options
-        assert found[2] == pytest.approx(memory * plain[2], rel=0.01), options
+        numbers = numbers_of(size_told(**options))
+        assert numbers[0] == longer.replace("100 s", "2 min"), options
+        assert numbers[1] == pytest.approx(disk * plain[1], rel=0.01), options
+        assert numbers[2] == pytest.approx(memory * plain[2], rel=0.01), options
 
 
 def test_from_a_hundred_million_pulses_on() -> None:

@@ -36,7 +36,7 @@ CHUNKS = "--chunk=50"  # five chunks of the coarse raster, some without a point
 
 def whole(folder: Path, name: str, *, seed: int = 0, truth: bool = True, ascii: bool = False) -> bytes:
     """The file of the cloud that is put together first, in one chunk."""
-    overrides = [one.removeprefix("--set=") for one in COARSE]
+    overrides = [option.removeprefix("--set=") for option in COARSE]
     scene = load_scene(folder / "wall.toml")
     cloud = Simulator(scene, load_sensor(SENSOR, overrides=overrides)).render(seed=seed)
     assert 0 < len(cloud) < BEAMS
@@ -67,8 +67,8 @@ def test_the_file_is_that_of_the_whole_cloud(
 
 def test_text_without_truth(run: Run, wall: str, tmp_path: Path) -> None:
     expected = whole(tmp_path, "a.ply", truth=False, ascii=True)
-    asked = ("--ascii", "--no-truth", "--sensor", SENSOR)
-    assert run("render", wall, "-o", "a.ply", *asked, *COARSE, CHUNKS).code == 0
+    options = ("--ascii", "--no-truth", "--sensor", SENSOR)
+    assert run("render", wall, "-o", "a.ply", *options, *COARSE, CHUNKS).code == 0
     assert (tmp_path / "a.ply").read_bytes() == expected
 
 
@@ -119,45 +119,45 @@ ASKED = tuple(all_outputs(""))
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    return {str(one.relative_to(folder)): one.read_bytes() for one in folder.rglob("*") if one.is_file()}
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.parametrize("asked", ASKED)
-def test_no_output_shows_how_the_frame_was_cut(run: Run, moving: str, tmp_path: Path, asked: str) -> None:
+@pytest.mark.parametrize("output", ASKED)
+def test_no_output_shows_how_the_frame_was_cut(run: Run, moving: str, tmp_path: Path, output: str) -> None:
     """Pieces of 50 pulses, and all pulses at once."""
     for folder, cut in (("pieces", (CHUNKS,)), ("whole", ())):
-        told = run("render", moving, *all_outputs(folder)[asked], *COARSE, *cut)
-        assert (told.code, told.err) == (0, "")
+        ran = run("render", moving, *all_outputs(folder)[output], *COARSE, *cut)
+        assert (ran.code, ran.err) == (0, "")
     assert contents(tmp_path / "pieces") == contents(tmp_path / "whole")
 
 
 LABELLED = ("kitti", "semantickitti")
 
 
-@pytest.mark.parametrize("asked", [*ASKED, *LABELLED])
-def test_without_truth_only_the_clouds_have_less(run: Run, moving: str, tmp_path: Path, asked: str) -> None:
+@pytest.mark.parametrize("output", [*ASKED, *LABELLED])
+def test_without_truth_only_the_clouds_have_less(run: Run, moving: str, tmp_path: Path, output: str) -> None:
     """Labels, pictures, missed pulses, waveforms and whole data sets have the same bytes: they need the truth of the
     frame, or none, and not that of the written cloud.
     """
     for folder, more in (("with", ()), ("without", ("--no-truth",))):
-        if asked in LABELLED:
-            argv: tuple[str, ...] = ("-o", folder, "--dataset", asked, "--frames", "2")
+        if output in LABELLED:
+            argv: tuple[str, ...] = ("-o", folder, "--dataset", output, "--frames", "2")
         else:
-            argv = tuple(one for one in all_outputs(folder)[asked] if one != "--no-truth")
-        if asked == "single":
+            argv = tuple(argument for argument in all_outputs(folder)[output] if argument != "--no-truth")
+        if output == "single":
             argv += ("--waveforms", f"{folder}/w.npz")
-        told = run("render", moving, *argv, *more, *COARSE)
-        assert (told.code, told.err) == (0, "")
+        ran = run("render", moving, *argv, *more, *COARSE)
+        assert (ran.code, ran.err) == (0, "")
     full, bare = contents(tmp_path / "with"), contents(tmp_path / "without")
     assert set(full) == set(bare)
-    suffix = Path(all_outputs("")[asked][1]).suffix if asked in ASKED else ""
+    suffix = Path(all_outputs("")[output][1]).suffix if output in ASKED else ""
     clouds = {name for name in full if suffix and name in (f"a{suffix}", f"a.deskewed{suffix}")}
-    assert len(full) > len(clouds) or asked == "whole"
+    assert len(full) > len(clouds) or output == "whole"
     assert {name for name in full if full[name] != bare[name]} == clouds
     for name in clouds:
         assert PointCloud.load(tmp_path / "with" / name).has_truth
         assert not PointCloud.load(tmp_path / "without" / name).has_truth
-    if asked in LABELLED:
+    if output in LABELLED:
         labels = [name for name in bare if "label" in Path(name).parent.name]
         assert len(labels) == 2
         assert all(bare[name] for name in labels)
@@ -165,22 +165,24 @@ def test_without_truth_only_the_clouds_have_less(run: Run, moving: str, tmp_path
 
 def test_outputs_are_those_of_the_api(run: Run, moving: str, tmp_path: Path) -> None:
     """What Python writes of the clouds that `render` returns, put together before anything else."""
-    overrides = [one.removeprefix("--set=") for one in COARSE]
+    overrides = [option.removeprefix("--set=") for option in COARSE]
     scene = load_scene(moving)
-    made = dict(simulators(scene, load_rig("rig.toml", overrides=overrides).sensors))
-    clouds = [one.render() for one in made.values()]
-    still = [deskewed(cloud, one.motion) for cloud, one in zip(clouds, made.values(), strict=True)]
+    simulators_by_name = dict(simulators(scene, load_rig("rig.toml", overrides=overrides).sensors))
+    clouds = [simulator.render() for simulator in simulators_by_name.values()]
+    still = [
+        deskewed(cloud, simulator.motion) for cloud, simulator in zip(clouds, simulators_by_name.values(), strict=True)
+    ]
     for name, parts in (("a", clouds), ("a.deskewed", still)):
-        together = merge_clouds(parts, list(made))
+        together = merge_clouds(parts, list(simulators_by_name))
         together.save(tmp_path / "api" / f"{name}.ply")
         write_labels(together, scene, tmp_path / "api" / f"{name}.ply", format="nuscenes")
-    asked = all_outputs("cli")["merge"]
-    assert run("render", moving, *asked[: asked.index("--picture")], *COARSE, CHUNKS).code == 0
+    arguments = all_outputs("cli")["merge"]
+    assert run("render", moving, *arguments[: arguments.index("--picture")], *COARSE, CHUNKS).code == 0
     assert contents(tmp_path / "cli") == contents(tmp_path / "api")
 
 
 def test_a_data_set_is_that_of_the_api(run: Run, moving: str, tmp_path: Path) -> None:
-    overrides = [one.removeprefix("--set=") for one in COARSE]
+    overrides = [option.removeprefix("--set=") for option in COARSE]
     scene = load_scene(moving)
     sensor = load_sensor(scene.sensor_name, overrides=overrides)
     kitti_dataset.write_object_frame(tmp_path / "api", 0, Simulator(scene, sensor).render(), scene)
@@ -191,26 +193,26 @@ def test_a_data_set_is_that_of_the_api(run: Run, moving: str, tmp_path: Path) ->
 @pytest.fixture
 def alive(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
     """How many chunks there were in memory at most, each when the next was handed out."""
-    known: list[weakref.ref[Any]] = []
+    columns: list[weakref.ref[Any]] = []
     most = [0]
     stream = Simulator.stream
 
     def watched(self: Simulator, sink: Callable[[PointCloud], None], *options: Any) -> None:
         def take(cloud: PointCloud) -> None:
-            most[0] = max(most[0], sum(one() is not None for one in known))
+            most[0] = max(most[0], sum(column_ref() is not None for column_ref in columns))
             # Whoever keeps a slice of a column keeps the array that it is of.
-            known.append(weakref.ref(cloud.intensity if cloud.intensity.base is None else cloud.intensity.base))
+            columns.append(weakref.ref(cloud.intensity if cloud.intensity.base is None else cloud.intensity.base))
             sink(cloud)
 
         stream(self, take, *options)
 
     monkeypatch.setattr(Simulator, "stream", watched)
-    return lambda: most[0] if len(known) > 3 else 10**6
+    return lambda: most[0] if len(columns) > 3 else 10**6
 
 
-@pytest.mark.parametrize("asked", [one for one in ASKED if one != "whole"])
+@pytest.mark.parametrize("output", [output for output in ASKED if output != "whole"])
 def test_no_chunk_is_kept(
-    run: Run, moving: str, monkeypatch: pytest.MonkeyPatch, alive: Callable[[], int], asked: str
+    run: Run, moving: str, monkeypatch: pytest.MonkeyPatch, alive: Callable[[], int], output: str
 ) -> None:
     """When a chunk comes no other is there, not even the one before.
 
@@ -219,10 +221,10 @@ def test_no_chunk_is_kept(
     """
     monkeypatch.setattr(thinning, "MOST_POINTS", 3)
     monkeypatch.setattr(parquet, "GROUP_POINTS", 20)
-    argv = list(all_outputs("o")[asked])
+    argv = list(all_outputs("o")[output])
     if "--range-image" in argv:
-        at = argv.index("--range-image")
-        del argv[at : at + 2]
+        position = argv.index("--range-image")
+        del argv[position : position + 2]
     assert run("render", moving, *argv, *COARSE, CHUNKS).code == 0
     assert alive() == 0
 
@@ -246,7 +248,7 @@ def test_a_killed_process_leaves_no_file(run: Run, moving: str, tmp_path: Path) 
         assert child.wait() == -signal.SIGKILL
     assert _names(tmp_path / "o") == begun
     assert run("render", moving, *all_outputs("o")["single"], "-o", "o/a.laz", *COARSE).code == 0
-    assert not [one for one in _names(tmp_path / "o") if one.startswith(".")]
+    assert not [path for path in _names(tmp_path / "o") if path.startswith(".")]
 
 
 def _names(folder: Path) -> set[str]:
@@ -255,12 +257,12 @@ def _names(folder: Path) -> set[str]:
 
 def test_the_summary_counts_the_same(run: Run, wall: str) -> None:
     """With a picture the cloud is put together; its counts are those of the chunks."""
-    asked = ("--sensor", SENSOR, *COARSE, CHUNKS, "--json", "--keep-missed", "m.npz")
-    chunks = json.loads(run("render", wall, "-o", "a.ply", *asked).out)
+    options = ("--sensor", SENSOR, *COARSE, CHUNKS, "--json", "--keep-missed", "m.npz")
+    chunks = json.loads(run("render", wall, "-o", "a.ply", *options).out)
     missed = np.load("m.npz")["pulse"]
-    together = json.loads(run("render", wall, "-o", "b.ply", *asked, "--picture", "p.png").out)
-    same = set(chunks) - {"seconds", "beams_per_second", "output"}
-    assert {key: chunks[key] for key in same} == {key: together[key] for key in same}
+    together = json.loads(run("render", wall, "-o", "b.ply", *options, "--picture", "p.png").out)
+    compared_keys = set(chunks) - {"seconds", "beams_per_second", "output"}
+    assert {key: chunks[key] for key in compared_keys} == {key: together[key] for key in compared_keys}
     assert chunks["points"] == len(PointCloud.load("a.ply"))
     assert np.array_equal(missed, np.load("m.npz")["pulse"])
     assert {"write"} <= set(chunks["seconds"])
@@ -269,7 +271,7 @@ def test_the_summary_counts_the_same(run: Run, wall: str) -> None:
 
 @pytest.mark.usefixtures("streamed_only")
 def test_frames_are_streamed_too(run: Run, wall: str, tmp_path: Path) -> None:
-    asked = ("--sensor", SENSOR, *COARSE, CHUNKS, "--frames", "2")
-    assert run("render", wall, "-o", "many", *asked).code == 0
-    starts = [PointCloud.load(one).metadata["frame_number"] for one in sorted((tmp_path / "many").iterdir())]
+    options = ("--sensor", SENSOR, *COARSE, CHUNKS, "--frames", "2")
+    assert run("render", wall, "-o", "many", *options).code == 0
+    starts = [PointCloud.load(path).metadata["frame_number"] for path in sorted((tmp_path / "many").iterdir())]
     assert starts == ["0", "1"]

@@ -37,7 +37,7 @@ class Sends:
 
     @property
     def times_s(self) -> list[float]:
-        return [at for at, _ in self.sent]
+        return [sent_at_s for sent_at_s, _ in self.sent]
 
 
 def frame(number: int, packets: int = 4) -> list[Packet]:
@@ -51,7 +51,7 @@ def test_packets_leave_in_order_at_their_times() -> None:
     pacer = Pacer(sends, clock, begin_s=60.0, first_s=0.0)
     for number in range(3):
         pacer.frame(frame(number))
-    assert [payload for _, payload in sends.sent] == [one.payload for n in range(3) for one in frame(n)]
+    assert [payload for _, payload in sends.sent] == [packet.payload for n in range(3) for packet in frame(n)]
     assert sends.times_s == pytest.approx([60.0 + 0.25 * place for place in range(12)])
     assert (pacer.packets, pacer.late_s, pacer.late_frames) == (12, pytest.approx([0.0] * 3), 0)
 

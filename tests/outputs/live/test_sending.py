@@ -54,11 +54,16 @@ def sent_of(frames: Iterator[Firings], send: Callable[[bytes], Any], **options: 
 
 def test_every_packet_is_sent_in_order_with_the_time_it_leaves() -> None:
     payloads: list[bytes] = []
-    clock, told = Clock(), list[str]()
-    done = sent_of(firings(4), payloads.append, clock=clock, report=told.append)
+    clock, reports = Clock(), list[str]()
+    transmission = sent_of(firings(4), payloads.append, clock=clock, report=reports.append)
     packets = np.frombuffer(b"".join(payloads), VELODYNE_PACKET)
-    assert done.packets == len(packets) == -(-4 * SENSOR.scanner.cycles // 24)
-    assert (len(done.late_s), max(done.late_s), done.ended, told) == (4, pytest.approx(0.0), "", [])
+    assert transmission.packets == len(packets) == -(-4 * SENSOR.scanner.cycles // 24)
+    assert (len(transmission.late_s), max(transmission.late_s), transmission.ended, reports) == (
+        4,
+        pytest.approx(0.0),
+        "",
+        [],
+    )
     # The first packet waits for one frame's time, in which the first frames are made packets.
     begin_us = 1e6 * SENSOR.scanner.frame_s
     np.testing.assert_allclose(packets["stamp"], begin_us + 1327.104 * np.arange(len(packets)), atol=0.51)
@@ -77,18 +82,18 @@ def test_the_rate_changes_the_pace_and_not_the_stamps(rate_hz: float) -> None:
 
 def test_frames_that_come_too_late_are_told_with_counts() -> None:
     """Sending takes longer than there is: a frame of 75 packets, 5 ms each, in 0.1 s."""
-    clock, told = Clock(), list[str]()
+    clock, reports = Clock(), list[str]()
 
     def send(_: bytes) -> None:
         clock.at_s += 0.005
 
-    done = sent_of(firings(12), send, clock=clock, report=told.append)
-    assert done.packets == -(-12 * SENSOR.scanner.cycles // 24)
-    assert all(late > 0.01 for late in done.late_s)
-    assert told[0] == f"{done.late_s[0]:.3g} s behind after 1 frames, of which 1 ended late"
+    transmission = sent_of(firings(12), send, clock=clock, report=reports.append)
+    assert transmission.packets == -(-12 * SENSOR.scanner.cycles // 24)
+    assert all(late > 0.01 for late in transmission.late_s)
+    assert reports[0] == f"{transmission.late_s[0]:.3g} s behind after 1 frames, of which 1 ended late"
     # 4.5 s of sending, and a line a second.
-    assert 3 <= len(told) <= 6
-    assert "12 by more than 10 ms" in done.as_text()
+    assert 3 <= len(reports) <= 6
+    assert "12 by more than 10 ms" in transmission.as_text()
 
 
 def test_the_end_of_a_motion_ends_it_with_a_word() -> None:
@@ -96,10 +101,10 @@ def test_the_end_of_a_motion_ends_it_with_a_word() -> None:
         yield from firings(2)
         raise MotionEnded("motion of body 'car': must have poses for the frame")
 
-    done = sent_of(frames(), lambda _: None)
-    assert len(done.late_s) == 2
-    assert done.packets == -(-2 * SENSOR.scanner.cycles // 24)
-    assert done.as_text().splitlines()[1].startswith("motion of body 'car'")
+    transmission = sent_of(frames(), lambda _: None)
+    assert len(transmission.late_s) == 2
+    assert transmission.packets == -(-2 * SENSOR.scanner.cycles // 24)
+    assert transmission.as_text().splitlines()[1].startswith("motion of body 'car'")
 
 
 def test_ctrl_c_ends_it_without_an_error() -> None:
@@ -151,18 +156,22 @@ def test_frames_begin_anew_where_numbers_of_pulses_end() -> None:
     """Pulses have numbers below 2^31. The frame after the last one is number 0 with another seed, as much later."""
     scanner = SENSOR.scanner
     most = 2**31 // scanner.pulses
-    asked: list[FrameOptions] = []
+    requested_frames: list[FrameOptions] = []
 
-    def stream(take: Any, frame: FrameOptions, told: Any) -> None:
-        asked.append(frame)
+    def stream(take: Any, frame: FrameOptions, tell: Any) -> None:
+        requested_frames.append(frame)
 
     simulator: Any = SimpleNamespace(sensor=SENSOR, stream=stream)
     first = FrameOptions(number=most - 1, seed=2**32 - 1, begin_s=5.0)
-    made = list(render_firings(simulator, first, needs_ambient=False, frames=3))
-    assert [one.number for one in asked] == [most - 1, 0, 1]
-    assert [one.seed for one in asked] == [2**32 - 1, 0, 0]
-    assert [one.begin_s for one in asked] == [5.0, *[pytest.approx(5.0 + most * scanner.frame_s)] * 2]
-    assert [one.number for one in made] == [(most - 1) * scanner.cycles, 0, scanner.cycles]
+    firings_of_frames = list(render_firings(simulator, first, needs_ambient=False, frames=3))
+    assert [frame.number for frame in requested_frames] == [most - 1, 0, 1]
+    assert [frame.seed for frame in requested_frames] == [2**32 - 1, 0, 0]
+    assert [frame.begin_s for frame in requested_frames] == [5.0, *[pytest.approx(5.0 + most * scanner.frame_s)] * 2]
+    assert [firings_of_frame.number for firings_of_frame in firings_of_frames] == [
+        (most - 1) * scanner.cycles,
+        0,
+        scanner.cycles,
+    ]
 
 
 def test_what_was_late_in_words() -> None:
