@@ -127,13 +127,13 @@ def _goal(slow: str, fast: str, beams: str, median: float) -> str:
 @functools.cache
 def compiled() -> Any:
     """`bare.cpp` as a library; None without a C++ compiler."""
-    compiler = next((found for name in ("c++", "g++", "clang++") if (found := shutil.which(name))), None)
+    compiler = next((path for name in ("c++", "g++", "clang++") if (path := shutil.which(name))), None)
     if compiler is None:
         return None
     embree = Path(str(mitsuba().__file__)).parent
     folder = Path(tempfile.mkdtemp(prefix="bare-"))
     target = folder / "bare.so"
-    own = [f"-I{embree / 'include'}", f"-L{embree}", f"-Wl,-rpath,{embree}"] if _has_embree(embree) else []
+    embree_options = [f"-I{embree / 'include'}", f"-L{embree}", f"-Wl,-rpath,{embree}"] if _has_embree(embree) else []
     command = [
         compiler,
         "-O3",
@@ -142,7 +142,7 @@ def compiled() -> Any:
         "-shared",
         "-fPIC",
         "-pthread",
-        *own,
+        *embree_options,
         str(Path(__file__).with_name("bare.cpp")),
         "-o",
         str(target),

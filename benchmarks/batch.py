@@ -49,7 +49,7 @@ def measure(scene: Path, *, frames: int, step_deg: float, rounds: int) -> Sectio
                     seconds[count].append(spent)
                     busy[count].append(worked / frames)
     load = ", ".join(f"{value:.1f}" for value in os.getloadavg())
-    ratios = [one / (two * WORKERS[-1]) for one, two in zip(*seconds.values(), strict=True)]
+    ratios = [seconds_of_one / (two * WORKERS[-1]) for seconds_of_one, two in zip(*seconds.values(), strict=True)]
     rows = [
         Row(
             f"{count} worker{'s' * (count > 1)}",

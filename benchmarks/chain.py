@@ -42,7 +42,7 @@ def measure(scene_file: Path, *, step_deg: float, rounds: int) -> list[Section]:
         name: Simulator(scene, load_sensor(name, overrides=steps), world=first.world, interactions=0)
         for name in SENSORS
     }
-    tasks: dict[str, Callable[[], Any]] = {name: one.render for name, one in simulators.items()}
+    tasks: dict[str, Callable[[], Any]] = {name: simulator.render for name, simulator in simulators.items()}
     tasks[BARE] = _bare(first)
     missing = ""
     try:
@@ -52,12 +52,12 @@ def measure(scene_file: Path, *, step_deg: float, rounds: int) -> list[Section]:
     seconds = clock.in_turns(tasks | peers, rounds=rounds)
     pulses = first.sensor.scanner.pulses
     ratios = [
-        Row(f"{other} / {task}", "-", "", missing) if missing else _ratio_row(seconds, other, task)
+        Row(f"{peer} / {task}", "-", "", missing) if missing else _ratio_row(seconds, peer, task)
         for task in (*SENSORS, BARE)
-        for other in OPEN3D
+        for peer in OPEN3D
     ]
     size = f"{pulses:,} beams on the {len(first.world.face_body):,} triangles of {scene_file.name}"
-    stages = [row for name, one in simulators.items() for row in _stage_rows(name, one, rounds)]
+    stages = [row for name, simulator in simulators.items() for row in _stage_rows(name, simulator, rounds)]
     return [
         Section("Seconds", f"{size}.\n{SECONDS}", [_seconds_row(*task, pulses) for task in seconds.items()]),
         Section("Times as fast", RATIOS, ratios + [_ratio_row(seconds, name, BARE) for name in SENSORS]),
@@ -71,7 +71,7 @@ def _glass_rows(glass: Simulator, first: Simulator, peers: dict[str, Callable[[]
     tasks = {SENSORS[0]: first.render, THROUGH_GLASS: glass.render} | peers
     seconds = clock.in_turns(tasks, rounds=rounds)
     rows = [_seconds_row(name, seconds[name], glass.sensor.scanner.pulses) for name in tasks if name not in peers]
-    return [*rows, *(_ratio_row(seconds, other, THROUGH_GLASS) for other in (SENSORS[0], *peers))]
+    return [*rows, *(_ratio_row(seconds, peer, THROUGH_GLASS) for peer in (SENSORS[0], *peers))]
 
 
 SECONDS = """`table1-apd` and `table1-sipm` are the whole chain, from pulse numbers to a `PointCloud` of numpy
@@ -144,17 +144,17 @@ def _bare(simulator: Simulator) -> Callable[[], Any]:
     def task() -> Any:
         ray = mi.Ray3f(place, direction)
         surface = scene.ray_intersect(ray, mi.RayFlags.All, coherent=True)
-        found = surface.is_valid()
+        is_hit = surface.is_valid()
         normal = surface.n * dr.select(dr.dot(surface.n, direction) > 0.0, -1.0, 1.0)
-        sunny = found & (dr.dot(normal, sun) > 0.0)
+        sunny = is_hit & (dr.dot(normal, sun) > 0.0)
         shadow = mi.Ray3f(surface.p + normal * START_OFFSET_M, sun)
         lit = sunny & ~scene.ray_test(shadow, coherent=True, active=sunny)
         bsdf = surface.bsdf()
-        back = bsdf.eval(context, surface, surface.wi, found)
+        backscatter = bsdf.eval(context, surface, surface.wi, is_hit)
         towards_sun = bsdf.eval(context, surface, surface.to_local(sun), lit)
-        dr.eval(surface.t, back, towards_sun, lit)
+        dr.eval(surface.t, backscatter, towards_sun, lit)
         dr.sync_thread()
-        return surface.t, back, towards_sun, lit
+        return surface.t, backscatter, towards_sun, lit
 
     return task
 
@@ -174,11 +174,11 @@ def open3d_tasks(simulator: Simulator, *, threads: int = 0) -> dict[str, Callabl
         direction, normal, t = rays[:, 3:], answer["primitive_normals"], answer["t_hit"]
         facing = -np.sign(np.einsum("ij,ij->i", normal, direction))
         chosen = np.flatnonzero(np.isfinite(t) & ((normal @ sun) * facing > 0.0))
-        made = np.zeros((len(chosen), 6), dtype=np.float32)
-        np.multiply(direction[chosen], t[chosen, None], out=made[:, :3])
-        made[:, :3] += rays[chosen, :3] + normal[chosen] * (facing[chosen, None] * np.float32(START_OFFSET_M))
-        made[:, 3:] = sun
-        return made
+        sun_rays_made = np.zeros((len(chosen), 6), dtype=np.float32)
+        np.multiply(direction[chosen], t[chosen, None], out=sun_rays_made[:, :3])
+        sun_rays_made[:, :3] += rays[chosen, :3] + normal[chosen] * (facing[chosen, None] * np.float32(START_OFFSET_M))
+        sun_rays_made[:, 3:] = sun
+        return sun_rays_made
 
     def cast(rays: Any) -> dict[str, np.ndarray]:
         return {name: values.numpy() for name, values in scene.cast_rays(rays, nthreads=threads).items()}
@@ -187,13 +187,13 @@ def open3d_tasks(simulator: Simulator, *, threads: int = 0) -> dict[str, Callabl
         answer: np.ndarray = scene.test_occlusions(rays, nthreads=threads).numpy()
         return answer
 
-    kept = beam_rays(simulator)
-    ready = tensor(kept)
-    towards_sun = tensor(sun_rays(kept, cast(ready)))
+    traced_rays = beam_rays(simulator)
+    ready = tensor(traced_rays)
+    towards_sun = tensor(sun_rays(traced_rays, cast(ready)))
 
     def sun_from_hits() -> Any:
         answer = cast(ready)
-        return answer, in_the_dark(tensor(sun_rays(kept, answer)))
+        return answer, in_the_dark(tensor(sun_rays(traced_rays, answer)))
 
     def all_built() -> Any:
         rays = beam_rays(simulator)
@@ -274,19 +274,19 @@ def _device_rows(name: str, simulator: Simulator, rounds: int) -> list[Row]:
             pulse = transfer.counter(0, simulator.sensor.scanner.pulses) if order is None else order.on_device(0)
             rays = beams.fire(sensor, pulse=pulse, origin_m=place, rotation=rotation)
             hits, *_ = trace(simulator.world, rays, sun=sun, interactions=0)
-            kept = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
+            outputs = [hits.range_m, hits.cos_incidence, hits.reflectivity, hits.cos_sun, hits.lit, hits.face]
             if last == "hits":
-                kept += [hits.backscatter_per_sr, hits.sun_scatter_per_sr]
+                outputs += [hits.backscatter_per_sr, hits.sun_scatter_per_sr]
             else:
                 light = echoes.receive(rays, hits, sensor, ambient)
                 if last == "echoes":
-                    kept += [light.peak_power_w, light.background_power_w]
+                    outputs += [light.peak_power_w, light.background_power_w]
                 else:
-                    found = returns.detect(light, sensor, seed=seed, pulse=pulse)
-                    kept += [found.snr, found.detection_probability, found.outcome, found.ambient]
-                    for stop in found.stops:
-                        kept += [stop.reported, stop.status, stop.range_m, stop.intensity]
-            dr.eval(*kept)
+                    detection = returns.detect(light, sensor, seed=seed, pulse=pulse)
+                    outputs += [detection.snr, detection.detection_probability, detection.outcome, detection.ambient]
+                    for stop in detection.stops:
+                        outputs += [stop.reported, stop.status, stop.range_m, stop.intensity]
+            dr.eval(*outputs)
             dr.sync_thread()
 
         return task
@@ -297,9 +297,9 @@ def _device_rows(name: str, simulator: Simulator, rounds: int) -> list[Row]:
     return [
         Row(
             f"{name}: device, {stage}",
-            f"{round(own / medians[-1], 2) + 0.0:.0%}",
-            f"{round(own, 3) + 0.0:.3f} s",
+            f"{round(stage_s / medians[-1], 2) + 0.0:.0%}",
+            f"{round(stage_s, 3) + 0.0:.3f} s",
             meaning,
         )
-        for (stage, meaning), own in zip(DEVICE.items(), added, strict=True)
+        for (stage, meaning), stage_s in zip(DEVICE.items(), added, strict=True)
     ]

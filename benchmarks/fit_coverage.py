@@ -88,14 +88,14 @@ def rendered() -> None:
     light = Simulator(street, base).light()
     numbers: list[np.ndarray] = []
     cloud = Simulator(street, unit_of(truth, base)).render(seed=1, points=lambda pulse, _: numbers.append(pulse))
-    there, pulse = np.asarray(light.has_surface), np.concatenate(numbers).astype(int)
+    has_surface, pulse = np.asarray(light.has_surface), np.concatenate(numbers).astype(int)
     echo = cloud.status == 0
     values_of = {name: np.full(len(there), np.nan) for name in ("signal", "range_m", "ambient")}
     for name, values in values_of.items():
         chosen = np.ones_like(echo) if name == "ambient" else echo
         values[pulse[chosen]] = getattr(cloud, name)[chosen]
-    signal, range_m, ambient = (values[there] for values in values_of.values())
-    scene = KnownScene.from_light(light, base, np.zeros(len(there), int), spot_over_field=SPOT)
+    signal, range_m, ambient = (values[has_surface] for values in values_of.values())
+    scene = KnownScene.from_light(light, base, np.zeros(len(has_surface), int), spot_over_field=SPOT)
     # `render` reports no background of lost pulses; theirs at the truth has no effect.
     silent = np.asarray(predict(scene, truth).near_ir)
     reported = Observations(

@@ -41,14 +41,14 @@ def measure(scene_file: Path, *, step_deg: float, rounds: int) -> Section:
     nearest = sorted(mobile, key=lambda name: far_m[name])
     scenes = {STILL: scene, "vehicle drives": dataclasses.replace(scene, ego=Course(speed_m_s=1.0))}
     scenes |= {f"{count} bodies move": moved(scene, nearest[:count]) for count in MOVERS if count <= len(mobile)}
-    away, out = f"{max(MOVERS)} bodies move, out of the way", nearest[: max(MOVERS)]
-    scenes |= {AWAY: shifted(scene, out), away: moved(shifted(scene, out), out)}
-    simulators = {name: Simulator(one, sensor, interactions=0) for name, one in scenes.items()}
-    seconds = clock.in_turns({name: one.render for name, one in simulators.items()}, rounds=rounds)
+    moved_away, out = f"{max(MOVERS)} bodies move, out of the way", nearest[: max(MOVERS)]
+    scenes |= {AWAY: shifted(scene, out), moved_away: moved(shifted(scene, out), out)}
+    simulators = {name: Simulator(variant, sensor, interactions=0) for name, variant in scenes.items()}
+    seconds = clock.in_turns({name: simulator.render for name, simulator in simulators.items()}, rounds=rounds)
     goals = {f"{count} bodies move": most for count, most in MOST.items()}
-    rows = [_row(seconds, name, STILL, goals.get(name)) for name in scenes if name not in (STILL, AWAY, away)]
-    rows.append(_row(seconds, away, AWAY, MOST_AWAY))
-    most = max(len(one.world.movers) for one in simulators.values())
+    rows = [_row(seconds, name, STILL, goals.get(name)) for name in scenes if name not in (STILL, AWAY, moved_away)]
+    rows.append(_row(seconds, moved_away, AWAY, MOST_AWAY))
+    most = max(len(simulator.world.movers) for simulator in simulators.values())
     return Section("Motion", TEXT, [*rows, _tables(most, rounds)])
 
 
@@ -63,9 +63,9 @@ def moved(scene: Scene, names: list[str]) -> Scene:
 
 def shifted(scene: Scene, names: list[str]) -> Scene:
     """The scene with these bodies where no beam goes."""
-    back = -AWAY_M * scene.sensor_pose.rotation[:, 0]
+    shift_m = -AWAY_M * scene.sensor_pose.rotation[:, 0]
     bodies = tuple(
-        dataclasses.replace(body, pose=dataclasses.replace(body.pose, position_m=body.pose.position_m + back))
+        dataclasses.replace(body, pose=dataclasses.replace(body.pose, position_m=body.pose.position_m + shift_m))
         if body.name in names
         else body
         for body in scene.bodies

@@ -43,8 +43,8 @@ def measure(
     rows: list[Row] = []
     for name, scene in scenes.items():
         world = None
-        seen = sizes if scene is street else {middle: sizes[middle]}
-        for beams, step_deg in seen.items():
+        measured_sizes = sizes if scene is street else {middle: sizes[middle]}
+        for beams, step_deg in measured_sizes.items():
             steps = [f"scanner.{axis}_step_deg={step_deg}" for axis in ("azimuth", "elevation")]
             sensor = load_sensor("table1-apd", overrides=steps)
             simulator = Simulator(scene, sensor, world=world, interactions=0)

@@ -60,14 +60,16 @@ def start(scene: Path, *, rounds: int, warm_up: bool = True) -> Section:
             if warm_up:
                 cold.append(_run(command, caches=Path(folder) / f"caches-{number}"))
     rows = [
-        _row(f"process start to end: render {scene.name}", [one[0] for one in plain], "", GOAL_S),
-        _row("its time of the processor", [one[3] for one in plain], "all threads"),
+        _row(f"process start to end: render {scene.name}", [times[0] for times in plain], "", GOAL_S),
+        _row("its time of the processor", [times[3] for times in plain], "all threads"),
     ]
     if cold:
-        rows.append(_row("the same with nothing cached", [one[0] for one in cold], "no kernel, no mesh", GOAL_COLD_S))
-        rows.append(_row("its time of the processor", [one[3] for one in cold], "all threads"))
+        rows.append(
+            _row("the same with nothing cached", [times[0] for times in cold], "no kernel, no mesh", GOAL_COLD_S)
+        )
+        rows.append(_row("its time of the processor", [times[3] for times in cold], "all threads"))
     for name in stages[0]:
-        rows.append(_row(f"of which: {name}", [one[name] for one in stages]))
+        rows.append(_row(f"of which: {name}", [times[name] for times in stages]))
     return Section("From process start to a file", START, rows)
 
 
@@ -106,14 +108,14 @@ def memory(scene: Path, *, step_deg: float) -> Section:
     return Section("A large frame", MEMORY, rows)
 
 
-def _large(scene: Path, suffix: str, overrides: Sequence[str], besides: Sequence[str] = ()) -> list[Row]:
+def _large(scene: Path, suffix: str, overrides: Sequence[str], more_options: Sequence[str] = ()) -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / f"big{suffix}"
-        files = [str(Path(folder) / one) if Path(one).suffix else one for one in besides]
+        files = [str(Path(folder) / option) if Path(option).suffix else option for option in more_options]
         command = ["-m", "lidarscene", "render", str(scene), "-o", str(target), "--json", *files]
-        seconds, peak, answer, _ = _run(command + [f"--set={one}" for one in overrides])
+        seconds, peak, answer, _ = _run(command + [f"--set={override}" for override in overrides])
         size = target.stat().st_size / 2**30
-    also = ", ".join(one[2:] for one in besides if one.startswith("--"))
+    also = ", ".join(option[2:] for option in more_options if option.startswith("--"))
     title = f"peak memory, {scene.name} to {suffix}{' with ' if also else ''}{also}"
     goal = verdict(f"under {GOAL_GIB:g} GiB", peak < GOAL_GIB)
     row = Row(title, f"{peak:.2f} GiB", "one run", f"a file of {size:.2f} GiB", goal)
@@ -122,10 +124,10 @@ def _large(scene: Path, suffix: str, overrides: Sequence[str], besides: Sequence
 
 def _whole(scene: Path, overrides: Sequence[str]) -> list[Row]:
     seconds, peak, answer, _ = _run(["-c", WHOLE, str(scene), *overrides])
-    told = json.loads(answer)
-    note = f"the cloud's columns are {told['size'] / 2**30:.2f} of it"
+    measured = json.loads(answer)
+    note = f"the cloud's columns are {measured['size'] / 2**30:.2f} of it"
     title = f"peak memory, {scene.name} to a cloud in Python"
-    return [Row(title, f"{peak:.2f} GiB", "one run", note), _time(seconds, told)]
+    return [Row(title, f"{peak:.2f} GiB", "one run", note), _time(seconds, measured)]
 
 
 def _time(seconds: float, summary: dict[str, Any]) -> Row:
@@ -142,10 +144,10 @@ def _stages(scene: Path, target: Path) -> dict[str, float]:
     return dict(zip([*(name for name, _ in marks), "leave"], np.diff(times), strict=True))
 
 
-def _row(what: str, seconds: Sequence[float], note: str = "", goal: float | None = None) -> Row:
+def _row(quantity: str, seconds: Sequence[float], note: str = "", goal: float | None = None) -> Row:
     median = float(np.median(seconds))
-    told = "" if goal is None else verdict(f"under {goal:g} s", median < goal)
-    return Row(what, f"{median:.2f} s", f"{min(seconds):.2f} to {max(seconds):.2f}", note, told)
+    goal_text = "" if goal is None else verdict(f"under {goal:g} s", median < goal)
+    return Row(quantity, f"{median:.2f} s", f"{min(seconds):.2f} to {max(seconds):.2f}", note, goal_text)
 
 
 def _run(arguments: list[str], *, caches: Path | None = None) -> tuple[float, float, str, float]:

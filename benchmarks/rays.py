@@ -40,13 +40,13 @@ the waveform is the stage that puts the rays of a pulse together, finds the cros
 def measure(scene_file: Path, *, single_deg: float, many_deg: float, rays: int, rounds: int) -> Section:
     """``single_deg`` and ``many_deg``: steps of the raster with one ray and with ``rays``."""
     scene = load_scene(scene_file)
-    one = Simulator(scene, _sensor(single_deg), interactions=0)
+    single = Simulator(scene, _sensor(single_deg), interactions=0)
     many = {
-        name: Simulator(scene, _sensor(many_deg, *changes), world=one.world, rays=rays, interactions=0)
+        name: Simulator(scene, _sensor(many_deg, *changes), world=single.world, rays=rays, interactions=0)
         for name, changes in SAMPLERS.items()
     }
-    few = Simulator(scene, _sensor(many_deg), world=one.world, interactions=0)
-    rows = [_rate_row(one, many["TDC"], rounds)]
+    few = Simulator(scene, _sensor(many_deg), world=single.world, interactions=0)
+    rows = [_rate_row(single, many["TDC"], rounds)]
     traces, waveforms = _device_seconds({"one": few, **many}, rounds)
     cost = traces["TDC"] / traces["one"]
     most = MOST_OF_A_RAY * rays
@@ -61,14 +61,14 @@ def measure(scene_file: Path, *, single_deg: float, many_deg: float, rays: int, 
     )
     for name in SAMPLERS:
         share = waveforms[name] / traces[name]
-        met = verdict(f"at most {MOST_OF_THE_TRACE:g}", np.median(share) <= MOST_OF_THE_TRACE)
-        rows.append(Row(f"waveform / trace, {name}", f"{np.median(share):.2f}", _spread(share, ".2f"), "", met))
+        goal_text = verdict(f"at most {MOST_OF_THE_TRACE:g}", np.median(share) <= MOST_OF_THE_TRACE)
+        rows.append(Row(f"waveform / trace, {name}", f"{np.median(share):.2f}", _spread(share, ".2f"), "", goal_text))
     return Section("Many rays to a pulse", TEXT, rows)
 
 
-def _rate_row(one: Simulator, many: Simulator, rounds: int) -> Row:
-    counts = {"one": one.sensor.scanner.pulses, "many": many.sensor.scanner.pulses * many.trace.rays}
-    seconds = clock.in_turns({"one": one.render, "many": many.render}, rounds=rounds)
+def _rate_row(single: Simulator, many: Simulator, rounds: int) -> Row:
+    counts = {"one": single.sensor.scanner.pulses, "many": many.sensor.scanner.pulses * many.trace.rays}
+    seconds = clock.in_turns({"one": single.render, "many": many.render}, rounds=rounds)
     rates = (counts["many"] / seconds["many"]) / (counts["one"] / seconds["one"])
     note = f"{counts['many'] / float(np.median(seconds['many'])) / 1e6:.2f} million rays a second"
     goal = verdict(f"at least {LEAST_RATE:g}", np.median(rates) >= LEAST_RATE)
@@ -88,7 +88,7 @@ def _sensor(step_deg: float, *changes: str) -> Any:
 
 def _device_seconds(simulators: dict[str, Simulator], rounds: int) -> tuple[clock.Seconds, clock.Seconds]:
     """Of the trace and of the waveform of each simulator's frame in each round, in turns."""
-    tasks = {name: _frame(one) for name, one in simulators.items()}
+    tasks = {name: _frame(simulator) for name, simulator in simulators.items()}
     measured: dict[str, list[tuple[float, float]]] = {name: [] for name in tasks}
     for number in range(2 + rounds):
         for name, task in tasks.items():
@@ -121,16 +121,24 @@ def _frame(simulator: Simulator) -> Callable[[], tuple[float, float]]:
             axes = beams.fire(sensor, pulse=of_ray, origin_m=origin, rotation=rotation)
             rays = axes if ray is None else spread(axes, shape, ray=ray, rotation=rotation)
             paths = trace(simulator.world, rays, sun=sun, interactions=0)
-            light = echoes.gather_background([echoes.receive(rays, one, sensor, ambient) for one in paths])
-            for one, hits in zip(light, paths, strict=True):
-                transfer.start([one.has_surface, one.range_m, one.peak_power_w, one.background_power_w, hits.face])
+            light = echoes.gather_background([echoes.receive(rays, path, sensor, ambient) for path in paths])
+            for received, hits in zip(light, paths, strict=True):
+                transfer.start(
+                    [
+                        received.has_surface,
+                        received.range_m,
+                        received.peak_power_w,
+                        received.background_power_w,
+                        hits.face,
+                    ]
+                )
             history.take()
             traced_s = history.device_s
             whole = pulse_train.join_echoes(light, rays, rays=count)
-            found = multi_echo.detect(whole, sensor, seed=seed, pulse=pulse)
-            kept = [
+            detection = multi_echo.detect(whole, sensor, seed=seed, pulse=pulse)
+            outputs = [
                 array
-                for stop in found.stops
+                for stop in detection.stops
                 for array in (
                     stop.reported,
                     stop.status,
@@ -142,7 +150,9 @@ def _frame(simulator: Simulator) -> Callable[[], tuple[float, float]]:
                     stop.true_range_m,
                 )
             ]
-            transfer.start([found.outcome, found.snr, found.detection_probability, found.ambient, *kept])
+            transfer.start(
+                [detection.outcome, detection.snr, detection.detection_probability, detection.ambient, *outputs]
+            )
             history.take()
             return traced_s, history.device_s - traced_s
 

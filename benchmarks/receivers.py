@@ -32,7 +32,7 @@ def measure(scene_file: Path, *, step_deg: float, rounds: int) -> Section:
     steps = [f"scanner.{axis}_step_deg={step_deg}" for axis in ("azimuth", "elevation")]
     scene, plain = load_scene(scene_file), load_sensor(PLAIN, overrides=steps)
     sensors = {PLAIN: plain}
-    sensors |= {name: load_sensor(PLAIN, overrides=[*steps, *told]) for name, told in RECEIVERS.items()}
+    sensors |= {name: load_sensor(PLAIN, overrides=[*steps, *changes]) for name, changes in RECEIVERS.items()}
     sensors[HISTOGRAM] = with_beams_of(plain, load_sensor("os1-128"))
     worlds = {}
     simulators = {}
@@ -40,8 +40,8 @@ def measure(scene_file: Path, *, step_deg: float, rounds: int) -> Section:
         wavelength_m = sensor.laser.wavelength_m
         simulators[name] = Simulator(scene, sensor, world=worlds.get(wavelength_m), interactions=0)
         worlds[wavelength_m] = simulators[name].world
-    points = {name: len(one.render()) for name, one in simulators.items()}
-    seconds = clock.in_turns({name: one.render for name, one in simulators.items()}, rounds=rounds)
+    points = {name: len(simulator.render()) for name, simulator in simulators.items()}
+    seconds = clock.in_turns({name: simulator.render for name, simulator in simulators.items()}, rounds=rounds)
     rows = []
     for name in list(sensors)[1:]:
         rate = points[name] / seconds[name]

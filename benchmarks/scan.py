@@ -39,10 +39,10 @@ def measure(scene_file: Path, *, pulses: int, rounds: int = 3) -> dict[str, tupl
     origin, turn = (transfer.opaque(place), transfer.opaque(tuple(float(x) for x in world.pose.rotation.ravel())))
     sun = transfer.opaque(tuple(float(x) for x in scene.sun.direction))
     seed = transfer.opaque_uint32(1)
-    made = {name: make() for name, make in scanners.ALL.items() if not name.startswith("flash_")}
-    made["mid40 with jitter"] = scanners.mid40(jitter_rad=1e-3)
+    makers = {name: make() for name, make in scanners.ALL.items() if not name.startswith("flash_")}
+    makers["mid40 with jitter"] = scanners.mid40(jitter_rad=1e-3)
     shares = {}
-    for name, scanner in made.items():
+    for name, scanner in makers.items():
         equipped = transfer.opaque(dataclasses.replace(sensor, scanner=scanner))
 
         def run(traced: bool, equipped: Any = equipped) -> None:

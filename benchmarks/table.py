@@ -8,7 +8,7 @@ from dataclasses import astuple, dataclass
 class Row:
     """One figure: what, how much, lowest to highest, a word on it, and the goal with its verdict."""
 
-    what: str
+    quantity: str
     value: str
     spread: str = ""
     note: str = ""
@@ -24,9 +24,9 @@ class Section:
     rows: list[Row]
 
 
-def verdict(goal: str, met: object) -> str:
+def verdict(goal: str, is_met: object) -> str:
     """A goal in words, and whether it is reached."""
-    return f"{goal}: {'met' if met else 'NOT met'}"
+    return f"{goal}: {'met' if is_met else 'NOT met'}"
 
 
 HEAD = Row("what", "median", "lowest to highest", "note", "goal")
@@ -34,7 +34,7 @@ HEAD = Row("what", "median", "lowest to highest", "note", "goal")
 
 def markdown(sections: Iterable[Section]) -> str:
     """A heading, the text and the table of each section."""
-    return "\n".join(f"## {one.title}\n\n{one.text}\n\n{_table(one.rows)}" for one in sections)
+    return "\n".join(f"## {section.title}\n\n{section.text}\n\n{_table(section.rows)}" for section in sections)
 
 
 def _table(rows: Iterable[Row]) -> str:

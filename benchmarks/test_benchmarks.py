@@ -15,7 +15,7 @@ SENSORS = ("table1-apd", "table1-sipm")
 SECTIONS = {
     "Seconds": [*SENSORS, "Mitsuba, bare"],
     "Times as fast": [
-        *(f"{other} / {task}" for other in ("Open3D, bare", "Open3D", "Open3D with rays") for task in SENSORS),
+        *(f"{peer} / {task}" for peer in ("Open3D, bare", "Open3D", "Open3D with rays") for task in SENSORS),
         *(f"{task} / Mitsuba, bare" for task in ("Open3D", *SENSORS)),
     ],
     "Where the time goes": [
@@ -83,12 +83,12 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
     def run(parts: tuple[str, ...]) -> str:
         target = folder / parts[0] / "out" / "benchmarks.md"
         command = [sys.executable, str(ROOT / "benchmarks" / "run.py"), "--quick", "-o", str(target)]
-        done = subprocess.run(
+        process = subprocess.run(
             [*command, "--only", *parts], env=environment, capture_output=True, text=True, timeout=PATIENCE_S
         )
-        assert done.returncode == 0, done.stderr
+        assert process.returncode == 0, process.stderr
         text = target.read_text(encoding="utf-8")
-        assert done.stdout == text
+        assert process.stdout == text
         return text
 
     with ThreadPoolExecutor(len(HALVES)) as threads:

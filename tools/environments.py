@@ -83,7 +83,7 @@ def main() -> None:
 
 def check_lowest() -> None:
     """Everything that pyproject.toml names, extras and tools of the tests too, at its lowest bound."""
-    python = made(KEPT / "lowest", lowest_python())
+    python = make_environment(KEPT / "lowest", lowest_python())
     install = ("pip", "install", "--quiet", "--python", python, *LOWEST)
     uv(*install, "--all-extras", "--group", "dev", "--requirements", "pyproject.toml", "--editable", ".")
     run_part("lowest bounds", python, *OLD)
@@ -91,11 +91,11 @@ def check_lowest() -> None:
 
 def check_newest() -> None:
     """What uv.lock says on the newest Python; open3d, which is optional, where there is a wheel of it."""
-    python = made(KEPT / "newest", newest_python())
+    python = make_environment(KEPT / "newest", newest_python())
     sync = ("sync", "--quiet", "--locked", "--python", python)
     target = {"UV_PROJECT_ENVIRONMENT": str(KEPT / "newest")}
     if uv(*sync, check=False, **target):
-        say("once more without open3d, which is optional")
+        report("once more without open3d, which is optional")
         uv(*sync, "--no-install-package", "open3d", "--no-install-package", "libusb-package", **target)
     run_part("newest Python", python)
 
@@ -104,9 +104,9 @@ def run_part(name: str, python: str, *options: str) -> None:
     """Run the part and print it when it has ended."""
     with tempfile.TemporaryDirectory() as home:
         environment = clean(home)
-        say(f"{name}: {output(python, '--version')}, in {Path(python).parents[1]}")
+        report(f"{name}: {output(python, '--version')}, in {Path(python).parents[1]}")
         pytest = [python, "-m", "pytest", "-q", "-n", "0", *options, *PART]
-        done = subprocess.run(
+        process = subprocess.run(
             pytest,
             cwd=ROOT,
             env=environment | {"TEST_NO_SKIPS": "1"},
@@ -115,8 +115,8 @@ def run_part(name: str, python: str, *options: str) -> None:
             stderr=subprocess.STDOUT,
             check=False,
         )
-        say(f"{name}:\n{done.stdout}")
-        if done.returncode:
+        report(f"{name}:\n{process.stdout}")
+        if process.returncode:
             raise SystemExit(f"environments: {name}: the tests failed: {' '.join(pytest)}")
 
 
@@ -137,10 +137,10 @@ def check_wheel() -> None:
         def check(kind: tuple[str, str, tuple[str, ...]]) -> None:
             name, version, options = kind
             home = Path(folder) / name.replace(" ", "_")
-            python = made(home / "env", version)
+            python = make_environment(home / "env", version)
             uv("pip", "install", "--quiet", "--python", python, *options, str(wheel))
             use(home, python)
-            say(f"wheel: {name}: {output(python, '--version')}")
+            report(f"wheel: {name}: {output(python, '--version')}")
 
         with ThreadPoolExecutor(2) as threads:  # two at a time: a command waits for one core, mostly
             list(threads.map(check, kinds))
@@ -165,13 +165,15 @@ def use(home: Path, python: str) -> None:
     must(lidarscene("range", "table1-apd", "--over", "illuminance", "--plot", "range.png"), 0, "table1-apd")
     must(lidarscene("doctor"), 0, "lidarscene can trace rays here")
     for scene in ("range", "car"):
-        told = must(lidarscene("render", scene, "-o", f"{scene}.ply", "--json", *COARSE), 0, "")
-        if json.loads(told)["points"] == 0 or not (folder / f"{scene}.ply").read_bytes().startswith(b"ply"):
-            raise SystemExit(f"environments: {scene}: no cloud of points came out: {told}")
+        summary = must(lidarscene("render", scene, "-o", f"{scene}.ply", "--json", *COARSE), 0, "")
+        if json.loads(summary)["points"] == 0 or not (folder / f"{scene}.ply").read_bytes().startswith(b"ply"):
+            raise SystemExit(f"environments: {scene}: no cloud of points came out: {summary}")
     must(lidarscene("render", "range", "-o", "a.ply", "--picture", "a.png", *COARSE), 0, "a.png")
     must(lidarscene("view", "range", "--save", "view.html", *COARSE), 0, "view.html")
 
-    for name, extra in {name: one.extra for name, one in FORMATS.items() if one.extra}.items():
+    for name, extra in {
+        name: written_format.extra for name, written_format in FORMATS.items() if written_format.extra
+    }.items():
         ran = lidarscene("render", "range", "-o", "a", "--format", name, *COARSE)
         one_line(ran, 1, f"try: pip install 'lidarscene[{extra}]'")
     (folder / "job.toml").write_text('scenes = ["range"]\n')
@@ -181,8 +183,8 @@ def use(home: Path, python: str) -> None:
     (folder / "sun.toml").write_text(sun + wall)
     one_line(lidarscene("render", "sun.toml", "-o", "a.ply"), 1, "try: pip install 'lidarscene[sun]'")
 
-    gone = {"DRJIT_LIBLLVM_PATH": "/nowhere/libLLVM.so"} | ON_LLVM
-    without_llvm(lidarscene, "DRJIT_LIBLLVM_PATH=/nowhere/libLLVM.so: no such file; try: ", **gone)
+    without_llvm_path = {"DRJIT_LIBLLVM_PATH": "/nowhere/libLLVM.so"} | ON_LLVM
+    without_llvm(lidarscene, "DRJIT_LIBLLVM_PATH=/nowhere/libLLVM.so: no such file; try: ", **without_llvm_path)
     uv("pip", "uninstall", "--quiet", "--python", python, "karellen-llvm-core")
 
     def without_system(*arguments: str, **more: str) -> subprocess.CompletedProcess[str]:
@@ -191,29 +193,29 @@ def use(home: Path, python: str) -> None:
     without_llvm(without_system, "no LLVM library found; try: ", **ON_LLVM)
 
 
-def without_llvm(lidarscene, told: str, **environment: str) -> None:
+def without_llvm(lidarscene, message: str, **environment: str) -> None:
     """One error, exit code 3, nothing written; doctor's whole report all the same; what traces nothing works."""
     for command in (("render", "range", "-o", "new/a.ply"), ("view", "range", "--save", "b.html")):
-        must(lidarscene(*command, **environment), 3, told, error=True)
-    report = must(lidarscene("doctor", **environment), 1, told)
+        must(lidarscene(*command, **environment), 3, message, error=True)
+    report = must(lidarscene("doctor", **environment), 1, message)
     if not report.rstrip().endswith("lidarscene cannot trace rays here"):
         raise SystemExit(f"environments: doctor does not end with its verdict:\n{report}")
     must(lidarscene("range", "table1-apd", **environment), 0, "table1-apd")
 
 
-def one_line(ran: subprocess.CompletedProcess[str], code: int, told: str) -> None:
+def one_line(ran: subprocess.CompletedProcess[str], code: int, message: str) -> None:
     """An error of one line, and nothing else."""
-    if must(ran, code, told, error=True).count("\n") != 1:
+    if must(ran, code, message, error=True).count("\n") != 1:
         raise SystemExit(f"environments: more than one line: {ran.stderr}")
 
 
-def must(ran: subprocess.CompletedProcess[str], code: int, told: str, *, error: bool = False) -> str:
+def must(ran: subprocess.CompletedProcess[str], code: int, message: str, *, error: bool = False) -> str:
     """What it printed, if this is how it ended and what it said, and it said nothing in the wrong place."""
     right, wrong = (ran.stderr, ran.stdout) if error else (ran.stdout, ran.stderr)
     begins = "lidarscene: error: " if error else ""
-    if ran.returncode != code or told not in right or not right.startswith(begins) or wrong:
+    if ran.returncode != code or message not in right or not right.startswith(begins) or wrong:
         raise SystemExit(
-            f"environments: {' '.join(ran.args)}\nended with {ran.returncode}, expected {code} and {told!r}\n"
+            f"environments: {' '.join(ran.args)}\nended with {ran.returncode}, expected {code} and {message!r}\n"
             f"--- stdout\n{ran.stdout}--- stderr\n{ran.stderr}"
         )
     return right
@@ -224,14 +226,14 @@ def must(ran: subprocess.CompletedProcess[str], code: int, told: str, *, error: 
 
 def lowest_python() -> str:
     """A Python of the lowest release that is supported: one of this machine, or the one that uv installs."""
-    here = dict(installed())
-    return here.get(LOWEST_PYTHON) or downloaded(LOWEST_PYTHON)
+    pythons = dict(installed())
+    return pythons.get(LOWEST_PYTHON) or downloaded(LOWEST_PYTHON)
 
 
 def newest_python() -> str:
     """$PYTHON_NEWEST, or the newest Python of this machine, or, where that is too old, the one that uv installs."""
-    if wanted := os.environ.get("PYTHON_NEWEST"):
-        return wanted
+    if newest := os.environ.get("PYTHON_NEWEST"):
+        return newest
     release, path = max(installed(), default=((0, 0), ""))
     return path if release >= NEWEST_PYTHON else downloaded(NEWEST_PYTHON)
 
@@ -250,7 +252,11 @@ def installed() -> Iterator[tuple[tuple[int, int], str]]:
         text=True,
         check=False,
     )
-    paths = [one["path"] for one in json.loads(listed.stdout or "[]") if one["implementation"] == "cpython"]
+    paths = [
+        interpreter["path"]
+        for interpreter in json.loads(listed.stdout or "[]")
+        if interpreter["implementation"] == "cpython"
+    ]
     pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"))
     for path in [*paths, *map(str, pyenv.glob("versions/3.*/bin/python"))]:
         if path:
@@ -258,7 +264,7 @@ def installed() -> Iterator[tuple[tuple[int, int], str]]:
             yield (int(major), int(minor)), path
 
 
-def made(folder: Path, python: str) -> str:
+def make_environment(folder: Path, python: str) -> str:
     """The Python of a new environment, in the place of any that is there."""
     uv("venv", "--quiet", "--clear", "--python", python, str(folder))
     return str(next(path for path in (folder / "bin" / "python", folder / "Scripts" / "python.exe") if path.exists()))
@@ -274,8 +280,8 @@ def uv(*arguments: str, check: bool = True, **environment: str) -> int:
 
 def clean(home: str) -> dict[str, str]:
     """The environment of this process without what chooses a back end, a cache or modules; HOME is `home`."""
-    kept = {name: value for name, value in os.environ.items() if not name.startswith(NOT_OURS)}
-    return kept | {"HOME": home, "USERPROFILE": home}
+    variables = {name: value for name, value in os.environ.items() if not name.startswith(NOT_OURS)}
+    return variables | {"HOME": home, "USERPROFILE": home}
 
 
 def run(command: list[str], folder: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
@@ -297,7 +303,7 @@ def output(*command: str) -> str:
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
 
-def say(text: str) -> None:
+def report(text: str) -> None:
     """Tell what goes on."""
     print(f"environments: {text}", flush=True)
 

@@ -162,8 +162,8 @@ def test_semantic_kitti_labels(tmp_path: Path, street_cloud: PointCloud) -> None
     expected = np.array([numbers[cloud.class_names[c]] for c in cloud.class_id])
     expected[:5] = 1
     np.testing.assert_array_equal(label & 0xFFFF, expected)
-    things = (cloud.body > 0) & (status == 0)
-    np.testing.assert_array_equal(label >> 16, np.where(things, cloud.body + 1, 0))
+    is_thing = (cloud.body > 0) & (status == 0)
+    np.testing.assert_array_equal(label >> 16, np.where(is_thing, cloud.body + 1, 0))
 
 
 def test_points_without_a_body_are_unlabelled() -> None:
@@ -181,9 +181,9 @@ def test_labels_need_truth_and_place(tmp_path: Path, street_cloud: PointCloud, f
     with pytest.raises(InputError, match="labels: the cloud has no truth"):
         write_labels(street_cloud.without_truth(), street.scene(), tmp_path / "a.ply", format=format)
     if format != "semantickitti":
-        lost = replace(street_cloud, metadata={})
+        unplaced = replace(street_cloud, metadata={})
         with pytest.raises(InputError, match="does not say how its sensor stood"):
-            write_labels(lost, street.scene(), tmp_path / "a.ply", format=format)
+            write_labels(unplaced, street.scene(), tmp_path / "a.ply", format=format)
     assert os.listdir(tmp_path) == []
 
 
@@ -211,17 +211,22 @@ def test_nuscenes_boxes(tmp_path: Path, street_cloud: PointCloud) -> None:
     """Reference: corners from centre, size (width, length, height) and quaternion, as the devkit makes them."""
     (path,) = write_labels(street_cloud, street.scene(), tmp_path / "a.pcd.bin", format="nuscenes")
     content = json.loads(path.read_text())
-    found = {one["instance_name"]: one for one in content["sample_annotations"]}
-    assert {one["category_name"] for one in found.values()} == {"vehicle.car", "movable_object.barrier"}
+    annotations = {annotation["instance_name"]: annotation for annotation in content["sample_annotations"]}
+    assert {annotation["category_name"] for annotation in annotations.values()} == {
+        "vehicle.car",
+        "movable_object.barrier",
+    }
     for box in boxes(street_cloud, street.scene()):
-        one = found[box.name]
-        width, length, height = one["size"]
+        annotation = annotations[box.name]
+        width, length, height = annotation["size"]
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-        corners = rotated(tuple(one["rotation"]), 0.5 * signs * [length, width, height]) + one["translation"]
+        corners = (
+            rotated(tuple(annotation["rotation"]), 0.5 * signs * [length, width, height]) + annotation["translation"]
+        )
         np.testing.assert_allclose(corners, box.corners_m(), atol=1e-9)
-        assert one["num_lidar_pts"] == box.points_inside
+        assert annotation["num_lidar_pts"] == box.points_inside
         bins = {"1": (0, 0.4), "2": (0.4, 0.6), "3": (0.6, 0.8), "4": (0.8, 1.01)}
-        low, high = bins[one["visibility_token"]]
+        low, high = bins[annotation["visibility_token"]]
         assert low <= box.visibility < high
     place = content["lidar_to_world"]
     turned = rotated(tuple(place["rotation"]), street_cloud.in_sensor_frame().xyz_m.astype(float))
@@ -232,12 +237,12 @@ def test_osi_ground_truth(tmp_path: Path, library: Any, street_cloud: PointCloud
     """Reference: betterosi reads; OSI's angles are those of ISO 8855."""
     (path,) = write_labels(street_cloud, street.scene(), tmp_path / "a.osi", format="osi")
     (truth,) = osi_messages(path, "GroundTruth", library)
-    found = {box.body + 1: box for box in boxes(street_cloud, street.scene())}
-    assert sorted(one.id.value for one in truth.moving_object) == [2, 3]
-    assert [one.id.value for one in truth.stationary_object] == [4]
-    for one in (*truth.moving_object, *truth.stationary_object):
-        box = found[one.id.value]
-        get = lambda *path, base=one.base: float(value_at(base, path))  # noqa: E731
+    boxes_by_id = {box.body + 1: box for box in boxes(street_cloud, street.scene())}
+    assert sorted(moving_object.id.value for moving_object in truth.moving_object) == [2, 3]
+    assert [moving_object.id.value for moving_object in truth.stationary_object] == [4]
+    for moving_object in (*truth.moving_object, *truth.stationary_object):
+        box = boxes_by_id[moving_object.id.value]
+        get = lambda *path, base=moving_object.base: float(value_at(base, path))  # noqa: E731
         np.testing.assert_allclose([get("dimension", n) for n in ("length", "width", "height")], box.size_m)
         np.testing.assert_allclose([get("position", n) for n in "xyz"], box.pose.position_m)
         assert get("orientation", "yaw") == pytest.approx(math.atan2(*box.pose.rotation[[1, 0], 0]))
@@ -270,27 +275,32 @@ def test_classes_of_osi(tmp_path: Path, library: Any) -> None:
         "Tram": "TRAM",
     }
     walkers = {"pedestrian": "PEDESTRIAN", "person": "PEDESTRIAN", "animal": "ANIMAL"}
-    things = {
+    structures = {
         "pole": "POLE",
         "sign": "VERTICAL_STRUCTURE",
         "traffic_sign": "VERTICAL_STRUCTURE",
         "barrier": "BARRIER",
         "gantry": "OTHER",
     }
-    boxes = boxes_of_classes(*vehicles, *walkers, *things)
+    boxes = boxes_of_classes(*vehicles, *walkers, *structures)
     (tmp_path / "a.osi").write_bytes(ground_truth(boxes, 17.25))
     (truth,) = osi_messages(tmp_path / "a.osi", "GroundTruth", library)
     assert (truth.timestamp.seconds, truth.timestamp.nanos) == (17, 250_000_000)
     moving = truth.moving_object
-    kinds = [osi.MovingObjectType(one.type).name for one in moving]
+    kinds = [osi.MovingObjectType(moving_object.type).name for moving_object in moving]
     assert kinds == ["VEHICLE"] * len(vehicles) + list(walkers.values())
-    named = osi.MovingObjectVehicleClassificationType
-    assert [named(one.vehicle_classification.type).name for one in moving[: len(vehicles)]] == list(vehicles.values())
-    standing = [osi.StationaryObjectClassificationType(one.classification.type).name for one in truth.stationary_object]
-    assert standing == list(things.values())
-    assert [one.id.value for one in (*moving, *truth.stationary_object)] == list(range(1, len(boxes) + 1))
-    for box, one in zip(boxes, moving, strict=False):
-        get = lambda *path, base=one.base: float(value_at(base, path))  # noqa: E731
+    vehicle_type = osi.MovingObjectVehicleClassificationType
+    assert [vehicle_type(vehicle.vehicle_classification.type).name for vehicle in moving[: len(vehicles)]] == list(
+        vehicles.values()
+    )
+    standing = [
+        osi.StationaryObjectClassificationType(stationary.classification.type).name
+        for stationary in truth.stationary_object
+    ]
+    assert standing == list(structures.values())
+    assert [osi_object.id.value for osi_object in (*moving, *truth.stationary_object)] == list(range(1, len(boxes) + 1))
+    for box, moving_object in zip(boxes, moving, strict=False):
+        get = lambda *path, base=moving_object.base: float(value_at(base, path))  # noqa: E731
         assert [get("velocity", axis) for axis in "xyz"] == box.velocity_m_s.tolist()
         turned = [get("orientation", name) for name in ("yaw", "pitch", "roll")]
         np.testing.assert_allclose(Rotation.from_euler("ZYX", turned).as_matrix(), box.pose.rotation, atol=1e-12)
@@ -354,7 +364,7 @@ def test_classes_of_kitti() -> None:
     assert {name: kind.semantic_kitti for name, kind in KINDS.items()} == SEMANTIC
     assert {kind.kitti for kind in KINDS.values() if kind.is_thing} == KITTI_TYPES
     assert {kind.kitti for kind in KINDS.values() if not kind.is_thing} == {"DontCare"}
-    own = {
+    expected = {
         "car": "Car",
         "van": "Van",
         "truck": "Truck",
@@ -363,7 +373,7 @@ def test_classes_of_kitti() -> None:
         "person": "Pedestrian",
         "pedestrian": "Pedestrian",
     }
-    assert {name: kind.kitti for name, kind in KINDS.items() if kind.kitti not in ("Misc", "DontCare")} == own
+    assert {name: kind.kitti for name, kind in KINDS.items() if kind.kitti not in ("Misc", "DontCare")} == expected
     assert {name: kinds.MOVING[SEMANTIC[name]] for name in MOVING} == MOVING
     assert set(kinds.MOVING) == {SEMANTIC[name] for name in MOVING}
 
@@ -380,15 +390,15 @@ def test_a_line_of_kitti_by_hand() -> None:
     """
     pose = street.at(20.0, 5.0, -1.0, 90.0)
     box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=pose, beams=10, reached=9)
-    kind, truncated, occluded, alpha, *rest = label_of(box)
+    kind, truncated, occluded, alpha, *numbers = label_of(box)
     assert (kind, truncated, occluded) == ("Car", "0.00", "0")
-    height, width, length, x, y, z, rotation_y = map(float, rest[4:])
+    height, width, length, x, y, z, rotation_y = map(float, numbers[4:])
     assert (height, width, length) == (1.5, 2.0, 4.0)
     assert (x, y, z) == pytest.approx((-5.0, 1.75, 20.0), abs=1e-4)
     # To the left is -x: a heading (cos, -sin) of (-1, 0) in (x, z).
     assert (math.cos(rotation_y), -math.sin(rotation_y)) == pytest.approx((-1.0, 0.0), abs=1e-4)
-    seen = rotation_y - math.atan2(x, z)
-    assert math.remainder(float(alpha) - seen, 2.0 * math.pi) == pytest.approx(0.0, abs=2e-4)
+    bearing = rotation_y - math.atan2(x, z)
+    assert math.remainder(float(alpha) - bearing, 2.0 * math.pi) == pytest.approx(0.0, abs=2e-4)
     assert -math.pi <= float(alpha) <= math.pi
 
 
@@ -451,8 +461,8 @@ def test_a_box_around_the_camera_and_one_to_the_right() -> None:
 def test_instances_fill_16_bits(body: int, instance: int) -> None:
     """Of 65,536 bodies none has 0, which is no instance."""
     cloud = street.cloud(step_deg=8.0)
-    named = replace(cloud, body_names=(), body=np.full(len(cloud), body), class_id=np.full(len(cloud), 1))
-    label = semantic_kitti(named, Scene(bodies=()))
+    labelled = replace(cloud, body_names=(), body=np.full(len(cloud), body), class_id=np.full(len(cloud), 1))
+    label = semantic_kitti(labelled, Scene(bodies=()))
     assert set((label >> 16).tolist()) == {instance}
     assert set((label & 0xFFFF).tolist()) == {10}
 
@@ -478,13 +488,13 @@ def test_open3d_ml_opens_a_kitti_dataset(
     split = kitti.KITTI(str(object_dataset), cache_dir=str(object_dataset / "cache")).get_split("training")
     assert len(split) == 2
     data = split.get_data(1)
-    own = street_cloud.in_sensor_frame()
-    np.testing.assert_array_equal(data["full_point"][:, :3], own.xyz_m)
-    in_picture = projected(own.xyz_m)
+    in_sensor_frame = street_cloud.in_sensor_frame()
+    np.testing.assert_array_equal(data["full_point"][:, :3], in_sensor_frame.xyz_m)
+    in_picture = projected(in_sensor_frame.xyz_m)
     assert len(data["point"]) == pytest.approx(np.count_nonzero(in_picture), abs=2)
-    found = [b.seen_from(street.SENSOR) for b in boxes(street_cloud, street.scene())]
+    boxes_seen = [b.seen_from(street.SENSOR) for b in boxes(street_cloud, street.scene())]
     assert [b.label_class for b in data["bounding_boxes"]] == ["Car", "Car", "DontCare"]  # it knows no "Misc"
-    for theirs, ours in zip(data["bounding_boxes"], found, strict=True):
+    for theirs, ours in zip(data["bounding_boxes"], boxes_seen, strict=True):
         (length, width, height), yaw = upright_size_and_yaw(ours)
         np.testing.assert_allclose(theirs.center, ours.pose.position_m, atol=2e-4)
         np.testing.assert_allclose(theirs.size, [width, height, length], atol=1e-4)
@@ -503,11 +513,11 @@ def test_kitti_rectangles_hold_the_points(object_dataset: Path, street_cloud: Po
     """Every point of a body projects into its rectangle. Those of the far car, which is all in view, nearly fill
     its width. Tolerance: a pixel.
     """
-    own = street_cloud.in_sensor_frame()
+    in_sensor_frame = street_cloud.in_sensor_frame()
     lines = (object_dataset / "training/label_2/000000.txt").read_text().splitlines()
     for body, line in enumerate(lines, start=1):
         left, top, right, low = map(float, line.split()[4:8])
-        x, y, z = own.xyz_m[own.body == body].astype(float).T
+        x, y, z = in_sensor_frame.xyz_m[in_sensor_frame.body == body].astype(float).T
         u, v = CAMERA[0, 2] - CAMERA[0, 0] * y / x, CAMERA[1, 2] - CAMERA[1, 1] * z / x
         inside = (u >= 0) & (u < PICTURE_PX[0]) & (v >= 0) & (v < PICTURE_PX[1])
         assert left - 1 <= u[inside].min() <= u[inside].max() <= right + 1
@@ -550,11 +560,15 @@ def test_open3d_ml_opens_a_semantic_kitti_sequence(
     data = split.get_data(2)
     np.testing.assert_array_equal(data["point"], street_cloud.in_sensor_frame().xyz_m)
     names = dataset.get_label_to_names()
-    seen = {
+    labels_by_class = {
         name: {names[label] for label in data["label"][street_cloud.class_id == i].tolist()}
         for i, name in enumerate(street_cloud.class_names)
     }
-    assert seen == {"road": {"road"}, "car": {"car"}, "barrier": {"unlabeled"}}  # it leaves other structures out
+    assert labels_by_class == {
+        "road": {"road"},
+        "car": {"car"},
+        "barrier": {"unlabeled"},
+    }  # it leaves other structures out
 
 
 def test_pykitti_opens_a_sequence(sequence: Path, library: Any, street_cloud: PointCloud) -> None:
@@ -566,8 +580,8 @@ def test_pykitti_opens_a_sequence(sequence: Path, library: Any, street_cloud: Po
     assert [t.total_seconds() for t in data.timestamps] == [0.0, 0.1, 0.2]
     points = data.get_velo(1)
     np.testing.assert_array_equal(points[:, :3], street_cloud.in_sensor_frame().xyz_m)
-    ones = np.column_stack([points[:, :3], np.ones(len(points))])
-    camera_world = (data.poses[1] @ data.calib.T_cam0_velo @ ones.T).T[:, :3]
+    homogeneous = np.column_stack([points[:, :3], np.ones(len(points))])
+    camera_world = (data.poses[1] @ data.calib.T_cam0_velo @ homogeneous.T).T[:, :3]
     x_right, y_down, z_forward = camera_world.T
     np.testing.assert_allclose(np.stack([z_forward, -x_right, -y_down], 1), street_cloud.xyz_m, atol=2e-5)
 
@@ -603,10 +617,10 @@ def driving(*, motion_in: str) -> tuple[PointCloud, Scene]:
             )
         )
         sensor = pose_at(ego, time_s)
-        seen = street.cloud("sensor", described=still, sensor=sensor, step_deg=0.7)
-        own_m = seen.xyz_m.astype(float)
+        snapshot = street.cloud("sensor", described=still, sensor=sensor, step_deg=0.7)
+        own_m = snapshot.xyz_m.astype(float)
         world_m = (street.SENSOR if motion_in == "in the points" else sensor).apply(own_m)
-        parts.append(replace(seen, xyz_m=world_m.astype(np.float32), time_s=np.full(len(seen), time_s)))
+        parts.append(replace(snapshot, xyz_m=world_m.astype(np.float32), time_s=np.full(len(snapshot), time_s)))
     metadata = street.cloud("world", described=described).metadata | {"ego_motion": motion_in}
     return replace(PointCloud.concatenate(parts), metadata=metadata), described
 
@@ -617,19 +631,19 @@ def test_boxes_are_where_the_cloud_shows_what_moves(motion_in: str) -> None:
     and 2 m: half of that on either side of the mean time is what points may lie outside.
     """
     cloud, scene = driving(motion_in=motion_in)
-    found = boxes(cloud, scene)
-    for box in found:
-        own = cloud.xyz_m[cloud.body == box.body].astype(float)
-        outside = np.abs(box.pose.inverse_apply(own)) - 0.5 * box.size_m
+    frame_boxes = boxes(cloud, scene)
+    for box in frame_boxes:
+        body_points_m = cloud.xyz_m[cloud.body == box.body].astype(float)
+        outside = np.abs(box.pose.inverse_apply(body_points_m)) - 0.5 * box.size_m
         moves = box.name == "crossing" or motion_in == "in the points"
         reach = (0.5 * (box.name == "crossing") + 1.0 * (motion_in == "in the points")) if moves else 1e-3
         assert outside.max() <= reach
         # The mean of the way on either side is as long: the box is in the middle.
         along = outside.max(axis=1)
         assert np.median(along) <= 0.5 * reach + 1e-3
-    assert found[0].points_on > 100
-    np.testing.assert_allclose(np.linalg.norm(found[0].velocity_m_s), 10.0, rtol=1e-9)
-    np.testing.assert_array_equal(found[1].velocity_m_s, 0.0)
+    assert frame_boxes[0].points_on > 100
+    np.testing.assert_allclose(np.linalg.norm(frame_boxes[0].velocity_m_s), 10.0, rtol=1e-9)
+    np.testing.assert_array_equal(frame_boxes[1].velocity_m_s, 0.0)
 
 
 @pytest.mark.parametrize("format", LABELS)
@@ -671,41 +685,41 @@ def test_points_that_waited_are_counted_where_they_are(tmp_path: Path) -> None:
     (path,) = write_labels(cloud, scene, tmp_path / "a.bin", format="nuscenes")
     content = json.loads(path.read_text())
     assert content["num_lidar_pts"] == len(cloud)
-    by_name = {one["instance_name"]: one for one in content["sample_annotations"]}
+    by_name = {annotation["instance_name"]: annotation for annotation in content["sample_annotations"]}
     assert sorted(by_name) == ["crossing", "parked"]
     for box in boxes(cloud, scene):
-        one = by_name[box.name]
+        annotation = by_name[box.name]
         local = np.abs((cloud.xyz_m - box.pose.position_m) @ box.pose.rotation)
         least, most = (np.all(local <= 0.5 * box.size_m + d, axis=1).sum() for d in (-1e-4, 1e-4))
-        assert least <= one["num_lidar_pts"] <= most < one["num_body_pts"]
-        assert one["num_body_pts"] == np.count_nonzero((cloud.body == box.body) & ~noise)
+        assert least <= annotation["num_lidar_pts"] <= most < annotation["num_body_pts"]
+        assert annotation["num_body_pts"] == np.count_nonzero((cloud.body == box.body) & ~noise)
         assert 0 < box.reached < box.beams
-        assert one["velocity"] == box.velocity_m_s.tolist()
-        assert one["visibility"] == pytest.approx(box.visibility, abs=1e-4)
+        assert annotation["velocity"] == box.velocity_m_s.tolist()
+        assert annotation["visibility"] == pytest.approx(box.visibility, abs=1e-4)
 
 
 def test_a_rig_whose_sensors_see_the_same_has_the_same_boxes() -> None:
     """Two sensors in one place, of which one counts its times from 30 ms later on: the same moments, the same boxes."""
     cloud, scene = driving(motion_in="removed")
     late = replace(cloud, time_s=cloud.time_s - 0.03, metadata=cloud.metadata | {"frame_start_s": "0.03"})
-    both = merge_clouds([replace(cloud, metadata=cloud.metadata | {"frame_start_s": "0.0"}), late], ["a", "b"])
-    for one, two in zip(boxes(cloud, scene), boxes(both, scene), strict=True):
-        np.testing.assert_allclose(two.pose.position_m, one.pose.position_m, atol=1e-9)
-        assert two.points_on == 2 * one.points_on
+    merged = merge_clouds([replace(cloud, metadata=cloud.metadata | {"frame_start_s": "0.0"}), late], ["a", "b"])
+    for single, two in zip(boxes(cloud, scene), boxes(merged, scene), strict=True):
+        np.testing.assert_allclose(two.pose.position_m, single.pose.position_m, atol=1e-9)
+        assert two.points_on == 2 * single.points_on
 
 
 @pytest.mark.parametrize("sensors", [1, 2])
 def test_boxes_of_a_later_frame_are_as_much_farther_on(sensors: int) -> None:
     """0.2 s later everything that drives straight on is 0.2 s of its way farther, seen by one sensor or by two."""
     cloud, scene = driving(motion_in="removed")
-    found = []
+    boxes_of_frames = []
     for start_s in ("0.0", "0.2"):
         frame = replace(cloud, metadata=cloud.metadata | {"frame_start_s": start_s})
-        found.append(boxes(frame if sensors == 1 else merge_clouds([frame, frame], ["a", "b"]), scene))
-    for early, late in zip(*found, strict=True):
+        boxes_of_frames.append(boxes(frame if sensors == 1 else merge_clouds([frame, frame], ["a", "b"]), scene))
+    for early, late in zip(*boxes_of_frames, strict=True):
         way_m = late.pose.position_m - early.pose.position_m
         np.testing.assert_allclose(way_m, 0.2 * early.velocity_m_s, atol=1e-9)
-    assert np.linalg.norm(found[0][0].velocity_m_s) == pytest.approx(10.0)
+    assert np.linalg.norm(boxes_of_frames[0][0].velocity_m_s) == pytest.approx(10.0)
 
 
 def test_ground_truth_is_that_of_the_frames_start() -> None:
@@ -724,18 +738,18 @@ def test_moving_classes_of_semantic_kitti() -> None:
 
 def test_visibility_of_a_rig() -> None:
     """Two sensors in one cloud: beams of each start where it stands."""
-    other = street.at(40.0, 20.0, 1.8, 200.0)
-    clouds = [street.cloud("world"), street.cloud("world", sensor=other)]
-    both = merge_clouds(clouds, ["one", "two"])
-    together = boxes(both, street.scene())
+    second_sensor = street.at(40.0, 20.0, 1.8, 200.0)
+    clouds = [street.cloud("world"), street.cloud("world", sensor=second_sensor)]
+    merged = merge_clouds(clouds, ["one", "two"])
+    together = boxes(merged, street.scene())
     apart = [boxes(cloud, street.scene()) for cloud in clouds]
-    for box, one, two in zip(together, *apart, strict=True):
-        assert box.beams == one.beams + two.beams
-        assert box.points_inside == one.points_inside + two.points_inside
-        reached = one.visibility * one.beams + two.visibility * two.beams
+    for box, first, two in zip(together, *apart, strict=True):
+        assert box.beams == first.beams + two.beams
+        assert box.points_inside == first.points_inside + two.points_inside
+        reached = first.visibility * first.beams + two.visibility * two.beams
         assert box.visibility * box.beams == pytest.approx(reached)
     with pytest.raises(InputError, match="the cloud is of several sensors"):
-        both.in_sensor_frame()
+        merged.in_sensor_frame()
 
 
 def test_what_stands_is_not_labelled_as_moving() -> None:
@@ -754,13 +768,13 @@ def test_a_beam_may_end_a_little_before_the_box_that_it_meets(short_m: float, re
     cloud = street.cloud("sensor", described=scene, sensor=Pose(), step_deg=6.0)
     ahead = np.flatnonzero((np.abs(cloud.azimuth_rad) < 1e-6) & (np.abs(cloud.elevation_rad) < 1e-6))
     assert len(ahead) == 1
-    one = cloud.select(ahead)
-    assert one.true_range_m is not None
-    assert one.true_range_m[0] == pytest.approx(8.0)
-    one = replace(one, true_range_m=one.true_range_m - np.float32(short_m))
-    (box,) = boxes(one, scene)
+    single_beam = cloud.select(ahead)
+    assert single_beam.true_range_m is not None
+    assert single_beam.true_range_m[0] == pytest.approx(8.0)
+    single_beam = replace(single_beam, true_range_m=single_beam.true_range_m - np.float32(short_m))
+    (box,) = boxes(single_beam, scene)
     assert (box.beams, box.reached) == (1, reached)
-    (box,) = boxes(replace(one, status=np.ones(1)), scene)  # what is no echo says nothing of a surface
+    (box,) = boxes(replace(single_beam, status=np.ones(1)), scene)  # what is no echo says nothing of a surface
     assert (box.beams, box.reached) == (0, 0)
 
 
@@ -783,7 +797,13 @@ def test_another_sequence_and_times_to_a_nanosecond(tmp_path: Path, street_cloud
     kitti_dataset.write_sequence_frame(tmp_path, 0, cloud, street.scene(), sequence="07")
     folder = tmp_path / "dataset/sequences/07"
     assert float((folder / "times.txt").read_text()) == 1.234567891
-    assert sorted(one.name for one in folder.iterdir()) == ["calib.txt", "labels", "poses.txt", "times.txt", "velodyne"]
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "calib.txt",
+        "labels",
+        "poses.txt",
+        "times.txt",
+        "velodyne",
+    ]
     assert (tmp_path / "dataset/poses/07.txt").read_text() == (folder / "poses.txt").read_text()
 
 
@@ -794,18 +814,18 @@ def test_beams_of_a_rig_that_waited_are_those_of_each_sensor(tmp_path: Path) -> 
     far = replace(cloud, true_range_m=np.full(len(cloud), 1e3))
     near = replace(cloud, true_range_m=np.ones(len(cloud)))
     start = {"frame_start_s": "0.0"}
-    both = merge_clouds([replace(one, metadata=one.metadata | start) for one in (far, near)], ["far", "near"])
-    (path,) = write_labels(both, scene, tmp_path / "a.bin", format="nuscenes")
-    for one in json.loads(path.read_text())["sample_annotations"]:
-        assert one["visibility"] == 0.5
+    merged = merge_clouds([replace(cloud, metadata=cloud.metadata | start) for cloud in (far, near)], ["far", "near"])
+    (path,) = write_labels(merged, scene, tmp_path / "a.bin", format="nuscenes")
+    for annotation in json.loads(path.read_text())["sample_annotations"]:
+        assert annotation["visibility"] == 0.5
 
 
 def test_a_box_is_at_the_mean_time_to_a_microsecond() -> None:
     """Points 0.4 ms and 0.9 ms after the start, in equal numbers, of a car at 10 m/s: 6.5 mm of way."""
     cloud, scene = driving(motion_in="removed")
-    own = cloud.select(np.flatnonzero(cloud.body == 0)[:100])
-    own = replace(own, time_s=np.resize([4e-4, 9e-4], 100))
-    box = next(one for one in boxes(own, scene) if one.name == "crossing")
+    body_points = cloud.select(np.flatnonzero(cloud.body == 0)[:100])
+    body_points = replace(body_points, time_s=np.resize([4e-4, 9e-4], 100))
+    box = next(frame_box for frame_box in boxes(body_points, scene) if frame_box.name == "crossing")
     motion = scene.bodies[0].motion
     assert motion is not None
     way_m = np.linalg.norm(box.pose.position_m - pose_at(motion, 0.0).position_m)

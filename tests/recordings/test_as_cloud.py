@@ -11,7 +11,7 @@ from lidarscene.recordings.sweep import Second, Sweep
 def sweep(**changes: object) -> Sweep:
     """Two rows, two columns: one pulse is lost, one has two returns."""
     direction = np.array([[[1, 0, 0], [0, 1, 0]], [[0, 0, 1], [-1, 0, 0]]], float)
-    given: dict[str, object] = {
+    fields: dict[str, object] = {
         "range_m": [[2.0, np.nan], [4.0, 5.0]],
         "recorded": [[True, True], [True, False]],
         "direction": direction,
@@ -25,7 +25,7 @@ def sweep(**changes: object) -> Sweep:
         "second": Second(range_m=np.array([[np.nan, np.nan], [6.0, np.nan]]), signal=np.full((2, 2), 5.0)),
         "pose": Pose(position_m=np.array([1.0, 2.0, 3.0])),
     }
-    return Sweep(**(given | changes))  # type: ignore[arg-type]
+    return Sweep(**(fields | changes))  # type: ignore[arg-type]
 
 
 def test_both_returns_are_points() -> None:
@@ -43,9 +43,9 @@ def test_both_returns_are_points() -> None:
 
 
 def test_kept_and_lost() -> None:
-    one = sweep()
-    assert one.has_return.tolist() == [[True, False], [True, True]]
-    assert one.lost.tolist() == [[False, True], [False, False]]
+    recorded = sweep()
+    assert recorded.has_return.tolist() == [[True, False], [True, True]]
+    assert recorded.lost.tolist() == [[False, True], [False, False]]
 
 
 def test_shapes_are_checked_and_arrays_frozen() -> None:
@@ -70,10 +70,10 @@ def test_beams_have_the_angles_of_their_points() -> None:
 
 def test_the_intensity_is_the_first_that_is_known() -> None:
     """Intensity, else signal, else reflectivity; of the second return likewise."""
-    known = {"intensity": 1.0, "signal": 2.0, "reflectivity": 3.0}
+    readings = {"intensity": 1.0, "signal": 2.0, "reflectivity": 3.0}
     for first in range(3):
-        given = {name: np.full((2, 2), value) for name, value in list(known.items())[first:]}
-        later = {name: 10 * values for name, values in given.items()}
+        reported = {name: np.full((2, 2), value) for name, value in list(readings.items())[first:]}
+        later = {name: 10 * values for name, values in reported.items()}
         second = Second(range_m=np.array([[np.nan, np.nan], [6.0, np.nan]]), **later)
-        cloud = cloud_of(sweep(**({"intensity": None, "signal": None, "reflectivity": None} | given), second=second))
+        cloud = cloud_of(sweep(**({"intensity": None, "signal": None, "reflectivity": None} | reported), second=second))
         assert cloud.intensity.tolist() == [first + 1.0] * 3 + [10.0 * (first + 1)]

@@ -20,8 +20,8 @@ from lidarscene.recordings.opening import open_recording
 def test_frames_fields_and_poses_of_our_own_bag(tmp_path: Path, suffix: str, storage: str) -> None:
     need("mcap")
     clouds = [small_cloud(seed=seed, metadata=PLACED | {"frame_start_s": f"{seed}.0"}) for seed in (1, 2)]
-    known = "0 -1 0 1  1 0 0 2  0 0 1 3"
-    clouds[1] = small_cloud(seed=2, metadata=PLACED | {"frame_start_s": "2.0", "sensor_to_world": known})
+    pose_text = "0 -1 0 1  1 0 0 2  0 0 1 3"
+    clouds[1] = small_cloud(seed=2, metadata=PLACED | {"frame_start_s": "2.0", "sensor_to_world": pose_text})
     path = tmp_path / f"a.{suffix}"
     write_ros(path, clouds, storage=storage)
     with open_recording(path) as recording:
@@ -50,8 +50,8 @@ def scan_bag(path: Path, library: Callable[[str], Any], frames: int) -> Path:
     stamp = store.types["builtin_interfaces/msg/Time"](sec=9, nanosec=0)
     header = store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="velodyne")
     packets = [
-        store.types["velodyne_msgs/msg/VelodynePacket"](stamp=stamp, data=np.frombuffer(one, np.uint8))
-        for one in turns(75)
+        store.types["velodyne_msgs/msg/VelodynePacket"](stamp=stamp, data=np.frombuffer(payload, np.uint8))
+        for payload in turns(75)
     ]
     with rosbag2.Writer(path, version=8) as writer:
         connection = writer.add_connection("/velodyne_packets", kind, typestore=store)
@@ -195,5 +195,5 @@ def test_packets_of_hesais_driver(tmp_path: Path, library: Callable[[str], Any])
         message = store.types[kind](header=header, packets=[packet])
         writer.write(connection, 1, store.serialize_cdr(message, kind))
     with highlevel.AnyReader([tmp_path / "bag"], default_typestore=store) as bag:
-        (one,) = _Scans(bag, tmp_path / "bag", bag.connections[0])[0]
-    assert (one.time_s, one.payload) == (9.125, payload)
+        (stored_packet,) = _Scans(bag, tmp_path / "bag", bag.connections[0])[0]
+    assert (stored_packet.time_s, stored_packet.payload) == (9.125, payload)

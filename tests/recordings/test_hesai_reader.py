@@ -40,8 +40,8 @@ def test_points_turned_to_x_forward(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("protocol", "lasers", "blocks"), [((3, 1), 32, 8), ((6, 1), 16, 8), ((6, 1), 32, 6)])
 def test_other_models_are_told(tmp_path: Path, protocol: tuple[int, int], lasers: int, blocks: int) -> None:
     """Rationale: PandarXT-16 and XT-32M have the XT-32's protocol and shorter packets, which gave struct's message."""
-    other = bytearray(hesai_packet(0, 2500))[: 12 + blocks * (2 + 4 * lasers) + 28]
-    other[2:4], other[6:8] = bytes(protocol), bytes([lasers, blocks])
-    got = f"got protocol {protocol[0]}.{protocol[1]}, {lasers} lasers, {blocks} blocks"
-    with pytest.raises(InputError, match=rf"must be packets of a PandarXT-32 .* or OT128 .*, {got}"):
-        open_recording(pcap(tmp_path / "other.pcap", [bytes(other)]))
+    payload = bytearray(hesai_packet(0, 2500))[: 12 + blocks * (2 + 4 * lasers) + 28]
+    payload[2:4], payload[6:8] = bytes(protocol), bytes([lasers, blocks])
+    message = f"got protocol {protocol[0]}.{protocol[1]}, {lasers} lasers, {blocks} blocks"
+    with pytest.raises(InputError, match=rf"must be packets of a PandarXT-32 .* or OT128 .*, {message}"):
+        open_recording(pcap(tmp_path / "other.pcap", [bytes(payload)]))

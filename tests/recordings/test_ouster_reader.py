@@ -142,25 +142,27 @@ def test_what_is_wrong_is_one_line(tmp_path: Path, core: Any, library: Callable[
     path = tmp_path / "a.pcap"
     shutil.copy(OUSTER, path)
 
-    def told(*, metadata: Path | None = None) -> str:
+    def error_text(*, metadata: Path | None = None) -> str:
         with pytest.raises(InputError) as caught:
             open_recording(path, metadata)
         assert "\n" not in str(caught.value)
         return str(caught.value)
 
-    assert "an Ouster's metadata as a.json beside it" in told()
-    assert told(metadata=tmp_path / "b.json").endswith("b.json: no such metadata file")
-    other = tmp_path / "other.json"
-    other.write_text("{}")
-    assert told(metadata=other).startswith(f"{other}: cannot be read: ")
+    assert "an Ouster's metadata as a.json beside it" in error_text()
+    assert error_text(metadata=tmp_path / "b.json").endswith("b.json: no such metadata file")
+    other_metadata = tmp_path / "other.json"
+    other_metadata.write_text("{}")
+    assert error_text(metadata=other_metadata).startswith(f"{other_metadata}: cannot be read: ")
     described = json.loads(OUSTER.with_suffix(".json").read_text())
-    other.write_text(json.dumps(described | {"beam_altitude_angles": [0.0] * 16, "beam_azimuth_angles": [0.0] * 16}))
-    assert str(other) in told(metadata=other)
+    other_metadata.write_text(
+        json.dumps(described | {"beam_altitude_angles": [0.0] * 16, "beam_azimuth_angles": [0.0] * 16})
+    )
+    assert str(other_metadata) in error_text(metadata=other_metadata)
     shutil.copy(OUSTER.with_suffix(".json"), path.with_suffix(".json"))
     path.write_bytes(OUSTER.read_bytes()[:-100])
-    assert told() == f"{path}: cannot be read: truncated: it ends within packet 1"
+    assert error_text() == f"{path}: cannot be read: truncated: it ends within packet 1"
     path.write_bytes(OUSTER.read_bytes()[:24])
-    assert "must have packets as" in told()
+    assert "must have packets as" in error_text()
 
 
 def test_what_is_of_packets_that_came(tmp_path: Path, core: Any, library: Callable[[str], Any]) -> None:
@@ -194,7 +196,7 @@ def test_what_is_of_packets_that_came(tmp_path: Path, core: Any, library: Callab
     assert not sweep.has_return[:, :16].any()
     assert sweep.has_return[:, 16:].all()
     assert sweep.second is not None
-    for found, value in (
+    for reported_range_m, value in (
         (sweep.range_m, 0.010),
         (sweep.second.range_m, 0.020),
         (sweep.signal, 30),
@@ -202,9 +204,9 @@ def test_what_is_of_packets_that_came(tmp_path: Path, core: Any, library: Callab
         (sweep.reflectivity, 50),
         (sweep.second.reflectivity, 60),
     ):
-        assert found is not None
-        np.testing.assert_allclose(found[:, 16:], value, rtol=1e-12)
-        assert np.isnan(found[:, :16]).all()
+        assert reported_range_m is not None
+        np.testing.assert_allclose(reported_range_m[:, 16:], value, rtol=1e-12)
+        assert np.isnan(reported_range_m[:, :16]).all()
     assert sweep.pose is not None
     np.testing.assert_allclose(sweep.pose.position_m, [5.0, 6.5, 7.25], atol=1e-12)
     np.testing.assert_allclose(sweep.pose.rotation, (body @ mounted)[:3, :3], atol=1e-12)

@@ -20,11 +20,11 @@ SENSOR = load_sensor("pandar64")
 def payloads() -> list[bytes]:
     """A turn and a little more."""
     clouds = [random_frame(SENSOR, number=number) for number in range(2)]
-    return [one.payload for one in packets_of(select_encoder(SENSOR), SENSOR, clouds)][:310]
+    return [packet.payload for packet in packets_of(select_encoder(SENSOR), SENSOR, clouds)][:310]
 
 
 def test_turns_are_frames_and_sequence_numbers_are_passed_over(tmp_path: Path) -> None:
-    path = pcap(tmp_path / "a.pcap", [one + bytes(4) for one in payloads()])
+    path = pcap(tmp_path / "a.pcap", [payload + bytes(4) for payload in payloads()])
     with open_recording(path) as recording:
         assert len(recording) == 2
         first, second = recording
@@ -58,8 +58,8 @@ def test_the_second_is_the_recorders_and_its_part_the_sensors(tmp_path: Path, la
     """A recorder's clock may be half a second off: the nearest second to which the sensor's part fits is right."""
     cloud = random_frame(SENSOR)
     cloud = replace(cloud, metadata=dict(cloud.metadata) | {"frame_start_s": "1000.5"})
-    made = packets_of(select_encoder(SENSOR), SENSOR, [cloud])
-    content = HEADER + b"".join(record_of(one._replace(time_s=one.time_s + late_s), 2368) for one in made)
+    packets = packets_of(select_encoder(SENSOR), SENSOR, [cloud])
+    content = HEADER + b"".join(record_of(packet._replace(time_s=packet.time_s + late_s), 2368) for packet in packets)
     (tmp_path / "a.pcap").write_bytes(content)
     with open_recording(tmp_path / "a.pcap") as recording:
         assert recording[0].start_s == pytest.approx(1000.5, abs=1e-6)
@@ -67,26 +67,26 @@ def test_the_second_is_the_recorders_and_its_part_the_sensors(tmp_path: Path, la
 
 def test_a_units_azimuths_are_clockwise(tmp_path: Path) -> None:
     """As Hesai's tables have them: three degrees more are three degrees to the right."""
-    found = []
+    azimuths_deg = []
     for azimuth_deg in (0.0, 3.0):
         table = tmp_path / "angles.csv"
         rows = [f"{channel + 1},{10 - 0.25 * channel},{azimuth_deg}" for channel in range(64)]
         table.write_text("\n".join(["Laser id,Elevation,Azimuth", *rows]) + "\n")
         with open_recording(pcap(tmp_path / "a.pcap", payloads()), table) as recording:
             direction = recording[0].direction[:, 100]
-        found.append(np.degrees(np.arctan2(direction[:, 1], direction[:, 0])))
-    np.testing.assert_allclose((found[1] - found[0] + 180.0) % 360.0 - 180.0, -3.0, atol=1e-4)
+        azimuths_deg.append(np.degrees(np.arctan2(direction[:, 1], direction[:, 0])))
+    np.testing.assert_allclose((azimuths_deg[1] - azimuths_deg[0] + 180.0) % 360.0 - 180.0, -3.0, atol=1e-4)
 
 
 def test_steps_and_intensities_of_two_returns(tmp_path: Path) -> None:
     """Each return has its own; a packet says how long its steps are [mm]."""
     sensor = load_sensor("pandar64", overrides=('tdc.keep="strongest_and_last"',))
     cloud = random_frame(sensor, second=True)
-    made = [bytearray(one.payload) for one in packets_of(select_encoder(sensor), sensor, [cloud])]
-    for payload in made:
+    payloads_of_frame = [bytearray(packet.payload) for packet in packets_of(select_encoder(sensor), sensor, [cloud])]
+    for payload in payloads_of_frame:
         assert payload[5] == 4
         payload[5] = 2
-    with open_recording(pcap(tmp_path / "a.pcap", [bytes(one) for one in made])) as recording:
+    with open_recording(pcap(tmp_path / "a.pcap", [bytes(payload) for payload in payloads_of_frame])) as recording:
         sweep = recording[0]
     assert sweep.second is not None
     assert sweep.intensity is not None

@@ -16,9 +16,9 @@ from lidarscene.recordings.pcap_reader import metadata_of, packets_of, turns_of
 def test_payloads_and_times_of_both_orders_and_clocks(tmp_path: Path, order: str, nanoseconds: bool) -> None:
     path = pcap(tmp_path / "a.pcap", [b"first", b"second"], order=order, nanoseconds=nanoseconds)
     packets = packets_of(path)
-    assert [one.payload for one in packets] == [b"first", b"second"]
+    assert [packet.payload for packet in packets] == [b"first", b"second"]
     assert packets[1].time_s == pytest.approx(100.001, abs=1e-9)
-    assert [one.payload for one in packets_of(path, lambda payload: payload != b"first")] == [b"second"]
+    assert [packet.payload for packet in packets_of(path, lambda payload: payload != b"first")] == [b"second"]
 
 
 IP = 20
@@ -39,7 +39,7 @@ def captured(path: Path, link: int, frames: list[bytes]) -> list[bytes]:
     for frame in frames:
         content += struct.pack("<IIII", 100, 0, len(frame), len(frame)) + frame
     path.write_bytes(content)
-    return [one.payload for one in packets_of(path)]
+    return [packet.payload for packet in packets_of(path)]
 
 
 PLAIN, TAGGED = bytes(12) + b"\x08\x00", bytes(12) + b"\x81\x00\x00\x2a\x08\x00"
@@ -52,12 +52,12 @@ def test_payloads_of_every_link(tmp_path: Path, link: int, before: bytes) -> Non
     capture 16. A frame is filled up to 60 bytes, and a header of IP may have options: neither belongs to a payload.
     """
     frames = [datagram(b"first", after=13), datagram(b"second", options=bytes(8)), datagram(b"")]
-    assert captured(tmp_path / "a.pcap", link, [before + one for one in frames]) == [b"first", b"second", b""]
+    assert captured(tmp_path / "a.pcap", link, [before + frame for frame in frames]) == [b"first", b"second", b""]
 
 
 def test_what_is_no_whole_datagram_is_passed_over(tmp_path: Path) -> None:
     """TCP, ICMP, IPv6, the first and a later fragment (RFC 791: bit 13 says more follow, those below are the place)."""
-    others = [
+    invalid = [
         datagram(b"tcp", protocol=6),
         datagram(b"icmp", protocol=1),
         b"\x60" + datagram(b"six")[1:],
@@ -65,7 +65,7 @@ def test_what_is_no_whole_datagram_is_passed_over(tmp_path: Path) -> None:
         datagram(b"later", fragment=0x0001),
     ]
     whole = datagram(b"whole", fragment=0x4000)  # which must not be cut
-    assert captured(tmp_path / "a.pcap", 1, [PLAIN + one for one in (*others, whole)]) == [b"whole"]
+    assert captured(tmp_path / "a.pcap", 1, [PLAIN + payload for payload in (*invalid, whole)]) == [b"whole"]
 
 
 def test_what_is_damaged_is_told(tmp_path: Path) -> None:
@@ -75,9 +75,9 @@ def test_what_is_damaged_is_told(tmp_path: Path) -> None:
         path.write_bytes(whole[:size])
         with pytest.raises(ValueError, match=r"truncated: it ends within packet [12]"):
             packets_of(path)
-    for start, told in ((b"\x0a\x0d\x0d\x0a", "got a pcapng"), (b"none", "its first bytes are of none")):
+    for start, message in ((b"\x0a\x0d\x0d\x0a", "got a pcapng"), (b"none", "its first bytes are of none")):
         path.write_bytes(start + whole[4:])
-        with pytest.raises(ValueError, match=told):
+        with pytest.raises(ValueError, match=message):
             packets_of(path)
 
 
@@ -106,24 +106,24 @@ print(json.dumps([len(packets), len(turn), payload[0], len(payload), peak]))
 def test_packets_stay_in_the_file(tmp_path: Path, run_python: Any) -> None:
     """Rationale: a drive is larger than memory. Of 5 MB of packets 24 bytes each are held, and what is asked for."""
     path = pcap(tmp_path / "a.pcap", [bytes([number % 256]) * 1200 for number in range(4000)])
-    done = run_python(MEMORY.format(path=str(path)))
-    assert done.returncode == 0, done.stderr
-    *read, peak = json.loads(done.stdout)
+    process = run_python(MEMORY.format(path=str(path)))
+    assert process.returncode == 0, process.stderr
+    *read, peak = json.loads(process.stdout)
     assert read == [4000, 50, 104, 1200]
     assert peak < 1e6
 
 
 def test_whose_metadata(tmp_path: Path) -> None:
     """The file that is given; else NAME.json, else NAME_0.json of newer tools, else none."""
-    path, given = tmp_path / "a.pcap", tmp_path / "b.json"
+    path, explicit = tmp_path / "a.pcap", tmp_path / "b.json"
     plain, newer = tmp_path / "a.json", tmp_path / "a_0.json"
     assert metadata_of(path, None) is None
-    assert metadata_of(path, given) == given
+    assert metadata_of(path, explicit) == explicit
     newer.touch()
     assert metadata_of(path, None) == newer
     plain.touch()
     assert metadata_of(path, None) == plain
-    assert metadata_of(path, given) == given
+    assert metadata_of(path, explicit) == explicit
 
 
 def test_a_head_that_trembles_does_not_turn() -> None:

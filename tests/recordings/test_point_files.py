@@ -115,18 +115,20 @@ def test_a_folder_is_frames_by_the_numbers_in_their_names(tmp_path: Path) -> Non
 
 
 def test_what_is_damaged_is_told(tmp_path: Path, library: Callable[[str], Any]) -> None:
-    def told(name: str, content: bytes) -> str:
+    def error_text(name: str, content: bytes) -> str:
         path = tmp_path / name
         path.write_bytes(content)
         with pytest.raises(InputError) as caught:
             open_recording(path)[0]
         return str(caught.value).removeprefix(f"{path}: ")
 
-    assert told("a.bin", bytes(17)) == ("cannot be read: must be rows of 16 bytes (x, y, z, intensity), got 17 bytes")
-    assert told("b.bin", b"") == "must be a recording, got an empty file"
-    assert told("c.bin", bytes(32)) == "must have points, got none"
-    assert told("a.abc", b"1").startswith("must be a recording that ends in .pcap, .osf, ")
-    assert told("a.ply", b"ply\nformat ascii 1.0\nelement face 1\nend_header\n").endswith(
+    assert error_text("a.bin", bytes(17)) == (
+        "cannot be read: must be rows of 16 bytes (x, y, z, intensity), got 17 bytes"
+    )
+    assert error_text("b.bin", b"") == "must be a recording, got an empty file"
+    assert error_text("c.bin", bytes(32)) == "must have points, got none"
+    assert error_text("a.abc", b"1").startswith("must be a recording that ends in .pcap, .osf, ")
+    assert error_text("a.ply", b"ply\nformat ascii 1.0\nelement face 1\nend_header\n").endswith(
         "must be a PLY whose first element is 'vertex'"
     )
     with pytest.raises(InputError, match=r"nothing.bin: no such recording"):

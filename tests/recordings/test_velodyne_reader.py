@@ -31,9 +31,9 @@ def two_turns(tmp_path: Path, library: Callable[[str], Any]) -> Path:
 def test_frames_are_turns_and_can_be_sought(two_turns: Path) -> None:
     with open_recording(two_turns) as recording:
         assert (len(recording), recording.metadata["sensor"]) == (2, "VLP16")
-        last, again = recording[1], recording[-1]
-        np.testing.assert_array_equal(last.range_m, again.range_m)
-        assert [one.shape for one in recording] == [(16, FIRINGS * PACKETS)] * 2
+        last, last_from_end = recording[1], recording[-1]
+        np.testing.assert_array_equal(last.range_m, last_from_end.range_m)
+        assert [sweep.shape for sweep in recording] == [(16, FIRINGS * PACKETS)] * 2
         with pytest.raises(InputError, match=r"vlp.pcap: frame must be 0 to 1, got 2"):
             recording[2]
 
@@ -47,8 +47,8 @@ def test_a_frame_begins_when_its_first_pulse_leaves(tmp_path: Path, library: Cal
     library("velodyne_decoder")
     sensor = load_sensor("vls-128")
     cloud = random_frame(sensor, number=1)
-    made = packets_of(select_encoder(sensor), sensor, [cloud])[:40]
-    with open_recording(pcap(tmp_path / "vls.pcap", [one.payload for one in made])) as recording:
+    packets = packets_of(select_encoder(sensor), sensor, [cloud])[:40]
+    with open_recording(pcap(tmp_path / "vls.pcap", [packet.payload for packet in packets])) as recording:
         sweep = recording[0]
     assert cloud.frame_start_s > 0.09
     assert sweep.start_s == pytest.approx(cloud.frame_start_s, abs=1.1e-6)
@@ -70,10 +70,10 @@ def test_ranges_directions_and_the_lost_pulse(two_turns: Path) -> None:
     elevation = np.degrees(np.arcsin(sweep.direction[..., 2]))
     # The exits are up to 11 mm above or below the origin, which is 0.064 degrees at 10 m.
     np.testing.assert_allclose(elevation, np.broadcast_to(ELEVATIONS_DEG[:, None], elevation.shape), atol=0.07)
-    lost, before, after = (sweep.direction[9, column] for column in (40, 38, 42))
+    lost_direction, before, after = (sweep.direction[9, column] for column in (40, 38, 42))
     middle = (before + after) / np.linalg.norm(before + after)
     # Two hundredths of a degree: azimuths are whole hundredths.
-    assert np.degrees(np.arccos(min(1.0, lost @ middle))) < 0.02
+    assert np.degrees(np.arccos(min(1.0, lost_direction @ middle))) < 0.02
     assert sweep.includes_lost
     assert sweep.recorded.all()
     assert sweep.intensity is not None
@@ -100,18 +100,18 @@ def test_a_vls_128_turns_from_its_first_packet_on(tmp_path: Path, library: Calla
 
 def test_channels_in_the_sky_have_rows_and_directions(tmp_path: Path, library: Callable[[str], Any]) -> None:
     library("velodyne_decoder")
-    packets = [bytearray(one) for one in turns(PACKETS)]
+    packets = [bytearray(turn) for turn in turns(PACKETS)]
     for number, packet in enumerate(packets):
         for block in range(12):
             for firing in range(2):
-                at = 100 * block + 4 + 3 * (16 * firing + 15)  # laser 15, +15 degrees: the highest
+                offset = 100 * block + 4 + 3 * (16 * firing + 15)  # laser 15, +15 degrees: the highest
                 if (number, block) != (30, 5):
-                    packet[at : at + 2] = b"\0\0"
-    sweep = open_recording(pcap(tmp_path / "sky.pcap", [bytes(one) for one in packets]))[0]
+                    packet[offset : offset + 2] = b"\0\0"
+    sweep = open_recording(pcap(tmp_path / "sky.pcap", [bytes(packet) for packet in packets]))[0]
     assert sweep.has_return[15].sum() == 2
     assert sweep.lost[15].sum() == FIRINGS * PACKETS - 2
-    own, below = sweep.direction[15], sweep.direction[14]
-    turned = np.arctan2(own[:, 1], own[:, 0]) - np.arctan2(below[:, 1], below[:, 0])
+    highest, below = sweep.direction[15], sweep.direction[14]
+    turned = np.arctan2(highest[:, 1], highest[:, 0]) - np.arctan2(below[:, 1], below[:, 0])
     apart_deg = np.degrees(np.abs((turned + np.pi) % (2.0 * np.pi) - np.pi))
     # From one place of the turn to all others: the mean rate is known to half a hundredth in 0.2 degrees at worst.
     assert np.median(apart_deg) < 1.0
@@ -183,7 +183,7 @@ def test_a_units_own_calibration_is_used(tmp_path: Path, library: Callable[[str]
     (tmp_path / "unit.yaml").write_text(yaml.safe_dump(content))
     path = pcap(tmp_path / "a.pcap", turns(PACKETS))
     plain, higher = (open_recording(path, unit)[0] for unit in (None, tmp_path / "unit.yaml"))
-    up = [np.degrees(np.arcsin(one.direction[..., 2])) for one in (plain, higher)]
+    up = [np.degrees(np.arcsin(sweep.direction[..., 2])) for sweep in (plain, higher)]
     np.testing.assert_allclose(up[1] - up[0], 1.0, atol=0.01)
 
 

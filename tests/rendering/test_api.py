@@ -16,33 +16,35 @@ COARSE = {"scanner": {"azimuth_step_deg": 2.0, "elevation_step_deg": np.float32(
 
 
 def test_a_simulator_takes_names(mi: Any) -> None:
-    named = lidarscene.Simulator("edges", "table1-sipm", pose=(1, 0, 1.8, 0, -2))
+    simulator = lidarscene.Simulator("edges", "table1-sipm", pose=(1, 0, 1.8, 0, -2))
     scene, sensor = lidarscene.load_scene("edges"), lidarscene.load_sensor("table1-sipm")
-    assert (named.scene.name, named.sensor.name) == (scene.name, sensor.name)
+    assert (simulator.scene.name, simulator.sensor.name) == (scene.name, sensor.name)
     expected = Pose.from_degrees(position_m=(1, 0, 1.8), pitch_deg=-2)
-    np.testing.assert_array_equal(named.pose.position_m, expected.position_m)
-    np.testing.assert_array_equal(named.pose.rotation, expected.rotation)
-    assert lidarscene.Simulator(scene, world=named.world).sensor.name == scene.sensor_name
+    np.testing.assert_array_equal(simulator.pose.position_m, expected.position_m)
+    np.testing.assert_array_equal(simulator.pose.rotation, expected.rotation)
+    assert lidarscene.Simulator(scene, world=simulator.world).sensor.name == scene.sensor_name
 
 
 def test_overrides_of_scene_and_sensor(mi: Any) -> None:
     """As text, as a list and as a mapping, they make the same cloud; the scene's change its light."""
     steps = ["scanner.azimuth_step_deg=2.0", "scanner.elevation_step_deg=2.0"]
     dusk = lidarscene.render("edges", overrides=steps, scene_overrides="sun.illuminance_klux=1")
-    same = lidarscene.render("edges", overrides=COARSE, scene_overrides={"sun": {"illuminance_klux": 1}})
+    same_dusk = lidarscene.render("edges", overrides=COARSE, scene_overrides={"sun": {"illuminance_klux": 1}})
     noon = lidarscene.render("edges", overrides=COARSE, scene_overrides=["sun.illuminance_klux=100"])
-    np.testing.assert_array_equal(dusk.xyz_m, same.xyz_m)
+    np.testing.assert_array_equal(dusk.xyz_m, same_dusk.xyz_m)
     assert np.median(dusk.snr) > np.median(noon.snr)
 
 
 @pytest.mark.parametrize("pose", [(1.0, 2.0, 3.0), [1, 2, 3, 40, 5], np.array([1.0, 2.0, 3.0, 40.0, 5.0, 6.0])])
 def test_a_pose_in_numbers(pose: Any) -> None:
-    given = [*pose] + [0.0] * (6 - len(pose))
-    expected = Pose.from_degrees(position_m=tuple(given[:3]), yaw_deg=given[3], pitch_deg=given[4], roll_deg=given[5])
-    made = FrameOptions(pose=pose).pose
-    assert made is not None
-    np.testing.assert_array_equal(made.position_m, expected.position_m)
-    np.testing.assert_array_equal(made.rotation, expected.rotation)
+    six_numbers = [*pose] + [0.0] * (6 - len(pose))
+    expected = Pose.from_degrees(
+        position_m=tuple(six_numbers[:3]), yaw_deg=six_numbers[3], pitch_deg=six_numbers[4], roll_deg=six_numbers[5]
+    )
+    pose_from_numbers = FrameOptions(pose=pose).pose
+    assert pose_from_numbers is not None
+    np.testing.assert_array_equal(pose_from_numbers.position_m, expected.position_m)
+    np.testing.assert_array_equal(pose_from_numbers.rotation, expected.rotation)
 
 
 MISTAKES: list[tuple[Callable[..., object], tuple[object, ...], dict[str, object], str]] = [
@@ -61,11 +63,11 @@ MISTAKES: list[tuple[Callable[..., object], tuple[object, ...], dict[str, object
 ]
 
 
-@pytest.mark.parametrize(("call", "given", "options", "told"), MISTAKES)
-def test_a_slip_is_one_line(call: Any, given: Any, options: Any, told: str) -> None:
+@pytest.mark.parametrize(("call", "arguments", "options", "message"), MISTAKES)
+def test_a_slip_is_one_line(call: Any, arguments: Any, options: Any, message: str) -> None:
     """Told by the call itself, also where frames come one by one."""
-    with pytest.raises(LidarSceneError, match=told) as error:
-        call(*given, **options)
+    with pytest.raises(LidarSceneError, match=message) as error:
+        call(*arguments, **options)
     assert "\n" not in str(error.value)
 
 
@@ -82,7 +84,7 @@ def test_a_file_is_outputs_enough(mi: Any, tmp_path: Path) -> None:
 
 def test_a_line_and_a_table_about_each() -> None:
     """Short: a scene or a sensor holds arrays of millions of numbers."""
-    for one in (lidarscene.load_scene("car"), lidarscene.load_sensor("vlp-16")):
-        assert len(repr(one)) < 200
-        assert one.name in repr(one)
-        assert one._repr_html_().count("<tr>") == len(one.facts())
+    for described in (lidarscene.load_scene("car"), lidarscene.load_sensor("vlp-16")):
+        assert len(repr(described)) < 200
+        assert described.name in repr(described)
+        assert described._repr_html_().count("<tr>") == len(described.facts())

@@ -19,22 +19,22 @@ def changed(sensor, part, **values):
 
 
 @pytest.mark.parametrize(
-    ("part", "field", "value", "named"),
+    ("part", "field", "value", "extreme_input"),
     [
         ("optics", "focal_length_m", 1e-25, "optics.focal_length_mm = 1e-22"),
         ("detector", "gain", 1e25, "detector.gain = 1e+25"),
         ("optics", "sun_irradiance_w_m2", math.nan, "optics.sun_irradiance_w_m2 = nan"),
     ],
 )
-def test_a_frame_of_nan_names_the_extreme_input(mi, part, field, value, named):
+def test_a_frame_of_nan_names_the_extreme_input(mi, part, field, value, extreme_input):
     """Files refuse such numbers by their bounds; sensors that are made in Python have none."""
     scene = chain.scene(chain.facing(range_m=20.0))
     sensor = changed(chain.sensor("table1-apd", *COARSE), part, **{field: value})
-    for call in (lidarscene.render, lambda *of: lidarscene.Simulator(*of).stream(lambda _: None)):
+    for call in (lidarscene.render, lambda *arguments: lidarscene.Simulator(*arguments).stream(lambda _: None)):
         with pytest.raises(InputError) as error:
             call(scene, sensor)
         assert "of 25 pulses is not a number" in str(error.value)
-        assert str(error.value).endswith(f"; the most extreme input is {named}")
+        assert str(error.value).endswith(f"; the most extreme input is {extreme_input}")
 
 
 @pytest.mark.parametrize("name", ["table1-apd", "hdl-64e", "livox-avia", "mems-1550", "os1-128", "sony-spad-189x600"])
@@ -45,9 +45,9 @@ def test_what_is_farthest_from_usual_is_named(name):
         "laser.peak_power_w = 1e+12": ("laser", "peak_power_w", 1e12),
         "optics.aperture_radius_mm = nan": ("optics", "aperture_radius_m", math.nan),
     }
-    for named, (part, field, value) in cases.items():
+    for extreme_input, (part, field, value) in cases.items():
         line = str(not_a_number(Scene(), changed(sensor, part, **{field: value}), "snr: NaN"))
-        assert line.endswith(f"snr: NaN; the most extreme input is {named}")
+        assert line.endswith(f"snr: NaN; the most extreme input is {extreme_input}")
     assert "air.extinction_per_m = 1e+30" in str(
         not_a_number(Scene(air=Air(extinction_per_m=1e30)), sensor, "snr: NaN")
     )

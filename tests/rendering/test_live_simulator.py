@@ -65,7 +65,7 @@ def assert_same(cloud: PointCloud, expected: PointCloud) -> None:
     assert (cloud.metadata, cloud.body_names) == (expected.metadata, expected.body_names)
 
 
-def on(cloud: PointCloud, name: str) -> int:
+def echoes_on(cloud: PointCloud, name: str) -> int:
     """Echoes of a body."""
     return int(((cloud.body == cloud.body_names.index(name)) & (cloud.status == 0)).sum())
 
@@ -81,7 +81,7 @@ def test_a_placed_body_is_that_of_a_scene_file(tmp_path: Path) -> None:
     live.place("car", CAR_POSE)
     expected = Simulator(file(tmp_path, car=CAR), sensor()).render(seed=1)
     assert_same(live.render(seed=1), expected)
-    assert on(expected, "car") > 100
+    assert echoes_on(expected, "car") > 100
     assert not np.array_equal(elsewhere.body, expected.body)
     live.place("car", CAR_POSE, velocity_m_s=(3.0, -9.0, 0.5), yaw_rate_deg_s=50.0)
     drives = "velocity_m_s = [3, -9, 0.5], yaw_rate_deg_s = 50"
@@ -105,21 +105,25 @@ def test_the_ego_vehicle_is_that_of_a_scene_file(tmp_path: Path) -> None:
     assert_same(live.render(seed=2), Simulator(turned, sensor(), pose=(0.0, 0.0, 0.0)).render(seed=2))
     live.move_ego((2.0, -1.0, 0.5, 7.0, 2.0, 1.0))
     ego = "position_m = [2, -1, 0.5]\nyaw_deg = 7\npitch_deg = 2\nroll_deg = 1"
-    there = Simulator(file(tmp_path, car=CAR, ego=ego), sensor(), pose=(0.0, 0.0, 0.0))
-    assert_near(live.render(seed=2), there.render(seed=2))
+    placed_simulator = Simulator(file(tmp_path, car=CAR, ego=ego), sensor(), pose=(0.0, 0.0, 0.0))
+    assert_near(live.render(seed=2), placed_simulator.render(seed=2))
 
 
 def assert_near(cloud: PointCloud, expected: PointCloud) -> None:
     """Points within 0.1 mm, but where beams graze an edge and may fall to either side: fewer than one in a hundred."""
-    cloud, expected = (one.select(one.status == 0) for one in (cloud, expected))
-    same = np.isin(cloud.time_s, expected.time_s)
-    assert same.mean() > 0.99
-    here, other = cloud.select(same), expected.select(np.isin(expected.time_s, cloud.time_s))
-    named = [np.array(one.body_names)[one.body] for one in (here, other)]
-    agree = (named[0] == named[1]) & (np.abs(here.true_range_m - other.true_range_m) < 1e-4)
-    agree &= np.abs(here.xyz_m - other.xyz_m).max(axis=1) < 1e-2  # a reported range has noise that goes with the SNR
+    cloud, expected = (compared.select(compared.status == 0) for compared in (cloud, expected))
+    is_in_both = np.isin(cloud.time_s, expected.time_s)
+    assert is_in_both.mean() > 0.99
+    shared, shared_expected = cloud.select(is_in_both), expected.select(np.isin(expected.time_s, cloud.time_s))
+    names_of_bodies = [np.array(compared.body_names)[compared.body] for compared in (shared, shared_expected)]
+    agree = (names_of_bodies[0] == names_of_bodies[1]) & (
+        np.abs(shared.true_range_m - shared_expected.true_range_m) < 1e-4
+    )
+    agree &= (
+        np.abs(shared.xyz_m - shared_expected.xyz_m).max(axis=1) < 1e-2
+    )  # a reported range has noise that goes with the SNR
     assert agree.mean() > 0.99
-    assert (here.in_shadow == other.in_shadow)[agree].mean() > 0.99
+    assert (shared.in_shadow == shared_expected.in_shadow)[agree].mean() > 0.99
 
 
 def street() -> Scene:
@@ -134,8 +138,10 @@ def street() -> Scene:
 
 def rebuilt(scene: Scene, poses: dict[str, Pose], ego: Pose) -> Scene:
     """The scene with these bodies standing there, copies by name too, and no motion."""
-    known = {body.name: body for body in scene.bodies}
-    moved = [dataclasses.replace(known[name.split(".")[0]], name=name, pose=pose) for name, pose in poses.items()]
+    bodies_by_name = {body.name: body for body in scene.bodies}
+    moved = [
+        dataclasses.replace(bodies_by_name[name.split(".")[0]], name=name, pose=pose) for name, pose in poses.items()
+    ]
     still = [body for body in scene.bodies if body.name == "plane"]
     return dataclasses.replace(scene, bodies=(*still, *moved), sensor_pose=ego)
 
@@ -153,13 +159,13 @@ def test_bodies_come_and_go_as_in_worlds_built_anew() -> None:
     def check() -> None:
         cloud = live.render(seed=1)
         assert_near(cloud, Simulator(rebuilt(street(), poses, ego), sensor()).render(seed=1))
-        assert {name for name in cloud.body_names if on(cloud, name)} == {"plane", *poses}
+        assert {name for name in cloud.body_names if echoes_on(cloud, name)} == {"plane", *poses}
 
-    for name, at in poses.items():
-        live.place(name, at)
+    for name, body_pose in poses.items():
+        live.place(name, body_pose)
     check()
-    for at in (pose(11, -2, 0, 80), pose(20, 0, -1, 10)):
-        poses[live.add("car", at)] = at
+    for body_pose in (pose(11, -2, 0, 80), pose(20, 0, -1, 10)):
+        poses[live.add("car", body_pose)] = body_pose
     assert set(poses) == {"car", "ball", "car.1", "car.2"}
     check()
     for name in ("car", "ball"):
@@ -199,16 +205,18 @@ def test_panes_on_bodies_that_are_placed() -> None:
     )
     glass = panes.pane(8.0)
     live = LiveSimulator(dataclasses.replace(scene, bodies=(*scene.bodies, glass)), sensor(), spares={"pane": 1})
-    for number, at in enumerate((panes.pane(9.0, 25.0).pose, panes.pane(6.0, -40.0).pose)):
-        live.place("pane", at)
-        there = dataclasses.replace(glass, pose=at)
+    for number, pane_pose in enumerate((panes.pane(9.0, 25.0).pose, panes.pane(6.0, -40.0).pose)):
+        live.place("pane", pane_pose)
+        placed_pane = dataclasses.replace(glass, pose=pane_pose)
         cloud = live.render(seed=number)
-        expected = Simulator(dataclasses.replace(scene, bodies=(*scene.bodies, there)), sensor()).render(seed=number)
+        expected = Simulator(dataclasses.replace(scene, bodies=(*scene.bodies, placed_pane)), sensor()).render(
+            seed=number
+        )
         assert (cloud.interactions == 1).sum() > 100
         assert_near(cloud, expected)
-        for one in ("interactions", "snr"):
-            mine, other = (np.sort(getattr(two, one)) for two in (cloud, expected))
-            assert np.isclose(mine[:500], other[:500], rtol=1e-3).mean() > 0.99
+        for column in ("interactions", "snr"):
+            mine, expected_values = (np.sort(getattr(two, column)) for two in (cloud, expected))
+            assert np.isclose(mine[:500], expected_values[:500], rtol=1e-3).mean() > 0.99
     live.remove("pane")
     assert not live.render().interactions.any()
 
@@ -219,16 +227,16 @@ def test_labels_and_boxes_are_of_what_is_there() -> None:
     live.place("car", (15, 3, 0, 30))
     live.add("car", (12, -3, 0), velocity_m_s=(8.0, 0.0, 0.0))
     cloud = live.render()
-    found = {box.name: box for box in boxes(cloud, live.scene)}
-    assert set(found) == {"plane", "ball", "car", "car.1"}
-    np.testing.assert_allclose(found["car"].pose.position_m, (15, 3, 0), atol=1e-9)
-    assert found["car"].points_on == on(cloud, "car") > 50
-    assert found["car.1"].velocity_m_s[0] == pytest.approx(8.0)
+    boxes_by_name = {box.name: box for box in boxes(cloud, live.scene)}
+    assert set(boxes_by_name) == {"plane", "ball", "car", "car.1"}
+    np.testing.assert_allclose(boxes_by_name["car"].pose.position_m, (15, 3, 0), atol=1e-9)
+    assert boxes_by_name["car"].points_on == echoes_on(cloud, "car") > 50
+    assert boxes_by_name["car.1"].velocity_m_s[0] == pytest.approx(8.0)
     semantic, instance = point_labels(cloud, live.scene)
     for name, label in (("car", 10), ("car.1", 252)):
-        own = (cloud.body == cloud.body_names.index(name)) & (cloud.status == 0)
-        assert set(semantic[own]) == {label}
-        assert len(set(instance[own])) == 1
+        is_own_echo = (cloud.body == cloud.body_names.index(name)) & (cloud.status == 0)
+        assert set(semantic[is_own_echo]) == {label}
+        assert len(set(instance[is_own_echo])) == 1
 
 
 def test_what_is_fixed_to_the_ego_vehicle_goes_with_it() -> None:
@@ -242,8 +250,8 @@ def test_what_is_fixed_to_the_ego_vehicle_goes_with_it() -> None:
     for velocity in ((0.0, 0.0, 0.0), (20.0, 3.0, 0.0)):
         live.move_ego((30.0, -7.0, 1.0, 50.0, 3.0), velocity_m_s=velocity)
         cloud = live.render(coordinates="sensor")
-        assert on(cloud, "mast") == on(before, "mast") > 20
-        ranges = [one.true_range_m[one.status == 0] for one in (cloud, before)]
+        assert echoes_on(cloud, "mast") == echoes_on(before, "mast") > 20
+        ranges = [measured.true_range_m[measured.status == 0] for measured in (cloud, before)]
         np.testing.assert_allclose(*ranges, atol=1e-4)  # some ten roundings at 30 m
 
 
@@ -282,13 +290,13 @@ def test_a_physics_engine_owns_the_clock() -> None:
         mujoco.mj_step(model, data)
         body = data.body("car")
         heights.append((data.time, float(body.xpos[2])))
-        here = Pose(position_m=body.xpos.copy(), rotation=body.xmat.reshape(3, 3).copy())
-        clouds = live.advance(data.time, {"car": here})
-    found = {box.name: box for box in boxes(clouds[0], live.scene)}["car"]
-    own = (clouds[0].body == clouds[0].body_names.index("car")) & (clouds[0].status == 0)
-    expected = np.interp(clouds[0].time_s[own].mean(), *zip(*heights, strict=True))
-    assert found.pose.position_m[2] == pytest.approx(expected, abs=1e-6)
-    assert found.velocity_m_s[2] == pytest.approx(-9.81 * clouds[0].time_s[own].mean(), abs=0.05)
+        car_pose = Pose(position_m=body.xpos.copy(), rotation=body.xmat.reshape(3, 3).copy())
+        clouds = live.advance(data.time, {"car": car_pose})
+    car_box = {box.name: box for box in boxes(clouds[0], live.scene)}["car"]
+    on_car = (clouds[0].body == clouds[0].body_names.index("car")) & (clouds[0].status == 0)
+    expected = np.interp(clouds[0].time_s[on_car].mean(), *zip(*heights, strict=True))
+    assert car_box.pose.position_m[2] == pytest.approx(expected, abs=1e-6)
+    assert car_box.velocity_m_s[2] == pytest.approx(-9.81 * clouds[0].time_s[on_car].mean(), abs=0.05)
 
 
 def live() -> LiveSimulator:
@@ -296,51 +304,56 @@ def live() -> LiveSimulator:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "told"),
+    ("wrong", "message"),
     [
         (
-            lambda one: one.place("van", (0, 0, 0)),
+            lambda simulator: simulator.place("van", (0, 0, 0)),
             "body 'van': not in the scene; bodies that can be placed: 'car', 'ball'",
         ),
-        (lambda one: one.place("plane", (0, 0, 0)), "body 'plane': cannot be placed"),
-        (lambda one: one.place("car.1", (0, 0, 0)), "body 'car.1': is away"),
-        (lambda one: one.remove("car.1"), "body 'car.1': is away"),
-        (lambda one: one.add("ball", (9, 0, 0)), "body 'ball': has no spares; bodies with spares: 'car'"),
+        (lambda simulator: simulator.place("plane", (0, 0, 0)), "body 'plane': cannot be placed"),
+        (lambda simulator: simulator.place("car.1", (0, 0, 0)), "body 'car.1': is away"),
+        (lambda simulator: simulator.remove("car.1"), "body 'car.1': is away"),
+        (lambda simulator: simulator.add("ball", (9, 0, 0)), "body 'ball': has no spares; bodies with spares: 'car'"),
         (
-            lambda one: [one.add("car", (9, 0, 0)) for _ in range(2)],
+            lambda simulator: [simulator.add("car", (9, 0, 0)) for _ in range(2)],
             "no spare is left, all 1 are there; spares={'car': 2}",
         ),
-        (lambda one: one.place("car", (9, 0)), "pose: must be a Pose"),
-        (lambda one: one.place("car", Pose(rotation=np.diag([1.0, 1.0, -1.0]))), "'car': its pose must be"),
-        (lambda one: one.place("car", Pose(position_m=np.full(3, np.nan))), "'car': its pose must be"),
-        (lambda one: one.place("car", (9, 0, 0), velocity_m_s=(np.inf, 0, 0)), "'car': velocity"),
-        (lambda one: one.move_ego(Pose(rotation=np.eye(3) * 2.0)), "ego: its pose must be"),
-        (lambda one: one.advance(0.0) + one.advance(0.0), "must be to a time later than 0 s, got 0 s"),
-        (lambda one: one.advance(0.1, {"van": (0, 0, 0)}), "body 'van': not in the scene"),
+        (lambda simulator: simulator.place("car", (9, 0)), "pose: must be a Pose"),
+        (lambda simulator: simulator.place("car", Pose(rotation=np.diag([1.0, 1.0, -1.0]))), "'car': its pose must be"),
+        (lambda simulator: simulator.place("car", Pose(position_m=np.full(3, np.nan))), "'car': its pose must be"),
+        (lambda simulator: simulator.place("car", (9, 0, 0), velocity_m_s=(np.inf, 0, 0)), "'car': velocity"),
+        (lambda simulator: simulator.move_ego(Pose(rotation=np.eye(3) * 2.0)), "ego: its pose must be"),
         (
-            lambda one: one.advance(0.0, {"car": (9, 0, 0)}) + one.advance(1.0, {"car": (9, 0, 0, 175)}),
+            lambda simulator: simulator.advance(0.0) + simulator.advance(0.0),
+            "must be to a time later than 0 s, got 0 s",
+        ),
+        (lambda simulator: simulator.advance(0.1, {"van": (0, 0, 0)}), "body 'van': not in the scene"),
+        (
+            lambda simulator: (
+                simulator.advance(0.0, {"car": (9, 0, 0)}) + simulator.advance(1.0, {"car": (9, 0, 0, 175)})
+            ),
             "'car': the turn",
         ),
-        (lambda one: one.move_ego((15, 0.89, 0)), None),
+        (lambda simulator: simulator.move_ego((15, 0.89, 0)), None),
     ],
 )
-def test_mistakes_are_told_in_a_line(wrong, told) -> None:
-    one = live()
-    if told is None:
-        wrong(one)
+def test_mistakes_are_told_in_a_line(wrong, message) -> None:
+    simulator = live()
+    if message is None:
+        wrong(simulator)
         with pytest.raises(InputError, match=r"must stand at least .* 'car'"):
-            one.render()
-        one.remove("car")
-        assert len(one.render())
+            simulator.render()
+        simulator.remove("car")
+        assert len(simulator.render())
         return
     with pytest.raises(InputError) as caught:
-        wrong(one)
-    assert told in str(caught.value)
+        wrong(simulator)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         ({"movable": ["van"]}, "body 'van'"),
         ({"spares": {"van": 1}}, "body 'van'"),
@@ -348,26 +361,26 @@ def test_mistakes_are_told_in_a_line(wrong, told) -> None:
         ({"spares": {"car": -1}}, "spares: 'car': must be a whole number >= 0, got -1"),
     ],
 )
-def test_declarations_are_checked(options, told) -> None:
-    with pytest.raises(InputError, match=told):
+def test_declarations_are_checked(options, message) -> None:
+    with pytest.raises(InputError, match=message):
         LiveSimulator(street(), sensor(), **options)
 
 
 @pytest.mark.parametrize(
-    ("name", "taken", "names"),
+    ("name", "used_names", "names"),
     [
         ("car", ["car"], ["car.1", "car.2"]),
         ("car.0", ["car.0", "car.1"], ["car.2", "car.3"]),
         ("car.x", ["car.x.2"], ["car.x.1", "car.x.3"]),
     ],
 )
-def test_spares_have_names_that_are_free(name: str, taken: list[str], names: list[str]) -> None:
-    assert spare_names(name, 2, taken) == names
+def test_spares_have_names_that_are_free(name: str, used_names: list[str], names: list[str]) -> None:
+    assert spare_names(name, 2, used_names) == names
 
 
 def test_spares_of_two_bodies_have_names_of_their_own() -> None:
-    both = [dataclasses.replace(chain.box(at=(0, 0, 0)), name=name) for name in ("car.0", "car.1")]
-    scene, pools = live_scene(chain.scene(*both), (), {"car.0": 1, "car.1": 2})
+    cars = [dataclasses.replace(chain.box(at=(0, 0, 0)), name=name) for name in ("car.0", "car.1")]
+    scene, pools = live_scene(chain.scene(*cars), (), {"car.0": 1, "car.1": 2})
     assert pools == {"car.0": ("car.0", "car.2"), "car.1": ("car.1", "car.3", "car.4")}
     assert [body.name for body in scene.bodies] == ["car.0", "car.1", "car.2", "car.3", "car.4"]
     assert [body.away for body in scene.bodies] == [False, False, True, True, True]

@@ -20,7 +20,7 @@ POSE = "a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees
 
 
 @pytest.mark.parametrize(
-    ("kind", "given", "told"),
+    ("kind", "values", "message"),
     [
         (FrameOptions, {"seed": -1}, "seed: must be a whole number from 0 to 4294967295, got -1"),
         (FrameOptions, {"seed": 1.0}, "seed: must be a whole number from 0 to 4294967295, got 1.0"),
@@ -39,14 +39,14 @@ POSE = "a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees
         (Observers, {"missed": 3}, "missed: must be a function, got 3"),
     ],
 )
-def test_a_wrong_value_is_one_line(kind: Any, given: dict[str, Any], told: str) -> None:
+def test_a_wrong_value_is_one_line(kind: Any, values: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as caught:
-        kind(**given)
-    assert str(caught.value) == told
+        kind(**values)
+    assert str(caught.value) == message
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("files", "message"),
     [
         ({"format": "docx"}, "format: must be one of ply, pcd, "),
         ({"labels": "boxes"}, "labels: must be one of kitti, nuscenes, semantickitti, osi, got 'boxes'"),
@@ -62,10 +62,10 @@ def test_a_wrong_value_is_one_line(kind: Any, given: dict[str, Any], told: str) 
         ({"ascii": "no"}, "ascii: must be True or False, got 'no'"),
     ],
 )
-def test_outputs_that_do_not_go_together(given: dict[str, Any], told: str) -> None:
+def test_outputs_that_do_not_go_together(files: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as caught:
-        Outputs("a.ply", **given)
-    assert str(caught.value).startswith(told)
+        Outputs("a.ply", **files)
+    assert str(caught.value).startswith(message)
 
 
 def test_the_command_line_names_its_own_options() -> None:
@@ -73,8 +73,8 @@ def test_the_command_line_names_its_own_options() -> None:
     error = OptionError("{path} {0}: must be a folder with {begin_s} and {no_such}", Path("{seed}.ply"))
     assert str(error) == "path {seed}.ply: must be a folder with begin_s and no_such"
     assert terminal.error_text(error) == "--output {seed}.ply: must be a folder with --begin and --no-such"
-    again = pickle.loads(pickle.dumps(error))
-    assert (str(again), terminal.error_text(again)) == (str(error), terminal.error_text(error))
+    unpickled = pickle.loads(pickle.dumps(error))
+    assert (str(unpickled), terminal.error_text(unpickled)) == (str(error), terminal.error_text(error))
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_keywords_are_the_fields(kind: Any, keywords: Any) -> None:
     """
     kept_as = {"Pose | None": "Placed | None"}
     fields = {field.name: kept_as.get(field.type, field.type) for field in dataclasses.fields(kind)}
-    assert fields == {name: one.__forward_arg__ for name, one in keywords.__annotations__.items()}
+    assert fields == {name: annotation.__forward_arg__ for name, annotation in keywords.__annotations__.items()}
 
 
 def test_loose_keywords_change_what_is_given() -> None:
@@ -125,5 +125,5 @@ def test_whole_numbers_of_numpy_are_whole_numbers() -> None:
 def test_a_job_has_the_defaults_of_the_library() -> None:
     job = JobFile(scenes=("a.toml",))
     assert job.trace_options() == TraceOptions()
-    asked, own = job.frame_options(0, 0), FrameOptions()
-    assert dataclasses.astuple(asked) == dataclasses.astuple(own)
+    job_frame, default_frame = job.frame_options(0, 0), FrameOptions()
+    assert dataclasses.astuple(job_frame) == dataclasses.astuple(default_frame)

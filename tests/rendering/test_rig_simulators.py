@@ -21,7 +21,7 @@ def test_a_vehicle_that_stands_aside_takes_its_sensors_along() -> None:
     ]
     vehicle = Pose.from_degrees(position_m=(10, 20, 0), yaw_deg=90)
     scene = chain.scene(chain.facing(range_m=50.0, size_m=200.0))
-    places = {label: pose_at(one.motion, 0.0) for label, one in simulators(scene, rig, pose=vehicle)}
+    places = {label: pose_at(simulator.motion, 0.0) for label, simulator in simulators(scene, rig, pose=vehicle)}
     mounted = sensor.mounting.position_m
     np.testing.assert_allclose(mounted, 0.0)
     np.testing.assert_allclose(places["front"].position_m, [10, 22, 1.5], atol=1e-12)

@@ -26,21 +26,21 @@ def simulator() -> Callable[..., Simulator]:
     scene = load_scene(CAR)
     world = Simulator(scene, load_sensor("table1-apd")).world
 
-    def of(*, rows: int) -> Simulator:
+    def make_simulator(*, rows: int) -> Simulator:
         step = f"scanner.elevation_step_deg={25.0 / (rows - 1)}"
         return Simulator(scene, load_sensor("table1-apd", overrides=[step]), world=world)
 
-    return of
+    return make_simulator
 
 
-Of = Callable[..., Simulator]
+MakeSimulator = Callable[..., Simulator]
 
 
-def test_pieces_are_the_whole(simulator: Of) -> None:
+def test_pieces_are_the_whole(simulator: MakeSimulator) -> None:
     """Also the counts: of chunks and of the cloud itself."""
     sim, pieces = simulator(rows=72), list[PointCloud]()
     streamed, rendered, progress = Summary(), Summary(), list[tuple[int, int]]()
-    sim.stream(pieces.append, seed=5, chunk=CHUNK, summary=streamed, progress=lambda *told: progress.append(told))
+    sim.stream(pieces.append, seed=5, chunk=CHUNK, summary=streamed, progress=lambda *counts: progress.append(counts))
     whole = sim.render(seed=5, summary=rendered)
     assert len(pieces) == 5
     assert_same(PointCloud.concatenate(pieces), whole)
@@ -51,27 +51,27 @@ def test_pieces_are_the_whole(simulator: Of) -> None:
     assert streamed.beams == sim.sensor.scanner.pulses
 
 
-def test_light_is_that_of_the_render(simulator: Of) -> None:
+def test_light_is_that_of_the_render(simulator: MakeSimulator) -> None:
     """Traced once for studies: the same surfaces at the same ranges, and power only where there is one."""
-    sim, seen = simulator(rows=2), list[tuple[np.ndarray, dict[str, np.ndarray]]]()
-    sim.render(seed=5, points=lambda pulse, columns: seen.append((pulse, dict(columns))))
+    sim, points_seen = simulator(rows=2), list[tuple[np.ndarray, dict[str, np.ndarray]]]()
+    sim.render(seed=5, points=lambda pulse, columns: points_seen.append((pulse, dict(columns))))
     light = sim.light(seed=5)
     powers, ranges = (
         np.stack([np.asarray(getattr(part, name)) for part in light.parts]) for name in ("peak_power_w", "range_m")
     )
     strongest = powers.argmax(axis=0)
-    found, range_m = np.asarray(light.has_surface), ranges[strongest, np.arange(len(strongest))]
-    assert found.shape == (sim.sensor.scanner.pulses,)
-    assert np.array_equal(powers.max(axis=0) > 0.0, found)
+    has_surface, range_m = np.asarray(light.has_surface), ranges[strongest, np.arange(len(strongest))]
+    assert has_surface.shape == (sim.sensor.scanner.pulses,)
+    assert np.array_equal(powers.max(axis=0) > 0.0, has_surface)
     # The columns are of the pulses that met a surface, which are not those that became points.
-    ((_, columns),) = seen
-    met = columns["pulse"]
-    assert len(met) > 100
-    assert np.array_equal(np.flatnonzero(found), np.sort(met))
-    np.testing.assert_allclose(range_m[met], columns["true_range_m"], rtol=1e-6)
+    ((_, columns),) = points_seen
+    pulses_met = columns["pulse"]
+    assert len(pulses_met) > 100
+    assert np.array_equal(np.flatnonzero(has_surface), np.sort(pulses_met))
+    np.testing.assert_allclose(range_m[pulses_met], columns["true_range_m"], rtol=1e-6)
 
 
-def test_a_wrong_frame_is_refused_before_anything_is_handed_out(simulator: Of) -> None:
+def test_a_wrong_frame_is_refused_before_anything_is_handed_out(simulator: MakeSimulator) -> None:
     pieces: list[PointCloud] = []
     with pytest.raises(InputError, match=r"^coordinates: must be 'world' or 'vehicle' or 'sensor', got 'moon'$"):
         simulator(rows=2).stream(pieces.append, coordinates="moon")
@@ -122,9 +122,9 @@ def test_memory_does_not_grow_with_the_frame(mi: Any, run_python: Any, tmp_path:
     In a process of its own: the largest memory of a process never falls.
     """
     code = MEMORY.format(folder=str(tmp_path), scene=str(CAR), chunk=CHUNK)
-    done = run_python(code, LIDARSCENE_VARIANT=mi.variant())
-    assert done.returncode == 0, done.stderr
-    before, streamed, rendered, held = json.loads(done.stdout)
+    process = run_python(code, LIDARSCENE_VARIANT=mi.variant())
+    assert process.returncode == 0, process.stderr
+    before, streamed, rendered, held = json.loads(process.stdout)
     if before is None:
         pytest.skip("the system does not say how much memory a process takes")
     assert held > 25e6
@@ -143,5 +143,5 @@ def test_memory_does_not_grow_with_the_frame(mi: Any, run_python: Any, tmp_path:
     ],
 )
 def test_the_unit_of_the_intensity(name: str, sets: tuple[str, ...], unit: str) -> None:
-    """Of a peak at a comparator that of the detector; else what the sensor file asks for."""
+    """MakeSimulator a peak at a comparator that of the detector; else what the sensor file asks for."""
     assert _intensity_unit(load_sensor(name, overrides=sets)) == unit

@@ -18,9 +18,9 @@ from lidarscene.scene.meshes.primitives import box_mesh, plane_mesh
 from lidarscene.scene.scene import Air, Ball, Body, Part
 
 
-def body(name, mesh, at=(0.0, 0.0, 0.0), **turns):
+def body(name, mesh, position_m=(0.0, 0.0, 0.0), **turns):
     parts = (mesh,) if isinstance(mesh, Ball) else (Part(vertices_m=mesh[0], faces=mesh[1], material="grey"),)
-    return Body(name=name, class_name=name, parts=parts, pose=Pose.from_degrees(position_m=at, **turns))
+    return Body(name=name, class_name=name, parts=parts, pose=Pose.from_degrees(position_m=position_m, **turns))
 
 
 GROUND = body("ground", plane_mesh(size_m=(60.0, 40.0)))
@@ -29,23 +29,23 @@ POST = body("post", Ball(radius_m=1.0, material="grey"), (-3.0, 17.0, 3.0))
 SCENE = Scene(name="yard", bodies=(GROUND, CAR))
 
 
-def found(scene=SCENE, place_m=(0.0, 0.0, 1.8), sensor="table1-apd"):
+def inspected(scene=SCENE, place_m=(0.0, 0.0, 1.8), sensor="table1-apd"):
     clearance = Clearance.of_scene(scene)
     return Surroundings.inspect(scene, load_sensor(sensor), np.array(place_m), time_s=0.0, clearance=clearance)
 
 
 def test_the_line_says_what_is_there():
     """Reference: by hand; the box is cut into 12 triangles, the plane into 4 x 3 squares of at most 16 m."""
-    around = found()
+    around = inspected()
     assert around.doubts == ()
     assert around.line() == (
         "yard: 60 x 40 x 1.5 m, 2 bodies, 36 triangles; sensor 1.8 m above 'ground', the nearest surface"
     )
-    high = found(place_m=(10.0, 0.0, 2.5))
+    high = inspected(place_m=(10.0, 0.0, 2.5))
     assert high.line().endswith("sensor 1 m above 'car', the nearest surface")
-    beside = found(place_m=(-3.0, 19.0, 3.0), scene=replace(SCENE, bodies=(GROUND, POST)))
-    assert beside.line().endswith("sensor 3 m above 'ground', 1 m off 'post', the nearest surface")
-    assert beside.as_dict() == {
+    near_post = inspected(place_m=(-3.0, 19.0, 3.0), scene=replace(SCENE, bodies=(GROUND, POST)))
+    assert near_post.line().endswith("sensor 3 m above 'ground', 1 m off 'post', the nearest surface")
+    assert near_post.as_dict() == {
         "name": "yard",
         "extent_m": [60.0, 40.0, 4.0],
         "bodies": 2,
@@ -126,8 +126,8 @@ WRONG = {
 
 @pytest.mark.parametrize("fault", WRONG)
 def test_a_fault_is_one_line_that_says_what_to_do(fault):
-    told, line = WRONG[fault]
-    lines = [str(doubt) for doubt in found(**told).doubts]
+    changes, line = WRONG[fault]
+    lines = [str(doubt) for doubt in inspected(**changes).doubts]
     assert len(lines) == 1
     assert line in lines[0]
     assert "\n" not in lines[0]
@@ -138,13 +138,13 @@ def test_what_is_meant_so_is_no_fault():
     hall = [body(f"wall {x}", plane_mesh(size_m=(9.0, 9.0)), (x, 0.0, 1.0), pitch_deg=90.0) for x in (-4.0, 4.0)]
     roof = body("roof", plane_mesh(size_m=(9.0, 9.0)), (0.0, 0.0, 4.0))
     night = Sun(illuminance_klux=0.0, elevation_rad=-0.3)
-    assert found(replace(SCENE, bodies=(GROUND, roof, *hall), sun=night)).doubts == ()
-    assert found(replace(SCENE, bodies=())).doubts == ()
-    assert found(replace(SCENE, bodies=()), place_m=(1.0, 2.0, 3.0)).line() == "yard: 0 bodies, 0 triangles"
-    assert found(place_m=(0.0, 0.0, 500.0)).doubts == ()
+    assert inspected(replace(SCENE, bodies=(GROUND, roof, *hall), sun=night)).doubts == ()
+    assert inspected(replace(SCENE, bodies=())).doubts == ()
+    assert inspected(replace(SCENE, bodies=()), place_m=(1.0, 2.0, 3.0)).line() == "yard: 0 bodies, 0 triangles"
+    assert inspected(place_m=(0.0, 0.0, 500.0)).doubts == ()
 
 
-@pytest.mark.parametrize("name", [pytest.param(one, id=one) for one in catalog.names("scenes")])
+@pytest.mark.parametrize("name", [pytest.param(scene_name, id=scene_name) for scene_name in catalog.names("scenes")])
 def test_no_shipped_scene_is_odd(name):
     scene = load_scene(name)
     sensor = load_sensor(scene.sensor_name)
@@ -199,6 +199,6 @@ def test_render_says_it(run: Run, tmp_path: Path) -> None:
     assert "note: sun.illuminance_klux is 300" in ran.err
     assert "give --scene-set sun.illuminance_klux=0.3" in ran.err
     with pytest.warns(OptionWarning, match="sun.illuminance_klux is 300"):
-        render(scene, overrides=[one.removeprefix("--set=") for one in few])
+        render(scene, overrides=[option.removeprefix("--set=") for option in few])
     line = "scene         s: 0 x 4 x 4 m, 1 body, 2 triangles; sensor 10 m off 'wall', the nearest surface"
     assert ran.out.splitlines()[0] == line

@@ -86,11 +86,11 @@ def test_points_are_those_of_the_firing_order(name):
         simulator = Simulator(scene, sensor)
         if not tiles:
             simulator.numbering = Numbering(sensor.scanner, tiled=False)
-        lost, counts = [], []
+        missed_pulses, counts = [], []
         cloud = simulator.render(
             seed=5,
             chunk=4 * Tiling.from_scanner(sensor.scanner).band + 3,
-            missed=lambda pulse, outcome, lost=lost: lost.append(np.stack([pulse, outcome])),
+            missed=lambda pulse, outcome, missed_pulses=missed_pulses: missed_pulses.append(np.stack([pulse, outcome])),
             ambient=lambda pulse, number, counts=counts: counts.append(np.stack([pulse, number])),
         )
         columns = {
@@ -98,12 +98,14 @@ def test_points_are_those_of_the_firing_order(name):
             for field in dataclasses.fields(cloud)
             if isinstance(getattr(cloud, field.name), np.ndarray)
         }
-        frames.append((columns, np.concatenate(lost, axis=1), np.concatenate(counts, axis=1)))
-    (columns, lost, counts), (plain, plain_lost, plain_counts) = frames
+        frames.append((columns, np.concatenate(missed_pulses, axis=1), np.concatenate(counts, axis=1)))
+    (columns, missed_pulses, counts), (plain, plain_lost, plain_counts) = frames
     for key, values in plain.items():
         np.testing.assert_array_equal(columns[key], values, err_msg=key)
-    np.testing.assert_array_equal(np.sort(lost, axis=1)[0], np.sort(plain_lost, axis=1)[0])
-    np.testing.assert_array_equal(lost[1][np.argsort(lost[0])], plain_lost[1][np.argsort(plain_lost[0])])
+    np.testing.assert_array_equal(np.sort(missed_pulses, axis=1)[0], np.sort(plain_lost, axis=1)[0])
+    np.testing.assert_array_equal(
+        missed_pulses[1][np.argsort(missed_pulses[0])], plain_lost[1][np.argsort(plain_lost[0])]
+    )
     np.testing.assert_array_equal(counts, plain_counts)
 
 
@@ -114,17 +116,19 @@ def test_a_frame_on_the_move_does_not_depend_on_those_before(name):
     sensor = dataclasses.replace(chain.sensor("table1-apd"), scanner=scanners.ALL[name]())
     scene = chain.scene(chain.facing(range_m=15.0, size_m=6.0), chain.ball(at=(0.0, 0.0, 0.0), radius_m=20.0))
     scene = dataclasses.replace(scene, ego=Course(speed_m_s=3.0, yaw_rate_rad_s=0.5))
-    used, chunk = Simulator(scene, sensor), sensor.scanner.pulses // 3
+    simulator, chunk = Simulator(scene, sensor), sensor.scanner.pulses // 3
     for number in (0, 1, 5):
-        used.render(number=number, chunk=chunk)
-    assert len(used.numbering._times) == CACHED
+        simulator.render(number=number, chunk=chunk)
+    assert len(simulator.numbering._times) == CACHED
     for options in ({"number": 2}, {"number": 3, "chunk": chunk}):
-        cloud, alone = used.render(**options), Simulator(scene, sensor).render(**options)
+        cloud, alone = simulator.render(**options), Simulator(scene, sensor).render(**options)
         assert len(cloud) > 100
         for column in ("time_s", "true_range_m", "xyz_m"):
             np.testing.assert_array_equal(getattr(cloud, column), getattr(alone, column))
-    times = {n: used._frame(FrameOptions(number=n)).times(n * sensor.scanner.pulses + PULSES).numpy() for n in (0, 7)}
+    times = {
+        n: simulator._frame(FrameOptions(number=n)).times(n * sensor.scanner.pulses + PULSES).numpy() for n in (0, 7)
+    }
     assert (times[0] == times[7]).all()
     # Tolerance: a float32 of a frame's length.
-    wanted = sensor.scanner.time_s(PULSES) - sensor.scanner.time_s(PULSES[:1])
-    np.testing.assert_allclose(times[0], wanted, atol=6e-8 * sensor.scanner.frame_s)
+    expected_s = sensor.scanner.time_s(PULSES) - sensor.scanner.time_s(PULSES[:1])
+    np.testing.assert_allclose(times[0], expected_s, atol=6e-8 * sensor.scanner.frame_s)

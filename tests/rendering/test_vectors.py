@@ -61,10 +61,10 @@ def test_normals_are_those_of_the_triangles(moves: bool) -> None:
     """
     trimesh = pytest.importorskip("trimesh")
     body = lumps()
-    own = dataclasses.replace(body, motion=Course(start=body.pose)) if moves else body
+    observed_body = dataclasses.replace(body, motion=Course(start=body.pose)) if moves else body
     sensor = chain.sensor("table1-apd", *FEW, "scanner.azimuth_step_deg=0.3")
     place = Pose.from_degrees(position_m=(1.0, 0.5, 0.2), yaw_deg=8.0, pitch_deg=-3.0)
-    simulator = Simulator(chain.scene(own), sensor, vectors=True, pose=place)
+    simulator = Simulator(chain.scene(observed_body), sensor, vectors=True, pose=place)
     cloud = echoes(simulator.render())
     cloud = cloud.select(slice(None, None, 3))
     assert len(cloud) > 150
@@ -82,10 +82,10 @@ def test_normals_are_those_of_the_triangles(moves: bool) -> None:
     np.testing.assert_allclose(np.linalg.norm(cloud.normals, axis=1), 1.0, atol=1e-6)
     assert not cloud.velocities_m_s.any()
     # In the sensor's frame the same, turned.
-    seen = echoes(simulator.render(coordinates="sensor")).select(slice(None, None, 3))
-    np.testing.assert_allclose(seen.normals @ stand.rotation.T, cloud.normals, atol=1e-6)
+    sensor_cloud = echoes(simulator.render(coordinates="sensor")).select(slice(None, None, 3))
+    np.testing.assert_allclose(sensor_cloud.normals @ stand.rotation.T, cloud.normals, atol=1e-6)
     for name in OF_VECTORS:
-        np.testing.assert_allclose(getattr(cloud.in_sensor_frame(), name), getattr(seen, name), atol=1e-6)
+        np.testing.assert_allclose(getattr(cloud.in_sensor_frame(), name), getattr(sensor_cloud, name), atol=1e-6)
 
 
 def test_normals_of_a_sphere() -> None:
@@ -107,30 +107,35 @@ def test_velocities_are_differences_of_poses() -> None:
     simulator = Simulator(scene, chain.sensor("table1-apd", *SENSOR), vectors=True)
     raw = simulator.render(seed=1)
     cloud = deskewed(raw, simulator.motion)
-    kept = (cloud.status == 0) & (cloud.body >= 0)
-    raw, cloud = raw.select(kept), cloud.select(kept)
+    is_echo = (cloud.status == 0) & (cloud.body >= 0)
+    raw, cloud = raw.select(is_echo), cloud.select(is_echo)
     sensor = simulator.motion.at(cloud.time_s)
     towards = np.einsum("nij,nj->ni", sensor.rotation, beams(cloud))
     points = sensor.position_m + towards * cloud.true_range_m[:, None]
     step_s, expected = 1e-4, np.zeros_like(points)
     for number, body in enumerate(scene.bodies):
-        own = np.flatnonzero(cloud.body == number)
-        if body.motion is None or not len(own):
+        of_body = np.flatnonzero(cloud.body == number)
+        if body.motion is None or not len(of_body):
             continue
-        before, now, after = (body.motion.at(cloud.time_s[own] + shift) for shift in (-step_s, 0.0, step_s))
-        local = np.einsum("nji,nj->ni", now.rotation, points[own] - now.position_m)
-        there = [one.position_m + np.einsum("nij,nj->ni", one.rotation, local) for one in (before, after)]
-        expected[own] = (there[1] - there[0]) / (2 * step_s)
+        before, pose_at_echo, after = (
+            body.motion.at(cloud.time_s[of_body] + shift) for shift in (-step_s, 0.0, step_s)
+        )
+        local = np.einsum("nji,nj->ni", pose_at_echo.rotation, points[of_body] - pose_at_echo.position_m)
+        shifted_points = [
+            shifted_pose.position_m + np.einsum("nij,nj->ni", shifted_pose.rotation, local)
+            for shifted_pose in (before, after)
+        ]
+        expected[of_body] = (shifted_points[1] - shifted_points[0]) / (2 * step_s)
     assert np.abs(expected).max() > 5.0
     assert len(np.unique(cloud.body)) == 4
     np.testing.assert_allclose(cloud.velocities_m_s, expected, atol=1e-3)
     # Along the beam they are the radial velocity, with the sensor's own motion.
-    own = (sensor.velocity_m_s * towards).sum(axis=1)
-    np.testing.assert_allclose((expected * towards).sum(axis=1) - own, cloud.radial_velocity_m_s, atol=2e-3)
+    of_body = (sensor.velocity_m_s * towards).sum(axis=1)
+    np.testing.assert_allclose((expected * towards).sum(axis=1) - of_body, cloud.radial_velocity_m_s, atol=2e-3)
     # The raw cloud is that of a sensor that thinks that it stood still.
     start = simulator.motion.at(np.zeros(1)).rotation[0]
-    seen = np.einsum("nji,nj->ni", sensor.rotation, expected) @ start.T
-    np.testing.assert_allclose(raw.velocities_m_s, seen, atol=1e-3)
+    in_sensor_frame = np.einsum("nji,nj->ni", sensor.rotation, expected) @ start.T
+    np.testing.assert_allclose(raw.velocities_m_s, in_sensor_frame, atol=1e-3)
     facing = (cloud.normals * towards).sum(axis=1)
     np.testing.assert_allclose(-facing, np.cos(cloud.incidence_angle_rad), atol=1e-5)
 
@@ -145,23 +150,23 @@ def test_they_change_no_other_column_and_nothing_is_compiled_twice(options) -> N
     cloud = plain.render()
     with launches.launched() as before:
         plain.render(seed=4)
-    asked = Simulator(scene, sensor, vectors=True, **options)
+    with_vectors = Simulator(scene, sensor, vectors=True, **options)
     with launches.launched() as first:
-        found = asked.render()
+        vector_cloud = with_vectors.render()
     with launches.launched() as later:
-        asked.render(seed=4)
+        with_vectors.render(seed=4)
     launches.assert_none_is_new(later, first)
     assert len(later) == len(before)
     assert not cloud.has_vectors
-    assert [c.name for c in found.columns] == [c.name for c in COLUMNS]
+    assert [c.name for c in vector_cloud.columns] == [c.name for c in COLUMNS]
     for column in columns_of(truth=True, vectors=False):
-        np.testing.assert_array_equal(found.column(column.name), cloud.column(column.name), err_msg=column.name)
-    behind = echoes(found).select(echoes(found).interactions == 1)
+        np.testing.assert_array_equal(vector_cloud.column(column.name), cloud.column(column.name), err_msg=column.name)
+    behind = echoes(vector_cloud).select(echoes(vector_cloud).interactions == 1)
     assert len(behind) > 20
     np.testing.assert_allclose(behind.normals, np.tile([-1.0, 0.0, 0.0], (len(behind), 1)), atol=1e-6)
 
 
-@pytest.mark.parametrize("name", [name for name, one in FORMATS.items() if one.read])
+@pytest.mark.parametrize("name", [name for name, format_of_file in FORMATS.items() if format_of_file.read])
 def test_files_have_them(name: str, tmp_path: Path) -> None:
     need(name)
     cloud = Simulator(traffic(), chain.sensor("table1-apd", *FEW), vectors=True).render(coordinates="sensor")

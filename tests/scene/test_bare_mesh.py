@@ -65,8 +65,8 @@ def test_a_mesh_in_millimetres_is_noticed_and_mended(tmp_path: Path) -> None:
     trimesh.creation.box(np.multiply(BOX, 1000.0)).export(tmp_path / "box.stl")
     with pytest.raises(InputError, match=r"0\.05 to 2000 m across, got 3000 m; if its unit is millimetres"):
         load_scene(tmp_path / "box.stl")
-    for said in ("unit=mm", "scale=0.001"):
-        low, high = corners(tmp_path / "box.stl", f"bodies.mesh.{said}")
+    for suggestion in ("unit=mm", "scale=0.001"):
+        low, high = corners(tmp_path / "box.stl", f"bodies.mesh.{suggestion}")
         np.testing.assert_allclose(high - low, BOX, atol=1e-5)
 
 
@@ -81,9 +81,9 @@ def test_colours_of_its_own_are_kept(tmp_path: Path) -> None:
     material = trimesh.visual.material.PBRMaterial(baseColorFactor=(51, 51, 51, 255))
     mesh.visual = trimesh.visual.TextureVisuals(material=material)
     mesh.export(tmp_path / "grey.glb")
-    with pytest.warns(OptionWarning) as told:
+    with pytest.warns(OptionWarning) as caught:
         scene = load_scene(tmp_path / "grey.glb")
-    assert "concrete" not in str(told[0].message)
+    assert "concrete" not in str(caught[0].message)
     (mesh_body,) = (body for body in scene.bodies if body.name == "mesh")
     part = mesh_body.parts[0]
     assert isinstance(part, Part)

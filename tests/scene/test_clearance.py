@@ -29,11 +29,11 @@ def body(name, mesh, pose=None, motion=None):
     return Body(name=name, class_name=name, parts=parts, pose=pose or Pose(), motion=motion)
 
 
-def at(x, y, z, **turns):
+def pose_of(x, y, z, **turns):
     return Pose.from_degrees(position_m=(x, y, z), **turns)
 
 
-def told(place_m, *bodies, radius_m=0.025, time_s=0.0):
+def refusal(place_m, *bodies, radius_m=0.025, time_s=0.0):
     """The line, or None."""
     try:
         clearance = Clearance.of_scene(Scene(bodies=bodies))
@@ -43,11 +43,11 @@ def told(place_m, *bodies, radius_m=0.025, time_s=0.0):
     return None
 
 
-PANES = [body(f"pane {x}", plane_mesh(size_m=(2, 2)), at(x, 0, 0, pitch_deg=90)) for x in (0.0, 0.016)]
-WALL = body("wall", box_mesh(size_m=(0.2, 4, 3)), at(5, 0, 1.5, yaw_deg=30))
-ROOM = body("room", box_mesh(size_m=(6, 4, 2.5)), at(0, 0, 1.25))
-LAMP = body("lamp", Ball(radius_m=0.4, material="grey"), at(0, 0, 3))
-POST = body("post", cylinder_mesh(radius_m=0.1, height_m=2.0), at(1, 1, 1))
+PANES = [body(f"pane {x}", plane_mesh(size_m=(2, 2)), pose_of(x, 0, 0, pitch_deg=90)) for x in (0.0, 0.016)]
+WALL = body("wall", box_mesh(size_m=(0.2, 4, 3)), pose_of(5, 0, 1.5, yaw_deg=30))
+ROOM = body("room", box_mesh(size_m=(6, 4, 2.5)), pose_of(0, 0, 1.25))
+LAMP = body("lamp", Ball(radius_m=0.4, material="grey"), pose_of(0, 0, 3))
+POST = body("post", cylinder_mesh(radius_m=0.1, height_m=2.0), pose_of(1, 1, 1))
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ POST = body("post", cylinder_mesh(radius_m=0.1, height_m=2.0), at(1, 1, 1))
 )
 def test_on_in_and_clear_of_surfaces(place_m, bodies, expected):
     """Reference: distances by hand."""
-    line = told(place_m, *bodies)
+    line = refusal(place_m, *bodies)
     if expected is None:
         assert line is None
     else:
@@ -81,9 +81,9 @@ def test_on_in_and_clear_of_surfaces(place_m, bodies, expected):
 
 
 def test_a_moving_body_is_where_it_is_then():
-    car = body("car", box_mesh(size_m=(4, 2, 0.8)), motion=Course(start=at(0, 0, 1), speed_m_s=10.0))
-    assert "within 'car'" in told((10, 0, 1), car, time_s=1.0)
-    assert told((10, 0, 1), car, time_s=0.0) is None
+    car = body("car", box_mesh(size_m=(4, 2, 0.8)), motion=Course(start=pose_of(0, 0, 1), speed_m_s=10.0))
+    assert "within 'car'" in refusal((10, 0, 1), car, time_s=1.0)
+    assert refusal((10, 0, 1), car, time_s=0.0) is None
 
 
 @pytest.mark.parametrize("corner", range(3))
@@ -97,8 +97,8 @@ def test_the_distance_to_a_triangle(corner):
     triangle = body("one", (corners, np.array([[0, 1, 2]])))
     for place in rng.normal(size=(20, 3)):
         nearest = np.linalg.norm(points - place, axis=1).min()
-        assert told(place, triangle, radius_m=nearest + 1e-9) is not None
-        assert told(place, triangle, radius_m=nearest - 0.02) is None
+        assert refusal(place, triangle, radius_m=nearest + 1e-9) is not None
+        assert refusal(place, triangle, radius_m=nearest - 0.02) is None
 
 
 def test_a_scene_file_without_a_place_stands_above_its_ground(tmp_path):
@@ -144,24 +144,28 @@ def test_of_a_large_ground_a_few_triangles_are_looked_at(monkeypatch):
     corner = np.arange(side * side).reshape(side, side)[:-1, :-1].ravel()
     lower, upper = ((corner, corner + side, corner + side + 1), (corner, corner + side + 1, corner + 1))
     faces = np.concatenate([np.stack(lower, axis=1), np.stack(upper, axis=1)]).astype(np.uint32)
-    found = Clearance.of_scene(Scene(bodies=(body("ground", (vertices, faces), at(2, 1, 0, yaw_deg=20)),)))
-    seen = []
+    scene_clearance = Clearance.of_scene(
+        Scene(bodies=(body("ground", (vertices, faces), pose_of(2, 1, 0, yaw_deg=20)),))
+    )
+    triangles_looked_at = []
     kernel = clearance._distance_m
     monkeypatch.setattr(
-        clearance, "_distance_m", lambda corners, most_m: seen.append(len(corners)) or kernel(corners, most_m)
+        clearance,
+        "_distance_m",
+        lambda corners, most_m: triangles_looked_at.append(len(corners)) or kernel(corners, most_m),
     )
     for place in ([1.0, -3.0, 0.9], [14.0, 9.0, -2.0], [0.0, 0.0, 40.0]):
-        point = found.bodies[0].pose.inverse_apply(np.array(place))
-        around = found.around_place(np.array(place), time_s=0.0)
-        every = vertices[faces] - point
-        assert around.nearest.distance_m == pytest.approx(kernel(every, math.inf), rel=1e-12)
-        heights = clearance._along_m(every, np.array([0.0, 0.0, 1.0]), np.eye(3)[:, :2])
+        point = scene_clearance.bodies[0].pose.inverse_apply(np.array(place))
+        around = scene_clearance.around_place(np.array(place), time_s=0.0)
+        all_triangles = vertices[faces] - point
+        assert around.nearest.distance_m == pytest.approx(kernel(all_triangles, math.inf), rel=1e-12)
+        heights = clearance._along_m(all_triangles, np.array([0.0, 0.0, 1.0]), np.eye(3)[:, :2])
         side_m = around.below.distance_m if place[2] > 0.0 else -around.above.distance_m
         assert side_m == pytest.approx(-heights[0], abs=1e-9)
         assert len(heights) == 1
-    found.check(np.array([1.0, -3.0, 0.9]), radius_m=0.1, time_s=0.0, sensor="own")
-    assert max(seen) < len(faces) / 2
-    assert seen[-1] < len(faces) / 4
+    scene_clearance.check(np.array([1.0, -3.0, 0.9]), radius_m=0.1, time_s=0.0, sensor="own")
+    assert max(triangles_looked_at) < len(faces) / 2
+    assert triangles_looked_at[-1] < len(faces) / 4
 
 
 CUBE = box_mesh(size_m=(2, 2, 2))
@@ -190,6 +194,6 @@ def test_how_much_is_around_a_place(point):
     up, turn = 1.0 - 2.0 * k / len(k), math.pi * (1.0 + math.sqrt(5.0)) * k
     level = np.sqrt(1.0 - up**2)
     direction = np.stack([level * np.cos(turn), level * np.sin(turn), up], axis=1)[up > 0.0]
-    met = inside[:2] + direction[:, :2] * ((1.0 - inside[2]) / direction[:, 2:])
-    share = np.count_nonzero((np.abs(met) <= 1.0).all(axis=1)) / len(k)
+    ceiling_points = inside[:2] + direction[:, :2] * ((1.0 - inside[2]) / direction[:, 2:])
+    share = np.count_nonzero((np.abs(ceiling_points) <= 1.0).all(axis=1)) / len(k)
     assert enclosed(faces[top], inside) == pytest.approx(share, abs=2.8e-3)

@@ -149,7 +149,7 @@ TWO = "poses = [{{ time_s = {} }}, {{ time_s = {}, yaw_deg = {} }}]\n"
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         (EGO + "speed = 3\n" + BOX, r"scene\.toml: unknown key 'ego\.speed'"),
         (EGO + "speed_m_s = 1e5\n" + BOX, r"ego\.speed_m_s: .*10000"),
@@ -175,7 +175,7 @@ TWO = "poses = [{{ time_s = {} }}, {{ time_s = {}, yaw_deg = {} }}]\n"
         (MOVES + "velocity_m_s = [1, 2]\n", r"bodies\[0.*motion\.velocity_m_s"),
     ],
 )
-def test_mistakes_in_one_line(tmp_path: Path, text: str, told: str) -> None:
+def test_mistakes_in_one_line(tmp_path: Path, text: str, message: str) -> None:
     files = {
         "few.csv": "time_s,y_m,z_m\n0,0,0\n1,0,0\n",
         "bad.txt": "1 2 3\n",
@@ -188,7 +188,7 @@ def test_mistakes_in_one_line(tmp_path: Path, text: str, told: str) -> None:
     }
     for name, content in files.items():
         (tmp_path / name).write_text(content)
-    with pytest.raises(InputError, match=told) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         scene_of(tmp_path, text)
     assert "\n" not in str(caught.value)
 
@@ -208,8 +208,8 @@ yaw_deg = 90
 
 
 def rig_of(folder: Path, text: str) -> Path:
-    own = catalog.path_of("sensors", "table1-sipm").read_text(encoding="utf-8")
-    (folder / "own.toml").write_text(own, encoding="utf-8")
+    sensor_text = catalog.path_of("sensors", "table1-sipm").read_text(encoding="utf-8")
+    (folder / "own.toml").write_text(sensor_text, encoding="utf-8")
     path = folder / "van.toml"
     path.write_text(text)
     return path
@@ -221,9 +221,9 @@ def test_a_rig_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path / "elsewhere")
     path = rig_of(tmp_path, RIG)
     rig = load_rig(Path("..") / "van.toml", overrides=["laser.peak_power_w=33"])
-    assert (rig.name, [one.label for one in rig.sensors]) == ("van", ["roof", "left"])
+    assert (rig.name, [mounted.label for mounted in rig.sensors]) == ("van", ["roof", "left"])
     assert rig.sensors[0].sensor.detector.gain == 50
-    assert {one.sensor.laser.peak_power_w for one in rig.sensors} == {33.0}
+    assert {mounted.sensor.laser.peak_power_w for mounted in rig.sensors} == {33.0}
     assert rig.sensors[0].pose.position_m.tolist() == [0, 0, 1.8]
     assert yaw_deg(rig.sensors[1].pose.rotation) == pytest.approx(90)
     assert rig.sensors[1].sensor.name == "table1-sipm"
@@ -233,7 +233,7 @@ def test_a_rig_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         rig_of(tmp_path, 'name = "x"' + RIG), overrides=["roof:detector.gain=9", "left:detector.cells=77"]
     )
     assert changed.name == "x"
-    assert [one.sensor.detector for one in changed.sensors] == [
+    assert [mounted.sensor.detector for mounted in changed.sensors] == [
         dataclasses.replace(rig.sensors[0].sensor.detector, gain=9.0),
         dataclasses.replace(rig.sensors[1].sensor.detector, cells=77),
     ]
@@ -242,7 +242,7 @@ def test_a_rig_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("name = 'x'\n", r"van\.toml: key 'sensors' is missing|van\.toml: sensors"),
         ("sensors = []\n", r"van\.toml: sensors: .*at least 1"),
@@ -255,12 +255,12 @@ def test_a_rig_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         (RIG.replace("yaw_deg", "yaw"), r"unknown key 'sensors\[1\]\.yaw'"),
     ],
 )
-def test_mistakes_in_rigs(tmp_path: Path, text: str, told: str) -> None:
-    with pytest.raises(InputError, match=told) as caught:
+def test_mistakes_in_rigs(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
         load_rig(rig_of(tmp_path, text))
     assert "\n" not in str(caught.value)
 
 
 def test_the_shipped_rig(tmp_path: Path) -> None:
     rig = load_rig(Path(__file__).parents[2] / "scenes" / "rig.toml")
-    assert [one.label for one in rig.sensors] == ["roof", "left", "right"]
+    assert [mounted.label for mounted in rig.sensors] == ["roof", "left", "right"]

@@ -89,9 +89,9 @@ def test_colour_of_the_mesh_file_is_an_estimate(tmp_path: Path) -> None:
     (tmp_path / "b.obj").write_text("mtllib a.mtl\n" + HOUSE)
     scene = scene_of(tmp_path, body('materials = { roof = "brick" }').replace("house.obj", "b.obj"))
     assert sorted(materials_of(scene)) == ["b.obj:wall", "brick"]
-    own = scene.materials["b.obj:wall"]
-    assert own.at(905e-9)["reflectivity"] == pytest.approx(0.3, abs=0.002)
-    assert "estimate" in own.description
+    material = scene.materials["b.obj:wall"]
+    assert material.at(905e-9)["reflectivity"] == pytest.approx(0.3, abs=0.002)
+    assert "estimate" in material.description
 
 
 def test_scale_pose_and_instances(tmp_path: Path) -> None:
@@ -148,8 +148,8 @@ def test_files_of_a_scene(tmp_path: Path) -> None:
         "<scene version='3.0.0'><shape type='ply'><string name='filename' value='sub/m.ply'/></shape></scene>"
     )
     scene_of(tmp_path, 'base = "base.xml"\n[sensor]\nname = "mine.toml"\n' + body('material = "brick"'))
-    named = {path.relative_to(tmp_path).as_posix() for path in files_of_scene(tmp_path / "scene.toml")}
-    assert named == {"scene.toml", "house.obj", "mine.toml", "base.xml", "sub/m.ply"}
+    file_names = {path.relative_to(tmp_path).as_posix() for path in files_of_scene(tmp_path / "scene.toml")}
+    assert file_names == {"scene.toml", "house.obj", "mine.toml", "base.xml", "sub/m.ply"}
 
 
 def test_scenes_of_the_package_go_by_their_names() -> None:
@@ -157,20 +157,20 @@ def test_scenes_of_the_package_go_by_their_names() -> None:
     scenes = Path(__file__).parents[2] / "scenes"
     files = {path.stem for path in scenes.glob("*.toml")} - {"job", "rig"}
     assert set(catalog.names("scenes")) == files
-    named, pathed = load_scene("edges"), load_scene(scenes / "edges.toml")
-    assert [body.name for body in named.bodies] == [body.name for body in pathed.bodies]
+    by_name, pathed = load_scene("edges"), load_scene(scenes / "edges.toml")
+    assert [body.name for body in by_name.bodies] == [body.name for body in pathed.bodies]
     assert next(files_of_scene("edges")) == scenes / "edges.toml"
     assert load_scene("edges", overrides=["sun.illuminance_klux=1"]).sun.illuminance_klux == 1
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [
         ("scenes/none/car.toml", "no such file; the scene that comes with lidarscene goes by its name, car"),
         ("kar", "no scene 'kar' in the catalogue; did you mean car"),
         ("out/kar", "out/kar: no such file"),
     ],
 )
-def test_names_that_are_none(name: str, told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_names_that_are_none(name: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
         load_scene(name)

@@ -53,10 +53,10 @@ def test_all_add_up_with_the_air(tmp_path: Path, wavelength_m: float) -> None:
 @pytest.mark.parametrize("kind", [None, "radiation"])
 def test_visibility_scales_the_number_of_droplets(kind: str | None) -> None:
     """At 550 nm the extinction is 3.912 / V whatever the kind; the lidar ratio stays."""
-    own = Weather(fog=kind or "moderate_advection").media(905e-9)[0]
+    fog = Weather(fog=kind or "moderate_advection").media(905e-9)[0]
     (scaled,) = Weather(fog=kind, fog_visibility_m=50.0).media(905e-9)
     assert Weather(fog=kind, fog_visibility_m=50.0).extinction_at_per_m(550e-9) == pytest.approx(3.912 / 50)
-    ratio = own.extinction_per_m / own.backscatter_per_m_sr
+    ratio = fog.extinction_per_m / fog.backscatter_per_m_sr
     assert scaled.extinction_per_m / scaled.backscatter_per_m_sr == pytest.approx(ratio)
     assert (scaled.name, scaled.sizes) == ("fog", None)
 
@@ -100,10 +100,10 @@ def test_a_board_in_rain_loses_both_ways(mi, monkeypatch: pytest.MonkeyPatch) ->
         for weather in (Weather(), Weather(rain_mm_h=30.0))
     )
     clear, wet = (cloud.select(cloud.status == 0) for cloud in (clear, wet))
-    _, here, there = np.intersect1d(clear.time_s, wet.time_s, return_indices=True)
-    assert len(here) > 500
-    expected = np.exp(-2 * alpha * clear.true_range_m[here])
-    np.testing.assert_allclose(wet.snr[there] / clear.snr[here], expected, rtol=1e-3)
+    _, clear_index, wet_index = np.intersect1d(clear.time_s, wet.time_s, return_indices=True)
+    assert len(clear_index) > 500
+    expected = np.exp(-2 * alpha * clear.true_range_m[clear_index])
+    np.testing.assert_allclose(wet.snr[wet_index] / clear.snr[clear_index], expected, rtol=1e-3)
 
 
 @pytest.mark.parametrize("weather", [Weather(rain_mm_h=0.1), Weather(snow_mm_h=0.1)], ids=["rain", "snow"])

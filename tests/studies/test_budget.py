@@ -29,17 +29,19 @@ DETECTORS = ("table1-apd", "table1-sipm")
 def frames(mi: Any) -> dict[str, tuple[Scene, Sensor, Simulator, PointCloud]]:
     """A frame of the car, which has coats, metal, glass and a retro-reflector, for each detector."""
     scene = load_scene("scenes/car.toml")
-    made = {}
+    rendered = {}
     for name in DETECTORS:
         sensor = load_sensor(name)
         simulator = Simulator(scene, sensor)
-        made[name] = (scene, sensor, simulator, simulator.render(seed=3))
-    return made
+        rendered[name] = (scene, sensor, simulator, simulator.render(seed=3))
+    return rendered
 
 
 def is_lambertian(scene: Scene, cloud: PointCloud) -> np.ndarray:
     surfaces = [scene.materials[name] for name in cloud.material_names]
-    kinds = np.array([one.bsdf == "diffuse" and "facet_slope_deg" not in one.parameters for one in surfaces])
+    kinds = np.array(
+        [material.bsdf == "diffuse" and "facet_slope_deg" not in material.parameters for material in surfaces]
+    )
     return (cloud.material >= 0) & kinds[cloud.material]
 
 
@@ -69,13 +71,13 @@ def test_every_point_is_explained_by_its_light(frames: Any, name: str) -> None:
     scene, sensor, simulator, cloud = frames[name]
     ambient = ambient_of(scene, sensor)
     count = sensor.scanner.pulses
-    now = Frame.from_options(scene, sensor, simulator.world, FrameOptions(pose=simulator.pose))
+    frame = Frame.from_options(scene, sensor, simulator.world, FrameOptions(pose=simulator.pose))
     whole = retraced_light(
         simulator.world,
         sensor,
         ambient,
         sun=scene.sun.direction,
-        placements=now.placements(lambda: now.times(np.arange(count, dtype=np.uint32))),
+        placements=frame.placements(lambda: frame.times(np.arange(count, dtype=np.uint32))),
         pulses=range(count),
         seed=3,
     )
@@ -131,15 +133,15 @@ def test_pulses_of_every_kind_of_scanner(mi: Any) -> None:
     ):
         sensor = load_sensor(name, overrides=shorter)
         cloud = Simulator(scene, sensor).render(number=2)
-        some = cloud.select(slice(0, None, max(len(cloud) // 5000, 1)))
-        pulse = pulses_of(some, sensor.scanner)
+        sample = cloud.select(slice(0, None, max(len(cloud) // 5000, 1)))
+        pulse = pulses_of(sample, sensor.scanner)
         assert (pulse // sensor.scanner.pulses == 2).all()
         start_s = sensor.scanner.time_s(np.array([2 * sensor.scanner.pulses], np.uint32))
-        np.testing.assert_allclose(sensor.scanner.time_s(pulse) - start_s, some.time_s, atol=1e-12)
+        np.testing.assert_allclose(sensor.scanner.time_s(pulse) - start_s, sample.time_s, atol=1e-12)
         azimuth, elevation = sensor.scanner.angles(pulse)
         # Sines differ in the last bit of float32 between numpy and the device.
-        np.testing.assert_allclose(elevation, some.elevation_rad, atol=2e-6)
-        np.testing.assert_allclose(np.cos(azimuth - some.azimuth_rad), 1.0, atol=1e-6)
+        np.testing.assert_allclose(elevation, sample.elevation_rad, atol=2e-6)
+        np.testing.assert_allclose(np.cos(azimuth - sample.azimuth_rad), 1.0, atol=1e-6)
 
 
 def test_no_truth_no_budget(frames: Any) -> None:
@@ -170,9 +172,9 @@ def test_the_echos_power_is_that_which_makes_the_clouds_snr(frames: Any) -> None
     """Rationale: coats and retro-reflectors return other powers than Lambertian surfaces; the cloud's SNR is theirs."""
     scene, sensor, _, cloud = frames["table1-apd"]
     budget = budget_of(cloud, sensor, ambient_of(scene, sensor))
-    met = np.isfinite(cloud.true_range_m) & (cloud.snr > 0.0)
-    made = sensor.working_point(budget.background_power_w).response.signal(budget.echo_power_w) / budget.noise
-    np.testing.assert_allclose(made[met], cloud.snr[met], rtol=2e-3)
-    other = met & ~is_lambertian(scene, cloud) & (budget.lambertian_power_w > 0.0)
-    apart = budget.echo_power_w[other] / budget.lambertian_power_w[other]
+    has_echo = np.isfinite(cloud.true_range_m) & (cloud.snr > 0.0)
+    snr = sensor.working_point(budget.background_power_w).response.signal(budget.echo_power_w) / budget.noise
+    np.testing.assert_allclose(snr[has_echo], cloud.snr[has_echo], rtol=2e-3)
+    is_glossy = has_echo & ~is_lambertian(scene, cloud) & (budget.lambertian_power_w > 0.0)
+    apart = budget.echo_power_w[is_glossy] / budget.lambertian_power_w[is_glossy]
     assert np.mean(np.abs(apart - 1.0) > 0.1) > 0.1

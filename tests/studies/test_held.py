@@ -52,7 +52,7 @@ def test_limits_move_and_widen() -> None:
 
 
 def test_the_verdict_names_the_limits_that_are_missed() -> None:
-    met = Held(quantity="points", value=0.01, limits=LIMITS["points"])
+    met_limit = Held(quantity="points", value=0.01, limits=LIMITS["points"])
     unlimited = Held(quantity="signal, mean", condition="3 to 5 m", reference=3.0, simulated=4.0, value=0.3)
     missed = [
         Held(quantity="range, bias", condition="smooth surfaces", value=14.0, limits=LIMITS["range bias"], unit="mm"),
@@ -60,13 +60,13 @@ def test_the_verdict_names_the_limits_that_are_missed() -> None:
         Held(quantity="signal", value=0.5, limits=LIMITS["signal error"]),
         Held(quantity="ground", value=0.5, limits=LIMITS["signal error"]),
     ]
-    assert verdict([met, met, unlimited], "The twin") == "The twin meets all 2 limits."
-    assert verdict([met], "The fit") == "The fit meets the one limit."
+    assert verdict([met_limit, met_limit, unlimited], "The twin") == "The twin meets all 2 limits."
+    assert verdict([met_limit], "The fit") == "The fit meets the one limit."
     assert verdict([unlimited], "The twin") == "The twin has nothing that can be held to a limit."
-    assert verdict([met, unlimited, missed[0]], "The twin") == (
+    assert verdict([met_limit, unlimited, missed[0]], "The twin") == (
         "The twin meets 1 of 2 limits; it misses 'range, bias (smooth surfaces)', 14 where -10 to 10 is allowed."
     )
-    sentence = verdict([met, *missed], "The twin")
+    sentence = verdict([met_limit, *missed], "The twin")
     assert sentence.startswith("The twin meets 1 of 5 limits; it misses 'range, bias (")
     assert sentence.endswith("; 'signal', 0.5 where at most 0.15 is allowed; 1 more.")
 

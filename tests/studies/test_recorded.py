@@ -65,13 +65,13 @@ def test_half_are_kept_at_the_threshold() -> None:
     point = sensor.working_point(background)
     light = echoes_of_plane(sensor, Target(illuminance_klux=0.0), np.full(shots, 20.0))
 
-    def kept(photons: float) -> float:
+    def kept_share(photons: float) -> float:
         power = np.full(shots, float(np.ravel(point.response.power_w(np.array([photons])))[0]))
         seen = replace(light, peak_power_w=power, background_power_w=np.full(shots, background[0]))
         return float(np.mean(detect_alone(seen, sensor, seed=3, pulse=np.arange(shots)).stops[0].reported))
 
     level = float(np.ravel(sensor.threshold(point))[0])
-    assert kept(level - 2.0) < 0.5 < kept(level + 0.5)
+    assert kept_share(level - 2.0) < 0.5 < kept_share(level + 0.5)
 
 
 def test_highest_noise_of_simulated_windows() -> None:
@@ -174,12 +174,12 @@ def test_alarms_are_no_scatter_of_the_range() -> None:
 
 def test_where_a_makers_numbers_are_compared(monkeypatch: pytest.MonkeyPatch) -> None:
     """A repeatability at its own distance, else 20 m; a range on its target, else on 10 %; noise without an echo."""
-    seen: dict[str, list[float]] = {"scatter": [], "range": [], "alarms": []}
-    monkeypatch.setattr(published_values, "scatter_m", lambda *_, range_m, **__: seen["scatter"].append(range_m))
+    compared_at: dict[str, list[float]] = {"scatter": [], "range": [], "alarms": []}
+    monkeypatch.setattr(published_values, "scatter_m", lambda *_, range_m, **__: compared_at["scatter"].append(range_m))
     monkeypatch.setattr(
         published_values,
         "maximum_range_m",
-        lambda _, target: (seen["range"].append(float(target.reflectivity)) or 9.0, None),
+        lambda _, target: (compared_at["range"].append(float(target.reflectivity)) or 9.0, None),
     )
     sensor, published = load_sensor("table1-apd"), PublishedFile(source="x")
     for where in ({"at_m": 35.0, "reflectivity": 0.5}, {"snr": 50.0}):
@@ -187,7 +187,7 @@ def test_where_a_makers_numbers_are_compared(monkeypatch: pytest.MonkeyPatch) ->
         published_values.repeatability(sensor, published, stated)
     for reflectivity in (0.8, None):
         published_values._range(sensor, published, reflectivity, 100.0)
-    assert (seen["scatter"], seen["range"]) == ([35.0, 20.0], [0.8, 0.1])
+    assert (compared_at["scatter"], compared_at["range"]) == ([35.0, 20.0], [0.8, 0.1])
     alarms = published_values._false_points(sensor, published).simulated
     # All of the window under the light of a target, as of one without an echo.
     assert alarms == pytest.approx(-np.expm1(4e-6 * 167e6 * np.log1p(-2.8665157e-7)), rel=1e-6)

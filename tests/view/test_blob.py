@@ -10,12 +10,12 @@ def test_what_goes_in_comes_out() -> None:
     """With lengths that leave the arrays after them off their alignment unless they are padded."""
     arrays = {f"{name}-{n}": np.arange(n, dtype=name) for name in TYPES for n in (0, 1, 3, 7)}
     blob = pack_blob({"name": "näme", "count": 3}, arrays)
-    header, found = unpack_blob(blob)
+    header, unpacked = unpack_blob(blob)
     assert header == {"name": "näme", "count": 3}
-    assert found.keys() == arrays.keys()
+    assert unpacked.keys() == arrays.keys()
     for name, array in arrays.items():
-        np.testing.assert_array_equal(found[name], array)
-        assert found[name].dtype == array.dtype
+        np.testing.assert_array_equal(unpacked[name], array)
+        assert unpacked[name].dtype == array.dtype
     assert int.from_bytes(blob[:4], "little") % 4 == 0
     assert len(blob) % 4 == 0
 

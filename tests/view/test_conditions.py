@@ -26,23 +26,23 @@ def scene(scene_file: Path) -> Any:
 
 
 def test_as_the_files_have_it(scene: Any) -> None:
-    found = conditions(scene, FrameOptions(seed=3), {})
-    assert found.scene.air.weather == scene.air.weather
-    assert (found.frame.seed, found.frame.number, found.trace.rays, found.budget) == (3, 0, 1, True)
-    values = {one.key: one.value for one in controls(scene, FrameOptions(seed=3))}
+    combined = conditions(scene, FrameOptions(seed=3), {})
+    assert combined.scene.air.weather == scene.air.weather
+    assert (combined.frame.seed, combined.frame.number, combined.trace.rays, combined.budget) == (3, 0, 1, True)
+    values = {control.key: control.value for control in controls(scene, FrameOptions(seed=3))}
     assert values == {FOG: 50.0, RAIN: 0.0, SNOW: 0.0, RAYS: 1.0, FRAME: 0.0, SEED: 3.0}
 
 
 def test_settings_are_those_of_files_and_options(scene: Any, scene_file: Path) -> None:
-    there = load_scene(scene_file, overrides={FOG: 0.2, RAIN: 5.0, SNOW: 1.5})
-    found = conditions(scene, FrameOptions(), {FOG: 0.2, RAIN: 5, SNOW: 1.5, RAYS: 4, SEED: 9, FRAME: 2, BUDGET: 0})
-    assert found.scene.air.weather == there.air.weather
-    assert (found.frame.seed, found.frame.number, found.trace.rays, found.budget) == (9, 2, 4, False)
-    assert conditions(there, FrameOptions(), {FOG: 50}).scene.air.weather.fog_visibility_m is None
+    file_scene = load_scene(scene_file, overrides={FOG: 0.2, RAIN: 5.0, SNOW: 1.5})
+    combined = conditions(scene, FrameOptions(), {FOG: 0.2, RAIN: 5, SNOW: 1.5, RAYS: 4, SEED: 9, FRAME: 2, BUDGET: 0})
+    assert combined.scene.air.weather == file_scene.air.weather
+    assert (combined.frame.seed, combined.frame.number, combined.trace.rays, combined.budget) == (9, 2, 4, False)
+    assert conditions(file_scene, FrameOptions(), {FOG: 50}).scene.air.weather.fog_visibility_m is None
 
 
 @pytest.mark.parametrize(
-    ("settings", "told"),
+    ("settings", "message"),
     [
         ({RAYS: 1.5}, "run.rays: must be a whole number, got 1.5"),
         ({RAYS: 0}, "run.rays: must be >= 1, got 0"),
@@ -51,10 +51,10 @@ def test_settings_are_those_of_files_and_options(scene: Any, scene_file: Path) -
         ({FOG: "thick"}, "weather.fog_visibility_km: must be a number, got 'thick'"),
     ],
 )
-def test_mistakes_are_one_line(scene: Any, settings: dict[str, Any], told: str) -> None:
+def test_mistakes_are_one_line(scene: Any, settings: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as caught:
         conditions(scene, FrameOptions(), settings)
-    assert str(caught.value) == told
+    assert str(caught.value) == message
 
 
 def test_the_command_renders_what_is_shown(
@@ -88,7 +88,7 @@ def test_the_command_renders_what_is_shown(
 
 def test_another_sensor_and_budgets_only_where_asked(mi: Any, scene_file: Path) -> None:
     live = Live(load_scene(scene_file), overrides=COARSE)
-    with_budget, without = (unpack_blob(live.render({BUDGET: wanted})) for wanted in (1, 0))
+    with_budget, without = (unpack_blob(live.render({BUDGET: has_budget})) for has_budget in (1, 0))
     assert "echo_power" in with_budget[1]
     assert "echo_power" not in without[1]
     np.testing.assert_array_equal(with_budget[1]["snr"], without[1]["snr"])

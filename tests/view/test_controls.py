@@ -58,15 +58,16 @@ def test_every_control_does_what_the_file_would(equipment: Equipment) -> None:
                 assert (scene.sun != before[0].sun) is (not math.isclose(value, control.value))
                 assert parts(sensor) == parts(before[1])
                 continue
-            own = control.key.startswith(("laser", "optics")) or not detector
-            there = load_sensor(
-                "table1-apd" if own else "table1-sipm", overrides=["laser.peak_power_w=60", f"{control.key}={value!r}"]
+            keeps_apd = control.key.startswith(("laser", "optics")) or not detector
+            file_sensor = load_sensor(
+                "table1-apd" if keeps_apd else "table1-sipm",
+                overrides=["laser.peak_power_w=60", f"{control.key}={value!r}"],
             )
             part = control.key.split(".")[0]
             if part == "tdc":
-                assert sensor.tdc.threshold_to_noise == there.tdc.threshold_to_noise == pytest.approx(value)
+                assert sensor.tdc.threshold_to_noise == file_sensor.tdc.threshold_to_noise == pytest.approx(value)
             else:
-                assert getattr(sensor, part) == getattr(there, part)
+                assert getattr(sensor, part) == getattr(file_sensor, part)
 
 
 def test_the_other_detector_comes_with_its_threshold(equipment: Equipment) -> None:
@@ -74,15 +75,15 @@ def test_the_other_detector_comes_with_its_threshold(equipment: Equipment) -> No
     assert isinstance(sensor.detector, Sipm)
     assert sensor.detector.pde == 0.3
     assert sensor.laser.peak_power_w == 70
-    back = Equipment(equipment.scene, "table1-sipm", ["tdc.threshold_to_noise=7"])
-    _, other = back.with_settings({"detector": "APD of Table 1"})
-    assert isinstance(other.detector, Apd)
-    assert other.tdc.threshold_to_noise == 5
-    assert back.sensor.tdc.threshold_to_noise == 7
+    sipm_equipment = Equipment(equipment.scene, "table1-sipm", ["tdc.threshold_to_noise=7"])
+    _, apd_sensor = sipm_equipment.with_settings({"detector": "APD of Table 1"})
+    assert isinstance(apd_sensor.detector, Apd)
+    assert apd_sensor.tdc.threshold_to_noise == 5
+    assert sipm_equipment.sensor.tdc.threshold_to_noise == 7
 
 
 @pytest.mark.parametrize(
-    ("settings", "told"),
+    ("settings", "message"),
     [
         ({"laser.colour": 1}, "laser.colour: no such control; known here: sun.azimuth_deg"),
         ({"detector.pde": 0.2}, "detector.pde: no such control"),
@@ -95,10 +96,10 @@ def test_the_other_detector_comes_with_its_threshold(equipment: Equipment) -> No
         ({"sun.illuminance_klux": -1}, "sun.illuminance_klux: must be >= 0, got -1"),
     ],
 )
-def test_mistakes_are_told_in_one_line(equipment: Equipment, settings: dict[str, Any], told: str) -> None:
+def test_mistakes_are_told_in_one_line(equipment: Equipment, settings: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as caught:
         equipment.with_settings(settings)
-    assert told in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

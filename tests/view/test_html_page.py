@@ -21,7 +21,7 @@ from lidarscene.cloud.pixels import camera_for
 from lidarscene.rendering.stages import ambient_of
 from lidarscene.studies.budget import budget_of
 
-SETS = [f"--set={one}" for one in COARSE]
+SETS = [f"--set={option}" for option in COARSE]
 WIDTH, HEIGHT = 1280, 800
 
 
@@ -58,7 +58,7 @@ def places(browser: Chromium) -> np.ndarray:
     return np.array(browser.value(script))
 
 
-def shown(browser: Chromium, folder: Path) -> np.ndarray:
+def screenshot(browser: Chromium, folder: Path) -> np.ndarray:
     """The window as (height, width, 3), 0 to 1, after the next picture is drawn."""
     browser.value("new Promise(done => { viewer.draw(); requestAnimationFrame(() => requestAnimationFrame(done)); })")
     path = folder / "shown.png"
@@ -75,11 +75,11 @@ def card(browser: Chromium) -> dict[str, str]:
 
 def number(text: str) -> float:
     """What '1.5 µA' says, in the unit without its prefix."""
-    found = re.fullmatch(r"(-?[\d.e+-]+)(?:\u202f([fpnµmk]?)(?:W|A|s|m|°|cells)?)?", text)
-    assert found, text
-    prefix = found[2] if found[2] != "m" or text[-1] in "WAs" else ""
+    parts = re.fullmatch(r"(-?[\d.e+-]+)(?:\u202f([fpnµmk]?)(?:W|A|s|m|°|cells)?)?", text)
+    assert parts, text
+    prefix = parts[2] if parts[2] != "m" or text[-1] in "WAs" else ""
     scale = dict(zip("fpnµmk", (1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 1e3), strict=True)).get(prefix or "", 1.0)
-    return float(found[1]) * scale
+    return float(parts[1]) * scale
 
 
 def test_a_saved_page_needs_nothing_else(browser: Chromium, saved: Path) -> None:
@@ -113,7 +113,7 @@ def test_points_stand_where_they_should_in_their_colours(
         document.getElementById('size').value = 4;
         document.getElementById('opacity').value = 0;
     })()""")
-    picture = shown(browser, tmp_path)
+    picture = screenshot(browser, tmp_path)
     low, high = browser.value("[viewer.legend.low, viewer.legend.high]")
     part = np.clip(np.log(cloud.intensity / low) / np.log(high / low), 0, 1)
     expected = colormaps["inferno"](0.3 + 0.7 * np.floor(part * 255) / 255)[:, :3]
@@ -175,9 +175,9 @@ def test_what_is_hidden_is_not_there(browser: Chromium, saved: Path, cloud: Poin
     i = int(np.flatnonzero((cloud.body == 0) & (cloud.status == 0))[20])
     x, y = (int(v) for v in page[i, :2])
     empty = np.array([11, 14, 20]) / 255
-    assert np.abs(shown(browser, tmp_path)[y, x] - empty).max() > 0.1
+    assert np.abs(screenshot(browser, tmp_path)[y, x] - empty).max() > 0.1
     browser.value("document.querySelector('#statuses input').click()")
-    np.testing.assert_allclose(shown(browser, tmp_path)[y, x], empty, atol=2 / 255)
+    np.testing.assert_allclose(screenshot(browser, tmp_path)[y, x], empty, atol=2 / 255)
     browser.click(x, y)
     assert browser.value("viewer.selected") == -1
     browser.value("document.querySelector('#statuses input').click()")
@@ -189,11 +189,11 @@ def test_what_is_hidden_is_not_there(browser: Chromium, saved: Path, cloud: Poin
     kinds = browser.value("[...document.querySelectorAll('.kinds button')].map(row => row.textContent)")
     counts = {name: int((cloud.class_id == k).sum()) for k, name in enumerate(cloud.class_names)}
     assert sorted(kinds) == sorted(f"{name}{count}" for name, count in counts.items() if count)
-    assert np.abs(shown(browser, tmp_path)[y, x] - empty).max() > 0.1
+    assert np.abs(screenshot(browser, tmp_path)[y, x] - empty).max() > 0.1
     browser.value(
         "[...document.querySelectorAll('.kinds button')].find(row => /building/.test(row.textContent)).click()"
     )
-    np.testing.assert_allclose(shown(browser, tmp_path)[y, x], empty, atol=2 / 255)
+    np.testing.assert_allclose(screenshot(browser, tmp_path)[y, x], empty, atol=2 / 255)
 
 
 def test_frames_and_their_slider(browser: Chromium, mi: Any, scene_file: Path, tmp_path: Path) -> None:
@@ -284,8 +284,8 @@ def test_places_of_the_camera(browser: Chromium, saved: Path, cloud: PointCloud)
         inside = (depth > 0) & (x > left) & (x < left + width) & (y > top) & (y < top + height)
         assert inside.mean() > 0.9, place
         if axis is not None:
-            away = browser.value("viewer.camera.axes.away")
-            assert abs(away[axis]) > 0.99, place
+            up_and_away = browser.value("viewer.camera.axes.away")
+            assert abs(up_and_away[axis]) > 0.99, place
     browser.value("document.getElementById('go-first').click()")
     assert browser.value("viewer.camera.eye") == pytest.approx(browser.value("viewer.stage.camera.eye"))
 
@@ -295,9 +295,9 @@ def test_distance_between_two_points(browser: Chromium, saved: Path, cloud: Poin
     browser.open(saved.as_uri())
     first, second = np.flatnonzero((cloud.body == 0) & (cloud.status == 0))[[5, 40]].tolist()
     browser.value(f"viewer.select({first}), viewer.measure({second})")
-    told = browser.value("document.getElementById('distance').textContent")
+    distance_text = browser.value("document.getElementById('distance').textContent")
     apart = float(np.linalg.norm(cloud.xyz_m[first] - cloud.xyz_m[second]))
-    assert float(told.split("\u202f")[0]) == pytest.approx(apart, abs=6e-4)
+    assert float(distance_text.split("\u202f")[0]) == pytest.approx(apart, abs=6e-4)
     browser.value(f"viewer.select({second})")
     assert browser.value("document.getElementById('distance')") is None
 
@@ -317,8 +317,8 @@ def test_a_mistake_stands_beside_its_field(browser: Chromium, live: str) -> None
     assert not any(text.endswith("/render") for text in browser.messages)
     browser.value(f"{typed}('laser power', '-5')")
     browser.until("!viewer.busy")
-    told = browser.value("document.getElementById('note-laser.peak_power_w').textContent")
-    assert told.startswith("must be >= 1e-06, got -5")
+    note = browser.value("document.getElementById('note-laser.peak_power_w').textContent")
+    assert note.startswith("must be >= 1e-06, got -5")
     assert browser.value("document.getElementById('error').hidden")
     assert browser.value(f"{typed}('laser power', '30')") == [False, ""]
     browser.until("!viewer.busy")
@@ -360,29 +360,29 @@ def test_shadows_follow_the_sun(browser: Chromium, cloud: PointCloud, tmp_path: 
     page = tmp_path / "post.html"
     assert main(["view", str(tmp_path / "one.ply"), str(tmp_path / "post.toml"), "--save", str(page)]) == 0
     browser.open(page.as_uri())
-    seen = {}
+    brightness = {}
     for sun in (1, -1):
         browser.value(f"viewer.sun = [0, {sun} * Math.SQRT1_2, Math.SQRT1_2], viewer.draw(), 0")
-        picture = shown(browser, tmp_path)
+        picture = screenshot(browser, tmp_path)
         for side in (1, -1):
             x, y, _ = browser.value(f"viewer.renderer.project(viewer.matrix, 8.0, {side}, 0.0)")
             left = browser.value("viewer.canvas.getBoundingClientRect().left")
-            seen[sun, side] = float(picture[int(y), int(x + left)].mean())
-    assert seen[1, 1] > 1.5 * seen[1, -1]
-    assert seen[-1, -1] > 1.5 * seen[-1, 1]
+            brightness[sun, side] = float(picture[int(y), int(x + left)].mean())
+    assert brightness[1, 1] > 1.5 * brightness[1, -1]
+    assert brightness[-1, -1] > 1.5 * brightness[-1, 1]
 
 
 def test_clouds_without_truth_or_points(browser: Chromium, cloud: PointCloud, tmp_path: Path) -> None:
     """They show what they have."""
-    for name, one in (("plain", cloud.without_truth()), ("empty", cloud.select(slice(0, 0)))):
-        one.save(tmp_path / f"{name}.ply")
+    for name, shown_cloud in (("plain", cloud.without_truth()), ("empty", cloud.select(slice(0, 0)))):
+        shown_cloud.save(tmp_path / f"{name}.ply")
         page = tmp_path / f"{name}.html"
         assert main(["view", str(tmp_path / f"{name}.ply"), "--save", str(page)]) == 0
         browser.open(page.as_uri())
-        assert browser.value("viewer.frame.count") == len(one)
+        assert browser.value("viewer.frame.count") == len(shown_cloud)
         assert browser.value("viewer.frame.fields.some(one => one.name === 'true_range')") is (name == "empty")
-        if len(one):
-            x, y, _ = places(browser)[len(one) // 2]
+        if len(shown_cloud):
+            x, y, _ = places(browser)[len(shown_cloud) // 2]
             browser.click(x, y)
             table = card(browser)
             assert "snr" in table
@@ -408,9 +408,9 @@ def test_far_from_the_origin(browser: Chromium, cloud: PointCloud, tmp_path: Pat
 
 
 def test_the_same_input_makes_the_same_page(saved: Path, scene_file: Path, tmp_path: Path) -> None:
-    again = tmp_path / "again.html"
-    assert main(["view", str(saved.with_name("a.ply")), str(scene_file), *SETS, "--save", str(again)]) == 0
-    assert again.read_bytes() == saved.read_bytes()
+    second_page = tmp_path / "again.html"
+    assert main(["view", str(saved.with_name("a.ply")), str(scene_file), *SETS, "--save", str(second_page)]) == 0
+    assert second_page.read_bytes() == saved.read_bytes()
     blobs = re.findall(r'id="blob-([\w-]+)">([^<]*)<', saved.read_text(encoding="utf-8"))
     assert [name for name, _ in blobs] == ["stage", "frame-0"]
     assert all(base64.b64decode(text) for _, text in blobs)

@@ -14,30 +14,30 @@ from lidarscene.view import html_page, notebook
 from lidarscene.view.page_sources import Clouds
 
 
-def inner(shown: object) -> str:
+def inner(viewed: object) -> str:
     """The page in the frame."""
-    found = re.fullmatch(r'<iframe srcdoc="([^"]*)" width="100%" height="(\d+)"[^>]*></iframe>', shown._repr_html_())
-    assert found, "must be one frame"
-    return html.unescape(found[1])
+    frame = re.fullmatch(r'<iframe srcdoc="([^"]*)" width="100%" height="(\d+)"[^>]*></iframe>', viewed._repr_html_())
+    assert frame, "must be one frame"
+    return html.unescape(frame[1])
 
 
 def test_a_cloud_is_a_page_in_a_frame(tmp_path):
     cloud = street(step_deg=3.0)
-    shown = cloud.view(height_px=400)
-    text = inner(shown)
+    viewed = cloud.view(height_px=400)
+    text = inner(viewed)
     assert text.startswith("<!DOCTYPE html>")
     assert {"blob-stage", "blob-frame-0"} <= set(re.findall(r'id="(blob-[^"]+)"', text))
-    assert 'height="400"' in shown._repr_html_()
-    shown.save(tmp_path / "a.html")
+    assert 'height="400"' in viewed._repr_html_()
+    viewed.save(tmp_path / "a.html")
     assert (tmp_path / "a.html").read_text() == text
-    assert re.match(r"Viewed\(.*: [0-9.]+ MB; ", repr(shown))
+    assert re.match(r"Viewed\(.*: [0-9.]+ MB; ", repr(viewed))
 
 
 def test_a_large_page_is_not_put_into_a_notebook(monkeypatch):
     monkeypatch.setattr(notebook, "LARGE_BYTES", 1000)
-    told = small_cloud().view()._repr_html_()
-    assert "<iframe" not in told
-    assert "save it" in told
+    fallback = small_cloud().view()._repr_html_()
+    assert "<iframe" not in fallback
+    assert "save it" in fallback
 
 
 def test_a_scene_is_rendered_by_its_sensor(mi, tmp_path, monkeypatch):
@@ -49,15 +49,15 @@ def test_a_scene_is_rendered_by_its_sensor(mi, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         ({"sensor": 3}, "view: sensor: must be a catalogue name or a file, got int"),
         ({"sensor": lidarscene.load_sensor("table1-apd")}, "a catalogue name or a file, got Sensor"),
         ({"scene": 3}, "scene: must be a name, a file, a Scene, a Trimesh or a trimesh.Scene, got int"),
     ],
 )
-def test_what_cannot_be_viewed(options, told):
-    with pytest.raises(InputError, match=re.escape(told)):
+def test_what_cannot_be_viewed(options, message):
+    with pytest.raises(InputError, match=re.escape(message)):
         small_cloud().view(**options)
 
 

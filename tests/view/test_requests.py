@@ -21,7 +21,7 @@ class Nothing:
 
     title = "nothing"
     frames = ("one",)
-    asked = 0
+    requests = 0
 
     def stage(self, number: int | None = None) -> bytes:
         return b"stage"
@@ -30,7 +30,7 @@ class Nothing:
         return b"frame"
 
     def render(self, settings: Settings) -> bytes:
-        self.asked += 1
+        self.requests += 1
         return json.dumps(dict(settings)).encode()
 
 
@@ -77,7 +77,7 @@ def impatient(server: Server, monkeypatch: pytest.MonkeyPatch) -> Server:
     return server
 
 
-def asked(server: Server, request: bytes, *, ends: bool = False) -> bytes:
+def answer_to(server: Server, request: bytes, *, ends: bool = False) -> bytes:
     """All that comes back; ``ends``: nothing more is sent, which the server sees."""
     with socket.create_connection((HOST, server.server_port), timeout=PATIENCE_S) as connection:
         connection.sendall(request)
@@ -93,7 +93,7 @@ def asked(server: Server, request: bytes, *, ends: bool = False) -> bytes:
 def post(server: Server, body: bytes, *headers: str, length: str | None = None) -> bytes:
     lines = ["POST /render HTTP/1.1", f"Host: {HOST}:{server.server_port}", "Connection: close", *headers]
     lines.append(f"Content-Length: {len(body) if length is None else length}")
-    return asked(server, "\r\n".join([*lines, "", ""]).encode() + body, ends=True)
+    return answer_to(server, "\r\n".join([*lines, "", ""]).encode() + body, ends=True)
 
 
 def status(answer: bytes) -> int:
@@ -104,7 +104,7 @@ def status(answer: bytes) -> int:
 def test_posts_of_other_origins_are_refused(server: Server, origin: str) -> None:
     """Rationale: a form of any site can send a request to this machine, and each costs a frame."""
     assert status(post(server, b"{}", f"Origin: {origin}")) == 403
-    assert server.source.asked == 0
+    assert server.source.requests == 0
     assert status(post(server, b"{}", f"Origin: http://localhost:{server.server_port}")) == 200
     assert status(post(server, b"{}")) == 200  # other programs than browsers send none
 
@@ -132,7 +132,7 @@ def test_malformed_bodies(
 ) -> None:
     answer = post(server, body, length=length)
     assert status(answer) == expected
-    assert server.source.asked == 0
+    assert server.source.requests == 0
     assert len(answer) < 2000
     assert capsys.readouterr().err == ""
 
@@ -152,14 +152,14 @@ def test_numbers_that_are_none(value: object) -> None:
 @pytest.mark.parametrize("path", ["/frame-" + "9" * 5000, "/frame-1", "/frame--1", "/%00", "/frame-"])
 def test_other_paths(server: Server, path: str, capsys: pytest.CaptureFixture[str]) -> None:
     request = f"GET {path} HTTP/1.1\r\nHost: {HOST}:{server.server_port}\r\nConnection: close\r\n\r\n"
-    assert status(asked(server, request.encode())) == 404
+    assert status(answer_to(server, request.encode())) == 404
     assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize("request_line", [b"GET / HTTP/1.1", b"GET /none HTTP/1.1", b"BREW / HTTP/1.1"])
 def test_headers_of_every_answer(server: Server, request_line: bytes) -> None:
     host = f"\r\nHost: {HOST}:{server.server_port}\r\nConnection: close\r\n\r\n".encode()
-    answer = asked(server, request_line + host)
+    answer = answer_to(server, request_line + host)
     for header in (b"X-Content-Type-Options: nosniff\r\n", b"frame-ancestors 'none'\r\n"):
         assert header in answer
 
@@ -167,9 +167,9 @@ def test_headers_of_every_answer(server: Server, request_line: bytes) -> None:
 @pytest.mark.parametrize("half", [b"", b"GE", b"GET / HTTP/1.1\r\nHost: x\r\nA: "])
 def test_half_a_request_is_hung_up_on(impatient: Server, half: bytes) -> None:
     """Rationale: else each holds a thread for ever."""
-    assert asked(impatient, half) == b""
+    assert answer_to(impatient, half) == b""
     lines = f"POST /render HTTP/1.1\r\nHost: {HOST}:{impatient.server_port}\r\nContent-Length: 9\r\n\r\n{{"
-    answer = asked(impatient, lines.encode())
+    answer = answer_to(impatient, lines.encode())
     assert answer == b"" or status(answer) == 400
 
 
@@ -198,8 +198,8 @@ def test_connections_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
         held = [socket.create_connection((HOST, server.server_port)) for _ in range(3)]
         wait_until(lambda: not server._free.acquire(blocking=False) or server._free.release() is not None)
         request = f"GET /none HTTP/1.1\r\nHost: {HOST}:{server.server_port}\r\nConnection: close\r\n\r\n".encode()
-        assert status(asked(server, request)) == 503
-        for one in held:
-            one.close()
-        wait_until(lambda: status(asked(server, request)) == 404)
+        assert status(answer_to(server, request)) == 503
+        for connection in held:
+            connection.close()
+        wait_until(lambda: status(answer_to(server, request)) == 404)
         server.shutdown()

@@ -18,7 +18,7 @@ from lidarscene.errors import InputError
 from lidarscene.view.blob import unpack_blob
 from lidarscene.view.serve import HOST, Server
 
-SETS = [f"--set={one}" for one in COARSE]
+SETS = [f"--set={option}" for option in COARSE]
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def test_what_it_refuses(view: Served) -> None:
     assert view.get("frame-1")[0] == 404
     assert view.get("../etc/passwd")[0] == 404
     assert view.get("stage", b"{}")[0] == 404
-    for body, told in (
+    for body, message in (
         (b"no", b"must be a JSON object"),
         (b"[1]", b"must be a JSON object"),
         (b'{"detector.gain": 0.1}', b"detector.gain: must be >= 1"),
@@ -73,7 +73,7 @@ def test_what_it_refuses(view: Served) -> None:
     ):
         status, answer = view.get("render", body)
         assert status == 400
-        assert told in answer
+        assert message in answer
         assert b"\n" not in answer
     assert view.get("render", b"{}", **{"Content-Length": "x"})[0] == 400
     assert view.get("frame-0")[0] == 200
@@ -96,9 +96,9 @@ def test_only_this_machine_hears_it() -> None:
 
 
 def test_a_busy_port_is_one_line() -> None:
-    with socket.socket() as other:
-        other.bind((HOST, 0))
-        other.listen()
-        port = other.getsockname()[1]
+    with socket.socket() as listener:
+        listener.bind((HOST, 0))
+        listener.listen()
+        port = listener.getsockname()[1]
         with pytest.raises(InputError, match=rf"^--port {port}: cannot be had: .*; 0 takes any free one$"):
             Server(port)

@@ -56,17 +56,17 @@ def test_shapes_of_a_mitsuba_file(tmp_path: Path, mi: Any) -> None:
     """Rationale: areas by closed form, and corners by Mitsuba's own bounding boxes, which it computes by itself."""
     path = tmp_path / "shapes.xml"
     path.write_text(XML)
-    drawn = {one.name: one for one in triangles_of_base(load_scene(path), 905e-9)}
+    drawn = {shape.name: shape for shape in triangles_of_base(load_scene(path), 905e-9)}
     areas = {"board": 32.0, "ball": 4 * math.pi * 0.49, "box": 6.0, "plate": math.pi * 400.0}
     areas["post"] = 2 * math.pi * 0.1 * 2.0
     assert drawn.keys() == areas.keys()
     for shape in mi.load_string(XML).shapes():
-        found = drawn[shape.id()]
-        assert area_m2(found.vertices_m, found.faces) == pytest.approx(areas[shape.id()], rel=5e-3)
+        drawn_shape = drawn[shape.id()]
+        assert area_m2(drawn_shape.vertices_m, drawn_shape.faces) == pytest.approx(areas[shape.id()], rel=5e-3)
         box = shape.bbox()
         # Mitsuba's box of a cylinder or a disk is exact; of 48 segments four lie on it.
-        np.testing.assert_allclose(found.vertices_m.min(axis=0), np.array(box.min).ravel(), atol=1e-5)
-        np.testing.assert_allclose(found.vertices_m.max(axis=0), np.array(box.max).ravel(), atol=1e-5)
+        np.testing.assert_allclose(drawn_shape.vertices_m.min(axis=0), np.array(box.min).ravel(), atol=1e-5)
+        np.testing.assert_allclose(drawn_shape.vertices_m.max(axis=0), np.array(box.max).ravel(), atol=1e-5)
 
 
 def test_revolved_surfaces_close() -> None:

@@ -39,15 +39,15 @@ def test_a_picture_is_saved(browser: Chromium, tmp_path: Path) -> None:
     picture = image.imread(next(tmp_path.glob("*.png")))
     assert list(picture.shape[1::-1]) == browser.value("[viewer.canvas.width, viewer.canvas.height]")
     background = np.array([11, 14, 20]) / 255
-    away = np.abs(picture[:, :, :3] - background).max(axis=2) > 0.1
-    assert away.sum() > 500
+    is_drawn = np.abs(picture[:, :, :3] - background).max(axis=2) > 0.1
+    assert is_drawn.sum() > 500
 
 
 def test_a_command_is_copied(browser: Chromium, mi: object, scene_file: Path, tmp_path: Path) -> None:
     """It goes to the clipboard, and run, it writes the points that the page shows; without the right to write there
     it is told in a window, to be copied by hand.
     """
-    with served(scene_file, *[f"--set={one}" for one in COARSE]) as view:
+    with served(scene_file, *[f"--set={option}" for option in COARSE]) as view:
         browser.open(view.url)
         browser.value("viewer.settings['laser.peak_power_w'] = 20, viewer.render(), 0")
         browser.until("!viewer.busy")

@@ -42,12 +42,12 @@ def test_a_table_of_64_is_a_pandar64(tmp_path: Path) -> None:
 
 def test_what_is_no_table_is_told(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    for text, told in (
+    for text, message in (
         ("", "must have columns Elevation and Azimuth, got none"),
         ("a,b\n1,2\n", "must have columns Elevation and Azimuth, got a, b"),
         ("Elevation,Azimuth\n1,x\n", "line 2: must be numbers, got '1,x'"),
         ("Elevation,Azimuth\n", "must have a line for each channel, got none"),
     ):
         path.write_text(text)
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             read_unit(path)

@@ -71,7 +71,7 @@ def test_first_firmware_does_not_say_where_the_beams_begin(tmp_path: Path) -> No
 def test_what_is_wrong_is_one_line(tmp_path: Path) -> None:
     source = tmp_path / "a.json"
 
-    def told(mode: str | None = None, **changes: object) -> str:
+    def error_text(mode: str | None = None, **changes: object) -> str:
         source.write_text(json.dumps(json.loads(JSON.read_text()) | changes))
         with pytest.raises(InputError) as caught:
             write_unit(read_unit(source, mode), source, tmp_path / "a.toml")
@@ -79,13 +79,15 @@ def test_what_is_wrong_is_one_line(tmp_path: Path) -> None:
         assert not (tmp_path / "a.toml").exists()
         return str(caught.value)
 
-    assert "beam_azimuth_angles: must have 32 entries, as beam_altitude_angles has, got 2" in told(
+    assert "beam_azimuth_angles: must have 32 entries, as beam_altitude_angles has, got 2" in error_text(
         beam_azimuth_angles=[0.0, 1.0]
     )
-    assert "lidar_mode: must be one of 512x10" in told(lidar_mode="fast")
-    assert "lidar_mode: must be one of 512x10, " in told(mode="10x")
-    assert "must turn about z" in told(lidar_to_sensor_transform=[1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1])
-    assert "no sensor of the catalogue is of this kind (32 beams); --like" in told(prod_line="XX")
+    assert "lidar_mode: must be one of 512x10" in error_text(lidar_mode="fast")
+    assert "lidar_mode: must be one of 512x10, " in error_text(mode="10x")
+    assert "must turn about z" in error_text(
+        lidar_to_sensor_transform=[1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]
+    )
+    assert "no sensor of the catalogue is of this kind (32 beams); --like" in error_text(prod_line="XX")
     source.write_text("{")
     with pytest.raises(InputError, match=r"a.json: cannot be read: "):
         read_unit(source)

@@ -86,9 +86,9 @@ def test_points_of_an_hdl64_lie_on_the_beams(tmp_path: Path, library: Callable[[
 def test_the_written_file_has_the_models_timing(tmp_path: Path, library: Callable[[str], Any]) -> None:
     decoder = library("velodyne_decoder")
     source = Path(decoder.__file__).parent / "calibrations" / "VLP-16.yml"
-    said = write_unit(read_unit(source), source, tmp_path / "unit.toml")
+    report = write_unit(read_unit(source), source, tmp_path / "unit.toml")
     unit, model = load_sensor(str(tmp_path / "unit.toml")).scanner, load_sensor("vlp-16").scanner
-    assert said.endswith("VLP-16, 16 beams, else as vlp-16")
+    assert report.endswith("VLP-16, 16 beams, else as vlp-16")
     pulse = np.arange(model.pulses)
     np.testing.assert_array_equal(unit.time_s(pulse), model.time_s(pulse))
     np.testing.assert_allclose(unit.angles(pulse), model.angles(pulse), atol=1e-6)
@@ -97,8 +97,8 @@ def test_the_written_file_has_the_models_timing(tmp_path: Path, library: Callabl
 def test_lists_for_another_number_of_lasers_are_left_out(tmp_path: Path) -> None:
     source = tmp_path / "db.xml"
     source.write_text(XML.format(points="".join(POINT.format(n, 0, n, 0, 0) for n in range(3))))
-    said = write_unit(read_unit(source), source, tmp_path / "unit.toml", like="vlp-16")
-    assert "firing_time_us: left out, since the model has it for another number of lasers" in said
+    report = write_unit(read_unit(source), source, tmp_path / "unit.toml", like="vlp-16")
+    assert "firing_time_us: left out, since the model has it for another number of lasers" in report
     assert load_sensor(str(tmp_path / "unit.toml")).scanner.lasers == 2
 
 
@@ -117,7 +117,7 @@ def test_xml_is_in_degrees_and_centimetres(tmp_path: Path) -> None:
 
 def test_what_is_no_calibration_is_told(tmp_path: Path, library: Callable[[str], Any]) -> None:
     library("yaml")
-    for name, text, told in (
+    for name, text, message in (
         ("a.yaml", "colour: red", "must be a calibration of a Velodyne with a list 'lasers', got none"),
         ("a.yaml", "lasers: [{laser_id: 1, vert_correction: 0}]", "must have lasers 0, 1, 2, ..., got 1"),
         ("a.yaml", "lasers: [{laser_id: 0}]", "laser 0: must have vert_correction, got none"),
@@ -126,5 +126,5 @@ def test_what_is_no_calibration_is_told(tmp_path: Path, library: Callable[[str],
     ):
         path = tmp_path / name
         path.write_text(text)
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             read_unit(path)

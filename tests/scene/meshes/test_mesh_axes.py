@@ -67,10 +67,10 @@ def test_a_turn_too_much_is_told(tmp_path: Path) -> None:
         extent_m(tmp_path, "a.glb", "roll_deg = 90")
 
 
-@pytest.mark.parametrize(("key", "told"), [('unit = "mile"', "unit"), ('up = "w"', "up")])
-def test_what_there_is_not_is_one_line(tmp_path: Path, key: str, told: str) -> None:
+@pytest.mark.parametrize(("key", "part_of_message"), [('unit = "mile"', "unit"), ('up = "w"', "up")])
+def test_what_there_is_not_is_one_line(tmp_path: Path, key: str, part_of_message: str) -> None:
     trimesh.creation.box(BOX).export(tmp_path / "a.stl")
-    with pytest.raises(InputError, match=rf"bodies.*{told}.*must be"):
+    with pytest.raises(InputError, match=rf"bodies.*{part_of_message}.*must be"):
         extent_m(tmp_path, "a.stl", key)
 
 

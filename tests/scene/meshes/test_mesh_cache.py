@@ -34,9 +34,9 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def assert_same(a: list[SubMesh], b: list[SubMesh]) -> None:
     assert [(p.keys, p.grey) for p in a] == [(p.keys, p.grey) for p in b]
-    for one, other in zip(a, b, strict=True):
-        np.testing.assert_array_equal(one.vertices_m, other.vertices_m, strict=True)
-        np.testing.assert_array_equal(one.faces, other.faces, strict=True)
+    for submesh, other_submesh in zip(a, b, strict=True):
+        np.testing.assert_array_equal(submesh.vertices_m, other_submesh.vertices_m, strict=True)
+        np.testing.assert_array_equal(submesh.faces, other_submesh.faces, strict=True)
 
 
 def test_the_cache_gives_what_the_file_gives(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -109,7 +109,7 @@ def test_what_was_not_used_for_longest_goes_first(cache: Path, tmp_path: Path, m
         path = tmp_path / "a.off"
         path.write_text(TRIANGLE_OFF.replace("1 0 0\n", f"{size} 0 0\n"))
         assert reading.read_mesh(path)[0].vertices_m.max() == max(size, 1.0)
-        return max(cache.iterdir(), key=lambda one: one.stat().st_mtime_ns)
+        return max(cache.iterdir(), key=lambda path: path.stat().st_mtime_ns)
 
     first, second = entry_of(1.0), entry_of(2.0)
     for age, entry in ((20, first), (10, second)):

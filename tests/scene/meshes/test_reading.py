@@ -119,8 +119,8 @@ def test_nothing_is_printed(tmp_path: Path, run_python: Any) -> None:
     """In a Python of its own: pytest would catch what is logged. A texture that is not there makes trimesh talk."""
     (tmp_path / "a.obj").write_text(HOUSE.format(mtl="mtllib a.mtl"))
     (tmp_path / "a.mtl").write_text("newmtl tile\nmap_Kd none.png\nKd x y z\n")
-    done = run_python(f"from lidarscene.scene.meshes.reading import *; read_mesh(Path({str(tmp_path / 'a.obj')!r}))")
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    process = run_python(f"from lidarscene.scene.meshes.reading import *; read_mesh(Path({str(tmp_path / 'a.obj')!r}))")
+    assert (process.returncode, process.stdout, process.stderr) == (0, "", "")
 
 
 def test_a_buffer_that_is_not_there(tmp_path: Path) -> None:

@@ -17,8 +17,12 @@ FACES = [[0, 1, 2], [0, 2, 3]]
 
 
 def ply(*, of_vertices="", of_faces="", vertices=("", "", "", ""), faces=("", "")) -> str:
-    head = "".join(f"property {one}\n" for one in ("float x", "float y", "float z", *of_vertices.split(",")) if one)
-    more = "".join(f"property {one}\n" for one in of_faces.split(",") if one)
+    head = "".join(
+        f"property {declaration}\n"
+        for declaration in ("float x", "float y", "float z", *of_vertices.split(","))
+        if declaration
+    )
+    more = "".join(f"property {declaration}\n" for declaration in of_faces.split(",") if declaration)
     rows = [" ".join(map(str, corner)) + " " + value for corner, value in zip(CORNERS, vertices, strict=True)]
     rows += ["3 " + " ".join(map(str, face)) + " " + value for face, value in zip(FACES, faces, strict=True)]
     return (
@@ -56,8 +60,8 @@ def test_binary_ply_and_gltf_attribute(tmp_path: Path) -> None:
     box.vertex_attributes = {"_REFLECTIVITY": np.linspace(0, 1, 4, dtype=np.float32)}
     box.export(tmp_path / "a.glb")
     for name in ("a.ply", "a.glb"):
-        found = one_piece(tmp_path / name, "reflectivity").pattern
-        np.testing.assert_allclose(found.values, np.linspace(0, 1, 4), rtol=1e-6)
+        pattern = one_piece(tmp_path / name, "reflectivity").pattern
+        np.testing.assert_allclose(pattern.values, np.linspace(0, 1, 4), rtol=1e-6)
 
 
 @pytest.mark.parametrize(("suffix", "half"), [("ply", 0.2158605), ("glb", 128 / 255)])
@@ -66,8 +70,8 @@ def test_vertex_colours(tmp_path: Path, suffix: str, half: float) -> None:
     box = trimesh.Trimesh(CORNERS, FACES, process=False)
     box.visual.vertex_colors = [[0, 90, 9, 255], [128, 0, 0, 255], [255, 0, 0, 255], [128, 255, 255, 255]]
     box.export(tmp_path / f"a.{suffix}")
-    found = one_piece(tmp_path / f"a.{suffix}", "colour").pattern
-    np.testing.assert_allclose(found.values, [0.0, half, 1.0, half], rtol=1e-6)
+    pattern = one_piece(tmp_path / f"a.{suffix}", "colour").pattern
+    np.testing.assert_allclose(pattern.values, [0.0, half, 1.0, half], rtol=1e-6)
 
 
 def textured(path: Path) -> None:
@@ -85,9 +89,9 @@ def textured(path: Path) -> None:
 def test_texture(tmp_path: Path) -> None:
     """The image's red in linear light, times the base colour's; corners of the quad where the image has them."""
     textured(tmp_path / "a.glb")
-    found = one_piece(tmp_path / "a.glb", "colour").pattern
-    np.testing.assert_allclose(found.values, np.array([[1.0, 0.0], [0.0, 1.0]]) * 128 / 255, rtol=1e-6)
-    np.testing.assert_array_equal(found.uv, [[0, 1], [1, 1], [1, 0], [0, 0]])
+    pattern = one_piece(tmp_path / "a.glb", "colour").pattern
+    np.testing.assert_allclose(pattern.values, np.array([[1.0, 0.0], [0.0, 1.0]]) * 128 / 255, rtol=1e-6)
+    np.testing.assert_array_equal(pattern.uv, [[0, 1], [1, 1], [1, 0], [0, 0]])
 
 
 def test_linear_light() -> None:
@@ -120,7 +124,7 @@ def test_mean_of_a_scene_is_by_area(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "material", "pattern", "told"),
+    ("content", "material", "pattern", "message"),
     [
         (ply(), "brick", "reflectivity", 'bodies[0 "wall"].pattern: a.ply has no reflectivity of its vertices'),
         (ply(), "brick", "colour", 'bodies[0 "wall"].pattern: a.ply has no colour of its vertices'),
@@ -145,11 +149,11 @@ def test_mean_of_a_scene_is_by_area(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_mistakes_are_one_line(tmp_path: Path, content: str, material: str, pattern: str, told: str) -> None:
+def test_mistakes_are_one_line(tmp_path: Path, content: str, material: str, pattern: str, message: str) -> None:
     (tmp_path / "a.ply").write_text(content)
     with pytest.raises(InputError) as error:
         scene(tmp_path, mesh="a.ply", material=material, pattern=pattern)
-    assert told in str(error.value)
+    assert message in str(error.value)
     assert "\n" not in str(error.value)
 
 
@@ -163,8 +167,8 @@ def test_a_primitive_has_no_pattern(tmp_path: Path) -> None:
 
 def test_the_pieces_of_the_srgb_curve_meet() -> None:
     """IEC 61966-2-1: at 0.04045 a line gives way to a power; 0.1 and 0.3 are on the power."""
-    found = reflectivity_patterns.srgb_to_linear(np.array([0.04044, 0.04046, 0.1, 0.3]))
-    np.testing.assert_allclose(found, [0.0031300, 0.0031316, 0.0100228, 0.0732390], rtol=2e-5)
+    linear = reflectivity_patterns.srgb_to_linear(np.array([0.04044, 0.04046, 0.1, 0.3]))
+    np.testing.assert_allclose(linear, [0.0031300, 0.0031316, 0.0100228, 0.0732390], rtol=2e-5)
 
 
 def test_a_large_triangle_counts_for_more() -> None:

@@ -21,10 +21,10 @@ def stage(tmp_path: Path) -> Any:
     """An empty stage in metres, z up, whose layer is saved by `saved`."""
     from pxr import Usd, UsdGeom
 
-    made = Usd.Stage.CreateNew(str(tmp_path / "stage.usda"))
-    UsdGeom.SetStageMetersPerUnit(made, 1.0)
-    UsdGeom.SetStageUpAxis(made, UsdGeom.Tokens.z)
-    return made
+    new_stage = Usd.Stage.CreateNew(str(tmp_path / "stage.usda"))
+    UsdGeom.SetStageMetersPerUnit(new_stage, 1.0)
+    UsdGeom.SetStageUpAxis(new_stage, UsdGeom.Tokens.z)
+    return new_stage
 
 
 def saved(stage: Any) -> list[SubMesh]:

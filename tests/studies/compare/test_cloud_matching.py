@@ -12,7 +12,7 @@ from lidarscene.studies.compare.cloud_matching import disagreeing_share, observe
 def points(number: np.ndarray, **changed: object):
     """Echoes of pulses whose time is their number, all alike otherwise."""
     n = len(number)
-    same = {
+    columns = {
         "azimuth_rad": np.zeros(n, np.float32),
         "elevation_rad": np.zeros(n, np.float32),
         "channel": np.zeros(n, np.uint16),
@@ -21,27 +21,29 @@ def points(number: np.ndarray, **changed: object):
         "status": np.full(n, Status.ECHO, np.uint8),
         "true_range_m": np.full(n, 10.0, np.float32),
     }
-    return small_cloud(n=n, **same | changed)
+    return small_cloud(n=n, **columns | changed)
 
 
 @pytest.mark.parametrize(("common", "matched"), [(5, True), (4, False)])
 def test_clouds_match_from_a_twentieth_of_the_smaller_on(common: int, matched: bool) -> None:
     number = np.arange(300)
-    seen = observe_clouds(["a", "b"], [points(number), points(np.arange(100) + 300 - common)])
-    assert (seen[0].surfaces is not None) is matched
+    observed = observe_clouds(["a", "b"], [points(number), points(np.arange(100) + 300 - common)])
+    assert (observed[0].surfaces is not None) is matched
 
 
 def test_truth_is_that_of_the_first_that_found_the_pulse() -> None:
     """Pulses 0 to 9 and 5 to 14; from 10 on only the second knows. Of the five of both one is a metre off."""
     further = np.full(10, 10.0, np.float32)
     further[4] = 11.0
-    seen = observe_clouds(["a", "b"], [points(np.arange(10)), points(np.arange(5, 15), true_range_m=further + 0.001)])
-    for one in seen:
-        assert one.surfaces is not None
+    observed = observe_clouds(
+        ["a", "b"], [points(np.arange(10)), points(np.arange(5, 15), true_range_m=further + 0.001)]
+    )
+    for observed_cloud in observed:
+        assert observed_cloud.surfaces is not None
         expected = np.concatenate([np.full(10, 10.0), further[5:] + 0.001]).astype(np.float32)
-        np.testing.assert_array_equal(one.surfaces.true_range_m, expected)
-    assert [int(one.rated_surfaces.detected.sum()) for one in seen] == [10, 10]
-    assert disagreeing_share(*seen) == pytest.approx(0.2)
+        np.testing.assert_array_equal(observed_cloud.surfaces.true_range_m, expected)
+    assert [int(observed_cloud.rated_surfaces.detected.sum()) for observed_cloud in observed] == [10, 10]
+    assert disagreeing_share(*observed) == pytest.approx(0.2)
 
 
 def test_names_are_numbered_alike_and_none_stays_none() -> None:

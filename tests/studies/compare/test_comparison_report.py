@@ -44,18 +44,18 @@ def observation(name: str, hits: Any, *, sigma_mm: float = 10.0, dark: int = 0) 
         body=(np.arange(PULSES) >= PULSES // 2).astype(int),
         class_id=np.zeros(PULSES, int),
     )
-    lost = {"below threshold": int((~mask).sum()), "out of window": 0, "hidden": 0}
-    return Observation(name=name, cloud=cloud, surfaces=surfaces, pulses_fired=PULSES, losses=lost)
+    losses = {"below threshold": int((~mask).sum()), "out of window": 0, "hidden": 0}
+    return Observation(name=name, cloud=cloud, surfaces=surfaces, pulses_fired=PULSES, losses=losses)
 
 
-def comparison(*everything: Observation, matched: bool = True) -> Comparison:
+def comparison(*observed: Observation, matched: bool = True) -> Comparison:
     from lidarscene.studies.compare.observations import groupings
 
     return Comparison(
         title="t",
-        observations=everything,
-        sensors=(None,) * len(everything),
-        groups=groupings(everything),
+        observations=observed,
+        sensors=(None,) * len(observed),
+        groups=groupings(observed),
         matched=matched,
         population="the pulses",
         notes=(),
@@ -70,16 +70,16 @@ def test_who_finds_more_and_who_measures_finer() -> None:
     """Whatever the order in which they are given."""
     weak, strong = (observation("weak", first(200), sigma_mm=10.0), observation("strong", first(300), sigma_mm=30.0))
     for pair in ((weak, strong), (strong, weak)):
-        said = verdict(comparison(*pair))
-        assert said.startswith("strong finds most, 75.00 % of the pulses, 25 percentage points more; weak 50.00 %.")
-        assert "Ranges scatter least with weak: 10.3 mm against 30.8 mm of strong." in said  # sqrt(20 / 19)
+        sentence = verdict(comparison(*pair))
+        assert sentence.startswith("strong finds most, 75.00 % of the pulses, 25 percentage points more; weak 50.00 %.")
+        assert "Ranges scatter least with weak: 10.3 mm against 30.8 mm of strong." in sentence  # sqrt(20 / 19)
 
 
 @pytest.mark.parametrize(("matched", "alike"), [(True, False), (False, True)])
 def test_matched_pulses_tell_apart_what_two_rates_do_not(matched: bool, alike: bool) -> None:
     """20 of 400 more, none less: 5 +- 2.2 % pulse by pulse. As two shares of 400 each is sure to 5 %."""
-    said = verdict(comparison(observation("a", first(200)), observation("b", first(220)), matched=matched))
-    assert ("equally many" in said) is alike
+    sentence = verdict(comparison(observation("a", first(200)), observation("b", first(220)), matched=matched))
+    assert ("equally many" in sentence) is alike
 
 
 @pytest.mark.parametrize(("more", "alike"), [(23, True), (46, False)])
@@ -90,8 +90,8 @@ def test_two_shares_differ_if_their_intervals_are_apart(more: int, alike: bool) 
 
 
 def test_the_same_number_of_other_pulses_is_alike() -> None:
-    said = verdict(comparison(observation("a", first(200)), observation("b", range(200, 400))))
-    assert "a and b find equally many of the pulses, within chance" in said
+    sentence = verdict(comparison(observation("a", first(200)), observation("b", range(200, 400))))
+    assert "a and b find equally many of the pulses, within chance" in sentence
 
 
 def test_pulses_without_light_and_bodies_that_differ_most() -> None:

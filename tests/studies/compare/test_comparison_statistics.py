@@ -47,7 +47,7 @@ def bench(mi):
 
 
 @pytest.fixture(scope="module")
-def seen(bench):
+def observed_pair(bench):
     """The scene by an APD and by a SiPM."""
     return [bench.observe(name, chain.sensor(name, WEAK, *COARSE)) for name in ("table1-apd", "table1-sipm")]
 
@@ -55,10 +55,10 @@ def seen(bench):
 # --- statistics -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("found", "total"), [(0, 10), (1, 10), (5, 11), (10, 10), (65429, 71785)])
-def test_wilson_is_scipys(found: int, total: int) -> None:
-    ends = stats.binomtest(found, total).proportion_ci(0.95, method="wilson")
-    assert statistics.wilson_interval(found, total) == pytest.approx((ends.low, ends.high), abs=1e-12)
+@pytest.mark.parametrize(("hits", "total"), [(0, 10), (1, 10), (5, 11), (10, 10), (65429, 71785)])
+def test_wilson_is_scipys(hits: int, total: int) -> None:
+    ends = stats.binomtest(hits, total).proportion_ci(0.95, method="wilson")
+    assert statistics.wilson_interval(hits, total) == pytest.approx((ends.low, ends.high), abs=1e-12)
 
 
 def test_nothing_has_no_rate() -> None:
@@ -74,12 +74,12 @@ def test_paired_interval_covers(p: tuple[float, float, float]) -> None:
     """
     n, (_, only_a, only_b) = 60, p
     covered = 0.0
-    rest = 1.0 - only_a - only_b
+    neither = 1.0 - only_a - only_b
     for b in range(n + 1):
         for c in range(n + 1 - b):
             low, high = statistics.paired_interval(only_a=b, only_b=c, pulses=n)
             if low <= only_a - only_b <= high:
-                covered += stats.multinomial.pmf([b, c, n - b - c], n, [only_a, only_b, rest])
+                covered += stats.multinomial.pmf([b, c, n - b - c], n, [only_a, only_b, neither])
     assert covered == pytest.approx(0.95, abs=0.02)
 
 
@@ -100,30 +100,32 @@ def surfaces(n: int = 400, seed: int = 0) -> observations.Surfaces:
 
 def test_rates_by_brute_force() -> None:
     """Pulse by pulse, bin by bin."""
-    of = surfaces()
+    all_surfaces = surfaces()
     bins = observations.range_bins(130.0)
     assert (bins.labels[0], bins.labels[-1], len(bins.labels)) == ("0 to 10", "120 to 130", 13)
-    for number, told in enumerate(statistics.rates_by_group(of, bins)):
-        inside = [i for i, r in enumerate(of.true_range_m) if 10 * number <= r < 10 * (number + 1)]
-        assert told.surfaces == len(inside)
-        assert told.found == sum(bool(of.detected[i]) for i in inside)
-        assert told.expected == pytest.approx(sum(float(of.probability[i]) for i in inside) / len(inside))
+    for number, rate in enumerate(statistics.rates_by_group(all_surfaces, bins)):
+        inside = [i for i, r in enumerate(all_surfaces.true_range_m) if 10 * number <= r < 10 * (number + 1)]
+        assert rate.surfaces == len(inside)
+        assert rate.found == sum(bool(all_surfaces.detected[i]) for i in inside)
+        assert rate.expected == pytest.approx(sum(float(all_surfaces.probability[i]) for i in inside) / len(inside))
     bodies = observations.Grouping(key="body", attribute="body", unit="", labels=("a", "b", "c"))
-    assert [r.surfaces for r in statistics.rates_by_group(of, bodies)] == [int(np.sum(of.body == n)) for n in range(3)]
+    assert [r.surfaces for r in statistics.rates_by_group(all_surfaces, bodies)] == [
+        int(np.sum(all_surfaces.body == n)) for n in range(3)
+    ]
 
 
 def test_pairs_by_brute_force() -> None:
     a, b = surfaces(seed=1), surfaces(seed=2)
     of_a = dict(zip(a.pulse.tolist(), a.detected.tolist(), strict=True))
     of_b = dict(zip(b.pulse.tolist(), b.detected.tolist(), strict=True))
-    both = [(of_a[p], of_b[p]) for p in of_a if p in of_b]
-    (told,) = statistics.count_pairs(a, b)
-    counted = [both.count(kind) for kind in ((True, True), (True, False), (False, True), (False, False))]
-    assert [told.both, told.only_a, told.only_b, told.neither] == counted
+    outcomes_of_pairs = [(of_a[p], of_b[p]) for p in of_a if p in of_b]
+    (counts,) = statistics.count_pairs(a, b)
+    counted = [outcomes_of_pairs.count(kind) for kind in ((True, True), (True, False), (False, True), (False, False))]
+    assert [counts.both, counts.only_a, counts.only_b, counts.neither] == counted
     bins = observations.range_bins(130.0)
     by_range = statistics.count_pairs(a, b, bins)
-    assert sum(p.only_b for p in by_range) == told.only_b
-    assert told.difference == pytest.approx((counted[1] - counted[2]) / len(both))
+    assert sum(p.only_b for p in by_range) == counts.only_b
+    assert counts.difference == pytest.approx((counted[1] - counted[2]) / len(outcomes_of_pairs))
 
 
 @pytest.mark.parametrize(("reach", "step"), [(0.3, 0.02), (16.0, 1.0), (17.0, 2.0), (130.0, 10.0), (900.0, 100.0)])
@@ -138,8 +140,8 @@ def test_bins_hold_all(reach: float, step: float) -> None:
 def test_edges_of_bins() -> None:
     """The upper edge belongs to the next bin, that of the last to the last; inf to none."""
     ranges = np.array([0.0, 10.0, 130.0, 131.0, np.inf], dtype=np.float32)
-    of = dataclasses.replace(surfaces(5), true_range_m=ranges)
-    assert observations.range_bins(130.0).group_index(of).tolist() == [0, 1, 12, -1, -1]
+    edge_surfaces = dataclasses.replace(surfaces(5), true_range_m=ranges)
+    assert observations.range_bins(130.0).group_index(edge_surfaces).tolist() == [0, 1, 12, -1, -1]
 
 
 # --- what the simulation hands out ------------------------------------------------------------------
@@ -148,28 +150,30 @@ def test_edges_of_bins() -> None:
 def test_observer_sees_every_surface(mi) -> None:
     """Rationale: points and missed pulses are handed out on another way, which must tell the same."""
     simulator = Simulator(scene(), chain.sensor("table1-apd", WEAK, *COARSE, "tdc.threshold_to_noise=3.5"))
-    pulses, columns, lost, summary = [], [], [], Summary()
+    pulses, columns, missed_chunks, summary = [], [], [], Summary()
     cloud = simulator.render(
         seed=5,
         chunk=1000,
         summary=summary,
-        missed=lambda *told: lost.append(told),
-        points=lambda pulse, told: (pulses.append(pulse), columns.append(told)),
+        missed=lambda *chunk: missed_chunks.append(chunk),
+        points=lambda pulse, chunk_columns: (pulses.append(pulse), columns.append(chunk_columns)),
     )
     pulse = np.concatenate(pulses)
     assert len(columns) > 2  # chunks of whole tiles
     assert np.array_equal(simulator.sensor.scanner.time_s(pulse), cloud.time_s)
-    columns = [told for told in columns if told]  # a chunk of the sky has none
-    met = {name: np.concatenate([told[name] for told in columns]) for name in columns[0]}
-    assert len(met["pulse"]) == summary.hits
-    assert np.array_equal(met["pulse"][met["outcome"] == 0], np.unique(pulse[cloud.status == Status.ECHO]))
-    missed, why = (np.concatenate([one[i] for one in lost]) for i in (0, 1))
+    columns = [chunk_columns for chunk_columns in columns if chunk_columns]  # a chunk of the sky has none
+    hit_columns = {name: np.concatenate([chunk_columns[name] for chunk_columns in columns]) for name in columns[0]}
+    assert len(hit_columns["pulse"]) == summary.hits
+    assert np.array_equal(
+        hit_columns["pulse"][hit_columns["outcome"] == 0], np.unique(pulse[cloud.status == Status.ECHO])
+    )
+    missed, why = (np.concatenate([chunk[i] for chunk in missed_chunks]) for i in (0, 1))
     reason = dict(zip(missed.tolist(), why.tolist(), strict=True))
-    told = zip(met["pulse"].tolist(), met["outcome"].tolist(), strict=True)
-    assert all(reason.get(p, 0) == outcome for p, outcome in told)
-    kept = np.searchsorted(met["pulse"], pulse[cloud.status == Status.ECHO])
+    outcomes_of_pulses = zip(hit_columns["pulse"].tolist(), hit_columns["outcome"].tolist(), strict=True)
+    assert all(reason.get(p, 0) == outcome for p, outcome in outcomes_of_pulses)
+    echo_rows = np.searchsorted(hit_columns["pulse"], pulse[cloud.status == Status.ECHO])
     for name in ("true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id", "snr"):
-        assert np.array_equal(met[name][kept], getattr(cloud, name)[cloud.status == Status.ECHO]), name
+        assert np.array_equal(hit_columns[name][echo_rows], getattr(cloud, name)[cloud.status == Status.ECHO]), name
 
 
 def test_chunks_change_nothing(bench) -> None:
@@ -188,21 +192,21 @@ def test_chunks_change_nothing(bench) -> None:
 def test_equal_sensors_do_not_differ(bench) -> None:
     sensor = chain.sensor("table1-apd", WEAK, *COARSE)
     a, b = bench.observe("a", sensor), bench.observe("b", sensor)
-    (told,) = statistics.count_pairs(a.rated_surfaces, b.rated_surfaces)
-    assert (told.only_a, told.only_b, told.difference) == (0, 0, 0.0)
-    assert 0 < told.both < told.pulses
+    (counts,) = statistics.count_pairs(a.rated_surfaces, b.rated_surfaces)
+    assert (counts.only_a, counts.only_b, counts.difference) == (0, 0, 0.0)
+    assert 0 < counts.both < counts.pulses
     apart = statistics.paired_range_difference(a, b)
     assert apart is not None
-    assert (apart.points, apart.bias_m, apart.sigma_m) == (told.both, 0.0, 0.0)
+    assert (apart.points, apart.bias_m, apart.sigma_m) == (counts.both, 0.0, 0.0)
     cloud, kinds = statistics.difference_cloud(a, b)
-    assert len(cloud) == told.both
+    assert len(cloud) == counts.both
     assert not kinds.any()
 
 
-def test_difference_cloud(seen) -> None:
+def test_difference_cloud(observed_pair) -> None:
     """By the definition, pulse by pulse; the points of the first where both have one."""
-    a, b = seen
-    echoes = [set(one.pulse[one.is_echo].tolist()) for one in seen]
+    a, b = observed_pair
+    echoes = [set(observation.pulse[observation.is_echo].tolist()) for observation in observed_pair]
     cloud, kinds = statistics.difference_cloud(a, b)
     assert len(cloud) == len(echoes[0] | echoes[1])
     counts = [len(echoes[0] & echoes[1]), len(echoes[0] - echoes[1]), len(echoes[1] - echoes[0])]
@@ -225,9 +229,9 @@ def test_difference_cloud(seen) -> None:
     ],
 )
 def test_who_fires_alike(changes: tuple[str, ...], alike: bool) -> None:
-    first, other = load_sensor("table1-apd"), load_sensor("table1-apd", overrides=changes)
-    assert fires_alike(first, other) is alike
-    assert fires_alike(first, with_beams_of(first, other))
+    first, second = load_sensor("table1-apd"), load_sensor("table1-apd", overrides=changes)
+    assert fires_alike(first, second) is alike
+    assert fires_alike(first, with_beams_of(first, second))
 
 
 def test_other_mechanisms_fire_unlike() -> None:
@@ -236,12 +240,12 @@ def test_other_mechanisms_fire_unlike() -> None:
     assert [[fires_alike(a, b) for b in sensors] for a in sensors] == np.eye(3, dtype=bool).tolist()
 
 
-def test_files_match_as_pulses_do(seen, tmp_path: Path) -> None:
+def test_files_match_as_pulses_do(observed_pair, tmp_path: Path) -> None:
     """Two roads: pulse numbers of the simulation, and times and angles of the points in files."""
-    for one in seen:
-        one.cloud.save(tmp_path / f"{one.name}.ply")
-    read = cloud_matching.read_clouds([tmp_path / f"{one.name}.ply" for one in seen])
-    (by_number,) = statistics.count_pairs(seen[0].rated_surfaces, seen[1].rated_surfaces)
+    for observation in observed_pair:
+        observation.cloud.save(tmp_path / f"{observation.name}.ply")
+    read = cloud_matching.read_clouds([tmp_path / f"{observation.name}.ply" for observation in observed_pair])
+    (by_number,) = statistics.count_pairs(observed_pair[0].rated_surfaces, observed_pair[1].rated_surfaces)
     (by_time,) = statistics.count_pairs(read[0].rated_surfaces, read[1].rated_surfaces)
     assert by_time.neither == 0
     assert by_time == dataclasses.replace(by_number, neither=0)
@@ -253,15 +257,15 @@ def test_files_match_as_pulses_do(seen, tmp_path: Path) -> None:
     assert cloud_matching.disagreeing_share(*read) == 0.0
 
 
-def test_clouds_of_other_scenes_are_told_apart(mi, seen) -> None:
+def test_clouds_of_other_scenes_are_told_apart(mi, observed_pair) -> None:
     """Matched all the same, by name where numbers differ: with a body more before the others."""
-    other = chain.scene(
+    larger_scene = chain.scene(
         dataclasses.replace(chain.box(at=(9.0, -2.0, 0.0)), name="new"),
         *scene().bodies,
         materials=tuple(scene().materials.values()),
     )
-    cloud = Bench(other, FrameOptions(seed=3)).observe("b", chain.sensor("table1-apd", WEAK, *COARSE)).cloud
-    a, b = cloud_matching.observe_clouds(["x", "x"], [seen[0].cloud, cloud])
+    cloud = Bench(larger_scene, FrameOptions(seed=3)).observe("b", chain.sensor("table1-apd", WEAK, *COARSE)).cloud
+    a, b = cloud_matching.observe_clouds(["x", "x"], [observed_pair[0].cloud, cloud])
     assert (a.name, b.name) == ("x", "x (2)")
     assert a.cloud.body_names == b.cloud.body_names == ("plane", "box", "ball", "new")
     assert 0.1 < cloud_matching.disagreeing_share(a, b) < 0.9
@@ -270,14 +274,14 @@ def test_clouds_of_other_scenes_are_told_apart(mi, seen) -> None:
     }
 
 
-def test_clouds_of_other_beams_are_not_matched(bench, seen) -> None:
+def test_clouds_of_other_beams_are_not_matched(bench, observed_pair) -> None:
     finer = bench.observe("b", chain.sensor("table1-apd", WEAK, *COARSE, "laser.repetition_rate_khz=49"))
-    observed = cloud_matching.observe_clouds(["a", "b"], [seen[0].cloud, finer.cloud])
-    assert all(one.surfaces is None and one.pulse is None for one in observed)
+    observed = cloud_matching.observe_clouds(["a", "b"], [observed_pair[0].cloud, finer.cloud])
+    assert all(observation.surfaces is None and observation.pulse is None for observation in observed)
 
 
-def test_clouds_need_truth(seen, tmp_path: Path) -> None:
-    seen[0].cloud.without_truth().save(tmp_path / "a.ply")
+def test_clouds_need_truth(observed_pair, tmp_path: Path) -> None:
+    observed_pair[0].cloud.without_truth().save(tmp_path / "a.ply")
     with pytest.raises(InputError, match=r"a\.ply: the cloud must have ground truth"):
         cloud_matching.read_clouds([tmp_path / "a.ply"] * 2)
 
@@ -306,32 +310,32 @@ def test_rate_on_a_plane(mi, name: str, part: float) -> None:
     target = plane.Target()
     limit, _ = plane.maximum_range_m(sensor, target)
     range_m = part * float(limit)
-    one = Bench(chain.scene(chain.facing(range_m=range_m))).observe(name, sensor)
+    observation = Bench(chain.scene(chain.facing(range_m=range_m))).observe(name, sensor)
     p = float(plane.detection_probability(sensor, target, range_m)[0])
-    told = statistics.overall_rate(one.rated_surfaces)
-    assert told.surfaces == 101 * 101
-    assert told.expected == pytest.approx(p, abs=1e-3)
-    assert abs(told.found - p * told.surfaces) < 3.9 * math.sqrt(p * (1.0 - p) * told.surfaces)
-    apart = statistics.detection_deviation(one.rated_surfaces)
+    rate = statistics.overall_rate(observation.rated_surfaces)
+    assert rate.surfaces == 101 * 101
+    assert rate.expected == pytest.approx(p, abs=1e-3)
+    assert abs(rate.found - p * rate.surfaces) < 3.9 * math.sqrt(p * (1.0 - p) * rate.surfaces)
+    apart = statistics.detection_deviation(observation.rated_surfaces)
     assert apart is not None
     assert abs(apart) < 3.9
-    for grouping in observations.groupings([one]):
-        (alone,) = [r for r in statistics.rates_by_group(one.rated_surfaces, grouping) if r.surfaces]
-        assert (alone.surfaces, alone.found) == (told.surfaces, told.found), grouping.key
+    for grouping in observations.groupings([observation]):
+        (alone,) = [r for r in statistics.rates_by_group(observation.rated_surfaces, grouping) if r.surfaces]
+        assert (alone.surfaces, alone.found) == (rate.surfaces, rate.found), grouping.key
 
 
-def test_range_errors_by_hand(seen) -> None:
-    one = seen[0]
-    echo = one.cloud.status == Status.ECHO
-    error = (one.cloud.range_m - one.cloud.true_range_m)[echo].astype(np.float64)
-    (told,) = statistics.range_errors(one)
+def test_range_errors_by_hand(observed_pair) -> None:
+    observation = observed_pair[0]
+    echo = observation.cloud.status == Status.ECHO
+    error = (observation.cloud.range_m - observation.cloud.true_range_m)[echo].astype(np.float64)
+    (errors,) = statistics.range_errors(observation)
     # float32 ranges of 40 m: differences rounded to 4 um, their mean far less.
-    assert told.points == int(echo.sum())
-    assert told.bias_m == pytest.approx(error.mean(), abs=1e-6)
-    assert told.sigma_m == pytest.approx(error.std(ddof=1), abs=1e-6)
-    by_range = statistics.range_errors(one, observations.groupings(seen)[0])
-    assert sum(e.points for e in by_range) == told.points
-    assert sum(e.points * e.bias_m for e in by_range) == pytest.approx(told.points * told.bias_m)
+    assert errors.points == int(echo.sum())
+    assert errors.bias_m == pytest.approx(error.mean(), abs=1e-6)
+    assert errors.sigma_m == pytest.approx(error.std(ddof=1), abs=1e-6)
+    by_range = statistics.range_errors(observation, observations.groupings(observed_pair)[0])
+    assert sum(e.points for e in by_range) == errors.points
+    assert sum(e.points * e.bias_m for e in by_range) == pytest.approx(errors.points * errors.bias_m)
 
 
 def test_crossing_agrees_with_the_range_analysis(mi) -> None:
@@ -363,8 +367,8 @@ def test_equal_sensors_do_not_cross(mi) -> None:
 def test_the_place_may_be_another(mi) -> None:
     """Reference: the nearest corner of the box, 9 m ahead and 4.5 m aside. Tolerance: the beams' half a degree."""
     bench = Bench(scene(), FrameOptions(pose=Pose.from_degrees(position_m=(5.0, 0.0, 0.0))))
-    one = bench.observe("a", chain.sensor("table1-apd", *COARSE))
-    assert float(one.rated_surfaces.true_range_m.min()) == pytest.approx(math.hypot(9.0, 4.5), rel=5e-3)
+    observation = bench.observe("a", chain.sensor("table1-apd", *COARSE))
+    assert float(observation.rated_surfaces.true_range_m.min()) == pytest.approx(math.hypot(9.0, 4.5), rel=5e-3)
 
 
 def test_a_paired_interval_by_hand() -> None:
@@ -403,7 +407,7 @@ def test_intervals_of_a_mean_and_a_deviation() -> None:
 def test_ranges_of_one_sensor_less_those_of_another() -> None:
     """Pulses 0 to 3 and 2 to 5: of both are 2 and 3, whose ranges are 3 and 1 m longer for A."""
 
-    def seen(name: str, first: int, ranges: list[float]) -> observations.Observation:
+    def observation_of(name: str, first: int, ranges: list[float]) -> observations.Observation:
         cloud = small_cloud(
             n=4,
             range_m=np.array(ranges, np.float32),
@@ -412,7 +416,9 @@ def test_ranges_of_one_sensor_less_those_of_another() -> None:
         )
         return observations.Observation(name=name, cloud=cloud, pulse=first + np.arange(4), losses={})
 
-    apart = statistics.paired_range_difference(seen("a", 0, [9, 9, 7, 8]), seen("b", 2, [4, 7, 9, 9]))
+    apart = statistics.paired_range_difference(
+        observation_of("a", 0, [9, 9, 7, 8]), observation_of("b", 2, [4, 7, 9, 9])
+    )
     assert apart is not None
     assert (apart.points, apart.bias_m, apart.sigma_m) == (2, pytest.approx(2.0), pytest.approx(math.sqrt(2.0)))
 
@@ -437,12 +443,15 @@ def test_snrs_are_compared_where_both_are_known() -> None:
         for name in ("true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id")
     }
     a, b = (
-        observations.Surfaces(pulse=np.arange(4), detected=np.array(found), snr=np.array(snr), **few)
-        for found, snr in (([1, 1, 0, 0], [9.0, 8.0, 0.0, 3.0]), ([1, 0, 1, 0], [7.0, 2.0, 6.0, 0.0]))
+        observations.Surfaces(pulse=np.arange(4), detected=np.array(detected), snr=np.array(snr), **few)
+        for detected, snr in (([1, 1, 0, 0], [9.0, 8.0, 0.0, 3.0]), ([1, 0, 1, 0], [7.0, 2.0, 6.0, 0.0]))
     )
-    a, b = (dataclasses.replace(one, detected=one.detected.astype(bool)) for one in (a, b))
-    of_a, of_b, who = statistics.paired_snr(a, b)
-    assert (of_a.tolist(), of_b.tolist(), who.tolist()) == ([9.0, 8.0], [7.0, 2.0], [0, 1])
+    a, b = (
+        dataclasses.replace(sensor_surfaces, detected=sensor_surfaces.detected.astype(bool))
+        for sensor_surfaces in (a, b)
+    )
+    of_a, of_b, range_group = statistics.paired_snr(a, b)
+    assert (of_a.tolist(), of_b.tolist(), range_group.tolist()) == ([9.0, 8.0], [7.0, 2.0], [0, 1])
 
 
 def test_tripped_less_expected_in_standard_deviations() -> None:
@@ -464,8 +473,8 @@ def test_tripped_less_expected_in_standard_deviations() -> None:
 def test_places_are_changed_within_the_sweep_only() -> None:
     """An APD and a SiPM reach equally far at some 3 klux on Table 1's plane: not between 10 and 100."""
     sensors = load_sensor("table1-apd"), load_sensor("table1-sipm")
-    both = _equal_range_klux(*sensors, (0.1, 100.0))
-    assert both == pytest.approx(plane.equal_range_illuminance_klux(*sensors, plane.Target()), rel=1e-6)
+    equal_klux = _equal_range_klux(*sensors, (0.1, 100.0))
+    assert equal_klux == pytest.approx(plane.equal_range_illuminance_klux(*sensors, plane.Target()), rel=1e-6)
     assert _equal_range_klux(*sensors, (10.0, 100.0)) is None
 
 

@@ -55,36 +55,36 @@ def flat(height_m: float = HEIGHT_M, tilt: float = 0.02, seed: int = 1) -> Sweep
 
 def test_ground_height_and_its_farthest_return() -> None:
     sweep = flat()
-    found = measure_ground(sweep.xyz_m[sweep.has_return])
-    assert found is not None
-    height, farthest, share = found
+    measured_ground = measure_ground(sweep.xyz_m[sweep.has_return])
+    assert measured_ground is not None
+    height, farthest, share = measured_ground
     # The perpendicular; 7000 points of 1 cm fix it to less than a millimetre, what is near the wall's foot adds some.
     assert height == pytest.approx(HEIGHT_M / np.hypot(1.0, 0.02), abs=0.005)
-    on = np.abs(sweep.xyz_m[..., 2] + HEIGHT_M - 0.02 * sweep.xyz_m[..., 0]) < 0.1
-    assert farthest == pytest.approx(np.nanpercentile(sweep.range_m[on], 99.9), rel=0.01)
-    assert share == pytest.approx(on.sum() / sweep.has_return.sum(), abs=0.01)
+    on_ground = np.abs(sweep.xyz_m[..., 2] + HEIGHT_M - 0.02 * sweep.xyz_m[..., 0]) < 0.1
+    assert farthest == pytest.approx(np.nanpercentile(sweep.range_m[on_ground], 99.9), rel=0.01)
+    assert share == pytest.approx(on_ground.sum() / sweep.has_return.sum(), abs=0.01)
     rng = np.random.default_rng(2)
     assert measure_ground(rng.normal(0.0, 5.0, (50, 3))) is None
 
 
 def test_losses_second_returns_rings_and_strengths() -> None:
-    found = compared_quantities(side_of_sweep("real", flat()))
+    quantities = compared_quantities(side_of_sweep("real", flat()))
     pulses = RINGS * 300
-    assert found["points"] == pulses - 30
-    assert found["share of pulses kept"] == pytest.approx((pulses - 30) / pulses)
-    assert found["second returns, 1 % gap [m]"] == pytest.approx(0.85)
-    assert found["second returns, share"] == pytest.approx(100 / (pulses - 30))
-    assert [count for _, count in found["rings"]] == [270] + [300] * (RINGS - 1)
-    assert found["rings"][0][0] == pytest.approx(-25.0)
+    assert quantities["points"] == pulses - 30
+    assert quantities["share of pulses kept"] == pytest.approx((pulses - 30) / pulses)
+    assert quantities["second returns, 1 % gap [m]"] == pytest.approx(0.85)
+    assert quantities["second returns, share"] == pytest.approx(100 / (pulses - 30))
+    assert [count for _, count in quantities["rings"]] == [270] + [300] * (RINGS - 1)
+    assert quantities["rings"][0][0] == pytest.approx(-25.0)
     # The signal falls with the square of the range: a quarter from octave to octave, whatever its unit.
-    near, far = found["strength, 4 to 8 m"], found["strength, 16 to 32 m"]
+    near, far = quantities["strength, 4 to 8 m"], quantities["strength, 16 to 32 m"]
     assert 6.0 < near / far < 40.0
-    assert found["strength, 64 to 128 m"] is None
+    assert quantities["strength, 64 to 128 m"] is None
 
 
 def test_page_and_numbers(tmp_path: Path) -> None:
     real = side_of_sweep("real", flat())
-    nothing = Side(
+    bare = Side(
         name="bare",
         xyz_m=np.ones((3, 3)),
         range_m=np.full(3, np.sqrt(3.0)),
@@ -93,28 +93,28 @@ def test_page_and_numbers(tmp_path: Path) -> None:
         return_share=None,
         gap_m=np.zeros(0),
     )
-    text = compare_with_recording(nothing, real, tmp_path)
+    text = compare_with_recording(bare, real, tmp_path)
     assert f"wrote {tmp_path / 'index.html'}" in text
     written = json.loads((tmp_path / "real.json").read_text())
-    told = {row["quantity"]: row for row in written["rows"]}
-    assert {"quantity": "points", "bare": 3, "real": 7170, "ratio": 3 / 7170}.items() <= told["points"].items()
-    assert told["sensor above ground [m]"]["bare"] is None
+    rows = {row["quantity"]: row for row in written["rows"]}
+    assert {"quantity": "points", "bare": 3, "real": 7170, "ratio": 3 / 7170}.items() <= rows["points"].items()
+    assert rows["sensor above ground [m]"]["bare"] is None
     page = (tmp_path / "index.html").read_text()
     assert "channels with points" in page
     assert "64 to 128" not in page  # of which neither side knows anything
     assert text.splitlines()[0] == written["verdict"]
     assert html.escape(written["verdict"]) in page.partition("<table>")[0]
-    assert json.loads(compare_with_recording(nothing, real, tmp_path, as_json=True)) == written
+    assert json.loads(compare_with_recording(bare, real, tmp_path, as_json=True)) == written
 
 
 def test_the_verdict_names_what_differs_most() -> None:
     points = _row("points", 90, 100)
-    same, far, ring = (_row("range", 1.0, 1.05), _row("ground [m]", 10.0, 40.0), _row("points at 3", 1, 9))
+    same_range, far, ring = (_row("range", 1.0, 1.05), _row("ground [m]", 10.0, 40.0), _row("points at 3", 1, 9))
     counts = "twin has 90 points, real 100 (-10 %)"
     unknown = _row("share", None, 0.9)
-    told = verdict("twin", "real", [points, same, far, ring, unknown])
-    assert told == f"{counts}; what differs most is 'ground [m]': 10 against 40."
-    assert verdict("twin", "real", [points, same, ring]) == f"{counts}; nothing else differs by 10 % or more."
+    sentence = verdict("twin", "real", [points, same_range, far, ring, unknown])
+    assert sentence == f"{counts}; what differs most is 'ground [m]': 10 against 40."
+    assert verdict("twin", "real", [points, same_range, ring]) == f"{counts}; nothing else differs by 10 % or more."
     assert verdict("twin", "real", [points, unknown]) == f"{counts}; nothing else is known of both."
     assert verdict("a", "b", [_row("points", 3, 3)]).startswith("a has 3 points, as many as b; nothing")
     assert verdict("a", "b", [_row("points", 3, 0)]).startswith("a has 3 points, b 0; nothing else")
@@ -180,8 +180,8 @@ def test_what_is_near_the_plane_is_ground_more_so_far_away() -> None:
     """0.1 m or 0.3 % of the range: 5 cm off at 5 m and 13 cm at 50 m are ground; 15 cm at 5 m and 20 cm at 50 m not."""
     place = np.stack(np.meshgrid(np.linspace(-15.0, 15.0, 40), np.linspace(-15.0, 15.0, 40)), axis=-1).reshape(-1, 2)
     plane = np.column_stack([place, np.full(len(place), -1.8)])
-    others = np.array([[5.0, 0.0, -1.75], [50.0, 0.0, -1.67], [5.0, 0.0, -1.65], [50.0, 0.0, -1.6]])
-    ground = measure_ground(np.concatenate([plane, others]))
+    other_points = np.array([[5.0, 0.0, -1.75], [50.0, 0.0, -1.67], [5.0, 0.0, -1.65], [50.0, 0.0, -1.6]])
+    ground = measure_ground(np.concatenate([plane, other_points]))
     assert ground is not None
     assert ground[2] == pytest.approx((len(plane) + 2) / (len(plane) + 4))
 

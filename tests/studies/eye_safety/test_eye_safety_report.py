@@ -36,14 +36,14 @@ def test_table_1_standing_still() -> None:
     """By hand: 7.7e-8 C4 J, 3.9e-4 C4 W, and C5 = 0.4 for 5e5 pulses in 10 s, all of the beam in the pupil."""
     report = eye_safety_report(TABLE_1)
     assert report.pulse_energy_j == pytest.approx(PULSE_J)
-    found = margins(report)
-    assert found["single pulse"] == pytest.approx(7.7e-8 * C4 / PULSE_J, rel=1e-9)
-    assert found["average power"] == pytest.approx(3.9e-4 * C4 / (PULSE_J * 50e3), rel=1e-9)
-    assert found["pulse train"] == pytest.approx(0.4 * 7.7e-8 * C4 / PULSE_J, rel=1e-9)
-    assert found["pulse group"] == pytest.approx(7e-4 * C4 * 10**0.75 / (PULSE_J * 5e5), rel=1e-4)
+    margins_by_name = margins(report)
+    assert margins_by_name["single pulse"] == pytest.approx(7.7e-8 * C4 / PULSE_J, rel=1e-9)
+    assert margins_by_name["average power"] == pytest.approx(3.9e-4 * C4 / (PULSE_J * 50e3), rel=1e-9)
+    assert margins_by_name["pulse train"] == pytest.approx(0.4 * 7.7e-8 * C4 / PULSE_J, rel=1e-9)
+    assert margins_by_name["pulse group"] == pytest.approx(7e-4 * C4 * 10**0.75 / (PULSE_J * 5e5), rel=1e-4)
     assert (report.limiting.quantity, report.is_class_1) == ("average power", False)
     assert report.class_1_peak_power_w == pytest.approx(3.139, rel=1e-3)
-    assert found == margins(report, "telescope")
+    assert margins_by_name == margins(report, "telescope")
 
 
 def test_table_1_scanned() -> None:
@@ -53,10 +53,10 @@ def test_table_1_scanned() -> None:
     assert train.period_s == pytest.approx(601 * 126 / 50e3)
     assert train.most_within(1e-3) == 21
     report = eye_safety_report(TABLE_1, scanned=True)
-    found = margins(report)
-    assert found["pulse group"] == pytest.approx(7e-4 * C4 * 400e-6**0.75 / (21 * PULSE_J), rel=1e-3)
+    margins_by_name = margins(report)
+    assert margins_by_name["pulse group"] == pytest.approx(7e-4 * C4 * 400e-6**0.75 / (21 * PULSE_J), rel=1e-3)
     number = train.per_period * 7  # the aperture is passed seven times in 10 s
-    assert found["pulse train"] == pytest.approx(5 * number**-0.25 * 7.7e-8 * C4 / PULSE_J, rel=1e-3)
+    assert margins_by_name["pulse train"] == pytest.approx(5 * number**-0.25 * 7.7e-8 * C4 / PULSE_J, rel=1e-3)
     assert (report.limiting.quantity, report.limiting.subject) == ("pulse train", "eye")
 
 
@@ -81,10 +81,10 @@ def test_larger_source() -> None:
 
 def test_1550_nm() -> None:
     """10 mW in the mean, 8 mJ in a pulse, and nothing for the retina."""
-    found = margins(eye_safety_report(with_laser(wavelength_m=1550e-9)))
-    assert found["average power"] == pytest.approx(10e-3 / (PULSE_J * 50e3))
-    assert found["single pulse"] == pytest.approx(8e-3 / PULSE_J)
-    assert "pulse train" not in found
+    margins_by_name = margins(eye_safety_report(with_laser(wavelength_m=1550e-9)))
+    assert margins_by_name["average power"] == pytest.approx(10e-3 / (PULSE_J * 50e3))
+    assert margins_by_name["single pulse"] == pytest.approx(8e-3 / PULSE_J)
+    assert "pulse train" not in margins_by_name
 
 
 def test_pulses_closer_than_the_grouping_time_count_as_one() -> None:
@@ -104,8 +104,8 @@ def test_blue_light_has_its_own_limit() -> None:
 
 def test_given_number_of_pulses() -> None:
     """One pulse in each frame: a train of 0.66 Hz; more of them are never better."""
-    one = eye_safety_report(TABLE_1, pulses_in_aperture=1)
-    assert margins(one)["average power"] == pytest.approx(3.9e-4 * C4 / (PULSE_J * 50e3 / 75726))
+    report = eye_safety_report(TABLE_1, pulses_in_aperture=1)
+    assert margins(report)["average power"] == pytest.approx(3.9e-4 * C4 / (PULSE_J * 50e3 / 75726))
     limits = [eye_safety_report(TABLE_1, pulses_in_aperture=n).margin for n in (1, 2, 30, 900, 75726)]
     assert limits == sorted(limits, reverse=True)
     assert limits[-1] == pytest.approx(eye_safety_report(TABLE_1).margin, rel=1e-6)
@@ -164,8 +164,8 @@ def test_no_verdict_of_a_laser_that_is_not_known(source: dict[str, str], judged:
 
 
 def test_no_product_of_the_catalogue_is_judged_by_a_guess() -> None:
-    known = [name for name in names("sensors") if not not_known(load_sensor(name))]
-    assert known == ["biaxial-905", "mems-1550", "table1-apd", "table1-sipm"]
+    judged = [name for name in names("sensors") if not not_known(load_sensor(name))]
+    assert judged == ["biaxial-905", "mems-1550", "table1-apd", "table1-sipm"]
 
 
 @pytest.mark.parametrize(

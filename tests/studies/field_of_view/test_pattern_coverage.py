@@ -70,8 +70,8 @@ def test_cells_are_of_equal_solid_angle_and_fill_the_sphere(size):
 
 def test_a_cell_holds_its_middle():
     cells = SphereCells.of_size(1.7)
-    every = np.arange(cells.count)
-    np.testing.assert_array_equal(cells.locate(*cells.middle_deg(every)), every)
+    all_cells = np.arange(cells.count)
+    np.testing.assert_array_equal(cells.locate(*cells.middle_deg(all_cells)), all_cells)
 
 
 def test_a_cell_reaches_as_far_to_each_side_of_its_middle():
@@ -117,8 +117,8 @@ def test_density_of_a_raster():
 @pytest.mark.parametrize("size", [0.2, 0.28, 1.0])
 def test_a_raster_is_covered_after_one_frame(kind, size):
     scanner = raster()
-    found = studied(scanner, SphereCells.of_size(size), scanner.frame_s, kind)
-    before, after = found.coverage(np.array([0.5 * scanner.frame_s, scanner.frame_s]))
+    study = studied(scanner, SphereCells.of_size(size), scanner.frame_s, kind)
+    before, after = study.coverage(np.array([0.5 * scanner.frame_s, scanner.frame_s]))
     assert after == 1.0
     # A row of cells that has begun counts whole.
     assert 0.47 < before < 0.5 + size / 10.0
@@ -127,20 +127,20 @@ def test_a_raster_is_covered_after_one_frame(kind, size):
 def test_revisit_of_a_raster_is_a_frame():
     """Cells as large as the step hold one pulse of each frame."""
     scanner = raster()
-    found = studied(scanner, SphereCells.of_size(0.2), 3.0 * scanner.frame_s)
-    assert np.all(found.pulses % 3 == 0)
-    assert found.revisit_s == pytest.approx(scanner.frame_s, rel=1e-9)
+    study = studied(scanner, SphereCells.of_size(0.2), 3.0 * scanner.frame_s)
+    assert np.all(study.pulses % 3 == 0)
+    assert study.revisit_s == pytest.approx(scanner.frame_s, rel=1e-9)
 
 
 def test_visits_are_told_apart_by_time():
     """Two rows of a cell are two visits, neighbouring columns are one."""
     scanner = raster()
-    found = studied(scanner, SphereCells.of_size(0.41), 2.0 * scanner.frame_s)
+    study = studied(scanner, SphereCells.of_size(0.41), 2.0 * scanner.frame_s)
     line_s = 101 / 50e3
-    assert np.isclose(found.revisit_s[:, None], [scanner.frame_s, line_s]).any(axis=1).mean() < 0.5
+    assert np.isclose(study.revisit_s[:, None], [scanner.frame_s, line_s]).any(axis=1).mean() < 0.5
     # Two lines in each of two frames: three gaps between the first and the last of four visits.
     four = (scanner.frame_s + line_s) / 3.0
-    assert np.isclose(found.revisit_s, four, rtol=1e-3).mean() > 0.8
+    assert np.isclose(study.revisit_s, four, rtol=1e-3).mean() > 0.8
 
 
 def test_spacing_of_a_raster():
@@ -158,14 +158,14 @@ TIMES_S = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.4])
 def test_coverage_of_the_mid40_prisms(covered_by_mid40):
     """docs/fov.md: HELIOS++'s prisms at 0.28 degrees, by another program with another mask."""
     covered = 100.0 * covered_by_mid40
-    others = np.array([19.7, 36.1, 49.0, np.nan, 69.8, 83.8, 88.3, 92.7])
-    assert np.nanmax(np.abs(covered - others)) < 2.0
+    reference = np.array([19.7, 36.1, 49.0, np.nan, 69.8, 83.8, 88.3, 92.7])
+    assert np.nanmax(np.abs(covered - reference)) < 2.0
     # The maker's published curve, of the real prisms: until the model's phases nearly repeat.
     published = np.array([20.0, 35.0, 48.0, 59.0, 68.0, 81.5, 92.5, 98.0])
     assert np.max(np.abs(covered - published)) < 5.0
-    here, other, maker = table("fov.md", "time (s)")
-    row_says(here[1:], *covered)
-    row_says(other[1:], *others[np.isfinite(others)])
+    model_row, reference_row, maker = table("fov.md", "time (s)")
+    row_says(model_row[1:], *covered)
+    row_says(reference_row[1:], *reference[np.isfinite(reference)])
     row_says(maker[1:], *published)
 
 
@@ -190,9 +190,9 @@ def test_point_rate_and_plateau_of_the_vlp16():
 def test_nearest_neighbours_are_a_trees(scanner):
     direction = pattern_coverage.fired_pulses(scanner, 0.1).direction
     lanes = np.unique(np.linspace(0, len(direction) - 1, 3000).astype(int))
-    away = cKDTree(direction).query(direction[lanes], k=2)[0][:, 1]
+    chord = cKDTree(direction).query(direction[lanes], k=2)[0][:, 1]
     np.testing.assert_allclose(
-        fov_spacing.nearest_deg(direction, queries=3000), np.degrees(2.0 * np.arcsin(0.5 * away)), atol=1e-9
+        fov_spacing.nearest_deg(direction, queries=3000), np.degrees(2.0 * np.arcsin(0.5 * chord)), atol=1e-9
     )
 
 
@@ -211,25 +211,25 @@ def equipped(scanner, **changes):
 
 def test_range_map_is_the_range_at_each_cells_aperture():
     sensor = equipped(mid40())
-    found = studied(sensor.scanner, SphereCells.of_size(0.5), 0.3)
-    limit = reach.range_map_m(sensor, found, Target())
-    seen = np.flatnonzero(np.isfinite(found.share))
-    for place in seen[:: len(seen) // 5]:
-        expected, _ = maximum_range_m(sensor, Target(aperture_share=float(found.share[place])))
+    study = studied(sensor.scanner, SphereCells.of_size(0.5), 0.3)
+    limit = reach.range_map_m(sensor, study, Target())
+    seen_cells = np.flatnonzero(np.isfinite(study.share))
+    for place in seen_cells[:: len(seen_cells) // 5]:
+        expected, _ = maximum_range_m(sensor, Target(aperture_share=float(study.share[place])))
         assert limit[place] == pytest.approx(expected, rel=1e-4)
-    assert np.array_equal(np.isnan(limit), found.pulses == 0)
-    azimuth, elevation = SphereCells.of_size(0.5).middle_deg(found.cell)
-    away = np.hypot(azimuth, elevation)
-    assert np.nanmin(limit[away < 3.0]) > np.nanmax(limit[away > 18.0])
+    assert np.array_equal(np.isnan(limit), study.pulses == 0)
+    azimuth, elevation = SphereCells.of_size(0.5).middle_deg(study.cell)
+    off_axis_deg = np.hypot(azimuth, elevation)
+    assert np.nanmin(limit[off_axis_deg < 3.0]) > np.nanmax(limit[off_axis_deg > 18.0])
 
 
 def test_ground_around_a_spinning_head():
     """Blind below -15 degrees: nearer than height / tan 15 deg; two of the same see the same."""
     sensor = equipped(vlp16(), mounting=Pose(position_m=np.array([0.0, 0.0, 1.9])))
     cells = SphereCells.of_size(0.28)
-    found = studied(sensor.scanner, cells, 0.2)
+    study = studied(sensor.scanner, cells, 0.2)
     lying = equipped(vlp16())
-    view = reach.ground_view([sensor, sensor, lying], cells, [found] * 3, Target(), half_m=20.0, step_m=0.1)
+    view = reach.ground_view([sensor, sensor, lying], cells, [study] * 3, Target(), half_m=20.0, step_m=0.1)
     assert view.nearest_blind_m() == pytest.approx(1.9 / math.tan(15.0 * DEG), abs=0.2)
     assert set(np.unique(view.count)) == {0, 2}
     assert view.square_metres[2] == 0.0
@@ -240,10 +240,10 @@ def test_cells_between_pulses_see_the_ground_by_the_aperture_of_the_others():
     sensor = equipped(vlp16(), mounting=Pose(position_m=np.array([0.0, 0.0, 1.9])))
     cells = SphereCells.of_size(0.28)
     whole = studied(sensor.scanner, cells, 0.2)
-    met = np.where(np.arange(len(whole.cell)) % 2 == 0, 0.25, np.nan)
+    shares = np.where(np.arange(len(whole.cell)) % 2 == 0, 0.25, np.nan)
     views = [
         reach.ground_view([sensor], cells, [replace(whole, share=share)], Target(), half_m=20.0, step_m=0.5)
-        for share in (met, np.full(len(met), 0.25), np.full(len(met), 1e-9))
+        for share in (shares, np.full(len(shares), 0.25), np.full(len(shares), 1e-9))
     ]
     assert np.array_equal(views[0].is_seen, views[1].is_seen)
     assert not views[2].is_seen.any()  # an aperture of nothing sees nothing
@@ -254,10 +254,10 @@ def test_cells_between_pulses_see_the_ground_by_the_aperture_of_the_others():
 def test_the_nearest_place_that_is_seen_and_its_area():
     """Places a metre apart: one sensor sees one at 1.5 m ahead and 0.5 m aside, another two farther off."""
     axis = np.array([-1.5, -0.5, 0.5, 1.5])
-    seen = np.zeros((2, 4, 4), bool)
-    seen[0, 2, 3] = True
-    seen[1, 3, 3] = seen[1, 0, 0] = True
-    view = reach.Ground(x_m=2.0 * axis, y_m=2.0 * axis, is_seen=seen)
+    is_seen = np.zeros((2, 4, 4), bool)
+    is_seen[0, 2, 3] = True
+    is_seen[1, 3, 3] = is_seen[1, 0, 0] = True
+    view = reach.Ground(x_m=2.0 * axis, y_m=2.0 * axis, is_seen=is_seen)
     assert view.nearest_blind_m() == pytest.approx(2.0 * math.hypot(1.5, 0.5))
     assert view.square_metres.tolist() == [4.0, 8.0]
     assert view.count.sum() == 3
@@ -268,8 +268,8 @@ def test_the_farthest_ground_is_where_its_slant_echo_reaches_the_level():
     weak = equipped(vlp16(), mounting=Pose(position_m=np.array([0.0, 0.0, 1.9])))
     weak = replace(weak, laser=replace(weak.laser, peak_power_w=1.0))
     cells = SphereCells.of_size(0.28)
-    found = studied(weak.scanner, cells, 0.2)
-    view = reach.ground_view([weak], cells, [found], Target(), half_m=30.0, step_m=0.5)
+    study = studied(weak.scanner, cells, 0.2)
+    view = reach.ground_view([weak], cells, [study], Target(), half_m=30.0, step_m=0.5)
     away_m = np.hypot(np.hypot(view.x_m[None, :], view.y_m[:, None]), 1.9)
     farthest_m = float(away_m[view.is_seen[0]].max())
     assert 8.0 < farthest_m < 25.0
@@ -285,9 +285,9 @@ def test_the_farthest_ground_is_where_its_slant_echo_reaches_the_level():
 
 def test_an_image_shows_each_cell():
     cells = SphereCells.of_size(1.0)
-    found = studied(raster(), cells, 0.2)
-    shown, outside, (left, right, low, high) = figures.cell_raster(cells, found.cell, found.cell.astype(float))
-    assert set(np.unique(shown[~outside]).astype(int)) == set(found.cell.tolist())
+    study = studied(raster(), cells, 0.2)
+    image, outside, (left, right, low, high) = figures.cell_raster(cells, study.cell, study.cell.astype(float))
+    assert set(np.unique(image[~outside]).astype(int)) == set(study.cell.tolist())
     assert left < -10.0 < 10.0 < right
     assert low < -5.0 < 5.0 < high
 

@@ -92,11 +92,11 @@ class Lidar:
     def range_m(self):
         """Where the peak is at TNR sigma, and at the floor at least."""
 
-        def over(log_r):
+        def excess_signal(log_r):
             signal, noise = self.signal_and_noise(math.exp(log_r))
             return signal - max(self.tnr * noise, self.floor)
 
-        return math.exp(brentq(over, math.log(1.0), math.log(1e5), xtol=1e-14))
+        return math.exp(brentq(excess_signal, math.log(1.0), math.log(1e5), xtol=1e-14))
 
     def per_percent(self, **key):
         """Percent of range for a percent of a number."""
@@ -109,7 +109,7 @@ APD, PRINTED, STEADY = Lidar(), Lidar(kind="printed"), Lidar(kind="steady", floo
 BOTH = (APD, PRINTED)
 
 
-def of(*lidars, **changes):
+def ranges_m(*lidars, **changes):
     """Their ranges with these changes."""
     return [replace(one, **changes).range_m for one in lidars]
 
@@ -127,7 +127,7 @@ REST = 2 * e * 167e6 * 1e-10 + 4 * k * 300 * 167e6 / 1e4
 EQUAL = brentq(lambda m: MULTIPLIED * m**2.3 - REST, 1, 500)
 AT = {name: replace(APD, gain=m).snr(100.0) for name, m in (("best", BEST), ("equal", EQUAL))}
 LIMIT = PRINTED.range_m
-PLAIN = of(*BOTH)
+PLAIN = ranges_m(*BOTH)
 K = brentq(lambda ratio: ratio * 80 + (1 - ratio) * (2 - 1 / 80) - 80**0.3, 0, 1)
 BUSY = fired(PRINTED.sun_photons, 0.22, 400)
 BUSY_STEADY = 400 * (x := PRINTED.sun_photons * 0.22 / 400) / (1 + x)
@@ -138,7 +138,7 @@ BOUNDS = [  # of (29) and (30): the sun's own shot noise alone
     ),
     math.sqrt(PRINTED.signal_photons(1.0) * ROOT / 5),
 ]
-DARK = of(APD, PRINTED, STEADY, klux=0.0)
+DARK = ranges_m(APD, PRINTED, STEADY, klux=0.0)
 KLUX = [
     brentq(lambda x, cells=cells: replace(APD, klux=x).range_m - replace(cells, klux=x).range_m, 0.1, 100)
     for cells in (PRINTED, STEADY)
@@ -163,8 +163,8 @@ SHORT_IN_TIME = in_time(
 
 def widest(kind, *bounds_m):
     """Aperture radius [mm] of the longest range, and that; beyond the bounds cells run out."""
-    found = minimize_scalar(lambda a: -replace(kind, radius=a).range_m, bounds=bounds_m)
-    return 1e3 * found.x, -found.fun
+    optimum = minimize_scalar(lambda a: -replace(kind, radius=a).range_m, bounds=bounds_m)
+    return 1e3 * optimum.x, -optimum.fun
 
 
 def correct(comparisons):
@@ -181,7 +181,7 @@ def percent(ratio):
     return 100.0 * (ratio - 1.0)
 
 
-def both(**key):
+def per_percent_of_both(**key):
     return [1, *(one.per_percent(**key) for one in BOTH)]
 
 
@@ -211,8 +211,8 @@ CLAIMS = {
     ],
     "improve the APD's SNR": [
         n
-        for one in ({"qe": 0.77}, {"watts": 49.5}, {"efficiency_sun": 0.9 * 0.7986})
-        for n in (10, percent(replace(APD, **one).snr(100.0) / APD.snr(100.0)))
+        for change in ({"qe": 0.77}, {"watts": 49.5}, {"efficiency_sun": 0.9 * 0.7986})
+        for n in (10, percent(replace(APD, **change).snr(100.0) / APD.snr(100.0)))
     ],
     "maximises the SNR": [BEST, AT["best"], 100, 100, 80, APD.snr(100.0)],
     "optical noise equals": [
@@ -274,7 +274,7 @@ CLAIMS = {
             for x in (100, 1)
             for n in (
                 x,
-                *of(STEADY, PRINTED, klux=x),
+                *ranges_m(STEADY, PRINTED, klux=x),
                 percent(replace(STEADY, klux=x).range_m / replace(PRINTED, klux=x).range_m),
             )
         ),
@@ -283,23 +283,28 @@ CLAIMS = {
         percent(IN_TIME / LIMIT),
     ],
     "quantum efficiency or PDE": [1, APD.per_percent(qe=0.7), PRINTED.per_percent(pde=0.22)],
-    "aperture area": [1, *(0.5 * one for one in both(radius=0.025)[1:])],
-    "target reflectivity": both(rho=0.1),
-    "solar irradiance": both(sun=29.4),
+    "aperture area": [1, *(0.5 * percent_per_radius for percent_per_radius in per_percent_of_both(radius=0.025)[1:])],
+    "target reflectivity": per_percent_of_both(rho=0.1),
+    "solar irradiance": per_percent_of_both(sun=29.4),
     "excess noise index": [1, APD.per_percent(index=0.3)],
-    "with the peak power": both(watts=45.0),
-    "r_PD / f": both(pixel=1e-4),
-    "lower TNR": [4, 5, *(a / b for a, b in zip(of(*BOTH, tnr=4.0), PLAIN, strict=True)), norm.sf(4.0) / norm.sf(5.0)],
+    "with the peak power": per_percent_of_both(watts=45.0),
+    "r_PD / f": per_percent_of_both(pixel=1e-4),
+    "lower TNR": [
+        4,
+        5,
+        *(a / b for a, b in zip(ranges_m(*BOTH, tnr=4.0), PLAIN, strict=True)),
+        norm.sf(4.0) / norm.sf(5.0),
+    ],
     "shorter pulse": [
         math.sqrt(2),
         2,
         *(
             n
-            for one, plain in zip(BOTH, PLAIN, strict=True)
-            for n in (replace(one, watts=90.0, fwhm=3e-9, band=334e6).range_m, plain)
+            for lidar, plain in zip(BOTH, PLAIN, strict=True)
+            for n in (replace(lidar, watts=90.0, fwhm=3e-9, band=334e6).range_m, plain)
         ),
     ],
-    "ahead of the SiPM's": [1, 1, *(np.min(APD.snr(GRID_M) / one.snr(GRID_M)) for one in (PRINTED, STEADY))],
+    "ahead of the SiPM's": [1, 1, *(np.min(APD.snr(GRID_M) / sipm.snr(GRID_M)) for sipm in (PRINTED, STEADY))],
     "determined by 70 %": [
         100 * (n := MULTIPLIED - 2 * e * 167e6 * 1e-10) * 80**2.3 / (MULTIPLIED * 80**2.3 + REST),
         70,
@@ -335,7 +340,7 @@ CLAIMS = {
         floor_reached_klux(),
     ],
     "listens for 4 µs": [ENDS, brentq(lambda x: replace(APD, klux=x).range_m - ENDS, 1, 100)],
-    "smaller receiving angle": [*of(*BOTH, sun=14.7), *of(*BOTH, pixel=5e-5), *PLAIN],
+    "smaller receiving angle": [*ranges_m(*BOTH, sun=14.7), *ranges_m(*BOTH, pixel=5e-5), *PLAIN],
     "ultimate limit": DARK,
     "higher quantum or photon": [
         100,
@@ -402,7 +407,7 @@ ERRATA = [
 
 CAPTIONS = {
     "fig-4e": [100, EQUAL, 2, BEST],
-    "fig-6a": [100, 0, 5, *of(APD, PRINTED, STEADY)],
+    "fig-6a": [100, 0, 5, *ranges_m(APD, PRINTED, STEADY)],
     "fig-6c": [0, *KLUX, DARK[2], DARK[1]],
 }
 
@@ -431,13 +436,13 @@ def test_every_claim_is_here(claims):
 
 @pytest.mark.parametrize("word", CLAIMS)
 def test_numbers_of_a_claim(claims, word):
-    (claim,) = (one for one in claims if word in one.says)
+    (claim,) = (candidate for candidate in claims if word in candidate.says)
     agrees(claim.found, CLAIMS[word])
 
 
 @pytest.mark.parametrize("word", VERDICTS)
 def test_numbers_of_a_verdict(claims, word):
-    (claim,) = (one for one in claims if word in one.says)
+    (claim,) = (candidate for candidate in claims if word in candidate.says)
     agrees(claim.verdict, VERDICTS[word])
 
 
@@ -448,7 +453,7 @@ def test_the_whole_pulse_in_time(lidar, expected):
     To 0.4 %: half of the table's 0.5 % in the signal, since range goes as its root, and the step's first order.
     """
 
-    def over(log_r):
+    def excess_signal(log_r):
         step = min(lidar.fwhm, lidar.dead) / 400
         time = np.arange(-2 * lidar.fwhm, 2 * lidar.fwhm, step)
         x = lidar.sun_photons * lidar.pde / lidar.cells + 2007 * lidar.dead
@@ -461,8 +466,8 @@ def test_the_whole_pulse_in_time(lidar, expected):
             busy.append(busy[-1] + fired[-1] - fired[-1 - wait])
         return lidar.cells * (max(busy) - busy[0]) - 5 * math.sqrt(lidar.cells * x) / (1 + x)
 
-    found = math.exp(brentq(over, math.log(100.0), math.log(500.0), xtol=1e-4))
-    assert found == pytest.approx(expected, rel=4e-3)
+    limit_m = math.exp(brentq(excess_signal, math.log(100.0), math.log(500.0), xtol=1e-4))
+    assert limit_m == pytest.approx(expected, rel=4e-3)
 
 
 def test_sizes_of_errata():

@@ -29,7 +29,7 @@ def first_column(figure):
     return np.array(figure.data[1])[:, 0]
 
 
-def at(figure, name, x):
+def interpolated(figure, name, x):
     """A column at a place between its points, along logarithms."""
     return math.exp(np.interp(math.log(x), np.log(first_column(figure)), np.log(column(figure, name))))
 
@@ -69,8 +69,8 @@ def test_fig_5_by_hand():
 def test_fig_6a_meets_the_table():
     """docs/validation.md: 61.4618 and 22.7009 at 100 m. Tolerance: interpolation between 300 points."""
     figure = results().figure("fig-6a")
-    assert at(figure, "APD (19)", 100.0) == pytest.approx(61.4618, rel=1e-4)
-    assert at(figure, "SiPM (27)", 100.0) == pytest.approx(22.7009, rel=1e-3)
+    assert interpolated(figure, "APD (19)", 100.0) == pytest.approx(61.4618, rel=1e-4)
+    assert interpolated(figure, "SiPM (27)", 100.0) == pytest.approx(22.7009, rel=1e-3)
     assert [mark.x for mark in figure.drawing.marks] == pytest.approx([350.605, 280.871], rel=1e-5)
 
 
@@ -94,8 +94,8 @@ def test_fig_6c_meets_the_table():
         (10, 593.591, 539.426),
         (1, 817.209, 971.009),
     ):
-        assert at(figure, "APD (19)", klux) == pytest.approx(apd_m, rel=1e-4)
-        assert at(figure, "SiPM (27)", klux) == pytest.approx(sipm_m, rel=1e-4)
+        assert interpolated(figure, "APD (19)", klux) == pytest.approx(apd_m, rel=1e-4)
+        assert interpolated(figure, "SiPM (27)", klux) == pytest.approx(sipm_m, rel=1e-4)
     assert "3.22191 klux" in figure.caption
     floored, printed = column(figure, "SiPM, steady state and floor"), column(figure, "SiPM (27)")
     assert floored[0] < 0.7 * printed[0]
@@ -114,7 +114,7 @@ def test_figures_have_axes_with_units_and_columns_with_names():
 # --- claims -----------------------------------------------------------------------------------------
 
 
-def found(claims, word):
+def claim_with(claims, word):
     (claim,) = [one for one in claims if word in one.says]
     return claim
 
@@ -135,7 +135,7 @@ def found(claims, word):
     ],
 )
 def test_claim(claims, word, number, verdict):
-    claim = found(claims, word)
+    claim = claim_with(claims, word)
     assert number in claim.found
     assert claim.verdict == verdict
 
@@ -150,13 +150,13 @@ def test_every_claim_has_a_number(claims):
 
 
 def test_approximation_28_is_told_with_its_error(claims):
-    claim = found(claims, "approximated")
+    claim = claim_with(claims, "approximated")
     assert "47.64 for 22.70" in claim.found
     assert "308.7 m for 280.9 m" in claim.found
 
 
 def test_dead_time_is_not_minimal(claims):
-    claim = found(claims, "dead time has minimal impact")
+    claim = claim_with(claims, "dead time has minimal impact")
     assert "25.02 for 22.70" in claim.found
     assert "296.2 for 280.9 m (+5.47 %)" in claim.found
 
@@ -166,15 +166,15 @@ def test_dead_time_is_not_minimal(claims):
 
 def test_errata_carry_the_sizes_of_the_reference():
     """docs/theory.md 11."""
-    told = {erratum.place: erratum.size for erratum in results().errata if erratum.place != "(29), (30)"}
-    assert "125.7 busy cells for 109.6; at 2000 photons 266.8 for 209.5" in told["(23), and with it (24) and (25)"]
-    assert "86.2 for 79.6" in told["(23), and with it (24) and (25)"]
-    assert "296.2 for 333.2 m (+12 %)" in told["(24)"]
-    assert "factor 6.67" in told["after (20)"]
-    assert "16 % too short" in told["(29)"]
-    assert "4105" in told["(27) in the dark"]
-    assert told["(S6)"] == told["after (10)"] == "none"
-    assert any("41 % too long at 60°" in one.size for one in results().errata)
+    sizes = {erratum.place: erratum.size for erratum in results().errata if erratum.place != "(29), (30)"}
+    assert "125.7 busy cells for 109.6; at 2000 photons 266.8 for 209.5" in sizes["(23), and with it (24) and (25)"]
+    assert "86.2 for 79.6" in sizes["(23), and with it (24) and (25)"]
+    assert "296.2 for 333.2 m (+12 %)" in sizes["(24)"]
+    assert "factor 6.67" in sizes["after (20)"]
+    assert "16 % too short" in sizes["(29)"]
+    assert "4105" in sizes["(27) in the dark"]
+    assert sizes["(S6)"] == sizes["after (10)"] == "none"
+    assert any("41 % too long at 60°" in erratum.size for erratum in results().errata)
 
 
 def test_closed_forms_of_table_1():

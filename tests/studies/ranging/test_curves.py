@@ -20,7 +20,7 @@ from lidarscene.studies.ranging.sweep_axes import condition_axis, numeric_keys, 
 BOTH = subjects(["table1-apd", "table1-sipm"])
 
 
-def over(key, among=BOTH, *, start=None, stop=None, count=50, log=None, **question):
+def swept_over(key, among=BOTH, *, start=None, stop=None, count=50, log=None, **question):
     if key in ("distance", "illuminance", "elevation", "azimuth", "reflectivity", "incidence"):
         axis = condition_axis(key, start=start, stop=stop, count=count, log=log)
     else:
@@ -36,7 +36,7 @@ def over(key, among=BOTH, *, start=None, stop=None, count=50, log=None, **questi
 @pytest.mark.parametrize("count", [2, 7, 200])
 def test_equal_ranges_of_table_1(count):
     """docs/validation.md: 3.22191 klux. However coarse the axis is, a crossing is refined to 1e-10."""
-    (crossing,) = over("illuminance", count=count).crossings
+    (crossing,) = swept_over("illuminance", count=count).crossings
     assert crossing.place == pytest.approx(3.22191, rel=1e-5)
     assert crossing.place == pytest.approx(
         plane.equal_range_illuminance_klux(BOTH[0].sensor(), BOTH[1].sensor(), Target()), rel=1e-9
@@ -49,9 +49,9 @@ def test_equal_ranges_of_table_1(count):
 @pytest.mark.parametrize("log", [True, False])
 def test_snr_falls_through_the_threshold_at_the_maximum_range(log):
     """docs/validation.md: 350.605 m and 280.871 m."""
-    found = over("distance", log=log)
-    assert found.crossings == ()
-    first, second = found.detection_limits
+    swept = swept_over("distance", log=log)
+    assert swept.crossings == ()
+    first, second = swept.detection_limits
     assert (first.first, first.place) == ("table1-apd", pytest.approx(350.605, rel=1e-5))
     assert (second.first, second.place) == ("table1-sipm", pytest.approx(280.871, rel=1e-5))
     assert [first.value, second.value] == pytest.approx([5.0, 5.0], rel=1e-9)
@@ -59,15 +59,15 @@ def test_snr_falls_through_the_threshold_at_the_maximum_range(log):
 
 
 def test_probability_is_half_at_the_limit():
-    found = over("distance", quantity="pd")
-    assert [limit.value for limit in found.detection_limits] == pytest.approx([0.5, 0.5], abs=1e-8)
-    assert found.detection_limits[0].place == pytest.approx(350.605, rel=1e-5)
+    swept = swept_over("distance", quantity="pd")
+    assert [limit.value for limit in swept.detection_limits] == pytest.approx([0.5, 0.5], abs=1e-8)
+    assert swept.detection_limits[0].place == pytest.approx(350.605, rel=1e-5)
 
 
 def test_limit_along_a_parameter():
     """The power at which 350.605 m becomes the limit is Table 1's."""
-    found = over("laser.peak_power_w", BOTH[:1], quantity="snr", distance_m=350.604565)
-    (limit,) = found.detection_limits
+    swept = swept_over("laser.peak_power_w", BOTH[:1], quantity="snr", distance_m=350.604565)
+    (limit,) = swept.detection_limits
     assert limit.place == pytest.approx(45.0, rel=1e-7)
     assert not limit.falls
 
@@ -83,7 +83,7 @@ def test_whole_numbers_cross_at_a_whole_number():
         folder=pair[1].folder,
         overrides=("detector.pde=0.3",),
     )
-    swept = over("detector.cells", [pair[0], stronger], start=100, stop=4000, count=30, log=True)
+    swept = swept_over("detector.cells", [pair[0], stronger], start=100, stop=4000, count=30, log=True)
     assert (swept.question.axis.values == np.rint(swept.question.axis.values)).all()
     for crossing in swept.crossings:
         assert crossing.place == int(crossing.place)
@@ -91,8 +91,8 @@ def test_whole_numbers_cross_at_a_whole_number():
 
 def test_no_crossing_of_a_curve_with_itself():
     twins = subjects(["table1-apd", "table1-apd"])
-    assert over("illuminance", twins).crossings == ()
-    assert over("distance", twins, quantity="pd").crossings == ()
+    assert swept_over("illuminance", twins).crossings == ()
+    assert swept_over("distance", twins, quantity="pd").crossings == ()
 
 
 def test_a_jump_is_no_crossing():
@@ -100,10 +100,10 @@ def test_a_jump_is_no_crossing():
     few = subjects(
         ["table1-sipm", "table1-apd"], ["table1-sipm:detector.cells=40", "table1-apd:laser.peak_power_w=0.001"]
     )
-    swept = over("illuminance", few, start=1.0, stop=1e4, count=80)
+    swept = swept_over("illuminance", few, start=1.0, stop=1e4, count=80)
     assert set(swept.curves[0].status) == {RangeStatus.FOUND, RangeStatus.SATURATED}
     for crossing in swept.crossings:
-        values = [abs(np.interp(crossing.place, swept.question.axis.values, own.values)) for own in swept.curves]
+        values = [abs(np.interp(crossing.place, swept.question.axis.values, curve.values)) for curve in swept.curves]
         assert all(math.isfinite(value) for value in values)
         assert crossing.value > 0.0
 
@@ -112,7 +112,7 @@ def test_a_jump_is_no_crossing():
 
 
 def test_distance_is_the_snr_of_ranging():
-    swept = over("distance", count=9)
+    swept = swept_over("distance", count=9)
     expected = plane.snr(load_sensor("table1-apd"), Target(), swept.question.axis.values)
     assert swept.curves[0].values == pytest.approx(expected, rel=1e-12)
 
@@ -129,29 +129,29 @@ def test_distance_is_the_snr_of_ranging():
 )
 def test_parameters_are_those_of_the_file(key, start, stop):
     """Reference: a sensor loaded anew for each value."""
-    (own,) = over(key, BOTH[:1], start=start, stop=stop, count=5, visibility_m=5000.0).curves
-    for value, found in zip(np.geomspace(start, stop, 5), own.values, strict=True):
+    (curve,) = swept_over(key, BOTH[:1], start=start, stop=stop, count=5, visibility_m=5000.0).curves
+    for value, curve_value in zip(np.geomspace(start, stop, 5), curve.values, strict=True):
         sensor = load_sensor("table1-apd", overrides=[f"{key}={value!r}".replace("np.float64(", "").replace(")", "")])
         from lidarscene.physics.optics import air
 
         alpha = air.extinction_from_visibility_per_m(visibility_m=5000.0, wavelength_m=sensor.laser.wavelength_m)
         expected = plane.maximum_range_m(sensor, Target(extinction_per_m=alpha))[0]
-        assert found == pytest.approx(expected, rel=1e-9)
+        assert curve_value == pytest.approx(expected, rel=1e-9)
 
 
 def test_what_does_not_matter_is_flat():
-    assert is_flat(over("scanner.azimuth_step_deg", BOTH[:1]).curves[0])
-    assert is_flat(over("elevation", BOTH[:1]).curves[0])
-    assert not is_flat(over("elevation", BOTH[:1], law="cosine").curves[0])
+    assert is_flat(swept_over("scanner.azimuth_step_deg", BOTH[:1]).curves[0])
+    assert is_flat(swept_over("elevation", BOTH[:1]).curves[0])
+    assert not is_flat(swept_over("elevation", BOTH[:1], law="cosine").curves[0])
 
 
 def test_incidence_and_reflectivity():
     """Far out SNR goes with cos(theta): range at 60 degrees is sqrt(1/2) of the APD's at 0."""
-    (apd,) = over("incidence", BOTH[:1], start=0, stop=90, count=4).curves  # 0, 30, 60, 90
+    (apd,) = swept_over("incidence", BOTH[:1], start=0, stop=90, count=4).curves  # 0, 30, 60, 90
     assert apd.values[2] / apd.values[0] == pytest.approx(math.sqrt(0.5), rel=1e-9)
     assert apd.status[3] in (RangeStatus.NEVER_DETECTED, RangeStatus.FOUND)
     assert apd.values[3] < 0.01 * apd.values[0]
-    (apd,) = over("reflectivity", BOTH[:1], start=0.0, stop=1.0, log=False, count=3).curves
+    (apd,) = swept_over("reflectivity", BOTH[:1], start=0.0, stop=1.0, log=False, count=3).curves
     assert apd.status[0] == RangeStatus.NEVER_DETECTED
     assert apd.values[2] > apd.values[1] > apd.values[0] == 0.0
 
@@ -159,7 +159,7 @@ def test_incidence_and_reflectivity():
 @pytest.mark.parametrize("key", ["elevation", "azimuth"])
 def test_aperture_laws(key):
     """One edge of a mirror's field sees more than the centre; both edges of a fixed window see less."""
-    edges = {law: over(key, BOTH[:1], start=-30, stop=30, count=3, law=law).curves[0].values for law in LAWS}
+    edges = {law: swept_over(key, BOTH[:1], start=-30, stop=30, count=3, law=law).curves[0].values for law in LAWS}
     assert len(set(edges["constant"])) == 1
     low, middle, high = edges["cosine"]
     assert low == pytest.approx(high, rel=1e-12)
@@ -242,7 +242,7 @@ def test_every_number_of_a_sensor_file_is_a_key():
 
 
 @pytest.mark.parametrize(
-    ("key", "told"),
+    ("key", "message"),
     [
         ("detector.gian", "did you mean detector.gain"),
         ("name", "has no numeric key"),
@@ -251,9 +251,9 @@ def test_every_number_of_a_sensor_file_is_a_key():
         ("detector.ionisation_ratio", "is not given in"),
     ],
 )
-def test_keys_that_cannot_be_swept(key, told):
-    with pytest.raises(InputError, match=told):
-        over(key, BOTH[:1])
+def test_keys_that_cannot_be_swept(key, message):
+    with pytest.raises(InputError, match=message):
+        swept_over(key, BOTH[:1])
 
 
 # --- sensors ----------------------------------------------------------------------------------------
@@ -262,18 +262,18 @@ def test_keys_that_cannot_be_swept(key, told):
 def test_equal_names_get_numbers(tmp_path):
     text = catalog.path_of("sensors", "table1-apd").read_text("utf-8")
     (tmp_path / "mine.toml").write_text(text.replace("gain = 80", "gain = 40"))
-    found = subjects(["table1-apd", str(tmp_path / "mine.toml"), "table1-sipm"])
-    assert [one.name for one in found] == ["table1-apd", "table1-apd (2)", "table1-sipm"]
-    assert found[1].sensor().detector.gain == 40.0
+    lidars = subjects(["table1-apd", str(tmp_path / "mine.toml"), "table1-sipm"])
+    assert [lidar.name for lidar in lidars] == ["table1-apd", "table1-apd (2)", "table1-sipm"]
+    assert lidars[1].sensor().detector.gain == 40.0
 
 
 def test_assignments_for_one_and_for_all():
-    found = subjects(
+    lidars = subjects(
         ["table1-apd", "table1-sipm"], ["laser.peak_power_w=50", "table1-apd:detector.gain=30", "name='x'"]
     )
-    assert [one.sensor().laser.peak_power_w for one in found] == [50.0, 50.0]
-    assert found[0].sensor().detector.gain == 30.0
-    assert [one.name for one in found] == ["x", "x (2)"]
+    assert [lidar.sensor().laser.peak_power_w for lidar in lidars] == [50.0, 50.0]
+    assert lidars[0].sensor().detector.gain == 30.0
+    assert [lidar.name for lidar in lidars] == ["x", "x (2)"]
 
 
 @pytest.mark.parametrize(("above", "value", "refused"), [(True, 0.0, True), (False, 0.0, False), (True, 1e-9, False)])
@@ -286,18 +286,18 @@ def test_a_bound_that_is_excluded(above, value, refused):
         assert bounds.require("--distance", value) == value
 
 
-@pytest.mark.parametrize(("width", "met"), [(1e-12, False), (1.0, True)])
-def test_only_what_passes_through_zero_crosses(width, met):
+@pytest.mark.parametrize(("width", "crosses"), [(1e-12, False), (1.0, True)])
+def test_only_what_passes_through_zero_crosses(width, crosses):
     """A height that falls from 0.5 to -0.5 around 5: at once it is a jump, over a width of one it crosses there."""
     axis = condition_axis("illuminance", start=1.0, stop=9.0, count=3, log=True)
 
     def height_at(x):
         return np.clip((5.0 - x) / width, -0.5, 0.5), 2.0 * x
 
-    found = _refine(axis, height_at, 1.0, 9.0, falls=True)
-    assert (found is not None) is met
-    if met:
-        assert found == pytest.approx((5.0, 10.0), rel=1e-9)
+    crossing = _refine(axis, height_at, 1.0, 9.0, falls=True)
+    assert (crossing is not None) is crosses
+    if crosses:
+        assert crossing == pytest.approx((5.0, 10.0), rel=1e-9)
 
 
 def test_haze_comes_on_top_of_what_the_air_takes():
@@ -333,6 +333,6 @@ def test_a_fifth_of_a_number_stops_at_its_bound():
 def test_what_has_no_limit_is_ahead():
     axis = condition_axis("illuminance", start=1.0, stop=9.0, count=3, log=True)
     question = Question(quantity="range", axis=axis)
-    never, some = (SweepCurve(name="", values=np.array([value])) for value in (np.inf, 70.0))
-    assert _difference(question, never, some)[0] > 0.0 > _difference(question, some, never)[0]
+    never, limited = (SweepCurve(name="", values=np.array([value])) for value in (np.inf, 70.0))
+    assert _difference(question, never, limited)[0] > 0.0 > _difference(question, limited, never)[0]
     assert _difference(question, never, never)[0] == 0.0

@@ -22,7 +22,7 @@ steady = settings(derandomize=True, max_examples=40, database=None)
 monotone = settings(steady, max_examples=20)  # one inequality, in two to four numbers
 
 
-def of(name, **changes):
+def sensor_with(name, **changes):
     return load_sensor(name, overrides=[f"{key.replace('__', '.')}={value!r}" for key, value in changes.items()])
 
 
@@ -43,26 +43,28 @@ def test_arrays_are_many_scalars(sensor):
     assert limit.shape == status.shape == (3, 3)
     for row in range(3):
         for column in range(3):
-            one = Target(illuminance_klux=float(klux[column]), reflectivity=float(share[row, 0]), extinction_per_m=1e-4)
-            alone, alone_status = plane.maximum_range_m(sensor, one)
+            target = Target(
+                illuminance_klux=float(klux[column]), reflectivity=float(share[row, 0]), extinction_per_m=1e-4
+            )
+            alone, alone_status = plane.maximum_range_m(sensor, target)
             assert limit[row, column] == pytest.approx(alone, rel=1e-11)
             assert status[row, column] == alone_status
 
 
 def test_sensors_stack():
     gains = [10.0, 80.0, 300.0]
-    sensors = [of("table1-apd", detector__gain=gain) for gain in gains]
+    sensors = [sensor_with("table1-apd", detector__gain=gain) for gain in gains]
     stack = plane.stack_sensors(sensors)
     assert stack is not None
     assert plane.conditions_shape(stack, Target()) == (3,)
     limit, status = plane.maximum_range_m(stack, Target())
-    assert limit == pytest.approx([reach(one) for one in sensors], rel=1e-11)
+    assert limit == pytest.approx([reach(sensor) for sensor in sensors], rel=1e-11)
     assert (status == RangeStatus.FOUND).all()
 
 
 def test_what_differs_in_words_does_not_stack():
     assert plane.stack_sensors([APD, SIPM]) is None
-    assert plane.stack_sensors([SIPM, of("table1-sipm", detector__statistics="time_domain")]) is None
+    assert plane.stack_sensors([SIPM, sensor_with("table1-sipm", detector__statistics="time_domain")]) is None
 
 
 def test_scalars_stay_scalars():
@@ -75,7 +77,7 @@ def test_scalars_stay_scalars():
 
 
 def test_every_status_has_its_case():
-    quiet = of("table1-sipm", detector__cell_floor=0, detector__dark_count_rate_hz=0)
+    quiet = sensor_with("table1-sipm", detector__cell_floor=0, detector__dark_count_rate_hz=0)
     limit, status = plane.maximum_range_m(quiet, Target(illuminance_klux=np.array([0.0, 10.0])))
     assert list(status) == [RangeStatus.NO_LIMIT, RangeStatus.FOUND]
     assert limit[0] == math.inf
@@ -88,15 +90,18 @@ def test_every_status_has_its_case():
 
 def test_a_threshold_above_all_free_cells_is_saturated():
     """10 cells under 100 klux: 0.6 are free on average, and five sigma are 3.8."""
-    assert plane.maximum_range_m(of("table1-sipm", detector__cells=10), Target()) == (0.0, RangeStatus.SATURATED)
-    level = of("table1-sipm", tdc__threshold_to_noise=40.0)
+    assert plane.maximum_range_m(sensor_with("table1-sipm", detector__cells=10), Target()) == (
+        0.0,
+        RangeStatus.SATURATED,
+    )
+    level = sensor_with("table1-sipm", tdc__threshold_to_noise=40.0)
     assert plane.maximum_range_m(level, Target())[1] == RangeStatus.SATURATED
 
 
 def test_what_is_blinded_close_by_may_see_farther_off():
     """Rationale: in fog the sun on the target fades with range, too. Few cells: blind at 1 m, seeing at 8 m."""
     few, fog = (
-        of("table1-sipm", detector__cells=10, optics__efficiency_laser=1.0),
+        sensor_with("table1-sipm", detector__cells=10, optics__efficiency_laser=1.0),
         Target(transmittance=1.0, extinction_per_m=0.5),
     )
     margin = plane.detection_margin(few, fog, [1.0, 8.0])
@@ -149,7 +154,7 @@ klux = st.floats(0.0, 100.0)
 @monotone
 @given(name=st.sampled_from(["table1-apd", "table1-sipm"]), more=factor, light=klux, extinction=st.floats(0.0, 3e-3))
 def test_more_power_sees_farther(name, more, light, extinction):
-    low, high = (of(name, laser__peak_power_w=45.0 * f) for f in (1.0, more))
+    low, high = (sensor_with(name, laser__peak_power_w=45.0 * f) for f in (1.0, more))
     target = {"illuminance_klux": light, "extinction_per_m": extinction}
     assert reach(high, **target) > reach(low, **target)
 
@@ -195,7 +200,7 @@ def test_brighter_targets_keep_a_sipm_busy(dark, more, firings):
     That rises up to x = 1.05 at 400 cells and five deviations, and falls beyond. Tolerance: dark counts left out, the
     bisection's 1e-12 and rounding, which log1p makes up to 17 times larger at x = 2.5.
     """
-    quiet = of("table1-sipm", detector__dark_count_rate_hz=0.0)
+    quiet = sensor_with("table1-sipm", detector__dark_count_rate_hz=0.0)
     light = firings / (dark * more * firings_per_klux(quiet))
     low, high = (reach(quiet, reflectivity=dark * f, illuminance_klux=light) for f in (1.0, more))
     x = np.array([firings / more, firings])
@@ -220,13 +225,13 @@ def test_sipm_reflectivity_has_a_best():
 @given(more=factor, light=klux)
 def test_more_aperture_sees_farther(more, light):
     """For an APD always; a SiPM's cells run out (`test_sipm_aperture_has_a_best`)."""
-    low, high = (of("table1-apd", optics__aperture_radius_mm=25.0 * f) for f in (1.0, more))
+    low, high = (sensor_with("table1-apd", optics__aperture_radius_mm=25.0 * f) for f in (1.0, more))
     assert reach(high, illuminance_klux=light) > reach(low, illuminance_klux=light)
 
 
 def test_sipm_aperture_has_a_best():
-    found = [reach(of("table1-sipm", optics__aperture_radius_mm=a)) for a in (25.0, 41.0, 80.0)]
-    assert found[1] > found[0] > found[2]
+    ranges_m = [reach(sensor_with("table1-sipm", optics__aperture_radius_mm=a)) for a in (25.0, 41.0, 80.0)]
+    assert ranges_m[1] > ranges_m[0] > ranges_m[2]
 
 
 @monotone
@@ -239,7 +244,7 @@ def test_sunlight_shortens_the_range(name, more, light):
 @monotone
 @given(name=st.sampled_from(["table1-apd", "table1-sipm"]), more=factor, light=st.floats(0.1, 100.0))
 def test_a_higher_threshold_shortens_the_range(name, more, light):
-    low, high = (of(name, tdc__threshold_to_noise=3.0 * f) for f in (1.0, more))
+    low, high = (sensor_with(name, tdc__threshold_to_noise=3.0 * f) for f in (1.0, more))
     assert reach(high, illuminance_klux=light) < reach(low, illuminance_klux=light)
 
 
@@ -258,9 +263,11 @@ def test_detection_falls_with_distance(name, near, more):
 
 def test_gain_one_is_a_photodiode():
     """M -> 1: no excess noise whatever x is, and the SNR of a plain photodiode."""
-    ranges = {x: reach(of("table1-apd", detector__gain=1.0, detector__excess_noise_index=x)) for x in (0.0, 0.3, 1.0)}
+    ranges = {
+        x: reach(sensor_with("table1-apd", detector__gain=1.0, detector__excess_noise_index=x)) for x in (0.0, 0.3, 1.0)
+    }
     assert len(set(ranges.values())) == 1
-    close = reach(of("table1-apd", detector__gain=1.0 + 1e-9))
+    close = reach(sensor_with("table1-apd", detector__gain=1.0 + 1e-9))
     assert close == pytest.approx(ranges[0.3], rel=1e-6)
 
 
@@ -272,13 +279,15 @@ def test_many_cells_are_the_approximation(statistics, tolerance):
 
     1e9 cells: 1e-4; in the time domain half of the table's 0.5 %.
     """
-    many = of("table1-sipm", detector__cells=10**9, detector__dark_count_rate_hz=0.0, detector__statistics=statistics)
+    many = sensor_with(
+        "table1-sipm", detector__cells=10**9, detector__dark_count_rate_hz=0.0, detector__statistics=statistics
+    )
     assert reach(many) == pytest.approx(plane.closed_form_range_m(many, Target()), rel=tolerance)
 
 
 def test_no_sun_is_a_limit_not_a_jump():
     """E_sun -> 0: what is left is electrical noise (APD), dark counts or one cell (SiPM)."""
-    for sensor in (APD, SIPM, of("table1-sipm", detector__cell_floor=0.0)):
+    for sensor in (APD, SIPM, sensor_with("table1-sipm", detector__cell_floor=0.0)):
         assert reach(sensor, illuminance_klux=1e-9) == pytest.approx(reach(sensor, illuminance_klux=0.0), rel=1e-4)
     assert plane.closed_form_range_m(APD, Target(illuminance_klux=0.0)) == math.inf
 
@@ -294,21 +303,21 @@ def test_a_diffuse_sky_is_more_background():
 def test_lengths_scale(name):
     """All apertures and distances twice as long, the sun a quarter: the same light, the same photons."""
     base = 0.7  # room for the optics' bounds
-    here = of(name, optics__aperture_radius_mm=25.0 * base, optics__sun_irradiance_w_m2=20.0)
-    there = of(name, optics__aperture_radius_mm=50.0 * base, optics__sun_irradiance_w_m2=5.0)
-    assert reach(there) == pytest.approx(2.0 * reach(here), rel=1e-11)
+    small = sensor_with(name, optics__aperture_radius_mm=25.0 * base, optics__sun_irradiance_w_m2=20.0)
+    large = sensor_with(name, optics__aperture_radius_mm=50.0 * base, optics__sun_irradiance_w_m2=5.0)
+    assert reach(large) == pytest.approx(2.0 * reach(small), rel=1e-11)
 
 
 @BOTH
 def test_field_of_view_is_a_ratio(name):
-    there = of(name, detector__radius_mm=0.3, optics__focal_length_mm=90.0)
-    assert reach(there) == pytest.approx(reach(of(name)), rel=1e-11)
+    scaled = sensor_with(name, detector__radius_mm=0.3, optics__focal_length_mm=90.0)
+    assert reach(scaled) == pytest.approx(reach(sensor_with(name)), rel=1e-11)
 
 
 def test_slow_motion_of_the_apd():
     """Time k times slower: powers, currents, bandwidth and temperature over k. The electron stays the electron."""
     k = 3.0
-    slow = of(
+    slow = sensor_with(
         "table1-apd",
         laser__peak_power_w=45.0 / k,
         optics__sun_irradiance_w_m2=29.4 / k,
@@ -322,7 +331,7 @@ def test_slow_motion_of_the_apd():
 
 def test_slow_motion_of_the_sipm():
     k = 3.0
-    slow = of(
+    slow = sensor_with(
         "table1-sipm",
         laser__peak_power_w=45.0 / k,
         laser__pulse_fwhm_ns=6.0 * k,
@@ -336,9 +345,11 @@ def test_slow_motion_of_the_sipm():
 @BOTH
 def test_photons_are_what_counts(name):
     """Twice the wavelength and half of all optical powers: the same photons."""
-    here = of(name, laser__wavelength_nm=900.0)
-    there = of(name, laser__wavelength_nm=1800.0, laser__peak_power_w=22.5, optics__sun_irradiance_w_m2=14.7)
-    assert reach(there) == pytest.approx(reach(here), rel=1e-11)
+    short_wave = sensor_with(name, laser__wavelength_nm=900.0)
+    long_wave = sensor_with(
+        name, laser__wavelength_nm=1800.0, laser__peak_power_w=22.5, optics__sun_irradiance_w_m2=14.7
+    )
+    assert reach(long_wave) == pytest.approx(reach(short_wave), rel=1e-11)
 
 
 # --- air and closed forms ---------------------------------------------------------------------------
@@ -363,9 +374,9 @@ def test_closed_form_with_extinction(name, alpha):
 
 
 def test_closed_form_of_arrays():
-    found = plane.closed_form_range_m(APD, Target(illuminance_klux=np.array([0.0, 100.0]), reflectivity=0.1))
-    assert found[0] == math.inf
-    assert found[1] == pytest.approx(352.751, rel=1e-5)
+    ranges_m = plane.closed_form_range_m(APD, Target(illuminance_klux=np.array([0.0, 100.0]), reflectivity=0.1))
+    assert ranges_m[0] == math.inf
+    assert ranges_m[1] == pytest.approx(352.751, rel=1e-5)
     assert plane.closed_form_range_m(APD, Target(reflectivity=0.0)) == 0.0
     with pytest.raises(ValueError, match="fixed threshold"):
         plane.closed_form_range_m(replace(APD, tdc=replace(APD.tdc, threshold_to_noise=None)), Target())
@@ -380,7 +391,7 @@ def test_closed_form_is_an_upper_bound(name, light):
 
 def test_effective_aperture_counts_as_aperture():
     """A(theta_r) of (4) is in the echo and in the sunlight alike."""
-    small = of("table1-apd", optics__aperture_radius_mm=25.0 * math.sqrt(0.6))
+    small = sensor_with("table1-apd", optics__aperture_radius_mm=25.0 * math.sqrt(0.6))
     assert reach(APD, aperture_share=0.6) == pytest.approx(reach(small), rel=1e-11)
 
 
@@ -398,22 +409,22 @@ from lidarscene.studies.ranging import plane as ranging
 print(round(ranging.maximum_range_m(load_sensor("table1-apd"), ranging.Target())[0], 3))
 print([name for name in ("mitsuba", "drjit", "matplotlib") if name in sys.modules])
 """
-    done = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == "350.605\n[]\n"
+    process = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
+    assert (process.returncode, process.stderr) == (0, "")
+    assert process.stdout == "350.605\n[]\n"
 
 
 def test_the_sky_adds_to_the_sun_in_the_closed_form():
     """Half of the sun's light aslant and a quarter from all of the sky are three quarters of it."""
     for sensor in (APD, SIPM):
-        both = plane.closed_form_range_m(sensor, Target(cos_sun=0.5, diffuse_share=0.25))
-        assert both == pytest.approx(plane.closed_form_range_m(sensor, Target(cos_sun=0.75)))
+        with_sky = plane.closed_form_range_m(sensor, Target(cos_sun=0.5, diffuse_share=0.25))
+        assert with_sky == pytest.approx(plane.closed_form_range_m(sensor, Target(cos_sun=0.75)))
 
 
 def test_an_amplifier_shortens_the_closed_form_as_it_shortens_the_snr():
     """SNR falls as the square of the range, in light that drowns all other noise: (R / R')^2 is the ratio of both."""
     bright = Target(illuminance_klux=1e5)
-    slow, bare = (of("table1-sipm", receiver__response=response) for response in ("single_pole", "none"))
+    slow, bare = (sensor_with("table1-sipm", receiver__response=response) for response in ("single_pole", "none"))
     snrs = [float(plane.snr(sensor, bright, 20.0)[0]) for sensor in (slow, bare)]
     ranges = [plane.closed_form_range_m(sensor, bright) for sensor in (slow, bare)]
     assert abs(snrs[0] / snrs[1] - 1.0) > 0.01
@@ -423,7 +434,7 @@ def test_an_amplifier_shortens_the_closed_form_as_it_shortens_the_snr():
 
 def test_a_black_target_is_not_detected_even_without_noise():
     """A comparator's level of zero is reached by nothing at all; an echo is not nothing."""
-    quiet = of(
+    quiet = sensor_with(
         "table1-sipm", detector__statistics="published", detector__dark_count_rate_hz=0.0, detector__cell_floor=0
     )
     assert plane.maximum_range_m(quiet, Target(reflectivity=0.0, illuminance_klux=0.0)) == (
@@ -445,7 +456,7 @@ def test_two_lenses_see_nothing_right_before_them_and_have_a_range():
 
 
 def test_the_closed_form_takes_a_share_of_the_aperture_for_a_smaller_one():
-    half = of("table1-apd", optics__aperture_radius_mm=12.5)
+    half = sensor_with("table1-apd", optics__aperture_radius_mm=12.5)
     assert plane.closed_form_range_m(APD, Target(aperture_share=0.25)) == pytest.approx(
         plane.closed_form_range_m(half, Target())
     )

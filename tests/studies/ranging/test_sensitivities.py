@@ -42,12 +42,12 @@ def slopes():
 
     Found once for both methods: a function of sensor, target, the distance of P_d and the parameters.
     """
-    known = {}
+    computed = {}
 
-    def of(sensor, target, distance, values):
+    def slopes_of(sensor, target, distance, values):
         case = id(sensor), id(target)  # of `EVERY`, which keeps them
-        if case not in known:
-            known[case] = {}
+        if case not in computed:
+            computed[case] = {}
             for name, value in values.items():
                 step = 1e-3 * abs(value) or {"extinction_per_m": 1e-7}.get(name.partition(".")[2], 1e-5)
                 if name.endswith("current_a") and not value:
@@ -56,10 +56,10 @@ def slopes():
                 changed = sensitivities.with_parameters(sensor, target, {name: places})
                 reach, found = (plane.maximum_range_m(*changed)[0], plane.detection_probability(*changed, distance))
                 of_range, of_detection = (at @ [1.0, -8.0, 8.0, -1.0] / (12.0 * step) for at in (reach, found))
-                known[case][name] = of_range, of_detection, abs(value) or step
-        return known[case]
+                computed[case][name] = of_range, of_detection, abs(value) or step
+        return computed[case]
 
-    return of
+    return slopes_of
 
 
 def check(sensor, target, slopes, *, method, rel):
@@ -169,7 +169,7 @@ def test_exponents_of_the_sipm():
 def test_exponents_are_those_of_the_closed_form():
     """The closed form (29) derived, differentiated as `differences` does, gives the quarters too."""
     values = {"reflectivity": 0.1, "aperture_m2": 2e-3, "sun_irradiance_w_m2": 29.4, "peak_power_w": 45.0}
-    rest = {"focal_over_radius": 300.0, "threshold_to_noise": 5.0, "photon_energy_j": 2.2e-19}
+    constants = {"focal_over_radius": 300.0, "threshold_to_noise": 5.0, "photon_energy_j": 2.2e-19}
 
     def reach_m(numbers):
         of_plane = ("reflectivity", "sun_irradiance_w_m2")
@@ -177,7 +177,7 @@ def test_exponents_are_those_of_the_closed_form():
         plane = range_limit.Plane(**{name: numbers[name] for name in of_plane})
         return range_limit.maximum_range_apd_m(
             plane,
-            range_limit.Transceiver(**of_lidar, **rest),
+            range_limit.Transceiver(**of_lidar, **constants),
             quantum_efficiency=0.7,
             excess_noise=3.7,
             bandwidth_hz=167e6,
@@ -226,11 +226,11 @@ def test_report_says_when_it_is_exact(mi):
 
 
 def test_tornado(tmp_path, rough_charts):
-    path, again = tmp_path / "tornado.svg", tmp_path / "again.svg"
+    path, second_path = tmp_path / "tornado.svg", tmp_path / "again.svg"
     sensitivities.tornado(path, SIPM, Target(), method="differences")
     assert path.read_bytes().startswith(b"<?xml")
-    sensitivities.tornado(again, SIPM, Target(), method="differences")
-    assert again.read_bytes() == path.read_bytes()
+    sensitivities.tornado(second_path, SIPM, Target(), method="differences")
+    assert second_path.read_bytes() == path.read_bytes()
 
 
 def test_no_range_no_sensitivities():
@@ -247,13 +247,13 @@ def test_best_gain(overrides, klux):
     """Closed form and search agree; 1e-6 is what a flat maximum lets a search see."""
     target = Target(illuminance_klux=klux)
     tuned = load_sensor("table1-apd", overrides=overrides)
-    found = gain.best_gain(tuned, target)
-    assert found.searched == pytest.approx(found.closed_form, rel=1e-5)
-    assert 0.0 < found.snr_share <= 1.0
+    best = gain.best_gain(tuned, target)
+    assert best.searched == pytest.approx(best.closed_form, rel=1e-5)
+    assert 0.0 < best.snr_share <= 1.0
     for ratio in (0.001, 0.02, 0.5, 1.0):
         diode = dataclasses.replace(tuned.detector, excess_noise_index=None, ionisation_ratio=ratio)
-        found = gain.best_gain(dataclasses.replace(tuned, detector=diode), target)
-        assert found.searched == pytest.approx(found.closed_form, rel=1e-5)
+        best = gain.best_gain(dataclasses.replace(tuned, detector=diode), target)
+        assert best.searched == pytest.approx(best.closed_form, rel=1e-5)
 
 
 def test_best_gain_of_table_1():
@@ -296,12 +296,12 @@ def test_rows_go_by_size_and_points_are_of_a_per_cent():
         100.0
         * float(
             plane.detection_probability(
-                dataclasses.replace(APD, laser=dataclasses.replace(APD.laser, peak_power_w=power.value * by)),
+                dataclasses.replace(APD, laser=dataclasses.replace(APD.laser, peak_power_w=power.value * factor)),
                 Target(),
                 table.distance_m,
             )[0]
         )
-        for by in (0.995, 1.005)
+        for factor in (0.995, 1.005)
     ]
     assert power.detection_points == pytest.approx(shots[1] - shots[0], rel=1e-3)
 

@@ -29,12 +29,12 @@ def test_detection_curve(sensor):
     snr = np.linspace(0.0, 12.0, 25)
     plain = statistics.detection_curve(sensor, Target(), snr, own_noise=False)
     np.testing.assert_allclose(plain, norm.sf(5.0 - snr), rtol=1e-8)
-    own = statistics.detection_curve(sensor, Target(), snr)
-    assert own[10] == pytest.approx(0.5, rel=1e-9)
-    assert (np.diff(own) > 0.0).all()
+    probability = statistics.detection_curve(sensor, Target(), snr)
+    assert probability[10] == pytest.approx(0.5, rel=1e-9)
+    assert (np.diff(probability) > 0.0).all()
     if sensor is APD:  # a SiPM's busy cells are quieter, not noisier, above the middle
-        assert (own[1:10] > plain[1:10]).all()
-        assert (own[11:] < plain[11:]).all()
+        assert (probability[1:10] > plain[1:10]).all()
+        assert (probability[11:] < plain[11:]).all()
     limit, _ = plane.maximum_range_m(sensor, Target())
     assert statistics.detection_probability(sensor, Target(), float(limit)) == pytest.approx(0.5, rel=1e-6)
 
@@ -79,17 +79,17 @@ def test_correct_probability_by_shots(tnr, tail):
     sensor = apd_with(f"tdc.threshold_to_noise={tnr}", f"detector.tail='{tail}'")
     limit = float(plane.maximum_range_m(sensor, Target())[0])
     sensor = statistics.end_of_window(sensor, limit)
-    found = statistics.simulated_shots(sensor, Target(), limit, shots=80_000, seed=3)
+    tally = statistics.simulated_shots(sensor, Target(), limit, shots=80_000, seed=3)
     p_false = statistics.false_alarm_probability(sensor, Target())
     comparisons = float(sensor.tdc.window_s) * 167e6
     expected = tdc.correct_probability(p_false=p_false, p_detect=0.5, comparisons=comparisons)
-    returned = found.echoes + found.false_alarms
+    returned = tally.echoes + tally.false_alarms
     error = math.sqrt(returned * expected * (1.0 - expected))
     # The echo crosses up to 3 ns before or after its peak: half a comparison more or less.
     slack = 0.6 * p_false * expected * returned
     assert 0.1 < expected < 0.99
-    assert abs(found.echoes - returned * expected) < 4.0 * error + slack
-    assert found.correct_share == pytest.approx(float(expected), abs=0.01)
+    assert abs(tally.echoes - returned * expected) < 4.0 * error + slack
+    assert tally.correct_share == pytest.approx(float(expected), abs=0.01)
 
 
 def test_tails_of_the_avalanche():
@@ -112,12 +112,12 @@ def test_tails_of_the_avalanche():
 def test_electrons_hold_the_variance_of_18():
     """Electrons in 1 / (2 B): their variance is that of (18), to rounding."""
     background = float(plane.echoes_of_plane(APD, Target(), 100.0).background_power_w[0])
-    own = statistics.electrons(APD, background)
-    variance = own["primaries"] * own["gain"] ** 2 * own["excess_noise"] + own["amplifier"] ** 2
+    numbers = statistics.electrons(APD, background)
+    variance = numbers["primaries"] * numbers["gain"] ** 2 * numbers["excess_noise"] + numbers["amplifier"] ** 2
     noise = float(APD.working_point(np.array([background])).noise.deviation[0])
-    assert math.sqrt(variance) == pytest.approx(noise * own["per_ampere"], rel=1e-12)
-    assert own["primaries"] == pytest.approx(241.5, abs=0.1)
-    assert own["amplifier"] == pytest.approx(311.0, abs=1.0)
+    assert math.sqrt(variance) == pytest.approx(noise * numbers["per_ampere"], rel=1e-12)
+    assert numbers["primaries"] == pytest.approx(241.5, abs=0.1)
+    assert numbers["amplifier"] == pytest.approx(311.0, abs=1.0)
 
 
 @pytest.mark.parametrize("tail", ["gaussian", "mcintyre"])
@@ -143,12 +143,12 @@ def test_false_points_per_frame(range_m, blanking_ns, stops):
     """
     sensor = apd_with("tdc.threshold_to_noise=3.3", f"tdc.stops={stops}", f"tdc.blanking_ns={blanking_ns}")
     shots = 50_000
-    found = statistics.simulated_shots(sensor, Target(), range_m, shots=shots, seed=5)
+    tally = statistics.simulated_shots(sensor, Target(), range_m, shots=shots, seed=5)
     expected = statistics.false_points(sensor, Target(), range_m)
     # Alarms are Poisson or fewer; the echo's edge comes up to 3 ns before its range.
     slack = 0.6 * shots * statistics.false_alarm_probability(sensor, Target())
     mean = expected.per_pulse * shots
-    assert abs(found.false_alarms - mean) < 4.0 * math.sqrt(mean) + slack
+    assert abs(tally.false_alarms - mean) < 4.0 * math.sqrt(mean) + slack
     assert expected.per_frame == expected.per_pulse * sensor.scanner.pulses
 
 
@@ -222,6 +222,8 @@ def test_webbs_tail_is_blurred_by_the_amplifier():
 def test_two_roads_to_the_probability_of_detection(sensor):
     """At the limit, nearer and farther: arrays of `plane` and numbers of `statistics`."""
     limit_m, _ = plane.maximum_range_m(sensor, Target())
-    for by in (0.8, 0.95, 1.0, 1.1):
-        alone = statistics.detection_probability(sensor, Target(), by * limit_m)
-        assert float(plane.detection_probability(sensor, Target(), by * limit_m)[0]) == pytest.approx(alone, rel=1e-9)
+    for factor in (0.8, 0.95, 1.0, 1.1):
+        alone = statistics.detection_probability(sensor, Target(), factor * limit_m)
+        assert float(plane.detection_probability(sensor, Target(), factor * limit_m)[0]) == pytest.approx(
+            alone, rel=1e-9
+        )
