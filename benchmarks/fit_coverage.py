@@ -90,7 +90,7 @@ def rendered() -> None:
     cloud = Simulator(street, unit_of(truth, base)).render(seed=1, points=lambda pulse, _: numbers.append(pulse))
     has_surface, pulse = np.asarray(light.has_surface), np.concatenate(numbers).astype(int)
     echo = cloud.status == 0
-    values_of = {name: np.full(len(there), np.nan) for name in ("signal", "range_m", "ambient")}
+    values_of = {name: np.full(len(has_surface), np.nan) for name in ("signal", "range_m", "ambient")}
     for name, values in values_of.items():
         chosen = np.ones_like(echo) if name == "ambient" else echo
         values[pulse[chosen]] = getattr(cloud, name)[chosen]

@@ -66,27 +66,27 @@ def test_on_a_terminal(mi: Any, job_file: Path, tmp_path: Path) -> None:
         stderr=theirs,
     )
     os.close(theirs)
-    shown, answers = b"", None
+    terminal_output, answers = b"", None
     while part := _read(ours):
-        shown += part
-        link = re.search(rb"dashboard +(http://127\.0\.0\.1:\d+/status)", shown)
+        terminal_output += part
+        link = re.search(rb"dashboard +(http://127\.0\.0\.1:\d+/status)", terminal_output)
         if link and answers is None:
             workers = psutil.Process(running.pid).children(recursive=True)
             for worker in workers:
                 worker.suspend()
             try:
-                asked = link[1].decode().replace("status", "json/counts.json")
-                with urllib.request.urlopen(asked, timeout=PATIENCE_S) as page:
+                counts_url = link[1].decode().replace("status", "json/counts.json")
+                with urllib.request.urlopen(counts_url, timeout=PATIENCE_S) as page:
                     answers = json.loads(page.read())
             finally:
                 for worker in workers:
                     worker.resume()
     os.close(ours)
-    assert running.wait(PATIENCE_S) == 0, shown
+    assert running.wait(PATIENCE_S) == 0, terminal_output
     assert answers is not None
     assert answers["workers"] == 1
-    assert b"0/4" in shown
-    assert b"4/4" in shown
+    assert b"0/4" in terminal_output
+    assert b"4/4" in terminal_output
 
 
 def _read(terminal: int) -> bytes:
@@ -97,7 +97,7 @@ def _read(terminal: int) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("argv", "told"),
+    ("argv", "message"),
     [
         (["none.toml", "-o", "out"], "none.toml: no such file"),
         (["job.toml"], "the following arguments are required: -o/--output"),
@@ -108,7 +108,7 @@ def _read(terminal: int) -> bytes:
     ],
 )
 def test_mistakes(
-    job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed, argv: list[str], told: str
+    job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed, argv: list[str], message: str
 ) -> None:
     pytest.importorskip("distributed")
     monkeypatch.chdir(tmp_path)
@@ -116,7 +116,7 @@ def test_mistakes(
     out, err = capsys.readouterr()
     assert out == ""
     assert err.startswith("lidarscene: error: ")
-    assert told in err
+    assert message in err
     assert err.count("\n") == 1
     assert not (tmp_path / "out" / "frames").exists()
 
@@ -133,8 +133,8 @@ def test_without_a_package(
     monkeypatch.setattr(cluster.importlib.util, "find_spec", lambda name: None if name == package else find(name))
     argv = ["batch", str(job_file), "-o", str(tmp_path / "out")]
     assert main.main(argv) == 1
-    told = capsys.readouterr().err
+    error_text = capsys.readouterr().err
     missing = f"lidarscene: error: batch needs {package}; try: pip install 'lidarscene[batch]'"
-    assert told.startswith(missing)
+    assert error_text.startswith(missing)
     assert main.main([*argv, "--scheduler", "nonsense"]) == 1
     assert capsys.readouterr().err.startswith(missing) == (package == "distributed")

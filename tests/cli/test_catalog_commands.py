@@ -43,10 +43,10 @@ material = "concret"
 def test_all_mistakes_of_the_tables(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "bad.toml"
     path.write_text(BAD)
-    done = run("check", str(path))
-    assert (done.code, done.err) == (2, "")
-    told = [line.removeprefix(f"{path}: ").partition("; all")[0] for line in done.out.splitlines()]
-    assert sorted(line.partition("?")[0] for line in told) == [
+    ran = run("check", str(path))
+    assert (ran.code, ran.err) == (2, "")
+    mistakes = [line.removeprefix(f"{path}: ").partition("; all")[0] for line in ran.out.splitlines()]
+    assert sorted(line.partition("?")[0] for line in mistakes) == [
         'bodies[0 "a"]: size_m of a plane must have 2 numbers, got 1',
         "sun.elevation_deg: must be <= 90, got 100",
         "unknown key 'nam'; did you mean name",
@@ -74,29 +74,29 @@ def test_files_of_every_kind_are_known_by_their_tables(run: Run, tmp_path: Path)
         catalog.path_of("sensors", "vlp-16"),
         catalog.path_of("materials", "leaf"),
     ]
-    done = run("check", *map(str, files), "edges")
-    assert done.code == 0
-    assert done.out.splitlines() == [f"{one}: no mistake found" for one in [*files, "edges"]]
+    ran = run("check", *map(str, files), "edges")
+    assert ran.code == 0
+    assert ran.out.splitlines() == [f"{checked}: no mistake found" for checked in [*files, "edges"]]
 
 
-@pytest.mark.parametrize(("content", "told"), [(None, "no such file"), ("a =", "not valid TOML")])
-def test_what_cannot_be_read(run: Run, tmp_path: Path, content: str | None, told: str) -> None:
+@pytest.mark.parametrize(("content", "message"), [(None, "no such file"), ("a =", "not valid TOML")])
+def test_what_cannot_be_read(run: Run, tmp_path: Path, content: str | None, message: str) -> None:
     path = tmp_path / "a.toml"
     if content is not None:
         path.write_text(content)
-    done = run("check", str(path))
-    assert done.code == 2
-    assert told in done.out
-    assert done.out.count("\n") == 1
+    ran = run("check", str(path))
+    assert ran.code == 2
+    assert message in ran.out
+    assert ran.out.count("\n") == 1
 
 
 @pytest.mark.parametrize(
-    ("option", "key", "other"),
+    ("option", "key", "other_option"),
     [("--set", "sun.illuminance_klux", "--scene-set"), ("--scene-set", "laser.peak_power_w", "--set")],
 )
 def test_a_key_of_the_other_file_names_the_other_option(
-    run: Run, option: str, key: str, other: str, tmp_path: Path
+    run: Run, option: str, key: str, other_option: str, tmp_path: Path
 ) -> None:
-    done = run("render", "edges", "-o", str(tmp_path / "a.ply"), option, f"{key}=1")
-    assert done.code == 2
-    assert done.err.rstrip().endswith(f"; try {other}")
+    ran = run("render", "edges", "-o", str(tmp_path / "a.ply"), option, f"{key}=1")
+    assert ran.code == 2
+    assert ran.err.rstrip().endswith(f"; try {other_option}")

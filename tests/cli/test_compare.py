@@ -52,11 +52,11 @@ def test_all_files_are_there_and_nothing_else(folder: Path) -> None:
 
 def test_the_verdict_comes_first(folder: Path) -> None:
     """In one sentence on who finds more; its numbers are those of the JSON."""
-    told = json.loads((folder / "compare.json").read_text("utf-8"))
+    numbers = json.loads((folder / "compare.json").read_text("utf-8"))
     page = (folder / "index.html").read_text("utf-8")
     first = html.unescape(page.partition("<p>")[2].partition("</p>")[0])
-    assert first == told["verdict"]
-    shares = {one["name"]: one["rate"]["rate"] for one in told["sensors"]}
+    assert first == numbers["verdict"]
+    shares = {sensor["name"]: sensor["rate"]["rate"] for sensor in numbers["sensors"]}
     # Both find all of this wall: `test_verdict_by_hand` has one that finds more.
     assert f"within chance: table1-apd {100.0 * shares['table1-apd']:.2f} %" in first
     assert f", table1-sipm {100.0 * shares['table1-sipm']:.2f} %. " in first
@@ -81,9 +81,9 @@ def test_both_clouds_have_one_scale(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     )
     weak, strong = (street(step_deg=4.0) for _ in range(2))
     strong = dataclasses.replace(strong, snr=10.0 * strong.snr)
-    both = [SimpleNamespace(cloud=one, name=name) for one, name in ((weak, "a"), (strong, "b"))]
-    comparison = SimpleNamespace(observations=both, against_first=list, matched=False)
-    page = SimpleNamespace(pictures=lambda shown: None)
+    observed = [SimpleNamespace(cloud=cloud, name=name) for cloud, name in ((weak, "a"), (strong, "b"))]
+    comparison = SimpleNamespace(observations=observed, against_first=list, matched=False)
+    page = SimpleNamespace(pictures=lambda pictures: None)
     comparison_files._draw_clouds(page, comparison, comparison_files.ComparisonOutput(tmp_path), ["a", "b"])
     assert [name for name, _ in scales] == ["snr", "snr"]
     assert scales[0] == scales[1]
@@ -91,20 +91,20 @@ def test_both_clouds_have_one_scale(monkeypatch: pytest.MonkeyPatch, tmp_path: P
 
 
 @pytest.mark.parametrize(
-    ("found", "told"),
+    ("counts_found", "sentence"),
     [
         ((90, 60), "a finds most, 90.00 % of the pulses, 30 percentage points more; b 60.00 %."),
         ((60, 60), "a and b find equally many of the pulses, within chance: a 60.00 %, b 60.00 %."),
         ((50, 60), "b finds most, 60.00 % of the pulses, 10 percentage points more; a 50.00 %."),
     ],
 )
-def test_verdict_by_hand(found: tuple[int, int], told: str) -> None:
+def test_verdict_by_hand(counts_found: tuple[int, int], sentence: str) -> None:
     """Of 100 pulses each, the same for both; all that the worse one finds the better one finds too.
 
     95 %: ten of a hundred found by one alone are no chance, none are.
     """
     empty = street(step_deg=4.0).select([])
-    seen = tuple(
+    observed = tuple(
         Observation(
             name=name,
             cloud=empty,
@@ -124,12 +124,18 @@ def test_verdict_by_hand(found: tuple[int, int], told: str) -> None:
                 tripped=None,
             ),
         )
-        for name, count in zip("ab", found, strict=True)
+        for name, count in zip("ab", counts_found, strict=True)
     )
     comparison = Comparison(
-        title="", observations=seen, sensors=(None, None), groups=(), matched=True, population="the pulses", notes=()
+        title="",
+        observations=observed,
+        sensors=(None, None),
+        groups=(),
+        matched=True,
+        population="the pulses",
+        notes=(),
     )
-    assert verdict(comparison) == told
+    assert verdict(comparison) == sentence
 
 
 def test_page_needs_no_other_file(folder: Path) -> None:
@@ -145,20 +151,22 @@ def test_page_needs_no_other_file(folder: Path) -> None:
 
 def test_numbers_agree(folder: Path) -> None:
     """JSON, CSV and clouds are of the same run."""
-    told = json.loads((folder / "compare.json").read_text("utf-8"))
-    (pair,) = told["pairs"]
-    for sensor in told["sensors"]:
+    numbers = json.loads((folder / "compare.json").read_text("utf-8"))
+    (pair,) = numbers["pairs"]
+    for sensor in numbers["sensors"]:
         name = sensor["name"]
         cloud = PointCloud.load(folder / f"{name}.ply")
         assert (sensor["pulses"], sensor["points"]) == (BEAMS, len(cloud))
         assert sensor["rate"]["found"] == np.count_nonzero(cloud.status == 0)
         for key in ("range", "incidence", "reflectivity", "class", "body"):
-            own = [row for row in rows(folder / f"rate-{key}.csv") if row["sensor"] == name]
-            assert sum(int(row["found"]) for row in own) == sensor["rate"]["found"], key
-            assert all(float(row["rate_low"]) <= float(row["rate"]) <= float(row["rate_high"]) for row in own)
+            rows_of_sensor = [row for row in rows(folder / f"rate-{key}.csv") if row["sensor"] == name]
+            assert sum(int(row["found"]) for row in rows_of_sensor) == sensor["rate"]["found"], key
+            assert all(
+                float(row["rate_low"]) <= float(row["rate"]) <= float(row["rate_high"]) for row in rows_of_sensor
+            )
         assert sum(sensor["lost"].values()) == sensor["rate"]["surfaces"] - sensor["rate"]["found"]
-    found = [sensor["rate"]["found"] for sensor in told["sensors"]]
-    assert [pair["both"] + pair["only_a"], pair["both"] + pair["only_b"]] == found
+    counts_found = [sensor["rate"]["found"] for sensor in numbers["sensors"]]
+    assert [pair["both"] + pair["only_a"], pair["both"] + pair["only_b"]] == counts_found
     (whole,) = [row for row in rows(folder / "pairs-table1-sipm.csv") if row["by"] == "all"]
     assert [int(whole[key]) for key in ("both", "only_a", "only_b", "neither")] == [
         pair[key] for key in ("both", "only_a", "only_b", "neither")
@@ -192,15 +200,15 @@ def test_clouds_from_files(folder: Path, run: Run, small_pictures: None, tmp_pat
     files = [str(folder / f"{name}.ply") for name in ("table1-apd", "table1-sipm")]
     ran = run("compare", *files, "-o", "out", "--json")
     assert (ran.code, ran.err) == (0, "")
-    told, before = json.loads(ran.out), json.loads((folder / "compare.json").read_text("utf-8"))
+    numbers, before = json.loads(ran.out), json.loads((folder / "compare.json").read_text("utf-8"))
     for key in ("both", "only_a", "only_b"):
-        assert told["pairs"][0][key] == before["pairs"][0][key]
-    assert told["sensors"][0]["rate"]["expected"] is None
-    assert told["rates_are_shares_of"] == "the pulses with which any of the clouds has an echo"
-    made = comparison_files.file_names(
+        assert numbers["pairs"][0][key] == before["pairs"][0][key]
+    assert numbers["sensors"][0]["rate"]["expected"] is None
+    assert numbers["rates_are_shares_of"] == "the pulses with which any of the clouds has an echo"
+    names = comparison_files.file_names(
         ["table1-apd", "table1-sipm"], matched=True, rated=True, swept=False, simulated=False
     )
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(made)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(names)
 
 
 def test_clouds_are_not_written_over(folder: Path, run: Run, tmp_path: Path) -> None:
@@ -218,30 +226,30 @@ def test_other_scanners_are_not_matched(folder: Path, run: Run, no_charts: None,
     sensors = ("--sensors", "table1-apd,vlp-16", "--set=table1-apd:scanner.azimuth_step_deg=4")
     ran = run("compare", scene, *sensors, "-o", "own")
     assert (ran.code, ran.err) == (0, "")
-    told = json.loads((tmp_path / "own" / "compare.json").read_text("utf-8"))
-    assert (told["matched"], told["pairs"]) == (False, [])
-    assert told["sensors"][0]["pulses"] != told["sensors"][1]["pulses"]
+    numbers = json.loads((tmp_path / "own" / "compare.json").read_text("utf-8"))
+    assert (numbers["matched"], numbers["pairs"]) == (False, [])
+    assert numbers["sensors"][0]["pulses"] != numbers["sensors"][1]["pulses"]
     assert "With --same-beams all" in (tmp_path / "own" / "index.html").read_text("utf-8")
     ran = run("compare", str(tmp_path / "own" / "table1-apd.ply"), str(tmp_path / "own" / "vlp-16.ply"), "-o", "files")
     assert (ran.code, ran.err) == (0, "")
     assert "share no pulses" in (tmp_path / "files" / "index.html").read_text("utf-8")
     ran = run("compare", scene, *sensors, "-o", "same", "--same-beams")
     assert (ran.code, ran.err) == (0, "")
-    told = json.loads((tmp_path / "same" / "compare.json").read_text("utf-8"))
-    assert told["matched"]
-    assert told["sensors"][0]["pulses"] == told["sensors"][1]["pulses"]
+    numbers = json.loads((tmp_path / "same" / "compare.json").read_text("utf-8"))
+    assert numbers["matched"]
+    assert numbers["sensors"][0]["pulses"] == numbers["sensors"][1]["pulses"]
 
 
 def test_echoes_from_beyond_the_unambiguous_range_are_said() -> None:
     """Two of the echoes have the status; seven pulses in 1.8 us are unambiguous to 38.5 m."""
     names = ("os1-128", "table1-apd")
     sensors = [load_sensor("os1-128", overrides=["histogram.multiplier=7"]), load_sensor("table1-apd")]
-    seen = [
+    observed = [
         SimpleNamespace(name=name, cloud=SimpleNamespace(status=np.array(status)))
         for name, status in zip(names, ([0, 4, 1, 4], [0, 0, 1, 0]), strict=True)
     ]
     line = "os1-128: 2 echoes from beyond 38.5 m are reported too near by that range, status 4"
-    assert aliasing_notes(seen, sensors) == (line,)
+    assert aliasing_notes(observed, sensors) == (line,)
 
 
 def test_nothing_found_at_all(
@@ -250,17 +258,17 @@ def test_nothing_found_at_all(
     """Sensors that see nothing are compared without a word of NaN."""
     ran = run("compare", wall, *PAIR, "-o", "out", *COARSE, "--set=laser.peak_power_w=1e-6")
     assert (ran.code, ran.err) == (0, "")
-    told = json.loads((tmp_path / "out" / "compare.json").read_text("utf-8"))
-    assert told["sensors"][0]["rate"]["found"] == 0
+    numbers = json.loads((tmp_path / "out" / "compare.json").read_text("utf-8"))
+    assert numbers["sensors"][0]["rate"]["found"] == 0
     draw_nothing(monkeypatch)  # of no surface: the charts are as empty
     ran = run("compare", wall, *PAIR, "-o", "away", *COARSE, "--pose", "0,0,0,180")
     assert (ran.code, ran.err) == (0, "")
-    told = json.loads((tmp_path / "away" / "compare.json").read_text("utf-8"))
-    assert told["sensors"][0]["rate"]["surfaces"] == 0
+    numbers = json.loads((tmp_path / "away" / "compare.json").read_text("utf-8"))
+    assert numbers["sensors"][0]["rate"]["surfaces"] == 0
 
 
 @pytest.mark.parametrize(
-    ("argv", "said"),
+    ("argv", "message"),
     [
         (("wall.toml", *PAIR), "the following arguments are required: -o/--output"),
         (("-o", "out", *PAIR), "the following arguments are required: SCENE|CLOUD"),
@@ -282,9 +290,9 @@ def test_nothing_found_at_all(
         (("wall.toml", "b.ply", "-o", "out"), "wall.toml: suffix '.toml' names no point cloud format"),
     ],
 )
-def test_mistakes(run: Run, wall: str, tmp_path: Path, argv: tuple[str, ...], said: str) -> None:
+def test_mistakes(run: Run, wall: str, tmp_path: Path, argv: tuple[str, ...], message: str) -> None:
     ran = run("compare", *argv)
     assert (ran.code, ran.out) == (2, "")
-    assert said in ran.err
+    assert message in ran.err
     assert ran.err.count("\n") == 1
     assert [path.name for path in tmp_path.rglob("*")] == [wall]

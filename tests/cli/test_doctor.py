@@ -20,10 +20,10 @@ def test_a_healthy_machine(mi) -> None:
 
 def test_a_broken_machine(run_python) -> None:
     path = "/nowhere/libLLVM.so"
-    done = run_python(REPORT, DRJIT_LIBLLVM_PATH=path, LIDARSCENE_VARIANT="llvm_ad_mono")
-    assert (done.returncode, done.stderr) == (1, "")
-    assert f"DRJIT_LIBLLVM_PATH={path}: no such file" in done.stdout
-    assert done.stdout.rstrip().endswith("lidarscene cannot trace rays here")
+    process = run_python(REPORT, DRJIT_LIBLLVM_PATH=path, LIDARSCENE_VARIANT="llvm_ad_mono")
+    assert (process.returncode, process.stderr) == (1, "")
+    assert f"DRJIT_LIBLLVM_PATH={path}: no such file" in process.stdout
+    assert process.stdout.rstrip().endswith("lidarscene cannot trace rays here")
 
 
 def test_a_back_end_that_fails_at_work(mi, monkeypatch) -> None:
@@ -44,7 +44,7 @@ def test_a_back_end_that_is_wrong(mi, monkeypatch) -> None:
 
 
 def test_doctor_does_not_import_what_it_names(run_python) -> None:
-    done = run_python(
+    process = run_python(
         "import sys; from lidarscene.cli.doctor import run_doctor; run_doctor(); print('open3d' in sys.modules)"
     )
-    assert done.stdout.strip() == "False"
+    assert process.stdout.strip() == "False"

@@ -47,9 +47,9 @@ def test_pictures_and_tables(folder: Path, name: str) -> None:
         rows = list(csv.reader(file))
     assert len(rows) > 10
     assert {len(row) for row in rows} == {len(rows[0])}
-    named = {"sensor", "sensors"} & set(rows[0][:1])
+    sensor_columns = {"sensor", "sensors"} & set(rows[0][:1])
     for row in rows[1:]:
-        if named:
+        if sensor_columns:
             assert row.pop(0) in ("table1-apd", "table1-sipm")
         assert all(cell == "nan" or float(cell) >= -180.0 for cell in row)
 
@@ -78,9 +78,9 @@ def test_patterns_of_all_sensors_and_their_azimuths(folder: Path) -> None:
 )
 def test_the_shortest_arc(azimuth: list[float], arc: tuple[float, float], text: str) -> None:
     """Also of a sensor that looks back, whose azimuths jump from 180 to -180."""
-    found = np.array(azimuth)
-    assert figures.azimuth_arc_deg(found) == pytest.approx(arc)
-    assert figures.azimuth_text(found) == text
+    azimuth_deg = np.array(azimuth)
+    assert figures.azimuth_arc_deg(azimuth_deg) == pytest.approx(arc)
+    assert figures.azimuth_text(azimuth_deg) == text
 
 
 def test_pages_show_everything(folder: Path) -> None:
@@ -96,7 +96,7 @@ def test_pages_show_everything(folder: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def again(tmp_path_factory: pytest.TempPathFactory, run_python) -> tuple[Path, Any, str]:
+def second_run(tmp_path_factory: pytest.TempPathFactory, run_python) -> tuple[Path, Any, str]:
     """The same once more in another process, without a back end: its folder, its JSON, what it loaded."""
     where = tmp_path_factory.mktemp("fov again") / "out"
     argv = ["fov", "table1-apd", "table1-sipm", "-o", str(where), *FAST, RISEN, "--json"]
@@ -113,20 +113,20 @@ sys.exit(code)
 """
     ran = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
     assert (ran.returncode, ran.stderr) == (0, "")
-    said, loaded = ran.stdout.rstrip("\n").rsplit("\n", 1)
-    return where, json.loads(said), loaded
+    printed, loaded = ran.stdout.rstrip("\n").rsplit("\n", 1)
+    return where, json.loads(printed), loaded
 
 
-def test_the_same_again_and_as_json(folder: Path, again: tuple[Path, Any, str]) -> None:
-    where, told, _ = again
-    assert told["sensors"]["table1-apd"]["coverage"]["0.01"] == 1.0
-    assert told["sensors"]["table1-apd"]["points_per_s"] == pytest.approx(50e3)
+def test_the_same_again_and_as_json(folder: Path, second_run: tuple[Path, Any, str]) -> None:
+    where, numbers, _ = second_run
+    assert numbers["sensors"]["table1-apd"]["coverage"]["0.01"] == 1.0
+    assert numbers["sensors"]["table1-apd"]["points_per_s"] == pytest.approx(50e3)
     for name in NAMES:
         assert (where / name).read_bytes() == (folder / name).read_bytes(), name
 
 
-def test_runs_without_tracing(again: tuple[Path, Any, str]) -> None:
-    assert again[2] == "[]"
+def test_runs_without_tracing(second_run: tuple[Path, Any, str]) -> None:
+    assert second_run[2] == "[]"
 
 
 LABELLED = WALL.replace('"wall"', '"wall"\nclass = "building"', 1)
@@ -189,7 +189,7 @@ def test_a_rig(mi, run: Run, no_charts: None, tmp_path: Path) -> None:
     assert all(8.0 <= float(row["distance_m"]) < 8.6 for row in rows.values())
     with (tmp_path / "out" / "ground.csv").open(newline="", encoding="utf-8") as file:
         ground = list(csv.DictReader(file))
-    reach = {name: [float(at["x_m"]) for at in ground if at[name] == "1"] for name in ("front", "back")}
+    reach = {name: [float(cell["x_m"]) for cell in ground if cell[name] == "1"] for name in ("front", "back")}
     # Blind to 1.9 m / tan 10 degrees before each, with the cells of 2 degrees; none sees the other's side.
     nearest, farthest = (2.0 + 1.9 / math.tan(math.radians(degrees)) for degrees in (12.0, 10.0))
     assert nearest < min(reach["front"]) < farthest
@@ -202,7 +202,7 @@ def test_equal_names_get_files_of_their_own() -> None:
 
 
 @pytest.mark.parametrize(
-    ("argv", "said"),
+    ("argv", "message"),
     [
         (("table1-apd",), "the following arguments are required: -o/--output"),
         (("-o", "out"), "SENSOR and --rig: one of them must be given, got both or none"),
@@ -224,11 +224,11 @@ def test_equal_names_get_files_of_their_own() -> None:
         (("table1-apd", "-o", "out", "--mask", "round"), "--mask"),
     ],
 )
-def test_mistakes(run: Run, tmp_path: Path, argv: tuple[str, ...], said: str) -> None:
+def test_mistakes(run: Run, tmp_path: Path, argv: tuple[str, ...], message: str) -> None:
     (tmp_path / "file").write_text("")
     ran = run("fov", *argv)
     assert (ran.code, ran.out) == (2, "")
-    assert said in ran.err
+    assert message in ran.err
     assert ran.err.count("\n") == 1
     assert [path.name for path in tmp_path.rglob("*")] == ["file"]
 

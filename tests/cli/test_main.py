@@ -42,8 +42,8 @@ def render(run: Run, scene: str, *argv: str, output: str = "o.ply") -> PointClou
 def summary(run: Run, scene: str, *argv: str) -> dict[str, Any]:
     ran = run("render", scene, "-o", "o.ply", *COARSE, "--json", *argv)
     assert (ran.code, ran.err) == (0, "")
-    told: dict[str, Any] = json.loads(ran.out)
-    return told
+    summary_read: dict[str, Any] = json.loads(ran.out)
+    return summary_read
 
 
 def test_no_command_prints_help(run: Run) -> None:
@@ -61,10 +61,10 @@ def test_help(run: Run, command: str) -> None:
 
 
 def test_help_of_render_tells_every_option(run: Run) -> None:
-    told = run("render", "-h").out
+    help_text = run("render", "-h").out
     options = "-o --sensor --set --seed --pose --chunk --coordinates --no-truth --keep-missed --json --picture --ascii"
-    assert [option for option in options.split() if option not in told] == []
-    assert "lidarscene render car -o out/car.ply" in told
+    assert [option for option in options.split() if option not in help_text] == []
+    assert "lidarscene render car -o out/car.ply" in help_text
 
 
 def test_version(run: Run) -> None:
@@ -72,9 +72,9 @@ def test_version(run: Run) -> None:
 
 
 def test_catalog(run: Run) -> None:
-    both = run("catalog")
-    assert (both.code, both.err) == (0, "")
-    assert both.out == "".join(run("catalog", kind).out for kind in catalog.KINDS)
+    whole_catalog = run("catalog")
+    assert (whole_catalog.code, whole_catalog.err) == (0, "")
+    assert whole_catalog.out == "".join(run("catalog", kind).out for kind in catalog.KINDS)
     for kind in catalog.KINDS:
         listed = {line.split()[0] for line in run("catalog", kind).out.splitlines()[1:]}
         assert listed == set(catalog.names(kind))
@@ -84,8 +84,8 @@ def test_catalog(run: Run) -> None:
 
 def test_catalog_on_a_terminal_of_few_letters(run_python: Any) -> None:
     code = "from lidarscene.cli.main import main; main(['catalog']); main(['catalog', 'materials', 'concrete'])"
-    done = run_python(code, PYTHONIOENCODING="ascii")
-    assert (done.returncode, done.stderr) == (0, "")
+    process = run_python(code, PYTHONIOENCODING="ascii")
+    assert (process.returncode, process.stderr) == (0, "")
 
 
 @pytest.mark.parametrize(
@@ -114,53 +114,56 @@ def test_schema_takes_what_we_ship_and_no_more(run: Run, kind: str, files: list[
 
 def test_summary_adds_up(run: Run, wall: str, mi: ModuleType) -> None:
     """With one stop a pulse gives an echo, or is missed for one reason."""
-    told = summary(run, wall, *HARD)
+    counts_of_run = summary(run, wall, *HARD)
     cloud = PointCloud.load("o.ply")
-    assert told["beams"] == 81 * 41
-    assert told["hits"] + told["missed"]["no_surface"] == told["beams"]
-    assert told["echoes"] + sum(told["missed"].values()) == told["beams"]
-    assert told["echoes"] + told["false_alarms"] == told["points"] == len(cloud)
-    assert told["false_alarms"] == np.count_nonzero(cloud.status)
+    assert counts_of_run["beams"] == 81 * 41
+    assert counts_of_run["hits"] + counts_of_run["missed"]["no_surface"] == counts_of_run["beams"]
+    assert counts_of_run["echoes"] + sum(counts_of_run["missed"].values()) == counts_of_run["beams"]
+    assert counts_of_run["echoes"] + counts_of_run["false_alarms"] == counts_of_run["points"] == len(cloud)
+    assert counts_of_run["false_alarms"] == np.count_nonzero(cloud.status)
     for count in (
-        told["echoes"],
-        told["false_alarms"],
-        *(told["missed"][k] for k in ("no_surface", "below_threshold")),
+        counts_of_run["echoes"],
+        counts_of_run["false_alarms"],
+        *(counts_of_run["missed"][k] for k in ("no_surface", "below_threshold")),
     ):
         assert count > 20
-    assert set(told["seconds"]) == {"load", "build", "record", "trace", "collect", "write"}
-    assert all(seconds >= 0 for seconds in told["seconds"].values())
-    assert told["beams_per_second"] > 0
-    assert told["output"] == "o.ply"
+    assert set(counts_of_run["seconds"]) == {"load", "build", "record", "trace", "collect", "write"}
+    assert all(seconds >= 0 for seconds in counts_of_run["seconds"].values())
+    assert counts_of_run["beams_per_second"] > 0
+    assert counts_of_run["output"] == "o.ply"
 
 
 def test_text_says_what_json_says(run: Run, wall: str, mi: ModuleType) -> None:
-    told = summary(run, wall, *HARD)
+    counts_of_run = summary(run, wall, *HARD)
     lines = run("render", wall, "-o", "o.ply", *COARSE, *HARD).out.splitlines()
     numbers = {line[26:].strip() or line.split()[0]: line[:26].split()[-1] for line in lines[1:8]}
-    assert numbers["beams"] == f"{told['beams']:,}"
-    assert numbers["hits"] == f"{told['hits']:,}"
-    assert numbers[f"of which {told['false_alarms']:,} false alarms"] == f"{told['points']:,}"
-    for reason, count in told["missed"].items():
+    assert numbers["beams"] == f"{counts_of_run['beams']:,}"
+    assert numbers["hits"] == f"{counts_of_run['hits']:,}"
+    assert numbers[f"of which {counts_of_run['false_alarms']:,} false alarms"] == f"{counts_of_run['points']:,}"
+    for reason, count in counts_of_run["missed"].items():
         assert numbers[reason.replace("_", " ")] == f"{count:,}"
-    assert all(stage in lines[8] for stage in told["seconds"])
+    assert all(stage in lines[8] for stage in counts_of_run["seconds"])
     assert lines[10].split() == ["wrote", "o.ply"]
 
 
 def test_missed_pulses_and_echoes_are_all_pulses(run: Run, wall: str, mi: ModuleType) -> None:
-    told = summary(run, wall, *HARD, "--keep-missed", "m.npz")
+    counts_of_run = summary(run, wall, *HARD, "--keep-missed", "m.npz")
     cloud = PointCloud.load("o.ply")
     with np.load("m.npz") as file:
         missed = dict(file)
-    assert told["keep_missed"] == "m.npz"
+    assert counts_of_run["keep_missed"] == "m.npz"
     echoes = cloud.status == 0
     angles = np.stack([cloud.azimuth_rad[echoes], cloud.elevation_rad[echoes]], axis=1)
-    lost = np.stack([missed["azimuth_rad"], missed["elevation_rad"]], axis=1)
-    every = np.concatenate([angles, lost])
-    assert len(np.unique(every, axis=0)) == len(every) == told["beams"]
-    assert len(np.unique(missed["pulse"])) == len(missed["pulse"]) == len(lost)
+    missed_angles = np.stack([missed["azimuth_rad"], missed["elevation_rad"]], axis=1)
+    all_angles = np.concatenate([angles, missed_angles])
+    assert len(np.unique(all_angles, axis=0)) == len(all_angles) == counts_of_run["beams"]
+    assert len(np.unique(missed["pulse"])) == len(missed["pulse"]) == len(missed_angles)
     names = [str(name) for name in missed["reason_names"]]
     counts = np.bincount(missed["reason"], minlength=len(names))
-    assert dict(zip((name.replace(" ", "_") for name in names), counts, strict=True)) == {"kept": 0} | told["missed"]
+    assert (
+        dict(zip((name.replace(" ", "_") for name in names), counts, strict=True))
+        == {"kept": 0} | counts_of_run["missed"]
+    )
     np.testing.assert_array_equal(missed["channel"], missed["pulse"] // 81)
     np.testing.assert_allclose(missed["time_s"], missed["pulse"] / 50e3, rtol=1e-12)
 
@@ -182,10 +185,10 @@ def test_ascii_and_no_truth(run: Run, wall: str, mi: ModuleType) -> None:
 
 
 def test_picture_and_new_folders(run: Run, wall: str, small_pictures: None, mi: ModuleType) -> None:
-    told = summary(run, wall, "--picture", "new/deep/o.PNG")
-    assert told["picture"] == "new/deep/o.PNG"
+    counts_of_run = summary(run, wall, "--picture", "new/deep/o.PNG")
+    assert counts_of_run["picture"] == "new/deep/o.PNG"
     assert Path("new/deep/o.PNG").read_bytes().startswith(b"\x89PNG")
-    assert "picture" in told["seconds"]
+    assert "picture" in counts_of_run["seconds"]
 
 
 def test_sensor_of_the_scene_by_name_and_by_file(run: Run, tmp_path: Path, wall: str, mi: ModuleType) -> None:
@@ -210,9 +213,9 @@ def test_pose_may_begin_with_a_minus(run: Run, wall: str, mi: ModuleType, form: 
 
 def test_pose_stands_over_the_scenes_own(run: Run, tmp_path: Path, mi: ModuleType) -> None:
     (tmp_path / "own.toml").write_text("[sensor]\nposition_m = [1, 2, 3]\nyaw_deg = 180\n" + WALL)
-    away = render(run, "own.toml")
-    assert position_m(away) == [1, 2, 3]
-    assert not (away.status == Status.ECHO).any()
+    empty_cloud = render(run, "own.toml")
+    assert position_m(empty_cloud) == [1, 2, 3]
+    assert not (empty_cloud.status == Status.ECHO).any()
     towards = render(run, "own.toml", "--pose", "1,0,0")
     assert position_m(towards) == [1, 0, 0]
     assert (towards.status == Status.ECHO).any()
@@ -326,8 +329,8 @@ def test_shipped_scene_renders(run: Run, mi: ModuleType, scene: Path) -> None:
     )
     ran = run("render", str(scene), "-o", "o.ply", *coarse, "--json")
     assert (ran.code, ran.err) == (0, "")
-    told = json.loads(ran.out)
-    assert told["points"] > 20
+    counts_of_run = json.loads(ran.out)
+    assert counts_of_run["points"] > 20
     cloud = PointCloud.load("o.ply")
     assert cloud.class_names
     assert math.isfinite(float(cloud.xyz_m.sum()))
@@ -340,13 +343,13 @@ def test_beams_of_the_coarse_raster(run: Run, wall: str, mi: ModuleType) -> None
 def test_a_signal_that_a_library_makes_an_error_of(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     """SIGTERM within Dr.Jit comes out as a RuntimeError: the code is still that of the signal, without a traceback."""
 
-    def broken(_: object) -> None:
+    def raise_runtime_error(_: object) -> None:
         monkeypatch.setattr(terminal, "_ENDED_BY", [signal.SIGTERM])
         raise RuntimeError("SystemExit: 143")
 
-    monkeypatch.setattr("lidarscene.cli.catalog_commands.schema_text", broken)
-    done = run("schema", "scene")
-    assert (done.code, done.out, done.err) == (143, "", "")
+    monkeypatch.setattr("lidarscene.cli.catalog_commands.schema_text", raise_runtime_error)
+    ran = run("schema", "scene")
+    assert (ran.code, ran.out, ran.err) == (143, "", "")
 
 
 FIRST_CLOUD = """
@@ -383,9 +386,11 @@ def test_the_first_cloud_takes_no_more_than_it_needs(tmp_path: Path, run_python)
     """What a start costs, by construction: no library that a PLY does not need, no integrator of Mitsuba rewritten, and
     not many kernels to compile where none is cached. A scene without mesh files: the first read of one takes trimesh.
     """
-    done = run_python(FIRST_CLOUD.format(scene=str(ROOT / "scenes" / "edges.toml"), path=str(tmp_path / "edges.ply")))
-    assert done.returncode == 0, done.stderr
-    code, rewritten, kernels, modules = json.loads(done.stdout.splitlines()[-1])
+    process = run_python(
+        FIRST_CLOUD.format(scene=str(ROOT / "scenes" / "edges.toml"), path=str(tmp_path / "edges.ply"))
+    )
+    assert process.returncode == 0, process.stderr
+    code, rewritten, kernels, modules = json.loads(process.stdout.splitlines()[-1])
     assert code == 0
     assert (tmp_path / "edges.ply").is_file()
     assert rewritten == 0

@@ -156,21 +156,21 @@ def test_there_are_enough() -> None:
     assert {"render", "view", "compare", "range", "fov", "batch", "doctor", "paper"} <= commands
 
 
-@pytest.mark.parametrize(("line", "told"), TYPED, ids=[line for line, _ in TYPED])
-def test_typed(run: Run, place: Path, line: str, told: str) -> None:
+@pytest.mark.parametrize(("line", "message"), TYPED, ids=[line for line, _ in TYPED])
+def test_typed(run: Run, place: Path, line: str, message: str) -> None:
     before = sorted(place.rglob("*"))
     ran = run(*shlex.split(line))
     assert (ran.code, ran.out, ran.err.count("\n")) == (2, "", 1), ran
     assert ran.err.startswith("lidarscene: error: ")
-    assert told in ran.err
+    assert message in ran.err
     assert len(ran.err) <= LONGEST
     assert sorted(place.rglob("*")) == before
 
 
-@pytest.mark.parametrize(("call", "told"), CALLED, ids=[told for _, told in CALLED])
-def test_called(place: Path, monkeypatch: pytest.MonkeyPatch, call: Callable[[], Any], told: str) -> None:
+@pytest.mark.parametrize(("call", "message"), CALLED, ids=[message for _, message in CALLED])
+def test_called(place: Path, monkeypatch: pytest.MonkeyPatch, call: Callable[[], Any], message: str) -> None:
     monkeypatch.chdir(place)
     with pytest.raises(LidarSceneError) as caught:
         call()
-    assert told in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)

@@ -41,7 +41,7 @@ def refused_scene(run: Run, folder: Path, text: str, *more: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "told"),
+    ("name", "content", "message"),
     [
         ("a.obj", TRIANGLE.replace("v 1", "v nan"), "a.obj: 1 of 3 vertices are not finite numbers"),
         ("a.obj", TRIANGLE.replace("v 1", "v 1e308"), "a.obj: 1 of 3 vertices are not finite numbers"),
@@ -61,29 +61,29 @@ def refused_scene(run: Run, folder: Path, text: str, *more: str) -> str:
         ),
     ],
 )
-def test_bad_mesh(run: Run, tmp_path: Path, name: str, content: str | bytes, told: str) -> None:
+def test_bad_mesh(run: Run, tmp_path: Path, name: str, content: str | bytes, message: str) -> None:
     (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
     line = refused_scene(run, tmp_path, MESH.format(name))
     assert line.startswith('scene.toml: bodies[0 "thing"]')
-    assert told in line
+    assert message in line
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [
         ("none.glb", "none.glb: no such file"),
         ("folder", "folder: must be a mesh file, got a folder"),
         ("long" * 99, f"{'long' * 99}: no such file"),
     ],
 )
-def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, told: str) -> None:
+def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, message: str) -> None:
     (tmp_path / "folder").mkdir()
     line = refused_scene(run, tmp_path, MESH.format(name))
-    assert line == f'scene.toml: bodies[0 "thing"].mesh: {told}'
+    assert line == f'scene.toml: bodies[0 "thing"].mesh: {message}'
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("", "the scene must have [[bodies]] or base = ..., got neither"),
         (WALL + "a = = 3\n", "not valid TOML: Invalid value (at line 9, column 5)"),
@@ -181,10 +181,10 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, told: str) 
         (WALL + '[base_materials]\ngrey = "brick"\n', "base_materials must go with base, got no base"),
     ],
 )
-def test_bad_scene(run: Run, tmp_path: Path, text: str, told: str) -> None:
+def test_bad_scene(run: Run, tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "ok.obj").write_text(TRIANGLE)
     line = refused_scene(run, tmp_path, text)
-    assert line.removeprefix("scene.toml: ").startswith(told)
+    assert line.removeprefix("scene.toml: ").startswith(message)
 
 
 def test_several_mistakes_are_counted(run: Run, tmp_path: Path) -> None:
@@ -200,13 +200,13 @@ def test_text_that_is_not_utf_8(run: Run, tmp_path: Path) -> None:
 def test_scene_that_is_not_there(run: Run, tmp_path: Path) -> None:
     (tmp_path / "folder.toml").mkdir()
     (tmp_path / "folder.xml").mkdir()
-    for name, told in (
+    for name, message in (
         ("none.toml", "none.toml: no such file"),
         ("none.xml", "none.xml: no such file"),
         ("folder.toml", "folder.toml: must be a TOML file, got a folder"),
         ("folder.xml", "folder.xml: must be a Mitsuba XML scene, got a folder"),
     ):
-        assert refused(run, tmp_path, "render", name, "-o", "o.ply") == told
+        assert refused(run, tmp_path, "render", name, "-o", "o.ply") == message
 
 
 def test_name_of_two_lines_is_told_in_one(run: Run, tmp_path: Path) -> None:
@@ -214,7 +214,7 @@ def test_name_of_two_lines_is_told_in_one(run: Run, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("assignment", "told"),
+    ("assignment", "message"),
     [
         ("laser.peak_power_w=-3", "laser.peak_power_w: must be >= 1e-06, got -3"),
         ("laser.peak_power_w=big", 'laser.peak_power_w: must be a number, got "big"'),
@@ -244,11 +244,11 @@ def test_name_of_two_lines_is_told_in_one(run: Run, tmp_path: Path) -> None:
         ("mounting.position_m=[1, 2, 3, 4]", "mounting.position_m: must be a list of at most 3, "),
     ],
 )
-def test_bad_value_in_set(run: Run, tmp_path: Path, wall: str, assignment: str, told: str) -> None:
+def test_bad_value_in_set(run: Run, tmp_path: Path, wall: str, assignment: str, message: str) -> None:
     line = refused(run, tmp_path, "render", wall, "-o", "o.ply", *COARSE, "--set", assignment)
     assert "table1-apd.toml --set " in line
     assert f"--set {assignment}: " in line
-    assert told in line
+    assert message in line
 
 
 def test_more_pulses_than_there_are_numbers_for(run: Run, tmp_path: Path, wall: str) -> None:
@@ -258,7 +258,7 @@ def test_more_pulses_than_there_are_numbers_for(run: Run, tmp_path: Path, wall: 
 
 
 @pytest.mark.parametrize(
-    ("assignment", "told"),
+    ("assignment", "message"),
     [
         ("detector.gain", "must be KEY=VALUE, such as detector.gain=60"),
         ("=60", "must be KEY=VALUE, such as detector.gain=60"),
@@ -266,13 +266,13 @@ def test_more_pulses_than_there_are_numbers_for(run: Run, tmp_path: Path, wall: 
         ("laser.peak_power_w.x=1", "laser.peak_power_w is a value, not a table"),
     ],
 )
-def test_bad_form_of_set(run: Run, tmp_path: Path, wall: str, assignment: str, told: str) -> None:
+def test_bad_form_of_set(run: Run, tmp_path: Path, wall: str, assignment: str, message: str) -> None:
     line = refused(run, tmp_path, "render", wall, "-o", "o.ply", "--set", assignment)
-    assert line == f"--set {assignment}: {told}"
+    assert line == f"--set {assignment}: {message}"
 
 
 @pytest.mark.parametrize(
-    ("argv", "told"),
+    ("argv", "message"),
     [
         (["--seed", "-1"], "argument --seed: must be a whole number from 0 to 4294967295, got -1"),
         (["--seed", "4294967296"], "must be a whole number from 0 to 4294967295, got 4294967296"),
@@ -301,13 +301,13 @@ def test_bad_form_of_set(run: Run, tmp_path: Path, wall: str, assignment: str, t
         (["--sed", "1"], "unrecognized arguments: --sed 1"),
     ],
 )
-def test_bad_option(run: Run, tmp_path: Path, wall: str, argv: list[str], told: str) -> None:
+def test_bad_option(run: Run, tmp_path: Path, wall: str, argv: list[str], message: str) -> None:
     (tmp_path / "sensor").write_text("")
-    assert told in refused(run, tmp_path, "render", wall, "-o", "new/o.ply", *argv)
+    assert message in refused(run, tmp_path, "render", wall, "-o", "new/o.ply", *argv)
 
 
 @pytest.mark.parametrize(
-    ("argv", "told"),
+    ("argv", "message"),
     [
         (["rendr"], "argument COMMAND: invalid choice: 'rendr'"),
         (["render"], "the following arguments are required: SCENE, -o/--output; see lidarscene render -h"),
@@ -318,8 +318,8 @@ def test_bad_option(run: Run, tmp_path: Path, wall: str, argv: list[str], told: 
         (["schema", "cloud"], "argument kind: invalid choice: 'cloud'"),
     ],
 )
-def test_bad_command(run: Run, tmp_path: Path, argv: list[str], told: str) -> None:
-    assert refused(run, tmp_path, *argv).startswith(told)
+def test_bad_command(run: Run, tmp_path: Path, argv: list[str], message: str) -> None:
+    assert refused(run, tmp_path, *argv).startswith(message)
 
 
 def test_wavelength_that_no_material_knows(run: Run, tmp_path: Path, wall: str, mi: ModuleType) -> None:
@@ -330,7 +330,7 @@ def test_wavelength_that_no_material_knows(run: Run, tmp_path: Path, wall: str, 
 
 
 @pytest.mark.parametrize(
-    ("output", "told"),
+    ("output", "message"),
     [
         ("wall.toml/o.ply", "is a file, not a folder"),
         ("/proc/none/o.ply", "cannot be written: "),
@@ -342,12 +342,12 @@ def test_wavelength_that_no_material_knows(run: Run, tmp_path: Path, wall: str, 
     ],
 )
 def test_output_that_cannot_be(
-    run: Run, tmp_path: Path, wall: str, monkeypatch: pytest.MonkeyPatch, output: str, told: str
+    run: Run, tmp_path: Path, wall: str, monkeypatch: pytest.MonkeyPatch, output: str, message: str
 ) -> None:
     """It is told before anything is computed."""
     (tmp_path / "folder.ply").mkdir()
     monkeypatch.setattr("lidarscene.outputs.record.load_scene", lambda *_, **__: pytest.fail("the scene was read"))
-    assert told in refused(run, tmp_path, "render", wall, "-o", output)
+    assert message in refused(run, tmp_path, "render", wall, "-o", output)
 
 
 def test_no_input_is_overwritten(run: Run, tmp_path: Path) -> None:
@@ -374,7 +374,7 @@ def _full_disk(*_: Any, **__: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("target", "argv", "told", "kept"),
+    ("target", "argv", "message", "kept_files"),
     [
         ("lidarscene.files.atomic._sync", [], "new/o.ply: cannot be written: No space left on device", set()),
         (
@@ -399,15 +399,15 @@ def test_full_disk(
     monkeypatch: pytest.MonkeyPatch,
     target: str,
     argv: list[str],
-    told: str,
-    kept: set[str],
+    message: str,
+    kept_files: set[str],
 ) -> None:
     """Nothing half written stays, not even a new folder; what was complete before does."""
     before = files_in(tmp_path)
     monkeypatch.setattr(target, _full_disk)
     ran = run("render", wall, "-o", "new/o.ply", *COARSE, *argv)
-    assert (ran.code, ran.out, ran.err) == (2, "", f"lidarscene: error: {told}\n")
-    assert files_in(tmp_path) - before == kept
+    assert (ran.code, ran.out, ran.err) == (2, "", f"lidarscene: error: {message}\n")
+    assert files_in(tmp_path) - before == kept_files
 
 
 def test_full_disk_behind_standard_output(run_python: Any) -> None:
@@ -415,16 +415,16 @@ def test_full_disk_behind_standard_output(run_python: Any) -> None:
         pytest.skip("no /dev/full on this system")
     code = "import sys, os; os.dup2(os.open('/dev/full', os.O_WRONLY), 1)\n"
     code += "from lidarscene.cli.main import main; sys.exit(main(['catalog', 'scenes']))"
-    done = run_python(code)
-    assert done.returncode == 2
-    assert done.stderr == "lidarscene: error: standard output: cannot be written: No space left on device\n"
+    process = run_python(code)
+    assert process.returncode == 2
+    assert process.stderr == "lidarscene: error: standard output: cannot be written: No space left on device\n"
 
 
 def test_reader_that_has_gone_is_no_mistake(run_python: Any) -> None:
     code = "import sys, os; r, w = os.pipe(); os.dup2(w, 1); os.close(w); os.close(r)\n"
     code += "from lidarscene.cli.main import main; sys.exit(main(['catalog', 'scenes']))"
-    done = run_python(code)
-    assert (done.returncode, done.stderr) == (0, "")
+    process = run_python(code)
+    assert (process.returncode, process.stderr) == (0, "")
 
 
 def test_interrupt_leaves_nothing(
@@ -454,7 +454,7 @@ def test_memory_that_is_not_there(
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("hello", "a.xml: not valid XML: syntax error: line 1, column 0"),
         (NOISE, "a.xml: not valid XML: "),
@@ -488,19 +488,19 @@ def test_memory_that_is_not_there(
         ),
     ],
 )
-def test_bad_mitsuba_scene(run: Run, tmp_path: Path, mi: ModuleType, text: str | bytes, told: str) -> None:
+def test_bad_mitsuba_scene(run: Run, tmp_path: Path, mi: ModuleType, text: str | bytes, message: str) -> None:
     (tmp_path / "a.xml").write_bytes(text if isinstance(text, bytes) else text.encode())
-    assert refused(run, tmp_path, "render", "a.xml", "-o", "o.ply", *COARSE).startswith(told)
+    assert refused(run, tmp_path, "render", "a.xml", "-o", "o.ply", *COARSE).startswith(message)
 
 
 @pytest.mark.parametrize(
-    ("mapped", "told"),
+    ("mapped", "message"),
     [
         ('gray = "brick"', "a.xml: base_materials: no BSDF with id 'gray'; it has grey"),
         ('grey = "brik"', "scene.toml: base_materials.grey: no material 'brik' in the catalogue; did you mean brick"),
     ],
 )
-def test_bad_base_materials(run: Run, tmp_path: Path, mi: ModuleType, mapped: str, told: str) -> None:
+def test_bad_base_materials(run: Run, tmp_path: Path, mi: ModuleType, mapped: str, message: str) -> None:
     (tmp_path / "a.xml").write_text(XML)
     line = refused_scene(run, tmp_path, f'base = "a.xml"\n[base_materials]\n{mapped}\n')
-    assert line.startswith(told)
+    assert line.startswith(message)

@@ -28,14 +28,14 @@ def files_of(folder: Path) -> set[str]:
 
 
 def ran(run: Run, *argv: str) -> dict:
-    told = run("render", *argv, *COARSE, "--json")
-    assert (told.code, told.err) == (0, ""), told
-    return json.loads(told.out)
+    rendered = run("render", *argv, *COARSE, "--json")
+    assert (rendered.code, rendered.err) == (0, ""), rendered
+    return json.loads(rendered.out)
 
 
 def test_frames_in_a_folder(mi, run: Run, small_pictures: None, drive: str, tmp_path: Path) -> None:
     """Frame after frame, each with its picture and its missed pulses; the wall comes at 30 m/s."""
-    told = ran(
+    counts_of_run = ran(
         run,
         drive,
         "-o",
@@ -55,21 +55,21 @@ def test_frames_in_a_folder(mi, run: Run, small_pictures: None, drive: str, tmp_
     assert files_of(tmp_path) == {
         name for n in numbers for name in (f"new/out/frame_{n}.ply", f"m/x_{n}.npz", f"m/p_{n}.png")
     }
-    assert told["beams"] == 3 * BEAMS
-    assert [one["beams"] for one in told["frames"]] == [BEAMS] * 3
-    assert [one["output"] for one in told["frames"]] == [f"new/out/frame_{n}.ply" for n in numbers]
-    assert told["points"] == sum(one["points"] for one in told["frames"])
+    assert counts_of_run["beams"] == 3 * BEAMS
+    assert [frame["beams"] for frame in counts_of_run["frames"]] == [BEAMS] * 3
+    assert [frame["output"] for frame in counts_of_run["frames"]] == [f"new/out/frame_{n}.ply" for n in numbers]
+    assert counts_of_run["points"] == sum(frame["points"] for frame in counts_of_run["frames"])
     for number in range(3):
         cloud = PointCloud.load(f"new/out/frame_{number:04d}.ply")
         assert cloud.metadata["frame"] == "vehicle"
         assert float(cloud.metadata["frame_start_s"]) == pytest.approx(0.1 + number * FRAME_S, abs=1e-12)
         assert 0.0 <= cloud.time_s.min() < cloud.time_s.max() < FRAME_S
         ahead = np.cos(cloud.elevation_rad) * np.cos(cloud.azimuth_rad)
-        now = 10.0 - 30.0 * (0.1 + number * FRAME_S + cloud.time_s)
+        wall_m = 10.0 - 30.0 * (0.1 + number * FRAME_S + cloud.time_s)
         echo = cloud.status == 0
-        np.testing.assert_allclose((cloud.true_range_m * ahead)[echo], now[echo], atol=1e-4)
+        np.testing.assert_allclose((cloud.true_range_m * ahead)[echo], wall_m[echo], atol=1e-4)
         missed = np.load(f"m/x_{number:04d}.npz")
-        assert len(missed["pulse"]) == BEAMS - told["frames"][number]["echoes"]
+        assert len(missed["pulse"]) == BEAMS - counts_of_run["frames"][number]["echoes"]
         assert missed["pulse"].min() // BEAMS == missed["pulse"].max() // BEAMS == number
         # Times since the start of the frame, as in the clouds.
         np.testing.assert_allclose(missed["time_s"], missed["pulse"] % BEAMS / 50e3, atol=1e-12)
@@ -77,9 +77,9 @@ def test_frames_in_a_folder(mi, run: Run, small_pictures: None, drive: str, tmp_
 
 def test_deskewed_beside_raw(mi, run: Run, drive: str, tmp_path: Path) -> None:
     """The one file and its twin. Raw points lie where they were seen from the start; deskewed ones in the world."""
-    told = ran(run, drive, "-o", "a.ply", "--deskew", "--ascii")
+    counts_of_run = ran(run, drive, "-o", "a.ply", "--deskew", "--ascii")
     assert files_of(tmp_path) == {"a.ply", "a.deskewed.ply"}
-    assert told["deskewed"] == "a.deskewed.ply"
+    assert counts_of_run["deskewed"] == "a.deskewed.ply"
     raw, deskewed = PointCloud.load("a.ply"), PointCloud.load("a.deskewed.ply")
     np.testing.assert_allclose(deskewed.xyz_m - raw.xyz_m, raw.time_s[:, None] * [20.0, 0.0, 0.0], atol=1e-5)
     assert (raw.metadata["ego_motion"], deskewed.metadata["ego_motion"]) == ("in the points", "removed")
@@ -88,12 +88,12 @@ def test_deskewed_beside_raw(mi, run: Run, drive: str, tmp_path: Path) -> None:
 def test_one_frame_is_the_first_of_many(mi, run: Run, drive: str) -> None:
     ran(run, drive, "-o", "one.ply", "--seed", "5")
     ran(run, drive, "-o", "many", "--frames", "1", "--seed", "5")
-    one, first = PointCloud.load("one.ply"), PointCloud.load("many/frame_0000.ply")
-    np.testing.assert_array_equal(one.xyz_m, first.xyz_m)
+    single, first = PointCloud.load("one.ply"), PointCloud.load("many/frame_0000.ply")
+    np.testing.assert_array_equal(single.xyz_m, first.xyz_m)
 
 
 def test_a_rig_one_cloud_each(mi, run: Run, small_pictures: None, drive: str, tmp_path: Path) -> None:
-    told = ran(
+    counts_of_run = ran(
         run,
         drive,
         "--rig",
@@ -113,7 +113,7 @@ def test_a_rig_one_cloud_each(mi, run: Run, small_pictures: None, drive: str, tm
         for label in ("left", "right")
         for name in (f"out/{label}.ply", f"out/{label}.deskewed.ply", f"p_{label}.png", f"m_{label}.npz")
     }
-    assert told["beams"] == 2 * BEAMS
+    assert counts_of_run["beams"] == 2 * BEAMS
     left, right = (PointCloud.load(f"out/{label}.ply") for label in ("left", "right"))
     np.testing.assert_allclose(
         [left.sensor_position_m, right.sensor_position_m], [[0, 1, 1.8], [0, -1, 1.8]], atol=1e-12
@@ -124,7 +124,7 @@ def test_a_rig_one_cloud_each(mi, run: Run, small_pictures: None, drive: str, tm
 
 def test_a_rig_merged_in_several_frames(mi, run: Run, small_pictures: None, drive: str, tmp_path: Path) -> None:
     """One cloud a frame, whose `sensor_index` and `sensor_names` tell them apart; --no-truth keeps them."""
-    told = ran(
+    counts_of_run = ran(
         run,
         drive,
         "--rig",
@@ -142,7 +142,7 @@ def test_a_rig_merged_in_several_frames(mi, run: Run, small_pictures: None, driv
     assert files_of(tmp_path) == {
         name for n in ("0000", "0001") for name in (f"out/frame_{n}.ply", f"out/frame_{n}.deskewed.ply", f"p_{n}.svg")
     }
-    assert [one["beams"] for one in told["frames"]] == [2 * BEAMS] * 2
+    assert [frame["beams"] for frame in counts_of_run["frames"]] == [2 * BEAMS] * 2
     for name in ("frame_0001.ply", "frame_0001.deskewed.ply"):
         cloud = PointCloud.load(f"out/{name}")
         assert cloud.sensor_names == ("left", "right")
@@ -153,13 +153,13 @@ def test_a_rig_merged_in_several_frames(mi, run: Run, small_pictures: None, driv
 
 
 def test_text_of_many(mi, run: Run, drive: str) -> None:
-    told = run("render", drive, "-o", "out", "--frames", "2", *COARSE)
-    assert told.out.splitlines()[1] == f"beams         {2 * BEAMS:>12,}"
-    assert told.out.endswith("wrote         2 clouds in out\n")
+    printed = run("render", drive, "-o", "out", "--frames", "2", *COARSE)
+    assert printed.out.splitlines()[1] == f"beams         {2 * BEAMS:>12,}"
+    assert printed.out.endswith("wrote         2 clouds in out\n")
 
 
 @pytest.mark.parametrize(
-    ("argv", "said"),
+    ("argv", "message"),
     [
         (("-o", "a.ply", "--frames", "2"), "--output a.ply: must be a folder with --frames"),
         (("-o", "drive.toml", "--frames", "2"), "--output drive.toml: must be a folder with --frames"),
@@ -184,11 +184,11 @@ def test_text_of_many(mi, run: Run, drive: str) -> None:
         (("-o", "a.ply", "--coordinates", "car"), "--coordinates"),
     ],
 )
-def test_mistakes(run: Run, drive: str, tmp_path: Path, argv: tuple[str, ...], said: str) -> None:
-    told = run("render", drive, *argv)
-    assert (told.code, told.out) == (2, "")
-    assert said in told.err
-    assert told.err.count("\n") == 1
+def test_mistakes(run: Run, drive: str, tmp_path: Path, argv: tuple[str, ...], message: str) -> None:
+    rendered = run("render", drive, *argv)
+    assert (rendered.code, rendered.out) == (2, "")
+    assert message in rendered.err
+    assert rendered.err.count("\n") == 1
     assert not files_of(tmp_path)
 
 
@@ -196,7 +196,7 @@ ENDING = "[ego]\nposes = [{ time_s = 0 }, { time_s = 0.011, position_m = [1, 0, 
 
 
 @pytest.mark.parametrize(
-    ("argv", "said"),
+    ("argv", "message"),
     [
         (("--frames", "3"), "motion of ego: must have poses for the frame, 0.00924 to 0.01384 s, got 0 to 0.011 s"),
         (("--begin", "5", "--frames", "1"), "must have poses for the frame, 5 to 5.0046 s, got 0 to 0.011 s"),
@@ -204,29 +204,29 @@ ENDING = "[ego]\nposes = [{ time_s = 0 }, { time_s = 0.011, position_m = [1, 0, 
     ],
 )
 def test_a_motion_that_ends_is_told_before_anything_is_traced(
-    run: Run, tmp_path: Path, argv: tuple[str, ...], said: str, mi, monkeypatch: pytest.MonkeyPatch
+    run: Run, tmp_path: Path, argv: tuple[str, ...], message: str, mi, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Simulator, "render", None)
     (tmp_path / "drive.toml").write_text(ENDING)
-    told = run("render", "drive.toml", "-o", "out", *COARSE, *argv)
-    assert told.code == 2
-    assert told.err.rstrip("\n").endswith(said)
+    rendered = run("render", "drive.toml", "-o", "out", *COARSE, *argv)
+    assert rendered.code == 2
+    assert rendered.err.rstrip("\n").endswith(message)
     assert not files_of(tmp_path)
 
 
 def test_frames_beyond_the_scanners_numbers(run: Run, drive: str, mi, tmp_path: Path) -> None:
     fine = ("--set=scanner.azimuth_step_deg=0.005", "--set=scanner.elevation_step_deg=0.005")
-    told = run("render", drive, "-o", "out", "--frames", "100", *fine)
-    assert told.code == 2
-    assert "frame number: must be from 0 to" in told.err
+    rendered = run("render", drive, "-o", "out", "--frames", "100", *fine)
+    assert rendered.code == 2
+    assert "frame number: must be from 0 to" in rendered.err
     assert not files_of(tmp_path)
 
 
 def test_inputs_are_not_written_over(run: Run, drive: str, tmp_path: Path) -> None:
     (tmp_path / "way.ply").write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
     (tmp_path / "drive.toml").write_text('[ego]\nposes_file = "way.ply"\n' + WALL)
-    told = run("render", "drive.toml", "-o", "way.ply")
-    assert "way.ply: must be another name, got an input of this run" in told.err
+    rendered = run("render", "drive.toml", "-o", "way.ply")
+    assert "way.ply: must be another name, got an input of this run" in rendered.err
 
 
 def test_the_view_rides_with_the_vehicle(
@@ -235,18 +235,18 @@ def test_the_view_rides_with_the_vehicle(
     """[picture] is in the vehicle's frame: in the world it is where the vehicle is when the frame begins."""
     from lidarscene.figures import pictures
 
-    seen: list[dict] = []
-    monkeypatch.setattr(pictures, "frame_picture", lambda cloud, path, **options: seen.append(options))
+    options_of_pictures: list[dict] = []
+    monkeypatch.setattr(pictures, "frame_picture", lambda cloud, path, **options: options_of_pictures.append(options))
     (tmp_path / "drive.toml").write_text(
         "[picture]\neye_m = [-5, 0, 3]\ntarget_m = [10, 0, 0]\n"
         + DRIVE.replace("speed_m_s = 20", "yaw_deg = 90\nspeed_m_s = 20", 1)
     )
     for frame, eye in (("world", (0, -3, 3)), ("vehicle", (-5, 0, 3)), ("sensor", None)):
         ran(run, drive, "-o", "a.ply", "--coordinates", frame, "--begin", "0.1", "--picture", "p.png")
-        came = seen.pop()
-        assert came["colour_by"] == "intensity"
-        assert (came["view"] is None) == (eye is None)
-        np.testing.assert_allclose(came["view"].eye_m, eye, atol=1e-12) if eye else None
+        picture_options = options_of_pictures.pop()
+        assert picture_options["colour_by"] == "intensity"
+        assert (picture_options["view"] is None) == (eye is None)
+        np.testing.assert_allclose(picture_options["view"].eye_m, eye, atol=1e-12) if eye else None
     ran(run, drive, "--rig", "two.toml", "--merge", "-o", "a.ply", "--picture", "p.png")
-    assert seen[0]["colour_by"] == "sensor_index"
-    np.testing.assert_allclose(seen[0]["view"].eye_m, (0, -5, 3), atol=1e-12)
+    assert options_of_pictures[0]["colour_by"] == "sensor_index"
+    np.testing.assert_allclose(options_of_pictures[0]["view"].eye_m, (0, -5, 3), atol=1e-12)

@@ -33,7 +33,7 @@ def test_one_flag_has_one_help(command: str) -> None:
     flags["--set"] = options_of(CommandOptions if command in ("render", "stream", "view") else StudyOptions)[
         "overrides"
     ][1]
-    others = {
+    command_specific = {
         "--output",
         "--format",
         "--sensor",
@@ -41,7 +41,7 @@ def test_one_flag_has_one_help(command: str) -> None:
         "--illuminance",
     }  # with a meaning of their own in some commands
     for action in arguments_of(command):
-        for flag in set(action.option_strings) & set(flags) - others:
+        for flag in set(action.option_strings) & set(flags) - command_specific:
             assert flags[flag].help in (action.help or ""), flag
 
 

@@ -18,16 +18,16 @@ pytestmark = pytest.mark.usefixtures("mi")
 
 def test_every_format_by_its_name(run: Run, wall: str, tmp_path: Path) -> None:
     """The same points in each that can be read again."""
-    for name, one in FORMATS.items():
+    for name, format_of_file in FORMATS.items():
         try:
-            one.require()
+            format_of_file.require()
         except LidarSceneError:
             continue
-        ran = run("render", wall, "-o", f"a{one.suffix}", "--format", name, *COARSE)
+        ran = run("render", wall, "-o", f"a{format_of_file.suffix}", "--format", name, *COARSE)
         assert (ran.code, ran.err) == (0, "")
-        assert f"a{one.suffix}" in ran.out
-        if one.read:
-            cloud = PointCloud.load(tmp_path / f"a{one.suffix}", format=name)
+        assert f"a{format_of_file.suffix}" in ran.out
+        if format_of_file.read:
+            cloud = PointCloud.load(tmp_path / f"a{format_of_file.suffix}", format=name)
             assert len(cloud) > 20
             assert set(cloud.column("body").tolist()) <= {0, -1}
 
@@ -80,8 +80,8 @@ def test_range_image(run: Run, wall: str, tmp_path: Path) -> None:
     ran = run("render", wall, "-o", "a.npz", "--range-image", "r.npz", *finer)
     assert (ran.code, ran.err) == (0, "")
     with np.load(tmp_path / "r.npz") as archive:
-        seen = archive["range"][archive["point"] >= 0]
-        assert len(seen) == len(PointCloud.load(tmp_path / "a.npz"))
+        echo_ranges = archive["range"][archive["point"] >= 0]
+        assert len(echo_ranges) == len(PointCloud.load(tmp_path / "a.npz"))
 
 
 @pytest.mark.parametrize(
@@ -132,21 +132,25 @@ def test_frames_in_one_bag(run: Run, wall: str, tmp_path: Path, library: Any) ->
     clouds = [PointCloud.load(tmp_path / "apart" / f"frame_000{n}.ply") for n in range(3)]
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     with highlevel.AnyReader([tmp_path / "drive.mcap"], default_typestore=store) as bag:
-        came = [(stamp, bag.deserialize(raw, at.msgtype)) for at, stamp, raw in bag.messages() if at.topic == "/points"]
-    assert len(came) == 3
-    for (stamp_ns, message), cloud in zip(came, clouds, strict=True):
+        received = [
+            (stamp, bag.deserialize(raw, connection.msgtype))
+            for connection, stamp, raw in bag.messages()
+            if connection.topic == "/points"
+        ]
+    assert len(received) == 3
+    for (stamp_ns, message), cloud in zip(received, clouds, strict=True):
         assert stamp_ns == message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
         assert stamp_ns == pytest.approx(1e9 * cloud.frame_start_s, abs=1.0)
-        at = {field.name: field.offset for field in message.fields}
+        offsets = {field.name: field.offset for field in message.fields}
         rows = np.asarray(message.data).reshape(len(cloud), -1)
 
-        def read(name: str, rows: Any = rows, at: Any = at) -> Any:
-            return rows[:, at[name] : at[name] + 4].copy().view(np.float32)[:, 0]
+        def read(name: str, rows: Any = rows, offsets: Any = offsets) -> Any:
+            return rows[:, offsets[name] : offsets[name] + 4].copy().view(np.float32)[:, 0]
 
         np.testing.assert_array_equal(read("time"), cloud.time_s.astype(np.float32))
         np.testing.assert_array_equal(read("x"), cloud.in_sensor_frame().xyz_m[:, 0])
     rate_hz = load_sensor("table1-apd").laser.repetition_rate_hz
-    assert np.ptp([stamp for stamp, _ in came]) == pytest.approx(2e9 * BEAMS / rate_hz, abs=2.0)
+    assert np.ptp([stamp for stamp, _ in received]) == pytest.approx(2e9 * BEAMS / rate_hz, abs=2.0)
 
 
 def test_a_bag_of_frames_takes_no_labels(run: Run, wall: str, tmp_path: Path) -> None:
@@ -160,15 +164,15 @@ def test_a_bag_of_frames_takes_no_labels(run: Run, wall: str, tmp_path: Path) ->
 def test_colours_on_the_command_line(run: Run, wall: str, tmp_path: Path) -> None:
     assert run("render", wall, "-o", "c.ply", "--colours", "range", *COARSE).code == 0
     assert b"property uchar red" in (tmp_path / "c.ply").read_bytes()
-    told = run("render", wall, "-o", "c.ply", "--colours", "colour", *COARSE).err
-    assert "--colours: must be one of x, y, z, range," in told
+    error_text = run("render", wall, "-o", "c.ply", "--colours", "colour", *COARSE).err
+    assert "--colours: must be one of x, y, z, range," in error_text
     assert "--colours: ply can have colours" in run("render", wall, "-o", "c.npz", "--colours", "range", *COARSE).err
     hidden = run("render", wall, "-o", "c.ply", "--colours", "class", "--no-truth", *COARSE).err
     assert "--colours: must be one of" in hidden
 
 
 @pytest.mark.parametrize(
-    ("name", "more", "said"),
+    ("name", "more", "message"),
     [
         ("a.ply", ("--no-truth",), "normals and velocities are ground truth, which is left out (--no-truth)"),
         ("a.bin", (), "must go with a format that has all columns: ply, pcd, "),
@@ -177,11 +181,11 @@ def test_colours_on_the_command_line(run: Run, wall: str, tmp_path: Path) -> Non
     ],
 )
 def test_normals_that_no_file_would_have_are_refused(
-    run: Run, wall: str, tmp_path: Path, name: str, more: tuple[str, ...], said: str
+    run: Run, wall: str, tmp_path: Path, name: str, more: tuple[str, ...], message: str
 ) -> None:
     """Rationale: they cost time, and whoever asks for them would look for them in vain."""
     coarse = () if "vlp-16" in more else COARSE
     ran = run("render", wall, "-o", name, "--vectors", *more, *coarse)
     assert (ran.code, ran.out) == (2, "")
-    assert f"--vectors: {said}" in ran.err
+    assert f"--vectors: {message}" in ran.err
     assert not (tmp_path / name).exists()

@@ -28,7 +28,7 @@ DRAWN_AGAIN = ("fig-4e", "fig-6c")
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory, run_python) -> tuple[Path, Any, str]:
+def paper_run(tmp_path_factory: pytest.TempPathFactory, run_python) -> tuple[Path, Any, str]:
     """The command run once, in a process without a back end: its folder, its JSON, what it loaded.
 
     What it computes is kept for the other tests of the paper.
@@ -47,30 +47,30 @@ sys.exit(code)
 """
     ran = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
     assert (ran.returncode, ran.stderr) == (0, "")
-    said, loaded = ran.stdout.rstrip("\n").rsplit("\n", 1)
-    return where, json.loads(said), loaded
+    printed, loaded = ran.stdout.rstrip("\n").rsplit("\n", 1)
+    return where, json.loads(printed), loaded
 
 
 @pytest.fixture(scope="module")
-def folder(found: tuple[Path, Any, str]) -> Path:
-    return found[0]
+def folder(paper_run: tuple[Path, Any, str]) -> Path:
+    return paper_run[0]
 
 
 @pytest.fixture(scope="module")
-def again(found: tuple[Path, Any, str], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+def second_run(paper_run: tuple[Path, Any, str], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """And once more in this process, on what is found once for all tests: its folder, what it prints."""
     where = tmp_path_factory.mktemp("paper again") / "out"
-    told, save = io.StringIO(), lines.save
+    output, save = io.StringIO(), lines.save
 
     def save_some(chart: Chart, paths: list[Path]) -> None:
         if paths[0].stem in DRAWN_AGAIN:
             save(chart, paths)
 
-    with contextlib.redirect_stdout(told), pytest.MonkeyPatch.context() as patch:
+    with contextlib.redirect_stdout(output), pytest.MonkeyPatch.context() as patch:
         patch.setattr(lines, "save", save_some)
         use(patch, results())
         assert main.main(["paper", "-o", str(where)]) == 0
-    return where, told.getvalue()
+    return where, output.getvalue()
 
 
 def test_all_files_are_there_and_nothing_else(folder: Path) -> None:
@@ -139,30 +139,30 @@ def test_html_is_self_contained(folder: Path) -> None:
     assert "http" not in text
 
 
-def test_both_pages_tell_the_same_claims(found: tuple[Path, Any, str]) -> None:
-    folder, told, _ = found
+def test_both_pages_tell_the_same_claims(paper_run: tuple[Path, Any, str]) -> None:
+    folder, numbers, _ = paper_run
     page = (folder / "index.html").read_text("utf-8")
-    assert page.count("<tr>") == len(told["claims"]) + len(told["errata"]) + 2
-    assert told["claims"] == json.loads(json.dumps([asdict(one) for one in results().claims]))
-    assert told["errata"] == json.loads(json.dumps([asdict(one) for one in results().errata]))
-    assert len(told["claims"]) >= 35
-    assert all(Path(name).is_file() for name in told["files"])
+    assert page.count("<tr>") == len(numbers["claims"]) + len(numbers["errata"]) + 2
+    assert numbers["claims"] == json.loads(json.dumps([asdict(claim) for claim in results().claims]))
+    assert numbers["errata"] == json.loads(json.dumps([asdict(erratum) for erratum in results().errata]))
+    assert len(numbers["claims"]) >= 35
+    assert all(Path(name).is_file() for name in numbers["files"])
 
 
-def test_the_same_again(folder: Path, again: tuple[Path, str]) -> None:
+def test_the_same_again(folder: Path, second_run: tuple[Path, str]) -> None:
     """No dates, no random numbers."""
     drawn_once = [name for name in PICTURES if not name.startswith(DRAWN_AGAIN)]
     for name in set(study.file_names()) - set(drawn_once):
-        assert (again[0] / name).read_bytes() == (folder / name).read_bytes(), name
-    assert "at the best gain optical noise equals electrical noise" in again[1].lower()
+        assert (second_run[0] / name).read_bytes() == (folder / name).read_bytes(), name
+    assert "at the best gain optical noise equals electrical noise" in second_run[1].lower()
 
 
-def test_runs_without_tracing(found: tuple[Path, Any, str]) -> None:
-    assert found[2] == "[]"
+def test_runs_without_tracing(paper_run: tuple[Path, Any, str]) -> None:
+    assert paper_run[2] == "[]"
 
 
 @pytest.mark.parametrize(
-    ("argv", "said"),
+    ("argv", "message"),
     [
         ((), "the following arguments are required: -o/--output"),
         (("-o", "file"), "is a file, not a folder"),
@@ -170,10 +170,10 @@ def test_runs_without_tracing(found: tuple[Path, Any, str]) -> None:
         (("-o", "out", "more"), "unrecognized arguments: more"),
     ],
 )
-def test_mistakes(run: Run, tmp_path: Path, argv: tuple[str, ...], said: str) -> None:
+def test_mistakes(run: Run, tmp_path: Path, argv: tuple[str, ...], message: str) -> None:
     (tmp_path / "file").write_text("")
     ran = run("paper", *argv)
     assert (ran.code, ran.out) == (2, "")
-    assert said in ran.err
+    assert message in ran.err
     assert ran.err.count("\n") == 1
     assert [path.name for path in tmp_path.rglob("*")] == ["file"]

@@ -17,17 +17,17 @@ from lidarscene.studies.ranging import plane, sweep_report
 APD, SIPM = "table1-apd", "table1-sipm"
 
 
-def done(run: Run, *argv: str) -> str:
+def range_text(run: Run, *argv: str) -> str:
     ran = run("range", *argv)
     assert (ran.code, ran.err) == (0, "")
     return ran.out
 
 
-def told(run: Run, *argv: str) -> Any:
+def range_json(run: Run, *argv: str) -> Any:
     def refuse(word: str) -> None:
         raise ValueError(f"{word} is not JSON")
 
-    return json.loads(done(run, *argv, "--json"), parse_constant=refuse)
+    return json.loads(range_text(run, *argv, "--json"), parse_constant=refuse)
 
 
 def table(path: Path) -> tuple[list[str], np.ndarray[Any, Any]]:
@@ -40,7 +40,7 @@ def table(path: Path) -> tuple[list[str], np.ndarray[Any, Any]]:
 
 
 def test_summary(run: Run) -> None:
-    out = done(run, APD, SIPM)
+    out = range_text(run, APD, SIPM)
     assert "100 klux, sun 60° off the normal, reflectivity 0.1, incidence 0°, transmittance 0.98" in out
     apd, sipm = out.splitlines()[-2:]
     assert apd.split() == ["table1-apd", "350.605", "m", "352.751", "m", "599.6", "m", "61.4618", "1"]
@@ -50,18 +50,18 @@ def test_summary(run: Run) -> None:
 def test_a_range_beyond_the_window_is_said(run: Run) -> None:
     """Seven pulses in the time of one: 38.5 m are unambiguous, and the echoes of 105.9 m appear nearer."""
     mode = ("os1-128", "--set", "histogram.multiplier=7")
-    said = "os1-128: its window ends at 38.5 m, before its maximum range; echoes from beyond 38.5 m"
-    assert done(run, *mode).splitlines()[-1].startswith(said)
-    assert told(run, *mode)["os1-128"]["note"].startswith(said)
-    assert told(run, "os1-128")["os1-128"]["note"] is None
+    message = "os1-128: its window ends at 38.5 m, before its maximum range; echoes from beyond 38.5 m"
+    assert range_text(run, *mode).splitlines()[-1].startswith(message)
+    assert range_json(run, *mode)["os1-128"]["note"].startswith(message)
+    assert range_json(run, "os1-128")["os1-128"]["note"] is None
     line = "table1-apd: its window ends at 599.6 m, before its maximum range"
-    assert done(run, APD, "--illuminance", "0.1").splitlines()[-1] == line
-    over = told(run, *mode, "--over", "illuminance", "--n", "3")["notes"]
-    assert any("echoes from beyond 38.5 m are reported too near" in one for one in over)
+    assert range_text(run, APD, "--illuminance", "0.1").splitlines()[-1] == line
+    notes = range_json(run, *mode, "--over", "illuminance", "--n", "3")["notes"]
+    assert any("echoes from beyond 38.5 m are reported too near" in note for note in notes)
 
 
 def test_summary_as_json(run: Run) -> None:
-    entry = told(run, APD, "--distance", "350.604565")[APD]
+    entry = range_json(run, APD, "--distance", "350.604565")[APD]
     assert entry["status"] == "found"
     assert entry["maximum_range_m"] == pytest.approx(350.605, rel=1e-5)
     assert entry["detection_probability"] == pytest.approx(0.5, abs=1e-6)
@@ -81,44 +81,44 @@ def test_summary_as_json(run: Run) -> None:
     ],
 )
 def test_statuses_have_words(run: Run, argv: tuple[str, ...], status: str, word: str) -> None:
-    (entry,) = told(run, *argv).values()
+    (entry,) = range_json(run, *argv).values()
     assert entry["status"] == status
-    assert f" {word} " in done(run, *argv)
-    assert "nan" not in done(run, *argv)
+    assert f" {word} " in range_text(run, *argv)
+    assert "nan" not in range_text(run, *argv)
 
 
 @pytest.mark.parametrize("air", [("--extinction", "0.001"), ("--visibility", "2"), ("--transmittance", "0.7")])
 def test_air(run: Run, air: tuple[str, str]) -> None:
-    entry = told(run, APD, *air)[APD]
+    entry = range_json(run, APD, *air)[APD]
     assert 100 < entry["maximum_range_m"] < 350
-    assert air[0].removeprefix("--") in done(run, APD, *air)
+    assert air[0].removeprefix("--") in range_text(run, APD, *air)
 
 
 def test_fixed_threshold_has_no_closed_form(run: Run, tmp_path: Path) -> None:
     text = catalog.path_of("sensors", APD).read_text("utf-8")
     (tmp_path / "fixed.toml").write_text(text.replace("threshold_to_noise = 5", "threshold_level = 1e-6", 1))
-    assert told(run, "fixed.toml")[APD]["closed_form_m"] is None
-    assert done(run, "fixed.toml", "--over", "distance", "--plot", "f.png")
+    assert range_json(run, "fixed.toml")[APD]["closed_form_m"] is None
+    assert range_text(run, "fixed.toml", "--over", "distance", "--plot", "f.png")
 
 
 # --- sweeps -----------------------------------------------------------------------------------------
 
 
 def test_crossing_of_table_1(run: Run) -> None:
-    out = done(run, APD, SIPM, "--over", "illuminance")
+    out = range_text(run, APD, SIPM, "--over", "illuminance")
     assert "crossing at 3.22191 klux: table1-apd rises above table1-sipm, 722.14 m" in out
     assert "table1-apd: its window ends at 599.6 m" in out
 
 
 def test_maximum_range_from_the_snr(run: Run) -> None:
-    out = done(run, APD, SIPM, "--over", "distance")
+    out = range_text(run, APD, SIPM, "--over", "distance")
     assert "table1-apd: maximum range 350.605 m, where SNR 5" in out
     assert "table1-sipm: maximum range 280.871 m, where SNR 5" in out
-    assert done(run, APD, "--over", "distance", "--quantity", "pd").count("P_d 0.5") == 1
+    assert range_text(run, APD, "--over", "distance", "--quantity", "pd").count("P_d 0.5") == 1
 
 
 @pytest.mark.parametrize(
-    ("over", "first", "ends"),
+    ("swept", "first", "ends"),
     [
         ("distance", "distance_m", (10.0, 1000.0)),
         ("illuminance", "illuminance_klux", (0.1, 100.0)),
@@ -130,9 +130,9 @@ def test_maximum_range_from_the_snr(run: Run) -> None:
         ("optics.aperture_radius_mm", "optics.aperture_radius_mm", (5.0, 125.0)),
     ],
 )
-def test_csv(run: Run, tmp_path: Path, over: str, first: str, ends: tuple[float, float]) -> None:
+def test_csv(run: Run, tmp_path: Path, swept: str, first: str, ends: tuple[float, float]) -> None:
     """First the swept quantity with its unit, then a column for each sensor under its name."""
-    done(run, APD, SIPM, "--over", over, "--csv", "new/out.csv", "--n", "21")
+    range_text(run, APD, SIPM, "--over", swept, "--csv", "new/out.csv", "--n", "21")
     header, values = table(tmp_path / "new" / "out.csv")
     assert header == [first, APD, SIPM]
     assert values.shape == (21, 3)
@@ -143,7 +143,7 @@ def test_csv(run: Run, tmp_path: Path, over: str, first: str, ends: tuple[float,
 
 
 def test_csv_holds_what_is_printed_as_json(run: Run, tmp_path: Path) -> None:
-    entry = told(
+    entry = range_json(
         run,
         SIPM,
         "--over",
@@ -164,17 +164,17 @@ def test_csv_holds_what_is_printed_as_json(run: Run, tmp_path: Path) -> None:
     assert entry["csv"] == "o.csv"
     assert entry["over"] == "illuminance_klux"
     assert entry["x"] == [0.0, 25.0, 50.0, 75.0, 100.0]
-    own = entry["sensors"][SIPM]
-    assert own["status"] == ["no_limit", "found", "found", "found", "found"]
-    assert own["values"][0] is None
+    curve = entry["sensors"][SIPM]
+    assert curve["status"] == ["no_limit", "found", "found", "found", "found"]
+    assert curve["values"][0] is None
     assert values[0, 1] == np.inf
-    assert values[1:, 1] == pytest.approx(own["values"][1:], rel=1e-9)
+    assert values[1:, 1] == pytest.approx(curve["values"][1:], rel=1e-9)
 
 
 def test_sensors_of_one_name_are_told_apart(run: Run, tmp_path: Path) -> None:
     text = catalog.path_of("sensors", APD).read_text("utf-8")
     (tmp_path / "mine.toml").write_text(text.replace("gain = 80", "gain = 30.87"))
-    done(run, APD, "mine.toml", APD, "--over", "illuminance", "--csv", "o.csv", "--n", "5")
+    range_text(run, APD, "mine.toml", APD, "--over", "illuminance", "--csv", "o.csv", "--n", "5")
     header, values = table(tmp_path / "o.csv")
     assert header == ["illuminance_klux", APD, "table1-apd (2)", "table1-apd (3)"]
     assert (values[:, 1] == values[:, 3]).all()
@@ -182,16 +182,16 @@ def test_sensors_of_one_name_are_told_apart(run: Run, tmp_path: Path) -> None:
 
 
 def test_whole_parameters_have_whole_steps(run: Run, tmp_path: Path) -> None:
-    done(run, SIPM, "--over", "detector.cells", "--csv", "o.csv", "--from", "1", "--to", "20", "--linear")
+    range_text(run, SIPM, "--over", "detector.cells", "--csv", "o.csv", "--from", "1", "--to", "20", "--linear")
     _, values = table(tmp_path / "o.csv")
     assert list(values[:, 0]) == list(range(1, 21))
     assert values[0, 1] == 0.0
 
 
 def test_quantities(run: Run) -> None:
-    snr = told(run, APD, "--over", "detector.gain", "--quantity", "snr", "--from", "20", "--to", "80", "--n", "2")
+    snr = range_json(run, APD, "--over", "detector.gain", "--quantity", "snr", "--from", "20", "--to", "80", "--n", "2")
     assert snr["sensors"][APD]["values"][1] == pytest.approx(61.4618, rel=1e-5)
-    pd = told(
+    pd = range_json(
         run,
         APD,
         "--over",
@@ -211,10 +211,12 @@ def test_quantities(run: Run) -> None:
 
 
 def test_aperture_law(run: Run) -> None:
-    flat = done(run, APD, "--over", "elevation")
+    flat = range_text(run, APD, "--over", "elevation")
     assert "the same everywhere, elevation does not matter" in flat
     assert "aperture law: A(theta) as the sensor's own scanner has it" in flat
-    edges = told(run, APD, "--over", "elevation", "--from", "-30", "--to", "30", "--n", "3", "--aperture-law", "mirror")
+    edges = range_json(
+        run, APD, "--over", "elevation", "--from", "-30", "--to", "30", "--n", "3", "--aperture-law", "mirror"
+    )
     low, middle, high = edges["sensors"][APD]["values"]
     assert low > middle == pytest.approx(350.605, rel=1e-5)
     assert high < middle
@@ -222,7 +224,7 @@ def test_aperture_law(run: Run) -> None:
 
 @pytest.mark.parametrize("name", ["o.png", "o.svg"])
 def test_plot(run: Run, tmp_path: Path, name: str) -> None:
-    done(run, APD, SIPM, "--over", "distance", "--plot", name)
+    range_text(run, APD, SIPM, "--over", "distance", "--plot", name)
     content = (tmp_path / name).read_bytes()
     assert content.startswith(b"\x89PNG" if name.endswith("png") else b"<?xml")
     assert len(content) > 10_000
@@ -230,15 +232,15 @@ def test_plot(run: Run, tmp_path: Path, name: str) -> None:
 
 def test_plots_are_the_same_again(run: Run, rough_charts: None, tmp_path: Path) -> None:
     for name in ("a.svg", "b.svg"):
-        done(run, APD, "--over", "distance", "--plot", name)
+        range_text(run, APD, "--over", "distance", "--plot", name)
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
 
 
 def test_extreme_plots_do_not_fail(run: Run) -> None:
     """Nothing to draw, and no limit anywhere: a picture all the same."""
     for argv in (("--reflectivity", "0"), ("--illuminance", "0"), ("--quantity", "pd", "--reflectivity", "0")):
-        done(run, APD, "--over", "laser.peak_power_w", *argv, "--plot", "o.png")
-    done(run, SIPM, "--over", "laser.peak_power_w", "--set", "detector.cells=5", "--plot", "o.png")
+        range_text(run, APD, "--over", "laser.peak_power_w", *argv, "--plot", "o.png")
+    range_text(run, SIPM, "--over", "laser.peak_power_w", "--set", "detector.cells=5", "--plot", "o.png")
 
 
 def test_runs_without_tracing(run_python: Any, tmp_path: Path) -> None:
@@ -255,8 +257,8 @@ sys.exit(code)
 
 
 def test_eye_safety_and_sensitivities(run: Run, tmp_path: Path) -> None:
-    assert "scanned: not class 1; stationary: not class 1" in done(run, APD, "--eye-safety")
-    out = done(run, SIPM, "--sensitivities", "--plot", "tornado.png")
+    assert "scanned: not class 1; stationary: not class 1" in range_text(run, APD, "--eye-safety")
+    out = range_text(run, SIPM, "--sensitivities", "--plot", "tornado.png")
     assert "laser.peak_power_w" in out
     assert "wrote tornado.png" in out
     assert (tmp_path / "tornado.png").stat().st_size > 10_000
@@ -268,13 +270,16 @@ def test_eye_safety_of_a_fitted_laser_is_no_verdict(run: Run) -> None:
     assert (ran.code, ran.err) == (1, "")
     assert "\nNOT JUDGED: laser.peak_power_w is fitted" in ran.out
     ran = run("range", APD, "vlp-16", "--eye-safety", "--json")
-    verdicts = [(one["sensor"], one["motion"], one["verdict"]) for one in json.loads(ran.out)]
+    verdicts = [
+        (verdict_of_motion["sensor"], verdict_of_motion["motion"], verdict_of_motion["verdict"])
+        for verdict_of_motion in json.loads(ran.out)
+    ]
     assert (ran.code, verdicts) == (
         1,
         [(APD, "scanned", "not class 1"), (APD, "stationary", "not class 1")]
         + [("vlp-16", motion, "not judged") for motion in ("scanned", "stationary")],
     )
-    assert "stationary: class 1" in done(run, "vlp-16", "--eye-safety", "--set", "laser.peak_power_w=0.01")
+    assert "stationary: class 1" in range_text(run, "vlp-16", "--eye-safety", "--set", "laser.peak_power_w=0.01")
 
 
 def test_every_aperture_law_is_told_in_a_line() -> None:
@@ -286,7 +291,7 @@ def test_every_aperture_law_is_told_in_a_line() -> None:
 
 
 @pytest.mark.parametrize(
-    ("argv", "said"),
+    ("argv", "message"),
     [
         ((), "the following arguments are required: SENSOR"),
         (("nix",), "no sensor 'nix' in the catalogue"),
@@ -334,14 +339,14 @@ def test_every_aperture_law_is_told_in_a_line() -> None:
         ((APD, SIPM, "--sensitivities", "--plot", "o.png"), "--plot goes with --over"),
     ],
 )
-def test_mistakes(run: Run, tmp_path: Path, argv: tuple[str, ...], said: str) -> None:
+def test_mistakes(run: Run, tmp_path: Path, argv: tuple[str, ...], message: str) -> None:
     (tmp_path / "file").write_text("")
     ran: Ran = run("range", *argv)
     assert ran.code == 2, ran
     assert ran.out == ""
     assert ran.err.startswith("lidarscene: error: ")
     assert ran.err.count("\n") == 1
-    assert said in ran.err.replace(f"'{tmp_path}/", "'")
+    assert message in ran.err.replace(f"'{tmp_path}/", "'")
     assert [path.name for path in tmp_path.rglob("*")] == ["file"]
 
 
@@ -357,14 +362,14 @@ def test_haze_is_in_kilometres_whatever_is_asked(run: Run) -> None:
     alpha = air.extinction_from_visibility_per_m(visibility_m=2000.0, wavelength_m=sensor.laser.wavelength_m)
     limit_m, _ = plane.maximum_range_m(sensor, plane.Target(transmittance=1.0, extinction_per_m=float(alpha)))
     hazy = ("--visibility", "2")
-    assert told(run, APD, *hazy)[APD]["maximum_range_m"] == pytest.approx(limit_m, rel=1e-9)
-    swept = told(run, APD, "--over", "illuminance", "--from", "10", "--to", "100", "--n", "2", *hazy)
+    assert range_json(run, APD, *hazy)[APD]["maximum_range_m"] == pytest.approx(limit_m, rel=1e-9)
+    swept = range_json(run, APD, "--over", "illuminance", "--from", "10", "--to", "100", "--n", "2", *hazy)
     assert swept["sensors"][APD]["values"][-1] == pytest.approx(limit_m, rel=1e-9)
-    assert f"maximum range {limit_m:.3f} m" in done(run, APD, "--sensitivities", *hazy)
+    assert f"maximum range {limit_m:.3f} m" in range_text(run, APD, "--sensitivities", *hazy)
 
 
 def test_an_axis_of_angles_ends_where_the_narrower_field_does(run: Run) -> None:
     """The APD's raster is narrowed to 20 degrees: both are asked where both look."""
     narrow = f"{APD}:scanner.azimuth_fov_deg=20"
-    swept = told(run, SIPM, APD, "--over", "azimuth", "--n", "3", "--set", narrow)
+    swept = range_json(run, SIPM, APD, "--over", "azimuth", "--n", "3", "--set", narrow)
     assert swept["x"] == pytest.approx([-10.0, 0.0, 10.0], abs=0.2)

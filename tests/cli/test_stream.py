@@ -57,10 +57,10 @@ def test_velodynes_reader_takes_the_stream(mi: Any, run: Run, wall: str, library
     assert ran.out.startswith(f"vlp-16 in wall to {listener.address} (Ctrl-C ends)\nsent 2 frames, 151 packets;")
     assert len(listener.payloads) == -(-2 * 1808 // 24) == 151
     decoder = velodyne.StreamDecoder(velodyne.Config(max_range=400.0))
-    stamps = [int.from_bytes(one[1200:1204], "little") for one in listener.payloads]
+    stamps = [int.from_bytes(payload[1200:1204], "little") for payload in listener.payloads]
     assert np.abs((np.diff(stamps) % 3_600_000_000) - 1327.1).max() < 1.5
     scans = [decoder.decode(number * 1327e-6, payload) for number, payload in enumerate(listener.payloads)]
-    scans = [one for one in [*scans, decoder.finish()] if one is not None]
+    scans = [scan for scan in [*scans, decoder.finish()] if scan is not None]
     assert len(scans) in (2, 3)  # it cuts where it began, a packet early or late
     ran = run("render", wall, "--sensor", "vlp-16", "-o", "a.pcap", "--frames", "2", "--json")
     assert sum(len(points) for _, points in scans) == int(ran.out.split('"points": ')[1].split(",")[0]) > 1000
@@ -77,15 +77,15 @@ def test_ousters_own_client_takes_the_stream(mi: Any, run: Run, wall: str, libra
     assert info.config.udp_port_lidar == port
     core.init_logger("critical")
     source = client.SensorPacketSource([client.Sensor("127.0.0.1", info.config)], [info], 5.0, 0.0)
-    batcher, frame, found = core.FrameBatcher(info), core.LidarFrame(info), []
+    batcher, frame, frames = core.FrameBatcher(info), core.LidarFrame(info), []
     ended = threading.Event()
 
     def listen() -> None:
-        while not ended.is_set() or len(found) < 2:
+        while not ended.is_set() or len(frames) < 2:
             event = source.get_packet(0.2)
             if event.type == client.ClientEventType.Packet:
                 if batcher.batch(event.packet(), frame):
-                    found.append((frame.complete(), int((frame.field("RANGE") > 0).sum())))
+                    frames.append((frame.complete(), int((frame.field("RANGE") > 0).sum())))
             elif ended.is_set():
                 return
 
@@ -97,8 +97,8 @@ def test_ousters_own_client_takes_the_stream(mi: Any, run: Run, wall: str, libra
         ended.set()
         listening.join()
     assert ran.code == 0
-    assert [whole for whole, _ in found] == [True, True]
-    assert min(points for _, points in found) > 500
+    assert [whole for whole, _ in frames] == [True, True]
+    assert min(points for _, points in frames) > 500
 
 
 def test_ctrl_c_ends_it_as_it_ends_the_view(mi: Any, run: Run, wall: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,7 +119,7 @@ def test_ctrl_c_ends_it_as_it_ends_the_view(mi: Any, run: Run, wall: str, monkey
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["--udp", "2368"], "argument --udp: must be a host and a port, such as 127.0.0.1:2368, got 2368"),
         (["--udp", "127.0.0.1:0"], "argument --udp: must be a host and a port"),
@@ -130,10 +130,10 @@ def test_ctrl_c_ends_it_as_it_ends_the_view(mi: Any, run: Run, wall: str, monkey
         ([], "the following arguments are required: --udp"),
     ],
 )
-def test_mistakes_are_told_in_one_line(run: Run, wall: str, arguments: list[str], told: str) -> None:
+def test_mistakes_are_told_in_one_line(run: Run, wall: str, arguments: list[str], message: str) -> None:
     ran = run("stream", wall, *arguments)
     assert ran.code == 2
-    assert told in ran.err
+    assert message in ran.err
     assert ran.err.startswith("lidarscene: error: ")
     assert ran.err.count("\n") == 1
 

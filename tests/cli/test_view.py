@@ -33,7 +33,7 @@ def test_frames_of_a_folder_come_by_their_numbers(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["nothing.ply"], "nothing.ply: no such file"),
         (["nothing.toml"], "nothing.toml: no such file"),
@@ -49,11 +49,11 @@ def test_frames_of_a_folder_come_by_their_numbers(tmp_path: Path) -> None:
         ([], "the following arguments are required: CLOUD|DIR|SCENE"),
     ],
 )
-def test_mistakes_are_told_in_one_line(run: Run, wall: str, arguments: list[str], told: str) -> None:
+def test_mistakes_are_told_in_one_line(run: Run, wall: str, arguments: list[str], message: str) -> None:
     Path("empty").mkdir()
     ran = run("view", *arguments)
     assert ran.code == 2
-    assert told in ran.err
+    assert message in ran.err
     assert ran.err.startswith("lidarscene: error: ")
     assert ran.err.count("\n") == 1
     assert not Path("p.html").exists()

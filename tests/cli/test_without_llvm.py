@@ -20,25 +20,25 @@ MACHINES = {
 @pytest.fixture
 def lidarscene(machine: str, run_python, tmp_path):
     """The command line on such a machine in a process of its own, and what it must tell."""
-    path, found, told = MACHINES[machine]
-    found = [name.format(folder=tmp_path) for name in found]
-    for name in found:
+    path, libraries, message = MACHINES[machine]
+    libraries = [name.format(folder=tmp_path) for name in libraries]
+    for name in libraries:
         open(name, "w").close()
 
     def run(*argv: str):
-        code = RUN.format(found=found, argv=argv)
+        code = RUN.format(found=libraries, argv=argv)
         return run_python(code, DRJIT_LIBLLVM_PATH=path, LIDARSCENE_VARIANT=None, CUDA_VISIBLE_DEVICES="")
 
-    return run, told
+    return run, message
 
 
 @pytest.mark.parametrize("machine", ["only an old one"])
 def test_render_is_one_error(lidarscene, wall: str, tmp_path) -> None:
-    run, told = lidarscene
+    run, message = lidarscene
     ran = run("render", str(tmp_path / wall), "-o", str(tmp_path / "new" / "out.ply"))
     assert (ran.returncode, ran.stdout) == (3, "")
     assert ran.stderr.startswith("lidarscene: error: no usable Mitsuba back end\n")
-    assert ran.stderr.count(told) == 1
+    assert ran.stderr.count(message) == 1
     assert "Traceback" not in ran.stderr
     assert not (tmp_path / "new").exists()
 
@@ -46,8 +46,8 @@ def test_render_is_one_error(lidarscene, wall: str, tmp_path) -> None:
 @pytest.mark.parametrize("machine", MACHINES)
 def test_doctor_reports(lidarscene) -> None:
     """Here what is told of each machine, by the lines that `render` ends with too."""
-    run, told = lidarscene
+    run, message = lidarscene
     ran = run("doctor")
     assert (ran.returncode, ran.stderr) == (1, "")
-    assert told in ran.stdout
+    assert message in ran.stdout
     assert ran.stdout.endswith("lidarscene cannot trace rays here\n")

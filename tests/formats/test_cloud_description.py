@@ -18,7 +18,7 @@ from lidarscene.formats import las, parquet
 from lidarscene.formats.cloud_description import library_errors
 from lidarscene.formats.registry import FORMATS
 
-STREAMED = [name for name, one in FORMATS.items() if one.stream]
+STREAMED = [name for name, format_of_file in FORMATS.items() if format_of_file.stream]
 CUTS = ([0, 100], [0, 1, 1, 37, 100], [0, 0, 50, 100, 100], [0, 33, 66, 99, 100])
 
 
@@ -90,12 +90,12 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path, name: str) -
     assert os.listdir(tmp_path) == []
 
 
-@pytest.mark.parametrize(("free", "told"), [(0, "No space left on device (read failed)"), (1 << 30, "read failed")])
+@pytest.mark.parametrize(("free", "message"), [(0, "No space left on device (read failed)"), (1 << 30, "read failed")])
 def test_a_library_in_trouble_on_a_full_disk(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: int, told: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: int, message: str
 ) -> None:
     """It says in its own words that something failed: why is known by the room that there is."""
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
     with pytest.raises(OutputError) as caught, library_errors(tmp_path / "a"):
         raise RuntimeError("read failed\n**** a page of details")
-    assert str(caught.value) == f"{tmp_path / 'a'}: cannot be written: {told}"
+    assert str(caught.value) == f"{tmp_path / 'a'}: cannot be written: {message}"

@@ -38,8 +38,8 @@ def test_e57_in_pye57(tmp_path: Path, library: Any) -> None:
     np.testing.assert_array_equal(raw["rowIndex"], cloud.channel)
     for column in cloud.columns[3:]:
         if f"ls:{column.name}" in header.point_fields:
-            came = e57_field(pye57, file, header, f"ls:{column.name}")
-            np.testing.assert_array_equal(came, finite(cloud.column(column.name)).astype(float))
+            stored = e57_field(pye57, file, header, f"ls:{column.name}")
+            np.testing.assert_array_equal(stored, finite(cloud.column(column.name)).astype(float))
     np.testing.assert_array_equal(e57_field(pye57, file, header, "timeStamp"), cloud.time_s)
     np.testing.assert_array_equal(e57_field(pye57, file, header, "returnIndex"), cloud.return_number - 1.0)
     assert len(header.point_fields) == len(cloud.columns)

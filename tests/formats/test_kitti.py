@@ -15,13 +15,13 @@ def test_kitti_and_nuscenes(tmp_path: Path, library: Any, street_cloud: PointClo
     """Reference: pykitti's reader, and the reshape of the nuScenes devkit: five float32 a point."""
     street_cloud.save(tmp_path / "a.bin")
     street_cloud.save(tmp_path / "a.pcd.bin")
-    own = street_cloud.in_sensor_frame()
+    in_sensor_frame = street_cloud.in_sensor_frame()
     theirs = library("pykitti.utils").load_velo_scan(str(tmp_path / "a.bin"))
-    np.testing.assert_array_equal(theirs[:, :3], own.xyz_m)
-    np.testing.assert_array_equal(theirs[:, 3], own.intensity)
+    np.testing.assert_array_equal(theirs[:, :3], in_sensor_frame.xyz_m)
+    np.testing.assert_array_equal(theirs[:, 3], in_sensor_frame.intensity)
     nuscenes = np.fromfile(tmp_path / "a.pcd.bin", dtype=np.float32).reshape(-1, 5)
     np.testing.assert_array_equal(nuscenes[:, :4], theirs)
-    np.testing.assert_array_equal(nuscenes[:, 4], own.channel)
+    np.testing.assert_array_equal(nuscenes[:, 4], in_sensor_frame.channel)
 
 
 def test_blocks_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

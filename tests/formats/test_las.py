@@ -84,11 +84,11 @@ def test_las_keeps_all_but_the_last_digits_of_positions(tmp_path: Path, name: st
     need(name)
     cloud = small_cloud(n)
     cloud.save(file_of(tmp_path, name))
-    back = PointCloud.load(file_of(tmp_path, name))
-    np.testing.assert_allclose(back.xyz_m, cloud.xyz_m, rtol=0, atol=0.5 * las.STEP_M + 4e-6)
-    assert back.xyz_m.dtype == np.float32
-    same = {"xyz_m": cloud.xyz_m, "range_m": cloud.range_m}
-    assert_same(back.__class__(**{f: getattr(back, f) for f in back.__dataclass_fields__} | same), cloud)
+    loaded = PointCloud.load(file_of(tmp_path, name))
+    np.testing.assert_allclose(loaded.xyz_m, cloud.xyz_m, rtol=0, atol=0.5 * las.STEP_M + 4e-6)
+    assert loaded.xyz_m.dtype == np.float32
+    rounded = {"xyz_m": cloud.xyz_m, "range_m": cloud.range_m}
+    assert_same(loaded.__class__(**{f: getattr(loaded, f) for f in loaded.__dataclass_fields__} | rounded), cloud)
 
 
 def test_las_refuses_what_its_integers_cannot_hold(tmp_path: Path) -> None:
@@ -155,9 +155,9 @@ def test_las_says_nothing_wrong_of_least_and_largest(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("place", "told"), [("count", "as many chunks as bytes, got 4294967295"), ("table", "in the file")]
+    ("place", "message"), [("count", "as many chunks as bytes, got 4294967295"), ("table", "in the file")]
 )
-def test_a_laz_with_a_wrong_table_of_chunks(tmp_path: Path, place: str, told: str) -> None:
+def test_a_laz_with_a_wrong_table_of_chunks(tmp_path: Path, place: str, message: str) -> None:
     """lazrs asks for the memory of all chunks first, and ends the process where there is none."""
     need("laz")
     path = tmp_path / "a.laz"
@@ -170,7 +170,7 @@ def test_a_laz_with_a_wrong_table_of_chunks(tmp_path: Path, place: str, told: st
     else:
         struct.pack_into("<q", data, points, 2**40)
     path.write_bytes(data)
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         PointCloud.load(path)
 
 
@@ -187,8 +187,8 @@ def test_las_standard_fields_at_their_ends(tmp_path: Path, library: Any) -> None
         "status": [0] * 7,
         "intensity": [0.0, 1, 2, 3, 4, 0.5, 8],
     }
-    given = {name: np.array(values) for name, values in columns.items()}
-    small_cloud(7, class_names=(), **given).save(tmp_path / "a.las")
+    arrays = {name: np.array(values) for name, values in columns.items()}
+    small_cloud(7, class_names=(), **arrays).save(tmp_path / "a.las")
     las = library("laspy").read(tmp_path / "a.las")
     np.testing.assert_array_equal(las["scan_angle"], [-30_000, 30_000, 100, 100, 100, 100, 100])
     np.testing.assert_array_equal(las.classification, [64, 65, 254, 255, 255, 255, 1])
@@ -199,8 +199,8 @@ def test_las_standard_fields_at_their_ends(tmp_path: Path, library: Any) -> None
 def test_las_returns_beyond_fifteen(tmp_path: Path, library: Any) -> None:
     """Four bits: the number of a return is never above that of all."""
     need("las")
-    same = {name: np.zeros(17) for name in ("azimuth_rad", "elevation_rad", "channel", "time_s")}
-    small_cloud(17, return_number=np.arange(1, 18), **same).save(tmp_path / "a.las")
+    zeros = {name: np.zeros(17) for name in ("azimuth_rad", "elevation_rad", "channel", "time_s")}
+    small_cloud(17, return_number=np.arange(1, 18), **zeros).save(tmp_path / "a.las")
     las = library("laspy").read(tmp_path / "a.las")
     np.testing.assert_array_equal(las.return_number, np.minimum(np.arange(1, 18), 15))
     np.testing.assert_array_equal(las.number_of_returns, np.full(17, 15))
@@ -209,8 +209,8 @@ def test_las_returns_beyond_fifteen(tmp_path: Path, library: Any) -> None:
 def test_las_of_what_was_selected(tmp_path: Path, library: Any) -> None:
     """The third return of a pulse alone is one of three or more; the largest intensity may be that of any piece."""
     need("las")
-    one = small_cloud(1, return_number=np.array([3]), intensity=np.array([4.0], np.float32))
-    written(tmp_path / "a.las", "las", [one, small_cloud(1, intensity=np.array([1.0], np.float32))])
+    third_return = small_cloud(1, return_number=np.array([3]), intensity=np.array([4.0], np.float32))
+    written(tmp_path / "a.las", "las", [third_return, small_cloud(1, intensity=np.array([1.0], np.float32))])
     las = library("laspy").read(tmp_path / "a.las")
     assert (las.return_number[0], las.number_of_returns[0]) == (3, 3)
     assert list(las.intensity) == [65_535, 16_384]

@@ -58,11 +58,11 @@ def test_no_room_is_one_line(tmp_path: Path, name: str) -> None:
     cloud.save(tmp_path / "warm", format=name)  # libraries that are imported late write their byte code
     with pytest.raises(OutputError) as error, no_room():
         cloud.save(path, format=name)
-    told = str(error.value)
-    assert told.startswith(f"{path}: cannot be written: ")
-    assert "\n" not in told
-    assert len(told) < 400
-    assert [one.name for one in tmp_path.iterdir()] == ["warm"]
+    message = str(error.value)
+    assert message.startswith(f"{path}: cannot be written: ")
+    assert "\n" not in message
+    assert len(message) < 400
+    assert [path.name for path in tmp_path.iterdir()] == ["warm"]
 
 
 @pytest.mark.parametrize("how", ["SIGTERM", "SIGKILL"])
@@ -79,11 +79,11 @@ def test_a_killed_bag_leaves_no_folder(tmp_path: Path, how: str, library: Any) -
     )
     assert writing.stdout is not None
     assert writing.stdout.readline() == b"half\n"
-    wait_until(lambda: any(one.is_dir() for one in path.parent.iterdir()))
+    wait_until(lambda: any(entry.is_dir() for entry in path.parent.iterdir()))
     writing.send_signal(getattr(signal, how))
     writing.communicate(timeout=PATIENCE_S)
     if how == "SIGTERM":
         assert writing.returncode == 128 + signal.SIGTERM
         assert list(tmp_path.iterdir()) == []
     small_cloud().save(path)
-    assert [one.name for one in path.parent.iterdir()] == ["a.db3"]
+    assert [path.name for path in path.parent.iterdir()] == ["a.db3"]

@@ -25,7 +25,7 @@ def test_osi_in_betterosi(tmp_path: Path, library: Any, truth: bool) -> None:
     assert (data.timestamp.seconds, data.timestamp.nanos) == (2, 250_000_000)
     (lidar,) = data.feature_data.lidar_sensor
     assert lidar.header.number_of_valid_detections == len(lidar.detection) == N
-    get = lambda *path: np.array([value_at(one, path) for one in lidar.detection])  # noqa: E731
+    get = lambda *path: np.array([value_at(detection, path) for detection in lidar.detection])  # noqa: E731
     np.testing.assert_array_equal(get("position", "distance"), cloud.range_m)
     np.testing.assert_array_equal(get("position", "azimuth"), cloud.azimuth_rad)
     np.testing.assert_array_equal(get("position", "elevation"), cloud.elevation_rad)
@@ -39,7 +39,7 @@ def test_osi_in_betterosi(tmp_path: Path, library: Any, truth: bool) -> None:
         np.testing.assert_array_equal(get("reflectivity"), cloud.reflectivity)
         np.testing.assert_array_equal(get("radial_velocity"), -cloud.radial_velocity_m_s)  # towards the sensor
         expected = [int(body) + 1 if body >= 0 else 2**64 - 1 for body in cloud.body]
-        assert [one.object_id.value for one in lidar.detection] == expected
+        assert [detection.object_id.value for detection in lidar.detection] == expected
     else:
         assert not lidar.detection[0].has_field("object_id")
 
@@ -51,10 +51,10 @@ def test_sensors_of_a_rig_are_apart_in_osi(tmp_path: Path, library: Any) -> None
     cloud.save(tmp_path / "a.osi")
     (data,) = osi_messages(tmp_path / "a.osi", "SensorData", library)
     lidars = data.feature_data.lidar_sensor
-    assert [one.header.sensor_id.value for one in lidars] == [0, 1]
-    for index, one in enumerate(lidars):
-        came = [d.position.distance for d in one.detection]
-        np.testing.assert_array_equal(came, cloud.range_m[cloud.sensor_index == index])
+    assert [lidar.header.sensor_id.value for lidar in lidars] == [0, 1]
+    for index, lidar in enumerate(lidars):
+        distances_m = [d.position.distance for d in lidar.detection]
+        np.testing.assert_array_equal(distances_m, cloud.range_m[cloud.sensor_index == index])
 
 
 def test_an_empty_osi_frame(tmp_path: Path, library: Any) -> None:
@@ -70,23 +70,23 @@ def test_every_lidar_has_its_own_count_and_time(tmp_path: Path, library: Any) ->
     (data,) = osi_messages(tmp_path / "a.osi", "SensorData", library)
     assert (data.timestamp.seconds, data.timestamp.nanos) == (1, 1_000_000)
     lidars = data.feature_data.lidar_sensor
-    for index, one in enumerate(lidars):
-        time = one.header.measurement_time
+    for index, lidar in enumerate(lidars):
+        time = lidar.header.measurement_time
         assert (time.seconds, time.nanos) == (1, 1_000_000)
-        assert one.header.number_of_valid_detections == np.count_nonzero(cloud.sensor_index == index)
+        assert lidar.header.number_of_valid_detections == np.count_nonzero(cloud.sensor_index == index)
 
 
 @pytest.mark.parametrize("seconds", [0.0, 1.001, 0.1 + 0.2, 1.1 - 0.2, 4.35, 1_700_000_000.57])
 def test_times_are_to_the_nearest_nanosecond(seconds: float) -> None:
     """Reference: the number itself, as a fraction; a wire of fields 1 and 2, seven bits a byte."""
     content, numbers = timestamp(1, seconds), []
-    at = 2
-    while at < len(content):
-        value, shift, at = 0, 0, at + 1
-        while content[at] & 0x80:
-            value, shift, at = value | (content[at] & 0x7F) << shift, shift + 7, at + 1
-        numbers.append(value | content[at] << shift)
-        at += 1
+    offset = 2
+    while offset < len(content):
+        value, shift, offset = 0, 0, offset + 1
+        while content[offset] & 0x80:
+            value, shift, offset = value | (content[offset] & 0x7F) << shift, shift + 7, offset + 1
+        numbers.append(value | content[offset] << shift)
+        offset += 1
     whole, nanoseconds = numbers
     assert nanoseconds < 10**9
     # A product of two doubles is rounded once: of 1.7e9 s to 256 ns.

@@ -50,9 +50,9 @@ def test_units_and_meanings_are_with_the_columns(tmp_path: Path) -> None:
 def test_a_column_of_one_value_is_counted_by_its_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ten thousand numbers that repeat take next to nothing in the file, and 80 kB for each column in memory."""
     need("parquet")
-    asked: list[int] = []
+    unpacked_sizes: list[int] = []
     cloud = PointCloud(**{name: np.zeros((10_000, *v.shape[1:]), v.dtype) for name, v in small_columns(1).items()})
     cloud.save(tmp_path / "a.parquet")
-    monkeypatch.setattr(parquet, "require_unpacked", lambda packed, unpacked: asked.append(unpacked))
+    monkeypatch.setattr(parquet, "require_unpacked", lambda packed, unpacked: unpacked_sizes.append(unpacked))
     PointCloud.load(tmp_path / "a.parquet")
-    assert asked == [8 * 10_000 * len(cloud.columns)]
+    assert unpacked_sizes == [8 * 10_000 * len(cloud.columns)]

@@ -35,8 +35,8 @@ def test_pcd_in_open3d(tmp_path: Path, kind: str, n: int, open3d: ModuleType) ->
     np.testing.assert_array_equal(theirs.point["positions"].numpy(), cloud.xyz_m)
     for column in cloud.columns[3:]:
         values = cloud.column(column.name)
-        came = theirs.point[column.name].numpy()[:, 0]
-        np.testing.assert_array_equal(came, finite(values) if kind == "ascii" else values)
+        stored = theirs.point[column.name].numpy()[:, 0]
+        np.testing.assert_array_equal(stored, finite(values) if kind == "ascii" else values)
 
 
 def test_pcd_header(tmp_path: Path) -> None:

@@ -225,8 +225,8 @@ def test_damaged_text_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.ply"
     write_ply(path, small_cloud(3), ascii=True)
     head, body = path.read_text().split("end_header\n")
-    for broken in (body.replace(" ", " x", 1), "\n\n" + body, body.replace(" ", " 1 ", 1), "nan" + body):
-        path.write_text(head + "end_header\n" + broken)
+    for damaged in (body.replace(" ", " x", 1), "\n\n" + body, body.replace(" ", " 1 ", 1), "nan" + body):
+        path.write_text(head + "end_header\n" + damaged)
         with pytest.raises(InputError, match=r"^.*a\.ply: [^\n]+$"):
             PointCloud.load(path)
 
@@ -328,8 +328,8 @@ def test_colours_for_viewers(tmp_path: Path, ascii: bool) -> None:
     cloud = small_cloud(9)
     cloud.save(tmp_path / "c.ply", colour_by="class", ascii=ascii)
     cloud.save(tmp_path / "p.ply", ascii=ascii)
-    shown = trimesh.load(tmp_path / "c.ply")
-    np.testing.assert_array_equal(shown.visual.vertex_colors[:, :3], cloud.colours("class"))
+    drawn = trimesh.load(tmp_path / "c.ply")
+    np.testing.assert_array_equal(drawn.visual.vertex_colors[:, :3], cloud.colours("class"))
     with_colours, plain = (PointCloud.load(tmp_path / name) for name in ("c.ply", "p.ply"))
     for column in plain.columns:
         np.testing.assert_array_equal(with_colours.column(column.name), plain.column(column.name))

@@ -21,7 +21,7 @@ from lidarscene.formats import las
 from lidarscene.formats.cloud_columns import OF_VECTORS
 from lidarscene.formats.registry import FORMATS, SUFFIXES, format_of
 
-READ = [name for name, one in FORMATS.items() if one.read]
+READ = [name for name, format_of_file in FORMATS.items() if format_of_file.read]
 EXACT = [name for name in READ if name not in ("las", "laz")]
 
 
@@ -45,8 +45,8 @@ def test_any_text_survives(tmp_path: Path, name: str) -> None:
     metadata = {"scene": "Straße\n\r\t\\n end_header 雪 \udce9 # VERSION", "two words": " s ", "long": "abcé " * 20000}
     cloud = small_cloud(3, metadata=metadata, class_names=("", " a b ", "long " * 500))
     cloud.save(file_of(tmp_path, name), format=name)
-    back = PointCloud.load(file_of(tmp_path, name), format=name)
-    assert (back.metadata, back.class_names) == (cloud.metadata, cloud.class_names)
+    loaded = PointCloud.load(file_of(tmp_path, name), format=name)
+    assert (loaded.metadata, loaded.class_names) == (cloud.metadata, cloud.class_names)
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -113,7 +113,7 @@ def test_only_text_formats_take_ascii(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == []
 
 
-@pytest.mark.parametrize("name", [name for name, one in FORMATS.items() if one.extra])
+@pytest.mark.parametrize("name", [name for name, format_of_file in FORMATS.items() if format_of_file.extra])
 def test_a_missing_package_is_told_with_what_to_type(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
@@ -161,17 +161,17 @@ def test_a_full_disk_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.Mon
 def test_truncated_and_foreign_files_are_refused(tmp_path: Path, name: str) -> None:
     """Rationale: a copy that broke off must never pass for a frame with fewer points."""
     need(name)
-    path, broken = file_of(tmp_path, name), tmp_path / f"b{FORMATS[name].suffix}"
+    path, damaged = file_of(tmp_path, name), tmp_path / f"b{FORMATS[name].suffix}"
     small_cloud(30).save(path, format=name)
     data = path.read_bytes()
     # The last bytes of a LAZ are its chunk table, without which a reader may still find the points.
     for size in np.linspace(0, len(data) - 40, 25, dtype=int):
-        broken.write_bytes(data[:size])
+        damaged.write_bytes(data[:size])
         with pytest.raises(InputError, match=r"^.*b\.[a-z.]+: [^\n]+$"):
-            PointCloud.load(broken, format=name)
-    broken.write_bytes(b"something else entirely\n" * 100)
+            PointCloud.load(damaged, format=name)
+    damaged.write_bytes(b"something else entirely\n" * 100)
     with pytest.raises(InputError, match=r"cannot be read: [^\n]+$"):
-        PointCloud.load(broken, format=name)
+        PointCloud.load(damaged, format=name)
     with pytest.raises(InputError, match="no such file"):
         PointCloud.load(tmp_path / "none", format=name)
 
@@ -208,8 +208,8 @@ def test_coordinates_of_a_map_survive(tmp_path: Path) -> None:
         np.testing.assert_array_equal(PointCloud.load(file_of(tmp_path, name), format=name).xyz_m, xyz_m)
     need("las")
     cloud.save(tmp_path / "a.las")
-    back = PointCloud.load(tmp_path / "a.las")
-    np.testing.assert_allclose(back.xyz_m, xyz_m, rtol=0, atol=0.5 * las.STEP_M + 2e-9)
+    loaded = PointCloud.load(tmp_path / "a.las")
+    np.testing.assert_allclose(loaded.xyz_m, xyz_m, rtol=0, atol=0.5 * las.STEP_M + 2e-9)
 
 
 def test_in_sensor_frame() -> None:
@@ -218,9 +218,9 @@ def test_in_sensor_frame() -> None:
     np.testing.assert_allclose(cloud.xyz_m, [[10.0, 0.0, 0.5]])
     assert cloud.metadata == {"frame": "sensor"}
     assert cloud.in_sensor_frame() is cloud
-    world, own = street.cloud("world"), street.cloud("sensor")
+    world, in_sensor_frame = street.cloud("world"), street.cloud("sensor")
     # float32 of 40 m, on two ways.
-    np.testing.assert_allclose(world.in_sensor_frame().xyz_m, own.xyz_m, atol=2e-5)
+    np.testing.assert_allclose(world.in_sensor_frame().xyz_m, in_sensor_frame.xyz_m, atol=2e-5)
 
 
 def test_a_cloud_that_does_not_know_its_sensor_cannot_be_turned(tmp_path: Path) -> None:

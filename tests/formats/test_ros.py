@@ -35,8 +35,8 @@ def messages(path: Path, library: Any) -> dict[str, Any]:
     if path.suffix == ".mcap":
         reader, decoder = library("mcap.reader"), library("mcap_ros2.decoder")
         with open(path, "rb") as file:
-            made = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
-            return {channel.topic: message for _, channel, _, message in made.iter_decoded_messages()}
+            decoded = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
+            return {channel.topic: message for _, channel, _, message in decoded.iter_decoded_messages()}
     dynamic = library("mcap_ros2._dynamic")
     connection = sqlite3.connect(path)
     try:
@@ -58,11 +58,11 @@ def test_point_cloud_2(tmp_path: Path, library: Any, street_cloud: PointCloud, s
     need(name)
     path = file_of(tmp_path, name)
     street_cloud.save(path, format=name)
-    came = messages(path, library)
-    points, own = came["/points"], street_cloud.in_sensor_frame()
+    received = messages(path, library)
+    points, in_sensor_frame = received["/points"], street_cloud.in_sensor_frame()
     fields = {field.name: (field.offset, field.datatype) for field in points.fields}
     assert {name: fields[name] for name in LAYOUTS[layout]} == LAYOUTS[layout]
-    assert (points.header.frame_id, points.height, points.width) == ("lidar", 1, len(own))
+    assert (points.header.frame_id, points.height, points.width) == ("lidar", 1, len(in_sensor_frame))
     assert not points.is_bigendian
     assert points.row_step == points.width * points.point_step == len(points.data)
     rows = np.frombuffer(
@@ -76,18 +76,18 @@ def test_point_cloud_2(tmp_path: Path, library: Any, street_cloud: PointCloud, s
             }
         ),
     )
-    np.testing.assert_array_equal(np.stack([rows[a] for a in "xyz"], axis=-1), own.xyz_m)
-    np.testing.assert_array_equal(rows["intensity"], own.intensity)
-    np.testing.assert_array_equal(rows["ring"], own.channel)
+    np.testing.assert_array_equal(np.stack([rows[a] for a in "xyz"], axis=-1), in_sensor_frame.xyz_m)
+    np.testing.assert_array_equal(rows["intensity"], in_sensor_frame.intensity)
+    np.testing.assert_array_equal(rows["ring"], in_sensor_frame.channel)
     if layout == "velodyne":
-        np.testing.assert_array_equal(rows["time"], own.time_s.astype(np.float32))
+        np.testing.assert_array_equal(rows["time"], in_sensor_frame.time_s.astype(np.float32))
     else:
-        np.testing.assert_array_equal(rows["t"], np.rint(own.time_s * 1e9))
-        np.testing.assert_allclose(rows["range"], 1e3 * own.range_m, atol=0.51)
-    for column in own.columns:
+        np.testing.assert_array_equal(rows["t"], np.rint(in_sensor_frame.time_s * 1e9))
+        np.testing.assert_allclose(rows["range"], 1e3 * in_sensor_frame.range_m, atol=0.51)
+    for column in in_sensor_frame.columns:
         if column.name not in (*LAYOUTS[layout], "channel", "time"):
-            np.testing.assert_array_equal(rows[column.name], own.column(column.name))
-    check_transform(came["/tf"].transforms[0], street_cloud)
+            np.testing.assert_array_equal(rows[column.name], in_sensor_frame.column(column.name))
+    check_transform(received["/tf"].transforms[0], street_cloud)
 
 
 def check_transform(stamped: Any, cloud: PointCloud) -> None:
@@ -106,9 +106,9 @@ def test_a_bag_of_several_frames(tmp_path: Path, library: Any) -> None:
     frames = [small_cloud(n, metadata={"frame_start_s": repr(0.1 * n)}) for n in (3, 5)]
     write_ros(tmp_path / "a.mcap", iter(frames))
     with open(tmp_path / "a.mcap", "rb") as file:
-        made = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
-        came = [(m.log_time, d.header.stamp, d.width) for _, _, m, d in made.iter_decoded_messages()]
-    assert [(log, stamp.sec * 10**9 + stamp.nanosec, n) for log, stamp, n in came] == [
+        decoded = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
+        received = [(m.log_time, d.header.stamp, d.width) for _, _, m, d in decoded.iter_decoded_messages()]
+    assert [(log, stamp.sec * 10**9 + stamp.nanosec, n) for log, stamp, n in received] == [
         (300_000_000, 300_000_000, 3),
         (500_000_000, 500_000_000, 5),
     ]

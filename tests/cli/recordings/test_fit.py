@@ -18,16 +18,16 @@ def run(folder: Path, *options: str) -> int:
 def test_the_code_says_whether_the_laws_held(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], passed: bool, code: int
 ) -> None:
-    asked: list[Any] = []
+    calls: list[Any] = []
 
     def fitted(*arguments: Any, **more: Any) -> tuple[str, bool]:
-        asked.append((arguments, more))
+        calls.append((arguments, more))
         return "found", passed
 
     monkeypatch.setattr(recording_fit, "fit_recordings", fitted)
     assert run(tmp_path, "-o", str(tmp_path / "u.toml"), "--metadata", "u.json", "--json") == code
     assert capsys.readouterr().out == "found\n"
-    ((arguments, more),) = asked
+    ((arguments, more),) = calls
     assert arguments == ([OUSTER], "os0-128", tmp_path / "u.toml", tmp_path / "r")
     assert more == {"metadata": Path("u.json"), "as_json": True}
 
@@ -35,12 +35,14 @@ def test_the_code_says_whether_the_laws_held(
 def test_with_a_scene_it_is_another_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from lidarscene.studies.fit.on_scene import scene_fit as on_scene
 
-    asked: list[Any] = []
-    monkeypatch.setattr(on_scene, "fit_on_scene", lambda *given, **more: (asked.append((given, more)), ("", True))[1])
+    calls: list[Any] = []
+    monkeypatch.setattr(
+        on_scene, "fit_on_scene", lambda *arguments, **more: (calls.append((arguments, more)), ("", True))[1]
+    )
     files = ["--scene", "twin/scene.toml", "--poses", "p.csv", "--metadata", "u.json"]
     assert run(tmp_path, "-o", str(tmp_path / "u.toml"), *files) == 0
-    (((given, output, report), more),) = asked
-    assert given == on_scene.SceneFitInputs(
+    (((inputs, output, report), more),) = calls
+    assert inputs == on_scene.SceneFitInputs(
         recordings=[OUSTER],
         scene=Path("twin/scene.toml"),
         sensor="os0-128",

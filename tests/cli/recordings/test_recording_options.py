@@ -20,16 +20,16 @@ def room(path: Path, radius_m: float) -> str:
 
 
 def test_what_is_a_recording(tmp_path: Path) -> None:
-    ours, other = tmp_path / "ours.ply", tmp_path / "other.ply"
+    ours, foreign = tmp_path / "ours.ply", tmp_path / "other.ply"
     small_cloud().save(ours)
-    other.write_text("ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nend_header\n")
-    assert [is_recording(path) for path in (ours, other)] == [False, True]
+    foreign.write_text("ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nend_header\n")
+    assert [is_recording(path) for path in (ours, foreign)] == [False, True]
     assert is_recording(tmp_path / "nothing.pcap")
     assert not is_recording(tmp_path / "scene.toml")
     room(tmp_path / "1.bin", 5.0)
     assert not is_recording(tmp_path)
     ours.unlink()
-    other.unlink()
+    foreign.unlink()
     assert is_recording(tmp_path)
 
 
@@ -72,7 +72,7 @@ def test_mistakes_are_told_in_one_line(run: Run, tmp_path: Path) -> None:
     a = room(tmp_path / "a.bin", 5.0)
     (tmp_path / "damaged.bin").write_bytes(bytes(17))
     small_cloud().save("ours.ply")
-    for arguments, told in (
+    for arguments, message in (
         (("view", "nothing.pcap"), "nothing.pcap: no such recording"),
         (("view", a, "--frame", "4", "--save", "p.html"), "frame must be 0 to 0, got 4"),
         (("view", a, "ours.ply", "--save", "p.html"), "a recording must come alone, got 2 paths"),
@@ -86,4 +86,4 @@ def test_mistakes_are_told_in_one_line(run: Run, tmp_path: Path) -> None:
     ):
         ran = run(*arguments)
         assert (ran.code, ran.err.count("\n")) == (2, 1), ran.err
-        assert told in ran.err
+        assert message in ran.err

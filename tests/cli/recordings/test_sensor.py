@@ -45,7 +45,7 @@ def test_points_that_it_renders_lie_on_the_makers_beams(
 
 def test_mistakes_are_told_in_one_line(run: Run) -> None:
     shutil.copy(OUSTER.with_suffix(".json"), "unit.json")
-    for arguments, told in (
+    for arguments, message in (
         (("unit.json", "-o", "mine.txt"), "--output mine.txt: the name must end in .toml"),
         (("nothing.json", "-o", "a.toml"), "nothing.json: no such file"),
         (("unit.json", "--like", "table1-apd", "-o", "a.toml"), "--like table1-apd: must be a sensor that spins"),
@@ -53,5 +53,5 @@ def test_mistakes_are_told_in_one_line(run: Run) -> None:
     ):
         ran = run("sensor", "--from", *arguments)
         assert (ran.code, ran.err.count("\n")) == (2, 1)
-        assert told in ran.err
+        assert message in ran.err
         assert not Path("a.toml").exists()

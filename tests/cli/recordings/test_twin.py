@@ -29,8 +29,8 @@ def test_a_twin_of_a_recording_without_signal_renders(run: Run, tmp_path: Path, 
     are filled from the lasers beside it, and what the twin returns is where the room is.
     """
     library("velodyne_decoder")
-    lost = [(3, firing) for firing in range(800, 825)]
-    path = pcap(tmp_path / "room.pcap", turns(150, lost=lost))
+    lost_pulses = [(3, firing) for firing in range(800, 825)]
+    path = pcap(tmp_path / "room.pcap", turns(150, lost=lost_pulses))
     ran = run("twin", str(path), "--frames", "0", "--sensor", "vlp-16", "-o", "twin")
     assert (ran.code, ran.err) == (0, "")
     scene = load_scene("twin/scene.toml")
@@ -45,7 +45,7 @@ def test_a_twin_of_a_recording_without_signal_renders(run: Run, tmp_path: Path, 
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (("twin", "no.pcap", "-o", "twin"), "no.pcap: no such recording"),
         (("twin", "no.pcap", "-o", "twin", "--frames", "0-4"), "--frames: must be numbers with commas"),
@@ -55,8 +55,8 @@ def test_a_twin_of_a_recording_without_signal_renders(run: Run, tmp_path: Path, 
         (("compare", "a.toml", "--real", str(OUSTER), "-o", "o", "--illuminance", "1"), "--illuminance: goes with"),
     ],
 )
-def test_mistakes_are_one_line(run: Run, words: tuple[str, ...], said: str) -> None:
+def test_mistakes_are_one_line(run: Run, words: tuple[str, ...], message: str) -> None:
     ran = run(*words)
     assert ran.code == 2
-    assert said in ran.err
+    assert message in ran.err
     assert ran.err.count("\n") == 1

@@ -22,8 +22,8 @@ def test_pieces_make_the_frame(name: str) -> None:
     assert frame.number == 2 * scanner.cycles
     assert np.count_nonzero(frame.range_m) == len(cloud)
     cycle = ((cloud.time_s + 1e-9) // scanner.cycle_s).astype(int)
-    both = cloud.return_number == 2
-    for rows, number in ((~both, 1), (both, 2)):
+    is_second = cloud.return_number == 2
+    for rows, number in ((~is_second, 1), (is_second, 2)):
         stored = frame.range_m[cycle[rows], cloud.channel[rows]]
         assert (stored == cloud.range_m[rows, None]).any(axis=1).all(), number
     signal = frame.signal
@@ -34,7 +34,7 @@ def test_pieces_make_the_frame(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("signals", "kept", "ranges_m"),
+    ("signals", "kept_signals", "ranges_m"),
     [
         ((20.0, 5.0, 30.0), [30.0, 20.0], [13.0, 11.0]),
         ((20.0, 5.0, 10.0), [20.0, 10.0], [11.0, 13.0]),
@@ -42,23 +42,23 @@ def test_pieces_make_the_frame(name: str) -> None:
     ],
 )
 def test_of_three_returns_the_two_strongest_stay(
-    signals: tuple[float, ...], kept: list[float], ranges_m: list[float]
+    signals: tuple[float, ...], kept_signals: list[float], ranges_m: list[float]
 ) -> None:
     sensor = load_sensor("vlp-16")
     columns = [
         points(sensor, np.array([5]), np.array([10.0 + number]), 0, return_number=number) for number in (1, 2, 3)
     ]
-    for one, signal in zip(columns, signals, strict=True):
-        one["signal"] = np.array([signal], np.float32)
+    for column, signal in zip(columns, signals, strict=True):
+        column["signal"] = np.array([signal], np.float32)
     gathering = FiringsBuilder(sensor, 0)
     gathering.add(
         PointCloud(
-            **{name: np.concatenate([one[name] for one in columns]) for name in columns[0]},
+            **{name: np.concatenate([column[name] for column in columns]) for name in columns[0]},
             metadata={"frame": "sensor"},
         )
     )
     frame = gathering.firings()
-    assert frame.signal[0, 5].tolist() == kept
+    assert frame.signal[0, 5].tolist() == kept_signals
     assert frame.range_m[0, 5].tolist() == ranges_m
 
 

@@ -41,7 +41,7 @@ def read(library: Callable[[str], Any], path: Path) -> tuple[Any, Any]:
     with open_recording(path):  # whether ours takes it, too
         pass
     source = sdk.open_source(str(path), meta=[str(description_path(path, ".json"))], collate=False, sensor_idx=0)
-    frames = [one[0] for one in source]
+    frames = [frame_set[0] for frame_set in source]
     assert len(frames) == 1
     return frames[0], source.sensor_info[0]
 
@@ -54,9 +54,9 @@ def test_every_pixel_comes_back(library: Callable[[str], Any], tmp_path: Path, n
     frame, info = read(library, tmp_path / "a.pcap")
     column = np.rint(cloud.time_s / sensor.scanner.cycle_s).astype(int)
     place = cloud.channel, column
-    kept = np.zeros((128, 512), bool)
-    kept[place] = True
-    assert ((frame.field("RANGE") > 0) == kept).all()
+    is_filled = np.zeros((128, 512), bool)
+    is_filled[place] = True
+    assert ((frame.field("RANGE") > 0) == is_filled).all()
     from_mm = 1e3 * float(sensor.scanner.start_m[0].values[0])
     assert np.abs(frame.field("RANGE")[place] - from_mm - 1e3 * cloud.range_m).max() < 1.0
     assert (frame.field("SIGNAL")[place] == cloud.signal).all()
@@ -72,15 +72,19 @@ def test_every_pixel_comes_back(library: Callable[[str], Any], tmp_path: Path, n
 
 
 @pytest.mark.parametrize(
-    ("profile", "called"), [(name, both[1]) for name, both in PROFILES.items()], ids=list(PROFILES)
+    ("profile", "sdk_name"),
+    [(name, names_of_profile[1]) for name, names_of_profile in PROFILES.items()],
+    ids=list(PROFILES),
 )
-def test_profiles_have_what_they_name(library: Callable[[str], Any], tmp_path: Path, profile: str, called: str) -> None:
+def test_profiles_have_what_they_name(
+    library: Callable[[str], Any], tmp_path: Path, profile: str, sdk_name: str
+) -> None:
     """Two returns, the strongest first; the low rate has steps of 8 mm and 16 counts, the old one a single return."""
     sensor = load_sensor("os1-128", overrides=(*NARROW, "histogram.stops=2"))
     assert sensor.tdc.stops == 2
     cloud, ambient = written(tmp_path / "a.pcap", sensor, profile, second=True)
     frame, info = read(library, tmp_path / "a.pcap")
-    assert str(info.format.udp_profile_lidar).endswith(called)
+    assert str(info.format.udp_profile_lidar).endswith(sdk_name)
     step_mm, step_counts = (8, 16) if profile == "low-rate" else (1, 1)
     assert np.abs(frame.field("NEAR_IR").astype(float) - ambient.T).max() < step_counts
     column = np.rint(cloud.time_s / sensor.scanner.cycle_s).astype(int)
@@ -96,24 +100,24 @@ def test_profiles_have_what_they_name(library: Callable[[str], Any], tmp_path: P
         if field not in frame.fields:
             assert profile == "legacy"
             continue
-        found = frame.field(field).astype(float)
-        assert ((found > 0) == (expected_m > 0)).all()
-        apart = np.abs(found - from_mm - 1e3 * expected_m)[expected_m > 0]
+        range_mm = frame.field(field).astype(float)
+        assert ((range_mm > 0) == (expected_m > 0)).all()
+        apart = np.abs(range_mm - from_mm - 1e3 * expected_m)[expected_m > 0]
         assert apart.max() < step_mm
     assert (expected_m > 0).sum() > 10_000
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ("scanner.columns_per_turn=1000", "columns and turns of 512x10, .*, got 1000x10"),
         ("scanner.rotation_hz=-15", "got 2048x15"),
         ("scanner.rotation_hz=10", "scanner.rotation_hz: must be negative"),
     ],
 )
-def test_what_no_ouster_does_is_told(library: Callable[[str], Any], change: str, told: str) -> None:
+def test_what_no_ouster_does_is_told(library: Callable[[str], Any], change: str, message: str) -> None:
     library("ouster.sdk.core")
-    with pytest.raises(InputError, match=f"sensor 'os1-128': .*{told}"):
+    with pytest.raises(InputError, match=f"sensor 'os1-128': .*{message}"):
         select_encoder(load_sensor("os1-128", overrides=[change]))
 
 
@@ -136,11 +140,11 @@ def test_what_no_field_can_say(
     frame.ambient(np.arange(len(counts), dtype=np.uint32), counts)
     with pcap_stream(tmp_path / "a.pcap", select_encoder(sensor, profile)) as take:
         take(frame.firings())
-    found, _ = read(library, tmp_path / "a.pcap")
+    sdk_frame, _ = read(library, tmp_path / "a.pcap")
     laser = int(sensor.scanner.channel(np.zeros(1, np.uint32))[0])
-    assert found.field("RANGE")[laser, 0] == pytest.approx(1e3 * farthest_m - 20.0, abs=8.0)
-    assert found.field("RANGE")[laser, 1] == 0
-    assert (found.field("NEAR_IR") == brightest).all()
+    assert sdk_frame.field("RANGE")[laser, 0] == pytest.approx(1e3 * farthest_m - 20.0, abs=8.0)
+    assert sdk_frame.field("RANGE")[laser, 1] == 0
+    assert (sdk_frame.field("NEAR_IR") == brightest).all()
 
 
 def test_a_head_that_begins_aside(library: Callable[[str], Any], tmp_path: Path) -> None:
@@ -173,20 +177,20 @@ def test_a_shifted_picture_has_one_direction_in_a_column(library: Callable[[str]
 def test_packets_of_frame_after_frame(library: Callable[[str], Any], tmp_path: Path) -> None:
     """Frames are counted, so that a reader tells them apart; a packet leaves when its last column has been measured."""
     sensor = load_sensor("os1-128", overrides=NARROW)
-    made = []
+    packets_made = []
     maker = select_encoder(sensor)
     with pcap_stream(tmp_path / "a.pcap", maker) as take:
         for number in (0, 1):
             gathering = FiringsBuilder(sensor, number)
             gathering.add(random_frame(sensor, number=number))
             gathering.ambient(np.arange(2, dtype=np.uint32) + number * sensor.scanner.pulses, np.ones(2, np.uint64))
-            made += maker.packets(gathering.firings())
+            packets_made += maker.packets(gathering.firings())
             take(gathering.firings())
     expected_s = (16 * np.arange(1, 65) - 1) * sensor.scanner.cycle_s
-    np.testing.assert_allclose([one.time_s for one in made], expected_s, atol=1e-9)
+    np.testing.assert_allclose([packet.time_s for packet in packets_made], expected_s, atol=1e-9)
     core = library("ouster.sdk.core")
     packet_format = core.PacketFormat.from_info(core.SensorInfo(maker.description[0]))
-    ids = [packet_format.frame_id(one.payload) for one in made]
+    ids = [packet_format.frame_id(packet.payload) for packet in packets_made]
     assert ids == [0] * 32 + [1] * 32
     for number, expected in ((65_535, 65_535), (65_536, 0)):  # 16 bits
         later = replace(gathering.firings(), number=512 * number)

@@ -22,11 +22,11 @@ def test_every_point_comes_back_by_the_makers_arithmetic() -> None:
     """Rationale: 2 mm is half a step of the range, 0.01 degrees a step of the azimuth, and 1 us one of the stamp."""
     sensor = load_sensor("pandar64")
     cloud = random_frame(sensor, number=3)
-    found = np.array(
-        [point for one in packets_of(select_encoder(sensor), sensor, [cloud]) for point in points_of(one.payload)]
+    decoded_points = np.array(
+        [point for packet in packets_of(select_encoder(sensor), sensor, [cloud]) for point in points_of(packet.payload)]
     )
-    assert len(found) == len(cloud)
-    laser, turned_deg, time_s, range_m, reflectivity = found.T
+    assert len(decoded_points) == len(cloud)
+    laser, turned_deg, time_s, range_m, reflectivity = decoded_points.T
     # A frame is a turn: `packets_of` numbers this one 0, which changes no azimuth.
     now_s = cloud.time_s + cloud.frame_start_s
     ours, theirs = np.lexsort((now_s, cloud.channel)), np.lexsort((time_s, laser))
@@ -45,10 +45,10 @@ def test_every_point_comes_back_by_the_makers_arithmetic() -> None:
 def test_our_reader_gives_the_frame_back(tmp_path: Path, sets: tuple[str, ...]) -> None:
     sensor = load_sensor("pandar64", overrides=sets)
     cloud = random_frame(sensor, second=bool(sets))
-    made = packets_of(select_encoder(sensor), sensor, [cloud])
-    assert len(made) == (600 if sets else 300)
+    packets = packets_of(select_encoder(sensor), sensor, [cloud])
+    assert len(packets) == (600 if sets else 300)
     path = tmp_path / "a.pcap"
-    path.write_bytes(HEADER + b"".join(record_of(one, 2368) for one in made))
+    path.write_bytes(HEADER + b"".join(record_of(packet, 2368) for packet in packets))
     with open_recording(path) as recording:
         assert (len(recording), recording.metadata["sensor"]) == (1, "Pandar64")
         sweep = recording[0]
@@ -100,9 +100,9 @@ def test_the_last_packet_goes_on_without_points() -> None:
     short = maker.packets(replace(whole, **{name: getattr(whole, name)[:8] for name in names}))
     filled = short + maker.flush()
     expected = select_encoder(sensor).packets(whole)[:2]
-    assert [one.time_s for one in filled] == [one.time_s for one in expected]
+    assert [packet.time_s for packet in filled] == [packet.time_s for packet in expected]
     ours, theirs = (
-        np.frombuffer(b"".join(one.payload for one in made), PANDAR64_PACKET) for made in (filled, expected)
+        np.frombuffer(b"".join(packet.payload for packet in packets), PANDAR64_PACKET) for packets in (filled, expected)
     )
     for name in ("stamp", "utc"):
         np.testing.assert_array_equal(ours[name], theirs[name])
@@ -118,8 +118,8 @@ def test_the_stamp_goes_on_from_second_to_second() -> None:
     sensor = load_sensor("pandar64")
     cloud = random_frame(sensor)
     cloud = replace(cloud, metadata=dict(cloud.metadata) | {"frame_start_s": "0.99"})
-    made = packets_of(select_encoder(sensor), sensor, [cloud])
-    packets = np.frombuffer(b"".join(one.payload for one in made), PANDAR64_PACKET)
+    packets_of_frame = packets_of(select_encoder(sensor), sensor, [cloud])
+    packets = np.frombuffer(b"".join(packet.payload for packet in packets_of_frame), PANDAR64_PACKET)
     whole_s = packets["utc"][:, 5] + 1e-6 * packets["stamp"]
     np.testing.assert_allclose(np.diff(whole_s), 6 * 0.1 / 1800, atol=1.1e-6)
     assert (packets["utc"][:, :5] == [70, 1, 1, 0, 0]).all()

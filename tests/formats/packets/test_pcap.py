@@ -22,11 +22,11 @@ def test_another_reader_finds_payloads_times_and_ports(library: Callable[[str], 
     dpkt = library("dpkt")
     packets = [Packet(0.0, b"first"), Packet(1234.567891, bytes(33_024)), Packet(1e9 + 0.5, b"")]
     path = tmp_path / "a.pcap"
-    path.write_bytes(HEADER + b"".join(record_of(one, 2368) for one in packets))
+    path.write_bytes(HEADER + b"".join(record_of(packet, 2368) for packet in packets))
     with open(path, "rb") as file:
-        found = [(stamp, dpkt.ethernet.Ethernet(frame)) for stamp, frame in dpkt.pcap.Reader(file)]
-    assert [float(stamp) for stamp, _ in found] == pytest.approx([one.time_s for one in packets], abs=1e-6)
-    for (_, frame), packet in zip(found, packets, strict=True):
+        stored = [(stamp, dpkt.ethernet.Ethernet(frame)) for stamp, frame in dpkt.pcap.Reader(file)]
+    assert [float(stamp) for stamp, _ in stored] == pytest.approx([packet.time_s for packet in packets], abs=1e-6)
+    for (_, frame), packet in zip(stored, packets, strict=True):
         assert (frame.ip.udp.data, frame.ip.udp.dport) == (packet.payload, 2368)
         right, frame.ip.sum = frame.ip.sum, 0
         assert dpkt.ip.IP(bytes(frame.ip)).sum == right
@@ -85,11 +85,11 @@ def test_a_capture_has_the_packets_of_all_frames(library: Callable[[str], Any], 
             gathering = FiringsBuilder(sensor, number)
             gathering.add(cloud)
             take(gathering.firings())
-    expected = b"".join(record_of(one, 2368) for one in packets_of(select_encoder(sensor), sensor, clouds))
+    expected = b"".join(record_of(packet, 2368) for packet in packets_of(select_encoder(sensor), sensor, clouds))
     assert (tmp_path / "a.pcap").read_bytes() == HEADER + expected
     with open_recording(tmp_path / "a.pcap") as recording:
         assert len(recording) == 3
-        assert sum(one.has_return.sum() for one in recording) == sum(map(len, clouds))
+        assert sum(sweep.has_return.sum() for sweep in recording) == sum(map(len, clouds))
         assert recording.metadata["sensor"] == "VLP16"
 
 

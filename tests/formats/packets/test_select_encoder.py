@@ -30,7 +30,7 @@ def test_sensors_of_the_catalogue_have_their_packets(library: Callable[[str], An
 
 
 @pytest.mark.parametrize(
-    ("name", "sets", "profile", "told"),
+    ("name", "sets", "profile", "message"),
     [
         ("table1-apd", (), "default", "sensor 'table1-apd': has no format of packets; .* vlp-16, hdl-32e, vls-128"),
         ("hdl-64e", (), "default", "sensor 'hdl-64e': has no format of packets"),
@@ -43,9 +43,9 @@ def test_sensors_of_the_catalogue_have_their_packets(library: Callable[[str], An
     ],
 )
 def test_a_sensor_without_packets_is_told_in_one_line(
-    name: str, sets: tuple[str, ...], profile: str, told: str
+    name: str, sets: tuple[str, ...], profile: str, message: str
 ) -> None:
-    with pytest.raises(InputError, match=told) as error:
+    with pytest.raises(InputError, match=message) as error:
         select_encoder(load_sensor(name, overrides=sets), profile)
     assert "\n" not in str(error.value)
 

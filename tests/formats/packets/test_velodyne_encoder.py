@@ -29,7 +29,7 @@ def decoded(library: Callable[[str], Any], packets: list[Any]) -> Any:
     """(n, 8) points, their times on the sensor's clock."""
     velodyne = library("velodyne_decoder")
     decoder = velodyne.ScanDecoder(velodyne.Config(min_range=0.0, max_range=400.0))
-    read = [velodyne.VelodynePacket(one.time_s, one.payload) for one in packets]
+    read = [velodyne.VelodynePacket(packet.time_s, packet.payload) for packet in packets]
     # It learns how fast a VLS-128 turns and fires from the packet before.
     decoder.decode(read[:2])
     stamp, points = decoder.decode(read)
@@ -75,9 +75,9 @@ def test_every_point_comes_back(library: Callable[[str], Any], name: str, sets: 
     ring, time_s, xyz_m, range_m, intensity, channel = together(sensor, clouds)
     expected = in_order(ring, time_s, range_m)
     late = np.isin(points[:, RING], ring[channel >= 64])  # of a VLS-128 alone
-    found = in_order(points[:, RING], points[:, TIME] - LATER_S * late, np.linalg.norm(points[:, :3], axis=1))
-    assert len(found) == len(expected)
-    points = without_its_delay(points[found], late[found])
+    order = in_order(points[:, RING], points[:, TIME] - LATER_S * late, np.linalg.norm(points[:, :3], axis=1))
+    assert len(order) == len(expected)
+    points = without_its_delay(points[order], late[order])
     assert (points[:, RING] == ring[expected]).all()
     assert np.abs(points[:, TIME] - time_s[expected]).max() < 1e-6
     assert (points[:, INTENSITY] == intensity[expected]).all()
@@ -89,8 +89,15 @@ def test_every_point_comes_back(library: Callable[[str], Any], name: str, sets: 
 def together(sensor: Sensor, clouds: list[PointCloud]) -> list[Any]:
     """Ring, time by the scene's clock, place, range, intensity and channel of all points."""
     of_each = [
-        (ring_of(sensor, one), one.time_s + one.frame_start_s, one.xyz_m, one.range_m, one.intensity, one.channel)
-        for one in clouds
+        (
+            ring_of(sensor, cloud),
+            cloud.time_s + cloud.frame_start_s,
+            cloud.xyz_m,
+            cloud.range_m,
+            cloud.intensity,
+            cloud.channel,
+        )
+        for cloud in clouds
     ]
     return [np.concatenate(values) for values in zip(*of_each, strict=True)]
 
@@ -99,26 +106,26 @@ def test_two_returns_are_the_last_and_the_strongest(library: Callable[[str], Any
     """Or the second strongest, if the strongest is the last; both blocks have a lone return."""
     sensor = load_sensor("hdl-32e", overrides=DUAL)
     cloud = random_frame(sensor, second=True)
-    made = packets_of(select_encoder(sensor), sensor, [cloud])
-    blocks = np.frombuffer(b"".join(one.payload for one in made), VELODYNE_PACKET)["blocks"]
-    last, other = (blocks["points"]["distance"][:, place::2].reshape(-1, 32) for place in (0, 1))
-    assert ((last == 0) == (other == 0)).all()
-    assert (last >= other).all()
+    packets = packets_of(select_encoder(sensor), sensor, [cloud])
+    blocks = np.frombuffer(b"".join(packet.payload for packet in packets), VELODYNE_PACKET)["blocks"]
+    last, strongest = (blocks["points"]["distance"][:, place::2].reshape(-1, 32) for place in (0, 1))
+    assert ((last == 0) == (strongest == 0)).all()
+    assert (last >= strongest).all()
     twice = np.unique(np.stack([cloud.time_s, cloud.channel]), axis=1, return_counts=True)[1] == 2
-    assert (last > other).sum() == twice.sum() > 1000
+    assert (last > strongest).sum() == twice.sum() > 1000
 
 
 def test_lost_pulses_are_zeros_and_the_last_packet_is_filled_up() -> None:
     """A firing of VLP-16 is 55.296 us, a packet 24 of them; its azimuths are those of each second one."""
     sensor = load_sensor("vlp-16")
     cloud = random_frame(sensor)
-    made = packets_of(select_encoder(sensor), sensor, [cloud])
-    packets = np.frombuffer(b"".join(one.payload for one in made), VELODYNE_PACKET)
+    packets_of_frame = packets_of(select_encoder(sensor), sensor, [cloud])
+    packets = np.frombuffer(b"".join(packet.payload for packet in packets_of_frame), VELODYNE_PACKET)
     assert len(packets) == -(-sensor.scanner.cycles // 24)
     distance = packets["blocks"]["points"]["distance"]
     assert (distance > 0).sum() == len(cloud)
-    left = sensor.scanner.cycles % 24
-    assert (distance[-1].reshape(24, 16)[left:] == 0).all()
+    firings_left = sensor.scanner.cycles % 24
+    assert (distance[-1].reshape(24, 16)[firings_left:] == 0).all()
     # 10 turns a second are 0.3981 degrees in two firings, to 0.01 degrees at both ends.
     steps = np.diff(packets["blocks"]["azimuth"].astype(int).ravel()) % 36_000
     assert set(steps) <= {39, 40, 41}
@@ -130,24 +137,26 @@ def test_lost_pulses_are_zeros_and_the_last_packet_is_filled_up() -> None:
 def test_what_is_farther_than_a_distance_can_say_is_lost() -> None:
     sensor = load_sensor("vlp-16")
     cloud = random_frame(sensor, farthest_m=200.0)
-    made = packets_of(select_encoder(sensor), sensor, [cloud])
-    distance = np.frombuffer(b"".join(one.payload for one in made), VELODYNE_PACKET)["blocks"]["points"]["distance"]
+    packets = packets_of(select_encoder(sensor), sensor, [cloud])
+    distance = np.frombuffer(b"".join(packet.payload for packet in packets), VELODYNE_PACKET)["blocks"]["points"][
+        "distance"
+    ]
     assert (distance > 0).sum() == (np.rint(cloud.range_m.astype(float) / 0.002) < 65_536).sum() < len(cloud)
 
 
 def test_the_last_return_alone_is_told_by_the_mode() -> None:
     sensor = load_sensor("vlp-16", overrides=['tdc.keep="last"'])
-    made = packets_of(select_encoder(sensor), sensor, [random_frame(sensor)])
-    assert made[0].payload[-2:] == bytes([0x38, 0x22])
+    packets = packets_of(select_encoder(sensor), sensor, [random_frame(sensor)])
+    assert packets[0].payload[-2:] == bytes([0x38, 0x22])
 
 
 def test_packets_run_on_from_frame_to_frame() -> None:
     """Rationale: 1808 firings are not whole packets of 24; the one in between has firings of both frames."""
     sensor = load_sensor("vlp-16")
     clouds = [random_frame(sensor, number=number) for number in range(3)]
-    made = packets_of(select_encoder(sensor), sensor, clouds)
-    assert len(made) == 3 * sensor.scanner.cycles // 24
-    times_s = np.diff([one.time_s for one in made])
+    packets = packets_of(select_encoder(sensor), sensor, clouds)
+    assert len(packets) == 3 * sensor.scanner.cycles // 24
+    times_s = np.diff([packet.time_s for packet in packets])
     np.testing.assert_allclose(times_s, 24 * 55.296e-6, atol=1e-9)
 
 
@@ -159,8 +168,8 @@ def test_an_encoder_is_read_at_its_nearest_step() -> None:
     azimuths = []
     for sets in ((), ("scanner.encoder_step_deg=0.5",)):
         sensor = load_sensor("vlp-16", overrides=sets)
-        made = packets_of(select_encoder(sensor), sensor, [random_frame(sensor)])
-        blocks = np.frombuffer(b"".join(one.payload for one in made), VELODYNE_PACKET)["blocks"]
+        packets = packets_of(select_encoder(sensor), sensor, [random_frame(sensor)])
+        blocks = np.frombuffer(b"".join(packet.payload for packet in packets), VELODYNE_PACKET)["blocks"]
         azimuths.append(blocks["azimuth"].astype(int).ravel())
     head, encoder = azimuths
     assert (encoder % 50 == 0).all()
@@ -176,13 +185,13 @@ def test_stamps_begin_anew_with_every_hour() -> None:
     sensor = load_sensor("vlp-16")
     cloud = random_frame(sensor)
     late = replace(cloud, metadata=dict(cloud.metadata) | {"frame_start_s": "7199.95"})
-    made = packets_of(select_encoder(sensor), sensor, [late])
-    stamp = np.frombuffer(b"".join(one.payload for one in made), VELODYNE_PACKET)["stamp"].astype(int)
+    packets = packets_of(select_encoder(sensor), sensor, [late])
+    stamp = np.frombuffer(b"".join(packet.payload for packet in packets), VELODYNE_PACKET)["stamp"].astype(int)
     assert stamp[0] == 3_599_950_000
     later = np.arange(len(stamp)) * 24 * 55.296
     np.testing.assert_allclose((stamp - stamp[0]) % 3_600_000_000, later, atol=0.51)
     assert stamp[-1] == pytest.approx(later[-1] - 50_000, abs=0.51)
-    assert made[0].time_s - 7199.95 == pytest.approx(1e-6 * (23 * 55.296 + 15 * 2.304), abs=1e-9)
+    assert packets[0].time_s - 7199.95 == pytest.approx(1e-6 * (23 * 55.296 + 15 * 2.304), abs=1e-9)
 
 
 def test_the_last_packet_goes_on_without_points() -> None:
@@ -196,11 +205,11 @@ def test_the_last_packet_goes_on_without_points() -> None:
     filled = maker.packets(replace(whole, **{name: getattr(whole, name)[:30] for name in names})) + maker.flush()
     expected = select_encoder(sensor).packets(whole)[:2]
     ours, theirs = (
-        np.frombuffer(b"".join(one.payload for one in made), VELODYNE_PACKET) for made in (filled, expected)
+        np.frombuffer(b"".join(packet.payload for packet in packets), VELODYNE_PACKET) for packets in (filled, expected)
     )
     np.testing.assert_array_equal(ours["blocks"]["azimuth"], theirs["blocks"]["azimuth"])
     np.testing.assert_array_equal(ours["stamp"], theirs["stamp"])
-    np.testing.assert_allclose([one.time_s for one in filled], [one.time_s for one in expected], atol=1e-9)
+    np.testing.assert_allclose([packet.time_s for packet in filled], [packet.time_s for packet in expected], atol=1e-9)
     assert maker.flush() == []
 
 
@@ -218,6 +227,6 @@ def test_what_a_packet_says_of_itself(name: str, code: int, sets: tuple[str, ...
     if name != "vls-128":
         assert banks == ["ffee"] * 12
     elif sets:
-        assert banks == [one for one in four for _ in (0, 1)] + ["ffff"] * 4
+        assert banks == [bank for bank in four for _ in (0, 1)] + ["ffff"] * 4
     else:
         assert banks == four * 3

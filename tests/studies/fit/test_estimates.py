@@ -13,8 +13,8 @@ def solved_line(noise: np.ndarray, blocks: int) -> Solution:
     x = np.linspace(-1.0, 1.0, len(noise))
     law = np.column_stack([np.ones_like(x), x])
     value = np.linalg.lstsq(law, 2.0 + 3.0 * x + noise, rcond=None)[0]
-    each = (2.0 + 3.0 * x + noise - law @ value)[:, None] * law
-    scores = each.reshape(blocks, -1, 2).sum(axis=1)
+    scores_of_points = (2.0 + 3.0 * x + noise - law @ value)[:, None] * law
+    scores = scores_of_points.reshape(blocks, -1, 2).sum(axis=1)
     return Solution(value=value, slope=law.T @ law, scores=scores)
 
 
@@ -25,10 +25,10 @@ def test_both_uncertainties_are_those_of_a_line() -> None:
     expected = np.array([4000.0**-0.5, np.sum(x * x) ** -0.5])
     np.testing.assert_allclose(np.sqrt(np.diag(solved.covariance)), expected, rtol=1e-9)
     np.testing.assert_allclose(np.sqrt(np.diag(solved.bootstrap)), expected, rtol=0.25)
-    one = solved.estimate("offset", "m", lambda p: 2.0 * p[0])
-    assert one.fisher == pytest.approx(2.0 * expected[0], rel=1e-6)
-    assert one.sigma == one.fisher
-    assert replace(one, bootstrap=1.5 * one.fisher).sigma == 1.5 * one.fisher
+    estimate = solved.estimate("offset", "m", lambda p: 2.0 * p[0])
+    assert estimate.fisher == pytest.approx(2.0 * expected[0], rel=1e-6)
+    assert estimate.sigma == estimate.fisher
+    assert replace(estimate, bootstrap=1.5 * estimate.fisher).sigma == 1.5 * estimate.fisher
 
 
 def test_the_bootstrap_sees_that_a_block_shares_its_noise() -> None:
@@ -51,19 +51,19 @@ def test_what_comes_with_what_is_held_is_added_to_both_uncertainties() -> None:
     """Two blocks of scores s and -s: the unbiased variance of their sum is 4 s^2, which 400 draws have to 5 %."""
     slope = np.array([[2.0, 1.0], [1.0, 2.0]])
     scores = np.array([[0.3, -0.1], [-0.3, 0.1]])
-    beside = np.array([[0.5, 0.2], [0.2, 0.4]])
+    held_covariance = np.array([[0.5, 0.2], [0.2, 0.4]])
     alone = Solution(value=np.ones(2), slope=slope, scores=scores)
-    both = replace(alone, held_covariance=beside)
+    widened = replace(alone, held_covariance=held_covariance)
     inverse = np.array([[2.0, -1.0], [-1.0, 2.0]]) / 3.0
     np.testing.assert_allclose(alone.covariance, inverse)
-    np.testing.assert_allclose(both.covariance, inverse + beside)
+    np.testing.assert_allclose(widened.covariance, inverse + held_covariance)
     moved = inverse @ scores[0]
     np.testing.assert_allclose(alone.bootstrap, 4.0 * np.outer(moved, moved), rtol=0.25)
-    np.testing.assert_allclose(both.bootstrap - alone.bootstrap, beside)
+    np.testing.assert_allclose(widened.bootstrap - alone.bootstrap, held_covariance)
     np.testing.assert_allclose(alone.correlation, [[1.0, -0.5], [-0.5, 1.0]])
-    first = both.estimate("first", "", lambda p: p[0])
+    first = widened.estimate("first", "", lambda p: p[0])
     assert first.fisher == pytest.approx(np.sqrt(2.0 / 3.0 + 0.5))
-    assert first.bootstrap == pytest.approx(np.sqrt(both.bootstrap[0, 0]))
+    assert first.bootstrap == pytest.approx(np.sqrt(widened.bootstrap[0, 0]))
 
 
 def test_scores_of_another_variance_make_a_sandwich() -> None:
@@ -72,9 +72,9 @@ def test_scores_of_another_variance_make_a_sandwich() -> None:
     assert solved.covariance == pytest.approx(9.0 / 16.0)
 
 
-@pytest.mark.parametrize(("value", "sigma", "known"), [(-2.0, 1.9, True), (-2.0, 2.1, False), (2.0, 2.1, False)])
-def test_a_number_is_known_if_its_sigma_is_below_its_size(value: float, sigma: float, known: bool) -> None:
-    assert Estimate(key="a", value=value, unit="", fisher=sigma, bootstrap=sigma).is_known is known
+@pytest.mark.parametrize(("value", "sigma", "is_known"), [(-2.0, 1.9, True), (-2.0, 2.1, False), (2.0, 2.1, False)])
+def test_a_number_is_known_if_its_sigma_is_below_its_size(value: float, sigma: float, is_known: bool) -> None:
+    assert Estimate(key="a", value=value, unit="", fisher=sigma, bootstrap=sigma).is_known is is_known
 
 
 @pytest.mark.parametrize(("ratio", "sigma"), [(1.2, 1.0), (1.4, 1.4), (0.7, 1.0)])

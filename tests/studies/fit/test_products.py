@@ -54,13 +54,13 @@ def test_along_a_null_direction_nothing_changes() -> None:
         if key not in parts:
             continue
         changes = {key: 1.0} | {
-            name: float(power) for name, power in (one.rsplit(" ", 1)[0].rsplit(" ", 1) for one in moves.split(", "))
+            name: float(power) for name, power in (term.rsplit(" ", 1)[0].rsplit(" ", 1) for term in moves.split(", "))
         }
         moved = sensor
         for name, percent in changes.items():
             part, field = parts[name]
-            own = getattr(moved, part)
-            changed = replace(own, **{field: getattr(own, field) * math.exp(0.01 * percent)})
+            component = getattr(moved, part)
+            changed = replace(component, **{field: getattr(component, field) * math.exp(0.01 * percent)})
             moved = replace(moved, **{part: changed})
         for quantity in QUANTITIES.values():
             assert quantity(moved) == pytest.approx(quantity(sensor), rel=2e-4)

@@ -11,12 +11,12 @@ from lidarscene.studies.fit.recorded_pulses import gather_pulses
 def turn(columns: int, **changed: Any) -> Sweep:
     """Two rows; the beams go round from straight ahead to the left."""
     azimuth = np.broadcast_to(np.linspace(0.0, 1.0, columns), (2, columns))
-    given = {
+    fields = {
         "range_m": np.full((2, columns), 10.0),
         "recorded": np.ones((2, columns), bool),
         "direction": np.stack([np.cos(azimuth), np.sin(azimuth), 0.0 * azimuth], axis=-1),
     }
-    return Sweep(**given | changed)
+    return Sweep(**fields | changed)
 
 
 def test_blocks_go_on_from_frame_to_frame() -> None:

@@ -46,7 +46,7 @@ def test_the_truth_is_within_two_sigma() -> None:
         assert len(fit.estimates) == 8
         assert fit.near_field is not None
         assert fit.near_field.solved.evaluations <= MOST_EVALUATIONS
-        off += [(one.value - asdict(truth)[one.key]) / one.sigma for one in fit.estimates]
+        off += [(estimate.value - asdict(truth)[estimate.key]) / estimate.sigma for estimate in fit.estimates]
     assert np.sum(np.abs(off) < 2.0) >= 32
     assert np.max(np.abs(off)) < 5.0
 
@@ -81,21 +81,21 @@ def test_sensor_file_and_page_have_what_was_found(
     """Rationale: the written file, read again, has the measured products, whatever way they were divided."""
     text, passed = written(tmp_path, monkeypatch, sweep, one_lens(tmp_path))
     assert passed
-    told = json.loads((tmp_path / "report" / "fit.json").read_text("utf-8"))
-    found = told["estimates"]
+    report = json.loads((tmp_path / "report" / "fit.json").read_text("utf-8"))
+    estimates = report["estimates"]
     sensor = load_sensor(tmp_path / "unit.toml")
     assert sensor.histogram is not None
     # The file has six digits.
-    assert near_field_m(sensor) == pytest.approx(found["near_field_m"]["value"], rel=1e-4)
-    assert white_m2(sensor) == pytest.approx(found["white_m2"]["value"], rel=1e-3)
-    assert scatter_c_mm(sensor) == pytest.approx(found["scatter_c"]["value"], rel=1e-4)
-    assert sensor.histogram.threshold_floor == pytest.approx(found["threshold_floor"]["value"], rel=1e-4)
-    assert sensor.histogram.threshold_slope == pytest.approx(found["threshold_slope"]["value"], rel=1e-4)
-    assert sensor.histogram.threshold_spread == pytest.approx(found["threshold_spread"]["value"], rel=1e-4)
+    assert near_field_m(sensor) == pytest.approx(estimates["near_field_m"]["value"], rel=1e-4)
+    assert white_m2(sensor) == pytest.approx(estimates["white_m2"]["value"], rel=1e-3)
+    assert scatter_c_mm(sensor) == pytest.approx(estimates["scatter_c"]["value"], rel=1e-4)
+    assert sensor.histogram.threshold_floor == pytest.approx(estimates["threshold_floor"]["value"], rel=1e-4)
+    assert sensor.histogram.threshold_slope == pytest.approx(estimates["threshold_slope"]["value"], rel=1e-4)
+    assert sensor.histogram.threshold_spread == pytest.approx(estimates["threshold_spread"]["value"], rel=1e-4)
     # The published sensor's spot has no width; the written one must have the near field that was fitted.
     range_m = np.geomspace(1.0, 60.0, 9)
-    spot = found["spot_over_field"]["value"]
-    law = found["white_m2"]["value"] * share(range_m / found["near_field_m"]["value"], spot)
+    spot = estimates["spot_over_field"]["value"]
+    law = estimates["white_m2"]["value"] * share(range_m / estimates["near_field_m"]["value"], spot)
     np.testing.assert_allclose(white_over_range(sensor, range_m), law, rtol=0.01)
     for key in ("laser.peak_power_w", "optics.aperture_radius_mm", "histogram.threshold_floor"):
         source = sensor.sources[key]
@@ -111,7 +111,7 @@ def test_sensor_file_and_page_have_what_was_found(
     page = (tmp_path / "report" / "index.html").read_text("utf-8")
     for part in ("Pass or fail", "Estimates", "Correlations", "Undetermined directions", "not fitted"):
         assert part in page
-    names = {one.stem for one in (tmp_path / "report").glob("*.png")}
+    names = {path.stem for path in (tmp_path / "report").glob("*.png")}
     assert names == {"near-field", "near-field-residuals", "threshold", "scatter", "rows"}
 
 
@@ -135,28 +135,28 @@ def test_two_lenses_are_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     sweep = drawn_sweep(truth, 2, curve=curve)
     _, passed = written(tmp_path, monkeypatch, sweep)
     assert passed
-    found = json.loads((tmp_path / "report" / "fit.json").read_text("utf-8"))["estimates"]
-    assert "spot_over_field" not in found
+    estimates = json.loads((tmp_path / "report" / "fit.json").read_text("utf-8"))["estimates"]
+    assert "spot_over_field" not in estimates
     for key in ("white_m2", "near_field_m"):
-        assert abs(found[key]["value"] - asdict(truth)[key]) < 3.0 * found[key]["sigma"]
+        assert abs(estimates[key]["value"] - asdict(truth)[key]) < 3.0 * estimates[key]["sigma"]
     sensor = load_sensor(tmp_path / "unit.toml")
     range_m = np.geomspace(4.0, 100.0, 12)
     law = truth.white_m2 * curve(range_m / truth.near_field_m)
     np.testing.assert_allclose(white_over_range(sensor, range_m), law, rtol=0.02)
     assert sensor.sources["optics.overlap.transmitter_offset_mm"].startswith("fitted: ")
     # The published curve, at its best power, is not that near, and nor is one lens.
-    own = np.log(curve(range_m / near_field_m(published)) / law)
-    assert np.ptp(own) > 0.1
-    one = fit_near_field(gather_pulses([sweep]))
-    assert one is not None
-    assert np.max(np.abs(one.law(range_m) / law - 1.0)) > 0.1
+    log_ratio = np.log(curve(range_m / near_field_m(published)) / law)
+    assert np.ptp(log_ratio) > 0.1
+    single_lens = fit_near_field(gather_pulses([sweep]))
+    assert single_lens is not None
+    assert np.max(np.abs(single_lens.law(range_m) / law - 1.0)) > 0.1
 
 
 def test_a_law_that_does_not_hold_fails(tmp_path: Path, undrawn: pytest.MonkeyPatch, sweep: Sweep) -> None:
     """Rationale: the blocks that were not fitted are of another reflectivity scale, by 1.3: more than 15 % off."""
     assert sweep.reflectivity is not None
-    other = (np.arange(sweep.shape[1]) // 20) % 4 == 3
-    changed = replace(sweep, reflectivity=np.where(other, np.rint(sweep.reflectivity / 1.3), sweep.reflectivity))
+    is_darker = (np.arange(sweep.shape[1]) // 20) % 4 == 3
+    changed = replace(sweep, reflectivity=np.where(is_darker, np.rint(sweep.reflectivity / 1.3), sweep.reflectivity))
     text, passed = written(tmp_path, undrawn, changed)
     assert not passed
     assert "it misses 'signal, mean error over the range', 0.2" in text

@@ -22,13 +22,13 @@ def drawn() -> Sweep:
     columns = np.arange(COLUMNS)
     stagger = 4 * (np.arange(ROWS) % 4)
     light = 400.0 * np.exp(np.cumsum(0.1 * premise(1).standard_normal(COLUMNS)))
-    seen = np.stack([np.roll(light, -turn) for turn in stagger]) * np.linspace(0.7, 1.4, ROWS)[:, None]
+    mean_counts = np.stack([np.roll(light, -turn) for turn in stagger]) * np.linspace(0.7, 1.4, ROWS)[:, None]
     azimuth = -2.0 * np.pi * (columns + stagger[:, None]) / COLUMNS
     return Sweep(
         range_m=np.full((ROWS, COLUMNS), np.nan),
         recorded=np.ones((ROWS, COLUMNS), bool),
         direction=np.stack([np.cos(azimuth), np.sin(azimuth), 0.0 * azimuth], axis=-1),
-        near_ir=random.poisson(seen * np.exp(GAINS)[:, None]),
+        near_ir=random.poisson(mean_counts * np.exp(GAINS)[:, None]),
     )
 
 
@@ -36,12 +36,12 @@ def test_the_gains_are_found() -> None:
     """The step to the next row is good to 0.6 % (median of 512, Poisson noise of 8 %); steps add up over the four rows
     that are smoothed to each side, to 1.1 %. Five of that.
     """
-    found = fit_rows(gather_pulses([drawn()]))
-    assert found is not None
+    row_gains = fit_rows(gather_pulses([drawn()]))
+    assert row_gains is not None
     inner = slice(4, -4)
-    np.testing.assert_allclose(np.log(found.gain)[inner], GAINS[inner], atol=0.055)
-    assert 0.001 < found.sigma[0] < 0.01
-    assert np.mean(np.log(found.gain)) == pytest.approx(0.0, abs=1e-12)
+    np.testing.assert_allclose(np.log(row_gains.gain)[inner], GAINS[inner], atol=0.055)
+    assert 0.001 < row_gains.sigma[0] < 0.01
+    assert np.mean(np.log(row_gains.gain)) == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("follows", [0.0, 1.0])
@@ -54,12 +54,12 @@ def test_signal_tells_what_the_gains_are_of(follows: float) -> None:
     random = np.random.default_rng(1)
     light = 400.0 * np.exp(follows * GAINS)[:, None] * np.ones((1, COLUMNS))
     sweep = replace(sweep, range_m=np.full((ROWS, COLUMNS), 10.0), signal=random.poisson(light))
-    found = fit_rows(gather_pulses([sweep]))
-    assert found is not None
-    assert found.follows is not None
-    assert found.follows[0] == pytest.approx(follows, abs=0.1)
-    assert found.key == ("responsivity" if follows else "background_gain")
-    assert replace(found, follows=(0.5, 0.1)).key is None
+    row_gains = fit_rows(gather_pulses([sweep]))
+    assert row_gains is not None
+    assert row_gains.follows is not None
+    assert row_gains.follows[0] == pytest.approx(follows, abs=0.1)
+    assert row_gains.key == ("responsivity" if follows else "background_gain")
+    assert replace(row_gains, follows=(0.5, 0.1)).key is None
 
 
 def test_few_columns_tell_nothing() -> None:
@@ -69,7 +69,7 @@ def test_few_columns_tell_nothing() -> None:
 def still(near_ir: Numbers, **changed: Any) -> RecordedPulses:
     """Rows at one place, of which nothing else is known; two blocks of columns."""
     columns = np.arange(near_ir.shape[1])
-    given: dict[str, Any] = {
+    fields: dict[str, Any] = {
         "range_m": np.full(near_ir.shape, 10.0),
         "recorded": np.ones(near_ir.shape, bool),
         "signal": None,
@@ -79,7 +79,7 @@ def still(near_ir: Numbers, **changed: Any) -> RecordedPulses:
         "frame": 0 * columns,
         "block": columns // (len(columns) // 2),
     }
-    return RecordedPulses(**given | changed)
+    return RecordedPulses(**fields | changed)
 
 
 def test_a_light_that_is_a_parabola_over_the_rows_has_no_gains() -> None:
@@ -107,9 +107,11 @@ def test_the_exponents_sigma_is_the_scatter_over_the_gains(size: float) -> None:
     Twice the gains with twice the rest tell the exponent as well. Smoothing takes some of both.
     """
     gains = size * (-1.0) ** np.arange(ROWS)
-    rest = 0.2 * size * np.where(np.arange(ROWS) // 2 % 2 == 0, 1.0, -1.0)
+    unrelated = 0.2 * size * np.where(np.arange(ROWS) // 2 % 2 == 0, 1.0, -1.0)
     flat = np.ones((1, 128))
-    pulses = still(400.0 * np.exp(gains)[:, None] * flat, signal=400.0 * np.exp(0.5 * gains + rest)[:, None] * flat)
+    pulses = still(
+        400.0 * np.exp(gains)[:, None] * flat, signal=400.0 * np.exp(0.5 * gains + unrelated)[:, None] * flat
+    )
     follows = fit_rows(pulses)
     assert follows is not None
     assert follows.follows is not None
@@ -118,8 +120,8 @@ def test_the_exponents_sigma_is_the_scatter_over_the_gains(size: float) -> None:
     # Weak rows, and steps between surfaces, tell nothing.
     weak = replace(pulses, signal=0.05 * np.asarray(pulses.signal))
     steps = replace(pulses, range_m=pulses.range_m * np.where(np.arange(ROWS) % 2 == 0, 1.0, 1.05)[:, None])
-    for other in (weak, steps):
-        untold = fit_rows(other)
+    for undecided in (weak, steps):
+        untold = fit_rows(undecided)
         assert untold is not None
         assert untold.follows is None
         assert untold.key is None

@@ -11,13 +11,13 @@ TEXT = catalog.path_of("sensors", "os0-128").read_text(encoding="utf-8")
 
 
 def written(**factors: float) -> tuple[str, tuple[str, ...]]:
-    given = {
+    estimates = {
         key.replace("__", "."): Estimate(
             key=key.replace("__", "."), value=value, unit="times", fisher=0.01, bootstrap=0.01
         )
         for key, value in factors.items()
     }
-    return scaled_text(TEXT, given, "drawn", "os0.toml")
+    return scaled_text(TEXT, estimates, "drawn", "os0.toml")
 
 
 def test_a_stretched_near_field_is_the_same_curve_farther_out() -> None:
@@ -33,11 +33,11 @@ def test_a_stretched_near_field_is_the_same_curve_farther_out() -> None:
         after.optics.overlap.share(1.3 * range_m), before.optics.overlap.share(range_m), atol=1e-4
     )
     # Of power, aperture squared: K. Of aperture times field: the background.
-    for of in (
-        lambda one: one.laser.peak_power_w * one.optics.aperture_radius_m**2,
-        lambda one: one.optics.aperture_radius_m / one.optics.focal_length_m,
+    for figure_of in (
+        lambda rated: rated.laser.peak_power_w * rated.optics.aperture_radius_m**2,
+        lambda rated: rated.optics.aperture_radius_m / rated.optics.focal_length_m,
     ):
-        assert of(after) == pytest.approx(of(before), rel=1e-5)
+        assert figure_of(after) == pytest.approx(figure_of(before), rel=1e-5)
 
 
 def test_what_does_not_go_with_the_rest_is_left_and_told() -> None:

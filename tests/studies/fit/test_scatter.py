@@ -67,10 +67,10 @@ def test_a_patch_counts_where_the_rings_around_it_are_smooth(upper: bool) -> Non
     """Of eight patches half stay: the four whose neighbours, above or below, are the smoothest of the two rings."""
     rough = np.array([1, 9, 2, 8, 3, 7, 4, 6]).reshape(4, 2, 1) * np.full(2, 1e-3)
     levels = np.full(4, 400.0)
-    own = np.arange(1.0, 9.0).reshape(4, 2, 1) * np.array([1e-2, 0.0])
+    residuals_m = np.arange(1.0, 9.0).reshape(4, 2, 1) * np.array([1e-2, 0.0])
     around = [ring_of(rough, levels), ring_of(np.full((4, 2, 2), 1e-5), levels)]
     above, below = around if upper else around[::-1]
-    squares, _, _ = scatter._patches(pulses_of_rings(above, ring_of(own, levels), below))
+    squares, _, _ = scatter._patches(pulses_of_rings(above, ring_of(residuals_m, levels), below))
     np.testing.assert_allclose(np.sort(squares), 1e-4 * np.array([1.0, 3.0, 5.0, 7.0]) ** 2, rtol=1e-6)
 
 
@@ -93,15 +93,15 @@ def test_patches_of_two_blocks_of_edges_and_of_weak_light_do_not_count() -> None
 
 def test_scatter_in_millimetres_and_ratios_over_the_law() -> None:
     """c = 200 mm and a floor of 5 mm; at 1600 photons 5 mm each way, 7.07 mm together."""
-    made = Scatter(
+    scatter_fit = Scatter(
         solved=Solution(value=np.array([0.2**2, 0.005**2]), slope=1e12 * np.eye(2), scores=np.zeros((4, 2))),
         fitted=np.zeros((0, 3)),
         held_out=np.array([[1600.0, 0.005 * np.sqrt(2.0) * 1.2, 25.0]]),
     )
-    assert [estimate.value for estimate in made.estimates] == pytest.approx([200.0, 5.0])
+    assert [estimate.value for estimate in scatter_fit.estimates] == pytest.approx([200.0, 5.0])
     # 25 patches give a deviation to 10 %.
     law_m = 0.005 * np.sqrt(2.0)
-    np.testing.assert_allclose(made.octaves, [[1600.0, 1.2 * law_m, law_m, 0.1]])
+    np.testing.assert_allclose(scatter_fit.octaves, [[1600.0, 1.2 * law_m, law_m, 0.1]])
 
 
 def test_held_out_patches_are_judged_by_the_law_of_the_others() -> None:
@@ -113,10 +113,10 @@ def test_held_out_patches_are_judged_by_the_law_of_the_others() -> None:
     share = (np.arange(20) + 0.5) / 20
     ring = np.sqrt(-2.0 * np.log1p(-share)) * 0.01
     turn = np.linspace(0.0, 2.0 * np.pi, 20, endpoint=False) * 7.0
-    each = np.stack([ring * np.cos(turn), ring * np.sin(turn)], axis=-1)
+    residuals_of_turns = np.stack([ring * np.cos(turn), ring * np.sin(turn)], axis=-1)
     blocks = 64
     order = np.argsort((np.arange(4 * blocks) * 7919) % (4 * blocks))
-    residuals = each[order % 20].reshape(2 * blocks, 2, 2)
+    residuals = residuals_of_turns[order % 20].reshape(2 * blocks, 2, 2)
     residuals = residuals * np.where(np.arange(2 * blocks) // 2 % 4 == 3, 2.0, 1.0)[:, None, None]
     levels = np.full(2 * blocks, 400.0)
     smooth = ring_of(np.full((2 * blocks, 2, 2), 1e-5), levels)

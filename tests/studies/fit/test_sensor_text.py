@@ -20,7 +20,7 @@ def estimate(key: str, value: float, sigma: float = 0.01) -> Estimate:
 
 
 def fitted(text: str, *estimates: Estimate, rows: RowGains | None = None) -> tuple[str, tuple[str, ...]]:
-    return fitted_text(text, {one.key: one for one in estimates}, "drawn", "unit.toml", rows=rows)
+    return fitted_text(text, {estimate.key: estimate for estimate in estimates}, "drawn", "unit.toml", rows=rows)
 
 
 def test_one_lens_moves_with_the_power_that_makes_up_for_it() -> None:

@@ -28,24 +28,24 @@ def test_the_filter_scatters_so_much_at_one_signal() -> None:
     filtered, boxed = np.zeros(count), np.zeros(count)
     for mean, place in ((noise, lambda n: random.uniform(-half, half, n)), (photons, random.standard_normal)):
         number = random.poisson(mean, count)
-        at, of = place(number.sum()), np.repeat(np.arange(count), number)
-        filtered += np.bincount(of, SCALE * np.exp(-0.5 * (at / TEMPLATE) ** 2), minlength=count)
-        boxed += np.bincount(of, (np.abs(at) < BOX) / BOX_SHARE, minlength=count)
+        offsets, pulse_index = place(number.sum()), np.repeat(np.arange(count), number)
+        filtered += np.bincount(pulse_index, SCALE * np.exp(-0.5 * (offsets / TEMPLATE) ** 2), minlength=count)
+        boxed += np.bincount(pulse_index, (np.abs(offsets) < BOX) / BOX_SHARE, minlength=count)
     slope = np.cov(filtered, boxed)[0, 1] / np.var(boxed)
-    left = np.var(filtered - slope * boxed)
-    assert filter_variance(SENSOR, photons=photons, near_ir=near_ir) == pytest.approx(left, rel=0.03)
+    unexplained = np.var(filtered - slope * boxed)
+    assert filter_variance(SENSOR, photons=photons, near_ir=near_ir) == pytest.approx(unexplained, rel=0.03)
 
 
 def test_the_spread_is_what_is_left_of_the_width() -> None:
-    def of(width: float) -> Threshold:
+    def threshold_of_width(width: float) -> Threshold:
         solved = Solution(value=np.array([1.0, -8.0, 0.0]) / width, slope=1e6 * np.eye(3), scores=np.zeros((4, 3)))
         return Threshold(solved=solved, near_ir=400.0, shares=np.zeros((0, 3)))
 
-    own = filter_variance(SENSOR, photons=8.0, near_ir=400.0)
-    found = of(2.0).spread(SENSOR)
-    assert found is not None
-    assert found.value == pytest.approx(math.sqrt((2.0 * NORMAL) ** 2 - own))
-    assert of(0.9 * math.sqrt(own) / NORMAL).spread(SENSOR) is None
+    variance = filter_variance(SENSOR, photons=8.0, near_ir=400.0)
+    spread = threshold_of_width(2.0).spread(SENSOR)
+    assert spread is not None
+    assert spread.value == pytest.approx(math.sqrt((2.0 * NORMAL) ** 2 - variance))
+    assert threshold_of_width(0.9 * math.sqrt(variance) / NORMAL).spread(SENSOR) is None
 
 
 def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:
@@ -128,8 +128,8 @@ def test_the_error_is_that_of_the_blocks_that_were_not_fitted() -> None:
     sweep = drawn_sweep(drawn_truth(0), 0)
     held_out = np.arange(sweep.shape[1]) // 20 % 4 == 3
     plain = fit_threshold(gather_pulses([sweep]))
-    other = fit_threshold(gather_pulses([replace(sweep, signal=np.asarray(sweep.signal) + 6.0 * held_out)]))
+    brighter = fit_threshold(gather_pulses([replace(sweep, signal=np.asarray(sweep.signal) + 6.0 * held_out)]))
     assert plain is not None
-    assert other is not None
-    np.testing.assert_allclose(other.solved.value, plain.solved.value, rtol=0.05)
-    assert other.error > 4.0 * plain.error
+    assert brighter is not None
+    np.testing.assert_allclose(brighter.solved.value, plain.solved.value, rtol=0.05)
+    assert brighter.error > 4.0 * plain.error

@@ -64,8 +64,8 @@ def test_a_table_is_continued() -> None:
     """Before its first bin as between the first two, beyond the last as the square of the range."""
     gauge = ReflectivityGauge(field="signal", range_m=np.array([5.0, 10.0]), per_count=np.array([1e-3, 2e-3]))
     sweep = room_sweep(signal=np.full((24, 360), 100.0))
-    found = [float(gauge.apparent(sweep, np.full(sweep.shape, at))[0, 0]) for at in (2.5, 5.0, 20.0)]
-    assert found == pytest.approx([0.05, 0.1, 0.8])
+    reflectivities = [float(gauge.apparent(sweep, np.full(sweep.shape, range_m))[0, 0]) for range_m in (2.5, 5.0, 20.0)]
+    assert reflectivities == pytest.approx([0.05, 0.1, 0.8])
 
 
 def test_without_strengths_there_is_no_gauge() -> None:
@@ -77,8 +77,8 @@ def test_an_echo_without_a_range_was_dropped() -> None:
     range_m, reflectivity = np.array(plain.range_m), np.array(plain.reflectivity)
     range_m[3, :2] = np.nan
     reflectivity[3, 1] = 0.0
-    found = withheld_mask(room_sweep(range_m=range_m, reflectivity=reflectivity))
-    assert np.argwhere(found).tolist() == [[3, 0]]
+    withheld = withheld_mask(room_sweep(range_m=range_m, reflectivity=reflectivity))
+    assert np.argwhere(withheld).tolist() == [[3, 0]]
 
 
 @pytest.mark.parametrize("reported", [200.0, 2.0])

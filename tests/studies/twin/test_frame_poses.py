@@ -27,9 +27,9 @@ def test_own_poses_are_told_from_the_first_frame() -> None:
 def test_frames_without_poses_are_laid_on_each_other(open3d: Any) -> None:
     """Rationale: a room fixes all six numbers; 10 mm of noise over some hundred voxels leave a few millimetres."""
     sweeps = {0: room_sweep(noise_m=0.01), 1: room_sweep(pose=MOVED, noise_m=0.01, seed=1)}
-    found = place_frames(sweeps, 0)[1]
-    assert np.abs(found.position_m - MOVED.position_m).max() < 0.03
-    assert angles_deg(found) == pytest.approx(angles_deg(MOVED), abs=0.2)
+    pose = place_frames(sweeps, 0)[1]
+    assert np.abs(pose.position_m - MOVED.position_m).max() < 0.03
+    assert angles_deg(pose) == pytest.approx(angles_deg(MOVED), abs=0.2)
 
 
 def test_frames_are_laid_on_the_one_before_and_chained(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -40,9 +40,9 @@ def test_frames_are_laid_on_the_one_before_and_chained(monkeypatch: pytest.Monke
     }
     pairs = []
 
-    def laid(cloud: int, on: int) -> Pose:
-        pairs.append((cloud, on))
-        return truth[on].inverse() @ truth[cloud]
+    def laid(cloud: int, target: int) -> Pose:
+        pairs.append((cloud, target))
+        return truth[target].inverse() @ truth[cloud]
 
     sweeps = {number: room_sweep(metadata={"frame": str(number)}) for number in truth}
     monkeypatch.setattr(frame_poses, "_thin", lambda sweep: int(sweep.metadata["frame"]))

@@ -23,7 +23,7 @@ def pulses(seed: int = 5, **changed: Any) -> MatchedPulses:
     change_m = rng.normal(0.0, 0.02, N)
     true_m = np.linspace(5.0, 40.0, N)
     signal = 8000.0 / true_m**2 + 15.0
-    given: dict[str, Any] = {
+    fields: dict[str, Any] = {
         "angle_rad": np.zeros(N),
         "ring": np.arange(N) % 8,
         "signal": signal,
@@ -38,10 +38,10 @@ def pulses(seed: int = 5, **changed: Any) -> MatchedPulses:
         "true_range_m": true_m,
         "kind": np.full(N, SMOOTH),
     }
-    return MatchedPulses(**given | changed)
+    return MatchedPulses(**fields | changed)
 
 
-def named(rows: Any, quantity: str) -> list[Held]:
+def rows_named(rows: Any, quantity: str) -> list[Held]:
     return [row for row in rows if row.quantity == quantity]
 
 
@@ -65,13 +65,13 @@ def test_spread_is_the_deviation_whatever_a_few_do() -> None:
 
 
 def test_scatter_is_told_by_octaves_and_fails_in_the_one_that_is_off() -> None:
-    one = pulses()
-    assert one.signal is not None
-    weak = one.signal < 32.0
-    found = named(
-        judge._ranges(pulses(simulated_change_m=one.simulated_change_m * np.where(weak, 2.0, 1.0))), "range, scatter"
+    base = pulses()
+    assert base.signal is not None
+    weak = base.signal < 32.0
+    rows = rows_named(
+        judge._ranges(pulses(simulated_change_m=base.simulated_change_m * np.where(weak, 2.0, 1.0))), "range, scatter"
     )
-    assert {row.condition: row.verdict for row in found} == {
+    assert {row.condition: row.verdict for row in rows} == {
         "signal 16 to 32": False,
         "signal 32 to 64": True,
         "signal 64 to 128": True,
@@ -81,16 +81,16 @@ def test_scatter_is_told_by_octaves_and_fails_in_the_one_that_is_off() -> None:
 
 
 def test_what_is_of_another_surface_has_no_bias() -> None:
-    one = pulses()
+    base = pulses()
     far = np.arange(N) % 3 == 0
-    (row,) = named(judge._ranges(pulses(range_m=one.range_m + 5.0 * far)), "range, bias")
+    (row,) = rows_named(judge._ranges(pulses(range_m=base.range_m + 5.0 * far)), "range, bias")
     assert row.verdict
 
 
 def test_signals_are_compared_by_range() -> None:
-    one = pulses()
-    (row,) = named(
-        judge._signals(pulses(simulated_signal=1.2 * one.simulated_signal)), "signal, mean error over the range"
+    base = pulses()
+    (row,) = rows_named(
+        judge._signals(pulses(simulated_signal=1.2 * base.simulated_signal)), "signal, mean error over the range"
     )
     assert row.value == pytest.approx(0.2, abs=0.02)
     assert row.verdict is False
@@ -99,33 +99,33 @@ def test_signals_are_compared_by_range() -> None:
 
 
 def test_points_and_the_worst_ring() -> None:
-    one = pulses()
-    lost = (one.ring == 3) & (np.arange(N) < N // 2)
-    found = list(judge._points(pulses(simulated_range_m=without(one.simulated_range_m, lost))))
-    (points,), (worst,) = named(found, "points"), named(found, "points per ring, worst")
+    base = pulses()
+    is_lost = (base.ring == 3) & (np.arange(N) < N // 2)
+    rows = list(judge._points(pulses(simulated_range_m=without(base.simulated_range_m, is_lost))))
+    (points,), (worst,) = rows_named(rows, "points"), rows_named(rows, "points per ring, worst")
     assert points.value == pytest.approx(-1.0 / 16.0)
     assert (worst.condition, worst.value, worst.verdict) == ("ring 3", pytest.approx(-0.5), False)
 
 
 def test_losses_count_on_surfaces_only_and_without_those_withheld() -> None:
-    one = pulses()
+    base = pulses()
     number = np.arange(N)
-    lost, withheld, sky = number < 400, number < 100, (number >= 100) & (number < 200)
+    is_lost, withheld, sky = number < 400, number < 100, (number >= 100) & (number < 200)
     kept_anyway = (number >= 200) & (number < 230)
-    found = list(
+    rows = list(
         judge._kept_quantities(
             pulses(
-                range_m=without(one.range_m, lost),
+                range_m=without(base.range_m, is_lost),
                 withheld=withheld,
                 kind=np.where(sky, NO_SURFACE, FILLED),
-                simulated_range_m=without(one.simulated_range_m, (number >= 230) & (number < 400)),
+                simulated_range_m=without(base.simulated_range_m, (number >= 230) & (number < 400)),
             )
         )
     )
-    (losses,) = named(found, "real losses on surfaces kept")
+    (losses,) = rows_named(rows, "real losses on surfaces kept")
     assert (losses.condition, losses.value) == ("of 200", pytest.approx(kept_anyway.sum() / 200.0))
-    (kept,) = named(found, "real returns kept")
-    assert (kept.value, kept.verdict) == (1.0, True)
+    (returns_kept,) = rows_named(rows, "real returns kept")
+    assert (returns_kept.value, returns_kept.verdict) == (1.0, True)
 
 
 def test_second_returns_by_share_and_least_separation() -> None:
@@ -147,12 +147,12 @@ def test_disagreement_is_held_to_that_of_two_real_frames() -> None:
     range_m[0, :36] = np.nan
     between = judge.disagreement(room_sweep(), room_sweep(range_m=range_m))
     assert between == pytest.approx(0.1 / 24.0)
-    one = pulses()
-    for share, met in ((0.03, True), (0.04, False)):
-        lost = np.arange(N) < share * N
-        found = judge._kept_quantities(pulses(simulated_range_m=without(one.simulated_range_m, lost)), between)
-        (row,) = named(found, "kept or lost otherwise than real")
-        assert (row.value, row.verdict) == (pytest.approx(share), met)
+    base = pulses()
+    for share, is_met in ((0.03, True), (0.04, False)):
+        is_lost = np.arange(N) < share * N
+        rows = judge._kept_quantities(pulses(simulated_range_m=without(base.simulated_range_m, is_lost)), between)
+        (row,) = rows_named(rows, "kept or lost otherwise than real")
+        assert (row.value, row.verdict) == (pytest.approx(share), is_met)
     assert judge.disagreement(room_sweep(), room_sweep(includes_lost=False)) is None
 
 
@@ -174,11 +174,11 @@ def test_the_bias_is_of_the_simulation_against_the_recording() -> None:
     assert value_of(rows, "range, double validation metric").value == pytest.approx(4.0)
 
 
-@pytest.mark.parametrize(("factor", "met"), [(0.75, False), (0.85, True), (1.2, True), (1.3, False)])
-def test_scatter_is_that_of_the_simulation_over_the_recorded(factor: float, met: bool) -> None:
+@pytest.mark.parametrize(("factor", "is_met"), [(0.75, False), (0.85, True), (1.2, True), (1.3, False)])
+def test_scatter_is_that_of_the_simulation_over_the_recorded(factor: float, is_met: bool) -> None:
     plain = pulses()
     row = value_of(judge._ranges(pulses(signal=None, simulated_change_m=factor * plain.change_m)), "range, scatter")
-    assert (row.value, row.verdict) == (pytest.approx(factor), met)
+    assert (row.value, row.verdict) == (pytest.approx(factor), is_met)
 
 
 def test_errors_of_the_signal_do_not_cancel_over_the_range() -> None:
@@ -187,24 +187,24 @@ def test_errors_of_the_signal_do_not_cancel_over_the_range() -> None:
     assert plain.signal is not None
     near = plain.true_range_m < np.median(plain.true_range_m)
     rows = list(judge._signals(fixed(simulated_signal=plain.signal * np.where(near, 1.3, 0.8))))
-    by_range = [row.value for row in named(rows, "signal, mean")]
+    by_range = [row.value for row in rows_named(rows, "signal, mean")]
     assert by_range == [pytest.approx(0.3, abs=1e-3)] * 4 + [pytest.approx(-0.2, abs=1e-3)] * 4
     assert value_of(rows, "signal, mean error over the range").value == pytest.approx(0.25, abs=1e-3)
-    for factor, met in ((1.14, True), (1.16, False), (0.86, True), (0.84, False)):
+    for factor, is_met in ((1.14, True), (1.16, False), (0.86, True), (0.84, False)):
         scaled = judge._signals(fixed(simulated_signal=factor * plain.signal))
-        assert value_of(scaled, "signal, mean error over the range").verdict is met
+        assert value_of(scaled, "signal, mean error over the range").verdict is is_met
 
 
 def test_the_simulated_signal_is_of_all_that_was_simulated() -> None:
     """Of every second pulse nothing was recorded; simulated it is three times as strong: the mean is doubled."""
     plain = fixed()
     assert plain.signal is not None
-    lost = np.arange(N) % 2 == 0
+    is_lost = np.arange(N) % 2 == 0
     rows = judge._signals(
         fixed(
-            range_m=without(plain.range_m, lost),
-            signal=np.where(lost, 0.0, plain.signal),
-            simulated_signal=plain.signal * np.where(lost, 3.0, 1.0),
+            range_m=without(plain.range_m, is_lost),
+            signal=np.where(is_lost, 0.0, plain.signal),
+            simulated_signal=plain.signal * np.where(is_lost, 3.0, 1.0),
         )
     )
     assert value_of(rows, "signal, mean").value == pytest.approx(1.0, abs=0.01)
@@ -218,7 +218,7 @@ def test_signals_that_go_against_each_other_correlate_with_minus_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("quantity", "lost_share", "met"),
+    ("quantity", "lost_share", "is_met"),
     [
         ("points", 0.04, True),
         ("points", 0.06, False),
@@ -228,15 +228,15 @@ def test_signals_that_go_against_each_other_correlate_with_minus_one() -> None:
         ("points per ring, worst", 0.11, False),
     ],
 )
-def test_limits_of_what_is_lost(quantity: str, lost_share: float, met: bool) -> None:
+def test_limits_of_what_is_lost(quantity: str, lost_share: float, is_met: bool) -> None:
     plain = fixed()
-    lost = (np.arange(N) // 8) % 100 < 100 * lost_share  # as many on each ring
-    thinned = fixed(simulated_range_m=without(plain.simulated_range_m, lost))
-    assert value_of([*judge._points(thinned), *judge._kept_quantities(thinned)], quantity).verdict is met
+    is_lost = (np.arange(N) // 8) % 100 < 100 * lost_share  # as many on each ring
+    thinned = fixed(simulated_range_m=without(plain.simulated_range_m, is_lost))
+    assert value_of([*judge._points(thinned), *judge._kept_quantities(thinned)], quantity).verdict is is_met
 
 
-@pytest.mark.parametrize(("kept_anyway", "met"), [(95, True), (105, False)])
-def test_of_real_losses_no_more_than_half_may_be_kept(kept_anyway: int, met: bool) -> None:
+@pytest.mark.parametrize(("kept_anyway", "is_met"), [(95, True), (105, False)])
+def test_of_real_losses_no_more_than_half_may_be_kept(kept_anyway: int, is_met: bool) -> None:
     plain, number = fixed(), np.arange(N)
     rows = judge._kept_quantities(
         fixed(
@@ -244,51 +244,53 @@ def test_of_real_losses_no_more_than_half_may_be_kept(kept_anyway: int, met: boo
             simulated_range_m=without(plain.simulated_range_m, (number >= kept_anyway) & (number < 200)),
         )
     )
-    assert value_of(rows, "real losses on surfaces kept").verdict is met
+    assert value_of(rows, "real losses on surfaces kept").verdict is is_met
 
 
-@pytest.mark.parametrize(("angle_deg", "met"), [(0.009, True), (0.011, False)])
-def test_beams_agree_to_a_hundredth_of_a_degree(angle_deg: float, met: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("angle_deg", "is_met"), [(0.009, True), (0.011, False)])
+def test_beams_agree_to_a_hundredth_of_a_degree(
+    angle_deg: float, is_met: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in ("_ranges", "_signals", "_points", "_second"):
         monkeypatch.setattr(judge, name, lambda *_: ())
     monkeypatch.setattr(judge, "_ground", lambda *_: ())
     rows = judge.twin_quantities(fixed(angle_rad=np.full(N, np.radians(angle_deg))), room_sweep(), None)  # type: ignore[arg-type]
     row = value_of(rows, "beam direction")
-    assert (row.value, row.verdict) == (pytest.approx(angle_deg), met)
+    assert (row.value, row.verdict) == (pytest.approx(angle_deg), is_met)
 
 
-@pytest.mark.parametrize(("farthest_m", "met"), [(43.0, True), (41.0, False), (57.0, True), (58.0, False)])
+@pytest.mark.parametrize(("farthest_m", "is_met"), [(43.0, True), (41.0, False), (57.0, True), (58.0, False)])
 def test_the_farthest_ground_is_held_to_15_per_cent(
-    farthest_m: float, met: bool, monkeypatch: pytest.MonkeyPatch
+    farthest_m: float, is_met: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of several returns of a pulse only the first counts; the height above the ground is not what is compared."""
-    seen: list[Numbers] = []
+    clouds: list[Numbers] = []
 
     def ground(xyz_m: Numbers) -> tuple[float, float, float]:
-        seen.append(xyz_m)
-        return (1.8, 50.0, 0.4) if len(seen) == 1 else (0.9, farthest_m, 0.1)
+        clouds.append(xyz_m)
+        return (1.8, 50.0, 0.4) if len(clouds) == 1 else (0.9, farthest_m, 0.1)
 
     monkeypatch.setattr(judge, "measure_ground", ground)
     cloud = small_cloud(n=8, return_number=np.array([1, 2, 1, 1, 3, 1, 2, 1], np.uint8))
     (row,) = judge._ground(room_sweep(), cloud)
-    assert (row.value, row.verdict) == (pytest.approx(farthest_m / 50.0 - 1.0), met)
-    assert len(seen[1]) == 5
+    assert (row.value, row.verdict) == (pytest.approx(farthest_m / 50.0 - 1.0), is_met)
+    assert len(clouds[1]) == 5
 
 
 @pytest.mark.parametrize(
-    ("every", "gap_m", "share_met", "gap_met"),
+    ("period", "gap_m", "share_met", "gap_met"),
     [(14, 0.90, True, True), (16, 1.10, False, True), (10, 1.20, True, False), (6, 0.80, False, False)],
 )
-def test_limits_of_second_returns(every: int, gap_m: float, share_met: bool, gap_met: bool) -> None:
+def test_limits_of_second_returns(period: int, gap_m: float, share_met: bool, gap_met: bool) -> None:
     """Every tenth recorded pulse has a second return, a metre apart at least; shares to 1.5, gaps to 15 %."""
     number = np.arange(N)
     share, gap = judge._second(
         fixed(
             gap_m=np.where(number % 10 == 0, 1.0 + (number > 1000), np.nan),
-            simulated_gap_m=np.where(number % every == 0, gap_m + (number > 1000), np.nan),
+            simulated_gap_m=np.where(number % period == 0, gap_m + (number > 1000), np.nan),
         )
     )
-    assert (share.value, share.verdict) == (pytest.approx(10.0 / every, rel=0.01), share_met)
+    assert (share.value, share.verdict) == (pytest.approx(10.0 / period, rel=0.01), share_met)
     assert (gap.value, gap.verdict) == (pytest.approx(gap_m - 1.0), gap_met)
 
 
@@ -301,7 +303,7 @@ def test_frames_are_told_apart_by_the_pulses_that_both_recorded() -> None:
     assert judge.disagreement(room_sweep(recorded=recorded), room_sweep(range_m=range_m)) == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize(("bias_mm", "met"), [(9.9, True), (10.1, False), (-9.9, True), (-10.1, False)])
-def test_ten_millimetres_of_bias_either_way(bias_mm: float, met: bool) -> None:
+@pytest.mark.parametrize(("bias_mm", "is_met"), [(9.9, True), (10.1, False), (-9.9, True), (-10.1, False)])
+def test_ten_millimetres_of_bias_either_way(bias_mm: float, is_met: bool) -> None:
     rows = judge._ranges(fixed(simulated_range_m=fixed().true_range_m + 1e-3 * bias_mm))
-    assert value_of(rows, "range, bias").verdict is met
+    assert value_of(rows, "range, bias").verdict is is_met

@@ -29,7 +29,7 @@ from lidarscene.studies.twin.surfels import SMOOTH
 from lidarscene.studies.twin.twin_files import COLUMNS, TwinFrames, build_twin
 from lidarscene.studies.twin.twin_page import compare_twin
 
-Made = tuple[Recording, Path, Sensor]
+RoomTwin = tuple[Recording, Path, Sensor]
 
 
 def scene_of_room() -> Scene:
@@ -39,7 +39,7 @@ def scene_of_room() -> Scene:
         for name, value in zip(("ends", "sides", "ground"), REFLECTIVITY, strict=True)
     }
     bodies = []
-    for number, (yaw, away, width) in enumerate(
+    for number, (yaw, distance_m, width) in enumerate(
         (
             (0.0, HALF_M[0], HALF_M[1]),
             (180.0, HALF_M[0], HALF_M[1]),
@@ -48,7 +48,7 @@ def scene_of_room() -> Scene:
         )
     ):
         vertices, faces = plane_mesh(size_m=(20.0, 2.0 * width))
-        pose = Pose.from_degrees(yaw_deg=yaw) @ Pose.from_degrees(position_m=(away, 0.0, 0.0), pitch_deg=90.0)
+        pose = Pose.from_degrees(yaw_deg=yaw) @ Pose.from_degrees(position_m=(distance_m, 0.0, 0.0), pitch_deg=90.0)
         part = Part(vertices_m=vertices, faces=faces, material="ends" if number < 2 else "sides")
         bodies.append(Body(name=f"wall{number}", class_name="wall", parts=(part,), pose=pose))
     vertices, faces = plane_mesh(size_m=(2.0 * HALF_M[0], 2.0 * HALF_M[1]))
@@ -61,10 +61,10 @@ def scene_of_room() -> Scene:
 
 def recorded(scene: Scene, sensor: Sensor) -> Sweep:
     """What the sensor records of a scene, as its maker would have it."""
-    seen: list[Any] = []
-    cloud = Simulator(scene, sensor).render(seed=3, points=lambda pulse, _: seen.append(pulse))
-    pulse = np.concatenate(seen).astype(int)
-    every = np.arange(sensor.scanner.pulses, dtype=np.uint32)
+    pulses_of_points: list[Any] = []
+    cloud = Simulator(scene, sensor).render(seed=3, points=lambda pulse, _: pulses_of_points.append(pulse))
+    pulse = np.concatenate(pulses_of_points).astype(int)
+    pulses = np.arange(sensor.scanner.pulses, dtype=np.uint32)
     rows, columns = sensor.scanner.line_pulses, sensor.scanner.pulses // sensor.scanner.line_pulses
 
     def laid(values: Any, where: Any = None) -> Any:
@@ -72,12 +72,12 @@ def recorded(scene: Scene, sensor: Sensor) -> Sweep:
         flat[slice(None) if where is None else where] = values
         return np.moveaxis(flat.reshape(columns, rows, *flat.shape[1:]), 0, 1)
 
-    start = sensor.scanner.offset_m(every)
+    start = sensor.scanner.offset_m(pulses)
     assert start is not None
     return Sweep(
         range_m=laid(cloud.range_m, pulse),
         recorded=np.ones((rows, columns), bool),
-        direction=laid(np.stack([np.asarray(x, float) for x in sensor.scanner.direction(every)], axis=-1)),
+        direction=laid(np.stack([np.asarray(x, float) for x in sensor.scanner.direction(pulses)], axis=-1)),
         origin_m=laid(np.stack([np.asarray(x, float) for x in start], axis=-1)),
         signal=laid(cloud.signal, pulse),
         reflectivity=laid(cloud.intensity, pulse),
@@ -86,35 +86,35 @@ def recorded(scene: Scene, sensor: Sensor) -> Sweep:
 
 
 @pytest.fixture(scope="module")
-def made(mi: Any, tmp_path_factory: pytest.TempPathFactory) -> Made:
+def room_twin(mi: Any, tmp_path_factory: pytest.TempPathFactory) -> RoomTwin:
     """A recording of the room, its twin made of every second column, and the sensor."""
     folder = tmp_path_factory.mktemp("twin")
     unit = unit_json(folder / "unit.json")
     write_unit(read_unit(unit), unit, folder / "unit.toml")
     sensor = load_sensor(str(folder / "unit.toml"))
     recording = recording_of(folder / "unit.pcap", recorded(scene_of_room(), sensor))
-    told = build_twin(recording, TwinFrames(frames=(0,), held_out=COLUMNS), folder / "twin")
-    assert "reflectivities: by the recording's signal" in told
+    printed = build_twin(recording, TwinFrames(frames=(0,), held_out=COLUMNS), folder / "twin")
+    assert "reflectivities: by the recording's signal" in printed
     return recording, folder / "twin", sensor
 
 
 @pytest.fixture(scope="module")
-def pulses(made: Made) -> MatchedPulses:
-    recording, folder, _ = made
+def pulses(room_twin: RoomTwin) -> MatchedPulses:
+    recording, folder, _ = room_twin
     scene = load_scene(folder / "scene.toml")
     sweep = select_columns(recording[0], slice(1, None, 2))
     return simulate_pulses(scene, load_sensor(scene.sensor_name), sweep)[0]
 
 
-def test_ranges_agree_with_the_room_to_millimetres(made: Made, pulses: MatchedPulses) -> None:
+def test_ranges_agree_with_the_room_to_millimetres(room_twin: RoomTwin, pulses: MatchedPulses) -> None:
     """Rationale: planes of 15 noisy pixels are sure to some 5 mm; the median over thousands to 1 mm."""
-    recording, _, _ = made
+    recording, _, _ = room_twin
     sweep = select_columns(recording[0], slice(1, None, 2))
     assert sweep.origin_m is not None
     truth_m, _, _ = zip(
         *(
-            room(one[None], Pose(position_m=start))
-            for one, start in zip(
+            room(direction[None], Pose(position_m=start))
+            for direction, start in zip(
                 sweep.direction.reshape(-1, 3)[::50], sweep.origin_m.reshape(-1, 3)[::50], strict=True
             )
         ),
@@ -128,15 +128,15 @@ def test_ranges_agree_with_the_room_to_millimetres(made: Made, pulses: MatchedPu
 
 def test_signals_agree_to_per_cent(pulses: MatchedPulses) -> None:
     """The reflectivities are right: the same sensor has the same photons from the twin as from the room."""
-    both = pulses.has_return & pulses.has_simulated_return & (pulses.kind == SMOOTH)
+    has_both = pulses.has_return & pulses.has_simulated_return & (pulses.kind == SMOOTH)
     assert pulses.signal is not None
-    ratio = pulses.simulated_signal[both].sum() / pulses.signal[both].sum()
+    ratio = pulses.simulated_signal[has_both].sum() / pulses.signal[has_both].sum()
     assert ratio == pytest.approx(1.0, abs=0.03)
 
 
-def test_a_sensor_is_held_to_its_own_recording(made: Made, pulses: MatchedPulses) -> None:
+def test_a_sensor_is_held_to_its_own_recording(room_twin: RoomTwin, pulses: MatchedPulses) -> None:
     """Rationale: whoever recorded is who simulates, so the limits for real sensors are met with ease."""
-    recording, folder, sensor = made
+    recording, folder, sensor = room_twin
     scene = load_scene(folder / "scene.toml")
     cloud = Simulator(scene, sensor).render()
     rows = twin_quantities(pulses, recording[0], cloud)
@@ -147,56 +147,56 @@ def test_a_sensor_is_held_to_its_own_recording(made: Made, pulses: MatchedPulses
     }
 
 
-def test_another_sensor_is_not(made: Made) -> None:
+def test_another_sensor_is_not(room_twin: RoomTwin) -> None:
     """Half of the light: signals are off, and the page says so."""
-    recording, folder, _ = made
+    recording, folder, _ = room_twin
     scene = load_scene(folder / "scene.toml")
     weak = load_sensor(scene.sensor_name, overrides=["laser.peak_power_w=0.1"])
-    found, cloud = simulate_pulses(scene, weak, recording[0])
-    failed = {row.quantity for row in twin_quantities(found, recording[0], cloud) if row.verdict is False}
+    matched, cloud = simulate_pulses(scene, weak, recording[0])
+    failed = {row.quantity for row in twin_quantities(matched, recording[0], cloud) if row.verdict is False}
     assert "signal, mean error over the range" in failed
 
 
-def test_page_and_numbers(made: Made, tmp_path: Path) -> None:
-    recording, folder, _ = made
+def test_page_and_numbers(room_twin: RoomTwin, tmp_path: Path) -> None:
+    recording, folder, _ = room_twin
     text = compare_twin(folder / "scene.toml", recording, tmp_path / "page")
     (first, *_) = text.splitlines()
     assert first.startswith("The twin meets all ")
     assert "every second column" in text
-    told = json.loads((tmp_path / "page" / "twin.json").read_text())
-    assert told["verdict"] == first
+    report = json.loads((tmp_path / "page" / "twin.json").read_text())
+    assert report["verdict"] == first
     assert first in (tmp_path / "page" / "index.html").read_text().partition("<table>")[0]
-    assert all(row["value"] is not None or row["real"] is not None for row in told["rows"])
-    assert told["twin"]["held_out"] == COLUMNS
-    assert {"quantity", "value", "low", "high", "met"} <= told["rows"][0].keys()
+    assert all(row["value"] is not None or row["real"] is not None for row in report["rows"])
+    assert report["twin"]["held_out"] == COLUMNS
+    assert {"quantity", "value", "low", "high", "met"} <= report["rows"][0].keys()
     assert "data:image/png" in (tmp_path / "page" / "index.html").read_text()
     with pytest.raises(InputError, match="--frame 7: must be one of 0"):
         compare_twin(folder / "scene.toml", recording, tmp_path / "other", frame=7)
 
 
-def test_a_list_of_points_is_compared_by_its_statistics(made: Made, open3d: Any, tmp_path: Path) -> None:
+def test_a_list_of_points_is_compared_by_its_statistics(room_twin: RoomTwin, open3d: Any, tmp_path: Path) -> None:
     """Rationale: without rows and lost pulses nothing can be matched; what can be counted is."""
-    recording, folder, _ = made
+    recording, folder, _ = room_twin
     sweep = recording[0]
-    there = sweep.has_return
+    has_return = sweep.has_return
     listed = Sweep(
-        range_m=sweep.range_m[there],
-        direction=sweep.direction[there],
-        recorded=np.ones(there.sum(), bool),
-        intensity=np.asarray(sweep.reflectivity)[there],
+        range_m=sweep.range_m[has_return],
+        direction=sweep.direction[has_return],
+        recorded=np.ones(has_return.sum(), bool),
+        intensity=np.asarray(sweep.reflectivity)[has_return],
         metadata={"format": "kitti"},
     )
     of_list = recording_of(tmp_path / "0.bin", listed)
-    said = build_twin(of_list, TwinFrames(frames=(0,)), tmp_path / "twin", sensor=str(folder / "sensor.toml"))
-    assert "scaled to a median of 0.2, since its unit is not known" in said
+    printed = build_twin(of_list, TwinFrames(frames=(0,)), tmp_path / "twin", sensor=str(folder / "sensor.toml"))
+    assert "scaled to a median of 0.2, since its unit is not known" in printed
     text = compare_twin(tmp_path / "twin" / "scene.toml", of_list, tmp_path / "page")
     points = next(line.split() for line in text.splitlines() if line.startswith("points "))
     # The quads of a list do not meet at edges, and cover no corner.
     assert int(points[1].replace(",", "")) == pytest.approx(int(points[2].replace(",", "")), rel=0.1)
 
 
-def test_other_beams_are_refused(made: Made) -> None:
-    recording, _, sensor = made
+def test_other_beams_are_refused(room_twin: RoomTwin) -> None:
+    recording, _, sensor = room_twin
     sweep = recording[0]
     with pytest.raises(InputError, match="must have 12 channels"):
         match_pulses(
@@ -264,18 +264,18 @@ def test_ranges_count_from_the_simulated_exit() -> None:
     assert start is not None
     exit_m = np.stack([np.asarray(x, float) for x in start], axis=-1)[numbers]
     shape = direction.shape[:2]
-    same, middle = (
+    from_exit, middle = (
         Sweep(range_m=np.full(shape, 10.0), recorded=np.ones(shape, bool), direction=direction, origin_m=origin_m)
         for origin_m in (exit_m, None)
     )
-    np.testing.assert_allclose(ranges_from_exit(sensor, same, numbers), 10.0, rtol=1e-6)  # beams are single
+    np.testing.assert_allclose(ranges_from_exit(sensor, from_exit, numbers), 10.0, rtol=1e-6)  # beams are single
     ahead_m = np.einsum("...i,...i", exit_m, direction)
     assert np.median(ahead_m) > 0.005
     np.testing.assert_allclose(ranges_from_exit(sensor, middle, numbers), 10.0 - ahead_m, rtol=1e-6)
 
 
 def test_changes_are_of_smooth_surfaces_and_gaps_have_no_sign(
-    made: Made, pulses: MatchedPulses, monkeypatch: pytest.MonkeyPatch
+    room_twin: RoomTwin, pulses: MatchedPulses, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A recording whose stronger return comes first has farther and nearer second ones, all a metre apart.
 
@@ -293,11 +293,13 @@ def test_changes_are_of_smooth_surfaces_and_gaps_have_no_sign(
         assert np.all(pulses.kind[np.isfinite(changes)] == SMOOTH)
     assert np.any(pulses.has_return & pulses.has_simulated_return & (pulses.kind != SMOOTH))
     assert not np.allclose(pulses.change_m, pulses.simulated_change_m, equal_nan=True)
-    recording, folder, sensor = made
+    recording, folder, sensor = room_twin
     sweep = recording[0]
     nearer = np.where(np.arange(sweep.shape[1]) % 2 == 0, -1.0, 1.0)
-    lost = np.arange(sweep.shape[1]) % 8 == 0
-    two = replace(sweep, second=Second(range_m=sweep.range_m + nearer), range_m=np.where(lost, np.nan, sweep.range_m))
+    is_lost = np.arange(sweep.shape[1]) % 8 == 0
+    two = replace(
+        sweep, second=Second(range_m=sweep.range_m + nearer), range_m=np.where(is_lost, np.nan, sweep.range_m)
+    )
     laid, _ = simulate_pulses(load_scene(folder / "scene.toml"), sensor, two)
     assert steps == [2, 2]
     assert len(laid.range_m) == sweep.range_m.size
@@ -307,16 +309,18 @@ def test_changes_are_of_smooth_surfaces_and_gaps_have_no_sign(
 
 
 @pytest.mark.parametrize(("stops", "rays"), [(1, 1), (2, 16)])
-def test_a_second_return_needs_several_rays(made: Made, stops: int, rays: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = []
+def test_a_second_return_needs_several_rays(
+    room_twin: RoomTwin, stops: int, rays: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rays_traced = []
 
     def traced(*_: Any, **options: Any) -> None:
-        seen.append(options["rays"])
+        rays_traced.append(options["rays"])
         raise InputError("enough")
 
     monkeypatch.setattr(twin_pulses, "Simulator", traced)
-    recording, folder, sensor = made
+    recording, folder, sensor = room_twin
     several = replace(sensor, tdc=replace(sensor.tdc, stops=stops))
     with pytest.raises(InputError, match="enough"):
         simulate_pulses(load_scene(folder / "scene.toml"), several, recording[0])
-    assert seen == [rays]
+    assert rays_traced == [rays]

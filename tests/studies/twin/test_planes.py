@@ -63,8 +63,8 @@ def test_a_pole_before_a_wall_is_none_of_it() -> None:
     range_m = np.array(sweep.range_m)
     range_m[:, 100] = 3.0
     planes = fit_planes(align_columns(room_sweep(range_m=range_m)))
-    beside, pole = planes.range_m[:8, 98], planes.range_m[:8, 100]
-    assert np.abs(beside - range_m[:8, 98]).max() < 0.02
+    wall_m, pole = planes.range_m[:8, 98], planes.range_m[:8, 100]
+    assert np.abs(wall_m - range_m[:8, 98]).max() < 0.02
     assert not np.any(np.abs(pole - 3.0) > 0.1)
 
 
@@ -137,8 +137,8 @@ def test_a_slanted_pole_is_no_plane() -> None:
     grid = align_columns(room_sweep(range_m=range_m))
     planes = fit_planes(grid)
     rings = slice(4, 12)
-    there = planes.has_plane[rings, 100]
-    np.testing.assert_allclose(planes.normal[rings, 100][there], -grid.sweep.direction[rings, 100][there])
+    has_plane = planes.has_plane[rings, 100]
+    np.testing.assert_allclose(planes.normal[rings, 100][has_plane], -grid.sweep.direction[rings, 100][has_plane])
 
 
 @pytest.mark.parametrize(("tilt_deg", "smooth"), [(7.5, True), (8.5, False)])

@@ -24,7 +24,7 @@ from lidarscene.studies.twin.surfels import (
 GROUND_PLANE = np.array([-HEIGHT_M, 0.0, 0.0])
 
 
-def made(sweep: Sweep, ground: Numbers | None = None) -> Surfels:
+def surfels_of(sweep: Sweep, ground: Numbers | None = None) -> Surfels:
     return surfels_of_grid(align_columns(sweep), ReflectivityGauge.from_sweep(sweep), ground)
 
 
@@ -40,7 +40,7 @@ def off_room_m(corners_m: Numbers) -> Numbers:
 
 def test_quads_lie_on_the_room_and_are_as_wide_as_pixels() -> None:
     """Rationale: off corners the fit is exact, and all that remains is rounding."""
-    quads = made(room_sweep())
+    quads = surfels_of(room_sweep())
     assert len(quads) == RINGS * COLUMNS
     smooth = quads.corners_m[quads.kind == SMOOTH]
     assert np.quantile(off_room_m(smooth), 0.9) < 1e-4
@@ -53,12 +53,12 @@ def test_quads_lie_on_the_room_and_are_as_wide_as_pixels() -> None:
 def test_a_hole_is_filled_no_brighter_than_the_lost_pulse_allows() -> None:
     """The lost pulse reported a tenth of its neighbours' signal, half of which may be its echo."""
     plain = room_sweep()
-    range_m, signal, reflectivity = (np.array(one) for one in (plain.range_m, plain.signal, plain.reflectivity))
+    range_m, signal, reflectivity = (np.array(values) for values in (plain.range_m, plain.signal, plain.reflectivity))
     range_m[6, 45], signal[6, 45], reflectivity[6, 45] = np.nan, 0.1 * signal[6, 45], 0.0
-    quads = made(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity))
+    quads = surfels_of(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity))
     assert kinds(quads)[FILLED] == 1
-    here = quads.corners_m[quads.kind == FILLED].mean(axis=(0, 1))
-    near = np.linalg.norm(quads.corners_m.mean(axis=1) - here, axis=1)
+    hole_m = quads.corners_m[quads.kind == FILLED].mean(axis=(0, 1))
+    near = np.linalg.norm(quads.corners_m.mean(axis=1) - hole_m, axis=1)
     neighbours = quads.reflectivity[(near < 0.5) & (quads.kind == SMOOTH)]
     assert quads.reflectivity[quads.kind == FILLED][0] == pytest.approx(0.05 * np.median(neighbours), rel=0.05)
 
@@ -79,12 +79,12 @@ def test_a_hole_wider_than_its_neighbours_in_the_row_is_as_bright_as_those_above
         changed["signal"] = None
     if strength == "intensity":
         changed["reflectivity"] = None
-    quads = made(room_sweep(**changed))
+    quads = surfels_of(room_sweep(**changed))
     assert kinds(quads)[BRIGHT] == 0
     assert kinds(quads)[FILLED] == 16
     filled = quads.kind == FILLED
-    here = quads.corners_m[filled].mean(axis=(0, 1))
-    near = np.linalg.norm(quads.corners_m.mean(axis=1) - here, axis=1) < 3.0
+    hole_m = quads.corners_m[filled].mean(axis=(0, 1))
+    near = np.linalg.norm(quads.corners_m.mean(axis=1) - hole_m, axis=1) < 3.0
     wall = np.median(quads.reflectivity[near & (quads.kind == SMOOTH)])
     # Neighbours are up to 12 degrees off the wall's normal, whose cosine is 0.978: their light is less by so much.
     np.testing.assert_allclose(quads.reflectivity[filled], wall, rtol=0.03)
@@ -93,55 +93,55 @@ def test_a_hole_wider_than_its_neighbours_in_the_row_is_as_bright_as_those_above
 def test_a_surface_fades_beside_a_lost_pulse() -> None:
     """Rationale: halfway to a lost pulse that allows a twentieth, there is the mean of 1 and 1/20."""
     plain = room_sweep()
-    range_m, signal, reflectivity = (np.array(one) for one in (plain.range_m, plain.signal, plain.reflectivity))
+    range_m, signal, reflectivity = (np.array(values) for values in (plain.range_m, plain.signal, plain.reflectivity))
     range_m[6, 45], signal[6, 45], reflectivity[6, 45] = np.nan, 0.1 * signal[6, 45], 0.0
-    quads = made(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity))
-    whole = made(plain)
+    quads = surfels_of(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity))
+    whole = surfels_of(plain)
     assert kinds(quads)[ROUGH] - kinds(whole)[ROUGH] == 2
     hole = quads.corners_m[quads.kind == FILLED].mean(axis=(0, 1))
-    away = np.linalg.norm(quads.corners_m.mean(axis=1) - hole, axis=1)
-    edges = (quads.kind == ROUGH) & (away < 0.3)
+    distance_m = np.linalg.norm(quads.corners_m.mean(axis=1) - hole, axis=1)
+    edges = (quads.kind == ROUGH) & (distance_m < 0.3)
     assert edges.sum() == 2
     # From a half of the neighbour's half to a half of the hole's: their middles are where the two pixels meet.
     x, y, _ = np.moveaxis(quads.corners_m.mean(axis=1), -1, 0)
     aside_deg = np.degrees(np.arctan2(y, x) - np.arctan2(hole[1], hole[0]))
     np.testing.assert_allclose(np.sort(aside_deg[edges]), [-180.0 / COLUMNS, 180.0 / COLUMNS], rtol=0.1)
-    beside = quads.reflectivity[(quads.kind == SMOOTH) & (away < 0.5)]
-    np.testing.assert_allclose(quads.reflectivity[edges], 0.525 * np.median(beside), rtol=0.05)
+    neighbours = quads.reflectivity[(quads.kind == SMOOTH) & (distance_m < 0.5)]
+    np.testing.assert_allclose(quads.reflectivity[edges], 0.525 * np.median(neighbours), rtol=0.05)
 
 
 def test_an_echo_that_was_withheld_leaves_a_hole() -> None:
     range_m = np.array(room_sweep().range_m)
     range_m[6, 45] = np.nan  # its reflectivity stays
-    assert len(made(room_sweep(range_m=range_m))) == RINGS * COLUMNS - 1
+    assert len(surfels_of(room_sweep(range_m=range_m))) == RINGS * COLUMNS - 1
 
 
 def test_the_ground_is_completed_behind_a_box_and_where_nothing_came_back() -> None:
     plain = room_sweep()
     lowest = slice(RINGS - 12, RINGS)
-    range_m, signal, reflectivity = (np.array(one) for one in (plain.range_m, plain.signal, plain.reflectivity))
+    range_m, signal, reflectivity = (np.array(layer) for layer in (plain.range_m, plain.signal, plain.reflectivity))
     range_m[lowest, 40:60] = 3.0  # a box before the ground
     for values, value in ((range_m, np.nan), (signal, 0.0), (reflectivity, 0.0)):
         values[lowest, 200:220] = value  # nothing at all
-    quads = made(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity), GROUND_PLANE)
+    quads = surfels_of(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity), GROUND_PLANE)
     ground = quads.corners_m[quads.kind == GROUND]
     assert len(ground) > 100
     assert np.abs(ground[..., 2] + HEIGHT_M).max() < 1e-6
     azimuth = np.degrees(np.arctan2(ground[..., 1].mean(axis=1), ground[..., 0].mean(axis=1)))
     behind = (azimuth > 120.0) & (azimuth < 140.5)
-    lost = (azimuth > -40.5) & (azimuth < -19.0)
+    is_lost = (azimuth > -40.5) & (azimuth < -19.0)
     assert behind.sum() > 50
-    assert lost.sum() > 50
+    assert is_lost.sum() > 50
 
 
 def test_no_ground_is_seen_through_a_roof() -> None:
     """Below returns of a roof, a car's dark side gave nothing back: the ground there is hidden, not black."""
     plain = room_sweep()
-    range_m, signal, reflectivity = (np.array(one) for one in (plain.range_m, plain.signal, plain.reflectivity))
+    range_m, signal, reflectivity = (np.array(layer) for layer in (plain.range_m, plain.signal, plain.reflectivity))
     range_m[10:13, 40:60] = 4.0
     for values, value in ((range_m, np.nan), (signal, 0.0), (reflectivity, 0.0)):
         values[13:20, 40:60] = value
-    quads = made(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity), GROUND_PLANE)
+    quads = surfels_of(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity), GROUND_PLANE)
     ground = quads.corners_m[quads.kind == GROUND].mean(axis=1)
     azimuth = np.degrees(np.arctan2(ground[:, 1], ground[:, 0]))
     elevation = np.degrees(np.arctan2(ground[:, 2], np.hypot(ground[:, 0], ground[:, 1])))
@@ -156,7 +156,7 @@ def test_two_returns_share_the_pixel() -> None:
     far[6, 2] = plain.range_m[6, 2] + 2.0
     share = np.full(plain.shape, 0.0)
     share[6, 2] = plain.signal[6, 2]
-    quads = made(room_sweep(second=Second(range_m=far, signal=share, reflectivity=share)))
+    quads = surfels_of(room_sweep(second=Second(range_m=far, signal=share, reflectivity=share)))
     assert len(quads) == RINGS * COLUMNS + 1
     width = np.linalg.norm(quads.corners_m[:, 0] - quads.corners_m[:, 1], axis=1)
     reach = np.linalg.norm(quads.corners_m.mean(axis=1), axis=1)
@@ -170,14 +170,14 @@ def test_brighter_than_white_is_square_to_its_beam() -> None:
     plain = room_sweep()
     signal = np.array(plain.signal)
     signal[6, 52] *= 40.0
-    quads = made(room_sweep(signal=signal))
-    there = quads.kind == BRIGHT
-    assert there.sum() == 1
-    a, b, c, d = quads.corners_m[there][0]
+    quads = surfels_of(room_sweep(signal=signal))
+    is_bright = quads.kind == BRIGHT
+    assert is_bright.sum() == 1
+    a, b, c, d = quads.corners_m[is_bright][0]
     normal = np.cross(b - a, d - a)
     middle = (a + b + c + d) / 4.0
     assert abs(normal @ middle) / np.linalg.norm(normal) / np.linalg.norm(middle) > 0.9999
-    assert quads.reflectivity[there][0] == pytest.approx(0.4 * plain.reflectivity[6, 52], rel=0.1)
+    assert quads.reflectivity[is_bright][0] == pytest.approx(0.4 * plain.reflectivity[6, 52], rel=0.1)
 
 
 def test_moved_quads_are_where_the_sensor_sees_them() -> None:
@@ -217,17 +217,17 @@ def test_the_nearer_of_two_returns_hides_half_of_the_other(second_m: float) -> N
     first = np.array(plain.signal)
     first[row, column] = 0.25 * WHITE_M2 / plain.range_m[row, column] ** 2
     signal[row, column] = 0.25 * WHITE_M2 / range_m[row, column] ** 2
-    quads = made(room_sweep(signal=first, second=Second(range_m=range_m, signal=signal)))
+    quads = surfels_of(room_sweep(signal=first, second=Second(range_m=range_m, signal=signal)))
     middle = quads.corners_m.mean(axis=1)
     aside = np.abs(np.arctan2(middle[:, 1], middle[:, 0])) < 0.6 * np.pi / COLUMNS * 2.0
     level = np.abs(
         middle[:, 2] / np.hypot(middle[:, 0], middle[:, 1]) - np.tan(np.arcsin(plain.direction[row, column, 2]))
     )
-    both = np.flatnonzero(aside & (level < 0.005) & (quads.kind == ROUGH) & (np.abs(quads.reflectivity - 0.5) < 0.05))
-    reach_m = np.linalg.norm(middle[both], axis=1)
-    width = np.linalg.norm(quads.corners_m[both, 0] - quads.corners_m[both, 1], axis=1) / reach_m
+    halved = np.flatnonzero(aside & (level < 0.005) & (quads.kind == ROUGH) & (np.abs(quads.reflectivity - 0.5) < 0.05))
+    reach_m = np.linalg.norm(middle[halved], axis=1)
+    width = np.linalg.norm(quads.corners_m[halved, 0] - quads.corners_m[halved, 1], axis=1) / reach_m
     order = np.argsort(reach_m)
-    assert len(both) == 2
+    assert len(halved) == 2
     np.testing.assert_allclose(reach_m[order], sorted([10.0, 10.0 + second_m]), rtol=0.01)
     np.testing.assert_allclose(width[order] / (2.0 * np.pi / COLUMNS * 1.04), [0.5, 1.0], rtol=0.05)
 
@@ -247,7 +247,7 @@ def test_ground_that_slopes_is_completed_along_its_slope_a_step_behind_what_stan
     cos = np.abs(direction @ up) / np.linalg.norm(up)
     signal = np.where(far, 0.0, WHITE_M2 * 0.3 * cos / meets_m**2)
     reflectivity = np.where(far, 0.0, 30.0 * cos)
-    quads = made(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity), slope)
+    quads = surfels_of(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity), slope)
     ground = quads.corners_m[quads.kind == GROUND]
     level_m = slope[0] + ground[..., :2] @ slope[1:]
     assert len(ground) > 40
@@ -265,13 +265,13 @@ def test_no_ground_is_seen_above_the_foot_of_a_wall() -> None:
     """Above a wall's lowest returns all is lost, windows and sky: what is next below is a wall, so no ground shows."""
     plain = room_sweep()
     elevation_deg = np.degrees(np.arcsin(plain.direction[:, 0, 2]))
-    lost = np.zeros(plain.shape, bool)
-    lost[elevation_deg > -8.5, 170:190] = True  # straight ahead the wall's foot is at -10.2 degrees
+    is_lost = np.zeros(plain.shape, bool)
+    is_lost[elevation_deg > -8.5, 170:190] = True  # straight ahead the wall's foot is at -10.2 degrees
     range_m, signal, reflectivity = (
-        np.where(lost, empty, values)
+        np.where(is_lost, empty, values)
         for values, empty in ((plain.range_m, np.nan), (plain.signal, 0.0), (plain.reflectivity, 0.0))
     )
-    quads = made(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity), GROUND_PLANE)
+    quads = surfels_of(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity), GROUND_PLANE)
     ground = quads.corners_m[quads.kind == GROUND].mean(axis=1)
     ahead = np.abs(np.degrees(np.arctan2(ground[:, 1], ground[:, 0]))) < 9.0
     above = np.degrees(np.arctan2(ground[:, 2], np.hypot(ground[:, 0], ground[:, 1]))) > -8.5
@@ -300,7 +300,7 @@ def test_corners_of_a_grazing_quad_stay_near_its_middle() -> None:
 
 def test_reflectivities_are_the_apparent_ones_over_the_law_of_incidence() -> None:
     """The room is Lambertian: of its ground, far aslant, the apparent reflectivity is 0.3 cos."""
-    quads = made(room_sweep())
+    quads = surfels_of(room_sweep())
     middle = quads.corners_m.mean(axis=1)
     ground = (quads.kind == SMOOTH) & (np.abs(middle[:, 2] + HEIGHT_M) < 1e-3)
     cos = HEIGHT_M / np.linalg.norm(middle[ground], axis=1)

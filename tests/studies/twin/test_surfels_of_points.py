@@ -70,7 +70,7 @@ def test_a_slanted_wall_has_one_reflectivity_but_where_no_matt_wall_is_so_bright
     wall_m = np.stack([np.full_like(y, 2.0), y, z], axis=1)
     cos = 2.0 / np.linalg.norm(wall_m, axis=1)
     apparent = 0.3 * scattering_law(cos)
-    ahead, aside = (int(np.argmin(np.hypot(y - at, z))) for at in (0.0, 8.7))
+    ahead, aside = (int(np.argmin(np.hypot(y - place_m, z))) for place_m in (0.0, 8.7))
     apparent[ahead], apparent[aside] = 2.0, 0.95 * largest_reflectivity()
     sweep = list_of(wall_m, apparent)
     quads = surfels.surfels_of_points(sweep, ReflectivityGauge.from_sweep(sweep), None)

@@ -63,9 +63,9 @@ def test_light_is_such_that_surfaces_have_the_recorded_background() -> None:
     target = Target(reflectivity=0.2, illuminance_klux=30.0, cos_sun=0.0, diffuse_share=1.0)
     klux = 30.0 * counted / float(echoes_of_plane(sensor, target, 20.0 * np.ones(1)).background_power_w[0])
     sweep = room_sweep(near_ir=near_ir)
-    found = illuminance_klux(sweep, ReflectivityGauge.from_sweep(sweep), sensor)
+    klux_found = illuminance_klux(sweep, ReflectivityGauge.from_sweep(sweep), sensor)
     # Counts of the dark do not scale with the reflectivity; they are some 100 of 500.
-    assert found == pytest.approx(klux, rel=0.25)
+    assert klux_found == pytest.approx(klux, rel=0.25)
     assert illuminance_klux(plain, ReflectivityGauge.from_sweep(plain), sensor) is None
     assert illuminance_klux(sweep, ReflectivityGauge.from_sweep(sweep), load_sensor("vlp-16")) is None
 
@@ -82,9 +82,9 @@ def test_the_files_of_a_twin(tmp_path: Path) -> None:
     assert {body.class_name for body in scene.bodies} >= {"smooth", "rough", "bright"}
     assert scene.sun.illuminance_klux == 20.0
     assert load_sensor(scene.sensor_name).scanner.pulses == 24 * 512
-    made = read_provenance(tmp_path / "twin" / "scene.toml")
-    assert sum(n for kind, n in made["quads"].items() if kind != "ground") == sweep.range_m.size
-    assert (made["frames"], made["held_out"], made["illuminance_assumed"]) == ([0], None, True)
+    provenance = read_provenance(tmp_path / "twin" / "scene.toml")
+    assert sum(n for kind, n in provenance["quads"].items() if kind != "ground") == sweep.range_m.size
+    assert (provenance["frames"], provenance["held_out"], provenance["illuminance_assumed"]) == ([0], None, True)
     bright = next(body for body in scene.bodies if body.class_name == "bright")
     material = scene.materials[bright.parts[0].material]  # type: ignore[union-attr]
     # R_A of a retro-reflector by its sheet, so that what it returns is pi R_A of a matt board, with the diffuse part.
@@ -97,16 +97,16 @@ def test_the_sensor_stands_where_the_held_out_frame_was_recorded(tmp_path: Path)
     moved = Pose.from_degrees(position_m=(0.6, -0.3, 0.05), yaw_deg=3.0, pitch_deg=-2.0, roll_deg=1.0)
     sweeps = (room_sweep(), room_sweep(pose=moved))
     frames = [
-        replace(one, pose=at, start_s=at_s)
-        for one, at, at_s in zip(sweeps, (start, start @ moved), (100.0, 100.1), strict=True)
+        replace(sweep, pose=pose, start_s=at_s)
+        for sweep, pose, at_s in zip(sweeps, (start, start @ moved), (100.0, 100.1), strict=True)
     ]
     recording = recording_of(tmp_path / "two.osf", *frames)
     build_twin(recording, choose_frames(recording, None, 1), tmp_path / "twin", sensor="vlp-16")
     scene = load_scene(tmp_path / "twin" / "scene.toml")
     assert np.allclose(scene.sensor_pose.position_m, moved.position_m, atol=1e-5)
     assert np.allclose(scene.sensor_pose.rotation, moved.rotation, atol=1e-6)
-    found = frame_pose(read_provenance(tmp_path / "twin" / "scene.toml"), 1, tmp_path)
-    assert np.allclose(found.rotation, moved.rotation)
+    held_out_pose = frame_pose(read_provenance(tmp_path / "twin" / "scene.toml"), 1, tmp_path)
+    assert np.allclose(held_out_pose.rotation, moved.rotation)
     assert len(read_poses(tmp_path / "twin" / "poses.csv").poses) == 2
 
 
@@ -141,8 +141,8 @@ def test_what_is_missing_is_one_line(tmp_path: Path) -> None:
 def test_bright_quads_of_any_strength_make_a_scene_that_can_be_read(apparent: float) -> None:
     """What is hardly brighter than matt white too, and what no sheet is: a material file takes 0.001 to 1e7."""
     text = scene_text("twin", [("bright0", "bright", apparent)], Pose(), 50.0)
-    made = validate(SceneFile, tomllib.loads(text), "scene.toml")
-    coefficient = made.materials["bright0"].retro_coefficient_cd_per_lx_m2
+    scene_file = validate(SceneFile, tomllib.loads(text), "scene.toml")
+    coefficient = scene_file.materials["bright0"].retro_coefficient_cd_per_lx_m2
     assert coefficient == pytest.approx(np.clip((apparent - 0.8) / np.pi, 1e-3, 1e7), rel=1e-5)
 
 

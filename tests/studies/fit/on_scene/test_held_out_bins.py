@@ -19,9 +19,9 @@ from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 def test_the_scatter_of_a_law_that_holds_is_one() -> None:
     """400 sets of 200 normal numbers: mean and deviation to 4 standard errors."""
     random = np.random.default_rng(0)
-    found = np.array([capped_scatter(one) for one in random.standard_normal((400, 200))])
-    assert np.mean(found) == pytest.approx(1.0, abs=0.012)
-    assert np.std(np.log(found)) * np.sqrt(200) == pytest.approx(LOG_SIGMA_OF_ONE, rel=0.15)
+    scatters = np.array([capped_scatter(residuals) for residuals in random.standard_normal((400, 200))])
+    assert np.mean(scatters) == pytest.approx(1.0, abs=0.012)
+    assert np.std(np.log(scatters)) * np.sqrt(200) == pytest.approx(LOG_SIGMA_OF_ONE, rel=0.15)
 
 
 def test_a_tail_of_other_surfaces_counts_little() -> None:
@@ -83,11 +83,11 @@ def laid(**changed: Any) -> PulsesOnScene:
 def test_signal_and_scatter_by_bins() -> None:
     """Twice the expected signal; every third return is of something else, a metre off, and does not count."""
     plain = laid()
-    other = np.arange(1600) % 3 == 0
+    is_spoilt = np.arange(1600) % 3 == 0
     spoilt = replace(
         plain.reported,
-        signal=2.0 * plain.reported.signal * np.where(other, 9.0, 1.0),
-        range_m=plain.reported.range_m + 1.0 * other,
+        signal=2.0 * plain.reported.signal * np.where(is_spoilt, 9.0, 1.0),
+        range_m=plain.reported.range_m + 1.0 * is_spoilt,
     )
     result = judge(replace(plain, reported=spoilt), known_to(1e-9))
     assert len(result.signal) == 8
@@ -95,7 +95,7 @@ def test_signal_and_scatter_by_bins() -> None:
     assert result.signal_error == pytest.approx(0.5)
     # All are one sigma off: a normal law's capped mean square is MEAN_SQUARE, theirs is 1.
     np.testing.assert_allclose(result.scatter[:, 1] / result.scatter[:, 2], MEAN_SQUARE**-0.5, rtol=1e-6)
-    octaves = np.bincount(np.floor(np.log2(plain.reported.signal[~other])).astype(int))
+    octaves = np.bincount(np.floor(np.log2(plain.reported.signal[~is_spoilt])).astype(int))
     np.testing.assert_allclose(result.scatter[:, 3], LOG_SIGMA_OF_ONE * octaves[octaves >= 50] ** -0.5, rtol=1e-4)
 
 

@@ -27,20 +27,20 @@ def test_expected_is_what_is_drawn(range_m: float, klux: float) -> None:
     # Not all at one place of the bins.
     ranges = range_m + np.linspace(-0.1, 0.1, SHOTS)
     light = echoes_of_plane(sensor, Target(reflectivity=0.5, illuminance_klux=klux), ranges)
-    seen = detect_alone(light, sensor, seed=3, pulse=np.arange(SHOTS, dtype=np.uint32))
+    detection = detect_alone(light, sensor, seed=3, pulse=np.arange(SHOTS, dtype=np.uint32))
     scene = KnownScene.from_light(light, sensor, np.zeros(SHOTS, int), spot_over_field=0.5)
-    now = predict(scene, {"detector.jitter_ps": -20.0})
-    first = seen.stops[0]
-    kept = np.asarray(first.reported) & (np.asarray(first.status) == 0)
-    assert float(np.min(now.chance)) > 0.999
-    assert np.sum(~kept) < 0.001 * SHOTS + 5.0 * math.sqrt(0.001 * SHOTS)
-    signal = (np.asarray(first.photons) - now.signal) / np.sqrt(now.variance)
-    background = (np.asarray(seen.ambient) - now.near_ir) / np.sqrt(now.near_ir)
-    off = (np.asarray(first.range_m) - ranges) / now.sigma_m
+    law = predict(scene, {"detector.jitter_ps": -20.0})
+    first = detection.stops[0]
+    is_kept = np.asarray(first.reported) & (np.asarray(first.status) == 0)
+    assert float(np.min(law.chance)) > 0.999
+    assert np.sum(~is_kept) < 0.001 * SHOTS + 5.0 * math.sqrt(0.001 * SHOTS)
+    signal = (np.asarray(first.photons) - law.signal) / np.sqrt(law.variance)
+    background = (np.asarray(detection.ambient) - law.near_ir) / np.sqrt(law.near_ir)
+    off = (np.asarray(first.range_m) - ranges) / law.sigma_m
     for name, values in (("signal", signal), ("near_ir", background)):
-        assert abs(np.mean(values[kept])) < 0.079, name
-        assert np.std(values[kept]) == pytest.approx(1.0, abs=0.056), name
-    assert np.std(off[kept]) == pytest.approx(1.0, abs=0.056)
+        assert abs(np.mean(values[is_kept])) < 0.079, name
+        assert np.std(values[is_kept]) == pytest.approx(1.0, abs=0.056), name
+    assert np.std(off[is_kept]) == pytest.approx(1.0, abs=0.056)
 
 
 def test_the_chance_is_that_of_the_stages() -> None:
@@ -49,10 +49,10 @@ def test_the_chance_is_that_of_the_stages() -> None:
     light = echoes_of_plane(sensor, Target(reflectivity=0.1, illuminance_klux=50.0), 53.0 * np.ones(SHOTS))
     scene = KnownScene.from_light(light, sensor, np.zeros(SHOTS, int), spot_over_field=0.5)
     chance = float(np.mean(predict(scene, {}).chance))
-    seen = detect_alone(light, sensor, seed=3, pulse=np.arange(SHOTS, dtype=np.uint32)).stops[0]
-    kept = np.mean(np.asarray(seen.reported) & (np.asarray(seen.status) == 0))
+    first_return = detect_alone(light, sensor, seed=3, pulse=np.arange(SHOTS, dtype=np.uint32)).stops[0]
+    kept_share = np.mean(np.asarray(first_return.reported) & (np.asarray(first_return.status) == 0))
     assert 0.05 < chance < 0.95
-    assert kept == pytest.approx(chance, abs=4.0 * np.sqrt(0.25 / SHOTS))
+    assert kept_share == pytest.approx(chance, abs=4.0 * np.sqrt(0.25 / SHOTS))
 
 
 def wall(count: int = 5, spot_over_field: float | None = 0.5) -> KnownScene:
@@ -64,8 +64,8 @@ def wall(count: int = 5, spot_over_field: float | None = 0.5) -> KnownScene:
 
 
 def test_strangers_are_kept_half_of_the_time() -> None:
-    plain, some = predict(wall(), {}), predict(replace(wall(), strangers=0.2), {})
-    np.testing.assert_allclose(some.chance, 0.8 * np.asarray(plain.chance) + 0.1)
+    plain, with_strangers = predict(wall(), {}), predict(replace(wall(), strangers=0.2), {})
+    np.testing.assert_allclose(with_strangers.chance, 0.8 * np.asarray(plain.chance) + 0.1)
 
 
 def test_texture_is_a_mean_over_bright_and_dark_places() -> None:
@@ -114,7 +114,7 @@ def test_a_near_field_that_is_twice_as_far_is_the_same_at_twice_the_range(spot_o
 
 def test_a_floor_of_the_ranges_adds_in_squares() -> None:
     scene = wall()
-    without, floor = (np.asarray(predict(replace(scene, floor_m=at), {}).sigma_m) for at in (0.0, 0.02))
+    without, floor = (np.asarray(predict(replace(scene, floor_m=floor_m), {}).sigma_m) for floor_m in (0.0, 0.02))
     np.testing.assert_allclose(floor**2 - without**2, 0.02**2)
     twice = np.asarray(predict(replace(scene, floor_m=0.02), {"scatter_floor": np.log(2.0)}).sigma_m)
     np.testing.assert_allclose(twice**2 - without**2, 0.04**2)
@@ -122,7 +122,8 @@ def test_a_floor_of_the_ranges_adds_in_squares() -> None:
 
 def test_a_strong_echo_fires_all_free_spads_and_a_weak_one_a_few() -> None:
     shares = [
-        float(np.asarray(predict(wall(), {"laser.peak_power_w": np.log(by)}).fired)[0]) for by in (1e-3, 1.0, 1e3)
+        float(np.asarray(predict(wall(), {"laser.peak_power_w": np.log(factor)}).fired)[0])
+        for factor in (1e-3, 1.0, 1e3)
     ]
     assert 0.0 < shares[0] < 0.01 < shares[1] < 0.5
     assert 0.95 < shares[2] <= 1.0

@@ -30,7 +30,11 @@ def fit(mi) -> ParameterFit:
 
 
 def off(fit: ParameterFit) -> list[float]:
-    return [(one.value - math.exp(TRUTH[one.key])) / one.sigma for one in fit.estimates if one.key in TRUTH]
+    return [
+        (estimate.value - math.exp(TRUTH[estimate.key])) / estimate.sigma
+        for estimate in fit.estimates
+        if estimate.key in TRUTH
+    ]
 
 
 def test_the_truth_is_found_again(fit: ParameterFit) -> None:
@@ -44,7 +48,7 @@ def test_the_truth_is_found_again(fit: ParameterFit) -> None:
     assert far.max() < 5.0
     assert np.sum(far > 2.0) <= 5
     # Each is known well enough to say something: better than what was drawn.
-    sigmas = {one.key: one.sigma for one in fit.estimates}
+    sigmas = {estimate.key: estimate.sigma for estimate in fit.estimates}
     assert sigmas["near_field_m"] < 0.01
     assert sigmas["laser.peak_power_w"] < 0.1
 
@@ -63,9 +67,9 @@ def test_without_known_reflectivities_the_power_is_not_invented(mi) -> None:
     fit = fit_parameters(*recorded())
     assert "optics.sun_irradiance_w_m2" in fit.held
     assert "optics.sun_irradiance_w_m2 +1 %: laser.peak_power_w +1 %" in fit.null
-    found = {one.key: one for one in fit.estimates}
+    estimates = {estimate.key: estimate for estimate in fit.estimates}
     # The near field needs no reflectivity.
-    near = found["near_field_m"]
+    near = estimates["near_field_m"]
     assert abs(near.value - math.exp(TRUTH["near_field_m"])) < 4.0 * near.sigma
 
 
@@ -74,12 +78,12 @@ def test_slopes_are_those_of_differences(mi) -> None:
     scene, _ = drawn_report(published(), 1, pulses=200)
     values = {name: 0.05 * (-1.0) ** k for k, name in enumerate(PARAMETERS)}
     surfaces = np.linspace(-0.1, 0.1, GROUPS)
-    now, exact = prediction_slopes(scene, values, surfaces)
-    same, differences = prediction_slopes(scene, values, surfaces, exact=False)
-    np.testing.assert_array_equal(np.asarray(now.signal), np.asarray(same.signal))
+    exact_law, exact = prediction_slopes(scene, values, surfaces)
+    stepped_law, differences = prediction_slopes(scene, values, surfaces, exact=False)
+    np.testing.assert_array_equal(np.asarray(exact_law.signal), np.asarray(stepped_law.signal))
     for name in PARAMETERS:
-        for one, other in zip(exact[name], differences[name], strict=True):
-            np.testing.assert_allclose(one, other, atol=1e-3 * max(float(np.abs(other).max()), 1e-12))
+        for exact_slope, difference in zip(exact[name], differences[name], strict=True):
+            np.testing.assert_allclose(exact_slope, difference, atol=1e-3 * max(float(np.abs(difference).max()), 1e-12))
     assert np.abs(exact["laser.peak_power_w"][0]).max() > 1.0
     assert np.abs(exact["histogram.threshold_floor"][1]).max() > 0.01
 
@@ -124,7 +128,7 @@ def test_a_number_that_runs_off_does_not_hold_up_the_others(mi) -> None:
     fit = fit_parameters(replace(scene, floor_m=3e-3), reported, reflectivity_sigma=REFLECTIVITY_SIGMA)
     assert "scatter_floor" in fit.held
     assert fit.values["scatter_floor"] < -math.log(5.0)  # it is none, and stays so
-    assert any(one.startswith("scatter_floor: alone, beyond a factor of 5") for one in fit.null)
+    assert any(line.startswith("scatter_floor: alone, beyond a factor of 5") for line in fit.null)
     assert fit.solved.evaluations < 20
     for estimate in fit.estimates:
         shortened = 2.0 if estimate.key == "laser.pulse_fwhm_ns" else 0.0
@@ -137,8 +141,11 @@ def test_a_range_of_something_else_counts_for_nothing(fit: ParameterFit) -> None
     scene, reported = recorded()
     wrong = np.arange(len(reported.has_return)) % 20 == 0
     moved = replace(reported, range_m=reported.range_m + 1.0 * wrong)
-    found = fit_parameters(scene, moved, reflectivity_sigma=REFLECTIVITY_SIGMA)
-    pulse, clean = (next(one for one in way.estimates if one.key == "laser.pulse_fwhm_ns") for way in (found, fit))
+    shifted_fit = fit_parameters(scene, moved, reflectivity_sigma=REFLECTIVITY_SIGMA)
+    pulse, clean = (
+        next(estimate for estimate in way.estimates if estimate.key == "laser.pulse_fwhm_ns")
+        for way in (shifted_fit, fit)
+    )
     assert pulse.sigma < 1.5 * clean.sigma
     assert abs(pulse.value - math.exp(TRUTH["laser.pulse_fwhm_ns"])) < 4.0 * pulse.sigma
 
@@ -153,9 +160,9 @@ def test_what_is_held_widens_what_moves_with_it() -> None:
     matrix = slopes @ slopes.T
     whole = np.linalg.inv(matrix + np.diag([0.0, 0.0, 0.0, 1.0]))[:3, :3]
     alone = np.linalg.inv(matrix[:3, :3])
-    beside = _held_covariance(matrix, [0, 1, 2], [3])
-    np.testing.assert_allclose(alone + beside, whole, rtol=1e-9)
-    assert beside[0, 0] > 10.0 * alone[0, 0]
+    held_part = _held_covariance(matrix, [0, 1, 2], [3])
+    np.testing.assert_allclose(alone + held_part, whole, rtol=1e-9)
+    assert held_part[0, 0] > 10.0 * alone[0, 0]
     slopes[3] = slopes[0]
     np.testing.assert_array_equal(_held_covariance(slopes @ slopes.T, [0, 1, 2], [3]), 0.0)
 
@@ -213,8 +220,8 @@ def test_ranges_that_scatter_as_the_law_says_ask_for_no_other_pulse() -> None:
     scene = replace(scene, floor_m=0.02)
     law = predict(scene, values)
     scores = []
-    for by in (0.9, 1.0, 1.1):
-        off_m = by * math.sqrt(likelihood.MEAN_SQUARE) * np.asarray(law.sigma_m)
+    for factor in (0.9, 1.0, 1.1):
+        off_m = factor * math.sqrt(likelihood.MEAN_SQUARE) * np.asarray(law.sigma_m)
         reported = Observations(
             has_return=np.ones(count, bool),
             signal=np.asarray(law.signal),
@@ -240,7 +247,7 @@ def test_moments_of_a_capped_square() -> None:
     assert capped.mean() == pytest.approx(likelihood.MEAN_SQUARE, rel=1e-4)
     assert np.var(capped / capped.mean()) == pytest.approx(likelihood._VARIANCE, rel=1e-4)
     # d mean(min(x^2 / s^2, 9)) / d ln s, at one.
-    wide, narrow = (np.minimum(square * math.exp(-2.0 * by), 9.0).mean() for by in (1e-3, -1e-3))
+    wide, narrow = (np.minimum(square * math.exp(-2.0 * log_sigma), 9.0).mean() for log_sigma in (1e-3, -1e-3))
     assert (narrow - wide) / 2e-3 / capped.mean() == pytest.approx(likelihood._SLOPE, rel=1e-3)
 
 

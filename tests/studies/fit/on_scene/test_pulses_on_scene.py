@@ -83,13 +83,13 @@ def test_each_pulse_is_laid_on_its_own_light() -> None:
         patch.setattr(laid_module, "match_pulses", lambda *_: (numbers, np.zeros(shape)))
         pulses = sensor.scanner.pulses
         rough = np.where(np.arange(pulses) % 5 == 0, 12.0, 10.0)
-        one, two = Lit(sensor, np.full(pulses, 10.0)), Lit(sensor, rough)
+        smooth_light, two = Lit(sensor, np.full(pulses, 10.0)), Lit(sensor, rough)
         alone, smooth, second = (
             _lay_frame(simulators, sweep, None, number=frame)  # type: ignore[arg-type]
-            for simulators, frame in (([one], 0), ([one, two], 0), ([one], 1))
+            for simulators, frame in (([smooth_light], 0), ([smooth_light, two], 0), ([smooth_light], 1))
         )
-    there = ((numbers % 7 != 0) & ~withheld).T
-    pulse = numbers.T[there]
+    is_fitted = ((numbers % 7 != 0) & ~withheld).T
+    pulse = numbers.T[is_fitted]
     np.testing.assert_allclose(alone.reported.signal, 100.0 + pulse)
     np.testing.assert_allclose(alone.scene.range_m, 10.0)
     # The sensor's own near field is given back, the same for all at one range.

@@ -33,11 +33,11 @@ TRUTH = {
 }
 """Times what is published."""
 
-Made = tuple[Path, Path, Sensor]
+RecordedUnit = tuple[Path, Path, Sensor]
 
 
 @pytest.fixture(scope="module")
-def made(mi: Any, tmp_path_factory: pytest.TempPathFactory) -> Made:
+def recorded_unit(mi: Any, tmp_path_factory: pytest.TempPathFactory) -> RecordedUnit:
     """The recording, the scene and the unit that recorded."""
     folder = tmp_path_factory.mktemp("fit")
     scene, sensor = scene_and_units(folder, TRUTH)
@@ -46,59 +46,59 @@ def made(mi: Any, tmp_path_factory: pytest.TempPathFactory) -> Made:
 
 
 @pytest.fixture(scope="module")
-def fitted(made: Made, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path, bool]:
+def fitted(recorded_unit: RecordedUnit, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path, bool]:
     """What the fit says, the folder that it wrote to, and whether it passed."""
-    recording, scene, _ = made
+    recording, scene, _ = recorded_unit
     folder = tmp_path_factory.mktemp("found")
-    given = SceneFitInputs(recordings=[recording], scene=scene)
+    inputs = SceneFitInputs(recordings=[recording], scene=scene)
     with pytest.MonkeyPatch.context() as patch:
         draw_roughly(patch)
-        text, passed = fit_on_scene(given, folder / "unit.toml", folder / "report", as_json=True)
+        text, passed = fit_on_scene(inputs, folder / "unit.toml", folder / "report", as_json=True)
     return json.loads(text), folder, passed
 
 
 def test_the_unit_that_recorded_is_found_again(fitted: Any) -> None:
     """Within 4 of the stated sigmas each, which chance breaks in one of 2000 runs; the seed is fixed."""
-    told, _, passed = fitted
+    report, _, passed = fitted
     assert passed
-    assert told["evaluations"] <= 50
+    assert report["evaluations"] <= 50
     for key, truth in TRUTH.items():
-        one = told["estimates"][key]
-        assert abs(one["times"] - truth) < 4.0 * one["sigma"], key
+        estimate = report["estimates"][key]
+        assert abs(estimate["times"] - truth) < 4.0 * estimate["sigma"], key
         # The floor is a third of the threshold; slope and floor are known together.
-        assert one["sigma"] < (0.5 if key == "histogram.threshold_floor" else 0.12), key
-    assert told["scene"] == "scene"
-    assert "optics.efficiency_laser +1 %: laser.peak_power_w -1 %" in told["not_identified"]
+        assert estimate["sigma"] < (0.5 if key == "histogram.threshold_floor" else 0.12), key
+    assert report["scene"] == "scene"
+    assert "optics.efficiency_laser +1 %: laser.peak_power_w -1 %" in report["not_identified"]
 
 
-def test_the_written_sensor_is_the_one_that_recorded(fitted: Any, made: Made) -> None:
+def test_the_written_sensor_is_the_one_that_recorded(fitted: Any, recorded_unit: RecordedUnit) -> None:
     """Power, lens and threshold of the file, read again: near field and photons as those of the truth."""
     _, folder, _ = fitted
-    found, truth = load_sensor(str(folder / "unit.toml")), made[2]
-    assert found.optics.overlap is not None
+    fitted_sensor, truth = load_sensor(str(folder / "unit.toml")), recorded_unit[2]
+    assert fitted_sensor.optics.overlap is not None
     assert truth.optics.overlap is not None
     range_m = np.geomspace(1.5, 40.0, 12)
-    near = [np.asarray(one.optics.overlap.share(range_m)) for one in (found, truth)]  # type: ignore[union-attr]
+    near = [np.asarray(sensor.optics.overlap.share(range_m)) for sensor in (fitted_sensor, truth)]  # type: ignore[union-attr]
     np.testing.assert_allclose(near[0] / near[0][-1], near[1] / near[1][-1], rtol=0.02)
     photons = [
-        float(one.laser.peak_power_w * one.laser.pulse_fwhm_s * one.optics.aperture_radius_m**2)
-        for one in (found, truth)
+        float(sensor.laser.peak_power_w * sensor.laser.pulse_fwhm_s * sensor.optics.aperture_radius_m**2)
+        for sensor in (fitted_sensor, truth)
     ]
     assert photons[0] == pytest.approx(photons[1], rel=0.05)
-    assert "fitted with a scene: laser.peak_power_w 1." in found.sources["laser.peak_power_w"]
+    assert "fitted with a scene: laser.peak_power_w 1." in fitted_sensor.sources["laser.peak_power_w"]
     page = (folder / "report" / "index.html").read_text(encoding="utf-8")
     for part in ("Pass or fail", "Estimates", "Correlations", "Undetermined directions"):
         assert part in page
-    assert {one.stem for one in (folder / "report").glob("*.png")} == {"signal", "kept", "scatter"}
+    assert {path.stem for path in (folder / "report").glob("*.png")} == {"signal", "kept", "scatter"}
 
 
-def test_poses_move_the_sensor(made: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_poses_move_the_sensor(recorded_unit: RecordedUnit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Rationale: two metres aside the walls are elsewhere, so ranges no longer fit; at its own place they do."""
-    recording, scene, _ = made
-    seen: list[Any] = []
+    recording, scene, _ = recorded_unit
+    laid_pulses: list[Any] = []
 
-    def laid(one: Any, *_: Any, **__: Any) -> None:
-        seen.append(one)
+    def laid(pulses: Any, *_: Any, **__: Any) -> None:
+        laid_pulses.append(pulses)
         raise InputError("enough")
 
     monkeypatch.setattr(scene_fit, "fit_pulses_on_scene", laid)
@@ -110,7 +110,7 @@ def test_poses_move_the_sensor(made: Made, tmp_path: Path, monkeypatch: pytest.M
             fit_on_scene(
                 SceneFitInputs(recordings=[recording], scene=scene, poses=poses), tmp_path / "u.toml", tmp_path / "r"
             )
-    off_m = [np.nanquantile(np.abs(one.reported.range_m - one.scene.range_m), 0.9) for one in seen]
+    off_m = [np.nanquantile(np.abs(pulses.reported.range_m - pulses.scene.range_m), 0.9) for pulses in laid_pulses]
     assert off_m[0] < 0.1
     assert off_m[1] > 0.5
 
@@ -123,8 +123,10 @@ def test_poses_move_the_sensor(made: Made, tmp_path: Path, monkeypatch: pytest.M
         ({"poses": "late.csv"}, "must reach from the first to the last frame, got 5 to 6 s and frame 0 at 0 s"),
     ],
 )
-def test_what_does_not_fit_is_one_line(made: Made, tmp_path: Path, changed: dict[str, Any], complaint: str) -> None:
-    recording, scene, _ = made
+def test_what_does_not_fit_is_one_line(
+    recorded_unit: RecordedUnit, tmp_path: Path, changed: dict[str, Any], complaint: str
+) -> None:
+    recording, scene, _ = recorded_unit
     if "poses" in changed:
         changed = {"poses": tmp_path / changed["poses"]}
         changed["poses"].write_text("time_s,x_m,y_m,z_m\n5,0,0,0\n6,0,0,0\n", encoding="utf-8")
@@ -166,7 +168,7 @@ def test_what_photons_do_not_explain_is_texture_and_strangers() -> None:
     photons = float(np.median(np.asarray(law.variance) / np.asarray(law.signal) ** 2))
     turn = np.where(np.arange(count) % 2 == 0, 1.1, 0.9)
     laid = bare(np.asarray(law.signal) * turn, np.zeros(count), has_return=np.arange(count) % 10 != 0)
-    known = ParameterFit(
+    parameter_fit = ParameterFit(
         solved=Solution(value=np.zeros(0), slope=np.zeros((0, 0)), scores=np.zeros((1, 0))),
         names=(),
         held=(),
@@ -174,7 +176,7 @@ def test_what_photons_do_not_explain_is_texture_and_strangers() -> None:
         values={},
         reflectivity=np.zeros(1),
     )
-    texture, strangers = scene_fit._texture_and_strangers(laid, known)
+    texture, strangers = scene_fit._texture_and_strangers(laid, parameter_fit)
     assert texture == pytest.approx(np.sqrt((1.4826 * 0.1) ** 2 - photons), rel=0.01)
     assert photons > 0.02 * texture**2
     assert strangers == pytest.approx(0.2)
@@ -184,17 +186,17 @@ def test_blocks_that_judge_are_not_fitted(monkeypatch: pytest.MonkeyPatch) -> No
     """Of twelve blocks of pulses the fourth, eighth and twelfth judge; the signal of a pulse is its block."""
     laid = bare(np.repeat(np.arange(12.0), 5), np.zeros(60))
     laid = replace(laid, block=np.repeat(np.arange(12), 5))
-    seen: dict[str, Any] = {}
+    signals: dict[str, Any] = {}
 
     def fitted(scene: Any, reported: Any, names: Any, **_: Any) -> ParameterFit:
-        seen["fitted"] = np.unique(reported.signal).tolist()
+        signals["fitted"] = np.unique(reported.signal).tolist()
         raise InputError("enough")
 
     monkeypatch.setattr(scene_fit, "fit_parameters", fitted)
     with pytest.raises(InputError, match="enough"):
         scene_fit.fit_pulses_on_scene(laid, published(), twin=False)
-    assert seen["fitted"] == [0, 1, 2, 4, 5, 6, 8, 9, 10]
-    known = ParameterFit(
+    assert signals["fitted"] == [0, 1, 2, 4, 5, 6, 8, 9, 10]
+    parameter_fit = ParameterFit(
         solved=Solution(value=np.zeros(0), slope=np.zeros((0, 0)), scores=np.zeros((1, 0))),
         names=(),
         held=(),
@@ -202,12 +204,12 @@ def test_blocks_that_judge_are_not_fitted(monkeypatch: pytest.MonkeyPatch) -> No
         values={},
         reflectivity=np.zeros(1),
     )
-    monkeypatch.setattr(scene_fit, "fit_parameters", lambda *_, **__: known)
+    monkeypatch.setattr(scene_fit, "fit_parameters", lambda *_, **__: parameter_fit)
     monkeypatch.setattr(
-        scene_fit, "judge", lambda others, _: seen.update(judged=np.unique(others.reported.signal).tolist())
+        scene_fit, "judge", lambda judged, _: signals.update(judged=np.unique(judged.reported.signal).tolist())
     )
     fit = scene_fit.fit_pulses_on_scene(laid, published(), twin=False)
-    assert seen["judged"] == [3, 7, 11]
+    assert signals["judged"] == [3, 7, 11]
     assert fit.pulses == (45, 15)
 
 
@@ -239,12 +241,12 @@ def test_what_a_twin_has_not_seen_is_fitted(monkeypatch: pytest.MonkeyPatch, hel
 
     opened = Recording(path=Path("r.pcap"), count=3, read=read)
     monkeypatch.setattr(scene_fit, "open_recording", lambda *_: opened)
-    made = {
+    provenance = {
         "held_out": held_out,
         "places": {"0": [0.0] * 6, "1": [1.0, *[0.0] * 5]} | ({"2": [2.0, *[0.0] * 5]} if held_out == 2 else {}),
     }
     frames, notes = scene_fit._frames_with_poses(
-        SceneFitInputs(recordings=[Path("r.pcap")], scene=Path("scene.toml")), made
+        SceneFitInputs(recordings=[Path("r.pcap")], scene=Path("scene.toml")), provenance
     )
     assert [pose.position_m[0] for _, pose in frames if pose is not None] == chosen
     step = slice(1, None, 2) if held_out == "columns" else slice(None)
