@@ -111,7 +111,7 @@ BOTH = (APD, PRINTED)
 
 def ranges_m(*lidars, **changes):
     """Their ranges with these changes."""
-    return [replace(one, **changes).range_m for one in lidars]
+    return [replace(lidar, **changes).range_m for lidar in lidars]
 
 
 def fired(photons, pde, cells):
@@ -182,7 +182,7 @@ def percent(ratio):
 
 
 def per_percent_of_both(**key):
-    return [1, *(one.per_percent(**key) for one in BOTH)]
+    return [1, *(lidar.per_percent(**key) for lidar in BOTH)]
 
 
 def floor_reached_klux():

@@ -115,7 +115,7 @@ def test_figures_have_axes_with_units_and_columns_with_names():
 
 
 def claim_with(claims, word):
-    (claim,) = [one for one in claims if word in one.says]
+    (claim,) = [candidate for candidate in claims if word in candidate.says]
     return claim
 
 

@@ -24,7 +24,7 @@ def swept_over(key, among=BOTH, *, start=None, stop=None, count=50, log=None, **
     if key in ("distance", "illuminance", "elevation", "azimuth", "reflectivity", "incidence"):
         axis = condition_axis(key, start=start, stop=stop, count=count, log=log)
     else:
-        files = [(one.where, one.changed) for one in among]
+        files = [(subject.where, subject.changed) for subject in among]
         axis = parameter_axis(key, files, start=start, stop=stop, count=count, log=log)
     quantity = question.pop("quantity", "snr" if key == "distance" else "range")
     return curves(among, Question(quantity=quantity, axis=axis, **question))

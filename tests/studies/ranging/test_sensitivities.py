@@ -54,8 +54,10 @@ def slopes():
                     step = 1e-12
                 places = value + step * np.array([-2.0, -1.0, 1.0, 2.0])
                 changed = sensitivities.with_parameters(sensor, target, {name: places})
-                reach, found = (plane.maximum_range_m(*changed)[0], plane.detection_probability(*changed, distance))
-                of_range, of_detection = (at @ [1.0, -8.0, 8.0, -1.0] / (12.0 * step) for at in (reach, found))
+                reach, detection = (plane.maximum_range_m(*changed)[0], plane.detection_probability(*changed, distance))
+                of_range, of_detection = (
+                    steps @ [1.0, -8.0, 8.0, -1.0] / (12.0 * step) for steps in (reach, detection)
+                )
                 computed[case][name] = of_range, of_detection, abs(value) or step
         return computed[case]
 
