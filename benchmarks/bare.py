@@ -57,7 +57,7 @@ def measure(
     import peers
 
     scene = load_scene(scene_file)
-    library = compiled()
+    library = compile_library()
     rows, world = [], None
     for beams, step_deg in sizes.items():
         simulator = _simulator(scene, step_deg, world=world)
@@ -125,7 +125,7 @@ def _goal(slow: str, fast: str, beams: str, median: float) -> str:
 
 
 @functools.cache
-def compiled() -> Any:
+def compile_library() -> Any:
     """`bare.cpp` as a library; None without a C++ compiler."""
     compiler = next((path for name in ("c++", "g++", "clang++") if (path := shutil.which(name))), None)
     if compiler is None:

@@ -180,7 +180,7 @@ def open3d_tasks(simulator: Simulator, *, threads: int = 0) -> dict[str, Callabl
         sun_rays_made[:, 3:] = sun
         return sun_rays_made
 
-    def cast(rays: Any) -> dict[str, np.ndarray]:
+    def cast_rays(rays: Any) -> dict[str, np.ndarray]:
         return {name: values.numpy() for name, values in scene.cast_rays(rays, nthreads=threads).items()}
 
     def in_the_dark(rays: Any) -> np.ndarray:
@@ -189,18 +189,22 @@ def open3d_tasks(simulator: Simulator, *, threads: int = 0) -> dict[str, Callabl
 
     traced_rays = beam_rays(simulator)
     ready = tensor(traced_rays)
-    towards_sun = tensor(sun_rays(traced_rays, cast(ready)))
+    towards_sun = tensor(sun_rays(traced_rays, cast_rays(ready)))
 
     def sun_from_hits() -> Any:
-        answer = cast(ready)
+        answer = cast_rays(ready)
         return answer, in_the_dark(tensor(sun_rays(traced_rays, answer)))
 
     def all_built() -> Any:
         rays = beam_rays(simulator)
-        answer = cast(tensor(rays))
+        answer = cast_rays(tensor(rays))
         return answer, in_the_dark(tensor(sun_rays(rays, answer)))
 
-    bodies: tuple[Callable[[], Any], ...] = (lambda: (cast(ready), in_the_dark(towards_sun)), sun_from_hits, all_built)
+    bodies: tuple[Callable[[], Any], ...] = (
+        lambda: (cast_rays(ready), in_the_dark(towards_sun)),
+        sun_from_hits,
+        all_built,
+    )
     return dict(zip(OPEN3D, bodies, strict=True))
 
 
@@ -269,7 +273,7 @@ def _device_rows(name: str, simulator: Simulator, rounds: int) -> list[Row]:
     seed = transfer.opaque_uint32(0)
     order = simulator.numbering.lane_order(simulator.sensor.scanner.pulses)
 
-    def up_to(last: str) -> Callable[[], None]:
+    def task_up_to(last: str) -> Callable[[], None]:
         def task() -> None:
             pulse = transfer.counter(0, simulator.sensor.scanner.pulses) if order is None else order.on_device(0)
             rays = beams.fire(sensor, pulse=pulse, origin_m=place, rotation=rotation)
@@ -291,7 +295,7 @@ def _device_rows(name: str, simulator: Simulator, rounds: int) -> list[Row]:
 
         return task
 
-    seconds = clock.in_turns({last: up_to(last) for last in DEVICE}, rounds=rounds)
+    seconds = clock.in_turns({last: task_up_to(last) for last in DEVICE}, rounds=rounds)
     medians = [float(np.median(values)) for values in seconds.values()]
     added = np.diff([0.0, *medians])
     return [

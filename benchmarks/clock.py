@@ -22,7 +22,7 @@ def in_turns(tasks: Mapping[str, Callable[[], Any]], *, rounds: int, warm_up: in
 def both_in_turns(tasks: Mapping[str, Callable[[], Any]], *, rounds: int, warm_up: int = 2) -> tuple[Seconds, Seconds]:
     """The same, and the seconds of the processor: of all threads of this process."""
     seconds: dict[str, list[tuple[float, float]]] = {name: [] for name in tasks}
-    with _swept() as sweep:
+    with _collect_garbage() as sweep:
         for number in range(warm_up + rounds):
             for name, task in tasks.items():
                 sweep()
@@ -41,7 +41,7 @@ def both_in_turns(tasks: Mapping[str, Callable[[], Any]], *, rounds: int, warm_u
 
 
 @contextmanager
-def _swept() -> Iterator[Callable[[], Any]]:
+def _collect_garbage() -> Iterator[Callable[[], Any]]:
     """What collects garbage, of what comes up in this block alone.
 
     Libraries have a million objects, and to go through these takes 0.1 s: half the time of a run of all parts.

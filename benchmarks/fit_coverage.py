@@ -82,7 +82,7 @@ def with_scene(seeds: int) -> None:
     print(f"at most {max(evaluations)} evaluations; held: {', '.join(fit.held)}")
 
 
-def rendered() -> None:
+def with_street() -> None:
     """One unit in a street, with every ray traced: columns of 256, one reflectivity for all, known to 1 %."""
     truth, base, street = drawn_unit(3), published(columns=256), load_scene(STREET)
     light = Simulator(street, base).light()
@@ -124,4 +124,4 @@ if __name__ == "__main__":
     without_scene(count)
     with_two_lenses(count)
     with_scene(count)
-    rendered()
+    with_street()

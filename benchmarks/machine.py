@@ -22,7 +22,7 @@ PACKAGES = (
 )
 
 
-def described() -> list[str]:
+def description_lines() -> list[str]:
     """Lines of text."""
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     report = backend.probe()

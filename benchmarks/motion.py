@@ -40,9 +40,9 @@ def measure(scene_file: Path, *, step_deg: float, rounds: int) -> Section:
     }
     nearest = sorted(mobile, key=lambda name: far_m[name])
     scenes = {STILL: scene, "vehicle drives": dataclasses.replace(scene, ego=Course(speed_m_s=1.0))}
-    scenes |= {f"{count} bodies move": moved(scene, nearest[:count]) for count in MOVERS if count <= len(mobile)}
+    scenes |= {f"{count} bodies move": with_movable(scene, nearest[:count]) for count in MOVERS if count <= len(mobile)}
     moved_away, out = f"{max(MOVERS)} bodies move, out of the way", nearest[: max(MOVERS)]
-    scenes |= {AWAY: shifted(scene, out), moved_away: moved(shifted(scene, out), out)}
+    scenes |= {AWAY: with_shifted(scene, out), moved_away: with_movable(with_shifted(scene, out), out)}
     simulators = {name: Simulator(variant, sensor, interactions=0) for name, variant in scenes.items()}
     seconds = clock.in_turns({name: simulator.render for name, simulator in simulators.items()}, rounds=rounds)
     goals = {f"{count} bodies move": most for count, most in MOST.items()}
@@ -52,7 +52,7 @@ def measure(scene_file: Path, *, step_deg: float, rounds: int) -> Section:
     return Section("Motion", TEXT, [*rows, _tables(most, rounds)])
 
 
-def moved(scene: Scene, names: list[str]) -> Scene:
+def with_movable(scene: Scene, names: list[str]) -> Scene:
     """The scene with these bodies as ones that could move."""
     bodies = tuple(
         dataclasses.replace(body, motion=Course(start=body.pose)) if body.name in names else body
@@ -61,7 +61,7 @@ def moved(scene: Scene, names: list[str]) -> Scene:
     return dataclasses.replace(scene, bodies=bodies)
 
 
-def shifted(scene: Scene, names: list[str]) -> Scene:
+def with_shifted(scene: Scene, names: list[str]) -> Scene:
     """The scene with these bodies where no beam goes."""
     shift_m = -AWAY_M * scene.sensor_pose.rotation[:, 0]
     bodies = tuple(

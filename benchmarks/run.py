@@ -102,7 +102,7 @@ def report(sections: list[table.Section], *, quick: bool) -> str:
             section.rows[:] = [dataclasses.replace(row, goal="") for row in section.rows]
     if hasattr(os, "getloadavg"):
         head.append(f"Load average of the last 15 minutes at its end: {os.getloadavg()[2]:.1f}, this run included.")
-    lines = "".join(f"* {line}\n" for line in [*head, *machine.described()])
+    lines = "".join(f"* {line}\n" for line in [*head, *machine.description_lines()])
     return f"# Benchmarks\n\n{lines}\n{table.markdown(sections)}"
 
 

@@ -103,7 +103,7 @@ def check_newest() -> None:
 def run_part(name: str, python: str, *options: str) -> None:
     """Run the part and print it when it has ended."""
     with tempfile.TemporaryDirectory() as home:
-        environment = clean(home)
+        environment = clean_environment(home)
         report(f"{name}: {output(python, '--version')}, in {Path(python).parents[1]}")
         pytest = [python, "-m", "pytest", "-q", "-n", "0", *options, *PART]
         process = subprocess.run(
@@ -139,37 +139,37 @@ def check_wheel() -> None:
             home = Path(folder) / name.replace(" ", "_")
             python = make_environment(home / "env", version)
             uv("pip", "install", "--quiet", "--python", python, *options, str(wheel))
-            use(home, python)
+            use_package(home, python)
             report(f"wheel: {name}: {output(python, '--version')}")
 
         with ThreadPoolExecutor(2) as threads:  # two at a time: a command waits for one core, mostly
             list(threads.map(check, kinds))
 
 
-def use(home: Path, python: str) -> None:
+def use_package(home: Path, python: str) -> None:
     """Every kind of command, what an extra is needed for, and a machine without LLVM."""
     folder = home / "elsewhere"
     folder.mkdir()
-    environment = clean(str(home))
+    environment = clean_environment(str(home))
 
     def lidarscene(*arguments: str, **more: str) -> subprocess.CompletedProcess[str]:
         return run([str(Path(python).with_name("lidarscene")), *arguments], folder, environment | more)
 
     where = "import lidarscene; [getattr(lidarscene, n) for n in lidarscene.__all__]; print(lidarscene.__file__)"
-    must(run([python, "-c", where], folder, environment), 0, str(home / "env"))
-    must(lidarscene("--version"), 0, f"lidarscene {__version__}")
-    must(lidarscene("catalog", "scenes"), 0, "street")
-    must(lidarscene("catalog"), 0, "table1-apd")
-    must(lidarscene("catalog", "materials", "asphalt"), 0, "reflectivity")
-    json.loads(must(lidarscene("schema", "scene"), 0, "$defs"))
-    must(lidarscene("range", "table1-apd", "--over", "illuminance", "--plot", "range.png"), 0, "table1-apd")
-    must(lidarscene("doctor"), 0, "lidarscene can trace rays here")
+    require_outcome(run([python, "-c", where], folder, environment), 0, str(home / "env"))
+    require_outcome(lidarscene("--version"), 0, f"lidarscene {__version__}")
+    require_outcome(lidarscene("catalog", "scenes"), 0, "street")
+    require_outcome(lidarscene("catalog"), 0, "table1-apd")
+    require_outcome(lidarscene("catalog", "materials", "asphalt"), 0, "reflectivity")
+    json.loads(require_outcome(lidarscene("schema", "scene"), 0, "$defs"))
+    require_outcome(lidarscene("range", "table1-apd", "--over", "illuminance", "--plot", "range.png"), 0, "table1-apd")
+    require_outcome(lidarscene("doctor"), 0, "lidarscene can trace rays here")
     for scene in ("range", "car"):
-        summary = must(lidarscene("render", scene, "-o", f"{scene}.ply", "--json", *COARSE), 0, "")
+        summary = require_outcome(lidarscene("render", scene, "-o", f"{scene}.ply", "--json", *COARSE), 0, "")
         if json.loads(summary)["points"] == 0 or not (folder / f"{scene}.ply").read_bytes().startswith(b"ply"):
             raise SystemExit(f"environments: {scene}: no cloud of points came out: {summary}")
-    must(lidarscene("render", "range", "-o", "a.ply", "--picture", "a.png", *COARSE), 0, "a.png")
-    must(lidarscene("view", "range", "--save", "view.html", *COARSE), 0, "view.html")
+    require_outcome(lidarscene("render", "range", "-o", "a.ply", "--picture", "a.png", *COARSE), 0, "a.png")
+    require_outcome(lidarscene("view", "range", "--save", "view.html", *COARSE), 0, "view.html")
 
     for name, extra in {
         name: written_format.extra for name, written_format in FORMATS.items() if written_format.extra
@@ -196,20 +196,20 @@ def use(home: Path, python: str) -> None:
 def without_llvm(lidarscene, message: str, **environment: str) -> None:
     """One error, exit code 3, nothing written; doctor's whole report all the same; what traces nothing works."""
     for command in (("render", "range", "-o", "new/a.ply"), ("view", "range", "--save", "b.html")):
-        must(lidarscene(*command, **environment), 3, message, error=True)
-    report = must(lidarscene("doctor", **environment), 1, message)
+        require_outcome(lidarscene(*command, **environment), 3, message, error=True)
+    report = require_outcome(lidarscene("doctor", **environment), 1, message)
     if not report.rstrip().endswith("lidarscene cannot trace rays here"):
         raise SystemExit(f"environments: doctor does not end with its verdict:\n{report}")
-    must(lidarscene("range", "table1-apd", **environment), 0, "table1-apd")
+    require_outcome(lidarscene("range", "table1-apd", **environment), 0, "table1-apd")
 
 
 def one_line(ran: subprocess.CompletedProcess[str], code: int, message: str) -> None:
     """An error of one line, and nothing else."""
-    if must(ran, code, message, error=True).count("\n") != 1:
+    if require_outcome(ran, code, message, error=True).count("\n") != 1:
         raise SystemExit(f"environments: more than one line: {ran.stderr}")
 
 
-def must(ran: subprocess.CompletedProcess[str], code: int, message: str, *, error: bool = False) -> str:
+def require_outcome(ran: subprocess.CompletedProcess[str], code: int, message: str, *, error: bool = False) -> str:
     """What it printed, if this is how it ended and what it said, and it said nothing in the wrong place."""
     right, wrong = (ran.stderr, ran.stdout) if error else (ran.stdout, ran.stderr)
     begins = "lidarscene: error: " if error else ""
@@ -226,25 +226,25 @@ def must(ran: subprocess.CompletedProcess[str], code: int, message: str, *, erro
 
 def lowest_python() -> str:
     """A Python of the lowest release that is supported: one of this machine, or the one that uv installs."""
-    pythons = dict(installed())
-    return pythons.get(LOWEST_PYTHON) or downloaded(LOWEST_PYTHON)
+    pythons = dict(installed_pythons())
+    return pythons.get(LOWEST_PYTHON) or download_python(LOWEST_PYTHON)
 
 
 def newest_python() -> str:
     """$PYTHON_NEWEST, or the newest Python of this machine, or, where that is too old, the one that uv installs."""
     if newest := os.environ.get("PYTHON_NEWEST"):
         return newest
-    release, path = max(installed(), default=((0, 0), ""))
-    return path if release >= NEWEST_PYTHON else downloaded(NEWEST_PYTHON)
+    release, path = max(installed_pythons(), default=((0, 0), ""))
+    return path if release >= NEWEST_PYTHON else download_python(NEWEST_PYTHON)
 
 
-def downloaded(release: tuple[int, int]) -> str:
+def download_python(release: tuple[int, int]) -> str:
     """The Python that uv installs for its user."""
     uv("python", "install", "--quiet", "{}.{}".format(*release))
     return "{}.{}".format(*release)
 
 
-def installed() -> Iterator[tuple[tuple[int, int], str]]:
+def installed_pythons() -> Iterator[tuple[tuple[int, int], str]]:
     """The Pythons that uv finds, and pyenv's, which it cannot find where none of them is chosen."""
     listed = subprocess.run(
         [UV, "python", "list", "--only-installed", "--output-format", "json"],
@@ -278,7 +278,7 @@ def uv(*arguments: str, check: bool = True, **environment: str) -> int:
     return code
 
 
-def clean(home: str) -> dict[str, str]:
+def clean_environment(home: str) -> dict[str, str]:
     """The environment of this process without what chooses a back end, a cache or modules; HOME is `home`."""
     variables = {name: value for name, value in os.environ.items() if not name.startswith(NOT_OURS)}
     return variables | {"HOME": home, "USERPROFILE": home}

@@ -258,11 +258,11 @@ def test_failures_are_told_and_do_not_stop_the_rest(client: Any, write_job: Writ
     path.write_text(path.read_text().replace('["wall.toml"]', '["wall.toml", "bad.toml", "far.toml"]'))
     job, out, reports = Job.read(path), tmp_path / "out", []
 
-    def tell(progress: Progress, task: FrameTask | None, cause: str) -> None:
+    def record_report(progress: Progress, task: FrameTask | None, cause: str) -> None:
         reports.append((task, cause))
 
     def run_again() -> Progress:
-        return run_job(Job.read(path), out, connect=lambda: nullcontext(client), threads=1, report=tell)
+        return run_job(Job.read(path), out, connect=lambda: nullcontext(client), threads=1, report=record_report)
 
     progress = run_again()
     assert (progress.rendered, len(progress.failed)) == (8, 4)
@@ -307,13 +307,13 @@ def test_a_bundle_that_fails_is_taken_apart(
     bundle_sizes, submit = [], dispatch._Dispatcher.submit
     long_job.write_text(long_job.read_text().replace("seed_count = 5", "seed_count = 10"))
 
-    def counted(self: Any, bundle: list[FrameTask]) -> None:
+    def submit_and_count(self: Any, bundle: list[FrameTask]) -> None:
         bundle_sizes.append(len(bundle))
         submit(self, bundle)
 
     monkeypatch.setattr(dispatch, "BUNDLE_S", 1000.0)  # several frames to a bundle, however slow this machine is
     monkeypatch.setattr(dispatch, "render_frames", fails_in_company)
-    monkeypatch.setattr(dispatch._Dispatcher, "submit", counted)
+    monkeypatch.setattr(dispatch._Dispatcher, "submit", submit_and_count)
     progress = run_job(Job.read(long_job), tmp_path / "out", connect=lambda: nullcontext(client), threads=1)
     assert max(bundle_sizes) > 1
     assert (progress.rendered, list(progress.failed.values())) == (18, ["the worker said RuntimeError: broken"] * 2)

@@ -8,7 +8,7 @@ from lidarscene.batch import manifest
 from lidarscene.batch.dispatch import BUNDLES_FOR_EACH, _Dispatcher
 
 
-def share(frames_left: int, *, threads: int, frame_s: float) -> int:
+def bundle_size(frames_left: int, *, threads: int, frame_s: float) -> int:
     return _Dispatcher.share(SimpleNamespace(_frame_s=frame_s, _count=lambda: threads), frames_left)
 
 
@@ -29,7 +29,7 @@ def share(frames_left: int, *, threads: int, frame_s: float) -> int:
     ],
 )
 def test_share_by_hand(frame_s: float, threads: int, frames_left: int, frames: int) -> None:
-    assert share(frames_left, threads=threads, frame_s=frame_s) == frames
+    assert bundle_size(frames_left, threads=threads, frame_s=frame_s) == frames
 
 
 @pytest.mark.parametrize("threads", [1, 3, 16])
@@ -39,7 +39,7 @@ def test_no_thread_waits_long_for_the_last_bundle(threads: int) -> None:
     """
     frames_left, before = 5000, 100
     while frames_left:
-        frames = share(frames_left, threads=threads, frame_s=1e-3)
+        frames = bundle_size(frames_left, threads=threads, frame_s=1e-3)
         assert 1 <= frames <= before
         assert frames == 1 or frames <= 0.5 * frames_left / threads
         frames_left, before = frames_left - frames, frames

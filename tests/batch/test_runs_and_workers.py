@@ -80,11 +80,11 @@ def test_a_pool_that_cannot_start_is_one_line(monkeypatch: pytest.MonkeyPatch) -
     """Rationale: a worker that dies while the pool starts ended in a traceback of Dask."""
     attempts = []
 
-    def dies(workers: int) -> Any:
+    def fail_to_start(workers: int) -> Any:
         attempts.append(workers)
         raise RuntimeError("Nanny failed\nto start")
 
-    monkeypatch.setattr(cluster, "_start_cluster", dies)
+    monkeypatch.setattr(cluster, "_start_cluster", fail_to_start)
     message = "^--workers 2: the processes could not be started: Nanny failed to start$"
     with pytest.raises(LidarSceneError, match=message), cluster.local_client(2):
         pass

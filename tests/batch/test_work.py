@@ -159,15 +159,15 @@ def test_another_scene_has_a_world_of_its_own_and_another_sun_has_not(
 def test_no_more_than_a_few_things_are_kept() -> None:
     cache, made_keys = work._Cache(), []
 
-    def get(key: int) -> int:
+    def get_cached(key: int) -> int:
         return cache.get(key, lambda: made_keys.append(key) or key)
 
     for key in range(work.CACHED):
-        get(key)
-    assert get(0) == 0
-    get(99)  # now 1 has waited longest
-    get(0)
-    get(1)
+        get_cached(key)
+    assert get_cached(0) == 0
+    get_cached(99)  # now 1 has waited longest
+    get_cached(0)
+    get_cached(1)
     assert made_keys == [*range(work.CACHED), 99, 1]
     assert len(cache._entries) == work.CACHED
 
@@ -203,11 +203,11 @@ def test_a_full_disk_loses_nothing(job: Job, tmp_path: Path, monkeypatch: pytest
     """The write that meets it, of the cloud (when it is synced) or of its row, fails as a whole."""
     task, store = next(job.tasks()), Store(tmp_path / "out")
 
-    def full(*_: Any, **__: Any) -> None:
+    def raise_disk_full(*_: Any, **__: Any) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(*((atomic, "_sync") if full_at == "cloud" else (Path, "write_text")), full)
+        patch.setattr(*((atomic, "_sync") if full_at == "cloud" else (Path, "write_text")), raise_disk_full)
         cause = work._try_render(task, store, 1)
     assert cause.endswith("cannot be written: No space left on device")
     assert "\n" not in cause

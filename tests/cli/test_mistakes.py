@@ -22,7 +22,7 @@ def files_in(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*")}
 
 
-def refused(run: Run, folder: Path, *argv: str) -> str:
+def error_line(run: Run, folder: Path, *argv: str) -> str:
     """The one line that this command line gets, without the program's name."""
     before = files_in(folder)
     ran: Ran = run(*argv)
@@ -35,9 +35,9 @@ def refused(run: Run, folder: Path, *argv: str) -> str:
     return ran.err.removeprefix("lidarscene: error: ").rstrip("\n")
 
 
-def refused_scene(run: Run, folder: Path, text: str, *more: str) -> str:
+def error_line_of_scene(run: Run, folder: Path, text: str, *more: str) -> str:
     (folder / "scene.toml").write_text(text)
-    return refused(run, folder, "render", "scene.toml", "-o", "new/out.ply", *COARSE, *more)
+    return error_line(run, folder, "render", "scene.toml", "-o", "new/out.ply", *COARSE, *more)
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def refused_scene(run: Run, folder: Path, text: str, *more: str) -> str:
 )
 def test_bad_mesh(run: Run, tmp_path: Path, name: str, content: str | bytes, message: str) -> None:
     (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
-    line = refused_scene(run, tmp_path, MESH.format(name))
+    line = error_line_of_scene(run, tmp_path, MESH.format(name))
     assert line.startswith('scene.toml: bodies[0 "thing"]')
     assert message in line
 
@@ -78,7 +78,7 @@ def test_bad_mesh(run: Run, tmp_path: Path, name: str, content: str | bytes, mes
 )
 def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, message: str) -> None:
     (tmp_path / "folder").mkdir()
-    line = refused_scene(run, tmp_path, MESH.format(name))
+    line = error_line_of_scene(run, tmp_path, MESH.format(name))
     assert line == f'scene.toml: bodies[0 "thing"].mesh: {message}'
 
 
@@ -183,18 +183,18 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, message: st
 )
 def test_bad_scene(run: Run, tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "ok.obj").write_text(TRIANGLE)
-    line = refused_scene(run, tmp_path, text)
+    line = error_line_of_scene(run, tmp_path, text)
     assert line.removeprefix("scene.toml: ").startswith(message)
 
 
 def test_several_mistakes_are_counted(run: Run, tmp_path: Path) -> None:
-    line = refused_scene(run, tmp_path, WALL + "scale = 0\n[sky]\ndiffuse_share = -1\n")
+    line = error_line_of_scene(run, tmp_path, WALL + "scale = 0\n[sky]\ndiffuse_share = -1\n")
     assert line.endswith("got 0 (and 1 more)") or line.endswith("got -1 (and 1 more)")
 
 
 def test_text_that_is_not_utf_8(run: Run, tmp_path: Path) -> None:
     (tmp_path / "latin.toml").write_bytes(b'\nname = "caf\xe9"\n')
-    assert refused(run, tmp_path, "render", "latin.toml", "-o", "o.ply") == "latin.toml: not UTF-8 text (at line 2)"
+    assert error_line(run, tmp_path, "render", "latin.toml", "-o", "o.ply") == "latin.toml: not UTF-8 text (at line 2)"
 
 
 def test_scene_that_is_not_there(run: Run, tmp_path: Path) -> None:
@@ -206,11 +206,11 @@ def test_scene_that_is_not_there(run: Run, tmp_path: Path) -> None:
         ("folder.toml", "folder.toml: must be a TOML file, got a folder"),
         ("folder.xml", "folder.xml: must be a Mitsuba XML scene, got a folder"),
     ):
-        assert refused(run, tmp_path, "render", name, "-o", "o.ply") == message
+        assert error_line(run, tmp_path, "render", name, "-o", "o.ply") == message
 
 
 def test_name_of_two_lines_is_told_in_one(run: Run, tmp_path: Path) -> None:
-    assert refused(run, tmp_path, "render", "two\nlines.toml", "-o", "o.ply") == "two\\nlines.toml: no such file"
+    assert error_line(run, tmp_path, "render", "two\nlines.toml", "-o", "o.ply") == "two\\nlines.toml: no such file"
 
 
 @pytest.mark.parametrize(
@@ -245,7 +245,7 @@ def test_name_of_two_lines_is_told_in_one(run: Run, tmp_path: Path) -> None:
     ],
 )
 def test_bad_value_in_set(run: Run, tmp_path: Path, wall: str, assignment: str, message: str) -> None:
-    line = refused(run, tmp_path, "render", wall, "-o", "o.ply", *COARSE, "--set", assignment)
+    line = error_line(run, tmp_path, "render", wall, "-o", "o.ply", *COARSE, "--set", assignment)
     assert "table1-apd.toml --set " in line
     assert f"--set {assignment}: " in line
     assert message in line
@@ -253,7 +253,7 @@ def test_bad_value_in_set(run: Run, tmp_path: Path, wall: str, assignment: str, 
 
 def test_more_pulses_than_there_are_numbers_for(run: Run, tmp_path: Path, wall: str) -> None:
     finest = ("--set=scanner.azimuth_step_deg=1e-6", "--set=scanner.elevation_step_deg=1e-6")
-    line = refused(run, tmp_path, "render", wall, "-o", "o.ply", *finest)
+    line = error_line(run, tmp_path, "render", wall, "-o", "o.ply", *finest)
     assert "must have fewer than 2^31 pulses in a frame, got" in line
 
 
@@ -267,7 +267,7 @@ def test_more_pulses_than_there_are_numbers_for(run: Run, tmp_path: Path, wall: 
     ],
 )
 def test_bad_form_of_set(run: Run, tmp_path: Path, wall: str, assignment: str, message: str) -> None:
-    line = refused(run, tmp_path, "render", wall, "-o", "o.ply", "--set", assignment)
+    line = error_line(run, tmp_path, "render", wall, "-o", "o.ply", "--set", assignment)
     assert line == f"--set {assignment}: {message}"
 
 
@@ -303,7 +303,7 @@ def test_bad_form_of_set(run: Run, tmp_path: Path, wall: str, assignment: str, m
 )
 def test_bad_option(run: Run, tmp_path: Path, wall: str, argv: list[str], message: str) -> None:
     (tmp_path / "sensor").write_text("")
-    assert message in refused(run, tmp_path, "render", wall, "-o", "new/o.ply", *argv)
+    assert message in error_line(run, tmp_path, "render", wall, "-o", "new/o.ply", *argv)
 
 
 @pytest.mark.parametrize(
@@ -319,12 +319,12 @@ def test_bad_option(run: Run, tmp_path: Path, wall: str, argv: list[str], messag
     ],
 )
 def test_bad_command(run: Run, tmp_path: Path, argv: list[str], message: str) -> None:
-    assert refused(run, tmp_path, *argv).startswith(message)
+    assert error_line(run, tmp_path, *argv).startswith(message)
 
 
 def test_wavelength_that_no_material_knows(run: Run, tmp_path: Path, wall: str, mi: ModuleType) -> None:
     argv = ("render", wall, "-o", "o.ply", *COARSE, "--set")
-    line = refused(run, tmp_path, *argv, "laser.wavelength_nm=800")
+    line = error_line(run, tmp_path, *argv, "laser.wavelength_nm=800")
     assert line == "material 'concrete': no reflectivity at 800 nm; its table reaches from 850 to 1550 nm"
     assert run(*argv, "laser.wavelength_nm=1400").code == 0
 
@@ -347,7 +347,7 @@ def test_output_that_cannot_be(
     """It is told before anything is computed."""
     (tmp_path / "folder.ply").mkdir()
     monkeypatch.setattr("lidarscene.outputs.record.load_scene", lambda *_, **__: pytest.fail("the scene was read"))
-    assert message in refused(run, tmp_path, "render", wall, "-o", output)
+    assert message in error_line(run, tmp_path, "render", wall, "-o", output)
 
 
 def test_no_input_is_overwritten(run: Run, tmp_path: Path) -> None:
@@ -364,7 +364,7 @@ def test_no_input_is_overwritten(run: Run, tmp_path: Path) -> None:
     (tmp_path / "based.toml").write_text('base = "base.xml"\n')
     for scene in ("scene.toml", "based.toml", "base.xml"):
         for output in ("mesh.ply", "./mesh.ply", "link.ply"):
-            line = refused(run, tmp_path, "render", scene, "-o", output, *COARSE)
+            line = error_line(run, tmp_path, "render", scene, "-o", output, *COARSE)
             assert line == f"--output {Path(output)}: must be another name, got an input of this run"
     assert (tmp_path / "mesh.ply").read_bytes() == content
 
@@ -490,7 +490,7 @@ def test_memory_that_is_not_there(
 )
 def test_bad_mitsuba_scene(run: Run, tmp_path: Path, mi: ModuleType, text: str | bytes, message: str) -> None:
     (tmp_path / "a.xml").write_bytes(text if isinstance(text, bytes) else text.encode())
-    assert refused(run, tmp_path, "render", "a.xml", "-o", "o.ply", *COARSE).startswith(message)
+    assert error_line(run, tmp_path, "render", "a.xml", "-o", "o.ply", *COARSE).startswith(message)
 
 
 @pytest.mark.parametrize(
@@ -502,5 +502,5 @@ def test_bad_mitsuba_scene(run: Run, tmp_path: Path, mi: ModuleType, text: str |
 )
 def test_bad_base_materials(run: Run, tmp_path: Path, mi: ModuleType, mapped: str, message: str) -> None:
     (tmp_path / "a.xml").write_text(XML)
-    line = refused_scene(run, tmp_path, f'base = "a.xml"\n[base_materials]\n{mapped}\n')
+    line = error_line_of_scene(run, tmp_path, f'base = "a.xml"\n[base_materials]\n{mapped}\n')
     assert line.startswith(message)

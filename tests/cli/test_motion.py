@@ -27,7 +27,7 @@ def files_of(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()} - {"drive.toml", "two.toml"}
 
 
-def ran(run: Run, *argv: str) -> dict:
+def render_as_json(run: Run, *argv: str) -> dict:
     rendered = run("render", *argv, *COARSE, "--json")
     assert (rendered.code, rendered.err) == (0, ""), rendered
     return json.loads(rendered.out)
@@ -35,7 +35,7 @@ def ran(run: Run, *argv: str) -> dict:
 
 def test_frames_in_a_folder(mi, run: Run, small_pictures: None, drive: str, tmp_path: Path) -> None:
     """Frame after frame, each with its picture and its missed pulses; the wall comes at 30 m/s."""
-    counts_of_run = ran(
+    counts_of_run = render_as_json(
         run,
         drive,
         "-o",
@@ -77,7 +77,7 @@ def test_frames_in_a_folder(mi, run: Run, small_pictures: None, drive: str, tmp_
 
 def test_deskewed_beside_raw(mi, run: Run, drive: str, tmp_path: Path) -> None:
     """The one file and its twin. Raw points lie where they were seen from the start; deskewed ones in the world."""
-    counts_of_run = ran(run, drive, "-o", "a.ply", "--deskew", "--ascii")
+    counts_of_run = render_as_json(run, drive, "-o", "a.ply", "--deskew", "--ascii")
     assert files_of(tmp_path) == {"a.ply", "a.deskewed.ply"}
     assert counts_of_run["deskewed"] == "a.deskewed.ply"
     raw, deskewed = PointCloud.load("a.ply"), PointCloud.load("a.deskewed.ply")
@@ -86,14 +86,14 @@ def test_deskewed_beside_raw(mi, run: Run, drive: str, tmp_path: Path) -> None:
 
 
 def test_one_frame_is_the_first_of_many(mi, run: Run, drive: str) -> None:
-    ran(run, drive, "-o", "one.ply", "--seed", "5")
-    ran(run, drive, "-o", "many", "--frames", "1", "--seed", "5")
+    render_as_json(run, drive, "-o", "one.ply", "--seed", "5")
+    render_as_json(run, drive, "-o", "many", "--frames", "1", "--seed", "5")
     single, first = PointCloud.load("one.ply"), PointCloud.load("many/frame_0000.ply")
     np.testing.assert_array_equal(single.xyz_m, first.xyz_m)
 
 
 def test_a_rig_one_cloud_each(mi, run: Run, small_pictures: None, drive: str, tmp_path: Path) -> None:
-    counts_of_run = ran(
+    counts_of_run = render_as_json(
         run,
         drive,
         "--rig",
@@ -124,7 +124,7 @@ def test_a_rig_one_cloud_each(mi, run: Run, small_pictures: None, drive: str, tm
 
 def test_a_rig_merged_in_several_frames(mi, run: Run, small_pictures: None, drive: str, tmp_path: Path) -> None:
     """One cloud a frame, whose `sensor_index` and `sensor_names` tell them apart; --no-truth keeps them."""
-    counts_of_run = ran(
+    counts_of_run = render_as_json(
         run,
         drive,
         "--rig",
@@ -148,7 +148,7 @@ def test_a_rig_merged_in_several_frames(mi, run: Run, small_pictures: None, driv
         assert cloud.sensor_names == ("left", "right")
         assert set(np.unique(cloud.sensor_index)) == {0, 1}
         assert not cloud.has_truth
-    ran(run, drive, "--rig", "two.toml", "--merge", "-o", "one.ply", "--pose", "0,0,1")
+    render_as_json(run, drive, "--rig", "two.toml", "--merge", "-o", "one.ply", "--pose", "0,0,1")
     assert PointCloud.load("one.ply").sensor_position_m.tolist() == [0, 1, 2.8]
 
 
@@ -242,11 +242,11 @@ def test_the_view_rides_with_the_vehicle(
         + DRIVE.replace("speed_m_s = 20", "yaw_deg = 90\nspeed_m_s = 20", 1)
     )
     for frame, eye in (("world", (0, -3, 3)), ("vehicle", (-5, 0, 3)), ("sensor", None)):
-        ran(run, drive, "-o", "a.ply", "--coordinates", frame, "--begin", "0.1", "--picture", "p.png")
+        render_as_json(run, drive, "-o", "a.ply", "--coordinates", frame, "--begin", "0.1", "--picture", "p.png")
         picture_options = options_of_pictures.pop()
         assert picture_options["colour_by"] == "intensity"
         assert (picture_options["view"] is None) == (eye is None)
         np.testing.assert_allclose(picture_options["view"].eye_m, eye, atol=1e-12) if eye else None
-    ran(run, drive, "--rig", "two.toml", "--merge", "-o", "a.ply", "--picture", "p.png")
+    render_as_json(run, drive, "--rig", "two.toml", "--merge", "-o", "a.ply", "--picture", "p.png")
     assert options_of_pictures[0]["colour_by"] == "sensor_index"
     np.testing.assert_allclose(options_of_pictures[0]["view"].eye_m, (0, -5, 3), atol=1e-12)

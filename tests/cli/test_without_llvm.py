@@ -25,11 +25,11 @@ def lidarscene(machine: str, run_python, tmp_path):
     for name in libraries:
         open(name, "w").close()
 
-    def run(*argv: str):
+    def run_lidarscene(*argv: str):
         code = RUN.format(found=libraries, argv=argv)
         return run_python(code, DRJIT_LIBLLVM_PATH=path, LIDARSCENE_VARIANT=None, CUDA_VISIBLE_DEVICES="")
 
-    return run, message
+    return run_lidarscene, message
 
 
 @pytest.mark.parametrize("machine", ["only an old one"])

@@ -75,7 +75,7 @@ def test_every_page_is_in_the_navigation() -> None:
 # --- examples ---------------------------------------------------------------------------------------
 
 
-def printed(code: str) -> str:
+def output_of_code(code: str) -> str:
     """What a piece of code prints."""
     with contextlib.redirect_stdout(io.StringIO()) as out:
         exec(compile(code, "<documentation>", "exec"), {"__name__": "documentation"})
@@ -90,7 +90,7 @@ def test_python_blocks_run(
     if re.search("render|Simulator", block.code):
         request.getfixturevalue("mi")
     make_workplace(tmp_path, block.page, monkeypatch)
-    output = printed(block.code)
+    output = output_of_code(block.code)
     if block.output is not None:
         assert output == block.output
 
@@ -141,7 +141,7 @@ def dotted_names(page: Path) -> list[str]:
     return [span for span in spans if span.split(".")[0] in MODULES and not span.endswith(files)]
 
 
-def resolved(name: str) -> object:
+def resolve_name(name: str) -> object:
     """The module, class, function or attribute of this name below lidarscene."""
     parts = name.split(".")
     resolved_object: Any = lidarscene
@@ -156,7 +156,7 @@ def resolved(name: str) -> object:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_names_exist(page: Path) -> None:
     for name in dotted_names(page):
-        resolved(name)
+        resolve_name(name)
 
 
 def test_theory_names_the_formulas() -> None:
@@ -316,7 +316,7 @@ def values_of(schema: dict[str, Any]) -> str:
     return "date and time" if schema.get("format") == "date-time" else words.get(kind, "table")
 
 
-def declared(name: str) -> dict[str, tuple[str, str]]:
+def declared_keys(name: str) -> dict[str, tuple[str, str]]:
     """Default and values of each key, as the model has them, without keys of one value (`type`): headings name it."""
     properties = MODELS[name].model_json_schema()["properties"]
     return {
@@ -346,7 +346,7 @@ def keys_of(name: str) -> dict[str, tuple[str, str, str]]:
     parents, rows = rows_of(name)
     for parent in parents:
         inherited = keys_of(parent)
-        rows |= {key: inherited[key] for key in declared(name) if key not in rows and key in inherited}
+        rows |= {key: inherited[key] for key in declared_keys(name) if key not in rows and key in inherited}
     return rows
 
 
@@ -354,7 +354,7 @@ def keys_of(name: str) -> dict[str, tuple[str, str, str]]:
 def test_every_key_has_its_row(name: str) -> None:
     """Key, default, values and some words for each field, in the model's order or another."""
     documented = {key: (default, values) for key, (default, values, _) in keys_of(name).items()}
-    assert documented == declared(name), "run: PYTHONPATH=src:tests python tests/docs/test_docs.py"
+    assert documented == declared_keys(name), "run: PYTHONPATH=src:tests python tests/docs/test_docs.py"
 
 
 def limits(schema: Any) -> set[float]:
@@ -387,7 +387,7 @@ def refresh() -> None:
     for name in MODELS:
         parents, table_rows = rows_of(name)
         words = {key: meaning for key, (*_, meaning) in table_rows.items()}
-        keys = declared(name)
+        keys = declared_keys(name)
         elsewhere = {key for parent in parents for key in keys_of(parent)}
         order = [key for key in words if key in keys]
         order += [key for key in keys if key not in words and key not in elsewhere]
@@ -410,7 +410,7 @@ def refresh() -> None:
         for block in blocks(page, "python"):
             if block.output is not None:
                 before = f"```python\n{block.code}```\n\n```text\n"
-                after = before + printed(block.code)
+                after = before + output_of_code(block.code)
                 text = text.replace(f"{before}{block.output}```", f"{after}```")
         page.write_text(text, encoding="utf-8")
 

@@ -101,7 +101,7 @@ def test_edge() -> None:
     level = float(APD.threshold(point)[0] / point.response.signal(light.peak_power_w)[0])
     walk_s = pulse.leading_edge_time_s(level=level, fwhm_s=6e-9)
     says("theory.md", "is the walk error: {} m at 50 m", 0.5 * SPEED_OF_LIGHT_M_S * walk_s)
-    share, line = edge(5.0)
+    share, line = edge_errors(5.0)
     says("theory.md", "At TNR 5 sigma_0 is {} % of U", 100.0 / 5.0)
     says("theory.md", "sigma(U) is {} %: the edge", 100.0 * share)
     short = 100.0 * (1.0 / line - 1.0)
@@ -110,7 +110,7 @@ def test_edge() -> None:
     says("validation.md", "the level moves by {} % ({} % without", 100.0 * share, 100.0 / 5.0)
 
 
-def edge(tnr: float) -> tuple[float, float]:
+def edge_errors(tnr: float) -> tuple[float, float]:
     """sigma(U) / U, and the deviation by the straight line over that of the model (the page's own example)."""
     sensor = load_sensor("table1-apd", overrides=[f"tdc.threshold_to_noise={tnr}"])
     light = plane.echoes_of_plane(sensor, TABLE_1, 50.0)

@@ -169,13 +169,13 @@ def leaf(nm: float) -> tuple[float, float]:
 
 
 @cache
-def checked(name: str) -> list[Held]:
+def check_published(name: str) -> list[Held]:
     return published_values.compare(name)
 
 
 def test_published_against_simulated() -> None:
     """Largest errors of the ranges, in words that `catalog check` prints row by row."""
-    ranges = [row for name in catalog.names("sensors") for row in checked(name) if row.quantity == "range"]
+    ranges = [row for name in catalog.names("sensors") for row in check_published(name) if row.quantity == "range"]
     errors = {row.value: row for row in ranges if row.value is not None}
     least, most = errors[min(errors)], errors[max(errors)]
     assert [(row.subject, row.condition[:3]) for row in (least, most)] == [("os2-128", "80%"), ("livox-avia", "80%")]

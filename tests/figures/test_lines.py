@@ -18,11 +18,11 @@ def saved(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     figures: list[Any] = []
     whole = Figure.savefig
 
-    def noted(figure: Figure, *args: Any, **options: Any) -> None:
+    def save_and_keep(figure: Figure, *args: Any, **options: Any) -> None:
         figures.append(figure)
         whole(figure, *args, **options)
 
-    monkeypatch.setattr(Figure, "savefig", noted)
+    monkeypatch.setattr(Figure, "savefig", save_and_keep)
     return figures
 
 

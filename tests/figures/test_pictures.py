@@ -119,17 +119,17 @@ def test_no_label_lies_over_points(cloud: PointCloud, monkeypatch: Any, tmp_path
     texts: list[tuple[float, float]] = []
     show, text = Canvas.show, Canvas.text
 
-    def shown_too(self: Canvas, image: Any, x: int, y: int) -> None:
+    def record_image(self: Canvas, image: Any, x: int, y: int) -> None:
         if image.shape[0] > 60 and image.shape[1] > 60:  # a bar is narrower
             images.append((x, y, x + image.shape[1], y + image.shape[0]))
         show(self, image, x, y)
 
-    def text_too(self: Canvas, x: float, y: float, *about: Any, **more: Any) -> None:
+    def record_text(self: Canvas, x: float, y: float, *about: Any, **more: Any) -> None:
         texts.append((x, y))
         text(self, x, y, *about, **more)
 
-    monkeypatch.setattr(Canvas, "show", shown_too)
-    monkeypatch.setattr(Canvas, "text", text_too)
+    monkeypatch.setattr(Canvas, "show", record_image)
+    monkeypatch.setattr(Canvas, "text", record_text)
     for column in ("intensity", "class"):
         frame_picture(cloud, tmp_path / "a.png", colour_by=column)
     assert len(images) == 6

@@ -23,31 +23,31 @@ def _forget() -> Iterator[None]:
     open3d_door.open3d.cache_clear()
 
 
-def answers(monkeypatch: pytest.MonkeyPatch, *results: ModuleType | Exception) -> list[str]:
+def queue_imports(monkeypatch: pytest.MonkeyPatch, *results: ModuleType | Exception) -> list[str]:
     """Have the import give these results one after the other; returns a log of what was done."""
     log: list[str] = []
     queue = list(results)
 
-    def imported() -> ModuleType:
+    def import_next() -> ModuleType:
         log.append("import")
         result = queue.pop(0)
         if isinstance(result, Exception):
             raise result
         return result
 
-    monkeypatch.setattr(open3d_door, "_import", imported)
+    monkeypatch.setattr(open3d_door, "_import", import_next)
     monkeypatch.setattr(open3d_door, "_preload_libusb", lambda: log.append("libusb") or True)
     return log
 
 
 def test_a_plain_import_is_enough_and_done_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    log = answers(monkeypatch, MODULE)
+    log = queue_imports(monkeypatch, MODULE)
     assert open3d_door.open3d() is open3d_door.open3d() is MODULE
     assert log == ["import"]
 
 
 def test_libusb_is_loaded_only_where_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    log = answers(monkeypatch, NO_LIBUSB, MODULE)
+    log = queue_imports(monkeypatch, NO_LIBUSB, MODULE)
     assert open3d_door.open3d() is MODULE
     assert log == ["import", "libusb", "import"]
 
@@ -65,7 +65,7 @@ def test_libusb_is_loaded_only_where_it_is_missing(monkeypatch: pytest.MonkeyPat
 def test_shut_it_says_in_one_line_why_and_what_to_do(
     monkeypatch: pytest.MonkeyPatch, error: Exception, way_out: str
 ) -> None:
-    answers(monkeypatch, error)
+    queue_imports(monkeypatch, error)
     monkeypatch.setattr(open3d_door, "_preload_libusb", lambda: False)
     with pytest.raises(LidarSceneError, match=way_out) as caught:
         open3d_door.open3d()
@@ -75,14 +75,14 @@ def test_shut_it_says_in_one_line_why_and_what_to_do(
 
 
 def test_what_fails_after_libusb_is_what_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    answers(monkeypatch, NO_LIBUSB, OSError("libGL.so.1: cannot open shared object file"))
+    queue_imports(monkeypatch, NO_LIBUSB, OSError("libGL.so.1: cannot open shared object file"))
     with pytest.raises(LidarSceneError, match=r"libGL\.so\.1.*apt install"):
         open3d_door.open3d()
 
 
 def test_a_failure_is_not_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rationale: a notebook user installs what was missing and tries again."""
-    answers(monkeypatch, ModuleNotFoundError("No module named 'open3d'"), MODULE)
+    queue_imports(monkeypatch, ModuleNotFoundError("No module named 'open3d'"), MODULE)
     with pytest.raises(LidarSceneError):
         open3d_door.open3d()
     assert open3d_door.open3d() is MODULE

@@ -490,7 +490,7 @@ def test_open3d_ml_opens_a_kitti_dataset(
     data = split.get_data(1)
     in_sensor_frame = street_cloud.in_sensor_frame()
     np.testing.assert_array_equal(data["full_point"][:, :3], in_sensor_frame.xyz_m)
-    in_picture = projected(in_sensor_frame.xyz_m)
+    in_picture = is_in_picture(in_sensor_frame.xyz_m)
     assert len(data["point"]) == pytest.approx(np.count_nonzero(in_picture), abs=2)
     boxes_seen = [b.seen_from(street.SENSOR) for b in boxes(street_cloud, street.scene())]
     assert [b.label_class for b in data["bounding_boxes"]] == ["Car", "Car", "DontCare"]  # it knows no "Misc"
@@ -502,7 +502,7 @@ def test_open3d_ml_opens_a_kitti_dataset(
     assert [b.occlusion for b in data["bounding_boxes"]][:2] == [0, 1]
 
 
-def projected(xyz_m: np.ndarray) -> np.ndarray:
+def is_in_picture(xyz_m: np.ndarray) -> np.ndarray:
     """Whether points lie in the picture: x right is -y, y down is -z, z forward is x."""
     x, y, z = xyz_m.astype(float).T
     u, v = CAMERA[0, 2] - CAMERA[0, 0] * y / x, CAMERA[1, 2] - CAMERA[1, 1] * z / x
@@ -598,7 +598,7 @@ def test_frames_of_a_sequence_are_written_in_order(sequence: Path, street_cloud:
 # --- what moves -------------------------------------------------------------------------------------
 
 
-def driving(*, motion_in: str) -> tuple[PointCloud, Scene]:
+def render_driving(*, motion_in: str) -> tuple[PointCloud, Scene]:
     """A car that crosses at 10 m/s while the sensor drives at 20 m/s, seen pulse by pulse over 0.1 s.
 
     By hand: each beam is traced in the scene as it stands when its pulse leaves.
@@ -630,7 +630,7 @@ def test_boxes_are_where_the_cloud_shows_what_moves(motion_in: str) -> None:
     """Rationale: a box is to hold the points of its body, whoever moved. Over 0.1 s the car and the sensor go 1 m
     and 2 m: half of that on either side of the mean time is what points may lie outside.
     """
-    cloud, scene = driving(motion_in=motion_in)
+    cloud, scene = render_driving(motion_in=motion_in)
     frame_boxes = boxes(cloud, scene)
     for box in frame_boxes:
         body_points_m = cloud.xyz_m[cloud.body == box.body].astype(float)
@@ -652,7 +652,7 @@ def test_labels_do_not_show_how_the_frame_was_cut(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, format: str, moves: bool
 ) -> None:
     """Pieces that end within blocks, against one piece and one block."""
-    cloud, scene = driving(motion_in="in the points") if moves else (street.cloud(), street.scene())
+    cloud, scene = render_driving(motion_in="in the points") if moves else (street.cloud(), street.scene())
     write_labels(cloud, scene, tmp_path / "whole.ply", format=format)
     monkeypatch.setattr(labels_boxes, "PIECE_POINTS", 700)
     monkeypatch.setattr(spool, "BLOCK_ROWS", 300)
@@ -670,7 +670,7 @@ def test_points_that_waited_are_counted_where_they_are(tmp_path: Path) -> None:
 
     Every other point comes a metre too far to the left and up: no axis may stand for another.
     """
-    cloud, scene = driving(motion_in="removed")
+    cloud, scene = render_driving(motion_in="removed")
     aside = cloud.xyz_m + np.where(np.arange(len(cloud))[:, None] % 2, np.float32([0.0, 1.0, 0.4]), 0)
     # The reported range says nothing of what stopped a beam; nor does a point that is no echo.
     noise = np.arange(len(cloud)) % 5 == 0
@@ -700,7 +700,7 @@ def test_points_that_waited_are_counted_where_they_are(tmp_path: Path) -> None:
 
 def test_a_rig_whose_sensors_see_the_same_has_the_same_boxes() -> None:
     """Two sensors in one place, of which one counts its times from 30 ms later on: the same moments, the same boxes."""
-    cloud, scene = driving(motion_in="removed")
+    cloud, scene = render_driving(motion_in="removed")
     late = replace(cloud, time_s=cloud.time_s - 0.03, metadata=cloud.metadata | {"frame_start_s": "0.03"})
     merged = merge_clouds([replace(cloud, metadata=cloud.metadata | {"frame_start_s": "0.0"}), late], ["a", "b"])
     for single, two in zip(boxes(cloud, scene), boxes(merged, scene), strict=True):
@@ -711,7 +711,7 @@ def test_a_rig_whose_sensors_see_the_same_has_the_same_boxes() -> None:
 @pytest.mark.parametrize("sensors", [1, 2])
 def test_boxes_of_a_later_frame_are_as_much_farther_on(sensors: int) -> None:
     """0.2 s later everything that drives straight on is 0.2 s of its way farther, seen by one sensor or by two."""
-    cloud, scene = driving(motion_in="removed")
+    cloud, scene = render_driving(motion_in="removed")
     boxes_of_frames = []
     for start_s in ("0.0", "0.2"):
         frame = replace(cloud, metadata=cloud.metadata | {"frame_start_s": start_s})
@@ -723,14 +723,14 @@ def test_boxes_of_a_later_frame_are_as_much_farther_on(sensors: int) -> None:
 
 
 def test_ground_truth_is_that_of_the_frames_start() -> None:
-    cloud, scene = driving(motion_in="in the points")
+    cloud, scene = render_driving(motion_in="in the points")
     crossing, parked = boxes(cloud, scene, as_seen=False)
     np.testing.assert_allclose(crossing.pose.position_m, [25.0, -2.0, 0.75], atol=1e-12)
     np.testing.assert_allclose(parked.pose.position_m, [30.0, 12.0, 0.75], atol=1e-12)
 
 
 def test_moving_classes_of_semantic_kitti() -> None:
-    cloud, scene = driving(motion_in="removed")
+    cloud, scene = render_driving(motion_in="removed")
     semantic, _ = point_labels(cloud, scene)
     assert set(semantic[cloud.body == 0].tolist()) == {252}
     assert set(semantic[cloud.body == 1].tolist()) == {10}
@@ -754,7 +754,7 @@ def test_visibility_of_a_rig() -> None:
 
 def test_what_stands_is_not_labelled_as_moving() -> None:
     """A course without speed is none; one that turns on the spot is one."""
-    cloud, scene = driving(motion_in="removed")
+    cloud, scene = render_driving(motion_in="removed")
     for course, number in ((Course(), 10), (Course(yaw_rate_rad_s=0.1), 252), (Course(velocity_m_s=(0, 0, 1)), 252)):
         stands = replace(scene, bodies=(replace(scene.bodies[0], motion=course), *scene.bodies[1:]))
         semantic, _ = point_labels(cloud, stands)
@@ -809,7 +809,7 @@ def test_another_sequence_and_times_to_a_nanosecond(tmp_path: Path, street_cloud
 
 def test_beams_of_a_rig_that_waited_are_those_of_each_sensor(tmp_path: Path) -> None:
     """The second sensor's beams all end before the cars, of which something moves: half of all reach them."""
-    cloud, scene = driving(motion_in="removed")
+    cloud, scene = render_driving(motion_in="removed")
     assert cloud.true_range_m is not None
     far = replace(cloud, true_range_m=np.full(len(cloud), 1e3))
     near = replace(cloud, true_range_m=np.ones(len(cloud)))
@@ -822,7 +822,7 @@ def test_beams_of_a_rig_that_waited_are_those_of_each_sensor(tmp_path: Path) -> 
 
 def test_a_box_is_at_the_mean_time_to_a_microsecond() -> None:
     """Points 0.4 ms and 0.9 ms after the start, in equal numbers, of a car at 10 m/s: 6.5 mm of way."""
-    cloud, scene = driving(motion_in="removed")
+    cloud, scene = render_driving(motion_in="removed")
     body_points = cloud.select(np.flatnonzero(cloud.body == 0)[:100])
     body_points = replace(body_points, time_s=np.resize([4e-4, 9e-4], 100))
     box = next(frame_box for frame_box in boxes(body_points, scene) if frame_box.name == "crossing")
@@ -833,7 +833,7 @@ def test_a_box_is_at_the_mean_time_to_a_microsecond() -> None:
 
 
 def test_osi_files_have_the_start_of_the_frame(tmp_path: Path, library: Any) -> None:
-    cloud, scene = driving(motion_in="removed")
+    cloud, scene = render_driving(motion_in="removed")
     (path,) = write_labels(cloud, scene, tmp_path / "a.osi", format="osi")
     (truth,) = osi_messages(path, "GroundTruth", library)
     place = truth.moving_object[0].base.position

@@ -147,7 +147,9 @@ def test_a_short_run_has_no_lines(run: Run, wall: str, mi: Any) -> None:
     assert (ran.code, ran.err) == (0, "")
 
 
-def size_told(*, frames: int | None = None, pulses: int = 10**8, stops: int = 1, rays: int = 1, **outputs: Any) -> str:
+def size_warning(
+    *, frames: int | None = None, pulses: int = 10**8, stops: int = 1, rays: int = 1, **outputs: Any
+) -> str:
     """The note about a sensor of so many pulses and one of a quarter of them; "" if there is none."""
     sensor = SimpleNamespace(scanner=SimpleNamespace(pulses=pulses), tdc=SimpleNamespace(stops=stops))
     small = SimpleNamespace(scanner=SimpleNamespace(pulses=pulses // 4), tdc=SimpleNamespace(stops=stops))
@@ -171,12 +173,12 @@ def numbers_of(warning_text: str) -> tuple[str, float, float]:
 def test_what_makes_a_run_larger() -> None:
     """By hand: 125 million pulses at 5 million rays a second; of an NPZ the larger cloud is in memory twice."""
     of_point = _bytes_of_a_point()
-    assert numbers_of(size_told()) == (
+    assert numbers_of(size_warning()) == (
         "25 s",
         pytest.approx(0.125 * of_point, rel=0.01),
         pytest.approx(0.2 * of_point, rel=0.01),
     )
-    plain = numbers_of(size_told())
+    plain = numbers_of(size_warning())
     for options, longer, disk, memory in (
         ({"rays": 4}, "100 s", 1, 1),
         ({"stops": 3}, "25 s", 3, 3),
@@ -184,12 +186,12 @@ def test_what_makes_a_run_larger() -> None:
         ({"merge": True}, "25 s", 1, 1.25),
         ({"frames": 2}, "50 s", 2, 1),
     ):
-        numbers = numbers_of(size_told(**options))
+        numbers = numbers_of(size_warning(**options))
         assert numbers[0] == longer.replace("100 s", "2 min"), options
         assert numbers[1] == pytest.approx(disk * plain[1], rel=0.01), options
         assert numbers[2] == pytest.approx(memory * plain[2], rel=0.01), options
 
 
 def test_from_a_hundred_million_pulses_on() -> None:
-    assert size_told(pulses=80_000_000) != ""
-    assert size_told(pulses=79_999_996) == ""
+    assert size_warning(pulses=80_000_000) != ""
+    assert size_warning(pulses=79_999_996) == ""

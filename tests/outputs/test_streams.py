@@ -34,7 +34,7 @@ SENSOR = "table1-apd"
 CHUNKS = "--chunk=50"  # five chunks of the coarse raster, some without a point
 
 
-def whole(folder: Path, name: str, *, seed: int = 0, truth: bool = True, ascii: bool = False) -> bytes:
+def whole_file(folder: Path, name: str, *, seed: int = 0, truth: bool = True, ascii: bool = False) -> bytes:
     """The file of the cloud that is put together first, in one chunk."""
     overrides = [option.removeprefix("--set=") for option in COARSE]
     scene = load_scene(folder / "wall.toml")
@@ -58,7 +58,7 @@ def streamed_only(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_file_is_that_of_the_whole_cloud(
     run: Run, wall: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    expected = whole(tmp_path, name)
+    expected = whole_file(tmp_path, name)
     monkeypatch.setattr(Simulator, "render", None)
     ran = run("render", wall, "-o", name, "--sensor", SENSOR, *COARSE, CHUNKS)
     assert (ran.code, ran.err) == (0, "")
@@ -66,7 +66,7 @@ def test_the_file_is_that_of_the_whole_cloud(
 
 
 def test_text_without_truth(run: Run, wall: str, tmp_path: Path) -> None:
-    expected = whole(tmp_path, "a.ply", truth=False, ascii=True)
+    expected = whole_file(tmp_path, "a.ply", truth=False, ascii=True)
     options = ("--ascii", "--no-truth", "--sensor", SENSOR)
     assert run("render", wall, "-o", "a.ply", *options, *COARSE, CHUNKS).code == 0
     assert (tmp_path / "a.ply").read_bytes() == expected
@@ -197,16 +197,16 @@ def alive(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
     most = [0]
     stream = Simulator.stream
 
-    def watched(self: Simulator, sink: Callable[[PointCloud], None], *options: Any) -> None:
-        def take(cloud: PointCloud) -> None:
+    def stream_and_watch(self: Simulator, sink: Callable[[PointCloud], None], *options: Any) -> None:
+        def watch_chunk(cloud: PointCloud) -> None:
             most[0] = max(most[0], sum(column_ref() is not None for column_ref in columns))
             # Whoever keeps a slice of a column keeps the array that it is of.
             columns.append(weakref.ref(cloud.intensity if cloud.intensity.base is None else cloud.intensity.base))
             sink(cloud)
 
-        stream(self, take, *options)
+        stream(self, watch_chunk, *options)
 
-    monkeypatch.setattr(Simulator, "stream", watched)
+    monkeypatch.setattr(Simulator, "stream", stream_and_watch)
     return lambda: most[0] if len(columns) > 3 else 10**6
 
 

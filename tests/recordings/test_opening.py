@@ -11,14 +11,14 @@ from lidarscene.files import optional
 from lidarscene.recordings.opening import open_recording
 
 
-def without(monkeypatch: pytest.MonkeyPatch, *packages: str) -> None:
+def hide_packages(monkeypatch: pytest.MonkeyPatch, *packages: str) -> None:
     for name in [*sys.modules, *packages]:
         if name.partition(".")[0] in packages:
             monkeypatch.setitem(sys.modules, name, None)
 
 
 def test_a_missing_library_is_told_with_what_to_type(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    without(monkeypatch, "ouster", "velodyne_decoder", "hydra4", "rosbags")
+    hide_packages(monkeypatch, "ouster", "velodyne_decoder", "hydra4", "rosbags")
     bag = tmp_path / "a.mcap"
     bag.write_bytes(b"1")
     for path, extra in (

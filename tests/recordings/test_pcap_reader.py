@@ -33,7 +33,7 @@ def datagram(payload: bytes, *, options: bytes = b"", protocol: int = 17, fragme
     return head + options + udp + bytes(after)
 
 
-def captured(path: Path, link: int, frames: list[bytes]) -> list[bytes]:
+def payloads_in_capture(path: Path, link: int, frames: list[bytes]) -> list[bytes]:
     """Payloads of these frames in a pcap of a link type."""
     content = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, link)
     for frame in frames:
@@ -52,7 +52,11 @@ def test_payloads_of_every_link(tmp_path: Path, link: int, before: bytes) -> Non
     capture 16. A frame is filled up to 60 bytes, and a header of IP may have options: neither belongs to a payload.
     """
     frames = [datagram(b"first", after=13), datagram(b"second", options=bytes(8)), datagram(b"")]
-    assert captured(tmp_path / "a.pcap", link, [before + frame for frame in frames]) == [b"first", b"second", b""]
+    assert payloads_in_capture(tmp_path / "a.pcap", link, [before + frame for frame in frames]) == [
+        b"first",
+        b"second",
+        b"",
+    ]
 
 
 def test_what_is_no_whole_datagram_is_passed_over(tmp_path: Path) -> None:
@@ -65,7 +69,7 @@ def test_what_is_no_whole_datagram_is_passed_over(tmp_path: Path) -> None:
         datagram(b"later", fragment=0x0001),
     ]
     whole = datagram(b"whole", fragment=0x4000)  # which must not be cut
-    assert captured(tmp_path / "a.pcap", 1, [PLAIN + payload for payload in (*invalid, whole)]) == [b"whole"]
+    assert payloads_in_capture(tmp_path / "a.pcap", 1, [PLAIN + payload for payload in (*invalid, whole)]) == [b"whole"]
 
 
 def test_what_is_damaged_is_told(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from lidarscene.scene.scene import Air, Scene
 COARSE = ("scanner.azimuth_step_deg=2", "scanner.elevation_step_deg=2")
 
 
-def changed(sensor, part, **values):
+def with_part_changed(sensor, part, **values):
     return dataclasses.replace(sensor, **{part: dataclasses.replace(getattr(sensor, part), **values)})
 
 
@@ -29,7 +29,7 @@ def changed(sensor, part, **values):
 def test_a_frame_of_nan_names_the_extreme_input(mi, part, field, value, extreme_input):
     """Files refuse such numbers by their bounds; sensors that are made in Python have none."""
     scene = chain.scene(chain.facing(range_m=20.0))
-    sensor = changed(chain.sensor("table1-apd", *COARSE), part, **{field: value})
+    sensor = with_part_changed(chain.sensor("table1-apd", *COARSE), part, **{field: value})
     for call in (lidarscene.render, lambda *arguments: lidarscene.Simulator(*arguments).stream(lambda _: None)):
         with pytest.raises(InputError) as error:
             call(scene, sensor)
@@ -46,7 +46,7 @@ def test_what_is_farthest_from_usual_is_named(name):
         "optics.aperture_radius_mm = nan": ("optics", "aperture_radius_m", math.nan),
     }
     for extreme_input, (part, field, value) in cases.items():
-        line = str(not_a_number(Scene(), changed(sensor, part, **{field: value}), "snr: NaN"))
+        line = str(not_a_number(Scene(), with_part_changed(sensor, part, **{field: value}), "snr: NaN"))
         assert line.endswith(f"snr: NaN; the most extreme input is {extreme_input}")
     assert "air.extinction_per_m = 1e+30" in str(
         not_a_number(Scene(air=Air(extinction_per_m=1e30)), sensor, "snr: NaN")

@@ -136,7 +136,7 @@ def street() -> Scene:
     )
 
 
-def rebuilt(scene: Scene, poses: dict[str, Pose], ego: Pose) -> Scene:
+def rebuild_scene(scene: Scene, poses: dict[str, Pose], ego: Pose) -> Scene:
     """The scene with these bodies standing there, copies by name too, and no motion."""
     bodies_by_name = {body.name: body for body in scene.bodies}
     moved = [
@@ -158,7 +158,7 @@ def test_bodies_come_and_go_as_in_worlds_built_anew() -> None:
 
     def check() -> None:
         cloud = live.render(seed=1)
-        assert_near(cloud, Simulator(rebuilt(street(), poses, ego), sensor()).render(seed=1))
+        assert_near(cloud, Simulator(rebuild_scene(street(), poses, ego), sensor()).render(seed=1))
         assert {name for name in cloud.body_names if echoes_on(cloud, name)} == {"plane", *poses}
 
     for name, body_pose in poses.items():

@@ -29,21 +29,21 @@ POST = body("post", Ball(radius_m=1.0, material="grey"), (-3.0, 17.0, 3.0))
 SCENE = Scene(name="yard", bodies=(GROUND, CAR))
 
 
-def inspected(scene=SCENE, place_m=(0.0, 0.0, 1.8), sensor="table1-apd"):
+def inspect_place(scene=SCENE, place_m=(0.0, 0.0, 1.8), sensor="table1-apd"):
     clearance = Clearance.of_scene(scene)
     return Surroundings.inspect(scene, load_sensor(sensor), np.array(place_m), time_s=0.0, clearance=clearance)
 
 
 def test_the_line_says_what_is_there():
     """Reference: by hand; the box is cut into 12 triangles, the plane into 4 x 3 squares of at most 16 m."""
-    around = inspected()
+    around = inspect_place()
     assert around.doubts == ()
     assert around.line() == (
         "yard: 60 x 40 x 1.5 m, 2 bodies, 36 triangles; sensor 1.8 m above 'ground', the nearest surface"
     )
-    high = inspected(place_m=(10.0, 0.0, 2.5))
+    high = inspect_place(place_m=(10.0, 0.0, 2.5))
     assert high.line().endswith("sensor 1 m above 'car', the nearest surface")
-    near_post = inspected(place_m=(-3.0, 19.0, 3.0), scene=replace(SCENE, bodies=(GROUND, POST)))
+    near_post = inspect_place(place_m=(-3.0, 19.0, 3.0), scene=replace(SCENE, bodies=(GROUND, POST)))
     assert near_post.line().endswith("sensor 3 m above 'ground', 1 m off 'post', the nearest surface")
     assert near_post.as_dict() == {
         "name": "yard",
@@ -57,16 +57,16 @@ def test_the_line_says_what_is_there():
     }
 
 
-def scaled(factor):
+def car_in_unit(factor):
     """The car in another unit, which stands clear of the sensor."""
     return body("car", box_mesh(size_m=(4.5 * factor, 1.8 * factor, 1.5 * factor)), (10.0, -2e3, 0.75))
 
 
-def like(**changes):
+def scene_with(**changes):
     return {"scene": replace(SCENE, **changes)}
 
 
-SMALL = (scaled(0.001), replace(scaled(0.001), name="two"))
+SMALL = (car_in_unit(0.001), replace(car_in_unit(0.001), name="two"))
 WRONG = {
     "inside": (
         {"place_m": (10.0, 0.0, 0.75)},
@@ -87,35 +87,35 @@ WRONG = {
         ),
     ),
     "millimetres": (
-        like(bodies=(GROUND, scaled(1000.0))),
+        scene_with(bodies=(GROUND, car_in_unit(1000.0))),
         (
             "body 'car' is 4,500 x 1,800 x 1,500 m: if the unit of its mesh is the millimetre, multiply its scale by "
             "0.001 (scene_overrides bodies.car.scale=...)"
         ),
     ),
     "kilometres": (
-        like(bodies=(GROUND, *SMALL)),
+        scene_with(bodies=(GROUND, *SMALL)),
         (
             "body 'car' (and 1 more) is 0.0045 x 0.0018 x 0.0015 m: if the unit of its mesh is the kilometre, multiply "
             "its scale by 1000"
         ),
     ),
     "lux": (
-        like(sun=Sun(illuminance_klux=500.0)),
+        scene_with(sun=Sun(illuminance_klux=500.0)),
         (
             "sun.illuminance_klux is 500, and no sun has more than 140: if these are lux, give scene_overrides "
             "sun.illuminance_klux=0.5"
         ),
     ),
     "low": (
-        like(sun=Sun(elevation_rad=-0.1)),
+        scene_with(sun=Sun(elevation_rad=-0.1)),
         (
             "sun.elevation_deg is -5.73, so that its 100 klux come from below the horizon: give an elevation above 0, "
             "or sun.illuminance_klux=0 for night"
         ),
     ),
     "metres": (
-        like(air=Air(visibility_m=500e3)),
+        scene_with(air=Air(visibility_m=500e3)),
         (
             "air.visibility_km is 500, and the clearest air has 300: if these are metres, give scene_overrides "
             "air.visibility_km=0.5"
@@ -127,7 +127,7 @@ WRONG = {
 @pytest.mark.parametrize("fault", WRONG)
 def test_a_fault_is_one_line_that_says_what_to_do(fault):
     changes, line = WRONG[fault]
-    lines = [str(doubt) for doubt in inspected(**changes).doubts]
+    lines = [str(doubt) for doubt in inspect_place(**changes).doubts]
     assert len(lines) == 1
     assert line in lines[0]
     assert "\n" not in lines[0]
@@ -138,10 +138,10 @@ def test_what_is_meant_so_is_no_fault():
     hall = [body(f"wall {x}", plane_mesh(size_m=(9.0, 9.0)), (x, 0.0, 1.0), pitch_deg=90.0) for x in (-4.0, 4.0)]
     roof = body("roof", plane_mesh(size_m=(9.0, 9.0)), (0.0, 0.0, 4.0))
     night = Sun(illuminance_klux=0.0, elevation_rad=-0.3)
-    assert inspected(replace(SCENE, bodies=(GROUND, roof, *hall), sun=night)).doubts == ()
-    assert inspected(replace(SCENE, bodies=())).doubts == ()
-    assert inspected(replace(SCENE, bodies=()), place_m=(1.0, 2.0, 3.0)).line() == "yard: 0 bodies, 0 triangles"
-    assert inspected(place_m=(0.0, 0.0, 500.0)).doubts == ()
+    assert inspect_place(replace(SCENE, bodies=(GROUND, roof, *hall), sun=night)).doubts == ()
+    assert inspect_place(replace(SCENE, bodies=())).doubts == ()
+    assert inspect_place(replace(SCENE, bodies=()), place_m=(1.0, 2.0, 3.0)).line() == "yard: 0 bodies, 0 triangles"
+    assert inspect_place(place_m=(0.0, 0.0, 500.0)).doubts == ()
 
 
 @pytest.mark.parametrize("name", [pytest.param(scene_name, id=scene_name) for scene_name in catalog.names("scenes")])

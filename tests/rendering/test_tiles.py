@@ -14,7 +14,7 @@ from lidarscene.rendering.tiles import CACHED, HEIGHT, PACKET, Numbering, Tiling
 PULSES = np.arange(200, dtype=np.uint32)
 
 
-def tiled():
+def tiled_scanner_names():
     """Names of the scanners that are cut into tiles."""
     return [name for name, make in scanners.ALL.items() if Tiling.from_scanner(make()) is not None]
 
@@ -29,18 +29,18 @@ def girth(scanner, pulse):
 
 
 def test_scanners_of_lines_are_tiled_and_others_are_not():
-    assert {"raster", "mirror_step", "mirror_round", "flash"} <= set(tiled())
-    assert not {"mid40", "lissajous_pair"} & set(tiled())
+    assert {"raster", "mirror_step", "mirror_round", "flash"} <= set(tiled_scanner_names())
+    assert not {"mid40", "lissajous_pair"} & set(tiled_scanner_names())
 
 
-@pytest.mark.parametrize("name", tiled())
+@pytest.mark.parametrize("name", tiled_scanner_names())
 def test_every_pulse_has_one_lane(name):
     tiling = Tiling.from_scanner(scanners.ALL[name]())
     for count in (1, tiling.band - 1, tiling.band, 3 * tiling.band + tiling.line + 1):
         np.testing.assert_array_equal(np.sort(tiling.order(count)), np.arange(count))
 
 
-@pytest.mark.parametrize("name", tiled())
+@pytest.mark.parametrize("name", tiled_scanner_names())
 def test_rays_traced_together_are_nearer_to_each_other_than_in_firing_order(name):
     """Some lines have steps so different that the firing order is the best there is: never worse, by rounding."""
     scanner = scanners.ALL[name]()
@@ -74,7 +74,7 @@ def test_lines_there_and_back_are_laid_side_by_side():
 
 
 @pytest.mark.usefixtures("mi")
-@pytest.mark.parametrize("name", tiled())
+@pytest.mark.parametrize("name", tiled_scanner_names())
 def test_points_are_those_of_the_firing_order(name):
     """Rationale: an order is no physics. Reference: the same frame with the pulses as they are fired, bit for bit."""
     sensor = dataclasses.replace(

@@ -46,7 +46,7 @@ def live(mi: Any, scene_file: Path) -> Iterator[str]:
         yield view.url
 
 
-def places(browser: Chromium) -> np.ndarray:
+def pixel_places(browser: Chromium) -> np.ndarray:
     """(n, 3) column and row in the window, and depth, of every point, as the page projects them."""
     script = """(() => {
         const { frame, renderer, matrix, canvas } = viewer, box = canvas.getBoundingClientRect();
@@ -66,7 +66,7 @@ def screenshot(browser: Chromium, folder: Path) -> np.ndarray:
     return np.asarray(image.imread(BytesIO(path.read_bytes()))[:, :, :3])
 
 
-def card(browser: Chromium) -> dict[str, str]:
+def point_card(browser: Chromium) -> dict[str, str]:
     """The table of a point: text by what stands before it."""
     rows = browser.value("""[...document.querySelectorAll('#card tr')].filter(row => row.cells.length > 1)
         .map(row => [row.cells[0].firstChild.textContent, row.cells[1].textContent])""")
@@ -105,7 +105,7 @@ def test_points_stand_where_they_should_in_their_colours(
         "(({left, top, width, height}) => [left, top, width, height])(viewer.canvas.getBoundingClientRect())"
     )
     column, row, depth = camera.project(cloud.xyz_m, width=int(width), height=int(height))
-    page = places(browser)
+    page = pixel_places(browser)
     np.testing.assert_allclose(page, np.stack([column + left, row + top, depth], axis=1), atol=0.01)
 
     browser.value("""(() => {
@@ -132,11 +132,11 @@ def test_a_click_shows_the_budget(browser: Chromium, saved: Path, cloud: PointCl
     sensor, scene = load_sensor("table1-apd", overrides=COARSE), load_scene(scene_file)
     budget = budget_of(cloud, sensor, ambient_of(scene, sensor))
     browser.open(saved.as_uri())
-    page = places(browser)
+    page = pixel_places(browser)
     i = int(np.flatnonzero((cloud.body == 0) & (cloud.status == 0))[20])
     browser.click(page[i, 0], page[i, 1])
     assert browser.value("viewer.selected") == i
-    table = card(browser)
+    table = point_card(browser)
     assert table["body"] == "wall"
     assert table["class"] == "building"
     assert table["material"] == "concrete"
@@ -171,7 +171,7 @@ def test_what_is_hidden_is_not_there(browser: Chromium, saved: Path, cloud: Poin
         "document.getElementById('opacity').value = 0, document.getElementById('right').style.display = 'none'"
     )
     browser.value("document.getElementById('size').value = 4")
-    page = places(browser)
+    page = pixel_places(browser)
     i = int(np.flatnonzero((cloud.body == 0) & (cloud.status == 0))[20])
     x, y = (int(v) for v in page[i, :2])
     empty = np.array([11, 14, 20]) / 255
@@ -220,10 +220,10 @@ def test_frames_and_their_slider(browser: Chromium, mi: Any, scene_file: Path, t
 def test_live_controls_render_in_place(browser: Chromium, live: str, scene_file: Path) -> None:
     """A slider moved on the page gives the points of `render` with the same --set; the clicked pulse stays."""
     browser.open(live)
-    page = places(browser)
+    page = pixel_places(browser)
     i = browser.value("viewer.frame.arrays.body.indexOf(0) + 20")
     browser.click(page[i, 0], page[i, 1])
-    before = card(browser)
+    before = point_card(browser)
     browser.value("""(() => {
         const box = document.querySelector('#controls input[type=number][aria-label="laser power"]');
         box.value = 20;
@@ -233,7 +233,7 @@ def test_live_controls_render_in_place(browser: Chromium, live: str, scene_file:
     cloud = lidarscene.render(scene_file, "table1-apd", overrides=[*COARSE, "laser.peak_power_w=20.0"])
     assert browser.value("viewer.frame.count") == len(cloud)
     assert browser.value("[...viewer.frame.arrays.snr]") == pytest.approx(cloud.snr.tolist(), rel=1e-6)
-    after = card(browser)
+    after = point_card(browser)
     assert after["time"] == before["time"]
     assert number(after["echo power"]) == pytest.approx(number(before["echo power"]) * 20 / 45, rel=1e-3)
 
@@ -261,13 +261,13 @@ def test_live_controls_render_in_place(browser: Chromium, live: str, scene_file:
 
 def test_the_camera_turns_and_comes_back(browser: Chromium, saved: Path) -> None:
     browser.open(saved.as_uri())
-    before = places(browser)
+    before = pixel_places(browser)
     browser.drag((800, 400), (900, 450))
     browser.until("!viewer.drawn")
-    assert np.abs(places(browser) - before).max() > 10
+    assert np.abs(pixel_places(browser) - before).max() > 10
     browser.value("dispatchEvent(new KeyboardEvent('keydown', { key: 'r' }))")
     browser.until("!viewer.drawn")
-    np.testing.assert_allclose(places(browser), before, atol=0.05)
+    np.testing.assert_allclose(pixel_places(browser), before, atol=0.05)
 
 
 def test_places_of_the_camera(browser: Chromium, saved: Path, cloud: PointCloud) -> None:
@@ -280,7 +280,7 @@ def test_places_of_the_camera(browser: Chromium, saved: Path, cloud: PointCloud)
     )
     for place, axis in (("top", 2), ("side", 1), ("fit", None)):
         browser.value(f"document.getElementById('go-{place}').click(), viewer.draw()")
-        x, y, depth = places(browser).T
+        x, y, depth = pixel_places(browser).T
         inside = (depth > 0) & (x > left) & (x < left + width) & (y > top) & (y < top + height)
         assert inside.mean() > 0.9, place
         if axis is not None:
@@ -334,7 +334,7 @@ def test_budgets_come_when_they_are_looked_at(browser: Chromium, live: str) -> N
     assert browser.value("[...document.querySelectorAll('#field option')].some(o => o.value === 'echo_power')")
     browser.value("viewer.select(3)")
     browser.until("!viewer.busy && viewer.frame.budget === true")
-    assert "echo power" in card(browser)
+    assert "echo power" in point_card(browser)
     browser.value("viewer.select(-1), viewer.render(), 0")
     browser.until("!viewer.busy && viewer.frame.budget === false")
     browser.value("""(() => {
@@ -382,9 +382,9 @@ def test_clouds_without_truth_or_points(browser: Chromium, cloud: PointCloud, tm
         assert browser.value("viewer.frame.count") == len(shown_cloud)
         assert browser.value("viewer.frame.fields.some(one => one.name === 'true_range')") is (name == "empty")
         if len(shown_cloud):
-            x, y, _ = places(browser)[len(shown_cloud) // 2]
+            x, y, _ = pixel_places(browser)[len(shown_cloud) // 2]
             browser.click(x, y)
-            table = card(browser)
+            table = point_card(browser)
             assert "snr" in table
             assert "echo power" not in table
             assert "lidarscene view CLOUD SCENE" in browser.value("document.getElementById('card').textContent")
@@ -403,7 +403,7 @@ def test_far_from_the_origin(browser: Chromium, cloud: PointCloud, tmp_path: Pat
     browser.open((tmp_path / "utm.html").as_uri())
     i = len(cloud) // 2
     browser.value(f"viewer.select({i})")
-    table = card(browser)
+    table = point_card(browser)
     np.testing.assert_allclose([number(table[k]) for k in "xyz"], moved.xyz_m[i], atol=2e-4)
 
 

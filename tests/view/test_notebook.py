@@ -14,7 +14,7 @@ from lidarscene.view import html_page, notebook
 from lidarscene.view.page_sources import Clouds
 
 
-def inner(viewed: object) -> str:
+def framed_page(viewed: object) -> str:
     """The page in the frame."""
     frame = re.fullmatch(r'<iframe srcdoc="([^"]*)" width="100%" height="(\d+)"[^>]*></iframe>', viewed._repr_html_())
     assert frame, "must be one frame"
@@ -24,7 +24,7 @@ def inner(viewed: object) -> str:
 def test_a_cloud_is_a_page_in_a_frame(tmp_path):
     cloud = street(step_deg=3.0)
     viewed = cloud.view(height_px=400)
-    text = inner(viewed)
+    text = framed_page(viewed)
     assert text.startswith("<!DOCTYPE html>")
     assert {"blob-stage", "blob-frame-0"} <= set(re.findall(r'id="(blob-[^"]+)"', text))
     assert 'height="400"' in viewed._repr_html_()
@@ -45,7 +45,7 @@ def test_a_scene_is_rendered_by_its_sensor(mi, tmp_path, monkeypatch):
     (tmp_path / "s.toml").write_text(SCENE)
     live = notebook.Live
     monkeypatch.setattr(notebook, "Live", lambda scene, sensor: live(scene, sensor=sensor, overrides=COARSE))
-    assert "blob-frame-0" in inner(lidarscene.load_scene(tmp_path / "s.toml").view())
+    assert "blob-frame-0" in framed_page(lidarscene.load_scene(tmp_path / "s.toml").view())
 
 
 @pytest.mark.parametrize(

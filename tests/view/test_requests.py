@@ -43,14 +43,14 @@ def _end() -> bytes:
 
 
 @contextlib.contextmanager
-def running() -> Iterator[Server]:
+def running_server() -> Iterator[Server]:
     with Server(0) as server:
 
-        def run() -> None:
+        def serve() -> None:
             with contextlib.suppress(End):
                 server.serve(Nothing())
 
-        thread = threading.Thread(target=run)
+        thread = threading.Thread(target=serve)
         thread.start()
         yield server
         server.jobs.put((_end, Future()))
@@ -59,7 +59,7 @@ def running() -> Iterator[Server]:
 
 @pytest.fixture(scope="module")
 def standing() -> Iterator[Server]:
-    with running() as server:
+    with running_server() as server:
         yield server
 
 

@@ -10,7 +10,7 @@ from lidarscene.cli import main
 from lidarscene.studies.fit import recording_fit
 
 
-def run(folder: Path, *options: str) -> int:
+def run_fit(folder: Path, *options: str) -> int:
     return main.main(["fit", str(OUSTER), "--sensor", "os0-128", "--report", str(folder / "r"), *options])
 
 
@@ -20,12 +20,12 @@ def test_the_code_says_whether_the_laws_held(
 ) -> None:
     calls: list[Any] = []
 
-    def fitted(*arguments: Any, **more: Any) -> tuple[str, bool]:
+    def record_call(*arguments: Any, **more: Any) -> tuple[str, bool]:
         calls.append((arguments, more))
         return "found", passed
 
-    monkeypatch.setattr(recording_fit, "fit_recordings", fitted)
-    assert run(tmp_path, "-o", str(tmp_path / "u.toml"), "--metadata", "u.json", "--json") == code
+    monkeypatch.setattr(recording_fit, "fit_recordings", record_call)
+    assert run_fit(tmp_path, "-o", str(tmp_path / "u.toml"), "--metadata", "u.json", "--json") == code
     assert capsys.readouterr().out == "found\n"
     ((arguments, more),) = calls
     assert arguments == ([OUSTER], "os0-128", tmp_path / "u.toml", tmp_path / "r")
@@ -40,7 +40,7 @@ def test_with_a_scene_it_is_another_fit(tmp_path: Path, monkeypatch: pytest.Monk
         on_scene, "fit_on_scene", lambda *arguments, **more: (calls.append((arguments, more)), ("", True))[1]
     )
     files = ["--scene", "twin/scene.toml", "--poses", "p.csv", "--metadata", "u.json"]
-    assert run(tmp_path, "-o", str(tmp_path / "u.toml"), *files) == 0
+    assert run_fit(tmp_path, "-o", str(tmp_path / "u.toml"), *files) == 0
     (((inputs, output, report), more),) = calls
     assert inputs == on_scene.SceneFitInputs(
         recordings=[OUSTER],
@@ -70,7 +70,7 @@ def test_what_goes_with_a_scene(
 def test_one_packet_tells_too_little(tmp_path: Path, capsys: pytest.CaptureFixture[str], library: Any) -> None:
     """A real sensor's sixteen columns: one line, and nothing is written."""
     library("ouster.sdk.core")
-    assert run(tmp_path, "-o", str(tmp_path / "u.toml")) == 2
+    assert run_fit(tmp_path, "-o", str(tmp_path / "u.toml")) == 2
     message = capsys.readouterr().err
     assert message.count("\n") == 1
     assert "os0-32-one-packet.pcap: must have SIGNAL, NEAR_IR or REFLECTIVITY of enough pulses" in message
@@ -78,7 +78,7 @@ def test_one_packet_tells_too_little(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 def test_the_name_must_end_in_toml(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(tmp_path, "-o", str(tmp_path / "u.json")) == 2
+    assert run_fit(tmp_path, "-o", str(tmp_path / "u.json")) == 2
     assert "the name must end in .toml" in capsys.readouterr().err
 
 

@@ -22,7 +22,7 @@ from lidarscene.sensor.sensor_model import Sensor
 NARROW = ("scanner.columns_per_turn=512",)
 
 
-def written(path: Path, sensor: Sensor, profile: str = "default", **options: Any) -> tuple[Any, Any]:
+def write_capture(path: Path, sensor: Sensor, profile: str = "default", **options: Any) -> tuple[Any, Any]:
     """A frame in a pcap: its cloud, and the background of every pulse by column and row."""
     cloud = random_frame(sensor, **options)
     rng = np.random.default_rng(5)
@@ -35,7 +35,7 @@ def written(path: Path, sensor: Sensor, profile: str = "default", **options: Any
     return cloud, ambient.reshape(-1, sensor.scanner.lasers)
 
 
-def read(library: Callable[[str], Any], path: Path) -> tuple[Any, Any]:
+def read_capture(library: Callable[[str], Any], path: Path) -> tuple[Any, Any]:
     """The frame and its metadata, as ouster-sdk has them."""
     sdk = library("ouster.sdk")
     with open_recording(path):  # whether ours takes it, too
@@ -50,8 +50,8 @@ def read(library: Callable[[str], Any], path: Path) -> tuple[Any, Any]:
 def test_every_pixel_comes_back(library: Callable[[str], Any], tmp_path: Path, name: str) -> None:
     """Rationale: the acceptance: range to 1 mm, counts equal, and points within 2 mm."""
     sensor = load_sensor(name, overrides=NARROW)
-    cloud, ambient = written(tmp_path / "a.pcap", sensor)
-    frame, info = read(library, tmp_path / "a.pcap")
+    cloud, ambient = write_capture(tmp_path / "a.pcap", sensor)
+    frame, info = read_capture(library, tmp_path / "a.pcap")
     column = np.rint(cloud.time_s / sensor.scanner.cycle_s).astype(int)
     place = cloud.channel, column
     is_filled = np.zeros((128, 512), bool)
@@ -82,8 +82,8 @@ def test_profiles_have_what_they_name(
     """Two returns, the strongest first; the low rate has steps of 8 mm and 16 counts, the old one a single return."""
     sensor = load_sensor("os1-128", overrides=(*NARROW, "histogram.stops=2"))
     assert sensor.tdc.stops == 2
-    cloud, ambient = written(tmp_path / "a.pcap", sensor, profile, second=True)
-    frame, info = read(library, tmp_path / "a.pcap")
+    cloud, ambient = write_capture(tmp_path / "a.pcap", sensor, profile, second=True)
+    frame, info = read_capture(library, tmp_path / "a.pcap")
     assert str(info.format.udp_profile_lidar).endswith(sdk_name)
     step_mm, step_counts = (8, 16) if profile == "low-rate" else (1, 1)
     assert np.abs(frame.field("NEAR_IR").astype(float) - ambient.T).max() < step_counts
@@ -140,7 +140,7 @@ def test_what_no_field_can_say(
     frame.ambient(np.arange(len(counts), dtype=np.uint32), counts)
     with pcap_stream(tmp_path / "a.pcap", select_encoder(sensor, profile)) as take:
         take(frame.firings())
-    sdk_frame, _ = read(library, tmp_path / "a.pcap")
+    sdk_frame, _ = read_capture(library, tmp_path / "a.pcap")
     laser = int(sensor.scanner.channel(np.zeros(1, np.uint32))[0])
     assert sdk_frame.field("RANGE")[laser, 0] == pytest.approx(1e3 * farthest_m - 20.0, abs=8.0)
     assert sdk_frame.field("RANGE")[laser, 1] == 0
@@ -151,8 +151,8 @@ def test_a_head_that_begins_aside(library: Callable[[str], Any], tmp_path: Path)
     """At 90 degrees, where a turn the other way would show, and 36 mm up: points are where the sensor has them."""
     high = f"scanner.height_mm={[36.18] * 128}"
     sensor = load_sensor("os1-128", overrides=(*NARROW, "scanner.start_azimuth_deg=90", high))
-    cloud, _ = written(tmp_path / "a.pcap", sensor)
-    frame, info = read(library, tmp_path / "a.pcap")
+    cloud, _ = write_capture(tmp_path / "a.pcap", sensor)
+    frame, info = read_capture(library, tmp_path / "a.pcap")
     xyz_m = np.asarray(library("ouster.sdk.core").XYZLut(info, use_extrinsics=False)(frame))
     column = np.rint(cloud.time_s / sensor.scanner.cycle_s).astype(int)
     assert np.abs(xyz_m[cloud.channel, column] - cloud.xyz_m).max() < 0.002

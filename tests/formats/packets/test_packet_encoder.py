@@ -11,7 +11,7 @@ from lidarscene.formats.packets.packet_encoder import last_and_strongest
 STEP_M = 0.002
 
 
-def of_one_firing(ranges_m: Any, intensities: Any, *, two_returns: bool) -> Any:
+def encode_firing(ranges_m: Any, intensities: Any, *, two_returns: bool) -> Any:
     """(2, lasers) distances and reflectivities of (lasers, 2) returns, the strongest first."""
     range_m, intensity = np.array([ranges_m], float), np.array([intensities], np.float32)
     frame = Firings(
@@ -24,7 +24,7 @@ def of_one_firing(ranges_m: Any, intensities: Any, *, two_returns: bool) -> Any:
 def test_distances_and_levels_are_the_nearest_that_there_are() -> None:
     """A distance has 16 bits: 65,535 steps of 2 mm are its last one. A reflectivity has 8."""
     ranges_m = [[10.0013, 0.0], [131.0704, 0.0], [131.072, 0.0], [0.0, 0.0]]
-    distance, reflectivity = of_one_firing(ranges_m, [[12.6, 0], [300.0, 0], [-3.0, 0], [0, 0]], two_returns=False)
+    distance, reflectivity = encode_firing(ranges_m, [[12.6, 0], [300.0, 0], [-3.0, 0], [0, 0]], two_returns=False)
     assert distance == [[5001, 65_535, 0, 0]] * 2
     assert reflectivity == [[13, 255, 0, 0]] * 2
 
@@ -41,5 +41,5 @@ def test_distances_and_levels_are_the_nearest_that_there_are() -> None:
 )
 def test_the_last_and_the_strongest(ranges_m: Any, two_returns: bool, last: Any, strongest: Any) -> None:
     """By the manuals of Velodyne (63-9243, 9.2) and Hesai: of two returns the last one and the strongest other."""
-    distance, reflectivity = of_one_firing([ranges_m], [(1.0, 2.0)], two_returns=two_returns)
+    distance, reflectivity = encode_firing([ranges_m], [(1.0, 2.0)], two_returns=two_returns)
     assert [(d[0], r[0]) for d, r in zip(distance, reflectivity, strict=True)] == [last, strongest]

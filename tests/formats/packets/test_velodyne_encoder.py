@@ -25,7 +25,7 @@ LATER_S = 8e-6 / 3.0
 """velodyne-decoder, after VeloView, has the second half of a VLS-128's lasers a group later than its manual."""
 
 
-def decoded(library: Callable[[str], Any], packets: list[Any]) -> Any:
+def decode_points(library: Callable[[str], Any], packets: list[Any]) -> Any:
     """(n, 8) points, their times on the sensor's clock."""
     velodyne = library("velodyne_decoder")
     decoder = velodyne.ScanDecoder(velodyne.Config(min_range=0.0, max_range=400.0))
@@ -71,8 +71,8 @@ def test_every_point_comes_back(library: Callable[[str], Any], name: str, sets: 
     """
     sensor = load_sensor(name, overrides=sets)
     clouds = [random_frame(sensor, number=number, second=bool(sets)) for number in range(1 if name == "vls-128" else 2)]
-    points = decoded(library, packets_of(select_encoder(sensor), sensor, clouds))
-    ring, time_s, xyz_m, range_m, intensity, channel = together(sensor, clouds)
+    points = decode_points(library, packets_of(select_encoder(sensor), sensor, clouds))
+    ring, time_s, xyz_m, range_m, intensity, channel = columns_of_clouds(sensor, clouds)
     expected = in_order(ring, time_s, range_m)
     late = np.isin(points[:, RING], ring[channel >= 64])  # of a VLS-128 alone
     order = in_order(points[:, RING], points[:, TIME] - LATER_S * late, np.linalg.norm(points[:, :3], axis=1))
@@ -86,7 +86,7 @@ def test_every_point_comes_back(library: Callable[[str], Any], name: str, sets: 
     assert (apart_m < 0.003 + across * range_m[expected]).all()
 
 
-def together(sensor: Sensor, clouds: list[PointCloud]) -> list[Any]:
+def columns_of_clouds(sensor: Sensor, clouds: list[PointCloud]) -> list[Any]:
     """Ring, time by the scene's clock, place, range, intensity and channel of all points."""
     of_each = [
         (

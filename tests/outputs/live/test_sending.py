@@ -158,10 +158,10 @@ def test_frames_begin_anew_where_numbers_of_pulses_end() -> None:
     most = 2**31 // scanner.pulses
     requested_frames: list[FrameOptions] = []
 
-    def stream(take: Any, frame: FrameOptions, tell: Any) -> None:
+    def record_frame(take: Any, frame: FrameOptions, tell: Any) -> None:
         requested_frames.append(frame)
 
-    simulator: Any = SimpleNamespace(sensor=SENSOR, stream=stream)
+    simulator: Any = SimpleNamespace(sensor=SENSOR, stream=record_frame)
     first = FrameOptions(number=most - 1, seed=2**32 - 1, begin_s=5.0)
     firings_of_frames = list(render_firings(simulator, first, needs_ambient=False, frames=3))
     assert [frame.number for frame in requested_frames] == [most - 1, 0, 1]

@@ -19,7 +19,7 @@ JSON = OUSTER.with_suffix(".json")
 RANGE_M = 50.0
 
 
-def written(folder: Path, source: Path = JSON, mode: str | None = None) -> Sensor:
+def write_and_load(folder: Path, source: Path = JSON, mode: str | None = None) -> Sensor:
     write_unit(read_unit(source, mode), source, folder / "unit.toml")
     return load_sensor(str(folder / "unit.toml"))
 
@@ -28,7 +28,7 @@ def written(folder: Path, source: Path = JSON, mode: str | None = None) -> Senso
 def test_points_are_those_of_the_makers_table(tmp_path: Path, library: Callable[[str], Any], mode: str) -> None:
     """Rationale: 2 mm at 50 m is the acceptance; single precision of the beams is worth 0.02 mm there."""
     core = library("ouster.sdk.core")
-    scanner = written(tmp_path, mode=mode).scanner
+    scanner = write_and_load(tmp_path, mode=mode).scanner
     content = json.loads(JSON.read_text())
     wide = int(mode.partition("x")[0])
     content["data_format"] |= {"columns_per_frame": wide, "column_window": [0, wide - 1]}
@@ -51,12 +51,12 @@ def test_points_are_those_of_the_makers_table(tmp_path: Path, library: Callable[
 
 
 def test_modes_give_columns_turns_and_the_rate(tmp_path: Path) -> None:
-    sensor = written(tmp_path, mode="512x20")
+    sensor = write_and_load(tmp_path, mode="512x20")
     assert (sensor.scanner.pulses, sensor.scanner.frame_s) == (512 * 32, 0.05)
     assert float(sensor.laser.repetition_rate_hz) == pytest.approx(512 * 32 * 20)
     assert sensor.name == "OS-0-32-U1 992137000142"
     assert sensor.sources["scanner"] == "unit-specific: os0-32-one-packet.json"
-    assert written(tmp_path).scanner.pulses == 1024 * 32
+    assert write_and_load(tmp_path).scanner.pulses == 1024 * 32
 
 
 def test_first_firmware_does_not_say_where_the_beams_begin(tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ def hdl64_packet() -> bytes:
     return blocks + struct.pack("<IBB", 1000, 0, 0)
 
 
-def lists_of(unit: Unit) -> dict[str, np.ndarray]:
+def channel_lists(unit: Unit) -> dict[str, np.ndarray]:
     zero = (0.0,) * len(unit.lists["elevation_deg"])
     return {
         key: np.array(unit.lists.get(key, zero))
@@ -59,7 +59,7 @@ def test_points_of_an_hdl64_lie_on_the_beams(tmp_path: Path, library: Callable[[
     config.calibration, config.model = decoder.Calibration.read(str(path)), decoder.Model.HDL64E_S2
     packets = [decoder.VelodynePacket(1e-3 * number, hdl64_packet()) for number in range(4)]
     _, points = decoder.ScanDecoder(config).decode(packets)
-    unit = lists_of(read_velodyne(path))
+    unit = channel_lists(read_velodyne(path))
     by_height = np.argsort(unit["elevation_deg"], kind="stable")
     laser = by_height[points[:, 6].astype(int)]
     assert set(laser) == set(range(64))
@@ -106,7 +106,7 @@ def test_xml_is_in_degrees_and_centimetres(tmp_path: Path) -> None:
     path = tmp_path / "db.xml"
     points = [POINT.format(0, 90, -10, 20, 2.6), POINT.format(1, 0, 5, 0, 0), POINT.format(2, 0, 0, 0, 0)]
     path.write_text(XML.format(points="".join(points)))
-    unit = lists_of(read_velodyne(path))
+    unit = channel_lists(read_velodyne(path))
     np.testing.assert_allclose(unit["elevation_deg"], [-10.0, 5.0])
     np.testing.assert_allclose(unit["azimuth_offset_deg"], [90.0, 0.0])
     # 2.6 cm to the left in a head that is turned to the left is 2.6 cm back.

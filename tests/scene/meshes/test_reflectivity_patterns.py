@@ -74,7 +74,7 @@ def test_vertex_colours(tmp_path: Path, suffix: str, half: float) -> None:
     np.testing.assert_allclose(pattern.values, [0.0, half, 1.0, half], rtol=1e-6)
 
 
-def textured(path: Path) -> None:
+def write_textured_quad(path: Path) -> None:
     """A quad of 2 m by 1 m, whose image is white at the top left, half red at the bottom right, else black."""
     image = np.zeros((2, 2, 3), np.uint8)
     image[0, 0], image[1, 1] = 255, (255, 0, 0)
@@ -88,7 +88,7 @@ def textured(path: Path) -> None:
 
 def test_texture(tmp_path: Path) -> None:
     """The image's red in linear light, times the base colour's; corners of the quad where the image has them."""
-    textured(tmp_path / "a.glb")
+    write_textured_quad(tmp_path / "a.glb")
     pattern = one_piece(tmp_path / "a.glb", "colour").pattern
     np.testing.assert_allclose(pattern.values, np.array([[1.0, 0.0], [0.0, 1.0]]) * 128 / 255, rtol=1e-6)
     np.testing.assert_array_equal(pattern.uv, [[0, 1], [1, 1], [1, 0], [0, 0]])

@@ -27,7 +27,7 @@ def stage(tmp_path: Path) -> Any:
     return new_stage
 
 
-def saved(stage: Any) -> list[SubMesh]:
+def save_and_read(stage: Any) -> list[SubMesh]:
     stage.Save()
     return read_mesh(Path(stage.GetRootLayer().realPath))
 
@@ -78,7 +78,7 @@ def test_transforms_are_applied_from_the_inside_out(stage: Any) -> None:
 
     UsdGeom.Xform.Define(stage, "/a").AddTranslateOp().Set((10.0, 0.0, 1.0))
     add_mesh(stage, "/a/m", SQUARE, [4], [0, 1, 2, 3]).AddRotateZOp().Set(90.0)
-    (piece,) = saved(stage)
+    (piece,) = save_and_read(stage)
     low, high = extent(piece)
     np.testing.assert_allclose((low, high), ((7, 0, 1), (10, 2, 1)), atol=1e-12)
 
@@ -91,7 +91,7 @@ def test_unit_and_axis_are_the_stage_s(stage: Any, up: str | None, high: tuple[f
     UsdGeom.SetStageMetersPerUnit(stage, 0.1)
     stage.ClearMetadata("upAxis") if up is None else UsdGeom.SetStageUpAxis(stage, up)
     add_mesh(stage, "/m", SQUARE, [4], [0, 1, 2, 3])
-    (piece,) = saved(stage)
+    (piece,) = save_and_read(stage)
     np.testing.assert_allclose(extent(piece), ((0, 0, 0), high), atol=1e-12)
 
 
@@ -99,7 +99,7 @@ def test_a_stage_without_a_unit_is_told_to_be_in_centimetres(stage: Any) -> None
     stage.ClearMetadata("metersPerUnit")
     add_mesh(stage, "/m", SQUARE, [4], [0, 1, 2, 3])
     with pytest.warns(OptionWarning, match="no metersPerUnit.*centimetre.*scale = 100"):
-        (piece,) = saved(stage)
+        (piece,) = save_and_read(stage)
     np.testing.assert_allclose(extent(piece)[1], (0.02, 0.03, 0.0))
 
 
@@ -110,7 +110,7 @@ def test_polygons_become_fans_and_holes_stay_open(stage: Any) -> None:
         stage, "/m", [*pentagon, (0, 0, 5), (1, 0, 5), (0, 2, 5)], [5, 3, 3], [0, 1, 2, 3, 4, 0, 1, 2, 5, 6, 7]
     )
     mesh.CreateHoleIndicesAttr([1])
-    (piece,) = saved(stage)
+    (piece,) = save_and_read(stage)
     assert len(piece.faces) == 3 + 1
     assert area_m2(piece) == pytest.approx(16.0 + 1.0)
 
@@ -125,7 +125,7 @@ def test_each_material_is_a_piece_with_its_names_and_colour(stage: Any) -> None:
     api = UsdShade.MaterialBindingAPI(mesh.GetPrim())
     subset = api.CreateMaterialBindSubset("glass", Vt.IntArray([1, 2]), UsdGeom.Tokens.face)
     bind(subset, add_material(stage, "/looks/pane"))
-    glass, paint = saved(stage)
+    glass, paint = save_and_read(stage)
     assert glass.keys == ("pane", "body", "/car/body")
     assert (paint.keys[0], paint.grey) == ("paint", pytest.approx(0.4))
     assert (area_m2(glass), area_m2(paint)) == (2.0, 1.0)
@@ -134,7 +134,7 @@ def test_each_material_is_a_piece_with_its_names_and_colour(stage: Any) -> None:
 
 def test_a_colour_of_the_prim_serves_without_a_material(stage: Any) -> None:
     add_mesh(stage, "/m", SQUARE, [4], [0, 1, 2, 3]).CreateDisplayColorAttr([(0.1, 0.1, 0.4)])
-    (piece,) = saved(stage)
+    (piece,) = save_and_read(stage)
     assert piece.grey == pytest.approx(0.2)
 
 
@@ -148,7 +148,7 @@ def test_what_is_not_to_be_seen_is_left_out(stage: Any) -> None:
             UsdGeom.Imageable(parent).MakeInvisible()
         elif name != "seen":
             UsdGeom.Imageable(parent).CreatePurposeAttr(name)
-    assert [piece.keys[-1] for piece in saved(stage)] == ["/seen/m", "/render/m"]
+    assert [piece.keys[-1] for piece in save_and_read(stage)] == ["/seen/m", "/render/m"]
 
 
 def test_instances_are_each_there(stage: Any) -> None:
@@ -162,7 +162,7 @@ def test_instances_are_each_there(stage: Any) -> None:
         prim.AddTranslateOp().Set((10.0 * number, 0.0, 0.0))
         prim.GetPrim().GetReferences().AddInternalReference("/_class_post")
         prim.GetPrim().SetInstanceable(True)
-    assert [extent(piece)[0][0] for piece in saved(stage)] == [0.0, 10.0]
+    assert [extent(piece)[0][0] for piece in save_and_read(stage)] == [0.0, 10.0]
 
 
 def test_a_point_instancer_puts_its_prototypes_at_its_points(stage: Any) -> None:
@@ -178,7 +178,7 @@ def test_a_point_instancer_puts_its_prototypes_at_its_points(stage: Any) -> None
     instancer.CreatePositionsAttr([(0.0, 0.0, 0.0), (50.0, 0.0, 0.0), (100.0, 0.0, 0.0)])
     instancer.CreateScalesAttr([(1.0, 1.0, 1.0), (1.0, 1.0, 1.0), (2.0, 2.0, 2.0)])
     instancer.CreateInvisibleIdsAttr([1])
-    pieces = saved(stage)
+    pieces = save_and_read(stage)
     np.testing.assert_allclose(
         [extent(piece) for piece in pieces], [((1, 0, 0), (3, 3, 0)), ((102, 0, 0), (106, 6, 0))]
     )
@@ -208,7 +208,7 @@ def test_solids_have_the_size_that_usd_gives_them(
     solid = getattr(UsdGeom, kind).Define(stage, "/s")
     for name, value in numbers.items():
         getattr(solid, f"Create{name}Attr")(value)
-    (piece,) = saved(stage)
+    (piece,) = save_and_read(stage)
     np.testing.assert_allclose(extent(piece), (low, high), atol=0.006)
     box = UsdGeom.BBoxCache(Usd.TimeCode.Default(), [UsdGeom.Tokens.default_]).ComputeWorldBound(solid.GetPrim())
     aligned = box.ComputeAlignedRange()
@@ -237,7 +237,7 @@ def test_mistakes_are_one_line(stage: Any, tmp_path: Path, capfd: pytest.Capture
     with pytest.raises(InputError, match=r"noise\.usda: cannot be read as a USD stage: "):
         read_mesh(tmp_path / "noise.usda")
     with pytest.raises(InputError, match="must have at least one triangle, got none"):
-        saved(stage)
+        save_and_read(stage)
     (tmp_path / "lost.usda").write_text('#usda 1.0\n(metersPerUnit = 1)\ndef "a" (references = @nowhere.usda@) {}\n')
     with pytest.raises(InputError, match=r"lost\.usda: refers to what cannot be read: .*nowhere\.usda"):
         read_mesh(tmp_path / "lost.usda")
@@ -247,4 +247,4 @@ def test_mistakes_are_one_line(stage: Any, tmp_path: Path, capfd: pytest.Capture
 def test_faces_that_do_not_fit_are_refused(stage: Any) -> None:
     add_mesh(stage, "/m", SQUARE, [4], [0, 1, 2, 9])
     with pytest.raises(InputError, match="/m: its faces do not fit its points"):
-        saved(stage)
+        save_and_read(stage)

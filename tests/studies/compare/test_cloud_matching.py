@@ -9,7 +9,7 @@ from lidarscene.studies.compare import cloud_matching
 from lidarscene.studies.compare.cloud_matching import disagreeing_share, observe_clouds
 
 
-def points(number: np.ndarray, **changed: object):
+def cloud_of_pulses(number: np.ndarray, **changed: object):
     """Echoes of pulses whose time is their number, all alike otherwise."""
     n = len(number)
     columns = {
@@ -27,7 +27,7 @@ def points(number: np.ndarray, **changed: object):
 @pytest.mark.parametrize(("common", "matched"), [(5, True), (4, False)])
 def test_clouds_match_from_a_twentieth_of_the_smaller_on(common: int, matched: bool) -> None:
     number = np.arange(300)
-    observed = observe_clouds(["a", "b"], [points(number), points(np.arange(100) + 300 - common)])
+    observed = observe_clouds(["a", "b"], [cloud_of_pulses(number), cloud_of_pulses(np.arange(100) + 300 - common)])
     assert (observed[0].surfaces is not None) is matched
 
 
@@ -36,7 +36,7 @@ def test_truth_is_that_of_the_first_that_found_the_pulse() -> None:
     further = np.full(10, 10.0, np.float32)
     further[4] = 11.0
     observed = observe_clouds(
-        ["a", "b"], [points(np.arange(10)), points(np.arange(5, 15), true_range_m=further + 0.001)]
+        ["a", "b"], [cloud_of_pulses(np.arange(10)), cloud_of_pulses(np.arange(5, 15), true_range_m=further + 0.001)]
     )
     for observed_cloud in observed:
         assert observed_cloud.surfaces is not None
@@ -48,7 +48,7 @@ def test_truth_is_that_of_the_first_that_found_the_pulse() -> None:
 
 def test_names_are_numbered_alike_and_none_stays_none() -> None:
     body = np.array([0, 1, -1], np.int32)
-    a, b = (points(np.arange(3), body=body, body_names=names) for names in (("car", "road"), ("tree", "car")))
+    a, b = (cloud_of_pulses(np.arange(3), body=body, body_names=names) for names in (("car", "road"), ("tree", "car")))
     first, second = cloud_matching._with_common_names([a, b])
     assert first.body_names == second.body_names == ("car", "road", "tree")
     assert first.body.tolist() == [0, 1, -1]
@@ -59,8 +59,8 @@ def test_names_are_numbered_alike_and_none_stays_none() -> None:
 def test_points_that_differ_in_any_of_five_are_of_two_pulses(column: str) -> None:
     """The same number for both clouds where nothing differs; zeros of both signs are one."""
     number = np.zeros(3)
-    values = np.array([0, 1, 0]).astype(getattr(points(number), column).dtype)
+    values = np.array([0, 1, 0]).astype(getattr(cloud_of_pulses(number), column).dtype)
     first, second = cloud_matching._pulse_numbers(
-        [points(number, **{column: values}), points(number, **{column: -0 * values})]
+        [cloud_of_pulses(number, **{column: values}), cloud_of_pulses(number, **{column: -0 * values})]
     )
     assert first[0] == first[2] == second[0] != first[1]

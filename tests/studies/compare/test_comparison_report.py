@@ -62,13 +62,16 @@ def comparison(*observed: Observation, matched: bool = True) -> Comparison:
     )
 
 
-def first(count: int) -> range:
+def first_pulses(count: int) -> range:
     return range(count)
 
 
 def test_who_finds_more_and_who_measures_finer() -> None:
     """Whatever the order in which they are given."""
-    weak, strong = (observation("weak", first(200), sigma_mm=10.0), observation("strong", first(300), sigma_mm=30.0))
+    weak, strong = (
+        observation("weak", first_pulses(200), sigma_mm=10.0),
+        observation("strong", first_pulses(300), sigma_mm=30.0),
+    )
     for pair in ((weak, strong), (strong, weak)):
         sentence = verdict(comparison(*pair))
         assert sentence.startswith("strong finds most, 75.00 % of the pulses, 25 percentage points more; weak 50.00 %.")
@@ -78,19 +81,21 @@ def test_who_finds_more_and_who_measures_finer() -> None:
 @pytest.mark.parametrize(("matched", "alike"), [(True, False), (False, True)])
 def test_matched_pulses_tell_apart_what_two_rates_do_not(matched: bool, alike: bool) -> None:
     """20 of 400 more, none less: 5 +- 2.2 % pulse by pulse. As two shares of 400 each is sure to 5 %."""
-    sentence = verdict(comparison(observation("a", first(200)), observation("b", first(220)), matched=matched))
+    sentence = verdict(
+        comparison(observation("a", first_pulses(200)), observation("b", first_pulses(220)), matched=matched)
+    )
     assert ("equally many" in sentence) is alike
 
 
 @pytest.mark.parametrize(("more", "alike"), [(23, True), (46, False)])
 def test_two_shares_differ_if_their_intervals_are_apart(more: int, alike: bool) -> None:
     """Half of 400 has an interval of 45.1 to 54.9 %; 55.8 % reaches down to 50.9 %, 61.5 % to 56.6 %."""
-    a, b = observation("a", first(200)), observation("b", first(200 + more))
+    a, b = observation("a", first_pulses(200)), observation("b", first_pulses(200 + more))
     assert ("equally many" in verdict(comparison(a, b, matched=False))) is alike
 
 
 def test_the_same_number_of_other_pulses_is_alike() -> None:
-    sentence = verdict(comparison(observation("a", first(200)), observation("b", range(200, 400))))
+    sentence = verdict(comparison(observation("a", first_pulses(200)), observation("b", range(200, 400))))
     assert "a and b find equally many of the pulses, within chance" in sentence
 
 

@@ -25,7 +25,7 @@ HEIGHT_M = 1.8
 RINGS = 24
 
 
-def flat(height_m: float = HEIGHT_M, tilt: float = 0.02, seed: int = 1) -> Sweep:
+def ground_sweep(height_m: float = HEIGHT_M, tilt: float = 0.02, seed: int = 1) -> Sweep:
     """A sensor over a tilted plane with a wall around it at 30 m: 24 rings from -25 to -2 degrees."""
     rng = np.random.default_rng(seed)
     elevation = np.radians(np.linspace(-25.0, -2.0, RINGS))[:, None]
@@ -54,7 +54,7 @@ def flat(height_m: float = HEIGHT_M, tilt: float = 0.02, seed: int = 1) -> Sweep
 
 
 def test_ground_height_and_its_farthest_return() -> None:
-    sweep = flat()
+    sweep = ground_sweep()
     measured_ground = measure_ground(sweep.xyz_m[sweep.has_return])
     assert measured_ground is not None
     height, farthest, share = measured_ground
@@ -68,7 +68,7 @@ def test_ground_height_and_its_farthest_return() -> None:
 
 
 def test_losses_second_returns_rings_and_strengths() -> None:
-    quantities = compared_quantities(side_of_sweep("real", flat()))
+    quantities = compared_quantities(side_of_sweep("real", ground_sweep()))
     pulses = RINGS * 300
     assert quantities["points"] == pulses - 30
     assert quantities["share of pulses kept"] == pytest.approx((pulses - 30) / pulses)
@@ -83,7 +83,7 @@ def test_losses_second_returns_rings_and_strengths() -> None:
 
 
 def test_page_and_numbers(tmp_path: Path) -> None:
-    real = side_of_sweep("real", flat())
+    real = side_of_sweep("real", ground_sweep())
     bare = Side(
         name="bare",
         xyz_m=np.ones((3, 3)),
@@ -187,7 +187,7 @@ def test_what_is_near_the_plane_is_ground_more_so_far_away() -> None:
 
 
 def test_the_share_that_is_kept_is_of_what_was_recorded() -> None:
-    sweep = flat()
+    sweep = ground_sweep()
     recorded = np.ones(sweep.shape, bool)
     recorded[:, 200:] = False
     side = side_of_sweep("real", replace(sweep, recorded=recorded, range_m=np.where(recorded, sweep.range_m, np.nan)))

@@ -46,14 +46,14 @@ def vlp16():
     )
 
 
-def studied(scanner, cells, time_s, kind="outline"):
+def study_cells(scanner, cells, time_s, kind="outline"):
     mask, _ = pattern_coverage.field_cells(scanner, cells, time_s, kind=kind)
     return pattern_coverage.cell_maps(pattern_coverage.fired_pulses(scanner, time_s), cells, mask)
 
 
 @pytest.fixture(scope="module")
 def covered_by_mid40():
-    return studied(mid40(), SphereCells.of_size(0.28), 1.4).coverage(TIMES_S)
+    return study_cells(mid40(), SphereCells.of_size(0.28), 1.4).coverage(TIMES_S)
 
 
 # --- cells ------------------------------------------------------------------------------------------
@@ -103,7 +103,7 @@ def test_outline_is_the_convex_hull():
 def test_density_of_a_raster():
     """1 / (step in azimuth times step in elevation), over cos(elevation): the density in solid angle."""
     cells, scanner = SphereCells.of_size(2.0), raster(columns=401, rows=201)
-    mask = studied(scanner, cells, scanner.frame_s)
+    mask = study_cells(scanner, cells, scanner.frame_s)
     azimuth, elevation = cells.middle_deg(mask.cell)
     inner = (np.abs(azimuth) < 36.0) & (np.abs(elevation) < 17.0)
     expected = 25.0 / np.cos(elevation[inner] * DEG)
@@ -117,7 +117,7 @@ def test_density_of_a_raster():
 @pytest.mark.parametrize("size", [0.2, 0.28, 1.0])
 def test_a_raster_is_covered_after_one_frame(kind, size):
     scanner = raster()
-    study = studied(scanner, SphereCells.of_size(size), scanner.frame_s, kind)
+    study = study_cells(scanner, SphereCells.of_size(size), scanner.frame_s, kind)
     before, after = study.coverage(np.array([0.5 * scanner.frame_s, scanner.frame_s]))
     assert after == 1.0
     # A row of cells that has begun counts whole.
@@ -127,7 +127,7 @@ def test_a_raster_is_covered_after_one_frame(kind, size):
 def test_revisit_of_a_raster_is_a_frame():
     """Cells as large as the step hold one pulse of each frame."""
     scanner = raster()
-    study = studied(scanner, SphereCells.of_size(0.2), 3.0 * scanner.frame_s)
+    study = study_cells(scanner, SphereCells.of_size(0.2), 3.0 * scanner.frame_s)
     assert np.all(study.pulses % 3 == 0)
     assert study.revisit_s == pytest.approx(scanner.frame_s, rel=1e-9)
 
@@ -135,7 +135,7 @@ def test_revisit_of_a_raster_is_a_frame():
 def test_visits_are_told_apart_by_time():
     """Two rows of a cell are two visits, neighbouring columns are one."""
     scanner = raster()
-    study = studied(scanner, SphereCells.of_size(0.41), 2.0 * scanner.frame_s)
+    study = study_cells(scanner, SphereCells.of_size(0.41), 2.0 * scanner.frame_s)
     line_s = 101 / 50e3
     assert np.isclose(study.revisit_s[:, None], [scanner.frame_s, line_s]).any(axis=1).mean() < 0.5
     # Two lines in each of two frames: three gaps between the first and the last of four visits.
@@ -170,14 +170,14 @@ def test_coverage_of_the_mid40_prisms(covered_by_mid40):
 
 
 def test_coverage_of_the_mid40_does_not_hang_on_the_mask(covered_by_mid40):
-    reached = studied(mid40(), SphereCells.of_size(0.28), 1.4, "reached").coverage(TIMES_S)
+    reached = study_cells(mid40(), SphereCells.of_size(0.28), 1.4, "reached").coverage(TIMES_S)
     assert covered_by_mid40 == pytest.approx(reached, abs=0.005)
 
 
 def test_point_rate_and_plateau_of_the_vlp16():
     """289 352 points a second by the manual; 16 lines plateau at about 14 % by Livox."""
     assert pattern_coverage.rate_hz(vlp16()) == pytest.approx(289_352, abs=1.0)
-    first, last = studied(vlp16(), SphereCells.of_size(0.28), 0.3).coverage(np.array([0.101, 0.3]))
+    first, last = study_cells(vlp16(), SphereCells.of_size(0.28), 0.3).coverage(np.array([0.101, 0.3]))
     assert last == first
     assert first == pytest.approx(0.14, abs=0.015)
     says("fov.md", "{} % covered at {} degrees, where Livox", 100.0 * first, 0.28)
@@ -205,13 +205,13 @@ def test_nearest_neighbours_at_the_limits():
 # --- range ------------------------------------------------------------------------------------------
 
 
-def equipped(scanner, **changes):
+def sensor_with_scanner(scanner, **changes):
     return replace(load_sensor("table1-apd"), scanner=scanner, **changes)
 
 
 def test_range_map_is_the_range_at_each_cells_aperture():
-    sensor = equipped(mid40())
-    study = studied(sensor.scanner, SphereCells.of_size(0.5), 0.3)
+    sensor = sensor_with_scanner(mid40())
+    study = study_cells(sensor.scanner, SphereCells.of_size(0.5), 0.3)
     limit = reach.range_map_m(sensor, study, Target())
     seen_cells = np.flatnonzero(np.isfinite(study.share))
     for place in seen_cells[:: len(seen_cells) // 5]:
@@ -225,10 +225,10 @@ def test_range_map_is_the_range_at_each_cells_aperture():
 
 def test_ground_around_a_spinning_head():
     """Blind below -15 degrees: nearer than height / tan 15 deg; two of the same see the same."""
-    sensor = equipped(vlp16(), mounting=Pose(position_m=np.array([0.0, 0.0, 1.9])))
+    sensor = sensor_with_scanner(vlp16(), mounting=Pose(position_m=np.array([0.0, 0.0, 1.9])))
     cells = SphereCells.of_size(0.28)
-    study = studied(sensor.scanner, cells, 0.2)
-    lying = equipped(vlp16())
+    study = study_cells(sensor.scanner, cells, 0.2)
+    lying = sensor_with_scanner(vlp16())
     view = reach.ground_view([sensor, sensor, lying], cells, [study] * 3, Target(), half_m=20.0, step_m=0.1)
     assert view.nearest_blind_m() == pytest.approx(1.9 / math.tan(15.0 * DEG), abs=0.2)
     assert set(np.unique(view.count)) == {0, 2}
@@ -237,9 +237,9 @@ def test_ground_around_a_spinning_head():
 
 def test_cells_between_pulses_see_the_ground_by_the_aperture_of_the_others():
     """The outline's cells that no pulse met have no share of their own: the mean of those that were met is theirs."""
-    sensor = equipped(vlp16(), mounting=Pose(position_m=np.array([0.0, 0.0, 1.9])))
+    sensor = sensor_with_scanner(vlp16(), mounting=Pose(position_m=np.array([0.0, 0.0, 1.9])))
     cells = SphereCells.of_size(0.28)
-    whole = studied(sensor.scanner, cells, 0.2)
+    whole = study_cells(sensor.scanner, cells, 0.2)
     shares = np.where(np.arange(len(whole.cell)) % 2 == 0, 0.25, np.nan)
     views = [
         reach.ground_view([sensor], cells, [replace(whole, share=share)], Target(), half_m=20.0, step_m=0.5)
@@ -265,10 +265,10 @@ def test_the_nearest_place_that_is_seen_and_its_area():
 
 def test_the_farthest_ground_is_where_its_slant_echo_reaches_the_level():
     """A laser too weak for 20 m: ground is met at a cosine of height over distance."""
-    weak = equipped(vlp16(), mounting=Pose(position_m=np.array([0.0, 0.0, 1.9])))
+    weak = sensor_with_scanner(vlp16(), mounting=Pose(position_m=np.array([0.0, 0.0, 1.9])))
     weak = replace(weak, laser=replace(weak.laser, peak_power_w=1.0))
     cells = SphereCells.of_size(0.28)
-    study = studied(weak.scanner, cells, 0.2)
+    study = study_cells(weak.scanner, cells, 0.2)
     view = reach.ground_view([weak], cells, [study], Target(), half_m=30.0, step_m=0.5)
     away_m = np.hypot(np.hypot(view.x_m[None, :], view.y_m[:, None]), 1.9)
     farthest_m = float(away_m[view.is_seen[0]].max())
@@ -285,7 +285,7 @@ def test_the_farthest_ground_is_where_its_slant_echo_reaches_the_level():
 
 def test_an_image_shows_each_cell():
     cells = SphereCells.of_size(1.0)
-    study = studied(raster(), cells, 0.2)
+    study = study_cells(raster(), cells, 0.2)
     image, outside, (left, right, low, high) = figures.cell_raster(cells, study.cell, study.cell.astype(float))
     assert set(np.unique(image[~outside]).astype(int)) == set(study.cell.tolist())
     assert left < -10.0 < 10.0 < right

@@ -13,7 +13,7 @@ WHITE_M2, R0_M, SPOT = 3e5, 9.0, 0.5
 ROWS, COLUMNS = 32, 800
 
 
-def exact() -> RecordedPulses:
+def exact_pulses() -> RecordedPulses:
     """Every pulse on a wall of 25 to 90 % at 2 to 70 m, its signal that of the law, not rounded."""
     place = np.arange(ROWS * COLUMNS).reshape(ROWS, COLUMNS)
     range_m = 2.0 * 35.0 ** ((place * 7919 % (ROWS * COLUMNS)) / (ROWS * COLUMNS))
@@ -32,7 +32,7 @@ def exact() -> RecordedPulses:
     )
 
 
-def changed(
+def with_signal_changed(
     pulses: RecordedPulses, mask: Any, *, white: Any = 1.0, reflectivity: float | None = None
 ) -> RecordedPulses:
     """These pulses with another SIGNAL over REFLECTIVITY, and perhaps another REFLECTIVITY."""
@@ -49,7 +49,7 @@ def test_the_law_is_found_whatever_a_fifth_reports(spoilt: dict[str, float]) -> 
     """Rationale: light of another surface, reflectivities in steps and in logarithms are left out. A bin is 3 % wide:
     what its mean misses of the knee is below 0.5 %.
     """
-    pulses = changed(exact(), np.arange(ROWS)[:, None] % 5 == 2, **spoilt)
+    pulses = with_signal_changed(exact_pulses(), np.arange(ROWS)[:, None] % 5 == 2, **spoilt)
     fit = fit_near_field(pulses)
     assert fit is not None
     for estimate, truth in zip(fit.estimates, (WHITE_M2, R0_M, SPOT), strict=True):
@@ -62,8 +62,8 @@ def test_the_law_is_found_whatever_a_fifth_reports(spoilt: dict[str, float]) -> 
 
 def test_the_error_is_that_of_the_blocks_that_were_not_fitted() -> None:
     """They have a fifth more light: the law misses 1 - 1 / 1.2 of it."""
-    pulses = exact()
-    fit = fit_near_field(changed(pulses, ~pulses.fitted[None, :], white=1.2))
+    pulses = exact_pulses()
+    fit = fit_near_field(with_signal_changed(pulses, ~pulses.fitted[None, :], white=1.2))
     assert fit is not None
     assert fit.error == pytest.approx(1.0 - 1.0 / 1.2, abs=0.005)
     assert fit.estimates[0].value == pytest.approx(WHITE_M2, rel=0.01)
@@ -71,8 +71,8 @@ def test_the_error_is_that_of_the_blocks_that_were_not_fitted() -> None:
 
 def test_bins_that_follow_a_law_of_their_own_count_less() -> None:
     """Within 2.5 m, a fifteenth of the bins, there is half as much light again: far away K and R0 stay."""
-    pulses = exact()
-    fit = fit_near_field(changed(pulses, pulses.range_m < 2.5, white=1.5))
+    pulses = exact_pulses()
+    fit = fit_near_field(with_signal_changed(pulses, pulses.range_m < 2.5, white=1.5))
     assert fit is not None
     assert fit.estimates[0].value == pytest.approx(WHITE_M2, rel=0.01)
     assert fit.estimates[1].value == pytest.approx(R0_M, rel=0.02)
@@ -83,7 +83,7 @@ def test_noise_of_the_pulses_is_no_misfit_of_the_law() -> None:
     quarters of that above and below the law in turn. Their median distance, as a deviation, is 1.11 sigmas, of which
     noise explains one: the law misses sqrt(1.11^2 - 1) = 0.49 of it.
     """
-    pulses = exact()
+    pulses = exact_pulses()
     place = np.floor(np.log(pulses.range_m) / 0.03).astype(int)
     sigma = np.log(1.2) / np.sqrt(np.median(np.bincount(place[:, pulses.fitted].ravel())))
     noise = 0.75 * sigma * np.where(place % 2 == 0, 1.0, -1.0)

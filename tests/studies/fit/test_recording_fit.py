@@ -51,11 +51,11 @@ def test_the_truth_is_within_two_sigma() -> None:
     assert np.max(np.abs(off)) < 5.0
 
 
-def written(folder: Path, patch: pytest.MonkeyPatch, sweep: Sweep, sensor: str = "os1-128") -> tuple[str, bool]:
-    def opened(path: Path, metadata: Path | None) -> Recording:
+def fit_sweep(folder: Path, patch: pytest.MonkeyPatch, sweep: Sweep, sensor: str = "os1-128") -> tuple[str, bool]:
+    def open_drawn(path: Path, metadata: Path | None) -> Recording:
         return Recording(path=path, count=1, read=lambda _: sweep)
 
-    patch.setattr(recording_fit, "open_recording", opened)
+    patch.setattr(recording_fit, "open_recording", open_drawn)
     return fit_recordings([folder / "drawn.pcap"], sensor, folder / "unit.toml", folder / "report")
 
 
@@ -79,7 +79,7 @@ def test_sensor_file_and_page_have_what_was_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sweep: Sweep
 ) -> None:
     """Rationale: the written file, read again, has the measured products, whatever way they were divided."""
-    text, passed = written(tmp_path, monkeypatch, sweep, one_lens(tmp_path))
+    text, passed = fit_sweep(tmp_path, monkeypatch, sweep, one_lens(tmp_path))
     assert passed
     report = json.loads((tmp_path / "report" / "fit.json").read_text("utf-8"))
     estimates = report["estimates"]
@@ -133,7 +133,7 @@ def test_two_lenses_are_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     stretch = truth.near_field_m / near_field_m(published)
     assert abs(stretch - 1.0) > 0.1
     sweep = drawn_sweep(truth, 2, curve=curve)
-    _, passed = written(tmp_path, monkeypatch, sweep)
+    _, passed = fit_sweep(tmp_path, monkeypatch, sweep)
     assert passed
     estimates = json.loads((tmp_path / "report" / "fit.json").read_text("utf-8"))["estimates"]
     assert "spot_over_field" not in estimates
@@ -157,14 +157,14 @@ def test_a_law_that_does_not_hold_fails(tmp_path: Path, undrawn: pytest.MonkeyPa
     assert sweep.reflectivity is not None
     is_darker = (np.arange(sweep.shape[1]) // 20) % 4 == 3
     changed = replace(sweep, reflectivity=np.where(is_darker, np.rint(sweep.reflectivity / 1.3), sweep.reflectivity))
-    text, passed = written(tmp_path, undrawn, changed)
+    text, passed = fit_sweep(tmp_path, undrawn, changed)
     assert not passed
     assert "it misses 'signal, mean error over the range', 0.2" in text
     assert text.count("NOT MET") == 1
 
 
 def test_what_is_not_recorded_stays_as_it_was(tmp_path: Path, undrawn: pytest.MonkeyPatch, sweep: Sweep) -> None:
-    text, passed = written(tmp_path, undrawn, replace(sweep, near_ir=None, reflectivity=None))
+    text, passed = fit_sweep(tmp_path, undrawn, replace(sweep, near_ir=None, reflectivity=None))
     assert passed
     assert "histogram.threshold_floor is left as it was: threshold_floor is not recorded" in text
     sensor, before = load_sensor(tmp_path / "unit.toml"), load_sensor("os1-128")
@@ -183,7 +183,7 @@ def test_a_recording_that_tells_nothing(
     tmp_path: Path, undrawn: pytest.MonkeyPatch, sweep: Sweep, change: dict[str, object], complaint: str
 ) -> None:
     with pytest.raises(InputError, match=complaint):
-        written(tmp_path, undrawn, replace(sweep, **change))  # type: ignore[arg-type]
+        fit_sweep(tmp_path, undrawn, replace(sweep, **change))  # type: ignore[arg-type]
     assert not (tmp_path / "unit.toml").exists()
 
 

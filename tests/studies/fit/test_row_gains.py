@@ -16,7 +16,7 @@ ROWS, COLUMNS = 32, 512
 GAINS = 0.1 * (-1.0) ** np.arange(ROWS)
 
 
-def drawn() -> Sweep:
+def draw_sweep() -> Sweep:
     """A light that rises over the rows and changes over the columns; staggered rows see it at other columns."""
     random = np.random.default_rng(0)
     columns = np.arange(COLUMNS)
@@ -36,7 +36,7 @@ def test_the_gains_are_found() -> None:
     """The step to the next row is good to 0.6 % (median of 512, Poisson noise of 8 %); steps add up over the four rows
     that are smoothed to each side, to 1.1 %. Five of that.
     """
-    row_gains = fit_rows(gather_pulses([drawn()]))
+    row_gains = fit_rows(gather_pulses([draw_sweep()]))
     assert row_gains is not None
     inner = slice(4, -4)
     np.testing.assert_allclose(np.log(row_gains.gain)[inner], GAINS[inner], atol=0.055)
@@ -50,7 +50,7 @@ def test_signal_tells_what_the_gains_are_of(follows: float) -> None:
 
     The exponent's sigma is 0.01: a median of 512 steps of 10 %, over gains of 10 %.
     """
-    sweep = drawn()
+    sweep = draw_sweep()
     random = np.random.default_rng(1)
     light = 400.0 * np.exp(follows * GAINS)[:, None] * np.ones((1, COLUMNS))
     sweep = replace(sweep, range_m=np.full((ROWS, COLUMNS), 10.0), signal=random.poisson(light))
@@ -63,10 +63,10 @@ def test_signal_tells_what_the_gains_are_of(follows: float) -> None:
 
 
 def test_few_columns_tell_nothing() -> None:
-    assert fit_rows(gather_pulses([drawn()]).select_columns(np.arange(40))) is None
+    assert fit_rows(gather_pulses([draw_sweep()]).select_columns(np.arange(40))) is None
 
 
-def still(near_ir: Numbers, **changed: Any) -> RecordedPulses:
+def pulses_at_rest(near_ir: Numbers, **changed: Any) -> RecordedPulses:
     """Rows at one place, of which nothing else is known; two blocks of columns."""
     columns = np.arange(near_ir.shape[1])
     fields: dict[str, Any] = {
@@ -86,7 +86,7 @@ def test_a_light_that_is_a_parabola_over_the_rows_has_no_gains() -> None:
     """Also at the first and the last row, where there are rows to one side only."""
     rows = np.arange(ROWS)
     light = np.exp(0.002 * rows**2 - 0.03 * rows)
-    gains = fit_rows(still(400.0 * light[:, None] * np.ones((1, 128))))
+    gains = fit_rows(pulses_at_rest(400.0 * light[:, None] * np.ones((1, 128))))
     assert gains is not None
     np.testing.assert_allclose(gains.gain, 1.0, rtol=1e-9)
 
@@ -95,7 +95,7 @@ def test_the_sigma_is_half_of_what_two_halves_differ_by() -> None:
     """Gains of +-10 %, 2 % more in one half and 2 % less in the other: 2 %, of which smoothing takes a few per cent."""
     sides = (-1.0) ** np.arange(ROWS)[:, None]
     change = np.repeat([0.02, -0.02], 64)[None, :]
-    gains = fit_rows(still(400.0 * np.exp(sides * (0.1 + change))))
+    gains = fit_rows(pulses_at_rest(400.0 * np.exp(sides * (0.1 + change))))
     assert gains is not None
     assert gains.sigma[0] == pytest.approx(0.02, rel=0.15)
 
@@ -109,7 +109,7 @@ def test_the_exponents_sigma_is_the_scatter_over_the_gains(size: float) -> None:
     gains = size * (-1.0) ** np.arange(ROWS)
     unrelated = 0.2 * size * np.where(np.arange(ROWS) // 2 % 2 == 0, 1.0, -1.0)
     flat = np.ones((1, 128))
-    pulses = still(
+    pulses = pulses_at_rest(
         400.0 * np.exp(gains)[:, None] * flat, signal=400.0 * np.exp(0.5 * gains + unrelated)[:, None] * flat
     )
     follows = fit_rows(pulses)

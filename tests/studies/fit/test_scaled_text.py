@@ -10,7 +10,7 @@ from lidarscene.studies.fit.sensor_text import parse_sensor, scaled_text
 TEXT = catalog.path_of("sensors", "os0-128").read_text(encoding="utf-8")
 
 
-def written(**factors: float) -> tuple[str, tuple[str, ...]]:
+def scale_text(**factors: float) -> tuple[str, tuple[str, ...]]:
     estimates = {
         key.replace("__", "."): Estimate(
             key=key.replace("__", "."), value=value, unit="times", fisher=0.01, bootstrap=0.01
@@ -22,7 +22,7 @@ def written(**factors: float) -> tuple[str, tuple[str, ...]]:
 
 def test_a_stretched_near_field_is_the_same_curve_farther_out() -> None:
     """Two lenses that meet and are in focus at 6.25 m: at 1.3 times the range all is as it was, and so is the sun."""
-    text, notes = written(near_field_m=1.3)
+    text, notes = scale_text(near_field_m=1.3)
     assert not notes
     before, after = parse_sensor(TEXT, "a"), parse_sensor(text, "b")
     assert before.optics.overlap is not None
@@ -42,7 +42,7 @@ def test_a_stretched_near_field_is_the_same_curve_farther_out() -> None:
 
 def test_what_does_not_go_with_the_rest_is_left_and_told() -> None:
     """Rationale: a pulse of 40 ns has no place in bins of 0.7 ns; the power is changed all the same."""
-    text, notes = written(laser__pulse_fwhm_ns=20.0, laser__peak_power_w=2.0)
+    text, notes = scale_text(laser__pulse_fwhm_ns=20.0, laser__peak_power_w=2.0)
     assert len(notes) == 1
     assert notes[0].startswith("laser.pulse_fwhm_ns is left as it was: ")
     before, after = parse_sensor(TEXT, "a"), parse_sensor(text, "b")
@@ -55,7 +55,7 @@ def test_factors_of_one_key_multiply() -> None:
     """A near field 1.3 times as far shrinks angles by its root and takes its own from the power; both have their own
     factor besides.
     """
-    text, notes = written(near_field_m=1.3, spot_over_field=1.2, laser__peak_power_w=2.0)
+    text, notes = scale_text(near_field_m=1.3, spot_over_field=1.2, laser__peak_power_w=2.0)
     assert not notes
     before, after = parse_sensor(TEXT, "a").laser, parse_sensor(text, "b").laser
     assert after.divergence_rad == pytest.approx(1.2 / np.sqrt(1.3) * before.divergence_rad, rel=1e-5)

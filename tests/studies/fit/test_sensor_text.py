@@ -19,7 +19,7 @@ def estimate(key: str, value: float, sigma: float = 0.01) -> Estimate:
     return Estimate(key=key, value=value, unit="", fisher=sigma * abs(value), bootstrap=sigma * abs(value))
 
 
-def fitted(text: str, *estimates: Estimate, rows: RowGains | None = None) -> tuple[str, tuple[str, ...]]:
+def fit_text(text: str, *estimates: Estimate, rows: RowGains | None = None) -> tuple[str, tuple[str, ...]]:
     return fitted_text(text, {estimate.key: estimate for estimate in estimates}, "drawn", "unit.toml", rows=rows)
 
 
@@ -27,7 +27,7 @@ def test_one_lens_moves_with_the_power_that_makes_up_for_it() -> None:
     """R0 = r_A f / r_PD is 1.5 times as far, r_A / f stays, a white wall sends twice the photons, all together."""
     before = parse_sensor(ONE_LENS, "before")
     range_m, photons = 1.5 * near_field_m(before), 2.0 * white_m2(before)
-    text, _ = fitted(
+    text, _ = fit_text(
         ONE_LENS,
         estimate("near_field_m", range_m),
         estimate("white_m2", photons),
@@ -56,7 +56,7 @@ def test_the_pulse_that_scatters_so_is_found_again() -> None:
 @pytest.mark.parametrize(("sigma", "is_written"), [(0.29, True), (0.31, False)])
 def test_what_is_known_to_30_per_cent_is_written(sigma: float, is_written: bool) -> None:
     before = parse_sensor(ONE_LENS, "before")
-    text, notes = fitted(ONE_LENS, estimate("white_m2", 2.0 * white_m2(before), sigma))
+    text, notes = fit_text(ONE_LENS, estimate("white_m2", 2.0 * white_m2(before), sigma))
     after = parse_sensor(text, "after")
     assert (after.laser.peak_power_w != before.laser.peak_power_w) is is_written
     assert any("laser.peak_power_w is left as it was" in note for note in notes) is not is_written
@@ -64,7 +64,7 @@ def test_what_is_known_to_30_per_cent_is_written(sigma: float, is_written: bool)
 
 @pytest.mark.parametrize(("slope", "is_written"), [(0.2, True), (-0.2, False)])
 def test_a_threshold_that_falls_with_the_light_is_not_written(slope: float, is_written: bool) -> None:
-    text, _ = fitted(TEXT, estimate("threshold_floor", 7.5), estimate("threshold_slope", slope))
+    text, _ = fit_text(TEXT, estimate("threshold_floor", 7.5), estimate("threshold_slope", slope))
     histogram, before = parse_sensor(text, "after").histogram, parse_sensor(TEXT, "before").histogram
     assert histogram is not None
     assert before is not None
@@ -91,7 +91,7 @@ def test_factors_of_keys_lists_and_whole_numbers() -> None:
 def test_two_lenses_are_stretched_together() -> None:
     """All of the near field 1.3 times as far: the curve is the same at 1.3 times the range, K as it was."""
     before = parse_sensor(TEXT, "before")
-    text, _ = fitted(
+    text, _ = fit_text(
         TEXT, estimate("near_field_m", 1.3 * near_field_m(before)), estimate("white_m2", 2.0 * white_m2(before))
     )
     after = parse_sensor(text, "after")
@@ -109,6 +109,6 @@ def test_two_lenses_are_stretched_together() -> None:
 def test_gains_of_another_number_of_rows_are_not_written(more: int) -> None:
     rows = parse_sensor(TEXT, "os2").scanner.line_pulses
     gains = RowGains(gain=np.ones(rows + more), sigma=np.full(rows + more, 0.01), follows=(1.0, 0.01))
-    text, notes = fitted(TEXT, rows=gains)
+    text, notes = fit_text(TEXT, rows=gains)
     assert not re.search("(?m)^responsivity", text)
     assert any(f"of {rows + more} rows, and the file has {rows} beams" in note for note in notes)

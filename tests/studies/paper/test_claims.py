@@ -114,7 +114,7 @@ def ranges_m(*lidars, **changes):
     return [replace(lidar, **changes).range_m for lidar in lidars]
 
 
-def fired(photons, pde, cells):
+def fired_cells(photons, pde, cells):
     """(22)."""
     return cells * (1 - math.exp(photons * (math.exp(-pde / cells) - 1)))
 
@@ -129,7 +129,7 @@ AT = {name: replace(APD, gain=m).snr(100.0) for name, m in (("best", BEST), ("eq
 LIMIT = PRINTED.range_m
 PLAIN = ranges_m(*BOTH)
 K = brentq(lambda ratio: ratio * 80 + (1 - ratio) * (2 - 1 / 80) - 80**0.3, 0, 1)
-BUSY = fired(PRINTED.sun_photons, 0.22, 400)
+BUSY = fired_cells(PRINTED.sun_photons, 0.22, 400)
 BUSY_STEADY = 400 * (x := PRINTED.sun_photons * 0.22 / 400) / (1 + x)
 ROOT = math.sqrt(0.22 / PRINTED.sun_photons)  # of (28)
 BOUNDS = [  # of (29) and (30): the sun's own shot noise alone
@@ -148,26 +148,26 @@ CROWDED = replace(STEADY, pde=0.6, cells=4000.0).range_m
 GRID_M = np.geomspace(1.0, 1000.0, 20_000)
 
 
-def in_time(*changes):
+def range_in_time_m(*changes):
     """The range of cells in the time domain, which `test_the_whole_pulse_in_time` holds."""
     keys = ["detector.statistics='time_domain'", "detector.cell_floor=1", *changes]
     return float(plane.maximum_range_m(load_sensor("table1-sipm", overrides=keys), plane.Target())[0])
 
 
-IN_TIME = in_time()
+IN_TIME = range_in_time_m()
 SHORT_PULSE = replace(STEADY, cells=900.0, pde=0.15, dead=11e-9, fwhm=2.2e-9)
-SHORT_IN_TIME = in_time(
+SHORT_IN_TIME = range_in_time_m(
     "detector.cells=900", "detector.pde=0.15", "detector.dead_time_ns=11", "laser.pulse_fwhm_ns=2.2"
 )
 
 
-def widest(kind, *bounds_m):
+def best_aperture(kind, *bounds_m):
     """Aperture radius [mm] of the longest range, and that; beyond the bounds cells run out."""
     optimum = minimize_scalar(lambda a: -replace(kind, radius=a).range_m, bounds=bounds_m)
     return 1e3 * optimum.x, -optimum.fun
 
 
-def correct(comparisons):
+def correct_share(comparisons):
     """(10) with P_d 0.5."""
     quiet = (1 - norm.sf(5.0)) ** (comparisons - 1)
     return quiet * 0.5 / (1 - quiet * 0.5)
@@ -194,8 +194,8 @@ CLAIMS = {
     "depends on neither range": [APD.sun_w, 10, APD.sun_w, 500, APD.sun_w, 60],
     "less than 3e-7": [norm.sf(5.0)],
     "50 %": [0.5],
-    "99.977 %": [100 * correct(400), 167, 100 * correct(668)],
-    "most harm": [correct(1), 1, correct(400), 400],
+    "99.977 %": [100 * correct_share(400), 167, 100 * correct_share(668)],
+    "most harm": [correct_share(1), 1, correct_share(400), 400],
     "Without gain": [
         1,
         100 * REST / (REST + MULTIPLIED),
@@ -225,12 +225,12 @@ CLAIMS = {
     "better sensitivity": [
         200,
         100,
-        fired(200, 0.1, 100),
+        fired_cells(200, 0.1, 100),
         10,
-        fired(200, 0.6, 100),
+        fired_cells(200, 0.6, 100),
         60,
-        100 * fired(200, 0.1, 100) / 20,
-        100 * fired(200, 0.6, 100) / 120,
+        100 * fired_cells(200, 0.1, 100) / 20,
+        100 * fired_cells(200, 0.6, 100) / 120,
     ],
     "more dynamic range": [
         10,
@@ -241,7 +241,7 @@ CLAIMS = {
         ),
     ],
     "below 1e-2": [400, 2007, 6, 400 * 2007 * 6e-9],
-    "less dynamic range": [100, *(100 - fired(n, 0.22, 100) for n in (0, 100, 1000)), 0, 100, 1000],
+    "less dynamic range": [100, *(100 - fired_cells(n, 0.22, 100) for n in (0, 100, 1000)), 0, 100, 1000],
     "approximated": [
         PRINTED.signal_photons(100.0) * ROOT,
         PRINTED.snr(100.0),
@@ -317,7 +317,7 @@ CLAIMS = {
     ],
     "the SiPM saturates": [
         PRINTED.snr(1.0),
-        brentq(lambda r: fired(PRINTED.signal_photons(r), 0.22, 400) - 360, 10, 1000),
+        brentq(lambda r: fired_cells(PRINTED.signal_photons(r), 0.22, 400) - 360, 10, 1000),
         90,
     ],
     "inverse square": [-2, slope(PRINTED, LIMIT), slope(PRINTED, 1000.0), 1],
@@ -350,7 +350,7 @@ CLAIMS = {
         60,
         4000,
     ],
-    "kept small": [100, *widest(PRINTED, 0.02, 0.06), *widest(STEADY, 0.05, 0.18), 30, 25, 3.1],
+    "kept small": [100, *best_aperture(PRINTED, 0.02, 0.06), *best_aperture(STEADY, 0.05, 0.18), 30, 25, 3.1],
     "see farther": [KLUX[0], 100, APD.range_m, 60, 4000, CROWDED],
 }
 """Word of a claim: numbers of what is found, in the order in which they are printed."""
@@ -388,7 +388,7 @@ ERRATA = [
         BUSY,
         BUSY_STEADY,
         2000,
-        fired(2000, 0.22, 400),
+        fired_cells(2000, 0.22, 400),
         400 * 1.1 / 2.1,
         BUSY * (1 - BUSY / 400),
         BUSY_STEADY * (1 - BUSY_STEADY / 400),

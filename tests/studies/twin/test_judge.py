@@ -45,7 +45,7 @@ def rows_named(rows: Any, quantity: str) -> list[Held]:
     return [row for row in rows if row.quantity == quantity]
 
 
-def without(values: Numbers, mask: Numbers) -> Numbers:
+def with_nan(values: Numbers, mask: Numbers) -> Numbers:
     return np.where(mask, np.nan, values)
 
 
@@ -101,7 +101,7 @@ def test_signals_are_compared_by_range() -> None:
 def test_points_and_the_worst_ring() -> None:
     base = pulses()
     is_lost = (base.ring == 3) & (np.arange(N) < N // 2)
-    rows = list(judge._points(pulses(simulated_range_m=without(base.simulated_range_m, is_lost))))
+    rows = list(judge._points(pulses(simulated_range_m=with_nan(base.simulated_range_m, is_lost))))
     (points,), (worst,) = rows_named(rows, "points"), rows_named(rows, "points per ring, worst")
     assert points.value == pytest.approx(-1.0 / 16.0)
     assert (worst.condition, worst.value, worst.verdict) == ("ring 3", pytest.approx(-0.5), False)
@@ -115,10 +115,10 @@ def test_losses_count_on_surfaces_only_and_without_those_withheld() -> None:
     rows = list(
         judge._kept_quantities(
             pulses(
-                range_m=without(base.range_m, is_lost),
+                range_m=with_nan(base.range_m, is_lost),
                 withheld=withheld,
                 kind=np.where(sky, NO_SURFACE, FILLED),
-                simulated_range_m=without(base.simulated_range_m, (number >= 230) & (number < 400)),
+                simulated_range_m=with_nan(base.simulated_range_m, (number >= 230) & (number < 400)),
             )
         )
     )
@@ -150,13 +150,13 @@ def test_disagreement_is_held_to_that_of_two_real_frames() -> None:
     base = pulses()
     for share, is_met in ((0.03, True), (0.04, False)):
         is_lost = np.arange(N) < share * N
-        rows = judge._kept_quantities(pulses(simulated_range_m=without(base.simulated_range_m, is_lost)), between)
+        rows = judge._kept_quantities(pulses(simulated_range_m=with_nan(base.simulated_range_m, is_lost)), between)
         (row,) = rows_named(rows, "kept or lost otherwise than real")
         assert (row.value, row.verdict) == (pytest.approx(share), is_met)
     assert judge.disagreement(room_sweep(), room_sweep(includes_lost=False)) is None
 
 
-def fixed(**changed: Any) -> MatchedPulses:
+def exact_pulses(**changed: Any) -> MatchedPulses:
     """As `pulses`, but both sides agree to the last digit."""
     true_m = np.linspace(5.0, 40.0, N)
     return pulses(**{"range_m": true_m, "simulated_range_m": true_m} | changed)
@@ -168,8 +168,8 @@ def value_of(rows: Any, quantity: str) -> Held:
 
 def test_the_bias_is_of_the_simulation_against_the_recording() -> None:
     """The recording is 5 mm behind the twin's surface, the simulation 9 mm."""
-    true_m = fixed().true_range_m
-    rows = list(judge._ranges(fixed(range_m=true_m + 0.005, simulated_range_m=true_m + 0.009)))
+    true_m = exact_pulses().true_range_m
+    rows = list(judge._ranges(exact_pulses(range_m=true_m + 0.005, simulated_range_m=true_m + 0.009)))
     assert value_of(rows, "range, bias").value == pytest.approx(4.0)
     assert value_of(rows, "range, double validation metric").value == pytest.approx(4.0)
 
@@ -183,26 +183,26 @@ def test_scatter_is_that_of_the_simulation_over_the_recorded(factor: float, is_m
 
 def test_errors_of_the_signal_do_not_cancel_over_the_range() -> None:
     """30 % too much near by, 20 % too little far off: 25 % in the mean; the bins are half and half."""
-    plain = fixed()
+    plain = exact_pulses()
     assert plain.signal is not None
     near = plain.true_range_m < np.median(plain.true_range_m)
-    rows = list(judge._signals(fixed(simulated_signal=plain.signal * np.where(near, 1.3, 0.8))))
+    rows = list(judge._signals(exact_pulses(simulated_signal=plain.signal * np.where(near, 1.3, 0.8))))
     by_range = [row.value for row in rows_named(rows, "signal, mean")]
     assert by_range == [pytest.approx(0.3, abs=1e-3)] * 4 + [pytest.approx(-0.2, abs=1e-3)] * 4
     assert value_of(rows, "signal, mean error over the range").value == pytest.approx(0.25, abs=1e-3)
     for factor, is_met in ((1.14, True), (1.16, False), (0.86, True), (0.84, False)):
-        scaled = judge._signals(fixed(simulated_signal=factor * plain.signal))
+        scaled = judge._signals(exact_pulses(simulated_signal=factor * plain.signal))
         assert value_of(scaled, "signal, mean error over the range").verdict is is_met
 
 
 def test_the_simulated_signal_is_of_all_that_was_simulated() -> None:
     """Of every second pulse nothing was recorded; simulated it is three times as strong: the mean is doubled."""
-    plain = fixed()
+    plain = exact_pulses()
     assert plain.signal is not None
     is_lost = np.arange(N) % 2 == 0
     rows = judge._signals(
-        fixed(
-            range_m=without(plain.range_m, is_lost),
+        exact_pulses(
+            range_m=with_nan(plain.range_m, is_lost),
             signal=np.where(is_lost, 0.0, plain.signal),
             simulated_signal=plain.signal * np.where(is_lost, 3.0, 1.0),
         )
@@ -211,9 +211,9 @@ def test_the_simulated_signal_is_of_all_that_was_simulated() -> None:
 
 
 def test_signals_that_go_against_each_other_correlate_with_minus_one() -> None:
-    plain = fixed()
+    plain = exact_pulses()
     assert plain.signal is not None
-    rows = judge._signals(fixed(simulated_signal=1e4 / plain.signal))
+    rows = judge._signals(exact_pulses(simulated_signal=1e4 / plain.signal))
     assert value_of(rows, "signal, correlation of logarithms").value == pytest.approx(-1.0)
 
 
@@ -229,19 +229,19 @@ def test_signals_that_go_against_each_other_correlate_with_minus_one() -> None:
     ],
 )
 def test_limits_of_what_is_lost(quantity: str, lost_share: float, is_met: bool) -> None:
-    plain = fixed()
+    plain = exact_pulses()
     is_lost = (np.arange(N) // 8) % 100 < 100 * lost_share  # as many on each ring
-    thinned = fixed(simulated_range_m=without(plain.simulated_range_m, is_lost))
+    thinned = exact_pulses(simulated_range_m=with_nan(plain.simulated_range_m, is_lost))
     assert value_of([*judge._points(thinned), *judge._kept_quantities(thinned)], quantity).verdict is is_met
 
 
 @pytest.mark.parametrize(("kept_anyway", "is_met"), [(95, True), (105, False)])
 def test_of_real_losses_no_more_than_half_may_be_kept(kept_anyway: int, is_met: bool) -> None:
-    plain, number = fixed(), np.arange(N)
+    plain, number = exact_pulses(), np.arange(N)
     rows = judge._kept_quantities(
-        fixed(
-            range_m=without(plain.range_m, number < 200),
-            simulated_range_m=without(plain.simulated_range_m, (number >= kept_anyway) & (number < 200)),
+        exact_pulses(
+            range_m=with_nan(plain.range_m, number < 200),
+            simulated_range_m=with_nan(plain.simulated_range_m, (number >= kept_anyway) & (number < 200)),
         )
     )
     assert value_of(rows, "real losses on surfaces kept").verdict is is_met
@@ -254,7 +254,7 @@ def test_beams_agree_to_a_hundredth_of_a_degree(
     for name in ("_ranges", "_signals", "_points", "_second"):
         monkeypatch.setattr(judge, name, lambda *_: ())
     monkeypatch.setattr(judge, "_ground", lambda *_: ())
-    rows = judge.twin_quantities(fixed(angle_rad=np.full(N, np.radians(angle_deg))), room_sweep(), None)  # type: ignore[arg-type]
+    rows = judge.twin_quantities(exact_pulses(angle_rad=np.full(N, np.radians(angle_deg))), room_sweep(), None)  # type: ignore[arg-type]
     row = value_of(rows, "beam direction")
     assert (row.value, row.verdict) == (pytest.approx(angle_deg), is_met)
 
@@ -285,7 +285,7 @@ def test_limits_of_second_returns(period: int, gap_m: float, share_met: bool, ga
     """Every tenth recorded pulse has a second return, a metre apart at least; shares to 1.5, gaps to 15 %."""
     number = np.arange(N)
     share, gap = judge._second(
-        fixed(
+        exact_pulses(
             gap_m=np.where(number % 10 == 0, 1.0 + (number > 1000), np.nan),
             simulated_gap_m=np.where(number % period == 0, gap_m + (number > 1000), np.nan),
         )
@@ -305,5 +305,5 @@ def test_frames_are_told_apart_by_the_pulses_that_both_recorded() -> None:
 
 @pytest.mark.parametrize(("bias_mm", "is_met"), [(9.9, True), (10.1, False), (-9.9, True), (-10.1, False)])
 def test_ten_millimetres_of_bias_either_way(bias_mm: float, is_met: bool) -> None:
-    rows = judge._ranges(fixed(simulated_range_m=fixed().true_range_m + 1e-3 * bias_mm))
+    rows = judge._ranges(exact_pulses(simulated_range_m=exact_pulses().true_range_m + 1e-3 * bias_mm))
     assert value_of(rows, "range, bias").verdict is is_met

@@ -59,7 +59,7 @@ def scene_of_room() -> Scene:
     return Scene(bodies=tuple(bodies), materials=flat, sun=Sun(illuminance_klux=0.0))
 
 
-def recorded(scene: Scene, sensor: Sensor) -> Sweep:
+def record_scene(scene: Scene, sensor: Sensor) -> Sweep:
     """What the sensor records of a scene, as its maker would have it."""
     pulses_of_points: list[Any] = []
     cloud = Simulator(scene, sensor).render(seed=3, points=lambda pulse, _: pulses_of_points.append(pulse))
@@ -67,7 +67,7 @@ def recorded(scene: Scene, sensor: Sensor) -> Sweep:
     pulses = np.arange(sensor.scanner.pulses, dtype=np.uint32)
     rows, columns = sensor.scanner.line_pulses, sensor.scanner.pulses // sensor.scanner.line_pulses
 
-    def laid(values: Any, where: Any = None) -> Any:
+    def as_image(values: Any, where: Any = None) -> Any:
         flat = np.full((sensor.scanner.pulses, *np.shape(values)[1:]), np.nan)
         flat[slice(None) if where is None else where] = values
         return np.moveaxis(flat.reshape(columns, rows, *flat.shape[1:]), 0, 1)
@@ -75,12 +75,12 @@ def recorded(scene: Scene, sensor: Sensor) -> Sweep:
     start = sensor.scanner.offset_m(pulses)
     assert start is not None
     return Sweep(
-        range_m=laid(cloud.range_m, pulse),
+        range_m=as_image(cloud.range_m, pulse),
         recorded=np.ones((rows, columns), bool),
-        direction=laid(np.stack([np.asarray(x, float) for x in sensor.scanner.direction(pulses)], axis=-1)),
-        origin_m=laid(np.stack([np.asarray(x, float) for x in start], axis=-1)),
-        signal=laid(cloud.signal, pulse),
-        reflectivity=laid(cloud.intensity, pulse),
+        direction=as_image(np.stack([np.asarray(x, float) for x in sensor.scanner.direction(pulses)], axis=-1)),
+        origin_m=as_image(np.stack([np.asarray(x, float) for x in start], axis=-1)),
+        signal=as_image(cloud.signal, pulse),
+        reflectivity=as_image(cloud.intensity, pulse),
         includes_lost=True,
     )
 
@@ -92,7 +92,7 @@ def room_twin(mi: Any, tmp_path_factory: pytest.TempPathFactory) -> RoomTwin:
     unit = unit_json(folder / "unit.json")
     write_unit(read_unit(unit), unit, folder / "unit.toml")
     sensor = load_sensor(str(folder / "unit.toml"))
-    recording = recording_of(folder / "unit.pcap", recorded(scene_of_room(), sensor))
+    recording = recording_of(folder / "unit.pcap", record_scene(scene_of_room(), sensor))
     printed = build_twin(recording, TwinFrames(frames=(0,), held_out=COLUMNS), folder / "twin")
     assert "reflectivities: by the recording's signal" in printed
     return recording, folder / "twin", sensor
@@ -220,7 +220,7 @@ def test_changes_along_a_ring_have_the_deviation_of_what_is_independent() -> Non
     np.testing.assert_allclose(twin_pulses._second_difference(straight, 2)[0, 2:-2], 0.0, atol=1e-12)
 
 
-def fired(sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
+def directions_by_channel(sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
     """Directions of all pulses, (channels, columns, 3) by channel and time, and their numbers."""
     pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
     direction = np.stack([np.asarray(x, float) for x in sensor.scanner.direction(pulse)], axis=-1)
@@ -232,7 +232,7 @@ def fired(sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
 def test_pulses_are_matched_around_the_turn_and_whatever_the_order_of_the_rows(turned_deg: float) -> None:
     """Less than half a column aside the nearest pulse is the same, also where azimuths pass 180 degrees."""
     sensor = load_sensor("os1-128", overrides=["scanner.columns_per_turn=512"])
-    direction, numbers = fired(sensor)
+    direction, numbers = directions_by_channel(sensor)
     turn = Pose.from_degrees(yaw_deg=turned_deg).rotation
     turned = (direction @ turn.T)[::-1]
     sweep = Sweep(range_m=np.ones(turned.shape[:2]), recorded=np.ones(turned.shape[:2], bool), direction=turned)
@@ -246,7 +246,7 @@ def test_pulses_are_matched_around_the_turn_and_whatever_the_order_of_the_rows(t
 def test_beams_half_a_degree_away_are_others(pitch_deg: float, refused: bool) -> None:
     """Pitched by so much, the median beam is off by 0.7 of it: the sine of its azimuth is that on average."""
     sensor = load_sensor("vlp-16")
-    direction, _ = fired(sensor)
+    direction, _ = directions_by_channel(sensor)
     pitched = direction @ Pose.from_degrees(pitch_deg=pitch_deg).rotation.T
     sweep = Sweep(range_m=np.ones(pitched.shape[:2]), recorded=np.ones(pitched.shape[:2], bool), direction=pitched)
     if refused:
@@ -259,7 +259,7 @@ def test_beams_half_a_degree_away_are_others(pitch_deg: float, refused: bool) ->
 def test_ranges_count_from_the_simulated_exit() -> None:
     """A recording whose maker counts from the sensor's middle: 10 m there are less from the beam's exit."""
     sensor = load_sensor("os1-128", overrides=["scanner.columns_per_turn=512"])
-    direction, numbers = fired(sensor)
+    direction, numbers = directions_by_channel(sensor)
     start = sensor.scanner.offset_m(np.arange(sensor.scanner.pulses, dtype=np.uint32))
     assert start is not None
     exit_m = np.stack([np.asarray(x, float) for x in start], axis=-1)[numbers]
@@ -314,11 +314,11 @@ def test_a_second_return_needs_several_rays(
 ) -> None:
     rays_traced = []
 
-    def traced(*_: Any, **options: Any) -> None:
+    def record_rays(*_: Any, **options: Any) -> None:
         rays_traced.append(options["rays"])
         raise InputError("enough")
 
-    monkeypatch.setattr(twin_pulses, "Simulator", traced)
+    monkeypatch.setattr(twin_pulses, "Simulator", record_rays)
     recording, folder, sensor = room_twin
     several = replace(sensor, tdc=replace(sensor.tdc, stops=stops))
     with pytest.raises(InputError, match="enough"):

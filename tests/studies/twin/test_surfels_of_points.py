@@ -14,7 +14,7 @@ from lidarscene.studies.twin.surfels import BRIGHT, GROUND, SMOOTH
 GROUND_PLANE = np.array([-HEIGHT_M, 0.0, 0.0])
 
 
-def points(**changed: Any) -> Sweep:
+def sweep_of_points(**changed: Any) -> Sweep:
     plain = room_sweep()
     return Sweep(
         range_m=plain.range_m.ravel(),
@@ -27,7 +27,7 @@ def points(**changed: Any) -> Sweep:
 
 
 def test_quads_of_a_list_lie_on_the_room(open3d: Any) -> None:
-    sweep = points()
+    sweep = sweep_of_points()
     quads = surfels.surfels_of_points(sweep, ReflectivityGauge.from_sweep(sweep), GROUND_PLANE)
     smooth = quads.corners_m[quads.kind == SMOOTH]
     assert len(smooth) > 0.6 * len(sweep.range_m)
@@ -40,7 +40,7 @@ def test_quads_of_a_list_lie_on_the_room(open3d: Any) -> None:
 
 def test_reflectivities_are_those_of_the_intensities(open3d: Any) -> None:
     """A quarter of the law of incidence is off where 20 neighbours span a corner; the median is not."""
-    sweep = points()
+    sweep = sweep_of_points()
     quads = surfels.surfels_of_points(sweep, ReflectivityGauge.from_sweep(sweep), None)
     straight = (np.abs(quads.corners_m[:, :, 0] + 10.0).max(axis=1) < 1e-3) & (
         np.abs(quads.corners_m[:, :, 1]).max(axis=1) < 2.0

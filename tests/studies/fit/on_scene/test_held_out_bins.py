@@ -52,7 +52,7 @@ def test_the_error_of_the_signal_is_over_what_was_recorded() -> None:
 POWER = "laser.peak_power_w"
 
 
-def known_to(sigma: float) -> ParameterFit:
+def fit_with_power_sigma(sigma: float) -> ParameterFit:
     """The published sensor, its power known so well."""
     return ParameterFit(
         solved=Solution(value=np.zeros(1), slope=np.array([[sigma**-2]]), scores=np.zeros((9, 1))),
@@ -64,7 +64,7 @@ def known_to(sigma: float) -> ParameterFit:
     )
 
 
-def laid(**changed: Any) -> PulsesOnScene:
+def wall_pulses(**changed: Any) -> PulsesOnScene:
     """A dark wall from 8 to 30 m that returns what is expected of it, its ranges a sigma off."""
     count = 1600
     light = echoes_of_plane(published(), Target(reflectivity=0.2, illuminance_klux=5.0), np.geomspace(8.0, 30.0, count))
@@ -82,14 +82,14 @@ def laid(**changed: Any) -> PulsesOnScene:
 
 def test_signal_and_scatter_by_bins() -> None:
     """Twice the expected signal; every third return is of something else, a metre off, and does not count."""
-    plain = laid()
+    plain = wall_pulses()
     is_spoilt = np.arange(1600) % 3 == 0
     spoilt = replace(
         plain.reported,
         signal=2.0 * plain.reported.signal * np.where(is_spoilt, 9.0, 1.0),
         range_m=plain.reported.range_m + 1.0 * is_spoilt,
     )
-    result = judge(replace(plain, reported=spoilt), known_to(1e-9))
+    result = judge(replace(plain, reported=spoilt), fit_with_power_sigma(1e-9))
     assert len(result.signal) == 8
     np.testing.assert_allclose(result.signal[:, 1] / result.signal[:, 2], 2.0)
     assert result.signal_error == pytest.approx(0.5)
@@ -101,11 +101,11 @@ def test_signal_and_scatter_by_bins() -> None:
 
 def test_a_law_is_known_no_better_than_its_power() -> None:
     """Photons scatter the range with the root of the power, and a little more where they are few."""
-    sure, unsure = (judge(laid(), known_to(sigma)).scatter[:, 3] for sigma in (1e-9, 0.5))
+    sure, unsure = (judge(wall_pulses(), fit_with_power_sigma(sigma)).scatter[:, 3] for sigma in (1e-9, 0.5))
     np.testing.assert_allclose(unsure**2 - sure**2, (0.5 * 0.5) ** 2, rtol=0.25)
 
 
 def test_only_weak_pulses_tell_of_the_threshold() -> None:
     """Far above it none is lost; those would be but a share of one in the last bin."""
-    strong = laid(has_return=np.zeros(1600, bool))
-    assert judge(strong, known_to(1e-9)).kept_error is None
+    strong = wall_pulses(has_return=np.zeros(1600, bool))
+    assert judge(strong, fit_with_power_sigma(1e-9)).kept_error is None

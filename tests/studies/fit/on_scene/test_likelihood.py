@@ -20,16 +20,16 @@ TRUTH = drawn_unit(0)
 
 
 @cache
-def recorded() -> tuple[KnownScene, Observations]:
+def drawn_recording() -> tuple[KnownScene, Observations]:
     return drawn_report(unit_of(TRUTH), 0, pulses=4000)
 
 
 @pytest.fixture(scope="module")
 def fit(mi) -> ParameterFit:
-    return fit_parameters(*recorded(), reflectivity_sigma=REFLECTIVITY_SIGMA)
+    return fit_parameters(*drawn_recording(), reflectivity_sigma=REFLECTIVITY_SIGMA)
 
 
-def off(fit: ParameterFit) -> list[float]:
+def deviations(fit: ParameterFit) -> list[float]:
     return [
         (estimate.value - math.exp(TRUTH[estimate.key])) / estimate.sigma
         for estimate in fit.estimates
@@ -43,7 +43,7 @@ def test_the_truth_is_found_again(fit: ParameterFit) -> None:
     The unit is up to 35 % from the published one, and twelve reflectivities are 5 % from what is believed.
     """
     assert fit.solved.evaluations <= MOST_EVALUATIONS
-    far = np.abs(off(fit))
+    far = np.abs(deviations(fit))
     assert len(far) == len(TRUTH)
     assert far.max() < 5.0
     assert np.sum(far > 2.0) <= 5
@@ -64,7 +64,7 @@ def test_what_cannot_be_told_apart_is_held_and_named(fit: ParameterFit) -> None:
 
 def test_without_known_reflectivities_the_power_is_not_invented(mi) -> None:
     """Rationale: brighter surfaces before a weaker laser and a weaker sun look the same."""
-    fit = fit_parameters(*recorded())
+    fit = fit_parameters(*drawn_recording())
     assert "optics.sun_irradiance_w_m2" in fit.held
     assert "optics.sun_irradiance_w_m2 +1 %: laser.peak_power_w +1 %" in fit.null
     estimates = {estimate.key: estimate for estimate in fit.estimates}
@@ -138,7 +138,7 @@ def test_a_number_that_runs_off_does_not_hold_up_the_others(mi) -> None:
 
 def test_a_range_of_something_else_counts_for_nothing(fit: ParameterFit) -> None:
     """Rationale: scenes have edges. One pulse in twenty, a metre off, would be a floor in which the pulse is lost."""
-    scene, reported = recorded()
+    scene, reported = drawn_recording()
     wrong = np.arange(len(reported.has_return)) % 20 == 0
     moved = replace(reported, range_m=reported.range_m + 1.0 * wrong)
     shifted_fit = fit_parameters(scene, moved, reflectivity_sigma=REFLECTIVITY_SIGMA)

@@ -97,11 +97,11 @@ def test_poses_move_the_sensor(recorded_unit: RecordedUnit, tmp_path: Path, monk
     recording, scene, _ = recorded_unit
     laid_pulses: list[Any] = []
 
-    def laid(pulses: Any, *_: Any, **__: Any) -> None:
+    def record_pulses(pulses: Any, *_: Any, **__: Any) -> None:
         laid_pulses.append(pulses)
         raise InputError("enough")
 
-    monkeypatch.setattr(scene_fit, "fit_pulses_on_scene", laid)
+    monkeypatch.setattr(scene_fit, "fit_pulses_on_scene", record_pulses)
     for aside_m in (0.0, 2.0):
         poses = tmp_path / f"{aside_m}.csv"
         rows = [f"{t},{-0.5 * aside_m},{aside_m},1.8,30" for t in (0.0, 1.0)]
@@ -135,7 +135,7 @@ def test_what_does_not_fit_is_one_line(
     assert not (tmp_path / "u.toml").exists()
 
 
-def bare(signal: Any, off_m: Any, *, has_return: Any = True, power: float = 1.0) -> PulsesOnScene:
+def reported_walls(signal: Any, off_m: Any, *, has_return: Any = True, power: float = 1.0) -> PulsesOnScene:
     """Bright walls before the published sensor that reported these signals and ranges."""
     count = len(signal)
     light = echoes_of_plane(published(), Target(reflectivity=0.5, illuminance_klux=1.0), np.full(count, 12.0))
@@ -153,8 +153,8 @@ def test_the_floor_is_that_of_the_strongest_quarter() -> None:
     """Weak returns scatter by photons, 0.5 m here; the strongest quarter is 10 mm off, a deviation of 14.8 mm."""
     signal = np.arange(1.0, 401.0)
     off_m = np.where(signal > 300.0, 0.01, 0.5) * np.where(signal % 2 == 0, 1.0, -1.0)
-    assert scene_fit._floor_m(bare(signal, off_m)) == pytest.approx(0.014826, rel=1e-3)
-    assert scene_fit._floor_m(bare(signal, 0.0 * off_m)) == known_scene.LEAST_FLOOR_M
+    assert scene_fit._floor_m(reported_walls(signal, off_m)) == pytest.approx(0.014826, rel=1e-3)
+    assert scene_fit._floor_m(reported_walls(signal, 0.0 * off_m)) == known_scene.LEAST_FLOOR_M
 
 
 def test_what_photons_do_not_explain_is_texture_and_strangers() -> None:
@@ -162,12 +162,12 @@ def test_what_photons_do_not_explain_is_texture_and_strangers() -> None:
     the bright surfaces returned nothing: as a stranger is kept as often as lost, a fifth met one.
     """
     count = 400
-    plain = bare(np.ones(count), np.zeros(count))
+    plain = reported_walls(np.ones(count), np.zeros(count))
     law = known_scene.predict(plain.scene, {})
     assert np.all(np.asarray(law.chance) > 0.999)
     photons = float(np.median(np.asarray(law.variance) / np.asarray(law.signal) ** 2))
     turn = np.where(np.arange(count) % 2 == 0, 1.1, 0.9)
-    laid = bare(np.asarray(law.signal) * turn, np.zeros(count), has_return=np.arange(count) % 10 != 0)
+    laid = reported_walls(np.asarray(law.signal) * turn, np.zeros(count), has_return=np.arange(count) % 10 != 0)
     parameter_fit = ParameterFit(
         solved=Solution(value=np.zeros(0), slope=np.zeros((0, 0)), scores=np.zeros((1, 0))),
         names=(),
@@ -184,15 +184,15 @@ def test_what_photons_do_not_explain_is_texture_and_strangers() -> None:
 
 def test_blocks_that_judge_are_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of twelve blocks of pulses the fourth, eighth and twelfth judge; the signal of a pulse is its block."""
-    laid = bare(np.repeat(np.arange(12.0), 5), np.zeros(60))
+    laid = reported_walls(np.repeat(np.arange(12.0), 5), np.zeros(60))
     laid = replace(laid, block=np.repeat(np.arange(12), 5))
     signals: dict[str, Any] = {}
 
-    def fitted(scene: Any, reported: Any, names: Any, **_: Any) -> ParameterFit:
+    def record_fit(scene: Any, reported: Any, names: Any, **_: Any) -> ParameterFit:
         signals["fitted"] = np.unique(reported.signal).tolist()
         raise InputError("enough")
 
-    monkeypatch.setattr(scene_fit, "fit_parameters", fitted)
+    monkeypatch.setattr(scene_fit, "fit_parameters", record_fit)
     with pytest.raises(InputError, match="enough"):
         scene_fit.fit_pulses_on_scene(laid, published(), twin=False)
     assert signals["fitted"] == [0, 1, 2, 4, 5, 6, 8, 9, 10]
