@@ -11,7 +11,7 @@ from dataclasses import MISSING, dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..outputs.output_options import Outputs
+from ..outputs.output_options import FRAMES, Outputs
 from ..rendering.option_fields import OneOf, Rising, Whole, declared, option, options_of
 from ..rendering.render_options import FrameOptions, TraceOptions
 from ..studies.field_of_view.study_options import FieldOfViewStudy
@@ -48,6 +48,7 @@ class CommandOptions:
         metavar="KEY=VALUE",
         flags=("--scene-set",),
     )
+    frames: int | None = option(None, FRAMES, help="number of frames, one after the other", metavar="N")
     output: Path = field(metadata=declared("folder to write to", metavar="DIR", flags=("-o", "--output")))
     metadata: Path | None = option(
         None,

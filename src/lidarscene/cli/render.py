@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..files.json_text import json_text
-from ..outputs.output_options import FRAMES, Outputs
+from ..outputs.output_options import Outputs
 from ..rendering.render_options import FrameOptions, TraceOptions
 from .options import CommandOptions, add_options, options_from
 from .terminal import progress
-from .words import whole_number
 
 if TYPE_CHECKING:
     from ..kernel.device.profile import KernelHistory
@@ -63,12 +62,11 @@ def add_render(commands: Any) -> None:
     add_options(group, CommandOptions, "sensor", "rig", overrides="LABEL:KEY=VALUE for one sensor of a rig")
     add_options(group, CommandOptions, "scene_overrides")
     add_options(group, FrameOptions, pose="of a rig, where its vehicle stands (default: the origin)")
-    group.add_argument(
-        "--frames",
-        metavar="N",
-        type=whole_number(FRAMES),
-        help="so many frames, one after the other; -o is then a folder for frame_0000.ply and so on, or one file of "
-        "all of them: a bag of ROS 2 (.mcap, .db3) or packets (.pcap)",
+    add_options(
+        group,
+        CommandOptions,
+        frames="-o is then a folder for frame_0000.ply and so on, or one file of all of them: a bag of ROS 2 (.mcap, "
+        ".db3) or packets (.pcap)",
     )
     add_options(group, FrameOptions, "begin_s", "seed")
     add_options(group, TraceOptions, "rays", "interactions", "background_rays", "vectors")

@@ -10,10 +10,9 @@ from typing import Any
 
 from ..errors import InputError
 from ..formats.registry import PACKETS
-from ..outputs.output_options import FRAMES
 from ..rendering.render_options import FrameOptions, TraceOptions
 from .options import CommandOptions, add_options, options_from
-from .words import number, whole_number
+from .words import number
 
 STREAM_HELP = """\
 examples:
@@ -38,7 +37,8 @@ def add_stream(commands: Any) -> None:
     add_options(group, CommandOptions, "sensor", "overrides", "scene_overrides")
     add_options(group, FrameOptions, "pose", "begin_s", "seed")
     add_options(group, TraceOptions, "rays", "interactions")
-    add = stream.add_argument_group("what is sent").add_argument
+    group = stream.add_argument_group("what is sent")
+    add = group.add_argument
     add(
         "--udp",
         metavar="HOST:PORT",
@@ -52,7 +52,7 @@ def add_stream(commands: Any) -> None:
         type=_rate,
         help="frames in a second (default: as many as the sensor turns, real time); less is slow motion",
     )
-    add("--frames", metavar="N", type=whole_number(FRAMES), help="end after so many (default: Ctrl-C ends)")
+    add_options(group, CommandOptions, frames="then it ends (default: Ctrl-C ends)")
     add(
         "--format",
         choices=PACKETS,
