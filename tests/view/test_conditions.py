@@ -14,9 +14,10 @@ from lidarscene.cli.main import main
 from lidarscene.errors import InputError
 from lidarscene.rendering.render_options import FrameOptions
 from lidarscene.view.blob import unpack_blob
-from lidarscene.view.conditions import BUDGET, FOG, FRAME, RAIN, RAYS, SEED, SNOW, command, conditions, controls
+from lidarscene.view.conditions import BUDGET, FOG, FRAME, RAYS, SEED, command, conditions, controls
 from lidarscene.view.page_sources import Live
 
+RAIN, SNOW = "weather.rain_mm_h", "weather.snow_mm_h"
 MOVING = SCENE + "[bodies.motion]\nspeed_m_s = 20.0\n[ego]\nposition_m = [-70.0, 0.5, 0.0]\nspeed_m_s = 15.0\n"
 
 

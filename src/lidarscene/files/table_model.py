@@ -16,11 +16,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar
 from pydantic import ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from ..maths.units import FileKey, Quantity, SameTable
+from ..maths.units import FileKey, Quantity, SameTable, note_of
 from .toml import OUT_OF_BOUNDS, FileModel
 
 Target = TypeVar("Target")
-Note = TypeVar("Note")
 
 
 _BOUNDS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
@@ -80,7 +79,7 @@ class Table(FileModel, Generic[Target]):
         cls.target, cls.keys, cls.parts = target, {}, {}
         written, declared = cls.__annotations__, {}
         for field, hint, parameter in _parameters(_constructor(target), cls.parts):
-            key = _annotation(hint, FileKey)
+            key = note_of(hint, FileKey)
             if key is None or (only is not None and field not in only):
                 continue
             if isinstance(key, Quantity) and _takes_int(hint.__origin__):
@@ -132,16 +131,11 @@ def _parameters(
     hints = typing.get_type_hints(constructor, include_extras=True)
     for name, parameter in inspect.signature(constructor).parameters.items():
         hint = hints[name]
-        if _annotation(hint, SameTable):
+        if note_of(hint, SameTable):
             parts[name] = hint.__origin__
             yield from _parameters(hint.__origin__, {})
         else:
             yield name, hint, parameter
-
-
-def _annotation(hint: Any, kind: type[Note]) -> Note | None:
-    """First note of this kind in ``Annotated[type, note]``; None without."""
-    return next((note for note in getattr(hint, "__metadata__", ()) if isinstance(note, kind)), None)
 
 
 def _takes_int(hint: Any) -> bool:

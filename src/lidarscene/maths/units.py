@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_type_hints
 
 UNITS = {
     "nm": ("m", 1e-9),
@@ -58,6 +58,21 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 Number = TypeVar("Number", float, float | None, tuple[float, ...])
+Note = TypeVar("Note")
+
+
+def note_of(hint: Any, kind: type[Note]) -> Note | None:
+    """First note of this kind in ``Annotated[type, note]``; None without."""
+    return next((note for note in getattr(hint, "__metadata__", ()) if isinstance(note, kind)), None)
+
+
+def sliders(owner: type[Any]) -> dict[str, tuple[Quantity, Slider]]:
+    """Numbers of a class that have a slider, by field."""
+    notes = {
+        field: (note_of(hint, Quantity), note_of(hint, Slider))
+        for field, hint in get_type_hints(owner, include_extras=True).items()
+    }
+    return {field: (quantity, slider) for field, (quantity, slider) in notes.items() if quantity and slider}
 
 
 def si(value: Number, unit: str) -> Number:
@@ -91,6 +106,21 @@ class FileKey:
     def in_file(self, value: Any) -> Any:
         """The file's value from the field's."""
         return value
+
+
+@dataclass(frozen=True, slots=True)
+class Slider:
+    """Slider of the view for a number of a file: its label, and its ends in the unit of the file.
+
+    unit  as the page writes it
+    log   in even steps of its logarithm
+    """
+
+    label: str
+    unit: str
+    low: float
+    high: float
+    log: bool = False
 
 
 @dataclass(frozen=True, slots=True)

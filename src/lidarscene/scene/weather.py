@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 from ..maths.arrays import Lanes, Numbers
-from ..maths.units import FileKey, Quantity
+from ..maths.units import FileKey, Quantity, Slider
 from ..physics.weather import fog, glory, precipitation
 from ..physics.weather.precipitation import Sizes
 
@@ -49,15 +49,18 @@ class Weather:
 
     fog               name in `physics.weather.fog.TYPES`, with its published density; None: no fog, or the default kind
                       if a visibility is given
-    fog_visibility_m  meteorological visibility, to which the number of droplets is scaled
+    fog_visibility_m  meteorological visibility, to which the number of droplets is scaled; None is clear air,
+                      and the end of its slider
     """
 
     fog: Annotated[FogKind | None, FileKey(about="kind, as dense as published unless fog_visibility_km is given")] = (
         None
     )
-    fog_visibility_m: Annotated[float | None, Quantity("km", ge=0.005, le=50)] = None
-    rain_mm_h: Annotated[float, Quantity(ge=0, le=300)] = 0.0
-    snow_mm_h: Annotated[float, Quantity(ge=0, le=50, about="of water")] = 0.0
+    fog_visibility_m: Annotated[
+        float | None, Quantity("km", ge=0.005, le=50), Slider("fog visibility", "km", 0.02, 50.0, log=True)
+    ] = None
+    rain_mm_h: Annotated[float, Quantity(ge=0, le=300), Slider("rain", "mm/h", 0.0, 100.0)] = 0.0
+    snow_mm_h: Annotated[float, Quantity(ge=0, le=50, about="of water"), Slider("snow", "mm/h", 0.0, 20.0)] = 0.0
     snow: Annotated[Literal["dry", "wet"], FileKey()] = "dry"
 
     def extinction_at_per_m(self, wavelength_m: float) -> float:

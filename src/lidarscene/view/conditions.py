@@ -6,18 +6,24 @@ import dataclasses
 from typing import NamedTuple
 
 from ..errors import InputError
+from ..maths.units import sliders
 from ..rendering.render_options import NUMBERS, SEEDS, FrameOptions, TraceOptions
 from ..rendering.render_options import RAYS as TRACED
 from ..scene.scene import Scene
 from ..scene.weather import Weather
 from .controls import Control, Settings, number_of
 
-FOG, RAIN, SNOW = "weather.fog_visibility_km", "weather.rain_mm_h", "weather.snow_mm_h"
-RAYS, SEED, FRAME, BUDGET = "run.rays", "run.seed", "run.frame", "run.budget"
-KEYS = (FOG, RAIN, SNOW, RAYS, SEED, FRAME, BUDGET)
+WEATHER = {
+    f"weather.{quantity.for_field(field)}": (field, quantity, slider)
+    for field, (quantity, slider) in sliders(Weather).items()
+}
+"""Key of the scene file -> field of Weather and its declaration."""
 
-CLEAR_KM = 50.0
-"""Visibility from which the slider means no fog; the largest that a scene file takes."""
+FOG = "weather.fog_visibility_km"
+RAYS, SEED, FRAME, BUDGET = "run.rays", "run.seed", "run.frame", "run.budget"
+KEYS = (*WEATHER, RAYS, SEED, FRAME, BUDGET)
+CLEAR_KM = WEATHER[FOG][2].high
+"""Visibility from which the slider means no fog."""
 
 
 class Conditions(NamedTuple):
@@ -31,22 +37,22 @@ class Conditions(NamedTuple):
 
 def controls(scene: Scene, frame: FrameOptions) -> list[Control]:
     """Sliders of the conditions, at the values of the scene and of the command line."""
-    air = scene.air.weather
-    fog_km = CLEAR_KM if air.fog_visibility_m is None else 1e-3 * air.fog_visibility_m
+    weather = {key: getattr(scene.air.weather, field) for key, (field, *_) in WEATHER.items()}
     return [
-        Control(
-            key=FOG,
-            label="fog visibility",
-            unit="km",
-            low=0.02,
-            high=CLEAR_KM,
-            value=fog_km,
-            log=True,
-            least=0.005,
-            most=CLEAR_KM,
+        *(
+            Control(
+                key=key,
+                label=slider.label,
+                unit=slider.unit,
+                low=slider.low,
+                high=slider.high,
+                value=slider.high if weather[key] is None else quantity.in_file(weather[key]),
+                log=slider.log,
+                least=quantity.ge,
+                most=quantity.le,
+            )
+            for key, (_, quantity, slider) in WEATHER.items()
         ),
-        Control(key=RAIN, label="rain", unit="mm/h", low=0.0, high=100.0, value=air.rain_mm_h, least=0.0, most=300.0),
-        Control(key=SNOW, label="snow", unit="mm/h", low=0.0, high=20.0, value=air.snow_mm_h, least=0.0, most=50.0),
         Control(
             key=RAYS,
             label="rays a pulse",
@@ -90,12 +96,10 @@ def conditions(scene: Scene, frame: FrameOptions, settings: Settings) -> Conditi
     for key, value in values.items():
         if key in limits:
             limits[key].check(value)
-    changes: dict[str, float | None] = {}
-    if FOG in values:
-        fogless = values[FOG] >= CLEAR_KM and scene.air.weather.fog is None
-        changes["fog_visibility_m"] = None if fogless else 1e3 * values[FOG]
-    changes |= {key.partition(".")[2]: values[key] for key in (RAIN, SNOW) if key in values}
-    weather: Weather = dataclasses.replace(scene.air.weather, **changes)  # type: ignore[arg-type]
+    changes = {field: quantity.in_si(values[key]) for key, (field, quantity, _) in WEATHER.items() if key in values}
+    if values.get(FOG, 0.0) >= CLEAR_KM and scene.air.weather.fog is None:
+        changes["fog_visibility_m"] = None
+    weather = dataclasses.replace(scene.air.weather, **changes)
     frame_options = dataclasses.replace(
         frame, seed=int(values.get(SEED, frame.seed)), number=int(values.get(FRAME, frame.number))
     )
