@@ -10,7 +10,7 @@ import io
 import pkgutil
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from helpers.documentation import PAGES, README, ROOT, THEORY, Block, blocks, code_spans, make_workplace, prose, text_of
@@ -381,21 +381,39 @@ def test_limits_of_keys(name: str) -> None:
 # --- writing them anew ------------------------------------------------------------------------------
 
 
-def refresh() -> None:
-    """Write what is generated: the tables of columns and keys, and what the examples of the theory print."""
+def add_keys_table(name: str) -> None:
+    """Add a heading and an empty table behind those of the models that may stand in the same place of a file."""
+    place = ((field, info.annotation) for model in MODELS.values() for field, info in model.model_fields.items())
+    key, siblings = next((field, get_args(union)) for field, union in place if MODELS[name] in get_args(union))
+    kind = MODELS[name].model_json_schema()["properties"]["type"]["const"]
+    heading = f'`[{key}]` with `type = "{kind}"`:'
+    for page in KEYS:
+        text = text_of(page)
+        tables = [re.search(keys_table(model.__name__), text, re.DOTALL) for model in siblings]
+        if end := max((table.end() for table in tables if table), default=0):
+            table = f"\n\n{heading}\n\n<!-- keys {name} -->\n| key |\n|---|\n| `type` | - | - |  |"
+            page.write_text(text[:end] + table + text[end:], encoding="utf-8")
+
+
+def refresh_tables() -> None:
+    """Write what is generated: the tables of keys, columns and formats, and the names of the columns."""
+    for name in MODELS:
+        if not any(re.search(keys_table(name), text_of(page), re.DOTALL) for page in KEYS):
+            add_keys_table(name)
     texts = {page: text_of(page) for page in KEYS}
     for name in MODELS:
         parents, table_rows = rows_of(name)
         words = {key: meaning for key, (*_, meaning) in table_rows.items()}
         keys = declared_keys(name)
+        about = {info.alias or field: info.description or "" for field, info in MODELS[name].model_fields.items()}
         elsewhere = {key for parent in parents for key in keys_of(parent)}
         order = [key for key in words if key in keys]
         order += [key for key in keys if key not in words and key not in elsewhere]
         rows = ["| key | default | values | meaning |", "|---|---|---|---|"]
-        rows += [f"| `{key}` | {' | '.join(keys[key])} | {words.get(key, '')} |" for key in order]
+        rows += [f"| `{key}` | {' | '.join(keys[key])} | {words.get(key, about[key])} |" for key in order]
         new = "\n".join(rows)
         for page, text in texts.items():
-            texts[page] = re.sub(keys_table(name), lambda heading: heading[1] + new, text, flags=re.DOTALL)  # noqa: B023
+            texts[page] = re.sub(keys_table(name), lambda table: table[1] + new, text, flags=re.DOTALL)  # noqa: B023
     for page, text in texts.items():
         page.write_text(text, encoding="utf-8")
     for mark, (page, written) in GENERATED.items():
@@ -405,6 +423,10 @@ def refresh() -> None:
     measured, truth = readme_columns()
     text = re.sub("(?<=`)x y z range [^`]*", measured, text_of(README))
     README.write_text(re.sub("(?<=`)true_range [^`]*", truth, text), encoding="utf-8")
+
+
+def refresh_examples() -> None:
+    """Write what the examples of the theory print."""
     for page in THEORY:
         text = text_of(page)
         for block in blocks(page, "python"):
@@ -416,4 +438,5 @@ def refresh() -> None:
 
 
 if __name__ == "__main__":
-    refresh()
+    refresh_tables()
+    refresh_examples()

@@ -18,10 +18,10 @@ from lidarscene.files import inputs
 from lidarscene.files.inputs import require_file, require_unpacked
 from lidarscene.files.toml import read_toml
 from lidarscene.kernel.world.mitsuba_xml import load_shapes
+from lidarscene.scan.pattern import read_pattern
 from lidarscene.scene.meshes.reading import read_mesh
 from lidarscene.scene.poses import read_poses
 from lidarscene.sensor.optics import read_transmittance
-from lidarscene.sensor.pattern_file import read_pattern
 
 
 def _pattern(path: Path) -> object:

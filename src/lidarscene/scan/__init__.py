@@ -14,22 +14,36 @@ lissajous      two resonant axes
 risley         rotating prisms
 flash          all directions at once
 pattern        a table of directions and times
+scanner_file   base of the tables of a sensor file
 turns          how far something that rotates or swings has come
 aperture       how much of the receiver is left off the axis
 """
 
 from .base import Scanner as Scanner
 from .flash import Flash as Flash
+from .flash import FlashFile as FlashFile
 from .lissajous import Lissajous as Lissajous
+from .lissajous import LissajousFile as LissajousFile
 from .lissajous import Swing as Swing
 from .mirror_optics import Gimbal as Gimbal
 from .mirror_optics import MirrorPair as MirrorPair
+from .mirror_raster import MirrorFile as MirrorFile
 from .mirror_raster import MirrorRaster as MirrorRaster
 from .pattern import Pattern as Pattern
+from .pattern import TableFile as TableFile
 from .polygon import Facets as Facets
 from .polygon import Polygon as Polygon
+from .polygon import PolygonFile as PolygonFile
 from .raster import Raster as Raster
+from .raster import RasterFile as RasterFile
 from .risley import Risley as Risley
+from .risley import RisleyFile as RisleyFile
 from .risley import Wedge as Wedge
 from .spinning import Bank as Bank
 from .spinning import Spinning as Spinning
+from .spinning import SpinningFile as SpinningFile
+
+AnyScannerFile = (
+    RasterFile | SpinningFile | MirrorFile | LissajousFile | PolygonFile | RisleyFile | FlashFile | TableFile
+)
+"""[scanner] of a sensor file: a new mechanism is a module of its own and its table here."""

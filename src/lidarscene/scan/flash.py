@@ -22,11 +22,15 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import model_validator
 
+from ..errors import InputError
+from ..files.table_model import Number
 from ..maths.arrays import Lanes, Numbers, xp
-from ..maths.units import FileKey, Quantity
+from ..maths.units import FileKey, Quantity, si
 from ..maths.vectors import Vector
 from .base import Mechanism, split_frame
+from .scanner_file import ScannerContext, ScannerFile
 
 LARGEST_HEIGHT = {
     "rectilinear": 50.0,
@@ -123,3 +127,29 @@ def _project(projection: str, square: Lanes) -> tuple[Lanes, Lanes, Lanes]:
     h = ops.sqrt(square)
     ratio = ops.where(h < 1e-3, 1.0 - square * (1.0 / 6.0), ops.sin(h) / ops.maximum(h, 1e-6))
     return ops.cos(h), ratio, ratio
+
+
+class FlashFile(ScannerFile[Flash]):
+    """[scanner] type = "flash": all pixels at once; the laser's rate is that of the flashes."""
+
+    type: Literal["flash"]
+    pixel_pitch_um: Annotated[float, Number("um", ge=0.01, le=1e4)]
+
+    @model_validator(mode="after")
+    def _nothing_turns(self) -> FlashFile:
+        if self.encoder_step_deg is not None:
+            raise ValueError("encoder_step_deg: nothing turns in a flash")
+        if self.columns * self.rows > 2**31 - 1:
+            raise ValueError(f"must have fewer than 2^31 pixels, got {self.columns * self.rows:.3g}")
+        return self
+
+    def build(self, context: ScannerContext) -> Flash:
+        """Convert to SI units, the pitch over the focal length. Raises InputError for pixels that the lens misses."""
+        pitch = si(self.pixel_pitch_um, "um") / context.focal_length_m
+        height = 0.5 * pitch * math.hypot(self.columns - 1, self.rows - 1)
+        if height >= LARGEST_HEIGHT[self.projection]:
+            raise InputError(
+                f"scanner: pixels must be < {LARGEST_HEIGHT[self.projection]:.3g} focal lengths off the axis of"
+                f" a lens that is {self.projection}, got {height:.3g}"
+            )
+        return self.in_si(pitch=pitch, frame_rate_hz=context.rate_hz)

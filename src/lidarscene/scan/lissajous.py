@@ -9,16 +9,19 @@ Symbols: f frequency, phi phase, A and E amplitudes, zero to peak.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 
+from ..files.table_model import Number
 from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.units import Quantity
 from ..maths.vectors import Vector
 from .base import Encoder, Jitter, Mechanism
-from .mirror_optics import Mirrors
+from .mirror_optics import Mirrors, MirrorsFile
+from .scanner_file import ScannerContext
 from .turns import Turns
 
 
@@ -94,3 +97,30 @@ class Lissajous(Mechanism):
     def time_s(self, pulse: Numbers) -> Numbers:
         """One pulse after the other, without a pause."""
         return np.divide(pulse, float(self.rate_hz), dtype=np.float64)
+
+
+Frequency = Annotated[float, Number(ge=1e-4, le=1e7)]
+Phase = Annotated[float, Number("deg", ge=-36e3, le=36e3)]
+
+
+class LissajousFile(MirrorsFile[Lissajous]):
+    """[scanner] type = "lissajous": both turns are sines."""
+
+    type: Literal["lissajous"]
+    azimuth_hz: Frequency
+    elevation_hz: Frequency
+    azimuth_phase_deg: Phase = 0.0
+    elevation_phase_deg: Phase = 0.0
+
+    def build(self, context: ScannerContext) -> Lissajous:
+        """Convert to SI units; the keys of the two axes give one `Swing` each."""
+        return self.in_si(
+            rate_hz=context.rate_hz,
+            mirrors=self.mirrors_for(context),
+            azimuth=self._swing("azimuth"),
+            elevation=self._swing("elevation"),
+        )
+
+    def _swing(self, axis: str) -> Swing:
+        hertz, phase_deg, turn_deg = (getattr(self, f"{axis}_{key}") for key in ("hz", "phase_deg", "turn_deg"))
+        return Swing(frequency_hz=hertz, phase_rad=math.radians(phase_deg), turn_rad=math.radians(turn_deg))

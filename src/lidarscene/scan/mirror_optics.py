@@ -9,12 +9,19 @@ Symbols: d incoming and r outgoing direction, n normal, t turn.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
+from typing import Annotated, Generic, Literal, Self
 
+from pydantic import Field, model_validator
+
+from ..files.table_model import Number, Target
 from ..maths.arrays import Lanes, xp
+from ..maths.units import si
 from ..maths.vectors import Vector, dot, reflected, weighted_sum
 from .aperture import mirror_share, round_mirror_share
+from .scanner_file import ScannerContext, ScannerFile
 
 _X: Vector = (1.0, 0.0, 0.0)
 _LEFT: Vector = (0.0, 1.0, 0.0)
@@ -118,3 +125,55 @@ class MirrorPair:
 
 
 Mirrors = Gimbal | MirrorPair
+
+
+Turn = Annotated[float, Field(ge=0, le=45)]
+
+
+class MirrorsFile(ScannerFile[Target], Generic[Target]):
+    """Mirrors: how they stand, and how far they turn."""
+
+    mirrors: Literal["one", "two"] = "one"
+    incidence_deg: Annotated[float, Field(ge=0, le=80)] | None = Field(
+        default=None, description="of one mirror at rest: beam to normal; 45 if left out, as two always have"
+    )
+    side: Literal["left", "right", "above", "below"] | None = Field(
+        default=None, description="from where the beam comes onto one mirror; below if left out"
+    )
+    outer: Literal["azimuth", "elevation"] = Field(
+        default="elevation", description="axis that stands still, or that of the last of two mirrors"
+    )
+    mirror_radius_mm: Annotated[float, Number("mm", ge=0.05, le=1e4)] | None = Field(
+        default=None, description="of one round mirror before the receiver's lens; the mirror is the stop if left out"
+    )
+    azimuth_turn_deg: Turn = Field(description="mechanical amplitude, zero to peak")
+    elevation_turn_deg: Turn = Field(description="mechanical amplitude, zero to peak")
+
+    @model_validator(mode="after")
+    def _faces_the_beam(self) -> Self:
+        if self.mirrors == "two":
+            for key in ("incidence_deg", "side", "mirror_radius_mm"):
+                if getattr(self, key) is not None:
+                    raise ValueError(f'{key}: must go with mirrors = "one", got "two"')
+        turns = math.radians(self.azimuth_turn_deg), math.radians(self.elevation_turn_deg)
+        stop = self._mirrors(None, 0.0)
+        # The cosine of incidence is least in a corner of the field.
+        for a, e in itertools.product((-1, 1), repeat=2):
+            if stop.beam(a * turns[0], e * turns[1])[1] <= 1e-6:
+                raise ValueError("a mirror must face the beam at every turn, got one that turns too far")
+        return self
+
+    def _mirrors(self, mirror_radius_m: float | None, lens_radius_m: float) -> Gimbal | MirrorPair:
+        if self.mirrors == "two":
+            return MirrorPair(last=self.outer)
+        return Gimbal(
+            incidence_rad=math.radians(45.0 if self.incidence_deg is None else self.incidence_deg),
+            side=self.side or "below",
+            outer=self.outer,
+            mirror_radius_m=mirror_radius_m,
+            lens_radius_m=None if mirror_radius_m is None else lens_radius_m,
+        )
+
+    def mirrors_for(self, context: ScannerContext) -> Gimbal | MirrorPair:
+        """Build the mirrors in SI units."""
+        return self._mirrors(si(self.mirror_radius_mm, "mm"), context.lens_radius_m)

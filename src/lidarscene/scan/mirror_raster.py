@@ -11,12 +11,14 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import model_validator
 
 from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.units import FileKey, Quantity
 from ..maths.vectors import Vector
 from .base import Mechanism, split_frame
-from .mirror_optics import Mirrors
+from .mirror_optics import Mirrors, MirrorsFile
+from .scanner_file import ScannerContext, require_fewer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -109,3 +111,22 @@ def _even_steps(number: Lanes, count: Lanes) -> Lanes:
     ops = xp(number, count)
     steps = ops.float32(count) - 1.0
     return ops.float32(count - 1 - 2 * number) / ops.maximum(steps, 1.0)
+
+
+class MirrorFile(MirrorsFile[MirrorRaster]):
+    """[scanner] type = "mirror": galvanometers or MEMS, line by line."""
+
+    type: Literal["mirror"]
+
+    @model_validator(mode="after")
+    def _not_too_many(self) -> MirrorFile:
+        require_fewer(self.pulses_per_line * self.lines)
+        return self
+
+    def build(self, context: ScannerContext) -> MirrorRaster:
+        """Convert to SI units; ``fast`` chooses which turn is the fast one."""
+        turns = math.radians(self.azimuth_turn_deg), math.radians(self.elevation_turn_deg)
+        fast, slow = turns if self.fast == "azimuth" else turns[::-1]
+        return self.in_si(
+            mirrors=self.mirrors_for(context), fast_turn_rad=fast, slow_turn_rad=slow, rate_hz=context.rate_hz
+        )

@@ -22,12 +22,15 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import model_validator
 
+from ..errors import InputError
 from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from ..maths.units import FileKey, Quantity, SameTable
 from ..maths.vectors import Vector, dot, reflected, weighted_sum
 from .aperture import slit_share
 from .base import Encoder, Jitter, Mechanism, Rotation, split_frame
+from .scanner_file import ScannerContext, ScannerFile
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,3 +173,32 @@ class Polygon(Mechanism):
         """Pulses of a line at the pulse rate; each line starts when its facet arrives."""
         line, column = split_frame(pulse, self.columns)
         return np.asarray(line * (self.frame_s / self.facets) + column / self.rate_hz)
+
+
+class PolygonFile(ScannerFile[Polygon]):
+    """[scanner] type = "polygon": one line for each facet."""
+
+    type: Literal["polygon"]
+
+    @model_validator(mode="after")
+    def _faces_the_beam(self) -> PolygonFile:
+        if self.rotation_hz == 0.0:
+            raise ValueError("rotation_hz: must not be 0")
+        # The last pulse of a facet finds it turned by half of the duty's part of a facet.
+        swing = self.incidence_deg + self.duty * 180.0 / len(self.facet_tilt_deg)
+        if swing >= 90.0:
+            raise ValueError(
+                f"facets must turn by < 90 degrees from the beam, got {swing:g} with"
+                f" incidence_deg = {self.incidence_deg:g} and duty = {self.duty:g}"
+            )
+        return self
+
+    def build(self, context: ScannerContext) -> Polygon:
+        """Convert to SI units; only a facet of known size needs the lens. Raises InputError if a facet has no pulse."""
+        facets = len(self.facet_tilt_deg)
+        on_facet = context.rate_hz * self.duty / (facets * abs(self.rotation_hz))
+        # float32 counts columns exactly up to 2^24.
+        if not 1.0 - 1e-6 <= on_facet < 2**24:
+            raise InputError(f"scanner: must have 1 to 2^24 pulses on each facet, got {on_facet:.3g}")
+        lens_radius_m = None if self.inradius_mm is None else context.lens_radius_m
+        return self.in_si(rate_hz=context.rate_hz, lens_radius_m=lens_radius_m)

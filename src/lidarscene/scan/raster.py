@@ -7,13 +7,15 @@ is `scan.mirror_raster`), so there is no aperture to derive either: A(theta_r) =
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import model_validator
 
 from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.units import Quantity
 from .base import Encoder, GivenAngles, Jitter
+from .scanner_file import ScannerFile, require_fewer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -89,3 +91,21 @@ class Raster(GivenAngles):
     def time_s(self, pulse: Numbers) -> Numbers:
         """One pulse after the other, without a pause."""
         return np.divide(pulse, float(self.rate_hz), dtype=np.float64)
+
+
+class RasterFile(ScannerFile[Raster]):
+    """[scanner] type = "raster": an even grid of directions, both edges included."""
+
+    type: Literal["raster"]
+
+    @model_validator(mode="after")
+    def _steps_fit(self) -> RasterFile:
+        for axis in ("azimuth", "elevation"):
+            fov, step = getattr(self, f"{axis}_fov_deg"), getattr(self, f"{axis}_step_deg")
+            if step > fov:
+                raise ValueError(f"{axis}_step_deg: must be <= {fov:g}, {axis}_fov_deg, got {step:g}")
+        pulses = (self.azimuth_fov_deg / self.azimuth_step_deg + 1) * (
+            self.elevation_fov_deg / self.elevation_step_deg + 1
+        )
+        require_fewer(pulses)
+        return self

@@ -21,11 +21,15 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
+from ..errors import InputError
+from ..files.table_model import Table
 from ..maths.arrays import Lanes, LookupTable, Numbers, xp
-from ..maths.units import FileKey, Quantity
+from ..maths.units import FileKey, Quantity, si
 from ..maths.vectors import Vector, refracted
 from .base import Encoder, Jitter, Mechanism
+from .scanner_file import ScannerContext, ScannerFile
 from .turns import Turns
 
 _X: Vector = (1.0, 0.0, 0.0)
@@ -158,3 +162,36 @@ class Risley(Mechanism):
     def time_s(self, pulse: Numbers) -> Numbers:
         """One pulse after the other, without a pause."""
         return np.divide(pulse, float(self.rate_hz), dtype=np.float64)
+
+
+class WedgeFile(Table[Wedge]):
+    """One prism of a Risley scanner, the first one next to the laser."""
+
+
+class RisleyFile(ScannerFile[Risley]):
+    """[scanner] type = "risley": two or three rotating wedges."""
+
+    type: Literal["risley"]
+    wedges: Annotated[tuple[WedgeFile, ...], Field(min_length=2, max_length=3)]
+
+    def build(self, context: ScannerContext) -> Risley:
+        """Convert to SI units. Raises InputError if light does not pass the wedges at every position."""
+        scanner = self.in_si(
+            rate_hz=context.rate_hz, wedges=tuple(wedge.in_si(rate_hz=context.rate_hz) for wedge in self.wedges)
+        )
+        beams: tuple[float, ...] | None = si(self.beam_elevation_deg, "deg")
+        if any(self._reflects(scanner, beam) for beam in beams or (None,)):
+            raise InputError("scanner: light is totally reflected in these wedges; they need a smaller angle_deg")
+        return scanner
+
+    def _reflects(self, scanner: Risley, elevation_rad: float | None) -> bool:
+        """True if a beam is totally reflected; on the axis only the wedges' phases relative to each other matter."""
+        # All positions of the wedges to each other, in steps of 15 degrees: the losses change slowly with the angle,
+        # and are largest where all thick sides are in one plane with the beam, which these steps meet.
+        phases = np.radians(np.arange(0.0, 360.0, 15.0))
+        first = np.zeros(1) if elevation_rad is None else phases
+        turned = np.meshgrid(first, *[phases] * (len(self.wedges) - 1), indexing="ij", sparse=True)
+        start = None if elevation_rad is None else np.array(elevation_rad)
+        with np.errstate(divide="ignore", invalid="ignore"):  # behind a face that reflects all
+            share = np.asarray(scanner.refract(tuple(turned), start)[1])
+        return not bool(np.all(share > 0.0))

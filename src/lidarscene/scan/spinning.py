@@ -12,15 +12,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field, model_validator
 
+from ..errors import InputError
+from ..files.table_model import Number
 from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from ..maths.pose import direction_from_angles
-from ..maths.units import Quantity, SameTable
+from ..maths.units import Quantity, SameTable, si
 from ..maths.vectors import Vector
 from .base import Encoder, Jitter, Mechanism, Rotation, split_frame
+from .scanner_file import ScannerContext, ScannerFile, require_fewer
 from .turns import Turns
 
 _TWO_PI = 2.0 * math.pi
@@ -217,3 +221,83 @@ class Spinning(Mechanism):
         """Times from the firing table."""
         cycle, place = split_frame(pulse, self.lasers)
         return np.asarray(cycle * self.cycle_s + self.firing_s[place])
+
+
+Millimetres = Annotated[float, Number("mm", ge=-1e4, le=1e4, finest=0.1)]
+
+
+class SpinningFile(ScannerFile[Spinning]):
+    """[scanner] type = "spinning": a rotating head; the lists have one entry for each laser."""
+
+    type: Literal["spinning"]
+    elevation_shift_deg: Annotated[float, Field(ge=-10, le=10)] = Field(
+        default=0.0, description="added to all elevations: how one unit differs from another"
+    )
+    elevation_scale: Annotated[float, Field(ge=0.8, le=1.2)] = Field(
+        default=1.0, description="factor of all elevations, before the shift"
+    )
+    forward_mm: tuple[Millimetres, ...] | None = Field(default=None, description="of the exits, in the head")
+    left_mm: tuple[Millimetres, ...] | None = None
+    height_mm: tuple[Millimetres, ...] | None = None
+
+    @property
+    def cycle_s(self) -> float:
+        """Time from cycle to cycle."""
+        if self.cycle_us is not None:
+            return si(float(self.cycle_us), "us")
+        return 1.0 / float(abs(self.rotation_hz) * self.columns_per_turn)
+
+    @property
+    def own_rate_hz(self) -> float:
+        """All lasers once in each cycle."""
+        return len(self.elevation_deg) / self.cycle_s
+
+    def shot_period_us(self, pulse_period_us: float) -> float:
+        """Each laser has a receiver of its own, which listens until that laser's next pulse."""
+        return self.cycle_s * 1e6
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> SpinningFile:
+        if (self.cycle_us is None) == (self.columns_per_turn is None):
+            raise ValueError("one of cycle_us and columns_per_turn must be given, got both or none")
+        if self.rotation_hz == 0.0:
+            raise ValueError("rotation_hz: must not be 0")
+        lasers = len(self.elevation_deg)
+        for key in (
+            "azimuth_offset_deg",
+            "firing_time_us",
+            "forward_mm",
+            "left_mm",
+            "height_mm",
+            "responsivity",
+            "background_gain",
+        ):
+            values = getattr(self, key)
+            if values is not None and len(values) != lasers:
+                raise ValueError(f"{key}: must have {lasers} entries, as elevation_deg has, got {len(values)}")
+        last_us = max(self.firing_time_us or (0.0,))
+        if si(last_us, "us") >= self.cycle_s:
+            raise ValueError(f"firing_time_us: must be < {self.cycle_s * 1e6:g}, the cycle, got {last_us:g}")
+        require_fewer(lasers / self.cycle_s / abs(self.rotation_hz))
+        return self
+
+    def build(self, context: ScannerContext) -> Spinning:
+        """Convert to SI units; the laser's rate must agree with the firing table to 1 %. Raises InputError."""
+        lasers = len(self.elevation_deg)
+        rate_hz = self.own_rate_hz
+        # The rate follows from the firing table. The file states it too, for the laser: both must agree.
+        if abs(context.rate_hz / rate_hz - 1.0) > 0.01:
+            raise InputError(
+                f"laser.repetition_rate_khz: must be {rate_hz * 1e-3:.3f}, for {lasers} lasers every"
+                f" {self.cycle_s * 1e6:g} us, got {context.rate_hz * 1e-3:g}"
+            )
+        starts = self.forward_mm, self.left_mm, self.height_mm
+        x, y, z = (si(values or (0.0,) * lasers, "mm") for values in starts)
+        elevation_deg = [
+            self.elevation_scale * angle_deg + self.elevation_shift_deg for angle_deg in self.elevation_deg
+        ]
+        if max(map(abs, elevation_deg)) > 90.0:
+            raise InputError(f"scanner: elevations must be -90 to 90 degrees, got {max(elevation_deg, key=abs):g}")
+        return self.in_si(
+            elevation_rad=si(tuple(elevation_deg), "deg"), start_m=None if starts == (None, None, None) else (x, y, z)
+        )

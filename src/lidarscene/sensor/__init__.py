@@ -8,9 +8,6 @@ detectors       APD and SiPM, and their working point
 overlap         overlap of spot and field of view, as a table
 sensor_file     sensor files and `load_sensor`
 optics          [optics]
-scanners        [scanner], one model for each mechanism
-scanner_tables  types and options that these models share
-pattern_file    files of scan patterns
 readout         [sampler] and [intensity]
 rig_file        several sensors on a vehicle, and `load_rig`
 """

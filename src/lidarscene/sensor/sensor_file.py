@@ -19,14 +19,13 @@ from ..maths.pose import Pose
 from ..maths.units import si
 from ..physics.amplifier import high_pass
 from ..physics.optics import beam
-from ..scan import Scanner
+from ..scan import AnyScannerFile, Scanner
+from ..scan.scanner_file import ScannerContext
 from .detectors import AnyDetectorFile, Detector, Spad
 from .electronics import MOST_STOPS, Receiver, Tdc
 from .histogram import Histogram, HistogramFile
 from .optics import OpticsFile
 from .readout import AnyIntensityFile, AnySamplerFile, PublishedFile, read_published
-from .scanner_tables import ScannerContext
-from .scanners import AnyScannerFile, SpinningFile, TableFile
 from .sensor_model import Laser, Optics, Sensor
 
 LARGEST_COORDINATE_M = 1e8
@@ -179,7 +178,7 @@ class SensorFile(FileModel):
     @model_validator(mode="after")
     def _window_within_a_period(self) -> SensorFile:
         rate_khz = self.laser.repetition_rate_khz
-        if rate_khz is None and not isinstance(self.scanner, SpinningFile):
+        if rate_khz is None and self.scanner.own_rate_hz is None:
             raise ValueError(
                 f'laser.repetition_rate_khz: must be given with scanner.type = "{self.scanner.type}", got none'
             )
@@ -221,8 +220,9 @@ class SensorFile(FileModel):
     def _rate_hz(self) -> float:
         """Points per second. A histogram's shots, and so the rate of its points, follow from the scanner's mode."""
         rate_khz = self.laser.repetition_rate_khz
-        if isinstance(self.scanner, SpinningFile) and (self.histogram is not None or rate_khz is None):
-            return len(self.scanner.elevation_deg) / self.scanner.cycle_s
+        own_rate_hz = self.scanner.own_rate_hz
+        if own_rate_hz is not None and (self.histogram is not None or rate_khz is None):
+            return own_rate_hz
         return si(float(rate_khz or 0.0), "khz")
 
     @property
@@ -306,8 +306,7 @@ def files_of_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Pa
     """List the sensor file and those that it names: a pattern, a filter. Raises InputError."""
     file = validate(SensorFile, _derived_rate(read_toml(path), overrides), str(path), overrides=overrides)
     yield path
-    if isinstance(file.scanner, TableFile):
-        yield path.parent / file.scanner.file
+    yield from (path.parent / name for name in file.scanner.files)
     if file.optics.filter is not None and file.optics.filter.csv is not None:
         yield path.parent / file.optics.filter.csv
 

@@ -1,16 +1,12 @@
 """A new detector is one file and its name in the list: a PIN diode goes through every command that knows detectors."""
 
 import json
-import os
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.newcomer import changed_sources
 
-SOURCES = Path(__file__).parents[3] / "src" / "lidarscene"
 PIN = Path(__file__).parents[2] / "helpers" / "pin_detector.py"
 
 # No avalanche, F = 1, no noise of the load: an APD of gain 1 whose bulk is all that is dark.
@@ -41,32 +37,15 @@ circuit_noise_na = 20
 def run(tmp_path_factory):
     """Run a command with sources that have the new file and its name."""
     folder = tmp_path_factory.mktemp("newcomer")
-    package = folder / "src" / "lidarscene"
-    shutil.copytree(SOURCES, package, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("scenes", "assets"):
-        shutil.copytree(SOURCES.parents[1] / name, folder / name)
-    detectors = package / "sensor" / "detectors"
-    shutil.copy(PIN, detectors)
-    names = detectors / "__init__.py"
-    text = names.read_text(encoding="utf-8")
-    changed = text.replace("ApdFile | SipmFile | SpadFile", "ApdFile | PinFile | SipmFile | SpadFile")
-    assert changed != text
-    names.write_text("from .pin_detector import PinFile\n" + changed, encoding="utf-8")
+    names = "ApdFile | SipmFile | SpadFile"
+    added = f"from .pin_detector import PinFile\n\nAnyDetectorFile = PinFile | {names}"
+    command = changed_sources(
+        folder,
+        new={"sensor/detectors/pin_detector.py": PIN.read_text(encoding="utf-8")},
+        lines=[("sensor/detectors/__init__.py", f"AnyDetectorFile = {names}", added)],
+    )
     for kind, detector in (("pin", AS_PIN), ("apd", AS_APD)):
         (folder / f"{kind}.toml").write_text(SENSOR.format(kind=kind, detector=detector), encoding="utf-8")
-    paths = os.pathsep.join([str(package.parent), os.environ.get("PYTHONPATH", "")])
-
-    def command(*words):
-        process = subprocess.run(
-            [sys.executable, *words],
-            cwd=folder,
-            env={**os.environ, "PYTHONPATH": paths},
-            capture_output=True,
-            text=True,
-        )
-        assert process.returncode == 0, process.stderr
-        return process.stdout
-
     return folder, command
 
 

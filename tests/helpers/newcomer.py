@@ -1,0 +1,46 @@
+"""Sources with a change that a newcomer makes, and commands that run on them."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+
+
+def changed_sources(
+    folder: Path, *, new: dict[str, str], lines: Sequence[tuple[str, str, str]], docs: bool = False
+) -> Callable[..., str]:
+    """Copy the sources with these changes; return a function that runs Python there and returns what it prints.
+
+    new    text of new files by path in the package
+    lines  path in the package, a piece of the text, and by what it is replaced
+    docs   True to copy the documentation and tests too
+    """
+    package = folder / "src" / "lidarscene"
+    ignore = shutil.ignore_patterns("__pycache__", "images")
+    for name in ("src", "scenes", "assets", *(("docs", "tests", "README.md") if docs else ())):
+        copy = shutil.copy if (ROOT / name).is_file() else shutil.copytree
+        copy(ROOT / name, folder / name, **({"ignore": ignore} if copy is shutil.copytree else {}))
+    for name, text in new.items():
+        (package / name).write_text(text, encoding="utf-8")
+    for name, before, after in lines:
+        text = (package / name).read_text(encoding="utf-8")
+        assert text.count(before) == 1, f"{name}: '{before}' stands there {text.count(before)} times"
+        (package / name).write_text(text.replace(before, after), encoding="utf-8")
+    paths = os.pathsep.join([str(folder / "src"), str(folder / "tests"), os.environ.get("PYTHONPATH", "")])
+
+    def run(*words: str) -> str:
+        process = subprocess.run(
+            [sys.executable, *words],
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": paths},
+            capture_output=True,
+            text=True,
+        )
+        assert process.returncode == 0, process.stderr
+        return process.stdout
+
+    return run
