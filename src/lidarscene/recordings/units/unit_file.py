@@ -46,6 +46,15 @@ def write_unit(unit: Unit, source: Path, output: Path, *, like: str | None = Non
     """
     if output.suffix.lower() != ".toml":
         raise InputError(f"--output {output}: the name must end in .toml")
+    text, model, notes = unit_text(unit, source, like=like)
+    put_text(output, text)
+    return "\n".join(
+        [f"wrote {output}: {unit.name}, {len(unit.lists['elevation_deg'])} beams, else as {model}", *notes]
+    )
+
+
+def unit_text(unit: Unit, source: Path, *, like: str | None = None) -> tuple[str, str, list[str]]:
+    """Text of the unit's sensor file, the model that it is like, and notes on keys left out. Raises InputError."""
     model = like or unit.model
     if not model:
         beams = len(unit.lists["elevation_deg"])
@@ -59,10 +68,7 @@ def write_unit(unit: Unit, source: Path, output: Path, *, like: str | None = Non
         raise InputError(f"--like {model}: must be a sensor that spins")
     text, notes = _file_text(unit, source, model, tables)
     sensor_from_tables(tomllib.loads(text), where=str(source))  # refuses a wrong sensor before anything is written
-    put_text(output, text)
-    return "\n".join(
-        [f"wrote {output}: {unit.name}, {len(unit.lists['elevation_deg'])} beams, else as {model}", *notes]
-    )
+    return text, model, notes
 
 
 def _split_tables(text: str) -> dict[str, str]:

@@ -10,13 +10,12 @@ import math
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from ... import catalog
 from ...errors import InputError
 from ...files.toml_edit import KeyPath, get_value, put_values, remove_values
-from ...recordings.units.unit_file import read_unit, write_unit
+from ...recordings.units.unit_file import read_unit, unit_text
 from ...sensor.sensor_file import sensor_from_tables
 from ...sensor.sensor_model import Sensor
 from .estimates import Estimate
@@ -35,8 +34,6 @@ FILE_KEYS = {
     "threshold_spread": "histogram.threshold_spread",
 }
 """Estimate -> key of the file that it sets."""
-
-DIVERGENCES = ("laser.divergence_mrad", "laser.divergence_elevation_mrad")
 
 TWO_LENS_KEYS = (
     "optics.overlap.transmitter_offset_mm",
@@ -80,7 +77,12 @@ SCALED_KEYS = (
     "histogram.threshold_slope",
     "histogram.threshold_spread",
 )
-"""Keys of the file that are multiplied by their estimate."""
+POWERS: Mapping[str, Mapping[str, float]] = {
+    **{key: {key: 1.0} for key in SCALED_KEYS},
+    "spot_over_field": {"laser.divergence_mrad": 1.0, "laser.divergence_elevation_mrad": 1.0},
+    "near_field_m": STRETCHED,
+}
+"""Factor that was fitted -> key of the file -> exponent of the factor in that key's own factor."""
 
 
 def base_text(sensor: str, metadata: Path | None) -> str:
@@ -89,16 +91,13 @@ def base_text(sensor: str, metadata: Path | None) -> str:
     Raises InputError if the file cannot be read.
     """
     path = Path(sensor) if sensor.endswith(".toml") else catalog.path_of("sensors", sensor)
-    if metadata is None or sensor.endswith(".toml"):
-        try:
-            return path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            reason = getattr(error, "strerror", None) or "not UTF-8 text"
-            raise InputError(f"--sensor {sensor}: cannot be read: {reason}") from None
-    with TemporaryDirectory(prefix="lidarscene-") as folder:
-        written = Path(folder) / "unit.toml"
-        write_unit(read_unit(metadata), metadata, written, like=sensor)
-        return written.read_text(encoding="utf-8")
+    if metadata is not None and not sensor.endswith(".toml"):
+        return unit_text(read_unit(metadata), metadata, like=sensor)[0]
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not UTF-8 text"
+        raise InputError(f"--sensor {sensor}: cannot be read: {reason}") from None
 
 
 def parse_sensor(text: str, where: str) -> Sensor:
@@ -138,30 +137,25 @@ def fitted_text(
         return f"fitted: {estimates[key]}, {recording}{also}"
 
     changes: Changes = {}
-    if "near_field_m" in accepted and "spot_over_field" not in estimates:
-        # The fitted law was the file's own curve, stretched.
+    if "near_field_m" in accepted:
         factor = accepted["near_field_m"].value / near_field_m(sensor)
-        source = source_of(
-            "near_field_m", f"; the near field of the file's own optics, at {factor:.4g} times the range"
-        )
-        stretched = scaled_values(text, {key: factor**power for key, power in STRETCHED.items()})
+        is_one_lens = "spot_over_field" in estimates  # else the fitted law was the file's own curve, stretched
+        how = f"the near field of the file's own optics, at {factor:.4g} times the range"
+        source = source_of("near_field_m", f"; {'R0 = r_A f / r_PD, with r_A r_PD / f held' if is_one_lens else how}")
+        keys = ("optics.aperture_radius_mm", "optics.focal_length_mm") if is_one_lens else STRETCHED
+        stretched = scaled_values(text, {key: factor ** STRETCHED[key] for key in keys})
         changes |= {key: (value, source) for key, value in stretched.items()}
-    elif "near_field_m" in accepted:
-        stretch = math.sqrt(accepted["near_field_m"].value / near_field_m(sensor))
-        source = source_of("near_field_m", "; R0 = r_A f / r_PD, with r_A r_PD / f held")
-        lens_keys = ("optics.aperture_radius_mm", "optics.focal_length_mm")
-        changes |= {
-            key: (value, source) for key, value in scaled_values(text, dict.fromkeys(lens_keys, stretch)).items()
-        }
+    if "near_field_m" in accepted and is_one_lens:
         # The fitted law was that of one lens, focused at infinity, on the laser's axis.
-        spot = estimates.get("spot_over_field")
-        if spot is not None and ("spot_over_field" in accepted or _get_key(text, "laser.divergence_mrad") is not None):
+        if "spot_over_field" in accepted or _get_key(text, "laser.divergence_mrad") is not None:
             # Full divergence [mrad]: twice the half angle behind the new lens.
-            field = float(sensor.detector.radius_m / sensor.optics.focal_length_m) / stretch
-            source_of_spot = source_of(
-                "spot_over_field", "; the spot's radius over the field's, from how sharp the near field ends"
+            field = float(sensor.detector.radius_m / sensor.optics.focal_length_m) / math.sqrt(factor)
+            changes["laser.divergence_mrad"] = (
+                2e3 * estimates["spot_over_field"].value * field,
+                source_of(
+                    "spot_over_field", "; the spot's radius over the field's, from how sharp the near field ends"
+                ),
             )
-            changes["laser.divergence_mrad"] = (2e3 * spot.value * field, source_of_spot)
         if any(_get_key(text, f"optics.overlap.{key}") for key in ("transmitter_offset_mm", "focus_at_m")):
             notes += ("optics.overlap: the file's two lenses or focus are replaced by one lens, whose law was fitted",)
         if _get_key(text, "laser.exit_diameter_mm") is not None:
@@ -242,14 +236,12 @@ def scaled_text(
         for key, estimate in estimates.items()
         if key not in accepted and key != "scatter_floor"
     ]
-    factors: dict[str, float] = {key: accepted[key].value for key in SCALED_KEYS if key in accepted}
-    source = {key: _scaled_source(key, accepted[key], recording) for key in SCALED_KEYS if key in accepted}
-    multiplied = {"spot_over_field": dict.fromkeys(DIVERGENCES, 1.0), "near_field_m": STRETCHED}
-    for name, powers in multiplied.items():
-        if name in accepted:
-            for key, power in powers.items():
-                factors[key] = factors.get(key, 1.0) * accepted[name].value ** power
-                source.setdefault(key, _scaled_source(name, accepted[name], recording))
+    factors: dict[str, float] = {}
+    source: dict[str, str] = {}
+    for name, powers in POWERS.items():
+        for key, power in powers.items() if name in accepted else ():
+            factors[key] = factors.get(key, 1.0) * accepted[name].value ** power
+            source.setdefault(key, f"fitted with a scene: {name} {accepted[name]} what it was, {recording}")
     values = scaled_values(text, factors)
     notes += [
         f"{key} is left as it was: it is not a number of the file"
@@ -258,10 +250,6 @@ def scaled_text(
     ]
     text, change_notes = _with_changes(text, {key: (value, source[key]) for key, value in values.items()}, where)
     return text, (*notes, *change_notes)
-
-
-def _scaled_source(key: str, estimate: Estimate, recording: str) -> str:
-    return f"fitted with a scene: {key} {estimate} what it was, {recording}"
 
 
 def scaled_values(text: str, factors: Mapping[str, float]) -> dict[str, float | list[float]]:
