@@ -1,11 +1,12 @@
 """Functions that numpy and Dr.Jit share and that steer what is computed at all."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
-from lidarscene.maths.arrays import xp
+from lidarscene.maths.arrays import map_arrays, xp
 from lidarscene.physics.electronics import counting
 
 pytestmark = pytest.mark.usefixtures("mi")
@@ -87,3 +88,21 @@ def test_each_room_has_its_own_size(mi: Any, run_python: Any, tmp_path: Any) -> 
     """
     process = run_python(ROOMS.format(sizes=(8, 9, 30_000, 8)), HOME=str(tmp_path), LIDARSCENE_VARIANT=mi.variant())
     assert (process.returncode, process.stdout) == (0, "all\n"), (process.returncode, process.stderr)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Arrays, and other fields beside them."""
+
+    name: str
+    range_m: np.ndarray
+    signal: np.ndarray | None = None
+
+
+def test_arrays_of_dataclasses_are_selected_and_joined() -> None:
+    """What one of them lacks the whole lacks; the other fields are those of the first."""
+    first, second = Columns("a", np.arange(3.0), np.ones(3)), Columns("b", np.arange(2.0))
+    selected = map_arrays(lambda values: values[1:], first)
+    assert (selected.name, selected.range_m.tolist(), np.size(selected.signal)) == ("a", [1.0, 2.0], 2)
+    joined = map_arrays(lambda *values: np.concatenate(values), first, second)
+    assert (joined.name, joined.range_m.tolist(), joined.signal) == ("a", [0.0, 1.0, 2.0, 0.0, 1.0], None)

@@ -11,4 +11,9 @@ sensor_text           sensor file of the fitted unit
 recording_fit         all of these for one recording
 fit_report            page, JSON, text
 on_scene              fit with a twin, or any known scene
+
+Fits with and without a scene are two, since the likelihood of a known surface does not apply to an unknown one. Were
+every pulse its own surface, its range and reflectivity would take up scatter and near field, which patches and the
+maker's REFLECTIVITY determine instead. The filter's output scatters by some 0.9 photons at a recorded SIGNAL, and by
+2.9 at an expected one (OS1, 400 counts of background): most of the threshold's width would be taken for the filter's.
 """
