@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from helpers.newcomer import changed_sources
 
+from lidarscene.formats.cloud_columns import DTYPES
+
 SPIRAL = '''"""Spiral scanner: the beam goes round, farther from the axis with each turn."""
 
 from dataclasses import dataclass
@@ -74,7 +76,11 @@ XYZ_LINE = """    "xyz": Format(
     ),
 """
 PULSE = """    pulse: Annotated[Measured, Column("pulse", "uint32", "1", "number of the pulse in the frame")]
-"""
+""" + "".join(
+    f'    as_{dtype}: Annotated[Measured, Column("as_{dtype}", "{dtype}", "1", "last digits of it")]\n'
+    for dtype in DTYPES
+)
+MADE = "".join(f'        "as_{dtype}": of_pulse & 127,\n' for dtype in DTYPES) + '        "pulse": of_pulse,\n'
 NEW = {"scan/spiral.py": SPIRAL, "formats/xyz.py": XYZ}
 LINES = (
     ("scan/__init__.py", "AnyScannerFile = (", "from .spiral import SpiralFile\n\nAnyScannerFile = SpiralFile | ("),
@@ -82,7 +88,7 @@ LINES = (
     ("scene/weather.py", "    def extinction_at_per_m(", DUST + "    def extinction_at_per_m("),
     ("scene/weather.py", "media = (", "media = (self._dust(), "),
     ("formats/cloud_columns.py", "    true_range_m:", PULSE + "    true_range_m:"),
-    ("kernel/rays/point_columns.py", '        "channel": ', '        "pulse": of_pulse,\n        "channel": '),
+    ("kernel/rays/point_columns.py", '        "channel": ', MADE + '        "channel": '),
 )
 SENSOR = """
 name = "spiral"
@@ -118,9 +124,12 @@ for name, one in FORMATS.items():
     except LidarSceneError:
         continue
     cloud.save(f"{name}{one.suffix}", format=name)
-    if one.read:
-        pulse = PointCloud.load(f"{name}{one.suffix}", format=name).pulse
-        assert pulse.dtype == "uint32" and (pulse == cloud.pulse).all(), name
+    for options in ({}, {"ascii": True})[: 1 + one.text] if one.read else ():
+        cloud.save(f"{name}{one.suffix}", format=name, **options)
+        read = PointCloud.load(f"{name}{one.suffix}", format=name)
+        for column in cloud.columns[3:]:
+            values = read.column(column.name)
+            assert values.dtype == column.dtype and (values == cloud.column(column.name)).all(), (name, column.name)
 assert len(cloud) > 1000 and (cloud.pulse[1:] > cloud.pulse[:-1]).all()
 dusty = render(load_scene("car", overrides={"weather.dust_per_km": 20}), "spiral.toml", seed=1)
 assert (dusty.status == 3).sum() > 100 and "dust" in dusty.class_names

@@ -130,13 +130,6 @@ def test_defaults_of_render_and_batch() -> None:
 # --- counts -----------------------------------------------------------------------------------------
 
 
-def test_counts() -> None:
-    kinds = {name for name, model in MODELS.items() if "type" in model.model_fields}
-    scanners = [n for n in kinds if "jitter_mrad" in MODELS[n].model_fields]
-    says("limits.md", "by [{} kinds](scanners.md) of mechanics", len(scanners))
-    says("your_own.md", "{} mechanisms are [there](scanners.md)", len(scanners) - 1)  # a table is none
-
-
 def test_conventions() -> None:
     says(
         "conventions.md",

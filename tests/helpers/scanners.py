@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import get_args
 
 import numpy as np
 
@@ -174,6 +175,10 @@ ALL = {
     },
     "pattern": pattern,
 }
+
+
+KINDS = [get_args(table.model_fields["type"].annotation)[0] for table in get_args(scan.AnyScannerFile)]
+"""Values of `type` in a sensor file."""
 
 
 def frame(scanner):

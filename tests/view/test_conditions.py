@@ -14,7 +14,7 @@ from lidarscene.cli.main import main
 from lidarscene.errors import InputError
 from lidarscene.rendering.render_options import FrameOptions
 from lidarscene.view.blob import unpack_blob
-from lidarscene.view.conditions import BUDGET, FOG, FRAME, RAYS, SEED, command, conditions, controls
+from lidarscene.view.conditions import BUDGET, FOG, FRAME, RAYS, SEED, WEATHER, command, conditions, controls
 from lidarscene.view.page_sources import Live
 
 RAIN, SNOW = "weather.rain_mm_h", "weather.snow_mm_h"
@@ -31,7 +31,7 @@ def test_as_the_files_have_it(scene: Any) -> None:
     assert combined.scene.air.weather == scene.air.weather
     assert (combined.frame.seed, combined.frame.number, combined.trace.rays, combined.budget) == (3, 0, 1, True)
     values = {control.key: control.value for control in controls(scene, FrameOptions(seed=3))}
-    assert values == {FOG: 50.0, RAIN: 0.0, SNOW: 0.0, RAYS: 1.0, FRAME: 0.0, SEED: 3.0}
+    assert values == dict.fromkeys(WEATHER, 0.0) | {FOG: 50.0, RAYS: 1.0, FRAME: 0.0, SEED: 3.0}
 
 
 def test_settings_are_those_of_files_and_options(scene: Any, scene_file: Path) -> None:
