@@ -148,8 +148,7 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
 
     if pulses.signal is None or pulses.reflectivity is None:
         return None
-    fitted_pulses = pulses.select_columns(pulses.fitted)
-    binned = _bins(fitted_pulses)
+    binned = _bins(pulses.select_columns(pulses.fitted))
     check = _bins(pulses.select_columns(~pulses.fitted))
     if binned is None or check is None:
         return None
@@ -214,18 +213,14 @@ def _bins(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers, Numbers, N
     x = np.log(pulses.range_m[mask])
     y = np.log(pulses.signal[mask] * 100.0 / pulses.reflectivity[mask]) + 2.0 * x
     block = pulses.blocks(mask)
-    bin_index = np.floor(x / LOG_RANGE_STEP).astype(int)
-    bin_index -= bin_index.min()
+    bin_index = np.unique(np.floor(x / LOG_RANGE_STEP), return_inverse=True)[1]
     median = np.asarray(ndimage.median(y, bin_index, np.arange(bin_index.max() + 1)))
     near_median = np.abs(y - median[bin_index]) < OUTLIER
-    x, y, block, bin_index = x[near_median], y[near_median], block[near_median], bin_index[near_median]
-    full_bins = np.flatnonzero(np.bincount(bin_index) >= LEAST_PULSES)
-    if len(full_bins) < LEAST_BINS:
+    in_full_bin = near_median & (np.bincount(bin_index[near_median], minlength=len(median))[bin_index] >= LEAST_PULSES)
+    x, y, block = x[in_full_bin], y[in_full_bin], block[in_full_bin]
+    bins, bin_index = np.unique(bin_index[in_full_bin], return_inverse=True)
+    if len(bins) < LEAST_BINS:
         return None
-    number = np.full(bin_index.max() + 1, -1)
-    number[full_bins] = np.arange(len(full_bins))
-    in_bin = number[bin_index] >= 0
-    x, y, block, bin_index = x[in_bin], y[in_bin], block[in_bin], number[bin_index[in_bin]]
     # Move each pulse to the middle of its bin along the bin's regression line, so that its place adds no scatter.
     n = np.bincount(bin_index)
     middle_x, middle_y = (np.bincount(bin_index, values) / n for values in (x, y))
@@ -233,7 +228,7 @@ def _bins(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers, Numbers, N
     rise = np.bincount(bin_index, offset * y) / np.maximum(np.bincount(bin_index, offset * offset), 1e-12)
     y = y - rise[bin_index] * offset
     spread = np.sqrt(np.bincount(bin_index, (y - middle_y[bin_index]) ** 2) / n)
-    shape = (int(block.max()) + 1, len(full_bins))
+    shape = (int(block.max()) + 1, len(bins))
     flat = block * shape[1] + bin_index
     counts, sums = (np.bincount(flat, weights, minlength=shape[0] * shape[1]).reshape(shape) for weights in (None, y))
     return middle_x, middle_y, np.maximum(spread / np.sqrt(n), 1e-6), sums, counts
