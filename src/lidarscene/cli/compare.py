@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from ..rendering.option_fields import Rising
 from ..rendering.render_options import FrameOptions
 from .options import StudyOptions, add_options, flag_of, options_from
 from .recordings.recording_options import add_recording, is_recording
@@ -57,7 +56,7 @@ def add_compare(commands: Any) -> None:
     add(
         "--illuminance",
         metavar="KLUX,KLUX,...",
-        type=rising_numbers(Rising("illuminances in klux", "0.05,1,10,100")),
+        type=rising_numbers("illuminances in klux", "0.05,1,10,100"),
         help="sweep over these, and find where sensors overtake each other",
     )
     add_options(command, StudyOptions, "overrides")
@@ -101,7 +100,7 @@ def _compare_sensors(arguments: argparse.Namespace) -> str:
             f"--sensors: must be 2 to {MOST_SENSORS} names or files with commas between them, got {arguments.sensors}"
         )
     for value in arguments.illuminance or ():
-        CONDITIONS["illuminance"].require("--illuminance", value)
+        CONDITIONS["illuminance"].check("illuminance", value)
     scene = load_scene(arguments.inputs[0])
     sensors: list[NamedSensor] = [
         (subject.name, subject.sensor()) for subject in subjects(words, arguments.overrides or ())

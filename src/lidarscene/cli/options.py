@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..outputs.output_options import FRAMES, Outputs
-from ..rendering.option_fields import OneOf, Rising, Whole, declared, option, options_of
+from ..rendering.option_fields import OneOf, Whole, declared, option, options_of
 from ..rendering.render_options import FrameOptions, TraceOptions
 from ..studies.field_of_view.study_options import FieldOfViewStudy
 from .words import number, pose, pulses, rising_numbers, whole_number
@@ -24,6 +24,7 @@ PARSERS = {
     "float | None": number,
     "Pose | None": pose,
     "Sequence[int] | None": pulses,
+    "tuple[float, ...]": rising_numbers("seconds", "0.1,0.5,1"),
     "File | None": Path,
     "Path | None": Path,
 }
@@ -103,8 +104,6 @@ def add_options(group: argparse._ActionsContainer, kind: type[Any], *names: str,
             settings["choices"] = declaration.values.names
         elif isinstance(declaration.values, Whole):
             settings["type"] = whole_number(declaration.values)
-        elif isinstance(declaration.values, Rising):
-            settings["type"] = rising_numbers(declaration.values)
         else:
             settings["type"] = PARSERS.get(str(entry.type), str)
         about = "; ".join(filter(None, (about, remarks.get(name))))

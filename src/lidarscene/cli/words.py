@@ -6,11 +6,12 @@ A wrong argument raises a one-line error that names the valid ones: "must be ...
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from ..rendering.option_fields import Rising, Whole
+from ..rendering.option_fields import Whole
 
 if TYPE_CHECKING:
     from ..maths.pose import Pose
@@ -42,7 +43,7 @@ def whole_number(numbers: Whole) -> Callable[[str], int]:
     return parse
 
 
-def rising_numbers(rising: Rising) -> Callable[[str], tuple[float, ...]]:
+def rising_numbers(quantity: str, example: str) -> Callable[[str], tuple[float, ...]]:
     """Make an argparse type that parses rising positive numbers with commas between them."""
 
     def parse(text: str) -> tuple[float, ...]:
@@ -50,8 +51,9 @@ def rising_numbers(rising: Rising) -> Callable[[str], tuple[float, ...]]:
             values = tuple(float(word) for word in text.split(","))
         except ValueError:
             values = ()
-        if not rising.holds(values):
-            raise argparse.ArgumentTypeError(f"must be {rising}, got {text}")
+        in_order = all(a < b for a, b in itertools.pairwise(values))
+        if not values or not in_order or not all(math.isfinite(v) and v > 0.0 for v in values):
+            raise argparse.ArgumentTypeError(f"must be {quantity} that rise, such as {example}, got {text}")
         return values
 
     return parse

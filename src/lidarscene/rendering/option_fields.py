@@ -6,9 +6,8 @@ docstring (`list_options`) and the argument of the command line (`cli.options.ad
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import MISSING, Field, field, fields
 from numbers import Integral, Real
 from pathlib import Path
@@ -36,48 +35,19 @@ class Whole(NamedTuple):
 
 
 class Finite(NamedTuple):
-    """The finite numbers of a unit, such as "seconds"."""
+    """The finite numbers of a unit, such as "seconds", or those from ``low`` to ``high``."""
 
     unit: str
+    low: float = -math.inf
+    high: float = math.inf
 
     def check(self, option: str, value: object) -> None:
-        """Raise OptionError unless the value is a finite number."""
-        if not isinstance(value, Real) or not math.isfinite(value):
-            raise OptionError(f"{{{option}}}: must be a finite number of {self.unit}, got {{0!r}}", value)
-
-
-class Between(NamedTuple):
-    """The numbers from ``low`` to ``high`` in a unit, both included."""
-
-    low: float
-    high: float
-    unit: str
-
-    def check(self, option: str, value: float) -> None:
         """Raise OptionError unless the value is one of these numbers."""
-        if not self.low <= value <= self.high:
-            allowed = f"{self.low:g} to {self.high:g} {self.unit}"
-            raise OptionError(f"{{{option}}}: must be {allowed}, got {{0:g}}", value)
-
-
-class Rising(NamedTuple):
-    """Positive numbers of a quantity, each above the one before; an example shows how they are written."""
-
-    quantity: str
-    example: str
-
-    def check(self, option: str, value: Sequence[float]) -> None:
-        """Raise OptionError unless the values rise."""
-        if not self.holds(value):
-            raise OptionError(f"{{{option}}}: must be {self}, got {{0!r}}", value)
-
-    def holds(self, values: Sequence[float]) -> bool:
-        """Whether there are values, and all are finite, positive and above the one before."""
-        in_order = all(a < b for a, b in itertools.pairwise(values))
-        return bool(values) and in_order and all(math.isfinite(v) and v > 0.0 for v in values)
-
-    def __str__(self) -> str:
-        return f"{self.quantity} that rise, such as {self.example}"
+        if not isinstance(value, Real) or not math.isfinite(value) or not self.low <= float(value) <= self.high:
+            bounds = f"{self.low:g} to {self.high:g} {self.unit}"
+            allowed = bounds if math.isfinite(self.low) else f"a finite number of {self.unit}"
+            got = f"{value:g}" if isinstance(value, float) else repr(value)
+            raise OptionError(f"{{{option}}}: must be {allowed}, got {{0}}", got)
 
 
 class OneOf(NamedTuple):

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from ..errors import InputError
 from ..maths.units import sliders
+from ..rendering.option_fields import Whole
 from ..rendering.render_options import NUMBERS, SEEDS, FrameOptions, TraceOptions
 from ..rendering.render_options import RAYS as TRACED
 from ..scene.scene import Scene
@@ -53,40 +54,18 @@ def controls(scene: Scene, frame: FrameOptions) -> list[Control]:
             )
             for key, (_, quantity, slider) in WEATHER.items()
         ),
-        Control(
-            key=RAYS,
-            label="rays a pulse",
-            unit="",
-            low=1.0,
-            high=64.0,
-            value=1.0,
-            least=TRACED.low,
-            most=TRACED.high,
-            whole=True,
-        ),
-        Control(
-            key=FRAME,
-            label="frame",
-            unit="",
-            low=0.0,
-            high=50.0,
-            value=float(frame.number),
-            least=0.0,
-            most=NUMBERS.high,
-            whole=True,
-        ),
-        Control(
-            key=SEED,
-            label="seed",
-            unit="",
-            low=0.0,
-            high=100.0,
-            value=float(frame.seed),
-            least=0.0,
-            most=SEEDS.high,
-            whole=True,
-        ),
+        _whole(RAYS, "rays a pulse", TRACED, 1, 64.0),
+        _whole(FRAME, "frame", NUMBERS, frame.number, 50.0),
+        _whole(SEED, "seed", SEEDS, frame.seed, 100.0),
     ]
+
+
+def _whole(key: str, label: str, numbers: Whole, value: int, high: float) -> Control:
+    """Slider of an option that is a whole number."""
+    low, most = float(numbers.low), float(numbers.high)
+    return Control(
+        key=key, label=label, unit="", low=low, high=high, value=float(value), least=low, most=most, whole=True
+    )
 
 
 def conditions(scene: Scene, frame: FrameOptions, settings: Settings) -> Conditions:

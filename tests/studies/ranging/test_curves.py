@@ -280,10 +280,10 @@ def test_assignments_for_one_and_for_all():
 def test_a_bound_that_is_excluded(above, value, refused):
     bounds = Bounds(unit="m", low=0.0, high=9.0, start=1.0, stop=2.0, above=above)
     if refused:
-        with pytest.raises(InputError, match="--distance 0: must be more than 0 and up to 9 m"):
-            bounds.require("--distance", value)
+        with pytest.raises(InputError, match="distance 0: must be more than 0 and up to 9 m"):
+            bounds.check("distance", value)
     else:
-        assert bounds.require("--distance", value) == value
+        bounds.check("distance", value)
 
 
 @pytest.mark.parametrize(("width", "crosses"), [(1e-12, False), (1.0, True)])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from ...rendering.option_fields import Between, OneOf, Rising, check_options, list_options, option
+from ...rendering.option_fields import Finite, OneOf, check_options, list_options, option
 from ..ranging.conditions import Conditions
 
 if TYPE_CHECKING:
@@ -22,14 +22,13 @@ class FieldOfViewStudy:
 
     times_s: tuple[float, ...] = option(
         TIMES_S,
-        Rising("seconds", "0.1,0.5,1"),
         help=f"when coverage is given, seconds (default {','.join(f'{time_s:g}' for time_s in TIMES_S)})",
         metavar="S,S,...",
         flags=("--time",),
     )
     cell_deg: float = option(
         CELL_DEG,
-        Between(0.02, 10.0, "degrees"),
+        Finite("degrees", 0.02, 10.0),
         help="size of the cells (default {default})",
         metavar="DEG",
         flags=("--cell",),

@@ -52,8 +52,9 @@ class Axis:
 def condition_axis(key: str, *, start: float | None, stop: float | None, count: int, log: bool | None) -> Axis:
     """Make an axis over one of `CONDITIONS`. Raises InputError."""
     bounds = CONDITIONS[key]
-    first = bounds.start if start is None else bounds.require("--from", start)
-    last = bounds.stop if stop is None else bounds.require("--to", stop)
+    first, last = bounds.start if start is None else start, bounds.stop if stop is None else stop
+    bounds.check("from", first)
+    bounds.check("to", last)
     log = bounds.log if log is None else log
     return Axis(
         key=key,
