@@ -17,7 +17,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from helpers.drawn_recordings import drawn_sweep, drawn_truth, two_lenses
-from helpers.drawn_scenes import REFLECTIVITY_SIGMA, SPOT, drawn_report, drawn_unit, published, unit_of
+from helpers.drawn_scenes import REFLECTIVITY_SIGMA, SPOT, drawn_report, drawn_unit, published_sensor, unit_of
 
 from lidarscene import load_scene
 from lidarscene.rendering.simulator import Simulator
@@ -84,7 +84,7 @@ def with_scene(seeds: int) -> None:
 
 def with_street() -> None:
     """One unit in a street, with every ray traced: columns of 256, one reflectivity for all, known to 1 %."""
-    truth, base, street = drawn_unit(3), published(columns=256), load_scene(STREET)
+    truth, base, street = drawn_unit(3), published_sensor(columns=256), load_scene(STREET)
     light = Simulator(street, base).light()
     numbers: list[np.ndarray] = []
     cloud = Simulator(street, unit_of(truth, base)).render(seed=1, points=lambda pulse, _: numbers.append(pulse))

@@ -107,7 +107,7 @@ def sipm() -> None:
 
     figure, (axes,) = dark(1, 1, height=4.4)
     sensor = lidarscene.load_sensor("table1-sipm")
-    array = CellArray.of(sensor.detector)
+    array = CellArray.from_detector(sensor.detector)
     photons = np.geomspace(30.0, 3e4, 60)
     for background, name, colour in ((686.093, "100 klux", APD), (6.86093, "1 klux", SIPM)):
         table = response_by_equation(

@@ -47,7 +47,7 @@ def looking_at_the_sun(name, *overrides, bodies=(), off_deg=0.0, sky=0.1):
     sun = Sun(azimuth_rad=math.radians(off_deg), elevation_rad=0.0, illuminance_klux=100.0)
     behind = chain.ball(at=(-50.0, 0.0, 0.0))
     described = chain.scene(*(bodies or (behind,)), sun=sun, sky=sky, air=Air(transmittance=1.0))
-    return chain.run(described, chain.sensor(name, *chain.NARROW, *overrides))
+    return chain.run_stages(described, chain.sensor(name, *chain.NARROW, *overrides))
 
 
 @pytest.mark.parametrize("off_deg", [0.0, 0.2, 0.35, 0.5])
@@ -78,7 +78,7 @@ def test_the_sun_through_a_pane(mi, off_deg):
         sky=0.1,
         air=Air(transmittance=1.0),
     )
-    through_pane = chain.run(described, chain.sensor("table1-apd", *chain.NARROW), interactions=3)
+    through_pane = chain.run_stages(described, chain.sensor("table1-apd", *chain.NARROW), interactions=3)
     free = looking_at_the_sun("table1-apd", off_deg=off_deg).light.background_power_w[4]
     sky = 0.1 * ESUN / math.pi * APERTURE_M2 * math.pi * FIELD_RAD**2 * ETA
     mirrored = both_sides(math.cos(math.radians(30.0)))
@@ -126,9 +126,9 @@ def test_lamps_light_surfaces_and_not_the_sky(mi):
     dark = chain.scene(chain.facing(range_m=30.0), klux=0.0, air=Air(transmittance=1.0))
     lamps = replace(dark, lamps_w_m2=2.0)
     sensor = chain.sensor("table1-apd", *chain.NARROW)
-    lit = chain.run(lamps, sensor).light.background_power_w
+    lit = chain.run_stages(lamps, sensor).light.background_power_w
     expected = 0.1 * 2.0 / math.pi * APERTURE_M2 * math.pi * FIELD_RAD**2 * ETA
     np.testing.assert_allclose(lit, expected, rtol=1e-5)
-    assert (chain.run(dark, sensor).light.background_power_w == 0.0).all()
+    assert (chain.run_stages(dark, sensor).light.background_power_w == 0.0).all()
     ball_behind = replace(chain.scene(chain.ball(at=(-50.0, 0.0, 0.0)), klux=0.0), lamps_w_m2=2.0)
-    assert (chain.run(ball_behind, sensor).light.background_power_w == 0.0).all()
+    assert (chain.run_stages(ball_behind, sensor).light.background_power_w == 0.0).all()

@@ -28,7 +28,7 @@ MILLION = [
 """A raster of 1001 x 1001 beams within a thousandth of a degree: the same target for all of them."""
 
 
-def frame(scene, sensor, seed=1):
+def render_frame(scene, sensor, seed=1):
     summary = Summary()
     cloud = Simulator(scene, sensor).render(seed=seed, summary=summary)
     return cloud, summary
@@ -54,7 +54,7 @@ def test_share_of_kept_points(name, margin):
     sensor = chain.sensor(name, *MILLION)
     limit, _ = plane.maximum_range_m(sensor, Target())
     range_m = margin * limit
-    cloud, summary = frame(chain.scene(chain.facing(range_m=range_m)), sensor)
+    cloud, summary = render_frame(chain.scene(chain.facing(range_m=range_m)), sensor)
     p_detect, p_false = expected_detection(sensor, range_m)
     # A single-stop converter shows the echo only if no false alarm came first: (1 - P_f)^m.
     before = 2.0 * range_m / SPEED_OF_LIGHT_M_S * float(sensor.tdc.bandwidth_hz)
@@ -69,7 +69,7 @@ def test_share_of_kept_points(name, margin):
 def test_share_of_false_alarms(tnr):
     """Beams into the sky: 1 - (1 - P_f)^M over the whole window."""
     sensor = chain.sensor("table1-apd", *MILLION, f"tdc.threshold_to_noise={tnr}")
-    cloud, summary = frame(chain.scene(chain.ball(at=(-50.0, 0.0, 0.0)), sky=0.1), sensor)
+    cloud, summary = render_frame(chain.scene(chain.ball(at=(-50.0, 0.0, 0.0)), sky=0.1), sensor)
     comparisons = float(sensor.tdc.window_s) * float(sensor.tdc.bandwidth_hz)
     expected = 1.0 - (1.0 - norm.sf(tnr)) ** comparisons
     assert summary.outcomes[Outcome.NO_SURFACE] == summary.beams
@@ -104,7 +104,7 @@ def test_share_of_crossings(name, changes, rate_hz):
     """Beams into a dark sky with `false_alarms = "crossings"`: 1 - exp(-rate t)."""
     few = ["scanner.azimuth_step_deg=0.5", "scanner.elevation_step_deg=0.5"]
     sensor = chain.sensor(name, *few, *changes, 'tdc.false_alarms="crossings"')
-    cloud, summary = frame(chain.scene(chain.ball(at=(-50.0, 0.0, 0.0))), sensor)
+    cloud, summary = render_frame(chain.scene(chain.ball(at=(-50.0, 0.0, 0.0))), sensor)
     expected = 1.0 - np.exp(-rate_hz * float(sensor.tdc.window_s))
     assert 0.02 < expected < 0.9
     assert (cloud.status == 1).all()
@@ -120,7 +120,7 @@ def test_correct_probability():
     sensor = chain.sensor(
         "table1-apd", *MILLION, f"tdc.threshold_to_noise={tnr}", f"tdc.window_us={end_us}", "tdc.walk='none'"
     )
-    _, summary = frame(chain.scene(chain.facing(range_m=range_m)), sensor)
+    _, summary = render_frame(chain.scene(chain.facing(range_m=range_m)), sensor)
     right = int(summary.outcomes[Outcome.KEPT])
     comparisons = end_us * 1e-6 * float(sensor.tdc.bandwidth_hz)
     p_false = norm.sf(tnr)
@@ -138,8 +138,8 @@ def test_a_multi_stop_converter_reports_what_alarms_hide():
     few = ["scanner.azimuth_step_deg=1e-5", "scanner.elevation_step_deg=1e-5", "tdc.threshold_to_noise=3.0"]
     single = chain.sensor("table1-apd", *MILLION, *few)
     several = chain.sensor("table1-apd", *MILLION, *few, "tdc.stops=4")
-    single_stop, summary_one = frame(sky_and_echo, single)
-    multi_stop, summary_many = frame(sky_and_echo, several)
+    single_stop, summary_one = render_frame(sky_and_echo, single)
+    multi_stop, summary_many = render_frame(sky_and_echo, several)
     hidden = summary_one.outcomes[Outcome.HIDDEN]
     assert hidden > 100
     assert summary_many.outcomes[Outcome.HIDDEN] < 0.02 * hidden
@@ -158,7 +158,7 @@ def test_exact_counting_of_cells():
     """Binomial cells against SciPy's binomial tails, false alarms and detection, by simulation."""
     tune = ["detector.counting='binomial'", "tdc.threshold_to_noise=3.0"]
     sensor = chain.sensor("table1-sipm", *MILLION, *tune)
-    _, summary = frame(chain.scene(chain.facing(range_m=300.0), klux=1.0), sensor)
+    _, summary = render_frame(chain.scene(chain.facing(range_m=300.0), klux=1.0), sensor)
     light = plane.echoes_of_plane(sensor, Target(illuminance_klux=1.0), 300.0)
     point = sensor.working_point(light.background_power_w)
     busy, signal = point.counts.busy[0], point.response.signal(light.peak_power_w)[0]

@@ -71,7 +71,7 @@ def fog_light():
     return range_m, pulse @ light * (r[1] - r[0])
 
 
-def held_m(*, background_w, above=1.0):
+def lit_span_m(*, background_w, above=1.0):
     """From where to where the fog's light is over the threshold, or over so many of it."""
     sensor = load_sensor("biaxial-905")
     point = sensor.working_point(np.array([background_w]))
@@ -80,7 +80,7 @@ def held_m(*, background_w, above=1.0):
     return crossing_m.min(), crossing_m.max()
 
 
-def crossed_m(*, background_w, deviate):
+def crossing_range_m(*, background_w, deviate):
     """Where the fog's light first trips the comparator, if its noise there is so many deviations."""
     sensor = load_sensor("biaxial-905")
     point = sensor.working_point(np.array([background_w]))
@@ -106,7 +106,7 @@ def test_fog_trips_the_comparator_where_its_light_reaches_the_threshold(rendered
     assert {cloud.class_names[i] for i in np.unique(cloud.class_id[fogged])} == {"fog"}
     sky = fogged & (cloud.elevation_rad > math.radians(8.0))
     assert sky.sum() > 10_000
-    rises, _ = held_m(background_w=SKY_W)
+    rises, _ = lit_span_m(background_w=SKY_W)
     assert np.median(cloud.range_m[sky]) == pytest.approx(rises, abs=0.07)
 
 
@@ -119,15 +119,20 @@ def test_nothing_is_seen_while_fog_holds_the_comparator(rendered, clouds):
     """
     foggy, clear = clouds
     ranges = foggy.range_m[np.asarray(foggy.status) == Status.ECHO]
-    earliest = held_m(background_w=BRIGHTEST_W, above=1.8)[1]
-    latest = held_m(background_w=0.0)[1]
+    earliest = lit_span_m(background_w=BRIGHTEST_W, above=1.8)[1]
+    latest = lit_span_m(background_w=0.0)[1]
     assert 15.0 < earliest < latest < 30.0
     assert ranges.min() > earliest
     assert np.any(ranges < latest)
     assert points_of(clear, "cars.0") > 500
     assert points_of(foggy, "cars.0") == 0
     assert points_of(foggy, "cars.1") > 50
-    says("gallery.md", "the threshold up to {} to {} m, by the background", held_m(background_w=BRIGHTEST_W)[1], latest)
+    says(
+        "gallery.md",
+        "the threshold up to {} to {} m, by the background",
+        lit_span_m(background_w=BRIGHTEST_W)[1],
+        latest,
+    )
     fog = np.asarray(foggy.status) == Status.WEATHER
     assert fog.mean() > 0.9
     assert foggy.range_m[fog].min() > 3.5
@@ -171,8 +176,8 @@ def test_a_point_is_of_what_tripped_the_comparator(clouds):
     status = np.asarray(foggy.status)
     fogged, echoes = status == Status.WEATHER, status == Status.ECHO
     assert len(np.unique(foggy.time_s[fogged])) == fogged.sum() == load_sensor("biaxial-905").scanner.pulses
-    assert foggy.true_range_m[fogged].min() > crossed_m(background_w=0.0, deviate=6.0)
-    assert foggy.true_range_m[fogged].max() < crossed_m(background_w=BRIGHTEST_W, deviate=-6.0)
+    assert foggy.true_range_m[fogged].min() > crossing_range_m(background_w=0.0, deviate=6.0)
+    assert foggy.true_range_m[fogged].max() < crossing_range_m(background_w=BRIGHTEST_W, deviate=-6.0)
     assert np.abs(foggy.range_m - foggy.true_range_m)[echoes].max() < 1.5 * FWHM_M
 
 

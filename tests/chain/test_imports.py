@@ -96,7 +96,7 @@ def nodes(code: str) -> tuple[ast.AST, ...]:
     )
 
 
-def imported(code: str, *, file: Path, modules: Iterable[str]) -> Iterator[str]:
+def imported_modules(code: str, *, file: Path, modules: Iterable[str]) -> Iterator[str]:
     """Dotted names of everything that `code` in `file` (relative to the package) imports, anywhere.
 
     A string that names a module of ours, as `import_module` and `__import__` take it, counts too, f-strings by what
@@ -133,7 +133,7 @@ def problems(sources: dict[Path, str]) -> list[str]:
                 f"{file}: '{importing_room}' has no place in the architecture; add it to TIERS in {__file__}"
             )
             continue
-        names = {n for n in imported(sources[file], file=file, modules=files) if n.split(".")[0] == PACKAGE}
+        names = {n for n in imported_modules(sources[file], file=file, modules=files) if n.split(".")[0] == PACKAGE}
         graph[module] = {name for name in names if name in files and name != module}
         for name in sorted(names):
             imported_room = room(name)
@@ -217,7 +217,7 @@ def test_at_the_top_are_packages_and_four_files() -> None:
 def test_only_the_named_files_import(library: str) -> None:
     for file, code in sources().items():
         if not any(file.as_posix().startswith(place) for place in MAY_IMPORT[library]):
-            names = imported(code, file=file, modules=())
+            names = imported_modules(code, file=file, modules=())
             assert library not in {name.split(".")[0] for name in names}, f"{file} must not import {library}"
 
 

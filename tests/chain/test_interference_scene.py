@@ -39,10 +39,10 @@ def simulator():
 
 @pytest.fixture(scope="module")
 def frame(simulator):
-    return rendered(simulator(), seed=0)
+    return render_all(simulator(), seed=0)
 
 
-def rendered(simulator, *, seed):
+def render_all(simulator, *, seed):
     """Cloud, and outcome and ambient counts of every pulse."""
     outcomes, counts = np.zeros((2, simulator.sensor.scanner.pulses), int)
 
@@ -55,7 +55,7 @@ def rendered(simulator, *, seed):
     return simulator.render(seed=seed, missed=missed, ambient=ambient), outcomes, counts
 
 
-def of_the_sky(cloud):
+def is_sky_point(cloud):
     """Points of the other lidar on beams that met nothing."""
     return (np.asarray(cloud.status) == Status.INTERFERENCE) & ~np.isfinite(cloud.true_range_m)
 
@@ -69,7 +69,7 @@ def test_share_of_the_sky_that_has_a_false_point(frame):
     expected = 1.0 - math.exp(-tripping_hz() * WINDOW_S)
     assert 0.05 < expected < 0.1
     error = math.sqrt(expected * (1.0 - expected) / beams)
-    assert abs(of_the_sky(cloud).sum() / beams - expected) < SIGMAS * error + 1e-4
+    assert abs(is_sky_point(cloud).sum() / beams - expected) < SIGMAS * error + 1e-4
     says("gallery.md", "an oncoming car sends {} pulses a second", RATE_HZ)
     says("gallery.md", "{} % of the beams into the sky have a false point", 100.0 * expected)
 
@@ -82,18 +82,18 @@ def test_false_points_know_nothing_of_our_clock(frame):
     def before(r):
         return -np.expm1(-nu * r) / -np.expm1(-nu * WINDOW_M)
 
-    assert kstest(cloud.range_m[of_the_sky(cloud)], before).pvalue > 1e-4
+    assert kstest(cloud.range_m[is_sky_point(cloud)], before).pvalue > 1e-4
 
 
 def test_false_points_are_elsewhere_in_the_next_frame(frame, simulator):
     """Beams with one in two frames: as many as two independent shares have in common."""
-    next_cloud, outcomes, _ = rendered(simulator(), seed=1)
+    next_cloud, outcomes, _ = render_all(simulator(), seed=1)
     beams = np.sum(outcomes == Outcome.NO_SURFACE)
     first, second = (
         set(
             zip(
-                cloud.azimuth_rad[of_the_sky(cloud)].tolist(),
-                cloud.elevation_rad[of_the_sky(cloud)].tolist(),
+                cloud.azimuth_rad[is_sky_point(cloud)].tolist(),
+                cloud.elevation_rad[is_sky_point(cloud)].tolist(),
                 strict=True,
             )
         )
@@ -120,7 +120,7 @@ def test_headlights_in_the_ambient_counts(frame, simulator):
     Without lamps only the dark current counts. Tolerance: Poisson, and 1 % of the field of view, tan for the angle.
     """
     _, _, counts = frame
-    dark = rendered(simulator(lamps_w_m2=0.0), seed=0)[2]
+    dark = render_all(simulator(lamps_w_m2=0.0), seed=0)[2]
     lanes = []
     cloud = simulator(interferers=()).render(points=lambda pulse, surfaces: lanes.append((pulse, surfaces)))
     soil = cloud.material == cloud.material_names.index("soil")

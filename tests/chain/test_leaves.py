@@ -31,9 +31,9 @@ def leaf(**parameters):
     return Material(name="leaf", bsdf="diffuse", reflectivity=Spectrum.constant(RHO), parameters=values)
 
 
-def run(*bodies, sun=BEHIND, sky=0.0, material=None):
+def trace_bodies(*bodies, sun=BEHIND, sky=0.0, material=None):
     described = chain.scene(*bodies, materials=(material or leaf(),), sun=sun, sky=sky)
-    return chain.run(described, chain.sensor("table1-apd", *chain.NARROW))
+    return chain.run_stages(described, chain.sensor("table1-apd", *chain.NARROW))
 
 
 def expected_w(radiance_over_sun):
@@ -51,7 +51,7 @@ def expected_w(radiance_over_sun):
 
 def test_sunlight_from_behind_comes_through():
     """tau E cos(theta_s) / pi, while the echo is that of the reflectivity alone."""
-    leaf, opaque = run(chain.facing(range_m=20.0, material="leaf")), run(chain.facing(range_m=20.0))
+    leaf, opaque = trace_bodies(chain.facing(range_m=20.0, material="leaf")), trace_bodies(chain.facing(range_m=20.0))
     cosine = math.cos(math.radians(ELEVATION_DEG))
     assert leaf.light.background_power_w[MIDDLE] == pytest.approx(expected_w(TAU * cosine / math.pi), **CLOSE)
     assert leaf.hits.lit[MIDDLE]
@@ -63,7 +63,7 @@ def test_sunlight_from_behind_comes_through():
 
 
 def test_sunlight_from_the_front_is_reflected():
-    leaf = run(chain.facing(range_m=20.0, material="leaf"), sun=IN_FRONT)
+    leaf = trace_bodies(chain.facing(range_m=20.0, material="leaf"), sun=IN_FRONT)
     cosine = math.cos(math.radians(ELEVATION_DEG))
     assert leaf.light.background_power_w[MIDDLE] == pytest.approx(expected_w(RHO * cosine / math.pi), **CLOSE)
 
@@ -73,7 +73,7 @@ def test_either_side_may_be_in_shadow(sun):
     """What stands between the leaf and the sun, on whichever side that is."""
     side = 1.0 if sun is BEHIND else -1.0
     screen = chain.facing(range_m=20.0 + 2.0 * side, at=(0.0, 0.0, 3.0), size_m=4.0)
-    leaf = run(chain.facing(range_m=20.0, material="leaf"), screen, sun=sun)
+    leaf = trace_bodies(chain.facing(range_m=20.0, material="leaf"), screen, sun=sun)
     assert not leaf.hits.lit[MIDDLE]
     assert leaf.light.background_power_w[MIDDLE] == 0.0
 
@@ -81,7 +81,7 @@ def test_either_side_may_be_in_shadow(sun):
 def test_the_sky_is_on_both_sides():
     """(rho + tau) E_sky / pi; the reflectivity that the truth tells stays rho."""
     night = Sun(azimuth_rad=0.0, elevation_rad=math.radians(-30.0), illuminance_klux=100.0)
-    leaf = run(chain.facing(range_m=20.0, material="leaf"), run_floor(), sun=night, sky=0.3)
+    leaf = trace_bodies(chain.facing(range_m=20.0, material="leaf"), run_floor(), sun=night, sky=0.3)
     assert leaf.light.background_power_w[MIDDLE] == pytest.approx(expected_w((RHO + TAU) * 0.3 / math.pi), **CLOSE)
     assert leaf.hits.reflectivity[MIDDLE] == pytest.approx(RHO, rel=1e-6)
 
@@ -95,8 +95,8 @@ def run_floor():
 
 def test_a_porous_leaf_lets_the_same_share_through():
     """What of a porous surface is met is all leaf, from behind as from the front."""
-    whole = run(chain.facing(range_m=20.0, material="leaf"))
-    porous = run(chain.facing(range_m=20.0, material="leaf"), material=leaf(cover=0.7))
+    whole = trace_bodies(chain.facing(range_m=20.0, material="leaf"))
+    porous = trace_bodies(chain.facing(range_m=20.0, material="leaf"), material=leaf(cover=0.7))
     hit = porous.hits.has_surface
     assert hit.any()
     np.testing.assert_allclose(porous.light.background_power_w[hit], whole.light.background_power_w[hit], rtol=1e-5)
@@ -105,7 +105,7 @@ def test_a_porous_leaf_lets_the_same_share_through():
 def test_a_moving_leaf():
     body = chain.facing(range_m=20.0, material="leaf")
     moving = dataclasses.replace(body, motion=Course(start=body.pose))
-    still, moved = run(body), run(moving)
+    still, moved = trace_bodies(body), trace_bodies(moving)
     np.testing.assert_allclose(moved.light.background_power_w, still.light.background_power_w, rtol=1e-5)
 
 

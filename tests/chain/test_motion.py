@@ -141,7 +141,7 @@ def test_radial_velocity_is_that_of_the_point_that_was_hit() -> None:
     times = cloud.time_s
     sensor_points = cloud.true_range_m[:, None] * direction(cloud)
     sensor = [simulator.motion.at(times + shift) for shift in (-step_s, 0.0, step_s)]
-    points = placed(sensor[1], sensor_points)
+    points = to_parent_frame(sensor[1], sensor_points)
     beam = points - sensor[1].position_m
     beam /= np.linalg.norm(beam, axis=1, keepdims=True)
     for number, body in enumerate(scene.bodies):
@@ -151,14 +151,14 @@ def test_radial_velocity_is_that_of_the_point_that_was_hit() -> None:
         if body.motion is not None:
             states = [body.motion.at(times[on_body] + shift) for shift in (-step_s, 0.0, step_s)]
             within = np.einsum("nji,nj->ni", states[1].rotation, points[on_body] - states[1].position_m)
-            moved = [placed(states[0], within), placed(states[2], within)]
+            moved = [to_parent_frame(states[0], within), to_parent_frame(states[2], within)]
         surface = (moved[1] - moved[0]) / (2.0 * step_s)
         origin = (sensor[2].position_m - sensor[0].position_m)[on_body] / (2.0 * step_s)
         expected = ((surface - origin) * beam[on_body]).sum(axis=1)
         np.testing.assert_allclose(cloud.radial_velocity_m_s[on_body], expected, atol=2e-3)
 
 
-def placed(states: States, points_m: np.ndarray) -> np.ndarray:
+def to_parent_frame(states: States, points_m: np.ndarray) -> np.ndarray:
     """(n, 3) points of a frame at n moments, in its parent."""
     return states.position_m + np.einsum("nij,nj->ni", states.rotation, points_m)
 

@@ -26,15 +26,15 @@ pytestmark = pytest.mark.usefixtures("mi")
 MOUNT = Pose.from_degrees(position_m=(1.0, -0.5, 1.5), yaw_deg=20.0, pitch_deg=3.0)
 
 
-def table1():
+def table1_sensor():
     return chain.sensor("table1-apd", *SENSOR)
 
 
-def echoes(cloud: PointCloud) -> PointCloud:
+def select_echoes(cloud: PointCloud) -> PointCloud:
     return cloud.select(cloud.status == 0)
 
 
-def standing() -> Scene:
+def standing_scene() -> Scene:
     """The wall and the boxes where they are at time 0; the vehicle drives its curve."""
     return dataclasses.replace(frozen(traffic(), 0.0), ego=EGO)
 
@@ -45,8 +45,8 @@ def test_deskewed_points_are_where_the_beams_went(frame: str) -> None:
 
     Frame 1 at 0.2 s: the vehicle has come far and turned. Tolerance: single precision of 60 m, ten operations.
     """
-    simulator = Simulator(standing(), table1(), pose=MOUNT)
-    raw = echoes(simulator.render(seed=1, number=1, begin_s=0.2, coordinates=frame))
+    simulator = Simulator(standing_scene(), table1_sensor(), pose=MOUNT)
+    raw = select_echoes(simulator.render(seed=1, number=1, begin_s=0.2, coordinates=frame))
     cloud = deskewed(raw, simulator.motion)
     start_s = float(raw.metadata["frame_start_s"])
     state = simulator.motion.at(start_s + raw.time_s)
@@ -65,7 +65,7 @@ def test_deskewed_points_are_where_the_beams_went(frame: str) -> None:
 
 @pytest.mark.parametrize("frame", ["world", "vehicle", "sensor"])
 def test_a_cloud_from_a_file_is_deskewed_as_well(frame: str, tmp_path: Path) -> None:
-    simulator = Simulator(standing(), table1(), pose=MOUNT)
+    simulator = Simulator(standing_scene(), table1_sensor(), pose=MOUNT)
     cloud = simulator.render(seed=1, number=1, begin_s=0.2, coordinates=frame)
     cloud.save(tmp_path / "raw.ply")
     from_file = deskewed(PointCloud.load(tmp_path / "raw.ply"), simulator.motion)
@@ -77,7 +77,7 @@ def test_a_cloud_from_a_file_is_deskewed_as_well(frame: str, tmp_path: Path) -> 
 
 
 def test_what_cannot_be_deskewed_is_refused() -> None:
-    simulator = Simulator(standing(), table1())
+    simulator = Simulator(standing_scene(), table1_sensor())
     cloud = simulator.render(coordinates="vehicle")
     with pytest.raises(InputError, match="must be a raw cloud, got one that is deskewed"):
         deskewed(deskewed(cloud, simulator.motion), simulator.motion)
@@ -93,7 +93,7 @@ def test_a_rig_is_its_sensors_each_at_its_place(tmp_path: Path) -> None:
     """Each cloud of the rig is the one of that sensor alone; merged they are one after the other, also in a file."""
     sipm = chain.sensor("table1-sipm", *SENSOR)
     rig = [
-        Mounted(label="roof", sensor=table1(), pose=MOUNT),
+        Mounted(label="roof", sensor=table1_sensor(), pose=MOUNT),
         Mounted(label="rear", sensor=sipm, pose=Pose.from_degrees(position_m=(-2, 0, 1), yaw_deg=-20.0)),
     ]
     rig_simulators = dict(simulators(traffic(), rig))
@@ -130,7 +130,7 @@ def test_a_rig_is_its_sensors_each_at_its_place(tmp_path: Path) -> None:
 
 def test_frames_that_drift_apart_are_not_merged() -> None:
     longer = chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.5")
-    pair = [Mounted(label="short", sensor=table1()), Mounted(label="long", sensor=longer)]
+    pair = [Mounted(label="short", sensor=table1_sensor()), Mounted(label="long", sensor=longer)]
     require_common_frames(pair, 1)
     with pytest.raises(InputError, match=r"9 merged frames .* 0.37926 s of 'short' and of 0.60732 s of 'long'"):
         require_common_frames(pair, 9)
@@ -140,7 +140,7 @@ def test_frames_that_drift_apart_are_not_merged() -> None:
 FAR = np.array([500_000.0, 5_400_000.0, 300.0])
 
 
-def moved(scene: Scene, shift_m: np.ndarray) -> Scene:
+def shifted_scene(scene: Scene, shift_m: np.ndarray) -> Scene:
     """The same scene elsewhere in the world."""
     shift = Pose(position_m=shift_m)
     bodies = []
@@ -159,8 +159,8 @@ def test_utm_coordinates_cost_nothing() -> None:
 
     Tolerances: 1 mm is what doubles of 5e6 m leave in twenty operations a million times over; 0.1 mm single precision.
     """
-    near = echoes(Simulator(traffic(), table1()).render(seed=2))
-    far = echoes(Simulator(moved(traffic(), FAR), table1()).render(seed=2))
+    near = select_echoes(Simulator(traffic(), table1_sensor()).render(seed=2))
+    far = select_echoes(Simulator(shifted_scene(traffic(), FAR), table1_sensor()).render(seed=2))
     assert far.xyz_m.dtype == np.float64
     in_both = np.isin(far.time_s, near.time_s)
     assert in_both.mean() > 0.999
@@ -180,10 +180,10 @@ def test_a_scene_in_which_everything_moves() -> None:
     still = chain.scene(chain.facing(range_m=30.0), chain.box(at=(15.0, 2.0, 0.0)))
     riding = tuple(dataclasses.replace(body, motion=Riding(carrier=EGO, pose=body.pose)) for body in still.bodies)
     scene = dataclasses.replace(still, bodies=riding, ego=EGO)
-    simulator = Simulator(scene, table1())
+    simulator = Simulator(scene, table1_sensor())
     assert len(simulator.world.movers) == 2
-    cloud = echoes(simulator.render(seed=4, coordinates="vehicle"))
-    expected = echoes(Simulator(still, table1()).render(seed=4, coordinates="sensor"))
+    cloud = select_echoes(simulator.render(seed=4, coordinates="vehicle"))
+    expected = select_echoes(Simulator(still, table1_sensor()).render(seed=4, coordinates="sensor"))
     in_both = np.isin(cloud.time_s, expected.time_s)
     assert in_both.mean() > 0.999
     expected_points = expected.select(np.searchsorted(expected.time_s, cloud.time_s[in_both]))
@@ -221,10 +221,10 @@ def test_many_bodies_of_one_shape() -> None:
             )
         )
     scene = chain.scene(*bodies, materials=[chain.diffuse("dark", 0.05)])
-    simulator = Simulator(scene, table1())
+    simulator = Simulator(scene, table1_sensor())
     movers = simulator.world.movers
     assert len({id(mover.scene) for mover in movers}) == 1
-    cloud = echoes(simulator.render(seed=5))
+    cloud = select_echoes(simulator.render(seed=5))
     nearest = np.rint((np.degrees(cloud.azimuth_rad) + 55.0) / 10.0).astype(int)
     np.testing.assert_array_equal(cloud.body, nearest)
     assert len(np.unique(cloud.body)) == 12
@@ -251,7 +251,7 @@ def test_a_mitsuba_scene_can_be_driven_through(tmp_path: Path) -> None:
         "[materials.own]\nreflectivity = 0.3\n"
     )
     scene = load_scene(tmp_path / "scene.toml")
-    cloud = echoes(Simulator(scene, table1()).render(seed=6))
+    cloud = select_echoes(Simulator(scene, table1_sensor()).render(seed=6))
     ahead = np.cos(cloud.elevation_rad) * np.cos(cloud.azimuth_rad)
     wall = cloud.body == cloud.body_names.index("wall")
     assert wall.sum() > 5000
@@ -276,7 +276,7 @@ def test_shadows_move() -> None:
     cover = dataclasses.replace(
         cover, name="cover", motion=Course(start=Pose(position_m=above), velocity_m_s=(0.0, 200.0, 0.0))
     )
-    cloud = echoes(Simulator(dataclasses.replace(still, bodies=(board, cover)), table1()).render(seed=7))
+    cloud = select_echoes(Simulator(dataclasses.replace(still, bodies=(board, cover)), table1_sensor()).render(seed=7))
     cloud = cloud.select(cloud.body == 0)
     # Along y the cover's shadow is as wide as it is, and at the same place: the sun has no y here.
     shadow = 200.0 * cloud.time_s

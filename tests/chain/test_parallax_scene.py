@@ -41,7 +41,8 @@ def lanes(compiled):
     """Every beam's light, without noise."""
     scene, world = compiled
     return [
-        chain.run(scene, chain.sensor("biaxial-905", "tdc.stops=1", *extra), world=world) for extra in ((), (COAXIAL,))
+        chain.run_stages(scene, chain.sensor("biaxial-905", "tdc.stops=1", *extra), world=world)
+        for extra in ((), (COAXIAL,))
     ]
 
 
@@ -81,7 +82,7 @@ def test_what_reaches_the_detector_grows_as_rays_through_the_lens_have_it(lanes)
         on_post = np.abs(one_lens.hits.range_m - (range_m - 0.035)) < 5e-3
         assert on_post.sum() > 10
         measured = two_lenses.light.peak_power_w[on_post] / one_lens.light.peak_power_w[on_post]
-        apart, together = (counted(range_m - 0.035, offset) for offset in (OFFSET_M, 0.0))
+        apart, together = (counted_share(range_m - 0.035, offset) for offset in (OFFSET_M, 0.0))
         error = 4.5 * math.sqrt(apart * (1.0 - apart) / RAYS) + 5e-4
         slope = 1.5 * 5e-3 / range_m  # of the share over the ranges that are taken together
         assert abs(measured.mean() - apart / together) < (error + slope) / together
@@ -95,7 +96,7 @@ def discs():
     return [np.stack([r * np.cos(turn), r * np.sin(turn)]) for r, turn in polar]
 
 
-def counted(range_m, offset_m):
+def counted_share(range_m, offset_m):
     """Share of the rays from the spot that meet the detector in the focal plane."""
     spot, lens = discs()
     (x, y), (u, v) = math.hypot(EXIT_M, SLOPE * range_m) * spot, APERTURE_M * lens

@@ -37,7 +37,7 @@ def test_numpy_and_device_agree():
     light = photons.echoes_of(counter, 20.0, count=6_000, illuminance_klux=5.0)
     light.range_m[:] = np.linspace(10.0, 60.0, 6_000)
     light.peak_power_w[:] *= (20.0 / light.range_m) ** 2
-    host = photons.detected(counter, light, seed=4)
+    host = photons.detect(counter, light, seed=4)
     arrays = {
         name: transfer.from_numpy(getattr(light, name)) for name in ("range_m", "peak_power_w", "background_power_w")
     }
@@ -63,7 +63,7 @@ def test_echoes_are_found_as_often_as_their_probabilities_say():
     it says, and 0.021 less if a comparator reads the filter's P_d.
     """
     counter = photons.sensor(*RASTER, "histogram.stops=2", "laser.peak_power_w=0.007")
-    frames = [chain.run(scene(klux=10.0), counter, seed=seed).detection for seed in range(8)]
+    frames = [chain.run_stages(scene(klux=10.0), counter, seed=seed).detection for seed in range(8)]
     p = np.concatenate([np.asarray(frame.detection_probability, dtype=np.float64) for frame in frames])
     detected = np.concatenate([np.any([photons.echo_of(stop) for stop in frame.stops], axis=0) for frame in frames])
     assert 0.5 < p.mean() < 0.9

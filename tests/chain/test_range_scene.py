@@ -33,7 +33,7 @@ def test_boards_of_the_range_scene(name, compiled):
     """
     sensor = chain.sensor(name, "scanner.azimuth_step_deg=0.05", "scanner.elevation_step_deg=0.05")
     scene, world = compiled
-    lanes = chain.run(scene, sensor, seed=4, world=world)
+    lanes = chain.run_stages(scene, sensor, seed=4, world=world)
     cloud = Simulator(scene, sensor, world=world).render(seed=4)
     range_m, snr = lanes.hits.range_m, lanes.detection.snr
     kept_total = 0
@@ -61,7 +61,7 @@ def test_the_limit_of_table_1_lies_where_the_paper_has_it(compiled):
     """10 % boards: the APD keeps most at 300 m and few at 400 m (limit 350.6 m); 80 % boards to beyond 500 m."""
     sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.1", "scanner.elevation_step_deg=0.1")
     scene, world = compiled
-    lanes = chain.run(scene, sensor, seed=1, world=world)
+    lanes = chain.run_stages(scene, sensor, seed=1, world=world)
 
     def kept_share(rho, board_m):
         on_board = lanes.hits.has_surface & (np.abs(lanes.hits.range_m - board_m) < 0.01 * board_m)

@@ -102,7 +102,7 @@ def test_numpy_and_device_agree(name, extra):
     """
     sensor = chain.sensor(name, *RASTER, *extra, "tdc.threshold_to_noise=3.5", "tdc.stops=2", "tdc.walk='raw'")
     scene = mixed_scene()
-    lanes = chain.run(scene, sensor, seed=9)
+    lanes = chain.run_stages(scene, sensor, seed=9)
     pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
     rays = beams.fire(
         sensor, pulse=pulse, origin_m=(0.0, 0.0, 0.0), rotation=tuple(np.eye(3, dtype=np.float32).ravel())

@@ -16,7 +16,7 @@ STEP_S, SAMPLES = 50e-12, 1 << 18  # 13 us: an undershoot of 100 kHz has recover
 TIME_S = STEP_S * np.arange(SAMPLES)
 
 
-def behind(power_w, *, gaussian_hz=None, coupling_hz=None):
+def filter_light(power_w, *, gaussian_hz=None, coupling_hz=None):
     """Sampled light behind the filters."""
     frequency = np.fft.rfftfreq(SAMPLES, STEP_S)
     passes = np.ones_like(frequency) + 0j
@@ -38,7 +38,7 @@ def test_waveform_is_the_filtered_light(coupling_khz, good_to):
     equipped = sensor("table1-apd", *filtered)
     light = train(np.array([[30.0, 31.0, 36.0, 80.0]]), np.array([[1e-6, 6e-7, 2e-7, 3e-8]]))
     (optical,), (signal,) = sample_power_and_signal(light, sensor("table1-apd"), TIME_S)
-    expected = behind(signal, gaussian_hz=40e6, coupling_hz=None if coupling_khz is None else 1e3 * coupling_khz)
+    expected = filter_light(signal, gaussian_hz=40e6, coupling_hz=None if coupling_khz is None else 1e3 * coupling_khz)
     (power,), (sampled,) = sample_power_and_signal(light, equipped, TIME_S)
     np.testing.assert_array_equal(power, optical)
     # AC coupling lets pulses peak early by w sigma_p, which the sensor is calibrated for.
@@ -124,7 +124,7 @@ def test_fog_behind_the_filters():
         range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=TIME_S)
         courses.append(np.interp(range_m, np.linspace(air.near_m, air.far_m, len(air.shape.values)), air.shape.values))
         courses[-1][range_m > air.far_m] = 0.0
-    expected = behind(courses[0], gaussian_hz=40e6, coupling_hz=1e6) / float(filtered.peak_share)
+    expected = filter_light(courses[0], gaussian_hz=40e6, coupling_hz=1e6) / float(filtered.peak_share)
     near = (TIME_S > 20e-9) & (TIME_S < 0.9e-6)
     assert np.abs(courses[1] - expected)[near].max() < 0.01 * expected.max()
     assert courses[1].min() < -0.02 * courses[1].max()

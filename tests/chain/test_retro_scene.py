@@ -41,7 +41,7 @@ def clouds(compiled):
     return rendered
 
 
-def of_body(cloud, name):
+def points_on_body(cloud, name):
     """Echoes of a body, looked at squarely."""
     on_body = (cloud.body == cloud.body_names.index(name)) & (cloud.status == 0)
     return cloud.select(on_body & (cloud.incidence_angle_rad < math.radians(6.0)))
@@ -54,7 +54,7 @@ def test_boards_read_their_reflectivity(clouds, name, range_m):
     noise (15 %), or half a whole number; its 80 % of the cells and more are read from the width.
     """
     for percent in (10, 50, 80):
-        board = of_body(clouds[name], f"board_{percent}_{range_m}m")
+        board = points_on_body(clouds[name], f"board_{percent}_{range_m}m")
         assert len(board) > 100
         error = 4.0 * float(board.intensity.std()) / math.sqrt(len(board))
         assert board.intensity.mean() == pytest.approx(percent, abs=0.5 + error + 0.03 * percent)
@@ -70,12 +70,12 @@ def test_retro_reflectors_read_above_white(clouds, sensor, name, r_a, half_deg, 
     peak = r_a * 2.0 ** ((0.2 / half_deg) ** 2) / math.cos(math.radians(4.0)) ** 3.61
     expected = min(100.0 + 155.0 * math.log(0.3 + math.pi * peak) / math.log(1000.0), 255.0)
     body = f"{name}_{range_m}m" + (".0" if name == "vest" else "")
-    points = of_body(clouds[sensor], body)
+    points = points_on_body(clouds[sensor], body)
     assert len(points) > 10
     assert points.intensity.mean() == pytest.approx(expected, abs=2.0)
     # The amplitude alone could not: it ends at S, or at half a cell below all.
     if sensor == "both":
-        dark = of_body(clouds["rising"], body)
+        dark = points_on_body(clouds["rising"], body)
         assert dark.intensity.max() < 0.9 * expected
 
 
@@ -84,7 +84,7 @@ def test_width_and_range_of_a_saturated_plate(clouds):
     and where it is if its width is. Reference: powers typed out from (5) and (T8), with incidence and range of each
     point; widths and ranges in the mean, to 1 % and 15 mm for the noise of a curved edge.
     """
-    both_edges, rising = (of_body(clouds[name], "plate_10m") for name in ("both", "rising"))
+    both_edges, rising = (points_on_body(clouds[name], "plate_10m") for name in ("both", "rising"))
     sensor = chain.sensor("table1-apd", *CLIPPING)
     optics = sensor.optics
     peak = 70.0 * 2.0 ** ((0.2 / 0.41) ** 2) / math.cos(math.radians(4.0)) ** 3.61

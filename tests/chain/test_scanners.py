@@ -17,26 +17,26 @@ pytestmark = pytest.mark.usefixtures("mi")
 RADIUS_M = 20.0
 
 
-def around(**changes):
+def ball_around(**changes):
     """The sensor in the middle of a big ball without sun and air: every direction has the same range."""
     return chain.scene(
         chain.ball(at=(0.0, 0.0, 0.0), radius_m=RADIUS_M), klux=0.0, air=Air(transmittance=1.0), **changes
     )
 
 
-def equipped(scanner, *overrides):
+def equip(scanner, *overrides):
     return dataclasses.replace(chain.sensor("table1-apd", *overrides), scanner=scanner)
 
 
-def rendered(scanner, *overrides, seed=0):
-    return Simulator(around(), equipped(scanner, *overrides)).render(seed=seed, chunk=1999)
+def render_cloud(scanner, *overrides, seed=0):
+    return Simulator(ball_around(), equip(scanner, *overrides)).render(seed=seed, chunk=1999)
 
 
 @pytest.mark.parametrize("name", scanners.ALL)
 def test_every_scanner_renders(name):
     """One echo for every pulse, its time and channel from the scanner, its place where the angles say."""
     scanner = scanners.ALL[name]()
-    cloud = rendered(scanner, "tdc.threshold_to_noise=8")
+    cloud = render_cloud(scanner, "tdc.threshold_to_noise=8")
     assert len(cloud) == scanner.pulses
     pulse = scanners.frame(scanner)
     np.testing.assert_array_equal(cloud.time_s, scanner.time_s(pulse))
@@ -58,7 +58,7 @@ def test_the_echo_goes_with_the_aperture(name):
     Reference: the share. Tolerance: single precision.
     """
     scanner = scanners.ALL[name]()
-    lanes = chain.run(around(), equipped(scanner))
+    lanes = chain.run_stages(ball_around(), equip(scanner))
     power = lanes.light.peak_power_w
     share = scanner.aperture_share(scanners.frame(scanner))
     optics = chain.sensor("table1-apd").optics
@@ -72,7 +72,7 @@ def test_the_background_goes_with_the_aperture():
     scanner = scanners.polygon()
     behind = chain.ball(at=(-50.0, 0.0, 0.0))
     described = chain.scene(behind, klux=100.0, sky=0.1, air=Air(transmittance=1.0))
-    lanes = chain.run(described, equipped(scanner))
+    lanes = chain.run_stages(described, equip(scanner))
     share = scanner.aperture_share(scanners.frame(scanner))
     np.testing.assert_allclose(
         lanes.light.background_power_w / lanes.light.background_power_w.max(), share / share.max(), rtol=1e-5
@@ -86,10 +86,10 @@ def test_jitter_moves_the_beam_and_not_what_is_reported():
     pulse = scanners.frame(exact)
     place = {"origin_m": (0.0, 0.0, 0.0), "rotation": tuple(float(x) for x in np.eye(3).ravel())}
 
-    def fired(scanner, seed):
-        return np.stack(beams.fire(equipped(scanner), pulse=pulse, seed=seed, **place).direction, axis=1)
+    def fire_directions(scanner, seed):
+        return np.stack(beams.fire(equip(scanner), pulse=pulse, seed=seed, **place).direction, axis=1)
 
-    straight, bent = fired(exact, 0), fired(shaky, 0)
+    straight, bent = fire_directions(exact, 0), fire_directions(shaky, 0)
     np.testing.assert_allclose(np.linalg.norm(bent, axis=1), 1.0, atol=3e-7)
     off = (bent - straight).astype(float)
     level = np.stack([-straight[:, 1], straight[:, 0], 0 * straight[:, 0]], axis=1)
@@ -98,14 +98,14 @@ def test_jitter_moves_the_beam_and_not_what_is_reported():
         aside = np.sum(off * axis, axis=1)
         assert aside.std() == pytest.approx(sigma, rel=4 / math.sqrt(2 * len(pulse)))
         assert abs(aside.mean()) < 4 * sigma / math.sqrt(len(pulse))
-    np.testing.assert_array_equal(fired(shaky, 0), bent)
-    assert np.mean(np.abs(fired(shaky, 1) - bent).max(axis=1) < 1e-6) < 0.01
+    np.testing.assert_array_equal(fire_directions(shaky, 0), bent)
+    assert np.mean(np.abs(fire_directions(shaky, 1) - bent).max(axis=1) < 1e-6) < 0.01
     for shaky_angle, exact_angle in zip(shaky.angles(pulse), exact.angles(pulse), strict=True):
         np.testing.assert_array_equal(shaky_angle, exact_angle)
 
 
 def test_jitter_does_not_depend_on_the_chunk():
-    simulator = Simulator(around(), equipped(scanners.mid40(jitter_rad=1e-3)))
+    simulator = Simulator(ball_around(), equip(scanners.mid40(jitter_rad=1e-3)))
     first, second = simulator.render(seed=4, chunk=700), simulator.render(seed=4, chunk=100_000)
     np.testing.assert_array_equal(first.true_range_m, second.true_range_m)
     np.testing.assert_array_equal(first.xyz_m, second.xyz_m)
@@ -114,7 +114,7 @@ def test_jitter_does_not_depend_on_the_chunk():
 def test_encoders_place_points_where_they_read():
     """Rationale: the beam goes on turning between the encoder's steps, the reported azimuth does not."""
     step = 2e-3
-    cloud = rendered(scanners.vlp16(start_m=None, encoder_rad=step), "tdc.threshold_to_noise=8")
+    cloud = render_cloud(scanners.vlp16(start_m=None, encoder_rad=step), "tdc.threshold_to_noise=8")
     steps = cloud.azimuth_rad[np.abs(cloud.azimuth_rad) < math.pi - step] / step  # half a turn is no whole step
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-3)
     azimuth = np.arctan2(cloud.xyz_m[:, 1], cloud.xyz_m[:, 0])
@@ -123,12 +123,12 @@ def test_encoders_place_points_where_they_read():
 
 
 def test_another_frame_of_another_pattern_compiles_nothing(mi):
-    first = Simulator(around(), equipped(scanners.mid40(jitter_rad=1e-3, encoder_rad=1e-3)))
+    first = Simulator(ball_around(), equip(scanners.mid40(jitter_rad=1e-3, encoder_rad=1e-3)))
     with launches.launched() as before:
         first.render(seed=0, chunk=2000)
     next_pattern = scanners.mid40(jitter_rad=2e-3, encoder_rad=2e-3, index=[1.6, 1.7], rotation_hz=[10.0, -3.0])
     with launches.launched() as later:
-        Simulator(around(), equipped(next_pattern), world=first.world).render(seed=1, chunk=1500)
+        Simulator(ball_around(), equip(next_pattern), world=first.world).render(seed=1, chunk=1500)
     launches.assert_none_is_new(later, before)
 
 
@@ -137,7 +137,7 @@ def test_sky_in_all_directions(mi, name, even):
     """Even through prisms, whose echo is not; a mirror or a facet takes of both alike."""
     scanner = scanners.ALL[name]()
     described = chain.scene(chain.ball(at=(-50.0, 0.0, 0.0)), sky=0.1, sun=Sun(azimuth_rad=math.pi))
-    light = chain.run(described, dataclasses.replace(chain.sensor("table1-apd"), scanner=scanner)).light
+    light = chain.run_stages(described, dataclasses.replace(chain.sensor("table1-apd"), scanner=scanner)).light
     relative = light.background_power_w / light.background_power_w.max()
     assert (np.ptp(relative) < 1e-5) == even
     pulse = scanners.frame(scanner)

@@ -33,7 +33,7 @@ def test_numpy_and_device_agree(counting, more):
     sensor = chain.sensor(
         "table1-sipm", *RASTER, f"detector.counting='{counting}'", *more, "tdc.threshold_to_noise=3.5", "tdc.walk='raw'"
     )
-    lanes = chain.run(scene(), sensor, seed=9)
+    lanes = chain.run_stages(scene(), sensor, seed=9)
     pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
     light = echoes.receive(
         beams.fire(sensor, pulse=pulse, origin_m=(0.0, 0.0, 0.0), rotation=tuple(np.eye(3, dtype=np.float32).ravel())),

@@ -38,7 +38,7 @@ def test_powers_and_snr_through_the_tracer(theta_deg):
         scene = chain.scene(chain.facing(range_m=range_m, theta_deg=theta_deg), sun=sun_at(theta_deg))
         world = build_world(scene, wavelength_m=905e-9, centre_m=np.zeros(3))
         for sensor in SENSORS.values():
-            lanes = chain.run(scene, sensor, world=world)
+            lanes = chain.run_stages(scene, sensor, world=world)
             expected = plane.echoes_of_plane(sensor, target, range_m)
             assert lanes.hits.has_surface[MIDDLE]
             assert lanes.hits.lit[MIDDLE]
@@ -51,7 +51,7 @@ def test_powers_and_snr_through_the_tracer(theta_deg):
 
 def peak_power(*, range_m=50.0, overrides=()):
     sensor = chain.sensor("table1-apd", *chain.NARROW, *overrides)
-    return chain.run(chain.scene(chain.facing(range_m=range_m)), sensor).light.peak_power_w[MIDDLE]
+    return chain.run_stages(chain.scene(chain.facing(range_m=range_m)), sensor).light.peak_power_w[MIDDLE]
 
 
 def test_energy_scales():
@@ -73,7 +73,7 @@ def test_shadow_and_sky():
     )
     # The sun is behind the sensor and 60 degrees up; a screen over the plane's foot shades it.
     shade = chain.box(at=(48.0, 0.0, 2.0 * math.sqrt(3.0)), size_m=(1.0, 3.0, 1.0))
-    lanes = chain.run(chain.scene(chain.facing(range_m=50.0), shade, sky=0.2), sensor)
+    lanes = chain.run_stages(chain.scene(chain.facing(range_m=50.0), shade, sky=0.2), sensor)
     middle, aside = 4, 3
     assert lanes.hits.has_surface[middle]
     assert not lanes.hits.lit[middle]
@@ -87,7 +87,7 @@ def test_shadow_and_sky():
 
 def test_sun_behind_the_surface_is_shadow():
     behind = Sun(azimuth_rad=0.0, elevation_rad=0.0)
-    lanes = chain.run(chain.scene(chain.facing(range_m=50.0), sun=behind), SENSORS["apd"])
+    lanes = chain.run_stages(chain.scene(chain.facing(range_m=50.0), sun=behind), SENSORS["apd"])
     assert not lanes.hits.lit[MIDDLE]
     assert lanes.light.background_power_w[MIDDLE] == 0.0
     assert lanes.hits.cos_sun[MIDDLE] == pytest.approx(-1.0, abs=1e-6)

@@ -14,7 +14,7 @@ class Pair:
     """Two numbers of a state, one of which may be missing."""
 
     value: object
-    other: object = None
+    optional: object = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -26,22 +26,22 @@ class Nested:
 
 
 def test_states_are_taken_apart_and_put_together() -> None:
-    state = Nested(count=1, pairs=(Pair(value=2), Pair(value=3, other=4)))
+    state = Nested(count=1, pairs=(Pair(value=2), Pair(value=3, optional=4)))
     assert list(arrays.flatten((state, (5,)))) == [1, 2, 3, 4, 5]
     assert arrays.rebuild((state, (5,)), iter([6, 7, 8, 9, 10])) == (
-        Nested(count=6, pairs=(Pair(value=7), Pair(value=8, other=9))),
+        Nested(count=6, pairs=(Pair(value=7), Pair(value=8, optional=9))),
         (10,),
     )
 
 
-def halved(make, ops) -> Nested:
+def halve(make, ops) -> Nested:
     """Numbers halved, each lane until it is below one, with the halvings counted."""
-    first = make(np.array([0.5, 5.0, 40.0], dtype=np.float32))
-    start = Nested(count=ops.full(first, 0), pairs=(Pair(value=first), Pair(value=first, other=2.0 * first)))
+    values = make(np.array([0.5, 5.0, 40.0], dtype=np.float32))
+    start = Nested(count=ops.full(values, 0), pairs=(Pair(value=values), Pair(value=values, optional=2.0 * values)))
 
     def step(state: Nested) -> Nested:
         first, second = state.pairs
-        pairs = (Pair(value=0.5 * first.value), Pair(value=second.value, other=0.5 * second.other))
+        pairs = (Pair(value=0.5 * first.value), Pair(value=second.value, optional=0.5 * second.optional))
         return Nested(count=state.count + 1, pairs=pairs)
 
     return ops.loop(start, lambda state: state.pairs[0].value >= 1.0, step)
@@ -51,15 +51,15 @@ def halved(make, ops) -> Nested:
 def test_a_loop_carries_dataclasses(where: str, request: pytest.FixtureRequest) -> None:
     if where == "device":
         mi = request.getfixturevalue("mi")
-        final = halved(mi.Float, arrays.xp(mi.Float(0.0)))
+        final = halve(mi.Float, arrays.xp(mi.Float(0.0)))
     else:
-        final = halved(np.asarray, NUMPY)
+        final = halve(np.asarray, NUMPY)
     first, second = final.pairs
     assert np.array(final.count).tolist() == [0, 3, 6]
     assert np.array(first.value).tolist() == [0.5, 0.625, 0.625]
     assert np.array(second.value).tolist() == [0.5, 5.0, 40.0]
-    assert np.array(second.other).tolist() == [1.0, 1.25, 1.25]
-    assert first.other is None
+    assert np.array(second.optional).tolist() == [1.0, 1.25, 1.25]
+    assert first.optional is None
 
 
 @pytest.mark.parametrize("where", ["numpy", "device"])
@@ -69,7 +69,7 @@ def test_where_any_takes_a_state(where: str, request: pytest.FixtureRequest) -> 
     ops = arrays.xp(value)
     chosen = ops.where_any(value > 2.5, lambda: Pair(value=10.0 * value), Pair(value=value))
     assert np.array(chosen.value).tolist() == [1.0, 2.0, 30.0]
-    assert chosen.other is None
+    assert chosen.optional is None
 
 
 def test_both_array_types_have_every_function(mi) -> None:

@@ -29,7 +29,7 @@ def test_poisson(mean):
     assert drawn.mean() == pytest.approx(mean, abs=4.5 * np.sqrt(mean / DRAWS), rel=2e-4)
 
 
-def counted(name, power_w, seed=3, *overrides):
+def count_ambient(name, power_w, seed=3, *overrides):
     sensor = chain.sensor(name, *overrides)
     pulse = np.arange(20_000, dtype=np.uint32)
     return ambient.counts(np.full(pulse.shape, power_w), sensor, seed=seed, pulse=pulse)
@@ -38,7 +38,7 @@ def counted(name, power_w, seed=3, *overrides):
 def test_apd_counts_electrons():
     """Reference: eta P T / (h nu) and i_db T / e, at Table 1. Four standard errors."""
     expected = WINDOW_S * (QE * P_RS / HNU + IDB / e)
-    drawn = counted("table1-apd", P_RS)
+    drawn = count_ambient("table1-apd", P_RS)
     assert abs(drawn.mean() - expected) < 4.0 * np.sqrt(expected / len(drawn))
     assert drawn.var() == pytest.approx(expected, rel=0.05)  # 1 % is a standard error of it
 
@@ -50,7 +50,7 @@ def test_sipm_counts_firings():
     times = np.cumsum(rng.exponential(1.0 / rate, size=(4000, 600)) + DEAD, axis=1)
     assert (times[:, -1] > 2.0 * WINDOW_S).all()
     per_cell = np.sum((times > WINDOW_S) & (times <= 2.0 * WINDOW_S), axis=1)  # after it has settled
-    drawn = counted("table1-sipm", P_RS)
+    drawn = count_ambient("table1-sipm", P_RS)
     assert drawn.mean() == pytest.approx(N * per_cell.mean(), rel=4e-3)  # 0.05 % of it is statistics
     assert drawn.var() == pytest.approx(N * per_cell.var(), rel=0.12)  # 4000 cells: 2.2 % each side
 
@@ -73,7 +73,7 @@ def test_cells_that_fire_others_are_counted_in_clusters():
         fired[k % steps] = cluster
         total += cluster if k >= 6 * steps else 0
     more = f"detector.crosstalk={crosstalk}", f"tdc.ambient_window_us={1e6 * window * DEAD!r}"
-    drawn = counted("table1-sipm", P_RS, 3, "detector.statistics='steady_state'", *more)
+    drawn = count_ambient("table1-sipm", P_RS, 3, "detector.statistics='steady_state'", *more)
     assert drawn.mean() == pytest.approx(total.mean(), rel=0.02)  # a step of a fiftieth of the dead time
     ratio = drawn.var() / total.var()
     assert 1.0 / f.isf(1e-6, shots - 1, len(drawn) - 1) < ratio * 1.04
@@ -82,13 +82,13 @@ def test_cells_that_fire_others_are_counted_in_clusters():
 
 def test_window():
     """Half of the time, half of the counts; the listening window by default."""
-    whole = counted("table1-apd", P_RS).mean()
-    assert counted("table1-apd", P_RS, 3, "tdc.ambient_window_us=2").mean() == pytest.approx(whole / 2, rel=1e-3)
+    whole = count_ambient("table1-apd", P_RS).mean()
+    assert count_ambient("table1-apd", P_RS, 3, "tdc.ambient_window_us=2").mean() == pytest.approx(whole / 2, rel=1e-3)
 
 
 def test_counts_belong_to_the_pulse():
     """Another seed, other numbers; independent of each other (correlation below 4.5 / sqrt n)."""
-    first, repeated, other_seed = (counted("table1-apd", P_RS, seed) for seed in (1, 1, 2))
+    first, repeated, other_seed = (count_ambient("table1-apd", P_RS, seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, repeated)
     assert abs(np.corrcoef(first, other_seed)[0, 1]) < norm.isf(3e-6) / np.sqrt(len(first))
 
@@ -97,7 +97,7 @@ def test_counts_belong_to_the_pulse():
 def test_on_the_device(mi, name):
     """Dr.Jit's lanes against numpy's: single precision moves a count at a rounding edge by one."""
     sensor = chain.sensor(name, "scanner.azimuth_step_deg=1", "scanner.elevation_step_deg=1")
-    lanes = chain.run(chain.scene(chain.facing(range_m=50.0), sky=0.1), sensor, seed=4)
+    lanes = chain.run_stages(chain.scene(chain.facing(range_m=50.0), sky=0.1), sensor, seed=4)
     power = lanes.light.background_power_w.astype(np.float64)
     pulse = np.arange(len(power), dtype=np.uint32)
     expected = ambient.counts(power, sensor, seed=4, pulse=pulse)

@@ -182,7 +182,7 @@ def test_width_of_a_clipped_pulse_by_a_fine_march(overdrive):
     assert width_s[0] == pytest.approx(marched_s, rel=5e-3, abs=2e-12)
 
 
-def lone(equipped, snr, *, range_m=50.0, count=4000, seed=3):
+def lone_echoes(equipped, snr, *, range_m=50.0, count=4000, seed=3):
     """First returns of echoes of this SNR."""
     light = trains.train(np.full((count, 1), range_m), np.full((count, 1), trains.power_at_snr(equipped, snr)))
     return trains.detect(light, equipped, seed=seed).stops[0]
@@ -191,7 +191,7 @@ def lone(equipped, snr, *, range_m=50.0, count=4000, seed=3):
 def test_counted_cells_and_gaussian_noise_trip_by_one_deviate():
     """Near the threshold a large deviate is a likely detection with either: the same seeds trip, but for a few."""
     counted, gaussian = (
-        lone(chain.sensor("table1-sipm", f"detector.counting='{counting}'"), 5.0).reported
+        lone_echoes(chain.sensor("table1-sipm", f"detector.counting='{counting}'"), 5.0).reported
         for counting in ("binomial", "gaussian")
     )
     assert 0.3 < gaussian.mean() < 0.7
@@ -204,13 +204,13 @@ def test_an_amplifier_that_clips_below_the_threshold_trips_nothing():
     level_ua = 1e6 * 40.0 * float(point.noise.deviation[0])
     for clips_ua, reported in ((0.9 * level_ua, False), (1.1 * level_ua, True)):
         equipped = chain.sensor("table1-apd", "tdc.threshold_to_noise=40", f"detector.saturation_ua={clips_ua!r}")
-        assert lone(equipped, 4000.0, count=20).reported.all() == reported
+        assert lone_echoes(equipped, 4000.0, count=20).reported.all() == reported
 
 
 def test_no_time_is_before_the_pulse():
     """An echo from the lens crosses while the pulse still leaves: its time counts as that of the pulse, 0."""
     equipped = chain.sensor("table1-apd", "tdc.walk='raw'", "tdc.jitter_ps=500")
-    stop = lone(equipped, 1000.0, range_m=0.05)
+    stop = lone_echoes(equipped, 1000.0, range_m=0.05)
     assert stop.reported.all()
     assert (stop.range_m == 0.0).all()
 

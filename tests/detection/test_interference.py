@@ -23,7 +23,7 @@ SIGMAS = 4.0  # two-sided 6e-5 for each count
 MEDIAN_W, SPREAD_DB = 4e-8, 6.0
 
 
-def empty(sensor, *sources, range_m=None):
+def light_among_lidars(sensor, *sources, range_m=None):
     """Light of shots at nothing, or at a wall, with these lidars about."""
     light = plane.echoes_of_plane(sensor, Target(), np.full(SHOTS, range_m or 100.0))
     if range_m is None:
@@ -31,7 +31,7 @@ def empty(sensor, *sources, range_m=None):
     return replace(light, interference=sources)
 
 
-def detected(sensor, light, seed=5):
+def detect_shots(sensor, light, seed=5):
     return returns.detect(light, sensor, seed=seed, pulse=np.arange(SHOTS, dtype=np.uint32))
 
 
@@ -39,7 +39,7 @@ def lidar(rate_hz, median_w=MEDIAN_W):
     return Interference(rate_hz=rate_hz, peak_power_w=median_w, spread_db=SPREAD_DB)
 
 
-def counted(detection, status):
+def count_stops(detection, status):
     return sum(int(np.sum(stop.reported & (stop.status == status))) for stop in detection.stops)
 
 
@@ -54,20 +54,20 @@ def test_false_points_of_one_stop(name):
     or fewer, within the tolerance.
     """
     sensor = chain.sensor(name)
-    light = empty(sensor, lidar(1e5))
+    light = light_among_lidars(sensor, lidar(1e5))
     peaks = MEDIAN_W * 10.0 ** (0.1 * SPREAD_DB * np.random.default_rng(2).normal(size=10**6))
     q = np.mean(peaks >= needed_w(sensor, light))
     assert 0.2 < q < 0.8
     expected = 1.0 - np.exp(-1e5 * q * sensor.tdc.window_s)
-    share = counted(detected(sensor, light), Status.INTERFERENCE) / SHOTS
+    share = count_stops(detect_shots(sensor, light), Status.INTERFERENCE) / SHOTS
     assert abs(share - expected) < SIGMAS * np.sqrt(expected / SHOTS) + 5e-4
 
 
 def test_peaks_are_the_tail_of_theirs():
     """Reference: numpy's peaks beyond the threshold, by Kolmogorov and Smirnov; one in 10 000 fails."""
     sensor = chain.sensor("table1-apd")
-    light = empty(sensor, lidar(1e5))
-    stop = detected(sensor, light).stops[0]
+    light = light_among_lidars(sensor, lidar(1e5))
+    stop = detect_shots(sensor, light).stops[0]
     amplitude = stop.amplitude[stop.reported & (stop.status == Status.INTERFERENCE)]
     peaks = MEDIAN_W * 10.0 ** (0.1 * SPREAD_DB * np.random.default_rng(3).normal(size=200_000))
     point = sensor.working_point(np.zeros(1) + light.background_power_w[0])
@@ -83,12 +83,12 @@ def test_peaks_are_the_tail_of_theirs():
 def test_rates_add_up():
     """Three lidars of one kind are one at their sum, and noise keeps its own: 3 stops, three kinds counted."""
     sensor = chain.sensor("table1-apd", "tdc.stops=3", "tdc.threshold_to_noise=3.5")
-    three = detected(sensor, empty(sensor, lidar(1e4), lidar(2e4), lidar(3e4)))
-    one_lidar = detected(sensor, empty(sensor, lidar(6e4)), seed=6)
-    none = detected(sensor, empty(sensor), seed=7)
-    a, b = counted(three, Status.INTERFERENCE), counted(one_lidar, Status.INTERFERENCE)
+    three = detect_shots(sensor, light_among_lidars(sensor, lidar(1e4), lidar(2e4), lidar(3e4)))
+    one_lidar = detect_shots(sensor, light_among_lidars(sensor, lidar(6e4)), seed=6)
+    none = detect_shots(sensor, light_among_lidars(sensor), seed=7)
+    a, b = count_stops(three, Status.INTERFERENCE), count_stops(one_lidar, Status.INTERFERENCE)
     assert abs(a - b) < SIGMAS * np.sqrt(a + b)
-    noise, alone = counted(three, Status.FALSE_ALARM), counted(none, Status.FALSE_ALARM)
+    noise, alone = count_stops(three, Status.FALSE_ALARM), count_stops(none, Status.FALSE_ALARM)
     assert abs(noise - alone) < SIGMAS * np.sqrt(noise + alone)
     assert min(a, noise) > 3000
 
@@ -96,7 +96,7 @@ def test_rates_add_up():
 def test_of_two_lidars_each_has_its_share():
     """A strong one in three pulses: so many points are too strong for the weak one."""
     sensor = chain.sensor("table1-apd")
-    detection = detected(sensor, empty(sensor, lidar(2e5, 1e-6), lidar(1e5, 1e-2)))
+    detection = detect_shots(sensor, light_among_lidars(sensor, lidar(2e5, 1e-6), lidar(1e5, 1e-2)))
     stop = detection.stops[0]
     theirs = stop.reported & (stop.status == Status.INTERFERENCE)
     point = sensor.working_point(np.array([0.0]))
@@ -145,8 +145,8 @@ def test_height_and_time_of_noise_alarms(keep):
 def test_width_of_another_lidars_pulse():
     """As long as one of ours of that height: 2 sigma_p sqrt(2 ln(A / U)), to rounding."""
     sensor = chain.sensor("table1-apd", "tdc.edges='both'")
-    light = empty(sensor, lidar(1e6))
-    stop = detected(sensor, light).stops[0]
+    light = light_among_lidars(sensor, lidar(1e6))
+    stop = detect_shots(sensor, light).stops[0]
     theirs = stop.reported & (stop.status == Status.INTERFERENCE)
     point = sensor.working_point(light.background_power_w[:1])
     ratio = stop.amplitude[theirs] / sensor.threshold(point)[0]
@@ -159,8 +159,8 @@ def test_width_of_another_lidars_pulse():
 def test_an_early_pulse_hides_the_echo():
     """One stop: a wall at 300 m is seen unless theirs came within 2 us, probability exp(-nu q t)."""
     sensor = chain.sensor("table1-apd")
-    light = empty(sensor, lidar(2e5, 1e-5), range_m=150.0)
-    detection = detected(sensor, light)
+    light = light_among_lidars(sensor, lidar(2e5, 1e-5), range_m=150.0)
+    detection = detect_shots(sensor, light)
     kept_share = np.mean(detection.outcome == Outcome.KEPT)
     assert kept_share == pytest.approx(np.exp(-2e5 * 1e-6), abs=SIGMAS * 0.4 / np.sqrt(SHOTS) + 1e-3)
     assert np.mean(detection.outcome == Outcome.HIDDEN) > 0.1
@@ -169,7 +169,7 @@ def test_an_early_pulse_hides_the_echo():
 def test_without_lidars_the_bits_stay():
     """One that is too weak to trip leaves every number of a frame as it is without."""
     sensor = chain.sensor("table1-apd", "tdc.stops=2", "tdc.threshold_to_noise=3.5")
-    weak, none = (detected(sensor, empty(sensor, *lidars)) for lidars in ([lidar(1e5, 1e-20)], []))
+    weak, none = (detect_shots(sensor, light_among_lidars(sensor, *lidars)) for lidars in ([lidar(1e5, 1e-20)], []))
     for a, b in zip(weak.stops, none.stops, strict=True):
         for name in ("reported", "status", "range_m", "amplitude"):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
@@ -189,7 +189,7 @@ def test_in_a_scene(mi):
     described = replace(
         chain.scene(chain.ball(at=(-50.0, 0.0, 0.0))), interferers=(Interferer(rate_hz=1e7, irradiance_w_m2=1e-2),)
     )
-    lanes = chain.run(described, sensor)
+    lanes = chain.run_stages(described, sensor)
     power = 1e-2 * sensor.optics.aperture_m2 * sensor.optics.efficiency_laser
     assert lanes.light.interference[0].peak_power_w == pytest.approx(power, rel=1e-6)
     assert (lanes.detection.stops[0].status == Status.INTERFERENCE).all()
@@ -224,12 +224,12 @@ def test_of_three_lidars_the_last_has_its_share_and_its_peaks():
     """
     sensor = chain.sensor("table1-apd", "detector.saturation_ua=30", "tdc.edges='rising'")
     sources = lidar(1e5, 1e-6), lidar(5e4, 1e-6), lidar(5e4, 2e-3)
-    stop = detected(sensor, empty(sensor, *sources)).stops[0]
+    stop = detect_shots(sensor, light_among_lidars(sensor, *sources)).stops[0]
     theirs = stop.reported & (stop.status == Status.INTERFERENCE)
     amplitude = stop.amplitude[theirs]
     assert amplitude.max() == pytest.approx(30e-6, rel=1e-12)
     unclipped = chain.sensor("table1-apd")
-    stop = detected(unclipped, empty(unclipped, *sources)).stops[0]
+    stop = detect_shots(unclipped, light_among_lidars(unclipped, *sources)).stops[0]
     theirs = stop.reported & (stop.status == Status.INTERFERENCE)
     point = unclipped.working_point(np.array([0.0]))
     power = point.response.power_w(stop.amplitude[theirs])

@@ -327,7 +327,7 @@ def lights(light, air, range_m):
     return *(part.sum(axis=1) for part in pulses), spread
 
 
-def upward(power, level):
+def upward_crossings(power, level):
     """Bins at which a waveform comes over a level."""
     return np.flatnonzero((power[1:] >= level) & (power[:-1] < level)) + 1
 
@@ -415,13 +415,13 @@ def test_a_crossing_is_of_the_light_that_makes_it():
     by_kind = {"surface": 0, "drop": 0, "fog": 0}
     judged = crossings = unclear = 0
     for pulse, (walls, drops, spread) in enumerate(zip(*lights(light, air, range_m), strict=True)):
-        of_air, even = (range_m[upward(course, level_w)] for course in (drops + spread, spread))
+        of_air, even = (range_m[upward_crossings(light_w, level_w)] for light_w in (drops + spread, spread))
         whole = walls + drops + spread
         turns = (whole[1:-1] - whole[:-2]) * (whole[2:] - whole[1:-1]) < 0.0
         if (turns & (whole[1:-1] > low_w) & (whole[1:-1] < high_w)).any():
             unclear += 1
             continue
-        begun, crossings_m, ended = (range_m[upward(whole, one_w)] for one_w in (low_w, level_w, high_w))
+        begun, crossings_m, ended = (range_m[upward_crossings(whole, one_w)] for one_w in (low_w, level_w, high_w))
         stops = [stop for stop in detection.stops if stop.reported[pulse]]
         stops_m = np.array([float(stop.range_m[pulse]) for stop in stops])
         assert len(stops) == len(crossings_m)
@@ -435,7 +435,7 @@ def test_a_crossing_is_of_the_light_that_makes_it():
             crossings += 1
             at_crossing = np.searchsorted(range_m, crossing)
             before = at_crossing - round(SIGMA_M / 0.004)
-            by_air, by_walls = (course[at_crossing] - course[before] for course in (drops + spread, walls))
+            by_air, by_walls = (light_w[at_crossing] - light_w[before] for light_w in (drops + spread, walls))
             if 0.1 * SIGMA_M < apart(of_air) < FWHM_M or (apart(of_air) >= FWHM_M and by_air > 0.5 * by_walls):
                 continue
             judged += 1

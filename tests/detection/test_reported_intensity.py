@@ -120,10 +120,10 @@ def test_traced_boards(mi):
         materials=[chain.diffuse("board", 0.4)],
         air=Air(transmittance=1.0),
     )
-    grey = chain.run(board, sensor).detection.stops[0].intensity
+    grey = chain.run_stages(board, sensor).detection.stops[0].intensity
     np.testing.assert_allclose(grey, 40.0, atol=2.0)
     shining = chain.scene(chain.facing(range_m=20.0, material="sheet"), materials=[sheet], air=Air(transmittance=1.0))
-    lanes = chain.run(shining, sensor)
+    lanes = chain.run_stages(shining, sensor)
     rho = math.pi * lanes.hits.backscatter_per_sr
     assert (rho > 100.0).all()
     expected = 100.0 + 155.0 * np.log(rho) / math.log(1000.0)

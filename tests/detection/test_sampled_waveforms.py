@@ -129,11 +129,11 @@ def test_ambient_counts_of_every_pulse():
     simulator = Simulator(wall(), sensor)
     pulses, counts = [], []
 
-    def gathered(pulse, values):
+    def gather(pulse, values):
         pulses.append(pulse)
         counts.append(values)
 
-    cloud = simulator.render(seed=4, chunk=100, ambient=gathered)
+    cloud = simulator.render(seed=4, chunk=100, ambient=gather)
     assert len(cloud) < 50
     pulse, all_counts = np.concatenate(pulses), np.concatenate(counts)
     np.testing.assert_array_equal(pulse, np.arange(441))

@@ -20,7 +20,7 @@ HALF_C = 0.5 * SPEED_OF_LIGHT_M_S
 LEVELS = ["sampler.type='multi_level_tdc'", "sampler.levels=[2, 4, 8, 16]"]
 
 
-def alone(equipped, snr, road, *, seed=6, widths=False):
+def lone_echoes(equipped, snr, road, *, seed=6, widths=False):
     """One echo of this SNR at 100 m, many times, by either road: ranges and amplitudes, its power, working point,
     and the widths if asked for.
     """
@@ -63,7 +63,7 @@ def test_noise_of_the_tdcs_amplitude(name, snr, road):
     correlation, at 1e-4 each. B is 20 MHz, so that half of the deviate is kept.
     """
     equipped = sensor(name, "tdc.bandwidth_mhz=20", "tdc.walk='raw'")
-    range_m, amplitude, power, point = alone(equipped, snr, road)
+    range_m, amplitude, power, point = lone_echoes(equipped, snr, road)
     early_s = (range_m - 100.0) / HALF_C
     deviate = deviate_at(equipped, point, point.response.signal(power * np.exp(-0.5 * (early_s / SIGMA_S) ** 2)))
     assert kstest(deviate, "norm").pvalue > 1e-4
@@ -85,7 +85,7 @@ def test_noise_of_the_trailing_edge(name, snr, road):
     time between them is taken as before the peak: both edges by the first one's level. Tests at 1e-4 as above.
     """
     equipped = sensor(name, "tdc.bandwidth_mhz=10", "tdc.walk='raw'", "tdc.edges='both'")
-    range_m, _, power, point, width_s = alone(equipped, snr, road, widths=True)
+    range_m, _, power, point, width_s = lone_echoes(equipped, snr, road, widths=True)
     early_s = (range_m - 100.0) / HALF_C
     first, last = (
         deviate_at(equipped, point, point.response.signal(power * np.exp(-0.5 * (t / SIGMA_S) ** 2)))
@@ -106,9 +106,9 @@ def test_walk_that_the_amplitude_tells(name, road):
     Reference: t = sigma_p sqrt(2 ln(P / P_U)); of the APD the ratio of powers is that of the signals, of N free cells
     it is ln(1 - s / N) / ln(1 - U / N). Tolerance: rounding.
     """
-    raw_m, raw_amplitude, _, _ = alone(sensor(name, "tdc.walk='raw'"), 15.0, road)
+    raw_m, raw_amplitude, _, _ = lone_echoes(sensor(name, "tdc.walk='raw'"), 15.0, road)
     equipped = sensor(name)
-    range_m, amplitude, _, point = alone(equipped, 15.0, road)
+    range_m, amplitude, _, point = lone_echoes(equipped, 15.0, road)
     level = equipped.threshold(point)[0]
     np.testing.assert_array_equal(raw_amplitude, amplitude)
     ratio = amplitude / level
@@ -230,7 +230,7 @@ def test_rates_at_their_limits(rate_mhz, samples):
             sensor("table1-apd", *ADC, f"sampler.rate_mhz={outside!r}")
 
 
-def passed(fine_m, power, level, peak_m):
+def crossing_ranges(fine_m, power, level, peak_m):
     """Ranges at which light comes over a level before a peak and falls below it behind."""
     above = power >= level
     top = int(np.argmin(np.abs(fine_m - peak_m)))
@@ -260,10 +260,10 @@ def test_levels_of_a_pulse_on_other_light(lasting, level, highest):
     light, fine_m, power = on_light(equipped, [(55.0, 7.0), (60.0, 2.3), (70.0, 7.0)], lasting)
     second = detect(light, equipped).stops[1]
     point = equipped.working_point(light.background_power_w)
-    up_m, down_m = passed(fine_m, power, level, 60.0)
+    up_m, down_m = crossing_ranges(fine_m, power, level, 60.0)
     assert second.range_m[0] == pytest.approx(0.5 * (up_m + down_m), abs=0.004 * SIGMA_M)
     assert second.width_s[0] == pytest.approx((down_m - up_m) / HALF_C, abs=0.008 * SIGMA_S)
-    up_m, down_m = passed(fine_m, power, highest, 60.0)
+    up_m, down_m = crossing_ranges(fine_m, power, highest, 60.0)
     assert power.max() > 6.0
     by_width = highest * math.exp((down_m - up_m) ** 2 / (8.0 * SIGMA_M**2))
     expected = min(by_width, 4.0) if lasting else by_width
@@ -290,7 +290,7 @@ def test_levels_that_light_behind_a_pulse_holds_say_nothing(lasting, base):
     near = np.abs(fine_m - 60.0) < 4.0 * SIGMA_M
     peak_m, peak = fine_m[near][np.argmax(power[near])], power[near].max()
     assert 3.1 < peak < 3.9
-    up_m, _ = passed(fine_m, power, 1.0 + base, peak_m)
+    up_m, _ = crossing_ranges(fine_m, power, 1.0 + base, peak_m)
     walk_m = SIGMA_M * math.sqrt(2.0 * math.log(peak - base))
     assert second.range_m[0] == pytest.approx(up_m + walk_m, abs=0.02 * SIGMA_M)
     point = equipped.working_point(light.background_power_w)

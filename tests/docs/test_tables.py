@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from helpers.documentation import ROOT, row_says, says, table, text_of, told, value_of
+from helpers.documentation import ROOT, printed_numbers, row_says, says, table, text_of, value_of
 from scipy.stats import norm
 
 from lidarscene import catalog, load_sensor
@@ -370,5 +370,5 @@ def test_eye_safety_of_table_1() -> None:
 
 
 def test_error_of_the_table_in_time() -> None:
-    (percent,) = told("sipm.md", "it is good to {} % of the signal")
+    (percent,) = printed_numbers("sipm.md", "it is good to {} % of the signal")
     assert round(value_of(percent)[0], 12) in literals("tests/validation/sipm_events/test_working_point.py")

@@ -50,11 +50,11 @@ def pair(last, azimuth_turn, elevation_turn):
     first_axis, last_axis = (X, -Y) if last == "elevation" else (-X, Z)
     moved, side = (Y, Z) if last == "elevation" else (Z, Y)
     first, second = (azimuth_turn, elevation_turn) if last == "elevation" else (elevation_turn, azimuth_turn)
-    one = about(first_axis, first) @ (-(moved + side) / math.sqrt(2))
-    two = about(last_axis, second) @ ((X + side) / math.sqrt(2))
-    between = mirrored(moved, one)
-    share = (-(moved @ one)) * (-(between @ two)) * 2.0
-    return mirrored(between, two), share
+    first_normal = about(first_axis, first) @ (-(moved + side) / math.sqrt(2))
+    second_normal = about(last_axis, second) @ ((X + side) / math.sqrt(2))
+    between = mirrored(moved, first_normal)
+    share = (-(moved @ first_normal)) * (-(between @ second_normal)) * 2.0
+    return mirrored(between, second_normal), share
 
 
 def snell(ray, normal, n_before, n_after):
@@ -76,8 +76,8 @@ def wedge(ray, angle, index, phase, tilted):
     inclined = (X - slope * thick) / np.linalg.norm(X - slope * thick)
     faces = (X, inclined) if tilted == "out" else (inclined, X)
     inside, grown = snell(ray, faces[0], 1.0, index)
-    outside, again = snell(inside, faces[1], index, 1.0)
-    return outside, grown * again
+    outside, growth = snell(inside, faces[1], index, 1.0)
+    return outside, grown * growth
 
 
 def prisms(angles, indices, phases, tilted):
@@ -90,23 +90,23 @@ def prisms(angles, indices, phases, tilted):
 
 def facet(incidence, side, turn, tilt):
     """Direction off a facet: a polygon that is turned from where it sends the beam along x."""
-    rest = math.cos(incidence) * X + math.sin(incidence) * SIDES[side]
-    incoming = mirrored(X, rest)
-    level = about(Z, turn) @ rest
+    facet_normal = math.cos(incidence) * X + math.sin(incidence) * SIDES[side]
+    incoming = mirrored(X, facet_normal)
+    level = about(Z, turn) @ facet_normal
     return mirrored(incoming, math.cos(tilt) * level + math.sin(tilt) * Z)
 
 
 def facet_share(incidence, side, turn, facets, inradius, lens, rays=400):
     """Part of a grid of parallel rays through the lens that meets the facet in the plane of the polygon."""
-    rest = math.cos(incidence) * X + math.sin(incidence) * SIDES[side]
-    incoming = mirrored(X, rest)
+    facet_normal = math.cos(incidence) * X + math.sin(incidence) * SIDES[side]
+    incoming = mirrored(X, facet_normal)
     aside = np.cross(Z, incoming)
-    level = about(Z, turn) @ rest
+    level = about(Z, turn) @ facet_normal
     along = np.cross(Z, level)
     grid = (np.arange(rays) + 0.5) / rays * 2 - 1
     u, v = np.meshgrid(grid, grid)
     inside = u**2 + v**2 <= 1
-    start = inradius * rest + lens * u[inside][:, None] * aside  # level part of the ray's place
+    start = inradius * facet_normal + lens * u[inside][:, None] * aside  # level part of the ray's place
     distance = (inradius - start @ level) / (incoming @ level)
-    met = start + distance[:, None] * incoming
-    return np.mean(np.abs(met @ along) <= inradius * math.tan(math.pi / facets))
+    hit = start + distance[:, None] * incoming
+    return np.mean(np.abs(hit @ along) <= inradius * math.tan(math.pi / facets))

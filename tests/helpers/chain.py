@@ -70,11 +70,11 @@ def ball(*, at, radius_m=1.0, material="grey"):
 
 def scene(*bodies, materials=(), klux=100.0, sun=None, sky=0.0, air=None, pose=None):
     """A scene of these bodies, grey (10 %) unless said otherwise, under Table 1's light and air."""
-    known = {material.name: material for material in (diffuse(), *materials)}
+    by_name = {material.name: material for material in (diffuse(), *materials)}
     return Scene(
         name="test",
         bodies=tuple(bodies),
-        materials=known,
+        materials=by_name,
         sky=Sky(diffuse_share=sky),
         sun=sun or Sun(azimuth_rad=math.pi, elevation_rad=math.radians(60.0), illuminance_klux=klux),
         air=air or Air(transmittance=0.98),
@@ -94,7 +94,7 @@ class Lanes:
     light_of_ways: Any
 
 
-def run(
+def run_stages(
     described: Scene, equipped: Sensor, *, seed: int = 0, centre=None, world=None, glints=False, **tracing
 ) -> Lanes:
     """One frame, stage by stage, on the device; every lane comes back. ``tracing`` goes to `trace`.
@@ -130,15 +130,15 @@ def run(
     direction = np.stack([np.array(x.numpy()) for x in rays.direction], axis=1)
     return Lanes(
         direction,
-        fetched(ways[0]),
-        fetched(light),
-        fetched(detection),
-        [fetched(way) for way in ways],
-        [fetched(way) for way in light_of_ways],
+        to_numpy(ways[0]),
+        to_numpy(light),
+        to_numpy(detection),
+        [to_numpy(way) for way in ways],
+        [to_numpy(way) for way in light_of_ways],
     )
 
 
-def fetched(stage):
+def to_numpy(stage):
     """A stage's arrays as numpy, computed together."""
     import dataclasses
 

@@ -98,9 +98,9 @@ class Chromium:
 
     def value(self, script: str) -> Any:
         """What an expression is, promises awaited."""
-        told = self._send("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
-        assert "exceptionDetails" not in told, told["exceptionDetails"]
-        return told["result"].get("value")
+        answer = self._send("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
+        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
+        return answer["result"].get("value")
 
     def until(self, condition: str) -> None:
         """Wait for an expression that becomes true; what is not defined yet is not."""
@@ -164,12 +164,12 @@ class Chromium:
         self._answers.put(None)
 
     def _note(self, event: dict[str, Any]) -> None:
-        told = event["params"]
+        parameters = event["params"]
         if event["method"] == "Runtime.exceptionThrown":
-            self.messages.append(str(told["exceptionDetails"]))
-        elif event["method"] == "Log.entryAdded" and told["entry"]["level"] in ("warning", "error"):
-            self.messages.append(told["entry"]["text"])
-        elif event["method"] == "Runtime.consoleAPICalled" and told["type"] in ("warning", "error"):
-            self.messages.append(str(told["args"]))
+            self.messages.append(str(parameters["exceptionDetails"]))
+        elif event["method"] == "Log.entryAdded" and parameters["entry"]["level"] in ("warning", "error"):
+            self.messages.append(parameters["entry"]["text"])
+        elif event["method"] == "Runtime.consoleAPICalled" and parameters["type"] in ("warning", "error"):
+            self.messages.append(str(parameters["args"]))
         elif event["method"] == "Network.requestWillBeSent":
-            self.messages.append(f"request {told['request']['url'][:80]}")
+            self.messages.append(f"request {parameters['request']['url'][:80]}")

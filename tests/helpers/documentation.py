@@ -19,7 +19,7 @@ def text_of(page: Path) -> str:
     return page.read_text(encoding="utf-8")
 
 
-def named(page: str) -> str:
+def page_text(page: str) -> str:
     """The text of README.md or of a page of docs/; of the theory, that of all its pages."""
     if page == "theory.md":
         return "\n".join(map(text_of, THEORY))
@@ -42,14 +42,14 @@ class Block:
     @property
     def file_name(self) -> str | None:
         """The name of the file that the block is, if its first line says one."""
-        named = re.match(r"(?:#|<!--) (\S+\.\w+)(?: -->)?\n", self.code)
-        return named[1] if named else None
+        match = re.match(r"(?:#|<!--) (\S+\.\w+)(?: -->)?\n", self.code)
+        return match[1] if match else None
 
 
 def blocks(page: Path, language: str = r"\w+") -> list[Block]:
     pattern = rf"^```({language})\n(.*?)^```\n(?:\n```text\n(.*?)^```$)?"
-    found = re.finditer(pattern, text_of(page), re.MULTILINE | re.DOTALL)
-    return [Block(page, i, match[1], match[2], match[3]) for i, match in enumerate(found)]
+    matches = re.finditer(pattern, text_of(page), re.MULTILINE | re.DOTALL)
+    return [Block(page, i, match[1], match[2], match[3]) for i, match in enumerate(matches)]
 
 
 def prose(page: Path) -> str:
@@ -125,18 +125,18 @@ def differs(printed: str, computed: Any) -> str:
     return "" if right else f"the page says {printed}, computed {float(computed):.9g}"
 
 
-def told(page: str, words: str) -> list[str]:
+def printed_numbers(page: str, words: str) -> list[str]:
     """The numbers in place of each `{}` of these words, which stand on the page once. Line breaks do not count."""
     parts = [r"\s+".join(map(re.escape, re.split(r"\s+", part))) for part in words.split("{}")]
     pattern = rf"(?<![\d.]){f'({SIGNED}|{WORD})'.join(parts)}(?![\d%])"
-    found = list(re.finditer(pattern, named(page), re.IGNORECASE))
-    assert len(found) == 1, f"{page} says {len(found)} times: {words}"
-    return list(found[0].groups())
+    matches = list(re.finditer(pattern, page_text(page), re.IGNORECASE))
+    assert len(matches) == 1, f"{page} says {len(matches)} times: {words}"
+    return list(matches[0].groups())
 
 
 def says(page: str, words: str, *computed: Any) -> None:
-    """The numbers that `told` finds are the computed ones, to the digits printed."""
-    compare(f"{page}: {words}", told(page, words), computed)
+    """The numbers that `printed_numbers` finds are the computed ones, to the digits printed."""
+    compare(f"{page}: {words}", printed_numbers(page, words), computed)
 
 
 def compare(where: str, printed: Sequence[str], computed: Sequence[Any]) -> None:
@@ -148,7 +148,7 @@ def compare(where: str, printed: Sequence[str], computed: Sequence[Any]) -> None
 def table(page: str, header: str) -> list[list[str]]:
     """The cells of the one table whose heading line begins so, row by row, without the heading."""
     pattern = rf"^ *\| {re.escape(header)}.*\n *\|[-:| ]+\|\n((?: *\|.*\n?)+)"
-    (body,) = re.findall(pattern, named(page), re.MULTILINE)
+    (body,) = re.findall(pattern, page_text(page), re.MULTILINE)
     return [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in body.splitlines()]
 
 

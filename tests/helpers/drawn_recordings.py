@@ -80,25 +80,25 @@ def drawn_sweep(truth: Truth, seed: int, rows: int = 32, columns: int = 1000, cu
     sky = spread(layout.random(shape) < 0.25)
     # Some surfaces so dark that they are found now and then.
     dim = spread(layout.random(shape) < 0.3)
-    wanted = np.where(dim, spread(layout.uniform(2.0, 25.0, shape)), white * light)
-    photons = np.where(sky, random.gumbel(5.0, 1.0, (rows, columns)), wanted)
+    mean_photons = np.where(dim, spread(layout.uniform(2.0, 25.0, shape)), white * light)
+    photons = np.where(sky, random.gumbel(5.0, 1.0, (rows, columns)), mean_photons)
     near_ir = spread(np.exp(layout.uniform(np.log(100.0), np.log(1500.0), shape)))
     near_ir = near_ir * np.exp(truth.row_gains * layout.standard_normal(rows))[:, None]
     near_ir = random.poisson(near_ir).astype(float)
     noise = np.where(sky, 0.0, np.sqrt(1.3 * np.maximum(photons, 1.0)))
     signal = np.rint(np.maximum(photons + noise * random.standard_normal(photons.shape), 1.0))
-    over = (signal - truth.threshold_floor - truth.threshold_slope * np.sqrt(near_ir)) / truth.threshold_width
-    kept = random.random(signal.shape) < 1.0 / (1.0 + np.exp(-np.clip(over, -50.0, 50.0)))
+    excess = (signal - truth.threshold_floor - truth.threshold_slope * np.sqrt(near_ir)) / truth.threshold_width
+    has_return = random.random(signal.shape) < 1.0 / (1.0 + np.exp(-np.clip(excess, -50.0, 50.0)))
     sigma_m = 1e-3 * np.sqrt(truth.scatter_c**2 / signal + truth.scatter_floor**2)
     reported = range_m + rough + sigma_m * random.standard_normal(signal.shape)
     reflectivity = np.clip(np.rint(100.0 * signal / light), 0.0, 255.0)
     azimuth = np.broadcast_to(-2.0 * np.pi * np.arange(columns) / columns, signal.shape)
     return Sweep(
-        range_m=np.where(kept, np.rint(1e3 * reported) / 1e3, np.nan),
+        range_m=np.where(has_return, np.rint(1e3 * reported) / 1e3, np.nan),
         recorded=np.ones(signal.shape, bool),
         direction=np.stack([np.cos(azimuth), np.sin(azimuth), 0.0 * azimuth], axis=-1),
         signal=signal,
         near_ir=near_ir,
-        reflectivity=np.where(kept, reflectivity, 0.0),
+        reflectivity=np.where(has_return, reflectivity, 0.0),
         includes_lost=True,
     )

@@ -33,7 +33,7 @@ DRAWN = {
 """How far, as a logarithm, a unit is drawn from what is published."""
 
 
-def published(columns: int = 1024) -> Sensor:
+def published_sensor(columns: int = 1024) -> Sensor:
     """The sensor that a fit starts from."""
     changes = (f"scanner.columns_per_turn={columns}", "histogram.threshold_spread=3")
     sensor = load_sensor("os1-128", overrides=changes)
@@ -60,7 +60,7 @@ def drawn_unit(seed: int) -> dict[str, float]:
 
 def unit_of(truth: dict[str, float], base: Sensor | None = None) -> Sensor:
     """The sensor with these numbers; the lens moves so that the background stays. ``base`` None: the published one."""
-    sensor = published() if base is None else base
+    sensor = published_sensor() if base is None else base
     grown = {name: math.exp(value) for name, value in truth.items()}
     moved = math.sqrt(grown["near_field_m"])
     laser, optics, detector, histogram = sensor.laser, sensor.optics, sensor.detector, sensor.histogram
@@ -100,7 +100,7 @@ def drawn_scene(seed: int, pulses: int) -> tuple[KnownScene, np.ndarray, Target,
     range_m = np.exp(layout.uniform(math.log(1.5), math.log(110.0), pulses))
     klux = np.exp(layout.uniform(math.log(2.0), math.log(100.0), pulses))
     albedo = np.geomspace(0.05, 0.9, GROUPS)[group]
-    sensor = published()
+    sensor = published_sensor()
     target = Target(
         reflectivity=albedo, illuminance_klux=klux, cos_incidence=layout.uniform(0.3, 1.0, pulses), transmittance=1.0
     )
@@ -113,12 +113,12 @@ def drawn_report(unit: Sensor, seed: int, pulses: int = 3000) -> tuple[KnownScen
     scene, range_m, target, off = drawn_scene(seed, pulses)
     real = replace(target, reflectivity=target.reflectivity * np.exp(off[scene.group]))
     light = echoes_of_plane(unit, real, range_m)
-    seen = detect_alone(light, unit, seed=seed, pulse=np.arange(pulses, dtype=np.uint32))
-    stop = seen.stops[0]
-    kept = np.asarray(stop.reported) & (np.asarray(stop.status) == 0)
+    detection = detect_alone(light, unit, seed=seed, pulse=np.arange(pulses, dtype=np.uint32))
+    stop = detection.stops[0]
+    is_echo = np.asarray(stop.reported) & (np.asarray(stop.status) == 0)
     return scene, Observations(
-        has_return=kept,
-        signal=np.where(kept, stop.photons, np.nan),
-        near_ir=np.asarray(seen.ambient, float),
-        range_m=np.where(kept, stop.range_m, np.nan),
+        has_return=is_echo,
+        signal=np.where(is_echo, stop.photons, np.nan),
+        near_ir=np.asarray(detection.ambient, float),
+        range_m=np.where(is_echo, stop.range_m, np.nan),
     )

@@ -39,18 +39,18 @@ def street(*, step_deg: float = 0.5, alarms: int = 20, seed: int = 3) -> PointCl
             cos = np.abs(np.take_along_axis(beam, sides[0].argmax(axis=0)[None], axis=0)[0])
             meet(np.where(enter < sides[1].min(axis=0), enter, np.inf), k, cos)
     along = np.array([12.0, -1.5, -1.1]) @ beam
-    under = along**2 - (12.0**2 + 1.5**2 + 1.1**2 - 0.7**2)
+    discriminant = along**2 - (12.0**2 + 1.5**2 + 1.1**2 - 0.7**2)
     meet(
-        np.where(under > 0, along - np.sqrt(np.maximum(under, 0)), np.inf),
+        np.where(discriminant > 0, along - np.sqrt(np.maximum(discriminant, 0)), np.inf),
         len(BOXES) + 1,
-        np.sqrt(np.maximum(under, 0)) / 0.7,
+        np.sqrt(np.maximum(discriminant, 0)) / 0.7,
     )
     rng = np.random.default_rng(seed)
     true = nearest
     alarm = np.zeros(len(true), bool)
     alarm[rng.choice(len(true), alarms, replace=False)] = True
     reported = np.where(alarm, rng.uniform(2, 150, len(true)), true + rng.normal(0, 0.015, len(true)))
-    kept = alarm | (true < 120)
+    in_range = alarm | (true < 120)
     material = np.array([0, 1, 1, 2, 2, 3, 4, 4, 5, -1])[body]
     reflectivity = np.array([0.12, 0.5, 0.08, 0.8, 0.35, 0.6, 0.0])[material]
     snr = np.where(np.isfinite(true), reflectivity * cosine * 2e6 / np.maximum(true, 1) ** 2, 0) + 5
@@ -76,7 +76,7 @@ def street(*, step_deg: float = 0.5, alarms: int = 20, seed: int = 3) -> PointCl
         "material": material,
     }
     return PointCloud(
-        **{name: values[kept] for name, values in columns.items()},
+        **{name: values[in_range] for name, values in columns.items()},
         body_names=("road", "car", "cabin", "van", "van cabin", "post", "house", "block", "ball"),
         class_names=("road", "vehicle", "post", "building", "ball"),
         material_names=("asphalt", "white paint", "black paint", "steel", "brick", "rubber"),

@@ -141,45 +141,45 @@ def toml_value(rng: random.Random, depth: int = 0) -> str:
     inner = [toml_value(rng, depth + 1) for _ in range(rng.randint(0, 4))]
     if kind == 4:
         return f"[{', '.join(inner)}]"
-    return "{" + ", ".join(f"k{number} = {one}" for number, one in enumerate(inner)) + "}"
+    return "{" + ", ".join(f"k{number} = {entry}" for number, entry in enumerate(inner)) + "}"
 
 
-def scaled(line: str, factor: float) -> str:
+def scale_number(line: str, factor: float) -> str:
     """The first number of a line times a factor."""
-    return re.sub(r"\d+(\.\d+)?", lambda found: f"{float(found[0][:300]) * factor:g}", line, count=1)
+    return re.sub(r"\d+(\.\d+)?", lambda match: f"{float(match[0][:300]) * factor:g}", line, count=1)
 
 
 def spoilt_lines(rng: random.Random, whole: str) -> str:
     """Text of lines KEY = VALUE, CSV, OBJ, XML: values, lines and letters are changed."""
     lines = whole.split("\n")
     for _ in range(rng.choice((1, 1, 1, 2, 3, 8))):
-        at = rng.randrange(len(lines))
+        line_index = rng.randrange(len(lines))
         kind = rng.randint(0, 14)
-        key, equals, _ = lines[at].partition("=")
+        key, equals, _ = lines[line_index].partition("=")
         if kind >= 10:
             factor = rng.choice((0.0, -1.0, 0.5, 2.0, 10.0 ** rng.randint(-9, 9)))
-            lines[at] = scaled(lines[at], factor)
+            lines[line_index] = scale_number(lines[line_index], factor)
         elif kind <= 3 and equals:
-            lines[at] = f"{key}= {toml_value(rng)}"
+            lines[line_index] = f"{key}= {toml_value(rng)}"
         elif kind == 4:
-            del lines[at]
+            del lines[line_index]
             lines = lines or [""]
         elif kind == 5:
-            lines.insert(at, lines[rng.randrange(len(lines))])
+            lines.insert(line_index, lines[rng.randrange(len(lines))])
         elif kind == 6:
-            other = rng.randrange(len(lines))
-            lines[at], lines[other] = lines[other], lines[at]
+            other_index = rng.randrange(len(lines))
+            lines[line_index], lines[other_index] = lines[other_index], lines[line_index]
         elif kind == 7:
-            words = lines[at].split(" ")
+            words = lines[line_index].split(" ")
             words[rng.randrange(len(words))] = rng.choice((number, text))(rng)
-            lines[at] = " ".join(words)
+            lines[line_index] = " ".join(words)
         elif kind == 8:
-            cells = lines[at].split(",")
+            cells = lines[line_index].split(",")
             cells[rng.randrange(len(cells))] = number(rng)
-            lines[at] = ",".join(cells)
+            lines[line_index] = ",".join(cells)
         else:
-            here = rng.randint(0, len(lines[at]))
-            lines[at] = lines[at][:here] + text(rng) + lines[at][here + rng.randint(0, 3) :]
+            column = rng.randint(0, len(lines[line_index]))
+            lines[line_index] = lines[line_index][:column] + text(rng) + lines[line_index][column + rng.randint(0, 3) :]
     if rng.random() < 0.03:
         lines.append("a = " + "[" * 3000 + "]" * 3000)
     if rng.random() < 0.03:
@@ -193,22 +193,22 @@ def spoilt_bytes(rng: random.Random, whole: bytes) -> bytes:
     for _ in range(rng.choice((1, 1, 2, 4, 16))):
         if not data:
             break
-        at = rng.randrange(len(data)) if rng.random() < 0.5 else rng.randrange(min(len(data), 600))
+        offset = rng.randrange(len(data)) if rng.random() < 0.5 else rng.randrange(min(len(data), 600))
         kind = rng.randint(0, 6)
         if kind == 0:
-            data[at] ^= 1 << rng.randint(0, 7)
+            data[offset] ^= 1 << rng.randint(0, 7)
         elif kind == 1:
-            data[at : at + 4] = struct.pack("<I", rng.choice((0, 1, 2**31 - 1, 2**31, 2**32 - 1, 65536)))
+            data[offset : offset + 4] = struct.pack("<I", rng.choice((0, 1, 2**31 - 1, 2**31, 2**32 - 1, 65536)))
         elif kind == 2:
-            del data[at:]
+            del data[offset:]
         elif kind == 3:
-            del data[at : at + rng.randint(1, 40)]
+            del data[offset : offset + rng.randint(1, 40)]
         elif kind == 4:
-            data[at:at] = data[at : at + rng.randint(1, 400)]
+            data[offset:offset] = data[offset : offset + rng.randint(1, 400)]
         elif kind == 5:
-            data[at : at + 8] = struct.pack("<d", float(rng.choice(("nan", "inf", "-inf", "1e308", "0"))))
+            data[offset : offset + 8] = struct.pack("<d", float(rng.choice(("nan", "inf", "-inf", "1e308", "0"))))
         else:
-            data[at:at] = rng.randbytes(rng.randint(1, 16))
+            data[offset:offset] = rng.randbytes(rng.randint(1, 16))
     return bytes(data)
 
 
@@ -262,12 +262,12 @@ class Workshop:
         (folder / "rig.toml").write_text(LEFT_AND_RIGHT)
         cloud = small_cloud(5)
         self.clouds: dict[str, bytes] = {}
-        for name, one in FORMATS.items():
-            if one.read is not None:
+        for name, file_format in FORMATS.items():
+            if file_format.read is not None:
                 with contextlib.suppress(LidarSceneError):
-                    path = folder / f"whole{one.suffix}"
+                    path = folder / f"whole{file_format.suffix}"
                     cloud.save(path, format=name)
-                    self.clouds[f"{name}{one.suffix}"] = path.read_bytes()
+                    self.clouds[f"{name}{file_format.suffix}"] = path.read_bytes()
         cloud.save(folder / "text.ply", ascii=True)
         self.clouds["text.ply"] = (folder / "text.ply").read_bytes()
         cloud.save(folder / "text.pcd", ascii=True)
@@ -284,12 +284,12 @@ class Workshop:
         self.meshes["b.ply"] = box.export(file_type="ply")
         self.equipment = Equipment(load_scene(folder / "wall.toml"), "table1-apd")
 
-    def put(self, name: str, data: bytes) -> str:
+    def write(self, name: str, data: bytes) -> str:
         path = self.inside / name
         path.write_bytes(data)
         return f"in/{name}"
 
-    def made(self, rng: random.Random) -> Input:
+    def next_input(self, rng: random.Random) -> Input:
         """The next input of this stream."""
         kinds = (
             self.sensor,
@@ -310,29 +310,31 @@ class Workshop:
     def sensor(self, rng: random.Random) -> Input:
         name = rng.choice(SENSORS)
         whole = catalog.path_of("sensors", name).read_bytes()
-        path = self.put("s.toml", spoilt(rng, whole))
+        path = self.write("s.toml", spoilt(rng, whole))
         commands = (
             ("range", path, "--json"),
             ("render", "wall.toml", "-o", "out/o.ply", "--sensor", path),
             ("render", "wall.toml", "-o", "out/o.ply", "--sensor", path),
             ("range", path, "--over", "distance"),
         )
-        return called(f"sensor {name}", *rng.choice(commands))
+        return command_input(f"sensor {name}", *rng.choice(commands))
 
     def scene(self, rng: random.Random) -> Input:
-        wholes = [WALL, MOVING, *(one.read_text() for one in sorted((ROOT / "scenes").glob("*.toml")))]
+        wholes = [WALL, MOVING, *(file.read_text() for file in sorted((ROOT / "scenes").glob("*.toml")))]
         # Those of the project have hundreds of bodies, which take their time.
-        whole = rng.choice(wholes[:2] if rng.random() < 0.9 else [one for one in wholes if "[[bodies]]" in one])
-        path = self.put("s.toml", spoilt(rng, whole.replace('mesh = "', f'mesh = "{ROOT}/scenes/').encode()))
-        return called("scene", "render", path, "-o", "out/o.ply", "--sensor", "table1-apd", *SMALL)
+        whole = rng.choice(
+            wholes[:2] if rng.random() < 0.9 else [scene_text for scene_text in wholes if "[[bodies]]" in scene_text]
+        )
+        path = self.write("s.toml", spoilt(rng, whole.replace('mesh = "', f'mesh = "{ROOT}/scenes/').encode()))
+        return command_input("scene", "render", path, "-o", "out/o.ply", "--sensor", "table1-apd", *SMALL)
 
     def rig(self, rng: random.Random) -> Input:
-        path = self.put("r.toml", spoilt(rng, LEFT_AND_RIGHT.encode()))
-        return called("rig", "render", "wall.toml", "--rig", path, "-o", "out", *SMALL)
+        path = self.write("r.toml", spoilt(rng, LEFT_AND_RIGHT.encode()))
+        return command_input("rig", "render", "wall.toml", "--rig", path, "-o", "out", *SMALL)
 
     def job(self, rng: random.Random) -> Input:
         shutil.copy("wall.toml", self.inside / "wall.toml")
-        path = self.put("j.toml", spoilt(rng, JOB.format(step=2.0).encode()))
+        path = self.write("j.toml", spoilt(rng, JOB.format(step=2.0).encode()))
 
         def work() -> None:
             next(Job.read(Path(path)).tasks(), None)
@@ -341,38 +343,38 @@ class Workshop:
 
     def cloud(self, rng: random.Random) -> Input:
         name = rng.choice(list(self.clouds))
-        path = self.put(name, spoilt(rng, self.clouds[name]))
+        path = self.write(name, spoilt(rng, self.clouds[name]))
         if rng.random() < 0.1:
-            return called(f"cloud {name}", "view", path, "--save", "out/v.html")
+            return command_input(f"cloud {name}", "view", path, "--save", "out/v.html")
         return Input(f"cloud {name}", lambda: PointCloud.load(path))
 
     def mesh(self, rng: random.Random) -> Input:
         name = rng.choice(list(self.meshes))
-        self.put(name, spoilt(rng, self.meshes[name]))
-        scene = self.put("s.toml", BODY.format(name).replace("in/", "").encode())
+        self.write(name, spoilt(rng, self.meshes[name]))
+        scene = self.write("s.toml", BODY.format(name).replace("in/", "").encode())
         return Input(f"mesh {name}", lambda: load_scene(scene))
 
     def table(self, rng: random.Random) -> Input:
         """Patterns, poses and filters."""
         kind = rng.choice(("p.csv", "p.npz", "poses.csv", "poses.txt", "filter.csv"))
         if kind.startswith("p."):
-            self.put(kind, spoilt(rng, self.pattern if kind == "p.npz" else PATTERN.encode()))
+            self.write(kind, spoilt(rng, self.pattern if kind == "p.npz" else PATTERN.encode()))
             text = f'{_without_scanner()}[scanner]\ntype = "table"\nfile = "{kind}"\nframe_ms = 1\n'
-            return called(kind, "range", self.put("s.toml", text.encode()), "--json")
+            return command_input(kind, "range", self.write("s.toml", text.encode()), "--json")
         if kind == "filter.csv":
-            self.put(kind, spoilt(rng, FILTER.encode()))
+            self.write(kind, spoilt(rng, FILTER.encode()))
             text = _apd().replace("sun_irradiance_w_m2", f'filter = {{csv = "{kind}"}}\n#')
-            return called(kind, "range", self.put("s.toml", text.encode()), "--json")
-        self.put(kind, spoilt(rng, (POSES if kind == "poses.csv" else TUM).encode()))
-        scene = self.put("s.toml", (WALL + f'\n[bodies.motion]\nposes_file = "{kind}"\n').encode())
-        return called(kind, "render", scene, "-o", "out/o.ply", "--sensor", "table1-apd", *SMALL)
+            return command_input(kind, "range", self.write("s.toml", text.encode()), "--json")
+        self.write(kind, spoilt(rng, (POSES if kind == "poses.csv" else TUM).encode()))
+        scene = self.write("s.toml", (WALL + f'\n[bodies.motion]\nposes_file = "{kind}"\n').encode())
+        return command_input(kind, "render", scene, "-o", "out/o.ply", "--sensor", "table1-apd", *SMALL)
 
     def xml(self, rng: random.Random) -> Input:
         whole = spoilt(rng, XML.encode())
         if rng.random() < 0.05:
             depth = rng.choice((200, 5000, 20_000))
             whole = XML.replace("</scene>", "<a>" * depth + "</a>" * depth + "</scene>").encode()
-        return called("xml", "render", self.put("a.xml", whole), "-o", "out/o.ply", *SMALL)
+        return command_input("xml", "render", self.write("a.xml", whole), "-o", "out/o.ply", *SMALL)
 
     def settings(self, rng: random.Random) -> Input:
         """As the page sends them."""
@@ -390,27 +392,27 @@ class Workshop:
         link.unlink(missing_ok=True)
         with contextlib.suppress(OSError, ValueError):
             link.symlink_to((Path.cwd() / name) if name.startswith("in/") else name)
-        named = str(link) if "\0" not in name else name + ending
+        not_a_file = str(link) if "\0" not in name else name + ending
         works: list[Input] = [
-            called("no file", "render", named, "-o", "out/o.ply"),
-            called("no file", "render", "wall.toml", "--sensor", named, "-o", "out/o.ply", *SMALL),
-            called("no file", "render", "wall.toml", "--rig", named, "-o", "out"),
-            called("no file", "range", named),
-            called("no file", "compare", named, named, "-o", "out"),
-            called("no file", "view", named, "--save", "out/v.html"),
-            called("no file", "render", "wall.toml", "-o", named, *SMALL),
-            Input("no file", lambda: PointCloud.load(named)),
-            Input("no file", lambda: load_scene(named)),
-            Input("no file", lambda: Job.read(Path(named))),
+            command_input("no file", "render", not_a_file, "-o", "out/o.ply"),
+            command_input("no file", "render", "wall.toml", "--sensor", not_a_file, "-o", "out/o.ply", *SMALL),
+            command_input("no file", "render", "wall.toml", "--rig", not_a_file, "-o", "out"),
+            command_input("no file", "range", not_a_file),
+            command_input("no file", "compare", not_a_file, not_a_file, "-o", "out"),
+            command_input("no file", "view", not_a_file, "--save", "out/v.html"),
+            command_input("no file", "render", "wall.toml", "-o", not_a_file, *SMALL),
+            Input("no file", lambda: PointCloud.load(not_a_file)),
+            Input("no file", lambda: load_scene(not_a_file)),
+            Input("no file", lambda: Job.read(Path(not_a_file))),
         ]
         for key in ("mesh", "base", "poses"):
             scene = {
-                "mesh": f'[[bodies]]\nname = "a"\nmaterial = "concrete"\nmesh = {json.dumps(named)}\n',
-                "base": f"base = {json.dumps(named)}\n",
-                "poses": f"{WALL}\n[bodies.motion]\nposes_file = {json.dumps(named)}\n",
+                "mesh": f'[[bodies]]\nname = "a"\nmaterial = "concrete"\nmesh = {json.dumps(not_a_file)}\n',
+                "base": f"base = {json.dumps(not_a_file)}\n",
+                "poses": f"{WALL}\n[bodies.motion]\nposes_file = {json.dumps(not_a_file)}\n",
             }[key]
-            path = self.put(f"{key}.toml", scene.encode())
-            works.append(called(f"no file {key}", "render", path, "-o", "out/o.ply", *SMALL))
+            path = self.write(f"{key}.toml", scene.encode())
+            works.append(command_input(f"no file {key}", "render", path, "-o", "out/o.ply", *SMALL))
         return rng.choice(works)
 
     def line(self, rng: random.Random) -> Input:
@@ -420,7 +422,7 @@ class Workshop:
         name = rng.choice(
             ("render", "render", "render", "range", "fov", "compare", "catalog", "schema", "batch", "view")
         )
-        given: list[str] = {
+        arguments: list[str] = {
             "render": ["wall.toml", "-o", "out/o.ply", *SMALL],
             "range": ["table1-apd"],
             "fov": ["--no-such"],
@@ -432,17 +434,17 @@ class Workshop:
         }[name]
         options = [a for a in commands[name]._actions if a.option_strings and "-h" not in a.option_strings]
         for action in rng.sample(options, min(len(options), rng.randint(1, 3))):
-            given.append(rng.choice(action.option_strings))
+            arguments.append(rng.choice(action.option_strings))
             if action.nargs != 0:
-                given.append(self.value(rng, action))
+                arguments.append(self.value(rng, action))
         if rng.random() < 0.2:
-            given[rng.randrange(len(given))] = text(rng)
+            arguments[rng.randrange(len(arguments))] = text(rng)
         if rng.random() < 0.1:
-            given.insert(rng.randrange(len(given)), text(rng))
+            arguments.insert(rng.randrange(len(arguments)), text(rng))
         # What would serve a page or start processes until it is ended is for other tests.
-        if name == "view" and not any(one.startswith("--save") for one in given):
-            given.append("--save=out/v.html")
-        return called("line", name, *(one.replace("\0", "0") for one in given))
+        if name == "view" and not any(argument.startswith("--save") for argument in arguments):
+            arguments.append("--save=out/v.html")
+        return command_input("line", name, *(argument.replace("\0", "0") for argument in arguments))
 
     def value(self, rng: random.Random, action: argparse.Action) -> str:
         kind = rng.randint(0, 14)
@@ -501,9 +503,9 @@ def _without_scanner() -> str:
     return before + ("[" + after.partition("\n[")[2] if "\n[" in after else "")
 
 
-def called(about: str, *argv: str) -> Input:
+def command_input(about: str, *argv: str) -> Input:
     """A command line in this process."""
-    return Input(f"{about}: lidarscene {' '.join(one[:60] for one in argv)}", lambda: _command(argv))
+    return Input(f"{about}: lidarscene {' '.join(word[:60] for word in argv)}", lambda: _command(argv))
 
 
 def _command(argv: Sequence[str]) -> None:
@@ -514,7 +516,7 @@ def _command(argv: Sequence[str]) -> None:
             code = main.main(list(argv))
         except SystemExit as end:
             code = int(end.code or 0)
-    lines = [one for one in err.getvalue().split("\n") if one and not one.startswith("lidarscene: note: ")]
+    lines = [line for line in err.getvalue().split("\n") if line and not line.startswith("lidarscene: note: ")]
     if code == 3:
         raise BackendError(err.getvalue())
     assert code in (0, 1, 2), code
@@ -575,16 +577,16 @@ def untraced() -> Iterator[None]:
         yield
 
 
-def failure(one: Input) -> str:
+def failure(drawn_input: Input) -> str:
     """What is wrong with what comes of it; "" if nothing is."""
     try:
         with watched():
-            one.work()
+            drawn_input.work()
     except LidarSceneError as error:
-        told = str(error)
-        if "\n" in told.strip() and not isinstance(error, BackendError):
+        message = str(error)
+        if "\n" in message.strip() and not isinstance(error, BackendError):
             pass  # the command line prints it in one line
-        return "" if len(told) <= LONGEST + 100 or isinstance(error, BackendError) else "the message is too long"
+        return "" if len(message) <= LONGEST + 100 or isinstance(error, BackendError) else "the message is too long"
     except MemoryError:
         return ""
     except Hung:
@@ -601,13 +603,13 @@ def failure(one: Input) -> str:
 
 
 def failures(
-    folder: Path, seed: int, count: int, *, every: int = 1, first: int = 0
+    folder: Path, seed: int, count: int, *, stride: int = 1, first: int = 0
 ) -> Iterator[tuple[str, Input, str]]:
     """Try these inputs of a seed in a folder, which is the current one; the name of each that fails, and why."""
     workshop = Workshop(folder)
-    for number in range(first, first + count, every):
+    for number in range(first, first + count, stride):
         rng = random.Random(zlib.crc32(f"{seed} {number}".encode()))
-        made = workshop.made(rng)
-        why = failure(made)
+        drawn_input = workshop.next_input(rng)
+        why = failure(drawn_input)
         if why:
-            yield f"seed {seed} input {number}", made, why
+            yield f"seed {seed} input {number}", drawn_input, why

@@ -75,8 +75,8 @@ def draw_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     white = encode_png(np.full((1, 1, 3), 255, np.uint8))
 
     def saved(_: Figure, path: Any, **options: Any) -> None:
-        kept = {key: value for key, value in options.items() if key in ("format", "metadata")}
-        whole(pixel, path, dpi=100, **kept)
+        file_options = {key: value for key, value in options.items() if key in ("format", "metadata")}
+        whole(pixel, path, dpi=100, **file_options)
 
     monkeypatch.setattr(Figure, "savefig", saved)
     monkeypatch.setattr(lines, "_draw_chart", lambda chart: pixel)

@@ -12,13 +12,13 @@ def launched() -> Iterator[list[Kernel]]:
     """The kernels of our formulas that are launched in this block; the list is filled when it ends."""
     import drjit as dr
 
-    found: list[Kernel] = []
+    kernels: list[Kernel] = []
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.sync_thread()
         dr.kernel_history_clear()
-        yield found
+        yield kernels
         dr.sync_thread()
-        found += dr.kernel_history((dr.KernelType.JIT,))
+        kernels += dr.kernel_history((dr.KernelType.JIT,))
 
 
 def new(later: Sequence[Kernel], before: Sequence[Kernel]) -> list[Kernel]:
@@ -28,9 +28,11 @@ def new(later: Sequence[Kernel], before: Sequence[Kernel]) -> list[Kernel]:
     Dr.Jit calls a kernel from the disk a hit too (`cache_hit`), so `cache_disk` has to be asked as well; and what it
     has in memory may be of another test, so that only what ``before`` launched is known.
     """
-    known = {kernel["hash"] for kernel in before}
+    known_hashes = {kernel["hash"] for kernel in before}
     return [
-        kernel for kernel in later if not kernel["cache_hit"] or kernel["cache_disk"] or kernel["hash"] not in known
+        kernel
+        for kernel in later
+        if not kernel["cache_hit"] or kernel["cache_disk"] or kernel["hash"] not in known_hashes
     ]
 
 

@@ -13,17 +13,17 @@ from lidarscene.sensor.sensor_file import SensorFile
 
 def models(*roots: type[FileModel]) -> dict[str, type[FileModel]]:
     """These file models and all models inside them, by name."""
-    found = {}
+    by_name = {}
     todo: list[Any] = list(roots)
     while todo:
-        one = todo.pop()
-        if isinstance(one, type) and not isinstance(one, UnionType) and issubclass(one, FileModel):
-            if one.__name__ not in found:
-                found[one.__name__] = one
-                todo += [info.annotation for info in one.model_fields.values()]
+        model = todo.pop()
+        if isinstance(model, type) and not isinstance(model, UnionType) and issubclass(model, FileModel):
+            if model.__name__ not in by_name:
+                by_name[model.__name__] = model
+                todo += [info.annotation for info in model.model_fields.values()]
         else:
-            todo += getattr(one, "__args__", ())
-    return found
+            todo += getattr(model, "__args__", ())
+    return by_name
 
 
 MODELS = models(SceneFile, SensorFile, MaterialFile, RigFile, JobFile)

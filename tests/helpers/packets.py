@@ -20,12 +20,12 @@ def random_frame(sensor: Sensor, *, number: int = 0, farthest_m: float = 120.0, 
     rng = np.random.default_rng(20 + number)
     scanner = sensor.scanner
     pulse = np.arange(scanner.pulses) + number * scanner.pulses
-    found = pulse[rng.random(len(pulse)) < 0.7]
-    parts = [points(sensor, found, rng.uniform(1.0, farthest_m, len(found)), number)]
+    echo_pulses = pulse[rng.random(len(pulse)) < 0.7]
+    parts = [points(sensor, echo_pulses, rng.uniform(1.0, farthest_m, len(echo_pulses)), number)]
     if second:
-        there = rng.random(len(found)) < 0.5
-        behind_m = parts[0]["range_m"][there] + rng.uniform(1.0, 8.0, there.sum())
-        parts.append(points(sensor, found[there], behind_m, number, return_number=2))
+        has_second = rng.random(len(echo_pulses)) < 0.5
+        behind_m = parts[0]["range_m"][has_second] + rng.uniform(1.0, 8.0, has_second.sum())
+        parts.append(points(sensor, echo_pulses[has_second], behind_m, number, return_number=2))
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     start_s = float(scanner.time_s(pulse[:1])[0])
     return PointCloud(**columns, metadata={"frame": "sensor", "frame_start_s": repr(start_s)})
@@ -40,7 +40,7 @@ def points(sensor: Sensor, pulse: Any, ranges_m: Any, number: int, *, return_num
     offset = scanner.offset_m(pulse)
     start = np.zeros((len(pulse), 3)) if offset is None else np.stack(offset, axis=-1)
     first_s = scanner.time_s(np.array([number * scanner.pulses]))[0]
-    known = {
+    columns = {
         "xyz_m": start + range_m[:, None] * direction,
         "range_m": range_m,
         "intensity": rng.integers(0, 256, len(pulse)),
@@ -53,8 +53,8 @@ def points(sensor: Sensor, pulse: Any, ranges_m: Any, number: int, *, return_num
         "return_number": np.full(len(pulse), return_number),
     }
     return {
-        name: known[name].astype(KINDS.get(name, "float64") if name != "xyz_m" else "float64")
-        if name in known
+        name: columns[name].astype(KINDS.get(name, "float64") if name != "xyz_m" else "float64")
+        if name in columns
         else np.zeros(len(pulse), KINDS[name])
         for name in MEASURED
     }
@@ -62,12 +62,12 @@ def points(sensor: Sensor, pulse: Any, ranges_m: Any, number: int, *, return_num
 
 def packets_of(maker: PacketEncoder, sensor: Sensor, clouds: list[PointCloud], ambient: Any = None) -> list[Packet]:
     """Of these frames, the rest too; ``ambient`` are counts of every pulse of each."""
-    made = []
+    packets = []
     for number, cloud in enumerate(clouds):
         gathering = FiringsBuilder(sensor, number)
         gathering.add(cloud)
         if ambient is not None:
             pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32) + number * sensor.scanner.pulses
             gathering.ambient(pulse, ambient)
-        made += maker.packets(gathering.firings())
-    return made + maker.flush()
+        packets += maker.packets(gathering.firings())
+    return packets + maker.flush()

@@ -57,11 +57,11 @@ def points_of(payload: bytes) -> Iterator[tuple[int, float, float, float, int]]:
     turns, stamp_us, echo = struct.unpack_from("<HIB", payload, tail)
     second = payload[tail + 13]
     for block in range(blocks):
-        at = 8 + 194 * block
-        azimuth = struct.unpack_from("<H", payload, at)[0]
+        offset = 8 + 194 * block
+        azimuth = struct.unpack_from("<H", payload, offset)[0]
         ahead = (5 - block) // 2 if echo == 0x39 else 5 - block
         for laser in range(64):
-            distance, reflectivity = struct.unpack_from("<HB", payload, at + 2 + 3 * laser)
+            distance, reflectivity = struct.unpack_from("<HB", payload, offset + 2 + 3 * laser)
             if distance:
                 turned = 0.01 * azimuth - turns * 6e-6 * BEFORE_US[laser]
                 time_s = second + 1e-6 * (stamp_us - 55.56 * ahead - 42.58 - BEFORE_US[laser])

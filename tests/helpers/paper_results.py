@@ -24,34 +24,34 @@ class Results(NamedTuple):
     errata: list[Erratum]
 
     def figure(self, name: str) -> Figure:
-        (one,) = (figure for figure in self.figures if figure.name == name)
-        return one
+        (match,) = (figure for figure in self.figures if figure.name == name)
+        return match
 
 
 @cache
 def results() -> Results:
     """Computed, or read where another process of this run has; two at the same time write the same."""
-    if not (kept := _kept()).exists():
+    if not (path := _pickle_path()).exists():
         return computed()
-    found: Results = pickle.loads(kept.read_bytes())
-    return found
+    pickled: Results = pickle.loads(path.read_bytes())
+    return pickled
 
 
 def computed() -> Results:
     """Computed here, and kept for the others."""
-    found = Results(drawn.figures(), *claims_and_errata())
-    with tempfile.NamedTemporaryFile(dir=_kept().parent, delete=False) as file:
-        file.write(pickle.dumps(found))
-    Path(file.name).replace(_kept())
-    return found
+    fresh = Results(drawn.figures(), *claims_and_errata())
+    with tempfile.NamedTemporaryFile(dir=_pickle_path().parent, delete=False) as file:
+        file.write(pickle.dumps(fresh))
+    Path(file.name).replace(_pickle_path())
+    return fresh
 
 
-def _kept() -> Path:
+def _pickle_path() -> Path:
     return Path(os.environ["LIDARSCENE_CACHE"]) / "paper_results.pickle"  # of this run alone: tests/conftest.py
 
 
-def use(patch: pytest.MonkeyPatch, known: Results) -> None:
+def use(patch: pytest.MonkeyPatch, fixed: Results) -> None:
     """The study finds these, which are its own: it asks the same functions."""
     assert (study.figures, study.claims_and_errata) == (drawn.figures, claims_and_errata)
-    patch.setattr(study, "figures", lambda: known.figures)
-    patch.setattr(study, "claims_and_errata", lambda: (known.claims, known.errata))
+    patch.setattr(study, "figures", lambda: fixed.figures)
+    patch.setattr(study, "claims_and_errata", lambda: (fixed.claims, fixed.errata))

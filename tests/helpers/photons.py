@@ -15,12 +15,16 @@ SUM = {"shots": 50, "window_us": 1.0, "bin_ns": 1.0, "threshold_floor": 4.0, "th
 
 def tables(name="table1-sipm"):
     """Of a sensor file: a catalogue sensor's, with SPADs and a histogram in place of its detector and converter."""
-    found = dict(read_toml(path_of("sensors", name)))
-    found["laser"] = found["laser"] | {"pulse_fwhm_ns": 4.0, "repetition_rate_khz": 10, "peak_power_w": 1.0}
-    found["detector"], found["histogram"] = dict(PIXEL), dict(SUM)
+    sensor_tables = dict(read_toml(path_of("sensors", name)))
+    sensor_tables["laser"] = sensor_tables["laser"] | {
+        "pulse_fwhm_ns": 4.0,
+        "repetition_rate_khz": 10,
+        "peak_power_w": 1.0,
+    }
+    sensor_tables["detector"], sensor_tables["histogram"] = dict(PIXEL), dict(SUM)
     for key in ("tdc", "sources", "published", "sampler"):
-        found.pop(key, None)
-    return found
+        sensor_tables.pop(key, None)
+    return sensor_tables
 
 
 def sensor(*overrides):
@@ -30,11 +34,16 @@ def sensor(*overrides):
 
 def spinning(*overrides):
     """A head of two beams that turns ten times a second; the sensor works out its shots from that."""
-    found = tables()
-    found["scanner"] = {"type": "spinning", "rotation_hz": 10, "columns_per_turn": 1024, "elevation_deg": [0.0, 1.0]}
-    found["histogram"] = {key: value for key, value in SUM.items() if key not in ("shots", "window_us")}
-    found["histogram"] |= {"pulse_period_us": 1.8, "threshold_floor": 0.0}
-    return sensor_from_tables(found, where="test", overrides=overrides)
+    sensor_tables = tables()
+    sensor_tables["scanner"] = {
+        "type": "spinning",
+        "rotation_hz": 10,
+        "columns_per_turn": 1024,
+        "elevation_deg": [0.0, 1.0],
+    }
+    sensor_tables["histogram"] = {key: value for key, value in SUM.items() if key not in ("shots", "window_us")}
+    sensor_tables["histogram"] |= {"pulse_period_us": 1.8, "threshold_floor": 0.0}
+    return sensor_from_tables(sensor_tables, where="test", overrides=overrides)
 
 
 def echoes_of(counter, range_m, *, photons=None, count=4000, **target):
@@ -48,13 +57,13 @@ def echoes_of(counter, range_m, *, photons=None, count=4000, **target):
     return replace(light, peak_power_w=np.asarray(point.response.power_w(photons + 0.0 * light.range_m)))
 
 
-def detected(counter, light, *, seed=1):
+def detect(counter, light, *, seed=1):
     """The detection of these echoes; their pulses are numbered."""
     pulse = np.arange(len(light.range_m), dtype=np.uint32)
     return receivers.detect_alone(light, counter, seed=seed, pulse=pulse)
 
 
-def detected_train(counter, train, *, seed=1):
+def detect_train(counter, train, *, seed=1):
     """The detection of a train of sub-echoes."""
     pulse = np.arange(len(train.background_power_w), dtype=np.uint32)
     return receivers.detect(train, counter, seed=seed, pulse=pulse)
@@ -65,29 +74,29 @@ def echo_of(stop):
     return np.asarray(stop.reported) & (np.asarray(stop.status) == 0)
 
 
-def fired(arrivals, dead_time):
+def firing_times(arrivals, dead_time):
     """Times at which SPADs fire, from the sorted arrivals of each shot, (shots, photons) with inf for none.
 
     Photon by photon: one is seen if the last that was seen lies a dead time back.
     """
     last = np.full(len(arrivals), -np.inf)
-    seen = np.full(arrivals.shape, np.inf)
+    firing_s = np.full(arrivals.shape, np.inf)
     for k in range(arrivals.shape[1]):
-        now = arrivals[:, k]
-        sees = (now - last >= dead_time) & np.isfinite(now)
-        seen[sees, k] = now[sees]
-        last = np.where(sees, now, last)
-    return seen
+        arrival = arrivals[:, k]
+        fires = (arrival - last >= dead_time) & np.isfinite(arrival)
+        firing_s[fires, k] = arrival[fires]
+        last = np.where(fires, arrival, last)
+    return firing_s
 
 
 def arrivals(rng, shots, *, rate_per_ns, start, end, echo=(0.0, 0.0, 1.0)):
     """(shots, photons) sorted times [ns] of Poisson arrivals: even background, and an echo (mean, place, sigma)."""
     mean, place, sigma = echo
-    background, own = rng.poisson(rate_per_ns * (end - start), shots), rng.poisson(mean, shots)
-    room = int((background + own).max())
+    background, echo_photons = rng.poisson(rate_per_ns * (end - start), shots), rng.poisson(mean, shots)
+    room = int((background + echo_photons).max())
     index = np.arange(room)
     times = np.where(index < background[:, None], rng.uniform(start, end, (shots, room)), np.inf)
-    of_echo = (index >= background[:, None]) & (index < (background + own)[:, None])
+    of_echo = (index >= background[:, None]) & (index < (background + echo_photons)[:, None])
     times = np.where(of_echo, rng.normal(place, sigma, (shots, room)), times)
     return np.sort(times, axis=1)
 
@@ -97,7 +106,7 @@ def histogram(times, *, bins, bin_ns):
     return np.histogram(times[np.isfinite(times)], bins=bins, range=(0.0, bins * bin_ns))[0]
 
 
-def renewed(rng, shape, *, rate_per_ns, dead, bins, bin_ns, echo=(0.0, 0.0, 1.0)):
+def renewal_counts(rng, shape, *, rate_per_ns, dead, bins, bin_ns, echo=(0.0, 0.0, 1.0)):
     """(points, bins) counts of the firings of (points, trials) SPADs, each followed from one firing to the next.
 
     Stationary from the start: a SPAD is blind with the probability lambda tau / (1 + lambda tau), and then for a rest

@@ -30,11 +30,11 @@ def readings(snr, *overrides, sub_echoes=((0.0, 1.0),), name="table1-apd", seed=
     power = trains.power_at_snr(equipped, snr)
     light = train(range_m[:, None] + offsets, np.broadcast_to(power * shares, (SHOTS, len(shares))))
     stop = detect(light, equipped, seed=seed).stops[0]
-    kept = stop.reported & (stop.status == 0)
-    assert kept.mean() > 0.99
+    is_echo = stop.reported & (stop.status == 0)
+    assert is_echo.mean() > 0.99
     width_s = np.zeros(SHOTS) if stop.width_s is None else stop.width_s
     signal = float(equipped.working_point(light.background_power_w[:1]).response.signal(np.array([power]))[0])
-    return (stop.range_m - range_m)[kept], stop.amplitude[kept] / signal, width_s[kept]
+    return (stop.range_m - range_m)[is_echo], stop.amplitude[is_echo] / signal, width_s[is_echo]
 
 
 def on_light(equipped, echoes, lasting):

@@ -21,23 +21,23 @@ def velodyne_packet(azimuths: Sequence[int], distances: Sequence[Sequence[int]],
     """A packet of a VLP-16: 12 azimuths [0.01 degrees], 24 firings of 16 distances [2 mm], 0 where lost."""
     blocks = b""
     for block, azimuth in enumerate(azimuths):
-        both = [*distances[2 * block], *distances[2 * block + 1]]
+        two_firings = [*distances[2 * block], *distances[2 * block + 1]]
         blocks += struct.pack("<HH", 0xEEFF, azimuth)
-        blocks += b"".join(struct.pack("<HB", distance, 50 + laser % 16) for laser, distance in enumerate(both))
+        blocks += b"".join(struct.pack("<HB", distance, 50 + laser % 16) for laser, distance in enumerate(two_firings))
     return blocks + struct.pack("<IBB", stamp_us, STRONGEST, VLP16)
 
 
-def turns(packets: int, *, lost: Collection[tuple[int, int]] = (), start: int = 0) -> list[bytes]:
-    """Packets of a VLP-16 at 10 Hz in a round room of 10 m; ``lost``: lasers and firings without return."""
-    made = []
+def turns(packets: int, *, missing: Collection[tuple[int, int]] = (), start: int = 0) -> list[bytes]:
+    """Packets of a VLP-16 at 10 Hz in a round room of 10 m; ``missing``: lasers and firings without return."""
+    payloads = []
     for number in range(packets):
         azimuths = [(start + (12 * number + block) * 40) % 36_000 for block in range(12)]
         distances = [
-            [0 if (laser, FIRINGS * number + firing) in lost else 5000 for laser in range(16)]
+            [0 if (laser, FIRINGS * number + firing) in missing else 5000 for laser in range(16)]
             for firing in range(FIRINGS)
         ]
-        made.append(velodyne_packet(azimuths, distances, stamp_us=1327 * number))
-    return made
+        payloads.append(velodyne_packet(azimuths, distances, stamp_us=1327 * number))
+    return payloads
 
 
 def vls_packet(azimuth: int, step: int, stamp_us: int) -> bytes:

@@ -75,16 +75,16 @@ def scene_and_units(folder: Path, truth: Mapping[str, float]) -> tuple[Path, Sen
 
 def record(path: Path, scene: Path, sensor: Sensor, core: Any, osf: Any, *, seed: int = 0) -> Path:
     """Render a frame and write it as the maker's library does, with what lost pulses have of background."""
-    seen: list[Any] = []
+    pulses: list[Any] = []
     ambient = np.full(sensor.scanner.pulses, np.nan)
     cloud = Simulator(load_scene(scene), sensor).render(
         seed=seed,
-        points=lambda pulse, _: seen.append(pulse),
+        points=lambda pulse, _: pulses.append(pulse),
         ambient=lambda pulse, counts: ambient.__setitem__(np.asarray(pulse, int), counts),
     )
-    found = {name: np.zeros(sensor.scanner.pulses) for name in ("range_m", "signal")}
-    for name, values in found.items():
-        values[np.concatenate(seen).astype(int)] = getattr(cloud, name)
+    columns = {name: np.zeros(sensor.scanner.pulses) for name in ("range_m", "signal")}
+    for name, values in columns.items():
+        values[np.concatenate(pulses).astype(int)] = getattr(cloud, name)
     info = core.SensorInfo(OUSTER.with_suffix(".json").read_text())
     frame = core.LidarFrame(info)
     frame.status[COLUMNS] = 1
@@ -93,9 +93,9 @@ def record(path: Path, scene: Path, sensor: Sensor, core: Any, osf: Any, *, seed
     numbers = _numbers(path.with_name("empty.osf"), frame, info, sensor, osf)
     # The maker counts the range from behind the exit.
     behind_m = 1e-3 * float(info.lidar_origin_to_beam_origin_mm)
-    range_m = np.where(found["range_m"] > 0.0, found["range_m"] + behind_m, 0.0)
+    range_m = np.where(columns["range_m"] > 0.0, columns["range_m"] + behind_m, 0.0)
     frame.field("RANGE")[:] = np.rint(1e3 * range_m[numbers])
-    frame.field("SIGNAL")[:] = np.rint(found["signal"][numbers])
+    frame.field("SIGNAL")[:] = np.rint(columns["signal"][numbers])
     frame.field("NEAR_IR")[:] = np.rint(ambient[numbers])
     _write(path, frame, info, osf)
     return path

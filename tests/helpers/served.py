@@ -52,9 +52,9 @@ def served(*arguments: str | Path) -> Iterator[Served]:
     try:
         assert process.stdout is not None
         line = process.stdout.readline()
-        found = re.search(r"http://127\.0\.0\.1:\d+/", line)
-        assert found, line + process.communicate(timeout=PATIENCE_S)[1]
-        yield Served(process, found[0])
+        address = re.search(r"http://127\.0\.0\.1:\d+/", line)
+        assert address, line + process.communicate(timeout=PATIENCE_S)[1]
+        yield Served(process, address[0])
     finally:
         if process.poll() is None:
             process.kill()

@@ -73,7 +73,7 @@ COARSE = {
 }
 """What is set of a sensor so that it has a few thousand pulses a frame."""
 COARSE_RIG = (
-    *(f"roof:{one}" for one in SPINNING),
+    *(f"roof:{setting}" for setting in SPINNING),
     "left:laser.repetition_rate_khz=24",
     "right:laser.repetition_rate_khz=24",
 )
@@ -83,7 +83,7 @@ COARSE_JOB = {
     "seed_count = 2": "seed_count = 1",
     "[1, 10, 100]": "[1, 100]",
     "[sweep.scene]": "[sweep.sensor]\n"
-    + "".join(f'"{key}" = [{value}]\n' for key, value in (one.split("=") for one in RASTER))
+    + "".join(f'"{key}" = [{value}]\n' for key, value in (setting.split("=") for setting in RASTER))
     + "\n[sweep.scene]",
 }
 """What `scenes/job.toml` says, and what instead: four frames for twelve."""
@@ -115,18 +115,18 @@ def parsed_only(command: str) -> bool:
 def in_a_longer_one(command: str) -> bool:
     """Whether another command that is shown is this one with more options."""
     start = f"{by_names(command)} --"
-    return any(one.startswith(start) for one in _all_by_names())
+    return any(longer.startswith(start) for longer in _all_by_names())
 
 
 @functools.cache
 def _all_by_names() -> tuple[str, ...]:
-    return tuple(by_names(one) for page in PAGES for one in commands(page))
+    return tuple(by_names(line) for page in PAGES for line in commands(page))
 
 
 def is_read_later(command: str, page: Path) -> bool:
     """Whether the page names what the command writes in another command, or in its Python."""
     target = command.partition(" > ")[2] or value_of("-o", command.split())
-    texts = [one for one in commands(page) if one != command]
+    texts = [other_command for other_command in commands(page) if other_command != command]
     texts += [block.code for block in blocks(page, "python")]
     return target is not None and any(re.search(rf"{re.escape(target)}(?![\w.-])", text) for text in texts)
 
@@ -163,44 +163,44 @@ def sparse(scene: Scene) -> Scene:
 
 def coarse(arguments: list[str]) -> list[str]:
     """The same command, in less time."""
-    command, *rest = arguments
-    if "--frames" in rest:
-        rest[rest.index("--frames") + 1] = "2"
-    if "--pulses" in rest:  # a coarse frame has fewer
-        rest[rest.index("--pulses") + 1] = "0"
-    if command == "view" and "--save" not in rest:
-        rest += ["--save", "out/view.html"]
-    if command == "batch" and "scenes/job.toml" in rest:
+    command, *options = arguments
+    if "--frames" in options:
+        options[options.index("--frames") + 1] = "2"
+    if "--pulses" in options:  # a coarse frame has fewer
+        options[options.index("--pulses") + 1] = "0"
+    if command == "view" and "--save" not in options:
+        options += ["--save", "out/view.html"]
+    if command == "batch" and "scenes/job.toml" in options:
         Path("job.toml").write_text(coarse_job(), encoding="utf-8")
-        rest[rest.index("scenes/job.toml")] = "job.toml"
-        rest += ["--workers", "1"] if "--workers" not in rest else []
-    if "--illuminance" in rest:
-        rest[rest.index("--illuminance") + 1] = "10,100"
+        options[options.index("scenes/job.toml")] = "job.toml"
+        options += ["--workers", "1"] if "--workers" not in options else []
+    if "--illuminance" in options:
+        options[options.index("--illuminance") + 1] = "10,100"
     if command == "fov":
-        rest += ["--time", "0.02", "--cell", "8"]
-    rig, scene = value_of("--rig", rest), next(filter(is_shipped, rest), None)
+        options += ["--time", "0.02", "--cell", "8"]
+    rig, scene = value_of("--rig", options), next(filter(is_shipped, options), None)
     if rig == "scenes/rig.toml":
         sets: tuple[str, ...] = COARSE_RIG
     elif command in ("compare", "fov"):
-        names = (value_of("--sensors", rest) or ",".join(rest)).split(",")
-        sets = tuple(f"{name}:{one}" for name in names if name in COARSE for one in COARSE[name])
+        names = (value_of("--sensors", options) or ",".join(options)).split(",")
+        sets = tuple(f"{name}:{setting}" for name in names if name in COARSE for setting in COARSE[name])
     elif command in ("render", "view") and scene is not None and rig is None:
-        sensor = value_of("--sensor", rest) or sensor_of_scene(scene)
+        sensor = value_of("--sensor", options) or sensor_of_scene(scene)
         sets = COARSE.get(sensor, ())
     else:
         sets = ()
-    return [command, *rest, *(f"--set={one}" for one in sets)]
+    return [command, *options, *(f"--set={setting}" for setting in sets)]
 
 
 @dataclass(frozen=True)
 class Reader:
-    """Who follows one page after the other, each in a folder of its own; ``done`` is what ran for another page.
+    """Runs the commands of one page after the other, each page in a folder of its own; ``ran``: commands run so far.
 
-    That runs once more only for a page that goes on with what it writes, so that each page can be followed alone.
+    A command runs once more only for a page that goes on with what it writes, so that each page can be followed alone.
     """
 
     folder: Path
-    done: set[str] = field(default_factory=set)
+    ran: set[str] = field(default_factory=set)
     scenes: dict[tuple[Path, tuple[str, ...]], Scene] = field(default_factory=dict)
     worlds: dict[object, Any] = field(default_factory=dict)
 
@@ -219,7 +219,7 @@ class Reader:
         trimesh.creation.box((4.0, 1.8, 1.5)).export(MESH)
         for command in MADE_BEFORE.get(page.name, ()):
             self._run(capsys, command)
-        shown = set(shell_lines(page))
+        shell_commands = set(shell_lines(page))
         own_files = any(block.file_name for block in blocks(page))
         for block in in_order(page):
             if block.language == "python" and own_files:
@@ -228,7 +228,7 @@ class Reader:
                 for line in block.code.splitlines():
                     self._try(capsys, page, re.split(" #", line)[0].strip().removeprefix(".venv/bin/"))
         for command in commands(page):
-            if command not in shown and not incomplete(command):
+            if command not in shell_commands and not incomplete(command):
                 self._try(capsys, page, command)
 
     def _keep_worlds(self, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -248,7 +248,7 @@ class Reader:
             return self.scenes[key]
 
         def world(scene: Scene, **options: Any) -> World:
-            of_file = next((file for (file, _), one in self.scenes.items() if one is scene), None)
+            of_file = next((file for (file, _), loaded_scene in self.scenes.items() if loaded_scene is scene), None)
             if self.worlds.get("file") != of_file:
                 self.worlds.clear()
             if of_file is None:
@@ -268,9 +268,9 @@ class Reader:
         if not line.startswith("lidarscene "):
             return
         read_later = is_read_later(line, page)
-        if by_names(line) in self.done and not read_later:
+        if by_names(line) in self.ran and not read_later:
             return
-        self.done.add(by_names(line))
+        self.ran.add(by_names(line))
         arguments = shlex.split(line.partition(" > ")[0])[1:]
         assert main._parser().parse_args(main.with_joined_pose(arguments)).run
         runs_elsewhere = arguments[0] in ("render", "fov") and in_a_longer_one(line) and not read_later

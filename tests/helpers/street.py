@@ -27,14 +27,14 @@ def scene() -> Scene:
         name="street",
         bodies=(
             road,
-            block("near", "car", (4.0, 2.0, 1.5), at(12.0, -3.0, 0.75, 30.0)),
-            block("far", "car", (4.4, 1.8, 1.6), at(25.0, 9.0, 0.8, 110.0)),
-            block("wall", "barrier", (0.2, 8.0, 0.9), at(20.0, 5.5, 0.45, 20.0)),
+            block("near", "car", (4.0, 2.0, 1.5), pose_at(12.0, -3.0, 0.75, 30.0)),
+            block("far", "car", (4.4, 1.8, 1.6), pose_at(25.0, 9.0, 0.8, 110.0)),
+            block("wall", "barrier", (0.2, 8.0, 0.9), pose_at(20.0, 5.5, 0.45, 20.0)),
         ),
     )
 
 
-def at(forward_m: float, left_m: float, up_m: float, yaw_deg: float) -> Pose:
+def pose_at(forward_m: float, left_m: float, up_m: float, yaw_deg: float) -> Pose:
     return Pose.from_degrees(position_m=(forward_m, left_m, up_m), yaw_deg=yaw_deg)
 
 
@@ -47,13 +47,13 @@ def cloud(
         np.radians(np.arange(30.0, -30.01, -step_deg)), np.radians(np.arange(6.0, -18.01, -step_deg))
     )
     azimuth, elevation = azimuth.ravel(), elevation.ravel()
-    own = np.stack(
+    directions = np.stack(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1
     )
-    range_m, body = nearest(described, sensor.position_m, own @ sensor.rotation.T)
+    range_m, body = nearest(described, sensor.position_m, directions @ sensor.rotation.T)
     hit = np.flatnonzero(np.isfinite(range_m))
     row = np.searchsorted(-np.unique(elevation)[::-1], -elevation)
-    points_m = own[hit] * range_m[hit, None]
+    points_m = directions[hit] * range_m[hit, None]
     metadata = {
         "sensor": "brute",
         "scene": described.name,
@@ -64,10 +64,10 @@ def cloud(
     if frame == "world":
         points_m = sensor.apply(points_m)
         metadata |= {"sensor_position_m": words(sensor.position_m), "sensor_rotation": words(sensor.rotation)}
-    names = list(dict.fromkeys(one.class_name for one in described.bodies))
-    class_of = np.array([names.index(one.class_name) for one in described.bodies])
+    names = list(dict.fromkeys(scene_body.class_name for scene_body in described.bodies))
+    class_of = np.array([names.index(scene_body.class_name) for scene_body in described.bodies])
     n, zeros = len(hit), np.zeros(len(hit))
-    given = {
+    columns = {
         "xyz_m": points_m.astype(np.float32),
         "range_m": range_m[hit],
         "intensity": 1e-6 / range_m[hit] ** 2,
@@ -84,15 +84,15 @@ def cloud(
         "class_id": class_of[body[hit]],
     }
     return PointCloud(
-        **(everything(n) | given),
-        body_names=tuple(one.name for one in described.bodies),
+        **(zero_columns(n) | columns),
+        body_names=tuple(scene_body.name for scene_body in described.bodies),
         class_names=tuple(names),
         material_names=("m",),
         metadata=metadata,
     )
 
 
-def everything(n: int) -> dict[str, np.ndarray]:
+def zero_columns(n: int) -> dict[str, np.ndarray]:
     """Zeros for every attribute of a cloud, whatever columns there are."""
     from lidarscene.formats.cloud_columns import MEASURED, TRUTH
 
@@ -106,9 +106,9 @@ def words(values: np.ndarray) -> str:
 def nearest(described: Scene, origin_m: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Range (inf without a hit) and body of each ray: Moeller and Trumbore's formula for every triangle."""
     best, body = np.full(len(direction), np.inf), np.full(len(direction), -1)
-    for index, one in enumerate(described.bodies):
-        for part in one.parts:
-            corners = one.pose.apply(part.vertices_m)[part.faces.astype(int)]
+    for index, scene_body in enumerate(described.bodies):
+        for part in scene_body.parts:
+            corners = scene_body.pose.apply(part.vertices_m)[part.faces.astype(int)]
             for a, b, c in corners:
                 t = triangle(origin_m, direction, a, b - a, c - a)
                 nearer = t < best
@@ -116,14 +116,14 @@ def nearest(described: Scene, origin_m: np.ndarray, direction: np.ndarray) -> tu
     return best, body
 
 
-def triangle(origin, direction, corner, edge, other) -> np.ndarray:
-    p = np.cross(direction, other)
+def triangle(origin, direction, corner, edge, second_edge) -> np.ndarray:
+    p = np.cross(direction, second_edge)
     determinant = p @ edge
     with np.errstate(divide="ignore", invalid="ignore"):
         s = origin - corner
         u = p @ s / determinant
         q = np.cross(s, edge)
         v = direction @ q / determinant
-        t = other @ q / determinant
+        t = second_edge @ q / determinant
         inside = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)
     return np.where(inside, t, np.inf)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lidarscene import load_sensor
+from helpers.chain import sensor as sensor
 from lidarscene.detection import multi_echo
 from lidarscene.kernel.device import transfer
 from lidarscene.light.air_light import air_light
@@ -26,10 +26,6 @@ BACKGROUND_W = 2.5e-8
 
 QUIET = ["tdc.threshold_to_noise=50"]
 """No false alarms."""
-
-
-def sensor(name, *overrides):
-    return load_sensor(name, overrides=list(overrides))
 
 
 def train(range_m, peak_power_w, *, background_w=BACKGROUND_W, volume=None):
@@ -60,12 +56,12 @@ def in_fog(equipped, scale, *, wall_m=None, reflectivity=0.3):
     lenses = equipped.laser, equipped.optics, equipped.tdc.window_s, equipped.received_fwhm_s
     air = _air_by_lenses.get(lenses) or air_light(FOG, equipped, extinction_per_m=extinction)
     _air_by_lenses[lenses] = air
-    own = scale * float(equipped.laser.peak_power_w * equipped.optics.efficiency_laser * equipped.optics.aperture_m2)
+    sent_w = scale * float(equipped.laser.peak_power_w * equipped.optics.efficiency_laser * equipped.optics.aperture_m2)
     end_m = wall_m or 100.0
-    wall_w = own * reflectivity / math.pi * math.exp(-2.0 * extinction * end_m) / end_m**2
-    wall_w = wall_w if wall_m else 0.0 * own
-    volume = air.volume(scale=own, end_m=np.full(len(own), end_m))
-    return train(np.full((len(own), 1), end_m), wall_w[:, None], volume=volume)
+    wall_w = sent_w * reflectivity / math.pi * math.exp(-2.0 * extinction * end_m) / end_m**2
+    wall_w = wall_w if wall_m else 0.0 * sent_w
+    volume = air.volume(scale=sent_w, end_m=np.full(len(sent_w), end_m))
+    return train(np.full((len(sent_w), 1), end_m), wall_w[:, None], volume=volume)
 
 
 def detect(light, equipped, *, seed=0):
@@ -125,21 +121,21 @@ def slow_crossings(light, equipped, *, seed=0, step=0.005):
     (part,) = light.parts
     arrival = (2.0 / SPEED_OF_LIGHT_M_S) * part.range_m.reshape(-1, part.count)
     power = part.peak_power_w.reshape(arrival.shape)
-    found, shallow = [], set()
+    crossings, shallow = [], set()
     for pulse in range(len(threshold)):
-        there = arrival[pulse][power[pulse] > 0.0]
-        if len(there) == 0:
+        arrivals = arrival[pulse][power[pulse] > 0.0]
+        if len(arrivals) == 0:
             continue
-        time = np.arange(there.min() - 9.0 * SIGMA_S, there.max() + 9.0 * SIGMA_S, step * SIGMA_S)
+        time = np.arange(arrivals.min() - 9.0 * SIGMA_S, arrivals.max() + 9.0 * SIGMA_S, step * SIGMA_S)
         alone = replace(
             light,
             parts=(replace(part, range_m=part.range_m.reshape(arrival.shape)[pulse], peak_power_w=power[pulse]),),
             background_power_w=light.background_power_w[pulse : pulse + 1],
         )
-        watts, signal = (one[0] for one in sample_power_and_signal(alone, equipped, time))
+        watts, signal = (row[0] for row in sample_power_and_signal(alone, equipped, time))
         edge_noise = point.noise
-        named = {"noise": edge_noise.deviation, "kappa_1": edge_noise.kappa_1, "kappa_2": edge_noise.kappa_2}
-        own = {name: np.broadcast_to(value, len(threshold))[pulse] for name, value in named.items()}
+        noise_terms = {"noise": edge_noise.deviation, "kappa_1": edge_noise.kappa_1, "kappa_2": edge_noise.kappa_2}
+        of_pulse = {name: np.broadcast_to(value, len(threshold))[pulse] for name, value in noise_terms.items()}
         peaks = np.flatnonzero((watts[1:-1] > watts[:-2]) & (watts[1:-1] >= watts[2:])) + 1
         valleys = np.flatnonzero((watts[1:-1] < watts[:-2]) & (watts[1:-1] <= watts[2:])) + 1
         turns = watts[np.sort(np.r_[peaks, valleys])]
@@ -151,15 +147,15 @@ def slow_crossings(light, equipped, *, seed=0, step=0.005):
             valley = before + int(np.argmin(watts[before : peak + 1]))
             words = noise.words(seed=seed, stage=1, pulse=np.array([pulse]), draw=number)
             deviate = noise.normal_pair(words)[0][0]
-            level = tdc.crossing_level(threshold=threshold[pulse], deviate=deviate, **own)
+            level = tdc.crossing_level(threshold=threshold[pulse], deviate=deviate, **of_pulse)
             trips = signal[peak] >= level
             if trips and not (high and signal[valley] >= level):
                 edge = valley + int(np.argmax(signal[valley : peak + 1] >= level))
-                at, good_to = time[edge], step
+                crossed_s, good_to = time[edge], step
                 if edge > valley:
-                    at = np.interp(level, signal[edge - 1 : edge + 1], time[edge - 1 : edge + 1])
+                    crossed_s = np.interp(level, signal[edge - 1 : edge + 1], time[edge - 1 : edge + 1])
                     start, end, beyond = signal[edge - 1 : edge + 2]
                     good_to = 1e-4 + step * abs((beyond - end) / (end - start) - 1.0) / 4.0
-                found.append((pulse, at / SIGMA_S, good_to))
+                crossings.append((pulse, crossed_s / SIGMA_S, good_to))
             high, before = trips, peak
-    return found, shallow
+    return crossings, shallow

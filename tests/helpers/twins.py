@@ -38,11 +38,13 @@ def room(direction: Any, pose: Pose | None = None) -> tuple[Any, Any, Any]:
     along, start = direction @ pose.rotation.T, pose.position_m
     planes = [(0, HALF_M[0], 0), (0, -HALF_M[0], 0), (1, HALF_M[1], 1), (1, -HALF_M[1], 1), (2, -HEIGHT_M, 2)]
     with np.errstate(divide="ignore"):
-        ways = [(at - start[axis]) / along[..., axis] for axis, at, _ in planes]
+        ways = [(offset_m - start[axis]) / along[..., axis] for axis, offset_m, _ in planes]
     ways = [np.where(way > 0.0, way, np.inf) for way in ways]
-    met = np.argmin(ways, axis=0)
-    cos = np.abs(np.take_along_axis(along, np.array([axis for axis, _, _ in planes])[met][..., None], axis=-1))[..., 0]
-    return np.min(ways, axis=0), cos, np.array([REFLECTIVITY[kind] for _, _, kind in planes])[met]
+    nearest = np.argmin(ways, axis=0)
+    cos = np.abs(np.take_along_axis(along, np.array([axis for axis, _, _ in planes])[nearest][..., None], axis=-1))[
+        ..., 0
+    ]
+    return np.min(ways, axis=0), cos, np.array([REFLECTIVITY[kind] for _, _, kind in planes])[nearest]
 
 
 def room_sweep(
@@ -53,7 +55,7 @@ def room_sweep(
     range_m, cos, reflectivity = room(direction, pose)
     apparent = reflectivity * cos
     noise = np.random.default_rng(seed).normal(0.0, 1.0, range_m.shape)
-    given: dict[str, Any] = {
+    fields: dict[str, Any] = {
         "range_m": range_m + noise_m * noise,
         "recorded": np.ones_like(range_m, bool),
         "direction": direction,
@@ -62,7 +64,7 @@ def room_sweep(
         "includes_lost": True,
         "ring": np.broadcast_to(np.arange(RINGS)[:, None], range_m.shape),
     }
-    return Sweep(**given | changed)
+    return Sweep(**fields | changed)
 
 
 def recording_of(path: Path, *sweeps: Sweep) -> Recording:

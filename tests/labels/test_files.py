@@ -51,7 +51,7 @@ def test_a_box_is_the_block_that_was_put_there(street_cloud: PointCloud) -> None
     near = box_named(street_cloud, "near")
     np.testing.assert_allclose(near.size_m, CAR, atol=1e-12)
     np.testing.assert_allclose(near.pose.position_m, [12.0, -3.0, 0.75], atol=1e-12)
-    np.testing.assert_allclose(near.pose.rotation, street.at(0, 0, 0, 30.0).rotation, atol=1e-12)
+    np.testing.assert_allclose(near.pose.rotation, street.pose_at(0, 0, 0, 30.0).rotation, atol=1e-12)
 
 
 def test_what_is_a_thing_has_a_box(street_cloud: PointCloud) -> None:
@@ -95,7 +95,7 @@ def test_visibility_by_tracing_each_body_alone(street_cloud: PointCloud) -> None
 
 
 def test_a_body_that_no_beam_meets() -> None:
-    behind = street.block("behind", "car", CAR, street.at(-30.0, 0.0, 0.75, 0.0))
+    behind = street.block("behind", "car", CAR, street.pose_at(-30.0, 0.0, 0.75, 0.0))
     scene = replace(street.scene(), bodies=(*street.scene().bodies, behind))
     box = box_named(street.cloud(described=scene), "behind", scene)
     assert (box.points_inside, box.points_on, box.beams, box.visibility, box.has_points) == (0, 0, 0, 0.0, False)
@@ -103,7 +103,7 @@ def test_a_body_that_no_beam_meets() -> None:
 
 def test_the_sensor_may_be_inside_a_box() -> None:
     """Every beam then enters it, and nothing comes before."""
-    hall = street.block("hall", "gantry", (200.0, 200.0, 50.0), street.at(0.0, 0.0, 0.0, 0.0))
+    hall = street.block("hall", "gantry", (200.0, 200.0, 50.0), street.pose_at(0.0, 0.0, 0.0, 0.0))
     cloud = street.cloud()
     scene = replace(street.scene(), bodies=(*street.scene().bodies, hall))
     box = box_named(cloud, "hall", scene)
@@ -128,11 +128,11 @@ def test_up_is_the_axis_that_is_up(roll_deg: float, pitch_deg: float, size_m: tu
 
 
 def test_balls_and_bodies_off_their_origin() -> None:
-    ball = Body(name="b", class_name="car", parts=(Ball(radius_m=0.5, material="m"),), pose=street.at(1, 2, 3, 0))
+    ball = Body(name="b", class_name="car", parts=(Ball(radius_m=0.5, material="m"),), pose=street.pose_at(1, 2, 3, 0))
     np.testing.assert_allclose(box_of(ball, 0).size_m, [1, 1, 1])
     part = street.block("c", "car", (2.0, 2.0, 2.0), Pose()).parts[0]
     off = replace(part, vertices_m=part.vertices_m + np.array([10.0, 0.0, 1.0]))
-    box = box_of(Body(name="c", class_name="car", parts=(off,), pose=street.at(0, 0, 0, 90.0)), 0)
+    box = box_of(Body(name="c", class_name="car", parts=(off,), pose=street.pose_at(0, 0, 0, 90.0)), 0)
     np.testing.assert_allclose(box.pose.position_m, [0.0, 10.0, 1.0], atol=1e-12)
 
 
@@ -142,7 +142,7 @@ def test_upright_boxes_hold_the_corners() -> None:
     box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=pose)
     size_m, yaw = upright_size_and_yaw(box)
     assert yaw == pytest.approx(math.radians(40.0))
-    local = np.abs(box.corners_m() @ street.at(0, 0, 0, 40.0).rotation)
+    local = np.abs(box.corners_m() @ street.pose_at(0, 0, 0, 40.0).rotation)
     np.testing.assert_allclose(local.max(axis=0), 0.5 * size_m, atol=1e-12)
     assert (size_m > CAR).all()
 
@@ -388,7 +388,7 @@ def test_a_line_of_kitti_by_hand() -> None:
     """A car ahead and to the left that looks to the left: the devkit's rotation_y is 0 along the camera's x (right) and
     grows towards -z, and alpha is the same seen from the camera. Its place is the middle of its bottom.
     """
-    pose = street.at(20.0, 5.0, -1.0, 90.0)
+    pose = street.pose_at(20.0, 5.0, -1.0, 90.0)
     box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=pose, beams=10, reached=9)
     kind, truncated, occluded, alpha, *numbers = label_of(box)
     assert (kind, truncated, occluded) == ("Car", "0.00", "0")
@@ -419,7 +419,7 @@ def test_levels_of_visibility(reached: int, level: str, token: str) -> None:
     """nuScenes' bins end at 40, 60 and 80 %; of KITTI's levels 0 is fully visible, 1 partly, 2 largely occluded."""
     from lidarscene.labels.files import _annotation
 
-    pose = street.at(20.0, 0.0, 0.0, 0.0)
+    pose = street.pose_at(20.0, 0.0, 0.0, 0.0)
     box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=pose, beams=100, reached=reached)
     assert label_of(box)[2] == level
     assert label_of(replace(box, beams=0, reached=0))[2] == "3"  # unknown
@@ -435,7 +435,7 @@ def test_a_box_that_reaches_out_of_the_picture() -> None:
     from lidarscene.labels.files import _picture_box
 
     size_m = np.array([1.0, 2.0, 2.0])
-    box = Box(body=0, name="", class_name="car", size_m=size_m, pose=street.at(10.0, 8.5, 0.0, 0.0))
+    box = Box(body=0, name="", class_name="car", size_m=size_m, pose=street.pose_at(10.0, 8.5, 0.0, 0.0))
     (left, top, right, low), truncated = _picture_box(box)
     edges = [621 - 720 * 9.5 / 9.5, 621 - 720 * 7.5 / 10.5]  # 9.5 m to the left at 9.5 m, and 7.5 m at 10.5 m
     assert edges[0] < 0 < edges[1]
@@ -448,12 +448,12 @@ def test_a_box_around_the_camera_and_one_to_the_right() -> None:
     """What is nearer than a tenth of a metre is drawn at that depth; the last pixels are 1241 and 374."""
     from lidarscene.labels.files import _picture_box
 
-    box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=street.at(1.0, 0, 0, 0))
+    box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=street.pose_at(1.0, 0, 0, 0))
     (left, top, right, low), truncated = _picture_box(box)
     assert (left, top, right, low) == (0.0, 0.0, 1241.0, 374.0)
     # Corners at y = -1 and 1 m, z = -0.75 and 0.75 m are 7200 and 5400 pixels off at 0.1 m.
     assert truncated == pytest.approx(1.0 - 1241 * 374 / (14_400 * 10_800))
-    (left, _, right, _), _ = _picture_box(replace(box, pose=street.at(10.0, -7.5, 0.0, 0.0)))
+    (left, _, right, _), _ = _picture_box(replace(box, pose=street.pose_at(10.0, -7.5, 0.0, 0.0)))
     assert (left, right) == pytest.approx((621 + 720 * 6.5 / 12.0, 1241.0))
 
 
@@ -528,9 +528,9 @@ def test_kitti_rectangles_hold_the_points(object_dataset: Path, street_cloud: Po
 def test_a_box_behind_the_camera_has_no_rectangle() -> None:
     from lidarscene.labels.files import _picture_box
 
-    box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=street.at(-20.0, 0, 0, 0))
+    box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=street.pose_at(-20.0, 0, 0, 0))
     assert _picture_box(box) == ((0.0, 0.0, 0.0, 0.0), 1.0)
-    centre = replace(box, pose=street.at(30.0, 0.0, 0.0, 0.0))
+    centre = replace(box, pose=street.pose_at(30.0, 0.0, 0.0, 0.0))
     (left, top, right, low), truncated = _picture_box(centre)
     # The near face is 28 m off and 2 m wide, 1.5 m high.
     assert (right - left, low - top) == pytest.approx((720 * 2 / 28, 720 * 1.5 / 28))
@@ -604,8 +604,8 @@ def render_driving(*, motion_in: str) -> tuple[PointCloud, Scene]:
     By hand: each beam is traced in the scene as it stands when its pulse leaves.
     """
     ego = Course(start=street.SENSOR, speed_m_s=20.0)
-    crossing = Course(start=street.at(25.0, -2.0, 0.75, 100.0), speed_m_s=10.0)
-    standing = street.block("parked", "car", CAR, street.at(30.0, 12.0, 0.75, 20.0))
+    crossing = Course(start=street.pose_at(25.0, -2.0, 0.75, 100.0), speed_m_s=10.0)
+    standing = street.block("parked", "car", CAR, street.pose_at(30.0, 12.0, 0.75, 20.0))
     car = replace(street.block("crossing", "car", CAR, Pose()), motion=crossing)
     described = Scene(bodies=(car, standing), ego=ego)
     parts = []
@@ -738,7 +738,7 @@ def test_moving_classes_of_semantic_kitti() -> None:
 
 def test_visibility_of_a_rig() -> None:
     """Two sensors in one cloud: beams of each start where it stands."""
-    second_sensor = street.at(40.0, 20.0, 1.8, 200.0)
+    second_sensor = street.pose_at(40.0, 20.0, 1.8, 200.0)
     clouds = [street.cloud("world"), street.cloud("world", sensor=second_sensor)]
     merged = merge_clouds(clouds, ["one", "two"])
     together = boxes(merged, street.scene())
@@ -764,7 +764,7 @@ def test_what_stands_is_not_labelled_as_moving() -> None:
 @pytest.mark.parametrize(("short_m", "reached"), [(-0.02, 1), (0.0, 1), (0.049, 1), (0.051, 0), (3.0, 0)])
 def test_a_beam_may_end_a_little_before_the_box_that_it_meets(short_m: float, reached: int) -> None:
     """By 5 cm, the error of a range. The block's near face is 8 m ahead; the beam has an echo there or before."""
-    scene = Scene(bodies=(street.block("block", "car", CAR, street.at(10.0, 0.0, 0.0, 0.0)),))
+    scene = Scene(bodies=(street.block("block", "car", CAR, street.pose_at(10.0, 0.0, 0.0, 0.0)),))
     cloud = street.cloud("sensor", described=scene, sensor=Pose(), step_deg=6.0)
     ahead = np.flatnonzero((np.abs(cloud.azimuth_rad) < 1e-6) & (np.abs(cloud.elevation_rad) < 1e-6))
     assert len(ahead) == 1
@@ -782,8 +782,8 @@ def test_a_box_off_the_origin_of_what_moves() -> None:
     """Where the body's own frame is then, its box is as far from it as ever; what is away has none."""
     part = street.block("b", "car", (2.0, 2.0, 2.0), Pose()).parts[0]
     part = replace(part, vertices_m=part.vertices_m + np.array([10.0, 0.0, 1.0]))
-    course = Course(start=street.at(5.0, 6.0, 0.0, 90.0), speed_m_s=10.0)
-    body = Body(name="b", class_name="car", parts=(part,), pose=street.at(1.0, 2.0, 3.0, 20.0), motion=course)
+    course = Course(start=street.pose_at(5.0, 6.0, 0.0, 90.0), speed_m_s=10.0)
+    body = Body(name="b", class_name="car", parts=(part,), pose=street.pose_at(1.0, 2.0, 3.0, 20.0), motion=course)
     cloud = street.cloud(step_deg=8.0)
     cloud = replace(cloud, body=np.full(len(cloud), -1), metadata=cloud.metadata | {"frame_start_s": "0.5"})
     (box,) = boxes(cloud, Scene(bodies=(body,)))

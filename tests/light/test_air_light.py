@@ -22,7 +22,7 @@ BEAM = (
 )
 
 
-def lit(weather, *overrides):
+def lit_air(weather, *overrides):
     """A sensor and the air's light as it has it."""
     equipped = trains.sensor("table1-apd", *overrides)
     extinction = weather.extinction_at_per_m(equipped.laser.wavelength_m)
@@ -31,14 +31,14 @@ def lit(weather, *overrides):
 
 def test_the_air_ends_with_the_window():
     """R = c t / 2; clear air has no light."""
-    equipped, air, _ = lit(trains.FOG, "tdc.window_us=0.5")
+    equipped, air, _ = lit_air(trains.FOG, "tdc.window_us=0.5")
     assert air.far_m == pytest.approx(0.5 * c * 0.5e-6)
     assert air_light(Weather(), equipped, extinction_per_m=0.0) is None
 
 
 def test_even_light_far_from_the_lens_is_the_soft_targets():
     """1.0645 (c FWHM / 2) beta exp(-2 alpha R) / R^2: to how much fog bends over a pulse's length."""
-    equipped, air, extinction = lit(trains.FOG)
+    equipped, air, extinction = lit_air(trains.FOG)
     (medium,) = trains.FOG.media(equipped.laser.wavelength_m)
     range_m = np.array([30.0, 60.0])
     length_m = soft_target.pulse_length_m(fwhm_s=trains.FWHM_S) * math.sqrt(math.pi / (4.0 * math.log(2.0)))
@@ -51,8 +51,8 @@ def test_fog_behind_a_high_pass():
     """The course of a coupled amplifier is that of a coupled-free one behind s - k * s, k = omega exp(-omega t), over
     what of a lone peak passes; by small steps, to 2 % of its top.
     """
-    _, plain, _ = lit(trains.FOG)
-    equipped, coupled, _ = lit(trains.FOG, "receiver.ac_coupling_khz=5000")
+    _, plain, _ = lit_air(trains.FOG)
+    equipped, coupled, _ = lit_air(trains.FOG, "receiver.ac_coupling_khz=5000")
     grid = np.linspace(plain.near_m, plain.far_m, len(plain.shape.values))
     time = (grid - grid[0]) * 2.0 / c
     decay = math.exp(-2.0 * math.pi * 5e6 * (time[1] - time[0]))
@@ -71,7 +71,7 @@ def test_drops_are_lit_before_the_surface_only(monkeypatch):
     """Behind the pulse's end none is lit. Two kinds of particles have places of their own."""
     drops.as_bright_as_their_faces(monkeypatch)
     pulse = np.arange(4000, dtype=np.uint32)
-    _, air, _ = lit(RAIN, *BEAM)
+    _, air, _ = lit_air(RAIN, *BEAM)
     ((tables, name),) = air.particles
     assert name == "rain"
     assert air.sources == ("rain",) * tables.count
@@ -93,7 +93,7 @@ def test_what_is_drawn_and_what_is_even_are_the_whole_rain(monkeypatch):
     beam whose cross-section is an ellipse. Weaker than half of what trips alone nothing is drawn.
     """
     drops.as_bright_as_their_faces(monkeypatch)
-    equipped, air, extinction = lit(RAIN, *BEAM)
+    equipped, air, extinction = lit_air(RAIN, *BEAM)
     ((tables, _),) = air.particles
     (medium,) = RAIN.media(equipped.laser.wavelength_m)
     point = equipped.working_point(np.zeros(1))
@@ -127,7 +127,7 @@ def test_as_many_drops_as_the_beam_holds(monkeypatch):
     cross-section by its two divergences, n of the drops from the size on whose echo there is as strong. At 1e-6.
     """
     drops.as_bright_as_their_faces(monkeypatch)
-    equipped, air, extinction = lit(RAIN, *BEAM)
+    equipped, air, extinction = lit_air(RAIN, *BEAM)
     ((tables, _),) = air.particles
     (medium,) = RAIN.media(equipped.laser.wavelength_m)
     level = 20.0 * math.exp(float(tables.log_strength.values[-1]))
@@ -158,9 +158,9 @@ def test_drops_are_seen_by_a_lens_that_stands_beside_the_laser(monkeypatch):
         return np.ones_like(diameter_m * within_rad)
 
     monkeypatch.setattr(glory, "gain", gain)
-    lit(RAIN, *BEAM, "optics.overlap.transmitter_offset_mm=[60, 0]")
+    lit_air(RAIN, *BEAM, "optics.overlap.transmitter_offset_mm=[60, 0]")
     assert ratios
     np.testing.assert_allclose(ratios, 35.0 / 85.0)
     ratios.clear()
-    lit(RAIN, *BEAM, "optics.overlap.transmitter_offset_mm=[0, 0]")
+    lit_air(RAIN, *BEAM, "optics.overlap.transmitter_offset_mm=[0, 0]")
     np.testing.assert_array_equal(ratios, 0.0)

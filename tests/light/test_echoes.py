@@ -41,7 +41,7 @@ def two_boards(apart_m):
     return chain.scene(near, far)
 
 
-def of_centre(cloud):
+def centre_points(cloud):
     return cloud.select(cloud.time_s == np.unique(cloud.time_s)[CENTRE])
 
 
@@ -53,7 +53,7 @@ def test_a_plane_wider_than_the_spot_gives_the_lidar_equation(rays):
     """
     sensor = chain.sensor("table1-apd", *chain.NARROW, *BEAM)
     scene = chain.scene(chain.facing(range_m=80.0, size_m=20.0))
-    cloud = of_centre(Simulator(scene, sensor, rays=rays).render(seed=1))
+    cloud = centre_points(Simulator(scene, sensor, rays=rays).render(seed=1))
     power = 0.98**2 * 0.7206 * 0.1 * 45.0 * np.pi * 0.025**2 / (np.pi * 80.0**2)
     assert cloud.snr[0] == pytest.approx(K_PD * M * power / sigma_18(P_RS), rel=1e-4)
     assert cloud.true_range_m[0] == pytest.approx(80.0, abs=1e-4)
@@ -83,8 +83,8 @@ def test_two_half_spots_are_two_returns_of_half_the_power(apart_m):
     Tolerance: one ray of 200 at the edge, 1 %, and the tail of the other pulse: 4 m are 10 sigma of a 6 ns pulse.
     """
     sensor = chain.sensor("table1-apd", *chain.NARROW, *BEAM, "tdc.stops=2", "tdc.threshold_to_noise=8")
-    cloud = of_centre(Simulator(two_boards(apart_m), sensor, rays=200).render(seed=2))
-    whole = of_centre(Simulator(chain.scene(chain.facing(range_m=50.0, size_m=20.0)), sensor).render(seed=2))
+    cloud = centre_points(Simulator(two_boards(apart_m), sensor, rays=200).render(seed=2))
+    whole = centre_points(Simulator(chain.scene(chain.facing(range_m=50.0, size_m=20.0)), sensor).render(seed=2))
     assert [cloud.body_names[body] for body in cloud.body] == ["near", "far"]
     assert cloud.return_number.tolist() == [1, 2]
     np.testing.assert_allclose(cloud.true_range_m, [50.0, 50.0 + apart_m], atol=1e-3)
@@ -95,7 +95,7 @@ def test_two_half_spots_are_two_returns_of_half_the_power(apart_m):
 def test_boards_within_the_pulse_are_one_return_between_them():
     """0.3 m apart is 0.8 sigma of the pulse: one peak, near the mean of the two by their power."""
     sensor = chain.sensor("table1-apd", *chain.NARROW, *BEAM, "tdc.stops=2", "tdc.threshold_to_noise=8")
-    cloud = of_centre(Simulator(two_boards(0.3), sensor, rays=200).render(seed=2))
+    cloud = centre_points(Simulator(two_boards(0.3), sensor, rays=200).render(seed=2))
     assert len(cloud) == 1
     assert cloud.true_range_m[0] == pytest.approx(50.15, abs=0.005)
 
@@ -142,8 +142,8 @@ def test_fog_is_the_first_return_and_the_wall_the_last():
     assert cloud.range_m.max() < 10.0
     # At a lower threshold the comparator would still be high from the fog when the wall's echo comes.
     last = chain.sensor("table1-apd", *chain.NARROW, *BEAM, "tdc.keep='last'", "tdc.threshold_to_noise=300")
-    behind = of_centre(Simulator(chain.scene(plane, air=dense, klux=0.0), last).render(seed=1))
-    clear = of_centre(Simulator(chain.scene(plane, klux=0.0), last).render(seed=1))
+    behind = centre_points(Simulator(chain.scene(plane, air=dense, klux=0.0), last).render(seed=1))
+    clear = centre_points(Simulator(chain.scene(plane, klux=0.0), last).render(seed=1))
     assert behind.status[0] == Status.ECHO
     alpha = dense.extinction_at_per_m(905e-9)
     (fog,) = dense.weather.media(905e-9)
@@ -324,7 +324,7 @@ def test_a_drop_is_rain_however_much_fog_is_between() -> None:
     """
     sensor = chain.sensor("table1-apd", *COARSE, *BEAM, "tdc.threshold_to_noise=60", "tdc.stops=3")
 
-    def points_of(rain_mm_h):
+    def rain_points(rain_mm_h):
         air = Air(transmittance=1.0, weather=Weather(rain_mm_h=rain_mm_h, fog_visibility_m=20e3))
         scene = chain.scene(chain.facing(range_m=40.0, size_m=100.0), air=air, klux=0.0)
         simulator = Simulator(scene, sensor)
@@ -332,8 +332,8 @@ def test_a_drop_is_rain_however_much_fog_is_between() -> None:
         cloud = simulator.render(seed=5)
         return cloud.select(cloud.status == Status.WEATHER)
 
-    assert len(points_of(0.0)) == 0
-    drops = points_of(2.0)
+    assert len(rain_points(0.0)) == 0
+    drops = rain_points(2.0)
     assert len(drops) > 1000
     # Haze and small drops together may trip once in a while; a first drop that was taken for haze would be most points.
     of_rain = np.array([drops.class_names[class_index] == "rain" for class_index in drops.class_id])

@@ -43,7 +43,7 @@ with those of the sub-echoes, so that seven are left to two cases.
 """
 
 
-def fetched(light, equipped, mi, *, seed=0):
+def detect_on_device(light, equipped, mi, *, seed=0):
     """What the device makes of a train, as numpy."""
     count = len(light.background_power_w)
     detection = multi_echo.detect(
@@ -52,7 +52,7 @@ def fetched(light, equipped, mi, *, seed=0):
         seed=transfer.seed_word(seed),
         pulse=transfer.counter(0, count),
     )
-    return chain.fetched(detection)
+    return chain.to_numpy(detection)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -63,7 +63,7 @@ def test_device_and_numpy_agree(case, mi):
     equipped = trains.sensor(*CASES[case])
     range_m, power = trains.random_trains(COUNT, SUB_ECHOES.get(case, 7), equipped, seed=9)
     light = trains.train(range_m.astype(np.float32), power.astype(np.float32))
-    expected, detection = trains.detect(light, equipped), fetched(light, equipped, mi)
+    expected, detection = trains.detect(light, equipped), detect_on_device(light, equipped, mi)
     assert np.mean(detection.outcome != expected.outcome) < 1e-3
     np.testing.assert_allclose(detection.snr, expected.snr, rtol=1e-5)
     # The binomial tail's own single-precision error is some 1e-4 (`maths.special.binomial_tail`).
@@ -95,7 +95,7 @@ def test_fog_agrees(mi):
         extinction_per_m=0.05,
     )
     light = trains.train(distance.astype(np.float32), power.astype(np.float32), volume=air)
-    expected, detection = trains.detect(light, equipped), fetched(light, equipped, mi)
+    expected, detection = trains.detect(light, equipped), detect_on_device(light, equipped, mi)
     fogs = 0
     for have, want in zip(detection.stops, expected.stops, strict=True):
         # The table's slopes have corners, where single precision may see another peak: 1 % of the pulses.
@@ -249,12 +249,12 @@ def test_a_second_frame_compiles_nothing(case, mi):
     """Other numbers in the sensor, other trains, another seed: the same kernel, with all its loops."""
     equipped, count = trains.sensor(*CASES[case]), SUB_ECHOES.get(case, 7)
     with launches.launched() as before:
-        fetched(trains.train(*trains.random_trains(500, count, equipped, seed=1)), equipped, mi)
+        detect_on_device(trains.train(*trains.random_trains(500, count, equipped, seed=1)), equipped, mi)
     changed = trains.sensor(
         *CASES[case], "tdc.bandwidth_mhz=150", "tdc.dead_time_ns=3", "detector.gain=70", "laser.pulse_fwhm_ns=5.9"
     )
     with launches.launched() as later:
-        fetched(trains.train(*trains.random_trains(500, count, changed, seed=2)), changed, mi, seed=5)
+        detect_on_device(trains.train(*trains.random_trains(500, count, changed, seed=2)), changed, mi, seed=5)
     launches.assert_none_is_new(later, before)
 
 

@@ -7,11 +7,11 @@ from lidarscene.files.toml import validate
 from lidarscene.materials.material_file import MaterialFile
 
 
-def rows(*pairs: tuple[float, float]) -> tuple[dict[str, float], ...]:
+def spectrum_rows(*pairs: tuple[float, float]) -> tuple[dict[str, float], ...]:
     return tuple({"wavelength_nm": nm, "value": value} for nm, value in pairs)
 
 
-def read(**table: object) -> MaterialFile:
+def read_material(**table: object) -> MaterialFile:
     return validate(MaterialFile, table, "sheet.toml")
 
 
@@ -19,26 +19,30 @@ def read(**table: object) -> MaterialFile:
     ("reflectivity", "transmittance", "message"),
     [
         (0.6, 0.5, "must be <= 1 together, got 1.1"),
-        (rows((850, 0.1), (950, 0.9)), 0.3, "must be <= 1 together, got 1.2 at 950 nm"),
-        (rows((850, 0.1), (950, 0.9)), rows((800, 0.1), (900, 0.6), (1000, 0.0)), "got 1.1 at 900 nm"),
+        (spectrum_rows((850, 0.1), (950, 0.9)), 0.3, "must be <= 1 together, got 1.2 at 950 nm"),
+        (
+            spectrum_rows((850, 0.1), (950, 0.9)),
+            spectrum_rows((800, 0.1), (900, 0.6), (1000, 0.0)),
+            "got 1.1 at 900 nm",
+        ),
     ],
 )
 def test_no_more_light_leaves_than_came(reflectivity: object, transmittance: object, message: str) -> None:
     with pytest.raises(InputError) as caught:
-        read(reflectivity=reflectivity, transmittance=transmittance)
+        read_material(reflectivity=reflectivity, transmittance=transmittance)
     assert message in str(caught.value)
-    assert read(reflectivity=0.6, transmittance=0.4)
+    assert read_material(reflectivity=0.6, transmittance=0.4)
 
 
 @pytest.mark.parametrize("pairs", [((900, 0.1), (900, 0.2)), ((900, 0.1), (850, 0.2))])
 def test_wavelengths_rise(pairs: tuple[tuple[float, float], ...]) -> None:
     with pytest.raises(InputError, match="must be rows of rising wavelength_nm"):
-        read(reflectivity=rows(*pairs))
+        read_material(reflectivity=spectrum_rows(*pairs))
 
 
 def test_a_table_covers_its_own_wavelengths() -> None:
     """To 1 nm on either side, and straight lines between."""
-    material = read(reflectivity=rows((850, 0.1), (950, 0.3))).build("sheet")
+    material = read_material(reflectivity=spectrum_rows((850, 0.1), (950, 0.3))).build("sheet")
     assert material.at(875e-9)["reflectivity"] == pytest.approx(0.15)
     assert material.at(849.5e-9)["reflectivity"] == pytest.approx(0.1)
     for nm in (848.0, 952.0):
@@ -48,5 +52,5 @@ def test_a_table_covers_its_own_wavelengths() -> None:
 
 def test_a_panes_thickness_is_in_metres() -> None:
     index = ({"wavelength_nm": 905.0, "n": 1.5},)
-    material = read(bsdf="glass", reflectivity=0.0, index=index, thickness_mm=4.0).build("pane")
+    material = read_material(bsdf="glass", reflectivity=0.0, index=index, thickness_mm=4.0).build("pane")
     assert material.parameters["thickness_m"] == pytest.approx(4e-3)

@@ -15,13 +15,13 @@ from lidarscene.maths.trajectory import Course, Motion
 FRAME_S = 0.1
 
 
-def looked_up(motion: Motion, time_s: np.ndarray, *, start_s: float = 1.05) -> Placement:
+def look_up(motion: Motion, time_s: np.ndarray, *, start_s: float = 1.05) -> Placement:
     return MotionTable.from_motions([motion], start_s=start_s, length_s=FRAME_S, centre_m=np.zeros(3)).placement(
         time_s, 0
     )
 
 
-def rows(numbers: tuple[np.ndarray, ...]) -> np.ndarray:
+def stack_rows(numbers: tuple[np.ndarray, ...]) -> np.ndarray:
     return np.stack(np.broadcast_arrays(*numbers), axis=-1)
 
 
@@ -33,13 +33,13 @@ def test_tables_meet_the_motion(name: str) -> None:
     derivative, below 1e3 m/s3: 3e-5 m/s.
     """
     motion, time_s = MOTIONS[name], np.linspace(0.0, FRAME_S, 997)
-    placement, expected = looked_up(motion, time_s), motion.at(1.05 + time_s)
-    np.testing.assert_allclose(rows(placement.origin_m), expected.position_m, atol=1.3e-6)
-    np.testing.assert_allclose(rows(placement.rotation).reshape(-1, 3, 3), expected.rotation, atol=1.3e-6)
+    placement, expected = look_up(motion, time_s), motion.at(1.05 + time_s)
+    np.testing.assert_allclose(stack_rows(placement.origin_m), expected.position_m, atol=1.3e-6)
+    np.testing.assert_allclose(stack_rows(placement.rotation).reshape(-1, 3, 3), expected.rotation, atol=1.3e-6)
     assert placement.velocity_m_s is not None
     assert placement.turning_rad_s is not None
-    np.testing.assert_allclose(rows(placement.velocity_m_s), expected.velocity_m_s, atol=3e-5)
-    np.testing.assert_allclose(rows(placement.turning_rad_s), expected.turning_rad_s, atol=3e-5)
+    np.testing.assert_allclose(stack_rows(placement.velocity_m_s), expected.velocity_m_s, atol=3e-5)
+    np.testing.assert_allclose(stack_rows(placement.turning_rad_s), expected.turning_rad_s, atol=3e-5)
 
 
 @pytest.mark.parametrize(
@@ -54,8 +54,8 @@ def test_tables_meet_the_motion(name: str) -> None:
 def test_stated_errors_are_right(motion: Motion, miss_m: float) -> None:
     """Largest halfway between two steps, a h^2 / 8; no more, and not much less."""
     time_s = (np.arange(200) + 0.5) * STEP_S
-    placement, expected = looked_up(motion, time_s, start_s=0.0), motion.at(time_s)
-    miss = np.linalg.norm(rows(placement.origin_m) - expected.position_m, axis=1).max()
+    placement, expected = look_up(motion, time_s, start_s=0.0), motion.at(time_s)
+    miss = np.linalg.norm(stack_rows(placement.origin_m) - expected.position_m, axis=1).max()
     assert 0.9 * miss_m < miss < 1.1 * miss_m
 
 
@@ -65,16 +65,16 @@ def test_a_straight_line_is_exact_whatever_the_origin() -> None:
     line = Course(velocity_m_s=(30.0, -20.0, 1.0))
     paths = MotionTable.from_motions([line], start_s=0.0, length_s=FRAME_S, centre_m=-far)
     time_s = np.linspace(0.0, FRAME_S, 77)
-    offset_m = rows(paths.placement(time_s, 0).origin_m) - far
+    offset_m = stack_rows(paths.placement(time_s, 0).origin_m) - far
     np.testing.assert_allclose(offset_m, line.at(time_s).position_m, atol=3e-9)
 
 
 def test_the_ends_and_a_frame_of_no_length() -> None:
     time_s = np.array([-1.0, 0.0, FRAME_S, 2.0])
-    placement, expected = looked_up(BEND, time_s), BEND.at(1.05 + np.clip(time_s, 0.0, FRAME_S))
-    np.testing.assert_allclose(rows(placement.origin_m), expected.position_m, atol=1e-12)
+    placement, expected = look_up(BEND, time_s), BEND.at(1.05 + np.clip(time_s, 0.0, FRAME_S))
+    np.testing.assert_allclose(stack_rows(placement.origin_m), expected.position_m, atol=1e-12)
     flash = MotionTable.from_motions([BEND], start_s=0.0, length_s=1e-9, centre_m=np.zeros(3)).placement(np.zeros(3), 0)
-    np.testing.assert_allclose(rows(flash.origin_m), np.tile(START.position_m, (3, 1)), atol=1e-15)
+    np.testing.assert_allclose(stack_rows(flash.origin_m), np.tile(START.position_m, (3, 1)), atol=1e-15)
 
 
 @pytest.mark.parametrize("degrees", [0.0, 1e-7, 0.5, 90.0, 119.9, 120.0, 179.999, 180.0, 240.0, 359.9])
@@ -93,17 +93,17 @@ def test_turning_on_through_180_degrees() -> None:
     """Signs of quaternions follow each other: no table interpolates across a flip."""
     spin = Course(yaw_rate_rad_s=2.0 * math.pi / FRAME_S)  # once around in the frame
     time_s = np.linspace(0.0, FRAME_S, 1234)
-    rotations = rows(looked_up(spin, time_s).rotation).reshape(-1, 3, 3)
+    rotations = stack_rows(look_up(spin, time_s).rotation).reshape(-1, 3, 3)
     # 63 rad/s: normalised, the chord of 31 mrad misses the turn by less than its cube over 24.
     np.testing.assert_allclose(rotations, spin.at(1.05 + time_s).rotation, atol=1.3e-6)
 
 
 def test_placements_there_and_back() -> None:
-    place = looked_up(SPLINE, np.linspace(0.0, FRAME_S, 5))
+    place = look_up(SPLINE, np.linspace(0.0, FRAME_S, 5))
     point = (1.0, -2.0, 3.0)
     round_trip = place.point_within(place.point(point))
-    np.testing.assert_allclose(rows(round_trip), np.tile(point, (5, 1)), atol=1e-13)
-    np.testing.assert_allclose(rows(place.vector_within(place.vector(point))), np.tile(point, (5, 1)), atol=1e-13)
+    np.testing.assert_allclose(stack_rows(round_trip), np.tile(point, (5, 1)), atol=1e-13)
+    np.testing.assert_allclose(stack_rows(place.vector_within(place.vector(point))), np.tile(point, (5, 1)), atol=1e-13)
     assert Placement(origin_m=(0, 0, 0), rotation=place.rotation).velocity_at(point) == (0.0, 0.0, 0.0)
 
 
@@ -121,7 +121,7 @@ def test_numpy_and_device_agree(mi) -> None:
             ("turning_rad_s", 1e-5),
         ):
             column = np.stack([np.array(x.numpy()) for x in getattr(device, name)], axis=-1)
-            np.testing.assert_allclose(column, rows(getattr(host, name)), atol=tolerance)
+            np.testing.assert_allclose(column, stack_rows(getattr(host, name)), atol=tolerance)
 
 
 @pytest.mark.parametrize("name", MOTIONS)
@@ -134,7 +134,7 @@ def test_boxes_hold_all_that_is_carried(name: str) -> None:
     low, high = np.asarray(paths.boxes_m).reshape(2, 3)
     corners = np.stack(np.meshgrid(*carried[0].T, indexing="ij"), axis=-1).reshape(-1, 3)
     placements = paths.placement(np.linspace(0.0, FRAME_S, 4001), 1)
-    points = np.stack([rows(placements.point(tuple(corner))) for corner in corners]).reshape(-1, 3)
+    points = np.stack([stack_rows(placements.point(tuple(corner))) for corner in corners]).reshape(-1, 3)
     assert (low < points.min(axis=0)).all()
     assert (high > points.max(axis=0)).all()
     np.testing.assert_allclose([low, high], [points.min(axis=0), points.max(axis=0)], atol=0.1)
@@ -160,7 +160,7 @@ def test_a_straight_motion_has_two_instants() -> None:
     )
     assert (alone.last, together.last) == (1.0, FRAME_S / STEP_S)
     time_s = np.linspace(0.0, FRAME_S, 77)
-    np.testing.assert_allclose(rows(alone.placement(time_s, 0).origin_m), line.at(time_s).position_m, atol=1e-12)
+    np.testing.assert_allclose(stack_rows(alone.placement(time_s, 0).origin_m), line.at(time_s).position_m, atol=1e-12)
 
 
 def test_velocity_of_a_point_of_a_turning_frame() -> None:

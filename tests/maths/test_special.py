@@ -9,13 +9,13 @@ from lidarscene.kernel.device import transfer
 from lidarscene.maths import special
 
 
-def relative(computed, expected):
+def relative_error(computed, expected):
     return np.max(np.abs(computed / expected - 1.0))
 
 
 def test_normal_tail():
     x = np.linspace(-10.0, 16.0, 20_001)
-    assert relative(special.normal_tail(x), stats.norm.sf(x)) < 2e-10
+    assert relative_error(special.normal_tail(x), stats.norm.sf(x)) < 2e-10
     x32 = np.linspace(-8.0, 8.0, 20_001, dtype=np.float32)
     bound = 5e-7 * (1.0 + 0.5 * x32.astype(float) ** 2)
     error = np.abs(special.normal_tail(x32) / stats.norm.sf(x32.astype(float)) - 1.0)
@@ -27,8 +27,8 @@ def test_normal_tail():
 def test_log1p_and_expm1(dtype):
     x = np.concatenate([-np.geomspace(1e-12, 0.5, 500), np.geomspace(1e-12, 0.5, 500)]).astype(dtype)
     allowed = 1e-9 if dtype == np.float64 else 1e-5  # the series are cut for float32, and good to that here
-    assert relative(special.log1p(x).astype(float), np.log1p(x.astype(float))) < allowed
-    assert relative(special.expm1(x).astype(float), np.expm1(x.astype(float))) < allowed
+    assert relative_error(special.log1p(x).astype(float), np.log1p(x.astype(float))) < allowed
+    assert relative_error(special.expm1(x).astype(float), np.expm1(x.astype(float))) < allowed
 
 
 def test_log_gamma():
@@ -62,4 +62,4 @@ def test_series_on_the_device(mi):
     x = np.concatenate([-np.geomspace(1e-6, 0.4, 100), np.geomspace(1e-6, 0.4, 100)]).astype(np.float32)
     for ours, numpys in ((special.log1p, np.log1p), (special.expm1, np.expm1)):
         computed = np.array(ours(transfer.from_numpy(x)).numpy(), dtype=float)
-        assert relative(computed, numpys(x.astype(float))) < 1e-5
+        assert relative_error(computed, numpys(x.astype(float))) < 1e-5

@@ -16,7 +16,7 @@ from lidarscene.maths.trajectory import Course, HeldAtEnds, Spline, States, _exp
 STEP_S = 1e-4
 
 
-def turning(rotation: np.ndarray, rate: np.ndarray) -> np.ndarray:
+def angular_velocity(rotation: np.ndarray, rate: np.ndarray) -> np.ndarray:
     """(n, 3) angular velocity w of R' = [w] R."""
     skew = rate @ rotation.transpose(0, 2, 1)
     return np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
@@ -33,7 +33,7 @@ def test_velocities_are_the_derivatives_of_the_pose(name: str) -> None:
     velocity = (after.position_m - before.position_m) / (2 * STEP_S)
     np.testing.assert_allclose(middle.velocity_m_s, velocity, atol=2e-5)
     rate = (after.rotation - before.rotation) / (2 * STEP_S)
-    np.testing.assert_allclose(middle.turning_rad_s, turning(middle.rotation, rate), atol=2e-5)
+    np.testing.assert_allclose(middle.turning_rad_s, angular_velocity(middle.rotation, rate), atol=2e-5)
     np.testing.assert_allclose(
         middle.rotation @ middle.rotation.transpose(0, 2, 1), np.eye(3)[None] + 0 * middle.rotation, atol=1e-13
     )

@@ -25,7 +25,7 @@ ELEVATIONS_DEG = np.arange(-15.0, 16.0, 2.0)
 @pytest.fixture
 def two_turns(tmp_path: Path, library: Callable[[str], Any]) -> Path:
     library("velodyne_decoder")
-    return pcap(tmp_path / "vlp.pcap", turns(2 * PACKETS, lost=[(3, 40)]))
+    return pcap(tmp_path / "vlp.pcap", turns(2 * PACKETS, missing=[(3, 40)]))
 
 
 def test_frames_are_turns_and_can_be_sought(two_turns: Path) -> None:

@@ -69,7 +69,7 @@ def test_prisms_keep_aperture_times_solid_angle():
     rng = np.random.default_rng(4)
     phases = [rng.uniform(0.0, 2.0 * math.pi, 300) for _ in prisms.wedges]
 
-    def through(direction):
+    def bend_through(direction):
         share = 1.0
         for wedge, phase in zip(prisms.wedges, phases, strict=True):
             direction, widened = wedge.bend(direction, phase)
@@ -77,12 +77,12 @@ def test_prisms_keep_aperture_times_solid_angle():
         return np.stack(np.broadcast_arrays(*direction)), share
 
     step = 1e-4
-    middle, share = through((1.0, 0.0, 0.0))
+    middle, share = bend_through((1.0, 0.0, 0.0))
     slopes = []
     for axis in (1, 2):
         aside = np.zeros(3)
         aside[axis] = math.sin(step)
-        forward, backward = (through((math.cos(step), *(sign * aside[1:])))[0] for sign in (1.0, -1.0))
+        forward, backward = (bend_through((math.cos(step), *(sign * aside[1:])))[0] for sign in (1.0, -1.0))
         slopes.append((forward - backward) / (2.0 * step))
     growth = np.abs(np.sum(middle * np.cross(slopes[0], slopes[1], axis=0), axis=0))
     assert np.ptp(share) > 0.05

@@ -52,7 +52,7 @@ SCANNERS = {
 RATE_KHZ = {"spinning": 289.352, "lissajous": 200.0, "polygon": 150.0, "flash": 0.025}
 
 
-def read(kind, folder=None, rate_khz=None, **changes):
+def read_scanner(kind, folder=None, rate_khz=None, **changes):
     tables = read_toml(catalog.folder("sensors") / "table1-apd.toml")
     numbers = {"type": kind} | SCANNERS.get(kind, {}) | changes
     tables["scanner"] = {key: value for key, value in numbers.items() if value is not None}
@@ -73,7 +73,7 @@ def read(kind, folder=None, rate_khz=None, **changes):
 )
 def test_a_file_makes_the_same_scanner(kind, expected):
     """As in scanners.py, which is in SI units."""
-    scanner = read(kind).scanner
+    scanner = read_scanner(kind).scanner
     assert type(scanner) is type(expected)
     assert scanner.pulses == expected.pulses
     assert scanner.frame_s == pytest.approx(expected.frame_s, rel=1e-12)
@@ -84,7 +84,7 @@ def test_a_file_makes_the_same_scanner(kind, expected):
 
 
 def test_mirrors_of_a_file():
-    scanner = read("mirror", mirror_radius_mm=10.0, side="right", outer="azimuth", encoder_step_deg=0.1).scanner
+    scanner = read_scanner("mirror", mirror_radius_mm=10.0, side="right", outer="azimuth", encoder_step_deg=0.1).scanner
     assert isinstance(scanner, scan.MirrorRaster)
     assert isinstance(scanner.mirrors, scan.Gimbal)
     assert (scanner.mirrors.side, scanner.mirrors.outer) == ("right", "azimuth")
@@ -93,7 +93,7 @@ def test_mirrors_of_a_file():
     assert (scanner.columns, scanner.rows, scanner.rate_hz) == (120, 41, 100e3)
     assert (scanner.fast_turn_rad, scanner.slow_turn_rad) == pytest.approx((15 * DEG, 6 * DEG))
     assert scanner.encoder_rad == pytest.approx(0.1 * DEG)
-    two = read("mirror", mirrors="two", outer="azimuth", fast="elevation", jitter_mrad=0.5).scanner
+    two = read_scanner("mirror", mirrors="two", outer="azimuth", fast="elevation", jitter_mrad=0.5).scanner
     assert isinstance(two, scan.MirrorRaster)
     assert two.mirrors == scan.MirrorPair(last="azimuth")
     assert (two.fast_turn_rad, two.slow_turn_rad) == pytest.approx((6 * DEG, 15 * DEG))
@@ -153,7 +153,7 @@ MISTAKES = [
 @pytest.mark.parametrize(("kind", "changes", "line"), MISTAKES)
 def test_one_clear_line_for_each_mistake(kind, changes, line):
     with pytest.raises(InputError) as caught:
-        read(kind, **changes)
+        read_scanner(kind, **changes)
     assert str(caught.value).startswith(f"my.toml: {line}"), caught.value
     assert "\n" not in str(caught.value)
 
@@ -163,13 +163,13 @@ def test_one_clear_line_for_each_mistake(kind, changes, line):
 CSV = "time_us, azimuth_deg, elevation_deg, channel\n" + "".join(f"{10 * n},{n},{-n},{n % 2}\n" for n in range(5))
 
 
-def table(folder: Path, text: str, **changes):
+def table_scanner(folder: Path, text: str, **changes):
     (folder / "own.csv").write_text(text, encoding="utf-8")
-    return read("table", folder, file="own.csv", **changes).scanner
+    return read_scanner("table", folder, file="own.csv", **changes).scanner
 
 
 def test_csv(tmp_path):
-    scanner = table(tmp_path, CSV)
+    scanner = table_scanner(tmp_path, CSV)
     assert isinstance(scanner, scan.Pattern)
     pulse = np.arange(6, dtype=np.uint32)
     azimuth, elevation = scanner.angles(pulse)
@@ -183,7 +183,7 @@ def test_csv(tmp_path):
 def test_npz_and_the_length_of_a_frame(tmp_path):
     t = np.arange(1000) * 1e-5 + 3.0
     np.savez(tmp_path / "own.npz", azimuth_rad=np.sin(t), elevation_rad=0.1 * np.cos(t), time_s=t, other=["text"])
-    scanner = read("table", tmp_path, file="own.npz", frame_ms=12.5).scanner
+    scanner = read_scanner("table", tmp_path, file="own.npz", frame_ms=12.5).scanner
     assert (scanner.pulses, scanner.frame_s) == (1000, 0.0125)
     np.testing.assert_allclose(scanner.angles(scanners.frame(scanner))[0], np.sin(t), atol=1e-7)
     assert scanner.time_s(np.array([0, 1000])).tolist() == [0.0, 0.0125]
@@ -207,7 +207,7 @@ def test_npz_and_the_length_of_a_frame(tmp_path):
 )
 def test_mistakes_in_tables(tmp_path, text, changes, line):
     with pytest.raises(InputError) as caught:
-        table(tmp_path, text, **changes)
+        table_scanner(tmp_path, text, **changes)
     assert str(tmp_path / "own.csv") in str(caught.value)
     assert line in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -216,13 +216,13 @@ def test_mistakes_in_tables(tmp_path, text, changes, line):
 @pytest.mark.parametrize("name", ["gone.csv", "gone.npz"])
 def test_no_such_table(tmp_path, name):
     with pytest.raises(InputError, match="no such file"):
-        read("table", tmp_path, file=name)
+        read_scanner("table", tmp_path, file=name)
 
 
 def test_not_an_npz(tmp_path):
     (tmp_path / "own.npz").write_bytes(b"no zip")
     with pytest.raises(InputError, match="cannot be read as npz"):
-        read("table", tmp_path, file="own.npz")
+        read_scanner("table", tmp_path, file="own.npz")
 
 
 def test_exits_are_forward_left_and_up_in_the_head():

@@ -45,15 +45,15 @@ RECORDED = {"os0-128", "os1-128", "os2-128"}
 
 
 @cache
-def checked(name: str) -> list[Held]:
+def check_sensor(name: str) -> list[Held]:
     """With a tenth of the draws: a scatter is good to 1.6 %, and is held to a factor."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(published_values, "SHOTS", 2000)
         return published_values.compare(name)
 
 
-def of_quantity(name: str, quantity: str) -> list[Held]:
-    return [row for row in checked(name) if row.quantity == quantity]
+def rows_of_quantity(name: str, quantity: str) -> list[Held]:
+    return [row for row in check_sensor(name) if row.quantity == quantity]
 
 
 # Fewer pulses of the same mechanism.
@@ -111,7 +111,7 @@ def test_sources_tell_fitted_assumed_and_unknown(name: str) -> None:
 @pytest.mark.slow
 def test_fitted_range_is_the_published(name: str) -> None:
     """To 1 %, in the lidar equation with everything else as assumed."""
-    fitted, *_ = of_quantity(name, "range")
+    fitted, *_ = rows_of_quantity(name, "range")
     assert fitted.value is not None
     assert abs(fitted.value) < 0.01
 
@@ -139,7 +139,7 @@ def test_scatter_as_in_recordings(name: str) -> None:
     """Within a factor of about 1.5 of recordings, which have the roughness of surfaces in them; draws have 1.6 %."""
     published = published_performance(name)
     assert published is not None
-    rows = zip(published.repeatability, of_quantity(name, "scatter"), strict=True)
+    rows = zip(published.repeatability, rows_of_quantity(name, "scatter"), strict=True)
     recorded = [row for file, row in rows if file.recording]
     assert recorded
     for row in recorded:
@@ -152,7 +152,7 @@ def test_scatter_as_in_recordings(name: str) -> None:
 def test_diodes_clip_and_trip_as_real_ones_do(name: str) -> None:
     """1 false point in 10 000 pulses at most; an APD's are crossings of McIntyre's noise, its amplifier clips."""
     sensor = load_sensor(name)
-    (simulated,) = (row.simulated for row in of_quantity(name, "false points"))
+    (simulated,) = (row.simulated for row in rows_of_quantity(name, "false points"))
     assert simulated is not None
     assert simulated <= 1e-4
     if isinstance(sensor.detector, Apd):
@@ -189,7 +189,7 @@ def test_scatter_at_an_snr() -> None:
 def test_ranges_that_were_not_fitted() -> None:
     """Same order; R goes with rho^0.25 under the sun and with its root without, makers have 0.25 to 0.53 (docs)."""
     for name in OF_MAKERS:
-        for further in of_quantity(name, "range"):
+        for further in rows_of_quantity(name, "range"):
             assert further.value is not None
             assert abs(further.value) < 0.5, name
 

@@ -30,7 +30,7 @@ def test_a_twin_of_a_recording_without_signal_renders(run: Run, tmp_path: Path, 
     """
     library("velodyne_decoder")
     lost_pulses = [(3, firing) for firing in range(800, 825)]
-    path = pcap(tmp_path / "room.pcap", turns(150, lost=lost_pulses))
+    path = pcap(tmp_path / "room.pcap", turns(150, missing=lost_pulses))
     ran = run("twin", str(path), "--frames", "0", "--sensor", "vlp-16", "-o", "twin")
     assert (ran.code, ran.err) == (0, "")
     scene = load_scene("twin/scene.toml")

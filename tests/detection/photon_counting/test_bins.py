@@ -77,7 +77,7 @@ def bins_of(counter, light, place_m):
     return bins, time_s, place
 
 
-def drawn_and_expected(counter, light_of, place_m, *, count=10_000):
+def mean_counts(counter, light_of, place_m, *, count=10_000):
     """Mean counts of the drawn bins around an echo, and those of the whole histogram's course."""
     bins, time_s, place = bins_of(counter, light_of(count), place_m)
     bin_s, reach = counter.histogram.bin_s, counter.histogram.reach
@@ -106,7 +106,7 @@ def test_drawn_bins_have_their_means_in_strong_sun(rate_mhz, dead_ns, fwhm_ns, d
         f"detector.coincidence={coincidence}",
     )
     light_of = echoes_in_sun(counter, [30.0], [detections], rate_hz=1e6 * rate_mhz)
-    drawn, expected = drawn_and_expected(counter, light_of, 30.0)
+    drawn, expected = mean_counts(counter, light_of, 30.0)
     error = 4.5 / np.sqrt(10_000 * expected)
     assert (np.abs(drawn / expected - 1.0) < 0.003 * coincidence + error).all()
     total = 4.5 / math.sqrt(10_000 * expected.sum())
@@ -127,7 +127,7 @@ def test_spads_that_a_nearer_echo_has_fired_are_missing_in_the_bins_of_the_next(
     """
     counter = photons.sensor("detector.dead_time_ns=40", "histogram.window_us=0.4", f"detector.stamps='{stamps}'")
     light_of = echoes_in_sun(counter, [30.0, 30.0 + apart_m], [0.8, 0.3], rate_hz=1e6 * rate_mhz)
-    drawn, expected = drawn_and_expected(counter, light_of, 30.0 + apart_m)
+    drawn, expected = mean_counts(counter, light_of, 30.0 + apart_m)
     error = 4.5 / math.sqrt(1e4 * expected.sum())
     within += 0.06 if stamps == "all" and rate_mhz > 1.0 else 0.0
     assert drawn.sum() == pytest.approx(expected.sum(), rel=within + error)
@@ -151,7 +151,7 @@ def test_spads_that_fog_has_fired_are_missing_in_the_bins_of_a_wall(stamps, dead
         light = in_fog(counter, np.full(count, scale), wall_m=20.0)
         return dataclasses.replace(light, background_power_w=np.zeros(count))
 
-    drawn, expected = drawn_and_expected(counter, light_of, 20.0)
+    drawn, expected = mean_counts(counter, light_of, 20.0)
     error = 4.5 / math.sqrt(1e4 * expected.sum())
     assert drawn.sum() == pytest.approx(expected.sum(), rel=within + error)
 

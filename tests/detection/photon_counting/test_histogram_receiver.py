@@ -37,11 +37,11 @@ def histograms(rng, counter, light, count):
         times = photons.arrivals(
             rng, trials, rate_per_ns=rate, start=-5 * dead, end=float(bins), echo=(echo, place, sigma_ns)
         )
-        recorded.append(photons.histogram(photons.fired(times, dead), bins=bins, bin_ns=1.0))
+        recorded.append(photons.histogram(photons.firing_times(times, dead), bins=bins, bin_ns=1.0))
     return np.array(recorded), pixel, place
 
 
-def read(counts, counter, pixel, place=None):
+def read_histograms(counts, counter, pixel, place=None):
     """Filter, threshold and peak of whole histograms, written out again: found, and time [ns] of the highest value.
 
     place  only within 3 ns of it; None: anywhere
@@ -70,7 +70,7 @@ def test_photons_found_and_their_place_are_those_of_photons_one_by_one(counter):
     rng, range_m, count = np.random.default_rng(2), 30.0, 300
     light = photons.echoes_of(counter, range_m, photons=40.0, count=8_000, **SUNNY)
     counts, pixel, place = histograms(rng, counter, light, count)
-    values, _ = read(counts, counter, pixel)
+    values, _ = read_histograms(counts, counter, pixel)
     first = int(place) - 4
     near = values[:, first : first + 9]
     best = near.argmax(axis=1)
@@ -82,7 +82,7 @@ def test_photons_found_and_their_place_are_those_of_photons_one_by_one(counter):
     time_ns = time_ns + np.where(
         inner, 0.5 * (logs[0] - logs[2]) / np.minimum(logs[0] - 2 * logs[1] + logs[2], -1e-9), 0
     )
-    stop = photons.detected(counter, light).stops[0]
+    stop = photons.detect(counter, light).stops[0]
     point = counter.working_point(light.background_power_w[:1])
     level = float(counter.threshold(point)[0])
     detected = photons.echo_of(stop)
@@ -110,7 +110,7 @@ def test_the_share_that_is_found_is_the_probability(illuminance_klux, snr):
         count=15_000,
         illuminance_klux=illuminance_klux,
     )
-    detection = photons.detected(counter, light)
+    detection = photons.detect(counter, light)
     expected = float(detection.detection_probability[0])
     assert 0.2 < expected < 0.9
     share = sum(photons.echo_of(stop).mean() for stop in detection.stops)
@@ -125,7 +125,7 @@ def test_a_threshold_that_scatters_finds_as_many_as_its_probability():
     apart = []
     for above in (-5.0, 0.0, 5.0):
         light = photons.echoes_of(counter, 60.0, photons=level + above, count=6_000, illuminance_klux=0.0)
-        detection, plain = (photons.detected(receiver, light) for receiver in (counter, sharp))
+        detection, plain = (photons.detect(receiver, light) for receiver in (counter, sharp))
         share = sum(photons.echo_of(stop).mean() for stop in detection.stops)
         assert share == pytest.approx(float(detection.detection_probability[0]), abs=0.036)
         apart.append(float(detection.detection_probability[0] - plain.detection_probability[0]))
@@ -148,7 +148,7 @@ def test_an_echo_without_photons_is_none_however_low_its_threshold_is_drawn():
     )
     for signal in (1e-3, 0.03, 0.3, 1.0):
         light = photons.echoes_of(counter, 60.0, photons=signal, count=20_000, illuminance_klux=0.0)
-        detection = photons.detected(counter, light)
+        detection = photons.detect(counter, light)
         expected = float(detection.detection_probability[0])
         share = sum(photons.echo_of(stop).mean() for stop in detection.stops)
         assert share == pytest.approx(expected, rel=0.15, abs=4.0 * math.sqrt(signal / 20_000))
@@ -165,7 +165,7 @@ def test_what_neighbours_do_not_see_either_is_no_echo_of_an_ouster(name):
     alike = load_sensor(name, overrides=["histogram.lone_photons=0"])
     range_m = np.array([15.0, 20.0, 30.0, 40.0, 50.0, 65.0, 100.0, 590.0])
     light = plane.echoes_of_plane(counter, plane.Target(), np.repeat(range_m, 2000))
-    detection = photons.detected(counter, light)
+    detection = photons.detect(counter, light)
     share = np.any([photons.echo_of(stop) for stop in detection.stops], axis=0).reshape(-1, 2000).mean(axis=1)
     expected = np.asarray(detection.detection_probability).reshape(-1, 2000)[:, 0]
     error = 4.0 * np.sqrt(expected * (1.0 - expected) / 2000)
@@ -177,14 +177,14 @@ def test_what_neighbours_do_not_see_either_is_no_echo_of_an_ouster(name):
     alarms = float(np.ravel(point.false_alarm_probability(counter.threshold(point)))[0])
     assert alarms * (2 * counter.histogram.reach + 1) < 1e-10
     assert expected[-1] < 1e-10
-    plain = np.asarray(photons.detected(alike, light).detection_probability).reshape(-1, 2000)[:, 0]
+    plain = np.asarray(photons.detect(alike, light).detection_probability).reshape(-1, 2000)[:, 0]
     high = plain > 0.4
     np.testing.assert_allclose(expected[high], plain[high], rtol=1e-9)
     assert (expected[~high] < plain[~high]).all()
     assert plain[-1] > 1e-3
 
 
-def of_renewed(rng, counter, light, points):
+def passing_share(rng, counter, light, points):
     """Share of histograms, filled firing by firing, whose filter passes the threshold where the receiver searches."""
     pixel, histogram = counter.pixel(light.background_power_w[:1]), counter.histogram
     bin_ns, reach, search = 1e9 * histogram.bin_s, histogram.reach, histogram.search
@@ -200,7 +200,7 @@ def of_renewed(rng, counter, light, points):
     detections, at_once = 0, 100
     for _ in range(points // at_once):
         place = (reach + 4 + rng.random()) * bin_ns
-        counts = photons.renewed(
+        counts = photons.renewal_counts(
             rng,
             (at_once, trials),
             rate_per_ns=rate,
@@ -228,7 +228,7 @@ def sunlit(rate_mhz, dead_ns, fwhm_ns, above, count, *overrides):
     return counter, light
 
 
-def sony(reflectivity, range_m, count):
+def sony_plane(reflectivity, range_m, count):
     counter = load_sensor("sony-spad-189x600")
     target = plane.Target(reflectivity=reflectivity)
     return counter, plane.echoes_of_plane(counter, target, np.full(count, range_m))
@@ -246,10 +246,10 @@ SUN = {
     "half of the SPADs": (lambda n: sunlit(0.002, 12.0, 4.0, -30.0, n, "histogram.threshold_floor=1600"), 0.01, 0.03),
     "100 MHz, 5 ns": (lambda n: sunlit(100.0, 5.0, 4.0, -0.8, n), 0.08, 0.0),
     "50 MHz, 3 ns": (lambda n: sunlit(50.0, 3.0, 3.0, -0.2, n), 0.035, 0.0),
-    "Sony, 80 %, 216.6 m": (lambda n: sony(0.8, 216.6, n), 0.11, 0.0),
-    "Sony, 80 %, 249 m": (lambda n: sony(0.8, 249.0, n), 0.015, 0.0),
-    "Sony, 30 %, 195.5 m": (lambda n: sony(0.3, 195.5, n), 0.02, 0.0),
-    "Sony, 10 %, 156.6 m": (lambda n: sony(0.1, 156.6, n), 0.01, 0.0),
+    "Sony, 80 %, 216.6 m": (lambda n: sony_plane(0.8, 216.6, n), 0.11, 0.0),
+    "Sony, 80 %, 249 m": (lambda n: sony_plane(0.8, 249.0, n), 0.015, 0.0),
+    "Sony, 30 %, 195.5 m": (lambda n: sony_plane(0.3, 195.5, n), 0.02, 0.0),
+    "Sony, 10 %, 156.6 m": (lambda n: sony_plane(0.1, 156.6, n), 0.01, 0.0),
 }
 """Light and, beside it, by how much P_d is too low and too high: (T92c) is to first order in lambda sigma, and knows no
 SPADs that are free again within the filter. The bound holds what is reached."""
@@ -263,7 +263,7 @@ def test_the_share_found_in_strong_sun_is_the_probability(case):
     build, lacking, excess = SUN[case]
     counter, light = build(6000)
     light.range_m[:] += np.linspace(0.0, 0.15, 6000)
-    detection = photons.detected(counter, light)
+    detection = photons.detect(counter, light)
     share = np.any([photons.echo_of(stop) for stop in detection.stops], axis=0).mean()
     expected = float(np.mean(detection.detection_probability))
     error = 5.0 * math.sqrt(max(share * (1.0 - share), 0.01) / 6000)
@@ -277,9 +277,9 @@ def test_the_share_found_in_strong_sun_is_that_of_photons_one_by_one(case):
     """
     counter, light = SUN[case][0](6000)
     light.range_m[:] += np.linspace(0.0, 0.15, 6000)
-    detection = photons.detected(counter, light)
+    detection = photons.detect(counter, light)
     share = np.any([photons.echo_of(stop) for stop in detection.stops], axis=0).mean()
-    simulated_share = of_renewed(np.random.default_rng(6), counter, light, 500)
+    simulated_share = passing_share(np.random.default_rng(6), counter, light, 500)
     assert share == pytest.approx(simulated_share, abs=4.0 * math.sqrt(0.25 / 500 + 0.25 / 6000) + 0.025)
 
 
@@ -293,7 +293,7 @@ def test_a_threshold_that_scatters_has_the_false_alarms_of_its_thresholds():
     )
     sky = photons.echoes_of(counter, 60.0, count=40_000, illuminance_klux=1.0)
     sky.has_surface[:], sky.peak_power_w[:] = False, 0.0
-    detection = photons.detected(counter, sky)
+    detection = photons.detect(counter, sky)
     ours = sum((stop.reported & (stop.status == Status.FALSE_ALARM)).mean() for stop in detection.stops)
     point = counter.working_point(sky.background_power_w[:1])
     drawn = 18.0 + 2.0 * np.random.default_rng(0).standard_normal(200_000)
@@ -311,7 +311,7 @@ def test_a_threshold_that_scatters_has_the_false_alarms_of_its_thresholds():
         "histogram.lone_photons=4",
         "histogram.stops=4",
     )
-    detection = photons.detected(asking, sky)
+    detection = photons.detect(asking, sky)
     of_noise = sum((stop.reported & (stop.status == Status.FALSE_ALARM)).mean() for stop in detection.stops)
     assert of_noise == pytest.approx(sharp, rel=0.05, abs=4.0 * math.sqrt(sharp / 40_000))
 
@@ -325,7 +325,7 @@ def test_precision_is_close_to_the_bound(estimator, photons_of_echo, klux):
     counter = photons.sensor("detector.spads=4000", f"histogram.estimator='{estimator}'")
     light = photons.echoes_of(counter, 40.0, photons=photons_of_echo, count=8_000, illuminance_klux=klux)
     light.range_m[:] += np.linspace(0.0, 0.3, 8_000)
-    stop = photons.detected(counter, light).stops[0]
+    stop = photons.detect(counter, light).stops[0]
     detected = photons.echo_of(stop)
     pixel = counter.pixel(light.background_power_w)
     bound_m = (
@@ -354,7 +354,7 @@ def test_false_alarms_are_as_many_as_in_whole_histograms():
     counter = photons.sensor("histogram.threshold_floor=0.0", "histogram.threshold_slope=0.27", "histogram.stops=4")
     sky = photons.echoes_of(counter, 60.0, count=40_000, **SUNNY)
     sky.has_surface[:], sky.peak_power_w[:] = False, 0.0
-    detection = photons.detected(counter, sky)
+    detection = photons.detect(counter, sky)
     ours = sum((stop.reported & (stop.status == Status.FALSE_ALARM)).sum() for stop in detection.stops) / 40_000
     pixel = counter.pixel(sky.background_power_w[:1])
     point = counter.working_point(sky.background_power_w[:1])
@@ -416,7 +416,7 @@ def test_echoes_that_merge_are_found_as_often_as_their_broad_peak(background_w, 
     pulse = np.arange(count, dtype=np.uint32)
     expected = float(np.mean(histogram_receiver.detect(light, counter, seed=1, pulse=pulse).detection_probability))
     assert 0.4 < expected < 0.8
-    values, _ = read(whole.histograms(light, counter, seed=1, pulse=pulse).counts, counter, pixel)
+    values, _ = read_histograms(whole.histograms(light, counter, seed=1, pulse=pulse).counts, counter, pixel)
     middle = 1e9 * (2.0 * range_m.mean(axis=1) / C)
     near = np.abs(np.arange(values.shape[1]) + 0.5 - middle[:, None]) < 5.0
     above_share = (np.where(near, values, 0.0).max(axis=1) >= level).mean()
@@ -445,7 +445,7 @@ def test_ranges_have_no_bias_over_the_places_in_a_bin(rate_mhz, detections, over
     light.range_m[:] = range_m
     light.peak_power_w[:] = detections / float(dark.detections(1.0))
     light.background_power_w[:] = (1e6 * rate_mhz - float(dark.rate_hz[0])) / float(dark.per_watt)
-    stop = photons.detected(counter, light).stops[0]
+    stop = photons.detect(counter, light).stops[0]
     assert photons.echo_of(stop).all()
     apart = np.asarray(stop.range_m) - range_m
     bin_m = 0.5 * C * 1e-9
@@ -465,7 +465,7 @@ def test_the_raw_range_of_strong_echoes_is_short_by_their_pile_up(detections):
     light = photons.echoes_of(counter, 40.0, photons=1.0, count=2000, illuminance_klux=0.0)
     light.range_m[:] = 40.0 + np.linspace(0.0, 0.45, 2000)
     light.peak_power_w[:] = detections / float(pixel.detections(1.0))
-    stop = photons.detected(counter, light).stops[0]
+    stop = photons.detect(counter, light).stops[0]
     assert photons.echo_of(stop).all()
     apart = np.asarray(stop.range_m) - light.range_m
     expected = 0.5 * C * float(pixel.sigma_s) * float(np.ravel(pile_up.shift(detections=np.array([detections])))[0])
@@ -484,9 +484,9 @@ def test_echoes_that_nearly_merge_have_no_more_returns_than_peaks():
     powers = [float(np.ravel(pixel.power_w(n * np.ones(1)))[0]) for n in (100.0, 150.0)]
     light = trains(counter, [30.0, 31.0], powers, 500)
     light.background_power_w[:] = 1e-12
-    stops = photons.detected_train(counter, light).stops
+    stops = photons.detect_train(counter, light).stops
     pulse = np.arange(500, dtype=np.uint32)
-    values, _ = read(whole.histograms(light, counter, seed=1, pulse=pulse).counts, counter, pixel)
+    values, _ = read_histograms(whole.histograms(light, counter, seed=1, pulse=pulse).counts, counter, pixel)
     level = float(np.ravel(counter.threshold(counter.working_point(light.background_power_w[:1])))[0])
     top = (values[:, 1:-1] > values[:, :-2]) & (values[:, 1:-1] >= values[:, 2:]) & (values[:, 1:-1] >= level)
     two = (top.sum(axis=1) >= 2).mean()
@@ -506,7 +506,7 @@ def test_which_of_two_boards_is_kept():
         )
         pixel = counter.pixel(np.full(1, 1e-10))
         powers = [float(np.ravel(pixel.power_w(n * np.ones(1)))[0]) for n in (600.0, 1500.0)]
-        return photons.detected_train(counter, trains(counter, [30.0, 33.0], powers, 50))
+        return photons.detect_train(counter, trains(counter, [30.0, 33.0], powers, 50))
 
     for keep, place_m in (("strongest", 33.0), ("first", 30.0), ("last", 33.0)):
         result = detect_with(f"histogram.keep='{keep}'")
@@ -535,7 +535,7 @@ def test_what_comes_while_the_receiver_is_blanked_is_none():
     pixel = counter.pixel(np.full(1, 1e-10))
     power_w = 0.5 / float(np.ravel(pixel.detections(1.0))[0])
     light = trains(counter, [30.0, 33.0], [power_w, power_w], 50)
-    stops = photons.detected_train(counter, light).stops
+    stops = photons.detect_train(counter, light).stops
     np.testing.assert_allclose(stops[0].true_range_m, 33.0, atol=0.01)
     assert not np.asarray(stops[1].reported).any()
     counts = whole.histograms(light, counter, seed=1, pulse=np.arange(50, dtype=np.uint32)).expected
@@ -548,7 +548,7 @@ def test_what_lies_beyond_the_unambiguous_range_folds_back_and_says_so():
     counter = photons.spinning()
     unambiguous = 0.5 * C * 1.8e-6
     light = photons.echoes_of(counter, 300.0, photons=200.0, count=500, illuminance_klux=0.1)
-    stop = photons.detected(counter, light).stops[0]
+    stop = photons.detect(counter, light).stops[0]
     assert (stop.status == Status.ALIASED).all()
     assert stop.range_m.mean() == pytest.approx(300.0 - unambiguous, abs=0.01)
     np.testing.assert_allclose(stop.true_range_m, 300.0, atol=1e-3)
@@ -565,7 +565,7 @@ def test_coates_correction_straightens_the_photons_of_strong_echoes():
         pixel = counter.pixel(light.background_power_w, range_m=light.range_m)
         unit = float(np.ravel(pixel.detections(1.0))[0])
         light.peak_power_w[:] = 2.0 / unit
-        stop = photons.detected(counter, light).stops[0]
+        stop = photons.detect(counter, light).stops[0]
         ratios[coates] = stop.photons.mean() / (2.0 * float(pixel.trials))
     assert ratios["true"] == pytest.approx(1.0, abs=0.01)
     assert ratios["false"] == pytest.approx((1 - math.exp(-2.0)) / 2.0, rel=0.03)
@@ -583,7 +583,7 @@ def test_coincidence_keeps_the_dark_and_loses_the_weak():
     assert float(pixel.count_share[0]) == pytest.approx(
         1 - (1 - per_bin) ** 64 - 64 * per_bin * (1 - per_bin) ** 63, rel=1e-3
     )
-    detection = photons.detected(counter, light)
+    detection = photons.detect(counter, light)
     stop = detection.stops[0]
     assert photons.echo_of(stop).mean() == pytest.approx(float(detection.detection_probability[0]), abs=0.045)
     assert stop.photons.mean() == pytest.approx(30.0, rel=0.05)
@@ -596,7 +596,7 @@ def test_more_light_is_never_less_likely_to_be_found(dark_hz, klux):
     counter = photons.sensor(f"detector.dark_count_rate_hz={dark_hz}")
     light = photons.echoes_of(counter, 10.0, count=400, illuminance_klux=klux)
     light = dataclasses.replace(light, peak_power_w=light.peak_power_w * np.geomspace(1e-6, 30.0, 400))
-    probability = np.asarray(photons.detected(counter, light).detection_probability)
+    probability = np.asarray(photons.detect(counter, light).detection_probability)
     assert probability[0] < 0.1
     assert (np.diff(probability) >= -1e-9).all()
     assert probability[-1] == pytest.approx(1.0)

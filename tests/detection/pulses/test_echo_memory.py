@@ -74,7 +74,7 @@ def echoes(equipped, background_w, signals, apart_m, *, pulses=400):
     return detect(light, equipped), powers, 2.0 * (range_m - 30.0) / SPEED_OF_LIGHT_M_S
 
 
-def returns(detection):
+def mean_returns(detection):
     """Mean number of echoes reported of a pulse."""
     return sum(float(np.mean(stop.reported & (stop.status == 0))) for stop in detection.stops)
 
@@ -87,7 +87,7 @@ def test_second_board_within_the_dead_time(apart_m, expected):
     """
     equipped = sensor("table1-sipm", IN_TIME, *KEYS)
     detection, powers, arrivals = echoes(equipped, DIM_W, (100.0, 100.0), apart_m)
-    assert returns(detection) == pytest.approx(expected, abs=0.05)
+    assert mean_returns(detection) == pytest.approx(expected, abs=0.05)
     _, count = counts(equipped, DIM_W, powers, arrivals, shots=60)
     level = float(equipped.threshold(equipped.working_point(np.array([DIM_W])))[0])
     high = count >= level
@@ -96,7 +96,7 @@ def test_second_board_within_the_dead_time(apart_m, expected):
     assert fresh.sum(axis=1).mean() == pytest.approx(expected, abs=0.05)
     # What others compute, who let every echo find all cells ready.
     forgetful, _, _ = echoes(sensor("table1-sipm", STEADY, *KEYS), DIM_W, (100.0, 100.0), apart_m)
-    assert returns(forgetful) == pytest.approx(2.0, abs=0.05)
+    assert mean_returns(forgetful) == pytest.approx(2.0, abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -179,7 +179,7 @@ def test_a_clipped_amplifier_is_blind_for_the_next_echo(recovery_ns, apart_m, ex
     level = float(equipped.threshold(equipped.working_point(np.array([2.5e-8])))[0])
     blind_s = SIGMA_S * math.sqrt(2.0 * math.log(100.0)) + recovery_ns * 1e-9 * math.log(5e-3 / level)
     assert (blind_s > arrivals[1]) == (expected == 1)
-    assert returns(detection) == pytest.approx(expected, abs=0.02)
+    assert mean_returns(detection) == pytest.approx(expected, abs=0.02)
 
 
 def test_charge_adds_to_the_next_echo():

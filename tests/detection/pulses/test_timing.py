@@ -29,7 +29,7 @@ QUIET_ECHO = "detector.circuit_noise_na=1e5"
 RULES = ("constant_fraction", "peak", "matched_filter")
 
 
-def equipped(*overrides):
+def equip(*overrides):
     return load_sensor("table1-apd", overrides=[f"tdc.bandwidth_mhz={1e-6 * BAND_HZ}", *overrides])
 
 
@@ -44,15 +44,15 @@ def noise(seed=3):
     return white / white.std()
 
 
-def sampled(snr, kappas):
-    """Time, and noisy pulses of unit peak; ``own`` names the coefficients of the noise in units of the peak."""
+def sample_pulses(snr, kappas):
+    """Time, and noisy pulses of unit peak; ``kappas`` holds the coefficients of the noise in units of the peak."""
     time_s = (np.arange(1024) - 512) * STEP_S
     pulse = np.exp(-0.5 * (time_s / SIGMA_S) ** 2)
     sigma = np.sqrt(snr**-2 + kappas["kappa_1"] * pulse + kappas["kappa_2"] * pulse**2)
     return time_s, pulse + sigma * noise()
 
 
-def top(time_s, signal):
+def peak_of_samples(time_s, signal):
     """Time and height of the highest sample near the pulse, by the parabola through it and its neighbours."""
     near = np.abs(time_s) < 2.0 * SIGMA_S
     first = int(np.argmax(near))
@@ -63,19 +63,19 @@ def top(time_s, signal):
     return time_s[top_index] + off * STEP_S, middle + 0.25 * (right - left) * off
 
 
-def filtered(signal):
+def correlate_with_pulse(signal):
     """Correlated with the pulse, scaled so that a lone pulse keeps its height."""
     frequency = np.fft.rfftfreq(signal.shape[1], STEP_S)
     passed = math.sqrt(2.0) * np.exp(-0.5 * (2.0 * math.pi * frequency * SIGMA_S) ** 2)
     return np.fft.irfft(np.fft.rfft(signal) * passed, signal.shape[1])
 
 
-def by_hand(rule, snr, kappas, *, fraction=0.5):
+def errors_by_hand(rule, snr, kappas, *, fraction=0.5):
     """Error of the time [s] and height of each shot."""
-    time_s, signal = sampled(snr, kappas)
+    time_s, signal = sample_pulses(snr, kappas)
     if rule == "matched_filter":
-        return top(time_s, filtered(signal))
-    peak_s, height = top(time_s, signal)
+        return peak_of_samples(time_s, correlate_with_pulse(signal))
+    peak_s, height = peak_of_samples(time_s, signal)
     if rule == "peak":
         return peak_s, height
     # Down from the peak to the fraction of it, and a straight line in the last step.
@@ -88,9 +88,9 @@ def by_hand(rule, snr, kappas, *, fraction=0.5):
     return time_s[last] + STEP_S * (level[:, 0] - low) / (high - low) + early, height
 
 
-def shots(rule, snr, *overrides):
+def chain_errors(rule, snr, *overrides):
     """Error of the time [s] and height over the peak of single echoes in the chain, and the noise over the peak."""
-    plain, sensor = equipped(*overrides), equipped(*overrides, f"tdc.timing='{rule}'")
+    plain, sensor = equip(*overrides), equip(*overrides, f"tdc.timing='{rule}'")
     count = 8000
     power = trains.power_at_snr(plain, snr)
     light = Echoes(
@@ -119,8 +119,8 @@ def test_times_scatter_as_those_of_samples(rule, snr, overrides):
     What is left is curvature: the forms are straight lines through the edge and parabolas at the peak. The deviation of
     a held peak is 10 % off: the sampled one is the highest of several values.
     """
-    time_s, height, kappas = shots(rule, snr, *overrides)
-    expected_s, expected_height = by_hand(rule, snr, kappas)
+    time_s, height, kappas = chain_errors(rule, snr, *overrides)
+    expected_s, expected_height = errors_by_hand(rule, snr, kappas)
     assert time_s.std() == pytest.approx(expected_s.std(), rel=0.06)
     assert abs(time_s.mean() - expected_s.mean()) < 0.1 * expected_s.std()
     assert height.std() == pytest.approx(expected_height.std(), rel=0.1)
@@ -148,7 +148,7 @@ def test_closed_forms_of_the_deviations():
         "matched_filter": sampling.least_time_deviation_s(snr=snr, rate_hz=2.0 * BAND_HZ, pulse_fwhm_s=FWHM_S),
     }
     for rule, deviation_s in expected.items():
-        time_s = shots(rule, snr, QUIET_ECHO)[0]
+        time_s = chain_errors(rule, snr, QUIET_ECHO)[0]
         count = len(time_s)
         low, high = (math.sqrt(chi2.ppf(p, count - 1) / (count - 1)) for p in (1e-4, 1.0 - 1e-4))
         assert 0.99 * low * deviation_s < time_s.std() < 1.01 * high * deviation_s, rule
@@ -172,7 +172,7 @@ def test_a_broad_pulse_behind_a_matched_filter(width):
     time_s = (np.arange(1024) - 512) * STEP_S
     place = time_s / SIGMA_S
     pulse, template = np.exp(-0.5 * (place / width) ** 2), np.exp(-0.5 * place**2)
-    output = filtered(pulse[None])[0]
+    output = correlate_with_pulse(pulse[None])[0]
     curvature = 1.0 / width**2
     assert sampling.matched_gain(curvature=curvature) == pytest.approx(output.max(), rel=1e-6)
     bend = -(output[513] - 2.0 * output[512] + output[511]) / (STEP_S / SIGMA_S) ** 2 / output[512]
@@ -186,18 +186,18 @@ def test_a_matched_filter_finds_what_a_comparator_misses(how):
     """Echoes of SNR 4.5 at TNR 5: kept as often as filtered samples are over five deviations of their own noise at the
     echo's time; the comparator keeps a third. 4 standard errors of both, a false alarm in 16,000.
     """
-    plain, snr, count = equipped(QUIET_ECHO), 4.5, 4000
+    plain, snr, count = equip(QUIET_ECHO), 4.5, 4000
     adc = ("sampler.type='adc'", "sampler.rate_mhz=1000", "sampler.bits=14", "sampler.full_scale=1e-1")
     options = ("tdc.timing='matched_filter'",) if how == "tdc" else adc
     power = trains.power_at_snr(plain, snr)
     light = trains.train(np.full((count, 1), 50.0), np.full((count, 1), power))
     kept_shares = []
-    for sensor in (plain, equipped(QUIET_ECHO, *options)):
+    for sensor in (plain, equip(QUIET_ECHO, *options)):
         stop = trains.detect(light, sensor).stops[0]
         kept_shares.append((stop.reported & (stop.status == 0)).mean())
-    _, signal = sampled(snr, {"kappa_1": 0.0, "kappa_2": 0.0})
-    quiet = filtered(noise() / snr)
-    filtered_share = (filtered(signal)[:, 512] >= 5.0 * quiet.std()).mean()
+    _, signal = sample_pulses(snr, {"kappa_1": 0.0, "kappa_2": 0.0})
+    quiet = correlate_with_pulse(noise() / snr)
+    filtered_share = (correlate_with_pulse(signal)[:, 512] >= 5.0 * quiet.std()).mean()
     error = math.sqrt(filtered_share * (1.0 - filtered_share) * (1.0 / count + 1.0 / SHOTS))
     assert kept_shares[0] == pytest.approx(norm.sf(0.5), abs=4.0 * math.sqrt(0.25 / count))
     assert abs(kept_shares[1] - filtered_share) < 4.0 * error
@@ -221,7 +221,7 @@ def test_a_fraction_has_no_walk(name, fraction):
 @pytest.mark.parametrize("rule", ["leading_edge", *RULES])
 def test_one_echo_or_a_train_of_one(rule):
     """Both roads through the chain, shot by shot."""
-    sensor = equipped(f"tdc.timing='{rule}'", "tdc.threshold_to_noise=3.5", "tdc.edges='both'")
+    sensor = equip(f"tdc.timing='{rule}'", "tdc.threshold_to_noise=3.5", "tdc.edges='both'")
     count = 2000
     power = trains.power_at_snr(sensor, 6.0) * np.random.default_rng(1).uniform(0.3, 3.0, count)
     light = trains.train(np.full((count, 1), 50.0), power[:, None])
@@ -239,7 +239,7 @@ def test_one_echo_or_a_train_of_one(rule):
         np.testing.assert_allclose(getattr(have, name)[reported], getattr(want, name)[reported], rtol=1e-9, atol=1e-9)
 
 
-def on_lasting(sensor, height, lasting, shots):
+def second_returns(sensor, height, lasting, shots):
     """Second returns of pulses with an echo at 60 m on light that lasts, heights in U; a brighter echo comes first."""
     corners = [(50.0, 0.0), (51.0, lasting), (80.0, lasting)]
     lone_train, _, _ = on_light(sensor, [(50.0, 20.0 * height), (60.0, height)], corners)
@@ -264,7 +264,7 @@ def test_a_pulse_on_light_that_lasts_is_timed_as_if_alone(rule, walk):
     that of all light; behind a matched filter light that lasts is sqrt(2) times as high, by (T80) less where both mix.
     """
     sensor = load_sensor("table1-apd", overrides=[*CLEAN, f"tdc.timing='{rule}'", f"tdc.walk='{walk}'", *WITH_BRIGHTER])
-    stop = on_lasting(sensor, 4.0, 1.5, 20)
+    stop = second_returns(sensor, 4.0, 1.5, 20)
     np.testing.assert_allclose(stop.range_m, 60.0, atol=2e-3 * trains.SIGMA_M)
     gain = math.sqrt(2.0 / (1.0 + 4.0 / 5.5)) if rule == "matched_filter" else 1.0
     level = sensor.threshold(sensor.working_point(np.array([trains.BACKGROUND_W])))[0]
@@ -281,11 +281,11 @@ def test_a_matched_filter_finds_pulses_of_a_threshold_on_light_that_lasts(height
     assert (second.reported[0] and abs(second.range_m[0] - 60.0) < trains.SIGMA_M) == (height > 1.0)
 
 
-def samples_of(rule, signal):
+def time_scatter(rule, signal):
     """Scatter of the time [s] of such light in noise of 1 % of a unit."""
-    time_s, noisy = sampled(100.0, {"kappa_1": 0.0, "kappa_2": 0.0})
+    time_s, noisy = sample_pulses(100.0, {"kappa_1": 0.0, "kappa_2": 0.0})
     waveform = noisy - np.exp(-0.5 * (time_s / SIGMA_S) ** 2) + signal(time_s / SIGMA_S)
-    return top(time_s, filtered(waveform) if rule == "matched_filter" else waveform)[0].std()
+    return peak_of_samples(time_s, correlate_with_pulse(waveform) if rule == "matched_filter" else waveform)[0].std()
 
 
 @pytest.mark.parametrize(("rule", "too_much"), [("peak", 1.04), ("matched_filter", 1.35)])
@@ -298,13 +298,13 @@ def test_light_that_lasts_does_not_blur_a_peak(lasting, rule, too_much):
     sqrt(2) too low.
     """
     count = 3000
-    sensor = equipped(QUIET_ECHO, f"tdc.timing='{rule}'", "tdc.threshold_to_noise=10", *WITH_BRIGHTER)
+    sensor = equip(QUIET_ECHO, f"tdc.timing='{rule}'", "tdc.threshold_to_noise=10", *WITH_BRIGHTER)
     point = sensor.working_point(np.array([trains.BACKGROUND_W]))
     before = (point.unfiltered or point).noise.deviation
     height = 10.0 * float((before / point.noise.deviation)[0])  # of SNR 100 before a filter, in U
-    stop = on_lasting(sensor, height, lasting * height, count)
+    stop = second_returns(sensor, height, lasting * height, count)
     assert stop.reported.all()
-    wanted_s = samples_of(rule, lambda place: np.exp(-0.5 * place**2) + lasting)
+    wanted_s = time_scatter(rule, lambda place: np.exp(-0.5 * place**2) + lasting)
     spread = chi2.isf(1e-6, count - 1) / (count - 1)
     have_s = stop.range_m.std() * 2.0 / c
     assert wanted_s / spread / 1.04 < have_s < wanted_s * spread * too_much
@@ -318,14 +318,14 @@ def test_a_broad_top_is_less_sharp(rule):
     count, places = 4000, 0.5 * np.arange(-8, 9)
     shares = np.exp(-0.5 * (places / 1.2) ** 2)
     shares *= math.sqrt(1.0 + 1.2**2) / 1.2 * 0.5 / math.sqrt(2.0 * math.pi)  # together as high as one
-    sensor = equipped(QUIET_ECHO, f"tdc.timing='{rule}'")
+    sensor = equip(QUIET_ECHO, f"tdc.timing='{rule}'")
     power = trains.power_at_snr(sensor, 100.0) * np.tile(shares, (count, 1))
     range_m = np.tile(60.0 + trains.SIGMA_M * places, (count, 1))
     stop = trains.detect(trains.train(range_m, power), sensor, seed=3).stops[0]
-    wanted_s = samples_of(rule, lambda place: np.exp(-0.5 * place**2 / (1.0 + 1.2**2)))
+    wanted_s = time_scatter(rule, lambda place: np.exp(-0.5 * place**2 / (1.0 + 1.2**2)))
     spread = chi2.isf(1e-6, count - 1) / (count - 1)
     have_s = stop.range_m[stop.reported & (stop.status == 0)].std() * 2.0 / c
-    assert wanted_s > 1.4 * samples_of(rule, lambda place: np.exp(-0.5 * place**2))
+    assert wanted_s > 1.4 * time_scatter(rule, lambda place: np.exp(-0.5 * place**2))
     assert wanted_s / spread / 1.06 < have_s < wanted_s * spread * 1.06
 
 
@@ -333,7 +333,7 @@ def test_a_peak_is_compared_with_the_threshold_as_it_is_measured():
     """What a receiver of peaks reports is over the threshold by itself: a Gaussian cut off there, by Kolmogorov and
     Smirnov at 1e-6; of an edge's peak the noise is another, so that some count as the threshold itself.
     """
-    sensor, count = equipped(QUIET_ECHO, "tdc.timing='peak'", "tdc.threshold_to_noise=6"), 4000
+    sensor, count = equip(QUIET_ECHO, "tdc.timing='peak'", "tdc.threshold_to_noise=6"), 4000
     power = trains.power_at_snr(sensor, 6.5)
     light = trains.train(np.full((count, 1), 50.0), np.full((count, 1), power))
     stop = trains.detect(light, sensor, seed=2).stops[0]
@@ -348,9 +348,9 @@ def test_a_peak_is_compared_with_the_threshold_as_it_is_measured():
 
 def test_noise_of_a_peak_and_of_the_converter_add_up():
     """Their variances: they are drawn apart. Chi-square at 1e-6; drawn together, the sum would be 4 in place of 2."""
-    alone_s = shots("peak", 50.0, QUIET_ECHO)[0]
+    alone_s = chain_errors("peak", 50.0, QUIET_ECHO)[0]
     jitter_ps = float(1e12 * alone_s.std())
-    both_s = shots("peak", 50.0, QUIET_ECHO, f"tdc.jitter_ps={jitter_ps!r}")[0]
+    both_s = chain_errors("peak", 50.0, QUIET_ECHO, f"tdc.jitter_ps={jitter_ps!r}")[0]
     count = len(both_s)
     low, high = (chi2.ppf(p, count - 1) / (count - 1) for p in (1e-6, 1.0 - 1e-6))
     assert 2.0 * low**2 < (both_s.std() / alone_s.std()) ** 2 < 2.0 * high**2
@@ -411,7 +411,7 @@ def test_time_of_cells_behind_a_matched_filter():
 )
 def test_mistakes_are_told(overrides, message):
     with pytest.raises(InputError) as raised:
-        equipped(*overrides)
+        equip(*overrides)
     assert message in str(raised.value), str(raised.value)
     assert "\n" not in str(raised.value)
 
@@ -426,7 +426,7 @@ def test_noise_of_a_fraction_that_lasts_to_the_peak():
     than without; a bandwidth far above has none. Chi-square at 1e-6 and 3 % for the curvature.
     """
     snr, bandwidth_hz = 100.0, 20e6
-    time_s = shots("constant_fraction", snr, QUIET_ECHO, f"tdc.bandwidth_mhz={1e-6 * bandwidth_hz}")[0]
+    time_s = chain_errors("constant_fraction", snr, QUIET_ECHO, f"tdc.bandwidth_mhz={1e-6 * bandwidth_hz}")[0]
     correlation = math.exp(-2.0 * math.pi * bandwidth_hz * SIGMA_S * math.sqrt(2.0 * math.log(2.0)))
     assert correlation == pytest.approx(0.69, abs=0.01)
     wanted_s = SIGMA_S * math.sqrt(1.25 - correlation) / (snr * 0.5 * math.sqrt(2.0 * math.log(2.0)))

@@ -55,8 +55,8 @@ def _words(module: ModuleType) -> None:
     """Seeds of NumPy's path, and literals; a word on the device has its run from `_seed_word`."""
     words, on_device = module.words, importlib.import_module("lidarscene.maths.arrays").is_drjit
 
-    def of_run(*, seed: Any, **which: Any) -> Any:
-        return words(seed=seed if on_device(seed) else frame_seed(seed), **which)
+    def of_run(*, seed: Any, **counters: Any) -> Any:
+        return words(seed=seed if on_device(seed) else frame_seed(seed), **counters)
 
     module.words = of_run  # type: ignore[attr-defined]
 

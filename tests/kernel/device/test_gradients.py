@@ -65,7 +65,7 @@ def numbers_at(ranges_m=RANGES_M, reflectivity=0.3):
     }
 
 
-def differentiated(numbers, result, mi):
+def differentiate(numbers, result, mi):
     """The result on the device, and the derivative of each of its lanes by the number of the same lane."""
     import drjit as dr
 
@@ -82,7 +82,7 @@ def test_power_of_an_echo(mi):
     """(5): P is in proportion to rho, and falls as exp(-2 alpha R) / R^2."""
     equipped = chain.sensor("table1-apd")
     numbers = numbers_at()
-    power, slope = differentiated(
+    power, slope = differentiate(
         numbers, lambda attached: light_of(attached, transfer.opaque(equipped))[2].peak_power_w, mi
     )
     np.testing.assert_allclose(slope["reflectivity"], power / 0.3, rtol=SINGLE)
@@ -94,7 +94,7 @@ def test_power_of_an_echo(mi):
 def test_background_of_a_surface(mi):
     """(8) is linear in the sun, and in rho: all of it is the surface's."""
     equipped = chain.sensor("table1-apd")
-    power, slope = differentiated(
+    power, slope = differentiate(
         numbers_at(), lambda attached: light_of(attached, transfer.opaque(equipped))[2].background_power_w, mi
     )
     np.testing.assert_allclose(slope["sun"], power / 10.0, rtol=SINGLE)
@@ -126,7 +126,7 @@ def test_many_rays_on_one_pulse(case, mi):
     def numbers_around(range_m):
         return numbers_at((range_m + apart).ravel()) | {"reflectivity": reflectivity}
 
-    def detected(attached):
+    def detect_rays(attached):
         on_device = not isinstance(attached["range_m"], np.ndarray)
         sensor = transfer.opaque(equipped) if on_device else equipped
         pulse = transfer.counter(0, 40) if on_device else np.arange(40, dtype=np.uint32)
@@ -135,14 +135,16 @@ def test_many_rays_on_one_pulse(case, mi):
         return multi_echo.detect(whole, sensor, seed=0, pulse=pulse)
 
     far = (
-        candidate for candidate in map(numbers_around, range(60, 1000, 20)) if np.median(detected(candidate).snr) < 5.5
+        candidate
+        for candidate in map(numbers_around, range(60, 1000, 20))
+        if np.median(detect_rays(candidate).snr) < 5.5
     )
     numbers = next(far)
-    host = detected(numbers)
+    host = detect_rays(numbers)
     outputs, slopes = {}, {}
     for name in OF_A_PULSE:
-        outputs[name], slopes[name] = differentiated(
-            numbers, lambda attached, name=name: getattr(detected(attached), name), mi
+        outputs[name], slopes[name] = differentiate(
+            numbers, lambda attached, name=name: getattr(detect_rays(attached), name), mi
         )
         np.testing.assert_allclose(outputs[name], getattr(host, name), rtol=1e-4, atol=1e-5)
     assert np.sum((outputs["detection_probability"] > 0.05) & (outputs["detection_probability"] < 0.95)) > 5
@@ -150,7 +152,7 @@ def test_many_rays_on_one_pulse(case, mi):
         for ray in range(RAYS):
             moved = np.zeros(apart.size)
             moved[ray::RAYS] = step
-            two = [detected(numbers | {parameter: numbers[parameter] + sign * moved}) for sign in (1.0, -1.0)]
+            two = [detect_rays(numbers | {parameter: numbers[parameter] + sign * moved}) for sign in (1.0, -1.0)]
             for name in OF_A_PULSE:
                 expected = (getattr(two[0], name) - getattr(two[1], name)) / (2.0 * step)
                 # The tail of P_d is good to 1e-4 of its slope's height in single precision.

@@ -78,12 +78,12 @@ def test_texts_of_kernels_do_not_gather(
     Path("wall.toml").write_text(WALL)
     take, lengths = KernelHistory.take, []
 
-    def counted(history: KernelHistory) -> None:
+    def count_launches(history: KernelHistory) -> None:
         before = history.launched
         take(history)
         lengths.append(history.launched - before)
 
-    monkeypatch.setattr(KernelHistory, "take", counted)
+    monkeypatch.setattr(KernelHistory, "take", count_launches)
     steps = ("--set=scanner.azimuth_step_deg=2", "--set=scanner.elevation_step_deg=0.8")
     assert main.main(["render", "wall.toml", *steps, "--profile", "--json", "-o", "a.ply", "--chunk", "48"]) == 0
     report = json.loads(capsys.readouterr().out)

@@ -46,7 +46,7 @@ CASES = {
 """Those of one scene follow each other."""
 
 
-def glazed(scene):
+def with_pane(scene):
     """With a pane before the sensor that drives along."""
     glass = pane(6.0, 30.0)
     moving = dataclasses.replace(glass, motion=dataclasses.replace(scene.ego, start=glass.pose))
@@ -55,9 +55,9 @@ def glazed(scene):
 
 
 @lru_cache(maxsize=1)
-def compiled(name):
+def compiled_scene(name):
     """A scene and its world, which is kept for the next case."""
-    scene = glazed(traffic()) if name == "traffic" else load_scene(SCENES / f"{name}.toml")
+    scene = with_pane(traffic()) if name == "traffic" else load_scene(SCENES / f"{name}.toml")
     # In clear air: to tabulate the light of fog or rain takes longer than to compile the world.
     return scene, Simulator(dataclasses.replace(scene, air=Air()), load_sensor("table1-apd")).world
 
@@ -65,7 +65,7 @@ def compiled(name):
 @pytest.fixture(autouse=True, scope="module")
 def _no_world_stays():
     yield
-    compiled.cache_clear()
+    compiled_scene.cache_clear()
 
 
 def frames(simulator):
@@ -85,7 +85,7 @@ def test_frames_are_those_of_stages_that_python_writes_down_and_compile_nothing(
     """
     scene_name, sensor_name, overrides, *options = CASES[case]
     drops.as_bright_as_their_faces(monkeypatch)
-    scene, world = compiled(scene_name)
+    scene, world = compiled_scene(scene_name)
     sensor = load_sensor(sensor_name, overrides=[*COARSE, *overrides])
     how = dict(*options)
     simulator = Simulator(scene, sensor, world=world, **how)

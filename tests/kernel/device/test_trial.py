@@ -33,38 +33,42 @@ def frame(points: int = 4000) -> dict[str, np.ndarray]:
     }
 
 
-def without(columns: Columns, rows: list[int]) -> Columns:
+def without_rows(columns: Columns, rows: list[int]) -> Columns:
     return {name: np.delete(values, rows) for name, values in columns.items()}
 
 
-def changed(columns: Columns, name: str, values: np.ndarray) -> Columns:
+def with_column(columns: Columns, name: str, values: np.ndarray) -> Columns:
     return {**columns, name: values}
 
 
 def test_rounding_is_no_difference() -> None:
     columns = frame()
-    rounded = changed(changed(columns, "range", columns["range"] + 2e-4), "intensity", columns["intensity"] * 1.0002)
+    rounded = with_column(
+        with_column(columns, "range", columns["range"] + 2e-4), "intensity", columns["intensity"] * 1.0002
+    )
     assert trial.difference(columns, rounded) == ""
-    assert trial.difference(without(columns, [3]), without(columns, [900])) == ""  # two echoes at the threshold
-    assert trial.difference(without(columns, list(range(4000))), without(columns, list(range(4000)))) == ""
+    assert (
+        trial.difference(without_rows(columns, [3]), without_rows(columns, [900])) == ""
+    )  # two echoes at the threshold
+    assert trial.difference(without_rows(columns, list(range(4000))), without_rows(columns, list(range(4000)))) == ""
 
 
 @pytest.mark.parametrize(
     ("fault", "complaint"),
     [
-        (lambda columns: without(columns, [1, 50, 900, 901, 2000]), "5 of 4000 points have no counterpart"),
-        (lambda columns: without(columns, list(range(4000))), "4000 of 4000 points have no counterpart"),
-        (lambda columns: changed(columns, "range", columns["range"] * 1.001), "points differ in range"),
-        (lambda columns: changed(columns, "intensity", columns["intensity"][::-1]), "points differ in intensity"),
+        (lambda columns: without_rows(columns, [1, 50, 900, 901, 2000]), "5 of 4000 points have no counterpart"),
+        (lambda columns: without_rows(columns, list(range(4000))), "4000 of 4000 points have no counterpart"),
+        (lambda columns: with_column(columns, "range", columns["range"] * 1.001), "points differ in range"),
+        (lambda columns: with_column(columns, "intensity", columns["intensity"][::-1]), "points differ in intensity"),
         (
-            lambda columns: changed(columns, "true_range", np.full(4000, np.inf)),
+            lambda columns: with_column(columns, "true_range", np.full(4000, np.inf)),
             "4000 of 4000 points differ in true_range",
         ),
         (
-            lambda columns: changed(columns, "range", np.full(4000, np.nan, np.float32)),
+            lambda columns: with_column(columns, "range", np.full(4000, np.nan, np.float32)),
             "4000 of 4000 points differ in range",
         ),
-        (lambda columns: changed(columns, "status", columns["status"] + 1), "4000 of 4000 points differ in status"),
+        (lambda columns: with_column(columns, "status", columns["status"] + 1), "4000 of 4000 points differ in status"),
     ],
 )
 def test_what_rounding_does_not_explain_is_told(fault, complaint: str) -> None:

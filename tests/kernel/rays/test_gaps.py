@@ -32,12 +32,12 @@ def layer(range_m, material="fence", theta_deg=0.0):
     return chain.facing(range_m=range_m, size_m=0.3 * range_m + 8.0, material=material, theta_deg=theta_deg)
 
 
-def run(*bodies, overrides=GRID, materials=None, **tracing):
+def trace_bodies(*bodies, overrides=GRID, materials=None, **tracing):
     described = chain.scene(*bodies, materials=materials or (fence(),))
-    return chain.run(described, chain.sensor("table1-apd", *overrides), **tracing)
+    return chain.run_stages(described, chain.sensor("table1-apd", *overrides), **tracing)
 
 
-def within(count, trials, share):
+def agrees_with_share(count, trials, share):
     """Five standard deviations of a binomial count: a false alarm in 1.7 million."""
     return abs(count - trials * share) < 5.0 * math.sqrt(trials * share * (1.0 - share))
 
@@ -45,11 +45,11 @@ def within(count, trials, share):
 @pytest.mark.parametrize("theta_deg", [0.0, 60.0])
 def test_rays_are_shared_between_a_fence_and_what_is_behind(theta_deg):
     """cover of them end at the fence with the echo of a solid one; the others behind it, as if it were not there."""
-    lanes = run(layer(10.0, theta_deg=theta_deg), layer(20.0, "grey"))
-    solid = run(layer(10.0, theta_deg=theta_deg), layer(20.0, "grey"), materials=(fence(1.0),))
-    free = run(layer(20.0, "grey"))
+    lanes = trace_bodies(layer(10.0, theta_deg=theta_deg), layer(20.0, "grey"))
+    solid = trace_bodies(layer(10.0, theta_deg=theta_deg), layer(20.0, "grey"), materials=(fence(1.0),))
+    free = trace_bodies(layer(20.0, "grey"))
     near = lanes.hits.interactions == 0
-    assert within(near.sum(), len(near), COVER)
+    assert agrees_with_share(near.sum(), len(near), COVER)
     np.testing.assert_array_equal(lanes.hits.interactions[~near], 1)
     for mask, reference in ((near, solid), (~near, free)):
         np.testing.assert_allclose(lanes.hits.range_m[mask], reference.hits.range_m[mask], rtol=1e-6)
@@ -62,11 +62,11 @@ def test_rays_are_shared_between_a_fence_and_what_is_behind(theta_deg):
 
 def test_layers_one_behind_the_other():
     """Layer k gets c (1 - c)^(k - 1), and the one after the last that is allowed all the rest."""
-    lanes = run(*(layer(8.0 + 2.0 * k) for k in range(5)), interactions=3)
+    lanes = trace_bodies(*(layer(8.0 + 2.0 * k) for k in range(5)), interactions=3)
     number = np.rint((lanes.hits.range_m * lanes.direction[:, 0] - 8.0) / 2.0).astype(int)
     shares = [COVER * (1.0 - COVER) ** k for k in range(3)] + [(1.0 - COVER) ** 3]
     for k, share in enumerate(shares):
-        assert within((number == k).sum(), len(number), share)
+        assert agrees_with_share((number == k).sum(), len(number), share)
     assert number.max() == 3
     np.testing.assert_array_equal(lanes.hits.interactions, number)
     assert np.all(lanes.light.peak_power_w > 0.0)
@@ -130,9 +130,9 @@ def test_the_sun_comes_through_gaps(roofs):
     sun = Sun(azimuth_rad=math.pi, elevation_rad=math.radians(60.0))
     sensor = chain.sensor("table1-apd", *chain.NARROW)
     board = chain.facing(range_m=20.0)
-    free = chain.run(chain.scene(board, sun=sun), sensor)
+    free = chain.run_stages(chain.scene(board, sun=sun), sensor)
     covered = chain.scene(board, *(roof(4.0 + k) for k in range(roofs)), sun=sun, materials=(fence(),))
-    lanes = chain.run(covered, sensor)
+    lanes = chain.run_stages(covered, sensor)
     assert np.all(lanes.hits.lit)
     np.testing.assert_allclose(
         lanes.hits.sun_scatter_per_sr, free.hits.sun_scatter_per_sr * (1.0 - COVER) ** roofs, rtol=1e-5
@@ -170,9 +170,9 @@ def test_masks_of_mitsuba_files_have_gaps_too(tmp_path):
             <bsdf type="twosided" id="plaster"><bsdf type="diffuse"/></bsdf>
         </shape></scene>""")
     described = dataclasses.replace(chain.scene(), base=tmp_path / "scene.xml")
-    lanes = chain.run(described, chain.sensor("table1-apd", *GRID))
+    lanes = chain.run_stages(described, chain.sensor("table1-apd", *GRID))
     near = lanes.hits.interactions == 0
-    assert within(near.sum(), len(near), 0.3)
+    assert agrees_with_share(near.sum(), len(near), 0.3)
     # Mitsuba's diffuse is 0.5: 0.5 / pi straight back, on the card as on the wall.
     cosine = lanes.hits.cos_incidence
     np.testing.assert_allclose(lanes.hits.backscatter_per_sr, 0.5 / math.pi * cosine, rtol=1e-5)

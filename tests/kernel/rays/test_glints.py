@@ -20,13 +20,13 @@ WIDE = (f"laser.divergence_mrad={DIVERGENCE_RAD * 1e3}", f"laser.exit_diameter_m
 R = both_sides(1.0, INDEX)
 
 
-def run(*bodies, overrides=WIDE, **tracing):
+def trace_with_glints(*bodies, overrides=WIDE, **tracing):
     described = chain.scene(*bodies, materials=MATERIALS)
     sensor = chain.sensor("table1-apd", *chain.NARROW, *overrides)
-    return sensor, chain.run(described, sensor, glints=True, **tracing)
+    return sensor, chain.run_stages(described, sensor, glints=True, **tracing)
 
 
-def in_space(sensor, tilt_rad, range_m=RANGE_M):
+def share_in_space(sensor, tilt_rad, range_m=RANGE_M):
     """The share by the beam's density over the image of the aperture, in three dimensions and double precision.
 
     Points of the aperture (in the plane x = 0) are mirrored at the plane through (R, 0, 0) whose normal is tilted;
@@ -47,7 +47,7 @@ def in_space(sensor, tilt_rad, range_m=RANGE_M):
 
 
 def expected_w(sensor, tilt_rad, one_way=R):
-    share = in_space(sensor, tilt_rad)
+    share = share_in_space(sensor, tilt_rad)
     return share * one_way * sensor.laser.peak_power_w * sensor.optics.efficiency_laser * 0.98**2
 
 
@@ -59,7 +59,7 @@ CLOSE = {"rel": 2e-3}
 @pytest.mark.parametrize("tilt_deg", [0.0, 0.02, 0.06, 0.1])
 def test_a_pane_throws_the_beam_back(tilt_deg):
     """R times what lands on the aperture, at the pane's range, as an echo of the pane; the first way goes through."""
-    sensor, lanes = run(pane(RANGE_M, tilt_deg), chain.facing(range_m=50.0))
+    sensor, lanes = trace_with_glints(pane(RANGE_M, tilt_deg), chain.facing(range_m=50.0))
     first, second = lanes.ways
     assert lanes.light_of_ways[1].peak_power_w[MIDDLE] == pytest.approx(
         expected_w(sensor, math.radians(tilt_deg)), **CLOSE
@@ -75,7 +75,7 @@ def test_a_pane_throws_the_beam_back(tilt_deg):
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 0.06])
 def test_a_mirror_throws_the_beam_back(tilt_deg):
-    sensor, lanes = run(pane(RANGE_M, tilt_deg, material="mirror"))
+    sensor, lanes = trace_with_glints(pane(RANGE_M, tilt_deg, material="mirror"))
     echo, hits = lanes.light, lanes.hits
     assert echo.peak_power_w[MIDDLE] == pytest.approx(expected_w(sensor, math.radians(tilt_deg), one_way=0.9), **CLOSE)
     assert (hits.range_m[MIDDLE], hits.interactions[MIDDLE]) == (pytest.approx(RANGE_M, rel=1e-6), 0)
@@ -83,7 +83,7 @@ def test_a_mirror_throws_the_beam_back(tilt_deg):
 
 def test_a_mirror_behind_a_pane():
     """The pane takes T there and T back; it leans by 30 degrees and has no glint of its own."""
-    sensor, lanes = run(pane(4.0, 30.0, size_m=20.0, name="front"), pane(RANGE_M, 0.0, material="mirror"))
+    sensor, lanes = trace_with_glints(pane(4.0, 30.0, size_m=20.0, name="front"), pane(RANGE_M, 0.0, material="mirror"))
     t = 1.0 - both_sides(math.cos(math.radians(30.0)))
     assert lanes.light_of_ways[0].peak_power_w[MIDDLE] == pytest.approx(
         expected_w(sensor, 0.0, one_way=0.9 * t * t), **CLOSE
@@ -94,7 +94,7 @@ def test_a_mirror_behind_a_pane():
 def test_a_pane_that_leans_too_far_mirrors_as_before():
     """At 0.5 degrees the beam passes 17 cm beside the sensor: the board behind that is what the pane shows."""
     behind = chain.facing(range_m=-5.0, size_m=4.0)
-    _, lanes = run(pane(RANGE_M, 0.5), behind)
+    _, lanes = trace_with_glints(pane(RANGE_M, 0.5), behind)
     second = lanes.ways[1]
     assert second.has_surface[MIDDLE]
     assert second.mirrored[MIDDLE]
@@ -105,7 +105,7 @@ def test_with_a_moving_pane():
     """In its own frame, turned: the same echo."""
     body = pane(RANGE_M, 0.06)
     moving = dataclasses.replace(body, motion=Course(start=body.pose))
-    powers = [run(pane_body)[1].light_of_ways[1].peak_power_w[MIDDLE] for pane_body in (body, moving)]
+    powers = [trace_with_glints(pane_body)[1].light_of_ways[1].peak_power_w[MIDDLE] for pane_body in (body, moving)]
     assert powers[1] == pytest.approx(powers[0], rel=1e-3)
 
 

@@ -29,7 +29,7 @@ def rays(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return rng.uniform(-20.0, 20.0, (count, 3)), towards, length
 
 
-def slabs(origin: np.ndarray, towards: np.ndarray, length: np.ndarray, box: np.ndarray) -> np.ndarray:
+def passes_box(origin: np.ndarray, towards: np.ndarray, length: np.ndarray, box: np.ndarray) -> np.ndarray:
     """(n,) whether rays pass a (2, 3) box."""
     with np.errstate(divide="ignore"):
         to_low, to_high = ((corner - origin) / towards for corner in box)
@@ -58,8 +58,8 @@ def test_boxes_that_are_passed() -> None:
         passed = (bits >> number) & 1 == 1
         assert passed.any()
         grow = np.array([[-1e-3], [1e-3]])
-        assert not (slabs(origin, towards, length, box - grow) & ~passed).any()
-        assert not (passed & ~slabs(origin, towards, length, box + grow)).any()
+        assert not (passes_box(origin, towards, length, box - grow) & ~passed).any()
+        assert not (passed & ~passes_box(origin, towards, length, box + grow)).any()
 
 
 def crowd() -> Scene:

@@ -26,9 +26,9 @@ def board_beside(distance_m, at_m=10.0, size_m=4.0) -> Body:
     )
 
 
-def run(*bodies, interactions=3, materials=MATERIALS, overrides=(), **scene):
+def trace_bodies(*bodies, interactions=3, materials=MATERIALS, overrides=(), **scene):
     described = chain.scene(*bodies, materials=materials, **scene)
-    return chain.run(described, chain.sensor("table1-apd", *chain.NARROW, *overrides), interactions=interactions)
+    return chain.run_stages(described, chain.sensor("table1-apd", *chain.NARROW, *overrides), interactions=interactions)
 
 
 # Single precision through some twenty operations, and directions that turn by 1e-7.
@@ -39,8 +39,8 @@ CLOSE = {"rel": 2e-5}
 def test_a_board_behind_panes(theta_deg, panes):
     """Each pane takes T(theta) there and T(theta) back; the range stays what it was."""
     board = chain.facing(range_m=50.0)
-    free = run(board)
-    lanes = run(board, *(pane(10.0 + 8.0 * k, theta_deg, size_m=20.0) for k in range(panes)))
+    free = trace_bodies(board)
+    lanes = trace_bodies(board, *(pane(10.0 + 8.0 * k, theta_deg, size_m=20.0) for k in range(panes)))
     t = 1.0 - both_sides(math.cos(math.radians(theta_deg)))
     echo, hits = lanes.light_of_ways[0], lanes.hits
     assert echo.peak_power_w[MIDDLE] / free.light.peak_power_w[MIDDLE] == pytest.approx(t ** (2 * panes), **CLOSE)
@@ -53,8 +53,8 @@ def test_a_board_behind_panes(theta_deg, panes):
 
 def test_a_pane_mirrors_a_board_beside():
     """At 45 degrees the second way goes to the left: its echo is that of a board at the whole length, times R^2."""
-    lanes = run(pane(10.0, -45.0), board_beside(5.0), chain.facing(range_m=50.0))
-    direct = run(chain.facing(range_m=15.0))
+    lanes = trace_bodies(pane(10.0, -45.0), board_beside(5.0), chain.facing(range_m=50.0))
+    direct = trace_bodies(chain.facing(range_m=15.0))
     r = both_sides(math.cos(math.radians(45.0)))
     way, echo = lanes.ways[1], lanes.light_of_ways[1]
     assert way.range_m[MIDDLE] == pytest.approx(15.0, rel=1e-6)
@@ -68,7 +68,7 @@ def test_a_pane_mirrors_a_board_beside():
 def test_nothing_is_lost_at_a_clear_pane():
     """T + R = 1 at every angle."""
     for theta in (0.0, 45.0, 80.0, 89.0):
-        lanes = run(pane(10.0, theta, size_m=8.0), chain.facing(range_m=50.0))
+        lanes = trace_bodies(pane(10.0, theta, size_m=8.0), chain.facing(range_m=50.0))
         assert sum(way.throughput[MIDDLE] for way in lanes.ways) == pytest.approx(1.0, abs=1e-6)
 
 
@@ -81,7 +81,7 @@ def test_absorption_at_an_angle(theta_deg, moves):
     glass = pane(10.0, theta_deg, material=tinted.name, size_m=8.0)
     if moves:
         glass = dataclasses.replace(glass, motion=Course(start=glass.pose))
-    lanes = run(glass, chain.facing(range_m=50.0), materials=(tinted,))
+    lanes = trace_bodies(glass, chain.facing(range_m=50.0), materials=(tinted,))
     values, theta = tinted.at(905e-9), max(math.radians(theta_deg), 1e-4)
     inside = math.asin(math.sin(theta) / values["index_n"])
     r = 0.5 * (
@@ -104,13 +104,13 @@ def test_a_mirror_at_45_degrees(described_by):
     n, k = 2.052, 8.257  # aluminium at 905 nm
     parameters = {"index_n": n, "index_k": k} if described_by == "index" else {}
     material = mirror_material(**parameters)
-    lanes = run(pane(10.0, -45.0, material="mirror"), board_beside(5.0), materials=(material,))
+    lanes = trace_bodies(pane(10.0, -45.0, material="mirror"), board_beside(5.0), materials=(material,))
     cosine, index = math.cos(math.radians(45.0)), complex(n, k)
     inside = np.sqrt(1.0 - (1.0 - cosine**2) / index**2)
     s = abs((cosine - index * inside) / (cosine + index * inside)) ** 2
     p = abs((index * cosine - inside) / (index * cosine + inside)) ** 2
     r = 0.5 * (s + p) if described_by == "index" else 0.9
-    direct = run(chain.facing(range_m=15.0)).light.peak_power_w[MIDDLE]
+    direct = trace_bodies(chain.facing(range_m=15.0)).light.peak_power_w[MIDDLE]
     assert len(lanes.ways) == 1
     assert lanes.light.peak_power_w[MIDDLE] / direct == pytest.approx(r**2, rel=1e-4)
     assert lanes.hits.range_m[MIDDLE] == pytest.approx(15.0, rel=1e-6)
@@ -123,7 +123,7 @@ def test_a_beam_meets_no_more_than_its_interactions():
     board = chain.facing(range_m=50.0)
     panes = [pane(10.0 + k) for k in range(3)]
     for allowed in range(5):
-        lanes = run(board, *panes, interactions=allowed, sky=0.2)
+        lanes = trace_bodies(board, *panes, interactions=allowed, sky=0.2)
         ends_at = 50.0 if allowed >= 3 else 10.0 + allowed
         assert lanes.hits.has_surface[MIDDLE]
         assert lanes.hits.range_m[MIDDLE] == pytest.approx(ends_at, rel=1e-6)
@@ -134,7 +134,10 @@ def test_a_beam_meets_no_more_than_its_interactions():
 
 def test_a_beam_that_passes_into_the_sky():
     """Nothing is found, and the sky is seen through the pane and in it: together as without."""
-    lanes, free = run(pane(10.0, 20.0), sky=0.2), run(chain.facing(range_m=5.0, at=(0, 50, 0)), sky=0.2)
+    lanes, free = (
+        trace_bodies(pane(10.0, 20.0), sky=0.2),
+        trace_bodies(chain.facing(range_m=5.0, at=(0, 50, 0)), sky=0.2),
+    )
     assert not free.hits.has_surface[MIDDLE]
     assert not lanes.ways[0].has_surface[MIDDLE]
     assert not lanes.ways[1].has_surface[MIDDLE]
@@ -145,10 +148,10 @@ def test_a_beam_that_passes_into_the_sky():
 def test_background_is_what_is_behind_and_what_is_mirrored():
     """T times the board's radiance rho E / pi, R times the sky's E / pi."""
     board = chain.facing(range_m=50.0)
-    lanes, free = run(board, pane(10.0, 30.0), klux=100.0, sky=0.3), run(board, klux=100.0, sky=0.3)
+    lanes, free = trace_bodies(board, pane(10.0, 30.0), klux=100.0, sky=0.3), trace_bodies(board, klux=100.0, sky=0.3)
     dark = Sun(azimuth_rad=0.0, elevation_rad=math.radians(-60.0))
-    lanes = run(board, pane(10.0, 30.0), sun=dark, sky=0.3)
-    free = run(board, sun=dark, sky=0.3)
+    lanes = trace_bodies(board, pane(10.0, 30.0), sun=dark, sky=0.3)
+    free = trace_bodies(board, sun=dark, sky=0.3)
     r = both_sides(math.cos(math.radians(30.0)))
     ratio = lanes.light.background_power_w[MIDDLE] / free.light.background_power_w[MIDDLE]
     assert ratio == pytest.approx((1.0 - r) + r / 0.1, **CLOSE)
@@ -165,8 +168,8 @@ def test_the_sun_comes_through_panes(panes):
     """A board in the sun under level panes: its radiance falls by T at the sun's zenith angle for each."""
     sun = Sun(azimuth_rad=math.pi, elevation_rad=math.radians(60.0))
     board = chain.facing(range_m=30.0)
-    lanes = run(board, *(roof(5.0 + k, name=f"roof {k}") for k in range(panes)), sun=sun)
-    free = run(board, sun=sun)
+    lanes = trace_bodies(board, *(roof(5.0 + k, name=f"roof {k}") for k in range(panes)), sun=sun)
+    free = trace_bodies(board, sun=sun)
     t = 1.0 - both_sides(math.cos(math.radians(30.0)))
     assert lanes.hits.lit[MIDDLE]
     ratio = lanes.hits.sun_scatter_per_sr[MIDDLE] / free.hits.sun_scatter_per_sr[MIDDLE]
@@ -178,7 +181,7 @@ def test_the_sun_does_not_come_through_boards_and_mirrors():
     for blocking in ("grey", "mirror"):
         for order in (("pane", blocking), (blocking, "pane")):
             roofs = [roof(5.0 + k, material, name=f"{k}") for k, material in enumerate(order)]
-            lanes = run(chain.facing(range_m=30.0), *roofs, sun=sun)
+            lanes = trace_bodies(chain.facing(range_m=30.0), *roofs, sun=sun)
             assert not lanes.hits.lit[MIDDLE]
             assert lanes.hits.sun_scatter_per_sr[MIDDLE] == 0.0
 
@@ -186,7 +189,7 @@ def test_the_sun_does_not_come_through_boards_and_mirrors():
 @pytest.mark.parametrize("range_m", [5.0, 100.0, 250.0])
 def test_panes_that_are_6_mm_apart_are_two(range_m):
     """Far from the origin as well: Mitsuba's own offset would jump over the second from 100 m on."""
-    lanes = run(pane(range_m, 10.0), pane(range_m + 0.006, 10.0), chain.facing(range_m=300.0))
+    lanes = trace_bodies(pane(range_m, 10.0), pane(range_m + 0.006, 10.0), chain.facing(range_m=300.0))
     np.testing.assert_array_equal(lanes.hits.interactions, 2)
 
 
@@ -194,7 +197,9 @@ def test_panes_that_are_6_mm_apart_are_two(range_m):
 def test_grazing_beams_meet_a_surface_once(theta_deg):
     """Tolerance: 0.3 mm of height over the mirror is the start's own; a second meeting would count one more."""
     for material in ("pane", "mirror"):
-        lanes = run(pane(20.0, theta_deg, material=material, size_m=10.0), chain.facing(range_m=50.0, size_m=200.0))
+        lanes = trace_bodies(
+            pane(20.0, theta_deg, material=material, size_m=10.0), chain.facing(range_m=50.0, size_m=200.0)
+        )
         for way in lanes.ways:
             assert way.interactions[MIDDLE] == 1
             assert way.has_surface[MIDDLE]
@@ -266,7 +271,7 @@ def test_against_a_ray_tracer_of_planes():
             pose = Pose(position_m=turn.position_m, rotation=turn.rotation @ board.pose.rotation)
             bodies.append(dataclasses.replace(board, name=f"{number}", pose=pose))
             planes.append((turn.position_m, turn.rotation @ np.array([1.0, 0.0, 0.0]), kind))
-        lanes = run(*bodies, interactions=4, overrides=overrides)
+        lanes = trace_bodies(*bodies, interactions=4, overrides=overrides)
         tracer = Reference(planes)
         for lane, way in enumerate(lanes.direction.astype(float)):
             for number, hits in enumerate(lanes.ways):
@@ -326,7 +331,7 @@ def test_moving_bodies_that_stand_still_are_still_ones():
     standing = [dataclasses.replace(body, motion=Course(start=body.pose)) for body in bodies]
     bodies, standing = ([*group, chain.facing(range_m=30.0)] for group in (bodies, standing))
     sun = Sun(azimuth_rad=2.0, elevation_rad=math.radians(50.0))  # grazes none of them
-    still, moved = run(*bodies, sun=sun), run(*standing, sun=sun)
+    still, moved = trace_bodies(*bodies, sun=sun), trace_bodies(*standing, sun=sun)
     for still_way, moved_way in zip(still.ways, moved.ways, strict=True):
         np.testing.assert_allclose(still_way.range_m, moved_way.range_m, rtol=1e-5)
         np.testing.assert_allclose(still_way.throughput, moved_way.throughput, rtol=1e-5)

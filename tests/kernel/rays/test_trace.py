@@ -212,7 +212,7 @@ def test_sunlight_and_shadow_are_the_same(view: View, simulator: Simulator) -> N
     differing = lit[facing] == shadowed
     assert differing.sum() <= EDGE_SHARE * len(points)
     moved = points[differing] + across(normal[facing][differing], EDGE_M)
-    near = [view.road.occluded(beside, sun[None]) for beside in moved]
+    near = [view.road.occluded(shifted, sun[None]) for shifted in moved]
     assert np.any([shaded != shadowed[differing] for shaded in near], axis=0).all()
 
 

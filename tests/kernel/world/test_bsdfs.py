@@ -18,11 +18,11 @@ MIDDLE = 4
 LASER_M = 905e-9
 
 
-def loaded(mi, values):
+def load_bsdf(mi, values):
     return mi.load_dict(bsdfs.bsdf_dict(values))
 
 
-def evaluated(mi, bsdf, incoming, outgoing):
+def evaluate_bsdf(mi, bsdf, incoming, outgoing):
     """f_r(in, out) |cos out| for unit vectors in the surface's frame; (n, 3) outgoing."""
     surface = mi.SurfaceInteraction3f()
     surface.wi = mi.Vector3f(*(float(x) for x in incoming))
@@ -31,7 +31,7 @@ def evaluated(mi, bsdf, incoming, outgoing):
     return np.array(bsdf.eval(mi.BSDFContext(), surface, out, True)[0].numpy(), dtype=float)
 
 
-def tilted(angle_deg, azimuth_deg=0.0):
+def tilted_direction(angle_deg, azimuth_deg=0.0):
     a, b = math.radians(angle_deg), math.radians(azimuth_deg)
     return np.array([math.sin(a) * math.cos(b), math.sin(a) * math.sin(b), math.cos(a)])
 
@@ -50,7 +50,7 @@ def hemisphere(cosines, azimuths):
 def reflectance(mi, values, incoming=(0.0, 0.0, 1.0)):
     """Directional-hemispherical reflectance at normal incidence by a sum over the hemisphere."""
     directions, solid_angle = hemisphere(cosines=8000, azimuths=36)
-    return evaluated(mi, loaded(mi, values), incoming, directions).sum() * solid_angle
+    return evaluate_bsdf(mi, load_bsdf(mi, values), incoming, directions).sum() * solid_angle
 
 
 def test_diffuse_reflectance_is_the_reflectivity(mi):
@@ -89,8 +89,8 @@ def test_conductor_reflectance(mi):
 
 
 def test_clear_glass_sends_nothing_back(mi):
-    glass = loaded(mi, catalogue_material("clear_glass").at(LASER_M))
-    assert evaluated(mi, glass, tilted(10), [tilted(10)])[0] == 0.0
+    glass = load_bsdf(mi, catalogue_material("clear_glass").at(LASER_M))
+    assert evaluate_bsdf(mi, glass, tilted_direction(10), [tilted_direction(10)])[0] == 0.0
 
 
 RETRO = {
@@ -105,11 +105,11 @@ def coefficient(mi, *, observation_deg, entrance_deg, across=False):
     """R_A [cd/lx/m2] by its definition: the radiance over the illuminance of a plane across the beam, times
     the cosine that turns radiance into intensity per area of sheet.
     """
-    incoming = tilted(entrance_deg)
+    incoming = tilted_direction(entrance_deg)
     turn = math.radians(observation_deg)
     side = np.array([0.0, 1.0, 0.0]) if across else np.cross([0.0, 1.0, 0.0], incoming)
     outgoing = incoming * math.cos(turn) + side * math.sin(turn)
-    value = evaluated(mi, loaded(mi, RETRO), incoming, [outgoing])[0]
+    value = evaluate_bsdf(mi, load_bsdf(mi, RETRO), incoming, [outgoing])[0]
     # eval is f_r cos(out) = L cos(out) / (E_perp cos(in)), and R_A = L cos(out) / E_perp.
     return (value - RETRO["reflectivity"] * outgoing[2] / math.pi) * incoming[2]
 
@@ -130,22 +130,22 @@ def test_retroreflector_is_narrow(mi):
 
 def test_retroreflector_conserves_energy(mi):
     """The lobe, integrated finely around the ray, and the diffuse part stay below one; no pole at grazing."""
-    sheet = loaded(mi, RETRO)
+    sheet = load_bsdf(mi, RETRO)
     for entrance in (0.0, 40.0, 80.0):
-        incoming = tilted(entrance)
+        incoming = tilted_direction(entrance)
         radii, around = np.linspace(0.0, math.radians(2.0), 400), np.arange(16) * np.pi / 8.0
         u, v = np.cross(incoming, [0.0, 1.0, 0.0]), np.array([0.0, 1.0, 0.0])
         side = np.outer(np.cos(around), u / np.linalg.norm(u)) + np.outer(np.sin(around), v)
         rings = np.cos(radii)[:, None, None] * incoming + np.sin(radii)[:, None, None] * side
-        values = evaluated(mi, sheet, incoming, rings.reshape(-1, 3)).reshape(400, 16).mean(axis=1)
+        values = evaluate_bsdf(mi, sheet, incoming, rings.reshape(-1, 3)).reshape(400, 16).mean(axis=1)
         lobe = np.trapezoid(values * 2 * np.pi * np.sin(radii), radii)
         assert lobe + RETRO["reflectivity"] < 0.25
 
 
 def test_retroreflector_is_reciprocal(mi):
-    a, b = tilted(20.0), tilted(20.4, 0.5)
-    forward = evaluated(mi, loaded(mi, RETRO), a, [b])[0] / b[2]
-    backward = evaluated(mi, loaded(mi, RETRO), b, [a])[0] / a[2]
+    a, b = tilted_direction(20.0), tilted_direction(20.4, 0.5)
+    forward = evaluate_bsdf(mi, load_bsdf(mi, RETRO), a, [b])[0] / b[2]
+    backward = evaluate_bsdf(mi, load_bsdf(mi, RETRO), b, [a])[0] / a[2]
     assert forward == pytest.approx(backward, rel=1e-4)
 
 
@@ -153,9 +153,9 @@ def test_retroreflector_sampling_matches_its_density(mi):
     """The weight times the density is the value, for every sample: what a path tracer relies on."""
     import drjit as dr
 
-    bsdf = loaded(mi, RETRO)
+    bsdf = load_bsdf(mi, RETRO)
     surface = dr.zeros(mi.SurfaceInteraction3f, 1000)
-    surface.wi = mi.Vector3f(*(float(x) for x in tilted(30.0)))
+    surface.wi = mi.Vector3f(*(float(x) for x in tilted_direction(30.0)))
     rng = np.random.default_rng(0)
     pair = mi.Point2f(rng.random((2, 1000)).astype(np.float32))
     sample, weight = bsdf.sample(mi.BSDFContext(), surface, mi.Float(0.5), pair)
@@ -176,7 +176,7 @@ def test_every_material_of_the_catalogue_from_both_sides(mi, name):
     import dataclasses
 
     flipped = dataclasses.replace(front, parts=(dataclasses.replace(part, faces=part.faces[:, ::-1]),))
-    sides = [chain.run(chain.scene(body, materials=(material,)), sensor).hits for body in (front, flipped)]
+    sides = [chain.run_stages(chain.scene(body, materials=(material,)), sensor).hits for body in (front, flipped)]
     for quantity in ("backscatter_per_sr", "sun_scatter_per_sr", "cos_sun", "cos_incidence", "lit"):
         front_value, flipped_value = (getattr(hits, quantity)[MIDDLE] for hits in sides)
         assert front_value == pytest.approx(flipped_value, rel=1e-5)
@@ -192,8 +192,8 @@ def test_number_plate_outshines_paint(mi):
     plate = catalogue_material("retroreflective_sheeting")
     sensor = chain.sensor("table1-apd", *chain.NARROW)
     scene = chain.scene(chain.facing(range_m=30.0, material=plate.name), materials=(plate,))
-    bright = chain.run(scene, sensor).light.peak_power_w[MIDDLE]
-    board = chain.run(chain.scene(chain.facing(range_m=30.0)), sensor).light.peak_power_w[MIDDLE]
+    bright = chain.run_stages(scene, sensor).light.peak_power_w[MIDDLE]
+    board = chain.run_stages(chain.scene(chain.facing(range_m=30.0)), sensor).light.peak_power_w[MIDDLE]
     assert 3_000.0 < bright / board < 30_000.0
 
 

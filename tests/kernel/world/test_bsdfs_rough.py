@@ -18,7 +18,7 @@ VALUES = {"name": "road", "bsdf": "diffuse", "reflectivity": 0.2, "facet_slope_d
 RELIEF = reflection.relief(math.radians(40.0))
 
 
-def scattered(mi, bsdf, incoming, outgoing):
+def scattered_per_sr(mi, bsdf, incoming, outgoing):
     import drjit as dr
 
     surface = dr.zeros(mi.SurfaceInteraction3f, 1)
@@ -42,8 +42,8 @@ def test_the_plug_in_is_the_formula(mi, side):
             cos_between=float(incoming @ outgoing),
         )
         turned = np.array([1.0, 1.0, side])
-        assert scattered(mi, bsdf, incoming * turned, outgoing * turned) == pytest.approx(expected, rel=1e-5)
-        assert scattered(mi, bsdf, incoming * turned, -outgoing * turned) == 0.0
+        assert scattered_per_sr(mi, bsdf, incoming * turned, outgoing * turned) == pytest.approx(expected, rel=1e-5)
+        assert scattered_per_sr(mi, bsdf, incoming * turned, -outgoing * turned) == 0.0
 
 
 def test_sampling_matches_its_density(mi):
@@ -68,7 +68,7 @@ def test_beam_and_sun_see_the_same_relief():
     sensor = chain.sensor("table1-apd", *chain.NARROW)
     body = chain.facing(range_m=30.0, theta_deg=70.0, material="road")
     matt, rough = (
-        chain.run(chain.scene(body, materials=(rough_material,)), sensor).hits
+        chain.run_stages(chain.scene(body, materials=(rough_material,)), sensor).hits
         for rough_material in (material(), material(facet_slope_deg=40.0))
     )
     cos, cos_sun = (float(value[MIDDLE]) for value in (rough.cos_incidence, rough.cos_sun))

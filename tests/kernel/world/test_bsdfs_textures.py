@@ -48,8 +48,8 @@ def places_hit(lanes):
 @pytest.mark.parametrize("material", [MATT, ROUGH], ids=["matt", "rough"])
 def test_vertices(material):
     """Reflectivity is linear over the triangles, and echo and sunlight follow it; 1e-4: the hit in single precision."""
-    flat = chain.run(chain.scene(wall(lambda _: None, material=material), materials=(material,)), SENSOR)
-    lanes = chain.run(chain.scene(wall(slope, material=material), materials=(material,)), SENSOR)
+    flat = chain.run_stages(chain.scene(wall(lambda _: None, material=material), materials=(material,)), SENSOR)
+    lanes = chain.run_stages(chain.scene(wall(slope, material=material), materials=(material,)), SENSOR)
     y, z = places_hit(lanes).T
     expected = 0.4 + 0.05 * y + 0.02 * z
     assert np.ptp(expected) > 0.05
@@ -68,7 +68,7 @@ def test_an_image_and_its_orientation():
         image[50:] *= 2.0
         return ReflectivityPattern(kind="colour", values=image, uv=uv, mean=0.2)
 
-    lanes = chain.run(chain.scene(wall(halves), materials=(MATT,)), SENSOR)
+    lanes = chain.run_stages(chain.scene(wall(halves), materials=(MATT,)), SENSOR)
     y, z = places_hit(lanes).T
     red = np.where(y < 0, 0.1, 0.3) * np.where(z < 0, 2.0, 1.0)
     clear = (np.abs(y) > 0.1) & (np.abs(z) > 0.1)  # of the seams, where pixels of 4 cm blend
@@ -87,13 +87,13 @@ def test_bodies_share_a_mesh_and_keep_their_values():
     world = build_world(chain.scene(*bodies, materials=(MATT,)), wavelength_m=905e-9)
     assert len(world.scene.shapes()) == 2, "one mesh with values of its vertices, and one without"
     for order in (bodies[1:], bodies[2:]):
-        lanes = chain.run(chain.scene(*order, materials=(MATT,)), SENSOR)
+        lanes = chain.run_stages(chain.scene(*order, materials=(MATT,)), SENSOR)
         np.testing.assert_allclose(lanes.hits.reflectivity, 0.7 if len(order) == 2 else 0.3, rtol=1e-6)
 
 
 def test_no_more_light_than_came():
     """A rough surface of 30 degrees cannot have 1: the values end where the energy does."""
-    lanes = chain.run(
+    lanes = chain.run_stages(
         chain.scene(
             wall(lambda p: ReflectivityPattern(kind="reflectivity", values=np.ones(len(p))), material=ROUGH),
             materials=(ROUGH,),
@@ -125,11 +125,11 @@ def test_another_pattern_compiles_nothing():
         )
         for k in (0.2, 0.4)
     ]
-    chain.run(described[0], SENSOR)
+    chain.run_stages(described[0], SENSOR)
     with launches.launched() as before:
-        chain.run(described[0], SENSOR)
+        chain.run_stages(described[0], SENSOR)
     with launches.launched() as later:
-        chain.run(described[1], SENSOR)
+        chain.run_stages(described[1], SENSOR)
     launches.assert_none_is_new(later, before)
 
 

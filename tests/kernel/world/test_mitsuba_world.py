@@ -80,10 +80,10 @@ def test_shadow_rays_do_not_jump_through_thin_gaps():
     oblique = Sun(azimuth_rad=math.radians(120.0), elevation_rad=0.0)
     sensor = chain.sensor("table1-apd", *chain.NARROW)
     assert START_OFFSET_M < 0.005
-    shaded = chain.run(chain.scene(wall, strip, sun=oblique), sensor).hits
+    shaded = chain.run_stages(chain.scene(wall, strip, sun=oblique), sensor).hits
     assert shaded.range_m[MIDDLE] == pytest.approx(250.0, abs=1e-3)
     assert not shaded.lit[MIDDLE]
-    assert chain.run(chain.scene(wall, sun=oblique), sensor).hits.lit[MIDDLE]
+    assert chain.run_stages(chain.scene(wall, sun=oblique), sensor).hits.lit[MIDDLE]
 
 
 @pytest.mark.parametrize("range_m", [1.0, 50.0, 250.0, 500.0])
@@ -99,7 +99,7 @@ def test_no_surface_shades_itself(range_m):
     )
     grazing = Sun(azimuth_rad=math.radians(95.0), elevation_rad=0.0)
     body = chain.facing(range_m=range_m, size_m=0.3 * range_m)
-    hits = chain.run(chain.scene(body, sun=grazing), sensor).hits
+    hits = chain.run_stages(chain.scene(body, sun=grazing), sensor).hits
     assert hits.has_surface.all()
     assert hits.lit.all()
 
@@ -111,7 +111,7 @@ def test_clear_glass_sends_nothing():
     pane = chain.facing(range_m=10.0, theta_deg=30.0, material="clear_glass")
     board = with_name(chain.facing(range_m=20.0), "board", "board")
     scene = chain.scene(pane, board, materials=(catalogue_material("clear_glass"),))
-    lanes = chain.run(scene, chain.sensor("table1-apd", *chain.NARROW), interactions=0)
+    lanes = chain.run_stages(scene, chain.sensor("table1-apd", *chain.NARROW), interactions=0)
     assert lanes.hits.has_surface.all()
     assert lanes.hits.range_m[MIDDLE] == pytest.approx(10.0, rel=1e-6)
     assert (lanes.light.peak_power_w == 0.0).all()
@@ -165,7 +165,7 @@ def test_no_ray_passes_between_two_triangles(step_deg):
         for axis in ("azimuth", "elevation")
         for setting in (f"step_deg={step_deg}", "fov_deg=20")
     ]
-    hits = chain.run(chain.scene(body), chain.sensor("table1-apd", *steps)).hits
+    hits = chain.run_stages(chain.scene(body), chain.sensor("table1-apd", *steps)).hits
     assert hits.has_surface.sum() > 50
     assert (hits.range_m[hits.has_surface] < 12.0).all()
 

@@ -37,7 +37,7 @@ def only_shape(folder: Path, bsdf: str, *, more: str = "") -> FileShape:
     return shape
 
 
-def scattered(mi: ModuleType, bsdf: object, side: float) -> float:
+def scattered_per_sr(mi: ModuleType, bsdf: object, side: float) -> float:
     """f_r cos of a beam at 37 degrees, 20 degrees off the way back, from the front (1) or from behind (-1)."""
     surface = mi.SurfaceInteraction3f()
     surface.wi = mi.Vector3f(0.6, 0.0, side * 0.8)
@@ -60,7 +60,7 @@ def scattered(mi: ModuleType, bsdf: object, side: float) -> float:
 )
 def test_opaque_bsdfs_are_as_bright_from_behind(mi: ModuleType, tmp_path: Path, bsdf: str) -> None:
     shape = only_shape(tmp_path, bsdf, more='<bsdf type="diffuse" id="plain"/>')
-    from_front, from_behind = (scattered(mi, shape.bsdf, side) for side in (1.0, -1.0))
+    from_front, from_behind = (scattered_per_sr(mi, shape.bsdf, side) for side in (1.0, -1.0))
     assert from_front > 0.01
     assert from_behind == from_front
 

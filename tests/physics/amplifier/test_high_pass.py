@@ -13,7 +13,7 @@ PULSE = np.exp(-0.5 * PLACE**2)
 RATES = [0.002, 0.016, 0.1]
 
 
-def coupled(values, rate):
+def couple(values, rate):
     """Behind H = i nu / (f + i nu), by FFT; a sample's share of the step keeps the discrete pulse whole."""
     ratio = 2.0 * math.pi * np.fft.rfftfreq(len(values), STEP) / rate
     return np.fft.irfft(np.fft.rfft(values) * (1j * ratio) / (1.0 + 1j * ratio), len(values))
@@ -22,7 +22,7 @@ def coupled(values, rate):
 @pytest.mark.parametrize("rate", RATES)
 def test_undershoot_is_what_the_filter_takes_off(rate):
     """1e-4 of the depth: the transform repeats after 12 recoveries."""
-    expected = PULSE - coupled(PULSE, rate)
+    expected = PULSE - couple(PULSE, rate)
     undershoot, _, _ = high_pass.undershoot(place=PLACE, rate=rate)
     np.testing.assert_allclose(undershoot, expected, atol=1e-3 * expected.max())
     assert undershoot.sum() == pytest.approx(PULSE.sum(), rel=1e-3)  # nothing constant passes

@@ -22,7 +22,7 @@ TRANSFER = {
 KINDS = sorted(TRANSFER)
 
 
-def filtered(values, kind, cutoff_hz):
+def low_pass_filter(values, kind, cutoff_hz):
     """A sampled signal behind the filter."""
     return np.fft.irfft(np.fft.rfft(values) * TRANSFER[kind](FREQUENCY_HZ / cutoff_hz), SAMPLES)
 
@@ -48,7 +48,7 @@ def test_peak_behind_a_single_pole(cutoff_mhz, share):
 def test_peak_and_area_are_those_of_the_sampled_pulse(kind, cutoff_mhz):
     """1e-5: the samples are 10 ps apart, and a peak between two of them is 2e-6 higher."""
     cutoff_hz = cutoff_mhz * 1e6
-    behind = filtered(PULSE, kind, cutoff_hz)
+    behind = low_pass_filter(PULSE, kind, cutoff_hz)
     share = float(LOW_PASSES[kind].peak_share(fwhm_s=FWHM_S, cutoff_hz=cutoff_hz))
     assert share == pytest.approx(behind.max(), rel=1e-5)
     assert behind.sum() == pytest.approx(PULSE.sum(), rel=1e-9)
@@ -65,7 +65,7 @@ def half_width_s(values):
 @pytest.mark.parametrize("cutoff_mhz", [20.0, 167.0])
 def test_a_gaussian_stays_a_gaussian(cutoff_mhz):
     """As wide as peak and area make it."""
-    behind = filtered(PULSE, "gaussian", cutoff_mhz * 1e6)
+    behind = low_pass_filter(PULSE, "gaussian", cutoff_mhz * 1e6)
     share = float(LOW_PASSES["gaussian"].peak_share(fwhm_s=FWHM_S, cutoff_hz=cutoff_mhz * 1e6))
     assert half_width_s(behind) == pytest.approx(FWHM_S / share, rel=1e-5)
     expected = share * np.exp(-0.5 * (share * TIME_S / SIGMA_S) ** 2)
@@ -79,7 +79,7 @@ def test_edge_behind_a_single_pole(ratio, steeper, width):
     As the module says it, to 1 % of the slope; the width at half of the peak is that of the Gaussian within 1, 2, 5 %.
     """
     cutoff_hz = ratio / FWHM_S
-    behind = filtered(PULSE, "single_pole", cutoff_hz)
+    behind = low_pass_filter(PULSE, "single_pole", cutoff_hz)
     share = float(LOW_PASSES["single_pole"].peak_share(fwhm_s=FWHM_S, cutoff_hz=cutoff_hz))
     top = int(np.argmax(behind))
     slope = np.interp(0.2 * share, behind[:top], np.gradient(behind, STEP_S)[:top])
@@ -96,7 +96,7 @@ def test_bandwidth_of_the_noise(kind):
     assert abs(TRANSFER[kind](1.0)) ** 2 == pytest.approx(0.5)
 
 
-def by_response(values, response):
+def filter_by_response(values, response):
     """Values filtered by an impulse response that is sampled around time 0."""
     return np.fft.irfft(np.fft.rfft(values) * np.fft.rfft(np.roll(response, -(SAMPLES // 4))), SAMPLES)
 
@@ -107,7 +107,7 @@ def test_noise_of_the_echo_is_filtered_by_the_square(kind, cutoff_mhz):
     """At the peak of the filtered pulse; of a single pole the form is the largest, up to 3.5 % more."""
     cutoff_hz = cutoff_mhz * 1e6
     squared = impulse_response(kind, cutoff_hz) ** 2
-    at_peak = by_response(PULSE, squared / squared.sum())[np.argmax(filtered(PULSE, kind, cutoff_hz))]
+    at_peak = filter_by_response(PULSE, squared / squared.sum())[np.argmax(low_pass_filter(PULSE, kind, cutoff_hz))]
     noise_share = float(LOW_PASSES[kind].echo_noise_share(fwhm_s=FWHM_S, cutoff_hz=cutoff_hz))
     assert -1e-5 < noise_share / at_peak - 1.0 < (1e-5 if kind == "gaussian" else 0.035)
 
@@ -129,7 +129,7 @@ def test_a_cell_and_the_noise_of_many(kind, cutoff_mhz):
     """A rectangle of 6 ns: its peak, and the area of its square over 6 ns (Campbell's theorem)."""
     cutoff_hz, long_s = cutoff_mhz * 1e6, 6e-9
     box = (np.abs(TIME_S - 0.5 * (long_s - STEP_S)) < 0.5 * long_s).astype(float)
-    behind = filtered(box, kind, cutoff_hz)
+    behind = low_pass_filter(box, kind, cutoff_hz)
     filtering = LOW_PASSES[kind]
     peak = float(filtering.box_peak_share(duration_s=long_s, cutoff_hz=cutoff_hz))
     noise = float(filtering.box_noise_share(duration_s=long_s, cutoff_hz=cutoff_hz))

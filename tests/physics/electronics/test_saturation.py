@@ -93,7 +93,7 @@ def test_a_threshold_above_the_level_is_never_crossed():
 def test_on_the_device(mi):
     """The middle of a frame on a near wall: clipped, as numpy has it."""
     sensor = chain.sensor("table1-apd", *chain.NARROW, CLIPPED, RISING)
-    stop = chain.run(chain.scene(chain.facing(range_m=5.0)), sensor).detection.stops[0]
+    stop = chain.run_stages(chain.scene(chain.facing(range_m=5.0)), sensor).detection.stops[0]
     np.testing.assert_allclose(stop.amplitude, 50e-6, rtol=1e-6)
     assert (stop.range_m < 4.7).all()
 

@@ -25,7 +25,7 @@ def test_round_gaussian_spots_against_rice(wide, off_by):
     np.testing.assert_allclose(share(off, wide * A_M), expected, rtol=0, atol=off_by * expected.max())
 
 
-def on_grid(density, points=2000):
+def integrate_on_grid(density, points=2000):
     """A density over the aperture by midpoints of fine squares: its edge is good to 1e-4."""
     line = (np.arange(points) + 0.5) / points * 2.0 - 1.0
     x, y = A_M * line[:, None], A_M * line[None, :]
@@ -42,14 +42,14 @@ def test_elliptical_spots_against_a_grid(off_m):
         return 2.0 / (math.pi * w1 * w2) * np.exp(-2.0 * (((x + x0) / w1) ** 2 + ((y + y0) / w2) ** 2))
 
     peak = 2.0 * A_M**2 / (w1 * w2)
-    assert share(off_m, (w1, w2)) == pytest.approx(on_grid(density), abs=5e-4 * peak)
+    assert share(off_m, (w1, w2)) == pytest.approx(integrate_on_grid(density), abs=5e-4 * peak)
 
 
 @pytest.mark.parametrize(("wide", "off_m"), [(0.8, 0.0), (0.8, 15e-3), (3.0, 10e-3), (3.0, 35e-3), (3.0, 60e-3)])
 def test_top_hats_against_a_grid(wide, off_m):
     w = wide * A_M
     x0, y0 = off_m * math.cos(0.6), off_m * math.sin(0.6)
-    expected = on_grid(lambda x, y: ((x + x0) ** 2 + (y + y0) ** 2 < w * w) / (math.pi * w * w))
+    expected = integrate_on_grid(lambda x, y: ((x + x0) ** 2 + (y + y0) ** 2 < w * w) / (math.pi * w * w))
     assert share(off_m, w, profile="top_hat") == pytest.approx(expected, abs=2e-3)
 
 

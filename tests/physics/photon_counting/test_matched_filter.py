@@ -10,7 +10,7 @@ W = matched_filter.TEMPLATE
 OFFSETS = np.arange(-10, 11)
 
 
-def filtered(rng, mean, bins, sigma=SIGMA):
+def filtered_noise(rng, mean, bins, sigma=SIGMA):
     """F above its mean in a long histogram of even background."""
     counts = rng.poisson(mean, bins).astype(float)
     template = np.exp(-0.5 * (OFFSETS / (W * sigma)) ** 2) * matched_filter.SCALE
@@ -20,7 +20,7 @@ def filtered(rng, mean, bins, sigma=SIGMA):
 @pytest.mark.parametrize("mean", [0.3, 2.0])
 def test_noise_of_the_background(mean):
     """Variance to 1 %, tail within 4 standard errors, both of 2e6 bins of which one in 13 is independent."""
-    noise = filtered(np.random.default_rng(1), mean, 2_000_000)
+    noise = filtered_noise(np.random.default_rng(1), mean, 2_000_000)
     variance = matched_filter.background_variance(rate_hz=mean, sigma_s=SIGMA)
     assert noise.var() == pytest.approx(variance, rel=0.01)
     unit = matched_filter.background_skewness(variance=variance, rate_hz=mean, sigma_s=SIGMA)
@@ -36,7 +36,7 @@ def test_false_peaks_within_four_standard_errors(mean, sigma, sigmas):
     """Passages of the threshold upwards, counted; a Gaussian tail would give a third of them at 0.3 counts a bin. With
     bins of 1.25 sigmas most excursions end within one.
     """
-    noise = filtered(np.random.default_rng(7), mean, 1_000_000, sigma)
+    noise = filtered_noise(np.random.default_rng(7), mean, 1_000_000, sigma)
     variance = matched_filter.background_variance(rate_hz=mean, sigma_s=sigma)
     level = sigmas * np.sqrt(variance)
     counted = int(((noise[1:] > level) & (noise[:-1] <= level)).sum())

@@ -52,16 +52,16 @@ def drawn(tables):
     return np.stack([hit[0] for hit in hits]), np.stack([hit[1] for hit in hits])
 
 
-def cut(tables):
+def cut_strength(tables):
     return math.exp(float(tables.log_strength.values[-1]))
 
 
-def above(tables, power):
+def moment_above_cut(tables, power):
     """int dR int dD n S s^power over the drops stronger than the cut, with their closed sigma = q D^2 / 16."""
     q = 16 * float(SIGMA(diameter_m=1e-3)) / 1e-6
 
     def per_m(r):
-        smallest = math.sqrt(16 * cut(tables) / (q * spread(r)))
+        smallest = math.sqrt(16 * cut_strength(tables) / (q * spread(r)))
         x = SIZES.slope_per_m * smallest
         # int_D0^inf D^(2 power) exp(-Lambda D) dD, by parts, for even orders up to 4
         order = 2 * power
@@ -75,7 +75,7 @@ def above(tables, power):
 @pytest.mark.parametrize(("count", "mean"), particles.MEAN_HITS.items())
 def test_so_many_drops_a_pulse_are_strong(count, mean):
     """The cut is where that number is expected, and few are lost. Tolerance: 1000 ranges and linear tables."""
-    assert above(drawn_tables(count), 0) == pytest.approx(mean, rel=2e-3)
+    assert moment_above_cut(drawn_tables(count), 0) == pytest.approx(mean, rel=2e-3)
     number = np.arange(400)
     assert ((number - count).clip(0) * poisson.pmf(number, mean)).sum() < 0.005 * mean
 
@@ -86,7 +86,9 @@ def test_more_of_them():
     hits = particles.hits(tables, seed=6, pulse=np.arange(60_000, dtype=np.uint32))
     sums = sum(hit[1].astype(float) for hit in hits)
     error = sums.std() / math.sqrt(len(sums))
-    assert abs(sums.mean() - above(tables, 1)) < norm.isf(FALSE_ALARM / 2) * error + 0.01 * above(tables, 1)
+    assert abs(sums.mean() - moment_above_cut(tables, 1)) < norm.isf(FALSE_ALARM / 2) * error + 0.01 * moment_above_cut(
+        tables, 1
+    )
 
 
 def test_number_is_poisson(drawn):
@@ -110,8 +112,8 @@ def test_mean_and_spread_of_the_power(tables, drawn, power):
     """
     sums = (drawn[1].astype(float) ** power).sum(axis=0)
     error = sums.std() / math.sqrt(PULSES)
-    slack = (0.0044 + 0.005) * above(tables, power)
-    assert abs(sums.mean() - above(tables, power)) < norm.isf(FALSE_ALARM / 2) * error + slack
+    slack = (0.0044 + 0.005) * moment_above_cut(tables, power)
+    assert abs(sums.mean() - moment_above_cut(tables, power)) < norm.isf(FALSE_ALARM / 2) * error + slack
 
 
 @pytest.mark.parametrize(("low", "high"), [(2.0, 2.5), (2.5, 4.0), (4.0, 8.0), (8.0, 20.0)])
@@ -140,7 +142,7 @@ def test_weak_drops_are_counted_by_size(tables):
         3.0,
         5.0,
         0.0,
-        lambda r: math.sqrt(16 * cut(tables) / (q * spread(r))),
+        lambda r: math.sqrt(16 * cut_strength(tables) / (q * spread(r))),
     )[0]
     r = np.linspace(3.0, 5.0, 2001)
     assert np.trapezoid(tables.weak_backscatter_per_m_sr(r), r) == pytest.approx(expected, rel=2e-3)
@@ -164,7 +166,7 @@ def test_against_a_box_of_drops(tables, drawn):
         strength = SIGMA(diameter_m=rng.exponential(1 / SIZES.slope_per_m, count)) * spread(place)
         largest[:, i] = np.sort(np.append(strength, [0.0, 0.0]))[-1:-3:-1]
     for thrown, looked_up in zip(largest, drawn[1], strict=False):
-        strong = thrown[thrown > cut(tables)]
+        strong = thrown[thrown > cut_strength(tables)]
         assert abs(len(strong) / pulses - (looked_up > 0).mean()) < 4.0 * math.sqrt(0.25 / pulses)
         assert kstest(strong, looked_up[looked_up > 0]).pvalue > FALSE_ALARM / 2
 

@@ -12,7 +12,7 @@ DB_PER_KM = math.log(10) / 1e4
 RATES_MM_H = [1.0, 5.0, 25.0, 100.0]
 
 
-def over_sizes(sizes, value):
+def integrate_over_sizes(sizes, value):
     """int n(D) value(D) dD, to where nothing is left."""
 
     def per_m(d):
@@ -24,7 +24,7 @@ def over_sizes(sizes, value):
 @pytest.mark.parametrize("rate", RATES_MM_H)
 def test_rain_is_twice_its_shadow(rate):
     sizes = precipitation.marshall_palmer(rate_mm_h=rate)
-    expected = over_sizes(sizes, lambda d: 2 * math.pi / 4 * d * d)
+    expected = integrate_over_sizes(sizes, lambda d: 2 * math.pi / 4 * d * d)
     assert precipitation.rain_extinction_per_m(rate_mm_h=rate) == pytest.approx(expected, rel=1e-9)
 
 
@@ -48,7 +48,7 @@ def test_carbonneau():
 @pytest.mark.parametrize("rate", RATES_MM_H)
 def test_backscatter_of_rain(rate, wavelength_m):
     sizes = precipitation.marshall_palmer(rate_mm_h=rate)
-    expected = over_sizes(
+    expected = integrate_over_sizes(
         sizes, lambda d: float(precipitation.drop_backscatter_m2_sr(diameter_m=d, wavelength_m=wavelength_m))
     )
     beta = precipitation.rain_backscatter_per_m_sr(rate_mm_h=rate, wavelength_m=wavelength_m)
@@ -98,7 +98,7 @@ def test_flakes_hold_gunn_and_marshall_s_water(kind):
     """The widening keeps mass: density x (pi/6) int n D^3 is that of the melted drops, pi N_0 / Lambda^4."""
     flakes = precipitation.gunn_marshall(rate_mm_h=2.0, kind=kind)
     melted = math.pi * 3.8e6 * 2.0**-0.87 / (2550 * 2.0**-0.48) ** 4
-    mass = precipitation.FLAKE_DENSITY[kind] * over_sizes(flakes, lambda d: math.pi / 6 * d**3)
+    mass = precipitation.FLAKE_DENSITY[kind] * integrate_over_sizes(flakes, lambda d: math.pi / 6 * d**3)
     assert mass == pytest.approx(melted, rel=1e-9)
 
 
@@ -113,7 +113,7 @@ def test_snow_is_darker_where_ice_absorbs():
 def test_flakes_together_have_the_lidar_ratio(wavelength_m):
     """int n sigma dD = alpha / S, alpha twice the shadows of all flakes."""
     sizes = precipitation.gunn_marshall(rate_mm_h=3.0, kind="dry")
-    beta = over_sizes(
+    beta = integrate_over_sizes(
         sizes, lambda d: float(precipitation.flake_backscatter_m2_sr(diameter_m=d, wavelength_m=wavelength_m))
     )
     ratio = precipitation.snow_lidar_ratio_sr(wavelength_m=wavelength_m)

@@ -24,7 +24,7 @@ def test_power_and_photons_are_inverse(coincidence, coates):
     np.testing.assert_allclose(recovered_w, power, rtol=1e-6 if coincidence == 1 else 1e-4)
 
 
-def in_sun(rate_hz, *overrides):
+def sensor_in_sun(rate_hz, *overrides):
     """A sensor of the tests and the power (1,) at which a free SPAD of it detects this rate."""
     counter = photons.sensor(*overrides)
     dark = counter.pixel(np.zeros(1))
@@ -39,13 +39,13 @@ def test_background_counts_are_those_of_free_spads(rate_mhz, dead_ns, least):
     Reference: 30 bins of 64 SPADs that are followed from one firing to the next.
     Tolerance: four standard errors of 2,000 shots, in which bins exclude each other: fewer than of Poisson counts.
     """
-    counter, power_w = in_sun(
+    counter, power_w = sensor_in_sun(
         1e6 * rate_mhz, f"detector.dead_time_ns={dead_ns}", f"detector.coincidence={least}", "histogram.shots=2000"
     )
     pixel = counter.pixel(power_w)
     mean = float(1e-3 * rate_mhz / (1.0 + 1e-3 * rate_mhz * dead_ns))
     options = {"rate_per_ns": 1e-3 * rate_mhz, "dead": dead_ns, "bins": 30, "bin_ns": 1.0}
-    of_spads = photons.renewed(np.random.default_rng(8), (128_000, 1), **options).reshape(2000, 64, 30)
+    of_spads = photons.renewal_counts(np.random.default_rng(8), (128_000, 1), **options).reshape(2000, 64, 30)
     assert of_spads.max() == 1.0
     counts = float((of_spads.sum(axis=1) >= least).mean()) * 2000 if least > 1 else float(of_spads.mean()) * 128e3
     expected = 1e-9 * float(pixel.count_rate_hz[0])
@@ -79,12 +79,12 @@ def test_dead_time_narrows_the_noise_of_the_filter(rate_mhz, dead_ns, within):
     """`variance_share`: 1,000 SPADs for 1.5 us, each followed from one firing to the next; four standard errors of the
     variance, and ``within`` for second firings in the template, (a lambda w sigma)^2, where the dead time lets them in.
     """
-    counter, power_w = in_sun(1e6 * rate_mhz, "histogram.bin_ns=0.5", f"detector.dead_time_ns={dead_ns}")
+    counter, power_w = sensor_in_sun(1e6 * rate_mhz, "histogram.bin_ns=0.5", f"detector.dead_time_ns={dead_ns}")
     pixel = counter.pixel(power_w)
     w = 1e9 * matched_filter.TEMPLATE * float(pixel.sigma_s)
     template = np.exp(-0.5 * (0.5 * np.arange(-24, 25) / w) ** 2)
     options = {"rate_per_ns": 1e-3 * rate_mhz, "dead": dead_ns, "bins": 3000, "bin_ns": 0.5}
-    counts = photons.renewed(np.random.default_rng(5), (1000, 1), **options)
+    counts = photons.renewal_counts(np.random.default_rng(5), (1000, 1), **options)
     filtered = np.stack([np.convolve(of_spad, template, "valid") for of_spad in counts])
     share = filtered.var(axis=0).mean() / (counts.mean() * np.sum(template**2))
     # Some 1000 x 1500 ns / (w sqrt(2 pi)) independent values.
@@ -99,7 +99,9 @@ def test_coincidences_of_an_echo_in_the_sun_are_those_of_its_bins(detections):
     the whole histogram with the echo less those without, while the SPADs that it fired are blind. Tolerance: 6 %, since
     they are missing for the sun too, of which fewer are blind then.
     """
-    counter, power_w = in_sun(20e6, "detector.coincidence=2", "histogram.window_us=0.4", "detector.dead_time_ns=40")
+    counter, power_w = sensor_in_sun(
+        20e6, "detector.coincidence=2", "histogram.window_us=0.4", "detector.dead_time_ns=40"
+    )
     pixel = counter.pixel(power_w)
     range_m = 30.0 + np.linspace(0.0, 0.15, 40, endpoint=False)[:, None]
     peak_w = detections / float(pixel.detections(1.0))
@@ -126,8 +128,8 @@ def test_the_noise_of_near_ir_is_narrowed_by_dead_times():
     """Rationale: of a long time a renewal process counts with the variance a^2 of its mean. Reference: 10,000 SPADs in
     600 ns. Tolerance: 4.5 standard errors of the variance, 6.4 %, and 2 % for the window's ends.
     """
-    counter, power_w = in_sun(40e6)
+    counter, power_w = sensor_in_sun(40e6)
     _, narrowing = counter.pixel(power_w).background_counts(600e-9)
     options = {"rate_per_ns": 0.04, "dead": 12.0, "bins": 600, "bin_ns": 1.0}
-    counts = photons.renewed(np.random.default_rng(9), (10_000, 1), **options).sum(axis=1)
+    counts = photons.renewal_counts(np.random.default_rng(9), (10_000, 1), **options).sum(axis=1)
     assert counts.var() / counts.mean() == pytest.approx(narrowing[0] ** 2, rel=0.064 + 0.02)

@@ -71,7 +71,7 @@ def test_shot_noise_of_a_filtered_pulse_by_campbell(kind, cutoff_mhz):
     sigma_s = 6e-9 / math.sqrt(8.0 * math.log(2.0))
     per_second = power_w / sensor.laser.photon_energy_j * detector.quantum_efficiency
 
-    def passed(at_s, power):
+    def convolve_at(at_s, power):
         low, high = max(at_s - longest_s, -8.0 * sigma_s), min(at_s + longest_s, 8.0 * sigma_s)
         return quad(
             lambda t: math.exp(-0.5 * (t / sigma_s) ** 2) * impulse(at_s - t) ** power,
@@ -82,10 +82,10 @@ def test_shot_noise_of_a_filtered_pulse_by_campbell(kind, cutoff_mhz):
         )[0]
 
     times = np.linspace(-1.0, 4.0, 201) * sigma_s
-    at_s = times[int(np.argmax([passed(instant_s, 1) for instant_s in times]))]
-    signal = e * detector.gain * per_second * passed(at_s, 1)
+    at_s = times[int(np.argmax([convolve_at(instant_s, 1) for instant_s in times]))]
+    signal = e * detector.gain * per_second * convolve_at(at_s, 1)
     assert float(point.response.signal(np.array([power_w]))[0]) == pytest.approx(signal, rel=1e-3)
-    variance = (e * detector.gain) ** 2 * detector.excess_noise * per_second * passed(at_s, 2)
+    variance = (e * detector.gain) ** 2 * detector.excess_noise * per_second * convolve_at(at_s, 2)
     have = float(point.noise.kappa_1 * signal)
     assert variance * 0.995 < have < variance * (1.005 if kind == "gaussian" else 1.036)
 

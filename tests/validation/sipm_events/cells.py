@@ -58,7 +58,7 @@ class CellArray:
             raise ValueError("crosstalk and afterpulse must be < 1 and the dead time > 0")
 
     @classmethod
-    def of(cls, detector: Sipm, **options: Any) -> CellArray:
+    def from_detector(cls, detector: Sipm, **options: Any) -> CellArray:
         """The cells of a sensor's detector, with any option above."""
         return cls(
             cells=int(float(detector.cells)),
@@ -113,7 +113,7 @@ class Rates:
         """Firings over the whole window."""
         return float(self.firings[-1])
 
-    def by(self, time_s: Numbers) -> Numbers:
+    def firings_until(self, time_s: Numbers) -> Numbers:
         """Firings until this time; times are evenly spaced, so nothing has to be searched as `np.interp` does."""
         last, start_s, end_s = len(self.time_s) - 1, self.time_s[0], self.time_s[-1]
         place = np.clip((time_s - start_s) * (last / (end_s - start_s)), 0.0, last)
@@ -126,6 +126,6 @@ class Rates:
         return np.asarray(np.interp(firings, self.firings, self.time_s, right=np.inf))
 
 
-def recovered(age_s: Numbers, recovery_s: float) -> Numbers:
+def recovered_share(age_s: Numbers, recovery_s: float) -> Numbers:
     """1 - exp(-age / recovery); 1 if the recovery takes no time."""
     return -np.expm1(-age_s / recovery_s) if recovery_s > 0.0 else np.ones_like(age_s)

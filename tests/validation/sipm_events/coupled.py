@@ -10,7 +10,7 @@ import numpy as np
 
 from lidarscene.maths.arrays import Numbers
 
-from .cells import CellArray, Rates, recovered
+from .cells import CellArray, Rates, recovered_share
 
 _SPARE_SLOTS = 32
 """Room for pending afterpulses of a shot above the mean of an array that is always busy. Beyond that a further one
@@ -28,7 +28,7 @@ class _State:
         busy = random.random(shape) < rates.busy_share
         self.last = np.where(busy, rates.time_s[0] - ago, -np.inf)
         shot, cell = np.nonzero(busy)
-        self.found = [(shot, self.last[shot, cell], np.ones(len(shot)))]
+        self.avalanches = [(shot, self.last[shot, cell], np.ones(len(shot)))]
         pending = array.afterpulse * array.cells * array.afterpulse_s / array.dead_time_s
         slots = _SPARE_SLOTS + int(pending)
         self.due = np.full((shots, slots), np.inf)
@@ -44,10 +44,10 @@ class _State:
             age = time_s - self.last[shot, cell] - array.dead_time_s
             ready = age >= 0.0
             if array.trigger_recovery_s > 0.0:
-                ready &= random.random(len(shot)) < recovered(age, array.trigger_recovery_s)
+                ready &= random.random(len(shot)) < recovered_share(age, array.trigger_recovery_s)
             fires = np.flatnonzero(ready)
             shot, cell, time_s, age = shot[fires], cell[fires], time_s[fires], age[fires]
-            self.found.append((shot, time_s, recovered(age, array.recovery_s)))
+            self.avalanches.append((shot, time_s, recovered_share(age, array.recovery_s)))
             self.last[shot, cell] = time_s
             if array.afterpulse > 0.0:
                 self._store_afterpulses(shot, cell, time_s)
@@ -90,5 +90,5 @@ def fire_coupled(
         firings[drawn] += random.standard_exponential(len(drawn)) / array.cells
         arrival[drawn] = rates.when(firings[drawn])
         shot = shot[inside]
-    columns = [np.concatenate(column) for column in zip(*state.found, strict=True)]
+    columns = [np.concatenate(column) for column in zip(*state.avalanches, strict=True)]
     return columns[0], columns[1], columns[2]

@@ -20,7 +20,7 @@ import numpy as np
 
 from lidarscene.maths.arrays import Numbers
 
-from .cells import CellArray, Light, Rates, recovered
+from .cells import CellArray, Light, Rates, recovered_share
 from .coupled import fire_coupled
 
 _EVENTS_AT_A_TIME = 2e6
@@ -49,8 +49,8 @@ def simulate(
     avalanches.
     """
     rates = Rates(array, light, start_s=start_s - array.warm_up_s, end_s=end_s)
-    each = array.cells * (rates.busy_share + min(rates.total, (end_s - start_s) / array.dead_time_s + 2.0))
-    at_a_time = max(1, min(shots, int(_EVENTS_AT_A_TIME / max(each, 1.0))))
+    events_per_shot = array.cells * (rates.busy_share + min(rates.total, (end_s - start_s) / array.dead_time_s + 2.0))
+    at_a_time = max(1, min(shots, int(_EVENTS_AT_A_TIME / max(events_per_shot, 1.0))))
     engine = fire_coupled if array.crosstalk > 0.0 or array.afterpulse > 0.0 else fire_independent
     for number, first in enumerate(range(0, shots, at_a_time)):
         count = min(at_a_time, shots - first)
@@ -76,20 +76,20 @@ def fire_independent(
     waited = -np.log1p(random.random(len(shot)) * math.expm1(-rates.total))
     time_s = rates.when(np.minimum(waited, rates.total))
     shot, time_s = np.concatenate([busy_shot, shot]), np.concatenate([busy_time, time_s])
-    found = [(shot, time_s, np.ones(len(shot)))]
+    passes = [(shot, time_s, np.ones(len(shot)))]
     # Further firings, pass by pass, until no cell fires again in the window.
     ready = time_s + array.dead_time_s
     since = ready
     while len(shot):
-        firings = rates.by(since) + random.standard_exponential(len(shot))
-        kept = np.flatnonzero((firings < rates.total) & (ready < rates.time_s[-1]))
-        shot, ready, time_s = shot[kept], ready[kept], rates.when(firings[kept])
+        firings = rates.firings_until(since) + random.standard_exponential(len(shot))
+        firing_again = np.flatnonzero((firings < rates.total) & (ready < rates.time_s[-1]))
+        shot, ready, time_s = shot[firing_again], ready[firing_again], rates.when(firings[firing_again])
         age = time_s - ready
         fires = np.ones(len(shot), dtype=bool)
         if array.trigger_recovery_s > 0.0:
-            fires = random.random(len(shot)) < recovered(age, array.trigger_recovery_s)
-        found.append((shot[fires], time_s[fires], recovered(age[fires], array.recovery_s)))
+            fires = random.random(len(shot)) < recovered_share(age, array.trigger_recovery_s)
+        passes.append((shot[fires], time_s[fires], recovered_share(age[fires], array.recovery_s)))
         ready = np.where(fires, time_s + array.dead_time_s, ready)
         since = np.where(fires, ready, time_s)
-    columns = [np.concatenate(column) for column in zip(*found, strict=True)]
+    columns = [np.concatenate(column) for column in zip(*passes, strict=True)]
     return columns[0], columns[1], columns[2]

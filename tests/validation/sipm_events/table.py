@@ -62,15 +62,15 @@ def response_by_events(
         for j, signal in enumerate(signal_photons):
             light = Light(background_photons=background, signal_photons=signal, pulse_fwhm_s=pulse_fwhm_s)
             point_seed = seed + i * shape[1] + j
-            found = moments(*pulse_outputs(array, light, shots=shots, seed=point_seed, steps=steps))
-            top = int(np.argmax(found.mean))
+            output = moments(*pulse_outputs(array, light, shots=shots, seed=point_seed, steps=steps))
+            top = int(np.argmax(output.mean))
             columns[:, i, j] = (
-                found.mean[0],
-                found.variance[0],
-                found.mean[top],
-                found.variance[top],
-                found.skewness[top],
-                found.time_s[top],
+                output.mean[0],
+                output.variance[0],
+                output.mean[top],
+                output.variance[top],
+                output.skewness[top],
+                output.time_s[top],
             )
     return ResponseTable(
         background_photons=np.asarray(background_photons, float),

@@ -84,18 +84,18 @@ def test_the_count_is_binomial_all_along_the_pulse(engine, width, background, si
     monkeypatch.setattr("validation.sipm_events.events.fire_independent", engine)
     shots = 1_000
     light = Light(background_photons=background, signal_photons=signal, pulse_fwhm_s=width * TAU)
-    found = moments(*pulse_outputs(TABLE1, light, shots=shots, seed=3))
+    output = moments(*pulse_outputs(TABLE1, light, shots=shots, seed=3))
     x = background * 0.22 / 400 + 2007.0 * TAU
     whole = sipm_response.captured_photons(photons=signal, pulse_fwhm_s=1e-9, dead_time_s=1.0)
     time, busy = sipm_response.busy_share_over_time(
         background=np.array(x), flash=np.array(whole * 0.22 / 400), pulse_to_dead_time=width, steps=192
     )
     pick = slice(None, None, 4)
-    share = np.interp(found.time_s[pick] / TAU, time, busy)
+    share = np.interp(output.time_s[pick] / TAU, time, busy)
     variance = 400 * share * (1 - share)
-    agree(found.mean[pick], 400 * share, np.sqrt(variance / shots))
+    agree(output.mean[pick], 400 * share, np.sqrt(variance / shots))
     error = binomial_variance_error(share=share, cells=400, shots=shots)
-    agree(found.variance[pick], variance, error)
+    agree(output.variance[pick], variance, error)
 
 
 def test_weak_background_gives_the_paper():
@@ -105,18 +105,18 @@ def test_weak_background_gives_the_paper():
     assert factor == pytest.approx(2.128934, abs=1e-6)
     light = Light(background_photons=background, signal_photons=whole / factor, pulse_fwhm_s=0.02 * TAU)
     time_s, wave = pulse_outputs(TABLE1, light, shots=shots, seed=4, steps=200)
-    found = moments(time_s, wave)
+    output = moments(time_s, wave)
     busy = 400 * sipm.fired_share_published(photons=background, pde=0.22, cells=400)
     dark = sipm.dark_counts(cells=400, dark_count_rate_hz=2007.0, dead_time_s=TAU)
     variance = sipm.fired_variance_published(fired=busy, cells=400) + dark
     fired = (400 - busy - dark) * sipm.fired_share_published(photons=whole, pde=0.22, cells=400)
     # x = 0.011: (23) is x / 2 above the truth, (22) pde / 2N = 0.03 % below; statistics on top.
     error = math.sqrt(variance / shots)
-    assert found.mean[0] == pytest.approx(busy + dark, rel=0.011 / 2, abs=4 * error)
-    assert found.variance[0] == pytest.approx(variance, rel=0.011 / 2 + 4 * math.sqrt(2 / shots))
-    signal = found.mean[-1] - found.mean[0]
-    assert signal == pytest.approx(fired, rel=1e-3, abs=4 * math.sqrt(2 * found.variance[-1] / shots))
-    snr = signal / math.sqrt(found.variance[0])
+    assert output.mean[0] == pytest.approx(busy + dark, rel=0.011 / 2, abs=4 * error)
+    assert output.variance[0] == pytest.approx(variance, rel=0.011 / 2 + 4 * math.sqrt(2 / shots))
+    signal = output.mean[-1] - output.mean[0]
+    assert signal == pytest.approx(fired, rel=1e-3, abs=4 * math.sqrt(2 * output.variance[-1] / shots))
+    snr = signal / math.sqrt(output.variance[0])
     assert snr == pytest.approx(fired / math.sqrt(variance), rel=0.03)
 
 
@@ -125,35 +125,35 @@ def test_detection_is_the_binomial_tail():
     shots = 20_000
     light = Light(background_photons=30.0, signal_photons=30.0, pulse_fwhm_s=6e-9)
     # 6.5 cells are busy before: the level is 15.7, well off the whole numbers.
-    found = measure(TABLE1, light, threshold=9.2, shots=shots, seed=5)
+    measured = measure(TABLE1, light, threshold=9.2, shots=shots, seed=5)
     x = 30.0 * 0.22 / 400 + 2007.0 * TAU
     before = x / (1 + x)
     table = response_by_equation(TABLE1, background_photons=[30.0], signal_photons=[30.0], pulse_fwhm_s=6e-9)
-    least = math.ceil(found.before + 9.2)
+    least = math.ceil(measured.before + 9.2)
     expected = binom.sf(least - 1, 400, table.mean[0, 0] / 400)
     assert 0.2 < expected < 0.9
-    agree(found.detection_probability, expected, math.sqrt(expected * (1 - expected) / shots))
-    assert found.tripped > found.detection_probability
+    agree(measured.detection_probability, expected, math.sqrt(expected * (1 - expected) / shots))
+    assert measured.tripped > measured.detection_probability
     p_false = binom.sf(least - 1, 400, before)
     # 321 samples a shot over 20 dead times: some 20 independent ones.
     error = math.sqrt(p_false / (shots / 10 * 20))
-    agree(found.false_alarm_probability, p_false, error)
-    assert p_false > 3.0 * norm.sf(9.5 / found.noise)
+    agree(measured.false_alarm_probability, p_false, error)
+    assert p_false > 3.0 * norm.sf(9.5 / measured.noise)
 
 
 def upcrossing_rate(*, least, share, rate, tau, step):
     """Rate at which samples ``step`` apart pass from below ``least`` to it, two-sample joint of cells, exact."""
     cells = np.arange(401)
     # Busy at both: the same avalanche lasts, or the cell revives and fires again before the second sample.
-    again = (share / tau) * (step - (1 - np.exp(-rate * step)) / rate)
-    both = share * (1 - step / tau) + again
-    stay, new = both / share, (share - both) / (1 - share)
+    refired = (share / tau) * (step - (1 - np.exp(-rate * step)) / rate)
+    at_both = share * (1 - step / tau) + refired
+    stay, new = at_both / share, (share - at_both) / (1 - share)
     first = binom.pmf(cells, 400, share)
     up = 0.0
     for count in range(least):
-        kept = binom.pmf(np.arange(count + 1), count, stay)
+        staying = binom.pmf(np.arange(count + 1), count, stay)
         need = least - np.arange(count + 1)
-        up += first[count] * np.sum(kept * binom.sf(need - 1, 400 - count, new))
+        up += first[count] * np.sum(staying * binom.sf(need - 1, 400 - count, new))
     return up / step
 
 
@@ -167,16 +167,16 @@ def test_rate_of_false_alarms(steps):
     shots, light = 12_000, Light(background_photons=200.0, pulse_fwhm_s=0.2e-9)
     x = 200.0 * 0.22 / 400 + 2007.0 * TAU
     share, level = x / (1 + x), 17.0
-    found = measure(TABLE1, light, threshold=level, shots=shots, seed=6, steps=steps)
+    measured = measure(TABLE1, light, threshold=level, shots=shots, seed=6, steps=steps)
     least = math.ceil(400 * share + level)
-    assert math.ceil(found.before + level) == least
+    assert math.ceil(measured.before + level) == least
     expected = upcrossing_rate(least=least, share=share, rate=x / TAU, tau=TAU, step=TAU / steps)
     alarms = expected * 20 * TAU * shots / 10
     assert alarms > 50
     # Crossings come in clusters, and the first of a cluster ends the watch.
-    assert 0.5 < found.false_alarm_rate_hz / expected < 1.0 + 4 / math.sqrt(alarms)
+    assert 0.5 < measured.false_alarm_rate_hz / expected < 1.0 + 4 / math.sqrt(alarms)
     p_false = binom.sf(least - 1, 400, share)
-    ratio = found.false_alarm_rate_hz * TAU / p_false
+    ratio = measured.false_alarm_rate_hz * TAU / p_false
     assert (0.7 < ratio < 1.3) if steps == 1 else ratio > 2.5
 
 
@@ -184,19 +184,19 @@ def test_timing_is_that_of_the_edge():
     """A strong echo crosses early, and its jitter is noise over slope: 10 % (counts are steps, an edge bends; the
     deviations of 2,000 shots are good to 1.6 % each).
     """
-    found = measure(TABLE1, AT_100_M, shots=2_000, seed=7, steps=32)
+    measured = measure(TABLE1, AT_100_M, shots=2_000, seed=7, steps=32)
     light = AT_100_M
     time_s, wave = pulse_outputs(TABLE1, light, shots=2_000, seed=8, steps=32)
     edge = moments(time_s, wave)
-    level = found.before + found.threshold
-    at = np.interp(level, edge.mean[: np.argmax(edge.mean)], edge.time_s[: np.argmax(edge.mean)])
-    slope = np.interp(at, edge.time_s, np.gradient(edge.mean, edge.time_s))
-    noise = math.sqrt(np.interp(at, edge.time_s, edge.variance))
-    assert found.crossing_s == pytest.approx(at, abs=0.1e-9)
-    assert found.crossing_deviation_s == pytest.approx(noise / slope, rel=0.1)
+    level = measured.before + measured.threshold
+    crossing_s = np.interp(level, edge.mean[: np.argmax(edge.mean)], edge.time_s[: np.argmax(edge.mean)])
+    slope = np.interp(crossing_s, edge.time_s, np.gradient(edge.mean, edge.time_s))
+    noise = math.sqrt(np.interp(crossing_s, edge.time_s, edge.variance))
+    assert measured.crossing_s == pytest.approx(crossing_s, abs=0.1e-9)
+    assert measured.crossing_deviation_s == pytest.approx(noise / slope, rel=0.1)
     weak = measure(TABLE1, dataclasses.replace(light, signal_photons=600.0), shots=2_000, seed=7, steps=32)
-    assert weak.crossing_s > found.crossing_s + 1e-9
-    assert weak.crossing_deviation_s > 1.5 * found.crossing_deviation_s
+    assert weak.crossing_s > measured.crossing_s + 1e-9
+    assert weak.crossing_deviation_s > 1.5 * measured.crossing_deviation_s
 
 
 def test_same_seed_same_shots():
@@ -215,7 +215,7 @@ def test_recovery_weakens_and_the_engines_agree():
     shots = 400
     window = {"start_s": -6e-9, "end_s": 3e-9, "shots": shots, "seed": 9}
     step = TAU / 4
-    found = []
+    outputs = []
     for engine in (fire_independent, fire_coupled):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("validation.sipm_events.events.fire_independent", engine)
@@ -223,12 +223,12 @@ def test_recovery_weakens_and_the_engines_agree():
                 waveforms(array, a, shots=n, start_s=-6e-9, step_s=step, samples=7)
                 for n, a in simulate(array, light, **window)
             ]
-        found.append(moments(np.arange(7), np.concatenate(waves)))
-    one, two = found
-    agree(one.mean, two.mean, np.sqrt((one.variance + two.variance) / shots))
-    agree(one.variance, two.variance, one.variance * math.sqrt(4 / shots))
+        outputs.append(moments(np.arange(7), np.concatenate(waves)))
+    independent, coupled = outputs
+    agree(independent.mean, coupled.mean, np.sqrt((independent.variance + coupled.variance) / shots))
+    agree(independent.variance, coupled.variance, independent.variance * math.sqrt(4 / shots))
     x = 500.0 * 0.22 / 200
-    assert one.mean[0] < 0.9 * 200 * x / (1 + x)
+    assert independent.mean[0] < 0.9 * 200 * x / (1 + x)
 
 
 def test_crosstalk_and_afterpulses_add_as_branching():
@@ -256,14 +256,14 @@ def test_exponential_shape_sums_by_campbell():
     light = Light(background_photons=20.0)
     shots = 800
     time_s, wave = all_outputs(array, light, start_s=0.0, end_s=0.0, shots=shots, seed=11)
-    found = moments(time_s, wave)
+    output = moments(time_s, wave)
     rate = 20.0 / 1e-9 / (1 + 20.0 / 10_000)
     t = np.linspace(0.0, 300e-9, 300_001)
     pulse = np.exp(-t / 10e-9) - np.exp(-t / 2e-9)
     pulse /= pulse.max()
     mean, variance = rate * trapezoid(pulse, t), rate * trapezoid(pulse**2, t)
-    agree(found.mean[0], mean, math.sqrt(variance / shots) + 4e-4 * mean)
-    assert found.variance[0] == pytest.approx(variance, rel=4 * math.sqrt(2 / shots) + 5e-3)
+    agree(output.mean[0], mean, math.sqrt(variance / shots) + 4e-4 * mean)
+    assert output.variance[0] == pytest.approx(variance, rel=4 * math.sqrt(2 / shots) + 5e-3)
 
 
 def test_a_lone_avalanche_has_its_shape():
@@ -271,8 +271,8 @@ def test_a_lone_avalanche_has_its_shape():
         dataclasses.replace(TABLE1, shape="exponential", rise_s=1e-9, fall_s=4e-9),
         dataclasses.replace(TABLE1, shape="exponential", fall_s=4e-9),
     ):
-        one = Avalanches(shot=np.array([0]), time_s=np.array([0.3e-9]), gain=np.array([0.5]))
-        wave = waveforms(array, one, shots=1, start_s=0.0, step_s=0.01e-9, samples=2000)[0]
+        avalanche = Avalanches(shot=np.array([0]), time_s=np.array([0.3e-9]), gain=np.array([0.5]))
+        wave = waveforms(array, avalanche, shots=1, start_s=0.0, step_s=0.01e-9, samples=2000)[0]
         assert wave.max() == pytest.approx(0.5, rel=5e-3)
         assert wave[:30].max() == 0.0
         assert wave[-1] / wave[-401] == pytest.approx(math.exp(-1.0), rel=1e-3)

@@ -42,7 +42,7 @@ def test_table_against_the_equation(fwhm_ns):
     background = np.array([0.0, 13.0, 170.0, 686.093, 3000.0, 15000.0])
     signal = np.array([0.5, 7.0, 90.0, 800.0, 5000.0, 40000.0])
     exact = response_by_equation(
-        CellArray.of(sensor.detector),
+        CellArray.from_detector(sensor.detector),
         background_photons=background,
         signal_photons=signal,
         pulse_fwhm_s=fwhm_ns * 1e-9,
@@ -69,9 +69,9 @@ def test_power_is_the_inverse_of_signal():
         free = point.response.largest + 0.5
         off = np.abs(point.response.power_w(signal) / power - 1.0)
         for share, allowed in ((0.9, 0.01), (0.95, 0.02)):
-            known = signal < share * free
-            assert known.sum() > 100
-            assert off[known].max() < allowed
+            invertible = signal < share * free
+            assert invertible.sum() > 100
+            assert off[invertible].max() < allowed
         assert np.isfinite(point.response.power_w(1.5 * free)).all()
         assert (np.diff(signal, axis=1) > -1e-2).all()
 
@@ -101,13 +101,13 @@ def test_table_1_against_events():
         peak_power_w=light.peak_power_w[0], pulse_fwhm_s=6e-9, photon_energy_j=sensor.laser.photon_energy_j
     )
     assert (background, arriving) == (pytest.approx(686.093, rel=1e-5), pytest.approx(2660.31, rel=1e-5))
-    shown = Light(background_photons=background, signal_photons=arriving, pulse_fwhm_s=6e-9)
+    flash = Light(background_photons=background, signal_photons=arriving, pulse_fwhm_s=6e-9)
     shots = 4_000
-    found = measure(CellArray.of(sensor.detector), shown, shots=shots, seed=21)
+    measured = measure(CellArray.from_detector(sensor.detector), flash, shots=shots, seed=21)
     signal = point.response.signal(light.peak_power_w)[0]
-    assert found.signal == pytest.approx(signal, abs=4 * 9 / math.sqrt(shots) + 5e-4 * signal)
-    assert found.noise == pytest.approx(point.noise.deviation[0], rel=0.03)
-    assert found.snr == pytest.approx(24.23, rel=0.03)
+    assert measured.signal == pytest.approx(signal, abs=4 * 9 / math.sqrt(shots) + 5e-4 * signal)
+    assert measured.noise == pytest.approx(point.noise.deviation[0], rel=0.03)
+    assert measured.snr == pytest.approx(24.23, rel=0.03)
     assert plane.snr(sensor, Target(), 100.0)[0] == pytest.approx(24.24, abs=0.02)
     # (27) has a third less light in it at long range, and a shorter reach.
     assert plane.maximum_range_m(sensor, Target())[0] == pytest.approx(333.2, abs=0.5)
@@ -137,21 +137,21 @@ def test_detection_by_events(cells, pde, dead_ns, fwhm_ns, klux, expected, half)
     }
     target = Target(illuminance_klux=klux)
 
-    def detected(statistics, distance_m):
+    def probability_at(statistics, distance_m):
         return float(plane.detection_probability(sensors[statistics], target, distance_m)[0])
 
-    distance_m = brentq(lambda r: detected("time_domain", r) - expected, 50.0, 1000.0)
-    assert detected("steady_state", distance_m) == pytest.approx(half, abs=1e-3)
+    distance_m = brentq(lambda r: probability_at("time_domain", r) - expected, 50.0, 1000.0)
+    assert probability_at("steady_state", distance_m) == pytest.approx(half, abs=1e-3)
     light = plane.echoes_of_plane(sensors["time_domain"], target, distance_m)
     photon, shots = sensors["time_domain"].laser.photon_energy_j, 5000
-    shown = Light(
+    flash = Light(
         background_photons=float(light.background_power_w[0]) * dead_ns * 1e-9 / photon,
         signal_photons=0.5 * float(light.peak_power_w[0]) * fwhm_ns * 1e-9 / photon,
         pulse_fwhm_s=fwhm_ns * 1e-9,
     )
-    found = measure(CellArray.of(sensors["time_domain"].detector), shown, shots=shots, seed=5)
+    measured = measure(CellArray.from_detector(sensors["time_domain"].detector), flash, shots=shots, seed=5)
     error = 3.5 * math.sqrt(expected * (1.0 - expected) / shots)
-    assert found.detection_probability == pytest.approx(expected, abs=error + 0.015)
+    assert measured.detection_probability == pytest.approx(expected, abs=error + 0.015)
 
 
 WEAK = Light(background_photons=686.093, signal_photons=311.96, pulse_fwhm_s=6e-9)
@@ -163,9 +163,9 @@ def crosstalking(*keys, light=WEAK):
     point, power = working_point(sensor, background=[light.background_photons], signal=[light.signal_photons])
     signal = point.response.signal(power)
     sigma = np.sqrt(point.noise.deviation**2 + point.noise.kappa_1 * signal + point.noise.kappa_2 * signal**2)
-    found = point.detection_probability(sensor.threshold(point), signal, sigma)
+    probability = point.detection_probability(sensor.threshold(point), signal, sigma)
     busy = float(sensor.detector.cells) - 0.5 - point.response.largest
-    return [float(one[0]) for one in (point.noise.deviation, busy, signal, found)]
+    return [float(values[0]) for values in (point.noise.deviation, busy, signal, probability)]
 
 
 @pytest.mark.parametrize(
@@ -185,11 +185,11 @@ def test_cells_that_fire_others_by_events(keys, options, shots):
     light = Light(background_photons=0.25 * 686.093, signal_photons=140.0, pulse_fwhm_s=6e-9)
     noise, busy, signal, p_detect = crosstalking("detector.cells=100", *keys, light=light)
     array = CellArray(cells=100, pde=0.22, dead_time_s=6e-9, dark_count_rate_hz=2007.0, **options)
-    found = measure(array, light, shots=shots, seed=3)
-    assert found.before == pytest.approx(busy, rel=0.01)
-    assert found.noise == pytest.approx(noise, rel=3.0 / math.sqrt(shots))
-    assert found.signal == pytest.approx(signal, rel=0.04)
-    assert found.detection_probability == pytest.approx(p_detect, abs=3.0 / math.sqrt(shots))
+    measured = measure(array, light, shots=shots, seed=3)
+    assert measured.before == pytest.approx(busy, rel=0.01)
+    assert measured.noise == pytest.approx(noise, rel=3.0 / math.sqrt(shots))
+    assert measured.signal == pytest.approx(signal, rel=0.04)
+    assert measured.detection_probability == pytest.approx(p_detect, abs=3.0 / math.sqrt(shots))
 
 
 def test_what_crosstalk_costs():
@@ -199,10 +199,10 @@ def test_what_crosstalk_costs():
     noise, _, signal, p_detect = none = crosstalking()
     assert p_detect == pytest.approx(0.88, abs=1e-3)
     assert crosstalking("detector.crosstalk=0") == pytest.approx(none, rel=1e-9)
-    for share, loss, left in ((0.1, 0.07, 0.79), (0.25, 0.155, 0.63)):
+    for share, loss, probability in ((0.1, 0.07, 0.79), (0.25, 0.155, 0.63)):
         worse = crosstalking(f"detector.crosstalk={share}")
         assert 1.0 - worse[2] / worse[0] / (signal / noise) == pytest.approx(loss, abs=0.01)
-        assert worse[3] == pytest.approx(left, abs=0.03)
+        assert worse[3] == pytest.approx(probability, abs=0.03)
 
 
 def test_light_with_crosstalk_and_back():
@@ -286,10 +286,10 @@ def test_alarms_are_passages_of_shots_that_begin_low() -> None:
 
 def test_moments_of_a_number_that_is_drawn_once_in_four() -> None:
     """Of 0, 0, 0 and 3: mean 0.75, variance 27/16, skewness (1 - 2 p) / sqrt(p (1 - p)) of p = 1/4; and of nothing."""
-    seen = moments(np.zeros(2), np.array([[0.0, 2.0], [0.0, 2.0], [0.0, 2.0], [3.0, 2.0]]))
-    np.testing.assert_allclose(seen.mean, [0.75, 2.0])
-    np.testing.assert_allclose(seen.variance, [27.0 / 16.0, 0.0])
-    np.testing.assert_allclose(seen.skewness, [0.5 / np.sqrt(3.0 / 16.0), 0.0])
+    output = moments(np.zeros(2), np.array([[0.0, 2.0], [0.0, 2.0], [0.0, 2.0], [3.0, 2.0]]))
+    np.testing.assert_allclose(output.mean, [0.75, 2.0])
+    np.testing.assert_allclose(output.variance, [27.0 / 16.0, 0.0])
+    np.testing.assert_allclose(output.skewness, [0.5 / np.sqrt(3.0 / 16.0), 0.0])
 
 
 def test_no_comparator_is_set_below_a_cell() -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.drawn_scenes import published
+from helpers.drawn_scenes import published_sensor
 
 from lidarscene.studies.fit.estimates import Solution
 from lidarscene.studies.fit.fit_report import law_rows
@@ -67,8 +67,10 @@ def fit_with_power_sigma(sigma: float) -> ParameterFit:
 def wall_pulses(**changed: Any) -> PulsesOnScene:
     """A dark wall from 8 to 30 m that returns what is expected of it, its ranges a sigma off."""
     count = 1600
-    light = echoes_of_plane(published(), Target(reflectivity=0.2, illuminance_klux=5.0), np.geomspace(8.0, 30.0, count))
-    scene = KnownScene.from_light(light, published(), np.zeros(count, int), spot_over_field=0.5)
+    light = echoes_of_plane(
+        published_sensor(), Target(reflectivity=0.2, illuminance_klux=5.0), np.geomspace(8.0, 30.0, count)
+    )
+    scene = KnownScene.from_light(light, published_sensor(), np.zeros(count, int), spot_over_field=0.5)
     law = predict(scene, {})
     signs = np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
     reported = Observations(

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.drawn_scenes import published
+from helpers.drawn_scenes import published_sensor
 
 from lidarscene.detection.photon_counting.bins import BOX, BOX_SHARE
 from lidarscene.detection.receivers import detect_alone
@@ -23,7 +23,7 @@ def test_expected_is_what_is_drawn(range_m: float, klux: float) -> None:
 
     At most one in 1000 is lost, and tells nothing of the rest.
     """
-    sensor = published()
+    sensor = published_sensor()
     # Not all at one place of the bins.
     ranges = range_m + np.linspace(-0.1, 0.1, SHOTS)
     light = echoes_of_plane(sensor, Target(reflectivity=0.5, illuminance_klux=klux), ranges)
@@ -45,7 +45,7 @@ def test_expected_is_what_is_drawn(range_m: float, klux: float) -> None:
 
 def test_the_chance_is_that_of_the_stages() -> None:
     """Weak echoes: the share that is kept, to 4 sigma of 4000."""
-    sensor = published()
+    sensor = published_sensor()
     light = echoes_of_plane(sensor, Target(reflectivity=0.1, illuminance_klux=50.0), 53.0 * np.ones(SHOTS))
     scene = KnownScene.from_light(light, sensor, np.zeros(SHOTS, int), spot_over_field=0.5)
     chance = float(np.mean(predict(scene, {}).chance))
@@ -58,9 +58,9 @@ def test_the_chance_is_that_of_the_stages() -> None:
 def wall(count: int = 5, spot_over_field: float | None = 0.5) -> KnownScene:
     """Weak and strong echoes in some light."""
     light = echoes_of_plane(
-        published(), Target(reflectivity=0.1, illuminance_klux=50.0), np.geomspace(10.0, 60.0, count)
+        published_sensor(), Target(reflectivity=0.1, illuminance_klux=50.0), np.geomspace(10.0, 60.0, count)
     )
-    return KnownScene.from_light(light, published(), np.zeros(count, int), spot_over_field=spot_over_field)
+    return KnownScene.from_light(light, published_sensor(), np.zeros(count, int), spot_over_field=spot_over_field)
 
 
 def test_strangers_are_kept_half_of_the_time() -> None:
@@ -105,7 +105,7 @@ def test_parameters_that_come_as_a_product_do_the_same() -> None:
 def test_a_near_field_that_is_twice_as_far_is_the_same_at_twice_the_range(spot_over_field: float | None) -> None:
     """With the power of an echo the same, only the share of the light on the detector is left."""
     scene = wall(spot_over_field=spot_over_field)
-    scene = replace(scene, range_m=near_field_m(published()) * np.geomspace(0.3, 4.0, 5))
+    scene = replace(scene, range_m=near_field_m(published_sensor()) * np.geomspace(0.3, 4.0, 5))
     twice = replace(scene, range_m=2.0 * scene.range_m)
     moved = predict(twice, {"near_field_m": np.log(2.0)})
     np.testing.assert_allclose(moved.signal, predict(scene, {}).signal, rtol=1e-3)
@@ -133,7 +133,7 @@ def test_ranges_of_few_photons_scatter_more_than_linearly() -> None:
     """25 photons in the dark, 100,000 times: the deviation to 1.1 % (five standard errors, one seed in a million) and
     0.6 % of what the second order is known to. Without it the law would be 2.9 % short.
     """
-    sensor, shots = published(), 100_000
+    sensor, shots = published_sensor(), 100_000
     ranges = 60.0 + np.linspace(-0.1, 0.1, shots)
     light = echoes_of_plane(sensor, Target(reflectivity=0.4, illuminance_klux=0.0), ranges)
     stop = detect_alone(light, sensor, seed=1, pulse=np.arange(shots, dtype=np.uint32)).stops[0]

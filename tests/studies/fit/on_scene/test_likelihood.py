@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from helpers.drawn_scenes import GROUPS, REFLECTIVITY_SIGMA, drawn_report, drawn_unit, published, unit_of
+from helpers.drawn_scenes import GROUPS, REFLECTIVITY_SIGMA, drawn_report, drawn_unit, published_sensor, unit_of
 from scipy import special
 
 from lidarscene.light.echoes import EchoTrain, SubEchoes
@@ -75,7 +75,7 @@ def test_without_known_reflectivities_the_power_is_not_invented(mi) -> None:
 
 def test_slopes_are_those_of_differences(mi) -> None:
     """Promise: 1e-3, of each parameter's largest slope. Central differences of 1e-4 are good to 1e-7."""
-    scene, _ = drawn_report(published(), 1, pulses=200)
+    scene, _ = drawn_report(published_sensor(), 1, pulses=200)
     values = {name: 0.05 * (-1.0) ** k for k, name in enumerate(PARAMETERS)}
     surfaces = np.linspace(-0.1, 0.1, GROUPS)
     exact_law, exact = prediction_slopes(scene, values, surfaces)
@@ -90,7 +90,7 @@ def test_slopes_are_those_of_differences(mi) -> None:
 
 def test_the_light_of_a_render_is_a_scene() -> None:
     """Pulses without a surface are left out; of two echoes the stronger one counts, with its near field given back."""
-    sensor = published()
+    sensor = published_sensor()
     overlap = sensor.optics.overlap
     assert overlap is not None
     light = EchoTrain(
@@ -184,9 +184,9 @@ def test_the_information_of_sun_and_power_is_that_of_counts() -> None:
     """
     count = 60
     light = echoes_of_plane(
-        published(), Target(reflectivity=0.3, illuminance_klux=30.0), np.geomspace(8.0, 16.0, count)
+        published_sensor(), Target(reflectivity=0.3, illuminance_klux=30.0), np.geomspace(8.0, 16.0, count)
     )
-    scene = KnownScene.from_light(light, published(), np.arange(count), spot_over_field=0.5)
+    scene = KnownScene.from_light(light, published_sensor(), np.arange(count), spot_over_field=0.5)
     values = {"laser.peak_power_w": 0.0, "optics.sun_irradiance_w_m2": 0.0}
     law = predict(scene, values)
     dark = np.asarray(predict(replace(scene, background_w=0.0 * scene.background_w), values).near_ir)
@@ -213,9 +213,9 @@ def test_ranges_that_scatter_as_the_law_says_ask_for_no_other_pulse() -> None:
     """Distances whose square is the capped mean of a normal number's: none; a tenth more asks for a longer pulse."""
     count = 60
     light = echoes_of_plane(
-        published(), Target(reflectivity=0.3, illuminance_klux=30.0), np.geomspace(8.0, 16.0, count)
+        published_sensor(), Target(reflectivity=0.3, illuminance_klux=30.0), np.geomspace(8.0, 16.0, count)
     )
-    scene = KnownScene.from_light(light, published(), np.zeros(count, int), spot_over_field=0.5)
+    scene = KnownScene.from_light(light, published_sensor(), np.zeros(count, int), spot_over_field=0.5)
     values = {"laser.peak_power_w": 0.0, "scatter_floor": 0.0}
     scene = replace(scene, floor_m=0.02)
     law = predict(scene, values)
@@ -254,8 +254,8 @@ def test_moments_of_a_capped_square() -> None:
 def test_a_signal_far_off_pulls_no_harder_than_four_sigmas() -> None:
     """One of sixty a hundred sigmas too strong; and what fires most of the SPADs tells no signal."""
     count = 60
-    light = echoes_of_plane(published(), Target(reflectivity=0.3, illuminance_klux=30.0), np.full(count, 12.0))
-    scene = KnownScene.from_light(light, published(), np.zeros(count, int), spot_over_field=0.5)
+    light = echoes_of_plane(published_sensor(), Target(reflectivity=0.3, illuminance_klux=30.0), np.full(count, 12.0))
+    scene = KnownScene.from_light(light, published_sensor(), np.zeros(count, int), spot_over_field=0.5)
     values = {"laser.peak_power_w": 0.0}
     law = predict(scene, values)
     signal, sigma = np.asarray(law.signal), np.sqrt(np.asarray(law.variance))

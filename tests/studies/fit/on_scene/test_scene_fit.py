@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.drawn_scenes import published
+from helpers.drawn_scenes import published_sensor
 from helpers.in_this_process import draw_roughly
 from helpers.rendered_recordings import record, scene_and_units
 
@@ -138,8 +138,8 @@ def test_what_does_not_fit_is_one_line(
 def reported_walls(signal: Any, off_m: Any, *, has_return: Any = True, power: float = 1.0) -> PulsesOnScene:
     """Bright walls before the published sensor that reported these signals and ranges."""
     count = len(signal)
-    light = echoes_of_plane(published(), Target(reflectivity=0.5, illuminance_klux=1.0), np.full(count, 12.0))
-    scene = known_scene.KnownScene.from_light(light, published(), np.zeros(count, int), spot_over_field=0.5)
+    light = echoes_of_plane(published_sensor(), Target(reflectivity=0.5, illuminance_klux=1.0), np.full(count, 12.0))
+    scene = known_scene.KnownScene.from_light(light, published_sensor(), np.zeros(count, int), spot_over_field=0.5)
     reported = known_scene.Observations(
         has_return=np.broadcast_to(has_return, count),
         signal=np.asarray(signal),
@@ -194,7 +194,7 @@ def test_blocks_that_judge_are_not_fitted(monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(scene_fit, "fit_parameters", record_fit)
     with pytest.raises(InputError, match="enough"):
-        scene_fit.fit_pulses_on_scene(laid, published(), twin=False)
+        scene_fit.fit_pulses_on_scene(laid, published_sensor(), twin=False)
     assert signals["fitted"] == [0, 1, 2, 4, 5, 6, 8, 9, 10]
     parameter_fit = ParameterFit(
         solved=Solution(value=np.zeros(0), slope=np.zeros((0, 0)), scores=np.zeros((1, 0))),
@@ -208,7 +208,7 @@ def test_blocks_that_judge_are_not_fitted(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(
         scene_fit, "judge", lambda judged, _: signals.update(judged=np.unique(judged.reported.signal).tolist())
     )
-    fit = scene_fit.fit_pulses_on_scene(laid, published(), twin=False)
+    fit = scene_fit.fit_pulses_on_scene(laid, published_sensor(), twin=False)
     assert signals["judged"] == [3, 7, 11]
     assert fit.pulses == (45, 15)
 
