@@ -208,7 +208,7 @@ UNFIT = """
 import os
 from lidarscene.errors import BackendError
 from lidarscene.kernel.device import backend, llvm
-def told(**environment):
+def print_error_of(**environment):
     llvm._chosen = None
     os.environ.update(environment)
     try:
@@ -216,9 +216,9 @@ def told(**environment):
     except BackendError as error:
         print("BackendError:", " ".join(str(error).split()))
     else:
-        print("nothing told")
+        print("no error")
 for old in {olds}:
-    told(DRJIT_LIBLLVM_PATH=old, LIDARSCENE_VARIANT="llvm_ad_mono")
+    print_error_of(DRJIT_LIBLLVM_PATH=old, LIDARSCENE_VARIANT="llvm_ad_mono")
 del os.environ["LIDARSCENE_VARIANT"]
 os.environ.update(DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so", CUDA_VISIBLE_DEVICES="")
 llvm._chosen = None
@@ -226,7 +226,7 @@ report = backend.probe()
 print(report.variant, report.llvm, "|", report.error.splitlines()[0])
 del os.environ["DRJIT_LIBLLVM_PATH"]
 for name in ("nonsense", "scalar_rgb"):
-    told(LIDARSCENE_VARIANT=name)
+    print_error_of(LIDARSCENE_VARIANT=name)
 """
 
 
