@@ -115,7 +115,7 @@ from lidarscene import PointCloud, load_scene, render
 from lidarscene.errors import LidarSceneError
 from lidarscene.formats.registry import FORMATS
 from lidarscene.rendering.render_options import FrameOptions
-from lidarscene.view.conditions import controls
+from lidarscene.view.live_conditions import controls
 
 cloud = render("car", "spiral.toml", seed=1)
 for name, one in FORMATS.items():

@@ -36,8 +36,8 @@ from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor
 from ..studies.budget import Budget, budget_of, pulses_of
 from .blob import pack_blob
-from .conditions import KEYS, command, conditions, controls
 from .controls import DETECTOR, Equipment, Settings
+from .live_conditions import KEYS, command, conditions, controls
 from .point_fields import frame_blob
 from .solid import solid_of
 

@@ -27,7 +27,7 @@ CLEAR_KM = WEATHER[FOG][2].high
 """Visibility from which the slider means no fog."""
 
 
-class Conditions(NamedTuple):
+class LiveConditions(NamedTuple):
     """Scene and options under the page's settings; ``budget`` is True if the page shows the points' link budgets."""
 
     scene: Scene
@@ -68,7 +68,7 @@ def _whole(key: str, label: str, numbers: Whole, value: int, high: float) -> Con
     )
 
 
-def conditions(scene: Scene, frame: FrameOptions, settings: Settings) -> Conditions:
+def conditions(scene: Scene, frame: FrameOptions, settings: Settings) -> LiveConditions:
     """Apply settings to the scene's weather and to the options. Raises InputError for a number out of bounds."""
     limits = {control.key: control for control in controls(scene, frame)}
     values = {key: number_of(key, settings[key]) for key in KEYS if key in settings}
@@ -82,7 +82,7 @@ def conditions(scene: Scene, frame: FrameOptions, settings: Settings) -> Conditi
     frame_options = dataclasses.replace(
         frame, seed=int(values.get(SEED, frame.seed)), number=int(values.get(FRAME, frame.number))
     )
-    return Conditions(
+    return LiveConditions(
         scene=dataclasses.replace(scene, air=dataclasses.replace(scene.air, weather=weather)),
         trace=TraceOptions(rays=int(values.get(RAYS, 1))),
         frame=frame_options,

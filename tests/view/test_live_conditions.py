@@ -14,7 +14,7 @@ from lidarscene.cli.main import main
 from lidarscene.errors import InputError
 from lidarscene.rendering.render_options import FrameOptions
 from lidarscene.view.blob import unpack_blob
-from lidarscene.view.conditions import BUDGET, FOG, FRAME, RAYS, SEED, WEATHER, command, conditions, controls
+from lidarscene.view.live_conditions import BUDGET, FOG, FRAME, RAYS, SEED, WEATHER, command, conditions, controls
 from lidarscene.view.page_sources import Live
 
 RAIN, SNOW = "weather.rain_mm_h", "weather.snow_mm_h"
