@@ -22,10 +22,6 @@ STREAMED = [name for name, format_of_file in FORMATS.items() if format_of_file.s
 CUTS = ([0, 100], [0, 1, 1, 37, 100], [0, 0, 50, 100, 100], [0, 33, 66, 99, 100])
 
 
-def test_which_formats_can() -> None:
-    assert STREAMED == ["ply", "pcd", "las", "laz", "kitti", "nuscenes", "parquet"]
-
-
 @pytest.mark.parametrize("truth", [False, True])
 @pytest.mark.parametrize("cuts", CUTS, ids=str)
 @pytest.mark.parametrize("name", STREAMED)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.clouds import assert_same, small_cloud
+from helpers.clouds import small_cloud
 from helpers.formats import PLACED, need
 
 from lidarscene.cloud.point_cloud import PointCloud
@@ -61,13 +61,6 @@ def test_bytes_that_do_not_compress(library: Any) -> None:
         assert lzf.decompress(pcd._uncompressed_runs(data), size) == data
 
 
-def test_round_trip_of_text(tmp_path: Path) -> None:
-    for n in (0, 1, 100):
-        cloud = small_cloud(n)
-        cloud.save(tmp_path / "a.pcd", ascii=True)
-        assert_same(PointCloud.load(tmp_path / "a.pcd"), cloud)
-
-
 def test_pcd_counts_its_points(tmp_path: Path) -> None:
     path = tmp_path / "a.pcd"
     for ascii in (False, True):
@@ -75,18 +68,6 @@ def test_pcd_counts_its_points(tmp_path: Path) -> None:
         path.write_bytes(path.read_bytes().replace(b"POINTS 5", b"POINTS 6"))
         with pytest.raises(InputError, match=r"must have 6 whole lines of points, got 5|must have .* bytes of points"):
             PointCloud.load(path)
-
-
-@pytest.mark.parametrize("ascii", [False, True])
-def test_blocks_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ascii: bool) -> None:
-    """Infinity of both signs, too, for which text has no word."""
-    monkeypatch.setattr(pcd, "BLOCK_POINTS", 8)
-    for n in (7, 8, 9, 24):
-        snr = np.resize(np.float32([np.inf, -np.inf, 0.1, -3.4e38]), n)
-        time_s = np.resize([1 / 3, 0.1, 2.0**53 + 2, 5e-324], n)
-        cloud = small_cloud(n, snr=snr, time_s=time_s)
-        cloud.save(tmp_path / "a.pcd", ascii=ascii)
-        assert_same(PointCloud.load(tmp_path / "a.pcd"), cloud)
 
 
 def test_an_array_of_other_programs_is_rows_by_columns(tmp_path: Path) -> None:

@@ -31,27 +31,6 @@ def header_of(path: Path) -> list[str]:
     return path.read_bytes().split(b"end_header\n")[0].decode("ascii").splitlines()
 
 
-@pytest.mark.parametrize("ascii", [False, True])
-@pytest.mark.parametrize("truth", [False, True])
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("n", [0, 1, 100])
-def test_round_trip(tmp_path: Path, n: int, dtype: Any, truth: bool, ascii: bool) -> None:
-    path = tmp_path / "a.ply"
-    cloud = small_cloud(n, truth=truth, xyz_m=small_columns(n)["xyz_m"].astype(dtype))
-    cloud.save(path, ascii=ascii)
-    assert_same(PointCloud.load(path), cloud)
-    assert os.listdir(tmp_path) == ["a.ply"]
-
-
-@pytest.mark.parametrize("ascii", [False, True])
-def test_blocks_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ascii: bool) -> None:
-    monkeypatch.setattr(ply, "BLOCK_POINTS", 8)
-    for n in (7, 8, 9, 24):
-        cloud = small_cloud(n)
-        write_ply(tmp_path / "a.ply", cloud, ascii=ascii)
-        assert_same(PointCloud.load(tmp_path / "a.ply"), cloud)
-
-
 def test_a_file_is_read_by_the_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Rationale: a cloud of 100 million points is never twice in memory. No block is larger than it may be, and the
     last one is as large as what is left.

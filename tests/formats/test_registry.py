@@ -23,19 +23,34 @@ from lidarscene.formats.registry import FORMATS, SUFFIXES, format_of
 
 READ = [name for name, format_of_file in FORMATS.items() if format_of_file.read]
 EXACT = [name for name in READ if name not in ("las", "laz")]
+WAYS = [(name, {}) for name in EXACT] + [(name, {"ascii": True}) for name in EXACT if FORMATS[name].text]
 
 
 @pytest.mark.parametrize("truth", [False, True])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("n", [0, 1, 100])
-@pytest.mark.parametrize("name", EXACT)
-def test_round_trip(tmp_path: Path, name: str, n: int, dtype: Any, truth: bool) -> None:
+@pytest.mark.parametrize(("name", "options"), WAYS)
+def test_round_trip(tmp_path: Path, name: str, options: dict[str, bool], n: int, dtype: Any, truth: bool) -> None:
     need(name)
     path = file_of(tmp_path, name)
     cloud = small_cloud(n, truth=truth, xyz_m=small_columns(n)["xyz_m"].astype(dtype))
-    cloud.save(path, format=name)
+    cloud.save(path, format=name, **options)
     assert_same(PointCloud.load(path, format=name), cloud)
     assert os.listdir(tmp_path) == [path.name]
+
+
+@pytest.mark.parametrize(("name", "options"), [way for way in WAYS if FORMATS[way[0]].text])
+def test_blocks_do_not_show(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, options: dict[str, bool]
+) -> None:
+    """Infinity of both signs, too, for which text has no word."""
+    monkeypatch.setattr(f"lidarscene.formats.{name}.BLOCK_POINTS", 8)
+    for n in (7, 8, 9, 24):
+        snr = np.resize(np.float32([np.inf, -np.inf, 0.1, -3.4e38]), n)
+        time_s = np.resize([1 / 3, 0.1, 2.0**53 + 2, 5e-324], n)
+        cloud = small_cloud(n, snr=snr, time_s=time_s)
+        cloud.save(file_of(tmp_path, name), format=name, **options)
+        assert_same(PointCloud.load(file_of(tmp_path, name)), cloud)
 
 
 @pytest.mark.parametrize("name", READ)
