@@ -228,16 +228,22 @@ def columns_table() -> str:
 def formats_table() -> str:
     """Formats that keep the same share a row."""
     groups: dict[tuple[str, ...], list[str]] = {}
-    for name, one in FORMATS.items():
-        does = ("yes" if able else "no" for able in (one.stream, one.read))
-        kept = (f"`{one.extra}`" if one.extra else "-", one.columns, one.positions, one.beside, *does)
-        groups.setdefault(kept, []).append(name)
+    for name, format_of_file in FORMATS.items():
+        does = ("yes" if able else "no" for able in (format_of_file.stream, format_of_file.read))
+        cells_of_format = (
+            f"`{format_of_file.extra}`" if format_of_file.extra else "-",
+            format_of_file.columns,
+            format_of_file.positions,
+            format_of_file.beside,
+            *does,
+        )
+        groups.setdefault(cells_of_format, []).append(name)
     rows = ["| `--format` | suffix | needs | columns | positions | also in the file | in pieces | read again |"]
     rows += ["|---|---|---|---|---|---|---|---|"]
-    for kept, names in groups.items():
+    for cells_of_format, names in groups.items():
         suffixes = dict.fromkeys(FORMATS[name].suffix for name in names)
         cells = [", ".join(f"`{word}`" for word in words) for words in (names, suffixes)]
-        rows.append(f"| {' | '.join((*cells, *kept))} |")
+        rows.append(f"| {' | '.join((*cells, *cells_of_format))} |")
     return "\n".join(rows)
 
 

@@ -246,7 +246,7 @@ def test_deviations_of_four_ways_to_time_a_pulse() -> None:
             slope_noise=sampling.matched_slope_noise(x=x),
             curvature=0.5,
         )
-        row_says(row[1:], *(100.0 * sigma_m * float(one) for one in (edge, half, peak, matched)))
+        row_says(row[1:], *(100.0 * sigma_m * float(deviation) for deviation in (edge, half, peak, matched)))
 
 
 def test_glint_of_a_pane() -> None:

@@ -8,19 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.clouds import small_cloud
-from helpers.formats import need
+from helpers.formats import clipped_to_finite, need
 from scipy.spatial.transform import Rotation
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats import e57
-from lidarscene.formats.cloud_description import LARGEST
 
 N = 50
-
-
-def finite(values: np.ndarray) -> np.ndarray:
-    """As formats without infinity have them."""
-    return np.clip(values, -LARGEST, LARGEST) if values.dtype.kind == "f" else values
 
 
 def test_e57_in_pye57(tmp_path: Path, library: Any) -> None:
@@ -39,7 +33,7 @@ def test_e57_in_pye57(tmp_path: Path, library: Any) -> None:
     for column in cloud.columns[3:]:
         if f"ls:{column.name}" in header.point_fields:
             stored = e57_field(pye57, file, header, f"ls:{column.name}")
-            np.testing.assert_array_equal(stored, finite(cloud.column(column.name)).astype(float))
+            np.testing.assert_array_equal(stored, clipped_to_finite(cloud.column(column.name)).astype(float))
     np.testing.assert_array_equal(e57_field(pye57, file, header, "timeStamp"), cloud.time_s)
     np.testing.assert_array_equal(e57_field(pye57, file, header, "returnIndex"), cloud.return_number - 1.0)
     assert len(header.point_fields) == len(cloud.columns)

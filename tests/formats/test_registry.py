@@ -105,9 +105,9 @@ def test_suffix_names_the_format() -> None:
     assert format_of("b.pcd") is FORMATS["pcd"]
     assert format_of("b.mcap") is FORMATS["mcap"]
     assert format_of("b.ply", "osi") is FORMATS["osi"]
-    known = ", ".join(SUFFIXES)
+    suffixes = ", ".join(SUFFIXES)
     with pytest.raises(
-        InputError, match=re.escape(f"b.abc: suffix '.abc' names no point cloud format; known: {known}")
+        InputError, match=re.escape(f"b.abc: suffix '.abc' names no point cloud format; known: {suffixes}")
     ):
         format_of("b.abc")
     with pytest.raises(InputError, match=f"format 'ascii': there is none; the choices are {', '.join(FORMATS)}"):

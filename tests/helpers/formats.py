@@ -8,6 +8,7 @@ import pytest
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import LidarSceneError
+from lidarscene.formats.cloud_description import LARGEST
 from lidarscene.formats.registry import FORMATS
 
 PLACED = {"sensor_position_m": "1 2 3", "sensor_rotation": "0 -1 0 1 0 0 0 0 1", "frame": "world"}
@@ -23,6 +24,11 @@ def need(name: str) -> None:
 
 def file_of(folder: Path, name: str) -> Path:
     return folder / f"a{FORMATS[name].suffix}"
+
+
+def clipped_to_finite(values: np.ndarray) -> np.ndarray:
+    """Values as formats without infinity store them."""
+    return np.clip(values, -LARGEST, LARGEST) if values.dtype.kind == "f" else values
 
 
 def written(path: Path, name: str, pieces: list[PointCloud]) -> bytes:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.command_line import BEAMS, COARSE, Run
+from helpers.folders import file_contents
 from helpers.walls import LEFT_AND_RIGHT, MOVING
 
 import lidarscene
@@ -24,10 +25,6 @@ def moving(run: Run, tmp_path: Path) -> str:
     (tmp_path / "moving.toml").write_text(MOVING)
     (tmp_path / "rig.toml").write_text(LEFT_AND_RIGHT)
     return "moving.toml"
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 EVERY = {
@@ -116,10 +113,10 @@ def test_python_writes_the_files_of_the_command(mi, run: Run, moving: str, tmp_p
     recorded = record(moving, **subject, outputs=Outputs(path.format("api"), **files), **options)
     ran = run("render", moving, "-o", path.format("cli"), *(argument.format("cli") for argument in argv), *COARSE)
     assert (ran.code, ran.err) == (0, "")
-    written = contents(tmp_path / "api")
+    written = file_contents(tmp_path / "api")
     assert len(written) >= len(recorded.files) > 0
     assert set(recorded.files) <= {Path("api") / name for name in written}
-    assert written == contents(tmp_path / "cli")
+    assert written == file_contents(tmp_path / "cli")
     assert recorded.summary.beams == len(recorded.clouds) * BEAMS * (2 if "--merge" in argv else 1)
 
 
@@ -140,15 +137,15 @@ def test_objects_do_as_well_as_files(mi, run: Run, moving: str, tmp_path: Path) 
     cloud = lidarscene.render(scene, sensor, frame=frame, trace=trace)
     (tmp_path / "whole").mkdir()
     cloud.save(tmp_path / "whole" / "a.ply")
-    assert contents(tmp_path / "api") == contents(tmp_path / "loose") == contents(tmp_path / "whole")
-    assert contents(tmp_path / "api") != {}
+    assert file_contents(tmp_path / "api") == file_contents(tmp_path / "loose") == file_contents(tmp_path / "whole")
+    assert file_contents(tmp_path / "api") != {}
 
 
 def test_frames_go_on_from_a_number(mi, moving: str, tmp_path: Path) -> None:
     """Frame 1 of two is frame 1 alone, where its name says so."""
     for folder, first, count in (("two", 0, 2), ("one", 1, 1)):
         record(moving, outputs=Outputs(folder), frames=count, number=first, overrides=SETS)
-    two, single = contents(tmp_path / "two"), contents(tmp_path / "one")
+    two, single = file_contents(tmp_path / "two"), file_contents(tmp_path / "one")
     assert list(single) == ["frame_0001.ply"]
     assert single["frame_0001.ply"] == two["frame_0001.ply"] != two["frame_0000.ply"]
 
@@ -188,12 +185,12 @@ def test_progress_is_that_of_the_run(mi, moving: str) -> None:
 def test_mistakes_are_told_in_the_words_of_python(
     run: Run, moving: str, tmp_path: Path, files: tuple[Any, ...], options: dict[str, Any], message: str
 ) -> None:
-    before = contents(tmp_path)
+    before = file_contents(tmp_path)
     path, *more = files
     with pytest.raises(InputError) as caught:
         record(moving, outputs=Outputs(path, **dict(*more)), overrides=SETS, **options)
     assert str(caught.value).startswith(message)
-    assert contents(tmp_path) == before
+    assert file_contents(tmp_path) == before
 
 
 def test_a_rig_and_its_sensors_are_not_written_over(run: Run, moving: str, tmp_path: Path) -> None:
@@ -245,10 +242,10 @@ def test_observers_are_told_of_what_is_streamed(mi, run: Run, moving: str) -> No
 def test_two_outputs_of_one_name(run: Run, wall: str, tmp_path: Path, option: str, files: dict[str, str]) -> None:
     """Rationale: the second would be written over the first, without a word."""
     (tmp_path / "link.npz").symlink_to("a.npz")
-    before = contents(tmp_path)
+    before = file_contents(tmp_path)
     with pytest.raises(InputError, match=r": must be another name, got one of two outputs$"):
         record(wall, outputs=Outputs(**files))  # type: ignore[arg-type]
-    assert contents(tmp_path) == before
+    assert file_contents(tmp_path) == before
 
 
 def test_the_first_frame_bears_what_comes_before_all(mi, moving: str) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.command_line import BEAMS, COARSE, Run
+from helpers.folders import file_contents
 from helpers.waiting import wait_until
 from helpers.walls import LEFT_AND_RIGHT, MOVING
 
@@ -54,7 +55,9 @@ def streamed_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Simulator, "render", refused)
 
 
-@pytest.mark.parametrize("name", [f"a{one.suffix}" for one in FORMATS.values() if one.stream])
+@pytest.mark.parametrize(
+    "name", [f"a{format_of_file.suffix}" for format_of_file in FORMATS.values() if format_of_file.stream]
+)
 def test_the_file_is_that_of_the_whole_cloud(
     run: Run, wall: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
@@ -118,17 +121,13 @@ def all_outputs(folder: str) -> dict[str, tuple[str, ...]]:
 ASKED = tuple(all_outputs(""))
 
 
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
 @pytest.mark.parametrize("output", ASKED)
 def test_no_output_shows_how_the_frame_was_cut(run: Run, moving: str, tmp_path: Path, output: str) -> None:
     """Pieces of 50 pulses, and all pulses at once."""
     for folder, cut in (("pieces", (CHUNKS,)), ("whole", ())):
         ran = run("render", moving, *all_outputs(folder)[output], *COARSE, *cut)
         assert (ran.code, ran.err) == (0, "")
-    assert contents(tmp_path / "pieces") == contents(tmp_path / "whole")
+    assert file_contents(tmp_path / "pieces") == file_contents(tmp_path / "whole")
 
 
 LABELLED = ("kitti", "semantickitti")
@@ -148,7 +147,7 @@ def test_without_truth_only_the_clouds_have_less(run: Run, moving: str, tmp_path
             argv += ("--waveforms", f"{folder}/w.npz")
         ran = run("render", moving, *argv, *more, *COARSE)
         assert (ran.code, ran.err) == (0, "")
-    full, bare = contents(tmp_path / "with"), contents(tmp_path / "without")
+    full, bare = file_contents(tmp_path / "with"), file_contents(tmp_path / "without")
     assert set(full) == set(bare)
     suffix = Path(all_outputs("")[output][1]).suffix if output in ASKED else ""
     clouds = {name for name in full if suffix and name in (f"a{suffix}", f"a.deskewed{suffix}")}
@@ -178,7 +177,7 @@ def test_outputs_are_those_of_the_api(run: Run, moving: str, tmp_path: Path) -> 
         write_labels(together, scene, tmp_path / "api" / f"{name}.ply", format="nuscenes")
     arguments = all_outputs("cli")["merge"]
     assert run("render", moving, *arguments[: arguments.index("--picture")], *COARSE, CHUNKS).code == 0
-    assert contents(tmp_path / "cli") == contents(tmp_path / "api")
+    assert file_contents(tmp_path / "cli") == file_contents(tmp_path / "api")
 
 
 def test_a_data_set_is_that_of_the_api(run: Run, moving: str, tmp_path: Path) -> None:
@@ -187,7 +186,7 @@ def test_a_data_set_is_that_of_the_api(run: Run, moving: str, tmp_path: Path) ->
     sensor = load_sensor(scene.sensor_name, overrides=overrides)
     kitti_dataset.write_object_frame(tmp_path / "api", 0, Simulator(scene, sensor).render(), scene)
     assert run("render", moving, "-o", "cli", "--dataset", "kitti", *COARSE, CHUNKS).code == 0
-    assert contents(tmp_path / "cli") == contents(tmp_path / "api")
+    assert file_contents(tmp_path / "cli") == file_contents(tmp_path / "api")
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.meshes import area_m2
 
 from lidarscene import load_scene
 from lidarscene.kernel.world.triangles import revolve, sphere, triangles_of_base
@@ -26,11 +27,6 @@ XML = """<scene version="3.0.0">
         <float name="radius" value="0.1"/>
     </shape>
 </scene>"""
-
-
-def area_m2(vertices: np.ndarray, faces: np.ndarray) -> float:
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
 def test_solid_of_a_scene(scene_file: Path, mi: Any) -> None:

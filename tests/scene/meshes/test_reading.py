@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from helpers.meshes import area_m2
 
 from lidarscene.errors import InputError
 from lidarscene.scene.meshes.reading import read_mesh
@@ -44,11 +45,6 @@ o back
 usemtl dark brick
 f 2 3 5
 """
-
-
-def area_m2(vertices: np.ndarray, faces: np.ndarray) -> float:
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
 
 def coloured_box(name: str, colour: list[float]) -> trimesh.Trimesh:
