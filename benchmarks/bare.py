@@ -84,9 +84,9 @@ def _city() -> Path:
     return path
 
 
-def _simulator(scene: Scene, step_deg: float, **how: Any) -> Simulator:
+def _simulator(scene: Scene, step_deg: float, **options: Any) -> Simulator:
     steps = [f"scanner.{axis}_step_deg={step_deg}" for axis in ("azimuth", "elevation")]
-    return Simulator(scene, load_sensor("table1-apd", overrides=steps), interactions=0, **how)
+    return Simulator(scene, load_sensor("table1-apd", overrides=steps), interactions=0, **options)
 
 
 def _rows(library: Any | None, simulator: Simulator, scene: str, beams: str, rounds: int) -> list[Row]:
@@ -97,11 +97,11 @@ def _rows(library: Any | None, simulator: Simulator, scene: str, beams: str, rou
     with contextlib.suppress(LidarSceneError):  # without Open3D its rows are left out
         tasks[OPEN3D] = chain.open3d_tasks(simulator)[OPEN3D]
     seconds, busy = clock.both_in_turns(tasks, rounds=rounds)
-    counted = Summary()
-    simulator.render(summary=counted)
+    summary = Summary()
+    simulator.render(summary=summary)
     hits = int(np.isfinite(tasks[BARE]()[0]).sum())
-    if abs(hits - counted.hits) > 1e-3 * counted.beams:  # a ray that grazes an edge may miss it
-        raise SystemExit(f"benchmarks: {case}: bare Embree finds {hits:,} hits, lidarscene {counted.hits:,}")
+    if abs(hits - summary.hits) > 1e-3 * summary.beams:  # a ray that grazes an edge may miss it
+        raise SystemExit(f"benchmarks: {case}: bare Embree finds {hits:,} hits, lidarscene {summary.hits:,}")
     rows = []
     for slow, fast in ((OURS, BARE), (OPEN3D, BARE), (OPEN3D, OURS)):
         if slow not in tasks:

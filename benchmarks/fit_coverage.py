@@ -34,7 +34,7 @@ STREET = Path(__file__).parents[1] / "scenes" / "drive.toml"
 
 
 def without_scene(seeds: int) -> None:
-    off: dict[str, list[float]] = {}
+    deviations: dict[str, list[float]] = {}
     held = 0
     for unit in range(UNITS):
         truth = drawn_truth(unit)
@@ -43,13 +43,15 @@ def without_scene(seeds: int) -> None:
             fit = fit_pulses(pulses)
             held += passed(fit.checks)
             for estimate in fit.estimates:
-                off.setdefault(estimate.key, []).append((estimate.value - asdict(truth)[estimate.key]) / estimate.sigma)
-    print_coverage(off)
+                deviations.setdefault(estimate.key, []).append(
+                    (estimate.value - asdict(truth)[estimate.key]) / estimate.sigma
+                )
+    print_coverage(deviations)
     print(f"{held} of {UNITS * seeds} pass on what was not fitted")
 
 
 def with_two_lenses(seeds: int) -> None:
-    off: dict[str, list[float]] = {}
+    deviations: dict[str, list[float]] = {}
     sensor = load_sensor("os1-128")
     for unit in range(UNITS):
         truth, curve = two_lenses(unit, sensor)
@@ -57,14 +59,14 @@ def with_two_lenses(seeds: int) -> None:
             near = fit_near_field(gather_pulses([drawn_sweep(truth, 1000 * unit + seed, curve=curve)]), sensor)
             assert near is not None
             for estimate in near.estimates:
-                off.setdefault(f"{estimate.key}, two lenses", []).append(
+                deviations.setdefault(f"{estimate.key}, two lenses", []).append(
                     (estimate.value - asdict(truth)[estimate.key]) / estimate.sigma
                 )
-    print_coverage(off)
+    print_coverage(deviations)
 
 
 def with_scene(seeds: int) -> None:
-    off: dict[str, list[float]] = {}
+    deviations: dict[str, list[float]] = {}
     evaluations = []
     for unit in range(UNITS):
         truth = drawn_unit(unit)
@@ -75,10 +77,10 @@ def with_scene(seeds: int) -> None:
             evaluations.append(fit.solved.evaluations)
             for estimate in fit.estimates:
                 if estimate.key in truth:
-                    off.setdefault(estimate.key, []).append(
+                    deviations.setdefault(estimate.key, []).append(
                         (estimate.value - math.exp(truth[estimate.key])) / estimate.sigma
                     )
-    print_coverage(off)
+    print_coverage(deviations)
     print(f"at most {max(evaluations)} evaluations; held: {', '.join(fit.held)}")
 
 
@@ -107,13 +109,15 @@ def with_street() -> None:
     fit = fit_parameters(scene, reported, reflectivity_sigma=0.01)
     for estimate in fit.estimates:
         if estimate.key in truth:
-            off = (estimate.value - math.exp(truth[estimate.key])) / estimate.sigma
-            print(f"{estimate.key:<28} {estimate.value:.4f} +/- {estimate.sigma:.4f}, {off:+.1f} sigma from the truth")
+            z_score = (estimate.value - math.exp(truth[estimate.key])) / estimate.sigma
+            print(
+                f"{estimate.key:<28} {estimate.value:.4f} +/- {estimate.sigma:.4f}, {z_score:+.1f} sigma from the truth"
+            )
     print(f"{len(range_m)} pulses, {fit.solved.evaluations} evaluations")
 
 
-def print_coverage(off: dict[str, list[float]]) -> None:
-    for key, far in off.items():
+def print_coverage(deviations: dict[str, list[float]]) -> None:
+    for key, far in deviations.items():
         inside, mean = sum(abs(x) < 2.0 for x in far), sum(far) / len(far)
         largest = max(map(abs, far))
         print(f"{key:<28} {inside:3d} of {len(far)} within 2 sigma, mean {mean:+.2f} sigma, largest {largest:.1f}")

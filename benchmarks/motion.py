@@ -73,8 +73,8 @@ def with_shifted(scene: Scene, names: list[str]) -> Scene:
     return dataclasses.replace(scene, bodies=bodies)
 
 
-def _row(seconds: clock.Seconds, name: str, still: str, most: float | None) -> Row:
-    median, low, high = clock.ratio(seconds, name, still)
+def _row(seconds: clock.Seconds, name: str, still_case: str, most: float | None) -> Row:
+    median, low, high = clock.ratio(seconds, name, still_case)
     goal = "" if most is None else verdict(f"at most {most:g}", median <= most)
     return Row(
         f"{name} / {STILL}", f"{median:.2f}", f"{low:.2f} to {high:.2f}", f"{np.median(seconds[name]):.3f} s", goal

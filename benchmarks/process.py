@@ -103,7 +103,7 @@ def memory(scene: Path, *, step_deg: float) -> Section:
         *_large(scene, ".ply", overrides),
         *_large(scene, ".laz", overrides),
         *_large(scene, ".ply", overrides, BESIDES),
-        *_whole(scene, overrides),
+        *_cloud_rows(scene, overrides),
     ]
     return Section("A large frame", MEMORY, rows)
 
@@ -115,14 +115,14 @@ def _large(scene: Path, suffix: str, overrides: Sequence[str], more_options: Seq
         command = ["-m", "lidarscene", "render", str(scene), "-o", str(target), "--json", *files]
         seconds, peak, answer, _ = _run(command + [f"--set={override}" for override in overrides])
         size = target.stat().st_size / 2**30
-    also = ", ".join(option[2:] for option in more_options if option.startswith("--"))
-    title = f"peak memory, {scene.name} to {suffix}{' with ' if also else ''}{also}"
+    extras = ", ".join(option[2:] for option in more_options if option.startswith("--"))
+    title = f"peak memory, {scene.name} to {suffix}{' with ' if extras else ''}{extras}"
     goal = verdict(f"under {GOAL_GIB:g} GiB", peak < GOAL_GIB)
     row = Row(title, f"{peak:.2f} GiB", "one run", f"a file of {size:.2f} GiB", goal)
     return [row, _time(seconds, json.loads(answer))]
 
 
-def _whole(scene: Path, overrides: Sequence[str]) -> list[Row]:
+def _cloud_rows(scene: Path, overrides: Sequence[str]) -> list[Row]:
     seconds, peak, answer, _ = _run(["-c", WHOLE, str(scene), *overrides])
     measured = json.loads(answer)
     note = f"the cloud's columns are {measured['size'] / 2**30:.2f} of it"

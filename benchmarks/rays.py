@@ -45,9 +45,9 @@ def measure(scene_file: Path, *, single_deg: float, many_deg: float, rays: int, 
         name: Simulator(scene, _sensor(many_deg, *changes), world=single.world, rays=rays, interactions=0)
         for name, changes in SAMPLERS.items()
     }
-    few = Simulator(scene, _sensor(many_deg), world=single.world, interactions=0)
+    one_ray = Simulator(scene, _sensor(many_deg), world=single.world, interactions=0)
     rows = [_rate_row(single, many["TDC"], rounds)]
-    traces, waveforms = _device_seconds({"one": few, **many}, rounds)
+    traces, waveforms = _device_seconds({"one": one_ray, **many}, rounds)
     cost = traces["TDC"] / traces["one"]
     most = MOST_OF_A_RAY * rays
     rows.append(
@@ -55,7 +55,7 @@ def measure(scene_file: Path, *, single_deg: float, many_deg: float, rays: int, 
             f"trace of {rays} rays to each pulse / of one",
             f"{np.median(cost):.1f}",
             _spread(cost, ".1f"),
-            f"{few.sensor.scanner.pulses:,} pulses",
+            f"{one_ray.sensor.scanner.pulses:,} pulses",
             verdict(f"at most {most:g}", np.median(cost) <= most),
         )
     )
@@ -134,8 +134,8 @@ def _frame(simulator: Simulator) -> Callable[[], tuple[float, float]]:
                 )
             history.take()
             traced_s = history.device_s
-            whole = pulse_train.join_echoes(light, rays, rays=count)
-            detection = multi_echo.detect(whole, sensor, seed=seed, pulse=pulse)
+            joined = pulse_train.join_echoes(light, rays, rays=count)
+            detection = multi_echo.detect(joined, sensor, seed=seed, pulse=pulse)
             outputs = [
                 array
                 for stop in detection.stops

@@ -155,8 +155,8 @@ def use_package(home: Path, python: str) -> None:
     def lidarscene(*arguments: str, **more: str) -> subprocess.CompletedProcess[str]:
         return run([str(Path(python).with_name("lidarscene")), *arguments], folder, environment | more)
 
-    where = "import lidarscene; [getattr(lidarscene, n) for n in lidarscene.__all__]; print(lidarscene.__file__)"
-    require_outcome(run([python, "-c", where], folder, environment), 0, str(home / "env"))
+    code = "import lidarscene; [getattr(lidarscene, n) for n in lidarscene.__all__]; print(lidarscene.__file__)"
+    require_outcome(run([python, "-c", code], folder, environment), 0, str(home / "env"))
     require_outcome(lidarscene("--version"), 0, f"lidarscene {__version__}")
     require_outcome(lidarscene("catalog", "scenes"), 0, "street")
     require_outcome(lidarscene("catalog"), 0, "table1-apd")

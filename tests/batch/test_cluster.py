@@ -37,10 +37,10 @@ class Standing:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.processes = folder, list[subprocess.Popen[bytes]]()
-        about = folder / "scheduler.json"
-        self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(about))
-        wait_until(lambda: _is_whole(about) or not self.runs)
-        self.address = json.loads(about.read_text())["address"]
+        scheduler_file = folder / "scheduler.json"
+        self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(scheduler_file))
+        wait_until(lambda: _is_whole(scheduler_file) or not self.runs)
+        self.address = json.loads(scheduler_file.read_text())["address"]
 
     @property
     def runs(self) -> bool:
@@ -162,12 +162,14 @@ def test_the_bits_of_render(equipped: Standing, job_file: Path, tmp_path: Path, 
     assert [json.loads(first.out)[name] for name in ("rendered", "reused")] == [4, 0]
     assert [resumed[name] for name in ("rendered", "reused")] == [0, 4]
     for task in Job.read(job_file).tasks():
-        alone = tmp_path / "alone.ply"
+        rendered_file = tmp_path / "alone.ply"
         changes = [f"--scene-set={override}" for override in task.scene.overrides]
         changes += [f"--set={override}" for override in task.sensor.overrides]
-        assert main.main(["render", task.scene.path, "-o", str(alone), f"--seed={task.frame.seed}", *changes]) == 0
+        assert (
+            main.main(["render", task.scene.path, "-o", str(rendered_file), f"--seed={task.frame.seed}", *changes]) == 0
+        )
         (written,) = out.rglob(f"{task.key}.ply")
-        assert written.read_bytes() == alone.read_bytes()
+        assert written.read_bytes() == rendered_file.read_bytes()
 
 
 @pytest.mark.filterwarnings("ignore:.* whoever reaches this port:lidarscene.errors.OptionWarning")

@@ -105,10 +105,10 @@ def test_who_lacks_the_key_runs_no_code(client: Any, tmp_path: Path) -> None:
     assert len(doors) == 5
     assert doors.keys() <= ports
     # In vain for two seconds, though a port that is open takes some milliseconds.
-    _intrude(tmp_path, [f"{port}/{how}" for port in ports for how in ("run", "run_function")], seconds=2.0)
+    _intrude(tmp_path, [f"{port}/{request}" for port in ports for request in ("run", "run_function")], seconds=2.0)
     assert os.listdir(tmp_path) == []
     pem = client.security.tls_client_key + client.security.tls_client_cert
-    _intrude(tmp_path, [f"{port}/{how}" for port, how in doors.items()], seconds=PATIENCE_S, pem=pem)
+    _intrude(tmp_path, [f"{port}/{request}" for port, request in doors.items()], seconds=PATIENCE_S, pem=pem)
     assert set(os.listdir(tmp_path)) == {f"key-{port}" for port in doors}
     # The key itself is in no argument and no environment, which others may read.
     secret = client.security.tls_client_key.splitlines()[1]
@@ -184,13 +184,13 @@ def test_a_corrupt_file_is_made_again_and_no_other(client: Any, job: Job, tmp_pa
         return nullcontext(client)
 
     assert run_job(job, out, connect=connect, threads=1).rendered == 4
-    whole, before = clouds(out), times(out)
+    clouds_before, before = clouds(out), times(out)
     spoilt = next((out / "frames").rglob("*.ply"))
     spoilt.write_bytes(spoilt.read_bytes()[:-100])
     (spoilt.parent / f".{spoilt.name}.999999999.part").write_bytes(b"half")
     repaired = run_job(job, out, connect=connect, threads=1)
     assert (repaired.rendered, repaired.reused) == (1, 3)
-    assert clouds(out) == whole
+    assert clouds(out) == clouds_before
     assert {name for name, when in times(out).items() if when != before[name]} == {spoilt.name}
     assert list(out.rglob("*.part")) == []
     third = run_job(job, out, connect=connect, threads=1)
@@ -221,9 +221,9 @@ def test_a_disk_that_is_full_and_then_larger(mi: Any, job_file: Path, tmp_path: 
     store, task = Store(tmp_path / "probe"), next(Job.read(job_file).tasks())
     assert work._try_render(task, store, 1) == ""
     size = int(2.5 * store.cloud(task.key, "ply").stat().st_size)
-    apart = ["unshare", "--user", "--map-root-user", "--mount", sys.executable, "-c", FULL_DISK, str(size)]
+    own_mount = ["unshare", "--user", "--map-root-user", "--mount", sys.executable, "-c", FULL_DISK, str(size)]
     completed = subprocess.run(
-        [*apart, str(ROOT / "src"), str(ROOT / "tests")],
+        [*own_mount, str(ROOT / "src"), str(ROOT / "tests")],
         cwd=tmp_path,
         capture_output=True,
         text=True,
@@ -232,7 +232,7 @@ def test_a_disk_that_is_full_and_then_larger(mi: Any, job_file: Path, tmp_path: 
     if completed.returncode in (1, 77) and not completed.stdout:
         pytest.skip(f"no disk of its own can be mounted here: {completed.stderr}")
     assert completed.returncode == 0, completed.stderr
-    *_, code, files, second_run, code_again, whole = (
+    *_, code, files, second_run, code_again, listing = (
         completed.stdout.splitlines()
     )  # a full disk may have no manifest either
     failed = [line for line in completed.stderr.splitlines() if line.startswith("failed")]
@@ -244,7 +244,7 @@ def test_a_disk_that_is_full_and_then_larger(mi: Any, job_file: Path, tmp_path: 
     summary = json.loads(second_run)
     assert (summary["reused"], summary["rendered"], summary["failed"]) == (rows_kept, 4 - rows_kept, {})
     assert code != code_again == "0"
-    assert whole.count(".ply") == 4
+    assert listing.count(".ply") == 4
 
 
 def test_failures_are_told_and_do_not_stop_the_rest(client: Any, write_job: WriteJob, tmp_path: Path) -> None:

@@ -57,11 +57,19 @@ def test_the_bytes_are_those_of_render(job: Job, tmp_path: Path) -> None:
     """
     store = Store(tmp_path / "out")
     for task in job.tasks():
-        alone = tmp_path / "alone.ply"
+        rendered_file = tmp_path / "alone.ply"
         klux = task.parameters["scene.sun.illuminance_klux"]
-        argv = ["render", str(tmp_path / "wall.toml"), "-o", str(alone), *COARSE, "--seed", str(task.frame.seed)]
+        argv = [
+            "render",
+            str(tmp_path / "wall.toml"),
+            "-o",
+            str(rendered_file),
+            *COARSE,
+            "--seed",
+            str(task.frame.seed),
+        ]
         assert main.main([*argv, "--scene-set", f"sun.illuminance_klux={klux}"]) == 0
-        assert render_in_process(task, store).read_bytes() == alone.read_bytes()
+        assert render_in_process(task, store).read_bytes() == rendered_file.read_bytes()
     assert len(list((tmp_path / "out" / "frames").rglob("*.ply"))) == len(job) == 4
 
 
@@ -71,11 +79,11 @@ def test_with_several_rays_too(job_file: Path, tmp_path: Path) -> None:
     with (tmp_path / "wall.toml").open("a") as file:
         file.write(pane.replace("[10, 0, 1.8]", "[5, 0, 1.8]"))
     job_file.write_text("rays = 4\ninteractions = 1\n" + job_file.read_text())
-    alone = tmp_path / "alone.ply"
-    argv = ["render", str(tmp_path / "wall.toml"), "-o", str(alone), *COARSE, "--rays=4", "--interactions=1"]
+    rendered_file = tmp_path / "alone.ply"
+    argv = ["render", str(tmp_path / "wall.toml"), "-o", str(rendered_file), *COARSE, "--rays=4", "--interactions=1"]
     assert main.main([*argv, "--scene-set", "sun.illuminance_klux=1"]) == 0
     first = next(Job.read(job_file).tasks())
-    assert render_in_process(first, Store(tmp_path / "out")).read_bytes() == alone.read_bytes()
+    assert render_in_process(first, Store(tmp_path / "out")).read_bytes() == rendered_file.read_bytes()
 
 
 def test_of_a_rig_too(job_file: Path, tmp_path: Path) -> None:
@@ -88,8 +96,8 @@ def test_of_a_rig_too(job_file: Path, tmp_path: Path) -> None:
     store, compared = Store(tmp_path / "out"), 0
     for task in reversed(list(Job.read(job_file).tasks())):  # the second sensor comes first
         if task.frame.seed == 7 and task.parameters["scene.sun.illuminance_klux"] == 1:
-            alone = tmp_path / "rig" / task.sensor.label / f"frame_{task.frame.number:04d}.ply"
-            assert render_in_process(task, store).read_bytes() == alone.read_bytes()
+            rendered_file = tmp_path / "rig" / task.sensor.label / f"frame_{task.frame.number:04d}.ply"
+            assert render_in_process(task, store).read_bytes() == rendered_file.read_bytes()
             compared += 1
     assert compared == 4
 
@@ -98,12 +106,12 @@ def test_a_world_is_compiled_once(job: Job, tmp_path: Path, monkeypatch: pytest.
     compiled = []
     build = work.Simulator
 
-    def counted(*arguments: Any, **options: Any) -> Simulator:
+    def build_and_count(*arguments: Any, **options: Any) -> Simulator:
         if options.get("world") is None:
             compiled.append(1)
         return build(*arguments, **options)
 
-    monkeypatch.setattr(work, "Simulator", counted)
+    monkeypatch.setattr(work, "Simulator", build_and_count)
     for task in job.tasks():
         render_in_process(task, Store(tmp_path / "out"))
     assert len(compiled) == 1
@@ -183,19 +191,19 @@ def test_a_corrupt_file_is_rendered_again(job: Job, tmp_path: Path, spoil: str) 
     """What a dying machine may leave, or a careless user; the whole file comes back."""
     task, store = next(job.tasks()), Store(tmp_path / "out")
     cloud = render_in_process(task, store)
-    whole, (row,) = cloud.read_bytes(), store.folder.glob("rows/*/*.json")
+    cloud_bytes, (row,) = cloud.read_bytes(), store.folder.glob("rows/*/*.json")
     if spoil == "gone":
         cloud.unlink()
     elif spoil == "flipped":
-        cloud.write_bytes(whole[:-7] + bytes([whole[-7] ^ 1]) + whole[-6:])
+        cloud.write_bytes(cloud_bytes[:-7] + bytes([cloud_bytes[-7] ^ 1]) + cloud_bytes[-6:])
     elif spoil == "row":
         row.write_bytes(row.read_bytes()[:-5])
     elif spoil == "empty row":
         row.write_text("[]")
     else:
-        cloud.write_bytes(whole[:-7] if spoil == "shorter" else whole + b"x")
+        cloud.write_bytes(cloud_bytes[:-7] if spoil == "shorter" else cloud_bytes + b"x")
     assert store.row(task.key) is None
-    assert render_in_process(task, store).read_bytes() == whole
+    assert render_in_process(task, store).read_bytes() == cloud_bytes
 
 
 @pytest.mark.parametrize("full_at", ["cloud", "row"])

@@ -33,12 +33,12 @@ def folder(mi, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The command run once; `test_clouds_from_files` draws the charts whole, tests/figures the pictures."""
     base = tmp_path_factory.mktemp("compare")
     (base / "wall.toml").write_text(WALL.replace('"wall"', '"wall"\nclass = "building"', 1))
-    where = base / "new" / "out"
-    argv = ["compare", str(base / "wall.toml"), *PAIR, "-o", str(where), *WEAK, *SWEPT]
+    output_folder = base / "new" / "out"
+    argv = ["compare", str(base / "wall.toml"), *PAIR, "-o", str(output_folder), *WEAK, *SWEPT]
     with pytest.MonkeyPatch.context() as patch:
         draw_roughly(patch)
         assert main.main(argv) == 0
-    return where
+    return output_folder
 
 
 def rows(path: Path) -> list[dict[str, str]]:
@@ -167,8 +167,8 @@ def test_numbers_agree(folder: Path) -> None:
         assert sum(sensor["lost"].values()) == sensor["rate"]["surfaces"] - sensor["rate"]["found"]
     counts_found = [sensor["rate"]["found"] for sensor in numbers["sensors"]]
     assert [pair["both"] + pair["only_a"], pair["both"] + pair["only_b"]] == counts_found
-    (whole,) = [row for row in rows(folder / "pairs-table1-sipm.csv") if row["by"] == "all"]
-    assert [int(whole[key]) for key in ("both", "only_a", "only_b", "neither")] == [
+    (row_of_all,) = [row for row in rows(folder / "pairs-table1-sipm.csv") if row["by"] == "all"]
+    assert [int(row_of_all[key]) for key in ("both", "only_a", "only_b", "neither")] == [
         pair[key] for key in ("both", "only_a", "only_b", "neither")
     ]
     assert {row["illuminance_klux"] for row in rows(folder / "illuminance.csv")} == {"0.1", "100"}

@@ -24,11 +24,11 @@ RISEN = "--set=table1-sipm:mounting.position_m=[0.0,0.0,1.9]"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The command run once; `test_points_on_bodies` draws the charts whole."""
-    where = tmp_path_factory.mktemp("fov") / "new" / "out"
+    output_folder = tmp_path_factory.mktemp("fov") / "new" / "out"
     with pytest.MonkeyPatch.context() as patch:
         draw_roughly(patch)
-        assert main.main(["fov", "table1-apd", "table1-sipm", "-o", str(where), *FAST, RISEN]) == 0
-    return where
+        assert main.main(["fov", "table1-apd", "table1-sipm", "-o", str(output_folder), *FAST, RISEN]) == 0
+    return output_folder
 
 
 NAMES = study.file_names(["table1-apd", "table1-sipm"], with_ground=True, with_scene=False)
@@ -98,8 +98,8 @@ def test_pages_show_everything(folder: Path) -> None:
 @pytest.fixture(scope="module")
 def second_run(tmp_path_factory: pytest.TempPathFactory, run_python) -> tuple[Path, Any, str]:
     """The same once more in another process, without a back end: its folder, its JSON, what it loaded."""
-    where = tmp_path_factory.mktemp("fov again") / "out"
-    argv = ["fov", "table1-apd", "table1-sipm", "-o", str(where), *FAST, RISEN, "--json"]
+    output_folder = tmp_path_factory.mktemp("fov again") / "out"
+    argv = ["fov", "table1-apd", "table1-sipm", "-o", str(output_folder), *FAST, RISEN, "--json"]
     code = f"""
 import sys
 sys.path.append({str(Path(__file__).parents[1])!r})
@@ -114,15 +114,15 @@ sys.exit(code)
     ran = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
     assert (ran.returncode, ran.stderr) == (0, "")
     printed, loaded = ran.stdout.rstrip("\n").rsplit("\n", 1)
-    return where, json.loads(printed), loaded
+    return output_folder, json.loads(printed), loaded
 
 
 def test_the_same_again_and_as_json(folder: Path, second_run: tuple[Path, Any, str]) -> None:
-    where, numbers, _ = second_run
+    second_folder, numbers, _ = second_run
     assert numbers["sensors"]["table1-apd"]["coverage"]["0.01"] == 1.0
     assert numbers["sensors"]["table1-apd"]["points_per_s"] == pytest.approx(50e3)
     for name in NAMES:
-        assert (where / name).read_bytes() == (folder / name).read_bytes(), name
+        assert (second_folder / name).read_bytes() == (folder / name).read_bytes(), name
 
 
 def test_runs_without_tracing(second_run: tuple[Path, Any, str]) -> None:

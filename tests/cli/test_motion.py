@@ -64,10 +64,10 @@ def test_frames_in_a_folder(mi, run: Run, small_pictures: None, drive: str, tmp_
         assert cloud.metadata["frame"] == "vehicle"
         assert float(cloud.metadata["frame_start_s"]) == pytest.approx(0.1 + number * FRAME_S, abs=1e-12)
         assert 0.0 <= cloud.time_s.min() < cloud.time_s.max() < FRAME_S
-        ahead = np.cos(cloud.elevation_rad) * np.cos(cloud.azimuth_rad)
+        cos_ahead = np.cos(cloud.elevation_rad) * np.cos(cloud.azimuth_rad)
         wall_m = 10.0 - 30.0 * (0.1 + number * FRAME_S + cloud.time_s)
         echo = cloud.status == 0
-        np.testing.assert_allclose((cloud.true_range_m * ahead)[echo], wall_m[echo], atol=1e-4)
+        np.testing.assert_allclose((cloud.true_range_m * cos_ahead)[echo], wall_m[echo], atol=1e-4)
         missed = np.load(f"m/x_{number:04d}.npz")
         assert len(missed["pulse"]) == BEAMS - counts_of_run["frames"][number]["echoes"]
         assert missed["pulse"].min() // BEAMS == missed["pulse"].max() // BEAMS == number

@@ -124,11 +124,11 @@ def test_frames_in_one_bag(run: Run, wall: str, tmp_path: Path, library: Any) ->
     With the stamp, the times of the points are when their pulses left.
     """
     highlevel, typesys = library("rosbags.highlevel"), library("rosbags.typesys")
-    few = ("--frames", "3", "--begin", "0.05", *COARSE)
-    ran = run("render", wall, "-o", "drive.mcap", *few)
+    options = ("--frames", "3", "--begin", "0.05", *COARSE)
+    ran = run("render", wall, "-o", "drive.mcap", *options)
     assert (ran.code, ran.err) == (0, "")
     assert ran.out.splitlines()[-1] == "wrote         3 frames in drive.mcap"
-    assert run("render", wall, "-o", "apart", *few).code == 0
+    assert run("render", wall, "-o", "apart", *options).code == 0
     clouds = [PointCloud.load(tmp_path / "apart" / f"frame_000{n}.ply") for n in range(3)]
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     with highlevel.AnyReader([tmp_path / "drive.mcap"], default_typestore=store) as bag:

@@ -33,7 +33,7 @@ def paper_run(tmp_path_factory: pytest.TempPathFactory, run_python) -> tuple[Pat
 
     What it computes is kept for the other tests of the paper.
     """
-    where = tmp_path_factory.mktemp("paper") / "new" / "out"
+    output_folder = tmp_path_factory.mktemp("paper") / "new" / "out"
     code = f"""
 import sys
 sys.path.insert(0, r"{TESTS}")
@@ -41,14 +41,14 @@ import pytest
 from helpers.paper_results import computed, use
 from lidarscene.cli.main import main
 use(pytest.MonkeyPatch(), computed())
-code = main(["paper", "-o", r"{where}", "--json"])
+code = main(["paper", "-o", r"{output_folder}", "--json"])
 print([name for name in ("mitsuba", "drjit", "lidarscene.kernel") if name in sys.modules])
 sys.exit(code)
 """
     ran = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
     assert (ran.returncode, ran.stderr) == (0, "")
     printed, loaded = ran.stdout.rstrip("\n").rsplit("\n", 1)
-    return where, json.loads(printed), loaded
+    return output_folder, json.loads(printed), loaded
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def folder(paper_run: tuple[Path, Any, str]) -> Path:
 @pytest.fixture(scope="module")
 def second_run(paper_run: tuple[Path, Any, str], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """And once more in this process, on what is found once for all tests: its folder, what it prints."""
-    where = tmp_path_factory.mktemp("paper again") / "out"
+    output_folder = tmp_path_factory.mktemp("paper again") / "out"
     output, save = io.StringIO(), lines.save
 
     def save_some(chart: Chart, paths: list[Path]) -> None:
@@ -69,8 +69,8 @@ def second_run(paper_run: tuple[Path, Any, str], tmp_path_factory: pytest.TempPa
     with contextlib.redirect_stdout(output), pytest.MonkeyPatch.context() as patch:
         patch.setattr(lines, "save", save_some)
         use(patch, results())
-        assert main.main(["paper", "-o", str(where)]) == 0
-    return where, output.getvalue()
+        assert main.main(["paper", "-o", str(output_folder)]) == 0
+    return output_folder, output.getvalue()
 
 
 def test_all_files_are_there_and_nothing_else(folder: Path) -> None:

@@ -97,7 +97,7 @@ def test_ousters_own_client_takes_the_stream(mi: Any, run: Run, wall: str, libra
         ended.set()
         listening.join()
     assert ran.code == 0
-    assert [whole for whole, _ in frames] == [True, True]
+    assert [is_complete for is_complete, _ in frames] == [True, True]
     assert min(points for _, points in frames) > 500
 
 

@@ -28,8 +28,8 @@ def test_frames_of_a_folder_come_by_their_numbers(tmp_path: Path) -> None:
     for name in [*reversed(names), ".frame_1.ply", "notes.txt"]:
         (tmp_path / name).touch()
     assert [path.name for path in list_clouds([tmp_path])] == names
-    alone = tmp_path / "b.ply"
-    assert list_clouds([alone, tmp_path])[0] == alone
+    single_file = tmp_path / "b.ply"
+    assert list_clouds([single_file, tmp_path])[0] == single_file
 
 
 @pytest.mark.parametrize(

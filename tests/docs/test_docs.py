@@ -229,13 +229,13 @@ def formats_table() -> str:
     """Formats that keep the same share a row."""
     groups: dict[tuple[str, ...], list[str]] = {}
     for name, format_of_file in FORMATS.items():
-        does = ("yes" if able else "no" for able in (format_of_file.stream, format_of_file.read))
+        abilities = ("yes" if able else "no" for able in (format_of_file.stream, format_of_file.read))
         cells_of_format = (
             f"`{format_of_file.extra}`" if format_of_file.extra else "-",
             format_of_file.columns,
             format_of_file.positions,
             format_of_file.beside,
-            *does,
+            *abilities,
         )
         groups.setdefault(cells_of_format, []).append(name)
     rows = ["| `--format` | suffix | needs | columns | positions | also in the file | in pieces | read again |"]
@@ -411,12 +411,12 @@ def refresh_tables() -> None:
         parents, table_rows = rows_of(name)
         words = {key: meaning for key, (*_, meaning) in table_rows.items()}
         keys = declared_keys(name)
-        about = {info.alias or field: info.description or "" for field, info in MODELS[name].model_fields.items()}
-        elsewhere = {key for parent in parents for key in keys_of(parent)}
+        descriptions = {info.alias or field: info.description or "" for field, info in MODELS[name].model_fields.items()}
+        inherited_keys = {key for parent in parents for key in keys_of(parent)}
         order = [key for key in words if key in keys]
-        order += [key for key in keys if key not in words and key not in elsewhere]
+        order += [key for key in keys if key not in words and key not in inherited_keys]
         rows = ["| key | default | values | meaning |", "|---|---|---|---|"]
-        rows += [f"| `{key}` | {' | '.join(keys[key])} | {words.get(key, about[key])} |" for key in order]
+        rows += [f"| `{key}` | {' | '.join(keys[key])} | {words.get(key, descriptions[key])} |" for key in order]
         new = "\n".join(rows)
         for page, text in texts.items():
             texts[page] = re.sub(keys_table(name), lambda table: table[1] + new, text, flags=re.DOTALL)  # noqa: B023

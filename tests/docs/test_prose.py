@@ -236,9 +236,14 @@ def test_tails() -> None:
     while statistics.false_alarm_probability(with_threshold(equal), TABLE_1, tail="exact") > tail["bright"]["gaussian"]:
         equal += 0.05
     says("theory.md", "and TNR {} is needed for the alarms that (9) promises", pytest.approx(equal, abs=0.05))
-    off = {n: saddle_point(n) for n in (24.0, 2.4, 0.5)}
-    assert 0.4 < off[0.5] < 0.6
-    says("theory.md", "The saddle point is {} % low with 24 primaries, {} % with 2.4", 100 * off[24.0], 100 * off[2.4])
+    percent_off = {n: saddle_point(n) for n in (24.0, 2.4, 0.5)}
+    assert 0.4 < percent_off[0.5] < 0.6
+    says(
+        "theory.md",
+        "The saddle point is {} % low with 24 primaries, {} % with 2.4",
+        100 * percent_off[24.0],
+        100 * percent_off[2.4],
+    )
     assert float(tail["dim"]["exact"]) > 600 * tail["dim"]["gaussian"]
 
 
@@ -277,8 +282,8 @@ def test_panes() -> None:
     cos_t = math.sqrt(1.0 - 0.75 / 2.25)
     across = ((0.5 - 1.5 * cos_t) / (0.5 + 1.5 * cos_t)) ** 2
     along = ((1.5 * 0.5 - cos_t) / (1.5 * 0.5 + cos_t)) ** 2
-    apart = 0.5 * sum(2.0 * r / (1.0 + r) for r in (across, along))
-    says("theory.md", "the mean of the two panes would mirror {} % and not {}", 100.0 * apart, 100.0 * mean)
+    separate = 0.5 * sum(2.0 * r / (1.0 + r) for r in (across, along))
+    says("theory.md", "the mean of the two panes would mirror {} % and not {}", 100.0 * separate, 100.0 * mean)
     shares = 100.0 * np.array([clear_glass(degrees) for degrees in (0, 60, 75)]).T
     says("theory.md", "mirror {}, {} and {} % and let {}, {} and {} % through", *shares.ravel())
     water = 1.0 - (1.0 - dielectrics.diffuse_fresnel_reflectance(1.33)) / 1.33**2
@@ -310,9 +315,9 @@ def test_two_boards() -> None:
 
 
 def test_sipm_page() -> None:
-    whole = sipm_response.captured_photons(photons=1.0, pulse_fwhm_s=1.0, dead_time_s=1e3)
+    short_pulse = sipm_response.captured_photons(photons=1.0, pulse_fwhm_s=1.0, dead_time_s=1e3)
     equal_duration = sipm_response.captured_photons(photons=1.0, pulse_fwhm_s=1.0, dead_time_s=1.0)
-    says("sipm.md", "light in the count at its peak, {} times what (24) has", whole)
+    says("sipm.md", "light in the count at its peak, {} times what (24) has", short_pulse)
     says("sipm.md", "a pulse as long as tau has {} times", equal_duration)
     low, high = 0.1, 10.0
     while high - low > 1e-6:

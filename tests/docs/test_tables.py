@@ -177,8 +177,11 @@ def test_published_against_simulated() -> None:
     """Largest errors of the ranges, in words that `catalog check` prints row by row."""
     ranges = [row for name in catalog.names("sensors") for row in check_published(name) if row.quantity == "range"]
     errors = {row.value: row for row in ranges if row.value is not None}
-    least, most = errors[min(errors)], errors[max(errors)]
-    assert [(row.subject, row.condition[:3]) for row in (least, most)] == [("os2-128", "80%"), ("livox-avia", "80%")]
+    worst_low, worst_high = errors[min(errors)], errors[max(errors)]
+    assert [(row.subject, row.condition[:3]) for row in (worst_low, worst_high)] == [
+        ("os2-128", "80%"),
+        ("livox-avia", "80%"),
+    ]
     says(
         "sensors.md",
         "up to {} % short (`os2-128`, 80 %) and up to {} % long (`livox-avia`, 80 %)",
@@ -348,13 +351,13 @@ def test_sun() -> None:
 
 
 def test_eye_safety_of_table_1() -> None:
-    still, moved = (
+    stationary, moved = (
         {c.quantity: c for c in report.criteria if c.subject == "eye"}
         for report in (eye_safety_report(load_sensor("table1-apd"), scanned=scanned) for scanned in (False, True))
     )
     rows = {row[0]: row[1:] for row in table("eye_safety.md", "| limit")}
     for name, unit in (("single pulse", 1e9), ("pulse train", 1e9), ("average power", 1e3)):
-        check_still, check_moved = still[name], moved[name]
+        check_still, check_moved = stationary[name], moved[name]
         c5 = [float(c.note.split()[2]) for c in (check_still, check_moved) if c.note.startswith("C5")]
         limits = [unit * (check_still.reference or 0.0)]
         if c5:

@@ -16,11 +16,11 @@ def saved(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     from matplotlib.figure import Figure
 
     figures: list[Any] = []
-    whole = Figure.savefig
+    savefig = Figure.savefig
 
     def save_and_keep(figure: Figure, *args: Any, **options: Any) -> None:
         figures.append(figure)
-        whole(figure, *args, **options)
+        savefig(figure, *args, **options)
 
     monkeypatch.setattr(Figure, "savefig", save_and_keep)
     return figures

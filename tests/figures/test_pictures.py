@@ -79,11 +79,11 @@ def test_colours_answer_to_the_column(name: str, cloud: PointCloud, by_intensity
 
 
 def test_every_column_can_be_drawn(cloud: PointCloud, tmp_path: Path) -> None:
-    few = cloud.select(slice(0, None, 40))
-    for column in few.columns:
-        range_image(few, tmp_path / "a.png", colour_by=column.name, size_px=(160, 80))
+    thinned = cloud.select(slice(0, None, 40))
+    for column in thinned.columns:
+        range_image(thinned, tmp_path / "a.png", colour_by=column.name, size_px=(160, 80))
     for name in ("x", "range", "intensity", "detection_probability", "azimuth", "pulse_width", "class", "body"):
-        range_image(few.select([0]), tmp_path / "a.png", colour_by=name, size_px=(160, 80))
+        range_image(thinned.select([0]), tmp_path / "a.png", colour_by=name, size_px=(160, 80))
 
 
 def test_unknown_column_lists_the_choices(cloud: PointCloud, tmp_path: Path) -> None:
@@ -96,10 +96,10 @@ def test_unknown_column_lists_the_choices(cloud: PointCloud, tmp_path: Path) -> 
 
 def test_false_alarms_stand_out(cloud: PointCloud, tmp_path: Path) -> None:
     magenta = np.frombuffer(bytes.fromhex(pictures.ALARM[1:]), np.uint8)
-    for highlighted, least in ((True, 20), (False, 0)):
+    for highlighted, fewest_pixels in ((True, 20), (False, 0)):
         perspective_picture(cloud, tmp_path / "a.png", highlight_false_alarms=highlighted, size_px=(960, 540))
         pixels_of_alarms = int((np.abs(picture(tmp_path / "a.png").astype(int) - magenta).max(axis=2) < 3).sum())
-        assert pixels_of_alarms > least if highlighted else pixels_of_alarms == 0
+        assert pixels_of_alarms > fewest_pixels if highlighted else pixels_of_alarms == 0
 
 
 def test_svg_has_pixels_and_texts(cloud: PointCloud, tmp_path: Path) -> None:
@@ -124,9 +124,9 @@ def test_no_label_lies_over_points(cloud: PointCloud, monkeypatch: Any, tmp_path
             images.append((x, y, x + image.shape[1], y + image.shape[0]))
         show(self, image, x, y)
 
-    def record_text(self: Canvas, x: float, y: float, *about: Any, **more: Any) -> None:
+    def record_text(self: Canvas, x: float, y: float, *arguments: Any, **more: Any) -> None:
         texts.append((x, y))
-        text(self, x, y, *about, **more)
+        text(self, x, y, *arguments, **more)
 
     monkeypatch.setattr(Canvas, "show", record_image)
     monkeypatch.setattr(Canvas, "text", record_text)
@@ -143,24 +143,24 @@ def test_surfaces_are_drawn_faintly_behind_points(cloud: PointCloud, tmp_path: P
 
     Reference: FAINT adds up to 1 for a surface seen square, so that its pixels have SURFACE_RGB.
     """
-    few = cloud.select(slice(0, None, 50))
+    thinned = cloud.select(slice(0, None, 50))
 
     def wall(camera: Any, size: tuple[int, int]) -> Any:
         depth = np.full(size[::-1], np.inf, np.float32)
         depth[:, : size[0] // 2] = 20.0
         return depth
 
-    frame_picture(few, tmp_path / "a.png")
-    frame_picture(few, tmp_path / "b.png", surfaces=wall)
-    bare, behind = picture(tmp_path / "a.png")[90:], picture(tmp_path / "b.png")[90:]
-    assert (behind >= bare).all()
-    assert (bare != behind).any(axis=2).mean() > 0.2
-    assert (bare[:, 970:] == behind[:, 970:]).all()
+    frame_picture(thinned, tmp_path / "a.png")
+    frame_picture(thinned, tmp_path / "b.png", surfaces=wall)
+    bare, with_surfaces = picture(tmp_path / "a.png")[90:], picture(tmp_path / "b.png")[90:]
+    assert (with_surfaces >= bare).all()
+    assert (bare != with_surfaces).any(axis=2).mean() > 0.2
+    assert (bare[:, 970:] == with_surfaces[:, 970:]).all()
     empty = (bare[100:200, 100:800] == rgb(pictures.BACKGROUND)).all(axis=2)
-    background_rgb = behind[100:200, 100:800][empty]
+    background_rgb = with_surfaces[100:200, 100:800][empty]
     assert (np.abs(np.median(background_rgb, axis=0) - np.array(pixels.SURFACE_RGB)) <= 1).all()
     bright = bare.max(axis=2) > 100
-    assert (bare[bright] == behind[bright]).all()
+    assert (bare[bright] == with_surfaces[bright]).all()
 
 
 def test_common_scale_holds_all_clouds(cloud: PointCloud, tmp_path: Path) -> None:
@@ -169,8 +169,8 @@ def test_common_scale_holds_all_clouds(cloud: PointCloud, tmp_path: Path) -> Non
     low, high = pictures.common_scale([near, far], "range")
     np.testing.assert_allclose([low, high], np.percentile(cloud.range_m, (1, 99)), rtol=1e-6)
     shades = [Shades(near_or_far, "range", limits=(low, high)).rgb for near_or_far in (near, far)]
-    whole = Shades(cloud, "range").rgb
-    np.testing.assert_array_equal(shades[0], whole[cloud.range_m < 15])
+    shades_of_all = Shades(cloud, "range").rgb
+    np.testing.assert_array_equal(shades[0], shades_of_all[cloud.range_m < 15])
     assert (Shades(near, "range").rgb != shades[0]).any()
 
 
@@ -357,11 +357,11 @@ def test_each_sensor_of_a_rig_has_its_own_range_image(cloud: PointCloud, monkeyp
     numbers = (np.arange(len(cloud)) % 4).astype(np.uint8)
     drawn: list[tuple[str, int]] = []
 
-    def noted(canvas: Any, box: Any, cells: Any, shades: Any, *, labels: bool, name: str) -> None:
+    def record_cells(canvas: Any, box: Any, cells: Any, shades: Any, *, labels: bool, name: str) -> None:
         drawn.append((name, len(shades.rgb)))
         assert cells.point.max() < len(shades.rgb)
 
-    monkeypatch.setattr(pictures, "_draw_range_image", noted)
+    monkeypatch.setattr(pictures, "_draw_range_image", record_cells)
     rig = dataclasses.replace(cloud, sensor_names=labels, sensor_index=numbers)
     frame_picture(rig, tmp_path / "rig.png", colour_by="sensor_index", size_px=(300, 250))
     assert drawn == [(label, int((numbers == labels.index(label)).sum())) for label in ("right", "left", "roof")]
@@ -454,12 +454,12 @@ def test_the_bar_beside_a_range_image_is_far_on_top(
     bars = []
     show = Canvas.show
 
-    def noted(self: Canvas, image: Any, x: int, y: int) -> None:
+    def record_bar(self: Canvas, image: Any, x: int, y: int) -> None:
         if image.shape[1] < 60 < image.shape[0]:
             bars.append(image)
         show(self, image, x, y)
 
-    monkeypatch.setattr(Canvas, "show", noted)
+    monkeypatch.setattr(Canvas, "show", record_bar)
     range_image(cloud, tmp_path / "a.png")
     (bar,) = bars
     scale = pictures.scale_of("range", cloud.range_m)

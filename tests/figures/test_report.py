@@ -12,21 +12,21 @@ NAME = "[a](javascript:b)|`c` <script>\n# *d* _e_"
 ESCAPED = r"\[a\](javascript:b)\|\`c\` \<script> # \*d\* \_e\_"
 
 
-@pytest.mark.parametrize("where", ["title", "heading", "paragraph", "caption", "header", "cell"])
-def test_names_are_text_in_markdown(where: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("block", ["title", "heading", "paragraph", "caption", "header", "cell"])
+def test_names_are_text_in_markdown(block: str, tmp_path: Path) -> None:
     """Rationale: sensors are named by their files, and pages are sent to others."""
-    report = Report(NAME if where == "title" else "t", tmp_path, embeds=False)
-    if where == "heading":
+    report = Report(NAME if block == "title" else "t", tmp_path, embeds=False)
+    if block == "heading":
         report.heading(NAME)
-    if where == "paragraph":
+    if block == "paragraph":
         report.paragraph(NAME)
-    if where == "caption":
+    if block == "caption":
         report.figure(Figure("f", lambda path: None, (("x",), [(1.0,)]), NAME))
         report.pictures([("f", NAME)])
-    if where in ("header", "cell"):
-        report.table([NAME if where == "header" else "h"], [[NAME if where == "cell" else "c"]])
+    if block in ("header", "cell"):
+        report.table([NAME if block == "header" else "h"], [[NAME if block == "cell" else "c"]])
     text = report.as_markdown()
-    assert text.count(ESCAPED) == (2 if where == "caption" else 1)
+    assert text.count(ESCAPED) == (2 if block == "caption" else 1)
     assert "javascript" not in text.replace(ESCAPED, "")
     assert "<script" not in report.as_html()
     assert "&lt;script&gt;" in report.as_html()

@@ -105,8 +105,8 @@ def test_bombs_in_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(inputs, "FREE_UNPACKED", 1 << 20)
     small_cloud(3).save(tmp_path / "a.parquet")
-    about = parquet.read_schema(tmp_path / "a.parquet").metadata
-    table = pyarrow.table({"x": np.zeros(1 << 20, np.float32)}).replace_schema_metadata(about)
+    metadata = parquet.read_schema(tmp_path / "a.parquet").metadata
+    table = pyarrow.table({"x": np.zeros(1 << 20, np.float32)}).replace_schema_metadata(metadata)
     parquet.write_table(table, tmp_path / "a.parquet")
     assert "must unpack to at most 100 times" in refusal_message(PointCloud.load, tmp_path / "a.parquet")
     small_cloud(3).save(tmp_path / "a.pcd", format="pcd-compressed")

@@ -66,10 +66,10 @@ def units_of(kind: str, name: str) -> list[tuple[str, float | list[float], float
                 if key != "sources":
                     yield from walk(value, f"{before}{key}.")
             else:
-                many = value if isinstance(value, list) else [value]
+                numbers = value if isinstance(value, list) else [value]
                 unit = key.rpartition("_")[2]
                 factor = UNITS[unit][1] if unit in UNITS else 1e3 if unit == "klux" else None
-                if factor and all(isinstance(number, (int, float)) for number in many) and any(many):
+                if factor and all(isinstance(number, (int, float)) for number in numbers) and any(numbers):
                     yield f"{before}{key}", value, factor
 
     return list(walk(tables, ""))

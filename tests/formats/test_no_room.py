@@ -65,8 +65,8 @@ def test_no_room_is_one_line(tmp_path: Path, name: str) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["warm"]
 
 
-@pytest.mark.parametrize("how", ["SIGTERM", "SIGKILL"])
-def test_a_killed_bag_leaves_no_folder(tmp_path: Path, how: str, library: Any) -> None:
+@pytest.mark.parametrize("signal_name", ["SIGTERM", "SIGKILL"])
+def test_a_killed_bag_leaves_no_folder(tmp_path: Path, signal_name: str, library: Any) -> None:
     """Asked to end, it cleans up; what no process can clean up is gone after the next write to the name."""
     import signal
 
@@ -80,9 +80,9 @@ def test_a_killed_bag_leaves_no_folder(tmp_path: Path, how: str, library: Any) -
     assert writing.stdout is not None
     assert writing.stdout.readline() == b"half\n"
     wait_until(lambda: any(entry.is_dir() for entry in path.parent.iterdir()))
-    writing.send_signal(getattr(signal, how))
+    writing.send_signal(getattr(signal, signal_name))
     writing.communicate(timeout=PATIENCE_S)
-    if how == "SIGTERM":
+    if signal_name == "SIGTERM":
         assert writing.returncode == 128 + signal.SIGTERM
         assert list(tmp_path.iterdir()) == []
     small_cloud().save(path)

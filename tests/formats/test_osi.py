@@ -87,8 +87,8 @@ def test_times_are_to_the_nearest_nanosecond(seconds: float) -> None:
             value, shift, offset = value | (content[offset] & 0x7F) << shift, shift + 7, offset + 1
         numbers.append(value | content[offset] << shift)
         offset += 1
-    whole, nanoseconds = numbers
+    seconds_part, nanoseconds = numbers
     assert nanoseconds < 10**9
     # A product of two doubles is rounded once: of 1.7e9 s to 256 ns.
-    off = abs(Fraction(whole) + Fraction(nanoseconds, 10**9) - Fraction(seconds))
-    assert off <= Fraction(1, 2 * 10**9) + Fraction(seconds) * Fraction(2) ** -53
+    error_s = abs(Fraction(seconds_part) + Fraction(nanoseconds, 10**9) - Fraction(seconds))
+    assert error_s <= Fraction(1, 2 * 10**9) + Fraction(seconds) * Fraction(2) ** -53

@@ -81,5 +81,5 @@ def test_a_compressed_file_begins_with_both_lengths(tmp_path: Path, library: Any
     _, body = (tmp_path / "a.pcd").read_bytes().split(b"DATA binary_compressed\n", 1)
     packed, size = struct.unpack_from("<II", body)
     assert packed == len(body) - 8 < size == N * sum(cloud.column(c.name).itemsize for c in cloud.columns)
-    whole = library("lzf").decompress(body[8:], size)
-    np.testing.assert_array_equal(np.frombuffer(whole, "<f4", N), cloud.xyz_m[:, 0])
+    unpacked = library("lzf").decompress(body[8:], size)
+    np.testing.assert_array_equal(np.frombuffer(unpacked, "<f4", N), cloud.xyz_m[:, 0])

@@ -39,12 +39,12 @@ def test_a_file_is_read_by_the_block(tmp_path: Path, monkeypatch: pytest.MonkeyP
     sizes: list[int] = []
     read = np.fromfile
 
-    def noted(file: Any, dtype: Any, count: int) -> Any:
+    def read_and_count(file: Any, dtype: Any, count: int) -> Any:
         sizes.append(count)
         return read(file, dtype, count=count)
 
     write_ply(tmp_path / "a.ply", small_cloud(27))
-    monkeypatch.setattr(np, "fromfile", noted)
+    monkeypatch.setattr(np, "fromfile", read_and_count)
     assert_same(PointCloud.load(tmp_path / "a.ply"), small_cloud(27))
     assert sizes == [8, 8, 8, 3]
 
@@ -149,9 +149,9 @@ def test_every_truncation_is_noticed(tmp_path: Path, ascii: bool) -> None:
 
     Text is cut at each byte of its points, where half a number is a number too.
     """
-    whole, cut = tmp_path / "a.ply", tmp_path / "b.ply"
-    write_ply(whole, small_cloud(3), ascii=ascii)
-    data = whole.read_bytes()
+    complete, cut = tmp_path / "a.ply", tmp_path / "b.ply"
+    write_ply(complete, small_cloud(3), ascii=ascii)
+    data = complete.read_bytes()
     points = data.index(b"end_header") if ascii else len(data)
     for size in (*range(0, points, 7), *range(points, len(data))):
         cut.write_bytes(data[:size])
@@ -282,10 +282,10 @@ def test_writing_takes_no_step_for_each_point(tmp_path: Path) -> None:
     """
 
     def steps(points: int) -> int:
-        cloud, counted = small_cloud(points), [0]
+        cloud, calls = small_cloud(points), [0]
 
         def count(*_: Any) -> Any:
-            counted[0] += 1
+            calls[0] += 1
             return count
 
         before = sys.gettrace(), sys.getprofile()
@@ -296,7 +296,7 @@ def test_writing_takes_no_step_for_each_point(tmp_path: Path) -> None:
         finally:
             sys.setprofile(before[1])
             sys.settrace(before[0])
-        return counted[0]
+        return calls[0]
 
     steps(10)  # the first of a process imports and caches
     assert 100 < steps(10_000) <= steps(10) + 10
@@ -335,8 +335,8 @@ def test_every_scalar_type_of_ply(tmp_path: Path) -> None:
     for word, order in (("binary_little_endian", "<"), ("binary_big_endian", ">")):
         rows = np.zeros(2, [(name, order + kind) for name, kind in fields])
         for name, kind in fields:
-            about = np.iinfo(kind) if kind[0] in "iu" else np.finfo(kind)
-            rows[name] = [about.min, about.max]
+            limits = np.iinfo(kind) if kind[0] in "iu" else np.finfo(kind)
+            rows[name] = [limits.min, limits.max]
         lines = [f"property {name[:-1]} {name}" for name, _ in fields]
         head = "\n".join(["ply", f"format {word} 1.0", "element vertex 2", *lines, "end_header", ""])
         (tmp_path / "a.ply").write_bytes(head.encode() + rows.tobytes())

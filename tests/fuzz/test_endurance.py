@@ -63,7 +63,7 @@ def test_killed_at_any_moment(mi: Any, tmp_path: Path) -> None:
     (tmp_path / "moving.toml").write_text(MOVING)
     rng, out = random.Random(run_seed() or 1), tmp_path / "out"
     for number in range(KILLS):
-        how = (signal.SIGTERM, signal.SIGKILL)[number % 2]
+        signal_number = (signal.SIGTERM, signal.SIGKILL)[number % 2]
         running = subprocess.Popen(
             [
                 sys.executable,
@@ -86,11 +86,11 @@ def test_killed_at_any_moment(mi: Any, tmp_path: Path) -> None:
         before = _clouds(out)
         wait_until(lambda before=before, running=running: _clouds(out) != before or running.poll() is not None)
         time.sleep(rng.random() * 0.3)
-        running.send_signal(how)
+        running.send_signal(signal_number)
         running.wait(PATIENCE_S)
-        assert running.returncode == (-how if how == signal.SIGKILL else 128 + how)
+        assert running.returncode == (-signal_number if signal_number == signal.SIGKILL else 128 + signal_number)
         parts_left = sorted(part for part in out.rglob("*.part") if f".{running.pid}." in part.name)
-        assert len(parts_left) <= (4 if how == signal.SIGKILL else 0)
+        assert len(parts_left) <= (4 if signal_number == signal.SIGKILL else 0)
         for path in out.glob("*.ply"):
             PointCloud.load(path)
         left_frames = {part.name.split(".")[1].split("_")[-1] for part in parts_left}

@@ -22,10 +22,10 @@ PARTS = int(os.environ.get("FUZZ_PARTS", "1"))
 def test_nothing_breaks_it(mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: int) -> None:
     monkeypatch.chdir(tmp_path)
     share = INPUTS // PARTS
-    whole = os.environ.get("FUZZ_TRACED") == "1"
-    with warnings.catch_warnings(), bounded_memory(), contextlib.nullcontext() if whole else untraced():
+    is_traced = os.environ.get("FUZZ_TRACED") == "1"
+    with warnings.catch_warnings(), bounded_memory(), contextlib.nullcontext() if is_traced else untraced():
         warnings.simplefilter("ignore")  # of NumPy, about numbers that overflow
         broken_inputs = list(failures(tmp_path, SEED, share, first=part * share))
-    for where, fuzzed, why in broken_inputs:
-        print(f"{where}: {fuzzed.about[:300]}\n{why}\n")  # noqa: T201 what pytest shows of a failure
+    for place, fuzzed, reason in broken_inputs:
+        print(f"{place}: {fuzzed.about[:300]}\n{reason}\n")  # noqa: T201 what pytest shows of a failure
     assert not broken_inputs, f"{len(broken_inputs)} of {share} inputs break it"

@@ -84,8 +84,8 @@ def test_visibility_by_tracing_each_body_alone(street_cloud: PointCloud) -> None
     direction = (street_cloud.xyz_m - street.SENSOR.position_m).astype(float)
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     for box in boxes(street_cloud, scene):
-        alone = Scene(bodies=(scene.bodies[box.body],))
-        range_m, _ = street.nearest(alone, street.SENSOR.position_m, direction)
+        scene_of_body = Scene(bodies=(scene.bodies[box.body],))
+        range_m, _ = street.nearest(scene_of_body, street.SENSOR.position_m, direction)
         meets = np.isfinite(range_m)
         assert box.beams == pytest.approx(meets.sum(), rel=0.01)
         expected = np.count_nonzero(street_cloud.body[meets] == box.body) / meets.sum()
@@ -95,8 +95,8 @@ def test_visibility_by_tracing_each_body_alone(street_cloud: PointCloud) -> None
 
 
 def test_a_body_that_no_beam_meets() -> None:
-    behind = street.block("behind", "car", CAR, street.pose_at(-30.0, 0.0, 0.75, 0.0))
-    scene = replace(street.scene(), bodies=(*street.scene().bodies, behind))
+    hidden_car = street.block("behind", "car", CAR, street.pose_at(-30.0, 0.0, 0.75, 0.0))
+    scene = replace(street.scene(), bodies=(*street.scene().bodies, hidden_car))
     box = box_named(street.cloud(described=scene), "behind", scene)
     assert (box.points_inside, box.points_on, box.beams, box.visibility, box.has_points) == (0, 0, 0, 0.0, False)
 
@@ -131,8 +131,8 @@ def test_balls_and_bodies_off_their_origin() -> None:
     ball = Body(name="b", class_name="car", parts=(Ball(radius_m=0.5, material="m"),), pose=street.pose_at(1, 2, 3, 0))
     np.testing.assert_allclose(box_of(ball, 0).size_m, [1, 1, 1])
     part = street.block("c", "car", (2.0, 2.0, 2.0), Pose()).parts[0]
-    off = replace(part, vertices_m=part.vertices_m + np.array([10.0, 0.0, 1.0]))
-    box = box_of(Body(name="c", class_name="car", parts=(off,), pose=street.pose_at(0, 0, 0, 90.0)), 0)
+    shifted_part = replace(part, vertices_m=part.vertices_m + np.array([10.0, 0.0, 1.0]))
+    box = box_of(Body(name="c", class_name="car", parts=(shifted_part,), pose=street.pose_at(0, 0, 0, 90.0)), 0)
     np.testing.assert_allclose(box.pose.position_m, [0.0, 10.0, 1.0], atol=1e-12)
 
 
@@ -610,14 +610,14 @@ def render_driving(*, motion_in: str) -> tuple[PointCloud, Scene]:
     described = Scene(bodies=(car, standing), ego=ego)
     parts = []
     for time_s in np.arange(0.0, 0.1, 0.01):
-        still = Scene(
+        scene_at_time = Scene(
             bodies=tuple(
                 replace(b, motion=None, pose=b.pose if b.motion is None else pose_at(b.motion, time_s))
                 for b in described.bodies
             )
         )
         sensor = pose_at(ego, time_s)
-        snapshot = street.cloud("sensor", described=still, sensor=sensor, step_deg=0.7)
+        snapshot = street.cloud("sensor", described=scene_at_time, sensor=sensor, step_deg=0.7)
         own_m = snapshot.xyz_m.astype(float)
         world_m = (street.SENSOR if motion_in == "in the points" else sensor).apply(own_m)
         parts.append(replace(snapshot, xyz_m=world_m.astype(np.float32), time_s=np.full(len(snapshot), time_s)))
@@ -659,10 +659,10 @@ def test_labels_do_not_show_how_the_frame_was_cut(
     with labels_stream(tmp_path / "pieces.ply", scene, format=format) as append:
         for first in range(0, len(cloud), 1000):
             append(cloud.select(slice(first, first + 1000)))
-    for whole, pieces in zip(
+    for complete, pieces in zip(
         *(label_paths(tmp_path / name, format=format) for name in ("whole.ply", "pieces.ply")), strict=True
     ):
-        assert whole.read_bytes() == pieces.read_bytes()
+        assert complete.read_bytes() == pieces.read_bytes()
 
 
 def test_points_that_waited_are_counted_where_they_are(tmp_path: Path) -> None:
@@ -671,13 +671,13 @@ def test_points_that_waited_are_counted_where_they_are(tmp_path: Path) -> None:
     Every other point comes a metre too far to the left and up: no axis may stand for another.
     """
     cloud, scene = render_driving(motion_in="removed")
-    aside = cloud.xyz_m + np.where(np.arange(len(cloud))[:, None] % 2, np.float32([0.0, 1.0, 0.4]), 0)
+    moved_m = cloud.xyz_m + np.where(np.arange(len(cloud))[:, None] % 2, np.float32([0.0, 1.0, 0.4]), 0)
     # The reported range says nothing of what stopped a beam; nor does a point that is no echo.
     noise = np.arange(len(cloud)) % 5 == 0
     assert cloud.true_range_m is not None
     cloud = replace(
         cloud,
-        xyz_m=aside.astype(np.float32),
+        xyz_m=moved_m.astype(np.float32),
         range_m=np.ones(len(cloud)),
         status=noise.astype(np.uint8),
         true_range_m=np.where(noise, np.float32(1.0), cloud.true_range_m),
@@ -701,8 +701,8 @@ def test_points_that_waited_are_counted_where_they_are(tmp_path: Path) -> None:
 def test_a_rig_whose_sensors_see_the_same_has_the_same_boxes() -> None:
     """Two sensors in one place, of which one counts its times from 30 ms later on: the same moments, the same boxes."""
     cloud, scene = render_driving(motion_in="removed")
-    late = replace(cloud, time_s=cloud.time_s - 0.03, metadata=cloud.metadata | {"frame_start_s": "0.03"})
-    merged = merge_clouds([replace(cloud, metadata=cloud.metadata | {"frame_start_s": "0.0"}), late], ["a", "b"])
+    later_cloud = replace(cloud, time_s=cloud.time_s - 0.03, metadata=cloud.metadata | {"frame_start_s": "0.03"})
+    merged = merge_clouds([replace(cloud, metadata=cloud.metadata | {"frame_start_s": "0.0"}), later_cloud], ["a", "b"])
     for single, two in zip(boxes(cloud, scene), boxes(merged, scene), strict=True):
         np.testing.assert_allclose(two.pose.position_m, single.pose.position_m, atol=1e-9)
         assert two.points_on == 2 * single.points_on
@@ -716,9 +716,9 @@ def test_boxes_of_a_later_frame_are_as_much_farther_on(sensors: int) -> None:
     for start_s in ("0.0", "0.2"):
         frame = replace(cloud, metadata=cloud.metadata | {"frame_start_s": start_s})
         boxes_of_frames.append(boxes(frame if sensors == 1 else merge_clouds([frame, frame], ["a", "b"]), scene))
-    for early, late in zip(*boxes_of_frames, strict=True):
-        way_m = late.pose.position_m - early.pose.position_m
-        np.testing.assert_allclose(way_m, 0.2 * early.velocity_m_s, atol=1e-9)
+    for early_box, late_box in zip(*boxes_of_frames, strict=True):
+        way_m = late_box.pose.position_m - early_box.pose.position_m
+        np.testing.assert_allclose(way_m, 0.2 * early_box.velocity_m_s, atol=1e-9)
     assert np.linalg.norm(boxes_of_frames[0][0].velocity_m_s) == pytest.approx(10.0)
 
 
@@ -742,8 +742,8 @@ def test_visibility_of_a_rig() -> None:
     clouds = [street.cloud("world"), street.cloud("world", sensor=second_sensor)]
     merged = merge_clouds(clouds, ["one", "two"])
     together = boxes(merged, street.scene())
-    apart = [boxes(cloud, street.scene()) for cloud in clouds]
-    for box, first, two in zip(together, *apart, strict=True):
+    boxes_of_sensors = [boxes(cloud, street.scene()) for cloud in clouds]
+    for box, first, two in zip(together, *boxes_of_sensors, strict=True):
         assert box.beams == first.beams + two.beams
         assert box.points_inside == first.points_inside + two.points_inside
         reached = first.visibility * first.beams + two.visibility * two.beams
@@ -766,9 +766,9 @@ def test_a_beam_may_end_a_little_before_the_box_that_it_meets(short_m: float, re
     """By 5 cm, the error of a range. The block's near face is 8 m ahead; the beam has an echo there or before."""
     scene = Scene(bodies=(street.block("block", "car", CAR, street.pose_at(10.0, 0.0, 0.0, 0.0)),))
     cloud = street.cloud("sensor", described=scene, sensor=Pose(), step_deg=6.0)
-    ahead = np.flatnonzero((np.abs(cloud.azimuth_rad) < 1e-6) & (np.abs(cloud.elevation_rad) < 1e-6))
-    assert len(ahead) == 1
-    single_beam = cloud.select(ahead)
+    straight_ahead = np.flatnonzero((np.abs(cloud.azimuth_rad) < 1e-6) & (np.abs(cloud.elevation_rad) < 1e-6))
+    assert len(straight_ahead) == 1
+    single_beam = cloud.select(straight_ahead)
     assert single_beam.true_range_m is not None
     assert single_beam.true_range_m[0] == pytest.approx(8.0)
     single_beam = replace(single_beam, true_range_m=single_beam.true_range_m - np.float32(short_m))

@@ -50,8 +50,8 @@ def test_rows_come_back_as_often_as_wanted(tmp_path: Path, monkeypatch: pytest.M
         assert [len(block) for block in rows.blocks()] == [3, 2]
         rows.append(a=np.arange(5, 7), b=np.arange(5, 7) / 2)
         for _ in range(2):
-            whole = np.concatenate(list(rows.blocks()))
-            assert whole["a"].tolist() == list(range(7))
-            assert (whole["b"] == whole["a"] / 2).all()
+            all_rows = np.concatenate(list(rows.blocks()))
+            assert all_rows["a"].tolist() == list(range(7))
+            assert (all_rows["b"] == all_rows["a"] / 2).all()
         assert len(rows) == 7
         assert list(tmp_path.iterdir()) == []

@@ -212,21 +212,21 @@ def test_rays_without_a_width_are_warned_of(mi, run: Run, moving: str) -> None:
     message = (
         r"^rays 3 changes nothing: laser.divergence_mrad of 'table1-apd' is 0; a width is given by overrides laser"
     )
-    with pytest.warns(OptionWarning, match=message) as noted:
+    with pytest.warns(OptionWarning, match=message) as caught:
         record(moving, sensor, outputs=Outputs("a.ply"), rays=3)
-    assert noted[0].filename == __file__
+    assert caught[0].filename == __file__
 
 
 def test_observers_are_told_of_what_is_streamed(mi, run: Run, moving: str) -> None:
     """The pulse of each point, as `render` tells it."""
     simulator = lidarscene.Simulator(load_scene(moving), load_sensor("table1-apd", overrides=SETS))
     clouds: list[lidarscene.PointCloud] = []
-    streamed, whole = list[np.ndarray](), list[np.ndarray]()
+    streamed, rendered = list[np.ndarray](), list[np.ndarray]()
     simulator.stream(clouds.append, points=lambda pulse, _: streamed.append(pulse), chunk=100)
-    simulator.render(points=lambda pulse, _: whole.append(pulse))
+    simulator.render(points=lambda pulse, _: rendered.append(pulse))
     assert len(streamed) == 3
-    np.testing.assert_array_equal(np.concatenate(streamed), np.concatenate(whole))
-    assert sum(map(len, clouds)) == len(whole[0]) > 0
+    np.testing.assert_array_equal(np.concatenate(streamed), np.concatenate(rendered))
+    assert sum(map(len, clouds)) == len(rendered[0]) > 0
 
 
 @pytest.mark.parametrize(

@@ -168,10 +168,10 @@ def test_outputs_are_those_of_the_api(run: Run, moving: str, tmp_path: Path) -> 
     scene = load_scene(moving)
     simulators_by_name = dict(simulators(scene, load_rig("rig.toml", overrides=overrides).sensors))
     clouds = [simulator.render() for simulator in simulators_by_name.values()]
-    still = [
+    deskewed_clouds = [
         deskewed(cloud, simulator.motion) for cloud, simulator in zip(clouds, simulators_by_name.values(), strict=True)
     ]
-    for name, parts in (("a", clouds), ("a.deskewed", still)):
+    for name, parts in (("a", clouds), ("a.deskewed", deskewed_clouds)):
         together = merge_clouds(parts, list(simulators_by_name))
         together.save(tmp_path / "api" / f"{name}.ply")
         write_labels(together, scene, tmp_path / "api" / f"{name}.ply", format="nuscenes")
@@ -193,12 +193,12 @@ def test_a_data_set_is_that_of_the_api(run: Run, moving: str, tmp_path: Path) ->
 def alive(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
     """How many chunks there were in memory at most, each when the next was handed out."""
     columns: list[weakref.ref[Any]] = []
-    most = [0]
+    most_alive = [0]
     stream = Simulator.stream
 
     def stream_and_watch(self: Simulator, sink: Callable[[PointCloud], None], *options: Any) -> None:
         def watch_chunk(cloud: PointCloud) -> None:
-            most[0] = max(most[0], sum(column_ref() is not None for column_ref in columns))
+            most_alive[0] = max(most_alive[0], sum(column_ref() is not None for column_ref in columns))
             # Whoever keeps a slice of a column keeps the array that it is of.
             columns.append(weakref.ref(cloud.intensity if cloud.intensity.base is None else cloud.intensity.base))
             sink(cloud)
@@ -206,7 +206,7 @@ def alive(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
         stream(self, watch_chunk, *options)
 
     monkeypatch.setattr(Simulator, "stream", stream_and_watch)
-    return lambda: most[0] if len(columns) > 3 else 10**6
+    return lambda: most_alive[0] if len(columns) > 3 else 10**6
 
 
 @pytest.mark.parametrize("output", [output for output in ASKED if output != "whole"])

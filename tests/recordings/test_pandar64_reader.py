@@ -91,8 +91,8 @@ def test_steps_and_intensities_of_two_returns(tmp_path: Path) -> None:
     assert sweep.second is not None
     assert sweep.intensity is not None
     assert sweep.second.intensity is not None
-    twice = np.isfinite(sweep.second.range_m)
-    assert twice.sum() == (cloud.return_number == 2).sum()
+    has_second = np.isfinite(sweep.second.range_m)
+    assert has_second.sum() == (cloud.return_number == 2).sum()
     column = ((cloud.time_s + 1e-9) // sensor.scanner.cycle_s).astype(int)
     expected = {
         (r, c, round(m / 0.004)): i

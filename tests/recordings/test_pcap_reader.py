@@ -68,19 +68,21 @@ def test_what_is_no_whole_datagram_is_passed_over(tmp_path: Path) -> None:
         datagram(b"more", fragment=0x2000),
         datagram(b"later", fragment=0x0001),
     ]
-    whole = datagram(b"whole", fragment=0x4000)  # which must not be cut
-    assert payloads_in_capture(tmp_path / "a.pcap", 1, [PLAIN + payload for payload in (*invalid, whole)]) == [b"whole"]
+    complete = datagram(b"whole", fragment=0x4000)  # which must not be cut
+    assert payloads_in_capture(tmp_path / "a.pcap", 1, [PLAIN + payload for payload in (*invalid, complete)]) == [
+        b"whole"
+    ]
 
 
 def test_what_is_damaged_is_told(tmp_path: Path) -> None:
     path = pcap(tmp_path / "a.pcap", [b"first", b"second"])
-    whole = path.read_bytes()
-    for size in (len(whole) - 1, len(whole) - 49, 24 + 7):
-        path.write_bytes(whole[:size])
+    content = path.read_bytes()
+    for size in (len(content) - 1, len(content) - 49, 24 + 7):
+        path.write_bytes(content[:size])
         with pytest.raises(ValueError, match=r"truncated: it ends within packet [12]"):
             packets_of(path)
     for start, message in ((b"\x0a\x0d\x0d\x0a", "got a pcapng"), (b"none", "its first bytes are of none")):
-        path.write_bytes(start + whole[4:])
+        path.write_bytes(start + content[4:])
         with pytest.raises(ValueError, match=message):
             packets_of(path)
 

@@ -19,6 +19,6 @@ def test_counts_of_points_and_pulses() -> None:
     assert (single.beams, single.hits, single.points) == (len(outcome), len(outcome) - 2, len(status))
     assert single.false_alarms == (1 + Status.FALSE_ALARM) + (1 + Status.INTERFERENCE)
     assert single.weather == 1 + Status.WEATHER
-    whole = Summary.total([single, two, single])
-    assert (whole.beams, whole.hits, whole.points) == (2 * len(outcome) + 5, 2 * len(outcome) - 1, 2 * len(status))
-    assert whole.seconds == {"trace": 2.0, "write": 1.0}
+    total = Summary.total([single, two, single])
+    assert (total.beams, total.hits, total.points) == (2 * len(outcome) + 5, 2 * len(outcome) - 1, 2 * len(status))
+    assert total.seconds == {"trace": 2.0, "write": 1.0}

@@ -77,12 +77,12 @@ CAR_POSE = (14.0, 2.0, -0.5, 30.0, 4.0, 0.0)
 def test_a_placed_body_is_that_of_a_scene_file(tmp_path: Path) -> None:
     """To the last bit: where it stands, and where it drives on a curve."""
     live = LiveSimulator(file(tmp_path, car="position_m = [20, -3, 0]"), sensor())
-    elsewhere = live.render(seed=1)
+    cloud_elsewhere = live.render(seed=1)
     live.place("car", CAR_POSE)
     expected = Simulator(file(tmp_path, car=CAR), sensor()).render(seed=1)
     assert_same(live.render(seed=1), expected)
     assert echoes_on(expected, "car") > 100
-    assert not np.array_equal(elsewhere.body, expected.body)
+    assert not np.array_equal(cloud_elsewhere.body, expected.body)
     live.place("car", CAR_POSE, velocity_m_s=(3.0, -9.0, 0.5), yaw_rate_deg_s=50.0)
     drives = "velocity_m_s = [3, -9, 0.5], yaw_rate_deg_s = 50"
     moving = Simulator(file(tmp_path, car=CAR, motion=drives), sensor()).render(seed=1, number=2)
@@ -142,8 +142,8 @@ def rebuild_scene(scene: Scene, poses: dict[str, Pose], ego: Pose) -> Scene:
     moved = [
         dataclasses.replace(bodies_by_name[name.split(".")[0]], name=name, pose=pose) for name, pose in poses.items()
     ]
-    still = [body for body in scene.bodies if body.name == "plane"]
-    return dataclasses.replace(scene, bodies=(*still, *moved), sensor_pose=ego)
+    standing_bodies = [body for body in scene.bodies if body.name == "plane"]
+    return dataclasses.replace(scene, bodies=(*standing_bodies, *moved), sensor_pose=ego)
 
 
 def pose(x: float, y: float, z: float, yaw: float = 0.0) -> Pose:
@@ -215,8 +215,8 @@ def test_panes_on_bodies_that_are_placed() -> None:
         assert (cloud.interactions == 1).sum() > 100
         assert_near(cloud, expected)
         for column in ("interactions", "snr"):
-            mine, expected_values = (np.sort(getattr(two, column)) for two in (cloud, expected))
-            assert np.isclose(mine[:500], expected_values[:500], rtol=1e-3).mean() > 0.99
+            placed_values, expected_values = (np.sort(getattr(two, column)) for two in (cloud, expected))
+            assert np.isclose(placed_values[:500], expected_values[:500], rtol=1e-3).mean() > 0.99
     live.remove("pane")
     assert not live.render().interactions.any()
 

@@ -27,5 +27,5 @@ def test_a_vehicle_that_stands_aside_takes_its_sensors_along() -> None:
     np.testing.assert_allclose(places["front"].position_m, [10, 22, 1.5], atol=1e-12)
     np.testing.assert_allclose(places["left"].position_m, [9, 20, 1.0], atol=1e-12)
     for label, yaw_deg in (("front", 120.0), ("left", 180.0)):
-        ahead = places[label].rotation[:, 0]
-        np.testing.assert_allclose(ahead, [np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg)), 0], atol=1e-12)
+        forward = places[label].rotation[:, 0]
+        np.testing.assert_allclose(forward, [np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg)), 0], atol=1e-12)

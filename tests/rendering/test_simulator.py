@@ -41,11 +41,11 @@ def test_pieces_are_the_whole(simulator: MakeSimulator) -> None:
     sim, pieces = simulator(rows=72), list[PointCloud]()
     streamed, rendered, progress = Summary(), Summary(), list[tuple[int, int]]()
     sim.stream(pieces.append, seed=5, chunk=CHUNK, summary=streamed, progress=lambda *counts: progress.append(counts))
-    whole = sim.render(seed=5, summary=rendered)
+    rendered_cloud = sim.render(seed=5, summary=rendered)
     assert len(pieces) == 5
-    assert_same(PointCloud.concatenate(pieces), whole)
-    assert streamed.points == rendered.points == len(whole)
-    assert np.array_equal(streamed.statuses, np.bincount(whole.status, minlength=len(streamed.statuses)))
+    assert_same(PointCloud.concatenate(pieces), rendered_cloud)
+    assert streamed.points == rendered.points == len(rendered_cloud)
+    assert np.array_equal(streamed.statuses, np.bincount(rendered_cloud.status, minlength=len(streamed.statuses)))
     assert np.array_equal(streamed.outcomes, rendered.outcomes)
     assert progress[-1] == (streamed.beams, sim.sensor.scanner.pulses)
     assert streamed.beams == sim.sensor.scanner.pulses

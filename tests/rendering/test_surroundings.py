@@ -36,9 +36,9 @@ def inspect_place(scene=SCENE, place_m=(0.0, 0.0, 1.8), sensor="table1-apd"):
 
 def test_the_line_says_what_is_there():
     """Reference: by hand; the box is cut into 12 triangles, the plane into 4 x 3 squares of at most 16 m."""
-    around = inspect_place()
-    assert around.doubts == ()
-    assert around.line() == (
+    surroundings = inspect_place()
+    assert surroundings.doubts == ()
+    assert surroundings.line() == (
         "yard: 60 x 40 x 1.5 m, 2 bodies, 36 triangles; sensor 1.8 m above 'ground', the nearest surface"
     )
     high = inspect_place(place_m=(10.0, 0.0, 2.5))
@@ -149,9 +149,9 @@ def test_no_shipped_scene_is_odd(name):
     scene = load_scene(name)
     sensor = load_sensor(scene.sensor_name)
     place_m = pose_at(sensor_motion(scene, sensor, scene.sensor_pose)).position_m
-    around = Surroundings.inspect(scene, sensor, place_m, time_s=0.0, clearance=Clearance.of_scene(scene))
-    assert around.doubts == ()
-    assert around.around.nearest.distance_m < 100.0
+    surroundings = Surroundings.inspect(scene, sensor, place_m, time_s=0.0, clearance=Clearance.of_scene(scene))
+    assert surroundings.doubts == ()
+    assert surroundings.around.nearest.distance_m < 100.0
 
 
 def test_distances_against_every_triangle():
@@ -178,13 +178,13 @@ def test_straight_up_and_down_by_hand():
     """A tilted plane: 1 m of height for each 2 m along x."""
     slope = body("slope", plane_mesh(size_m=(40.0, 40.0)), pitch_deg=-np.degrees(np.arctan(0.5)))
     ball = body("ball", Ball(radius_m=0.5, material="grey"), (4.0, 0.0, 9.0))
-    around = Clearance.of_scene(Scene(name="", bodies=(slope, ball))).around_place(
+    clearances = Clearance.of_scene(Scene(name="", bodies=(slope, ball))).around_place(
         np.array([4.0, 0.3, 6.0]), time_s=0.0
     )
     z = 2.0 * np.sign(slope.pose.rotation[2, 0])
-    assert around.below.body == "slope"
-    assert around.below.distance_m == pytest.approx(6.0 - z, rel=1e-9)
-    assert around.above.distance_m == pytest.approx(3.0 - 0.4, rel=1e-9)  # sqrt(0.5^2 - 0.3^2) below its middle
+    assert clearances.below.body == "slope"
+    assert clearances.below.distance_m == pytest.approx(6.0 - z, rel=1e-9)
+    assert clearances.above.distance_m == pytest.approx(3.0 - 0.4, rel=1e-9)  # sqrt(0.5^2 - 0.3^2) below its middle
 
 
 def test_render_says_it(run: Run, tmp_path: Path) -> None:
@@ -194,11 +194,11 @@ def test_render_says_it(run: Run, tmp_path: Path) -> None:
         '[sun]\nilluminance_klux = 300.0\n[[bodies]]\nname = "wall"\nprimitive = "plane"\n'
         'size_m = [4, 4]\nmaterial = "concrete"\nposition_m = [10, 0, 0]\npitch_deg = 90\n'
     )
-    few = ("--set=scanner.azimuth_step_deg=5", "--set=scanner.elevation_step_deg=5")
-    ran = run("render", str(scene), "-o", str(tmp_path / "o.ply"), *few)
+    options = ("--set=scanner.azimuth_step_deg=5", "--set=scanner.elevation_step_deg=5")
+    ran = run("render", str(scene), "-o", str(tmp_path / "o.ply"), *options)
     assert "note: sun.illuminance_klux is 300" in ran.err
     assert "give --scene-set sun.illuminance_klux=0.3" in ran.err
     with pytest.warns(OptionWarning, match="sun.illuminance_klux is 300"):
-        render(scene, overrides=[option.removeprefix("--set=") for option in few])
+        render(scene, overrides=[option.removeprefix("--set=") for option in options])
     line = "scene         s: 0 x 4 x 4 m, 1 body, 2 triangles; sensor 10 m off 'wall', the nearest surface"
     assert ran.out.splitlines()[0] == line

@@ -24,8 +24,8 @@ def girth(scanner, pulse):
     lanes = pulse[: len(pulse) // PACKET * PACKET]
     x, y, z = (np.broadcast_to(np.asarray(c, np.float64), len(lanes)) for c in scanner.direction(lanes))
     rays = np.stack([x, y, z], axis=-1).reshape(-1, PACKET, 3)
-    apart = np.linalg.norm(rays[:, :, None] - rays[:, None], axis=-1)
-    return float(apart.max(axis=(1, 2)).mean())
+    distance = np.linalg.norm(rays[:, :, None] - rays[:, None], axis=-1)
+    return float(distance.max(axis=(1, 2)).mean())
 
 
 def test_scanners_of_lines_are_tiled_and_others_are_not():
@@ -121,10 +121,10 @@ def test_a_frame_on_the_move_does_not_depend_on_those_before(name):
         simulator.render(number=number, chunk=chunk)
     assert len(simulator.numbering._times) == CACHED
     for options in ({"number": 2}, {"number": 3, "chunk": chunk}):
-        cloud, alone = simulator.render(**options), Simulator(scene, sensor).render(**options)
+        cloud, fresh_cloud = simulator.render(**options), Simulator(scene, sensor).render(**options)
         assert len(cloud) > 100
         for column in ("time_s", "true_range_m", "xyz_m"):
-            np.testing.assert_array_equal(getattr(cloud, column), getattr(alone, column))
+            np.testing.assert_array_equal(getattr(cloud, column), getattr(fresh_cloud, column))
     times = {
         n: simulator._frame(FrameOptions(number=n)).times(n * sensor.scanner.pulses + PULSES).numpy() for n in (0, 7)
     }

@@ -161,9 +161,9 @@ def test_they_change_no_other_column_and_nothing_is_compiled_twice(options) -> N
     assert [c.name for c in vector_cloud.columns] == [c.name for c in COLUMNS]
     for column in columns_of(truth=True, vectors=False):
         np.testing.assert_array_equal(vector_cloud.column(column.name), cloud.column(column.name), err_msg=column.name)
-    behind = echoes(vector_cloud).select(echoes(vector_cloud).interactions == 1)
-    assert len(behind) > 20
-    np.testing.assert_allclose(behind.normals, np.tile([-1.0, 0.0, 0.0], (len(behind), 1)), atol=1e-6)
+    behind_glass = echoes(vector_cloud).select(echoes(vector_cloud).interactions == 1)
+    assert len(behind_glass) > 20
+    np.testing.assert_allclose(behind_glass.normals, np.tile([-1.0, 0.0, 0.0], (len(behind_glass), 1)), atol=1e-6)
 
 
 @pytest.mark.parametrize("name", [name for name, format_of_file in FORMATS.items() if format_of_file.read])

@@ -156,11 +156,11 @@ def test_of_a_large_ground_a_few_triangles_are_looked_at(monkeypatch):
     )
     for place in ([1.0, -3.0, 0.9], [14.0, 9.0, -2.0], [0.0, 0.0, 40.0]):
         point = scene_clearance.bodies[0].pose.inverse_apply(np.array(place))
-        around = scene_clearance.around_place(np.array(place), time_s=0.0)
+        clearances = scene_clearance.around_place(np.array(place), time_s=0.0)
         all_triangles = vertices[faces] - point
-        assert around.nearest.distance_m == pytest.approx(kernel(all_triangles, math.inf), rel=1e-12)
+        assert clearances.nearest.distance_m == pytest.approx(kernel(all_triangles, math.inf), rel=1e-12)
         heights = clearance._along_m(all_triangles, np.array([0.0, 0.0, 1.0]), np.eye(3)[:, :2])
-        side_m = around.below.distance_m if place[2] > 0.0 else -around.above.distance_m
+        side_m = clearances.below.distance_m if place[2] > 0.0 else -clearances.above.distance_m
         assert side_m == pytest.approx(-heights[0], abs=1e-9)
         assert len(heights) == 1
     scene_clearance.check(np.array([1.0, -3.0, 0.9]), radius_m=0.1, time_s=0.0, sensor="own")

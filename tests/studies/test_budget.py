@@ -72,7 +72,7 @@ def test_every_point_is_explained_by_its_light(frames: Any, name: str) -> None:
     ambient = ambient_of(scene, sensor)
     count = sensor.scanner.pulses
     frame = Frame.from_options(scene, sensor, simulator.world, FrameOptions(pose=simulator.pose))
-    whole = retraced_light(
+    light_of_all = retraced_light(
         simulator.world,
         sensor,
         ambient,
@@ -82,7 +82,7 @@ def test_every_point_is_explained_by_its_light(frames: Any, name: str) -> None:
         seed=3,
     )
     pulse = pulses_of(cloud, sensor.scanner)
-    light = Echoes(**{name: getattr(whole, name)[pulse] for name in LIGHT_COLUMNS})
+    light = Echoes(**{name: getattr(light_of_all, name)[pulse] for name in LIGHT_COLUMNS})
     budget = budget_of(cloud, sensor, ambient, light=light)
     # Behind panes a pulse may have two echoes, whose SNR is that of their sum.
     hit = np.isfinite(cloud.true_range_m) & (cloud.interactions == 0)
@@ -176,5 +176,5 @@ def test_the_echos_power_is_that_which_makes_the_clouds_snr(frames: Any) -> None
     snr = sensor.working_point(budget.background_power_w).response.signal(budget.echo_power_w) / budget.noise
     np.testing.assert_allclose(snr[has_echo], cloud.snr[has_echo], rtol=2e-3)
     is_glossy = has_echo & ~is_lambertian(scene, cloud) & (budget.lambertian_power_w > 0.0)
-    apart = budget.echo_power_w[is_glossy] / budget.lambertian_power_w[is_glossy]
-    assert np.mean(np.abs(apart - 1.0) > 0.1) > 0.1
+    ratio = budget.echo_power_w[is_glossy] / budget.lambertian_power_w[is_glossy]
+    assert np.mean(np.abs(ratio - 1.0) > 0.1) > 0.1

@@ -182,8 +182,8 @@ def test_where_a_makers_numbers_are_compared(monkeypatch: pytest.MonkeyPatch) ->
         lambda _, target: (compared_at["range"].append(float(target.reflectivity)) or 9.0, None),
     )
     sensor, published = load_sensor("table1-apd"), PublishedFile(source="x")
-    for where in ({"at_m": 35.0, "reflectivity": 0.5}, {"snr": 50.0}):
-        stated = RepeatabilityFile.model_validate({"sigma_m": 0.01, "source": "x", **where})
+    for conditions in ({"at_m": 35.0, "reflectivity": 0.5}, {"snr": 50.0}):
+        stated = RepeatabilityFile.model_validate({"sigma_m": 0.01, "source": "x", **conditions})
         published_values.repeatability(sensor, published, stated)
     for reflectivity in (0.8, None):
         published_values._range(sensor, published, reflectivity, 100.0)

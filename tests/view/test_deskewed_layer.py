@@ -35,9 +35,9 @@ def test_deskewed_points_of_a_file(moving: Simulator, tmp_path: Path, coordinate
     header, arrays = unpack_blob(Clouds([tmp_path / "a.ply"], scene=moving.scene, overrides=COARSE).frame(0))
     cloud = moving.render(coordinates="world", number=1)
     expected = deskewed(cloud, moving.motion).xyz_m
-    still = arrays["still"].reshape(-1, 3)
-    np.testing.assert_allclose(still, expected, atol=1e-4)
-    moved_m = np.linalg.norm(still - arrays["xyz"].reshape(-1, 3), axis=1)
+    deskewed_m = arrays["still"].reshape(-1, 3)
+    np.testing.assert_allclose(deskewed_m, expected, atol=1e-4)
+    moved_m = np.linalg.norm(deskewed_m - arrays["xyz"].reshape(-1, 3), axis=1)
     np.testing.assert_allclose(moved_m, SPEED_M_S * cloud.time_s, atol=1e-4)
     assert moved_m.max() > 0.1
     assert header["layers"] == ""
@@ -48,8 +48,8 @@ def test_why_there_is_one_layer(moving: Simulator, tmp_path: Path) -> None:
     cloud = moving.render(coordinates="world")
     assert page_sources.deskewed_positions_m(cloud, None) == (None, page_sources.NO_SCENE)
     (tmp_path / "still.toml").write_text(SCENE)
-    still = load_scene(tmp_path / "still.toml")
-    assert page_sources.deskewed_positions_m(cloud, still) == (None, page_sources.OTHER_SCENE)
+    standing_scene = load_scene(tmp_path / "still.toml")
+    assert page_sources.deskewed_positions_m(cloud, standing_scene) == (None, page_sources.OTHER_SCENE)
     rig = dataclasses.replace(cloud, sensor_names=("left", "right"))
     assert page_sources.deskewed_positions_m(rig, moving.scene) == (None, page_sources.SEVERAL)
     assert page_sources.deskewed_positions_m(deskewed(cloud, moving.motion), moving.scene) == (None, "")

@@ -87,8 +87,8 @@ def test_a_saved_page_needs_nothing_else(browser: Chromium, saved: Path) -> None
     assert not re.search(r"(src|href)=\"(?!data:)", saved.read_text(encoding="utf-8"))
     browser.open(saved.as_uri())
     assert browser.value("document.getElementById('error').textContent") == ""
-    noted = [text for text in browser.messages if "GPU stall" not in text]  # the screenshot's own cost
-    assert noted == [f"request {saved.as_uri()}"[:88]]
+    messages = [text for text in browser.messages if "GPU stall" not in text]  # the screenshot's own cost
+    assert messages == [f"request {saved.as_uri()}"[:88]]
 
 
 def test_points_stand_where_they_should_in_their_colours(
@@ -120,8 +120,8 @@ def test_points_stand_where_they_should_in_their_colours(
     drawn = 0
     for i in np.flatnonzero(cloud.status == 0):
         x, y = np.rint(page[i, :2] - 0.5).astype(int)
-        alone = np.hypot(*(page[:, :2] - page[i, :2]).T) < 16
-        if alone.sum() == 1 and left + 8 < x < left + width - 8 and 8 < y < height - 8:
+        is_near = np.hypot(*(page[:, :2] - page[i, :2]).T) < 16
+        if is_near.sum() == 1 and left + 8 < x < left + width - 8 and 8 < y < height - 8:
             np.testing.assert_allclose(picture[y, x], expected[i], atol=6 / 255)
             drawn += 1
     assert drawn > 50
@@ -296,8 +296,8 @@ def test_distance_between_two_points(browser: Chromium, saved: Path, cloud: Poin
     first, second = np.flatnonzero((cloud.body == 0) & (cloud.status == 0))[[5, 40]].tolist()
     browser.value(f"viewer.select({first}), viewer.measure({second})")
     distance_text = browser.value("document.getElementById('distance').textContent")
-    apart = float(np.linalg.norm(cloud.xyz_m[first] - cloud.xyz_m[second]))
-    assert float(distance_text.split("\u202f")[0]) == pytest.approx(apart, abs=6e-4)
+    distance_m = float(np.linalg.norm(cloud.xyz_m[first] - cloud.xyz_m[second]))
+    assert float(distance_text.split("\u202f")[0]) == pytest.approx(distance_m, abs=6e-4)
     browser.value(f"viewer.select({second})")
     assert browser.value("document.getElementById('distance')") is None
 

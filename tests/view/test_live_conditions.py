@@ -112,9 +112,9 @@ def test_a_moving_scene_opens_at_its_sensor(mi: Any, tmp_path: Path) -> None:
     assert header["camera"]["eye"] == pytest.approx([-74.0, -2.5, 4.8])
     later, moved = unpack_blob(live.stage(1))
     assert later["camera"]["eye"][0] - header["camera"]["eye"][0] == pytest.approx(15.0 * 231 / 50e3)
-    apart = (moved["vertices"] - arrays["vertices"]).reshape(-1, 3)
-    assert apart.max() == pytest.approx(20.0 * 231 / 50e3, abs=1e-5)
-    assert (np.abs(apart).max(axis=1) == 0.0).any()
+    shift_m = (moved["vertices"] - arrays["vertices"]).reshape(-1, 3)
+    assert shift_m.max() == pytest.approx(20.0 * 231 / 50e3, abs=1e-5)
+    assert (np.abs(shift_m).max(axis=1) == 0.0).any()
 
 
 def test_raw_and_deskewed_are_two_layers(mi: Any, tmp_path: Path) -> None:
@@ -123,9 +123,9 @@ def test_raw_and_deskewed_are_two_layers(mi: Any, tmp_path: Path) -> None:
     _, arrays = unpack_blob(Live(scene, overrides=COARSE).frame(0))
     simulator = lidarscene.Simulator(scene, lidarscene.load_sensor("table1-apd", overrides=COARSE))
     cloud = simulator.render()
-    still = lidarscene.deskewed(cloud, simulator.motion, length_s=simulator.sensor.scanner.frame_s)
-    np.testing.assert_allclose(arrays["still"].reshape(-1, 3), still.xyz_m, atol=1e-5)
-    assert np.abs(still.xyz_m - cloud.xyz_m).max() > 0.01
+    deskewed_cloud = lidarscene.deskewed(cloud, simulator.motion, length_s=simulator.sensor.scanner.frame_s)
+    np.testing.assert_allclose(arrays["still"].reshape(-1, 3), deskewed_cloud.xyz_m, atol=1e-5)
+    assert np.abs(deskewed_cloud.xyz_m - cloud.xyz_m).max() > 0.01
     (tmp_path / "s.toml").write_text(SCENE)
     assert "still" not in unpack_blob(Live(load_scene(tmp_path / "s.toml"), overrides=COARSE).frame(0))[1]
 

@@ -102,8 +102,8 @@ def test_profiles_have_what_they_name(
             continue
         range_mm = frame.field(field).astype(float)
         assert ((range_mm > 0) == (expected_m > 0)).all()
-        apart = np.abs(range_mm - from_mm - 1e3 * expected_m)[expected_m > 0]
-        assert apart.max() < step_mm
+        error_mm = np.abs(range_mm - from_mm - 1e3 * expected_m)[expected_m > 0]
+        assert error_mm.max() < step_mm
     assert (expected_m > 0).sum() > 10_000
 
 
@@ -168,10 +168,10 @@ def test_a_shifted_picture_has_one_direction_in_a_column(library: Callable[[str]
     picture = np.zeros((128, 512))
     picture[sensor.scanner.channel(pulse), pulse // 128] = azimuth
     straight = core.destagger(info, picture)
-    apart = np.angle(np.exp(1j * (straight - straight[:1])))
+    spread_rad = np.angle(np.exp(1j * (straight - straight[:1])))
     step = 2.0 * np.pi / 512
     assert np.abs(picture - picture[:1]).max() > step
-    assert np.abs(apart).max() <= 1.01 * step
+    assert np.abs(spread_rad).max() <= 1.01 * step
 
 
 def test_packets_of_frame_after_frame(library: Callable[[str], Any], tmp_path: Path) -> None:

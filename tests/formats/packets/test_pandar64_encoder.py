@@ -37,8 +37,8 @@ def test_every_point_comes_back_by_the_makers_arithmetic() -> None:
     own_deg = np.zeros(64)
     own_deg[sensor.scanner.lasers_by_place.values.astype(int)] = np.degrees(sensor.scanner.azimuth_rad.values)
     head_deg = -np.degrees(cloud.azimuth_rad) + own_deg[cloud.channel]
-    apart = (head_deg[ours] - turned_deg[theirs] + 180.0) % 360.0 - 180.0
-    assert np.abs(apart).max() < 0.01
+    error_deg = (head_deg[ours] - turned_deg[theirs] + 180.0) % 360.0 - 180.0
+    assert np.abs(error_deg).max() < 0.01
 
 
 @pytest.mark.parametrize("sets", [(), DUAL], ids=["single", "dual"])
@@ -94,12 +94,12 @@ def test_the_last_packet_goes_on_without_points() -> None:
     sensor = load_sensor("pandar64")
     gathering = FiringsBuilder(sensor, 1)
     gathering.add(random_frame(sensor, number=1))
-    whole = gathering.firings()
+    firings = gathering.firings()
     names = ("range_m", "intensity", "signal", "ambient", "time_s")
     maker = select_encoder(sensor)
-    short = maker.packets(replace(whole, **{name: getattr(whole, name)[:8] for name in names}))
+    short = maker.packets(replace(firings, **{name: getattr(firings, name)[:8] for name in names}))
     filled = short + maker.flush()
-    expected = select_encoder(sensor).packets(whole)[:2]
+    expected = select_encoder(sensor).packets(firings)[:2]
     assert [packet.time_s for packet in filled] == [packet.time_s for packet in expected]
     ours, theirs = (
         np.frombuffer(b"".join(packet.payload for packet in packets), PANDAR64_PACKET) for packets in (filled, expected)

@@ -51,14 +51,14 @@ def in_order(ring: Any, time_s: Any, range_m: Any) -> Any:
     return np.lexsort((range_m, np.rint(time_s / 20e-6), ring))
 
 
-def without_its_delay(points: Any, late: Any) -> Any:
+def without_its_delay(points: Any, is_late: Any) -> Any:
     """The decoder's points as the manual's table has them."""
-    back_rad = np.where(late, 2.0 * np.pi * 10.0 * LATER_S, 0.0)  # it turns clockwise
+    back_rad = np.where(is_late, 2.0 * np.pi * 10.0 * LATER_S, 0.0)  # it turns clockwise
     x, y = points[:, X], points[:, Y]
     changed = points.copy()
     changed[:, X] = x * np.cos(back_rad) - y * np.sin(back_rad)
     changed[:, Y] = y * np.cos(back_rad) + x * np.sin(back_rad)
-    changed[:, TIME] -= np.where(late, LATER_S, 0.0)
+    changed[:, TIME] -= np.where(is_late, LATER_S, 0.0)
     return changed
 
 
@@ -74,10 +74,10 @@ def test_every_point_comes_back(library: Callable[[str], Any], name: str, sets: 
     points = decode_points(library, packets_of(select_encoder(sensor), sensor, clouds))
     ring, time_s, xyz_m, range_m, intensity, channel = columns_of_clouds(sensor, clouds)
     expected = in_order(ring, time_s, range_m)
-    late = np.isin(points[:, RING], ring[channel >= 64])  # of a VLS-128 alone
-    order = in_order(points[:, RING], points[:, TIME] - LATER_S * late, np.linalg.norm(points[:, :3], axis=1))
+    is_late = np.isin(points[:, RING], ring[channel >= 64])  # of a VLS-128 alone
+    order = in_order(points[:, RING], points[:, TIME] - LATER_S * is_late, np.linalg.norm(points[:, :3], axis=1))
     assert len(order) == len(expected)
-    points = without_its_delay(points[order], late[order])
+    points = without_its_delay(points[order], is_late[order])
     assert (points[:, RING] == ring[expected]).all()
     assert np.abs(points[:, TIME] - time_s[expected]).max() < 1e-6
     assert (points[:, INTENSITY] == intensity[expected]).all()
@@ -111,8 +111,8 @@ def test_two_returns_are_the_last_and_the_strongest(library: Callable[[str], Any
     last, strongest = (blocks["points"]["distance"][:, place::2].reshape(-1, 32) for place in (0, 1))
     assert ((last == 0) == (strongest == 0)).all()
     assert (last >= strongest).all()
-    twice = np.unique(np.stack([cloud.time_s, cloud.channel]), axis=1, return_counts=True)[1] == 2
-    assert (last > strongest).sum() == twice.sum() > 1000
+    has_two_returns = np.unique(np.stack([cloud.time_s, cloud.channel]), axis=1, return_counts=True)[1] == 2
+    assert (last > strongest).sum() == has_two_returns.sum() > 1000
 
 
 def test_lost_pulses_are_zeros_and_the_last_packet_is_filled_up() -> None:
@@ -173,9 +173,9 @@ def test_an_encoder_is_read_at_its_nearest_step() -> None:
         azimuths.append(blocks["azimuth"].astype(int).ravel())
     head, encoder = azimuths
     assert (encoder % 50 == 0).all()
-    behind = (head - encoder + 18_000) % 36_000 - 18_000
-    assert np.abs(behind).max() <= 26
-    assert behind.min() < -20 < 20 < behind.max()
+    encoder_error = (head - encoder + 18_000) % 36_000 - 18_000
+    assert np.abs(encoder_error).max() <= 26
+    assert encoder_error.min() < -20 < 20 < encoder_error.max()
 
 
 def test_stamps_begin_anew_with_every_hour() -> None:
@@ -184,8 +184,8 @@ def test_stamps_begin_anew_with_every_hour() -> None:
     """
     sensor = load_sensor("vlp-16")
     cloud = random_frame(sensor)
-    late = replace(cloud, metadata=dict(cloud.metadata) | {"frame_start_s": "7199.95"})
-    packets = packets_of(select_encoder(sensor), sensor, [late])
+    later_cloud = replace(cloud, metadata=dict(cloud.metadata) | {"frame_start_s": "7199.95"})
+    packets = packets_of(select_encoder(sensor), sensor, [later_cloud])
     stamp = np.frombuffer(b"".join(packet.payload for packet in packets), VELODYNE_PACKET)["stamp"].astype(int)
     assert stamp[0] == 3_599_950_000
     later = np.arange(len(stamp)) * 24 * 55.296
@@ -199,11 +199,11 @@ def test_the_last_packet_goes_on_without_points() -> None:
     sensor = load_sensor("vlp-16")
     gathering = FiringsBuilder(sensor, 0)
     gathering.add(random_frame(sensor))
-    whole = gathering.firings()
+    firings = gathering.firings()
     names = ("range_m", "intensity", "signal", "ambient", "time_s")
     maker = select_encoder(sensor)
-    filled = maker.packets(replace(whole, **{name: getattr(whole, name)[:30] for name in names})) + maker.flush()
-    expected = select_encoder(sensor).packets(whole)[:2]
+    filled = maker.packets(replace(firings, **{name: getattr(firings, name)[:30] for name in names})) + maker.flush()
+    expected = select_encoder(sensor).packets(firings)[:2]
     ours, theirs = (
         np.frombuffer(b"".join(packet.payload for packet in packets), VELODYNE_PACKET) for packets in (filled, expected)
     )

@@ -89,7 +89,7 @@ def test_frames_that_come_too_late_are_told_with_counts() -> None:
 
     transmission = sent_of(firings(12), send, clock=clock, report=reports.append)
     assert transmission.packets == -(-12 * SENSOR.scanner.cycles // 24)
-    assert all(late > 0.01 for late in transmission.late_s)
+    assert all(late_s > 0.01 for late_s in transmission.late_s)
     assert reports[0] == f"{transmission.late_s[0]:.3g} s behind after 1 frames, of which 1 ended late"
     # 4.5 s of sending, and a line a second.
     assert 3 <= len(reports) <= 6
@@ -155,20 +155,23 @@ def test_stamps_are_of_the_clock_whatever_the_frames_number() -> None:
 def test_frames_begin_anew_where_numbers_of_pulses_end() -> None:
     """Pulses have numbers below 2^31. The frame after the last one is number 0 with another seed, as much later."""
     scanner = SENSOR.scanner
-    most = 2**31 // scanner.pulses
+    frames_of_seed = 2**31 // scanner.pulses
     requested_frames: list[FrameOptions] = []
 
     def record_frame(take: Any, frame: FrameOptions, tell: Any) -> None:
         requested_frames.append(frame)
 
     simulator: Any = SimpleNamespace(sensor=SENSOR, stream=record_frame)
-    first = FrameOptions(number=most - 1, seed=2**32 - 1, begin_s=5.0)
+    first = FrameOptions(number=frames_of_seed - 1, seed=2**32 - 1, begin_s=5.0)
     firings_of_frames = list(render_firings(simulator, first, needs_ambient=False, frames=3))
-    assert [frame.number for frame in requested_frames] == [most - 1, 0, 1]
+    assert [frame.number for frame in requested_frames] == [frames_of_seed - 1, 0, 1]
     assert [frame.seed for frame in requested_frames] == [2**32 - 1, 0, 0]
-    assert [frame.begin_s for frame in requested_frames] == [5.0, *[pytest.approx(5.0 + most * scanner.frame_s)] * 2]
+    assert [frame.begin_s for frame in requested_frames] == [
+        5.0,
+        *[pytest.approx(5.0 + frames_of_seed * scanner.frame_s)] * 2,
+    ]
     assert [firings_of_frame.number for firings_of_frame in firings_of_frames] == [
-        (most - 1) * scanner.cycles,
+        (frames_of_seed - 1) * scanner.cycles,
         0,
         scanner.cycles,
     ]

@@ -67,10 +67,10 @@ def test_a_changed_file_is_read_again(cache: Path, tmp_path: Path) -> None:
 def test_a_damaged_entry_is_made_again(cache: Path, damage: bytes | None) -> None:
     expected = reading.read_mesh(CAR)
     (entry,) = cache.iterdir()
-    whole = entry.read_bytes()
-    entry.write_bytes(whole[: len(whole) // 2] if damage is None else damage)
+    entry_bytes = entry.read_bytes()
+    entry.write_bytes(entry_bytes[: len(entry_bytes) // 2] if damage is None else damage)
     assert_same(reading.read_mesh(CAR), expected)
-    assert entry.read_bytes() == whole
+    assert entry.read_bytes() == entry_bytes
 
 
 def test_what_takes_from_other_files_is_not_kept(cache: Path, tmp_path: Path) -> None:

@@ -74,12 +74,12 @@ def test_paired_interval_covers(p: tuple[float, float, float]) -> None:
     """
     n, (_, only_a, only_b) = 60, p
     covered = 0.0
-    neither = 1.0 - only_a - only_b
+    neither_found = 1.0 - only_a - only_b
     for b in range(n + 1):
         for c in range(n + 1 - b):
             low, high = statistics.paired_interval(only_a=b, only_b=c, pulses=n)
             if low <= only_a - only_b <= high:
-                covered += stats.multinomial.pmf([b, c, n - b - c], n, [only_a, only_b, neither])
+                covered += stats.multinomial.pmf([b, c, n - b - c], n, [only_a, only_b, neither_found])
     assert covered == pytest.approx(0.95, abs=0.02)
 
 
@@ -120,12 +120,12 @@ def test_pairs_by_brute_force() -> None:
     of_b = dict(zip(b.pulse.tolist(), b.detected.tolist(), strict=True))
     outcomes_of_pairs = [(of_a[p], of_b[p]) for p in of_a if p in of_b]
     (counts,) = statistics.count_pairs(a, b)
-    counted = [outcomes_of_pairs.count(kind) for kind in ((True, True), (True, False), (False, True), (False, False))]
-    assert [counts.both, counts.only_a, counts.only_b, counts.neither] == counted
+    expected = [outcomes_of_pairs.count(kind) for kind in ((True, True), (True, False), (False, True), (False, False))]
+    assert [counts.both, counts.only_a, counts.only_b, counts.neither] == expected
     bins = observations.range_bins(130.0)
     by_range = statistics.count_pairs(a, b, bins)
     assert sum(p.only_b for p in by_range) == counts.only_b
-    assert counts.difference == pytest.approx((counted[1] - counted[2]) / len(outcomes_of_pairs))
+    assert counts.difference == pytest.approx((expected[1] - expected[2]) / len(outcomes_of_pairs))
 
 
 @pytest.mark.parametrize(("reach", "step"), [(0.3, 0.02), (16.0, 1.0), (17.0, 2.0), (130.0, 10.0), (900.0, 100.0)])
@@ -167,8 +167,8 @@ def test_observer_sees_every_surface(mi) -> None:
     assert np.array_equal(
         hit_columns["pulse"][hit_columns["outcome"] == 0], np.unique(pulse[cloud.status == Status.ECHO])
     )
-    missed, why = (np.concatenate([chunk[i] for chunk in missed_chunks]) for i in (0, 1))
-    reason = dict(zip(missed.tolist(), why.tolist(), strict=True))
+    missed, outcomes = (np.concatenate([chunk[i] for chunk in missed_chunks]) for i in (0, 1))
+    reason = dict(zip(missed.tolist(), outcomes.tolist(), strict=True))
     outcomes_of_pulses = zip(hit_columns["pulse"].tolist(), hit_columns["outcome"].tolist(), strict=True)
     assert all(reason.get(p, 0) == outcome for p, outcome in outcomes_of_pulses)
     echo_rows = np.searchsorted(hit_columns["pulse"], pulse[cloud.status == Status.ECHO])
@@ -178,12 +178,15 @@ def test_observer_sees_every_surface(mi) -> None:
 
 def test_chunks_change_nothing(bench) -> None:
     sensor = chain.sensor("table1-apd", WEAK, *COARSE)
-    whole, parts = bench.observe("a", sensor), Bench(scene(), FrameOptions(seed=3, chunk=700)).observe("a", sensor)
+    in_one_chunk, parts = (
+        bench.observe("a", sensor),
+        Bench(scene(), FrameOptions(seed=3, chunk=700)).observe("a", sensor),
+    )
     for field in dataclasses.fields(observations.Surfaces):
-        assert np.array_equal(getattr(whole.rated_surfaces, field.name), getattr(parts.rated_surfaces, field.name)), (
-            field.name
-        )
-    assert np.array_equal(whole.pulse, parts.pulse)
+        assert np.array_equal(
+            getattr(in_one_chunk.rated_surfaces, field.name), getattr(parts.rated_surfaces, field.name)
+        ), field.name
+    assert np.array_equal(in_one_chunk.pulse, parts.pulse)
 
 
 # --- matching ---------------------------------------------------------------------------------------
@@ -195,9 +198,9 @@ def test_equal_sensors_do_not_differ(bench) -> None:
     (counts,) = statistics.count_pairs(a.rated_surfaces, b.rated_surfaces)
     assert (counts.only_a, counts.only_b, counts.difference) == (0, 0, 0.0)
     assert 0 < counts.both < counts.pulses
-    apart = statistics.paired_range_difference(a, b)
-    assert apart is not None
-    assert (apart.points, apart.bias_m, apart.sigma_m) == (counts.both, 0.0, 0.0)
+    difference = statistics.paired_range_difference(a, b)
+    assert difference is not None
+    assert (difference.points, difference.bias_m, difference.sigma_m) == (counts.both, 0.0, 0.0)
     cloud, kinds = statistics.difference_cloud(a, b)
     assert len(cloud) == counts.both
     assert not kinds.any()
@@ -218,7 +221,7 @@ def test_difference_cloud(observed_pair) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "alike"),
+    ("changes", "fire_alike"),
     [
         ((), True),
         (("detector.gain=60", "tdc.threshold_to_noise=4", "laser.wavelength_nm=1550"), True),
@@ -228,9 +231,9 @@ def test_difference_cloud(observed_pair) -> None:
         (("scanner.jitter_mrad=1",), False),
     ],
 )
-def test_who_fires_alike(changes: tuple[str, ...], alike: bool) -> None:
+def test_who_fires_alike(changes: tuple[str, ...], fire_alike: bool) -> None:
     first, second = load_sensor("table1-apd"), load_sensor("table1-apd", overrides=changes)
-    assert fires_alike(first, second) is alike
+    assert fires_alike(first, second) is fire_alike
     assert fires_alike(first, with_beams_of(first, second))
 
 
@@ -316,12 +319,12 @@ def test_rate_on_a_plane(mi, name: str, part: float) -> None:
     assert rate.surfaces == 101 * 101
     assert rate.expected == pytest.approx(p, abs=1e-3)
     assert abs(rate.found - p * rate.surfaces) < 3.9 * math.sqrt(p * (1.0 - p) * rate.surfaces)
-    apart = statistics.detection_deviation(observation.rated_surfaces)
-    assert apart is not None
-    assert abs(apart) < 3.9
+    deviation = statistics.detection_deviation(observation.rated_surfaces)
+    assert deviation is not None
+    assert abs(deviation) < 3.9
     for grouping in observations.groupings([observation]):
-        (alone,) = [r for r in statistics.rates_by_group(observation.rated_surfaces, grouping) if r.surfaces]
-        assert (alone.surfaces, alone.found) == (rate.surfaces, rate.found), grouping.key
+        (only_group,) = [r for r in statistics.rates_by_group(observation.rated_surfaces, grouping) if r.surfaces]
+        assert (only_group.surfaces, only_group.found) == (rate.surfaces, rate.found), grouping.key
 
 
 def test_range_errors_by_hand(observed_pair) -> None:
@@ -382,9 +385,9 @@ def test_a_paired_interval_by_hand() -> None:
 
 
 def test_who_is_ahead_and_middles_of_bins() -> None:
-    ahead = statistics.PairCounts(group="all", both=1, only_a=6, only_b=2, neither=1)
-    assert ahead.difference == pytest.approx(0.4)
-    assert sum(ahead.difference_interval) > 0.0
+    counts = statistics.PairCounts(group="all", both=1, only_a=6, only_b=2, neither=1)
+    assert counts.difference == pytest.approx(0.4)
+    assert sum(counts.difference_interval) > 0.0
     angles = observations.Grouping(
         key="incidence",
         attribute="incidence_angle_rad",
@@ -416,11 +419,15 @@ def test_ranges_of_one_sensor_less_those_of_another() -> None:
         )
         return observations.Observation(name=name, cloud=cloud, pulse=first + np.arange(4), losses={})
 
-    apart = statistics.paired_range_difference(
+    difference = statistics.paired_range_difference(
         observation_of("a", 0, [9, 9, 7, 8]), observation_of("b", 2, [4, 7, 9, 9])
     )
-    assert apart is not None
-    assert (apart.points, apart.bias_m, apart.sigma_m) == (2, pytest.approx(2.0), pytest.approx(math.sqrt(2.0)))
+    assert difference is not None
+    assert (difference.points, difference.bias_m, difference.sigma_m) == (
+        2,
+        pytest.approx(2.0),
+        pytest.approx(math.sqrt(2.0)),
+    )
 
 
 def test_a_turned_sensor_fires_unlike() -> None:
@@ -438,12 +445,12 @@ def test_only_false_alarms_are_false_alarms() -> None:
 def test_snrs_are_compared_where_both_are_known() -> None:
     """Found by both, by A, by B and by none; of the last two one SNR is not known."""
     plain = surfaces()
-    few = {
+    columns = {
         name: getattr(plain, name)[:4]
         for name in ("true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id")
     }
     a, b = (
-        observations.Surfaces(pulse=np.arange(4), detected=np.array(detected), snr=np.array(snr), **few)
+        observations.Surfaces(pulse=np.arange(4), detected=np.array(detected), snr=np.array(snr), **columns)
         for detected, snr in (([1, 1, 0, 0], [9.0, 8.0, 0.0, 3.0]), ([1, 0, 1, 0], [7.0, 2.0, 6.0, 0.0]))
     )
     a, b = (
@@ -456,11 +463,11 @@ def test_snrs_are_compared_where_both_are_known() -> None:
 
 def test_tripped_less_expected_in_standard_deviations() -> None:
     """100 echoes of one half: 60 that tripped are two of the binomial's five away."""
-    few = surfaces()
+    few_surfaces = surfaces()
     hundred = dataclasses.replace(
-        few,
+        few_surfaces,
         **{
-            name: np.resize(getattr(few, name), 100)
+            name: np.resize(getattr(few_surfaces, name), 100)
             for name in ("detected", "snr", "true_range_m", "incidence_angle_rad", "reflectivity", "body", "class_id")
         },
         pulse=np.arange(100),

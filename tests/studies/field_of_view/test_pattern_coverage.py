@@ -239,10 +239,10 @@ def test_cells_between_pulses_see_the_ground_by_the_aperture_of_the_others():
     """The outline's cells that no pulse met have no share of their own: the mean of those that were met is theirs."""
     sensor = sensor_with_scanner(vlp16(), mounting=Pose(position_m=np.array([0.0, 0.0, 1.9])))
     cells = SphereCells.of_size(0.28)
-    whole = study_cells(sensor.scanner, cells, 0.2)
-    shares = np.where(np.arange(len(whole.cell)) % 2 == 0, 0.25, np.nan)
+    study = study_cells(sensor.scanner, cells, 0.2)
+    shares = np.where(np.arange(len(study.cell)) % 2 == 0, 0.25, np.nan)
     views = [
-        reach.ground_view([sensor], cells, [replace(whole, share=share)], Target(), half_m=20.0, step_m=0.5)
+        reach.ground_view([sensor], cells, [replace(study, share=share)], Target(), half_m=20.0, step_m=0.5)
         for share in (shares, np.full(len(shares), 0.25), np.full(len(shares), 1e-9))
     ]
     assert np.array_equal(views[0].is_seen, views[1].is_seen)

@@ -78,10 +78,10 @@ def test_the_share_is_that_of_the_receiver() -> None:
     """Against the sum over the spot, whose error is 5e-5; and (R / R0)^2 of a point, within 1 %."""
     ratio = np.geomspace(0.1, 20.0, 40)
     for spot in (0.2, 0.6, 1.5):
-        whole = receiver.spot_share(
+        spot_share = receiver.spot_share(
             profile="gaussian", spot_rad=spot, off_axis_rad=0.0 * ratio, field_rad=1.0, blur_rad=1.0 / ratio
         )
-        np.testing.assert_allclose(share(ratio, spot), whole / -np.expm1(-2.0 / spot**2), rtol=1e-4)
+        np.testing.assert_allclose(share(ratio, spot), spot_share / -np.expm1(-2.0 / spot**2), rtol=1e-4)
     np.testing.assert_allclose(share(np.array([0.1, 0.3, 5.0]), 0.1), [0.01, 0.09, 1.0], rtol=0.01)
 
 

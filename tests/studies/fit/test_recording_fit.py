@@ -38,7 +38,7 @@ def test_the_truth_is_within_two_sigma() -> None:
     With 95 %, fewer than 32 of 40 come by chance in one of 50 000 draws, were they independent; the eight of a fit are
     in groups of two and three, so that one in 1000 is a fair bound. The seeds are fixed.
     """
-    off = []
+    deviations = []
     for unit in range(5):
         truth = drawn_truth(unit)
         pulses = gather_pulses([drawn_sweep(truth, 10 * unit)])
@@ -46,9 +46,9 @@ def test_the_truth_is_within_two_sigma() -> None:
         assert len(fit.estimates) == 8
         assert fit.near_field is not None
         assert fit.near_field.solved.evaluations <= MOST_EVALUATIONS
-        off += [(estimate.value - asdict(truth)[estimate.key]) / estimate.sigma for estimate in fit.estimates]
-    assert np.sum(np.abs(off) < 2.0) >= 32
-    assert np.max(np.abs(off)) < 5.0
+        deviations += [(estimate.value - asdict(truth)[estimate.key]) / estimate.sigma for estimate in fit.estimates]
+    assert np.sum(np.abs(deviations) < 2.0) >= 32
+    assert np.max(np.abs(deviations)) < 5.0
 
 
 def fit_sweep(folder: Path, patch: pytest.MonkeyPatch, sweep: Sweep, sensor: str = "os1-128") -> tuple[str, bool]:

@@ -121,10 +121,10 @@ def test_the_exponents_sigma_is_the_scatter_over_the_gains(size: float) -> None:
     weak = replace(pulses, signal=0.05 * np.asarray(pulses.signal))
     steps = replace(pulses, range_m=pulses.range_m * np.where(np.arange(ROWS) % 2 == 0, 1.0, 1.05)[:, None])
     for undecided in (weak, steps):
-        untold = fit_rows(undecided)
-        assert untold is not None
-        assert untold.follows is None
-        assert untold.key is None
+        row_gains = fit_rows(undecided)
+        assert row_gains is not None
+        assert row_gains.follows is None
+        assert row_gains.key is None
 
 
 @pytest.mark.parametrize(("exponent", "key"), [(0.69, None), (0.71, "responsivity"), (0.29, "background_gain")])

@@ -68,8 +68,8 @@ def test_a_patch_counts_where_the_rings_around_it_are_smooth(upper: bool) -> Non
     rough = np.array([1, 9, 2, 8, 3, 7, 4, 6]).reshape(4, 2, 1) * np.full(2, 1e-3)
     levels = np.full(4, 400.0)
     residuals_m = np.arange(1.0, 9.0).reshape(4, 2, 1) * np.array([1e-2, 0.0])
-    around = [ring_of(rough, levels), ring_of(np.full((4, 2, 2), 1e-5), levels)]
-    above, below = around if upper else around[::-1]
+    neighbour_rings = [ring_of(rough, levels), ring_of(np.full((4, 2, 2), 1e-5), levels)]
+    above, below = neighbour_rings if upper else neighbour_rings[::-1]
     squares, _, _ = scatter._patches(pulses_of_rings(above, ring_of(residuals_m, levels), below))
     np.testing.assert_allclose(np.sort(squares), 1e-4 * np.array([1.0, 3.0, 5.0, 7.0]) ** 2, rtol=1e-6)
 

@@ -111,8 +111,8 @@ def test_a_pulse_is_on_the_surface_of_its_neighbours_whatever_it_reports_itself(
         frame=np.zeros(60, int),
         block=np.zeros(60, int),
     )
-    around = np.minimum(np.abs(np.arange(60) - 50), 60 - np.abs(np.arange(60) - 50))
-    expected = (around > threshold.NEIGHBOUR_COLUMNS) | (around == 0)
+    columns_away = np.minimum(np.abs(np.arange(60) - 50), 60 - np.abs(np.arange(60) - 50))
+    expected = (columns_away > threshold.NEIGHBOUR_COLUMNS) | (columns_away == 0)
     assert np.array_equal(threshold._on_surface(pulses)[0], expected)
 
 

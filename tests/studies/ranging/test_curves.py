@@ -97,10 +97,10 @@ def test_no_crossing_of_a_curve_with_itself():
 
 def test_a_jump_is_no_crossing():
     """A saturated SiPM's range jumps to 0 past some light, below a weak APD's: they are never equal."""
-    few = subjects(
+    weak_lidars = subjects(
         ["table1-sipm", "table1-apd"], ["table1-sipm:detector.cells=40", "table1-apd:laser.peak_power_w=0.001"]
     )
-    swept = swept_over("illuminance", few, start=1.0, stop=1e4, count=80)
+    swept = swept_over("illuminance", weak_lidars, start=1.0, stop=1e4, count=80)
     assert set(swept.curves[0].status) == {RangeStatus.FOUND, RangeStatus.SATURATED}
     for crossing in swept.crossings:
         values = [abs(np.interp(crossing.place, swept.question.axis.values, curve.values)) for curve in swept.curves]
@@ -325,14 +325,14 @@ def test_angles_and_ends_that_make_no_axis():
 
 def test_a_fifth_of_a_number_stops_at_its_bound():
     """A gain of three: from one, the least that there is, to fifteen."""
-    (few,) = subjects(["table1-apd"], ["detector.gain=3"])
-    axis = parameter_axis("detector.gain", [(few.where, few.changed)], start=None, stop=None, count=3, log=None)
+    (lidar,) = subjects(["table1-apd"], ["detector.gain=3"])
+    axis = parameter_axis("detector.gain", [(lidar.where, lidar.changed)], start=None, stop=None, count=3, log=None)
     assert (axis.values[0], axis.values[-1]) == (1.0, 15.0)
 
 
 def test_what_has_no_limit_is_ahead():
     axis = condition_axis("illuminance", start=1.0, stop=9.0, count=3, log=True)
     question = Question(quantity="range", axis=axis)
-    never, limited = (SweepCurve(name="", values=np.array([value])) for value in (np.inf, 70.0))
-    assert _difference(question, never, limited)[0] > 0.0 > _difference(question, limited, never)[0]
-    assert _difference(question, never, never)[0] == 0.0
+    unlimited, limited = (SweepCurve(name="", values=np.array([value])) for value in (np.inf, 70.0))
+    assert _difference(question, unlimited, limited)[0] > 0.0 > _difference(question, limited, unlimited)[0]
+    assert _difference(question, unlimited, unlimited)[0] == 0.0

@@ -46,8 +46,8 @@ def test_arrays_are_many_scalars(sensor):
             target = Target(
                 illuminance_klux=float(klux[column]), reflectivity=float(share[row, 0]), extinction_per_m=1e-4
             )
-            alone, alone_status = plane.maximum_range_m(sensor, target)
-            assert limit[row, column] == pytest.approx(alone, rel=1e-11)
+            scalar_limit, alone_status = plane.maximum_range_m(sensor, target)
+            assert limit[row, column] == pytest.approx(scalar_limit, rel=1e-11)
             assert status[row, column] == alone_status
 
 
@@ -100,16 +100,16 @@ def test_a_threshold_above_all_free_cells_is_saturated():
 
 def test_what_is_blinded_close_by_may_see_farther_off():
     """Rationale: in fog the sun on the target fades with range, too. Few cells: blind at 1 m, seeing at 8 m."""
-    few, fog = (
+    few_cells, fog = (
         sensor_with("table1-sipm", detector__cells=10, optics__efficiency_laser=1.0),
         Target(transmittance=1.0, extinction_per_m=0.5),
     )
-    margin = plane.detection_margin(few, fog, [1.0, 8.0])
+    margin = plane.detection_margin(few_cells, fog, [1.0, 8.0])
     assert margin[0] < 1.0 < margin[1]
-    limit, status = plane.maximum_range_m(few, fog)
+    limit, status = plane.maximum_range_m(few_cells, fog)
     assert status == RangeStatus.FOUND
-    assert plane.detection_margin(few, fog, [limit * 0.999])[0] > 1.0
-    assert (plane.detection_margin(few, fog, np.geomspace(limit * 1.001, 1e6, 500)) < 1.0).all()
+    assert plane.detection_margin(few_cells, fog, [limit * 0.999])[0] > 1.0
+    assert (plane.detection_margin(few_cells, fog, np.geomspace(limit * 1.001, 1e6, 500)) < 1.0).all()
 
 
 @steady
@@ -279,10 +279,10 @@ def test_many_cells_are_the_approximation(statistics, tolerance):
 
     1e9 cells: 1e-4; in the time domain half of the table's 0.5 %.
     """
-    many = sensor_with(
+    many_cells = sensor_with(
         "table1-sipm", detector__cells=10**9, detector__dark_count_rate_hz=0.0, detector__statistics=statistics
     )
-    assert reach(many) == pytest.approx(plane.closed_form_range_m(many, Target()), rel=tolerance)
+    assert reach(many_cells) == pytest.approx(plane.closed_form_range_m(many_cells, Target()), rel=tolerance)
 
 
 def test_no_sun_is_a_limit_not_a_jump():

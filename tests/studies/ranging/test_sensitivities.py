@@ -153,8 +153,8 @@ def test_exponents_in_the_noise_of_the_amplifier():
 
 def test_exponents_of_the_sipm():
     """(30) where light is weak against the cells: PDE, rho and A to the 1/4, the pulse to the 1/2, tau to -1/4."""
-    many = load_sensor("table1-sipm", overrides=["detector.cells=1000000", "detector.dark_count_rate_hz=0"])
-    slopes = elasticities(many, Target())
+    many_cells = load_sensor("table1-sipm", overrides=["detector.cells=1000000", "detector.dark_count_rate_hz=0"])
+    slopes = elasticities(many_cells, Target())
     expected = {
         "detector.pde": 0.25,
         "target.reflectivity": 0.25,

@@ -128,8 +128,8 @@ def test_array_conditions(tail):
     point = sensor.working_point(powers)
     together = point.false_alarm_probability(sensor.threshold(point))
     for power, p in zip(powers, together, strict=True):
-        alone = sensor.working_point(np.array([power]))
-        assert alone.false_alarm_probability(sensor.threshold(alone))[0] == p
+        single_point = sensor.working_point(np.array([power]))
+        assert single_point.false_alarm_probability(sensor.threshold(single_point))[0] == p
 
 
 @pytest.mark.parametrize("stops", [1, 3])
@@ -176,19 +176,19 @@ def test_thresholds_that_scatter_trip_oftener():
     """False alarms fall like a Gaussian with the threshold: their mean over thresholds that scatter by two photons, by
     Gauss and Hermite's sum, is that of 200 places to a few per cent.
     """
-    still = photons.sensor("histogram.lone_photons=0")
-    assert still.histogram is not None
+    sharp = photons.sensor("histogram.lone_photons=0")
+    assert sharp.histogram is not None
     loose = dataclasses.replace(
-        still, histogram=dataclasses.replace(still.histogram, threshold_spread=2.0, neighbours=False)
+        sharp, histogram=dataclasses.replace(sharp.histogram, threshold_spread=2.0, neighbours=False)
     )
     target = Target(illuminance_klux=20.0)
-    point = still.working_point(plane.echoes_of_plane(still, target, 1.0).background_power_w)
-    level = float(np.ravel(still.threshold(point))[0]) + 12.0
+    point = sharp.working_point(plane.echoes_of_plane(sharp, target, 1.0).background_power_w)
+    level = float(np.ravel(sharp.threshold(point))[0]) + 12.0
     place, weight = np.polynomial.hermite_e.hermegauss(80)
-    rates = [float(np.ravel(still.false_alarm_rate_hz(point, np.array([level + 2.0 * x])))[0]) for x in place]
+    rates = [float(np.ravel(sharp.false_alarm_rate_hz(point, np.array([level + 2.0 * x])))[0]) for x in place]
     mean = float(np.dot(weight, rates) / weight.sum())
-    alone = float(np.ravel(still.false_alarm_rate_hz(point, np.array([level])))[0])
-    assert mean > 1.1 * alone
+    rate_at_level = float(np.ravel(sharp.false_alarm_rate_hz(point, np.array([level])))[0])
+    assert mean > 1.1 * rate_at_level
     assert float(np.ravel(statistics._alarms_hz(loose, point, np.array([level])))[0]) == pytest.approx(mean, rel=0.03)
 
 
@@ -223,7 +223,7 @@ def test_two_roads_to_the_probability_of_detection(sensor):
     """At the limit, nearer and farther: arrays of `plane` and numbers of `statistics`."""
     limit_m, _ = plane.maximum_range_m(sensor, Target())
     for factor in (0.8, 0.95, 1.0, 1.1):
-        alone = statistics.detection_probability(sensor, Target(), factor * limit_m)
+        probability = statistics.detection_probability(sensor, Target(), factor * limit_m)
         assert float(plane.detection_probability(sensor, Target(), factor * limit_m)[0]) == pytest.approx(
-            alone, rel=1e-9
+            probability, rel=1e-9
         )

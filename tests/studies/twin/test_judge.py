@@ -131,8 +131,8 @@ def test_losses_count_on_surfaces_only_and_without_those_withheld() -> None:
 def test_second_returns_by_share_and_least_separation() -> None:
     number = np.arange(N)
     real = np.where(number % 10 == 0, 0.85 + number / N, np.nan)
-    mine = np.where(number % 20 == 0, 0.30 + number / N, np.nan)
-    share, gap = judge._second(pulses(gap_m=real, simulated_gap_m=mine))
+    simulated = np.where(number % 20 == 0, 0.30 + number / N, np.nan)
+    share, gap = judge._second(pulses(gap_m=real, simulated_gap_m=simulated))
     assert (share.value, share.verdict) == (pytest.approx(0.5), False)
     assert (gap.reference, gap.simulated, gap.verdict) == (
         pytest.approx(0.86, abs=0.01),

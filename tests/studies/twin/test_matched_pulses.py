@@ -67,9 +67,9 @@ def record_scene(scene: Scene, sensor: Sensor) -> Sweep:
     pulses = np.arange(sensor.scanner.pulses, dtype=np.uint32)
     rows, columns = sensor.scanner.line_pulses, sensor.scanner.pulses // sensor.scanner.line_pulses
 
-    def as_image(values: Any, where: Any = None) -> Any:
+    def as_image(values: Any, lanes: Any = None) -> Any:
         flat = np.full((sensor.scanner.pulses, *np.shape(values)[1:]), np.nan)
-        flat[slice(None) if where is None else where] = values
+        flat[slice(None) if lanes is None else lanes] = values
         return np.moveaxis(flat.reshape(columns, rows, *flat.shape[1:]), 0, 1)
 
     start = sensor.scanner.offset_m(pulses)
@@ -213,9 +213,9 @@ def test_points_of_a_pulse_are_its_first_and_second() -> None:
 
 def test_changes_along_a_ring_have_the_deviation_of_what_is_independent() -> None:
     """Of a straight wall there is none; weights of one pulse and its neighbours have squares that sum to one."""
-    alone = np.zeros((1, 9))
-    alone[0, 4] = 1.0
-    assert np.sum(twin_pulses._second_difference(alone, 2) ** 2) == pytest.approx(1.0)
+    impulse = np.zeros((1, 9))
+    impulse[0, 4] = 1.0
+    assert np.sum(twin_pulses._second_difference(impulse, 2) ** 2) == pytest.approx(1.0)
     straight = 3.0 + 0.2 * np.arange(9.0)[None, :]
     np.testing.assert_allclose(twin_pulses._second_difference(straight, 2)[0, 2:-2], 0.0, atol=1e-12)
 
@@ -283,11 +283,11 @@ def test_changes_are_of_smooth_surfaces_and_gaps_have_no_sign(
     """
     steps, change = [], twin_pulses._second_difference
 
-    def noted(range_m: np.ndarray, step: int) -> np.ndarray:
+    def record_step(range_m: np.ndarray, step: int) -> np.ndarray:
         steps.append(step)
         return change(range_m, step)
 
-    monkeypatch.setattr(twin_pulses, "_second_difference", noted)
+    monkeypatch.setattr(twin_pulses, "_second_difference", record_step)
     for changes in (pulses.change_m, pulses.simulated_change_m):
         assert np.isfinite(changes).sum() > 100
         assert np.all(pulses.kind[np.isfinite(changes)] == SMOOTH)

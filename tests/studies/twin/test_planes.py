@@ -42,8 +42,8 @@ def test_rows_that_are_ahead_are_turned_back() -> None:
     """An Ouster's rows are up to six columns apart: neighbours in the array are none in space."""
     grid = align_columns(room_sweep(shear_deg=4.0))
     azimuth = np.arctan2(grid.sweep.direction[..., 1], grid.sweep.direction[..., 0])
-    apart = np.angle(np.exp(1j * (azimuth - azimuth[:1])))
-    assert np.abs(np.degrees(apart)).max() < 1e-6
+    spread_rad = np.angle(np.exp(1j * (azimuth - azimuth[:1])))
+    assert np.abs(np.degrees(spread_rad)).max() < 1e-6
     assert np.degrees(grid.step_rad) == pytest.approx(-360.0 / COLUMNS)
 
 
@@ -52,10 +52,10 @@ def test_noise_is_averaged_and_not_bent() -> None:
     noisy, exact = room_sweep(noise_m=0.02, seed=4), room_sweep()
     planes = fit_planes(align_columns(noisy))
     smooth = planes.smooth()
-    off = (planes.range_m - align_columns(exact).sweep.range_m)[smooth]
+    range_error_m = (planes.range_m - align_columns(exact).sweep.range_m)[smooth]
     # Grazing planes stretch the noise of the normal; the median pixel is what a surfel is.
-    assert 1.4826 * np.median(np.abs(off)) < 0.4 * 0.02
-    assert abs(np.median(off)) < 2e-3
+    assert 1.4826 * np.median(np.abs(range_error_m)) < 0.4 * 0.02
+    assert abs(np.median(range_error_m)) < 2e-3
 
 
 def test_a_pole_before_a_wall_is_none_of_it() -> None:

@@ -96,8 +96,8 @@ def test_a_surface_fades_beside_a_lost_pulse() -> None:
     range_m, signal, reflectivity = (np.array(values) for values in (plain.range_m, plain.signal, plain.reflectivity))
     range_m[6, 45], signal[6, 45], reflectivity[6, 45] = np.nan, 0.1 * signal[6, 45], 0.0
     quads = surfels_of(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity))
-    whole = surfels_of(plain)
-    assert kinds(quads)[ROUGH] - kinds(whole)[ROUGH] == 2
+    quads_of_all = surfels_of(plain)
+    assert kinds(quads)[ROUGH] - kinds(quads_of_all)[ROUGH] == 2
     hole = quads.corners_m[quads.kind == FILLED].mean(axis=(0, 1))
     distance_m = np.linalg.norm(quads.corners_m.mean(axis=1) - hole, axis=1)
     edges = (quads.kind == ROUGH) & (distance_m < 0.3)
@@ -128,9 +128,9 @@ def test_the_ground_is_completed_behind_a_box_and_where_nothing_came_back() -> N
     assert len(ground) > 100
     assert np.abs(ground[..., 2] + HEIGHT_M).max() < 1e-6
     azimuth = np.degrees(np.arctan2(ground[..., 1].mean(axis=1), ground[..., 0].mean(axis=1)))
-    behind = (azimuth > 120.0) & (azimuth < 140.5)
+    behind_box = (azimuth > 120.0) & (azimuth < 140.5)
     is_lost = (azimuth > -40.5) & (azimuth < -19.0)
-    assert behind.sum() > 50
+    assert behind_box.sum() > 50
     assert is_lost.sum() > 50
 
 
@@ -219,11 +219,13 @@ def test_the_nearer_of_two_returns_hides_half_of_the_other(second_m: float) -> N
     signal[row, column] = 0.25 * WHITE_M2 / range_m[row, column] ** 2
     quads = surfels_of(room_sweep(signal=first, second=Second(range_m=range_m, signal=signal)))
     middle = quads.corners_m.mean(axis=1)
-    aside = np.abs(np.arctan2(middle[:, 1], middle[:, 0])) < 0.6 * np.pi / COLUMNS * 2.0
+    in_columns = np.abs(np.arctan2(middle[:, 1], middle[:, 0])) < 0.6 * np.pi / COLUMNS * 2.0
     level = np.abs(
         middle[:, 2] / np.hypot(middle[:, 0], middle[:, 1]) - np.tan(np.arcsin(plain.direction[row, column, 2]))
     )
-    halved = np.flatnonzero(aside & (level < 0.005) & (quads.kind == ROUGH) & (np.abs(quads.reflectivity - 0.5) < 0.05))
+    halved = np.flatnonzero(
+        in_columns & (level < 0.005) & (quads.kind == ROUGH) & (np.abs(quads.reflectivity - 0.5) < 0.05)
+    )
     reach_m = np.linalg.norm(middle[halved], axis=1)
     width = np.linalg.norm(quads.corners_m[halved, 0] - quads.corners_m[halved, 1], axis=1) / reach_m
     order = np.argsort(reach_m)
@@ -255,9 +257,9 @@ def test_ground_that_slopes_is_completed_along_its_slope_a_step_behind_what_stan
     middle = ground.mean(axis=1)
     azimuth_deg = np.degrees(np.arctan2(middle[:, 1], middle[:, 0]))
     near = np.linalg.norm(middle, axis=1) < 0.9 * np.nanmin(meets_m[-9][100:110])
-    behind = near & (azimuth_deg > 70.0 - 0.5) & (azimuth_deg < 80.5)
+    behind_wall = near & (azimuth_deg > 70.0 - 0.5) & (azimuth_deg < 80.5)
     # Columns go clockwise from behind: 105 to 109 are at 75 to 71 degrees.
-    assert set(np.rint(azimuth_deg[behind]).astype(int)) == {71, 72, 73, 74, 75}
+    assert set(np.rint(azimuth_deg[behind_wall]).astype(int)) == {71, 72, 73, 74, 75}
     assert np.linalg.norm(middle, axis=1).max() < 1.3 * 25.0 * 1.01
 
 
@@ -273,9 +275,9 @@ def test_no_ground_is_seen_above_the_foot_of_a_wall() -> None:
     )
     quads = surfels_of(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity), GROUND_PLANE)
     ground = quads.corners_m[quads.kind == GROUND].mean(axis=1)
-    ahead = np.abs(np.degrees(np.arctan2(ground[:, 1], ground[:, 0]))) < 9.0
+    straight_ahead = np.abs(np.degrees(np.arctan2(ground[:, 1], ground[:, 0]))) < 9.0
     above = np.degrees(np.arctan2(ground[:, 2], np.hypot(ground[:, 0], ground[:, 1]))) > -8.5
-    assert not np.any(ahead & above)
+    assert not np.any(straight_ahead & above)
 
 
 def test_corners_of_a_grazing_quad_stay_near_its_middle() -> None:

@@ -59,9 +59,9 @@ def test_light_is_such_that_surfaces_have_the_recorded_background() -> None:
     sensor = load_sensor("os1-128", overrides=["scanner.columns_per_turn=1024"])
     plain = room_sweep()
     near_ir = 500.0 * np.asarray(plain.reflectivity) / 20.0
-    counted = float(background_w(sensor, 500.0)[0])
+    recorded_w = float(background_w(sensor, 500.0)[0])
     target = Target(reflectivity=0.2, illuminance_klux=30.0, cos_sun=0.0, diffuse_share=1.0)
-    klux = 30.0 * counted / float(echoes_of_plane(sensor, target, 20.0 * np.ones(1)).background_power_w[0])
+    klux = 30.0 * recorded_w / float(echoes_of_plane(sensor, target, 20.0 * np.ones(1)).background_power_w[0])
     sweep = room_sweep(near_ir=near_ir)
     klux_found = illuminance_klux(sweep, ReflectivityGauge.from_sweep(sweep), sensor)
     # Counts of the dark do not scale with the reflectivity; they are some 100 of 500.
@@ -121,8 +121,8 @@ def test_strengths_that_are_no_numbers_are_in_no_file(tmp_path: Path, value: flo
     build_twin(recording, TwinFrames(frames=(0,)), tmp_path / "twin", metadata=unit_json(tmp_path / "unit.json"))
     scene = load_scene(tmp_path / "twin" / "scene.toml")
     assert "bright" not in {body.class_name for body in scene.bodies}
-    whole = replace(sweep, intensity=plain.reflectivity, near_ir=np.full(plain.shape, 500.0))
-    klux = illuminance_klux(whole, ReflectivityGauge.from_sweep(whole), load_sensor(scene.sensor_name))
+    with_columns = replace(sweep, intensity=plain.reflectivity, near_ir=np.full(plain.shape, 500.0))
+    klux = illuminance_klux(with_columns, ReflectivityGauge.from_sweep(with_columns), load_sensor(scene.sensor_name))
     # 34 of 8640 pixels are out of two medians, which they cannot move by more than their neighbours in rank.
     assert scene.sun.illuminance_klux == pytest.approx(klux, rel=0.01)
 
@@ -151,8 +151,8 @@ def test_a_sky_of_so_much_light_is_found_again() -> None:
     sensor = load_sensor("os1-128", overrides=["scanner.columns_per_turn=1024"])
     sky = Target(reflectivity=0.2, illuminance_klux=20.0, cos_sun=0.0, diffuse_share=1.0, transmittance=1.0)
     power_w = echoes_of_plane(sensor, sky, np.full(1, 20.0)).background_power_w
-    counted = float(np.ravel(sensor.background_counts(power_w)[0])[0]) * float(sensor.tdc.ambient_s)
-    sweep = room_sweep(signal=None, near_ir=np.full((24, 360), counted), reflectivity=np.full((24, 360), 20.0))
+    counts = float(np.ravel(sensor.background_counts(power_w)[0])[0]) * float(sensor.tdc.ambient_s)
+    sweep = room_sweep(signal=None, near_ir=np.full((24, 360), counts), reflectivity=np.full((24, 360), 20.0))
     assert illuminance_klux(sweep, ReflectivityGauge.from_sweep(sweep), sensor) == pytest.approx(20.0, rel=1e-4)
     dark = room_sweep(signal=None, near_ir=np.zeros((24, 360)), reflectivity=np.full((24, 360), 20.0))
     assert illuminance_klux(dark, ReflectivityGauge.from_sweep(dark), sensor) == 0.0

@@ -27,10 +27,10 @@ def test_the_scatter_of_a_law_that_holds_is_one() -> None:
 def test_a_tail_of_other_surfaces_counts_little() -> None:
     """Rationale: one pulse in twenty a hundred sigmas off is left out; four sigmas off, it counts as three."""
     numbers = np.random.default_rng(1).standard_normal(10_000)
-    far, off = numbers.copy(), numbers.copy()
-    far[::20], off[::20] = 100.0, 4.0
+    far, moderate = numbers.copy(), numbers.copy()
+    far[::20], moderate[::20] = 100.0, 4.0
     assert capped_scatter(far) == pytest.approx(1.0, abs=0.02)
-    assert 1.1 < capped_scatter(off) < 1.3
+    assert 1.1 < capped_scatter(moderate) < 1.3
 
 
 def test_a_ratio_is_beyond_its_limit_by_two_of_its_sigmas() -> None:

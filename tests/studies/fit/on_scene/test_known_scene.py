@@ -36,11 +36,11 @@ def test_expected_is_what_is_drawn(range_m: float, klux: float) -> None:
     assert np.sum(~is_kept) < 0.001 * SHOTS + 5.0 * math.sqrt(0.001 * SHOTS)
     signal = (np.asarray(first.photons) - law.signal) / np.sqrt(law.variance)
     background = (np.asarray(detection.ambient) - law.near_ir) / np.sqrt(law.near_ir)
-    off = (np.asarray(first.range_m) - ranges) / law.sigma_m
+    range_error = (np.asarray(first.range_m) - ranges) / law.sigma_m
     for name, values in (("signal", signal), ("near_ir", background)):
         assert abs(np.mean(values[is_kept])) < 0.079, name
         assert np.std(values[is_kept]) == pytest.approx(1.0, abs=0.056), name
-    assert np.std(off[is_kept]) == pytest.approx(1.0, abs=0.056)
+    assert np.std(range_error[is_kept]) == pytest.approx(1.0, abs=0.056)
 
 
 def test_the_chance_is_that_of_the_stages() -> None:
@@ -106,18 +106,18 @@ def test_a_near_field_that_is_twice_as_far_is_the_same_at_twice_the_range(spot_o
     """With the power of an echo the same, only the share of the light on the detector is left."""
     scene = wall(spot_over_field=spot_over_field)
     scene = replace(scene, range_m=near_field_m(published_sensor()) * np.geomspace(0.3, 4.0, 5))
-    twice = replace(scene, range_m=2.0 * scene.range_m)
-    moved = predict(twice, {"near_field_m": np.log(2.0)})
+    scene_twice_as_far = replace(scene, range_m=2.0 * scene.range_m)
+    moved = predict(scene_twice_as_far, {"near_field_m": np.log(2.0)})
     np.testing.assert_allclose(moved.signal, predict(scene, {}).signal, rtol=1e-3)
-    assert np.asarray(predict(twice, {}).signal)[0] > 1.2 * np.asarray(moved.signal)[0]
+    assert np.asarray(predict(scene_twice_as_far, {}).signal)[0] > 1.2 * np.asarray(moved.signal)[0]
 
 
 def test_a_floor_of_the_ranges_adds_in_squares() -> None:
     scene = wall()
     without, floor = (np.asarray(predict(replace(scene, floor_m=floor_m), {}).sigma_m) for floor_m in (0.0, 0.02))
     np.testing.assert_allclose(floor**2 - without**2, 0.02**2)
-    twice = np.asarray(predict(replace(scene, floor_m=0.02), {"scatter_floor": np.log(2.0)}).sigma_m)
-    np.testing.assert_allclose(twice**2 - without**2, 0.04**2)
+    sigma_of_twice = np.asarray(predict(replace(scene, floor_m=0.02), {"scatter_floor": np.log(2.0)}).sigma_m)
+    np.testing.assert_allclose(sigma_of_twice**2 - without**2, 0.04**2)
 
 
 def test_a_strong_echo_fires_all_free_spads_and_a_weak_one_a_few() -> None:
@@ -141,8 +141,8 @@ def test_ranges_of_few_photons_scatter_more_than_linearly() -> None:
     law = predict(replace(scene, floor_m=0.0), {"detector.jitter_ps": -20.0})
     assert np.mean(law.signal) == pytest.approx(25.0, rel=0.1)
     assert np.min(law.chance) > 0.999
-    off = ((np.asarray(stop.range_m) - ranges) / law.sigma_m)[np.asarray(stop.reported)]
-    assert np.std(off[np.abs(off) < 6.0]) == pytest.approx(1.0, abs=0.017)
+    range_error = ((np.asarray(stop.range_m) - ranges) / law.sigma_m)[np.asarray(stop.reported)]
+    assert np.std(range_error[np.abs(range_error) < 6.0]) == pytest.approx(1.0, abs=0.017)
 
 
 def test_background_scatters_ranges_and_counts_as_its_filters_have_it() -> None:
@@ -171,5 +171,7 @@ def test_background_scatters_ranges_and_counts_as_its_filters_have_it() -> None:
     weak = slice(2, None)  # near by photons scatter the range, and the sun takes some of these
     added = np.sqrt(np.asarray(light.sigma_m) ** 2 - np.asarray(dark.sigma_m) ** 2)
     np.testing.assert_allclose(added[weak], moved_m[weak], rtol=0.1)
-    counted = 2.0 * BOX * sigma_s * np.asarray(pixel.count_rate_hz - without.count_rate_hz) / BOX_SHARE**2
-    np.testing.assert_allclose((np.asarray(light.variance) - np.asarray(dark.variance))[weak], counted[weak], rtol=0.1)
+    extra_variance = 2.0 * BOX * sigma_s * np.asarray(pixel.count_rate_hz - without.count_rate_hz) / BOX_SHARE**2
+    np.testing.assert_allclose(
+        (np.asarray(light.variance) - np.asarray(dark.variance))[weak], extra_variance[weak], rtol=0.1
+    )

@@ -158,22 +158,22 @@ def test_what_is_held_widens_what_moves_with_it() -> None:
     slopes = rng.normal(size=(4, 40))
     slopes[3] = 0.9 * slopes[0] + 0.03 * slopes[3]
     matrix = slopes @ slopes.T
-    whole = np.linalg.inv(matrix + np.diag([0.0, 0.0, 0.0, 1.0]))[:3, :3]
-    alone = np.linalg.inv(matrix[:3, :3])
+    joint = np.linalg.inv(matrix + np.diag([0.0, 0.0, 0.0, 1.0]))[:3, :3]
+    conditional = np.linalg.inv(matrix[:3, :3])
     held_part = _held_covariance(matrix, [0, 1, 2], [3])
-    np.testing.assert_allclose(alone + held_part, whole, rtol=1e-9)
-    assert held_part[0, 0] > 10.0 * alone[0, 0]
+    np.testing.assert_allclose(conditional + held_part, joint, rtol=1e-9)
+    assert held_part[0, 0] > 10.0 * conditional[0, 0]
     slopes[3] = slopes[0]
     np.testing.assert_array_equal(_held_covariance(slopes @ slopes.T, [0, 1, 2], [3]), 0.0)
 
 
 def test_what_is_held_is_a_part_of_the_stated_sigmas(fit: ParameterFit) -> None:
     """Rationale: the jitter is held, and not known; a longer pulse scatters ranges as it does."""
-    alone = np.diag(np.linalg.inv(fit.solved.slope))
-    whole = np.diag(fit.solved.covariance)
+    conditional = np.diag(np.linalg.inv(fit.solved.slope))
+    stated = np.diag(fit.solved.covariance)
     pulse = fit.names.index("laser.pulse_fwhm_ns")
-    assert np.all(whole >= alone)
-    assert whole[pulse] > 1.0001 * alone[pulse]
+    assert np.all(stated >= conditional)
+    assert stated[pulse] > 1.0001 * conditional[pulse]
 
 
 def test_the_information_of_sun_and_power_is_that_of_counts() -> None:

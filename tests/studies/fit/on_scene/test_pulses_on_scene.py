@@ -84,23 +84,23 @@ def test_each_pulse_is_laid_on_its_own_light() -> None:
         pulses = sensor.scanner.pulses
         rough = np.where(np.arange(pulses) % 5 == 0, 12.0, 10.0)
         smooth_light, two = Lit(sensor, np.full(pulses, 10.0)), Lit(sensor, rough)
-        alone, smooth, second = (
+        single_frame, smooth, second = (
             _lay_frame(simulators, sweep, None, number=frame)  # type: ignore[arg-type]
             for simulators, frame in (([smooth_light], 0), ([smooth_light, two], 0), ([smooth_light], 1))
         )
     is_fitted = ((numbers % 7 != 0) & ~withheld).T
     pulse = numbers.T[is_fitted]
-    np.testing.assert_allclose(alone.reported.signal, 100.0 + pulse)
-    np.testing.assert_allclose(alone.scene.range_m, 10.0)
+    np.testing.assert_allclose(single_frame.reported.signal, 100.0 + pulse)
+    np.testing.assert_allclose(single_frame.scene.range_m, 10.0)
     # The sensor's own near field is given back, the same for all at one range.
-    share = alone.scene.power_w / (1e-12 * (pulse + 1.0))
+    share = single_frame.scene.power_w / (1e-12 * (pulse + 1.0))
     np.testing.assert_allclose(share, share[0])
-    assert not alone.scene.light_measured
-    np.testing.assert_allclose(alone.reported.near_ir, 300.0)
-    assert np.unique(alone.scene.group).size == 2 * 5  # of 96 columns five blocks
-    assert np.unique(alone.block).size == 5
-    assert not np.intersect1d(alone.scene.group, second.scene.group).size
-    assert not np.intersect1d(alone.block, second.block).size
+    assert not single_frame.scene.light_measured
+    np.testing.assert_allclose(single_frame.reported.near_ir, 300.0)
+    assert np.unique(single_frame.scene.group).size == 2 * 5  # of 96 columns five blocks
+    assert np.unique(single_frame.block).size == 5
+    assert not np.intersect1d(single_frame.scene.group, second.scene.group).size
+    assert not np.intersect1d(single_frame.block, second.block).size
     assert np.array_equal(np.isnan(smooth.reported.signal), pulse % 5 == 0)
     assert np.array_equal(np.isnan(smooth.reported.range_m), pulse % 5 == 0)
     assert smooth.reported.has_return.all()
@@ -109,4 +109,4 @@ def test_each_pulse_is_laid_on_its_own_light() -> None:
     assert np.isnan(smooth.reported.near_ir).all()
     counts = np.asarray(sensor.background_counts(smooth.scene.background_w)[0]) * float(sensor.tdc.ambient_s)
     np.testing.assert_allclose(counts, 300.0, rtol=1e-3)
-    assert np.mean(alone.fitted) == pytest.approx(0.8, abs=0.05)  # the fourth of five blocks is held out
+    assert np.mean(single_frame.fitted) == pytest.approx(0.8, abs=0.05)  # the fourth of five blocks is held out
