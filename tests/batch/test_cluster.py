@@ -32,7 +32,7 @@ def _dask(mi: Any) -> None:
     pytest.importorskip("pyarrow")
 
 
-class Standing:
+class Scheduler:
     """A scheduler of its own, on a free port, and workers beside it."""
 
     def __init__(self, folder: Path) -> None:
@@ -92,35 +92,35 @@ def _is_whole(file: Path) -> bool:
 
 
 @pytest.fixture(scope="module")
-def _started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], Standing]]:
+def _scheduler_factory(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], Scheduler]]:
     """Gives the scheduler of this module, or a new one if it is dead; no process of it lives after this module."""
-    started: list[Standing] = []
+    started: list[Scheduler] = []
 
-    def current_scheduler() -> Standing:
+    def current_scheduler() -> Scheduler:
         if not (started and started[-1].runs):
-            started.append(Standing(tmp_path_factory.mktemp("dask")))
+            started.append(Scheduler(tmp_path_factory.mktemp("dask")))
         return started[-1]
 
     yield current_scheduler
-    for standing in started:
-        standing.end(0)
+    for scheduler in started:
+        scheduler.end(0)
 
 
 @pytest.fixture
-def bare(_started: Callable[[], Standing]) -> Standing:
+def idle_scheduler(_scheduler_factory: Callable[[], Scheduler]) -> Scheduler:
     """Without workers."""
-    standing = _started()
-    standing.end(1)
-    return standing
+    scheduler = _scheduler_factory()
+    scheduler.end(1)
+    return scheduler
 
 
 @pytest.fixture
-def equipped(_started: Callable[[], Standing]) -> Standing:
+def scheduler_with_worker(_scheduler_factory: Callable[[], Scheduler]) -> Scheduler:
     """With a worker: the same for all tests until one of them kills it."""
-    standing = _started()
-    if len(standing.processes) == 1:
-        standing.start_workers(1)
-    return standing
+    scheduler = _scheduler_factory()
+    if len(scheduler.processes) == 1:
+        scheduler.start_workers(1)
+    return scheduler
 
 
 @pytest.mark.parametrize(
@@ -132,15 +132,15 @@ def equipped(_started: Callable[[], Standing]) -> Standing:
     ids=["without", "older"],
 )
 def test_workers_that_do_not_fit(
-    bare: Standing, job_file: Path, tmp_path: Path, capsys: Printed, module: str, text: str, message: str
+    idle_scheduler: Scheduler, job_file: Path, tmp_path: Path, capsys: Printed, module: str, text: str, message: str
 ) -> None:
     """Every frame fails with that cause; nothing is written, and nothing waits for ever."""
     (tmp_path / "path").mkdir()
     (tmp_path / "path" / module).write_text(text)
-    bare.start_workers(1, "--no-nanny", first=tmp_path / "path")  # which only starts it anew when it dies
-    argv = ["batch", str(job_file), "-o", str(tmp_path / "out"), "--scheduler", bare.address]
+    idle_scheduler.start_workers(1, "--no-nanny", first=tmp_path / "path")  # which only starts it anew when it dies
+    argv = ["batch", str(job_file), "-o", str(tmp_path / "out"), "--scheduler", idle_scheduler.address]
     code = main.main(argv)
-    bare.end(1)
+    idle_scheduler.end(1)
     assert code == 1
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("failed")]
     assert len(lines) == 4
@@ -148,13 +148,14 @@ def test_workers_that_do_not_fit(
     assert list((tmp_path / "out").rglob("*.ply")) == []
 
 
-def test_the_bits_of_render(equipped: Standing, job_file: Path, tmp_path: Path, capsys: Printed) -> None:
+def test_the_bits_of_render(scheduler_with_worker: Scheduler, job_file: Path, tmp_path: Path, capsys: Printed) -> None:
     """A worker, started by hand, by address; then once more, when nothing is left to do."""
     out = tmp_path / "out"
-    argv = ["batch", str(job_file), "-o", str(out), "--json", "--scheduler", equipped.address]
+    address = scheduler_with_worker.address
+    argv = ["batch", str(job_file), "-o", str(out), "--json", "--scheduler", address]
     assert main.main(argv) == 0
     first = capsys.readouterr()
-    note = f"lidarscene: note: --scheduler {equipped.address}: whoever reaches this port, or those of the workers, runs"
+    note = f"lidarscene: note: --scheduler {address}: whoever reaches this port, or those of the workers, runs"
     assert first.err.count(note) == 1
     assert "dashboard     http://127.0.0.1:" in first.err
     assert main.main(argv) == 0
@@ -174,7 +175,7 @@ def test_the_bits_of_render(equipped: Standing, job_file: Path, tmp_path: Path, 
 
 @pytest.mark.filterwarnings("ignore:.* whoever reaches this port:lidarscene.errors.OptionWarning")
 def test_a_scheduler_that_dies(
-    equipped: Standing, write_job: Callable[..., Path], threads: Connect, tmp_path: Path, capfd: Printed
+    scheduler_with_worker: Scheduler, write_job: Callable[..., Path], threads: Connect, tmp_path: Path, capfd: Printed
 ) -> None:
     """SIGKILL after the third frame of ten: one line; with a new scheduler the rest is rendered, and no more.
 
@@ -186,13 +187,13 @@ def test_a_scheduler_that_dies(
 
     def kill(progress: Progress, *_: object) -> None:
         if progress.rendered == 3:
-            equipped.processes[0].kill()
+            scheduler_with_worker.processes[0].kill()
 
     with pytest.raises(LidarSceneError, match=r"^the Dask scheduler has gone; \d+ of 10 frames were done") as caught:
-        run_job(job, out, connect=lambda: cluster.remote_client(equipped.address), report=kill)
+        run_job(job, out, connect=lambda: cluster.remote_client(scheduler_with_worker.address), report=kill)
     assert "\n" not in str(caught.value)
     assert capfd.readouterr().err == ""
-    equipped.end(0)
+    scheduler_with_worker.end(0)
     frames_done = len(list(out.rglob("*.json")))
     assert 3 <= frames_done < 10
     progress = run_job(job, out, connect=threads)

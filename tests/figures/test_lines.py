@@ -11,7 +11,7 @@ from lidarscene.figures.lines import Chart, Level, Line, Mark
 
 
 @pytest.fixture
-def saved(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+def saved_figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """The figures as they are when they are written."""
     from matplotlib.figure import Figure
 
@@ -26,7 +26,7 @@ def saved(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return figures
 
 
-def test_a_chart_is_whole_in_its_picture(saved: list[Any], tmp_path: Path) -> None:
+def test_a_chart_is_whole_in_its_picture(saved_figures: list[Any], tmp_path: Path) -> None:
     """Labels, title, legend and numbers, with a tall label at the left that needs room."""
     x = np.linspace(0.0, 1.0, 5)
     chart = Chart(
@@ -38,15 +38,15 @@ def test_a_chart_is_whole_in_its_picture(saved: list[Any], tmp_path: Path) -> No
         levels=(Level(y=2e4, text="level"),),
     )
     lines.save(chart, [tmp_path / "a.png", tmp_path / "a.svg"])
-    assert len(saved) == 2
-    whole_in_its_picture(saved[0])
+    assert len(saved_figures) == 2
+    whole_in_its_picture(saved_figures[0])
 
 
-def test_bars_are_whole_in_their_picture(saved: list[Any], tmp_path: Path) -> None:
+def test_bars_are_whole_in_their_picture(saved_figures: list[Any], tmp_path: Path) -> None:
     """Names along the left edge are the widest that there is."""
     bars = [("a name that is as long as a key of a sensor file", 0.5), ("short", -0.25)]
     lines.tornado([tmp_path / "a.png"], bars=bars, title="title", label="exponent")
-    whole_in_its_picture(saved[0])
+    whole_in_its_picture(saved_figures[0])
 
 
 def whole_in_its_picture(figure: Any) -> None:

@@ -190,7 +190,7 @@ def test_a_data_set_is_that_of_the_api(run: Run, moving: str, tmp_path: Path) ->
 
 
 @pytest.fixture
-def alive(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
+def most_chunks_alive(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
     """How many chunks there were in memory at most, each when the next was handed out."""
     columns: list[weakref.ref[Any]] = []
     most_alive = [0]
@@ -211,7 +211,7 @@ def alive(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
 
 @pytest.mark.parametrize("output", [output for output in ASKED if output != "whole"])
 def test_no_chunk_is_kept(
-    run: Run, moving: str, monkeypatch: pytest.MonkeyPatch, alive: Callable[[], int], output: str
+    run: Run, moving: str, monkeypatch: pytest.MonkeyPatch, most_chunks_alive: Callable[[], int], output: str
 ) -> None:
     """When a chunk comes no other is there, not even the one before.
 
@@ -225,13 +225,15 @@ def test_no_chunk_is_kept(
         position = argv.index("--range-image")
         del argv[position : position + 2]
     assert run("render", moving, *argv, *COARSE, CHUNKS).code == 0
-    assert alive() == 0
+    assert most_chunks_alive() == 0
 
 
-def test_a_format_that_needs_the_whole_keeps_copies(run: Run, moving: str, alive: Callable[[], int]) -> None:
+def test_a_format_that_needs_the_whole_keeps_copies(
+    run: Run, moving: str, most_chunks_alive: Callable[[], int]
+) -> None:
     """The columns of all chunks are one array: chunks themselves are not kept there either, but the first's."""
     assert run("render", moving, *all_outputs("o")["whole"], *COARSE, CHUNKS).code == 0
-    assert alive() <= 1
+    assert most_chunks_alive() <= 1
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL")

@@ -31,7 +31,7 @@ def cloud(mi: Any, scene_file: Path) -> PointCloud:
 
 
 @pytest.fixture(scope="module")
-def saved(cloud: PointCloud, scene_file: Path) -> Path:
+def saved_page(cloud: PointCloud, scene_file: Path) -> Path:
     """The page of the cloud over its scene."""
     folder = scene_file.parent
     cloud.save(folder / "a.ply")
@@ -82,22 +82,22 @@ def number(text: str) -> float:
     return float(parts[1]) * scale
 
 
-def test_a_saved_page_needs_nothing_else(browser: Chromium, saved: Path) -> None:
+def test_a_saved_page_needs_nothing_else(browser: Chromium, saved_page: Path) -> None:
     """Rationale: opened from a file, the page asks for itself and nothing more, and complains of nothing."""
-    assert not re.search(r"(src|href)=\"(?!data:)", saved.read_text(encoding="utf-8"))
-    browser.open(saved.as_uri())
+    assert not re.search(r"(src|href)=\"(?!data:)", saved_page.read_text(encoding="utf-8"))
+    browser.open(saved_page.as_uri())
     assert browser.value("document.getElementById('error').textContent") == ""
     messages = [text for text in browser.messages if "GPU stall" not in text]  # the screenshot's own cost
-    assert messages == [f"request {saved.as_uri()}"[:88]]
+    assert messages == [f"request {saved_page.as_uri()}"[:88]]
 
 
 def test_points_stand_where_they_should_in_their_colours(
-    browser: Chromium, saved: Path, scene_file: Path, cloud: PointCloud, tmp_path: Path
+    browser: Chromium, saved_page: Path, scene_file: Path, cloud: PointCloud, tmp_path: Path
 ) -> None:
     """Rationale: the page's projection against that of `pixels`, and the colour under each point against
     matplotlib's map. Tolerances: a hundredth of a pixel, float32; 6 of 255: 17 stops miss the map by 5 at most.
     """
-    browser.open(saved.as_uri())
+    browser.open(saved_page.as_uri())
     view = load_scene(scene_file).camera
     assert view is not None
     camera = camera_for(cloud, eye_m=view.eye_m, target_m=view.target_m, fov_deg=view.fov_deg)
@@ -127,11 +127,11 @@ def test_points_stand_where_they_should_in_their_colours(
     assert drawn > 50
 
 
-def test_a_click_shows_the_budget(browser: Chromium, saved: Path, cloud: PointCloud, scene_file: Path) -> None:
+def test_a_click_shows_the_budget(browser: Chromium, saved_page: Path, cloud: PointCloud, scene_file: Path) -> None:
     """Rationale: the table on the page against `budget_of` and the cloud's own columns, to its four digits."""
     sensor, scene = load_sensor("table1-apd", overrides=COARSE), load_scene(scene_file)
     budget = budget_of(cloud, sensor, ambient_of(scene, sensor))
-    browser.open(saved.as_uri())
+    browser.open(saved_page.as_uri())
     page = pixel_places(browser)
     i = int(np.flatnonzero((cloud.body == 0) & (cloud.status == 0))[20])
     browser.click(page[i, 0], page[i, 1])
@@ -164,9 +164,9 @@ def test_a_click_shows_the_budget(browser: Chromium, saved: Path, cloud: PointCl
     assert browser.value("document.getElementById('card').hidden")
 
 
-def test_what_is_hidden_is_not_there(browser: Chromium, saved: Path, cloud: PointCloud, tmp_path: Path) -> None:
+def test_what_is_hidden_is_not_there(browser: Chromium, saved_page: Path, cloud: PointCloud, tmp_path: Path) -> None:
     """The status filter and a click on a kind in the legend: out of the picture, and not to be picked."""
-    browser.open(saved.as_uri())
+    browser.open(saved_page.as_uri())
     browser.value(
         "document.getElementById('opacity').value = 0, document.getElementById('right').style.display = 'none'"
     )
@@ -259,8 +259,8 @@ def test_live_controls_render_in_place(browser: Chromium, live: str, scene_file:
     assert "detector.eye" in browser.value("document.getElementById('error').textContent")
 
 
-def test_the_camera_turns_and_comes_back(browser: Chromium, saved: Path) -> None:
-    browser.open(saved.as_uri())
+def test_the_camera_turns_and_comes_back(browser: Chromium, saved_page: Path) -> None:
+    browser.open(saved_page.as_uri())
     before = pixel_places(browser)
     browser.drag((800, 400), (900, 450))
     browser.until("!viewer.drawn")
@@ -270,9 +270,9 @@ def test_the_camera_turns_and_comes_back(browser: Chromium, saved: Path) -> None
     np.testing.assert_allclose(pixel_places(browser), before, atol=0.05)
 
 
-def test_places_of_the_camera(browser: Chromium, saved: Path, cloud: PointCloud) -> None:
+def test_places_of_the_camera(browser: Chromium, saved_page: Path, cloud: PointCloud) -> None:
     """At the sensor the eye is the sensor's; from above, beside and in the fit nearly all points are in the window."""
-    browser.open(saved.as_uri())
+    browser.open(saved_page.as_uri())
     browser.value("document.getElementById('go-sensor').click()")
     np.testing.assert_allclose(browser.value("viewer.camera.eye"), cloud.sensor_position_m, atol=1e-4)
     left, top, width, height = browser.value(
@@ -290,9 +290,9 @@ def test_places_of_the_camera(browser: Chromium, saved: Path, cloud: PointCloud)
     assert browser.value("viewer.camera.eye") == pytest.approx(browser.value("viewer.stage.camera.eye"))
 
 
-def test_distance_between_two_points(browser: Chromium, saved: Path, cloud: PointCloud) -> None:
+def test_distance_between_two_points(browser: Chromium, saved_page: Path, cloud: PointCloud) -> None:
     """Reference: the cloud's own positions; to a millimetre."""
-    browser.open(saved.as_uri())
+    browser.open(saved_page.as_uri())
     first, second = np.flatnonzero((cloud.body == 0) & (cloud.status == 0))[[5, 40]].tolist()
     browser.value(f"viewer.select({first}), viewer.measure({second})")
     distance_text = browser.value("document.getElementById('distance').textContent")
@@ -407,10 +407,10 @@ def test_far_from_the_origin(browser: Chromium, cloud: PointCloud, tmp_path: Pat
     np.testing.assert_allclose([number(table[k]) for k in "xyz"], moved.xyz_m[i], atol=2e-4)
 
 
-def test_the_same_input_makes_the_same_page(saved: Path, scene_file: Path, tmp_path: Path) -> None:
+def test_the_same_input_makes_the_same_page(saved_page: Path, scene_file: Path, tmp_path: Path) -> None:
     second_page = tmp_path / "again.html"
-    assert main(["view", str(saved.with_name("a.ply")), str(scene_file), *SETS, "--save", str(second_page)]) == 0
-    assert second_page.read_bytes() == saved.read_bytes()
-    blobs = re.findall(r'id="blob-([\w-]+)">([^<]*)<', saved.read_text(encoding="utf-8"))
+    assert main(["view", str(saved_page.with_name("a.ply")), str(scene_file), *SETS, "--save", str(second_page)]) == 0
+    assert second_page.read_bytes() == saved_page.read_bytes()
+    blobs = re.findall(r'id="blob-([\w-]+)">([^<]*)<', saved_page.read_text(encoding="utf-8"))
     assert [name for name, _ in blobs] == ["stage", "frame-0"]
     assert all(base64.b64decode(text) for _, text in blobs)

@@ -58,15 +58,15 @@ def running_server() -> Iterator[Server]:
 
 
 @pytest.fixture(scope="module")
-def standing() -> Iterator[Server]:
+def shared_server() -> Iterator[Server]:
     with running_server() as server:
         yield server
 
 
 @pytest.fixture
-def server(standing: Server) -> Server:
-    standing.source = Nothing()
-    return standing
+def server(shared_server: Server) -> Server:
+    shared_server.source = Nothing()
+    return shared_server
 
 
 @pytest.fixture

@@ -68,7 +68,7 @@ def one_lens(folder: Path) -> str:
 
 
 @pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """Figures take longest, and one test looks at them."""
     monkeypatch.setattr(Report, "figure", lambda *_: None)
     return monkeypatch
@@ -152,19 +152,21 @@ def test_two_lenses_are_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert np.max(np.abs(single_lens.law(range_m) / law - 1.0)) > 0.1
 
 
-def test_a_law_that_does_not_hold_fails(tmp_path: Path, undrawn: pytest.MonkeyPatch, sweep: Sweep) -> None:
+def test_a_law_that_does_not_hold_fails(tmp_path: Path, without_figures: pytest.MonkeyPatch, sweep: Sweep) -> None:
     """Rationale: the blocks that were not fitted are of another reflectivity scale, by 1.3: more than 15 % off."""
     assert sweep.reflectivity is not None
     is_darker = (np.arange(sweep.shape[1]) // 20) % 4 == 3
     changed = replace(sweep, reflectivity=np.where(is_darker, np.rint(sweep.reflectivity / 1.3), sweep.reflectivity))
-    text, passed = fit_sweep(tmp_path, undrawn, changed)
+    text, passed = fit_sweep(tmp_path, without_figures, changed)
     assert not passed
     assert "it misses 'signal, mean error over the range', 0.2" in text
     assert text.count("NOT MET") == 1
 
 
-def test_what_is_not_recorded_stays_as_it_was(tmp_path: Path, undrawn: pytest.MonkeyPatch, sweep: Sweep) -> None:
-    text, passed = fit_sweep(tmp_path, undrawn, replace(sweep, near_ir=None, reflectivity=None))
+def test_what_is_not_recorded_stays_as_it_was(
+    tmp_path: Path, without_figures: pytest.MonkeyPatch, sweep: Sweep
+) -> None:
+    text, passed = fit_sweep(tmp_path, without_figures, replace(sweep, near_ir=None, reflectivity=None))
     assert passed
     assert "histogram.threshold_floor is left as it was: threshold_floor is not recorded" in text
     sensor, before = load_sensor(tmp_path / "unit.toml"), load_sensor("os1-128")
@@ -180,10 +182,10 @@ def test_what_is_not_recorded_stays_as_it_was(tmp_path: Path, undrawn: pytest.Mo
     ],
 )
 def test_a_recording_that_tells_nothing(
-    tmp_path: Path, undrawn: pytest.MonkeyPatch, sweep: Sweep, change: dict[str, object], complaint: str
+    tmp_path: Path, without_figures: pytest.MonkeyPatch, sweep: Sweep, change: dict[str, object], complaint: str
 ) -> None:
     with pytest.raises(InputError, match=complaint):
-        fit_sweep(tmp_path, undrawn, replace(sweep, **change))  # type: ignore[arg-type]
+        fit_sweep(tmp_path, without_figures, replace(sweep, **change))  # type: ignore[arg-type]
     assert not (tmp_path / "unit.toml").exists()
 
 
