@@ -1,7 +1,6 @@
 """What a worker does with a frame: the bits of `render`, worlds kept, failures told, nothing done twice."""
 
 import dataclasses
-import errno
 import shutil
 import subprocess
 import sys
@@ -9,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.folders import raise_disk_full
+from helpers.small_job import use_no_worlds_of_others
 
 from lidarscene import catalog
 from lidarscene.batch import manifest, work
@@ -39,8 +40,7 @@ position_m = [0, -1, 0.3]
 @pytest.fixture(autouse=True)
 def _fresh(mi: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """A worker that has seen nothing yet."""
-    for name in ("_scenes", "_sensors", "_worlds"):
-        monkeypatch.setattr(work, name, work._Cache())
+    use_no_worlds_of_others(monkeypatch)
 
 
 def render_in_process(task: FrameTask, store: Store) -> Path:
@@ -210,9 +210,6 @@ def test_a_corrupt_file_is_rendered_again(job: Job, tmp_path: Path, spoil: str) 
 def test_a_full_disk_loses_nothing(job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, full_at: str) -> None:
     """The write that meets it, of the cloud (when it is synced) or of its row, fails as a whole."""
     task, store = next(job.tasks()), Store(tmp_path / "out")
-
-    def raise_disk_full(*_: Any, **__: Any) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch:
         patch.setattr(*((atomic, "_sync") if full_at == "cloud" else (Path, "write_text")), raise_disk_full)

@@ -1,7 +1,5 @@
 """Mistakes: each gives one clear line, exit code 2, and leaves nothing behind."""
 
-import errno
-import os
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -9,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.command_line import COARSE, WALL, Ran, Run
+from helpers.folders import raise_disk_full
 
 from lidarscene.rendering.simulator import Simulator
 
@@ -369,10 +368,6 @@ def test_no_input_is_overwritten(run: Run, tmp_path: Path) -> None:
     assert (tmp_path / "mesh.ply").read_bytes() == content
 
 
-def _full_disk(*_: Any, **__: Any) -> None:
-    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
 @pytest.mark.parametrize(
     ("target", "argv", "message", "kept_files"),
     [
@@ -391,7 +386,7 @@ def _full_disk(*_: Any, **__: Any) -> None:
         ),
     ],
 )
-def test_full_disk(
+def testraise_disk_full(
     run: Run,
     tmp_path: Path,
     wall: str,
@@ -404,13 +399,13 @@ def test_full_disk(
 ) -> None:
     """Nothing half written stays, not even a new folder; what was complete before does."""
     before = files_in(tmp_path)
-    monkeypatch.setattr(target, _full_disk)
+    monkeypatch.setattr(target, raise_disk_full)
     ran = run("render", wall, "-o", "new/o.ply", *COARSE, *argv)
     assert (ran.code, ran.out, ran.err) == (2, "", f"lidarscene: error: {message}\n")
     assert files_in(tmp_path) - before == kept_files
 
 
-def test_full_disk_behind_standard_output(run_python: Any) -> None:
+def testraise_disk_full_behind_standard_output(run_python: Any) -> None:
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full on this system")
     code = "import sys, os; os.dup2(os.open('/dev/full', os.O_WRONLY), 1)\n"

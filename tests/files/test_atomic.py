@@ -6,6 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from helpers.folders import raise_disk_full
 
 from lidarscene.errors import OutputError
 from lidarscene.files import atomic
@@ -63,10 +64,7 @@ def test_disk_full_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, s
     target = tmp_path / "a.txt"
     target.write_text("old")
 
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(os, step, full)
+    monkeypatch.setattr(os, step, raise_disk_full)
     with pytest.raises(OutputError) as caught:
         write(target)
     assert str(caught.value) == f"{target}: cannot be written: No space left on device"

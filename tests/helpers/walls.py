@@ -1,5 +1,7 @@
 """Scene files' text that several folders of tests share."""
 
+from pathlib import Path
+
 WALL = """
 [[bodies]]
 name = "wall"
@@ -38,3 +40,13 @@ position_m = [10, 0, 1.8]
 velocity_m_s = [-10, 2, 0]
 """
 """A wall and a sensor that move."""
+
+
+def write_moving_rig(folder: Path) -> str:
+    """Write a car and a sensor that move, by 5 and 9 cm in a frame of 4.6 ms, and a rig of two sensors.
+
+    Returns the name of the scene.
+    """
+    (folder / "moving.toml").write_text(MOVING)
+    (folder / "rig.toml").write_text(LEFT_AND_RIGHT)
+    return "moving.toml"

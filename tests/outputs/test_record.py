@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.command_line import BEAMS, COARSE, Run
 from helpers.folders import file_contents
-from helpers.walls import LEFT_AND_RIGHT, MOVING
+from helpers.walls import write_moving_rig
 
 import lidarscene
 from lidarscene import FrameOptions, InputError, Outputs, TraceOptions, load_rig, load_scene, load_sensor, record
@@ -22,9 +22,7 @@ SETS = tuple(option.removeprefix("--set=") for option in COARSE)
 @pytest.fixture
 def moving(run: Run, tmp_path: Path) -> str:
     """A car and a sensor that move, and a rig of two sensors, in the folder where the command runs."""
-    (tmp_path / "moving.toml").write_text(MOVING)
-    (tmp_path / "rig.toml").write_text(LEFT_AND_RIGHT)
-    return "moving.toml"
+    return write_moving_rig(tmp_path)
 
 
 EVERY = {

@@ -15,7 +15,7 @@ import pytest
 from helpers.command_line import BEAMS, COARSE, Run
 from helpers.folders import file_contents
 from helpers.waiting import wait_until
-from helpers.walls import LEFT_AND_RIGHT, MOVING
+from helpers.walls import write_moving_rig
 
 from lidarscene import load_rig, load_scene, load_sensor
 from lidarscene.cloud import thinning
@@ -88,9 +88,7 @@ def test_a_frame_without_points(run: Run, tmp_path: Path) -> None:
 @pytest.fixture
 def moving(tmp_path: Path) -> str:
     """A car and a sensor that move, in the frame's 4.6 ms by 5 and 9 cm; and two sensors."""
-    (tmp_path / "moving.toml").write_text(MOVING)
-    (tmp_path / "rig.toml").write_text(LEFT_AND_RIGHT)
-    return "moving.toml"
+    return write_moving_rig(tmp_path)
 
 
 def all_outputs(folder: str) -> dict[str, tuple[str, ...]]:
