@@ -411,7 +411,9 @@ def refresh_tables() -> None:
         parents, table_rows = rows_of(name)
         words = {key: meaning for key, (*_, meaning) in table_rows.items()}
         keys = declared_keys(name)
-        descriptions = {info.alias or field: info.description or "" for field, info in MODELS[name].model_fields.items()}
+        descriptions = {
+            info.alias or field: info.description or "" for field, info in MODELS[name].model_fields.items()
+        }
         inherited_keys = {key for parent in parents for key in keys_of(parent)}
         order = [key for key in words if key in keys]
         order += [key for key in keys if key not in words and key not in inherited_keys]
