@@ -98,8 +98,10 @@ def test_keywords_are_the_fields(kind: Any, keywords: Any) -> None:
 
 def test_keywords_of_a_motion_are_those_of_its_function() -> None:
     parameters = inspect.signature(live_simulator._course).parameters.values()
-    known = {p.name: p.annotation for p in parameters if p.kind is p.KEYWORD_ONLY}
-    assert known == {name: one.__forward_arg__ for name, one in live_simulator.MotionKeywords.__annotations__.items()}
+    keyword_types = {p.name: p.annotation for p in parameters if p.kind is p.KEYWORD_ONLY}
+    assert keyword_types == {
+        name: annotation.__forward_arg__ for name, annotation in live_simulator.MotionKeywords.__annotations__.items()
+    }
 
 
 def test_loose_keywords_change_what_is_given() -> None:
