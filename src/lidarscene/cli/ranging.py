@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..files.json_text import json_text
-from ..rendering.option_fields import Whole, options_of
+from ..rendering.option_fields import FileName, Whole, options_of
 from ..studies.ranging.conditions import CONDITIONS, Conditions
 from .options import StudyOptions, add_options, flag_of, options_from
 from .terminal import Answer, progress
@@ -158,8 +158,7 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
         path = getattr(arguments, name)
         if path is None:
             continue
-        if path.suffix.lower() not in suffixes:
-            raise InputError(f"--{name} {path}: the name must end in {' or '.join(suffixes)}")
+        FileName(suffixes).check(name, path)
         require_writable(path)
 
 
