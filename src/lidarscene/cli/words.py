@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from ..rendering.option_fields import Whole
+from ..rendering.render_options import to_pose
 
 if TYPE_CHECKING:
     from ..maths.pose import Pose
@@ -92,7 +93,6 @@ def with_joined_pose(argv: Sequence[str]) -> list[str]:
 
 def pose(text: str) -> Pose:
     """Parse a pose of three to six numbers, metres and degrees (an argparse type)."""
-    from ..maths.pose import Pose
     from ..sensor.sensor_file import LARGEST_COORDINATE_M
 
     try:
@@ -103,5 +103,4 @@ def pose(text: str) -> Pose:
         raise argparse.ArgumentTypeError(
             f"must be X,Y,Z[,YAW,PITCH,ROLL] in metres (to {LARGEST_COORDINATE_M:g}) and degrees, got {text}"
         )
-    x, y, z, yaw, pitch, roll = numbers + [0.0] * (6 - len(numbers))
-    return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)
+    return to_pose(numbers)
