@@ -119,13 +119,13 @@ def test_gain_of_one_is_a_plain_photodiode():
 
 def test_many_cells_count_photons():
     """N to infinity: cells that fire are photons times PDE, (27) becomes (28), and printed becomes derived."""
-    many = {"pde": PDE, "cells": 1e9}
-    assert sipm.fired_cells_published(photons=N_SP, **many) == pytest.approx(PDE * N_SP, rel=1e-5)
+    many_cells = {"pde": PDE, "cells": 1e9}
+    assert sipm.fired_cells_published(photons=N_SP, **many_cells) == pytest.approx(PDE * N_SP, rel=1e-5)
     dark = {"dark_count_rate_hz": 0.0, "dead_time_s": DEAD}
     photons = {"signal_photons": N_SP, "background_photons": N_BP}
     simple = sipm.snr_approximate(pde=PDE, **photons)
-    assert sipm.snr_published(**photons, **many, **dark) == pytest.approx(simple, rel=1e-5)
-    assert sipm.snr_steady_state(**photons, **many, **dark) == pytest.approx(simple, rel=1e-5)
+    assert sipm.snr_published(**photons, **many_cells, **dark) == pytest.approx(simple, rel=1e-5)
+    assert sipm.snr_steady_state(**photons, **many_cells, **dark) == pytest.approx(simple, rel=1e-5)
 
 
 def test_without_sun_the_electronics_remain():

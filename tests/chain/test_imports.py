@@ -241,13 +241,13 @@ def parameters(code: str) -> Iterator[tuple[str, list[ast.arg]]]:
 
 def test_no_function_takes_more_than_seven() -> None:
     """What belongs together is one object."""
-    many = [
+    too_many = [
         f"{file}:{place}: {len(arguments)}"
         for file, code in sources().items()
         for place, arguments in parameters(code)
         if len(arguments) > MOST_PARAMETERS
     ]
-    assert many == []
+    assert too_many == []
 
 
 @pytest.mark.parametrize(

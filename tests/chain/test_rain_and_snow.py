@@ -161,8 +161,12 @@ def tripped_by_all(kind, pulses, far_m=25.0):
     watts = np.interp(particle_m, r, per_sigma) * one_mm * 1e6 * wide**2
     pulse_index = np.repeat(np.arange(pulses), counts)
     hopeful = np.bincount(pulse_index, watts, minlength=pulses) > 0.2 * needed  # four deviations below
-    mine = hopeful[pulse_index]
-    pulse_index, particle_m, watts = (np.cumsum(hopeful) - 1)[pulse_index[mine]], particle_m[mine], watts[mine]
+    of_hopeful = hopeful[pulse_index]
+    pulse_index, particle_m, watts = (
+        (np.cumsum(hopeful) - 1)[pulse_index[of_hopeful]],
+        particle_m[of_hopeful],
+        watts[of_hopeful],
+    )
     step_m = 0.04
     grid = np.arange(1.0, far_m, step_m)
     floor, sigma_m = np.interp(grid, r, even), 0.5 * c * 5e-9 / math.sqrt(8.0 * math.log(2.0))
@@ -238,9 +242,9 @@ def test_more_particles_to_a_pulse_change_nothing(simulator, frame, monkeypatch)
 
 def test_they_are_labelled_and_none_is_where_the_lenses_see_nothing(sky):
     kind, cloud, _ = sky
-    theirs = np.asarray(cloud.status) == Status.WEATHER
-    assert {cloud.class_names[i] for i in np.unique(cloud.class_id[theirs])} == {kind}
-    assert cloud.range_m[theirs].min() > 3.0  # the blind range of `tests/chain/test_parallax_scene.py`
+    is_weather = np.asarray(cloud.status) == Status.WEATHER
+    assert {cloud.class_names[i] for i in np.unique(cloud.class_id[is_weather])} == {kind}
+    assert cloud.range_m[is_weather].min() > 3.0  # the blind range of `tests/chain/test_parallax_scene.py`
 
 
 def test_things_behind_are_dimmer_by_the_extinction(simulator):

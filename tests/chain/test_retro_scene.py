@@ -123,21 +123,28 @@ def test_bloom_around_a_sign(compiled):
     ]
     scene, world = compiled
 
-    def around(rays, *keys):
+    def points_around_sign(rays, *keys):
         sensor = chain.sensor("table1-apd", *box, "laser.divergence_mrad=1", "tdc.threshold_to_noise=8", *keys)
         cloud = Simulator(scene, sensor, world=world, rays=rays).render(seed=1, coordinates="sensor")
         azimuth, elevation = np.degrees(cloud.azimuth_rad), np.degrees(cloud.elevation_rad)
         above = (elevation > 1.5) & (np.abs(azimuth + 10.0) < 4.0)
         return cloud.select(above)
 
-    lone, plain, few, many = around(1), around(16), around(3, *halo), around(32, *halo)
-    sign = many.body_names.index("sign_20m.0")
-    assert (many.body == sign).all()
+    lone, plain, few_rays, many_rays = (
+        points_around_sign(1),
+        points_around_sign(16),
+        points_around_sign(3, *halo),
+        points_around_sign(32, *halo),
+    )
+    sign = many_rays.body_names.index("sign_20m.0")
+    assert (many_rays.body == sign).all()
     # 20 mrad full: the last of 16 rays is 12 mrad off the axis. At 20 m the disc has 0.3 m and some.
-    off_m = np.hypot(20.0 * np.sin(many.azimuth_rad - math.radians(-10.0)), 20.0 * np.tan(many.elevation_rad) - 1.08)
+    off_m = np.hypot(
+        20.0 * np.sin(many_rays.azimuth_rad - math.radians(-10.0)), 20.0 * np.tan(many_rays.elevation_rad) - 1.08
+    )
     bloom = off_m > 0.35
     assert bloom.sum() > 0.3 * len(plain)
     assert off_m.max() < 0.32 + 20.0 * 0.015
-    assert np.abs(many.range_m - 20.0)[bloom].max() < 0.5
-    assert len(few) <= len(plain) * 1.05
-    assert len(many) > 1.3 * len(plain) > 1.2 * len(lone)
+    assert np.abs(many_rays.range_m - 20.0)[bloom].max() < 0.5
+    assert len(few_rays) <= len(plain) * 1.05
+    assert len(many_rays) > 1.3 * len(plain) > 1.2 * len(lone)

@@ -225,7 +225,7 @@ def test_a_measured_peak_is_no_lower_than_what_it_tripped():
     )
     lone_train, _, _ = on_light(equipped, [(50.0, 20.0), (60.0, 1.1)], [(50.0, 0.0), (51.0, 2.0), (80.0, 2.0)])
     (part,) = lone_train.parts
-    many = dataclasses.replace(
+    repeated = dataclasses.replace(
         lone_train,
         has_surface=np.full(4000, True),
         background_power_w=np.full(4000, trains.BACKGROUND_W),
@@ -238,7 +238,7 @@ def test_a_measured_peak_is_no_lower_than_what_it_tripped():
             lone_train.volume, scale=np.tile(lone_train.volume.scale, 4000), end_m=np.full(4000, 1e6)
         ),
     )
-    stop = trains.detect(many, equipped, seed=2).stops[1]
+    stop = trains.detect(repeated, equipped, seed=2).stops[1]
     is_second = stop.reported & (stop.status == Status.ECHO) & (np.abs(stop.range_m - 60.0) < 2.0)
     assert 0.3 < is_second.mean() < 0.95
     level = float(equipped.threshold(equipped.working_point(np.array([trains.BACKGROUND_W])))[0])

@@ -62,16 +62,18 @@ def test_sub_echoes_at_one_range_are_one_echo(name, sub_echoes):
     np.testing.assert_array_equal(detection.outcome, expected.outcome)
     np.testing.assert_allclose(detection.snr, expected.snr, rtol=1e-9)
     np.testing.assert_allclose(detection.detection_probability, expected.detection_probability, atol=1e-9)
-    for have, want in zip(detection.stops, expected.stops, strict=True):
-        np.testing.assert_array_equal(have.reported, want.reported)
-        reported = want.reported
-        np.testing.assert_array_equal(have.status[reported], want.status[reported])
-        np.testing.assert_allclose(have.range_m[reported], want.range_m[reported], rtol=0.0, atol=1e-4 * PICOSECOND_M)
-        np.testing.assert_allclose(have.amplitude[reported], want.amplitude[reported], rtol=1e-9)
-        echo = reported & (want.status == 0)
-        np.testing.assert_allclose(have.snr[echo], expected.snr[echo], rtol=1e-9)
-        np.testing.assert_allclose(have.true_range_m[echo], range_m[echo], rtol=1e-12)
-        assert ((have.source[echo] >= 0) & (have.source[echo] < sub_echoes)).all()
+    for stop, expected_stop in zip(detection.stops, expected.stops, strict=True):
+        np.testing.assert_array_equal(stop.reported, expected_stop.reported)
+        reported = expected_stop.reported
+        np.testing.assert_array_equal(stop.status[reported], expected_stop.status[reported])
+        np.testing.assert_allclose(
+            stop.range_m[reported], expected_stop.range_m[reported], rtol=0.0, atol=1e-4 * PICOSECOND_M
+        )
+        np.testing.assert_allclose(stop.amplitude[reported], expected_stop.amplitude[reported], rtol=1e-9)
+        echo = reported & (expected_stop.status == 0)
+        np.testing.assert_allclose(stop.snr[echo], expected.snr[echo], rtol=1e-9)
+        np.testing.assert_allclose(stop.true_range_m[echo], range_m[echo], rtol=1e-12)
+        assert ((stop.source[echo] >= 0) & (stop.source[echo] < sub_echoes)).all()
 
 
 def echoes_only(detection):
@@ -86,19 +88,19 @@ def test_fine_bins_find_the_same_crossings(name, sub_echoes):
     light = train(*trains.random_trains(150, sub_echoes, equipped, seed=5))
     crossings, shallow = trains.slow_crossings(light, equipped)
     assert len(shallow) < 30
-    have = {
+    measured = {
         (pulse, number): stop.range_m[pulse] / SIGMA_M
         for number, stop in enumerate(echoes_only(detect(light, equipped)))
         for pulse in np.flatnonzero(stop.reported)
         if pulse not in shallow
     }
-    want, good_to = {}, {}
+    expected, good_to = {}, {}
     for pulse, crossing, tolerance in crossings:
-        key = pulse, sum(1 for earlier in want if earlier[0] == pulse)
-        want[key], good_to[key] = crossing, tolerance
-    assert have.keys() == want.keys()
-    assert len(want) > 1.1 * len({pulse for pulse, _ in want})  # some pulses have several
-    assert all(abs(have[key] - want[key]) < good_to[key] for key in want)
+        key = pulse, sum(1 for earlier in expected if earlier[0] == pulse)
+        expected[key], good_to[key] = crossing, tolerance
+    assert measured.keys() == expected.keys()
+    assert len(expected) > 1.1 * len({pulse for pulse, _ in expected})  # some pulses have several
+    assert all(abs(measured[key] - expected[key]) < good_to[key] for key in expected)
 
 
 def two_boards(separation, *, weights=(0.5, 0.5)):

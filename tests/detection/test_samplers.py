@@ -317,8 +317,8 @@ def test_levels_above_where_an_amplifier_clips_are_not_there():
         readings(2e4, *clips, "sampler.type='multi_level_tdc'", f"sampler.levels={levels}")
         for levels in ("[2, 4]", "[2, 4, 8]")
     ]
-    for have, want in zip(*results, strict=True):
-        np.testing.assert_array_equal(have, want)
+    for two_levels, three_levels in zip(*results, strict=True):
+        np.testing.assert_array_equal(two_levels, three_levels)
     assert results[0][1].mean() > 0.9
 
 

@@ -133,7 +133,7 @@ def test_as_many_drops_as_the_beam_holds(monkeypatch):
     level = 20.0 * math.exp(float(tables.log_strength.values[-1]))
     pulse = np.arange(60_000, dtype=np.uint32)
     lanes = {"scale": np.ones(len(pulse)), "end_m": np.full(len(pulse), 1e3), "seed": 5, "pulse": pulse}
-    have = sum(
+    counted = sum(
         int(((echo.range_m > 4.0) & (echo.range_m < 10.0) & (echo.peak_power_w > level)).sum())
         for echo in air.sub_echoes(**lanes)
     )
@@ -146,7 +146,7 @@ def test_as_many_drops_as_the_beam_holds(monkeypatch):
     per_m3 = medium.sizes.intercept_per_m4 / medium.sizes.slope_per_m * np.exp(-medium.sizes.slope_per_m * at_least)
     expected = len(pulse) * np.trapezoid(per_m3 * area, range_m)
     assert expected > 500.0
-    assert abs(have - expected) < norm.isf(0.5e-6) * math.sqrt(expected) + 0.01 * expected  # the table's steps
+    assert abs(counted - expected) < norm.isf(0.5e-6) * math.sqrt(expected) + 0.01 * expected  # the table's steps
 
 
 def test_drops_are_seen_by_a_lens_that_stands_beside_the_laser(monkeypatch):

@@ -66,14 +66,14 @@ def test_one_ray_and_many_at_one_place_draw_the_same_noise():
     """
     sensor = chain.sensor("table1-apd", *COARSE, "tdc.stops=2")
     scene = chain.scene(chain.facing(range_m=60.0, size_m=40.0), chain.box(at=(20.0, 3.0, 0.0)))
-    alone, many = (Simulator(scene, sensor, rays=rays).render(seed=3) for rays in (1, 4))
+    one_ray, four_rays = (Simulator(scene, sensor, rays=rays).render(seed=3) for rays in (1, 4))
     # An edge within rounding of the threshold may fall to the other side: fewer than one in a thousand.
-    assert abs(len(alone) - len(many)) <= 1 + len(alone) // 1000
-    alone, many = (cloud.select(cloud.status == Status.ECHO) for cloud in (alone, many))
-    _, alone_index, many_index = np.intersect1d(alone.time_s, many.time_s, return_indices=True)
-    np.testing.assert_array_equal(alone.body[alone_index], many.body[many_index])
-    assert np.quantile(np.abs(alone.range_m[alone_index] - many.range_m[many_index]), 0.998) < 3e-4
-    assert np.quantile(np.abs(alone.snr[alone_index] / many.snr[many_index] - 1.0), 0.998) < 1e-4
+    assert abs(len(one_ray) - len(four_rays)) <= 1 + len(one_ray) // 1000
+    one_ray, four_rays = (cloud.select(cloud.status == Status.ECHO) for cloud in (one_ray, four_rays))
+    _, alone_index, many_index = np.intersect1d(one_ray.time_s, four_rays.time_s, return_indices=True)
+    np.testing.assert_array_equal(one_ray.body[alone_index], four_rays.body[many_index])
+    assert np.quantile(np.abs(one_ray.range_m[alone_index] - four_rays.range_m[many_index]), 0.998) < 3e-4
+    assert np.quantile(np.abs(one_ray.snr[alone_index] / four_rays.snr[many_index] - 1.0), 0.998) < 1e-4
 
 
 @pytest.mark.parametrize("apart_m", [4.0, 12.0])

@@ -70,15 +70,22 @@ def test_device_and_numpy_agree(case, mi):
     close = 3e-4 if case == "counted cells" else 1e-5
     np.testing.assert_allclose(detection.detection_probability, expected.detection_probability, atol=close)
     sampled = equipped.sampler is not None and hasattr(equipped.sampler, "samples")
-    for have, want in zip(detection.stops, expected.stops, strict=True):
-        assert np.mean(have.reported != want.reported) < 1e-3
-        in_both = have.reported & want.reported & (have.status == want.status) & (have.source == want.source)
-        assert in_both.sum() > 0.995 * want.reported.sum()
-        apart = np.abs(have.range_m - want.range_m)[in_both]
+    for stop, expected_stop in zip(detection.stops, expected.stops, strict=True):
+        assert np.mean(stop.reported != expected_stop.reported) < 1e-3
+        in_both = (
+            stop.reported
+            & expected_stop.reported
+            & (stop.status == expected_stop.status)
+            & (stop.source == expected_stop.source)
+        )
+        assert in_both.sum() > 0.995 * expected_stop.reported.sum()
+        apart = np.abs(stop.range_m - expected_stop.range_m)[in_both]
         assert np.quantile(apart, 0.9 if sampled else 0.998) < (0.02 if sampled else 3e-4)
-        np.testing.assert_allclose(have.true_range_m[in_both], want.true_range_m[in_both], rtol=2e-6, atol=1e-4)
+        np.testing.assert_allclose(
+            stop.true_range_m[in_both], expected_stop.true_range_m[in_both], rtol=2e-6, atol=1e-4
+        )
         if not sampled:
-            assert np.quantile(np.abs(have.amplitude[in_both] / want.amplitude[in_both] - 1.0), 0.998) < 2e-4
+            assert np.quantile(np.abs(stop.amplitude[in_both] / expected_stop.amplitude[in_both] - 1.0), 0.998) < 2e-4
 
 
 def test_fog_agrees(mi):
@@ -97,13 +104,13 @@ def test_fog_agrees(mi):
     light = trains.train(distance.astype(np.float32), power.astype(np.float32), volume=air)
     expected, detection = trains.detect(light, equipped), detect_on_device(light, equipped, mi)
     fogs = 0
-    for have, want in zip(detection.stops, expected.stops, strict=True):
+    for stop, expected_stop in zip(detection.stops, expected.stops, strict=True):
         # The table's slopes have corners, where single precision may see another peak: 1 % of the pulses.
-        assert np.mean(have.reported != want.reported) < 0.01
-        in_both = have.reported & want.reported
+        assert np.mean(stop.reported != expected_stop.reported) < 0.01
+        in_both = stop.reported & expected_stop.reported
         if in_both.any():
-            assert np.quantile(np.abs(have.range_m - want.range_m)[in_both], 0.97) < 2e-3
-        fogs += int(np.sum(have.source[in_both] < 0))
+            assert np.quantile(np.abs(stop.range_m - expected_stop.range_m)[in_both], 0.97) < 2e-3
+        fogs += int(np.sum(stop.source[in_both] < 0))
     assert fogs > 50
 
 
@@ -137,8 +144,8 @@ def test_derivatives_are_those_of_the_power(overrides):
     swing, by_place = wave.range_m(place) / 1.5, wave.unit_m / 1.5
     derivatives = wave.at(place)
     parts = 1.5 + np.sin(swing), by_place * np.cos(swing), -(by_place**2) * np.sin(swing)
-    for have, bare_value, part in zip(derivatives, (centre, slope, bend), parts, strict=True):
-        np.testing.assert_allclose(have - bare_value, peak * part, atol=4e-3 * peak * np.abs(part).max())
+    for derivative, bare_value, part in zip(derivatives, (centre, slope, bend), parts, strict=True):
+        np.testing.assert_allclose(derivative - bare_value, peak * part, atol=4e-3 * peak * np.abs(part).max())
 
 
 COUPLED = ("receiver.ac_coupling_khz=500",)

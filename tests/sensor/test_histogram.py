@@ -103,17 +103,18 @@ def test_ranges_over_shots_are_those_of_poisson_histograms():
     shares = (1 / 8, 1 / 4, 1 / 2, 1, 2, 3, 4, 6)
     figures = (0.588, 0.693, 0.836, 1.0, 1.184, 1.294, 1.413, 1.567)
     target = Target(illuminance_klux=10.0)
-    many = ("detector.spads=100000", "detector.dark_count_rate_hz=0", "histogram.threshold_floor=0")
+    overrides = ("detector.spads=100000", "detector.dark_count_rate_hz=0", "histogram.threshold_floor=0")
     # 4.45 sigma: (T95) with the counts of 1 us for the threshold's.
     limits = np.array(
         [
             plane.maximum_range_m(
-                photons.sensor(f"histogram.shots={round(48 * share)}", "histogram.threshold_slope=0.35", *many), target
+                photons.sensor(f"histogram.shots={round(48 * share)}", "histogram.threshold_slope=0.35", *overrides),
+                target,
             )[0]
             for share in shares
         ]
     )
-    counter = photons.sensor("histogram.shots=48", *many)
+    counter = photons.sensor("histogram.shots=48", *overrides)
     light = photons.echoes_of(counter, 20.0, count=1, illuminance_klux=10.0)
     background = counter.pixel(light.background_power_w).count_rate_hz[0] * counter.histogram.bin_s
     brute = ranges_of_poisson_histograms(shares, background=background)

@@ -38,16 +38,16 @@ def test_false_alarms_by_what_is_kept(keep):
         excess.append(height[order])
     simulated = np.concatenate(times), np.concatenate(excess)
     reported = [stop.reported for stop in detection.stops]
-    have = (
+    measured = (
         np.concatenate([s.range_m[k] / HALF_C for s, k in zip(detection.stops, reported, strict=True)]),
         np.concatenate([s.amplitude[k] - threshold for s, k in zip(detection.stops, reported, strict=True)]),
     )
     limit = norm.isf(0.5e-4)
-    for a, b in zip(have, simulated, strict=True):
+    for a, b in zip(measured, simulated, strict=True):
         error = math.hypot(a.std() / math.sqrt(len(a)), b.std() / math.sqrt(len(b)))
         assert abs(a.mean() - b.mean()) < limit * error
     # Numbers of kept alarms have at most a Poisson number's variance.
-    assert abs(len(have[0]) - len(simulated[0])) < limit * math.sqrt(2.0 * len(simulated[0]))
+    assert abs(len(measured[0]) - len(simulated[0])) < limit * math.sqrt(2.0 * len(simulated[0]))
     in_both = detection.stops[0].reported & detection.stops[1].reported
     assert (detection.stops[0].range_m[in_both] <= detection.stops[1].range_m[in_both]).all()
 

@@ -156,8 +156,8 @@ def test_peaks_of_any_train(keep, dead_time_ns):
             if len(peaks) > 1 and np.diff(np.sort(signal[peaks]))[-1] < 0.005:
                 continue  # two are as strong: noise says which is the stronger
             peaks = peaks[[np.argmax(signal[peaks])]] if len(peaks) else peaks
-        have = [float(stop.range_m[pulse]) for stop in detection.stops if stop.reported[pulse]]
-        assert have == pytest.approx(list(0.5 * c * time_s[peaks]), abs=0.05 * trains.SIGMA_M)
+        measured_m = [float(stop.range_m[pulse]) for stop in detection.stops if stop.reported[pulse]]
+        assert measured_m == pytest.approx(list(0.5 * c * time_s[peaks]), abs=0.05 * trains.SIGMA_M)
         judged, several = judged + 1, several + (len(peaks) > 1)
     # On average 100 are judged, and 60 have several; a binomial's deviation is 8 of these, and 7.
     assert judged > 40
@@ -212,14 +212,14 @@ def test_alarms_beside_the_strongest_and_the_last():
     amplitudes = [np.where(stop.reported, stop.amplitude, 0.0) for stop in detection.stops]
     reported = detection.stops[0].reported
     times = [np.where(stop.reported, stop.range_m, 0.0) for stop in detection.stops]
-    have = (
+    measured = (
         np.maximum(*times)[reported] * 2.0 / c,
         (np.maximum(*amplitudes)[reported] - threshold) * threshold / float(point.noise.deviation[0]) ** 2,
     )
-    for a, b in zip(have, (np.array(last), np.array(highest)), strict=True):
+    for a, b in zip(measured, (np.array(last), np.array(highest)), strict=True):
         error = math.hypot(a.std() / math.sqrt(len(a)), b.std() / math.sqrt(len(b)))
         assert abs(a.mean() - b.mean()) < norm.isf(0.5e-4) * error
-    assert abs(len(have[0]) - len(last)) < norm.isf(0.5e-4) * math.sqrt(2.0 * len(last))
+    assert abs(len(measured[0]) - len(last)) < norm.isf(0.5e-4) * math.sqrt(2.0 * len(last))
 
 
 def test_stops_of_strongest_and_last_are_two():
@@ -256,8 +256,8 @@ def test_pulses_by_their_valleys(peaks, expected):
     tops, _ = find_peaks(power, height=1.0, prominence=1.0 - 1e-9)
     assert list(fine_m[tops]) == pytest.approx([50.0 + 6.0 * i for i in expected], abs=0.02)
     detection = trains.detect(light, sensor)
-    have = [float(stop.range_m[0]) for stop in detection.stops if stop.reported[0]]
-    assert have == pytest.approx([50.0 + 6.0 * i for i in expected], abs=0.3 * trains.SIGMA_M)
+    measured_m = [float(stop.range_m[0]) for stop in detection.stops if stop.reported[0]]
+    assert measured_m == pytest.approx([50.0 + 6.0 * i for i in expected], abs=0.3 * trains.SIGMA_M)
 
 
 @pytest.mark.parametrize("rate", [2.0, 25.0])

@@ -231,12 +231,14 @@ def test_one_echo_or_a_train_of_one(rule):
         peak_power_w=power,
         background_power_w=light.background_power_w,
     )
-    have = trains.detect(light, sensor).stops[0]
-    want = returns.detect(lone, sensor, seed=0, pulse=np.arange(count, dtype=np.uint32)).stops[0]
-    np.testing.assert_array_equal(have.reported, want.reported)
-    reported = want.reported
+    train_stop = trains.detect(light, sensor).stops[0]
+    echo_stop = returns.detect(lone, sensor, seed=0, pulse=np.arange(count, dtype=np.uint32)).stops[0]
+    np.testing.assert_array_equal(train_stop.reported, echo_stop.reported)
+    reported = echo_stop.reported
     for name in ("range_m", "amplitude", "width_s"):
-        np.testing.assert_allclose(getattr(have, name)[reported], getattr(want, name)[reported], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(
+            getattr(train_stop, name)[reported], getattr(echo_stop, name)[reported], rtol=1e-9, atol=1e-9
+        )
 
 
 def second_returns(sensor, height, lasting, shots):
@@ -244,14 +246,14 @@ def second_returns(sensor, height, lasting, shots):
     corners = [(50.0, 0.0), (51.0, lasting), (80.0, lasting)]
     lone_train, _, _ = on_light(sensor, [(50.0, 20.0 * height), (60.0, height)], corners)
     (part,) = lone_train.parts
-    many = replace(
+    repeated = replace(
         lone_train,
         has_surface=np.full(shots, True),
         background_power_w=np.full(shots, trains.BACKGROUND_W),
         parts=(replace(part, range_m=np.tile(part.range_m, shots), peak_power_w=np.tile(part.peak_power_w, shots)),),
         volume=replace(lone_train.volume, scale=np.tile(lone_train.volume.scale, shots), end_m=np.full(shots, 1e6)),
     )
-    return trains.detect(many, sensor, seed=3).stops[1]
+    return trains.detect(repeated, sensor, seed=3).stops[1]
 
 
 WITH_BRIGHTER = ("tdc.stops=2", "tdc.keep='strongest'")

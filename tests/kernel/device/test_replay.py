@@ -104,10 +104,12 @@ def test_frames_are_those_of_stages_that_python_writes_down_and_compile_nothing(
     launches.assert_none_is_new(ran, before)
     monkeypatch.setattr(Chain, "repeats", False)
     plain = Simulator(scene, sensor, world=world, **how)
-    for ours, theirs in zip(clouds, frames(plain), strict=True):
-        assert len(ours) > 100
-        for column in ours.columns:
-            np.testing.assert_array_equal(ours.column(column.name), theirs.column(column.name), err_msg=column.name)
+    for replayed, by_python in zip(clouds, frames(plain), strict=True):
+        assert len(replayed) > 100
+        for column in replayed.columns:
+            np.testing.assert_array_equal(
+                replayed.column(column.name), by_python.column(column.name), err_msg=column.name
+            )
     assert not plain._chain.recordings
 
 

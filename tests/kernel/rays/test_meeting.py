@@ -51,14 +51,14 @@ def test_surface_is_mitsubas():
     ]
     valid = np.array(meetings[0].valid)
     assert 1000 < valid.sum() < len(valid)
-    ours, theirs = (meeting.surface for meeting in meetings)
+    ours, mitsubas = (meeting.surface for meeting in meetings)
     for name, tolerance in (("p", 2e-5), ("n", 2e-6)):
-        difference = np.array(getattr(ours, name)) - np.array(getattr(theirs, name))
+        difference = np.array(getattr(ours, name)) - np.array(getattr(mitsubas, name))
         assert np.abs(difference[:, valid]).max() < tolerance, name
-    np.testing.assert_array_equal(np.array(ours.prim_index)[valid], np.array(theirs.prim_index)[valid])
+    np.testing.assert_array_equal(np.array(ours.prim_index)[valid], np.array(mitsubas.prim_index)[valid])
     # Where the frame's other axes point has no meaning: no material of ours knows a direction in the surface.
-    assert np.array(ours.wi)[2, valid] == pytest.approx(np.array(theirs.wi)[2, valid], abs=2e-5)
-    assert np.array(ours.sh_frame.n)[:, valid] == pytest.approx(np.array(theirs.sh_frame.n)[:, valid], abs=2e-6)
+    assert np.array(ours.wi)[2, valid] == pytest.approx(np.array(mitsubas.wi)[2, valid], abs=2e-5)
+    assert np.array(ours.sh_frame.n)[:, valid] == pytest.approx(np.array(mitsubas.sh_frame.n)[:, valid], abs=2e-6)
 
 
 def test_frame_is_the_same():
@@ -68,15 +68,15 @@ def test_frame_is_the_same():
     sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.5", "scanner.elevation_step_deg=0.5")
     first = Simulator(crossing(), sensor)
     second = Simulator(first.scene, sensor, world=dataclasses.replace(first.world, face_normal=None))
-    ours, theirs = first.render(seed=3), second.render(seed=3)
+    ours, mitsubas = first.render(seed=3), second.render(seed=3)
     assert len(ours) > 2000
     assert ours.interactions.max() == 1
     assert {"moving 0", "moving 1"} <= {ours.body_names[i] for i in np.unique(ours.body)}
-    np.testing.assert_array_equal(ours.body, theirs.body)
-    np.testing.assert_array_equal(ours.in_shadow, theirs.in_shadow)
-    np.testing.assert_allclose(ours.true_range_m, theirs.true_range_m, rtol=1e-6)
-    np.testing.assert_allclose(ours.snr, theirs.snr, rtol=1e-4)
-    np.testing.assert_allclose(ours.incidence_angle_rad, theirs.incidence_angle_rad, atol=1e-3)
+    np.testing.assert_array_equal(ours.body, mitsubas.body)
+    np.testing.assert_array_equal(ours.in_shadow, mitsubas.in_shadow)
+    np.testing.assert_allclose(ours.true_range_m, mitsubas.true_range_m, rtol=1e-6)
+    np.testing.assert_allclose(ours.snr, mitsubas.snr, rtol=1e-4)
+    np.testing.assert_allclose(ours.incidence_angle_rad, mitsubas.incidence_angle_rad, atol=1e-3)
 
 
 def test_spheres_are_left_to_mitsuba():

@@ -17,9 +17,9 @@ def test_cells_of_a_weak_pulse_that_are_busy_at_once(fwhm_s):
     """
     dead_s = 20e-9
     time_s = np.linspace(-4.0, 4.0, 8001) * max(fwhm_s, dead_s)
-    come = np.cumsum(np.exp(-0.5 * (time_s * SIGMAS / fwhm_s) ** 2))
-    come /= come[-1]
-    busy = come - np.interp(time_s - dead_s, time_s, come, left=0.0)
+    arrived = np.cumsum(np.exp(-0.5 * (time_s * SIGMAS / fwhm_s) ** 2))
+    arrived /= arrived[-1]
+    busy = arrived - np.interp(time_s - dead_s, time_s, arrived, left=0.0)
     fired = sipm_response.fired_by_pulse(
         peak=busy.max(), rate_hz=np.array([0.0]), pulse_fwhm_s=fwhm_s, dead_time_s=dead_s
     )

@@ -195,12 +195,12 @@ def test_the_echo_has_the_factor(mi):
     described = chain.scene(chain.facing(range_m=5.0))
     with_overlap = chain.sensor("table1-apd", *chain.NARROW, COAXIAL)
     plain = chain.sensor("table1-apd", *chain.NARROW)
-    overlapped_w, all_of_it = (
+    overlapped_w, whole_w = (
         chain.run_stages(described, sensor).light.peak_power_w[4] for sensor in (with_overlap, plain)
     )
     share = with_overlap.optics.overlap.share(np.array([5.0]))[0]
     assert share < 0.5
-    assert overlapped_w / all_of_it == pytest.approx(share, rel=1e-5)
+    assert overlapped_w / whole_w == pytest.approx(share, rel=1e-5)
     by_hand = plane.echoes_of_plane(with_overlap, Target(), 5.0).peak_power_w[0]
     assert overlapped_w == pytest.approx(by_hand, rel=1e-5)
 

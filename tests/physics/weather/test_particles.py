@@ -176,11 +176,11 @@ def test_on_the_device(mi, tables):
     pulse = np.arange(20_000, dtype=np.uint32)
     host = particles.hits(tables, seed=9, pulse=pulse)
     device = particles.hits(tables, seed=transfer.seed_word(9), pulse=mi.UInt32(pulse))
-    for mine, theirs in zip(host, device, strict=True):
-        np.testing.assert_allclose(theirs[0].numpy(), mine[0], rtol=2e-3)
-        hit_in_both = (mine[1] > 0) & (theirs[1].numpy() > 0)
-        np.testing.assert_allclose(theirs[1].numpy()[hit_in_both], mine[1][hit_in_both], rtol=1e-3)
-        assert ((mine[1] > 0) != (theirs[1].numpy() > 0)).mean() < 1e-3
+    for host_hit, device_hit in zip(host, device, strict=True):
+        np.testing.assert_allclose(device_hit[0].numpy(), host_hit[0], rtol=2e-3)
+        hit_in_both = (host_hit[1] > 0) & (device_hit[1].numpy() > 0)
+        np.testing.assert_allclose(device_hit[1].numpy()[hit_in_both], host_hit[1][hit_in_both], rtol=1e-3)
+        assert ((host_hit[1] > 0) != (device_hit[1].numpy() > 0)).mean() < 1e-3
 
 
 def test_a_lens_beside_the_laser_sees_a_ring_of_angles():

@@ -86,8 +86,8 @@ def test_shot_noise_of_a_filtered_pulse_by_campbell(kind, cutoff_mhz):
     signal = e * detector.gain * per_second * convolve_at(at_s, 1)
     assert float(point.response.signal(np.array([power_w]))[0]) == pytest.approx(signal, rel=1e-3)
     variance = (e * detector.gain) ** 2 * detector.excess_noise * per_second * convolve_at(at_s, 2)
-    have = float(point.noise.kappa_1 * signal)
-    assert variance * 0.995 < have < variance * (1.005 if kind == "gaussian" else 1.036)
+    kappa_variance = float(point.noise.kappa_1 * signal)
+    assert variance * 0.995 < kappa_variance < variance * (1.005 if kind == "gaussian" else 1.036)
 
 
 @pytest.mark.parametrize("kind", ["gaussian", "single_pole"])

@@ -102,10 +102,10 @@ class Rates:
         self.per_s = light.background_photons * array.pde / array.cells / tau + array.dark_count_rate_hz
         energy = pulse_shape.pulse_energy_j(peak_power_w=1.0, fwhm_s=light.pulse_fwhm_s) / light.pulse_fwhm_s
         flash = 2.0 * energy * light.signal_photons * array.pde / array.cells
-        come = 1.0 - np.asarray(normal_tail(math.sqrt(8.0 * _LN2) * self.time_s / light.pulse_fwhm_s))
+        arrived = 1.0 - np.asarray(normal_tail(math.sqrt(8.0 * _LN2) * self.time_s / light.pulse_fwhm_s))
         # A floor under the rate keeps the inverse single-valued in the dark: one firing in 1e12 windows.
         floor = 1e-12 * np.linspace(0.0, 1.0, count)
-        self.firings = self.per_s * (self.time_s - start_s) + flash * (come - come[0]) + floor
+        self.firings = self.per_s * (self.time_s - start_s) + flash * (arrived - arrived[0]) + floor
         self.busy_share = self.per_s * tau / (1.0 + self.per_s * tau)
 
     @property

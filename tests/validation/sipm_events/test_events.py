@@ -152,8 +152,8 @@ def upcrossing_rate(*, least, share, rate, tau, step):
     up = 0.0
     for count in range(least):
         staying = binom.pmf(np.arange(count + 1), count, stay)
-        need = least - np.arange(count + 1)
-        up += first[count] * np.sum(staying * binom.sf(need - 1, 400 - count, new))
+        refills = least - np.arange(count + 1)
+        up += first[count] * np.sum(staying * binom.sf(refills - 1, 400 - count, new))
     return up / step
 
 

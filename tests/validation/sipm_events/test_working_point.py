@@ -213,12 +213,12 @@ def test_light_with_crosstalk_and_back():
     np.testing.assert_allclose(sipm.remove_crosstalk(photons=spread, **state), photons, rtol=1e-6)
     assert spread[0] / photons[0] == pytest.approx(1.0 / (1.0 - 0.3 * 0.8), rel=1e-4)
     assert spread[-1] - photons[-1] == pytest.approx(0.3 * 0.8 * 400.0 / 0.22, rel=1e-4)
-    many = sipm.busy_share_correlated(
+    busy_share = sipm.busy_share_correlated(
         firings=np.array([0.4, 40.0]), crosstalk=0.3, afterpulse=0.0, afterpulse_to_dead_time=1.0
     )
     q = 1.0 - 0.3 + np.array([0.4, 40.0])  # p b^2 + (1 - p + x) b - x = 0
     root = (np.sqrt(q * q + 4.0 * 0.3 * np.array([0.4, 40.0])) - q) / 0.6
-    np.testing.assert_allclose(many, root, rtol=1e-5)
+    np.testing.assert_allclose(busy_share, root, rtol=1e-5)
 
 
 def test_published_error_by_events():
