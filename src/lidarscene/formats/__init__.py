@@ -1,10 +1,10 @@
 """File formats of point clouds, one module each.
 
-A writer takes whatever has a cloud's columns (`cloud_columns.Cloud`), a reader returns them as a dictionary: so formats
-stand below the class `PointCloud`, which saves and loads through them. Formats that can be written piece by piece have
+A writer takes a `cloud_columns.Cloud`, a reader returns its fields as a dictionary: so formats stand below the class
+`PointCloud`, which saves and loads through them. Formats that can be written piece by piece have
 a stream whose bytes do not depend on how the cloud was cut.
 
-cloud_columns      table of all columns, and the protocol `Cloud` of what writers need
+cloud_columns      table of all columns, and the data `Cloud` of a point cloud
 cloud_description  metadata and names as one line of JSON; errors of reading and writing
 registry           formats by name and suffix
 ply                PLY

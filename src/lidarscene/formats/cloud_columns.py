@@ -1,8 +1,7 @@
-"""The table of all columns of point clouds, the protocol that writers need, and places and times in metadata.
+"""The columns of point clouds, the class that holds them, and places and times in its metadata.
 
 One table gives name, type, unit and meaning of each column to files, documentation and pictures alike. Formats stand
-below clouds: writers take whatever has a `Cloud`'s columns, readers return `Fields`, the keyword arguments of a
-`cloud.point_cloud.PointCloud`.
+below `cloud.point_cloud.PointCloud`: writers take a `Cloud`, which it is, readers return `Fields`, its keyword arguments.
 """
 
 from __future__ import annotations
@@ -10,12 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import KW_ONLY, dataclass, replace
-from typing import Annotated, Any, Protocol, Self, get_type_hints
+from dataclasses import KW_ONLY, InitVar, dataclass, field, replace
+from typing import Annotated, Any, Self, get_type_hints
 
 import numpy as np
 
 from ..detection.outcomes import Status
+from ..errors import InputError, did_you_mean
 from ..maths.arrays import Numbers, frozen
 from ..maths.pose import Pose
 
@@ -170,65 +170,200 @@ SENSOR_TO_WORLD = "sensor_to_world"
 """Key of the metadata whose text is the pose of the sensor in the world: a (3, 4) matrix row by row."""
 
 
-class Cloud(Protocol):
-    """Members of a point cloud that writers need; `cloud.point_cloud.PointCloud` documents each."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Cloud(CloudColumns):
+    """Data of a `cloud.point_cloud.PointCloud`, which documents them: all that formats need of a cloud."""
 
-    def __len__(self) -> int: ...
+    sensor_names: tuple[str, ...] = ()
+    body_names: tuple[str, ...] = ()
+    class_names: tuple[str, ...] = ()
+    material_names: tuple[str, ...] = ()
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    checked: InitVar[bool] = False
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """Scalar columns of the cloud."""
+    def __post_init__(self, checked: bool) -> None:
+        """Check and freeze every array; none is copied unless its dtype has to change."""
+        absent_truth = [name for name in TRUTH if getattr(self, name) is None]
+        if absent_truth and len(absent_truth) < len(TRUTH):
+            raise ValueError(f"PointCloud: truth fields come all together; missing: {', '.join(absent_truth)}")
+        absent_vectors = [name for name in OF_VECTORS if getattr(self, name) is None]
+        if len(absent_vectors) not in (0, len(OF_VECTORS)) or (absent_truth and not absent_vectors):
+            raise ValueError("PointCloud: normals and velocities come all together, and with the truth fields")
+        points = len(self.xyz_m)
+        for attribute in attributes(truth=not absent_truth, vectors=not absent_vectors):
+            array = freeze_column(attribute, getattr(self, attribute), points)
+            if not checked:
+                _check_nan(attribute, array)
+            object.__setattr__(self, attribute, array)
+        for attribute in NAMES.values():
+            object.__setattr__(self, attribute, tuple(getattr(self, attribute)))
+        object.__setattr__(self, "metadata", {str(key): str(value) for key, value in self.metadata.items()})
+        for attribute, names in NAMES.items():
+            if attribute not in absent_truth and not checked:
+                _check_index(attribute, getattr(self, attribute), getattr(self, names))
+        if not all(0 < len(key) <= 100 for key in self.metadata):
+            raise ValueError("PointCloud.metadata: keys must have 1 to 100 characters")
+        sensor_positions_m(self.metadata)
 
-    @property
-    def metadata(self) -> Mapping[str, str]:
-        """Text by key."""
-
-    @property
-    def xyz_m(self) -> Numbers:
-        """(n, 3) positions."""
+    def __len__(self) -> int:
+        return int(self.xyz_m.shape[0])
 
     @property
     def has_truth(self) -> bool:
-        """True if the cloud has the columns of the truth."""
+        """True if the cloud has the truth fields."""
+        return self.true_range_m is not None
 
     @property
     def has_vectors(self) -> bool:
-        """True if the cloud has normals and velocities."""
+        """True if the points have normals and velocities of their surfaces."""
+        return self.normal_x is not None
+
+    @property
+    def normals(self) -> Numbers:
+        """(n, 3) float32 unit normals of the surfaces, on the side of the light, in the frame of the points."""
+        return self._vectors("normals", OF_VECTORS[:3])
+
+    @property
+    def velocities_m_s(self) -> Numbers:
+        """(n, 3) float32 velocities of the surfaces against the ground, in the axes of the frame of the points."""
+        return self._vectors("velocities", OF_VECTORS[3:])
 
     @property
     def sensor_position_m(self) -> Numbers:
-        """(3,) position of the sensor in the frame of the points."""
+        """(3,) float64 position of the sensor (the first one of a rig) in the frame of the points."""
+        return np.asarray(sensor_positions_m(self.metadata)[0])
 
     @property
     def sensor_place(self) -> Pose:
-        """Pose of the sensor in the frame of the points."""
+        """Pose of the sensor (the first one of a rig) in the frame of the points.
 
-    @property
-    def sensor_to_world(self) -> Pose | None:
-        """Pose of the sensor in the world; None if the metadata lack it."""
-
-    @property
-    def frame_to_world(self) -> Pose | None:
-        """Pose of the frame of the points in the world; None if the metadata lack it."""
+        Not rotated if the metadata lack the rotation.
+        """
+        if self.metadata.get("frame", "sensor") == "sensor":
+            return Pose()
+        rotation_text = self.metadata.get("sensor_rotation", "1 0 0 0 1 0 0 0 1")
+        rotation = parse_numbers(rotation_text, "sensor_rotation", (-1, 3, 3))[0]
+        return Pose(position_m=self.sensor_position_m, rotation=rotation)
 
     @property
     def frame_start_s(self) -> float:
-        """Start of the frame [s], by the clock of motions."""
+        """Start of the frame (of the first sensor of a rig) by the clock of motions; 0 if the metadata lack it."""
+        return frame_starts_s(self.metadata)[0]
+
+    @property
+    def sensor_to_world(self) -> Pose | None:
+        """Pose of the sensor (the first one of a rig) in the world; None if the metadata lack it.
+
+        For a sensor that moves it is the pose at the start of the frame, like all places in the metadata.
+        """
+        if SENSOR_TO_WORLD not in self.metadata:
+            return None
+        rows = parse_numbers(self.metadata[SENSOR_TO_WORLD], SENSOR_TO_WORLD, (3, 4))
+        return Pose(position_m=rows[:, 3], rotation=rows[:, :3])
+
+    @property
+    def frame_to_world(self) -> Pose | None:
+        """Pose of the points' frame in the world; None if the metadata lack it."""
+        place = self.sensor_to_world
+        if self.metadata.get("frame", "sensor") == "world":
+            return Pose()
+        return None if place is None else place @ self.sensor_place.inverse()
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Columns of this cloud, in the order of files."""
+        return columns_of(truth=self.has_truth, vectors=self.has_vectors)
 
     def column(self, name: str) -> Numbers:
-        """(n,) values of a column, by its name in files."""
+        """(n,) values of the column of this name, as in files: "x", "snr", "class", ..."""
+        choices = {column.name: column for column in self.columns}
+        if name not in choices:
+            hint = f"{did_you_mean(name, choices)} the choices are {', '.join(choices)}".strip()
+            raise InputError(f"column '{name}': not in this cloud; {hint}")
+        values: Numbers = getattr(self, choices[name].attribute)
+        return values[:, "xyz".index(name)] if values.ndim == 2 else values
 
     def select(self, mask_or_index: Any) -> Self:
-        """Cloud of these points only."""
+        """Select points by a (n,) mask, or by an index array or slice, in its order."""
+        if isinstance(mask_or_index, str):
+            raise InputError(
+                f"select: must be a mask, an index array or a slice, such as cloud.status == 0, got {mask_or_index!r}"
+            )
+        if (
+            getattr(mask_or_index, "dtype", None) == np.uint8
+        ):  # a column of categories, which NumPy would use as an index
+            raise InputError("select: must be a mask such as cloud.status == 0, an index array or a slice, got uint8")
+        return replace(self, checked=True, **{name: array[mask_or_index] for name, array in self._arrays().items()})
 
     def without_points(self) -> Self:
-        """Cloud without points, with the same names and metadata."""
+        """The cloud without its points: names, metadata and types. Unlike an empty slice it keeps no array."""
+        return self.select(np.zeros(0, np.intp))
 
     def in_sensor_frame(self) -> Self:
-        """Cloud with positions in the sensor's frame."""
+        """The same points with positions in the sensor's frame, float32.
+
+        Raises InputError for a cloud whose metadata do not say how the sensor stood, or of several sensors.
+        """
+        if self.metadata.get("frame", "sensor") == "sensor":
+            return self
+        if len(sensor_positions_m(self.metadata)) > 1:
+            raise InputError("this needs points in the sensor's frame, and the cloud is of several sensors")
+        if "sensor_rotation" not in self.metadata:
+            raise InputError(
+                "this needs points in the sensor's frame, and the cloud's metadata do not say how the sensor was "
+                "turned; render it with the frame 'sensor'"
+            )
+        placing = ("sensor_position_m", "sensor_rotation")
+        metadata = {key: value for key, value in self.metadata.items() if key not in placing} | {"frame": "sensor"}
+        xyz_m = self.sensor_place.inverse_apply(self.xyz_m.astype(np.float64)).astype(np.float32)
+        turned_vectors = self.vectors_turned(self.sensor_place.rotation.T)
+        return replace(self, xyz_m=xyz_m, metadata=metadata, **turned_vectors)
+
+    def vectors_turned(self, rotation: Numbers) -> dict[str, Any]:
+        """Normals and velocities in other axes, attribute -> (n,) array; empty if the cloud has none.
+
+        rotation  (3, 3) or (n, 3, 3), from the axes of the points to the others
+        """
+        if not self.has_vectors:
+            return {}
+        triples = (self._vectors("vectors", OF_VECTORS[first : first + 3]) for first in range(0, len(OF_VECTORS), 3))
+        turned = [np.einsum("...ij,...j->...i", rotation, vectors) for vectors in triples]
+        return dict(zip(OF_VECTORS, np.concatenate(turned, axis=1).astype(np.float32).T, strict=True))
+
+    def _vectors(self, quantity: str, names: tuple[str, ...]) -> Numbers:
+        if not self.has_vectors:
+            raise InputError(f"{quantity}: not in this cloud; render with vectors=True")
+        return np.stack([getattr(self, name) for name in names], axis=1)
 
     def to_structured(self) -> Numbers:
-        """(n,) rows of all columns."""
+        """(n,) structured array with a field for each column, by the names of files; copied."""
+        names = [column.name for column in self.columns]
+        rows = np.zeros(len(self), np.dtype([(name, self.column(name).dtype) for name in names]))
+        for name in names:
+            rows[name] = self.column(name)
+        return rows
+
+    def _arrays(self) -> dict[str, Numbers]:
+        """Arrays of the columns, attribute -> array."""
+        names = attributes(truth=self.has_truth, vectors=self.has_vectors)
+        return {name: getattr(self, name) for name in names}
+
+
+def _check_nan(attribute: str, array: Numbers) -> None:
+    """Raise ValueError for a NaN."""
+    distinct = array[:1] if is_constant(array) else array
+    if distinct.dtype.kind == "f" and distinct.size and np.isnan(distinct.min()):
+        raise ValueError(f"PointCloud.{attribute}: NaN at {int(np.isnan(array).sum())} places")
+
+
+def _check_index(attribute: str, index: Numbers, names: tuple[str, ...]) -> None:
+    """Raise ValueError unless each index is -1 or has a name; without names every index is accepted."""
+    if is_constant(index):
+        index = index[:1]
+    if index.size and names and not -1 <= index.min() <= index.max() < len(names):
+        raise ValueError(
+            f"PointCloud.{attribute}: {index.min()} to {index.max()}, with names for 0 to {len(names) - 1}"
+        )
 
 
 def sensor_positions_m(metadata: Mapping[str, str]) -> Numbers:
