@@ -1,7 +1,8 @@
 """The columns of point clouds, the class that holds them, and places and times in its metadata.
 
 One table gives name, type, unit and meaning of each column to files, documentation and pictures alike. Formats stand
-below `cloud.point_cloud.PointCloud`: writers take a `Cloud`, which it is, readers return `Fields`, its keyword arguments.
+below `cloud.point_cloud.PointCloud`: writers take a `Cloud`, readers return `Fields`, the
+keyword arguments of it.
 """
 
 from __future__ import annotations
