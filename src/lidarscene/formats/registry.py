@@ -69,12 +69,28 @@ class Format:
 
 
 def _import_on_call(module: str, name: str, **options: object) -> Callable[..., Any]:
-    """Wrap a function of a module with these options; the module is imported when the function is called."""
+    """Wrap a function of a module here with these options; the module is imported when the function is called."""
 
     def call(*arguments: Any, **keywords: Any) -> Any:
-        return getattr(import_module(module), name)(*arguments, **options, **keywords)
+        return getattr(import_module(f"lidarscene.formats.{module}"), name)(*arguments, **options, **keywords)
 
     return call
+
+
+def _functions(module: str, others: str = "", *, name: str | None = None, **options: object) -> dict[str, Any]:
+    """Functions of a format in its module: write_NAME, and of the ``others`` read_NAME, NAME_stream and NAME_frames.
+
+    name     of the format in the functions' names; None: the module's
+    options  of all but the reader
+    """
+    name = name or module
+    functions = {"write": f"write_{name}", "stream": f"{name}_stream", "frames": f"{name}_frames"}
+    members = {
+        member: _import_on_call(module, function, **options)
+        for member, function in functions.items()
+        if member in ("write", *others.split())
+    }
+    return members | ({"read": _import_on_call(module, f"read_{name}")} if "read" in others else {})
 
 
 _ROS_COLUMNS = {
@@ -84,15 +100,13 @@ _ROS_COLUMNS = {
 
 
 def _ros(suffix: str, storage: str, layout: str = "velodyne") -> Format:
-    module, options = "lidarscene.formats.ros", {"storage": storage, "layout": layout}
     return Format(
         suffix=suffix,
         extra="ros",
         columns=_ROS_COLUMNS[layout],
         positions="float32, sensor frame",
         beside="pose as `/tf`; metadata, units, names",
-        write=_import_on_call(module, "write_ros", **options),
-        frames=_import_on_call(module, "ros_frames", **options),
+        **_functions("ros", "frames", storage=storage, layout=layout),
     )
 
 
@@ -102,35 +116,22 @@ def _las(suffix: str, *, compressed: bool) -> Format:
         extra="las",
         columns="all, exact, as extra bytes; the standard fields coarser",
         positions="steps of 10 um, 21 km around the sensor",
-        write=_import_on_call("lidarscene.formats.las", "write_las", compressed=compressed),
-        read=_import_on_call("lidarscene.formats.las", "read_las"),
-        stream=_import_on_call("lidarscene.formats.las", "las_stream", compressed=compressed),
+        **_functions("las", "read stream", compressed=compressed),
     )
 
 
+def _rows(suffix: str, name: str, columns: str) -> Format:
+    functions = _functions("kitti", "stream", name=name)
+    return Format(suffix=suffix, columns=columns, positions="float32, sensor frame", beside="nothing", **functions)
+
+
+_PCD_BESIDE = "metadata, units, names, viewpoint"
+
 FORMATS = {
-    "ply": Format(
-        suffix=".ply",
-        text=True,
-        colour=True,
-        write=_import_on_call("lidarscene.formats.ply", "write_ply"),
-        read=_import_on_call("lidarscene.formats.ply", "read_ply"),
-        stream=_import_on_call("lidarscene.formats.ply", "ply_stream"),
-    ),
-    "pcd": Format(
-        suffix=".pcd",
-        beside="metadata, units, names, viewpoint",
-        text=True,
-        write=_import_on_call("lidarscene.formats.pcd", "write_pcd"),
-        read=_import_on_call("lidarscene.formats.pcd", "read_pcd"),
-        stream=_import_on_call("lidarscene.formats.pcd", "pcd_stream"),
-    ),
+    "ply": Format(suffix=".ply", text=True, colour=True, **_functions("ply", "read stream")),
+    "pcd": Format(suffix=".pcd", text=True, beside=_PCD_BESIDE, **_functions("pcd", "read stream")),
     "pcd-compressed": Format(
-        suffix=".pcd",
-        beside="metadata, units, names, viewpoint",
-        extra="pcd",
-        write=_import_on_call("lidarscene.formats.pcd", "write_pcd", compressed=True),
-        read=_import_on_call("lidarscene.formats.pcd", "read_pcd"),
+        suffix=".pcd", extra="pcd", beside=_PCD_BESIDE, **_functions("pcd", "read", compressed=True)
     ),
     "las": _las(".las", compressed=False),
     "laz": _las(".laz", compressed=True),
@@ -139,36 +140,12 @@ FORMATS = {
         extra="e57",
         columns="all, exact, infinity as 3.4e38",
         beside="metadata, units, names; the pose of the scan",
-        write=_import_on_call("lidarscene.formats.e57", "write_e57"),
+        **_functions("e57"),
     ),
-    "kitti": Format(
-        suffix=".bin",
-        columns="`intensity`",
-        positions="float32, sensor frame",
-        beside="nothing",
-        write=_import_on_call("lidarscene.formats.kitti", "write_kitti"),
-        stream=_import_on_call("lidarscene.formats.kitti", "kitti_stream"),
-    ),
-    "nuscenes": Format(
-        suffix=".pcd.bin",
-        columns="`intensity`, `channel`",
-        positions="float32, sensor frame",
-        beside="nothing",
-        write=_import_on_call("lidarscene.formats.kitti", "write_nuscenes"),
-        stream=_import_on_call("lidarscene.formats.kitti", "nuscenes_stream"),
-    ),
-    "npz": Format(
-        suffix=".npz",
-        write=_import_on_call("lidarscene.formats.npz", "write_npz"),
-        read=_import_on_call("lidarscene.formats.npz", "read_npz"),
-    ),
-    "parquet": Format(
-        suffix=".parquet",
-        extra="parquet",
-        write=_import_on_call("lidarscene.formats.parquet", "write_parquet"),
-        read=_import_on_call("lidarscene.formats.parquet", "read_parquet"),
-        stream=_import_on_call("lidarscene.formats.parquet", "parquet_stream"),
-    ),
+    "kitti": _rows(".bin", "kitti", "`intensity`"),
+    "nuscenes": _rows(".pcd.bin", "nuscenes", "`intensity`, `channel`"),
+    "npz": Format(suffix=".npz", **_functions("npz", "read")),
+    "parquet": Format(suffix=".parquet", extra="parquet", **_functions("parquet", "read stream")),
     "mcap": _ros(".mcap", storage="mcap"),
     "mcap-ouster": _ros(".mcap", storage="mcap", layout="ouster"),
     "rosbag2": _ros(".db3", storage="sqlite3"),
@@ -180,7 +157,7 @@ FORMATS = {
         "`radial_velocity`",
         positions="none: range and angles",
         beside="time",
-        write=_import_on_call("lidarscene.formats.osi", "write_osi"),
+        **_functions("osi"),
     ),
 }
 """Formats by name. A suffix means the first format that has it."""
@@ -192,7 +169,7 @@ def formats_with(member: str) -> list[str]:
 
 
 def _packets(profile: str) -> Format:
-    write = _import_on_call("lidarscene.formats.packets.pcap", "refuse_cloud")
+    write = _import_on_call("packets.pcap", "refuse_cloud")
     return Format(suffix=".pcap", write=write, profile=profile, columns="")
 
 
