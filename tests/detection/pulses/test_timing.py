@@ -114,16 +114,15 @@ def chain_errors(rule, snr, *overrides):
 @pytest.mark.parametrize("snr", [20.0, 100.0])
 @pytest.mark.parametrize("rule", RULES)
 def test_times_scatter_as_those_of_samples(rule, snr, overrides):
-    """Deviations of the time agree to 6 %, biases to 5 % of them, both over the noise of so many shots, 1.4 % and 2 %.
-
-    What is left is curvature: the forms are straight lines through the edge and parabolas at the peak. The deviation of
-    a held peak is 10 % off: the sampled one is the highest of several values.
+    """Deviations of the time agree to 2.5 %, biases to 1.5 % of them, heights to 2 %: curvature, for the forms are
+    straight lines through the edge and parabolas at the peak. Of so many shots all three scatter by 2.2 % (six seeds);
+    four of that are allowed.
     """
     time_s, height, kappas = chain_errors(rule, snr, *overrides)
     expected_s, expected_height = errors_by_hand(rule, snr, kappas)
-    assert time_s.std() == pytest.approx(expected_s.std(), rel=0.06)
-    assert abs(time_s.mean() - expected_s.mean()) < 0.1 * expected_s.std()
-    assert height.std() == pytest.approx(expected_height.std(), rel=0.1)
+    assert time_s.std() == pytest.approx(expected_s.std(), rel=0.025 + 4 * 0.022)
+    assert abs(time_s.mean() - expected_s.mean()) < (0.015 + 4 * 0.022) * expected_s.std()
+    assert height.std() == pytest.approx(expected_height.std(), rel=0.02 + 4 * 0.022)
 
 
 def test_closed_forms_of_the_deviations():

@@ -107,7 +107,8 @@ _NOTE = (
     "The recorded pulses beside the same pulses of the simulation. The value is a difference in the unit of the "
     "quantity, a ratio (scatter), a relative difference (points, signals, ground) or a share. Ranges count from the "
     "beam's exit. Range bias is that of smooth surfaces; scatter is that of second differences along the ring there, "
-    "on both sides. The double validation metric is the difference of the means (bias) and the area between both "
-    "distributions without it (scatter). Losses on surfaces are lost pulses that meet a surface of the twin; those "
-    "with a reflectivity and without a range are left out and counted by themselves."
+    "on both sides, and its limits are two sigma of so many pulses wider. The double validation metric is the "
+    "difference of the means (bias) and the area between both distributions without it (scatter). Losses on surfaces "
+    "are lost pulses that meet a surface of the twin; those with a reflectivity and without a range are left out and "
+    "counted by themselves."
 )
