@@ -7,10 +7,10 @@ from typing import Annotated, ClassVar, Literal
 
 from ...files.table_model import Table
 from ...maths.arrays import Lanes, xp
-from ...maths.units import Quantity
+from ...maths.units import Quantity, Slider
 from ...physics.constants import ELEMENTARY_CHARGE_C
 from ...physics.electronics import apd, counting
-from .detector import Detector, MainKey, Reception
+from .detector import Detector, Reception
 from .working_point import Noise, Response, WorkingPoint
 
 
@@ -20,10 +20,9 @@ class Pin(Detector):
 
     label: ClassVar[str] = "PIN diode"
     unit: ClassVar[str] = "A"
-    main_key: ClassVar[MainKey] = MainKey("quantum_efficiency", "efficiency", 0.01, 1.0)
 
     radius_m: Annotated[Lanes, Quantity("mm", ge=1e-3, le=100)]
-    quantum_efficiency: Annotated[Lanes, Quantity(gt=0, le=1)]
+    quantum_efficiency: Annotated[Lanes, Quantity(gt=0, le=1), Slider("efficiency", "", 0.01, 1.0)]
     dark_current_a: Annotated[Lanes, Quantity("na", ge=0, le=1e6, finest=1e-6)] = 0.0
     circuit_noise_a: Annotated[Lanes, Quantity("na", ge=0, le=1e6, finest=1e-6)] = 0.0
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import InputError, shorten
+from ..maths import units
 from ..scene.scene import Scene, Sun
 from ..sensor.detectors import Detector
 from ..sensor.sensor_file import load_sensor
@@ -143,7 +144,7 @@ class Equipment:
             ),
             _slider_around("laser.peak_power_w", "laser power", "W", laser.peak_power_w, 20.0),
             _slider_around("optics.aperture_radius_mm", "aperture radius", "mm", 1e3 * optics.aperture_radius_m, 5.0),
-            _detector_slider(sensor.detector),
+            *_detector_sliders(sensor.detector),
         ]
         if tdc.threshold_to_noise is not None:
             sliders.append(
@@ -166,18 +167,20 @@ class Equipment:
         return sliders
 
 
-def _detector_slider(detector: Detector) -> Control:
-    """Slider of the detector's main key."""
-    main = detector.main_key
-    return Control(
-        key=f"detector.{main.name}",
-        label=main.label,
-        unit="",
-        low=main.low,
-        high=main.high,
-        log=main.log,
-        value=float(getattr(detector, main.name)),
-    )
+def _detector_sliders(detector: Detector) -> list[Control]:
+    """Sliders of the numbers that the detector declares with one."""
+    return [
+        Control(
+            key=f"detector.{quantity.for_field(field)}",
+            label=slider.label,
+            unit=slider.unit,
+            low=slider.low,
+            high=slider.high,
+            log=slider.log,
+            value=float(quantity.in_file(getattr(detector, field))),
+        )
+        for field, (quantity, slider) in units.sliders(type(detector)).items()
+    ]
 
 
 def _slider_around(key: str, label: str, unit: str, value: Any, factor: float) -> Control:

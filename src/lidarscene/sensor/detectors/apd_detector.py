@@ -9,10 +9,10 @@ from pydantic import model_validator
 
 from ...files.table_model import Table
 from ...maths.arrays import Lanes, Numbers, xp
-from ...maths.units import FileKey, Quantity
+from ...maths.units import FileKey, Quantity, Slider
 from ...physics.constants import ELEMENTARY_CHARGE_C
 from ...physics.electronics import apd, counting, mcintyre, range_limit, saturation
-from .detector import Detector, MainKey, Reception, Wave
+from .detector import Detector, Reception, Wave
 from .working_point import Noise, Response, WorkingPoint
 
 INGAAS_GAIN = 40.0
@@ -31,9 +31,8 @@ class Apd(Detector):
 
     label: ClassVar[str] = "APD"
     unit: ClassVar[str] = "A"
-    main_key: ClassVar[MainKey] = MainKey("gain", "gain", 1.0, 1000.0, log=True)
 
-    gain: Annotated[Lanes, Quantity(ge=1, le=1e5)]
+    gain: Annotated[Lanes, Quantity(ge=1, le=1e5), Slider("gain", "", 1.0, 1000.0, log=True)]
     radius_m: Annotated[Lanes, Quantity("mm", ge=1e-3, le=100)]
     quantum_efficiency: Annotated[Lanes, Quantity(gt=0, le=1)]
     surface_dark_current_a: Annotated[Lanes, Quantity("na", ge=0, le=1e6, finest=1e-6)]

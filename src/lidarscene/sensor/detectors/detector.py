@@ -5,26 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 from ...maths.arrays import Lanes, Numbers
 from ...physics.amplifier.low_pass import LowPass
 from ...physics.electronics.range_limit import Plane, Transceiver
 from ..histogram import Histogram
 from .working_point import Filtered, WorkingPoint
-
-
-class MainKey(NamedTuple):
-    """Key of the sensor file that decides most: the view has a slider for it.
-
-    low, high  ends of the slider; ``log``: in even steps of its logarithm
-    """
-
-    name: str
-    label: str
-    low: float
-    high: float
-    log: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,9 +49,10 @@ class Wave:
 class Detector(ABC):
     """A photodetector with its amplifier, as data in SI units.
 
+    Numbers with a `maths.units.Slider` can be changed in the view.
+
     label            for people
     unit             of its signal: "A", "cells" or "photons"
-    main_key         the number that decides most
     has_white_noise  whether the noise is white up to the amplifier's bandwidth
     fills_histogram  whether [histogram] stands in the place of [tdc]
     radius_m         of the disc that decides the field of view
@@ -74,7 +62,6 @@ class Detector(ABC):
 
     label: ClassVar[str]
     unit: ClassVar[str]
-    main_key: ClassVar[MainKey]
     has_white_noise: ClassVar[bool] = True
     fills_histogram: ClassVar[bool] = False
     radius_m: Lanes

@@ -12,10 +12,10 @@ from pydantic import model_validator
 
 from ...files.table_model import Table
 from ...maths.arrays import Lanes, Numbers, xp
-from ...maths.units import FileKey, Quantity
+from ...maths.units import FileKey, Quantity, Slider
 from ...physics.amplifier.low_pass import LowPass
 from ...physics.electronics import counting, range_limit, sipm, sipm_response
-from .detector import Detector, MainKey, Reception, Wave
+from .detector import Detector, Reception, Wave
 from .working_point import CellCounts, CellMemory, Filtered, Noise, Response, WorkingPoint, least_count
 
 _STEPS = 24
@@ -39,12 +39,11 @@ class Sipm(Detector):
 
     label: ClassVar[str] = "SiPM"
     unit: ClassVar[str] = "cells"
-    main_key: ClassVar[MainKey] = MainKey("pde", "PDE", 0.01, 1.0)
     has_white_noise: ClassVar[bool] = False
 
     cells: Annotated[Lanes, Quantity(ge=1, le=1e9, whole=True)]
     radius_m: Annotated[Lanes, Quantity("mm", ge=1e-3, le=100)]
-    pde: Annotated[Lanes, Quantity(gt=0, le=1)]
+    pde: Annotated[Lanes, Quantity(gt=0, le=1), Slider("PDE", "", 0.01, 1.0)]
     dead_time_s: Annotated[Lanes, Quantity("ns", ge=0.01, le=1e5)]
     dark_count_rate_hz: Annotated[Lanes, Quantity(ge=0, le=1e9, about="of each cell")]
     cell_floor: Annotated[Lanes, Quantity(ge=0, le=1e5)] = 1.0

@@ -18,12 +18,12 @@ from typing import Annotated, ClassVar, Literal
 from ...files.table_model import Table
 from ...maths.arrays import Lanes, xp
 from ...maths.special import normal_tail
-from ...maths.units import FileKey, Quantity
+from ...maths.units import FileKey, Quantity, Slider
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.optics import pulse, radiometry
 from ...physics.photon_counting import dead_time, matched_filter, pile_up
 from ..histogram import Histogram
-from .detector import Detector, MainKey, Reception
+from .detector import Detector, Reception
 from .working_point import Noise, Response, ThresholdLaw, WorkingPoint
 
 _INVERSIONS = 40
@@ -44,14 +44,13 @@ class Spad(Detector):
 
     label: ClassVar[str] = "SPAD histogram"
     unit: ClassVar[str] = "photons"
-    main_key: ClassVar[MainKey] = MainKey("pde", "PDE", 0.01, 1.0)
     fills_histogram: ClassVar[bool] = True
 
     spads: Annotated[Lanes, Quantity(ge=1, le=1e6, whole=True, about="SPADs of one pixel")]
     radius_m: Annotated[
         Lanes, Quantity("mm", ge=1e-3, le=100, about="of a disc of the pixel's area: the field of view")
     ]
-    pde: Annotated[Lanes, Quantity(gt=0, le=1, about="with the fill factor")]
+    pde: Annotated[Lanes, Quantity(gt=0, le=1, about="with the fill factor"), Slider("PDE", "", 0.01, 1.0)]
     dead_time_s: Annotated[Lanes, Quantity("ns", ge=0.01, le=1e5)]
     dark_count_rate_hz: Annotated[Lanes, Quantity(ge=0, le=1e9, about="of each SPAD")]
     jitter_s: Annotated[
