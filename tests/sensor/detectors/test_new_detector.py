@@ -53,9 +53,23 @@ def test_it_renders_the_points_of_an_apd_without_gain(run):
     folder, command = run
     for kind in ("pin", "apd"):
         command(
-            "-m", "lidarscene", "render", "car", "-o", f"{kind}.npz", "--sensor", f"{kind}.toml", "--seed", "3",
-            "--waveforms", f"{kind}_waveforms.npz", "--pulses", "500-505", "--ambient", f"{kind}_ambient.npz",
-        )  # fmt: skip
+            "-m",
+            "lidarscene",
+            "render",
+            "car",
+            "-o",
+            f"{kind}.npz",
+            "--sensor",
+            f"{kind}.toml",
+            "--seed",
+            "3",
+            "--waveforms",
+            f"{kind}_waveforms.npz",
+            "--pulses",
+            "500-505",
+            "--ambient",
+            f"{kind}_ambient.npz",
+        )
     for name in ("{}.npz", "{}_waveforms.npz", "{}_ambient.npz"):
         with np.load(folder / name.format("pin")) as pin, np.load(folder / name.format("apd")) as diode:
             assert set(pin.files) == set(diode.files)

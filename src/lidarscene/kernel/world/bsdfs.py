@@ -17,7 +17,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Hashable, Mapping
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -32,6 +32,13 @@ from ..device.types import Bsdf, DeviceVector, Interaction
 
 RETRO_PLUGIN = "lidarscene_retroreflector"
 ROUGH_PLUGIN = "lidarscene_rough_diffuse"
+
+
+class _Parameters(Protocol):
+    """What Mitsuba hands to a BSDF that lists its parameters."""
+
+    def put(self, name: str, value: object, flags: object) -> None: ...
+
 
 ATTRIBUTE = "vertex_reflectivity"
 """Name of the mesh attribute that holds the reflectivity of each vertex."""
@@ -210,6 +217,36 @@ _BUILDERS = {
 }
 
 
+@functools.cache
+def _cosine_sampled() -> Any:
+    """Return the base class of opaque, two-sided BSDFs that are sampled by the cosine, which covers the hemisphere.
+
+    Our tracer never samples. Mitsuba's own integrators do, in tests.
+    """
+    import drjit as dr
+
+    mi = mitsuba()
+
+    class CosineSampled(mi.BSDF):  # type: ignore[misc,name-defined]
+        def sample(self, ctx: object, si: Interaction, sample1: Lanes, sample2: object, active: Mask = True) -> Any:
+            wo = mi.warp.square_to_cosine_hemisphere(sample2)
+            wo.z = dr.mulsign(wo.z, si.wi.z)
+            bs = dr.zeros(mi.BSDFSample3f)
+            bs.wo, bs.eta, bs.sampled_component = wo, 1.0, 0
+            bs.sampled_type = mi.UInt32(+mi.BSDFFlags.DiffuseReflection)
+            bs.pdf = self.pdf(ctx, si, wo, active)
+            value = self.eval(ctx, si, wo, active) / dr.maximum(bs.pdf, 1e-12)
+            return bs, dr.select(active & (bs.pdf > 0.0), value, 0.0)
+
+        def pdf(self, ctx: object, si: Interaction, wo: DeviceVector, active: Mask = True) -> Any:
+            return dr.select(active & (si.wi.z * wo.z > 0.0), dr.abs(wo.z) * dr.inv_pi, 0.0)
+
+        def eval_pdf(self, ctx: object, si: Interaction, wo: DeviceVector, active: Mask = True) -> Any:
+            return self.eval(ctx, si, wo, active), self.pdf(ctx, si, wo, active)
+
+    return CosineSampled
+
+
 def retro_peak_per_sr(*, coefficient_cd_per_lx_m2: float, half_angle_deg: float) -> float:
     """Return R_A at alpha = beta = 0, 1/sr, from the stated R_A at alpha = 0.2 and beta = 4 degrees.
 
@@ -231,7 +268,7 @@ def _retroreflector_class() -> Any:
 
     mi = mitsuba()
 
-    class Retroreflector(mi.BSDF):  # type: ignore[misc,name-defined]
+    class Retroreflector(_cosine_sampled()):  # type: ignore[misc]
         """f_r = rho / pi + R_A(alpha, beta) / (cos beta_i cos beta_o), two-sided.
 
         A sheet of coefficient R_A under an illuminance E_perp sends R_A E_perp cd per m2 of sheet back, so its
@@ -268,29 +305,10 @@ def _retroreflector_class() -> Any:
             diffuse = self.reflectivity * cos_o * dr.inv_pi
             return mi.Spectrum(dr.select(active & same_side, diffuse + retro, 0.0))
 
-        def sample(self, ctx: object, si: Interaction, sample1: Lanes, sample2: object, active: Mask = True) -> Any:
-            # Our tracer never samples it. Mitsuba's own integrators do, in tests: any density that covers the
-            # hemisphere is right, and the cosine's is the simplest.
-            wo = mi.warp.square_to_cosine_hemisphere(sample2)
-            wo.z = dr.mulsign(wo.z, si.wi.z)
-            bs = dr.zeros(mi.BSDFSample3f)
-            bs.wo, bs.eta, bs.sampled_component = wo, 1.0, 0
-            bs.sampled_type = mi.UInt32(+mi.BSDFFlags.DiffuseReflection)
-            bs.pdf = self.pdf(ctx, si, wo, active)
-            value = self.eval(ctx, si, wo, active) / xp(bs.pdf).maximum(bs.pdf, 1e-12)
-            return bs, dr.select(active & (bs.pdf > 0.0), value, 0.0)
-
-        def pdf(self, ctx: object, si: Interaction, wo: DeviceVector, active: Mask = True) -> Any:
-            same_side = si.wi.z * wo.z > 0.0
-            return dr.select(active & same_side, dr.abs(wo.z) * dr.inv_pi, 0.0)
-
-        def eval_pdf(self, ctx: object, si: Interaction, wo: DeviceVector, active: Mask = True) -> Any:
-            return self.eval(ctx, si, wo, active), self.pdf(ctx, si, wo, active)
-
         def eval_diffuse_reflectance(self, si: Interaction, active: Mask = True) -> Any:
             return mi.Spectrum(self.reflectivity)
 
-        def traverse(self, callback: Any) -> None:
+        def traverse(self, callback: _Parameters) -> None:
             callback.put("reflectivity", self.reflectivity, mi.ParamFlags.Differentiable)
             callback.put("peak", self.peak, mi.ParamFlags.Differentiable)
 
@@ -316,7 +334,7 @@ def _rough_diffuse_class() -> Any:
 
     mi = mitsuba()
 
-    class RoughDiffuse(mi.BSDF):  # type: ignore[misc,name-defined]
+    class RoughDiffuse(_cosine_sampled()):  # type: ignore[misc]
         """Equation (T7a), two-sided. ``reflectance`` is a texture, ``slope_deg`` the deviation of the facets' slope."""
 
         def __init__(self, props: Any) -> None:
@@ -340,27 +358,10 @@ def _rough_diffuse_class() -> Any:
             )
             return mi.Spectrum(dr.select(active & (si.wi.z * wo.z > 0.0), per_sr * cos_o, 0.0))
 
-        def sample(self, ctx: object, si: Interaction, sample1: Lanes, sample2: object, active: Mask = True) -> Any:
-            # Our tracer never samples it. Mitsuba's own integrators do, in tests: the cosine covers the hemisphere.
-            wo = mi.warp.square_to_cosine_hemisphere(sample2)
-            wo.z = dr.mulsign(wo.z, si.wi.z)
-            bs = dr.zeros(mi.BSDFSample3f)
-            bs.wo, bs.eta, bs.sampled_component = wo, 1.0, 0
-            bs.sampled_type = mi.UInt32(+mi.BSDFFlags.DiffuseReflection)
-            bs.pdf = self.pdf(ctx, si, wo, active)
-            value = self.eval(ctx, si, wo, active) / dr.maximum(bs.pdf, 1e-12)
-            return bs, dr.select(active & (bs.pdf > 0.0), value, 0.0)
-
-        def pdf(self, ctx: object, si: Interaction, wo: DeviceVector, active: Mask = True) -> Any:
-            return dr.select(active & (si.wi.z * wo.z > 0.0), dr.abs(wo.z) * dr.inv_pi, 0.0)
-
-        def eval_pdf(self, ctx: object, si: Interaction, wo: DeviceVector, active: Mask = True) -> Any:
-            return self.eval(ctx, si, wo, active), self.pdf(ctx, si, wo, active)
-
         def eval_diffuse_reflectance(self, si: Interaction, active: Mask = True) -> Any:
             return self.reflectance.eval(si, active)
 
-        def traverse(self, callback: Any) -> None:
+        def traverse(self, callback: _Parameters) -> None:
             callback.put("reflectance", self.reflectance, mi.ParamFlags.Differentiable)
             callback.put("relief", self.relief, mi.ParamFlags.Differentiable)
 

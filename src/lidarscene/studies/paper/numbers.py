@@ -9,7 +9,6 @@ import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -79,7 +78,6 @@ def detection() -> Numbers:
     }
 
 
-@cache
 def apd_gain() -> Numbers:
     """The APD's gain: SNR without gain, at the best gain and at equal noise; McIntyre's excess noise; 10 % steps."""
     noise = apd_noise()
