@@ -21,7 +21,7 @@ def test_cells_of_a_weak_pulse_that_are_busy_at_once(fwhm_s):
     arrived /= arrived[-1]
     busy = arrived - np.interp(time_s - dead_s, time_s, arrived, left=0.0)
     fired = sipm_response.fired_by_pulse(
-        peak=busy.max(), rate_hz=np.array([0.0]), pulse_fwhm_s=fwhm_s, dead_time_s=dead_s
+        peak=busy.max(), rate_hz=np.array([0.0]), pulse_fwhm_s=fwhm_s, dead_time_s=dead_s, cells=400.0
     )
     assert fired[0] == pytest.approx(1.0, rel=2e-3)
     lag_s = float(sipm_response.peak_lag_s(pulse_fwhm_s=np.array([fwhm_s]), dead_time_s=dead_s)[0])

@@ -123,6 +123,7 @@ def update_memory(shots: Received, rise: Rise, signal: Lanes, residue: Residue |
         rate_hz=cells.rate_hz,
         pulse_fwhm_s=shots.sensor.laser.pulse_fwhm_s,
         dead_time_s=cells.dead_time_s,
+        cells=cells.cells,
     )
     # All echoes before the last are one, at the mean of their places weighted by cells; after two dead times they no
     # longer count (T45b).

@@ -36,6 +36,7 @@ _EDGE = 2.0  # a pulse is cut off this many FWHM from its peak: 1.5e-5 of it
 _WIDTHS, _SHARES, _FLASHES = 49, 15, 65  # points of the table along its axes
 _LARGEST_BACKGROUND = 30.0  # x
 _LARGEST_FLASH = 1e3  # firings of a cell that never dies
+_LARGEST_REFILL = 40.0  # background firings of a cell between the light's peak and the count's
 _LARGEST_YIELD = 14.0  # -log(1 - share) at the inverse's end; single precision ends at a share of 1 - 1e-6
 
 
@@ -103,18 +104,23 @@ def residual_busy(*, age_s: Lanes, rate_hz: Lanes, dead_time_s: Lanes, sigma_s: 
     missing = 1.0 - ops.exp(-rate_hz * dead_time_s) - rate_hz * since_revival_s
     below = ops.where(since_revival_s < dead_time_s, ops.exp(-rate_hz * since_revival_s) * missing, 0.0)
     fired = 1.0 - normal_tail(age_s / sigma_s)
-    return (fired - revived) * ops.exp(-rate_hz * ops.minimum(age_s, dead_time_s)) - revived * below
+    # The background takes nothing back before the pulse: without this, exp(r t) of an echo yet to come overflows.
+    since_s = ops.minimum(ops.maximum(age_s, 0.0), dead_time_s)
+    return (fired - revived) * ops.exp(-rate_hz * since_s) - revived * below
 
 
-def fired_by_pulse(*, peak: Lanes, rate_hz: Lanes, pulse_fwhm_s: Lanes, dead_time_s: Lanes) -> Lanes:
-    """Cells that a pulse fired in all, from the most that were busy with it at a time.
+def fired_by_pulse(*, peak: Lanes, rate_hz: Lanes, pulse_fwhm_s: Lanes, dead_time_s: Lanes, cells: Lanes) -> Lanes:
+    """Cells that a pulse fired in all, from the most that were busy with it at a time; at most all cells.
 
     The first to fire revive before the last, if the pulse is not short of the dead time, and the background's count
     falls on the way to the peak.
     """
     inner = 1.0 - 2.0 * normal_tail(math.sqrt(2.0 * _LN2) * dead_time_s / pulse_fwhm_s)
     lag_s = peak_lag_s(pulse_fwhm_s=pulse_fwhm_s, dead_time_s=dead_time_s)
-    return peak / inner * xp(rate_hz).exp(rate_hz * lag_s)
+    ops = xp(peak, rate_hz)
+    # The bound of the exponent keeps single precision finite; cells end the growth long before.
+    refilled = ops.exp(ops.minimum(rate_hz * lag_s, _LARGEST_REFILL))
+    return ops.minimum(peak / inner * refilled, cells)
 
 
 def peak_lag_s(*, pulse_fwhm_s: Lanes, dead_time_s: Lanes) -> Lanes:

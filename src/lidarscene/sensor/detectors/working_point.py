@@ -18,11 +18,13 @@ from ...physics.electronics import sampling, saturation, tdc
 class CellMemory:
     """Parameters of a SiPM's memory of an echo, `physics.electronics.sipm_response.residual_busy`.
 
-    free         cells that the background leaves ready
+    cells        all of them
+    free         those that the background leaves ready
     rate_hz      rate at which the background fires a ready cell
     dead_time_s  time until a fired cell is ready again
     """
 
+    cells: Lanes
     free: Lanes
     rate_hz: Lanes
     dead_time_s: Lanes
