@@ -115,9 +115,7 @@ class Sipm(Detector):
         memory = None
         if self.statistics == "time_domain":
             rate_hz = self._refill(busy_share) / self.dead_time_s
-            memory = CellMemory(
-                cells=self.cells, free=free_cells, rate_hz=rate_hz, dead_time_s=self.dead_time_s
-            )
+            memory = CellMemory(cells=self.cells, free=free_cells, rate_hz=rate_hz, dead_time_s=self.dead_time_s)
 
         cells = {"pde": self.pde, "cells": self.cells}
 
