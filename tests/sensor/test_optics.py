@@ -10,6 +10,8 @@ from lidarscene import catalog, load_sensor
 from lidarscene.errors import InputError
 from lidarscene.sensor.optics import FilterFile, read_transmittance
 from lidarscene.sensor.sensor_file import read_sensor
+from lidarscene.sensor.sensor_model import Sensor
+from lidarscene.studies.ranging import plane
 
 SENSOR = catalog.path_of("sensors", "table1-apd").read_text(encoding="utf-8")
 GIVEN = "sun_irradiance_w_m2 = 29.4"
@@ -113,3 +115,55 @@ def test_a_focus_is_where_the_spot_is_sharp() -> None:
     assert shares[1] < 0.8 * shares[0]
     aside = load_sensor("table1-apd", overrides=[*keys[:2], "optics.overlap.transmitter_offset_mm=[30, 40]"])
     assert aside.optics.overlap.offset_m == pytest.approx(0.05)
+
+
+def shifted(folder: Path, entry: str, laser: str = "") -> Sensor:
+    """Table 1 with this filter, and these keys of its laser."""
+    path = folder / "sensor.toml"
+    path.write_text(SENSOR.replace(GIVEN, entry).replace("[laser]", f"[laser]\n{laser}"), encoding="utf-8")
+    return read_sensor(path)
+
+
+def test_a_laser_that_leaves_its_filter(tmp_path: Path) -> None:
+    """17 nm beside the middle of a Gaussian: the echo by hand, and the range where noise limits it, R ~ sqrt(echo).
+
+    Tolerance: 1e-4, the filter's table of straight lines.
+    """
+    pytest.importorskip("pvlib")
+    entry = 'filter = { centre_nm = 905, width_nm = 40, shape = "gaussian" }'
+    cold = shifted(tmp_path, entry)
+    warm = shifted(tmp_path, entry, "drift_nm_per_k = 0.28\ntemperature_c = 85")
+    share = 2.0 ** -((2 * 0.28 * 60 / 40) ** 2)
+    echoes = {name: plane.echoes_of_plane(lidar, plane.Target(), 50.0) for name, lidar in (("c", cold), ("w", warm))}
+    assert echoes["w"].peak_power_w == pytest.approx(share * echoes["c"].peak_power_w, rel=1e-4)
+    assert echoes["w"].background_power_w == echoes["c"].background_power_w
+    assert echoes["w"].white_w_m2 == echoes["c"].white_w_m2
+    ranges = [plane.maximum_range_m(lidar, plane.Target(illuminance_klux=0.0))[0] for lidar in (cold, warm)]
+    assert ranges[1] / ranges[0] == pytest.approx(math.sqrt(share), rel=1e-4)
+    # At 25 degrees nothing is shifted, to the last bit.
+    assert shifted(tmp_path, entry, "drift_nm_per_k = 0.28").optics.filter_share is None
+
+
+def test_a_filter_at_an_angle(tmp_path: Path) -> None:
+    """20 degrees through layers of 1.8 move the band by 16 nm: beyond half of a box 30 nm wide, within one of 40."""
+    pytest.importorskip("pvlib")
+    entry = "filter = {{ centre_nm = 905, width_nm = {}, incidence_deg = 20, effective_index = 1.8 }}"
+    assert shifted(tmp_path, entry.format(40)).optics.filter_share == 1.0
+    with pytest.raises(InputError, match=r"optics.filter: must pass the laser's light, got none at 905 nm at 20 deg"):
+        shifted(tmp_path, entry.format(30))
+
+
+@pytest.mark.parametrize(
+    ("entry", "laser", "message"),
+    [
+        (GIVEN, "drift_nm_per_k = 0.28", "laser.drift_nm_per_k: must go with optics.filter"),
+        (GIVEN, "temperature_c = 60", "laser: drift_nm_per_k: must go with temperature_c"),
+        ("filter = { centre_nm = 905, width_nm = 9, incidence_deg = 9 }", "", "effective_index: must go with incidence"),
+        ("filter = { centre_nm = 800, width_nm = 9 }", "drift_nm_per_k = 1\ntemperature_c = 30", "nothing at 905 nm"),
+    ],
+)
+def test_mistakes_of_the_shift(entry: str, laser: str, message: str, tmp_path: Path) -> None:
+    if "filter =" in entry:
+        pytest.importorskip("pvlib")
+    with pytest.raises(InputError, match=message):
+        shifted(tmp_path, entry, laser)

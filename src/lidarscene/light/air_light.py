@@ -206,7 +206,7 @@ def _least_strength(sensor: Sensor) -> float:
         range_m=1.0,
         transmittance=1.0,
         aperture_m2=sensor.optics.aperture_m2,
-        efficiency=sensor.optics.efficiency_laser,
+        efficiency=sensor.optics.echo_efficiency,
     )
     return float(least_w / sent)
 

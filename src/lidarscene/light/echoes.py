@@ -173,7 +173,7 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
         range_m=hits.range_m,
         transmittance=transmittance,
         aperture_m2=beams.aperture_m2,
-        efficiency=optics.efficiency_laser * hits.throughput * hits.throughput,
+        efficiency=optics.echo_efficiency * hits.throughput * hits.throughput,
     )
     # Close by, the spot lies partly outside of the field of view or is out of focus: only a share of the echo
     # reaches the detector.

@@ -20,6 +20,7 @@ from ..files.inputs import LARGEST_TEXT, require_file
 from ..files.table_model import Number, Table
 from ..files.toml import FileModel
 from ..maths.units import si
+from ..physics.optics.interference_filter import oblique_factor, passed_share
 from ..physics.optics.solar_spectrum import (
     SpectralCurve,
     box_filter,
@@ -50,10 +51,18 @@ class FilterFile(FileModel):
     spectrum: Literal["global", "direct", "extraterrestrial"] = Field(
         default="global", description="column of ASTM G173, scaled to 100 klux"
     )
+    incidence_deg: Annotated[float, Number("deg", ge=0, le=45)] = Field(
+        default=0.0, description="of the echo on the filter, which moves its band to shorter wavelengths; with the next"
+    )
+    effective_index: Annotated[float, Field(ge=1, le=5)] | None = Field(
+        default=None, description="of the filter's layers, some 1.6 to 2.1"
+    )
 
     @model_validator(mode="after")
     def _one_way(self) -> FilterFile:
         fields_set = self.model_fields_set
+        if self.incidence_deg and self.effective_index is None:
+            raise ValueError(f"effective_index: must go with incidence_deg, got {self.incidence_deg:g} degrees alone")
         if self.csv is not None:
             extra = sorted(fields_set & {"centre_nm", "width_nm", "shape", "order"})
             if extra:
@@ -80,6 +89,29 @@ class FilterFile(FileModel):
         """Solar irradiance behind the filter at 100 klux. Raises InputError, or LidarSceneError without pvlib."""
         curve = self.transmittance(folder)
         return irradiance_at_100_klux_w_m2(pvlib.reference_spectrum(self.spectrum), curve)
+
+    def echo_share(self, folder: Path, *, reference_m: float, emitted_m: float) -> float | None:
+        """Share of the echo that passes, over that of ``reference_m`` straight through; None: nothing is shifted.
+
+        emitted_m  wavelength of the laser as it is
+        Raises InputError if nothing passes.
+        """
+        if emitted_m == reference_m and not self.incidence_deg:
+            return None
+        angle_rad, index = si(self.incidence_deg, "deg"), self.effective_index or 1.0
+        factor = oblique_factor(incidence_rad=angle_rad, effective_index=index)
+        try:
+            share = passed_share(
+                self.transmittance(folder), reference_m=reference_m, emitted_m=emitted_m, incidence_factor=factor
+            )
+        except ValueError as error:
+            raise InputError(f"optics.filter: must pass the laser's light: {error}") from None
+        if share <= 0.0:
+            at_angle = f" at {self.incidence_deg:g} degrees" if self.incidence_deg else ""
+            raise InputError(
+                f"optics.filter: must pass the laser's light, got none at {1e9 * emitted_m:.6g} nm{at_angle}"
+            )
+        return share
 
 
 def read_transmittance(path: Path) -> SpectralCurve:
@@ -195,7 +227,15 @@ class OpticsFile(Table[Optics]):
             )
         return self
 
-    def build(self, folder: Path) -> Optics:
-        """Convert to SI units, but for the overlap, which needs the detector; filter files lie in ``folder``."""
-        sun = self.sun_irradiance_w_m2 if self.filter is None else self.filter.sun_irradiance_w_m2(folder)
-        return self.in_si(sun_irradiance_w_m2=sun, halo=None if self.halo is None else self.halo.in_si())
+    def build(self, folder: Path, *, reference_m: float, emitted_m: float) -> Optics:
+        """Convert to SI units, but for the overlap, which needs the detector; filter files lie in ``folder``.
+
+        reference_m  the laser's wavelength at which the file's efficiencies hold
+        emitted_m    its wavelength at its temperature
+        """
+        sun, share = self.sun_irradiance_w_m2, None
+        if self.filter is not None:
+            sun = self.filter.sun_irradiance_w_m2(folder)
+            share = self.filter.echo_share(folder, reference_m=reference_m, emitted_m=emitted_m)
+        halo = None if self.halo is None else self.halo.in_si()
+        return self.in_si(sun_irradiance_w_m2=sun, halo=halo, filter_share=share)

@@ -31,6 +31,9 @@ from .sensor_model import Laser, Optics, Sensor
 LARGEST_COORDINATE_M = 1e8
 """No position is farther off: enough for any map projection, and far from what single precision can hold."""
 
+NOMINAL_TEMPERATURE_C = 25.0
+"""Temperature at which data sheets state a laser's wavelength."""
+
 Coordinate = Annotated[float, Field(ge=-LARGEST_COORDINATE_M, le=LARGEST_COORDINATE_M)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Turned = Annotated[float, Number("deg", ge=-36e3, le=36e3)]
@@ -42,6 +45,23 @@ class LaserFile(Table[Laser]):
     repetition_rate_khz: Annotated[float, Number("khz", ge=1e-4, le=2e4)] | None = Field(
         default=None, description="pulses per second; a spinning scanner's lasers and cycle give it if left out"
     )
+    drift_nm_per_k: Annotated[float, Number(ge=-2, le=2, finest=1e-4)] = Field(
+        default=0.0, description="growth of the wavelength with the temperature, with optics.filter"
+    )
+    temperature_c: Annotated[float, Field(ge=-100, le=200)] = Field(
+        default=NOMINAL_TEMPERATURE_C, description="of the laser, with drift_nm_per_k; wavelength_nm is that at 25"
+    )
+
+    @model_validator(mode="after")
+    def _temperature_matters(self) -> LaserFile:
+        if "temperature_c" in self.model_fields_set and not self.drift_nm_per_k:
+            raise ValueError("drift_nm_per_k: must go with temperature_c, got none")
+        return self
+
+    @property
+    def emitted_m(self) -> float:
+        """Wavelength at the laser's temperature."""
+        return si(self.wavelength_nm + self.drift_nm_per_k * (self.temperature_c - NOMINAL_TEMPERATURE_C), "nm")
 
     @model_validator(mode="after")
     def _not_finer_than_light(self) -> LaserFile:
@@ -163,6 +183,12 @@ class SensorFile(FileModel):
         return self
 
     @model_validator(mode="after")
+    def _drifts_from_a_filter(self) -> SensorFile:
+        if self.laser.drift_nm_per_k and self.optics.filter is None:
+            raise ValueError("laser.drift_nm_per_k: must go with optics.filter, whose band the laser leaves, got none")
+        return self
+
+    @model_validator(mode="after")
     def _one_receiver(self) -> SensorFile:
         counts = self.detector.in_si().fills_histogram
         for key, required in (("tdc", not counts), ("histogram", counts)):
@@ -190,7 +216,8 @@ class SensorFile(FileModel):
     def build(self, folder: Path) -> Sensor:
         """Build the sensor in SI units; the files that it names lie in ``folder``. Raises InputError."""
         detector: Detector = self.detector.in_si()
-        laser, optics = self.laser.in_si(repetition_rate_hz=self._rate_hz), self.optics.build(folder)
+        laser = self.laser.in_si(repetition_rate_hz=self._rate_hz)
+        optics = self.optics.build(folder, reference_m=laser.wavelength_m, emitted_m=self.laser.emitted_m)
         if self.optics.overlap is not None:
             overlap = self.optics.overlap.build(
                 optics=optics, laser=laser, detector_radius_m=si(self.detector.radius_mm, "mm")

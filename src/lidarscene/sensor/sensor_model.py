@@ -120,6 +120,8 @@ class Optics:
     sun_irradiance_w_m2  in band, at normal incidence and 100 klux (E_sun of (6))
     overlap              overlap of the laser's spot and the field of view; None: all of the spot is seen at any range
     halo                 around the spot, or None
+    filter_share         of the echo that the filter passes, over that at the laser's nominal wavelength straight
+                         through; None: the laser is there
     """
 
     aperture_radius_m: Annotated[Lanes, Quantity("mm", ge=0.05, le=5000)]
@@ -129,6 +131,12 @@ class Optics:
     sun_irradiance_w_m2: Annotated[Lanes, Quantity(ge=0, le=1e9)]
     overlap: Overlap | None = None
     halo: Halo | None = None
+    filter_share: Lanes | None = None
+
+    @property
+    def echo_efficiency(self) -> Lanes:
+        """eta_r of the echo, with what a laser beside the filter's band loses."""
+        return self.efficiency_laser if self.filter_share is None else self.efficiency_laser * self.filter_share
 
     @property
     def aperture_m2(self) -> Lanes:

@@ -271,7 +271,7 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
         focal_over_radius=optics.focal_length_m / detector.radius_m,
         threshold_to_noise=sensor.tdc.threshold_to_noise,
         photon_energy_j=laser.photon_energy_j,
-        efficiency_laser=optics.efficiency_laser,
+        efficiency_laser=optics.echo_efficiency,
         efficiency_sun=optics.efficiency_sun,
     )
     bound = detector.closed_form_range_m(wall, receiver, sensor.reception)
