@@ -55,7 +55,7 @@ class FilterFile(FileModel):
         default=0.0, description="of the echo on the filter, which moves its band to shorter wavelengths; with the next"
     )
     effective_index: Annotated[float, Field(ge=1, le=5)] | None = Field(
-        default=None, description="of the filter's layers, some 1.6 to 2.1"
+        default=None, description="of the layers of the filter, about 1.8"
     )
 
     @model_validator(mode="after")
