@@ -158,7 +158,11 @@ def test_a_filter_at_an_angle(tmp_path: Path) -> None:
     [
         (GIVEN, "drift_nm_per_k = 0.28", "laser.drift_nm_per_k: must go with optics.filter"),
         (GIVEN, "temperature_c = 60", "laser: drift_nm_per_k: must go with temperature_c"),
-        ("filter = { centre_nm = 905, width_nm = 9, incidence_deg = 9 }", "", "effective_index: must go with incidence"),
+        (
+            "filter = { centre_nm = 905, width_nm = 9, incidence_deg = 9 }",
+            "",
+            "effective_index: must go with incidence",
+        ),
         ("filter = { centre_nm = 800, width_nm = 9 }", "drift_nm_per_k = 1\ntemperature_c = 30", "nothing at 905 nm"),
     ],
 )
