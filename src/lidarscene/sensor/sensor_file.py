@@ -61,7 +61,8 @@ class LaserFile(Table[Laser]):
     @property
     def emitted_m(self) -> float:
         """Wavelength at the laser's temperature."""
-        return si(self.wavelength_nm + self.drift_nm_per_k * (self.temperature_c - NOMINAL_TEMPERATURE_C), "nm")
+        nominal_nm: float = self.wavelength_nm
+        return si(nominal_nm + self.drift_nm_per_k * (self.temperature_c - NOMINAL_TEMPERATURE_C), "nm")
 
     @model_validator(mode="after")
     def _not_finer_than_light(self) -> LaserFile:
