@@ -122,6 +122,9 @@ class CloudColumns:
     ghost: Annotated[Truth, Column("ghost", "uint8", "1", "1 where one mirrored it: no surface is there", absent=0)] = (
         None
     )
+    wear: Annotated[
+        Truth, Column("wear", "float32", "1", "share of the echo that dirt, drops or a weak laser take", absent=0)
+    ] = None
     radial_velocity_m_s: Annotated[
         Truth, Column("radial_velocity", "float32", "m/s", "of surface and sensor apart", absent=0)
     ] = None

@@ -8,7 +8,7 @@ Symbols: A(theta_r) effective receiving aperture (4).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..maths import random
 from ..maths.arrays import Lanes, Numbers
@@ -26,6 +26,8 @@ class Beams:
     direction               (x, y, z), each (n,), unit length
     aperture_m2             effective receiving aperture A(theta_r) of (4), a scalar or (n,)
     background_aperture_m2  aperture that goes with the detector's field of view in (8); None: the same
+    laser_share             share of the laser's power that leaves a worn sensor
+    receiver_share          share of the light on its window that enters
     """
 
     pulse: Lanes
@@ -33,6 +35,8 @@ class Beams:
     direction: Vector
     aperture_m2: Lanes
     background_aperture_m2: Lanes | None = None
+    laser_share: Lanes = 1.0
+    receiver_share: Lanes = 1.0
 
 
 def fire(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[Lanes, ...], seed: Lanes = 0) -> Beams:
@@ -47,7 +51,11 @@ def fire(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[Lane
     direction = sensor.scanner.direction(pulse)
     if sensor.scanner.jitter_rad is not None:
         direction = _add_jitter(direction, sensor.scanner.jitter_rad, seed=seed, pulse=pulse)
-    return _place_rays(sensor, pulse, direction, origin_m, rotation)
+    if sensor.wear is None:
+        return _place_rays(sensor, pulse, direction, origin_m, rotation)
+    laser_share, receiver_share = sensor.wear.shares(direction, sensor.scanner.channel(pulse))
+    rays = _place_rays(sensor, pulse, sensor.wear.turn(direction), origin_m, rotation)
+    return replace(rays, laser_share=laser_share, receiver_share=receiver_share)
 
 
 def reported_beams(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[Lanes, ...]) -> Beams:

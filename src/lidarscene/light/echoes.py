@@ -173,7 +173,7 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
         range_m=hits.range_m,
         transmittance=transmittance,
         aperture_m2=beams.aperture_m2,
-        efficiency=optics.echo_efficiency * hits.throughput * hits.throughput,
+        efficiency=optics.echo_efficiency * echo_share(beams) * hits.throughput * hits.throughput,
     )
     # Close by, the spot lies partly outside of the field of view or is out of focus: only a share of the echo
     # reaches the detector.
@@ -199,7 +199,7 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
             detector_radius_m=sensor.detector.radius_m, focal_length_m=optics.focal_length_m
         ),
         transmittance=ops.where(hits.has_surface, transmittance, ambient.transmittance),
-        efficiency=optics.efficiency_sun * hits.throughput,
+        efficiency=optics.efficiency_sun * beams.receiver_share * hits.throughput,
     )
     # Only a ray that ends at no surface can look into the sun.
     if ambient.sun_direction is not None:
@@ -213,13 +213,20 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
         interference=tuple(
             Interference(
                 rate_hz=lidar.rate_hz,
-                peak_power_w=lidar.irradiance_w_m2 * beams.aperture_m2 * optics.efficiency_laser,
+                peak_power_w=lidar.irradiance_w_m2
+                * beams.aperture_m2
+                * (optics.efficiency_laser * beams.receiver_share),
                 spread_db=lidar.spread_db,
             )
             for lidar in ambient.interferers
         ),
         white_w_m2=_white_w_m2(beams, sensor),
     )
+
+
+def echo_share(beams: Beams) -> Lanes:
+    """Share of an echo's power that the wear of the sensor leaves, a scalar or (n,)."""
+    return beams.laser_share * beams.receiver_share
 
 
 def background_aperture_m2(beams: Beams) -> Lanes:
@@ -239,7 +246,7 @@ def _sun_disc_w(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> L
         sun_angle_rad=xp(square).sqrt(square),
         field_rad=sensor.detector.radius_m / sensor.optics.focal_length_m,
         aperture_m2=background_aperture_m2(beams),
-        efficiency=sensor.optics.efficiency_sun * hits.throughput,
+        efficiency=sensor.optics.efficiency_sun * beams.receiver_share * hits.throughput,
     )
 
 
@@ -248,7 +255,7 @@ def _white_w_m2(beams: Beams, sensor: Sensor) -> Lanes:
     if sensor.intensity is None or sensor.intensity.kind != "reflectivity":
         return 1.0
     return intensity.white_echo_w_m2(
-        peak_power_w=sensor.laser.peak_power_w, aperture_m2=beams.aperture_m2, efficiency=sensor.optics.efficiency_laser
+        peak_power_w=sensor.laser.peak_power_w, aperture_m2=beams.aperture_m2, efficiency=sensor.calibrated_efficiency
     )
 
 

@@ -55,7 +55,7 @@ def _ray_background_w(rays: Beams, hits: Hits, sensor: Sensor, ambient: Ambient)
             detector_radius_m=sensor.detector.radius_m, focal_length_m=sensor.optics.focal_length_m
         ),
         transmittance=1.0,  # the sun's irradiance is that at the sensor
-        efficiency=sensor.optics.efficiency_sun * hits.throughput,
+        efficiency=sensor.optics.efficiency_sun * rays.receiver_share * hits.throughput,
     )
     on_disc = ~hits.has_surface & (dot(chord, chord) < sunlight.SUN_RADIUS_RAD * sunlight.SUN_RADIUS_RAD)
     return light.background_power_w + xp(light.background_power_w).where(on_disc, disc, 0.0)

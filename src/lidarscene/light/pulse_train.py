@@ -18,7 +18,7 @@ from ..physics.optics import radiometry
 from ..sensor.sensor_model import Sensor
 from .air_light import AirLight
 from .beams import Beams
-from .echoes import Ambient, Echoes, EchoTrain, SubEchoes, Volume
+from .echoes import Ambient, Echoes, EchoTrain, SubEchoes, Volume, echo_share
 from .footprint import Skirt
 
 
@@ -84,7 +84,7 @@ def join_echoes(
             range_m=1.0,
             transmittance=air.ambient.transmittance,
             aperture_m2=pulse_value(beams.aperture_m2),
-            efficiency=optics.echo_efficiency,
+            efficiency=optics.echo_efficiency * pulse_value(echo_share(beams)),
         )
         # One end for all of a pulse's rays: as long as one of them is under way, the air goes on sending light back.
         end_m = _end_m(first, air.light.far_m, rays, rays if skirt is None else rays - skirt.count)

@@ -27,6 +27,7 @@ from .histogram import Histogram, HistogramFile
 from .optics import OpticsFile
 from .readout import AnyIntensityFile, AnySamplerFile, PublishedFile, read_published
 from .sensor_model import Laser, Optics, Sensor
+from .wear_file import WearFile
 
 LARGEST_COORDINATE_M = 1e8
 """No position is farther off: enough for any map projection, and far from what single precision can hold."""
@@ -166,6 +167,7 @@ class SensorFile(FileModel):
         default=None, description="what measures the pulses that trip the comparator; the TDC alone if left out"
     )
     mounting: PoseFile = PoseFile()
+    wear: WearFile | None = Field(default=None, description="of window, lasers and mounting; as new if left out")
     intensity: AnyIntensityFile | None = Field(default=None, description="the maker's scale; the amplitude if left out")
     published: PublishedFile | None = Field(default=None, description="for comparison; not used by the simulation")
     sources: dict[str, str] = Field(default_factory=dict)
@@ -224,18 +226,27 @@ class SensorFile(FileModel):
                 optics=optics, laser=laser, detector_radius_m=si(self.detector.radius_mm, "mm")
             )
             optics = replace(optics, overlap=overlap)
+        wear, scanner = None, self._scanner(optics, folder)
+        if self.wear is not None:
+            optics = self.wear.worn_optics(optics, laser.wavelength_m)
+            overlap_file = self.optics.overlap
+            left_mm, up_mm = (0.0, 0.0) if overlap_file is None else overlap_file.transmitter_offset_mm
+            wear = self.wear.build(
+                optics=optics, laser=laser, scanner=scanner, offset_m=(si(left_mm, "mm"), si(up_mm, "mm"))
+            )
         receiver, tdc = self.receiver.build(self._converter(detector))
         sensor = Sensor(
             name=self.name,
             description=self.description,
             laser=laser,
             optics=optics,
-            scanner=self._scanner(optics, folder),
+            scanner=scanner,
             detector=detector,
             tdc=tdc,
             receiver=receiver,
             histogram=self._histogram(detector),
             mounting=self.mounting.pose(),
+            wear=wear,
             intensity=None if self.intensity is None else self.intensity.in_si(),
             sources=dict(self.sources),
         )

@@ -25,6 +25,7 @@ from .detectors.spad_detector import Macropixel
 from .electronics import Adc, Intensity, MultiLevel, Receiver, Tdc
 from .histogram import Histogram
 from .overlap import Overlap, Spot
+from .wear import Wear
 
 PULSE_BANDWIDTH = 0.35
 """Bandwidth times FWHM that a pulse needs: rise time is 0.35 over the bandwidth, and a slower amplifier lowers it."""
@@ -150,6 +151,7 @@ class Sensor:
 
     sampler    sampler that measures the pulses that trip the comparator; None: the TDC alone
     histogram  histogram over the shots of a `Spad`; None with any other detector
+    wear       drops, weak lasers and a knocked mounting, `sensor.wear`; None: as new
     intensity  as the maker reports it, or None: the amplitude
     """
 
@@ -164,6 +166,7 @@ class Sensor:
     histogram: Histogram | None = None
     mounting: Pose = field(default_factory=Pose)
     intensity: Intensity | None = None
+    wear: Wear | None = None
     description: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
 
@@ -184,6 +187,12 @@ class Sensor:
     def source_of(self, key: str) -> str | None:
         """Source of the number with this dotted key of the sensor file: its own, or its table's; None: no source."""
         return self.sources.get(key, self.sources.get(key.partition(".")[0]))
+
+    @property
+    def calibrated_efficiency(self) -> Lanes:
+        """Efficiency for the echo with which the maker's intensity scale was calibrated: that of a clean window."""
+        efficiency = self.optics.efficiency_laser
+        return efficiency if self.wear is None else efficiency / self.wear.calibrated_share
 
     @property
     def times_edge(self) -> bool:

@@ -1,6 +1,6 @@
 """Compute the columns of the kept points from the results of the stages on the device.
 
-Most pulses of a frame may report nothing, and a point has 27 columns. So the reported returns are counted first, and a
+Most pulses of a frame may report nothing, and a point has 28 columns. So the reported returns are counted first, and a
 second small kernel gathers them and computes positions, angles and identities for these lanes only. What follows from
 the pulse's number alone is not carried through the first kernel. Nothing else leaves the device
 (docs/architecture.md).
@@ -188,6 +188,9 @@ def point_columns(
         optional["ghost"] = mi.UInt8(dr.select(optional["ghost"], mi.UInt32(1), 0))
     if paths[0].normal is not None:
         optional |= _vector_columns(ends, turn)
+    if sensor.wear is not None:
+        loss = sensor.wear.loss(sensor.scanner.direction(of_pulse), sensor.scanner.channel(of_pulse))
+        optional["wear"] = loss + dr.zeros(mi.Float, dr.width(lane))
     if sensor.measures_width:
         optional["pulse_width_s"] = of_stop("width_s")
     if sensor.histogram is not None:

@@ -1,0 +1,49 @@
+"""A dirty window: diffracted light against a Fourier transform and Airy's pattern, drops by counting."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.special import j1
+
+from lidarscene.physics.optics import window
+
+
+@pytest.mark.parametrize("covered", [0.02, 0.1, 0.4])
+def test_what_grains_diffract_is_what_a_transform_finds(covered):
+    """The light behind a mask of random opaque cells: the transform's entry at 0 is the undeviated light. The power
+    there scatters by 2 sqrt(s / (1 - s) / cells): 2e-3 at most with 512^2 cells, taken five times.
+    """
+    cells = np.random.default_rng(1).random((512, 512)) >= covered
+    power = np.abs(np.fft.fft2(cells.astype(float))) ** 2
+    undeviated = power[0, 0] / power.sum()
+    assert 1.0 - undeviated**2 == pytest.approx(window.diffracted_share(covered=covered), abs=0.01)
+    assert undeviated == pytest.approx(1.0 - covered, abs=0.01)
+
+
+def test_the_angle_is_that_of_airys_pattern():
+    """At half of the full angle (2 J_1(x) / x)^2 is 1/e^2; the constant has four digits."""
+    angle = window.diffraction_angle_rad(wavelength_m=905e-9, grain_m=50e-6)
+    x = math.pi * 50e-6 * 0.5 * angle / 905e-9
+    assert (2.0 * j1(x) / x) ** 2 == pytest.approx(math.exp(-2.0), rel=1e-3)
+
+
+def test_slits_spread_light_as_far_to_15_percent():
+    slit = brentq(lambda x: math.sin(x) / x - math.exp(-1.0), 1.0, 3.0)
+    grain = brentq(lambda x: 2.0 * j1(x) / x - math.exp(-1.0), 1.0, 3.0)
+    assert slit / grain == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize(("beam_m", "drop_m"), [(5e-3, 1.5e-3), (1.5e-3, 5e-3), (2e-3, 2e-3)])
+def test_the_area_that_discs_share_is_counted(beam_m, drop_m):
+    """Points of a fine grid in both discs: 1000^2 points, so an edge of some 4,000 cells gives 1e-2 of the area."""
+    distances = np.array(
+        [0.0, abs(beam_m - drop_m), 0.5 * (beam_m + drop_m), 0.9 * (beam_m + drop_m), 2 * beam_m + drop_m]
+    )
+    axis = np.linspace(-beam_m, beam_m, 1000)
+    x, y = np.meshgrid(axis, axis)
+    in_beam = x * x + y * y <= beam_m**2
+    counted = [np.sum(in_beam & ((x - d) ** 2 + y * y <= drop_m**2)) * (axis[1] - axis[0]) ** 2 for d in distances]
+    areas = window.overlap_area_m2(beam_m=beam_m, drop_m=drop_m, distance_m=distances)
+    np.testing.assert_allclose(areas, counted, atol=0.01 * math.pi * min(beam_m, drop_m) ** 2)
