@@ -137,7 +137,7 @@ class WearFile(FileModel):
                 f"got {self.drops_per_cm2:g}"
             )
         rng = np.random.default_rng(self.seed)
-        elevation = np.arcsin(rng.uniform(*np.sin([low[1], high[1]]), count))
+        elevation = np.arcsin(rng.uniform(math.sin(low[1]), math.sin(high[1]), count))
         # Steps of a quarter of the least distance over which a beam meets a drop.
         step_rad = 0.25 * (drop_m + min(exit_m, lens_m)) / window_m
         cells = [math.ceil((end - start) / step_rad) + 2 for start, end in zip(low, high, strict=True)]
