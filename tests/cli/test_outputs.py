@@ -97,6 +97,8 @@ def test_range_image(run: Run, wall: str, tmp_path: Path) -> None:
         (["-o", "a", "--dataset", "kitti", "--labels", "osi"], "--labels: a data set has its own"),
         (["-o", "a", "--dataset", "kitti", "--ascii"], "--dataset: goes without --ascii"),
         (["-o", "a.las", "--frames", "2"], "--output a.las: must be a folder with --frames"),
+        (["-o", "a.mcap", "--epoch", "noon"], "--epoch: must be a date such as 2026-01-31 or 2026-01-31T12:00:00Z"),
+        (["-o", "a.mcap", "--epoch", "2040-01-01"], "got '2040-01-01' (must be from 1970 to 2038)"),
     ],
 )
 def test_mistakes(run: Run, wall: str, tmp_path: Path, options: list[str], message: str) -> None:
@@ -118,29 +120,33 @@ def test_a_missing_package_is_told_before_the_work(
     assert sorted(p.name for p in tmp_path.iterdir()) == [wall]
 
 
-def test_frames_in_one_bag(run: Run, wall: str, tmp_path: Path, library: Any) -> None:
+@pytest.mark.parametrize(("output", "epoch"), [("drive.mcap", None), ("drive.db3", "2025-03-04"), ("drive", None)])
+def test_frames_in_one_bag(run: Run, wall: str, tmp_path: Path, library: Any, output: str, epoch: str | None) -> None:
     """As rosbags reads it: a message for each frame, stamped when the frame begins; the points are those of a folder.
 
-    With the stamp, the times of the points are when their pulses left.
+    With the stamp, the times of the points are when their pulses left. `rosbag2` is a folder with `metadata.yaml`.
     """
     highlevel, typesys = library("rosbags.highlevel"), library("rosbags.typesys")
     options = ("--frames", "3", "--begin", "0.05", *COARSE)
-    ran = run("render", wall, "-o", "drive.mcap", *options)
+    chosen = (*(("--epoch", epoch) if epoch else ()), *(() if "." in output else ("--format", "rosbag2")))
+    ran = run("render", wall, "-o", output, *chosen, *options)
     assert (ran.code, ran.err) == (0, "")
-    assert ran.out.splitlines()[-1] == "wrote         3 frames in drive.mcap"
+    assert ran.out.splitlines()[-1] == f"wrote         3 frames in {output}"
     assert run("render", wall, "-o", "apart", *options).code == 0
     clouds = [PointCloud.load(tmp_path / "apart" / f"frame_000{n}.ply") for n in range(3)]
+    assert (tmp_path / output / "metadata.yaml").is_file() == (output != "drive.mcap")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    with highlevel.AnyReader([tmp_path / "drive.mcap"], default_typestore=store) as bag:
+    with highlevel.AnyReader([tmp_path / output], default_typestore=store) as bag:
         received = [
             (stamp, bag.deserialize(raw, connection.msgtype))
             for connection, stamp, raw in bag.messages()
             if connection.topic == "/points"
         ]
     assert len(received) == 3
+    begin_ns = 10**9 * (1_741_046_400 if epoch else 1_767_225_600)  # by `date -u -d 2025-03-04 +%s`, and of 2026-01-01
     for (stamp_ns, message), cloud in zip(received, clouds, strict=True):
         assert stamp_ns == message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-        assert stamp_ns == pytest.approx(1e9 * cloud.frame_start_s, abs=1.0)
+        assert stamp_ns - begin_ns == pytest.approx(1e9 * cloud.frame_start_s, abs=1.0)
         offsets = {field.name: field.offset for field in message.fields}
         rows = np.asarray(message.data).reshape(len(cloud), -1)
 
@@ -156,7 +162,7 @@ def test_frames_in_one_bag(run: Run, wall: str, tmp_path: Path, library: Any) ->
 def test_a_bag_of_frames_takes_no_labels(run: Run, wall: str, tmp_path: Path) -> None:
     ran = run("render", wall, "-o", "drive.mcap", "--frames", "2", "--labels", "kitti", *COARSE)
     assert ran.code == 2
-    assert "--labels: goes with a folder of clouds, not with one file of several frames" in ran.err
+    assert "--labels: goes with a folder of clouds, not with one file of several" in ran.err
     ran = run("render", wall, "-o", "drive.ply", "--frames", "2", *COARSE)
     assert "must be a folder with --frames" in ran.err
 

@@ -21,7 +21,7 @@ import lidarscene
 from lidarscene.cli import main
 from lidarscene.files.toml import FileModel
 from lidarscene.formats.cloud_columns import COLUMNS, columns_of
-from lidarscene.formats.registry import FORMATS
+from lidarscene.formats.registry import ALL, BAGS, FORMATS
 
 pytestmark = pytest.mark.fixed_streams
 
@@ -227,7 +227,7 @@ def columns_table() -> str:
 def formats_table() -> str:
     """Formats that keep the same share a row."""
     groups: dict[tuple[str, ...], list[str]] = {}
-    for name, format_of_file in FORMATS.items():
+    for name, format_of_file in (FORMATS | BAGS).items():
         abilities = ("yes" if able else "no" for able in (format_of_file.stream, format_of_file.read))
         cells_of_format = (
             f"`{format_of_file.extra}`" if format_of_file.extra else "-",
@@ -240,7 +240,7 @@ def formats_table() -> str:
     rows = ["| `--format` | suffix | needs | columns | positions | also in the file | in pieces | read again |"]
     rows += ["|---|---|---|---|---|---|---|---|"]
     for cells_of_format, names in groups.items():
-        suffixes = dict.fromkeys(FORMATS[name].suffix for name in names)
+        suffixes = dict.fromkeys(ALL[name].suffix for name in names)
         cells = [", ".join(f"`{word}`" for word in words) for words in (names, suffixes)]
         rows.append(f"| {' | '.join((*cells, *cells_of_format))} |")
     return "\n".join(rows)

@@ -17,7 +17,7 @@ from helpers.formats import file_of, need
 from helpers.waiting import PATIENCE_S, wait_until
 
 from lidarscene.errors import OutputError
-from lidarscene.formats.registry import FORMATS
+from lidarscene.formats.registry import BAGS, FORMATS
 
 resource = pytest.importorskip("resource")
 
@@ -51,7 +51,7 @@ def no_room() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", [*FORMATS, *BAGS])
 def test_no_room_is_one_line(tmp_path: Path, name: str) -> None:
     need(name)
     cloud, path = small_cloud(), file_of(tmp_path / "new", name)

@@ -1,6 +1,7 @@
 """ROS 2: as mcap_ros2 reads it."""
 
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,9 @@ from helpers.clouds import small_cloud
 from helpers.formats import file_of, need, rotated
 
 from lidarscene.cloud.point_cloud import PointCloud
-from lidarscene.formats.ros import structured_rows
+from lidarscene.cloud.rig_clouds import merge_clouds
+from lidarscene.formats.ros import ros_frames, structured_rows
+from lidarscene.maths.pose import Pose
 
 LAYOUTS = {
     "velodyne": {"x": (0, 7), "y": (4, 7), "z": (8, 7), "intensity": (12, 7), "ring": (16, 4), "time": (18, 7)},
@@ -27,6 +30,9 @@ LAYOUTS = {
     },
 }
 
+NEW_YEAR_NS = 1_767_225_600_000_000_000
+"""2026-01-01T00:00:00Z, by `date -u -d 2026-01-01 +%s`: the default date of the scene's second 0."""
+
 NUMPY = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
 
@@ -38,7 +44,7 @@ def messages(path: Path, library: Any) -> dict[str, Any]:
             decoded = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
             return {channel.topic: message for _, channel, _, message in decoded.iter_decoded_messages()}
     dynamic = library("mcap_ros2._dynamic")
-    connection = sqlite3.connect(path)
+    connection = sqlite3.connect(path / path.name)
     try:
         definitions = dict(connection.execute("SELECT topic_type, encoded_message_definition FROM message_definitions"))
         query = "SELECT name, type, data FROM messages JOIN topics ON topics.id = messages.topic_id"
@@ -93,9 +99,83 @@ def test_point_cloud_2(tmp_path: Path, library: Any, street_cloud: PointCloud, s
 def check_transform(stamped: Any, cloud: PointCloud) -> None:
     """`map` to `lidar` is where the sensor stands: it takes its points into the world."""
     assert (stamped.header.frame_id, stamped.child_frame_id) == ("map", "lidar")
+    moved_m = placed(stamped, cloud.in_sensor_frame().xyz_m.astype(float))
+    np.testing.assert_allclose(moved_m, cloud.xyz_m, atol=2e-5)
+
+
+def placed(stamped: Any, points_m: np.ndarray) -> np.ndarray:
+    """Points of a frame in its parent."""
     t, q = stamped.transform.translation, stamped.transform.rotation
-    turned = rotated((q.w, q.x, q.y, q.z), cloud.in_sensor_frame().xyz_m.astype(float))
-    np.testing.assert_allclose(turned + np.array([t.x, t.y, t.z]), cloud.xyz_m, atol=2e-5)
+    return rotated((q.w, q.x, q.y, q.z), points_m) + np.array([t.x, t.y, t.z])
+
+
+def on_vehicle(cloud: PointCloud, mounting: Pose) -> PointCloud:
+    """The cloud, with the pose of its sensor on the vehicle."""
+    text = " ".join(map(repr, np.column_stack([mounting.rotation, mounting.position_m]).ravel().tolist()))
+    return replace(cloud, metadata=dict(cloud.metadata) | {"sensor_to_vehicle": text})
+
+
+MOUNTINGS = (
+    Pose.from_degrees(position_m=(1.0, 0.5, 1.8), yaw_deg=30.0),
+    Pose.from_degrees(position_m=(-1.0, -0.5, 1.6), yaw_deg=-100.0, pitch_deg=5.0, roll_deg=-3.0),
+)
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_a_rig_in_one_bag(tmp_path: Path, library: Any, street_cloud: PointCloud, storage: str) -> None:
+    """Reference: rosbags. Two mountings of one sensor: each chain of transforms ends where the cloud has its points.
+
+    Of two frames that begin at once the vehicle's pose is there once, and a late reader of `/tf_static` finds both
+    places in its last message, which the bag keeps for it (durability 1, transient local).
+    """
+    need("rosbag2")
+    highlevel, typesys = library("rosbags.highlevel"), library("rosbags.typesys")
+    path = tmp_path / ("a.mcap" if storage == "mcap" else "bag")
+    with ros_frames(path, storage=storage) as append:
+        for label, mounting in zip(("left", "2-right"), MOUNTINGS, strict=True):
+            append(on_vehicle(street_cloud, mounting), label)
+    if storage == "sqlite3":
+        assert sorted(file.name for file in path.iterdir()) == ["bag.db3", "metadata.yaml"]
+    received: dict[str, list[Any]] = {}
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    with highlevel.AnyReader([path], default_typestore=store) as bag:
+        profiles = {connection.topic: connection.ext.offered_qos_profiles for connection in bag.connections}
+        for connection, _, raw in bag.messages():
+            received.setdefault(connection.topic, []).append(bag.deserialize(raw, connection.msgtype))
+    assert sorted(received) == ["/left/points", "/sensor_2_right/points", "/tf", "/tf_static"]
+    assert [qos.durability.value for qos in profiles["/tf_static"]] == [1]
+    (vehicle,) = received["/tf"][0].transforms
+    assert (len(received["/tf"]), vehicle.header.frame_id, vehicle.child_frame_id) == (1, "map", "base_link")
+    fixed = {stamped.child_frame_id: stamped for stamped in received["/tf_static"][-1].transforms}
+    in_sensor_frame = street_cloud.in_sensor_frame().xyz_m.astype(float)
+    for stamped, frame, mounting in zip(fixed.values(), ("left", "sensor_2_right"), MOUNTINGS, strict=True):
+        assert (stamped.header.frame_id, stamped.child_frame_id) == ("base_link", frame)
+        assert received[f"/{frame}/points"][0].header.frame_id == frame
+        np.testing.assert_allclose(placed(stamped, in_sensor_frame), mounting.apply(in_sensor_frame), atol=1e-9)
+    moved_m = placed(vehicle, placed(fixed["left"], in_sensor_frame))
+    np.testing.assert_allclose(moved_m, street_cloud.xyz_m, atol=2e-5)
+
+
+def test_a_merged_cloud_is_in_the_vehicles_frame(tmp_path: Path, library: Any, street_cloud: PointCloud) -> None:
+    """The second sensor's frame begins 30 ms later: the times of its points count from the first one's stamp."""
+    need("mcap")
+    first = on_vehicle(street_cloud, MOUNTINGS[0])
+    first = replace(first, metadata=dict(first.metadata) | {"frame_start_s": "0.7"})
+    later = replace(first, metadata=dict(first.metadata) | {"frame_start_s": repr(first.frame_start_s + 0.03)})
+    merged = merge_clouds([first, later], ["a", "b"])
+    merged.save(tmp_path / "a.mcap")
+    received = messages(tmp_path / "a.mcap", library)
+    points, (vehicle,) = received["/points"], received["/tf"].transforms
+    assert (points.header.frame_id, vehicle.child_frame_id) == ("base_link", "base_link")
+    offsets = {field.name: field.offset for field in points.fields}
+    rows = np.frombuffer(bytes(points.data), np.uint8).reshape(points.width, -1)
+
+    def column(name: str) -> np.ndarray:
+        return rows[:, offsets[name] : offsets[name] + 4].copy().view(np.float32)[:, 0].astype(float)
+
+    xyz_m = np.stack([column(name) for name in "xyz"], axis=1)
+    np.testing.assert_allclose(placed(vehicle, xyz_m), merged.xyz_m, atol=2e-5)
+    np.testing.assert_allclose(column("time"), merged.time_s + 0.03 * merged.sensor_index, atol=1e-7)
 
 
 def test_a_bag_of_several_frames(tmp_path: Path, library: Any) -> None:
@@ -109,8 +189,8 @@ def test_a_bag_of_several_frames(tmp_path: Path, library: Any) -> None:
         decoded = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
         received = [(m.log_time, d.header.stamp, d.width) for _, _, m, d in decoded.iter_decoded_messages()]
     assert [(log, stamp.sec * 10**9 + stamp.nanosec, n) for log, stamp, n in received] == [
-        (300_000_000, 300_000_000, 3),
-        (500_000_000, 500_000_000, 5),
+        (NEW_YEAR_NS + 300_000_000, NEW_YEAR_NS + 300_000_000, 3),
+        (NEW_YEAR_NS + 500_000_000, NEW_YEAR_NS + 500_000_000, 5),
     ]
 
 

@@ -9,7 +9,7 @@ import pytest
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import LidarSceneError
 from lidarscene.formats.cloud_description import LARGEST
-from lidarscene.formats.registry import FORMATS
+from lidarscene.formats.registry import ALL, FORMATS
 
 PLACED = {"sensor_position_m": "1 2 3", "sensor_rotation": "0 -1 0 1 0 0 0 0 1", "frame": "world"}
 
@@ -17,13 +17,13 @@ PLACED = {"sensor_position_m": "1 2 3", "sensor_rotation": "0 -1 0 1 0 0 0 0 1",
 def need(name: str) -> None:
     """Skip where the format's packages cannot be had."""
     try:
-        FORMATS[name].require()
+        ALL[name].require()
     except LidarSceneError as error:
         pytest.skip(str(error))
 
 
 def file_of(folder: Path, name: str) -> Path:
-    return folder / f"a{FORMATS[name].suffix}"
+    return folder / f"a{ALL[name].suffix}"
 
 
 def clipped_to_finite(values: np.ndarray) -> np.ndarray:

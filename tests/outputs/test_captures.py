@@ -55,7 +55,10 @@ def test_a_capture_has_the_points_of_the_clouds(mi: Any, run: Run, wall: str, li
 
 
 def test_ouster_metadata_and_background(mi: Any, run: Run, wall: str, library: Callable[[str], Any]) -> None:
-    """Near infrared is the background of every pulse, as `--ambient` has it."""
+    """Near infrared is the background of every pulse, as `--ambient` has it.
+
+    Stamps are dates: to ouster-cli 0 means that there are none.
+    """
     library("ouster.sdk")
     ran = run("render", wall, *OUSTER, "-o", "a.pcap", "--ambient", "a.npz", "--keep-missed", "m.npz")
     assert (ran.code, ran.err) == (0, "")
@@ -67,6 +70,7 @@ def test_ouster_metadata_and_background(mi: Any, run: Run, wall: str, library: C
         counts = ambient["counts"].reshape(512, 128).T
         missed_pulses = len(missed["pulse"])
     assert (sweep.near_ir == counts).all()
+    assert sweep.start_s == pytest.approx(1_767_225_600, abs=1e-6)  # `date -u -d 2026-01-01 +%s`
     assert sweep.lost.sum() <= missed_pulses < 512 * 128  # false alarms are points, and of missed pulses
 
 

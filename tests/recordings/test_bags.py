@@ -11,7 +11,8 @@ from helpers.formats import PLACED, need
 from helpers.recordings import hesai_packet, turns
 
 from lidarscene.errors import InputError
-from lidarscene.formats.ros import write_ros
+from lidarscene.formats.clock import EPOCH, to_ns
+from lidarscene.formats.ros import ros_frames, write_ros
 from lidarscene.recordings.bags import DEFINITIONS, _Scans
 from lidarscene.recordings.opening import open_recording
 
@@ -37,7 +38,25 @@ def test_frames_fields_and_poses_of_our_own_bag(tmp_path: Path, suffix: str, sto
     assert second.pose is not None
     np.testing.assert_allclose(second.pose.rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
     np.testing.assert_array_equal(second.pose.position_m, [1.0, 2.0, 3.0])
-    assert first.start_s == pytest.approx(1.0 + float(clouds[0].time_s.min()), abs=1e-6)
+    epoch_s = to_ns(EPOCH) / 1e9
+    assert first.start_s == pytest.approx(epoch_s + 1.0 + float(clouds[0].time_s.min()), abs=1e-6)
+
+
+def test_the_pose_of_a_rig_follows_the_vehicle(tmp_path: Path) -> None:
+    """The place on the vehicle by `/tf_static`, the vehicle's by `/tf`: together where the sensor stood."""
+    need("mcap")
+    metadata = PLACED | {
+        "frame_start_s": "2.0",
+        "sensor_to_world": "0 -1 0 1  1 0 0 2  0 0 1 3",
+        "sensor_to_vehicle": "0 -1 0 0.5  1 0 0 0  0 0 1 1.8",
+    }
+    with ros_frames(tmp_path / "a.mcap") as append:
+        append(small_cloud(metadata=metadata), "roof")
+    with open_recording(tmp_path / "a.mcap") as recording:
+        pose = recording[0].pose
+    assert pose is not None
+    np.testing.assert_allclose(pose.rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
+    np.testing.assert_allclose(pose.position_m, [1.0, 2.0, 3.0], atol=1e-12)
 
 
 def scan_bag(path: Path, library: Callable[[str], Any], frames: int) -> Path:

@@ -72,7 +72,8 @@ def add_render(commands: Any) -> None:
     add_options(group, TraceOptions, "rays", "interactions", "background_rays", "vectors")
     add_options(group, FrameOptions, "chunk")
     group = render.add_argument_group("what is written")
-    add_options(group, Outputs, "path", "format", "labels", "dataset", "range_image", "ambient", "waveforms", "pulses")
+    add_options(group, Outputs, "path", "format", "epoch", "labels", "dataset")
+    add_options(group, Outputs, "range_image", "ambient", "waveforms", "pulses")
     add_options(group, FrameOptions, coordinates="--frame is the older name")
     add_options(group, Outputs, "merge", "deskew", "colours", "truth", "ascii", "missed", "picture")
     add_options(group, CommandOptions, "json")
@@ -126,7 +127,8 @@ def _as_text(arguments: argparse.Namespace, run: RecordedRun, history: KernelHis
     from ..outputs import run_report
 
     one_file = len({cloud.files["output"] for cloud in run.clouds}) < len(run.clouds)
-    written = [f"{len(run.clouds)} {'frames' if one_file else 'clouds'} in {arguments.path}"]
+    frames = len({cloud.number for cloud in run.clouds})
+    written = [f"{frames} frames in {arguments.path}" if one_file else f"{len(run.clouds)} clouds in {arguments.path}"]
     if len(run.clouds) == 1:
         written = [str(path) for path in run.files]
     profile = "" if history is None else "\n" + run_report.profile_as_text(run.summary, history)

@@ -12,10 +12,17 @@ from typing import Any
 
 import numpy as np
 
+from ..formats.cloud_columns import SENSOR_TO_VEHICLE
 from ..maths.arrays import Numbers
 from .point_cloud import PointCloud
 
-JOINED = {"sensor": ", ", "frame_start_s": " ", "sensor_position_m": " ", "sensor_rotation": " "}
+JOINED = {
+    "sensor": ", ",
+    "frame_start_s": " ",
+    "sensor_position_m": " ",
+    "sensor_rotation": " ",
+    SENSOR_TO_VEHICLE: " ",
+}
 """Metadata that a merged cloud holds once for each sensor: key -> separator."""
 
 

@@ -124,9 +124,9 @@ def name_path_in_errors(path: str | os.PathLike[str], append: Callable[..., None
     For several files that are written at once: each `atomic_output` would report the errors of the others as its own.
     """
 
-    def append_or_name(*arguments: Any) -> None:
+    def append_or_name(*arguments: Any, **keywords: Any) -> None:
         try:
-            append(*arguments)
+            append(*arguments, **keywords)
         except OSError as error:
             raise _unwritable(path, error) from error
 

@@ -173,6 +173,9 @@ def columns_of(*, truth: bool, vectors: bool) -> tuple[Column, ...]:
 SENSOR_TO_WORLD = "sensor_to_world"
 """Key of the metadata whose text is the pose of the sensor in the world: a (3, 4) matrix row by row."""
 
+SENSOR_TO_VEHICLE = "sensor_to_vehicle"
+"""Key of the metadata whose text has the pose of each sensor on its vehicle: (3, 4) matrices row by row."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Cloud(CloudColumns):
@@ -264,6 +267,23 @@ class Cloud(CloudColumns):
             return None
         rows = parse_numbers(self.metadata[SENSOR_TO_WORLD], SENSOR_TO_WORLD, (3, 4))
         return Pose(position_m=rows[:, 3], rotation=rows[:, :3])
+
+    @property
+    def sensors_to_vehicle(self) -> tuple[Pose, ...]:
+        """Pose of each sensor on its vehicle; empty if the metadata lack them."""
+        if SENSOR_TO_VEHICLE not in self.metadata:
+            return ()
+        matrices = parse_numbers(self.metadata[SENSOR_TO_VEHICLE], SENSOR_TO_VEHICLE, (-1, 3, 4))
+        return tuple(Pose(position_m=rows[:, 3], rotation=rows[:, :3]) for rows in matrices)
+
+    @property
+    def vehicle_to_world(self) -> Pose | None:
+        """Pose of the vehicle in the world at the start of the frame; None if the metadata lack it.
+
+        Without an ego vehicle the world's origin stands for it.
+        """
+        mountings, place = self.sensors_to_vehicle, self.sensor_to_world
+        return place @ mountings[0].inverse() if mountings and place is not None else None
 
     @property
     def frame_to_world(self) -> Pose | None:

@@ -36,8 +36,10 @@ class Format:
             written piece by piece with the same bytes as from the whole cloud
     profile profile of packets (`packets.select_encoder`): a run's frames are in one file. None: a file is a cloud
     extra   group of optional packages that the format needs (`files.optional.EXTRAS`)
-    frames  context manager from a path to a function that appends whole clouds, the frames of one file; None if a file
-            holds a single frame
+    frames  context manager from a path (and ``epoch_ns``, as `formats.clock` has it) to a function that appends whole
+            clouds, the frames of one file, each with the label of its sensor; None if a file holds a single frame
+    rig     whether such a file holds the clouds of several sensors, each by itself
+    folder  whether it is a folder of files, so that its name needs no suffix
     text    whether ``write`` and ``stream`` take ``ascii``
     colour  whether ``write`` takes ``colours``
     columns  what a file holds of a cloud's columns, in words; begins with "all" if it is every one
@@ -51,6 +53,8 @@ class Format:
     profile: str | None = None
     frames: Stream | None = None
     extra: str = ""
+    rig: bool = False
+    folder: bool = False
     text: bool = False
     colour: bool = False
     columns: str = "all, exact"
@@ -105,7 +109,9 @@ def _ros(suffix: str, storage: str, layout: str = "velodyne") -> Format:
         extra="ros",
         columns=_ROS_COLUMNS[layout],
         positions="float32, sensor frame",
-        beside="pose as `/tf`; metadata, units, names",
+        beside="poses as `/tf` and `/tf_static`; metadata, units, names",
+        rig=True,
+        folder=storage == "sqlite3",
         **_functions("ros", "frames", storage=storage, layout=layout),
     )
 
@@ -148,8 +154,6 @@ FORMATS = {
     "parquet": Format(suffix=".parquet", extra="parquet", **_functions("parquet", "read stream")),
     "mcap": _ros(".mcap", storage="mcap"),
     "mcap-ouster": _ros(".mcap", storage="mcap", layout="ouster"),
-    "rosbag2": _ros(".db3", storage="sqlite3"),
-    "rosbag2-ouster": _ros(".db3", storage="sqlite3", layout="ouster"),
     "osi": Format(
         suffix=".osi",
         columns="`range`, `azimuth`, `elevation`, `detection_probability`, `intensity` in percent, `pulse_width` in "
@@ -160,12 +164,15 @@ FORMATS = {
         **_functions("osi"),
     ),
 }
-"""Formats by name. A suffix means the first format that has it."""
+"""Formats of files by name. A suffix means the first format that has it."""
+
+BAGS = {"rosbag2": _ros(".db3", storage="sqlite3"), "rosbag2-ouster": _ros(".db3", storage="sqlite3", layout="ouster")}
+"""Formats that are folders, by name."""
 
 
 def formats_with(member: str) -> list[str]:
     """Names of the formats of which this member of `Format` is true or given."""
-    return [name for name, file_format in FORMATS.items() if getattr(file_format, member)]
+    return [name for name, file_format in (FORMATS | BAGS).items() if getattr(file_format, member)]
 
 
 def _packets(profile: str) -> Format:
@@ -176,7 +183,8 @@ def _packets(profile: str) -> Format:
 PACKETS = {"pcap": _packets("default"), "pcap-low-rate": _packets("low-rate"), "pcap-legacy": _packets("legacy")}
 """Formats of the sensor's own packets, by name: they hold lost pulses too, so they are no formats of clouds."""
 
-SUFFIXES = tuple(dict.fromkeys(file_format.suffix for file_format in (FORMATS | PACKETS).values()))
+ALL = FORMATS | BAGS | PACKETS
+SUFFIXES = tuple(dict.fromkeys(file_format.suffix for file_format in ALL.values()))
 
 LABELS = {
     "kitti": (".txt", ".calib.txt"),
@@ -195,12 +203,12 @@ def format_of(path: str | os.PathLike[str], name: str | None = None) -> Format:
     if not isinstance(path, str | os.PathLike):
         raise InputError(f"path: must be the name of a file, got {type(path).__name__}")
     if name is not None:
-        if name not in FORMATS | PACKETS:
-            choices = ", ".join(FORMATS | PACKETS)
+        if name not in ALL:
+            choices = ", ".join(ALL)
             raise InputError(f"format '{name}': there is none; the choices are {choices}")
-        return (FORMATS | PACKETS)[name]
+        return ALL[name]
     file = os.path.basename(os.fspath(path)).lower()
-    matches = [file_format for file_format in (FORMATS | PACKETS).values() if file.endswith(file_format.suffix)]
+    matches = [file_format for file_format in ALL.values() if file.endswith(file_format.suffix)]
     if not matches:
         suffix, choices = os.path.splitext(file)[1], ", ".join(SUFFIXES)
         raise InputError(f"{os.fspath(path)}: suffix '{suffix}' names no point cloud format; known: {choices}")

@@ -1,28 +1,34 @@
-"""Write point clouds as a bag of ROS 2 messages: one file, MCAP or SQLite. Needs rosbags, no ROS.
+"""Write point clouds as a bag of ROS 2 messages: an MCAP file, or a folder with SQLite. Needs rosbags, no ROS.
 
-Topic `/points` has a sensor_msgs/PointCloud2 for each frame, in the sensor's frame (frame_id `lidar`); where the
-cloud has the pose of its sensor, `/tf` has it as the transform from `map` to `lidar`. The fields of the driver that
-the layout names come first, with its offsets and types; all other columns follow by their own names.
+Topic `/points` has a sensor_msgs/PointCloud2 for each frame, in the sensor's frame (frame_id `lidar`); of a rig
+`/LABEL/points` in the frame `LABEL`. A merged cloud is in the vehicle's frame. `/tf` has the vehicle's pose at the
+start of each frame, from `map` to `base_link`, and `/tf_static` the sensors' places on it (names as in REP 105). The
+fields of the driver that the layout names come first, with its offsets and types; all other columns follow by their
+own names.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
-from ..files.atomic import atomic_output, folder_beside
+from ..files.atomic import atomic_folder, atomic_output, folder_beside
 from ..files.optional import import_optional
 from ..maths.arrays import Numbers
+from ..maths.pose import Pose
 from ..maths.rotations import quaternion
-from .cloud_columns import Cloud
+from .clock import default_epoch_ns, stamp_ns
+from .cloud_columns import Cloud, frame_starts_s, sensor_positions_m
 from .cloud_description import description, library_errors
 
-POINTS, TRANSFORMS, SENSOR_FRAME, WORLD_FRAME = "/points", "/tf", "lidar", "map"
+POINTS, TRANSFORMS, STATIC_TRANSFORMS = "points", "/tf", "/tf_static"
+SENSOR_FRAME, VEHICLE_FRAME, WORLD_FRAME = "lidar", "base_link", "map"
 BAG_VERSION = 8
 """Version of rosbag2's metadata, which ROS 2 Humble, Iron and later read."""
 
@@ -69,7 +75,7 @@ def write_ros(
 ) -> None:
     """Write a bag of one frame, or of each that comes.
 
-    storage  "mcap" or "sqlite3", one file in both cases
+    storage  "mcap": one file; "sqlite3": a folder with `metadata.yaml` and one file
     layout   "velodyne" or "ouster"
     """
     frames = [cast(Cloud, clouds)] if hasattr(clouds, "columns") else clouds
@@ -80,33 +86,44 @@ def write_ros(
 
 @contextmanager
 def ros_frames(
-    path: str | os.PathLike[str], *, storage: str = "mcap", layout: str = "velodyne"
-) -> Iterator[Callable[[Cloud], None]]:
-    """Write a bag of the clouds that are appended in the block: a message each, at the start of its frame."""
+    path: str | os.PathLike[str], *, storage: str = "mcap", layout: str = "velodyne", epoch_ns: int | None = None
+) -> Iterator[Bag]:
+    """Write a bag of the clouds that are appended in the block: a message each, stamped at the start of its frame.
+
+    epoch_ns  from 1970 to the scene's second 0; None: `formats.clock.default_epoch_ns` of the first cloud
+    """
     rosbag2 = import_optional("rosbags.rosbag2", extra="ros")
-    typesys = import_optional("rosbags.typesys", extra="ros")
-    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     plugin = rosbag2.StoragePlugin[storage.upper()]
     # A bag is a folder with one file of the folder's name, which the file's own metadata repeat. It is made where a
     # killed process leaves its unfinished files, so that the next write removes it.
-    with atomic_output(path) as temporary, folder_beside(temporary) as folder:
-        bag = folder / Path(path).stem
+    with _bag_folder(path, storage) as folder:
         # Errors between two frames come from the caller, not from the library: they stay as they are.
-        writer = rosbag2.Writer(bag, version=BAG_VERSION, storage_plugin=plugin)
+        writer = rosbag2.Writer(folder, version=BAG_VERSION, storage_plugin=plugin)
         with library_errors(path), _closed_on_error(writer):
             _open(writer)
-            append_cloud = _open_topics(writer, store, layout)
-
-        def append(cloud: Cloud) -> None:
-            with library_errors(path):
-                append_cloud(cloud)
-
+            bag = Bag(path, writer, layout, epoch_ns)
         try:
-            yield append
+            yield bag
         finally:
             with library_errors(path), _closed_on_error(writer):
                 writer.close()
-        os.replace(next(file for file in bag.iterdir() if file.suffix != ".yaml"), temporary)
+
+
+@contextmanager
+def _bag_folder(path: str | os.PathLike[str], storage: str) -> Iterator[Path]:
+    """Yield a folder that does not exist yet, for rosbags; what it holds appears at ``path`` when the block ends."""
+    name = Path(path).stem
+    if storage == "sqlite3":
+        with atomic_folder(path) as temporary:
+            bag = temporary / f".{name}"
+            yield bag.with_name(name)
+            for file in bag.with_name(name).rename(bag).iterdir():  # the file in it may have the folder's name
+                os.replace(file, temporary / file.name)
+            bag.rmdir()
+        return
+    with atomic_output(path) as temporary, folder_beside(temporary) as folder:
+        yield folder / name
+        os.replace(next(file for file in (folder / name).iterdir() if file.suffix != ".yaml"), temporary)
 
 
 def _open(writer: Any) -> None:
@@ -128,21 +145,126 @@ def _closed_on_error(writer: Any) -> Iterator[None]:
         raise
 
 
-def _open_topics(writer: Any, store: Any, layout: str) -> Callable[[Cloud], None]:
-    message, transform = "sensor_msgs/msg/PointCloud2", "tf2_msgs/msg/TFMessage"
-    points = writer.add_connection(POINTS, message, typestore=store)
-    transforms = writer.add_connection(TRANSFORMS, transform, typestore=store)
+class Bag:
+    """Open bag: a function that appends clouds. Topics are made when their first message comes."""
 
-    def append(cloud: Cloud) -> None:
-        writer.set_custom_data("lidarscene", description(cloud))
-        stamp_ns = round(1e9 * cloud.frame_start_s)
-        transforms_message = _transform_message(cloud, store, stamp_ns)
-        if transforms_message is not None:
-            writer.write(transforms, stamp_ns, store.serialize_cdr(transforms_message, transform))
-        rows = structured_rows(cloud.in_sensor_frame(), layout)
-        writer.write(points, stamp_ns, store.serialize_cdr(_points_message(rows, store, stamp_ns), message))
+    def __init__(self, path: str | os.PathLike[str], writer: Any, layout: str, epoch_ns: int | None) -> None:
+        typesys = import_optional("rosbags.typesys", extra="ros")
+        self._store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+        self._path, self._writer, self._layout, self._epoch_ns = path, writer, layout, epoch_ns
+        self._connections: dict[str, Any] = {}
+        self._mountings: dict[str, Any] = {}
+        self._vehicle_ns: int | None = None
 
-    return append
+    def __call__(self, cloud: Cloud, label: str = "") -> None:
+        """Append a frame of the sensor with this label; "" without a rig, and for merged clouds."""
+        with library_errors(self._path):
+            self._append(cloud, label)
+
+    def _append(self, cloud: Cloud, label: str) -> None:
+        if self._epoch_ns is None:
+            self._epoch_ns = default_epoch_ns(cloud.frame_start_s)
+        time_ns = stamp_ns(cloud.frame_start_s, self._epoch_ns)
+        self._writer.set_custom_data("/".join(filter(None, ("lidarscene", label))), description(cloud))
+        if len(sensor_positions_m(cloud.metadata)) > 1:
+            cloud, frame = _in_vehicle_frame(cloud)
+        else:
+            cloud, frame = cloud.in_sensor_frame(), _ros_name(label) or SENSOR_FRAME
+        self._append_transforms(cloud, frame, time_ns)
+        rows = structured_rows(cloud, self._layout)
+        points = _points_message(rows, self._store, _header(self._store, time_ns, frame))
+        self._write(topic(POINTS, label), "sensor_msgs/msg/PointCloud2", time_ns, points)
+
+    def _append_transforms(self, cloud: Cloud, frame: str, time_ns: int) -> None:
+        """Append the vehicle's pose, once for sensors whose frames begin together, and a sensor's place on it."""
+        vehicle, message_type = cloud.vehicle_to_world, "tf2_msgs/msg/TFMessage"
+        if vehicle is None:
+            if cloud.sensor_to_world is not None:  # of a recording, which knows no vehicle
+                message = self._transforms([self._transform(cloud.sensor_to_world, WORLD_FRAME, frame, time_ns)])
+                self._write(TRANSFORMS, message_type, time_ns, message)
+            return
+        if frame not in (VEHICLE_FRAME, *self._mountings):
+            mounting = cloud.sensors_to_vehicle[0]
+            self._mountings[frame] = self._transform(mounting, VEHICLE_FRAME, frame, time_ns)
+            # The last message is all that a late subscriber gets: it has every sensor so far.
+            message = self._transforms(list(self._mountings.values()))
+            self._write(STATIC_TRANSFORMS, message_type, time_ns, message)
+        if time_ns != self._vehicle_ns:
+            self._vehicle_ns = time_ns
+            message = self._transforms([self._transform(vehicle, WORLD_FRAME, VEHICLE_FRAME, time_ns)])
+            self._write(TRANSFORMS, message_type, time_ns, message)
+
+    def _write(self, topic: str, message_type: str, time_ns: int, message: Any) -> None:
+        if topic not in self._connections:
+            self._connections[topic] = self._writer.add_connection(
+                topic,
+                message_type,
+                typestore=self._store,
+                offered_qos_profiles=_latched() if topic == STATIC_TRANSFORMS else (),
+            )
+        self._writer.write(self._connections[topic], time_ns, self._store.serialize_cdr(message, message_type))
+
+    def _transforms(self, stamped: list[Any]) -> Any:
+        return self._store.types["tf2_msgs/msg/TFMessage"](transforms=stamped)
+
+    def _transform(self, pose: Pose, parent: str, child: str, time_ns: int) -> Any:
+        """Stamped pose of a frame in its parent."""
+        types = self._store.types
+        x, y, z = pose.position_m.tolist()
+        qw, qx, qy, qz = quaternion(pose.rotation)
+        return types["geometry_msgs/msg/TransformStamped"](
+            header=_header(self._store, time_ns, parent),
+            child_frame_id=child,
+            transform=types["geometry_msgs/msg/Transform"](
+                translation=types["geometry_msgs/msg/Vector3"](x=x, y=y, z=z),
+                rotation=types["geometry_msgs/msg/Quaternion"](x=qx, y=qy, z=qz, w=qw),
+            ),
+        )
+
+
+def topic(name: str, label: str) -> str:
+    """Topic of a sensor of a rig, or of the only one (label "")."""
+    return f"/{_ros_name(label)}/{name}" if label else f"/{name}"
+
+
+def _ros_name(label: str) -> str:
+    """Label as a name in ROS: letters, digits and _, and no digit first."""
+    name = label.replace("-", "_")
+    return f"sensor_{name}" if name[:1].isdigit() else name
+
+
+def _latched() -> tuple[Any, ...]:
+    """Quality of service of `/tf_static`: the last message is kept for those who subscribe later."""
+    ros = import_optional("rosbags.interfaces", extra="ros")
+    forever = ros.QosTime(9223372036, 854775807)
+    return (
+        ros.Qos(
+            ros.QosHistory.KEEP_LAST,
+            1,
+            ros.QosReliability.RELIABLE,
+            ros.QosDurability.TRANSIENT_LOCAL,
+            forever,
+            forever,
+            ros.QosLiveliness.AUTOMATIC,
+            forever,
+            False,
+        ),
+    )
+
+
+def _in_vehicle_frame(cloud: Cloud) -> tuple[Cloud, str]:
+    """Merged cloud in the vehicle's frame, if it says where that is, with times from the first sensor's frame on.
+
+    Returns the name of its frame, too.
+    """
+    starts_s = np.resize(frame_starts_s(cloud.metadata), len(sensor_positions_m(cloud.metadata)))
+    time_s = cloud.time_s + (starts_s - starts_s[0])[cloud.sensor_index]
+    vehicle = cloud.vehicle_to_world
+    if cloud.metadata["frame"] == "vehicle" or vehicle is None:
+        frame = VEHICLE_FRAME if cloud.metadata["frame"] == "vehicle" else WORLD_FRAME
+        return replace(cloud, time_s=time_s), frame
+    xyz_m = vehicle.inverse_apply(cloud.xyz_m.astype(np.float64)).astype(np.float32)
+    return replace(cloud, xyz_m=xyz_m, time_s=time_s, **cloud.vectors_turned(vehicle.rotation.T)), VEHICLE_FRAME
 
 
 def structured_rows(cloud: Cloud, layout: str) -> Numbers:
@@ -181,14 +303,14 @@ def _driver_value(cloud: Cloud, name: str, dtype: np.dtype[Any]) -> Numbers:
     return np.clip(np.rint(scale * values.astype(np.float64)), limits.min, limits.max).astype(dtype)
 
 
-def _points_message(rows: Numbers, store: Any, stamp_ns: int) -> Any:
+def _points_message(rows: Numbers, store: Any, header: Any) -> Any:
     types = store.types
     fields = [
         types["sensor_msgs/msg/PointField"](name=name, offset=offset, datatype=_DATATYPES[kind.str[1:]], count=1)
         for name, (kind, offset, *_) in (rows.dtype.fields or {}).items()
     ]
     return types["sensor_msgs/msg/PointCloud2"](
-        header=_header(store, stamp_ns, SENSOR_FRAME),
+        header=header,
         height=1,
         width=len(rows),
         fields=fields,
@@ -200,25 +322,7 @@ def _points_message(rows: Numbers, store: Any, stamp_ns: int) -> Any:
     )
 
 
-def _transform_message(cloud: Cloud, store: Any, stamp_ns: int) -> Any:
-    """Message of the sensor's pose in the world; None if the cloud has none."""
-    pose, types = cloud.sensor_to_world, store.types
-    if pose is None:
-        return None
-    x, y, z = pose.position_m.tolist()
-    qw, qx, qy, qz = quaternion(pose.rotation)
-    stamped = types["geometry_msgs/msg/TransformStamped"](
-        header=_header(store, stamp_ns, WORLD_FRAME),
-        child_frame_id=SENSOR_FRAME,
-        transform=types["geometry_msgs/msg/Transform"](
-            translation=types["geometry_msgs/msg/Vector3"](x=x, y=y, z=z),
-            rotation=types["geometry_msgs/msg/Quaternion"](x=qx, y=qy, z=qz, w=qw),
-        ),
-    )
-    return types["tf2_msgs/msg/TFMessage"](transforms=[stamped])
-
-
-def _header(store: Any, stamp_ns: int, frame: str) -> Any:
-    seconds, nanoseconds = divmod(stamp_ns, 10**9)
+def _header(store: Any, time_ns: int, frame: str) -> Any:
+    seconds, nanoseconds = divmod(time_ns, 10**9)
     stamp = store.types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
     return store.types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame)

@@ -47,6 +47,7 @@ class FrameFiles:
     placed      whether the sensor has another pose than the scene's
     capture     open file of the sensor's packets, which replace the cloud; None: a cloud is written
     bags        file that holds several frames -> function that appends a cloud to it
+    epoch_ns    from 1970 to the scene's second 0, for packets
     """
 
     plan: Plan
@@ -58,6 +59,7 @@ class FrameFiles:
     summary: Summary
     capture: Capture | None = None
     bags: Mapping[Path, Append] = field(default_factory=dict)
+    epoch_ns: int = 0
 
     def write(self, progress: Callable[[int, int], object] | None) -> None:
         """Trace the frame into its files; ``progress`` is called with (done, pulses) of each sensor."""
@@ -86,7 +88,9 @@ class FrameFiles:
 
     def _packets(self) -> FiringsBuilder | None:
         """Builder of the firings that packets are made of; None without packets."""
-        return None if self.capture is None else FiringsBuilder(self._simulators[0].sensor, self.frame.number)
+        if self.capture is None:
+            return None
+        return FiringsBuilder(self._simulators[0].sensor, self.frame.number, epoch_ns=self.epoch_ns)
 
     def _ambient(
         self, image: AmbientImage | None, packets: FiringsBuilder | None

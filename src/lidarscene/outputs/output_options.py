@@ -13,8 +13,19 @@ from pathlib import Path
 from typing import ClassVar
 
 from ..errors import InputError, OptionError
-from ..formats.registry import DATASETS, FORMATS, LABELS, PACKETS, SUFFIXES, Format, format_of
-from ..rendering.option_fields import FileName, OneOf, Whole, check_options, declared, list_options, option, options_of
+from ..formats.clock import EPOCH, default_epoch_ns, parse_date, to_ns
+from ..formats.registry import ALL, BAGS, DATASETS, FORMATS, LABELS, PACKETS, SUFFIXES, Format, format_of
+from ..rendering.option_fields import (
+    Date,
+    FileName,
+    OneOf,
+    Whole,
+    check_options,
+    declared,
+    list_options,
+    option,
+    options_of,
+)
 
 File = str | os.PathLike[str]
 
@@ -39,7 +50,7 @@ class Outputs:
     path: File = field(
         metadata=declared(
             "the point cloud, its name ends as its format's do; a folder for several frames, a data set, and a rig "
-            "unless merged; a bag of ROS 2 (.mcap, .db3) and packets (.pcap) hold several frames in one file",
+            "unless merged; a bag of ROS 2 (.mcap, .db3) holds all frames of all sensors, packets (.pcap) all of one",
             metavar="OUT.ply|DIR",
             flags=("-o", "--output"),
         )
@@ -47,10 +58,17 @@ class Outputs:
     _: KW_ONLY
     format: str | None = option(
         None,
-        OneOf(FORMATS | PACKETS),
-        help=f"format of the cloud, where its name does not say it: {', '.join(FORMATS)}; or the sensor's own packets: "
-        f"{', '.join(PACKETS)}",
+        OneOf(ALL),
+        help=f"format of the cloud, where its name does not say it: {', '.join(FORMATS | BAGS)}; or the sensor's own "
+        f"packets: {', '.join(PACKETS)}",
         metavar="NAME",
+    )
+    epoch: str | None = option(
+        None,
+        Date(),
+        help="date of the scene's second 0 for the stamps of bags and packets, in ISO 8601 (default "
+        f"{EPOCH:%Y-%m-%d}, or 1970-01-01 if the first frame begins at 1e9 s or later)",
+        metavar="DATE",
     )
     ascii: bool = option(False, help="write text instead of binary")
     truth: bool = option(True, help="columns of ground truth in the cloud", flags=("--no-truth",))
@@ -128,11 +146,27 @@ class Outputs:
         if self.pulses is not None and self.waveforms is None:
             raise OptionError("{pulses} goes with {waveforms}")
 
+    def epoch_ns(self, begin_s: float) -> int:
+        """Nanoseconds from 1970 to the scene's second 0, of a run that begins at ``begin_s``."""
+        return default_epoch_ns(begin_s) if self.epoch is None else to_ns(parse_date(self.epoch))
+
     @property
     def packets(self) -> bool:
         """Whether the sensor's own packets are written, and no cloud."""
         by_suffix = self.format is None and self.place.name.lower().endswith(PACKETS["pcap"].suffix)
         return self.dataset is None and (by_suffix or self.format in PACKETS)
+
+    @property
+    def bag(self) -> Format | None:
+        """Format that can hold several frames in one file; None if the chosen one cannot."""
+        if self.dataset is not None or self.packets:
+            return None
+        if self.format is not None:
+            chosen: Format | None = ALL[self.format]
+        else:
+            name = self.place.name.lower()
+            chosen = next((entry for entry in ALL.values() if entry.frames and name.endswith(entry.suffix)), None)
+        return chosen if chosen is not None and chosen.frames else None
 
     @property
     def place(self) -> Path:
@@ -144,7 +178,7 @@ class Outputs:
         if self.dataset is not None:
             return FORMATS["kitti"]
         if self.format is not None or folder:
-            return (FORMATS | PACKETS)[self.format or "ply"]
+            return ALL[self.format or "ply"]
         # The registry's message speaks of a path; here the user can name the format instead.
         try:
             return format_of(self.place)

@@ -14,7 +14,7 @@ from pathlib import Path
 from ..errors import OptionError
 from ..files.atomic import require_writable
 from ..formats.cloud_columns import columns_of
-from ..formats.registry import FORMATS, SUFFIXES, Format, formats_with
+from ..formats.registry import SUFFIXES, Format, formats_with
 from ..labels.files import label_paths
 from ..labels.kitti_dataset import cloud_path
 from .output_options import EXTRA_FILES, Outputs
@@ -22,6 +22,9 @@ from .range_image import all_range_image_paths
 
 CLOUDS = ("output", "deskewed")
 """Keys of the files of points."""
+
+BAG_FILE = "metadata.yaml"
+"""File of a bag that is a folder."""
 
 SHARED = (*CLOUDS, "metadata")
 """Keys of the files that hold all frames, where the format can."""
@@ -42,11 +45,10 @@ class Plan:
     @property
     def is_folder(self) -> bool:
         """Whether the path is a folder for the clouds."""
-        return (
-            (self.frames is not None and not self.is_one_file)
-            or self.outputs.dataset is not None
-            or (self.rig and not self.outputs.merge)
+        several = (self.frames is not None and not self.is_one_file) or (
+            self.rig and not self.outputs.merge and not self.is_bag
         )
+        return several or self.outputs.dataset is not None
 
     @property
     def is_one_file(self) -> bool:
@@ -55,16 +57,15 @@ class Plan:
 
     @property
     def is_bag(self) -> bool:
-        """Whether all frames go into one file: its name ends as that of a format that can hold them."""
+        """Whether all frames go into one file, or one folder, of a format that can hold them.
+
+        A file's name ends as its format's do; without, frames are files in a folder.
+        """
         outputs = self.outputs
-        if self.frames is None or outputs.dataset is not None or (self.rig and not outputs.merge):
+        bag = outputs.bag
+        if bag is None or (self.rig and not outputs.merge and not bag.rig):
             return False
-        bags = [
-            file_format
-            for name, file_format in FORMATS.items()
-            if file_format.frames and outputs.format in (None, name)
-        ]
-        return outputs.place.name.lower().endswith(tuple(file_format.suffix for file_format in bags))
+        return bag.folder or outputs.place.name.lower().endswith(bag.suffix)
 
     @property
     def format(self) -> Format:
@@ -88,8 +89,8 @@ class Plan:
             many_clouds = {"frames": self.frames is not None, "rig": self.rig, "dataset": outputs.dataset is not None}
             options = " and ".join(f"{{{option}}}" for option, applies in many_clouds.items() if applies)
             raise OptionError(f"{{path}} {{0}}: must be a folder with {options}", place)
-        if self.is_bag and outputs.labels is not None:
-            raise OptionError("{labels}: goes with a folder of clouds, not with one file of several frames")
+        if self.is_bag and outputs.labels is not None and (self.frames is not None or self.rig):
+            raise OptionError("{labels}: goes with a folder of clouds, not with one file of several")
         chosen = self.format
         # Traced at some cost, normals and velocities would silently be in no file.
         if vectors and not outputs.truth:
@@ -143,7 +144,7 @@ class Plan:
             return {"output": cloud_path(outputs.dataset, path / label, number)}
         if self.frames is not None and not self.is_one_file:
             path = path / label / f"frame_{number:04d}{suffix}"
-        elif label:
+        elif label and not self.is_bag:
             path = path / f"{label}{suffix}"
         files = {"output": path}
         if outputs.deskew:
@@ -158,15 +159,18 @@ class Plan:
         return files
 
 
-def check_writable(clouds: Sequence[Mapping[str, Path]]) -> None:
+def check_writable(plan: Plan, clouds: Sequence[Mapping[str, Path]]) -> None:
     """Raise OutputError for a file that could not be written, before any work goes into it.
 
     Raises InputError for two outputs with one name: the second would overwrite the first.
     """
+    clouds = plan.distinct(clouds)
+    is_folder = plan.is_bag and plan.format.folder
+    folders = {files[key] for files in clouds for key in CLOUDS if key in files} if is_folder else set()
     real_paths: set[str] = set()
     for files in clouds:
         for key, path in files.items():
-            require_writable(path)
+            require_writable(path / BAG_FILE if path in folders else path)
             # Compared after links are resolved; a range image is several files.
             for file in all_range_image_paths(path) if key == "range_image" else (path,):
                 real = os.path.realpath(file)

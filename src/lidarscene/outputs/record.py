@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Unpack
 
@@ -31,7 +32,7 @@ from .frame_files import FrameFiles
 from .output_options import FRAMES, File, Outputs
 from .plan import CLOUDS, Plan, check_writable, protect_inputs
 from .size import warn_of_size
-from .streams import Append, captures, description_files, packet_encoders, waveform_pulses
+from .streams import captures, description_files, packet_encoders, waveform_pulses
 
 ProgressCallback = Callable[[int, int], object]
 NameOrFile = str | os.PathLike[str]
@@ -129,7 +130,7 @@ def record(
     clouds = [("" if outputs.merge else group[0], group, number) for number in numbers for group in groups]
     planned = [plan.files(label, number) for label, _, number in clouds]
     # What can be refused is refused in order of its cost: names first, then files, then the world, then tracing.
-    check_writable(plan.distinct(planned))
+    check_writable(plan, planned)
     described = load_scene(scene, overrides=scene_changes)
     sensors = _sensors(described, sensor, changes, frame)
     _warn_of_thin_beams(trace, sensors)
@@ -142,7 +143,7 @@ def record(
     for (label, _, _), files in zip(clouds, planned, strict=True):
         if label in encoders:
             files |= description_files(files["output"], encoders[label])
-    check_writable(plan.distinct(planned))
+    check_writable(plan, planned)
     protect_inputs(planned, [*_inputs(scene, scene_changes, sensor)])
     # Wrong pulse numbers raise here, not after an hour of tracing.
     if outputs.waveforms is not None:
@@ -162,10 +163,11 @@ def record(
     before.add_time("build", since)
     pulses = len(numbers) * sum(mounted.sensor.scanner.pulses for mounted in sensors)
     progress = None if callback is None else _Progress(callback, pulses)
+    epoch_ns = outputs.epoch_ns(frame.begin_s)
     written: list[RecordedCloud] = []
     paths = {label: files["output"] for (label, _, _), files in zip(clouds, planned, strict=True)}
     with ExitStack() as opened:
-        bags = _bags(plan, planned, opened)
+        bags = _bags(plan, planned, opened, epoch_ns)
         open_captures = opened.enter_context(captures(paths if encoders else {}, encoders))
         for (label, group, number), files in zip(clouds, planned, strict=True):
             frame_files = FrameFiles(
@@ -177,7 +179,8 @@ def record(
                 placed=rig is not None or frame.pose is not None,
                 # Loading and building happened once; the first frame is charged for it.
                 summary=Summary(seconds={} if written else before.seconds),
-                bags=bags,
+                bags={path: partial(append, label=label) for path, append in bags.items()},
+                epoch_ns=epoch_ns,
                 capture=open_captures.get(label),
             )
             frame_files.write(progress)
@@ -185,12 +188,15 @@ def record(
     return RecordedRun(tuple(written), surroundings)
 
 
-def _bags(plan: Plan, clouds: Sequence[Mapping[str, Path]], opened: ExitStack) -> dict[Path, Append]:
+def _bags(
+    plan: Plan, clouds: Sequence[Mapping[str, Path]], opened: ExitStack, epoch_ns: int
+) -> dict[Path, Callable[..., None]]:
     """File that holds the clouds of all frames -> function that appends a cloud to it."""
     if not plan.is_bag or plan.format.frames is None:
         return {}
     paths = dict.fromkeys(files[key] for files in clouds for key in CLOUDS if key in files)
-    return {path: name_path_in_errors(path, opened.enter_context(plan.format.frames(path))) for path in paths}
+    frames = plan.format.frames
+    return {path: name_path_in_errors(path, opened.enter_context(frames(path, epoch_ns=epoch_ns))) for path in paths}
 
 
 def _sensors(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -121,7 +122,7 @@ class _Scans(Sequence[list[Packet]]):
         ]
 
 
-def _sweep(message: Any, transforms: dict[str, list[tuple[float, Pose]]], metadata: dict[str, str]) -> Sweep:
+def _sweep(message: Any, transforms: Transforms, metadata: dict[str, str]) -> Sweep:
     order = ">" if message.is_bigendian else "<"
     scalars = [field for field in message.fields if field.count == 1 and field.datatype in _TYPES]
     dtype = np.dtype(
@@ -139,19 +140,35 @@ def _sweep(message: Any, transforms: dict[str, list[tuple[float, Pose]]], metada
     rows_bytes = data[: rows * message.row_step].reshape(rows, -1)[:, : columns * dtype.itemsize]
     points = np.ascontiguousarray(rows_bytes).reshape(-1).view(dtype)
     start_s = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-    poses = [pose for stamp_s, pose in transforms.get(message.header.frame_id, ()) if stamp_s <= start_s]
     return sweep_of(
         {name: points[name] for name in dtype.names or ()},
         shape=(rows, columns) if rows > 1 else None,
         start_s=start_s,
-        pose=poses[-1] if poses else None,
+        pose=_pose_at(transforms, message.header.frame_id, start_s),
         metadata=metadata,
     )
 
 
-def _transforms(bag: Any) -> dict[str, list[tuple[float, Pose]]]:
-    """Stamps [s] and poses of each coordinate frame in its parent, by name of the frame."""
-    poses: dict[str, list[tuple[float, Pose]]] = {}
+Transforms = dict[str, list[tuple[float, str, Pose]]]
+"""Name of a frame -> stamps [s], names of its parent, and poses in it; of static ones the stamp is -inf."""
+
+
+def _pose_at(transforms: Transforms, frame: str, time_s: float) -> Pose | None:
+    """Pose of a frame in the last of its parents by the last transforms before a time; None if one is missing."""
+    pose, seen = None, set[str]()
+    while frame in transforms and frame not in seen:
+        seen.add(frame)
+        earlier = [(parent, step) for stamp_s, parent, step in transforms[frame] if stamp_s <= time_s]
+        if not earlier:
+            return None
+        frame, step = earlier[-1]
+        pose = step if pose is None else step @ pose
+    return pose
+
+
+def _transforms(bag: Any) -> Transforms:
+    """Transforms of all frames, those of `/tf_static` for all times."""
+    transforms: Transforms = {}
     connections = [connection for connection in bag.connections if connection.msgtype == TRANSFORMS]
     for connection, _, raw in bag.messages(connections=connections) if connections else ():
         for stamped in bag.deserialize(raw, connection.msgtype).transforms:
@@ -160,6 +177,7 @@ def _transforms(bag: Any) -> dict[str, list[tuple[float, Pose]]]:
                 position_m=np.array([translation.x, translation.y, translation.z]),
                 rotation=np.array(rotation_numbers(rotation.w, rotation.x, rotation.y, rotation.z)).reshape(3, 3),
             )
-            stamp = stamped.header.stamp
-            poses.setdefault(stamped.child_frame_id, []).append((stamp.sec + 1e-9 * stamp.nanosec, pose))
-    return poses
+            stamp, is_static = stamped.header.stamp, connection.topic.endswith("tf_static")
+            stamp_s = -math.inf if is_static else stamp.sec + 1e-9 * stamp.nanosec
+            transforms.setdefault(stamped.child_frame_id, []).append((stamp_s, stamped.header.frame_id, pose))
+    return transforms

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 from ..errors import OptionError
+from ..formats.clock import parse_date
 
 Options = TypeVar("Options")
 
@@ -72,6 +73,19 @@ class FileName(NamedTuple):
         """Raise OptionError unless the path has one of the suffixes."""
         if Path(value).suffix.lower() not in self.suffixes:
             raise OptionError(f"{{{option}}} {{0}}: the name must end in {{1}}", value, " or ".join(self.suffixes))
+
+
+class Date:
+    """Dates in ISO 8601 that stamps of files can hold."""
+
+    def check(self, option: str, value: object) -> None:
+        """Raise OptionError unless the value is such a date."""
+        try:
+            parse_date(str(value))
+        except ValueError as error:
+            allowed = "a date such as 2026-01-31 or 2026-01-31T12:00:00Z"
+            reason = f" ({error})" if str(error).startswith("must") else ""
+            raise OptionError(f"{{{option}}}: must be {{0}}, got {{1!r}}{{2}}", allowed, value, reason) from None
 
 
 class Function:

@@ -18,7 +18,7 @@ from ..cloud.builder import CloudBuilder
 from ..cloud.deskew import MOTION_KEPT
 from ..cloud.point_cloud import PointCloud
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sample_waveforms
-from ..formats.cloud_columns import SENSOR_TO_WORLD
+from ..formats.cloud_columns import SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
 from ..kernel.device import blocks, transfer
 from ..kernel.rays import kept_lanes
 from ..kernel.rays import point_columns as collect
@@ -424,7 +424,8 @@ def _metadata(scene: Scene, sensor: Sensor, frame: Frame, options: FrameOptions)
         "frame": options.coordinates,
         "frame_number": str(frame.number),
         "frame_start_s": repr(frame.start_s),
-        SENSOR_TO_WORLD: _text(np.column_stack([frame.place.rotation, frame.place.position_m])),
+        SENSOR_TO_WORLD: _pose_text(frame.place),
+        SENSOR_TO_VEHICLE: _pose_text(frame.goal("vehicle")),
     }
     if frame.moves:
         metadata["ego_motion"] = MOTION_KEPT
@@ -440,6 +441,11 @@ def _intensity_unit(sensor: Sensor) -> str:
     if sensor.intensity is not None:
         return {"range_corrected": "W", "reflectivity": "of 255"}[sensor.intensity.kind]
     return sensor.detector.unit
+
+
+def _pose_text(pose: Pose) -> str:
+    """(3, 4) matrix of a pose, row by row."""
+    return _text(np.column_stack([pose.rotation, pose.position_m]))
 
 
 def _text(values: Numbers) -> str:

@@ -30,7 +30,7 @@ class Firings:
     signal     (firings, lasers, 2) float32, photons
     ambient    (firings, lasers) float32, background counts, of lost pulses too if the sensor's maker sends them
     number     of the first firing, counted from the first frame's
-    time_s     (firings,) float64, when the first laser of each fires, by the clock of the scene
+    time_s     (firings,) float64, when the first laser of each fires, since 1970
     """
 
     range_m: Numbers
@@ -47,12 +47,14 @@ class Firings:
 class FiringsBuilder:
     """Builder of the `Firings` of a frame from its clouds, piece by piece.
 
-    sensor  a spinning one, which `select_encoder` accepts
-    number  number of the frame
+    sensor    a spinning one, which `select_encoder` accepts
+    number    number of the frame
+    epoch_ns  from 1970 to the scene's second 0
     """
 
-    def __init__(self, sensor: Sensor, number: int) -> None:
+    def __init__(self, sensor: Sensor, number: int, *, epoch_ns: int = 0) -> None:
         assert isinstance(sensor.scanner, Spinning)
+        self._epoch_s = epoch_ns / 1e9
         self._scanner = scanner = sensor.scanner
         self._number = number
         lasers = np.asarray(scanner.lasers_by_place.values, np.int64)
@@ -67,7 +69,7 @@ class FiringsBuilder:
 
     def add(self, cloud: Cloud) -> None:
         """Add the points of a cloud of this frame; of more than two returns of a pulse the two strongest stay."""
-        self._start_s = cloud.frame_start_s
+        self._start_s = self._epoch_s + cloud.frame_start_s
         laser = cloud.column("channel").astype(np.int64)
         cycle_s = self._scanner.cycle_s
         firing = np.rint((cloud.column("time") - self._firing_s[laser]) / cycle_s).astype(np.int64)
