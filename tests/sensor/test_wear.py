@@ -8,6 +8,7 @@ from helpers import chain
 
 from lidarscene import load_sensor
 from lidarscene.errors import InputError
+from lidarscene.outputs.light import AmbientImage
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.sensor.wear import Drops
 
@@ -104,6 +105,22 @@ def test_a_knocked_sensor_reports_its_old_mounting():
     ahead = cloud.select((np.abs(cloud.azimuth_rad) < 1e-6) & (np.abs(cloud.elevation_rad) < 1e-6))
     assert ahead.true_range_m == pytest.approx(40.0 / math.cos(error), rel=1e-5)
     assert np.abs(ahead.xyz_m[:, 1:]).max() < 1e-5
+
+
+def test_the_mask_of_every_pulse_is_in_the_ambient_file(tmp_path):
+    """Also of pulses that lost their echo: the row of a dead laser is 1 throughout."""
+    sensor = load_sensor("vlp-16", overrides=[*DROPS, "wear.laser_power=[[1, 0.0]]"])
+    scene = chain.scene(WALL)
+    mask, simulator = AmbientImage(), Simulator(scene, sensor)
+    points = simulator.render(seed=1, ambient=mask)
+    mask.save(tmp_path / "mask.npz", sensor)
+    with np.load(tmp_path / "mask.npz") as file:
+        dead = file["channel"] == 1
+        assert (file["wear"][dead] == 1.0).all()
+        assert file["wear"].shape == file["pulse"].shape
+        rows = np.flatnonzero((file["wear_image"] == 1.0).mean(axis=1) > 0.9)
+        assert len(rows) == 1
+    assert not (points.channel == 1).any()
 
 
 @pytest.mark.parametrize(

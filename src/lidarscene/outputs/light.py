@@ -43,8 +43,9 @@ class AmbientImage:
         """Write the counts as an NPZ or as a 16-bit PNG, by the path's suffix.
 
         The .npz has pulse, counts, channel, azimuth_rad and elevation_rad of every pulse; the image of ring by azimuth,
-        and azimuth_deg and elevation_deg, the edges of its pixels. The .png is the image; its text has the size of a
-        step, and it is white from twice the 99th percentile on.
+        and azimuth_deg and elevation_deg, the edges of its pixels. Of a worn sensor it has wear, the lost share of
+        each pulse's echo, and the mask wear_image too. The .png is the image; its text has the size of a step, and it
+        is white from twice the 99th percentile on.
 
         Rows run from the highest elevation down, columns from the left to the right; 0 where no pulse looks. Of
         pulses that share a pixel the last is shown.
@@ -53,7 +54,11 @@ class AmbientImage:
         azimuth, elevation = (np.asarray(angle) for angle in sensor.scanner.angles(pulse))
         cells = cells_of_beams(azimuth, elevation, np.ones(len(pulse), np.uint8))
         place = cells.point[::-1, ::-1]
-        image = np.append(counts, np.uint64(0))[np.where(place == NOTHING, len(counts), place)]
+
+        def pixels(values: Numbers) -> Numbers:
+            return np.asarray(np.append(values, values.dtype.type(0))[np.where(place == NOTHING, len(values), place)])
+
+        image = pixels(counts)
         if Path(path).suffix.lower() == ".png":
             # The sun itself is a million times as bright as the rest: it may saturate.
             step = max(1, math.ceil(2.0 * float(np.quantile(counts, 0.99)) / 65535.0))
@@ -62,9 +67,15 @@ class AmbientImage:
             with atomic_output(path) as temporary:
                 temporary.write_bytes(encode_png(levels, text=text))
             return
+        masks: dict[str, Numbers] = {}
+        if sensor.wear is not None:
+            loss = sensor.wear.loss(sensor.scanner.direction(pulse), sensor.scanner.channel(pulse))
+            masks["wear"] = np.broadcast_to(np.float32(loss), pulse.shape)
+            masks["wear_image"] = pixels(masks["wear"])
         _save(
             path,
-            {
+            masks
+            | {
                 "pulse": pulse,
                 "counts": counts,
                 "channel": sensor.scanner.channel(pulse),
