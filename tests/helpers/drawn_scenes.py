@@ -42,11 +42,13 @@ def published_sensor(columns: int = 1024) -> Sensor:
 
 def with_spot(sensor: Sensor, spot_over_field: float) -> Sensor:
     """With a near field, and a spot so wide."""
-    from lidarscene.sensor.overlap import Overlap, Spot
+    from lidarscene.sensor.overlap import Overlap, OverlapGeometry, Spot
 
     field = float(sensor.detector.radius_m / sensor.optics.focal_length_m)
     spot = Spot(profile="gaussian", half_divergence_rad=spot_over_field * field, exit_radius_m=0.0)
-    overlap = Overlap.from_optics(spot, aperture_radius_m=float(sensor.optics.aperture_radius_m), field_rad=field)
+    overlap = Overlap.from_geometry(
+        OverlapGeometry(spot=spot, aperture_radius_m=float(sensor.optics.aperture_radius_m), field_rad=field)
+    )
     # What of the spot is beyond the field of view is a part of the laser's power here.
     table = replace(overlap.table, values=overlap.table.values / -math.expm1(-2.0 / spot_over_field**2))
     return replace(sensor, optics=replace(sensor.optics, overlap=replace(overlap, table=table)))

@@ -23,8 +23,8 @@ from ..physics.optics import radiometry
 from ..physics.weather import soft_target
 from ..physics.weather.particles import Sight, Strengths, hits, medium_backscatter_per_m_sr, strengths
 from ..scene.weather import Medium, Weather
-from ..sensor.overlap import Overlap
-from ..sensor.sensor_model import Sensor
+from ..sensor.overlap import Alignment, Overlap
+from ..sensor.sensor_model import Sensor, overlap_geometry
 from .echoes import SubEchoes, Volume, hump_of
 
 NEAREST_SHARE = 1e-3
@@ -218,11 +218,7 @@ def overlap_of(sensor: Sensor) -> Overlap:
     """
     if sensor.optics.overlap is not None:
         return sensor.optics.overlap
-    return Overlap.from_optics(
-        sensor.laser.spot,
-        aperture_radius_m=float(sensor.optics.aperture_radius_m),
-        field_rad=float(sensor.detector.radius_m / sensor.optics.focal_length_m),
-    )
+    return Overlap.from_geometry(overlap_geometry(sensor.laser, sensor.optics, sensor.detector, Alignment()))
 
 
 def _lens_offset_m(sensor: Sensor) -> float:

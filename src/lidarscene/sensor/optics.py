@@ -27,8 +27,8 @@ from ..physics.optics.solar_spectrum import (
     irradiance_at_100_klux_w_m2,
     super_gaussian_filter,
 )
-from .overlap import Overlap
-from .sensor_model import Halo, Laser, Optics
+from .overlap import Alignment
+from .sensor_model import Halo, Optics
 
 Wavelength = Annotated[float, Number("nm", ge=300, le=2500)]
 COLUMNS = ("wavelength_nm", "transmittance")
@@ -181,12 +181,9 @@ class OverlapFile(FileModel):
         description="of the light, which window and lenses scatter onto the detector wherever the spot lies",
     )
 
-    def build(self, *, optics: Optics, laser: Laser, detector_radius_m: float) -> Overlap:
-        """Tabulate the share of the spot in the field of view by range, from numbers of three tables."""
-        return Overlap.from_optics(
-            laser.spot,
-            aperture_radius_m=float(optics.aperture_radius_m),
-            field_rad=float(detector_radius_m / optics.focal_length_m),
+    def build(self) -> Alignment:
+        """Convert to SI units."""
+        return Alignment(
             offset_m=si(math.hypot(*self.transmitter_offset_mm), "mm"),
             crossing_m=self.parallax_free_at_m or math.inf,
             focus_m=self.focus_at_m or math.inf,

@@ -25,8 +25,9 @@ from .detectors import AnyDetectorFile, Detector, Spad
 from .electronics import MOST_STOPS, Receiver, Tdc
 from .histogram import Histogram, HistogramFile
 from .optics import OpticsFile
+from .overlap import Overlap
 from .readout import AnyIntensityFile, AnySamplerFile, PublishedFile, read_published
-from .sensor_model import Laser, Optics, Sensor
+from .sensor_model import Laser, Optics, Sensor, overlap_geometry
 from .wear_file import WearFile
 
 LARGEST_COORDINATE_M = 1e8
@@ -222,10 +223,8 @@ class SensorFile(FileModel):
         laser = self.laser.in_si(repetition_rate_hz=self._rate_hz)
         optics = self.optics.build(folder, reference_m=laser.wavelength_m, emitted_m=self.laser.emitted_m)
         if self.optics.overlap is not None:
-            overlap = self.optics.overlap.build(
-                optics=optics, laser=laser, detector_radius_m=si(self.detector.radius_mm, "mm")
-            )
-            optics = replace(optics, overlap=overlap)
+            geometry = overlap_geometry(laser, optics, detector, self.optics.overlap.build())
+            optics = replace(optics, overlap=Overlap.from_geometry(geometry))
         wear, scanner = None, self._scanner(optics, folder)
         if self.wear is not None:
             optics = self.wear.worn_optics(optics, laser.wavelength_m)

@@ -24,7 +24,7 @@ from .detectors.matching import silicon_doubt, spot_doubt
 from .detectors.spad_detector import Macropixel
 from .electronics import Adc, Intensity, MultiLevel, Receiver, Tdc
 from .histogram import Histogram
-from .overlap import Overlap, Spot
+from .overlap import Alignment, Overlap, OverlapGeometry, Spot
 from .wear import Wear
 
 PULSE_BANDWIDTH = 0.35
@@ -94,7 +94,8 @@ class Laser:
     @property
     def mean_divergence_rad(self) -> float:
         """Divergence of the round beam that stands for an elliptical one."""
-        return 0.5 * (self.divergence_rad + (self.divergence_elevation_rad or self.divergence_rad))
+        second_rad = self.divergence_rad if self.divergence_elevation_rad is None else self.divergence_elevation_rad
+        return 0.5 * (self.divergence_rad + second_rad)
 
     @property
     def spot(self) -> Spot:
@@ -102,7 +103,7 @@ class Laser:
         return Spot(
             profile=self.profile,
             half_divergence_rad=0.5 * self.mean_divergence_rad,
-            exit_radius_m=0.5 * (self.exit_diameter_m or 0.0),
+            exit_radius_m=0.0 if self.exit_diameter_m is None else 0.5 * self.exit_diameter_m,
         )
 
 
@@ -143,6 +144,16 @@ class Optics:
     def aperture_m2(self) -> Lanes:
         """A(0)."""
         return radiometry.disc_area_m2(radius_m=self.aperture_radius_m)
+
+
+def overlap_geometry(laser: Laser, optics: Optics, detector: Detector, alignment: Alignment) -> OverlapGeometry:
+    """Geometry of a sensor's overlap, of numbers of its laser, optics and detector."""
+    return OverlapGeometry(
+        spot=laser.spot,
+        aperture_radius_m=optics.aperture_radius_m,
+        field_rad=detector.radius_m / optics.focal_length_m,
+        alignment=alignment,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

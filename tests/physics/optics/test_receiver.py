@@ -1,6 +1,7 @@
 """Spot and field of view: closed forms against other libraries, and against rays sent through the lens."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from scipy.stats import ncx2
 
 from lidarscene.errors import InputError
 from lidarscene.physics.optics import receiver
-from lidarscene.sensor.overlap import Overlap, Spot
+from lidarscene.sensor.overlap import Alignment, Overlap, OverlapGeometry, Spot
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
 
@@ -116,13 +117,13 @@ def test_rays_through_a_thin_lens(range_m):
     image = 1.0 / (1.0 / f - 1.0 / focus)
     on_detector = [a + image * ((a - b) / range_m - a / f) for a, b in ((u, x), (v, y))]
     counted = np.mean(np.hypot(*on_detector) <= r_pd)
-    overlap = Overlap.from_optics(
-        Spot(profile="gaussian", half_divergence_rad=half, exit_radius_m=w0),
-        aperture_radius_m=r_a,
-        field_rad=r_pd / f,
-        offset_m=offset,
-        crossing_m=crossing,
-        focus_m=focus,
+    overlap = Overlap.from_geometry(
+        OverlapGeometry(
+            spot=Spot(profile="gaussian", half_divergence_rad=half, exit_radius_m=w0),
+            aperture_radius_m=r_a,
+            field_rad=r_pd / f,
+            alignment=Alignment(offset_m=offset, crossing_m=crossing, focus_m=focus),
+        )
     )
     share = float(overlap.share(np.array([range_m]))[0])
     assert share == pytest.approx(counted, abs=SIGMAS * 0.5 / math.sqrt(RAYS), rel=2e-3)
@@ -134,12 +135,13 @@ def test_table_against_the_formula():
     optics = {"half_divergence_rad": 1.5e-3, "exit_radius_m": 2e-3}
     ranges = np.geomspace(0.05, 1000.0, 301)
     for offset, crossing in ((0.0, math.inf), (0.02, math.inf), (0.02, 10.0)):
-        overlap = Overlap.from_optics(
-            Spot(profile="gaussian", **optics),
-            aperture_radius_m=0.015,
-            field_rad=1.7e-3,
-            offset_m=offset,
-            crossing_m=crossing,
+        overlap = Overlap.from_geometry(
+            OverlapGeometry(
+                spot=Spot(profile="gaussian", **optics),
+                aperture_radius_m=0.015,
+                field_rad=1.7e-3,
+                alignment=Alignment(offset_m=offset, crossing_m=crossing),
+            )
         )
         exact = receiver.spot_share(
             profile="gaussian",
@@ -165,11 +167,13 @@ def test_blind_below():
     measures = {"offset_m": 0.06, "exit_radius_m": 0.0, "aperture_radius_m": 0.015}
     blind = receiver.blind_range_m(field_rad=1.7e-3, edge_rad=1.5e-3, **measures)
     assert blind == pytest.approx(0.045 / 3.2e-3)
-    overlap = Overlap.from_optics(
-        Spot(profile="top_hat", half_divergence_rad=1.5e-3, exit_radius_m=0.0),
-        aperture_radius_m=0.015,
-        field_rad=1.7e-3,
-        offset_m=0.06,
+    overlap = Overlap.from_geometry(
+        OverlapGeometry(
+            spot=Spot(profile="top_hat", half_divergence_rad=1.5e-3, exit_radius_m=0.0),
+            aperture_radius_m=0.015,
+            field_rad=1.7e-3,
+            alignment=Alignment(offset_m=0.06),
+        )
     )
     near, far = overlap.share(np.array([0.98 * blind, 1.1 * blind]))
     assert near == 0.0 < far
@@ -177,9 +181,12 @@ def test_blind_below():
 
 def test_scattered_light():
     """Rationale: where the spot is outside of the field there is the scattered share alone, else it takes part of 1."""
-    optics = {"aperture_radius_m": 0.015, "field_rad": 1.7e-3, "offset_m": 0.06}
     beam = Spot(profile="top_hat", half_divergence_rad=1.5e-3, exit_radius_m=0.0)
-    clean, hazy = (Overlap.from_optics(beam, scattered=share, **optics) for share in (0.0, 0.02))
+    lens = OverlapGeometry(spot=beam, aperture_radius_m=0.015, field_rad=1.7e-3)
+    clean, hazy = (
+        Overlap.from_geometry(replace(lens, alignment=Alignment(offset_m=0.06, scattered=share)))
+        for share in (0.0, 0.02)
+    )
     range_m = np.array([5.0, 20.0, 1e5])
     np.testing.assert_allclose(hazy.share(range_m), 0.02 + 0.98 * clean.share(range_m), rtol=1e-12)
     np.testing.assert_allclose(hazy.share(range_m)[[0, 2]], [0.02, 1.0], rtol=1e-3)

@@ -62,6 +62,14 @@ def test_sensors_stack():
     assert (status == RangeStatus.FOUND).all()
 
 
+def test_samplers_stack():
+    """Rationale: samples at less than twice the bandwidth let less noise pass."""
+    sensors = [sensor_with("vlp-16", sampler__rate_mhz=rate, tdc__bandwidth_mhz=200) for rate in (250, 320, 500)]
+    limit, _ = plane.maximum_range_m(plane.stack_sensors(sensors), Target())
+    assert limit == pytest.approx([plane.maximum_range_m(sensor, Target())[0] for sensor in sensors], rel=1e-11)
+    assert limit[0] != limit[2]
+
+
 def test_what_differs_in_words_does_not_stack():
     assert plane.stack_sensors([APD, SIPM]) is None
     assert plane.stack_sensors([SIPM, sensor_with("table1-sipm", detector__statistics="time_domain")]) is None

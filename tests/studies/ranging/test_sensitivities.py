@@ -5,10 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from lidarscene import load_sensor
+from lidarscene import catalog, load_sensor
 from lidarscene.errors import InputError
+from lidarscene.files.toml import read_toml, validate
 from lidarscene.physics.electronics import range_limit
 from lidarscene.studies.ranging import gain, plane, sensitivities
+from lidarscene.sensor.overlap import Overlap
+from lidarscene.sensor.sensor_file import SensorFile
+from lidarscene.sensor.sensor_model import overlap_geometry
 from lidarscene.studies.ranging.plane import Target
 
 APD, SIPM = load_sensor("table1-apd"), load_sensor("table1-sipm")
@@ -313,3 +317,97 @@ def test_a_diode_without_holes_ionising_has_its_best_gain_in_closed_form():
     diode = dataclasses.replace(APD.detector, ionisation_ratio=0.0, excess_noise_index=None)
     best = gain.best_gain(dataclasses.replace(APD, detector=diode), Target(illuminance_klux=5.0))
     assert best.closed_form == pytest.approx(best.searched, rel=1e-3)
+
+
+CONVERTER_KEYS = {"ambient_window_s": "ambient_window_us", "blanking_s": "blanking_ns"}
+"""Fields of the converter -> keys of [histogram], which stands in its place."""
+
+ALIGNMENT_KEYS = {"crossing_m": "parallax_free_at_m", "focus_m": "focus_at_m", "scattered": "scattered_share"}
+
+BOUNDED = ("laser.repetition_rate_hz", "tdc.window_s", "tdc.fraction")
+"""Numbers that another key bounds or allows, so that a file with slightly more may be refused."""
+
+
+def assignment(file, parameter, value):
+    """Key of the file and its value there for a number in SI units; None where the file has no such key."""
+    part, _, field = parameter.rpartition(".")
+    if parameter in BOUNDED:
+        return None
+    if part == "optics.overlap":
+        if field == "offset_m":
+            return f"{part}.transmitter_offset_mm=[0.0, {1e3 * value!r}]"
+        return f"{part}.{ALIGNMENT_KEYS[field]}={value!r}"
+    table = getattr(file, part)
+    if table is None and field in CONVERTER_KEYS:
+        key = CONVERTER_KEYS[field]
+        return f"histogram.{key}={value * (1e6 if key.endswith('us') else 1e9)!r}"
+    if table is None or field not in type(table).keys:
+        return None
+    key, declared = type(table).keys[field]
+    if getattr(table, key) is None:
+        return None
+    return f"{part}.{key}={round(value) if declared.whole else declared.in_file(value)!r}"
+
+
+def range_m(sensor, name, file, parameter, value):
+    """Maximum range as `lidarscene range --set` has it: the file is read anew, so that all that is computed of the
+    number follows. A number that is no key of the file is put in the place of what was computed.
+    """
+    part, _, field = parameter.rpartition(".")
+    if part == "target":
+        return limit_m(sensor, Target(**{field: value}))
+    if (text := assignment(file, parameter, value)) is not None:
+        return limit_m(load_sensor(name, overrides=[text]), Target())
+    component = dataclasses.replace(getattr(sensor, part), **{field: value})
+    return limit_m(dataclasses.replace(sensor, **{part: component}), Target())
+
+
+@pytest.mark.parametrize("name", catalog.names("sensors"))
+def test_every_row_is_what_two_runs_of_range_give(name):
+    """Rationale: a number that is computed when the file is loaded must not be held while others vary.
+
+    Tolerance 2e-4 of an elasticity: differences of a relative step h are off by some h^2 / 10, 1e-7 but for the few
+    SPADs of a pixel, and the overlap's table is straight between its places, which adds 1e-4. A number that is 0 has no
+    elasticity: its slope is held to the range that a thousand steps would change.
+    """
+    file, sensor = validate(SensorFile, read_toml(catalog.path_of("sensors", name)), name), load_sensor(name)
+    table = sensitivities.sensitivities(sensor, Target(), method="differences")
+    assert len(table.rows) > 20
+    for row in table.rows:
+        if row.value:
+            step = 1.0 if row.parameter in ("detector.spads", "detector.cells") else 1e-3 * row.value
+            low_m, high_m = (range_m(sensor, name, file, row.parameter, row.value + sign * step) for sign in (-1, 1))
+            slope, scale, curved = (high_m - low_m) / (2.0 * step), row.value, 0.1 * (step / row.value) ** 2
+        else:  # many a number is never negative
+            step = {"_s": 1e-12, "_m": 1e-7, "_a": 1e-13, "hz": 0.1, "ad": 1e-5}.get(row.parameter[-2:], 1e-7)
+            slope = (range_m(sensor, name, file, row.parameter, step) - table.range_m) / step
+            scale, curved = 1e3 * step, 0.0
+        assert slope * scale == pytest.approx(row.range_slope * scale, abs=(2e-4 + curved) * table.range_m), row
+
+
+def test_overlap_by_drjit(mi):
+    """Both methods, the second of them held to two runs above; the overlap's own slopes are shared, and off by 1e-9."""
+    sensor = load_sensor("biaxial-905", overrides=["laser.divergence_mrad=12"])
+    exact, stepped = (
+        {row.parameter: row for row in sensitivities.sensitivities(sensor, Target(), method=method).rows}
+        for method in ("drjit", "differences")
+    )
+    assert exact.keys() == stepped.keys() >= {"optics.overlap.offset_m", "optics.overlap.scattered"}
+    assert exact["laser.divergence_rad"].range_elasticity < -0.1
+    for name, row in exact.items():
+        scale = abs(row.value) or 1e-6
+        assert row.range_slope * scale == pytest.approx(stepped[name].range_slope * scale, abs=1e-4), name
+        assert row.detection_slope * scale == pytest.approx(stepped[name].detection_slope * scale, abs=1e-5), name
+
+
+def test_share_near_its_centre_is_that_of_the_integral():
+    """First order: a step of 1e-3 in each length is off by its square."""
+    sensor = load_sensor("os1-128")
+    overlap, range_m = sensor.optics.overlap, np.array([4.0])
+    lenses = dataclasses.replace(sensor.optics, aperture_radius_m=1.001 * sensor.optics.aperture_radius_m)
+    alignment = dataclasses.replace(overlap.geometry.alignment, scattered=0.02)
+    moved = overlap_geometry(sensor.laser, lenses, sensor.detector, alignment)
+    assert overlap.move(overlap.geometry).share(range_m)[0] == pytest.approx(overlap.share(range_m)[0], abs=1e-5)
+    expected = Overlap.from_geometry(moved).share(range_m)[0]
+    assert overlap.move(moved).share(range_m)[0] == pytest.approx(expected, abs=1e-5)
+    assert abs(expected - overlap.share(range_m)[0]) > 1e-3

@@ -1,7 +1,7 @@
 """Signal-to-noise ratio and maximum range on the paper's plane target, from the exact SNR; no tracing, no LLVM.
 
 The light comes from the same stage that `render` runs, so a range limit and a rendered board agree. Every number of a
-`Target`, and of a sensor's laser, optics, detector and TDC, may be an array; they broadcast with each other and with
+`Target`, and of a sensor's laser, optics, detector and electronics, may be an array; they broadcast with each other and with
 the ranges. `stack_sensors` makes such a sensor from several.
 """
 
@@ -33,7 +33,8 @@ _EVEN = np.arange(9) / 8.0  # places in a bracket at which ranges are tried,
 _CLOSER = 2.0 ** -np.arange(4, 48, 2)  # and distances from the guess, as shares of the way to the ends
 _BLINDING_W = 1e20  # more light than any detector resolves
 _NOTHING = 1e-100  # below this the products of the closed forms underflow
-_PARTS = ("laser", "optics", "detector", "tdc", "receiver", "histogram")
+PARTS = ("laser", "optics", "detector", "tdc", "sampler", "receiver", "histogram")
+"""Parts of a sensor that decide its range."""
 
 
 class RangeStatus(enum.IntEnum):
@@ -64,7 +65,7 @@ class Target:
 
 def conditions_shape(sensor: Sensor, target: Target) -> tuple[int, ...]:
     """Common shape of all arrays in a sensor and a target; () if there are none."""
-    parts = [getattr(sensor, part) for part in _PARTS if getattr(sensor, part) is not None] + [target]
+    parts = [getattr(sensor, part) for part in PARTS if getattr(sensor, part) is not None] + [target]
     values = [getattr(part, field.name) for part in parts for field in dataclasses.fields(part)]
     return np.broadcast_shapes(*(value.shape for value in values if isinstance(value, np.ndarray)))
 
@@ -72,7 +73,7 @@ def conditions_shape(sensor: Sensor, target: Target) -> tuple[int, ...]:
 def stack_sensors(sensors: Sequence[Sensor]) -> Sensor | None:
     """One sensor with arrays for the numbers in which these differ; None if they differ in anything else."""
     first, changes = sensors[0], {}
-    for part in _PARTS:
+    for part in PARTS:
         parts = [getattr(sensor, part) for sensor in sensors]
         if len({type(component) for component in parts}) > 1:
             return None

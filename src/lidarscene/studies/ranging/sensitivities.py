@@ -3,7 +3,8 @@
 They show a designer what to improve first. An elasticity is percent of range per percent of a parameter, d ln R /
 d ln p; a parameter that is zero has a plain derivative instead. The range is implicit, margin(R, p) = ln(peak /
 level) = 0, so dR/dp = -(d margin / dp) / (d margin / dR). The partial derivatives are exact, by Dr.Jit's reverse mode
-through the very stages that render; without a back end they are sixth-order central differences, off by 1e-6.
+through the very stages that render; without a back end they are sixth-order central differences, off by 1e-6. What is
+computed when a file is loaded, the overlap of spot and field of view, is computed anew from the varied numbers.
 
 Symbols: R maximum range, p parameter, P_d detection probability.
 """
@@ -27,7 +28,8 @@ from ...maths.units import split_unit
 from ...physics.electronics import tdc
 from ...physics.optics import sunlight
 from ...sensor.detectors import Apd
-from ...sensor.sensor_model import Sensor
+from ...sensor.overlap import SIXTH_ORDER
+from ...sensor.sensor_model import Sensor, overlap_geometry
 from . import gain, plane
 from .plane import RangeStatus, Target
 
@@ -38,8 +40,8 @@ Derivation = Callable[[Formula, Mapping[str, float]], tuple[float, dict[str, flo
 """Function of a formula and its arguments; returns its value and its derivative with respect to every argument."""
 
 _RANGE = "range_m"
-_CODE = ("stops", "reach", "search", "coincidence")
-_PARTS = ("laser", "optics", "detector", "tdc", "receiver", "histogram")
+_ALIGNMENT = "optics.overlap"
+_CODE = ("stops", "reach", "search", "coincidence", "samples", "room")
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,18 +82,26 @@ class SensitivityTable:
 
 
 def parameters(sensor: Sensor, target: Target) -> dict[str, float]:
-    """Every continuous number of laser, optics, detector, TDC and target, by dotted name, in SI units.
+    """Every continuous number of laser, optics, detector, electronics and target, by dotted name, in SI units.
 
     Counts that choose code (``tdc.stops``, ``detector.coincidence``) are left out; the number of cells counts as
     continuous.
     """
+    parts = {name: getattr(sensor, name) for name in plane.PARTS} | {"target": target}
+    if sensor.optics.overlap is not None:
+        parts[_ALIGNMENT] = sensor.optics.overlap.geometry.alignment
     numbers = {}
-    for prefix, part in [(name, getattr(sensor, name)) for name in _PARTS] + [("target", target)]:
+    for prefix, part in parts.items():
         if part is None:
             continue
         for field in dataclasses.fields(part):
             value = getattr(part, field.name)
-            if isinstance(value, (int, float)) and not isinstance(value, bool) and field.name not in _CODE:
+            if (
+                isinstance(value, (int, float))
+                and not isinstance(value, bool)
+                and math.isfinite(value)
+                and field.name not in _CODE
+            ):
                 numbers[f"{prefix}.{field.name}"] = float(value)
     return numbers
 
@@ -100,11 +110,18 @@ def with_parameters(sensor: Sensor, target: Target, values: Mapping[str, Lanes])
     """Sensor and target with these values of `parameters`."""
     changes: dict[str, dict[str, Lanes]] = {}
     for name, value in values.items():
-        part, _, field = name.partition(".")
+        part, _, field = name.rpartition(".")
         changes.setdefault(part, {})[field] = value
     target = dataclasses.replace(target, **changes.pop("target", {}))
+    alignment_changes = changes.pop(_ALIGNMENT, {})
     parts = {part: dataclasses.replace(getattr(sensor, part), **fields) for part, fields in changes.items()}
-    return dataclasses.replace(sensor, **parts), target
+    sensor = dataclasses.replace(sensor, **parts)
+    overlap = sensor.optics.overlap
+    if overlap is not None:
+        alignment = dataclasses.replace(overlap.geometry.alignment, **alignment_changes)
+        geometry = overlap_geometry(sensor.laser, sensor.optics, sensor.detector, alignment)
+        sensor = dataclasses.replace(sensor, optics=dataclasses.replace(sensor.optics, overlap=overlap.move(geometry)))
+    return sensor, target
 
 
 def margin_and_detection(sensor: Sensor, target: Target, range_m: Lanes) -> tuple[Lanes, Lanes]:
@@ -188,8 +205,6 @@ def choose_derivation(method: str) -> tuple[str, Derivation]:
 
 def differences(formula: Formula, values: Mapping[str, float]) -> tuple[float, dict[str, float]]:
     """Derivatives by sixth-order central differences, one parameter after the other."""
-    # Sixth-order central difference: sum of w_k (f(x + k h) - f(x - k h)) / h (Fornberg, Math. Comp. 51, 1988, 699).
-    weights = ((1.0, 0.75), (2.0, -0.15), (3.0, 1.0 / 60.0))
 
     def value_at(parameter: str, value_at_step: float) -> float:
         return float(formula({**values, parameter: np.float64(value_at_step)}))
@@ -204,7 +219,7 @@ def differences(formula: Formula, values: Mapping[str, float]) -> tuple[float, d
                 step *= 10.0
         rise = sum(
             weight * (value_at(name, value + multiple * step) - value_at(name, value - multiple * step))
-            for multiple, weight in weights
+            for multiple, weight in SIXTH_ORDER
         )
         slopes[name] = rise / step
     return centre, slopes
