@@ -9,10 +9,10 @@ from lidarscene import catalog, load_sensor
 from lidarscene.errors import InputError
 from lidarscene.files.toml import read_toml, validate
 from lidarscene.physics.electronics import range_limit
-from lidarscene.studies.ranging import gain, plane, sensitivities
 from lidarscene.sensor.overlap import Overlap
 from lidarscene.sensor.sensor_file import SensorFile
 from lidarscene.sensor.sensor_model import overlap_geometry
+from lidarscene.studies.ranging import gain, plane, sensitivities
 from lidarscene.studies.ranging.plane import Target
 
 APD, SIPM = load_sensor("table1-apd"), load_sensor("table1-sipm")

@@ -1,8 +1,8 @@
 """Signal-to-noise ratio and maximum range on the paper's plane target, from the exact SNR; no tracing, no LLVM.
 
 The light comes from the same stage that `render` runs, so a range limit and a rendered board agree. Every number of a
-`Target`, and of a sensor's laser, optics, detector and electronics, may be an array; they broadcast with each other and with
-the ranges. `stack_sensors` makes such a sensor from several.
+`Target`, and of a sensor's laser, optics, detector and electronics, may be an array; they broadcast with each other
+and with the ranges. `stack_sensors` makes such a sensor from several.
 """
 
 from __future__ import annotations
