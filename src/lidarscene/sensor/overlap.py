@@ -11,6 +11,7 @@ import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any, cast
 
 import numpy as np
 
@@ -116,7 +117,7 @@ class Overlap:
         with np.errstate(divide="ignore"):
             ranges = np.maximum(scale * (1.0 / place - 1.0), 1e-9 * scale)
         seen = _seen(geometry.spot.profile, {**geometry.lengths, "range_m": ranges})
-        return cls(table=LookupTable(geometry.with_scatter(seen)), scale_m=scale, geometry=geometry)
+        return cls(table=LookupTable(np.asarray(geometry.with_scatter(seen))), scale_m=scale, geometry=geometry)
 
     @property
     def offset_m(self) -> Lanes:
@@ -132,7 +133,7 @@ class Overlap:
         if self.moved is None:
             return self.table.at(self.scale_m / (self.scale_m + range_m))
         # The integral has 4,096 terms: as a kernel with derivatives it would compile for minutes.
-        centre_m = float(np.ravel(range_m.numpy() if is_drjit(range_m) else range_m)[0])
+        centre_m = float(np.ravel(cast(Any, range_m).numpy() if is_drjit(range_m) else range_m)[0])
         seen, slopes = _seen_and_slopes(self.geometry, centre_m)
         values = {**self.moved.lengths, "range_m": range_m}
         centres = {**self.geometry.lengths, "range_m": centre_m}
