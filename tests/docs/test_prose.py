@@ -15,6 +15,7 @@ from lidarscene.materials.material_file import catalogue_material
 from lidarscene.physics.constants import ELEMENTARY_CHARGE_C, SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import apd, mcintyre, saturation, sipm, sipm_response, tdc
 from lidarscene.physics.optics import air, dielectrics, pulse, radiometry, receiver
+from lidarscene.physics.optics.polarisation import pane_shares
 from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.paper import case
 from lidarscene.studies.paper.case import (
@@ -286,6 +287,16 @@ def test_panes() -> None:
     says("theory.md", "the mean of the two panes would mirror {} % and not {}", 100.0 * separate, 100.0 * mean)
     shares = 100.0 * np.array([clear_glass(degrees) for degrees in (0, 60, 75)]).T
     says("theory.md", "mirror {}, {} and {} % and let {}, {} and {} % through", *shares.ravel())
+    pane = pane_shares(cos_incidence=math.cos(math.radians(62.0)), index=1.52, internal=1.0, reflected=False)
+    says("theory.md", "right mean of s and p, {} at 62 degrees", (0.5 * (pane.across + pane.along)) ** 2)
+    metal = []
+    for degrees in (45.0, 60.0):
+        cosine, index = math.cos(math.radians(degrees)), complex(2.052, 8.257)
+        inside = np.sqrt(1.0 - (1.0 - cosine**2) / index**2)
+        s = abs((cosine - index * inside) / (cosine + index * inside)) ** 2
+        p = abs((index * cosine - inside) / (index * cosine + inside)) ** 2
+        metal.append(100.0 * (s - p) / (s + p))
+    says("theory.md", "aluminium reflects {} % more of s, and less of p, than their mean at 45 degrees, and {} %", *metal)
     water = 1.0 - (1.0 - dielectrics.diffuse_fresnel_reflectance(1.33)) / 1.33**2
     says("theory.md", "p = 1 - (1 - R_d) / n^2, {} for water", water)
     wet, dry = (catalogue_material(name).at(905e-9)["reflectivity"] for name in ("asphalt_wet", "asphalt"))

@@ -18,7 +18,8 @@ from lidarscene.materials import colour
 from lidarscene.materials.material_file import catalogue_material
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import sampling, sipm, tdc
-from lidarscene.physics.optics import glint, receiver, reflection, solar_spectrum
+from lidarscene.physics.optics import dielectrics, glint, receiver, reflection, solar_spectrum
+from lidarscene.physics.optics.polarisation import pane_shares
 from lidarscene.scene.weather import Weather
 from lidarscene.studies import published_values
 from lidarscene.studies.eye_safety.eye_safety_report import eye_safety_report
@@ -39,6 +40,22 @@ from lidarscene.studies.ranging import plane, statistics
 from lidarscene.studies.ranging.plane import Target
 
 pytestmark = pytest.mark.fixed_streams
+
+# --- theory -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("row", table("theory_glass.md", "at | without the key"), ids=lambda row: row[0])
+def test_polarised_light_through_a_pane(row: list[str]) -> None:
+    """There and back: today's mean of r, then s and p, with an unpolarised and with a polarised way back."""
+    cosine = math.cos(math.radians(float(row[0].split()[0])))
+    face = dielectrics.fresnel_reflectance(cos_incidence=cosine, index=1.52)
+    mean = dielectrics.pane_transmittance(surface=face, internal=1.0) ** 2
+    pane = pane_shares(cos_incidence=cosine, index=1.52, internal=1.0, reflected=False)
+    back = 0.5 * (pane.across + pane.along)
+    pairs = [mean, pane.across * back, pane.along * back, pane.across**2, pane.along**2]
+    printed = [number for cell in row[1:] for number in cell.split(" / ")]
+    assert printed == [f"{value:.2f}" for value in pairs]
+
 
 # --- validation -------------------------------------------------------------------------------------
 

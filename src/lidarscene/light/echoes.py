@@ -167,13 +167,14 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
         fixed=ambient.transmittance, extinction_per_m=ambient.extinction_per_m, range_m=hits.range_m
     )
     # The echo passes panes and mirrors twice, on its way out and back; the background only on its way back.
+    outward = hits.throughput if hits.outward is None else hits.outward
     peak = radiometry.echo_power_w(
         peak_power_w=sensor.laser.peak_power_w,
         backscatter_per_sr=hits.backscatter_per_sr,
         range_m=hits.range_m,
         transmittance=transmittance,
         aperture_m2=beams.aperture_m2,
-        efficiency=optics.echo_efficiency * echo_share(beams) * hits.throughput * hits.throughput,
+        efficiency=optics.echo_efficiency * echo_share(beams) * hits.throughput * outward,
     )
     # Close by, the spot lies partly outside of the field of view or is out of focus: only a share of the echo
     # reaches the detector.

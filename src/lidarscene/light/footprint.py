@@ -107,6 +107,16 @@ def aim(axes: Beams, shape: Footprint, *, profile: str, rotation: tuple[Lanes, .
     )
 
 
+def polarisation(axes: Beams, laser: Laser, *, rotation: tuple[Lanes, ...]) -> tuple[Vector, Lanes] | None:
+    """Axis along which the light of each beam swings, and the share of it that does; None: left out.
+
+    rotation  as of `spread`
+    """
+    if laser.polarisation is None:
+        return None
+    return _axes(axes.direction, laser.polarisation.angle_rad, rotation)[0], laser.polarisation.share
+
+
 def footprint(laser: Laser, rays: int, halo: Halo | None = None) -> Footprint:
     """Distribute a number of rays over the cross section of a beam.
 

@@ -34,6 +34,8 @@ class Hits:
     goes_on             (n,) bool, of a survey: whether panes, mirrors or gaps affect this ray or its sunlight; None if
                         all paths were traced in full
     throughput          (n,) share of the light that panes and mirrors pass, one way; the way back takes it once more
+    outward             (n,) the same of the laser's polarised light on its way out, with what its echo gains or loses
+                        on the way back if the surface keeps the polarisation; None: that of `throughput`
     interactions        (n,) uint32, number of panes, mirrors and gaps on the path
     direction           (x, y, z) unit vector along the last leg of the path; None: that of the beam
     mirrored            (n,) bool, whether the path was reflected: the surface is not where the beam points
@@ -55,6 +57,7 @@ class Hits:
     radial_velocity_m_s: Lanes = 0.0
     goes_on: Mask | None = None
     throughput: Lanes = 1.0
+    outward: Lanes | None = None
     interactions: Lanes = 0
     mirrored: Mask = False
     direction: Vector | None = None

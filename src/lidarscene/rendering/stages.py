@@ -18,7 +18,7 @@ from ..light.air_light import AirLight, air_light
 from ..light.beams import Beams
 from ..light.echoes import Ambient, EchoTrain
 from ..light.field_background import background_power_w, field_of_view
-from ..light.footprint import Footprint, aim, footprint, spread
+from ..light.footprint import Footprint, aim, footprint, polarisation, spread
 from ..light.hits import Hits
 from ..light.pulse_train import LitAir, join_echoes
 from ..maths.arrays import Array, Lanes
@@ -148,6 +148,9 @@ class Stages:
         # Only the laser's own rays can come back from a mirror; rays that gather background carry no pulse.
         if self.world.speculars is not None and shape is self.footprint:
             aimed = aim(axes, shape, profile=self.sensor.laser.profile, rotation=place.rotation)
+        swing = None
+        if self.world.speculars is not None:
+            swing = polarisation(axes, self.sensor.laser, rotation=place.rotation)
         firing = Firing(
             seed=seed,
             ray=0 if ray is None else ray,
@@ -155,6 +158,7 @@ class Stages:
             housing_m=self.sensor.housing_m,
             velocity_m_s=None if place.velocity_m_s is None else place.velocity_at(rays.origin_m),
             vectors=self.vectors and shape is self.footprint,
+            polarisation=swing,
         )
         paths = trace(
             self.world, rays, sun=self.sun, moving=movers, interactions=self.interactions, survey=survey, firing=firing

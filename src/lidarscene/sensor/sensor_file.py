@@ -27,7 +27,7 @@ from .histogram import Histogram, HistogramFile
 from .optics import OpticsFile
 from .overlap import Overlap
 from .readout import AnyIntensityFile, AnySamplerFile, PublishedFile, read_published
-from .sensor_model import Laser, Optics, Sensor, overlap_geometry
+from .sensor_model import Laser, Optics, Polarisation, Sensor, overlap_geometry
 from .wear_file import WearFile
 
 LARGEST_COORDINATE_M = 1e8
@@ -39,6 +39,10 @@ NOMINAL_TEMPERATURE_C = 25.0
 Coordinate = Annotated[float, Field(ge=-LARGEST_COORDINATE_M, le=LARGEST_COORDINATE_M)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Turned = Annotated[float, Number("deg", ge=-36e3, le=36e3)]
+
+
+class PolarisationFile(Table[Polarisation]):
+    """[laser.polarisation]: linear polarisation, which panes see."""
 
 
 class LaserFile(Table[Laser]):
@@ -53,12 +57,20 @@ class LaserFile(Table[Laser]):
     temperature_c: Annotated[float, Field(ge=-100, le=200)] = Field(
         default=NOMINAL_TEMPERATURE_C, description="of the laser, with drift_nm_per_k; wavelength_nm is that at 25"
     )
+    polarisation: PolarisationFile | None = Field(
+        default=None, description="of the light, for panes; they treat all light alike if left out"
+    )
 
     @model_validator(mode="after")
     def _temperature_matters(self) -> LaserFile:
         if "temperature_c" in self.model_fields_set and not self.drift_nm_per_k:
             raise ValueError("drift_nm_per_k: must go with temperature_c, got none")
         return self
+
+    def build(self, repetition_rate_hz: float) -> Laser:
+        """Convert to SI units."""
+        polarisation = None if self.polarisation is None else self.polarisation.in_si()
+        return self.in_si(repetition_rate_hz=repetition_rate_hz, polarisation=polarisation)
 
     @property
     def emitted_m(self) -> float:
@@ -220,7 +232,7 @@ class SensorFile(FileModel):
     def build(self, folder: Path) -> Sensor:
         """Build the sensor in SI units; the files that it names lie in ``folder``. Raises InputError."""
         detector: Detector = self.detector.in_si()
-        laser = self.laser.in_si(repetition_rate_hz=self._rate_hz)
+        laser = self.laser.build(self._rate_hz)
         optics = self.optics.build(folder, reference_m=laser.wavelength_m, emitted_m=self.laser.emitted_m)
         if self.optics.overlap is not None:
             geometry = overlap_geometry(laser, optics, detector, self.optics.overlap.build())

@@ -32,10 +32,22 @@ PULSE_BANDWIDTH = 0.35
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Polarisation:
+    """Linear polarisation of a laser's light."""
+
+    angle_rad: Annotated[
+        Lanes, Quantity("deg", ge=-36e3, le=36e3, about="about the beam, from the left to the top: 0 swings level")
+    ]
+    share: Annotated[Lanes, Quantity(ge=0, le=1, about="of the light; the rest is unpolarised")] = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Laser:
     """Pulsed transmitter. Divergences are full angles at 1/e^2, or to the edge of a top hat.
 
     The beam leaves the sensor at its waist, of ``exit_diameter_m``.
+
+    polarisation  of the light; None: panes treat all light alike
     """
 
     wavelength_m: Annotated[float, Quantity("nm", ge=300, le=2500)]
@@ -75,6 +87,7 @@ class Laser:
             about="angle of the apparent source, for eye safety; up to 1.5 it is a point",
         ),
     ] = 0.0
+    polarisation: Polarisation | None = None
 
     @property
     def photon_energy_j(self) -> float:

@@ -17,10 +17,12 @@ from typing import Any, TypeVar
 from ...maths.arrays import Array, Lanes, Mask, xp
 from ...maths.motion_table import Placement
 from ...physics.optics import dielectrics
+from ...physics.optics.polarisation import LobeShares, Stokes, pane_shares
 from ..device.backend import mitsuba
 from ..device.types import Ray
 from .gaps import gap_share
 from .meeting import Meeting, Moment
+from .polarised import PolarisedBeam
 
 START_OFFSET_M = 3e-4
 """Height above a surface at which the next ray starts. Mitsuba's own offset grows to 22 mm at 250 m (measured) and
@@ -42,6 +44,7 @@ class BeamPath:
     mirrored      whether any of them was a reflection
     receding_m_s  rate at which the motion of sensor and mirrors lengthens the path
     glint_per_sr  f_r cos(theta) of a specular return (`glints`) at which the path ends; 0 if there is none
+    polarised     polarisation of the light; then ``throughput`` is that of unpolarised light. None: left out
     """
 
     ray: Any
@@ -51,9 +54,10 @@ class BeamPath:
     mirrored: Mask = False
     receding_m_s: Lanes = 0.0
     glint_per_sr: Lanes = 0.0
+    polarised: PolarisedBeam | None = None
 
 
-Followed = TypeVar("Followed", BeamPath, Meeting, Placement)
+Followed = TypeVar("Followed", BeamPath, Meeting, Placement, PolarisedBeam, Stokes)
 
 
 def select_fields(mask: Mask, if_true: Followed, if_false: Followed) -> Followed:
@@ -63,8 +67,9 @@ def select_fields(mask: Mask, if_true: Followed, if_false: Followed) -> Followed
     def select(a: object, b: object) -> Any:
         if isinstance(a, tuple) and isinstance(b, tuple):
             return tuple(select(x, y) for x, y in zip(a, b, strict=True))
-        if isinstance(a, Placement) and isinstance(b, Placement):
-            return select_fields(mask, a, b)
+        for part in (Placement, PolarisedBeam, Stokes):
+            if isinstance(a, part) and isinstance(b, part):
+                return select_fields(mask, a, b)
         # The same object needs no select: Python numbers that nothing has changed stay Python numbers.
         return a if a is b else dr.select(mask, a, b)
 
@@ -110,14 +115,47 @@ def continued(moment: Moment, path: BeamPath, meeting: Meeting, active: Mask, *,
     hit_point = path.ray.o + meeting.t * path.ray.d
     drift = meeting.receding(hit_point, path.ray.d - out)
     receding = path.receding_m_s if drift is None else path.receding_m_s + drift
+    throughput, polarised = path.throughput * share, path.polarised
+    if polarised is not None:
+        normal = meeting.direction_outside(meeting.surface.sh_frame.n)
+        shares = _lobe_shares(moment, meeting, kind, active, share, reflected=reflected)
+        polarised = polarised.beyond(path.ray.d, normal, shares)
+        throughput = polarised.unpolarised.intensity
     return BeamPath(
         ray=mi.Ray3f(hit_point + step * out, out),
         length_m=path.length_m + meeting.t + step,
-        throughput=path.throughput * share,
+        throughput=throughput,
         interactions=path.interactions + mi.UInt32(1),
         mirrored=mi.Bool(True) if reflected else path.mirrored | moment.speculars.is_mirror(kind),
         receding_m_s=receding,
+        polarised=polarised,
     )
+
+
+def _lobe_shares(
+    moment: Moment, meeting: Meeting, kind: Array, active: Mask, share: Lanes, *, reflected: bool
+) -> LobeShares:
+    """Return the shares of both polarisations that go into a lobe; ``share`` is that of `_lobe`, of unpolarised light.
+
+    Panes follow Fresnel's equations. Gaps pass, and mirrors reflect, both polarisations alike.
+    """
+    import drjit as dr
+
+    speculars, cosine = moment.speculars, dr.abs(meeting.surface.wi.z)
+    # A mirror reverses one of two directions across the beam, of which s, p and the light are right-handed again.
+    across, along, mixed = share, share, dr.select(speculars.is_mirror(kind), -share, share)
+    for number, (index, glass) in enumerate(zip(speculars.index, speculars.glass, strict=True)):
+        if index is None:  # Mitsuba's `null` passes all light
+            continue
+        of_bsdf = active & (kind == number + 1)
+        internal: Lanes = 1.0
+        if glass is not None:
+            internal = dielectrics.internal_transmittance(depth=glass[1], cos_incidence=cosine, index=index)
+        pane = pane_shares(cos_incidence=cosine, index=index, internal=internal, reflected=reflected)
+        across = dr.select(of_bsdf, pane.across, across)
+        along = dr.select(of_bsdf, pane.along, along)
+        mixed = dr.select(of_bsdf, pane.mixed, mixed)
+    return LobeShares(across=across, along=along, mixed=mixed)
 
 
 def _lobe(moment: Moment, meeting: Meeting, kind: Array, active: Mask, *, reflected: bool) -> tuple[Any, Any]:

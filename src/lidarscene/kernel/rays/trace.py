@@ -34,6 +34,7 @@ from .glints import specular_return
 from .meeting import Meeting, Moment
 from .nearby_bodies import boxes_from_numbers
 from .onward import START_OFFSET_M, BeamPath, continued, is_stopped, kind_of, select_fields, sunlight_share
+from .polarised import PolarisedBeam
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,6 +47,7 @@ class Firing:
     aim           axes and widths of the beams, for specular returns; None: there are none
     housing_m     radius of the sensor itself: what is nearer is no hit
     vectors       whether to return normals and velocities of the surfaces
+    polarisation  axis across each ray along which its light swings, and the share of it that does; None: left out
     """
 
     seed: Lanes = 0
@@ -54,6 +56,7 @@ class Firing:
     velocity_m_s: Vector | None = None
     aim: Aim | None = None
     vectors: bool = False
+    polarisation: tuple[Vector, Lanes] | None = None
 
 
 def trace(
@@ -99,6 +102,8 @@ def trace(
         survey = False
     if survey:
         return (_survey(moment, first, moment.meet(ray), firing),)
+    if world.speculars is not None and firing.polarisation is not None:
+        first = dataclasses.replace(first, polarised=PolarisedBeam.start(*firing.polarisation))
     paths = _follow_paths(moment, first, interactions)
 
     def sunshine(ray: Ray, sunny: Mask) -> tuple[Any, Lanes]:
@@ -260,12 +265,31 @@ def _hits(
         radial_velocity_m_s=dr.select(valid, receding, 0.0) if is_drjit(receding) else 0.0,
         face=dr.select(valid, mi.Int32(face), -1),
         throughput=path.throughput,
+        outward=_outward(moment, path, meeting),
         interactions=path.interactions,
         mirrored=path.mirrored,
         direction=tuple(path.ray.d) if is_drjit(path.interactions) else None,
         normal=_components_where(valid, meeting.direction_outside(normal)) if firing.vectors else None,
         velocity_m_s=_components_where(valid, meeting.velocity(start)) if firing.vectors else None,
     )
+
+
+def _outward(moment: Moment, path: BeamPath, meeting: Meeting) -> Lanes | None:
+    """Return `Hits.outward` at the end of a path; None if the light's polarisation is left out."""
+    import drjit as dr
+
+    if path.polarised is None:
+        return None
+    # Panes and mirrors that throw the beam straight back, and retro-reflectors, keep the polarisation; all other
+    # surfaces are taken to return none.
+    keeps, retro = mitsuba().Bool(path.glint_per_sr > 0.0), moment.speculars.retro
+    if retro is not None:
+        number = dr.reinterpret_array(mitsuba().UInt32, meeting.surface.shape)
+        keeps |= dr.gather(mitsuba().Bool, retro, number, meeting.valid)
+    # A specular return has the root of its reflectance in `throughput`, which the way out must have too; a path that
+    # carries no light has 0 there. Elsewhere both are alike.
+    before = path.polarised.unpolarised.intensity
+    return path.polarised.outward(keeps) * (path.throughput / dr.maximum(before, 1e-12))
 
 
 def _components_where(valid: Mask, vector: DeviceVector) -> Vector:

@@ -19,7 +19,7 @@ from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import Shape
 from .bsdfs import absorption, diffuse_share
-from .speculars import Speculars
+from .speculars import Speculars, SurfaceOptics
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +102,7 @@ class FaceTables:
             "face_material": mi.Int32(np.concatenate(self._material)),
             "material_names": tuple(self.material_names),
             "has_foreign": any(shape.reflectivity is None for shape, _ in self._first.values()),
-            "speculars": Speculars.from_shapes([_specular_entry(shape) for shape, _ in self._first.values()])
+            "speculars": Speculars.from_shapes([_surface_optics(shape) for shape, _ in self._first.values()])
             if see_through
             else None,
         }
@@ -128,8 +128,8 @@ class FaceTables:
         return table
 
 
-def _specular_entry(shape: PlacedShape) -> tuple[int, Any, Hashable, Any]:
-    """Return registry number, BSDF, identity of the material and absorption, for `Speculars.from_shapes`."""
+def _surface_optics(shape: PlacedShape) -> SurfaceOptics:
+    """Return what `Speculars` needs of a shape."""
     import drjit as dr
 
     mi = mitsuba()
@@ -137,11 +137,12 @@ def _specular_entry(shape: PlacedShape) -> tuple[int, Any, Hashable, Any]:
     # Our materials are known by name. In a Mitsuba file one name may stand for several BSDFs: their registry number
     # is the identity.
     bsdf_number = int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))[0])
-    return (
-        _registry_number(shape.shape),
-        bsdf,
-        bsdf_number if shape.reflectivity is None else shape.material,
-        shape.absorbs,
+    return SurfaceOptics(
+        number=_registry_number(shape.shape),
+        bsdf=bsdf,
+        material=bsdf_number if shape.reflectivity is None else shape.material,
+        absorbs=shape.absorbs,
+        is_retro=shape.values is not None and shape.values["bsdf"] == "retroreflector",
     )
 
 

@@ -22,6 +22,24 @@ from ..device.backend import mitsuba
 from ..device.types import Bsdf
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SurfaceOptics:
+    """A shape's surface as `Speculars` sees it.
+
+    number    the shape's in Mitsuba's registry
+    bsdf      Mitsuba's
+    material  its identity
+    absorbs   `bsdfs.absorption`
+    is_retro  whether it sends light straight back, polarised as it came
+    """
+
+    number: int
+    bsdf: Any
+    material: Hashable
+    absorbs: tuple[float, float] | None
+    is_retro: bool
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Speculars:
     """Panes, mirrors and porous surfaces of a world.
@@ -31,6 +49,8 @@ class Speculars:
     glass  index and optical depth of each pane that absorbs, opaque; None for a pane that does not
     kind   UInt32 by Mitsuba's registry number of a shape: 0, or 1 + the index into ``bsdfs``, or 1 + p + m if porous
     gaps   whether there are porous surfaces
+    index  refractive index of each pane, opaque; None for one that passes all light
+    retro  Bool by registry number: retro-reflectors; None if there are none
     """
 
     bsdfs: tuple[Any, ...]
@@ -38,38 +58,51 @@ class Speculars:
     glass: tuple[tuple[Any, Any] | None, ...]
     kind: Any
     gaps: bool
+    index: tuple[Any | None, ...]
+    retro: Any
 
     @classmethod
-    def from_shapes(cls, shapes: Sequence[tuple[int, Bsdf, Hashable, tuple[float, float] | None]]) -> Speculars | None:
-        """Make the tables from (registry number, Mitsuba BSDF, identity of the material, `bsdfs.absorption`) of shapes.
-
-        Returns None if every beam ends at its first surface.
-        """
+    def from_shapes(cls, shapes: Sequence[SurfaceOptics]) -> Speculars | None:
+        """Make the tables; None if every beam ends at its first surface."""
         mi = mitsuba()
         # One BSDF for each material: all shapes of a material scatter alike, and each BSDF adds code to the kernel.
         panes: dict[Hashable, Any] = {}
         mirrors: dict[Hashable, Any] = {}
         glass: list[Any] = []
+        index: list[Any] = []
         porous: set[Hashable] = set()
-        for _, bsdf, material, absorbs in shapes:
-            if _kind_name(mi, bsdf) == "pane" and material not in panes:
-                glass.append(None if absorbs is None else transfer.opaque(absorbs))
-            if _kind_name(mi, bsdf) == "porous":
+        for shape in shapes:
+            kind_name, material = _kind_name(mi, shape.bsdf), shape.material
+            if kind_name == "pane" and material not in panes:
+                glass.append(None if shape.absorbs is None else transfer.opaque(shape.absorbs))
+                # Mitsuba's `null` is a pane without an index.
+                parameters = mi.traverse(shape.bsdf)
+                index.append(transfer.opaque(float(parameters["eta"].numpy()[0])) if "eta" in parameters else None)
+            if kind_name == "porous":
                 porous.add(material)
-            of_kind = {"pane": panes, "mirror": mirrors}.get(_kind_name(mi, bsdf))
+            of_kind = {"pane": panes, "mirror": mirrors}.get(kind_name)
             if of_kind is not None:
-                of_kind.setdefault(material, bsdf)
+                of_kind.setdefault(material, shape.bsdf)
         if not panes and not mirrors and not porous:
             return None
         order = [*panes, *mirrors]
-        kind = np.zeros(max(number for number, *_ in shapes) + 1, dtype=np.uint32)
-        for number, _, material, _ in shapes:
-            if material in porous:
-                kind[number] = len(order) + 1
+        rows = max(shape.number for shape in shapes) + 1
+        kind, retro = np.zeros(rows, dtype=np.uint32), np.zeros(rows, dtype=bool)
+        for shape in shapes:
+            retro[shape.number] = shape.is_retro
+            if shape.material in porous:
+                kind[shape.number] = len(order) + 1
             else:
-                kind[number] = order.index(material) + 1 if material in order else 0
-        bsdfs = (*panes.values(), *mirrors.values())
-        return cls(bsdfs=bsdfs, panes=len(panes), glass=tuple(glass), kind=mi.UInt32(kind), gaps=bool(porous))
+                kind[shape.number] = order.index(shape.material) + 1 if shape.material in order else 0
+        return cls(
+            bsdfs=(*panes.values(), *mirrors.values()),
+            panes=len(panes),
+            glass=tuple(glass),
+            kind=mi.UInt32(kind),
+            gaps=bool(porous),
+            index=tuple(index),
+            retro=mi.Bool(retro) if retro.any() else None,
+        )
 
     @property
     def mirrors(self) -> int:

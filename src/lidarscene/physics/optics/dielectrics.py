@@ -19,14 +19,24 @@ def fresnel_reflectance(*, cos_incidence: Lanes, index: Lanes) -> Lanes:
     """Reflectance of a smooth lossless surface for unpolarised light: (R_s + R_p) / 2.
 
     index  n of the body over that of the medium, > 1
+    """
+    across, along = fresnel_amplitudes(cos_incidence=cos_incidence, index=index)
+    return 0.5 * (across * across + along * along)
 
-    Born and Wolf, Principles of Optics, 7th ed., 1.5.2.
+
+def fresnel_amplitudes(*, cos_incidence: Lanes, index: Lanes) -> tuple[Lanes, Lanes]:
+    """r_s and r_p: amplitudes that a smooth lossless surface reflects, across the plane of incidence and in it.
+
+    index  n of the body over that of the medium, > 1
+
+    Born and Wolf, Principles of Optics, 7th ed., 1.5.2: s, p and the direction of light are right-handed before and
+    after, so that at normal incidence r_p = -r_s.
     """
     ops = xp(cos_incidence)
     inside = ops.sqrt(1.0 - (1.0 - cos_incidence * cos_incidence) / (index * index))
     across = (cos_incidence - index * inside) / (cos_incidence + index * inside)
     along = (index * cos_incidence - inside) / (index * cos_incidence + inside)
-    return 0.5 * (across * across + along * along)
+    return across, along
 
 
 def diffuse_fresnel_reflectance(index: float) -> float:
