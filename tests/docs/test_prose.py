@@ -296,7 +296,9 @@ def test_panes() -> None:
         s = abs((cosine - index * inside) / (cosine + index * inside)) ** 2
         p = abs((index * cosine - inside) / (index * cosine + inside)) ** 2
         metal.append(100.0 * (s - p) / (s + p))
-    says("theory.md", "aluminium reflects {} % more of s, and less of p, than their mean at 45 degrees, and {} %", *metal)
+    says(
+        "theory.md", "aluminium reflects {} % more of s, and less of p, than their mean at 45 degrees, and {} %", *metal
+    )
     water = 1.0 - (1.0 - dielectrics.diffuse_fresnel_reflectance(1.33)) / 1.33**2
     says("theory.md", "p = 1 - (1 - R_d) / n^2, {} for water", water)
     wet, dry = (catalogue_material(name).at(905e-9)["reflectivity"] for name in ("asphalt_wet", "asphalt"))

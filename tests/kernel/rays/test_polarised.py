@@ -183,7 +183,7 @@ def test_the_way_that_a_pane_mirrors(angle_deg):
 
 
 def test_a_mirror_before_a_pane_turns_the_plane_of_the_swing():
-    """Off a mirror that leans by 45 degrees out of two axes, then through a pane: fields reversed by an ideal mirror."""
+    """Off a mirror that leans out of two axes, then through a pane; an ideal mirror reverses the field."""
     mirror = turned_pane(10.0, 45.0, 30.0, material="mirror")
     normal = normal_of(45.0, 30.0)
     aside = AHEAD - 2.0 * (AHEAD @ normal) * normal
@@ -193,9 +193,7 @@ def test_a_mirror_before_a_pane_turns_the_plane_of_the_swing():
     turn = frame_of_way @ Pose.from_degrees(yaw_deg=60.0).rotation
     plane = chain.facing(range_m=0.0, size_m=8.0, material="pane")
     glass = dataclasses.replace(
-        plane,
-        name="glass",
-        pose=Pose(position_m=(10.0, 0.0, 0.0) + 5.0 * aside, rotation=turn @ plane.pose.rotation),
+        plane, name="glass", pose=Pose(position_m=(10.0, 0.0, 0.0) + 5.0 * aside, rotation=turn @ plane.pose.rotation)
     )
     board = chain.facing(range_m=0.0, size_m=8.0)
     board = dataclasses.replace(

@@ -8,7 +8,7 @@ Symbols: f faces (triangles, or a whole sphere) over all shapes, in the order in
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
