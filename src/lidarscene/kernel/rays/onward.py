@@ -67,9 +67,12 @@ def select_fields(mask: Mask, if_true: Followed, if_false: Followed) -> Followed
     def select(a: object, b: object) -> Any:
         if isinstance(a, tuple) and isinstance(b, tuple):
             return tuple(select(x, y) for x, y in zip(a, b, strict=True))
-        for part in (Placement, PolarisedBeam, Stokes):
-            if isinstance(a, part) and isinstance(b, part):
-                return select_fields(mask, a, b)
+        if isinstance(a, Placement) and isinstance(b, Placement):
+            return select_fields(mask, a, b)
+        if isinstance(a, PolarisedBeam) and isinstance(b, PolarisedBeam):
+            return select_fields(mask, a, b)
+        if isinstance(a, Stokes) and isinstance(b, Stokes):
+            return select_fields(mask, a, b)
         # The same object needs no select: Python numbers that nothing has changed stay Python numbers.
         return a if a is b else dr.select(mask, a, b)
 
