@@ -21,7 +21,8 @@ def text():
         "the street as a car drives along it: crossing, oncoming and turning cars, people on foot",
         made_by="make_scenes.py",
         **street_scene.LIGHT,
-        ego={"position_m": [*EGO_AT_M, 0.0], "speed_m_s": EGO_M_S},
+        ground={"roughness": "C"},
+        ego={"position_m": [*EGO_AT_M, 0.0], "speed_m_s": EGO_M_S, "ride": {}},
         sensor={"name": "os1-128", "position_m": [0.0, 0.0, 1.75]},
         picture={"eye_m": [-9.0, 0.0, 7.0], "target_m": [14.0, 0.6, 0.5], "fov_deg": 70.0},
     )
@@ -32,9 +33,9 @@ def _traffic():
     turning = [{"time_s": t} | place(x, y, 0.0, yaw) for t, x, y, yaw in TURNING]
     return [
         mover("own_car", "car", {}, {"with_ego": True}, paint="car_paint_white"),
-        mover("crossing_car", "car", place(119.5, -9.0, 0, 90), {"speed_m_s": 12.0}, paint="car_paint_red"),
-        mover("oncoming_car", "car", place(84.0, 1.7, 0, 180), {"speed_m_s": 12.0}, paint="car_paint_grey"),
-        mover("turning_car", "car", {}, {"poses": turning}, paint="car_paint_white"),
+        mover("crossing_car", "car", place(119.5, -9.0, 0, 90), {"speed_m_s": 12.0, "ride": {}}, paint="car_paint_red"),
+        mover("oncoming_car", "car", place(84.0, 1.7, 0, 180), {"speed_m_s": 12.0, "ride": {}}, paint="car_paint_grey"),
+        mover("turning_car", "car", {}, {"poses": turning, "ride": {}}, paint="car_paint_white"),
         mover("walker", "pedestrian", place(74.0, -6.9, 0.12, 172), {"speed_m_s": 1.4}),
         mover("runner", "pedestrian", place(88.0, 5.0, 0, -90), {"speed_m_s": 3.0, "yaw_rate_deg_s": 20.0}),
     ]

@@ -40,6 +40,8 @@ def value(item):
     if isinstance(item, bool):
         return str(item).lower()
     if isinstance(item, dict):
+        if not item:
+            return "{}"
         return "{ " + ", ".join(f"{key} = {value(entry)}" for key, entry in item.items()) + " }"
     if isinstance(item, list | tuple):
         return "[" + ", ".join(value(entry) for entry in item) + "]"
@@ -88,9 +90,10 @@ def primitive(name, shape, kind, material, *, position_m=None, instances=None, *
     return table("[[bodies]]", name=name, primitive=shape, **{"class": kind}, material=material, **size, **where)
 
 
-def header(name, description, *, made_by, sun, sky, air, sensor, picture, weather=None, ego=None):
+def header(name, description, *, made_by, sun, sky, air, sensor, picture, weather=None, ground=None, ego=None):
     """What stands above the bodies: the tables of numbers."""
     first = f"# Made by assets/{made_by}; change it there and run it again.\n"
     first += table(f"name = {value(name)}", description=description)
-    parts = {"sun": sun, "sky": sky, "air": air, "weather": weather, "ego": ego, "sensor": sensor, "picture": picture}
+    parts = {"sun": sun, "sky": sky, "air": air, "weather": weather, "ground": ground, "ego": ego}
+    parts |= {"sensor": sensor, "picture": picture}
     return "\n".join([first, *(table(f"[{key}]", **entries) for key, entries in parts.items() if entries)])

@@ -9,5 +9,6 @@ optics       pulse, beam, surfaces, air, receiver, sun
 electronics  detectors, comparators and clocks
 amplifier    frequency response
 weather      fog, rain and snow
+road         roughness of roads, and how vehicles ride over it
 eye_safety   emission limits of IEC 60825-1:2014
 """

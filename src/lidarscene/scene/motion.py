@@ -16,14 +16,22 @@ from ..errors import InputError
 from ..files.table_model import Number, Table
 from ..maths.pose import Pose
 from ..maths.trajectory import Course, Motion, Riding
+from ..physics.road.suspension import Suspension
 from ..sensor.sensor_file import PoseFile
 from .poses import read_poses, spline
+from .ride import Height, Ride
 
 
 class TimedPoseFile(PoseFile):
     """A pose at a time."""
 
     time_s: Annotated[float, Number(ge=-1e12, le=1e12)]
+
+
+class RideFile(Table[Suspension]):
+    """[ego.ride], [bodies.motion.ride]: the vehicle's springs, on which it rides over the scene's ground."""
+
+    active: bool = Field(default=True, description="false: the path as it is, without heave, pitch and roll")
 
 
 class MotionFile(Table[Course]):
@@ -36,6 +44,8 @@ class MotionFile(Table[Course]):
         default=None, description="the same from a file, CSV or TUM, beside the scene file"
     )
 
+    ride: RideFile | None = Field(default=None, description="how it rides over the ground; steadily without")
+
     @model_validator(mode="after")
     def _check_single_way(self) -> MotionFile:
         keys_by_way = [
@@ -47,11 +57,19 @@ class MotionFile(Table[Course]):
             raise ValueError(f"must have only one of speeds, poses and poses_file, got {' and '.join(ways_given)}")
         return self
 
-    def motion(self, pose: Pose, *, folder: Path, where: str) -> Motion:
+    def motion(self, pose: Pose, *, height_m: Height, folder: Path, where: str) -> Motion:
         """Motion in the world of a body that rides at ``pose``. Raises InputError.
 
-        pose  pose at time 0 of a motion by speeds; with poses, the body's pose in the moving frame that they describe
+        pose      pose at time 0 of a motion by speeds; with poses, the body's in the moving frame that they describe
+        height_m  height of the scene's ground at (n, 2) places
         """
+        path = self._path(pose, folder=folder, where=where)
+        if self.ride is None or not self.ride.active:
+            return path
+        return Ride(path=path, height_m=height_m, suspension=self.ride.in_si())
+
+    def _path(self, pose: Pose, *, folder: Path, where: str) -> Motion:
+        """Motion without the ride. Raises InputError."""
         if self.poses is not None:
             times = np.array([timed_pose.time_s for timed_pose in self.poses])
             return Riding(

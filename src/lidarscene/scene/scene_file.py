@@ -33,6 +33,7 @@ from .meshes import primitives, reading, reflectivity_patterns
 from .meshes.mesh_axes import UNITS, Axis, axis_of, turn_upright
 from .meshes.mesh_cache import SubMesh
 from .meshes.usd import is_usd
+from .ride import Height
 from .scene import Ball, Body, Part, Scene, box_of
 from .tables import BodyFile, SceneFile, interferers, lamps_w_m2
 
@@ -151,15 +152,16 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
     """Build the scene of a checked scene file at ``path``. Raises InputError."""
     scene_materials = _SceneMaterials(file)
     reader = functools.cache(reading.read_mesh)
+    height_m = file.ground.surface().height_m
     ego = None
     if file.ego is not None:
-        ego = file.ego.motion(file.ego.pose(), folder=path.parent, where=f"{path}: ego")
+        ego = file.ego.motion(file.ego.pose(), height_m=height_m, folder=path.parent, where=f"{path}: ego")
     bodies: list[Body] = []
     for index, body in enumerate(file.bodies):
         where = f'{path}: bodies[{index} "{body.name}"]'
         parts = _parts(body, folder=path.parent, where=where, scene_materials=scene_materials, reader=reader)
         _check_extent(parts, where)
-        bodies.extend(_place_body(body, parts, ego=ego, folder=path.parent, where=where))
+        bodies.extend(_place_body(body, parts, ego=ego, height_m=height_m, folder=path.parent, where=where))
     _check_names(bodies, path)
     for identity, name in file.base_materials.items():
         scene_materials.load(name, f"{path}: base_materials.{identity}")
@@ -234,7 +236,7 @@ def _check_extent(parts: tuple[Part | Ball, ...], where: str) -> None:
 
 
 def _place_body(
-    body: BodyFile, parts: tuple[Part | Ball, ...], *, ego: Motion | None, folder: Path, where: str
+    body: BodyFile, parts: tuple[Part | Ball, ...], *, ego: Motion | None, height_m: Height, folder: Path, where: str
 ) -> list[Body]:
     """Build the body, or one body for each of its instances."""
     label = body.class_name or body.name
@@ -244,7 +246,7 @@ def _place_body(
         if body.motion is not None and body.motion.with_ego and ego is not None:
             motion = Riding(carrier=ego, pose=pose)
         elif body.motion is not None:
-            motion = body.motion.motion(pose, folder=folder, where=f"{where}.motion")
+            motion = body.motion.motion(pose, height_m=height_m, folder=folder, where=f"{where}.motion")
         return Body(name=name, class_name=label, parts=parts, pose=pose, motion=motion)
 
     if body.instances is None:

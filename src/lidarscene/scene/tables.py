@@ -18,6 +18,7 @@ from ..files.table_model import Number, Table
 from ..files.toml import FileModel
 from ..materials.material_file import MaterialFile
 from ..maths.units import si
+from ..physics.road.roughness import Roughness, RoughSurface
 from ..sensor.sensor_file import PoseFile, Turned, Vector
 from .meshes.mesh_axes import Axis, Unit
 from .motion import BodyMotionFile, EgoFile
@@ -105,6 +106,17 @@ class AirFile(Table[Air]):
 
 class WeatherFile(Table[Weather]):
     """[weather]: what falls or floats in the air, on top of [air]; none without."""
+
+
+class GroundFile(FileModel):
+    """[ground]: roughness of the scene's ground, on which vehicles ride."""
+
+    roughness: Roughness = Field(default="flat", description='road class of ISO 8608, "A" to "H"')
+    seed: Annotated[int, Number(ge=0, le=2**32 - 1)] = Field(default=1, description="of the random surface")
+
+    def surface(self) -> RoughSurface:
+        """Draw the rough surface."""
+        return RoughSurface.draw(self.roughness, self.seed)
 
 
 class SceneSensorFile(PoseFile):
@@ -217,6 +229,7 @@ class SceneFile(FileModel):
     air: AirFile = AirFile()
     weather: WeatherFile = WeatherFile()
     interference: tuple[AnyInterferenceFile, ...] = ()
+    ground: GroundFile = GroundFile()
     ego: EgoFile | None = Field(default=None, description="the vehicle that carries the sensor, if it moves")
     sensor: SceneSensorFile = SceneSensorFile()
     picture: PictureFile | None = None

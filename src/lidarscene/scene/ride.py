@@ -1,0 +1,148 @@
+"""A vehicle that rides: heave, pitch and roll on top of a path, from the ground below its wheels and its accelerations.
+
+The ground's heights below the wheels and the accelerations of the path drive the linear model of
+`physics.road.suspension` along the path, whatever it is: a line, an arc, poses with times. So a vehicle rides on the
+same surface that the ground's meshes show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..maths.arrays import Numbers
+from ..maths.trajectory import Motion, States
+from ..physics.road.suspension import Suspension
+
+STEP_S = 0.005
+"""Time between nodes of the response. Heights are straight lines between nodes, which takes 0.02 % off the motion of
+a car's body at 1.5 Hz and 1.2 % off that of its wheels at 12 Hz, (2 pi f h)^2 / 12. The shortest waves of a road,
+0.35 m, last two nodes up to 35 m/s."""
+
+BLOCK_NODES = 800
+"""Nodes of one block, 4 s: what is computed at a time."""
+
+_LEAD_BLOCKS = 2
+"""Blocks before a block in which the vehicle starts to ride: free motion decays by exp(-2.7 t / s), to 4e-10 in 8 s."""
+
+_MOST_BLOCKS = 64
+
+Height = Callable[[Numbers], Numbers]
+"""Height of the ground [m] at (n, 2) places in the world."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ride:
+    """A motion along a path that rides over the ground below it.
+
+    path        motion of the vehicle on flat ground at its own height, which the ground's height is added to. Its
+                origin is below the body's centre of mass; pitch and roll turn about it
+    height_m    height of the ground at (n, 2) places
+    suspension  the vehicle
+
+    The pose is T(t) = path(t) (heave along z, Ry(-pitch) Rx(roll)). Heave, pitch and roll are polynomials of the fifth
+    degree between nodes `STEP_S` apart that meet the values, first and second derivatives there: accelerations are
+    continuous where those of the path are. A block of nodes is computed when a time in it is first asked for, always
+    from the same instant on, so that the order in which times are asked for changes nothing.
+    """
+
+    path: Motion
+    height_m: Height
+    suspension: Suspension
+    _inputs: dict[int, Numbers] = field(init=False, default_factory=dict)
+    _nodes: dict[int, Numbers] = field(init=False, default_factory=dict)
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """The path's span."""
+        return self.path.span_s
+
+    @property
+    def is_straight(self) -> bool:
+        """False: it heaves, pitches and rolls."""
+        return False
+
+    def at(self, time_s: Numbers) -> States:
+        """States at (n,) times in the span; beyond it, those at its end."""
+        time_s = np.clip(np.asarray(time_s, dtype=np.float64), *self.span_s)
+        base = self.path.at(time_s)
+        body, rate = self.body_at(time_s)
+        heave, pitch, roll = body.T
+        cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
+        zero = np.zeros_like(pitch)
+        tilt = np.stack([cp, -sp * sr, -sp * cr, zero, cr, -sr, sp, cp * sr, cp * cr], axis=-1).reshape(-1, 3, 3)
+        up = base.rotation[:, :, 2]
+        # Rates in the path's frame: -pitch about y, then roll about the x axis that pitch has turned.
+        turning = np.stack([cp * rate[:, 2], -rate[:, 1], sp * rate[:, 2]], axis=-1)
+        return States(
+            position_m=base.position_m + heave[:, None] * up,
+            rotation=base.rotation @ tilt,
+            velocity_m_s=base.velocity_m_s + rate[:, :1] * up + np.cross(base.turning_rad_s, heave[:, None] * up),
+            turning_rad_s=base.turning_rad_s + np.einsum("nij,nj->ni", base.rotation, turning),
+        )
+
+    def body_at(self, time_s: Numbers) -> tuple[Numbers, Numbers]:
+        """Heave [m], pitch and roll [rad] of the body against the path, (n, 3), and their rates, at (n,) times."""
+        place = time_s / STEP_S
+        node = np.floor(place).astype(np.int64)
+        block = node // BLOCK_NODES
+        within = node - block * BLOCK_NODES
+        before, after = np.zeros((2, len(place), 3, 3))
+        for number in np.unique(block).tolist():
+            rows = block == number
+            nodes = self._block(number)
+            before[rows], after[rows] = nodes[within[rows]], nodes[within[rows] + 1]
+        return _quintic(before, after, (place - node)[:, None])
+
+    def _block(self, number: int) -> Numbers:
+        """(`BLOCK_NODES` + 1, 3, 3) heave, pitch and roll at a block's nodes, with first and second derivatives."""
+        if number not in self._nodes:
+            if len(self._nodes) >= _MOST_BLOCKS:
+                self._nodes.clear()
+                self._inputs.clear()
+            inputs = np.concatenate([self._input(block) for block in range(number - _LEAD_BLOCKS, number + 1)])
+            # The first node of the next block closes this one.
+            last = self._input_at(np.array([(number + 1) * BLOCK_NODES]))
+            ride = self.suspension.ride(np.concatenate([inputs, last]), STEP_S)
+            self._nodes[number] = ride[_LEAD_BLOCKS * BLOCK_NODES :]
+        return self._nodes[number]
+
+    def _input(self, number: int) -> Numbers:
+        """(`BLOCK_NODES`, 6) inputs of the suspension at a block's nodes."""
+        if number not in self._inputs:
+            self._inputs[number] = self._input_at(np.arange(BLOCK_NODES) + number * BLOCK_NODES)
+        return self._inputs[number]
+
+    def _input_at(self, node: Numbers) -> Numbers:
+        """(n, 6) heights below the wheels [m], and accelerations ahead and to the left [m/s2]."""
+        time_s = node * STEP_S
+        states = self.path.at(time_s)
+        wheels = np.pad(self.suspension.wheels_m, ((0, 0), (0, 1)))
+        place_m = states.position_m[:, None, :] + np.einsum("nij,wj->nwi", states.rotation, wheels)
+        heights_m = self.height_m(place_m[:, :, :2].reshape(-1, 2)).reshape(-1, 4)
+        half = 0.5 * STEP_S
+        change = self.path.at(time_s + half).velocity_m_s - self.path.at(time_s - half).velocity_m_s
+        ahead_and_left = np.einsum("nij,ni->nj", states.rotation[:, :, :2], change / STEP_S)
+        return np.concatenate([heights_m, ahead_and_left], axis=1)
+
+
+def _quintic(before: Numbers, after: Numbers, share: Numbers) -> tuple[Numbers, Numbers]:
+    """Values and rates between two nodes, of polynomials that meet values and two derivatives at both.
+
+    before, after  (n, 3, m) values, first and second derivatives
+    share          (n, 1) of the step from the node before
+    """
+    u, h = share, STEP_S
+    y, v, a = before[:, 0], h * before[:, 1], 0.5 * h * h * before[:, 2]
+    # What the parabola of the node before misses at the node after: in value, first and second derivative.
+    miss = after[:, 0] - y - v - a
+    miss_v = h * after[:, 1] - v - 2.0 * a
+    miss_a = 0.5 * h * h * after[:, 2] - a
+    third = 10.0 * miss - 4.0 * miss_v + miss_a
+    fourth = -15.0 * miss + 7.0 * miss_v - 2.0 * miss_a
+    fifth = 6.0 * miss - 3.0 * miss_v + miss_a
+    value = y + u * (v + u * (a + u * (third + u * (fourth + u * fifth))))
+    rate = v + u * (2.0 * a + u * (3.0 * third + u * (4.0 * fourth + u * 5.0 * fifth)))
+    return value, rate / h
