@@ -20,7 +20,7 @@ from lidarscene.files import spool
 from lidarscene.formats.registry import DATASETS, LABELS
 from lidarscene.labels import boxes as labels_boxes
 from lidarscene.labels import kinds, kitti_dataset
-from lidarscene.labels.boxes import Box, box_of, boxes, upright_size_and_yaw
+from lidarscene.labels.boxes import Box, box_of_body, boxes, upright_size_and_yaw
 from lidarscene.labels.files import (
     CAMERA,
     PICTURE_PX,
@@ -33,7 +33,7 @@ from lidarscene.labels.files import (
 from lidarscene.labels.kinds import KINDS, kind_of
 from lidarscene.labels.osi_truth import ground_truth
 from lidarscene.maths.pose import Pose
-from lidarscene.maths.trajectory import Course, pose_at
+from lidarscene.maths.trajectory import Course, Riding, pose_at
 from lidarscene.scene.scene import Ball, Body, Scene
 
 CAR = (4.0, 2.0, 1.5)
@@ -94,6 +94,46 @@ def test_visibility_by_tracing_each_body_alone(street_cloud: PointCloud) -> None
     assert 0.2 < box_named(street_cloud, "far").visibility < 0.8
 
 
+def test_the_ego_vehicle_has_no_box_but_in_osi(tmp_path: Path, library: Any) -> None:
+    """Data sets label what the vehicle meets, not itself; OSI's ground truth has all bodies."""
+    ego = Course(start=Pose(), speed_m_s=10.0)
+    roof = street.block("own", "car", CAR, Pose())
+    scene = street.scene()
+    riding = replace(roof, motion=Riding(carrier=ego, pose=Pose()))
+    driving = replace(scene, bodies=(*scene.bodies, riding), ego=ego)
+    assert [box.name for box in boxes(street.cloud(), driving)] == ["near", "far", "wall"]
+    (path,) = write_labels(street.cloud(), driving, tmp_path / "a.ply", format="osi")
+    (message,) = osi_messages(path, "GroundTruth", library)
+    assert len(message.moving_object) + len(message.stationary_object) == 4
+
+
+def test_counts_are_those_of_every_point_and_beam() -> None:
+    """Reference: each point and beam against each box, without sorting. Boxes lie all around, some across the seam
+    of the azimuth, tilted, above the sensor and around it.
+    """
+    rng = np.random.default_rng(5)
+    xyz_m = rng.normal(0.0, 10.0, (4000, 3)).astype(np.float32)
+    origin_m = np.array([0.3, -0.2, 1.0])
+    status = (rng.random(4000) < 0.1).astype(np.uint8)
+    length_m = np.linalg.norm(xyz_m - origin_m, axis=1)
+    true_range_m = length_m * rng.uniform(0.5, 1.2, 4000)
+    points = labels_boxes._PointsByAzimuth(xyz_m, origin_m, true_range_m, status)
+    places = [*rng.normal(0.0, 10.0, (40, 3)), [-8.0, -0.2, 1.0], [-8.0, 0.1, 1.0], [0.3, -0.2, 6.0], [0.3, -0.2, 1.0]]
+    for place in places:
+        angles = rng.uniform(-180.0, 180.0, 3)
+        pose = Pose.from_degrees(position_m=tuple(place), yaw_deg=angles[0], pitch_deg=angles[1], roll_deg=angles[2])
+        box = Box(body=0, name="", class_name="car", size_m=rng.uniform(1.0, 6.0, 3), pose=pose)
+        counted = points.counted(box, box)
+        local, start = pose.inverse_apply(xyz_m.astype(float)), pose.inverse_apply(origin_m[None])
+        assert counted.points_inside == (np.abs(local) <= 0.5 * box.size_m).all(axis=1).sum()
+        way = local - start
+        low, high = np.sort([(sign * 0.5 * box.size_m - start) / way for sign in (-1, 1)], axis=0)
+        enter, leave = np.maximum(low.max(axis=1), 0.0), high.min(axis=1)
+        meets = (enter <= leave) & (status == 0)
+        assert counted.beams == meets.sum()
+        assert counted.reached == (meets & (true_range_m >= enter * length_m - labels_boxes.STOPPED_M)).sum()
+
+
 def test_a_body_that_no_beam_meets() -> None:
     hidden_car = street.block("behind", "car", CAR, street.pose_at(-30.0, 0.0, 0.75, 0.0))
     scene = replace(street.scene(), bodies=(*street.scene().bodies, hidden_car))
@@ -117,7 +157,7 @@ def test_the_sensor_may_be_inside_a_box() -> None:
 def test_up_is_the_axis_that_is_up(roll_deg: float, pitch_deg: float, size_m: tuple[float, ...]) -> None:
     """Rationale: a mesh with y up is turned by the scene's pose; its height is still its height."""
     pose = Pose.from_degrees(position_m=(5, 6, 7), yaw_deg=30.0, pitch_deg=pitch_deg, roll_deg=roll_deg)
-    box = box_of(street.block("b", "car", (4.0, 2.0, 1.0), pose), 0)
+    box = box_of_body(street.block("b", "car", (4.0, 2.0, 1.0), pose), 0)
     np.testing.assert_allclose(box.size_m, size_m, atol=1e-12)
     np.testing.assert_allclose(box.pose.rotation[:, 2], [0, 0, 1], atol=1e-12)
     assert np.linalg.det(box.pose.rotation) == pytest.approx(1.0)
@@ -129,10 +169,10 @@ def test_up_is_the_axis_that_is_up(roll_deg: float, pitch_deg: float, size_m: tu
 
 def test_balls_and_bodies_off_their_origin() -> None:
     ball = Body(name="b", class_name="car", parts=(Ball(radius_m=0.5, material="m"),), pose=street.pose_at(1, 2, 3, 0))
-    np.testing.assert_allclose(box_of(ball, 0).size_m, [1, 1, 1])
+    np.testing.assert_allclose(box_of_body(ball, 0).size_m, [1, 1, 1])
     part = street.block("c", "car", (2.0, 2.0, 2.0), Pose()).parts[0]
     shifted_part = replace(part, vertices_m=part.vertices_m + np.array([10.0, 0.0, 1.0]))
-    box = box_of(Body(name="c", class_name="car", parts=(shifted_part,), pose=street.pose_at(0, 0, 0, 90.0)), 0)
+    box = box_of_body(Body(name="c", class_name="car", parts=(shifted_part,), pose=street.pose_at(0, 0, 0, 90.0)), 0)
     np.testing.assert_allclose(box.pose.position_m, [0.0, 10.0, 1.0], atol=1e-12)
 
 
@@ -530,6 +570,8 @@ def test_a_box_behind_the_camera_has_no_rectangle() -> None:
 
     box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=street.pose_at(-20.0, 0, 0, 0))
     assert _picture_box(box) == ((0.0, 0.0, 0.0, 0.0), 1.0)
+    aside = replace(box, pose=street.pose_at(2.0, -30.0, 0.0, 0.0))
+    assert _picture_box(aside) == ((0.0, 0.0, 0.0, 0.0), 1.0)
     centre = replace(box, pose=street.pose_at(30.0, 0.0, 0.0, 0.0))
     (left, top, right, low), truncated = _picture_box(centre)
     # The near face is 28 m off and 2 m wide, 1.5 m high.

@@ -150,6 +150,8 @@ def _picture_box(box: Box) -> tuple[tuple[float, float, float, float], float]:
     low, high = corners_px.min(axis=0), corners_px.max(axis=0)
     limit = np.array(PICTURE_PX) - 1.0
     inner_low, inner_high = low.clip(0, limit), high.clip(0, limit)
+    if (inner_low >= inner_high).any():  # beside the picture
+        return (0.0, 0.0, 0.0, 0.0), 1.0
     inside_share = float(np.prod(inner_high - inner_low) / np.prod(np.maximum(high - low, 1e-9)))
     return (*inner_low.tolist(), *inner_high.tolist()), 1.0 - inside_share
 
@@ -220,7 +222,10 @@ def _annotation(box: Box) -> dict[str, Any]:
 
 @contextmanager
 def _osi_stream(path: Path, scene: Scene) -> Iterator[Append]:
-    with atomic_output(path) as temporary, GatheredBoxes(temporary.parent, scene, as_seen=False) as gathered:
+    with (
+        atomic_output(path) as temporary,
+        GatheredBoxes(temporary.parent, scene, as_seen=False, with_ego=True) as gathered,
+    ):
         yield gathered.append
         start_s = gathered.first.frame_start_s
         temporary.write_bytes(ground_truth(gathered.boxes(), start_s))

@@ -165,6 +165,8 @@ def check_writable(plan: Plan, clouds: Sequence[Mapping[str, Path]]) -> None:
     Raises InputError for two outputs with one name: the second would overwrite the first.
     """
     clouds = plan.distinct(clouds)
+    if plan.outputs.dataset is not None:
+        _require_no_later_frames([files["output"] for files in clouds])
     is_folder = plan.is_bag and plan.format.folder
     folders = {files[key] for files in clouds for key in CLOUDS if key in files} if is_folder else set()
     real_paths: set[str] = set()
@@ -177,6 +179,22 @@ def check_writable(plan: Plan, clouds: Sequence[Mapping[str, Path]]) -> None:
                 if real in real_paths:
                     raise OptionError(f"{{{_option(key)}}} {{0}}: must be another name, got one of two outputs", file)
                 real_paths.add(real)
+
+
+def _require_no_later_frames(paths: Sequence[Path]) -> None:
+    """Raise OptionError for a data set with frames after this run's last: they would be of another run."""
+    last: dict[Path, Path] = {}
+    for path in paths:
+        last[path.parent] = max(path, last.get(path.parent, path))
+    for folder, path in last.items():
+        later = sorted(file.name for file in folder.glob(f"*{path.suffix}") if file.name > path.name)
+        if later:
+            raise OptionError(
+                "{path} {0}: holds {1} of an earlier run, after this run's last frame, {2}; choose another folder",
+                folder,
+                later[0],
+                path.name,
+            )
 
 
 def _option(key: str) -> str:

@@ -18,7 +18,7 @@ from ..files import facts
 from ..materials.material import Material
 from ..maths.arrays import Numbers, frozen
 from ..maths.pose import Pose, direction_from_angles
-from ..maths.trajectory import Motion, pose_at
+from ..maths.trajectory import Motion, Riding, pose_at
 from ..maths.units import FileKey, Quantity
 from ..physics.optics import air
 from .meshes.reflectivity_patterns import ReflectivityPattern
@@ -39,6 +39,7 @@ class Part:
     material: str
     name: str = ""
     pattern: ReflectivityPattern | None = None
+    _extent_m: Numbers | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check shapes and freeze the arrays."""
@@ -50,6 +51,15 @@ class Part:
                 raise InputError(
                     f"part '{self.name}': its pattern must have {len(self.vertices_m)} vertices, got {len(values)}"
                 )
+
+    @property
+    def extent_m(self) -> Numbers:
+        """(2, 3) lowest and highest corner, in the body's frame; computed once. Only for a part with vertices."""
+        if self._extent_m is None:
+            extent_m = np.stack([self.vertices_m.min(axis=0), self.vertices_m.max(axis=0)])
+            object.__setattr__(self, "_extent_m", frozen(extent_m, np.float64, (2, 3)))
+        assert self._extent_m is not None
+        return self._extent_m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,9 +73,7 @@ class Ball:
 def box_of(parts: Sequence[Part | Ball]) -> Numbers | None:
     """(2, 3) lowest and highest corner of a body's parts in its frame; None if it has no surface."""
     corners = [
-        np.outer([-part.radius_m, part.radius_m], np.ones(3))
-        if isinstance(part, Ball)
-        else np.stack([part.vertices_m.min(axis=0), part.vertices_m.max(axis=0)])
+        np.outer([-part.radius_m, part.radius_m], np.ones(3)) if isinstance(part, Ball) else part.extent_m
         for part in parts
         if isinstance(part, Ball) or len(part.vertices_m)
     ]
@@ -92,6 +100,10 @@ class Body:
         """Take the pose from the motion."""
         if self.motion is not None:
             object.__setattr__(self, "pose", pose_at(self.motion))
+
+    def rides_with(self, ego: Motion | None) -> bool:
+        """Whether the body is fixed to the ego vehicle, whose motion this is."""
+        return ego is not None and isinstance(self.motion, Riding) and self.motion.carrier is ego
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
