@@ -377,7 +377,8 @@ class _PointsByAzimuth:
         slices = [np.arange(*np.searchsorted(self._sector, [low, high + 1])) for low, high in ranges]
         slopes = np.outer([z.min(), z.max()], [1.0 / (distance - radius), 1.0 / (distance + radius)])
         near = np.concatenate(slices)
-        return near[np.abs(self._slope[near] - 0.5 * (slopes.min() + slopes.max())) <= 0.501 * np.ptp(slopes) + 1e-5]
+        is_level = np.abs(self._slope[near] - 0.5 * (slopes.min() + slopes.max())) <= 0.501 * np.ptp(slopes) + 1e-5
+        return np.asarray(near[is_level])
 
 
 _SECTORS = 1 << 16
