@@ -191,15 +191,62 @@ def test_a_request_of_single_bytes_is_too(impatient: Server) -> None:
 
 
 def test_connections_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """While all are answered, one more gets 503; as soon as one is free, it is answered."""
     monkeypatch.setattr(serve, "MOST_CONNECTIONS", 3)
     with Server(0) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         server.source = Nothing()
+        page = f"GET /stage HTTP/1.1\r\nHost: {HOST}:{server.server_port}\r\nConnection: close\r\n\r\n".encode()
         held = [socket.create_connection((HOST, server.server_port)) for _ in range(3)]
-        wait_until(lambda: not server._free.acquire(blocking=False) or server._free.release() is not None)
-        request = f"GET /none HTTP/1.1\r\nHost: {HOST}:{server.server_port}\r\nConnection: close\r\n\r\n".encode()
+        for connection in held:
+            connection.sendall(page)  # nobody runs its job, so it is being answered
+        wait_until(lambda: server.jobs.qsize() == 3)
+        request = page.replace(b"/stage", b"/none")
         assert status(answer_to(server, request)) == 503
+        for _ in held:
+            server._do(*server.jobs.get())
+        wait_until(lambda: status(answer_to(server, request)) == 404)
         for connection in held:
             connection.close()
-        wait_until(lambda: status(answer_to(server, request)) == 404)
         server.shutdown()
+
+
+def test_half_requests_do_not_lock_others_out(server: Server) -> None:
+    """As many as there may be, each with half a request: the next whole one is answered at once, not after 10 s."""
+    request = f"GET /stage HTTP/1.1\r\nHost: {HOST}:{server.server_port}\r\nConnection: close\r\n\r\n".encode()
+    with contextlib.ExitStack() as opened:
+        for _ in range(serve.MOST_CONNECTIONS):
+            held = opened.enter_context(socket.create_connection((HOST, server.server_port)))
+            held.sendall(b"GET / HTTP/1.1\r\nHost: ")
+        wait_until(lambda: len(server._waiting) == serve.MOST_CONNECTIONS)
+        for _ in range(5):
+            assert status(answer_to(server, request)) == 200
+
+
+@pytest.mark.parametrize("body", [b'{"detector": "\\ud800"}', b'{"\\ud800": 1}', b'{"detector.gain": "\\udfff"}'])
+def test_half_a_surrogate_pair_is_answered(server: Server, body: bytes, capsys: pytest.CaptureFixture[str]) -> None:
+    def refuse(settings: Settings) -> bytes:
+        raise InputError(f"settings: unknown: {next(iter(settings.values()))}{next(iter(settings))}")
+
+    server.source.render = refuse  # type: ignore[method-assign]
+    answer = post(server, body)
+    assert status(answer) == 400
+    assert b"unknown" in answer
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site", "x"])
+def test_pages_of_other_sites_are_refused(server: Server, site: str) -> None:
+    """Browsers send Sec-Fetch-Site with each request; a link on another site may open the page, nothing else."""
+
+    def get(path: str, *headers: str) -> int:
+        lines = [f"GET {path} HTTP/1.1", f"Host: {HOST}:{server.server_port}", "Connection: close", *headers]
+        return status(answer_to(server, "\r\n".join([*lines, "", ""]).encode()))
+
+    for path in ("/", "/stage", "/frame-0"):
+        assert get(path, f"Sec-Fetch-Site: {site}") == 403
+        assert get(path, "Sec-Fetch-Site: same-origin") == 200
+        assert get(path, "Sec-Fetch-Site: none") == 200
+    assert get("/", f"Sec-Fetch-Site: {site}", "Sec-Fetch-Mode: navigate") == 200
+    assert get("/stage", f"Sec-Fetch-Site: {site}", "Sec-Fetch-Mode: navigate") == 403
+    assert status(post(server, b"{}", f"Sec-Fetch-Site: {site}")) == 403

@@ -69,6 +69,7 @@ def test_what_it_refuses(view: Served) -> None:
         (b"no", b"must be a JSON object"),
         (b"[1]", b"must be a JSON object"),
         (b'{"detector.gain": 0.1}', b"detector.gain: must be >= 1"),
+        (b'{"detector": "\\ud800"}', b"\\ud800"),
         (b'{"sun.azimuth_deg": "west"}', b"sun.azimuth_deg: must be a number, got 'west'"),
     ):
         status, answer = view.get("render", body)

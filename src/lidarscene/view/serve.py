@@ -30,6 +30,9 @@ MOST_CONNECTIONS = 32
 PATIENCE_S = 10.0
 """Time limit for a request to arrive and for an answer to be read: half a request would block its thread for ever."""
 
+HANG_UP_S = 2.0
+"""Time limit for the thread of a connection that is hung up on to end."""
+
 SECURITY = {
     "X-Content-Type-Options": "nosniff",
     "Content-Security-Policy": "frame-ancestors 'none'",
@@ -53,6 +56,8 @@ class Server(ThreadingHTTPServer):
         """Port 0 takes any free one. Raises InputError if the port is not available."""
         self.jobs: queue.SimpleQueue[tuple[Job, Future[bytes]]] = queue.SimpleQueue()
         self._free = threading.BoundedSemaphore(MOST_CONNECTIONS)
+        self._waiting: dict[_Handler, None] = {}
+        """Connections whose next request has not arrived as a whole, the oldest first."""
         try:
             super().__init__((HOST, port), _Handler)
         except OSError as error:
@@ -81,8 +86,11 @@ class Server(ThreadingHTTPServer):
             self.shutdown()
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer in a new thread, or with 503 if all connections are taken."""
-        if not self._free.acquire(blocking=False):
+        """Answer in a new thread; if all connections are taken, in place of the one that has sent nothing for longest.
+
+        If all of them are answered at the moment, with 503.
+        """
+        if not self._free.acquire(blocking=False) and not self._make_room():
             with contextlib.suppress(OSError):
                 request.sendall(b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 0\r\n\r\n")
             self.shutdown_request(request)
@@ -92,6 +100,22 @@ class Server(ThreadingHTTPServer):
         except BaseException:
             self._free.release()
             raise
+
+    def _make_room(self) -> bool:
+        """Hang up on the connection that has waited for a request for longest; True if its place is ours."""
+        # A script that opens connections and sends half a request on each must not lock the page out.
+        with contextlib.suppress(StopIteration, RuntimeError):  # none waits, or one began or ended to wait just now
+            next(iter(self._waiting)).hang_up()
+            return self._free.acquire(timeout=HANG_UP_S)
+        return False
+
+    def await_request(self, handler: _Handler) -> None:
+        """Remember a connection that may be hung up on."""
+        self._waiting[handler] = None
+
+    def has_request(self, handler: _Handler) -> None:
+        """Forget it: its request has arrived, or it is over."""
+        self._waiting.pop(handler, None)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
         """Answer all requests of one connection."""
@@ -129,15 +153,22 @@ class _Handler(BaseHTTPRequestHandler):
 
     def handle_one_request(self) -> None:
         """Answer one request, with a limit on its arrival as a whole: the timeout holds for each byte alone."""
-        self._arrival = threading.Timer(PATIENCE_S, self._hang_up)
+        self._arrival = threading.Timer(PATIENCE_S, self.hang_up)
         self._arrival.daemon = True
         self._arrival.start()
+        self.server.await_request(self)
         try:
             super().handle_one_request()
         finally:
-            self._arrival.cancel()
+            self._has_arrived()
 
-    def _hang_up(self) -> None:
+    def _has_arrived(self) -> None:
+        """The request is whole, or over: from now on its answer may take minutes."""
+        self._arrival.cancel()
+        self.server.has_request(self)
+
+    def hang_up(self) -> None:
+        """End the connection, from any thread."""
         with contextlib.suppress(OSError):
             self.connection.shutdown(socket.SHUT_RDWR)
 
@@ -192,15 +223,22 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _answer(self, job: Job, kind: str = "application/octet-stream") -> None:
         """Send the result of a job, or its error, if the request came for this host."""
-        self._arrival.cancel()  # the request is whole; its answer may take minutes
+        self._has_arrived()
         # DNS rebinding: a name of another site may resolve to this machine, but its pages must not read our answers.
         if self.headers.get("Host") not in self.server.names:
             self._send(HTTPStatus.FORBIDDEN, b"the host must be this viewer's own, got another", "text/plain")
             return
+        # Browsers say where a request comes from. A link on another site may open the page, but not fetch its data.
+        is_link = self.path == "/" and self.headers.get("Sec-Fetch-Mode") == "navigate"
+        if self.headers.get("Sec-Fetch-Site", "none") not in ("same-origin", "none") and not is_link:
+            self._send(HTTPStatus.FORBIDDEN, b"the request must come from this viewer's own page", "text/plain")
+            return
         try:
             self._send(HTTPStatus.OK, self.server.run_job(job), kind)
         except LidarSceneError as error:
-            self._send(HTTPStatus.BAD_REQUEST, str(error).encode(), "text/plain; charset=utf-8")
+            # A setting may hold half of a surrogate pair, which UTF-8 has no bytes for.
+            message = str(error).encode(errors="backslashreplace")
+            self._send(HTTPStatus.BAD_REQUEST, message, "text/plain; charset=utf-8")
         except Exception:
             self._send(HTTPStatus.INTERNAL_SERVER_ERROR, b"this failed; the terminal says why", "text/plain")
             raise
