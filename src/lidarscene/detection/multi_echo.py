@@ -47,6 +47,7 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
         seed=seed,
         pulse=pulse,
         surfaces=pulse_train.surfaces,
+        stray=pulse_train.stray,
     )
     # Echoes first: only they obey the dead time. Then false alarms compete with them for the stops.
     state = converter.search()
@@ -104,9 +105,11 @@ class _Converter(Received):
     """Comparator and TDC at work on the waveforms of some pulses.
 
     surfaces  number of sub-echoes that are of surfaces; they come before those of the air
+    stray     whether the last sub-echo is stray light of other channels
     """
 
     surfaces: int
+    stray: bool
 
     def search(self) -> _RiseSearch:
         """Visit all rises and keep the best crossings of each pulse."""
@@ -285,7 +288,13 @@ class _Converter(Received):
         reading = read(self, rise, trip, place, mask=accepted)
         key = stop_list.sort_key(self.sensor.tdc, crossing_s, reading.amplitude)
         source, true_range = crossing_sources.crossing_source(
-            self, rise, surfaces=self.surfaces, place=place, in_valley=in_valley, measured=reading.place
+            self,
+            rise,
+            surfaces=self.surfaces,
+            stray=self.stray,
+            place=place,
+            in_valley=in_valley,
+            measured=reading.place,
         )
         return Stop(
             key=ops.where(accepted, key, EMPTY),
@@ -322,8 +331,12 @@ class _Converter(Received):
         for stop in stops:
             assert stop.status is not None
             occupied = stop.occupied
-            is_weather = (stop.status == int(Status.ECHO)) & ((stop.source < 0) | (stop.source >= self.surfaces))
+            of_light = stop.status == int(Status.ECHO)
+            is_weather = of_light & ((stop.source < 0) | (stop.source >= self.surfaces))
             status = ops.where(is_weather, int(Status.WEATHER), stop.status)
+            if self.stray:
+                is_stray = of_light & (stop.source == len(self.wave.centres) - 1)
+                status = ops.where(is_stray, int(Status.STRAY), status)
             has_echo = has_echo | (occupied & (status == int(Status.ECHO)))
             range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=stop.reported_s)
             width_s = stop.width_s if self.sensor.measures_width else None

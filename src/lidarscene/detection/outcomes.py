@@ -17,6 +17,7 @@ class Status(enum.IntEnum):
     INTERFERENCE = 2  # another lidar's pulse
     WEATHER = 3  # light from fog, rain or snow
     ALIASED = 4  # an echo of the pulse before: from beyond the unambiguous range
+    STRAY = 5  # an echo of another channel that fired at the same instant
 
 
 class Outcome(enum.IntEnum):

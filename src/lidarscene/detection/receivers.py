@@ -6,10 +6,13 @@ orders of returns need the waveform (`multi_echo`). SPADs that sum shots need a 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from ..light.echoes import Echoes, EchoTrain, SubEchoes
 from ..maths.arrays import Array, Lanes
 from ..sensor.sensor_model import Sensor
 from . import multi_echo, returns
+from .outcomes import Status
 from .photon_counting import histogram_receiver
 from .returns import Detection
 
@@ -29,7 +32,12 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     pulse  (n,) uint32 pulse numbers
     """
     detect_train = multi_echo.detect if sensor.histogram is None else histogram_receiver.detect
-    return detect_train(pulse_train, sensor, seed=seed, pulse=pulse)
+    detection = detect_train(pulse_train, sensor, seed=seed, pulse=pulse)
+    if sensor.optics.stray is None or not sensor.optics.stray.withheld:
+        return detection
+    # The sensor knows what its other channels saw. A stop that took stray light is lost for the echo.
+    stops = [replace(stop, reported=stop.reported & (stop.status != int(Status.STRAY))) for stop in detection.stops]
+    return replace(detection, stops=tuple(stops))
 
 
 def detect_alone(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:

@@ -12,5 +12,6 @@ echoes            signal and background power of each ray
 field_background  background over the receiver's field of view
 air_light         light of fog, rain and snow
 pulse_train       all sub-echoes of a pulse
+stray_light       echoes of other channels that fire at the same instant
 waveform          the power on the detector as a function of time
 """

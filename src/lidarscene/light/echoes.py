@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -139,12 +140,14 @@ class EchoTrain:
     """Light on the detector, for pulses with several sub-echoes, theory (T50).
 
     parts               groups of sub-echoes; a sub-echo's number counts through all parts
-    surfaces            number of sub-echoes that are of surfaces, which come first; the others are of the air
+    surfaces            number of sub-echoes that are of surfaces, which come first; the others are of the air, and the
+                        last may be stray
     has_surface         (n,) bool, whether any ray of the pulse met a surface
     background_power_w  (n,) power of sun, sky and lamps
     volume              even light of the air, or None
     interference        pulses of other lidars, as in `Echoes`
     white_w_m2          (n,) as in `Echoes`
+    stray               whether the last sub-echo is stray light of other channels (`light.stray_light`)
     """
 
     parts: tuple[SubEchoes, ...]
@@ -154,6 +157,32 @@ class EchoTrain:
     volume: Volume | None = None
     interference: tuple[Interference, ...] = ()
     white_w_m2: Lanes = 1.0
+    stray: bool = False
+
+    def part(self, first: int, count: int, *, of: int) -> EchoTrain:
+        """Light of ``count`` of ``of`` pulses from number ``first`` on; NumPy arrays."""
+
+        def lanes(values: Any, each: int = 1) -> Any:
+            return values[first * each : (first + count) * each] if np.size(values) == of * each else values
+
+        return replace(
+            self,
+            parts=tuple(
+                replace(
+                    part, range_m=lanes(part.range_m, part.count), peak_power_w=lanes(part.peak_power_w, part.count)
+                )
+                for part in self.parts
+            ),
+            has_surface=lanes(self.has_surface),
+            background_power_w=lanes(self.background_power_w),
+            volume=None
+            if self.volume is None
+            else replace(self.volume, scale=lanes(self.volume.scale), end_m=lanes(self.volume.end_m)),
+            interference=tuple(
+                replace(source, peak_power_w=lanes(source.peak_power_w)) for source in self.interference
+            ),
+            white_w_m2=lanes(self.white_w_m2),
+        )
 
 
 def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoes:

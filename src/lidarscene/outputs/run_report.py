@@ -35,9 +35,10 @@ def as_dict(summary: Summary) -> dict[str, Any]:
         "beams": summary.beams,
         "hits": summary.hits,
         "points": summary.points,
-        "echoes": summary.points - summary.false_alarms - summary.weather,
+        "echoes": summary.points - summary.false_alarms - summary.weather - summary.stray,
         "false_alarms": summary.false_alarms,
         "weather": summary.weather,
+        "stray": summary.stray,
         "missed": {text.replace(" ", "_"): int(summary.outcomes[o]) for o, text in OUTCOME_TEXT.items()},
         "seconds": {stage: round(seconds, 6) for stage, seconds in summary.seconds.items()},
         "beams_per_second": round(beams_per_second(summary)),
@@ -79,7 +80,8 @@ def as_text(summary: Summary, written: Sequence[str], surroundings: Surroundings
         f"beams         {summary.beams:>12,}",
         f"hits          {summary.hits:>12,}",
         f"points        {summary.points:>12,}   of which {summary.false_alarms:,} false alarms"
-        + (f", {summary.weather:,} of the weather" if summary.weather else ""),
+        + (f", {summary.weather:,} of the weather" if summary.weather else "")
+        + (f", {summary.stray:,} of stray light" if summary.stray else ""),
     ]
     for outcome, text in OUTCOME_TEXT.items():
         # The word stands once, before the first reason.

@@ -80,6 +80,15 @@ def drop_continuing(pulse: Array, paths: Sequence[Hits], detection: Detection, g
     return Chunk(pulse, paths, with_nan_outcomes(remaining), goes_on)
 
 
+def without_lanes(part: Chunk, dropped: Numbers) -> Chunk:
+    """Return a surveyed chunk in which these lanes, (n,) bool, count as without a surface, as in `drop_continuing`."""
+    goes_on = transfer.unsigned_numbers(dropped) != 0
+    stops = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in part.detection.stops]
+    outcome = xp(goes_on).where(goes_on, int(Outcome.NO_SURFACE), part.detection.outcome)
+    detection = dataclasses.replace(part.detection, stops=tuple(stops), outcome=outcome)
+    return dataclasses.replace(part, detection=detection, goes_on=goes_on)
+
+
 def detection_values(parts: Sequence[Chunk], first: int, name: str, *, ordered: bool = True) -> Numbers:
     """Field ``name`` of the detections, (n,) for the pulses from ``first`` on; later parts replace the first.
 

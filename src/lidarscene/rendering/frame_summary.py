@@ -43,6 +43,11 @@ class Summary:
         return int(self.statuses[Status.WEATHER])
 
     @property
+    def stray(self) -> int:
+        """Points of stray light of other channels."""
+        return int(self.statuses[Status.STRAY])
+
+    @property
     def hits(self) -> int:
         """Pulses that met a surface."""
         return self.beams - int(self.outcomes[Outcome.NO_SURFACE])

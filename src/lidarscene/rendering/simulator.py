@@ -32,7 +32,7 @@ from ..scene.scene import Scene
 from ..scene.scene_file import load_scene
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor
-from .chunk import Chunk, Placing, detection_values, join_columns
+from .chunk import Chunk, Placing, detection_values, join_columns, without_lanes
 from .extremes import check_detections, points_error
 from .frame import Frame, check_frame, sensor_motion
 from .frame_summary import Summary as Summary
@@ -105,7 +105,8 @@ class Simulator:
             see_through=trace.interactions > 0,
         )
         # The rays of one pulse are neighbours already.
-        self.numbering = Numbering(sensor.scanner, tiled=trace.rays < PACKET)
+        whole = 1 if sensor.optics.stray is None else sensor.scanner.line_pulses or 1
+        self.numbering = Numbering(sensor.scanner, tiled=trace.rays < PACKET, whole=whole)
         if trace.interactions and not self.world.see_through:
             raise ValueError("world: must let beams go on (see_through) for interactions > 0, got one that does not")
         self._stages = Stages.from_scene(scene, sensor, self.world, trace)
@@ -243,7 +244,7 @@ class Simulator:
             count = min(chunk, end - first)
             blocks.share_out(count * self.trace.rays)
             pulses = self.numbering.pulses(frame, first, count)
-            part = self._chain(frame, pulses, seed_word, survey=self.trace.interactions > 0)
+            part = self._chain(frame, pulses, seed_word, survey=self._stages.surveys)
             summary.add_time("record", since)
             return replace(part, order=pulses.order)
 
@@ -251,7 +252,7 @@ class Simulator:
         for following in [*range(begin + chunk, end, chunk), None]:
             since = time.perf_counter()
             transfer.wait()
-            parts = [part, *self._trace_continuing(frame, part, seed_word)]
+            parts = self._trace_continuing(frame, part, seed_word)
             check_detections(self.scene, self.sensor, [traced.detection for traced in parts])
             since = summary.add_time("trace", since)
             pulse, columns = self._columns(frame, parts, placing)
@@ -268,15 +269,27 @@ class Simulator:
             yield _Piece(piece_first, columns, outcome)
 
     def _trace_continuing(self, frame: Frame, part: Chunk, seed: Lanes) -> list[Chunk]:
-        """Trace the pulses of a chunk that meet panes or mirrors once more, in full; an empty list without any."""
+        """Trace the pulses of a chunk whose light goes on, past panes or to other channels, once more and in full.
+
+        Returns the chunk without them, and them; the chunk alone without any.
+        """
         lanes = None if part.goes_on is None else kept_lanes.lanes_where(part.goes_on)
         if lanes is None:
-            return []
-        several = kept_lanes.more_than_one(lanes)
-        pulse = kept_lanes.gather_lanes(part.pulse, several)
-        whole = self._chain(frame, DevicePulses(pulse, lambda: frame.times(pulse.numpy())), seed)
+            return [part]
+        if (whole := self.numbering.whole) > 1:
+            # Channels that see each other's light are traced together: all pulses of the lines concerned.
+            line = part.pulse.numpy() // whole
+            lines = np.unique(line[lanes.numpy()])
+            part = without_lanes(part, np.isin(line, lines))
+            numbers = (lines[:, None] * whole + np.arange(whole)).ravel()
+            pulse = transfer.unsigned_numbers(numbers)
+            twice = False
+        else:
+            several = kept_lanes.more_than_one(lanes)
+            pulse, twice = kept_lanes.gather_lanes(part.pulse, several), several is not lanes
+        traced = self._chain(frame, DevicePulses(pulse, lambda: frame.times(pulse.numpy())), seed)
         transfer.wait()
-        return [replace(whole, twice=several is not lanes)]
+        return [part, replace(traced, twice=twice)]
 
     def waveforms(
         self,
@@ -319,9 +332,14 @@ class Simulator:
 
     def _train(self, frame: Frame, first: int, count: int, seed: Lanes) -> EchoTrain:
         """All that comes back of ``count`` pulses from ``first`` on, in firing order; NumPy arrays."""
-        numbers = np.arange(first, first + count, dtype=np.uint32)
-        pulses = DevicePulses(transfer.counter(first, count), lambda: frame.times(numbers))
-        return cast(EchoTrain, transfer.fetch(self._stages.pulse_train(frame, pulses, seed)))
+        # Channels that see each other's light are traced together, and those that were not asked for are left out.
+        whole = self.numbering.whole
+        before = first % whole
+        traced = -(-(before + count) // whole) * whole
+        numbers = np.arange(first - before, first - before + traced, dtype=np.uint32)
+        pulses = DevicePulses(transfer.counter(first - before, traced), lambda: frame.times(numbers))
+        train = cast(EchoTrain, transfer.fetch(self._stages.pulse_train(frame, pulses, seed)))
+        return train if traced == count else train.part(before, count, of=traced)
 
     def _columns(self, frame: Frame, parts: Sequence[Chunk], placing: Placing) -> tuple[Numbers, dict[str, Any] | None]:
         """Kept points of a chunk, sorted by pulse and then by return: pulse numbers, columns of a PointCloud or None.

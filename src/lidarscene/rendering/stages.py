@@ -21,6 +21,7 @@ from ..light.field_background import background_power_w, field_of_view
 from ..light.footprint import Footprint, aim, footprint, polarisation, spread
 from ..light.hits import Hits
 from ..light.pulse_train import LitAir, join_echoes
+from ..light.stray_light import Crosstalk, add_stray_light, channel_light, reaches_others
 from ..maths.arrays import Array, Lanes
 from ..maths.motion_table import MotionTable, MovingBodies, Placement
 from ..maths.vectors import Vector
@@ -51,6 +52,7 @@ class Stages:
     footprint     footprint of the laser's rays
     field         receiver's field of view, whose rays gather the background; None: the laser's rays do
     air           light of fog, rain and snow, or None
+    crosstalk     channels that see each other's light, or None
     sun           unit vector towards the sun
     """
 
@@ -63,6 +65,7 @@ class Stages:
     footprint: Footprint
     field: Footprint | None
     air: AirLight | None
+    crosstalk: Crosstalk | None
     sun: Any
 
     @classmethod
@@ -81,29 +84,44 @@ class Stages:
             footprint=transfer.opaque(footprint(sensor.laser, options.rays, sensor.optics.halo)),
             field=transfer.opaque(field),
             air=transfer.opaque(air),
+            crosstalk=transfer.opaque(Crosstalk.from_sensor(sensor)),
             sun=transfer.opaque(plain_numbers(scene.sun.direction)),
         )
+
+    @property
+    def surveys(self) -> bool:
+        """True if some pulses may be traced twice: first all of them, then those whose light goes on."""
+        return self.interactions > 0 or self.crosstalk is not None
 
     def chain(
         self, places: Places, pulse: Array, seed: Lanes, *, survey: bool, ray_pulses: RayPulses | None = None
     ) -> Chunk:
         """Beams, hits, echoes, returns of some pulses, on the device.
 
-        survey      leave out the pulses that meet panes or mirrors, and mark them in ``goes_on``
+        survey      leave out the pulses that meet panes or mirrors or whose light other channels see, and mark them in
+                    ``goes_on``; without, the pulses of channels that see each other are whole scan lines in order
         ray_pulses  `ray_pulses` of these pulses, if computed before
         """
         sensor, lit = self.sensor, self._optical_stages(places, pulse, seed, survey=survey, ray_pulses=ray_pulses or {})
         # One echo at most, and a converter that keeps the first: detection has a closed form, and no search for peaks.
-        if self.rays == len(lit.paths) == 1 and self.air is None and receivers.is_plain(sensor):
+        lone = self.rays == len(lit.paths) == 1 and self.air is None and (self.crosstalk is None or survey)
+        if lone and receivers.is_plain(sensor):
             detection = returns.detect(lit.light[0], sensor, seed=seed, pulse=pulse)
             return drop_continuing(pulse, lit.paths, detection, lit.goes_on)
         whole = self._combine(lit, seed)
+        if self.crosstalk is not None and not survey:
+            whole = self._add_stray_light(whole, self.crosstalk, pulse)
         goes_on = None if lit.goes_on is None else kept_lanes.any_of_pulse(lit.goes_on, self.rays)
         return drop_continuing(pulse, lit.paths, receivers.detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
 
     def pulse_train(self, frame: Frame, pulses: DevicePulses, seed: Lanes) -> EchoTrain:
-        """All that comes back of some pulses, on the device."""
-        return self._combine(self._optical_stages(partial(frame.placements, pulses.times), pulses.number, seed), seed)
+        """All that comes back of some pulses, on the device.
+
+        If channels see each other's light, the pulses are whole scan lines in order.
+        """
+        lit = self._optical_stages(partial(frame.placements, pulses.times), pulses.number, seed)
+        train = self._combine(lit, seed)
+        return train if self.crosstalk is None else self._add_stray_light(train, self.crosstalk, pulses.number)
 
     def ray_pulses(self, pulse: Array) -> RayPulses:
         """Pulse number of each ray, for every footprint with several rays to a pulse."""
@@ -123,7 +141,11 @@ class Stages:
         if background is not None:
             ray_background = background if self.rays == 1 else transfer.repeat_lanes(background, self.rays)[0]
             light[0] = replace(light[0], background_power_w=ray_background)
-        return OpticalChunk(pulse, rays, paths, light, paths[0].goes_on)
+        goes_on = paths[0].goes_on
+        if self.crosstalk is not None and survey:
+            leaks = reaches_others(light, self.crosstalk)
+            goes_on = leaks if goes_on is None else goes_on | leaks
+        return OpticalChunk(pulse, rays, paths, light, goes_on)
 
     def _trace_rays(
         self,
@@ -161,7 +183,13 @@ class Stages:
             polarisation=swing,
         )
         paths = trace(
-            self.world, rays, sun=self.sun, moving=movers, interactions=self.interactions, survey=survey, firing=firing
+            self.world,
+            rays,
+            sun=self.sun,
+            moving=movers,
+            interactions=self.interactions,
+            survey=survey and self.interactions > 0,
+            firing=firing,
         )
         return rays, [_in_sensor(hits, place) for hits in paths]
 
@@ -187,6 +215,13 @@ class Stages:
         if self.air is not None:
             air = LitAir(light=self.air, sensor=self.sensor, ambient=self.ambient, seed=seed, pulse=lit.pulse)
         return join_echoes(lit.light, lit.rays, rays=self.rays, skirt=self.footprint.skirt, air=air)
+
+    def _add_stray_light(self, train: EchoTrain, crosstalk: Crosstalk, pulse: Array) -> EchoTrain:
+        """Add the light of other channels to the trains of whole scan lines."""
+        light = channel_light(train, crosstalk)
+        # Other lanes read it, which they can once it is computed.
+        transfer.start([light.range_m, light.power_w])
+        return add_stray_light(train, light, crosstalk, pulse=pulse)
 
 
 def _in_sensor(hits: Hits, place: Placement) -> Hits:
@@ -263,7 +298,16 @@ class Chain:
 
                 return stages.chain(places, pulse, seed, survey=survey, ray_pulses=ray_pulses)
 
-            held = (stages.sensor, stages.ambient, stages.footprint, stages.field, stages.air, stages.sun, stages.world)
+            held = (
+                stages.sensor,
+                stages.ambient,
+                stages.footprint,
+                stages.field,
+                stages.air,
+                stages.crosstalk,
+                stages.sun,
+                stages.world,
+            )
             self._replays[key] = Replay(chain, Chunk.arrays, captured=held, rays=stages.rays)
         return self._replays[key]
 

@@ -151,7 +151,13 @@ class DevicePulses:
 class Numbering:
     """Pulses of each chunk; their order and times, the same in every frame, are cached for `CACHED` chunks."""
 
-    def __init__(self, scanner: Scanner, *, tiled: bool) -> None:
+    def __init__(self, scanner: Scanner, *, tiled: bool, whole: int = 1) -> None:
+        """Number the pulses of a scanner.
+
+        tiled  in tiles where the scanner's lines allow
+        whole  pulses of a frame that stay in one chunk: those of a line, if its channels see each other's light
+        """
+        self.whole = whole
         self._tiling = Tiling.from_scanner(scanner) if tiled else None
         self._orders: dict[int, Order] = {}
         self._times: dict[tuple[int, int], Any] = {}
@@ -159,7 +165,7 @@ class Numbering:
     @property
     def step(self) -> int:
         """Pulses of which chunks should be a multiple, to be traced alike."""
-        return LANES if self._tiling is None else self._tiling.step
+        return math.lcm(self.whole, LANES if self._tiling is None else self._tiling.step)
 
     def pulses(self, frame: Frame, first: int, count: int) -> DevicePulses:
         """Pulses of a chunk of a frame: ``count`` from number ``first`` on."""

@@ -5,6 +5,7 @@ scalars on the device, so that a changed number compiles no kernel.
 
 sensor_model    `Sensor` and its parts
 detectors       APD and SiPM, and their working point
+volleys         pulses that leave at the same instant, and their stray light
 overlap         overlap of spot and field of view, as a table
 sensor_file     sensor files and `load_sensor`
 optics          [optics]

@@ -28,7 +28,7 @@ from ..physics.optics.solar_spectrum import (
     super_gaussian_filter,
 )
 from .overlap import Alignment
-from .sensor_model import Halo, Optics
+from .sensor_model import Halo, Optics, StrayLight
 
 Wavelength = Annotated[float, Number("nm", ge=300, le=2500)]
 COLUMNS = ("wavelength_nm", "transmittance")
@@ -195,6 +195,10 @@ class HaloFile(Table[Halo]):
     """[optics.halo]: light that window and lens scatter around the beam, out and back together."""
 
 
+class StrayLightFile(Table[StrayLight]):
+    """[optics.stray]: light that lenses and detectors pass on between channels that fire at the same instant."""
+
+
 class OpticsFile(Table[Optics]):
     """[optics]: the receiver."""
 
@@ -207,6 +211,9 @@ class OpticsFile(Table[Optics]):
     )
     halo: HaloFile | None = Field(
         default=None, description="around the beam, with four rays a pulse or more; none if left out"
+    )
+    stray: StrayLightFile | None = Field(
+        default=None, description="light between channels that fire at the same instant; none if left out"
     )
 
     @model_validator(mode="after")
@@ -235,4 +242,5 @@ class OpticsFile(Table[Optics]):
             sun = self.filter.sun_irradiance_w_m2(folder)
             share = self.filter.echo_share(folder, reference_m=reference_m, emitted_m=emitted_m)
         halo = None if self.halo is None else self.halo.in_si()
-        return self.in_si(sun_irradiance_w_m2=sun, halo=halo, filter_share=share)
+        stray = None if self.stray is None else self.stray.in_si()
+        return self.in_si(sun_irradiance_w_m2=sun, halo=halo, stray=stray, filter_share=share)

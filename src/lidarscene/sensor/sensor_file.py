@@ -28,6 +28,7 @@ from .optics import OpticsFile
 from .overlap import Overlap
 from .readout import AnyIntensityFile, AnySamplerFile, PublishedFile, read_published
 from .sensor_model import Laser, Optics, Polarisation, Sensor, overlap_geometry
+from .volleys import find_volleys
 from .wear_file import WearFile
 
 LARGEST_COORDINATE_M = 1e8
@@ -262,6 +263,8 @@ class SensorFile(FileModel):
             sources=dict(self.sources),
         )
         _check_response(sensor)
+        if optics.stray is not None:
+            find_volleys(sensor.scanner, optics.stray)  # refuses what cannot be
         if self.sampler is None:
             return sensor
         return replace(sensor, sampler=self.sampler.build(1e9 * float(sensor.received_fwhm_s)))

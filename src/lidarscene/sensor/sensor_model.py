@@ -129,6 +129,22 @@ class Halo:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class StrayLight:
+    """Light that lenses and detectors pass on between channels that fire at the same instant; theory (T122)."""
+
+    share: Annotated[
+        Lanes, Quantity(ge=0, le=0.5, about="of a channel's light on the detector of the next one, without the veil")
+    ]
+    half_angle_rad: Annotated[
+        Lanes, Quantity("deg", ge=1e-3, le=180, about="between two channels, at which the share has fallen to half")
+    ]
+    veil: Annotated[Lanes, Quantity(ge=0, le=0.5, about="share at any angle, as of ghosts between surfaces")] = 0.0
+    withheld: Annotated[
+        bool, FileKey(about="whether returns that are mostly stray light are found and not reported")
+    ] = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Optics:
     """Receiver.
 
@@ -137,6 +153,7 @@ class Optics:
     halo                 around the spot, or None
     filter_share         of the echo that the filter passes, over that at the laser's nominal wavelength straight
                          through; None: the laser is there
+    stray                stray light of channels that fire together, or None
     """
 
     aperture_radius_m: Annotated[Lanes, Quantity("mm", ge=0.05, le=5000)]
@@ -146,6 +163,7 @@ class Optics:
     sun_irradiance_w_m2: Annotated[Lanes, Quantity(ge=0, le=1e9)]
     overlap: Overlap | None = None
     halo: Halo | None = None
+    stray: StrayLight | None = None
     filter_share: Lanes | None = None
 
     @property

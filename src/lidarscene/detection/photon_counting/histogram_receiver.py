@@ -284,10 +284,10 @@ class _Receiver(Shots):
     def _source(self, place: Lanes) -> tuple[Lanes, Lanes, Lanes]:
         """Number of the sub-echo with the most light at a peak, -1 for the air's even light, true range and status."""
         ops, wave = self.ops, self.filtered
-        surfaces = self.train.surfaces
+        surfaces, end = self.train.surfaces, len(wave.centres) - self.train.stray
         strongest, number = ops.full(place, -1.0), ops.full(place, 0)
         surfaces_w, air_w, weighted, fold = (ops.full(place, 0.0) for _ in range(4))
-        for k, (centre, height) in enumerate(zip(wave.centres, wave.heights, strict=True)):
+        for k, (centre, height) in enumerate(zip(wave.centres[:end], wave.heights, strict=False)):
             ahead = centre - place
             part = height * ops.exp(-0.5 * ahead * ahead)
             if k < surfaces:
@@ -302,13 +302,23 @@ class _Receiver(Shots):
         mean = place + ops.where(lit, weighted / ops.where(lit, surfaces_w, 1.0), 0.0)
         range_m = wave.range_m(mean) + fold
         status = ops.where(fold > 0.0, int(Status.ALIASED), int(Status.ECHO))
-        if wave.volume is None and len(wave.centres) == surfaces:
+        even: Lanes = 0.0
+        if wave.volume is not None or end > surfaces:
+            even = wave.air_w(place)
+            weather = air_w + even > surfaces_w
+            number = ops.where(weather & (even > strongest), -1, number)
+            range_m = ops.where(weather, ops.maximum(wave.range_m(place), 0.0), range_m)
+            status = ops.where(weather, int(Status.WEATHER), status)
+        if not self.train.stray:
             return number, range_m, status
-        even = wave.air_w(place)
-        weather = air_w + even > surfaces_w
-        number = ops.where(weather & (even > strongest), -1, number)
-        range_m = ops.where(weather, ops.maximum(wave.range_m(place), 0.0), range_m)
-        return number, range_m, ops.where(weather, int(Status.WEATHER), status)
+        # Stray light is no surface of this pulse: the return is of it where it is more than half of the light.
+        ahead = wave.centres[end] - place
+        is_stray = wave.heights[end] * ops.exp(-0.5 * ahead * ahead) > surfaces_w + air_w + even
+        return (
+            ops.where(is_stray, end, number),
+            ops.where(is_stray, wave.range_m(wave.centres[end]), range_m),
+            ops.where(is_stray, int(Status.STRAY), status),
+        )
 
     def strongest(self) -> tuple[Array, Lanes]:
         """Number and range [m] of each pulse's strongest sub-echo of a surface, both (n,)."""

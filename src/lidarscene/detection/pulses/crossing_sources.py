@@ -17,21 +17,24 @@ class _Brightest:
     """Brightest of some sub-echoes at a place of the waveform, and sums over them; each field (n,).
 
     number  number of the sub-echo with the most light there
+    total   sum of their light
     slope   derivative of the sum of their light
     mean    mean of their centres, weighted by their light there
     """
 
     number: Lanes
+    total: Lanes
     slope: Lanes
     mean: Lanes
 
 
 def crossing_source(
-    shots: Received, rise: Rise, *, surfaces: int, place: Lanes, in_valley: Mask, measured: Lanes
+    shots: Received, rise: Rise, *, surfaces: int, stray: bool, place: Lanes, in_valley: Mask, measured: Lanes
 ) -> tuple[Lanes, Lanes]:
     """Number (n,) of the sub-echo that causes a crossing, -1 for the air's even light, and its true range [m].
 
     surfaces   number of sub-echoes that are of surfaces; they come before those of the air
+    stray      whether the last sub-echo is stray light of other channels
     place      (n,) place of the crossing
     in_valley  (n,) bool, whether that is the valley before the rise
     measured   (n,) place that the sampler takes for the pulse's: even light has no other
@@ -40,6 +43,29 @@ def crossing_source(
     would be the wrong test: fog may trip the comparator on the way up to the peak of a surface far behind it, and a
     surface may trip it on top of fog that is brighter (docs/theory_light.md 23).
     """
+    ops, wave = shots.ops, shots.wave
+    number, range_m = _surface_or_air(
+        shots,
+        rise,
+        surfaces=surfaces,
+        end=len(wave.centres) - stray,
+        place=place,
+        in_valley=in_valley,
+        measured=measured,
+    )
+    if not stray:
+        return number, range_m
+    # Stray light is no surface of this pulse: the return is of it where it is more than half of the light.
+    last = len(wave.centres) - 1
+    other = _brightest(shots, rise.peak, last, last + 1)
+    is_stray = other.total > 0.5 * rise.top[0]
+    return ops.where(is_stray, last, number), ops.where(is_stray, wave.range_m(wave.centres[last]), range_m)
+
+
+def _surface_or_air(
+    shots: Received, rise: Rise, *, surfaces: int, end: int, place: Lanes, in_valley: Mask, measured: Lanes
+) -> tuple[Lanes, Lanes]:
+    """`crossing_source` among the surfaces and the air, whose sub-echoes end before number ``end``."""
     ops, wave = shots.ops, shots.wave
     # The true range is the mean of the centres weighted by their light at the peak. There P' is zero, and P' is the
     # sum of light times distance: the weighted mean of all sub-echoes is then the place of the peak itself.
@@ -50,7 +76,7 @@ def crossing_source(
     # up: sigma_p before the peak, or half the way from the valley if that is later.
     between = ops.maximum(rise.peak - 1.0, 0.5 * (rise.valley + rise.peak))
     edge = ops.where(in_valley, between, ops.minimum(place, between))
-    particle = _brightest(shots, edge, surfaces, len(wave.centres))
+    particle = _brightest(shots, edge, surfaces, end)
     slope, surface_slope = wave.at(edge)[1], _brightest(shots, edge, 0, surfaces).slope
     # The slope is that of all light. Above twice the surfaces' slope, the air's share is larger than theirs; above
     # that of surfaces plus twice the particles', the even light's share is larger than the particles'.
@@ -76,4 +102,4 @@ def _brightest(shots: Received, place: Lanes, first: int, end: int) -> _Brightes
     # slope = sum_k p_k (u_k - u), so u + slope / total = sum_k p_k u_k / sum_k p_k: the mean weighted by light.
     lit = total > 0.0
     mean = place + ops.where(lit, slope / ops.where(lit, total, 1.0), 0.0)
-    return _Brightest(number=number, slope=slope, mean=mean)
+    return _Brightest(number=number, total=total, slope=slope, mean=mean)

@@ -173,6 +173,8 @@ def point_columns(
     class_id = _look_up(world.body_class, body)
     true_range = ends.get("range_m") if source is None else of_stop("true_range_m")
     has_range = face >= 0
+    if sensor.optics.stray is not None:
+        has_range |= status == int(Status.STRAY)
     if air_classes is not None and source is not None:
         of_air = status == int(Status.WEATHER)
         number = dr.select(source < 0, 0, source - rays * len(paths) + 1)

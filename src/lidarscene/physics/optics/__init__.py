@@ -11,6 +11,7 @@ dielectrics     Fresnel, panes, absorption, wet surfaces
 glint           specular return of a flat pane or mirror
 air             extinction of clear air and haze
 receiver        overlap of spot and field of view
+lens_scatter    stray light between channels
 sunlight        irradiance in band
 solar_spectrum  standard spectra, illuminance, filters
 """

@@ -1,0 +1,175 @@
+"""Stray light of other channels: what a detector sees of the echoes of pulses that left at the same instant.
+
+Every other echo of the volley arrives with its share (`sensor.volleys`). One sub-echo stands for all of them: at the
+time of the strongest, and as high as all of them are together at that time, theory (T123).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..maths.arrays import Array, Lanes, Mask, Ops, xp
+from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM
+from ..physics.optics import radiometry
+from ..sensor.sensor_model import Sensor
+from ..sensor.volleys import Volleys, find_volleys
+from .echoes import Echoes, EchoTrain, SubEchoes
+
+NEGLIGIBLE = 0.1
+"""Share of the least power that a detector finds in the dark: a scan line with less stray light than that has none."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Crosstalk:
+    """Volleys of a scanner and what its receivers notice of them.
+
+    least_w  power of an echo from which on its scan line has stray light
+    unit_m   c sigma_p / 2: range in which light comes back one standard deviation of the pulse later
+    """
+
+    volleys: Volleys
+    least_w: Lanes
+    unit_m: Lanes
+
+    @classmethod
+    def from_sensor(cls, sensor: Sensor) -> Crosstalk | None:
+        """Build for a sensor; None if its channels do not see each other's light."""
+        if sensor.optics.stray is None:
+            return None
+        point = sensor.working_point(np.zeros(1))
+        found_w = np.ravel(point.response.power_w(sensor.threshold(point)))[0]
+        sigma_s = sensor.laser.pulse_fwhm_s / SIGMAS_PER_FWHM
+        volleys = find_volleys(sensor.scanner, sensor.optics.stray)
+        return cls(
+            volleys=volleys,
+            # No channel then has more than NEGLIGIBLE of it, even if all others are as bright as the brightest.
+            least_w=NEGLIGIBLE * float(found_w) / max(volleys.largest_sum, 1e-30),
+            unit_m=radiometry.range_from_time_of_flight_m(time_of_flight_s=sigma_s),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelLight:
+    """Light of each channel's own echoes at the time of the strongest, in order of time; each (n,).
+
+    range_m  range of the strongest
+    power_w  power of all of them there
+    """
+
+    range_m: Lanes
+    power_w: Lanes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Brightest:
+    """Search for the brightest source of stray light; each field (n,).
+
+    number   next pulse of the volley
+    range_m  its range so far, 0 without one
+    power_w  its power on this detector
+    """
+
+    number: Lanes
+    range_m: Lanes
+    power_w: Lanes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Total:
+    """Sum over the sources; each field (n,).
+
+    number   next pulse of the volley
+    power_w  sum so far
+    """
+
+    number: Lanes
+    power_w: Lanes
+
+
+def reaches_others(paths: Sequence[Echoes], crosstalk: Crosstalk) -> Mask:
+    """(n,) bool, whether enough of a ray's echo reaches other channels to matter there.
+
+    A ray counts as if it had all of its pulse's power.
+    """
+    reaches = paths[0].peak_power_w >= crosstalk.least_w
+    for path in paths[1:]:
+        reaches = reaches | (path.peak_power_w >= crosstalk.least_w)
+    return reaches
+
+
+def channel_light(train: EchoTrain, crosstalk: Crosstalk) -> ChannelLight:
+    """Reduce the echoes of surfaces of each pulse to one; the light of the air does not count."""
+    ops = xp(train.parts[0].range_m)
+    ranges, powers = (
+        [
+            ops.column(getattr(part, name), number, part.count)
+            for part in train.parts
+            for number in range(part.count)
+        ][: train.surfaces]
+        for name in ("range_m", "peak_power_w")
+    )
+    range_m, power_w = _combine(ops, ranges, powers, crosstalk.unit_m)
+    return ChannelLight(range_m=range_m, power_w=power_w)
+
+
+def _combine(ops: Ops, ranges: Sequence[Lanes], powers: Sequence[Lanes], unit_m: Lanes) -> tuple[Lanes, Lanes]:
+    """Range of the strongest of some echoes, and their power together at its time, (n,) each."""
+    if len(ranges) == 1:
+        return ranges[0], powers[0]
+    highest, place = powers[0], ranges[0]
+    for range_m, power_w in zip(ranges[1:], powers[1:], strict=True):
+        brighter = power_w > highest
+        highest, place = ops.where(brighter, power_w, highest), ops.where(brighter, range_m, place)
+    total: Lanes = 0.0
+    for range_m, power_w in zip(ranges, powers, strict=True):
+        apart = (range_m - place) / unit_m
+        total = total + ops.where(power_w > 0.0, power_w * ops.exp(-0.5 * apart * apart), 0.0)
+    return place, total
+
+
+def add_stray_light(train: EchoTrain, light: ChannelLight, crosstalk: Crosstalk, *, pulse: Array) -> EchoTrain:
+    """Add the stray light of each pulse's volley to its train, as the last sub-echo.
+
+    light  computed before
+    pulse  (n,) uint32 pulse numbers of whole scan lines in order of time
+    """
+    ops, volleys = xp(pulse, light.power_w), crosstalk.volleys
+    place = ops.divmod(ops.int32(pulse), volleys.line)[1]
+    own = ops.index(light.power_w)
+    first = own - place + ops.int32(ops.take(volleys.first, place))
+    row = place * volleys.size
+    zero, start = ops.full(light.power_w, 0.0), ops.full(light.power_w, 0)
+
+    def source_power_w(number: Lanes) -> Lanes:
+        share = ops.take(volleys.share, row + number)
+        # The last volley of all may be smaller than the largest: its shares beyond are 0.
+        return ops.where(share > 0.0, share * ops.take(light.power_w, ops.where(share > 0.0, first + number, own)), 0.0)
+
+    def source_range_m(number: Lanes, power_w: Lanes) -> Lanes:
+        return ops.take(light.range_m, ops.where(power_w > 0.0, first + number, own))
+
+    def brighter(state: _Brightest) -> _Brightest:
+        power_w = source_power_w(state.number)
+        higher = power_w > state.power_w
+        return _Brightest(
+            number=state.number + 1,
+            range_m=ops.where(higher, source_range_m(state.number, power_w), state.range_m),
+            power_w=ops.where(higher, power_w, state.power_w),
+        )
+
+    brightest = ops.loop(
+        _Brightest(number=start, range_m=zero, power_w=zero), lambda state: state.number < volleys.size, brighter
+    )
+
+    def added(state: _Total) -> _Total:
+        power_w = source_power_w(state.number)
+        apart = (source_range_m(state.number, power_w) - brightest.range_m) / crosstalk.unit_m
+        return _Total(number=state.number + 1, power_w=state.power_w + power_w * ops.exp(-0.5 * apart * apart))
+
+    lit = brightest.power_w > 0.0
+    total = ops.loop(_Total(number=start, power_w=zero), lambda state: (state.number < volleys.size) & lit, added)
+    part = SubEchoes(range_m=brightest.range_m, peak_power_w=total.power_w, count=1)
+    return replace(train, parts=(*train.parts, part), stray=True)

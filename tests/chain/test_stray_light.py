@@ -1,0 +1,142 @@
+"""Stray light of channels that fire together, through whole frames."""
+
+import numpy as np
+import pytest
+from helpers import chain, launches, panes, volley
+
+from lidarscene.detection.outcomes import Outcome, Status
+from lidarscene.rendering.simulator import Simulator
+
+pytestmark = pytest.mark.usefixtures("mi")
+
+ROWS, COLUMNS = volley.LASERS, volley.COLUMNS
+STRONG = ["optics.stray.share=0.03", "optics.stray.half_angle_deg=3"]
+CLEAR = {"klux": 0.0}
+
+
+def board(**options):
+    """White, 2 m wide at 30 m: rows 6 to 9 of the column at azimuth 0; nothing else anywhere."""
+    return chain.facing(range_m=30.0, size_m=2.0, at=(0.0, 0.0, 3.95), material="white", **options)
+
+
+def scene(*bodies):
+    return chain.scene(board(), *bodies, materials=(chain.diffuse("white", 0.8), *panes.MATERIALS), **CLEAR)
+
+
+def points_of(simulator, **options):
+    """Column in the turn, row, status and range of each point."""
+    cloud = simulator.render(seed=1, **options)
+    column = np.rint(np.degrees(np.asarray(cloud.azimuth_rad, float)) / (360.0 / COLUMNS)).astype(int) % COLUMNS
+    return column, np.asarray(cloud.channel, int), np.asarray(cloud.status), np.asarray(cloud.range_m)
+
+
+def test_a_board_among_dark_channels():
+    """The four rows on the board have echoes; the twelve others of its column a point of stray light at its range, and
+    no other column has any. Their light, from `Simulator.light`, is the sum of the four with (T122) typed out.
+    """
+    simulator = Simulator(scene(), volley.sensor(*STRONG))
+    column, row, status, range_m = points_of(simulator)
+    assert (column == 0).all()
+    assert sorted(row[status == Status.ECHO]) == [6, 7, 8, 9]
+    assert sorted(row[status == Status.STRAY]) == [r for r in range(ROWS) if r not in (6, 7, 8, 9)]
+    np.testing.assert_allclose(range_m, 30.3, atol=0.3)  # 30 m straight ahead, 10 degrees up at most
+    light = simulator.light()
+    own, stray = (part.peak_power_w.reshape(COLUMNS, ROWS) for part in light.parts)
+    assert (np.flatnonzero(own[0]) == [6, 7, 8, 9]).all()
+    assert not own[1:].any()
+    assert not stray[1:].any()
+    apart = np.abs(np.arange(ROWS)[:, None] - np.arange(ROWS))
+    share = np.where(apart > 0, 1e-4 + 0.03 / (1.0 + (apart / 3.0) ** 2), 0.0)
+    # The four are at 30.15 to 30.38 m, 0.9 sigma of the pulse apart: all add up to 40 % of 0.81 at most.
+    expected = share @ own[0]
+    assert (stray[0] <= expected * (1.0 + 1e-5)).all()
+    assert (stray[0] > 0.8 * expected).all()
+
+
+def test_truth_of_stray_points():
+    """Range of what sent the light; no body, no class, no material, as of a false alarm's sky."""
+    cloud = Simulator(scene(), volley.sensor(*STRONG)).render(seed=1)
+    stray = cloud.status == Status.STRAY
+    assert np.abs(cloud.true_range_m[stray] - 30.2).max() < 0.3
+    assert (cloud.body[stray] == -1).all()
+    assert (cloud.class_id[stray] == -1).all()
+
+
+def test_withheld_points_and_outcomes():
+    """With `withheld` only the echoes are left; without, pulses into the sky still have no surface."""
+    outcomes = {}
+    for keys in ((), ("optics.stray.withheld=true",)):
+        missed = []
+        simulator = Simulator(scene(), volley.sensor(*STRONG, *keys))
+        cloud = simulator.render(seed=1, missed=lambda pulse, outcome, missed=missed: missed.append((pulse, outcome)))
+        outcomes[keys] = np.bincount(cloud.status, minlength=len(Status)), missed
+    for counts, missed in outcomes.values():
+        assert counts[Status.ECHO] == 4
+        ((pulse, outcome),) = missed
+        assert len(pulse) == ROWS * COLUMNS - 4
+        assert (outcome == Outcome.NO_SURFACE).all()
+    assert [counts[Status.STRAY] for counts, _ in outcomes.values()] == [12, 0]
+
+
+def everything(cloud):
+    return {
+        name: np.asarray(getattr(cloud, name)) for name in ("xyz_m", "status", "range_m", "snr", "time_s", "channel")
+    }
+
+
+@pytest.mark.parametrize("rays", [1, 9])
+def test_chunks_change_nothing(rays):
+    """Chunks hold whole scan lines, however few rays they may have: the same points, bit by bit."""
+    keys = [*STRONG, "laser.divergence_mrad=2"]
+    wall = chain.facing(range_m=60.0, size_m=200.0, material="white")
+    simulator = Simulator(scene(wall), volley.sensor(*keys), rays=rays)
+    whole = everything(simulator.render(seed=1))
+    parts = everything(simulator.render(seed=1, chunk=100))
+    assert (whole["status"] == Status.STRAY).any()
+    for name, values in whole.items():
+        np.testing.assert_array_equal(parts[name], values, err_msg=name)
+
+
+def test_glass_in_the_same_lines():
+    """A pane at 10 m before the lowest four rows of the board's column, with a wall behind it: lines are traced in
+    full, so its channels still see the board, and the others the wall, whose light passes the pane twice.
+    """
+    pane = panes.pane(10.0, 30.0, size_m=1.1)  # leaning: its own glint goes elsewhere
+    lit = chain.facing(range_m=20.0, size_m=2.2, material="white")
+    simulator = Simulator(scene(pane, lit), volley.sensor(*STRONG, "tdc.stops=3"))
+    column, row, status, range_m = points_of(simulator)
+    light = simulator.light()
+    assert light.surfaces == 2  # two paths of each beam
+    stray = light.parts[-1].peak_power_w.reshape(COLUMNS, ROWS)
+    assert ((stray > 0.0).sum(axis=1) == [ROWS] + [0] * (COLUMNS - 1)).all()
+    on_wall = sorted(row[(status == Status.ECHO) & (np.abs(range_m - 20.05) < 0.3)])
+    assert on_wall == [0, 1, 2, 3]
+    assert sorted(row[(status == Status.ECHO) & (range_m > 29.0)]) == [6, 7, 8, 9]
+    # The strongest source of each dark channel is what it has a point of: the wall's are four times as bright.
+    dark = status == Status.STRAY
+    assert {4, 5, 10, 11, 12} <= set(row[dark])
+    assert set(np.rint(range_m[dark])) <= {20.0, 30.0}
+    assert (column == 0).all()
+
+
+def test_frames_compile_nothing():
+    """Whatever the seed, and whether a line has stray light or not."""
+    simulator = Simulator(scene(), volley.sensor(*STRONG))
+    with launches.launched() as before:
+        simulator.render(seed=1)
+        simulator.render(seed=2)
+    with launches.launched() as later:
+        simulator.render(seed=3)
+    launches.assert_none_is_new(later, before)
+
+
+def test_waveforms_of_single_pulses_have_the_light_of_their_line():
+    """Chosen pulses are traced with their whole lines: row 0 has the peak of the board that it does not look at."""
+    simulator = Simulator(scene(), volley.sensor(*STRONG))
+    line = simulator.light().parts[-1].peak_power_w.reshape(COLUMNS, ROWS)
+    pulses = [3, 5, ROWS + 2]
+    sampled = simulator.waveforms(pulses)
+    expected = line.ravel()[pulses]
+    assert expected[2] == 0.0
+    np.testing.assert_allclose(sampled.power_w.max(axis=1), expected, rtol=5e-3)  # samples of a Gaussian
+    assert sampled.range_m[sampled.power_w[0].argmax()] == pytest.approx(30.2, abs=0.3)

@@ -1,0 +1,170 @@
+"""Stray light of channels that fire together, on trains by hand."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from helpers import trains, volley
+
+from lidarscene.detection import receivers
+from lidarscene.detection.outcomes import Outcome, Status
+from lidarscene.kernel.device import transfer
+from lidarscene.light.echoes import Echoes
+from lidarscene.light.stray_light import Crosstalk, add_stray_light, channel_light, reaches_others
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+
+SENSOR = volley.sensor()
+ROWS = volley.LASERS
+RANDOM = np.random.default_rng(12)
+SIGMA_M = 0.5 * SPEED_OF_LIGHT_M_S * 4e-9 / 2.3548200450309493
+
+
+def shares():
+    """(T122) of the helper's head, typed out: a degree from row to row."""
+    apart = np.abs(np.arange(ROWS)[:, None] - np.arange(ROWS))
+    return np.where(apart > 0, 1e-4 + 1e-3 / (1.0 + (apart / 2.0) ** 2), 0.0)
+
+
+def with_stray(train, sensor=SENSOR, crosstalk=None, pulse=None):
+    """The train of whole lines with the light of other channels."""
+    crosstalk = crosstalk or Crosstalk.from_sensor(sensor)
+    light = channel_light(train, crosstalk)
+    pulse = np.arange(len(light.power_w), dtype=np.uint32) if pulse is None else pulse
+    return add_stray_light(train, light, crosstalk, pulse=pulse)
+
+
+def stray_of(train, **options):
+    """Range and power of the stray light of each pulse."""
+    part = with_stray(train, **options).parts[-1]
+    return np.asarray(part.range_m), np.asarray(part.peak_power_w)
+
+
+def test_a_sign_is_a_wall_in_every_neighbour():
+    """One bright channel of the second of three lines: its range in all others of that line, with their shares of its
+    power, and nothing in other lines or in itself.
+    """
+    power = np.zeros((3 * ROWS, 1))
+    power[ROWS + 5] = 1e-3
+    range_m, stray_w = stray_of(trains.train(37.0, power))
+    expected = np.zeros((3, ROWS))
+    expected[1] = 1e-3 * shares()[:, 5]
+    np.testing.assert_allclose(stray_w.reshape(3, ROWS), expected, rtol=1e-5)
+    np.testing.assert_array_equal(range_m[stray_w > 0.0], 37.0)
+
+
+def test_light_is_conserved():
+    """At one range nothing of the stray light is lost: it adds up to the sum of all powers, each with the shares of
+    all others, to the rounding of single precision in the table's directions.
+    """
+    power = RANDOM.exponential(size=(4 * ROWS, 1))
+    _, stray_w = stray_of(trains.train(50.0, power))
+    assert stray_w.sum() == pytest.approx((power.reshape(4, ROWS) * shares().sum(axis=0)).sum(), rel=1e-5)
+
+
+def test_light_from_several_ranges():
+    """Sources spread over some widths of the pulse: the range of the strongest, and the sum of Gaussians there, which
+    is the second road: pulse by pulse, (T123) written out.
+    """
+    power, place = RANDOM.exponential(size=(2, ROWS)), 50.0 + RANDOM.normal(scale=2.0 * SIGMA_M, size=(2, ROWS))
+    range_m, stray_w = stray_of(trains.train(place.reshape(-1, 1), power.reshape(-1, 1)))
+    for line in range(2):
+        for row in range(ROWS):
+            reached = shares()[row] * power[line]
+            strongest = place[line][np.argmax(reached)]
+            course = np.sum(reached * np.exp(-0.5 * ((place[line] - strongest) / SIGMA_M) ** 2))
+            assert range_m[line * ROWS + row] == strongest
+            assert stray_w[line * ROWS + row] == pytest.approx(course, rel=1e-5)
+
+
+def test_several_echoes_of_a_channel_are_one():
+    """Of two echoes of a source, a wall's and a weaker one's four metres behind it, others see the wall's; two halves
+    at one range are a whole.
+    """
+    ranges = np.tile([[20.0, 24.0, 20.0]], (ROWS, 1))
+    powers = np.zeros((ROWS, 3))
+    powers[3] = 1e-3, 0.9e-3, 1e-3
+    range_m, stray_w = stray_of(trains.train(ranges, powers))
+    np.testing.assert_allclose(stray_w, 2e-3 * shares()[:, 3], rtol=1e-5)
+    np.testing.assert_array_equal(range_m[stray_w > 0.0], 20.0)
+
+
+def test_light_of_the_air_stays_with_its_channel():
+    """Drops are sub-echoes that are no surfaces: the other channels do not see them."""
+    train = trains.train(np.tile([[20.0, 5.0]], (ROWS, 1)), np.tile([[0.0, 1.0]], (ROWS, 1)))
+    assert (stray_of(dataclasses.replace(train, surfaces=1))[1] == 0.0).all()
+
+
+def test_numpy_and_device_agree(mi):
+    """The same shares and ranges on the device; single precision."""
+    power, place = RANDOM.exponential(size=(4 * ROWS, 1)), 50.0 + RANDOM.normal(scale=SIGMA_M, size=(4 * ROWS, 1))
+    train = trains.train(place.astype(np.float32), power.astype(np.float32))
+    host = stray_of(train)
+    part = dataclasses.replace(
+        train.parts[0],
+        **{name: transfer.from_numpy(getattr(train.parts[0], name)) for name in ("range_m", "peak_power_w")},
+    )
+    on_device = dataclasses.replace(train, parts=(part,))
+    crosstalk = transfer.opaque(Crosstalk.from_sensor(SENSOR))
+    traced = transfer.fetch(with_stray(on_device, crosstalk=crosstalk, pulse=transfer.counter(0, 4 * ROWS))).parts[-1]
+    np.testing.assert_array_equal(traced.range_m, host[0].astype(np.float32))
+    np.testing.assert_allclose(traced.peak_power_w, host[1], rtol=1e-5)
+
+
+def test_lines_without_strong_echoes_are_left_alone():
+    """Where no echo is that strong, the stray light of every channel is below a tenth of what it finds in the dark."""
+    crosstalk = Crosstalk.from_sensor(SENSOR)
+    point = SENSOR.working_point(np.zeros(1))
+    dark_w = float(np.ravel(point.response.power_w(SENSOR.threshold(point)))[0])
+    weak = trains.train(50.0, np.full((ROWS, 1), 0.999 * crosstalk.least_w))
+    assert 0.09 * dark_w < stray_of(weak)[1].max() < 0.1 * dark_w
+    for factor, reaches in ((0.999, False), (1.001, True)):
+        ray = Echoes(
+            has_surface=np.ones(1, bool),
+            range_m=np.full(1, 50.0),
+            peak_power_w=np.full(1, factor * crosstalk.least_w),
+            background_power_w=np.zeros(1),
+        )
+        assert np.all(reaches_others([ray], crosstalk) == reaches)
+
+
+@pytest.mark.parametrize("keys", [(), ("tdc.keep='strongest'",), ("tdc.timing='peak'", "tdc.keep='last'")])
+@pytest.mark.parametrize("withheld", [False, True])
+def test_points_of_stray_light(keys, withheld):
+    """Ten channels see nothing of their own, five a wall of 0.1 uW at 70 m, one a sign of 1 mW at 30 m: all have a
+    point at 30 m, of stray light but for the sign's own, unless the sensor withholds these; walls stay echoes. An APD
+    with a threshold of 8 sigma finds 1e-7 W surely and has no false alarms (1e-15 a comparison).
+    """
+    sensor = volley.sensor(*keys, f"optics.stray.withheld={str(withheld).lower()}")
+    ranges, powers = np.full((ROWS, 1), 70.0), np.zeros((ROWS, 1))
+    powers[11:] = 1e-6
+    ranges[5], powers[5] = 30.0, 1e-3
+    train = with_stray(trains.train(ranges, powers), sensor)
+    detection = receivers.detect(train, sensor, seed=3, pulse=np.arange(ROWS, dtype=np.uint32))
+    status = np.stack([np.where(stop.reported, stop.status, -1) for stop in detection.stops])
+    at_m = np.stack([stop.range_m for stop in detection.stops])
+    true_m = np.stack([stop.true_range_m for stop in detection.stops])
+    stray = status == Status.STRAY
+    dark = np.arange(ROWS) != 5
+    assert (stray.sum(axis=0) == (0 if withheld else dark.astype(int))).all()
+    np.testing.assert_allclose(at_m[stray], 30.0, atol=0.2)
+    np.testing.assert_allclose(true_m[stray], 30.0, atol=1e-3)
+    echo = status == Status.ECHO
+    assert (echo.sum(axis=0)[11:] == 1).all()
+    np.testing.assert_allclose(at_m[:, 11:][echo[:, 11:]], 70.0, atol=0.3)
+    assert echo.sum() == ROWS - 11 + 1
+    assert (detection.outcome[:5] == Outcome.NO_SURFACE).all()
+    assert (detection.outcome[11:] == Outcome.KEPT).all()
+
+
+def test_stray_light_on_top_of_an_echo_is_an_echo_while_it_is_less():
+    """At the sign's own range: a wall brighter than the stray light stays an echo; one dimmer than it becomes a point
+    of stray light at the same place.
+    """
+    ranges, powers = np.full((ROWS, 1), 30.0), np.zeros((ROWS, 1))
+    powers[5] = 1e-2
+    reached = 1e-2 * shares()[:, 5]
+    powers[6], powers[7] = 2.0 * reached[6], 0.5 * reached[7]
+    train = with_stray(trains.train(ranges, powers))
+    detection = receivers.detect(train, SENSOR, seed=3, pulse=np.arange(ROWS, dtype=np.uint32))
+    status = detection.stops[0].status
+    assert status[[5, 6, 7]].tolist() == [Status.ECHO, Status.ECHO, Status.STRAY]
