@@ -10,6 +10,7 @@ from helpers.drawn_street import street
 
 from lidarscene.cloud import thinning
 from lidarscene.cloud.thinning import Thinned
+from lidarscene.detection.outcomes import Status
 from lidarscene.figures.pictures import frame_picture
 
 N = 1000
@@ -29,7 +30,7 @@ def test_every_kth_point_of_the_frame(
     assert thinned.step == step
     assert_same(thinned.cloud(), cloud.select(np.arange(0, N, step)))
     assert thinned.points == N
-    np.testing.assert_array_equal(thinned.statuses, np.bincount(cloud.status, minlength=5))
+    np.testing.assert_array_equal(thinned.statuses, np.bincount(cloud.status, minlength=len(Status)))
 
 
 def test_all_channels_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
