@@ -104,11 +104,9 @@ def channel_light(train: EchoTrain, crosstalk: Crosstalk) -> ChannelLight:
     """Reduce the echoes of surfaces of each pulse to one; the light of the air does not count."""
     ops = xp(train.parts[0].range_m)
     ranges, powers = (
-        [
-            ops.column(getattr(part, name), number, part.count)
-            for part in train.parts
-            for number in range(part.count)
-        ][: train.surfaces]
+        [ops.column(getattr(part, name), number, part.count) for part in train.parts for number in range(part.count)][
+            : train.surfaces
+        ]
         for name in ("range_m", "peak_power_w")
     )
     range_m, power_w = _combine(ops, ranges, powers, crosstalk.unit_m)
