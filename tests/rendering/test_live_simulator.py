@@ -9,7 +9,7 @@ from helpers import chain, launches, panes
 
 from lidarscene import LiveSimulator, Simulator
 from lidarscene.cloud.point_cloud import PointCloud
-from lidarscene.errors import InputError
+from lidarscene.errors import InputError, OptionWarning
 from lidarscene.formats.cloud_columns import columns_of
 from lidarscene.labels.boxes import boxes
 from lidarscene.labels.files import point_labels
@@ -334,6 +334,12 @@ def live() -> LiveSimulator:
             ),
             "'car': the turn",
         ),
+        (lambda simulator: simulator.advance("now"), "must be to a time later than -inf s, got 'now'"),
+        (lambda simulator: simulator.advance(0.1, [("car", (9, 0, 0))]), "poses: must be a dict of names and poses"),
+        (lambda simulator: simulator.place("car", (9, 0, 0), velocity=(1, 0, 0)), "unknown keyword 'velocity'"),
+        (lambda simulator: simulator.place("car", (9, 0, 0), velocity_m_s=5), "velocity_m_s must be three finite"),
+        (lambda simulator: simulator.place("car", (9, 0, 0), velocity_m_s=(1, 0)), "velocity_m_s must be three finite"),
+        (lambda simulator: simulator.add("car", (9, 0, 0), time_s="soon"), "time_s must be a finite number"),
         (lambda simulator: simulator.move_ego((15, 0.89, 0)), None),
     ],
 )
@@ -350,6 +356,42 @@ def test_mistakes_are_told_in_a_line(wrong, message) -> None:
         wrong(simulator)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_frame_that_fails_is_reported_and_the_next_goes_on() -> None:
+    """A car drives through the sensor in the second frame of four: one warning, three clouds, in one call or many."""
+    for calls in (1, 8):
+        simulator = live()
+        frame_s = simulator.sensor.scanner.frame_s
+        times = [4.001 * frame_s] if calls == 1 else [(call + 1) * 4.001 * frame_s / calls for call in range(calls)]
+        simulator.advance(0.0, {"car": (12.0, 0.0, 0.0)})
+        simulator.place("car", (0.0, -0.89, 0.0), velocity_m_s=(6.0 / frame_s, 0.0, 0.0), time_s=frame_s)
+        with pytest.warns(OptionWarning, match="advance: frame 1 is left out: .*must stand") as warned:
+            clouds = [cloud for time_s in times for cloud in simulator.advance(time_s)]
+        assert len(warned) == 1
+        assert [cloud.metadata["frame_number"] for cloud in clouds] == ["0", "2", "3"]
+
+
+def test_a_mistake_leaves_the_world_as_it_was() -> None:
+    """The same clouds as without any of them."""
+    careful, careless = live(), live()
+    frame_s = careful.sensor.scanner.frame_s
+    for simulator in (careful, careless):
+        simulator.advance(0.0, {"car": (12.0, 0.0, 0.0)})
+    for wrong in (
+        lambda: careless.advance(1.5 * frame_s, {"car": (12.0, 0.0, 0.0, 175.0)}),
+        lambda: careless.advance(1.5 * frame_s, {"car": (20.0, 0.0, 0.0), "van": (0.0, 0.0, 0.0)}),
+        lambda: careless.advance(1.5 * frame_s, {"car": "there"}),
+        lambda: careless.place("car", (9.0, 0.0, 0.0), velocity_m_s=3),
+        lambda: careless.move_ego((1.0, 2.0)),
+        lambda: careless.add("car", (9.0, 0.0, 0.0), time_s=np.nan),
+    ):
+        with pytest.raises(InputError):
+            wrong()
+    clouds = [simulator.advance(2.01 * frame_s, {"car": (14.0, 0.0, 0.0)}) for simulator in (careful, careless)]
+    assert len(clouds[0]) == 2
+    for cloud, other in zip(*clouds, strict=True):
+        np.testing.assert_array_equal(cloud.xyz_m, other.xyz_m)
 
 
 @pytest.mark.parametrize(

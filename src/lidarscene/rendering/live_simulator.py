@@ -10,17 +10,19 @@ from __future__ import annotations
 import math
 import os
 import re
+import warnings
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from typing import TypedDict, Unpack
 
 import numpy as np
 
 from ..cloud.point_cloud import PointCloud
-from ..errors import InputError
+from ..errors import InputError, OptionWarning
 from ..maths.pose import Pose
-from ..maths.trajectory import Course, HeldAtEnds, Motion, Riding, Spline
+from ..maths.trajectory import LARGEST_STEP_RAD, Course, HeldAtEnds, Motion, Riding, Spline
 from ..scene.clearance import Clearance
 from ..scene.scene import Body, Scene
 from ..scene.scene_file import load_scene
@@ -88,13 +90,15 @@ class LiveSimulator(Simulator):
         Raises InputError for an unknown name, and for a body that cannot be placed or is away.
         """
         self._require(name)
+        course = _course(f"'{name}'", pose, motion)
         self._tracks.pop(name, None)
-        self._change({name: _course(f"'{name}'", pose, **motion)})
+        self._change({name: course})
 
     def move_ego(self, pose: Placed, **motion: Unpack[MotionKeywords]) -> None:
         """Place the ego vehicle, with the sensor and all that is fixed to it, at this pose from the next frame on."""
+        course = _course("ego", pose, motion)
         self._tracks.pop(None, None)
-        self._change({None: _course("ego", pose, **motion)})
+        self._change({None: course})
 
     def add(self, name: str, pose: Placed, **motion: Unpack[MotionKeywords]) -> str:
         """Add a spare copy of a body at a pose, as `place` does, and return the copy's name.
@@ -110,7 +114,7 @@ class LiveSimulator(Simulator):
             raise InputError(
                 f"body '{name}': no spare is left, all {count} are there; spares={{'{name}': {count + 1}}} has one more"
             )
-        self._change({free: _course(f"'{name}'", pose, **motion)}, absence={free: False})
+        self._change({free: _course(f"'{name}'", pose, motion)}, absence={free: False})
         return free
 
     def remove(self, name: str) -> None:
@@ -130,33 +134,46 @@ class LiveSimulator(Simulator):
         """Advance the caller's clock to this time, at which bodies have these poses, and render the frames now over.
 
         Between two poses a body moves with a constant twist; without a new pose it stays where it was. The first frame
-        begins at ``begin_s`` and has the ``number`` of the options, later ones follow.
+        begins at ``begin_s`` and has the ``number`` of the options, later ones follow. A frame that cannot be rendered,
+        since a body drives through the sensor, say, is left out with an `OptionWarning`; the next ones go on.
 
         poses    name of a body -> its pose in the world
         ego      pose of the ego vehicle
         options  fields of `FrameOptions`, in place of those of ``frame``; they should be the same every time
-        Raises InputError for a time that is not later than the last one, and as `place`.
+        Raises InputError for a time that is not later than the last one, and as `place`; nothing has changed then.
         """
         keywords = Keywords(options)
         frame_options = keywords.take(FrameOptions, frame)
         keywords.end()
-        if not self._now_s < to_s < math.inf:
-            raise InputError(f"advance: must be to a time later than {self._now_s:g} s, got {to_s:g} s")
+        shown = f"{to_s:g} s" if isinstance(to_s, Real) else repr(to_s)
+        if not isinstance(to_s, Real) or not self._now_s < to_s < math.inf:
+            raise InputError(f"advance: must be to a time later than {self._now_s:g} s, got {shown}")
+        if poses is not None and not isinstance(poses, Mapping):
+            raise InputError(f"poses: must be a dict of names and poses, got {type(poses).__name__}")
         new_poses: dict[str | None, Pose] = {}
         for name, pose in (poses or {}).items():
             self._require(name)
             new_poses[name] = _checked_pose(f"'{name}'", pose)
         if ego is not None:
             new_poses[None] = _checked_pose("ego", ego)
+        # A mistake raises before anything changes, so that the next call finds the world as it was.
+        for key, pose in new_poses.items():
+            self._tracks.get(key, Track()).check_turn(pose, key or "ego")
         self._now_s = float(to_s)
         for key, pose in new_poses.items():
             self._tracks.setdefault(key, Track()).append(self._now_s, pose)
         clouds: list[PointCloud] = []
+        is_changed = False
         while self._edges_s(frame_options)[1] <= self._now_s + TOLERANCE_S:
-            if not clouds:
-                self._change({key: track.motion(key or "ego") for key, track in self._tracks.items()})
-            clouds.append(self.render(replace(frame_options, number=frame_options.number + self._rendered)))
+            if not is_changed:
+                self._change({key: track.motion() for key, track in self._tracks.items()})
+                is_changed = True
+            number = frame_options.number + self._rendered
             self._rendered += 1
+            try:
+                clouds.append(self.render(replace(frame_options, number=number)))
+            except InputError as error:
+                warnings.warn(OptionWarning("advance: frame {0} is left out: {1}", number, error), stacklevel=2)
         for track in self._tracks.values():
             track.forget(self._edges_s(frame_options)[0])
         return clouds
@@ -216,6 +233,18 @@ class Track:
     times_s: list[float] = field(default_factory=list)
     poses: list[Pose] = field(default_factory=list)
 
+    def check_turn(self, pose: Pose, name: str) -> None:
+        """Raise InputError for a turn from the last pose to this one that is too large for a motion."""
+        if not self.poses:
+            return
+        cosine = 0.5 * (float((self.poses[-1].rotation * pose.rotation).sum()) - 1.0)
+        turn_rad = math.acos(min(max(cosine, -1.0), 1.0))
+        if turn_rad > LARGEST_STEP_RAD:
+            raise InputError(
+                f"'{name}': the turn between two poses must be <= {math.degrees(LARGEST_STEP_RAD):.0f} degrees, got "
+                f"{math.degrees(turn_rad):.1f}"
+            )
+
     def append(self, time_s: float, pose: Pose) -> None:
         """Add the latest pose."""
         self.times_s.append(time_s)
@@ -226,10 +255,10 @@ class Track:
         first = max(bisect_right(self.times_s, before_s) - 1, 0)
         del self.times_s[:first], self.poses[:first]
 
-    def motion(self, name: str) -> Motion:
+    def motion(self) -> Motion:
         """Motion through the poses: a constant twist from each to the next, at rest before and after.
 
-        Equal poses are a body at rest. Raises InputError for a turn between two poses that is too large.
+        Equal poses are a body at rest.
         """
         first = self.poses[0]
         if all(
@@ -237,10 +266,7 @@ class Track:
             for pose in self.poses
         ):
             return Course(start=first)
-        try:
-            return HeldAtEnds(motion=Spline(time_s=np.array(self.times_s), poses=tuple(self.poses), smooth=False))
-        except ValueError as error:
-            raise InputError(f"'{name}': {error}") from None
+        return HeldAtEnds(motion=Spline(time_s=np.array(self.times_s), poses=tuple(self.poses), smooth=False))
 
 
 def live_scene(
@@ -290,26 +316,31 @@ def require_body(
     raise InputError(f"body '{name}': {why}; {listed}: {(', '.join(names[:_SHOWN]) or 'none') + more}")
 
 
-def _course(
-    subject: str,
-    pose: Placed,
-    *,
-    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    yaw_rate_deg_s: float = 0.0,
-    time_s: float = 0.0,
-) -> Course:
-    """Motion from a pose on, as `MotionKeywords` describe it."""
-    x, y, z = velocity_m_s
-    if not all(math.isfinite(number) for number in (x, y, z, yaw_rate_deg_s, time_s)):
-        raise InputError(
-            f"{subject}: velocity, yaw rate and time must be finite, got {velocity_m_s}, {yaw_rate_deg_s}, {time_s}"
-        )
+def _course(subject: str, pose: Placed, motion: MotionKeywords) -> Course:
+    """Motion from a pose on. Raises InputError for a keyword or number that is none of `MotionKeywords`."""
+    for keyword in motion:
+        if keyword not in MotionKeywords.__annotations__:
+            known = ", ".join(MotionKeywords.__annotations__)
+            raise InputError(f"{subject}: unknown keyword '{keyword}'; a motion has {known}")
+    velocity_m_s = motion.get("velocity_m_s", (0.0, 0.0, 0.0))
+    entries = list(velocity_m_s) if isinstance(velocity_m_s, Iterable) else []
+    if len(entries) != 3 or not all(_is_finite(entry) for entry in entries):
+        raise InputError(f"{subject}: velocity_m_s must be three finite numbers, got {velocity_m_s!r}")
+    yaw_rate_deg_s, time_s = motion.get("yaw_rate_deg_s", 0.0), motion.get("time_s", 0.0)
+    for keyword, number in (("yaw_rate_deg_s", yaw_rate_deg_s), ("time_s", time_s)):
+        if not _is_finite(number):
+            raise InputError(f"{subject}: {keyword} must be a finite number, got {number!r}")
+    x, y, z = (float(entry) for entry in entries)
     return Course(
         start=_checked_pose(subject, pose),
-        velocity_m_s=(float(x), float(y), float(z)),
+        velocity_m_s=(x, y, z),
         yaw_rate_rad_s=math.radians(yaw_rate_deg_s),
         since_s=float(time_s),
     )
+
+
+def _is_finite(number: object) -> bool:
+    return isinstance(number, Real) and math.isfinite(number)
 
 
 def _checked_pose(subject: str, pose: Placed) -> Pose:
