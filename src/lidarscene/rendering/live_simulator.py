@@ -145,8 +145,8 @@ class LiveSimulator(Simulator):
         keywords = Keywords(options)
         frame_options = keywords.take(FrameOptions, frame)
         keywords.end()
-        shown = f"{to_s:g} s" if isinstance(to_s, Real) else repr(to_s)
-        if not isinstance(to_s, Real) or not self._now_s < to_s < math.inf:
+        if not _is_finite(to_s) or not self._now_s < to_s:
+            shown = f"{to_s:g} s" if _is_finite(to_s) else repr(to_s)
             raise InputError(f"advance: must be to a time later than {self._now_s:g} s, got {shown}")
         if poses is not None and not isinstance(poses, Mapping):
             raise InputError(f"poses: must be a dict of names and poses, got {type(poses).__name__}")
