@@ -35,6 +35,7 @@ class Histogram:
     period_s    between the laser's pulses of one point: light that is longer under way folds back; None: no limit
     reach       bins that are drawn to either side of an echo
     search      bins to either side of an echo in which its peak is looked for
+    bin_to_sigma  width of a bin over that of an echo
     """
 
     shots: Lanes
@@ -61,6 +62,7 @@ class Histogram:
     ] = "corrected"
     reach: int
     search: int
+    bin_to_sigma: float
     neighbours: bool = False
 
     @property
@@ -168,6 +170,7 @@ class HistogramFile(
             period_s=si(period_us, "us"),
             reach=reach,
             search=search,
+            bin_to_sigma=self.bin_ns / sigma_ns,
             neighbours=float(self.lone_photons) > 0.0,
         )
 

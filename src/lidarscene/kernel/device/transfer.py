@@ -21,7 +21,7 @@ from ...maths.arrays import Array, LookupTable, Numbers, is_drjit
 from .backend import is_cuda, mitsuba
 from .types import DeviceArray
 
-_KEPT_STATIC = frozenset({"stops", "count", "room", "reach", "search", "coincidence"})
+_KEPT_STATIC = frozenset({"stops", "count", "room", "reach", "search", "coincidence", "bin_to_sigma"})
 """Fields that stay Python numbers: they decide how many outputs, how many steps or how much memory a kernel has."""
 
 _ALIGNMENT = 64

@@ -10,9 +10,12 @@ template in sigmas, U threshold, F value of the filter.
 
 from __future__ import annotations
 
+import functools
 import math
 
-from ...maths.arrays import Lanes, xp
+import numpy as np
+
+from ...maths.arrays import Lanes, LookupTable, Numbers, xp
 from ...maths.special import normal_tail
 
 TEMPLATE = 1.2
@@ -41,6 +44,14 @@ _THIRD = math.sqrt(2.0 / 3.0)
 _TILT_1 = 1.5**-1.5
 _TILT_2 = 0.5 * (2.0**-1.5 - 1.5**-3.0)
 """Exponents of the growth of the slope's variance with the tilt: ln of the integral of t^2 exp(s h(t) - t^2)."""
+
+
+_FEWEST, _MOST = 1e-4, 4.0
+"""Background counts in sigma between which (T97) is corrected; above, the correction is that of the most."""
+
+_ROWS_PER_DECADE = 8
+_LEAST_SHARE = 1e-13
+"""Shares that the transform of the counts' distribution resolves: its rounding is 1e-16."""
 
 
 def background_variance(*, rate_hz: Lanes, sigma_s: Lanes) -> Lanes:
@@ -102,16 +113,129 @@ def _saddle(excess: Lanes, variance: Lanes, unit: Lanes) -> tuple[Lanes, Lanes, 
     return ops.where(x_minus_1 < 0.0, -root, root), theta, mean
 
 
-def false_peak_share(*, threshold: Lanes, rate_hz: Lanes, variance: Lanes, sigma_s: Lanes, bin_s: Lanes) -> Lanes:
+def false_peak_share(
+    *,
+    threshold: Lanes,
+    rate_hz: Lanes,
+    variance: Lanes,
+    sigma_s: Lanes,
+    bin_s: Lanes,
+    bin_to_sigma: float | Numbers | None = None,
+) -> Lanes:
     """Probability that noise makes a peak above the threshold, for each bin (T97).
 
     A smooth noise passes the threshold upwards with Rice's rate, here with the density of (T96) at the threshold and
     the variance of the slope given that F is there. Excursions that end before the next bin are not seen: their length
-    is Rayleigh's.
+    is Rayleigh's. Few counts under the template are not smooth: F has the steps of their whole number, and a table
+    holds how much more often, or more rarely, it passes the threshold.
 
-    rate_hz   r, counts per second
-    variance  variance of F, `background_variance` unless the counts are not Poisson's
+    rate_hz       r, counts per second
+    variance      variance of F, `background_variance` unless the counts are not Poisson's
+    bin_to_sigma  bin_s over sigma_s, as a number that chooses the table; None, or an array: no table
     """
+    if not isinstance(bin_to_sigma, float):
+        return _smooth_peak_share(
+            threshold=threshold, rate_hz=rate_hz, variance=variance, sigma_s=sigma_s, bin_s=bin_s
+        )
+    ops = xp(threshold, rate_hz, variance)
+    # Counts that are not Poisson's are like those of another rate, each of the weight ``unit``.
+    unit = variance / background_variance(rate_hz=rate_hz, sigma_s=sigma_s)
+    counts = rate_hz * sigma_s / unit
+    # Below the fewest counts nearly all peaks are of a single one.
+    single = ops.minimum(counts * (1.0 / _FEWEST), 1.0)
+    counts = ops.maximum(counts, _FEWEST)
+    rate_hz = counts * unit / sigma_s
+    # A single count exceeds any lower threshold, where the smooth form is steep.
+    threshold = ops.maximum(threshold, 2.0 * _FINEST * unit)
+    share = single * _smooth_peak_share(
+        threshold=threshold,
+        rate_hz=rate_hz,
+        variance=unit * background_variance(rate_hz=rate_hz, sigma_s=sigma_s),
+        sigma_s=sigma_s,
+        bin_s=bin_s,
+    )
+    most = ops.minimum(counts, _MOST)
+    value = threshold / unit * ops.sqrt(most / counts) + _MEAN_SHARE * most
+    row = ops.log(most * (1.0 / _FEWEST)) * (1.0 / math.log(_MOST / _FEWEST))
+    few = ops.exp(_excess_of_few_counts(bin_to_sigma).at(row, value * (1.0 / _LARGEST)))
+    return ops.minimum(share * few, 1.0)
+
+
+_MEAN_SHARE = SCALE * TEMPLATE * math.sqrt(2.0 * math.pi)
+"""Mean of the filter's value, over the counts in sigma."""
+
+_FINEST = SCALE / 40.0
+"""Step of the filter's value, of which a count in the middle of the template is a whole number."""
+
+_COARSE_BIN, _FEW = 0.5, 0.3
+"""Bins from which on, in sigmas, more counts than these in sigma are corrected too: finer ones need a finer grid."""
+
+_LARGEST = 45.0
+"""Largest value of the filter in the table: 7 deviations above the mean of `_MOST`."""
+
+
+@functools.lru_cache(maxsize=16)
+def _excess_of_few_counts(bin_to_sigma: float) -> LookupTable:
+    """ln of the share of bins in which F passes a value upwards over (T97), by ln(counts in sigma) and that value.
+
+    From the exact distribution of F in two neighbouring bins (`_passages`); some 0.2 s.
+    """
+    rows = round(_ROWS_PER_DECADE * math.log10(_MOST / _FEWEST)) + 1
+    values = np.linspace(0.0, _LARGEST, round(_LARGEST / _FINEST) + 1)
+    ratio = np.zeros((rows, len(values)))
+    for row, counts in zip(ratio, np.geomspace(_FEWEST, _MOST, rows), strict=True):
+        if counts > _FEW and bin_to_sigma < _COARSE_BIN:
+            continue
+        places, passing = _passages(bin_to_sigma, float(counts))
+        resolved = passing > _LEAST_SHARE
+        excess = np.maximum(values - _MEAN_SHARE * counts, 0.0)
+        smooth = _smooth_peak_share(
+            threshold=excess,
+            rate_hz=counts,
+            variance=background_variance(rate_hz=np.full_like(excess, counts), sigma_s=1.0),
+            sigma_s=1.0,
+            bin_s=bin_to_sigma,
+        )
+        exact = np.interp(excess + _MEAN_SHARE * counts, places[resolved], np.log(passing[resolved]))
+        beyond = excess + _MEAN_SHARE * counts > places[resolved][-1]
+        row[:] = exact - np.log(np.maximum(smooth, 1e-37))
+        row[beyond] = row[~beyond][-1]
+    return LookupTable(ratio)
+
+
+def _passages(bin_to_sigma: float, counts: float) -> tuple[Numbers, Numbers]:
+    """Values (n,) of the filter, mean included, and the share of bins in which it passes them upwards.
+
+    Poisson counts make a compound Poisson number of the filter's values in two neighbouring bins. Its distribution on
+    a grid follows from that of one count by a Fourier transform. A value between two points of the grid counts on
+    both, so that its mean stays.
+    """
+    from scipy.fft import irfft2, next_fast_len, rfft2
+
+    side = math.ceil(3.0 / bin_to_sigma)
+    place = np.arange(-side, side + 1) * (bin_to_sigma / TEMPLATE)
+    weights = np.concatenate([[0.0], SCALE * np.exp(-0.5 * place * place), [0.0]])
+    step = _FINEST * (1.0 if counts < 0.03 else 2.0 if counts < _FEW else 4.0)
+    deviation = math.sqrt(float(background_variance(rate_hz=counts, sigma_s=1.0)))
+    size = next_fast_len(math.ceil((_MEAN_SHARE * counts + 7.0 * deviation + 8.0) / step), real=True)
+    of_one = np.zeros((size, size))
+    now, before = weights[1:] / step, weights[:-1] / step
+    for first in (0, 1):
+        for second in (0, 1):
+            shares = (np.abs(1 - first - now % 1.0)) * (np.abs(1 - second - before % 1.0))
+            np.add.at(of_one, (now.astype(int) + first, before.astype(int) + second), shares)
+    mean = counts * bin_to_sigma
+    together = irfft2(np.exp(mean * (rfft2(of_one) - len(now))), s=of_one.shape)
+    # Now above a value, before not above it.
+    below = np.cumsum(together, axis=1)
+    above = np.cumsum(below[::-1], axis=0)[::-1]
+    return (np.arange(size - 1) + 0.5) * step, np.diagonal(above, offset=-1)
+
+
+def _smooth_peak_share(
+    *, threshold: Lanes, rate_hz: Lanes, variance: Lanes, sigma_s: Lanes, bin_s: Lanes
+) -> Lanes:
+    """`false_peak_share` of smooth noise."""
     unit = background_skewness(variance=variance, rate_hz=rate_hz, sigma_s=sigma_s)
     above = tail(excess=threshold, variance=variance, unit=unit)
     root, theta, mean = _saddle(threshold, variance, unit)

@@ -330,7 +330,12 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
         # A receiver that compares neighbours demands more photons of a noise peak, which they do not share.
         noise_threshold = threshold + histogram.lone_photons
         return matched_filter.false_peak_share(
-            threshold=noise_threshold, rate_hz=rate, variance=variance, sigma_s=sigma, bin_s=histogram.bin_s
+            threshold=noise_threshold,
+            rate_hz=rate,
+            variance=variance,
+            sigma_s=sigma,
+            bin_s=histogram.bin_s,
+            bin_to_sigma=histogram.bin_to_sigma,
         )
 
     background = ops.sqrt(rate * ambient_s)

@@ -41,7 +41,7 @@ Derivation = Callable[[Formula, Mapping[str, float]], tuple[float, dict[str, flo
 
 _RANGE = "range_m"
 _ALIGNMENT = "optics.overlap"
-_CODE = ("stops", "reach", "search", "coincidence", "samples", "room")
+_CODE = ("stops", "reach", "search", "coincidence", "bin_to_sigma", "samples", "room")
 
 
 @dataclass(frozen=True, slots=True)
