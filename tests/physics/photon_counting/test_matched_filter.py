@@ -71,9 +71,7 @@ def test_false_peaks_of_few_counts(bin_to_sigma, counts):
     levels = np.arange(0.2, 9.2, 0.1)
     variance = matched_filter.background_variance(rate_hz=np.full(len(levels), counts), sigma_s=1.0)
     keys = {"rate_hz": counts, "variance": variance, "sigma_s": 1.0, "bin_s": bin_to_sigma}
-    expected = bins * np.asarray(
-        matched_filter.false_peak_share(threshold=levels, bin_to_sigma=bin_to_sigma, **keys)
-    )
+    expected = bins * np.asarray(matched_filter.false_peak_share(threshold=levels, bin_to_sigma=bin_to_sigma, **keys))
     near = levels + np.array([[-0.08], [-0.04], [0.0], [0.04], [0.08]])
     counted = np.searchsorted(before, near, "right") - np.searchsorted(after, near, "right")
     often = expected > 40.0

@@ -134,9 +134,7 @@ def false_peak_share(
     bin_to_sigma  bin_s over sigma_s, as a number that chooses the table; None, or an array: no table
     """
     if not isinstance(bin_to_sigma, float):
-        return _smooth_peak_share(
-            threshold=threshold, rate_hz=rate_hz, variance=variance, sigma_s=sigma_s, bin_s=bin_s
-        )
+        return _smooth_peak_share(threshold=threshold, rate_hz=rate_hz, variance=variance, sigma_s=sigma_s, bin_s=bin_s)
     ops = xp(threshold, rate_hz, variance)
     # Counts that are not Poisson's are like those of another rate, each of the weight ``unit``.
     unit = variance / background_variance(rate_hz=rate_hz, sigma_s=sigma_s)
@@ -232,9 +230,7 @@ def _passages(bin_to_sigma: float, counts: float) -> tuple[Numbers, Numbers]:
     return (np.arange(size - 1) + 0.5) * step, np.diagonal(above, offset=-1)
 
 
-def _smooth_peak_share(
-    *, threshold: Lanes, rate_hz: Lanes, variance: Lanes, sigma_s: Lanes, bin_s: Lanes
-) -> Lanes:
+def _smooth_peak_share(*, threshold: Lanes, rate_hz: Lanes, variance: Lanes, sigma_s: Lanes, bin_s: Lanes) -> Lanes:
     """`false_peak_share` of smooth noise."""
     unit = background_skewness(variance=variance, rate_hz=rate_hz, sigma_s=sigma_s)
     above = tail(excess=threshold, variance=variance, unit=unit)
