@@ -21,6 +21,7 @@ from ..maths.arrays import Lanes, Mask, xp
 from ..maths.random import Stage
 from ..maths.special import normal_tail
 from ..physics.electronics import saturation, tdc
+from ..physics.electronics.sipm_edge import Passage, late_place
 from ..physics.optics import pulse as pulse_shape
 from ..sensor.sensor_model import Sensor
 from . import interference
@@ -52,6 +53,8 @@ class Trip:
     probability: Lanes
     tripped: Mask
     base: Lanes = 0.0
+    passage: Passage | None = None
+    count_lag_s: Lanes = 0.0
 
 
 def level(shots: Shots, *, draw: Lanes = 0) -> Lanes:
@@ -79,13 +82,16 @@ def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.
     signal = point.response.signal(peak_power_w)
     noise_terms = {"noise": point.noise.deviation, "kappa_1": point.noise.kappa_1, "kappa_2": point.noise.kappa_2}
     sigma = tdc.noise_at_level(level=signal, **noise_terms)
-    probability = point.detection_probability(threshold, signal, sigma)
+    passage = point.passage(threshold, signal, sigma)
+    probability = point.detection_probability(threshold, signal, sigma) if passage is None else passage.ever
     reached = tdc.crossing_level(threshold=threshold, deviate=deviate, **noise_terms)
     # With n(s) = z sigma(s) the noisy edge reaches U where s + z sigma(s) = U. That is `level`, so the echo trips if
     # its peak is at least that high. P(s + z sigma(s) >= U) is (T22): the same z gives P_d and the crossing time.
-    # Counted cells are not Gaussian and have P_d of (T23). Q(z) is uniform in (0, 1), so comparing it with P_d keeps
-    # that probability and the one deviate: a large z still means an early crossing and a likely detection.
-    tripped = normal_tail(deviate) < probability if point.counts is not None else signal >= reached
+    # Counted cells are not Gaussian and have P_d of (T23), or pass the threshold beside the peak too (T119). Q(z) is
+    # uniform in (0, 1), so comparing it with P_d keeps that probability and the one deviate: a large z still means an
+    # early crossing and a likely detection.
+    by_probability = point.counts is not None or passage is not None
+    tripped = normal_tail(deviate) < probability if by_probability else signal >= reached
     if point.response.saturation is not None:
         # The amplifier's output never rises above where it clips.
         tripped = tripped & (threshold < point.response.saturation)
@@ -98,6 +104,7 @@ def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.
         probability=probability,
         tripped=tripped,
         base=base,
+        passage=passage,
     )
 
 
@@ -107,6 +114,28 @@ def probability(shots: Shots, signal: Lanes) -> Lanes:
     noise_terms = {"noise": point.noise.deviation, "kappa_1": point.noise.kappa_1, "kappa_2": point.noise.kappa_2}
     sigma = tdc.noise_at_level(level=signal, **noise_terms)
     return point.detection_probability(shots.threshold, signal, sigma)
+
+
+def count_lag_s(shots: Shots, trip: Trip, *, share: Lanes, peak_power_w: Lanes) -> Lanes:
+    """Time from the crossing of the light's edge to that of a SiPM's count, (n,) s; 0 of signals that follow the light.
+
+    Exact for a lone Gaussian pulse; of other waveforms the light's crossing is delayed by as much.
+
+    share         (n,) share of the peak power that makes the level, 1 if the peak is below it
+    peak_power_w  (n,) peak power, above 0
+    """
+    edge, point = shots.point.edge, shots.point
+    if edge is None or trip.passage is None or not shots.sensor.times_edge:
+        return 0.0
+    ops = xp(share, trip.signal)
+    level = ops.minimum(trip.level, trip.signal)
+    noise_terms = {"noise": point.noise.deviation, "kappa_1": point.noise.kappa_1, "kappa_2": point.noise.kappa_2}
+    sigma = tdc.noise_at_level(level=level, **noise_terms)
+    excess = edge.excess(share, level=level, sigma=sigma, passage=trip.passage)
+    earlier_w = point.response.power_w(ops.maximum(level - excess, 1e-3 * level))
+    place = edge.place(ops.where(trip.tripped, earlier_w / peak_power_w, 1.0))
+    place = place + late_place(trip.passage, normal_tail(trip.deviate))
+    return edge.sigma_s * place - pulse_shape.leading_edge_time_s(level=share, fwhm_s=shots.sensor.received_fwhm_s)
 
 
 def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
@@ -225,7 +254,10 @@ def walk_s(shots: Shots, *, measured: Lanes, width_s: Lanes | None, true_power_w
     if sensor.tdc.walk == "corrected":
         point = point.calibrated or point
         power = point.response.inferred_power_w(measured, width_s=width_s, threshold=threshold, pulse_fwhm_s=fwhm)
-    return pulse_shape.leading_edge_time_s(level=point.response.power_w(threshold) / power, fwhm_s=fwhm)
+    share = point.response.power_w(threshold) / power
+    if point.edge is not None and sensor.times_edge:
+        return point.edge.time_s(share)
+    return pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm)
 
 
 def converted_time_s(shots: Shots, time_s: Lanes, *, draw: Lanes = 0) -> Lanes:

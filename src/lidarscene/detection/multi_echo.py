@@ -148,7 +148,8 @@ class _Converter(Received):
         in_valley = (valley if residue is None else ops.maximum(valley, residue.floor)) >= trip.level
         edge = rise.exists & trip.tripped & ~(state.high & in_valley)
         place = converter._crossing(rise, trip, edge, in_valley)
-        crossing_s = self.time_s(place)
+        trip = converter._with_lag(rise, trip)
+        crossing_s = self.time_s(place) + trip.count_lag_s
         # The dead time counts from the last crossing that was taken, not from every crossing.
         ready = (place - state.last) * self.sigma_s >= tdc.dead_time_s
         accepted = edge & comparator.accepts_crossing(self.sensor, crossing_s) & ready
@@ -194,7 +195,8 @@ class _Converter(Received):
         tripped = rise.exists & trip.tripped
         in_valley = valley >= trip.level
         place = converter._crossing(rise, trip, tripped, in_valley, gain)
-        crossing_s = self.time_s(place)
+        trip = converter._with_lag(rise, trip)
+        crossing_s = self.time_s(place) + trip.count_lag_s
         separate = (rise.peak - last_pulse.peak) * self.sigma_s >= tdc.dead_time_s
         separate = separate & (~held | (last_pulse.top >= self.threshold + base))
         fresh = tripped & separate
@@ -279,6 +281,14 @@ class _Converter(Received):
         level_w = ops.where(reaches, self.point.response.power_w(trip.level) / gain, 1.0)
         place = crossing(self.wave.at, level_w, far=rise.valley, peak=rise.peak, top=rise.top, mask=reaches)
         return ops.where(reaches, place, ops.where(in_valley, rise.valley, rise.peak))
+
+    def _with_lag(self, rise: Rise, trip: comparator.Trip) -> comparator.Trip:
+        """Add the time by which a SiPM's count lags behind the light."""
+        ops = self.ops
+        reaches = rise.exists & trip.tripped & (trip.level < trip.signal)
+        peak_w = ops.where(reaches, rise.top[0], 1.0)
+        share = ops.where(reaches, self.point.response.power_w(trip.level) / peak_w, 1.0)
+        return replace(trip, count_lag_s=comparator.count_lag_s(self, trip, share=share, peak_power_w=peak_w))
 
     def _stop(
         self, rise: Rise, trip: comparator.Trip, accepted: Mask, place: Lanes, in_valley: Mask, crossing_s: Lanes

@@ -179,7 +179,7 @@ def _edge(shots: Shots, echoes: Echoes) -> _Edge:
     # then.
     share = ops.where(tripped & (trip.level < trip.signal), shots.point.response.power_w(trip.level) / power, 1.0)
     early = pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm)
-    crossing = arrival + early
+    crossing = arrival + early + comparator.count_lag_s(shots, trip, share=share, peak_power_w=power)
     measured = timing.amplitude(shots, trip, lag_s=early)
     width_s = None
     if sensor.tdc.both_edges:

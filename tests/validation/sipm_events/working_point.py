@@ -45,7 +45,7 @@ class Measured:
     false_alarm_rate_hz                  of a single-stop converter: -log(share of quiet shots) over the watched window
     detection_probability                that the sample at ``peak_time_s`` is >= U
     tripped                              share of shots whose output passes U between 2 FWHM before the pulse's peak and
-                                         the output's highest mean
+                                         the end of what it leaves: 2 FWHM after its last cells revive
     crossing_s, crossing_deviation_s     mean and standard deviation of the time of passing; nan if it never does
     """
 
@@ -91,12 +91,19 @@ def all_outputs(
     return runs[0][0], np.concatenate([wave for _, wave in runs])
 
 
-def pulse_outputs(array: CellArray, light: Light, *, shots: int, seed: int, steps: int = 16) -> tuple[Numbers, Numbers]:
-    """Times and outputs from 2 FWHM before the light's peak until the output's mean has peaked."""
+def pulse_outputs(
+    array: CellArray, light: Light, *, shots: int, seed: int, steps: int = 16, until_revival: bool = False
+) -> tuple[Numbers, Numbers]:
+    """Times and outputs from 2 FWHM before the light's peak until the output's mean has peaked.
+
+    until_revival  go on until cells of a box shape have revived
+    """
     # On the sampling grid, so that one sample falls on the light's peak.
     step = array.dead_time_s / steps
     start_s = -step * math.ceil(_EDGE * light.pulse_fwhm_s / step)
-    if array.shape == "box":
+    if array.shape == "box" and until_revival:
+        end_s = array.dead_time_s + _EDGE * light.pulse_fwhm_s
+    elif array.shape == "box":
         end_s = min(_EDGE * light.pulse_fwhm_s, LATEST_PEAK * array.dead_time_s)
     else:
         end_s = _EDGE * light.pulse_fwhm_s + 4.0 * array.rise_s
@@ -143,7 +150,7 @@ def measure(
         seed=seed + _DARK_SEED,
         steps=steps,
     )
-    time_s, wave = pulse_outputs(array, light, shots=shots, seed=seed, steps=steps)
+    time_s, wave = pulse_outputs(array, light, shots=shots, seed=seed, steps=steps, until_revival=True)
     # Stationary: every sample has the same distribution.
     still, pulse = moments(dark_time, dark), moments(time_s, wave)
     before, noise = float(still.mean.mean()), math.sqrt(float(still.variance.mean()))
@@ -151,7 +158,7 @@ def measure(
     absolute = before + level - 1e-4  # rounding must not lift a count that just reaches it
     top = int(np.argmax(pulse.mean))
     above, rate_hz = _alarms(dark, absolute, window_s)
-    crossings = _first_passages(time_s, wave[:, : top + 1], absolute)
+    crossings = _first_passages(time_s, wave, absolute)
     signal = float(pulse.mean[top]) - before
     return Measured(
         shots=shots,

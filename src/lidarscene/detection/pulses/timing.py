@@ -95,8 +95,9 @@ def rise_time_s(
     pulse_w = ops.where(mask, _power_above_base_w(shots, rise, trip), 1.0)
     above = measured - trip.base
     if timing == "leading_edge":
+        crossing_s = shots.time_s(place) + trip.count_lag_s
         reported = comparator.reported_s(
-            shots, shots.time_s(place), measured=above, width_s=width_s, true_power_w=pulse_w, draw=rise.number
+            shots, crossing_s, measured=above, width_s=width_s, true_power_w=pulse_w, draw=rise.number
         )
         return reported, place
     if timing == "constant_fraction":

@@ -15,6 +15,8 @@ from ...maths.arrays import Lanes, Numbers, xp
 from ...maths.units import FileKey, Quantity, Slider
 from ...physics.amplifier.low_pass import LowPass
 from ...physics.electronics import counting, range_limit, sipm, sipm_response
+from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
+from ...physics.electronics.sipm_edge import CountEdge
 from .detector import Detector, Reception, Wave
 from .working_point import CellCounts, CellMemory, Filtered, Noise, Response, WorkingPoint, least_count
 
@@ -112,10 +114,18 @@ class Sipm(Detector):
         share_of = sipm.fired_share_published if published else sipm.fired_share
         photons_of = sipm.photons_for_share_published if published else sipm.photons_for_share
         at_peak, before_peak = self._in_time(busy_share, pulse_fwhm_s)
-        memory = None
+        memory, edge = None, None
         if self.statistics == "time_domain":
             rate_hz = self._refill(busy_share) / self.dead_time_s
             memory = CellMemory(cells=self.cells, free=free_cells, rate_hz=rate_hz, dead_time_s=self.dead_time_s)
+            edge = CountEdge.from_cells(
+                sigma_s=pulse_fwhm_s / SIGMAS_PER_FWHM,
+                rate_hz=rate_hz,
+                dead_time_s=self.dead_time_s,
+                cells=self.cells,
+                free=free_cells,
+                variance=variance,
+            )
 
         cells = {"pde": self.pde, "cells": self.cells}
 
@@ -148,6 +158,7 @@ class Sipm(Detector):
             counts=CellCounts(cells=self.cells, busy=self.cells - free_cells) if self.counts_whole_cells else None,
             least_threshold=self.cell_floor,
             memory=memory,
+            edge=edge,
         )
 
     def filtered(self, low_pass: LowPass, *, peak: Lanes, fwhm_s: Lanes, cutoff_hz: Lanes) -> Filtered:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from ...maths.arrays import Lanes, xp
 from ...maths.special import binomial_tail
 from ...physics.electronics import sampling, saturation, tdc
+from ...physics.electronics.sipm_edge import CountEdge, Passage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -213,6 +214,7 @@ class WorkingPoint:
     least_threshold  lowest threshold that can be set: one cell of a SiPM, 0 of an APD
     law              of the threshold; None: the converter sets it
     memory           memory of a SiPM whose cells are followed in time; None: earlier echoes leave no trace
+    edge             edge of its count; None: the signal follows the light, and is compared at its peak
     unfiltered       the same before a matched filter; None without one
     calibrated       point for which the sensor is calibrated, without residues of earlier echoes; None: this one
     """
@@ -223,6 +225,7 @@ class WorkingPoint:
     least_threshold: Lanes = 0.0
     law: ThresholdLaw | None = None
     memory: CellMemory | None = None
+    edge: CountEdge | None = None
     unfiltered: WorkingPoint | None = None
     calibrated: WorkingPoint | None = None
 
@@ -236,7 +239,7 @@ class WorkingPoint:
         noise_share  variance of white noise behind the filter over that before it
         """
         noise = self.noise.matched(noise_share, of_cells=self._of_cells)
-        return replace(self, noise=noise, unfiltered=self)
+        return replace(self, noise=noise, edge=None, unfiltered=self)
 
     def filtered(self, by: Filtered) -> WorkingPoint:
         """Working point behind an amplifier that filters signal and noise; clipping comes after the filter."""
@@ -247,6 +250,7 @@ class WorkingPoint:
             noise=self.noise.filtered(by, of_cells=self._of_cells),
             response=self.response.filtered(by),
             counts=None,
+            edge=None,
             least_threshold=self.least_threshold * by.cell,
         )
 
@@ -273,6 +277,18 @@ class WorkingPoint:
 
     def detection_probability(self, threshold: Lanes, signal: Lanes, sigma: Lanes) -> Lanes:
         """P_d of an echo whose peak is ``signal``, with noise ``sigma`` at the peak."""
+        passage = self.passage(threshold, signal, sigma)
+        return self._probability_at_peak(threshold, signal, sigma) if passage is None else passage.ever
+
+    def passage(self, threshold: Lanes, signal: Lanes, sigma: Lanes) -> Passage | None:
+        """Passages of the threshold by a count that is followed in time; None of any other signal."""
+        if self.edge is None:
+            return None
+        at_peak = self._probability_at_peak(threshold, signal, sigma)
+        return self.edge.passage(at_peak, threshold=threshold, signal=signal, sigma=sigma)
+
+    def _probability_at_peak(self, threshold: Lanes, signal: Lanes, sigma: Lanes) -> Lanes:
+        """Probability that the signal is above the threshold at its peak."""
         if self.noise.echo_tail is not None:
             return self.noise.echo_tail(threshold, signal)
         if self.counts is not None:
