@@ -123,8 +123,8 @@ def test_table_1_against_events():
 def test_detection_by_events(cells, pde, dead_ns, fwhm_ns, klux, expected, half):
     """Two arrays whose pulse is short of the dead time, at the range where the time domain has this P_d.
 
-    By events, anywhere on the echo, to 3.5 standard errors (a false alarm rate of 5e-4) and 0.02, what (T119) is good to
-    in such a sun. At the count's peak alone it would be 0.88 and 0.71, with (24)'s half pulse next to nothing.
+    By events, anywhere on the echo, to 3.5 standard errors (a false alarm rate of 5e-4) and 0.02, what (T119) is good
+    to in such a sun. At the peak of the count alone it would be 0.88 and 0.71, with (24)'s half pulse next to nothing.
     """
     sensors = {
         statistics: chain.sensor(
@@ -183,9 +183,7 @@ def test_raw_edge_by_events(dead_ns, fwhm_ns, klux, distance_m):
     target, shots, draws = Target(illuminance_klux=klux), 2000, 20_000
     light = plane.echoes_of_plane(sensor, target, np.full(draws, distance_m))
     threshold = float(sensor.threshold(sensor.working_point(light.background_power_w))[0])
-    events = measure(
-        *events_of_plane(sensor, target, distance_m), threshold=threshold, shots=shots, seed=8, steps=128
-    )
+    events = measure(*events_of_plane(sensor, target, distance_m), threshold=threshold, shots=shots, seed=8, steps=128)
     stop = returns.detect(light, sensor, seed=7, pulse=np.arange(draws, dtype=np.uint32)).stops[0]
     error_m = stop.range_m[stop.reported & (stop.status == int(Status.ECHO))] - distance_m
     assert len(error_m) > 0.99 * draws

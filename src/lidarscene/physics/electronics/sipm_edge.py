@@ -173,7 +173,9 @@ class CountEdge:
         highest, dead_time = self.course(peak), self.dead_time
         # How far the mean follows the light: s = free (1 - exp(-y)).
         firings = -log1p(-ops.minimum(signal / self.free, 0.999))
-        follows = ops.where(firings > 1e-4, (1.0 - signal / self.free) * firings / ops.maximum(signal / self.free, 1e-4), 1.0)
+        follows = ops.where(
+            firings > 1e-4, (1.0 - signal / self.free) * firings / ops.maximum(signal / self.free, 1e-4), 1.0
+        )
         drop = signal * follows * ops.maximum(1.0 - self.course(end) / highest, 0.0)
         arrived = _below(high) - _below(low)
         revived = _below(high - dead_time) - _below(low - dead_time)
