@@ -156,8 +156,8 @@ class CountEdge:
         for stretch in _STRETCHES:
             before = ops.maximum(before, self._excess(peak, peak - stretch, signal, sigma)[0])
         behind, variance = self._excess(peak, peak + rest, signal, sigma)
-        for stretch in (*_STRETCHES, 0.5 * rest):
-            behind = ops.maximum(behind, self._excess(peak, peak + stretch, signal, sigma)[0])
+        for longer in (*_STRETCHES, 0.5 * rest):
+            behind = ops.maximum(behind, self._excess(peak, peak + longer, signal, sigma)[0])
         half_cell = 0.5 / sigma
         quiet = 1.0 - at_peak
         on_edge = at_peak - quiet * expm1(-hazard * ops.maximum(before - half_cell, 0.0))
