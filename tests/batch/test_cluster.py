@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -13,7 +14,7 @@ from typing import Any
 import pytest
 from helpers.waiting import PATIENCE_S, wait_until
 
-from lidarscene.batch import cluster
+from lidarscene.batch import cluster, dispatch
 from lidarscene.batch.dispatch import Connect, Progress, run_job
 from lidarscene.batch.tasks import Job
 from lidarscene.cli import main
@@ -198,6 +199,38 @@ def test_a_scheduler_that_dies(
     assert 3 <= frames_done < 10
     progress = run_job(job, out, connect=threads)
     assert (progress.reused, progress.rendered, progress.failed) == (frames_done, 10 - frames_done, {})
+
+
+def test_a_stopped_worker_of_another_machine(
+    idle_scheduler: Scheduler, job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It cannot be ended from here: its frames, which it has claimed, are rendered by the other worker."""
+    monkeypatch.setattr(dispatch, "LEAST_LIMIT_S", 3.0)
+    monkeypatch.setattr(dispatch, "COUNT_EVERY_S", 0.5)
+    for _ in range(2):
+        idle_scheduler.start_workers(1, "--no-nanny")
+    stopped, lines = [], []
+
+    def stop(progress: Progress, *_: object) -> None:
+        if not stopped:
+            stopped.append(idle_scheduler.processes[1])
+            stopped[0].send_signal(signal.SIGSTOP)
+
+    def connect() -> Any:
+        from distributed import Client
+
+        client = Client(idle_scheduler.address)
+        client.wait_for_workers(2, timeout=PATIENCE_S)
+        return client
+
+    job = Job.read(job_file)
+    try:
+        progress = run_job(job, tmp_path / "out", connect=connect, threads=1, report=stop, waiting=lines.append)
+    finally:
+        stopped[0].send_signal(signal.SIGCONT)
+        idle_scheduler.end(1)
+    assert (progress.finished, progress.failed) == (progress.frames, {})
+    assert all(" hangs for " in line for line in lines)
 
 
 def test_a_scheduler_that_asks_for_a_key(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:

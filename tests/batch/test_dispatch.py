@@ -143,6 +143,30 @@ def test_a_killed_worker_costs_nothing(client: Any, long_job: Path, tmp_path: Pa
     assert clouds(tmp_path / "killed") == clouds(tmp_path / "calm")
 
 
+def test_a_stopped_worker_is_replaced(
+    client: Any, long_job: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SIGSTOP to one of two workers after the third frame: a process that neither works nor ends. It is reported."""
+    monkeypatch.setattr(dispatch, "LEAST_LIMIT_S", 3.0)
+    monkeypatch.setattr(dispatch, "COUNT_EVERY_S", 0.5)
+    job, stopped, lines = Job.read(long_job), [], []
+
+    def stop(progress: Progress, *_: object) -> None:
+        if progress.rendered == 3:
+            stopped.append(next(iter(client.run(os.getpid).values())))
+            os.kill(stopped[0], signal.SIGSTOP)
+
+    progress = run_job(
+        job, tmp_path / "stopped", connect=lambda: nullcontext(client), threads=1, report=stop, waiting=lines.append
+    )
+    assert (progress.rendered + progress.reused, progress.failed) == (10, {})
+    assert [line.partition(" hangs for ")[2] != "" for line in lines] == [True] * len(lines) != []
+    assert all_done(job, tmp_path / "stopped")
+    psutil = pytest.importorskip("psutil")
+    wait_until(lambda: not psutil.pid_exists(stopped[0]) or psutil.Process(stopped[0]).status() == "zombie")
+    client.wait_for_workers(2, timeout=PATIENCE_S)
+
+
 def test_a_killed_client_is_run_again(client: Any, long_job: Path, tmp_path: Path) -> None:
     """SIGKILL to the command after some frames: its worker ends with it, and the next run does the rest only.
 

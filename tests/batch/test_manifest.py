@@ -64,10 +64,14 @@ def test_the_time_of_a_frame_is_that_of_its_bundle_over_its_frames() -> None:
         _frame_s=1.0,
         _count=lambda: 4,
         _futures={},
+        _since_s={},
+        _late={},
+        _longest_s=0.3,
     )
     assert _Dispatcher.next(dispatcher) == [("a", ""), ("b", "broken"), ("c", "")]
     assert dispatcher.bundles == {}
     assert dispatcher._frame_s == pytest.approx(0.2)
+    assert dispatcher._longest_s == 0.3
     assert _Dispatcher.share(dispatcher, 1000) == 5
 
 

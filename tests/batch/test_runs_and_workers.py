@@ -52,11 +52,11 @@ def test_workers_that_are_all_gone(threads: Any, job: Job, tmp_path: Path, monke
     monkeypatch.setattr(dispatch, "WITHOUT_WORKERS_S", 0.4)
     monkeypatch.setattr(dispatch, "BUNDLES_FOR_EACH", 1)
     monkeypatch.setattr(dispatch, "MOST_IN_BUNDLE", 1)
-    waited: list[int] = []
-    progress = run_job(job, tmp_path / "out", connect=connect, report=kill, waiting=lambda: waited.append(1))
+    waited: list[str] = []
+    progress = run_job(job, tmp_path / "out", connect=connect, report=kill, waiting=waited.append)
     assert (progress.rendered, progress.reused, progress.failed) == (4, 0, {})
     assert len(clusters) == 2
-    assert waited == [1]
+    assert waited == ["there are no workers; waiting for them"]
 
 
 def test_workers_that_never_come(threads: Any, job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

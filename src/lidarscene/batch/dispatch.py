@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 import pickle
+import signal
 import threading
 import time
 import uuid
@@ -36,6 +38,14 @@ WITHOUT_WORKERS_S = 120.0
 """Longest time that a cluster of this machine may be without any worker. Dask replaces a worker that dies, which takes
 three quarters of a minute where eight other programs run, but not one that dies while it starts.
 """
+
+UNKNOWN_S = 900.0
+"""Time limit of a bundle before any has come back: worlds are compiled, and files come over a network."""
+
+LEAST_LIMIT_S = 60.0
+LATENESS = 20.0
+"""A bundle is late after so many times the time that it and those before it on its worker should take, and after
+`LEAST_LIMIT_S` at least. Frames of one job differ, and so do machines; a worker that hangs never answers."""
 
 STARTS = 3
 """Consecutive clusters that may end without finishing a frame."""
@@ -76,7 +86,7 @@ def run_job(
     connect: Connect,
     threads: int | None = None,
     report: FrameCallback | None = None,
-    waiting: Callable[[], object] = lambda: None,
+    waiting: Callable[[str], object] = lambda _: None,
 ) -> Progress:
     """Render the missing frames of a job into ``folder`` and write its manifest.
 
@@ -85,7 +95,8 @@ def run_job(
              workers of a cluster of this machine are gone
     threads  threads of Dr.Jit in each worker; None: those of the Dask worker
     report   called after each frame, with its task and cause if it failed
-    waiting  called when the cluster has had no worker for a while
+    waiting  called with a line when the cluster has had no worker for a while, or when a worker hangs: its frames are
+             given to another, and it is ended where that is possible
     Other runs may work in the same folder: each frame is rendered by one of them.
     Raises OutputError where the manifest cannot be written, LidarSceneError where the scheduler or the workers end
     before the job does; the result lists frames that failed.
@@ -182,7 +193,7 @@ class _Dispatcher:
     bundles  Dask's key of a bundle -> its frames, for all that have not come back
     """
 
-    def __init__(self, client: Any, store: Store, threads: int | None, waiting: Callable[[], object]) -> None:
+    def __init__(self, client: Any, store: Store, threads: int | None, waiting: Callable[[str], object]) -> None:
         from distributed import as_completed
 
         self.bundles: dict[str, list[FrameTask]] = {}
@@ -192,7 +203,10 @@ class _Dispatcher:
         self._waiting = as_completed(loop=client.loop, with_results=True, raise_errors=False)
         self._counted_s, self._threads = -math.inf, 1
         self._frame_s = BUNDLE_S
+        self._longest_s: float | None = None  # of a frame, over all bundles
         self._futures: dict[str, Any] = {}
+        self._since_s: dict[str, float] = {}
+        self._late: dict[str, str] = {}  # name of a bundle that was taken back -> address of the worker that hangs
         self._over, self._no_workers, self._on_waiting = threading.Event(), False, waiting
 
     def __enter__(self) -> _Dispatcher:
@@ -203,7 +217,10 @@ class _Dispatcher:
         self._over.set()
 
     def _watch(self) -> None:
-        """Watch for a cluster without workers (runs in a thread): a bundle that no worker has never comes back."""
+        """Watch for a cluster without workers and for workers that hang (runs in a thread).
+
+        A bundle that no worker has never comes back, nor one whose worker was stopped or waits for a dead disk.
+        """
         since, was_reported = time.monotonic(), False
         while not self._over.wait(min(COUNT_EVERY_S, WITHOUT_WORKERS_S / 4.0)):
             try:
@@ -212,25 +229,59 @@ class _Dispatcher:
                 return
             if is_any:
                 since, was_reported = time.monotonic(), False
+                self._take_back_late()
             elif time.monotonic() - since > WITHOUT_WORKERS_S:
                 if not was_reported:
-                    self._on_waiting()
+                    self._on_waiting("there are no workers; waiting for them")
                 was_reported = True
                 if self._client.cluster is not None:
                     self._no_workers = True
                     self._client.cancel(list(self._futures.values()), force=True)
                     return
 
+    def _take_back_late(self) -> None:
+        """End the workers of late bundles, or let other workers render these."""
+        now_s = time.monotonic()
+        for name, since_s in list(self._since_s.items()):
+            bundle = self.bundles.get(name)
+            if bundle is None or now_s - since_s <= self._limit_s(len(bundle)):
+                continue
+            self._since_s[name] = now_s
+            # A result that was not fetched before its worker hung is with that worker, too.
+            address = next((worker for worker, keys in self._client.processing().items() if name in keys), None)
+            address = address or next(iter(self._client.who_has([name]).get(name, ())), None)
+            if address is None:
+                continue  # no worker has it yet
+            self._on_waiting(f"{address} hangs for {now_s - since_s:.0f} s; its frames go to another worker")
+            if self._client.cluster is None:
+                self._late[name] = address
+                self._client.cancel([self._futures[name]], force=True)
+                continue
+            for nanny in self._client.cluster.workers.values():
+                if nanny.worker_address == address and nanny.pid:
+                    os.kill(nanny.pid, signal.SIGKILL)  # also ends a stopped process; its nanny starts another
+
+    def _limit_s(self, frames: int) -> float:
+        """Time after which a bundle of so many frames is late [s]."""
+        if self._longest_s is None:
+            return UNKNOWN_S
+        return max(LEAST_LIMIT_S, LATENESS * self._longest_s * frames * (BUNDLES_FOR_EACH + 1))
+
     def share(self, remaining: int) -> int:
         """Number of frames for the next bundle, if this many remain."""
         by_time = int(BUNDLE_S / max(self._frame_s, 1e-3))
         return max(1, min(by_time, MOST_IN_BUNDLE, remaining // (2 * self._count())))
 
-    def submit(self, bundle: list[FrameTask]) -> None:
-        """Hand out some frames, to be rendered one after the other."""
+    def submit(self, bundle: list[FrameTask], *, hanging: str | None = None) -> None:
+        """Hand out some frames, to be rendered one after the other.
+
+        hanging  address of a worker that has them and hangs: others render them, whatever it has claimed
+        """
         name = next(self._names)  # unique to each run: Dask would answer a repeated one from its memory
-        call = pickle.dumps(_Call(bundle, *self._arguments))
-        self._futures[name] = self._client.submit(pickle.loads, call, key=name, pure=False)
+        call = pickle.dumps(_Call(bundle, *self._arguments, hanging is None))
+        others = [] if hanging is None else [worker for worker in self._client.nthreads() if worker != hanging]
+        self._futures[name] = self._client.submit(pickle.loads, call, key=name, pure=False, workers=others or None)
+        self._since_s[name] = time.monotonic()
         self._waiting.add(self._futures[name])
         self.bundles[name] = bundle
         if self._no_workers:  # the workers went before `_watch` could cancel this bundle
@@ -245,11 +296,17 @@ class _Dispatcher:
         future, result = next(self._waiting)
         bundle = self.bundles.pop(future.key)
         self._futures.pop(future.key, None)
+        self._since_s.pop(future.key, None)
+        hanging = self._late.pop(future.key, None)
+        if future.cancelled() and hanging is not None:
+            self.submit(bundle, hanging=hanging)
+            return []
         if future.cancelled():  # either by `_watch`, or by Dask because the scheduler is gone
             raise _WorkersGone if self._no_workers else _SchedulerGone
         if future.status == "finished":
             causes, seconds = result
             self._frame_s = seconds / len(bundle)
+            self._longest_s = max(self._frame_s, self._longest_s or 0.0)
             return list(zip(bundle, causes, strict=True))
         if len(bundle) == 1:
             return [(bundle[0], _cause(result[1]))]
@@ -276,8 +333,8 @@ class _Call:
     itself had to unpickle the function, the worker would end.
     """
 
-    def __init__(self, bundle: list[FrameTask], folder: str, threads: int | None) -> None:
-        self._arguments = (bundle, folder, threads)
+    def __init__(self, bundle: list[FrameTask], folder: str, threads: int | None, claiming: bool) -> None:
+        self._arguments = (bundle, folder, threads, claiming)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return render_frames, self._arguments

@@ -33,15 +33,18 @@ CACHED = 4
 """Worlds, scenes and sensors of each process: few, since each shape that is alive costs time in every trace."""
 
 
-def render_frames(tasks: Sequence[FrameTask], folder: str, threads: int | None) -> tuple[list[str], float]:
+def render_frames(
+    tasks: Sequence[FrameTask], folder: str, threads: int | None, claiming: bool = True
+) -> tuple[list[str], float]:
     """Render frames into the job's folder unless they are there.
 
-    threads  threads of Dr.Jit; None: those of the Dask worker
+    threads   threads of Dr.Jit; None: those of the Dask worker
+    claiming  whether frames that another process has claimed are left to it; it may hang
     Returns for each frame "", REUSED, ELSEWHERE or the cause of a failure in one line; and the seconds for all.
     """
     since = time.monotonic()
     store, thread_count = Store(Path(folder)), threads or _threads_of_worker()
-    causes = [_thread().submit(_try_render, task, store, thread_count).result() for task in tasks]
+    causes = [_thread().submit(_try_render, task, store, thread_count, claiming).result() for task in tasks]
     return causes, time.monotonic() - since
 
 
@@ -62,22 +65,22 @@ def _threads_of_worker() -> int:
     return int(get_worker().state.nthreads)
 
 
-def _try_render(task: FrameTask, store: Store, threads: int) -> str:
+def _try_render(task: FrameTask, store: Store, threads: int, claiming: bool) -> str:
     """Render one frame; any failure becomes one line of text, so that the other frames go on."""
     try:
         transfer.use_threads(threads)
-        return _render(task, store)
+        return _render(task, store, claiming)
     except LidarSceneError as error:
         return " ".join(str(error).split())
     except Exception as error:
         return " ".join(shorten(f"{type(error).__name__}: {error}").split())
 
 
-def _render(task: FrameTask, store: Store) -> str:
+def _render(task: FrameTask, store: Store, claiming: bool) -> str:
     if task.version != __version__:
         raise InputError(f"lidarscene {task.version} gave this frame out, the worker has {__version__}")
     with store.claim(task.key) as is_ours:
-        if not is_ours:
+        if claiming and not is_ours:
             return ELSEWHERE
         if store.row(task.key) is not None:  # another worker was faster
             return REUSED

@@ -138,9 +138,9 @@ class _Display:
                 self._console.print("the scheduler has no workers yet; waiting for them")
             yield client
 
-    def report_waiting(self) -> None:
-        """Print that there has been no worker for a while."""
-        self._console.print("there are no workers; waiting for them")
+    def report_waiting(self, line: str) -> None:
+        """Print what the job waits for."""
+        self._console.print(line)
 
     def report(self, progress: Progress, task: FrameTask | None, cause: str) -> None:
         """Show one more finished frame, and its task and cause if it failed."""
