@@ -65,7 +65,7 @@ def _threads_of_worker() -> int:
     return int(get_worker().state.nthreads)
 
 
-def _try_render(task: FrameTask, store: Store, threads: int, claiming: bool) -> str:
+def _try_render(task: FrameTask, store: Store, threads: int, claiming: bool = True) -> str:
     """Render one frame; any failure becomes one line of text, so that the other frames go on."""
     try:
         transfer.use_threads(threads)
@@ -76,7 +76,7 @@ def _try_render(task: FrameTask, store: Store, threads: int, claiming: bool) -> 
         return " ".join(shorten(f"{type(error).__name__}: {error}").split())
 
 
-def _render(task: FrameTask, store: Store, claiming: bool) -> str:
+def _render(task: FrameTask, store: Store, claiming: bool = True) -> str:
     if task.version != __version__:
         raise InputError(f"lidarscene {task.version} gave this frame out, the worker has {__version__}")
     with store.claim(task.key) as is_ours:
