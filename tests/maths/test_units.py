@@ -30,6 +30,9 @@ FACTORS = {
     "na": 1e-9,
     "ua": 1e-6,
     "mrad": 1e-3,
+    "mg": 9.80665e-3,
+    "ug": 9.80665e-6,
+    "ug_sqrt_hz": 9.80665e-6,
 }
 ENDINGS = {
     "m": ("nm", "um", "mm", "km"),
@@ -37,7 +40,10 @@ ENDINGS = {
     "hz": ("khz", "mhz"),
     "a": ("na", "ua"),
     "rad": ("mrad", "deg"),
-    "rad_s": ("deg_s",),
+    "rad_s": ("deg_s", "deg_h"),
+    "rad_s_sqrt_hz": ("deg_s_sqrt_hz",),
+    "m_s2": ("mg", "ug"),
+    "m_s2_sqrt_hz": ("ug_sqrt_hz",),
 }
 
 
@@ -45,13 +51,14 @@ ENDINGS = {
 def test_conversion(value: float) -> None:
     """A product with the decimal factor, to the last bit: some of these differ from the quotient by 1e9."""
     assert {unit: si(value, unit) for unit in FACTORS} == {u: value * factor for u, factor in FACTORS.items()}
-    assert si(value, "deg") == si(value, "deg_s") == math.radians(value)
+    assert si(value, "deg") == si(value, "deg_s") == si(value, "deg_s_sqrt_hz") == math.radians(value)
+    assert si(value, "deg_h") == pytest.approx(math.radians(value) / 3600.0, rel=1e-15)
     assert si((value, 1.0), "ns") == (value * 1e-9, 1e-9)
     assert si(None, "ns") is None
 
 
 def test_units_are_those_of_the_names() -> None:
-    assert {*FACTORS, "deg", "deg_s"} == set(UNITS)
+    assert {*FACTORS, "deg", "deg_s", "deg_h", "deg_s_sqrt_hz"} == set(UNITS)
     assert {unit: ending for ending, units in ENDINGS.items() for unit in units} == {
         unit: ending for unit, (ending, _) in UNITS.items()
     }

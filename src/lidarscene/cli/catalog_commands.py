@@ -31,12 +31,15 @@ def add_catalogue(commands: Any) -> None:
     """Add `catalog`, `schema` and `check`."""
     catalog = commands.add_parser(
         "catalog",
-        help="what sensors, materials and scenes there are",
+        help="what sensors, IMUs, materials and scenes there are",
         description="List the catalogue, print an entry's file, with a source for every number, or check sensors "
         "against what their makers publish.",
     )
     catalog.add_argument(
-        "kind", nargs="?", choices=("sensors", "materials", "scenes", "check"), help="list only these, or check sensors"
+        "kind",
+        nargs="?",
+        choices=("sensors", "imus", "materials", "scenes", "check"),
+        help="list only these, or check sensors",
     )
     catalog.add_argument("name", metavar="NAME", nargs="?", help="print, or check, this entry")
     add_options(catalog, CommandOptions, json="of a check only")

@@ -93,7 +93,7 @@ def with_joined_pose(argv: Sequence[str]) -> list[str]:
 
 def pose(text: str) -> Pose:
     """Parse a pose of three to six numbers, metres and degrees (an argparse type)."""
-    from ..sensor.sensor_file import LARGEST_COORDINATE_M
+    from ..sensor.pose_file import LARGEST_COORDINATE_M
 
     try:
         numbers = [float(word) for word in text.split(",")]

@@ -16,5 +16,7 @@ parquet            Apache Parquet
 kitti              KITTI and nuScenes
 ros                ROS 2 bags
 osi                ASAM OSI
+motion_files       samples of IMUs, and poses
+clock              dates of stamps
 packets/           UDP packets as the makers' sensors send them
 """

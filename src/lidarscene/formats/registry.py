@@ -38,7 +38,7 @@ class Format:
     extra   group of optional packages that the format needs (`files.optional.EXTRAS`)
     frames  context manager from a path (and ``epoch_ns``, as `formats.clock` has it) to a function that appends whole
             clouds, the frames of one file, each with the label of its sensor; None if a file holds a single frame
-    rig     whether such a file holds the clouds of several sensors, each by itself
+    rig     whether such a file holds the clouds of several sensors, each by itself, and IMUs (``append_imu``)
     folder  whether it is a folder of files, so that its name needs no suffix
     text    whether ``write`` and ``stream`` take ``ascii``
     colour  whether ``write`` takes ``colours``
@@ -193,6 +193,9 @@ LABELS = {
     "osi": ("_gt.osi",),
 }
 """Labels by name (`lidarscene.labels.files`): what their files have in place of the cloud's suffix."""
+
+IMU_SUFFIXES, POSE_SUFFIXES = (".csv",), (".tum", ".txt")
+"""Ends of the names of `lidarscene.formats.motion_files`."""
 
 DATASETS = ("kitti", "semantickitti")
 """Data sets by name (`lidarscene.labels.kitti_dataset`)."""

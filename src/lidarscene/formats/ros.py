@@ -2,7 +2,8 @@
 
 Topic `/points` has a sensor_msgs/PointCloud2 for each frame, in the sensor's frame (frame_id `lidar`); of a rig
 `/LABEL/points` in the frame `LABEL`. A merged cloud is in the vehicle's frame. `/tf` has the vehicle's pose at the
-start of each frame, from `map` to `base_link`, and `/tf_static` the sensors' places on it (names as in REP 105). The
+start of each frame, from `map` to `base_link`, and `/tf_static` the sensors' places on it (names as in REP 105). `/imu`
+or `/LABEL/imu` has sensor_msgs/Imu in the frame `imu` or `LABEL_imu`. The
 fields of the driver that the layout names come first, with its offsets and types; all other columns follow by their
 own names.
 """
@@ -23,11 +24,12 @@ from ..files.optional import import_optional
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.rotations import quaternion
+from ..sensor.imu import ImuSamples
 from .clock import default_epoch_ns, stamp_ns
 from .cloud_columns import Cloud, frame_starts_s, sensor_positions_m
 from .cloud_description import description, library_errors
 
-POINTS, TRANSFORMS, STATIC_TRANSFORMS = "points", "/tf", "/tf_static"
+POINTS, IMU, TRANSFORMS, STATIC_TRANSFORMS = "points", "imu", "/tf", "/tf_static"
 SENSOR_FRAME, VEHICLE_FRAME, WORLD_FRAME = "lidar", "base_link", "map"
 BAG_VERSION = 8
 """Version of rosbag2's metadata, which ROS 2 Humble, Iron and later read."""
@@ -175,6 +177,35 @@ class Bag:
         points = _points_message(rows, self._store, _header(self._store, time_ns, frame))
         self._write(topic(POINTS, label), "sensor_msgs/msg/PointCloud2", time_ns, points)
 
+    def append_imu(self, samples: ImuSamples, *, label: str, mounting: Pose) -> None:
+        """Append samples of the IMU with this label; ``mounting`` is its pose on the vehicle."""
+        with library_errors(self._path):
+            if self._epoch_ns is None:
+                self._epoch_ns = default_epoch_ns(float(samples.time_s[0])) if len(samples) else None
+            frame = "_".join(filter(None, (_ros_name(label), IMU)))
+            rows = zip(
+                samples.time_s.tolist(), samples.angular_velocity_rad_s, samples.specific_force_m_s2, strict=True
+            )
+            for time_s, angular_velocity, force in rows:
+                time_ns = stamp_ns(time_s, self._epoch_ns or 0)
+                self._append_mounting(mounting, frame, time_ns)
+                message = self._imu(_header(self._store, time_ns, frame), angular_velocity, force, samples.sigmas)
+                self._write(topic(IMU, label), "sensor_msgs/msg/Imu", time_ns, message)
+
+    def _imu(self, header: Any, angular_velocity: Numbers, force: Numbers, sigmas: tuple[float, float]) -> Any:
+        """Message of one sample; a first covariance of -1 says that it has no orientation."""
+        types = self._store.types
+        vector, identity = types["geometry_msgs/msg/Vector3"], np.eye(3).ravel()
+        return types["sensor_msgs/msg/Imu"](
+            header=header,
+            orientation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
+            orientation_covariance=np.array([-1.0, *(0.0,) * 8]),
+            angular_velocity=vector(*angular_velocity.tolist()),
+            angular_velocity_covariance=sigmas[0] ** 2 * identity,
+            linear_acceleration=vector(*force.tolist()),
+            linear_acceleration_covariance=sigmas[1] ** 2 * identity,
+        )
+
     def _append_transforms(self, cloud: Cloud, frame: str, time_ns: int) -> None:
         """Append the vehicle's pose, once for sensors whose frames begin together, and a sensor's place on it."""
         vehicle, message_type = cloud.vehicle_to_world, "tf2_msgs/msg/TFMessage"
@@ -183,16 +214,20 @@ class Bag:
                 message = self._transforms([self._transform(cloud.sensor_to_world, WORLD_FRAME, frame, time_ns)])
                 self._write(TRANSFORMS, message_type, time_ns, message)
             return
-        if frame not in (VEHICLE_FRAME, *self._mountings):
-            mounting = cloud.sensors_to_vehicle[0]
-            self._mountings[frame] = self._transform(mounting, VEHICLE_FRAME, frame, time_ns)
-            # The last message is all that a late subscriber gets: it has every sensor so far.
-            message = self._transforms(list(self._mountings.values()))
-            self._write(STATIC_TRANSFORMS, message_type, time_ns, message)
+        if frame != VEHICLE_FRAME:
+            self._append_mounting(cloud.sensors_to_vehicle[0], frame, time_ns)
         if time_ns != self._vehicle_ns:
             self._vehicle_ns = time_ns
             message = self._transforms([self._transform(vehicle, WORLD_FRAME, VEHICLE_FRAME, time_ns)])
             self._write(TRANSFORMS, message_type, time_ns, message)
+
+    def _append_mounting(self, mounting: Pose, frame: str, time_ns: int) -> None:
+        """Append the place of a frame on the vehicle, once."""
+        if frame not in self._mountings:
+            self._mountings[frame] = self._transform(mounting, VEHICLE_FRAME, frame, time_ns)
+            # The last message is all that a late subscriber gets: it has every frame so far.
+            message = self._transforms(list(self._mountings.values()))
+            self._write(STATIC_TRANSFORMS, "tf2_msgs/msg/TFMessage", time_ns, message)
 
     def _write(self, topic: str, message_type: str, time_ns: int, message: Any) -> None:
         if topic not in self._connections:

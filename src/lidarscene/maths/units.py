@@ -27,6 +27,11 @@ UNITS = {
     "mrad": ("rad", 1e-3),
     "deg": ("rad", math.pi / 180.0),
     "deg_s": ("rad_s", math.pi / 180.0),
+    "deg_h": ("rad_s", math.pi / 648_000.0),
+    "deg_s_sqrt_hz": ("rad_s_sqrt_hz", math.pi / 180.0),
+    "mg": ("m_s2", 9.80665e-3),
+    "ug": ("m_s2", 9.80665e-6),
+    "ug_sqrt_hz": ("m_s2_sqrt_hz", 9.80665e-6),
 }
 """Units that people write, as the names of keys end: the SI unit, and the factor to it."""
 
@@ -41,6 +46,13 @@ SYMBOLS = {unit: unit for unit in (*UNITS, "m", "s", "rad", "klux")} | {
     "ua": "µA",
     "deg": "°",
     "deg_s": "°/s",
+    "deg_h": "°/h",
+    "deg_s_sqrt_hz": "°/s/√Hz",
+    "rad_s_sqrt_hz": "rad/s/√Hz",
+    "m_s2": "m/s²",
+    "m_s2_sqrt_hz": "m/s²/√Hz",
+    "ug": "µg",
+    "ug_sqrt_hz": "µg/√Hz",
     "w": "W",
     "w_m2": "W/m²",
     "m2": "m²",

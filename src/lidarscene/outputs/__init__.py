@@ -10,6 +10,7 @@ size            warning of the time, disk and memory of a large run
 streams         clouds, data sets, missed pulses and packets, chunk by chunk
 frame_files     all files of one frame
 light           ambient counts and waveforms
+run_motion      IMUs and poses of all frames
 range_image     images of ring by azimuth
 live/           packets over UDP in real time
 run_report      the summary of a run as text and JSON

@@ -30,6 +30,7 @@ from ..rendering.frame_summary import Summary
 from ..rendering.render_options import FrameOptions, Observers
 from ..rendering.simulator import Simulator
 from ..scene.scene import Scene, View
+from ..sensor.imu import ImuSamples
 from .light import AmbientImage, write_waveforms
 from .plan import Plan
 from .range_image import range_image_stream
@@ -48,6 +49,7 @@ class FrameFiles:
     capture     open file of the sensor's packets, which replace the cloud; None: a cloud is written
     bags        file that holds several frames -> function that appends a cloud to it
     epoch_ns    from 1970 to the scene's second 0, for packets
+    imu         samples of the sensor's IMU until the next frame, for packets, or None
     """
 
     plan: Plan
@@ -60,6 +62,7 @@ class FrameFiles:
     capture: Capture | None = None
     bags: Mapping[Path, Append] = field(default_factory=dict)
     epoch_ns: int = 0
+    imu: ImuSamples | None = None
 
     def write(self, progress: Callable[[int, int], object] | None) -> None:
         """Trace the frame into its files; ``progress`` is called with (done, pulses) of each sensor."""
@@ -90,7 +93,7 @@ class FrameFiles:
         """Builder of the firings that packets are made of; None without packets."""
         if self.capture is None:
             return None
-        return FiringsBuilder(self._simulators[0].sensor, self.frame.number, epoch_ns=self.epoch_ns)
+        return FiringsBuilder(self._simulators[0].sensor, self.frame.number, epoch_ns=self.epoch_ns, imu=self.imu)
 
     def _ambient(
         self, image: AmbientImage | None, packets: FiringsBuilder | None

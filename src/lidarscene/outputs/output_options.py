@@ -14,7 +14,19 @@ from typing import ClassVar
 
 from ..errors import InputError, OptionError
 from ..formats.clock import EPOCH, default_epoch_ns, parse_date, to_ns
-from ..formats.registry import ALL, BAGS, DATASETS, FORMATS, LABELS, PACKETS, SUFFIXES, Format, format_of
+from ..formats.registry import (
+    ALL,
+    BAGS,
+    DATASETS,
+    FORMATS,
+    IMU_SUFFIXES,
+    LABELS,
+    PACKETS,
+    POSE_SUFFIXES,
+    SUFFIXES,
+    Format,
+    format_of,
+)
 from ..rendering.option_fields import (
     Date,
     FileName,
@@ -117,6 +129,19 @@ class Outputs:
         help="power on the detector and its signal against time, of a few pulses",
         metavar="F.npz",
     )
+    imu: File | None = option(
+        None,
+        FileName(IMU_SUFFIXES),
+        help="what the IMU of the sensor or rig measures during all frames, as EuRoC's data sets have it",
+        metavar="F.csv",
+    )
+    poses: File | None = option(
+        None,
+        FileName(POSE_SUFFIXES),
+        help="true pose of the sensor when each frame starts, as TUM's lines, or KITTI's (F.txt); of merged sensors "
+        "the vehicle's",
+        metavar="F.tum|F.txt",
+    )
     pulses: Sequence[int] | None = option(
         None,
         help=f"with waveforms, which ones of a frame, 0 for its first (default: {FEW_PULSES} of them, evenly)",
@@ -188,7 +213,14 @@ class Outputs:
             ) from None
 
 
-EXTRA_FILES = tuple(name for name, (_, entry) in options_of(Outputs).items() if isinstance(entry.values, FileName))
+RUN_FILES = ("imu", "poses")
+"""Options that name a file of all frames."""
+
+EXTRA_FILES = tuple(
+    name
+    for name, (_, entry) in options_of(Outputs).items()
+    if isinstance(entry.values, FileName) and name not in RUN_FILES
+)
 """Options that name a file beside the cloud."""
 
 SINGLE = tuple(name for name in EXTRA_FILES if name != "picture")

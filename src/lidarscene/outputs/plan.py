@@ -17,7 +17,7 @@ from ..formats.cloud_columns import columns_of
 from ..formats.registry import SUFFIXES, Format, formats_with
 from ..labels.files import label_paths
 from ..labels.kitti_dataset import cloud_path
-from .output_options import EXTRA_FILES, Outputs
+from .output_options import EXTRA_FILES, RUN_FILES, Outputs
 from .range_image import all_range_image_paths
 
 CLOUDS = ("output", "deskewed")
@@ -126,6 +126,14 @@ class Plan:
                 files[option] = path.with_name("_".join(filter(None, (path.stem, label, counted))) + path.suffix)
         return files
 
+    def run_files(self, option: str, labels: Sequence[str]) -> dict[str, Path]:
+        """Files of all frames of an option of RUN_FILES, by label of the sensor; empty if they are not asked for."""
+        file = getattr(self.outputs, option)
+        if file is None:
+            return {}
+        path = Path(file)
+        return {label: path.with_name("_".join(filter(None, (path.stem, label))) + path.suffix) for label in labels}
+
     def distinct(self, clouds: Sequence[Mapping[str, Path]]) -> Sequence[Mapping[str, Path]]:
         """Drop repeated names of files that hold several frames, so that each file is there once."""
         if not self.is_one_file:
@@ -199,7 +207,7 @@ def _require_no_later_frames(paths: Sequence[Path]) -> None:
 
 def _option(key: str) -> str:
     """Name of the option behind a key of `Plan.files`."""
-    return key if key in EXTRA_FILES else "path"
+    return key if key in (*EXTRA_FILES, *RUN_FILES) else "path"
 
 
 def protect_inputs(clouds: Sequence[Mapping[str, Path]], inputs: Sequence[Path]) -> None:

@@ -14,7 +14,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Unpack
+from typing import Any, Unpack
 
 from ..errors import InputError, OptionError, OptionWarning
 from ..files.atomic import name_path_in_errors
@@ -31,6 +31,7 @@ from ..sensor.sensor_model import Sensor, warn_of_doubts
 from .frame_files import FrameFiles
 from .output_options import FRAMES, File, Outputs
 from .plan import CLOUDS, Plan, check_writable, protect_inputs
+from .run_motion import RunMotion, imu_labels
 from .size import warn_of_size
 from .streams import captures, description_files, packet_encoders, waveform_pulses
 
@@ -67,10 +68,12 @@ class RecordedRun:
     """Result of `record`: the clouds that were written.
 
     surroundings  place of each sensor in the scene as the first frame begins
+    run_files     files of all frames: IMUs, poses
     """
 
     clouds: tuple[RecordedCloud, ...]
     surroundings: tuple[Surroundings, ...]
+    run_files: tuple[Path, ...] = ()
 
     @property
     def summary(self) -> Summary:
@@ -80,7 +83,8 @@ class RecordedRun:
     @property
     def files(self) -> tuple[Path, ...]:
         """Files of all frames, each once."""
-        return tuple(dict.fromkeys(path for cloud in self.clouds for path in cloud.files.values()))
+        cloud_files = (path for cloud in self.clouds for path in cloud.files.values())
+        return tuple(dict.fromkeys((*cloud_files, *self.run_files)))
 
 
 def record(
@@ -129,8 +133,9 @@ def record(
     numbers = range(frame.number, frame.number + (frames or 1))
     clouds = [("" if outputs.merge else group[0], group, number) for number in numbers for group in groups]
     planned = [plan.files(label, number) for label, _, number in clouds]
+    pose_files = plan.run_files("poses", [""] if outputs.merge else labels)
     # What can be refused is refused in order of its cost: names first, then files, then the world, then tracing.
-    check_writable(plan, planned)
+    check_writable(plan, [*planned, *({"poses": path} for path in pose_files.values())])
     described = load_scene(scene, overrides=scene_changes)
     sensors = _sensors(described, sensor, changes, frame)
     _warn_of_thin_beams(trace, sensors)
@@ -143,8 +148,11 @@ def record(
     for (label, _, _), files in zip(clouds, planned, strict=True):
         if label in encoders:
             files |= description_files(files["output"], encoders[label])
-    check_writable(plan, planned)
-    protect_inputs(planned, [*_inputs(scene, scene_changes, sensor)])
+    has_imu = {mounted.label: mounted.sensor.imu is not None for mounted in sensors}
+    imu_files = plan.run_files("imu", [] if outputs.imu is None else imu_labels(has_imu, rig))
+    run_files = [{"poses": path} for path in pose_files.values()] + [{"imu": path} for path in imu_files.values()]
+    check_writable(plan, [*planned, *run_files])
+    protect_inputs([*planned, *run_files], [*_inputs(scene, scene_changes, sensor)])
     # Wrong pulse numbers raise here, not after an hour of tracing.
     if outputs.waveforms is not None:
         for mounted in sensors:
@@ -164,12 +172,15 @@ def record(
     pulses = len(numbers) * sum(mounted.sensor.scanner.pulses for mounted in sensors)
     progress = None if callback is None else _Progress(callback, pulses)
     epoch_ns = outputs.epoch_ns(frame.begin_s)
+    with_imus = outputs.imu is not None or outputs.packets or plan.format.rig
+    motion = RunMotion.of_run(described, simulator_by_label, frame, len(numbers), rig=rig, with_imus=with_imus)
     written: list[RecordedCloud] = []
     paths = {label: files["output"] for (label, _, _), files in zip(clouds, planned, strict=True)}
     with ExitStack() as opened:
         bags = _bags(plan, planned, opened, epoch_ns)
         open_captures = opened.enter_context(captures(paths if encoders else {}, encoders))
         for (label, group, number), files in zip(clouds, planned, strict=True):
+            parts = list(motion.parts(group, number - frame.number))
             frame_files = FrameFiles(
                 plan=plan,
                 scene=described,
@@ -179,24 +190,33 @@ def record(
                 placed=rig is not None or frame.pose is not None,
                 # Loading and building happened once; the first frame is charged for it.
                 summary=Summary(seconds={} if written else before.seconds),
-                bags={path: partial(append, label=label) for path, append in bags.items()},
+                bags={
+                    path: name_path_in_errors(path, partial(append, label=label) if plan.format.rig else append)
+                    for path, append in bags.items()
+                },
                 epoch_ns=epoch_ns,
                 capture=open_captures.get(label),
+                imu=next((samples for track, samples in parts if track.label == label), None),
             )
             frame_files.write(progress)
+            for bag in bags.values() if plan.format.rig else ():
+                for track, samples in parts:
+                    bag.append_imu(samples, label=track.label, mounting=track.on_vehicle)
             written.append(RecordedCloud(label=label, number=number, files=files, summary=frame_files.summary))
-    return RecordedRun(tuple(written), surroundings)
+    for label, path in imu_files.items():
+        motion.write_imu(path, label, epoch_ns)
+    for label, path in pose_files.items():
+        motion.write_poses(path, label, epoch_ns)
+    return RecordedRun(tuple(written), surroundings, (*imu_files.values(), *pose_files.values()))
 
 
-def _bags(
-    plan: Plan, clouds: Sequence[Mapping[str, Path]], opened: ExitStack, epoch_ns: int
-) -> dict[Path, Callable[..., None]]:
-    """File that holds the clouds of all frames -> function that appends a cloud to it."""
+def _bags(plan: Plan, clouds: Sequence[Mapping[str, Path]], opened: ExitStack, epoch_ns: int) -> dict[Path, Any]:
+    """File that holds the clouds of all frames -> its open `Format.frames`."""
     if not plan.is_bag or plan.format.frames is None:
         return {}
     paths = dict.fromkeys(files[key] for files in clouds for key in CLOUDS if key in files)
     frames = plan.format.frames
-    return {path: name_path_in_errors(path, opened.enter_context(frames(path, epoch_ns=epoch_ns))) for path in paths}
+    return {path: opened.enter_context(frames(path, epoch_ns=epoch_ns)) for path in paths}
 
 
 def _sensors(

@@ -17,6 +17,7 @@ from ..materials.material_file import catalogue_material
 from ..rendering.simulator import Summary
 from ..rendering.surroundings import Surroundings
 from ..scene.scene_file import scene_model
+from ..sensor.imu import imu_model
 from ..sensor.sensor_file import load_sensor
 
 # Stages whose time is proportional to the number of beams; the others are start-up and files.
@@ -100,6 +101,8 @@ def catalog_text(kind: str) -> str:
     for name in catalog.names(kind):
         if kind == "sensors":
             lines.append(f"  {name:<26} {load_sensor(name).description}")
+        elif kind == "imus":
+            lines.append(f"  {name:<26} {imu_model(name).description}")
         elif kind == "scenes":
             lines.append(f"  {name:<26} {scene_model(catalog.path_of(kind, name)).description}")
         else:

@@ -17,7 +17,7 @@ from ..files.table_model import Number, Table
 from ..maths.pose import Pose
 from ..maths.trajectory import Course, Motion, Riding
 from ..physics.road.suspension import Suspension
-from ..sensor.sensor_file import PoseFile
+from ..sensor.pose_file import PoseFile
 from .poses import read_poses, spline
 from .ride import Height, Ride
 

@@ -26,7 +26,7 @@ from ..materials.material import Material
 from ..materials.material_file import catalogue_material
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, Riding
-from ..sensor.sensor_file import LARGEST_COORDINATE_M
+from ..sensor.pose_file import LARGEST_COORDINATE_M
 from .bare_mesh import is_mesh, mesh_tables, warn_of_assumptions
 from .foreign import is_xml, mitsuba_scene, trimesh_scene, xml_file
 from .meshes import primitives, reading, reflectivity_patterns

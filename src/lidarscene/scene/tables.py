@@ -19,7 +19,7 @@ from ..files.toml import FileModel
 from ..materials.material_file import MaterialFile
 from ..maths.units import si
 from ..physics.road.roughness import Roughness, RoughSurface
-from ..sensor.sensor_file import PoseFile, Turned, Vector
+from ..sensor.pose_file import PoseFile, Turned, Vector
 from .meshes.mesh_axes import Axis, Unit
 from .motion import BodyMotionFile, EgoFile
 from .scene import Air, Interferer, Sky, Sun, View

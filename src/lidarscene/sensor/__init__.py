@@ -10,5 +10,6 @@ overlap         overlap of spot and field of view, as a table
 sensor_file     sensor files and `load_sensor`
 optics          [optics]
 readout         [sampler] and [intensity]
+imu             `Imu`: an inertial sensor beside the lidar
 rig_file        several sensors on a vehicle, and `load_rig`
 """

@@ -19,7 +19,9 @@ from ..errors import InputError
 from ..files.overrides import Overrides, assignments, split_sensor
 from ..files.toml import FileModel, read_toml, validate
 from ..maths.pose import Pose
-from .sensor_file import PoseFile, load_sensor
+from .imu import Imu, ImuFile
+from .pose_file import PoseFile
+from .sensor_file import load_sensor
 from .sensor_model import Sensor
 
 
@@ -39,10 +41,14 @@ class Mounted:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rig:
-    """The sensors of a vehicle, each with a label of its own; ``files`` are those that it was read from."""
+    """The sensors of a vehicle, each with a label of its own; ``files`` are those that it was read from.
+
+    imu  the vehicle's own, or None
+    """
 
     name: str
     sensors: tuple[Mounted, ...]
+    imu: Imu | None = None
     files: tuple[Path, ...] = ()
 
 
@@ -75,6 +81,7 @@ class RigFile(FileModel):
 
     name: str = ""
     sensors: Annotated[tuple[MountedFile, ...], Field(min_length=1, max_length=MOST_SENSORS)]
+    imu: ImuFile | None = Field(default=None, description="the vehicle's IMU; none if left out")
 
     @model_validator(mode="after")
     def _own_labels(self) -> RigFile:
@@ -109,5 +116,13 @@ def read_rig(path: Path, *, sensor: SensorLookup = load_sensor, overrides: Seque
         except InputError as error:
             raise InputError(f'{path}: sensors[{index} "{entry.label}"]: {error}') from None
         mounted.append(Mounted(label=entry.label, sensor=built, pose=entry.pose()))
-    files = (path, *(path.parent / entry.sensor for entry in file.sensors if entry.sensor.endswith(".toml")))
-    return Rig(name=file.name or path.stem, sensors=tuple(mounted), files=files)
+    imu = None
+    if file.imu is not None:
+        try:
+            imu = file.imu.build(path.parent)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+    files = [path, *(path.parent / entry.sensor for entry in file.sensors if entry.sensor.endswith(".toml"))]
+    if file.imu is not None:
+        files += file.imu.files(path.parent)
+    return Rig(name=file.name or path.stem, sensors=tuple(mounted), imu=imu, files=tuple(files))

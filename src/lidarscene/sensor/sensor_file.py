@@ -15,7 +15,6 @@ from ..errors import InputError, OptionError
 from ..files.overrides import Overrides, assignments, with_overrides
 from ..files.table_model import Number, Table
 from ..files.toml import FileModel, read_toml, validate
-from ..maths.pose import Pose
 from ..maths.units import si
 from ..physics.amplifier import high_pass
 from ..physics.optics import beam
@@ -24,22 +23,17 @@ from ..scan.scanner_file import ScannerContext
 from .detectors import AnyDetectorFile, Detector, Spad
 from .electronics import MOST_STOPS, Receiver, Tdc
 from .histogram import Histogram, HistogramFile
+from .imu import ImuFile
 from .optics import OpticsFile
 from .overlap import Overlap
+from .pose_file import PoseFile
 from .readout import AnyIntensityFile, AnySamplerFile, PublishedFile, read_published
 from .sensor_model import Laser, Optics, Polarisation, Sensor, overlap_geometry
 from .volleys import find_volleys
 from .wear_file import WearFile
 
-LARGEST_COORDINATE_M = 1e8
-"""No position is farther off: enough for any map projection, and far from what single precision can hold."""
-
 NOMINAL_TEMPERATURE_C = 25.0
 """Temperature at which data sheets state a laser's wavelength."""
-
-Coordinate = Annotated[float, Field(ge=-LARGEST_COORDINATE_M, le=LARGEST_COORDINATE_M)]
-Vector = tuple[Coordinate, Coordinate, Coordinate]
-Turned = Annotated[float, Number("deg", ge=-36e3, le=36e3)]
 
 
 class PolarisationFile(Table[Polarisation]):
@@ -148,21 +142,6 @@ class ReceiverFile(Table[Receiver]):
         return receiver, replace(tdc, bandwidth_hz=si(self.bandwidth_mhz, "mhz") * receiver.noise_ratio)
 
 
-class PoseFile(FileModel):
-    """A pose as people write it: yaw about z, then pitch (positive looks up), then roll."""
-
-    position_m: Vector = (0.0, 0.0, 0.0)
-    yaw_deg: Turned = 0.0
-    pitch_deg: Turned = 0.0
-    roll_deg: Turned = 0.0
-
-    def pose(self) -> Pose:
-        """Convert to a rotation and a position."""
-        return Pose.from_degrees(
-            position_m=self.position_m, yaw_deg=self.yaw_deg, pitch_deg=self.pitch_deg, roll_deg=self.roll_deg
-        )
-
-
 class SensorFile(FileModel):
     """A whole sensor file. ``sources`` says where each number comes from, by dotted key (or its table)."""
 
@@ -181,6 +160,7 @@ class SensorFile(FileModel):
         default=None, description="what measures the pulses that trip the comparator; the TDC alone if left out"
     )
     mounting: PoseFile = PoseFile()
+    imu: ImuFile | None = Field(default=None, description="an IMU in the same housing, see below; none if left out")
     wear: WearFile | None = Field(default=None, description="of window, lasers and mounting; as new if left out")
     intensity: AnyIntensityFile | None = Field(default=None, description="the maker's scale; the amplitude if left out")
     published: PublishedFile | None = Field(default=None, description="for comparison; not used by the simulation")
@@ -259,6 +239,7 @@ class SensorFile(FileModel):
             histogram=self._histogram(detector),
             mounting=self.mounting.pose(),
             wear=wear,
+            imu=None if self.imu is None else self.imu.build(folder),
             intensity=None if self.intensity is None else self.intensity.in_si(),
             sources=dict(self.sources),
         )
@@ -360,6 +341,8 @@ def files_of_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Pa
     file = validate(SensorFile, _derived_rate(read_toml(path), overrides), str(path), overrides=overrides)
     yield path
     yield from (path.parent / name for name in file.scanner.files)
+    if file.imu is not None:
+        yield from file.imu.files(path.parent)
     if file.optics.filter is not None and file.optics.filter.csv is not None:
         yield path.parent / file.optics.filter.csv
 

@@ -24,6 +24,7 @@ from .detectors.matching import silicon_doubt, spot_doubt
 from .detectors.spad_detector import Macropixel
 from .electronics import Adc, Intensity, MultiLevel, Receiver, Tdc
 from .histogram import Histogram
+from .imu import Imu
 from .overlap import Alignment, Overlap, OverlapGeometry, Spot
 from .wear import Wear
 
@@ -195,6 +196,7 @@ class Sensor:
     histogram  histogram over the shots of a `Spad`; None with any other detector
     wear       drops, weak lasers and a knocked mounting, `sensor.wear`; None: as new
     intensity  as the maker reports it, or None: the amplitude
+    imu        IMU in its housing, or None
     """
 
     name: str
@@ -209,6 +211,7 @@ class Sensor:
     mounting: Pose = field(default_factory=Pose)
     intensity: Intensity | None = None
     wear: Wear | None = None
+    imu: Imu | None = None
     description: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
 

@@ -7,12 +7,13 @@ lost ones.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
+from ...sensor.imu import ImuSamples
 from ...sensor.sensor_model import Sensor
 from ..cloud_columns import Cloud
 
@@ -31,6 +32,7 @@ class Firings:
     ambient    (firings, lasers) float32, background counts, of lost pulses too if the sensor's maker sends them
     number     of the first firing, counted from the first frame's
     time_s     (firings,) float64, when the first laser of each fires, since 1970
+    imu        samples of the sensor's IMU until the next frame, with times since 1970; None without one
     """
 
     range_m: Numbers
@@ -39,6 +41,7 @@ class Firings:
     ambient: Numbers
     number: int
     time_s: Numbers
+    imu: ImuSamples | None = None
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -50,10 +53,12 @@ class FiringsBuilder:
     sensor    a spinning one, which `select_encoder` accepts
     number    number of the frame
     epoch_ns  from 1970 to the scene's second 0
+    imu       samples of the sensor's IMU until the next frame, by the scene's clock
     """
 
-    def __init__(self, sensor: Sensor, number: int, *, epoch_ns: int = 0) -> None:
+    def __init__(self, sensor: Sensor, number: int, *, epoch_ns: int = 0, imu: ImuSamples | None = None) -> None:
         assert isinstance(sensor.scanner, Spinning)
+        self._imu = imu
         self._epoch_s = epoch_ns / 1e9
         self._scanner = scanner = sensor.scanner
         self._number = number
@@ -110,4 +115,5 @@ class FiringsBuilder:
             ambient=self._ambient,
             number=self._number * cycles,
             time_s=self._start_s + self._scanner.cycle_s * np.arange(cycles),
+            imu=None if self._imu is None else replace(self._imu, time_s=self._epoch_s + self._imu.time_s),
         )

@@ -13,10 +13,14 @@ import numpy as np
 
 
 class Packet(NamedTuple):
-    """A UDP payload and its time [s]: when it leaves the simulated sensor, or when a recorder received it."""
+    """A UDP payload and its time [s]: when it leaves the simulated sensor, or when a recorder received it.
+
+    port  UDP port that it is sent to; None: that of the sensor's points
+    """
 
     time_s: float
     payload: bytes
+    port: int | None = None
 
 
 FULL_TURN = 36_000
@@ -71,6 +75,18 @@ PANDAR64_PACKET = np.dtype(
     ]
 )
 
-OUSTER_PORT = 7502
+OUSTER_PORT, OUSTER_IMU_PORT = 7502, 7503
+
+OUSTER_IMU_PACKET = np.dtype(
+    [
+        ("system_ns", "<u8"),
+        ("force_ns", "<u8"),
+        ("angular_ns", "<u8"),
+        ("force_g", "<f4", 3),
+        ("angular_deg_s", "<f4", 3),
+    ]
+)
+"""Legacy IMU packet of 48 bytes (Ouster, firmware user manual, IMU data legacy)."""
+
 OUSTER_MODES = ("512x10", "512x20", "1024x10", "1024x20", "2048x10", "4096x5")
 """Columns a turn and turns a second of the firmware."""

@@ -15,10 +15,13 @@ import numpy as np
 from ...errors import InputError
 from ...files.optional import import_optional
 from ...maths.arrays import Numbers
+from ...maths.pose import Pose
+from ...physics.inertial import STANDARD_GRAVITY_M_S2
 from ...scan.spinning import Spinning
+from ...sensor.imu import ImuSamples
 from ...sensor.sensor_model import Sensor
 from .firings import Firings
-from .layouts import OUSTER_MODES, OUSTER_PORT, Packet
+from .layouts import OUSTER_IMU_PACKET, OUSTER_IMU_PORT, OUSTER_MODES, OUSTER_PORT, Packet
 from .packet_encoder import head_deg
 
 COLUMNS_PER_PACKET = 16
@@ -71,9 +74,10 @@ class OusterEncoder:
                 lidar_frame.field(name)[:] = values.T
         packets = self._core.frame_to_packets(lidar_frame, self._format, self._info.init_id, self._info.sn)
         last = np.arange(1, len(packets) + 1) * COLUMNS_PER_PACKET - 1
-        return [
+        points = [
             Packet(float(time), bytes(packet.buf)) for time, packet in zip(frame.time_s[last], packets, strict=True)
         ]
+        return points if frame.imu is None else sorted([*points, *_imu_packets(frame.imu)])
 
     def flush(self) -> list[Packet]:
         """No packets: none waits for the next frame."""
@@ -97,6 +101,19 @@ class OusterEncoder:
             fields[f"REFLECTIVITY{end}"] = clipped(frame.intensity[..., index], "REFLECTIVITY")
             fields[f"SIGNAL{end}"] = clipped(frame.signal[..., index], "SIGNAL")
         return fields
+
+
+def _imu_packets(samples: ImuSamples) -> list[Packet]:
+    """One packet for each sample, on a port of their own."""
+    payloads = np.zeros(len(samples), OUSTER_IMU_PACKET)
+    for stamp in ("system_ns", "force_ns", "angular_ns"):
+        payloads[stamp] = np.rint(1e9 * samples.time_s).astype(np.int64).clip(0)
+    payloads["force_g"] = samples.specific_force_m_s2 / STANDARD_GRAVITY_M_S2
+    payloads["angular_deg_s"] = np.degrees(samples.angular_velocity_rad_s)
+    return [
+        Packet(time_s, payload.tobytes(), OUSTER_IMU_PORT)
+        for time_s, payload in zip(samples.time_s.tolist(), payloads, strict=True)
+    ]
 
 
 def match_ouster(sensor: Sensor, profile: str) -> OusterEncoder | None:
@@ -137,7 +154,7 @@ def _metadata(sensor: Sensor, scanner: Spinning, profile: str) -> dict[str, Any]
         "build_date": "",
         "initialization_id": 1,
         "udp_port_lidar": OUSTER_PORT,
-        "udp_port_imu": OUSTER_PORT + 1,
+        "udp_port_imu": OUSTER_IMU_PORT,
         "lidar_mode": mode,
         "json_calibration_version": 4,
         "hostname": "",
@@ -147,7 +164,7 @@ def _metadata(sensor: Sensor, scanner: Spinning, profile: str) -> dict[str, Any]
         "lidar_origin_to_beam_origin_mm": origin_mm,
         "beam_to_lidar_transform": [1, 0, 0, origin_mm, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1],
         "lidar_to_sensor_transform": [cos, -sin, 0, 0, sin, cos, 0, 0, 0, 0, 1, float(up_mm[0]), 0, 0, 0, 1],
-        "imu_to_sensor_transform": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1],
+        "imu_to_sensor_transform": _matrix_mm(Pose() if sensor.imu is None else sensor.imu.pose),
         "data_format": {
             "columns_per_frame": scanner.cycles,
             "columns_per_packet": COLUMNS_PER_PACKET,
@@ -161,6 +178,12 @@ def _metadata(sensor: Sensor, scanner: Spinning, profile: str) -> dict[str, Any]
             "udp_profile_lidar": profile,
         },
     }
+
+
+def _matrix_mm(pose: Pose) -> list[float]:
+    """(4, 4) matrix of a pose row by row, in millimetres."""
+    rows = np.column_stack([pose.rotation, 1e3 * pose.position_m]).round(9)
+    return [*rows.ravel().tolist(), 0, 0, 0, 1]
 
 
 def _beam_origin_mm(scanner: Spinning) -> float:

@@ -50,7 +50,7 @@ def pcap_stream(path: str | os.PathLike[str], encoder: PacketEncoder) -> Iterato
         file.write(HEADER)
 
         def write(packets: Sequence[Packet]) -> None:
-            file.write(b"".join(record_of(packet, encoder.port) for packet in packets))
+            file.write(b"".join(record_of(packet, packet.port or encoder.port) for packet in packets))
 
         yield lambda frame: write(encoder.packets(frame))
         write(encoder.flush())
