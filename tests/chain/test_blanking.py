@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from helpers import trains
 
-from lidarscene.detection import returns
+from lidarscene.detection import multi_echo, returns
 from lidarscene.detection.outcomes import Outcome, Status
+from lidarscene.detection.photon_counting import histogram_receiver
 from lidarscene.errors import InputError
 from lidarscene.light.echoes import Echoes
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
@@ -100,3 +101,41 @@ def test_no_blanking_is_the_default_and_takes_crossings_before_time_zero():
 def test_blanking_beyond_the_window_is_a_mistake():
     with pytest.raises(InputError, match="blanking_ns: must be < 4000, the window, got 4000"):
         trains.sensor("table1-apd", "tdc.window_us=4", "tdc.blanking_ns=4000")
+
+
+@pytest.mark.parametrize("road", [one_echo, one_of_many])
+def test_no_echo_has_the_range_zero(road):
+    """Rationale: a converter counts from the pulse, and 0 stands for no return in makers' formats. A strong echo from
+    0.2 m crosses 2 sigma, 0.7 m of range, before its peak: raw, its time would be before the pulse.
+    """
+    plain = trains.sensor("table1-apd", *trains.QUIET, "tdc.walk='raw'")
+    power = trains.power_at_snr(plain, 300.0)
+    detection = road(0.2, power, plain)
+    assert np.all(detection.outcome == Outcome.OUT_OF_WINDOW)
+    assert not np.any(detection.stops[0].reported)
+    corrected = trains.sensor("table1-apd", *trains.QUIET)
+    again = road(0.2, power, corrected)
+    np.testing.assert_allclose(again.stops[0].range_m[again.stops[0].reported], 0.2, atol=0.05)
+    assert np.all(again.stops[0].reported)
+
+
+@pytest.mark.parametrize("sampler", [[], ["tdc.keep='strongest'"]])
+def test_what_comes_before_the_pulse_takes_no_stop(sampler):
+    """As a blanked echo: the second one is the first that is reported."""
+    plain = trains.sensor("table1-apd", *trains.QUIET, "tdc.walk='raw'", "tdc.dead_time_ns=100", *sampler)
+    power = trains.power_at_snr(plain, 300.0)
+    detection = trains.detect(trains.train(np.tile([[0.2, 10.0]], (50, 1)), power), plain)
+    assert np.all(detection.stops[0].reported)
+    assert np.all(np.abs(np.asarray(detection.stops[0].range_m) - 9.5) < 0.5)
+
+
+@pytest.mark.parametrize("name", ["table1-sipm", "os1-128", "mems-1550"])
+def test_fog_piles_no_points_up_at_zero(name):
+    """Rationale: light of fog in front of the lens is strongest near it, and noise moves it across the pulse."""
+    equipped = trains.sensor(name)
+    light = trains.in_fog(equipped, np.geomspace(0.3, 30.0, 400))
+    receiver = histogram_receiver if equipped.histogram is not None else multi_echo
+    detection = receiver.detect(light, equipped, seed=3, pulse=np.arange(400, dtype=np.uint32))
+    reported = np.asarray(detection.stops[0].reported)
+    assert reported.sum() > 40
+    assert np.asarray(detection.stops[0].range_m)[reported].min() > 0.0

@@ -261,11 +261,16 @@ def walk_s(shots: Shots, *, measured: Lanes, width_s: Lanes | None, true_power_w
 
 
 def converted_time_s(shots: Shots, time_s: Lanes, *, draw: Lanes = 0) -> Lanes:
-    """Add the converter's jitter to a time and round it to its step, (n,) s; never before the pulse."""
+    """Add the converter's jitter to a time and round it to its step, (n,) s; 0 where that is not after the pulse."""
     ops, converter = xp(time_s), shots.sensor.tdc
     jitter, _ = random.normal_pair(shots.words(Stage.TDC_JITTER, draw))
     jittered = ops.maximum(time_s + converter.jitter_s * jitter, 0.0)
     return tdc.quantise(time_s=jittered, least_significant_bit_s=converter.least_significant_bit_s)
+
+
+def is_range(reported_s: Lanes) -> Mask:
+    """True for a time that a converter reports: it counts from the pulse, and 0 stands for no return, (n,) bool."""
+    return reported_s > 0.0
 
 
 def accepts_crossing(sensor: Sensor, crossing_s: Lanes) -> Mask:

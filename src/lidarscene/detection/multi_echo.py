@@ -156,6 +156,7 @@ class _Converter(Received):
         # Sampling a pulse is the expensive part: only lanes whose crossing may be kept go through it.
         measured = accepted & stop_list.may_keep(tdc, crossing_s, state.stops)
         new_stop = converter._stop(rise, trip, measured, place, in_valley, crossing_s)
+        accepted = accepted & (new_stop.occupied | ~measured)
         return self._advance(
             state,
             rise,
@@ -205,6 +206,7 @@ class _Converter(Received):
         accepted = (fresh | higher) & comparator.accepts_crossing(self.sensor, crossing_s)
         measured = accepted & stop_list.may_keep(tdc, crossing_s, state.stops)
         new_stop = converter._stop(rise, trip, measured, place, in_valley, crossing_s)
+        accepted = accepted & (new_stop.occupied | ~measured)
         finished = replace(last_pulse.stop, key=ops.where(accepted & separate, last_pulse.stop.key, EMPTY))
         stop = new_stop
         if self.sensor.times_edge:
@@ -293,7 +295,10 @@ class _Converter(Received):
     def _stop(
         self, rise: Rise, trip: comparator.Trip, accepted: Mask, place: Lanes, in_valley: Mask, crossing_s: Lanes
     ) -> Stop:
-        """Measure a crossing with the sampler, as a stop; lanes that are not ``accepted`` get the key `EMPTY`."""
+        """Measure a crossing with the sampler, as a stop; lanes that are not ``accepted`` get the key `EMPTY`.
+
+        So do those whose time is no range.
+        """
         ops = self.ops
         reading = read(self, rise, trip, place, mask=accepted)
         key = stop_list.sort_key(self.sensor.tdc, crossing_s, reading.amplitude)
@@ -307,7 +312,7 @@ class _Converter(Received):
             measured=reading.place,
         )
         return Stop(
-            key=ops.where(accepted, key, EMPTY),
+            key=ops.where(accepted & comparator.is_range(reading.reported_s), key, EMPTY),
             crossing_s=crossing_s,
             reported_s=reading.reported_s,
             amplitude=reading.amplitude,

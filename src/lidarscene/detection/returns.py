@@ -117,6 +117,7 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Dete
     shots = Shots(sensor=sensor, point=point, threshold=sensor.threshold(point), seed=seed, pulse=pulse)
     edge = _edge(shots, echoes)
     in_window = edge.tripped & comparator.accepts_crossing(sensor, edge.crossing_s)
+    in_window = in_window & comparator.is_range(edge.reported_s)
     alarms = [
         _Alarm(time_s=alarm.time_s, amplitude=alarm.amplitude, status=alarm_status(alarm.interfering))
         for generator in comparator.false_alarms(shots, echoes.interference)

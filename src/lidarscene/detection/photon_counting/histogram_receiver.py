@@ -212,6 +212,7 @@ class _Receiver(Shots):
         accepted = (
             tripped & comparator.accepts_crossing(sensor, arrival_s) & (time_s - state.last_s >= converter.dead_time_s)
         )
+        accepted = accepted & comparator.is_range(time_s)
         source, true_range, status = self._source(place)
         # With one echo they are those of the pulse, which `detection` computes in any case.
         snr, probability = self._peak_snr(place, power_w) if self._multi_peak else (0.0 * place, 0.0 * place)
