@@ -23,6 +23,7 @@ from ..maths.special import normal_tail
 from ..physics.electronics import saturation, tdc
 from ..physics.electronics.sipm_edge import Passage, late_place
 from ..physics.optics import pulse as pulse_shape
+from ..physics.optics import scintillation
 from ..sensor.sensor_model import Sensor
 from . import interference
 from .shots import Shots
@@ -40,8 +41,9 @@ class Trip:
     deviate       z of the leading edge, N(0, 1), theory (T24)
     peak_deviate  z' of the peak, N(0, 1), independent of the first, theory (T26a)
     level         noiseless signal at which the edge trips the comparator, theory (T25)
-    probability   P_d, theory (T22) or (T23)
+    probability   P_d, theory (T22) or (T23); of an echo that fluctuates, the mean over all of its powers
     tripped       whether the echo trips the comparator
+    expected      signal of the mean power: ``signal`` if the echo does not fluctuate
     base          signal from which the threshold counts: 0 but for what stands on other light
     """
 
@@ -52,6 +54,7 @@ class Trip:
     level: Lanes
     probability: Lanes
     tripped: Mask
+    expected: Lanes
     base: Lanes = 0.0
     passage: Passage | None = None
     count_lag_s: Lanes = 0.0
@@ -95,6 +98,9 @@ def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.
     if point.response.saturation is not None:
         # The amplifier's output never rises above where it clips.
         tripped = tripped & (threshold < point.response.saturation)
+    expected = signal
+    if shots.fluctuation is not None:
+        expected, probability = expectation(shots, peak_power_w, threshold=threshold)
     return Trip(
         signal=signal,
         sigma=sigma,
@@ -103,17 +109,32 @@ def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.
         level=reached,
         probability=probability,
         tripped=tripped,
+        expected=expected,
         base=base,
         passage=passage,
     )
 
 
-def probability(shots: Shots, signal: Lanes) -> Lanes:
-    """P_d of a peak signal, (n,); theory (T22) or (T23)."""
-    point = shots.point
-    noise_terms = {"noise": point.noise.deviation, "kappa_1": point.noise.kappa_1, "kappa_2": point.noise.kappa_2}
-    sigma = tdc.noise_at_level(level=signal, **noise_terms)
-    return point.detection_probability(shots.threshold, signal, sigma)
+def expectation(shots: Shots, peak_power_w: Lanes, *, threshold: Lanes | None = None) -> tuple[Lanes, Lanes]:
+    """Peak signal of an echo's mean power, and its P_d, (n,) each; theory (T22) or (T23).
+
+    peak_power_w  (n,) optical peak power as drawn
+    threshold     (n,) level that it must reach; None: the comparator's
+    """
+    level = shots.threshold if threshold is None else threshold
+    point, fluctuation = shots.point, shots.fluctuation
+
+    def probability(signal: Lanes) -> Lanes:
+        noise_terms = {"noise": point.noise.deviation, "kappa_1": point.noise.kappa_1, "kappa_2": point.noise.kappa_2}
+        sigma = tdc.noise_at_level(level=signal, **noise_terms)
+        return point.detection_probability(level, signal, sigma)
+
+    if fluctuation is None:
+        signal = point.response.signal(peak_power_w)
+        return signal, probability(signal)
+    mean_w = peak_power_w / fluctuation.relative_power
+    drawn = scintillation.mean(lambda power: probability(point.response.signal(mean_w * power)), fluctuation.variance)
+    return point.response.signal(mean_w), drawn
 
 
 def count_lag_s(shots: Shots, trip: Trip, *, share: Lanes, peak_power_w: Lanes) -> Lanes:

@@ -48,6 +48,7 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
         pulse=pulse,
         surfaces=pulse_train.surfaces,
         stray=pulse_train.stray,
+        fluctuation=pulse_train.fluctuation,
     )
     # Echoes first: only they obey the dead time. Then false alarms compete with them for the stops.
     state = converter.search()
@@ -317,7 +318,7 @@ class _Converter(Received):
             reported_s=reading.reported_s,
             amplitude=reading.amplitude,
             width_s=reading.width_s,
-            snr=self.snr(trip.signal),
+            snr=self.snr(trip.expected),
             probability=trip.probability,
             source=source,
             true_range_m=true_range,
@@ -380,8 +381,8 @@ class _Converter(Received):
         # The derivative of its place is not needed: P' is zero there, so moving the place does not change the power.
         lit = state.highest_w > 0.0
         point = self.point if state.at_highest is None else state.at_highest.working_point(self.point)
-        signal = point.response.signal(ops.where(lit, self.wave.at(state.highest)[0], 0.0))
-        probability = comparator.probability(self, signal)
+        highest_w = ops.where(lit, self.wave.at(state.highest)[0], 0.0)
+        signal, probability = comparator.expectation(replace(self, point=point), highest_w)
         return Detection(
             snr=ops.where(lit, self.snr(signal), 0.0),
             detection_probability=ops.where(lit, probability, 0.0),

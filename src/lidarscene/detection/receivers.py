@@ -55,5 +55,6 @@ def detect_alone(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -
         background_power_w=echoes.background_power_w,
         interference=echoes.interference,
         white_w_m2=echoes.white_w_m2,
+        fluctuation=echoes.fluctuation,
     )
     return detect(train, sensor, seed=seed, pulse=pulse)

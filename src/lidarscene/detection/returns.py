@@ -87,6 +87,7 @@ class _Edge:
     amplitude   measured peak, in signal units
     width_s     time over the threshold; None: not measured
     probability P_d, theory (T22) or (T23)
+    expected    peak signal of its mean power
     """
 
     tripped: Mask
@@ -95,6 +96,7 @@ class _Edge:
     amplitude: Lanes
     width_s: Lanes | None
     probability: Lanes
+    expected: Lanes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,7 +116,14 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Dete
     """
     ops = xp(echoes.range_m)
     point = sensor.working_point(echoes.background_power_w)
-    shots = Shots(sensor=sensor, point=point, threshold=sensor.threshold(point), seed=seed, pulse=pulse)
+    shots = Shots(
+        sensor=sensor,
+        point=point,
+        threshold=sensor.threshold(point),
+        seed=seed,
+        pulse=pulse,
+        fluctuation=echoes.fluctuation,
+    )
     edge = _edge(shots, echoes)
     in_window = edge.tripped & comparator.accepts_crossing(sensor, edge.crossing_s)
     in_window = in_window & comparator.is_range(edge.reported_s)
@@ -157,10 +166,9 @@ def detect(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Dete
     outcome = ops.where(in_window, outcome, int(Outcome.OUT_OF_WINDOW))
     outcome = ops.where(edge.tripped, outcome, int(Outcome.BELOW_THRESHOLD))
     outcome = ops.where(echoes.has_surface, outcome, int(Outcome.NO_SURFACE))
-    signal = point.response.signal(echoes.peak_power_w)
     quiet = point.noise.deviation <= 0.0
     return Detection(
-        snr=ops.where(echoes.has_surface, signal / ops.where(quiet, 1e-30, point.noise.deviation), 0.0),
+        snr=ops.where(echoes.has_surface, edge.expected / ops.where(quiet, 1e-30, point.noise.deviation), 0.0),
         detection_probability=ops.where(echoes.has_surface, edge.probability, 0.0),
         outcome=outcome,
         ambient=ambient.counts(echoes.background_power_w, sensor, seed=seed, pulse=pulse),
@@ -194,6 +202,7 @@ def _edge(shots: Shots, echoes: Echoes) -> _Edge:
         amplitude=measured,
         width_s=width_s,
         probability=trip.probability,
+        expected=trip.expected,
     )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..light.echoes import Fluctuation
 from ..light.waveform import Waveform
 from ..maths import random
 from ..maths.arrays import Array, Lanes, Ops, xp
@@ -25,11 +26,12 @@ from ..sensor.sensor_model import Sensor
 class Shots:
     """Inputs of the electronics for n pulses, known before their light comes back.
 
-    sensor     the sensor that fired the pulses
-    point      working point of the detector under each pulse's background
-    threshold  (n,) level U of the comparator, in the detector's unit of signal
-    seed       32-bit frame seed; every random number is keyed by (seed, stage, pulse)
-    pulse      (n,) uint32 pulse numbers
+    sensor       the sensor that fired the pulses
+    point        working point of the detector under each pulse's background
+    threshold    (n,) level U of the comparator, in the detector's unit of signal
+    seed         32-bit frame seed; every random number is keyed by (seed, stage, pulse)
+    pulse        (n,) uint32 pulse numbers
+    fluctuation  of the power that comes back; None: it has none
     """
 
     sensor: Sensor
@@ -37,6 +39,7 @@ class Shots:
     threshold: Lanes
     seed: Lanes
     pulse: Array
+    fluctuation: Fluctuation | None = None
 
     def words(self, stage: Stage, draw: Lanes = 0) -> tuple[Array, Array]:
         """Two random 32-bit words for each pulse, (n,) each; ``draw`` separates the uses of one stage."""

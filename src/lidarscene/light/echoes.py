@@ -62,6 +62,18 @@ class Ambient:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Fluctuation:
+    """Scatter of echoes about their means, by speckle and turbulence; each field (n,).
+
+    variance        relative variance of the power
+    relative_power  power that was drawn, over its mean
+    """
+
+    variance: Lanes
+    relative_power: Lanes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Echoes:
     """Light on the detector, for each ray; each array (n,).
 
@@ -72,6 +84,7 @@ class Echoes:
     interference        pulses of other lidars
     white_w_m2          peak power times range squared of a white surface, for which the sensor is calibrated; 1 if its
                         intensity scale does not need it
+    fluctuation         of the peak power, which is drawn; None: it is the mean
     """
 
     has_surface: Mask
@@ -80,6 +93,7 @@ class Echoes:
     background_power_w: Lanes
     interference: tuple[Interference, ...] = ()
     white_w_m2: Lanes = 1.0
+    fluctuation: Fluctuation | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,6 +162,7 @@ class EchoTrain:
     interference        pulses of other lidars, as in `Echoes`
     white_w_m2          (n,) as in `Echoes`
     stray               whether the last sub-echo is stray light of other channels (`light.stray_light`)
+    fluctuation         of all sub-echoes of surfaces together, as in `Echoes`
     """
 
     parts: tuple[SubEchoes, ...]
@@ -157,6 +172,7 @@ class EchoTrain:
     volume: Volume | None = None
     interference: tuple[Interference, ...] = ()
     white_w_m2: Lanes = 1.0
+    fluctuation: Fluctuation | None = None
     stray: bool = False
 
     def part(self, first: int, count: int, *, of: int) -> EchoTrain:
@@ -182,6 +198,11 @@ class EchoTrain:
                 replace(source, peak_power_w=lanes(source.peak_power_w)) for source in self.interference
             ),
             white_w_m2=lanes(self.white_w_m2),
+            fluctuation=None
+            if self.fluctuation is None
+            else Fluctuation(
+                variance=lanes(self.fluctuation.variance), relative_power=lanes(self.fluctuation.relative_power)
+            ),
         )
 
 

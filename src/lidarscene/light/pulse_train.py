@@ -18,7 +18,7 @@ from ..physics.optics import radiometry
 from ..sensor.sensor_model import Sensor
 from .air_light import AirLight
 from .beams import Beams
-from .echoes import Ambient, Echoes, EchoTrain, SubEchoes, Volume, echo_share
+from .echoes import Ambient, Echoes, EchoTrain, Fluctuation, SubEchoes, Volume, echo_share
 from .footprint import Skirt
 
 
@@ -105,6 +105,29 @@ def join_echoes(
             replace(source, peak_power_w=pulse_value(source.peak_power_w)) for source in first.interference
         ),
         white_w_m2=pulse_value(first.white_w_m2),
+        fluctuation=_join_fluctuations(paths, weight, rays),
+    )
+
+
+def _join_fluctuations(paths: Sequence[Echoes], weight: Lanes, rays: int) -> Fluctuation | None:
+    """Fluctuation of all echoes of each pulse, weighted by their mean powers; None without."""
+    ops = xp(paths[0].range_m)
+    mean_w: Lanes = 0.0
+    drawn_w: Lanes = 0.0
+    varying_w: Lanes = 0.0
+    for path in paths:
+        if path.fluctuation is None:
+            return None
+        drawn = path.peak_power_w * weight
+        mean = drawn / path.fluctuation.relative_power
+        for ray in range(rays):
+            mean_w = mean_w + ops.column(mean, ray, rays)
+            drawn_w = drawn_w + ops.column(drawn, ray, rays)
+            varying_w = varying_w + ops.column(mean * path.fluctuation.variance, ray, rays)
+    lit = mean_w > 0.0
+    divisor = ops.where(lit, mean_w, 1.0)
+    return Fluctuation(
+        variance=ops.where(lit, varying_w / divisor, 0.0), relative_power=ops.where(lit, drawn_w / divisor, 1.0)
     )
 
 

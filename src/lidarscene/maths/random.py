@@ -32,6 +32,7 @@ class Stage(enum.IntEnum):
     GAPS = 12
     HISTOGRAM = 16
     THRESHOLD = 17
+    FLUCTUATION = 25
 
 
 _ROTATIONS = (13, 15, 26, 6, 17, 29, 16, 24)

@@ -16,8 +16,9 @@ from ..kernel.world.mitsuba_world import World
 from ..light import beams, echoes
 from ..light.air_light import AirLight, air_light
 from ..light.beams import Beams
-from ..light.echoes import Ambient, EchoTrain
+from ..light.echoes import Ambient, Echoes, EchoTrain
 from ..light.field_background import background_power_w, field_of_view
+from ..light.fluctuations import FluctuationLaw, fluctuate
 from ..light.footprint import Footprint, aim, footprint, polarisation, spread
 from ..light.hits import Hits
 from ..light.pulse_train import LitAir, join_echoes
@@ -53,6 +54,7 @@ class Stages:
     field         receiver's field of view, whose rays gather the background; None: the laser's rays do
     air           light of fog, rain and snow, or None
     crosstalk     channels that see each other's light, or None
+    fluctuation   law by which echoes scatter, or None
     sun           unit vector towards the sun
     """
 
@@ -66,6 +68,7 @@ class Stages:
     field: Footprint | None
     air: AirLight | None
     crosstalk: Crosstalk | None
+    fluctuation: FluctuationLaw | None
     sun: Any
 
     @classmethod
@@ -85,6 +88,7 @@ class Stages:
             field=transfer.opaque(field),
             air=transfer.opaque(air),
             crosstalk=transfer.opaque(Crosstalk.from_sensor(sensor)),
+            fluctuation=transfer.opaque(FluctuationLaw.of(sensor, scene.air)),
             sun=transfer.opaque(plain_numbers(scene.sun.direction)),
         )
 
@@ -137,7 +141,7 @@ class Stages:
         if self.field is not None:
             background = self._background(places, pulse, seed, self.field, ray_pulses)
         rays, paths = self._trace_rays(places, pulse, seed, self.footprint, survey=survey, ray_pulses=ray_pulses)
-        light = echoes.gather_background([echoes.receive(rays, hits, self.sensor, self.ambient) for hits in paths])
+        light = echoes.gather_background([self._receive(rays, hits, seed) for hits in paths])
         if background is not None:
             ray_background = background if self.rays == 1 else transfer.repeat_lanes(background, self.rays)[0]
             light[0] = replace(light[0], background_power_w=ray_background)
@@ -146,6 +150,14 @@ class Stages:
             leaks = reaches_others(light, self.crosstalk)
             goes_on = leaks if goes_on is None else goes_on | leaks
         return OpticalChunk(pulse, rays, paths, light, goes_on)
+
+    def _receive(self, rays: Beams, hits: Hits, seed: Lanes) -> Echoes:
+        """Echoes of the laser's rays along one path, as they fluctuate."""
+        received, law = echoes.receive(rays, hits, self.sensor, self.ambient), self.fluctuation
+        if law is None:
+            return received
+        variance = law.variance(range_m=hits.range_m, cos_incidence=hits.cos_incidence, aperture_m2=rays.aperture_m2)
+        return fluctuate(received, variance, seed=seed, pulse=rays.pulse)
 
     def _trace_rays(
         self,
@@ -298,16 +310,8 @@ class Chain:
 
                 return stages.chain(places, pulse, seed, survey=survey, ray_pulses=ray_pulses)
 
-            held = (
-                stages.sensor,
-                stages.ambient,
-                stages.footprint,
-                stages.field,
-                stages.air,
-                stages.crosstalk,
-                stages.sun,
-                stages.world,
-            )
+            light = stages.ambient, stages.footprint, stages.field, stages.air, stages.crosstalk, stages.fluctuation
+            held = (stages.sensor, *light, stages.sun, stages.world)
             self._replays[key] = Replay(chain, Chunk.arrays, captured=held, rays=stages.rays)
         return self._replays[key]
 

@@ -138,6 +138,15 @@ class Air:
     extinction_per_m: Annotated[float, Quantity(ge=0, le=100)] = 0.0
     visibility_m: Annotated[float | None, Quantity("km", ge=1e-4, le=1000)] = None
     model: Annotated[Literal["kruse", "kim"], FileKey()] = "kim"
+    structure_constant: Annotated[
+        float,
+        Quantity(
+            name="cn2",
+            ge=0,
+            le=1e-9,
+            about="C_n^2 of the refractive index [m^(-2/3)]: turbulence, by which echoes scatter",
+        ),
+    ] = 0.0
     weather: Weather = field(default_factory=Weather)
 
     def extinction_at_per_m(self, wavelength_m: float) -> float:

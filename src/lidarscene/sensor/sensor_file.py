@@ -28,7 +28,7 @@ from .optics import OpticsFile
 from .overlap import Overlap
 from .pose_file import PoseFile
 from .readout import AnyIntensityFile, AnySamplerFile, PublishedFile, read_published
-from .sensor_model import Laser, Optics, Polarisation, Sensor, overlap_geometry
+from .sensor_model import Laser, Optics, Polarisation, Sensor, Speckle, overlap_geometry
 from .volleys import find_volleys
 from .wear_file import WearFile
 
@@ -38,6 +38,10 @@ NOMINAL_TEMPERATURE_C = 25.0
 
 class PolarisationFile(Table[Polarisation]):
     """[laser.polarisation]: linear polarisation, which panes see."""
+
+
+class SpeckleFile(Table[Speckle]):
+    """[laser.speckle]: scatter of echoes by speckle; an empty table is light of one wavelength."""
 
 
 class LaserFile(Table[Laser]):
@@ -55,6 +59,7 @@ class LaserFile(Table[Laser]):
     polarisation: PolarisationFile | None = Field(
         default=None, description="of the light, for panes; they treat all light alike if left out"
     )
+    speckle: SpeckleFile | None = Field(default=None, description="of the light, in echoes; none if left out")
 
     @model_validator(mode="after")
     def _temperature_matters(self) -> LaserFile:
@@ -65,7 +70,13 @@ class LaserFile(Table[Laser]):
     def build(self, repetition_rate_hz: float) -> Laser:
         """Convert to SI units."""
         polarisation = None if self.polarisation is None else self.polarisation.in_si()
-        return self.in_si(repetition_rate_hz=repetition_rate_hz, polarisation=polarisation)
+        speckle = None if self.speckle is None else self.speckle.in_si()
+        laser: Laser = self.in_si(repetition_rate_hz=repetition_rate_hz, polarisation=polarisation, speckle=speckle)
+        if speckle is not None and not laser.has_width:
+            raise InputError(
+                "laser.speckle: must go with laser.divergence_mrad, which says how large the spot is, got none"
+            )
+        return laser
 
     @property
     def emitted_m(self) -> float:

@@ -43,12 +43,23 @@ class Polarisation:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Speckle:
+    """Speckle of the laser's light on rough surfaces, which lets echoes scatter."""
+
+    linewidth_m: Annotated[Lanes, Quantity("nm", ge=0, le=100, about="full width at half of the laser's line")] = 0.0
+    polarisations: Annotated[
+        Lanes, Quantity(ge=1, le=2, about="2: surfaces return unpolarised light; 1: they keep the polarisation")
+    ] = 2.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Laser:
     """Pulsed transmitter. Divergences are full angles at 1/e^2, or to the edge of a top hat.
 
     The beam leaves the sensor at its waist, of ``exit_diameter_m``.
 
     polarisation  of the light; None: panes treat all light alike
+    speckle       of the light; None: echoes have none
     """
 
     wavelength_m: Annotated[float, Quantity("nm", ge=300, le=2500)]
@@ -89,6 +100,7 @@ class Laser:
         ),
     ] = 0.0
     polarisation: Polarisation | None = None
+    speckle: Speckle | None = None
 
     @property
     def photon_energy_j(self) -> float:

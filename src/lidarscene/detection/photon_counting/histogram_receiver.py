@@ -18,7 +18,7 @@ from ...maths import random
 from ...maths.arrays import Array, Lanes, Mask, Ops, select_state, xp
 from ...physics.electronics import tdc
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
-from ...physics.optics import radiometry
+from ...physics.optics import radiometry, scintillation
 from ...physics.photon_counting import matched_filter, pile_up
 from ...sensor.detectors import WorkingPoint
 from ...sensor.detectors.spad_detector import LEAST_THRESHOLD, Macropixel
@@ -102,6 +102,7 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
         folds_m=light.folds_m,
         light=waveform(*broaden(light.train, sensor, sigma)),
         filtered=waveform(*broaden(light.train, sensor, matched_filter.OUTPUT_WIDTH * sigma)),
+        fluctuation=pulse_train.fluctuation,
     )
     state = receiver.search()
     number, range_m = receiver.strongest()
@@ -239,9 +240,18 @@ class _Receiver(Shots):
     def _peak_snr(self, place: Lanes, power_w: Lanes) -> tuple[Lanes, Lanes]:
         """SNR and P_d of a peak of the light behind the filter, (n,) each."""
         point = self.sensor.working_point(self.train.background_power_w, range_m=self.filtered.range_m(place))
+        if self.fluctuation is not None:
+            power_w = power_w / self.fluctuation.relative_power
         signal = self._signal(point, power_w)
         threshold = self.sensor.threshold(point) - self._gain_of_breadth(point, place, power_w)
-        return signal / point.noise.deviation, point.detection_probability(threshold, signal, 0.0)
+        snr = signal / point.noise.deviation
+        if self.fluctuation is None:
+            return snr, point.detection_probability(threshold, signal, 0.0)
+
+        def probability(relative_power: Lanes) -> Lanes:
+            return point.detection_probability(threshold, self._signal(point, power_w * relative_power), 0.0)
+
+        return snr, scintillation.mean(probability, self.fluctuation.variance)
 
     def _echo_threshold(self, point: WorkingPoint, place: Lanes, power_w: Lanes) -> Lanes:
         """Draw the threshold for a peak of the filtered light, (n,)."""

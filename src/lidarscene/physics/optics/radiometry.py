@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from ...maths.arrays import Lanes
+from ...maths.arrays import Lanes, xp
 from ..constants import PLANCK_J_S, SPEED_OF_LIGHT_M_S
 
 
@@ -40,6 +40,11 @@ def photon_energy_j(*, wavelength_m: float) -> float:
 def disc_area_m2(*, radius_m: Lanes) -> Lanes:
     """Area of a round aperture, A(0) of (4)."""
     return math.pi * radius_m * radius_m
+
+
+def disc_radius_m(*, area_m2: Lanes) -> Lanes:
+    """Radius of a round aperture of this area."""
+    return xp(area_m2).sqrt(area_m2 / math.pi)
 
 
 def lambertian_intensity_w_sr(

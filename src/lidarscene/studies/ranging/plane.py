@@ -18,10 +18,12 @@ import numpy as np
 
 from ...light.beams import Beams
 from ...light.echoes import Ambient, Echoes, receive
+from ...light.fluctuations import FluctuationLaw
 from ...light.hits import Hits
 from ...maths.arrays import Lanes, Numbers
 from ...physics.electronics import range_limit, tdc
-from ...physics.optics import sunlight
+from ...physics.optics import scintillation, sunlight
+from ...scene.scene import Air
 from ...sensor.detectors import WorkingPoint
 from ...sensor.sensor_model import Sensor
 
@@ -151,14 +153,39 @@ def detection_margin(sensor: Sensor, target: Target, range_m: Numbers | float) -
     return _ratio(signal, level)
 
 
+def fluctuation_variance(sensor: Sensor, target: Target, range_m: Lanes) -> Lanes | None:
+    """Relative variance of the echo's power by speckle, in calm air; None if it does not fluctuate."""
+    law = FluctuationLaw.of(sensor, Air())
+    if law is None:
+        return None
+    aperture_m2 = sensor.optics.aperture_m2 * target.aperture_share
+    return law.variance(range_m=range_m, cos_incidence=target.cos_incidence, aperture_m2=aperture_m2)
+
+
+def expected_probability(point: WorkingPoint, level: Lanes, peak_power_w: Lanes, variance: Lanes | None) -> Lanes:
+    """P_d of an echo with its own shot noise, the mean over its fluctuation if it has one.
+
+    peak_power_w  its mean
+    variance      `fluctuation_variance`
+    """
+
+    def probability(relative_power: Lanes) -> Lanes:
+        signal = point.response.signal(peak_power_w * relative_power)
+        sigma = tdc.noise_at_level(
+            level=signal, noise=point.noise.deviation, kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2
+        )
+        return point.detection_probability(level, signal, sigma)
+
+    return probability(1.0) if variance is None else scintillation.mean(probability, variance)
+
+
 def detection_probability(sensor: Sensor, target: Target, range_m: Numbers | float) -> Numbers:
     """(n,) P_d with the echo's own shot noise (13): the share that `render` keeps, apart from its window."""
-    point, signal, level = _response(sensor, echoes_of_plane(sensor, target, range_m))
-    sigma = tdc.noise_at_level(
-        level=signal, noise=point.noise.deviation, kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2
-    )
+    light = echoes_of_plane(sensor, target, range_m)
+    point, _, level = _response(sensor, light)
+    variance = fluctuation_variance(sensor, target, light.range_m)
     with np.errstate(over="ignore"):  # exp(-x^2) of a vanishing noise
-        return np.asarray(point.detection_probability(level, signal, sigma))
+        return np.asarray(expected_probability(point, level, light.peak_power_w, variance))
 
 
 def maximum_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:

@@ -25,7 +25,6 @@ from ...light.echoes import Ambient, Echoes, receive
 from ...light.hits import Hits
 from ...maths.arrays import Lanes, xp
 from ...maths.units import split_unit
-from ...physics.electronics import tdc
 from ...physics.optics import sunlight
 from ...sensor.detectors import Apd
 from ...sensor.overlap import SIXTH_ORDER
@@ -129,11 +128,9 @@ def margin_and_detection(sensor: Sensor, target: Target, range_m: Lanes) -> tupl
     light = _light(sensor, target, range_m)
     point = sensor.working_point(light.background_power_w, range_m=light.range_m)
     signal, level = point.response.signal(light.peak_power_w), sensor.threshold(point)
-    sigma = tdc.noise_at_level(
-        level=signal, noise=point.noise.deviation, kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2
-    )
+    variance = plane.fluctuation_variance(sensor, target, light.range_m)
     ops = xp(signal, level)
-    return ops.log(signal / level), point.detection_probability(level, signal, sigma)
+    return ops.log(signal / level), plane.expected_probability(point, level, light.peak_power_w, variance)
 
 
 def sensitivities(

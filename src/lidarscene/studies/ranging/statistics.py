@@ -18,6 +18,7 @@ import numpy as np
 
 from ...detection.outcomes import Outcome, Status
 from ...detection.receivers import detect_alone
+from ...light.fluctuations import fluctuate
 from ...maths.arrays import Lanes, Numbers
 from ...physics.constants import ELEMENTARY_CHARGE_C, SPEED_OF_LIGHT_M_S
 from ...physics.electronics import apd, mcintyre, tdc
@@ -101,8 +102,8 @@ def operating_curve(sensor: Sensor, target: Target, range_m: float, threshold_to
     light = plane.echoes_of_plane(sensor, target, range_m)
     point = tuned.working_point(light.background_power_w, range_m=light.range_m)
     threshold = tuned.threshold(point) + 0.0 * ratios  # the shape of the ratios, also where they do not matter
-    signal = point.response.signal(light.peak_power_w) + 0.0 * ratios
-    p_detect = np.asarray(point.detection_probability(threshold, signal, _sigma(point, signal)))
+    variance = plane.fluctuation_variance(sensor, target, light.range_m)
+    p_detect = np.asarray(plane.expected_probability(point, threshold, light.peak_power_w + 0.0 * ratios, variance))
     rate_hz = np.asarray(_alarms_hz(sensor, point, threshold))
     p_false = -np.expm1(-rate_hz / sensor.tdc.bandwidth_hz)  # of one comparison, as in (10)
     comparisons = tdc.comparisons(window_s=sensor.tdc.listening_s, bandwidth_hz=sensor.tdc.bandwidth_hz)
@@ -122,8 +123,8 @@ def detection_probability(sensor: Sensor, target: Target, range_m: float) -> flo
     """P_d of the target at this range."""
     light = plane.echoes_of_plane(sensor, target, range_m)
     point = sensor.working_point(light.background_power_w, range_m=light.range_m)
-    signal = point.response.signal(light.peak_power_w)
-    probability = point.detection_probability(sensor.threshold(point), signal, _sigma(point, signal))
+    variance = plane.fluctuation_variance(sensor, target, light.range_m)
+    probability = plane.expected_probability(point, sensor.threshold(point), light.peak_power_w, variance)
     return float(np.ravel(probability)[0])
 
 
@@ -188,7 +189,11 @@ def simulated_shots(
         echoes = dataclasses.replace(
             echoes, has_surface=ones < 0.0, peak_power_w=0.0 * ones, background_power_w=background
         )
-    detection = detect_alone(echoes, sensor, seed=seed, pulse=np.arange(shots, dtype=np.uint32))
+    pulse = np.arange(shots, dtype=np.uint32)
+    variance = plane.fluctuation_variance(sensor, target, echoes.range_m)
+    if variance is not None:
+        echoes = fluctuate(echoes, variance, seed=seed, pulse=pulse)
+    detection = detect_alone(echoes, sensor, seed=seed, pulse=pulse)
     alarms = sum(
         int(np.sum(np.asarray(stop.reported & (stop.status == int(Status.FALSE_ALARM))))) for stop in detection.stops
     )

@@ -1,0 +1,133 @@
+"""Echoes that fluctuate: which do, how much, and whether frames hold what their columns promise."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from helpers import chain
+from scipy import stats
+
+from lidarscene import load_sensor
+from lidarscene.detection import receivers
+from lidarscene.errors import InputError
+from lidarscene.light.fluctuations import FluctuationLaw, fluctuate
+from lidarscene.rendering.simulator import Simulator
+from lidarscene.scene.scene import Air
+from lidarscene.studies.ranging import plane, statistics
+from lidarscene.studies.ranging.plane import Target
+
+SPECKLED = ["laser.divergence_mrad=1", "laser.speckle={}"]
+PULSES = 20_000
+
+
+def test_nothing_fluctuates_by_default() -> None:
+    assert FluctuationLaw.of(load_sensor("mems-1550"), Air()) is None
+    assert plane.fluctuation_variance(load_sensor("mems-1550"), Target(), 50.0) is None
+
+
+def test_variance_by_hand() -> None:
+    """1550 nm, 0.5 mrad and a lens of 2.5 mm: y = (pi 0.5e-3 2.5e-3 / 1550e-9)^2, M = 2 (1 + y), 26 %.
+
+    With turbulence both factors are independent.
+    """
+    sensor, square = load_sensor("mems-1550", overrides=SPECKLED), (math.pi * 0.5e-3 * 2.5e-3 / 1550e-9) ** 2
+    speckle = 1.0 / (2.0 * (1.0 + square))
+    assert plane.fluctuation_variance(sensor, Target(), 50.0) == pytest.approx(speckle, rel=1e-9)
+    assert math.sqrt(speckle) == pytest.approx(0.26, abs=0.005)
+    at = {"range_m": np.float64(100.0), "cos_incidence": 1.0, "aperture_m2": sensor.optics.aperture_m2}
+    calm, stirred = (FluctuationLaw.of(sensor, Air(structure_constant=cn2)) for cn2 in (0.0, 1e-12))
+    bare = FluctuationLaw.of(load_sensor("mems-1550"), Air(structure_constant=1e-12))
+    product = (1.0 + calm.variance(**at)) * (1.0 + bare.variance(**at))
+    assert 1.0 + stirred.variance(**at) == pytest.approx(product, rel=1e-9)
+
+
+@pytest.mark.parametrize("detector", ["table1-apd", "table1-sipm", "os1-128", "hdl-32e"])
+@pytest.mark.parametrize("variance", [0.05, 0.5])
+def test_the_share_found_is_the_column(detector: str, variance: float) -> None:
+    """Comparator, cells, histogram and samples: the share of points of a fluctuating echo at P_d of some 0.6.
+
+    Tolerance: four sigma of the binomial, 6e-5 false alarms of the test, and 0.005 for the quadrature and for noise
+    that trips by itself.
+    """
+    sensor, target = load_sensor(detector), Target()
+    range_m = 0.95 * plane.maximum_range_m(sensor, target)[0]
+    light = plane.echoes_of_plane(sensor, target, range_m * np.ones(PULSES))
+    pulse = np.arange(PULSES, dtype=np.uint32)
+    drawn = fluctuate(light, np.full(PULSES, variance), seed=5, pulse=pulse)
+    detection = receivers.detect_alone(drawn, sensor, seed=5, pulse=pulse)
+    calm = receivers.detect_alone(light, sensor, seed=5, pulse=pulse)
+    found = np.mean(np.asarray(detection.outcome) == 0)
+    probability = np.asarray(detection.detection_probability)
+    assert np.ptp(probability) < 1e-6  # the column is that of all powers, not of the drawn one
+    calm_gap = np.mean(np.asarray(calm.outcome) == 0) - np.mean(calm.detection_probability)
+    assert found - calm_gap == pytest.approx(probability[0], abs=4.0 * math.sqrt(0.5 / PULSES) + 0.005)
+    np.testing.assert_allclose(detection.snr, calm.snr, rtol=1e-6)  # that of the mean echo
+    assert abs(probability[0] - calm.detection_probability[0]) > 0.002
+
+
+def test_a_strong_echo_is_lost_as_the_gamma_distribution_says() -> None:
+    """Without noise to speak of P_d is the share of powers above the threshold: scipy's gamma distribution.
+
+    Tolerance: 0.02, the worst of the quadrature for so steep a step, and 4 sigma of the drawn share.
+    """
+    variance, sensor = 1.0, load_sensor("table1-apd", overrides=["tdc.threshold_to_noise=40"])
+    target = Target(illuminance_klux=0.0)
+    range_m = 0.5 * plane.maximum_range_m(sensor, target)[0]
+    light = plane.echoes_of_plane(sensor, target, range_m * np.ones(PULSES))
+    point = sensor.working_point(light.background_power_w)
+    level = float(np.ravel(point.response.power_w(sensor.threshold(point)) / light.peak_power_w)[0])
+    pulse = np.arange(PULSES, dtype=np.uint32)
+    drawn = fluctuate(light, np.full(PULSES, variance), seed=7, pulse=pulse)
+    detection = receivers.detect_alone(drawn, sensor, seed=7, pulse=pulse)
+    expected = stats.gamma.sf(level, 1.0 / variance, scale=variance)
+    assert 0.7 < expected < 0.85
+    assert detection.detection_probability[0] == pytest.approx(expected, abs=0.02)
+    assert np.mean(detection.outcome == 0) == pytest.approx(expected, abs=0.005 + 4.0 * math.sqrt(0.2 / PULSES))
+
+
+def test_studies_agree_with_shots() -> None:
+    """`range` and its simulated shots, with speckle. Four sigma: 6e-5."""
+    sensor, shots = load_sensor("mems-1550", overrides=SPECKLED), 40_000
+    range_m = 0.9 * plane.maximum_range_m(sensor, Target())[0]
+    expected = statistics.detection_probability(sensor, Target(), range_m)
+    assert float(plane.detection_probability(sensor, Target(), range_m)[0]) == pytest.approx(expected, rel=1e-9)
+    found = statistics.simulated_shots(sensor, Target(), range_m, shots=shots, seed=2).echoes / shots
+    calm = load_sensor("mems-1550", overrides=SPECKLED[:1])
+    calm_gap = statistics.simulated_shots(
+        calm, Target(), range_m, shots=shots, seed=2
+    ).echoes / shots - statistics.detection_probability(calm, Target(), range_m)
+    assert found - calm_gap == pytest.approx(expected, abs=4.0 * math.sqrt(0.5 / shots) + 1e-3)
+    assert statistics.detection_probability(calm, Target(), range_m) - expected > 0.05
+
+
+@pytest.mark.usefixtures("mi")
+@pytest.mark.parametrize("rays", [1, 5])
+def test_frames_fluctuate(rays: int) -> None:
+    """Amplitudes of a near wall scatter by speckle and turbulence together, SNR and P_d do not, in one ray and several.
+
+    Tolerance: four sigma of a variance from 6,561 pulses, 4 sqrt(2 / 6,561) = 7 %, and 3 % for noise and angles.
+    """
+    raster = [f"scanner.{axis}_{key}" for axis in ("azimuth", "elevation") for key in ("fov_deg=8", "step_deg=0.1")]
+    keys = [*raster, "laser.divergence_mrad=1", "optics.aperture_radius_mm=3", "detector.gain=20"]
+    described = chain.scene(chain.facing(range_m=20.0, size_m=8.0), klux=0.0, air=Air(structure_constant=1e-11))
+    sensor = chain.sensor("table1-apd", *keys, "laser.speckle={}")
+    cloud = Simulator(described, sensor, rays=rays).render(seed=4)
+    calm = Simulator(dataclasses.replace(described, air=Air()), chain.sensor("table1-apd", *keys), rays=rays).render(
+        seed=4
+    )
+    law = FluctuationLaw.of(sensor, described.air)
+    aperture_m2 = sensor.optics.aperture_m2
+    expected = law.variance(range_m=np.float64(20.0), cos_incidence=1.0, aperture_m2=aperture_m2)
+    relative = cloud.intensity / calm.intensity
+    assert len(cloud) == len(calm)
+    assert np.var(relative) == pytest.approx(expected, rel=0.1)
+    assert np.mean(relative) == pytest.approx(1.0, abs=4.0 * math.sqrt(expected / len(cloud)) + 0.002)
+    np.testing.assert_allclose(cloud.snr, calm.snr, rtol=1e-3)
+
+
+def test_speckle_wants_a_spot() -> None:
+    with pytest.raises(InputError, match=r"laser\.speckle: must go with laser\.divergence_mrad"):
+        load_sensor("mems-1550", overrides=["laser.speckle={}"])
+    with pytest.raises(InputError, match=r"laser.speckle.polarisations: must be <= 2, got 3"):
+        load_sensor("mems-1550", overrides=["laser.speckle={ polarisations = 3 }"])
