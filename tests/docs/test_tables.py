@@ -18,7 +18,7 @@ from lidarscene.materials import colour
 from lidarscene.materials.material_file import catalogue_material
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import sampling, sipm, tdc
-from lidarscene.physics.optics import dielectrics, glint, receiver, reflection, solar_spectrum
+from lidarscene.physics.optics import dielectrics, glint, receiver, reflection, scintillation, solar_spectrum
 from lidarscene.physics.optics.polarisation import pane_shares
 from lidarscene.scene.weather import Weather
 from lidarscene.studies import published_values
@@ -55,6 +55,54 @@ def test_polarised_light_through_a_pane(row: list[str]) -> None:
     pairs = [mean, pane.across * back, pane.along * back, pane.across**2, pane.along**2]
     printed = [number for cell in row[1:] for number in cell.split(" / ")]
     assert printed == [f"{value:.2f}" for value in pairs]
+
+
+@pytest.mark.parametrize("row", table("theory_light.md", "full divergence |"), ids=lambda row: row[0])
+def test_speckle_at_1550_nm(row: list[str]) -> None:
+    """The rms at each of the heading's radii of the lens."""
+    for printed, lens_mm in zip(row[1:], (2.5, 5.0, 12.5), strict=True):
+        assert printed == f"{speckle_rms(float(row[0].split()[0]), lens_mm, 1550.0):.2f}"
+
+
+def speckle_rms(divergence_mrad: float, lens_mm: float, wavelength_nm: float, **more: float) -> float:
+    """1 / sqrt(M) at 50 m; ``more`` are linewidth_m and cos_incidence."""
+    numbers = {"linewidth_m": 0.0, "cos_incidence": 1.0} | more
+    return float(
+        scintillation.speckle_cells(
+            spot_rad=0.5e-3 * divergence_mrad,
+            range_m=np.float64(50.0),
+            aperture_radius_m=1e-3 * lens_mm,
+            wavelength_m=1e-9 * wavelength_nm,
+            polarisations=2.0,
+            **numbers,
+        )
+        ** -0.5
+    )
+
+
+def test_sizes_of_fluctuations() -> None:
+    slope = {"linewidth_m": 3e-9, "cos_incidence": math.cos(math.radians(10.0))}
+    says("theory_light.md", "1 mrad and 12.5 mm have {} straight on", speckle_rms(1.0, 12.5, 905.0))
+    says("theory_light.md", "straight on, and {} at 10 degrees and 50 m", speckle_rms(1.0, 12.5, 905.0, **slope))
+    says("theory_light.md", "it is {} times that where M is large", 905.0 / 1550.0)
+    rms = [
+        100.0
+        * math.sqrt(
+            scintillation.turbulence_variance(
+                structure_constant=1e-13, range_m=np.float64(range_m), wavelength_m=905e-9, aperture_radius_m=12.5e-3
+            )
+        )
+        for range_m in (50.0, 100.0, 200.0)
+    ]
+    says("theory_light.md", "lens of 12.5 mm it is {}, {} and {} % at 50, 100 and 200 m", *rms)
+    lidars = [
+        load_sensor("mems-1550", overrides=["laser.divergence_mrad=1", *more]) for more in ([], ["laser.speckle={}"])
+    ]
+    near_m = 0.9 * plane.maximum_range_m(lidars[0], TABLE_1)[0]
+    found = [statistics.detection_probability(lidar, TABLE_1, near_m) for lidar in lidars]
+    says("theory_light.md", "P_d falls from {} to {} at nine tenths", *found)
+    field = float(load_sensor("table1-apd").detector.radius_m / load_sensor("table1-apd").optics.focal_length_m)
+    says("limits.md", "half angle phi: {} % rho rho' at Table 1, 10 m", 100.0 * (field * 10.0 / 1.0) ** 2 / 3.0)
 
 
 # --- validation -------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """Fluctuations: echoes that scatter about their mean, by speckle and by turbulence.
 
 One draw for each pulse moves all of its light from surfaces together. The comparator sees the power that was drawn;
-SNR and P_d of a point are those of the mean echo and of all echoes (docs/theory_light.md 33). Light of the air comes
+SNR and P_d of a point are those of the mean echo and of all echoes (docs/theory_light.md 36). Light of the air comes
 from many particles at all ranges, and does not fluctuate.
 """
 
