@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ..maths import random
-from ..maths.arrays import Array, Lanes
+from ..maths.arrays import Lanes
 from ..physics.optics import receiver, scintillation
 from ..physics.optics.radiometry import disc_radius_m
 from ..scene.scene import Air
@@ -75,7 +75,7 @@ class FluctuationLaw:
         return variance
 
 
-def fluctuate(light: Echoes, variance: Lanes, *, seed: Lanes, pulse: Array) -> Echoes:
+def fluctuate(light: Echoes, variance: Lanes, *, seed: Lanes, pulse: Lanes) -> Echoes:
     """Draw the powers of echoes about their means.
 
     variance  (n,) `FluctuationLaw.variance`
