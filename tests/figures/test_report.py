@@ -9,7 +9,7 @@ import pytest
 from lidarscene.figures.report import Figure, Report
 
 NAME = "[a](javascript:b)|`c` <script>\n# *d* _e_"
-ESCAPED = r"\[a\](javascript:b)\|\`c\` \<script> # \*d\* \_e\_"
+ESCAPED = r"\[a\](javascript:b)\|\`c\` &lt;script&gt; # \*d\* \_e\_"
 
 
 @pytest.mark.parametrize("block", ["title", "heading", "paragraph", "caption", "header", "cell"])

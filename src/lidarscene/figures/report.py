@@ -254,6 +254,7 @@ def count_text(number: int, noun: str) -> str:
 def _escape(text: str) -> str:
     """Escape Markdown's special characters, also for tables."""
     # The backslash first; brackets make links, and a line break would end the table, heading or paragraph.
-    for letter in "\\|*_<`[]":
+    for letter in "\\|*_`[]":
         text = text.replace(letter, "\\" + letter)
-    return " ".join(text.split())
+    # Not all programs know an escaped angle bracket; some make a tag of it.
+    return html.escape(" ".join(text.split()), quote=False)

@@ -93,6 +93,26 @@ def test_what_is_wrong_is_one_line(tmp_path: Path) -> None:
         read_unit(source)
 
 
+@pytest.mark.parametrize("key", ["build_rev", "prod_sn", "prod_line"])
+@pytest.mark.parametrize(
+    "text", ['v2\nmounting.position_m = [9, 9, 9]\n# "', '"\nlaser = 1 #', "a\x00b\x7f\u2028c", "\ud800", "\\", "'''"]
+)
+def test_text_of_the_metadata_stays_text(tmp_path: Path, key: str, text: str) -> None:
+    """Rationale: the file comes from anyone. It must not set a key of the file that is written."""
+    source = tmp_path / "a\n.json"
+    source.write_text(json.dumps(json.loads(JSON.read_text()) | {key: text}))
+    write_unit(read_unit(source), source, tmp_path / "a.toml", like="os1-128")
+    written = tomllib.loads((tmp_path / "a.toml").read_text(encoding="utf-8"))
+    source.write_text(JSON.read_text())
+    write_unit(read_unit(source), source, tmp_path / "b.toml", like="os1-128")
+    plain = tomllib.loads((tmp_path / "b.toml").read_text(encoding="utf-8"))
+    for tables in (written, plain):
+        del tables["name"], tables["description"]
+    if key == "prod_line":  # it also says which heads have which exits
+        del written["scanner"], plain["scanner"]
+    assert written == plain
+
+
 def test_transforms_of_the_metadata(tmp_path: Path) -> None:
     """A head whose zero is to the left, beams 5 mm above the lidar's middle; and a file that names no product has the
     origin of an OS1 of the first generation (ouster_client: default_lidar_origin_to_beam_origin_mm, 12.163).

@@ -7,6 +7,8 @@ import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
+import tomlkit
+
 from ... import catalog
 from ...errors import InputError
 from ...files.atomic import put_text
@@ -88,8 +90,8 @@ def _file_text(unit: Unit, source: Path, model: str, tables: dict[str, str]) -> 
     """Text of the file, and notes on keys that were left out."""
     scanner, notes = _scanner_text(unit, tables["scanner"])
     summary = f"{unit.name}: beams of {source.name}, all else of the catalogue's {model}"
-    head = "".join(f"# {comment}\n" for comment in unit.comments)
-    head += f'name = "{_plain_text(unit.name)}"\ndescription = "{_plain_text(summary)}"\n\n'
+    head = "".join(f"# {_one_line(comment)}\n" for comment in unit.comments)
+    head += f"name = {_toml_string(unit.name)}\ndescription = {_toml_string(summary)}\n\n"
     laser = re.sub(r"(?m)^repetition_rate_khz = .*\n", "", tables["laser"])
     # Published values belong to the model, and hold with the model's own beams only.
     other_tables = [
@@ -99,7 +101,7 @@ def _file_text(unit: Unit, source: Path, model: str, tables: dict[str, str]) -> 
     ]
     replaced_sources = r'(?m)^"?(scanner\b|laser\.repetition_rate_khz|published)[^\n]*\n'
     sources = re.sub(replaced_sources, "", tables.get("sources", "[sources]\n"))
-    sources = sources.rstrip("\n") + f'\nscanner = "unit-specific: {_plain_text(source.name)}"\n'
+    sources = sources.rstrip("\n") + f"\nscanner = {_toml_string('unit-specific: ' + source.name)}\n"
     model_keys = [key for key in MODEL_KEYS if re.search(rf"(?m)^{key} = ", scanner) and key not in unit.scanner]
     for key in model_keys:
         sources += f'"scanner.{key}" = "of the catalogue\'s {model}"\n'
@@ -135,6 +137,12 @@ def _list_text(values: Sequence[float]) -> str:
     )
 
 
-def _plain_text(text: str) -> str:
-    """Replace the characters that would end a string of TOML by spaces."""
-    return re.sub(r'["\\\x00-\x1f]', " ", text)
+def _one_line(text: str) -> str:
+    """Text of a maker's file as one line of UTF-8: it may hold line breaks, control characters, or half a letter."""
+    whole = text.encode("utf-8", "replace").decode("utf-8")
+    return " ".join("".join(letter if letter.isprintable() else " " for letter in whole).split())
+
+
+def _toml_string(text: str) -> str:
+    """The line as a string of TOML."""
+    return tomlkit.string(_one_line(text)).as_string()
