@@ -336,3 +336,31 @@ def test_a_pulse_that_grazes_the_levels_has_neither_width_nor_walk():
     np.testing.assert_allclose(corrected.range_m[grazes], raw.range_m[grazes], atol=1e-9)
     assert np.ptp(corrected.amplitude[grazes]) == 0.0
     assert corrected.amplitude[grazes].min() == corrected.amplitude[corrected.reported].min()
+
+
+@pytest.mark.parametrize("name", ["pandar64", "vls-128"])
+@pytest.mark.parametrize("overdrive", [3.0, 30.0, 300.0, 3e3, 1e5])
+def test_clipped_samples_have_no_bias(name, overdrive):
+    """The mean range of a clipped pulse is true to a sixth of its deviation and four standard errors (6e-5).
+
+    By the window's samples alone, which end before the pulse does, the mean is 13 to 35 cm short from 300 times on. The
+    pulse is as wide as the light and the drained charge (T45).
+    """
+    equipped, shots = sensor(name), 1000
+    point = equipped.working_point(np.array([trains.BACKGROUND_W]))
+    power = point.response.power_w(overdrive * point.response.saturation)
+    range_m = 30.0 + np.linspace(0.0, 0.6, shots)  # two ticks of the clock
+    stop = detect(train(range_m[:, None], power), equipped, seed=11).stops[0]
+    is_echo = stop.reported & (stop.status == 0)
+    assert is_echo.mean() > 0.99
+    error_m = (stop.range_m - range_m)[is_echo]
+    assert abs(error_m.mean()) < (0.16 + 4.0 / math.sqrt(shots)) * error_m.std()
+    assert error_m.std() < 0.05
+    width_s = saturation.width_at_level_s(
+        level=equipped.threshold(point)[0],
+        signal=overdrive * point.response.saturation,
+        saturation=point.response.saturation,
+        fwhm_s=equipped.laser.pulse_fwhm_s,
+        recovery_s=point.response.recovery_s,
+    )
+    assert stop.width_s[is_echo].mean() == pytest.approx(float(np.ravel(width_s)[0]), rel=0.05)

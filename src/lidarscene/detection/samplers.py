@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ..maths.arrays import Lanes, Mask, select_state, xp
+from ..maths.arrays import Array, Lanes, Mask, select_state, xp
 from ..physics.electronics import sampling, tdc
 from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM, crossing
 from ..physics.optics import pulse as pulse_shape
@@ -27,6 +27,9 @@ from .shots import Received
 _SLOW = 2.0 * SIGMAS_PER_FWHM
 """Farther than this before its peak, in sigma_p, only slow light is over the threshold: a pulse would have to be 65,000
 thresholds high."""
+
+_OVERDRIVEN = 20.0
+"""Powers over that at which samples are clipped from which its width times a pulse: below, the window holds all of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -230,9 +233,57 @@ def _read_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lane
         # Newton's method squares the error in each step: from the centroid two steps are enough.
         for _ in range(2):
             peak_place, amplitude = window.newton_step(samples, peak_place, mask)
+    width_s = sums.count / adc.rate_hz
+    saturation = shots.point.response.saturation
+    if saturation is not None:
+        # A step below full scale: rounding must not hide that a sample is clipped.
+        clipped_from = ops.minimum(saturation, adc.full_scale) - base - adc.step
+        clipped = mask & (sums.highest >= clipped_from)
+        peak_place, width_s = _read_clipped(
+            shots, adc, rise, trip, place, window, samples, clipped_from, peak_place, width_s, mask=clipped
+        )
     return Reading(
         reported_s=comparator.converted_time_s(shots, shots.time_s(peak_place), draw=rise.number),
         amplitude=ops.maximum(amplitude, shots.threshold) + trip.base,
-        width_s=sums.count / adc.rate_hz,
+        width_s=width_s,
         place=peak_place,
     )
+
+
+def _read_clipped(
+    shots: Received,
+    adc: Adc,
+    rise: Rise,
+    trip: Trip,
+    crossing: Lanes,
+    window: Window,
+    samples: Array,
+    clipped_from: Lanes,
+    peak_place: Lanes,
+    width_s: Lanes,
+    *,
+    mask: Mask,
+) -> tuple[Lanes, Lanes]:
+    """Place and width of pulses whose samples are clipped, (T120).
+
+    The width, which samples show to a tick of the clock, gives the power (T45), and the power how long before the peak
+    the last sample was that is not clipped. Pulses that are less than `_OVERDRIVEN` stay where the samples say.
+
+    crossing             (n,) place of the crossing
+    clipped_from         (n,) value from which a sample is clipped
+    peak_place, width_s  (n,) by the samples of the window alone
+    mask                 (n,) bool, pulses with clipped samples
+    """
+    ops, point, fwhm = shots.ops, shots.point, shots.sensor.received_fwhm_s
+    leaving = edges.trailing_level(shots, rise, trip, crossing, shots.sample_threshold + trip.base)
+    end, _ = edges.fall(shots, rise, trip, leaving, rise.peak, mask)
+    ticks = ops.rint(ops.where(mask, end - crossing, 0.0) / window.spacing)
+    long_s = ops.maximum(ticks / adc.rate_hz, width_s)
+    power = point.response.power_of_width_w(long_s, threshold=shots.sample_threshold, pulse_fwhm_s=fwhm)
+    place, sample = window.foot(samples, clipped_from, mask)
+    # Below half a threshold a sample is noise.
+    foot_w = point.response.power_w(ops.maximum(sample, 0.5 * shots.sample_threshold))
+    overdriven = mask & (power > _OVERDRIVEN * point.response.power_w(clipped_from))
+    share = ops.where(overdriven, foot_w / power, 1.0)
+    edge = place - pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm) / shots.sigma_s
+    return ops.where(overdriven, edge, peak_place), ops.where(mask, long_s, width_s)

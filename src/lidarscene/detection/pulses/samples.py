@@ -127,6 +127,24 @@ class Window:
         empty = _Centroid(total=zero, moment=zero, count=count, highest=zero, closed=ops.full(self.start, False))
         return self._loop(step, empty, mask)
 
+    def foot(self, samples: Array, level: Lanes, mask: Mask) -> tuple[Lanes, Lanes]:
+        """Place and value of the last sample before the first at or above a level."""
+        ops = self.shots.ops
+        zero = ops.full(self.start, 0.0)
+
+        def step(number: Lanes, state: _Foot) -> _Foot:
+            sample = ops.get(samples, number)
+            reached = state.reached | (sample >= level)
+            return _Foot(
+                place=ops.where(reached, state.place, self.place(number)),
+                sample=ops.where(reached, state.sample, sample),
+                reached=reached,
+            )
+
+        # Before the window there is nothing of the pulse.
+        foot = self._loop(step, _Foot(place=self.start - self.spacing, sample=zero, reached=ops.full(zero, False)), mask)
+        return foot.place, foot.sample
+
     def newton_step(self, samples: Array, centre: Lanes, mask: Mask) -> tuple[Lanes, Lanes]:
         """One step of Newton's method towards the maximum of the correlation sum_i s_i g(t_i - t).
 
@@ -189,6 +207,20 @@ class _Centroid:
     count: Array
     highest: Array
     closed: Mask
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Foot:
+    """State of the walk up a leading edge; each field (n,).
+
+    place    place of the last sample below the level
+    sample   its value
+    reached  whether a sample has reached the level
+    """
+
+    place: Array
+    sample: Array
+    reached: Mask
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
