@@ -264,7 +264,7 @@ def _read_clipped(
     *,
     mask: Mask,
 ) -> tuple[Lanes, Lanes]:
-    """Place and width of pulses whose samples are clipped, (T120).
+    """Place and width of pulses whose samples are clipped, (T56a).
 
     The width, which samples show to a tick of the clock, gives the power (T45), and the power how long before the peak
     the last sample was that is not clipped. Pulses that are less than `_OVERDRIVEN` stay where the samples say.
