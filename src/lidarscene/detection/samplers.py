@@ -29,7 +29,7 @@ _SLOW = 2.0 * SIGMAS_PER_FWHM
 thresholds high."""
 
 _OVERDRIVEN = 20.0
-"""Powers over that at which samples are clipped from which its width times a pulse: below, the window holds all of it."""
+"""Powers over that at which samples are clipped from which its width times a pulse: the window holds all of others."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

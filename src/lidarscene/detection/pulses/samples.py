@@ -142,7 +142,9 @@ class Window:
             )
 
         # Before the window there is nothing of the pulse.
-        foot = self._loop(step, _Foot(place=self.start - self.spacing, sample=zero, reached=ops.full(zero, False)), mask)
+        foot = self._loop(
+            step, _Foot(place=self.start - self.spacing, sample=zero, reached=ops.full(zero, False)), mask
+        )
         return foot.place, foot.sample
 
     def newton_step(self, samples: Array, centre: Lanes, mask: Mask) -> tuple[Lanes, Lanes]:
