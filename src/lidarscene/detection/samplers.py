@@ -233,7 +233,7 @@ def _read_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lane
         # Newton's method squares the error in each step: from the centroid two steps are enough.
         for _ in range(2):
             peak_place, amplitude = window.newton_step(samples, peak_place, mask)
-    width_s = sums.count / adc.rate_hz
+    width_s: Lanes = sums.count / adc.rate_hz
     saturation = shots.point.response.saturation
     if saturation is not None:
         # A step below full scale: rounding must not hide that a sample is clipped.

@@ -220,8 +220,8 @@ class _Foot:
     reached  whether a sample has reached the level
     """
 
-    place: Array
-    sample: Array
+    place: Lanes
+    sample: Lanes
     reached: Mask
 
 
