@@ -399,6 +399,24 @@ def test_stray_light() -> None:
     )
 
 
+def test_turn_of_the_head() -> None:
+    """(T124) and (T126) of a column of 1024 at 10 Hz; the pulse's own width in range."""
+    sensor = load_sensor("os1-128", overrides=["scanner.columns_per_turn=1024"])
+    spread_m = math.tan(math.radians(60.0)) * 20.0 * sensor.sweep_rad / math.sqrt(12.0)
+    pulse_m = 0.5 * SPEED_OF_LIGHT_M_S * float(sensor.laser.pulse_fwhm_s) / math.sqrt(8.0 * math.log(2.0))
+    says("theory_light.md", "with 1024 columns at 10 Hz {} mrad", 1e3 * sensor.sweep_rad)
+    alike, apart = 1.0 - math.sqrt(0.5), 0.5 * 0.5  # SPADs fired by half of the light in all shots, by all in half
+    says("photon_counting.md", "fires half of the SPADs, {} % too many photons", 100.0 * (alike / apart - 1.0))
+    says("photon_counting.md", "stand meanwhile: {} mm at 30 m/s", 30e3 / (1024 * 10))
+    says(
+        "theory_light.md",
+        "{} mm at 20 m and 60 degrees by the sweep alone, beside {} mm of a pulse of {} ns",
+        1e3 * spread_m,
+        1e3 * pulse_m,
+        1e9 * float(sensor.laser.pulse_fwhm_s),
+    )
+
+
 def test_paper_page() -> None:
     linear_fractions = [
         sipm.fired_cells_published(photons=200.0, pde=pde, cells=100.0) / (200.0 * pde) for pde in (0.1, 0.6)

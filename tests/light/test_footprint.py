@@ -11,7 +11,7 @@ from lidarscene import load_sensor
 from lidarscene.errors import InputError
 from lidarscene.light.beams import Beams, reported_beams
 from lidarscene.light.echoes import Echoes
-from lidarscene.light.footprint import footprint, points, spread
+from lidarscene.light.footprint import footprint, points, spread, sweep, with_sweep
 from lidarscene.light.pulse_train import join_echoes
 from lidarscene.physics.eye_safety import beam_diameter_m
 from lidarscene.physics.optics import beam
@@ -294,3 +294,55 @@ def test_the_last_rays_are_the_halos():
     # Both have the variance 1 / 4 on each axis; a Gaussian's outermost third lies farther out than a disc's edge.
     np.testing.assert_allclose(shape.points.values[4:], points("gaussian", 3))
     np.testing.assert_allclose(shape.points.values[:4], points("top_hat", 4))
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("rays", [4, 5, 8, 16, 64, 256])
+def test_sweep_is_even_and_has_nothing_to_do_with_the_beam(profile, rays):
+    """Mean 0, variance 1/12, no covariance with the beam's axes: variances add. Tolerance: rounding. A ray is beyond an
+    even sweep's end by what the stretching takes, less than a sixth.
+    """
+    places = with_sweep(points(profile, rays))
+    np.testing.assert_array_equal(places[:, :2], points(profile, rays))
+    np.testing.assert_allclose(places.mean(axis=0), 0.0, atol=1e-14)
+    np.testing.assert_allclose(places.T @ places / rays, np.diag([0.25, 0.25, 1.0 / 12.0]), atol=1e-13)
+    assert np.abs(places[:, 2]).max() < 0.5 * (1.0 + 1.0 / 6.0)
+
+
+@pytest.mark.parametrize(("rays", "limit"), [(16, 0.061), (64, 0.023), (256, 0.009)])
+@pytest.mark.parametrize("sweep_radii", [1.0, 3.0])
+def test_edges_through_a_swept_beam(rays, limit, sweep_radii):
+    """Light beyond random edges: a Gaussian, convolved with the sweep by 200 beams side by side. Limits: a sixth above
+    what sqrt(3) gives; rays at random would be 0.11, 0.054 and 0.027 off.
+    """
+    random = np.random.default_rng(2)
+    angle, distance = random.uniform(0.0, 2.0 * math.pi, 1000), random.uniform(-1.0, 1.0, 1000)
+    places = with_sweep(points("gaussian", rays))
+    across = np.stack([np.cos(angle), np.sin(angle)])
+    beyond = (places[:, :2] + sweep_radii * places[:, 2:] * (1.0, 0.0)) @ across > distance
+    shots = sweep_radii * ((np.arange(200) + 0.5) / 200.0 - 0.5)
+    expected = np.mean([share_beyond("gaussian", distance - shot * across[0]) for shot in shots], axis=0)
+    assert np.sqrt(np.mean((beyond.mean(axis=0) - expected) ** 2)) < limit
+
+
+def test_sweep_turns_the_head():
+    """The axes keep their elevation and are even in azimuth, for a sensor that lies on its side too; one ray stands."""
+    azimuth, elevation, swept = 0.4, 0.3, 0.1
+    direction = np.array([math.cos(azimuth), math.sin(azimuth), 0.0]) * math.cos(elevation)
+    direction[2] = math.sin(elevation)
+    on_its_side = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    shape = footprint(laser("divergence_mrad=2"), 16, sweep_rad=swept)
+    for turned in (np.eye(3), on_its_side):
+        axes = Beams(
+            pulse=np.zeros(16, dtype=np.uint32),
+            origin_m=(0.0, 0.0, 0.0),
+            direction=tuple(np.full(16, x) for x in turned @ direction),
+            aperture_m2=1.0,
+        )
+        out = sweep(axes, shape, ray=np.arange(16), rotation=tuple(turned.ravel()))
+        x, y, z = turned.T @ np.stack(out.direction)
+        np.testing.assert_allclose(np.arcsin(z), elevation, rtol=1e-12)
+        np.testing.assert_allclose(np.arctan2(y, x), azimuth + swept * shape.points.values[:, 2], rtol=1e-12)
+    single = footprint(laser("divergence_mrad=2"), 1, sweep_rad=swept)
+    assert single.sweep_rad is None
+    assert sweep(axes, single, ray=np.arange(16), rotation=ROTATION) is axes

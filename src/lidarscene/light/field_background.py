@@ -15,7 +15,7 @@ from ..physics.optics import radiometry, sunlight
 from ..sensor.sensor_model import Sensor
 from .beams import Beams
 from .echoes import Ambient, background_aperture_m2, receive
-from .footprint import Footprint, points
+from .footprint import Footprint, points, with_sweep
 from .hits import Hits
 
 
@@ -26,7 +26,14 @@ def field_of_view(sensor: Sensor, rays: int) -> Footprint:
     """
     # All rays start in the middle of the lens: a lens that is focused far away sees the patch sharp only there.
     slope = float(sensor.detector.radius_m) / float(sensor.optics.focal_length_m)
-    return Footprint(points=LookupTable(points("top_hat", rays)), exit_radius_m=0.0, slope=(slope, slope), turn_rad=0.0)
+    places, sweeps = points("top_hat", rays), rays > 1 and sensor.sweep_rad > 0.0
+    return Footprint(
+        points=LookupTable(with_sweep(places) if sweeps else places),
+        exit_radius_m=0.0,
+        slope=(slope, slope),
+        turn_rad=0.0,
+        sweep_rad=sensor.sweep_rad if sweeps else None,
+    )
 
 
 def background_power_w(rays: Beams, paths: Sequence[Hits], sensor: Sensor, ambient: Ambient, *, count: int) -> Lanes:

@@ -54,11 +54,12 @@ class Skirt:
 class Footprint:
     """The rays that stand for a beam, and the beam's measures on its two axes (azimuth and elevation, unturned).
 
-    points         (rays, 2) place q of each ray in the beam, in radii of the beam
+    points         (rays, 2) place q of each ray in the beam, in radii of the beam; (rays, 3) with that in the sweep
     exit_radius_m  w_0, radius of the beam at the sensor, the same on both axes; 0: the beam leaves from a point
     slope          tangent of the half divergence on each axis
     turn_rad       rotation of the axes about the beam, from the left to the top
     skirt          the rays of a halo, or None
+    sweep_rad      angle over which the head sweeps the beam while it sums shots, or None: it stands
     """
 
     points: LookupTable
@@ -66,6 +67,7 @@ class Footprint:
     slope: tuple[Lanes, Lanes]
     turn_rad: Lanes
     skirt: Skirt | None = None
+    sweep_rad: Lanes | None = None
 
     @property
     def rays(self) -> int:
@@ -117,20 +119,26 @@ def polarisation(axes: Beams, laser: Laser, *, rotation: tuple[Lanes, ...]) -> t
     return _axes(axes.direction, laser.polarisation.angle_rad, rotation)[0], laser.polarisation.share
 
 
-def footprint(laser: Laser, rays: int, halo: Halo | None = None) -> Footprint:
-    """Distribute a number of rays over the cross section of a beam.
+def footprint(laser: Laser, rays: int, halo: Halo | None = None, sweep_rad: float = 0.0) -> Footprint:
+    """Distribute a number of rays over the cross section of a beam, and over the sweep of its head.
 
     A single ray is the beam's axis. If there is a halo, half of four or more rays belong to it.
     """
     second = laser.divergence_rad if laser.divergence_elevation_rad is None else laser.divergence_elevation_rad
-    places, skirt = points(laser.profile, rays), None
+    sweeps = rays > 1 and sweep_rad > 0.0
+
+    def places(profile: str, count: int) -> Numbers:
+        return with_sweep(points(profile, count)) if sweeps else points(profile, count)
+
+    table, skirt = places(laser.profile, rays), None
     if halo is not None and rays >= _LEAST_WITH_HALO:
         count = rays // 2
-        places = np.concatenate([points(laser.profile, rays - count), points("gaussian", count)])
+        table = np.concatenate([places(laser.profile, rays - count), places("gaussian", count)])
         skirt = Skirt(count=count, share=halo.share, slope=math.tan(0.5 * halo.divergence_rad))
     return Footprint(
         skirt=skirt,
-        points=LookupTable(places),
+        sweep_rad=sweep_rad if sweeps else None,
+        points=LookupTable(table),
         exit_radius_m=0.5 * (laser.exit_diameter_m or 0.0),
         slope=(math.tan(0.5 * laser.divergence_rad), math.tan(0.5 * second)),
         turn_rad=laser.beam_rotation_rad,
@@ -161,6 +169,36 @@ def points(profile: str, rays: int) -> Numbers:
     return np.asarray(stretched)
 
 
+def with_sweep(places: Numbers) -> Numbers:
+    """(rays, 3) places in a beam, (rays, 2), with a place in an even sweep from -1/2 to 1/2; theory (T125).
+
+    Mean and variance of the sweep are exact: 0 and 1/12. From four rays on it has nothing to do with the place in the
+    beam, so both variances add.
+    """
+    rays = len(places)
+    # A Kronecker sequence beside the spiral's angles. Multiples of sqrt(3) are not tied to those of the golden angle by
+    # whole numbers, so the rays spread over ring, angle and sweep alike.
+    place = (np.arange(rays) + 0.5) * math.sqrt(3.0) % 1.0
+    independent_of = np.column_stack([np.ones(rays), places]) if rays > 3 else np.ones((rays, 1))
+    place -= independent_of @ np.linalg.lstsq(independent_of, place, rcond=None)[0]
+    return np.column_stack([places, place * math.sqrt(rays / (12.0 * (place @ place)))])
+
+
+def sweep(axes: Beams, shape: Footprint, *, ray: Lanes, rotation: tuple[Lanes, ...]) -> Beams:
+    """Turn the axes of beams about the sensor's upright axis to where the head is when their ray stands for the light.
+
+    axes, ray, rotation  as of `spread`
+    """
+    if shape.sweep_rad is None:
+        return axes
+    # The exits, centimetres off the axis, move by less than 0.1 mm.
+    ops, up = xp(ray, *axes.direction), (rotation[2], rotation[5], rotation[8])
+    angle = shape.points.at_row(ray)[2] * shape.sweep_rad
+    cos, sin = ops.cos(angle), ops.sin(angle)
+    along = weighted_sum(dot(up, axes.direction) * (1.0 - cos), up, sin, cross(up, axes.direction))
+    return replace(axes, direction=weighted_sum(cos, axes.direction, 1.0, along))
+
+
 def spread(rays: Beams, shape: Footprint, *, ray: Lanes, rotation: tuple[Lanes, ...]) -> Beams:
     """Spread the rays of a footprint around the axes of beams, lane by lane; theory (T48).
 
@@ -173,7 +211,7 @@ def spread(rays: Beams, shape: Footprint, *, ray: Lanes, rotation: tuple[Lanes, 
     if shape.rays == 1:
         return rays
     a, b = _axes(rays.direction, shape.turn_rad, rotation)
-    first, second = shape.points.at_row(ray)
+    first, second = shape.points.at_row(ray)[:2]
     slope = shape.slope
     if shape.skirt is not None:
         first, second, slope = _add_skirt(rays, shape, shape.skirt, ray, first, second)

@@ -246,9 +246,11 @@ def _warn_of_thin_beams(trace: TraceOptions, sensors: Sequence[Mounted]) -> None
     if trace.rays == 1:
         return
     thin_beamed = [
-        mounted.sensor for mounted in sensors if not (mounted.sensor.laser.has_width or mounted.sensor.optics.halo)
+        sensor.name
+        for sensor in (mounted.sensor for mounted in sensors)
+        if not (sensor.laser.has_width or sensor.optics.halo or sensor.sweep_rad)
     ]
-    for name in dict.fromkeys(sensor.name for sensor in thin_beamed):
+    for name in dict.fromkeys(thin_beamed):
         warnings.warn(
             OptionWarning(
                 "{rays} {0} changes nothing: laser.divergence_mrad of '{1}' is 0; a width is given by {overrides} "

@@ -19,7 +19,7 @@ from ..light.beams import Beams
 from ..light.echoes import Ambient, Echoes, EchoTrain
 from ..light.field_background import background_power_w, field_of_view
 from ..light.fluctuations import FluctuationLaw, fluctuate
-from ..light.footprint import Footprint, aim, footprint, polarisation, spread
+from ..light.footprint import Footprint, aim, footprint, polarisation, spread, sweep
 from ..light.hits import Hits
 from ..light.pulse_train import LitAir, join_echoes
 from ..light.stray_light import Crosstalk, add_stray_light, channel_light, reaches_others
@@ -84,7 +84,7 @@ class Stages:
             vectors=options.vectors,
             sensor=transfer.opaque(sensor),
             ambient=transfer.opaque(ambient),
-            footprint=transfer.opaque(footprint(sensor.laser, options.rays, sensor.optics.halo)),
+            footprint=transfer.opaque(footprint(sensor.laser, options.rays, sensor.optics.halo, sensor.sweep_rad)),
             field=transfer.opaque(field),
             air=transfer.opaque(air),
             crosstalk=transfer.opaque(Crosstalk.from_sensor(sensor)),
@@ -177,7 +177,10 @@ class Stages:
         place, movers = places(shape.rays)
         # `fire` gives the axis of each beam. The rays of a pulse share it, jitter included, and are spread around it.
         axes = beams.fire(self.sensor, pulse=ray_pulse, origin_m=place.origin_m, rotation=place.rotation, seed=seed)
-        rays = axes if ray is None else spread(axes, shape, ray=ray, rotation=place.rotation)
+        rays = axes
+        if ray is not None:
+            axes = sweep(axes, shape, ray=ray, rotation=place.rotation)
+            rays = spread(axes, shape, ray=ray, rotation=place.rotation)
         aimed = None
         # Only the laser's own rays can come back from a mirror; rays that gather background carry no pulse.
         if self.world.speculars is not None and shape is self.footprint:

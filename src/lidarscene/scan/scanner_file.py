@@ -44,6 +44,11 @@ class ScannerFile(Table[Target], Generic[Target]):
         """Files that the table names, beside the sensor's."""
         return ()
 
+    @property
+    def turn_rate_rad_s(self) -> float:
+        """Rate at which lasers and receivers turn together while a point's shots are summed; 0: they stand still."""
+        return 0.0
+
     def shot_period_us(self, pulse_period_us: float) -> float:
         """Time that one receiver can listen: until the next pulse, if one receiver serves all pulses."""
         return pulse_period_us

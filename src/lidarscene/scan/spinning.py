@@ -252,6 +252,11 @@ class SpinningFile(ScannerFile[Spinning]):
         """All lasers once in each cycle."""
         return len(self.elevation_deg) / self.cycle_s
 
+    @property
+    def turn_rate_rad_s(self) -> float:
+        """That of the head."""
+        return _TWO_PI * float(self.rotation_hz)
+
     def shot_period_us(self, pulse_period_us: float) -> float:
         """Each laser has a receiver of its own, which listens until that laser's next pulse."""
         return self.cycle_s * 1e6

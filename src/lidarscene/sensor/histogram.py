@@ -36,6 +36,7 @@ class Histogram:
     reach       bins that are drawn to either side of an echo
     search      bins to either side of an echo in which its peak is looked for
     bin_to_sigma  width of a bin over that of an echo
+    sweep_rad     angle by which the head turns while the shots of a point are summed; 0: it does not, or is left out
     """
 
     shots: Lanes
@@ -64,6 +65,7 @@ class Histogram:
     search: int
     bin_to_sigma: float
     neighbours: bool = False
+    sweep_rad: float = 0.0
 
     @property
     def noise_spread(self) -> Lanes | None:
@@ -115,6 +117,10 @@ class HistogramFile(
     keep: Literal["first", "last", "strongest"] = Field(
         default="strongest", description="which peaks, if there are more than stops"
     )
+    turn: bool = Field(
+        default=True,
+        description="whether a spinning head turns while it sums the shots of a point; with several rays a pulse",
+    )
 
     def period_us(self, dwell_us: float) -> float | None:
         """Time between the laser's pulses of one point, with the multiplier; None: not given. Raises InputError."""
@@ -143,8 +149,25 @@ class HistogramFile(
             )
         return shots
 
-    def build(self, *, dead_time_s: float, jitter_s: float, pulse_fwhm_ns: float, dwell_us: float) -> Histogram:
-        """Convert to SI units for points of this dwell time. Raises InputError."""
+    def sweep_rad(self, *, turn_rate_rad_s: float, dwell_us: float) -> float:
+        """Angle by which a head of this turn rate turns from the first to the last of the shots of a point."""
+        if not self.turn:
+            return 0.0
+        period_us = self.period_us(dwell_us)
+        # Shots without a period of their own are taken to fill the time of a point.
+        summed_us = dwell_us if period_us is None else period_us * self.shots_per_point(dwell_us)
+        return abs(turn_rate_rad_s) * 1e-6 * summed_us
+
+    def build(
+        self,
+        *,
+        dead_time_s: float,
+        jitter_s: float,
+        pulse_fwhm_ns: float,
+        dwell_us: float,
+        turn_rate_rad_s: float = 0.0,
+    ) -> Histogram:
+        """Convert to SI units for points of this dwell time and a head of this turn rate. Raises InputError."""
         period_us = self.period_us(dwell_us)
         sigma_ns = pulse_fwhm_ns / SIGMAS_PER_FWHM
         sigma_ns = math.sqrt(sigma_ns**2 + (1e9 * jitter_s) ** 2 + self.bin_ns**2 / 12.0)
@@ -172,6 +195,7 @@ class HistogramFile(
             search=search,
             bin_to_sigma=self.bin_ns / sigma_ns,
             neighbours=float(self.lone_photons) > 0.0,
+            sweep_rad=self.sweep_rad(turn_rate_rad_s=turn_rate_rad_s, dwell_us=dwell_us),
         )
 
     def converter(self, dwell_us: float) -> Tdc:

@@ -290,6 +290,7 @@ class SensorFile(FileModel):
             jitter_s=float(detector.jitter_s),
             pulse_fwhm_ns=float(self.laser.pulse_fwhm_ns),
             dwell_us=self._dwell_us,
+            turn_rate_rad_s=self.scanner.turn_rate_rad_s,
         )
 
     def _scanner(self, optics: Optics, folder: Path) -> Scanner:

@@ -266,6 +266,11 @@ class Sensor:
         return not self.times_edge or self.tdc.keep != "first"
 
     @property
+    def sweep_rad(self) -> float:
+        """Angle by which the head turns while the shots of a point are summed; 0 if it does not."""
+        return 0.0 if self.histogram is None else self.histogram.sweep_rad
+
+    @property
     def matches(self) -> bool:
         """True if pulses are found behind a matched filter."""
         if self.detector.counts_whole_cells:
