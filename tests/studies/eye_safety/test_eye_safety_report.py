@@ -2,22 +2,31 @@
 
 import json
 import math
+import re
+import tomllib
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from helpers import photons
+from helpers.documentation import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarscene.catalog import names
 from lidarscene.errors import InputError
-from lidarscene.sensor.sensor_file import load_sensor
+from lidarscene.sensor.sensor_file import load_sensor, sensor_from_tables
 from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.eye_safety import exposure
 from lidarscene.studies.eye_safety.criteria import ViewerCheck, geometry, margin_of
 from lidarscene.studies.eye_safety.exposure import PulseTrain, counted_train, scanned_train, stationary_train
-from lidarscene.studies.eye_safety.eye_safety_report import EyeSafetyReport, eye_safety_report, not_known, report_text
+from lidarscene.studies.eye_safety.eye_safety_report import (
+    EyeSafetyReport,
+    both_reports,
+    eye_safety_report,
+    not_known,
+    report_text,
+)
 
 TABLE_1 = load_sensor("table1-apd")
 PULSE_J = 45 * 6e-9 * math.sqrt(math.pi / (4 * math.log(2)))  # 287.4 nJ
@@ -284,3 +293,19 @@ def test_pulses_that_come_once_in_a_while_still_count_once(apart_s: float, count
     check = ViewerCheck(sensor=TABLE_1, viewer="eye", train=train, energy_j=1e-6, source_rad=1.5e-3, time_base_s=100.0)
     (detail,) = (criterion.note for criterion in check.criteria() if criterion.quantity == "pulse train")
     assert f" for {count} pulses in 10 s" in detail
+
+
+@pytest.mark.parametrize("page", ["photon_counting", "recipes", "your_own"])
+def test_designs_of_the_guides_are_of_class_1(page, tmp_path):
+    """Rationale: who starts from an example starts from a design that may be built, as long as its beam moves."""
+    pages = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    tables = [tomllib.loads(block) for block in re.findall(r"```toml\n(.*?)```", pages, re.DOTALL)]
+    designs = [
+        sensor_from_tables(table, where=page, folder=tmp_path)
+        for table in tables
+        if {"laser", "detector"} <= set(table)
+    ]
+    assert designs
+    for design in designs:
+        scanned, _ = both_reports(design)
+        assert scanned.is_class_1, (design.name, scanned.margin)
