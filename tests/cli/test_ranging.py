@@ -43,19 +43,28 @@ def test_summary(run: Run) -> None:
     out = range_text(run, APD, SIPM)
     assert "100 klux, sun 60° off the normal, reflectivity 0.1, incidence 0°, transmittance 0.98" in out
     apd, sipm = out.splitlines()[-2:]
-    assert apd.split() == ["table1-apd", "350.605", "m", "352.751", "m", "599.6", "m", "61.4618", "1"]
+    assert apd.split() == ["table1-apd", "350.605", "m", "signal", "352.751", "m", "599.6", "m", "61.4618", "1"]
     assert sipm.split()[1] == "280.871"
 
 
 def test_a_range_beyond_the_window_is_said(run: Run) -> None:
-    """Seven pulses in the time of one: 38.5 m are unambiguous, and the echoes of 105.9 m appear nearer."""
+    """Seven pulses in the time of one: 38.5 m are unambiguous, and echoes from farther appear nearer."""
     mode = ("os1-128", "--set", "histogram.multiplier=7")
-    message = "os1-128: its window ends at 38.5 m, before its maximum range; echoes from beyond 38.5 m"
+    allowed = "the range that its signal allows"
+    signal_m = plane.maximum_range_m(load_sensor("os1-128", overrides=["histogram.multiplier=7"]), plane.Target())[0]
+    message = f"os1-128: its window ends at 38.5 m, before {allowed} ({signal_m:.6g} m); echoes from beyond 38.5 m"
     assert range_text(run, *mode).splitlines()[-1].startswith(message)
     assert range_json(run, *mode)["os1-128"]["note"].startswith(message)
-    assert range_json(run, "os1-128")["os1-128"]["note"] is None
-    line = "table1-apd: its window ends at 599.6 m, before its maximum range"
-    assert range_text(run, APD, "--illuminance", "0.1").splitlines()[-1] == line
+    folded = range_json(run, *mode)["os1-128"]
+    assert (folded["limited_by"], folded["signal_range_m"]) == ("window", pytest.approx(signal_m, rel=1e-9))
+    assert folded["maximum_range_m"] == folded["window_m"] == pytest.approx(38.54, abs=0.01)
+    plain = range_json(run, "os1-128")["os1-128"]
+    assert plain["note"] is None
+    assert plain["limited_by"] == "signal"
+    assert plain["maximum_range_m"] == plain["signal_range_m"]
+    dim = range_text(run, APD, "--illuminance", "0.1").splitlines()
+    assert dim[-1].startswith(f"table1-apd: its window ends at 599.6 m, before {allowed} (")
+    assert dim[-2].split()[1:4] == ["599.585", "m", "window"]
     notes = range_json(run, *mode, "--over", "illuminance", "--n", "3")["notes"]
     assert any("echoes from beyond 38.5 m are reported too near" in note for note in notes)
 
@@ -83,7 +92,7 @@ def test_summary_as_json(run: Run) -> None:
 def test_statuses_have_words(run: Run, argv: tuple[str, ...], status: str, word: str) -> None:
     (entry,) = range_json(run, *argv).values()
     assert entry["status"] == status
-    assert f" {word} " in range_text(run, *argv)
+    assert word in range_text(run, *argv)
     assert "nan" not in range_text(run, *argv)
 
 

@@ -9,6 +9,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lidarscene import load_sensor
+from lidarscene.detection import returns
+from lidarscene.detection.outcomes import Outcome
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import sipm
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import RangeStatus, Target
@@ -412,6 +415,9 @@ def test_nothing_of_it_needs_llvm_or_mitsuba(run_python):
     code = """
 import sys
 from lidarscene import load_sensor
+from lidarscene.detection import returns
+from lidarscene.detection.outcomes import Outcome
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import sipm
 from lidarscene.studies.ranging import plane as ranging
 print(round(ranging.maximum_range_m(load_sensor("table1-apd"), ranging.Target())[0], 3))
@@ -468,3 +474,23 @@ def test_the_closed_form_takes_a_share_of_the_aperture_for_a_smaller_one():
     assert plane.closed_form_range_m(APD, Target(aperture_share=0.25)) == pytest.approx(
         plane.closed_form_range_m(half, Target())
     )
+
+
+def test_what_is_reported_ends_with_the_window():
+    """By hand: 1 us is 149.896 m; behind a blanking of 3 us nothing is left of 350 m. Two roads: boards on both sides
+    of the end, of which the comparator takes the nearer one alone.
+    """
+    near = sensor_with("table1-apd", tdc__window_us=1, tdc__walk="raw", tdc__lsb_ps=0, tdc__jitter_ps=0)
+    end_m = 0.5 * SPEED_OF_LIGHT_M_S * 1e-6
+    assert plane.reported_range_m(near, Target()) == (pytest.approx(end_m, rel=1e-12), RangeStatus.WINDOW)
+    assert plane.maximum_range_m(near, Target())[0] == pytest.approx(350.605, abs=1e-3)
+    boards_m = np.array([end_m - 2.0, end_m + 4.0])  # an edge crosses up to 1.5 m before its peak
+    light = plane.echoes_of_plane(near, Target(), boards_m)
+    detection = returns.detect(light, near, seed=0, pulse=np.arange(2, dtype=np.uint32))
+    assert list(detection.outcome) == [Outcome.KEPT, Outcome.OUT_OF_WINDOW]
+    blind = sensor_with("table1-apd", tdc__blanking_ns=3000)
+    assert plane.reported_range_m(blind, Target()) == (0.0, RangeStatus.NEVER_DETECTED)
+    sun = Target(illuminance_klux=np.array([0.0, 1.0, 100.0, 1e4]))
+    limit, status = plane.reported_range_m(APD, sun)
+    assert [RangeStatus(int(code)) for code in status] == [RangeStatus.WINDOW] * 2 + [RangeStatus.FOUND] * 2
+    np.testing.assert_array_equal(limit[2:], plane.maximum_range_m(APD, sun)[0][2:])

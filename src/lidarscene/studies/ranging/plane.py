@@ -22,7 +22,7 @@ from ...light.fluctuations import FluctuationLaw
 from ...light.hits import Hits
 from ...maths.arrays import Lanes, Numbers
 from ...physics.electronics import range_limit, tdc
-from ...physics.optics import scintillation, sunlight
+from ...physics.optics import radiometry, scintillation, sunlight
 from ...scene.scene import Air
 from ...sensor.detectors import WorkingPoint
 from ...sensor.sensor_model import Sensor
@@ -46,6 +46,7 @@ class RangeStatus(enum.IntEnum):
     NEVER_DETECTED = 1  # not even at 1 cm: no light, or the detector is blind
     NO_LIMIT = 2  # still detected at 1000 km: no noise limits the signal
     SATURATED = 3  # never: not even all free cells together reach the threshold
+    WINDOW = 4  # of `reported_range_m`: the signal would do for farther, but the converter's window ends
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,8 +189,31 @@ def detection_probability(sensor: Sensor, target: Target, range_m: Numbers | flo
         return np.asarray(expected_probability(point, level, light.peak_power_w, variance))
 
 
+def window_m(sensor: Sensor) -> Any:
+    """Range at the end of the sensor's window."""
+    return radiometry.range_from_time_of_flight_m(time_of_flight_s=sensor.tdc.window_s)
+
+
+def reported_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:
+    """Farthest range that the sensor reports, and a `RangeStatus` that says what limits it: the signal or the window.
+
+    `maximum_range_m`, cut off at the converter's window; 0 if all of it lies within the blanking. Same shapes.
+    """
+    limit, status = maximum_range_m(sensor, target)
+    end = window_m(sensor)
+    start = radiometry.range_from_time_of_flight_m(time_of_flight_s=sensor.tdc.blanking_s)
+    blanked = (limit > 0.0) & (limit <= start)
+    status = np.where(limit > end, RangeStatus.WINDOW, np.where(blanked, RangeStatus.NEVER_DETECTED, status))
+    reported = np.where(blanked, 0.0, np.minimum(limit, end))
+    if not np.shape(reported):
+        return float(reported), RangeStatus(int(status))
+    return reported, status
+
+
 def maximum_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:
     """Range at which the peak signal falls to the comparator's level, and a `RangeStatus`.
+
+    It is that of the signal: a converter whose window ends before reports less, `reported_range_m`.
 
     Two scalars, or two arrays of the conditions' shape. 0 if there is no such range, inf if there is no limit; never
     NaN. Accurate to 1e-12 relative, by secants in log range on the exact response.

@@ -19,7 +19,7 @@ from ...physics.optics import radiometry
 from ...sensor.sensor_model import Sensor
 from .aperture_laws import LAWS, of_scanner
 from .curves import QUANTITIES, CurveCrossing, Curves, SweepCurve, is_flat, limit_word
-from .plane import RangeStatus, Target
+from .plane import RangeStatus, Target, window_m
 
 _ROWS = 12
 _SYMBOL = {"snr": "SNR", "pd": "P_d"}
@@ -76,11 +76,6 @@ def table_text(swept: Curves) -> str:
     return text_table([axis.column, *(curve.name for curve in swept.curves)], cells, ">")
 
 
-def window_m(sensor: Sensor) -> float:
-    """Range in metres at the end of the sensor's window."""
-    return float(radiometry.range_from_time_of_flight_m(time_of_flight_s=float(sensor.tdc.window_s)))
-
-
 def unambiguous_m(sensor: Sensor) -> float:
     """Range in metres from which light returns after the next pulse has left; inf for one pulse to a point."""
     if sensor.histogram is None or sensor.histogram.period_s is None:
@@ -91,9 +86,10 @@ def unambiguous_m(sensor: Sensor) -> float:
 
 def window_note(name: str, sensor: Sensor, *, farthest_m: float, limit_text: str) -> str | None:
     """Note that the window ends before the farthest detection, named by ``limit_text``; None if it does not."""
-    if farthest_m <= window_m(sensor):
+    end_m = float(window_m(sensor))
+    if farthest_m <= end_m:
         return None
-    line = f"{name}: its window ends at {window_m(sensor):.1f} m, before {limit_text}"
+    line = f"{name}: its window ends at {end_m:.1f} m, before {limit_text}"
     folds_m = unambiguous_m(sensor)
     if folds_m == math.inf:
         return line
