@@ -211,3 +211,18 @@ def test_folders_of_dead_processes_go(tmp_path: Path, is_there: bool) -> None:
 def test_a_name_with_nul(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="its name has a NUL character"):
         require_writable(tmp_path / "a\0b")
+
+
+@pytest.mark.parametrize("name", ["a" * 251 + ".txt", "ä" * 125 + ".txt", "a" * 230])
+def test_names_as_long_as_a_file_system_takes(tmp_path: Path, name: str) -> None:
+    """The temporary name has no room for them, so it has a hash; what a dead process leaves goes all the same."""
+    target = tmp_path / name
+    remains = target.with_name(atomic._part_prefix(target) + "999999999.part")
+    remains.write_text("half")
+    require_writable(target)
+    with atomic_output(target) as temporary:
+        temporary.write_text("whole")
+        with atomic.folder_beside(temporary) as folder:
+            assert folder.is_dir()
+    assert target.read_text() == "whole"
+    assert os.listdir(tmp_path) == [name]

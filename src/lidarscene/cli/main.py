@@ -26,7 +26,7 @@ from .recordings.sensor import add_sensor
 from .recordings.twin import add_twin
 from .render import add_render
 from .stream import add_stream
-from .terminal import Answer, end_cleanly, ended_by, error_text, notes, print_error, print_text
+from .terminal import Answer, end_cleanly, ended_by, error_text, mute_errors, notes, print_error, print_text
 from .view import add_view
 from .words import with_joined_pose
 
@@ -35,6 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit code: 0, 2 for usage, input and output mistakes, 3 without a back end."""
     if argv is None:
         end_cleanly()
+        atexit.register(mute_errors)  # registered first, it runs last
         # Garbage collection of all imported modules at exit would take 0.15 s.
         atexit.register(gc.freeze)
     try:

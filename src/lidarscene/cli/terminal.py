@@ -12,7 +12,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from typing import Any, NamedTuple
 
 from ..errors import BackendError, LidarSceneError, OptionError, OptionWarning, OutputError
@@ -53,6 +53,13 @@ def error_text(error: LidarSceneError) -> str:
     text = error.message_with(flag_of) if isinstance(error, OptionError) else str(error)
     # The advice of a BackendError takes several lines; all other messages take one.
     return text if isinstance(error, BackendError) else printable(text)
+
+
+def mute_errors() -> None:
+    """Close the error stream at exit: compiled libraries report objects there that they think are leaked."""
+    with suppress(OSError, ValueError):
+        sys.stderr.flush()
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
 
 
 def printable(text: str) -> str:

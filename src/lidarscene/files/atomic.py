@@ -7,6 +7,7 @@ its target, synced to disk and renamed: on one file system a rename is atomic. A
 from __future__ import annotations
 
 import glob
+import hashlib
 import os
 import shutil
 from collections.abc import Callable, Iterator
@@ -15,6 +16,12 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import OutputError
+
+LONGEST_NAME = 255
+"""Bytes of a file's name, on all file systems in use."""
+
+_PART_BYTES = len(f"..folder.{2**32}.part")
+"""What the name of a temporary file has beside the target's."""
 
 _ours: set[Path] = set()
 """Temporary files that this process is writing."""
@@ -31,7 +38,7 @@ def atomic_output(path: str | os.PathLike[str], *, synced: bool = True) -> Itera
     synced  wait until the disk has the data; else a power failure may lose or empty the file
     """
     target = _target(path)
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
+    temporary = target.with_name(_part_prefix(target) + f"{os.getpid()}.part")
     if temporary in _ours:
         raise OutputError(f"{path}: is being written by another thread of this process")
     new_folders: list[Path] = []
@@ -75,7 +82,7 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     target = _folder_target(path)
     # Inside an existing folder: it may be the mount point of another disk, onto which nothing can be renamed.
     beside_path = target / target.name if target.exists() else target
-    temporary = beside_path.with_name(f".{target.name}.{os.getpid()}.part")
+    temporary = beside_path.with_name(_part_prefix(target) + f"{os.getpid()}.part")
     new_folders: list[Path] = []
     try:
         new_folders = _make_folders(temporary.parent)
@@ -140,7 +147,7 @@ def _unwritable(path: str | os.PathLike[str], error: OSError) -> OutputError:
 def require_writable(path: str | os.PathLike[str]) -> None:
     """Raise the OutputError that writing this file would raise, before hours of work go into its content."""
     target = _target(path)
-    probe = target.with_name(f".{target.name}.{os.getpid()}.part")
+    probe = target.with_name(_part_prefix(target) + f"{os.getpid()}.part")
     new_folders: list[Path] = []
     try:
         new_folders = _make_folders(target.parent)
@@ -189,9 +196,17 @@ def _make_folders(folder: Path) -> list[Path]:
     return missing_folders
 
 
+def _part_prefix(target: Path) -> str:
+    """Start of the names of temporary files of this target: its name, or a hash of it where that leaves no room."""
+    name = target.name
+    if len(os.fsencode(name)) > LONGEST_NAME - _PART_BYTES:
+        name = hashlib.sha256(os.fsencode(name)).hexdigest()[:32]
+    return f".{name}."
+
+
 def _remove_stale(target: Path) -> None:
     """Remove what dead processes of this machine left of earlier writes to this name."""
-    prefix, suffix = f".{target.name}.", ".part"
+    prefix, suffix = _part_prefix(target), ".part"
     for name in glob.glob(glob.escape(prefix) + "*" + suffix, root_dir=target.parent, include_hidden=True):
         pid = name[len(prefix) : -len(suffix)].rpartition(".")[2]
         if pid.isdecimal() and not _is_alive(int(pid)):

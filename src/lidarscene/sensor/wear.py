@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from ..maths.pose import direction_from_angles
@@ -129,6 +128,8 @@ def _clear_share(centres: Numbers, radius_m: float, drops: Numbers, drop_m: floa
     radius_m  of each; 0: a point
     drops     (m, 3) middles of the drops, m
     """
+    from scipy.spatial import cKDTree  # takes a quarter of a second to import, and few sensors have drops
+
     radius_m = max(radius_m, 1e-6)
     covered = np.zeros(len(centres))
     # As many neighbours as there are: a tree finds the discs near each drop.
