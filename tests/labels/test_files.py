@@ -17,6 +17,7 @@ from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.cloud.rig_clouds import merge_clouds
 from lidarscene.errors import InputError
 from lidarscene.files import spool
+from lidarscene.formats.osi import framed
 from lidarscene.formats.registry import DATASETS, LABELS
 from lidarscene.labels import boxes as labels_boxes
 from lidarscene.labels import kinds, kitti_dataset
@@ -323,7 +324,7 @@ def test_classes_of_osi(tmp_path: Path, library: Any) -> None:
         "gantry": "OTHER",
     }
     boxes = boxes_of_classes(*vehicles, *walkers, *structures)
-    (tmp_path / "a.osi").write_bytes(ground_truth(boxes, 17.25))
+    (tmp_path / "a.osi").write_bytes(framed(ground_truth(boxes).fields(17.25)))
     (truth,) = osi_messages(tmp_path / "a.osi", "GroundTruth", library)
     assert (truth.timestamp.seconds, truth.timestamp.nanos) == (17, 250_000_000)
     moving = truth.moving_object

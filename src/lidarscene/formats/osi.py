@@ -1,52 +1,191 @@
-"""Write point clouds as ASAM OSI 3.7: a trace file of one SensorData.
+"""Write point clouds as ASAM OSI 3.7: a trace file of SensorData, one for each frame.
 
 Each point is a LidarDetection of `feature_data.lidar_sensor`, of which each sensor of a rig has one: position (range,
 azimuth, elevation in the sensor's frame), existence_probability (that of detection), intensity in percent of the
-largest, beam_id (the channel), classification CLUTTER for what is no echo; with the truth also object_id (body + 1, as
-in the ground truth of `osi_truth`), reflectivity and radial_velocity; the pulse's width if it is measured.
+largest, beam_id (the channel), classification; with the truth also object_id (body + 1, as in the ground truth of
+`labels.osi_truth`), reflectivity and radial_velocity; the pulse's width if it is measured.
+
+Where the cloud knows the vehicle, each sensor has its mounting_position there, and `sensor_view` has the host vehicle
+in its ground truth: the origin of the vehicle's frame, which OSI calls the middle of the rear axle, is
+``bbcenter_to_rear`` behind the centre of the vehicle's box. `host_vehicle_location` is in the sensor's frame, as OSI
+says.
 
 A frame in a trace file is its length (4 bytes, little endian) and the message. Field numbers are those of
-osi_sensordata.proto, osi_featuredata.proto and osi_common.proto.
+osi_sensordata.proto, osi_featuredata.proto, osi_sensorview.proto, osi_groundtruth.proto and osi_common.proto.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import struct
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
 
 import numpy as np
 
+from ..detection.outcomes import Status
 from ..files.atomic import atomic_output
 from ..files.encodings.protobuf import double, double_rows, join_rows, message, message_rows, number, number_rows
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.rotations import yaw_pitch_roll_rad
 from ..physics.constants import SPEED_OF_LIGHT_M_S
-from .cloud_columns import Cloud
+from .cloud_columns import Cloud, frame_starts_s, parse_numbers, sensor_positions_m
 
 VERSION = (3, 7, 0)
+PROTOBUF_VERSION = (3, 0, 0)
+"""Oldest release of protobuf that reads what is written here."""
+
 NO_OBJECT = 2**64 - 1
-UNKNOWN, CLUTTER = 0, 3
+OTHER, INVALID, CLUTTER = 1, 2, 3
 """Values of DetectionClassification."""
+
+VEHICLE, HOST_ATTRIBUTES = 2, 5
+"""Type of MovingObject, and its field of VehicleAttributes."""
+
+CLASSIFICATIONS = tuple({Status.ECHO: OTHER, Status.ALIASED: INVALID}.get(status, CLUTTER) for status in Status)
+"""Classification of a point by its status: an echo, one of no use for tracking, or noise, weather and stray light."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Host:
+    """Host vehicle as OSI describes it.
+
+    id         of its MovingObject
+    centre     pose of the centre of its box in the world, with the axes of the vehicle's frame
+    to_rear_m  (3,) from there to the origin of the vehicle's frame, in its axes
+    """
+
+    id: int
+    centre: Pose
+    to_rear_m: Numbers
+
+    @property
+    def vehicle(self) -> Pose:
+        """Pose of the vehicle's frame in the world."""
+        return self.centre @ Pose(position_m=self.to_rear_m)
+
+    @property
+    def attributes(self) -> bytes:
+        """Encode the VehicleAttributes of its MovingObject."""
+        return message(HOST_ATTRIBUTES, vector(4, self.to_rear_m))
+
+    @classmethod
+    def without_box(cls, vehicle: Pose, bodies: int) -> Host:
+        """Host of which only the frame is known; its id follows those of the bodies."""
+        return cls(id=bodies + 1, centre=vehicle, to_rear_m=np.zeros(3))
+
+    def as_object(self) -> bytes:
+        """Encode its MovingObject, without a dimension."""
+        base = message(2, pose_fields(self.centre, position=2, orientation=3))
+        return message(5, message(1, number(1, self.id)), base, number(3, VEHICLE), self.attributes)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GroundTruth:
+    """Objects of a frame.
+
+    objects  encoded fields of a GroundTruth, with the host
+    host     host vehicle, or None
+    """
+
+    objects: bytes
+    host: Host | None
+
+    def fields(self, start_s: float) -> bytes:
+        """Encode the fields of the message."""
+        host = b"" if self.host is None else message(3, number(1, self.host.id))
+        return b"".join((version(1), timestamp(2, start_s), host, self.objects))
+
+
+Append = Callable[..., None]
 
 
 def write_osi(path: str | os.PathLike[str], cloud: Cloud) -> None:
     """Write one frame."""
-    start_s = cloud.frame_start_s
+    with osi_frames(path) as append:
+        append(cloud)
+
+
+@contextmanager
+def osi_frames(path: str | os.PathLike[str], *, epoch_ns: int | None = None) -> Iterator[Append]:
+    """Write the clouds that are appended in the block, a message each: ``append(cloud, truth=None)``.
+
+    epoch_ns  from 1970 to the scene's second 0: changes nothing, since times of OSI count from there
+    """
+    with atomic_output(path) as temporary, open(temporary, "wb") as file:
+
+        def append(cloud: Cloud, truth: GroundTruth | None = None) -> None:
+            file.write(framed(sensor_data(cloud, truth)))
+
+        yield append
+
+
+def trace_name(message_type: str, frames: int, name: str, epoch_ns: int) -> str:
+    """Name of a trace file by ASAM's convention, of the date of its time 0, without characters that end its parts."""
+    date = datetime.fromtimestamp(epoch_ns // 10**9, UTC)
+    versions = ("".join(map(str, numbers)) for numbers in (VERSION, PROTOBUF_VERSION))
+    plain = re.sub(r"[^A-Za-z0-9-]+", "-", name).strip("-") or "lidarscene"
+    return "_".join((f"{date:%Y%m%dT%H%M%SZ}", message_type, *versions, str(frames), plain)) + ".osi"
+
+
+def sensor_data(cloud: Cloud, truth: GroundTruth | None = None) -> bytes:
+    """Encode the fields of a SensorData.
+
+    truth  objects of the frame for its sensor view; None: the host vehicle alone
+    """
+    start_s, vehicle = cloud.frame_start_s, cloud.vehicle_to_world
+    if vehicle is not None and (truth is None or truth.host is None):
+        host = Host.without_box(vehicle, len(cloud.body_names))
+        truth = GroundTruth(objects=(b"" if truth is None else truth.objects) + host.as_object(), host=host)
+    mountings, starts_s = cloud.sensors_to_vehicle, frame_starts_s(cloud.metadata)
     lidars = []
     for sensor in np.unique(cloud.column("sensor_index")).tolist() or [0]:
         sensor_cloud = cloud.select(cloud.column("sensor_index") == sensor)
-        header = (timestamp(1, start_s), number(6, len(sensor_cloud)), message(7, number(1, sensor)))
-        lidars.append(message(3, message(1, *header), _detections(sensor_cloud)))
+        header = [timestamp(1, starts_s[sensor] if sensor < len(starts_s) else start_s)]
+        if sensor < len(mountings):
+            header.append(_mounting(3, mountings[sensor]))
+        header += [number(6, len(sensor_cloud)), message(7, number(1, sensor))]
+        lidars.append(message(3, message(1, *header), _detections(sensor_cloud, sensor)))
+    # Of several sensors the vehicle itself stands for the virtual sensor: all is in its frame.
+    mounting = mountings[0] if len(mountings) == 1 else Pose()
+    view = [] if truth is None or truth.host is None else [_placing(mounting, truth.host, truth, start_s)]
     features = message(26, version(1), *lidars)
-    content = trace_file(version(1), timestamp(2, start_s), message(5, number(1, 0)), features)
-    with atomic_output(path) as temporary:
-        temporary.write_bytes(content)
+    return b"".join(
+        (version(1), timestamp(2, start_s), message(5, number(1, 0)), *view, timestamp(9, start_s), features)
+    )
 
 
-def trace_file(*parts: bytes) -> bytes:
-    """Encode a trace file of one message."""
-    content = b"".join(parts)
+def _placing(mounting: Pose, host: Host, truth: GroundTruth, start_s: float) -> bytes:
+    """Encode host_vehicle_location, mounting_position and sensor_view of a SensorData."""
+    seen = mounting.inverse() @ Pose(position_m=-host.to_rear_m)
+    place = pose_fields(host.centre, position=2, orientation=3)
+    localization = pose_fields(host.centre, position=1, orientation=2)
+    host_id = number(1, host.id)
+    host_data = (version(9), timestamp(10, start_s), message(11, host_id), message(1, place), message(8, localization))
+    view = (
+        version(1),
+        timestamp(2, start_s),
+        message(3, number(1, 0)),
+        _mounting(4, mounting),
+        message(6, *host_data),
+        message(7, truth.fields(start_s)),
+        message(8, host_id),
+    )
+    location = message(3, pose_fields(seen, position=2, orientation=3))
+    return location + _mounting(6, mounting) + message(8, *view)
+
+
+def _mounting(field: int, pose: Pose) -> bytes:
+    """Encode a MountingPosition."""
+    return message(field, pose_fields(pose, position=1, orientation=2))
+
+
+def framed(content: bytes) -> bytes:
+    """Encode a message of a trace file: its length and its fields."""
     return struct.pack("<I", len(content)) + content
 
 
@@ -71,10 +210,32 @@ def pose_fields(pose: Pose, *, position: int, orientation: int) -> bytes:
     return vector(position, pose.position_m) + vector(orientation, np.array(yaw_pitch_roll_rad(pose.rotation)[::-1]))
 
 
-def _detections(cloud: Cloud) -> bytes:
-    """Encode all detections, one after the other."""
+def _spherical(cloud: Cloud, sensor: int) -> tuple[Numbers, ...]:
+    """Distance, azimuth and elevation of each point in its sensor's frame: those of the position, as it is placed.
+
+    The range and the commanded angles of clouds that do not say how the sensor stood. They lack what the beam's exit is
+    off the sensor's origin.
+
+    sensor  index of the sensor among those of the metadata
+    """
+    metadata = cloud.metadata
+    if metadata.get("frame", "sensor") == "sensor":
+        local_m = cloud.xyz_m.astype(np.float64)
+    elif "sensor_rotation" in metadata:
+        rotations = parse_numbers(metadata["sensor_rotation"], "sensor_rotation", (-1, 3, 3))
+        index = min(sensor, len(rotations) - 1)
+        place = Pose(position_m=sensor_positions_m(metadata)[index], rotation=rotations[index])
+        local_m = place.inverse_apply(cloud.xyz_m.astype(np.float64))
+    else:
+        return cloud.column("range"), cloud.column("azimuth"), cloud.column("elevation")
+    x, y, z = local_m.T
+    return np.sqrt(x * x + y * y + z * z), np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
+
+
+def _detections(cloud: Cloud, sensor: int) -> bytes:
+    """Encode all detections of a sensor, one after the other."""
     detections = len(cloud)
-    position = (cloud.column("range"), cloud.column("azimuth"), cloud.column("elevation"))
+    position = _spherical(cloud, sensor)
     peak = float(cloud.column("intensity").max(initial=0.0)) or 1.0
     fields = [
         *double_rows(1, cloud.column("detection_probability")),
@@ -82,7 +243,7 @@ def _detections(cloud: Cloud) -> bytes:
             3, *(part for i, component in enumerate(position, start=1) for part in double_rows(i, component))
         ),
         *double_rows(7, 100.0 / peak * cloud.column("intensity").clip(0).astype(np.float64)),
-        *number_rows(9, np.where(cloud.column("status") != 0, CLUTTER, UNKNOWN), size=1),
+        *number_rows(9, np.asarray(CLASSIFICATIONS)[cloud.column("status")], size=1),
         *message_rows(13, *number_rows(1, cloud.column("channel").clip(0), size=5)),
     ]
     if cloud.column("pulse_width").any():

@@ -159,9 +159,9 @@ FORMATS = {
         columns="`range`, `azimuth`, `elevation`, `detection_probability`, `intensity` in percent, `pulse_width` in "
         "metres of range if it is measured, `channel`, what is no echo as clutter; `body`, `reflectivity`, "
         "`radial_velocity`",
-        positions="none: range and angles",
-        beside="time",
-        **_functions("osi"),
+        positions="none: range and angles of each sensor",
+        beside="time, mounting positions, host vehicle",
+        **_functions("osi", "frames"),
     ),
 }
 """Formats of files by name. A suffix means the first format that has it."""

@@ -24,6 +24,7 @@ from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
 from ..files.atomic import atomic_output
 from ..files.json_text import json_text
+from ..formats.osi import framed
 from ..formats.registry import LABELS, format_of
 from ..maths.arrays import Numbers
 from ..maths.rotations import quaternion
@@ -31,7 +32,7 @@ from ..maths.trajectory import Course
 from ..scene.scene import Scene
 from .boxes import PIECE_POINTS, Box, GatheredBoxes, sensor_place, truth_of, upright_size_and_yaw
 from .kinds import MOVING, OUTLIER, UNLABELLED, kind_of
-from .osi_truth import ground_truth
+from .osi_truth import gathered_truth
 
 Append = Callable[[PointCloud], None]
 
@@ -227,8 +228,8 @@ def _osi_stream(path: Path, scene: Scene) -> Iterator[Append]:
         GatheredBoxes(temporary.parent, scene, as_seen=False, with_ego=True) as gathered,
     ):
         yield gathered.append
-        start_s = gathered.first.frame_start_s
-        temporary.write_bytes(ground_truth(gathered.boxes(), start_s))
+        truth = gathered_truth(gathered, scene)
+        temporary.write_bytes(framed(truth.fields(gathered.first.frame_start_s)))
 
 
 def _write_text(path: Path, text: str) -> None:

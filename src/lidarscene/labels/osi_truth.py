@@ -1,16 +1,21 @@
-"""Write the boxes of a frame as ASAM OSI 3.7 ground truth: a trace file of one GroundTruth.
+"""Write the boxes of a frame as ASAM OSI 3.7 ground truth.
 
 Vehicles, people and animals are moving objects, all other things stationary ones, with the id body + 1, dimensions,
 position of the box's centre and orientation in the world frame when the frame starts; moving ones have a velocity.
+The host vehicle is the body that rides with the sensor, or else an object without a box.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+
+import numpy as np
 
 from ..files.encodings.protobuf import message, number
-from ..formats.osi import pose_fields, timestamp, trace_file, vector, version
-from .boxes import Box
+from ..formats.osi import GroundTruth, Host, pose_fields, vector
+from ..maths.pose import Pose
+from ..scene.scene import Scene
+from .boxes import Box, GatheredBoxes
 
 VEHICLE, PEDESTRIAN, ANIMAL = 2, 3, 4
 """Values of MovingObject.Type."""
@@ -35,20 +40,48 @@ OTHER = 1
 """Values of StationaryObject.Classification.Type by class: pole, vertical structure, barrier; other."""
 
 
-def ground_truth(boxes: Sequence[Box], start_s: float) -> bytes:
-    """Encode the file of one frame."""
-    objects = [_moving_object(box) if _is_moving(box) else _stationary_object(box) for box in boxes]
-    return trace_file(version(1), timestamp(2, start_s), *objects)
+def gathered_truth(gathered: GatheredBoxes, scene: Scene) -> GroundTruth:
+    """Encode the objects of a frame whose boxes were gathered, with its host vehicle."""
+    first = gathered.first
+    riding = [index for index, body in enumerate(scene.bodies) if body.rides_with(scene.ego)]
+    return ground_truth(gathered.boxes(), first.vehicle_to_world, riding=riding, bodies=len(first.body_names))
+
+
+def ground_truth(
+    boxes: Sequence[Box], vehicle: Pose | None = None, *, riding: Collection[int] = (), bodies: int = 0
+) -> GroundTruth:
+    """Encode the objects of a frame.
+
+    vehicle  pose of the vehicle's frame in the world, None if it is unknown
+    riding   bodies that ride with it: the first of them that is a vehicle and has the frame's axes is the host's box
+    bodies   number of bodies of the scene
+    """
+    host = None if vehicle is None else _host(boxes, vehicle, riding, bodies)
+    encoded = [_moving_object(box, host) if _is_moving(box) else _stationary_object(box) for box in boxes]
+    if host is not None and not any(box.body + 1 == host.id for box in boxes):
+        encoded.append(host.as_object())
+    return GroundTruth(objects=b"".join(encoded), host=host)
+
+
+def _host(boxes: Sequence[Box], vehicle: Pose, riding: Collection[int], bodies: int) -> Host:
+    for box in boxes:
+        aligned = np.allclose(box.pose.rotation, vehicle.rotation, atol=1e-6)
+        if box.body in riding and box.class_name.lower() in VEHICLES and aligned:
+            to_rear_m = (vehicle.position_m - box.pose.position_m) @ box.pose.rotation
+            return Host(id=box.body + 1, centre=box.pose, to_rear_m=to_rear_m)
+    return Host.without_box(vehicle, bodies)
 
 
 def _is_moving(box: Box) -> bool:
     return box.class_name.lower() in (MOVING | VEHICLES)
 
 
-def _moving_object(box: Box) -> bytes:
+def _moving_object(box: Box, host: Host | None) -> bytes:
     name = box.class_name.lower()
     base = message(2, _base(box), vector(4, box.velocity_m_s))
     parts = [_identity(box), base, number(3, MOVING.get(name, VEHICLE))]
+    if host is not None and host.id == box.body + 1:
+        parts.append(host.attributes)
     if name in VEHICLES:
         parts.append(message(6, number(1, VEHICLES[name])))
     return message(5, *parts)

@@ -34,7 +34,7 @@ from ..sensor.imu import ImuSamples
 from .light import AmbientImage, write_waveforms
 from .plan import Plan
 from .range_image import range_image_stream
-from .streams import Append, Capture, cloud_stream, dataset_stream, missed_stream, waveform_pulses
+from .streams import Append, Capture, cloud_stream, dataset_stream, missed_stream, trace_stream, waveform_pulses
 
 Change = Callable[[int, PointCloud], PointCloud]
 
@@ -156,8 +156,11 @@ class FrameFiles:
         elif key in self.files and self.capture is None:
             points = sum(simulator.sensor.scanner.pulses * simulator.sensor.tdc.stops for simulator in self._simulators)
             path = self.files[key]
-            yield path, cloud_stream(self.plan, path, points, bag=self.bags.get(path))
-            if outputs.labels is not None:
+            if self.plan.has_truth:
+                yield path, trace_stream(self.plan, path, self.scene, self.bags[path])
+            else:
+                yield path, cloud_stream(self.plan, path, points, bag=self.bags.get(path))
+            if outputs.labels is not None and not self.plan.has_truth:
                 path = self.files[f"{key}_labels"]
                 yield path, labels_stream(self.files[key], self.scene, format=outputs.labels)
         if key == "output" and "range_image" in self.files:

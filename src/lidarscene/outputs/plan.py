@@ -14,6 +14,7 @@ from pathlib import Path
 from ..errors import OptionError
 from ..files.atomic import require_writable
 from ..formats.cloud_columns import columns_of
+from ..formats.osi import trace_name
 from ..formats.registry import SUFFIXES, Format, formats_with
 from ..labels.files import label_paths
 from ..labels.kitti_dataset import cloud_path
@@ -34,21 +35,24 @@ SHARED = (*CLOUDS, "metadata")
 class Plan:
     """File names of a run.
 
-    frames  number of frames; None: one, whose cloud is a file and not in a folder
-    rig     whether there is a rig
+    frames   number of frames; None: one, whose cloud is a file and not in a folder
+    rig      whether there is a rig
+    begin_s  time of the scene at which frame 0 begins
     """
 
     outputs: Outputs
     frames: int | None
     rig: bool
+    begin_s: float = 0.0
 
     @property
     def is_folder(self) -> bool:
         """Whether the path is a folder for the clouds."""
-        several = (self.frames is not None and not self.is_one_file) or (
-            self.rig and not self.outputs.merge and not self.is_bag
-        )
-        return several or self.outputs.dataset is not None
+        bag, rig = self.outputs.bag, self.rig and not self.outputs.merge
+        if self.is_bag and bag is not None:
+            # A bag of ROS 2 holds all sensors; a trace of OSI is of one, and has a name of its own in a folder.
+            return (rig or not self._names_file(bag)) if not bag.rig else False
+        return (self.frames is not None and not self.is_one_file) or rig or self.outputs.dataset is not None
 
     @property
     def is_one_file(self) -> bool:
@@ -57,15 +61,22 @@ class Plan:
 
     @property
     def is_bag(self) -> bool:
-        """Whether all frames go into one file, or one folder, of a format that can hold them.
+        """Whether all frames of a sensor go into one file, or one folder, of a format that can hold them.
 
-        A file's name ends as its format's do; without, frames are files in a folder.
+        A bag's name ends as its format's do; without, frames are files in a folder. A trace of OSI may have any name.
         """
-        outputs = self.outputs
-        bag = outputs.bag
-        if bag is None or (self.rig and not outputs.merge and not bag.rig):
+        bag = self.outputs.bag
+        if bag is None:
             return False
-        return bag.folder or outputs.place.name.lower().endswith(bag.suffix)
+        return bag.folder or self._names_file(bag) or (not bag.rig and (self.frames is not None or self.rig))
+
+    def _names_file(self, bag: Format) -> bool:
+        return self.outputs.place.name.lower().endswith(bag.suffix)
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether the labels are in the clouds' own file: ground truth in a trace of OSI."""
+        return self.is_bag and not self.format.rig and self.outputs.labels == "osi"
 
     @property
     def format(self) -> Format:
@@ -89,7 +100,7 @@ class Plan:
             many_clouds = {"frames": self.frames is not None, "rig": self.rig, "dataset": outputs.dataset is not None}
             options = " and ".join(f"{{{option}}}" for option, applies in many_clouds.items() if applies)
             raise OptionError(f"{{path}} {{0}}: must be a folder with {options}", place)
-        if self.is_bag and outputs.labels is not None and (self.frames is not None or self.rig):
+        if self.is_bag and not self.has_truth and outputs.labels is not None and (self.frames is not None or self.rig):
             raise OptionError("{labels}: goes with a folder of clouds, not with one file of several")
         chosen = self.format
         # Traced at some cost, normals and velocities would silently be in no file.
@@ -152,6 +163,9 @@ class Plan:
             return {"output": cloud_path(outputs.dataset, path / label, number)}
         if self.frames is not None and not self.is_one_file:
             path = path / label / f"frame_{number:04d}{suffix}"
+        elif self.is_bag and self.is_folder:
+            name = trace_name("sd", self.frames or 1, label or path.name, outputs.epoch_ns(self.begin_s))
+            path = path / name
         elif label and not self.is_bag:
             path = path / f"{label}{suffix}"
         files = {"output": path}
@@ -159,7 +173,7 @@ class Plan:
             # `Path.stem` would leave half of a suffix with two dots, such as .pcd.bin.
             stem = path.name[: -len(suffix)] if path.name.lower().endswith(suffix) else path.stem
             files["deskewed"] = path.with_name(f"{stem}.deskewed{suffix}")
-        if outputs.labels is not None:
+        if outputs.labels is not None and not self.has_truth:
             for key, cloud in list(files.items()):
                 # Some labels are two files, such as boxes and their calibration.
                 for count, label_path in enumerate(label_paths(cloud, format=outputs.labels), start=1):

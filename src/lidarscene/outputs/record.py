@@ -124,7 +124,7 @@ def record(
         outputs = Outputs(outputs)
     if not isinstance(outputs, Outputs):
         raise InputError(f"outputs: must be a file or Outputs, got {type(outputs).__name__}")
-    plan = Plan(outputs, frames, rig is not None)
+    plan = Plan(outputs, frames, rig is not None, frame.begin_s)
     plan.check(frame.coordinates, vectors=trace.vectors)
     before, since = Summary(), time.perf_counter()
     labels = [""] if rig is None else [mounted.label for mounted in rig.sensors]

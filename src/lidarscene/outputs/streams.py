@@ -25,7 +25,9 @@ from ..formats.packets.firings import Firings
 from ..formats.packets.packet_encoder import PacketEncoder
 from ..formats.packets.pcap import description_path, pcap_stream
 from ..formats.packets.select_encoder import select_encoder
+from ..labels.boxes import GatheredBoxes
 from ..labels.kitti_dataset import frame_stream
+from ..labels.osi_truth import gathered_truth
 from ..maths.arrays import Numbers
 from ..scene.scene import Scene
 from ..sensor.sensor_model import Sensor
@@ -56,6 +58,23 @@ def cloud_stream(plan: Plan, path: Path, points: int, *, bag: Append | None = No
         whole.save(path, format=outputs.format, colour_by=outputs.colours, **options)
     else:
         bag(whole)
+
+
+@contextmanager
+def trace_stream(plan: Plan, path: Path, scene: Scene, append: Callable[..., None]) -> Iterator[Append]:
+    """Gather the clouds that are appended in the block, with their boxes, for one message of an OSI trace.
+
+    append  function that appends a cloud and its ground truth to the trace
+    """
+    builder = CloudBuilder()
+    with GatheredBoxes(path.parent, scene, as_seen=False, with_ego=True) as gathered:
+
+        def gather(cloud: PointCloud) -> None:
+            gathered.append(cloud)
+            _truth_filter(plan.outputs, lambda piece: builder.add(piece))(cloud)
+
+        yield gather
+        append(PointCloud(**builder.fields()), truth=gathered_truth(gathered, scene))
 
 
 @contextmanager
