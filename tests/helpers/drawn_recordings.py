@@ -18,12 +18,16 @@ class Truth:
     white_m2: float
     near_field_m: float
     spot_over_field: float
-    threshold_floor: float
     threshold_slope: float
+    threshold_pedestal: float
     threshold_width: float
     scatter_c: float
     scatter_floor: float
     row_gains: float = 0.1
+
+    def threshold(self, near_ir: np.ndarray) -> np.ndarray:
+        """SIGNAL at which half are kept."""
+        return self.threshold_slope * np.sqrt(near_ir + self.threshold_pedestal)
 
 
 def drawn_truth(seed: int) -> Truth:
@@ -37,9 +41,9 @@ def drawn_truth(seed: int) -> Truth:
         white_m2=between(1e5, 6e5),
         near_field_m=between(6.0, 25.0),
         spot_over_field=between(0.3, 0.9),
-        threshold_floor=between(3.0, 8.0),
-        threshold_slope=between(0.1, 0.4),
-        threshold_width=between(0.9, 2.5),
+        threshold_slope=between(0.2, 0.5),
+        threshold_pedestal=between(150.0, 600.0),
+        threshold_width=between(0.15, 0.3),
         scatter_c=between(120.0, 350.0),
         scatter_floor=between(4.0, 8.0),
         row_gains=between(0.05, 0.25),
@@ -87,7 +91,7 @@ def drawn_sweep(truth: Truth, seed: int, rows: int = 32, columns: int = 1000, cu
     near_ir = random.poisson(near_ir).astype(float)
     noise = np.where(sky, 0.0, np.sqrt(1.3 * np.maximum(photons, 1.0)))
     signal = np.rint(np.maximum(photons + noise * random.standard_normal(photons.shape), 1.0))
-    excess = (signal - truth.threshold_floor - truth.threshold_slope * np.sqrt(near_ir)) / truth.threshold_width
+    excess = (signal / truth.threshold(near_ir) - 1.0) / truth.threshold_width
     has_return = random.random(signal.shape) < 1.0 / (1.0 + np.exp(-np.clip(excess, -50.0, 50.0)))
     sigma_m = 1e-3 * np.sqrt(truth.scatter_c**2 / signal + truth.scatter_floor**2)
     reported = range_m + rough + sigma_m * random.standard_normal(signal.shape)

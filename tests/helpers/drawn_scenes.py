@@ -25,8 +25,8 @@ DRAWN = {
     "laser.pulse_fwhm_ns": 0.15,
     "detector.spads": 0.2,
     "detector.dark_count_rate_hz": 0.3,
-    "histogram.threshold_floor": 0.2,
     "histogram.threshold_slope": 0.2,
+    "histogram.threshold_pedestal": 0.3,
     "histogram.threshold_spread": 0.3,
     "optics.sun_irradiance_w_m2": 0.3,
 }
@@ -35,7 +35,7 @@ DRAWN = {
 
 def published_sensor(columns: int = 1024) -> Sensor:
     """The sensor that a fit starts from."""
-    changes = (f"scanner.columns_per_turn={columns}", "histogram.threshold_spread=3")
+    changes = (f"scanner.columns_per_turn={columns}", "histogram.threshold_spread=0.4")
     sensor = load_sensor("os1-128", overrides=changes)
     return with_spot(sensor, SPOT)
 
@@ -87,8 +87,8 @@ def unit_of(truth: dict[str, float], base: Sensor | None = None) -> Sensor:
         ),
         histogram=replace(
             histogram,
-            threshold_floor=histogram.threshold_floor * grown["histogram.threshold_floor"],
             threshold_slope=histogram.threshold_slope * grown["histogram.threshold_slope"],
+            threshold_pedestal=histogram.threshold_pedestal * grown["histogram.threshold_pedestal"],
             threshold_spread=(histogram.threshold_spread or 0.0) * grown["histogram.threshold_spread"],
         ),
     )

@@ -4,6 +4,7 @@ import json
 import math
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from lidarscene.sensor.readout import PublishedFile
 from lidarscene.sensor.sensor_file import load_sensor, published_performance
 from lidarscene.studies import published_values
 from lidarscene.studies.held import Held
-from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging import plane, statistics
 from lidarscene.studies.ranging.plane import Target
 
 SENSORS = {
@@ -298,6 +299,52 @@ def test_a_frame_of_each(mi: Any, name: str) -> None:
     assert np.median(np.asarray(cloud.range_m)[echoes]) == pytest.approx(
         10.0, abs=0.25 if name == "sony-spad-189x600" else 0.1
     )
+
+
+@pytest.mark.parametrize("klux", [0.0, 100.0])
+@pytest.mark.parametrize("name", catalog.names("sensors"))
+def test_an_echo_that_fades_is_found_as_often_as_noise(name: str, klux: float) -> None:
+    """P_d never falls with the power, and starts from P_f: of a comparator to 1 %, of McIntyre's tail from a Gaussian's,
+    which is that of (8); of counted photons from that of the bins that are searched, to a factor of 10, since (T98) knows
+    noise on top of an echo, and that of bare noise to its order.
+    """
+    sensor = load_sensor(name)
+    light = plane.echoes_of_plane(sensor, Target(illuminance_klux=klux), np.full(200, 20.0))
+    faintest = 1e-10 if sensor.histogram is None else 1e-6
+    light = replace(light, peak_power_w=light.peak_power_w * np.geomspace(faintest, 10.0, 200))
+    point = sensor.working_point(light.background_power_w, range_m=light.range_m)
+    signal, noise = point.response.signal(light.peak_power_w), point.noise
+    sigma = np.sqrt(np.maximum(noise.deviation**2 + noise.kappa_1 * signal + noise.kappa_2 * signal * signal, 0.0))
+    found = np.asarray(point.detection_probability(sensor.threshold(point), signal, sigma))
+    assert (np.diff(found) >= -1e-9 * found[1:]).all()
+    assert found[-1] > 0.99
+    tail: Any = "gaussian" if isinstance(sensor.detector, Apd) else None
+    of_noise = statistics.false_alarm_probability(sensor, Target(illuminance_klux=klux), tail=tail)
+    if sensor.histogram is None:
+        assert found[0] == pytest.approx(of_noise, rel=0.01)
+    else:
+        bins = 2 * sensor.histogram.search + 1
+        assert bins * of_noise / 10.0 < found[0] < bins * of_noise * 10.0
+
+
+@pytest.mark.parametrize("name", sorted(RECORDED))
+def test_a_dark_board_far_off_sends_no_echo(mi: Any, name: str) -> None:
+    """2,816 pulses at 2 % in 260 m and full sun: as many echoes as noise makes in the bins that are searched, 4 sigma of
+    a Poisson number above at most. One more echo than noise makes would take a P_d of 1e-4.
+    """
+    del mi
+    dark = chain.diffuse("dark", 0.02)
+    scene = chain.scene(chain.ball(at=(0.0, 0.0, 0.0), radius_m=260.0, material="dark"), materials=(dark,))
+    overrides = ("scanner.columns_per_turn=22", "laser.repetition_rate_khz=28.16", "histogram.shots=27")
+    sensor = load_sensor(name, overrides=overrides)
+    assert sensor.scanner.pulses == 2816
+    cloud = Simulator(scene, sensor).render(seed=1)
+    target = Target(reflectivity=0.02)
+    assert sensor.histogram is not None
+    bins = 2 * sensor.histogram.search + 1
+    expected = 2816 * bins * statistics.false_alarm_probability(sensor, target)
+    assert statistics.detection_probability(sensor, target, 260.0) < 1e-4
+    assert int(np.sum(np.asarray(cloud.status) == 0)) <= expected + 4.0 * math.sqrt(expected)
 
 
 # --- catalog check ----------------------------------------------------------------------------------

@@ -88,7 +88,8 @@ def test_highest_noise_of_simulated_windows() -> None:
             *MODE,
             f"histogram.threshold_floor={highest}",
             "histogram.threshold_slope=0",
-            "histogram.lone_photons=0",
+            "histogram.threshold_spread=0.001",
+            "histogram.lone_factor=1",
         ],
     )
     light = echoes_of_plane(low, Target(illuminance_klux=0.0), np.full(shots, 20.0))

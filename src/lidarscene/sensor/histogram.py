@@ -10,7 +10,7 @@ from pydantic import Field
 
 from ..errors import InputError
 from ..files.table_model import Number, Table
-from ..maths.arrays import Lanes
+from ..maths.arrays import Lanes, xp
 from ..maths.units import FileKey, Quantity, si
 from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from .electronics import MOST_STOPS, Tdc
@@ -30,8 +30,6 @@ class Histogram:
     """Sum of time stamps over shots, and what reads it.
 
     shots       added up for one point
-    neighbours  whether a point is compared with its neighbours: then the threshold scatters for echoes alone. Noise,
-                and echoes too weak for the neighbours, are compared with the mean threshold plus `lone_photons`
     period_s    between the laser's pulses of one point: light that is longer under way folds back; None: no limit
     reach       bins that are drawn to either side of an echo
     search      bins to either side of an echo in which its peak is looked for
@@ -42,19 +40,36 @@ class Histogram:
     shots: Lanes
     period_s: Lanes | None
     bin_s: Annotated[Lanes, Quantity("ns", ge=1e-3, le=1e4)]
-    threshold_floor: Annotated[Lanes, Quantity(ge=0, le=1e7, about="photons, without background")]
     threshold_slope: Annotated[
-        Lanes, Quantity(ge=0, le=1e4, about="photons for the square root of the background counts of all shots")
+        Lanes,
+        Quantity(ge=0, le=1e4, about="photons for the square root of the background counts and the pedestal"),
     ]
+    threshold_pedestal: Annotated[
+        Lanes, Quantity(ge=0, le=1e6, about="counts a shot that the threshold adds to those of the background")
+    ] = 0.0
+    threshold_floor: Annotated[
+        Lanes, Quantity(ge=0, le=1e7, about="photons above that, whatever the background and the shots")
+    ] = 0.0
     threshold_spread: Annotated[
         Lanes | None,
         Quantity(
-            ge=1e-3, le=1e6, about="photons, standard deviation of the threshold from point to point; sharp if left out"
+            ge=1e-3,
+            le=1.5,
+            about="standard deviation of the threshold's logarithm from point to point; sharp if left out",
         ),
     ] = None
-    lone_photons: Annotated[
-        Lanes, Quantity(ge=0, le=1e7, about="above the threshold, for noise: a peak that no neighbouring point shares")
-    ] = 0.0
+    threshold_least: Annotated[
+        Lanes, Quantity(ge=0.01, le=1, about="least threshold of a point that the spread allows, over the median one")
+    ] = 0.5
+    lone_factor: Annotated[
+        Lanes | None,
+        Quantity(
+            ge=1,
+            le=100,
+            about="times the threshold, for noise: a peak that no neighbouring point shares; points are not compared if "
+            "left out",
+        ),
+    ] = None
     estimator: Annotated[Literal["matched_filter", "centroid"], FileKey()] = "matched_filter"
     coates: Annotated[bool, FileKey(about="whether counts are corrected for pile-up before the filter")] = False
     walk: Annotated[
@@ -64,23 +79,51 @@ class Histogram:
     reach: int
     search: int
     bin_to_sigma: float
-    neighbours: bool = False
     sweep_rad: float = 0.0
 
     @property
-    def noise_spread(self) -> Lanes | None:
-        """Standard deviation of the threshold that noise meets; None where that is sharp."""
-        return None if self.neighbours else self.threshold_spread
+    def neighbours(self) -> bool:
+        """True if a point is compared with its neighbours.
+
+        Then noise, and echoes too weak for the neighbours, meet `lone_factor` times the median threshold, sharp.
+        """
+        return self.lone_factor is not None
+
+    def threshold(self, background_counts: Lanes) -> Lanes:
+        """Median threshold [photons] over the background counts of all shots (T110)."""
+        counts = background_counts + self.threshold_pedestal * self.shots
+        return self.threshold_floor + self.threshold_slope * xp(counts).sqrt(counts)
+
+    def threshold_of_point(self, threshold: Lanes, deviate: Lanes, lone: Lanes = 0.0) -> Lanes:
+        """Threshold that the echoes of a point meet (T111), (T113).
+
+        threshold  median one
+        deviate    standard normal number of the point
+        lone       how far its neighbours lack the echo: 0 as on a surface, 1 alone
+        """
+        if self.lone_factor is not None:
+            threshold = threshold * (1.0 + lone * (self.lone_factor - 1.0))
+        if self.threshold_spread is None:
+            return threshold
+        ops = xp(threshold, deviate, self.threshold_spread, self.threshold_least)
+        logarithm = ops.maximum(self.threshold_spread * deviate, ops.log(self.threshold_least))
+        return threshold * ops.exp((1.0 - lone) * logarithm)
+
+    def threshold_of_noise(self, threshold: Lanes, deviate: Lanes) -> Lanes:
+        """Threshold that the noise of a point meets; arguments as of `threshold_of_point`."""
+        return self.threshold_of_point(threshold, deviate, 1.0 if self.neighbours else 0.0)
 
 
 class HistogramFile(
     Table[Histogram],
     only=(
         "bin_s",
-        "threshold_floor",
         "threshold_slope",
+        "threshold_pedestal",
+        "threshold_floor",
         "threshold_spread",
-        "lone_photons",
+        "threshold_least",
+        "lone_factor",
         "estimator",
         "coates",
         "walk",
@@ -194,7 +237,6 @@ class HistogramFile(
             reach=reach,
             search=search,
             bin_to_sigma=self.bin_ns / sigma_ns,
-            neighbours=float(self.lone_photons) > 0.0,
             sweep_rad=self.sweep_rad(turn_rate_rad_s=turn_rate_rad_s, dwell_us=dwell_us),
         )
 

@@ -163,8 +163,6 @@ def highest_noise(sensor: Sensor, near_ir: float) -> float:
 
     Crossings of a level are Poisson, so the median is the level that a window crosses ln 2 times in the mean.
     """
-    assert sensor.histogram is not None
-    sensor = replace(sensor, histogram=replace(sensor.histogram, lone_photons=0.0))
     point = sensor.working_point(background_w(sensor, near_ir))
     low, high = 0.0, 1e3
     for _ in range(50):

@@ -89,7 +89,8 @@ def test_sensor_file_and_page_have_what_was_found(
     assert near_field_m(sensor) == pytest.approx(estimates["near_field_m"]["value"], rel=1e-4)
     assert white_m2(sensor) == pytest.approx(estimates["white_m2"]["value"], rel=1e-3)
     assert scatter_c_mm(sensor) == pytest.approx(estimates["scatter_c"]["value"], rel=1e-4)
-    assert sensor.histogram.threshold_floor == pytest.approx(estimates["threshold_floor"]["value"], rel=1e-4)
+    counts = sensor.histogram.threshold_pedestal * sensor.histogram.shots
+    assert counts == pytest.approx(estimates["threshold_pedestal"]["value"], rel=1e-4)
     assert sensor.histogram.threshold_slope == pytest.approx(estimates["threshold_slope"]["value"], rel=1e-4)
     assert sensor.histogram.threshold_spread == pytest.approx(estimates["threshold_spread"]["value"], rel=1e-4)
     # The published sensor's spot has no width; the written one must have the near field that was fitted.
@@ -97,7 +98,7 @@ def test_sensor_file_and_page_have_what_was_found(
     spot = estimates["spot_over_field"]["value"]
     law = estimates["white_m2"]["value"] * share(range_m / estimates["near_field_m"]["value"], spot)
     np.testing.assert_allclose(white_over_range(sensor, range_m), law, rtol=0.01)
-    for key in ("laser.peak_power_w", "optics.aperture_radius_mm", "histogram.threshold_floor"):
+    for key in ("laser.peak_power_w", "optics.aperture_radius_mm", "histogram.threshold_pedestal"):
         source = sensor.sources[key]
         assert source.startswith("fitted: ")
         assert " +/- " in source
@@ -168,7 +169,7 @@ def test_what_is_not_recorded_stays_as_it_was(
 ) -> None:
     text, passed = fit_sweep(tmp_path, without_figures, replace(sweep, near_ir=None, reflectivity=None))
     assert passed
-    assert "histogram.threshold_floor is left as it was: threshold_floor is not recorded" in text
+    assert "histogram.threshold_slope is left as it was: threshold_slope is not recorded" in text
     sensor, before = load_sensor(tmp_path / "unit.toml"), load_sensor("os1-128")
     assert sensor.laser.peak_power_w == before.laser.peak_power_w
     assert sensor.laser.pulse_fwhm_s != before.laser.pulse_fwhm_s

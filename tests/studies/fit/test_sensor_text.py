@@ -62,14 +62,22 @@ def test_what_is_known_to_30_per_cent_is_written(sigma: float, is_written: bool)
     assert any("laser.peak_power_w is left as it was" in note for note in notes) is not is_written
 
 
-@pytest.mark.parametrize(("slope", "is_written"), [(0.2, True), (-0.2, False)])
-def test_a_threshold_that_falls_with_the_light_is_not_written(slope: float, is_written: bool) -> None:
-    text, _ = fit_text(TEXT, estimate("threshold_floor", 7.5), estimate("threshold_slope", slope))
-    histogram, before = parse_sensor(text, "after").histogram, parse_sensor(TEXT, "before").histogram
+@pytest.mark.parametrize(("sigma", "is_written"), [(0.29, True), (0.31, False)])
+def test_slope_and_pedestal_are_written_together_and_replace_a_floor(sigma: float, is_written: bool) -> None:
+    """A pedestal of 540 +- 400 counts in all shots, which alone would be too uncertain."""
+    with_floor = TEXT.replace("threshold_slope =", "threshold_floor = 1.5\nthreshold_slope =")
+    text, notes = fit_text(
+        with_floor, estimate("threshold_slope", 0.2, sigma), estimate("threshold_pedestal", 540.0, 0.74)
+    )
+    histogram, before = parse_sensor(text, "after").histogram, parse_sensor(with_floor, "before").histogram
     assert histogram is not None
     assert before is not None
-    assert (histogram.threshold_floor == 7.5) is is_written
-    assert histogram.threshold_slope == (slope if is_written else before.threshold_slope)
+    if is_written:
+        assert (histogram.threshold_floor, histogram.threshold_slope) == (0.0, 0.2)
+        assert histogram.threshold_pedestal == pytest.approx(540.0 / before.shots, rel=1e-5)
+    else:
+        assert histogram == before
+    assert any("histogram.threshold_pedestal is left" in note for note in notes) is not is_written
 
 
 def test_factors_of_keys_lists_and_whole_numbers() -> None:

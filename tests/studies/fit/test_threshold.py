@@ -38,13 +38,17 @@ def test_the_filter_scatters_so_much_at_one_signal() -> None:
 
 def test_the_spread_is_what_is_left_of_the_width() -> None:
     def threshold_of_width(width: float) -> Threshold:
-        solved = Solution(value=np.array([1.0, -8.0, 0.0]) / width, slope=1e6 * np.eye(3), scores=np.zeros((4, 3)))
+        value = np.array([math.log(0.4), 0.0, math.log(width)])
+        solved = Solution(value=value, slope=1e6 * np.eye(3), scores=np.zeros((4, 3)))
         return Threshold(solved=solved, near_ir=400.0, shares=np.zeros((0, 3)))
 
-    variance = filter_variance(SENSOR, photons=8.0, near_ir=400.0)
-    spread = threshold_of_width(2.0).spread(SENSOR)
+    # At a threshold of 0.4 sqrt(400) = 8 photons.
+    variance = filter_variance(SENSOR, photons=8.0, near_ir=400.0) / 64.0
+    spread = threshold_of_width(0.25).spread(SENSOR)
     assert spread is not None
-    assert spread.value == pytest.approx(math.sqrt((2.0 * NORMAL) ** 2 - variance))
+    ratio = np.exp(spread.value * np.random.default_rng(1).standard_normal(1_000_000))
+    # The variance of a million log-normal numbers is known to 0.3 %.
+    assert np.var(ratio) == pytest.approx((0.25 * NORMAL) ** 2 - variance, rel=0.012)
     assert threshold_of_width(0.9 * math.sqrt(variance) / NORMAL).spread(SENSOR) is None
 
 
@@ -60,7 +64,7 @@ def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:
     assert sweep.signal is not None
     assert sweep.near_ir is not None
     assert sweep.reflectivity is not None
-    level = truth.threshold_floor + truth.threshold_slope * np.sqrt(sweep.near_ir)
+    level = truth.threshold(sweep.near_ir)
     number = np.arange(sweep.range_m.size).reshape(sweep.shape)
     blanked = (number % 20 == 0) & (sweep.signal > 6.0 * level)
     withheld = (number % 8 == 0) & sweep.has_return & (sweep.signal < 2.0 * level)
@@ -80,8 +84,7 @@ def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:
     near = sweep.near_ir[sweep.signal < 3.0 * level]
     assert np.quantile(near, 0.25) < fit.near_ir < np.quantile(near, 0.75)
     middle = np.array([150.0, 900.0])
-    expected = truth.threshold_floor + truth.threshold_slope * np.sqrt(middle)
-    np.testing.assert_allclose(fit.level(middle), expected, rtol=0.1)
+    np.testing.assert_allclose(fit.level(middle), truth.threshold(middle), rtol=0.1)
     # Held-out blocks: 20 bins of the chance, as large as their law says to a few per cent.
     held_out = np.isin(np.arange(sweep.shape[1]) // 20 % 4, 3)
     expected, _, pulses = fit.shares.T
@@ -92,7 +95,7 @@ def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:
 
 
 def test_the_error_weighs_bins_by_their_pulses() -> None:
-    solved = Solution(value=np.array([1.0, -8.0, 0.0]), slope=np.eye(3), scores=np.zeros((4, 3)))
+    solved = Solution(value=np.array([math.log(0.4), 0.0, math.log(0.2)]), slope=np.eye(3), scores=np.zeros((4, 3)))
     fit = Threshold(solved=solved, near_ir=400.0, shares=np.array([[0.5, 0.4, 1], [0.9, 0.9, 9]]))
     assert fit.error == pytest.approx(0.01)
 
@@ -117,10 +120,12 @@ def test_a_pulse_is_on_the_surface_of_its_neighbours_whatever_it_reports_itself(
 
 
 def test_more_light_that_is_kept_less_is_no_threshold() -> None:
-    design = threshold._design(np.arange(100.0), np.linspace(100.0, 900.0, 100))
-    rising = np.arange(100) + 20.0 * np.sin(np.arange(100)) > 50.0
-    assert threshold._maximise(design, rising) is not None
-    assert threshold._maximise(design, ~rising) is None
+    signal, near_ir = np.arange(1.0, 101.0), 500.0 + 400.0 * np.sin(np.arange(100))
+    rising = signal + 15.0 * np.sin(2.7 * np.arange(100)) > 2.2 * np.sqrt(near_ir)
+    assert threshold._maximise(signal, near_ir, rising) is not None
+    assert threshold._maximise(signal, near_ir, ~rising) is None
+    assert threshold._maximise(signal, np.full(100, 500.0), rising) is None
+    assert threshold._maximise(signal, near_ir, signal > 2.2 * np.sqrt(near_ir)) is None
 
 
 def test_the_error_is_that_of_the_blocks_that_were_not_fitted() -> None:

@@ -21,7 +21,7 @@ from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.optics import radiometry, scintillation
 from ...physics.photon_counting import matched_filter, pile_up
 from ...sensor.detectors import WorkingPoint
-from ...sensor.detectors.spad_detector import LEAST_THRESHOLD, Macropixel
+from ...sensor.detectors.spad_detector import Macropixel
 from ...sensor.sensor_model import Sensor
 from .. import ambient, comparator
 from ..outcomes import Outcome, Status
@@ -97,7 +97,7 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
         point=point,
         seed=seed,
         pulse=pulse,
-        threshold=_draw_threshold(sensor.threshold(point), histogram.noise_spread, seed, pulse),
+        threshold=histogram.threshold_of_noise(sensor.threshold(point), _draw_deviate(seed, pulse)),
         train=light.train,
         folds_m=light.folds_m,
         light=waveform(*broaden(light.train, sensor, sigma)),
@@ -110,13 +110,9 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     return receiver.detection(state, stops if len(stops) == 1 else _sort_by_time(stops), number)
 
 
-def _draw_threshold(threshold: Lanes, spread: Lanes | None, seed: Lanes, pulse: Array) -> Lanes:
-    """Draw the threshold of each point, (n,), which all of its peaks share (T98b); unchanged if the spread is None."""
-    if spread is None:
-        return threshold
-    deviate, _ = random.normal_pair(random.words(seed=seed, stage=random.Stage.THRESHOLD, pulse=pulse))
-    drawn = threshold + spread * deviate
-    return xp(drawn).maximum(drawn, LEAST_THRESHOLD)
+def _draw_deviate(seed: Lanes, pulse: Array) -> Lanes:
+    """Draw the standard normal number of each point, (n,), that sets its threshold for all of its peaks (T111)."""
+    return random.normal_pair(random.words(seed=seed, stage=random.Stage.THRESHOLD, pulse=pulse))[0]
 
 
 def broaden(train: EchoTrain, sensor: Sensor, sigma_s: Lanes) -> tuple[EchoTrain, Sensor]:
@@ -255,10 +251,12 @@ class _Receiver(Shots):
 
     def _echo_threshold(self, point: WorkingPoint, place: Lanes, power_w: Lanes) -> Lanes:
         """Draw the threshold for a peak of the filtered light, (n,)."""
-        assert point.law is not None
-        level, signal = self.sensor.threshold(point), self._signal(point, power_w)
-        excess, spread = point.law.beyond(level - self._gain_of_breadth(point, place, power_w), signal)
-        return _draw_threshold(level + excess, spread, self.seed, self.pulse)
+        histogram, law = self.sensor.histogram, point.law
+        assert histogram is not None
+        assert law is not None
+        level = self.sensor.threshold(point)
+        lone = law.lone(level - self._gain_of_breadth(point, place, power_w), self._signal(point, power_w))
+        return histogram.threshold_of_point(level, _draw_deviate(self.seed, self.pulse), lone)
 
     def _signal(self, point: WorkingPoint, power_w: Lanes) -> Lanes:
         """Photons of a peak of the light behind the filter, (n,)."""

@@ -250,9 +250,9 @@ def _smooth_peak_share(*, threshold: Lanes, rate_hz: Lanes, variance: Lanes, sig
 
 
 def detection_probability(
-    *, threshold: Lanes, signal: Lanes, background: Lanes, own_variance: Lanes, unit: Lanes, blurred: Lanes = 0.0
+    *, threshold: Lanes, signal: Lanes, background: Lanes, own_variance: Lanes, unit: Lanes
 ) -> Lanes:
-    """Probability that the filter's peak at an echo exceeds the threshold (T98), one that scatters too (T98b).
+    """Probability that the filter's peak at an echo exceeds the threshold (T98).
 
     The receiver takes the highest value near the echo, which is higher than that at the echo itself: on average by
     var F' / (2 |F''|), the gain from the noise of its place.
@@ -261,11 +261,10 @@ def detection_probability(
     background    variance of F by the background
     own_variance  variance of F by the echo's own photons
     unit          third cumulant of F less the threshold over their variance
-    blurred       variance of the threshold, which is normal: it adds to that of F, and nothing to its third cumulant
     """
     ops = xp(threshold, signal, background)
     lit = signal > 1e-6
-    spread = ops.maximum(background + own_variance + blurred, 1e-30)
+    spread = ops.maximum(background + own_variance, 1e-30)
     gained = _gain(signal, background, own_variance)
     probability = tail(excess=threshold - signal - gained, variance=spread, unit=unit)
     return ops.where(lit, probability, 0.0)

@@ -106,13 +106,13 @@ class SpadFile(Table[Spad]):
     type: Literal["spad"]
 
 
-LEAST_THRESHOLD = 1e-3
-"""Photons: a threshold that scatters is never lower, and any count exceeds it."""
-
-
 SUPPORTED_SHARE = 0.4
 """Least share of neighbours with a return for which the law of the threshold holds: it is fitted to points with a
 return in 8 of the 20 columns beside them (`studies.fit.threshold`)."""
+
+PLACES = tuple((1.2 * k, math.exp(-0.5 * (1.2 * k) ** 2)) for k in range(-2, 3))
+"""Places of a standard normal distribution, evenly apart, and its density there up to a factor: the trapezoidal rule,
+to 0.004 for thresholds that scatter by 1.5 times the filter's noise, and to 0.03 by 2.5 times."""
 
 _LEAST_RATE_HZ = 1e-3
 """No SPAD is darker; without any noise, the ratios of signal and threshold to it would have no value."""
@@ -284,7 +284,7 @@ class Macropixel:
 
 
 def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
-    """Working point of the filtered histogram; signals are photons, (T95) to (T98c).
+    """Working point of the filtered histogram; signals are photons, (T95) to (T98a), (T110) to (T113).
 
     ambient_s  time in each shot in which the background is counted
     """
@@ -297,40 +297,35 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
     kappa_2 = 0.0 if pixel.corrected else -own_variance / most_counts
     background_unit = matched_filter.background_skewness(variance=variance, rate_hz=rate, sigma_s=sigma)
     own_unit = own_variance * (matched_filter.OWN_SKEWNESS / matched_filter.OWN_VARIANCE)
-    near_counts = rate * histogram.bin_s * (2.0 * histogram.reach + 1.0)
 
-    def probability(threshold: Lanes, spread: Lanes | None, signal: Lanes) -> Lanes:
+    def probability(threshold: Lanes, signal: Lanes) -> Lanes:
         shot = ops.maximum(own_variance * signal + kappa_2 * signal * signal, 0.0)
-        blurred = 0.0 if spread is None else spread * spread
-        total = ops.maximum(variance + shot + blurred, 1e-30)
+        total = ops.maximum(variance + shot, 1e-30)
         unit = (variance * background_unit + shot * own_unit) / total
-        share = matched_filter.detection_probability(
-            threshold=threshold, signal=signal, background=variance, own_variance=shot, unit=unit, blurred=blurred
+        return matched_filter.detection_probability(
+            threshold=threshold, signal=signal, background=variance, own_variance=shot, unit=unit
         )
-        if spread is None:
-            return share
-        # Without a count there is no peak, however low the threshold is drawn.
-        below_zero = normal_tail(threshold / ops.maximum(spread, 1e-6))
-        return ops.maximum(share - below_zero * ops.exp(-signal - near_counts), 0.0)
 
-    def beyond_law(threshold: Lanes, signal: Lanes) -> tuple[Lanes, Lanes | None]:
-        spread = histogram.threshold_spread
+    def lone_share(threshold: Lanes, signal: Lanes) -> Lanes:
         if not histogram.neighbours:
-            return 0.0, spread
-        # Neighbours on one wide surface have the same light.
-        returning = probability(threshold, spread, signal)
-        lone = ops.maximum(1.0 - returning * (1.0 / SUPPORTED_SHARE), 0.0)
-        return lone * histogram.lone_photons, None if spread is None else (1.0 - lone) * spread
+            return 0.0
+        # Neighbours on one wide surface have the same light, and half of them a threshold below the median.
+        return ops.maximum(1.0 - probability(threshold, signal) * (1.0 / SUPPORTED_SHARE), 0.0)
 
     def echo_probability(threshold: Lanes, signal: Lanes) -> Lanes:
-        excess, spread = beyond_law(threshold, signal)
-        return probability(threshold + excess, spread, signal)
+        lone = lone_share(threshold, signal)
+        if histogram.threshold_spread is None:
+            return probability(histogram.threshold_of_point(threshold, 0.0, lone), signal)
+        total: Lanes = 0.0
+        for place, weight in PLACES:
+            total = total + weight * probability(histogram.threshold_of_point(threshold, place, lone), signal)
+        # Without a count there is no peak, however low the threshold is drawn.
+        most = 1.0 - ops.exp(-signal - rate * histogram.bin_s * (2.0 * histogram.reach + 1.0))
+        return ops.minimum(total * (1.0 / sum(weight for _, weight in PLACES)), most)
 
     def false_peak(threshold: Lanes) -> Lanes:
-        # A receiver that compares neighbours demands more photons of a noise peak, which they do not share.
-        noise_threshold = threshold + histogram.lone_photons
         return matched_filter.false_peak_share(
-            threshold=noise_threshold,
+            threshold=threshold,
             rate_hz=rate,
             variance=variance,
             sigma_s=sigma,
@@ -338,7 +333,6 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
             bin_to_sigma=histogram.bin_to_sigma,
         )
 
-    background = ops.sqrt(rate * ambient_s)
     return WorkingPoint(
         noise=Noise(
             deviation=ops.sqrt(variance),
@@ -352,5 +346,5 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
             power_w=pixel.power_w,
             largest=None if pixel.corrected else most_counts * _LARGEST_SHARE,
         ),
-        law=ThresholdLaw(level=histogram.threshold_floor + histogram.threshold_slope * background, beyond=beyond_law),
+        law=ThresholdLaw(level=histogram.threshold(rate * ambient_s), lone=lone_share),
     )

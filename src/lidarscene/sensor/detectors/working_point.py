@@ -197,13 +197,12 @@ class CellCounts:
 class ThresholdLaw:
     """Threshold that follows the background by a law of its own.
 
-    level   signal
-    beyond  (threshold, signal) -> signal that an echo without neighbours needs above the threshold, and the standard
-            deviation of the threshold (None: sharp)
+    level  median over points, signal
+    lone   (threshold, signal) -> how far the neighbours of an echo lack it, from 0, as on a surface, to 1, alone
     """
 
     level: Lanes
-    beyond: Callable[[Lanes, Lanes], tuple[Lanes, Lanes | None]]
+    lone: Callable[[Lanes, Lanes], Lanes]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -106,8 +106,8 @@ KEYS: tuple[tuple[str, str, str], ...] = (
     ("detector.radius_mm", "detector", "radius_m"),
     ("detector.pde", "detector", "pde"),
     ("histogram.shots", "histogram", "shots"),
-    ("histogram.threshold_floor", "histogram", "threshold_floor"),
     ("histogram.threshold_slope", "histogram", "threshold_slope"),
+    ("histogram.threshold_pedestal", "histogram", "threshold_pedestal"),
 )
 """Numbers of a sensor file that the measured quantities depend on: key, part of the sensor, field of the part."""
 
@@ -115,8 +115,8 @@ QUANTITIES: Mapping[str, Quantity] = {
     "white_m2": white_m2,
     "near_field_m": near_field_m,
     "scatter_c": scatter_c_mm,
-    "threshold_floor": lambda sensor: float(sensor.histogram.threshold_floor),  # type: ignore[union-attr]
     "threshold_slope": lambda sensor: float(sensor.histogram.threshold_slope),  # type: ignore[union-attr]
+    "threshold_pedestal": lambda sensor: float(sensor.histogram.threshold_pedestal * sensor.histogram.shots),  # type: ignore[union-attr]
 }
 """Key of the estimate -> function that computes the quantity from a sensor."""
 
@@ -174,7 +174,7 @@ class Products:
 
 def find_products(sensor: Sensor, quantities: Sequence[str]) -> Products:
     """Compute the exponents of these quantities at this sensor, by central differences of their logarithms."""
-    names = tuple(name for name in quantities if name in QUANTITIES)
+    names = tuple(name for name in quantities if name in QUANTITIES and QUANTITIES[name](sensor) > 0.0)
     present = [entry for entry in KEYS if getattr(sensor, entry[1]) is not None]
     exponents = np.zeros((len(names), len(present) + 1))
     step = 1e-4

@@ -135,7 +135,7 @@ def _report(fit: RecordingFit, pulses: RecordedPulses, recording: str, sensor: s
         names = ("ln white_m2", "ln R0", "ln spot")[: len(fit.near_field.solved.value)]
         solutions["near field"] = names, fit.near_field.solved
     if fit.threshold is not None:
-        solutions["threshold"] = ("SIGNAL", "constant", "sqrt(NEAR_IR)"), fit.threshold.solved
+        solutions["threshold"] = ("ln slope", "pedestal", "ln width"), fit.threshold.solved
     if fit.scatter is not None:
         solutions["scatter"] = ("c^2", "floor^2"), fit.scatter.solved
     products = fit.products

@@ -29,8 +29,8 @@ FILE_KEYS = {
     "white_m2": "laser.peak_power_w",
     "near_field_m": "the lens",
     "scatter_c": "laser.pulse_fwhm_ns",
-    "threshold_floor": "histogram.threshold_floor",
     "threshold_slope": "histogram.threshold_slope",
+    "threshold_pedestal": "histogram.threshold_pedestal",
     "threshold_spread": "histogram.threshold_spread",
 }
 """Estimate -> key of the file that it sets."""
@@ -73,8 +73,8 @@ SCALED_KEYS = (
     "detector.spads",
     "detector.pde",
     "detector.dark_count_rate_hz",
-    "histogram.threshold_floor",
     "histogram.threshold_slope",
+    "histogram.threshold_pedestal",
     "histogram.threshold_spread",
 )
 POWERS: Mapping[str, Mapping[str, float]] = {
@@ -122,11 +122,10 @@ def fitted_text(
     if sensor.histogram is None:
         return text, ("all but the beams is left as it was: only sensors with [histogram] are fitted",)
     accepted = _certain(estimates)
-    slope = estimates.get("threshold_slope")
-    if "threshold_floor" in accepted and slope is not None and slope.value >= 0.0:
-        accepted["threshold_slope"] = slope
-    else:
-        accepted.pop("threshold_floor", None)
+    # Errors of slope and pedestal make up for each other, so that the threshold is known better than the pedestal.
+    accepted.pop("threshold_pedestal", None)
+    if "threshold_slope" in accepted:
+        accepted["threshold_pedestal"] = estimates["threshold_pedestal"]
     notes = tuple(
         f"{subject} is left as it was: {key} is {estimates.get(key, 'not recorded')}"
         for key, subject in FILE_KEYS.items()
@@ -167,10 +166,14 @@ def fitted_text(
         fwhm_s = pulse_fwhm_s(sensor, accepted["scatter_c"].value)
         if fwhm_s is not None:
             changes["laser.pulse_fwhm_ns"] = (1e9 * fwhm_s, source_of("scatter_c", "; scatter of the range"))
-    for key in ("threshold_floor", "threshold_slope", "threshold_spread"):
+    # The recording has the counts of all shots, the file those of one.
+    scales = {"threshold_slope": 1.0, "threshold_pedestal": 1.0 / float(sensor.histogram.shots), "threshold_spread": 1.0}
+    for key, scale in scales.items():
         if key in accepted:
             source = source_of(key, "; SIGNAL and NEAR_IR of kept and lost")
-            changes[f"histogram.{key}"] = (accepted[key].value, source)
+            changes[f"histogram.{key}"] = (accepted[key].value * scale, source)
+    if "threshold_slope" in accepted:
+        text = remove_keys(text, "histogram.threshold_floor")
     if rows is not None:
         row_changes, row_notes = _row_changes(text, rows, recording)
         changes |= row_changes

@@ -1,8 +1,9 @@
 """Detection threshold over SIGNAL and NEAR_IR, fitted to pulses with and without a return.
 
-The chance of a return is the logistic function of (SIGNAL - floor - slope sqrt(NEAR_IR)) / width. Its parameters
-maximise the likelihood, which has one maximum. Only pulses with a surface on both sides in their
-row count: real sensors compare neighbours, and an isolated return is noise or treated as such.
+The chance of a return is the logistic function of (SIGNAL / U - 1) / width, with the threshold U =
+slope sqrt(NEAR_IR + pedestal). Its parameters maximise the likelihood, which has one maximum for each pedestal. Only
+pulses with a surface on both sides in their row count: real sensors compare neighbours, and an isolated return is noise
+or treated as such.
 
 The sensor does not compare SIGNAL, which counts photons in a box, but the output of its filter, which weighs them. So
 part of the width is the filter's noise at a given SIGNAL, and the rest is the threshold's own spread.
@@ -38,8 +39,11 @@ since a lost pulse has none."""
 LEAST_PULSES = 200
 """Least number of pulses near the threshold, with a return and without."""
 
-LARGEST_CONDITION = 1e12
-"""Condition number of the Fisher matrix above which the background hardly varies."""
+LARGEST_CONDITION = 1e6
+"""Condition number of the Fisher matrix, with the pedestal in median NEAR_IR, above which the background hardly varies."""
+
+LARGEST_PEDESTAL = 20.0
+"""Largest pedestal in median NEAR_IR: a threshold that the background hardly moves."""
 
 CHANCE_BINS = 20
 """Bins of the chance for the check."""
@@ -50,9 +54,9 @@ NORMAL = 1.702
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Threshold:
-    """Fitted chance of a return, 1 / (1 + exp(-(a SIGNAL + b + c sqrt(NEAR_IR)))).
+    """Fitted chance of a return, 1 / (1 + exp(-(SIGNAL / U - 1) / width)), U = slope sqrt(NEAR_IR + pedestal).
 
-    solved   solution: a, b, c
+    solved   solution: ln slope, pedestal, ln width
     near_ir  median NEAR_IR of the pulses near the threshold
     shares   (k, 3) chance by the law, share that was kept, and number of the held-out pulses, by the chance
     """
@@ -63,12 +67,11 @@ class Threshold:
 
     def level(self, near_ir: Numbers) -> Numbers:
         """SIGNAL at which the chance of a return is one half."""
-        a, b, c = self.solved.value
-        return np.asarray(-(b + c * np.sqrt(near_ir)) / a)
+        return _level(self.solved.value, near_ir)
 
     def chance(self, signal: Numbers, near_ir: Numbers) -> Numbers:
         """Chance of a return at these signals and backgrounds."""
-        return _chance(self.solved.value, _design(signal, near_ir))
+        return _chance(self.solved.value, signal, near_ir)
 
     @property
     def error(self) -> float:
@@ -77,23 +80,29 @@ class Threshold:
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
-        """Estimates of floor, slope and width [photons]."""
+        """Estimates of slope [photons], pedestal [counts], of all shots, and width [over the threshold]."""
         return (
-            self.solved.estimate("threshold_floor", "photons", lambda p: -p[1] / p[0]),
-            self.solved.estimate("threshold_slope", "photons", lambda p: -p[2] / p[0]),
-            self.solved.estimate("threshold_width", "photons", lambda p: 1.0 / p[0]),
+            self.solved.estimate("threshold_slope", "photons", lambda p: math.exp(p[0])),
+            self.solved.estimate("threshold_pedestal", "counts", lambda p: p[1]),
+            self.solved.estimate("threshold_width", "", lambda p: math.exp(p[2])),
         )
 
     def spread(self, sensor: Sensor) -> Estimate | None:
-        """Standard deviation of this sensor's threshold; None if the filter's noise explains all of the width."""
-        filter_photons2 = filter_variance(
-            sensor, photons=float(self.level(np.array(self.near_ir))), near_ir=self.near_ir
-        )
-        if (NORMAL / self.solved.value[0]) ** 2 <= filter_photons2:
+        """Standard deviation of the logarithm of this sensor's threshold; None if the filter's noise explains the
+        width.
+
+        That of the log-normal distribution whose variance is what the filter leaves of the width.
+        """
+        level = float(self.level(np.array(self.near_ir)))
+        filter_share = filter_variance(sensor, photons=level, near_ir=self.near_ir) / (level * level)
+        if (NORMAL * math.exp(self.solved.value[2])) ** 2 <= filter_share:
             return None
-        return self.solved.estimate(
-            "threshold_spread", "photons", lambda p: math.sqrt(max((NORMAL / p[0]) ** 2 - filter_photons2, 0.0))
-        )
+
+        def spread(value: Numbers) -> float:
+            variance = max((NORMAL * math.exp(value[2])) ** 2 - filter_share, 0.0)
+            return math.sqrt(math.log(0.5 + math.sqrt(0.25 + variance)))
+
+        return self.solved.estimate("threshold_spread", "", spread)
 
 
 def filter_variance(sensor: Sensor, *, photons: float, near_ir: float) -> float:
@@ -132,22 +141,20 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
         returned = pulses.has_return[fit_mask]
         if min(returned.sum(), (~returned).sum()) < LEAST_PULSES:
             return None
-        design = _design(pulses.signal[fit_mask], pulses.near_ir[fit_mask])
-        solution = _maximise(design, returned)
-        if solution is None:
+        signal, near_ir = pulses.signal[fit_mask], pulses.near_ir[fit_mask]
+        value = _maximise(signal, near_ir, returned)
+        if value is None:
             return None
-        value = solution
-        median_level = -(value[1] + value[2] * float(np.median(design[:, 2]))) / value[0]
-        max_signal = LARGEST_SIGNAL_RATIO * median_level
-    chance = _chance(value, design)
+        max_signal = LARGEST_SIGNAL_RATIO * float(_level(value, np.median(near_ir)))
+    chance, slopes = _chance(value, signal, near_ir), _slopes(value, signal, near_ir)
     block = pulses.blocks(fit_mask)
-    pulse_scores = (returned - chance)[:, None] * design
+    pulse_scores = (returned - chance)[:, None] * slopes
     scores = np.column_stack([np.bincount(block, column) for column in pulse_scores.T])
     held_out = mask & ~fitted
-    expected = _chance(value, _design(pulses.signal[held_out], pulses.near_ir[held_out]))
+    expected = _chance(value, pulses.signal[held_out], pulses.near_ir[held_out])
     return Threshold(
-        solved=Solution(value=value, slope=_information(value, design), scores=scores),
-        near_ir=float(np.median(design[:, 2])) ** 2,
+        solved=Solution(value=value, slope=_information(value, signal, near_ir), scores=scores),
+        near_ir=float(np.median(near_ir)),
         shares=shares_by_chance(expected, pulses.has_return[held_out], CHANCE_BINS),
     )
 
@@ -177,29 +184,81 @@ def _on_surface(pulses: RecordedPulses) -> Numbers:
     return mask
 
 
-def _design(signal: Numbers, near_ir: Numbers) -> Numbers:
-    return np.column_stack([signal, np.ones_like(signal), np.sqrt(near_ir)])
+def _level(value: Numbers, near_ir: Numbers) -> Numbers:
+    return np.asarray(math.exp(value[0]) * np.sqrt(near_ir + value[1]))
 
 
-def _chance(value: Numbers, design: Numbers) -> Numbers:
-    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(design @ value, -60.0, 60.0))))
+def _argument(value: Numbers, signal: Numbers, near_ir: Numbers) -> Numbers:
+    """(SIGNAL / U - 1) / width."""
+    return np.asarray((signal / _level(value, near_ir) - 1.0) * math.exp(-value[2]))
 
 
-def _maximise(design: Numbers, returned: Numbers) -> Numbers | None:
+def _chance(value: Numbers, signal: Numbers, near_ir: Numbers) -> Numbers:
+    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(_argument(value, signal, near_ir), -60.0, 60.0))))
+
+
+def _slopes(value: Numbers, signal: Numbers, near_ir: Numbers) -> Numbers:
+    """(n, 3) slopes of the argument by the parameters."""
+    ratio = signal / _level(value, near_ir) * math.exp(-value[2])
+    return np.column_stack([-ratio, -0.5 * ratio / (near_ir + value[1]), -_argument(value, signal, near_ir)])
+
+
+def _maximise(signal: Numbers, near_ir: Numbers, returned: Numbers) -> Numbers | None:
     """Maximise the likelihood; None without a maximum: separable data, constant light, or a chance that falls."""
+    from scipy.optimize import minimize_scalar
+
+    median = float(np.median(near_ir))
+
+    def at_pedestal(pedestal: float) -> tuple[float, Numbers | None]:
+        """-ln L and parameters. A pedestal given, the argument is linear in 1 / (slope width) and 1 / width."""
+        design = np.column_stack([signal / np.sqrt(near_ir + pedestal), -np.ones_like(signal)])
+        linear = _logistic(design, returned)
+        if linear is None or linear.min() <= 0.0:
+            return math.inf, None
+        value = np.array([math.log(linear[1] / linear[0]), pedestal, -math.log(linear[1])])
+        argument = _argument(value, signal, near_ir)
+        return float(np.sum(np.logaddexp(0.0, np.where(returned, -argument, argument)))), value
+
+    def share_of_pedestal(share: float) -> float:
+        return median * share / (1.0 - share)
+
+    without = at_pedestal(0.0)
+    if without[1] is None:
+        return None
+    largest = LARGEST_PEDESTAL / (1.0 + LARGEST_PEDESTAL)
+    best = minimize_scalar(
+        lambda share: at_pedestal(share_of_pedestal(share))[0],
+        bounds=(0.0, largest),
+        method="bounded",
+        options={"xatol": 1e-4},
+    )
+    value = min(without, at_pedestal(share_of_pedestal(best.x)), key=lambda pair: pair[0])[1]
+    assert value is not None
+    # The same threshold in other units, so that the condition is that of the light alone.
+    scale = np.array([1.0, median, 1.0])
+    regular = np.linalg.cond(_information(value, signal, near_ir) * np.outer(scale, scale)) < LARGEST_CONDITION
+    return value if regular else None
+
+
+def _logistic(design: Numbers, returned: Numbers) -> Numbers | None:
+    """Coefficients of the likeliest logistic law; None without a maximum."""
     from scipy.optimize import root
 
-    def score(value: Numbers) -> Numbers:
-        return np.asarray(design.T @ (returned - _chance(value, design)))
+    def chance(value: Numbers) -> Numbers:
+        return np.asarray(1.0 / (1.0 + np.exp(-np.clip(design @ value, -60.0, 60.0))))
 
-    solution = root(score, np.zeros(3), jac=lambda value: -_information(value, design))
-    information = _information(solution.x, design)
-    # Of separable data no chance is between 0 and 1; the middle element is the sum of chance times (1 - chance).
-    is_maximum = solution.success and information[1, 1] > 1.0 and np.linalg.cond(information) < LARGEST_CONDITION
-    return np.asarray(solution.x) if is_maximum and solution.x[0] > 0.0 else None
+    def information(value: Numbers) -> Numbers:
+        share = chance(value)
+        return np.asarray((design * (share * (1.0 - share))[:, None]).T @ design)
+
+    solution = root(
+        lambda value: design.T @ (returned - chance(value)), np.zeros(2), jac=lambda value: -information(value)
+    )
+    # Of separable data no chance is between 0 and 1; the last element is the sum of chance times (1 - chance).
+    return np.asarray(solution.x) if solution.success and information(solution.x)[1, 1] > 1.0 else None
 
 
-def _information(value: Numbers, design: Numbers) -> Numbers:
+def _information(value: Numbers, signal: Numbers, near_ir: Numbers) -> Numbers:
     """(3, 3) Fisher matrix."""
-    chance = _chance(value, design)
-    return np.asarray((design * (chance * (1.0 - chance))[:, None]).T @ design)
+    chance, slopes = _chance(value, signal, near_ir), _slopes(value, signal, near_ir)
+    return np.asarray((slopes * (chance * (1.0 - chance))[:, None]).T @ slopes)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Literal, get_args
@@ -24,7 +25,6 @@ from ...physics.constants import ELEMENTARY_CHARGE_C, SPEED_OF_LIGHT_M_S
 from ...physics.electronics import apd, mcintyre, tdc
 from ...physics.optics import radiometry, sunlight
 from ...sensor.detectors import Apd, WorkingPoint
-from ...sensor.detectors.spad_detector import LEAST_THRESHOLD
 from ...sensor.sensor_model import Sensor
 from . import plane
 from .plane import Target
@@ -140,7 +140,7 @@ def false_alarm_probability(sensor: Sensor, target: Target, *, sky: bool = False
     point = sensor.working_point(background)
     threshold = sensor.threshold(point)
     if tail is None:
-        return float(np.ravel(point.false_alarm_probability(threshold))[0])
+        return float(np.ravel(_mean_over_points(sensor, threshold, point.false_alarm_probability))[0])
     diode = sensor.detector
     if not isinstance(diode, Apd) or tail not in TAILS:
         raise ValueError(f"tail must be one of {', '.join(TAILS)}, for an APD, got '{tail}'")
@@ -253,13 +253,19 @@ def _background_w(sensor: Sensor, target: Target, sky: bool = False) -> Numbers:
 
 
 def _alarms_hz(sensor: Sensor, point: WorkingPoint, threshold: Lanes) -> Lanes:
-    """Rate of false alarms; the mean over the points' thresholds where these scatter (T98b)."""
-    spread = None if sensor.histogram is None else sensor.histogram.noise_spread
-    if spread is None:
-        return sensor.false_alarm_rate_hz(point, threshold)
-    drawn = [np.maximum(threshold + spread * place, LEAST_THRESHOLD) for place in _DEVIATES]
-    rates = [np.asarray(sensor.false_alarm_rate_hz(point, level)) for level in drawn]
-    return np.asarray(np.mean(rates, axis=0))
+    """Rate of false alarms."""
+    return _mean_over_points(sensor, threshold, lambda level: sensor.false_alarm_rate_hz(point, level))
+
+
+def _mean_over_points(sensor: Sensor, threshold: Lanes, formula: Callable[[Lanes], Lanes]) -> Lanes:
+    """Mean of a formula over the thresholds that the noise of the points meets, where these scatter (T111)."""
+    histogram = sensor.histogram
+    if histogram is None:
+        return formula(threshold)
+    if histogram.threshold_spread is None or histogram.neighbours:
+        return formula(histogram.threshold_of_noise(threshold, 0.0))
+    values = [np.asarray(formula(histogram.threshold_of_noise(threshold, place))) for place in _DEVIATES]
+    return np.asarray(np.mean(values, axis=0))
 
 
 def _sigma(point: WorkingPoint, signal: Lanes) -> Numbers:

@@ -77,7 +77,8 @@ def test_texture_is_a_mean_over_bright_and_dark_places() -> None:
     mean = np.tensordot(weight / weight.sum(), np.array(chances), 1)
     plain, rough = predict(scene, {}), predict(replace(scene, texture=texture), {})
     assert np.any((mean > 0.05) & (mean < 0.95))
-    np.testing.assert_allclose(rough.chance, mean, atol=0.01)  # five places in their stead
+    # Three places in their stead, and a kink of (T113) between them.
+    np.testing.assert_allclose(rough.chance, mean, atol=0.015)
     added = np.asarray(rough.variance) - np.asarray(plain.variance)
     np.testing.assert_allclose(added, (texture * np.asarray(plain.signal)) ** 2)
 

@@ -85,7 +85,7 @@ def test_slopes_are_those_of_differences(mi) -> None:
         for exact_slope, difference in zip(exact[name], differences[name], strict=True):
             np.testing.assert_allclose(exact_slope, difference, atol=1e-3 * max(float(np.abs(difference).max()), 1e-12))
     assert np.abs(exact["laser.peak_power_w"][0]).max() > 1.0
-    assert np.abs(exact["histogram.threshold_floor"][1]).max() > 0.01
+    assert np.abs(exact["histogram.threshold_pedestal"][1]).max() > 0.01
 
 
 def test_the_light_of_a_render_is_a_scene() -> None:

@@ -30,8 +30,8 @@ SENSOR_FIELDS: Mapping[str, tuple[str, str]] = {
     "detector.pde": ("detector", "pde"),
     "detector.spads": ("detector", "spads"),
     "detector.dark_count_rate_hz": ("detector", "dark_count_rate_hz"),
-    "histogram.threshold_floor": ("histogram", "threshold_floor"),
     "histogram.threshold_slope": ("histogram", "threshold_slope"),
+    "histogram.threshold_pedestal": ("histogram", "threshold_pedestal"),
 }
 """Parameter -> (component of the sensor, field of the component), for those that scale a field."""
 
@@ -42,8 +42,8 @@ PARAMETERS = (
     "laser.pulse_fwhm_ns",
     "detector.spads",
     "detector.dark_count_rate_hz",
-    "histogram.threshold_floor",
     "histogram.threshold_slope",
+    "histogram.threshold_pedestal",
     "histogram.threshold_spread",
     "optics.sun_irradiance_w_m2",
     "scatter_floor",
@@ -67,8 +67,9 @@ SECOND_ORDER = 1.5
 """Coefficient k of the peak position's variance, proportional to (1 + k / photons) / photons: with few photons the
 position is not linear in them. Fitted to drawn histograms of 25 to 70 photons: 1.5 +/- 0.3."""
 
-GAUSS_HERMITE = (0.0, 1.355626, -1.355626, 2.856970, -2.856970), (8 / 15, 0.222076, 0.222076, 0.011257, 0.011257)
-"""Nodes and weights of five-point Gauss-Hermite quadrature over a normal distribution."""
+GAUSS_HERMITE = (0.0, math.sqrt(3.0), -math.sqrt(3.0)), (2 / 3, 1 / 6, 1 / 6)
+"""Nodes and weights of three-point Gauss-Hermite quadrature over a normal distribution: the chance is smooth over the
+threshold's own spread."""
 
 LEAST_FLOOR_M = 3e-4
 """Scatter from rounding to 1 mm, 1 / sqrt(12) mm; the filter's own scatter is known to 1 %."""
@@ -99,7 +100,7 @@ class KnownScene:
     group: Numbers
     spot_over_field: float | None
     jitter_s: float = 100e-12
-    spread: float = 1.0
+    spread: float = 0.1
     floor_m: float = LEAST_FLOOR_M
     texture: float = 0.0
     strangers: float = 0.0

@@ -146,7 +146,7 @@ def fit_parameters(
         matrix = step.matrix[np.ix_(rows, rows)]
         move = np.linalg.solve(matrix, step.score[rows])
         size = float(np.sqrt(move @ matrix @ move))
-        # The chance of a return has a kink where its neighbours begin to lack it (T98c), so a score may jump. At such a
+        # The chance of a return has a kink where its neighbours begin to lack it (T113), so a score may jump. At such a
         # maximum whole steps go to and fro for ever; halves of halves end at it.
         if evaluations > LEAST_EVALUATIONS and size > SLOW_RATIO * last_size:
             damping *= 0.5
