@@ -304,9 +304,9 @@ def test_a_frame_of_each(mi: Any, name: str) -> None:
 @pytest.mark.parametrize("klux", [0.0, 100.0])
 @pytest.mark.parametrize("name", catalog.names("sensors"))
 def test_an_echo_that_fades_is_found_as_often_as_noise(name: str, klux: float) -> None:
-    """P_d never falls with the power, and starts from P_f: of a comparator to 1 %, of McIntyre's tail from a Gaussian's,
-    which is that of (8); of counted photons from that of the bins that are searched, to a factor of 10, since (T98) knows
-    noise on top of an echo, and that of bare noise to its order.
+    """P_d never falls with the power, and starts from P_f. Of a comparator to 1 %; McIntyre's tail is no matter of (8),
+    which is Gaussian. Of counted photons P_f is that of the bins that are searched, and holds to a factor of 10: (T98)
+    knows noise on top of an echo, and that of bare noise to its order.
     """
     sensor = load_sensor(name)
     light = plane.echoes_of_plane(sensor, Target(illuminance_klux=klux), np.full(200, 20.0))
@@ -329,7 +329,7 @@ def test_an_echo_that_fades_is_found_as_often_as_noise(name: str, klux: float) -
 
 @pytest.mark.parametrize("name", sorted(RECORDED))
 def test_a_dark_board_far_off_sends_no_echo(mi: Any, name: str) -> None:
-    """2,816 pulses at 2 % in 260 m and full sun: as many echoes as noise makes in the bins that are searched, 4 sigma of
+    """2,816 pulses at 2 % in 260 m and full sun: as many echoes as noise makes in the bins searched, 4 sigma of
     a Poisson number above at most. One more echo than noise makes would take a P_d of 1e-4.
     """
     del mi

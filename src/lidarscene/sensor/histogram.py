@@ -41,8 +41,7 @@ class Histogram:
     period_s: Lanes | None
     bin_s: Annotated[Lanes, Quantity("ns", ge=1e-3, le=1e4)]
     threshold_slope: Annotated[
-        Lanes,
-        Quantity(ge=0, le=1e4, about="photons for the square root of the background counts and the pedestal"),
+        Lanes, Quantity(ge=0, le=1e4, about="photons for the square root of the background counts and the pedestal")
     ]
     threshold_pedestal: Annotated[
         Lanes, Quantity(ge=0, le=1e6, about="counts a shot that the threshold adds to those of the background")
@@ -66,8 +65,8 @@ class Histogram:
         Quantity(
             ge=1,
             le=100,
-            about="times the threshold, for noise: a peak that no neighbouring point shares; points are not compared if "
-            "left out",
+            about="times the threshold, for noise: a peak that no neighbouring point shares; points are not compared "
+            "if left out",
         ),
     ] = None
     estimator: Annotated[Literal["matched_filter", "centroid"], FileKey()] = "matched_filter"

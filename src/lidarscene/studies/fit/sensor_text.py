@@ -167,7 +167,11 @@ def fitted_text(
         if fwhm_s is not None:
             changes["laser.pulse_fwhm_ns"] = (1e9 * fwhm_s, source_of("scatter_c", "; scatter of the range"))
     # The recording has the counts of all shots, the file those of one.
-    scales = {"threshold_slope": 1.0, "threshold_pedestal": 1.0 / float(sensor.histogram.shots), "threshold_spread": 1.0}
+    scales = {
+        "threshold_slope": 1.0,
+        "threshold_pedestal": 1.0 / float(sensor.histogram.shots),
+        "threshold_spread": 1.0,
+    }
     for key, scale in scales.items():
         if key in accepted:
             source = source_of(key, "; SIGNAL and NEAR_IR of kept and lost")
