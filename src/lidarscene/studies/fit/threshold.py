@@ -40,7 +40,7 @@ LEAST_PULSES = 200
 """Least number of pulses near the threshold, with a return and without."""
 
 LARGEST_CONDITION = 1e6
-"""Condition number of the Fisher matrix above which the background hardly varies; the pedestal counts in median NEAR_IR."""
+"""Condition number of the Fisher matrix above which the background hardly varies; pedestal in median NEAR_IR."""
 
 LARGEST_PEDESTAL = 20.0
 """Largest pedestal in median NEAR_IR: a threshold that the background hardly moves."""
