@@ -142,9 +142,10 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
         if min(returned.sum(), (~returned).sum()) < LEAST_PULSES:
             return None
         signal, near_ir = pulses.signal[fit_mask], pulses.near_ir[fit_mask]
-        value = _maximise(signal, near_ir, returned)
-        if value is None:
+        solution = _maximise(signal, near_ir, returned)
+        if solution is None:
             return None
+        value = solution
         max_signal = LARGEST_SIGNAL_RATIO * float(_level(value, np.median(near_ir)))
     chance, slopes = _chance(value, signal, near_ir), _slopes(value, signal, near_ir)
     block = pulses.blocks(fit_mask)
