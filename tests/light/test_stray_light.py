@@ -156,6 +156,25 @@ def test_points_of_stray_light(keys, withheld):
     assert (detection.outcome[11:] == Outcome.KEPT).all()
 
 
+@pytest.mark.parametrize("keys", [(), ("tdc.timing='peak'",)])
+def test_sensor_withholds_what_may_be_stray_light(keys):
+    """Walls at 70 m, some dimmer and some brighter than the sign's stray light at 30 m: of those that are found, as
+    each is with 0.1 uW, the dimmer are withheld and their pulses hidden. The sign itself has none.
+    """
+    sensor = volley.sensor(*keys, "optics.stray.withheld=true")
+    ranges, powers = np.full((ROWS, 1), 70.0), 1e-3 * shares()[:, 5:6]
+    factor = np.where(np.arange(ROWS) % 2 == 0, 0.9, 1.1)[:, None]
+    powers *= factor
+    ranges[5], powers[5] = 30.0, 1e-3
+    train = with_stray(trains.train(ranges, powers), sensor)
+    assert train.parts[-1].peak_power_w[5] < 1e-3
+    detection = receivers.detect(train, sensor, seed=3, pulse=np.arange(ROWS, dtype=np.uint32))
+    reported = np.sum([stop.reported for stop in detection.stops], axis=0)
+    expected = (factor[:, 0] > 1.0) | (np.arange(ROWS) == 5)
+    np.testing.assert_array_equal(reported, expected.astype(int))
+    np.testing.assert_array_equal(detection.outcome, np.where(expected, Outcome.KEPT, Outcome.HIDDEN))
+
+
 def test_stray_light_on_top_of_an_echo_is_an_echo_while_it_is_less():
     """At the sign's own range: a wall brighter than the stray light stays an echo; one dimmer than it becomes a point
     of stray light at the same place.

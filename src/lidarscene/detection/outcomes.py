@@ -27,7 +27,7 @@ class Outcome(enum.IntEnum):
     NO_SURFACE = 1  # no ray met a surface
     BELOW_THRESHOLD = 2  # light may have returned, but the comparator did not trip
     OUT_OF_WINDOW = 3  # the echo crossed too early or too late: the converter did not listen
-    HIDDEN = 4  # false alarms had used up the converter's stops
+    HIDDEN = 4  # others had used up the converter's stops, or the sensor withheld it
 
 
 OUTCOME_TEXT = {

@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ..light.echoes import Echoes, EchoTrain, SubEchoes
-from ..maths.arrays import Array, Lanes
+from ..maths.arrays import Array, Lanes, xp
 from ..sensor.sensor_model import Sensor
 from . import multi_echo, returns
-from .outcomes import Status
+from .outcomes import Outcome, Status
 from .photon_counting import histogram_receiver
 from .returns import Detection
 
@@ -33,11 +33,32 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     """
     detect_train = multi_echo.detect if sensor.histogram is None else histogram_receiver.detect
     detection = detect_train(pulse_train, sensor, seed=seed, pulse=pulse)
-    if sensor.optics.stray is None or not sensor.optics.stray.withheld:
+    if not pulse_train.stray or sensor.optics.stray is None or not sensor.optics.stray.withheld:
         return detection
-    # The sensor knows what its other channels saw. A stop that took stray light is lost for the echo.
-    stops = [replace(stop, reported=stop.reported & (stop.status != int(Status.STRAY))) for stop in detection.stops]
-    return replace(detection, stops=tuple(stops))
+    return _withhold(detection, pulse_train, sensor)
+
+
+def _withhold(detection: Detection, pulse_train: EchoTrain, sensor: Sensor) -> Detection:
+    """Leave out the returns that have less light than the stray light of their pulse, whatever their range.
+
+    A sensor knows what its other channels saw, and what of it may have come here. A stop that is withheld is lost for
+    the other returns of its pulse.
+    """
+    stray_w = pulse_train.parts[-1].peak_power_w
+    ops, point = xp(stray_w), sensor.working_point(pulse_train.background_power_w)
+    deviation = point.noise.deviation
+    stray_snr = point.response.signal(stray_w) / ops.where(deviation <= 0.0, 1e-30, deviation)
+    stops, has_echo = [], ops.full(stray_w, False)
+    for stop in detection.stops:
+        assert stop.snr is not None
+        weaker = (stray_w > 0.0) & ((stop.snr < stray_snr) | (stop.status == int(Status.STRAY)))
+        reported = stop.reported & ~weaker
+        of_own_light = (stop.status == int(Status.ECHO)) | (stop.status == int(Status.ALIASED))
+        stops.append(replace(stop, reported=reported))
+        has_echo = has_echo | (reported & of_own_light)
+    lost = (detection.outcome == int(Outcome.KEPT)) & ~has_echo
+    outcome = ops.where(lost, int(Outcome.HIDDEN), detection.outcome)
+    return replace(detection, stops=tuple(stops), outcome=outcome)
 
 
 def detect_alone(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:

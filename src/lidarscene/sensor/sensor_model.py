@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -147,13 +148,13 @@ class StrayLight:
 
     share: Annotated[
         Lanes, Quantity(ge=0, le=0.5, about="of a channel's light on the detector of the next one, without the veil")
-    ]
+    ] = 1e-4
     half_angle_rad: Annotated[
         Lanes, Quantity("deg", ge=1e-3, le=180, about="between two channels, at which the share has fallen to half")
-    ]
+    ] = math.pi / 180.0
     veil: Annotated[Lanes, Quantity(ge=0, le=0.5, about="share at any angle, as of ghosts between surfaces")] = 0.0
     withheld: Annotated[
-        bool, FileKey(about="whether returns that are mostly stray light are found and not reported")
+        bool, FileKey(about="whether returns with less light than the stray light of their pulse are not reported")
     ] = False
 
 
