@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from helpers.clouds import small_cloud
 from helpers.command_line import Run
-from helpers.formats import osi_messages, value_at
+from helpers.formats import need, osi_messages, value_at
 from scipy.spatial.transform import Rotation
 
-from lidarscene.formats.osi import timestamp, trace_name
+from lidarscene.formats.osi import osi_frames, timestamp, trace_name
 
 N = 50
 
@@ -269,3 +269,45 @@ def test_one_trace_for_a_drive(
             (lidar,) = data.feature_data.lidar_sensor
             assert np.degrees(lidar.header.mounting_position.orientation.yaw) == pytest.approx(yaw_deg)
             assert data.mounting_position == lidar.header.mounting_position
+
+
+def test_a_multi_channel_trace(tmp_path: Path, library: Any) -> None:
+    """Reference: asam-osi-utilities, which decodes by the definitions in the file; and MCAP's own reader for the
+    metadata that OSI requires. Messages and times are those of the binary trace.
+    """
+    mcap, readers = library("mcap.reader"), library("osi_utilities.tracefile.readers.multi")
+    need("osi-mcap")
+    clouds = [small_cloud(n, metadata={"frame_start_s": f"{n}.25"}) for n in (3, 7)]
+    for suffix, storage in (("osi", "binary"), ("mcap", "mcap")):
+        with osi_frames(tmp_path / f"a.{suffix}", storage=storage, epoch_ns=1_741_064_400 * 10**9) as append:
+            for cloud in clouds:
+                append(cloud)
+    expected = osi_messages(tmp_path / "a.osi", "SensorData", library)
+    received = list(library("betterosi").read(str(tmp_path / "a.mcap"), version="3.7.0"))
+    assert [data.to_binary() for data in received] == [data.to_binary() for data in expected]
+    reader = readers.MultiTraceReader(decoder_mode="mcap-contained")
+    assert reader.open(tmp_path / "a.mcap")
+    results = list(reader)
+    reader.close()
+    assert [(result.status.name, result.message_type.name) for result in results] == [("OK", "SENSOR_DATA")] * 2
+    for result, cloud in zip(results, clouds, strict=True):
+        assert (result.message.timestamp.seconds, result.message.timestamp.nanos) == (len(cloud), 250_000_000)
+        lidars = result.message.feature_data.lidar_sensor
+        assert sum(len(lidar.detection) for lidar in lidars) == len(cloud)
+    with open(tmp_path / "a.mcap", "rb") as file:
+        trace = mcap.make_reader(file)
+        (metadata,) = trace.iter_metadata()
+        ((schema, channel, message), *_) = trace.iter_messages()
+    keys = {"version", "min_osi_version", "max_osi_version", "min_protobuf_version", "max_protobuf_version"}
+    assert (metadata.name, set(metadata.metadata)) == ("net.asam.osi.trace", keys | {"zero_time"})
+    assert metadata.metadata["zero_time"] == "2025-03-04T05:00:00Z"  # date -u -d @1741064400
+    assert (schema.name, schema.encoding, channel.message_encoding) == ("osi3.SensorData", "protobuf", "protobuf")
+    assert channel.metadata["net.asam.osi.trace.channel.osi_version"] == "3.7.0"
+    assert message.log_time == message.publish_time == 3_250_000_000
+
+
+def test_asams_own_reader_of_names(library: Any) -> None:
+    """Reference: asam-osi-utilities."""
+    parsed = library("osi_utilities.filename").parse_osi_trace_filename(trace_name("sd", 10, "2_rear", 0))
+    assert (parsed["message_type"].name, parsed["number_of_frames"]) == ("SENSOR_DATA", 10)
+    assert (parsed["osi_version"], parsed["custom_trace_name"]) == ("370", "2-rear")

@@ -17,6 +17,7 @@ EXTRAS = {
     "parquet": {"pyarrow": "pyarrow"},
     "pcd": {"lzf": "python-neo-lzf"},
     "ros": {"rosbags": "rosbags"},
+    "osi": {"betterosi": "betterosi", "mcap": "mcap"},
     "usd": {"pxr": "usd-core"},
     "pandas": {"pandas": "pandas"},
     "ouster": {"ouster.sdk": "ouster-sdk"},

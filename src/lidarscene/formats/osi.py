@@ -23,21 +23,28 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import IO
 
 import numpy as np
 
 from ..detection.outcomes import Status
 from ..files.atomic import atomic_output
 from ..files.encodings.protobuf import double, double_rows, join_rows, message, message_rows, number, number_rows
+from ..files.optional import import_optional
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.rotations import yaw_pitch_roll_rad
 from ..physics.constants import SPEED_OF_LIGHT_M_S
+from .clock import default_epoch_ns
 from .cloud_columns import Cloud, frame_starts_s, parse_numbers, sensor_positions_m
+from .cloud_description import library_errors
 
 VERSION = (3, 7, 0)
 PROTOBUF_VERSION = (3, 0, 0)
 """Oldest release of protobuf that reads what is written here."""
+
+TRACE, TRACE_VERSION = "net.asam.osi.trace", "3.8.0"
+"""Name of OSI's metadata in MCAP files, and the release of OSI that defines this format."""
 
 NO_OBJECT = 2**64 - 1
 OTHER, INVALID, CLUTTER = 1, 2, 3
@@ -104,32 +111,88 @@ class GroundTruth:
 Append = Callable[..., None]
 
 
-def write_osi(path: str | os.PathLike[str], cloud: Cloud) -> None:
+def write_osi(path: str | os.PathLike[str], cloud: Cloud, *, storage: str = "binary") -> None:
     """Write one frame."""
-    with osi_frames(path) as append:
+    with osi_frames(path, storage=storage) as append:
         append(cloud)
 
 
 @contextmanager
-def osi_frames(path: str | os.PathLike[str], *, epoch_ns: int | None = None) -> Iterator[Append]:
+def osi_frames(
+    path: str | os.PathLike[str], *, storage: str = "binary", epoch_ns: int | None = None
+) -> Iterator[Append]:
     """Write the clouds that are appended in the block, a message each: ``append(cloud, truth=None)``.
 
-    epoch_ns  from 1970 to the scene's second 0: changes nothing, since times of OSI count from there
+    storage   "binary": messages alone; "mcap": with their definitions and times, OSI's multi channel format
+    epoch_ns  from 1970 to the scene's second 0, from which times of OSI count; MCAP has it in its metadata. None:
+              `formats.clock.default_epoch_ns`
     """
-    with atomic_output(path) as temporary, open(temporary, "wb") as file:
+    trace = {"binary": _binary_trace, "mcap": _mcap_trace}[storage]
+    with atomic_output(path) as temporary, open(temporary, "wb") as file, trace(path, file, epoch_ns) as write:
 
         def append(cloud: Cloud, truth: GroundTruth | None = None) -> None:
-            file.write(framed(sensor_data(cloud, truth)))
+            write(round(1e9 * cloud.frame_start_s), sensor_data(cloud, truth))
 
         yield append
 
 
-def trace_name(message_type: str, frames: int, name: str, epoch_ns: int) -> str:
+@contextmanager
+def _binary_trace(_: object, file: IO[bytes], __: object) -> Iterator[Callable[[int, bytes], None]]:
+    def write(_: int, content: bytes) -> None:
+        file.write(framed(content))
+
+    yield write
+
+
+@contextmanager
+def _mcap_trace(
+    path: str | os.PathLike[str], file: IO[bytes], epoch_ns: int | None
+) -> Iterator[Callable[[int, bytes], None]]:
+    """Write an MCAP file of one channel; a message is stamped with its own time, as OSI says."""
+    writer = import_optional("mcap.writer", extra="osi").Writer(file)
+    definitions = import_optional("betterosi", extra="osi").load_descriptor_set(_dotted(VERSION))
+    versions = {"osi_version": _dotted(VERSION), "protobuf_version": _dotted(PROTOBUF_VERSION)}
+    channel: list[int] = []
+
+    def write(time_ns: int, content: bytes) -> None:
+        with library_errors(path):
+            if not channel:
+                zero_ns = default_epoch_ns(1e-9 * time_ns) if epoch_ns is None else epoch_ns
+                writer.add_metadata(TRACE, _trace_metadata(zero_ns))
+                schema = writer.register_schema("osi3.SensorData", "protobuf", definitions)
+                metadata = {f"{TRACE}.channel.{key}": version for key, version in versions.items()}
+                channel.append(writer.register_channel("lidar", "protobuf", schema, metadata))
+            # Times before 0 have no place in a trace; those of a scene may begin there.
+            writer.add_message(channel[0], max(time_ns, 0), content, max(time_ns, 0))
+
+    with library_errors(path):
+        writer.start(library="lidarscene")
+    yield write
+    with library_errors(path):
+        writer.finish()
+
+
+def _trace_metadata(zero_ns: int) -> dict[str, str]:
+    """Metadata that OSI requires of an MCAP file, and the date of its time 0."""
+    bounds = [f"{bound}_{name}_version" for name in ("osi", "protobuf") for bound in ("min", "max")]
+    numbers = (VERSION, VERSION, PROTOBUF_VERSION, PROTOBUF_VERSION)
+    required = {key: _dotted(version) for key, version in zip(bounds, numbers, strict=True)}
+    return {"version": TRACE_VERSION, **required, "zero_time": f"{_date(zero_ns):%Y-%m-%dT%H:%M:%SZ}"}
+
+
+def _dotted(numbers: tuple[int, ...]) -> str:
+    return ".".join(map(str, numbers))
+
+
+def _date(time_ns: int) -> datetime:
+    return datetime.fromtimestamp(time_ns // 10**9, UTC)
+
+
+def trace_name(message_type: str, frames: int, name: str, epoch_ns: int, suffix: str = ".osi") -> str:
     """Name of a trace file by ASAM's convention, of the date of its time 0, without characters that end its parts."""
-    date = datetime.fromtimestamp(epoch_ns // 10**9, UTC)
     versions = ("".join(map(str, numbers)) for numbers in (VERSION, PROTOBUF_VERSION))
     plain = re.sub(r"[^A-Za-z0-9-]+", "-", name).strip("-") or "lidarscene"
-    return "_".join((f"{date:%Y%m%dT%H%M%SZ}", message_type, *versions, str(frames), plain)) + ".osi"
+    return "_".join((f"{_date(epoch_ns):%Y%m%dT%H%M%SZ}", message_type, *versions, str(frames), plain)) + suffix
 
 
 def sensor_data(cloud: Cloud, truth: GroundTruth | None = None) -> bytes:

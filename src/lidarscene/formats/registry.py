@@ -126,6 +126,19 @@ def _las(suffix: str, *, compressed: bool) -> Format:
     )
 
 
+def _osi(suffix: str, *, extra: str = "", storage: str) -> Format:
+    return Format(
+        suffix=suffix,
+        extra=extra,
+        columns="`range`, `azimuth`, `elevation`, `detection_probability`, `intensity` in percent, `pulse_width` in "
+        "metres of range if it is measured, `channel`, what is no echo as clutter; `body`, `reflectivity`, "
+        "`radial_velocity`",
+        positions="none: range and angles of each sensor",
+        beside="time, mounting positions, host vehicle",
+        **_functions("osi", "frames", storage=storage),
+    )
+
+
 def _rows(suffix: str, name: str, columns: str) -> Format:
     functions = _functions("kitti", "stream", name=name)
     return Format(suffix=suffix, columns=columns, positions="float32, sensor frame", beside="nothing", **functions)
@@ -154,15 +167,8 @@ FORMATS = {
     "parquet": Format(suffix=".parquet", extra="parquet", **_functions("parquet", "read stream")),
     "mcap": _ros(".mcap", storage="mcap"),
     "mcap-ouster": _ros(".mcap", storage="mcap", layout="ouster"),
-    "osi": Format(
-        suffix=".osi",
-        columns="`range`, `azimuth`, `elevation`, `detection_probability`, `intensity` in percent, `pulse_width` in "
-        "metres of range if it is measured, `channel`, what is no echo as clutter; `body`, `reflectivity`, "
-        "`radial_velocity`",
-        positions="none: range and angles of each sensor",
-        beside="time, mounting positions, host vehicle",
-        **_functions("osi", "frames"),
-    ),
+    "osi": _osi(".osi", storage="binary"),
+    "osi-mcap": _osi(".mcap", extra="osi", storage="mcap"),
 }
 """Formats of files by name. A suffix means the first format that has it."""
 

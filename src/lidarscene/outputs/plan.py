@@ -164,7 +164,7 @@ class Plan:
         if self.frames is not None and not self.is_one_file:
             path = path / label / f"frame_{number:04d}{suffix}"
         elif self.is_bag and self.is_folder:
-            name = trace_name("sd", self.frames or 1, label or path.name, outputs.epoch_ns(self.begin_s))
+            name = trace_name("sd", self.frames or 1, label or path.name, outputs.epoch_ns(self.begin_s), suffix)
             path = path / name
         elif label and not self.is_bag:
             path = path / f"{label}{suffix}"
