@@ -366,23 +366,25 @@ def range_m(sensor, name, file, parameter, value):
 def test_every_row_is_what_two_runs_of_range_give(name):
     """Rationale: a number that is computed when the file is loaded must not be held while others vary.
 
-    Tolerance 2e-4 of an elasticity: differences of a relative step h are off by some h^2 / 10, 1e-7 but for the few
-    SPADs of a pixel, and the overlap's table is straight between its places, which adds 1e-4. A number that is 0 has no
-    elasticity: its slope is held to the range that a thousand steps would change.
+    Tolerance 1e-3 of an elasticity: a step of 1e-3 is off by half of it times the elasticity's own slope, which is
+    about one. Whole numbers go a step both ways, off by the square of it. A number that is 0 has no elasticity: its
+    slope is held to the range that a thousand steps would change.
     """
     file, sensor = validate(SensorFile, read_toml(catalog.path_of("sensors", name)), name), load_sensor(name)
     table = sensitivities.sensitivities(sensor, Target(), method="differences")
     assert len(table.rows) > 20
     for row in table.rows:
-        if row.value:
-            step = 1.0 if row.parameter in ("detector.spads", "detector.cells") else 1e-3 * row.value
-            low_m, high_m = (range_m(sensor, name, file, row.parameter, row.value + sign * step) for sign in (-1, 1))
-            slope, scale, curved = (high_m - low_m) / (2.0 * step), row.value, 0.1 * (step / row.value) ** 2
+        tolerance = 1e-3
+        if row.parameter in ("detector.spads", "detector.cells"):
+            low_m, high_m = (range_m(sensor, name, file, row.parameter, row.value + step) for step in (-1.0, 1.0))
+            slope, scale = 0.5 * (high_m - low_m), row.value
+            tolerance += row.value**-2
         else:  # many a number is never negative
-            step = {"_s": 1e-12, "_m": 1e-7, "_a": 1e-13, "hz": 0.1, "ad": 1e-5}.get(row.parameter[-2:], 1e-7)
-            slope = (range_m(sensor, name, file, row.parameter, step) - table.range_m) / step
-            scale, curved = 1e3 * step, 0.0
-        assert slope * scale == pytest.approx(row.range_slope * scale, abs=(2e-4 + curved) * table.range_m), row
+            smallest = {"_s": 1e-12, "_m": 1e-7, "_a": 1e-13, "hz": 0.1, "ad": 1e-5}.get(row.parameter[-2:], 1e-7)
+            step = 1e-3 * row.value or smallest
+            slope = (range_m(sensor, name, file, row.parameter, row.value + step) - table.range_m) / step
+            scale = 1e3 * step
+        assert slope * scale == pytest.approx(row.range_slope * scale, abs=tolerance * table.range_m), row
 
 
 def test_overlap_by_drjit(mi):
