@@ -19,7 +19,7 @@ from lidarscene.scene.scene import Air
 from lidarscene.studies.compare import cloud_matching, observations
 from lidarscene.studies.compare import comparison_statistics as statistics
 from lidarscene.studies.compare.bench import Bench, fires_alike, with_beams_of
-from lidarscene.studies.compare.illuminance_sweep import _equal_range_klux, sweep_illuminance
+from lidarscene.studies.compare.illuminance_sweep import _equal_range_klux, lead_changes, sweep_illuminance
 from lidarscene.studies.ranging import plane
 
 COARSE = [
@@ -489,3 +489,24 @@ def test_numbers_without_a_name_are_in_no_group() -> None:
     names = observations.Grouping(key="body", attribute="body", unit="", labels=("a", "b"))
     cloud = small_cloud(n=4, body=np.array([0, 1, 2, -1], np.int32))
     assert names.group_index(cloud).tolist() == [0, 1, -1, -1]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("first", "second"), [(2.0, 5.0), (3.0, 3.6), (1.2, 8.0), (5.0, 6.0)])
+def test_two_crossings_between_neighbouring_steps(first, second, sign):
+    """A lead with two roots by hand, of which the ends say nothing; 1e-3 is what the halvings leave. Nearer ones than
+    a fiftieth of the steps' distance may stay unseen, and a lead that only grows must cost few calls.
+    """
+    calls = []
+
+    def lead_at(lux):
+        calls.append(lux)
+        return sign * math.log(lux / first) * math.log(lux / second)
+
+    leads = {lux: lead_at(lux) for lux in (0.1, 1.0, 10.0, 100.0)}
+    found = lead_changes(lead_at, leads)
+    assert [place for place, _ in found] == pytest.approx([first, second], rel=1e-3)
+    assert [ahead_below for _, ahead_below in found] == [sign > 0.0, sign < 0.0]
+    calls.clear()
+    assert lead_changes(lambda lux: lead_at(20.0 * lux), {lux: lead_at(20.0 * lux) for lux in (1.0, 10.0, 100.0)}) == []
+    assert len(calls) == 5

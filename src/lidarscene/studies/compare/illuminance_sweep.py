@@ -19,6 +19,11 @@ from .observations import Observation
 # A factor of 100 between two steps leaves a bracket of 100^(2^-14), 0.03 %.
 _HALVINGS = 14
 
+_NARROWINGS = 8
+"""Narrowings of the place of the least lead: each to 0.62 of its width, all to a fiftieth."""
+
+_GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IlluminanceStep:
@@ -97,34 +102,79 @@ def sweep_illuminance(
 def _crossings(
     bench: Bench, a: NamedSensor, b: NamedSensor, courses: Mapping[str, Sequence[IlluminanceStep]]
 ) -> list[RateCrossing]:
-    """Illuminances at which the expected rates of two sensors are equal, by bisection of log illuminance.
+    """Illuminances at which the expected rates of two sensors are equal.
 
-    Expected rates are mean P_d, so chance detections do not move the crossing. Two crossings between neighbouring
-    steps cancel and are not found.
+    Expected rates are mean P_d, so chance detections do not move the crossing.
     """
 
     def expected_at(named_sensor: NamedSensor, lux: float) -> float:
         return _expected(IlluminanceStep.from_observation(bench.observe(*named_sensor, illuminance_klux=lux), lux))
 
+    def lead_at(lux: float) -> float:
+        return expected_at(a, lux) - expected_at(b, lux)
+
+    steps = zip(courses[a[0]], courses[b[0]], strict=True)
+    leads = {step_a.illuminance_klux: _expected(step_a) - _expected(step_b) for step_a, step_b in steps}
     crossings = []
-    steps = list(zip(courses[a[0]], courses[b[0]], strict=True))
-    for (low_a, low_b), (high_a, high_b) in itertools.pairwise(steps):
-        lead_at_low, lead_at_high = _expected(low_a) - _expected(low_b), _expected(high_a) - _expected(high_b)
-        if lead_at_low * lead_at_high >= 0.0:
-            continue
-        low, high = low_a.illuminance_klux, high_a.illuminance_klux
-        for _ in range(_HALVINGS):
-            middle = math.sqrt(low * high)
-            if (expected_at(a, middle) - expected_at(b, middle)) * lead_at_low > 0.0:
-                low = middle
-            else:
-                high = middle
-        lux = math.sqrt(low * high)
-        names = (a[0], b[0]) if lead_at_low > 0.0 else (b[0], a[0])
+    for lux, ahead_below in lead_changes(lead_at, leads):
+        names = (a[0], b[0]) if ahead_below else (b[0], a[0])
         crossings.append(
             RateCrossing(illuminance_klux=lux, expected=expected_at(a, lux), ahead_below=names[0], ahead_above=names[1])
         )
     return crossings
+
+
+def lead_changes(lead_at: Callable[[float], float], leads: Mapping[float, float]) -> list[tuple[float, bool]]:
+    """Illuminances at which a lead changes its sign, and whether it is above 0 before; by bisection of the logarithm.
+
+    lead_at  function of the illuminance, dear to call
+    leads    the lead at some illuminances, rising
+
+    A lead that has one sign at two neighbouring illuminances may change it twice in between: where it is smaller in
+    their middle, its least size is searched until the sign is another.
+    """
+    places = list(leads.items())
+    for (low, lead_at_low), (high, lead_at_high) in itertools.pairwise(leads.items()):
+        if lead_at_low * lead_at_high > 0.0:
+            between = _other_sign(lead_at, (low, lead_at_low), (high, lead_at_high))
+            places += [] if between is None else [between]
+    changes = []
+    for (low, lead_at_low), (high, lead_at_high) in itertools.pairwise(sorted(places)):
+        if lead_at_low * lead_at_high >= 0.0:
+            continue
+        for _ in range(_HALVINGS):
+            middle = math.sqrt(low * high)
+            if lead_at(middle) * lead_at_low > 0.0:
+                low = middle
+            else:
+                high = middle
+        changes.append((math.sqrt(low * high), lead_at_low > 0.0))
+    return changes
+
+
+def _other_sign(
+    lead_at: Callable[[float], float], low: tuple[float, float], high: tuple[float, float]
+) -> tuple[float, float] | None:
+    """Illuminance between two others of one sign of the lead at which it has the other sign, and the lead; or None."""
+    sign = math.copysign(1.0, low[1])
+    left, right = math.log(low[0]), math.log(high[0])
+    middle = 0.5 * (left + right)
+    size = sign * lead_at(math.exp(middle))
+    for _ in range(_NARROWINGS):
+        if size < 0.0:
+            return math.exp(middle), sign * size
+        if size >= min(sign * low[1], sign * high[1]):
+            return None
+        # The smallest of three is in the middle: a golden section of the wider part keeps it so.
+        wider_left = middle - left > right - middle
+        place = middle + _GOLDEN * ((left if wider_left else right) - middle)
+        size_there = sign * lead_at(math.exp(place))
+        if size_there < size:
+            left, right = (left, middle) if wider_left else (middle, right)
+            middle, size = place, size_there
+        else:
+            left, right = (place, right) if wider_left else (left, place)
+    return None
 
 
 def _expected(step: IlluminanceStep) -> float:
