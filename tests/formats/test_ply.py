@@ -113,6 +113,11 @@ def test_trimesh_reads_positions(tmp_path: Path, dtype: Any, ascii: bool) -> Non
     np.testing.assert_allclose(vertices, cloud.xyz_m, rtol=1e-7)
 
 
+def test_no_column_is_of_a_type_that_readers_skip() -> None:
+    """docs/conventions.md; the places are float or double."""
+    assert {column.dtype for column in columns_of(truth=True, vectors=True)} <= set(OPEN3D_DTYPES)
+
+
 @pytest.mark.parametrize("ascii", [False, True])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_open3d_reads_everything(tmp_path: Path, dtype: Any, ascii: bool, open3d: ModuleType) -> None:
@@ -124,11 +129,10 @@ def test_open3d_reads_everything(tmp_path: Path, dtype: Any, ascii: bool, open3d
     legacy = open3d.io.read_point_cloud(str(path))
     np.testing.assert_allclose(np.asarray(legacy.points), cloud.xyz_m, rtol=1e-7)
     tensor = open3d.t.io.read_point_cloud(str(path))
-    readable = [c for c in COLUMNS[3:] if c.dtype in OPEN3D_DTYPES]
-    assert set(tensor.point) == {"positions"} | {c.name for c in readable}
+    assert set(tensor.point) == {"positions"} | {column.name for column in COLUMNS[3:]}
     np.testing.assert_array_equal(tensor.point["positions"].numpy(), cloud.xyz_m, strict=True)
     largest = np.finfo(np.float32).max
-    for c in readable:
+    for c in COLUMNS[3:]:
         values = cloud.column(c.name)[:, None]
         if ascii and c.dtype == "float32":
             values = np.where(np.isinf(values), largest, values)
