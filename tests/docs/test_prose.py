@@ -384,14 +384,14 @@ def test_crosstalk() -> None:
 def test_stray_light() -> None:
     """A sign over a wall by (T8) and (5); how far its stray light is as much as the least that is found in the dark."""
     sign_to_wall = math.pi * 120.0 / 0.1
-    sensor = load_sensor("os1-128")
+    sensor = load_sensor("vls-128")
     point = sensor.working_point(np.zeros(1))
     least_w = float(point.response.power_w(sensor.threshold(point))[0])
     optics = sensor.optics
     wall_w_m2 = float(sensor.laser.peak_power_w * optics.echo_efficiency * optics.aperture_m2) * 0.1 / math.pi
     says(
         "theory_light.md",
-        "shines {} times as bright as a wall of 10 %, and with a share of 1e-4 it is a wall of {} % beside: `os1-128` "
+        "shines {} times as bright as a wall of 10 %, and with a share of 1e-4 it is a wall of {} % beside: `vls-128` "
         "would find it in the dark up to {} m",
         sign_to_wall,
         100.0 * 0.1 * 1e-4 * sign_to_wall,
