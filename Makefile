@@ -32,6 +32,7 @@ N ?= 5000
 SEED ?= 1
 fuzz: $(READY)
 	FUZZ_INPUTS=$(N) FUZZ_SEED=$(SEED) FUZZ_PARTS=10 FUZZ_TRACED=1 $(BIN)/pytest -n 2 -q tests/fuzz/test_fuzz.py
+	FUZZ_SENSORS=500 FUZZ_SEED=$(SEED) $(BIN)/pytest -n 0 -q tests/fuzz/test_sensors_in_turn.py
 
 test-all: test
 	ENDURANCE=1 $(BIN)/pytest -n 0 tests/fuzz/test_endurance.py

@@ -33,7 +33,7 @@ def test_a_frame_of_nan_names_the_extreme_input(mi, part, field, value, extreme_
     for call in (lidarscene.render, lambda *arguments: lidarscene.Simulator(*arguments).stream(lambda _: None)):
         with pytest.raises(InputError) as error:
             call(scene, sensor)
-        assert "of 25 pulses is not a number" in str(error.value)
+        assert "of 25 pulses is not a finite number" in str(error.value)
         assert str(error.value).endswith(f"; the most extreme input is {extreme_input}")
 
 

@@ -1,4 +1,4 @@
-"""Extremes: for a frame that came out as NaN, the input of sensor or scene that is farthest from usual values.
+"""Extremes: for a frame with NaN or infinities, the input of sensor or scene that is farthest from usual values.
 
 Bounds of single numbers keep most of these out (`maths.units.Quantity`), but products of two numbers can still leave
 single precision.
@@ -31,7 +31,7 @@ _SHARE = 1e-3
 
 
 def check_detections(scene: Scene, sensor: Sensor, detections: Sequence[Any]) -> None:
-    """Raise InputError for pulses whose signal is NaN, which would count as missed.
+    """Raise InputError for pulses whose signal is NaN or infinite, which would count as missed.
 
     detections  results of `kernel.rays.point_columns.with_nan_outcomes`, computed
     """
@@ -42,19 +42,23 @@ def check_detections(scene: Scene, sensor: Sensor, detections: Sequence[Any]) ->
 
 
 def points_error(scene: Scene, sensor: Sensor, columns: Mapping[str, Numbers]) -> InputError:
-    """Error for columns of points of which at least one contains NaN."""
+    """Error for columns of points of which at least one contains NaN or an infinity."""
     return _nan_error(scene, sensor, columns, "points")
 
 
 def _nan_error(scene: Scene, sensor: Sensor, values: Mapping[str, Numbers], kind: str) -> InputError:
-    name, count = next((name, n) for name, column in values.items() if (n := np.count_nonzero(np.isnan(column))))
-    return not_a_number(scene, sensor, f"{name} of {count:,} {kind} is not a number")
+    # A true range is infinite where there is no surface.
+    broken = {
+        name: np.isnan(column) if name == "true_range_m" else ~np.isfinite(column) for name, column in values.items()
+    }
+    name, count = next((name, n) for name, mask in broken.items() if (n := np.count_nonzero(mask)))
+    return not_a_number(scene, sensor, f"{name} of {count:,} {kind} is not a finite number")
 
 
 def not_a_number(scene: Scene, sensor: Sensor, description: str) -> InputError:
-    """Error that names the most extreme input, for a frame with NaN.
+    """Error that names the most extreme input, for a frame with NaN or infinities.
 
-    description  what is NaN, and how often
+    description  what is not finite, and how often
     """
     usual: dict[str, float] = {}
     for name in USUAL:

@@ -344,7 +344,7 @@ class Simulator:
     def _columns(self, frame: Frame, parts: Sequence[Chunk], placing: Placing) -> tuple[Numbers, dict[str, Any] | None]:
         """Kept points of a chunk, sorted by pulse and then by return: pulse numbers, columns of a PointCloud or None.
 
-        Raises InputError for points with NaN.
+        Raises InputError for points with NaN or infinities.
         """
         collected = [self._on_device(part, placing) for part in parts]
         # Without any point the columns of one part are computed all the same, for the kernels of later frames.

@@ -37,10 +37,10 @@ DEFAULT_VALUES = {
 """Columns that only some worlds or sensors have, with their value in all others."""
 
 NAN_COLUMN = "broken"
-"""A column beside those of a cloud: 1 if any number of the point is NaN, else 0."""
+"""A column beside those of a cloud: 1 if any number of the point is NaN or infinite, else 0."""
 
 NOT_A_NUMBER = 255
-"""Outcome code of a pulse whose signal is NaN; without it the pulse would count as missed."""
+"""Outcome code of a pulse whose signal is NaN or infinite; without it the pulse would count as missed."""
 
 PATH_COLUMNS = ("interactions", "ghost")
 """Columns of pulses that go on through panes, mirrors or gaps."""
@@ -51,8 +51,8 @@ def with_nan_outcomes(detection: Detection) -> Detection:
     import drjit as dr
 
     # NumPy, on one core, would take a twentieth of a frame to look for it in whole columns.
-    has_nan = dr.isnan(detection.snr) | dr.isnan(detection.detection_probability)
-    outcome = mitsuba().UInt8(dr.select(has_nan, NOT_A_NUMBER, detection.outcome))
+    is_finite = dr.isfinite(detection.snr) & dr.isfinite(detection.detection_probability)
+    outcome = mitsuba().UInt8(dr.select(is_finite, detection.outcome, NOT_A_NUMBER))
     return replace(detection, outcome=cast(Array, outcome))
 
 
@@ -220,9 +220,11 @@ def point_columns(
         "material": _look_up(world.face_material, face),
     }
     # Looked for here, where the numbers are at hand: NumPy would fetch all of them once more.
-    floats = [*result["xyz_m"], *(values for values in result.values() if isinstance(values, mi.Float))]
-    has_nan = functools.reduce(operator.or_, map(dr.isnan, floats))
-    return result | {NAN_COLUMN: mi.UInt8(dr.select(has_nan, mi.UInt32(1), 0))}
+    # A true range is infinite where there is no surface.
+    floats = [values for name, values in result.items() if isinstance(values, mi.Float) and name != "true_range_m"]
+    is_finite = functools.reduce(operator.and_, map(dr.isfinite, [*result["xyz_m"], *floats]))
+    is_broken = ~is_finite | dr.isnan(result["true_range_m"])
+    return result | {NAN_COLUMN: mi.UInt8(dr.select(is_broken, mi.UInt32(1), 0))}
 
 
 def _vector_columns(ends: _Ends, turn: tuple[Lanes, ...]) -> dict[str, Any]:
