@@ -413,3 +413,35 @@ def test_share_near_its_centre_is_that_of_the_integral():
     expected = Overlap.from_geometry(moved).share(range_m)[0]
     assert overlap.move(moved).share(range_m)[0] == pytest.approx(expected, abs=1e-5)
     assert abs(expected - overlap.share(range_m)[0]) > 1e-3
+
+
+@pytest.mark.usefixtures("mi")
+@pytest.mark.parametrize("name", ["mems-1550", "os1-128"])
+def test_speckle_is_part_of_the_detection(name):
+    """P_d of an echo that fluctuates: value and slopes against P_d of files with other divergences and lenses.
+
+    Tolerance: 1 % for differences of 0.2 %, and 1e-4 for the table of the overlap, which each file has anew.
+    """
+    speckle = ["laser.speckle={}"]
+    base = {"laser.divergence_mrad": 1.0, "optics.aperture_radius_mm": 2.5}
+
+    def sensor(**changes):
+        return load_sensor(name, overrides=[*speckle, *(f"{key}={value}" for key, value in (base | changes).items())])
+
+    lidar, target = sensor(), Target()
+    distance_m = 0.9 * limit_m(lidar, target)
+    table = sensitivities.sensitivities(lidar, target, distance_m=distance_m, method="drjit")
+    assert table.detection_probability == pytest.approx(
+        plane.detection_probability(lidar, target, distance_m)[0], rel=1e-4
+    )
+    rows = {row.parameter: row for row in table.rows}
+    for key, parameter in (
+        ("laser.divergence_mrad", "laser.divergence_rad"),
+        ("optics.aperture_radius_mm", "optics.aperture_radius_m"),
+    ):
+        low, high = (
+            plane.detection_probability(sensor(**{key: base[key] * factor}), target, distance_m)[0]
+            for factor in (0.999, 1.001)
+        )
+        # Points of P_d for one percent: the derivative by the logarithm.
+        assert rows[parameter].detection_points == pytest.approx((high - low) / 0.002, rel=0.01, abs=1e-4)

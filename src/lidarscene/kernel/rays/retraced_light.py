@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from ...light import beams, echoes
 from ...light.echoes import Ambient, Echoes
+from ...light.footprint import polarisation
 from ...maths.arrays import Numbers
 from ...maths.motion_table import MovingBodies, Placement
 from ...sensor.sensor_model import Sensor
@@ -28,7 +29,7 @@ def retraced_light(
     pulses: range,
     seed: int,
 ) -> Echoes:
-    """Trace pulses again and return their light on the beam's first path, without pulses of other lidars.
+    """Trace pulses again and return their mean light on the beam's first path, without pulses of other lidars.
 
     pulses      consecutive pulse numbers
     sun         (3,) unit vector towards the sun
@@ -46,7 +47,8 @@ def retraced_light(
     )
     towards = transfer.opaque(tuple(float(component) for component in sun))
     air = transfer.opaque(ambient)
-    firing = Firing(seed=transfer.seed_word(seed))
+    swing = None if world.speculars is None else polarisation(rays, equipment.laser, rotation=place.rotation)
+    firing = Firing(seed=transfer.seed_word(seed), polarisation=swing)
     paths = trace(world, rays, sun=towards, moving=movers, firing=firing)
     light = echoes.gather_background([echoes.receive(rays, hits, equipment, air) for hits in paths])[0]
     columns = {name: getattr(light, name) for name in LIGHT_COLUMNS}

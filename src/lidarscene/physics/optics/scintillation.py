@@ -24,7 +24,7 @@ _LEAST_POWER = 1e-6
 
 _DEVIATES = tuple(0.375 * (number - 11.5) for number in range(24))
 _WEIGHTS = tuple(math.exp(-0.5 * deviate * deviate) for deviate in _DEVIATES)
-_NODES = tuple((deviate, weight / sum(_WEIGHTS)) for deviate, weight in zip(_DEVIATES, _WEIGHTS, strict=True))
+NODES = tuple((deviate, weight / sum(_WEIGHTS)) for deviate, weight in zip(_DEVIATES, _WEIGHTS, strict=True))
 """Normal deviates and their weights, for `mean`."""
 
 
@@ -99,6 +99,6 @@ def mean(function: Callable[[Lanes], Lanes], variance: Lanes) -> Lanes:
     the fluctuation, 0.06 at worst for a step.
     """
     total: Lanes = 0.0
-    for deviate, weight in _NODES:
+    for deviate, weight in NODES:
         total = total + weight * function(relative_power(deviate, variance))
     return total

@@ -25,7 +25,7 @@ from ...light.echoes import Ambient, Echoes, receive
 from ...light.hits import Hits
 from ...maths.arrays import Lanes, xp
 from ...maths.units import split_unit
-from ...physics.optics import sunlight
+from ...physics.optics import scintillation, sunlight
 from ...sensor.detectors import Apd
 from ...sensor.overlap import SIXTH_ORDER
 from ...sensor.sensor_model import Sensor, overlap_geometry
@@ -39,6 +39,7 @@ Derivation = Callable[[Formula, Mapping[str, float]], tuple[float, dict[str, flo
 """Function of a formula and its arguments; returns its value and its derivative with respect to every argument."""
 
 _RANGE = "range_m"
+_DEVIATE = "deviate"
 _ALIGNMENT = "optics.overlap"
 _CODE = ("stops", "reach", "search", "coincidence", "bin_to_sigma", "samples", "room")
 
@@ -123,14 +124,22 @@ def with_parameters(sensor: Sensor, target: Target, values: Mapping[str, Lanes])
     return sensor, target
 
 
-def margin_and_detection(sensor: Sensor, target: Target, range_m: Lanes) -> tuple[Lanes, Lanes]:
-    """ln(peak / comparator's level) and P_d at a range, by the stages that render; numpy or Dr.Jit numbers."""
+def margin_and_detection(
+    sensor: Sensor, target: Target, range_m: Lanes, *, deviate: Lanes = 0.0
+) -> tuple[Lanes, Lanes]:
+    """ln(peak / comparator's level) and P_d at a range, by the stages that render; numpy or Dr.Jit numbers.
+
+    deviate  normal deviate of the power that P_d is of, if the echo fluctuates
+    """
     light = _light(sensor, target, range_m)
     point = sensor.working_point(light.background_power_w, range_m=light.range_m)
     signal, level = point.response.signal(light.peak_power_w), sensor.threshold(point)
     variance = plane.fluctuation_variance(sensor, target, light.range_m)
+    power_w = light.peak_power_w
+    if variance is not None:
+        power_w = power_w * scintillation.relative_power(deviate, variance)
     ops = xp(signal, level)
-    return ops.log(signal / level), plane.expected_probability(point, level, light.peak_power_w, variance)
+    return ops.log(signal / level), plane.expected_probability(point, level, power_w, None)
 
 
 def sensitivities(
@@ -150,15 +159,15 @@ def sensitivities(
 
     def formula(output: int) -> Formula:
         def evaluate(numbers: Mapping[str, Lanes]) -> Lanes:
-            varied = {name: number for name, number in numbers.items() if name != _RANGE}
+            varied = {name: number for name, number in numbers.items() if name not in (_RANGE, _DEVIATE)}
             changed = with_parameters(sensor, target, varied)
-            return margin_and_detection(*changed, numbers[_RANGE])[output]
+            return margin_and_detection(*changed, numbers[_RANGE], deviate=numbers.get(_DEVIATE, 0.0))[output]
 
         return evaluate
 
     method, derive = choose_derivation(method)
     _, margin = derive(formula(0), {**values, _RANGE: limit})
-    probability, detection = derive(formula(1), {**values, _RANGE: distance})
+    probability, detection = _mean_detection(derive, formula(1), {**values, _RANGE: distance}, sensor, target)
     if not margin[_RANGE] < 0.0:
         raise InputError(f"'{sensor.name}': the signal does not fall with range at {limit:.6g} m")
     rows = []
@@ -178,6 +187,21 @@ def sensitivities(
     # Rounded before sorting: factors of the echo have equal elasticities, which rounding errors must not reorder.
     rows.sort(key=lambda row: (-round(abs(row.range_elasticity or 0.0), 6), row.parameter))
     return SensitivityTable(sensor.name, limit, distance, probability, method, tuple(rows))
+
+
+def _mean_detection(
+    derive: Derivation, formula: Formula, values: Mapping[str, float], sensor: Sensor, target: Target
+) -> tuple[float, dict[str, float]]:
+    """P_d and its derivatives; of an echo that fluctuates, their means over all of its powers."""
+    if plane.fluctuation_variance(sensor, target, values[_RANGE]) is None:
+        return derive(formula, values)
+    # One power after the other, by the same kernel: all of them in one would take LLVM many minutes.
+    probability, slopes = 0.0, dict.fromkeys(values, 0.0)
+    for deviate, weight in scintillation.NODES:
+        part, part_slopes = derive(formula, {**values, _DEVIATE: deviate})
+        probability += weight * part
+        slopes = {name: slope + weight * part_slopes[name] for name, slope in slopes.items()}
+    return probability, slopes
 
 
 def choose_derivation(method: str) -> tuple[str, Derivation]:
