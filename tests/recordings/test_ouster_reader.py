@@ -1,5 +1,6 @@
 """Ouster: a packet of a real sensor, and OSF as the maker's own library writes it."""
 
+import contextlib
 import hashlib
 import json
 import shutil
@@ -12,7 +13,9 @@ import pytest
 from helpers.recordings import OUSTER
 
 from lidarscene.errors import InputError
+from lidarscene.recordings import in_child
 from lidarscene.recordings.opening import open_recording
+from lidarscene.recordings.ouster_reader import open_ouster
 
 
 @pytest.fixture(autouse=True)
@@ -106,6 +109,37 @@ def test_a_damaged_osf_says_which_frame(tmp_path: Path, core: Any, library: Call
         recording[0]
 
 
+@pytest.mark.parametrize("spoilt", range(12))
+def test_a_spoilt_osf_is_damaged_and_never_a_crash(
+    tmp_path: Path, core: Any, library: Callable[[str], Any], spoilt: int
+) -> None:
+    """Bytes of the header, the index and the frames at random places: frames, or one line, as the file allows.
+
+    Rationale: ouster-sdk ends the process over one in six of them.
+    """
+    path, rng = osf(tmp_path, core, library), np.random.default_rng(spoilt)
+    content = bytearray(path.read_bytes())
+    first = 0 if spoilt % 2 else len(content) - 600  # the index is at the end
+    for place in rng.integers(first, len(content), 8):
+        content[place] = rng.integers(256)
+    path.write_bytes(bytes(content))
+    with contextlib.suppress(InputError), open_recording(path) as recording:
+        for frame in range(len(recording)):
+            recording[frame]
+
+
+@pytest.mark.parametrize("way", ["crash", "hang"])
+def test_a_reader_that_ends_or_waits_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, way: str) -> None:
+    path = tmp_path / "a.osf"
+    path.write_bytes(b"x")
+    monkeypatch.setattr(in_child, "LEAST_S", 0.5)
+    modules = {"crash": "import os; os.abort()", "hang": "import time; time.sleep(1000)"}
+    (tmp_path / "sitecustomize.py").write_text(modules[way])
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(InputError, match=r"a.osf: damaged: its reader ended or did not answer$"):
+        in_child.open_in_child("ouster_reader.open_ouster", path, None)
+
+
 def test_an_osf_without_index_is_copied_first(
     tmp_path: Path, core: Any, library: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,7 +164,7 @@ def test_an_osf_without_index_is_copied_first(
 
     monkeypatch.setattr(library("ouster.sdk.osf"), "OsfFrameSetSource", Bare)
     monkeypatch.setattr(sdk, "open_source", open_source)
-    with open_recording(path) as recording:
+    with open_ouster(path, None) as recording:
         assert len(recording) == 2
         (copy,) = opened
         assert copy != path

@@ -20,8 +20,8 @@ LARGEST_TEXT = 1 << 26
 MOST_UNPACKED = 100
 """Largest ratio of unpacked to packed size: measured columns are noise, which packs to a tenth at best."""
 
-FREE_UNPACKED = 1 << 30
-"""Bytes that may be unpacked at any ratio, since a gigabyte does no harm."""
+FREE_UNPACKED = 1 << 27
+"""Bytes that may be unpacked at any ratio, since 128 MiB do no harm, nor do a few copies of them."""
 
 NOT_THERE = (errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG)
 
@@ -48,6 +48,17 @@ def require_file(path: str | os.PathLike[str], kind: str = "a file", *, largest:
         raise InputError(
             f"{path}: must be {kind} of at most {largest / 2**20:.0f} MiB, got {status.st_size / 2**20:.0f} MiB"
         )
+
+
+def read_file(path: str | os.PathLike[str], kind: str, *, largest: int) -> bytes:
+    """Read a regular file of at most ``largest`` bytes. Raises InputError."""
+    require_file(path, kind, largest=largest)
+    try:
+        # The file may have grown since; and it is opened without waiting, should a pipe have taken its place.
+        with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
+            return file.read(largest)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
 def require_unpacked(packed: int, unpacked: int) -> None:

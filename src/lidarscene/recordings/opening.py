@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..errors import InputError
+from ..files.optional import import_optional
 from ..formats.cloud_description import input_errors
 from .recording import Recording
 
@@ -44,6 +45,14 @@ def _open_ouster(path: Path, metadata: Path | None) -> Recording:
     from .ouster_reader import open_ouster
 
     return open_ouster(path, metadata)
+
+
+def _open_osf(path: Path, metadata: Path | None) -> Recording:
+    """Open an OSF in a process of its own: ouster-sdk crashes over some damaged ones."""
+    from .in_child import open_in_child
+
+    import_optional("ouster.sdk", extra="ouster")  # raises here, with the command that installs it
+    return open_in_child("ouster_reader.open_ouster", path, metadata)
 
 
 def _open_packets(path: Path, metadata: Path | None) -> Recording:
@@ -84,7 +93,7 @@ def _open_cloud(path: Path, metadata: Path | None) -> Recording:
 
 READERS: dict[str, Reader] = {
     ".pcap": _open_packets,
-    ".osf": _open_ouster,
+    ".osf": _open_osf,
     ".mcap": _open_bag,
     ".db3": _open_bag,
     ".pcd.bin": _open_cloud,

@@ -73,6 +73,25 @@ def test_a_damaged_entry_is_made_again(cache: Path, damage: bytes | None) -> Non
     assert entry.read_bytes() == entry_bytes
 
 
+def test_a_foreign_entry_counts_as_none(cache: Path) -> None:
+    """A pipe in its place, and arrays of other shapes and types: the mesh is read from its file."""
+    expected = reading.read_mesh(CAR)
+    (entry,) = cache.glob("*.npz")
+    about = json.dumps([{"keys": ["a"], "grey": None}])
+    for vertices, faces in (
+        (np.zeros((3, 2)), np.zeros((1, 3), int)),
+        (np.zeros((3, 3)), np.zeros(3, int)),
+        (np.zeros((3, 3)), np.zeros((1, 3))),
+        (np.array([["a"] * 3]), np.zeros((1, 3), int)),
+    ):
+        with entry.open("wb") as file:
+            np.savez(file, about=np.array(about), vertices_m_0=vertices, faces_0=faces)
+        assert_same(reading.read_mesh(CAR), expected)
+    entry.unlink()
+    os.mkfifo(entry)
+    assert_same(reading.read_mesh(CAR), expected)
+
+
 def test_what_takes_from_other_files_is_not_kept(cache: Path, tmp_path: Path) -> None:
     trimesh.Scene(trimesh.creation.box()).export(tmp_path / "a.gltf")
     reading.read_mesh(tmp_path / "a.gltf")

@@ -1,6 +1,8 @@
 """Mesh files: every format, its pieces and transforms."""
 
+import contextlib
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -126,3 +128,38 @@ def test_a_buffer_that_is_not_there(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "a.gltf").read_text())["buffers"]
     with pytest.raises(InputError, match=r"a\.gltf: cannot be read as a mesh: "):
         read_mesh(tmp_path / "a.gltf")
+
+
+@pytest.mark.parametrize("reference", ["mtllib", "map_Kd", "buffer", "image", "TextureFile"])
+@pytest.mark.parametrize("kind", ["pipe", "zero"])
+def test_a_mesh_that_refers_to_a_pipe_or_a_device(tmp_path: Path, reference: str, kind: str) -> None:
+    """One line, and no wait: a pipe that nobody writes to never ends, and /dev/zero has no end."""
+    target = tmp_path / ("part.mtl" if reference == "mtllib" else "part.png")
+    if kind == "pipe":
+        os.mkfifo(target)
+    else:
+        target.symlink_to("/dev/zero")
+    if reference in ("mtllib", "map_Kd"):
+        path = tmp_path / "a.obj"
+        path.write_text(HOUSE.format(mtl=f"mtllib {'part.mtl' if reference == 'mtllib' else 'a.mtl'}"))
+        (tmp_path / "a.mtl").write_text("newmtl tile\nmap_Kd part.png\n")
+    elif reference == "TextureFile":
+        path = tmp_path / "a.ply"
+        lines = ["ply", "format ascii 1.0", "comment TextureFile part.png", "element vertex 3"]
+        lines += [f"property float {axis}" for axis in "xyz"] + ["element face 1"]
+        lines += ["property list uchar int vertex_indices", "end_header", "0 0 0", "1 0 0", "0 1 0", "3 0 1 2"]
+        path.write_text("\n".join(lines) + "\n")
+    else:
+        path = tmp_path / "a.gltf"
+        two_boxes().export(path)
+        content = json.loads(path.read_text())
+        if reference == "buffer":
+            content["buffers"][0]["uri"] = "part.png"
+        else:
+            content |= {"images": [{"uri": "part.png"}], "textures": [{"source": 0}]}
+            content["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
+            for mesh in content["meshes"]:
+                mesh["primitives"][0]["material"] = 0
+        path.write_text(json.dumps(content))
+    with contextlib.suppress(InputError):  # a texture is left out, a buffer is needed
+        assert read_mesh(path)

@@ -1,5 +1,6 @@
 """USD stages: what was authored comes back in metres and z up, piece by piece; what should not be seen is left out."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -244,3 +245,19 @@ def test_faces_that_do_not_fit_are_refused(stage: Any) -> None:
     add_mesh(stage, "/m", SQUARE, [4], [0, 1, 2, 9])
     with pytest.raises(InputError, match="/m: its faces do not fit its points"):
         save_and_read(stage)
+
+
+@pytest.mark.parametrize("arc", ["subLayers = [@./part.usda@]", "sublayers of a reference"])
+def test_a_stage_that_refers_to_a_pipe_is_refused(library: Any, tmp_path: Path, arc: str) -> None:
+    """At once: USD would open the pipe and wait without end. Also where a layer refers to a layer that does."""
+    library("pxr")
+    os.mkfifo(tmp_path / "part.usda")
+    bad = "#usda 1.0\n(\n    subLayers = [@./part.usda@]\n)\n"
+    path = tmp_path / "a.usda"
+    if arc.startswith("subLayers"):
+        path.write_text(bad)
+    else:
+        (tmp_path / "b.usda").write_text(bad)
+        path.write_text('#usda 1.0\ndef "a" (references = @./b.usda@</a>)\n{\n}\n')
+    with pytest.raises(InputError, match=r"part\.usda: must be a USD file, got a device or pipe"):
+        read_mesh(path)

@@ -22,9 +22,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import OutputError
+from ...errors import InputError, OutputError
 from ...files.atomic import atomic_output
 from ...files.cache_folder import cache_folder
+from ...files.inputs import LARGEST_TEXT, read_file, require_archive, require_file
 from ...maths.arrays import Numbers
 from .reflectivity_patterns import ReflectivityPattern
 
@@ -99,8 +100,9 @@ def _materials(folder: Path, obj: bytes) -> Iterator[bytes]:
     for names in re.findall(rb"^\s*mtllib[ \t]+(.*?)\s*$", obj, re.MULTILINE):
         # Several names, or one with spaces in it.
         for name in dict.fromkeys((names, *names.split())):
-            with suppress(FileNotFoundError, ValueError):
-                yield name + b"\n" + (folder / os.fsdecode(name)).read_bytes()
+            with suppress(InputError, ValueError):
+                library = read_file(folder / os.fsdecode(name), "a material file", largest=LARGEST_TEXT)
+                yield name + b"\n" + library
 
 
 def _evict(newest: Path) -> None:
@@ -131,15 +133,25 @@ def _save(entry: Path, pieces: list[SubMesh]) -> None:
 
 
 def _load(entry: Path) -> list[SubMesh]:
-    """Read the pieces of an entry."""
-    with entry.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-        descriptions = json.loads(str(file["about"]))
-        return [
-            SubMesh(
-                vertices_m=file[f"vertices_m_{index}"],
-                faces=file[f"faces_{index}"],
-                keys=tuple(description["keys"]),
-                grey=description["grey"],
-            )
-            for index, description in enumerate(descriptions)
-        ]
+    """Read the pieces of an entry. Raises an exception for anything else."""
+    require_file(entry, "a cache entry")
+    with entry.open("rb") as raw:
+        require_archive(raw)
+        with np.load(raw, allow_pickle=False) as file:
+            descriptions = json.loads(str(file["about"]))
+            return [
+                SubMesh(
+                    vertices_m=_rows_of_three(file[f"vertices_m_{index}"], "f"),
+                    faces=_rows_of_three(file[f"faces_{index}"], "iu"),
+                    keys=tuple(str(key) for key in description["keys"]),
+                    grey=None if description["grey"] is None else float(description["grey"]),
+                )
+                for index, description in enumerate(descriptions)
+            ]
+
+
+def _rows_of_three(array: Numbers, kinds: str) -> Numbers:
+    """The array, if it is (n, 3) of these kinds of numbers. Raises ValueError."""
+    if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in kinds:
+        raise ValueError(f"must be (n, 3) numbers, got {array.shape} of {array.dtype}")
+    return array

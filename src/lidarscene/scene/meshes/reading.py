@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import logging
+import os
 import re
 import warnings
 import zipfile
@@ -23,6 +24,9 @@ from ...materials.material import Material, Spectrum
 from . import reflectivity_patterns
 from .mesh_cache import SubMesh, read_cached
 from .usd import is_usd, read_usd
+
+LARGEST_PART = 1 << 29
+"""Bytes of a file to which a mesh file refers: a buffer of glTF, a texture."""
 
 
 def read_mesh(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> list[SubMesh]:
@@ -101,27 +105,39 @@ def _load_trimesh(path: Path) -> Any:
     if path.suffix.lower() in (".gz", ".bz2", ".xz", ".tar"):
         raise ValueError(f"'{path.suffix}' must be unpacked first")
     if path.suffix.lower() != ".obj":
-        return trimesh.load_scene(str(path), process=False)
+        return trimesh.load_scene(str(path), process=False, resolver=_resolver(path))
     data = path.read_bytes()
     if b"mtllib" not in data:
         data = b"mtllib none.mtl\n" + data
-    resolver = _mtl_resolver(path, data)
-    return trimesh.load_scene(io.BytesIO(data), file_type="obj", process=False, resolver=resolver)
+    return trimesh.load_scene(io.BytesIO(data), file_type="obj", process=False, resolver=_resolver(path, data))
 
 
-def _mtl_resolver(path: Path, data: bytes) -> Any:
-    """Resolver for files beside an OBJ file. Its .mtl gets every material that the OBJ uses.
+def _resolver(path: Path, data: bytes = b"") -> Any:
+    """Resolver for files beside a mesh file: regular ones of at most `LARGEST_PART` bytes.
 
-    trimesh drops the names of materials that the .mtl does not define; we add empty definitions.
+    The .mtl of an OBJ file, whose content is ``data``, gets every material that the OBJ uses: trimesh drops the names
+    of materials that the .mtl does not define, so we add empty definitions.
     """
     from trimesh.resolvers import FilePathResolver
 
     class Resolver(FilePathResolver):  # type: ignore[misc]
+        def absolute(self, name: str) -> Path:
+            # `get` reads what this names, if it exists.
+            place = Path(super().absolute(name))
+            if os.path.lexists(place):
+                require_file(place, "a file of a mesh", largest=LARGEST_PART)
+            return place
+
+        def namespaced(self, namespace: str) -> Any:
+            return Resolver(os.path.join(self.parent, namespace))
+
         def get(self, name: str) -> bytes:
             if not name.lower().endswith(".mtl"):
                 return bytes(super().get(name))
             try:
                 library = bytes(super().get(name))
+            except InputError:
+                raise
             except Exception:
                 library = b""
             defined_names, used_names = (

@@ -9,6 +9,7 @@ Symbols: v vertices, f triangles.
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError, OptionWarning
+from ...files.inputs import require_file
 from ...files.optional import import_optional
 from ...maths.arrays import Numbers
 from .mesh_axes import turn_upright
@@ -38,11 +40,12 @@ def read_usd(path: Path) -> list[SubMesh]:
     The keys of a piece are the names of its material and prim, and the prim's path.
     """
     pxr = import_optional("pxr", extra="usd")
-    for name in ("Usd", "UsdGeom", "UsdShade", "UsdUtils", "Tf", "Gf"):
+    for name in ("Sdf", "Usd", "UsdGeom", "UsdShade", "UsdUtils", "Tf", "Gf"):
         import_optional(f"pxr.{name}", extra="usd")
     # USD prints warnings of missing files; this delegate collects them instead.
     diagnostics = pxr.UsdUtils.CoalescingDiagnosticDelegate()
     try:
+        _require_layers(pxr, path)
         stage = pxr.Usd.Stage.Open(str(path))
         reader = _Reader(pxr, stage, path)
         pieces = list(reader.pieces_below(stage.GetPseudoRoot(), np.eye(4)))
@@ -57,6 +60,24 @@ def read_usd(path: Path) -> list[SubMesh]:
     if missing:
         raise InputError(f"refers to what cannot be read: {' '.join(missing[0].commentary.split())[:200]}")
     return pieces
+
+
+def _require_layers(pxr: Any, path: Path) -> None:
+    """Raise InputError for a stage that refers to a pipe or a device, on which USD would wait without end.
+
+    A layer opens without those that it refers to, so each is checked before it is opened.
+    """
+    layers, checked = [str(path)], set[str]()
+    while layers:
+        name = layers.pop()
+        if name in checked:
+            continue
+        checked.add(name)
+        if os.path.lexists(name):
+            require_file(name, "a USD file")
+        layer = pxr.Sdf.Layer.FindOrOpen(name)
+        if layer is not None:
+            layers += [layer.ComputeAbsolutePath(asset) for asset in layer.GetCompositionAssetDependencies()]
 
 
 class _Reader:
