@@ -23,6 +23,7 @@ class FluctuationLaw:
     """Numbers of laser and air that say how much echoes fluctuate.
 
     half_divergence_rad, exit_radius_m  of the beam
+    sweep_rad                           angle over which it turns while the shots of a point are summed
     speckle                             None: the surface has no speckle
     structure_constant                  C_n^2 of the air [m^(-2/3)]; None: it is calm
     """
@@ -30,6 +31,7 @@ class FluctuationLaw:
     wavelength_m: Lanes
     half_divergence_rad: Lanes
     exit_radius_m: Lanes
+    sweep_rad: Lanes
     speckle: Speckle | None
     structure_constant: Lanes | None
 
@@ -43,6 +45,7 @@ class FluctuationLaw:
             wavelength_m=laser.wavelength_m,
             half_divergence_rad=laser.spot.half_divergence_rad,
             exit_radius_m=laser.spot.exit_radius_m,
+            sweep_rad=sensor.sweep_rad,
             speckle=laser.speckle,
             structure_constant=air.structure_constant or None,
         )
@@ -69,6 +72,7 @@ class FluctuationLaw:
                 linewidth_m=self.speckle.linewidth_m,
                 cos_incidence=cos_incidence,
                 polarisations=self.speckle.polarisations,
+                sweep_rad=self.sweep_rad,
             )
             # Independent factors: (1 + v_1)(1 + v_2) - 1.
             variance = variance + (1.0 + variance) / cells

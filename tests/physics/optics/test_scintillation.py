@@ -12,13 +12,14 @@ WAVELENGTH_M, RANGE_M, SPOT_RAD = 1550e-9, 50.0, 0.5e-3
 POINTS = 256
 
 
-def pattern_of(phases: np.ndarray, path_m: np.ndarray, shift_m: float) -> np.ndarray:
+def pattern_of(phases: np.ndarray, path_m: np.ndarray, shift_m: float, aside_m: float = 0.0) -> np.ndarray:
     """Intensity on the plane of the lens of a rough Gaussian spot, (POINTS, POINTS), by one Fourier transform.
 
     path_m   depth of each scatterer
     shift_m  wavelength less `WAVELENGTH_M`: light that goes there and back is 4 pi depth shift / lambda^2 ahead
+    aside_m  place of the spot's middle
     """
-    spot = np.exp(-(X**2 + Y**2) / (SPOT_RAD * RANGE_M) ** 2)  # a field: 1/e there is 1/e^2 of the power
+    spot = np.exp(-((X - aside_m) ** 2 + Y**2) / (SPOT_RAD * RANGE_M) ** 2)  # a field: 1/e there is 1/e^2 of the power
     phase = phases - 4.0 * math.pi * path_m * shift_m / WAVELENGTH_M**2
     return np.abs(np.fft.fft2(spot * np.exp(1j * phase))) ** 2
 
@@ -28,14 +29,15 @@ SIDE_M = 0.15
 X, Y = np.meshgrid(*2 * [SIDE_M * (np.arange(POINTS) / POINTS - 0.5)], indexing="ij")
 LENS_PITCH_M = WAVELENGTH_M * RANGE_M / SIDE_M
 """Pitch of the grid on the lens, by the transform."""
+RADIUS = np.hypot(*np.meshgrid(*2 * [np.fft.fftfreq(POINTS, 1 / POINTS)], indexing="ij"))
+"""Distance of each point of that grid from its first, in pitches."""
 
 
 def simulated_variance(
     rng: np.random.Generator, lens_m: float, *, slope: float = 0.0, linewidth_m: float = 0.0, patterns: int = 32
 ) -> float:
     """Relative variance of the power in round lenses all over the patterns of some surfaces."""
-    distance = LENS_PITCH_M * np.hypot(*np.meshgrid(*2 * [np.fft.fftfreq(POINTS, 1 / POINTS)], indexing="ij"))
-    lens = np.fft.fft2(distance <= lens_m)
+    lens = np.fft.fft2(lens_m >= LENS_PITCH_M * RADIUS)
     ratios = []
     for _ in range(patterns):
         phases = rng.uniform(0.0, 2.0 * math.pi, X.shape)
@@ -47,7 +49,7 @@ def simulated_variance(
     return float(np.mean(ratios))
 
 
-def cells(lens_m: float, *, slope: float = 0.0, linewidth_nm: float = 0.0) -> float:
+def cells(lens_m: float, *, slope: float = 0.0, linewidth_nm: float = 0.0, sweep_rad: float = 0.0) -> float:
     """M of light that keeps its polarisation."""
     return float(
         speckle_cells(
@@ -58,6 +60,7 @@ def cells(lens_m: float, *, slope: float = 0.0, linewidth_nm: float = 0.0) -> fl
             linewidth_m=1e-9 * linewidth_nm,
             cos_incidence=math.cos(math.atan(slope)),
             polarisations=1.0,
+            sweep_rad=sweep_rad,
         )
     )
 
@@ -78,6 +81,22 @@ def test_speckle_of_a_line_on_a_slope(slope: float, linewidth_nm: float) -> None
     rms = math.sqrt(simulated_variance(rng, 3e-3, slope=slope, linewidth_m=1e-9 * linewidth_nm, patterns=4))
     assert 0.96 * 0.94 < rms * math.sqrt(cells(3e-3, slope=slope, linewidth_nm=linewidth_nm)) < 1.06
     assert (cells(3e-3, slope=slope, linewidth_nm=linewidth_nm) > 1.02 * cells(3e-3)) == (slope > 0.0)
+
+
+@pytest.mark.parametrize("sweep_rad", [0.5e-3, 1e-3])
+def test_speckle_of_shots_that_lie_side_by_side(sweep_rad: float) -> None:
+    """Sixteen shots over a sweep of one and two radii of the spot. Tolerances as above, and 4 % for the even sweep."""
+    rng, distance = np.random.default_rng(3), LENS_PITCH_M * RADIUS
+    lens, ratios = np.fft.fft2(distance <= 3e-3), []
+    places = RANGE_M * sweep_rad * ((np.arange(16) + 0.5) / 16 - 0.5)
+    for _ in range(4):
+        phases = rng.uniform(0.0, 2.0 * math.pi, X.shape)
+        pattern = sum(pattern_of(phases, 0.0 * X, 0.0, place) for place in places)
+        power = np.fft.ifft2(np.fft.fft2(pattern) * lens).real
+        ratios.append(np.var(power) / np.mean(power) ** 2)
+    relative = math.sqrt(np.mean(ratios) * cells(3e-3, sweep_rad=sweep_rad))
+    assert 0.92 * 0.94 < relative < 1.06
+    assert cells(3e-3, sweep_rad=sweep_rad) > 1.1 * cells(3e-3)
 
 
 def weak_turbulence(range_m: float, lens_m: float) -> float:
