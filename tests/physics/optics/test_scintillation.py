@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from scipy import integrate, special, stats
 
-from lidarscene.physics.optics.scintillation import mean, relative_power, speckle_cells, turbulence_variance
+from lidarscene.physics.optics.scintillation import (
+    mean,
+    relative_power,
+    speckle_cells,
+    swept_patterns,
+    turbulence_variance,
+)
 
 WAVELENGTH_M, RANGE_M, SPOT_RAD = 1550e-9, 50.0, 0.5e-3
 POINTS = 256
@@ -60,8 +66,8 @@ def cells(lens_m: float, *, slope: float = 0.0, linewidth_nm: float = 0.0, sweep
             linewidth_m=1e-9 * linewidth_nm,
             cos_incidence=math.cos(math.atan(slope)),
             polarisations=1.0,
-            sweep_rad=sweep_rad,
         )
+        * swept_patterns(spot_rad=SPOT_RAD, sweep_rad=sweep_rad)
     )
 
 

@@ -37,28 +37,34 @@ def speckle_cells(
     linewidth_m: Lanes,
     cos_incidence: Lanes,
     polarisations: Lanes,
-    sweep_rad: Lanes = 0.0,
 ) -> Lanes:
     """M: number of independent speckle cells that the lens gathers.
 
     spot_rad       angular radius w / R of the spot
     linewidth_m    full width at half maximum of the laser's line, as wavelength; 0: one line
     polarisations  2 of a surface that returns unpolarised light, 1 of one that keeps the polarisation
-    sweep_rad      angle over which the beam turns while its shots are summed
 
     A cell is lambda R / w wide, so M = 1 + A_spot A_lens / (lambda R)^2 for light of one wavelength (Goodman, Speckle
     Phenomena in Optics, 2nd ed., 4.6), here with a Gaussian lens of the same variance. On a surface that leans each
-    wavelength of the line has a pattern that is moved sideways, which adds cells along the slope. Shots whose spots lie
-    side by side have patterns of their own; a Gaussian sweep of the same variance stands for the even one.
+    wavelength of the line has a pattern that is moved sideways, which adds cells along the slope.
     """
     cos_incidence = xp(range_m, cos_incidence).maximum(cos_incidence, _LEAST_COSINE)
     across = math.pi * spot_rad * aperture_radius_m / wavelength_m
     slope_square = 1.0 / (cos_incidence * cos_incidence) - 1.0
     spread = (4.0 * math.pi / FWHM_PER_SIGMA) * (linewidth_m / wavelength_m) * (spot_rad * range_m / wavelength_m)
     even = 1.0 + across * across
-    swept = 1.0 + sweep_rad * sweep_rad / (3.0 * spot_rad * spot_rad)
-    product = even * (even + spread * spread * slope_square) * swept
+    product = even * (even + spread * spread * slope_square)
     return polarisations * xp(product).sqrt(product)
+
+
+def swept_patterns(*, spot_rad: Lanes, sweep_rad: Lanes) -> Lanes:
+    """Number of independent speckle patterns of shots that are summed while the beam turns by ``sweep_rad``.
+
+    sqrt(1 + phi^2 / (3 w^2)): spots that lie side by side have patterns of their own; for the even sweep stands a
+    Gaussian one of the same variance, phi^2 / 12.
+    """
+    square = 1.0 + sweep_rad * sweep_rad / (3.0 * spot_rad * spot_rad)
+    return xp(square).sqrt(square)
 
 
 def turbulence_variance(
