@@ -239,9 +239,8 @@ def _read_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lane
         # A step below full scale: rounding must not hide that a sample is clipped.
         clipped_from = ops.minimum(saturation, adc.full_scale) - base - adc.step
         clipped = mask & (sums.highest >= clipped_from)
-        peak_place, width_s = _read_clipped(
-            shots, adc, rise, trip, place, window, samples, clipped_from, peak_place, width_s, mask=clipped
-        )
+        sampled = _Sampled(window=window, samples=samples, clipped_from=clipped_from, place=peak_place, width_s=width_s)
+        peak_place, width_s = _read_clipped(shots, adc, rise, trip, place, sampled, mask=clipped)
     return Reading(
         reported_s=comparator.converted_time_s(shots, shots.time_s(peak_place), draw=rise.number),
         amplitude=ops.maximum(amplitude, shots.threshold) + trip.base,
@@ -250,40 +249,43 @@ def _read_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lane
     )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Sampled:
+    """A pulse by the samples of its window alone.
+
+    samples         (room,) of the window
+    clipped_from    (n,) value from which a sample is clipped
+    place, width_s  (n,) of the pulse
+    """
+
+    window: Window
+    samples: Array
+    clipped_from: Lanes
+    place: Lanes
+    width_s: Lanes
+
+
 def _read_clipped(
-    shots: Received,
-    adc: Adc,
-    rise: Rise,
-    trip: Trip,
-    crossing: Lanes,
-    window: Window,
-    samples: Array,
-    clipped_from: Lanes,
-    peak_place: Lanes,
-    width_s: Lanes,
-    *,
-    mask: Mask,
+    shots: Received, adc: Adc, rise: Rise, trip: Trip, crossing: Lanes, sampled: _Sampled, *, mask: Mask
 ) -> tuple[Lanes, Lanes]:
     """Place and width of pulses whose samples are clipped, (T56a).
 
     The width, which samples show to a tick of the clock, gives the power (T45), and the power how long before the peak
     the last sample was that is not clipped. Pulses that are less than `_OVERDRIVEN` stay where the samples say.
 
-    crossing             (n,) place of the crossing
-    clipped_from         (n,) value from which a sample is clipped
-    peak_place, width_s  (n,) by the samples of the window alone
-    mask                 (n,) bool, pulses with clipped samples
+    crossing  (n,) place of the crossing
+    mask      (n,) bool, pulses with clipped samples
     """
     ops, point, fwhm = shots.ops, shots.point, shots.sensor.received_fwhm_s
     leaving = edges.trailing_level(shots, rise, trip, crossing, shots.sample_threshold + trip.base)
     end, _ = edges.fall(shots, rise, trip, leaving, rise.peak, mask)
-    ticks = ops.rint(ops.where(mask, end - crossing, 0.0) / window.spacing)
-    long_s = ops.maximum(ticks / adc.rate_hz, width_s)
+    ticks = ops.rint(ops.where(mask, end - crossing, 0.0) / sampled.window.spacing)
+    long_s = ops.maximum(ticks / adc.rate_hz, sampled.width_s)
     power = point.response.power_of_width_w(long_s, threshold=shots.sample_threshold, pulse_fwhm_s=fwhm)
-    place, sample = window.foot(samples, clipped_from, mask)
+    place, sample = sampled.window.foot(sampled.samples, sampled.clipped_from, mask)
     # Below half a threshold a sample is noise.
     foot_w = point.response.power_w(ops.maximum(sample, 0.5 * shots.sample_threshold))
-    overdriven = mask & (power > _OVERDRIVEN * point.response.power_w(clipped_from))
+    overdriven = mask & (power > _OVERDRIVEN * point.response.power_w(sampled.clipped_from))
     share = ops.where(overdriven, foot_w / power, 1.0)
     edge = place - pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm) / shots.sigma_s
-    return ops.where(overdriven, edge, peak_place), ops.where(mask, long_s, width_s)
+    return ops.where(overdriven, edge, sampled.place), ops.where(mask, long_s, sampled.width_s)
