@@ -255,6 +255,24 @@ def test_published_against_simulated() -> None:
     )
 
 
+def test_modes_of_the_ousters() -> None:
+    """Ranges of three modes on the targets and in the light of `catalog check`, least and most, and the farthest row."""
+    published, *rows = table("sensors.md", "columns at 10 Hz |")
+    modes = published_values.published_performance("os1-128").modes
+    row_says(published, *(modes.range_factors[row][modes.multiplier.index(1.0)] for row in range(3)))
+    target = Target(
+        reflectivity=np.repeat(published_values.MODE_REFLECTIVITIES, 2), illuminance_klux=np.tile([100.0, 0.0], 2)
+    )
+    for name, *cells in rows:
+        ranges_m = [
+            plane.maximum_range_m(load_sensor(name.strip("`"), overrides=settings), target)[0]
+            for settings in modes.settings[:3]
+        ]
+        many, few = ranges_m[0] / ranges_m[1], ranges_m[2] / ranges_m[1]
+        off = max(abs(row.value) for row in check_published(name.strip("`")) if row.quantity == "range factor")
+        row_says(cells, many.min(), many.max(), 1.0, few.min(), few.max(), 100.0 * off)
+
+
 def test_beams_of_the_catalogue() -> None:
     for names, printed, _ in table("sensors.md", "name | azimuth x elevation"):
         for name in re.findall(r"`([\w-]+)`", names):

@@ -347,6 +347,55 @@ def test_a_dark_board_far_off_sends_no_echo(mi: Any, name: str) -> None:
     assert int(np.sum(np.asarray(cloud.status) == 0)) <= expected + 4.0 * math.sqrt(expected)
 
 
+@pytest.mark.parametrize("name", ["os1-128", "os2-128"])
+def test_ranges_of_all_modes_are_the_published(name: str) -> None:
+    """To 4 %, at 10 and 80 %, in the sun and in the dark. The table has two digits (1 %), a point has whole shots, 13.5 of
+    which are 14 (1 %), and 7 shots have so few dark counts that the SPADs of a pixel show (2 %).
+    """
+    rows = rows_of_quantity(name, "range factor")
+    assert len(rows) == 25
+    for row in rows:
+        assert row.value == pytest.approx(0.0, abs=0.04), row.condition
+    assert {row.condition.split("; ")[1] for row in rows} <= {"10%, 0 klux", "10%, 100 klux", "80%, 0 klux", "80%, 100 klux"}
+
+
+def test_modes_of_an_os0_are_those_of_its_lenses() -> None:
+    """Its signal falls faster than R^-2 beyond 7 m, in the recording too, so the factors are nearer to 1 than the maker's:
+    by up to 11 %. Without the loss between its lenses they are his to 4 %.
+    """
+    published = published_performance("os0-128")
+    assert published is not None
+    assert published.modes is not None
+    target = Target(reflectivity=np.array([0.1, 0.8]))
+
+    def ranges_m(*overrides: str, lenses: bool) -> Any:
+        sensor = load_sensor("os0-128", overrides=overrides)
+        if not lenses:
+            sensor = replace(sensor, optics=replace(sensor.optics, overlap=None))
+        return plane.maximum_range_m(sensor, target)[0]
+
+    for lenses, limit in ((True, 0.11), (False, 0.04)):
+        base_m = ranges_m(*published.settings, lenses=lenses)
+        deviations = {}
+        for settings, factors in zip(published.modes.settings, published.modes.range_factors, strict=True):
+            for multiplier, factor in zip(published.modes.multiplier, factors, strict=True):
+                mode_m = ranges_m(*settings, f"histogram.multiplier={multiplier:g}", lenses=lenses)
+                deviations[factor] = mode_m / base_m / factor - 1.0
+        assert np.abs(list(deviations.values())).max() < limit
+        if lenses:
+            assert all((deviations[factor] > 0.0).all() for factor in (0.59, 0.71, 0.84))
+            assert all((deviations[factor] < 0.0).all() for factor in (1.19, 1.41, 1.57))
+
+
+@pytest.mark.parametrize("name", catalog.names("sensors"))
+def test_what_is_twice_too_far_is_hardly_found(name: str) -> None:
+    """A signal of a quarter of the threshold: of one of 5 sigma (8) says Q(3.75) = 9e-5, of 4.6 sigma 3e-4."""
+    (row,) = rows_of_quantity(name, "P_d")
+    assert row.simulated is not None
+    assert 0.0 < row.simulated < 1e-3
+    assert row.condition.endswith("at twice that range")
+
+
 # --- catalog check ----------------------------------------------------------------------------------
 
 
@@ -369,6 +418,16 @@ def test_check_one_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert report["false_points"]["published"] == 1e-4
     assert report["false_points"]["simulated"] == pytest.approx(1e-4, rel=0.2)  # TNR in tenths
     assert report["points_per_second"]["simulated"] == 100_000.0
+
+
+def test_check_of_modes_as_json(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(published_values, "SHOTS", 200)
+    assert main.main(["catalog", "check", "os1-128", "--json"]) == 0
+    (report,) = json.loads(capsys.readouterr().out)
+    assert len(report["range_factors"]) == 25
+    assert report["range_factors"][2]["published"] == 1.19
+    assert report["range_factors"][2]["condition"].startswith("columns_per_turn=512, x1; ")
+    assert report["twice_the_range"]["simulated"] < 1e-3
 
 
 def test_check_of_what_is_not_published(capsys: pytest.CaptureFixture[str]) -> None:
@@ -409,6 +468,18 @@ def test_check_of_an_unknown_sensor(capsys: pytest.CaptureFixture[str]) -> None:
         ({"assumed": ["colour"], "source": "x"}, "assumed names colour"),
         ({"also": [[0.2, 130.0]], "source": "x"}, "also needs illuminance_klux"),
         ({"points_per_second": 1000.0}, "source"),
+        (
+            {
+                "modes": {
+                    "settings": [["a=1"], ["a=2"]],
+                    "multiplier": [1.0, 2.0],
+                    "range_factors": [[1.0, 1.2], [1.0]],
+                    "source": "x",
+                },
+                "source": "x",
+            },
+            r"modes: range_factors must have 2 rows of 2, got rows of \[2, 1\]",
+        ),
     ],
 )
 def test_published_must_be_complete(tables: dict[str, Any], message: str) -> None:

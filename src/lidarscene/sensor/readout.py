@@ -114,6 +114,30 @@ class RepeatabilityFile(FileModel):
         return self
 
 
+class ModesFile(FileModel):
+    """[published.modes]: factors of the range in a sensor's modes, as a table of settings and signal multipliers."""
+
+    settings: Annotated[tuple[tuple[str, ...], ...], Field(min_length=1)] = Field(
+        description="of each row, as for --set; they replace those of [published]"
+    )
+    multiplier: Annotated[tuple[Positive, ...], Field(min_length=1)] = Field(
+        description="histogram.multiplier of each column"
+    )
+    range_factors: tuple[tuple[Positive, ...], ...] = Field(
+        description="rows of ranges over that in the mode of [published]"
+    )
+    source: Annotated[str, Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _rectangular(self) -> ModesFile:
+        shape = [len(row) for row in self.range_factors]
+        if shape != [len(self.multiplier)] * len(self.settings):
+            raise ValueError(
+                f"range_factors must have {len(self.settings)} rows of {len(self.multiplier)}, got rows of {shape}"
+            )
+        return self
+
+
 class PublishedFile(FileModel):
     """[published]: performance and its conditions; what is left out is not published."""
 
@@ -127,6 +151,7 @@ class PublishedFile(FileModel):
         default=(), description="the sensor's mode in which ranges, scatter and false points hold, as for --set"
     )
     repeatability: tuple[RepeatabilityFile, ...] = Field(default=(), description="scatter of the range")
+    modes: ModesFile | None = Field(default=None, description="ranges in other modes")
     false_points: Annotated[float, Field(gt=0, lt=1)] | None = Field(
         default=None, description="share of the pulses that report noise, at that illuminance"
     )

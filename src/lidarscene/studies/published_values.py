@@ -1,4 +1,4 @@
-"""Catalogue sensors compared with published values: range, repeatability, false points, points per second.
+"""Catalogue sensors compared with published values: range and its modes, repeatability, false points, points per second.
 
 Sensor files hold estimates for numbers that makers do not publish. The published results check these estimates.
 """
@@ -26,10 +26,14 @@ from .ranging.plane import Target, echoes_of_plane, maximum_range_m
 SHOTS = 20_000
 """Shots for one standard deviation, whose own error is then 0.5 %."""
 
+MODE_REFLECTIVITIES = (0.1, 0.8)
+"""Of the targets on which modes are compared."""
+
 _SEED = 1
 
 NOTE = """\
 * not published: assumed. Of several ranges the first is the one that the laser's power was fitted to, if it was.
+Of a mode's range over that of the published mode, the target and light are those that are farthest off.
 The scatter is the standard deviation of one shot's range; false points are per pulse. "recorded" stands for what others
 measured in recordings, with the roughness of the surface in it: an upper bound."""
 
@@ -60,7 +64,7 @@ def scatter_m(sensor: Sensor, target: Target, *, range_m: float, snr: float | No
 
 
 def compare(name: str) -> list[Held]:
-    """Compare a catalogue sensor with its `[published]` values: ranges, the fitted one first, scatters, points.
+    """Compare a catalogue sensor with its `[published]` values: ranges, the fitted one first, modes, scatters, points.
 
     Raises InputError.
     """
@@ -69,6 +73,8 @@ def compare(name: str) -> list[Held]:
     rows = (
         _range(sensor, published, published.reflectivity, published.range_m),
         *(_range(sensor, published, *pair) for pair in published.also),
+        _twice_the_range(sensor, published),
+        *_modes(name, sensor, published),
         *(repeatability(sensor, published, entry) for entry in published.repeatability),
         _false_points(sensor, published),
         _row("points/s", "", published.points_per_second, points_per_second(load_sensor(name))),
@@ -97,6 +103,40 @@ def _range(sensor: Sensor, published: PublishedFile, reflectivity: float | None,
     stated = is_given and not (share == published.reflectivity and "reflectivity" in published.assumed)
     words = f"{share:.0%}{'' if stated else '*'}, {_words(published, ('illuminance_klux', f'{klux:g} klux'))}"
     return _row("range", words, range_m, float(limit), "m")
+
+
+def _twice_the_range(sensor: Sensor, published: PublishedFile) -> Held:
+    """P_d at twice the range under the published condition: how often a sensor finds what it should not."""
+    klux = 100.0 if published.illuminance_klux is None else published.illuminance_klux
+    target = Target(reflectivity=published.reflectivity or 0.1, illuminance_klux=klux)
+    limit, _ = maximum_range_m(sensor, target)
+    found = None if not 0.0 < limit < np.inf else statistics.detection_probability(sensor, target, 2.0 * limit)
+    return _row("P_d", f"{target.reflectivity:.0%}, {klux:g} klux, at twice that range", None, found)
+
+
+def _modes(name: str, sensor: Sensor, published: PublishedFile) -> list[Held]:
+    """Compare the range in each mode over that in the published mode, on the target and in the light farthest off.
+
+    The light is the published one and none.
+    """
+    modes = published.modes
+    if modes is None:
+        return []
+    klux = 100.0 if published.illuminance_klux is None else published.illuminance_klux
+    pairs = np.array(list(itertools.product(MODE_REFLECTIVITIES, (klux, 0.0))))
+    targets = Target(reflectivity=pairs[:, 0], illuminance_klux=pairs[:, 1])
+    base_m = maximum_range_m(sensor, targets)[0]
+    rows = []
+    for settings, factors in zip(modes.settings, modes.range_factors, strict=True):
+        for multiplier, factor in zip(modes.multiplier, factors, strict=True):
+            mode = load_sensor(name, overrides=(*settings, f"histogram.multiplier={multiplier:g}"))
+            ratio = maximum_range_m(mode, targets)[0] / base_m
+            farthest = int(np.argmax(np.abs(ratio / factor - 1.0)))
+            words = ", ".join(assignment.split(".")[-1] for assignment in settings)
+            share, light = pairs[farthest]
+            condition = f"{words}, x{multiplier:g}; {share:.0%}, {light:g} klux"
+            rows.append(_row("range factor", condition, factor, float(ratio[farthest])))
+    return rows
 
 
 def repeatability(sensor: Sensor, published: PublishedFile, entry: RepeatabilityFile) -> Held:
@@ -145,6 +185,8 @@ def as_dicts(rows: Sequence[Held]) -> list[dict[str, Any]]:
                 "name": name,
                 "range_m": quantities["range"][0],
                 "also_range_m": quantities["range"][1:],
+                "twice_the_range": quantities["P_d"][0],
+                "range_factors": quantities.get("range factor", []),
                 "repeatability_m": quantities.get("scatter", []),
                 "false_points": quantities["false points"][0],
                 "points_per_second": quantities["points/s"][0],
