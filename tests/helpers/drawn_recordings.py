@@ -91,7 +91,7 @@ def drawn_sweep(truth: Truth, seed: int, rows: int = 32, columns: int = 1000, cu
     near_ir = random.poisson(near_ir).astype(float)
     noise = np.where(sky, 0.0, np.sqrt(1.3 * np.maximum(photons, 1.0)))
     signal = np.rint(np.maximum(photons + noise * random.standard_normal(photons.shape), 1.0))
-    excess = (signal / truth.threshold(near_ir) - 1.0) / truth.threshold_width
+    excess = np.log(signal / truth.threshold(near_ir)) / truth.threshold_width
     has_return = random.random(signal.shape) < 1.0 / (1.0 + np.exp(-np.clip(excess, -50.0, 50.0)))
     sigma_m = 1e-3 * np.sqrt(truth.scatter_c**2 / signal + truth.scatter_floor**2)
     reported = range_m + rough + sigma_m * random.standard_normal(signal.shape)

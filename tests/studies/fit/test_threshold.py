@@ -13,7 +13,7 @@ from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies.fit import threshold
 from lidarscene.studies.fit.estimates import Solution
 from lidarscene.studies.fit.recorded_pulses import RecordedPulses, gather_pulses
-from lidarscene.studies.fit.threshold import NORMAL, Threshold, filter_variance, fit_threshold
+from lidarscene.studies.fit.threshold import LOGISTIC, Threshold, filter_variance, fit_threshold
 
 SENSOR = load_sensor("os1-128")
 
@@ -46,10 +46,10 @@ def test_the_spread_is_what_is_left_of_the_width() -> None:
     variance = filter_variance(SENSOR, photons=8.0, near_ir=400.0) / 64.0
     spread = threshold_of_width(0.25).spread(SENSOR)
     assert spread is not None
-    ratio = np.exp(spread.value * np.random.default_rng(1).standard_normal(1_000_000))
-    # The variance of a million log-normal numbers is known to 0.3 %.
-    assert np.var(ratio) == pytest.approx((0.25 * NORMAL) ** 2 - variance, rel=0.012)
-    assert threshold_of_width(0.9 * math.sqrt(variance) / NORMAL).spread(SENSOR) is None
+    # The variance of a million logistic numbers is known to 0.2 %.
+    width_variance = np.var(0.25 * np.random.default_rng(1).logistic(size=1_000_000))
+    assert spread.value**2 == pytest.approx(width_variance - variance, rel=0.012)
+    assert threshold_of_width(0.9 * math.sqrt(variance) / LOGISTIC).spread(SENSOR) is None
 
 
 def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:

@@ -1,6 +1,6 @@
 """Detection threshold over SIGNAL and NEAR_IR, fitted to pulses with and without a return.
 
-The chance of a return is the logistic function of (SIGNAL / U - 1) / width, with the threshold U =
+The chance of a return is the logistic function of ln(SIGNAL / U) / width, with the threshold U =
 slope sqrt(NEAR_IR + pedestal). Its parameters maximise the likelihood, which has one maximum for each pedestal. Only
 pulses with a surface on both sides in their row count: real sensors compare neighbours, and an isolated return is noise
 or treated as such.
@@ -48,13 +48,13 @@ LARGEST_PEDESTAL = 20.0
 CHANCE_BINS = 20
 """Bins of the chance for the check."""
 
-NORMAL = 1.702
-"""Standard deviation of the normal distribution that is nearest to a logistic one of width 1."""
+LOGISTIC = math.pi / math.sqrt(3.0)
+"""Standard deviation of a logistic distribution of width 1."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Threshold:
-    """Fitted chance of a return, 1 / (1 + exp(-(SIGNAL / U - 1) / width)), U = slope sqrt(NEAR_IR + pedestal).
+    """Fitted chance of a return, 1 / (1 + exp(-ln(SIGNAL / U) / width)), U = slope sqrt(NEAR_IR + pedestal).
 
     solved   solution: ln slope, pedestal, ln width
     near_ir  median NEAR_IR of the pulses near the threshold
@@ -80,7 +80,7 @@ class Threshold:
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
-        """Estimates of slope [photons], pedestal [counts], of all shots, and width [over the threshold]."""
+        """Estimates of slope [photons], pedestal [counts], of all shots, and width of the logarithm."""
         return (
             self.solved.estimate("threshold_slope", "photons", lambda p: math.exp(p[0])),
             self.solved.estimate("threshold_pedestal", "counts", lambda p: p[1]),
@@ -88,21 +88,19 @@ class Threshold:
         )
 
     def spread(self, sensor: Sensor) -> Estimate | None:
-        """Standard deviation of the logarithm of this sensor's threshold; None if the filter's noise explains the
-        width.
+        """Standard deviation of the logarithm of this sensor's threshold, from what the filter leaves of the variance.
 
-        That of the log-normal distribution whose variance is what the filter leaves of the width.
+        None if the filter's noise explains the width.
         """
         level = float(self.level(np.array(self.near_ir)))
         filter_share = filter_variance(sensor, photons=level, near_ir=self.near_ir) / (level * level)
-        if (NORMAL * math.exp(self.solved.value[2])) ** 2 <= filter_share:
+        if (LOGISTIC * math.exp(self.solved.value[2])) ** 2 <= filter_share:
             return None
-
-        def spread(value: Numbers) -> float:
-            variance = max((NORMAL * math.exp(value[2])) ** 2 - filter_share, 0.0)
-            return math.sqrt(math.log(0.5 + math.sqrt(0.25 + variance)))
-
-        return self.solved.estimate("threshold_spread", "", spread)
+        return self.solved.estimate(
+            "threshold_spread",
+            "",
+            lambda p: math.sqrt(max((LOGISTIC * math.exp(p[2])) ** 2 - filter_share, 0.0)),
+        )
 
 
 def filter_variance(sensor: Sensor, *, photons: float, near_ir: float) -> float:
@@ -185,13 +183,18 @@ def _on_surface(pulses: RecordedPulses) -> Numbers:
     return mask
 
 
+def _photons(signal: Numbers) -> Numbers:
+    """SIGNAL as recorded in whole photons, of none half of one."""
+    return np.maximum(signal, 0.5)
+
+
 def _level(value: Numbers, near_ir: Numbers) -> Numbers:
     return np.asarray(math.exp(value[0]) * np.sqrt(near_ir + value[1]))
 
 
 def _argument(value: Numbers, signal: Numbers, near_ir: Numbers) -> Numbers:
-    """(SIGNAL / U - 1) / width."""
-    return np.asarray((signal / _level(value, near_ir) - 1.0) * math.exp(-value[2]))
+    """ln(SIGNAL / U) / width."""
+    return np.asarray(np.log(_photons(signal) / _level(value, near_ir)) * math.exp(-value[2]))
 
 
 def _chance(value: Numbers, signal: Numbers, near_ir: Numbers) -> Numbers:
@@ -200,8 +203,9 @@ def _chance(value: Numbers, signal: Numbers, near_ir: Numbers) -> Numbers:
 
 def _slopes(value: Numbers, signal: Numbers, near_ir: Numbers) -> Numbers:
     """(n, 3) slopes of the argument by the parameters."""
-    ratio = signal / _level(value, near_ir) * math.exp(-value[2])
-    return np.column_stack([-ratio, -0.5 * ratio / (near_ir + value[1]), -_argument(value, signal, near_ir)])
+    steep = math.exp(-value[2])
+    argument = _argument(value, signal, near_ir)
+    return np.column_stack([np.full_like(argument, -steep), -0.5 * steep / (near_ir + value[1]), -argument])
 
 
 def _maximise(signal: Numbers, near_ir: Numbers, returned: Numbers) -> Numbers | None:
@@ -211,12 +215,12 @@ def _maximise(signal: Numbers, near_ir: Numbers, returned: Numbers) -> Numbers |
     median = float(np.median(near_ir))
 
     def at_pedestal(pedestal: float) -> tuple[float, Numbers | None]:
-        """-ln L and parameters. A pedestal given, the argument is linear in 1 / (slope width) and 1 / width."""
-        design = np.column_stack([signal / np.sqrt(near_ir + pedestal), -np.ones_like(signal)])
+        """-ln L and parameters. A pedestal given, the argument is linear in 1 / width and ln slope / width."""
+        design = np.column_stack([np.log(_photons(signal) / np.sqrt(near_ir + pedestal)), np.ones_like(signal)])
         linear = _logistic(design, returned)
-        if linear is None or linear.min() <= 0.0:
+        if linear is None or linear[0] <= 0.0:
             return math.inf, None
-        value = np.array([math.log(linear[1] / linear[0]), pedestal, -math.log(linear[1])])
+        value = np.array([-linear[1] / linear[0], pedestal, -math.log(linear[0])])
         argument = _argument(value, signal, near_ir)
         return float(np.sum(np.logaddexp(0.0, np.where(returned, -argument, argument)))), value
 
