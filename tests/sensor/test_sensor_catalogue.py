@@ -356,7 +356,12 @@ def test_ranges_of_all_modes_are_the_published(name: str) -> None:
     assert len(rows) == 25
     for row in rows:
         assert row.value == pytest.approx(0.0, abs=0.04), row.condition
-    assert {row.condition.split("; ")[1] for row in rows} <= {"10%, 0 klux", "10%, 100 klux", "80%, 0 klux", "80%, 100 klux"}
+    assert {row.condition.split("; ")[1] for row in rows} <= {
+        "10%, 0 klux",
+        "10%, 100 klux",
+        "80%, 0 klux",
+        "80%, 100 klux",
+    }
 
 
 def test_modes_of_an_os0_are_those_of_its_lenses() -> None:
@@ -403,7 +408,7 @@ def test_check_prints_every_sensor(monkeypatch: pytest.MonkeyPatch, capsys: pyte
     monkeypatch.setattr(published_values, "SHOTS", 200)  # only that all are there
     assert main.main(["catalog", "check"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert {line.split()[0] for line in lines[1:-3] if not line.startswith(" ")} == set(catalog.names("sensors"))
+    assert {line.split()[0] for line in lines[1:-4] if not line.startswith(" ")} == set(catalog.names("sensors"))
 
 
 def test_check_one_as_json(capsys: pytest.CaptureFixture[str]) -> None:

@@ -97,9 +97,7 @@ class Threshold:
         if (LOGISTIC * math.exp(self.solved.value[2])) ** 2 <= filter_share:
             return None
         return self.solved.estimate(
-            "threshold_spread",
-            "",
-            lambda p: math.sqrt(max((LOGISTIC * math.exp(p[2])) ** 2 - filter_share, 0.0)),
+            "threshold_spread", "", lambda p: math.sqrt(max((LOGISTIC * math.exp(p[2])) ** 2 - filter_share, 0.0))
         )
 
 
