@@ -365,8 +365,8 @@ def test_ranges_of_all_modes_are_the_published(name: str) -> None:
 
 
 def test_modes_of_an_os0_are_those_of_its_lenses() -> None:
-    """Its signal falls faster than R^-2 beyond 7 m, in the recording too, so the factors are nearer to 1 than the maker's:
-    by up to 11 %. Without the loss between its lenses they are his to 4 %.
+    """Its signal falls faster than R^-2 beyond 7 m, in the recording too, so the factors are nearer to 1 than those
+    published, by up to 11 %. Without the loss between its lenses they are the published ones to 4 %.
     """
     published = published_performance("os0-128")
     assert published is not None

@@ -1,4 +1,4 @@
-"""Catalogue sensors compared with published values: range and its modes, repeatability, false points, points per second.
+"""Catalogue sensors compared with published values: range, its modes, repeatability, false points, points per second.
 
 Sensor files hold estimates for numbers that makers do not publish. The published results check these estimates.
 """
