@@ -349,8 +349,8 @@ def test_a_dark_board_far_off_sends_no_echo(mi: Any, name: str) -> None:
 
 @pytest.mark.parametrize("name", ["os1-128", "os2-128"])
 def test_ranges_of_all_modes_are_the_published(name: str) -> None:
-    """To 4 %, at 10 and 80 %, in the sun and in the dark. The table has two digits (1 %), a point has whole shots, 13.5 of
-    which are 14 (1 %), and 7 shots have so few dark counts that the SPADs of a pixel show (2 %).
+    """To 4 %, at 10 and 80 %, in the sun and in the dark. The table's two digits take 1 % of it, and whole shots another
+    one, since 6.75 of a point are 7.
     """
     rows = rows_of_quantity(name, "range factor")
     assert len(rows) == 25
