@@ -256,7 +256,7 @@ def test_published_against_simulated() -> None:
 
 
 def test_modes_of_the_ousters() -> None:
-    """Ranges of three modes on the targets and in the light of `catalog check`, least and most, and the farthest row."""
+    """Ranges of three modes on the targets and in the light of `catalog check`; the row that is farthest off."""
     published, *rows = table("sensors.md", "columns at 10 Hz |")
     modes = published_values.published_performance("os1-128").modes
     row_says(published, *(modes.range_factors[row][modes.multiplier.index(1.0)] for row in range(3)))

@@ -349,8 +349,8 @@ def test_a_dark_board_far_off_sends_no_echo(mi: Any, name: str) -> None:
 
 @pytest.mark.parametrize("name", ["os1-128", "os2-128"])
 def test_ranges_of_all_modes_are_the_published(name: str) -> None:
-    """To 4 %, at 10 and 80 %, in the sun and in the dark. The table's two digits take 1 % of it, and whole shots another
-    one, since 6.75 of a point are 7.
+    """To 4 %, at 10 and 80 %, in the sun and in the dark. Two digits of the table take 1 % of it, whole shots another
+    one: 6.75 of a point are 7.
     """
     rows = rows_of_quantity(name, "range factor")
     assert len(rows) == 25
