@@ -1,11 +1,15 @@
 """Stray light of channels that fire together, through whole frames."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from helpers import chain, launches, panes, volley
 
 from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.rendering.simulator import Simulator
+from lidarscene.scene.scene import Air
+from lidarscene.scene.weather import Weather
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -140,3 +144,20 @@ def test_waveforms_of_single_pulses_have_the_light_of_their_line():
     assert expected[2] == 0.0
     np.testing.assert_allclose(sampled.power_w.max(axis=1), expected, rtol=5e-3)  # samples of a Gaussian
     assert sampled.range_m[sampled.power_w[0].argmax()] == pytest.approx(30.2, abs=0.3)
+
+
+def test_fog_and_stray_light():
+    """Each pulse has a point of the fog before the lens, of the weather; those at the board's range are echoes on it
+    and stray light in its dark neighbours, as without fog.
+    """
+    described = scene()
+    foggy = dataclasses.replace(described, air=Air(weather=Weather(fog_visibility_m=200.0)))
+    simulator = Simulator(foggy, volley.sensor(*STRONG))
+    _, row, status, range_m = points_of(simulator)
+    assert sorted(row[status == Status.ECHO]) == [6, 7, 8, 9]
+    stray = status == Status.STRAY
+    assert sorted(row[stray]) == [r for r in range(ROWS) if r not in (6, 7, 8, 9)]
+    np.testing.assert_allclose(range_m[stray], 30.2, atol=0.5)
+    weather = status == Status.WEATHER
+    assert (range_m[weather] < 1.0).all()
+    assert weather.sum() == ROWS * COLUMNS

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import trains, volley
+from helpers import photons, trains, volley
 
 from lidarscene.detection import receivers
 from lidarscene.detection.outcomes import Outcome, Status
@@ -154,6 +154,48 @@ def test_points_of_stray_light(keys, withheld):
     assert echo.sum() == ROWS - 11 + 1
     assert (detection.outcome[:5] == Outcome.NO_SURFACE).all()
     assert (detection.outcome[11:] == Outcome.KEPT).all()
+
+
+@pytest.mark.parametrize("withheld", [False, True])
+def test_points_of_stray_light_in_a_histogram(withheld):
+    """SPADs that sum shots, two returns a point: a sign that fires all of them at 30 m, walls of 300 photons at 70 m in
+    five channels. Each channel but the sign's has a return of stray light of its expected photons, 400 and more: within
+    five standard errors, so that one run in 100,000 fails. Walls stay echoes; with `withheld` neither the stray light
+    nor the walls, which are dimmer, are reported.
+    """
+    sensor = photons.spinning(
+        f"scanner.elevation_deg={[float(row) for row in range(ROWS)]}",
+        "scanner.columns_per_turn=1024",
+        "histogram.stops=2",
+        "histogram.threshold_floor=20",
+        "detector.spads=4096",
+        "optics.stray.share=1e-2",
+        "optics.stray.half_angle_deg=2",
+        "optics.stray.veil=1e-3",
+        f"optics.stray.withheld={str(withheld).lower()}",
+    )
+    point = sensor.working_point(np.zeros(1))
+    wall_w, least_w = (float(np.ravel(point.response.power_w(np.array([count])))[0]) for count in (300.0, 400.0))
+    sign_w = least_w / (10.0 * shares()[15, 5])
+    ranges, powers = np.full((ROWS, 1), 70.0), np.zeros((ROWS, 1))
+    powers[11:] = wall_w
+    ranges[5], powers[5] = 30.0, sign_w
+    train = with_stray(trains.train(ranges, powers, background_w=0.0), sensor)
+    detection = receivers.detect(train, sensor, seed=3, pulse=np.arange(ROWS, dtype=np.uint32))
+    status = np.stack([np.where(stop.reported, stop.status, -1) for stop in detection.stops])
+    stray = status == Status.STRAY
+    dark = np.arange(ROWS) != 5
+    assert (stray.sum(axis=0) == (0 if withheld else dark.astype(int))).all()
+    assert (
+        (status == Status.ECHO).sum(axis=0) == ((np.arange(ROWS) == 5) | ((np.arange(ROWS) > 10) & (not withheld)))
+    ).all()
+    if withheld:
+        assert (detection.outcome[11:] == Outcome.HIDDEN).all()
+        return
+    counted = np.stack([stop.photons for stop in detection.stops])[stray]
+    expected = np.broadcast_to(point.response.signal(train.parts[-1].peak_power_w), stray.shape)[stray]
+    assert np.abs((counted - expected) / np.sqrt(expected)).max() < 5.0
+    np.testing.assert_allclose(np.stack([stop.range_m for stop in detection.stops])[stray], 30.0, atol=0.2)
 
 
 @pytest.mark.parametrize("keys", [(), ("tdc.timing='peak'",)])
