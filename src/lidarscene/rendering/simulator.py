@@ -349,8 +349,10 @@ class Simulator:
         collected = [self._on_device(part, placing) for part in parts]
         # Without any point the columns of one part are computed all the same, for the kernels of later frames.
         filled = [pair for pair in collected if pair[1]] or collected[:1]
-        # The survey decides, not whether any pulse of this chunk went on: else a later chunk would compile kernels.
-        alone = parts[0].goes_on is None
+        # The survey decides, not whether any pulse of this chunk went on: else a later chunk would compile kernels. But
+        # few chunks have light that goes on to other channels, and to merge takes as long as the columns themselves:
+        # those kernels are compiled with the first chunk that has some.
+        alone = parts[0].goes_on is None or (self._stages.crosstalk is not None and len(parts) == 1)
         columns = transfer.fetch_columns(
             collect.with_flat_positions(filled[0][0]) if alone else collect.merge_by_pulse(filled)
         )
