@@ -49,7 +49,7 @@ _TILT_2 = 0.5 * (2.0**-1.5 - 1.5**-3.0)
 _FEWEST, _MOST = 1e-4, 4.0
 """Background counts in sigma between which (T97) is corrected; above, the correction is that of the most."""
 
-_ROWS_PER_DECADE = 8
+_ROWS_PER_DECADE = 4
 _LEAST_SHARE = 1e-13
 """Shares that the transform of the counts' distribution resolves: its rounding is 1e-16."""
 
@@ -176,7 +176,7 @@ _LARGEST = 45.0
 def _excess_of_few_counts(bin_to_sigma: float) -> LookupTable:
     """ln of the share of bins in which F passes a value upwards over (T97), by ln(counts in sigma) and that value.
 
-    From the exact distribution of F in two neighbouring bins (`_passages`); some 0.2 s.
+    From the exact distribution of F in two neighbouring bins (`_passages`); some 0.05 s.
     """
     rows = round(_ROWS_PER_DECADE * math.log10(_MOST / _FEWEST)) + 1
     values = np.linspace(0.0, _LARGEST, round(_LARGEST / _FINEST) + 1)
