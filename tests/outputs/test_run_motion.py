@@ -154,6 +154,35 @@ def test_packets_of_an_ousters_imu(mi: Any, run: Run, bend: str, library: Callab
     np.testing.assert_allclose(9.80665 * table[:, 5:], values[:, 3:], rtol=1e-6, atol=1e-6)
 
 
+def test_synchronous_packets_of_an_ousters_imu(mi: Any, run: Run, bend: str, library: Callable[[str], Any]) -> None:
+    """Reference: ouster-sdk, whose frames hold the samples that its own SLAM uses: 64 a turn, by column, in SI units.
+
+    The run begins between two samples: 1/640 s has no whole number of periods in 33 ms.
+    """
+    sdk = library("ouster.sdk")
+    sensor = ("--sensor", "os1-128", "--set=scanner.columns_per_turn=512", "--set=imu.rate_hz=640")
+    ran = run("render", bend, "-o", "a.pcap", *sensor, "--frames", "3", "--begin", "0.033", "--imu", "i.csv")
+    assert ran.code == 0, ran.err
+    stamps, values = imu_file("i.csv")
+    assert len(stamps) == 3 * 64
+    source = sdk.open_source("a.pcap", meta=["a.json"], collate=False)
+    frames = [frame_set[0] for frame_set in source]
+    source.close()
+    assert len(frames) == 3
+    for index, frame in enumerate(frames):
+        part = slice(64 * index, 64 * (index + 1))
+        np.testing.assert_allclose(frame.field("IMU_GYRO"), values[part, :3], rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(frame.field("IMU_ACC"), values[part, 3:], rtol=1e-6, atol=1e-6)
+        read_ns = np.asarray(frame.field("IMU_TIMESTAMP"), np.int64)
+        np.testing.assert_allclose(read_ns - stamps[part], 0.0, atol=300.0)
+        # The column that was measured then began before the sample, and the next one later.
+        columns = np.asarray(frame.field("IMU_MEASUREMENT_ID"), int)
+        since_ns = read_ns - np.asarray(frame.timestamp, np.int64)[columns]
+        assert since_ns.min() >= -300
+        assert since_ns.max() <= 0.1e9 / 512 + 300
+        assert (np.asarray(frame.field("IMU_STATUS")) == 1).all()
+
+
 def test_a_rig_has_files_of_each_imu(mi: Any, run: Run, bend: str) -> None:
     """The vehicle's without a label; poses of each sensor, or of the vehicle where all are merged."""
     sensor = 'sensor = "table1-apd"\nset = ["imu.rate_hz=100", "laser.repetition_rate_khz=2"]\n'

@@ -63,9 +63,9 @@ def test_a_lever_arm_in_a_circle() -> None:
     circle = Course(speed_m_s=10.0, yaw_rate_rad_s=0.5)
     imu = Imu(pose=Pose(position_m=np.array([2.0, 1.0, 5.0])))
     samples = imu.measure(circle, imu.times_s(0.0, 3.0), NO_NOISE)
-    assert len(samples) == 301
-    np.testing.assert_allclose(samples.angular_velocity_rad_s, np.tile([0.0, 0.0, 0.5], (301, 1)), atol=1e-12)
-    expected = np.tile([-0.5, 5.0 - 0.25, inertial.STANDARD_GRAVITY_M_S2], (301, 1))
+    assert len(samples) == 300
+    np.testing.assert_allclose(samples.angular_velocity_rad_s, np.tile([0.0, 0.0, 0.5], (300, 1)), atol=1e-12)
+    expected = np.tile([-0.5, 5.0 - 0.25, inertial.STANDARD_GRAVITY_M_S2], (300, 1))
     np.testing.assert_allclose(samples.specific_force_m_s2, expected, atol=1e-8)
 
 
@@ -80,9 +80,9 @@ def test_the_ends_of_a_motion_are_no_blows() -> None:
 def test_samples_are_on_one_grid() -> None:
     """Runs that begin at other times have the same instants, so that they can be joined."""
     imu = Imu(rate_hz=200.0)
-    np.testing.assert_array_equal(imu.times_s(0.0, 0.01), [0.0, 0.005, 0.01])
+    np.testing.assert_array_equal(imu.times_s(0.0, 0.015), [0.0, 0.005, 0.01])
     np.testing.assert_array_equal(imu.times_s(0.0951, 0.106), [0.1, 0.105])
-    assert imu.times_s(1.7e9 + 0.25, 1.7e9 + 0.26).tolist() == [1.7e9 + 0.25, 1.7e9 + 0.255, 1.7e9 + 0.26]
+    assert imu.times_s(1.7e9 + 0.25, 1.7e9 + 0.26).tolist() == [1.7e9 + 0.25, 1.7e9 + 0.255]
 
 
 def allan_variances(values: Numbers, size: int) -> Numbers:

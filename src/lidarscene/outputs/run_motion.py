@@ -70,7 +70,7 @@ class RunMotion:
                 check_frame(scene, simulator.sensor.scanner, number=number, begin_s=frame.begin_s) for number in numbers
             ]
             starts_s[label] = np.array([frame.begin_s + first_s for first_s, _ in edges])
-            ends_s.append(float(starts_s[label][-1] + edges[-1][1]))
+            ends_s.append(float(starts_s[label][-1] + simulator.sensor.scanner.frame_s))
         begin_s = min(float(times[0]) for times in starts_s.values())
         tracks = []
         for label, imu, mounting in _imus(simulators, rig, frame) if with_imus else ():

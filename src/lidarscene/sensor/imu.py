@@ -31,6 +31,9 @@ STEP_S = 5e-4
 STENCIL = ((-3, -1 / 60), (-2, 3 / 20), (-1, -3 / 4), (1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
 """Steps and weights of the central difference of sixth order."""
 
+ROUNDING_S = 1e-6
+"""Times this close are one: those of a clock that began in 1970 have steps of 0.24 us."""
+
 PIECE_SAMPLES = 1 << 15
 
 
@@ -53,8 +56,8 @@ class ImuSamples:
         return len(self.time_s)
 
     def between(self, start_s: float, end_s: float) -> ImuSamples:
-        """Samples from a time on and before another."""
-        part = slice(*np.searchsorted(self.time_s, [start_s, end_s]))
+        """Samples from a time on and before another; rounding moves none across."""
+        part = slice(*np.searchsorted(self.time_s, np.array([start_s, end_s]) - ROUNDING_S))
         return ImuSamples(
             time_s=self.time_s[part],
             angular_velocity_rad_s=self.angular_velocity_rad_s[part],
@@ -103,11 +106,9 @@ class Imu:
         return gyroscope, accelerometer
 
     def times_s(self, start_s: float, end_s: float) -> Numbers:
-        """Times of the samples from one time to another, both included: multiples of the period."""
-        tolerance = 1e-6
-        first = np.ceil(start_s * self.rate_hz - tolerance)
-        last = np.floor(end_s * self.rate_hz + tolerance)
-        return np.arange(first, last + 1.0) / self.rate_hz
+        """Times of the samples from one time on and before another: multiples of the period."""
+        first, end = (np.ceil((time_s - ROUNDING_S) * self.rate_hz) for time_s in (start_s, end_s))
+        return np.arange(first, end) / self.rate_hz
 
     def measure(self, carrier: Motion, time_s: Numbers, rng: np.random.Generator) -> ImuSamples:
         """Samples at (n,) times, evenly spaced.

@@ -18,15 +18,18 @@ from ...maths.arrays import Numbers
 from ...maths.pose import Pose
 from ...physics.inertial import STANDARD_GRAVITY_M_S2
 from ...scan.spinning import Spinning
-from ...sensor.imu import ImuSamples
+from ...sensor.imu import Imu, ImuSamples
 from ...sensor.sensor_model import Sensor
 from .firings import Firings
 from .layouts import OUSTER_IMU_PACKET, OUSTER_IMU_PORT, OUSTER_MODES, OUSTER_PORT, Packet
 from .packet_encoder import head_deg
 
 COLUMNS_PER_PACKET = 16
-FIRMWARE = "v3.1.0"
-"""Firmware that the metadata name: a release that has all of these profiles."""
+FIRMWARE = {"LEGACY": "v3.1.0", "ACCEL32_GYRO32_NMEA": "v3.2.0"}
+"""Profile of the IMU -> firmware that the metadata name: a release that has it and all of the profiles below."""
+
+IMU_PACKET_SAMPLES = 8
+"""Samples in a packet of the synchronous profile, whose frames hold a whole number of packets."""
 
 PROFILES = {
     "default": ("RNG19_RFL8_SIG16_NIR16", "RNG19_RFL8_SIG16_NIR16_DUAL"),
@@ -51,7 +54,8 @@ class OusterEncoder:
         self._scanner: Spinning = sensor.scanner
         self._dual = sensor.tdc.stops > 1 and profile != "legacy"
         self._profile = PROFILES[profile][self._dual]
-        self._text = json.dumps(_metadata(sensor, self._scanner, self._profile), indent=1)
+        self._imu_packets = _synchronous_packets(sensor.imu, self._scanner.frame_s)
+        self._text = json.dumps(_metadata(sensor, self._scanner, self._profile, self._imu_packets), indent=1)
         self._core: Any = import_optional("ouster.sdk.core", extra="ouster")
         self._core.init_logger("critical")  # its warnings would stand between our own lines
         self._info = self._core.SensorInfo(self._text)
@@ -69,15 +73,41 @@ class OusterEncoder:
         lidar_frame.timestamp[:] = np.rint(1e9 * frame.time_s).astype(np.int64).clip(0)
         lidar_frame.measurement_id[:] = np.arange(len(frame))
         lidar_frame.status[:] = 1
+        if frame.imu is not None and self._imu_packets:
+            self._put_imu(lidar_frame, frame, frame.imu)
         for name, values in self._fields(frame).items():
             if name in lidar_frame.fields:
                 lidar_frame.field(name)[:] = values.T
-        packets = self._core.frame_to_packets(lidar_frame, self._format, self._info.init_id, self._info.sn)
-        last = np.arange(1, len(packets) + 1) * COLUMNS_PER_PACKET - 1
-        points = [
-            Packet(float(time), bytes(packet.buf)) for time, packet in zip(frame.time_s[last], packets, strict=True)
+        encoded = self._core.frame_to_packets(lidar_frame, self._format, self._info.init_id, self._info.sn)
+        payloads: dict[bool, list[bytes]] = {False: [], True: []}
+        for packet in encoded:
+            payloads[isinstance(packet, self._core.ImuPacket)].append(bytes(packet.buf))
+        last = np.arange(1, len(payloads[False]) + 1) * COLUMNS_PER_PACKET - 1
+        packets = [
+            Packet(float(time), payload) for time, payload in zip(frame.time_s[last], payloads[False], strict=True)
         ]
-        return points if frame.imu is None else sorted([*points, *_imu_packets(frame.imu)])
+        if frame.imu is not None and self._imu_packets:
+            sent_s = frame.imu.time_s[IMU_PACKET_SAMPLES - 1 :: IMU_PACKET_SAMPLES].tolist()
+            timed = zip(sent_s, payloads[True], strict=True)
+            packets += [Packet(time_s, payload, OUSTER_IMU_PORT) for time_s, payload in timed]
+        elif frame.imu is not None:
+            packets += _legacy_imu_packets(frame.imu)
+        return sorted(packets)
+
+    def _put_imu(self, lidar_frame: Any, frame: Firings, samples: ImuSamples) -> None:
+        """Put the samples of a frame into the maker's fields, each with the column that was measured then."""
+        stamps_ns = np.rint(1e9 * samples.time_s).astype(np.int64).clip(0)
+        column = np.searchsorted(frame.time_s, samples.time_s, side="right") - 1
+        values = {
+            "IMU_ACC": samples.specific_force_m_s2,
+            "IMU_GYRO": samples.angular_velocity_rad_s,
+            "IMU_TIMESTAMP": stamps_ns,
+            "IMU_MEASUREMENT_ID": column.clip(0),
+            "IMU_STATUS": 1,
+            "IMU_PACKET_TIMESTAMP": stamps_ns[IMU_PACKET_SAMPLES - 1 :: IMU_PACKET_SAMPLES],
+        }
+        for name, array in values.items():
+            lidar_frame.field(name)[...] = array
 
     def flush(self) -> list[Packet]:
         """No packets: none waits for the next frame."""
@@ -103,8 +133,16 @@ class OusterEncoder:
         return fields
 
 
-def _imu_packets(samples: ImuSamples) -> list[Packet]:
-    """One packet for each sample, on a port of their own."""
+def _synchronous_packets(imu: Imu | None, frame_s: float) -> int:
+    """IMU packets in a frame; 0 of a rate that the synchronous profile cannot have, as the 100 Hz of the legacy one."""
+    if imu is None:
+        return 0
+    packets = imu.rate_hz * frame_s / IMU_PACKET_SAMPLES
+    return round(packets) if packets >= 1.0 and abs(packets - round(packets)) < 1e-9 else 0
+
+
+def _legacy_imu_packets(samples: ImuSamples) -> list[Packet]:
+    """One packet for each sample."""
     payloads = np.zeros(len(samples), OUSTER_IMU_PACKET)
     for stamp in ("system_ns", "force_ns", "angular_ns"):
         payloads[stamp] = np.rint(1e9 * samples.time_s).astype(np.int64).clip(0)
@@ -124,8 +162,10 @@ def match_ouster(sensor: Sensor, profile: str) -> OusterEncoder | None:
     return OusterEncoder(sensor, profile)
 
 
-def _metadata(sensor: Sensor, scanner: Spinning, profile: str) -> dict[str, Any]:
+def _metadata(sensor: Sensor, scanner: Spinning, profile: str, imu_packets: int) -> dict[str, Any]:
     """Metadata in the words of the sensor's own json. Raises InputError for a sensor that no Ouster can be."""
+    imu_profile = "ACCEL32_GYRO32_NMEA" if imu_packets else "LEGACY"
+    firmware = FIRMWARE[imu_profile]
     mode = f"{scanner.cycles}x{round(1.0 / scanner.frame_s)}"
     if mode not in OUSTER_MODES:
         raise InputError(
@@ -144,13 +184,13 @@ def _metadata(sensor: Sensor, scanner: Spinning, profile: str) -> dict[str, Any]
     origin_mm = _beam_origin_mm(scanner)
     number = re.search(r"os-?([012])", sensor.name, re.IGNORECASE)
     family = f"OS-{number[1]}" if number else "OS-1"
-    return {
+    metadata = {
         "prod_line": f"{family}-{rows}",
         "prod_sn": "1",
         "prod_pn": "",
         "status": "RUNNING",
-        "image_rev": f"ousteros-image-prod-bootes-{FIRMWARE}",
-        "build_rev": FIRMWARE,
+        "image_rev": f"ousteros-image-prod-bootes-{firmware}",
+        "build_rev": firmware,
         "build_date": "",
         "initialization_id": 1,
         "udp_port_lidar": OUSTER_PORT,
@@ -174,10 +214,12 @@ def _metadata(sensor: Sensor, scanner: Spinning, profile: str) -> dict[str, Any]
             "pixel_shift_by_row": np.rint(-scanner.azimuth_rad.values / (2.0 * np.pi) * scanner.cycles)
             .astype(int)
             .tolist(),
-            "udp_profile_imu": "LEGACY",
+            "udp_profile_imu": imu_profile,
             "udp_profile_lidar": profile,
         },
     }
+    imu_format = {"imu_measurements_per_packet": IMU_PACKET_SAMPLES, "imu_packets_per_frame": imu_packets}
+    return metadata | ({"imu_data_format": imu_format} if imu_packets else {})
 
 
 def _matrix_mm(pose: Pose) -> list[float]:
