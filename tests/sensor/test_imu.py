@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from lidarscene import catalog, load_sensor
+from lidarscene.cli.main import main
 from lidarscene.errors import InputError
 from lidarscene.files.toml import read_toml
 from lidarscene.maths.arrays import Numbers
@@ -146,6 +147,20 @@ def test_every_number_of_the_catalogue_has_a_source(name: str) -> None:
     tables = read_toml(catalog.path_of("imus", name))
     assert set(tables) - {"name", "description", "sources"} == set(tables["sources"])
     assert tables["name"] == name
+
+
+def test_files_of_imus_are_checked(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """By their keys `check` knows them; a number without its factor is told."""
+    paths = [str(catalog.path_of("imus", name)) for name in catalog.names("imus")]
+    assert main(["check", *paths]) == 0
+    text = (
+        Path(paths[0])
+        .read_text()
+        .replace("gyroscope_noise_deg_s_sqrt_hz = 0.008", "gyroscope_noise_deg_s_sqrt_hz = -8")
+    )
+    (tmp_path / "wrong.toml").write_text(text)
+    assert main(["check", str(tmp_path / "wrong.toml")]) == 2
+    assert "gyroscope_noise_deg_s_sqrt_hz: must be >= 0, got -8" in capsys.readouterr().out
 
 
 def test_keys_of_the_file_replace_those_of_the_model(tmp_path: Path) -> None:

@@ -16,11 +16,12 @@ from ..files.json_text import json_text
 from .options import CommandOptions, add_options
 from .terminal import Answer
 
-KINDS = ("scene", "sensor", "rig", "material", "job")
+KINDS = ("scene", "sensor", "imu", "rig", "material", "job")
 
 DISTINCTIVE_KEYS = {
     "sensor": {"laser", "detector", "tdc", "scanner", "optics"},
     "rig": {"sensors"},
+    "imu": {"gyroscope_noise_deg_s_sqrt_hz", "accelerometer_noise_ug_sqrt_hz"},
     "job": {"scenes", "sweep", "seed_count"},
     "material": {"bsdf", "reflectivity"},
 }
@@ -53,8 +54,8 @@ def add_catalogue(commands: Any) -> None:
     schema = commands.add_parser(
         "schema",
         help="JSON Schema of a file, for editors",
-        description="Print the JSON Schema of scene, sensor, material, rig or job files; editors complete and check "
-        "with it.",
+        description="Print the JSON Schema of scene, sensor, IMU, material, rig or job files; editors complete and "
+        "check with it.",
     )
     schema.add_argument("kind", choices=KINDS)
     schema.set_defaults(run=schema_text)
@@ -104,10 +105,18 @@ def file_models() -> dict[str, Any]:
     from ..batch.job_file import JobFile
     from ..materials.material_file import MaterialFile
     from ..scene.tables import SceneFile
+    from ..sensor.imu import ImuModelFile
     from ..sensor.rig_file import RigFile
     from ..sensor.sensor_file import SensorFile
 
-    return {"scene": SceneFile, "sensor": SensorFile, "material": MaterialFile, "rig": RigFile, "job": JobFile}
+    return {
+        "scene": SceneFile,
+        "sensor": SensorFile,
+        "imu": ImuModelFile,
+        "material": MaterialFile,
+        "rig": RigFile,
+        "job": JobFile,
+    }
 
 
 def schema_text(arguments: argparse.Namespace) -> str:
@@ -148,7 +157,7 @@ def _mistakes(path: Path, kind: str | None) -> Iterator[str]:
 def _kind_of(tables: dict[str, Any]) -> str:
     """Kind of a file: that with the most of its DISTINCTIVE_KEYS; a scene if there are none."""
     counts = {kind: len(keys & tables.keys()) for kind, keys in DISTINCTIVE_KEYS.items()}
-    order = ("job", "rig", "sensor", "material")
+    order = ("job", "rig", "sensor", "imu", "material")
     best = max(order, key=lambda kind: counts[kind])
     return best if counts[best] and "bodies" not in tables else "scene"
 
@@ -158,12 +167,14 @@ def _mistakes_in_content(kind: str, path: Path) -> Iterator[str]:
     from ..batch.job_file import read_job
     from ..materials.material_file import read_material
     from ..scene.scene_file import load_scene, scene_from_model, scene_model
+    from ..sensor.imu import read_imu_model
     from ..sensor.rig_file import load_rig
     from ..sensor.sensor_file import read_sensor
 
     readers: dict[str, Any] = {
         "scene": load_scene,
         "sensor": read_sensor,
+        "imu": read_imu_model,
         "rig": load_rig,
         "material": read_material,
         "job": read_job,

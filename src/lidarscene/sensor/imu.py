@@ -180,7 +180,11 @@ class ImuModelFile(ImuNumbers):
 
 def imu_model(name: str, folder: Path | None = None) -> ImuModelFile:
     """Read an IMU of the catalogue by its name, or a file in a folder if the name ends in .toml. Raises InputError."""
-    path = (folder or Path()) / name if name.endswith(".toml") else path_of("imus", name)
+    return read_imu_model((folder or Path()) / name if name.endswith(".toml") else path_of("imus", name))
+
+
+def read_imu_model(path: Path) -> ImuModelFile:
+    """Read a file with the numbers of an IMU. Raises InputError."""
     return validate(ImuModelFile, read_toml(path), str(path))
 
 
