@@ -1,19 +1,37 @@
 """Frames of a recording by number, from both ends."""
 
 from pathlib import Path
-from typing import Any
 
+import numpy as np
 import pytest
 
-from lidarscene.errors import InputError
+from lidarscene.errors import InputError, OptionWarning
 from lidarscene.recordings.recording import Recording
+from lidarscene.recordings.sweep import Second, Sweep
+
+
+def sweep(*ranges_m: float, second: Second | None = None) -> Sweep:
+    count = len(ranges_m)
+    direction = np.broadcast_to([1.0, 0.0, 0.0], (count, 3))
+    return Sweep(range_m=np.array(ranges_m), recorded=np.ones(count, bool), direction=direction, second=second)
 
 
 def test_frames_are_counted_from_both_ends() -> None:
-    read: Any = lambda frame: frame  # noqa: E731
-    recording: Any = Recording(path=Path("a"), count=3, read=read)
-    assert [recording[place] for place in (0, 1, 2, -1, -2, -3)] == [0, 1, 2, 2, 1, 0]
-    assert list(recording) == [0, 1, 2]
+    recording = Recording(path=Path("a"), count=3, read=lambda frame: sweep(1.0 + frame))
+    assert [recording[place].range_m[0] for place in (0, 1, 2, -1, -2, -3)] == [1, 2, 3, 3, 2, 1]
+    assert [frame.range_m[0] for frame in recording] == [1, 2, 3]
     for place in (3, -4):
         with pytest.raises(InputError, match=f"frame must be 0 to 2, got {place}"):
             recording[place]
+
+
+def test_returns_that_no_lidar_sees_are_left_out() -> None:
+    """Rationale: one damaged point at 3e8 m made a histogram of heights of 12 GB. The second returns likewise."""
+    second = Second(range_m=np.array([np.nan, 2e4, 30.0]))
+    recording = Recording(path=Path("a.pcd"), count=1, read=lambda _: sweep(5.0, 20.0, 3e8, second=second))
+    with pytest.warns(OptionWarning, match=r"^a.pcd: 2 of 5 returns are farther than 10 km and left out$"):
+        read = recording[0]
+    np.testing.assert_array_equal(read.range_m, [5.0, 20.0, np.nan])
+    np.testing.assert_array_equal(read.recorded, [True, True, False])
+    assert read.second is not None
+    np.testing.assert_array_equal(read.second.range_m, [np.nan, np.nan, 30.0])

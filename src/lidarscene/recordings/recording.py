@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Self
 
-from ..errors import InputError
+import numpy as np
+
+from ..errors import InputError, OptionWarning
 from .sweep import Sweep
+
+FARTHEST_M = 10_000.0
+"""No lidar of this kind sees farther: a return from beyond is a damaged number."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -31,16 +37,41 @@ class Recording:
         return self.count
 
     def __getitem__(self, frame: int) -> Sweep:
-        """Read the sweep of this number, from 0; from the end if negative. Raises InputError beyond the recording."""
+        """Read the sweep of this number, from 0; from the end if negative. Raises InputError beyond the recording.
+
+        Returns beyond `FARTHEST_M` are damage: they are left out, with an `OptionWarning`.
+        """
         if not -self.count <= frame < self.count:
             raise InputError(f"{self.path}: frame must be 0 to {self.count - 1}, got {frame}")
-        return self.read(frame % self.count)
+        return self._plausible(self.read(frame % self.count))
 
     def __iter__(self) -> Iterator[Sweep]:
-        return (self.read(frame) for frame in range(self.count))
+        return (self[frame] for frame in range(self.count))
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close_file()
+
+    def _plausible(self, sweep: Sweep) -> Sweep:
+        """The sweep without returns that are farther than any lidar sees."""
+        second = sweep.second
+        ranges_m = [sweep.range_m] if second is None else [sweep.range_m, second.range_m]
+        too_far = [np.abs(range_m) > FARTHEST_M for range_m in ranges_m]
+        if not any(mask.any() for mask in too_far):
+            return sweep
+        warnings.warn(
+            OptionWarning(
+                "{0}: {1} of {2} returns are farther than {3} km and left out",
+                self.path,
+                sum(int(mask.sum()) for mask in too_far),
+                sum(int(np.isfinite(range_m).sum()) for range_m in ranges_m),
+                f"{1e-3 * FARTHEST_M:g}",
+            ),
+            stacklevel=3,
+        )
+        first_m, *second_m = (np.where(mask, np.nan, range_m) for mask, range_m in zip(too_far, ranges_m, strict=True))
+        if second is not None:
+            second = replace(second, range_m=second_m[0])
+        return replace(sweep, range_m=first_m, recorded=sweep.recorded & ~too_far[0], second=second)

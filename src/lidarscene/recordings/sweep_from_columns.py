@@ -43,7 +43,8 @@ def sweep_of(
     if missing_axes:
         raise ValueError(f"must have columns x, y and z, got {', '.join(columns) or 'none'}")
     xyz_m = np.stack([by_name[axis].astype(np.float64) for axis in "xyz"], axis=-1)
-    distance_m = np.sqrt(np.einsum("ij,ij->i", xyz_m, xyz_m))
+    with np.errstate(over="ignore", invalid="ignore"):
+        distance_m = np.sqrt(np.einsum("ij,ij->i", xyz_m, xyz_m))
     has_point = np.isfinite(distance_m) & (distance_m > LEAST_M)
     in_sweep = has_point if shape is None else np.ones(len(has_point), bool)
     sweep_shape = (-1,) if shape is None else shape
