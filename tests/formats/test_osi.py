@@ -255,13 +255,13 @@ def test_one_trace_for_a_drive(
     monkeypatch.chdir(tmp_path)
     Path("rig.toml").write_text(RIG)
     Path("yard.toml").write_text(SCENE.format(speed=0))
-    options = ("--rig", "rig.toml", "--frames", "3", "--format", "osi", "--epoch", "2025-03-04T05:06:07Z")
+    options = ("--rig", "rig.toml", "--frames", "3", "--format", "osi", "--epoch", "2025-03-04T05:06:07Z", "--deskew")
     ran = run("render", "yard.toml", "-o", "out", *options)
     assert ran.code == 0, ran.err
     stem = "20250304T050607Z_sd_370_300_3_"
     names = sorted(path.name for path in Path("out").iterdir())
-    assert names == [f"{stem}2-rear.osi", f"{stem}front.osi"]
-    for name, yaw_deg in zip(names, (-160.0, 40.0), strict=True):
+    assert names == [f"{stem}{name}.osi" for name in ("2-rear-deskewed", "2-rear", "front-deskewed", "front")]
+    for name, yaw_deg in zip(names, (-160.0, -160.0, 40.0, 40.0), strict=True):
         frames = list(library("betterosi").read(f"out/{name}", version="3.7.0"))  # the name says what it holds
         assert [data.timestamp.nanos for data in frames] == sorted({data.timestamp.nanos for data in frames})
         assert len(frames) == 3

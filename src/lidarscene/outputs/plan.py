@@ -172,7 +172,9 @@ class Plan:
         if outputs.deskew:
             # `Path.stem` would leave half of a suffix with two dots, such as .pcd.bin.
             stem = path.name[: -len(suffix)] if path.name.lower().endswith(suffix) else path.stem
-            files["deskewed"] = path.with_name(f"{stem}.deskewed{suffix}")
+            # ASAM's names have one dot.
+            dot = "-" if self.is_bag and self.is_folder else "."
+            files["deskewed"] = path.with_name(f"{stem}{dot}deskewed{suffix}")
         if outputs.labels is not None and not self.has_truth:
             for key, cloud in list(files.items()):
                 # Some labels are two files, such as boxes and their calibration.
