@@ -10,17 +10,15 @@ Symbols: N trials, lambda rate of detections of one free SPAD, sigma width of an
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ...light.waveform import Waveform
 from ...maths import random
 from ...maths.arrays import Array, Lanes, Mask, Ops, xp
 from ...maths.random import Stage
 from ...physics.photon_counting import dead_time, draws, matched_filter, pile_up
+from ...physics.photon_counting.pile_up import BOX
 from ...sensor.detectors.spad_detector import Macropixel
-
-BOX = 2.4
-"""Half width of the bins whose counts are an echo's photons, in sigmas."""
 
 BOX_SHARE = math.erf(BOX / math.sqrt(2.0))
 
@@ -47,6 +45,9 @@ class Peak:
     photons: Lanes
 
 
+_FEW = 2e-3
+"""Share of the SPADs that may be left out when they come free again: 0.1 % of the noise in any light."""
+
 _RELEASE = 3.0
 """Pulse widths (sigmas) until the SPADs fired by an echo have recovered."""
 
@@ -70,14 +71,22 @@ class _DrawState:
     """State of drawing the bins around an echo; each field (n,), with one entry per bin for ``firings`` and ``counts``.
 
     number   number of the next bin, from the first one
-    fired    firings of the bins so far that are blind in it
+    free     share of the SPADs that are free for the first time since the first bin
+    silent   share that has not fired in these bins
+    trials   trials that have not fired in these bins, drawn
+    again    trials that are free again after they have fired in these bins, drawn
+    revived  trials that come free again in the next bin, drawn
     parts    light of each sub-echo in that bin (`light.waveform.Comb`)
     firings  firings of each bin
     counts   counts of each bin; None: they are the firings
     """
 
     number: Lanes
-    fired: Lanes
+    free: Lanes
+    silent: Lanes
+    trials: Lanes
+    again: Lanes
+    revived: Lanes
     parts: tuple[Lanes, ...]
     firings: Array
     counts: Array | None
@@ -186,9 +195,14 @@ class Bins:
         pixel, ops = self.pixel, self.ops
         bin_s, count = pixel.histogram.bin_s, 2 * pixel.histogram.reach + 2
         comb = self.wave.comb(start, bin_s / pixel.sigma_s, middle)
+        all_trials = pixel.trials if pixel.spad.coincidence == 1 else 1.0
         begin = _DrawState(
             number=0.0 * start,
-            fired=0.0 * start,
+            free=0.0 * start + (1.0 - blind.by_sun - blind.by_echoes),
+            silent=0.0 * start + 1.0,
+            trials=0.0 * start + (0.0 if pixel.corrected else all_trials),
+            again=0.0 * start + (all_trials * (1.0 - blind.by_sun - blind.by_echoes) if pixel.corrected else 0.0),
+            revived=0.0 * start,
             parts=tuple(comb.parts),
             firings=ops.room(start, count),
             counts=ops.room(start, count) if pixel.corrected or pixel.spad.coincidence > 1 else None,
@@ -201,79 +215,107 @@ class Bins:
             for word in words:
                 place = start + state.number * (bin_s / pixel.sigma_s)
                 light = comb.power_w(place, state.parts) * (pixel.per_watt * bin_s)
-                free = self._free_trials(state, blind)
-                firings, counts = self._draw_bin(free, light, random.open_uniform(word))
-                index = ops.int32(state.number)
-                room = ops.put(state.firings, index, firings)
-                state = _DrawState(
-                    number=state.number + 1.0,
-                    fired=self._still_blind(state, room, firings),
-                    parts=comb.advance(state.parts),
-                    firings=room,
-                    counts=None if state.counts is None else ops.put(state.counts, index, counts),
-                )
+                state = self._draw_bin(state, blind, light + pixel.rate_hz * bin_s, random.open_uniform(word))
+                state = replace(state, parts=comb.advance(state.parts))
             return state
 
         final = ops.loop(begin, lambda state: state.number < count - 0.5, step)
         counts = final.firings if final.counts is None else final.counts
         return [ops.get(counts, ops.full(first, i)) for i in range(count)]
 
-    def _free_trials(self, state: _DrawState, blind: _Blind) -> Lanes:
-        """Number of trials that meet a free SPAD in the next bin, (n,)."""
-        pixel, ops = self.pixel, self.ops
-        all_trials = pixel.trials if pixel.spad.coincidence == 1 else 1.0
-        share = blind.by_sun + blind.by_echoes
-        if pixel.spad.stamps == "all":
-            # The sun's get free evenly over one dead time; those of echoes one dead time after these; and who fired
-            # in these bins, one dead time after that. The middle of a bin stands for all of it.
-            step = pixel.histogram.bin_s / pixel.spad.dead_time_s
-            sun_blind = ops.maximum(1.0 - (state.number + 0.5) * step, 0.0)
-            width = _RELEASE * pixel.sigma_s / pixel.histogram.bin_s
-            echo_blind = ops.minimum(ops.maximum((blind.freed - state.number) / width + 0.5, 0.0), 1.0)
-            share = blind.by_sun * sun_blind + blind.by_echoes * echo_blind
-        return ops.maximum(all_trials * (1.0 - share) - state.fired, 0.0)
+    def _draw_bin(self, state: _DrawState, blind: _Blind, detections: Lanes, uniform: Lanes) -> _DrawState:
+        """Draw the firings of the next bin and its counts (T105).
 
-    def _still_blind(self, state: _DrawState, firings: Array, latest: Lanes) -> Lanes:
-        """Firings of the drawn bins, the new one included, that are still blind in the bin after it, (n,)."""
-        pixel, ops = self.pixel, self.ops
-        blind = state.fired + latest
-        if pixel.spad.stamps == "first":
-            return blind
-        # Firings are spread over their bin, so half of them get free half a bin earlier or later than the others.
-        age = state.number + 0.5 - pixel.spad.dead_time_s / pixel.histogram.bin_s
-        late = ops.floor(age)
+        How many SPADs are free is not known, only how many have fired in these bins: the others fire with the share
+        that the renewal course gives of them, so the counts of a dead time are multinomial.
 
-        def revived() -> Lanes:
-            total = 0.0 * latest
-            for index, share in ((late, 1.0 - (age - late)), (late + 1.0, age - late)):
-                inside = (index >= 0.0) & (index <= state.number)
-                earlier = ops.get(firings, ops.int32(ops.where(inside, index, 0.0)))
-                total = total + ops.where(inside, share * earlier, 0.0)
-            return total
-
-        # Most bins are nearer to the first one than a dead time.
-        return blind - ops.where_any(late >= -1.0, revived, 0.0 * latest)
-
-    def _draw_bin(self, free: Lanes, light: Lanes, uniform: Lanes) -> tuple[Lanes, Lanes]:
-        """Draw the firings of one bin and its counts, (n,) each.
-
-        free     trials that meet a free SPAD
-        light    detections of one free SPAD by echoes and air
-        uniform  in (0, 1]
+        detections  x, detections of a free SPAD in the bin
+        uniform     in (0, 1]
         """
         pixel, ops = self.pixel, self.ops
         spad = pixel.spad
-        detections = light + pixel.rate_hz * pixel.histogram.bin_s
-        share = dead_time.firing_share(detections=detections)
+        released = self._released(state.number, blind)
+        of_free, of_released = dead_time.firing_parts(detections=detections)
+        share = state.free * of_free + released * of_released
+        revived = state.revived
+        if pixel.corrected:
+            # Coates' correction knows the counts before these bins too, and so how many SPADs are free.
+            revived = revived + pixel.trials * released
+        first_mean = state.trials * share / ops.maximum(state.silent, 1e-6)
+        again_mean = state.again * of_free + revived * of_released
+        mean = ops.maximum(first_mean + again_mean, 1e-20)
+        counts, index = state.counts, ops.int32(state.number)
         if spad.coincidence == 1:
-            count = draws.binomial_count(trials=free, probability=share, uniform=uniform, log_none=-detections)
-            if not pixel.corrected:
-                return count, count
-            share_of_free = count / ops.maximum(free, 1e-6 * pixel.trials)
-            return count, pixel.trials * dead_time.detections_of_share(share=share_of_free)
-        # How many SPADs are free is not known from the pixel's counts: their mean stands for them.
-        coincidence = dead_time.coincidence_share(least=spad.coincidence, spads=spad.spads, share=free * share)
-        return free * share, draws.binomial_count(trials=pixel.trials, probability=coincidence, uniform=uniform)
+            pool = ops.maximum(state.trials + state.again + revived, 1e-6)
+            firings = draws.binomial_count(trials=pool, probability=mean / pool, uniform=uniform)
+            if counts is not None:
+                free = ops.maximum(state.again + 0.5 * revived, 1e-6 * pixel.trials)
+                corrected = pixel.trials * dead_time.detections_of_share(share=firings / free)
+                counts = ops.put(counts, index, corrected)
+        else:
+            # How many SPADs have fired is not known from the pixel's counts: their mean with so many stands for them.
+            together = dead_time.coincidence_share(least=spad.coincidence, spads=spad.spads, share=mean)
+            coincidences = draws.binomial_count(trials=pixel.trials, probability=together, uniform=uniform)
+            fired = dead_time.firings_in_coincidences(least=spad.coincidence, spads=spad.spads, share=mean)
+            excess = (coincidences / pixel.trials - together) / ops.maximum(together * (1.0 - together), 1e-12)
+            firings = ops.maximum(mean + excess * (fired / spad.spads - mean * together), 0.0)
+            assert counts is not None
+            counts = ops.put(counts, index, coincidences)
+        # Which of the firings are second ones is not drawn: as many as expected.
+        again = firings * again_mean / mean
+        room, number, silent = ops.put(state.firings, index, firings), state.number + 1.0, state.silent - share
+        return replace(
+            state,
+            number=number,
+            free=state.free + released - share,
+            silent=silent,
+            trials=ops.maximum(state.trials - (firings - again), 0.0),
+            again=ops.maximum(state.again + revived - again, 0.0),
+            revived=self._revived(room, number, silent),
+            firings=room,
+            counts=counts,
+        )
+
+    def _released(self, number: Lanes, blind: _Blind) -> Lanes:
+        """Share of the SPADs, fired before the first bin, that come free in this one, (n,)."""
+        pixel, ops = self.pixel, self.ops
+        if pixel.spad.stamps == "first":
+            return 0.0 * number
+        # The sun's get free evenly over one dead time, those of echoes one dead time after these.
+        step = pixel.histogram.bin_s / pixel.spad.dead_time_s
+        of_sun = blind.by_sun * ops.minimum(ops.maximum(1.0 - number * step, 0.0), step)
+        if isinstance(blind.by_echoes, float):
+            return of_sun
+        slope = pixel.histogram.bin_s / (_RELEASE * pixel.sigma_s)
+
+        def still_blind(edge: Lanes) -> Lanes:
+            return ops.minimum(ops.maximum((blind.freed - edge) * slope + 0.5, 0.0), 1.0)
+
+        return of_sun + blind.by_echoes * (still_blind(number) - still_blind(number + 1.0))
+
+    def _revived(self, firings: Array, number: Lanes, silent: Lanes) -> Lanes:
+        """Firings of the drawn bins that come free in a bin, a dead time later, (n,).
+
+        silent  share of the SPADs that has not fired before the bin
+        """
+        pixel, ops = self.pixel, self.ops
+        zero = 0.0 * number
+        if pixel.spad.stamps == "first":
+            return zero
+        # Firings are spread over their bin, so those of two bins come free in each.
+        age = number - pixel.spad.dead_time_s / pixel.histogram.bin_s
+        late = ops.floor(age)
+
+        def earlier() -> Lanes:
+            total = zero
+            for index, share in ((late, 1.0 - (age - late)), (late + 1.0, age - late)):
+                inside = (index >= 0.0) & (index < number)
+                fired = ops.get(firings, ops.int32(ops.where(inside, index, 0.0)))
+                total = total + ops.where(inside, share * fired, 0.0)
+            return total
+
+        # Most bins are nearer to the first one than a dead time, or few SPADs have fired in these.
+        return ops.where_any((late >= -1.0) & (silent < 1.0 - _FEW), earlier, zero)
 
     def _filter_counts(self, counts: list[Lanes], background: Lanes) -> list[Lanes]:
         """Filter the counts: values above the background at the searched bins and beside them, (n,) each; (T95)."""
@@ -325,6 +367,6 @@ class Bins:
             total = total + inside * (count - background)
         pixel = self.pixel
         if not (pixel.corrected or pixel.spad.coincidence > 1):
-            shade = pile_up.shade_of_box(rate_hz=pixel.rate_hz, sigma_s=pixel.sigma_s, half_width=BOX)
-            total = total * (pixel.shade / shade)
+            weak = pixel.weak_top
+            return ops.maximum(total, 0.0) * (weak.height / pile_up.shade_of_box(sun=pixel.sun))
         return ops.maximum(total, 0.0) / BOX_SHARE

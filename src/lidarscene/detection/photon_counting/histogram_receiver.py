@@ -60,6 +60,26 @@ class _Stop:
     status: Lanes
 
 
+_NEVER = 1e-9
+"""P_d below which the bins around a peak are not drawn: one point in a thousand frames."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Expected:
+    """Expectation of a peak; each field (n,).
+
+    snr          its value over the noise without an echo
+    probability  P_d
+    level        median of its threshold, in photons
+    lone         how far its neighbours lack it (`sensor.detectors.working_point.ThresholdLaw`)
+    """
+
+    snr: Lanes
+    probability: Lanes
+    level: Lanes
+    lone: Lanes
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _PeakSearch:
     """State of the search over the peaks of each pulse; each field (n,).
@@ -104,10 +124,11 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
         filtered=waveform(*broaden(light.train, sensor, matched_filter.OUTPUT_WIDTH * sigma)),
         fluctuation=pulse_train.fluctuation,
     )
-    state = receiver.search()
+    alone = receiver.alone()
+    state = receiver.search(alone)
     number, range_m = receiver.strongest()
     stops = receiver.add_alarms(state.stops, number, range_m)
-    return receiver.detection(state, stops if len(stops) == 1 else _sort_by_time(stops), number)
+    return receiver.detection(state, stops if len(stops) == 1 else _sort_by_time(stops), number, alone)
 
 
 def _draw_deviate(seed: Lanes, pulse: Array) -> Lanes:
@@ -148,8 +169,14 @@ class _Receiver(Shots):
         """True if the light may have more than one peak."""
         return len(self.filtered.centres) > 1 or self.filtered.volume is not None
 
-    def search(self) -> _PeakSearch:
-        """Visit all peaks of the expected histogram and keep the best returns of each pulse."""
+    def alone(self) -> _Expected | None:
+        """Expectation of the only peak of each pulse; None if the light may have several."""
+        if self._multi_peak:
+            return None
+        return self._expect(self.ops.full(self.light.origin_m, 0.0), self.filtered.heights[0])
+
+    def search(self, alone: _Expected | None) -> _PeakSearch:
+        """Visit all peaks of the expected histogram and keep the best returns of each pulse; ``alone`` of `alone`."""
         ops, like = self.ops, self.light.origin_m
         zero, never, number = ops.full(like, 0.0), ops.full(like, False), ops.full(like, 0)
         empty = _Stop(
@@ -170,22 +197,39 @@ class _Receiver(Shots):
             highest_w=zero,
             stops=(empty,) * self.sensor.tdc.stops,
         )
-        if self._multi_peak:
+        if alone is None:
             return visit_all(self.filtered, self._visit, start)
         # The only echo is the only peak.
         power = self.filtered.heights[0]
-        return ops.where_any(power > 0.0, lambda: self._add_peak(power > 0.0, zero, power, start), start)
+        return self._add_peak(power > 0.0, zero, power, alone, start)
 
     def _visit(self, rise: Rise, state: _PeakSearch) -> _PeakSearch:
-        return self._add_peak(rise.exists, rise.peak, self.ops.where(rise.exists, rise.top[0], 0.0), state)
+        power_w = self.ops.where(rise.exists, rise.top[0], 0.0)
+        return self._add_peak(rise.exists, rise.peak, power_w, self._expect(rise.peak, power_w), state)
 
-    def _add_peak(self, exists: Mask, place: Lanes, power_w: Lanes, state: _PeakSearch) -> _PeakSearch:
-        """Draw the bins around a peak of the filtered light and add its return to the search.
+    def _add_peak(
+        self, exists: Mask, place: Lanes, power_w: Lanes, expected: _Expected, state: _PeakSearch
+    ) -> _PeakSearch:
+        """Add a peak of the filtered light and its return to the search, which chance must be able to make.
 
         exists   (n,) bool, whether the pulse has this peak
         place    (n,) place of the peak
         power_w  (n,) power of the filtered light there
         """
+        ops = self.ops
+        higher = exists & (power_w > state.highest_w)
+        state = replace(
+            state,
+            highest=ops.where(higher, place, state.highest),
+            highest_w=ops.where(higher, power_w, state.highest_w),
+        )
+        likely = exists & (expected.probability > _NEVER)
+        return ops.where_any(likely, lambda: self._add_return(likely, place, power_w, expected, state), state)
+
+    def _add_return(
+        self, exists: Mask, place: Lanes, power_w: Lanes, expected: _Expected, state: _PeakSearch
+    ) -> _PeakSearch:
+        """Draw the bins around a peak and add its return to the search; arguments as of `_add_peak`."""
         ops, sensor, converter = self.ops, self.sensor, self.sensor.tdc
         range_m = self.filtered.range_m(place)
         arrival_s = radiometry.time_of_flight_s(range_m=range_m)
@@ -194,9 +238,11 @@ class _Receiver(Shots):
         background = self.train.background_power_w
         pixel = sensor.pixel(background, range_m=range_m)
         point = sensor.working_point(background, range_m=range_m)
-        threshold = self._echo_threshold(point, place, power_w)
-        detections = pixel.detections(lone_w)
-        early = pixel.sigma_s * pile_up.shift(detections=detections)
+        threshold = pixel.histogram.threshold_of_point(
+            expected.level, _draw_deviate(self.seed, self.pulse), expected.lone
+        )
+        top = pile_up.top(detections=pixel.detections(lone_w), sun=pixel.sun, dead=pixel.blind_sigmas)
+        early = pixel.sigma_s * top.shift
         bins = Bins(pixel=pixel, wave=self.light, seed=self.seed, pulse=self.pulse)
         peak = bins.highest(place * matched_filter.OUTPUT_WIDTH + early / pixel.sigma_s, arrival_s + early)
         tripped = exists & (peak.value >= threshold)
@@ -211,52 +257,44 @@ class _Receiver(Shots):
         )
         accepted = accepted & comparator.is_range(time_s)
         source, true_range, status = self._source(place)
-        # With one echo they are those of the pulse, which `detection` computes in any case.
-        snr, probability = self._peak_snr(place, power_w) if self._multi_peak else (0.0 * place, 0.0 * place)
         stop = _Stop(
             key=ops.where(accepted, self._key(time_s, peak.value), _EMPTY),
             time_s=time_s,
             photons=peak.photons,
-            snr=snr,
-            probability=probability,
+            snr=expected.snr,
+            probability=expected.probability,
             source=source,
             true_range_m=true_range,
             status=status,
         )
-        higher = exists & (power_w > state.highest_w)
-        return _PeakSearch(
+        return replace(
+            state,
             tripped=state.tripped | tripped,
             in_window=state.in_window | accepted,
             last_s=ops.where(accepted, time_s, state.last_s),
-            highest=ops.where(higher, place, state.highest),
-            highest_w=ops.where(higher, power_w, state.highest_w),
             stops=_insert(state.stops, stop),
         )
 
-    def _peak_snr(self, place: Lanes, power_w: Lanes) -> tuple[Lanes, Lanes]:
-        """SNR and P_d of a peak of the light behind the filter, (n,) each."""
+    def _expect(self, place: Lanes, power_w: Lanes) -> _Expected:
+        """Expectation of a peak of the light behind the filter, (n,)."""
         point = self.sensor.working_point(self.train.background_power_w, range_m=self.filtered.range_m(place))
-        if self.fluctuation is not None:
-            power_w = power_w / self.fluctuation.relative_power
-        signal = self._signal(point, power_w)
-        threshold = self.sensor.threshold(point) - self._gain_of_breadth(point, place, power_w)
-        snr = signal / point.noise.deviation
+        assert point.law is not None
+        level, signal = self.sensor.threshold(point), self._signal(point, power_w)
+        broad = level - self._gain_of_breadth(point, place, power_w)
+        lone = point.law.lone(broad, signal)
         if self.fluctuation is None:
-            return snr, point.detection_probability(threshold, signal, 0.0)
+            probability = point.detection_probability(broad, signal, 0.0)
+        else:
+            # The threshold is that of the light that comes, P_d is the mean over all light that may come.
+            mean_w = power_w / self.fluctuation.relative_power
+            signal = self._signal(point, mean_w)
+            mean_level = level - self._gain_of_breadth(point, place, mean_w)
 
-        def probability(relative_power: Lanes) -> Lanes:
-            return point.detection_probability(threshold, self._signal(point, power_w * relative_power), 0.0)
+            def probability_of(relative_power: Lanes) -> Lanes:
+                return point.detection_probability(mean_level, self._signal(point, mean_w * relative_power), 0.0)
 
-        return snr, scintillation.mean(probability, self.fluctuation.variance)
-
-    def _echo_threshold(self, point: WorkingPoint, place: Lanes, power_w: Lanes) -> Lanes:
-        """Draw the threshold for a peak of the filtered light, (n,)."""
-        histogram, law = self.sensor.histogram, point.law
-        assert histogram is not None
-        assert law is not None
-        level = self.sensor.threshold(point)
-        lone = law.lone(level - self._gain_of_breadth(point, place, power_w), self._signal(point, power_w))
-        return histogram.threshold_of_point(level, _draw_deviate(self.seed, self.pulse), lone)
+            probability = scintillation.mean(probability_of, self.fluctuation.variance)
+        return _Expected(snr=signal / point.noise.deviation, probability=probability, level=level, lone=lone)
 
     def _signal(self, point: WorkingPoint, power_w: Lanes) -> Lanes:
         """Photons of a peak of the light behind the filter, (n,)."""
@@ -283,8 +321,8 @@ class _Receiver(Shots):
         if pixel.corrected or pixel.spad.coincidence > 1 or pixel.histogram.walk == "raw":
             return 0.0
         photons = photons if largest is None else xp(photons, largest).minimum(photons, largest)
-        pulse_shift_s = pixel.sigma_s * pile_up.shift(detections=pixel.detections(pixel.power_w(photons)))
-        return pulse_shift_s - pile_up.shadow_s(rate_hz=pixel.rate_hz, sigma_s=pixel.sigma_s)
+        detections = pixel.detections(pixel.power_w(photons))
+        return pixel.sigma_s * pile_up.top(detections=detections, sun=pixel.sun, dead=pixel.blind_sigmas).shift
 
     def _key(self, time_s: Lanes, value: Lanes) -> Lanes:
         """Sort key, (n,): returns with larger keys are kept first."""
@@ -365,13 +403,15 @@ class _Receiver(Shots):
                 stops = _insert(stops, stop)
         return stops
 
-    def detection(self, state: _PeakSearch, stops: tuple[_Stop, ...], number: Array) -> Detection:
-        """Convert the stops to `Returns`, and find the outcome of each pulse."""
+    def detection(
+        self, state: _PeakSearch, stops: tuple[_Stop, ...], number: Array, alone: _Expected | None
+    ) -> Detection:
+        """Convert the stops to `Returns`, and find the outcome of each pulse; ``alone`` of `alone`."""
         ops = self.ops
-        # The search passes no derivatives on, so the light of the highest peak is evaluated once more.
         lit = state.highest_w > 0.0
-        snr, probability = self._peak_snr(state.highest, ops.where(lit, self.filtered.at(state.highest)[0], 0.0))
-        snr, probability = ops.where(lit, snr, 0.0), ops.where(lit, probability, 0.0)
+        # The search passes no derivatives on, so the light of the highest peak is evaluated once more.
+        highest = alone or self._expect(state.highest, ops.where(lit, self.filtered.at(state.highest)[0], 0.0))
+        snr, probability = ops.where(lit, highest.snr, 0.0), ops.where(lit, highest.probability, 0.0)
         reported, has_echo = [], ops.full(self.light.origin_m, False)
         for stop in stops:
             occupied = stop.key > _EMPTY

@@ -66,38 +66,62 @@ def coincidence_share(*, least: int, spads: Lanes, share: Lanes) -> Lanes:
     return ops.where(spads * odds_of < 0.5 * least, above, ops.maximum(1.0 - below, 0.0))
 
 
+def coincidence_slope(*, least: int, spads: Lanes, share: Lanes) -> Lanes:
+    """Growth of `coincidence_share` with the mean number of firings: P(K = m - 1) of all SPADs but one."""
+    others = spads - 1.0
+    enough = 1.0 if least == 1 else coincidence_share(least=least - 1, spads=others, share=share)
+    return enough - coincidence_share(least=least, spads=others, share=share)
+
+
+def firings_in_coincidences(*, least: int, spads: Lanes, share: Lanes) -> Lanes:
+    """Mean number of firings in bins with a coincidence, E[K; K >= m], for each bin."""
+    enough = 1.0 if least == 1 else coincidence_share(least=least - 1, spads=spads - 1.0, share=share)
+    return spads * share * enough
+
+
+def firing_parts(*, detections: Lanes) -> tuple[Lanes, Lanes]:
+    """Shares of the SPADs that fire in one step of even light (T100).
+
+    Of those that are free when the step begins 1 - exp(-x) fire, with x the detections of a free SPAD in the step.
+    Those that come free evenly over the step meet half of its light on average: 1 - (1 - exp(-x)) / x of them fire.
+    """
+    # Where x is small both are differences of near equals, and series take their place.
+    ops = xp(detections)
+    series = detections * (0.5 - detections * (1.0 / 6.0 - detections * (1.0 / 24.0)))
+    weak = detections < 0.03
+    late = ops.where(weak, series, 1.0 - (1.0 - ops.exp(-detections)) / ops.where(weak, 1.0, detections))
+    return detections - detections * late, late
+
+
 def firing_shares(rate_hz: Numbers, *, bin_s: float, dead_time_s: float, steady: bool = True) -> Numbers:
     """(..., n) probability that a SPAD fires in each bin of a shot, for a light that is even within a bin; NumPy.
 
     The share of free SPADs is one minus the share that fired in the dead time before: a renewal process,
-    a_i = 1 - sum f_j over the last tau / bin_s bins, f_i = a_i (1 - exp(-lambda_i bin_s)) (T90). Firings are spread
-    over their bin and come free over one bin as well: a_i is the share in the middle of the bin, to second order in
-    lambda bin_s.
+    a_(i+1) = a_i - f_i + f_(i - tau / bin_s), with the firings f_i of `firing_parts` spread over their bin (T100).
 
     rate_hz      (..., n) lambda in each bin
     dead_time_s  inf: a SPAD fires once in a shot
     steady       whether SPADs are in balance with the light of the first bin when the shot begins; else all are free
     """
-    hazard = -np.expm1(-np.asarray(rate_hz, dtype=np.float64) * bin_s)
-    count = hazard.shape[-1]
-    if math.isinf(dead_time_s):
-        blind_bins, oldest_share, steady = count, 0.0, False
-    else:
-        # A firing k bins back is still blind with the weight clip(tau / bin_s + 1/2 - k, 0, 1), as in `coates`.
-        blind_bins = math.floor(dead_time_s / bin_s + 0.5)
-        oldest_share = dead_time_s / bin_s + 0.5 - blind_bins
-    fired = np.zeros((*hazard.shape[:-1], count + blind_bins))
+    detections = np.asarray(rate_hz, dtype=np.float64) * bin_s
+    count = detections.shape[-1]
+    fires_once = math.isinf(dead_time_s)
+    steady = steady and not fires_once
+    # Firings of a bin come free over two bins, unless the dead time is a whole number of them.
+    blind_bins = 0 if fires_once else math.floor(dead_time_s / bin_s)
+    late_share = 0.0 if fires_once else dead_time_s / bin_s - blind_bins
+    of_free, of_released = (np.asarray(part) for part in firing_parts(detections=detections))
+    free = np.ones(detections.shape[:-1])
+    fired = np.zeros((*detections.shape[:-1], blind_bins + 1 + count))
     if steady:
-        # In balance f = a h with a = 1 - d f.
-        fired[..., :blind_bins] = hazard[..., :1] / (1.0 + (blind_bins - 1 + oldest_share) * hazard[..., :1])
-    busy = fired[..., :blind_bins].sum(axis=-1)
+        free = free / (1.0 + detections[..., 0] * (dead_time_s / bin_s))
+        fired[..., : blind_bins + 1] = (free * detections[..., 0])[..., None]
     for i in range(count):
-        oldest = fired[..., i]
-        firings = (1.0 - busy + (1.0 - oldest_share) * oldest) * hazard[..., i]
-        fired[..., blind_bins + i] = firings
-        if blind_bins:
-            busy = busy + firings - oldest
-    return fired[..., blind_bins:]
+        released = 0.0 if fires_once else late_share * fired[..., i] + (1.0 - late_share) * fired[..., i + 1]
+        firings = free * of_free[..., i] + released * of_released[..., i]
+        fired[..., blind_bins + 1 + i] = firings
+        free = free + released - firings
+    return fired[..., blind_bins + 1 :]
 
 
 def coates(counts: Numbers, *, trials: float, dead_bins: float | None = None) -> Numbers:

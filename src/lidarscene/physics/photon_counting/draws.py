@@ -14,6 +14,9 @@ from ...maths.special import log1p
 _FEW = 4.0
 """Below this mean the distribution is inverted term by term."""
 
+_RARE = 0.03
+"""Below this probability of a trial the logarithm of its complement is a series."""
+
 _TERMS = 14
 """Terms that are inverted: P(count > 14) is 1e-5 at a mean of 4."""
 
@@ -24,20 +27,21 @@ _TAIL = 5.0
 """Beyond this -ln(1 - x^2), which 0.3 % of the numbers exceed, the normal deviate has a polynomial of its own."""
 
 
-def binomial_count(*, trials: Lanes, probability: Lanes, uniform: Lanes, log_none: Lanes | None = None) -> Lanes:
+def binomial_count(*, trials: Lanes, probability: Lanes, uniform: Lanes) -> Lanes:
     """A whole number from a binomial distribution, (n,): by inversion if its mean is small, else by Cornish and Fisher.
 
     trials       number of trials, whole or not
     probability  probability of each, from 0 to 1
     uniform      in (0, 1]
-    log_none     ln(1 - probability), if it is known
     """
     ops = xp(trials, probability, uniform)
     p = ops.minimum(ops.maximum(probability, 0.0), 1.0 - 1e-6)
     few = trials * p < _FEW
     # Inversion: how many terms of the distribution lie below the uniform number. (1 - p)^N is the first.
     odds = p / (1.0 - p)
-    term = ops.exp(trials * (log1p(-p) if log_none is None else log_none))
+    # Few of many trials: three terms of ln(1 - p), off by p^3 / 4 of a count.
+    log_none = ops.where_any(few & (p > _RARE), lambda: log1p(-p), -p * (1.0 + p * (0.5 + p * (1.0 / 3.0))))
+    term = ops.exp(trials * log_none)
 
     def add_terms(state: tuple[Lanes, Lanes, Lanes], first: int, end: int) -> tuple[Lanes, Lanes, Lanes]:
         """Count, term and sum of the terms after more terms."""

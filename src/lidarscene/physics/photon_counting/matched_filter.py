@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from ...maths.arrays import Lanes, LookupTable, Numbers, xp
-from ...maths.special import normal_tail
+from ...maths.special import normal_tail, scaled_normal_tail
 
 TEMPLATE = 1.2
 """w. The exact match, 1, is best against the background alone; against the echo's own noise a wider one is better. With
@@ -34,6 +34,9 @@ _OWN_GAIN = (1.0 + TEMPLATE**2) / (2.0 * TEMPLATE**2 * (TEMPLATE**2 + 2.0))
 
 _LEAST_STEEP = 1.5
 """Echoes below this SNR gain no more than one of it: their peaks are no longer theirs."""
+
+_NEVER_AGAIN = 5.0
+"""Dead time in widths of the filter beyond which no SPAD fires twice in it, to 1e-5."""
 
 _BROADEST = 3.0
 """Largest additional gain of a broad peak, in gains of a lone echo."""
@@ -249,33 +252,99 @@ def _smooth_peak_share(*, threshold: Lanes, rate_hz: Lanes, variance: Lanes, sig
     return safe * (1.0 - 2.0 * normal_tail(math.sqrt(0.5 * math.pi) * ratio))
 
 
-def detection_probability(
-    *, threshold: Lanes, signal: Lanes, background: Lanes, own_variance: Lanes, unit: Lanes
-) -> Lanes:
+def detection_probability(*, threshold: Lanes, signal: Lanes, variance: Lanes, unit: Lanes, gained: Lanes) -> Lanes:
     """Probability that the filter's peak at an echo exceeds the threshold (T98).
 
-    The receiver takes the highest value near the echo, which is higher than that at the echo itself: on average by
-    var F' / (2 |F''|), the gain from the noise of its place.
-
-    signal        S
-    background    variance of F by the background
-    own_variance  variance of F by the echo's own photons
-    unit          third cumulant of F less the threshold over their variance
+    signal    expected value of the filter at the echo
+    variance  variance of F there
+    unit      third cumulant of F over its variance
+    gained    photons by which the highest of the filter's values near the echo exceeds that at it, on average
     """
-    ops = xp(threshold, signal, background)
+    ops = xp(threshold, signal, variance)
     lit = signal > 1e-6
-    spread = ops.maximum(background + own_variance, 1e-30)
-    gained = _gain(signal, background, own_variance)
+    spread = ops.maximum(variance, 1e-30)
     probability = tail(excess=threshold - signal - gained, variance=spread, unit=unit)
     return ops.where(lit, probability, 0.0)
 
 
-def _gain(signal: Lanes, background: Lanes, own_variance: Lanes) -> Lanes:
-    """var F' / (2 |F''|) of a lone echo, as `detection_probability` takes it."""
+def gain_of_place(*, signal: Lanes, background: Lanes, own_variance: Lanes, bend: Lanes = 1.0) -> Lanes:
+    """Photons that the search for the highest value gains on a lone echo, var F' / (2 |F''|) (T98).
+
+    The receiver takes the highest value near the echo, which noise moves.
+
+    signal        S
+    background    variance of F by the background, as far as its slope has it (`slope_excluded`)
+    own_variance  variance of F by the echo's own photons, as far as the slope has it
+    bend          |F''| over that of a weak echo of this height
+    """
     ops = xp(signal, background, own_variance)
     spread = ops.maximum(background + own_variance, 1e-30)
-    steep = ops.where(signal > 1e-6, ops.maximum(signal, _LEAST_STEEP * ops.sqrt(spread)), 1.0)
+    steep = ops.where(signal > 1e-6, ops.maximum(signal * bend, _LEAST_STEEP * ops.sqrt(spread)), 1.0)
     return (_BACKGROUND_GAIN * background + _OWN_GAIN * own_variance) / steep
+
+
+def loss_between_bins(*, signal: Lanes, bin_sigmas: Lanes, bend: Lanes = 1.0) -> Lanes:
+    """Photons by which the highest bin lies below the filter's peak, on average over its places in a bin (T103).
+
+    The peak lies anywhere within half a bin of the highest one, |F''| bin^2 / 24 above it.
+
+    bin_sigmas  length of a bin in widths of the echo
+    bend        |F''| over that of a weak echo of this height
+    """
+    return signal * bend * bin_sigmas * bin_sigmas * (1.0 / (24.0 * OUTPUT_WIDTH * OUTPUT_WIDTH))
+
+
+OWN_REACH = TEMPLATE * math.sqrt((TEMPLATE**2 + 2.0) / (TEMPLATE**2 + 1.0))
+"""Width in which a count of the background shares the template with one of the echo, in sigmas of the pulse (T104)."""
+
+BACKGROUND_REACH = math.sqrt(2.0) * TEMPLATE
+"""The same of two counts of the background."""
+
+
+def excluded(*, rate_hz: Lanes, free: Lanes, dead_time_s: Lanes, reach_s: Lanes) -> Lanes:
+    """Integral of a SPAD's renewal density less its mean rate, over a Gaussian (T104).
+
+    A firing of a SPAD excludes others for a dead time; then it fires with the rate of a free one, which falls back to
+    the mean.
+
+    rate_hz  lambda
+    free     share of the SPADs that are free
+    reach_s  width of the Gaussian, `OWN_REACH` or `BACKGROUND_REACH`
+    """
+    ops = xp(rate_hz, dead_time_s, reach_s)
+    bright, later = rate_hz * reach_s, dead_time_s / reach_s
+    # Long dead times leave nothing, of numbers that may be too large.
+    within = ops.minimum(later, _NEVER_AGAIN)
+    revived = ops.exp(-0.5 * within * within) * scaled_normal_tail(bright + within) * math.sqrt(2.0 * math.pi)
+    return bright * (revived - math.sqrt(0.5 * math.pi) * free)
+
+
+def slope_excluded(*, rate_hz: Lanes, dead_time_s: Lanes, sigma_s: Lanes) -> Lanes:
+    """Factor of the variance of the filter's slope by even background, over that of Poisson counts (T104).
+
+    The slope does not see that SPADs exclude each other's firings for long, as its weights have no sum; firings a dead
+    time apart are in opposite parts of it.
+    """
+    ops = xp(rate_hz, dead_time_s, sigma_s)
+    reach_s = BACKGROUND_REACH * sigma_s
+    bright, later = rate_hz * reach_s, ops.minimum(dead_time_s / reach_s, _NEVER_AGAIN)
+    sum_0 = scaled_normal_tail(bright + later) * math.sqrt(2.0 * math.pi)
+    sum_1 = 1.0 - (bright + later) * sum_0
+    sum_2 = sum_0 - (bright + later) * sum_1
+    weighted = (1.0 - later * later) * sum_0 - 2.0 * later * sum_1 - sum_2
+    return ops.maximum(1.0 + 2.0 * bright * ops.exp(-0.5 * later * later) * weighted, 0.0)
+
+
+def own_variance_of(*, narrowing: Lanes) -> tuple[Lanes, Lanes]:
+    """Variance of F by an echo's photons for each of them, and what of it the slope has (T95).
+
+    narrowing  value of the filter over that of an echo as wide as the pulse, from 1 on: pile-up narrows the echo
+    """
+    ops = xp(narrowing)
+    square = ops.maximum((1.0 + TEMPLATE**2) / (narrowing * narrowing) - TEMPLATE**2, 0.0)
+    share = (TEMPLATE**2 + 2.0) / (TEMPLATE**2 + 2.0 * square)
+    of_value = OWN_VARIANCE * ops.sqrt(share)
+    return of_value, of_value * square * share
 
 
 def gain_of_breadth(*, signal: Lanes, background: Lanes, own_variance: Lanes, bend: Lanes) -> Lanes:
@@ -285,14 +354,14 @@ def gain_of_breadth(*, signal: Lanes, background: Lanes, own_variance: Lanes, be
     flat at its middle still falls off to its sides: echoes at every distance, drawn bin by bin, gain
     x / sqrt(1 + (x / 3)^2), so 4 times as much at most (T98a).
 
-    signal, background, own_variance  as of `detection_probability`
+    signal, background, own_variance  as of `gain_of_place`
     bend                              second derivative of the peak over its height, in widths of a lone echo (which
                                       has -1)
     """
     ops = xp(signal, bend)
     flatness = ops.maximum(1.0 / ops.maximum(-bend, 1e-3) - 1.0, 0.0)
     broader = flatness / ops.sqrt(1.0 + flatness * flatness * (1.0 / (_BROADEST * _BROADEST)))
-    return _gain(signal, background, own_variance) * broader
+    return gain_of_place(signal=signal, background=background, own_variance=own_variance) * broader
 
 
 def bound_s(*, signal: Lanes, rate_hz: Lanes, sigma_s: float, bin_s: float) -> Lanes:

@@ -1,77 +1,189 @@
 """Pile-up within an echo: SPADs that fire on the leading edge are blind for the rest, so strong echoes look too near.
 
-Symbols: Lambda detections of an echo that one free SPAD would make without dead time, sigma width of the echo.
+Behind the echo its SPADs are blind to the background too. Both follow from one renewal course of the free SPADs
+(`dead_time.firing_shares`), which is tabulated here for a lone echo on even light.
+
+Symbols: Lambda detections of an echo that one free SPAD would make without dead time, sigma width of the echo, lambda
+rate of the background on a free SPAD, tau dead time.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from ...maths.arrays import Lanes, LookupTable, xp
-from .matched_filter import TEMPLATE
+from ...maths.arrays import Lanes, LookupTable, Numbers, xp
+from ...maths.special import normal_tail
+from . import dead_time
+from .matched_filter import OUTPUT_WIDTH, SCALE, TEMPLATE
+
+BOX = 2.4
+"""Half width of the bins whose counts are an echo's photons, in sigmas."""
+
+_WEAK = 1e-3
+"""Lambda that stands for weak light."""
 
 _MOST = 1e4
-"""Largest Lambda of the table: all SPADs fire 4 sigmas before the peak."""
+"""Largest Lambda of the tables: all SPADs fire 4 sigmas before the peak."""
 
-_SAMPLES = 128
+_MOST_SUN = 2.0
+"""Largest lambda sigma of the tables."""
+
+_BEND = 0.25
+"""lambda sigma at which the tables' axis bends: x / (x + 0.25) is its coordinate."""
+
+_NEVER_AGAIN, _SHORTEST = 5.6, 1.5
+"""Dead time in sigmas from which on no SPAD comes back within the filter, and the shortest one of the tables."""
+
+_NODES, _NODES_OF_WEAK = (56, 16, 10), (32, 19)
+"""Nodes of the tables over Lambda, lambda sigma and sigma / tau, and of weak light over the latter two."""
+
+_FAINT = 0.05
+"""Lambda up to which an echo's peak follows from that of a weak one, to 1e-3 of its height and of sigma."""
+
+_STEP = 0.08
+"""Step of the tables' courses, in sigmas."""
 
 
-def shift(*, detections: Lanes) -> Lanes:
-    """Shift of the peak that the matched filter finds, in sigmas of the echo: 0 for weak ones, else negative (T92a).
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Top:
+    """Highest value of the matched filter at a lone echo on even light (T101); each field a number or (n,).
 
-    Firings follow the density Lambda g(t) exp(-Lambda G(t)), with g the pulse and G its integral.
+    height  value above that of the background, over the SPADs that the echo fires without sun, N a (1 - exp(-Lambda))
+    shift   its place in sigmas, from the echo's middle: negative
+    bend    second derivative there over that of a weak echo of this height without sun: 1 or more
     """
-    ops = xp(detections)
-    return _table().at(ops.log(1.0 + ops.maximum(detections, 0.0)) * (1.0 / np.log1p(_MOST).item()))
+
+    height: Lanes
+    shift: Lanes
+    bend: Lanes
 
 
-def shadow_s(*, rate_hz: Lanes, sigma_s: Lanes) -> Lanes:
-    """Time by which the matched filter finds an echo early because its shadow holds less background, s (T92b).
+def top(*, detections: Lanes, sun: Lanes, dead: Lanes) -> Top:
+    """Highest value of the filter at an echo, from the renewal course of the free SPADs (T101).
 
-    SPADs that the echo fired do not count the background after it. The background falls by the share that fired, as the
-    echo is that share: whatever its strength, the peak moves by lambda sigma^2 (1 + w^2), if the dead time is longer
-    than the pulse.
-
-    rate_hz  lambda of the background
+    detections  Lambda
+    sun         lambda sigma
+    dead        tau / sigma
     """
-    return rate_hz * sigma_s * sigma_s * (1.0 + TEMPLATE**2)
+    weak = weak_top(sun=sun, dead=dead)
+    # Mixed widths: every lane of the result has its own.
+    zero = 0.0 * (detections + weak.height)
+    ops = xp(zero)
+    tables, bright = _tables_of_weak(), _coordinate(sun)
+    faint = ops.minimum(ops.maximum(detections + zero, 0.0), _FAINT)
+
+    place = ops.log(1.0 + ops.maximum(detections + zero, 0.0)) * (1.0 / math.log1p(_MOST))
+    coordinates = place, bright + zero, _SHORTEST / (dead + zero)
+    # No branch: derivatives pass here.
+    strong = detections + zero > _FAINT
+    height = ops.where(strong, _tables()["height"].at(*coordinates), weak.height + faint * tables["filled"].at(bright))
+    shift = ops.where(strong, _tables()["shift"].at(*coordinates), weak.shift + faint * tables["pulled"].at(bright))
+    narrowing = height / weak.height
+    return Top(height=height, shift=shift, bend=narrowing * narrowing * weak.bend)
 
 
-def shade(*, rate_hz: Lanes, sigma_s: Lanes) -> Lanes:
-    """Value of the filter at an echo over its photons, exp(-lambda sigma sqrt(pi / 2 (1 + w^2))) (T92c).
+def weak_top(*, sun: Lanes, dead: Lanes) -> Top:
+    """Highest value of the filter at a weak echo, as `top` with few detections.
 
-    Half of the template lies in the echo's shadow. A SPAD that the echo fired does not count the background there,
-    which it would have counted with one minus this probability.
+    sun   lambda sigma
+    dead  tau / sigma
     """
-    shadowed = rate_hz * sigma_s * math.sqrt(0.5 * math.pi * (1.0 + TEMPLATE**2))
-    return xp(shadowed).exp(-shadowed)
+    zero = 0.0 * (sun + dead)
+    place, tables = (_coordinate(sun) + zero, _SHORTEST / (dead + zero)), _tables_of_weak()
+    return Top(height=tables["height"].at(*place), shift=tables["shift"].at(*place), bend=tables["bend"].at(place[0]))
 
 
-def shade_of_box(*, rate_hz: Lanes, sigma_s: Lanes, half_width: float) -> Lanes:
-    """Counts above the background within so many sigmas of an echo over its photons, as `shade`."""
-    shadowed = rate_hz * sigma_s * half_width
-    return xp(shadowed).exp(-shadowed)
+def _coordinate(sun: Lanes) -> Lanes:
+    """Coordinate of lambda sigma in the tables."""
+    return sun * (1.0 + _BEND / _MOST_SUN) / (sun + _BEND)
+
+
+def shade_of_box(*, sun: Lanes) -> Lanes:
+    """Counts above the background within `BOX` sigmas of a weak echo's peak over its photons (T102).
+
+    Up to a moment t the share exp(lambda (lambda sigma^2 / 2 - t)) Q(lambda sigma - t / sigma) of the SPADs that the
+    echo fires is missing: the background has not fired them in its place. The counts are what is missing at the box's
+    end, less that at its begin.
+
+    sun  lambda sigma; the dead time is longer than the box
+    """
+    return _tables_of_weak()["box"].at(_coordinate(sun))
 
 
 @lru_cache(maxsize=1)
-def _table() -> LookupTable:
-    """`shift` over log(1 + Lambda)."""
-    from math import erf
+def _tables() -> dict[str, LookupTable]:
+    """Tables of height and shift over ln(1 + Lambda), lambda sigma and sigma / tau."""
+    tops = _by_dead_time(_detections(_NODES[0]), _suns(_NODES[1]), _NODES[2])
+    return {
+        name: LookupTable(np.stack([getattr(shape, name) for shape in tops], axis=-1)) for name in ("height", "shift")
+    }
 
-    t = np.linspace(-8.0, 8.0, 1601)
-    pulse = np.exp(-0.5 * t * t) / np.sqrt(2.0 * np.pi)
-    arrived = np.array([0.5 * (1.0 + erf(x / 2.0**0.5)) for x in t])
-    places = []
-    for light in np.expm1(np.linspace(0.0, np.log1p(_MOST), _SAMPLES)):
-        fired = pulse * np.exp(-light * arrived)  # density of firings, g exp(-Lambda G)
-        place = float(np.sum(t * fired) / np.sum(fired))
-        for _ in range(50):  # Newton's method on the filter's slope, from the centroid
-            offset = t - place
-            weighted = fired * np.exp(-0.5 * (offset / TEMPLATE) ** 2)
-            slope, bend = np.sum(weighted * offset), np.sum(weighted * ((offset / TEMPLATE) ** 2 - 1.0))
-            place -= float(slope / bend)
-        places.append(place)
-    return LookupTable(np.array(places))
+
+@lru_cache(maxsize=1)
+def _tables_of_weak() -> dict[str, LookupTable]:
+    """Tables for weak light: height and shift over lambda sigma and sigma / tau, the others over lambda sigma alone.
+
+    The others are the curvature of the peak, what a few detections add to height and shift, and the counts in the box.
+    """
+    sun = _suns(_NODES_OF_WEAK[0])
+    weak, faint = (_tops(np.array([light]), sun, _NEVER_AGAIN) for light in (_WEAK, _FAINT))
+    by_dead = _by_dead_time(np.array([_WEAK]), sun, _NODES_OF_WEAK[1])
+
+    def missing(edge: Numbers) -> Numbers:
+        return np.exp(sun * (0.5 * sun - edge)) * normal_tail(sun - edge)
+
+    return {
+        "height": LookupTable(np.stack([shape.height[0] for shape in by_dead], axis=-1)),
+        "shift": LookupTable(np.stack([shape.shift[0] for shape in by_dead], axis=-1)),
+        "bend": LookupTable(weak.bend[0]),
+        "filled": LookupTable((faint.height - weak.height)[0] / _FAINT),
+        "pulled": LookupTable((faint.shift - weak.shift)[0] / _FAINT),
+        "box": LookupTable(missing(weak.shift[0] + BOX) - missing(weak.shift[0] - BOX)),
+    }
+
+
+def _detections(count: int) -> Numbers:
+    """Lambda at the nodes; the first is weak light, of which the share that fires is in proportion to it."""
+    return np.maximum(np.expm1(np.linspace(0.0, 1.0, count) * math.log1p(_MOST)), _WEAK)
+
+
+def _by_dead_time(detections: Numbers, sun: Numbers, count: int) -> list[Top]:
+    """`_tops` at the nodes of tau: SPADs that are blind for ever stand at 0, the shortest dead time at 1."""
+    inverse = np.linspace(0.0, 1.0 / _SHORTEST, count)
+    lasting = _tops(detections, sun, _NEVER_AGAIN)
+    return [_tops(detections, sun, float(1.0 / k)) if k * _NEVER_AGAIN > 1.0 else lasting for k in inverse]
+
+
+def _suns(count: int) -> Numbers:
+    """Values of lambda sigma at the nodes."""
+    coordinate = np.linspace(0.0, 1.0, count) / (1.0 + _BEND / _MOST_SUN)
+    return _BEND * coordinate / (1.0 - coordinate)
+
+
+def _tops(detections: Numbers, sun: Numbers, dead: float) -> Top:
+    """Highest values of the filter at echoes, from the courses of the free SPADs: (detections, sun) each."""
+    detections, sun = detections[:, None, None], sun[:, None]
+    time = np.arange(-6.4, 5.6, _STEP) + 0.5 * _STEP
+    pulse = np.exp(-0.5 * time * time) / math.sqrt(2.0 * math.pi)
+    places = np.arange(-4.5, 1.0, _STEP)
+    template = SCALE * np.exp(-0.5 * ((time[:, None] - places) / TEMPLATE) ** 2)
+    # A step of the background alone comes first: the SPADs are in balance with it.
+    rate = np.concatenate([sun + 0.0 * detections, sun + detections * pulse], axis=-1)
+    # Dead times that matter in the filter are followed; longer ones outlast the course.
+    dead = dead if dead < _NEVER_AGAIN else 20.0
+    fired = dead_time.firing_shares(rate, bin_s=_STEP, dead_time_s=dead)
+    free = dead_time.free_share(rate_hz=sun, dead_time_s=dead)
+    values = (fired[..., 1:] - fired[..., :1]) @ template / (free * dead_time.firing_share(detections=detections))
+    best = np.clip(np.argmax(values, axis=-1), 1, len(places) - 2)[..., None]
+    low, middle, high = (np.take_along_axis(values, best + k, axis=-1)[..., 0] for k in (-1, 0, 1))
+    second = low - 2.0 * middle + high
+    offset = 0.5 * (low - high) / second
+    return Top(
+        height=middle - 0.25 * (low - high) * offset,
+        shift=places[best[..., 0]] + offset * _STEP,
+        bend=-second / middle * (OUTPUT_WIDTH / _STEP) ** 2,
+    )

@@ -17,7 +17,6 @@ from typing import Annotated, ClassVar, Literal
 
 from ...files.table_model import Table
 from ...maths.arrays import Lanes, xp
-from ...maths.special import normal_tail
 from ...maths.units import FileKey, Quantity, Slider
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.optics import pulse, radiometry
@@ -114,8 +113,34 @@ PLACES = tuple((1.2 * k, math.exp(-0.5 * (1.2 * k) ** 2)) for k in range(-2, 3))
 """Places of a standard normal distribution, evenly apart, and its density there up to a factor: the trapezoidal rule,
 to 0.004 for thresholds that scatter by 1.5 times the filter's noise, and to 0.03 by 2.5 times."""
 
+_FOR_EVER = 1e9
+"""Dead time in widths of an echo that no window is as long as."""
+
+_EARLY = (0.0, 0.3, 0.6, 1.0, 1.5)
+"""Widths of an echo by which the filter's peak may come early where SPADs count together."""
+
+_LEAST_NOISE = 0.05
+"""Least variance of the filter at an echo, over that of the background alone."""
+
 _LEAST_RATE_HZ = 1e-3
 """No SPAD is darker; without any noise, the ratios of signal and threshold to it would have no value."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _FilteredEcho:
+    """Peak of the filter at an echo; each field (n,).
+
+    height    highest value above that of the background
+    variance  variance that the echo adds there; negative where its SPADs, which cannot count the background any more,
+              take more from it than the echo brings
+    of_slope  the same as far as the filter's slope has it
+    bend      second derivative over that of a weak echo of this height
+    """
+
+    height: Lanes
+    variance: Lanes
+    of_slope: Lanes
+    bend: Lanes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -196,27 +221,51 @@ class Macropixel:
         return self.trials * self.count_share / self.histogram.bin_s
 
     @property
+    def sun(self) -> Lanes:
+        """Detections of the background by one free SPAD within the width of an echo, lambda sigma."""
+        return self.rate_hz * self.sigma_s
+
+    @property
+    def blind_sigmas(self) -> Lanes:
+        """Dead time in widths of an echo; SPADs that fire but once are blind for ever, here for very long."""
+        return _FOR_EVER if self.spad.stamps == "first" else self.spad.dead_time_s / self.sigma_s
+
+    def excluded(self, reach: float) -> Lanes:
+        """Renewal density of a SPAD less its mean rate over a Gaussian of so many widths of an echo (T104)."""
+        return matched_filter.excluded(
+            rate_hz=self.rate_hz,
+            free=self.free,
+            dead_time_s=self.blind_sigmas * self.sigma_s,
+            reach_s=reach * self.sigma_s,
+        )
+
+    @property
     def variance_share(self) -> Lanes:
         """Variance of the filtered background over that of Poisson counts (T95)."""
         ops = xp(self.rate_hz)
-        if self.spad.coincidence > 1:
-            return 1.0 - self.count_share
-        # Counts of a SPAD within its dead time exclude each other, which narrows the noise: the template's
-        # autocorrelation exp(-t^2 / (4 w^2 sigma^2)) over the dead time, times the rate of firings.
-        width = matched_filter.TEMPLATE * self.sigma_s
-        excluded = self.rate_hz * self.free * width * (2.0 * math.sqrt(math.pi))
-        if self.spad.stamps == "all":
-            ratio = 0.5 * self.spad.dead_time_s / width
-            excluded = excluded * (1.0 - 2.0 * normal_tail(math.sqrt(2.0) * ratio))
-        share = ops.maximum(1.0 - excluded, self.free * self.free)
-        return share / self.free if self.corrected else share
+        if self.corrected:
+            # The correction knows how many SPADs are free, so its bins do not depend on each other.
+            return 1.0 / self.free
+        doubled = 2.0 * self.excluded(matched_filter.BACKGROUND_REACH)
+        if self.spad.coincidence == 1:
+            return ops.maximum(1.0 + doubled, self.free * self.free)
+        # Firings in other bins exclude each other, and coincidences go with them by their slope.
+        share, counted = self.free * self.rate_hz * self.histogram.bin_s, self.count_share
+        slope = dead_time.coincidence_slope(least=self.spad.coincidence, spads=self.spad.spads, share=share)
+        coupled = slope * slope * self.spad.spads * share / ops.maximum(counted, 1e-30)
+        return ops.maximum(1.0 - counted + coupled * (doubled + share), _LEAST_NOISE)
+
+    @property
+    def weak_top(self) -> pile_up.Top:
+        """Highest value of the filter at a weak echo, and its place (T101)."""
+        return pile_up.weak_top(sun=self.sun, dead=self.blind_sigmas)
 
     @property
     def shade(self) -> Lanes:
-        """Value of the filter at an echo over the echo's photons: its shadow lacks some of the background (T92b)."""
+        """Value of the filter at a weak echo over its photons: its shadow lacks some of the background (T101)."""
         if self.corrected or self.spad.coincidence > 1:
             return 1.0
-        return pile_up.shade(rate_hz=self.rate_hz, sigma_s=self.sigma_s)
+        return self.weak_top.height
 
     def background_counts(self, time_s: Lanes) -> tuple[Lanes, Lanes]:
         """Background counts per second over ``time_s`` of each shot, and the factor that narrows their noise."""
@@ -236,22 +285,79 @@ class Macropixel:
             return self.trials * detections
         if self.spad.coincidence == 1:
             return self.trials * self.free * self.shade * dead_time.firing_share(detections=detections)
-        # Bin by bin, for an echo in the middle of a bin: with coincidence counts grow with a power of the light.
-        bin_s = self.histogram.bin_s
-        total: Lanes = 0.0
-        background = self.rate_hz * bin_s
-        # SPADs that are free at some time in the bin, so that no light makes the counts of `count_share`.
-        free_share = self.free * background / dead_time.firing_share(detections=background)
-        dark = self.count_share
+        return self._coincidences(detections)[0]
+
+    @property
+    def slope_share(self) -> Lanes:
+        """Variance of the slope of the filtered background over that of Poisson counts (T104)."""
+        if self.corrected or self.spad.coincidence > 1:
+            return self.variance_share
+        return matched_filter.slope_excluded(
+            rate_hz=self.rate_hz, dead_time_s=self.blind_sigmas * self.sigma_s, sigma_s=self.sigma_s
+        )
+
+    def peak(self, signal: Lanes) -> _FilteredEcho:
+        """Peak of the filter at an echo of so many photons, from the renewal course of the SPADs (T101), (T104)."""
+        if self.corrected:
+            own = matched_filter.OWN_VARIANCE / self.free * signal
+            return _FilteredEcho(height=signal, variance=own, of_slope=own, bend=1.0)
+        ops = xp(signal, self.free)
+        if self.spad.coincidence > 1:
+            unit_w = self.per_watt * pulse.pulse_energy_j(peak_power_w=1.0, fwhm_s=self.fwhm_s)
+            return self._coincidences(self.power_w(signal) * unit_w)[1]
+        weak = self.shade
+        share = signal / (self.trials * self.free * weak)
+        detections = dead_time.detections_of_share(share=share)
+        top = pile_up.top(detections=detections, sun=self.sun, dead=self.blind_sigmas)
+        narrowing = ops.maximum(top.height / weak, 1.0)
+        height = signal * narrowing
+        # The echo's photons stand in the place of counts of the background that their SPADs would have made.
+        own, of_slope = matched_filter.own_variance_of(narrowing=narrowing)
+        shared = 1.0 + 4.0 * self.excluded(matched_filter.OWN_REACH)
+        return _FilteredEcho(
+            height=height,
+            variance=own * signal * shared - height * height / self.trials,
+            of_slope=of_slope * signal,
+            bend=top.bend,
+        )
+
+    def _coincidences(self, detections: Lanes) -> tuple[Lanes, _FilteredEcho]:
+        """Counts and peak of an echo of Lambda whose SPADs count only together, bin by bin (T93).
+
+        For an echo in the middle of a bin.
+        """
+        bin_s, background = self.histogram.bin_s, self.rate_hz * self.histogram.bin_s
+        dark, free = self.count_share, self.free
         step = bin_s / self.sigma_s
         ops = xp(detections, step)
         density = step / math.sqrt(2.0 * math.pi)
+        total: Lanes = 0.0
+        heights: list[Lanes] = [0.0] * len(_EARLY)
+        variance: Lanes = 0.0
         for k in range(-self.histogram.reach, self.histogram.reach + 1):
-            light = detections * density * ops.exp(-0.5 * (k * step) * (k * step))
-            share = free_share * dead_time.firing_share(detections=light + background)
-            total = total + self._coincidence_probability(share) - dark
-            free_share = free_share * ops.exp(-light)
-        return self.trials * ops.maximum(total, 0.0)
+            light = detections * density * ops.exp(-0.5 * (k * step) * (k * step)) + background
+            # As many SPADs come free as the sun has fired a dead time before.
+            released = self.free * background
+            of_free, of_released = dead_time.firing_parts(detections=light)
+            firings = free * of_free + released * of_released
+            free = free + released - firings
+            share = self._coincidence_probability(firings)
+            total = total + share - dark
+            for number, early in enumerate(_EARLY):
+                offset = (k * step + early) * (1.0 / matched_filter.TEMPLATE)
+                weight = matched_filter.SCALE * ops.exp(-0.5 * offset * offset)
+                heights[number] = heights[number] + weight * (share - dark)
+            offset = k * step * (1.0 / matched_filter.TEMPLATE)
+            weight = matched_filter.SCALE * ops.exp(-0.5 * offset * offset)
+            variance = variance + weight * weight * (share * (1.0 - share) - dark * (1.0 - dark))
+        highest = heights[0]
+        for height in heights[1:]:
+            highest = ops.maximum(highest, height)
+        own = self.trials * variance
+        echo = _FilteredEcho(
+            height=self.trials * ops.maximum(highest, 0.0), variance=own, of_slope=ops.maximum(own, 0.0), bend=1.0
+        )
+        return self.trials * ops.maximum(total, 0.0), echo
 
     def power_w(self, counts: Lanes) -> Lanes:
         """Peak power of an echo with so many photons."""
@@ -293,32 +399,40 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
     variance = pixel.variance_share * matched_filter.background_variance(rate_hz=rate, sigma_s=sigma)
     ops = xp(variance)
     own_variance = matched_filter.OWN_VARIANCE / (pixel.free if pixel.corrected else 1.0)
+    poisson_variance = matched_filter.background_variance(rate_hz=rate, sigma_s=sigma)
+    slope_variance = pixel.slope_share * poisson_variance
     most_counts = pixel.trials * (pixel.free * pixel.shade if pixel.spad.coincidence == 1 else 1.0)
     kappa_2 = 0.0 if pixel.corrected else -own_variance / most_counts
     background_unit = matched_filter.background_skewness(variance=variance, rate_hz=rate, sigma_s=sigma)
     own_unit = own_variance * (matched_filter.OWN_SKEWNESS / matched_filter.OWN_VARIANCE)
 
-    def probability(threshold: Lanes, signal: Lanes) -> Lanes:
-        shot = ops.maximum(own_variance * signal + kappa_2 * signal * signal, 0.0)
-        total = ops.maximum(variance + shot, 1e-30)
-        unit = (variance * background_unit + shot * own_unit) / total
+    def probability(threshold: Lanes, signal: Lanes, echo: _FilteredEcho) -> Lanes:
+        noise = ops.maximum(variance + echo.variance, _LEAST_NOISE * variance)
+        gained = matched_filter.gain_of_place(
+            signal=echo.height, background=slope_variance, own_variance=echo.of_slope, bend=echo.bend
+        )
+        lost = matched_filter.loss_between_bins(signal=echo.height, bin_sigmas=histogram.bin_s / sigma, bend=echo.bend)
+        counted = own_variance * signal
+        poisson = ops.maximum(poisson_variance + counted, 1e-30)
+        unit = (poisson_variance * background_unit + counted * own_unit) / poisson
         return matched_filter.detection_probability(
-            threshold=threshold, signal=signal, background=variance, own_variance=shot, unit=unit
+            threshold=threshold, signal=echo.height, variance=noise, unit=unit, gained=gained - lost
         )
 
-    def lone_share(threshold: Lanes, signal: Lanes) -> Lanes:
+    def lone_share(threshold: Lanes, signal: Lanes, echo: _FilteredEcho) -> Lanes:
         if not histogram.neighbours:
             return 0.0
         # Neighbours on one wide surface have the same light, and half of them a threshold below the median.
-        return ops.maximum(1.0 - probability(threshold, signal) * (1.0 / SUPPORTED_SHARE), 0.0)
+        return ops.maximum(1.0 - probability(threshold, signal, echo) * (1.0 / SUPPORTED_SHARE), 0.0)
 
     def echo_probability(threshold: Lanes, signal: Lanes) -> Lanes:
-        lone = lone_share(threshold, signal)
+        echo = pixel.peak(signal)
+        lone = lone_share(threshold, signal, echo)
         if histogram.threshold_spread is None:
-            return probability(histogram.threshold_of_point(threshold, 0.0, lone), signal)
+            return probability(histogram.threshold_of_point(threshold, 0.0, lone), signal, echo)
         total: Lanes = 0.0
         for place, weight in PLACES:
-            total = total + weight * probability(histogram.threshold_of_point(threshold, place, lone), signal)
+            total = total + weight * probability(histogram.threshold_of_point(threshold, place, lone), signal, echo)
         # Without a count there is no peak, however low the threshold is drawn.
         most = 1.0 - ops.exp(-signal - rate * histogram.bin_s * (2.0 * histogram.reach + 1.0))
         return ops.minimum(total * (1.0 / sum(weight for _, weight in PLACES)), most)
@@ -346,5 +460,8 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
             power_w=pixel.power_w,
             largest=None if pixel.corrected else most_counts * _LARGEST_SHARE,
         ),
-        law=ThresholdLaw(level=histogram.threshold(rate * ambient_s), lone=lone_share),
+        law=ThresholdLaw(
+            level=histogram.threshold(rate * ambient_s),
+            lone=lambda threshold, signal: lone_share(threshold, signal, pixel.peak(signal)),
+        ),
     )
