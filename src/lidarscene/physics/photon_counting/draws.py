@@ -40,7 +40,8 @@ def binomial_count(*, trials: Lanes, probability: Lanes, uniform: Lanes) -> Lane
     # Inversion: how many terms of the distribution lie below the uniform number. (1 - p)^N is the first.
     odds = p / (1.0 - p)
     # Few of many trials: three terms of ln(1 - p), off by p^3 / 4 of a count.
-    log_none = ops.where_any(few & (p > _RARE), lambda: log1p(-p), -p * (1.0 + p * (0.5 + p * (1.0 / 3.0))))
+    series: Lanes = -p * (1.0 + p * (0.5 + p * (1.0 / 3.0)))
+    log_none: Lanes = ops.where_any(few & (p > _RARE), lambda: 0.0 * p + log1p(-p), series)
     term = ops.exp(trials * log_none)
 
     def add_terms(state: tuple[Lanes, Lanes, Lanes], first: int, end: int) -> tuple[Lanes, Lanes, Lanes]:

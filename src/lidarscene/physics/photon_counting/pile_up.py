@@ -114,6 +114,15 @@ def shade_of_box(*, sun: Lanes) -> Lanes:
     return _tables_of_weak()["box"].at(_coordinate(sun))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Node:
+    """`Top` at the tables' nodes; each field (detections, sun), NumPy."""
+
+    height: Numbers
+    shift: Numbers
+    bend: Numbers
+
+
 @lru_cache(maxsize=1)
 def _tables() -> dict[str, LookupTable]:
     """Tables of height and shift over ln(1 + Lambda), lambda sigma and sigma / tau."""
@@ -151,7 +160,7 @@ def _detections(count: int) -> Numbers:
     return np.maximum(np.expm1(np.linspace(0.0, 1.0, count) * math.log1p(_MOST)), _WEAK)
 
 
-def _by_dead_time(detections: Numbers, sun: Numbers, count: int) -> list[Top]:
+def _by_dead_time(detections: Numbers, sun: Numbers, count: int) -> list[_Node]:
     """`_tops` at the nodes of tau: SPADs that are blind for ever stand at 0, the shortest dead time at 1."""
     inverse = np.linspace(0.0, 1.0 / _SHORTEST, count)
     lasting = _tops(detections, sun, _NEVER_AGAIN)
@@ -164,7 +173,7 @@ def _suns(count: int) -> Numbers:
     return _BEND * coordinate / (1.0 - coordinate)
 
 
-def _tops(detections: Numbers, sun: Numbers, dead: float) -> Top:
+def _tops(detections: Numbers, sun: Numbers, dead: float) -> _Node:
     """Highest values of the filter at echoes, from the courses of the free SPADs: (detections, sun) each."""
     detections, sun = detections[:, None, None], sun[:, None]
     time = np.arange(-6.4, 5.6, _STEP) + 0.5 * _STEP
@@ -182,7 +191,7 @@ def _tops(detections: Numbers, sun: Numbers, dead: float) -> Top:
     low, middle, high = (np.take_along_axis(values, best + k, axis=-1)[..., 0] for k in (-1, 0, 1))
     second = low - 2.0 * middle + high
     offset = 0.5 * (low - high) / second
-    return Top(
+    return _Node(
         height=middle - 0.25 * (low - high) * offset,
         shift=places[best[..., 0]] + offset * _STEP,
         bend=-second / middle * (OUTPUT_WIDTH / _STEP) ** 2,

@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from ....detection.photon_counting.bins import BOX, BOX_SHARE
+from ....detection.photon_counting.bins import BOX_SHARE
 from ....light.echoes import Echoes, EchoTrain
 from ....maths.arrays import Lanes, Mask, Numbers, is_drjit, xp
 from ....maths.special import normal_tail
 from ....physics.constants import SPEED_OF_LIGHT_M_S
+from ....physics.photon_counting.pile_up import BOX
 from ....sensor.detectors import WorkingPoint
 from ....sensor.detectors.spad_detector import Macropixel
 from ....sensor.sensor_model import Sensor
