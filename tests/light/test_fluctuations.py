@@ -10,10 +10,12 @@ from scipy import stats
 
 from lidarscene import load_sensor
 from lidarscene.detection import receivers
+from lidarscene.detection.outcomes import Status
 from lidarscene.errors import InputError
 from lidarscene.light.fluctuations import FluctuationLaw, fluctuate
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene import Air
+from lidarscene.scene.weather import Weather
 from lidarscene.studies.ranging import plane, statistics
 from lidarscene.studies.ranging.plane import Target
 
@@ -124,6 +126,23 @@ def test_frames_fluctuate(rays: int) -> None:
     assert np.var(relative) == pytest.approx(expected, rel=0.1)
     assert np.mean(relative) == pytest.approx(1.0, abs=4.0 * math.sqrt(expected / len(cloud)) + 0.002)
     np.testing.assert_allclose(cloud.snr, calm.snr, rtol=1e-3)
+
+
+@pytest.mark.usefixtures("mi")
+def test_returns_of_weather_have_their_mean() -> None:
+    """Drops in front of a wall: SNR of echoes and weather is that of calm air, though both scatter."""
+    raster = [f"scanner.{axis}_{key}" for axis in ("azimuth", "elevation") for key in ("fov_deg=8", "step_deg=0.1")]
+    rain = Air(weather=Weather(rain_mm_h=80.0))
+    described = chain.scene(chain.facing(range_m=40.0, size_m=12.0), klux=0.0, air=rain)
+    calm, stirred = (
+        Simulator(described, chain.sensor("table1-apd", *raster, "laser.divergence_mrad=2", *more)).render(seed=4)
+        for more in ([], ["laser.speckle={}"])
+    )
+    _, first, second = np.intersect1d(calm.time_s, stirred.time_s, return_indices=True)
+    alike = calm.status[first] == stirred.status[second]
+    weather = alike & (calm.status[first] == int(Status.WEATHER))
+    assert weather.sum() > 20
+    np.testing.assert_allclose(stirred.snr[second][weather], calm.snr[first][weather], rtol=2e-3)
 
 
 def test_speckle_wants_a_spot() -> None:

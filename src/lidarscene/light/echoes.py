@@ -162,7 +162,7 @@ class EchoTrain:
     interference        pulses of other lidars, as in `Echoes`
     white_w_m2          (n,) as in `Echoes`
     stray               whether the last sub-echo is stray light of other channels (`light.stray_light`)
-    fluctuation         of all sub-echoes of surfaces together, as in `Echoes`
+    fluctuation         of all sub-echoes together, as in `Echoes`
     """
 
     parts: tuple[SubEchoes, ...]

@@ -74,6 +74,8 @@ def join_echoes(
     surfaces = [SubEchoes(range_m=path.range_m, peak_power_w=path.peak_power_w * weight, count=rays) for path in paths]
     volume: Volume | None = None
     drops: list[SubEchoes] = []
+    # The light of the air rises and falls with the echoes': SNR and P_d of a return are those of one mean.
+    fluctuation = _join_fluctuations(paths, weight, rays)
     if air is not None:
         laser, optics = air.sensor.laser, air.sensor.optics
         # P_t eta A tau: the lidar equation at 1 m for a backscatter of 1 per sr. Range and extinction are in the
@@ -86,6 +88,8 @@ def join_echoes(
             aperture_m2=pulse_value(beams.aperture_m2),
             efficiency=optics.echo_efficiency * pulse_value(echo_share(beams)),
         )
+        if fluctuation is not None:
+            scale = scale * fluctuation.relative_power
         # One end for all of a pulse's rays: as long as one of them is under way, the air goes on sending light back.
         end_m = _end_m(first, air.light.far_m, rays, rays if skirt is None else rays - skirt.count)
         volume = air.light.volume(scale=scale, end_m=end_m)
@@ -105,7 +109,7 @@ def join_echoes(
             replace(source, peak_power_w=pulse_value(source.peak_power_w)) for source in first.interference
         ),
         white_w_m2=pulse_value(first.white_w_m2),
-        fluctuation=_join_fluctuations(paths, weight, rays),
+        fluctuation=fluctuation,
     )
 
 
