@@ -1,7 +1,6 @@
 """Options check themselves, say what is wrong in one line, and are declared once."""
 
 import dataclasses
-import inspect
 import pickle
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from lidarscene.cli import terminal
 from lidarscene.errors import InputError, OptionError
 from lidarscene.maths.pose import Pose
 from lidarscene.outputs.output_options import Outputs
-from lidarscene.rendering import live_simulator, render_options
+from lidarscene.rendering import render_options
 from lidarscene.rendering.render_options import FrameOptions, Keywords, Observers, TraceOptions
 
 POSE = "a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees"
@@ -94,14 +93,6 @@ def test_keywords_are_the_fields(kind: Any, keywords: Any) -> None:
     kept_as = {"Pose | None": "Placed | None"}
     fields = {field.name: kept_as.get(field.type, field.type) for field in dataclasses.fields(kind)}
     assert fields == {name: annotation.__forward_arg__ for name, annotation in keywords.__annotations__.items()}
-
-
-def test_keywords_of_a_motion_are_those_of_its_function() -> None:
-    parameters = inspect.signature(live_simulator._course).parameters.values()
-    keyword_types = {p.name: p.annotation for p in parameters if p.kind is p.KEYWORD_ONLY}
-    assert keyword_types == {
-        name: annotation.__forward_arg__ for name, annotation in live_simulator.MotionKeywords.__annotations__.items()
-    }
 
 
 def test_loose_keywords_change_what_is_given() -> None:
