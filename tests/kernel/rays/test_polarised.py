@@ -190,7 +190,8 @@ def test_a_mirror_before_a_pane_turns_the_plane_of_the_swing():
     upright = np.array([0.0, 0.0, 1.0])
     left = np.cross(upright, aside) / np.linalg.norm(np.cross(upright, aside))
     frame_of_way = np.stack([aside, left, np.cross(aside, left)], axis=1)
-    turn = frame_of_way @ Pose.from_degrees(yaw_deg=60.0).rotation
+    # Rolled, or both planes of incidence would be one, in which the sign of U does not matter.
+    turn = frame_of_way @ Pose.from_degrees(roll_deg=50.0).rotation @ Pose.from_degrees(yaw_deg=60.0).rotation
     plane = chain.facing(range_m=0.0, size_m=8.0, material="pane")
     glass = dataclasses.replace(
         plane, name="glass", pose=Pose(position_m=(10.0, 0.0, 0.0) + 5.0 * aside, rotation=turn @ plane.pose.rotation)
